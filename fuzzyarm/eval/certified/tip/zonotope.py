@@ -22,7 +22,7 @@ BOX_EVERY = 5  # periods after which the box becomes columns: until then it grow
 MOST, KEPT = 720, 360  # columns for each number at which old ones are merged, and how many stay
 NARROW, FEWER = 1e-6, 9  # totals below which a ninth of that is enough
 FEW = 1000  # columns that stay apart where columns are condensed
-BLOCK = 1200  # columns that are multiplied at a time
+WORK = 250_000  # multiplications at a time, of which a linear algebra library makes no threads
 
 
 class Zonotope:
@@ -100,7 +100,7 @@ def product(matrix: np.ndarray, columns: np.ndarray) -> np.ndarray:
     The whole product would be worth the threads of a linear algebra library, which on a busy machine take far longer.
     """
     made = np.empty((len(matrix), columns.shape[1]))
-    for block in _blocks(columns):
+    for block in _blocks(len(matrix), columns):
         np.matmul(matrix, columns[:, block], out=made[:, block])
     return made
 
@@ -108,10 +108,15 @@ def product(matrix: np.ndarray, columns: np.ndarray) -> np.ndarray:
 def reach(matrix: np.ndarray, columns: np.ndarray) -> np.ndarray:
     """Return the sums (m,) of the absolute values of each row of matrix (m, n) times columns (n, k)."""
     total = np.zeros(len(matrix))
-    for block in _blocks(columns):
+    for block in _blocks(len(matrix), columns):
         image = matrix @ columns[:, block]
         total += np.abs(image, out=image).sum(axis=1)
     return total
+
+
+def _blocks(rows: int, columns: np.ndarray) -> list[slice]:
+    step = max(WORK // max(rows * len(columns), 1), 1)
+    return [slice(start, start + step) for start in range(0, columns.shape[1], step)]
 
 
 def condensed(zonotope: Zonotope) -> tuple[np.ndarray, np.ndarray]:
@@ -126,10 +131,6 @@ def condensed(zonotope: Zonotope) -> tuple[np.ndarray, np.ndarray]:
     return np.hstack([columns[:, order[-FEW:]], rest]), (box + missed) * ROUND_UP
 
 
-def _blocks(columns: np.ndarray) -> list[slice]:
-    return [slice(start, start + BLOCK) for start in range(0, columns.shape[1], BLOCK)]
-
-
 def merged(columns: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Return a column for each number, and a box, that together hold what many columns hold.
 
@@ -138,10 +139,10 @@ def merged(columns: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """
     units = np.abs(columns).sum(axis=1)
     units[units == 0.0] = 1.0
-    scaled = columns / units[:, np.newaxis]
-    turn = np.linalg.eigh(scaled @ scaled.T)[1]
-    Q, inverse = units[:, np.newaxis] * turn, turn.T / units
-    shares = inverse @ columns
-    sizes = np.abs(shares).sum(axis=1) * ROUND_UP
+    blocks, unit = _blocks(len(columns), columns), units[:, np.newaxis]
+    turn = np.linalg.eigh(sum((part := columns[:, block] / unit) @ part.T for block in blocks))[1]
+    Q, inverse = unit * turn, turn.T / units
+    sizes = reach(inverse, columns) * ROUND_UP
     rounding = np.abs(Q) @ np.abs(inverse) @ np.abs(columns).sum(axis=1) + np.abs(Q) @ sizes
-    return Q * sizes, np.abs(columns - Q @ shares).sum(axis=1) * ROUND_UP + SLACK * rounding
+    missed = sum(np.abs(columns[:, block] - Q @ (inverse @ columns[:, block])).sum(axis=1) for block in blocks)
+    return Q * sizes, np.asarray(missed * ROUND_UP + SLACK * rounding)
