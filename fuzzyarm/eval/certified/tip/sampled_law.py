@@ -89,9 +89,7 @@ class PolicyLaw:
         self._law, self._references = law, references
         # Of some runs that measure otherwise: what differs. `_answer` checks that all else is as it was here.
         told = np.repeat(references[:, np.newaxis], RUNS, axis=1)
-        apart = (
-            np.random.default_rng(0).normal(size=(len(told), RUNS, MEASURED)) * 0.1 ** np.arange(RUNS)[:, np.newaxis]
-        )
+        apart = 0.1 ** np.arange(RUNS)[:, np.newaxis] * np.random.default_rng(0).normal(size=(len(told), 1, MEASURED))
         observations = np.concatenate([told[:, :, :MEASURED] + apart, told], axis=2)
         memory, torque, held = np.zeros((RUNS, policy.memory_size)), np.empty((RUNS, JOINTS)), []
         for observation in observations:
