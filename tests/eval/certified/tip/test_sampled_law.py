@@ -171,6 +171,15 @@ def test_other_policies_have_none_and_say_why(name, reason):
         sampled_law(load_policy(name), REFERENCES[:1])
 
 
+def test_a_law_of_ones_own_has_a_tube():
+    def spring(memory, seen, _):
+        pairs = zip(*seen[:4], strict=True)
+        return memory, [4e4 * (q_d - q) + 800.0 * (dq_d - dq) for q, dq, q_d, dq_d in pairs]
+
+    bound = find_bound(TipClaim("spring", steps=5), policy=Own(spring))
+    assert 1e-6 < bound.largest < 1e-4
+
+
 def test_the_observer_has_a_tube():
     """Known plants: what is simulated, nearly; any friction: far wider."""
     exact = find_bound(TipClaim("elastic-observer", "nominal", "table-1", SETS["table-1"], steps=8))
