@@ -21,7 +21,7 @@ SOURCES = ("friction", "nonlinearity", "parameter products", "force", "law and n
 BOX_EVERY = 5  # periods after which the box becomes columns: until then it grows with |Φ|
 MOST, KEPT = 720, 360  # columns for each number at which old ones are merged, and how many stay
 NARROW, FEWER = 1e-6, 9  # totals below which a ninth of that is enough
-FEW = 1000  # columns that stay apart where columns are condensed
+FEW = 2000  # columns that stay apart where columns are condensed
 WORK = 250_000  # multiplications at a time, of which a linear algebra library makes no threads
 
 
