@@ -14,6 +14,7 @@ import argparse
 import json
 from pathlib import Path
 from string import Template
+from typing import Any
 
 import numpy as np
 
@@ -96,8 +97,8 @@ def files() -> dict[str, str]:
     circle = {"policy": POLICY, "case": "nominal", "set": "table-1", "path": "circle", "duration": 1.5}
     row = next(row for row in document["rows"] if {key: row[key] for key in circle} == circle)
     steps, limits = problem.schedule.steps, problem.parameters.torque_limit
-    rows = [[*sample.reference.tolist(), *sample.offset.tolist()] for sample in problem.law.samples[:steps]]
     policy = load_policy(POLICY)
+    rows = told(policy, problem.schedule.references[:steps])
     values = _constants() | {
         "period": repr(PERIOD),
         "bandwidth": repr(float(policy.law.bandwidth)),  # type: ignore[attr-defined]
@@ -114,9 +115,21 @@ def files() -> dict[str, str]:
         "dynamics.m": DYNAMICS.substitute(values),
         "controller.m": CONTROLLER.substitute(values),
         "README.md": SPECIFICATION.substitute(values),
-        "reference.csv": _table(np.array(rows)),
+        "reference.csv": _table(rows),
         "target.csv": _table(problem.schedule.targets[1:, :2]),
     }
+
+
+def told(policy: Any, references: np.ndarray) -> np.ndarray:
+    """Return θ_d, θ̇_d, θ̈_d and what `TipPolicy` adds to its law's torque (samples, 8), from references (samples, 6)."""
+    memory, nothing = np.zeros((1, policy.memory_size)), np.zeros((1, policy.law.memory_size))
+    target, torque, own, rows = np.empty((1, 6)), np.empty((1, 2)), np.empty((1, 2)), []
+    for row in references:
+        seen = np.concatenate([row[:4], row])[np.newaxis]
+        policy._target.advance(seen, memory[:, nothing.shape[1] :], target, torque)
+        policy.law.act(np.concatenate([target[:, :4], target], axis=1), nothing.copy(), own)
+        rows.append([*target[0], *(torque - own)[0]])
+    return np.array(rows)
 
 
 def _table(rows: np.ndarray) -> str:

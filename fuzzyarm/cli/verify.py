@@ -34,10 +34,9 @@ def run(options: Options) -> int:
     import json
 
     from fuzzyarm.common.console import progress, say
-    from fuzzyarm.eval.certified.scheduled_verification import ScheduledVerification
     from fuzzyarm.eval.certified.tip.bound_file import BoundCheck, check_bound, is_bound
     from fuzzyarm.eval.certified.tip.cells_file import CellsCheck, check_cells, is_cells
-    from fuzzyarm.eval.certified.verification import Verification, verify_file
+    from fuzzyarm.eval.certified.verification import ScheduledVerification, Verification, verify_file
 
     reports: list[Verification | ScheduledVerification | BoundCheck | CellsCheck] = []
     with progress("verifying", len(options.files)) as advance:

@@ -20,7 +20,7 @@ from fuzzyarm.envs.physics.elementwise import sine_cosine
 from fuzzyarm.envs.physics.equations import AnyArm
 from fuzzyarm.envs.physics.rigid_body import mass_matrix
 from fuzzyarm.envs.physics.robot import Robot
-from fuzzyarm.numbers.functions import floor, maximum, minimum, row, select
+from fuzzyarm.numbers.functions import RECORDERS, floor, maximum, minimum, row, select
 
 __all__ = [
     "GRID", "MOST_KEPT", "POINTS", "GainSchedule", "corners_of", "kept_joints", "loaded_inertia", "nearest_inertia",
@@ -148,6 +148,8 @@ def corners_of(q: Any, kept: tuple[int, ...], cosine: bool, points: int) -> list
 
 def on_table(table: Any, corners: list[tuple[Any, Any]], sign: float, x: list[Any], y: list[Any]) -> list[Any]:
     """Return y + sign G x, with G (len(y), len(x)) interpolated between the corners' rows of a table."""
+    if RECORDERS and hasattr(RECORDERS[-1], "interpolated"):
+        return RECORDERS[-1].interpolated(table, corners, sign, x, y)  # type: ignore[no-any-return]
     for place, weight in corners:
         gains, share, grown = row(table, place), sign * weight, []
         for i, before in enumerate(y):

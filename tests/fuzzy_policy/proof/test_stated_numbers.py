@@ -79,7 +79,7 @@ def test_every_number_of_the_words_is_rounded_to_the_side_that_holds(alpha, stri
 
 def words_of(controller):
     """What is said of a controller, but for the residual and the tip."""
-    return Verification(Path("a.json"), controller, certify(controller), None, None, 0.0).to_text()
+    return Verification(Path("a.json"), certify(controller), 0.0, controller, None, None).to_text()
 
 
 # As they stand, all shipped files are proven in test_shipped.py.

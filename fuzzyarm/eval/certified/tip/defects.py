@@ -20,15 +20,22 @@ import numpy as np
 from flint import arb, arb_mat, arb_series, ctx
 
 from fuzzyarm.envs.observation import JOINTS
-from fuzzyarm.envs.physics.dynamics import Arm, dry_frictions
+from fuzzyarm.envs.physics.dynamics import (
+    Arm,
+    coriolis_torque,
+    dry_frictions,
+    gravity_torque,
+    mass_matrix,
+    tip_force_torque,
+)
+from fuzzyarm.envs.physics.elementwise import sine_cosine
 from fuzzyarm.envs.physics.friction import STRIBECK
 from fuzzyarm.eval.certified.tip.centre import DEGREE
 from fuzzyarm.eval.certified.tip.enclosures import between, largest, low_high
-from fuzzyarm.eval.certified.tip.links import LinkMotion, link_torque
 
 __all__ = [
-    "Forces", "PeriodMotion", "Signal", "TipForces", "dry_friction", "rest_size", "signal_ends", "signal_range",
-    "signal_size",
+    "Forces", "LinkMotion", "PeriodMotion", "Signal", "TipForces", "dry_friction", "link_torque", "rest_size",
+    "signal_ends", "signal_range", "signal_size",
 ]  # fmt: skip
 
 ORDER = DEGREE + 1
@@ -208,3 +215,28 @@ def combined(parts: list[tuple[Any, Signal]]) -> Signal:
     """Return the sum of signals times factors."""
     length = max(len(signal) for _, signal in parts)
     return [sum((factor * signal[i] for factor, signal in parts if i < len(signal)), arb(0)) for i in range(length)]
+
+
+class LinkMotion(NamedTuple):
+    """Angles [rad], velocities [rad/s] and accelerations [rad/s²] of the links, pairs of any number type."""
+
+    angle: Any
+    velocity: Any
+    acceleration: Any
+
+
+def link_torque(motion: LinkMotion, force: Any, arm: Arm) -> tuple[Any, Any]:
+    """Return R = M(q) q̈ + C(q, q̇) q̇ + g(q) - J(q)ᵀ F [N m] for a motion of the links and a tip force (x, y) [N].
+
+    It is linear in q̈ and in the constants of the arm, and the text of the environment for balls, jets and power series.
+    """
+    (q1, q2), (dq1, dq2), (ddq1, ddq2) = motion
+    (sin1, cos1), (sin2, cos2), (sin12, cos12) = sine_cosine(q1), sine_cosine(q2), sine_cosine(q1 + q2)
+    m11, m12, m22 = mass_matrix(cos2, arm)
+    coriolis1, coriolis2 = coriolis_torque(sin2, dq1, dq2, arm)
+    gravity1, gravity2 = gravity_torque(sin1, sin12, arm)
+    force1, force2 = tip_force_torque(sin1, cos1, sin12, cos12, force[0], force[1], arm)
+    return (
+        m11 * ddq1 + m12 * ddq2 + coriolis1 + gravity1 - force1,
+        m12 * ddq1 + m22 * ddq2 + coriolis2 + gravity2 - force2,
+    )

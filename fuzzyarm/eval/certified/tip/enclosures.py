@@ -15,8 +15,7 @@ from typing import Any
 from flint import arb
 
 __all__ = [
-    "BITS", "ROUND_UP", "SLACK", "Jet", "NoBound", "ball", "between", "centre", "largest", "low_high", "no_jet",
-    "radius_of",
+    "BITS", "ROUND_UP", "SLACK", "Jet", "NoBound", "ball", "between", "centre", "largest", "low_high", "radius_of",
 ]  # fmt: skip
 
 BITS = 80
@@ -33,9 +32,6 @@ _TINY = 1e-300  # what underflow may lose
 
 class NoBound(ValueError):
     """There is no bound; the message says in one line what stands in its way."""
-
-
-_SINC_SERIES = 0.05  # below this angle the derivative of sin(x)/x comes from its series
 
 
 def ball(middle: float, radius: float = 0.0) -> arb:
@@ -139,38 +135,3 @@ class Jet:
     def cos(self) -> Jet:
         """Return the cosine."""
         return Jet(self.value.cos(), self._scaled(-self.value.sin()))
-
-    def sinc(self) -> Jet:
-        """Return sin(x)/x; its derivative is (cos x - sinc x)/x, and -x/3 within |x|³/30 where |x| is small."""
-        x, value = self.value, self.value.sinc()
-        if float(x.abs_lower()) > _SINC_SERIES:
-            rate = (x.cos() - value) / x
-        elif (size := largest(x)) < 1.0:
-            rate = -x / 3 + arb(0, size**3 / 30.0 * 1.001)
-        else:
-            rate = arb(0, 0.5)  # |sinc'| < 0.437 everywhere
-        return Jet(value, self._scaled(rate))
-
-    def __truediv__(self, other: float) -> Jet:
-        return Jet(self.value / other, {index: slope / other for index, slope in self.slopes.items()})
-
-    def __lt__(self, other: Any) -> bool:
-        return _decided(self.value < other, self.value >= other)
-
-    def __gt__(self, other: Any) -> bool:
-        return _decided(self.value > other, self.value <= other)
-
-
-def _decided(certain: bool, opposite: bool) -> bool:
-    """Return whether a comparison of balls holds for all their numbers; `NoBound` where it does for some."""
-    if not certain and not opposite:
-        raise NoBound(
-            "the law has a corner where the arm may be; a fuzzy law has one where a membership function "
-            "leaves [0, 1], at the border of the box of the T-S model"
-        )
-    return certain
-
-
-def no_jet(x: Any) -> Any:
-    """Return the value of a jet, or the number itself."""
-    return x.value if isinstance(x, Jet) else x

@@ -20,9 +20,15 @@ from flint import arb
 
 from fuzzyarm.envs.observation import JOINTS
 from fuzzyarm.envs.physics.dynamics import Arm, tip_force_torque
-from fuzzyarm.eval.certified.tip.defects import Forces, PeriodMotion, TipForces, signal_range
-from fuzzyarm.eval.certified.tip.enclosures import ROUND_UP, SLACK, Jet, ball, centre, no_jet, radius_of
-from fuzzyarm.eval.certified.tip.links import LinkMotion, link_torque
+from fuzzyarm.eval.certified.tip.defects import (
+    Forces,
+    LinkMotion,
+    PeriodMotion,
+    TipForces,
+    link_torque,
+    signal_range,
+)
+from fuzzyarm.eval.certified.tip.enclosures import ROUND_UP, SLACK, Jet, ball, centre, radius_of
 from fuzzyarm.eval.certified.tip.plant import BallPlant
 from fuzzyarm.eval.certified.tip.transition import CHANNELS, OBSERVED, ROWS
 
@@ -151,5 +157,4 @@ def lever_arms(motion: PeriodMotion, direction: tuple[float, float], arm: Arm) -
 
 def _lever(q1: arb, q2: arb, unit: tuple[float, float], arm: Arm) -> tuple[arb, arb]:
     q12 = q1 + q2
-    first, second = tip_force_torque(q1.sin(), q1.cos(), q12.sin(), q12.cos(), *unit, arm)
-    return no_jet(first), no_jet(second)
+    return tip_force_torque(q1.sin(), q1.cos(), q12.sin(), q12.cos(), *unit, arm)

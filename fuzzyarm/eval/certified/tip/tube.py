@@ -20,7 +20,7 @@ from fuzzyarm.eval.certified.tip.friction import Plan, Speed
 from fuzzyarm.eval.certified.tip.period import Claim, Closed, Period
 from fuzzyarm.eval.certified.tip.plant import BallPlant
 from fuzzyarm.eval.certified.tip.plant_set import PlantSet
-from fuzzyarm.eval.certified.tip.response import Response, SampledLaw
+from fuzzyarm.eval.certified.tip.sampled_law import PolicyLaw, Response
 from fuzzyarm.eval.certified.tip.tip_error import tip_bound
 from fuzzyarm.eval.certified.tip.transition import CHANNELS, D_THETA, STATES, THETA
 from fuzzyarm.eval.certified.tip.zonotope import SOURCES, Zonotope
@@ -49,7 +49,7 @@ class Problem:
     start: np.ndarray
     schedule: Schedule
     period: float
-    law: SampledLaw
+    law: PolicyLaw
     plants: PlantSet
     plant: BallPlant
 

@@ -13,7 +13,7 @@ import numpy as np
 
 from fuzzyarm.eval.certified.tip.enclosures import ROUND_UP, SLACK
 
-__all__ = ["SOURCES", "Zonotope", "product", "reach"]
+__all__ = ["SOURCES", "Zonotope", "condensed", "merged", "product", "reach"]
 
 SOURCES = ("friction", "nonlinearity", "parameter products", "force", "law and noise", "rounding")
 """Where a column comes from, beside the uncertain constants."""
@@ -21,7 +21,8 @@ SOURCES = ("friction", "nonlinearity", "parameter products", "force", "law and n
 BOX_EVERY = 5  # periods after which the box becomes columns: until then it grows with |Φ|
 MOST, KEPT = 720, 360  # columns for each number at which old ones are merged, and how many stay
 NARROW, FEWER = 1e-6, 9  # totals below which a ninth of that is enough
-BLOCK = 1200  # columns that are multiplied at a time
+FEW = 2000  # columns that stay apart where columns are condensed
+WORK = 250_000  # multiplications at a time, of which a linear algebra library makes no threads
 
 
 class Zonotope:
@@ -83,13 +84,13 @@ class Zonotope:
             return
         first, last = self._constants, self.columns.shape[1] - KEPT * numbers // fewer
         old, source = self.columns[:, first:last], self.source[first:last]
-        merged, labels = [], []
+        parts, labels = [], []
         for label in np.unique(source):
-            block, missed = _merged(old[:, source == label])
+            block, missed = merged(old[:, source == label])
             self.box += missed
-            merged.append(block)
+            parts.append(block)
             labels.append(np.full(block.shape[1], label))
-        self.columns = np.hstack([self.columns[:, :first], *merged, self.columns[:, last:]])
+        self.columns = np.hstack([self.columns[:, :first], *parts, self.columns[:, last:]])
         self.source = np.concatenate([self.source[:first], *labels, self.source[last:]])
 
 
@@ -99,7 +100,7 @@ def product(matrix: np.ndarray, columns: np.ndarray) -> np.ndarray:
     The whole product would be worth the threads of a linear algebra library, which on a busy machine take far longer.
     """
     made = np.empty((len(matrix), columns.shape[1]))
-    for block in _blocks(columns):
+    for block in _blocks(len(matrix), columns):
         np.matmul(matrix, columns[:, block], out=made[:, block])
     return made
 
@@ -107,28 +108,41 @@ def product(matrix: np.ndarray, columns: np.ndarray) -> np.ndarray:
 def reach(matrix: np.ndarray, columns: np.ndarray) -> np.ndarray:
     """Return the sums (m,) of the absolute values of each row of matrix (m, n) times columns (n, k)."""
     total = np.zeros(len(matrix))
-    for block in _blocks(columns):
+    for block in _blocks(len(matrix), columns):
         image = matrix @ columns[:, block]
         total += np.abs(image, out=image).sum(axis=1)
     return total
 
 
-def _blocks(columns: np.ndarray) -> list[slice]:
-    return [slice(start, start + BLOCK) for start in range(0, columns.shape[1], BLOCK)]
+def _blocks(rows: int, columns: np.ndarray) -> list[slice]:
+    step = max(WORK // max(rows * len(columns), 1), 1)
+    return [slice(start, start + step) for start in range(0, columns.shape[1], step)]
 
 
-def _merged(columns: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Return a column for each number, and a box, that together hold what many columns hold.
+def condensed(zonotope: Zonotope) -> tuple[np.ndarray, np.ndarray]:
+    """Return few columns (n, k) and a box (n,) that together hold what a zonotope does; small columns are merged."""
+    columns, box = zonotope.columns, zonotope.box + len(zonotope.box) * SLACK * zonotope.totals()
+    if columns.shape[1] <= FEW + len(columns):
+        return columns, box
+    units = zonotope.totals()
+    units = np.where(units > 0.0, units, 1.0)
+    order = np.argpartition((1.0 / units) @ np.abs(columns), -FEW)
+    rest, missed = merged(columns[:, order[:-FEW]])
+    return np.hstack([columns[:, order[-FEW:]], rest]), (box + missed) * ROUND_UP
+
+
+def merged(columns: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Return a column for each number (n, n), and a box (n,), that together hold what many columns (n, k) hold.
 
     Z g = Q (Qᵀ Z) g + (Z - Q Qᵀ Z) g for any Q. The columns of Q are the principal directions of Z, in units in which
     the rows are of one size, so that |Qᵀ Z g|, bounded row by row, is not much more than what the columns reach.
     """
     units = np.abs(columns).sum(axis=1)
     units[units == 0.0] = 1.0
-    scaled = columns / units[:, np.newaxis]
-    directions = np.linalg.eigh(scaled @ scaled.T)[1]
-    Q, inverse = units[:, np.newaxis] * directions, directions.T / units
-    shares = inverse @ columns
-    sizes = np.abs(shares).sum(axis=1) * ROUND_UP
+    blocks, unit = _blocks(len(columns), columns), units[:, np.newaxis]
+    turn = np.linalg.eigh(sum((part := columns[:, block] / unit) @ part.T for block in blocks))[1]
+    Q, inverse = unit * turn, turn.T / units
+    sizes = reach(inverse, columns) * ROUND_UP
     rounding = np.abs(Q) @ np.abs(inverse) @ np.abs(columns).sum(axis=1) + np.abs(Q) @ sizes
-    return Q * sizes, np.abs(columns - Q @ shares).sum(axis=1) * ROUND_UP + SLACK * rounding
+    missed = sum(np.abs(columns[:, block] - Q @ (inverse @ columns[:, block])).sum(axis=1) for block in blocks)
+    return Q * sizes, np.asarray(missed * ROUND_UP + SLACK * rounding)

@@ -17,15 +17,16 @@ from fuzzyarm.envs.physics.records import PerJoint, filled, flat
 from fuzzyarm.envs.scenario.disturbances import Disturbance
 from fuzzyarm.eval.certified.tip.defects import (
     Forces,
+    LinkMotion,
     PeriodMotion,
     TipForces,
     combined,
+    link_torque,
     rest_size,
     signal_ends,
     signal_range,
 )
 from fuzzyarm.eval.certified.tip.enclosures import BITS, Jet, low_high
-from fuzzyarm.eval.certified.tip.links import LinkMotion, link_torque
 from fuzzyarm.eval.certified.tip.plant import ball_plant
 from fuzzyarm.eval.certified.tip.plant_set import PlantSet
 from fuzzyarm.eval.certified.tip.remainders import LinkRemainder, LinkSlopes, link_remainder, tube_slopes
