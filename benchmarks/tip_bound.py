@@ -115,6 +115,9 @@ CLAIMS = (
     _own("stiffness ± 0.1 %", "ppo-robust", stiffness=(0.999, 1.001)),
     _named("ppo-residual", "table-1"),
     _own("payload 0 to 1 g", "ppo-residual", payload=(0.0, 0.001)),
+    _own("payload 0 to 50 g", "ppo-robust", payload=(0.0, 0.05)),
+    _own("payload 0 to 10 g", "ppo-residual", payload=(0.0, 0.01)),
+    _own("stiffness ± 0.1 %", "ppo-residual", stiffness=(0.999, 1.001)),
 )
 """What is bounded."""
 
