@@ -100,6 +100,7 @@ class Writer(Operations):
         self.take_at(out, self.pointer(port, k, f"take{place}"), self.layouts[port])
 
     def take_at(self, out: str, pointer: str, layout: Layout) -> None:
+        """Load a number from where the group's arms have theirs."""
         if self.width == 1 or layout is Layout.BLOCKS:
             self.put(f"{out} = load {self.real}, ptr {pointer}, align 8")
         elif layout is Layout.ROWS:
@@ -115,6 +116,7 @@ class Writer(Operations):
         self.put_at(value, self.pointer(port, k, f"give{place}"), self.layouts[port])
 
     def put_at(self, value: str, pointer: str, layout: Layout) -> None:
+        """Store a number there."""
         if self.width == 1 or layout is Layout.BLOCKS:
             self.put(f"store {self.real} {value}, ptr {pointer}, align 8")
         elif layout is Layout.ROWS:
@@ -205,6 +207,7 @@ class Writer(Operations):
         self.label(out)
 
     def room(self, place: int, name: str) -> str:
+        """Return the pointer to a number in the group's own memory."""
         self.put(f"%{name}.room{place} = getelementptr double, ptr %room, i64 {place * self.width}")
         return f"%{name}.room{place}"
 

@@ -1,11 +1,11 @@
 """A recorded program as PTX, the assembly language of NVIDIA's GPUs: each thread computes one arm, in float64.
 
-LLVM's text is that of one arm on the host, `llvm_text`, with three differences: the kernel has parameters in place of a
-job, a thread takes arms g, g + n, g + 2 n, ... where g is its own number and n that of all threads, and the logarithm is
-`logarithm`, since a GPU has no C library. Every array has the layout `Layout.COLUMNS`, (numbers, arms), so that
-neighbouring threads read neighbouring numbers.
+The text is that of `llvm_text` for one arm, with three differences: the kernel has parameters in place of a job; a
+thread takes the arms g, g + n, g + 2 n, ..., where g is its own number and n the number of all threads; and the logarithm is
+`logarithm`, since a GPU has no C library. Every array has the layout `Layout.COLUMNS`, (numbers, arms): neighbouring
+threads read neighbouring numbers. Arrays of a program's own lie in the thread's local memory.
 
-PTX has been assembled, and its text has been run on the host, but it has never run on a GPU.
+PTX from this module has been assembled, and the host has run the same text, but no GPU ever has: nothing is measured.
 """
 
 from __future__ import annotations
@@ -50,8 +50,10 @@ def logarithm(x: Any) -> Any:
     With x = 2^k (1 + f) and √½ ≤ 1 + f < √2, s = f / (2 + f), and R a polynomial of degree 14 in s:
     ln(1 + f) = f - (f²/2 - s (f²/2 + R)).
 
-    Source: `e_log.c` of fdlibm (Sun Microsystems, 1993), whose coefficients these are.
+    Source: `e_log.c` of fdlibm, whose coefficients these are.
     """
+    # Copyright (C) 1993 by Sun Microsystems, Inc. All rights reserved. Permission to use, copy, modify, and distribute
+    # this software is freely granted, provided that this notice is preserved.
     small = x < 2.0**-1022
     of = word(select(small, x * 2.0**54, x))
     exponent = of >> 52

@@ -71,11 +71,15 @@ def has_the_bits(kernel, arrays, constants, tables, steps=1, *, expected=None):
 
 
 def used_by(function, monkeypatch):
-    """Return each kernel that a function runs, with copies in columns of what it is run on, once it has."""
+    """Return each kernel that a function runs, with copies in columns of what it runs on.
+
+    The copies are of the beginning where a kernel takes all steps of an episode, and else of the end.
+    """
     calls, checked = {}, Kernel._checked
 
     def noted(kernel, arrays, constants, tables):
         known = checked(kernel, arrays, constants, tables)
+        arrays = [one.copy() for one in arrays] if kernel.repeated else arrays
         calls[id(kernel)] = kernel, arrays, constants, tables, known.arms
         return known
 
