@@ -1,11 +1,12 @@
 """A recorded program as PTX, the assembly language of NVIDIA's GPUs: each thread computes one arm, in float64.
 
-The text is that of `llvm_text` for one arm, with three differences: the kernel has parameters in place of a job; a
-thread takes the arms g, g + n, g + 2 n, ..., where g is its own number and n the number of all threads; and the logarithm is
+The text is that of `llvm_text` for one arm, with three differences. The kernel has parameters in place of a job. A
+thread takes the arms g, g + n, g + 2 n, ..., where g is its own number and n the number of all threads. The logarithm is
 `logarithm`, since a GPU has no C library. Every array has the layout `Layout.COLUMNS`, (numbers, arms): neighbouring
 threads read neighbouring numbers. Arrays of a program's own lie in the thread's local memory.
 
-PTX from this module has been assembled, and the host has run the same text, but no GPU ever has: nothing is measured.
+PTX from this module has been assembled, and the tests run it instruction by instruction on the host, but it has never
+run on a GPU, and nothing is measured.
 """
 
 from __future__ import annotations

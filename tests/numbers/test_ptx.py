@@ -1,4 +1,4 @@
-"""Programs as PTX: its structure, its meaning where the host runs the same text, and what an assembler makes of it."""
+"""Programs as PTX: structure, meaning on the host and on a GPU where there is one, and what an assembler makes of it."""
 
 import ctypes
 import math
@@ -12,6 +12,8 @@ from pathlib import Path
 import gymnasium as gym
 import numpy as np
 import pytest
+from support.gpu import first_gpu
+from support.ptx_machine import run_ptx
 from test_machine import SHARED, TABLE, WEIGHTS, N, cholesky, numbers, recorded, same
 
 from fuzzyarm import load_policy, policies
@@ -59,15 +61,29 @@ def on_host(kernel, arrays, constants, tables, steps=1, threads=7):
         call(thread, threads, *given)
 
 
-def has_the_bits(kernel, arrays, constants, tables, steps=1, *, expected=None):
-    """Return whether a GPU's text on the host gives the bits of machine code, from arrays (numbers, arms)."""
+def on_ptx_machine(kernel, arrays, constants, tables, steps=1):
+    """Run a kernel's PTX on `ptx_machine`, on four blocks of three threads; arrays (numbers, arms) change in place."""
+    places = [one.ctypes.data for one in (*arrays, constants, *tables)]
+    given = [arrays[0].shape[1], steps, *places, *(one.strides[0] // 8 for one in arrays), *map(len, tables)]
+    run_ptx(ptx_of(kernel).text, given, blocks=4, threads=3)
+
+
+def has_the_bits(kernel, arrays, constants, tables, steps=1, *, expected=None, runs=(on_host, on_ptx_machine)):
+    """Return whether a GPU's text gives the bits of machine code, from arrays (numbers, arms)."""
     program = (expected or kernel).program
-    known = Kernel(program, [Layout.COLUMNS] * len(arrays), repeated=kernel.repeated)
-    wanted, found = ([one.copy() for one in arrays] for _ in range(2))
+    known, wanted = Kernel(program, [Layout.COLUMNS] * len(arrays), repeated=kernel.repeated), copied(arrays)
     known(wanted, constants, tables, steps)
-    on_host(kernel, found, constants, tables, steps)
-    changed = any(not np.array_equal(a, b, equal_nan=True) for a, b in zip(arrays, found, strict=True))
-    return changed and all(same(a, b) for a, b in zip(wanted, found, strict=True))
+    assert any(not np.array_equal(a, b, equal_nan=True) for a, b in zip(arrays, wanted, strict=True))
+    for run in runs:
+        found = copied(arrays)
+        run(kernel, found, constants, tables, steps)
+        if not all(same(a, b) for a, b in zip(wanted, found, strict=True)):
+            return False
+    return True
+
+
+def copied(arrays):
+    return [one.copy() for one in arrays]
 
 
 def used_by(function, monkeypatch):
@@ -252,16 +268,34 @@ USED = {
 }
 
 
+def kernels_in(what, monkeypatch):
+    """Return kernels, what they are given, steps included, and the kernels that give the same, or None."""
+    used = used_by(USED[what], monkeypatch)
+    assert used
+    arms = {"two joints": ArmParameters(), "load": ArmParameters(), "ur5": robot_named("ur5")}
+    own = with_own_logarithm(equations_of(arms[what]), monkeypatch) if what in arms else {}
+    return [(kernel, (*given, 100 if kernel.repeated else 1), own.get(kernel.program.ports)) for kernel, *given in used]
+
+
 @pytest.mark.slow
 @pytest.mark.parametrize("what", USED)
-def test_kernels_of_the_package_have_the_bits_of_machine_code_and_are_assembled(what, tmp_path, monkeypatch):
-    used = used_by(USED[what], monkeypatch)
-    arm = robot_named("ur5") if what == "ur5" else ArmParameters()
-    own = with_own_logarithm(equations_of(arm), monkeypatch) if what in ("two joints", "load", "ur5") else {}
-    assert len(used) >= 1
-    for kernel, *given in used:
-        steps = 100 if kernel.repeated else 1
-        assert has_the_bits(kernel, *given, steps, expected=own.get(kernel.program.ports))
-    for kernel, *_ in used:
+def test_kernels_of_the_package_have_the_bits_of_machine_code(what, monkeypatch):
+    for kernel, given, expected in kernels_in(what, monkeypatch):
+        assert has_the_bits(kernel, *given, expected=expected)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("what", USED)
+def test_kernels_of_the_package_are_assembled_and_nothing_is_fused(what, tmp_path, monkeypatch):
+    assembler()
+    for kernel, *_ in kernels_in(what, monkeypatch):
         text = ptx_of(kernel).text
         assert assembled(text, tmp_path, fused=True) == assembled(text, tmp_path, fused=False)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("what", USED)
+def test_a_gpu_has_the_bits_of_machine_code(what, monkeypatch):
+    gpu = first_gpu()
+    for kernel, given, expected in kernels_in(what, monkeypatch):
+        assert has_the_bits(kernel, *given, expected=expected, runs=(gpu.run,))
