@@ -21,6 +21,8 @@ EIGHT = 8  # numbers that are exchanged between vectors together
 _EXCHANGED = {1: (0, 8, 2, 10, 4, 12, 6, 14), 2: (0, 1, 8, 9, 4, 5, 12, 13), 4: (0, 1, 2, 3, 8, 9, 10, 11)}
 _ARITHMETIC = {"+": "fadd", "-": "fsub", "*": "fmul", "/": "fdiv"}
 CALLED = {"abs": "fabs", "rint": "rint", "floor": "floor", "sqrt": "sqrt", "log": "log"}
+"""LLVM's functions, by operation."""
+
 _OF_WORDS = {"+": "add", "*": "mul", "xor": "xor", "shift": "lshr"}
 _CONVERTED = {"word": "bitcast", "whole": "fptosi", "number": "sitofp", "bits": "bitcast"}
 _KINDS = {"real": "double", "truth": "i1", "word": "i64"}

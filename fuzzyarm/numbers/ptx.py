@@ -1,9 +1,9 @@
 """A recorded program as PTX, the assembly language of NVIDIA's GPUs: each thread computes one arm, in float64.
 
 The text is that of `llvm_text` for one arm, with three differences. The kernel has parameters in place of a job. A
-thread takes the arms g, g + n, g + 2 n, ..., where g is its own number and n the number of all threads. The logarithm is
-`logarithm`, since a GPU has no C library. Every array has the layout `Layout.COLUMNS`, (numbers, arms): neighbouring
-threads read neighbouring numbers. Arrays of a program's own lie in the thread's local memory.
+thread takes the arms g, g + n, g + 2 n, ..., where g is its own number and n the number of all threads. `logarithm`
+stands in for the C library, which a GPU has not. Every array has the layout `Layout.COLUMNS`, (numbers, arms), in which
+neighbouring threads read neighbouring numbers. Arrays of a program's own lie in the thread's local memory.
 
 PTX from this module has been assembled, and the tests run it instruction by instruction on the host, but it has never
 run on a GPU, and nothing is measured.

@@ -1,4 +1,4 @@
-"""Programs as PTX: structure, meaning on the host and on a GPU where there is one, and what an assembler makes of it."""
+"""Programs as PTX: structure, meaning on the host and on a GPU if there is one, and what an assembler makes of it."""
 
 import ctypes
 import math
