@@ -17,7 +17,7 @@ hypothesis.settings.load_profile("fuzzyarm")
 for _library in ("OMP", "OPENBLAS", "MKL"):
     os.environ.setdefault(f"{_library}_NUM_THREADS", "1")
 
-FAST, SLOW = 4.0, 14.0  # min of processor time on an AMD EPYC; the slow ones on an Intel Xeon, the sum of their parts
+FAST, SLOW = 4.0, 15.0  # min of processor time on an AMD EPYC; the slow ones on an Intel Xeon, the sum of their parts
 COMPILING = 2.1  # min more the first time
 
 # Files of tests, see `pytest_collection_modifyitems`.

@@ -14,13 +14,15 @@ from fuzzyarm.numbers.program import Program
 from fuzzyarm.numbers.regions import Branch, For, Loop, Store
 from fuzzyarm.numbers.symbols import Symbol, Word
 
-__all__ = ["EIGHT", "Operations"]
+__all__ = ["CALLED", "EIGHT", "Operations"]
 
 _COMPARED = {"<": "olt", "<=": "ole", ">": "ogt", ">=": "oge", "==": "oeq", "!=": "une"}
 EIGHT = 8  # numbers that are exchanged between vectors together
 _EXCHANGED = {1: (0, 8, 2, 10, 4, 12, 6, 14), 2: (0, 1, 8, 9, 4, 5, 12, 13), 4: (0, 1, 2, 3, 8, 9, 10, 11)}
 _ARITHMETIC = {"+": "fadd", "-": "fsub", "*": "fmul", "/": "fdiv"}
-_CALLED = {"abs": "fabs", "rint": "rint", "floor": "floor", "sqrt": "sqrt", "log": "log"}
+CALLED = {"abs": "fabs", "rint": "rint", "floor": "floor", "sqrt": "sqrt", "log": "log"}
+"""LLVM's functions, by operation."""
+
 _OF_WORDS = {"+": "add", "*": "mul", "xor": "xor", "shift": "lshr"}
 _CONVERTED = {"word": "bitcast", "whole": "fptosi", "number": "sitofp", "bits": "bitcast"}
 _KINDS = {"real": "double", "truth": "i1", "word": "i64"}
@@ -122,9 +124,9 @@ class Operations:
             self.put(f"{out} = xor {truth} {a[0]}, {splat('i1', 'true')}")
         elif name == "neg":
             self.put(f"{out} = fneg {real} {a[0]}")
-        elif name in _CALLED:
-            self.declared.add(f"declare {real} @llvm.{_CALLED[name]}{suffix}({real})")
-            self.put(f"{out} = call {real} @llvm.{_CALLED[name]}{suffix}({real} {a[0]})")
+        elif name in CALLED:
+            self.declared.add(f"declare {real} @llvm.{CALLED[name]}{suffix}({real})")
+            self.put(f"{out} = call {real} @llvm.{CALLED[name]}{suffix}({real} {a[0]})")
         elif name == "real":
             yes, no = splat("double", "1.0"), splat("double", "0.0")
             self.put(f"{out} = select {truth} {a[0]}, {real} {yes}, {real} {no}")

@@ -12,7 +12,7 @@ from fuzzyarm.numbers.program import Program
 from fuzzyarm.numbers.regions import Branch, For, Loop, Store
 from fuzzyarm.numbers.symbols import Symbol
 
-__all__ = ["WIDE", "Layout", "kernel_text"]
+__all__ = ["WIDE", "Layout", "Writer", "kernel_text"]
 
 WIDE = 16
 """Arms at once where there are many."""
@@ -31,8 +31,11 @@ class Layout(enum.Enum):
     BLOCKS = enum.auto()
 
 
-class _Writer(Operations):
-    """Writes the whole text."""
+class Writer(Operations):
+    """Writes the whole text, for a processor that is given a job and takes its arms group by group.
+
+    Another processor has its own `head`, `arguments` and `tail`.
+    """
 
     def __init__(self, program: Program, layouts: Sequence[Layout], width: int, *, repeated: bool) -> None:
         super().__init__(program, width)
@@ -97,6 +100,7 @@ class _Writer(Operations):
         self.take_at(out, self.pointer(port, k, f"take{place}"), self.layouts[port])
 
     def take_at(self, out: str, pointer: str, layout: Layout) -> None:
+        """Load a number from where the group's arms have theirs."""
         if self.width == 1 or layout is Layout.BLOCKS:
             self.put(f"{out} = load {self.real}, ptr {pointer}, align 8")
         elif layout is Layout.ROWS:
@@ -112,6 +116,7 @@ class _Writer(Operations):
         self.put_at(value, self.pointer(port, k, f"give{place}"), self.layouts[port])
 
     def put_at(self, value: str, pointer: str, layout: Layout) -> None:
+        """Store a number there."""
         if self.width == 1 or layout is Layout.BLOCKS:
             self.put(f"store {self.real} {value}, ptr {pointer}, align 8")
         elif layout is Layout.ROWS:
@@ -202,10 +207,30 @@ class _Writer(Operations):
         self.label(out)
 
     def room(self, place: int, name: str) -> str:
+        """Return the pointer to a number in the group's own memory."""
         self.put(f"%{name}.room{place} = getelementptr double, ptr %room, i64 {place * self.width}")
         return f"%{name}.room{place}"
 
+    def head(self, held: Sequence[str], apart: Sequence[str]) -> str:
+        """Return how the function begins; arguments as for `arguments`."""
+        return "define void @kernel(ptr noalias readonly %job) #0 {"
+
+    def arguments(self, held: Sequence[str], apart: Sequence[str]) -> tuple[str, str]:
+        """Take %stop, %steps, and the pointers and whole numbers with these names.
+
+        Returns the first arm, and how far the first arm of the next group is from it.
+        """
+        for k, name in enumerate(["first", "stop", "steps", *held, *apart]):
+            self.put(f"%to.{name} = getelementptr i64, ptr %job, i64 {k}")
+            self.put(f"%{name} = load {'ptr' if name in held else 'i64'}, ptr %to.{name}, align 8")
+        return "%first", str(self.width)
+
+    def tail(self) -> str:
+        """Return what stands behind the function."""
+        return 'attributes #0 = { nounwind "prefer-vector-width"="512" "min-legal-vector-width"="512" }'
+
     def whole_text(self) -> str:
+        """Return the text."""
         p, width = self.program, self.width
         numbers = [(port, k) for port, count in enumerate(p.ports) for k in range(count)]
         used, pairs = self._used(), zip(p.outputs, p.inputs, strict=True)
@@ -217,9 +242,7 @@ class _Writer(Operations):
             self.put(f"%array{k} = alloca double, i64 {max(1, size) * width}, align 64")
         held = [*(f"port{k}" for k in range(len(p.ports))), "c", *(f"table{k}" for k in range(len(p.tables)))]
         apart = [name.replace("port", "stride").replace("table", "rows") for name in held if name != "c"]
-        for k, name in enumerate(["first", "stop", "steps", *held, *apart]):
-            self.put(f"%to.{name} = getelementptr i64, ptr %job, i64 {k}")
-            self.put(f"%{name} = load {'ptr' if name in held else 'i64'}, ptr %to.{name}, align 8")
+        first, further = self.arguments(held, apart)
         for k in range(len(p.tables)):
             self.put(f"%before{k} = sub i64 %rows{k}, 1")
             self.put(f"%{'only' if width > 1 else 'last'}{k} = sitofp i64 %before{k} to double")
@@ -232,7 +255,7 @@ class _Writer(Operations):
                 self.operation(item)
         self.put("br label %groups")
         self.label("groups")
-        self.put("%g = phi i64 [ %first, %entry ], [ %g1, %next ]")
+        self.put(f"%g = phi i64 [ {first}, %entry ], [ %g1, %next ]")
         self.put("%more = icmp slt i64 %g, %stop")
         self.put("br i1 %more, label %group, label %done")
         self.label("group")
@@ -296,13 +319,11 @@ class _Writer(Operations):
             self.copy(*run, back=True)
         self.put("br label %next")
         self.label("next")
-        self.put(f"%g1 = add i64 %g, {width}")
+        self.put(f"%g1 = add i64 %g, {further}")
         self.put("br label %groups")
         self.label("done")
         self.put("ret void")
-        head = "define void @kernel(ptr noalias readonly %job) #0 {"
-        wide = 'attributes #0 = { nounwind "prefer-vector-width"="512" "min-legal-vector-width"="512" }'
-        return "\n".join([*sorted(self.declared), head, *self.lines, "}", wide, ""])
+        return "\n".join([*sorted(self.declared), self.head(held, apart), *self.lines, "}", self.tail(), ""])
 
     def _used(self) -> list[bool]:
         """Return of each input whether something is computed from it, or another number becomes it."""
@@ -330,4 +351,4 @@ class _Writer(Operations):
 
 def kernel_text(program: Program, layouts: Sequence[Layout], width: int, *, repeated: bool = True) -> str:
     """Return a program as LLVM's text for so many arms at once."""
-    return _Writer(program, layouts, width, repeated=repeated).whole_text()
+    return Writer(program, layouts, width, repeated=repeated).whole_text()
