@@ -20,7 +20,7 @@ from fuzzyarm.envs.physics.equations import AnyArm, chosen_arm
 from fuzzyarm.envs.physics.parameters import ArmParameters
 from fuzzyarm.eval.evaluation.run import EvaluationConfig, evaluate
 from fuzzyarm.eval.provenance import current_provenance
-from fuzzyarm.eval.sweep.engine import Engine
+from fuzzyarm.eval.engine import Engine
 from fuzzyarm.eval.tuning.run import begin, resumed_arm, tune
 from fuzzyarm.policies import policies_of
 

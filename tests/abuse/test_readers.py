@@ -40,7 +40,7 @@ from fuzzyarm.eval.episodes.rollout_file import digest, read_rollouts
 from fuzzyarm.eval.evaluation.ranking import rank_policies
 from fuzzyarm.eval.paper.drift import EXPECTED, load_expected
 from fuzzyarm.eval.report.stored import read_evaluation
-from fuzzyarm.eval.sweep.identity import digest_of_identity
+from fuzzyarm.eval.sweep.run import digest_of_identity
 from fuzzyarm.eval.sweep.ranking import rank_sweeps
 from fuzzyarm.eval.sweep.run import Sweep
 from fuzzyarm.eval.tuning.finding import read_finding

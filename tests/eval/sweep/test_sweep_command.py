@@ -249,8 +249,8 @@ def test_a_sweep_holds_no_absolute_path_and_finds_its_policy_again(tmp_path, cap
 
 
 def test_workers_that_die_again_and_again_end_the_sweep_with_one_line(tmp_path, capsys, monkeypatch):
-    from fuzzyarm.eval.sweep.engine import Engine
-    from fuzzyarm.eval.sweep.losses import WorkersLost
+    from fuzzyarm.eval.engine import Engine
+    from fuzzyarm.eval.engine import WorkersLost
 
     def lost(*_):
         raise WorkersLost("workers died 3 times in a row")
@@ -263,8 +263,8 @@ def test_workers_that_die_again_and_again_end_the_sweep_with_one_line(tmp_path, 
 
 def test_without_ray_the_extra_is_named(tmp_path, capsys, monkeypatch):
     monkeypatch.setitem(sys.modules, "ray", None)
-    monkeypatch.delitem(sys.modules, "fuzzyarm.eval.sweep.ray_backend", raising=False)
-    monkeypatch.delattr("fuzzyarm.eval.sweep.ray_backend", raising=False)
+    monkeypatch.delitem(sys.modules, "fuzzyarm.eval.engine", raising=False)
+    monkeypatch.delattr("fuzzyarm.eval.engine", raising=False)
     refused(capsys, tmp_path, [*QUICK, "--backend", "ray", "--out", str(tmp_path)], '-e ".[cluster]"')
     assert not list(tmp_path.iterdir())
 

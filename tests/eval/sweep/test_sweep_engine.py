@@ -13,8 +13,8 @@ import pytest
 
 from fuzzyarm.envs.scenario.cases import CASES, Case, add_case, find_case
 from fuzzyarm.envs.scenario.disturbances import Disturbance
-from fuzzyarm.eval.sweep.engine import Engine
-from fuzzyarm.eval.sweep.losses import WorkersLost
+from fuzzyarm.eval.engine import Engine
+from fuzzyarm.eval.engine import WorkersLost
 from fuzzyarm.eval.sweep.user_modules import module_sources
 
 

@@ -20,8 +20,8 @@ from fuzzyarm.eval.sweep.config import Axis, SweepConfig
 from fuzzyarm.eval.sweep.distributions import DISTRIBUTIONS
 from fuzzyarm.eval.sweep.episodes import replay, run_plants, steps
 from fuzzyarm.eval.sweep.plants import Plants
-from fuzzyarm.eval.sweep.quantities import NOISE, columns_of
-from fuzzyarm.eval.sweep.results import SweepResults
+from fuzzyarm.eval.sweep.distributions import NOISE, columns_of
+from fuzzyarm.eval.sweep.episodes import SweepResults
 from fuzzyarm.policies import load_policy
 
 POLICIES = {name: load_policy(name) for name in ("fuzzy-4", "elastic-observer")}

@@ -12,8 +12,8 @@ from fuzzyarm.envs.physics.robot import robot_named
 from fuzzyarm.envs.scenario.cases import CASES, Case, add_case
 from fuzzyarm.envs.scenario.disturbances import ConstantForce, Disturbance
 from fuzzyarm.eval.sweep.config import SweepConfig
-from fuzzyarm.eval.sweep.identity import SOURCES, difference, digest_of_identity, made_with, sweep_identity
-from fuzzyarm.eval.sweep.store import Store
+from fuzzyarm.eval.sweep.run import SOURCES, difference, digest_of_identity, made_with, sweep_identity
+from fuzzyarm.eval.sweep.run import Store
 from fuzzyarm.policies import resolve_all
 
 ROOT = Path(fuzzyarm.__file__).parent

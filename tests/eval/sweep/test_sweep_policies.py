@@ -12,7 +12,7 @@ import pytest
 
 from fuzzyarm.cli import main
 from fuzzyarm.envs.physics.parameters import ArmParameters
-from fuzzyarm.eval.sweep.store import Store
+from fuzzyarm.eval.sweep.run import Store
 
 QUICK = ["--case", "nominal", "--plants", "4", "--chunk", "2"]
 ONE_CHUNK = ["--case", "nominal", "--plants", "2", "--jobs", "1"]
@@ -44,7 +44,7 @@ ON_RAY = """
 import sys
 from pathlib import Path
 from fuzzyarm.eval.sweep.config import SweepConfig
-from fuzzyarm.eval.sweep.engine import Engine
+from fuzzyarm.eval.engine import Engine
 from fuzzyarm.eval.sweep.run import Sweep
 
 policy, modules, out = sys.argv[1:]

@@ -17,8 +17,8 @@ from fuzzyarm.cli import main
 from fuzzyarm.eval.sweep import chunks
 from fuzzyarm.eval.sweep.chunks import Chunk, load_policies, run_chunk, run_missing
 from fuzzyarm.eval.sweep.config import SweepConfig
-from fuzzyarm.eval.sweep.engine import Engine
-from fuzzyarm.eval.sweep.store import Store
+from fuzzyarm.eval.engine import Engine
+from fuzzyarm.eval.sweep.run import Store
 
 HERE = Path(__file__).parent
 CONFIG = SweepConfig(policies=("fuzzy-4", "computed-torque-tip"), cases=("machining",), plants=24, chunk=2, seed=5)
@@ -80,7 +80,7 @@ ON_RAY = """
 import json, os, sys
 from pathlib import Path
 from test_sweep_run import CONFIG, Killer, swept
-from fuzzyarm.eval.sweep.engine import Engine
+from fuzzyarm.eval.engine import Engine
 
 killer, reports, addresses = Killer(Path(sys.argv[1])), [], set()
 
