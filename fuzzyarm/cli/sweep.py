@@ -41,7 +41,7 @@ class Options:
     """Folder of the sweep"""
     resume: bool = False
     """Continue the sweep in the folder; its options need not be repeated, except --policy for code of your own,
-    which does not run because a file names it; --bound and --worst may change"""
+    which does not run because a file names it; --bound, --worst and --map may change"""
     replay: Annotated[tuple[str, str, int] | None, Parameter(metavar="POLICY CASE PLANT")] = None
     """Run one plant of the folder's sweep again and write its signals and figures"""
     json: bool = False

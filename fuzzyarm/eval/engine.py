@@ -85,12 +85,14 @@ class Engine:
             ValueError: Ray is not installed, its cluster is not found, or `work` cannot be pickled.
         """
         if self.jobs == 1:
-            yield from ((number, work(number)) for number in numbers)
+            with self._workers(()):
+                yield from ((number, work(number)) for number in numbers)
             return
         from joblib import Parallel, delayed  # here, as the command line needs no more of this module than its options
 
-        # loky replaces a worker whose memory has grown, and warns of it in a thread of its own: where warnings are errors,
-        # that would end the thread, and the work would never be done. The other warning is of results that nobody took.
+        # loky replaces a worker whose memory has grown, and warns of it in a thread of its own: where warnings are
+        # errors, that would end the thread, and the work would never be done. The other warning is of results that were
+        # computed but not consumed.
         warnings.filterwarnings("ignore", r"A worker stopped|\d+ tasks ", UserWarning)
         content, paths = _pickled(work), tuple(sys.path) if self.backend == "local" else ()
         missing, losses = dict.fromkeys(numbers), 0
@@ -140,8 +142,11 @@ class Engine:
         backend.supports_return_generator = True  # it does, as results are handed over one by one
         with _cluster(ray, self.address, self.jobs, modules), parallel_config(backend=backend):
             cpus = max(1, int(ray.cluster_resources().get("CPU", 1)))
-            # An error of the work itself is raised as it is.
-            yield min(self.jobs or cpus, cpus), ray.exceptions.RayError
+            lost = ray.exceptions.RayActorError, ray.exceptions.WorkerCrashedError, ray.exceptions.OutOfMemoryError
+            try:
+                yield min(self.jobs or cpus, cpus), (*lost, ray.exceptions.NodeDiedError)
+            except ray.exceptions.RuntimeEnvSetupError as error:
+                raise ValueError(f"Ray cannot send the policies' modules: {str(error).splitlines()[0]}") from None
 
 
 def _pickled(work: Callable[[int], Any]) -> bytes:

@@ -28,10 +28,10 @@ from fuzzyarm.eval.certified.tip.cells_file import save_cells
 from fuzzyarm.eval.certified.tip.plant_set import PlantSet
 from fuzzyarm.eval.dataset import store
 from fuzzyarm.eval.dataset.config import DatasetConfig
+from fuzzyarm.eval.engine import Engine
 from fuzzyarm.eval.episodes.rollout_file import write_rollouts
 from fuzzyarm.eval.evaluation.run import EvaluationConfig, evaluate, write_results
 from fuzzyarm.eval.sweep.config import SweepConfig
-from fuzzyarm.eval.engine import Engine
 from fuzzyarm.eval.sweep.distributions import plant_record
 from fuzzyarm.eval.sweep.episodes import SweepResults
 from fuzzyarm.eval.sweep.run import Sweep

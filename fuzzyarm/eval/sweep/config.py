@@ -11,7 +11,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from fuzzyarm.common.checks import choice, distinct, instance, real, shown, whole
+from fuzzyarm.common.checks import choice, distinct, instance, real, shown, texts, whole
 from fuzzyarm.common.documents import record
 from fuzzyarm.envs.physics.equations import AnyArm
 from fuzzyarm.envs.physics.parameters import ArmParameters
@@ -23,9 +23,9 @@ from fuzzyarm.policies import ANY_ROBOT, recorded, resolve
 
 __all__ = ["SHOWN", "Axis", "QuantityRange", "SweepConfig"]
 
-SHOWN = ("bound", "worst")
+SHOWN = ("bound", "worst", "map")
 """Fields that decide only how results are shown: they change no episode."""
-_MAP = ("stiffness_1", "payload")  # the plane of the heat maps of plants in which both vary
+_MAP = ("stiffness_1", "payload")  # the plane of the heat maps where both vary and no other is asked for
 _OPTIONS = {"policies": "policy", "cases": "case", "ranges": "range"}  # fields whose option has another name
 
 
@@ -72,6 +72,8 @@ class SweepConfig:
         chunk: plants in a chunk, which one worker runs and one file holds.
         bound: an episode succeeds if it lasts to the end with tip errors below this bound [mm].
         worst: number of worst plants listed for replay, of each policy in each case.
+        map: the two columns, such as payload and stiffness_1, that the heat maps of a sweep without a grid are over
+            (default: stiffness_1 and payload, or the first two that vary).
 
     Raises:
         TypeError: a value is of the wrong type.
@@ -90,6 +92,7 @@ class SweepConfig:
     chunk: int = 500
     bound: float = 20.0
     worst: int = 5
+    map: tuple[str, ...] = ()
 
     def __post_init__(self) -> None:
         """Check everything but the policies, which are checked when they are loaded."""
@@ -106,6 +109,7 @@ class SweepConfig:
         for field, kind in (("ranges", QuantityRange), ("grid", Axis)):
             object.__setattr__(self, field, _rows(field, getattr(self, field), kind))
         self._check_grid()
+        self._check_map()
         varying = self.drawn().varying(self.joints)
         if self.total > 1 and not (self.grid or varying):
             raise ValueError(f"plants = {self.plants} would repeat one and the same run: nothing varies")
@@ -119,15 +123,24 @@ class SweepConfig:
         for axis in self.grid:
             name, low, high, number = axis
             whole(f"number of values of the grid over {name}", number, low=2)
-            Distribution(**{name: (low, high)})
+            dataclasses.replace(Distribution(), **dict[str, Any]({name: (low, high)}))
             if not low < high:
                 raise ValueError(f"grid over {name} from {low:g} to {high:g}: low must be below high")
             if name == "delay" and not np.array_equal(axis.values, np.round(axis.values)):
                 raise ValueError(f"grid over delay: {number} values are no whole control periods")
 
+    def _check_map(self) -> None:
+        texts("map", self.map)
+        if len(self.map) not in (0, 2) or len(set(self.map)) != len(self.map):
+            raise ValueError(f"map = {list(self.map)} must be two different columns, or none")
+        if self.map and self.grid:
+            raise ValueError(f"map = {list(self.map)}: the heat maps of a grid are over its own two quantities")
+        for column in self.map:
+            choice("map", column, self.drawn().varying(self.joints) or ("nothing varies",))
+
     def drawn(self) -> Distribution:
         """Return what is drawn: the distribution with the other ranges, and nothing of what the grid sets."""
-        changed = {quantity: (low, high) for quantity, low, high in self.ranges}
+        changed: dict[str, Any] = {quantity: (low, high) for quantity, low, high in self.ranges}
         changed |= {axis.quantity: getattr(Distribution, axis.quantity) for axis in self.grid}
         return dataclasses.replace(distribution_for(self.distribution, self.arm), **changed)
 
@@ -174,7 +187,7 @@ class SweepConfig:
                 next(name for name in columns if columns[name].quantity == axis.quantity) for axis in self.grid
             )
         varying = self.drawn().varying(self.joints)
-        return _MAP if set(_MAP) <= set(varying) else varying[:2]
+        return self.map or (_MAP if set(_MAP) <= set(varying) else varying[:2])
 
     def to_dict(self) -> dict[str, Any]:
         """Return all fields as JSON has them; of a policy's absolute path the last part, see `policies.recorded`."""
@@ -206,18 +219,18 @@ class SweepConfig:
 
     def command(self) -> str | None:
         """Return the command line of this configuration; None for an arm that needs a file."""
+        if self.parameters != ArmParameters():
+            return None
         words = ["fuzzyarm", "sweep"]
         if self.robot is not None:
             if self.robot.name not in shipped_robots() or self.robot != robot_named(self.robot.name):
                 return None
             words += ["--robot", self.robot.name]
-        elif self.parameters != ArmParameters():
-            return None
         for name, value in self.to_dict().items():
             for given in value if isinstance(value, list) else [value]:
-                if name not in ("parameters", "robot"):
+                if name not in ("parameters", "robot", "map"):
                     words += [f"--{_OPTIONS.get(name, name)}", *map(str, given if isinstance(given, list) else [given])]
-        return shlex.join(words)
+        return shlex.join([*words, "--map", *self.map] if self.map else words)
 
 
 def _rows(name: str, given: Any, kind: Callable[..., Any]) -> tuple[Any, ...]:

@@ -1,4 +1,4 @@
-"""The quantities in which plants differ, the distributions that they are drawn from, and the columns of their numbers."""
+"""The quantities in which plants differ, the distributions they are drawn from, and the columns of their numbers."""
 
 from __future__ import annotations
 
@@ -65,7 +65,7 @@ class Column(NamedTuple):
 @functools.cache
 def columns_of(joints: int) -> dict[str, Column]:
     """Return the numbers that make a plant of so many joints by name: ``stiffness_1``, ``stiffness_2``, ``payload``."""
-    columns = {}
+    columns = dict[str, Column]()
     for name, quantity in QUANTITIES.items():
         if quantity.arm_fields:
             columns |= {f"{name}_{joint + 1}": Column(name, joint) for joint in range(joints)}

@@ -25,7 +25,11 @@ __all__ = ["COLORS", "Cells", "draw_sweep", "write_sweep_figures"]
 
 PLANTS_PER_BIN, MOST_BINS = 12, 20
 COLORS = "viridis_r"  # ordered by lightness for any colour vision, and in grey: dark is bad
-EARLY = {"facecolor": "#BBBBBB", "hatch": "////", "edgecolor": "black"}  # where half or more ended early
+EARLY: dict[str, Any] = {
+    "facecolor": "#BBBBBB",
+    "hatch": "////",
+    "edgecolor": "black",
+}  # where half or more ended early
 FINE, COARSE = 1.0 / 40.0, 5.0
 """Ends of the colour scale, as shares of the bound of success."""
 LEFT = 1.0 / 200.0  # left end of the curves, as a share of the bound
@@ -137,7 +141,7 @@ def _spread(config: SweepConfig, errors: np.ndarray, rows: Sequence[dict[str, An
                     reach = [[value - low], [high - value]]
                     axes.errorbar(value, 100.0 * float(level), xerr=reach, color=style["color"], marker=marker, **bar)
         handles.append(Line2D([], [], **style, marker=marker, markersize=5, label=policy))
-    bound = {"color": "#333333", "linewidth": 0.9}
+    bound: dict[str, Any] = {"color": "#333333", "linewidth": 0.9}
     for axes, case in zip(panels, config.cases, strict=True):
         axes.axvline(config.bound, **bound, zorder=1.5)
         axes.set_xscale("log")

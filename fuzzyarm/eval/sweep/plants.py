@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import dataclasses
 from collections.abc import Mapping, Sequence
+from typing import Any
 
 import numpy as np
 
@@ -54,7 +55,7 @@ class Plants:
         # This environment only draws, so that the values are known before any episode is run.
         reference, ranges = default_reference(config.arm), config.drawn()
         drawing = FuzzyArmVectorEnv(
-            len(members), robot=config.arm, reference=reference, randomisation=ranges, threads=1
+            len(members), **_arm_argument(config.arm), reference=reference, randomisation=ranges, threads=1
         )
         drawn = drawing.reset(seed=plants.seeds)[1].get("randomisation", {})
         found = drawn | plants._extras(ranges) | plants._cells()
@@ -92,11 +93,12 @@ class Plants:
                     loads[load] = _disturbance(arm, *load, noisy)
                 lane_arms.append(arms[key])
                 lane_loads.append(loads[load])
-        widest = dataclasses.replace(drawn, **{axis.quantity: (axis.low, axis.high) for axis in config.grid})
+        set_by_grid: dict[str, Any] = {axis.quantity: (axis.low, axis.high) for axis in config.grid}
+        widest = dataclasses.replace(drawn, **set_by_grid)
         return FuzzyArmVectorEnv(
             len(lane_arms),
             disturbance=lane_loads,
-            robot=lane_arms,
+            **_arm_argument(lane_arms),
             reference=default_reference(arm),
             control_period=CONTROL_PERIOD,
             substep=CONTROL_PERIOD / default_substeps(CONTROL_PERIOD, fastest_rate([arm], widest)),
@@ -107,7 +109,7 @@ class Plants:
     def begin(self, envs: FuzzyArmVectorEnv) -> tuple[np.ndarray, dict[str, np.ndarray]]:
         """Begin the plants' episodes in their `environment`; every arm starts where the nominal one does."""
         arm = self.config.arm
-        nominal = FuzzyArmVectorEnv(1, robot=arm, reference=default_reference(arm), threads=1)
+        nominal = FuzzyArmVectorEnv(1, **_arm_argument(arm), reference=default_reference(arm), threads=1)
         _, at_rest = nominal.reset(seed=0)
         start = np.concatenate([at_rest[name][0] for name in ("q_motor", "q_link", "dq_motor", "dq_link")])
         cases = envs.num_envs // len(self.members)
@@ -143,6 +145,12 @@ class ScaledForce:
     def at(self, time: np.ndarray, tip_velocity: np.ndarray) -> np.ndarray:
         """Return the force [N] at times (...) [s], of the shape (..., 2 or 3) of reference tip velocities [m/s]."""
         return self.factor * self.force.at(time, tip_velocity)
+
+
+def _arm_argument(arms: AnyArm | list[AnyArm]) -> dict[str, Any]:
+    """Return the argument of an environment for an arm, or for one of each lane."""
+    first = arms[0] if isinstance(arms, list) else arms
+    return {"robot" if isinstance(first, Robot) else "parameters": arms}
 
 
 def _varied(arm: AnyArm, factors: Mapping[str, float]) -> AnyArm:

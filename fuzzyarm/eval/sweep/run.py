@@ -35,13 +35,13 @@ from fuzzyarm.eval.episodes.rollout import Rollout
 from fuzzyarm.eval.sweep.config import SHOWN, SweepConfig
 from fuzzyarm.eval.sweep.episodes import SweepResults, replay, run_plants
 from fuzzyarm.eval.sweep.plants import CONTROL_PERIOD
-from fuzzyarm.eval.sweep.summary import SUMMARY, summarise, summary_csv
+from fuzzyarm.eval.sweep.summary import SCHEMA, SUMMARY, summarise, summary_csv
 from fuzzyarm.fuzzy_policy.policy import Predictor
 from fuzzyarm.policies import Kind, PolicySpec, found_again, resolve, resolve_all
 
-__all__ = ["SOURCES", "Replay", "Summary", "Sweep", "digest_of", "identity_of", "made_with", "run_chunk"]
+__all__ = ["SOURCES", "Replay", "Summary", "Sweep", "difference", "digest_of", "identity_of", "made_with", "run_chunk"]
 
-SCHEMA, RUN = "fuzzyarm-sweep-run/1", "run.json"
+RUN = "run.json"
 SOURCES = (
     *("common", "envs", "fuzzy_policy", "learned_policy", "numbers", "policies", "eval/episodes"),
     *(f"eval/sweep/{name}.py" for name in ("distributions", "config", "plants", "episodes")),
@@ -97,15 +97,15 @@ class Sweep:
             raise ValueError(f"{folder} holds a sweep already: go on with it with --resume, or choose another --out")
         if any(folder.glob("chunks/[!.]*")):
             raise ValueError(
-                f"{folder}/chunks holds results of a sweep whose {RUN} is missing: remove chunks, or choose another --out"
+                f"{folder / 'chunks'} holds results of a sweep whose {RUN} is missing: remove chunks, or choose "
+                "another --out"
             )
         specs = resolve_all(config.policies, run_code=True)
         identity = identity_of(config, specs)
         sweep = cls(folder, config, specs, _loaded(specs, config), digest_of(identity))
         document = {"schema": SCHEMA, "command": config.command(), "config": config.to_dict()} | identity
-        (folder / "chunks").mkdir(
-            parents=True, exist_ok=True
-        )  # one that is empty is what a run leaves that is killed here
+        # A run that is killed after this line leaves an empty folder of chunks, which is no obstacle to the next.
+        (folder / "chunks").mkdir(parents=True, exist_ok=True)
         try:
             write_atomically(folder / RUN, _json({**document, "digest": sweep.digest}))
         except BaseException:
@@ -138,11 +138,11 @@ class Sweep:
         named = given.pop("policies", ())
         _check_named(path, config, named)
         config = dataclasses.replace(config, **{name: given.pop(name) for name in SHOWN if name in given})
-        if changed := _difference(config.to_dict(), dataclasses.replace(config, **given).to_dict()):
+        if changed := difference(config.to_dict(), dataclasses.replace(config, **given).to_dict()):
             raise ValueError(f"{folder} holds a sweep with other settings ({changed}): choose another --out")
         names = found_again(config.policies, then["policies"], named, Path(folder))
         specs = {label: resolve(spec.name, run_code=spec.name in named) for label, spec in resolve_all(names).items()}
-        if changed := _difference(then, json.loads(json.dumps(identity_of(config, specs)))):
+        if changed := difference(then, json.loads(json.dumps(identity_of(config, specs)))):
             raise ValueError(
                 f"{folder} was begun with other versions, code, cases or policy files than there are now ({changed}), "
                 "and results are not mixed: begin anew in another folder"
@@ -172,7 +172,8 @@ class Sweep:
             report: called with a line when a worker was lost, whose chunk is repeated.
 
         Raises:
-            ValueError: a chunk in the folder is broken, a policy fails, or a worker has other versions than this process.
+            ValueError: a chunk in the folder is broken, a policy fails, or a worker has other versions than this
+                process.
             engine.WorkersLost: workers die again and again.
             OSError: a chunk cannot be written.
         """
@@ -204,7 +205,7 @@ class Sweep:
 
         config, folder, results = self.config, self.folder, self.results()
         document = summarise(config, results, declarations_of(self.specs, self.policies, config.arm))
-        contents = {
+        contents: dict[str, str | bytes] = {
             SUMMARY: _json(document),
             "sweep.csv": summary_csv(document["rows"]),
             "episodes.npz": _compressed(vars(results)),
@@ -256,7 +257,7 @@ def run_chunk(
     config: SweepConfig, policies: Mapping[str, Predictor], needed: Mapping[str, str], number: int
 ) -> SweepResults:
     """Run a chunk in this process; ValueError where its `made_with` is not what is needed."""
-    if found := _difference(made_with(), needed):
+    if found := difference(made_with(), needed):
         raise ValueError(
             f"a worker has other versions than the process that runs the sweep ({found}): install the same on all, "
             "and change no source while it runs"
@@ -277,6 +278,7 @@ def made_with() -> dict[str, str]:
     digest, root = hashlib.sha256(), Path(fuzzyarm.__file__).parent
     for path in (root / name for name in SOURCES):
         files = [path] if path.is_file() else sorted(path.rglob("*"))
+        assert files, f"{path} is missing: SOURCES must follow the package's folders"
         for file in files:
             if file.is_file() and "__pycache__" not in file.parts:
                 digest.update(file.relative_to(path.parent).as_posix().encode() + b"\0" + file.read_bytes() + b"\0")
@@ -342,13 +344,13 @@ def _described(case: Case, axes: int) -> str:
     return hashlib.sha256(text.encode() + forces).hexdigest()
 
 
-def _difference(one: Mapping[str, Any], other: Mapping[str, Any]) -> str:
+def difference(one: Mapping[str, Any], other: Mapping[str, Any]) -> str:
     """Return in words in which entries two mappings differ; empty if they do not."""
     found = []
     for key in dict.fromkeys([*one, *other]):
         then, now = one.get(key), other.get(key)
         if isinstance(then, Mapping) and isinstance(now, Mapping):
-            inner = _difference(then, now)
+            inner = difference(then, now)
             found += [f"{listed([key])}: {inner}"] if inner else []
         elif then != now:  # of digests and versions the first characters are enough
             found.append(f"{listed([key])} {listed([then]):.20} and {listed([now]):.20}")
@@ -357,14 +359,17 @@ def _difference(one: Mapping[str, Any], other: Mapping[str, Any]) -> str:
 
 def _check_named(path: Path, config: SweepConfig, named: Sequence[str]) -> None:
     """Check that the user has named all code that would be run, and no policy that is not in the sweep."""
-    unnamed = [name for name in config.policies if resolve(name).kind is Kind.CODE and name not in named]
+    code = [name for name in config.policies if resolve(name).kind is Kind.CODE]
+    unnamed = [name for name in code if name not in named]
     if unnamed:
         flags = " ".join(f"--policy {name}" for name in unnamed)
         raise ValueError(
             f"{path} names code that is not part of fuzzyarm, which a file alone does not get run; if you trust it, "
             f"add {flags}"
         )
-    if not {resolve(name).label for name in named} <= set(config.labels):
+    labels = [resolve(name).label for name in named]
+    moved = [name for name in named if (spec := resolve(name)).path and not spec.named and spec.label in config.labels]
+    if labels != config.labels and set(named) - set(moved) - set(code):
         raise ValueError(
             f"{path.parent} holds a sweep with policies = {', '.join(config.policies)}, not {', '.join(named)}: "
             "choose another --out"
