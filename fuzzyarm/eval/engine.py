@@ -12,6 +12,7 @@ import pickle
 import pickletools
 import socket
 import sys
+import threading
 import warnings
 from collections.abc import Callable, Generator, Iterator, Sequence
 from concurrent.futures import BrokenExecutor
@@ -139,12 +140,13 @@ class Engine:
                 f'{error.name} is not installed; in the repository: pip install -c constraints.txt -e ".[cluster]"'
             ) from None
         backend = RayBackend()
-        backend.supports_return_generator = True  # it does, as results are handed over one by one
+        backend.supports_return_generator = True  # joblib's own pool does not; Ray's hands results over one by one
         with _cluster(ray, self.address, self.jobs, modules), parallel_config(backend=backend):
             cpus = max(1, int(ray.cluster_resources().get("CPU", 1)))
-            lost = ray.exceptions.RayActorError, ray.exceptions.WorkerCrashedError, ray.exceptions.OutOfMemoryError
+            kinds = "RayActor", "WorkerCrashed", "OutOfMemory", "NodeDied", "LocalRayletDied", "ObjectLost"
+            lost = tuple(getattr(ray.exceptions, f"{kind}Error") for kind in kinds)
             try:
-                yield min(self.jobs or cpus, cpus), (*lost, ray.exceptions.NodeDiedError)
+                yield min(self.jobs or cpus, cpus), lost
             except ray.exceptions.RuntimeEnvSetupError as error:
                 raise ValueError(f"Ray cannot send the policies' modules: {str(error).splitlines()[0]}") from None
 
@@ -204,6 +206,10 @@ def _cluster(ray: Any, address: str | None, jobs: int | None, modules: Sequence[
         try:
             yield
         finally:
+            # A thread of the pool that asks for a result after the shutdown would start another cluster.
+            for thread in threading.enumerate():
+                if type(thread).__module__ == "ray.util.multiprocessing.pool":
+                    thread.join(timeout=10.0)
             ray.shutdown()
 
 
