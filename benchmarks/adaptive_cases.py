@@ -101,10 +101,10 @@ def plants(case: str, drawn: DomainRandomisation | str, count: int, noise: float
 
 def populations(count: int) -> list[dict[str, Any]]:
     """Return what happens to held-out plants."""
-    spread = DISTRIBUTIONS["plants"].randomisation()
+    spread = DISTRIBUTIONS["plants"]
     runs: list[tuple[str, str, Any, float, int, float]] = []
     for case in PAPER_CASES:
-        runs.append(("corner", case, DISTRIBUTIONS["all"].randomisation(), 2.0, LATEST, 1.0))
+        runs.append(("corner", case, DISTRIBUTIONS["all"], 2.0, LATEST, 1.0))
         runs += [(f"torque x {factor:g}", case, spread, 0.0, 0, factor) for factor in TORQUE]
     heavy = dataclasses.replace(spread, payload=(HEAVY, HEAVY))
     runs.append((f"{HEAVY:g} kg from the first instant", "nominal", heavy, 0.0, 0, 1.0))

@@ -93,7 +93,7 @@ def plants(count: int) -> list[dict[str, Any]]:
     late = generator.integers(int(drawn.delay[0]), int(drawn.delay[1]) + 1, count)
     noise = generator.uniform(*drawn.noise, count)
     loads = [Disturbance(encoder_noise=EncoderNoise(x * NOISE.position, x * NOISE.velocity)) for x in noise]
-    envs = gym.make_vec("FuzzyArm-v0", num_envs=count, disturbance=loads, randomisation=drawn.randomisation())
+    envs = gym.make_vec("FuzzyArm-v0", num_envs=count, disturbance=loads, randomisation=drawn)
     policy = AdaptiveObserverPolicy()
     errors, read = run(policy, envs, SEED, late)
     largest, first = errors.max(axis=0), round(LATER / policy.control_period)

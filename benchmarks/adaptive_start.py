@@ -28,9 +28,9 @@ from adaptive_cases import CAP_MM, LATEST, TORQUE, episode, plants
 
 from fuzzyarm.common.files import write_atomically
 from fuzzyarm.envs.physics.parameters import ArmParameters
+from fuzzyarm.eval.engine import Engine
 from fuzzyarm.eval.provenance import current_provenance
 from fuzzyarm.eval.sweep.distributions import DISTRIBUTIONS
-from fuzzyarm.eval.sweep.engine import Engine
 from fuzzyarm.eval.tuning.adaptive_search import RandomArms, noisy_nominal
 from fuzzyarm.eval.tuning.conditions import PERIOD
 from fuzzyarm.fuzzy_policy.laws.adaptive.policy import AdaptiveObserverPolicy
@@ -68,7 +68,7 @@ def measured(last: bool, number: int) -> dict[str, Any]:
 
 def unloaded_errors(policy: AdaptiveObserverPolicy, count: int, seed: int) -> dict[str, np.ndarray]:
     """Return the largest tip errors (count,) [mm] of plants without load, strong ones and late ones."""
-    strong, late = (plants("nominal", DISTRIBUTIONS[of].randomisation(), count, noise) for of, noise in _GROUPS)
+    strong, late = (plants("nominal", DISTRIBUTIONS[of], count, noise) for of, noise in _GROUPS)
     return {
         "strong": episode(policy, strong, seed, np.zeros(count, dtype=int), max(TORQUE), None)[0],
         "late": episode(policy, late, seed, np.full(count, LATEST), 1.0, None)[0],

@@ -26,8 +26,8 @@ from adaptive_start import NEVER, in_groups, objective, unloaded_errors
 
 from fuzzyarm import load_policy
 from fuzzyarm.common.files import write_atomically
+from fuzzyarm.eval.engine import Engine
 from fuzzyarm.eval.provenance import current_provenance
-from fuzzyarm.eval.sweep.engine import Engine
 from fuzzyarm.eval.tuning.adaptive_search import RandomArms
 from fuzzyarm.fuzzy_policy.laws.adaptive.policy import AdaptiveObserverPolicy
 from fuzzyarm.learned_policy.estimate.policy import LearnedObserverPolicy

@@ -20,8 +20,8 @@ import numpy as np
 
 from fuzzyarm.common.files import write_atomically
 from fuzzyarm.envs.physics.parameters import ArmParameters
+from fuzzyarm.eval.engine import Engine
 from fuzzyarm.eval.provenance import current_provenance
-from fuzzyarm.eval.sweep.engine import Engine
 from fuzzyarm.eval.tuning.adaptive_search import (
     BOX,
     CAP,

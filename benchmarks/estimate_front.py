@@ -121,7 +121,7 @@ def measured(policy: Policy, plants: int) -> list[dict[str, Any]]:
         repeats * plants,
         case=[one.case for one in CONDITIONS for _ in range(plants)],
         control_period=CONTROL_PERIOD / 2,
-        randomisation=config.drawn().randomisation(),
+        randomisation=config.drawn(),
         threads=1,
     )
     late = np.repeat([round(2 * one.late) for one in CONDITIONS], plants)

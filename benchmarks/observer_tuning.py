@@ -25,10 +25,10 @@ from fuzzyarm.common.files import write_atomically
 from fuzzyarm.envs.physics.parameters import ArmParameters
 from fuzzyarm.envs.scenario.cases import PAPER_CASES, find_case
 from fuzzyarm.envs.scenario.disturbances import Disturbance
+from fuzzyarm.eval.engine import Engine
 from fuzzyarm.eval.provenance import current_provenance
 from fuzzyarm.eval.stability.linearisation import linearise_path
 from fuzzyarm.eval.stability.local_loop import gain_limits
-from fuzzyarm.eval.sweep.engine import Engine
 from fuzzyarm.eval.tuning.conditions import PERIOD, with_stiffness
 from fuzzyarm.eval.tuning.observer_search import (
     BOX,

@@ -18,9 +18,9 @@ from fuzzyarm.common.console import progress
 from fuzzyarm.common.files import write_atomically
 from fuzzyarm.envs.physics.equations import AnyArm, chosen_arm
 from fuzzyarm.envs.physics.parameters import ArmParameters
+from fuzzyarm.eval.engine import Engine
 from fuzzyarm.eval.evaluation.run import EvaluationConfig, evaluate
 from fuzzyarm.eval.provenance import current_provenance
-from fuzzyarm.eval.sweep.engine import Engine
 from fuzzyarm.eval.tuning.run import begin, resumed_arm, tune
 from fuzzyarm.policies import policies_of
 

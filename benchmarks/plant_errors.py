@@ -14,11 +14,10 @@ import numpy as np
 
 from fuzzyarm.common.files import write_atomically
 from fuzzyarm.envs.scenario.cases import CASES, Case, add_case
+from fuzzyarm.eval.engine import Engine
 from fuzzyarm.eval.provenance import current_provenance
 from fuzzyarm.eval.sweep.config import SweepConfig
-from fuzzyarm.eval.sweep.engine import Engine
-from fuzzyarm.eval.sweep.episodes import run_plants
-from fuzzyarm.eval.sweep.results import SweepResults
+from fuzzyarm.eval.sweep.episodes import SweepResults, run_plants
 
 __all__ = ["Errors", "Population", "errors_of", "keep", "kept", "measured"]
 

@@ -25,11 +25,11 @@ from typing import Any
 
 from fuzzyarm.common.files import write_atomically
 from fuzzyarm.envs.physics.robot import Robot, robot_named
+from fuzzyarm.eval.engine import Engine
 from fuzzyarm.eval.evaluation.run import EvaluationConfig, evaluate
 from fuzzyarm.eval.provenance import current_provenance
 from fuzzyarm.eval.stability.margins import MarginsConfig, measure_margins, policy_margins
 from fuzzyarm.eval.sweep.config import SweepConfig
-from fuzzyarm.eval.sweep.engine import Engine
 from fuzzyarm.eval.sweep.run import Sweep
 from fuzzyarm.fuzzy_policy.laws.scheduled import ScheduledPolicy
 from fuzzyarm.fuzzy_policy.scheduled import ScheduledController

@@ -23,6 +23,7 @@ if TYPE_CHECKING:
     from fuzzyarm.eval.certified.tip.bound import TipClaim, find_bound
     from fuzzyarm.eval.certified.tip.bound_file import save_bound
     from fuzzyarm.eval.certified.verification import verify_file
+    from fuzzyarm.eval.engine import Engine
     from fuzzyarm.eval.episodes.metrics import metrics_of
     from fuzzyarm.eval.episodes.rollout import Rollout, run_episode
     from fuzzyarm.eval.episodes.rollout_file import write_rollouts
@@ -32,7 +33,6 @@ if TYPE_CHECKING:
     from fuzzyarm.eval.report.page import write_report
     from fuzzyarm.eval.stability.margins import MarginsConfig, measure_margins
     from fuzzyarm.eval.sweep.config import SweepConfig
-    from fuzzyarm.eval.sweep.engine import Engine
     from fuzzyarm.eval.sweep.run import Sweep
     from fuzzyarm.eval.tuning.run import tune_arm
     from fuzzyarm.export.c_files import export_c
@@ -106,7 +106,7 @@ _HOMES = {
     "Design": "synthesis",
     "DesignFailed": "synthesis",
     "DesignProblem": "synthesis",
-    "Engine": "eval.sweep.engine",
+    "Engine": "eval.engine",
     "EvaluationConfig": "eval.evaluation.run",
     "MarginsConfig": "eval.stability.margins",
     "Robot": "envs.physics.robot",

@@ -12,9 +12,8 @@ from cyclopts import Parameter
 from fuzzyarm.cli.options import given, with_fields_of
 from fuzzyarm.cli.usage import claimed_folder
 from fuzzyarm.common.console import say
+from fuzzyarm.eval.engine import Engine, WorkersLost
 from fuzzyarm.eval.sweep.config import SweepConfig
-from fuzzyarm.eval.sweep.engine import Engine
-from fuzzyarm.eval.sweep.losses import WorkersLost
 
 if TYPE_CHECKING:
     from fuzzyarm.eval.sweep.run import Sweep
@@ -77,7 +76,7 @@ def _complete(options: Options, sweep: Sweep, engine: Engine) -> int:
         return _stopped(options.out, str(error), 1)
     except (OSError, ValueError):
         if not options.resume:
-            sweep.store.take_back()
+            sweep.take_back()
         raise
     return 0
 
@@ -109,7 +108,7 @@ def _run(sweep: Sweep, engine: Engine) -> None:
     def report(text: str) -> None:
         say(f"fuzzyarm sweep: {text}", error=True)
 
-    total = sweep.store.config.total
+    total = sweep.config.total
     done = total - sweep.remaining
     with progress("plants", total) as advance:
         advance(completed=done)
@@ -123,7 +122,7 @@ def _summarise(sweep: Sweep, as_json: bool) -> None:
     import json
 
     from fuzzyarm.common.console import output, print_paragraphs, progress
-    from fuzzyarm.eval.sweep.table import print_sweep
+    from fuzzyarm.eval.sweep.summary import print_sweep
 
     with progress("figures", None) as advance:
         summary = sweep.summarise(advance)
@@ -132,7 +131,7 @@ def _summarise(sweep: Sweep, as_json: bool) -> None:
         return
     console = output()
     print_sweep(summary.document, console)
-    print_paragraphs(console, [f"{len(summary.paths)} files in {sweep.store.folder}"])
+    print_paragraphs(console, [f"{len(summary.paths)} files in {sweep.folder}"])
 
 
 def _replay(sweep: Sweep, policy: str, case: str, plant: int) -> None:

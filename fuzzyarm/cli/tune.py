@@ -40,9 +40,8 @@ def run(options: Options) -> int:
     """Tune; return 1 if no policy has stable gains."""
     from fuzzyarm.common.console import progress, say
     from fuzzyarm.envs.physics.equations import chosen_arm
+    from fuzzyarm.eval.engine import Engine, WorkersLost
     from fuzzyarm.eval.stability.margins import print_margins
-    from fuzzyarm.eval.sweep.engine import Engine
-    from fuzzyarm.eval.sweep.losses import WorkersLost
     from fuzzyarm.eval.tuning.run import NothingFound, begin, resumed_arm, tune
 
     engine = Engine(jobs=options.jobs)

@@ -28,12 +28,12 @@ from fuzzyarm.eval.certified.tip.cells_file import save_cells
 from fuzzyarm.eval.certified.tip.plant_set import PlantSet
 from fuzzyarm.eval.dataset import store
 from fuzzyarm.eval.dataset.config import DatasetConfig
+from fuzzyarm.eval.engine import Engine
 from fuzzyarm.eval.episodes.rollout_file import write_rollouts
 from fuzzyarm.eval.evaluation.run import EvaluationConfig, evaluate, write_results
 from fuzzyarm.eval.sweep.config import SweepConfig
-from fuzzyarm.eval.sweep.engine import Engine
-from fuzzyarm.eval.sweep.quantities import plant_record
-from fuzzyarm.eval.sweep.results import SweepResults
+from fuzzyarm.eval.sweep.distributions import plant_record
+from fuzzyarm.eval.sweep.episodes import SweepResults
 from fuzzyarm.eval.sweep.run import Sweep
 from fuzzyarm.eval.sweep.summary import summarise
 from fuzzyarm.eval.tuning.finding import write_finding

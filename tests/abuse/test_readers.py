@@ -40,9 +40,8 @@ from fuzzyarm.eval.episodes.rollout_file import digest, read_rollouts
 from fuzzyarm.eval.evaluation.ranking import rank_policies
 from fuzzyarm.eval.paper.drift import EXPECTED, load_expected
 from fuzzyarm.eval.report.stored import read_evaluation
-from fuzzyarm.eval.sweep.identity import digest_of_identity
 from fuzzyarm.eval.sweep.ranking import rank_sweeps
-from fuzzyarm.eval.sweep.run import Sweep
+from fuzzyarm.eval.sweep.run import Sweep, digest_of
 from fuzzyarm.eval.tuning.finding import read_finding
 from fuzzyarm.fuzzy_policy.controller_files import load_controller
 from fuzzyarm.identification.log import read_log
@@ -142,16 +141,16 @@ def rollouts(folder: Path) -> None:
 
 def resume(folder: Path) -> None:
     opened = Sweep.resume(folder)
-    if opened.store.config.total <= 4 and opened.store.config.plants <= 4:
-        opened.store.missing()
-        opened.store.load_all()
+    if opened.config.total <= 4 and opened.config.plants <= 4:
+        opened.missing()
+        opened.results()
 
 
 def sign_run(content: dict[str, Any]) -> dict[str, Any]:
     """Sign a run.json as whoever forges it would: the numbers follow the configuration."""
     content["numbers"] = {name: content["config"].get(name, value) for name, value in content["numbers"].items()}
     then = {name: content[name] for name in ("numbers", "policies", "made_with")}
-    return content | {"digest": digest_of_identity(then)}
+    return content | {"digest": digest_of(then)}
 
 
 def train(folder: Path) -> None:

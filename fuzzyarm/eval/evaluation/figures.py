@@ -27,7 +27,7 @@ from fuzzyarm.eval.figure_files import write_figure
 
 __all__ = [
     "BAND", "DASHES", "DIPS", "FOCUS", "LOWEST", "MAGNIFICATIONS", "REFERENCE", "ROOM", "SMALL", "TALLER",
-    "draw_figures", "write_figures",
+    "draw_figures", "figure_style", "policy_styles", "write_figures",
 ]  # fmt: skip
 
 MAGNIFICATIONS = (20, 10, 5, 2, 1)
@@ -82,7 +82,7 @@ def write_figures(
     """
     paths, folder = list[Path](), path_of("folder", folder)
     rollouts = [instance("rollouts", run, Rollout) for run in sequence_of("rollouts", rollouts)]
-    with _style():
+    with figure_style():
         for name, figure in draw_figures(rollouts, titles).items():
             paths += write_figure(figure, folder, name)
             if progress is not None:
@@ -104,8 +104,8 @@ def draw_figures(rollouts: Sequence[Rollout], titles: Mapping[str, str] | None =
     titles = {case: known.get(case, case) for case in first}
     columns = {titles[case]: list(by_policy.values()) for case, by_policy in first.items()}
     figures = {}
-    with _style():
-        styles = _policy_styles(rollouts)
+    with figure_style():
+        styles = policy_styles([rollout.policy for rollout in rollouts])
         for case, title in titles.items():
             episodes = columns[title]
             figures[f"{case}-path"] = _path_figure(title, episodes, styles)
@@ -117,16 +117,15 @@ def draw_figures(rollouts: Sequence[Rollout], titles: Mapping[str, str] | None =
     return figures
 
 
-def _style() -> AbstractContextManager[None]:
+def figure_style() -> AbstractContextManager[None]:
     """Return the context in which figures are drawn: Matplotlib's defaults and ``fuzzyarm.mplstyle``."""
     return matplotlib.style.context("fuzzyarm.eval.fuzzyarm", after_reset=True)
 
 
-def _policy_styles(rollouts: Sequence[Rollout]) -> Styles:
-    """Return colour and dashes by policy, the same in every figure."""
-    policies = dict.fromkeys(rollout.policy for rollout in rollouts)
+def policy_styles(labels: Sequence[str]) -> Styles:
+    """Return colour and dashes by policy, the same in every figure; within `figure_style`."""
     colors = itertools.cycle(matplotlib.rcParams["axes.prop_cycle"].by_key()["color"])
-    looks = zip(policies, colors, itertools.cycle(DASHES), strict=False)
+    looks = zip(dict.fromkeys(labels), colors, itertools.cycle(DASHES), strict=False)
     return {policy: {"color": color, "linestyle": dashes} for policy, color, dashes in looks}
 
 

@@ -22,7 +22,7 @@ import numpy as np
 from rich.console import Console
 from rich.text import Text
 
-from fuzzyarm.common.checks import path_of, sequence_of
+from fuzzyarm.common.checks import listed, path_of, sequence_of
 from fuzzyarm.common.console import print_paragraphs, print_table
 from fuzzyarm.common.console import table as new_table
 from fuzzyarm.envs.scenario.cases import CASES
@@ -36,8 +36,8 @@ from fuzzyarm.policies import resolve
 from fuzzyarm.policies.declared import Declared
 
 __all__ = [
-    "Leaderboard", "Ranking", "Standing", "Table", "document", "markdown", "print_leaderboard", "rank_policies",
-    "ranks_of", "shown", "standings_of",
+    "Leaderboard", "Ranking", "Standing", "Table", "check_comparable", "document", "markdown", "print_leaderboard",
+    "rank_policies", "ranks_of", "shown", "standings_of",
 ]  # fmt: skip
 
 _LEFT = ("policy", "proven", "from")  # headings of the columns that are aligned left
@@ -154,24 +154,27 @@ def rank_policies(paths: Sequence[str | Path], tips: Mapping[str, str] | None = 
         OSError: a file cannot be read.
     """
     read = [read_results(path_of("paths", path)) for path in sequence_of("paths", paths)]
-    first = read[0]
-    for number, other in enumerate(read):
-        if any(other.path.samefile(earlier.path) for earlier in read[:number]):
-            raise ValueError(f"{other.path} is given twice; leave one out")
-        theirs = _conditions(other)
-        for name, value in _conditions(first).items():
-            if theirs[name] != value:
-                raise ValueError(
-                    f"{first.path} and {other.path} are not comparable: {name} is {value} in the first and "
-                    f"{theirs[name]} in the second; evaluate anew under the same conditions"
-                )
+    check_comparable([results.path for results in read], list(map(_conditions, read)), "evaluate")
     standings = [
         dataclasses.replace(one, tip=(tips or {}).get(one.policy, ""), declared=results.declared[one.policy])
         for results in read
         for one in standings_of(results.config, results.rows, results.certificates, str(results.path))
     ]
-    words = f"fuzzyarm {first.versions['fuzzyarm']}, {conditions_in_words(first.config)}"
+    words = f"fuzzyarm {read[0].versions['fuzzyarm']}, {conditions_in_words(read[0].config)}"
     return Leaderboard(sorted(standings, key=lambda standing: standing.order), words)
+
+
+def check_comparable(files: Sequence[Path], conditions: Sequence[Mapping[str, Any]], verb: str) -> None:
+    """Raise ValueError where a file is given twice, or differs from the first in a condition; `verb` is the way out."""
+    for number, (file, theirs) in enumerate(zip(files, conditions, strict=True)):
+        if any(file.samefile(earlier) for earlier in files[:number]):
+            raise ValueError(f"{file} is given twice; leave one out")
+        for name, value in conditions[0].items():
+            if theirs[name] != value:
+                raise ValueError(
+                    f"{files[0]} and {file} are not comparable: {name} is {listed([value])} in the first and "
+                    f"{listed([theirs[name]])} in the second; {verb} anew under the same conditions"
+                )
 
 
 def _conditions(results: Results) -> dict[str, Any]:

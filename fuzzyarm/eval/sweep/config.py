@@ -17,30 +17,20 @@ from fuzzyarm.envs.physics.equations import AnyArm
 from fuzzyarm.envs.physics.parameters import ArmParameters
 from fuzzyarm.envs.physics.robot import Robot, robot_named, shipped_robots
 from fuzzyarm.envs.scenario.cases import PAPER_CASES, case_for, find_case
-from fuzzyarm.eval.sweep.distributions import DISTRIBUTIONS, Distribution, distribution_for
-from fuzzyarm.eval.sweep.quantities import QUANTITIES, columns_of
+from fuzzyarm.eval.sweep.distributions import DISTRIBUTIONS, QUANTITIES, Distribution, columns_of, distribution_for
 from fuzzyarm.fuzzy_policy.known_arm import joints_of
 from fuzzyarm.policies import ANY_ROBOT, recorded, resolve
 
-__all__ = ["POLICIES", "SHOWN", "Axis", "QuantityRange", "SweepConfig"]
-
-POLICIES = ("fuzzy-4", "fuzzy-4-tip", "computed-torque-tip", "elastic-observer")
-"""The policies of a sweep if none are named."""
+__all__ = ["SHOWN", "Axis", "QuantityRange", "SweepConfig"]
 
 SHOWN = ("bound", "worst", "map")
 """Fields that decide only how results are shown: they change no episode."""
-
 _MAP = ("stiffness_1", "payload")  # the plane of the heat maps where both vary and no other is asked for
+_OPTIONS = {"policies": "policy", "cases": "case", "ranges": "range"}  # fields whose option has another name
 
 
 class QuantityRange(NamedTuple):
-    """A range that replaces the distribution's for one quantity.
-
-    Attributes:
-        quantity: its name.
-        low: lower end.
-        high: upper end.
-    """
+    """A range [low, high] that replaces the distribution's for one quantity."""
 
     quantity: str
     low: float
@@ -48,14 +38,7 @@ class QuantityRange(NamedTuple):
 
 
 class Axis(NamedTuple):
-    """One axis of a grid: values of a quantity at equal distances, the same for all joints.
-
-    Attributes:
-        quantity: its name.
-        low: the first value.
-        high: the last value.
-        number: number of values, at least 2.
-    """
+    """One axis of a grid: `number` values of a quantity from `low` to `high`, the same for all joints."""
 
     quantity: str
     low: float
@@ -97,7 +80,7 @@ class SweepConfig:
         ValueError: a value is unknown or out of range; the message names the choices.
     """
 
-    policies: tuple[str, ...] = POLICIES
+    policies: tuple[str, ...] = ("fuzzy-4", "fuzzy-4-tip", "computed-torque-tip", "elastic-observer")
     cases: tuple[str, ...] = PAPER_CASES
     parameters: ArmParameters = dataclasses.field(default_factory=ArmParameters)
     robot: Robot | None = None
@@ -113,10 +96,8 @@ class SweepConfig:
 
     def __post_init__(self) -> None:
         """Check everything but the policies, which are checked when they are loaded."""
-        for name in ("policies", "cases"):
-            distinct(name, getattr(self, name))
-        texts("map", self.map)
-        for case in self.cases:
+        distinct("policies", self.policies)
+        for case in distinct("cases", self.cases):
             find_case(case)
         instance("parameters", self.parameters, ArmParameters)
         if self.robot is not None:
@@ -125,31 +106,31 @@ class SweepConfig:
             whole(name, getattr(self, name), low=low)
         real("bound", self.bound, "mm", above=0.0)
         choice("distribution", self.distribution, DISTRIBUTIONS)
-        object.__setattr__(self, "ranges", _tuples("ranges", self.ranges, QuantityRange))
-        object.__setattr__(self, "grid", _tuples("grid", self.grid, Axis))
-        for field in ("ranges", "grid"):
-            for row in getattr(self, field):
-                choice(f"{field}: quantity", row.quantity, QUANTITIES)
-                real(f"{field}: low of {row.quantity}", row.low)
-                real(f"{field}: high of {row.quantity}", row.high)
+        for field, kind in (("ranges", QuantityRange), ("grid", Axis)):
+            object.__setattr__(self, field, _rows(field, getattr(self, field), kind))
         self._check_grid()
         self._check_map()
-        self._check_variety()
+        varying = self.drawn().varying(self.joints)
+        if self.total > 1 and not (self.grid or varying):
+            raise ValueError(f"plants = {self.plants} would repeat one and the same run: nothing varies")
+        if self.grid and self.plants > 1 and not varying:
+            raise ValueError(f"plants = {self.plants} in each cell would be one and the same: nothing else varies")
 
     def _check_grid(self) -> None:
         names = [axis.quantity for axis in self.grid]
         if len(names) not in (0, 2) or len(set(names)) != len(names):
             raise ValueError(f"a grid is over two different quantities, not over {', '.join(names)}")
-        for name, low, high, number in self.grid:
+        for axis in self.grid:
+            name, low, high, number = axis
             whole(f"number of values of the grid over {name}", number, low=2)
-            Distribution(**{name: (low, high)})
+            dataclasses.replace(Distribution(), **dict[str, Any]({name: (low, high)}))
             if not low < high:
                 raise ValueError(f"grid over {name} from {low:g} to {high:g}: low must be below high")
-            values = np.linspace(low, high, number)
-            if name == "delay" and not np.array_equal(values, np.round(values)):
+            if name == "delay" and not np.array_equal(axis.values, np.round(axis.values)):
                 raise ValueError(f"grid over delay: {number} values are no whole control periods")
 
     def _check_map(self) -> None:
+        texts("map", self.map)
         if len(self.map) not in (0, 2) or len(set(self.map)) != len(self.map):
             raise ValueError(f"map = {list(self.map)} must be two different columns, or none")
         if self.map and self.grid:
@@ -157,18 +138,10 @@ class SweepConfig:
         for column in self.map:
             choice("map", column, self.drawn().varying(self.joints) or ("nothing varies",))
 
-    def _check_variety(self) -> None:
-        """Refuse a sweep that would run the same plant again and again."""
-        varying = self.drawn().varying(self.joints)
-        if self.total > 1 and not (self.grid or varying):
-            raise ValueError(f"plants = {self.plants} would repeat one and the same run: nothing varies")
-        if self.grid and self.plants > 1 and not varying:
-            raise ValueError(f"plants = {self.plants} in each cell would be one and the same: nothing else varies")
-
     def drawn(self) -> Distribution:
         """Return what is drawn: the distribution with the other ranges, and nothing of what the grid sets."""
-        changed = {quantity: (low, high) for quantity, low, high in self.ranges}
-        changed |= {axis.quantity: (QUANTITIES[axis.quantity].nominal,) * 2 for axis in self.grid}
+        changed: dict[str, Any] = {quantity: (low, high) for quantity, low, high in self.ranges}
+        changed |= {axis.quantity: getattr(Distribution, axis.quantity) for axis in self.grid}
         return dataclasses.replace(distribution_for(self.distribution, self.arm), **changed)
 
     @property
@@ -187,19 +160,14 @@ class SweepConfig:
         return {case: case_for(case, self.arm).title for case in self.cases}
 
     @property
-    def labels(self) -> tuple[str, ...]:
-        """What the policies are called in tables and figures."""
-        return tuple(resolve(name).label for name in self.policies)
-
-    @property
-    def cells(self) -> int:
-        """Number of cells of the grid, 1 without one."""
-        return math.prod(axis.number for axis in self.grid)
+    def labels(self) -> list[str]:
+        """The labels of the policies, which tables and figures show."""
+        return [resolve(name).label for name in self.policies]
 
     @property
     def total(self) -> int:
         """Number of plants."""
-        return self.plants * self.cells
+        return self.plants * math.prod(axis.number for axis in self.grid)
 
     @property
     def chunks(self) -> int:
@@ -212,13 +180,11 @@ class SweepConfig:
 
     @property
     def plane(self) -> tuple[str, ...]:
-        """The two columns of the heat maps; fewer if fewer vary."""
+        """The two columns of the heat maps; fewer if fewer vary. That of joint 1 stands for all joints of a grid."""
+        columns = columns_of(self.joints)
         if self.grid:
-            # A grid sets all joints to the same value: the first column of the quantity stands for them.
-            quantities = [axis.quantity for axis in self.grid]
             return tuple(
-                next(column.name for column in columns_of(self.joints).values() if column.quantity == name)
-                for name in quantities
+                next(name for name in columns if columns[name].quantity == axis.quantity) for axis in self.grid
             )
         varying = self.drawn().varying(self.joints)
         return self.map or (_MAP if set(_MAP) <= set(varying) else varying[:2])
@@ -251,10 +217,6 @@ class SweepConfig:
             raise ValueError(f"the fields {', '.join(missing)} are missing")
         return record(values, cls)
 
-    def numbers(self) -> dict[str, Any]:
-        """Return the fields that decide the numbers of the episodes: all but `SHOWN`."""
-        return {name: value for name, value in self.to_dict().items() if name not in SHOWN}
-
     def command(self) -> str | None:
         """Return the command line of this configuration; None for an arm that needs a file."""
         if self.parameters != ArmParameters():
@@ -264,22 +226,23 @@ class SweepConfig:
             if self.robot.name not in shipped_robots() or self.robot != robot_named(self.robot.name):
                 return None
             words += ["--robot", self.robot.name]
-        words += [word for policy in self.policies for word in ("--policy", recorded(policy))]
-        words += [word for case in self.cases for word in ("--case", case)]
-        words += ["--plants", str(self.plants), "--seed", str(self.seed), "--distribution", self.distribution]
-        words += [word for changed in self.ranges for word in ("--range", *map(str, changed))]
-        words += [word for axis in self.grid for word in ("--grid", *map(str, axis))]
-        words += ["--chunk", str(self.chunk), "--bound", str(self.bound), "--worst", str(self.worst)]
-        words += ["--map", *self.map] if self.map else []
-        return shlex.join(words)
+        for name, value in self.to_dict().items():
+            for given in value if isinstance(value, list) else [value]:
+                if name not in ("parameters", "robot", "map"):
+                    words += [f"--{_OPTIONS.get(name, name)}", *map(str, given if isinstance(given, list) else [given])]
+        return shlex.join([*words, "--map", *self.map] if self.map else words)
 
 
-def _tuples(name: str, given: Any, kind: Callable[..., Any]) -> tuple[Any, ...]:
-    """Return rows as records; TypeError unless each has as many entries as the record has fields."""
+def _rows(name: str, given: Any, kind: Callable[..., Any]) -> tuple[Any, ...]:
+    """Return checked rows as records; TypeError unless each has as many entries as the record has fields."""
     fields = kind._fields  # type: ignore[attr-defined]
     rows: Any = given if isinstance(given, list | tuple) else [None]
     if not all(isinstance(row, list | tuple) and len(row) == len(fields) for row in rows):
         raise TypeError(f"{name} = {shown(given)} must be a tuple of rows ({', '.join(fields)})")
+    for quantity, low, high, *_ in rows:
+        choice(f"{name}: quantity", quantity, QUANTITIES)
+        real(f"{name}: low of {quantity}", low)
+        real(f"{name}: high of {quantity}", high)
     return tuple(itertools.starmap(kind, rows))
 
 

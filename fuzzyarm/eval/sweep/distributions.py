@@ -1,76 +1,126 @@
-"""The distributions of plants that a sweep draws from: domain randomisation, encoder noise and control delay."""
+"""The quantities in which plants differ, the distributions they are drawn from, and the columns of their numbers."""
 
 from __future__ import annotations
 
 import dataclasses
+import functools
+from typing import NamedTuple
+
+import numpy as np
 
 from fuzzyarm.common.checks import interval
+from fuzzyarm.envs.observation import JOINTS
 from fuzzyarm.envs.physics.equations import AnyArm
 from fuzzyarm.envs.physics.parameters import ArmParameters
+from fuzzyarm.envs.physics.robot import MOST_JOINTS
 from fuzzyarm.envs.scenario.cases import case_for
+from fuzzyarm.envs.scenario.disturbances import EncoderNoise
 from fuzzyarm.envs.scenario.randomisation import DomainRandomisation, Range, find_randomisation
-from fuzzyarm.eval.sweep.quantities import QUANTITIES, columns_of
 
-__all__ = ["DISTRIBUTIONS", "Distribution", "distribution_for"]
+__all__ = [
+    "DISTRIBUTIONS", "NOISE", "QUANTITIES", "Column", "Distribution", "Quantity", "column_label", "columns_of",
+    "distribution_for", "plant_record",
+]  # fmt: skip
+
+NOISE = EncoderNoise(position=1e-5, velocity=1e-3)
+"""The encoder noise that the quantity ``noise`` is a factor of [rad, rad/s]."""
+LARGEST_NOISE, LONGEST_DELAY = 1e6, 100.0  # times `NOISE`; control periods
+HEAVIEST = 5.0  # kg, the payload of the paper's case
+
+
+class Quantity(NamedTuple):
+    """A quantity that differs between plants, as axes name it.
+
+    `arm_fields` are the fields of `ArmParameters`, or of a robot's links and drives, that it is a factor of, with a
+    value for each joint; there are none for a quantity that is no property of the arm.
+    """
+
+    label: str
+    unit: str = "× nominal"
+    arm_fields: tuple[str, ...] = ()
+
+
+QUANTITIES = {
+    "mass": Quantity("link mass and inertia", arm_fields=("mass", "inertia")),
+    "motor_inertia": Quantity("motor inertia", arm_fields=("motor_inertia",)),
+    "stiffness": Quantity("joint stiffness", arm_fields=("stiffness",)),
+    "damping": Quantity("joint damping", arm_fields=("damping",)),
+    "dry_friction": Quantity("dry friction", arm_fields=("static_friction", "coulomb_friction")),
+    "viscous_friction": Quantity("viscous friction", arm_fields=("viscous_friction",)),
+    "payload": Quantity("payload beside the case's", "kg"),
+    "force": Quantity("tip force", "× the case's"),
+    "noise": Quantity("encoder noise", f"× ({NOISE.position:g} rad, {NOISE.velocity:g} rad/s)"),
+    "delay": Quantity("control delay", "control periods"),
+}
+"""All quantities by name."""
+
+
+class Column(NamedTuple):
+    """One number of a plant: a quantity, and the joint, from 0, that it is of; None for a quantity of no joint."""
+
+    quantity: str
+    joint: int | None
+
+
+@functools.cache
+def columns_of(joints: int) -> dict[str, Column]:
+    """Return the numbers that make a plant of so many joints by name: ``stiffness_1``, ``stiffness_2``, ``payload``."""
+    columns = dict[str, Column]()
+    for name, quantity in QUANTITIES.items():
+        if quantity.arm_fields:
+            columns |= {f"{name}_{joint + 1}": Column(name, joint) for joint in range(joints)}
+        else:
+            columns[name] = Column(name, None)
+    return columns
+
+
+def plant_record(joints: int) -> np.dtype[np.void]:
+    """Return a plant as a record of an array: ``plants["stiffness_1"]`` is the column of that name, (plants,)."""
+    return np.dtype([(name, np.float64) for name in columns_of(joints)])
+
+
+def column_label(name: str, *, together: int | None = None) -> str:
+    """Return words for an axis over a column, with its unit; `together`: of how many joints, if all have one value."""
+    column = columns_of(MOST_JOINTS)[name]
+    quantity, joint = QUANTITIES[column.quantity], ""
+    if column.joint is not None:
+        alike = "both joints" if together == JOINTS else "all joints"
+        joint = f", {alike}" if together else f", joint {column.joint + 1}"
+    return f"{quantity.label}{joint} [{quantity.unit}]"
 
 
 @dataclasses.dataclass(frozen=True)
-class Distribution:
-    """Ranges (low, high) of independent, uniformly distributed quantities.
-
-    The environment draws the first eight as its own domain randomisation, see `DomainRandomisation`.
+class Distribution(DomainRandomisation):
+    """The environment's domain randomisation, and two quantities that the environment does not draw.
 
     Attributes:
-        mass: factor of each link's mass and inertia, a draw per link.
-        motor_inertia: factor of each motor's inertia.
-        stiffness: factor of each joint's stiffness.
-        damping: factor of each joint's damping.
-        dry_friction: factor of each motor's static and Coulomb friction, one draw for both.
-        viscous_friction: factor of each motor's viscous friction.
-        payload: mass at the tip [kg], added to the case's own payload.
-        force: factor of the case's tip force.
-        noise: factor of the encoder noise `quantities.NOISE`.
-        delay: whole control periods from a command to the motors.
+        noise: factor of the encoder noise `NOISE`, 0 to 1e6.
+        delay: whole control periods from a command to the motors, 0 to 100.
 
     Raises:
         TypeError: a range is no pair of numbers.
         ValueError: the pair is not low <= high, or exceeds what is allowed for it.
     """
 
-    mass: Range = (1.0, 1.0)
-    motor_inertia: Range = (1.0, 1.0)
-    stiffness: Range = (1.0, 1.0)
-    damping: Range = (1.0, 1.0)
-    dry_friction: Range = (1.0, 1.0)
-    viscous_friction: Range = (1.0, 1.0)
-    payload: Range = (0.0, 0.0)
-    force: Range = (1.0, 1.0)
     noise: Range = (0.0, 0.0)
     delay: Range = (0.0, 0.0)
 
     def __post_init__(self) -> None:
         """Check every range."""
-        self.randomisation()
-        for name, quantity in QUANTITIES.items():
-            if quantity.highest is not None:
-                interval(name, getattr(self, name), low=0.0, high=quantity.highest)
-        if any(end != int(end) for end in self.delay):
-            first, last = self.delay
+        super().__post_init__()
+        interval("noise", self.noise, low=0.0, high=LARGEST_NOISE)
+        first, last = interval("delay", self.delay, low=0.0, high=LONGEST_DELAY)
+        if not (first.is_integer() and last.is_integer()):
             raise ValueError(f"delay from {first:g} to {last:g} must be whole control periods")
 
-    def randomisation(self) -> DomainRandomisation:
-        """Return the part that the environment draws: everything but noise and delay."""
-        ranges = {name: getattr(self, name) for name, quantity in QUANTITIES.items() if quantity.highest is None}
-        return DomainRandomisation(**ranges)
+    def quantities(self) -> dict[str, Range]:
+        """Return the range of each of `QUANTITIES`."""
+        return {name: getattr(self, name) for name in QUANTITIES}
 
     def varying(self, joints: int) -> tuple[str, ...]:
         """Return the columns in which plants of so many joints differ."""
-        ranges = dataclasses.asdict(self)
-        different = {name for name, (low, high) in ranges.items() if low < high}
-        return tuple(column.name for column in columns_of(joints).values() if column.quantity in different)
-
-
-HEAVIEST = 5.0  # kg, the payload of the paper's case
+        different = {name for name, (low, high) in self.quantities().items() if low < high}
+        return tuple(name for name, column in columns_of(joints).items() if column.quantity in different)
 
 
 def distribution_for(name: str, arm: AnyArm) -> Distribution:
@@ -81,18 +131,13 @@ def distribution_for(name: str, arm: AnyArm) -> Distribution:
     return dataclasses.replace(found, payload=(scale * low, scale * high))
 
 
-def _distributions() -> dict[str, Distribution]:
-    drawn = find_randomisation("plants", ArmParameters())
-    plants = Distribution(**{name: getattr(drawn, name) for name, quantity in QUANTITIES.items() if quantity.per_joint})
-    loads = dataclasses.replace(plants, payload=(0.0, HEAVIEST), force=(0.5, 1.5))
-    return {
-        "nominal": Distribution(),
-        "plants": plants,
-        "loads": loads,
-        "all": dataclasses.replace(loads, noise=(0.0, 2.0), delay=(0.0, 2.0)),
-    }
-
-
-DISTRIBUTIONS = _distributions()
+_PLANTS = Distribution(**vars(find_randomisation("plants", ArmParameters())))
+_LOADS = dataclasses.replace(_PLANTS, payload=(0.0, HEAVIEST), force=(0.5, 1.5))
+DISTRIBUTIONS = {
+    "nominal": Distribution(),
+    "plants": _PLANTS,
+    "loads": _LOADS,
+    "all": dataclasses.replace(_LOADS, noise=(0.0, 2.0), delay=(0.0, 2.0)),
+}
 """Those of the two-joint arm by name: ``nominal`` varies nothing; ``plants`` is the environment's randomisation of that
 name; ``loads`` adds payload and tip force; ``all`` adds encoder noise and delay."""

@@ -1,7 +1,8 @@
-"""The episodes of some plants under a policy: their metrics, or one of them again with all its signals."""
+"""The episodes of some plants under policies: their metrics as arrays, or one of them again with all its signals."""
 
 from __future__ import annotations
 
+import dataclasses
 from collections.abc import Iterator, Mapping, Sequence
 from typing import Any
 
@@ -12,20 +13,67 @@ from fuzzyarm.eval.episodes.closed_loops import Channel, closed_loops
 from fuzzyarm.eval.episodes.loop import Step, TipErrors, episodes
 from fuzzyarm.eval.episodes.rollout import Rollout, Signals
 from fuzzyarm.eval.sweep.config import SweepConfig
+from fuzzyarm.eval.sweep.distributions import plant_record
 from fuzzyarm.eval.sweep.plants import CONTROL_PERIOD, Plants
-from fuzzyarm.eval.sweep.results import METRICS, SweepResults
 from fuzzyarm.fuzzy_policy.law import law_of
 from fuzzyarm.fuzzy_policy.policy import Policy, Predictor
 
-__all__ = ["WORTHWHILE", "errors_in_one_kernel", "errors_step_by_step", "replay", "run_plants", "steps"]
-
+__all__ = [
+    "METRICS", "WORTHWHILE", "SweepResults", "errors_in_one_kernel", "errors_step_by_step", "replay", "run_plants",
+    "steps",
+]  # fmt: skip
 
 WORTHWHILE = 1000
 """Episodes from which on a kernel of law and plant is used: to compile it, once on a machine, takes a few seconds."""
 
 
+@dataclasses.dataclass(frozen=True)
+class SweepResults:
+    """Some plants of a sweep, or all, and the metrics of their episodes.
+
+    Attributes:
+        plants: (n,) records of `distributions.plant_record`.
+        max_mm: (policies, cases, n) largest tip error [mm].
+        rms_mm: (policies, cases, n) root mean square tip error [mm].
+        seconds: (policies, cases, n) duration of the episode [s].
+        completed: (policies, cases, n) whether the episode lasted to the end of the reference.
+    """
+
+    plants: np.ndarray
+    max_mm: np.ndarray
+    rms_mm: np.ndarray
+    seconds: np.ndarray
+    completed: np.ndarray
+
+    @classmethod
+    def joined(cls, parts: Sequence[SweepResults]) -> SweepResults:
+        """Return the results of several chunks as one."""
+        return cls(
+            *(np.concatenate(arrays, axis=-1) for arrays in zip(*(vars(part).values() for part in parts), strict=True))
+        )
+
+    def episodes(self, policy: int, case: int) -> SweepResults:
+        """Return the results of one policy in one case by their places in the sweep; every array is (n,)."""
+        return SweepResults(self.plants, *(getattr(self, name)[policy, case] for name in METRICS))
+
+    def fits(self, config: SweepConfig, plants: int) -> bool:
+        """Return whether the arrays have the shapes and types of so many plants of a sweep."""
+        shape = len(config.policies), len(config.cases), plants
+        needed = [((plants,), plant_record(config.joints)), *[(shape, np.dtype(float))] * 3, (shape, np.dtype(bool))]
+        return [(array.shape, array.dtype) for array in vars(self).values()] == needed
+
+    @property
+    def errors(self) -> np.ndarray:
+        """Largest tip error [mm], of the shape of `max_mm`; inf where the episode ended early."""
+        return np.where(self.completed, self.max_mm, np.inf)
+
+
+METRICS = tuple(field.name for field in dataclasses.fields(SweepResults) if field.name != "plants")
+"""Names of the metrics of an episode."""
+
+
 class _Noise:
-    """What the policy reads: q + f (y - q), y the environment's reading of q and f the plant's factor."""
+    """What the policy reads: q + f (y - q), y the environment's reading of q and f (lanes,) the plant's factor."""
 
     def __init__(self, factor: np.ndarray) -> None:
         self._factor = factor[:, np.newaxis]
@@ -70,41 +118,27 @@ def _channel(plants: Plants, envs: FuzzyArmVectorEnv) -> Channel:
 
 
 def run_plants(config: SweepConfig, policies: Mapping[str, Predictor], members: Sequence[int]) -> SweepResults:
-    """Run some plants under all policies in all cases.
-
-    Args:
-        config: of the sweep.
-        policies: by label.
-        members: numbers of the plants.
+    """Run the plants with these numbers under all policies, by label, in all cases.
 
     Raises:
         ValueError: a policy fails; the message names it.
     """
-    plants = Plants.draw(config, members)
+    plants, found = Plants.draw(config, members), []
     envs = plants.environment(config.cases)
-    runs = []
     for label, policy in policies.items():
         try:
-            runs.append(_metrics(plants, envs, policy))
+            errors = errors_in_one_kernel(plants, envs, policy) if envs.num_envs >= WORTHWHILE else None
+            found.append(errors or errors_step_by_step(plants, envs, policy))
         except ValueError as error:
             raise ValueError(f"policy {label}, plants {members[0]} to {members[-1]}: {error}") from error
     shape = len(policies), len(config.cases), len(members)
-    return SweepResults(
-        plants.values, **{name: np.stack([run[name] for run in runs]).reshape(shape) for name in METRICS}
+    metrics = (
+        [1e3 * errors.largest for errors in found],
+        [1e3 * errors.rms for errors in found],
+        [CONTROL_PERIOD * errors.steps for errors in found],
+        [errors.completed for errors in found],
     )
-
-
-def _metrics(plants: Plants, envs: FuzzyArmVectorEnv, policy: Predictor) -> dict[str, np.ndarray]:
-    """Return `METRICS` (lanes,) of one policy."""
-    errors = errors_in_one_kernel(plants, envs, policy) if envs.num_envs >= WORTHWHILE else None
-    if errors is None:
-        errors = errors_step_by_step(plants, envs, policy)
-    return {
-        "max_mm": 1e3 * errors.largest,
-        "rms_mm": 1e3 * errors.rms,
-        "seconds": CONTROL_PERIOD * errors.steps,
-        "completed": errors.completed,
-    }
+    return SweepResults(plants.values, *(np.reshape(metric, shape) for metric in metrics))
 
 
 def errors_step_by_step(plants: Plants, envs: FuzzyArmVectorEnv, policy: Predictor) -> TipErrors:
@@ -126,17 +160,10 @@ def errors_in_one_kernel(plants: Plants, envs: FuzzyArmVectorEnv, policy: Predic
 
 
 def replay(config: SweepConfig, policies: Mapping[str, Predictor], member: int, policy: str, case: str) -> Rollout:
-    """Run one plant of a sweep again, with all signals; its metrics are those of the sweep, bit for bit.
-
-    Args:
-        config: of the sweep.
-        policies: by label, as the sweep had them.
-        member: number of the plant.
-        policy: label of one of the policies.
-        case: name of one of the cases.
+    """Run plant `member` of a sweep again, with all signals; its metrics are those of the sweep, bit for bit.
 
     Raises:
-        ValueError: the sweep has no such plant, policy or case.
+        ValueError: the sweep has no such plant, policy (by its label) or case.
     """
     if not 0 <= member < config.total:
         raise ValueError(f"plant {member} is not in the sweep; allowed: 0 to {config.total - 1}")
@@ -145,14 +172,9 @@ def replay(config: SweepConfig, policies: Mapping[str, Predictor], member: int, 
             f"policy {policy!r} in case {case!r} is not in the sweep; choose from: {', '.join(policies)}; "
             f"{', '.join(config.cases)}"
         )
-    plants = Plants.draw(config, [member])
-    signals = Signals(lane=0)
+    plants, signals = Plants.draw(config, [member]), Signals(lane=0)
     for step in steps(plants, plants.environment([case]), policies[policy]):
         signals.add(step)
     return signals.rollout(
-        policy=policy,
-        case=case,
-        seed=plants.seeds[0],
-        control_period=CONTROL_PERIOD,
-        parameters=config.arm,
+        policy=policy, case=case, seed=plants.seeds[0], control_period=CONTROL_PERIOD, parameters=config.arm
     )

@@ -8,26 +8,28 @@ from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any
 
-import matplotlib.style
 import numpy as np
 from matplotlib.axes import Axes
-from matplotlib.collections import QuadMesh
 from matplotlib.colors import LogNorm
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.patches import Patch
 
-from fuzzyarm.eval.evaluation.figures import DASHES
+from fuzzyarm.eval.evaluation.figures import figure_style, policy_styles
 from fuzzyarm.eval.figure_files import write_figure
 from fuzzyarm.eval.sweep.config import SweepConfig
-from fuzzyarm.eval.sweep.quantities import column_label
-from fuzzyarm.eval.sweep.results import SweepResults
+from fuzzyarm.eval.sweep.distributions import column_label
+from fuzzyarm.eval.sweep.episodes import SweepResults
 
 __all__ = ["COLORS", "Cells", "draw_sweep", "write_sweep_figures"]
 
 PLANTS_PER_BIN, MOST_BINS = 12, 20
 COLORS = "viridis_r"  # ordered by lightness for any colour vision, and in grey: dark is bad
-EMPTY, HATCH = "#FFFFFF", "////"
+EARLY: dict[str, Any] = {
+    "facecolor": "#BBBBBB",
+    "hatch": "////",
+    "edgecolor": "black",
+}  # where half or more ended early
 FINE, COARSE = 1.0 / 40.0, 5.0
 """Ends of the colour scale, as shares of the bound of success."""
 LEFT = 1.0 / 200.0  # left end of the curves, as a share of the bound
@@ -44,27 +46,26 @@ class Cells:
         places: (n, 2) the cell of each plant, a number across and one up.
     """
 
-    columns: tuple[str, str]
-    edges: tuple[np.ndarray, np.ndarray]
+    columns: tuple[str, ...]
+    edges: tuple[np.ndarray, ...]
     places: np.ndarray
 
     @classmethod
     def of(cls, config: SweepConfig, plants: np.ndarray) -> Cells:
         """Cut the plane of a sweep: a grid into its own cells, otherwise into bins of about `PLANTS_PER_BIN` plants."""
-        first, second = config.plane
         bins = int(np.clip(np.sqrt(len(plants) / PLANTS_PER_BIN), 2, MOST_BINS))
         edges, places = [], []
-        for column in (first, second):
+        for column in config.plane:
             values = plants[column]
+            edge = np.linspace(values.min(), values.max(), bins + 1)
             if config.grid or column == "delay":
                 centers = np.unique(values)
                 middles = 0.5 * (centers[1:] + centers[:-1])
                 ends = 2.0 * centers[[0, -1]] - middles[[0, -1]]
-                edges.append(np.concatenate([ends[:1], middles, ends[1:]]))
-            else:
-                edges.append(np.linspace(values.min(), values.max(), bins + 1))
-            places.append(np.clip(np.searchsorted(edges[-1], values, side="right") - 1, 0, len(edges[-1]) - 2))
-        return cls((first, second), (edges[0], edges[1]), np.stack(places, axis=1))
+                edge = np.concatenate([ends[:1], middles, ends[1:]])
+            edges.append(edge)
+            places.append(np.clip(np.searchsorted(edge, values, side="right") - 1, 0, len(edge) - 2))
+        return cls(config.plane, tuple(edges), np.stack(places, axis=1))
 
     def medians(self, errors: np.ndarray) -> np.ndarray:
         """Return the median error [mm] of each cell (up, across); inf where half ended early, nan in an empty cell."""
@@ -90,7 +91,7 @@ def write_sweep_figures(
         OSError: the folder is missing or not writable; no file is left half written.
     """
     paths = list[Path]()
-    with matplotlib.style.context("fuzzyarm.eval.fuzzyarm", after_reset=True):
+    with figure_style():
         for name, figure in draw_sweep(config, results, rows).items():
             # Windows allows no colon in a file's name; the label of the user's own code has one.
             paths += write_figure(figure, folder, name.replace(":", "-"))
@@ -120,105 +121,83 @@ def draw_sweep(config: SweepConfig, results: SweepResults, rows: Sequence[dict[s
 
 
 def _spread(config: SweepConfig, errors: np.ndarray, rows: Sequence[dict[str, Any]]) -> Figure:
-    """Return the empirical distribution of the error: the share of plants at or below it, a panel for each case."""
+    """Return the empirical distribution of the error: the share of plants at or below it, a panel for each case.
+
+    Each quantile has a bar for its confidence interval where all three are numbers.
+    """
     figure = Figure(figsize=(1.0 + 3.1 * max(2, len(config.cases)), 3.7))
     panels = figure.subplots(1, len(config.cases), sharey=True, sharex=True, squeeze=False)[0]
-    colors = matplotlib.rcParams["axes.prop_cycle"].by_key()["color"]
-    looks = zip(config.labels, itertools.cycle(colors), itertools.cycle(DASHES), itertools.cycle(MARKERS), strict=False)
     share = 100.0 * np.arange(1, errors.shape[-1] + 1) / errors.shape[-1]
+    quantiles = {(row["policy"], row["case"]): row["max_mm"] for row in rows}
+    bar = {"markersize": 5, "markeredgewidth": 1.0, "elinewidth": 2.2, "capsize": 3.5, "zorder": 4.0}
     handles: list[Line2D] = []
-    for by_case, (policy, color, dashes, marker) in zip(errors, looks, strict=True):
+    looks = zip(policy_styles(config.labels).items(), itertools.cycle(MARKERS), strict=False)
+    for by_case, ((policy, style), marker) in zip(errors, looks, strict=True):
         for axes, case, error in zip(panels, config.cases, by_case, strict=True):
-            axes.step(np.sort(error), share, where="post", color=color, linestyle=dashes)
-            row = next(row for row in rows if (row["policy"], row["case"]) == (policy, case))
-            _draw_intervals(axes, row["max_mm"], color, marker)
-        handles.append(Line2D([], [], color=color, linestyle=dashes, marker=marker, markersize=5, label=policy))
+            axes.step(np.sort(error), share, where="post", **style)
+            for level, found in quantiles[policy, case].items():
+                value, low, high = found["value"], found["low"], found["high"]
+                if None not in (value, low, high):
+                    reach = [[value - low], [high - value]]
+                    axes.errorbar(value, 100.0 * float(level), xerr=reach, color=style["color"], marker=marker, **bar)
+        handles.append(Line2D([], [], **style, marker=marker, markersize=5, label=policy))
+    bound: dict[str, Any] = {"color": "#333333", "linewidth": 0.9}
     for axes, case in zip(panels, config.cases, strict=True):
-        axes.axvline(config.bound, color="#333333", linewidth=0.9, zorder=1.5)
+        axes.axvline(config.bound, **bound, zorder=1.5)
         axes.set_xscale("log")
         axes.xaxis.set_major_formatter(lambda value, _: f"{value:g}")
         axes.set(title=config.titles[case], xlabel="largest tip error [mm]", ylim=(0.0, 102.0))
     panels[0].set_ylabel("share of plants at or below [%]")
     panels[0].set_xlim(left=max(LEFT * config.bound, panels[0].get_xlim()[0]))
-    handles.append(Line2D([], [], color="#333333", linewidth=0.9, label=f"bound of success, {config.bound:g} mm"))
+    handles.append(Line2D([], [], **bound, label=f"bound of success, {config.bound:g} mm"))
     title = "bars: 95 % intervals at 50, 90 and 99 %; none where episodes that ended early are among them"
     figure.legend(handles=handles, loc="outside lower center", ncols=3, title=title)
     return figure
 
 
-def _draw_intervals(axes: Axes, quantiles: dict[str, dict[str, float | None]], color: str, marker: str) -> None:
-    """Draw each quantile with its confidence interval, where all three are numbers."""
-    for level, found in quantiles.items():
-        value, low, high = found["value"], found["low"], found["high"]
-        if value is None or low is None or high is None:
-            continue
-        axes.errorbar(
-            value,
-            100.0 * float(level),
-            xerr=[[value - low], [high - value]],
-            color=color,
-            marker=marker,
-            markersize=5,
-            markeredgewidth=1.0,
-            elinewidth=2.2,
-            capsize=3.5,
-            zorder=4.0,
-        )
-
-
 def _map(config: SweepConfig, policy: str, cells: Cells, medians: np.ndarray, norm: LogNorm) -> Figure:
-    """Return the heat map of a policy, a panel for each case; all policies share one scale of colours."""
+    """Return the heat map of a policy, a panel for each case; all policies share one scale of colours.
+
+    Its legend has only what appears in it.
+    """
     figure = Figure(figsize=(1.6 + 2.9 * max(2, len(config.cases)), 3.9))
     panels = figure.subplots(1, len(config.cases), sharey=True, squeeze=False)[0]
-    across, up = (column_label(column, together=config.joints if config.grid else None) for column in cells.columns)
+    together = config.joints if config.grid else None
+    across, up = (column_label(column, together=together).replace(" [", "\n[") for column in cells.columns)
     for axes, case, errors in zip(panels, config.cases, medians, strict=True):
-        mesh = _draw_cells(axes, cells, errors, norm)
-        _draw_bound(axes, cells, errors, config.bound)
-        axes.set(title=config.titles[case], xlabel=across.replace(" [", "\n["))
+        mesh = axes.pcolormesh(*cells.edges, np.where(np.isfinite(errors), errors, np.nan), norm=norm, cmap=COLORS)
+        _draw_borders(axes, cells, errors, config.bound)
+        axes.set(title=config.titles[case], xlabel=across)
         axes.grid(False)
-    panels[0].set_ylabel(up.replace(" [", "\n["))
+    panels[0].set_ylabel(up)
     finite = medians[np.isfinite(medians)]
     beyond = bool((finite < norm.vmin).any()), bool((finite > norm.vmax).any())
     extend = {(True, True): "both", (True, False): "min", (False, True): "max"}.get(beyond, "neither")
     bar = figure.colorbar(mesh, ax=panels, pad=0.02, extend=extend)
-    bar.set_label(
-        "largest tip error [mm],\nmedian of the plants in a cell" if config.plants > 1 else "largest tip error [mm]"
-    )
+    bar.set_label("largest tip error [mm]" + (",\nmedian of the plants in a cell" if config.plants > 1 else ""))
     bar.ax.yaxis.set_major_formatter(lambda value, _: f"{value:g}")
     bar.ax.yaxis.set_minor_formatter(lambda value, _: f"{value:g}" if f"{value:.0e}"[0] in "25" else "")
     figure.suptitle(policy, x=0.01, ha="left", fontsize=10.5)
-    handles = _map_handles(medians, config.bound)
+    handles: list[Any] = []
+    if (medians < config.bound).any() and (medians > config.bound).any():
+        handles.append(Line2D([], [], color="black", linewidth=1.6, label=f"{config.bound:g} mm, the bound of success"))
+    if np.isinf(medians).any():
+        handles.append(Patch(**EARLY, label="half or more ended early"))
+    if np.isnan(medians).any():
+        handles.append(Patch(facecolor="#FFFFFF", edgecolor="#999999", label="no plant"))
     if handles:
         figure.legend(handles=handles, loc="outside lower center", ncols=len(handles))
     return figure
 
 
-def _map_handles(medians: np.ndarray, bound: float) -> list[Any]:
-    """Return the legend of a heat map: only what appears in it."""
-    handles: list[Any] = []
-    if (medians < bound).any() and (medians > bound).any():
-        handles.append(Line2D([], [], color="black", linewidth=1.6, label=f"{bound:g} mm, the bound of success"))
-    if np.isinf(medians).any():
-        handles.append(Patch(facecolor="#BBBBBB", hatch=HATCH, edgecolor="black", label="half or more ended early"))
-    if np.isnan(medians).any():
-        handles.append(Patch(facecolor=EMPTY, edgecolor="#999999", label="no plant"))
-    return handles
+def _draw_borders(axes: Axes, cells: Cells, errors: np.ndarray, bound: float) -> None:
+    """Hatch the cells where half of the plants ended early, and draw the border of those below the bound.
 
-
-def _draw_cells(axes: Axes, cells: Cells, errors: np.ndarray, norm: LogNorm) -> QuadMesh:
-    """Colour the cells; where half of the plants ended early, hatch them."""
-    mesh = axes.pcolormesh(*cells.edges, np.where(np.isfinite(errors), errors, np.nan), norm=norm, cmap=COLORS)
-    across, up = cells.edges
-    for j, i in np.argwhere(np.isinf(errors)):
-        axes.fill_between(
-            across[i : i + 2], up[j], up[j + 1], facecolor="#BBBBBB", hatch=HATCH, edgecolor="black", linewidth=0.0
-        )
-    return mesh
-
-
-def _draw_bound(axes: Axes, cells: Cells, errors: np.ndarray, bound: float) -> None:
-    """Draw the border between the cells below the bound and the others, visible on light and dark cells."""
+    The border is visible on light and dark cells.
+    """
     above, (across, up) = errors >= bound, cells.edges
+    for j, i in np.argwhere(np.isinf(errors)):
+        axes.fill_between(across[i : i + 2], up[j], up[j + 1], **EARLY, linewidth=0.0)
     sides: list[Any] = [([across[i + 1]] * 2, up[j : j + 2]) for j, i in np.argwhere(above[:, 1:] != above[:, :-1])]
     sides += [(across[i : i + 2], [up[j + 1]] * 2) for j, i in np.argwhere(above[1:] != above[:-1])]
     for color, width in (("white", 3.2), ("black", 1.6)):

@@ -1,4 +1,4 @@
-"""The plants of a sweep by number: their parameters, and the environment for some plants in some cases.
+"""The plants of a sweep by number: their numbers, and the environment for some plants in some cases.
 
 Plant i is a function of the configuration and of i alone. The environment draws its domain randomisation from its own
 stream for seed + i; noise and delay come from another stream of the same seed. So a plant is the same whatever chunk
@@ -18,24 +18,20 @@ from fuzzyarm.envs.fastest_mode import fastest_rate
 from fuzzyarm.envs.periods import default_substeps
 from fuzzyarm.envs.physics.dynamics import Payload
 from fuzzyarm.envs.physics.equations import AnyArm
-from fuzzyarm.envs.physics.parameters import ArmParameters
 from fuzzyarm.envs.physics.robot import Robot
 from fuzzyarm.envs.scenario.cases import case_for
 from fuzzyarm.envs.scenario.default_reference import default_reference
 from fuzzyarm.envs.scenario.disturbances import Disturbance, TipForce
 from fuzzyarm.envs.vector import FuzzyArmVectorEnv
 from fuzzyarm.eval.sweep.config import SweepConfig
-from fuzzyarm.eval.sweep.quantities import NOISE, QUANTITIES, columns_of, plant_record
-from fuzzyarm.fuzzy_policy.known_arm import with_drives, with_mass
+from fuzzyarm.eval.sweep.distributions import NOISE, QUANTITIES, Distribution, columns_of, plant_record
+from fuzzyarm.fuzzy_policy.known_arm import per_joint_of, with_drives, with_mass
 
 __all__ = ["CONTROL_PERIOD", "Plants"]
 
 CONTROL_PERIOD = 1e-3  # s
 _EXTRAS = 1  # names the stream of noise and delay among those of a plant's seed
 _NOISE_WORD, _DELAY_WORD = np.zeros(1, np.uint64), np.ones(1, np.uint64)  # their places in that stream
-
-Values = Mapping[str, float]
-"""Values that the grid sets for one plant, by quantity; the others are drawn."""
 
 
 @dataclasses.dataclass(frozen=True)
@@ -45,7 +41,7 @@ class Plants:
     Attributes:
         config: the sweep.
         members: (n,) their numbers in it.
-        values: (n,) what they are made of, records of `quantities.plant_record`; read-only.
+        values: (n,) what they are made of, records of `distributions.plant_record`; read-only.
     """
 
     config: SweepConfig
@@ -55,26 +51,17 @@ class Plants:
     @classmethod
     def draw(cls, config: SweepConfig, members: Sequence[int]) -> Plants:
         """Return the plants with these numbers."""
-        seeds = [config.seed + member for member in members]
+        plants = cls(config, members, np.empty(len(members), dtype=plant_record(config.joints)))
         # This environment only draws, so that the values are known before any episode is run.
+        reference, ranges = default_reference(config.arm), config.drawn()
         drawing = FuzzyArmVectorEnv(
-            len(seeds),
-            **_arm_argument(config.arm),
-            reference=default_reference(config.arm),
-            randomisation=config.drawn().randomisation(),
-            threads=1,
+            len(members), **_arm_argument(config.arm), reference=reference, randomisation=ranges, threads=1
         )
-        drawn = drawing.reset(seed=seeds)[1].get("randomisation", {})
-        plants = cls(config, members, np.empty(len(seeds), dtype=plant_record(config.joints)))
-        extras, cells = plants._draw_extras(), plants._cells()
-        for name, column in columns_of(config.joints).items():
-            if column.quantity in drawn:
-                values = drawn[column.quantity]
-                plants.values[name] = values if column.joint is None else values[:, column.joint]
-            else:
-                plants.values[name] = extras.get(name, QUANTITIES[column.quantity].nominal)
-            if column.quantity in cells:
-                plants.values[name] = cells[column.quantity]
+        drawn = drawing.reset(seed=plants.seeds)[1].get("randomisation", {})
+        found = drawn | plants._extras(ranges) | plants._cells()
+        for name, (quantity, joint) in columns_of(config.joints).items():
+            values = found.get(quantity, np.array(getattr(Distribution, quantity)[0]))
+            plants.values[name] = values if joint is None or values.ndim < 2 else values[:, joint]
         plants.values.flags.writeable = False
         return plants
 
@@ -86,10 +73,12 @@ class Plants:
     def environment(self, cases: Sequence[str]) -> FuzzyArmVectorEnv:
         """Return the environment of these plants in these cases: plant i in case c is lane c n + i.
 
-        What the grid sets is in each lane's own arm and disturbance; `begin` draws the rest.
+        What the grid sets is in each lane's own arm and disturbance; `begin` draws the rest. All chunks of a sweep have
+        the sub-step of its fastest plant.
         """
-        cells = self._cells()
-        noisy = bool(self.config.drawn().noise[1] > 0.0 or "noise" in cells)
+        config, cells = self.config, self._cells()
+        drawn, arm = config.drawn(), config.arm
+        noisy = drawn.noise[1] > 0.0 or "noise" in cells
         # Lanes with equal arms or loads share the object: the environment prepares each object once.
         arms: dict[tuple[float, ...], AnyArm] = {}
         loads: dict[tuple[str, float, float], Disturbance] = {}
@@ -97,46 +86,37 @@ class Plants:
         for case in cases:
             for i in range(len(self.members)):
                 values = {name: float(column[i]) for name, column in cells.items()}
-                factors = tuple(values.get(name, 1.0) for name, quantity in QUANTITIES.items() if quantity.per_joint)
-                if factors not in arms:
-                    arms[factors] = _varied(self.config.arm, values)
-                load = case, values.get("payload", 0.0), values.get("force", 1.0)
-                if load not in loads:
-                    loads[load] = _disturbance(self.config.arm, *load, noisy)
-                lane_arms.append(arms[factors])
+                factors = {name: value for name, value in values.items() if QUANTITIES[name].arm_fields}
+                if (key := tuple(factors.values())) not in arms:
+                    arms[key] = _varied(arm, factors)
+                if (load := (case, values.get("payload", 0.0), values.get("force", 1.0))) not in loads:
+                    loads[load] = _disturbance(arm, *load, noisy)
+                lane_arms.append(arms[key])
                 lane_loads.append(loads[load])
+        set_by_grid: dict[str, Any] = {axis.quantity: (axis.low, axis.high) for axis in config.grid}
+        widest = dataclasses.replace(drawn, **set_by_grid)
         return FuzzyArmVectorEnv(
             len(lane_arms),
             disturbance=lane_loads,
             **_arm_argument(lane_arms),
-            reference=default_reference(self.config.arm),
+            reference=default_reference(arm),
             control_period=CONTROL_PERIOD,
-            substep=CONTROL_PERIOD / default_substeps(CONTROL_PERIOD, self._fastest_rate()),
-            randomisation=self.config.drawn().randomisation(),
+            substep=CONTROL_PERIOD / default_substeps(CONTROL_PERIOD, fastest_rate([arm], widest)),
+            randomisation=drawn,
             threads=1,
         )
 
     def begin(self, envs: FuzzyArmVectorEnv) -> tuple[np.ndarray, dict[str, np.ndarray]]:
         """Begin the plants' episodes in their `environment`; every arm starts where the nominal one does."""
-        nominal = FuzzyArmVectorEnv(
-            1,
-            **_arm_argument(self.config.arm),
-            reference=default_reference(self.config.arm),
-            threads=1,
-        )
+        arm = self.config.arm
+        nominal = FuzzyArmVectorEnv(1, **_arm_argument(arm), reference=default_reference(arm), threads=1)
         _, at_rest = nominal.reset(seed=0)
         start = np.concatenate([at_rest[name][0] for name in ("q_motor", "q_link", "dq_motor", "dq_link")])
         cases = envs.num_envs // len(self.members)
         return envs.reset(seed=self.seeds * cases, options={"initial_state": start})
 
-    def _fastest_rate(self) -> float:
-        """Return the rate [rad/s] of the fastest plant that the whole sweep may have: chunks have one sub-step."""
-        grid = {axis.quantity: (axis.low, axis.high) for axis in self.config.grid}
-        return fastest_rate([self.config.arm], dataclasses.replace(self.config.drawn(), **grid).randomisation())
-
-    def _draw_extras(self) -> dict[str, np.ndarray]:
+    def _extras(self, ranges: Distribution) -> dict[str, np.ndarray]:
         """Return noise (n,), uniform, and delay (n,), uniform among whole numbers of periods."""
-        ranges = self.config.drawn()
         keys = np.concatenate(
             [np.random.SeedSequence((seed, _EXTRAS)).generate_state(1, np.uint64) for seed in self.seeds]
         )
@@ -148,24 +128,16 @@ class Plants:
 
     def _cells(self) -> dict[str, np.ndarray]:
         """Return what the grid sets, by quantity (n,); the second axis varies fastest."""
-        if not self.config.grid:
-            return {}
-        first, second = self.config.grid
-        cell = np.asarray(self.members) // self.config.plants
-        return {
-            first.quantity: first.values[cell // second.number],
-            second.quantity: second.values[cell % second.number],
-        }
+        cell, found = np.asarray(self.members) // self.config.plants, {}
+        for axis in reversed(self.config.grid):
+            found[axis.quantity] = axis.values[cell % axis.number]
+            cell = cell // axis.number
+        return found
 
 
 @dataclasses.dataclass(frozen=True)
 class ScaledForce:
-    """A tip force times a factor.
-
-    Attributes:
-        force: the tip force.
-        factor: what it is multiplied by.
-    """
+    """A tip force times a factor."""
 
     force: TipForce
     factor: float
@@ -181,17 +153,13 @@ def _arm_argument(arms: AnyArm | list[AnyArm]) -> dict[str, Any]:
     return {"robot" if isinstance(first, Robot) else "parameters": arms}
 
 
-def _varied(arm: AnyArm, factors: Values) -> AnyArm:
+def _varied(arm: AnyArm, factors: Mapping[str, float]) -> AnyArm:
     """Return an arm times the factors; a quantity without one stays as it is."""
     of_field = {field: factor for name, factor in factors.items() for field in QUANTITIES[name].arm_fields}
-    if isinstance(arm, ArmParameters):
-        changed = {
-            field: tuple(factor * number for number in getattr(arm, field)) for field, factor in of_field.items()
-        }
-        return dataclasses.replace(arm, **changed)  # type: ignore[arg-type]
-    drives = {name: factor for name, factor in of_field.items() if name not in ("mass", "inertia")}
-    heavier = with_mass(arm, of_field.get("mass", 1.0))
-    return with_drives(heavier, **{name: factor * arm.drive(name) for name, factor in drives.items()})
+    if isinstance(arm, Robot) and "mass" in of_field:
+        arm = with_mass(arm, of_field.pop("mass"))
+        del of_field["inertia"]
+    return with_drives(arm, **{field: factor * per_joint_of(arm, field) for field, factor in of_field.items()})
 
 
 def _disturbance(arm: AnyArm, case: str, payload: float, force: float, noisy: bool) -> Disturbance:

@@ -13,20 +13,20 @@ plants may be others and of another number, which the intervals account for.
 from __future__ import annotations
 
 import dataclasses
+import functools
 import math
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
-from fuzzyarm.common.checks import listed, real, whole
+from fuzzyarm.common.checks import real, whole
 from fuzzyarm.common.documents import DocumentError, read_checked, read_json
 from fuzzyarm.envs.scenario.cases import find_case
 from fuzzyarm.eval.declarations import read_declarations
 from fuzzyarm.eval.episodes.metrics import RESOLUTION, millimetres
-from fuzzyarm.eval.evaluation.ranking import Table, ranks_of, shown
+from fuzzyarm.eval.evaluation.ranking import Table, check_comparable, ranks_of, shown
 from fuzzyarm.eval.evaluation.statistics import Estimate
-from fuzzyarm.eval.sweep.run import SUMMARY
-from fuzzyarm.eval.sweep.store import SCHEMA
+from fuzzyarm.eval.sweep.summary import SCHEMA, SUMMARY
 from fuzzyarm.policies.declared import Declared
 
 __all__ = ["LEVEL", "PlantBoard", "PlantStanding", "is_sweep", "rank_sweeps"]
@@ -74,7 +74,6 @@ class PlantBoard:
         """Return the table and its notes."""
         cases = list(self.standings[0].cases)
         headings = ["rank", "policy", "score [mm]", *(f"99 % of plants, {case} [mm]" for case in cases)]
-        headings += ["ended early", "plants", "from"]
         cells = [
             [
                 str(rank),
@@ -92,7 +91,7 @@ class PlantBoard:
             f"95 %. Ended early: more than 1 % of a case's episodes did; such policies rank last. All: "
             f"{self.conditions}."
         )
-        return Table(headings, cells, notes)
+        return Table([*headings, "ended early", "plants", "from"], cells, notes)
 
 
 def is_sweep(path: Path) -> bool:
@@ -115,34 +114,19 @@ def rank_sweeps(paths: Sequence[str | Path]) -> PlantBoard:
         OSError: a file cannot be read.
     """
     files = [path / SUMMARY if path.is_dir() else path for path in map(Path, paths)]
-    read = [_read(file) for file in files]
-    for number, file in enumerate(files):
-        if any(file.samefile(earlier) for earlier in files[:number]):
-            raise ValueError(f"{file} is given twice; leave one out")
-        for name, value in read[0].conditions.items():
-            other = read[number].conditions[name]
-            if other != value:
-                raise ValueError(
-                    f"{files[0]} and {file} are not comparable: {name} is {listed([value])} in the first and "
-                    f"{listed([other])} in the second; sweep anew under the same conditions"
-                )
-    standings = [standing for one in read for standing in one.standings]
-    return PlantBoard(sorted(standings, key=lambda standing: standing.order), read[0].words)
+    read = [
+        read_checked(
+            file, SCHEMA, f"make it anew with fuzzyarm sweep --out {file.parent}", functools.partial(_read, file)
+        )
+        for file in files
+    ]
+    check_comparable(files, [conditions for _, conditions, _ in read], "sweep")
+    standings = [standing for own, _, _ in read for standing in own]
+    return PlantBoard(sorted(standings, key=lambda standing: standing.order), read[0][2])
 
 
-@dataclasses.dataclass(frozen=True)
-class _Read:
-    standings: list[PlantStanding]
-    conditions: dict[str, Any]
-    words: str
-
-
-def _read(file: Path) -> _Read:
-    again = f"make it anew with fuzzyarm sweep --out {file.parent}"
-    return read_checked(file, SCHEMA, again, lambda document: _from_document(file, document))
-
-
-def _from_document(file: Path, document: dict[str, Any]) -> _Read:
+def _read(file: Path, document: dict[str, Any]) -> tuple[list[PlantStanding], dict[str, Any], str]:
+    """Return the standings of a file, the conditions that files ranked together must share, and these in words."""
     config, method, rows = document["config"], document["method"], document["rows"]
     plants, cases = whole("plants", method["plants"], low=1), list(config["cases"])
     for case in cases:
@@ -168,10 +152,8 @@ def _from_document(file: Path, document: dict[str, Any]) -> _Read:
         "robot": config["robot"],
     }
     robot = "the two-joint arm" if config["robot"] is None else str(config["robot"]["name"])
-    words = (
-        f"fuzzyarm {conditions['version of fuzzyarm']}, {robot}, plants of the distribution {config['distribution']}"
-    )
-    return _Read(standings, conditions, words)
+    version, distribution = conditions["version of fuzzyarm"], config["distribution"]
+    return standings, conditions, f"fuzzyarm {version}, {robot}, plants of the distribution {distribution}"
 
 
 def _estimate(given: dict[str, Any]) -> Estimate | None:

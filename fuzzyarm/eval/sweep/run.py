@@ -1,56 +1,63 @@
-"""A sweep from its beginning to its summary: begun or resumed in a folder, run, summarised, and replayed."""
+"""A sweep in its folder: begun, run chunk by chunk, resumed after an end of any kind, summarised, and replayed.
+
+``run.json`` is written first, then ``chunks/NNNNNN.npz`` one by one, each whole or not at all; resuming is running what
+has no file. ``run.json`` holds everything that the numbers of the sweep depend on, its identity: the configuration, the
+versions and the code, added cases, and the files of the policies. Every file carries the digest of the identity, and
+results of different identities are never mixed in one folder.
+"""
 
 from __future__ import annotations
 
+import contextlib
 import dataclasses
+import functools
+import hashlib
 import io
 import json
-from collections.abc import Callable, Iterator, Mapping
+import platform
+import re
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from importlib.metadata import version
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
-from fuzzyarm.common.checks import instance, path_of
+import fuzzyarm
+from fuzzyarm.common.array_files import read_arrays
+from fuzzyarm.common.checks import instance, listed, path_of
+from fuzzyarm.common.documents import read_bytes, read_checked
 from fuzzyarm.common.files import write_atomically
+from fuzzyarm.envs.scenario.cases import CASES, INSTANTS, Case
 from fuzzyarm.eval.declarations import declarations_of
+from fuzzyarm.eval.engine import Engine, source_of
 from fuzzyarm.eval.episodes.rollout import Rollout
-from fuzzyarm.eval.sweep.chunks import load_policies, run_missing
-from fuzzyarm.eval.sweep.config import SweepConfig
-from fuzzyarm.eval.sweep.engine import Engine, Report
-from fuzzyarm.eval.sweep.episodes import replay
-from fuzzyarm.eval.sweep.store import Store
-from fuzzyarm.eval.sweep.summary import summarise
-from fuzzyarm.eval.sweep.table import summary_csv
+from fuzzyarm.eval.sweep.config import SHOWN, SweepConfig
+from fuzzyarm.eval.sweep.episodes import SweepResults, replay, run_plants
+from fuzzyarm.eval.sweep.plants import CONTROL_PERIOD
+from fuzzyarm.eval.sweep.summary import SCHEMA, SUMMARY, summarise, summary_csv
 from fuzzyarm.fuzzy_policy.policy import Predictor
+from fuzzyarm.policies import Kind, PolicySpec, found_again, resolve, resolve_all
 
-__all__ = ["EPISODES", "SUMMARY", "TABLE", "Replay", "Summary", "Sweep"]
+__all__ = ["SOURCES", "Replay", "Summary", "Sweep", "difference", "digest_of", "identity_of", "made_with", "run_chunk"]
 
-EPISODES, SUMMARY, TABLE = "episodes.npz", "sweep.json", "sweep.csv"  # files that a finished sweep adds
-_EPISODE = "episode.npz"  # of one plant
+RUN = "run.json"
+SOURCES = (
+    *("common", "envs", "fuzzy_policy", "learned_policy", "numbers", "policies", "eval/episodes"),
+    *(f"eval/sweep/{name}.py" for name in ("distributions", "config", "plants", "episodes")),
+)
+"""Files and folders of the package that decide the numbers: code, controllers and weights."""
 
 
-@dataclasses.dataclass(frozen=True)
-class Summary:
-    """The outcome of a finished sweep.
-
-    Attributes:
-        document: what ``sweep.json`` holds, see `summary.summarise`.
-        paths: all files that were written.
-    """
+class Summary(NamedTuple):
+    """What ``sweep.json`` holds, see `summary.summarise`, and all files that were written."""
 
     document: dict[str, Any]
     paths: list[Path]
 
 
-@dataclasses.dataclass(frozen=True)
-class Replay:
-    """One plant run again.
-
-    Attributes:
-        rollout: its signals.
-        folder: where they were written, with their figures.
-    """
+class Replay(NamedTuple):
+    """The signals of one plant run again, and the folder that they and their figures are in."""
 
     rollout: Rollout
     folder: Path
@@ -61,58 +68,133 @@ class Sweep:
     """A sweep in its folder, with its policies loaded.
 
     Attributes:
-        store: the folder.
-        policies: by label.
+        folder: where it is.
+        config: of the sweep.
+        specs: what its policies are made from, by label; those that are the user's code may run it.
+        policies: by label, loaded for its robot.
+        digest: of its identity.
     """
 
-    store: Store
+    folder: Path
+    config: SweepConfig
+    specs: dict[str, PolicySpec]
     policies: dict[str, Predictor]
+    digest: str
 
     @classmethod
     def begin(cls, folder: Path, config: SweepConfig) -> Sweep:
-        """Begin a sweep in a folder that holds none.
+        """Begin a sweep in a folder that holds none; the folder is made if needed.
+
+        Policies of the form ``package.module:factory`` are imported: the caller vouches for the configuration.
 
         Raises:
-            ValueError: there is a sweep already, or a policy is unknown, damaged or made for another robot; then
-                nothing is left behind.
+            ValueError: there is a sweep already, or a policy is unknown, damaged or made for another robot, or two have
+                the same label; then nothing is written.
             OSError: a file cannot be read or written.
         """
-        store = Store.create(path_of("folder", folder), instance("config", config, SweepConfig))
+        folder, config = path_of("folder", folder), instance("config", config, SweepConfig)
+        if (folder / RUN).exists():
+            raise ValueError(f"{folder} holds a sweep already: go on with it with --resume, or choose another --out")
+        if any(folder.glob("chunks/[!.]*")):
+            raise ValueError(
+                f"{folder / 'chunks'} holds results of a sweep whose {RUN} is missing: remove chunks, or choose "
+                "another --out"
+            )
+        specs = resolve_all(config.policies, run_code=True)
+        identity = identity_of(config, specs)
+        sweep = cls(folder, config, specs, _loaded(specs, config), digest_of(identity))
+        document = {"schema": SCHEMA, "command": config.command(), "config": config.to_dict()} | identity
+        # A run that is killed after this line leaves an empty folder of chunks, which is no obstacle to the next.
+        (folder / "chunks").mkdir(parents=True, exist_ok=True)
         try:
-            return cls(store, load_policies(store))
+            write_atomically(folder / RUN, _json({**document, "digest": sweep.digest}))
         except BaseException:
-            store.take_back()
+            sweep.take_back()
             raise
+        return sweep
 
     @classmethod
     def resume(cls, folder: Path, given: Mapping[str, Any] | None = None) -> Sweep:
-        """Go on with the sweep of a folder; arguments and errors as for `Store.open`."""
-        store = Store.open(folder, given)
-        return cls(store, load_policies(store))
-
-    def run(self, engine: Engine, report: Report = lambda text: None) -> Iterator[int]:
-        """Run the chunks that are missing, each kept as soon as it is done, and yield the number of its plants.
+        """Return the sweep of a folder, to go on with.
 
         Args:
-            engine: what runs them.
-            report: called with a line when a worker was lost, whose chunk is repeated.
+            folder: of the sweep.
+            given: fields of the configuration that the user has repeated. Those of `config.SHOWN` replace what the
+                folder says; the others must be the same. The user's own code that the folder names is run only if
+                ``policies`` names it too, alone or with other policies; a policy whose file is no longer where it was
+                may be named with its path.
 
         Raises:
-            ValueError, OSError, losses.WorkersLost: see `chunks.run_missing`.
+            ValueError: there is no sweep; its file is damaged or of another format; it was begun with another
+                configuration, code, version or policy file; or it names code that the user has not named.
+            OSError: a file cannot be read.
         """
-        for number, _ in run_missing(self.store, self.policies, engine, report):
-            yield len(self.store.config.members(number))
+        path, given = path_of("folder", folder) / RUN, dict(given or {})
+        if not path.is_file():
+            raise ValueError(f"{folder} holds no sweep to go on with: {RUN} is missing; begin one without --resume")
+        config, then, digest = read_checked(path, SCHEMA, "begin anew in another folder", _begun)
+        if digest != digest_of(then):
+            raise ValueError(f"{path} was changed after the sweep began: begin anew in another folder")
+        named = given.pop("policies", ())
+        _check_named(path, config, named)
+        config = dataclasses.replace(config, **{name: given.pop(name) for name in SHOWN if name in given})
+        if changed := difference(config.to_dict(), dataclasses.replace(config, **given).to_dict()):
+            raise ValueError(f"{folder} holds a sweep with other settings ({changed}): choose another --out")
+        names = found_again(config.policies, then["policies"], named, Path(folder))
+        specs = {label: resolve(spec.name, run_code=spec.name in named) for label, spec in resolve_all(names).items()}
+        if changed := difference(then, json.loads(json.dumps(identity_of(config, specs)))):
+            raise ValueError(
+                f"{folder} was begun with other versions, code, cases or policy files than there are now ({changed}), "
+                "and results are not mixed: begin anew in another folder"
+            )
+        return cls(Path(folder), config, specs, _loaded(specs, config), digest)
+
+    def take_back(self) -> None:
+        """Undo `begin` if there are no chunks yet."""
+        if not any((self.folder / "chunks").iterdir()):
+            (self.folder / "chunks").rmdir()
+            (self.folder / RUN).unlink(missing_ok=True)
+
+    def missing(self) -> list[int]:
+        """Return the chunks that are still to be run; ValueError if one that exists is damaged or of another sweep."""
+        return [number for number in range(self.config.chunks) if self._load(number) is None]
 
     @property
     def remaining(self) -> int:
         """Number of plants that are still to be run; ValueError if a chunk in the folder is broken."""
-        return sum(len(self.store.config.members(number)) for number in self.store.missing())
+        return sum(len(self.config.members(number)) for number in self.missing())
 
-    def summarise(self, progress: Callable[[], None] = lambda: None) -> Summary:
-        """Write the summary, the table, all episodes and the figures of a sweep whose chunks are all done.
+    def run(self, engine: Engine, report: Callable[[str], None] = lambda text: None) -> Iterator[int]:
+        """Run the chunks that are missing, each kept as soon as it is done, and yield the number of its plants.
 
         Args:
-            progress: called after each figure.
+            engine: what runs them; the policies travel to the workers, which need none of their files.
+            report: called with a line when a worker was lost, whose chunk is repeated.
+
+        Raises:
+            ValueError: a chunk in the folder is broken, a policy fails, or a worker has other versions than this
+                process.
+            engine.WorkersLost: workers die again and again.
+            OSError: a chunk cannot be written.
+        """
+        work = functools.partial(run_chunk, self.config, self.policies, made_with())
+        with contextlib.closing(engine.run(work, self.missing(), report)) as chunks:
+            for number, results in chunks:
+                content = io.BytesIO()
+                np.savez(content, allow_pickle=False, digest=np.array(self.digest), **vars(results))
+                write_atomically(self._path(number), content.getvalue())
+                yield len(results.plants)
+
+    def results(self) -> SweepResults:
+        """Return the results of the whole sweep; ValueError if a chunk is missing or broken."""
+        chunks = [self._load(number) for number in range(self.config.chunks)]
+        done = [chunk for chunk in chunks if chunk is not None]
+        if len(done) < len(chunks):
+            raise ValueError(f"{self.folder} lacks {len(chunks) - len(done)} chunks: --resume runs them")
+        return SweepResults.joined(done)
+
+    def summarise(self, progress: Callable[[], None] = lambda: None) -> Summary:
+        """Write the summary, the table, all episodes and the figures, calling `progress` after each of these.
 
         Raises:
             ValueError: a chunk is missing or broken.
@@ -121,22 +203,20 @@ class Sweep:
         # Imported here, as in `replay_plant`: Matplotlib takes a second to load.
         from fuzzyarm.eval.sweep.figures import write_sweep_figures
 
-        config, folder = self.store.config, self.store.folder
-        results = self.store.load_all()
-        document = summarise(config, results, declarations_of(self.store.specs, self.policies, config.arm))
-        write_atomically(folder / EPISODES, _compressed(results.arrays()))
-        write_atomically(folder / TABLE, summary_csv(document["rows"]))
-        write_atomically(folder / SUMMARY, json.dumps(document, indent=1) + "\n")
+        config, folder, results = self.config, self.folder, self.results()
+        document = summarise(config, results, declarations_of(self.specs, self.policies, config.arm))
+        contents: dict[str, str | bytes] = {
+            SUMMARY: _json(document),
+            "sweep.csv": summary_csv(document["rows"]),
+            "episodes.npz": _compressed(vars(results)),
+        }
+        for name, content in contents.items():
+            write_atomically(folder / name, content)
         figures = write_sweep_figures(config, results, document["rows"], folder, progress)
-        return Summary(document, [folder / SUMMARY, folder / TABLE, folder / EPISODES, *figures])
+        return Summary(document, [*(folder / name for name in contents), *figures])
 
     def replay_plant(self, policy: str, case: str, plant: int) -> Replay:
-        """Run one plant again and write its signals and figures to a folder of their own.
-
-        Args:
-            policy: label of the policy.
-            case: name of the case.
-            plant: its number in the sweep.
+        """Run a plant, by its number, again under a policy, by its label, in a case; write its signals and figures.
 
         Raises:
             ValueError: the sweep has no such plant, policy or case.
@@ -144,16 +224,163 @@ class Sweep:
         """
         from fuzzyarm.eval.evaluation.figures import write_figures
 
-        rollout = replay(self.store.config, self.policies, plant, policy, case)
-        folder = self.store.folder / f"replay-{policy.replace(':', '-')}-{case}-{plant}"
+        rollout = replay(self.config, self.policies, plant, policy, case)
+        folder = self.folder / f"replay-{policy.replace(':', '-')}-{case}-{plant}"
         folder.mkdir(exist_ok=True)
-        write_atomically(folder / _EPISODE, _compressed(dataclasses.asdict(rollout)))
-        write_figures([rollout], folder, titles=self.store.config.titles)
+        write_atomically(folder / "episode.npz", _compressed(dataclasses.asdict(rollout)))
+        write_figures([rollout], folder, titles=self.config.titles)
         return Replay(rollout, folder)
 
+    def _path(self, number: int) -> Path:
+        return self.folder / "chunks" / f"{number:06d}.npz"
 
-def _compressed(arrays: dict[str, Any]) -> bytes:
-    """Return arrays as the content of an ``.npz`` file."""
+    def _load(self, number: int) -> SweepResults | None:
+        """Return a chunk; None if it has not been run, ValueError if its file is damaged or of another sweep."""
+        path, again = self._path(number), "delete it, and --resume runs it again"
+        if not path.exists():
+            return None
+        try:
+            arrays = read_arrays(path)
+        except ValueError as error:  # it names the file
+            raise ValueError(f"{error}: {again}") from None
+        if str(arrays.pop("digest", "")) != self.digest:
+            raise ValueError(f"{path} is of another sweep than {self.folder / RUN}: {again}")
+        fields = [field.name for field in dataclasses.fields(SweepResults)]
+        if set(arrays) == set(fields):
+            results = SweepResults(**{name: arrays[name] for name in fields})
+            if results.fits(self.config, len(self.config.members(number))):
+                return results
+        raise ValueError(f"{path} is damaged (its arrays are not those of the sweep): {again}")
+
+
+def run_chunk(
+    config: SweepConfig, policies: Mapping[str, Predictor], needed: Mapping[str, str], number: int
+) -> SweepResults:
+    """Run a chunk in this process; ValueError where its `made_with` is not what is needed."""
+    if found := difference(made_with(), needed):
+        raise ValueError(
+            f"a worker has other versions than the process that runs the sweep ({found}): install the same on all, "
+            "and change no source while it runs"
+        )
+    return run_plants(config, policies, config.members(number))
+
+
+def _loaded(specs: Mapping[str, PolicySpec], config: SweepConfig) -> dict[str, Predictor]:
+    return {label: spec.load(CONTROL_PERIOD, config.arm) for label, spec in specs.items()}
+
+
+# The identity.
+
+
+@functools.cache
+def made_with() -> dict[str, str]:
+    """Return the versions, and a digest of the sources, that this process computes with."""
+    digest, root = hashlib.sha256(), Path(fuzzyarm.__file__).parent
+    for path in (root / name for name in SOURCES):
+        files = [path] if path.is_file() else sorted(path.rglob("*"))
+        assert files, f"{path} is missing: SOURCES must follow the package's folders"
+        for file in files:
+            if file.is_file() and "__pycache__" not in file.parts:
+                digest.update(file.relative_to(path.parent).as_posix().encode() + b"\0" + file.read_bytes() + b"\0")
+    versions = {name: version(name) for name in ("fuzzyarm", "numpy", "llvmlite")}
+    return {"python": platform.python_version(), **versions, "code": digest.hexdigest()}
+
+
+def identity_of(config: SweepConfig, specs: Mapping[str, PolicySpec]) -> dict[str, dict[str, Any]]:
+    """Return everything that the numbers of a sweep depend on, ready for JSON.
+
+    Args:
+        config: of the sweep.
+        specs: its policies by label; code must be allowed to run, see `policies.resolve`.
+
+    Raises:
+        ValueError: a policy is damaged.
+        OSError: a policy's file cannot be read.
+    """
+    axes = 2 if config.robot is None else 3
+    return {
+        "numbers": _numbers(config.to_dict()),
+        "policies": {label: spec.files() | _module_files(spec) for label, spec in specs.items()},
+        "made_with": made_with(),
+        "cases": {name: _described(case, axes) for name, case in CASES.added().items() if name in config.cases},
+    }
+
+
+def digest_of(identity: Mapping[str, Any]) -> str:
+    """Return the SHA-256 of an identity."""
+    return hashlib.sha256(json.dumps(identity, sort_keys=True).encode()).hexdigest()
+
+
+def _begun(document: Mapping[str, Any]) -> tuple[SweepConfig, dict[str, dict[str, Any]], str]:
+    """Return configuration, identity and digest from the content of ``run.json``."""
+    config, parts = SweepConfig.from_dict(document["config"]), ("numbers", "policies", "made_with", "cases")
+    if _numbers(document["config"]) != document["numbers"]:
+        raise ValueError("its configuration was changed after the sweep began")
+    return config, {name: instance(name, document[name], dict) for name in parts}, document["digest"]
+
+
+def _numbers(config: Mapping[str, Any]) -> dict[str, Any]:
+    return {name: value for name, value in config.items() if name not in SHOWN}
+
+
+def _module_files(spec: PolicySpec) -> dict[str, str]:
+    """Return the SHA-256 of the Python files that a policy of the user's code may be made from, by path.
+
+    A module stands for its whole top-level package, as its modules may import each other. Empty for other policies.
+    """
+    source = source_of(spec.name.partition(":")[0].partition(".")[0]) if spec.kind is Kind.CODE else None
+    if source is None:
+        return {}
+    files = sorted(source.rglob("*.py")) if source.is_dir() else [source]
+    return {file.relative_to(source.parent).as_posix(): hashlib.sha256(read_bytes(file)).hexdigest() for file in files}
+
+
+def _described(case: Case, axes: int) -> str:
+    """Return a digest of what an added case does: its fields as text, and its tip force at some instants."""
+    force, t = case.disturbance.tip_force, np.linspace(0.0, 2.0, INSTANTS)
+    text = re.sub(r" at 0x[0-9a-f]+", "", repr(case))
+    velocity = np.stack([np.cos(t), np.sin(t), t][:axes], axis=-1)
+    forces = b"" if force is None else np.asarray(force.at(t, velocity)).tobytes()
+    return hashlib.sha256(text.encode() + forces).hexdigest()
+
+
+def difference(one: Mapping[str, Any], other: Mapping[str, Any]) -> str:
+    """Return in words in which entries two mappings differ; empty if they do not."""
+    found = []
+    for key in dict.fromkeys([*one, *other]):
+        then, now = one.get(key), other.get(key)
+        if isinstance(then, Mapping) and isinstance(now, Mapping):
+            inner = difference(then, now)
+            found += [f"{listed([key])}: {inner}"] if inner else []
+        elif then != now:  # of digests and versions the first characters are enough
+            found.append(f"{listed([key])} {listed([then]):.20} and {listed([now]):.20}")
+    return ", ".join(found)
+
+
+def _check_named(path: Path, config: SweepConfig, named: Sequence[str]) -> None:
+    """Check that the user has named all code that would be run, and no policy that is not in the sweep."""
+    code = [name for name in config.policies if resolve(name).kind is Kind.CODE]
+    unnamed = [name for name in code if name not in named]
+    if unnamed:
+        flags = " ".join(f"--policy {name}" for name in unnamed)
+        raise ValueError(
+            f"{path} names code that is not part of fuzzyarm, which a file alone does not get run; if you trust it, "
+            f"add {flags}"
+        )
+    labels = [resolve(name).label for name in named]
+    moved = [name for name in named if (spec := resolve(name)).path and not spec.named and spec.label in config.labels]
+    if labels != config.labels and set(named) - set(moved) - set(code):
+        raise ValueError(
+            f"{path.parent} holds a sweep with policies = {', '.join(config.policies)}, not {', '.join(named)}: "
+            "choose another --out"
+        )
+
+
+def _json(document: Mapping[str, Any]) -> str:
+    return json.dumps(document, indent=1) + "\n"
+
+
+def _compressed(arrays: Mapping[str, Any]) -> bytes:
     content = io.BytesIO()
     np.savez_compressed(content, allow_pickle=False, **arrays)
     return content.getvalue()

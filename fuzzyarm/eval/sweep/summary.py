@@ -1,4 +1,4 @@
-"""The statistics of a sweep: success rates and quantiles with confidence intervals, and the worst plants.
+"""The statistics of a sweep: success rates and quantiles with confidence intervals, the worst plants, and their table.
 
 An episode that ended early counts as one whose tip error is larger than any bound. The p-quantile of n errors is the
 smallest error that at least n p of the errors do not exceed. It is one of the errors, and may be that of an episode
@@ -16,27 +16,45 @@ from __future__ import annotations
 
 import datetime
 import functools
+import itertools
 import math
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
 import numpy as np
+from rich.console import Console
+from rich.text import Text
 from scipy.stats import binomtest, bootstrap
 
+from fuzzyarm.common.console import print_paragraphs, print_table, table
+from fuzzyarm.common.files import csv_text
 from fuzzyarm.eval.declarations import read_declarations, written_declarations
+from fuzzyarm.eval.episodes.metrics import millimetres
+from fuzzyarm.eval.evaluation.statistics import LEVEL, SEED
 from fuzzyarm.eval.provenance import current_provenance
 from fuzzyarm.eval.sweep.config import SweepConfig
-from fuzzyarm.eval.sweep.quantities import NOISE
-from fuzzyarm.eval.sweep.results import SweepResults
-from fuzzyarm.eval.sweep.store import SCHEMA
+from fuzzyarm.eval.sweep.distributions import NOISE
+from fuzzyarm.eval.sweep.episodes import SweepResults
 from fuzzyarm.policies.declared import Declared
 
-__all__ = ["QUANTILES", "quantile_ranks", "quantiles", "summarise", "worst"]
+__all__ = [
+    "QUANTILES",
+    "SCHEMA",
+    "SUMMARY",
+    "print_sweep",
+    "quantile_ranks",
+    "quantiles",
+    "summarise",
+    "summary_csv",
+    "worst",
+]
 
+SCHEMA, SUMMARY = "fuzzyarm-sweep/3", "sweep.json"
 QUANTILES = (0.5, 0.9, 0.99)  # of the errors over the plants
-LEVEL = 0.95
 RESAMPLES = 2000
-SEED = 0  # of the resampling: the same errors give the same interval
+_COLUMNS = (*(("max_mm", "largest tip error", f"{p:g}") for p in QUANTILES), ("rms_mm", "rms tip error", "0.5"))
+"""The columns of the table after the success rate: metric, words for it, and the level of the quantile."""
+_ENDED_EARLY = "ended early"
 Number = float | None
 """A number of the summary; None stands for an error larger than any bound, or for a missing interval."""
 
@@ -56,10 +74,7 @@ def summarise(
         quantiles of ``max_mm`` and ``rms_mm`` by level, all as value and interval, and ``worst``. A value of None is
         larger than any bound; an interval of a single plant is None.
     """
-    rows = []
-    for p, policy in enumerate(config.labels):
-        for c, case in enumerate(config.cases):
-            rows.append({"policy": policy, "case": case, **_row(config, results.episodes(p, c))})
+    pairs = itertools.product(enumerate(config.labels), enumerate(config.cases))
     return {
         "schema": SCHEMA,
         "command": config.command(),
@@ -70,36 +85,31 @@ def summarise(
         "declared": written_declarations(read_declarations(None, config.policies) if declared is None else declared),
         "method": {
             "plants": config.total,
-            "distribution": {name: list(value) for name, value in vars(config.drawn()).items()},
+            "distribution": {name: list(value) for name, value in config.drawn().quantities().items()},
             "noise_unit": [NOISE.position, NOISE.velocity],
             "level": LEVEL,
             "resamples": RESAMPLES,
         },
-        "rows": rows,
+        "rows": [
+            {"policy": policy, "case": case, **_row(config, results.episodes(p, c))} for (p, policy), (c, case) in pairs
+        ],
     }
 
 
 def _row(config: SweepConfig, episodes: SweepResults) -> dict[str, Any]:
-    """Return the statistics of one policy in one case."""
-    count = int(np.count_nonzero(episodes.errors < config.bound))
-    total = len(episodes.completed)
+    count, total = int(np.count_nonzero(episodes.errors < config.bound)), len(episodes.completed)
     wilson = binomtest(count, total).proportion_ci(LEVEL, method="wilson")
+    names, metrics = episodes.plants.dtype.names or (), ("completed", "seconds", "max_mm", "rms_mm")
     return {
         "success": {"value": count / total, "low": float(wilson.low), "high": float(wilson.high)},
-        "ended_early": int(total - np.count_nonzero(episodes.completed)),
+        "ended_early": int(np.count_nonzero(~episodes.completed)),
         "max_mm": quantiles(episodes.errors),
         "rms_mm": quantiles(np.where(episodes.completed, episodes.rms_mm, np.inf)),
         "worst": [
-            {
-                "plant": int(plant),
-                "seed": int(config.seed + plant),
-                "completed": bool(episodes.completed[plant]),
-                "seconds": float(episodes.seconds[plant]),
-                "max_mm": float(episodes.max_mm[plant]),
-                "rms_mm": float(episodes.rms_mm[plant]),
-                "parameters": {name: float(episodes.plants[plant][name]) for name in episodes.plants.dtype.names or ()},
-            }
-            for plant in worst(episodes, config.worst)
+            {"plant": plant, "seed": config.seed + plant}
+            | {metric: getattr(episodes, metric)[plant].item() for metric in metrics}
+            | {"parameters": dict(zip(names, episodes.plants[plant].item(), strict=True))}
+            for plant in worst(episodes, config.worst).tolist()
         ],
     }
 
@@ -115,16 +125,12 @@ def worst(episodes: SweepResults, count: int) -> np.ndarray:
 
 def quantiles(values: np.ndarray) -> dict[str, dict[str, Number]]:
     """Return `QUANTILES` of values (n,), of which some may be inf, with their confidence intervals."""
-    ordered = np.sort(values)
-    ranks, low, high = quantile_ranks(len(values))
-    found = {}
-    for p, rank, first, last in zip(QUANTILES, ranks, low, high, strict=True):
-        single = len(values) == 1
-        found[f"{p:g}"] = {
-            "value": _finite(ordered[rank]),
-            "low": None if single else _finite(ordered[first]),
-            "high": None if single else _finite(ordered[last]),
-        }
+    ordered = [value if math.isfinite(value) else None for value in np.sort(values).tolist()]
+    ranks, *ends = quantile_ranks(len(ordered))
+    found = {f"{p:g}": {"value": ordered[rank]} for p, rank in zip(QUANTILES, ranks, strict=True)}
+    for name, bounds in zip(("low", "high"), ends, strict=True):
+        for quantile, bound in zip(found.values(), bounds, strict=True):
+            quantile[name] = None if len(ordered) == 1 else ordered[bound]
     return found
 
 
@@ -155,5 +161,49 @@ def quantile_ranks(count: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     return ranks, np.floor(interval.low).astype(int), np.ceil(interval.high).astype(int)
 
 
-def _finite(value: Any) -> Number:
-    return float(value) if np.isfinite(value) else None
+def print_sweep(document: dict[str, Any], console: Console) -> None:
+    """Print the rows of a summary, and what they mean."""
+    config, terminal = document["config"], console.is_terminal
+    # A terminal has one word of a heading a line; a number stays with its unit.
+    space = "\N{NO-BREAK SPACE}" if terminal else " "
+    headings = ["policy", f"success, below {config['bound']:g}{space}mm [%]"]
+    headings += [f"{words}, {100 * float(level):g}{space}% [mm]" for _, words, level in _COLUMNS]
+    rows = table(headings, console=console)
+    for case in config["cases"]:
+        rows.add_section()
+        rows.add_row(Text(document["titles"][case], style="bold"))
+        for row in document["rows"]:
+            if row["case"] == case:
+                success = {name: 100.0 * share for name, share in row["success"].items()}
+                cells = [_cell(success, "{:.2f}".format, terminal)]
+                cells += [_cell(row[metric][level], millimetres, terminal) for metric, _, level in _COLUMNS]
+                rows.add_row(Text(row["policy"]), *cells)
+    print_table(rows, console)
+    note = (
+        f"{document['method']['plants']} plants, the same for every policy and case. In brackets, confidence "
+        f"intervals of 95 %. '{_ENDED_EARLY}' counts as larger than any error."
+    )
+    print_paragraphs(console, [note])
+
+
+def _cell(found: dict[str, Number], form: Callable[[float], str], terminal: bool) -> Text:
+    """Return a value and its interval, on two lines of a terminal."""
+    value, low, high = (
+        _ENDED_EARLY if number is None else form(number) for number in map(found.get, ("value", "low", "high"))
+    )
+    if found["low"] is None and found["value"] is not None:
+        return Text(value)  # a single plant has no interval
+    interval = "" if value == low == high == _ENDED_EARLY else f"({low} to {high})"
+    return Text(f"{value}\n{interval}" if terminal else f"{value} {interval}".rstrip())
+
+
+def summary_csv(rows: Sequence[dict[str, Any]]) -> str:
+    """Return a line for each policy and case, every number with its interval; empty for larger than any error."""
+    flat = []
+    for row in rows:
+        columns = {"policy": row["policy"], "case": row["case"], "ended_early": row["ended_early"]}
+        columns |= {f"success_{name}": value for name, value in row["success"].items()}
+        for metric, level in itertools.product(("max_mm", "rms_mm"), row["max_mm"]):
+            columns |= {f"{metric}_{level}_{name}": value for name, value in row[metric][level].items()}
+        flat.append(columns)
+    return csv_text(flat)

@@ -33,9 +33,9 @@ from fuzzyarm.envs.physics.rigid_body import inverse_dynamics
 from fuzzyarm.envs.physics.robot import shipped_robots
 from fuzzyarm.envs.physics.robot_text import arm_as_toml
 from fuzzyarm.envs.scenario.default_reference import default_reference
+from fuzzyarm.eval.engine import Engine
 from fuzzyarm.eval.provenance import current_provenance
 from fuzzyarm.eval.stability.margins import MarginsConfig, measure_margins
-from fuzzyarm.eval.sweep.engine import Engine
 from fuzzyarm.eval.tuning.conditions import PERIOD
 from fuzzyarm.eval.tuning.finding import STEPS, Finding, read_finding, write_finding
 from fuzzyarm.eval.tuning.robot_steps import ROBOT_STEPS

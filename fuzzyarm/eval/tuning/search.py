@@ -16,7 +16,7 @@ import numpy as np
 from scipy.optimize import minimize
 from scipy.stats import qmc
 
-from fuzzyarm.eval.sweep.engine import Engine
+from fuzzyarm.eval.engine import Engine
 
 __all__ = ["WORTH", "Budget", "Descent", "best_of", "descend", "found_weights", "rounded", "sobol_points"]
 

@@ -10,9 +10,9 @@ from typing import Any
 
 from fuzzyarm.envs.physics.equations import AnyArm, robot_of
 from fuzzyarm.envs.physics.parameters import ArmParameters
+from fuzzyarm.eval.engine import Engine
 from fuzzyarm.eval.stability.linearisation import Linearisable
 from fuzzyarm.eval.stability.margins import policy_margins
-from fuzzyarm.eval.sweep.engine import Engine
 from fuzzyarm.eval.tuning import adaptive_search, bandwidth, fuzzy_gains, observer_search
 from fuzzyarm.eval.tuning.conditions import PERIOD
 from fuzzyarm.eval.tuning.finding import SCHEMA, Finding, finite

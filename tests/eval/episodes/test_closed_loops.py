@@ -6,8 +6,7 @@ import pytest
 from fuzzyarm import load_policy
 from fuzzyarm.eval.sweep import episodes
 from fuzzyarm.eval.sweep.config import SweepConfig
-from fuzzyarm.eval.sweep.episodes import run_plants
-from fuzzyarm.eval.sweep.results import METRICS
+from fuzzyarm.eval.sweep.episodes import METRICS, run_plants
 from fuzzyarm.fuzzy_policy.law import law_of
 from fuzzyarm.fuzzy_policy.laws.fuzzy import FuzzyPolicy
 

@@ -14,7 +14,7 @@ from matplotlib.figure import Figure
 from slow_twins import slow_but
 
 from fuzzyarm.cli import main
-from fuzzyarm.eval.sweep import identity
+from fuzzyarm.eval.sweep import run
 
 QUICK = ["--policy", "fuzzy-4", "--case", "nominal", "--plants", "6", "--chunk", "3", "--jobs", "1"]
 
@@ -89,7 +89,7 @@ def test_json_is_the_summary_file_and_looking_at_a_sweep_anew_runs_nothing(folde
     def run_chunk(*_):
         raise AssertionError("all chunks are there")
 
-    monkeypatch.setattr("fuzzyarm.eval.sweep.chunks.run_chunk", run_chunk)
+    monkeypatch.setattr("fuzzyarm.eval.sweep.run.run_chunk", run_chunk)
     before = contents(folder / "chunks")
     assert main(["sweep", "--resume", "--bound", "6.5", "--worst", "1", "--json", "--out", str(folder)]) == 0
     document = json.loads(capsys.readouterr().out)
@@ -187,9 +187,9 @@ def test_a_changed_run_file_is_named(folder, capsys):
 
 @pytest.mark.parametrize("name", ["numpy", "code"])
 def test_versions_are_not_mixed(folder, capsys, monkeypatch, name):
-    newer = identity.made_with() | {name: "another"}
-    monkeypatch.setattr(identity, "made_with", lambda: newer)
-    refused(capsys, folder, ["--resume", "--out", str(folder)], f"other versions than there are now ({name} ")
+    newer = run.made_with() | {name: "another"}
+    monkeypatch.setattr(run, "made_with", lambda: newer)
+    refused(capsys, folder, ["--resume", "--out", str(folder)], f"than there are now (made_with: {name} ")
 
 
 @pytest.mark.slow
@@ -201,7 +201,7 @@ def test_a_policy_file_that_changed_is_not_mixed_in(tmp_path, capsys, undrawn):
     capsys.readouterr()
     file.write_bytes((shipped / "fuzzy-2.json").read_bytes())
     resumed = ["--resume", "--out", str(out), "--policy", str(file)]
-    refused(capsys, out, resumed, "other policy files than there are now (mine: mine.json ")
+    refused(capsys, out, resumed, "than there are now (policies: mine: mine.json ")
 
 
 def test_what_a_run_leaves_that_is_killed_at_its_beginning_is_no_obstacle(tmp_path, capsys, undrawn, short):
@@ -245,12 +245,11 @@ def test_a_sweep_holds_no_absolute_path_and_finds_its_policy_again(tmp_path, cap
     assert main(["sweep", "--resume", "--out", str(out)]) == 0
     capsys.readouterr()
     (out / "mine.json").write_bytes(shipped.with_name("fuzzy-2.json").read_bytes())
-    refused(capsys, out, ["--resume", "--out", str(out)], "begun with other policy files")
+    refused(capsys, out, ["--resume", "--out", str(out)], "than there are now (policies: mine: mine.json ")
 
 
 def test_workers_that_die_again_and_again_end_the_sweep_with_one_line(tmp_path, capsys, monkeypatch):
-    from fuzzyarm.eval.sweep.engine import Engine
-    from fuzzyarm.eval.sweep.losses import WorkersLost
+    from fuzzyarm.eval.engine import Engine, WorkersLost
 
     def lost(*_):
         raise WorkersLost("workers died 3 times in a row")
@@ -263,8 +262,6 @@ def test_workers_that_die_again_and_again_end_the_sweep_with_one_line(tmp_path, 
 
 def test_without_ray_the_extra_is_named(tmp_path, capsys, monkeypatch):
     monkeypatch.setitem(sys.modules, "ray", None)
-    monkeypatch.delitem(sys.modules, "fuzzyarm.eval.sweep.ray_backend", raising=False)
-    monkeypatch.delattr("fuzzyarm.eval.sweep.ray_backend", raising=False)
     refused(capsys, tmp_path, [*QUICK, "--backend", "ray", "--out", str(tmp_path)], '-e ".[cluster]"')
     assert not list(tmp_path.iterdir())
 

@@ -12,8 +12,7 @@ from fuzzyarm.envs.physics.parameters import ArmParameters
 from fuzzyarm.envs.physics.robot import robot_named
 from fuzzyarm.envs.scenario.cases import CASES, PAPER_CASES, case_for
 from fuzzyarm.eval.sweep.config import Axis, SweepConfig
-from fuzzyarm.eval.sweep.distributions import DISTRIBUTIONS, Distribution
-from fuzzyarm.eval.sweep.quantities import QUANTITIES, column_label, columns_of
+from fuzzyarm.eval.sweep.distributions import DISTRIBUTIONS, QUANTITIES, Distribution, column_label, columns_of
 from fuzzyarm.policies import ANY_ROBOT
 
 GRID = (Axis("stiffness", 0.7, 1.3, 3), Axis("payload", 0.0, 5.0, 2))

@@ -13,9 +13,7 @@ import pytest
 
 from fuzzyarm.envs.scenario.cases import CASES, Case, add_case, find_case
 from fuzzyarm.envs.scenario.disturbances import Disturbance
-from fuzzyarm.eval.sweep.engine import Engine
-from fuzzyarm.eval.sweep.losses import WorkersLost
-from fuzzyarm.eval.sweep.user_modules import module_sources
+from fuzzyarm.eval.engine import Engine, WorkersLost, _call, _pickled, module_sources
 
 
 def slow(number):
@@ -145,11 +143,11 @@ def loads(number):
 
 def test_work_travels_with_what_was_added_by_name(pushed):
     """As to a process that knows nothing of it, and to one where the name means something else."""
-    piece = Engine(jobs=2)._piece(loads)
+    content = _pickled(loads)
     for known in ({}, {"pushed": dataclasses.replace(PUSHED, disturbance=Disturbance())}):
         del CASES["pushed"]
         CASES.update(known)
-        assert piece(3) == (3, 30.0)
+        assert _call(content, (), 3) == (3, 30.0)
 
 
 @pytest.mark.slow

@@ -17,11 +17,9 @@ from fuzzyarm.envs.scenario.disturbances import EncoderNoise
 from fuzzyarm.envs.scenario.randomisation import DomainRandomisation
 from fuzzyarm.envs.scenario.reference import JointReference
 from fuzzyarm.eval.sweep.config import Axis, SweepConfig
-from fuzzyarm.eval.sweep.distributions import DISTRIBUTIONS
-from fuzzyarm.eval.sweep.episodes import replay, run_plants, steps
+from fuzzyarm.eval.sweep.distributions import DISTRIBUTIONS, NOISE, columns_of
+from fuzzyarm.eval.sweep.episodes import SweepResults, replay, run_plants, steps
 from fuzzyarm.eval.sweep.plants import Plants
-from fuzzyarm.eval.sweep.quantities import NOISE, columns_of
-from fuzzyarm.eval.sweep.results import SweepResults
 from fuzzyarm.policies import load_policy
 
 POLICIES = {name: load_policy(name) for name in ("fuzzy-4", "elastic-observer")}
@@ -64,7 +62,7 @@ def test_the_numbers_are_those_of_single_environments(whole, where):
     noisy = CASES[case].disturbance.__class__(
         tip_force=CASES[case].disturbance.tip_force, encoder_noise=EncoderNoise(NOISE.position, NOISE.velocity)
     )
-    env = FuzzyArmEnv(disturbance=noisy, randomisation=DISTRIBUTIONS["all"].randomisation())
+    env = FuzzyArmEnv(disturbance=noisy, randomisation=DISTRIBUTIONS["all"])
     for p, policy in enumerate(POLICIES.values()):
         errors, completed = tip_errors(env, policy, 40 + i, delay, noise)
         assert whole.max_mm[p, c, i] == 1e3 * errors.max()
@@ -75,7 +73,7 @@ def test_the_numbers_are_those_of_single_environments(whole, where):
 
 def test_what_is_drawn_is_what_the_environment_draws_from_the_same_seed():
     plants = Plants.draw(CONFIG, range(6))
-    env = FuzzyArmEnv(randomisation=DISTRIBUTIONS["all"].randomisation())
+    env = FuzzyArmEnv(randomisation=DISTRIBUTIONS["all"])
     for i in range(6):
         drawn = env.reset(seed=40 + i)[1]["randomisation"]
         for name, column in columns_of(2).items():
@@ -100,8 +98,8 @@ def test_noise_and_delay_cover_their_ranges_and_depend_on_nothing_else_drawn():
 @pytest.mark.parametrize("size", slow_but([4], [1, 4]))
 def test_no_number_depends_on_the_chunk_it_was_computed_in(whole, size):
     parts = [run_plants(CONFIG, POLICIES, range(6)[start : start + size]) for start in range(0, 6, size)]
-    joined = SweepResults.joined(parts).arrays()
-    for name, array in whole.arrays().items():
+    joined = vars(SweepResults.joined(parts))
+    for name, array in vars(whole).items():
         assert np.array_equal(joined[name], array), name
 
 
@@ -208,7 +206,7 @@ def test_plants_are_drawn_around_the_robot(short):
             disturbance=case_for("machining", robot).disturbance,
             parameters=robot,
             reference=JointReference(parameters=robot),
-            randomisation=DISTRIBUTIONS["plants"].randomisation(),
+            randomisation=DISTRIBUTIONS["plants"],
         )
         errors, _ = tip_errors(env, policies["computed-torque"], i, most=short)
         assert found.max_mm[0, 0, i] == 1e3 * errors.max()

@@ -5,9 +5,9 @@ import numpy as np
 import pytest
 
 from fuzzyarm.eval.sweep.config import Axis, SweepConfig
+from fuzzyarm.eval.sweep.distributions import columns_of, plant_record
+from fuzzyarm.eval.sweep.episodes import SweepResults
 from fuzzyarm.eval.sweep.figures import COLORS, Cells, draw_sweep, write_sweep_figures
-from fuzzyarm.eval.sweep.quantities import columns_of, plant_record
-from fuzzyarm.eval.sweep.results import SweepResults
 from fuzzyarm.eval.sweep.summary import summarise
 
 GRID = SweepConfig(

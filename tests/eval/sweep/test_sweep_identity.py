@@ -12,8 +12,7 @@ from fuzzyarm.envs.physics.robot import robot_named
 from fuzzyarm.envs.scenario.cases import CASES, Case, add_case
 from fuzzyarm.envs.scenario.disturbances import ConstantForce, Disturbance
 from fuzzyarm.eval.sweep.config import SweepConfig
-from fuzzyarm.eval.sweep.identity import SOURCES, difference, digest_of_identity, made_with, sweep_identity
-from fuzzyarm.eval.sweep.store import Store
+from fuzzyarm.eval.sweep.run import SOURCES, Sweep, difference, digest_of, identity_of, made_with
 from fuzzyarm.policies import resolve_all
 
 ROOT = Path(fuzzyarm.__file__).parent
@@ -47,13 +46,13 @@ def test_every_source_exists():
 
 def test_the_identity_holds_the_digest_of_every_file_of_a_policy():
     config = SweepConfig(policies=("fuzzy-4-tip", "ppo-residual", "computed-torque"))
-    found = sweep_identity(config, resolve_all(config.policies))
+    found = identity_of(config, resolve_all(config.policies))
     assert list(found["policies"]["fuzzy-4-tip"]) == ["fuzzy-4.json"]
     assert "policy.json" in found["policies"]["ppo-residual"]  # which holds the digest of the weights
     assert found["policies"]["computed-torque"] == {}
     assert found["numbers"]["parameters"] == config.parameters.to_dict()
     assert "bound" not in found["numbers"]  # decides only how results are shown
-    assert digest_of_identity(found) == digest_of_identity(json.loads(json.dumps(found)))
+    assert digest_of(found) == digest_of(json.loads(json.dumps(found)))
 
 
 def test_a_difference_names_the_entries_down_to_the_file():
@@ -66,10 +65,10 @@ def test_a_difference_names_the_entries_down_to_the_file():
 def test_the_sweep_of_a_robot_is_opened_again_and_another_robot_is_refused(tmp_path):
     robot = robot_named("planar-3r")
     config = SweepConfig(robot=robot, policies=("computed-torque",), plants=2)
-    Store.create(tmp_path, config)
-    assert Store.open(tmp_path, {"robot": robot}).config == config
+    Sweep.begin(tmp_path, config)
+    assert Sweep.resume(tmp_path, {"robot": robot}).config == config
     with pytest.raises(ValueError, match="choose another --out"):
-        Store.open(tmp_path, {"robot": robot.with_payload(0.1)})
+        Sweep.resume(tmp_path, {"robot": robot.with_payload(0.1)})
 
 
 def test_a_sweep_of_an_added_case_goes_on_only_where_the_case_is_known_and_the_same(tmp_path):
@@ -79,13 +78,13 @@ def test_a_sweep_of_an_added_case_goes_on_only_where_the_case_is_known_and_the_s
     add_case(pushes[0])
     try:
         config = SweepConfig(policies=("computed-torque",), cases=("pushed", "nominal"), plants=2)
-        Store.create(tmp_path, config)
-        assert Store.open(tmp_path).config == config
+        Sweep.begin(tmp_path, config)
+        assert Sweep.resume(tmp_path).config == config
         CASES["pushed"] = pushes[1]
-        with pytest.raises(ValueError, match="begun with other added cases"):
-            Store.open(tmp_path)
+        with pytest.raises(ValueError, match=r"begun with other .*\(cases: pushed"):
+            Sweep.resume(tmp_path)
         del CASES["pushed"]
-        with pytest.raises(ValueError, match=r"this process lacks: add them with add_case: pushed$"):
-            Store.open(tmp_path)
+        with pytest.raises(ValueError, match=r"unknown case 'pushed'.*add_case adds another"):
+            Sweep.resume(tmp_path)
     finally:
         CASES.pop("pushed", None)

@@ -12,7 +12,7 @@ import pytest
 
 from fuzzyarm.cli import main
 from fuzzyarm.envs.physics.parameters import ArmParameters
-from fuzzyarm.eval.sweep.store import Store
+from fuzzyarm.eval.sweep.run import Sweep
 
 QUICK = ["--case", "nominal", "--plants", "4", "--chunk", "2"]
 ONE_CHUNK = ["--case", "nominal", "--plants", "2", "--jobs", "1"]
@@ -44,7 +44,7 @@ ON_RAY = """
 import sys
 from pathlib import Path
 from fuzzyarm.eval.sweep.config import SweepConfig
-from fuzzyarm.eval.sweep.engine import Engine
+from fuzzyarm.eval.engine import Engine
 from fuzzyarm.eval.sweep.run import Sweep
 
 policy, modules, out = sys.argv[1:]
@@ -130,9 +130,8 @@ def test_ray_sends_the_package_of_a_policy_of_ones_own(imported, tmp_path):
     done = subprocess.run(command, cwd="elsewhere", env=environment, capture_output=True, text=True, check=False)
     assert done.returncode == 0, done.stderr
     assert done.stdout == "[2, 2]\n"
-    assert_equal(
-        episodes(tmp_path / "expected"), Store.open(tmp_path / "found", {"policies": [policy]}).load_all().arrays()
-    )
+    found = Sweep.resume(tmp_path / "found", {"policies": [policy]})
+    assert_equal(episodes(tmp_path / "expected"), vars(found.results()))
     places = imported.read_text().splitlines()
     assert any("py_modules" in place for place in places), places  # the copy that Ray sent
 
@@ -163,7 +162,7 @@ def test_code_that_changed_is_not_mixed_in(imported, tmp_path, capsys, short):
     package(tmp_path, "swept_twice", share=0.998)
     assert main(["sweep", "--resume", "--policy", policy, "--out", "sweep"]) == 2
     error = capsys.readouterr().err
-    assert "other policy files than there are now (swept_twice.law:make: swept_twice/gains.py" in error
+    assert "than there are now (policies: swept_twice.law:make: swept_twice/gains.py" in error
 
 
 @pytest.mark.slow
@@ -218,7 +217,10 @@ def test_a_sweep_goes_on_only_with_the_same_arm(arm, tmp_path, capsys, short):
     assert main(["sweep", *policy, "--robot", str(arm / "arm.toml"), *ONE_CHUNK, "--out", str(out)]) == 0
     capsys.readouterr()
     assert main(["sweep", "--resume", "--robot", str(other), "--out", str(out)]) == 2
-    assert "holds a sweep of another robot (mass [14.0, 8.0] and [13.0, 8.0], stiffness" in capsys.readouterr().err
+    assert (
+        "holds a sweep with other settings (parameters: mass [14.0, 8.0] and [13.0, 8.0], stiffness"
+        in capsys.readouterr().err
+    )
 
 
 def test_a_learned_policys_folder_is_the_policy_of_its_name(tmp_path, short):

@@ -8,9 +8,9 @@ import pytest
 from fuzzyarm.cli import main
 from fuzzyarm.eval.evaluation.ranking import markdown, ranks_of
 from fuzzyarm.eval.sweep.config import SweepConfig
-from fuzzyarm.eval.sweep.quantities import plant_record
+from fuzzyarm.eval.sweep.distributions import plant_record
+from fuzzyarm.eval.sweep.episodes import SweepResults
 from fuzzyarm.eval.sweep.ranking import rank_sweeps
-from fuzzyarm.eval.sweep.results import SweepResults
 from fuzzyarm.eval.sweep.summary import summarise
 from fuzzyarm.policies.declared import declared
 

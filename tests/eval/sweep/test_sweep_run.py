@@ -14,11 +14,10 @@ import pytest
 from support.processes import running, wait_until
 
 from fuzzyarm.cli import main
-from fuzzyarm.eval.sweep import chunks
-from fuzzyarm.eval.sweep.chunks import Chunk, load_policies, run_chunk, run_missing
+from fuzzyarm.eval.engine import Engine
+from fuzzyarm.eval.sweep import run
 from fuzzyarm.eval.sweep.config import SweepConfig
-from fuzzyarm.eval.sweep.engine import Engine
-from fuzzyarm.eval.sweep.store import Store
+from fuzzyarm.eval.sweep.run import Sweep, run_chunk
 
 HERE = Path(__file__).parent
 CONFIG = SweepConfig(policies=("fuzzy-4", "computed-torque-tip"), cases=("machining",), plants=24, chunk=2, seed=5)
@@ -29,47 +28,51 @@ def expected(tmp_path_factory):
     return swept(tmp_path_factory.mktemp("expected"), Engine(jobs=1))
 
 
-def swept(folder, engine, progress=lambda number, chunk: None, report=lambda text: None, config=CONFIG):
-    store = Store.create(folder / "sweep", config)
-    for number, chunk in run_missing(store, load_policies(store), engine, report):
-        progress(number, chunk)
-    return store.load_all().arrays()
+def swept(folder, engine, progress=lambda: None, report=lambda text: None, config=CONFIG):
+    sweep = Sweep.begin(folder / "sweep", config)
+    for _ in sweep.run(engine, report):
+        progress()
+    return vars(sweep.results())
 
 
 def equal(one, other):
     return one.keys() == other.keys() and all(np.array_equal(one[name], other[name]) for name in one)
 
 
-def waiting(folder, config, policies, number):
+def waiting(folder, config, policies, needed, number):
     """Run a chunk in a worker; its second waits until somebody was killed."""
     if (folder / f"{os.getpid()}").exists():
         (folder / f"{os.getpid()}-again").touch()
         while not (folder / "killed").exists():
             time.sleep(0.005)
     (folder / f"{os.getpid()}").touch()
-    return run_chunk(config, policies, number)
+    return run_chunk(config, policies, needed, number)
 
 
 class Killer:
-    """Kills the first worker that hands in a chunk, in the middle of its next."""
+    """Kills the first worker that has handed in a chunk and is in the middle of its next."""
 
     def __init__(self, folder):
-        self.folder, self.processes, self.killed = folder, set(), None
-        chunks.run_chunk = functools.partial(waiting, folder)
+        self.folder, self.killed = folder, None
+        run.run_chunk = functools.partial(waiting, folder)
 
-    def __call__(self, number, chunk):
-        self.processes.add(chunk.process)
-        if self.killed is None:
-            while not (self.folder / f"{chunk.process}-again").exists():
-                time.sleep(0.005)
-            os.kill(chunk.process, signal.SIGKILL)
-            self.killed = chunk.process
-            (self.folder / "killed").touch()
+    def __call__(self):
+        while self.killed is None:
+            for path in self.folder.glob("*-again"):
+                self.killed = int(path.name.removesuffix("-again"))
+                os.kill(self.killed, signal.SIGKILL)
+                (self.folder / "killed").touch()
+                break
+            time.sleep(0.005)
+
+    @property
+    def processes(self):
+        return {int(path.name) for path in self.folder.iterdir() if path.name.isdigit()}
 
 
 @pytest.mark.slow
 def test_local_processes_give_the_numbers_of_one_and_one_of_them_may_die(tmp_path, expected, monkeypatch):
-    monkeypatch.setattr(chunks, "run_chunk", run_chunk)  # put back after the test
+    monkeypatch.setattr(run, "run_chunk", run_chunk)  # put back after the test
     killer, reports = Killer(tmp_path), []
     assert equal(swept(tmp_path, Engine(jobs=2), killer, reports.append), expected)
     assert os.getpid() not in killer.processes and len(killer.processes) > 1
@@ -80,14 +83,14 @@ ON_RAY = """
 import json, os, sys
 from pathlib import Path
 from test_sweep_run import CONFIG, Killer, swept
-from fuzzyarm.eval.sweep.engine import Engine
+from fuzzyarm.eval.engine import Engine
 
 killer, reports, addresses = Killer(Path(sys.argv[1])), [], set()
 
-def progress(number, chunk):
+def progress():
     import ray
     addresses.add(ray.util.get_node_ip_address())
-    killer(number, chunk)
+    killer()
 
 swept(Path(sys.argv[1]), Engine("ray", jobs=3), progress, reports.append)
 import ray
@@ -97,17 +100,17 @@ Path(sys.argv[1], "found.json").write_text(json.dumps(found | {"left": ray.is_in
 
 
 @pytest.mark.slow
-def test_ray_gives_the_same_numbers_and_a_killed_worker_costs_only_its_chunk(tmp_path, expected):
+def test_ray_gives_the_same_numbers_and_one_of_its_workers_may_die(tmp_path, expected):
     """In a process of its own: Ray does not wait for its processes, which warns."""
     path = os.pathsep.join([str(HERE), *sys.path])  # Ray's workers get it too
     command, environment = [sys.executable, "-c", ON_RAY, str(tmp_path)], os.environ | {"PYTHONPATH": path}
     done = subprocess.run(command, env=environment, capture_output=True, text=True, check=False)
     assert done.returncode == 0, done.stderr
     assert done.stdout == ""  # is for results
-    assert equal(Store.open(tmp_path / "sweep").load_all().arrays(), expected)
+    assert equal(vars(Sweep.resume(tmp_path / "sweep").results()), expected)
     found = json.loads((tmp_path / "found.json").read_text())
     assert len(found["workers"]) > 1 and found["own"] not in found["workers"]
-    assert found["reports"] == ["a worker died; the chunk it was at is run again"]
+    assert len(found["reports"]) == 1 and "a worker died" in found["reports"][0]
     assert found["addresses"] == ["127.0.0.1"]  # nobody else can reach it
     assert not found["left"]
 
@@ -119,12 +122,11 @@ def test_another_chunk_size_gives_the_same_numbers(tmp_path, expected):
 
 
 def test_a_worker_with_other_versions_is_refused(tmp_path, monkeypatch):
-    def old(config, policies, number):
-        chunk = run_chunk(config, policies, number)
-        return Chunk(chunk.results, chunk.process, chunk.made_with | {"numpy": "1.0"})
+    def newer(config, policies, needed, number):
+        return run_chunk(config, policies, needed | {"numpy": "1.0"}, number)
 
-    monkeypatch.setattr("fuzzyarm.eval.sweep.chunks.run_chunk", old)
-    with pytest.raises(ValueError, match=r"other versions than this process \(numpy 1\.0 and"):
+    monkeypatch.setattr(run, "run_chunk", newer)
+    with pytest.raises(ValueError, match=r"other versions than the process that runs the sweep \(numpy .* and 1\.0\)"):
         swept(tmp_path, Engine(jobs=1))
     assert list((tmp_path / "sweep" / "chunks").iterdir()) == []
 

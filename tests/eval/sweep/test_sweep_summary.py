@@ -8,10 +8,9 @@ from rich.console import Console
 from scipy.stats import binom, norm
 
 from fuzzyarm.eval.sweep.config import SweepConfig
-from fuzzyarm.eval.sweep.quantities import columns_of, plant_record
-from fuzzyarm.eval.sweep.results import SweepResults
-from fuzzyarm.eval.sweep.summary import QUANTILES, quantile_ranks, quantiles, summarise, worst
-from fuzzyarm.eval.sweep.table import print_sweep, summary_csv
+from fuzzyarm.eval.sweep.distributions import columns_of, plant_record
+from fuzzyarm.eval.sweep.episodes import SweepResults
+from fuzzyarm.eval.sweep.summary import QUANTILES, print_sweep, quantile_ranks, quantiles, summarise, summary_csv, worst
 
 
 @pytest.mark.parametrize("count", [2, 15, 400, 5000])

@@ -10,8 +10,8 @@ import pytest
 
 from fuzzyarm.envs.physics.equations import chosen_arm
 from fuzzyarm.envs.physics.parameters import ArmParameters
+from fuzzyarm.eval.engine import Engine
 from fuzzyarm.eval.evaluation.run import EvaluationConfig, evaluate
-from fuzzyarm.eval.sweep.engine import Engine
 from fuzzyarm.eval.tuning.run import begin, tune
 from fuzzyarm.fuzzy_policy.laws.adaptive.weights import AdaptiveWeights
 from fuzzyarm.fuzzy_policy.laws.computed_torque import BANDWIDTH

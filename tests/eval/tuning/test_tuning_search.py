@@ -8,7 +8,7 @@ import pytest
 
 from fuzzyarm.envs.physics.parameters import ArmParameters
 from fuzzyarm.envs.scenario.cases import case_for
-from fuzzyarm.eval.sweep.engine import Engine
+from fuzzyarm.eval.engine import Engine
 from fuzzyarm.eval.tuning import adaptive_search, observer_search
 from fuzzyarm.eval.tuning.conditions import PERIODS, force_factor, heaviest, periods_of, radius_within
 from fuzzyarm.eval.tuning.search import WORTH, Budget, Descent, best_of, descend, found_weights, sobol_points

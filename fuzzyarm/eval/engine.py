@@ -1,0 +1,234 @@
+"""Pieces of work on many workers: joblib, over processes of this machine or over Ray's workers on a cluster.
+
+A worker that dies, out of memory for example, loses only the pieces that were running: they are run again.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import dataclasses
+import os
+import pickle
+import pickletools
+import socket
+import sys
+import threading
+import warnings
+from collections.abc import Callable, Generator, Iterator, Sequence
+from concurrent.futures import BrokenExecutor
+from pathlib import Path
+from typing import Any, TypeVar
+
+from fuzzyarm.common.checks import choice, whole
+from fuzzyarm.common.registry import additions, adopt
+
+__all__ = ["BACKENDS", "TRIES", "Engine", "WorkersLost", "module_sources", "source_of"]
+
+Result = TypeVar("Result")
+BACKENDS = ("local", "ray")
+"""Where work can be done: processes of this machine, or workers of Ray."""
+TRIES = 3
+"""How often workers may be lost without anything done in between, until the work is given up."""
+_INSTALLED = {"site-packages", "dist-packages"}  # names of the folders that Python packages are installed in
+
+
+class WorkersLost(Exception):
+    """Workers die again and again; the message says how often."""
+
+
+@dataclasses.dataclass(frozen=True)
+class Engine:
+    """Where the work is done.
+
+    Attributes:
+        backend: local (processes of this machine) or ray.
+        jobs: number of workers (default: one per core, or all CPUs of the cluster); 1 runs everything in this process.
+        address: address of a Ray cluster: auto on one of its machines, or HOST:PORT (default: Ray is started on this
+            machine).
+
+    Raises:
+        TypeError: a value is of the wrong type.
+        ValueError: a value is unknown, out of range or has no effect.
+    """
+
+    backend: str = "local"
+    jobs: int | None = None
+    address: str | None = None
+
+    def __post_init__(self) -> None:
+        """Check the values."""
+        choice("backend", self.backend, BACKENDS)
+        if self.jobs is not None:
+            whole("jobs", self.jobs, low=1)
+        if self.address is not None and self.backend != "ray":
+            raise ValueError(f"address {self.address!r} is of a Ray cluster: use it with --backend ray")
+        if self.address is not None and self.address.startswith("ray://"):
+            raise ValueError(
+                f"address {self.address!r}: a Ray client cannot do this; run on one of the cluster's machines, "
+                "with --address auto or HOST:PORT"
+            )
+
+    def run(
+        self, work: Callable[[int], Result], numbers: Sequence[int], report: Callable[[str], None] = lambda _: None
+    ) -> Generator[tuple[int, Result]]:
+        """Yield (number, work(number)) for all numbers, in the order in which they are done.
+
+        Workers know what was added by name to this process. Those of this machine import the user's modules that `work`
+        needs from where they are; to a Ray cluster the modules are sent.
+
+        Args:
+            work: what is done; it is pickled and sent to the workers, and must give the same result on each.
+            numbers: different from each other.
+            report: called with a line whenever a worker was lost.
+
+        Raises:
+            WorkersLost: nothing was done between `TRIES` losses of workers.
+            ValueError: Ray is not installed, its cluster is not found, or `work` cannot be pickled.
+        """
+        if self.jobs == 1:
+            with self._workers(()):
+                yield from ((number, work(number)) for number in numbers)
+            return
+        from joblib import Parallel, delayed  # here, as the command line needs no more of this module than its options
+
+        # loky replaces a worker whose memory has grown, and warns of it in a thread of its own: where warnings are
+        # errors, that would end the thread, and the work would never be done. The other warning is of results that were
+        # computed but not consumed.
+        warnings.filterwarnings("ignore", r"A worker stopped|\d+ tasks ", UserWarning)
+        content, paths = _pickled(work), tuple(sys.path) if self.backend == "local" else ()
+        missing, losses = dict.fromkeys(numbers), 0
+        with self._workers(module_sources(content)) as (jobs, lost):
+            while missing:
+                pieces = (delayed(_call)(content, paths, number) for number in list(missing))
+                try:
+                    # Workers that die early break the executor while work is still being submitted.
+                    results = Parallel(n_jobs=jobs, return_as="generator_unordered", batch_size=1, max_nbytes=None)(
+                        pieces
+                    )
+                    with contextlib.closing(results):
+                        for number, result in results:
+                            losses = 0
+                            yield number, result
+                            del missing[number]
+                except lost:
+                    losses += 1
+                    if losses == TRIES:
+                        raise WorkersLost(
+                            f"workers died {TRIES} times in a row; {len(missing)} chunks are left"
+                        ) from None
+                    report(f"a worker died; {len(missing)} chunks that are not done yet are run again")
+
+    @contextlib.contextmanager
+    def _workers(self, modules: Sequence[Path]) -> Iterator[tuple[int, Any]]:
+        """Choose joblib's backend for what is run within; return the number of workers and the errors of a lost one."""
+        from joblib import parallel_config
+
+        if self.backend == "local":
+            with parallel_config(backend="loky", inner_max_num_threads=1):
+                yield self.jobs or -1, BrokenExecutor
+            return
+        if self.address is None:
+            # Ray reads this when it is imported. Without it even a cluster of one machine listens on all its
+            # addresses, and everybody who can reach Ray's ports can run programs.
+            os.environ.setdefault("RAY_ENABLE_WINDOWS_OR_OSX_CLUSTER", "0")
+        os.environ.setdefault("RAY_USAGE_STATS_ENABLED", "0")  # disables Ray's usage statistics
+        try:
+            import ray
+            from ray.util.joblib.ray_backend import RayBackend
+        except ModuleNotFoundError as error:
+            raise ValueError(
+                f'{error.name} is not installed; in the repository: pip install -c constraints.txt -e ".[cluster]"'
+            ) from None
+        backend = RayBackend()
+        backend.supports_return_generator = True  # joblib's own pool does not; Ray's hands results over one by one
+        with _cluster(ray, self.address, self.jobs, modules), parallel_config(backend=backend):
+            cpus = max(1, int(ray.cluster_resources().get("CPU", 1)))
+            kinds = "RayActor", "WorkerCrashed", "OutOfMemory", "NodeDied", "LocalRayletDied", "ObjectLost"
+            lost = tuple(getattr(ray.exceptions, f"{kind}Error") for kind in kinds)
+            try:
+                yield min(self.jobs or cpus, cpus), lost
+            except ray.exceptions.RuntimeEnvSetupError as error:
+                raise ValueError(f"Ray cannot send the policies' modules: {str(error).splitlines()[0]}") from None
+
+
+def _pickled(work: Callable[[int], Any]) -> bytes:
+    """Return work and additions, pickled once; every piece of work unpickles a copy, which keeps no memory."""
+    import cloudpickle  # type: ignore[import-untyped]
+
+    try:
+        content: bytes = cloudpickle.dumps((additions(), work))
+    except (AttributeError, TypeError, pickle.PicklingError) as error:
+        raise ValueError(
+            f"policies, or what was added by name, cannot be sent to other processes ({error}): use --jobs 1, or "
+            "make them picklable"
+        ) from None
+    return content
+
+
+def _call(content: bytes, paths: Sequence[str], number: int) -> tuple[int, Any]:
+    """Run pickled work for a number in a worker, which imports from `paths` too, as unpickling may need modules."""
+    sys.path += [path for path in paths if path not in sys.path]
+    added, work = pickle.loads(content)
+    adopt(added)
+    return number, work(number)
+
+
+@contextlib.contextmanager
+def _cluster(ray: Any, address: str | None, jobs: int | None, modules: Sequence[Path]) -> Iterator[None]:
+    """Connect to a Ray cluster, or start one on this machine, for the duration of the block, and send it modules.
+
+    A cluster that this process is connected to already is used as it is, and stays connected.
+
+    Raises:
+        ValueError: no cluster answers at the address.
+    """
+    if ray.is_initialized():
+        yield
+        return
+    options: dict[str, Any] = {"log_to_driver": False, "logging_level": "error"}
+    if modules:
+        options["runtime_env"] = {"py_modules": [str(module) for module in modules]}
+    # Ray prints its messages about lost workers to standard output, which is for results.
+    with contextlib.redirect_stdout(sys.stderr):
+        if address is None:
+            ray.init(num_cpus=jobs, include_dashboard=False, **options)
+        else:
+            try:
+                host, _, port = address.rpartition(":")
+                if port.isdigit():  # Ray itself would try for minutes, and then exit the process
+                    socket.create_connection((host, int(port)), timeout=10.0).close()
+                ray.init(address=address, **options)
+            except (OSError, RuntimeError, ValueError) as error:
+                reason = getattr(error, "strerror", None) or str(error).splitlines()[0]
+                raise ValueError(
+                    f"no Ray cluster at {address!r}: {reason}; if it has a token, set RAY_AUTH_MODE=token"
+                ) from None
+        try:
+            yield
+        finally:
+            # A thread of the pool that asks for a result after the shutdown would start another cluster.
+            for thread in threading.enumerate():
+                if type(thread).__module__ == "ray.util.multiprocessing.pool":
+                    thread.join(timeout=10.0)
+            ray.shutdown()
+
+
+def module_sources(pickled: bytes) -> tuple[Path, ...]:
+    """Return the package folders and module files of the user's that a pickle refers to, each once."""
+    words = {word.partition(".")[0] for _, word, _ in pickletools.genops(pickled) if isinstance(word, str)}
+    sources = (source_of(top) for top in sorted(words & set(sys.modules)))
+    return tuple(dict.fromkeys(source for source in sources if source is not None))
+
+
+def source_of(top: str) -> Path | None:
+    """Return the folder of a top-level package of the user's, or the file of a module that lies in no package.
+
+    None for what is part of Python or the package, is run, or is installed: all machines are expected to have it.
+    """
+    module = sys.modules[top]
+    path = getattr(module, "__file__", None) or next(iter(getattr(module, "__path__", ())), None)
+    if top in {"fuzzyarm", "__main__", "__mp_main__", *sys.stdlib_module_names} or path is None:
+        return None
+    file = Path(path).absolute()
+    source = file.parent if file.name == "__init__.py" else file
+    return None if _INSTALLED & set(source.parts) else source
