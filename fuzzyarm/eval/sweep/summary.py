@@ -49,7 +49,11 @@ __all__ = [
     "worst",
 ]
 
-SCHEMA, SUMMARY = "fuzzyarm-sweep/3", "sweep.json"
+SCHEMA = "fuzzyarm-sweep/3"
+"""Format of the files of a sweep."""
+
+SUMMARY = "sweep.json"
+"""File of the summary."""
 QUANTILES = (0.5, 0.9, 0.99)  # of the errors over the plants
 RESAMPLES = 2000
 _COLUMNS = (*(("max_mm", "largest tip error", f"{p:g}") for p in QUANTILES), ("rms_mm", "rms tip error", "0.5"))
