@@ -24,7 +24,7 @@ from typing import Any
 
 import numpy as np
 
-from fuzzyarm.fuzzy_policy.proof.block_matrix import Block, he, symmetric
+from fuzzyarm.fuzzy_policy.proof.block_matrix import he, symmetric
 from fuzzyarm.fuzzy_policy.states import SCALAR_STATES
 
 __all__ = ["decay", "fastest", "loop"]
@@ -38,7 +38,7 @@ def loop() -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     return A, unit[:, 1:2], unit[:1]
 
 
-def decay(share: Any, *, rate: Any, gamma2: Any, X: Any, k: Any, block: Block = np.block) -> Any:
+def decay(share: Any, *, rate: Any, gamma2: Any, X: Any, k: Any) -> Any:
     """Return the matrix of the decay and the gain, (4, 4), which has to be negative definite.
 
     Args:
@@ -47,14 +47,13 @@ def decay(share: Any, *, rate: Any, gamma2: Any, X: Any, k: Any, block: Block = 
         gamma2: γ² [s⁴].
         X: (3, 3).
         k: (1, 3) [1/s², 1/s, 1/s³].
-        block: see `block_matrix`.
     """
     A, b, c = loop()
     state = he(X @ (A - share * b @ k)) + 2 * rate * X + c.T @ c
-    return symmetric([[state], [share * (X @ b).T, -gamma2 * np.eye(1, dtype=int)]], block)
+    return symmetric([[state], [share * (X @ b).T, -gamma2 * np.eye(1, dtype=int)]])
 
 
-def fastest(share: Any, *, pole: Any, X: Any, k: Any, block: Block = np.block) -> Any:
+def fastest(share: Any, *, pole: Any, X: Any, k: Any) -> Any:
     """Return the matrix of the fastest pole β [1/s], (6, 6), which has to be positive definite; see `decay`."""
     A, b, _ = loop()
-    return symmetric([[pole * X], [X @ (A - share * b @ k), pole * X]], block)
+    return symmetric([[pole * X], [X @ (A - share * b @ k), pole * X]])
