@@ -34,6 +34,8 @@ KEPT = 8  # compiled problems
 MANY = 4  # rules, from which a scale is given up if one vertex is infeasible: 0.02 to 2 s instead of up to a minute
 MOST_SEARCHED = 4
 """Rules up to which a limit is searched for with the whole model; one design with 32 takes ten seconds."""
+LOOSEST = 1e6
+"""γ of the consistent form in the units of an arm, far above any use."""
 LIGHT = 2.0
 """Inertia of Table 1 over an arm's, above which the default of γ is too much to ask."""
 
@@ -68,10 +70,13 @@ def _first_point(specification: Specification, arm: ArmParameters, vertex: int |
 def _refuted(specification: Specification, arm: ArmParameters, factor: float) -> NoPoint | None:
     """Return the solver's proof, if it gives one, that already one vertex of a large model has no point.
 
-    The others are asked only where the first neither has a point nor a proof that there is none.
+    The others are asked only where the first neither has a point nor a proof that there is none. A γ that is free is
+    asked to be no larger than `LOOSEST`: the solver proves little of a problem whose only limit is its objective.
     """
     if _rules(specification) < MANY:  # which are solved as quickly as they are refuted
         return None
+    if specification.gamma is None:
+        specification = dataclasses.replace(specification, gamma=LOOSEST / _units(arm).stiffness)
     for number in range(2 ** len([name for name in specification.kept if name != "z1"])):
         try:
             _asked(specification, arm, number, factor).point()
