@@ -20,6 +20,7 @@ from __future__ import annotations
 import argparse
 import contextlib
 import dataclasses
+import functools
 import json
 import math
 import time
@@ -47,12 +48,10 @@ from fuzzyarm.fuzzy_policy.laws.fuzzy import FuzzyPolicy
 from fuzzyarm.fuzzy_policy.laws.observer_gains import ObserverWeights
 from fuzzyarm.fuzzy_policy.laws.tip import TipPolicy
 from fuzzyarm.fuzzy_policy.policy import Policy
-from fuzzyarm.fuzzy_policy.ts_model import TSModel
 from fuzzyarm.rl_baselines.algorithms import find_algorithm
 from fuzzyarm.rl_baselines.learning_env import sharpened_reward
 from fuzzyarm.synthesis.designer import to_controller
-from fuzzyarm.synthesis.minimise import solve
-from fuzzyarm.synthesis.search import scaled_problem
+from fuzzyarm.synthesis.inequalities import Inequalities, structure_of
 
 ARM, PERIOD = ArmParameters(), 1e-3  # control period [s]
 TRAINING = find_algorithm("ppo").presets["robust"]
@@ -100,12 +99,17 @@ class Arms:
         return float(np.where(completed, total / steps, 0.0).mean()), int((~completed).sum())
 
 
+@functools.cache
+def _compiled(structure: Specification) -> Inequalities:
+    return Inequalities(structure, ARM)
+
+
 def fuzzy(alpha: float, gamma: float, fastest_pole: float) -> Policy:
     """Return the fuzzy law of four rules with these numbers [1/s, rad/(N m), 1/s]; ValueError if there is none."""
     specification = Specification(alpha=alpha, gamma=gamma, fastest_pole=fastest_pole)
-    model = TSModel(ARM, specification.kept)
-    scaling, system, problem = scaled_problem(model, specification, 1.0)
-    controller = to_controller(model, specification, scaling, solve(system, problem))
+    problem = _compiled(structure_of(specification))
+    problem.ask(specification)
+    controller = to_controller(problem.model, specification, problem.point())
     return TipPolicy(FuzzyPolicy(controller, PERIOD))
 
 

@@ -83,10 +83,9 @@ def proven_at_its_gains(controller: Controller, gamma: float) -> Controller | No
     asked = Specification(controller.model.kept, alpha=controller.alpha, gamma=gamma)
     problem = DesignProblem(asked, controller.model.parameters)
     P11 = problem.P[: controller.gains.shape[-1], : controller.gains.shape[-1]]
-    for at, M in problem.M.items():
-        K = controller.gains[at]
-        size = np.abs(K).max(axis=1, keepdims=True)
-        problem.constraints.append(cp.multiply(1.0 / size, M) == (K / size) @ P11)
+    size = np.abs(controller.gains).max(axis=-1, keepdims=True)
+    scaled = cp.multiply(np.broadcast_to(1.0 / size, controller.gains.shape), problem.M)
+    problem.constraints.append(scaled == (controller.gains / size) @ P11)
     try:
         found = problem.solve().controller
     except DesignFailed:

@@ -1,14 +1,15 @@
-"""Time of a design: our cone program against plain cvxpy on the full inequality, both solved by Clarabel on one thread.
+"""Time of a design: stacked and reduced, as `design` solves it, against the theorem pair by pair; Clarabel, one thread.
 
     python benchmarks/synthesis.py [--large] [--json FILE]
 
 The consistent form with integral (alpha = 20, gamma = 2e-4 rad/(N m)) and Theorem 2 as printed without (alpha = 20,
-gamma = 1000), smallest gains. cvxpy gets the same scaled matrices, alpha, gamma, objective, margin and tolerance, all
-slack kept, and each pair (Psi_ijk + Psi_jik)/2 written once with the mean of A, M and L, which halves its compiling.
-The two alternate; medians of 5, with 16 and 32 rules (--large) once. The ratio is (compile + solve) / (build + solve);
-our proof is not in it, cvxpy has none. Sizes count the bound of the gains in both. Where `sdpa` or `csdp` (Debian's
-sdpa and coinor-csdp) is on the PATH, it solves our cone program once, in 30 s or not; SDPT3 under Octave is left out.
-Half a minute, with --large three.
+gamma = 1000), smallest gains. Both are the proof's text on cvxpy's expressions, in the same units, with the same margin
+and tolerance. The peer has all slack and one constraint for each (Psi_ijk + Psi_jik)/2, with cvxpy's default backend;
+ours is one constraint for all of them, without the slack of rows that no vertex changes, compiled anew for each run.
+The two alternate; medians of 5, with 16 and 32 rules (--large) once. The ratio is (compile + solve) of the peer over
+ours; our proof is not in it, the peer has none. Sizes count the bound of the gains in both. Where `sdpa` or `csdp`
+(Debian's sdpa and coinor-csdp) is on the PATH, it solves our cone program once, in 30 s or not; SDPT3 under Octave is
+left out. Half a minute, with --large three.
 """
 
 from __future__ import annotations
@@ -38,18 +39,16 @@ from rich.markup import escape
 from rich.table import Table
 
 from fuzzyarm.common.files import write_atomically
+from fuzzyarm.envs.observation import JOINTS
 from fuzzyarm.envs.physics.parameters import ArmParameters
 from fuzzyarm.eval.provenance import current_provenance
-from fuzzyarm.fuzzy_policy.proof.block_matrix import he, symmetric
+from fuzzyarm.fuzzy_policy.proof import consistent_reference, theorem2
 from fuzzyarm.fuzzy_policy.proof.certificate import certify
-from fuzzyarm.fuzzy_policy.ts_model import NAMED_RULES, TSModel
-from fuzzyarm.synthesis.complexity import full_size, paper_formula, reduced_size
-from fuzzyarm.synthesis.conic import Problem, Program, program
+from fuzzyarm.fuzzy_policy.proof.vertices import TrackingVertices
+from fuzzyarm.fuzzy_policy.ts_model import NAMED_RULES
+from fuzzyarm.synthesis.complexity import full_size, paper_formula
 from fuzzyarm.synthesis.designer import to_controller
-from fuzzyarm.synthesis.error_model import ErrorModel
-from fuzzyarm.synthesis.minimise import TOLERANCE, solve
-from fuzzyarm.synthesis.reduced import ReducedModel
-from fuzzyarm.synthesis.search import scaled_problem
+from fuzzyarm.synthesis.inequalities import MARGIN, TOLERANCE, Inequalities
 from fuzzyarm.synthesis.specification import Specification
 
 SMALL = [("consistent", 1), ("consistent", 2), ("consistent", 4), ("consistent", 8), ("paper", 4), ("paper", 8)]
@@ -70,69 +69,65 @@ def specification(form: str, rules: int) -> Specification:
     )
 
 
-# Plain cvxpy ---------------------------------------------------------------------------------------------------------
+# As the theorem states it ---------------------------------------------------------------------------------------------
 
 
-def psi(system: ErrorModel, i: int, j: int, k: int, alpha: float, gamma2: float, v: dict[str, Any]) -> cp.Expression:
-    """Return (Ψ_ijk + Ψ_jik)/2 of the general error model; rows x, ẋ, w, z, uncertainties."""
-    E, A, C, (n, n_w) = system.E[k], 0.5 * (system.A[i][k] + system.A[j][k]), system.C, system.D[k].shape
-    P, Q, X, M = v["P"], v["Q"], v["X"], 0.5 * (v["M"][i, k] + v["M"][j, k])
-    D, n_r = system.D[k], len(system.feedforward)
-    if n_r:
-        D = D + system.B @ (0.5 * (v["L"][i, k] + v["L"][j, k])) @ np.eye(n_r, n_w, n_w - n_r)
-    corner = -he(E @ X)
-    below: list[list[Any]] = []
-    for tau, u in zip(v["tau"], system.uncertainties, strict=True):
-        corner = corner + tau * (u.H.T @ u.H)
-        below.append([u.Wx @ P - u.Wd @ Q, -u.Wd @ X, u.Ww, 0, *[0] * len(below), -tau * np.eye(len(u.H))])
-    rows = [
-        [he(Q) + 2.0 * alpha * P],
-        [A @ P + system.B @ M @ np.eye(M.shape[1], n) - E @ Q + X.T, corner],
-        [0, D.T, -gamma2 * system.disturbance_weight],
-        [C @ P, 0, 0, -np.eye(len(C))],
-    ]
-    return symmetric([*rows, *below], cp.bmat)
-
-
-def plain(system: ErrorModel, problem: Problem) -> tuple[cp.Problem, list[cp.Expression]]:
-    """Return the design problem as the theorem states it, smallest gains, and its matrices Ψ."""
-    assert problem.minimise == "gain_bound" and problem.gamma is not None
-    system = with_unit_weight(system, problem.gamma)
-    n_e, n_r, n = system.blocks[0], len(system.feedforward), len(system.B)
-    blocks, g = [cp.Variable((size, size), symmetric=True) for size in system.blocks], cp.Variable()
-    P = blocks[0] if len(blocks) == 1 else symmetric([[blocks[0]], [0, blocks[1]]], cp.bmat)
-    vertices = list(itertools.product(range(len(system.A)), range(len(system.E))))
-    M = {vertex: cp.Variable((2, n_e)) for vertex in vertices}
-    L = {vertex: cp.Variable((2, n_r)) for vertex in vertices if n_r}
-    matrices = []
-    for i, j in system.pairs:
-        Q, X = cp.Variable((n, n)), cp.Variable((n, n))
-        for k in range(len(system.E)):
-            v = {"P": P, "M": M, "L": L, "Q": Q, "X": X, "tau": [cp.Variable() for _ in system.uncertainties]}
-            matrices.append(psi(system, i, j, k, problem.alpha, problem.gamma**2, v))
-    constraints = [matrix << -problem.margin * np.eye(matrix.shape[0]) for matrix in matrices]
-    constraints += [blocks[0] >> problem.floor * np.eye(n_e), *(block >> 0 for block in blocks[1:])]
-    constraints += [cp.bmat([[g * np.eye(2), m], [m.T, blocks[0]]]) >> 0 for m in M.values()]
+def plain(problem: Inequalities) -> tuple[cp.Problem, list[cp.Expression]]:
+    """Return the problem of smallest gains pair by pair, with all slack, and its matrices (Ψ_ijk + Ψ_jik)/2."""
+    data, s, unit, asked = problem._midpoints, problem._scaling, problem._units, problem.specification
+    n, n_e, row, paper = len(s.state), data.n_e, problem._row_units("Psi"), isinstance(data, TrackingVertices)
+    blocks, g = (
+        [cp.Variable((size, size), symmetric=True) for size in ((n_e, n - n_e) if paper else (n_e,))],
+        cp.Variable(),
+    )
+    P = symmetric_of(blocks)
+    vertices = list(itertools.product(range(len(problem._data.A)), range(len(data.E))))
+    M = {at: cp.Variable((JOINTS, n_e)) for at in vertices}
+    L = {at: cp.Variable((JOINTS, 3 * JOINTS)) for at in vertices}
+    unit_L = s.torque[:, np.newaxis] / s.disturbance[-3 * JOINTS :] if paper else None
+    psi, matrices = theorem2.psi if paper else consistent_reference.psi, []
+    for pair, (i, j) in enumerate(problem.pairs):
+        Q, X = (cp.multiply(unit[name], cp.Variable((n, n))) for name in "QX")
+        for k in range(len(data.E)):
+            values = {"tau": cp.multiply(unit["tau"], cp.Variable(len(s.uncertainty)))} if len(s.uncertainty) else {}
+            values = {"tau": np.zeros(0), **values, "M": cp.multiply(unit["M"], 0.5 * (M[i, k] + M[j, k]))}
+            if paper:
+                values["L"] = cp.multiply(unit_L, 0.5 * (L[i, k] + L[j, k]))
+            matrix = psi(
+                data, pair, k, alpha=asked.alpha, gamma2=problem._c * asked.gamma**2, output=problem._c**0.5,
+                P=cp.multiply(unit["P"], P), Q=Q, X=X, put=mirrored, **values,
+            )  # fmt: skip
+            matrices.append(cp.multiply(np.outer(row, row), matrix))
+    constraints = [matrix << -MARGIN * np.eye(len(row)) for matrix in matrices]
+    constraints += [blocks[0] >> np.eye(n_e), *(block >> 0 for block in blocks[1:])]
+    constraints += [cp.bmat([[g * np.eye(JOINTS), m], [m.T, blocks[0]]]) >> 0 for m in M.values()]
     return cp.Problem(cp.Minimize(g), constraints), matrices
 
 
-def with_unit_weight(system: ErrorModel, gamma: float) -> ErrorModel:
-    """Return the model in units of w with γ² weight <= 1, as `conic` has its rows; L is in these units, too."""
-    unit = np.maximum(1.0, gamma**2 * np.diag(system.disturbance_weight)) ** -0.5
-    return dataclasses.replace(
-        system,
-        D=[D * unit for D in system.D],
-        uncertainties=[dataclasses.replace(u, Ww=u.Ww * unit) for u in system.uncertainties],
-        disturbance_weight=system.disturbance_weight * np.outer(unit, unit),
-    )
+def symmetric_of(blocks: list[Any]) -> Any:
+    """Return the block diagonal matrix."""
+    return mirrored([[*[0] * place, block] for place, block in enumerate(blocks)])
 
 
-def run_cvxpy(system: ErrorModel, problem: Problem) -> dict[str, Any]:
-    """Return times [s], optimum, status and recomputed margin of plain cvxpy with Clarabel."""
-    settings = dict.fromkeys(("tol_gap_abs", "tol_gap_rel", "tol_feas"), TOLERANCE * problem.margin)
-    settings["max_threads"] = 1
+def mirrored(lower: list[list[Any]]) -> Any:
+    """Return the symmetric matrix of a lower triangle of blocks by `cvxpy.bmat`."""
+    sizes = [row[-1].shape[0] for row in lower]
+
+    def entry(row: int, column: int) -> Any:
+        if column > row:
+            return entry(column, row).T
+        given = lower[row][column]
+        return np.zeros((sizes[row], sizes[column])) if isinstance(given, int) else given
+
+    return cp.bmat([[entry(row, column) for column in range(len(sizes))] for row in range(len(sizes))])
+
+
+def run_plain(asked: Specification) -> dict[str, Any]:
+    """Return times [s], optimum, status and recomputed margin with Clarabel."""
+    settings = {**dict.fromkeys(("tol_gap_abs", "tol_gap_rel", "tol_feas"), TOLERANCE * MARGIN), "max_threads": 1}
+    problem = Inequalities(asked, ArmParameters())
     begin = time.perf_counter()
-    written, matrices = plain(system, problem)
+    written, matrices = plain(problem)
     data, chain, inverse = written.get_problem_data(cp.CLARABEL, solver_opts=settings)
     compiled = time.perf_counter()
     answer = chain.solve_via_data(written, data, solver_opts=settings)
@@ -151,23 +146,42 @@ def run_cvxpy(system: ErrorModel, problem: Problem) -> dict[str, Any]:
     }
 
 
-# Ours, and other solvers on our cone program -------------------------------------------------------------------------
+# Stacked and reduced, and other solvers on that cone program ----------------------------------------------------------
 
 
-def run_ours(model: TSModel, asked: Specification) -> dict[str, Any]:
+@dataclasses.dataclass(frozen=True)
+class Program:
+    """Minimise qᵀx subject to b - A x in semidefinite cones of these orders."""
+
+    q: np.ndarray
+    A: Any
+    b: np.ndarray
+    orders: list[int]
+
+
+def program(asked: Specification) -> Program:
+    """Return the cone program that `design` solves."""
+    compiled = Inequalities(asked, ArmParameters())._problem()
+    data = compiled.get_problem_data(cp.CLARABEL, canon_backend="SCIPY")[0]
+    return Program(data["c"], data["A"], data["b"], list(data["dims"].psd))
+
+
+def run_ours(asked: Specification) -> dict[str, Any]:
     """Return times [s], optimum, status and recomputed margin of the reduced program, proven."""
-    scaling, system, problem = scaled_problem(model, asked, 1.0)
-    solution = solve(system, problem)
     begin = time.perf_counter()
-    if not certify(to_controller(model, asked, scaling, solution)).proven:
+    problem = Inequalities(asked, ArmParameters())
+    written = time.perf_counter()
+    point = problem.point()
+    solved = time.perf_counter()
+    if not certify(to_controller(problem.model, asked, point)).proven:
         raise SystemExit(f"{asked}: the solver's point does not pass the proof")
     return {
-        "build_s": solution.build_time,
-        "solve_s": solution.solve_time,
-        "proof_s": time.perf_counter() - begin,
-        "objective": solution.objective,
-        "status": solution.status,
-        "margin": solution.margin,
+        "build_s": written - begin + point.compile_seconds,
+        "solve_s": point.solve_seconds,
+        "proof_s": time.perf_counter() - solved,
+        "objective": point.objective,
+        "status": point.status,
+        "margin": point.margin,
     }
 
 
@@ -209,23 +223,21 @@ def write_sdpa(cone: Program, path: Path) -> None:
 
 
 def measure(form: str, rules: int, repeats: int) -> dict[str, Any]:
-    """Return sizes, and medians over the repeats, ours and cvxpy alternating."""
+    """Return sizes, and medians over the repeats, ours and the peer alternating."""
     asked = specification(form, rules)
-    model = TSModel(ArmParameters(), asked.kept)
-    _, system, problem = scaled_problem(model, asked, 1.0)
-    runs = [{**run_ours(model, asked), **run_cvxpy(system, problem)} for _ in range(repeats)]
+    runs = [{**run_ours(asked), **run_plain(asked)} for _ in range(repeats)]
     for run in runs:
         run["ratio"] = (run["cvxpy_compile_s"] + run["cvxpy_solve_s"]) / (run["build_s"] + run["solve_s"])
     columns = {key: [run[key] for run in runs] for key in runs[0]}
     middle = {key: _middle(values) for key, values in columns.items()}
-    cone = program(ReducedModel.of(system), problem)
+    cone, data = program(asked), Inequalities(asked, ArmParameters())._data
     return {
         "rules": rules,
         "form": TITLE[form],
         "repeats": repeats,
-        "paper_formula": dataclasses.asdict(paper_formula(len(system.A), len(system.E))),
-        "full": dataclasses.asdict(full_size(system, gains_bounded=True)),
-        "reduced": dataclasses.asdict(reduced_size(system, gains_bounded=True)),
+        "paper_formula": dataclasses.asdict(paper_formula(len(data.A), len(data.E))),
+        "full": dataclasses.asdict(full_size(data, gains_bounded=True)),
+        "reduced": {"variables": len(cone.q), "rows": sum(cone.orders)},
         **middle,
         "agree": abs(middle["cvxpy_objective"] / middle["objective"] - 1.0) < AGREEMENT,
         "other_solvers": {name: run_other(name, cone) for name in OTHER_SOLVERS},
@@ -248,9 +260,9 @@ def print_tables(rows: Sequence[dict[str, Any]]) -> None:
     for table in (sizes, times):
         table.add_column("rules", justify="right")
         table.add_column("form", no_wrap=True)
-    for heading in ("paper's formula", "full (cvxpy)", "reduced (ours)"):
+    for heading in ("paper's formula", "full", "reduced (ours)"):
         sizes.add_column(heading, justify="right")
-    headings = "cvxpy compile,cvxpy solve,our build,our solve,our proof,ratio,our g,cvxpy g,our μ,cvxpy μ"
+    headings = "pairs compile,pairs solve,our build,our solve,our proof,ratio,our g,pairs g,our μ,pairs μ"
     for heading in (*headings.split(","), *OTHER_SOLVERS):
         times.add_column(heading.replace(" ", "\n"), justify="right")
     for row in rows:
@@ -289,7 +301,7 @@ def main() -> int:
     machine = made_on["machine"]
     for row in rows:
         if (row["status"], row["cvxpy_status"]) != ("Solved", "Solved"):
-            print(f"{row['rules']} rules, {row['form']}: ours ended {row['status']}, cvxpy's {row['cvxpy_status']}")
+            print(f"{row['rules']} rules, {row['form']}: ours ended {row['status']}, the peer {row['cvxpy_status']}")
     print(f"\n{machine['cpu']}, {machine['cores']} cores, 1 thread used; load average before {load[0]:.1f}")
     if options.json:
         command = "python benchmarks/synthesis.py" + " --large" * options.large

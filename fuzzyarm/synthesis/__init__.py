@@ -5,9 +5,9 @@
     result.controller.save("controller.json")
 
 `design` is for the two-joint arm, `design_scheduled` for serial robots of any number of joints. `DesignProblem` is what
-`design` solves as an open cvxpy model, for constraints and objectives of a user's own.
+`design` solves, open to constraints and objectives of a user's own in cvxpy.
 
-The solver, Clarabel, and cvxpy are loaded here and nowhere else, each with the first name that needs it.
+cvxpy and its solver Clarabel are loaded here and nowhere else, each with the first name that needs it.
 """
 
 from __future__ import annotations
@@ -17,11 +17,14 @@ from typing import TYPE_CHECKING
 from fuzzyarm.common.lazy import lazily
 
 if TYPE_CHECKING:
-    from fuzzyarm.synthesis.cvxpy_model.design_problem import DesignProblem
-    from fuzzyarm.synthesis.description import describe
-    from fuzzyarm.synthesis.designer import Design, DesignFailed, design, find_design
-    from fuzzyarm.synthesis.scheduled_description import describe_scheduled
-    from fuzzyarm.synthesis.scheduled_design import ScheduledDesign, ScheduledSpecification, design_scheduled
+    from fuzzyarm.synthesis.design_problem import DesignProblem
+    from fuzzyarm.synthesis.designer import Design, DesignFailed, describe, design, find_design
+    from fuzzyarm.synthesis.scheduled_design import (
+        ScheduledDesign,
+        ScheduledSpecification,
+        describe_scheduled,
+        design_scheduled,
+    )
     from fuzzyarm.synthesis.specification import Specification
 
 __all__ = [
@@ -41,12 +44,12 @@ __all__ = [
 _HOMES = {
     "Design": "designer",
     "DesignFailed": "designer",
-    "DesignProblem": "cvxpy_model.design_problem",
+    "DesignProblem": "design_problem",
     "ScheduledDesign": "scheduled_design",
     "ScheduledSpecification": "scheduled_design",
     "Specification": "specification",
-    "describe": "description",
-    "describe_scheduled": "scheduled_description",
+    "describe": "designer",
+    "describe_scheduled": "scheduled_design",
     "design": "designer",
     "design_scheduled": "scheduled_design",
     "find_design": "designer",

@@ -4,27 +4,36 @@ from __future__ import annotations
 
 import dataclasses
 import time
-from collections.abc import Sequence
 from importlib.metadata import version
+from typing import Any
 
 import numpy as np
 
 from fuzzyarm.common.checks import instance
+from fuzzyarm.common.rounding import at_least, at_most
+from fuzzyarm.envs.observation import JOINTS
 from fuzzyarm.envs.physics.parameters import ArmParameters
 from fuzzyarm.fuzzy_policy.controller import Controller
 from fuzzyarm.fuzzy_policy.proof.certificate import Certificate, certify
 from fuzzyarm.fuzzy_policy.ts_model import TSModel
-from fuzzyarm.synthesis.explanation import why_infeasible
-from fuzzyarm.synthesis.minimise import Solution
-from fuzzyarm.synthesis.scaling import Scaling
-from fuzzyarm.synthesis.search import best_solution
+from fuzzyarm.synthesis.inequalities import NoPoint, Point
+from fuzzyarm.synthesis.search import best_point, why_infeasible
 from fuzzyarm.synthesis.specification import PAPER_WEIGHT, Specification
 
-__all__ = ["Design", "DesignFailed", "assembled", "design", "find_design", "to_controller"]
+__all__ = ["Design", "DesignFailed", "describe", "design", "find_design", "to_controller"]
 
 
 class DesignFailed(ValueError):
-    """No controller whose proof goes through was found; the message says what would have to give."""
+    """No controller whose proof goes through was found; the message says what would have to give.
+
+    Attributes:
+        problem: that was solved last, with the values where the solver ended; None if none was solved.
+        result: what the solver returned, or the point or certificate that was refused; None without one.
+    """
+
+    def __init__(self, message: str, problem: Any = None, result: Any = None) -> None:
+        super().__init__(message)
+        self.problem, self.result = problem, result
 
 
 @dataclasses.dataclass(frozen=True)
@@ -37,7 +46,7 @@ class Design:
         solve_seconds: time of the search for a solution [s].
         proof_seconds: time of the proof [s].
         variables: decision variables of the cone program.
-        rows: of its cones.
+        rows: of its cones, upper triangles.
     """
 
     controller: Controller
@@ -62,10 +71,10 @@ def design(specification: Specification, parameters: ArmParameters | None = None
     if isinstance(made, Design):
         return made
     arm = ArmParameters() if parameters is None else parameters
-    raise DesignFailed(f"{made}{why_infeasible(TSModel(arm, specification.kept), specification)}")
+    raise DesignFailed(f"{made}{why_infeasible(specification, arm)}", made.problem, made.result)
 
 
-def find_design(specification: Specification, parameters: ArmParameters | None = None) -> Design | str:
+def find_design(specification: Specification, parameters: ArmParameters | None = None) -> Design | DesignFailed:
     """Return what `design` returns, or without a controller what comes in front of the explanation, not looked for.
 
     Args:
@@ -73,86 +82,55 @@ def find_design(specification: Specification, parameters: ArmParameters | None =
         parameters: the arm, default Table 1.
     """
     parameters = ArmParameters() if parameters is None else instance("parameters", parameters, ArmParameters)
-    model = TSModel(parameters, specification.kept)
     begin = time.perf_counter()
-    best = best_solution(model, specification)
+    best = best_point(specification, parameters)
     solve_seconds = time.perf_counter() - begin
-    if best is None:
-        return ""
+    if isinstance(best, NoPoint):
+        return DesignFailed("", best.problem, best.result)
     begin = time.perf_counter()
-    controller = to_controller(model, specification, *best)
+    controller = to_controller(TSModel(parameters, specification.kept), specification, best)
     certificate = certify(controller)
     if not certificate.proven:
-        return "the solver's point does not pass the proof: "
-    return Design(controller, certificate, solve_seconds, time.perf_counter() - begin, best[1].variables, best[1].rows)
+        return DesignFailed("the solver's point does not pass the proof: ", None, certificate)
+    return Design(controller, certificate, solve_seconds, time.perf_counter() - begin, best.variables, best.rows)
 
 
-def to_controller(model: TSModel, specification: Specification, scaling: Scaling, solution: Solution) -> Controller:
-    """Return the solution in SI units as a controller."""
-    v = solution
-    slacks = [(v.Q, v.X, v.tau), *([v.pole_slack] if v.pole_slack is not None else [])]
-    restored = [scaling.restore(v.P, v.M, v.L, *slack) for slack in slacks]
-    P, M, L, *_ = restored[0]
-    return assembled(
-        model,
-        specification,
-        alpha=specification.alpha if specification.alpha is not None else v.problem.alpha * scaling.time,
-        gamma=specification.gamma or v.problem.gamma or v.gamma,
-        P=P,
-        M=M,
-        L=L,
-        slack=[(Q, X, tau) for *_, Q, X, tau in restored],
-        origin={"objective": specification.objective, "status": v.status},
-        package="clarabel",
-    )
-
-
-def assembled(
-    model: TSModel,
-    specification: Specification,
-    *,
-    alpha: float,
-    gamma: float,
-    P: np.ndarray,
-    M: np.ndarray,
-    L: np.ndarray,
-    slack: Sequence[tuple[np.ndarray, ...]],
-    origin: dict[str, str],
-    package: str,
+def to_controller(
+    model: TSModel, specification: Specification, point: Point, objective: str | None = None, package: str = "clarabel"
 ) -> Controller:
     """Return a point of the inequalities as a controller, not proven yet.
 
     Args:
         model: the T-S model.
         specification: what was asked.
-        alpha: decay rate [1/s].
-        gamma: L2 gain, as `Controller` has it.
-        P: (n, n), in SI units like all that follow.
-        M: (N, N_e, 2, n_e).
-        L: (N, N_e, 2, 6), read in the paper's form only.
-        slack: (Q, X, τ) of Ψ and, with a fastest pole, of Φ; shapes (p, n, n), (p, n, n) and (p, N_e, m).
-        origin: how it was made.
+        point: the point.
+        objective: what was minimised, in words; None for the specification's.
         package: that solved it, whose version is written down.
     """
-    P, n_e, paper = 0.5 * (P + P.T), M.shape[-1], specification.form == "paper"
-    (Q, X, tau), (pole_Q, pole_X, pole_tau) = slack[0], slack[1] if len(slack) > 1 else (None, None, None)
+    P, M, paper = 0.5 * (point.P + point.P.T), point.M, specification.form == "paper"
+    n_e = M.shape[-1]
+    Q, X, tau = point.slack[0]
+    pole_Q, pole_X, pole_tau = point.slack[1] if len(point.slack) > 1 else (None, None, None)
+    share = specification.feedforward
+    words = "L left to the solver" if share is None else f"L = {share:g} times that of the consistent form"
     return Controller(
         model=model,
         form=specification.form,
         integral=specification.integral,
-        alpha=alpha,
-        gamma=gamma,
+        alpha=point.alpha,
+        gamma=point.gamma,
         weight=np.array(PAPER_WEIGHT) if paper else None,
         common_multiplier=specification.common_multiplier,
         gains=np.linalg.solve(P[:n_e, :n_e], np.swapaxes(M, -1, -2)).swapaxes(-1, -2),
-        feedforward=L if paper else None,
+        feedforward=point.L if paper else None,
         P=P,
         Q=Q,
         X=X,
         tau=tau,
         origin={
-            **origin,
-            **({"feedforward": _feedforward_in_words(specification)} if paper else {}),
+            "objective": objective or specification.objective,
+            "status": point.status,
+            **({"feedforward": words} if paper else {}),
             **{name: version(name) for name in ("fuzzyarm", package)},
         },
         fastest_pole=specification.fastest_pole,
@@ -162,6 +140,29 @@ def assembled(
     )
 
 
-def _feedforward_in_words(specification: Specification) -> str:
-    share = specification.feedforward
-    return "L left to the solver" if share is None else f"L = {share:g} times that of the consistent form"
+def describe(result: Design) -> str:
+    """Return what was solved and what came out, for a person."""
+    controller, certificate = result.controller, result.certificate
+    model = controller.model
+    kept, dropped = ", ".join(model.kept) or "none", ", ".join(u.premise for u in model.uncertainties) or "none"
+    multipliers = "one multiplier for all of A" if controller.common_multiplier else "one multiplier each"
+    pole = "" if controller.fastest_pole is None else f"fastest pole {at_most(controller.fastest_pole, 6)} 1/s, "
+    names = ["K q1", "K q2", "K dq1", "K dq2"] + (["H q1", "H q2"] if controller.integral else [])
+    lines = [
+        f"{model.rules} rules: kept {kept}; as uncertainty: {dropped}, {multipliers}; {controller.form} form, "
+        f"{'with' if controller.integral else 'without'} integral",
+        f"alpha = {at_least(controller.alpha, 6)} 1/s, gamma = {at_most(controller.gamma, 4)}, {pole}"
+        f"{controller.origin['objective']}; {result.variables} variables, {result.rows} cone rows, solved in "
+        f"{result.solve_seconds:.2f} s",
+        f"all {len(certificate.claims)} inequalities proven in exact rational arithmetic from the stored gains in "
+        f"{result.proof_seconds:.2f} s, smallest margin {certificate.proof_margin:.2g}",
+        "",
+        "gains [N m/rad, N m s/rad, N m/(rad s)]:",
+        "vertex  torque " + "".join(f"{name:>13}" for name in names),
+    ]
+    for i, per_k in enumerate(controller.gains):
+        for k, gain in enumerate(per_k):
+            for joint in range(JOINTS):
+                head = f"i={i + 1} k={k + 1}   {joint + 1}     " if joint == 0 else f"           {joint + 1}     "
+                lines.append(head + "".join(f" {value:12.1f}" for value in gain[joint]))
+    return "\n".join([*lines, "", certificate.statement])

@@ -18,8 +18,7 @@ from fuzzyarm.fuzzy_policy.proof.inertia_bounds import scheduled_polynomial
 from fuzzyarm.fuzzy_policy.proof.kinetic_energy import inertia_polynomial
 from fuzzyarm.fuzzy_policy.proof.trigonometric import TrigMatrix
 from fuzzyarm.fuzzy_policy.scheduled import Premise, rule_weights
-from fuzzyarm.synthesis.extremes import smallest_value
-from fuzzyarm.synthesis.inertia_samples import InertiaSamples
+from fuzzyarm.synthesis.inertia_samples import InertiaSamples, smallest_value
 from fuzzyarm.synthesis.metric_search import ROUNDS, MetricSearch, relative
 from fuzzyarm.synthesis.scalar_design import smallest_pole
 

@@ -1,8 +1,12 @@
-"""Inertias of a robot at sampled angles, from which a design proposes bounds; `inertia_bounds` proves them."""
+"""Inertias of a robot at sampled angles, and the smallest value of a function of angles: a design's proposals.
+
+Nothing of this is a proof; `inertia_bounds` proves the bounds.
+"""
 
 from __future__ import annotations
 
 import dataclasses
+from collections.abc import Callable
 
 import numpy as np
 
@@ -11,9 +15,11 @@ from fuzzyarm.envs.physics.robot import Robot
 from fuzzyarm.fuzzy_policy.proof.box_cover import widened
 from fuzzyarm.fuzzy_policy.proof.kinetic_energy import TWIST, inertia_polynomial
 from fuzzyarm.fuzzy_policy.proof.trigonometric import TrigMatrix
-from fuzzyarm.synthesis.extremes import angles_in
 
-__all__ = ["InertiaSamples", "twist_map"]
+__all__ = ["InertiaSamples", "smallest_value", "twist_map"]
+
+KEPT = 40  # samples that the search goes on from
+FIRST_STEP, STEPS = 0.2, 25  # rad, halved where no step helps
 
 
 @dataclasses.dataclass(frozen=True)
@@ -36,7 +42,7 @@ class InertiaSamples:
     def of(cls, robot: Robot, split: int, count: int, seed: int) -> InertiaSamples:
         """Return `count` samples of the robot's box."""
         n = len(robot)
-        q = angles_in(widened(np.array([joint.angle_range for joint in robot.joints])), count, seed)
+        q = _angles_in(widened(np.array([joint.angle_range for joint in robot.joints])), count, seed)
         whole = mass_matrix(robot, q) + np.diag(robot.drive("motor_inertia"))
         if split == n:
             return cls(q, whole, np.zeros((count, 0, n)), np.zeros((count, 0, 0)))
@@ -63,3 +69,44 @@ def twist_map(robot: Robot, q: np.ndarray, split: int) -> np.ndarray:
     )
     result[..., TWIST:, split:] = np.eye(n - split)
     return result
+
+
+def _angles_in(ranges: np.ndarray, count: int, seed: int) -> np.ndarray:
+    """Return angles (count, d) in `ranges` (d, 2) [rad]: half at random, half on multiples of π/4 and on the faces."""
+    generator = np.random.default_rng(seed)
+    low, high = ranges.T
+    q = generator.uniform(low, high, (count, len(ranges)))
+    snapped = np.clip(np.round(q * 4.0 / np.pi) * np.pi / 4.0, low, high)
+    ends = np.where(generator.random(q.shape) < 0.5, low, high)
+    snapped = np.where(generator.random(q.shape) < 0.15, ends, snapped)
+    return np.where((np.arange(count) % 2 == 0)[:, np.newaxis], q, snapped)
+
+
+def smallest_value(
+    function: Callable[[np.ndarray], np.ndarray], ranges: np.ndarray, *, count: int = 3000, seed: int = 1
+) -> float:
+    """Return the smallest value found.
+
+    Args:
+        function: of angles (B, d) [rad], returns (B,).
+        ranges: of the angles, (d, 2) [rad].
+        count: samples.
+        seed: of the samples.
+    """
+    q = _angles_in(ranges, count, seed)
+    values = function(q)
+    best = np.argsort(values)[:KEPT]
+    q, values = q[best], values[best]
+    d = len(ranges)
+    directions = np.concatenate([np.eye(d), -np.eye(d)])
+    step = FIRST_STEP
+    for _ in range(STEPS if d else 0):
+        tried = np.clip(q[:, np.newaxis] + step * directions, ranges[:, 0], ranges[:, 1])
+        found = function(tried.reshape(-1, d)).reshape(len(q), -1)
+        place, every = np.argmin(found, axis=1), np.arange(len(q))
+        better = found[every, place] < values
+        q = np.where(better[:, np.newaxis], tried[every, place], q)
+        values = np.where(better, found[every, place], values)
+        if not better.any():
+            step *= 0.5
+    return float(values.min())

@@ -1,40 +1,30 @@
-"""Feedback k of a scheduled controller by linear matrix inequalities of size three, see `proof.scalar_loop`.
+"""Feedback k of a scheduled controller by the inequalities of `proof.scalar_loop`, of size three, in the unit 1/(α + μ) of time.
 
-With P = X⁻¹ and m = k P, in the time unit 1/a, a = α + μ, the inequalities are linear in P, m and γ²:
-
-    | He(A P - λ b m) + 2P   λb    P cᵀ |             | (β/a) P       ⋆       |
-    | ⋆                      -γ²   0    | < 0,        | A P - λ b m   (β/a) P | > 0,        λ = 1/κ and 1.
-    | ⋆                      ⋆     -1   |
-
-There is a solution for every β above (3κ - 2) a, where γ grows without bound; twice that brings γ down twentyfold.
+There is a solution for every β above (3κ - 2)(α + μ), where γ grows without bound; twice that brings γ down twentyfold.
 """
 
 from __future__ import annotations
 
 import dataclasses
+import functools
 import math
+import threading
+import warnings
 
+import cvxpy as cp
 import numpy as np
 
 from fuzzyarm.common.bisection import last_that_works
-from fuzzyarm.common.slices import consecutive
-from fuzzyarm.fuzzy_policy.proof.scalar_loop import decay, fastest, loop
+from fuzzyarm.fuzzy_policy.proof.scalar_loop import decay, fastest
 from fuzzyarm.fuzzy_policy.states import SCALAR_STATES
-from fuzzyarm.synthesis.semidefinite_program import Family, minimise, symmetric_units
+from fuzzyarm.synthesis.expressions import half, negative, positive
 
 __all__ = ["Feedback", "best_feedback", "feedback_for_gamma", "smallest_pole"]
 
 GAMMA_SLACK = 1.001  # of γ over the solver's, so that the inequalities hold strictly
 STRICT = 2e-4  # of the rates, likewise
 MOST = 50.0  # fastest pole over the smallest one, where the search for a given γ gives up
-
-# Places among the unknowns: P by its upper triangle, m = k P, and γ².
-_P, _M = consecutive(SCALAR_STATES * (SCALAR_STATES + 1) // 2, SCALAR_STATES)
-_P_AND_M, _GAMMA = slice(_M.stop), _M.stop
-_UNKNOWNS = _GAMMA + 1
-# Rows of the inequality of γ: state, disturbance, output; and of that of the fastest pole: two blocks of the state.
-_X, _W, _Z = consecutive(SCALAR_STATES, 1, 1)
-_UPPER, _LOWER = consecutive(SCALAR_STATES, SCALAR_STATES)
+CLARABEL = dict.fromkeys(("tol_gap_abs", "tol_gap_rel", "tol_feas"), 1e-7) | {"max_threads": 1}
 
 
 @dataclasses.dataclass(frozen=True)
@@ -54,6 +44,25 @@ class Feedback:
     fastest_pole: float
 
 
+class _Problem:
+    """Minimise γ² over P (3, 3) and m (1, 3); the parameters are 1/κ and β/(α + μ)."""
+
+    def __init__(self) -> None:
+        self.P, self.m = cp.Variable((SCALAR_STATES, SCALAR_STATES), symmetric=True), cp.Variable((1, SCALAR_STATES))
+        self.gamma2, self.share, self.pole = cp.Variable(), cp.Parameter(nonneg=True), cp.Parameter(nonneg=True)
+        values, constraints = {"P": self.P, "m": self.m, "put": half}, [self.P >> 0]
+        for share in (self.share, 1.0):
+            constraints.append(negative(decay(share, rate=1.0 + STRICT, gamma2=self.gamma2, **values)))
+            constraints.append(positive(fastest(share, pole=self.pole, **values)))
+        self.problem = cp.Problem(cp.Minimize(self.gamma2), constraints)
+
+
+@functools.lru_cache(maxsize=8)
+def _compiled(thread: int) -> _Problem:
+    """Return the problem; each thread has its own, since its parameters are set and its point is read."""
+    return _Problem()
+
+
 def smallest_pole(kappa: float, rate: float) -> float:
     """Return (3κ - 2) a [1/s], the bound of the fastest pole that no feedback falls below, for a = `rate` [1/s]."""
     return (3.0 * kappa - 2.0) * rate
@@ -67,17 +76,22 @@ def best_feedback(kappa: float, rate: float, fastest_pole: float) -> Feedback | 
         rate: a = α + μ [1/s].
         fastest_pole: β [1/s].
     """
-    x, _ = minimise(np.eye(_UNKNOWNS)[_GAMMA], _families(kappa, fastest_pole / rate))
-    if not np.isfinite(x).all():
-        return None
-    P = np.tensordot(x[_P], symmetric_units(SCALAR_STATES), axes=1)
-    if not np.linalg.eigvalsh(P)[0] > 0.0:
+    asked = _compiled(threading.get_ident())
+    asked.share.value, asked.pole.value = 1.0 / kappa, (1.0 - STRICT) * fastest_pole / rate
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", UserWarning)  # that it may be inaccurate: the inequalities decide
+        try:
+            asked.problem.solve(solver=cp.CLARABEL, canon_backend="SCIPY", **CLARABEL)
+        except cp.SolverError:
+            return None
+    P = asked.P.value
+    if P is None or not np.linalg.eigvalsh(P)[0] > 0.0:
         return None
     # Back from the time unit 1/a: x = T x̃ with T = diag(1, a, 1/a), and V = Ṽ/a.
     T_inverse = np.diag([1.0, 1.0 / rate, rate])
     X = T_inverse @ np.linalg.inv(P) @ T_inverse / rate
-    k = rate**2 * np.linalg.solve(P, x[_M]) @ T_inverse
-    gamma = GAMMA_SLACK * math.sqrt(max(x[_GAMMA], 0.0)) / rate**2
+    k = rate**2 * np.linalg.solve(P, asked.m.value[0]) @ T_inverse
+    gamma = GAMMA_SLACK * math.sqrt(max(float(asked.gamma2.value), 0.0)) / rate**2
     found = Feedback(k, 0.5 * (X + X.T), gamma, fastest_pole)
     return found if _holds(found, kappa, rate) else None
 
@@ -99,35 +113,13 @@ def feedback_for_gamma(kappa: float, rate: float, gamma: float) -> Feedback | No
     return best
 
 
-def _families(kappa: float, pole: float) -> list[Family]:
-    """Return the inequalities in the variables P (6), m (3) and γ², in the time unit 1/a."""
-    A, b, c = loop()
-    P, rows = symmetric_units(SCALAR_STATES), np.eye(SCALAR_STATES)[:, np.newaxis]
-    families = []
-    for share in (1.0 / kappa, 1.0):
-        moved = np.concatenate([A @ P, -share * (b @ rows)])
-        state = moved + np.swapaxes(moved, 1, 2)
-        alone = np.concatenate([P, np.zeros_like(P[:SCALAR_STATES])])
-        whole, constant = np.zeros((1, _UNKNOWNS, _Z.stop, _Z.stop)), np.zeros((1, _Z.stop, _Z.stop))
-        whole[0, _P_AND_M, _X, _X] = -state - 2.0 * (1.0 + STRICT) * alone
-        whole[0, _P, _X, _Z], whole[0, _P, _Z, _X] = -P @ c.T, -c @ P
-        whole[0, _GAMMA, _W, _W] = 1.0
-        constant[0, _X, _W], constant[0, _W, _X], constant[0, _Z, _Z] = -share * b, -share * b.T, 1.0
-        slow = np.zeros((1, _UNKNOWNS, _LOWER.stop, _LOWER.stop))
-        slow[0, _P_AND_M, _UPPER, _UPPER] = slow[0, _P_AND_M, _LOWER, _LOWER] = pole * (1.0 - STRICT) * alone
-        slow[0, _P_AND_M, _LOWER, _UPPER], slow[0, _P_AND_M, _UPPER, _LOWER] = moved, np.swapaxes(moved, 1, 2)
-        families += [Family(constant, whole), Family(np.zeros((1, _LOWER.stop, _LOWER.stop)), slow)]
-    positive = np.zeros((1, _UNKNOWNS, SCALAR_STATES, SCALAR_STATES))
-    positive[0, _P] = P
-    return [*families, Family(np.zeros((1, SCALAR_STATES, SCALAR_STATES)), positive)]
-
-
 def _holds(found: Feedback, kappa: float, rate: float) -> bool:
     """Return whether all inequalities hold in floating point; the proof is in `scheduled_certificate`."""
-    k, matrices = found.k[np.newaxis], [found.X]
+    P, matrices = np.linalg.inv(found.X), [found.X]
+    m = found.k[np.newaxis] @ P
     for share in (1.0 / kappa, 1.0):
-        matrices.append(-decay(share, rate=rate, gamma2=found.gamma**2, X=found.X, k=k))
-        matrices.append(fastest(share, pole=found.fastest_pole, X=found.X, k=k))
+        matrices.append(-decay(share, rate=rate, gamma2=found.gamma**2, P=P, m=m))
+        matrices.append(fastest(share, pole=found.fastest_pole, P=P, m=m))
     for matrix in matrices:
         diagonal = np.diag(matrix)
         if not (diagonal > 0.0).all():

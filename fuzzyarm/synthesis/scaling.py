@@ -1,11 +1,12 @@
-"""Scaling of the design problem: in SI units every interior-point solver fails.
+"""Units of the design problem: in SI units every interior-point solver fails.
 
-With x = T x̃, t = t̃/σ, u = U ũ, w = V w̃ and equations multiplied by R, the error model becomes
+With x in units T, time in 1/σ, torques in U, disturbances in V, and the rows of E ẋ = A x + B u + B d in units 1/R, the
+matrices of the arm are of order one. The decision variables are numbers of order one times the units
 
-    Ẽ = σ R E T,   Ã = R A T,   B̃ = R B U,   D̃ = R D V,   C̃ = sqrt(c/σ) C T,   weight of wᵀw: c V²/σ,
+    P: T Tᵀ,   M: U Tᵀ,   L: U V⁻ᵀ,   Q: σ T Tᵀ,   X: T R⁻ᵀ,   τ_l: n_l²/σ,
 
-and with P = c T P̃ T, M = c U M̃ T, L = U L̃ V⁻¹, Q = cσ T Q̃ T, X = c T X̃ R⁻¹, α = σ α̃ the inequality is congruent:
-Ψ = c D Ψ̃ D with a positive diagonal D. The scaling changes no solution.
+and the rows of Ψ times `rows`: a congruence, which changes no solution. V = xᵀ P⁻¹ x has a unit c of its own, see
+`DesignProblem`.
 """
 
 from __future__ import annotations
@@ -14,28 +15,28 @@ import dataclasses
 
 import numpy as np
 
+from fuzzyarm.envs.observation import JOINTS
 from fuzzyarm.envs.physics.dynamics import arm_constants
 from fuzzyarm.envs.physics.parameters import ArmParameters
-from fuzzyarm.fuzzy_policy.proof.vertices import REFERENCE_POLE
+from fuzzyarm.fuzzy_policy.proof.vertices import REFERENCE_POLE, TrackingVertices, UncertainTerm, Vertices
 from fuzzyarm.fuzzy_policy.states import PLANT, VELOCITY
-from fuzzyarm.synthesis.error_model import ErrorModel, UncertainBlock
 
 __all__ = ["Scaling"]
 
 
 @dataclasses.dataclass(frozen=True)
 class Scaling:
-    """Diagonals of the scaling above.
+    """The units above.
 
     Attributes:
         time: σ [rad/s], the pole of the paper's reference model.
         state: T, (n,).
         row: R, (n,).
         torque: U, (2,) [N m].
-        disturbance: V, (n_w,).
-        lyapunov: c.
-        uncertainty: (m,), n_l with H̃ = n_l H R and W̃x = Wx T / n_l, W̃d = σ Wd T / n_l, W̃w = Ww V / n_l;
-            τ_l = c n_l² τ̃_l / σ.
+        disturbance: V, (n_w,): of d in the consistent form, of (d, r) in the paper's.
+        output: of z, (n_z,): 1, or Q^(1/2) in the paper's form, where Ψ has -Q⁻¹.
+        uncertainty: n_l, (m,).
+        terms: rows of each uncertain term, (m,).
     """
 
     time: float
@@ -43,92 +44,53 @@ class Scaling:
     row: np.ndarray
     torque: np.ndarray
     disturbance: np.ndarray
-    lyapunov: float
+    output: np.ndarray
     uncertainty: np.ndarray
+    terms: tuple[int, ...]
 
     @classmethod
-    def of(cls, system: ErrorModel, parameters: ArmParameters, lyapunov: float) -> Scaling:
+    def of(cls, data: Vertices, parameters: ArmParameters) -> Scaling:
         """Choose the units for a robot: the inertia of each joint, geometrically averaged with that of both.
 
         Inertias alone would ask for equal bandwidths, no inertias for equal stiffness of the two joints; the
         average balances the two and sets what "small gains" means in the design.
         """
-        arm = arm_constants(parameters)
+        arm, time = arm_constants(parameters), REFERENCE_POLE
         inertia = np.array(parameters.motor_inertia) + np.array([arm.c1, arm.c3])
         angle = 1.0 / np.sqrt(np.sqrt(inertia * inertia.mean()))
-        time = REFERENCE_POLE
-        error = np.concatenate([angle, angle * time, angle / time])[: system.blocks[0]]
-        state = np.concatenate([error, error[PLANT]])[: len(system.B)]
+        error = np.concatenate([angle, angle * time, angle / time])[: data.n_e]
+        torque, state, disturbance, output = time**2 / angle, error, time**2 / angle, np.ones(JOINTS)
+        if isinstance(data, TrackingVertices):
+            state = np.concatenate([error, error[PLANT]])
+            disturbance = np.concatenate([torque, angle, angle * time, angle * time**2])
+            output = 1.0 / np.sqrt(np.diag(data.Q_inverse))
         row = 1.0 / (state * time)
         row[VELOCITY] = angle / time**2
-        torque = 1.0 / row[VELOCITY]
-        disturbance = np.concatenate([torque, angle, angle * time, angle * time**2])[: system.D[0].shape[1]]
-        balance = np.array(
-            [
-                np.sqrt(
-                    max(np.linalg.norm(b.Wx * state), np.linalg.norm(b.Wd * state) * time) / np.linalg.norm(b.H * row)
-                )
-                for b in system.uncertainties
-            ]
-        )
-        return cls(time, state, row, torque, disturbance, lyapunov, balance)
+        balance = [_balance(term, data, state[PLANT], row[PLANT], time) for term in data.uncertainties]
+        sizes = tuple(len(term.H) for term in data.uncertainties)
+        return cls(time, state, row, torque, disturbance, output, np.array(balance), sizes)
 
-    def apply(self, system: ErrorModel) -> ErrorModel:
-        """Return the scaled error model."""
-        row, state, sigma, c = self.row[:, np.newaxis], self.state, self.time, self.lyapunov
-        V = np.diag(self.disturbance)
-        return dataclasses.replace(
-            system,
-            E=[sigma * row * E * state for E in system.E],
-            A=[[row * A * state for A in per_k] for per_k in system.A],
-            B=row * system.B * self.torque,
-            D=[row * D * self.disturbance for D in system.D],
-            C=np.sqrt(c / sigma) * system.C * state,
-            uncertainties=[
-                UncertainBlock(
-                    b.premises,
-                    n * b.H * self.row,
-                    b.Wx * state / n,
-                    sigma * b.Wd * state / n,
-                    b.Ww * self.disturbance / n,
-                )
-                for n, b in zip(self.uncertainty, system.uncertainties, strict=True)
-            ],
-            disturbance_weight=c / sigma * V @ system.disturbance_weight @ V,
-            given_L=None if system.given_L is None else self._scaled_L(system.given_L),
-        )
+    @property
+    def rows(self) -> np.ndarray:
+        """Factors of the rows of Ψ: x, ẋ, w, z and the uncertain terms."""
+        root = np.sqrt(self.time)
+        terms = np.repeat(root / self.uncertainty, self.terms)
+        return np.concatenate([1.0 / (self.state * root), self.row * root, self.disturbance / root, self.output, terms])
 
-    def _scaled_L(self, L: np.ndarray) -> np.ndarray:
-        scaled: np.ndarray = L * self.disturbance[len(self.disturbance) - L.shape[-1] :] / self.torque[:, np.newaxis]
-        return scaled
+    @property
+    def stiffness(self) -> float:
+        """The unit of joint 1's position gain, U_1/T_1 [N m/rad]."""
+        return float(self.torque[0] / self.state[0])
 
-    def congruence(self, system: ErrorModel) -> np.ndarray:
-        """Return the diagonal of D in Ψ = c D Ψ̃ D; rows ordered x, ẋ, w, z, uncertainties."""
-        root, c = np.sqrt(self.time), self.lyapunov
-        return np.concatenate(
-            [
-                self.state * root,
-                1.0 / (self.row * root),
-                root / (self.disturbance * c),
-                np.full(len(system.C), 1.0 / np.sqrt(c)),
-                *(np.full(len(b.H), n / root) for n, b in zip(self.uncertainty, system.uncertainties, strict=True)),
-            ]
-        )
+    def scaled_gains(self, gains: np.ndarray) -> np.ndarray:
+        """Return gains (..., 2, n_e) in SI units as numbers of order one."""
+        return np.asarray(gains * self.state[: gains.shape[-1]] / self.torque[:, np.newaxis])
 
-    def restore(
-        self, P: np.ndarray, M: np.ndarray, L: np.ndarray, Q: np.ndarray, X: np.ndarray, tau: np.ndarray
-    ) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
-        """Return the decision variables in SI units; leading axes of M, L, Q, X and tau are kept.
 
-        M (..., 2, n_e) belongs to the first block of P; L (..., 2, n_r) to the last n_r entries of w.
-        """
-        state, c, torque = self.state, self.lyapunov, self.torque[:, np.newaxis]
-        column = state[:, np.newaxis]
-        return (
-            c * column * P * state,
-            c * torque * M * state[: M.shape[-1]],
-            torque * L / self.disturbance[len(self.disturbance) - L.shape[-1] :],
-            c * self.time * column * Q * state,
-            c * column * X / self.row,
-            c / self.time * self.uncertainty**2 * tau,
-        )
+def _balance(term: UncertainTerm, data: Vertices, state: np.ndarray, row: np.ndarray, time: float) -> float:
+    """Return n_l, with which H R and W T, for E times σ, are of one size; in the paper's form W reads x_r too."""
+    reads = [term.W * state * (1.0 if term.on == "A" else time)]
+    if isinstance(data, TrackingVertices):
+        reads.append((term.W if term.on == "A" else term.W @ data.A_r) * state)
+    size = max(np.linalg.norm(reads[0]), np.linalg.norm(reads[-1])) if term.on == "E" else np.linalg.norm(reads)
+    return float(np.sqrt(size / np.linalg.norm(term.H * row)))

@@ -11,18 +11,22 @@ from importlib.metadata import version
 import numpy as np
 
 from fuzzyarm.common.checks import instance, real, whole
+from fuzzyarm.common.rounding import at_least, at_most
 from fuzzyarm.envs.physics.robot import Robot
 from fuzzyarm.fuzzy_policy.controller import GAINS, RATES
 from fuzzyarm.fuzzy_policy.laws.sampled_margins import ONE_AT_A_TIME, places_of, worst_radius
 from fuzzyarm.fuzzy_policy.laws.scheduled import linear_scheduled
 from fuzzyarm.fuzzy_policy.proof.certificate import Certificate
-from fuzzyarm.fuzzy_policy.proof.scheduled_certificate import certify_scheduled
+from fuzzyarm.fuzzy_policy.proof.scheduled_certificate import certify_scheduled, schedule_rate
 from fuzzyarm.fuzzy_policy.scheduled import FUNCTIONS, MOST_PREMISES, Premise, ScheduledController
 from fuzzyarm.synthesis.designer import DesignFailed
 from fuzzyarm.synthesis.inertia_metric import Metric, fitted_metric, ranked_premises, split_of
 from fuzzyarm.synthesis.scalar_design import Feedback, best_feedback, feedback_for_gamma, smallest_pole
 
-__all__ = ["ALPHAS", "MOST_JOINTS", "ScheduledDesign", "ScheduledSpecification", "best_premise", "design_scheduled"]
+__all__ = [
+    "ALPHAS", "MOST_JOINTS", "ScheduledDesign", "ScheduledSpecification", "best_premise", "describe_scheduled",
+    "design_scheduled",
+]  # fmt: skip
 
 MOST_JOINTS = 7
 """More joints than that would need more than one split of the chain."""
@@ -240,3 +244,29 @@ def _rounded(value: float, towards: Callable[[float], int], digits: int = 5) -> 
     """Return a number of few digits on the safe side of a positive one."""
     scale = 10.0 ** (digits - 1 - math.floor(math.log10(value)))
     return float(f"{towards(value * scale) / scale:.{digits}g}")
+
+
+def describe_scheduled(result: ScheduledDesign) -> str:
+    """Return what was found and proven, for a person."""
+    c, certificate = result.controller, result.certificate
+    kept = ", ".join(premise.name for premise in c.premises) or "none"
+    rate = schedule_rate(c)
+    fixed, speed, integral = c.feedback
+    lines = [
+        f"{c.robot.name}, {len(c.robot)} joints; {c.rules} rule{'s' if c.rules > 1 else ''}, kept premises: {kept}; "
+        "semidefinite form, with integral",
+        f"kappa = {at_most(c.kappa, 5)}, mu = {at_most(int(rate.p) / int(rate.q), 4)} 1/s; alpha = "
+        f"{at_least(c.alpha, 6)} 1/s, fastest pole {at_most(c.fastest_pole, 6)} 1/s, gamma = {at_most(c.gamma, 4)} s^2 "
+        f"in the norms of the inertia; {c.origin['objective']}",
+        f"premises and inertia found in {result.metric_seconds:.1f} s, all {len(certificate.claims)} claims proven in "
+        f"{result.proof_seconds:.1f} s, smallest margin {certificate.proof_margin:.2g}",
+        f"feedback -M_hat(q) (k_p e + k_d de/dt + k_i x_I): k_p = {fixed:.6g} 1/s^2, k_d = {speed:.6g} 1/s, "
+        f"k_i = {integral:.6g} 1/s^3",
+        "",
+        "M_hat of each rule [kg m^2]:",
+    ]
+    for rule, inertia in enumerate(c.inertia):
+        for row, entries in enumerate(inertia):
+            head = f"{rule + 1:>4}  " if row == 0 else "      "
+            lines.append(head + "".join(f"{entry:10.4f}" for entry in entries))
+    return "\n".join([*lines, "", certificate.statement])

@@ -1,180 +1,151 @@
-"""The search for a solution of a specification: over the scale of the Lyapunov function, γ, α and the fastest pole."""
+"""The search for a solution of a specification, and for what would have to be relaxed where there is none.
+
+Problems are compiled once for each structure and arm (`structure_of`) and kept, since a change of parameters takes a
+millisecond where compiling takes a tenth of a second.
+"""
 
 from __future__ import annotations
 
 import dataclasses
+import functools
 import math
+import threading
 from collections.abc import Callable
 
 import numpy as np
-from scipy.optimize import minimize_scalar
 
 from fuzzyarm.common.bisection import last_that_works
 from fuzzyarm.envs.physics.parameters import ArmParameters
 from fuzzyarm.fuzzy_policy.controller import GAINS, RATES, Controller
+from fuzzyarm.fuzzy_policy.proof.vertices import error_vertices
 from fuzzyarm.fuzzy_policy.ts_model import TSModel
-from fuzzyarm.synthesis.conic import Problem
-from fuzzyarm.synthesis.error_model import ErrorModel, OneVertex, consistent_form, paper_form
-from fuzzyarm.synthesis.minimise import Infeasible, Solution, solve, solve_for_largest_alpha
+from fuzzyarm.synthesis.inequalities import CERTAIN, PAPER_GAMMA, Inequalities, NoPoint, Point, structure_of
 from fuzzyarm.synthesis.scaling import Scaling
-from fuzzyarm.synthesis.specification import FIRST_ALPHA, PAPER_WEIGHT, Specification
+from fuzzyarm.synthesis.specification import FIRST_ALPHA, Specification
 
 __all__ = [
-    "best_solution", "error_system", "largest_feasible_alpha", "lightness", "scaled_gain", "scaled_problem",
-    "slowest_tried", "smallest_feasible_gain_bound", "smallest_feasible_gamma", "smallest_feasible_pole",
+    "best_point", "largest_feasible_alpha", "lightness", "scaled_gain", "smallest_feasible_gain_bound",
+    "smallest_feasible_gamma", "smallest_feasible_pole", "why_infeasible",
 ]  # fmt: skip
 
-# The scale c of the Lyapunov function cannot be a variable, because γ ties it to P. In the consistent form it goes with
-# σ/(γU)²; 0.37 of that gives the smallest gains with z1 kept, 0.6 with z1 dropped (α = 20, γ = 2e-4). In the paper's
-# form 1e-4 at γ = 1000 suits every model. Factors on it are tried in turn where the first is infeasible; where γ is
-# minimised, c is searched for.
-BEST_SCALE = {True: 0.37, False: 0.6}
-PAPER_SCALE, PAPER_GAMMA = 1e-4, 1000.0
 FACTORS = (1.0, 3.0, 0.3, 10.0, 0.1, 30.0, 0.03)
-NONE = 1e12  # far above any γ; the search of scipy wants a number
+"""Factors on the unit of V that are tried in turn where the first is infeasible."""
+KEPT = 8  # compiled problems
 MANY = 4  # rules, from which a scale is given up if one vertex is infeasible: 0.02 to 2 s instead of up to a minute
-CERTAIN = "PrimalInfeasible"  # the solver's status, to its full accuracy
+MOST_SEARCHED = 4
+"""Rules up to which a limit is searched for with the whole model; one design with 32 takes ten seconds."""
+LOOSEST = 1e6
+"""γ of the consistent form in the units of an arm, far above any use."""
+LIGHT = 2.0
+"""Inertia of Table 1 over an arm's, above which the default of γ is too much to ask."""
 
 
-def best_solution(model: TSModel, specification: Specification) -> tuple[Scaling, Solution] | None:
-    """Return the solution of a specification and its scaling; None if none was found."""
-    if specification.gamma is not None:
-        return first_solution(model, specification)
-    smallest = _smallest_gamma_paper if specification.form == "paper" else _smallest_gamma_consistent
-    return smallest(model, specification)
+def best_point(specification: Specification, arm: ArmParameters, vertex: int | None = None) -> Point | NoPoint:
+    """Return the point of a specification, or why the last attempt found none.
+
+    Args:
+        specification: what is asked.
+        arm: for which.
+        vertex: of A, whose inequalities alone are solved; None for all.
+    """
+    if specification.gamma is None and specification.form == "paper":
+        return _smallest_gamma_paper(specification, arm, vertex)
+    return _first_point(specification, arm, vertex)
 
 
-def first_solution(model: TSModel, specification: Specification) -> tuple[Scaling, Solution] | None:
-    """Return the solution at the first Lyapunov scale that has one."""
-    find = solve_for_largest_alpha if specification.alpha is None else solve
+def _first_point(specification: Specification, arm: ArmParameters, vertex: int | None) -> Point | NoPoint:
+    """Return the point at the first scale of V that has one."""
+    failed = None
     for factor in FACTORS:
-        scaling, system, problem = scaled_problem(model, specification, factor)
-        if _refuted(model, specification, factor):
-            continue
+        failed = _refuted(specification, arm, factor) if vertex is None else None
+        if failed is None:
+            try:
+                return _asked(specification, arm, vertex, factor).point()
+            except NoPoint as error:
+                failed = error
+    assert failed is not None
+    return failed
+
+
+def _refuted(specification: Specification, arm: ArmParameters, factor: float) -> NoPoint | None:
+    """Return the solver's proof, if it gives one, that already one vertex of a large model has no point.
+
+    The others are asked only where the first neither has a point nor a proof that there is none. A γ that is free is
+    asked to be no larger than `LOOSEST`: the solver proves little of a problem whose only limit is its objective.
+    """
+    if _rules(specification) < MANY:  # which are solved as quickly as they are refuted
+        return None
+    if specification.gamma is None:
+        specification = dataclasses.replace(specification, gamma=LOOSEST / _units(arm).stiffness)
+    for number in range(2 ** len([name for name in specification.kept if name != "z1"])):
         try:
-            return scaling, find(system, problem)
-        except Infeasible:
-            continue
+            _asked(specification, arm, number, factor).point()
+        except NoPoint as error:
+            if error.ray is not None and (number == 0 or error.status == CERTAIN):
+                return error
+        else:
+            return None
     return None
 
 
-def _refuted(model: TSModel, specification: Specification, factor: float) -> bool:
-    """Return whether the solver gives a proof that already one vertex of a large model has no solution.
-
-    The others are asked only where the first neither has a solution nor a proof that there is none.
-    """
-    if model.rules < MANY or isinstance(model, OneVertex):  # which is solved as quickly as it is refuted
-        return False
-    for number in range(len(model.A_vertices)):
-        vertex = OneVertex(model.parameters, model.kept, number)
-        _, system, problem = scaled_problem(vertex, specification, factor)
-        try:
-            solve(system, problem)
-        except Infeasible as error:
-            if error.ray is not None and (number == 0 or error.status == CERTAIN):
-                return True
-            continue
-        return False
-    return False
+def _asked(specification: Specification, arm: ArmParameters, vertex: int | None, factor: float) -> Inequalities:
+    """Return the compiled problem of a structure, with the parameters of a specification."""
+    problem = _compiled(structure_of(specification), arm, vertex, threading.get_ident())
+    problem.ask(specification, factor)
+    return problem
 
 
-def _smallest_gamma_paper(model: TSModel, specification: Specification) -> tuple[Scaling, Solution] | None:
-    """Return the solution with the smallest γ of the paper's form, by lowering γ as long as there is a solution.
+@functools.lru_cache(KEPT)
+def _compiled(structure: Specification, arm: ArmParameters, vertex: int | None, thread: int) -> Inequalities:
+    """Return a problem of a structure; each thread has its own, since its parameters are set and its point is read."""
+    return Inequalities(structure, arm, vertex=vertex)
+
+
+def _rules(specification: Specification) -> int:
+    return 1 << len(specification.kept)
+
+
+def _smallest_gamma_paper(specification: Specification, arm: ArmParameters, vertex: int | None) -> Point | NoPoint:
+    """Return the point with the smallest γ of the paper's form, by lowering γ as long as there is a point.
 
     The cone program that minimises γ² is too badly scaled here: d and r are decades apart.
     """
     best, gamma, ratio = None, PAPER_GAMMA, 4.0
     while ratio > 1.05 and gamma / ratio > GAINS[0]:
-        better = first_solution(model, dataclasses.replace(specification, gamma=gamma / ratio))
-        if better is None:
+        better = _first_point(dataclasses.replace(specification, gamma=gamma / ratio), arm, vertex)
+        if isinstance(better, NoPoint):
             ratio = math.sqrt(ratio)
         else:
             best, gamma = better, gamma / ratio
-    return best or first_solution(model, dataclasses.replace(specification, gamma=gamma))
+    return best or _first_point(dataclasses.replace(specification, gamma=gamma), arm, vertex)
 
 
-def _smallest_gamma_consistent(model: TSModel, specification: Specification) -> tuple[Scaling, Solution] | None:
-    """Return the solution with the smallest γ of the consistent form.
-
-    The cone program minimises γ² at a scale c; a coarse scan and a bounded search around its best find c.
-    """
-    found: dict[float, tuple[Scaling, Solution]] = {}
-
-    def gamma_at(exponent: float) -> float:
-        scaling, system, problem = scaled_problem(model, specification, 10.0**exponent)
-        if _refuted(model, specification, 10.0**exponent):
-            return NONE
-        try:
-            found[exponent] = scaling, solve(system, problem)
-        except Infeasible:
-            return NONE
-        return found[exponent][1].gamma
-
-    scan = np.arange(-3.0, 3.5, 0.5)
-    values = [gamma_at(float(exponent)) for exponent in scan]
-    if not found:
-        return None
-    middle = float(scan[int(np.argmin(values))])
-    minimize_scalar(gamma_at, bounds=(middle - 0.5, middle + 0.5), method="bounded", options={"xatol": 0.02})
-    return min(found.values(), key=lambda entry: entry[1].gamma)
+def _units(arm: ArmParameters) -> Scaling:
+    return Scaling.of(error_vertices(TSModel(arm, ()), integral=True), arm)
 
 
-def error_system(model: TSModel, specification: Specification) -> ErrorModel:
-    """Return the error dynamics of a specification's form, in SI units."""
-    if specification.form == "consistent":
-        return consistent_form(model, specification.integral)
-    return paper_form(
-        model,
-        specification.integral,
-        np.array(PAPER_WEIGHT),
-        common_multiplier=specification.common_multiplier,
-        share=specification.feedforward,
-    )
-
-
-def scaled_problem(model: TSModel, specification: Specification, factor: float) -> tuple[Scaling, ErrorModel, Problem]:
-    """Return the problem at a Lyapunov scale, `factor` times its natural size."""
-    system = error_system(model, specification)
-    unit = Scaling.of(system, model.parameters, 1.0)
-    if specification.form == "paper":
-        gamma = specification.gamma if specification.gamma is not None else PAPER_GAMMA
-        natural = PAPER_SCALE * (PAPER_GAMMA / gamma) ** 2
-    else:
-        gamma = specification.gamma if specification.gamma is not None else 1.0 / _stiffness(unit)
-        natural = BEST_SCALE["z1" in model.kept] * unit.time / (gamma * unit.torque.mean()) ** 2
-    scaling = Scaling.of(system, model.parameters, factor * natural)
-    gain_bound = None if specification.gain_bound is None else specification.gain_bound / _stiffness(unit)
-    problem = Problem(
-        alpha=specification.first_alpha / scaling.time,
-        gamma=specification.gamma,
-        gain_bound=gain_bound,
-        minimise="gamma" if specification.gamma is None else "gain_bound" if gain_bound is None else "nothing",
-        fastest_pole=None if specification.fastest_pole is None else specification.fastest_pole / scaling.time,
-    )
-    return scaling, scaling.apply(system), problem
-
-
-def _stiffness(scaling: Scaling) -> float:
-    """Return the unit of joint 1's position gain, U_1/T_1 [N m/rad]."""
-    return float(scaling.torque[0] / scaling.state[0])
-
-
-def lightness(model: TSModel, specification: Specification) -> float:
+def lightness(arm: ArmParameters) -> float:
     """Return the inertia of Table 1 over an arm's, a pure number; γ of the consistent form times it asks the same."""
-    system = error_system(model, specification)
-    paper, own = (_stiffness(Scaling.of(system, arm, 1.0)) for arm in (ArmParameters(), model.parameters))
-    return paper / own
+    return _units(ArmParameters()).stiffness / _units(arm).stiffness
 
 
 def scaled_gain(controller: Controller) -> float:
     """Return the gain bound [N m/rad] that a controller just meets, see `Specification`."""
-    system = consistent_form(controller.model, controller.integral)
-    unit = Scaling.of(system, controller.model.parameters, 1.0)
-    scaled = controller.gains * unit.state[: controller.gains.shape[-1]] / unit.torque[:, np.newaxis]
-    return float(np.linalg.norm(scaled, ord=2, axis=(-2, -1)).max()) * _stiffness(unit)
+    units = _units(controller.model.parameters)
+    scaled = units.scaled_gains(controller.gains)
+    return float(np.linalg.norm(scaled, ord=2, axis=(-2, -1)).max()) * units.stiffness
 
 
-def smallest_feasible_pole(model: TSModel, specification: Specification, resolution: float = 0.05) -> float | None:
+# What would have to be relaxed ----------------------------------------------------------------------------------------
+
+
+def _has_point(specification: Specification, arm: ArmParameters, vertex: int | None) -> bool:
+    return isinstance(best_point(specification, arm, vertex), Point)
+
+
+def smallest_feasible_pole(
+    specification: Specification, arm: ArmParameters, vertex: int | None = None, resolution: float = 0.05
+) -> float | None:
     """Return the smallest feasible bound of the fastest pole [1/s] from the specified one up, by bisection.
 
     None if none is specified or no larger one is feasible either.
@@ -182,7 +153,7 @@ def smallest_feasible_pole(model: TSModel, specification: Specification, resolut
     specified = specification.fastest_pole
 
     def works(pole: float | None) -> bool:
-        return best_solution(model, dataclasses.replace(specification, fastest_pole=pole)) is not None
+        return _has_point(dataclasses.replace(specification, fastest_pole=pole), arm, vertex)
 
     if specified is None or not works(None):
         return None
@@ -191,30 +162,34 @@ def smallest_feasible_pole(model: TSModel, specification: Specification, resolut
     )
 
 
-def smallest_feasible_gain_bound(model: TSModel, specification: Specification, resolution: float = 0.1) -> float | None:
+def smallest_feasible_gain_bound(
+    specification: Specification, arm: ArmParameters, vertex: int | None = None, resolution: float = 0.1
+) -> float | None:
     """Return the smallest feasible gain bound [N m/rad], by bisection from the smallest gains on.
 
     None if none is specified, if another limit is left open too, or if the rest is not feasible with any.
     """
 
     def works(bound: float) -> bool:
-        return best_solution(model, dataclasses.replace(specification, gain_bound=bound)) is not None
+        return _has_point(dataclasses.replace(specification, gain_bound=bound), arm, vertex)
 
     if specification.gain_bound is None or None in (specification.alpha, specification.gamma):
         return None
-    best = best_solution(model, dataclasses.replace(specification, gain_bound=None))
-    if best is None:
+    best = best_point(dataclasses.replace(specification, gain_bound=None), arm, vertex)
+    if isinstance(best, NoPoint):
         return None
-    least = best[1].largest_gain * _stiffness(best[0])
+    least = best.largest_gain * _units(arm).stiffness
     return _nearest_that_works(works, least, factor=1.5, limit=10.0 * least, resolution=resolution)
 
 
-def smallest_feasible_gamma(model: TSModel, specification: Specification, resolution: float = 0.3) -> float | None:
+def smallest_feasible_gamma(
+    specification: Specification, arm: ArmParameters, vertex: int | None = None, resolution: float = 0.3
+) -> float | None:
     """Return the smallest feasible γ, in its unit, from the specified one to its millionfold, by bisection; or None."""
     specified = specification.gamma
 
     def works(gamma: float) -> bool:
-        return best_solution(model, dataclasses.replace(specification, gamma=gamma)) is not None
+        return _has_point(dataclasses.replace(specification, gamma=gamma), arm, vertex)
 
     if specified is None:
         return None
@@ -222,17 +197,19 @@ def smallest_feasible_gamma(model: TSModel, specification: Specification, resolu
     return _nearest_that_works(works, specified, factor=10.0, limit=limit, resolution=resolution)
 
 
-def largest_feasible_alpha(model: TSModel, specification: Specification, resolution: float = 0.02) -> float | None:
+def largest_feasible_alpha(
+    specification: Specification, arm: ArmParameters, vertex: int | None = None, resolution: float = 0.02
+) -> float | None:
     """Return the largest feasible α [1/s] up to the specified one, by bisection; None if there is none."""
 
     def works(alpha: float) -> bool:
-        return best_solution(model, dataclasses.replace(specification, alpha=alpha)) is not None
+        return _has_point(dataclasses.replace(specification, alpha=alpha), arm, vertex)
 
-    lowest = slowest_tried(specification)
+    lowest = _slowest_tried(specification)
     return _nearest_that_works(works, specification.first_alpha, factor=0.25, limit=lowest, resolution=resolution)
 
 
-def slowest_tried(specification: Specification) -> float:
+def _slowest_tried(specification: Specification) -> float:
     """Return where the search for a feasible α ends [1/s]: a thousandth of the specified one, at most `FIRST_ALPHA`."""
     return max(min(1e-3 * specification.first_alpha, FIRST_ALPHA), RATES[0])
 
@@ -257,3 +234,59 @@ def _nearest_that_works(
     # The bisection follows what fails, from `start` on; each number found to work is nearer than the one before.
     last_that_works(fails, start, factor * start, resolution=resolution, limit=limit)
     return found
+
+
+def why_infeasible(specification: Specification, arm: ArmParameters) -> str:
+    """Return the specification in words and the first limit that would do alone, and by how much.
+
+    The fastest pole is tried first, then α, the gain bound and γ; γ before α where it suits a heavier arm.
+
+    Where already one vertex of a large model allows too little, its limit is searched for and named: it takes seconds,
+    and the limit of all vertices is no larger.
+    """
+    s, alpha, rules, vertex = specification, specification.first_alpha, _rules(specification), None
+    given = "" if s.gain_bound is None else f", gain bound {s.gain_bound:g} N m/rad"
+    given += "" if s.fastest_pole is None else f", fastest pole {s.fastest_pole:g} 1/s"
+    head = (
+        f"infeasible: {rules} rules (kept: {', '.join(sorted(s.kept)) or 'none'}), {s.form} form, "
+        f"alpha = {alpha:g} 1/s, gamma = {'free' if s.gamma is None else f'{s.gamma:g}'}{given}"
+    )
+    works = "works"
+    if rules >= MANY:
+        if not _has_point(specification, arm, 0):
+            vertex, works = 0, "works for one vertex of the model alone"
+        elif rules > MOST_SEARCHED:
+            return f"{head}; each of the model's vertices alone may allow this, all together do not: {_relaxed(s)}"
+    pole = smallest_feasible_pole(specification, arm, vertex)
+    if pole is not None:
+        return f"{head}; fastest_pole would have to give: the smallest that {works} is about {pole:.3g} 1/s"
+    factor = lightness(arm) if s.form == "consistent" and s.gamma is not None else 1.0
+    too_small = factor > LIGHT and s.gamma < factor * Specification.gamma  # type: ignore[operator]
+    if too_small and (gamma := smallest_feasible_gamma(specification, arm, vertex)) is not None:
+        natural = f"{factor * Specification.gamma:.2g} asks the same of this arm as the default does of Table 1"  # type: ignore[operator]
+        return f"{head}; gamma would have to give: the smallest that {works} is about {gamma:.2g}, and {natural}"
+    largest = largest_feasible_alpha(specification, arm, vertex)
+    if largest is not None:
+        return f"{head}; alpha would have to give: the largest that {works} is about {largest:.3g} 1/s"
+    head += f"; no decay rate down to {_slowest_tried(s):g} 1/s helps"
+    bound = smallest_feasible_gain_bound(specification, arm, vertex)
+    if bound is not None:
+        return f"{head}: the gain bound would have to give: the smallest that {works} is about {bound:.3g} N m/rad"
+    gamma = smallest_feasible_gamma(specification, arm, vertex)
+    if gamma is not None:
+        return f"{head}: gamma would have to give: the smallest that {works} is about {gamma:.2g}"
+    return f"{head}: raise {' or '.join(_limits(s))}"
+
+
+def _limits(specification: Specification) -> dict[str, float]:
+    """Return the limits from above that are given, by their names."""
+    s = specification
+    limits = {"gamma": s.gamma, "the gain bound": s.gain_bound, "fastest_pole": s.fastest_pole}
+    return {name: value for name, value in limits.items() if value is not None}
+
+
+def _relaxed(specification: Specification) -> str:
+    """Return which of the given limits may be relaxed."""
+    s = specification
+    given = [f"raise {name} above {value:g}" for name, value in _limits(s).items()]
+    return " or ".join([f"lower alpha below {s.first_alpha:g}", *given, "keep fewer premises"])

@@ -3,14 +3,13 @@
 from __future__ import annotations
 
 import dataclasses
+import math
 
 import clarabel  # type: ignore[import-untyped]
 import numpy as np
 from scipy import sparse
 
-from fuzzyarm.synthesis.conic import svec
-
-__all__ = ["Family", "minimise", "symmetric_units"]
+__all__ = ["Family", "minimise", "svec", "symmetric_units"]
 
 
 @dataclasses.dataclass(frozen=True)
@@ -24,6 +23,12 @@ class Family:
 
     constant: np.ndarray
     linear: np.ndarray
+
+
+def svec(matrix: np.ndarray) -> np.ndarray:
+    """Return the upper triangles (..., s(s + 1)/2) of symmetric matrices by columns, off-diagonals times √2."""
+    column, row = np.tril_indices(matrix.shape[-1])
+    return matrix[..., row, column] * np.where(row == column, 1.0, math.sqrt(2.0))
 
 
 def symmetric_units(size: int) -> np.ndarray:

@@ -24,15 +24,15 @@ from fuzzyarm.cli import main
 from fuzzyarm.eval.certified.tip.cells_file import check_cells
 from fuzzyarm.fuzzy_policy.controller import Controller
 from fuzzyarm.fuzzy_policy.controller_files import load_controller
-from fuzzyarm.fuzzy_policy.proof.certificate import Certificate, certify
+from fuzzyarm.fuzzy_policy.proof import consistent_reference
+from fuzzyarm.fuzzy_policy.proof.certificate import Certificate, certify, inequality_name
 from fuzzyarm.fuzzy_policy.proof.scheduled_certificate import certify_scheduled
 from fuzzyarm.fuzzy_policy.signed_files import ControllerFileError
 from fuzzyarm.fuzzy_policy.ts_model import TSModel
-from fuzzyarm.synthesis import (
-    DesignProblem,
-    Specification,
-    design,
-)
+from fuzzyarm.synthesis import DesignProblem, Specification, design
+from fuzzyarm.synthesis.designer import to_controller
+from fuzzyarm.synthesis.expressions import half
+from fuzzyarm.synthesis.inequalities import MARGIN
 
 from .dissipation import excess, scheduled_excess
 from .judged import examples
@@ -163,24 +163,50 @@ def test_designs_at_the_end_of_what_can_be_proven_hold(kept, asked):
     ],
 )
 def test_each_inequality_is_needed(kept, name, tmp_path):
-    problem = DesignProblem(Specification(kept=kept, gamma=1e-3))
-    row, size = problem._row_units()[0], problem._P.shape[0]
-    rows = [constraint for one, constraint in problem.inequalities.items() if one != name]
-    rows += [cp.norm(M, "fro") <= 1e3 for M in problem._M.values()]
-    rows.append(problem._P << -np.eye(size) if name == "P > 0" else problem._P >> np.eye(size))
-    aim = cp.Constant(0.0)
-    if name != "P > 0":
-        i, j, k = (int(one) - 1 for one in name.split("_")[1].split(" ")[0].split(","))
-        parts = [cp.multiply(np.outer(row, row), problem._psi(a, b, k, (i, j))) for a, b in ((i, j), (j, i))]
-        rows += [part << 10.0 * np.eye(len(row)) for part in parts]
-        if i != j:  # half of it holds
-            rows.append(parts[0] << -1e-3 * np.eye(len(row)))
-        across = np.random.default_rng(3).normal(size=len(row))
-        aim = across @ (parts[0] + parts[1]) @ across
+    """A solver is asked for all matrices but one, with the full slack, that is <= 10 I and not <= 0."""
+    asked = Specification(kept=kept, gamma=1e-3)
+    problem, generator = DesignProblem(asked), np.random.default_rng(3)
+    data, unit, row = problem._data, problem._units, problem._row_units("Psi")
+    n, m, vertices = data.n_e, len(data.uncertainties), (len(data.A), len(data.E))
+    P, M = cp.Variable((n, n), symmetric=True), cp.Variable((*vertices, 2, n))
+    rows = [cp.norm(M[j, k], "fro") <= 1e3 for j, k in np.ndindex(vertices)]
+    rows.append(P << -np.eye(n) if name == "P > 0" else P >> np.eye(n))
+    aim, slack, multipliers = cp.Constant(0.0), [], []
+    for i, j in data.pairs:
+        Q, X = cp.Variable((n, n)), cp.Variable((n, n))
+        slack.append((Q, X))
+        for k in range(vertices[1]):
+            tau = cp.Variable(m)
+            multipliers.append(tau)
+
+            def matrix(a, b, k=k, Q=Q, X=X, tau=tau):
+                half_of = consistent_reference.psi(
+                    data, a, k, alpha=asked.alpha, gamma2=problem._c * asked.gamma**2, output=problem._c**0.5,
+                    P=cp.multiply(unit["P"], P), M=cp.multiply(unit["M"], M[b, k]), Q=cp.multiply(unit["Q"], Q),
+                    X=cp.multiply(unit["X"], X), tau=cp.multiply(unit["tau"], tau), put=half,
+                )  # fmt: skip
+                return cp.multiply(np.outer(row, row), half_of + half_of.T)
+
+            parts = [matrix(i, j), matrix(j, i)]
+            if inequality_name("Psi", i, j, k) != name:
+                rows.append(0.5 * (parts[0] + parts[1]) << -MARGIN * np.eye(len(row)))
+                continue
+            rows += [part << 10.0 * np.eye(len(row)) for part in parts]
+            if i != j:  # half of it holds
+                rows.append(parts[0] << -1e-3 * np.eye(len(row)))
+            across = generator.normal(size=len(row))
+            aim = across @ (parts[0] + parts[1]) @ across
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")  # that it may be inaccurate: the proof decides
-        cp.Problem(cp.Maximize(aim), rows).solve(solver="CLARABEL")
-    certificate = judged(problem._controller("forged"), tmp_path)
+        cp.Problem(cp.Maximize(aim), rows).solve(solver="CLARABEL", canon_backend="SCIPY")
+    c = problem._c
+    Q, X = (c * unit[letter] * np.array([pair[at].value for pair in slack]) for at, letter in enumerate("QX"))
+    tau = c * unit["tau"] * np.array([one.value for one in multipliers])
+    point = dataclasses.replace(
+        problem.point(), P=c * unit["P"] * P.value, M=c * unit["M"] * M.value,
+        slack=((Q, X, tau.reshape(len(data.pairs), -1, m)),),
+    )  # fmt: skip
+    certificate = judged(to_controller(problem.model, asked, point, "forged"), tmp_path)
     assert [claim.name for claim in certificate.claims if not claim.proven] == [name]
 
 

@@ -19,11 +19,11 @@ from fuzzyarm.eval.episodes.rollout import record_rollout
 from fuzzyarm.fuzzy_policy.controller import consistent_feedforward
 from fuzzyarm.fuzzy_policy.laws.fuzzy import FuzzyPolicy
 from fuzzyarm.fuzzy_policy.proof.certificate import certify
-from fuzzyarm.fuzzy_policy.ts_model import NAMED_RULES, PREMISES, TSModel
-from fuzzyarm.synthesis import DesignFailed, Specification, describe, design, designer, explanation
+from fuzzyarm.fuzzy_policy.ts_model import NAMED_RULES, PREMISES
+from fuzzyarm.synthesis import DesignFailed, Specification, describe, design, designer
 from fuzzyarm.synthesis import search as synthesis_search
-from fuzzyarm.synthesis.explanation import why_infeasible
-from fuzzyarm.synthesis.search import lightness
+from fuzzyarm.synthesis.inequalities import NoPoint
+from fuzzyarm.synthesis.search import best_point, lightness, why_infeasible
 
 SUBSETS = [subset for count in range(6) for subset in itertools.combinations(PREMISES, count)]
 # None, one premise of each side, and two of one side and of both.
@@ -166,10 +166,9 @@ def test_the_limit_that_binds_is_named_with_the_value_that_would_do(limit, asked
     with pytest.raises(DesignFailed, match=r"helps: (the gain bound|gamma) would have to give") as caught:
         design(one)
     named = float(str(caught.value).partition("is about ")[2].split()[0])
-    model = TSModel(ArmParameters(), one.kept)
     for factor, works in ((1.01, True), (0.6, False)):
-        solution = synthesis_search.best_solution(model, dataclasses.replace(one, **{limit: factor * named}))
-        assert (solution is not None) == works
+        point = best_point(dataclasses.replace(one, **{limit: factor * named}), ArmParameters())
+        assert isinstance(point, NoPoint) != works
 
 
 @pytest.mark.parametrize(
@@ -179,12 +178,11 @@ def test_the_limit_that_binds_is_named_with_the_value_that_would_do(limit, asked
 def test_a_default_for_a_heavier_arm_is_named_first(mass, gamma, named, monkeypatch):
     """γ is an angle per torque: what is asked of an arm is γ times its inertia."""
     for search in ("largest_feasible_alpha", "smallest_feasible_gamma"):
-        monkeypatch.setattr(explanation, search, lambda *_: 3.0)
+        monkeypatch.setattr(synthesis_search, search, lambda *_: 3.0)
     arm, scaled = ArmParameters(), ("mass", "inertia", "motor_inertia")
     light = dataclasses.replace(arm, **{k: tuple(mass * number for number in getattr(arm, k)) for k in scaled})
-    model = TSModel(light, ())
-    assert lightness(model, Specification(kept=())) == pytest.approx(1.0 / mass)
-    text = why_infeasible(model, Specification(kept=(), gamma=gamma))
+    assert lightness(light) == pytest.approx(1.0 / mass)
+    text = why_infeasible(Specification(kept=(), gamma=gamma), light)
     assert f"; {named} would have to give: the " in text
 
 
@@ -213,12 +211,12 @@ def test_two_open_ends_are_refused():
 def test_a_solver_that_lies_is_not_believed(monkeypatch, designed):
     """A point that breaks an inequality gives no controller, whatever the status says."""
 
-    def lie(system, problem):
-        solution = honest(system, problem)
-        return dataclasses.replace(solution, Q=-solution.Q)
+    def lie(*asked):
+        point = best_point(*asked)
+        (Q, X, tau) = point.slack[0]
+        return dataclasses.replace(point, slack=((-Q, X, tau),))
 
-    honest = synthesis_search.solve
-    monkeypatch.setattr(synthesis_search, "solve", lie)
+    monkeypatch.setattr(designer, "best_point", lie)
     with pytest.raises(DesignFailed, match="does not pass the proof"):
         design(Specification(kept=()))
 
@@ -267,11 +265,8 @@ def test_the_strip_moves_the_fastest_pole_and_costs_gain(limited):
         for controller in (free, limited.controller)
     ]
     assert speeds[0] > 180.0 and speeds[1] < 120.0
-    found = [
-        synthesis_search.first_solution(free.model, Specification(gamma=1.2e-4, fastest_pole=b))
-        for b in (None, 1e4, 150.0)
-    ]
-    gains = [solution.objective for _, solution in found]
+    arm = ArmParameters()
+    gains = [best_point(Specification(gamma=1.2e-4, fastest_pole=b), arm).objective for b in (None, 1e4, 150.0)]
     assert gains[1] == pytest.approx(gains[0], rel=1e-3)
     assert gains[2] > gains[0]
 
@@ -288,10 +283,10 @@ def test_a_fastest_pole_too_slow_says_what_would_do():
         DesignFailed, match="fastest pole 500 1/s; fastest_pole would have to give: the smallest that w"
     ):
         design(asked)
-    model = TSModel(ArmParameters(), asked.kept)
-    smallest = synthesis_search.smallest_feasible_pole(model, asked)
+    smallest = synthesis_search.smallest_feasible_pole(asked, ArmParameters())
     assert design(dataclasses.replace(asked, fastest_pole=smallest)).certificate.proven
-    assert synthesis_search.best_solution(model, dataclasses.replace(asked, fastest_pole=0.9 * smallest)) is None
+    too_slow = dataclasses.replace(asked, fastest_pole=0.9 * smallest)
+    assert isinstance(best_point(too_slow, ArmParameters()), NoPoint)
 
 
 @pytest.mark.slow
@@ -317,14 +312,13 @@ def test_a_fastest_pole_that_makes_no_sense_is_refused():
 
 
 def test_a_solver_that_lies_about_the_strip_is_not_believed(monkeypatch):
-    def lie(system, problem):
-        solution = honest(system, problem)
-        Q, X, tau = solution.pole_slack
-        return dataclasses.replace(solution, pole_slack=(-Q, X, tau))
+    def lie(*asked):
+        point = best_point(*asked)
+        whole, (Q, X, tau) = point.slack
+        return dataclasses.replace(point, slack=(whole, (-Q, X, tau)))
 
-    honest = synthesis_search.solve
-    monkeypatch.setattr(synthesis_search, "solve", lie)
-    monkeypatch.setattr(designer, "why_infeasible", lambda model, specification: "")
+    monkeypatch.setattr(designer, "best_point", lie)
+    monkeypatch.setattr(designer, "why_infeasible", lambda specification, arm: "")
     with pytest.raises(DesignFailed, match="does not pass the proof"):
         design(Specification(fastest_pole=200.0))
 

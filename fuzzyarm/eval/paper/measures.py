@@ -18,10 +18,10 @@ from fuzzyarm.eval.paper.controllers import FORMS, RULES, SWAPPED, TITLES, key_o
 from fuzzyarm.eval.paper.evidence import HIGH_GAIN, WITNESSES, Evidence
 from fuzzyarm.fuzzy_policy.controller import Controller
 from fuzzyarm.fuzzy_policy.laws.fuzzy import FuzzyPolicy
+from fuzzyarm.fuzzy_policy.proof.vertices import tracking_vertices
 from fuzzyarm.fuzzy_policy.states import PLANT
 from fuzzyarm.fuzzy_policy.ts_model import NAMED_RULES, TSModel
 from fuzzyarm.synthesis.complexity import Size, full_size, paper_formula
-from fuzzyarm.synthesis.error_model import paper_form
 from fuzzyarm.synthesis.specification import PAPER_WEIGHT
 
 __all__ = [
@@ -144,7 +144,7 @@ def printed_size(entry: str) -> Measure:
 def true_size(entry: str) -> Measure:
     """Return the measure of the true size of the printed theorem without integral action: 1 for 32 rules, else 2."""
     return _sizes(
-        lambda model: full_size(paper_form(model, False, np.array(PAPER_WEIGHT), common_multiplier=True)), entry
+        lambda model: full_size(tracking_vertices(model, False, np.array(PAPER_WEIGHT), common_multiplier=True)), entry
     )
 
 

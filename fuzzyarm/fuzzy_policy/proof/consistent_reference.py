@@ -32,11 +32,9 @@ from __future__ import annotations
 
 from typing import Any
 
-import numpy as np
-
 from fuzzyarm.envs.observation import JOINTS
-from fuzzyarm.fuzzy_policy.proof.block_matrix import Block, he, identity, symmetric, zeros
-from fuzzyarm.fuzzy_policy.proof.vertices import Vertices
+from fuzzyarm.fuzzy_policy.proof.block_matrix import Assembly, he, identity, symmetric, times, transposed, zeros
+from fuzzyarm.fuzzy_policy.proof.vertices import Index, Vertices
 from fuzzyarm.fuzzy_policy.states import PLANT, POSITION
 
 __all__ = ["phi", "psi"]
@@ -44,19 +42,22 @@ __all__ = ["phi", "psi"]
 
 def psi(
     data: Vertices,
-    i: int,
-    k: int,
+    i: Index,
+    k: Index,
     *,
     alpha: Any,
     gamma2: Any,
+    output: Any = 1,
     P: Any,
     M: Any,
     Q: Any,
     X: Any,
     tau: Any,
-    block: Block = np.block,
+    put: Assembly = symmetric,
 ) -> Any:
     """Return Ψ_ijk, symmetric and affine in P, M, Q, X, τ and γ².
+
+    With arrays of i and k it returns a stack: M, Q, X and τ are stacks then, and P is one matrix.
 
     Args:
         data: the vertices, n = 4 or, with the integral, 6.
@@ -64,32 +65,32 @@ def psi(
         k: vertex of E, from 0.
         alpha: decay rate α [1/s].
         gamma2: γ² [rad²/(N m)²].
+        output: factor on z.
         P: (n, n).
         M: M_jk, (2, n).
         Q: Q_ij, (n, n).
         X: X_ij, (n, n).
-        tau: τ of the pair (i, j) and k, one for each entry of `data.uncertainties`.
-        block: `np.block` for arrays of floats or of exact rationals, `cvxpy.bmat` for cvxpy expressions.
+        tau: τ of the pair (i, j) and k, (..., m), one for each entry of `data.uncertainties`.
+        put: what makes a matrix of the block rows.
     """
     E, A, B = data.error_E(k), data.error_A(i), data.error_rows(data.B)
     corner, uncertain = _uncertainty(data, P, Q, X, tau)
     below = [[left, middle, 0, 0, *[0] * before, diagonal] for before, (left, middle, diagonal) in enumerate(uncertain)]
-    return symmetric(
+    return put(
         [
             [he(Q + alpha * P)],
-            [A @ P + B @ M - E @ Q + X.T, corner - he(E @ X)],
+            [A @ P + B @ M - E @ Q + transposed(X), corner - he(E @ X)],
             [0, B.T, -gamma2 * identity(JOINTS)],
-            [P[POSITION], 0, 0, -identity(JOINTS)],
+            [output * P[POSITION], 0, 0, -identity(JOINTS)],
             *below,
-        ],
-        block,
+        ]
     )
 
 
 def phi(
     data: Vertices,
-    i: int,
-    k: int,
+    i: Index,
+    k: Index,
     *,
     fastest_pole: Any,
     P: Any,
@@ -97,7 +98,7 @@ def phi(
     Q: Any,
     X: Any,
     tau: Any,
-    block: Block = np.block,
+    put: Assembly = symmetric,
 ) -> Any:
     """Return Φ_ijk, symmetric and affine in P, M, Q, X and τ.
 
@@ -111,21 +112,21 @@ def phi(
         Q: Q_ij, (n, n), not that of Ψ.
         X: X_ij, (n, n), likewise.
         tau: τ of the pair (i, j) and k, likewise.
-        block: see `psi`.
+        put: see `psi`.
     """
     E, A, B = data.error_E(k), data.error_A(i), data.error_rows(data.B)
     corner, uncertain = _uncertainty(data, P, Q, X, tau)
     below = [[left, middle, *[0] * before, diagonal] for before, (left, middle, diagonal) in enumerate(uncertain)]
-    return symmetric([[he(Q - fastest_pole * P)], [X.T - A @ P - B @ M - E @ Q, corner - he(E @ X)], *below], block)
+    return put([[he(Q - fastest_pole * P)], [transposed(X) - A @ P - B @ M - E @ Q, corner - he(E @ X)], *below])
 
 
 def _uncertainty(data: Vertices, P: Any, Q: Any, X: Any, tau: Any) -> tuple[Any, list[tuple[Any, Any, Any]]]:
     """Return Σ τ_l H_lᵀH_l and, for each dropped premise, its row's blocks in the columns ē, ē' and its own."""
     total, rows = zeros(data.n_e, data.n_e), []
-    for scale, term in zip(tau, data.uncertainties, strict=True):
+    for scale, term in zip(data.multipliers(tau), data.uncertainties, strict=True):
         H = data.error_rows(term.H.T).T
-        total = total + scale * (H.T @ H)
-        W_P, W_Q, W_X = (term.W @ matrix[PLANT] for matrix in (P, Q, X))
+        total = total + times(scale, H.T @ H)
+        W_P, W_Q, W_X = (term.W @ matrix[..., PLANT, :] for matrix in (P, Q, X))
         left, middle = (W_P, 0) if term.on == "A" else (-W_Q, -W_X)
-        rows.append((left, middle, -scale * identity(len(H))))
+        rows.append((left, middle, -times(scale, identity(len(H)))))
     return total, rows

@@ -16,7 +16,7 @@ from typing import Any
 import numpy as np
 from flint import fmpq, fmpq_mat
 
-__all__ = ["exact", "is_positive_definite", "largest_growth", "rational", "smallest_eigenvalue", "stated"]
+__all__ = ["exact", "inverse", "is_positive_definite", "largest_growth", "rational", "smallest_eigenvalue", "stated"]
 
 
 def rational(value: Any) -> fmpq:
@@ -40,6 +40,16 @@ def exact(array: Any) -> np.ndarray:
         entry = source[index]
         result[index] = rational(entry.item() if isinstance(entry, np.generic) else entry)
     return result
+
+
+def inverse(matrix: np.ndarray) -> np.ndarray | None:
+    """Return the inverse of a square matrix of exact rationals, exactly; None if it is singular."""
+    n = len(matrix)
+    try:
+        found = fmpq_mat(n, n, list(matrix.ravel())).inv()
+    except ZeroDivisionError:
+        return None
+    return np.array([[found[i, j] for j in range(n)] for i in range(n)], dtype=object)
 
 
 def smallest_eigenvalue(matrix: np.ndarray) -> float:

@@ -5,15 +5,17 @@ eigenvalue of M̂^(1/2) M̄⁻¹ M̂^(1/2), between 1/κ and 1:
 
     x' = (A - λ b k) x + λ b d,    x = (ε, ε', ∫ε),    A = [[0 1 0], [0 0 0], [1 0 0]],    b = (0, 1, 0)ᵀ.
 
-V = xᵀ X x, for all joints together eᵀ(X ⊗ M̂)e, falls at least as exp(-2αt) with an L2 gain γ from d to ε if X > 0 and
+V = xᵀ X x, for all joints together eᵀ(X ⊗ M̂)e, falls at least as exp(-2αt) with an L2 gain γ from d to ε if X > 0 and,
+with P = X⁻¹ and m = k P, in which both inequalities are linear,
 
-    | He(X (A - λ b k)) + 2 (α + μ) X + cᵀc   λ X b |
-    | ⋆                                        -γ²   | < 0,     c = (1 0 0),
+    | He(A P - λ b m) + 2 (α + μ) P   λ b   P cᵀ |
+    | ⋆                               -γ²   0    | < 0,     c = (1 0 0),
+    | ⋆                               ⋆     -1   |
 
 for λ = 1/κ and λ = 1, since the matrix is affine in λ; μ bounds the rate of M̂. If at both
 
-    | βX                ⋆  |
-    | X (A - λ b k)     βX | > 0,
+    | βP            ⋆  |
+    | A P - λ b m   βP | > 0,
 
 then (A - λ b k)ᵀ X (A - λ b k) < β² X, and no pole of the loop frozen at a state has a modulus above β.
 """
@@ -24,7 +26,7 @@ from typing import Any
 
 import numpy as np
 
-from fuzzyarm.fuzzy_policy.proof.block_matrix import Block, he, symmetric
+from fuzzyarm.fuzzy_policy.proof.block_matrix import Assembly, he, identity, symmetric
 from fuzzyarm.fuzzy_policy.states import SCALAR_STATES
 
 __all__ = ["decay", "fastest", "loop"]
@@ -34,27 +36,27 @@ def loop() -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Return A (3, 3), b (3, 1) and c (1, 3) as whole numbers."""
     A = np.zeros((SCALAR_STATES, SCALAR_STATES), dtype=int)
     A[0, 1] = A[2, 0] = 1
-    unit = np.eye(SCALAR_STATES, dtype=int)
+    unit = identity(SCALAR_STATES)
     return A, unit[:, 1:2], unit[:1]
 
 
-def decay(share: Any, *, rate: Any, gamma2: Any, X: Any, k: Any, block: Block = np.block) -> Any:
-    """Return the matrix of the decay and the gain, (4, 4), which has to be negative definite.
+def decay(share: Any, *, rate: Any, gamma2: Any, P: Any, m: Any, put: Assembly = symmetric) -> Any:
+    """Return the matrix of the decay and the gain, (5, 5), which has to be negative definite.
 
     Args:
         share: λ.
         rate: α + μ [1/s].
         gamma2: γ² [s⁴].
-        X: (3, 3).
-        k: (1, 3) [1/s², 1/s, 1/s³].
-        block: see `block_matrix`.
+        P: (3, 3).
+        m: k P, (1, 3).
+        put: what makes a matrix of the block rows.
     """
     A, b, c = loop()
-    state = he(X @ (A - share * b @ k)) + 2 * rate * X + c.T @ c
-    return symmetric([[state], [share * (X @ b).T, -gamma2 * np.eye(1, dtype=int)]], block)
+    state = he(A @ P - b @ (share * m)) + 2 * rate * P
+    return put([[state], [share * b.T, -gamma2 * identity(1)], [c @ P, 0, -identity(1)]])
 
 
-def fastest(share: Any, *, pole: Any, X: Any, k: Any, block: Block = np.block) -> Any:
+def fastest(share: Any, *, pole: Any, P: Any, m: Any, put: Assembly = symmetric) -> Any:
     """Return the matrix of the fastest pole β [1/s], (6, 6), which has to be positive definite; see `decay`."""
     A, b, _ = loop()
-    return symmetric([[pole * X], [X @ (A - share * b @ k), pole * X]], block)
+    return put([[pole * P], [A @ P - b @ (share * m), pole * P]])

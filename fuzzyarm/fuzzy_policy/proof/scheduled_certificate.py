@@ -20,7 +20,7 @@ from fuzzyarm.common.rounding import at_least, at_most
 from fuzzyarm.fuzzy_policy.proof.ball_cover import proven_in_balls
 from fuzzyarm.fuzzy_policy.proof.box_cover import cover
 from fuzzyarm.fuzzy_policy.proof.certificate import Certificate, Claim, claim
-from fuzzyarm.fuzzy_policy.proof.definiteness import exact, largest_growth, smallest_eigenvalue, stated
+from fuzzyarm.fuzzy_policy.proof.definiteness import exact, inverse, largest_growth, smallest_eigenvalue, stated
 from fuzzyarm.fuzzy_policy.proof.inertia_bounds import Bound, bounds
 from fuzzyarm.fuzzy_policy.proof.policy_certificate import NOT_COVERED, PolicyCertificate, claimed_bounds, decay_words
 from fuzzyarm.fuzzy_policy.proof.scalar_loop import decay, fastest
@@ -72,11 +72,15 @@ def _loop_claims(controller: ScheduledController) -> list[Claim]:
     X, k = exact(controller.lyapunov), exact(controller.feedback[np.newaxis])
     rate, gamma = stated(controller.alpha) + schedule_rate(controller), stated(controller.gamma)
     claims = [claim("X > 0", X)]
+    P = inverse(X)
+    if P is None:
+        P = 0 * X  # of which nothing is proven
+    m = k @ P
     for name, share in (("1/kappa", 1 / stated(controller.kappa)), ("1", fmpq(1))):
-        matrix = -np.asarray(decay(share, rate=rate, gamma2=gamma * gamma, X=X, k=k))
+        matrix = -np.asarray(decay(share, rate=rate, gamma2=gamma * gamma, P=P, m=m))
         claims.append(claim(f"decay and gain at lambda = {name}", matrix))
         pole = stated(controller.fastest_pole)
-        claims.append(claim(f"fastest pole at lambda = {name}", np.asarray(fastest(share, pole=pole, X=X, k=k))))
+        claims.append(claim(f"fastest pole at lambda = {name}", np.asarray(fastest(share, pole=pole, P=P, m=m))))
     return claims
 
 

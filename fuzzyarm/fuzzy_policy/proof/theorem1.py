@@ -31,8 +31,8 @@ from typing import Any
 
 import numpy as np
 
-from fuzzyarm.fuzzy_policy.proof.block_matrix import Block, he, identity, symmetric
-from fuzzyarm.fuzzy_policy.proof.vertices import TrackingVertices
+from fuzzyarm.fuzzy_policy.proof.block_matrix import Assembly, he, identity, symmetric, transposed
+from fuzzyarm.fuzzy_policy.proof.vertices import Index, TrackingVertices
 from fuzzyarm.fuzzy_policy.states import PLANT
 
 __all__ = ["xi"]
@@ -40,19 +40,22 @@ __all__ = ["xi"]
 
 def xi(
     data: TrackingVertices,
-    i: int,
-    k: int,
+    i: Index,
+    k: Index,
     *,
     alpha: Any,
     gamma2: Any,
+    output: Any = 1,
     P: Any,
     M: Any,
     L: Any,
     Q: Any,
     X: Any,
-    block: Block = np.block,
+    put: Assembly = symmetric,
 ) -> Any:
     """Return Ξ_ijk, symmetric and affine in P, M, L, Q, X and γ²; dropped premises stand at mid-range.
+
+    With arrays of i and k it returns a stack: M, L, Q and X are stacks then, and P is one matrix.
 
     Args:
         data: the vertices, n_e = 4 or, with the integral, 6; n = n_e + 4.
@@ -60,33 +63,34 @@ def xi(
         k: vertex of E, from 0.
         alpha: decay rate α [1/s].
         gamma2: γ².
+        output: factor on z.
         P: diag(P_11, P_22), (n, n); only its two diagonal blocks are read.
         M: M_jk, (2, n_e).
         L: L_jk, (2, 6).
         Q: Q_ij, (n, n).
         X: X_ij, (n, n).
-        block: `np.block` for arrays of floats or of exact rationals, `cvxpy.bmat` for cvxpy expressions.
+        put: what makes a matrix of the block rows.
     """
     E, A, B, A_r, B_r = data.error_E(k), data.error_A(i), data.error_rows(data.B), data.A_r, data.B_r
-    A_minus_E_A_r = data.error_rows(data.A[i] - data.E[k] @ A_r)
-    E_B_r = data.error_rows(data.E[k] @ B_r)
-    n_e = data.n_e
-    P_11, P_22 = P[:n_e, :n_e], P[n_e:, n_e:]
-    Q_11, Q_12, Q_21, Q_22 = Q[:n_e, :n_e], Q[:n_e, n_e:], Q[n_e:, :n_e], Q[n_e:, n_e:]
-    X_11, X_12, X_21, X_22 = X[:n_e, :n_e], X[:n_e, n_e:], X[n_e:, :n_e], X[n_e:, n_e:]
+    A_minus_E_A_r = data.error_rows(np.asarray(data.A)[i] - np.asarray(data.E)[k] @ A_r)
+    E_B_r = data.error_rows(np.asarray(data.E)[k] @ B_r)
+    e, r = slice(data.n_e), slice(data.n_e, None)
+    P_11, P_22 = P[e, e], P[r, r]
+    Q_11, Q_12, Q_21, Q_22 = Q[..., e, e], Q[..., e, r], Q[..., r, e], Q[..., r, r]
+    X_11, X_12, X_21, X_22 = X[..., e, e], X[..., e, r], X[..., r, e], X[..., r, r]
 
     S_11 = he(Q_11 + alpha * P_11)
-    S_21 = Q_21 + Q_12.T
-    S_31 = A @ P_11 + B @ M - E @ Q_11 + X_11.T
-    S_41 = -Q_21 + X_12.T
+    S_21 = Q_21 + transposed(Q_12)
+    S_31 = A @ P_11 + B @ M - E @ Q_11 + transposed(X_11)
+    S_41 = -Q_21 + transposed(X_12)
     S_22 = he(Q_22 + alpha * P_22)
-    S_32 = A_minus_E_A_r @ P_22 - E @ Q_12 + X_21.T
-    S_42 = A_r @ P_22 - Q_22 + X_22.T
+    S_32 = A_minus_E_A_r @ P_22 - E @ Q_12 + transposed(X_21)
+    S_42 = A_r @ P_22 - Q_22 + transposed(X_22)
     S_33 = -he(E @ X_11)
-    S_43 = -X_21 - X_12.T @ E.T
+    S_43 = -X_21 - transposed(X_12) @ transposed(E)
     S_44 = -he(X_22)
-    S_63 = (B @ L).T - E_B_r.T
-    return symmetric(
+    S_63 = transposed(B @ L) - transposed(E_B_r)
+    return put(
         [
             [S_11],
             [S_21, S_22],
@@ -94,7 +98,6 @@ def xi(
             [S_41, S_42, S_43, S_44],
             [0, 0, B.T, 0, -gamma2 * identity(B.shape[1])],
             [0, 0, S_63, B_r.T, 0, -gamma2 * identity(B_r.shape[1])],
-            [P_11[PLANT], 0, 0, 0, 0, 0, -data.Q_inverse],
-        ],
-        block,
+            [output * P_11[PLANT], 0, 0, 0, 0, 0, -data.Q_inverse],
+        ]
     )

@@ -23,55 +23,50 @@ from __future__ import annotations
 
 from typing import Any
 
-import numpy as np
-
-from fuzzyarm.fuzzy_policy.proof.block_matrix import Block, identity, symmetric, zeros
+from fuzzyarm.fuzzy_policy.proof.block_matrix import Assembly, identity, symmetric, times
 from fuzzyarm.fuzzy_policy.proof.theorem1 import xi
-from fuzzyarm.fuzzy_policy.proof.vertices import TrackingVertices, UncertainTerm
-from fuzzyarm.fuzzy_policy.states import PLANT, PLANT_STATES
+from fuzzyarm.fuzzy_policy.proof.vertices import Index, TrackingVertices, UncertainTerm
+from fuzzyarm.fuzzy_policy.states import PLANT
 
 __all__ = ["psi", "uncertain_row"]
 
 
 def psi(
     data: TrackingVertices,
-    i: int,
-    k: int,
+    i: Index,
+    k: Index,
     *,
     alpha: Any,
     gamma2: Any,
+    output: Any = 1,
     P: Any,
     M: Any,
     L: Any,
     Q: Any,
     X: Any,
     tau: Any,
-    block: Block = np.block,
+    put: Assembly = symmetric,
 ) -> Any:
     """Return Ψ_ijk, symmetric and affine in P, M, L, Q, X, τ and γ².
 
-    The arguments are those of `theorem1.xi`, and `tau`: the multipliers of the pair (i, j) and k, one for each
-    entry of `data.uncertainties`. Without uncertainty Ψ_ijk = Ξ_ijk.
+    The arguments are those of `theorem1.xi`, and `tau`: the multipliers of the pair (i, j) and k, (..., m), one for
+    each entry of `data.uncertainties`. Without uncertainty Ψ_ijk = Ξ_ijk.
     """
-    Psi_1 = xi(data, i, k, alpha=alpha, gamma2=gamma2, P=P, M=M, L=L, Q=Q, X=X, block=block)
-    size, before = Psi_1.shape[0], data.n_e + PLANT_STATES  # columns of Ξ, and those before ė
-    below: list[list[Any]] = []
-    for scale, term in zip(tau, data.uncertainties, strict=True):
-        rows = len(term.W)
-        H_bar = np.hstack([zeros(rows, before), term.H, zeros(rows, size - before - PLANT_STATES)])
-        Psi_1 = Psi_1 + scale * (H_bar.T @ H_bar)
-        Psi_2 = block([uncertain_row(data, term, P=P, Q=Q, X=X)])
-        below.append([Psi_2, *[0] * len(below), -scale * identity(rows)])
-    return symmetric([[Psi_1], *below], block)
+    rows = xi(data, i, k, alpha=alpha, gamma2=gamma2, output=output, P=P, M=M, L=L, Q=Q, X=X, put=list)
+    for scale, term in zip(data.multipliers(tau), data.uncertainties, strict=True):
+        H = data.error_rows(term.H.T).T
+        rows[2][2] = rows[2][2] + times(scale, H.T @ H)
+        before = [0] * (len(rows) - 7)  # columns of the terms so far, behind the seven of Ξ
+        rows.append([*uncertain_row(data, term, P=P, Q=Q, X=X), *before, -times(scale, identity(len(term.W)))])
+    return put(rows)
 
 
 def uncertain_row(data: TrackingVertices, term: UncertainTerm, *, P: Any, Q: Any, X: Any) -> list[Any]:
     """Return the row [T_11 T_12 0 ...] or [T_31 T_32 T_33 T_34 0 T_36 0] of Ψ_2; W reads the plant's rows, not x_I."""
-    n_e, W, rows = data.n_e, term.W, len(term.W)
-    P_11, P_22 = P[PLANT, :n_e], P[n_e:, n_e:]
-    Q_11, Q_12 = Q[PLANT, :n_e], Q[PLANT, n_e:]
-    X_11, X_12 = X[PLANT, :n_e], X[PLANT, n_e:]
-    O_d, O_r, O_z = (zeros(rows, columns) for columns in (data.B.shape[1], data.B_r.shape[1], PLANT_STATES))
+    W, e, r = term.W, slice(data.n_e), slice(data.n_e, None)
+    P_11, P_22 = P[PLANT, e], P[r, r]
+    Q_11, Q_12 = Q[..., PLANT, e], Q[..., PLANT, r]
+    X_11, X_12 = X[..., PLANT, e], X[..., PLANT, r]
     if term.on == "A":
-        return [W @ P_11, W @ P_22, zeros(rows, n_e), zeros(rows, PLANT_STATES), O_d, O_r, O_z]
-    return [-W @ Q_11, -W @ (data.A_r @ P_22 + Q_12), -W @ X_11, -W @ X_12, O_d, -W @ data.B_r, O_z]
+        return [W @ P_11, W @ P_22, 0, 0, 0, 0, 0]
+    return [-W @ Q_11, -W @ (data.A_r @ P_22 + Q_12), -W @ X_11, -W @ X_12, 0, -W @ data.B_r, 0]

@@ -9,16 +9,18 @@ The entries are all floats or all exact rationals, because NumPy cannot multiply
 from __future__ import annotations
 
 import dataclasses
+from typing import Any, Self
 
 import numpy as np
 
 from fuzzyarm.envs.observation import JOINTS
-from fuzzyarm.fuzzy_policy.proof.block_matrix import identity, zeros
-from fuzzyarm.fuzzy_policy.states import ERROR_STATES, PLANT_STATES
+from fuzzyarm.fuzzy_policy.proof.block_matrix import identity
+from fuzzyarm.fuzzy_policy.states import ERROR_STATES, PLANT, PLANT_STATES
 from fuzzyarm.fuzzy_policy.ts_model import TSModel
 
 __all__ = [
     "REFERENCE_POLE",
+    "Index",
     "TrackingVertices",
     "UncertainTerm",
     "Vertices",
@@ -27,6 +29,9 @@ __all__ = [
     "stacked",
     "tracking_vertices",
 ]
+
+Index = int | np.ndarray
+"""Number of a vertex, from 0, or an array of numbers, for a stack of matrices."""
 
 REFERENCE_POLE = 62.0  # rad/s, double pole of the reference model (8), section 6.1.3
 
@@ -76,20 +81,41 @@ class Vertices:
         """The index pairs i <= j of the convex double sum."""
         return [(i, j) for i in range(len(self.A)) for j in range(i, len(self.A))]
 
-    def error_E(self, k: int) -> np.ndarray:
-        """Return Ē_k (n_e, n_e)."""
-        n_I = self.n_e - PLANT_STATES
-        return np.block([[self.E[k], zeros(PLANT_STATES, n_I)], [zeros(n_I, PLANT_STATES), identity(n_I)]])
+    def midpoints(self) -> Self:
+        """Return the vertices (A_i + A_j)/2 of the pairs, in their order.
 
-    def error_A(self, i: int) -> np.ndarray:
-        """Return Ā_i (n_e, n_e)."""
-        n_I = self.n_e - PLANT_STATES
-        C_p = identity(PLANT_STATES)[:n_I]
-        return np.block([[self.A[i], zeros(PLANT_STATES, n_I)], [C_p, zeros(n_I, n_I)]])
+        (Ψ_ijk + Ψ_jik)/2 is Ψ there, with (M_ik + M_jk)/2 and (L_ik + L_jk)/2: Ψ_ijk is affine in A_i, M_jk and L_jk.
+        """
+        return dataclasses.replace(self, A=[0.5 * (self.A[i] + self.A[j]) for i, j in self.pairs])
+
+    def multipliers(self, tau: Any) -> list[Any]:
+        """Return τ (..., m) of some inequalities as m entries (...), one for each of `uncertainties`."""
+        tau, terms = np.asarray(tau) if isinstance(tau, list) else tau, len(self.uncertainties)
+        if tau.shape[-1] != terms:
+            raise ValueError(f"tau has {tau.shape[-1]} multipliers; allowed: {terms}, one for each uncertain term")
+        return [tau[..., term] for term in range(terms)]
+
+    def error_E(self, k: Index) -> np.ndarray:
+        """Return Ē_k (..., n_e, n_e)."""
+        return self._with_integral(self.E, k, identity(self.n_e)[PLANT_STATES:])
+
+    def error_A(self, i: Index) -> np.ndarray:
+        """Return Ā_i (..., n_e, n_e)."""
+        return self._with_integral(self.A, i, identity(self.n_e)[: self.n_e - PLANT_STATES])
+
+    def _with_integral(self, plant: list[np.ndarray], index: Index, below: np.ndarray) -> np.ndarray:
+        """Return [[Y, 0], below] (..., n_e, n_e) for one or more of the matrices Y (4, 4)."""
+        chosen = np.asarray(plant)[index]
+        whole = np.zeros((*chosen.shape[:-2], self.n_e, self.n_e), dtype=chosen.dtype)
+        whole[..., PLANT, PLANT], whole[..., PLANT_STATES:, :] = chosen, below
+        return whole
 
     def error_rows(self, plant_rows: np.ndarray) -> np.ndarray:
-        """Return [Y; 0] (n_e, m): what enters the rows of e, for Y (4, m), and leaves ẋ_I alone."""
-        return np.vstack([plant_rows, zeros(self.n_e - PLANT_STATES, plant_rows.shape[1])])
+        """Return [Y; 0] (..., n_e, m): what enters the rows of e, for Y (..., 4, m), and leaves ẋ_I alone."""
+        *stack, _, columns = plant_rows.shape
+        whole = np.zeros((*stack, self.n_e, columns), dtype=plant_rows.dtype)
+        whole[..., PLANT, :] = plant_rows
+        return whole
 
 
 @dataclasses.dataclass(frozen=True)

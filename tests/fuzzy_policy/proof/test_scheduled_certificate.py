@@ -172,8 +172,8 @@ def test_the_inequality_is_the_one_of_the_closed_loop():
     x, d = rng.normal(size=3), rng.normal()
     dx = np.array([x[1], share * (d - (k @ x).item()), x[0]])
     expected = 2 * x @ X @ dx + 2 * rate * x @ X @ x + x[0] ** 2 - gamma**2 * d**2
-    y = np.append(x, d)
-    assert y @ decay(share, rate=rate, gamma2=gamma**2, X=X, k=k) @ y == pytest.approx(expected, rel=1e-12)
+    P, y = np.linalg.inv(X), np.concatenate([X @ x, [d], x[:1]])
+    assert y @ decay(share, rate=rate, gamma2=gamma**2, P=P, m=k @ P) @ y == pytest.approx(expected, rel=1e-9)
 
 
 def test_the_stated_constants_hold_between_any_two_errors_at_any_two_postures(controller):

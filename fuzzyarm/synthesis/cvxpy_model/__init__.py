@@ -1,1 +1,0 @@
-"""The design problem as an open cvxpy model; cvxpy (extra `cvxpy`) is imported here and nowhere else."""

@@ -1,0 +1,322 @@
+"""The text of the theorems in cvxpy is that of the proof, its reduction is a congruence, and solutions are checked."""
+
+import dataclasses
+import itertools
+import threading
+
+import cvxpy as cp
+import numpy as np
+import pytest
+from slow_twins import slow_but
+
+from fuzzyarm.envs.physics.parameters import ArmParameters
+from fuzzyarm.fuzzy_policy.proof import consistent_reference, theorem2
+from fuzzyarm.fuzzy_policy.proof.block_matrix import symmetric
+from fuzzyarm.fuzzy_policy.proof.vertices import error_vertices, tracking_vertices
+from fuzzyarm.fuzzy_policy.states import VELOCITY
+from fuzzyarm.fuzzy_policy.ts_model import NAMED_RULES, TSModel
+from fuzzyarm.synthesis import Specification, inequalities, search
+from fuzzyarm.synthesis.expressions import half
+from fuzzyarm.synthesis.inequalities import MARGIN, Inequalities, NoPoint, structure_of
+from fuzzyarm.synthesis.specification import PAPER_WEIGHT
+
+ARM = ArmParameters()
+GAMMA = {"consistent": 2e-4, "paper": 1000.0}
+FORMS = [(form, integral, rules) for form in GAMMA for integral in (True, False) for rules in (1, 4, 8)]
+every_form = pytest.mark.parametrize("which", slow_but([form for form in FORMS if form[-1] < 8], FORMS), ids=str)
+
+
+def asked(form, integral, rules, **others):
+    return Specification(NAMED_RULES[rules], form, **{"gamma": GAMMA[form], "integral": integral, **others})
+
+
+def written(form, integral, rules, **others):
+    return Inequalities(asked(form, integral, rules, **others), ARM)
+
+
+def with_random_values(problem, seed=0):
+    """Return the problem with a random value of each variable."""
+    rng = np.random.default_rng(seed)
+    for variable in cp.Problem(problem.objective, problem.constraints).variables():
+        value = rng.normal(size=variable.shape)
+        variable.value = value + value.T if variable.attributes["symmetric"] else np.abs(value)
+    return problem
+
+
+# One text ------------------------------------------------------------------------------------------------------------
+
+
+@every_form
+def test_the_constraint_is_the_text_of_the_proof(which):
+    """What cvxpy holds at random values is U Ψ Uᵀ of numbers, whose rows of ẋ_a are gone, and half of it is written."""
+    problem = with_random_values(written(*which, feedforward=None))
+    numbers = problem._matrices("Psi", symmetric, inequalities._value_of)
+    np.testing.assert_allclose(
+        (lambda F: F + np.swapaxes(F, 1, 2))(problem._matrices("Psi", half, inequalities._as_it_is).value), numbers
+    )
+    U = problem._reduction("Psi")
+    F = problem.inequalities["Psi"].args[0].value
+    expected = -(U @ numbers @ U.T) - MARGIN * np.eye(len(U))
+    np.testing.assert_allclose(0.5 * (F + np.swapaxes(F, 1, 2)), expected, rtol=1e-9, atol=1e-9)
+
+
+@every_form
+def test_midpoints_of_the_vertices_are_the_mean_of_both_orders(which):
+    """Ψ at (A_i + A_j)/2 with (M_i + M_j)/2 is (Ψ_ijk + Ψ_jik)/2, and a stack is its matrices, one by one."""
+    form, integral, rules = which
+    model, rng = TSModel(ARM, NAMED_RULES[rules]), np.random.default_rng(1)
+    weight = np.array(PAPER_WEIGHT)
+    data = error_vertices(model, integral) if form == "consistent" else tracking_vertices(model, integral, weight)
+    n, N, K, m = data.n_e + 4 * (form == "paper"), len(data.A), len(data.E), len(data.uncertainties)
+    P, M, L = rng.normal(size=(n, n)), rng.normal(size=(N, K, 2, data.n_e)), rng.normal(size=(N, K, 2, 6))
+    P, pairs = P + P.T, list(itertools.product(enumerate(data.pairs), range(K)))
+    Q, X, tau = rng.normal(size=(len(pairs), n, n)), rng.normal(size=(len(pairs), n, n)), rng.random((len(pairs), m))
+    psi = theorem2.psi if form == "paper" else consistent_reference.psi
+
+    def at(i, j, k, row, vertices=data, gains=M, feedforward=L):
+        free = {"L": feedforward[j, k]} if form == "paper" else {}
+        slack = {"Q": Q[row], "X": X[row], "tau": tau[row]}
+        return psi(vertices, i, k, alpha=3.0, gamma2=0.7, P=P, M=gains[j, k], **free, **slack)
+
+    pair = np.array([position for (position, _), _ in pairs])
+    k, (i, j) = np.array([k for _, k in pairs]), np.array([pair for (_, pair), _ in pairs]).T
+    middle = {
+        "gains": 0.5 * (M[i, k] + M[j, k])[:, np.newaxis],
+        "feedforward": 0.5 * (L[i, k] + L[j, k])[:, np.newaxis],
+    }
+    free = {"L": middle["feedforward"][:, 0]} if form == "paper" else {}
+    stack = psi(
+        data.midpoints(), pair, k, alpha=3.0, gamma2=0.7, P=P, M=middle["gains"][:, 0], Q=Q, X=X, tau=tau, **free
+    )
+    for row in range(len(pairs)):
+        mean = 0.5 * (at(i[row], j[row], k[row], row) + at(j[row], i[row], k[row], row))
+        np.testing.assert_allclose(stack[row], mean, rtol=1e-9, atol=1e-9 * np.abs(mean).max())
+
+
+# The reduction -------------------------------------------------------------------------------------------------------
+
+
+@every_form
+def test_the_reduction_asks_for_no_more(which):
+    """U Ψ Uᵀ of any Q and X is that of S_b Q_b and S_b X_b S_bᵀ, Q_b = S_bᵀ (Q + X S_a S_aᵀ) and X_b = S_bᵀ X S_b."""
+    problem = written(*which)
+    data, n, rng = problem._data, len(problem._scaling.state), np.random.default_rng(1)
+    S_b, S_a = np.eye(n)[:, VELOCITY], np.delete(np.eye(n), VELOCITY, axis=1)
+    P, (Q, X) = rng.normal(size=(n, n)), rng.normal(size=(2, n, n))
+    values = {"P": P + P.T, "M": rng.normal(size=(2, data.n_e)), "tau": rng.random(len(data.uncertainties))}
+    psi = consistent_reference.psi
+    if which[0] == "paper":
+        psi, values["P"], values["L"] = theorem2.psi, np.zeros((n, n)), rng.normal(size=(2, 6))
+        for block in (slice(data.n_e), slice(data.n_e, n)):
+            values["P"][block, block] = (P + P.T)[block, block]
+    U = problem._reduction("Psi")
+    reduced = [
+        U @ psi(data, 0, 0, alpha=0.3, gamma2=0.8, Q=one, X=other, **values) @ U.T
+        for one, other in ((Q, X), (S_b @ S_b.T @ (Q + X @ S_a @ S_a.T), S_b @ S_b.T @ X @ S_b @ S_b.T))
+    ]
+    np.testing.assert_allclose(*reduced, rtol=1e-9, atol=1e-9 * np.abs(reduced[0]).max())
+
+
+def full_margin(problem, point):
+    """Return the smallest eigenvalue of all -Ψ and -Φ at unit diagonal, written pair by pair with the full slack."""
+    data, least = problem._data, np.inf
+    for number, (Q, X, tau) in enumerate(point.slack):
+        for (p, (i, j)), k in itertools.product(enumerate(data.pairs), range(len(data.E))):
+            values = {"P": point.P, "Q": Q[p], "X": X[p], "tau": tau[p, k]}
+
+            def one(i, j, k=k, values=values, phi=number == 1):
+                if phi:
+                    beta = problem.specification.fastest_pole
+                    return consistent_reference.phi(data, i, k, fastest_pole=beta, M=point.M[j, k], **values)
+                claim = {"alpha": point.alpha, "gamma2": point.gamma**2, "M": point.M[j, k], **values}
+                if problem.specification.form == "paper":
+                    return theorem2.psi(data, i, k, L=point.L[j, k], **claim)
+                return consistent_reference.psi(data, i, k, **claim)
+
+            whole = -one(i, j) - one(j, i)
+            unit = 1.0 / np.sqrt(np.diag(whole))
+            least = min(least, np.linalg.eigvalsh(whole * unit * unit[:, np.newaxis])[0])
+    return least
+
+
+@every_form
+def test_a_point_solves_the_full_inequalities(which):
+    problem = written(*which, feedforward=None)
+    point = problem.point()
+    assert point.margin > 0.5 * MARGIN
+    np.testing.assert_array_equal(point.P, point.P.T)
+    assert point.largest_gain**2 <= point.objective * (1.0 + 1e-6)
+    assert full_margin(problem, point) > 1e-9
+
+
+@pytest.mark.parametrize("rules", slow_but([4], [1, 4, 8]))
+def test_a_point_with_a_fastest_pole_solves_both_full_inequalities(rules):
+    problem = written("consistent", True, rules, fastest_pole=900.0)
+    assert full_margin(problem, problem.point()) > 1e-9
+
+
+@pytest.mark.filterwarnings("ignore:Solution may be inaccurate")  # the peer's, with some processors' LAPACK
+@pytest.mark.parametrize("rules", slow_but([1, 2], [1, 2, 4]))
+def test_same_optimum_as_with_all_slack(rules):
+    """Ψ with all of Q and X, pair by pair, finds the same smallest gains; units as they are, margin zero."""
+    problem = written("consistent", True, rules)
+    data, s, unit, rows = problem._data, problem._scaling, problem._units, problem._row_units("Psi")
+    n, c = data.n_e, problem._c
+    P, g = cp.Variable((n, n), symmetric=True), cp.Variable()
+    vertices = list(itertools.product(range(len(data.A)), range(len(data.E))))
+    M = {at: cp.Variable((2, n)) for at in vertices}
+    constraints = [P >> np.eye(n), *(cp.bmat([[g * np.eye(2), one], [one.T, P]]) >> 0 for one in M.values())]
+    for i, j in data.pairs:
+        Q, X = cp.multiply(unit["Q"], cp.Variable((n, n))), cp.multiply(unit["X"], cp.Variable((n, n)))
+        for k in range(len(data.E)):
+            tau = cp.multiply(unit["tau"], cp.Variable(len(s.uncertainty))) if len(s.uncertainty) else np.zeros(0)
+            both = [
+                consistent_reference.psi(
+                    data, a, k, alpha=20.0, gamma2=c * 4e-8, output=c**0.5, P=cp.multiply(unit["P"], P),
+                    M=cp.multiply(unit["M"], M[b, k]), Q=Q, X=X, tau=tau, put=half,
+                )
+                for a, b in ((i, j), (j, i))
+            ]  # fmt: skip
+            constraints.append(cp.multiply(np.outer(rows, rows), both[0] + both[1]) << -1e-6 * np.eye(len(rows)))
+    reference = cp.Problem(cp.Minimize(g), constraints)
+    reference.solve(solver=cp.CLARABEL, canon_backend="SCIPY")
+    assert problem.point().objective == pytest.approx(reference.value, rel=2e-3)
+
+
+# Structures ----------------------------------------------------------------------------------------------------------
+
+
+def test_one_compiled_problem_serves_all_specifications_of_a_structure():
+    """Parameters alone change: the point of a problem that was asked for others before is that of a new one."""
+    first = Specification(gamma=1.7e-4, fastest_pole=170.0)
+    second = dataclasses.replace(first, alpha=15.0, gamma=2.5e-4, fastest_pole=300.0)
+    assert structure_of(first) == structure_of(second) != structure_of(dataclasses.replace(first, fastest_pole=None))
+    problem = Inequalities(structure_of(first), ARM)
+    assert problem._problem().is_dcp(dpp=True)
+    for one in (first, second, first):
+        problem.ask(one)
+        again, new = problem.point(), Inequalities(one, ARM).point()
+        assert (again.alpha, again.gamma) == (one.alpha, one.gamma)
+        np.testing.assert_allclose(again.objective, new.objective, rtol=1e-6)
+        np.testing.assert_allclose(again.M, new.M, rtol=1e-3, atol=1e-3 * np.abs(new.M).max())
+
+
+def test_threads_do_not_share_a_problem():
+    found = []
+    one = (structure_of(Specification(())), ARM, None)
+    threads = [
+        threading.Thread(target=lambda: found.append(search._compiled(*one, threading.get_ident()))) for _ in "ab"
+    ]
+    for thread in threads:
+        thread.start()
+    for thread in threads:
+        thread.join()
+    assert len(found) == 2
+    assert search._compiled(*one, 0) is search._compiled(*one, 0)
+
+
+def test_the_units_absorb_the_size_of_an_arm():
+    """An arm of a thousand times the inertia has the same cone program, at γ a thousand times smaller."""
+    heavy = dataclasses.replace(
+        ARM, **{name: tuple(1e3 * x for x in getattr(ARM, name)) for name in ("mass", "inertia", "motor_inertia")}
+        | {"viscous_friction": tuple(1e3 * x for x in ARM.viscous_friction)},
+    )  # fmt: skip
+    programs = []
+    for arm, gamma in ((ARM, 2e-4), (heavy, 2e-7)):
+        problem = Inequalities(Specification(gamma=gamma), arm)
+        programs.append(problem._problem().get_problem_data(cp.CLARABEL, canon_backend="SCIPY")[0])
+    np.testing.assert_allclose(programs[0]["A"].toarray(), programs[1]["A"].toarray(), rtol=1e-9, atol=1e-9)
+    assert np.abs(programs[0]["A"].data).max() < 20.0
+
+
+# Objectives ----------------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("rules", [1, 4])
+def test_objectives_agree_with_each_other(rules):
+    """Smallest gains at γ; the smallest γ and the largest α with those gains are no worse than what they come from."""
+    smallest = written("consistent", True, rules).point()
+    bound = smallest.objective**0.5 * written("consistent", True, rules)._scaling.stiffness
+    gamma = written("consistent", True, rules, gamma=None, gain_bound=1.001 * bound).point().gamma
+    alpha = written("consistent", True, rules, alpha=None, gain_bound=1.001 * bound).point().alpha
+    assert gamma < 1.002 * GAMMA["consistent"] and alpha > 0.99 * 20.0
+    with pytest.raises(NoPoint):
+        written("consistent", True, rules, gamma=0.9 * gamma, gain_bound=bound).point()
+
+
+def test_remark_3_bounds_m():
+    """|M_jk| <= g with P11 >= f I bounds K by g/f: the paper's (24), as a constraint of one's own."""
+    problem = written("consistent", True, 4)
+    bound = cp.Variable()
+    M = [problem._M[j, k] for j in range(2) for k in range(2)]
+    problem.constraints = [one for name, one in problem.inequalities.items()]
+    problem.constraints += [cp.bmat([[bound * np.eye(2), m], [m.T, bound * np.eye(6)]]) >> 0 for m in M]
+    problem.objective = cp.Minimize(bound)
+    point = problem.point()
+    assert max(np.linalg.norm(m.value, ord=2) for m in M) == pytest.approx(point.objective, rel=1e-3)
+    assert np.linalg.eigvalsh(problem._P.value).min() > 1.0 - 1e-4
+    assert point.largest_gain <= point.objective * (1.0 + 1e-4)
+
+
+# What fails ----------------------------------------------------------------------------------------------------------
+
+
+def test_an_infeasible_problem_carries_its_proof():
+    """The dual ray z is in the cones, Aᵀz = 0 and bᵀz < 0."""
+    with pytest.raises(NoPoint, match="lower alpha, or raise gamma") as caught:
+        written("consistent", True, 4, alpha=1800.0, gamma=1e-9).point()
+    error, z = caught.value, caught.value.ray
+    A, b = error.program["A"], error.program["b"]
+    assert error.status == "PrimalInfeasible" and error.margin == -np.inf
+    assert error.problem.specification.gamma == 1e-9 and str(error.result.status) == error.status
+    assert b @ z < 0.0
+    assert np.abs(A.T @ z).max() < 1e-5 * -(b @ z)
+    start = error.program["dims"].nonneg
+    assert z[:start].min(initial=0.0) > -1e-5 * np.abs(z).max()
+    for order in error.program["dims"].psd:
+        column, row = np.tril_indices(order)
+        Z = np.zeros((order, order))
+        Z[row, column] = z[start : start + len(row)] * np.where(row == column, 0.5, np.sqrt(0.5))
+        assert np.linalg.eigvalsh(Z + Z.T).min() > -1e-5 * np.abs(z).max()
+        start += len(row)
+    assert start == len(z)
+
+
+@pytest.mark.parametrize("x", [0.0, np.nan])
+def test_a_solver_that_lies_is_not_believed(monkeypatch, x):
+    """A point that breaks an inequality is none, whatever the status says."""
+    honest = inequalities._where_it_ended
+
+    def lie(result):
+        told = honest(result)
+        told.x = np.full(len(told.x), x)
+        return told
+
+    monkeypatch.setattr(inequalities, "_where_it_ended", lie)
+    with pytest.raises(NoPoint, match="Solved and a point with margin") as caught:
+        written("consistent", True, 4).point()
+    assert caught.value.ray is None and not caught.value.margin > 0.0
+
+
+def test_a_solver_that_breaks_the_strip_alone_is_not_believed():
+    """The point without β, and slack of zero for it, has no margin."""
+    problem = written("consistent", True, 4, fastest_pole=900.0)
+    problem.point()
+    assert problem._reduced("Phi")[1].max() < np.inf
+    for part in (problem._slack[1].Q, problem._slack[1].X):
+        part.value = 0.0 * part.value
+    margins = [-np.linalg.eigvalsh(problem._reduced(letter)[1]).max() for letter in ("Psi", "Phi")]
+    assert margins[0] > 0.0 > margins[1]
+
+
+def test_a_point_where_the_solver_stopped_early_counts_by_its_margin():
+    """Too few iterations leave a point with its margin; a few more make one that is strictly feasible, not optimal."""
+    problem = written("consistent", True, 4)
+    with pytest.raises(NoPoint, match="MaxIterations and a point with margin -") as caught:
+        problem.point(max_iter=2)
+    assert np.isfinite(caught.value.margin) and caught.value.result.iterations == 2
+    early, best = problem.point(max_iter=11), problem.point()
+    assert early.status != "Solved" and early.margin > 0.0
+    assert full_margin(problem, early) > 0.0
+    assert early.objective > 1.0001 * best.objective
