@@ -1,4 +1,4 @@
-"""Feedback k of a scheduled controller by the inequalities of `proof.scalar_loop`, of size three, in the unit 1/(α + μ) of time.
+"""Feedback k of a scheduled controller by the inequalities of `proof.scalar_loop`, in the unit 1/(α + μ) of time.
 
 There is a solution for every β above (3κ - 2)(α + μ), where γ grows without bound; twice that brings γ down twentyfold.
 """
