@@ -33,8 +33,7 @@ from fuzzyarm.envs.physics.parameters import ArmParameters
 from fuzzyarm.envs.scenario.cases import PAPER_CASES, find_case
 from fuzzyarm.envs.scenario.disturbances import EncoderNoise
 from fuzzyarm.eval.provenance import current_provenance
-from fuzzyarm.eval.stability.linearisation import linearise_path
-from fuzzyarm.eval.stability.local_loop import gain_limits, largest_radius
+from fuzzyarm.eval.stability.linearisation import gain_limits, largest_radius, linearise_path
 from fuzzyarm.eval.tuning.adaptive_search import GROUPS, RandomArms
 from fuzzyarm.fuzzy_policy.laws.adaptive.policy import AdaptiveObserverPolicy
 from fuzzyarm.fuzzy_policy.laws.adaptive.weights import AdaptiveWeights

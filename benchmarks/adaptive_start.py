@@ -32,7 +32,7 @@ from fuzzyarm.eval.engine import Engine
 from fuzzyarm.eval.provenance import current_provenance
 from fuzzyarm.eval.sweep.distributions import DISTRIBUTIONS
 from fuzzyarm.eval.tuning.adaptive_search import RandomArms, noisy_nominal
-from fuzzyarm.eval.tuning.conditions import PERIOD
+from fuzzyarm.eval.tuning.finding import PERIOD
 from fuzzyarm.fuzzy_policy.laws.adaptive.policy import AdaptiveObserverPolicy
 from fuzzyarm.fuzzy_policy.laws.adaptive.weights import AdaptiveWeights
 

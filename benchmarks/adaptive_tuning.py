@@ -35,7 +35,7 @@ from fuzzyarm.eval.tuning.adaptive_search import (
     objective_for,
     weights_of,
 )
-from fuzzyarm.eval.tuning.conditions import PERIOD
+from fuzzyarm.eval.tuning.finding import PERIOD
 from fuzzyarm.eval.tuning.search import found_weights, sobol_points
 from fuzzyarm.fuzzy_policy.laws.adaptive.policy import AdaptiveObserverPolicy
 from fuzzyarm.fuzzy_policy.laws.adaptive.weights import AdaptiveWeights

@@ -19,11 +19,18 @@ from typing import Any
 from fuzzyarm import load_policy
 from fuzzyarm.common.files import write_atomically
 from fuzzyarm.envs.scenario.reference import JointReference
-from fuzzyarm.eval.certified.extremes import decay_rates, disturbed_run, worst_posture
-from fuzzyarm.eval.certified.frozen import find_worst_point, gain_at, pole_rate
-from fuzzyarm.eval.certified.probes import library, worst_torque
-from fuzzyarm.eval.certified.rigid import RigidLoop
-from fuzzyarm.eval.certified.rigid_rollout import Motion
+from fuzzyarm.eval.certified.rigid import (
+    Motion,
+    RigidLoop,
+    decay_rates,
+    disturbed_run,
+    find_worst_point,
+    gain_at,
+    library,
+    pole_rate,
+    worst_posture,
+    worst_torque,
+)
 from fuzzyarm.eval.provenance import current_provenance
 
 NAMES = (*(f"fuzzy-{rules}" for rules in (1, 2, 4, 8, 16, 32)), "fuzzy-4-sampled")

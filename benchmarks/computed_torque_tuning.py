@@ -24,7 +24,7 @@ from fuzzyarm.envs.physics.parameters import ArmParameters
 from fuzzyarm.eval.provenance import current_provenance
 from fuzzyarm.eval.stability.linearisation import spectral_radius
 from fuzzyarm.eval.tuning.bandwidth import BANDWIDTHS, LEAST_GAIN_MARGIN, assess, assess_policy, choice_of
-from fuzzyarm.eval.tuning.conditions import PERIOD
+from fuzzyarm.eval.tuning.finding import PERIOD
 from fuzzyarm.fuzzy_policy.laws.computed_torque import ComputedTorquePolicy
 
 ARM = ArmParameters()

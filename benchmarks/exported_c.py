@@ -2,7 +2,7 @@
 
     python benchmarks/exported_c.py [--ticks N] [--laws NAME...] [--json FILE]
 
-Half of the ticks are random states, see `fuzzyarm.export.vectors`, the other half closed loops: arms with random
+Half of the ticks are random states, see `fuzzyarm.export.c_files`, the other half closed loops: arms with random
 masses, friction, stiffness, payloads and starts (the package's ranges "robust") that the policy leads along the paper's
 circle. The torques of C and of Python are compared as 64 bits, and so is what both remember at the end, with every
 compiler that is there. The time of a tick is that of a call in a loop of 1000, for 300 such loops, beside that of
@@ -30,9 +30,7 @@ from fuzzyarm.envs.vector import FuzzyArmVectorEnv
 from fuzzyarm.eval.episodes.metrics import metrics_of
 from fuzzyarm.eval.episodes.rollout import record_rollout
 from fuzzyarm.eval.provenance import current_provenance
-from fuzzyarm.export.c_files import export_c
-from fuzzyarm.export.compiled_law import CompiledLaw, compilers
-from fuzzyarm.export.vectors import random_observations
+from fuzzyarm.export.c_files import CompiledLaw, compilers, export_c, random_observations
 from fuzzyarm.fuzzy_policy.policy import Policy
 
 LAWS = (

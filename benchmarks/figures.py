@@ -110,7 +110,7 @@ def _overview() -> bytes:
 
 def _page(evaluation: Evaluation) -> bytes:
     """Return the report of an evaluation as it opens in Chromium, in the case of the machining force."""
-    from fuzzyarm.eval.episodes.rollout_file import write_rollouts
+    from fuzzyarm.eval.episodes.rollout import write_rollouts
     from fuzzyarm.eval.report.page import write_report
 
     sys.path.append(str(ROOT / "tests"))
@@ -163,7 +163,7 @@ FIGURES: dict[str, Picture] = {
     "ppo_observer.png": _from_result("ppo_observer"),
     "complexity.png": _from_result("complexity"),
     "tip_bound.png": _from_result("tip_bound"),
-    "throughput.png": _from_result("bench", "fuzzyarm.eval.bench.throughput_figure", "draw_throughput"),
+    "throughput.png": _from_result("bench", "fuzzyarm.eval.bench.speed_table", "draw_throughput"),
     "paper-figure-04.png": Picture(_paper, policies=("fuzzy-32", "fuzzy-4")),
     "paper_feedforward.png": _from_result("paper_feedforward"),
 }

@@ -22,12 +22,11 @@ import numpy as np
 from fuzzyarm.common.files import write_atomically
 from fuzzyarm.envs.physics.parameters import ArmParameters
 from fuzzyarm.eval.provenance import current_provenance
-from fuzzyarm.identification.excitation import condition_of, suggested, use_of
+from fuzzyarm.identification.excitation import NOISE, condition_of, rehearsed, suggested, use_of
 from fuzzyarm.identification.fit import DEVIATIONS
 from fuzzyarm.identification.log import Log
-from fuzzyarm.identification.rehearsal import NOISE, rehearsed
 from fuzzyarm.identification.result import identify
-from fuzzyarm.identification.unknowns import UNKNOWNS, arm_of, start_of
+from fuzzyarm.identification.rigid import UNKNOWNS, arm_of, start_of
 
 LOW, HIGH = 0.7, 1.4
 

@@ -27,9 +27,8 @@ from fuzzyarm.envs.scenario.cases import PAPER_CASES, find_case
 from fuzzyarm.envs.scenario.disturbances import Disturbance
 from fuzzyarm.eval.engine import Engine
 from fuzzyarm.eval.provenance import current_provenance
-from fuzzyarm.eval.stability.linearisation import linearise_path
-from fuzzyarm.eval.stability.local_loop import gain_limits
-from fuzzyarm.eval.tuning.conditions import PERIOD, with_stiffness
+from fuzzyarm.eval.stability.linearisation import gain_limits, linearise_path
+from fuzzyarm.eval.tuning.finding import PERIOD, with_stiffness
 from fuzzyarm.eval.tuning.observer_search import (
     BOX,
     FIRST_STEP,

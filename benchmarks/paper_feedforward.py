@@ -28,7 +28,7 @@ from fuzzyarm.envs.fuzzy_arm import FuzzyArmEnv
 from fuzzyarm.envs.scenario.cases import PAPER_CASES
 from fuzzyarm.envs.scenario.reference import JointReference
 from fuzzyarm.eval.episodes.rollout import Rollout, record_rollout
-from fuzzyarm.eval.paper.controllers import PAPER_L
+from fuzzyarm.eval.paper.evidence import PAPER_L
 from fuzzyarm.eval.provenance import current_provenance
 from fuzzyarm.fuzzy_policy.controller import Controller
 from fuzzyarm.fuzzy_policy.laws.fuzzy import FuzzyPolicy

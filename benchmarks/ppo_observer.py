@@ -40,8 +40,7 @@ from fuzzyarm.envs.scenario.reference_family import reference_family
 from fuzzyarm.envs.vector import FuzzyArmVectorEnv
 from fuzzyarm.eval.episodes.loop import episodes
 from fuzzyarm.eval.provenance import current_provenance
-from fuzzyarm.eval.stability.linearisation import linearise_path
-from fuzzyarm.eval.stability.local_loop import largest_radius
+from fuzzyarm.eval.stability.linearisation import largest_radius, linearise_path
 from fuzzyarm.fuzzy_policy.policy import Policy, Predictor
 from fuzzyarm.rl_baselines.algorithms.ppo import PRESETS, PPOConfig
 from fuzzyarm.rl_baselines.training import Training

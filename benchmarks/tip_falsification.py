@@ -25,7 +25,7 @@ from tip_plants import Plants, random_genes
 from fuzzyarm.common.files import write_atomically
 from fuzzyarm.envs.physics.parameters import ArmParameters
 from fuzzyarm.eval.certified.tip.bound import TipBound, TipClaim, find_bound
-from fuzzyarm.eval.certified.tip.plant_set import PlantSet
+from fuzzyarm.eval.certified.tip.plant import PlantSet
 from fuzzyarm.eval.provenance import current_provenance
 
 COMMAND = "python benchmarks/tip_falsification.py"

@@ -34,11 +34,10 @@ from fuzzyarm.envs.physics.parameters import ArmParameters
 from fuzzyarm.envs.scenario.default_reference import default_reference
 from fuzzyarm.eval.certified.tip.bound import TipClaim, find_bound
 from fuzzyarm.eval.certified.tip.enclosures import NoBound
-from fuzzyarm.eval.certified.tip.plant_set import SETS, PlantSet
+from fuzzyarm.eval.certified.tip.plant import SETS, PlantSet
 from fuzzyarm.eval.provenance import current_provenance
-from fuzzyarm.eval.stability.linearisation import linearise, linearise_path
-from fuzzyarm.eval.stability.local_loop import LocalLoop, largest_radius
-from fuzzyarm.eval.tuning.conditions import heaviest, periods_of, radius_within, with_stiffness
+from fuzzyarm.eval.stability.linearisation import LocalLoop, largest_radius, linearise, linearise_path
+from fuzzyarm.eval.tuning.finding import heaviest, periods_of, radius_within, with_stiffness
 from fuzzyarm.eval.tuning.fuzzy_gains import (
     CASES,
     LEAST_GAIN_MARGINS,
@@ -49,7 +48,7 @@ from fuzzyarm.eval.tuning.fuzzy_gains import (
     specification_of,
 )
 from fuzzyarm.eval.tuning.fuzzy_gains import STIFFNESS as SOFTER
-from fuzzyarm.eval.tuning.tip_deviation import largest_deviation
+from fuzzyarm.eval.tuning.tip_bounds import largest_deviation
 from fuzzyarm.fuzzy_policy.controller import Controller
 from fuzzyarm.fuzzy_policy.laws.fuzzy import FuzzyPolicy
 from fuzzyarm.fuzzy_policy.laws.tip import TipPolicy

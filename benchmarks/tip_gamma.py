@@ -17,7 +17,7 @@ from typing import Any
 from fuzzyarm.common.files import write_atomically
 from fuzzyarm.eval.certified.tip.bound import TipClaim, find_bound
 from fuzzyarm.eval.certified.tip.enclosures import NoBound
-from fuzzyarm.eval.certified.tip.plant_set import PlantSet
+from fuzzyarm.eval.certified.tip.plant import PlantSet
 from fuzzyarm.eval.provenance import current_provenance
 from fuzzyarm.synthesis import DesignFailed, Specification, design
 

@@ -19,7 +19,7 @@ from fuzzyarm.envs.physics.two_joints import two_joints
 from fuzzyarm.envs.scenario.cases import find_case
 from fuzzyarm.envs.scenario.randomisation import draw_record
 from fuzzyarm.eval.certified.tip.bound import PERIOD, TipClaim, problem_of
-from fuzzyarm.eval.certified.tip.plant_set import BY_JOINT
+from fuzzyarm.eval.certified.tip.plant import BY_JOINT
 
 __all__ = ["CONSTANTS", "GENES", "SUBSTEPS", "Plants", "random_genes"]
 

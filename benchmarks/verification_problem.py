@@ -23,7 +23,7 @@ from fuzzyarm.common.rounding import at_most
 from fuzzyarm.envs.physics.dynamics import arm_constants, dry_frictions
 from fuzzyarm.envs.physics.parameters import ArmParameters
 from fuzzyarm.eval.certified.tip.bound import PERIOD, TipClaim, problem_of
-from fuzzyarm.eval.certified.tip.plant_set import PlantSet
+from fuzzyarm.eval.certified.tip.plant import PlantSet
 from fuzzyarm.policies import load_policy
 
 POLICY = "computed-torque-tip"

@@ -11,22 +11,20 @@ from typing import TYPE_CHECKING
 
 from gymnasium.envs.registration import registry
 
-from fuzzyarm.common.lazy import lazily
+from fuzzyarm.common.registry import lazily
 from fuzzyarm.envs.spec import Spec
 from fuzzyarm.policies import load_policy
 
 if TYPE_CHECKING:
     from fuzzyarm.envs.physics.parameters import ArmParameters
     from fuzzyarm.envs.physics.robot import Robot, robot_named
-    from fuzzyarm.eval.bench.config import BenchConfig
-    from fuzzyarm.eval.bench.run import run_bench
+    from fuzzyarm.eval.bench.run import BenchConfig, run_bench
     from fuzzyarm.eval.certified.tip.bound import TipClaim, find_bound
     from fuzzyarm.eval.certified.tip.bound_file import save_bound
     from fuzzyarm.eval.certified.verification import verify_file
     from fuzzyarm.eval.engine import Engine
     from fuzzyarm.eval.episodes.metrics import metrics_of
-    from fuzzyarm.eval.episodes.rollout import Rollout, run_episode
-    from fuzzyarm.eval.episodes.rollout_file import write_rollouts
+    from fuzzyarm.eval.episodes.rollout import Rollout, run_episode, write_rollouts
     from fuzzyarm.eval.evaluation.figures import write_figures
     from fuzzyarm.eval.evaluation.ranking import rank_policies
     from fuzzyarm.eval.evaluation.run import EvaluationConfig, evaluate, write_results
@@ -36,7 +34,7 @@ if TYPE_CHECKING:
     from fuzzyarm.eval.sweep.run import Sweep
     from fuzzyarm.eval.tuning.run import tune_arm
     from fuzzyarm.export.c_files import export_c
-    from fuzzyarm.export.laws import sheet_of
+    from fuzzyarm.export.sheet import sheet_of
     from fuzzyarm.fuzzy_policy.controller import Controller
     from fuzzyarm.fuzzy_policy.proof.certificate import certify
     from fuzzyarm.fuzzy_policy.ts_model import TSModel

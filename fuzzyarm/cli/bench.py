@@ -11,7 +11,7 @@ from cyclopts import Parameter
 
 from fuzzyarm.cli.options import chosen, with_fields_of
 from fuzzyarm.cli.usage import UsageError, claimed_folder
-from fuzzyarm.eval.bench.config import BenchConfig
+from fuzzyarm.eval.bench.run import BenchConfig
 
 __all__ = ["Options", "run"]
 

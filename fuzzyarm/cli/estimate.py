@@ -38,7 +38,7 @@ def run(options: Options) -> int:
     """Train a policy."""
     from fuzzyarm.common.console import progress, say, status
     from fuzzyarm.envs.physics.equations import chosen_arm
-    from fuzzyarm.learned_policy.folder import LAST
+    from fuzzyarm.learned_policy.bundle import LAST
 
     config, arm = chosen(options, EstimateConfig()), chosen_arm(options.robot, None)
     folder = options.out / LAST

@@ -71,11 +71,10 @@ def run(options: Options) -> int:
 
     from fuzzyarm.common.console import output, print_paragraphs, progress, say
     from fuzzyarm.eval.declarations import print_declared
-    from fuzzyarm.eval.episodes.rollout_file import write_rollouts
+    from fuzzyarm.eval.episodes.rollout import write_rollouts
     from fuzzyarm.eval.evaluation.figures import write_figures
-    from fuzzyarm.eval.evaluation.result_table import DECLARED, declared_rows, print_passes, print_results
+    from fuzzyarm.eval.evaluation.result_table import DECLARED, declared_rows, print_passes, print_results, verdict
     from fuzzyarm.eval.evaluation.run import evaluate, write_results
-    from fuzzyarm.eval.evaluation.verdict import verdict
 
     config = _config(options)
     titles = config.titles
@@ -120,7 +119,7 @@ def _config(options: Options) -> EvaluationConfig:
     from fuzzyarm.envs.physics.equations import chosen_arm
     from fuzzyarm.envs.physics.parameters import ArmParameters
     from fuzzyarm.envs.scenario.given_path import ENDINGS, GivenPath
-    from fuzzyarm.envs.scenario.named_paths import SHAPES
+    from fuzzyarm.envs.scenario.paths import SHAPES
     from fuzzyarm.eval.evaluation.run import EvaluationConfig
     from fuzzyarm.policies import ANY_ROBOT, COMPARED, policies_of
 

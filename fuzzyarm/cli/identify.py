@@ -112,7 +112,7 @@ def _identify(options: Options, path: Path) -> int:
     if options.out is not None:
         found.arm.write_toml(options.out)
     if options.figure is not None:
-        from fuzzyarm.identification.figure import write_residuals
+        from fuzzyarm.identification.result import write_residuals
 
         write_residuals(found, options.figure)
     if options.json:

@@ -62,7 +62,7 @@ def run(options: Options) -> int:
 def _board(options: Options) -> Ranking:
     """Return the ranking of evaluations, or of sweeps."""
     from fuzzyarm.eval.evaluation.ranking import rank_policies
-    from fuzzyarm.eval.report.tubes import checked_bounds
+    from fuzzyarm.eval.report.certificates import checked_bounds
     from fuzzyarm.eval.sweep.ranking import is_sweep, rank_sweeps
 
     sweeps = [path for path in options.files if is_sweep(path)]

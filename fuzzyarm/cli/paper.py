@@ -37,10 +37,17 @@ def run(options: Options) -> int:
     import json
 
     from fuzzyarm.common.console import output, progress, say
-    from fuzzyarm.eval.paper.drift import EXPECTED, load_expected, store_expected
     from fuzzyarm.eval.paper.evidence import STEPS, gather
     from fuzzyarm.eval.paper.figures import write_figures
-    from fuzzyarm.eval.paper.report import compare, print_report, renewed, write_report
+    from fuzzyarm.eval.paper.report import (
+        EXPECTED,
+        compare,
+        load_expected,
+        print_report,
+        renewed,
+        store_expected,
+        write_report,
+    )
 
     if options.renew and options.expected:
         raise UsageError("--renew writes new stored numbers and --expected compares with old ones; give one of them")

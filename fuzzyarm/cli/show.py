@@ -43,7 +43,7 @@ def run(options: Options) -> int:
     import json
 
     from fuzzyarm.common.console import escaped, say
-    from fuzzyarm.export.laws import sheet_of
+    from fuzzyarm.export.sheet import sheet_of
 
     if options.csv and options.json:
         raise UsageError("--csv and --json both choose the form; leave out one")

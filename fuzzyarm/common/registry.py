@@ -1,12 +1,16 @@
-"""Things known by name, those of the package and those that were added; worker processes are told of what was added."""
+"""Things known by name, those of the package and those that were added; worker processes are told of what was added.
+
+Public names of a package that are imported when they are first asked for, so that importing the package is light.
+"""
 
 from __future__ import annotations
 
 import importlib
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from typing import Any, TypeVar
 
-__all__ = ["Registry", "additions", "adopt"]
+__all__ = ["Registry", "additions", "adopt", "lazily"]
+
 
 Thing = TypeVar("Thing")
 
@@ -37,3 +41,19 @@ def adopt(added: Mapping[str, Mapping[str, Any]]) -> None:
     for home, things in added.items():
         importlib.import_module(home)
         _REGISTRIES[home].update(things)
+
+
+def lazily(package: str, homes: Mapping[str, str]) -> Callable[[str], Any]:
+    """Return the `__getattr__` of a package.
+
+    Args:
+        package: its name.
+        homes: the module of each public name, seen from the package.
+    """
+
+    def find(name: str) -> Any:
+        if name not in homes:
+            raise AttributeError(f"module {package!r} has no attribute {name!r}")
+        return getattr(importlib.import_module(f"{package}.{homes[name]}"), name)
+
+    return find

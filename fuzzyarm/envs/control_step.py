@@ -14,8 +14,7 @@ from fuzzyarm.envs.batch.layout import Noise
 from fuzzyarm.envs.batch.randomness import noise_counter, normal_pair
 from fuzzyarm.envs.physics.hold import held_of
 from fuzzyarm.envs.physics.physics import Physics
-from fuzzyarm.envs.task import assess_of, clipped, finite_of
-from fuzzyarm.envs.termination import reason_of
+from fuzzyarm.envs.task import assess_of, clipped, finite_of, reason_of
 from fuzzyarm.numbers.functions import flat, like, maximum, minimum, select, when, whole
 
 __all__ = ["ANGLE_ROOM", "VELOCITY_ROOM", "Moved", "assessed_of", "control_step_of", "reading_bounds", "reading_of"]

@@ -1,10 +1,18 @@
-"""The files of an exported policy: header, source, and test vectors, in a folder."""
+"""The files of an exported policy: header, source, and test vectors, in a folder.
+
+Observations at which an exported law is compared with its policy.
+
+An exported law, compiled on this machine: for the comparison with its policy, bit by bit, and for its time.
+"""
 
 from __future__ import annotations
 
 import csv
+import ctypes
 import io
 import re
+import shutil
+import subprocess
 import tempfile
 import textwrap
 from collections.abc import Sequence
@@ -15,20 +23,156 @@ import numpy as np
 from fuzzyarm import __version__
 from fuzzyarm.common.checks import choice, instance, path_of
 from fuzzyarm.common.files import write_once
-from fuzzyarm.envs.observation import Observation
+from fuzzyarm.envs.observation import PARTS, Observation, starts
+from fuzzyarm.envs.physics.equations import bounds_of
 from fuzzyarm.export.c_program import Program, arguments_text, program_of, source_text
-from fuzzyarm.export.compiled_law import CompiledLaw, compilers
-from fuzzyarm.export.laws import certificate_of
-from fuzzyarm.export.refusals import Unsupported
-from fuzzyarm.export.sheet import certified_numbers
-from fuzzyarm.export.vectors import CALLS, random_observations
+from fuzzyarm.export.sheet import certificate_of, certified_numbers
+from fuzzyarm.export.trace import Unsupported
 from fuzzyarm.fuzzy_policy.known_arm import per_joint_of
 from fuzzyarm.fuzzy_policy.laws.adaptive.policy import AdaptiveObserverPolicy
 from fuzzyarm.fuzzy_policy.policy import Policy
 from fuzzyarm.fuzzy_policy.proof.policy_certificate import PolicyCertificate
 from fuzzyarm.learned_policy.estimate.policy import LearnedObserverPolicy
 
-__all__ = ["NUMBERS", "UNITS", "about_policy", "c_name", "export_c", "header_text", "sources_of"]
+__all__ = [
+    "CALLS",
+    "FLAGS",
+    "NUMBERS",
+    "UNITS",
+    "CompiledLaw",
+    "about_policy",
+    "c_name",
+    "compilers",
+    "export_c",
+    "header_text",
+    "random_observations",
+    "sources_of",
+]  # fmt: skip
+
+
+CALLS = 200
+"""Consecutive calls in a file of test vectors."""
+
+SHARE = 0.2  # of the calls, the last ones, that see any state
+FREQUENCIES = (2.0, 10.0)  # rad/s
+SMALLEST, LARGEST = -8.0, -0.5  # errors, powers of ten of the limits
+
+
+def random_observations(policy: Policy, calls: int, seed: int) -> np.ndarray:
+    """Return observations (calls, 5 n) [rad, rad/s, rad/s²] of consecutive calls.
+
+    First a sine in every joint, measured with errors of sizes from 1e-8 to 0.3 of the limits; then states, and wanted
+    ones, anywhere within the limits.
+    """
+    rng, joints, bounds = np.random.default_rng(seed), policy.joints, bounds_of(policy.parameters)
+    at, seen = starts(joints), np.empty((calls, PARTS * joints))
+    middle, half = 0.5 * (bounds.low + bounds.high), 0.5 * (bounds.high - bounds.low)
+    frequency, begin = rng.uniform(*FREQUENCIES, joints), rng.uniform(0.0, 2.0 * np.pi, joints)
+    phase = begin + frequency * policy.control_period * np.arange(calls)[:, np.newaxis]
+    radius = 0.3 * half
+    motion = [
+        middle + radius * np.sin(phase),
+        radius * frequency * np.cos(phase),
+        -radius * frequency**2 * np.sin(phase),
+    ]
+    size = 10.0 ** rng.uniform(SMALLEST, LARGEST, (calls, 1))
+    error = size * rng.uniform(-1.0, 1.0, (calls, 2 * joints)) * np.concatenate([half, bounds.velocity])
+    seen[:, at.q_reference :] = np.concatenate(motion, axis=1)
+    seen[:, : at.q_reference] = seen[:, at.q_reference : at.ddq_reference] + error
+    last = slice(round((1.0 - SHARE) * calls), calls)
+    scales = (half, bounds.velocity, half, bounds.velocity, np.full(joints, 50.0))
+    for part, scale in zip(at, scales, strict=True):
+        seen[last, part : part + joints] = scale * rng.uniform(-1.0, 1.0, (len(seen[last]), joints))
+    return seen
+
+
+FLAGS = ("-std=c99", "-Wall", "-Wextra", "-Wpedantic", "-Werror", "-ffp-contract=off", "-O2")
+"""Options of the compiler with which an exported law has no warning, and the bits of its policy."""
+
+_LOOP = """#include <string.h>
+#include "{name}.h"
+void run(long lanes, long calls, const unsigned char *starts, const {real} *seen, {real} *torque, {real} *memory);
+void run(long lanes, long calls, const unsigned char *starts, const {real} *seen, {real} *torque, {real} *memory)
+{{
+    long lane, call;
+    for (lane = 0; lane < lanes; lane++) {{
+        {name}_state state;
+        memcpy(state.memory, memory + lane * {size}, sizeof state.memory);
+        for (call = 0; call < calls; call++) {{
+            const long at = call * lanes + lane;
+            if (starts[at]) {{
+                {name}_init(&state);
+            }}
+            {name}_step(&state, seen + at * {inputs}, torque + at * {joints});
+        }}
+        memcpy(memory + lane * {size}, state.memory, sizeof state.memory);
+    }}
+}}
+"""
+
+
+def compilers() -> list[str]:
+    """Return the names of the C compilers of this machine, of gcc and clang."""
+    return [name for name in ("gcc", "clang") if shutil.which(name)]
+
+
+class CompiledLaw:
+    """The functions of an exported law as machine code.
+
+    Attributes:
+        number: the NumPy type of its numbers.
+        joints: n.
+        memory_size: numbers that it remembers.
+    """
+
+    def __init__(self, source: Path, joints: int, memory_size: int, number: str, compiler: str) -> None:
+        """Compile the source file of an exported law, beside which its header lies; `number` is "double" or "float".
+
+        Raises:
+            subprocess.CalledProcessError: the compiler has an error or a warning.
+        """
+        self.number = np.dtype({"double": np.float64, "float": np.float32}[number])
+        self.joints, self.memory_size, name = joints, memory_size, source.stem
+        loop, library = source.with_name(f"{name}_loop.c"), source.with_name(f"{name}_{compiler}_{number}.so")
+        sizes = {"size": memory_size, "inputs": PARTS * joints, "joints": joints}
+        loop.write_text(_LOOP.format(name=name, real=number, **sizes), encoding="utf-8")
+        words = [compiler, *FLAGS, "-shared", "-fPIC", str(loop), str(source), "-o", str(library)]
+        subprocess.run(words, check=True, capture_output=True, text=True)
+        self._run = ctypes.CDLL(str(library)).run
+
+    def run(
+        self, observations: np.ndarray, starts: np.ndarray, memory: np.ndarray | None = None
+    ) -> tuple[np.ndarray, np.ndarray]:
+        """Return torques (calls, lanes, n) [N m] and memories (lanes, memory_size) after them.
+
+        Args:
+            observations: (calls, lanes, 5 n).
+            starts: (calls, lanes), whether an episode begins with this call.
+            memory: (lanes, memory_size) before the first call; default: zeros.
+        """
+        calls, lanes, _ = observations.shape
+        seen = np.ascontiguousarray(observations, dtype=self.number)
+        begins = np.ascontiguousarray(starts, dtype=np.uint8)
+        torque = np.empty((calls, lanes, self.joints), dtype=self.number)
+        kept = np.zeros((lanes, self.memory_size), dtype=self.number)
+        if memory is not None:
+            kept[:] = memory
+        arrays = [array.ctypes.data_as(ctypes.c_void_p) for array in (begins, seen, torque, kept)]
+        self._run(ctypes.c_long(lanes), ctypes.c_long(calls), *arrays)
+        return torque, kept
+
+    def predict(
+        self,
+        observation: np.ndarray,
+        state: np.ndarray | None = None,
+        episode_start: np.ndarray | None = None,
+        deterministic: bool = True,
+    ) -> tuple[np.ndarray, np.ndarray]:
+        """Return torques (n,) [N m] and the next state for an observation (5 n,): the protocol of all policies."""
+        begins = np.array([[state is None]])
+        torque, memory = self.run(observation[np.newaxis, np.newaxis], begins, state)
+        return torque[0, 0].astype(np.float64), memory
+
 
 NUMBERS = ("double", "float")
 """Number types of the C source."""

@@ -10,10 +10,8 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from fuzzyarm.envs.observation import Observation
-from fuzzyarm.export.c_helpers import HELPERS, ROLLED, helper_text
-from fuzzyarm.export.c_text import Writer, wrapped
-from fuzzyarm.export.refusals import Unsupported
-from fuzzyarm.export.trace import Block, Scalar, Trace
+from fuzzyarm.export.c_text import HELPERS, ROLLED, Writer, helper_text, wrapped
+from fuzzyarm.export.trace import Block, Scalar, Trace, Unsupported
 from fuzzyarm.fuzzy_policy.law import law_of, seen_by, within_limits
 from fuzzyarm.fuzzy_policy.policy import Policy
 from fuzzyarm.numbers.functions import RECORDERS, flat, like

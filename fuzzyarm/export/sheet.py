@@ -1,4 +1,9 @@
-"""A law written down: its equations, its numbers with units, a state to check an implementation at, its certificate."""
+"""A law written down: its equations, its numbers with units, a state to check an implementation at, its certificate.
+
+The sheet of a fuzzy law: premises, memberships, vertices and gains of a controller file.
+
+What each law's sheet says: `sheet_of` finds the equations and the numbers of a policy.
+"""
 
 from __future__ import annotations
 
@@ -10,10 +15,30 @@ from typing import Any
 
 import numpy as np
 
+from fuzzyarm.common.checks import instance, listed
 from fuzzyarm.common.rounding import at_least, at_most
+from fuzzyarm.envs.observation import PARTS, starts
+from fuzzyarm.envs.physics.dynamics import arm_constants
+from fuzzyarm.envs.physics.equations import robot_of
+from fuzzyarm.envs.physics.joint import DRIVE_UNITS
+from fuzzyarm.envs.physics.parameters import ArmParameters
+from fuzzyarm.envs.scenario.default_reference import default_reference
+from fuzzyarm.envs.scenario.reference import Reference
+from fuzzyarm.fuzzy_policy.controller import Controller
+from fuzzyarm.fuzzy_policy.known_arm import QUANTITIES, per_joint_of
+from fuzzyarm.fuzzy_policy.laws.computed_torque import ComputedTorquePolicy
+from fuzzyarm.fuzzy_policy.laws.elastic_observer import ElasticObserverPolicy
+from fuzzyarm.fuzzy_policy.laws.fuzzy import FuzzyPolicy
+from fuzzyarm.fuzzy_policy.laws.gain_schedule import schedule_of
+from fuzzyarm.fuzzy_policy.laws.scheduled import ScheduledPolicy
+from fuzzyarm.fuzzy_policy.laws.tip import TipPolicy
+from fuzzyarm.fuzzy_policy.policy import Policy
 from fuzzyarm.fuzzy_policy.proof.policy_certificate import PolicyCertificate
+from fuzzyarm.fuzzy_policy.states import INTEGRAL, PLANT
+from fuzzyarm.fuzzy_policy.ts_model import PREMISES
 
-__all__ = ["LawSheet", "Quantity", "certified_numbers"]
+__all__ = ["LawSheet", "Quantity", "certificate_of", "certified_numbers", "check_observation", "fuzzy_law", "sheet_of"]
+
 
 _COLUMNS = ("quantity", "index", "unit", "value")
 _DIGITS = 10  # of a number in the text; JSON and CSV have the shortest one that identifies it
@@ -131,3 +156,206 @@ def _rows(values: np.ndarray) -> list[str]:
             first = head if number == 0 else " " * len(head)
             lines.append(f"    {first} " + " ".join(f"{value:>17.{_DIGITS}g}" for value in row))
     return lines
+
+
+def fuzzy_law(controller: Controller) -> tuple[str, tuple[str, ...], tuple[Quantity, ...]]:
+    """Return a fuzzy law in words, its equations from the errors to u, and its numbers."""
+    model = controller.model
+    in_A = ", ".join(PREMISES[index] for index in model.kept_in_A) or "none"
+    in_E = ", ".join(PREMISES[index] for index in model.kept_in_E) or "none"
+    integral = " + H_ik x_I" if controller.integral else ""
+    equations = (
+        "r = (q_d, dq_d, ddq_d)",
+        "z1 = cos q2,   z2 = -c4 sinc(q1) - c5 sinc(q1 + q2),   z3 = -c5 sinc(q1 + q2)",
+        "z4 = c2 dq2 sin q2,   z5 = -c2 dq1 sin q2,   sinc(x) = sin(x)/x, 1 at 0, with the measured q, dq",
+        "w_k = min(max((z_k - zmin_k)/(zmax_k - zmin_k), 0), 1)",
+        f"h_i = product over the kept premises of A ({in_A}) of w_k (bit of i-1 is 1: maximum) or 1 - w_k (0: minimum)",
+        f"v_k likewise for E ({in_E}); the first premise is the lowest bit; an empty product is 1",
+        f"u = sum over i, k of h_i v_k (K_ik (e, de){integral} + L_ik r)",
+    )
+    c = arm_constants(model.parameters)
+    gains, low, high = controller.gains, model.bounds[:, 0], model.bounds[:, 1]
+    quantities = [
+        Quantity("c2, c4, c5", "kg m^2, N m, N m", "of the premises", np.array([c.c2, c.c4, c.c5])),
+        Quantity("zmin", "as z", "smallest values of z1 to z5 in the box", low),
+        Quantity("zmax", "as z", "largest values", high),
+        Quantity("K", "N m/rad (2), N m s/rad (2)", "feedback of (e, de): (i, k, torque, entry)", gains[..., PLANT]),
+    ]
+    if controller.integral:
+        quantities.append(Quantity("H", "N m/(rad s)", "feedback of x_I: (i, k, torque, entry)", gains[..., INTEGRAL]))
+    return (
+        f"fuzzy law of {model.rules} rules, {controller.form} form",
+        equations,
+        (
+            *quantities,
+            Quantity(
+                "L",
+                "N m/rad (2), N m s/rad (2), kg m^2 (2)",
+                "feedforward of r: (i, k, torque, entry)",
+                controller.feedforward_gains + 0.0,  # no -0
+            ),
+            Quantity("A", "SI", "vertices of the model, for information: (i, row, column)", np.array(model.A_vertices)),
+            Quantity("E", "SI", "likewise: (k, row, column)", np.array(model.E_vertices)),
+        ),
+    )
+
+
+_UNITS = {name: unit for name, unit, _ in DRIVE_UNITS}
+
+_ERRORS = "e = q - q_d,   de = dq - dq_d,   x_I = 0 when an episode begins"
+_LIMITS = (
+    "tau_j = min(max(u_j, -Gamma_j), Gamma_j)",
+    "x_I,j := x_I,j + T e_j, unless u_j > Gamma_j and e_j < 0, or u_j < -Gamma_j and e_j > 0",
+)
+_CHECKED_TICKS = 3
+
+
+def sheet_of(name: str, policy: Policy) -> LawSheet:
+    """Return the sheet of a policy; its name stands in the heading.
+
+    Raises:
+        ValueError: the policy is none that a few equations and matrices describe.
+    """
+    law, equations, quantities = _law(instance("policy", policy, Policy))  # type: ignore[type-abstract]
+    common = (
+        Quantity("T", "s", "control period, the time between two calls", np.array(policy.control_period)),
+        Quantity("Gamma", "N m", "torque limits", per_joint_of(policy.parameters, "torque_limit")),
+    )
+    return LawSheet(
+        instance("name", name, str), law, equations, (*common, *quantities), _checked(policy), certificate_of(policy)
+    )
+
+
+def certificate_of(policy: Policy) -> PolicyCertificate | None:
+    """Return what is proven of a policy along the motion that its arm makes if no other is asked of it."""
+    try:
+        reference: Reference = default_reference(policy.parameters)
+    except ValueError:  # out of reach: what is proven of a fixed law does not depend on the reference
+        return None if isinstance(policy, TipPolicy) else policy.certificate(default_reference(ArmParameters()))
+    return policy.certificate(reference)
+
+
+def check_observation(joints: int) -> np.ndarray:
+    """Return the observation (5 n,) of an arm of n joints at which a law is checked [rad, rad/s, rad/s²]."""
+    k, at = np.arange(joints), starts(joints)
+    seen = np.empty(PARTS * joints)
+    seen[at.q_motor : at.dq_motor] = 0.3 + 0.5 * k
+    seen[at.dq_motor : at.q_reference] = 0.5 - 0.9 * k
+    seen[at.q_reference : at.dq_reference] = 0.31 + 0.48 * k
+    seen[at.dq_reference : at.ddq_reference] = 0.45 - 0.8 * k
+    seen[at.ddq_reference :] = 1.0 - 3.0 * k
+    return seen
+
+
+def _checked(policy: Policy) -> tuple[Quantity, ...]:
+    """Return what the policy answers at a state: the same observation, three times from the start."""
+    seen, state, torques = check_observation(policy.joints), None, []
+    for _ in range(_CHECKED_TICKS):
+        torque, state = policy.predict(seen, state)
+        torques.append(torque)
+    assert state is not None
+    return (
+        Quantity("observation", "rad, rad/s, rad/s^2", "q, dq, q_d, dq_d, ddq_d", seen),
+        Quantity("torque", "N m", "tau in the first three calls, each with this observation", np.array(torques)),
+        Quantity("memory", "SI", "what is remembered after them", state),
+    )
+
+
+def _law(policy: Policy) -> tuple[str, tuple[str, ...], tuple[Quantity, ...]]:
+    """Return the law in words, its equations and its numbers."""
+    match policy:
+        case FuzzyPolicy():
+            title, equations, quantities = fuzzy_law(policy.controller)
+            return title, (_ERRORS, *equations, *_LIMITS), quantities
+        case TipPolicy():
+            return _tip(policy)
+        case ScheduledPolicy():
+            return _scheduled(policy)
+        case ComputedTorquePolicy():
+            return _computed_torque(policy)
+        case ElasticObserverPolicy():
+            return _observer(policy)
+    kinds = "fuzzy, computed-torque and -tip policies, elastic-observer, controller files"
+    raise ValueError(f"{type(policy).__name__} has no sheet of equations and matrices; there is one of: {kinds}")
+
+
+def _computed_torque(policy: ComputedTorquePolicy) -> tuple[str, tuple[str, ...], tuple[Quantity, ...]]:
+    equations = (
+        _ERRORS,
+        "a = ddq_d - omega (3 de + omega (3 e + omega x_I))",
+        "u = M(q) a + C(q, dq) dq + g(q) + I_a a + f_v dq",
+        *_LIMITS,
+    )
+    bandwidth = Quantity("omega", "rad/s", "of the triple pole at -omega", np.array(policy.bandwidth))
+    return "computed torque with integral action", equations, (bandwidth, *_arm(policy))
+
+
+def _scheduled(policy: ScheduledPolicy) -> tuple[str, tuple[str, ...], tuple[Quantity, ...]]:
+    controller = policy.controller
+    names = listed([premise.name for premise in controller.premises]) if controller.premises else "none"
+    equations = (
+        _ERRORS,
+        f"z_l = kept premises, in this order: {names};   w_l = (1 + z_l)/2",
+        "h_r = product over l of w_l (bit l of r-1 is 1) or 1 - w_l (0); the first premise is the lowest bit",
+        "u = M(q) ddq_d + C(q, dq) dq + g(q) + I_a ddq_d + f_v dq - sum_r h_r S_r (k_p e + k_d de + k_i x_I)",
+        *_LIMITS,
+    )
+    k_p, k_d, k_i = controller.feedback
+    quantities = (
+        Quantity("k_p", "1/s^2", "gain of the position error", np.array(k_p)),
+        Quantity("k_d", "1/s", "gain of its rate", np.array(k_d)),
+        Quantity("k_i", "1/s^3", "gain of its integral", np.array(k_i)),
+        Quantity("S", "kg m^2", "scheduled inertia (rule r, joint, joint)", controller.inertia),
+        *_arm(policy),
+    )
+    return "gains scheduled over the inertia, semidefinite form", equations, quantities
+
+
+def _tip(policy: TipPolicy) -> tuple[str, tuple[str, ...], tuple[Quantity, ...]]:
+    title, equations, quantities = _law(policy.law)
+    inner = tuple(line for line in equations if line not in _LIMITS)
+    own = (
+        "tau_d = M(q_d) ddq_d + C(q_d, dq_d) dq_d + g(q_d);   b = B/K, joint by joint",
+        "rate = (11 tau_d[k] - 18 tau_d[k-1] + 9 tau_d[k-2] - 2 tau_d[k-3])/(6 T)",
+        "curvature = (2 tau_d[k] - 5 tau_d[k-1] + 4 tau_d[k-2] - tau_d[k-3])/T^2   (first call: all tau_d equal)",
+        "theta = q_d + (tau_d - b (rate - b curvature))/K,   dtheta = dq_d + (rate - b curvature)/K,"
+        "   ddtheta = ddq_d + curvature/K",
+        "s = I_a ddtheta + f_v dtheta + tau_d;   v = dtheta + T/2 ddtheta",
+        "u_ff = s + (s - s of the last call)/2 + (F_c + (F_s - F_c) exp(-(v/v_s)^2)) sign v",
+        "u = law(q, dq, x_I; theta, dtheta, ddtheta) - law(theta, dtheta, 0; theta, dtheta, ddtheta) + u_ff, with law:",
+    )
+    known = {quantity.name for quantity in quantities}
+    drives = tuple(quantity for quantity in _arm(policy) if quantity.name not in known)
+    return f"{title}, leading the tip", (*own, *inner, *_LIMITS), (*quantities, *drives)
+
+
+def _observer(policy: ElasticObserverPolicy) -> tuple[str, tuple[str, ...], tuple[Quantity, ...]]:
+    schedule = schedule_of(policy.parameters)
+    equations = (
+        "x = (theta, q, dtheta, dq) of motors and links, d = load on the links; theta_d, dtheta_d, u_ff as for -tip",
+        "(x, d) := (x, d) + L (measured motor angles and velocities - theta, dtheta)",
+        "u = u_ff - d - K (x - x_d),   x_d = (theta_d - d/stiffness, q_d, dtheta_d, dq_d)",
+        "tau_j = min(max(u_j, -Gamma_j), Gamma_j)",
+        "(x, d) := the arm with friction under tau and d, a control period later (equations of motion in the docs)",
+        "K, L interpolated linearly between the points of the schedule, even in "
+        + ("cos q2 from -1 to 1" if schedule.cosine else "the kept angles"),
+    )
+    quantities = (
+        Quantity("K", "SI", "feedback (point, joint, x)", policy.feedback),
+        Quantity("L", "SI", "observer (point, (x, d), measurement)", policy.observer),
+        Quantity("kept", "-", "numbers of the joints over whose angles K and L are tabulated", 1.0 + schedule.kept),
+        *_arm(policy),
+    )
+    return "observer of links and load, state feedback", equations, quantities
+
+
+def _arm(policy: Policy) -> tuple[Quantity, ...]:
+    """Return the numbers of the arm that M, C, g and the drives take."""
+    arm, arrays = policy.parameters, robot_of(policy.parameters).arrays
+    drives = tuple(Quantity(name, _UNITS[name], "of each joint", per_joint_of(arm, name)) for name in QUANTITIES)
+    if isinstance(arm, ArmParameters):
+        from fuzzyarm.envs.physics.dynamics import arm_constants
+
+        c = np.array(arm_constants(arm)[:5])
+        return (Quantity("c1..c5", "kg m^2 (3), N m (2)", "of M, C and g of the two-joint arm", c), *drives)
+    return (Quantity("mass", "kg", "of each link; the robot's file has the rest", np.array(arrays.mass)), *drives)

@@ -3,6 +3,8 @@
 A `Value` is a number, a whole number or a truth value that depends on the observation or the memory. Arithmetic with it
 is not done but recorded, an operation a `Step`, in the order in which it is asked for; nothing is rearranged, and only
 operations between known numbers are done at once. The steps are in blocks: a branch on a value has two of them.
+
+What cannot be exported, as exceptions.
 """
 
 from __future__ import annotations
@@ -15,13 +17,35 @@ from typing import Any, NamedTuple, TypeAlias
 
 import numpy as np
 
-from fuzzyarm.export.refusals import TooLarge, Unsupported
 from fuzzyarm.numbers.functions import KINDS, flat, like
 
 __all__ = [
-    "LARGEST", "UNKNOWN", "Block", "Branch", "Function", "Kind", "Loops", "Matrix", "Scalar", "Step", "Trace", "Value",
-    "is_number", "kind_of",
+    "LARGEST",
+    "UNKNOWN",
+    "Block",
+    "Branch",
+    "Function",
+    "Kind",
+    "Loops",
+    "Matrix",
+    "Scalar",
+    "Step",
+    "TooLarge",
+    "Trace",
+    "Unsupported",
+    "Value",
+    "is_number",
+    "kind_of",
 ]  # fmt: skip
+
+
+class Unsupported(ValueError):
+    """A law is written with something that cannot be exported; the message says what, and where."""
+
+
+class TooLarge(Unsupported):
+    """A program has more numbers in its tables than is allowed."""
+
 
 LARGEST = 2**18
 """Numbers that all tables of a program may have: 2 MiB in double precision."""

@@ -17,8 +17,15 @@ from fuzzyarm.common.checks import choice, finite_array, instance, real, truth
 from fuzzyarm.common.files import write_atomically
 from fuzzyarm.envs.observation import JOINTS
 from fuzzyarm.envs.physics.parameters import ArmParameters
-from fuzzyarm.fuzzy_policy.hexadecimal import decoded, digest_of, encoded, signed
-from fuzzyarm.fuzzy_policy.signed_files import ControllerFileError, checked_record, controller_in
+from fuzzyarm.fuzzy_policy.signed_files import (
+    ControllerFileError,
+    checked_record,
+    controller_in,
+    decoded,
+    digest_of,
+    encoded,
+    signed,
+)
 from fuzzyarm.fuzzy_policy.states import ERROR_STATES, PLANT_STATES, VELOCITY
 from fuzzyarm.fuzzy_policy.ts_model import TSModel
 

@@ -24,8 +24,15 @@ from fuzzyarm.common.checks import choice, finite_array, instance, real, whole
 from fuzzyarm.common.files import write_atomically
 from fuzzyarm.envs.physics.robot import Robot
 from fuzzyarm.fuzzy_policy.controller import GAINS, LARGEST, RATES
-from fuzzyarm.fuzzy_policy.hexadecimal import decoded, digest_of, encoded, signed
-from fuzzyarm.fuzzy_policy.signed_files import ControllerFileError, checked_record, controller_in
+from fuzzyarm.fuzzy_policy.signed_files import (
+    ControllerFileError,
+    checked_record,
+    controller_in,
+    decoded,
+    digest_of,
+    encoded,
+    signed,
+)
 from fuzzyarm.fuzzy_policy.states import SCALAR_STATES
 
 __all__ = ["FORM", "FUNCTIONS", "MOST_PREMISES", "SCHEMA", "Premise", "ScheduledController", "rule_weights"]

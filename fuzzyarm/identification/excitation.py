@@ -6,6 +6,8 @@ w rises from 0 to 1 and falls back by quintic polynomials, so that the arm begin
 hangs bent. The size a is the largest one at which angles, velocities and the torques of the start's rigid arm stay
 within `SHARE` of their limits. The coefficients make the condition number of the regressor of `rigid`, whose columns
 are divided by their scale and whose rows by the torque limits, as small as a local search from random ones finds it.
+
+A rehearsal of the recording: the motion on the simulated arm, under computed torque, with encoder noise.
 """
 
 from __future__ import annotations
@@ -20,12 +22,29 @@ from scipy.optimize import minimize
 
 from fuzzyarm.common import checks
 from fuzzyarm.common.files import csv_text
+from fuzzyarm.envs.fuzzy_arm import FuzzyArmEnv
+from fuzzyarm.envs.observation import observed
 from fuzzyarm.envs.physics.dynamics import tip_jacobian, tip_position
 from fuzzyarm.envs.physics.parameters import ArmParameters
+from fuzzyarm.envs.scenario.disturbances import Disturbance, EncoderNoise
 from fuzzyarm.envs.scenario.reference import Reference, ReferenceSample, TipSample
+from fuzzyarm.fuzzy_policy.laws.computed_torque import ComputedTorquePolicy
+from fuzzyarm.identification.log import Log
 from fuzzyarm.identification.rigid import base_of, regressor
 
-__all__ = ["HARMONICS", "SHARE", "Excitation", "Use", "condition_of", "motion_csv", "suggested", "use_of"]
+__all__ = [
+    "HARMONICS",
+    "NOISE",
+    "SHARE",
+    "Excitation",
+    "Use",
+    "condition_of",
+    "motion_csv",
+    "rehearsed",
+    "suggested",
+    "use_of",
+]  # fmt: skip
+
 
 HARMONICS = 6
 """Of the series, at most."""
@@ -200,3 +219,42 @@ def motion_csv(motion: Excitation, arm: ArmParameters, period: float = 1e-3) -> 
     columns = {"time": time} | {f"{part}{j + 1}": values[:, j] for part, values in parts.items() for j in range(2)}
     rows = zip(*(np.round(column, 9).tolist() for column in columns.values()), strict=True)
     return csv_text([dict(zip(columns, row, strict=True)) for row in rows])
+
+
+NOISE = EncoderNoise(1e-5, 1e-3)
+"""Of encoders with about 10⁵ lines [rad, rad/s]."""
+
+
+def rehearsed(
+    motion: Excitation, arm: ArmParameters, known: ArmParameters, seed: int, noise: EncoderNoise = NOISE
+) -> Log:
+    """Return the log of a motion on a simulated arm, one sample a millisecond.
+
+    Args:
+        motion: to follow.
+        arm: the arm that moves.
+        known: the arm that the controller takes it for.
+        seed: of the noise.
+        noise: of angles [rad] and velocities [rad/s].
+
+    Raises:
+        ValueError: the arm left its limits, since the controller knows it too badly.
+    """
+    env = FuzzyArmEnv(parameters=arm, reference=motion, disturbance=Disturbance(encoder_noise=noise))
+    policy = ComputedTorquePolicy(known)
+    (observation, _), memory = env.reset(seed=seed), None
+    measured, torque, terminated, truncated = [], [], False, False
+    while not (terminated or truncated):
+        action, memory = policy.predict(observation, memory)
+        measured.append(observation)
+        observation, _, terminated, truncated, info = env.step(action)
+        torque.append(info["torque"])
+    env.close()
+    if terminated:
+        seconds = len(torque) * env.control_period
+        raise ValueError(
+            f"the arm left its limits after {seconds:.3g} s ({info['reason']}): the controller knows it too badly for "
+            "this motion"
+        )
+    parts = observed(np.array(measured))
+    return Log(env.control_period, parts.q_motor, np.array(torque), parts.dq_motor)

@@ -1,22 +1,39 @@
-"""From a log to an arm: the rigid part by least squares, refined by output error, and what is said of both."""
+"""From a log to an arm: the rigid part by least squares, refined by output error, and what is said of both.
+
+The residual plot: measured less simulated, for each motor, with the band in which 95 % of white noise lies.
+"""
 
 from __future__ import annotations
 
 import dataclasses
+import io
 from collections.abc import Callable
+from pathlib import Path
 from typing import Any
 
+import matplotlib.style
 import numpy as np
+from matplotlib.figure import Figure
 
 from fuzzyarm.common.checks import instance
+from fuzzyarm.common.files import write_atomically
 from fuzzyarm.envs.physics.parameters import ArmParameters
 from fuzzyarm.identification.fit import DEVIATIONS, Fit, fit_elastic
-from fuzzyarm.identification.log import Log
-from fuzzyarm.identification.motion import Motion, smoothed
-from fuzzyarm.identification.rigid import BASE, RigidFit, base_of, fit_rigid, rigid_arm
-from fuzzyarm.identification.unknowns import KEPT, UNKNOWNS, arm_of, start_of
+from fuzzyarm.identification.log import Log, Motion, smoothed
+from fuzzyarm.identification.rigid import (
+    BASE,
+    KEPT,
+    UNKNOWNS,
+    RigidFit,
+    arm_of,
+    base_of,
+    fit_rigid,
+    rigid_arm,
+    start_of,
+)
 
-__all__ = ["CORRELATED", "Identified", "identify"]
+__all__ = ["CORRELATED", "Identified", "draw_residuals", "identify", "write_residuals"]
+
 
 CORRELATED = 0.2
 """Correlation of neighbouring residuals above which the intervals are too narrow to be believed."""
@@ -161,3 +178,43 @@ def _lag(motion: Motion, rigid: RigidFit, start: ArmParameters, period: float) -
     lag = min(range(-MOST_LATE, MOST_LATE + 1), key=left)
     late, way = f"{abs(lag) * 1e3 * period:g} ms", "late" if lag > 0 else "early"
     return f"its torque seems to be {late} {way}: shift it by {abs(lag)} sample(s)" if lag else ""
+
+
+_ROWS = (("angle", "µrad", 1e6), ("velocity", "mrad/s", 1e3))
+_DRAWN = 4000  # points a curve
+
+
+def draw_residuals(found: Identified) -> Figure:
+    """Return the figure: a row for angles and, if they were measured, one for velocities; a column for each joint."""
+    residual, noise = found.fit.residual, found.fit.noise
+    rows = _ROWS[: residual.shape[1] // 2]
+    every = max(1, len(residual) // _DRAWN)
+    time = np.arange(len(residual)) * found.period
+    with matplotlib.style.context("fuzzyarm.eval.fuzzyarm", after_reset=True):
+        figure = Figure(figsize=(9.0, 1.2 + 2.1 * len(rows)))
+        grid = figure.subplots(len(rows), 2, sharex=True, squeeze=False)
+        for row, (name, unit, factor) in enumerate(rows):
+            for joint, axes in enumerate(grid[row]):
+                channel = 2 * row + joint
+                rms = factor * noise[channel]
+                axes.plot(time[::every], factor * residual[::every, channel], linewidth=0.5)
+                for side in (-DEVIATIONS, DEVIATIONS):
+                    axes.axhline(side * rms, color="black", linewidth=0.9)
+                axes.set_title(f"{name} of motor {joint + 1}, {rms:.3g} {unit} rms")
+                axes.set_ylabel(f"residual [{unit}]")
+        for axes in grid[-1]:
+            axes.set_xlabel("time [s]")
+        figure.suptitle("Measured less simulated; between the lines: 95 % of white noise")
+    return figure
+
+
+def write_residuals(found: Identified, path: Path) -> None:
+    """Write the figure to a PNG file.
+
+    Raises:
+        OSError: the file cannot be written.
+    """
+    content = io.BytesIO()
+    with matplotlib.style.context("fuzzyarm.eval.fuzzyarm", after_reset=True):
+        draw_residuals(found).savefig(content, format="png")
+    write_atomically(path, content.getvalue())

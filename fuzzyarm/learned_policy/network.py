@@ -6,24 +6,208 @@ where s is tanh, or max(x, 0), and o clips to ±1, or is tanh. PPO trains a Gaus
 mean; SAC and TQC train tanh of one. The shipped policy takes the mean as its action and is therefore deterministic.
 
 A recurrent network has a long short-term memory in front of these layers (`cell`), which then take its output for h_0.
+
+What learned policies compute beyond arithmetic: tanh, the logistic function, asinh and products with a matrix.
+
+The functions are made of +, -, *, / and the square root, which IEEE 754 rounds correctly, and not taken from the C
+library, whose last digits differ from one machine to the next. A policy is then the same numbers everywhere, also in
+exported C.
+
+The memory of a recurrent network: a long short-term memory, as torch and stable-baselines3-contrib have it.
+
+With the normalised features x = clip((f - mean)/std, ±c), the output h and the content m (both zero when an episode
+begins),
+
+    (i, r, g, o) = W_x x + W_h h + b,    m⁺ = σ(r)∘m + σ(i)∘tanh g,    h⁺ = σ(o)∘tanh m⁺.
 """
 
 from __future__ import annotations
 
 import dataclasses
 import functools
+import math
 from typing import Any
 
 import numpy as np
 
-from fuzzyarm.common.checks import choice, instance, real, shown
-from fuzzyarm.learned_policy.cell import Cell
-from fuzzyarm.learned_policy.functions import add_product, hyperbolic_tangent
-from fuzzyarm.numbers.functions import Cells, array, each, maximum, minimum
+from fuzzyarm.common.checks import choice, finite_array, instance, real, shown
+from fuzzyarm.envs.physics.elementwise import root, select
+from fuzzyarm.numbers.functions import RECORDERS, Cells, apart, array, each, maximum, minimum
 from fuzzyarm.numbers.machine import Kernel
 from fuzzyarm.numbers.program import Program
 
-__all__ = ["ACTIVATIONS", "OUTPUTS", "Network"]
+__all__ = [
+    "ACTIVATIONS",
+    "GATES",
+    "LARGEST_MEMORY",
+    "OUTPUTS",
+    "Cell",
+    "Network",
+    "add_product",
+    "area_sine",
+    "hyperbolic_tangent",
+    "logistic",
+]  # fmt: skip
+
+
+SATURATED = 20.0  # from here on tanh is 1 in double precision
+DOUBLINGS = 8  # of exp(y) - 1 with |y| <= 2 SATURATED/2^8
+LARGEST = 2.0**60  # a larger argument of asinh counts as this one
+SQRT_2 = math.sqrt(2.0)
+HALVINGS = tuple((2.0**k, 2.0**-k, float(k)) for k in (32, 16, 8, 4, 2, 1))
+LN_2 = (float.fromhex("0x1.62e42feep-1"), float.fromhex("0x1.a39ef35793c76p-33"))  # the first times 1024 is exact
+
+
+@apart
+def hyperbolic_tangent(x: Any) -> Any:
+    """Return tanh x = -E/(E + 2) with E = exp(-2|x|) - 1 and the sign of x; relative error below 2e-15.
+
+    E(y) = exp(y) - 1 is its Taylor polynomial of degree 11 for y = -2|x|/2^8, and E(2y) = E(y) (E(y) + 2).
+    """
+    size = abs(x)
+    y = select(size > SATURATED, SATURATED, size) * (-2.0 / 2.0**DOUBLINGS)
+    y2 = y * y
+    y4 = y2 * y2
+    low = (1 / 2 + y * (1 / 6)) + y2 * (1 / 24 + y * (1 / 120))
+    middle = (1 / 720 + y * (1 / 5040)) + y2 * (1 / 40320 + y * (1 / 362880))
+    total = y + y2 * (low + y4 * (middle + y4 * (1 / 3628800 + y * (1 / 39916800))))
+    for _ in range(DOUBLINGS):
+        total = total * (total + 2.0)
+    result = total / (total + 2.0)
+    return select(x > 0.0, -result, result)
+
+
+@apart
+def logistic(x: Any) -> Any:
+    """Return 1/(1 + exp(-x)) = (1 + tanh(x/2))/2; absolute error below 1e-15."""
+    return 0.5 + 0.5 * hyperbolic_tangent(0.5 * x)
+
+
+@apart
+def area_sine(x: Any) -> Any:
+    """Return asinh x = ln(1 + f), f = |x| + x²/(1 + √(1 + x²)), with the sign of x; relative error below 1e-15.
+
+    ln m = k ln 2 + 2 artanh(g/(g + 2)) with m = 2^k (1 + g), 1/√2 < 1 + g <= √2, and a Taylor polynomial of degree 21.
+    An |x| beyond 2^60 counts as 2^60.
+    """
+    size = select(abs(x) > LARGEST, LARGEST, abs(x))
+    square = size * size
+    f = size + square / (1.0 + root(1.0 + square))
+    m, count = 1.0 + f, 0.0
+    for power, inverse, k in HALVINGS:
+        large = m >= power
+        m, count = select(large, m * inverse, m), select(large, count + k, count)
+    upper = m > SQRT_2
+    m, count = select(upper, 0.5 * m, m), select(upper, count + 1.0, count)
+    g = select(count == 0.0, f, m - 1.0)
+    s = g / (g + 2.0)
+    z = s * s
+    z2 = z * z
+    z4 = z2 * z2
+    low = (2 / 3 + z * (2 / 5)) + z2 * (2 / 7 + z * (2 / 9))
+    middle = (2 / 11 + z * (2 / 13)) + z2 * (2 / 15 + z * (2 / 17))
+    total = z * (low + z4 * (middle + z4 * (2 / 19 + z * (2 / 21))))
+    result = count * LN_2[0] + ((2.0 * s + s * total) + count * LN_2[1])
+    return select(x < 0.0, -result, result)
+
+
+def add_product(x: Any, transposed: Any, y: Any) -> None:
+    """Add G x to y (rows,), G given as `transposed` (columns, rows): four terms while y_j is at hand."""
+    columns, rows = len(x), len(y)
+    if RECORDERS and hasattr(RECORDERS[-1], "rolled"):
+        RECORDERS[-1].rolled("add_product", (x, transposed, y), (False, False, True))
+        return
+    for block in each(columns // 4):
+        k = 4 * block
+        for j in each(rows):
+            two = (y[j] + transposed[k, j] * x[k]) + transposed[k + 1, j] * x[k + 1]
+            y[j] = (two + transposed[k + 2, j] * x[k + 2]) + transposed[k + 3, j] * x[k + 3]
+    for k in range(columns - columns % 4, columns):
+        for j in each(rows):
+            y[j] = y[j] + transposed[k, j] * x[k]
+
+
+GATES = 4
+"""i, r, g and o."""
+_CONTENT = 2  # the number of g
+
+LARGEST_MEMORY = 1024
+"""Numbers in h; a larger cell is refused before memory is allocated."""
+
+
+@dataclasses.dataclass(frozen=True, eq=False)
+class Cell:
+    """The arrays of the module's equations, the rows of i, r, g and o below each other.
+
+    Attributes:
+        weight_x: W_x, (4 hidden, inputs).
+        weight_h: W_h, (4 hidden, hidden).
+        bias: b, (4 hidden,).
+
+    Raises:
+        TypeError: an entry is no array of real numbers.
+        ValueError: shapes do not fit together, or a number is not finite.
+    """
+
+    weight_x: np.ndarray
+    weight_h: np.ndarray
+    bias: np.ndarray
+
+    def __post_init__(self) -> None:
+        """Check shapes and numbers."""
+        for field in dataclasses.fields(self):
+            if instance(field.name, getattr(self, field.name), np.ndarray).dtype.kind not in "fiu":
+                raise TypeError(f"{field.name} must hold real numbers; it holds {shown(getattr(self, field.name))}")
+        if self.weight_x.ndim != 2 or self.weight_h.ndim != 2:
+            raise ValueError(
+                f"weight_x and weight_h have {self.weight_x.ndim} and {self.weight_h.ndim} axes; needed: 2"
+            )
+        if not 1 <= self.hidden <= LARGEST_MEMORY:
+            raise ValueError(f"weight_h has {self.hidden} columns; allowed: 1 to {LARGEST_MEMORY}")
+        rows = GATES * self.hidden
+        for name, shape in (
+            ("weight_x", (rows, self.weight_x.shape[1])),
+            ("weight_h", (rows, self.hidden)),
+            ("bias", (rows,)),
+        ):
+            finite_array(name, getattr(self, name), shape)
+
+    @property
+    def hidden(self) -> int:
+        """Numbers in h, and in m."""
+        return int(self.weight_h.shape[1])
+
+    @property
+    def memory_size(self) -> int:
+        """Numbers that a lane remembers: h, then m."""
+        return 2 * self.hidden
+
+    @functools.cached_property
+    def tables(self) -> tuple[np.ndarray, ...]:
+        """What `advance` takes, in double precision: the matrices transposed, and b."""
+        arrays = self.weight_x.T, self.weight_h.T, self.bias
+        return tuple(np.array(array, dtype=np.float64, order="C") for array in arrays)
+
+    def advance(self, x: Any, memory: Any, of_x: Any, of_h: Any, bias: Any) -> Any:
+        """Return h⁺ (hidden,), an array, and advance the memory (2 hidden,), h and then m, by x (inputs,)."""
+        hidden, sums, output = self.hidden, array(GATES * self.hidden), array(self.hidden)
+        for k in each(len(sums)):
+            sums[k] = bias[k]
+        add_product(x, of_x, sums)
+        add_product(memory[:hidden], of_h, sums)
+        for gate in range(GATES):
+            # σ(a) = (1 + tanh(a/2))/2
+            scale, shift = (1.0, 0.0) if gate == _CONTENT else (0.5, 0.5)
+            for k in each(hidden):
+                at = k + gate * hidden
+                sums[at] = shift + scale * hyperbolic_tangent(scale * sums[at])
+        for k in each(hidden):
+            content = sums[k + hidden] * memory[k + hidden] + sums[k] * sums[k + 2 * hidden]
+            memory[k + hidden] = content
+            output[k] = sums[k + 3 * hidden] * hyperbolic_tangent(content)
+            memory[k] = output[k]
+        return output
+
 
 ACTIVATIONS = ("tanh", "relu")
 """What s may be."""

@@ -11,8 +11,7 @@ from fuzzyarm.envs.physics.parameters import ArmParameters
 from fuzzyarm.fuzzy_policy.law import Law, LawPolicy
 from fuzzyarm.fuzzy_policy.policy import Policy
 from fuzzyarm.learned_policy.bundle import PolicyBundle
-from fuzzyarm.learned_policy.features import Features
-from fuzzyarm.learned_policy.guided import Base
+from fuzzyarm.learned_policy.features import Base, Features
 from fuzzyarm.numbers.functions import flat, select, when
 
 __all__ = ["LearnedPolicy"]

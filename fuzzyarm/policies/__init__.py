@@ -1,8 +1,7 @@
 """From a name, a file, a folder or code to a policy."""
 
-from fuzzyarm.policies.recorded import found_again, recorded
 from fuzzyarm.policies.registry import ANY_ROBOT, COMPARED, LEARNED, NAMES, Kind, add_policy
-from fuzzyarm.policies.spec import PolicySpec, load_policy, resolve, resolve_all
+from fuzzyarm.policies.spec import PolicySpec, found_again, load_policy, recorded, resolve, resolve_all
 from fuzzyarm.policies.tuned import policies_of
 
 __all__ = [

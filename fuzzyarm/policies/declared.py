@@ -2,20 +2,99 @@
 
 A policy says what its numbers were chosen for and on what, what it knows of the arm beforehand, what it sees, and what
 it remembers from one sample to the next. Its certificate stands with the results. Policies of the package declare it by
-their name, files and folders by what is in them (`declared_files`), and the user's own code by an attribute
+their name, files and folders by what is in them , and the user's own code by an attribute
 ``declared`` (`user_code`).
+
+The declaration of a policy: what its numbers were chosen for and on what, what it knows, sees and remembers.
+
+What policies out of files declare, as far as the files say it: controller files, tuned and learned folders.
 """
 
 from __future__ import annotations
 
-from typing import Any
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any, NamedTuple
 
+from fuzzyarm.common.checks import listed, shown
 from fuzzyarm.envs.physics.equations import AnyArm
-from fuzzyarm.policies.declaration import ELASTIC, HEADINGS, INTEGRAL, LEARNED_OBSERVER, RIGID, SEES, Declared, stated
 from fuzzyarm.policies.registry import TIP, Kind
 from fuzzyarm.policies.spec import PolicySpec, resolve
+from fuzzyarm.policies.tuned import ADAPTIVE_OBSERVER, COMPUTED_TORQUE, ELASTIC_OBSERVER
 
-__all__ = ["HEADINGS", "Declared", "declared", "declared_by_name", "stated"]
+__all__ = [
+    "ELASTIC",
+    "HEADINGS",
+    "INTEGRAL",
+    "LEARNED_OBSERVER",
+    "RIGID",
+    "SEES",
+    "Declared",
+    "declared",
+    "declared_by_name",
+    "of_controller",
+    "of_learned",
+    "of_tuned",
+    "stated",
+]  # fmt: skip
+
+
+HEADINGS = ("objective", "tuned on", "knows of the arm", "sees", "remembers")
+"""Of the columns, one for each field of `Declared`."""
+
+SEES = "motor angles and velocities; reference with two derivatives, no preview"
+INTEGRAL = "integral of the joint error"
+RIGID, ELASTIC = "rigid model, no friction", "elastic model with friction"
+
+
+class Declared(NamedTuple):
+    """The declaration of a policy, in words.
+
+    Attributes:
+        objective: what its numbers make small.
+        tuned_on: the motions, plants and loads on which they were chosen.
+        knows: what it is told of the arm.
+        sees: what its observation holds.
+        remembers: what it keeps from one sample to the next.
+    """
+
+    objective: str
+    tuned_on: str
+    knows: str
+    sees: str
+    remembers: str
+
+
+LEARNED_OBSERVER = Declared(
+    "distance to the torque of a teacher who knows plant, load and lateness",
+    "random plants, forces, payloads, delays, noise and references",
+    f"{ELASTIC}, as a first guess; how far it may be off",
+    SEES,
+    "what elastic-observer and adaptive-observer remember; the state of a network",
+)
+"""Of every learned observer: its training has no other tasks."""
+
+
+def stated(given: Any) -> Declared:
+    """Return the declaration that a mapping, or an object by its attributes, states.
+
+    Raises:
+        ValueError: a field is missing, unknown or no text of one line; the message names it and the fields.
+    """
+    fields = Declared._fields
+    of_object = {field: getattr(given, field) for field in fields if hasattr(given, field)}
+    found = given if isinstance(given, Mapping) else of_object
+    allowed = f"needed: {', '.join(fields)}, each a text of one line"
+    if unknown := [name for name in found if name not in fields]:
+        raise ValueError(f"declared has the unknown field {listed(unknown)}; {allowed}")
+    if missing := [name for name in fields if name not in found]:
+        raise ValueError(f"declared lacks {', '.join(missing)}; {allowed}")
+    for name in fields:
+        text = found[name]
+        if not isinstance(text, str) or not text.strip() or not text.isprintable():
+            raise ValueError(f"declared: {name} = {shown(text)} is none; {allowed}")
+    return Declared(**{name: str(found[name]) for name in fields})
+
 
 _FUZZY = Declared(
     "smallest gains at a proven bound; the bound by motor error and margins", "nominal case", RIGID, SEES, INTEGRAL
@@ -121,13 +200,12 @@ def _own(spec: PolicySpec, policy: Any) -> Declared | None:
         return own
     if spec.path is None:
         return None
-    from fuzzyarm.policies import declared_files
 
     if spec.tuned:
-        return declared_files.of_tuned(spec.path, _NAMED)
+        return of_tuned(spec.path, _NAMED)
     if spec.kind is Kind.CONTROLLER:
-        return declared_files.of_controller(spec.path)
-    return declared_files.of_learned(spec.path)
+        return of_controller(spec.path)
+    return of_learned(spec.path)
 
 
 def _learns_from_passes(spec: PolicySpec, policy: Any) -> bool:
@@ -135,3 +213,134 @@ def _learns_from_passes(spec: PolicySpec, policy: Any) -> bool:
     if spec.kind is Kind.CODE:
         return policy is not None and policy.repeated() is not None
     return spec.tip or (spec.kind in (Kind.LAW, Kind.TUNED) and spec.label == _ADAPTIVE)
+
+
+_TUNED_FUZZY = "fuzzy-4"  # the controller file that a tuning writes; others may lie beside it
+_UNKNOWN = "not recorded"
+_LONGEST = 80  # characters that are shown of a text out of a file
+
+# Of a tuned folder for two joints, by the rules of the shipped policies: what each law is tuned on; {} is the folder.
+_TWO_JOINTS = {
+    COMPUTED_TORQUE: "nominal case of the arm of {}",
+    ELASTIC_OBSERVER: "random plants, constant forces and payloads on the default path of the arm of {}",
+    ADAPTIVE_OBSERVER: (
+        "random plants, forces, payloads, delays, noise and references of the arm of {}; its default path without load"
+    ),
+}
+# For a serial robot: objective and tuned on.
+_MARGINS = "margins at random postures and along the default path of the arm of {}"
+_ROBOT = {
+    COMPUTED_TORQUE: ("largest bandwidth within margins", _MARGINS),
+    ELASTIC_OBSERVER: ("weights of Table 1, softened to have margins", _MARGINS),
+}
+
+
+def of_controller(path: Path) -> Declared:
+    """Return the declaration of a controller file; ValueError and OSError as of `load_controller`."""
+    from fuzzyarm.fuzzy_policy.controller import Controller
+    from fuzzyarm.fuzzy_policy.controller_files import load_controller
+
+    controller = load_controller(path)
+    integral = not isinstance(controller, Controller) or controller.integral
+    return Declared(
+        f"{_text(controller.origin.get('objective'))}, by linear matrix inequalities at proven bounds",
+        f"the rigid model of its arm, no motion; who chose the bounds, and how, is {_UNKNOWN}",
+        RIGID,
+        SEES,
+        INTEGRAL if integral else "nothing",
+    )
+
+
+def of_tuned(path: Path, laws: Mapping[str, Declared]) -> Declared:
+    """Return the declaration of a law of a tuned folder.
+
+    Args:
+        path: of the law in the folder, or of its controller file.
+        laws: the declarations of the shipped laws, by name.
+
+    Raises:
+        ValueError: the folder is damaged.
+        OSError: a file cannot be read.
+    """
+    from fuzzyarm.envs.physics.equations import chosen_arm
+    from fuzzyarm.envs.physics.parameters import ArmParameters
+
+    folder, law = path.parent.name, path.name.removesuffix(".json")
+    if law != path.name and law != _TUNED_FUZZY:
+        return of_controller(path)
+    two_joints = isinstance(chosen_arm(path.parent, None), ArmParameters)
+    if law == _TUNED_FUZZY:
+        own = laws[_TUNED_FUZZY]
+        if not two_joints:
+            own = own._replace(objective="largest decay rate within margins, at a proven bound")
+        return own._replace(tuned_on=(_TWO_JOINTS[COMPUTED_TORQUE] if two_joints else _MARGINS).format(folder))
+    if two_joints or law not in _ROBOT:
+        return laws[law]._replace(tuned_on=_TWO_JOINTS[law].format(folder))
+    objective, tuned_on = _ROBOT[law]
+    return laws[law]._replace(objective=objective, tuned_on=tuned_on.format(folder))
+
+
+def of_learned(folder: Path) -> Declared | None:
+    """Return the declaration of a learned policy's folder; None if there is none.
+
+    Raises:
+        ValueError: the folder is damaged.
+        OSError: a file cannot be read.
+    """
+    from fuzzyarm.learned_policy.bundle import PolicyBundle, is_observer
+
+    if not folder.is_dir():
+        return None
+    if is_observer(folder):
+        return LEARNED_OBSERVER
+    bundle = PolicyBundle.load(folder)
+    training, base = bundle.training, bundle.action.base
+    elastic = [ELASTIC] if bundle.features.elastic_target else []
+    return Declared(
+        f"{_reward(training.get('tip_error_scale'))}{_smooth(training)}, by {_text(training.get('algorithm'))}",
+        f"{_distribution(training.get('distribution'))}; how its settings were chosen is {_UNKNOWN}",
+        "; ".join([f"what {base} knows"] if base else elastic) or "nothing",
+        SEES,
+        "; ".join([*([f"as {base}"] if base else []), _memory(bundle)]),
+    )
+
+
+def _memory(bundle: Any) -> str:
+    """Return what the network of a bundle is told of the past."""
+    features = bundle.features
+    kept = [
+        f"{number} {word}{'' if number == 1 else 's'}"
+        for number, word in ((features.past_errors, "error"), (features.past_actions, "action"))
+        if number
+    ]
+    kept += ["leaky integral of the error"] if features.integral_time > 0.0 else []
+    kept += ["filtered action"] if bundle.action.smoothing_time > 0.0 else []
+    kept += ["means of the innovation"] if features.innovation_times else []
+    kept += ["the state of a network"] if bundle.network.cell is not None else []
+    return ", ".join(kept) or "nothing"
+
+
+def _reward(scale: Any) -> str:
+    if not isinstance(scale, int | float):
+        return f"discounted reward, {_UNKNOWN} which"
+    return f"discounted reward: {'logarithm of the tip error, effort' if scale > 0.0 else 'that of the environment'}"
+
+
+def _smooth(training: Mapping[str, Any]) -> str:
+    weight = training.get("smoothness")
+    return "; smooth actions" if isinstance(weight, int | float) and weight > 0.0 else ""
+
+
+def _distribution(name: Any) -> str:
+    known = {
+        "nominal": "nominal case of its arm",
+        "robust": "random plants, forces, payloads and references of its arm",
+    }
+    return known.get(name, _UNKNOWN) if isinstance(name, str) else _UNKNOWN
+
+
+def _text(text: Any) -> str:
+    """Return a text out of a file as it may be shown."""
+    if not isinstance(text, str) or not text.strip():
+        return _UNKNOWN
+    return text if text.isprintable() and len(text) <= _LONGEST else shown(text)

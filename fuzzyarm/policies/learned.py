@@ -8,8 +8,7 @@ from typing import TYPE_CHECKING
 from fuzzyarm.common.console import escaped
 from fuzzyarm.envs.physics.equations import AnyArm, robot_of
 from fuzzyarm.envs.physics.parameters import ArmParameters
-from fuzzyarm.learned_policy.bundle import PolicyBundle
-from fuzzyarm.learned_policy.folder import DESCRIPTION, is_observer
+from fuzzyarm.learned_policy.bundle import DESCRIPTION, PolicyBundle, is_observer
 from fuzzyarm.learned_policy.policy import LearnedPolicy
 from fuzzyarm.policies.registry import known_names
 from fuzzyarm.policies.spec import digest_of, load_policy, resolve

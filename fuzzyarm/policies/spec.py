@@ -9,6 +9,12 @@
 
 A name may come from a file, and a file is not trusted: nothing that a name can say makes `resolve` or `load_policy`
 import or run code. Code is run where the user has named it in this process, with ``resolve(name, run_code=True)``.
+
+Names of policies in files of results, which say nothing of the machine, and the policies found again from there.
+
+A path is recorded as it was given if it is relative, and by its last part if it is absolute, in a folder of `fuzzyarm
+tune` by its last two: ``computed-torque`` alone would be another policy. Together with the digests
+of its files, see `PolicySpec.files`, that says which policy it was.
 """
 
 from __future__ import annotations
@@ -17,7 +23,7 @@ import dataclasses
 import functools
 import hashlib
 import os
-from collections.abc import Sequence
+from collections.abc import Collection, Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -30,7 +36,7 @@ if TYPE_CHECKING:
     from fuzzyarm.fuzzy_policy.scheduled import ScheduledController
     from fuzzyarm.policies.user_code import UserPolicy
 
-__all__ = ["PolicySpec", "digest_of", "load_policy", "resolve", "resolve_all"]
+__all__ = ["PolicySpec", "digest_of", "found_again", "load_policy", "recorded", "resolve", "resolve_all"]
 
 
 @dataclasses.dataclass(frozen=True)
@@ -63,7 +69,7 @@ class PolicySpec:
 
         A policy of `fuzzyarm train` is named after the folder of its training, with ``-best`` for its best evaluation.
         """
-        from fuzzyarm.learned_policy.folder import BEST, LAST
+        from fuzzyarm.learned_policy.bundle import BEST, LAST
 
         path = Path(self.name)
         if self.kind is Kind.LEARNED and path.name in (LAST, BEST) and path.parent.name:
@@ -275,3 +281,51 @@ def digest_of(file: Path) -> str:
     from fuzzyarm.common.documents import read_bytes  # `import fuzzyarm` loads no msgspec
 
     return hashlib.sha256(read_bytes(file).replace(b"\r\n", b"\n")).hexdigest()
+
+
+_LEARNED = "policy.json"  # a file of every learned policy
+
+
+def recorded(name: str) -> str:
+    """Return the name of a policy as files of results hold it."""
+    path = Path(name)
+    if not path.is_absolute():
+        return name
+    return str(Path(path.parent.name) / path.name) if resolve(name).tuned else path.name
+
+
+def found_again(
+    names: Sequence[str], files: Mapping[str, Collection[str]], given: Sequence[str], folder: Path
+) -> tuple[str, ...]:
+    """Return recorded names of policies so that each can be loaded.
+
+    A file or folder is looked for among the names that the user has given, then where the recorded name says, seen from
+    the current folder, then beside the results.
+
+    Args:
+        names: as they were recorded.
+        files: names of the files that each policy was made from, by label, see `PolicySpec.files`.
+        given: names that the user has typed.
+        folder: of the results.
+
+    Raises:
+        ValueError: a file or folder is in none of these places.
+    """
+    typed = {resolve(name).label: name for name in given}
+    return tuple(typed.get(resolve(name).label) or _found(name, files, folder) for name in names)
+
+
+def _found(name: str, files: Mapping[str, Collection[str]], folder: Path) -> str:
+    """Return a name under which a recorded policy can be loaded."""
+    spec = resolve(name)
+    if spec.named or spec.path is None or spec.path.exists():
+        return name
+    beside = resolve(str(folder / name))
+    if beside.path is not None and beside.path.exists():
+        return beside.name
+    if not {spec.path.name, _LEARNED} & set(files.get(spec.label, ())):
+        return name  # loading it says that it is unknown
+    raise ValueError(
+        f"policy {name} is neither in the current folder nor beside the results in {folder}: put it there, or add "
+        f"--policy PATH/{Path(name).name}"
+    )

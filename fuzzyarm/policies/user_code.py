@@ -44,7 +44,7 @@ import numpy as np
 from fuzzyarm.envs.observation import JOINTS
 from fuzzyarm.envs.physics.equations import AnyArm
 from fuzzyarm.envs.scenario.reference import Reference
-from fuzzyarm.policies.declaration import Declared, stated
+from fuzzyarm.policies.declared import Declared, stated
 
 __all__ = ["UserPolicy", "load_code", "source_file"]
 

@@ -1,18 +1,40 @@
-"""What the trainer needs from a learning algorithm, and what it offers to it."""
+"""What the trainer needs from a learning algorithm, and what it offers to it.
+
+What the algorithms of stable-baselines3 and its contrib have in common in the middle of a training.
+
+Learning from the latest steps alone with stable-baselines3: what PPO and recurrent PPO have in common.
+
+The settings have the names that `stable_baselines3.PPO` gives them. torch and stable-baselines3 are imported when a
+training begins, so that settings and presets can be read without them.
+"""
 
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Callable, Mapping
+from collections import deque
+from collections.abc import Callable, Iterable, Mapping
 from typing import TYPE_CHECKING, Any, Protocol
 
+import numpy as np
+
+from fuzzyarm.common.checks import real, whole
 from fuzzyarm.rl_baselines.config import TrainingConfig
 
 if TYPE_CHECKING:
     from fuzzyarm.learned_policy.network import Network
+    from fuzzyarm.rl_baselines.config import TrainingConfig
     from fuzzyarm.rl_baselines.learning_env import LearningEnvs
 
-__all__ = ["Algorithm", "AlgorithmSpec"]
+__all__ = [
+    "COLUMNS",
+    "Algorithm",
+    "AlgorithmSpec",
+    "OnPolicyAlgorithm",
+    "OnPolicyConfig",
+    "Sb3Algorithm",
+    "moments_of",
+    "set_moments",
+]  # fmt: skip
 
 
 class Algorithm(Protocol):
@@ -71,3 +93,242 @@ class AlgorithmSpec:
     create: Callable[[Any, LearningEnvs], Algorithm]
     columns: tuple[str, ...] = ()
     libraries: tuple[str, ...] = ()
+
+
+class Sb3Algorithm:
+    """The part of `fuzzyarm.rl_baselines.algorithm.Algorithm` that does not depend on how is learned.
+
+    Attributes:
+        model: of stable-baselines3 or its contrib.
+        normaliser: `VecNormalize` around the arms; its moments of the features go into the network that is shipped.
+    """
+
+    _policy_sees: int | None = None  # features that the policy sees, the first ones; None: all
+
+    def __init__(self, config: TrainingConfig, normaliser: Any, model: Any) -> None:
+        """Begin an episode in every lane.
+
+        Args:
+            config: the settings.
+            normaliser: `VecNormalize` around the arms.
+            model: made for it.
+        """
+        from stable_baselines3.common.logger import Logger
+
+        self.normaliser, self.model = normaliser, model
+        model.set_logger(Logger(None, []))
+        # `learn` of stable-baselines3 cannot be left between two updates; `update` holds the body of its loop instead.
+        _, self._callback = model._setup_learn(config.total_timesteps)
+
+    @property
+    def steps(self) -> int:
+        """Environment steps done so far, of all lanes together."""
+        return int(self.model.num_timesteps)
+
+    def _episode_row(self) -> dict[str, float]:
+        """Return the mean reward and length [steps] of the latest episodes, if there are any."""
+        episodes = list(self.model.ep_info_buffer or ())
+        if not episodes:
+            return {}
+        return {
+            "episode_reward": float(np.mean([one["r"] for one in episodes])),
+            "episode_length": float(np.mean([one["l"] for one in episodes])),
+        }
+
+    def _logged(self, keys: Mapping[str, str]) -> dict[str, float]:
+        """Return numbers that stable-baselines3 logged, by column of the curve, from their keys."""
+        return {name: float(self.model.logger.name_to_value[key]) for name, key in keys.items()}
+
+    def _network_of(self, parts: Iterable[Any], last: Any, **kinds: Any) -> Network:
+        """Return the linear layers among parts of torch and a last one, with the normaliser of the features."""
+        import torch
+
+        from fuzzyarm.learned_policy.network import Network
+
+        moments = self.normaliser.obs_rms
+        layers = [*(part for part in parts if isinstance(part, torch.nn.Linear)), last]
+        seen = slice(self._policy_sees)
+        return Network(
+            mean=moments.mean[seen].copy(),
+            std=np.sqrt(moments.var + self.normaliser.epsilon)[seen],
+            clip=self.normaliser.clip_obs,
+            weights=tuple(layer.weight.detach().numpy().copy() for layer in layers),
+            biases=tuple(layer.bias.detach().numpy().copy() for layer in layers),
+            **kinds,
+        )
+
+    def _shared_state(self) -> dict[str, Any]:
+        """Return networks, normaliser of the features, last features, counters and the latest episodes."""
+        model = self.model
+        return {
+            "policy": model.policy.state_dict(),
+            "counters": {"steps": model.num_timesteps, "updates": model._n_updates},
+            "episodes": [{"r": float(one["r"]), "l": int(one["l"])} for one in model.ep_info_buffer or ()],
+            "last_features": np.asarray(model._last_obs),
+            "last_starts": np.asarray(model._last_episode_starts),
+            "normaliser": {"features": moments_of(self.normaliser.obs_rms), "discounted": self.normaliser.returns},
+        }
+
+    def _set_shared_state(self, state: dict[str, Any]) -> None:
+        """Put back what `_shared_state` returned, whose arrays have become tensors."""
+        model, counters, moments = self.model, state["counters"], state["normaliser"]
+        model.policy.load_state_dict(state["policy"])
+        model.num_timesteps, model._n_updates = counters["steps"], counters["updates"]
+        model.ep_info_buffer = deque(state["episodes"], maxlen=model._stats_window_size)
+        model._last_obs = state["last_features"].numpy().copy()
+        model._last_episode_starts = state["last_starts"].numpy().copy()
+        set_moments(self.normaliser.obs_rms, moments["features"])
+        self.normaliser.returns = moments["discounted"].numpy().copy()
+
+
+def moments_of(running: Any) -> dict[str, Any]:
+    """Return the state of a `RunningMeanStd` of stable-baselines3."""
+    return {"mean": np.asarray(running.mean), "var": np.asarray(running.var), "count": float(running.count)}
+
+
+def set_moments(running: Any, moments: dict[str, Any]) -> None:
+    """Put a `RunningMeanStd` back to a state, whose arrays have become tensors."""
+    running.mean, running.var = moments["mean"].numpy().copy(), moments["var"].numpy().copy()
+    running.count = moments["count"]
+
+
+_LOGGED = {  # columns of the curve, and the keys under which stable-baselines3 logs them
+    "learning_rate": "train/learning_rate",
+    "approx_kl": "train/approx_kl",
+    "clip_fraction": "train/clip_fraction",
+    "value_loss": "train/value_loss",
+    "explained_variance": "train/explained_variance",
+    "action_std": "train/std",
+}
+
+COLUMNS = tuple(_LOGGED)
+"""What these algorithms add to the curve."""
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class OnPolicyConfig(TrainingConfig):
+    """The settings of a training with PPO of any kind: those of every training, and those of `stable_baselines3.PPO`.
+
+    Raises:
+        TypeError: a value is of the wrong type.
+        ValueError: a value is out of range, or two values do not fit together.
+    """
+
+    n_steps: int = 64
+    """Steps of each lane between two updates, at least 2."""
+    batch_size: int = 1024
+    """Samples in a gradient step, at least 2; must divide lanes times n_steps."""
+    n_epochs: int = 8
+    """Passes over the samples of an update."""
+    learning_rate: float = 1e-3
+    """Learning rate of Adam at the beginning."""
+    final_learning_rate: float = 1e-5
+    """Learning rate of Adam at the end; in between it falls linearly."""
+    gamma: float = 0.98
+    """Discount factor of a step (0 to 1)."""
+    gae_lambda: float = 0.95
+    """Factor λ of generalised advantage estimation (0 to 1)."""
+    clip_range: float = 0.2
+    """Clipping range of the ratio of probabilities."""
+    ent_coef: float = 0.0
+    """Coefficient of the entropy in the loss."""
+    vf_coef: float = 0.5
+    """Coefficient of the value function's error in the loss."""
+    max_grad_norm: float = 0.5
+    """Norm to which gradients are clipped."""
+    target_kl: float = 0.0
+    """An update ends early once the KL divergence exceeds 1.5 times this value; 0: never."""
+    log_std_init: float = -1.5
+    """Logarithm of the action's standard deviation at the beginning (-20 to 2)."""
+
+    def __post_init__(self) -> None:
+        """Check types, ranges and what must fit together."""
+        super().__post_init__()
+        whole("n_steps", self.n_steps, low=2)
+        whole("batch_size", self.batch_size, low=2)
+        whole("n_epochs", self.n_epochs, low=1)
+        for name in ("learning_rate", "clip_range", "max_grad_norm"):
+            real(name, getattr(self, name), above=0.0)
+        for name in ("final_learning_rate", "ent_coef", "vf_coef", "target_kl"):
+            real(name, getattr(self, name), low=0.0)
+        for name in ("gamma", "gae_lambda"):
+            real(name, getattr(self, name), low=0.0, high=1.0)
+        real("log_std_init", self.log_std_init, low=-20.0, high=2.0)
+        samples = self.lanes * self.n_steps
+        if samples % self.batch_size:
+            raise ValueError(f"batch_size = {self.batch_size} must divide lanes times n_steps = {samples}")
+        if self.final_learning_rate > self.learning_rate:
+            raise ValueError(
+                f"final_learning_rate = {self.final_learning_rate:g} is out of range; allowed: [0, learning_rate = "
+                f"{self.learning_rate:g}]"
+            )
+
+
+class OnPolicyAlgorithm(Sb3Algorithm):
+    """PPO of any kind in the middle of a training, see `fuzzyarm.rl_baselines.algorithm.Algorithm`."""
+
+    def __init__(self, config: OnPolicyConfig, envs: LearningEnvs, kind: Any, policy: Any, **more: Any) -> None:
+        """Make the networks, seed everything that is random, and begin an episode in every lane.
+
+        Args:
+            config: the settings.
+            envs: the arms.
+            kind: class of the model.
+            policy: class of its networks, or its name.
+            **more: arguments of the networks beyond those that the algorithms share.
+        """
+        import torch
+        from stable_baselines3.common.vec_env import VecNormalize
+
+        torch.set_num_threads(config.threads)
+        self._config = config
+        normaliser, arguments = VecNormalize(envs, gamma=config.gamma), self._arguments(config)
+        arguments["policy_kwargs"] |= more
+        super().__init__(config, normaliser, kind(policy, normaliser, **arguments))
+
+    def update(self) -> dict[str, float]:
+        """Collect `n_steps` steps in every lane and learn from them; return the numbers for the curve.
+
+        See `Algorithm.update`.
+        """
+        model = self.model
+        model.collect_rollouts(model.env, self._callback, model.rollout_buffer, n_rollout_steps=self._config.n_steps)
+        model._update_current_progress_remaining(model.num_timesteps, self._config.total_timesteps)
+        model.train()
+        return self._episode_row() | self._logged(_LOGGED)
+
+    def state(self) -> dict[str, Any]:
+        """Return networks, optimiser, normaliser, last features, counters and the latest episodes."""
+        state = self._shared_state()
+        state["optimizer"] = self.model.policy.optimizer.state_dict()
+        state["normaliser"]["returns"] = moments_of(self.normaliser.ret_rms)
+        return state
+
+    def set_state(self, state: dict[str, Any]) -> None:
+        """Continue from what `state` returned, see `Algorithm.set_state`."""
+        from fuzzyarm.rl_baselines.checkpoint import check_ppo_state
+
+        check_ppo_state(state, self.state(), list(self.model.policy.parameters()))
+        self._set_shared_state(state)
+        self.model.policy.optimizer.load_state_dict(state["optimizer"])
+        set_moments(self.normaliser.ret_rms, state["normaliser"]["returns"])
+
+    def _arguments(self, config: Any) -> dict[str, Any]:
+        """Return the arguments of the model."""
+        import torch
+
+        first, last = config.learning_rate, config.final_learning_rate
+        widths = list(config.hidden)
+        same = ("n_steps", "batch_size", "n_epochs", "gamma", "gae_lambda", "clip_range", "ent_coef", "vf_coef", "seed")
+        return {
+            **{name: getattr(config, name) for name in (*same, "max_grad_norm")},
+            # `remaining` of the training falls from 1 to 0, and below in the last update, which may go past the end.
+            "learning_rate": lambda remaining: max(last + (first - last) * remaining, 0.0),
+            "target_kl": config.target_kl or None,
+            "policy_kwargs": {
+                "net_arch": {"pi": widths, "vf": widths},
+                "activation_fn": torch.nn.Tanh,
+                "log_std_init": config.log_std_init,
+            },
+            "device": "cpu",
+        }

@@ -24,14 +24,13 @@ from fuzzyarm.envs.task import EFFORT_WEIGHT
 from fuzzyarm.envs.vector import FuzzyArmVectorEnv
 from fuzzyarm.fuzzy_policy.known_arm import joints_of, per_joint_of
 from fuzzyarm.fuzzy_policy.policy import Policy
-from fuzzyarm.learned_policy.definition import ArmDefinition
-from fuzzyarm.learned_policy.features import Features
-from fuzzyarm.learned_policy.guided import Base
+from fuzzyarm.learned_policy.bundle import ArmDefinition
+from fuzzyarm.learned_policy.features import Base, Features
 from fuzzyarm.policies.registry import known_names
 from fuzzyarm.policies.spec import load_policy, resolve
 from fuzzyarm.rl_baselines.checkpoint import CheckpointError
 from fuzzyarm.rl_baselines.config import TrainingConfig
-from fuzzyarm.rl_baselines.plant_view import plant_view
+from fuzzyarm.rl_baselines.ppo_policy import plant_view
 from fuzzyarm.rl_baselines.sb3_vec_env import StableBaselinesVecEnv
 
 __all__ = [

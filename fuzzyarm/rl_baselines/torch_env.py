@@ -76,7 +76,7 @@ class TorchFuzzyArm:
     | tip_error | (n,) distance of the tip from its reference | m |
     | reward_tracking, reward_effort | (n,) parts of the reward | |
     | torque_clipped | (n,) bool, whether the action was beyond the torque limits | |
-    | reason | (n,) `fuzzyarm.envs.termination.Termination`, 0 if the lane was not terminated | |
+    | reason | (n,) `fuzzyarm.envs.task.Termination`, 0 if the lane was not terminated | |
 
     An action that is not finite raises no error, which would require waiting for the device: the lane's state stays,
     its reward is 0 and it is terminated with `Termination.NOT_FINITE`, as if its state had become infinite.

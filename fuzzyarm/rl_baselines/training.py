@@ -22,8 +22,7 @@ from typing import Any
 from fuzzyarm.common.files import csv_text, write_atomically
 from fuzzyarm.envs.physics.equations import robot_of
 from fuzzyarm.envs.scenario.cases import PAPER_CASES
-from fuzzyarm.learned_policy.bundle import PolicyBundle
-from fuzzyarm.learned_policy.folder import BEST, LAST
+from fuzzyarm.learned_policy.bundle import BEST, LAST, PolicyBundle
 from fuzzyarm.learned_policy.policy import LearnedPolicy
 from fuzzyarm.rl_baselines.algorithms import algorithm_of, find_algorithm
 from fuzzyarm.rl_baselines.case_evaluation import COLUMNS, evaluate_cases

@@ -14,7 +14,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from fuzzyarm.common.lazy import lazily
+from fuzzyarm.common.registry import lazily
 
 if TYPE_CHECKING:
     from fuzzyarm.synthesis.design_problem import DesignProblem

@@ -33,8 +33,8 @@ from fuzzyarm.common.slices import consecutive
 from fuzzyarm.envs.observation import JOINTS
 from fuzzyarm.envs.physics.parameters import ArmParameters
 from fuzzyarm.fuzzy_policy.controller import RATES, consistent_feedforward
-from fuzzyarm.fuzzy_policy.proof import consistent_reference, theorem2
-from fuzzyarm.fuzzy_policy.proof.block_matrix import Assembly, symmetric, transposed
+from fuzzyarm.fuzzy_policy.proof import consistent_reference, theorems
+from fuzzyarm.fuzzy_policy.proof.theorems import Assembly, symmetric, transposed
 from fuzzyarm.fuzzy_policy.proof.vertices import TrackingVertices, error_vertices, tracking_vertices
 from fuzzyarm.fuzzy_policy.states import VELOCITY
 from fuzzyarm.fuzzy_policy.ts_model import TSModel
@@ -311,7 +311,7 @@ class Inequalities:
             return consistent_reference.phi(data, pair, k, fastest_pole=of(self._fastest_pole), **values)
         values |= {"alpha": of(self.alpha), "gamma2": of(self._gamma2), "output": of(self._root_c)}
         if isinstance(data, TrackingVertices):
-            return theorem2.psi(data, pair, k, L=self._mean_of(of(self.L)), **values)
+            return theorems.psi(data, pair, k, L=self._mean_of(of(self.L)), **values)
         return consistent_reference.psi(data, pair, k, **values)
 
     def _row_units(self, letter: str) -> np.ndarray:

@@ -14,7 +14,7 @@ from fuzzyarm.common.checks import instance, real, whole
 from fuzzyarm.common.rounding import at_least, at_most
 from fuzzyarm.envs.physics.robot import Robot
 from fuzzyarm.fuzzy_policy.controller import GAINS, RATES
-from fuzzyarm.fuzzy_policy.laws.sampled_margins import ONE_AT_A_TIME, places_of, worst_radius
+from fuzzyarm.fuzzy_policy.laws.observer_gains import ONE_AT_A_TIME, places_of, worst_radius
 from fuzzyarm.fuzzy_policy.laws.scheduled import linear_scheduled
 from fuzzyarm.fuzzy_policy.proof.certificate import Certificate
 from fuzzyarm.fuzzy_policy.proof.scheduled_certificate import certify_scheduled, schedule_rate

@@ -22,14 +22,13 @@ from fuzzyarm.envs.physics.parameters import ArmParameters
 from fuzzyarm.envs.physics.robot import robot_named
 from fuzzyarm.envs.scenario.disturbances import EncoderNoise
 from fuzzyarm.eval.certified.tip.bound import TipClaim, find_bound
-from fuzzyarm.eval.certified.tip.bound_file import save_bound
+from fuzzyarm.eval.certified.tip.bound_file import save_bound, save_cells
 from fuzzyarm.eval.certified.tip.cells import bounds_of_cells
-from fuzzyarm.eval.certified.tip.cells_file import save_cells
-from fuzzyarm.eval.certified.tip.plant_set import PlantSet
+from fuzzyarm.eval.certified.tip.plant import PlantSet
 from fuzzyarm.eval.dataset import store
 from fuzzyarm.eval.dataset.config import DatasetConfig
 from fuzzyarm.eval.engine import Engine
-from fuzzyarm.eval.episodes.rollout_file import write_rollouts
+from fuzzyarm.eval.episodes.rollout import write_rollouts
 from fuzzyarm.eval.evaluation.run import EvaluationConfig, evaluate, write_results
 from fuzzyarm.eval.sweep.config import SweepConfig
 from fuzzyarm.eval.sweep.distributions import plant_record
@@ -38,17 +37,14 @@ from fuzzyarm.eval.sweep.run import Sweep
 from fuzzyarm.eval.sweep.summary import summarise
 from fuzzyarm.eval.tuning.finding import write_finding
 from fuzzyarm.eval.tuning.steps import found
-from fuzzyarm.fuzzy_policy.hexadecimal import digest_of
 from fuzzyarm.fuzzy_policy.laws.adaptive.weights import AdaptiveWeights
 from fuzzyarm.fuzzy_policy.laws.observer_gains import ObserverWeights
 from fuzzyarm.fuzzy_policy.scheduled import Premise, ScheduledController
-from fuzzyarm.identification.excitation import Excitation
+from fuzzyarm.fuzzy_policy.signed_files import digest_of
+from fuzzyarm.identification.excitation import Excitation, rehearsed
 from fuzzyarm.identification.log import Log, write_log
-from fuzzyarm.identification.rehearsal import rehearsed
-from fuzzyarm.learned_policy.bundle import PolicyBundle
-from fuzzyarm.learned_policy.cell import Cell
-from fuzzyarm.learned_policy.definition import ActionDefinition, FeatureDefinition
-from fuzzyarm.learned_policy.network import Network
+from fuzzyarm.learned_policy.bundle import ActionDefinition, FeatureDefinition, PolicyBundle
+from fuzzyarm.learned_policy.network import Cell, Network
 from fuzzyarm.policies.tuned import LAWS, NAME, SCHEMA, TunedLaws
 from fuzzyarm.rl_baselines.algorithms.ppo import PPOConfig
 from fuzzyarm.rl_baselines.training import Training

@@ -50,7 +50,7 @@ COMPUTING = (
     "fuzzyarm.eval.paper.evidence.gather",
     "fuzzyarm.eval.report.page.write_report",
     "fuzzyarm.eval.tuning.run.tune",
-    "fuzzyarm.export.laws.sheet_of",
+    "fuzzyarm.export.sheet.sheet_of",
     "fuzzyarm.export.c_files.export_c",
     "fuzzyarm.export.fmu.export_controller_fmu",
     "fuzzyarm.export.fmu.export_plant_fmu",

@@ -29,7 +29,7 @@ from fuzzyarm.envs.scenario.paths import Circle, Lemniscate, Line, Spline
 from fuzzyarm.envs.scenario.randomisation import ALLOWED, DomainRandomisation
 from fuzzyarm.envs.scenario.reference import JointReference
 from fuzzyarm.envs.vector import FuzzyArmVectorEnv
-from fuzzyarm.eval.certified.tip.plant_set import PlantSet
+from fuzzyarm.eval.certified.tip.plant import PlantSet
 from fuzzyarm.eval.episodes.rollout import run_episode
 from fuzzyarm.identification.log import read_log
 from fuzzyarm.rl_baselines.algorithms.ppo import PPOConfig

@@ -13,7 +13,7 @@ from fuzzyarm.envs.physics.dynamics import arm_constants, dry_frictions, rigid_i
 from fuzzyarm.envs.physics.friction import DryFriction, stribeck_magnitude
 from fuzzyarm.envs.physics.parameters import ArmParameters
 from fuzzyarm.eval.certified.tip.bound import TipClaim, problem_of
-from fuzzyarm.eval.certified.tip.plant_set import PlantSet
+from fuzzyarm.eval.certified.tip.plant import PlantSet
 
 PATH = Path(__file__).parents[2] / "benchmarks" / "verification_problem.py"
 SPEC = importlib.util.spec_from_file_location(PATH.stem, PATH)

@@ -216,8 +216,8 @@ def test_design_bad_usage_is_one_line(tmp_path, capsys, monkeypatch, arguments, 
 
 INTERRUPTED = """
 import os, sys
-from fuzzyarm.cli import main
-from fuzzyarm.envs.physics.parameters import ArmParameters
+from fuzzyarm.cli import main  # noqa: E402
+from fuzzyarm.envs.physics.parameters import ArmParameters  # noqa: E402
 replace = os.replace
 
 def interrupted(source, target):

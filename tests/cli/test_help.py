@@ -40,7 +40,7 @@ def help_at_80_columns(*words):
 
 LOADED = """
 import sys
-from fuzzyarm.cli import main
+from fuzzyarm.cli import main  # noqa: E402
 heavy = ("llvmlite", "scipy", "matplotlib", "torch", "ray", "joblib", "clarabel", "flint")
 for line in sys.argv[1:]:
     main(line.split())

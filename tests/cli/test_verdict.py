@@ -15,8 +15,7 @@ import pytest
 import rich.console
 
 from fuzzyarm.cli import main
-from fuzzyarm.eval.evaluation.result_table import COLUMNS, print_results
-from fuzzyarm.eval.evaluation.verdict import verdict
+from fuzzyarm.eval.evaluation.result_table import COLUMNS, print_results, verdict
 
 
 def row(policy, case, rms, *, seed=0, completed=True, largest=1.0):

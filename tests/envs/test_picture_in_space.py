@@ -8,15 +8,15 @@ from support.robots import ROBOTS, skewed_robot
 
 from fuzzyarm.envs.batch.layout import VECTORS
 from fuzzyarm.envs.batch.schedule import Schedule
-from fuzzyarm.envs.canvas import FOOTER, FORCE, HEADER, HEIGHT, PAYLOAD, REFERENCE, TRACE, WIDTH
 from fuzzyarm.envs.fuzzy_arm import FuzzyArmEnv
 from fuzzyarm.envs.perspective import Camera, floor_of, looking_at, poses_of, upwards
 from fuzzyarm.envs.physics.dynamics import Payload
 from fuzzyarm.envs.physics.rigid_body import tip_position
 from fuzzyarm.envs.physics.robot import Robot, robot_named
+from fuzzyarm.envs.pictures import FOOTER, FORCE, HEADER, HEIGHT, PAYLOAD, REFERENCE, TRACE, WIDTH
 from fuzzyarm.envs.rendering import Renderer
 from fuzzyarm.envs.scenario.disturbances import ConstantForce, Disturbance
-from fuzzyarm.envs.scenario.spline_reference import SplineReference
+from fuzzyarm.envs.scenario.robot_reference import SplineReference
 
 LOW, HIGH = np.array([0.0, 0.0]), np.array([300.0, 200.0])
 

@@ -13,7 +13,10 @@ import pytest
 from gymnasium.error import ResetNeeded
 from slow_twins import slow_but
 
-from fuzzyarm.envs.canvas import (
+from fuzzyarm.envs.fuzzy_arm import FuzzyArmEnv
+from fuzzyarm.envs.physics.dynamics import Payload
+from fuzzyarm.envs.physics.parameters import ArmParameters
+from fuzzyarm.envs.pictures import (
     FOOTER,
     FORCE,
     HEADER,
@@ -24,13 +27,10 @@ from fuzzyarm.envs.canvas import (
     REFERENCE,
     TRACE,
     WIDTH,
+    View,
     magnified,
     thinned,
 )
-from fuzzyarm.envs.fuzzy_arm import FuzzyArmEnv
-from fuzzyarm.envs.physics.dynamics import Payload
-from fuzzyarm.envs.physics.parameters import ArmParameters
-from fuzzyarm.envs.picture_in_plane import View
 from fuzzyarm.envs.rendering import case_title
 from fuzzyarm.envs.scenario.cases import CASES, case_for
 from fuzzyarm.envs.scenario.disturbances import ConstantForce, Disturbance, TorqueBias

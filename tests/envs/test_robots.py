@@ -25,7 +25,7 @@ from fuzzyarm.envs.scenario.disturbances import (
     TorqueBias,
 )
 from fuzzyarm.envs.scenario.randomisation import DomainRandomisation
-from fuzzyarm.envs.scenario.spline_reference import SplineReference
+from fuzzyarm.envs.scenario.robot_reference import SplineReference
 from fuzzyarm.envs.vector import FuzzyArmVectorEnv
 
 NAMES = "planar-3r", "ur5", "panda"

@@ -4,7 +4,7 @@ import itertools
 
 import numpy as np
 
-from fuzzyarm.envs.termination import Termination, reason_of
+from fuzzyarm.envs.task import Termination, reason_of
 
 
 def test_every_reason_has_a_text_of_its_own():

@@ -10,8 +10,8 @@ import threading, time
 import numpy as np
 from gymnasium.error import ResetNeeded
 from fuzzyarm.envs.fuzzy_arm import FuzzyArmEnv
-from fuzzyarm.envs.scenario.randomisation import DomainRandomisation
-from fuzzyarm.envs.scenario.reference import JointReference
+from fuzzyarm.envs.scenario.randomisation import DomainRandomisation  # noqa: E402
+from fuzzyarm.envs.scenario.reference import JointReference  # noqa: E402
 from fuzzyarm.envs.vector import FuzzyArmVectorEnv
 
 short = JointReference(duration=1.0)

@@ -33,7 +33,7 @@ from fuzzyarm.envs.scenario.disturbances import ConstantForce, Disturbance, Enco
 from fuzzyarm.envs.scenario.paths import Circle, Lemniscate, Line
 from fuzzyarm.envs.scenario.randomisation import DomainRandomisation
 from fuzzyarm.envs.scenario.reference import JointReference
-from fuzzyarm.envs.termination import Termination
+from fuzzyarm.envs.task import Termination
 from fuzzyarm.envs.vector import FuzzyArmVectorEnv
 from fuzzyarm.numbers.machine import WIDE
 

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from fuzzyarm.envs.batch.layout import SCALARS
-from fuzzyarm.envs.vector_info import partial_info, values
+from fuzzyarm.envs.vector import partial_info, values
 
 
 @pytest.mark.parametrize("lanes", [7, 40_000])

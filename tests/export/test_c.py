@@ -17,13 +17,10 @@ from fuzzyarm.cli import main
 from fuzzyarm.cli.show import loaded
 from fuzzyarm.envs.physics.parameters import ArmParameters
 from fuzzyarm.envs.physics.robot import Robot
-from fuzzyarm.export.c_files import c_name, export_c, sources_of
+from fuzzyarm.export.c_files import FLAGS, CompiledLaw, c_name, compilers, export_c, random_observations, sources_of
 from fuzzyarm.export.c_program import LAW, MOST_REMEMBERED, program_of, recorded
 from fuzzyarm.export.c_text import Writer, pruned
-from fuzzyarm.export.compiled_law import FLAGS, CompiledLaw, compilers
-from fuzzyarm.export.refusals import Unsupported
-from fuzzyarm.export.trace import Branch, Kind, Step, Trace, Value
-from fuzzyarm.export.vectors import random_observations
+from fuzzyarm.export.trace import Branch, Kind, Step, Trace, Unsupported, Value
 from fuzzyarm.fuzzy_policy.laws.computed_torque import ComputedTorquePolicy
 from fuzzyarm.numbers.functions import array, only, select, when
 from fuzzyarm.synthesis import ScheduledSpecification, design_scheduled

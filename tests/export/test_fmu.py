@@ -12,7 +12,7 @@ import pytest
 from fuzzyarm import load_policy
 from fuzzyarm.cli import main
 from fuzzyarm.envs.fuzzy_arm import FuzzyArmEnv
-from fuzzyarm.export.compiled_law import FLAGS, compilers
+from fuzzyarm.export.c_files import FLAGS, compilers
 
 COMPILERS = compilers()
 needs_compiler = pytest.mark.skipif(not COMPILERS, reason="no C compiler (gcc, clang) on this machine")

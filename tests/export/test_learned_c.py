@@ -11,11 +11,8 @@ import pytest
 
 from fuzzyarm import load_policy
 from fuzzyarm.cli import main
-from fuzzyarm.export.c_files import export_c, sources_of
-from fuzzyarm.export.c_helpers import helper_text
-from fuzzyarm.export.c_text import Writer
-from fuzzyarm.export.compiled_law import FLAGS, CompiledLaw, compilers
-from fuzzyarm.export.vectors import random_observations
+from fuzzyarm.export.c_files import FLAGS, CompiledLaw, compilers, export_c, random_observations, sources_of
+from fuzzyarm.export.c_text import Writer, helper_text
 from fuzzyarm.learned_policy.network import Network
 
 COMPILERS = compilers()

@@ -11,7 +11,7 @@ import pytest
 
 from fuzzyarm import load_policy
 from fuzzyarm.cli import main
-from fuzzyarm.export.laws import check_observation, sheet_of
+from fuzzyarm.export.sheet import check_observation, sheet_of
 
 ROOT = Path(__file__).parents[2]
 PAGE = ROOT / "docs" / "controllers" / "implement.md"

@@ -17,7 +17,7 @@ from fuzzyarm.cli import main
 from fuzzyarm.envs.scenario.cases import CASES
 from fuzzyarm.eval.episodes.metrics import METRICS
 from fuzzyarm.eval.evaluation import figures
-from fuzzyarm.eval.evaluation.panels import time_figures
+from fuzzyarm.eval.evaluation.figures import time_figures
 from fuzzyarm.policies.registry import POLICIES
 from fuzzyarm.rl_baselines.algorithms import ALGORITHMS
 

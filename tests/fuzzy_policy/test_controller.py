@@ -12,8 +12,7 @@ import pytest
 from fuzzyarm import load_policy
 from fuzzyarm.envs.physics.parameters import ArmParameters
 from fuzzyarm.fuzzy_policy.controller import POLE_ARRAYS, Controller
-from fuzzyarm.fuzzy_policy.hexadecimal import digest_of
-from fuzzyarm.fuzzy_policy.signed_files import ControllerFileError
+from fuzzyarm.fuzzy_policy.signed_files import ControllerFileError, digest_of
 from fuzzyarm.synthesis import Specification, design
 
 

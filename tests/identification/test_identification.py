@@ -14,14 +14,31 @@ from fuzzyarm.envs.physics.parameters import ArmParameters
 from fuzzyarm.envs.physics.records import flat
 from fuzzyarm.envs.scenario.disturbances import EncoderNoise
 from fuzzyarm.identification import excitation, fit
-from fuzzyarm.identification.excitation import SHARE, Excitation, condition_of, motion_csv, suggested, use_of
+from fuzzyarm.identification.excitation import (
+    NOISE,
+    SHARE,
+    Excitation,
+    condition_of,
+    motion_csv,
+    rehearsed,
+    suggested,
+    use_of,
+)
 from fuzzyarm.identification.fit import DEVIATIONS, _lost, noise_of
-from fuzzyarm.identification.log import COLUMNS, Log, read_log, write_log
-from fuzzyarm.identification.motion import Motion, smoothed
-from fuzzyarm.identification.rehearsal import NOISE, rehearsed
+from fuzzyarm.identification.log import COLUMNS, Log, Motion, read_log, smoothed, write_log
 from fuzzyarm.identification.result import identify
-from fuzzyarm.identification.rigid import base_of, fit_rigid, regressor, rigid_arm
-from fuzzyarm.identification.unknowns import UNKNOWNS, arm_of, bounds_of, constants_of, names, start_of
+from fuzzyarm.identification.rigid import (
+    UNKNOWNS,
+    arm_of,
+    base_of,
+    bounds_of,
+    constants_of,
+    fit_rigid,
+    names,
+    regressor,
+    rigid_arm,
+    start_of,
+)
 
 TRUTH = ArmParameters()
 QUIET = EncoderNoise(1e-8, 1e-6)

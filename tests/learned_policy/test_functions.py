@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from fuzzyarm.learned_policy.functions import LARGEST, add_product, area_sine, hyperbolic_tangent, logistic
+from fuzzyarm.learned_policy.network import LARGEST, add_product, area_sine, hyperbolic_tangent, logistic
 from fuzzyarm.numbers.functions import Cells
 from fuzzyarm.numbers.machine import Kernel
 from fuzzyarm.numbers.program import Program

@@ -8,9 +8,8 @@ from support.bundles import bundle
 
 from fuzzyarm import load_policy
 from fuzzyarm.envs.observation import START
-from fuzzyarm.learned_policy.definition import ActionDefinition, FeatureDefinition
-from fuzzyarm.learned_policy.features import Features
-from fuzzyarm.learned_policy.guided import Base, gate
+from fuzzyarm.learned_policy.bundle import ActionDefinition, FeatureDefinition
+from fuzzyarm.learned_policy.features import Base, Features, gate
 from fuzzyarm.learned_policy.policy import LearnedPolicy
 
 BESIDE = ActionDefinition(scale=(30.0, 20.0), period=1e-3, base="elastic-observer", gate=2.0)

@@ -21,10 +21,10 @@ from fuzzyarm.fuzzy_policy.laws.adaptive.policy import AdaptiveObserverPolicy
 from fuzzyarm.fuzzy_policy.laws.adaptive.weights import AdaptiveWeights
 from fuzzyarm.fuzzy_policy.laws.elastic_observer import ElasticObserverPolicy
 from fuzzyarm.fuzzy_policy.laws.elastic_target import ElasticTarget
+from fuzzyarm.learned_policy.bundle import BundleError
 from fuzzyarm.learned_policy.estimate.bundle import EstimateBundle
 from fuzzyarm.learned_policy.estimate.network import EstimateNetwork, shapes_of
 from fuzzyarm.learned_policy.estimate.policy import LearnedObserverPolicy
-from fuzzyarm.learned_policy.folder import BundleError
 
 ARM, PERIOD, HIDDEN, MODULATION, JOINTS, AXES = ArmParameters(), 1e-3, 7, 3, 2, 2
 CORRECT, ACT, PREDICT = steps_of(two_joints())  # called as they are: not compiled

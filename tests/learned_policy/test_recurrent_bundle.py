@@ -8,7 +8,7 @@ import pytest
 from support.bundles import bundle
 
 from fuzzyarm.learned_policy.bundle import BundleError, PolicyBundle
-from fuzzyarm.learned_policy.cell import Cell
+from fuzzyarm.learned_policy.network import Cell
 from fuzzyarm.learned_policy.policy import LearnedPolicy
 
 HIDDEN = 3

@@ -65,7 +65,7 @@ MUTANTS = (
     Mutant("arrays-truth", ARRAYS, 'if array.dtype.kind == "b" and', 'if array.dtype.kind == "?" and', "tests/common/test_array_files.py -m slow -k neither"),
     # Controller files.
     Mutant("controller-digest", "fuzzy_policy/signed_files.py", 'if content["digest"] != digest_of(', 'if not content["digest"] and digest_of(', "tests/fuzzy_policy/test_controller.py"),
-    Mutant("controller-hexadecimal", "fuzzy_policy/hexadecimal.py", "except OverflowError", "except ZeroDivisionError", BADLY),
+    Mutant("controller-hexadecimal", "fuzzy_policy/signed_files.py", "except OverflowError", "except ZeroDivisionError", BADLY),
     Mutant("controller-bounds", CONTROLLER, "if not np.array_equal(np.array(decoded(document.bounds)), model.bounds)", "if not np.array(decoded(document.bounds)).size", "tests/fuzzy_policy/test_controller.py"),
     Mutant("controller-blocks", CONTROLLER, "if not np.array_equal(self.P, self.P.T) or self.P[:n_e, n_e:].any()", "if not np.array_equal(self.P, self.P.T)", BADLY),
     Mutant("controller-weight", CONTROLLER, "self.weight.min() <= 0.0", "self.weight.min() < 0.0", BADLY),
@@ -97,7 +97,7 @@ MUTANTS = (
     # Other readers.
     Mutant("checkpoint-pickle", "rl_baselines/checkpoint.py", 'map_location="cpu", weights_only=True', 'map_location="cpu", weights_only=False', "tests/rl_baselines/test_crafted_checkpoint.py"),
     Mutant("checkpoint-count", "rl_baselines/checkpoint.py", 'whole("generators.numpy.position", drawn["position"], high=len(keys))', "len(keys)", "tests/rl_baselines/test_crafted_checkpoint.py"),
-    Mutant("bundle-weights", "learned_policy/folder.py", "if hashlib.sha256(weights).hexdigest() != description.weights_sha256", "if not description.weights_sha256", f"{READ} 'bytes and weights'"),
+    Mutant("bundle-weights", "learned_policy/bundle.py", "if hashlib.sha256(weights).hexdigest() != description.weights_sha256", "if not description.weights_sha256", f"{READ} 'bytes and weights'"),
     Mutant("sweep-identity", "eval/sweep/run.py", "if digest != digest_of(then):", "if False:", f"{READ} exchanged"),
     Mutant("data-set-there", "eval/dataset/store.py", "    if folder.exists():", "    if False:", "tests/eval/dataset/test_dataset.py -m slow -k minari_loads"),
 )  # fmt: skip

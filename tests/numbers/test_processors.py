@@ -32,7 +32,7 @@ class Plain:
 if sys.argv[1]:
     llvm.get_host_cpu_name, llvm.get_host_cpu_features = lambda: sys.argv[1], Plain
 import gymnasium as gym
-import fuzzyarm
+import fuzzyarm  # noqa: F401  registers FuzzyArm-v0
 
 envs = gym.make_vec("FuzzyArm-v0", num_envs=40, randomisation="plants", case="machining")
 found = hashlib.sha256()

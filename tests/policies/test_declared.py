@@ -17,8 +17,7 @@ from fuzzyarm.eval.report.summary import declared_table
 from fuzzyarm.fuzzy_policy.controller import Controller
 from fuzzyarm.learned_policy.bundle import PolicyBundle
 from fuzzyarm.policies import NAMES, load_policy, resolve
-from fuzzyarm.policies.declaration import ELASTIC
-from fuzzyarm.policies.declared import HEADINGS, Declared, declared, declared_by_name, stated
+from fuzzyarm.policies.declared import ELASTIC, HEADINGS, Declared, declared, declared_by_name, stated
 from fuzzyarm.policies.registry import POLICIES
 from fuzzyarm.policies.tuned import SCHEMA, TunedLaws
 

@@ -15,24 +15,28 @@ from fuzzyarm.envs.physics.dynamics import Payload  # noqa: E402
 from fuzzyarm.envs.physics.parameters import ArmParameters  # noqa: E402
 from fuzzyarm.envs.physics.records import columns  # noqa: E402
 from fuzzyarm.envs.physics.two_joints import two_joints  # noqa: E402
+from fuzzyarm.envs.scenario.cases import Scenario  # noqa: E402
 from fuzzyarm.envs.scenario.disturbances import Disturbance, MachiningForce  # noqa: E402
 from fuzzyarm.envs.scenario.paths import Circle  # noqa: E402
 from fuzzyarm.envs.scenario.randomisation import DomainRandomisation  # noqa: E402
 from fuzzyarm.envs.scenario.reference import JointReference  # noqa: E402
 from fuzzyarm.envs.scenario.reference_family import reference_family  # noqa: E402
-from fuzzyarm.envs.scenario.scenario import Scenario  # noqa: E402
 from fuzzyarm.fuzzy_policy.laws.adaptive.belief import FLAG  # noqa: E402
 from fuzzyarm.fuzzy_policy.laws.adaptive.policy import AdaptiveObserverPolicy  # noqa: E402
 from fuzzyarm.learned_policy.estimate.network import EstimateNetwork, respond  # noqa: E402
-from fuzzyarm.learned_policy.estimate.signals import context_parts, unexplained_parts  # noqa: E402
-from fuzzyarm.learned_policy.estimate.units import GAP_SHARE, scale_of, units_of  # noqa: E402
+from fuzzyarm.learned_policy.estimate.signals import GAP_SHARE, context_parts, scale_of, unexplained_parts, units_of  # noqa: E402
 from fuzzyarm.rl_baselines.estimate import courses as courses_module  # noqa: E402
 from fuzzyarm.rl_baselines.estimate.config import EstimateConfig  # noqa: E402
-from fuzzyarm.rl_baselines.estimate.courses import Courses, draw_courses  # noqa: E402
-from fuzzyarm.rl_baselines.estimate.driving import Drive  # noqa: E402
-from fuzzyarm.rl_baselines.estimate.student import Student  # noqa: E402
+from fuzzyarm.rl_baselines.estimate.driving import (  # noqa: E402
+    Courses,
+    Drive,
+    draw_courses,
+)
 from fuzzyarm.rl_baselines.estimate.teacher import Teacher  # noqa: E402
-from fuzzyarm.rl_baselines.estimate.training import EstimateTraining  # noqa: E402
+from fuzzyarm.rl_baselines.estimate.training import (  # noqa: E402
+    EstimateTraining,
+    Student,
+)
 
 ARM, PERIOD, NOTHING = ArmParameters(), 1e-3, DomainRandomisation()
 SMALL = ArmParameters(

@@ -13,12 +13,12 @@ import pytest
 from slow_twins import slow_but
 
 from fuzzyarm.cli import main
+from fuzzyarm.rl_baselines import algorithm, progress
 from fuzzyarm.rl_baselines import config as common_settings
-from fuzzyarm.rl_baselines import on_policy, progress
+from fuzzyarm.rl_baselines.algorithm import OnPolicyConfig
 from fuzzyarm.rl_baselines.algorithms import ppo
 from fuzzyarm.rl_baselines.algorithms.ppo import PRESETS, PPOConfig
 from fuzzyarm.rl_baselines.config import TrainingConfig
-from fuzzyarm.rl_baselines.on_policy import OnPolicyConfig
 
 OWN = {field.name for field in dataclasses.fields(PPOConfig)} - {f.name for f in dataclasses.fields(TrainingConfig)}
 
@@ -36,7 +36,7 @@ def test_settings_have_the_names_of_stable_baselines3():
 
 
 @pytest.mark.parametrize(
-    ("module", "kind"), [(common_settings, TrainingConfig), (on_policy, OnPolicyConfig), (ppo, PPOConfig)]
+    ("module", "kind"), [(common_settings, TrainingConfig), (algorithm, OnPolicyConfig), (ppo, PPOConfig)]
 )
 def test_every_setting_is_typed_and_followed_by_its_help(module, kind):
     tree = ast.parse(Path(module.__file__).read_text(encoding="utf-8"))

@@ -14,7 +14,7 @@ from fuzzyarm import load_policy
 from fuzzyarm.envs.scenario.disturbances import Disturbance, EncoderNoise
 from fuzzyarm.envs.scenario.paths import Lemniscate, Line
 from fuzzyarm.envs.scenario.reference import JointReference
-from fuzzyarm.envs.termination import Termination
+from fuzzyarm.envs.task import Termination
 
 sb3 = pytest.importorskip("stable_baselines3")
 from stable_baselines3.common.evaluation import evaluate_policy  # noqa: E402

@@ -27,7 +27,7 @@ from fuzzyarm.envs.scenario.disturbances import ConstantForce, Disturbance, Enco
 from fuzzyarm.envs.scenario.paths import Line
 from fuzzyarm.envs.scenario.randomisation import DomainRandomisation
 from fuzzyarm.envs.scenario.reference import JointReference
-from fuzzyarm.envs.termination import Termination
+from fuzzyarm.envs.task import Termination
 from fuzzyarm.numbers.functions import whole
 from fuzzyarm.rl_baselines.torch_env import TorchFuzzyArm
 from fuzzyarm.rl_baselines.torch_numbers import Angle, Word

@@ -78,9 +78,9 @@ def whole(tmp_path_factory, brief_evaluations):
 WAITS = """
 import sys, time
 from stable_baselines3 import PPO
-from fuzzyarm.cli import main
+from fuzzyarm.cli import main  # noqa: E402
 from fuzzyarm.envs.scenario.paths import Line
-from fuzzyarm.envs.scenario.reference import JointReference
+from fuzzyarm.envs.scenario.reference import JointReference  # noqa: E402
 from fuzzyarm.rl_baselines import case_evaluation
 train, updates = PPO.train, []
 brief = JointReference(Line((0.4, 0.5), (0.42, 0.5)), duration=0.1)  # as in `brief_evaluations`
@@ -365,7 +365,7 @@ def test_without_the_extra_it_is_named(missing, tmp_path):
 import sys
 sys.modules[{missing!r}] = None  # an import of it fails
 from fuzzyarm.rl_baselines.algorithms.ppo import PRESETS
-from fuzzyarm.rl_baselines.progress import train_with_progress
+from fuzzyarm.rl_baselines.progress import train_with_progress  # noqa: E402
 from pathlib import Path
 try:
     train_with_progress(PRESETS["nominal"], Path({str(tmp_path / "run")!r}))

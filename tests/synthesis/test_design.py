@@ -12,8 +12,7 @@ from fuzzyarm import load_policy
 from fuzzyarm.cli import main
 from fuzzyarm.envs.fuzzy_arm import FuzzyArmEnv
 from fuzzyarm.envs.physics.parameters import ArmParameters
-from fuzzyarm.eval.certified.frozen import find_worst_point
-from fuzzyarm.eval.certified.rigid import RigidLoop
+from fuzzyarm.eval.certified.rigid import RigidLoop, find_worst_point
 from fuzzyarm.eval.episodes.metrics import metrics_of
 from fuzzyarm.eval.episodes.rollout import record_rollout
 from fuzzyarm.fuzzy_policy.controller import consistent_feedforward

@@ -7,8 +7,7 @@ import numpy as np
 import pytest
 
 from fuzzyarm.envs.physics.parameters import ArmParameters
-from fuzzyarm.eval.certified.frozen import freeze
-from fuzzyarm.eval.certified.rigid import RigidLoop
+from fuzzyarm.eval.certified.rigid import RigidLoop, freeze
 from fuzzyarm.fuzzy_policy.controller import Controller
 from fuzzyarm.fuzzy_policy.proof import consistent_reference
 from fuzzyarm.fuzzy_policy.proof.certificate import certify

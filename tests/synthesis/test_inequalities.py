@@ -10,8 +10,8 @@ import pytest
 from slow_twins import slow_but
 
 from fuzzyarm.envs.physics.parameters import ArmParameters
-from fuzzyarm.fuzzy_policy.proof import consistent_reference, theorem2
-from fuzzyarm.fuzzy_policy.proof.block_matrix import symmetric
+from fuzzyarm.fuzzy_policy.proof import consistent_reference, theorems
+from fuzzyarm.fuzzy_policy.proof.theorems import symmetric
 from fuzzyarm.fuzzy_policy.proof.vertices import error_vertices, tracking_vertices
 from fuzzyarm.fuzzy_policy.states import VELOCITY
 from fuzzyarm.fuzzy_policy.ts_model import NAMED_RULES, TSModel
@@ -71,7 +71,7 @@ def test_midpoints_of_the_vertices_are_the_mean_of_both_orders(which):
     P, M, L = rng.normal(size=(n, n)), rng.normal(size=(N, K, 2, data.n_e)), rng.normal(size=(N, K, 2, 6))
     P, pairs = P + P.T, list(itertools.product(enumerate(data.pairs), range(K)))
     Q, X, tau = rng.normal(size=(len(pairs), n, n)), rng.normal(size=(len(pairs), n, n)), rng.random((len(pairs), m))
-    psi = theorem2.psi if form == "paper" else consistent_reference.psi
+    psi = theorems.psi if form == "paper" else consistent_reference.psi
 
     def at(i, j, k, row, vertices=data, gains=M, feedforward=L):
         free = {"L": feedforward[j, k]} if form == "paper" else {}
@@ -106,7 +106,7 @@ def test_the_reduction_asks_for_no_more(which):
     values = {"P": P + P.T, "M": rng.normal(size=(2, data.n_e)), "tau": rng.random(len(data.uncertainties))}
     psi = consistent_reference.psi
     if which[0] == "paper":
-        psi, values["P"], values["L"] = theorem2.psi, np.zeros((n, n)), rng.normal(size=(2, 6))
+        psi, values["P"], values["L"] = theorems.psi, np.zeros((n, n)), rng.normal(size=(2, 6))
         for block in (slice(data.n_e), slice(data.n_e, n)):
             values["P"][block, block] = (P + P.T)[block, block]
     U = problem._reduction("Psi")
@@ -130,7 +130,7 @@ def full_margin(problem, point):
                     return consistent_reference.phi(data, i, k, fastest_pole=beta, M=point.M[j, k], **values)
                 claim = {"alpha": point.alpha, "gamma2": point.gamma**2, "M": point.M[j, k], **values}
                 if problem.specification.form == "paper":
-                    return theorem2.psi(data, i, k, L=point.L[j, k], **claim)
+                    return theorems.psi(data, i, k, L=point.L[j, k], **claim)
                 return consistent_reference.psi(data, i, k, **claim)
 
             whole = -one(i, j) - one(j, i)

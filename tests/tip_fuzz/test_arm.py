@@ -11,7 +11,7 @@ from fuzzyarm import load_policy
 from fuzzyarm.envs.physics.dynamics import Payload
 from fuzzyarm.envs.physics.event_integrator import integrate
 from fuzzyarm.eval.certified.tip.bound import PERIOD, TipClaim
-from fuzzyarm.eval.certified.tip.plant_set import PlantSet
+from fuzzyarm.eval.certified.tip.plant import PlantSet
 
 from .arm import hold
 from .motions import even_stops, simulated

@@ -14,8 +14,7 @@ from fuzzyarm.eval.certified.tip import bound as bound_module
 from fuzzyarm.eval.certified.tip.bound import TipClaim
 from fuzzyarm.eval.certified.tip.bound_file import check_bound
 from fuzzyarm.eval.certified.tip.friction import Friction
-from fuzzyarm.eval.certified.tip.plant import BallPlant
-from fuzzyarm.eval.certified.tip.plant_set import PlantSet
+from fuzzyarm.eval.certified.tip.plant import BallPlant, PlantSet
 
 from .__main__ import main
 from .forge import Attack

@@ -21,9 +21,9 @@ from fuzzyarm.envs.batch.tables import Tables, distinct, tabulated
 from fuzzyarm.envs.batch.workers import Workers
 from fuzzyarm.envs.physics.equations import AnyArm, common_equations
 from fuzzyarm.envs.physics.records import flat, size
+from fuzzyarm.envs.scenario.cases import Scenario
 from fuzzyarm.envs.scenario.randomisation import DomainRandomisation, by_quantity, draw_record
 from fuzzyarm.envs.scenario.reference import Reference
-from fuzzyarm.envs.scenario.scenario import Scenario
 from fuzzyarm.numbers.machine import WIDE, Call
 
 __all__ = ["Lanes", "Outcome"]

@@ -14,8 +14,8 @@ from fuzzyarm.envs.batch.schedule import Schedule
 from fuzzyarm.envs.physics.equations import AnyArm, bounds_of, equations_of, robot_of
 from fuzzyarm.envs.physics.parameters import LARGEST, ArmParameters
 from fuzzyarm.envs.physics.robot import Robot
+from fuzzyarm.envs.scenario.cases import Scenario
 from fuzzyarm.envs.scenario.reference import Reference
-from fuzzyarm.envs.scenario.scenario import Scenario
 
 __all__ = ["MAX_ACCELERATION", "Tables", "check_reference", "distinct", "tabulated"]
 

@@ -5,6 +5,8 @@ that ask for the same largest share of a motor's torque limit along the arm's de
 paper's arm along its circle, to two digits; the force takes as long as that reference. Where gravity has no leverage on
 the motors, as on a horizontal arm, the payload is the paper's share of the mass of the links. An arm with the lengths
 and the torque limits of the paper's has the paper's loads. `with_loads` gives others.
+
+A scenario: what one episode asks of the arm and what acts on it.
 """
 
 from __future__ import annotations
@@ -12,6 +14,7 @@ from __future__ import annotations
 import dataclasses
 import functools
 import re
+from typing import NamedTuple
 
 import numpy as np
 
@@ -24,8 +27,21 @@ from fuzzyarm.envs.physics.rigid_body import tip_jacobian
 from fuzzyarm.envs.physics.robot import Robot
 from fuzzyarm.envs.scenario.default_reference import default_reference
 from fuzzyarm.envs.scenario.disturbances import Disturbance, MachiningForce
+from fuzzyarm.envs.scenario.reference import Reference
 
-__all__ = ["CASES", "PAPER_CASES", "Case", "add_case", "case_for", "find_case", "load_scale", "with_loads"]
+__all__ = ["CASES", "PAPER_CASES", "Case", "Scenario", "add_case", "case_for", "find_case", "load_scale", "with_loads"]
+
+
+class Scenario(NamedTuple):
+    """A disturbance and the reference to be tracked under it.
+
+    Attributes:
+        disturbance: what acts beside the controller.
+        reference: the motion asked for; None: each episode draws one from the domain randomisation's references.
+    """
+
+    disturbance: Disturbance
+    reference: Reference | None
 
 
 @dataclasses.dataclass(frozen=True)

@@ -21,13 +21,10 @@ from fuzzyarm.envs.physics.equations import robot_of
 from fuzzyarm.envs.physics.parameters import ArmParameters
 from fuzzyarm.envs.physics.rigid_body import inverse_dynamics
 from fuzzyarm.envs.physics.robot import Robot
-from fuzzyarm.envs.scenario.home import home_posture
-from fuzzyarm.envs.scenario.inverse_kinematics import freedom
-from fuzzyarm.envs.scenario.kinematics import chain, reach, velocity_limits
-from fuzzyarm.envs.scenario.named_paths import PAPER_PATHS, SHAPES
-from fuzzyarm.envs.scenario.placed import Placed
+from fuzzyarm.envs.scenario.kinematics import chain, freedom, home_posture, reach, velocity_limits
+from fuzzyarm.envs.scenario.paths import PAPER_PATHS, SHAPES, Placed
 from fuzzyarm.envs.scenario.reference import CHECKED_INSTANTS, JointReference, Reference, joint_angles
-from fuzzyarm.envs.scenario.tip_reference import EXACT, TipReference
+from fuzzyarm.envs.scenario.robot_reference import EXACT, TipReference
 
 __all__ = ["LONGEST", "default_reference", "flattened", "is_placed", "timed"]
 

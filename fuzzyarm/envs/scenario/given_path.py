@@ -18,10 +18,9 @@ from fuzzyarm.envs.physics.parameters import ArmParameters
 from fuzzyarm.envs.physics.robot import Robot
 from fuzzyarm.envs.scenario.default_reference import LONGEST, flattened, timed
 from fuzzyarm.envs.scenario.kinematics import link_lengths
-from fuzzyarm.envs.scenario.paths import MOST_WAYPOINTS, Spline, any_point
-from fuzzyarm.envs.scenario.placed import Placed
+from fuzzyarm.envs.scenario.paths import MOST_WAYPOINTS, Placed, Spline, any_point
 from fuzzyarm.envs.scenario.reference import CHECKED_INSTANTS, Reference, joint_angles
-from fuzzyarm.envs.scenario.tip_reference import TipReference
+from fuzzyarm.envs.scenario.robot_reference import TipReference
 
 __all__ = ["ENDINGS", "GivenPath"]
 

@@ -3,6 +3,12 @@
 Every curve p(s), s in [0, 1], is twice differentiable. Points of two numbers lie in the plane of the two-joint arm, in
 the frame of (26): the base at the origin, x down along gravity, y to the side. Points of three numbers are in the base
 frame of a robot in space; lines and splines take either, and `placed.Placed` brings any plane curve into space.
+
+The paths that have a name: circle, lemniscate, line and square, on the paper's arm and in a plane of any other.
+
+A square has round corners, because a reference is twice differentiable: it is the curve with x⁸ + y⁸ = a⁸.
+
+A curve of a plane, placed in space.
 """
 
 from __future__ import annotations
@@ -11,6 +17,7 @@ import dataclasses
 import functools
 import itertools
 import math
+from collections.abc import Callable
 from typing import TYPE_CHECKING, Any, Protocol, runtime_checkable
 
 import numpy as np
@@ -18,12 +25,26 @@ from numpy.typing import ArrayLike
 
 from fuzzyarm.common import checks
 
-__all__ = [
-    "AnyPoint", "Circle", "Lemniscate", "Line", "Point", "Points", "Spline", "TipPath", "any_point", "chord_spline",
-]  # fmt: skip
-
 if TYPE_CHECKING:
     from scipy.interpolate import CubicSpline
+
+__all__ = [
+    "PAPER_PATHS",
+    "SHAPES",
+    "AnyPoint",
+    "Circle",
+    "Lemniscate",
+    "Line",
+    "Placed",
+    "Point",
+    "Points",
+    "Spline",
+    "Square",
+    "TipPath",
+    "any_point",
+    "chord_spline",
+]  # fmt: skip
+
 
 # A point (x, y) [m], one of (x, y) or (x, y, z) [m], and p, dp/ds and d²p/ds² of a curve.
 Point = tuple[float, float]
@@ -283,3 +304,140 @@ def _require_apart(first_name: str, first: AnyPoint, second_name: str, second: A
             f"{first_name} = {first} and {second_name} = {second} are {spacing:g} m apart; "
             f"allowed: [{MINIMUM_SPACING:g}, inf) m"
         )
+
+
+@dataclasses.dataclass(frozen=True)
+class Square:
+    """p(s) = center + r (cos ψ, sin ψ), ψ = π + 2π s, r = a (cos⁸ ψ + sin⁸ ψ)^(-1/8): a square with round corners.
+
+    It begins and ends in the middle of the side at smaller x.
+
+    Attributes:
+        center: (x, y) [m].
+        half_side: a [m], > 0.
+
+    Raises:
+        ValueError: a value is not finite or out of range.
+    """
+
+    center: Point
+    half_side: float
+
+    def __post_init__(self) -> None:
+        """Check the values."""
+        object.__setattr__(self, "center", any_point("center", self.center, 2))
+        size = checks.real("half_side", self.half_side, "m", low=MINIMUM_SPACING, high=1e6)
+        object.__setattr__(self, "half_side", size)
+
+    def points(self, s: ArrayLike) -> Points:
+        """Return p [m], dp/ds and d²p/ds² [m], each (..., 2), as in `TipPath`."""
+        rate = 2.0 * math.pi
+        psi = math.pi + rate * np.asarray(s, dtype=float)
+        c, z = np.cos(psi), np.sin(psi)
+        f, df = c**8 + z**8, 8.0 * (z**7 * c - c**7 * z)
+        ddf = 56.0 * c**2 * z**2 * (c**4 + z**4) - 8.0 * f
+        r = self.half_side * f ** (-1 / 8)
+        dr = -r * df / (8.0 * f)
+        ddr = r * (9.0 / 64.0 * (df / f) ** 2 - ddf / (8.0 * f))
+        outward, along = np.stack([c, z], axis=-1), np.stack([-z, c], axis=-1)
+        r, dr, ddr = (part[..., np.newaxis] for part in (r, dr, ddr))
+        first, second = dr * outward + r * along, (ddr - r) * outward + 2.0 * dr * along
+        return np.array(self.center) + r * outward, rate * first, rate**2 * second
+
+
+PAPER_PATHS: dict[str, TipPath] = {
+    "circle": Circle(),
+    "lemniscate": Lemniscate((0.4, 0.5), 0.2),
+    "line": Line((0.35, 0.45), (0.35, 0.85)),
+    "square": Square((0.35, 0.65), 0.15),
+}
+"""By name, the path of the paper's arm, and of any two-joint arm that can follow it."""
+
+SHAPES: dict[str, Callable[[float], TipPath]] = {
+    "circle": lambda size: Circle(center=(size, 0.0), radius=size, start_angle=math.pi, turns=1.0),
+    "lemniscate": lambda size: Lemniscate((0.0, 0.0), size, 0.5 * math.pi),
+    "line": lambda size: Line((0.0, -size), (0.0, size)),
+    "square": lambda size: Square((size, 0.0), size),
+}
+"""By name, the path of a size [m], the half of its width, in a plane whose x points upwards, about or beside (0, 0)."""
+
+
+SQUARE = 1e-6  # by which the axes may miss unit length and a right angle; they are then made exact
+
+
+@dataclasses.dataclass(frozen=True)
+class Placed:
+    """p(s) = origin + x(s) e_1 + y(s) e_2 for a plane curve (x, y) and two axes at right angles.
+
+    Attributes:
+        path: the plane curve: `Circle`, `Lemniscate`, or any other `TipPath` with points (..., 2).
+        origin: where (0, 0) of the plane lies, (x, y, z) [m]; (x, y) for a curve in the plane of the two-joint arm.
+        first: e_1, direction of the plane's x, a unit vector.
+        second: e_2, direction of the plane's y, likewise; the plane faces e_1 × e_2.
+
+    Raises:
+        TypeError: `path` has no method ``points``.
+        ValueError: a value is not finite, or the axes are no unit vectors at right angles.
+
+    Examples:
+        >>> from fuzzyarm.envs.scenario.paths import Circle
+        >>> facing_x = Placed(Circle(center=(0.0, 0.0), radius=0.1), (0.5, 0.0, 0.4), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0))
+        >>> from fuzzyarm.envs.scenario.paths import Circle
+        >>> facing_x.points(0.0)[0].round(6).tolist()
+        [0.5, 0.0, 0.5]
+    """
+
+    path: TipPath
+    origin: AnyPoint
+    first: AnyPoint
+    second: AnyPoint
+
+    def __post_init__(self) -> None:
+        """Check the values."""
+        if not isinstance(self.path, TipPath):
+            raise TypeError(f"path = {checks.shown(self.path)} must have a method points(s) with points (..., 2)")
+        size = 2 if checks.is_sequence(self.origin, 2) else 3
+        _keep(self, "origin", any_point("origin", self.origin, size))
+        axes = np.array([any_point(name, getattr(self, name), size) for name in ("first", "second")])
+        if not np.abs(axes @ axes.T - np.eye(2)).max() <= SQUARE:
+            raise ValueError(
+                f"first = {self.first} and second = {self.second} must be unit vectors at right angles; their lengths "
+                f"are {np.linalg.norm(axes[0]):.6g} and {np.linalg.norm(axes[1]):.6g}, their product "
+                f"{axes[0] @ axes[1]:.3g}"
+            )
+
+    @property
+    def axes(self) -> np.ndarray:
+        """Rows e_1 and e_2, (2, 3) or (2, 2), of unit length and at a right angle to the last digit."""
+        first, second = np.array(self.first), np.array(self.second)
+        first = first / np.linalg.norm(first)
+        second = second - (second @ first) * first
+        return np.stack([first, second / np.linalg.norm(second)])
+
+    @property
+    def corners(self) -> np.ndarray:
+        """Return s where the second derivative of the plane curve has corners."""
+        return np.asarray(getattr(self.path, "corners", ()), dtype=float)
+
+    @property
+    def circle(self) -> tuple[np.ndarray, float] | None:
+        """Center (3,) or (2,) [m] and radius [m] where the plane curve is a `Circle`."""
+        if not isinstance(self.path, Circle):
+            return None
+        return np.array(self.origin) + np.array(self.path.center) @ self.axes, self.path.radius
+
+    def points(self, s: ArrayLike) -> Points:
+        """Return p, dp/ds, d²p/ds² as in `TipPath`."""
+        p, dp, ddp = self.path.points(s)
+        axes = self.axes
+        return np.array(self.origin) + p @ axes, dp @ axes, ddp @ axes
+
+    def normals(self, s: ArrayLike) -> np.ndarray:
+        """Return the left unit normals (..., 3) or (..., 2) of the curve in its plane, for s of shape (...,)."""
+        _, derivative, _ = self.path.points(s)
+        left = np.stack([-derivative[..., 1], derivative[..., 0]], axis=-1)
+        return np.asarray(left / np.linalg.norm(left, axis=-1, keepdims=True) @ self.axes)
+
+
+def _keep(path: object, name: str, value: Any) -> None:
+    object.__setattr__(path, name, value)

@@ -4,6 +4,10 @@
 
 References of other robots are in `tip_reference` and `spline_reference`. Section 6.1.3 of the paper; the values it does
 not print (start angle, direction, elbow) were found from its peak torques, see `paths.Circle`.
+
+The time law of every reference, from rest to rest: how far along its curve the arm is at a time.
+
+s(t) = 10 x³ - 15 x⁴ + 6 x⁵,  x = t/T;      p(t) = p(s(t)),   ṗ = p' ṡ,   p̈ = p'' ṡ² + p' s̈
 """
 
 from __future__ import annotations
@@ -11,7 +15,7 @@ from __future__ import annotations
 import abc
 import dataclasses
 import math
-from typing import NamedTuple
+from typing import NamedTuple, Protocol
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -19,14 +23,70 @@ from numpy.typing import ArrayLike
 from fuzzyarm.common import checks
 from fuzzyarm.envs.physics.dynamics import tip_jacobian, tip_position
 from fuzzyarm.envs.physics.parameters import ArmParameters
-from fuzzyarm.envs.scenario.paths import Circle, TipPath
-from fuzzyarm.envs.scenario.placed import Placed
-from fuzzyarm.envs.scenario.time_law import LONGEST, SHORTEST, along, corner_times, quintic_time_law
+from fuzzyarm.envs.scenario.paths import Circle, Placed, TipPath
 
 __all__ = [
-    "CHECKED_INSTANTS", "SINGULARITY_MARGIN", "JointReference", "Reference", "ReferenceSample", "TipSample",
-    "check_points", "joint_angles", "quintic_time_law",
+    "CHECKED_INSTANTS",
+    "LONGEST",
+    "SHORTEST",
+    "SINGULARITY_MARGIN",
+    "Curve",
+    "JointReference",
+    "Reference",
+    "ReferenceSample",
+    "TipSample",
+    "along",
+    "check_points",
+    "corner_times",
+    "joint_angles",
+    "quintic_time_law",
+    "time_at",
 ]  # fmt: skip
+
+
+SHORTEST, LONGEST = 1e-6, 1e6  # s, allowed durations
+
+
+class Curve(Protocol):
+    """Anything with p, dp/ds and d²p/ds² for s in [0, 1]: a path of the tip, or a spline of the joints."""
+
+    def points(self, s: ArrayLike) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Return p, dp/ds and d²p/ds², each of shape (..., d), for s of shape (...,)."""
+        ...
+
+
+def quintic_time_law(t: ArrayLike, duration: float) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Return s = 10 x³ - 15 x⁴ + 6 x⁵, ṡ [1/s] and s̈ [1/s²], x = t/duration clamped to [0, 1]; shapes as t [s].
+
+    ṡ and s̈ vanish at both ends and beyond; the largest ṡ is 1.875 / duration, half-way.
+    """
+    x = np.clip(np.asarray(t, dtype=float) / duration, 0.0, 1.0)
+    s = x**3 * (10.0 - 15.0 * x + 6.0 * x**2)
+    ds = 30.0 * (x * (1.0 - x)) ** 2 / duration
+    dds = 60.0 * x * (1.0 - x) * (1.0 - 2.0 * x) / duration**2
+    return s, ds, dds
+
+
+def along(curve: Curve, t: ArrayLike, duration: float) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Return p, ṗ = p' ṡ and p̈ = p'' ṡ² + p' s̈, shapes (..., d), at times t [s] of shape (...,)."""
+    s, ds, dds = quintic_time_law(t, duration)
+    p, dp, ddp = curve.points(s)
+    ds, dds = ds[..., np.newaxis], dds[..., np.newaxis]
+    return p, dp * ds, ddp * ds**2 + dp * dds
+
+
+def corner_times(corners: ArrayLike, duration: float) -> np.ndarray:
+    """Return the times (k,) [s] at which p̈ has a corner, ascending: the ends, and the curve's own, s (...,)."""
+    return np.unique([0.0, *time_at(corners, duration), duration])
+
+
+def time_at(s: ArrayLike, duration: float) -> np.ndarray:
+    """Return the times [s], shape (...,), at which s(t) has values of shape (...,) in [0, 1]."""
+    from scipy.special import betaincinv
+
+    # s(x) is the regularised incomplete beta function I_x(3, 3).
+    return np.asarray(duration * betaincinv(3.0, 3.0, np.asarray(s, dtype=float)))
+
 
 # The whole path must keep |q2| in [margin, π - margin] rad: det J = L1 L2 sin q2 vanishes at 0 and π.
 SINGULARITY_MARGIN = 0.05

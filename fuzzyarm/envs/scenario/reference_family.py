@@ -11,11 +11,10 @@ from fuzzyarm.envs.physics.equations import AnyArm
 from fuzzyarm.envs.physics.parameters import ArmParameters
 from fuzzyarm.envs.physics.rigid_body import inverse_dynamics
 from fuzzyarm.envs.physics.robot import Robot
-from fuzzyarm.envs.scenario.home import home_posture
-from fuzzyarm.envs.scenario.kinematics import angle_ranges, velocity_limits
+from fuzzyarm.envs.scenario.kinematics import angle_ranges, home_posture, velocity_limits
 from fuzzyarm.envs.scenario.paths import Circle, Lemniscate, Line, TipPath
 from fuzzyarm.envs.scenario.reference import JointReference, Reference
-from fuzzyarm.envs.scenario.spline_reference import SplineReference
+from fuzzyarm.envs.scenario.robot_reference import SplineReference
 
 __all__ = ["reference_family"]
 

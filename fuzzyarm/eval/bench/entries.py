@@ -2,6 +2,10 @@
 
 Opening an entry gives a function that runs for a wall time and returns environment steps per second. A step is a
 control step with observation, reward and the resets that are due, under actions drawn beforehand.
+
+The peers of the speed table: Gymnasium's and EnvPool's nearest environments, and the same arm in MuJoCo.
+
+Entries of the speed table: a sweep's episodes with law and plant in one kernel, and the same step by step.
 """
 
 from __future__ import annotations
@@ -9,38 +13,51 @@ from __future__ import annotations
 import contextlib
 import dataclasses
 import functools
-import importlib
+import importlib.util
 import itertools
 import os
 import shutil
 import time
+import warnings
 from collections.abc import Callable, Iterable, Iterator
+from pathlib import Path
 from types import ModuleType
 from typing import Any
 
 import gymnasium as gym
 import numpy as np
 
+import fuzzyarm
 from fuzzyarm.envs.batch.workers import LANES_PER_THREAD
 from fuzzyarm.envs.periods import MAX_DEFAULT_SUBSTEP, whole_substeps
 from fuzzyarm.envs.physics.parameters import ArmParameters
 from fuzzyarm.eval.bench.accuracy import exact_tips, max_tip_difference, stepped_tips, tips
+from fuzzyarm.eval.sweep.config import SweepConfig
+from fuzzyarm.eval.sweep.episodes import errors_in_one_kernel, errors_step_by_step
+from fuzzyarm.eval.sweep.plants import Plants
 from fuzzyarm.policies import load_policy
 
 __all__ = [
+    "MUJOCO_ARM",
+    "MUJOCO_METHODS",
+    "SWEPT",
     "TORCH_LANES",
     "UNAVAILABLE",
     "Entry",
     "Measure",
     "NotMeasured",
+    "batch_peers",
     "compiled_batch",
     "draw_actions",
+    "gymnasium_peers",
     "own_batches",
     "own_single",
     "single_environment",
+    "sweep_entries",
     "timed",
     "timed_batch",
 ]  # fmt: skip
+
 
 Measure = Callable[[float], float]
 """Wall time to spend [s] -> environment steps per second."""
@@ -277,3 +294,122 @@ class _FirstLane:
 
 def _numpy(values: Any) -> np.ndarray:
     return np.asarray(values.cpu() if hasattr(values, "cpu") else values, dtype=float)
+
+
+MUJOCO_ARM = Path(fuzzyarm.__file__).parents[1] / "benchmarks" / "mujoco_arm.py"
+"""The arm in MuJoCo. A clone of the repository has it, an installed package does not."""
+
+MUJOCO_METHODS = {"MuJoCo arm": ("Euler", True, 30), "MuJoCo arm, 1 ms": ("Euler", False, 1)}
+"""By heading: integrator, whether positions are read half a step back, and sub-steps.
+
+The fastest method whose tip error is no larger than ours, and the fastest of all; `benchmarks/mujoco_arm.py` chose
+them, where they are EQUAL_ACCURACY and FASTEST.
+"""
+
+
+def gymnasium_peers() -> list[Entry]:
+    """Return the peers of one environment."""
+
+    def peer(heading: str, name: str, substeps: int) -> Entry:
+        opened = functools.partial(single_environment, name, 1.0)
+        return Entry(f"Gymnasium {name}", 1, 1, substeps, "float64", opened, heading, extra="bench")
+
+    return [peer("Pendulum", "Pendulum-v1", 1), peer("Reacher", "Reacher-v5", 2)]
+
+
+def batch_peers(lanes: int, threads: int) -> list[Entry]:
+    """Return the peers of a batch."""
+
+    def envpool(heading: str, name: str) -> Entry:
+        opened = functools.partial(_envpool, name, lanes, threads)
+        return Entry(f"EnvPool {name}", lanes, threads, 1, "float64", opened, heading, extra="bench")
+
+    def mujoco(heading: str) -> Entry:
+        *_, substeps = MUJOCO_METHODS[heading]
+        name = f"same arm in MuJoCo, 1{f'/{substeps}' if substeps > 1 else ''} ms"
+        opened, tip_error = functools.partial(_mujoco, heading, lanes, threads), MUJOCO_TIP_ERRORS[heading]
+        return Entry(name, lanes, threads, substeps, "float64", opened, heading, tip_error, "bench")
+
+    pools = [envpool("Pendulum", "Pendulum-v1"), envpool("Reacher", "ReacherEasy-v1")]
+    return [*pools, *map(mujoco, MUJOCO_METHODS)]
+
+
+@contextlib.contextmanager
+def _envpool(name: str, lanes: int, threads: int) -> Iterator[Measure]:
+    import envpool
+
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")  # Gymnasium's, on the precision of EnvPool's spaces
+        envs = envpool.make_gymnasium(name, num_envs=lanes, num_threads=threads, seed=0)
+        envs.reset()
+        actions = draw_actions(envs.action_space, 4, (lanes,))
+    try:
+        yield timed_batch(envs.step, actions, lanes)
+    finally:
+        envs.close()
+
+
+@contextlib.contextmanager
+def _mujoco(heading: str, lanes: int, threads: int) -> Iterator[Measure]:
+    integrator, _, substeps = MUJOCO_METHODS[heading]
+    yield functools.partial(_mujoco_arm().steps_per_second, lanes, threads, 1e-3 / substeps, integrator)
+
+
+def _mujoco_tip_error(heading: str) -> float:
+    integrator, half_step_back, substeps = MUJOCO_METHODS[heading]
+    module = _mujoco_arm()
+    arm = module.MujocoArm(module.COULOMB, module.Method(integrator, half_step_back), 1e-3 / substeps)
+    error: float = module.tip_error(arm.advance, module.COULOMB)
+    return error
+
+
+MUJOCO_TIP_ERRORS = {heading: functools.partial(_mujoco_tip_error, heading) for heading in MUJOCO_METHODS}
+"""By heading. Batches of all sizes share one function, so that the error is computed once."""
+
+
+@functools.cache
+def _mujoco_arm() -> ModuleType:
+    """Import the benchmark that holds the model."""
+    if not MUJOCO_ARM.exists():
+        raise NotMeasured("benchmarks/mujoco_arm.py is not there: run from a clone of the repository")
+    spec = importlib.util.spec_from_file_location(MUJOCO_ARM.stem, MUJOCO_ARM)
+    assert spec is not None and spec.loader is not None
+    module = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(module)
+    return module
+
+
+SWEPT = ("fuzzy-4-tip", "elastic-observer")
+"""Policies that are measured."""
+
+RUN = {"in one kernel": errors_in_one_kernel, "step by step": errors_step_by_step}
+"""How the episodes of a chunk are run, by name; the second is the peer of the first."""
+
+
+def sweep_entries(policy: str) -> list[Entry]:
+    """Return the two entries of a policy: a chunk of a sweep as `fuzzyarm sweep` cuts it, on one thread."""
+    config = SweepConfig(policies=(policy,))
+    config = SweepConfig(policies=(policy,), plants=config.chunk)
+    lanes = config.plants * len(config.cases)
+    first, second = RUN
+    return [
+        Entry(f"sweep of {policy}, {how}", lanes, 1, SUBSTEPS, "float64", functools.partial(_swept, config, how), peer)
+        for how, peer in ((first, ""), (second, second))
+    ]
+
+
+@contextlib.contextmanager
+def _swept(config: SweepConfig, how: str) -> Iterator[Measure]:
+    (name,) = config.policies
+    plants, policy, run = Plants.draw(config, config.members(0)), load_policy(name), RUN[how]
+    envs = plants.environment(config.cases)
+    try:
+
+        def advance() -> int:
+            errors = run(plants, envs, policy)
+            assert errors is not None  # the policy has a law for the kernel
+            return int(errors.steps.sum())
+
+        yield timed(advance)
+    finally:
+        envs.close()

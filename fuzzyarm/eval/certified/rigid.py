@@ -11,23 +11,67 @@ x_r = (q_d, q̇_d). ρ is the feedforward residual of the dropped premises, zero
 this w
 
     V' + zᵀz - γ² wᵀw + 2αV < 0,      V = ēᵀ P⁻¹ ē,      z = q - q_d,      while q and q̇ stay in the box (25).
+
+The rigid loop with its premises frozen at a state of the box, a linear system, and a search for the worst one.
+
+    ē' = F ē + G w,      F = Ē(z)⁻¹ (Ā(z) + B̄ K̄_hv),      G = Ē(z)⁻¹ B̄,      z from (q, q̇).
+
+The certificate bounds each of these systems: every pole lies left of -α, V decays at α at least, and with s = jω - α
+
+    ‖C (sI - F)⁻¹ G‖ <= γ  for every ω,     C ē = q - q_d;
+
+without the shift by α the same norm is the L2 gain of the frozen loop, which is smaller.
+
+Trajectories of the rigid loop, with the integrals that its certificate bounds.
+
+Motions and disturbance torques for tests of the rigid loop, among them the worst torque that is found.
+
+Extremes of the rigid loop in rollouts, to compare with its certified bounds: slowest decay and largest gain.
+
+The report of an evaluation and ``benchmarks/certified_bounds.py`` use these functions with different time steps.
 """
 
 from __future__ import annotations
 
 import dataclasses
+from collections.abc import Callable, Mapping
 from functools import cached_property
+from typing import Any, NamedTuple, Protocol
 
 import numpy as np
+from scipy.optimize import Bounds, differential_evolution
 
 from fuzzyarm.envs.observation import JOINTS
 from fuzzyarm.envs.physics.dynamics import Arm, arm_constants, coriolis_torque, gravity_torque, mass_matrix
 from fuzzyarm.envs.scenario.reference import ReferenceSample
 from fuzzyarm.fuzzy_policy.controller import Controller
-from fuzzyarm.fuzzy_policy.states import PLANT, POSITION, VELOCITY
+from fuzzyarm.fuzzy_policy.states import INTEGRAL, PLANT, PLANT_STATES, POSITION, VELOCITY
 from fuzzyarm.fuzzy_policy.ts_model import descriptor_terms, premises
 
-__all__ = ["RigidLoop"]
+__all__ = [
+    "STEP",
+    "DecayRates",
+    "Disturbance",
+    "Motion",
+    "Objective",
+    "RigidLoop",
+    "Run",
+    "Uniform",
+    "WorstPoint",
+    "decay_rates",
+    "disturbed_run",
+    "find_worst_point",
+    "freeze",
+    "gain_at",
+    "joined",
+    "library",
+    "lyapunov_rate",
+    "pole_rate",
+    "simulate",
+    "slowest_error",
+    "worst_posture",
+    "worst_torque",
+]  # fmt: skip
 
 
 @dataclasses.dataclass(frozen=True)
@@ -128,3 +172,355 @@ class RigidLoop:
     def _root(self) -> np.ndarray:
         """S with S Sᵀ = P⁻¹."""
         return np.linalg.inv(np.linalg.cholesky(self.controller.P)).T
+
+
+LARGEST_FREQUENCY = 500.0  # [rad/s]; the gains fall beyond 100 rad/s
+GENERATIONS, POPULATION = 150, 16  # of the search; a second seed changes no result in the fourth digit
+
+
+def freeze(loop: RigidLoop, q: np.ndarray, dq: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Return F (lanes, n_e, n_e) and G (lanes, n_e, 2) at angles [rad] and velocities [rad/s] (lanes, 2)."""
+    z = premises(q, dq, loop.controller.model.parameters)
+    (E, A), (gain, _), n = loop.descriptor(z), loop.law(z), loop.states
+    inverse = np.linalg.inv(E[:, VELOCITY, VELOCITY])
+    F, G = np.zeros((len(z), n, n)), np.zeros((len(z), n, JOINTS))
+    F[:, POSITION, VELOCITY] = np.eye(JOINTS)
+    F[:, INTEGRAL, POSITION] = np.eye(n - PLANT_STATES, JOINTS)
+    gain = gain.copy()
+    gain[:, :, PLANT] += A[:, VELOCITY]
+    F[:, VELOCITY], G[:, VELOCITY] = inverse @ gain, inverse
+    return F, G
+
+
+def pole_rate(F: np.ndarray) -> np.ndarray:
+    """Return -max Re λ [1/s] (lanes,): the asymptotic decay rate of small errors."""
+    return np.asarray(-np.linalg.eigvals(F).real.max(axis=-1))
+
+
+def lyapunov_rate(F: np.ndarray, P: np.ndarray) -> np.ndarray:
+    """Return the smallest -V'/2V [1/s] over all errors (lanes,): the decay of V at its slowest instant."""
+    root = np.linalg.cholesky(P)
+    scaled = np.linalg.solve(root, F @ root)
+    return np.asarray(-np.linalg.eigvalsh(0.5 * (scaled + np.swapaxes(scaled, 1, 2)))[:, -1])
+
+
+def slowest_error(F: np.ndarray, P: np.ndarray) -> np.ndarray:
+    """Return the error ē (lanes, n_e) [rad, rad/s, rad s], V = 1, at which V decays at `lyapunov_rate`."""
+    root = np.linalg.cholesky(P)
+    scaled = np.linalg.solve(root, F @ root)
+    return np.asarray(np.linalg.eigh(0.5 * (scaled + np.swapaxes(scaled, 1, 2)))[1][:, :, -1] @ root.T)
+
+
+def gain_at(F: np.ndarray, G: np.ndarray, s: np.ndarray) -> np.ndarray:
+    """Return ‖C (sI - F)⁻¹ G‖ [rad/(N m)] (lanes,) at s (lanes,) [1/s]."""
+    response = np.linalg.solve(s[:, np.newaxis, np.newaxis] * np.eye(F.shape[-1]) - F, G)[:, POSITION]
+    return np.asarray(np.linalg.norm(response, ord=2, axis=(1, 2)))
+
+
+@dataclasses.dataclass(frozen=True)
+class WorstPoint:
+    """Where in the box a `value` is largest: q [rad] and q̇ [rad/s] (2,), and the frequency ω [rad/s] if it has one."""
+
+    value: float
+    q: np.ndarray
+    dq: np.ndarray
+    omega: float
+
+
+Objective = Callable[[np.ndarray, np.ndarray, np.ndarray], np.ndarray]
+"""F, G and ω, with lanes, to what is to be largest (lanes,)."""
+
+
+def find_worst_point(loop: RigidLoop, objective: Objective, *, moving: bool = True, seed: int = 0) -> WorstPoint:
+    """Return where `objective` is largest over the box (25) and ω in [0, LARGEST_FREQUENCY], by differential evolution.
+
+    Args:
+        loop: arm and controller.
+        objective: see `Objective`.
+        moving: whether q̇ is searched too; False: the arm at rest.
+        seed: of the search.
+    """
+    limits = loop.controller.model.parameters
+    scale = np.array([*limits.joint_limit, *(float(moving) * np.array(limits.velocity_limit)), 1.0])
+
+    def split(x: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        point = scale * x.T
+        return point[:, POSITION], point[:, VELOCITY], LARGEST_FREQUENCY * (0.5 + 0.5 * point[:, -1]) ** 2
+
+    def loss(x: np.ndarray, /) -> Any:
+        q, dq, omega = split(x)
+        return -objective(*freeze(loop, q, dq), omega)
+
+    found = differential_evolution(
+        loss, Bounds([-1.0] * len(scale), [1.0] * len(scale)), vectorized=True, updating="deferred", polish=False,
+        rng=seed, init="sobol", maxiter=GENERATIONS, popsize=POPULATION, tol=0.0,
+    )  # fmt: skip
+    q, dq, omega = split(found.x[:, np.newaxis])
+    return WorstPoint(-float(found.fun), q[0], dq[0], float(omega[0]))
+
+
+STEP = 5e-4  # [s]; the fastest poles of the shipped loops lie near -250 rad/s
+FLOOR = 1e-20  # share of V(0) below which a rate of decay is not read: there rounding shows
+INTEGRALS = 3  # of zᵀz, wᵀw and V, integrated along with the error
+
+Disturbance = Callable[[np.ndarray], np.ndarray]
+"""Times (k,) [s] to torques (k, lanes or 1, 2) [N m]; smooth, or with kinks at multiples of the step only."""
+
+
+class Motion(Protocol):
+    """A reference: `JointReference`, a held posture, ..."""
+
+    def sample(self, t: np.ndarray) -> ReferenceSample:
+        """Return angles, velocities, accelerations, (k, 2) or (k, lanes, 2) each, at times t (k,) [s]."""
+
+
+@dataclasses.dataclass(frozen=True)
+class Run:
+    """Trajectories at times t (k,) [s]: errors ē (k, lanes, n_e), and (k, lanes) for all else.
+
+    Attributes:
+        V: Lyapunov function.
+        output: ∫ zᵀz dt [rad² s].
+        input: ∫ wᵀw dt [N² m² s].
+        dissipation: V - V(0) + ∫ (zᵀz - γ² wᵀw + 2αV) dt, at most zero if the claim holds.
+        in_box: whether q and q̇ have been in the box (25) up to here.
+    """
+
+    t: np.ndarray
+    error: np.ndarray
+    V: np.ndarray
+    output: np.ndarray
+    input: np.ndarray
+    dissipation: np.ndarray
+    in_box: np.ndarray
+
+    @property
+    def gain(self) -> np.ndarray:
+        """‖z‖₂/‖w‖₂ [rad/(N m)] up to each instant, (k, lanes), 0 where w was zero; a gain only from zero error."""
+        squared = np.divide(self.output, self.input, out=np.zeros_like(self.input), where=self.input > 0.0)
+        return np.asarray(np.sqrt(squared))
+
+    @property
+    def rate(self) -> np.ndarray:
+        """-d ln V / 2dt [1/s] over each step, (k - 1, lanes); inf out of the box and below `FLOOR`."""
+        readable = self.in_box[1:] & (self.V[1:] > FLOOR * self.V[0])
+        ratio = np.divide(self.V[:-1], self.V[1:], out=np.full_like(self.V[1:], np.inf), where=readable)
+        return np.asarray(np.log(ratio) / (2.0 * np.diff(self.t)[:, np.newaxis]))
+
+
+def simulate(
+    loop: RigidLoop,
+    motion: Motion,
+    start: np.ndarray,
+    disturbance: Disturbance,
+    duration: float,
+    *,
+    total: bool = True,
+    step: float = STEP,
+) -> Run:
+    """Integrate ē and the integrals of `Run` by the classical Runge-Kutta method of order 4 with fixed steps.
+
+    The unknown is the error, not the angle: an error of 1e-12 rad decays as accurately as one of 0.1 rad.
+
+    Args:
+        loop: arm and controller.
+        motion: the reference, twice differentiable.
+        start: ē at t = 0, (lanes, n_e).
+        disturbance: torque over time, w or d as `total` says, see `RigidLoop.error_rate`.
+        duration: [s], rounded to whole steps.
+        total: whether the disturbance is w of the certificate.
+        step: [s].
+    """
+    steps, n = round(duration / step), loop.states
+    half = 0.5 * step * np.arange(2 * steps + 1)
+    targets, torques = motion.sample(half), disturbance(half)
+
+    def rate(k: int, y: np.ndarray) -> np.ndarray:
+        error = y[:, :n]
+        change, w = loop.error_rate(error, ReferenceSample(*(part[k] for part in targets)), torques[k], total=total)
+        integrands = [np.sum(error[:, POSITION] ** 2, axis=1), np.sum(w**2, axis=1), loop.lyapunov(error)]
+        return np.column_stack([change, *integrands])
+
+    path = np.zeros((steps + 1, len(start), n + INTEGRALS))
+    path[0, :, :n] = start
+    for k in range(steps):
+        y = path[k]
+        k1 = rate(2 * k, y)
+        k2 = rate(2 * k + 1, y + 0.5 * step * k1)
+        k3 = rate(2 * k + 1, y + 0.5 * step * k2)
+        k4 = rate(2 * k + 2, y + step * k3)
+        path[k + 1] = y + step / 6.0 * (k1 + 2.0 * k2 + 2.0 * k3 + k4)
+    return _evaluate(loop, half[::2], ReferenceSample(*(part[::2] for part in targets)), path)
+
+
+def _evaluate(loop: RigidLoop, t: np.ndarray, targets: ReferenceSample, path: np.ndarray) -> Run:
+    controller, n = loop.controller, loop.states
+    error, (output, taken, stored) = path[..., :n], np.moveaxis(path[..., n:], -1, 0)
+    V, limits = loop.lyapunov(error), controller.model.parameters
+    supply = output - controller.gamma**2 * taken + 2.0 * controller.alpha * stored
+    q, dq = (part.reshape(len(t), -1, JOINTS) for part in targets[:2])
+    inside = (np.abs(q + error[..., POSITION]) <= limits.joint_limit) & (
+        np.abs(dq + error[..., VELOCITY]) <= limits.velocity_limit
+    )
+    in_box = np.logical_and.accumulate(inside.all(axis=-1), axis=0)
+    return Run(t, error, V, output, taken, V - V[0] + supply, in_box)
+
+
+FREQUENCIES = (1.0, 3.0, 10.0, 20.0, 40.0, 60.0, 80.0, 120.0, 200.0, 400.0)  # [rad/s]
+DIRECTIONS = {"joint 1": (1.0, 0.0), "joint 2": (0.0, 1.0), "in phase": (0.7, 0.7), "antiphase": (0.7, -0.7)}
+PULSE = 0.02  # [s]
+HELD = 2e-3  # [s], one torque of the power iteration
+POWER_STEPS = 40  # of the power iteration; twice as many raise the gains by 0.5 % at most
+
+
+@dataclasses.dataclass(frozen=True)
+class Uniform:
+    """q_d = q + q̇ t: postures held, or passed at constant velocity; q [rad] and q̇ [rad/s] are (lanes, 2)."""
+
+    q: np.ndarray
+    dq: np.ndarray
+
+    def sample(self, t: np.ndarray) -> ReferenceSample:
+        """Return the motion (k, lanes, 2) at times t (k,) [s]."""
+        q = self.q + t[:, np.newaxis, np.newaxis] * self.dq
+        return ReferenceSample(q, np.broadcast_to(self.dq, q.shape), np.zeros(q.shape))
+
+
+def library(duration: float, step: float = STEP, seed: int = 0) -> dict[str, np.ndarray]:
+    """Return torques (k, 2) [N m] of size 1 at the instants 0, step, ..., duration, to be joined by `joined`."""
+    t, rng = np.arange(round(duration / step) + 1) * step, np.random.default_rng(seed)
+    shapes = {"step": np.ones_like(t), "pulse": (t <= PULSE).astype(float)}
+    shapes |= {f"sine {omega:g} rad/s": np.sin(omega * t) for omega in FREQUENCIES}
+    probes = {
+        f"{name}, {way}": shape[:, np.newaxis] * np.array(direction)
+        for name, shape in shapes.items()
+        for way, direction in DIRECTIONS.items()
+    }
+    return probes | {f"noise {k}": rng.normal(size=(len(t), JOINTS)) for k in range(4)}
+
+
+def joined(torques: np.ndarray, step: float = STEP) -> Disturbance:
+    """Return the disturbance that joins torques (k, lanes, 2) [N m], `step` [s] apart, by straight lines."""
+
+    def disturbance(t: np.ndarray) -> np.ndarray:
+        place = np.clip(t / step, 0.0, len(torques) - 1.0)
+        left = np.minimum(np.floor(place + 1e-9).astype(int), len(torques) - 2)
+        share = (place - left)[:, np.newaxis, np.newaxis]
+        return np.asarray((1.0 - share) * torques[left] + share * torques[left + 1])
+
+    return disturbance
+
+
+def worst_torque(
+    loop: RigidLoop, motion: Motion, duration: float, *, stored: bool = False, step: float = STEP
+) -> np.ndarray:
+    """Return the torque (k, 2) [N m], largest value 1, that small errors about a motion amplify most.
+
+    About zero error the loop is linear, with the F(t), G(t) of `freeze`. Power iteration finds the largest singular
+    value of its map from w to the position error: forward through the loop, backward through its adjoint.
+
+    Args:
+        loop: arm and controller.
+        motion: the reference, of one lane.
+        duration: [s].
+        stored: whether the output is all that the dissipation inequality counts, (z, √(2α) P^(-1/2) ē), or z.
+        step: [s], between the torques returned; those searched are held for `HELD`.
+    """
+    middles = HELD * (np.arange(round(duration / HELD)) + 0.5)
+    move, push = _discrete(loop, motion, middles)
+    n, controller = loop.states, loop.controller
+    weight = np.diag(np.arange(n) < POSITION.stop).astype(float)
+    if stored:
+        weight += 2.0 * controller.alpha * np.linalg.inv(controller.P)
+    torque, errors = np.random.default_rng(0).normal(size=(len(middles), JOINTS)), np.zeros((len(middles), n))
+    for _ in range(POWER_STEPS):
+        e, costate = np.zeros(n), np.zeros(n)
+        for k in range(len(middles)):
+            errors[k] = e = move[k] @ e + push[k] @ torque[k]
+        counted = errors @ weight
+        for k in reversed(range(len(middles))):
+            costate += counted[k]
+            torque[k] = costate @ push[k]
+            costate = costate @ move[k]
+        torque /= np.abs(torque).max()
+    t = step * np.arange(round(duration / step) + 1)
+    return np.column_stack([np.interp(t, middles, joint) for joint in torque.T])
+
+
+def _discrete(loop: RigidLoop, motion: Motion, middles: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Return the maps of ē (k, n_e, n_e) and of a held w (k, n_e, 2) over `HELD`, by the implicit midpoint rule."""
+    target, n = motion.sample(middles), loop.states
+    F, G = freeze(loop, target.q.reshape(-1, JOINTS), target.dq.reshape(-1, JOINTS))
+    half, unit = 0.5 * HELD * F, np.eye(n)
+    maps = np.linalg.solve(unit - half, np.concatenate([unit + half, HELD * G], axis=2))
+    return maps[..., :n], maps[..., n:]
+
+
+LANES, DECAY_DURATION = 200, 0.2  # number of undisturbed rollouts from random states, and their duration [s]
+SLOWEST_DURATION, SLOWEST_STEP = 0.02, 2e-5  # [s], of the rollout from where V decays slowest
+AMPLITUDE = 100.0  # [N m], of the largest disturbance torque
+_UNDISTURBED = joined(np.zeros((2, 1, 2)))
+
+
+class DecayRates(NamedTuple):
+    """Smallest rates -V'/2V [1/s] without disturbance; the certificate claims that all are at least α.
+
+    Attributes:
+        random: of rollouts from random states of the box.
+        slowest: of a rollout from the state and error at which V decays slowest.
+        in_box: of all states of the box and all errors, found by a search without a rollout.
+    """
+
+    random: float
+    slowest: float
+    in_box: float
+
+    @property
+    def observed(self) -> float:
+        """Smallest rate of all rollouts."""
+        return min(self.random, self.slowest)
+
+
+def decay_rates(loop: RigidLoop, step: float = STEP) -> DecayRates:
+    """Return the smallest decay rates of V; `step` is that of the random rollouts [s]."""
+    P = loop.controller.P
+    worst = find_worst_point(loop, lambda F, G, omega: -lyapunov_rate(F, P))
+    # The rollout starts slightly inside the box, so that it does not leave the box at once.
+    q, dq = 0.999 * worst.q[np.newaxis], 0.999 * worst.dq[np.newaxis]
+    error = 1e-4 * slowest_error(freeze(loop, q, dq)[0], P)
+    motion = Uniform(q - error[:, POSITION], dq - error[:, VELOCITY])
+    slowest = simulate(loop, motion, error, _UNDISTURBED, SLOWEST_DURATION, step=SLOWEST_STEP)
+    return DecayRates(_random_decay(loop, step), float(slowest.rate.min()), -worst.value)
+
+
+def worst_posture(loop: RigidLoop) -> Uniform:
+    """Return the held posture with the largest frozen gain, slightly inside the box."""
+    worst = find_worst_point(loop, lambda F, G, omega: gain_at(F, G, 1j * omega), moving=False)
+    return Uniform(0.98 * worst.q[np.newaxis], np.zeros((1, 2)))
+
+
+def disturbed_run(
+    loop: RigidLoop, motion: Motion, probes: Mapping[str, np.ndarray], duration: float, step: float = STEP
+) -> Run:
+    """Return the rollouts from zero error under disturbance torques, one lane for each probe.
+
+    Args:
+        loop: arm and controller.
+        motion: the reference.
+        probes: torques (k, 2) by name, of size 1, at the instants 0, step, ..., duration; see `probes.library`.
+        duration: [s].
+        step: of the torques and of the integration [s].
+    """
+    torques = AMPLITUDE * np.stack(list(probes.values()), axis=1)
+    at_rest = np.zeros((len(probes), loop.states))
+    return simulate(loop, motion, at_rest, joined(torques, step), duration, step=step)
+
+
+def _random_decay(loop: RigidLoop, step: float) -> float:
+    """Return the smallest rate of rollouts whose errors are spread like the ellipsoid V = 1 and then scaled."""
+    P, arm, rng = loop.controller.P, loop.controller.model.parameters, np.random.default_rng(0)
+    q, dq = (rng.uniform(-0.6, 0.6, (LANES, 2)) * limit for limit in (arm.joint_limit, arm.velocity_limit))
+    errors = rng.normal(size=(LANES, loop.states)) @ np.linalg.cholesky(P).T
+    largest_angle = rng.uniform(0.01, 0.3, LANES)  # [rad]
+    errors *= (largest_angle / np.abs(errors[:, POSITION]).max(axis=1))[:, np.newaxis]
+    return float(simulate(loop, Uniform(q, dq), errors, _UNDISTURBED, DECAY_DURATION, step=step).rate.min())

@@ -2,10 +2,16 @@
 
 Every figure over time is a grid with a row per `Panel` and a column per case. What a figure shows is data
 in `panels`. Matplotlib is used without pyplot, which keeps global state.
+
+How the path of the tip is seen in a figure: in the plane of the two-joint arm, or face-on where it lies in space.
+
+What the figures over time show: one `Panel` for each row of a figure.
 """
 
 from __future__ import annotations
 
+import dataclasses
+import functools
 import itertools
 from collections.abc import Callable, Mapping, Sequence
 from contextlib import AbstractContextManager
@@ -21,14 +27,130 @@ from matplotlib.lines import Line2D
 from fuzzyarm.common.checks import instance, path_of, sequence_of
 from fuzzyarm.envs.scenario.cases import CASES
 from fuzzyarm.eval.episodes.rollout import Rollout
-from fuzzyarm.eval.evaluation.panels import OVERVIEW, Panel, time_figures
-from fuzzyarm.eval.evaluation.views import view_of
 from fuzzyarm.eval.figure_files import write_figure
 
 __all__ = [
-    "BAND", "DASHES", "DIPS", "FOCUS", "LOWEST", "MAGNIFICATIONS", "REFERENCE", "ROOM", "SMALL", "TALLER",
-    "draw_figures", "figure_style", "policy_styles", "write_figures",
+    "BAND",
+    "DASHES",
+    "DIPS",
+    "FOCUS",
+    "LOWEST",
+    "MAGNIFICATIONS",
+    "OVERVIEW",
+    "REFERENCE",
+    "ROOM",
+    "SMALL",
+    "TALLER",
+    "Panel",
+    "View",
+    "draw_figures",
+    "figure_style",
+    "policy_styles",
+    "time_figures",
+    "view_of",
+    "write_figures",
 ]  # fmt: skip
+
+
+_PLANE, _SPACE = 2, 3
+
+
+@dataclasses.dataclass(frozen=True)
+class View:
+    """Two directions in which points are drawn.
+
+    Attributes:
+        rows: (2, axes), of the unit vectors that point down and to the side in the picture.
+        labels: of the vertical and the horizontal axis.
+        upwards: whether the vertical axis counts upwards.
+    """
+
+    rows: np.ndarray
+    labels: tuple[str, str]
+    upwards: bool
+
+    def of(self, points: np.ndarray) -> np.ndarray:
+        """Return the points (..., axes) [m] as (..., 2): down and to the side [m]."""
+        return np.asarray(points @ self.rows.T)
+
+
+def view_of(reference: np.ndarray) -> View:
+    """Return the view of a path with these points (n, 2 or 3) [m].
+
+    In space it is the plane that the path lies in, or comes closest to, with the base's z axis pointing as far up as it
+    can.
+    """
+    if reference.shape[-1] == _PLANE:
+        return View(np.eye(_PLANE), ("x, down [m]", "y, to the side [m]"), upwards=False)
+    _, _, directions = np.linalg.svd(reference - reference.mean(axis=0), full_matrices=True)
+    normal = directions[-1] * (1.0 if directions[-1].sum() >= 0.0 else -1.0)
+    up = np.eye(_SPACE)[-1] - normal[-1] * normal
+    if np.linalg.norm(up) < 0.1:  # a path in the plane of the base is seen from above, x downwards
+        up = normal[0] * normal - np.eye(_SPACE)[0]
+    up /= np.linalg.norm(up)
+    side = np.cross(up, normal)
+    return View(np.stack([-up, side]), (f"along {_named(up)} [m]", f"along {_named(side)} [m]"), upwards=True)
+
+
+def _named(direction: np.ndarray) -> str:
+    """Return a direction in the base frame as text."""
+    return "(" + ", ".join(f"{part + 0.0:.2g}" for part in np.round(direction, 2)) + ")"
+
+
+Signal = Callable[[Rollout], np.ndarray]
+
+
+@dataclasses.dataclass(frozen=True)
+class Panel:
+    """One quantity over time, a row of a figure.
+
+    Attributes:
+        quantity, unit: label of the vertical axis.
+        signal: what is drawn of a rollout, (n,) [unit].
+        scale: panels of a figure with the same scale share their limits.
+        target: what the signal should follow, (n,) [unit]; None without a target.
+        log: whether the axis is logarithmic; each case has limits of its own then,
+            and values below its lowest decade are drawn at its edge.
+        is_error: whether the scale leaves out policies far worse than the best (see `figures.FOCUS`), which are then
+            named in the panel; they would flatten the other curves.
+    """
+
+    quantity: str
+    unit: str
+    signal: Signal
+    scale: str = ""
+    target: Signal | None = None
+    log: bool = False
+    is_error: bool = False
+
+
+_CIRCULARITY = Panel("circularity error", "mm", lambda r: 1e3 * r.circularity_error, is_error=True)
+_MOTOR_CIRCULARITY = Panel("motors' circularity,\nas if rigid", "mm", lambda r: 1e3 * r.circularity_error_motor)
+# Not an error panel: a policy that brings the tip to the circle leads the motors beside it.
+
+
+@functools.cache
+def time_figures(joints: int) -> dict[str, tuple[Panel, ...]]:
+    """Return the panels of each figure over time, by its name, for an arm of so many joints."""
+    each = [_of_joint(joint) for joint in range(joints)]
+    names = ("torque", "velocity", "motor-position", "friction")
+    return {"circularity": (_CIRCULARITY, _MOTOR_CIRCULARITY)} | dict(zip(names, zip(*each, strict=True), strict=True))
+
+
+def _of_joint(k: int) -> tuple[Panel, Panel, Panel, Panel]:
+    """Return the panels of one joint: torque, velocity, motor angle and friction."""
+    name = f"joint {k + 1}"
+    return (
+        Panel(f"motor torque,\n{name}", "N m", lambda r: r.torque[:, k], scale=name),
+        Panel(f"motor velocity,\n{name}", "rad/s", lambda r: r.dq_motor[:, k], target=lambda r: r.dq_reference[:, k]),
+        Panel(f"motor angle less\nq_d, {name}", "mrad", lambda r: 1e3 * (r.q_motor - r.q_reference)[:, k]),
+        Panel(f"friction torque,\n{name}", "N m", lambda r: r.friction_torque[:, k], scale=name),
+    )
+
+
+# The panels of the overview, one column for each case.
+OVERVIEW = (Panel("tip error", "mm", lambda r: 1e3 * r.tip_error, scale="tip", log=True), _CIRCULARITY)
+
 
 MAGNIFICATIONS = (20, 10, 5, 2, 1)
 """In the plane, deviations are drawn magnified by the first of these factors with which the best policy's deviation

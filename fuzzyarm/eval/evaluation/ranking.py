@@ -28,8 +28,7 @@ from fuzzyarm.common.console import table as new_table
 from fuzzyarm.envs.scenario.cases import CASES
 from fuzzyarm.eval.declarations import ROW, declared_cells, print_declared
 from fuzzyarm.eval.episodes.metrics import LOST, RESOLUTION, is_lost, millimetres
-from fuzzyarm.eval.evaluation.conditions import conditions_in_words, conditions_of
-from fuzzyarm.eval.evaluation.results_file import Results, read_results
+from fuzzyarm.eval.evaluation.results_file import Results, conditions_in_words, conditions_of, read_results
 from fuzzyarm.eval.evaluation.run import EvaluationConfig
 from fuzzyarm.eval.evaluation.statistics import Estimate, estimate, interquartile_mean
 from fuzzyarm.policies import resolve

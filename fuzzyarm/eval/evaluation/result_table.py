@@ -1,23 +1,126 @@
-"""The table of results, for the terminal and as Markdown for the README."""
+"""The table of results, for the terminal and as Markdown for the README.
+
+Which policies are at a torque limit for long, and whether that is since they are unstable on the arm.
+
+The last lines of `fuzzyarm evaluate`: who won each case, which policies are proven, and what to type next.
+"""
 
 from __future__ import annotations
 
+import shlex
 from collections.abc import Mapping, Sequence
 from functools import partial
+from pathlib import Path
 from statistics import median
 from typing import Any
 
+import numpy as np
 from rich.console import Console
 from rich.text import Text
 
 from fuzzyarm.common.console import print_paragraphs, print_table
 from fuzzyarm.common.console import table as new_table
+from fuzzyarm.envs.physics.equations import AnyArm, bounds_of
 from fuzzyarm.envs.scenario.cases import CASES
 from fuzzyarm.eval.declarations import ROW, declared_cells
-from fuzzyarm.eval.episodes.metrics import millimetres
+from fuzzyarm.eval.episodes.metrics import RESOLUTION, is_lost, millimetres
+from fuzzyarm.eval.episodes.rollout import Rollout
+from fuzzyarm.eval.stability.linearisation import spectral_radius
 from fuzzyarm.policies.declared import Declared
 
-__all__ = ["COLUMNS", "DECLARED", "declared_rows", "print_passes", "print_results", "table_rows"]
+__all__ = [
+    "COLUMNS", "DECLARED", "declared_rows", "print_passes", "print_results", "saturation", "table_rows", "verdict",
+]  # fmt: skip
+
+
+LONG = 0.01
+"""Share of an evaluation's steps with a motor at its limit, from which on it is said."""
+
+
+def saturation(rollouts: Sequence[Rollout], policies: Mapping[str, Any], arm: AnyArm, period: float) -> tuple[str, ...]:
+    """Return a line for each policy that is at a torque limit for long, with the stability of its loop.
+
+    The loop is that of `linearisation`: at rest, around postures of the arm's default path, in a control period [s].
+    """
+    limit, lines = bounds_of(arm).torque, []
+    for name, policy in policies.items():
+        reached = [(np.abs(run.torque) >= limit).any(axis=1) for run in rollouts if run.policy == name]
+        share = float(np.concatenate(reached).mean())
+        if share > LONG:
+            text = f"{name}: a motor is at its torque limit in {100.0 * share:.0f} % of the steps; "
+            lines.append(text + _stability(policy, arm, period))
+    return tuple(lines)
+
+
+def _stability(policy: Any, arm: AnyArm, period: float) -> str:
+    try:
+        if policy.action_period != period:
+            raise ValueError("it holds its action for several control periods; see fuzzyarm margins")
+        radius = spectral_radius(policy, arm, control_period=period)
+    except (AttributeError, TypeError, ValueError) as error:
+        return f"whether its loop is stable on this arm was not found: {' '.join(str(error).split())}"
+    measured = f"spectral radius {radius:.3g} at rest, see fuzzyarm margins"
+    if radius > 1.0:
+        return f"its loop is unstable on this arm ({measured})"
+    return f"its loop is stable ({measured}), the motion asks for more torque than there is"
+
+
+_FEW = 3  # policies that a line names; of more it says how many
+
+
+def verdict(
+    rows: Sequence[Mapping[str, Any]],
+    certificates: Mapping[str, str | None],
+    folder: Path,
+    files: int,
+    titles: Mapping[str, str] | None = None,
+) -> list[str]:
+    """Return a line for each case, one about certificates and one about the next command.
+
+    A case is won by the smallest rms tip error, over several seeds the smallest median, among the policies that never
+    lost the path, see `metrics.is_lost`.
+
+    Args:
+        rows: of metrics, as in `Evaluation.rows`.
+        certificates: by policy, in words; None without one.
+        folder: that the evaluation was written to.
+        files: how many files.
+        titles: by name of the case; None: those of the two-joint arm.
+    """
+    known = {name: case.title for name, case in CASES.items()} if titles is None else titles
+    cases = dict.fromkeys(row["case"] for row in rows)
+    lines = [_won([row for row in rows if row["case"] == case], known.get(case, case)) for case in cases]
+    there = shlex.quote(str(folder))
+    return [*lines, _proven(certificates), f"{files} files in {there}; next: fuzzyarm report {there}"]
+
+
+def _won(rows: Sequence[Mapping[str, Any]], title: str) -> str:
+    """Return who won a case, given its rows and title."""
+    lost = {row["policy"] for row in rows if is_lost(row)}
+    errors = {
+        policy: median(row["tip_error_rms_mm"] for row in rows if row["policy"] == policy)
+        for policy in dict.fromkeys(row["policy"] for row in rows)
+        if policy not in lost
+    }
+    if not errors:
+        return f"{title}: no policy followed the path to its end"
+    best = min(errors.values())
+    winners = [policy for policy, error in errors.items() if error <= max(best, RESOLUTION)]
+    after = f"; {_named(sorted(lost))} lost the path" if lost else ""
+    verb = "followed" if len(errors) == 1 else "won" if len(winners) == 1 else "tie"
+    return f"{title}: {_named(winners)} {verb}, rms tip error {millimetres(best)} mm{after}"
+
+
+def _proven(certificates: Mapping[str, str | None]) -> str:
+    proven = [policy for policy, text in certificates.items() if text is not None]
+    others = f"; nothing of {len(certificates) - len(proven)} others" if 0 < len(proven) < len(certificates) else ""
+    return f"Proven of the rigid arm: {_named(proven) or 'nothing'}{others}"
+
+
+def _named(policies: Sequence[str]) -> str:
+    """Return up to `_FEW` policies by name, and how many there are beyond."""
+    return ", ".join(policies[:_FEW]) + (f" and {len(policies) - _FEW} more" if len(policies) > _FEW else "")
+
 
 _DISPENSABLE = (7, 6, 5, 4, 2)
 """Columns of the table, with the policy as number 0, that a narrow terminal does without, in this order."""

@@ -23,8 +23,7 @@ from matplotlib.patches import Patch
 
 from fuzzyarm.common.files import write_atomically
 from fuzzyarm.eval.episodes.rollout import Rollout
-from fuzzyarm.eval.paper.controllers import FEW, FORMS, MANY, RULES, key_of
-from fuzzyarm.eval.paper.evidence import Evidence
+from fuzzyarm.eval.paper.evidence import FEW, FORMS, MANY, RULES, Evidence, key_of
 from fuzzyarm.eval.paper.measures import circularity_of
 
 __all__ = ["BANDS", "BY_JOINT", "BY_RULES", "COLUMN_TITLES", "draw_figures", "write_figures"]

@@ -14,8 +14,7 @@ from fuzzyarm.envs.physics.friction import DryFriction, stribeck_magnitude
 from fuzzyarm.envs.scenario.cases import CASES, PAPER_CASES
 from fuzzyarm.envs.scenario.disturbances import MachiningForce
 from fuzzyarm.eval.episodes.rollout import Rollout
-from fuzzyarm.eval.paper.controllers import FORMS, RULES, SWAPPED, TITLES, key_of
-from fuzzyarm.eval.paper.evidence import HIGH_GAIN, WITNESSES, Evidence
+from fuzzyarm.eval.paper.evidence import FORMS, HIGH_GAIN, RULES, SWAPPED, TITLES, WITNESSES, Evidence, key_of
 from fuzzyarm.fuzzy_policy.controller import Controller
 from fuzzyarm.fuzzy_policy.laws.fuzzy import FuzzyPolicy
 from fuzzyarm.fuzzy_policy.proof.vertices import tracking_vertices

@@ -1,20 +1,220 @@
-"""The section of certificates: certified bounds beside the worst observed values, and the certificates in words."""
+"""The section of certificates: certified bounds beside the worst observed values, and the certificates in words.
+
+The worst that is observed on the rigid arm, to stand beside the certified bounds of a controller file.
+
+It takes a few seconds a file: the searches and rollouts of ``benchmarks/certified_bounds.py`` with twice its time step.
+
+The section of tubes: what is proven of the tip on the elastic, sampled arm, drawn around its path.
+
+Errors are magnified around the path: the tube is the bound of the tip error at each sample to either side of the path,
+and the curve in it the tip of the stored episode.
+"""
 
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Callable, Mapping
+import math
+from collections.abc import Callable, Mapping, Sequence
 from decimal import Decimal
 from html import escape
-from typing import Any
+from pathlib import Path
+from typing import Any, cast
+
+import numpy as np
 
 from fuzzyarm.common.rounding import at_least, at_most
-from fuzzyarm.eval.report.chart import Axis, Bound, draw_chart, figure
-from fuzzyarm.eval.report.observed import Observed
+from fuzzyarm.envs.scenario.reference import Reference
+from fuzzyarm.eval.certified.rigid import (
+    Motion,
+    RigidLoop,
+    decay_rates,
+    disturbed_run,
+    library,
+    worst_posture,
+    worst_torque,
+)
+from fuzzyarm.eval.certified.tip.bound import plain
+from fuzzyarm.eval.certified.tip.bound_file import BoundCheck, check_bound, check_cells, is_cells
+from fuzzyarm.eval.episodes.rollout import Rollout
+from fuzzyarm.eval.evaluation.run import EvaluationConfig
 from fuzzyarm.eval.report.stored import StoredEvaluation
+from fuzzyarm.eval.report.summary import Axis, Bound, draw_chart, figure
+from fuzzyarm.fuzzy_policy.controller import Controller
 from fuzzyarm.fuzzy_policy.proof.policy_certificate import NOT_COVERED
+from fuzzyarm.policies.spec import PolicySpec, resolve
 
-__all__ = ["SCOPE", "Observations", "bound_charts", "bound_note", "statements"]
+__all__ = [
+    "SCOPE",
+    "Observations",
+    "Observed",
+    "bound_charts",
+    "bound_note",
+    "checked_bounds",
+    "observe",
+    "observe_policies",
+    "statements",
+    "tube_section",
+]  # fmt: skip
+
+
+STEP = 1e-3  # [s] of the rollouts; the fastest time constant of the shipped loops is about 4e-3 s
+
+
+@dataclasses.dataclass(frozen=True)
+class Observed:
+    """The worst that was observed on the rigid arm in continuous time.
+
+    Attributes:
+        decay: smallest decay rate -V'/2V of undisturbed rollouts [1/s].
+        gain: largest ‖q - q_d‖₂ / ‖w‖₂ of disturbed rollouts from zero error [rad/(N m)].
+        probe: name of the disturbance with that largest gain.
+    """
+
+    decay: float
+    gain: float
+    probe: str
+
+
+def observe(loop: RigidLoop, reference: Reference) -> Observed:
+    """Return the slowest decay and the largest gain of rollouts of a loop.
+
+    The decay is that of rollouts from random states and from the state at which V decays slowest. The gain is that
+    under a library of torques and the worst torque found by power iteration, along the reference and at the held
+    posture of largest frozen gain.
+    """
+    gain, probe = max(_largest_gain(loop, motion, reference.duration) for motion in (reference, worst_posture(loop)))
+    return Observed(decay_rates(loop, STEP).observed, gain, probe)
+
+
+def observe_policies(
+    config: EvaluationConfig, bounds: Mapping[str, Mapping[str, Any] | None]
+) -> dict[str, Observed | str]:
+    """Return what is observed of every certified policy by its name, or in words why nothing is observed.
+
+    Policies that use the same controller file share its result.
+
+    Args:
+        config: of the evaluation.
+        bounds: certified bounds by policy, as `evaluate` stored them; None for a policy without a certificate.
+    """
+    reference = config.reference()
+    by_file: dict[str, Observed] = {}
+    result: dict[str, Observed | str] = {}
+    for spec in map(resolve, config.policies):
+        claimed = bounds[spec.label]
+        if claimed is None:
+            continue
+        controller = _controller(spec, claimed, config, reference)
+        if isinstance(controller, str):
+            result[spec.label] = f"not observed: {controller}"
+            continue
+        digest = claimed["controller_digest"]
+        if digest not in by_file:
+            by_file[digest] = observe(RigidLoop(controller), reference)
+        result[spec.label] = by_file[digest]
+    return result
+
+
+def _controller(
+    spec: PolicySpec, claimed: Mapping[str, Any], config: EvaluationConfig, reference: Reference
+) -> Controller | str:
+    """Return the controller that the claimed bounds are of, or why it cannot be observed."""
+    if claimed["form"] != "consistent":
+        return f"the bounds of the {claimed['form']} form are of other quantities"
+    try:
+        policy = spec.load(config.control_period, config.parameters)
+    except (OSError, ValueError):
+        return "the controller file is gone or no longer proven"
+    certificate = policy.certificate(reference)
+    if certificate is None or certificate.bounds != claimed:
+        return "the controller file has changed since the evaluation"
+    return cast("Controller", certificate.controller)  # as the form says
+
+
+def _largest_gain(loop: RigidLoop, motion: Motion, duration: float) -> tuple[float, str]:
+    """Return the largest gain about a motion [rad/(N m)] and the name of the torque that causes it."""
+    probes = library(duration, STEP) | {"worst torque found": worst_torque(loop, motion, duration, step=STEP)}
+    run = disturbed_run(loop, motion, probes, duration, STEP)
+    # The certificate claims nothing outside the box, so gains count only until a rollout leaves it.
+    gains = np.where(run.in_box, run.gain, 0.0).max(axis=0)
+    return max(zip(gains.tolist(), probes, strict=True))
+
+
+SIZE, EDGE = 440.0, 26.0  # of the drawing and around it [px]
+WIDEST = 0.12  # share of the path's extent that the widest half of a tube may take
+TUBE_NOTE = (
+    "Band: the tip error that is proven at every sample, for every plant of the set, to either side of the path; line "
+    "in it: the tip of the replayed episode. Both are magnified around the path. The files were checked again when "
+    "this report was made."
+)
+
+
+def checked_bounds(paths: Sequence[Path]) -> list[BoundCheck]:
+    """Return what the check of each file of a bound found; ValueError names the first that is not proven."""
+    found = [check_cells(path) if is_cells(path) else check_bound(path) for path in paths]
+    for check in found:
+        if not check.proven:
+            raise ValueError(f"{check.path} is not proven: {check.reason}")
+    return found
+
+
+def tube_section(checks: Sequence[BoundCheck], rollouts: Sequence[Rollout]) -> str:
+    """Return the section of the page, empty without bounds; ValueError where no episode belongs to a bound."""
+    if not checks:
+        return ""
+    drawn = "".join(_tube(check, _episode(check, rollouts)) for check in checks)
+    sentences = "".join(f"<li>{escape(plain(check.claim.policy))}: {escape(check.sentence)}.</li>" for check in checks)
+    return (
+        '<section aria-labelledby="tubes"><h2 id="tubes">Proven of the tip</h2>'
+        f'<ul>{sentences}</ul><div class="charts">{drawn}</div><p class="note">{escape(TUBE_NOTE)}</p></section>'
+    )
+
+
+def _episode(check: BoundCheck, rollouts: Sequence[Rollout]) -> Rollout:
+    claim = check.claim
+    for run in rollouts:
+        if (run.policy, run.case) == (claim.policy, claim.case) and len(run.tip) >= len(check.tip):
+            wanted = check.reference().tip(run.time[: len(check.tip)]).position
+            found = run.tip_reference[: len(check.tip)]
+            if found.shape == wanted.shape and np.abs(found - wanted).max() < 1e-9:
+                return run
+    raise ValueError(
+        f"{check.path}: the evaluation has no episode of {claim.policy} in case {claim.case} along the {claim.path} in "
+        f"{claim.duration:g} s"
+    )
+
+
+def _tube(check: BoundCheck, run: Rollout) -> str:
+    """Return the drawing of one tube, x to the right and y upwards."""
+    count = len(check.tip)
+    path, tip = run.tip_reference[:count], run.tip[:count]
+    along = np.gradient(path, axis=0)
+    across = np.stack([-along[:, 1], along[:, 0]], axis=1) / np.maximum(np.hypot(*along.T), 1e-12)[:, np.newaxis]
+    extent = float(np.ptp(path, axis=0).max())
+    times = _round_down(WIDEST * extent / max(float(check.tip.max()), 1e-12))
+    middle = 0.5 * (path.min(axis=0) + path.max(axis=0))
+    scale = (SIZE - 2.0 * EDGE) / (extent * (1.0 + 2.0 * WIDEST))
+
+    def points(places: np.ndarray) -> str:
+        pixels = 0.5 * SIZE + scale * (places - middle) * [1.0, -1.0]
+        return " ".join(f"{x:.1f},{y:.1f}" for x, y in pixels)
+
+    half = times * check.tip[:, np.newaxis] * across
+    band = np.concatenate([path + half, (path - half)[::-1]])
+    title = f"{plain(check.claim.policy)}, set {check.claim.named_set(check.arm)}: errors {times:g} times"
+    svg = (
+        f'<svg class="chart tube" role="img" viewBox="0 0 {SIZE:g} {SIZE:g}"><title>{escape(title)}</title>'
+        f'<polygon class="band" points="{points(band)}"/><polyline class="path" points="{points(path)}"/>'
+        f'<polyline class="tip" points="{points(path + times * (tip - path))}"/></svg>'
+    )
+    return figure(title, svg)
+
+
+def _round_down(value: float) -> float:
+    """Return the largest of 1, 2, 5 times a power of ten that is not above a number."""
+    power = 10.0 ** math.floor(math.log10(value))
+    return max(step * power for step in (1.0, 2.0, 5.0) if step * power <= value * (1 + 1e-12))
+
 
 SCOPE = (
     "A certificate is proven for the rigid arm in continuous time, as long as it stays inside the box, and not for the "

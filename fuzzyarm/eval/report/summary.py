@@ -1,7 +1,13 @@
-"""The summary of a report: a chart of the tip errors of each case, and a table of all metrics."""
+"""The summary of a report: a chart of the tip errors of each case, and a table of all metrics.
+
+Small charts as SVG with a row for each policy.
+
+Colours are classes of the page's style, so that a chart fits the dark and the light theme.
+"""
 
 from __future__ import annotations
 
+import dataclasses
 import math
 import re
 from collections.abc import Mapping, Sequence
@@ -10,12 +16,164 @@ from statistics import median
 from typing import Any, NamedTuple
 
 from fuzzyarm.envs.scenario.cases import CASES
-from fuzzyarm.eval.episodes.metrics import RESOLUTION
+from fuzzyarm.eval.episodes.metrics import RESOLUTION, millimetres
 from fuzzyarm.eval.evaluation.result_table import COLUMNS, DECLARED, declared_rows, table_rows
-from fuzzyarm.eval.report.chart import PALETTE, Axis, Errors, draw_chart, figure
 from fuzzyarm.policies.declared import Declared
 
-__all__ = ["best", "declared_table", "error_charts", "finished", "metrics_table"]
+__all__ = [
+    "PALETTE",
+    "Axis",
+    "Bound",
+    "Errors",
+    "best",
+    "declared_table",
+    "digits",
+    "draw_chart",
+    "error_charts",
+    "figure",
+    "finished",
+    "metrics_table",
+]  # fmt: skip
+
+
+WIDTH, LEFT, RIGHT, TOP, ROW, BOTTOM = 390, 150, 76, 6, 25, 40  # [px]: of the chart, its margins, and a row
+LONGEST_NAME = 19  # characters; a longer name is cut, and its tooltip shows all of it
+PALETTE = 8  # number of policy colours in page.css; further policies start again with the first
+
+
+@dataclasses.dataclass(frozen=True)
+class Axis:
+    """A horizontal axis from `low` to `high`, labelled with quantity and unit."""
+
+    label: str
+    low: float
+    high: float
+    log: bool = False
+
+    def x(self, value: float) -> float:
+        """Return the position of a value [px]; a value beyond the axis is drawn at its end."""
+        low, high = (math.log10(self.low), math.log10(self.high)) if self.log else (self.low, self.high)
+        place = math.log10(max(value, 1e-300)) if self.log else value
+        return LEFT + (WIDTH - LEFT - RIGHT) * min(max((place - low) / (high - low), 0.0), 1.0)
+
+    def ticks(self) -> list[float]:
+        """Return the labelled values: decades, or at most six round numbers."""
+        if self.log:
+            exponents = range(round(math.log10(self.low)), round(math.log10(self.high)) + 1)
+            return [10.0**k for k in exponents if len(exponents) < 6 or k % 2 == 0]
+        raw = (self.high - self.low) / 5.0
+        unit = 10.0 ** math.floor(math.log10(raw))
+        step = next(factor * unit for factor in (1.0, 2.0, 5.0, 10.0) if factor * unit >= raw)
+        return [step * k for k in range(math.ceil(self.low / step), math.floor(self.high / step + 1e-9) + 1)]
+
+
+@dataclasses.dataclass(frozen=True)
+class Errors:
+    """An error of a policy: its root mean square, its maximum, whether the former is the best, and a mark after it."""
+
+    rms: float
+    maximum: float
+    best: bool
+    note: str = ""
+
+
+@dataclasses.dataclass(frozen=True)
+class Bound:
+    """A certified bound and the worst observed value.
+
+    Attributes:
+        certified: the bound.
+        observed: the worst value that was observed; None if nothing was.
+        at_least: whether the bound is a lower one.
+    """
+
+    certified: float
+    observed: float | None
+    at_least: bool
+
+
+def draw_chart(axis: Axis, rows: Sequence[tuple[str, Errors | Bound | str]], description: str) -> str:
+    """Return the SVG of a chart.
+
+    Args:
+        axis: the common axis.
+        rows: name of each policy, and what is drawn of it: errors, a bound, or a text where there is neither.
+        description: for screen readers and the tooltip.
+    """
+    bottom = TOP + ROW * len(rows)
+    parts = [
+        f'<svg class="chart" role="img" viewBox="0 0 {WIDTH} {bottom + BOTTOM}" width="{WIDTH}" '
+        f'height="{bottom + BOTTOM}"><title>{escape(description)}</title>'
+    ]
+    for tick in axis.ticks():
+        x = axis.x(tick)
+        parts.append(f'<path class="grid" d="M{x:.1f} {TOP}V{bottom}"/>')
+        parts.append(f'<text class="tick" x="{x:.1f}" y="{bottom + 15}">{_number(tick)}</text>')
+    middle = 0.5 * (LEFT + WIDTH - RIGHT)
+    parts.append(f'<text class="axis" x="{middle}" y="{bottom + 33}">{escape(axis.label)}</text>')
+    for index, (name, content) in enumerate(rows):
+        parts.append(_row(axis, name, index, content))
+    return "".join(parts) + "</svg>"
+
+
+def _row(axis: Axis, name: str, index: int, content: Errors | Bound | str) -> str:
+    y = TOP + ROW * (index + 0.5)
+    short = name if len(name) <= LONGEST_NAME else name[: LONGEST_NAME - 1] + "…"
+    label = (
+        f'<g class="p{index % PALETTE}"><title>{escape(name)}</title><rect class="key" x="0" y="{y - 5}" width="9" '
+        f'height="10" rx="2"/><text class="name" x="16" y="{y + 4}">{escape(short)}</text>'
+    )
+    if isinstance(content, str):
+        return label + f'<text class="none" x="{LEFT + 4}" y="{y + 4}">{escape(content)}</text></g>'
+    drawn = _errors(axis, y, content) if isinstance(content, Errors) else _bound(axis, y, content)
+    return label + drawn + "</g>"
+
+
+def _errors(axis: Axis, y: float, errors: Errors) -> str:
+    """Return a disc at the rms, a stroke at the maximum, and the rms in digits."""
+    rms, maximum = axis.x(errors.rms), axis.x(errors.maximum)
+    text = ('<tspan class="star">★ </tspan>' if errors.best else "") + escape(millimetres(errors.rms, digits))
+    return (
+        f'<path class="span" d="M{rms:.1f} {y}H{maximum:.1f}"/><path class="end" d="M{maximum:.1f} {y - 6}v12"/>'
+        f'<circle class="dot" cx="{rms:.1f}" cy="{y}" r="5"/>'
+        f'<text class="value" x="{WIDTH - 2}" y="{y + 4}">{text}{errors.note}</text>'
+    )
+
+
+def _bound(axis: Axis, y: float, bound: Bound) -> str:
+    """Return the range that the certificate excludes, hatched, its limit, and a disc at the worst observed value."""
+    limit = axis.x(bound.certified)
+    start, end = (axis.x(axis.low), limit) if bound.at_least else (limit, axis.x(axis.high))
+    sign = "≥" if bound.at_least else "≤"
+    drawn = (
+        f'<rect class="ruled-out" x="{start:.1f}" y="{y - 7}" width="{end - start:.1f}" height="14"/>'
+        f'<path class="limit" d="M{limit:.1f} {y - 10}v20"/>'
+    )
+    if bound.observed is None:
+        return drawn + f'<text class="value" x="{WIDTH - 2}" y="{y + 4}">{sign} {bound.certified:.3g}</text>'
+    return (
+        drawn + f'<circle class="dot" cx="{axis.x(bound.observed):.1f}" cy="{y}" r="5"/>'
+        f'<text class="value" x="{WIDTH - 2}" y="{y + 4}">{digits(bound.observed)} {sign} {bound.certified:.3g}</text>'
+    )
+
+
+def digits(value: float) -> str:
+    """Return a number with three digits, trailing zeros included; from 1000 on, with all digits before the point."""
+    return f"{value:.0f}" if value >= 1000.0 else f"{value:#.3g}".rstrip(".")
+
+
+def _number(value: float) -> str:
+    """Return the label of a tick; small and large powers of ten have superscripts."""
+    exponent = math.log10(value) if value > 0.0 else 0.0
+    if exponent == round(exponent) and not -2 <= exponent <= 3:
+        return "10" + str(round(exponent)).translate(str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹"))
+    return f"{value:g}"
+
+
+def figure(title: str, content: str) -> str:
+    """Return a chart with its title above."""
+    return f"<figure><figcaption>{escape(title)}</figcaption>{content}</figure>"
+
 
 Row = dict[str, Any]
 """The metrics of one episode, a row of an `Evaluation`."""

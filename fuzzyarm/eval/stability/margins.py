@@ -2,6 +2,8 @@
 
 The margins themselves are computed in `fuzzyarm.eval.stability.linearisation`; `conditions` has the
 conditions; this module has the document and the printed table.
+
+The conditions in which margins are measured, and the limits of the loop gain: the columns of `fuzzyarm margins`.
 """
 
 from __future__ import annotations
@@ -13,7 +15,7 @@ import os
 import shlex
 from collections.abc import Callable, Mapping, Sequence
 from functools import cache, cached_property, partial
-from typing import Any
+from typing import Any, Literal
 
 from rich.console import Console
 from rich.text import Text
@@ -24,25 +26,104 @@ from fuzzyarm.common.console import table as new_table
 from fuzzyarm.envs.physics.dynamics import Payload
 from fuzzyarm.envs.physics.equations import AnyArm, chosen_arm
 from fuzzyarm.envs.physics.parameters import ArmParameters
+from fuzzyarm.envs.scenario.cases import case_for
 from fuzzyarm.envs.scenario.default_reference import default_reference
 from fuzzyarm.eval.provenance import current_provenance
-from fuzzyarm.eval.stability.conditions import LIMITS, Condition, Limit, conditions_for
-from fuzzyarm.eval.stability.linearisation import POSTURES, Linearisable, linearise_path
-from fuzzyarm.eval.stability.local_loop import GAIN_SPAN, LocalLoop, gain_limits, largest_radius
+from fuzzyarm.eval.stability.linearisation import (
+    GAIN_SPAN,
+    POSTURES,
+    Linearisable,
+    LocalLoop,
+    gain_limits,
+    largest_radius,
+    linearise_path,
+)
 from fuzzyarm.fuzzy_policy.known_arm import per_joint_of, with_drives
 from fuzzyarm.fuzzy_policy.policy import Policy
 from fuzzyarm.policies import ANY_ROBOT, NAMES, PolicySpec, policies_of, recorded, resolve_all
 from fuzzyarm.policies.user_code import UserPolicy
 
 __all__ = [
+    "CONDITIONS",
+    "LIMITS",
+    "Condition",
+    "Limit",
     "MarginsConfig",
+    "conditions_for",
     "margin_cells",
     "margin_notes",
     "margins_in_words",
     "measure_margins",
     "policy_margins",
     "print_margins",
-]
+]  # fmt: skip
+
+
+@dataclasses.dataclass(frozen=True)
+class Condition:
+    """How the loop differs from the one that the policy was designed for; the policy does not know.
+
+    Attributes:
+        name: heading in the table and key in the document.
+        loop_gain: factor on the torque's deviation from equilibrium.
+        delay: extra samples of delay, a multiple of 0.5.
+        stiffness: factor on the stiffness of both joints.
+        payload: what the arm carries.
+    """
+
+    name: str
+    loop_gain: float = 1.0
+    delay: float = 0.0
+    stiffness: float = 1.0
+    payload: Payload | None = None
+
+
+CONDITIONS = (
+    Condition("nominal"),
+    Condition("loop gain x 0.67", loop_gain=0.67),
+    Condition("loop gain x 1.5", loop_gain=1.5),
+    Condition("half a sample later", delay=0.5),
+    Condition("one sample later", delay=1.0),
+    Condition("stiffness - 20 %", stiffness=0.8),
+    Condition("stiffness + 20 %", stiffness=1.2),
+    Condition("5 kg payload", payload=Payload(5.0)),
+)
+"""The conditions of the columns for the two-joint arm, in their order; `conditions_for` has those of any arm."""
+
+
+@dataclasses.dataclass(frozen=True)
+class Limit:
+    """A limit of the loop gain on the nominal arm.
+
+    Attributes:
+        heading: in the table.
+        side: which of the `GainLimits`.
+        delay: extra samples of delay.
+    """
+
+    heading: str
+    side: Literal["lower", "upper"]
+    delay: float = 0.0
+
+
+LIMITS = {
+    "lower": Limit("loop gain from", "lower"),
+    "upper": Limit("to", "upper"),
+    "upper_one_sample_later": Limit("to, one sample later", "upper", delay=1.0),
+}
+"""By key in the document."""
+
+
+def conditions_for(arm: AnyArm) -> tuple[Condition, ...]:
+    """Return the conditions of the columns for an arm; a robot carries the payload of its case ``payload``."""
+    payload = case_for("payload", arm).disturbance.payload
+    return tuple(
+        condition
+        if condition.payload is None
+        else dataclasses.replace(condition, name=f"{payload.mass:g} kg payload", payload=payload)
+        for condition in CONDITIONS
+    )
+
 
 SCHEMA = "fuzzyarm-margins/1"
 CONTROL_PERIOD = 1e-3  # s

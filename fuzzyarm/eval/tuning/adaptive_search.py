@@ -33,7 +33,7 @@ from fuzzyarm.envs.scenario.disturbances import ConstantForce, Disturbance, Enco
 from fuzzyarm.envs.scenario.randomisation import find_randomisation
 from fuzzyarm.envs.scenario.reference import Reference
 from fuzzyarm.envs.scenario.reference_family import reference_family
-from fuzzyarm.eval.tuning.conditions import PERIOD, force_factor, heaviest
+from fuzzyarm.eval.tuning.finding import PERIOD, force_factor, heaviest
 from fuzzyarm.eval.tuning.search import Budget, rounded
 from fuzzyarm.fuzzy_policy.laws.adaptive.policy import AdaptiveObserverPolicy
 from fuzzyarm.fuzzy_policy.laws.adaptive.weights import AdaptiveWeights

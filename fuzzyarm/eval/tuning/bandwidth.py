@@ -21,7 +21,7 @@ from fuzzyarm.eval.episodes.metrics import metrics_of
 from fuzzyarm.eval.episodes.rollout import record_rollout
 from fuzzyarm.eval.stability.linearisation import Linearisable, gain_margin, spectral_radius
 from fuzzyarm.eval.stability.margins import policy_margins
-from fuzzyarm.eval.tuning.conditions import PERIOD, periods_of, radius_within
+from fuzzyarm.eval.tuning.finding import PERIOD, periods_of, radius_within
 from fuzzyarm.fuzzy_policy.laws.computed_torque import ComputedTorquePolicy
 
 __all__ = ["BANDWIDTHS", "LEAST_GAIN_MARGIN", "assess", "assess_policy", "choice_of", "decays_throughout"]

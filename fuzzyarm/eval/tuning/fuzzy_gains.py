@@ -24,15 +24,13 @@ import numpy as np
 from fuzzyarm.envs.fuzzy_arm import FuzzyArmEnv
 from fuzzyarm.envs.physics.dynamics import Payload, arm_constants
 from fuzzyarm.envs.physics.parameters import ArmParameters
-from fuzzyarm.eval.certified.frozen import freeze
-from fuzzyarm.eval.certified.rigid import RigidLoop
+from fuzzyarm.eval.certified.rigid import RigidLoop, freeze
 from fuzzyarm.eval.episodes.metrics import metrics_of
 from fuzzyarm.eval.episodes.rollout import record_rollout
-from fuzzyarm.eval.stability.linearisation import linearise_path
-from fuzzyarm.eval.stability.local_loop import LocalLoop, gain_limits, largest_radius
-from fuzzyarm.eval.tuning.conditions import PERIOD, heaviest, periods_of, radius_within, with_stiffness
+from fuzzyarm.eval.stability.linearisation import LocalLoop, gain_limits, largest_radius, linearise_path
+from fuzzyarm.eval.tuning.finding import PERIOD, heaviest, periods_of, radius_within, with_stiffness
 from fuzzyarm.eval.tuning.search import WORTH
-from fuzzyarm.eval.tuning.tip_deviation import largest_deviation
+from fuzzyarm.eval.tuning.tip_bounds import largest_deviation
 from fuzzyarm.fuzzy_policy.controller import Controller
 from fuzzyarm.fuzzy_policy.laws.fuzzy import FuzzyPolicy
 from fuzzyarm.fuzzy_policy.ts_model import NAMED_RULES

@@ -26,9 +26,8 @@ from fuzzyarm.envs.physics.parameters import ArmParameters
 from fuzzyarm.envs.scenario.disturbances import ConstantForce, Disturbance, EncoderNoise
 from fuzzyarm.envs.scenario.randomisation import DomainRandomisation
 from fuzzyarm.eval.episodes.loop import episodes
-from fuzzyarm.eval.stability.linearisation import linearise_path
-from fuzzyarm.eval.stability.local_loop import LocalLoop, largest_radius
-from fuzzyarm.eval.tuning.conditions import PERIOD, PERIODS, force_factor, heaviest, periods_of, with_stiffness
+from fuzzyarm.eval.stability.linearisation import LocalLoop, largest_radius, linearise_path
+from fuzzyarm.eval.tuning.finding import PERIOD, PERIODS, force_factor, heaviest, periods_of, with_stiffness
 from fuzzyarm.eval.tuning.search import Budget, rounded
 from fuzzyarm.fuzzy_policy.laws.elastic_observer import ElasticObserverPolicy
 from fuzzyarm.fuzzy_policy.laws.observer_gains import ObserverWeights

@@ -36,10 +36,8 @@ from fuzzyarm.envs.scenario.default_reference import default_reference
 from fuzzyarm.eval.engine import Engine
 from fuzzyarm.eval.provenance import current_provenance
 from fuzzyarm.eval.stability.margins import MarginsConfig, measure_margins
-from fuzzyarm.eval.tuning.conditions import PERIOD
-from fuzzyarm.eval.tuning.finding import STEPS, Finding, read_finding, write_finding
-from fuzzyarm.eval.tuning.robot_steps import ROBOT_STEPS
-from fuzzyarm.eval.tuning.steps import FUZZY, TWO_JOINT_STEPS, Context, Step
+from fuzzyarm.eval.tuning.finding import PERIOD, STEPS, Finding, read_finding, write_finding
+from fuzzyarm.eval.tuning.steps import FUZZY, ROBOT_STEPS, TWO_JOINT_STEPS, Context, Step
 from fuzzyarm.eval.tuning.summary import README, summary
 from fuzzyarm.policies.registry import TIP
 from fuzzyarm.policies.tuned import ADAPTIVE_OBSERVER, COMPUTED_TORQUE, ELASTIC_OBSERVER, NAME, SCHEMA, TunedLaws

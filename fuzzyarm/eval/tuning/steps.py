@@ -1,4 +1,13 @@
-"""The steps of tuning the two-joint arm: one for each policy, each by the rule of its module."""
+"""The steps of tuning the two-joint arm: one for each policy, each by the rule of its module.
+
+The steps of tuning a serial robot of any number of joints: what the mathematics allows of those of two joints.
+
+The fuzzy controller is of the form "semidefinite", whose decay rate follows from margins at random postures. It,
+computed torque and the elastic observer begin at what random postures allow (`computed_torque.bandwidth_for`,
+`observer_weights.weights_for`) and are slowed down further until they are stable in every condition of
+`fuzzyarm margins` along the default reference. What a softer joint destabilises in the elastic observer is its estimate
+of the load, so that is slowed down. The adaptive observer is tuned for two-joint arms alone.
+"""
 
 from __future__ import annotations
 
@@ -10,25 +19,38 @@ from typing import Any
 
 from fuzzyarm.envs.physics.equations import AnyArm, robot_of
 from fuzzyarm.envs.physics.parameters import ArmParameters
+from fuzzyarm.envs.physics.robot import Robot
 from fuzzyarm.eval.engine import Engine
 from fuzzyarm.eval.stability.linearisation import Linearisable
 from fuzzyarm.eval.stability.margins import policy_margins
 from fuzzyarm.eval.tuning import adaptive_search, bandwidth, fuzzy_gains, observer_search
-from fuzzyarm.eval.tuning.conditions import PERIOD
-from fuzzyarm.eval.tuning.finding import SCHEMA, Finding, finite
+from fuzzyarm.eval.tuning.finding import PERIOD, SCHEMA, Finding, finite
 from fuzzyarm.eval.tuning.search import WORTH, Budget, found_weights, sobol_points
 from fuzzyarm.eval.tuning.tip_bounds import measured_bounds
 from fuzzyarm.fuzzy_policy.laws.adaptive.policy import AdaptiveObserverPolicy
 from fuzzyarm.fuzzy_policy.laws.adaptive.weights import AdaptiveWeights
-from fuzzyarm.fuzzy_policy.laws.computed_torque import ComputedTorquePolicy
+from fuzzyarm.fuzzy_policy.laws.computed_torque import STEP, ComputedTorquePolicy, bandwidth_for
 from fuzzyarm.fuzzy_policy.laws.elastic_observer import ElasticObserverPolicy
 from fuzzyarm.fuzzy_policy.laws.fuzzy import FuzzyPolicy
-from fuzzyarm.fuzzy_policy.laws.observer_gains import ObserverWeights
+from fuzzyarm.fuzzy_policy.laws.observer_gains import FACTORS, ObserverWeights, weights_for
+from fuzzyarm.fuzzy_policy.laws.scheduled import ScheduledPolicy
 from fuzzyarm.fuzzy_policy.laws.tip import TipPolicy
 from fuzzyarm.policies.tuned import ADAPTIVE_OBSERVER, COMPUTED_TORQUE, ELASTIC_OBSERVER
-from fuzzyarm.synthesis import design
+from fuzzyarm.synthesis import DesignFailed, ScheduledSpecification, design, design_scheduled
+from fuzzyarm.synthesis.scheduled_design import ALPHAS
 
-__all__ = ["FUZZY", "RULES", "TWO_JOINT_STEPS", "Context", "Step", "found", "measured_radii", "nothing_found"]
+__all__ = [
+    "FUZZY",
+    "ROBOT_STEPS",
+    "RULES",
+    "TWO_JOINT_STEPS",
+    "Context",
+    "Step",
+    "found",
+    "measured_radii",
+    "nothing_found",
+]  # fmt: skip
+
 
 RULES = 4
 """Rules of the fuzzy controller."""
@@ -249,3 +271,91 @@ TWO_JOINT_STEPS = (
     Step(ADAPTIVE_OBSERVER, adaptive_search.SHORT.total, functools.partial(_adaptive, adaptive_search.SHORT)),
 )
 """The steps of the two-joint arm, in their order."""
+
+
+def _stable(radii: dict[str, float | None]) -> bool:
+    return all(radius is not None and radius < 1.0 for radius in radii.values())
+
+
+def _robot_fuzzy(context: Context) -> Finding:
+    """Design a controller of the form "semidefinite"; write its file."""
+    robot: Robot = context.arm
+    rule = (
+        "Semidefinite form: the largest decay rate of 20, 15, 10, ... 1/s with which the loop bears twice its gain and "
+        "a sample of delay at random postures and is stable in every condition along the default path, the fastest "
+        "pole 1.5 times the smallest possible one."
+    )
+    rules, tried, alpha = min(RULES, 2 ** (len(robot) - 1)), 0, None
+    while True:
+        try:
+            controller = design_scheduled(ScheduledSpecification(rules=rules, alpha=alpha), robot).controller
+        except (DesignFailed, ValueError) as error:
+            return nothing_found(robot, FUZZY, rule, tried + 1, f"There is no proven controller: {error}.")
+        radii, tried = measured_radii(ScheduledPolicy(controller, PERIOD), robot), tried + 1
+        context.advance(1)
+        alpha = next((slower for slower in ALPHAS if slower < controller.alpha), None)
+        if alpha is None or _stable(radii):
+            break
+    controller.save(context.folder / f"{FUZZY}.json")
+    chosen: dict[str, float | None] = {
+        "alpha": controller.alpha,
+        "gamma": controller.gamma,
+        "fastest_pole": controller.fastest_pole,
+    }
+    return found(robot, FUZZY, chosen, {}, radii, tried=tried, rule=rule)
+
+
+def _robot_bandwidth(context: Context) -> Finding:
+    """Choose ω."""
+    robot: Robot = context.arm
+    rule = (
+        "Largest bandwidth of 70, 65, ... rad/s that bears twice the loop gain and a sample of delay at random "
+        "postures, lowered until the loop is stable in every condition along the default path."
+    )
+    omega, tried = bandwidth_for(robot, PERIOD), 1
+    radii = measured_radii(ComputedTorquePolicy(robot, PERIOD, omega), robot)
+    while omega > STEP and not _stable(radii):
+        omega, tried = omega - STEP, tried + 1
+        radii = measured_radii(ComputedTorquePolicy(robot, PERIOD, omega), robot)
+        context.advance(1)
+    return found(robot, COMPUTED_TORQUE, {"bandwidth": omega}, {}, radii, tried=tried, rule=rule)
+
+
+def _robot_observer(context: Context) -> Finding:
+    """Choose the weights of the elastic observer."""
+    robot: Robot = context.arm
+    rule = (
+        "The weights of Table 1, softened until the loop is stable at random postures with another loop gain, a sample "
+        "of delay and stiffness 10 % off; then with a slower walk of the load, a half, a quarter, ..., until it is "
+        "stable in every condition along the default path."
+    )
+    first = weights_for(robot, PERIOD)
+    weights, radii, tried = first, measured_radii(ElasticObserverPolicy(robot, PERIOD, first), robot), 1
+    for factor in FACTORS[1:]:
+        if _stable(radii):
+            break
+        slower = dataclasses.replace(first, load_walk=first.load_walk / factor)
+        slower_radii = measured_radii(ElasticObserverPolicy(robot, PERIOD, slower), robot)
+        tried += 1
+        context.advance(1)
+        if _worst(slower_radii) < _worst(radii):
+            weights, radii = slower, slower_radii
+    return found(robot, ELASTIC_OBSERVER, dataclasses.asdict(weights), {}, radii, tried=tried, rule=rule)
+
+
+def _worst(radii: dict[str, float | None]) -> float:
+    return max(float("inf") if radius is None else radius for radius in radii.values())
+
+
+def _robot_adaptive(context: Context) -> Finding:
+    rule = "None: its weights are searched for two-joint arms alone."
+    return nothing_found(context.arm, ADAPTIVE_OBSERVER, rule, 0, "By its name it has those of Table 1, softened.")
+
+
+ROBOT_STEPS = (
+    Step(FUZZY, 1, _robot_fuzzy),
+    Step(COMPUTED_TORQUE, 1, _robot_bandwidth),
+    Step(ELASTIC_OBSERVER, 1, _robot_observer),
+    Step(ADAPTIVE_OBSERVER, 1, _robot_adaptive),
+)
+"""The steps of a robot, in their order."""

@@ -21,8 +21,15 @@ from fuzzyarm.envs.physics.physics import Physics
 from fuzzyarm.envs.physics.robot import Robot
 from fuzzyarm.fuzzy_policy.known_arm import Drives, numbers_of
 from fuzzyarm.fuzzy_policy.law import Law, LawPolicy
-from fuzzyarm.fuzzy_policy.laws.observer_gains import estimate_parts, state_part
-from fuzzyarm.fuzzy_policy.laws.sampled_margins import ONE_AT_A_TIME, LinearLaw, Place, places_of, worst_radius
+from fuzzyarm.fuzzy_policy.laws.observer_gains import (
+    ONE_AT_A_TIME,
+    LinearLaw,
+    Place,
+    estimate_parts,
+    places_of,
+    state_part,
+    worst_radius,
+)
 
 __all__ = ["BANDWIDTH", "ComputedTorquePolicy", "bandwidth_for", "linear_computed_torque"]
 

@@ -47,8 +47,8 @@ from fuzzyarm.fuzzy_policy.laws.observer_gains import (
     estimate_parts,
     gain_tables,
     state_part,
+    weights_for,
 )
-from fuzzyarm.fuzzy_policy.laws.observer_weights import weights_for
 from fuzzyarm.numbers.functions import flat, like, repeat, when
 
 __all__ = ["Constants", "Corrected", "ElasticObserverPolicy", "Observed", "steps_of"]

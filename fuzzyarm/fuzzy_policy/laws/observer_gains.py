@@ -3,12 +3,33 @@
 The arm, motors and links with a load d on the links, is linearised at rest and held over a control period. Gravity's
 slope, the Coriolis torques and dry friction are left out, so it depends on the mass matrix M alone; the gains are
 tabulated over the angles that M depends on most, see `gain_schedule`. How they are used is in `elastic_observer`.
+
+Whether gains hold on the sampled elastic robot, anywhere in its range: what the default gains are chosen by.
+
+At random postures the robot is linearised without gravity and dry friction, see `observer_gains.sampled_arm`, and a
+law near rest is, with its memory s,
+
+    u = κ (D x + C s),    s⁺ = G x + F s,
+
+with x the plant's 4 n states, u held over a period or one period late. `fuzzyarm.eval.stability` measures the same of
+any policy, with gravity, at postures of a path.
+
+The weights of the elastic observer for any robot: those of Table 1, softened until the loop has its margins.
+
+`ObserverWeights` were tuned for the two-joint arm. Where a robot's mass matrix depends on more angles than gains are
+tabulated over, they are too sharp, and the loop may be unstable in part of its range. With a factor s ≥ 1,
+
+    link_angle → s link_angle,    link_velocity → √s link_velocity
+
+weaken the feedback and make it more robust. The smallest s of `FACTORS` is taken with which the loop is stable at
+random postures in all of `sampled_margins.CONDITIONS`.
 """
 
 from __future__ import annotations
 
 import dataclasses
 import functools
+import math
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -17,13 +38,34 @@ from scipy.linalg import expm, solve_discrete_are
 from fuzzyarm.common.checks import real
 from fuzzyarm.common.slices import consecutive
 from fuzzyarm.envs.physics.equations import AnyArm
-from fuzzyarm.fuzzy_policy.known_arm import joints_of, per_joint_of
-from fuzzyarm.fuzzy_policy.laws.gain_schedule import GainSchedule, schedule_of
+from fuzzyarm.envs.physics.rigid_body import mass_matrix
+from fuzzyarm.envs.physics.robot import Robot
+from fuzzyarm.fuzzy_policy.known_arm import joints_of, per_joint_of, with_drives
+from fuzzyarm.fuzzy_policy.laws.gain_schedule import GainSchedule, nearest_inertia, random_angles, schedule_of
 
 __all__ = [
-    "Estimate", "GainTables", "ObserverWeights", "estimate_parts", "feedback_gain", "gain_tables", "observer_gain",
-    "sampled_arm", "state_part",
+    "CONDITIONS",
+    "FACTORS",
+    "ONE_AT_A_TIME",
+    "Condition",
+    "Estimate",
+    "GainTables",
+    "LinearLaw",
+    "ObserverWeights",
+    "Place",
+    "estimate_parts",
+    "feedback_gain",
+    "gain_tables",
+    "linear_observer",
+    "observer_gain",
+    "places_of",
+    "sampled_arm",
+    "softened",
+    "state_part",
+    "weights_for",
+    "worst_radius",
 ]  # fmt: skip
+
 
 WEIGHT_RANGE = (1e-6, 1e6)  # far wider than any sensible weight; keeps the numbers finite
 
@@ -182,3 +224,143 @@ def gain_tables(arm: AnyArm, control_period: float, weights: ObserverWeights) ->
                 f"({error}): take a shorter period, or other weights"
             ) from None
     return GainTables(schedule, np.array(feedback), np.array(observer))
+
+
+class Condition(NamedTuple):
+    """How the loop differs from what the law expects: factor κ on its gain, late samples, factor on the stiffness."""
+
+    loop_gain: float = 1.0
+    delay: int = 0
+    stiffness: float = 1.0
+
+
+ONE_AT_A_TIME = (Condition(), Condition(loop_gain=2.0), Condition(delay=1))
+"""The margins of the bandwidth of computed torque: 6 dB, and one sample of delay."""
+
+CONDITIONS = (
+    *(Condition(gain, delay) for gain in (1.0, 0.67, 1.5) for delay in (0, 1)),
+    *(Condition(stiffness=factor) for factor in (0.9, 1.1)),
+)
+"""The margins of the observer's weights."""
+
+COUNT = 16  # postures
+
+
+@dataclasses.dataclass(frozen=True)
+class Place:
+    """The robot at a posture.
+
+    Attributes:
+        q: the angles (n,) [rad].
+        inertia: M (n, n) [kg m²].
+        robot: the nominal one.
+        control_period: T [s].
+    """
+
+    q: np.ndarray
+    inertia: np.ndarray
+    robot: Robot
+    control_period: float
+
+    def plant(self, stiffness: float = 1.0) -> tuple[np.ndarray, np.ndarray]:
+        """Return A (5 n, 5 n) and B (5 n, n) of `sampled_arm`, with all joints `stiffness` times as stiff."""
+        arm = with_drives(self.robot, stiffness=stiffness * self.robot.drive("stiffness"))
+        return sampled_arm(arm, self.control_period, self.inertia)
+
+
+class LinearLaw(NamedTuple):
+    """A law near rest, see the module: D (n, 4 n), C (n, m), G (m, 4 n), F (m, m), torques in N m."""
+
+    D: np.ndarray
+    C: np.ndarray
+    G: np.ndarray
+    F: np.ndarray
+
+
+def places_of(robot: Robot, control_period: float, count: int = COUNT) -> list[Place]:
+    """Return random postures, always the same, for a control period [s]."""
+    angles = random_angles(robot)[:count]
+    return [Place(q, M, robot, control_period) for q, M in zip(angles, mass_matrix(robot, angles), strict=True)]
+
+
+def worst_radius(place: Place, law: LinearLaw, conditions: tuple[Condition, ...]) -> float:
+    """Return the largest |λ| per control period of the loop, over conditions."""
+    plants = {factor: place.plant(factor) for factor in {condition.stiffness for condition in conditions}}
+    return max(float(np.abs(np.linalg.eigvals(_matrix(plants[c.stiffness], law, c))).max()) for c in conditions)
+
+
+def _matrix(plant: tuple[np.ndarray, np.ndarray], law: LinearLaw, condition: Condition) -> np.ndarray:
+    """Return the map of (x, s), or of (x, s, u) if u acts one period late."""
+    joints, states = law.D.shape
+    state = state_part(joints)
+    A, B = plant[0][state, state], plant[1][state]
+    D, C, memory = condition.loop_gain * law.D, condition.loop_gain * law.C, len(law.F)
+    if not condition.delay:
+        return np.block([[A + B @ D, B @ C], [law.G, law.F]])
+    return np.block(
+        [
+            [A, np.zeros((states, memory)), B],
+            [law.G, law.F, np.zeros((memory, joints))],
+            [D, C, np.zeros((joints, joints))],
+        ]
+    )
+
+
+FACTORS = (1.0, 2.0, 4.0, 8.0, 16.0, 32.0, 64.0)
+"""Factors s that are tried, one after the other."""
+
+
+@functools.lru_cache(maxsize=32)
+def weights_for(arm: AnyArm, control_period: float) -> ObserverWeights:
+    """Return the default weights for an arm and a control period [s]; for a two-joint arm those of Table 1.
+
+    If no factor gives the margins, it is the one whose largest radius is smallest.
+    """
+    weights = ObserverWeights()
+    if not isinstance(arm, Robot):
+        return weights
+    places, schedule = places_of(arm, control_period), schedule_of(arm)
+    best, smallest = weights, math.inf
+    for factor in FACTORS:
+        trial = softened(weights, factor)
+        radius = _largest_radius(places, schedule, trial)
+        if radius < 1.0:
+            return trial
+        if radius < smallest:
+            best, smallest = trial, radius
+    return best
+
+
+def softened(weights: ObserverWeights, factor: float) -> ObserverWeights:
+    """Return weights softened by s = `factor`."""
+    return dataclasses.replace(
+        weights,
+        link_angle=factor * weights.link_angle,
+        link_velocity=math.sqrt(factor) * weights.link_velocity,
+    )
+
+
+def _largest_radius(places: list[Place], schedule: GainSchedule, weights: ObserverWeights) -> float:
+    """Return the largest radius over postures and conditions; inf where a Riccati equation has no solution."""
+    try:
+        laws = [linear_observer(place, nearest_inertia(schedule, place.q), weights) for place in places]
+    except (np.linalg.LinAlgError, ValueError):  # scipy raises either
+        return math.inf
+    return max(worst_radius(place, law, CONDITIONS) for place, law in zip(places, laws, strict=True))
+
+
+def linear_observer(place: Place, designed_for: np.ndarray, weights: ObserverWeights) -> LinearLaw:
+    """Return the elastic observer near rest, with gains designed for an inertia (n, n) [kg m²]; s is (x̂, d̂)⁻."""
+    robot, period = place.robot, place.control_period
+    joints, limit = len(robot), per_joint_of(robot, "torque_limit")
+    part, state = estimate_parts(joints), state_part(joints)
+    A, B = sampled_arm(robot, period, designed_for)
+    K, L = feedback_gain(A, B, limit, weights), observer_gain(A, B, period, limit, weights)
+    measured = np.eye(len(A))[np.r_[part.q_motor, part.dq_motor]]
+    acts = np.zeros((joints, len(A)))  # u = acts (x̂, d̂)
+    acts[:, state] = -K
+    acts[:, part.load] = -np.eye(joints) - K[:, part.q_motor] / per_joint_of(robot, "stiffness")
+    A, B = place.plant()  # what the observer predicts with
+    from_plant, from_memory = L @ measured[:, state], np.eye(len(A)) - L @ measured
+    predicts = A + B @ acts
+    return LinearLaw(acts @ from_plant, acts @ from_memory, predicts @ from_plant, predicts @ from_memory)

@@ -22,8 +22,7 @@ from fuzzyarm.envs.physics.physics import Physics
 from fuzzyarm.envs.scenario.reference import Reference
 from fuzzyarm.fuzzy_policy.known_arm import Drives, numbers_of
 from fuzzyarm.fuzzy_policy.law import Law, LawPolicy
-from fuzzyarm.fuzzy_policy.laws.observer_gains import estimate_parts, state_part
-from fuzzyarm.fuzzy_policy.laws.sampled_margins import LinearLaw, Place
+from fuzzyarm.fuzzy_policy.laws.observer_gains import LinearLaw, Place, estimate_parts, state_part
 from fuzzyarm.fuzzy_policy.proof.policy_certificate import PolicyCertificate
 from fuzzyarm.fuzzy_policy.proof.scheduled_certificate import scheduled_policy_certificate
 from fuzzyarm.fuzzy_policy.scheduled import ScheduledController

@@ -9,7 +9,7 @@ import numpy as np
 
 from fuzzyarm.common.checks import instance
 from fuzzyarm.fuzzy_policy.controller import POLE_ARRAYS, Controller
-from fuzzyarm.fuzzy_policy.proof import consistent_reference, theorem2
+from fuzzyarm.fuzzy_policy.proof import consistent_reference, theorems
 from fuzzyarm.fuzzy_policy.proof.definiteness import exact, is_positive_definite, rational, smallest_eigenvalue, stated
 from fuzzyarm.fuzzy_policy.proof.policy_certificate import statement
 from fuzzyarm.fuzzy_policy.proof.vertices import TrackingVertices, UncertainTerm, Vertices, reference_model, stacked
@@ -74,7 +74,7 @@ def certify(controller: Controller, progress: Callable[[], None] | None = None) 
     def psi(i: int, j: int, k: int, position: int) -> np.ndarray:
         common = {"alpha": alpha, "gamma2": gamma * gamma, "P": P, "M": M[j, k], "Q": Q[position], "X": X[position]}
         if isinstance(data, TrackingVertices):
-            return np.asarray(theorem2.psi(data, i, k, **common, L=L[j, k], tau=tau[position, k]))
+            return np.asarray(theorems.psi(data, i, k, **common, L=L[j, k], tau=tau[position, k]))
         return np.asarray(consistent_reference.psi(data, i, k, **common, tau=tau[position, k]))
 
     families = {"Psi": psi}

@@ -22,9 +22,8 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from fuzzyarm.common.checks import finite_array, instance, shown
-from fuzzyarm.learned_policy.estimate.signals import context_parts, unexplained_parts
-from fuzzyarm.learned_policy.estimate.units import QUIET
-from fuzzyarm.learned_policy.functions import add_product, hyperbolic_tangent, logistic
+from fuzzyarm.learned_policy.estimate.signals import QUIET, context_parts, unexplained_parts
+from fuzzyarm.learned_policy.network import add_product, hyperbolic_tangent, logistic
 from fuzzyarm.numbers.functions import array, each, maximum, minimum
 
 __all__ = ["GATES", "LARGEST_MEMORY", "EstimateNetwork", "Layers", "heard", "respond", "shapes_of"]

@@ -41,8 +41,7 @@ from fuzzyarm.fuzzy_policy.laws.adaptive.weights import adaptive_weights_for
 from fuzzyarm.fuzzy_policy.laws.elastic_observer import Constants, ElasticObserverPolicy, Observed
 from fuzzyarm.fuzzy_policy.laws.elastic_observer import steps_of as observer_steps_of
 from fuzzyarm.fuzzy_policy.laws.elastic_target import ElasticTarget, past_of
-from fuzzyarm.fuzzy_policy.laws.observer_gains import Estimate, gain_tables
-from fuzzyarm.fuzzy_policy.laws.observer_weights import weights_for
+from fuzzyarm.fuzzy_policy.laws.observer_gains import Estimate, gain_tables, weights_for
 from fuzzyarm.learned_policy.estimate.network import EstimateNetwork, Layers, heard, respond
 from fuzzyarm.learned_policy.estimate.signals import (
     context_of,
@@ -50,9 +49,10 @@ from fuzzyarm.learned_policy.estimate.signals import (
     see_beliefs,
     see_innovation,
     see_unexplained,
+    turns_of,
     unexplained_parts,
+    units_of,
 )
-from fuzzyarm.learned_policy.estimate.units import turns_of, units_of
 from fuzzyarm.numbers.functions import Cells, array, each, flat, maximum, minimum, select
 from fuzzyarm.numbers.machine import Kernel
 from fuzzyarm.numbers.program import Program

@@ -6,8 +6,7 @@ import dataclasses
 from typing import TYPE_CHECKING, Any
 
 from fuzzyarm.common.checks import real, truth
-from fuzzyarm.rl_baselines.algorithm import AlgorithmSpec
-from fuzzyarm.rl_baselines.on_policy import COLUMNS, OnPolicyAlgorithm, OnPolicyConfig
+from fuzzyarm.rl_baselines.algorithm import COLUMNS, AlgorithmSpec, OnPolicyAlgorithm, OnPolicyConfig
 
 if TYPE_CHECKING:
     from fuzzyarm.learned_policy.network import Network

@@ -6,8 +6,7 @@ import dataclasses
 from typing import TYPE_CHECKING, Any
 
 from fuzzyarm.common.checks import whole
-from fuzzyarm.rl_baselines.algorithm import AlgorithmSpec
-from fuzzyarm.rl_baselines.on_policy import COLUMNS, OnPolicyAlgorithm, OnPolicyConfig
+from fuzzyarm.rl_baselines.algorithm import COLUMNS, AlgorithmSpec, OnPolicyAlgorithm, OnPolicyConfig
 
 if TYPE_CHECKING:
     import torch
@@ -71,7 +70,7 @@ class RecurrentPPOAlgorithm(OnPolicyAlgorithm):
 
     def network(self) -> Network:
         """Return the LSTM and the layers that give the mean of the Gaussian policy, with the normaliser."""
-        from fuzzyarm.learned_policy.cell import Cell
+        from fuzzyarm.learned_policy.network import Cell
 
         lstm = self.model.policy.lstm_actor
         bias = lstm.bias_ih_l0 + lstm.bias_hh_l0

@@ -6,8 +6,7 @@ import dataclasses
 from typing import TYPE_CHECKING
 
 from fuzzyarm.rl_baselines.algorithm import AlgorithmSpec
-from fuzzyarm.rl_baselines.off_policy import COLUMNS, OffPolicyAlgorithm
-from fuzzyarm.rl_baselines.off_policy_config import RESIDUAL, OffPolicyConfig
+from fuzzyarm.rl_baselines.off_policy import COLUMNS, RESIDUAL, OffPolicyAlgorithm, OffPolicyConfig
 
 if TYPE_CHECKING:
     from fuzzyarm.rl_baselines.learning_env import LearningEnvs

@@ -29,7 +29,7 @@ from fuzzyarm.fuzzy_policy.laws.adaptive.settings import tables_of, with_tables
 from fuzzyarm.numbers.functions import Cells
 from fuzzyarm.numbers.machine import Kernel
 from fuzzyarm.numbers.program import Program
-from fuzzyarm.rl_baselines.estimate.courses import Courses
+from fuzzyarm.rl_baselines.estimate.driving import Courses
 
 __all__ = ["Teacher"]
 

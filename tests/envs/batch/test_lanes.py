@@ -21,7 +21,7 @@ from fuzzyarm.envs.scenario.disturbances import Disturbance, EncoderNoise, Torqu
 from fuzzyarm.envs.scenario.paths import Circle, Line
 from fuzzyarm.envs.scenario.randomisation import DomainRandomisation
 from fuzzyarm.envs.scenario.reference import JointReference
-from fuzzyarm.envs.termination import Termination
+from fuzzyarm.envs.task import Termination
 
 TABLE_1 = ArmParameters()
 LIMIT = np.array(TABLE_1.torque_limit)

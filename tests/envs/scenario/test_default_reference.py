@@ -10,10 +10,9 @@ from fuzzyarm.envs.physics.parameters import ArmParameters
 from fuzzyarm.envs.physics.rigid_body import inverse_dynamics
 from fuzzyarm.envs.physics.robot import Robot, robot_named
 from fuzzyarm.envs.scenario.default_reference import SHARE, SIZES, default_reference
-from fuzzyarm.envs.scenario.home import home_posture
-from fuzzyarm.envs.scenario.kinematics import reach, velocity_limits
+from fuzzyarm.envs.scenario.kinematics import home_posture, reach, velocity_limits
 from fuzzyarm.envs.scenario.reference import JointReference
-from fuzzyarm.envs.scenario.tip_reference import TipReference
+from fuzzyarm.envs.scenario.robot_reference import TipReference
 
 
 def test_the_papers_arm_keeps_the_papers_motion_bit_for_bit():

@@ -6,14 +6,14 @@ from scipy.spatial.transform import Rotation
 
 from fuzzyarm.envs.physics.rigid_body import tip_jacobian, tip_position
 from fuzzyarm.envs.physics.robot import robot_named, shipped_robots
-from fuzzyarm.envs.scenario.home import home_posture
-from fuzzyarm.envs.scenario.inverse_kinematics import freedom
 from fuzzyarm.envs.scenario.kinematics import (
     ANGULAR,
     LINEAR,
     angle_ranges,
     chain,
     drift,
+    freedom,
+    home_posture,
     jacobian,
     reach,
     rotation_vector,

@@ -12,7 +12,7 @@ from fuzzyarm.envs.physics.robot import robot_named
 from fuzzyarm.envs.scenario.cases import case_for, find_case, with_loads
 from fuzzyarm.envs.scenario.default_reference import SHARE, default_reference
 from fuzzyarm.envs.scenario.given_path import GivenPath
-from fuzzyarm.envs.scenario.named_paths import Square
+from fuzzyarm.envs.scenario.paths import Square
 from fuzzyarm.envs.scenario.reference import JointReference
 
 SHORT = dataclasses.replace(ArmParameters(), length=(0.5, 0.4), mass_center=(0.25, 0.2), stiffness=(8e3, 5e3))

@@ -3,8 +3,7 @@
 import numpy as np
 import pytest
 
-from fuzzyarm.envs.scenario.paths import Circle, Spline
-from fuzzyarm.envs.scenario.placed import Placed
+from fuzzyarm.envs.scenario.paths import Circle, Placed, Spline
 
 S = np.linspace(0.0, 1.0, 41)
 AXES = ((0.0, 0.6, 0.8), (1.0, 0.0, 0.0))

@@ -6,10 +6,9 @@ import numpy as np
 import pytest
 
 from fuzzyarm.envs.physics.robot import robot_named
-from fuzzyarm.envs.scenario.home import home_posture
-from fuzzyarm.envs.scenario.kinematics import chain
-from fuzzyarm.envs.scenario.spline_reference import SplineReference
-from fuzzyarm.envs.scenario.time_law import quintic_time_law
+from fuzzyarm.envs.scenario.kinematics import chain, home_posture
+from fuzzyarm.envs.scenario.reference import quintic_time_law
+from fuzzyarm.envs.scenario.robot_reference import SplineReference
 
 NAMES = ("paper", "planar-3r", "ur5", "panda")
 DURATION = 3.0

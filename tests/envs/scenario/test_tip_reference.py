@@ -12,13 +12,10 @@ from slow_twins import slow_but
 from fuzzyarm.envs.physics.parameters import ArmParameters
 from fuzzyarm.envs.physics.rigid_body import tip_position
 from fuzzyarm.envs.physics.robot import Robot, robot_named
-from fuzzyarm.envs.scenario.home import home_posture
-from fuzzyarm.envs.scenario.kinematics import chain, jacobian, rotation_vector
-from fuzzyarm.envs.scenario.paths import Circle, Lemniscate, Line, Spline
-from fuzzyarm.envs.scenario.placed import Placed
-from fuzzyarm.envs.scenario.reference import JointReference
-from fuzzyarm.envs.scenario.time_law import quintic_time_law
-from fuzzyarm.envs.scenario.tip_reference import SHARPEST, TipReference
+from fuzzyarm.envs.scenario.kinematics import chain, home_posture, jacobian, rotation_vector
+from fuzzyarm.envs.scenario.paths import Circle, Lemniscate, Line, Placed, Spline
+from fuzzyarm.envs.scenario.reference import JointReference, quintic_time_law
+from fuzzyarm.envs.scenario.robot_reference import SHARPEST, TipReference
 
 ROBOTS = {name: robot_named(name) for name in ("planar-3r", "ur5", "panda")}
 DURATION = 4.0

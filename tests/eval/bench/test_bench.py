@@ -18,14 +18,11 @@ from PIL import Image
 from rich.console import Console
 from slow_twins import slow_but
 
-from fuzzyarm.eval.bench import accuracy, entries, peers, sweeps
+from fuzzyarm.eval.bench import accuracy, entries
 from fuzzyarm.eval.bench import run as bench_module
-from fuzzyarm.eval.bench.config import BenchConfig
-from fuzzyarm.eval.bench.entries import Entry, NotMeasured, draw_actions, timed, timed_batch
-from fuzzyarm.eval.bench.peers import MUJOCO_METHODS
-from fuzzyarm.eval.bench.run import memory_per_lane, race, run_bench, spread, write_document
-from fuzzyarm.eval.bench.speed_table import print_speeds, speed_cells, speed_notes
-from fuzzyarm.eval.bench.throughput_figure import draw_throughput
+from fuzzyarm.eval.bench.entries import MUJOCO_METHODS, Entry, NotMeasured, draw_actions, timed, timed_batch
+from fuzzyarm.eval.bench.run import BenchConfig, memory_per_lane, race, run_bench, spread, write_document
+from fuzzyarm.eval.bench.speed_table import draw_throughput, print_speeds, speed_cells, speed_notes
 from fuzzyarm.eval.episodes.loop import episodes
 from fuzzyarm.eval.sweep.config import SweepConfig
 
@@ -360,11 +357,11 @@ def test_the_default_table():
     assert min(entry.lanes for entry in in_torch) == entries.TORCH_LANES
 
 
-@pytest.mark.parametrize("how", slow_but(["step by step"], sweeps.RUN))
+@pytest.mark.parametrize("how", slow_but(["step by step"], entries.RUN))
 def test_a_sweep_counts_the_steps_of_its_episodes(monkeypatch, how):
-    monkeypatch.setattr(sweeps, "timed", lambda advance: advance)
+    monkeypatch.setattr(entries, "timed", lambda advance: advance)
     config = SweepConfig(policies=("fuzzy-4",), cases=("nominal", "payload"), plants=1)
-    with sweeps._swept(config, how) as advance:
+    with entries._swept(config, how) as advance:
         assert advance() == 2 * 1500
 
 
@@ -380,7 +377,7 @@ def test_actions_are_within_the_scale_and_the_same_every_time():
 
 @pytest.mark.parametrize("number", range(3))
 def test_what_needs_no_optional_package_runs(number):
-    runnable = (entries.own_single(), peers.gymnasium_peers()[0], entries.own_batches(4, 1)[0])
+    runnable = (entries.own_single(), entries.gymnasium_peers()[0], entries.own_batches(4, 1)[0])
     with runnable[number].open() as measure:
         assert measure(0.0) > 0.0
 
@@ -536,7 +533,7 @@ def test_tip_error_of_a_batch_is_that_of_its_first_lane(torch_env, monkeypatch):
 
 
 def test_mujoco_methods_are_those_that_its_benchmark_chose():
-    spec = importlib.util.spec_from_file_location("mujoco_arm", peers.MUJOCO_ARM)
+    spec = importlib.util.spec_from_file_location("mujoco_arm", entries.MUJOCO_ARM)
     module = importlib.util.module_from_spec(spec)
     spec.loader.exec_module(module)
     chosen = [module.EQUAL_ACCURACY["Coulomb"], module.FASTEST]
@@ -544,15 +541,15 @@ def test_mujoco_methods_are_those_that_its_benchmark_chose():
 
 
 def test_the_arm_in_mujoco_runs():
-    entry = peers.batch_peers(4, 1)[-1]
+    entry = entries.batch_peers(4, 1)[-1]
     with entry.open() as measure:
         assert measure(0.001) > 0.0
 
 
 def test_without_a_checkout_there_is_no_mujoco_arm(monkeypatch, tmp_path):
-    monkeypatch.setattr(peers, "MUJOCO_ARM", tmp_path / "mujoco_arm.py")
-    peers._mujoco_arm.cache_clear()
-    (row,) = race("64 lanes", peers.batch_peers(64, 1)[-1:], 5, 0.5, silent)
+    monkeypatch.setattr(entries, "MUJOCO_ARM", tmp_path / "mujoco_arm.py")
+    entries._mujoco_arm.cache_clear()
+    (row,) = race("64 lanes", entries.batch_peers(64, 1)[-1:], 5, 0.5, silent)
     assert "run from a clone" in row.reason
 
 
@@ -574,6 +571,6 @@ def test_envpool_is_asked_for_lanes_and_threads(monkeypatch):
     module = ModuleType("envpool")
     module.make_gymnasium = lambda name, **fields: asked.append((name, fields)) or Pool()
     monkeypatch.setitem(sys.modules, "envpool", module)
-    with peers.batch_peers(64, 2)[0].open() as measure:
+    with entries.batch_peers(64, 2)[0].open() as measure:
         measure(0.0)
     assert asked == [("Pendulum-v1", {"num_envs": 64, "num_threads": 2, "seed": 0}), (64, 1), "close"]

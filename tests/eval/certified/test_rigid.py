@@ -12,12 +12,26 @@ from slow_twins import slow_but
 
 from fuzzyarm.envs.physics.dynamics import rigid_inverse_dynamics
 from fuzzyarm.envs.scenario.reference import JointReference, ReferenceSample
-from fuzzyarm.eval.certified import frozen
-from fuzzyarm.eval.certified.extremes import worst_posture
-from fuzzyarm.eval.certified.frozen import find_worst_point, freeze, gain_at, lyapunov_rate, pole_rate, slowest_error
-from fuzzyarm.eval.certified.probes import HELD, Uniform, _discrete, joined, library, worst_torque
-from fuzzyarm.eval.certified.rigid import RigidLoop
-from fuzzyarm.eval.certified.rigid_rollout import Motion, Run, simulate
+from fuzzyarm.eval.certified import rigid as frozen
+from fuzzyarm.eval.certified.rigid import (
+    HELD,
+    Motion,
+    RigidLoop,
+    Run,
+    Uniform,
+    _discrete,
+    find_worst_point,
+    freeze,
+    gain_at,
+    joined,
+    library,
+    lyapunov_rate,
+    pole_rate,
+    simulate,
+    slowest_error,
+    worst_posture,
+    worst_torque,
+)
 from fuzzyarm.fuzzy_policy.proof.residual import feedforward_residual
 from fuzzyarm.fuzzy_policy.ts_model import premises
 from fuzzyarm.policies import load_policy

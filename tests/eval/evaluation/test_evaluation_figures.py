@@ -14,8 +14,7 @@ from PIL import Image
 from slow_twins import slow_but
 
 from fuzzyarm.eval.episodes.rollout import Rollout
-from fuzzyarm.eval.evaluation.figures import FOCUS, draw_figures, write_figures
-from fuzzyarm.eval.evaluation.panels import time_figures
+from fuzzyarm.eval.evaluation.figures import FOCUS, draw_figures, time_figures, write_figures
 
 WITHOUT_FORCE = ("path", *time_figures(2))
 WITH_FORCE = (*WITHOUT_FORCE, "force")

@@ -10,8 +10,8 @@ from fuzzyarm.cli import main
 from fuzzyarm.envs.physics.parameters import ArmParameters
 from fuzzyarm.envs.physics.robot import robot_named
 from fuzzyarm.envs.scenario.given_path import GivenPath
-from fuzzyarm.eval.evaluation.conditions import EXEMPT, conditions_in_words, conditions_of
 from fuzzyarm.eval.evaluation.ranking import markdown, rank_policies
+from fuzzyarm.eval.evaluation.results_file import EXEMPT, conditions_in_words, conditions_of
 from fuzzyarm.eval.evaluation.run import SCHEMA, EvaluationConfig, evaluate, write_results
 from fuzzyarm.eval.evaluation.statistics import estimate
 from fuzzyarm.policies.declared import Declared, declared

@@ -7,9 +7,9 @@ import pytest
 
 from fuzzyarm import load_policy
 from fuzzyarm.envs.physics.parameters import ArmParameters
-from fuzzyarm.eval.evaluation import saturation as module
+from fuzzyarm.eval.evaluation import result_table as module
+from fuzzyarm.eval.evaluation.result_table import saturation
 from fuzzyarm.eval.evaluation.run import EvaluationConfig, evaluate
-from fuzzyarm.eval.evaluation.saturation import saturation
 
 PERIOD = 1e-3
 

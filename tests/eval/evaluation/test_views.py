@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from fuzzyarm.eval.evaluation.views import view_of
+from fuzzyarm.eval.evaluation.figures import view_of
 
 ANGLES = np.linspace(0.0, 2.0 * np.pi, 50)
 

@@ -4,9 +4,8 @@ from pathlib import Path
 
 import pytest
 
-from fuzzyarm.eval.paper.drift import load_expected
 from fuzzyarm.eval.paper.evidence import STEPS, gather
-from fuzzyarm.eval.paper.report import compare
+from fuzzyarm.eval.paper.report import compare, load_expected
 from fuzzyarm.policies import load_policy
 
 
@@ -19,7 +18,7 @@ def evidence():
     """What `gather` returns; the proofs with 32 rules are left to `test_every_file_is_proven`."""
     steps = []
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr("fuzzyarm.eval.paper.controllers.load_policy", loaded)
+        patch.setattr("fuzzyarm.eval.paper.evidence.load_policy", loaded)
         gathered = gather(lambda: steps.append(None))
     assert len(steps) == STEPS
     return gathered

@@ -9,18 +9,19 @@ import numpy as np
 import pytest
 
 from fuzzyarm.envs.physics.dynamics import arm_constants, tip_position
-from fuzzyarm.eval.paper.claim import Claim, Tolerance
-from fuzzyarm.eval.paper.claims import CLAIMS, ROLLOUTS
-from fuzzyarm.eval.paper.controllers import (
+from fuzzyarm.eval.paper.claims import CLAIMS, ROLLOUTS, Claim, Tolerance
+from fuzzyarm.eval.paper.evidence import (
     FORMS,
+    HIGH_GAIN,
     PAPER_K,
     PAPER_L,
     PAPERS_OWN,
     RULES,
     SWAPPED,
     TITLES,
+    WITNESSES,
+    prove_witnesses,
 )
-from fuzzyarm.eval.paper.evidence import HIGH_GAIN, WITNESSES, prove_witnesses
 from fuzzyarm.fuzzy_policy.controller import Controller
 from fuzzyarm.fuzzy_policy.proof.certificate import certify
 

@@ -5,9 +5,9 @@ import math
 
 import pytest
 
-from fuzzyarm.eval.paper import drift
-from fuzzyarm.eval.paper.claim import Claim, Tolerance
-from fuzzyarm.eval.paper.drift import find_drift, load_expected, store_expected
+from fuzzyarm.eval.paper import report as drift
+from fuzzyarm.eval.paper.claims import Claim, Tolerance
+from fuzzyarm.eval.paper.report import find_drift, load_expected, store_expected
 
 CLAIM = Claim("peak", "6.2", "228", "peak", "N m", 228.0, dict, tolerance=Tolerance(relative=0.01, absolute=1.0))
 STORED = {"peak": {"a": 200.0, "b": -200.0}}

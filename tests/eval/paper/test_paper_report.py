@@ -7,7 +7,7 @@ import pytest
 from rich.console import Console
 
 from fuzzyarm.cli import main
-from fuzzyarm.eval.paper import drift
+from fuzzyarm.eval.paper import report as drift
 from fuzzyarm.eval.paper.claims import CLAIMS
 from fuzzyarm.eval.paper.report import _outcome, compare, print_report
 

@@ -15,7 +15,7 @@ from fuzzyarm.cli import main
 from fuzzyarm.envs.scenario.reference import JointReference
 from fuzzyarm.eval.certified.rigid import RigidLoop
 from fuzzyarm.eval.evaluation.run import Evaluation, EvaluationConfig, evaluate
-from fuzzyarm.eval.report.observed import Observed, observe
+from fuzzyarm.eval.report.certificates import Observed, observe
 from fuzzyarm.policies import load_policy
 
 
@@ -38,8 +38,8 @@ def seen() -> Observed:
     """Observed values of fuzzy-4, after a shorter search and motion than a report's, which takes ten seconds."""
     loop = RigidLoop(load_policy("fuzzy-4").controller)  # type: ignore[attr-defined]
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr("fuzzyarm.eval.certified.frozen.GENERATIONS", 40)  # of 150; the fifth digit differs
-        patch.setattr("fuzzyarm.eval.certified.extremes.SLOWEST_STEP", 1e-4)  # of 2e-5 s
+        patch.setattr("fuzzyarm.eval.certified.rigid.GENERATIONS", 40)  # of 150; the fifth digit differs
+        patch.setattr("fuzzyarm.eval.certified.rigid.SLOWEST_STEP", 1e-4)  # of 2e-5 s
         return observe(loop, Beginning())  # type: ignore[arg-type]
 
 
@@ -48,7 +48,7 @@ def folder(evaluation, seen, tmp_path_factory) -> Path:
     """The evaluation of three policies in two cases, with its report."""
     path = write(evaluation, tmp_path_factory.mktemp("report") / "evaluation")
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr("fuzzyarm.eval.report.observed.observe", lambda loop, reference: seen)
+        patch.setattr("fuzzyarm.eval.report.certificates.observe", lambda loop, reference: seen)
         assert main(["report", str(path)]) == 0
     return path
 

@@ -7,7 +7,7 @@ from support.altered_evaluations import NASTY
 
 from fuzzyarm.eval.evaluation.ranking import Standing, rank_policies, standings_of
 from fuzzyarm.eval.evaluation.statistics import Estimate
-from fuzzyarm.eval.report.headline import headline, rule
+from fuzzyarm.eval.report.page import headline, rule
 from fuzzyarm.eval.report.stored import read_evaluation
 
 

@@ -10,7 +10,7 @@ import pytest
 from fuzzyarm.envs.scenario.reference import JointReference
 from fuzzyarm.eval.certified.rigid import RigidLoop
 from fuzzyarm.eval.evaluation.run import EvaluationConfig
-from fuzzyarm.eval.report.observed import observe, observe_policies
+from fuzzyarm.eval.report.certificates import observe, observe_policies
 from fuzzyarm.policies import load_policy
 
 ROOT = Path(__file__).parents[3]
@@ -57,7 +57,9 @@ def test_the_bounds_are_those_of_the_controller(controller):
 def quick(monkeypatch):
     """Count the calls of `observe`, which returns at once."""
     calls = []
-    monkeypatch.setattr("fuzzyarm.eval.report.observed.observe", lambda loop, reference: calls.append(loop) or "seen")
+    monkeypatch.setattr(
+        "fuzzyarm.eval.report.certificates.observe", lambda loop, reference: calls.append(loop) or "seen"
+    )
     return calls
 
 

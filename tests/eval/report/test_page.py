@@ -15,12 +15,11 @@ from support.altered_evaluations import NASTY, wild, with_runs
 from fuzzyarm.envs.physics.parameters import ArmParameters
 from fuzzyarm.eval.evaluation.result_table import table_rows
 from fuzzyarm.eval.evaluation.run import EvaluationConfig
-from fuzzyarm.eval.report.chart import Axis, Bound, Errors, digits, draw_chart
-from fuzzyarm.eval.report.observed import Observed
+from fuzzyarm.eval.report.certificates import Observed
 from fuzzyarm.eval.report.page import command, render_page
 from fuzzyarm.eval.report.payload import _shown, _within, replay_data
 from fuzzyarm.eval.report.stored import StoredEvaluation, read_evaluation
-from fuzzyarm.eval.report.summary import best, error_charts, metrics_table
+from fuzzyarm.eval.report.summary import Axis, Bound, Errors, best, digits, draw_chart, error_charts, metrics_table
 from fuzzyarm.fuzzy_policy.proof.policy_certificate import NOT_COVERED
 
 SEEN = {"fuzzy-4": Observed(20.5, 7e-5, "step"), "fuzzy-4-tip": "not observed: for a reason"}

@@ -9,8 +9,8 @@ import pytest
 
 from fuzzyarm.eval.certified.tip.bound import TipClaim, find_bound
 from fuzzyarm.eval.certified.tip.bound_file import save_bound
-from fuzzyarm.eval.certified.tip.plant_set import PlantSet
-from fuzzyarm.eval.report.tubes import checked_bounds, tube_section
+from fuzzyarm.eval.certified.tip.plant import PlantSet
+from fuzzyarm.eval.report.certificates import checked_bounds, tube_section
 
 STEPS = 15
 

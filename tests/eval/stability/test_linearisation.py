@@ -16,8 +16,7 @@ from fuzzyarm.envs.physics.parameters import ArmParameters
 from fuzzyarm.envs.physics.records import flat
 from fuzzyarm.envs.physics.robot import Robot
 from fuzzyarm.eval.stability import linearisation as margins
-from fuzzyarm.eval.stability.linearisation import gain_margin, linearise, linearise_path, spectral_radius
-from fuzzyarm.eval.stability.local_loop import LocalLoop
+from fuzzyarm.eval.stability.linearisation import LocalLoop, gain_margin, linearise, linearise_path, spectral_radius
 from fuzzyarm.fuzzy_policy.laws.computed_torque import ComputedTorquePolicy
 from fuzzyarm.fuzzy_policy.policy import Predictor
 from fuzzyarm.policies import load_policy

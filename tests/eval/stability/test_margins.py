@@ -21,11 +21,12 @@ from fuzzyarm.envs.physics.parameters import ArmParameters
 from fuzzyarm.envs.physics.robot import robot_named
 from fuzzyarm.envs.scenario.cases import case_for
 from fuzzyarm.eval.stability import margins as margins_table
-from fuzzyarm.eval.stability.conditions import CONDITIONS, LIMITS, conditions_for
-from fuzzyarm.eval.stability.linearisation import gain_margin, spectral_radius
-from fuzzyarm.eval.stability.local_loop import GainLimits
+from fuzzyarm.eval.stability.linearisation import GainLimits, gain_margin, spectral_radius
 from fuzzyarm.eval.stability.margins import (
+    CONDITIONS,
+    LIMITS,
     MarginsConfig,
+    conditions_for,
     margin_cells,
     margin_notes,
     margins_in_words,

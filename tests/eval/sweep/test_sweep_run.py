@@ -134,7 +134,7 @@ def test_a_worker_with_other_versions_is_refused(tmp_path, monkeypatch):
 WAITS = """
 import os, sys, time
 from pathlib import Path
-from fuzzyarm.cli import main
+from fuzzyarm.cli import main  # noqa: E402
 replace = os.replace
 
 def waits(source, target):

@@ -8,7 +8,7 @@ from fuzzyarm.envs.physics.equations import chosen_arm
 from fuzzyarm.envs.physics.parameters import ArmParameters
 from fuzzyarm.eval.certified.tip.bound import TipClaim, find_bound
 from fuzzyarm.eval.certified.tip.enclosures import NoBound
-from fuzzyarm.eval.stability.conditions import LIMITS
+from fuzzyarm.eval.stability.margins import LIMITS
 from fuzzyarm.eval.tuning import tip_bounds
 from fuzzyarm.eval.tuning.steps import FUZZY, found
 from fuzzyarm.eval.tuning.summary import decision, summary

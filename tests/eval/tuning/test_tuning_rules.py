@@ -7,10 +7,10 @@ import pytest
 
 from fuzzyarm.envs.physics.dynamics import tip_jacobian
 from fuzzyarm.envs.physics.parameters import ArmParameters
-from fuzzyarm.eval.stability.local_loop import LocalLoop
+from fuzzyarm.eval.stability.linearisation import LocalLoop
 from fuzzyarm.eval.tuning import bandwidth, fuzzy_gains
-from fuzzyarm.eval.tuning.conditions import radius_within
-from fuzzyarm.eval.tuning.tip_deviation import largest_deviation
+from fuzzyarm.eval.tuning.finding import radius_within
+from fuzzyarm.eval.tuning.tip_bounds import largest_deviation
 
 PAPER = ArmParameters()
 

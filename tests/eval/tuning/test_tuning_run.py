@@ -7,7 +7,7 @@ import pytest
 
 from fuzzyarm.cli import main
 from fuzzyarm.envs.physics.parameters import ArmParameters
-from fuzzyarm.eval.stability.conditions import LIMITS
+from fuzzyarm.eval.stability.margins import LIMITS
 from fuzzyarm.eval.tuning import run as tuning
 from fuzzyarm.eval.tuning import steps
 from fuzzyarm.eval.tuning.finding import read_finding

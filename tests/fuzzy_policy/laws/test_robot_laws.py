@@ -12,7 +12,7 @@ from fuzzyarm.envs.physics.rigid_body import gravity, inverse_dynamics, mass_mat
 from fuzzyarm.envs.physics.robot import robot_named
 from fuzzyarm.envs.scenario.default_reference import default_reference
 from fuzzyarm.envs.scenario.elastic_reference import ElasticReference
-from fuzzyarm.envs.scenario.home import home_posture
+from fuzzyarm.envs.scenario.kinematics import home_posture
 from fuzzyarm.fuzzy_policy.known_arm import constants_of, drives_of
 from fuzzyarm.fuzzy_policy.laws.elastic_target import ElasticTarget
 from fuzzyarm.fuzzy_policy.laws.gain_schedule import corners_of, kept_joints, schedule_of

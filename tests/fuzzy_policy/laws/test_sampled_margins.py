@@ -17,9 +17,18 @@ from fuzzyarm.fuzzy_policy.laws.computed_torque import (
 )
 from fuzzyarm.fuzzy_policy.laws.elastic_observer import ElasticObserverPolicy
 from fuzzyarm.fuzzy_policy.laws.gain_schedule import nearest_inertia, schedule_of
-from fuzzyarm.fuzzy_policy.laws.observer_gains import ObserverWeights
-from fuzzyarm.fuzzy_policy.laws.observer_weights import FACTORS, linear_observer, softened, weights_for
-from fuzzyarm.fuzzy_policy.laws.sampled_margins import CONDITIONS, ONE_AT_A_TIME, Condition, places_of, worst_radius
+from fuzzyarm.fuzzy_policy.laws.observer_gains import (
+    CONDITIONS,
+    FACTORS,
+    ONE_AT_A_TIME,
+    Condition,
+    ObserverWeights,
+    linear_observer,
+    places_of,
+    softened,
+    weights_for,
+    worst_radius,
+)
 
 PERIOD = 1e-3
 TWO = dataclasses.replace(Robot.of(ArmParameters()), gravity=(0.0, 0.0, 0.0))

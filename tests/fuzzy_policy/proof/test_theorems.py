@@ -14,8 +14,8 @@ from slow_twins import slow_but
 
 from fuzzyarm.envs.physics.dynamics import arm_constants, mass_matrix, rigid_inverse_dynamics
 from fuzzyarm.envs.physics.parameters import ArmParameters
-from fuzzyarm.fuzzy_policy.proof import consistent_reference, theorem2, vertices
-from fuzzyarm.fuzzy_policy.proof.theorem1 import xi
+from fuzzyarm.fuzzy_policy.proof import consistent_reference, theorems, vertices
+from fuzzyarm.fuzzy_policy.proof.theorems import xi
 from fuzzyarm.fuzzy_policy.proof.vertices import error_vertices, tracking_vertices
 from fuzzyarm.fuzzy_policy.ts_model import NAMED_RULES, PREMISES, TSModel, premises
 from fuzzyarm.synthesis.expressions import half
@@ -49,7 +49,7 @@ def positive(rng, n):
 
 def vertices_of(form, model, integral, common=False):
     if form == "theorem2":
-        return tracking_vertices(model, integral, WEIGHT, common_multiplier=common), theorem2.psi
+        return tracking_vertices(model, integral, WEIGHT, common_multiplier=common), theorems.psi
     psi = {"consistent": consistent_reference.psi, "fastest pole": fastest_pole}[form]
     return error_vertices(model, integral, common_multiplier=common), psi
 
@@ -85,7 +85,7 @@ def draw(rng, data, form):
 def test_theorem_2_without_uncertainty_is_theorem_1(integral):
     data = tracking_vertices(TSModel(ARM, NAMED_RULES[32]), integral, WEIGHT)
     values = draw(np.random.default_rng(1), data, "theorem2")
-    Psi = theorem2.psi(data, 5, 1, alpha=ALPHA, **values)
+    Psi = theorems.psi(data, 5, 1, alpha=ALPHA, **values)
     del values["tau"]
     np.testing.assert_array_equal(Psi, xi(data, 5, 1, alpha=ALPHA, **values))
     assert Psi.shape == (2 * (data.n_e + 4) + 2 + 6 + 4,) * 2
@@ -386,7 +386,7 @@ def solve_theorem_2(data, alpha):
         for k in range(N_e):
             common = {"alpha": alpha, "gamma2": gamma2, "P": P, "Q": Q, "X": X, "put": half}
             common["tau"] = cp.Variable(len(data.uncertainties))
-            one, other = (theorem2.psi(data, a, k, M=M[b][k], L=L[b][k], **common) for a, b in ((i, j), (j, i)))
+            one, other = (theorems.psi(data, a, k, M=M[b][k], L=L[b][k], **common) for a, b in ((i, j), (j, i)))
             sums.append((one + other) + (one + other).T)
     negative = [total << -1e-3 * np.eye(total.shape[0]) for total in sums]
     cp.Problem(cp.Minimize(gamma2), bounded + negative + [cp.norm(m) <= 100.0 for row in M for m in row]).solve(

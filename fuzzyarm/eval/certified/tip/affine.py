@@ -31,7 +31,7 @@ from flint import arb
 from fuzzyarm.envs.physics import elementwise, friction
 from fuzzyarm.eval.certified.tip.enclosures import ROUND_UP, NoBound, between, centre, low_high, radius_of
 from fuzzyarm.eval.certified.tip.zonotope import Zonotope, condensed, reach
-from fuzzyarm.learned_policy import functions
+from fuzzyarm.learned_policy import network
 from fuzzyarm.numbers.functions import KINDS, row, select
 
 __all__ = ["WORTH", "Affine", "Places", "Space"]
@@ -607,8 +607,8 @@ def _stick_slip(velocity: Affine, acceleration: Affine, deceleration: Affine, du
 
 _ENCLOSED: dict[Any, Callable[..., Any]] = {
     elementwise._gaussian.__wrapped__: functools.partial(_bent, _GAUSSIAN),  # type: ignore[attr-defined]
-    functions.hyperbolic_tangent.__wrapped__: functools.partial(_bent, _TANH),  # type: ignore[attr-defined]
-    functions.area_sine.__wrapped__: functools.partial(_bent, _ASINH),  # type: ignore[attr-defined]
+    network.hyperbolic_tangent.__wrapped__: functools.partial(_bent, _TANH),  # type: ignore[attr-defined]
+    network.area_sine.__wrapped__: functools.partial(_bent, _ASINH),  # type: ignore[attr-defined]
     friction.stick_slip.__wrapped__: _stick_slip,  # type: ignore[attr-defined]
 }
 """Functions of laws that have an enclosure of their own."""

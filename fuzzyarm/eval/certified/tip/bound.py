@@ -21,8 +21,7 @@ from fuzzyarm.envs.scenario.reference import JointReference
 from fuzzyarm.eval.certified.tip.centre import Segment
 from fuzzyarm.eval.certified.tip.enclosures import NoBound
 from fuzzyarm.eval.certified.tip.period import Claim
-from fuzzyarm.eval.certified.tip.plant import ball_plant
-from fuzzyarm.eval.certified.tip.plant_set import SETS, PlantSet, check_set_name, exactly, ranges_in_words
+from fuzzyarm.eval.certified.tip.plant import SETS, PlantSet, ball_plant, check_set_name, exactly, ranges_in_words
 from fuzzyarm.eval.certified.tip.sampled_law import sampled_law
 from fuzzyarm.eval.certified.tip.tube import Problem, Step, Tube
 from fuzzyarm.eval.certified.tip.zonotope import SOURCES

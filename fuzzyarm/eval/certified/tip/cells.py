@@ -22,7 +22,7 @@ from fuzzyarm.envs.observation import JOINTS
 from fuzzyarm.eval.certified.tip.bound import TipBound, TipClaim, find_bound
 from fuzzyarm.eval.certified.tip.bound_file import save_bound
 from fuzzyarm.eval.certified.tip.enclosures import NoBound
-from fuzzyarm.eval.certified.tip.plant_set import AXES, BY_JOINT, RANGES, Axis, PlantSet, ranges_in_words
+from fuzzyarm.eval.certified.tip.plant import AXES, BY_JOINT, RANGES, Axis, PlantSet, ranges_in_words
 
 __all__ = ["CellBound", "Division", "bounds_of_cell", "bounds_of_cells", "cells", "missed"]
 

@@ -31,14 +31,15 @@ from fuzzyarm.envs.scenario.kinematics import reach
 from fuzzyarm.fuzzy_policy.known_arm import per_joint_of
 from fuzzyarm.fuzzy_policy.laws.gain_schedule import GainSchedule, nearest_inertia, schedule_of
 from fuzzyarm.fuzzy_policy.laws.observer_gains import (
+    FACTORS,
     WEIGHT_RANGE,
     ObserverWeights,
+    Place,
     feedback_gain,
+    places_of,
     sampled_arm,
     state_part,
 )
-from fuzzyarm.fuzzy_policy.laws.observer_weights import FACTORS
-from fuzzyarm.fuzzy_policy.laws.sampled_margins import Place, places_of
 
 __all__ = ["AdaptiveWeights", "adaptive_weights_for", "largest_radius", "mass_of", "softened", "unit_force"]
 

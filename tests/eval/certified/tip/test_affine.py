@@ -17,7 +17,7 @@ from fuzzyarm.eval.certified.tip.affine import Affine, Space
 from fuzzyarm.eval.certified.tip.enclosures import BITS, NoBound
 from fuzzyarm.eval.certified.tip.zonotope import Zonotope, condensed
 from fuzzyarm.fuzzy_policy.laws.gain_schedule import corners_of, on_table
-from fuzzyarm.learned_policy.functions import add_product, area_sine, hyperbolic_tangent
+from fuzzyarm.learned_policy.network import add_product, area_sine, hyperbolic_tangent
 from fuzzyarm.numbers.functions import RECORDERS, floor, maximum, minimum, row, select
 
 ARM = arm_constants(ArmParameters())

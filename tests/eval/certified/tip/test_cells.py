@@ -11,8 +11,7 @@ from fuzzyarm.eval.certified.tip import cells as module
 from fuzzyarm.eval.certified.tip.bound import TipClaim
 from fuzzyarm.eval.certified.tip.cells import bounds_of_cell, cells, missed
 from fuzzyarm.eval.certified.tip.enclosures import NoBound
-from fuzzyarm.eval.certified.tip.plant import ball_plant
-from fuzzyarm.eval.certified.tip.plant_set import BY_JOINT, PlantSet
+from fuzzyarm.eval.certified.tip.plant import BY_JOINT, PlantSet, ball_plant
 
 WIDE = PlantSet(mass=(0.95, 1.05), stiffness=((0.9, 1.1), (0.8, 1.0)), payload=(0.0, 1.0), dry_friction=(0.5, 1.5))
 DIVISIONS = [("stiffness", 2), ("mass", 3), ("payload", 2)]

@@ -27,11 +27,10 @@ from fuzzyarm.eval.certified.tip.defects import (
     signal_range,
 )
 from fuzzyarm.eval.certified.tip.enclosures import BITS, Jet, low_high
-from fuzzyarm.eval.certified.tip.plant import ball_plant
-from fuzzyarm.eval.certified.tip.plant_set import PlantSet
+from fuzzyarm.eval.certified.tip.plant import PlantSet, ball_plant
 from fuzzyarm.eval.certified.tip.remainders import LinkRemainder, LinkSlopes, link_remainder, tube_slopes
-from fuzzyarm.eval.certified.tip.tip_error import _reach, tip_bound
 from fuzzyarm.eval.certified.tip.transition import CHANNELS, OBSERVED, PARTS, ROWS, linear, transition
+from fuzzyarm.eval.certified.tip.tube import _reach, tip_bound
 from fuzzyarm.eval.certified.tip.zonotope import Zonotope
 
 ARM = arm_constants(ArmParameters())

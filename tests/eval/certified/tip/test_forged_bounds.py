@@ -16,7 +16,7 @@ from fuzzyarm.eval.certified.tip.bound import TipClaim, find_bound
 from fuzzyarm.eval.certified.tip.bound_file import save_bound
 from fuzzyarm.eval.certified.tip.centre import Mode
 from fuzzyarm.eval.certified.tip.friction import Plan
-from fuzzyarm.eval.certified.tip.plant_set import PlantSet
+from fuzzyarm.eval.certified.tip.plant import PlantSet
 from fuzzyarm.eval.certified.tip.transition import ROW_COUNT
 
 STEPS, AT = 8, 5

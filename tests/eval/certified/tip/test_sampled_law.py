@@ -15,7 +15,7 @@ from fuzzyarm.envs.scenario.disturbances import Disturbance
 from fuzzyarm.envs.scenario.reference import JointReference
 from fuzzyarm.eval.certified.tip.bound import TipClaim, find_bound
 from fuzzyarm.eval.certified.tip.enclosures import BITS, NoBound
-from fuzzyarm.eval.certified.tip.plant_set import SETS, PlantSet
+from fuzzyarm.eval.certified.tip.plant import SETS, PlantSet
 from fuzzyarm.eval.certified.tip.sampled_law import sampled_law
 from fuzzyarm.eval.certified.tip.zonotope import Zonotope
 from fuzzyarm.fuzzy_policy.law import Law, LawPolicy

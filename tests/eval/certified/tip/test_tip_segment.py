@@ -14,8 +14,7 @@ from fuzzyarm.eval.certified.tip.defects import Forces, PeriodMotion, TipForces
 from fuzzyarm.eval.certified.tip.enclosures import BITS
 from fuzzyarm.eval.certified.tip.friction import Friction, Plan, Speed
 from fuzzyarm.eval.certified.tip.period import Period
-from fuzzyarm.eval.certified.tip.plant import ball_plant
-from fuzzyarm.eval.certified.tip.plant_set import PlantSet
+from fuzzyarm.eval.certified.tip.plant import PlantSet, ball_plant
 from fuzzyarm.eval.certified.tip.transition import CHANNELS, linear, transition
 from fuzzyarm.eval.certified.tip.tube import Tube
 from fuzzyarm.eval.certified.tip.zonotope import Zonotope

@@ -22,7 +22,7 @@ from fuzzyarm.eval.certified.tip.centre import Mode
 from fuzzyarm.eval.certified.tip.enclosures import BITS, NoBound
 from fuzzyarm.eval.certified.tip.friction import Plan
 from fuzzyarm.eval.certified.tip.period import Period
-from fuzzyarm.eval.certified.tip.plant_set import PlantSet, find_set
+from fuzzyarm.eval.certified.tip.plant import PlantSet, find_set
 from fuzzyarm.eval.certified.tip.transition import ROWS, STATES
 from fuzzyarm.eval.certified.tip.tube import Tube
 from fuzzyarm.eval.certified.tip.zonotope import Zonotope

@@ -11,14 +11,13 @@ from fuzzyarm.envs.physics.dynamics import arm_constants
 from fuzzyarm.envs.physics.friction import STRIBECK, friction_torque, stribeck_magnitude
 from fuzzyarm.envs.physics.parameters import ArmParameters
 from fuzzyarm.envs.scenario.disturbances import Disturbance
-from fuzzyarm.eval.certified.tip import curve, defects
+from fuzzyarm.eval.certified.tip import defects
+from fuzzyarm.eval.certified.tip import friction as friction_module
 from fuzzyarm.eval.certified.tip.centre import Centre, Mode
-from fuzzyarm.eval.certified.tip.curve import check_curve
 from fuzzyarm.eval.certified.tip.defects import PeriodMotion
 from fuzzyarm.eval.certified.tip.enclosures import BITS, NoBound
-from fuzzyarm.eval.certified.tip.friction import Friction, Plan, PlanFails, Speed
-from fuzzyarm.eval.certified.tip.plant import ball_plant
-from fuzzyarm.eval.certified.tip.plant_set import PlantSet
+from fuzzyarm.eval.certified.tip.friction import Friction, Plan, PlanFails, Speed, check_curve
+from fuzzyarm.eval.certified.tip.plant import PlantSet, ball_plant
 
 ARM = arm_constants(ArmParameters())
 FRICTION = ARM.dry_friction1
@@ -186,7 +185,7 @@ def test_what_the_friction_says_of_its_curve_is_checked(monkeypatch, change):
         ),
     ):
         check_curve(arm)
-    for module in (curve, defects):
+    for module in (friction_module, defects):
         monkeypatch.setattr(module, "STRIBECK", STRIBECK._replace(**change))
     with pytest.raises(NoBound, match="the friction of motor 1 is not as its curve's own numbers say"):
         check_curve(ARM)

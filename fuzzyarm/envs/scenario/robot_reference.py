@@ -1,15 +1,26 @@
-"""The reference of any robot along a path of its tip in space, by inverse kinematics.
+"""Checks of a motion against the joints of a robot: where a limit is passed, at which joint, and by how much.
+
+The reference of any robot along a path of its tip in space, by inverse kinematics.
 
     f(q, p(s(t))) = 0,      A q̇ = (P ṗ, 0, 0),      A q̈ = (P p̈, 0, 0) - Ȧ q̇
 
 with f and A of `inverse_kinematics`. The branch is followed once, in steps of s; after that, Newton's method corrects
 an interpolation to the last digit, so that every value depends on its own t alone.
+
+The reference of any robot along a spline of its joint angles.
+
+    q(t) = c(s(t)),  q̇ = c' ṡ,  q̈ = c'' ṡ² + c' s̈
+
+c is the cubic spline through given postures (`paths.Spline` in the space of the joints): twice continuously
+differentiable, and s(t) of `time_law` lets it begin and end at rest.
 """
 
 from __future__ import annotations
 
 import dataclasses
 import functools
+import math
+from collections.abc import Sequence
 from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
@@ -17,25 +28,102 @@ from numpy.typing import ArrayLike
 
 from fuzzyarm.common import checks
 from fuzzyarm.envs.physics.robot import Robot
-from fuzzyarm.envs.scenario.home import home_posture
-from fuzzyarm.envs.scenario.inverse_kinematics import TipTask, freedom, solved, start_posture
-from fuzzyarm.envs.scenario.kinematics import Chain, chain, reach
-from fuzzyarm.envs.scenario.paths import TipPath
-from fuzzyarm.envs.scenario.placed import Placed
+from fuzzyarm.envs.scenario.kinematics import (
+    LINEAR,
+    Chain,
+    TipTask,
+    angle_ranges,
+    chain,
+    freedom,
+    home_posture,
+    jacobian,
+    reach,
+    solved,
+    start_posture,
+    velocity_limits,
+)
+from fuzzyarm.envs.scenario.paths import MOST_WAYPOINTS, Placed, TipPath, chord_spline
 from fuzzyarm.envs.scenario.reference import (
     CHECKED_INSTANTS,
+    LONGEST,
+    SHORTEST,
     Reference,
     ReferenceSample,
     TipSample,
+    along,
     check_points,
+    corner_times,
+    quintic_time_law,
+    time_at,
 )
-from fuzzyarm.envs.scenario.robot_limits import check_angles, check_velocities, checked_angles
-from fuzzyarm.envs.scenario.time_law import LONGEST, SHORTEST, along, corner_times, quintic_time_law, time_at
 
 if TYPE_CHECKING:
-    from scipy.interpolate import CubicHermiteSpline
+    from scipy.interpolate import CubicHermiteSpline, CubicSpline
 
-__all__ = ["EXACT", "SHARPEST", "TipReference", "upward_normals"]
+__all__ = [
+    "EXACT", "MINIMUM_TURN", "SHARPEST", "SplineReference", "TipReference", "check_angles", "check_velocities",
+    "checked_angles", "upward_normals",
+]  # fmt: skip
+
+
+def checked_angles(name: str, values: object, robot: Robot) -> tuple[float, ...]:
+    """Return one angle [rad] for each joint, each within the joint's range.
+
+    Raises:
+        TypeError: they are no sequence of real numbers.
+        ValueError: there are more or fewer than joints, or one leaves its range.
+    """
+    angles = checks.reals(name, values, len(robot), "rad")
+    for angle, joint in zip(angles, robot.joints, strict=True):
+        low, high = joint.angle_range
+        if not low <= angle <= high:
+            raise ValueError(
+                f"{name}: {joint.name} = {angle:.6g} rad is out of range; allowed: [{low:.6g}, {high:.6g}] rad"
+            )
+    return angles
+
+
+def check_angles(robot: Robot, t: np.ndarray, q: np.ndarray, advice: str) -> None:
+    """Raise ValueError if an angle leaves its joint's range.
+
+    Args:
+        robot: the robot.
+        t: times (k,) [s].
+        q: angles (k, n) [rad] at these times.
+        advice: the way out, the end of the message.
+    """
+    low, high = angle_ranges(robot)
+    beyond = np.maximum(q - high, low - q)
+    k, number = np.unravel_index(np.argmax(beyond), beyond.shape)
+    if beyond[k, number] > 0.0:
+        joint, first = robot.joints[number], int(np.argmax(beyond[:, number] > 0.0))
+        raise ValueError(
+            f"{joint.name} leaves its range at t = {t[first]:.4g} s, and by {beyond[k, number]:.3g} rad at t = "
+            f"{t[k]:.4g} s, where it is {q[k, number]:.6g} rad; allowed: [{low[number]:.6g}, {high[number]:.6g}] rad. "
+            f"{advice}"
+        )
+
+
+def check_velocities(robot: Robot, t: np.ndarray, dq: np.ndarray, duration: float) -> None:
+    """Raise ValueError if a velocity passes its joint's limit; the message names the shortest duration that fits.
+
+    Args:
+        robot: the robot.
+        t: times (k,) [s].
+        dq: velocities (k, n) [rad/s] at these times, which go with 1/duration.
+        duration: T [s].
+    """
+    limits = velocity_limits(robot)
+    share = np.abs(dq) / limits
+    k, number = np.unravel_index(np.argmax(share), share.shape)
+    if share[k, number] > 1.0:
+        needed = math.ceil(duration * share[k, number] * 1000.0) / 1000.0
+        raise ValueError(
+            f"{robot.joints[number].name} turns at {dq[k, number]:.6g} rad/s at t = {t[k]:.4g} s, "
+            f"{100.0 * (share[k, number] - 1.0):.3g} % beyond its velocity limit; allowed: [-{limits[number]:g}, "
+            f"{limits[number]:g}] rad/s. Raise duration = {duration:g} s to {needed:.3f} s or more"
+        )
+
 
 STEPS = np.linspace(0.0, 1.0, 81)  # of s, from one to the next of which the branch is followed
 NODES = np.linspace(0.0, 1.0, 321)  # of s, between which the posture is interpolated before it is corrected
@@ -260,3 +348,86 @@ def _shown(values: Any) -> str:
 
 def _keep(reference: object, name: str, value: Any) -> None:
     object.__setattr__(reference, name, value)
+
+
+MINIMUM_TURN = 1e-6  # rad by which neighbouring postures must differ
+
+
+@dataclasses.dataclass(frozen=True)
+class SplineReference(Reference):
+    """Joint motion through given postures, from rest at the first to rest at the last.
+
+    Attributes:
+        waypoints: two or more postures of n angles [rad] each (any sequence or array of shape (k, n)); two give a
+            straight line in the space of the joints. s is proportional to the summed distances between them.
+        duration: T [s], 1e-6 to 1e6.
+        robot: the robot.
+
+    Raises:
+        TypeError: an argument is of the wrong kind.
+        ValueError: a value is out of range, neighbours coincide, or the motion passes the range of a joint or the limit
+            of its velocity; the message says when, at which joint, by how much, and what to change.
+    """
+
+    waypoints: tuple[tuple[float, ...], ...]
+    duration: float
+    robot: Robot
+
+    def __post_init__(self) -> None:
+        """Check the values, then the whole motion at `CHECKED_INSTANTS` instants."""
+        checks.instance("robot", self.robot, Robot)
+        _keep(self, "duration", checks.real("duration", self.duration, "s", low=SHORTEST, high=LONGEST))
+        if not isinstance(self.waypoints, Sequence | np.ndarray) or isinstance(self.waypoints, str):
+            raise TypeError(f"waypoints = {checks.shown(self.waypoints)} must be a sequence of postures [rad]")
+        if not 2 <= len(self.waypoints) <= MOST_WAYPOINTS:
+            raise ValueError(f"waypoints holds {len(self.waypoints)} postures; allowed: 2 to {MOST_WAYPOINTS}")
+        postures = tuple(checked_angles(f"waypoints[{k}]", q, self.robot) for k, q in enumerate(self.waypoints))
+        _keep(self, "waypoints", postures)
+        for k, turn in enumerate(np.linalg.norm(np.diff(postures, axis=0), axis=1)):
+            if turn < MINIMUM_TURN:
+                raise ValueError(
+                    f"waypoints[{k}] and waypoints[{k + 1}] are {turn:.3g} rad apart; allowed: {MINIMUM_TURN:g} rad or "
+                    "more. Leave one of them out"
+                )
+        t = np.linspace(0.0, self.duration, CHECKED_INSTANTS)
+        motion = self.sample(t)
+        check_angles(self.robot, t, motion.q, "Add waypoints where the spline swings too far, or move them inwards")
+        check_velocities(self.robot, t, motion.dq, self.duration)
+
+    @property
+    def joints(self) -> int:
+        """The joints of the robot."""
+        return len(self.robot)
+
+    def sample(self, t: ArrayLike) -> ReferenceSample:
+        """Return q, q̇ and q̈, shapes (..., n), at times t [s] of shape (...,)."""
+        return ReferenceSample(*along(self, t, self.duration))
+
+    def tip(self, t: ArrayLike) -> TipSample:
+        """Return position x(q) [m] and velocity J q̇ [m/s] of the tip, shapes (..., 3), at times t [s] (...)."""
+        q, dq, _ = self.sample(t)
+        now = chain(self.robot, q)
+        return TipSample(now.tip, _tip_rate(jacobian(now), dq))
+
+    def normals(self, t: ArrayLike) -> np.ndarray:
+        """Return `upward_normals` (..., 3) of the curve of the tip."""
+        q, dq, _ = self.points(quintic_time_law(t, self.duration)[0])
+        return upward_normals(_tip_rate(jacobian(chain(self.robot, q)), dq), self.robot)
+
+    def points(self, s: ArrayLike) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Return c, dc/ds and d²c/ds² [rad], each of shape (..., n), for s of shape (...,) in [0, 1]."""
+        s, spline = np.asarray(s, dtype=float), self._spline
+        return spline(s), spline(s, 1), spline(s, 2)
+
+    def corners(self) -> np.ndarray:
+        """Return the times [s] at which q̈ has a corner, ascending: the ends and the inner postures."""
+        return corner_times(self._spline.x[1:-1], self.duration)
+
+    @functools.cached_property
+    def _spline(self) -> CubicSpline:
+        return chord_spline(np.array(self.waypoints))
+
+
+def _tip_rate(rows: np.ndarray, dq: np.ndarray) -> np.ndarray:
+    """Return J_v q̇ (..., 3)."""
+    return np.asarray(np.einsum("...ij,...j->...i", rows[..., LINEAR, :], dq))

@@ -1,0 +1,303 @@
+"""What pictures of arms are made of, drawn in software with pygame: shapes, text, header and footer.
+
+The picture of the two-joint arm, in its plane.
+
+The frame is that of (26), turned so that gravity points down the picture: right = y, down = x.
+
+The picture of any serial robot, in perspective: gravity points down, and shadows fall along it on a floor.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+import pygame
+from numpy.typing import ArrayLike
+
+from fuzzyarm.envs.batch.layout import VECTORS
+from fuzzyarm.envs.batch.schedule import Schedule
+from fuzzyarm.envs.perspective import Camera, Poses, floor_of, in_space, looking_at, poses_of
+from fuzzyarm.envs.physics.dynamics import tip_position
+from fuzzyarm.envs.physics.parameters import ArmParameters
+from fuzzyarm.envs.physics.rigid_body import frames
+from fuzzyarm.envs.physics.robot import Robot
+from fuzzyarm.envs.scenario.kinematics import reach
+
+__all__ = [
+    "Canvas", "Colour", "View", "magnified", "paint_error", "paint_footer", "paint_force", "paint_header",
+    "paint_in_plane", "paint_in_space", "paint_payload", "thinned",
+]  # fmt: skip
+
+
+MAGNIFICATION = 25  # factor by which the trace magnifies the tip error: a millimetre would be less than a pixel
+
+# Layout [px]. The arm stays in the field between header and footer, `MARGIN` away from its edges: room for the
+# thickness of the links, the force arrow and its label.
+WIDTH, HEIGHT, HEADER, FOOTER, MARGIN = 720, 720, 80, 56, 90
+LONGEST_ARROW = 60  # at the largest force of the episode
+SUPERSAMPLING = 2
+
+# Okabe and Ito's palette and greys, all of different lightness.
+Colour = tuple[int, int, int]
+PAPER, REACH, FRAME = (255, 255, 255), (240, 243, 246), (214, 220, 226)
+INK, STEEL, REFERENCE = (38, 50, 62), (178, 194, 208), (156, 166, 176)
+TRACE, FORCE, PAYLOAD = (213, 94, 0), (0, 114, 178), (240, 228, 66)
+SMALL, LARGE = 22, 34  # font heights
+
+
+class Canvas:
+    """Antialiased discs, lines, arrows and text; places (2,) and lengths in units of pixels of the finished picture."""
+
+    def __init__(self) -> None:
+        """Make a surface in memory and load pygame's own font."""
+        pygame.font.init()
+        self.surface = pygame.Surface((SUPERSAMPLING * WIDTH, SUPERSAMPLING * HEIGHT), depth=32)
+        self._fonts = {size: pygame.font.Font(None, SUPERSAMPLING * size) for size in (SMALL, LARGE)}
+
+    def picture(self) -> pygame.Surface:
+        """Return what was drawn, scaled down to the size of the picture."""
+        return pygame.transform.smoothscale(self.surface, (WIDTH, HEIGHT))
+
+    def disc(self, center: np.ndarray, radius: float, colour: Colour) -> None:
+        """Fill a disc."""
+        pygame.draw.circle(self.surface, colour, np.rint(SUPERSAMPLING * center), SUPERSAMPLING * radius)
+
+    def polygon(self, points: np.ndarray, colour: Colour) -> None:
+        """Fill a polygon with corners (n, 2)."""
+        pygame.draw.polygon(self.surface, colour, np.rint(SUPERSAMPLING * points))
+
+    def line(self, points: np.ndarray, width: float, colour: Colour) -> None:
+        """Draw a polyline through (n, 2) with round ends and corners; a single point gives a dot."""
+        points = thinned(points)
+        start, end = points[:-1], points[1:]
+        along = (end - start) / np.maximum(np.linalg.norm(end - start, axis=1, keepdims=True), 1e-9)
+        side = 0.5 * width * np.stack([-along[:, 1], along[:, 0]], axis=-1)
+        for corners in np.stack([start + side, end + side, end - side, start - side], axis=1):
+            self.polygon(corners, colour)
+        for point in points:
+            self.disc(point, 0.5 * width, colour)
+
+    def arrow(self, start: np.ndarray, end: np.ndarray, width: float, colour: Colour) -> None:
+        """Draw an arrow with a head 3 widths long; a shorter arrow is thinner in proportion."""
+        length = np.hypot(*(end - start))
+        width, along = min(width, length / 3.0), (end - start) / length
+        across, neck = np.array([-along[1], along[0]]), end - 3.0 * width * along
+        self.line(np.stack([start, neck]), width, colour)
+        self.polygon(np.stack([end, neck + 1.6 * width * across, neck - 1.6 * width * across]), colour)
+
+    def text(self, text: str, anchor: str, at: ArrayLike, size: int = SMALL, colour: Colour = INK) -> None:
+        """Write `text` with a white rim; `anchor` names the point of its box that lies `at`, such as "midleft"."""
+        font, position = self._fonts[size], SUPERSAMPLING * np.array(at)
+        rim, glyphs = font.render(text, True, PAPER), font.render(text, True, colour)
+        for angle in np.arange(8) * np.pi / 4.0:
+            self.surface.blit(rim, rim.get_rect(**{anchor: position + 3.0 * np.array([np.cos(angle), np.sin(angle)])}))
+        self.surface.blit(glyphs, glyphs.get_rect(**{anchor: position}))
+
+
+def thinned(points: np.ndarray) -> np.ndarray:
+    """Return the points (n, 2) [px] of a polyline about 2 px apart, both ends included."""
+    travelled = np.cumsum(np.hypot(*np.diff(points, axis=0, prepend=points[:1]).T))
+    keep = np.diff(travelled // 2.0, prepend=-1.0) > 0.0
+    keep[-1] = True
+    return points[keep]
+
+
+def magnified(tip: np.ndarray, reference: np.ndarray) -> np.ndarray:
+    """Return reference + 25 (tip - reference) [m], of points of any shape."""
+    return np.asarray(reference + MAGNIFICATION * (tip - reference))
+
+
+def paint_error(canvas: Canvas, errors: np.ndarray) -> None:
+    """Paint the trace of the magnified tip (n, 2) [px], and where it is now."""
+    for rim, colour in ((1.5, PAPER), (0.0, TRACE)):
+        canvas.line(errors, 3.0 + 2.0 * rim, colour)
+        canvas.disc(errors[-1], 6.0 + rim, colour)
+
+
+def paint_payload(canvas: Canvas, center: np.ndarray, mass: float) -> None:
+    """Paint a disc whose volume grows with the mass [kg]."""
+    radius = min(max(9.0 * mass ** (1.0 / 3.0), 8.0), 28.0)
+    canvas.disc(center, radius + 2.5, INK)
+    canvas.disc(center, radius, PAYLOAD)
+    canvas.text(f"{mass:g} kg", "midleft", center + np.array([radius + 8.0, 0.0]))
+
+
+def paint_force(canvas: Canvas, start: np.ndarray, tip: np.ndarray, magnitude: float) -> None:
+    """Paint the arrow of a force of this magnitude [N] that pushes the tip, from start (2,) to tip (2,) [px]."""
+    canvas.arrow(start, tip, 7.0, FORCE)
+    label = start + 26.0 * (start - tip) / np.hypot(*(start - tip))
+    inside = np.clip(label, [32, HEADER + 12], [WIDTH - 32, HEIGHT - FOOTER - 12])
+    canvas.text(f"{magnitude:.0f} N", "center", inside, colour=FORCE)
+
+
+def paint_header(canvas: Canvas, title: str, time: float, tip_error: float) -> None:
+    """Paint title, time [s] and tip error [m], on top of parts of the arm that leave the field."""
+    canvas.line(np.array([[0.0, 0.5 * HEADER], [WIDTH, 0.5 * HEADER]]), HEADER, PAPER)
+    canvas.line(np.array([[0.0, HEADER], [WIDTH, HEADER]]), 1.0, FRAME)
+    canvas.text(title, "midleft", (28.0, 41.0), LARGE)
+    canvas.text(f"t = {time:.3f} s", "midright", (WIDTH - 28.0, 29.0))
+    canvas.text(f"tip error {1e3 * tip_error:.2f} mm", "midright", (WIDTH - 28.0, 53.0))
+
+
+def paint_footer(canvas: Canvas, ground: str, falls: bool = True) -> None:
+    """Paint the legend, with what grey `ground` is, and the direction of gravity if there is any, on top of the arm."""
+    top, middle = HEIGHT - FOOTER, HEIGHT - 0.5 * FOOTER
+    canvas.line(np.array([[0.0, middle], [WIDTH, middle]]), FOOTER, PAPER)
+    canvas.line(np.array([[0.0, top], [WIDTH, top]]), 1.0, FRAME)
+    legend = ((28.0, REFERENCE, 4.0, "reference"), (150.0, TRACE, 4.0, f"tip error × {MAGNIFICATION}"))
+    for left, colour, width, label in (*legend, (304.0, REACH, 14.0, ground)):
+        canvas.line(np.array([[left, middle], [left + 20.0, middle]]), width, colour)
+        canvas.text(label, "midleft", (left + 34.0, middle))
+    if falls:
+        canvas.arrow(np.array([440.0, middle - 14.0]), np.array([440.0, middle + 14.0]), 3.0, INK)
+        canvas.text("gravity", "midleft", (452.0, middle))
+
+
+# Columns of the trace.
+TIP, TIP_REFERENCE, LINK, FORCE_ROW = map(VECTORS.index, ("tip", "tip_reference", "q_link", "external_force"))
+
+
+class View(NamedTuple):
+    """Where the plane of the arm lies in the picture: the scale [px/m] and the base (right, down) [px]."""
+
+    scale: float
+    base: np.ndarray
+
+    @classmethod
+    def fit(cls, points: np.ndarray) -> View:
+        """Return the view that shows all points (n, 2) [m] as large as the field allows, in its middle."""
+        low, high = points.min(axis=0)[::-1], points.max(axis=0)[::-1]
+        room = np.array([WIDTH, HEIGHT - HEADER - FOOTER]) - 2.0 * MARGIN
+        scale = float(np.min(room / np.maximum(high - low, 1e-6)))
+        return cls(scale, 0.5 * (np.array([WIDTH, HEIGHT + HEADER - FOOTER]) - scale * (low + high)))
+
+    def pixels(self, points: np.ndarray) -> np.ndarray:
+        """Return (right, down) = base + scale (y, x) [px] of points (..., 2) [m]."""
+        return self.base + self.scale * points[..., ::-1]
+
+
+def paint_in_plane(canvas: Canvas, schedule: Schedule, trace: np.ndarray, parameters: ArmParameters) -> None:
+    """Paint the field and the footer; arguments in the shapes and units of `Renderer.draw`."""
+    length = parameters.length
+    q = np.concatenate([schedule.references[:, :2], trace[:, LINK]])
+    elbow, tip = tip_position(q, (length[0], 0.0)), tip_position(q, length)
+    # The view contains the base, the reference and all poses so far, so it widens only if the arm leaves it.
+    view = View.fit(np.concatenate([np.zeros((1, 2)), elbow, tip]))
+    joints = view.pixels(np.stack([np.zeros(2), elbow[-1], tip[-1]]))
+    canvas.disc(view.base, view.scale * sum(length), REACH)
+    canvas.disc(view.base, view.scale * abs(length[0] - length[1]), PAPER)
+    canvas.line(view.pixels(schedule.targets[:, :2]), 5.0, REFERENCE)
+    _paint_arm(canvas, joints, 0.032 * view.scale * sum(length))
+    payload, force = schedule.disturbance.payload, trace[-1, FORCE_ROW]
+    if payload.mass > 0.0:
+        along = payload.radius(parameters) / length[1]
+        paint_payload(canvas, joints[1] + along * (joints[2] - joints[1]), payload.mass)
+    if force.any():
+        back = LONGEST_ARROW * force[::-1] / np.linalg.norm(schedule.forces, axis=1).max()
+        paint_force(canvas, joints[2] - back, joints[2], float(np.hypot(*force)))
+    paint_error(canvas, view.pixels(magnified(trace[:, TIP], trace[:, TIP_REFERENCE])))
+    _paint_scale(canvas, view.scale)
+
+
+def _paint_arm(canvas: Canvas, joints: np.ndarray, thickness: float) -> None:
+    """Paint the mounting and the links through base, elbow and tip (3, 2) [px]."""
+    base, elbow, tip = joints
+    canvas.polygon(base + thickness * np.array([[-0.6, 0.0], [-1.1, -1.9], [1.1, -1.9], [0.6, 0.0]]), INK)
+    canvas.line(base + thickness * np.array([[-1.7, -1.9], [1.7, -1.9]]), 6.0, INK)
+    for start, end, width in ((base, elbow, thickness), (elbow, tip, 0.75 * thickness)):
+        canvas.line(np.stack([start, end]), width + 4.0, INK)
+        canvas.line(np.stack([start, end]), width, STEEL)
+    for joint, radius in ((base, 0.6 * thickness), (elbow, 0.55 * thickness)):
+        canvas.disc(joint, radius, INK)
+        canvas.disc(joint, 0.45 * radius, PAPER)
+
+
+def _paint_scale(canvas: Canvas, scale: float) -> None:
+    """Paint the footer with a scale bar of 10^n m, at most 120 px long, on top of the arm."""
+    paint_footer(canvas, "reach")
+    middle, right = HEIGHT - 0.5 * FOOTER, WIDTH - 28.0
+    bar = 10.0 ** np.floor(np.log10(120.0 / scale))
+    canvas.line(np.array([[right - bar * scale, middle], [right, middle]]), 4.0, INK)
+    canvas.text(f"{1e3 * bar:g} mm", "midright", (right - bar * scale - 12.0, middle))
+
+
+# Rows of the trace.
+TIP, TIP_REFERENCE, LINK, FORCE_ROW = map(VECTORS.index, ("tip", "tip_reference", "q_link", "external_force"))
+EVERY = 10  # instants between the poses that the view is made for
+THICKNESS, THINNEST = 0.055, 0.6  # of the first link, share of the reach; of the last link, share of the first
+
+
+def paint_in_space(canvas: Canvas, schedule: Schedule, trace: np.ndarray, robot: Robot) -> None:
+    """Paint the field and the footer; arguments in the shapes and units of `Renderer.draw`."""
+    joints, axes = len(robot), schedule.axes
+    path, force = in_space(schedule.targets[:, :axes]), in_space(trace[-1, FORCE_ROW, :axes])
+    asked = poses_of(robot, schedule.references[::EVERY, :joints])
+    been = poses_of(robot, np.concatenate([trace[::EVERY, LINK, :joints], trace[-1:, LINK, :joints]]))
+    floor, now = floor_of(robot, asked.points), Poses(been.points[-1], been.axes[-1])
+    # The view contains the base, the reference and the poses so far, so it widens only if the arm leaves it.
+    seen = np.concatenate([poses.points.reshape(-1, path.shape[-1]) for poses in (asked, been)])
+    corners = np.array([[MARGIN, HEADER + MARGIN], [WIDTH - MARGIN, HEIGHT - FOOTER - MARGIN]], dtype=float)
+    camera = looking_at(robot, path).fitted(np.concatenate([seen, floor.below(asked.points[0])]), *corners)
+    for line in floor.grid:
+        canvas.line(camera.pixels(line), 1.0, FRAME)
+    thickness = THICKNESS * reach(robot)
+    canvas.line(camera.pixels(floor.below(now.points)), 0.6 * _pixels(camera, now.points, thickness).mean(), REACH)
+    canvas.line(camera.pixels(floor.below(path)), 2.0, REACH)
+    canvas.line(camera.pixels(path), 5.0, REFERENCE)
+    _paint_links(canvas, camera, now, thickness)
+    payload = schedule.disturbance.payload
+    if payload.mass > 0.0:
+        paint_payload(canvas, camera.pixels(_carried(robot, payload.at, trace[-1, LINK, :joints])), payload.mass)
+    if force.any():
+        largest = np.linalg.norm(schedule.forces[:, :axes], axis=1).max()
+        back = LONGEST_ARROW / _pixels(camera, now.points[-1], 1.0) * force / largest
+        start, tip = camera.pixels(np.stack([now.points[-1] - back, now.points[-1]]))
+        if np.hypot(*(tip - start)) > 1.0:
+            paint_force(canvas, start, tip, float(np.linalg.norm(force)))
+    errors = magnified(*(in_space(trace[:, row, :axes]) for row in (TIP, TIP_REFERENCE)))
+    paint_error(canvas, camera.pixels(errors))
+    _paint_squares(canvas, floor.square, bool(robot.arrays.gravity.any()))
+
+
+def _paint_links(canvas: Canvas, camera: Camera, now: Poses, thickness: float) -> None:
+    """Paint links and joints of a pose, far ones first."""
+    places, widths = camera.pixels(now.points), _pixels(camera, now.points, thickness)
+    widths = widths * np.linspace(1.0, THINNEST, len(widths))
+    depth = camera.depth(now.points)
+    canvas.polygon(camera.pixels(now.points[0] + 1.3 * thickness * _circle(now.axes[0])), INK)
+    for k in np.argsort(-0.5 * (depth[1:] + depth[:-1])):
+        width = 0.5 * (widths[k] + widths[k + 1])
+        canvas.line(places[k : k + 2], width + 4.0, INK)
+        canvas.line(places[k : k + 2], width, STEEL)
+    for joint in np.argsort(-depth[1:-1]):
+        end = 0.6 * thickness * now.axes[joint]
+        ends = np.stack([now.points[joint + 1] - end, now.points[joint + 1] + end])
+        near = camera.pixels(ends[np.argmin(camera.depth(ends))])
+        canvas.line(camera.pixels(ends), 0.95 * widths[joint + 1], INK)
+        canvas.disc(near, 0.25 * widths[joint + 1], PAPER)
+
+
+def _circle(axis: np.ndarray) -> np.ndarray:
+    """Return corners (n, 3) of a circle of radius 1 about an axis (3,)."""
+    first = np.cross(axis, np.eye(len(axis))[np.argmin(np.abs(axis))])
+    first, angles = first / np.linalg.norm(first), np.linspace(0.0, 2.0 * np.pi, 49)[:, np.newaxis]
+    return np.asarray(np.cos(angles) * first + np.sin(angles) * np.cross(axis, first))
+
+
+def _pixels(camera: Camera, points: np.ndarray, length: float) -> np.ndarray:
+    """Return how long a length [m] across the line of sight is seen at points (..., 3) [m], (...) [px]."""
+    return np.asarray(length * camera.focal / camera.depth(points))
+
+
+def _carried(robot: Robot, at: str, q: np.ndarray) -> np.ndarray:
+    """Return the place (3,) [m] of a payload at the tip or at the mass center of the last link, at angles q (n,)."""
+    links, last = frames(robot, q), robot.arrays
+    place = last.tip if at == "tip" else last.center[-1]
+    return np.asarray(links.origin[-1] + links.rotation[-1] @ place)
+
+
+def _paint_squares(canvas: Canvas, square: float, falls: bool) -> None:
+    """Paint the footer with the size of the floor's squares [m], on top of the arm."""
+    paint_footer(canvas, "shadow", falls)
+    canvas.text(f"squares of {1e3 * square:g} mm", "midright", (WIDTH - 28.0, HEIGHT - 0.5 * FOOTER))
