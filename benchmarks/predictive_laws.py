@@ -14,12 +14,10 @@ from fuzzyarm.envs.physics.equations import equations_of
 from fuzzyarm.envs.physics.records import PerJoint, filled, flat
 from fuzzyarm.envs.scenario.reference import JointReference
 from fuzzyarm.fuzzy_policy.law import seen_by
-from fuzzyarm.fuzzy_policy.laws.adaptive.acting import gain_share
 from fuzzyarm.fuzzy_policy.laws.adaptive.belief import FLAG, KEPT, places, remembered
-from fuzzyarm.fuzzy_policy.laws.adaptive.filter import room_for
-from fuzzyarm.fuzzy_policy.laws.adaptive.law import steps_of
+from fuzzyarm.fuzzy_policy.laws.adaptive.filter import room_for, tables_of, with_tables
+from fuzzyarm.fuzzy_policy.laws.adaptive.law import gain_share, steps_of
 from fuzzyarm.fuzzy_policy.laws.adaptive.policy import AdaptiveObserverPolicy
-from fuzzyarm.fuzzy_policy.laws.adaptive.settings import tables_of, with_tables
 from fuzzyarm.fuzzy_policy.laws.elastic_observer import ElasticObserverPolicy
 from fuzzyarm.fuzzy_policy.laws.elastic_observer import steps_of as observer_steps_of
 from fuzzyarm.numbers.functions import Cells, array, each, only

@@ -39,7 +39,7 @@ from fuzzyarm.eval.sweep.summary import summarise
 from fuzzyarm.eval.tuning.finding import write_finding
 from fuzzyarm.eval.tuning.steps import found
 from fuzzyarm.fuzzy_policy.hexadecimal import digest_of
-from fuzzyarm.fuzzy_policy.laws.adaptive.weights import AdaptiveWeights
+from fuzzyarm.fuzzy_policy.laws.adaptive.belief import AdaptiveWeights
 from fuzzyarm.fuzzy_policy.laws.observer_gains import ObserverWeights
 from fuzzyarm.fuzzy_policy.scheduled import Premise, ScheduledController
 from fuzzyarm.identification.excitation import Excitation

@@ -14,11 +14,10 @@ from fuzzyarm.envs.physics.dynamics import arm_constants, tip_jacobian
 from fuzzyarm.envs.physics.parameters import ArmParameters
 from fuzzyarm.envs.physics.records import PerJoint, State
 from fuzzyarm.envs.physics.two_joints import two_joints
-from fuzzyarm.fuzzy_policy.laws.adaptive.belief import FLAG, KEPT, remembered
+from fuzzyarm.fuzzy_policy.laws.adaptive.belief import FLAG, KEPT, AdaptiveWeights, remembered
 from fuzzyarm.fuzzy_policy.laws.adaptive.filter import room_for
 from fuzzyarm.fuzzy_policy.laws.adaptive.law import steps_of
 from fuzzyarm.fuzzy_policy.laws.adaptive.policy import AdaptiveObserverPolicy
-from fuzzyarm.fuzzy_policy.laws.adaptive.weights import AdaptiveWeights
 from fuzzyarm.fuzzy_policy.laws.elastic_observer import ElasticObserverPolicy
 from fuzzyarm.fuzzy_policy.laws.elastic_target import ElasticTarget
 from fuzzyarm.learned_policy.estimate.bundle import EstimateBundle

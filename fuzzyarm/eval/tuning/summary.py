@@ -14,7 +14,7 @@ from fuzzyarm.eval.stability.margins import margin_cells, margin_notes
 from fuzzyarm.eval.tuning.conditions import PERIOD, heaviest
 from fuzzyarm.eval.tuning.finding import Finding
 from fuzzyarm.eval.tuning.tip_bounds import bounds_in_words
-from fuzzyarm.fuzzy_policy.laws.adaptive.weights import AdaptiveWeights
+from fuzzyarm.fuzzy_policy.laws.adaptive.belief import AdaptiveWeights
 from fuzzyarm.fuzzy_policy.laws.observer_gains import ObserverWeights
 from fuzzyarm.policies.registry import TIP
 from fuzzyarm.policies.tuned import ADAPTIVE_OBSERVER, ELASTIC_OBSERVER

@@ -32,12 +32,10 @@ from fuzzyarm.envs.physics.equations import AnyArm, equations_of
 from fuzzyarm.envs.physics.parameters import ArmParameters
 from fuzzyarm.envs.physics.physics import Physics
 from fuzzyarm.fuzzy_policy.law import Law, LawPolicy, seen_by
-from fuzzyarm.fuzzy_policy.laws.adaptive.belief import FLAG, KEPT, Memory, places
-from fuzzyarm.fuzzy_policy.laws.adaptive.filter import room_for
+from fuzzyarm.fuzzy_policy.laws.adaptive.belief import FLAG, KEPT, Memory, adaptive_weights_for, places
+from fuzzyarm.fuzzy_policy.laws.adaptive.filter import room_for, tables_of, with_tables
 from fuzzyarm.fuzzy_policy.laws.adaptive.law import steps_of
 from fuzzyarm.fuzzy_policy.laws.adaptive.policy import AdaptiveObserverPolicy, Beliefs
-from fuzzyarm.fuzzy_policy.laws.adaptive.settings import tables_of, with_tables
-from fuzzyarm.fuzzy_policy.laws.adaptive.weights import adaptive_weights_for
 from fuzzyarm.fuzzy_policy.laws.elastic_observer import Constants, ElasticObserverPolicy, Observed
 from fuzzyarm.fuzzy_policy.laws.elastic_observer import steps_of as observer_steps_of
 from fuzzyarm.fuzzy_policy.laws.elastic_target import ElasticTarget, past_of

@@ -31,7 +31,7 @@ from fuzzyarm.envs.physics.elementwise import root, select, sine_cosine
 from fuzzyarm.envs.physics.physics import Physics
 from fuzzyarm.envs.physics.two_joints import two_joints
 from fuzzyarm.fuzzy_policy.laws.adaptive.belief import FLAG, Memory
-from fuzzyarm.fuzzy_policy.laws.adaptive.settings import Settings
+from fuzzyarm.fuzzy_policy.laws.adaptive.filter import Settings
 from fuzzyarm.learned_policy.estimate.units import GAP_SHARE, Units
 from fuzzyarm.learned_policy.functions import area_sine
 from fuzzyarm.numbers.functions import each, maximum, only

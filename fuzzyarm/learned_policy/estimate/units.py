@@ -22,7 +22,7 @@ from fuzzyarm.envs.physics.robot import Robot
 from fuzzyarm.envs.scenario.cases import load_scale
 from fuzzyarm.envs.scenario.kinematics import reach, velocity_limits
 from fuzzyarm.fuzzy_policy.known_arm import per_joint_of
-from fuzzyarm.fuzzy_policy.laws.adaptive.weights import mass_of, unit_force
+from fuzzyarm.fuzzy_policy.laws.adaptive.belief import mass_of, unit_force
 
 __all__ = ["GAP_SHARE", "QUIET", "Scale", "Units", "scale_of", "turns_of", "units_of"]
 

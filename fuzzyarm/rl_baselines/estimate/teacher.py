@@ -20,12 +20,10 @@ from fuzzyarm.envs.physics.records import columns, filled, flat, size
 from fuzzyarm.envs.physics.two_joints import two_joints
 from fuzzyarm.envs.scenario.randomisation import draw_record
 from fuzzyarm.fuzzy_policy.law import seen_by
-from fuzzyarm.fuzzy_policy.laws.adaptive.acting import act_of
 from fuzzyarm.fuzzy_policy.laws.adaptive.belief import KEPT, Memory, places
-from fuzzyarm.fuzzy_policy.laws.adaptive.filter import room_for
-from fuzzyarm.fuzzy_policy.laws.adaptive.law import begin_of, take_in
+from fuzzyarm.fuzzy_policy.laws.adaptive.filter import room_for, tables_of, with_tables
+from fuzzyarm.fuzzy_policy.laws.adaptive.law import act_of, begin_of, take_in
 from fuzzyarm.fuzzy_policy.laws.adaptive.policy import AdaptiveObserverPolicy
-from fuzzyarm.fuzzy_policy.laws.adaptive.settings import tables_of, with_tables
 from fuzzyarm.numbers.functions import Cells
 from fuzzyarm.numbers.machine import Kernel
 from fuzzyarm.numbers.program import Program

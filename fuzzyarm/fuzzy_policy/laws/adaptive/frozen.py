@@ -26,12 +26,9 @@ from fuzzyarm.envs.physics.robot import Robot
 from fuzzyarm.envs.scenario.default_reference import default_reference
 from fuzzyarm.fuzzy_policy.known_arm import per_joint_of, travel_of, without_dry_friction
 from fuzzyarm.fuzzy_policy.law import Law, LawPolicy
-from fuzzyarm.fuzzy_policy.laws.adaptive.acting import act_of
-from fuzzyarm.fuzzy_policy.laws.adaptive.arm import arm_functions
-from fuzzyarm.fuzzy_policy.laws.adaptive.belief import FLAG, KEPT, Memory, affine_numbers, places
-from fuzzyarm.fuzzy_policy.laws.adaptive.filter import room_for
-from fuzzyarm.fuzzy_policy.laws.adaptive.law import begin_of, take_in
-from fuzzyarm.fuzzy_policy.laws.adaptive.settings import Settings, tables_of, with_tables
+from fuzzyarm.fuzzy_policy.laws.adaptive.belief import FLAG, KEPT, Memory, affine_numbers, arm_functions, places
+from fuzzyarm.fuzzy_policy.laws.adaptive.filter import Settings, room_for, tables_of, with_tables
+from fuzzyarm.fuzzy_policy.laws.adaptive.law import act_of, begin_of, take_in
 from fuzzyarm.numbers.functions import array, each, only, row
 
 if TYPE_CHECKING:

@@ -33,13 +33,14 @@ from fuzzyarm.envs.physics.robot import Robot
 from fuzzyarm.fuzzy_policy.known_arm import per_joint_of, travel_of
 from fuzzyarm.fuzzy_policy.law import Law, LawPolicy, seen_by, within_limits
 from fuzzyarm.fuzzy_policy.law import law_of as law_of_policy
-from fuzzyarm.fuzzy_policy.laws.adaptive.acting import feedback_table
 from fuzzyarm.fuzzy_policy.laws.adaptive.belief import (
     CAUTIOUS,
     FACTORS,
     FLAG,
     KEPT,
     LONGEST_LATENESS,
+    AdaptiveWeights,
+    adaptive_weights_for,
     affine_numbers,
     allowed,
     belief_of,
@@ -47,15 +48,15 @@ from fuzzyarm.fuzzy_policy.laws.adaptive.belief import (
     first_spread,
     forces_in,
     layout,
+    mass_of,
     places,
+    unit_force,
     walks,
 )
+from fuzzyarm.fuzzy_policy.laws.adaptive.filter import INSIGNIFICANT, Settings, tables_of, with_tables
 from fuzzyarm.fuzzy_policy.laws.adaptive.frozen import FrozenObserver
-from fuzzyarm.fuzzy_policy.laws.adaptive.law import NOISE_SHARE, law_of
+from fuzzyarm.fuzzy_policy.laws.adaptive.law import NOISE_SHARE, feedback_table, law_of
 from fuzzyarm.fuzzy_policy.laws.adaptive.passes import AdaptivePasses
-from fuzzyarm.fuzzy_policy.laws.adaptive.settings import Settings, tables_of, with_tables
-from fuzzyarm.fuzzy_policy.laws.adaptive.trust import INSIGNIFICANT
-from fuzzyarm.fuzzy_policy.laws.adaptive.weights import AdaptiveWeights, adaptive_weights_for, mass_of, unit_force
 from fuzzyarm.fuzzy_policy.laws.computed_torque import ComputedTorquePolicy
 from fuzzyarm.fuzzy_policy.laws.tip import TipPolicy
 from fuzzyarm.fuzzy_policy.policy import Policy

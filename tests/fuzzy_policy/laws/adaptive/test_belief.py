@@ -13,15 +13,16 @@ from fuzzyarm.envs.physics.robot import robot_named
 from fuzzyarm.envs.physics.two_joints import two_joints
 from fuzzyarm.fuzzy_policy.known_arm import with_drives
 from fuzzyarm.fuzzy_policy.laws.adaptive.belief import (
+    AdaptiveWeights,
     affine_numbers,
     allowed,
     belief_of,
     first_guess,
     first_spread,
     forces_in,
+    unit_force,
     walks,
 )
-from fuzzyarm.fuzzy_policy.laws.adaptive.weights import AdaptiveWeights, unit_force
 
 ARM, ROBOT = ArmParameters(), robot_named("planar-3r")
 BELIEF = belief_of(two_joints())

@@ -12,8 +12,14 @@ from fuzzyarm.envs.physics.robot import robot_named
 from fuzzyarm.envs.physics.two_joints import two_joints
 from fuzzyarm.fuzzy_policy.known_arm import drives_of
 from fuzzyarm.fuzzy_policy.laws.adaptive import filter as parts
-from fuzzyarm.fuzzy_policy.laws.adaptive.arm import arm_functions, numbers_of
-from fuzzyarm.fuzzy_policy.laws.adaptive.belief import affine_numbers, belief_of, first_guess, forces_in
+from fuzzyarm.fuzzy_policy.laws.adaptive.belief import (
+    affine_numbers,
+    arm_functions,
+    belief_of,
+    first_guess,
+    forces_in,
+    numbers_of,
+)
 
 ARM = ArmParameters()
 BELIEF, (hold, link_torque, tip_direction, _, constants_in) = belief_of(two_joints()), arm_functions(two_joints())

@@ -4,8 +4,7 @@ import numpy as np
 import pytest
 
 from fuzzyarm.fuzzy_policy.laws.adaptive.belief import FLAG, forces_in, remembered
-from fuzzyarm.fuzzy_policy.laws.adaptive.policy import AdaptiveObserverPolicy
-from fuzzyarm.fuzzy_policy.laws.adaptive.trust import (
+from fuzzyarm.fuzzy_policy.laws.adaptive.filter import (
     LARGEST_SCALE,
     LATENESS_DOUBT,
     doubt_lateness,
@@ -14,6 +13,7 @@ from fuzzyarm.fuzzy_policy.laws.adaptive.trust import (
     spread_out,
     walk_share,
 )
+from fuzzyarm.fuzzy_policy.laws.adaptive.policy import AdaptiveObserverPolicy
 
 POLICY = AdaptiveObserverPolicy()
 SETTINGS, FORCES = POLICY.settings, forces_in(POLICY.belief)

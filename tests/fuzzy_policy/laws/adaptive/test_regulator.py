@@ -3,10 +3,9 @@
 import numpy as np
 import pytest
 
-from fuzzyarm.fuzzy_policy.laws.adaptive.acting import gain_share
-from fuzzyarm.fuzzy_policy.laws.adaptive.belief import FLAG, remembered
+from fuzzyarm.fuzzy_policy.laws.adaptive.belief import FLAG, AdaptiveWeights, remembered
+from fuzzyarm.fuzzy_policy.laws.adaptive.law import gain_share
 from fuzzyarm.fuzzy_policy.laws.adaptive.policy import AdaptiveObserverPolicy
-from fuzzyarm.fuzzy_policy.laws.adaptive.weights import AdaptiveWeights
 
 
 def shares(samples, *, taught=0.0, **weights):

@@ -4,9 +4,8 @@ import numpy as np
 import pytest
 
 from fuzzyarm.fuzzy_policy.laws.adaptive.belief import FLAG, remembered
-from fuzzyarm.fuzzy_policy.laws.adaptive.filter import room_for
+from fuzzyarm.fuzzy_policy.laws.adaptive.filter import INSIGNIFICANT, room_for, significant
 from fuzzyarm.fuzzy_policy.laws.adaptive.policy import AdaptiveObserverPolicy
-from fuzzyarm.fuzzy_policy.laws.adaptive.trust import INSIGNIFICANT, significant
 
 POLICY = AdaptiveObserverPolicy()
 SETTINGS, STATES = POLICY.settings, 8

@@ -8,10 +8,9 @@ from slow_twins import slow_but
 from fuzzyarm import load_policy
 from fuzzyarm.envs.fuzzy_arm import FuzzyArmEnv
 from fuzzyarm.eval.episodes.rollout import record_rollout
-from fuzzyarm.fuzzy_policy.laws.adaptive.belief import FLAG, remembered
+from fuzzyarm.fuzzy_policy.laws.adaptive.belief import FLAG, AdaptiveWeights, remembered
 from fuzzyarm.fuzzy_policy.laws.adaptive.law import SWING_SHARE, note_swing
 from fuzzyarm.fuzzy_policy.laws.adaptive.policy import AdaptiveObserverPolicy
-from fuzzyarm.fuzzy_policy.laws.adaptive.weights import AdaptiveWeights
 
 POLICY = AdaptiveObserverPolicy()
 STRONG = 1.5  # times the commanded torque
