@@ -2,7 +2,7 @@
 
 A pass is an episode along one reference. A state keeps what was measured and commanded. `begin_pass` looks back at it:
 with the constants of the arm, the payload and the lateness as they stand at the end, which tip force explains all that
-was measured? What f of `smoother` adds to the force that was expected gives that of pass j,
+was measured? What f of `Smoother` adds to the force that was expected gives that of pass j,
 
     F_j(k) = F_expected(k) + t(k) f_t(k) + F_s(k),    low-passed by a Butterworth filter of no phase,
 
@@ -20,36 +20,21 @@ than known, would explain a pass too, but the regulator that it schedules loses 
 
 A pass that leaves the path of the pass before expects no force any more, since forces are known by sample, and not by
 place; payload, constants and lateness stay as they were taught. The pass after it begins with nothing learned.
-
-The force that explains a whole pass: a fixed-interval smoother of the arm's state and the tip force.
-
-s = (x, f) with x of the elastic arm and the forces f = (f_t, F) beside the expected one; the constants of the arm, the
-payload and the lateness are given and stay. Forward it is the filter of `filter` without gate and dead zone, in which f
-walks; at the first sample the links are as fast as the motors, and stand where the filter took them to stand. Backward
-(Bryson and Frazier), with λ = 0 after the last sample, at each sample for the measured numbers in reverse order
-
-    λ ← λ - h (ν + P_yᵀ λ)/s,    f_s = f⁻ - P⁻_f λ,    λ ← Fᵀ λ for the sample before,
-
-where h picks the measured number of s, ν is its innovation, s the variance of that, P_y the column of P by which it
-corrected, and f⁻, P⁻ are what the filter had before the sample. Unlike the recursion of Rauch, Tung and Striebel this
-inverts no covariance.
 """
 
 from __future__ import annotations
 
 import dataclasses
-import functools
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
 from fuzzyarm.common.checks import shown
 from fuzzyarm.envs.observation import observed
-from fuzzyarm.envs.physics.equations import AnyArm, equations_of
+from fuzzyarm.envs.physics.equations import equations_of
 from fuzzyarm.fuzzy_policy.known_arm import travel_of
-from fuzzyarm.fuzzy_policy.laws.adaptive.belief import FLAG, KEPT, Belief, Memory, forces_in, layout, places, unit_force
-from fuzzyarm.fuzzy_policy.laws.adaptive.filter import Room, Settings, room_for, tables_of, with_tables
-from fuzzyarm.fuzzy_policy.laws.adaptive.law import MISTRUST, predict_of
+from fuzzyarm.fuzzy_policy.laws.adaptive.belief import FLAG, KEPT, Memory, places, unit_force
+from fuzzyarm.fuzzy_policy.laws.adaptive.filter import MISTRUST, Room, predict, tables_of, with_tables
 from fuzzyarm.fuzzy_policy.policy import checked_observation, no_torque
 from fuzzyarm.numbers.functions import Cells, array, each, select
 from fuzzyarm.numbers.machine import Kernel
@@ -60,231 +45,13 @@ if TYPE_CHECKING:
 
 __all__ = ["AdaptivePasses", "PassState", "Smoother"]
 
-
-_TOGETHER = 16  # lanes whose notes are kept at once
-
-
-class Notes(NamedTuple):
-    """What the way forward leaves of a sample for the way back; N numbers of s, n joints.
-
-    Attributes:
-        innovations: ν (2 n,).
-        spreads: s (2 n,).
-        columns: P_y (2 n, N).
-        slopes: F, the rows of x, to the next sample (4 n, numbers of z).
-        forces: f⁻ (forces,).
-        rows: P⁻_f (forces, N).
-    """
-
-    innovations: Any
-    spreads: Any
-    columns: Any
-    slopes: Any
-    forces: Any
-    rows: Any
-
-
-class Seen(NamedTuple):
-    """A sample: what is measured, with its variances; expected force and travel, now and at the next one; torques."""
-
-    measured: Any
-    variances: Any
-    expected: Any
-    expected_next: Any
-    travel: Any
-    travel_next: Any
-    commands: Any
-
-
-class Smoother:
-    """The smoother of arms with the same equations.
-
-    Args:
-        arm: the known one.
-        belief: where the parts of p lie.
-        settings: with the spread of s at the first sample, zero for the constants, and the walks of f.
-    """
-
-    def __init__(self, arm: AnyArm, belief: Belief, settings: Settings) -> None:
-        """Keep them."""
-        self._physics, self._belief, self._settings = equations_of(arm), belief, settings
-
-    def smooth(
-        self,
-        measured: np.ndarray,
-        commands: np.ndarray,
-        expected: np.ndarray,
-        travels: np.ndarray,
-        memory: np.ndarray,
-        variances: np.ndarray,
-    ) -> np.ndarray:
-        """Return f_s [N] (K, lanes, forces) of K samples.
-
-        Args:
-            measured: θ [rad] and θ̇ [rad/s], (K, lanes, 2 n).
-            commands: torques commanded at each sample [N m], (K, lanes, n).
-            expected: tip force [N] that f adds to, (K, lanes, axes).
-            travels: directions of travel, (K, lanes, axes).
-            memory: of the policy after the first sample, with the constants to keep, (lanes, memory_size).
-            variances: of the measured numbers, (lanes, 2 n).
-        """
-        lanes = range(0, measured.shape[1], _TOGETHER)
-        arrays = measured, commands, expected, travels, memory[np.newaxis], variances[np.newaxis]
-        parts = [self._some(*(array[:, first : first + _TOGETHER] for array in arrays)) for first in lanes]
-        return np.concatenate(parts, axis=1)
-
-    def _some(self, *given: np.ndarray) -> np.ndarray:
-        measured, commands, expected, travels, (whole,), (variances,) = given
-        samples, lanes, joints = len(measured), measured.shape[1], self._physics.joints
-        memory = self._begun(measured[0], whole)
-        later = np.minimum(np.arange(samples) + 1, samples - 1)
-        seen = np.concatenate(
-            [
-                measured,
-                np.broadcast_to(variances, measured.shape),
-                *(expected, expected[later], travels, travels[later], commands),
-            ],
-            axis=2,
-        )
-        notes = np.empty((samples, lanes, self._noted))
-        tables = tables_of(self._settings)
-        for k in range(samples):
-            if k > 0:  # the memory has the command of the first sample
-                held = memory[:, self._at.commands].reshape(lanes, -1, joints)
-                held[:, 1:] = held[:, :-1].copy()
-                memory[:, self._at.commands] = held.reshape(lanes, -1)
-            memory[:, self._at.commands.start : self._at.commands.start + joints] = commands[k]
-            self._forward((memory, np.ascontiguousarray(seen[k]), notes[k]), np.empty(0), tables)
-        adjoint, forces = np.zeros((lanes, self._used)), np.empty((samples, lanes, self._forces))
-        for k in range(samples - 1, -1, -1):
-            self._backward((adjoint, notes[k], forces[k]), np.array([float(k < samples - 1)]))
-        return forces
-
-    @property
-    def _forces(self) -> int:
-        return len(self._settings.reopening)
-
-    @property
-    def _used(self) -> int:
-        return 4 * self._physics.joints + self._forces
-
-    @functools.cached_property
-    def _at(self) -> Memory:
-        return layout(self._physics.joints, self._belief)
-
-    @property
-    def _notes(self) -> Notes:
-        joints, size = self._physics.joints, len(self._settings.spread)
-        shapes = (2 * joints,), (2 * joints,), (2 * joints, self._used), (4 * joints, size)
-        return Notes(*map(Cells, (*shapes, (self._forces,), (self._forces, self._used))))
-
-    @property
-    def _noted(self) -> int:
-        return sum(part.size for part in self._notes)
-
-    def _begun(self, measured: np.ndarray, whole: np.ndarray) -> np.ndarray:
-        """Return memories (lanes, numbers) before the first sample, of which `measured` (lanes, 2 n) is known."""
-        at, joints, size = self._at, self._physics.joints, len(self._settings.spread)
-        memory = whole[:, : at.noise.stop].copy()
-        memory[:, FLAG.calm] = 0.0
-        z = memory[:, at.z]
-        z[:, 4 * joints : 4 * joints + self._forces] = 0.0
-        z[:, :joints] = measured[:, :joints]
-        z[:, 2 * joints : 3 * joints] = z[:, 3 * joints : 4 * joints] = measured[:, joints:]
-        memory[:, at.P] = np.diag(self._settings.spread * self._settings.spread).reshape(size * size)
-        return memory
-
-    @functools.cached_property
-    def _forward(self) -> Kernel:
-        predict, settings, joints = predict_of(self._physics), self._settings, self._physics.joints
-
-        def forward(m: Memory, seen: Seen, notes: Notes, _: Any, *tables: Any) -> tuple[Any, ...]:
-            s = with_tables(settings, tables)
-            room = room_for(s)
-            _correct(m, seen, notes)
-            _push(room, seen)
-            predict(m, s, room, seen.commands)
-            for i in each(4 * joints):
-                for j in each(len(s.spread)):
-                    notes.slopes[i, j] = room.lanes.jacobian[i, j]
-            return m, seen, notes
-
-        axes, two = (0.0,) * self._physics.axes, (0.0,) * (2 * joints)
-        sample = Seen(two, two, axes, axes, axes, axes, (0.0,) * joints)
-        shapes = [table.shape for table in tables_of(settings)]
-        return Kernel(Program(forward, (places(joints, self._belief), sample, self._notes), (), shapes))
-
-    @functools.cached_property
-    def _backward(self) -> Kernel:
-        joints, forces, used = self._physics.joints, self._forces, self._used
-        states = 4 * joints
-
-        def backward(adjoint: Any, notes: Notes, found: Any, given: Any) -> tuple[Any, ...]:
-            before = array(used)
-            for i in each(used):
-                before[i] = adjoint[i]
-            for i in each(states):
-                before[i] = 0.0
-            for i in each(used):
-                for other in each(states):
-                    before[i] += notes.slopes[other, i] * adjoint[other]
-            for i in each(used):
-                adjoint[i] = select(given[0] > 0.0, before[i], adjoint[i])
-            for half in (1, 0):
-                for joint in range(joints - 1, -1, -1):
-                    j, at = half * joints + joint, 2 * half * joints + joint  # θ and θ̇ in x
-                    before[0] = notes.innovations[j]
-                    for i in each(used):
-                        before[0] += notes.columns[j, i] * adjoint[i]
-                    adjoint[at] -= before[0] / notes.spreads[j]
-            for i in each(forces):
-                before[0] = notes.forces[i]
-                for other in each(used):
-                    before[0] -= notes.rows[i, other] * adjoint[other]
-                found[i] = before[0]
-            return adjoint, notes, found
-
-        return Kernel(Program(backward, (Cells((used,)), self._notes, Cells((forces,))), (0.0,)))
-
-
-def _correct(m: Memory, seen: Seen, notes: Notes) -> None:
-    """Note f⁻ and P⁻_f of a sample, correct s by what is measured, and note how."""
-    forces, used = notes.rows.shape
-    numbers = len(seen.measured)
-    states, joints = used - forces, numbers // 2
-    for i in each(forces):
-        notes.forces[i] = m.z[states + i]
-        for other in each(used):
-            notes.rows[i, other] = m.P[states + i, other]
-    for j in range(numbers):
-        at = j if j < joints else joints + j  # θ and θ̇ in x
-        innovation, spread = seen.measured[j] - m.z[at], m.P[at, at] + seen.variances[j]
-        for i in each(used):
-            notes.columns[j, i] = m.P[at, i]
-        notes.innovations[j], notes.spreads[j] = innovation, spread
-        for i in each(used):
-            factor = notes.columns[j, i] / spread
-            m.z[i] += factor * innovation
-            for other in each(used):
-                m.P[i, other] -= factor * notes.columns[j, other]
-
-
-def _push(room: Room, seen: Seen) -> None:
-    """Fill the force lines of the expected force, from now to later, and of a force along the direction of travel."""
-    axes = len(seen.expected)
-    for i in range(axes):
-        now, later = seen.expected[i], seen.expected_next[i]
-        room.line[i], room.line[axes + i] = 0.5 * (now + later), later - now
-        room.directions[i, 0] = 0.5 * (seen.travel[i] + seen.travel_next[i])
-        room.directions[axes + i, 0] = seen.travel_next[i] - seen.travel[i]
-
-
 CUT_OFF = 70.0  # Hz, of the Butterworth filter of the expected force
 ORDER = 2
 FIRST_FORCE = 0.3  # standard deviation of the forces at the first sample for the smoother, in unit forces
 SAME_PATH = 1e-6  # rad; a reference that differs more from that of the pass before is another path
 REWEIGHTED = 50  # steps towards the least total variation
 SMALLEST = 1e-2  # N, a change of the force that counts as none
+TOGETHER = 16  # lanes whose notes are kept at once
 
 
 @dataclasses.dataclass
@@ -326,7 +93,7 @@ class AdaptivePasses:
     def __init__(self, policy: AdaptiveObserverPolicy) -> None:
         """Keep the policy."""
         self.policy = policy
-        self._forces = forces_in(policy.belief)
+        self._axes = equations_of(policy.arm).axes
         self._constants = slice(policy.memory.z.start + 4 * policy.joints, policy.memory.z.stop)  # p, in a memory
         self._payload = self._constants.start + policy.belief.payload.start
 
@@ -391,7 +158,7 @@ class AdaptivePasses:
         usable = (state.memory[:, FLAG.lost] == 0.0) & ~state.other_path
         memory, kept = np.zeros_like(state.memory), self.policy.memory
         memory[:, kept.z], memory[:, kept.P] = state.memory[:, kept.z], self._bounded(state.memory[:, kept.P])
-        expected = np.zeros((len(state.references), len(memory), self._forces - 1))
+        expected = np.zeros((len(state.references), len(memory), self._axes))
         if usable.any():
             expected[:, usable], memory[usable, self._payload] = self._explained(state, usable)
         usable &= np.isfinite(expected).all(axis=(0, 2)) & np.isfinite(memory[:, self._payload])
@@ -422,10 +189,9 @@ class AdaptivePasses:
 
     def _first(self, memory: np.ndarray) -> PassState:
         lanes = len(memory)
-        expected, path = np.empty((0, lanes, self._forces - 1)), np.empty((0, lanes, self.policy.joints))
-        return PassState(
-            memory, expected, path, [], [], [], [], memory, np.zeros(lanes, dtype=int), np.zeros(lanes, bool)
-        )
+        expected, path = np.empty((0, lanes, self._axes)), np.empty((0, lanes, self.policy.joints))
+        none = np.zeros(lanes, dtype=int)
+        return PassState(memory, expected, path, [], [], [], [], early=memory, passes=none, other_path=none != 0)
 
     def _bounded(self, covariance: np.ndarray) -> np.ndarray:
         """Return covariances (lanes, N²) whose standard deviations are at most the first ones."""
@@ -438,42 +204,19 @@ class AdaptivePasses:
     def _explained(self, state: PassState, lanes: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Return the force to expect (samples, lanes, axes) and the payload (lanes,) after a pass of these lanes."""
         memory, before = state.memory[lanes], state.passes[lanes]
-        payload, force = memory[:, self._payload].copy(), self._force(state, lanes, memory)
+        smoother, payload = Smoother(self.policy), memory[:, self._payload].copy()
+        force = self._low_passed(smoother.force(state, lanes, memory))
         new = before == 0
         if new.any():
             heavier, where = memory[new], lanes.copy()
             heavier[:, self._payload] += 1.0
             where[lanes] = new
-            slope = self._force(state, where, heavier) - force[:, new]
+            slope = self._low_passed(smoother.force(state, where, heavier)) - force[:, new]
             most = self.policy.settings.high[self.policy.belief.payload.start]
             payload[new] = np.clip(payload[new] + _steadiest(force[:, new], slope), 0.0, most)
             force[:, new] += (payload - memory[:, self._payload])[new, np.newaxis] * slope
         expected = _of_length(len(force), state.expected[:, lanes])
         return expected + (force - expected) / (1 + before[:, np.newaxis]), payload
-
-    def _force(self, state: PassState, lanes: np.ndarray, memory: np.ndarray) -> np.ndarray:
-        """Return the tip force (samples, lanes, axes) that explains the pass with the constants of a memory."""
-        policy, joints = self.policy, self.policy.joints
-        measured, commands = np.array(state.measured)[:, lanes], np.array(state.commands)[:, lanes]
-        travels, early = np.array(state.travels)[:, lanes], state.early[lanes]
-        expected = _of_length(len(measured), state.expected[:, lanes])
-        early[:, self._constants] = memory[:, self._constants]
-        settings = self._smoothing
-        angles = np.maximum(settings.variances[:joints], MISTRUST * memory[:, policy.memory.noise])
-        variances = np.concatenate([angles, angles * (settings.variances[joints:] / settings.variances[:joints])], 1)
-        smoother = Smoother(policy.arm, policy.belief, settings)
-        forces = smoother.smooth(measured, commands, expected, travels, early, variances)
-        return self._low_passed(expected + travels * forces[..., :1] + forces[..., 1:])
-
-    @functools.cached_property
-    def _smoothing(self) -> Settings:
-        """What the smoother takes: constants are known, and motors do as they are told."""
-        policy, states = self.policy, 4 * self.policy.joints
-        settings: Settings = policy.settings
-        spread = settings.spread.copy()
-        spread[states:] = 0.0
-        spread[states : states + self._forces] = FIRST_FORCE * unit_force(policy.arm)
-        return settings._replace(spread=spread, doubt=np.zeros_like(settings.doubt))
 
     def _low_passed(self, force: np.ndarray) -> np.ndarray:
         from scipy.signal import butter, sosfiltfilt  # slow to import, and looks for torch
@@ -513,3 +256,190 @@ def _window(state: PassState, sample: int, other_path: np.ndarray) -> np.ndarray
         for place, k in enumerate((*range(sample, sample - KEPT, -1), sample + 1)):
             window[:, place] = state.expected[min(max(k, 0), last)] * ~other_path[:, np.newaxis]
     return window
+
+
+class Notes(NamedTuple):
+    """What the way forward leaves of a sample for the way back; n joints, N numbers of z, of which s are the first."""
+
+    innovations: Any  # ν (2 n,)
+    spreads: Any  # s (2 n,)
+    columns: Any  # P_y (2 n, numbers of s)
+    slopes: Any  # F, the rows of x, to the next sample (4 n, N)
+    forces: Any  # f⁻ (forces,)
+    rows: Any  # P⁻_f (forces, numbers of s)
+
+
+class Seen(NamedTuple):
+    """A sample: what is measured, with its variances; expected force and travel, now and at the next one; torques."""
+
+    measured: Any
+    variances: Any
+    expected: Any
+    expected_next: Any
+    travel: Any
+    travel_next: Any
+    commands: Any
+
+
+class Smoother:
+    """The force that explains a whole pass: a fixed-interval smoother of the arm's state and the tip force.
+
+    s = (x, f) with x of the elastic arm and the forces f = (f_t, F) beside the expected one; the constants of the arm,
+    the payload and the lateness are given and stay. Forward it is the filter of `filter` without gate and dead zone, in
+    which f walks; at the first sample the links are as fast as the motors, and stand where the filter took them to
+    stand. Backward (Bryson and Frazier), with λ = 0 after the last sample, at each sample for the measured numbers in
+    reverse order
+
+        λ ← λ - h (ν + P_yᵀ λ)/s,    f_s = f⁻ - P⁻_f λ,    λ ← Fᵀ λ for the sample before,
+
+    where h picks the measured number of s, ν is its innovation, s the variance of that, P_y the column of P by which it
+    corrected, and f⁻, P⁻ are what the filter had before the sample. Unlike the recursion of Rauch, Tung and Striebel
+    this inverts no covariance.
+    """
+
+    def __init__(self, policy: AdaptiveObserverPolicy) -> None:
+        """Take the policy's arm with constants that are known, and motors that do as they are told."""
+        self._physics, self._at, settings = equations_of(policy.arm), policy.memory, policy.settings
+        joints, self._forces = self._physics.joints, len(settings.reopening)
+        states = 4 * joints
+        self._used = used = states + self._forces
+        spread = settings.spread.copy()
+        spread[states:], spread[states:used] = 0.0, FIRST_FORCE * unit_force(policy.arm)
+        self._settings = settings._replace(spread=spread, doubt=np.zeros_like(settings.doubt))
+        shapes = (2 * joints,), (2 * joints,), (2 * joints, used), (states, len(spread)), (self._forces,)
+        self._notes = Notes(*map(Cells, (*shapes, (self._forces, used))))
+        self._forward, self._backward = self._forward_kernel(), self._backward_kernel()
+
+    def force(self, state: PassState, lanes: np.ndarray, memory: np.ndarray) -> np.ndarray:
+        """Return the tip force [N] (samples, lanes, axes) that explains the pass of some lanes.
+
+        Args:
+            state: after the pass.
+            lanes: whether a lane is one of them.
+            memory: with the constants to take for granted, (lanes, memory_size).
+        """
+        chosen = np.flatnonzero(lanes)
+        groups = [slice(first, first + TOGETHER) for first in range(0, len(chosen), TOGETHER)]
+        return np.concatenate([self._of_some(state, chosen[some], memory[some]) for some in groups], axis=1)
+
+    def _of_some(self, state: PassState, lanes: np.ndarray, known: np.ndarray) -> np.ndarray:
+        at, joints, samples = self._at, self._physics.joints, len(state.measured)
+        parts = state.measured, state.commands, state.travels
+        measured, commands, travels = (np.array([sample[lanes] for sample in part]) for part in parts)
+        expected = _of_length(samples, state.expected[:, lanes])
+        least, _ = np.split(self._settings.variances, 2)
+        angles = np.maximum(least, MISTRUST * known[:, at.noise])
+        ratio = self._settings.variances[joints:] / least
+        variances = np.broadcast_to(np.concatenate([angles, angles * ratio], axis=1), measured.shape)
+        later = np.minimum(np.arange(samples) + 1, samples - 1)
+        forces = (expected, expected[later], travels, travels[later])
+        seen = np.concatenate([measured, variances, *forces, commands], axis=2)
+        memory = self._begun(measured[0], state.early[lanes], known)
+        notes = np.empty((samples, len(lanes), sum(part.size for part in self._notes)))
+        tables = tables_of(self._settings)
+        for k in range(samples):
+            if k > 0:  # the memory has the command of the first sample
+                held = memory[:, at.commands].reshape(len(lanes), -1, joints)
+                held[:, 1:] = held[:, :-1].copy()
+                memory[:, at.commands] = held.reshape(len(lanes), -1)
+            memory[:, at.commands.start : at.commands.start + joints] = commands[k]
+            self._forward((memory, np.ascontiguousarray(seen[k]), notes[k]), np.empty(0), tables)
+        adjoint, found = np.zeros((len(lanes), self._used)), np.empty((samples, len(lanes), self._forces))
+        for k in range(samples - 1, -1, -1):
+            self._backward((adjoint, notes[k], found[k]), np.array([float(k < samples - 1)]))
+        return np.asarray(expected + travels * found[..., :1] + found[..., 1:])
+
+    def _begun(self, measured: np.ndarray, early: np.ndarray, known: np.ndarray) -> np.ndarray:
+        """Return memories (lanes, numbers) before the first sample, of which `measured` (lanes, 2 n) is known."""
+        at, joints, spread = self._at, self._physics.joints, self._settings.spread
+        memory = early[:, : at.noise.stop].copy()
+        memory[:, FLAG.calm] = 0.0
+        z = memory[:, at.z]
+        z[:, 4 * joints :] = known[:, at.z][:, 4 * joints :]
+        z[:, 4 * joints : self._used] = 0.0
+        z[:, :joints] = measured[:, :joints]
+        z[:, 2 * joints : 3 * joints] = z[:, 3 * joints : 4 * joints] = measured[:, joints:]
+        memory[:, at.P] = np.diag(spread * spread).ravel()
+        return memory
+
+    def _forward_kernel(self) -> Kernel:
+        physics, settings = self._physics, self._settings
+
+        def forward(m: Memory, seen: Seen, notes: Notes, _: Any, *tables: Any) -> tuple[Any, ...]:
+            s = with_tables(settings, tables)
+            room = Room(physics, s)
+            _correct(m, seen, notes)
+            _push(room, seen)
+            predict(m, s, room, seen.commands)
+            for i in each(4 * physics.joints):
+                for j in each(len(s.spread)):
+                    notes.slopes[i, j] = room.F[i, j]
+            return m, seen, notes
+
+        axes, two = (0.0,) * physics.axes, (0.0,) * (2 * physics.joints)
+        sample = Seen(two, two, axes, axes, axes, axes, (0.0,) * physics.joints)
+        shapes = [table.shape for table in tables_of(settings)]
+        return Kernel(Program(forward, (places(physics), sample, self._notes), (), shapes))
+
+    def _backward_kernel(self) -> Kernel:
+        joints, forces, used = self._physics.joints, self._forces, self._used
+        states = 4 * joints
+
+        def backward(adjoint: Any, notes: Notes, found: Any, given: Any) -> tuple[Any, ...]:
+            before = array(used)
+            for i in each(used):
+                before[i] = adjoint[i]
+            for i in each(states):
+                before[i] = 0.0
+            for i in each(used):
+                for other in each(states):
+                    before[i] += notes.slopes[other, i] * adjoint[other]
+            for i in each(used):
+                adjoint[i] = select(given[0] > 0.0, before[i], adjoint[i])
+            for half in (1, 0):
+                for joint in range(joints - 1, -1, -1):
+                    j, at = half * joints + joint, 2 * half * joints + joint  # θ and θ̇ in x
+                    before[0] = notes.innovations[j]
+                    for i in each(used):
+                        before[0] += notes.columns[j, i] * adjoint[i]
+                    adjoint[at] -= before[0] / notes.spreads[j]
+            for i in each(forces):
+                before[0] = notes.forces[i]
+                for other in each(used):
+                    before[0] -= notes.rows[i, other] * adjoint[other]
+                found[i] = before[0]
+            return adjoint, notes, found
+
+        return Kernel(Program(backward, (Cells((used,)), self._notes, Cells((forces,))), (0.0,)))
+
+
+def _correct(m: Memory, seen: Seen, notes: Notes) -> None:
+    """Note f⁻ and P⁻_f of a sample, correct s by what is measured, and note how."""
+    forces, used = notes.rows.shape
+    numbers = len(seen.measured)
+    states, joints = used - forces, numbers // 2
+    for i in each(forces):
+        notes.forces[i] = m.z[states + i]
+        for other in each(used):
+            notes.rows[i, other] = m.P[states + i, other]
+    for j in range(numbers):
+        at = j if j < joints else joints + j  # θ and θ̇ in x
+        innovation, spread = seen.measured[j] - m.z[at], m.P[at, at] + seen.variances[j]
+        for i in each(used):
+            notes.columns[j, i] = m.P[at, i]
+        notes.innovations[j], notes.spreads[j] = innovation, spread
+        for i in each(used):
+            factor = notes.columns[j, i] / spread
+            m.z[i] += factor * innovation
+            for other in each(used):
+                m.P[i, other] -= factor * notes.columns[j, other]
+
+
+def _push(room: Room, seen: Seen) -> None:
+    """Fill the force lines of the expected force, from now to later, and of a force along the direction of travel."""
+    axes = len(seen.expected)
+    for i in range(axes):
+        now, later = seen.expected[i], seen.expected_next[i]
+        room.line[i], room.line[axes + i] = 0.5 * (now + later), later - now
+        room.directions[i, 0] = 0.5 * (seen.travel[i] + seen.travel_next[i])
+        room.directions[axes + i, 0] = seen.travel_next[i] - seen.travel[i]

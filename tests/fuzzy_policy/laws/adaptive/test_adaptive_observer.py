@@ -79,7 +79,7 @@ def believed_torque(state):
     """Torque [N m] that the links need along the reference, as the policy believes, less the offsets."""
     p, s = state[MEMORY.z][8:], POLICY.settings
     constants, torque = np.empty(len(s.base)), np.empty(2)
-    numbers_at(p, s.guess, s.base, s.slopes, constants)
+    numbers_at(p, s, constants)
     link_torque(*wanted(state), POLICY.beliefs(state).force, constants, torque)
     return torque - POLICY.beliefs(state).offset
 

@@ -4,7 +4,8 @@ import pytest
 
 from fuzzyarm.envs.physics.parameters import ArmParameters
 from fuzzyarm.envs.physics.robot import robot_named
-from fuzzyarm.fuzzy_policy.laws.adaptive.belief import AdaptiveWeights, adaptive_weights_for, largest_radius, softened
+from fuzzyarm.fuzzy_policy.laws.adaptive.belief import AdaptiveWeights
+from fuzzyarm.fuzzy_policy.laws.adaptive.law import adaptive_weights_for, largest_radius, softened
 from fuzzyarm.fuzzy_policy.laws.gain_schedule import schedule_of
 from fuzzyarm.fuzzy_policy.laws.sampled_margins import places_of
 
