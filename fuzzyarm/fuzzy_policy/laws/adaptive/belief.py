@@ -40,9 +40,9 @@ from fuzzyarm.fuzzy_policy.laws.observer_gains import WEIGHT_RANGE
 from fuzzyarm.numbers.functions import Cells, each, flat, maximum
 
 __all__ = [
-    "ENOUGH", "FACTORS", "FLAG", "KEPT", "LONGEST_LATENESS", "ORDERS", "AdaptiveWeights", "ArmFunctions", "Belief",
-    "Flags", "Memory", "Prior", "affine_numbers", "arm_functions", "belief_of", "layout", "mass_of", "numbers_of",
-    "places", "prior", "remembered", "unit_force",
+    "FACTORS", "FLAG", "KEPT", "LONGEST_LATENESS", "AdaptiveWeights", "ArmFunctions", "Belief", "Flags", "Memory",
+    "Prior", "affine_numbers", "belief_of", "layout", "mass_of", "numbers_of", "places", "prior", "remembered",
+    "unit_force",
 ]  # fmt: skip
 
 LONGEST_LATENESS = 3
@@ -50,11 +50,6 @@ LONGEST_LATENESS = 3
 KEPT = 5
 """References kept, the present one included: the derivatives of the joint torque are differences of four of them, and
 the feedforward's change takes one more."""
-ORDERS = 3
-"""Of a reference: q_d, q̇_d and q̈_d."""
-ENOUGH = 1e6
-"""Samples that are counted."""
-READ = 3  # numbers of a joint kept of the last sample, see `filter.note_noise`
 REST = 1e-9  # m/s; below, a tip has no direction of travel
 
 
@@ -225,76 +220,67 @@ def affine_numbers(arm: AnyArm) -> tuple[np.ndarray, np.ndarray]:
     return base, slopes
 
 
-class ArmFunctions(NamedTuple):
-    """Functions of the numbers a (k,) of an arm of n joints whose tip moves in a space of some axes.
+class ArmFunctions:
+    """Functions of the numbers a (k,) of an arm with these equations: n joints, a tip in a space of some axes."""
 
-    Attributes:
-        hold: ``hold(state, torque, force, numbers, h, substeps)`` advances copies of the arm over a control step, see
-            `held_of`: state (4 n, copies) changes in place, the others are torques [N m], force lines [N] and numbers
-            of each copy, by columns.
-        link_torque: ``link_torque(q, dq, ddq, force, constants)`` returns M q̈ + C q̇ + g - Jᵀ F (n,) [N m], the torque
-            of the joints under a tip force F (axes,) [N].
-        tip_direction: ``tip_direction(q, dq, constants)`` returns v/|v| (axes,) of the tip at q (n,) [rad] and q̇ (n,)
-            [rad/s], zeros at rest.
-        drive: ``drive(numbers, joint)``, the `Drives` of one joint.
-        constants_in: ``constants_in(numbers)``, the constants of the equations.
-    """
+    def __init__(self, physics: Physics) -> None:
+        """Note which numbers they are."""
+        self._physics, self._advance, self._planar = physics, held_of(physics), physics is two_joints()
+        self._record = physics.Arm if self._planar else physics.Plant
+        at, names = records.places(self._record), QUANTITIES
+        if self._planar:
+            names = ("motor_inertia", "viscous", "stiffness", "damping", "dry_friction")
+        drives = (tuple(getattr(at, f"{name}{1 + joint}") for name in names) for joint in range(physics.joints))
+        self._drives = [flat(drive) for drive in drives]  # where the numbers of each joint's stand
 
-    hold: Any
-    link_torque: Any
-    tip_direction: Any
-    drive: Any
-    constants_in: Any
+    def constants_in(self, numbers: Any) -> Any:
+        """Return the constants of the equations."""
+        given, count = list(numbers), size(self._record)
+        known = filled(self._record, given[:count])
+        return known if self._planar else self._physics.constants(known, 0.0, 0.0, given[count])
 
-
-@functools.cache
-def arm_functions(physics: Physics) -> ArmFunctions:
-    """Return the functions of arms with these equations."""
-    PerJoint, Point, advance, axes = physics.PerJoint, physics.Point, held_of(physics), physics.axes
-    planar = physics is two_joints()  # whose numbers are its constants
-    names = ("motor_inertia", "viscous", "stiffness", "damping", "dry_friction") if planar else QUANTITIES
-    record = physics.Arm if planar else physics.Plant
-    at = records.places(record)
-
-    def constants_in(numbers: Any) -> Any:
-        given = list(numbers)
-        known = filled(record, given[: size(record)])
-        return known if planar else physics.constants(known, 0.0, 0.0, given[size(record)])
-
-    def drive(numbers: Any, joint: int) -> Drives:
-        wanted = flat(tuple(getattr(at, f"{name}{1 + joint}") for name in names))
-        found: Drives = filled(Drives, (numbers[k] for k in wanted))
+    def drive(self, numbers: Any, joint: int) -> Drives:
+        """Return motor and spring of one joint."""
+        found: Drives = filled(Drives, (numbers[k] for k in self._drives[joint]))
         return found
 
-    def hold(state: Any, torque: Any, force: Any, numbers: Any, h: Any, substeps: int) -> None:
+    def hold(self, state: Any, torque: Any, force: Any, numbers: Any, h: Any, substeps: int) -> None:
+        """Advance copies of the arm over a control step, see `held_of`.
+
+        The state (4 n, copies) changes in place; the others are torques [N m], force lines [N] and numbers of each
+        copy, by columns.
+        """
+        physics, axes = self._physics, self._physics.axes
         for copy in each(state.shape[1]):
             now = filled(physics.State, (state[i, copy] for i in range(len(state))))
-            held = PerJoint(*(torque[j, copy] for j in range(physics.joints)))
+            held = physics.PerJoint(*(torque[j, copy] for j in range(physics.joints)))
             mean, change = ([force[first + i, copy] for i in range(axes)] for first in (0, axes))
-            arm = constants_in([numbers[i, copy] for i in range(len(numbers))])
-            for i, number in enumerate(flat(advance(now, held, mean, change, arm, h, substeps))):
+            arm = self.constants_in([numbers[i, copy] for i in range(len(numbers))])
+            for i, number in enumerate(flat(self._advance(now, held, mean, change, arm, h, substeps))):
                 state[i, copy] = number
 
-    def link_torque(q: Any, dq: Any, ddq: Any, force: Any, arm: Any) -> Any:
-        angles = PerJoint(*q)
-        inner = physics.inverse_dynamics(angles, PerJoint(*dq), PerJoint(*ddq), arm)
-        return [a - b for a, b in zip(inner, physics.tip_load(angles, Point(*force), arm), strict=True)]
+    def link_torque(self, q: Any, dq: Any, ddq: Any, force: Any, arm: Any) -> list[Any]:
+        """Return M q̈ + C q̇ + g - Jᵀ F (n,) [N m], the torque of the joints under a tip force F (axes,) [N]."""
+        PerJoint = self._physics.PerJoint
+        inner = self._physics.inverse_dynamics(PerJoint(*q), PerJoint(*dq), PerJoint(*ddq), arm)
+        outer = self._physics.tip_load(PerJoint(*q), self._physics.Point(*force), arm)
+        return [a - b for a, b in zip(inner, outer, strict=True)]
 
-    def tip_direction(q: Any, dq: Any, arm: Any) -> Any:
-        velocity, square = physics.tip_velocity(PerJoint(*q), PerJoint(*dq), arm), 0.0
+    def tip_direction(self, q: Any, dq: Any, arm: Any) -> list[Any]:
+        """Return v/|v| (axes,) of the tip at q (n,) [rad] and q̇ (n,) [rad/s], zeros at rest."""
+        PerJoint, square = self._physics.PerJoint, 0.0
+        velocity = self._physics.tip_velocity(PerJoint(*q), PerJoint(*dq), arm)
         for v in velocity:
             square = square + v * v
         speed = root(square)
         scale = select(speed > REST, 1.0 / maximum(speed, REST), 0.0)
         return [v * scale for v in velocity]
 
-    return ArmFunctions(hold, link_torque, tip_direction, drive, constants_in)
-
 
 class Flags(NamedTuple):
     """Single numbers of a memory, or where they stand among them."""
 
-    samples: Any  # how many there have been, up to `ENOUGH`
+    samples: Any  # how many there have been, up to `filter.ENOUGH`
     surprise: Any  # ν²/s of the last samples, on average; about 1 where the filter is right
     lost: Any  # 1 once the filter has diverged or the torques swing, else 0
     calm: Any  # 1 where the corrections of the forces look like noise, 0 where they have a direction
@@ -313,7 +299,7 @@ class Memory(NamedTuple):
     z: Any  # prediction for this sample, (N,)
     P: Any  # its covariance, (N, N)
     commands: Any  # torques commanded [N m], newest first, (`LONGEST_LATENESS` + 2, n)
-    references: Any  # q_d, q̇_d, q̈_d, newest first, (`KEPT`, `ORDERS`, n)
+    references: Any  # q_d, q̇_d, q̈_d, newest first, (`KEPT`, 3, n)
     read: Any  # θ, θ̇ and e of the last sample, see `filter.note_noise`, (3, n)
     moves: Any  # mean of the corrections of each force [N], then that of their square [N²], (forces + 1,)
     noise: Any  # variance of the noise of the measured angles [rad²], (n,)
@@ -324,7 +310,7 @@ def places(physics: Physics) -> Memory:
     joints, belief = physics.joints, belief_of(physics)
     N = 4 * joints + belief.lateness.stop
     shapes = (
-        (len(FLAG),), (N,), (N, N), (LONGEST_LATENESS + 2, joints), (KEPT, ORDERS, joints), (READ, joints),
+        (len(FLAG),), (N,), (N, N), (LONGEST_LATENESS + 2, joints), (KEPT, 3, joints), (3, joints),
         (belief.force.stop + 1,), (joints,),
     )  # fmt: skip
     return Memory(*map(Cells, shapes))

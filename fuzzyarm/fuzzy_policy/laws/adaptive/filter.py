@@ -61,14 +61,12 @@ from fuzzyarm.envs.observation import Observation
 from fuzzyarm.envs.physics.elementwise import root
 from fuzzyarm.envs.physics.physics import Physics
 from fuzzyarm.fuzzy_policy.laws.adaptive.belief import (
-    ENOUGH,
     FLAG,
     KEPT,
     LONGEST_LATENESS,
-    ORDERS,
     AdaptiveWeights,
+    ArmFunctions,
     Memory,
-    arm_functions,
 )
 from fuzzyarm.numbers.functions import array, each, floor, maximum, minimum, only, select
 
@@ -77,6 +75,7 @@ __all__ = [
     "predict", "sent", "tables_of", "take_in", "with_tables",
 ]  # fmt: skip
 
+ENOUGH = 1e6  # samples that are counted
 STATICS_STEPS = 20  # iterations of the fixed point for the first estimate; for Table 1 each gains three digits
 CHANGE = 6.0  # variance of e - e_last in `note_noise`, in variances of the angles' noise
 NOISE_SHARE = 0.03  # of a sample, in the estimated noise of the encoders, once there have been enough
@@ -115,6 +114,7 @@ class Settings(NamedTuple):
     steps: Any  # of the differences that make F (N - 1,)
     variances: Any  # of the measured numbers (2 n,)
     cautious: Any  # 1 where a number of z learns only beyond the dead zone, else 0 (N,)
+    gate: Any  # squared standardised innovation above which a sample counts less
     first_share: Any  # largest share of a sample in the noise that is read
     insignificant: Any  # c² of `significant`
     limit: Any  # torque limits [N m], (n,)
@@ -167,13 +167,14 @@ class Room:
         def copies(count: int) -> Copies:
             return Copies(array(4 * n, count), array(n, count), array(2 * axes, count), array(len(s.base), count))
 
-        self.arm = arm_functions(physics)
+        self.arm = ArmFunctions(physics)
         self.copies = copies(1 + N + n)  # which differ in one number each: their differences are the columns of F
         self.F, self.FP = array(4 * n, N), array(4 * n, N)  # the rows of x
         self.wide = array(n)  # steps of the motor velocities
         self.one = copies(1)
         self.numbers = array(len(s.base))  # of the arm
-        self.column = array(N)
+        self.innovation, self.expected = array(2 * n), array(2 * n)  # ν and P_yy + r of each measured number
+        self.columns = array(2 * n, N)  # P_y of each
         self.measured = array(2 * n)  # θ and θ̇
         self.variances = array(2 * n)  # of the measured numbers
         self.silent = array(2 * n)  # a of the module's docstring
@@ -227,11 +228,10 @@ def take_in(m: Memory, room: Room, seen: Observation) -> None:
     joints = len(m.noise)
     for j in range(joints):
         room.measured[j], room.measured[joints + j] = seen.q_motor[j], seen.dq_motor[j]
-        for k in range(KEPT - 1, 0, -1):
-            for order in range(ORDERS):
+        for order, now in enumerate((seen.q_reference[j], seen.dq_reference[j], seen.ddq_reference[j])):
+            for k in range(KEPT - 1, 0, -1):
                 m.references[k, order, j] = m.references[k - 1, order, j]
-        m.references[0, 0, j], m.references[0, 1, j] = seen.q_reference[j], seen.dq_reference[j]
-        m.references[0, 2, j] = seen.ddq_reference[j]
+            m.references[0, order, j] = now
     m.flags[FLAG.samples] = minimum(m.flags[FLAG.samples] + 1.0, ENOUGH)
 
 
@@ -257,7 +257,7 @@ def begin(m: Memory, s: Settings, room: Room) -> None:
             for part in each(len(m.read)):
                 m.read[part, j] = room.measured[j]
             for k in range(1, KEPT):
-                for order in range(ORDERS):
+                for order in range(3):
                     m.references[k, order, j] = m.references[0, order, j]
         for _ in each(STATICS_STEPS):
             for j, tau in enumerate(room.arm.link_torque(link, still, still, force, arm)):
@@ -313,15 +313,16 @@ def note_noise(m: Memory, s: Settings, room: Room) -> None:
 
 def update(m: Memory, s: Settings, room: Room) -> Any:
     """Correct z and P by motor angles and velocities; return the mean of ν²/(P_yy + r)."""
-    z, P, column, joints, surprise = m.z, m.P, room.column, len(room.measured) // 2, array(1)
+    z, P, joints, surprise = m.z, m.P, len(room.measured) // 2, array(1)
     surprise[0] = 0.0
     for half in range(2):
         for joint in each(joints):
             k, at = half * joints + joint, 2 * half * joints + joint  # θ and θ̇ in x
             innovation = room.measured[k] - z[at]
             square, spread = innovation * innovation, P[at, at] + room.variances[k]
+            room.innovation[k], room.expected[k], column = innovation, spread, room.columns[k]
             surprise[0] += square / spread
-            spread = maximum(spread, square / s.weights.gate)
+            spread = maximum(spread, square / s.gate)
             learned = maximum(0.0, 1.0 - room.silent[k] / (square + TINY))
             kept = 1.0 - (1.0 - learned) * (1.0 - learned)
             for i in each(len(z)):
@@ -511,6 +512,14 @@ def mean_torque(commands: Any, lateness: Any, joint: Any) -> Any:
     whole = floor(lateness)
     rest = lateness - whole
     return (1.0 - rest) * sent(commands, whole, joint) + rest * sent(commands, whole + 1.0, joint)
+
+
+def command(m: Memory, s: Settings, torque: Any) -> None:
+    """Take a torque (n,) [N m], within its limits, for the one that is commanded at this sample."""
+    for j in each(len(m.noise)):
+        for k in range(LONGEST_LATENESS + 1, 0, -1):
+            m.commands[k, j] = m.commands[k - 1, j]
+        m.commands[0, j] = minimum(maximum(torque[j], -s.limit[j]), s.limit[j])
 
 
 def sent(commands: Any, place: Any, joint: Any) -> Any:

@@ -29,17 +29,11 @@ from fuzzyarm.envs.physics.friction import stribeck_magnitude
 from fuzzyarm.envs.physics.robot import Robot
 from fuzzyarm.fuzzy_policy.known_arm import per_joint_of
 from fuzzyarm.fuzzy_policy.laws.adaptive.belief import FLAG, KEPT, LONGEST_LATENESS, AdaptiveWeights, Memory, mass_of
-from fuzzyarm.fuzzy_policy.laws.adaptive.filter import Room, Settings, fill, numbers_at, sent
-from fuzzyarm.fuzzy_policy.laws.gain_schedule import (
-    GainSchedule,
-    corners_of,
-    loaded_inertia,
-    nearest_inertia,
-    schedule_of,
-)
+from fuzzyarm.fuzzy_policy.laws.adaptive.filter import Room, Settings, command, fill, numbers_at, sent
+from fuzzyarm.fuzzy_policy.laws.gain_schedule import corners_of, loaded_inertia, nearest_inertia, schedule_of
 from fuzzyarm.fuzzy_policy.laws.observer_gains import ObserverWeights, feedback_gain, sampled_arm, state_part
 from fuzzyarm.fuzzy_policy.laws.observer_weights import FACTORS
-from fuzzyarm.fuzzy_policy.laws.sampled_margins import Place, places_of
+from fuzzyarm.fuzzy_policy.laws.sampled_margins import places_of
 from fuzzyarm.numbers.functions import each, entry, floor, maximum, minimum, number, only, select
 
 __all__ = ["act", "adaptive_weights_for", "feedback_table", "gain_share", "largest_radius", "softened"]
@@ -58,9 +52,8 @@ def adaptive_weights_for(arm: AnyArm, control_period: float) -> AdaptiveWeights:
     weights = AdaptiveWeights()
     if not isinstance(arm, Robot):
         return weights
-    places, schedule = places_of(arm, control_period), schedule_of(arm)
     trials = [softened(weights, factor) for factor in FACTORS]
-    return next((trial for trial in trials if largest_radius(places, schedule, trial) < 1.0), trials[-1])
+    return next((trial for trial in trials if largest_radius(arm, control_period, trial) < 1.0), trials[-1])
 
 
 def softened(weights: AdaptiveWeights, factor: float) -> AdaptiveWeights:
@@ -70,13 +63,12 @@ def softened(weights: AdaptiveWeights, factor: float) -> AdaptiveWeights:
     return dataclasses.replace(weights, link_angle=link_angle, link_velocity=link_velocity, first_gain=first_gain)
 
 
-def largest_radius(places: list[Place], schedule: GainSchedule, weights: AdaptiveWeights) -> float:
+def largest_radius(robot: Robot, control_period: float, weights: AdaptiveWeights) -> float:
     """Return the largest |λ| per control period at postures; inf where a Riccati equation has no solution."""
-    largest = 0.0
-    for place in places:
-        state = state_part(len(place.robot))
+    schedule, state, largest = schedule_of(robot), state_part(len(robot)), 0.0
+    for place in places_of(robot, control_period):
         try:
-            K = _gain(place.robot, place.control_period, nearest_inertia(schedule, place.q), weights)
+            K = _gain(robot, control_period, nearest_inertia(schedule, place.q), weights)
         except (np.linalg.LinAlgError, ValueError):  # scipy raises either
             return math.inf
         for stiffness in STIFFNESS:
@@ -222,9 +214,7 @@ def _command(z: Any, m: Memory, s: Settings, room: Room, torque: Any) -> None:
     for j in each(joints):
         for i in each(len(error)):
             torque[j] -= share * room.gain[j, i] * error[i]
-        for k in range(LONGEST_LATENESS + 1, 0, -1):
-            m.commands[k, j] = m.commands[k - 1, j]
-        m.commands[0, j] = minimum(maximum(torque[j], -s.limit[j]), s.limit[j])
+    command(m, s, torque)
 
 
 def _target(m: Memory, room: Room, period: float, back: int, joint: int, drive: Any) -> tuple[Any, Any, Any, Any]:

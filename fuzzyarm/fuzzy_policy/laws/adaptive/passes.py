@@ -25,6 +25,7 @@ place; payload, constants and lateness stay as they were taught. The pass after 
 from __future__ import annotations
 
 import dataclasses
+import math
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
@@ -34,7 +35,7 @@ from fuzzyarm.envs.observation import observed
 from fuzzyarm.envs.physics.equations import equations_of
 from fuzzyarm.fuzzy_policy.known_arm import travel_of
 from fuzzyarm.fuzzy_policy.laws.adaptive.belief import FLAG, KEPT, Memory, places, unit_force
-from fuzzyarm.fuzzy_policy.laws.adaptive.filter import MISTRUST, Room, predict, tables_of, with_tables
+from fuzzyarm.fuzzy_policy.laws.adaptive.filter import MISTRUST, Room, command, predict, tables_of, update, with_tables
 from fuzzyarm.fuzzy_policy.policy import checked_observation, no_torque
 from fuzzyarm.numbers.functions import Cells, array, each, select
 from fuzzyarm.numbers.machine import Kernel
@@ -56,31 +57,18 @@ TOGETHER = 16  # lanes whose notes are kept at once
 
 @dataclasses.dataclass
 class PassState:
-    """A state between two samples, of one arm or of lanes.
+    """A state between two samples, of one arm or of lanes."""
 
-    Attributes:
-        memory: of the policy, (lanes, memory_size).
-        expected: tip force [N] that is expected at the samples of this pass, (samples, lanes, axes); empty: none.
-        path: q_d of the pass before, (samples, lanes, n).
-        references: q_d of the samples so far.
-        measured: θ [rad] and θ̇ [rad/s] of each sample so far, (lanes, 2 n) each.
-        commands: torques commanded [N m], (lanes, n) each.
-        travels: directions of travel, (lanes, axes) each.
-        early: memory of the policy after the first sample, (lanes, memory_size).
-        passes: over this path that have taught something, (lanes,).
-        other_path: whether a lane has left the path of the pass before: it expects nothing any more.
-    """
-
-    memory: np.ndarray
-    expected: np.ndarray
-    path: np.ndarray
-    references: list[np.ndarray]
-    measured: list[np.ndarray]
-    commands: list[np.ndarray]
-    travels: list[np.ndarray]
-    early: np.ndarray
-    passes: np.ndarray
-    other_path: np.ndarray
+    memory: np.ndarray  # of the policy, (lanes, memory_size)
+    expected: np.ndarray  # tip force [N] expected at the samples of this pass, (samples, lanes, axes); empty: none
+    path: np.ndarray  # q_d of the pass before, (samples, lanes, n)
+    references: list[np.ndarray]  # q_d of the samples so far
+    measured: list[np.ndarray]  # θ [rad] and θ̇ [rad/s] of each sample so far, (lanes, 2 n) each
+    commands: list[np.ndarray]  # torques commanded [N m], (lanes, n) each
+    travels: list[np.ndarray]  # directions of travel, (lanes, axes) each
+    early: np.ndarray  # memory of the policy after the first sample, (lanes, memory_size)
+    passes: np.ndarray  # over this path that have taught something, (lanes,)
+    other_path: np.ndarray  # whether a lane has left the path of the pass before: it expects nothing any more
 
 
 class AdaptivePasses:
@@ -205,25 +193,18 @@ class AdaptivePasses:
         """Return the force to expect (samples, lanes, axes) and the payload (lanes,) after a pass of these lanes."""
         memory, before = state.memory[lanes], state.passes[lanes]
         smoother, payload = Smoother(self.policy), memory[:, self._payload].copy()
-        force = self._low_passed(smoother.force(state, lanes, memory))
+        force = smoother.force(state, lanes, memory)
         new = before == 0
         if new.any():
             heavier, where = memory[new], lanes.copy()
             heavier[:, self._payload] += 1.0
             where[lanes] = new
-            slope = self._low_passed(smoother.force(state, where, heavier)) - force[:, new]
+            slope = smoother.force(state, where, heavier) - force[:, new]
             most = self.policy.settings.high[self.policy.belief.payload.start]
             payload[new] = np.clip(payload[new] + _steadiest(force[:, new], slope), 0.0, most)
             force[:, new] += (payload - memory[:, self._payload])[new, np.newaxis] * slope
         expected = _of_length(len(force), state.expected[:, lanes])
         return expected + (force - expected) / (1 + before[:, np.newaxis]), payload
-
-    def _low_passed(self, force: np.ndarray) -> np.ndarray:
-        from scipy.signal import butter, sosfiltfilt  # slow to import, and looks for torch
-
-        nyquist = 0.5 / self.policy.control_period
-        sections = butter(ORDER, min(CUT_OFF / nyquist, 0.99), output="sos")
-        return np.asarray(sosfiltfilt(sections, force, axis=0, padlen=min(len(force) - 1, 60)))
 
 
 def _steadiest(force: np.ndarray, slope: np.ndarray) -> np.ndarray:
@@ -245,6 +226,12 @@ def _of_length(samples: int, force: np.ndarray) -> np.ndarray:
     return whole
 
 
+def _lines(force: np.ndarray) -> np.ndarray:
+    """Return the force lines (samples, lanes, 2 axes) from each sample to the next; the last is constant."""
+    later = np.concatenate([force[1:], force[-1:]])
+    return np.concatenate([0.5 * (force + later), later - force], axis=2)
+
+
 def _window(state: PassState, sample: int, other_path: np.ndarray) -> np.ndarray:
     """Return the expected force at this sample, at those before it and at the next one, (lanes, `KEPT` + 1, axes).
 
@@ -263,22 +250,20 @@ class Notes(NamedTuple):
 
     innovations: Any  # ν (2 n,)
     spreads: Any  # s (2 n,)
-    columns: Any  # P_y (2 n, numbers of s)
+    columns: Any  # P_y (2 n, N)
     slopes: Any  # F, the rows of x, to the next sample (4 n, N)
     forces: Any  # f⁻ (forces,)
     rows: Any  # P⁻_f (forces, numbers of s)
 
 
 class Seen(NamedTuple):
-    """A sample: what is measured, with its variances; expected force and travel, now and at the next one; torques."""
+    """A sample: what is measured, with its variances; force lines to the next sample; torques commanded [N m]."""
 
-    measured: Any
-    variances: Any
-    expected: Any
-    expected_next: Any
-    travel: Any
-    travel_next: Any
-    commands: Any
+    measured: Any  # θ and θ̇ (2 n,)
+    variances: Any  # (2 n,)
+    expected: Any  # line of the expected force (2 axes,)
+    travel: Any  # line of a unit force along the direction of travel (2 axes,)
+    commands: Any  # (n,)
 
 
 class Smoother:
@@ -299,50 +284,45 @@ class Smoother:
 
     def __init__(self, policy: AdaptiveObserverPolicy) -> None:
         """Take the policy's arm with constants that are known, and motors that do as they are told."""
-        self._physics, self._at, settings = equations_of(policy.arm), policy.memory, policy.settings
-        joints, self._forces = self._physics.joints, len(settings.reopening)
-        states = 4 * joints
-        self._used = used = states + self._forces
-        spread = settings.spread.copy()
-        spread[states:], spread[states:used] = 0.0, FIRST_FORCE * unit_force(policy.arm)
-        self._settings = settings._replace(spread=spread, doubt=np.zeros_like(settings.doubt))
-        shapes = (2 * joints,), (2 * joints,), (2 * joints, used), (states, len(spread)), (self._forces,)
-        self._notes = Notes(*map(Cells, (*shapes, (self._forces, used))))
+        self._policy, self._physics, settings = policy, equations_of(policy.arm), policy.settings
+        n, N, self._forces = self._physics.joints, len(settings.spread), len(settings.reopening)
+        self._used, spread = 4 * n + self._forces, np.zeros(N)
+        spread[: 4 * n], spread[4 * n : self._used] = settings.spread[: 4 * n], FIRST_FORCE * unit_force(policy.arm)
+        sure, bold = np.zeros(n), np.zeros(N)
+        self._settings = settings._replace(spread=spread, doubt=sure, cautious=bold, gate=math.inf)
+        two, line = Cells((2 * n,)), Cells((2 * self._physics.axes,))
+        columns, slopes, forces = Cells((2 * n, N)), Cells((4 * n, N)), Cells((self._forces,))
+        self._notes = Notes(two, two, columns, slopes, forces, Cells((self._forces, self._used)))
+        self._seen = Seen(two, two, line, line, Cells((n,)))
         self._forward, self._backward = self._forward_kernel(), self._backward_kernel()
 
     def force(self, state: PassState, lanes: np.ndarray, memory: np.ndarray) -> np.ndarray:
-        """Return the tip force [N] (samples, lanes, axes) that explains the pass of some lanes.
+        """Return the tip force [N] (samples, lanes, axes) that explains the pass of some lanes, low-passed.
 
         Args:
             state: after the pass.
             lanes: whether a lane is one of them.
             memory: with the constants to take for granted, (lanes, memory_size).
         """
+        from scipy.signal import butter, sosfiltfilt  # slow to import, and looks for torch
+
         chosen = np.flatnonzero(lanes)
         groups = [slice(first, first + TOGETHER) for first in range(0, len(chosen), TOGETHER)]
-        return np.concatenate([self._of_some(state, chosen[some], memory[some]) for some in groups], axis=1)
+        force = np.concatenate([self._of_some(state, chosen[some], memory[some]) for some in groups], axis=1)
+        nyquist = 0.5 / self._policy.control_period
+        sections = butter(ORDER, min(CUT_OFF / nyquist, 0.99), output="sos")
+        return np.asarray(sosfiltfilt(sections, force, axis=0, padlen=min(len(force) - 1, 60)))
 
     def _of_some(self, state: PassState, lanes: np.ndarray, known: np.ndarray) -> np.ndarray:
-        at, joints, samples = self._at, self._physics.joints, len(state.measured)
-        parts = state.measured, state.commands, state.travels
+        samples, parts = len(state.measured), (state.measured, state.commands, state.travels)
         measured, commands, travels = (np.array([sample[lanes] for sample in part]) for part in parts)
-        expected = _of_length(samples, state.expected[:, lanes])
-        least, _ = np.split(self._settings.variances, 2)
-        angles = np.maximum(least, MISTRUST * known[:, at.noise])
-        ratio = self._settings.variances[joints:] / least
-        variances = np.broadcast_to(np.concatenate([angles, angles * ratio], axis=1), measured.shape)
-        later = np.minimum(np.arange(samples) + 1, samples - 1)
-        forces = (expected, expected[later], travels, travels[later])
-        seen = np.concatenate([measured, variances, *forces, commands], axis=2)
-        memory = self._begun(measured[0], state.early[lanes], known)
+        expected, (least, ratio) = _of_length(samples, state.expected[:, lanes]), np.split(self._settings.variances, 2)
+        angles = np.maximum(least, MISTRUST * known[:, self._policy.memory.noise])
+        variances = np.broadcast_to(np.concatenate([angles, angles * (ratio / least)], axis=1), measured.shape)
+        seen = np.concatenate([measured, variances, _lines(expected), _lines(travels), commands], axis=2)
+        memory, tables = self._begun(measured[0], state.early[lanes], known), tables_of(self._settings)
         notes = np.empty((samples, len(lanes), sum(part.size for part in self._notes)))
-        tables = tables_of(self._settings)
         for k in range(samples):
-            if k > 0:  # the memory has the command of the first sample
-                held = memory[:, at.commands].reshape(len(lanes), -1, joints)
-                held[:, 1:] = held[:, :-1].copy()
-                memory[:, at.commands] = held.reshape(len(lanes), -1)
-            memory[:, at.commands.start : at.commands.start + joints] = commands[k]
             self._forward((memory, np.ascontiguousarray(seen[k]), notes[k]), np.empty(0), tables)
         adjoint, found = np.zeros((len(lanes), self._used)), np.empty((samples, len(lanes), self._forces))
         for k in range(samples - 1, -1, -1):
@@ -351,35 +331,37 @@ class Smoother:
 
     def _begun(self, measured: np.ndarray, early: np.ndarray, known: np.ndarray) -> np.ndarray:
         """Return memories (lanes, numbers) before the first sample, of which `measured` (lanes, 2 n) is known."""
-        at, joints, spread = self._at, self._physics.joints, self._settings.spread
+        at, n, spread = self._policy.memory, self._physics.joints, self._settings.spread
         memory = early[:, : at.noise.stop].copy()
-        memory[:, FLAG.calm] = 0.0
-        z = memory[:, at.z]
-        z[:, 4 * joints :] = known[:, at.z][:, 4 * joints :]
-        z[:, 4 * joints : self._used] = 0.0
-        z[:, :joints] = measured[:, :joints]
-        z[:, 2 * joints : 3 * joints] = z[:, 3 * joints : 4 * joints] = measured[:, joints:]
+        memory[:, FLAG.calm], z = 0.0, memory[:, at.z]
+        z[:, self._used :], z[:, 4 * n : self._used] = known[:, at.z][:, self._used :], 0.0
+        z[:, :n], z[:, 2 * n : 3 * n], z[:, 3 * n : 4 * n] = measured[:, :n], measured[:, n:], measured[:, n:]
         memory[:, at.P] = np.diag(spread * spread).ravel()
+        first, before = (slice(at.commands.start + k * n, at.commands.start + (1 + k) * n) for k in range(2))
+        memory[:, first] = memory[:, before]  # without the command of the first sample, which is still to come
         return memory
 
     def _forward_kernel(self) -> Kernel:
-        physics, settings = self._physics, self._settings
+        physics, settings, used = self._physics, self._settings, self._used
 
         def forward(m: Memory, seen: Seen, notes: Notes, _: Any, *tables: Any) -> tuple[Any, ...]:
             s = with_tables(settings, tables)
-            room = Room(physics, s)
-            _correct(m, seen, notes)
-            _push(room, seen)
+            room, states = Room(physics, s), 4 * physics.joints
+            room.measured, room.variances, room.line = seen.measured, seen.variances, seen.expected
+            room.innovation, room.expected, room.columns, room.F = notes[:4]
+            for i in each(2 * physics.axes):
+                room.directions[i, 0] = seen.travel[i]
+            for i in each(self._forces):
+                notes.forces[i] = m.z[states + i]
+                for other in each(used):
+                    notes.rows[i, other] = m.P[states + i, other]
+            update(m, s, room)
+            command(m, s, seen.commands)
             predict(m, s, room, seen.commands)
-            for i in each(4 * physics.joints):
-                for j in each(len(s.spread)):
-                    notes.slopes[i, j] = room.F[i, j]
             return m, seen, notes
 
-        axes, two = (0.0,) * physics.axes, (0.0,) * (2 * physics.joints)
-        sample = Seen(two, two, axes, axes, axes, axes, (0.0,) * physics.joints)
         shapes = [table.shape for table in tables_of(settings)]
-        return Kernel(Program(forward, (places(physics), sample, self._notes), (), shapes))
+        return Kernel(Program(forward, (places(physics), self._seen, self._notes), (), shapes))
 
     def _backward_kernel(self) -> Kernel:
         joints, forces, used = self._physics.joints, self._forces, self._used
@@ -411,35 +393,3 @@ class Smoother:
             return adjoint, notes, found
 
         return Kernel(Program(backward, (Cells((used,)), self._notes, Cells((forces,))), (0.0,)))
-
-
-def _correct(m: Memory, seen: Seen, notes: Notes) -> None:
-    """Note f⁻ and P⁻_f of a sample, correct s by what is measured, and note how."""
-    forces, used = notes.rows.shape
-    numbers = len(seen.measured)
-    states, joints = used - forces, numbers // 2
-    for i in each(forces):
-        notes.forces[i] = m.z[states + i]
-        for other in each(used):
-            notes.rows[i, other] = m.P[states + i, other]
-    for j in range(numbers):
-        at = j if j < joints else joints + j  # θ and θ̇ in x
-        innovation, spread = seen.measured[j] - m.z[at], m.P[at, at] + seen.variances[j]
-        for i in each(used):
-            notes.columns[j, i] = m.P[at, i]
-        notes.innovations[j], notes.spreads[j] = innovation, spread
-        for i in each(used):
-            factor = notes.columns[j, i] / spread
-            m.z[i] += factor * innovation
-            for other in each(used):
-                m.P[i, other] -= factor * notes.columns[j, other]
-
-
-def _push(room: Room, seen: Seen) -> None:
-    """Fill the force lines of the expected force, from now to later, and of a force along the direction of travel."""
-    axes = len(seen.expected)
-    for i in range(axes):
-        now, later = seen.expected[i], seen.expected_next[i]
-        room.line[i], room.line[axes + i] = 0.5 * (now + later), later - now
-        room.directions[i, 0] = 0.5 * (seen.travel[i] + seen.travel_next[i])
-        room.directions[axes + i, 0] = seen.travel_next[i] - seen.travel[i]

@@ -296,6 +296,7 @@ class AdaptiveObserverPolicy(LawPolicy):
             steps=np.repeat(steps, [2 * joints, 2 * joints, belief.payload.stop, len(p.guess) - belief.payload.stop]),
             variances=encoder**2,
             cautious=cautious,
+            gate=weights.gate,
             # A robot, for which nothing was tuned, begins to learn with more caution. The noise that it reads holds on
             # to a first guess, so that it does not say which loads are significant.
             first_share=NOISE_SHARE if isinstance(arm, Robot) else 1.0,

@@ -17,7 +17,7 @@ from fuzzyarm.envs.scenario.disturbances import ConstantForce, Disturbance, Enco
 from fuzzyarm.eval.episodes.passes import record_passes
 from fuzzyarm.eval.episodes.rollout import record_rollout
 from fuzzyarm.eval.stability.linearisation import spectral_radius
-from fuzzyarm.fuzzy_policy.laws.adaptive.belief import FLAG, AdaptiveWeights, arm_functions
+from fuzzyarm.fuzzy_policy.laws.adaptive.belief import FLAG, AdaptiveWeights, ArmFunctions
 from fuzzyarm.fuzzy_policy.laws.adaptive.filter import numbers_at
 from fuzzyarm.fuzzy_policy.laws.adaptive.policy import AdaptiveObserverPolicy
 
@@ -25,11 +25,11 @@ ARM = ArmParameters()
 NOISE = EncoderNoise(position=1e-5, velocity=1e-3)
 POLICY = AdaptiveObserverPolicy()
 MEMORY = POLICY.memory
-_, _link_torque, _, _, constants_in = arm_functions(two_joints())
+FUNCTIONS = ArmFunctions(two_joints())
 
 
 def link_torque(q, dq, ddq, force, numbers, torque):
-    torque[:] = _link_torque(q, dq, ddq, force, constants_in(numbers))
+    torque[:] = FUNCTIONS.link_torque(q, dq, ddq, force, FUNCTIONS.constants_in(numbers))
 
 
 def follow(policy, disturbances, steps=1499, arms=None, late=0):

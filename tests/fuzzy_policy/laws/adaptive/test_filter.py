@@ -16,8 +16,8 @@ from fuzzyarm.fuzzy_policy.known_arm import drives_of
 from fuzzyarm.fuzzy_policy.laws.adaptive.belief import (
     FLAG,
     AdaptiveWeights,
+    ArmFunctions,
     affine_numbers,
-    arm_functions,
     belief_of,
     layout,
     numbers_of,
@@ -36,7 +36,8 @@ from fuzzyarm.fuzzy_policy.laws.adaptive.filter import (
 from fuzzyarm.fuzzy_policy.laws.adaptive.policy import AdaptiveObserverPolicy
 
 ARM = ArmParameters()
-BELIEF, (hold, link_torque, tip_direction, _, constants_in) = belief_of(two_joints()), arm_functions(two_joints())
+BELIEF, FUNCTIONS = belief_of(two_joints()), ArmFunctions(two_joints())
+hold, link_torque, constants_in = FUNCTIONS.hold, FUNCTIONS.link_torque, FUNCTIONS.constants_in
 BELIEFS, FORCES = BELIEF.lateness.stop, BELIEF.force.stop
 SETTINGS, GUESS = AdaptiveObserverPolicy().settings, prior(ARM, AdaptiveWeights()).guess
 STATES, SIZE = 8, 8 + BELIEFS
@@ -215,16 +216,16 @@ def test_link_torque_is_the_rigid_arms_less_the_forces():
     torque = np.array(link_torque(q, dq, ddq, force, constants_in(constants)))
     J = tip_jacobian(q, ARM.length)
     np.testing.assert_allclose(torque, rigid_inverse_dynamics(q, dq, ddq, arm_constants(ARM)) - J.T @ force, rtol=1e-12)
-    direction = np.array(tip_direction(q, dq, constants_in(constants)))
+    direction = np.array(FUNCTIONS.tip_direction(q, dq, constants_in(constants)))
     np.testing.assert_allclose(direction, J @ dq / np.linalg.norm(J @ dq), rtol=1e-12)
-    direction = np.array(tip_direction(q, np.zeros(2), constants_in(constants)))
+    direction = np.array(FUNCTIONS.tip_direction(q, np.zeros(2), constants_in(constants)))
     np.testing.assert_array_equal(direction, 0.0)
 
 
 def test_functions_of_six_joints_are_those_of_the_robot_with_its_payload():
     rng, robot = np.random.default_rng(9), robot_named("ur5")
     physics, loaded = equations_of(robot), robot.with_payload(2.0)
-    functions, numbers = arm_functions(physics), numbers_of(robot, 2.0)
+    functions, numbers = ArmFunctions(physics), numbers_of(robot, 2.0)
     (q, dq, ddq), force, torque, direction = rng.normal(size=(3, 6)), rng.normal(size=3), np.empty(6), np.empty(3)
     torque = np.array(functions.link_torque(q, dq, ddq, force, functions.constants_in(numbers)))
     J = rigid_body.tip_jacobian(robot, q)
