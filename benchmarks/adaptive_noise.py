@@ -54,7 +54,7 @@ def fixed(names: tuple[str, ...]) -> AdaptiveObserverPolicy:
         noise[states:][part], spread[states:][part], shared[states:][part] = 0.0, SURE, 0.0
         if part.stop <= policy.belief.force.stop:
             reopening[part] = 0.0
-    policy.settings = s._replace(noise=noise, spread=spread, shared=shared, reopening=reopening)
+    policy.settings = s.replaced(noise=noise, spread=spread, shared=shared, reopening=reopening)
     return policy
 
 

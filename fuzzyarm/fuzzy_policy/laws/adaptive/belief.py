@@ -227,9 +227,8 @@ class ArmFunctions:
         """Note which numbers they are."""
         self._physics, self._advance, self._planar = physics, held_of(physics), physics is two_joints()
         self._record = physics.Arm if self._planar else physics.Plant
-        at, names = records.places(self._record), QUANTITIES
-        if self._planar:
-            names = ("motor_inertia", "viscous", "stiffness", "damping", "dry_friction")
+        short = "motor_inertia", "viscous", "stiffness", "damping", "dry_friction"
+        at, names = records.places(self._record), short if self._planar else QUANTITIES
         drives = (tuple(getattr(at, f"{name}{1 + joint}") for name in names) for joint in range(physics.joints))
         self._drives = [flat(drive) for drive in drives]  # where the numbers of each joint's stand
 

@@ -53,26 +53,39 @@ The filter itself goes on with x and l.
 
 from __future__ import annotations
 
+import copy
 from typing import Any, NamedTuple
 
 import numpy as np
 
+from fuzzyarm.envs.fastest_mode import fastest_rate
 from fuzzyarm.envs.observation import Observation
+from fuzzyarm.envs.periods import default_substeps
 from fuzzyarm.envs.physics.elementwise import root
+from fuzzyarm.envs.physics.equations import AnyArm, equations_of
 from fuzzyarm.envs.physics.physics import Physics
+from fuzzyarm.envs.physics.robot import Robot
+from fuzzyarm.fuzzy_policy.known_arm import per_joint_of
 from fuzzyarm.fuzzy_policy.laws.adaptive.belief import (
+    FACTORS,
     FLAG,
     KEPT,
     LONGEST_LATENESS,
     AdaptiveWeights,
     ArmFunctions,
     Memory,
+    affine_numbers,
+    belief_of,
+    mass_of,
+    prior,
+    unit_force,
 )
+from fuzzyarm.fuzzy_policy.laws.gain_schedule import schedule_of
 from fuzzyarm.numbers.functions import array, each, floor, maximum, minimum, only, select
 
 __all__ = [
-    "INSIGNIFICANT", "MISTRUST", "NOISE_SHARE", "Copies", "Room", "Settings", "begin", "correct", "mean_torque",
-    "predict", "sent", "tables_of", "take_in", "with_tables",
+    "MISTRUST", "Copies", "Room", "Settings", "begin", "command", "correct", "fill", "numbers_at", "predict", "sent",
+    "tables_of", "take_in", "update", "with_tables",
 ]  # fmt: skip
 
 ENOUGH = 1e6  # samples that are counted
@@ -90,53 +103,87 @@ LATENESS_DOUBT = 0.01  # variance of the lateness per surprise [control periods�
 LARGEST_SCALE = 0.1  # variance of the surest factor above which the shared one is not doubted
 INSIGNIFICANT = 1.25  # c of an arm whose noise is a mean over all samples
 ROUNDING = 1e-9  # least share of a variance that the other loads leave unexplained
+STILL = 1e-3  # correction of the forces by a sample that counts as none, in unit forces
+# Steps of the differences that make F, of angles, velocities, loads and factors, far above rounding and far below what
+# bends the equations.
+STEPS = (1e-7, 1e-6, 1e-2, 1e-4)
 TINY = 1e-300
 
 
-class Settings(NamedTuple):
-    """What the law takes, as arrays and numbers; n joints, N numbers of z."""
+class Settings:
+    """What the law takes, as arrays and numbers; n joints, N numbers of z.
 
-    weights: AdaptiveWeights
-    feedback: Any  # K, a row for each payload and point (payloads · points, n · 4 n), see `law.feedback_table`
-    schedule: Any  # over the angles of which joints, whether at even cosines, and at how many points of each
-    soft_samples: Any  # control periods in `AdaptiveWeights.soft_start`
-    base: Any  # a_0 of `affine_numbers`
-    slopes: Any  # S of `affine_numbers`
-    guess: Any  # p_0
-    spread: Any  # standard deviations of z when an episode begins (N,)
-    shared: Any  # what numbers of z share when an episode begins, times its standard deviation (N,)
-    low: Any  # lowest p
-    high: Any  # highest p
-    noise: Any  # diagonal of Q (N,)
-    doubt: Any  # deviation of a motor velocity per square of a jump of its command [rad/s / (N m)²], (n,)
-    reopening: Any  # variance of the forces after `AdaptiveWeights.reopening` seconds of walk [N²], (forces,)
-    still: Any  # square of a correction of the forces that counts as none [N²]
-    steps: Any  # of the differences that make F (N - 1,)
-    variances: Any  # of the measured numbers (2 n,)
-    cautious: Any  # 1 where a number of z learns only beyond the dead zone, else 0 (N,)
-    gate: Any  # squared standardised innovation above which a sample counts less
-    first_share: Any  # largest share of a sample in the noise that is read
-    insignificant: Any  # c² of `significant`
-    limit: Any  # torque limits [N m], (n,)
-    mass: Any  # of all links [kg]
-    substep: Any  # h [s]
-    substeps: Any  # in a control period
+    Args:
+        arm: the known one.
+        control_period: T [s].
+        weights: of the filter and of the regulator.
+        feedback: K, a row for each payload and point (payloads · points, n · 4 n), see `law.feedback_table`.
+    """
+
+    def __init__(self, arm: AnyArm, control_period: float, weights: AdaptiveWeights, feedback: np.ndarray) -> None:
+        """Work them out."""
+        belief, p, schedule = belief_of(equations_of(arm)), prior(arm, weights), schedule_of(arm)
+        limit, inertia = per_joint_of(arm, "torque_limit"), per_joint_of(arm, "motor_inertia")
+        n, loads, period, still = len(limit), belief.payload.stop, control_period, np.zeros(len(limit))
+        encoder, unknown = np.repeat([weights.encoder_angle, weights.encoder_velocity], n), isinstance(arm, Robot)
+        first_state = (weights.encoder_angle, weights.first_link_angle, *[weights.encoder_velocity] * 2)
+        shared, cautious = np.zeros((2, 4 * n + len(p.guess)))
+        for name in FACTORS:
+            shared[4 * n :][getattr(belief, name)] = weights.first_scale
+        for name in (*FACTORS, "lateness"):
+            cautious[4 * n :][getattr(belief, name)] = 1.0
+        self.weights = weights
+        self.feedback = feedback
+        # Over the angles of which joints it is tabulated, whether at even cosines, and at how many points of each.
+        self.schedule = tuple(schedule.kept.tolist()), schedule.cosine, schedule.points
+        self.soft_samples = weights.soft_start / period
+        self.base, self.slopes = affine_numbers(arm)  # a_0 and S
+        self.guess = p.guess  # p_0
+        self.spread = np.concatenate([np.repeat(first_state, n), p.spread])  # deviations of z as an episode begins (N,)
+        self.shared = shared  # what numbers of z share then, times its standard deviation (N,)
+        self.low, self.high = p.low, p.high  # lowest and highest p
+        # Diagonal of Q (N,).
+        self.noise = np.concatenate([still, still, weights.motor_torque * limit / inertia, still, p.walk]) ** 2 * period
+        # Deviation of a motor velocity per square of a jump of its command [rad/s / (N m)²], (n,).
+        self.doubt = weights.torque_doubt * period / (inertia * limit)
+        # Variance of the forces after `AdaptiveWeights.reopening` seconds of walk [N²], (forces,).
+        self.reopening = p.walk[: belief.force.stop] ** 2 * weights.reopening
+        self.still = (STILL * unit_force(arm)) ** 2  # square of a correction of the forces that counts as none [N²]
+        self.steps = np.repeat(STEPS, [2 * n, 2 * n, loads, len(p.guess) - loads])  # of the differences that make F
+        self.variances = encoder**2  # of the measured numbers (2 n,)
+        self.cautious = cautious  # 1 where a number of z learns only beyond the dead zone, else 0 (N,)
+        self.gate = weights.gate
+        # A robot, for which nothing was tuned, begins to learn with more caution. The noise that it reads holds on to a
+        # first guess, so that it does not say which loads are significant.
+        self.first_share = NOISE_SHARE if unknown else 1.0  # largest share of a sample in the noise that is read
+        self.insignificant = 0.0 if unknown else INSIGNIFICANT**2  # c² of `significant`
+        self.limit = limit  # torque limits [N m]
+        self.mass = mass_of(arm)  # of all links [kg]
+        self.substeps = default_substeps(period, fastest_rate([arm]))  # in a control period
+        self.substep = period / self.substeps  # h [s]
 
     @property
-    def period(self) -> Any:
+    def period(self) -> float:
         """The control period T [s]."""
         return self.substep * self.substeps
 
+    def replaced(self, **parts: Any) -> Settings:
+        """Return the settings with some of them replaced by others."""
+        other = copy.copy(self)
+        vars(other).update(parts)
+        return other
+
 
 def tables_of(settings: Settings) -> tuple[np.ndarray, ...]:
-    """Return the arrays that the law looks up by index, in the order of the fields and in double precision."""
-    return tuple(np.array(part, dtype=np.float64, order="C") for part in settings if isinstance(part, np.ndarray))
+    """Return the arrays that the law looks up by index, in a fixed order and in double precision."""
+    parts = vars(settings).values()
+    return tuple(np.array(part, dtype=np.float64, order="C") for part in parts if isinstance(part, np.ndarray))
 
 
 def with_tables(settings: Settings, tables: Any) -> Settings:
     """Return the settings with other arrays in place of those of `tables_of`."""
-    names = [name for name, part in settings._asdict().items() if isinstance(part, np.ndarray)]
-    return settings._replace(**dict(zip(names, tables, strict=True)))
+    names = [name for name, part in vars(settings).items() if isinstance(part, np.ndarray)]
+    return settings.replaced(**dict(zip(names, tables, strict=True)))
 
 
 class Copies(NamedTuple):
@@ -303,7 +350,6 @@ def note_noise(m: Memory, s: Settings, room: Room) -> None:
         change = rest - m.read[2, j]
         m.noise[j] += share * (change * change / CHANGE - m.noise[j])
         m.read[0, j], m.read[1, j], m.read[2, j] = angle, velocity, rest
-    for j in each(joints):
         ratio = s.variances[joints + j] / s.variances[j]
         room.silent[j] = s.weights.dead_zone * m.noise[j]
         room.silent[joints + j] = room.silent[j] * ratio
@@ -533,15 +579,15 @@ def sent(commands: Any, place: Any, joint: Any) -> Any:
 def fill(copies: Copies, z: Any, room: Room) -> None:
     """Fill copies with the arm of z under its forces, but not their torques."""
     states = len(copies.state)
-    for copy in each(copies.state.shape[1]):
+    for lane in each(copies.state.shape[1]):
         for i in each(states):
-            copies.state[i, copy] = z[i]
+            copies.state[i, lane] = z[i]
         for i in each(len(room.numbers)):
-            copies.numbers[i, copy] = room.numbers[i]
+            copies.numbers[i, lane] = room.numbers[i]
         for i in each(len(room.line)):
-            copies.force[i, copy] = room.line[i]
+            copies.force[i, lane] = room.line[i]
             for j in each(room.directions.shape[1]):
-                copies.force[i, copy] += room.directions[i, j] * z[states + j]
+                copies.force[i, lane] += room.directions[i, j] * z[states + j]
 
 
 def spread_copies(m: Memory, s: Settings, room: Room, torque: Any, torque_slope: Any) -> None:
@@ -554,9 +600,9 @@ def spread_copies(m: Memory, s: Settings, room: Room, torque: Any, torque_slope:
     joints, states, size, forces = len(torque), len(state), len(m.z), len(s.reopening)
     offset = size - 1 - joints
     fill(room.copies, m.z, room)
-    for copy in each(state.shape[1]):
+    for lane in each(state.shape[1]):
         for j in each(joints):
-            torques[j, copy] = torque[j] + m.z[offset + j]
+            torques[j, lane] = torque[j] + m.z[offset + j]
     for j in each(states):
         state[j, 1 + j] += s.steps[j]
     for j in each(joints):

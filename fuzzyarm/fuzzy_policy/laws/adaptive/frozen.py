@@ -44,19 +44,14 @@ _TENTH = 0.1  # of the path, left out at either end, where the motors stick
 class FrozenObserver(LawPolicy):
     """The frozen loop; see the module's docstring."""
 
-    def __init__(self, policy: AdaptiveObserverPolicy, *, dry_friction: bool = True) -> None:
-        """Take the gains that `policy` has along the paper's path.
-
-        Args:
-            policy: whose adaptation is frozen.
-            dry_friction: whether the arm that it predicts has dry friction.
-        """
+    def __init__(self, policy: AdaptiveObserverPolicy) -> None:
+        """Take the gains that `policy` has along the paper's path, and predict an arm without dry friction."""
         super().__init__(policy.parameters, policy.control_period)
         self._postures, self._gains = _gains_along_path(policy)
         self.memory_size = policy.memory.noise.stop
-        base, slopes = affine_numbers(policy.arm if dry_friction else without_dry_friction(policy.arm))
+        base, slopes = affine_numbers(without_dry_friction(policy.arm))
         whole = dataclasses.replace(policy.weights, first_gain=1.0)
-        self._settings = policy.settings._replace(base=base, slopes=slopes, weights=whole)
+        self._settings = policy.settings.replaced(base=base, slopes=slopes, weights=whole)
 
     @functools.cached_property
     def control_law(self) -> Law:

@@ -289,7 +289,7 @@ class Smoother:
         self._used, spread = 4 * n + self._forces, np.zeros(N)
         spread[: 4 * n], spread[4 * n : self._used] = settings.spread[: 4 * n], FIRST_FORCE * unit_force(policy.arm)
         sure, bold = np.zeros(n), np.zeros(N)
-        self._settings = settings._replace(spread=spread, doubt=sure, cautious=bold, gate=math.inf)
+        self._settings = settings.replaced(spread=spread, doubt=sure, cautious=bold, gate=math.inf)
         two, line = Cells((2 * n,)), Cells((2 * self._physics.axes,))
         columns, slopes, forces = Cells((2 * n, N)), Cells((4 * n, N)), Cells((self._forces,))
         self._notes = Notes(two, two, columns, slopes, forces, Cells((self._forces, self._used)))
@@ -299,10 +299,7 @@ class Smoother:
     def force(self, state: PassState, lanes: np.ndarray, memory: np.ndarray) -> np.ndarray:
         """Return the tip force [N] (samples, lanes, axes) that explains the pass of some lanes, low-passed.
 
-        Args:
-            state: after the pass.
-            lanes: whether a lane is one of them.
-            memory: with the constants to take for granted, (lanes, memory_size).
+        Constants, payload and lateness are those of a memory (lanes, memory_size); `lanes` says which are some of them.
         """
         from scipy.signal import butter, sosfiltfilt  # slow to import, and looks for torch
 

@@ -24,42 +24,17 @@ from typing import Any
 
 import numpy as np
 
-from fuzzyarm.envs.fastest_mode import fastest_rate
 from fuzzyarm.envs.observation import Observation
-from fuzzyarm.envs.periods import default_substeps
 from fuzzyarm.envs.physics.equations import AnyArm, equations_of
 from fuzzyarm.envs.physics.parameters import ArmParameters
-from fuzzyarm.envs.physics.robot import Robot
-from fuzzyarm.fuzzy_policy.known_arm import per_joint_of, travel_of
+from fuzzyarm.fuzzy_policy.known_arm import travel_of
 from fuzzyarm.fuzzy_policy.law import Law, LawPolicy, law_of, seen_by, within_limits
-from fuzzyarm.fuzzy_policy.laws.adaptive.belief import (
-    FACTORS,
-    FLAG,
-    KEPT,
-    AdaptiveWeights,
-    affine_numbers,
-    belief_of,
-    layout,
-    mass_of,
-    places,
-    prior,
-    unit_force,
-)
-from fuzzyarm.fuzzy_policy.laws.adaptive.filter import (
-    INSIGNIFICANT,
-    NOISE_SHARE,
-    Room,
-    Settings,
-    correct,
-    predict,
-    tables_of,
-    with_tables,
-)
+from fuzzyarm.fuzzy_policy.laws.adaptive.belief import FACTORS, FLAG, KEPT, AdaptiveWeights, belief_of, layout, places
+from fuzzyarm.fuzzy_policy.laws.adaptive.filter import Room, Settings, correct, predict, tables_of, with_tables
 from fuzzyarm.fuzzy_policy.laws.adaptive.frozen import FrozenObserver
 from fuzzyarm.fuzzy_policy.laws.adaptive.law import act, adaptive_weights_for, feedback_table
 from fuzzyarm.fuzzy_policy.laws.adaptive.passes import AdaptivePasses
 from fuzzyarm.fuzzy_policy.laws.computed_torque import ComputedTorquePolicy
-from fuzzyarm.fuzzy_policy.laws.gain_schedule import schedule_of
 from fuzzyarm.fuzzy_policy.laws.tip import TipPolicy
 from fuzzyarm.fuzzy_policy.policy import Policy
 from fuzzyarm.numbers.functions import Cells, array, when
@@ -67,10 +42,6 @@ from fuzzyarm.numbers.machine import Kernel
 from fuzzyarm.numbers.program import Program
 
 __all__ = ["AdaptiveObserverPolicy", "Beliefs"]
-
-_STILL = 1e-3  # correction of the forces by a sample that counts as none, in unit forces
-# Steps of the differences that make F, far above rounding and far below what bends the equations.
-_ANGLE_STEP, _VELOCITY_STEP, _LOAD_STEP, _FACTOR_STEP = 1e-7, 1e-6, 1e-2, 1e-4
 
 
 @dataclasses.dataclass(frozen=True)
@@ -147,7 +118,8 @@ class AdaptiveObserverPolicy(LawPolicy):
         self.weights = weights or adaptive_weights_for(self.arm, self.control_period)
         self.fallback = fallback or TipPolicy(ComputedTorquePolicy(self.parameters, control_period))
         self.memory_size = self.memory.noise.stop + self.fallback.memory_size
-        self.settings = self._arranged()
+        feedback = feedback_table(self.arm, self.control_period, self.weights)
+        self.settings = Settings(self.arm, self.control_period, self.weights, feedback)
 
     def act_with(self, observation: np.ndarray, memory: np.ndarray, torque: np.ndarray, known: np.ndarray) -> None:
         """Do what `act` does where a part of the tip force is known beforehand, see `Room`."""
@@ -157,21 +129,17 @@ class AdaptiveObserverPolicy(LawPolicy):
     @functools.cached_property
     def control_law(self) -> Law:
         """The law of the module's docstring."""
-        answer, behind = self._answer_of(), self._behind
-
-        def alone(memory: Any, seen: Observation, given: Any, *tables: Any) -> tuple[Any, Any]:
-            return answer(memory, seen, None, given, *tables)  # type: ignore[no-any-return]
-
+        behind = self._behind
         given = behind.constants, tuple(map(float, self.fallback.torque_limit))
         held = places(equations_of(self.arm)), behind.memory
-        return Law(alone, held, given, (*tables_of(self.settings), *behind.tables))
+        return Law(self._answer_of(), held, given, (*tables_of(self.settings), *behind.tables))
 
     @functools.cached_property
     def _beside(self) -> Kernel:
         answer, law = self._answer_of(), self.control_law
 
         def beside(memory: Any, seen: Observation, known: Any, _: Any, given: Any, *tables: Any) -> tuple[Any, ...]:
-            after, torque = answer(memory, seen, known, given, *tables)
+            after, torque = answer(memory, seen, given, *tables, known=known)
             return after, seen, known, torque
 
         force = Cells((KEPT + 1, equations_of(self.arm).axes))
@@ -179,23 +147,19 @@ class AdaptiveObserverPolicy(LawPolicy):
         return Kernel(Program(beside, ports, law.constants, [table.shape for table in law.tables]))
 
     def _answer_of(self) -> Any:
-        """Return ``answer(memory, seen, known, given, *tables)``, the law with a force that is known beforehand."""
+        """Return the law ``answer(memory, seen, given, *tables, known)``; `known` as for `Room`."""
         physics, settings, own = equations_of(self.arm), self.settings, len(tables_of(self.settings))
         fall_back = within_limits(self._behind, self.joints, self.fallback.integral_at)
 
-        def answer(memory: Any, seen: Observation, known: Any, given: Any, *tables: Any) -> tuple[Any, Any]:
+        def answer(memory: Any, seen: Observation, given: Any, *tables: Any, known: Any = None) -> tuple[Any, Any]:
             (m, behind), s = memory, with_tables(settings, tables[:own])
             room, torque = Room(physics, s, known), array(physics.joints)
             correct(m, s, room, seen)
             act(room.acted, m, s, room, torque)
             predict(m, s, room, torque)
-
-            def instead() -> tuple[Any, Any]:
-                after, found = fall_back(behind, seen, given, *tables[own:])
-                return after, tuple(found)
-
-            own_answer = behind, tuple(torque[j] for j in range(physics.joints))
-            behind, found = when(m.flags[FLAG.lost] == 1.0, instead, own_answer)
+            found = behind, physics.PerJoint(*(torque[j] for j in range(physics.joints)))
+            lost = m.flags[FLAG.lost] == 1.0
+            behind, found = when(lost, lambda: fall_back(memory[1], seen, given, *tables[own:]), found)
             return (m, behind), found
 
         return answer
@@ -218,7 +182,7 @@ class AdaptiveObserverPolicy(LawPolicy):
 
     def without_dry_friction(self) -> FrozenObserver:
         """Return this policy with its adaptation frozen, for the same arm without dry friction."""
-        return FrozenObserver(self, dry_friction=False)
+        return FrozenObserver(self)
 
     def beliefs(self, state: np.ndarray) -> Beliefs:
         """Return what is believed at the next sample, from a state (..., memory_size) that `predict` gave.
@@ -261,48 +225,4 @@ class AdaptiveObserverPolicy(LawPolicy):
             diverged=own[..., FLAG.lost] != 0.0,
             at_end={name: ends[..., part].any(axis=-1) for name, part in belief._asdict().items()},
             other_path=np.zeros(shape, dtype=np.bool_),
-        )
-
-    def _arranged(self) -> Settings:
-        """Return what the law takes."""
-        arm, weights, period, belief = self.arm, self.weights, self.control_period, self.belief
-        joints, schedule, p, (base, slopes) = self.joints, schedule_of(arm), prior(arm, weights), affine_numbers(arm)
-        states, inertia, limit = 4 * joints, per_joint_of(arm, "motor_inertia"), self._torque_limit
-        still, substeps = np.zeros(joints), default_substeps(period, fastest_rate([arm]))
-        encoder = np.repeat([weights.encoder_angle, weights.encoder_velocity], joints)
-        first_state = (weights.encoder_angle, weights.first_link_angle, *[weights.encoder_velocity] * 2)
-        steps = [_ANGLE_STEP, _VELOCITY_STEP, _LOAD_STEP, _FACTOR_STEP]
-        shared, cautious = np.zeros((2, states + belief.lateness.stop))
-        for name in FACTORS:
-            shared[states:][getattr(belief, name)] = weights.first_scale
-        for name in (*FACTORS, "lateness"):  # they learn only from what the noise of the sensors does not explain
-            cautious[states:][getattr(belief, name)] = 1.0
-        return Settings(
-            weights=weights,
-            feedback=feedback_table(arm, period, weights),
-            schedule=(tuple(schedule.kept.tolist()), schedule.cosine, schedule.points),
-            soft_samples=weights.soft_start / period,
-            base=base,
-            slopes=slopes,
-            guess=p.guess,
-            spread=np.concatenate([np.repeat(first_state, joints), p.spread]),
-            shared=shared,
-            low=p.low,
-            high=p.high,
-            noise=np.concatenate([still, still, weights.motor_torque * limit / inertia, still, p.walk]) ** 2 * period,
-            doubt=weights.torque_doubt * period / (inertia * limit),
-            reopening=p.walk[: belief.force.stop] ** 2 * weights.reopening,
-            still=(_STILL * unit_force(arm)) ** 2,
-            steps=np.repeat(steps, [2 * joints, 2 * joints, belief.payload.stop, len(p.guess) - belief.payload.stop]),
-            variances=encoder**2,
-            cautious=cautious,
-            gate=weights.gate,
-            # A robot, for which nothing was tuned, begins to learn with more caution. The noise that it reads holds on
-            # to a first guess, so that it does not say which loads are significant.
-            first_share=NOISE_SHARE if isinstance(arm, Robot) else 1.0,
-            insignificant=0.0 if isinstance(arm, Robot) else INSIGNIFICANT**2,
-            limit=limit,
-            mass=mass_of(arm),
-            substep=period / substeps,
-            substeps=substeps,
         )

@@ -1,7 +1,5 @@
 """The filter's two steps against textbook formulas in NumPy, and the law's functions of the arm against the physics."""
 
-import dataclasses
-
 import numpy as np
 import pytest
 
@@ -62,8 +60,7 @@ def corrected(z, P, measured, variances, silent=NOTHING_SILENT, cautious=None, g
     m, room = believing(z, P)
     room.measured, room.variances, room.silent = measured, variances, silent
     cautious = np.zeros(SIZE) if cautious is None else cautious.astype(float)
-    s = SETTINGS._replace(cautious=cautious, weights=dataclasses.replace(AdaptiveWeights(), gate=gate))
-    surprise = update(m, s, room)
+    surprise = update(m, SETTINGS.replaced(cautious=cautious, gate=gate), room)
     return m.z, m.P, surprise
 
 
@@ -124,7 +121,7 @@ def test_confining_a_number_moves_the_others_as_their_covariance_says():
     z[-1], low[-1] = -1.0, 0.0
     expected = z + P[:, -1] / P[-1, -1]
     m, _ = believing(z, P)
-    confine(m, SETTINGS._replace(low=low, high=high))
+    confine(m, SETTINGS.replaced(low=low, high=high))
     np.testing.assert_allclose(m.z, expected, atol=1e-12)
 
 
@@ -133,7 +130,7 @@ def read_from(angle, velocity, period=1e-3):
     (m, room), found = believing(np.zeros(SIZE), np.zeros((SIZE, SIZE))), []
     m.read[:], m.flags[FLAG.samples] = (angle[0], velocity[0], -period * velocity[0]), 1.0 / NOISE_SHARE + 2.0
     for room.measured in np.column_stack([angle, velocity]).reshape(len(angle), 4):
-        note_noise(m, SETTINGS._replace(substep=period, substeps=1), room)
+        note_noise(m, SETTINGS.replaced(substep=period, substeps=1), room)
         found.append(m.noise.copy())
     return np.array(found)
 
@@ -197,7 +194,7 @@ def test_prediction_is_the_plants_own_and_the_covariance_f_p_ft_plus_q():
     whole = np.vstack([F, np.eye(SIZE)[STATES:]])
     expected = whole @ P @ whole.T + np.diag(noise)
     m, room = believing(z, P)
-    s = SETTINGS._replace(steps=steps, noise=noise)
+    s = SETTINGS.replaced(steps=steps, noise=noise)
     room.directions[:], room.numbers[:] = directions, base + slopes @ (z[STATES:] - GUESS)
     spread_copies(m, s, room, torque, slope)
     hold(*room.copies, 2e-4, 5)
