@@ -35,7 +35,7 @@ from fuzzyarm.eval.tuning.adaptive_search import CAP, GROUPS, NOISE, TAIL, Rando
 LAWS = "fuzzyarm.fuzzy_policy.laws.adaptive"
 CONSTANTS = {  # by name: the module whose code reads it, and what it is
     "MISTRUST": ("filter", "least expected variance of a measurement, in variances of the noise that is read"),
-    "INSIGNIFICANT": ("policy", "deviations up to which a load is none"),
+    "INSIGNIFICANT": ("filter", "deviations up to which a load is none"),
     "LATENESS_DOUBT": ("filter", "variance of the lateness that a surprise adds [control periods²]"),
     "LARGEST_SCALE": ("filter", "variance above which the common factor is not doubted"),
     "DIRECTED": ("filter", "direction of the corrections from which on forces are not calm"),
