@@ -34,11 +34,11 @@ from fuzzyarm.eval.tuning.adaptive_search import CAP, GROUPS, NOISE, TAIL, Rando
 
 LAWS = "fuzzyarm.fuzzy_policy.laws.adaptive"
 CONSTANTS = {  # by name: the module whose code reads it, and what it is
-    "MISTRUST": ("law", "least expected variance of a measurement, in variances of the noise that is read"),
-    "INSIGNIFICANT": ("policy", "deviations up to which a load is none"),
-    "LATENESS_DOUBT": ("forces", "variance of the lateness that a surprise adds [control periods²]"),
-    "LARGEST_SCALE": ("forces", "variance above which the common factor is not doubted"),
-    "DIRECTED": ("forces", "direction of the corrections from which on forces are not calm"),
+    "MISTRUST": ("filter", "least expected variance of a measurement, in variances of the noise that is read"),
+    "INSIGNIFICANT": ("filter", "deviations up to which a load is none"),
+    "LATENESS_DOUBT": ("filter", "variance of the lateness that a surprise adds [control periods²]"),
+    "LARGEST_SCALE": ("filter", "variance above which the common factor is not doubted"),
+    "DIRECTED": ("filter", "direction of the corrections from which on forces are not calm"),
 }
 FACTORS = (0.5, 1.0, 2.0)
 SEED, ARMS, NOISY = 31, 100, 16

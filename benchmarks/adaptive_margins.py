@@ -35,8 +35,8 @@ from fuzzyarm.envs.scenario.disturbances import EncoderNoise
 from fuzzyarm.eval.provenance import current_provenance
 from fuzzyarm.eval.stability.linearisation import gain_limits, largest_radius, linearise_path
 from fuzzyarm.eval.tuning.adaptive_search import GROUPS, RandomArms
+from fuzzyarm.fuzzy_policy.laws.adaptive.belief import AdaptiveWeights
 from fuzzyarm.fuzzy_policy.laws.adaptive.policy import AdaptiveObserverPolicy
-from fuzzyarm.fuzzy_policy.laws.adaptive.weights import AdaptiveWeights
 
 ARM, PERIOD, LANES, SEED, CAP_MM = ArmParameters(), 1e-3, 100, 77, 50.0
 LOADED = ("machining", "payload")

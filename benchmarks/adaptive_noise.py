@@ -25,7 +25,7 @@ from fuzzyarm.common.files import write_atomically
 from fuzzyarm.envs.scenario.disturbances import Disturbance, EncoderNoise
 from fuzzyarm.eval.provenance import current_provenance
 from fuzzyarm.eval.sweep.distributions import DISTRIBUTIONS
-from fuzzyarm.fuzzy_policy.laws.adaptive.belief import FACTORS, forces_in
+from fuzzyarm.fuzzy_policy.laws.adaptive.belief import FACTORS
 from fuzzyarm.fuzzy_policy.laws.adaptive.policy import AdaptiveObserverPolicy
 
 NOISE, EPISODES = EncoderNoise(position=1e-5, velocity=1e-3), 16
@@ -52,9 +52,9 @@ def fixed(names: tuple[str, ...]) -> AdaptiveObserverPolicy:
     for name in names:
         part = getattr(policy.belief, name)
         noise[states:][part], spread[states:][part], shared[states:][part] = 0.0, SURE, 0.0
-        if part.stop <= forces_in(policy.belief):
+        if part.stop <= policy.belief.force.stop:
             reopening[part] = 0.0
-    policy.settings = s._replace(noise=noise, spread=spread, shared=shared, reopening=reopening)
+    policy.settings = s.replaced(noise=noise, spread=spread, shared=shared, reopening=reopening)
     return policy
 
 

@@ -61,7 +61,7 @@ def measure(robot: Robot, count: int, seed: int, pairs: list[tuple[float, float]
     policy: Any = load_policy("adaptive-observer", robot=robot)
     envs, rows = environments(robot, count, seed), []
     for share, significant in pairs:
-        policy.settings = policy.settings._replace(first_share=share, insignificant=significant**2)
+        policy.settings = policy.settings.replaced(first_share=share, insignificant=significant**2)
         errors = np.array([largest_errors(policy, env) for env in envs]).reshape(2, count, PASSES)
         means = dict(zip(("without noise", "with noise"), errors.mean(axis=1).tolist(), strict=True))
         objective = float(errors.mean() + TAIL * errors.max())

@@ -33,8 +33,8 @@ from fuzzyarm.eval.provenance import current_provenance
 from fuzzyarm.eval.sweep.distributions import DISTRIBUTIONS
 from fuzzyarm.eval.tuning.adaptive_search import RandomArms, noisy_nominal
 from fuzzyarm.eval.tuning.finding import PERIOD
+from fuzzyarm.fuzzy_policy.laws.adaptive.belief import AdaptiveWeights
 from fuzzyarm.fuzzy_policy.laws.adaptive.policy import AdaptiveObserverPolicy
-from fuzzyarm.fuzzy_policy.laws.adaptive.weights import AdaptiveWeights
 
 GAINS, TIMES, DOUBTS = (0.4, 0.5, 0.6, 0.8), (0.01, 0.015, 0.03), (1e-6, 1.5e-3, 3e-3)
 SEED, TAIL = 7_000_000, 0.1

@@ -37,8 +37,8 @@ from fuzzyarm.eval.tuning.adaptive_search import (
 )
 from fuzzyarm.eval.tuning.finding import PERIOD
 from fuzzyarm.eval.tuning.search import found_weights, sobol_points
+from fuzzyarm.fuzzy_policy.laws.adaptive.belief import AdaptiveWeights
 from fuzzyarm.fuzzy_policy.laws.adaptive.policy import AdaptiveObserverPolicy
-from fuzzyarm.fuzzy_policy.laws.adaptive.weights import AdaptiveWeights
 
 ARM = ArmParameters()
 HOLD_OUT_SEEDS = (12, 13, 14)

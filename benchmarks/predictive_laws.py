@@ -14,15 +14,13 @@ from fuzzyarm.envs.physics.equations import equations_of
 from fuzzyarm.envs.physics.records import PerJoint, filled, flat
 from fuzzyarm.envs.scenario.reference import JointReference
 from fuzzyarm.fuzzy_policy.law import seen_by
-from fuzzyarm.fuzzy_policy.laws.adaptive.acting import gain_share
 from fuzzyarm.fuzzy_policy.laws.adaptive.belief import FLAG, KEPT, places, remembered
-from fuzzyarm.fuzzy_policy.laws.adaptive.filter import room_for
-from fuzzyarm.fuzzy_policy.laws.adaptive.law import steps_of
+from fuzzyarm.fuzzy_policy.laws.adaptive.filter import Room, correct, predict, tables_of, with_tables
+from fuzzyarm.fuzzy_policy.laws.adaptive.law import act, gain_share
 from fuzzyarm.fuzzy_policy.laws.adaptive.policy import AdaptiveObserverPolicy
-from fuzzyarm.fuzzy_policy.laws.adaptive.settings import tables_of, with_tables
 from fuzzyarm.fuzzy_policy.laws.elastic_observer import ElasticObserverPolicy
 from fuzzyarm.fuzzy_policy.laws.elastic_observer import steps_of as observer_steps_of
-from fuzzyarm.numbers.functions import Cells, array, each, only
+from fuzzyarm.numbers.functions import Cells, each, only
 from fuzzyarm.numbers.machine import Kernel
 from fuzzyarm.numbers.program import Program
 
@@ -90,7 +88,7 @@ class OnAdaptiveEstimate:
         policy = AdaptiveObserverPolicy(ARM, PERIOD)
         self._settings, self._weights, belief = policy.settings, policy.weights, policy.belief
         self._memory, self._found = np.zeros((1, policy.memory.noise.stop)), np.empty((1, _found().size))
-        self._parts = remembered(self._memory[0], JOINTS, len(policy.settings.guess), len(policy.settings.reopening))
+        self._parts = remembered(self._memory[0], equations_of(ARM))
         self._tables = tables_of(policy.settings)
         self._belief = {name: slice(STATES + at.start, STATES + at.stop) for name, at in belief._asdict().items()}
         self._k, self._torque, self._planned_at, self._payload = 0, np.zeros(JOINTS), 0, np.inf
@@ -170,23 +168,19 @@ def _sample() -> Kernel:
 
     From the second sample on it first predicts, with what was commanded at the last one.
     """
-    correct, act, predict = steps_of(equations_of(ARM))
-    policy, cells = _policy(), _found().cells
+    policy, cells, physics = _policy(), _found().cells, equations_of(ARM)
 
     def sample(m: Any, seen: Any, commanded: Any, found: Found, _: Any, *tables: Any) -> tuple[Any, ...]:
         s = with_tables(policy.settings, tables)
-        room, known = room_for(s), array(KEPT + 1, JOINTS)
-        for k in each(KEPT + 1):
-            for i in each(JOINTS):
-                known[k, i] = 0.0
+        room = Room(physics, s)
         for _ in only(m.flags[FLAG.samples] > 0.0):
             for j in range(JOINTS):
                 m.commands[0, j] = commanded[j]
             predict(m, s, room, commanded)
-        correct(seen, m, s, room)
-        act(room.acted, m, s, room, known, found.torque)
+        correct(m, s, room, seen)
+        act(room.acted, m, s, room, found.torque)
         for part, held in (
-            (found.acted, room.acted), (found.state, room.one[0][:, 0]), (found.numbers, room.numbers),
+            (found.acted, room.acted), (found.state, room.one.state[:, 0]), (found.numbers, room.numbers),
         ):  # fmt: skip
             for i in each(len(part)):
                 part[i] = held[i]
@@ -195,5 +189,5 @@ def _sample() -> Kernel:
                 found.link_torque[k, j] = room.link_torque[k, j]
         return m, seen, commanded, found
 
-    ports = places(JOINTS, policy.belief), seen_by(JOINTS), (0.0,) * JOINTS, cells
+    ports = places(physics), seen_by(JOINTS), (0.0,) * JOINTS, cells
     return Kernel(Program(sample, ports, (), [table.shape for table in tables_of(policy.settings)]))

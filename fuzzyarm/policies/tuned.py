@@ -21,7 +21,7 @@ from fuzzyarm.policies.registry import TIP
 
 if TYPE_CHECKING:
     from fuzzyarm.envs.physics.equations import AnyArm
-    from fuzzyarm.fuzzy_policy.laws.adaptive.weights import AdaptiveWeights
+    from fuzzyarm.fuzzy_policy.laws.adaptive.belief import AdaptiveWeights
     from fuzzyarm.fuzzy_policy.laws.observer_gains import ObserverWeights
     from fuzzyarm.fuzzy_policy.policy import Policy
 
@@ -99,7 +99,7 @@ class TunedLaws:
 
     def adaptive_weights(self) -> AdaptiveWeights:
         """Return the weights of the adaptive observer; ValueError if one is unknown, missing or out of range."""
-        from fuzzyarm.fuzzy_policy.laws.adaptive.weights import AdaptiveWeights
+        from fuzzyarm.fuzzy_policy.laws.adaptive.belief import AdaptiveWeights
 
         return _whole("adaptive", AdaptiveWeights, self.adaptive)
 

@@ -37,7 +37,7 @@ from fuzzyarm.eval.sweep.run import Sweep
 from fuzzyarm.eval.sweep.summary import summarise
 from fuzzyarm.eval.tuning.finding import write_finding
 from fuzzyarm.eval.tuning.steps import found
-from fuzzyarm.fuzzy_policy.laws.adaptive.weights import AdaptiveWeights
+from fuzzyarm.fuzzy_policy.laws.adaptive.belief import AdaptiveWeights
 from fuzzyarm.fuzzy_policy.laws.observer_gains import ObserverWeights
 from fuzzyarm.fuzzy_policy.scheduled import Premise, ScheduledController
 from fuzzyarm.fuzzy_policy.signed_files import digest_of

@@ -14,11 +14,10 @@ from fuzzyarm.envs.physics.dynamics import arm_constants, tip_jacobian
 from fuzzyarm.envs.physics.parameters import ArmParameters
 from fuzzyarm.envs.physics.records import PerJoint, State
 from fuzzyarm.envs.physics.two_joints import two_joints
-from fuzzyarm.fuzzy_policy.laws.adaptive.belief import FLAG, KEPT, remembered
-from fuzzyarm.fuzzy_policy.laws.adaptive.filter import room_for
-from fuzzyarm.fuzzy_policy.laws.adaptive.law import steps_of
+from fuzzyarm.fuzzy_policy.laws.adaptive.belief import FLAG, AdaptiveWeights, remembered
+from fuzzyarm.fuzzy_policy.laws.adaptive.filter import Room, correct, predict
+from fuzzyarm.fuzzy_policy.laws.adaptive.law import act
 from fuzzyarm.fuzzy_policy.laws.adaptive.policy import AdaptiveObserverPolicy
-from fuzzyarm.fuzzy_policy.laws.adaptive.weights import AdaptiveWeights
 from fuzzyarm.fuzzy_policy.laws.elastic_observer import ElasticObserverPolicy
 from fuzzyarm.fuzzy_policy.laws.elastic_target import ElasticTarget
 from fuzzyarm.learned_policy.bundle import BundleError
@@ -27,7 +26,6 @@ from fuzzyarm.learned_policy.estimate.network import EstimateNetwork, shapes_of
 from fuzzyarm.learned_policy.estimate.policy import LearnedObserverPolicy
 
 ARM, PERIOD, HIDDEN, MODULATION, JOINTS, AXES = ArmParameters(), 1e-3, 7, 3, 2, 2
-CORRECT, ACT, PREDICT = steps_of(two_joints())  # called as they are: not compiled
 
 
 def network(seed=0):
@@ -133,16 +131,16 @@ class Oracle:
             for _ in range(20):
                 q = o[:2] - np.array(two_joints().gravity(PerJoint(*q), constants)) / ARM.stiffness
             self.predicted = np.concatenate([o[:2], q, o[2:4], o[2:4], np.zeros(2)])
-        m, room, u_a = remembered(self.filter, 2, len(self.settings.guess), 3), room_for(self.settings), np.empty(2)
+        m, room, u_a = remembered(self.filter, two_joints()), Room(two_joints(), self.settings), np.empty(2)
         innovation = (o[:4] - m.z[[0, 1, 4, 5]]) * (m.flags[FLAG.samples] > 0)
-        CORRECT(observed(o), m, self.settings, room)
-        ACT(room.acted, m, self.settings, room, np.zeros((KEPT + 1, 2)), u_a)
+        correct(m, self.settings, room, observed(o))  # called as they are: not compiled
+        act(room.acted, m, self.settings, room, u_a)
         slow, estimate, u = self.correct(o, desired[0], feedforward[0])
         (belief, trust), gap = self.beliefs(m), u_a - u
         share = self.residual((innovation, slow), estimate[8:], gap, belief, self.context(o, feedforward[0], trust))
         u = np.clip(u + share * gap + self.rho * [600.0, 300.0], -np.array(ARM.torque_limit), ARM.torque_limit)
         m.commands[0] = applied
-        PREDICT(m, self.settings, room, u_a)
+        predict(m, self.settings, room, u_a)
         self.predicted = self.predict(estimate, applied)
         return u
 

@@ -35,8 +35,8 @@ from fuzzyarm.envs.scenario.reference import Reference
 from fuzzyarm.envs.scenario.reference_family import reference_family
 from fuzzyarm.eval.tuning.finding import PERIOD, force_factor, heaviest
 from fuzzyarm.eval.tuning.search import Budget, rounded
+from fuzzyarm.fuzzy_policy.laws.adaptive.belief import AdaptiveWeights
 from fuzzyarm.fuzzy_policy.laws.adaptive.policy import AdaptiveObserverPolicy
-from fuzzyarm.fuzzy_policy.laws.adaptive.weights import AdaptiveWeights
 from fuzzyarm.fuzzy_policy.policy import Policy
 
 __all__ = [

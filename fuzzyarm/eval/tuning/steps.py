@@ -27,8 +27,8 @@ from fuzzyarm.eval.tuning import adaptive_search, bandwidth, fuzzy_gains, observ
 from fuzzyarm.eval.tuning.finding import PERIOD, SCHEMA, Finding, finite
 from fuzzyarm.eval.tuning.search import WORTH, Budget, found_weights, sobol_points
 from fuzzyarm.eval.tuning.tip_bounds import measured_bounds
+from fuzzyarm.fuzzy_policy.laws.adaptive.belief import AdaptiveWeights
 from fuzzyarm.fuzzy_policy.laws.adaptive.policy import AdaptiveObserverPolicy
-from fuzzyarm.fuzzy_policy.laws.adaptive.weights import AdaptiveWeights
 from fuzzyarm.fuzzy_policy.laws.computed_torque import STEP, ComputedTorquePolicy, bandwidth_for
 from fuzzyarm.fuzzy_policy.laws.elastic_observer import ElasticObserverPolicy
 from fuzzyarm.fuzzy_policy.laws.fuzzy import FuzzyPolicy

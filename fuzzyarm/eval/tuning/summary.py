@@ -13,7 +13,7 @@ from fuzzyarm.envs.scenario.default_reference import default_reference
 from fuzzyarm.eval.stability.margins import margin_cells, margin_notes
 from fuzzyarm.eval.tuning.finding import PERIOD, Finding, heaviest
 from fuzzyarm.eval.tuning.tip_bounds import bounds_in_words
-from fuzzyarm.fuzzy_policy.laws.adaptive.weights import AdaptiveWeights
+from fuzzyarm.fuzzy_policy.laws.adaptive.belief import AdaptiveWeights
 from fuzzyarm.fuzzy_policy.laws.observer_gains import ObserverWeights
 from fuzzyarm.policies.registry import TIP
 from fuzzyarm.policies.tuned import ADAPTIVE_OBSERVER, ELASTIC_OBSERVER

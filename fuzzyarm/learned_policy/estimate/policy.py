@@ -32,12 +32,13 @@ from fuzzyarm.envs.physics.equations import AnyArm, equations_of
 from fuzzyarm.envs.physics.parameters import ArmParameters
 from fuzzyarm.envs.physics.physics import Physics
 from fuzzyarm.fuzzy_policy.law import Law, LawPolicy, seen_by
-from fuzzyarm.fuzzy_policy.laws.adaptive.belief import FLAG, KEPT, Memory, places
-from fuzzyarm.fuzzy_policy.laws.adaptive.filter import room_for
-from fuzzyarm.fuzzy_policy.laws.adaptive.law import steps_of
+from fuzzyarm.fuzzy_policy.laws.adaptive.belief import FLAG, Memory, places
+from fuzzyarm.fuzzy_policy.laws.adaptive.filter import Room, tables_of, with_tables
+from fuzzyarm.fuzzy_policy.laws.adaptive.filter import correct as correct_adaptive
+from fuzzyarm.fuzzy_policy.laws.adaptive.filter import predict as predict_adaptive
+from fuzzyarm.fuzzy_policy.laws.adaptive.law import act as act_adaptive
+from fuzzyarm.fuzzy_policy.laws.adaptive.law import adaptive_weights_for
 from fuzzyarm.fuzzy_policy.laws.adaptive.policy import AdaptiveObserverPolicy, Beliefs
-from fuzzyarm.fuzzy_policy.laws.adaptive.settings import tables_of, with_tables
-from fuzzyarm.fuzzy_policy.laws.adaptive.weights import adaptive_weights_for
 from fuzzyarm.fuzzy_policy.laws.elastic_observer import Constants, ElasticObserverPolicy, Observed
 from fuzzyarm.fuzzy_policy.laws.elastic_observer import steps_of as observer_steps_of
 from fuzzyarm.fuzzy_policy.laws.elastic_target import ElasticTarget, past_of
@@ -130,7 +131,7 @@ class LearnedObserverPolicy(LawPolicy):
         sizes = len(flat(observed)) + self.joints, self.adaptive.memory.noise.stop, network.hidden
         _, self.filter, self.hidden = consecutive(*sizes)
         self.memory_size = self.hidden.stop
-        filter_places = places(self.joints, self.adaptive.belief)
+        filter_places = places(physics)
         self._places = _Memory(observed, nothing, filter_places, Cells((network.hidden,)))
         target = ElasticTarget(arm, self.control_period)
         substeps = default_substeps(self.control_period, fastest_rate([arm]))
@@ -207,7 +208,6 @@ class LearnedObserverPolicy(LawPolicy):
         physics, schedule = equations_of(arm), self._schedule
         kept = tuple(schedule.kept.tolist())
         correct, act, predict = observer_steps_of(physics, kept, schedule.cosine, schedule.points)
-        correct_adaptive, act_adaptive, predict_adaptive = steps_of(physics)
         units, turns, limit = units_of(arm), turns_of(arm), self._torque_limit.tolist()
         in_z, in_c = unexplained_parts(joints, physics.axes), context_parts(joints, physics.axes)
         see_context, torques = context_of(physics), units.torque.tolist()
@@ -215,16 +215,13 @@ class LearnedObserverPolicy(LawPolicy):
         def learned(memory: _Memory, seen: Observation, c: Constants, *tables: Any) -> tuple[Any, ...]:
             feedback, observer, *others = tables
             s, layers = with_tables(settings, others[: -len(Layers._fields)]), Layers(*others[-len(Layers._fields) :])
-            m, h, room, adaptive = memory.filter, memory.hidden, room_for(s), array(joints)
-            z, context, known = array(in_z.belief.stop), array(in_c.motion.stop), array(KEPT + 1, physics.axes)
-            for k in each(KEPT + 1):
-                for i in each(physics.axes):
-                    known[k, i] = 0.0
+            m, h, room, adaptive = memory.filter, memory.hidden, Room(physics, s), array(joints)
+            z, context = array(in_z.belief.stop), array(in_c.motion.stop)
             found = correct(memory.observer, seen, c, observer)
             see_context(seen, found.u_ff, limit, turns, c.target.arm, units, context)
             see_innovation(seen, m, units, z, in_z)
-            correct_adaptive(seen, m, s, room)
-            act_adaptive(room.acted, m, s, room, known, adaptive)
+            correct_adaptive(m, s, room, seen)
+            act_adaptive(room.acted, m, s, room, adaptive)
             torque, gap = act(found, seen, c, feedback), []
             for i, most in enumerate(limit):
                 asked, far = adaptive[i], _FARTHEST * most

@@ -47,9 +47,8 @@ from fuzzyarm.envs.physics.two_joints import two_joints
 from fuzzyarm.envs.scenario.cases import load_scale
 from fuzzyarm.envs.scenario.kinematics import reach, velocity_limits
 from fuzzyarm.fuzzy_policy.known_arm import per_joint_of
-from fuzzyarm.fuzzy_policy.laws.adaptive.belief import FLAG, Memory
-from fuzzyarm.fuzzy_policy.laws.adaptive.settings import Settings
-from fuzzyarm.fuzzy_policy.laws.adaptive.weights import mass_of, unit_force
+from fuzzyarm.fuzzy_policy.laws.adaptive.belief import FLAG, Memory, mass_of, unit_force
+from fuzzyarm.fuzzy_policy.laws.adaptive.filter import Settings
 from fuzzyarm.learned_policy.network import area_sine
 from fuzzyarm.numbers.functions import each, maximum, only
 

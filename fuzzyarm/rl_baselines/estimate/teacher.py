@@ -20,12 +20,10 @@ from fuzzyarm.envs.physics.records import columns, filled, flat, size
 from fuzzyarm.envs.physics.two_joints import two_joints
 from fuzzyarm.envs.scenario.randomisation import draw_record
 from fuzzyarm.fuzzy_policy.law import seen_by
-from fuzzyarm.fuzzy_policy.laws.adaptive.acting import act_of
 from fuzzyarm.fuzzy_policy.laws.adaptive.belief import KEPT, Memory, places
-from fuzzyarm.fuzzy_policy.laws.adaptive.filter import room_for
-from fuzzyarm.fuzzy_policy.laws.adaptive.law import begin_of, take_in
+from fuzzyarm.fuzzy_policy.laws.adaptive.filter import Room, begin, tables_of, take_in, with_tables
+from fuzzyarm.fuzzy_policy.laws.adaptive.law import act
 from fuzzyarm.fuzzy_policy.laws.adaptive.policy import AdaptiveObserverPolicy
-from fuzzyarm.fuzzy_policy.laws.adaptive.settings import tables_of, with_tables
 from fuzzyarm.numbers.functions import Cells
 from fuzzyarm.numbers.machine import Kernel
 from fuzzyarm.numbers.program import Program
@@ -77,7 +75,7 @@ class Teacher:
         return np.hstack([self._lanes.numbers(slice(size(self._physics.State))).T, p])
 
     def _numbers(self) -> np.ndarray:
-        """Return the numbers (lanes, k) of the arms as they are, of which beliefs are affine, see `adaptive.arm`."""
+        """Return the numbers (lanes, k) of the arms as they are, of which beliefs are affine, see `adaptive.belief`."""
         lanes, physics = self._lanes, self._physics
         if physics is two_joints():
             return np.array(lanes.numbers(columns(lanes.layout.Lane).arm)).T
@@ -97,28 +95,23 @@ class Teacher:
     @functools.cached_property
     def _acting(self) -> Kernel:
         """The kernel that acts on the truth: on memory, observation, truth, known force and torque."""
-        begin, act, settings, joints = (
-            begin_of(self._physics),
-            act_of(self._physics),
-            self._settings,
-            self._physics.joints,
-        )
+        physics, settings, joints = self._physics, self._settings, self._physics.joints
 
         def act_on_truth(
             m: Memory, seen: Observation, truth: Any, known: Any, torque: Any, _: Any, *tables: Any
         ) -> tuple[Any, ...]:
             s = with_tables(settings, tables)
-            room = room_for(s)
-            take_in(seen, m, room)
+            room = Room(physics, s, known)
+            take_in(m, room, seen)
             begin(m, s, room)
-            act(truth, m, s, room, known, torque)
+            act(truth, m, s, room, torque)
             return m, seen, truth, known, torque
 
         ports = (
-            places(joints, self._belief),
+            places(physics),
             seen_by(joints),
             Cells((len(settings.spread),)),
-            Cells((KEPT + 1, self._physics.axes)),
+            Cells((KEPT + 1, physics.axes)),
             Cells((joints,)),
         )
         return Kernel(Program(act_on_truth, ports, (), [table.shape for table in tables_of(settings)]))

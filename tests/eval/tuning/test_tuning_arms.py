@@ -13,7 +13,7 @@ from fuzzyarm.envs.physics.parameters import ArmParameters
 from fuzzyarm.eval.engine import Engine
 from fuzzyarm.eval.evaluation.run import EvaluationConfig, evaluate
 from fuzzyarm.eval.tuning.run import begin, tune
-from fuzzyarm.fuzzy_policy.laws.adaptive.weights import AdaptiveWeights
+from fuzzyarm.fuzzy_policy.laws.adaptive.belief import AdaptiveWeights
 from fuzzyarm.fuzzy_policy.laws.computed_torque import BANDWIDTH
 from fuzzyarm.fuzzy_policy.laws.observer_gains import ObserverWeights
 from fuzzyarm.policies import policies_of

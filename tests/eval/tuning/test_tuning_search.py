@@ -12,7 +12,7 @@ from fuzzyarm.eval.engine import Engine
 from fuzzyarm.eval.tuning import adaptive_search, observer_search
 from fuzzyarm.eval.tuning.finding import PERIODS, force_factor, heaviest, periods_of, radius_within
 from fuzzyarm.eval.tuning.search import WORTH, Budget, Descent, best_of, descend, found_weights, sobol_points
-from fuzzyarm.fuzzy_policy.laws.adaptive.weights import AdaptiveWeights
+from fuzzyarm.fuzzy_policy.laws.adaptive.belief import AdaptiveWeights
 from fuzzyarm.fuzzy_policy.laws.observer_gains import ObserverWeights
 
 MINIMUM = np.log([0.02, 3.0])

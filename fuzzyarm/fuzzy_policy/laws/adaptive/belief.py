@@ -1,4 +1,4 @@
-"""What the adaptive observer estimates beside the arm's state: load, constants of the arm, lateness.
+"""What the adaptive observer estimates beside the arm's state, and remembers from one sample to the next.
 
     p = (f_t, F, m_p, k, β, φ, μ, ι, w, d)
 
@@ -6,266 +6,321 @@ The load is a force f_t along the reference's tip velocity, a free force F at th
 μ and ι are factors, one for each joint, of stiffness, damping, dry friction, link mass and inertia, and motor inertia.
 w is a torque that acts beside that of each motor, and d the time from a command to the motors, in control periods.
 
-The numbers of the arm, see `arm`, are affine in (m_p, k, β, φ, μ, ι): a = a_0 + S (p - p_0).
+The equations of the arm take numbers a that are affine in (m_p, k, β, φ, μ, ι): a = a_0 + S (p - p_0). For the
+two-joint arm they are the constants of its equations. The constants of a robot are not affine in its masses; its
+numbers are those of the `Plant`, then a mass at the tip [kg], and the constants follow from them.
 
-A lane remembers it from one sample to the next, with what else the law needs, in a fixed number of numbers: `Memory`.
+How uncertain p is beforehand, and what an error costs, is said by `AdaptiveWeights`: torques in shares of the arm's
+`torque_limit`, joint by joint, and forces in shares of `unit_force`, so that the same weights fit arms of another size.
 """
 
 from __future__ import annotations
 
+import dataclasses
 import functools
+from collections.abc import Mapping
+from types import SimpleNamespace
 from typing import Any, NamedTuple
 
 import numpy as np
 
+from fuzzyarm.common.checks import real
 from fuzzyarm.common.slices import consecutive
+from fuzzyarm.envs.physics import records
+from fuzzyarm.envs.physics.elementwise import root, select
 from fuzzyarm.envs.physics.equations import AnyArm, equations_of
+from fuzzyarm.envs.physics.hold import held_of
 from fuzzyarm.envs.physics.physics import Physics
-from fuzzyarm.fuzzy_policy.known_arm import per_joint_of
-from fuzzyarm.fuzzy_policy.laws.adaptive.arm import numbers_of
-from fuzzyarm.fuzzy_policy.laws.adaptive.weights import AdaptiveWeights, mass_of, unit_force
-from fuzzyarm.numbers.functions import Cells
+from fuzzyarm.envs.physics.records import filled, size
+from fuzzyarm.envs.physics.robot import Robot
+from fuzzyarm.envs.physics.two_joints import two_joints
+from fuzzyarm.envs.scenario.kinematics import reach
+from fuzzyarm.fuzzy_policy.known_arm import QUANTITIES, Drives, per_joint_of
+from fuzzyarm.fuzzy_policy.laws.observer_gains import WEIGHT_RANGE
+from fuzzyarm.numbers.functions import Cells, each, flat, maximum
 
 __all__ = [
-    "CAUTIOUS", "ENOUGH", "FACTORS", "FLAG", "KEPT", "LONGEST_LATENESS", "ORDERS", "Belief", "Flags", "Memory",
-    "affine_numbers", "allowed", "belief_of", "first_guess", "first_spread", "forces_in", "layout", "places",
-    "remembered", "walks",
+    "FACTORS", "FLAG", "KEPT", "LONGEST_LATENESS", "AdaptiveWeights", "ArmFunctions", "Belief", "Flags", "Memory",
+    "Prior", "affine_numbers", "belief_of", "layout", "mass_of", "numbers_of", "places", "prior", "remembered",
+    "unit_force",
 ]  # fmt: skip
-
-
-class Belief(NamedTuple):
-    """The parts of p, or where they lie in an array; the letters are those of the module's docstring.
-
-    Attributes:
-        travel_force: f_t [N].
-        force: F [N].
-        payload: m_p [kg].
-        stiffness: k.
-        damping: β.
-        friction: φ.
-        mass: μ.
-        motor_inertia: ι.
-        offset: w [N m].
-        lateness: d [control periods].
-    """
-
-    travel_force: Any
-    force: Any
-    payload: Any
-    stiffness: Any
-    damping: Any
-    friction: Any
-    mass: Any
-    motor_inertia: Any
-    offset: Any
-    lateness: Any
-
-
-FACTORS = ("stiffness", "damping", "friction", "mass", "motor_inertia")
-"""The parts that are factors of the known arm."""
-CAUTIOUS = (*FACTORS, "lateness")
-"""The parts that learn only from what the noise of the sensors does not explain."""
-
-_LARGEST_FORCE = 4.0  # in unit forces
-_LARGEST_OFFSET = 0.2  # share of the torque limit
-_LIGHTEST, _HEAVIEST = -0.1, 2.0  # payload, in masses of the links; below zero: links lighter than known
-_FACTOR_RANGE = {
-    "stiffness": (0.5, 1.9),
-    "damping": (0.0, 3.0),
-    "friction": (0.0, 3.0),
-    "mass": (0.5, 1.9),
-    "motor_inertia": (0.5, 1.9),
-}
-
-
-@functools.cache
-def belief_of(physics: Physics) -> Belief:
-    """Return where the parts of p lie for arms with these equations; the forces come first, the lateness last."""
-    return Belief(*consecutive(1, physics.axes, 1, *[physics.joints] * (len(FACTORS) + 1), 1))
-
-
-def forces_in(belief: Belief) -> int:
-    """Return how many numbers of p are forces."""
-    return int(belief.force.stop)
-
-
-def first_guess(arm: AnyArm) -> np.ndarray:
-    """Return p_0: no load, the known arm, no lateness."""
-    return _filled(arm, Belief(0.0, 0.0, 0.0, **dict.fromkeys(FACTORS, 1.0), offset=0.0, lateness=0.0))
-
-
-def first_spread(arm: AnyArm, weights: AdaptiveWeights) -> np.ndarray:
-    """Return the standard deviations of p when an episode begins."""
-    force = weights.first_force * unit_force(arm)
-    return _filled(
-        arm,
-        Belief(
-            force,
-            force,
-            weights.first_payload * mass_of(arm),
-            weights.first_stiffness,
-            weights.first_damping,
-            weights.first_friction,
-            weights.first_inertia,
-            weights.first_inertia,
-            weights.first_offset * per_joint_of(arm, "torque_limit"),
-            weights.first_lateness,
-        ),
-    )
-
-
-def walks(arm: AnyArm, weights: AdaptiveWeights) -> np.ndarray:
-    """Return how fast each number of p walks, in its unit per √s."""
-    force, still = unit_force(arm), dict.fromkeys(FACTORS, 0.0)
-    parts = Belief(weights.travel_walk * force, weights.force_walk * force, 0.0, **still, offset=0.0, lateness=0.0)
-    return _filled(arm, parts)
-
-
-def allowed(arm: AnyArm, longest: float) -> tuple[np.ndarray, np.ndarray]:
-    """Return the lowest and the highest p; `longest` is the highest lateness [control periods]."""
-    force, mass = _LARGEST_FORCE * unit_force(arm), mass_of(arm)
-    torque = _LARGEST_OFFSET * per_joint_of(arm, "torque_limit")
-    low, high = ({name: ends[side] for name, ends in _FACTOR_RANGE.items()} for side in range(2))
-    return (
-        _filled(arm, Belief(-force, -force, _LIGHTEST * mass, **low, offset=-torque, lateness=0.0)),
-        _filled(arm, Belief(force, force, _HEAVIEST * mass, **high, offset=torque, lateness=longest)),
-    )
-
-
-def affine_numbers(arm: AnyArm) -> tuple[np.ndarray, np.ndarray]:
-    """Return a_0, the numbers of the known arm, and S (numbers of the arm, numbers of p)."""
-    physics = equations_of(arm)
-    base, belief = numbers_of(arm, physics), belief_of(physics)
-    slopes = np.zeros((len(base), belief.lateness.stop))
-    slopes[:, belief.payload] = (numbers_of(arm, physics, 1.0) - base)[:, np.newaxis]
-    for name in FACTORS:
-        for joint in range(physics.joints):
-            doubled = numbers_of(arm, physics, factors={name: 1.0 + np.eye(physics.joints)[joint]})
-            slopes[:, getattr(belief, name).start + joint] = doubled - base
-    return base, slopes
-
-
-def _filled(arm: AnyArm, parts: Belief) -> np.ndarray:
-    """Return an array with these numbers, each repeated over its part."""
-    belief = belief_of(equations_of(arm))
-    array = np.empty(belief.lateness.stop)
-    for where, value in zip(belief, parts, strict=True):
-        array[where] = value
-    return array
-
 
 LONGEST_LATENESS = 3
 """Longest time from a command to the motors that the filter considers [control periods]."""
 KEPT = 5
 """References kept, the present one included: the derivatives of the joint torque are differences of four of them, and
 the feedforward's change takes one more."""
-ORDERS = 3
-"""Of a reference: q_d, q̇_d and q̈_d."""
-ENOUGH = 1e6
-"""Samples that are counted."""
-READ = 3  # numbers of a joint kept of the last sample, see `read_noise`
+REST = 1e-9  # m/s; below, a tip has no direction of travel
+
+
+@dataclasses.dataclass(frozen=True)
+class AdaptiveWeights:
+    """What the filter expects and what the regulator weighs.
+
+    Attributes:
+        link_angle: link error [rad] that costs as much as the whole torque.
+        link_velocity: link velocity error [rad/s] that costs as much as the whole torque.
+        first_gain: share of the regulator's gain with which an episode begins.
+        soft_start: how long it is that share [s], which then grows to 1 in as long again.
+        motor_torque: white noise of the motor torque, share of the torque limit times √s.
+        torque_doubt: share of the torque limit by which a motor's torque may be wrong after a jump of the commanded
+            torque by the whole limit; it grows with the square of the jump.
+        travel_walk: random walk of the force along the path, share of the unit force per √s.
+        force_walk: random walk of each component of the free force, likewise.
+        calm_walk: share of these walks that the forces make where nothing but noise corrects them.
+        reopening: time of walk that a force is given at once where it begins to move [s].
+        encoder_angle: standard deviation of a measured angle [rad].
+        encoder_velocity: standard deviation of a measured velocity [rad/s].
+        first_force: standard deviation of each force when an episode begins, share of the unit force.
+        first_payload: of the payload at the tip, share of the mass of all links.
+        first_stiffness: of the factors of joint stiffness.
+        first_damping: of the factors of joint damping.
+        first_friction: of the factors of dry friction.
+        first_inertia: of the factors of link masses and of motor inertias.
+        first_offset: of the torques beside the motors', share of the torque limit.
+        first_scale: of a factor that all of the arm's constants share, as a wrong torque constant gives them.
+        first_lateness: of the lateness [control periods].
+        first_link_angle: of the link angles [rad].
+        scale_doubt: variance that a sample of surprise a adds to that factor, over a.
+        gate: squared standardised innovation above which a sample counts less.
+        dead_zone: squared innovation, in variances of the noise that is read, below which constants do not learn.
+        largest_swing: mean of the commands' jumps, as shares of the torque limits, from which on the loop counts as
+            lost; a mean above 2 is not possible.
+
+    Raises:
+        TypeError: a weight is no number.
+        ValueError: a weight lies outside `WEIGHT_RANGE`.
+    """
+
+    link_angle: float = 0.0037
+    link_velocity: float = 1.57
+    first_gain: float = 0.5
+    soft_start: float = 0.015
+    motor_torque: float = 4.9e-4
+    torque_doubt: float = 0.4
+    travel_walk: float = 1.5
+    force_walk: float = 0.59
+    calm_walk: float = 0.33
+    reopening: float = 0.29
+    encoder_angle: float = 2e-5
+    encoder_velocity: float = 2.1e-3
+    first_force: float = 2e-3
+    first_payload: float = 0.125
+    first_stiffness: float = 0.12
+    first_damping: float = 0.3
+    first_friction: float = 0.3
+    first_inertia: float = 0.06
+    first_offset: float = 0.01
+    first_scale: float = 0.1
+    first_lateness: float = 1.5
+    first_link_angle: float = 1e-3
+    scale_doubt: float = 1.5e-3
+    gate: float = 1.5
+    dead_zone: float = 16.0
+    largest_swing: float = 0.5
+
+    def __post_init__(self) -> None:
+        """Check the weights."""
+        low, high = WEIGHT_RANGE
+        for field in dataclasses.fields(self):
+            real(f"AdaptiveWeights.{field.name}", getattr(self, field.name), low=low, high=high)
+
+
+def unit_force(arm: AnyArm) -> float:
+    """Return the force [N] at the tip of the stretched arm that takes the whole torque of the first motor."""
+    if isinstance(arm, Robot):
+        return float(arm.drive("torque_limit")[0] / reach(arm))
+    return arm.torque_limit[0] / sum(arm.length)
+
+
+def mass_of(arm: AnyArm) -> float:
+    """Return the mass of all links [kg]."""
+    return float(sum(arm.arrays.mass)) if isinstance(arm, Robot) else sum(arm.mass)
+
+
+class Belief(NamedTuple):
+    """The parts of p, or where they lie in an array; the forces come first, the lateness last."""
+
+    travel_force: Any  # f_t [N]
+    force: Any  # F [N], (axes,)
+    payload: Any  # m_p [kg]
+    stiffness: Any  # k (n,)
+    damping: Any  # β (n,)
+    friction: Any  # φ (n,)
+    mass: Any  # μ (n,)
+    motor_inertia: Any  # ι (n,)
+    offset: Any  # w [N m], (n,)
+    lateness: Any  # d [control periods]
+
+
+FACTORS = ("stiffness", "damping", "friction", "mass", "motor_inertia")
+"""The parts that are factors of the known arm."""
+
+
+@functools.cache
+def belief_of(physics: Physics) -> Belief:
+    """Return where the parts of p lie, as slices, for arms with these equations."""
+    return Belief(*consecutive(1, physics.axes, 1, *[physics.joints] * (len(FACTORS) + 1), 1))
+
+
+class Prior(NamedTuple):
+    """What is taken for granted of p, each an array (numbers of p,)."""
+
+    guess: Any  # p_0: no load, the known arm, no lateness
+    spread: Any  # standard deviations when an episode begins
+    walk: Any  # how fast each number walks, per √s
+    low: Any
+    high: Any
+
+
+def prior(arm: AnyArm, weights: AdaptiveWeights) -> Prior:
+    """Return the prior for an arm."""
+    w, limit, mass, unit = weights, per_joint_of(arm, "torque_limit"), mass_of(arm), unit_force(arm)
+    first, force, torque = w.first_force * unit, 4.0 * unit, 0.2 * limit
+    parts = Belief(  # p_0, deviation, walk, lowest and highest; a negative payload: links lighter than known
+        travel_force=(0.0, first, w.travel_walk * unit, -force, force),
+        force=(0.0, first, w.force_walk * unit, -force, force),
+        payload=(0.0, w.first_payload * mass, 0.0, -0.1 * mass, 2.0 * mass),
+        stiffness=(1.0, w.first_stiffness, 0.0, 0.5, 1.9),
+        damping=(1.0, w.first_damping, 0.0, 0.0, 3.0),
+        friction=(1.0, w.first_friction, 0.0, 0.0, 3.0),
+        mass=(1.0, w.first_inertia, 0.0, 0.5, 1.9),
+        motor_inertia=(1.0, w.first_inertia, 0.0, 0.5, 1.9),
+        offset=(0.0, w.first_offset * limit, 0.0, -torque, torque),
+        lateness=(0.0, w.first_lateness, 0.0, 0.0, float(LONGEST_LATENESS)),
+    )
+    belief = belief_of(equations_of(arm))
+    arrays = np.empty((len(Prior._fields), belief.lateness.stop))
+    for part, values in zip(belief, parts, strict=True):
+        for array, value in zip(arrays, values, strict=True):
+            array[part] = value
+    return Prior(*arrays)
+
+
+def numbers_of(arm: AnyArm, payload: float = 0.0, factors: Mapping[str, np.ndarray] | None = None) -> np.ndarray:
+    """Return the numbers a (k,) of an arm with a payload [kg] and factors (n,) of its constants, by `FACTORS`."""
+    physics = equations_of(arm)
+    drawn = dict.fromkeys((*FACTORS, "viscous_friction"), np.ones(physics.joints)) | dict(factors or {})
+    drawn["dry_friction"] = drawn.pop("friction")
+    draw = SimpleNamespace(**{name: physics.PerJoint(*values.tolist()) for name, values in drawn.items()})
+    plant = physics.varied(physics.plant_of(arm), draw)
+    numbers = physics.constants(plant, 0.0, 0.0, payload) if physics is two_joints() else (*plant, payload)
+    return np.array(flat(numbers), dtype=np.float64)
+
+
+def affine_numbers(arm: AnyArm) -> tuple[np.ndarray, np.ndarray]:
+    """Return a_0, the numbers of the known arm, and S (numbers of the arm, numbers of p)."""
+    base, belief = numbers_of(arm), belief_of(equations_of(arm))
+    slopes = np.zeros((len(base), belief.lateness.stop))
+    slopes[:, belief.payload] = (numbers_of(arm, 1.0) - base)[:, np.newaxis]
+    for name in FACTORS:
+        part = getattr(belief, name)
+        for joint, unit in enumerate(np.eye(part.stop - part.start)):
+            slopes[:, part.start + joint] = numbers_of(arm, factors={name: 1.0 + unit}) - base
+    return base, slopes
+
+
+class ArmFunctions:
+    """Functions of the numbers a (k,) of an arm with these equations: n joints, a tip in a space of some axes."""
+
+    def __init__(self, physics: Physics) -> None:
+        """Note which numbers they are."""
+        self._physics, self._advance, self._planar = physics, held_of(physics), physics is two_joints()
+        self._record = physics.Arm if self._planar else physics.Plant
+        short = "motor_inertia", "viscous", "stiffness", "damping", "dry_friction"
+        at, names = records.places(self._record), short if self._planar else QUANTITIES
+        drives = (tuple(getattr(at, f"{name}{1 + joint}") for name in names) for joint in range(physics.joints))
+        self._drives = [flat(drive) for drive in drives]  # where the numbers of each joint's stand
+
+    def constants_in(self, numbers: Any) -> Any:
+        """Return the constants of the equations."""
+        given, count = list(numbers), size(self._record)
+        known = filled(self._record, given[:count])
+        return known if self._planar else self._physics.constants(known, 0.0, 0.0, given[count])
+
+    def drive(self, numbers: Any, joint: int) -> Drives:
+        """Return motor and spring of one joint."""
+        found: Drives = filled(Drives, (numbers[k] for k in self._drives[joint]))
+        return found
+
+    def hold(self, state: Any, torque: Any, force: Any, numbers: Any, h: Any, substeps: int) -> None:
+        """Advance copies of the arm over a control step, see `held_of`.
+
+        The state (4 n, copies) changes in place; the others are torques [N m], force lines [N] and numbers of each
+        copy, by columns.
+        """
+        physics, axes = self._physics, self._physics.axes
+        for copy in each(state.shape[1]):
+            now = filled(physics.State, (state[i, copy] for i in range(len(state))))
+            held = physics.PerJoint(*(torque[j, copy] for j in range(physics.joints)))
+            mean, change = ([force[first + i, copy] for i in range(axes)] for first in (0, axes))
+            arm = self.constants_in([numbers[i, copy] for i in range(len(numbers))])
+            for i, number in enumerate(flat(self._advance(now, held, mean, change, arm, h, substeps))):
+                state[i, copy] = number
+
+    def link_torque(self, q: Any, dq: Any, ddq: Any, force: Any, arm: Any) -> list[Any]:
+        """Return M q̈ + C q̇ + g - Jᵀ F (n,) [N m], the torque of the joints under a tip force F (axes,) [N]."""
+        PerJoint = self._physics.PerJoint
+        inner = self._physics.inverse_dynamics(PerJoint(*q), PerJoint(*dq), PerJoint(*ddq), arm)
+        outer = self._physics.tip_load(PerJoint(*q), self._physics.Point(*force), arm)
+        return [a - b for a, b in zip(inner, outer, strict=True)]
+
+    def tip_direction(self, q: Any, dq: Any, arm: Any) -> list[Any]:
+        """Return v/|v| (axes,) of the tip at q (n,) [rad] and q̇ (n,) [rad/s], zeros at rest."""
+        PerJoint, square = self._physics.PerJoint, 0.0
+        velocity = self._physics.tip_velocity(PerJoint(*q), PerJoint(*dq), arm)
+        for v in velocity:
+            square = square + v * v
+        speed = root(square)
+        scale = select(speed > REST, 1.0 / maximum(speed, REST), 0.0)
+        return [v * scale for v in velocity]
 
 
 class Flags(NamedTuple):
-    """Single numbers of a memory, or where they stand among them.
+    """Single numbers of a memory, or where they stand among them."""
 
-    Attributes:
-        samples: how many there have been, up to `ENOUGH`.
-        surprise: ν²/s of the last samples, on average; about 1 where the filter is right.
-        lost: 1 once the filter has diverged or the torques swing, else 0.
-        calm: 1 where the corrections of the forces look like noise, 0 where they have a direction.
-        taught: 1 if the memory that an episode begins with holds what an earlier pass has taught, else 0.
-        swing: mean of the commands' jumps of the last samples, see `law.note_swing`.
-    """
-
-    samples: Any
-    surprise: Any
-    lost: Any
-    calm: Any
-    taught: Any
-    swing: Any
+    samples: Any  # how many there have been, up to `filter.ENOUGH`
+    surprise: Any  # ν²/s of the last samples, on average; about 1 where the filter is right
+    lost: Any  # 1 once the filter has diverged or the torques swing, else 0
+    calm: Any  # 1 where the corrections of the forces look like noise, 0 where they have a direction
+    taught: Any  # 1 if the memory that an episode begins with holds what an earlier pass has taught, else 0
+    swing: Any  # mean of the commands' jumps of the last samples, see `filter.note_swing`
 
 
 FLAG = Flags(*range(len(Flags._fields)))
 """Where they stand."""
-_FLAGS = len(FLAG)
 
 
 class Memory(NamedTuple):
-    """The parts of one lane's memory as arrays; zeros when an episode begins. n joints, N numbers of z.
+    """The parts of one lane's memory as arrays; zeros when an episode begins. n joints, N numbers of z = (x, p)."""
 
-    Attributes:
-        flags: see `Flags`.
-        z: prediction of (x, p) for this sample, (N,).
-        P: its covariance, (N, N).
-        commands: torques commanded [N m], newest first, (`LONGEST_LATENESS` + 2, n).
-        references: q_d, q̇_d, q̈_d, newest first, (`KEPT`, `ORDERS`, n).
-        read: what `read_noise` keeps of the last sample, (3, n).
-        moves: mean of the corrections of each force [N], then that of their square [N²], (forces + 1,).
-        noise: variance of the noise of the measured angles [rad²], (n,).
-    """
-
-    flags: Any
-    z: Any
-    P: Any
-    commands: Any
-    references: Any
-    read: Any
-    moves: Any
-    noise: Any
+    flags: Any  # see `Flags`
+    z: Any  # prediction for this sample, (N,)
+    P: Any  # its covariance, (N, N)
+    commands: Any  # torques commanded [N m], newest first, (`LONGEST_LATENESS` + 2, n)
+    references: Any  # q_d, q̇_d, q̈_d, newest first, (`KEPT`, 3, n)
+    read: Any  # θ, θ̇ and e of the last sample, see `filter.note_noise`, (3, n)
+    moves: Any  # mean of the corrections of each force [N], then that of their square [N²], (forces + 1,)
+    noise: Any  # variance of the noise of the measured angles [rad²], (n,)
 
 
-def places(joints: int, belief: Belief) -> Memory:
+def places(physics: Physics) -> Memory:
     """Return the parts as places of arrays in a law's memory."""
-    size = 4 * joints + belief.lateness.stop
+    joints, belief = physics.joints, belief_of(physics)
+    N = 4 * joints + belief.lateness.stop
     shapes = (
-        (_FLAGS,), (size,), (size, size), (LONGEST_LATENESS + 2, joints), (KEPT, ORDERS, joints), (READ, joints),
-        (forces_in(belief) + 1,), (joints,),
+        (len(FLAG),), (N,), (N, N), (LONGEST_LATENESS + 2, joints), (KEPT, 3, joints), (3, joints),
+        (belief.force.stop + 1,), (joints,),
     )  # fmt: skip
     return Memory(*map(Cells, shapes))
 
 
-def layout(joints: int, belief: Belief) -> Memory:
-    """Return where the parts lie, as slices; `belief` says where the parts of p do."""
-    size = 4 * joints + belief.lateness.stop
-    return Memory(
-        *consecutive(
-            _FLAGS,
-            size,
-            size * size,
-            (LONGEST_LATENESS + 2) * joints,
-            KEPT * ORDERS * joints,
-            READ * joints,
-            forces_in(belief) + 1,
-            joints,
-        )
-    )
+def layout(physics: Physics) -> Memory:
+    """Return where the parts lie in a lane's memory, as slices."""
+    return Memory(*consecutive(*(part.size for part in places(physics))))
 
 
-def remembered(memory: np.ndarray, joints: int, beliefs: int, forces: int) -> Memory:
-    """Return the parts of one lane's memory as views of it, each in its shape.
-
-    Args:
-        memory: of the lane.
-        joints: n.
-        beliefs: how many numbers p has.
-        forces: how many of them are forces.
-    """
-    size = 4 * joints + beliefs
-    z = _FLAGS
-    covariance = z + size
-    commands = covariance + size * size
-    references = commands + (LONGEST_LATENESS + 2) * joints
-    read = references + KEPT * ORDERS * joints
-    moves = read + READ * joints
-    noise = moves + forces + 1
-    return Memory(
-        memory[:z],
-        memory[z:covariance],
-        memory[covariance:commands].reshape((size, size)),
-        memory[commands:references].reshape((LONGEST_LATENESS + 2, joints)),
-        memory[references:read].reshape((KEPT, ORDERS, joints)),
-        memory[read:moves].reshape((READ, joints)),
-        memory[moves:noise],
-        memory[noise : noise + joints],
-    )
+def remembered(memory: np.ndarray, physics: Physics) -> Memory:
+    """Return the parts of one lane's memory as views of it, each in its shape."""
+    parts = zip(layout(physics), places(physics), strict=True)
+    return Memory(*(memory[at].reshape(part.shape) for at, part in parts))

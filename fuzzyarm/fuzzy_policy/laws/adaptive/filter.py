@@ -1,4 +1,4 @@
-"""The extended Kalman filter of the adaptive observer: its correction by a sample and its step over a control period.
+"""The extended Kalman filter of the adaptive observer, and how far it trusts itself.
 
 z = (x, p) with x = (θ, q, θ̇, q̇) of the elastic arm and p of `belief`; P is the covariance of its error. Everything is
 recorded and works in place on one lane's arrays; the sizes follow from the arrays.
@@ -16,279 +16,653 @@ nothing. Without this dead zone the estimated stiffness drifts with the noise, b
 bending correlates with that in the innovation. The covariance of such a partial correction is that of the partial
 update of Schmidt's filter: entry (i, j) shrinks by 1 - (1 - λ_i)(1 - λ_j) of a whole correction.
 
-What is computed for one lane has its place in a `Room`, so that nothing is allocated from sample to sample.
+Forces stray little while only noise corrects them. c_k are the corrections of the forces by the samples, in N, and
+means are over the last `SHARE`⁻¹ samples or so:
+
+    s = |mean c|² / (mean |c|² + floor),    calm → 1 for s up to `NOISE`, falling to 0 for s from `DIRECTED` on.
+
+Corrections by noise point anywhere, so that s is about `SHARE`/2; those by a force that moves have one direction, and s
+goes to 1, however small they are. The ratio needs no variance of any sensor. Calm comes slowly and goes at once. The
+forces walk (1 - calm) + `calm_walk` calm times as fast as they do when they move; where calm goes, their variance also
+grows by that of `reopening` seconds of walk, which it would have had without calm.
+
+A motor's torque may be wrong by the share w (Δu/u_max)² of its limit u_max, w = `torque_doubt` and Δu the largest jump
+of the commands that are on their way. A wrong torque constant or lateness acts through such jumps, and what it does to
+the motors would be taken for a load that is answered by a larger jump.
+
+A filter may become sure of a wrong lateness. Where the innovations are larger than it expects, the lateness is doubted:
+a sample whose ν²/s is on average 1 + a adds `LATENESS_DOUBT` a to its variance, up to the first one. So is a factor
+that all of the arm's constants share, as a wrong torque constant gives them: the sample adds
+
+    P_ik ← P_ik + min(`scale_doubt` a, max(0, `LARGEST_SCALE` - min P_jj))
+
+to the covariance of any two of these factors, j being any of them.
+
+The law acts on the load that the noise of the encoders does not explain, see `significant`. l are the forces and the
+payload, the first numbers of p, l_0 their first guess, and x the state:
+
+    d² = (l - l_0)ᵀ P_ll⁻¹ (l - l_0),   s = max(0, 1 - c² calm ρ/d²),
+    l_a = l_0 + s (l - l_0),            x_a = x - (1 - s) P_xl P_ll⁻¹ (l - l_0).
+
+ρ is the share that the noise that is read has in the variance that the filter expects of a measured angle, the largest
+of all joints. A load within c standard deviations by that noise moves nothing, one far beyond is hardly smaller than it
+is believed (the positive part of the estimator of James and Stein). Without noise ρ is 0, where corrections have a
+direction calm is 0, and in both cases s is 1. x_a is the state that fits l_a: the mean of x, given l_a.
+The filter itself goes on with x and l.
 """
 
 from __future__ import annotations
 
+import copy
 from typing import Any, NamedTuple
 
+import numpy as np
+
+from fuzzyarm.envs.fastest_mode import fastest_rate
+from fuzzyarm.envs.observation import Observation
+from fuzzyarm.envs.periods import default_substeps
 from fuzzyarm.envs.physics.elementwise import root
-from fuzzyarm.fuzzy_policy.laws.adaptive.belief import KEPT
-from fuzzyarm.fuzzy_policy.laws.adaptive.settings import Settings
-from fuzzyarm.numbers.functions import array, each, maximum, minimum, only, select
+from fuzzyarm.envs.physics.equations import AnyArm, equations_of
+from fuzzyarm.envs.physics.physics import Physics
+from fuzzyarm.envs.physics.robot import Robot
+from fuzzyarm.fuzzy_policy.known_arm import per_joint_of
+from fuzzyarm.fuzzy_policy.laws.adaptive.belief import (
+    FACTORS,
+    FLAG,
+    KEPT,
+    LONGEST_LATENESS,
+    AdaptiveWeights,
+    ArmFunctions,
+    Memory,
+    affine_numbers,
+    belief_of,
+    mass_of,
+    prior,
+    unit_force,
+)
+from fuzzyarm.fuzzy_policy.laws.gain_schedule import schedule_of
+from fuzzyarm.numbers.functions import array, each, floor, maximum, minimum, only, select
 
 __all__ = [
-    "Lanes", "Room", "confine", "correct", "fill_lanes", "lanes_of", "numbers_at", "read_noise", "room_for", "step",
+    "MISTRUST", "Copies", "Room", "Settings", "begin", "command", "correct", "fill", "numbers_at", "predict", "sent",
+    "tables_of", "take_in", "update", "with_tables",
 ]  # fmt: skip
 
-
+ENOUGH = 1e6  # samples that are counted
+STATICS_STEPS = 20  # iterations of the fixed point for the first estimate; for Table 1 each gains three digits
+CHANGE = 6.0  # variance of e - e_last in `note_noise`, in variances of the angles' noise
+NOISE_SHARE = 0.03  # of a sample, in the estimated noise of the encoders, once there have been enough
+MISTRUST = 8.0  # least variance of a measured angle that is expected, in variances of the noise that is read
+SURPRISE_SHARE = 0.02  # of a sample, in the mean surprise
+DIVERGED = 50.0  # mean surprise at which a filter counts as diverged
+SWING_SHARE = 0.1  # of a sample, in the mean of the commands' jumps
+SHARE = 0.1  # of a sample, in the means of the corrections
+NOISE, DIRECTED = 0.08, 0.3  # s up to which corrections count as noise, and from which on as a motion
+CALMING, STIRRING = 0.02, 0.7  # share of the way to more and to less calm that a sample makes
+LATENESS_DOUBT = 0.01  # variance of the lateness per surprise [control periods²]
+LARGEST_SCALE = 0.1  # variance of the surest factor above which the shared one is not doubted
+INSIGNIFICANT = 1.25  # c of an arm whose noise is a mean over all samples
+ROUNDING = 1e-9  # least share of a variance that the other loads leave unexplained
+STILL = 1e-3  # correction of the forces by a sample that counts as none, in unit forces
+# Steps of the differences that make F, of angles, velocities, loads and factors, far above rounding and far below what
+# bends the equations.
+STEPS = (1e-7, 1e-6, 1e-2, 1e-4)
 TINY = 1e-300
-CHANGE = 6.0  # variance of e - e_last in `read_noise`, in variances of the angles' noise
 
 
-class Lanes(NamedTuple):
-    """Room for copies of the arm that differ in one number each, whose differences are the columns of F.
+class Settings:
+    """What the law takes, as arrays and numbers; n joints, N numbers of z.
 
-    Attributes:
-        state: (4 n, copies).
-        torque: (n, copies).
-        force: (rows of a force line, copies).
-        numbers: of the arm, (numbers, copies).
-        jacobian: F, the rows of x, (4 n, numbers of z).
-        product: likewise.
-        wide: (n,) steps of the motor velocities.
+    Args:
+        arm: the known one.
+        control_period: T [s].
+        weights: of the filter and of the regulator.
+        feedback: K, a row for each payload and point (payloads · points, n · 4 n), see `law.feedback_table`.
     """
 
-    state: Any
-    torque: Any
-    force: Any
-    numbers: Any
-    jacobian: Any
-    product: Any
-    wide: Any
+    def __init__(self, arm: AnyArm, control_period: float, weights: AdaptiveWeights, feedback: np.ndarray) -> None:
+        """Work them out."""
+        belief, p, schedule = belief_of(equations_of(arm)), prior(arm, weights), schedule_of(arm)
+        limit, inertia = per_joint_of(arm, "torque_limit"), per_joint_of(arm, "motor_inertia")
+        n, loads, period, still = len(limit), belief.payload.stop, control_period, np.zeros(len(limit))
+        encoder, unknown = np.repeat([weights.encoder_angle, weights.encoder_velocity], n), isinstance(arm, Robot)
+        first_state = (weights.encoder_angle, weights.first_link_angle, *[weights.encoder_velocity] * 2)
+        shared, cautious = np.zeros((2, 4 * n + len(p.guess)))
+        for name in FACTORS:
+            shared[4 * n :][getattr(belief, name)] = weights.first_scale
+        for name in (*FACTORS, "lateness"):
+            cautious[4 * n :][getattr(belief, name)] = 1.0
+        self.weights = weights
+        self.feedback = feedback
+        # Over the angles of which joints it is tabulated, whether at even cosines, and at how many points of each.
+        self.schedule = tuple(schedule.kept.tolist()), schedule.cosine, schedule.points
+        self.soft_samples = weights.soft_start / period
+        self.base, self.slopes = affine_numbers(arm)  # a_0 and S
+        self.guess = p.guess  # p_0
+        self.spread = np.concatenate([np.repeat(first_state, n), p.spread])  # deviations of z as an episode begins (N,)
+        self.shared = shared  # what numbers of z share then, times its standard deviation (N,)
+        self.low, self.high = p.low, p.high  # lowest and highest p
+        # Diagonal of Q (N,).
+        self.noise = np.concatenate([still, still, weights.motor_torque * limit / inertia, still, p.walk]) ** 2 * period
+        # Deviation of a motor velocity per square of a jump of its command [rad/s / (N m)²], (n,).
+        self.doubt = weights.torque_doubt * period / (inertia * limit)
+        # Variance of the forces after `AdaptiveWeights.reopening` seconds of walk [N²], (forces,).
+        self.reopening = p.walk[: belief.force.stop] ** 2 * weights.reopening
+        self.still = (STILL * unit_force(arm)) ** 2  # square of a correction of the forces that counts as none [N²]
+        self.steps = np.repeat(STEPS, [2 * n, 2 * n, loads, len(p.guess) - loads])  # of the differences that make F
+        self.variances = encoder**2  # of the measured numbers (2 n,)
+        self.cautious = cautious  # 1 where a number of z learns only beyond the dead zone, else 0 (N,)
+        self.gate = weights.gate
+        # A robot, for which nothing was tuned, begins to learn with more caution. The noise that it reads holds on to a
+        # first guess, so that it does not say which loads are significant.
+        self.first_share = NOISE_SHARE if unknown else 1.0  # largest share of a sample in the noise that is read
+        self.insignificant = 0.0 if unknown else INSIGNIFICANT**2  # c² of `significant`
+        self.limit = limit  # torque limits [N m]
+        self.mass = mass_of(arm)  # of all links [kg]
+        self.substeps = default_substeps(period, fastest_rate([arm]))  # in a control period
+        self.substep = period / self.substeps  # h [s]
+
+    @property
+    def period(self) -> float:
+        """The control period T [s]."""
+        return self.substep * self.substeps
+
+    def replaced(self, **parts: Any) -> Settings:
+        """Return the settings with some of them replaced by others."""
+        other = copy.copy(self)
+        vars(other).update(parts)
+        return other
 
 
-def lanes_of(joints: int, size: int, numbers: int, rows: int) -> Lanes:
-    """Return room for an arm of n joints and so many numbers, `size` numbers of z and force lines of so many rows."""
-    copies = 1 + size + joints
-    return Lanes(
-        array(4 * joints, copies),
-        array(joints, copies),
-        array(rows, copies),
-        array(numbers, copies),
-        array(4 * joints, size),
-        array(4 * joints, size),
-        array(joints),
-    )
+def tables_of(settings: Settings) -> tuple[np.ndarray, ...]:
+    """Return the arrays that the law looks up by index, in a fixed order and in double precision."""
+    parts = vars(settings).values()
+    return tuple(np.array(part, dtype=np.float64, order="C") for part in parts if isinstance(part, np.ndarray))
 
 
-def numbers_at(p: Any, first: Any, base: Any, slopes: Any, numbers: Any) -> None:
-    """Fill the numbers of the arm of p, a = a_0 + S (p - p_0)."""
-    for i in each(len(base)):
-        numbers[i] = base[i]
-        for j in each(len(p)):
-            numbers[i] += slopes[i, j] * (p[j] - first[j])
+def with_tables(settings: Settings, tables: Any) -> Settings:
+    """Return the settings with other arrays in place of those of `tables_of`."""
+    names = [name for name, part in vars(settings).items() if isinstance(part, np.ndarray)]
+    return settings.replaced(**dict(zip(names, tables, strict=True)))
 
 
-def read_noise(measured: Any, read: Any, noise: Any, share: float, period: float) -> None:
-    """Let `noise` (n,) follow the variance of the measured angles, from what velocities do not explain of their steps.
+class Copies(NamedTuple):
+    """Copies of the arm, one in each column."""
+
+    state: Any  # (4 n, copies)
+    torque: Any  # (n, copies)
+    force: Any  # force line (rows, copies)
+    numbers: Any  # of the arm (numbers, copies)
+
+
+class Room:
+    """Room for what is computed for one lane; n joints, N numbers of z, and a tip in a space of some axes.
+
+    A force line has a row for each axis of the mean force, then for each axis of its change.
+
+    Args:
+        physics: equations of the arm.
+        s: settings.
+        known: a tip force [N] known beforehand, which the estimated one adds to: at this sample, at those before it,
+            and at the next one, (`KEPT` + 1, axes); None: none.
+    """
+
+    def __init__(self, physics: Physics, s: Settings, known: Any = None) -> None:
+        """Take the room."""
+        n, N, axes, forces = physics.joints, len(s.spread), physics.axes, physics.axes + 1
+
+        def copies(count: int) -> Copies:
+            return Copies(array(4 * n, count), array(n, count), array(2 * axes, count), array(len(s.base), count))
+
+        self.arm = ArmFunctions(physics)
+        self.copies = copies(1 + N + n)  # which differ in one number each: their differences are the columns of F
+        self.F, self.FP = array(4 * n, N), array(4 * n, N)  # the rows of x
+        self.wide = array(n)  # steps of the motor velocities
+        self.one = copies(1)
+        self.numbers = array(len(s.base))  # of the arm
+        self.innovation, self.expected = array(2 * n), array(2 * n)  # ν and P_yy + r of each measured number
+        self.columns = array(2 * n, N)  # P_y of each
+        self.measured = array(2 * n)  # θ and θ̇
+        self.variances = array(2 * n)  # of the measured numbers
+        self.silent = array(2 * n)  # a of the module's docstring
+        self.moved = array(forces)  # forces before a correction
+        self.acted = array(N)  # z on which the law acts, see `significant`
+        self.deviation = array(forces + 1)  # P_ll⁻¹ (l - l_0) there
+        self.factor = array(forces + 1, forces + 1)  # of P_ll
+        self.link_torque = array(KEPT, n)  # τ_d of each kept reference
+        self.travel = array(KEPT + 1, axes)  # direction of travel of each, then the next one
+        self.directions = array(2 * axes, forces)  # force line of each unit force
+        self.line = array(2 * axes)  # force line of the known force
+        self.joints = array(4, n)  # for short use
+        self.error = array(4 * n)
+        self.gain = array(n, 4 * n)  # K
+        self.known = array(KEPT + 1, axes) if known is None else known
+        for i in each(2 * axes):
+            self.line[i] = 0.0
+            for force in each(forces):
+                self.directions[i, force] = 0.0
+        for i in each(axes):
+            self.directions[i, 1 + i] = 1.0
+        for k in each(KEPT + 1 if known is None else 0):
+            for i in each(axes):
+                self.known[k, i] = 0.0
+
+
+def correct(m: Memory, s: Settings, room: Room, seen: Observation) -> None:
+    """Correct by a sample, and fill `acted`; nothing moves in a filter that has diverged."""
+    for i in each(len(room.acted)):  # of a diverged filter, too: in C both sides of a branch fill it
+        room.acted[i] = m.z[i]
+    for _ in only(m.flags[FLAG.lost] == 0.0):
+        take_in(m, room, seen)
+        begin(m, s, room)
+        note_noise(m, s, room)
+        for i in each(len(room.moved)):
+            room.moved[i] = m.z[4 * len(m.noise) + i]
+        surprise = update(m, s, room)
+        m.flags[FLAG.surprise] += SURPRISE_SHARE * (surprise - m.flags[FLAG.surprise])
+        doubt_lateness(m, s, surprise)
+        doubt_scale(m, s, surprise)
+        note_moves(m, s, room.moved)
+        confine(m, s)
+        note_swing(m, s)
+        right = (m.flags[FLAG.surprise] < DIVERGED) & (m.flags[FLAG.swing] < s.weights.largest_swing)
+        m.flags[FLAG.lost] = select(right & _finite(m), m.flags[FLAG.lost], 1.0)
+        significant(m, s, room)
+
+
+def take_in(m: Memory, room: Room, seen: Observation) -> None:
+    """Take in what is measured and asked for, and count the sample."""
+    joints = len(m.noise)
+    for j in range(joints):
+        room.measured[j], room.measured[joints + j] = seen.q_motor[j], seen.dq_motor[j]
+        for order, now in enumerate((seen.q_reference[j], seen.dq_reference[j], seen.ddq_reference[j])):
+            for k in range(KEPT - 1, 0, -1):
+                m.references[k, order, j] = m.references[k - 1, order, j]
+            m.references[0, order, j] = now
+    m.flags[FLAG.samples] = minimum(m.flags[FLAG.samples] + 1.0, ENOUGH)
+
+
+def begin(m: Memory, s: Settings, room: Room) -> None:
+    """Fill the first z and P, if what was taken in is the first sample.
+
+    K_t (θ - q) = g(q) for the measured θ, links as fast as motors, p_0. What an earlier pass has taught is kept, but
+    for the loads, which begin anew.
+    """
+    joints = len(m.noise)
+    bent, link, taught = room.joints[1], m.z[joints : 2 * joints], m.flags[FLAG.taught] != 0.0
+    still, force = [0.0] * joints, [0.0] * room.known.shape[1]
+    for _ in only(m.flags[FLAG.samples] == 1.0):
+        arm = room.arm.constants_in(s.base)
+        for _ in only(taught):
+            _forget(m, s, 4 * joints + len(s.reopening))
+        for _ in only(~taught):
+            _forget(m, s, len(m.z))
+        for j in range(joints):
+            m.z[j] = link[j] = room.measured[j]
+            m.z[2 * joints + j] = m.z[3 * joints + j] = room.measured[joints + j]
+            m.noise[j] = s.variances[j]
+            for part in each(len(m.read)):
+                m.read[part, j] = room.measured[j]
+            for k in range(1, KEPT):
+                for order in range(3):
+                    m.references[k, order, j] = m.references[0, order, j]
+        for _ in each(STATICS_STEPS):
+            for j, tau in enumerate(room.arm.link_torque(link, still, still, force, arm)):
+                bent[j] = tau
+            for j in range(joints):
+                link[j] = room.measured[j] - bent[j] / room.arm.drive(s.base, j).stiffness
+        for k in each(len(m.commands)):
+            for j in each(joints):
+                m.commands[k, j] = bent[j]
+
+
+def _forget(m: Memory, s: Settings, count: int) -> None:
+    """Let the first `count` numbers of z be as uncertain as at the first sample, and those of p among them p_0."""
+    states = len(m.z) - len(s.guess)
+    for i in each(count):
+        for j in each(len(m.z)):
+            m.P[i, j] = m.P[j, i] = 0.0
+    for i in each(count):
+        m.P[i, i] = s.spread[i] * s.spread[i]
+        for j in each(count):
+            m.P[i, j] += s.shared[i] * s.shared[j]
+    for i in each(count - states):
+        m.z[states + i] = s.guess[i]
+
+
+def note_noise(m: Memory, s: Settings, room: Room) -> None:
+    """Read the variance σ² of the measured angles' noise, from what velocities do not explain of their steps.
 
         e = θ - θ_last - T (θ̇ + θ̇_last)/2,    σ² ← σ² + share ((e - e_last)²/6 - σ²).
 
     e is 0 for a torque that is constant between two samples, and so is its change, nearly, where the loop vibrates:
-    a vibration at ω that the commands cause is read as about (ωT)³/12 of its amplitude or less.
+    a vibration at ω that the commands cause is read as about (ωT)³/12 of its amplitude or less. σ² is a mean of all
+    samples, from the third, which has the first change of e, until a sample's share is `NOISE_SHARE`.
 
-    Args:
-        measured: θ and θ̇ of this sample, (2 n,).
-        read: θ, θ̇ and e of the last sample (3, n), which become those of this one.
-        noise: σ² [rad²].
-        share: of this sample, in σ².
-        period: T [s].
+    From σ² follows which variances the measured numbers have, and how much of them teaches nothing.
     """
-    joints = len(noise)
+    joints, samples = len(m.noise), m.flags[FLAG.samples]
+    share = maximum(NOISE_SHARE, 1.0 / maximum(samples - 2.0, 1.0))
+    share = select(samples > 2.0, minimum(share, s.first_share), 0.0)
     for j in each(joints):
-        rest = measured[j] - read[0, j] - 0.5 * period * (measured[joints + j] + read[1, j])
-        change = rest - read[2, j]
-        noise[j] += share * (change * change / CHANGE - noise[j])
-        read[0, j], read[1, j], read[2, j] = measured[j], measured[joints + j], rest
+        angle, velocity = room.measured[j], room.measured[joints + j]
+        rest = angle - m.read[0, j] - 0.5 * s.period * (velocity + m.read[1, j])
+        change = rest - m.read[2, j]
+        m.noise[j] += share * (change * change / CHANGE - m.noise[j])
+        m.read[0, j], m.read[1, j], m.read[2, j] = angle, velocity, rest
+        ratio = s.variances[joints + j] / s.variances[j]
+        room.silent[j] = s.weights.dead_zone * m.noise[j]
+        room.silent[joints + j] = room.silent[j] * ratio
+        room.variances[j] = maximum(s.variances[j], MISTRUST * m.noise[j])
+        room.variances[joints + j] = room.variances[j] * ratio
 
 
-def correct(
-    z: Any,
-    P: Any,
-    measured: Any,
-    variances: Any,
-    silent: Any,
-    cautious: Any,
-    gate: float,
-    column: Any,
-) -> Any:
-    """Correct z and P by motor angles and velocities; return the mean of ν²/(P_yy + r).
-
-    `silent` (2 n,) are the a of the module's docstring; `cautious` says which numbers of z learn only a share.
-    """
-    size, joints, surprise = len(z), len(measured) // 2, array(1)
+def update(m: Memory, s: Settings, room: Room) -> Any:
+    """Correct z and P by motor angles and velocities; return the mean of ν²/(P_yy + r)."""
+    z, P, joints, surprise = m.z, m.P, len(room.measured) // 2, array(1)
     surprise[0] = 0.0
     for half in range(2):
         for joint in each(joints):
             k, at = half * joints + joint, 2 * half * joints + joint  # θ and θ̇ in x
-            innovation = measured[k] - z[at]
-            square, spread = innovation * innovation, P[at, at] + variances[k]
+            innovation = room.measured[k] - z[at]
+            square, spread = innovation * innovation, P[at, at] + room.variances[k]
+            room.innovation[k], room.expected[k], column = innovation, spread, room.columns[k]
             surprise[0] += square / spread
-            spread = maximum(spread, square / gate)
-            learned = maximum(0.0, 1.0 - silent[k] / (square + TINY))
+            spread = maximum(spread, square / s.gate)
+            learned = maximum(0.0, 1.0 - room.silent[k] / (square + TINY))
             kept = 1.0 - (1.0 - learned) * (1.0 - learned)
-            for i in each(size):
+            for i in each(len(z)):
                 column[i] = P[at, i]
-            for i in each(size):
-                factor, shy = column[i] / spread, cautious[i] > 0.0
+            for i in each(len(z)):
+                factor, shy = column[i] / spread, s.cautious[i] > 0.0
                 z[i] += factor * innovation * select(shy, learned, 1.0)
                 share = select(shy, kept, 1.0)
-                for j in each(size):
-                    P[i, j] -= factor * column[j] * select(cautious[j] > 0.0, share, 1.0)
+                for j in each(len(z)):
+                    P[i, j] -= factor * column[j] * select(s.cautious[j] > 0.0, share, 1.0)
     return surprise[0] / (2.0 * joints)
 
 
-def confine(z: Any, P: Any, low: Any, high: Any) -> None:
+def doubt_lateness(m: Memory, s: Settings, surprise: Any) -> None:
+    """Let a sample with this mean ν²/s add to the variance of the lateness."""
+    last = len(m.z) - 1
+    wider = m.P[last, last] + LATENESS_DOUBT * maximum(0.0, surprise - 1.0)
+    m.P[last, last] = minimum(wider, s.spread[last] * s.spread[last])
+
+
+def doubt_scale(m: Memory, s: Settings, surprise: Any) -> None:
+    """Let a sample with this mean ν²/s add to the variance of the factor that the arm's constants share."""
+    first, beliefs, least = len(m.z) - len(s.guess), len(s.guess), array(1)
+    least[0] = LARGEST_SCALE
+    for belief in each(beliefs):
+        i = first + belief
+        least[0] = select(s.shared[i] > 0.0, minimum(least[0], m.P[i, i]), least[0])
+    more = minimum(s.weights.scale_doubt * maximum(0.0, surprise - 1.0), LARGEST_SCALE - least[0])
+    for belief in each(beliefs):
+        i = first + belief
+        for other in each(beliefs):
+            k = first + other
+            both = (s.shared[i] > 0.0) & (s.shared[k] > 0.0)
+            m.P[i, k] = select(both, m.P[i, k] + more, m.P[i, k])
+
+
+def note_moves(m: Memory, s: Settings, before: Any) -> None:
+    """Bring `calm` and the variances of the forces up to date, after a correction of the forces `before` (forces,)."""
+    first, forces, square, mean = len(m.z) - len(s.guess), len(before), array(1), array(1)
+    square[0], mean[0] = 0.0, 0.0
+    for i in each(forces):
+        change = m.z[first + i] - before[i]
+        square[0] += change * change
+        m.moves[i] += SHARE * (change - m.moves[i])
+        mean[0] += m.moves[i] * m.moves[i]
+    m.moves[forces] += SHARE * (square[0] - m.moves[forces])
+    directed = mean[0] / (m.moves[forces] + s.still)
+    calm = 1.0 - minimum(maximum((directed - NOISE) / (DIRECTED - NOISE), 0.0), 1.0)
+    change = calm - m.flags[FLAG.calm]
+    stirred = change * STIRRING
+    for _ in only(change < 0.0):
+        for i in each(forces):
+            m.P[first + i, first + i] -= stirred * s.reopening[i]
+    m.flags[FLAG.calm] += select(change < 0.0, stirred, change * CALMING)
+
+
+def confine(m: Memory, s: Settings) -> None:
     """Bring p into its range; what else is in z moves with it as P says."""
-    first = len(z) - len(low)
-    for j in each(len(low)):
+    first = len(m.z) - len(s.low)
+    for j in each(len(s.low)):
         at = first + j
-        found = z[at]
-        inside = minimum(maximum(found, low[j]), high[j])
+        found = m.z[at]
+        inside = minimum(maximum(found, s.low[j]), s.high[j])
         for _ in only(inside != found):
-            share = (inside - found) / maximum(P[at, at], TINY)
-            for i in each(len(z)):
-                z[i] += P[i, at] * share
-            z[at] = inside
-    for j in each(len(low)):
-        z[first + j] = minimum(maximum(z[first + j], low[j]), high[j])
+            share = (inside - found) / maximum(m.P[at, at], TINY)
+            for i in each(len(m.z)):
+                m.z[i] += m.P[i, at] * share
+            m.z[at] = inside
+    for j in each(len(s.low)):
+        m.z[first + j] = minimum(maximum(m.z[first + j], s.low[j]), s.high[j])
 
 
-def fill_lanes(
-    z: Any,
-    P: Any,
-    torque: Any,
-    torque_slope: Any,
-    line: Any,
-    directions: Any,
-    numbers: Any,
-    slopes: Any,
-    steps: Any,
-    lanes: Lanes,
-) -> None:
-    """Fill the lanes: 0 the estimate, 1 + j with number j of z a step ahead, then motor velocities a step behind.
+def note_swing(m: Memory, s: Settings) -> None:
+    """Let the last jump of the commands count in the mean of jumps, which begins at zero with the episode.
+
+    w ← w + `SWING_SHARE` (max_j |u_k - u_k-1| / u_max - w). A load makes few large jumps, and w stays small. Where
+    motors are much stronger or later than believed, commands swing from limit to limit, and w comes near 2.
+    """
+    jump: Any = 0.0
+    for j in range(len(m.noise)):
+        jump = maximum(jump, abs(m.commands[0, j] - m.commands[1, j]) / s.limit[j])
+    swing = select(m.flags[FLAG.samples] == 1.0, 0.0, m.flags[FLAG.swing])
+    m.flags[FLAG.swing] = swing + SWING_SHARE * (jump - swing)
+
+
+def _finite(m: Memory) -> Any:
+    """Return whether the sums of z and of P are finite."""
+    total = array(2)
+    total[0], total[1] = 0.0, 0.0
+    for i in each(len(m.z)):
+        total[0] += m.z[i]
+        for j in each(len(m.z)):
+            total[1] += m.P[i, j]
+    both = total[0] + total[1]
+    return both - both == 0.0
+
+
+def significant(m: Memory, s: Settings, room: Room) -> None:
+    """Fill `acted` of the room with z, and x_a and l_a in place of x and l."""
+    joints, loads, acted = len(m.noise), len(room.deviation), room.acted
+    states, ratio, square = 4 * joints, array(1), array(1)
+    ratio[0], square[0] = 0.0, TINY
+    for i in each(len(acted)):
+        acted[i] = m.z[i]
+    for j in each(joints):
+        ratio[0] = maximum(ratio[0], m.noise[j] / room.variances[j])
+    for i in each(loads):
+        acted[states + i] -= s.guess[i]
+    _factorise(m.P[states : states + loads, states : states + loads], room.factor)
+    _solve(room.factor, acted[states : states + loads], room.deviation)
+    for i in each(loads):
+        square[0] += acted[states + i] * room.deviation[i]
+    kept = maximum(0.0, 1.0 - s.insignificant * m.flags[FLAG.calm] * ratio[0] / maximum(square[0], TINY))
+    for i in each(states):
+        for k in each(loads):
+            acted[i] -= (1.0 - kept) * m.P[i, states + k] * room.deviation[k]
+    for i in each(loads):
+        acted[states + i] = s.guess[i] + kept * acted[states + i]
+
+
+def _factorise(A: Any, L: Any) -> None:
+    """Fill the lower triangle L of A = L Lᵀ."""
+    for i in each(len(A)):
+        for j in each(i):
+            L[i, j] = A[i, j]
+            for k in each(j):
+                L[i, j] -= L[i, k] * L[j, k]
+            L[i, j] /= L[j, j]
+        L[i, i] = A[i, i]
+        for k in each(i):
+            L[i, i] -= L[i, k] * L[i, k]
+        L[i, i] = root(maximum(maximum(L[i, i], ROUNDING * A[i, i]), TINY))
+
+
+def _solve(L: Any, b: Any, y: Any) -> None:
+    """Fill y with the solution of L Lᵀ y = b."""
+    for i in each(len(L)):
+        y[i] = b[i]
+        for k in each(i):
+            y[i] -= L[i, k] * y[k]
+        y[i] /= L[i, i]
+    for behind in each(len(L)):
+        i = len(L) - 1 - behind
+        for later in each(behind):
+            k = i + 1 + later
+            y[i] -= L[k, i] * y[k]
+        y[i] /= L[i, i]
+
+
+def predict(m: Memory, s: Settings, room: Room, torque: Any) -> None:
+    """Step z and P to the next sample, while the motors apply the commands that reach them until then.
+
+    Nothing moves in a filter that has diverged; it diverges where `torque` (n,), what the law asks for, is no number.
+    """
+    joints, last = len(m.noise), len(m.z) - 1
+    for _ in only(m.flags[FLAG.lost] == 0.0):
+        numbers_at(m.z[4 * joints :], s, room.numbers)
+        lateness, wide = m.z[last], root(maximum(m.P[last, last], 0.0))
+        early, late = maximum(lateness - wide, 0.0), minimum(lateness + wide, float(LONGEST_LATENESS))
+        applied, slope = room.joints[0], room.joints[1]
+        total: Any = 0.0
+        for j in range(joints):
+            applied[j] = mean_torque(m.commands, lateness, j)
+            change = mean_torque(m.commands, late, j) - mean_torque(m.commands, early, j)
+            slope[j] = change / maximum(late - early, 1e-9)
+            total = total + torque[j]
+        spread_copies(m, s, room, applied, slope)
+        room.arm.hold(*room.copies, s.substep, s.substeps)
+        step(m, s, room)
+        spread_out(m, s)
+        m.flags[FLAG.lost] = select(total - total == 0.0, m.flags[FLAG.lost], 1.0)
+
+
+def numbers_at(p: Any, s: Settings, numbers: Any) -> None:
+    """Fill the numbers of the arm of p, a = a_0 + S (p - p_0)."""
+    for i in each(len(s.base)):
+        numbers[i] = s.base[i]
+        for j in each(len(p)):
+            numbers[i] += s.slopes[i, j] * (p[j] - s.guess[j])
+
+
+def mean_torque(commands: Any, lateness: Any, joint: Any) -> Any:
+    """Return the mean torque [N m] of a joint over the coming period if commands act `lateness` periods late.
+
+    `commands` (`LONGEST_LATENESS` + 2, n) [N m], newest first.
+    """
+    whole = floor(lateness)
+    rest = lateness - whole
+    return (1.0 - rest) * sent(commands, whole, joint) + rest * sent(commands, whole + 1.0, joint)
+
+
+def command(m: Memory, s: Settings, torque: Any) -> None:
+    """Take a torque (n,) [N m], within its limits, for the one that is commanded at this sample."""
+    for j in each(len(m.noise)):
+        for k in range(LONGEST_LATENESS + 1, 0, -1):
+            m.commands[k, j] = m.commands[k - 1, j]
+        m.commands[0, j] = minimum(maximum(torque[j], -s.limit[j]), s.limit[j])
+
+
+def sent(commands: Any, place: Any, joint: Any) -> Any:
+    """Return the torque [N m] at a place of the commands, without an index that depends on data."""
+    torque = commands[0, joint]
+    for k in range(1, len(commands)):
+        torque = select(place == float(k), commands[k, joint], torque)
+    return torque
+
+
+def fill(copies: Copies, z: Any, room: Room) -> None:
+    """Fill copies with the arm of z under its forces, but not their torques."""
+    states = len(copies.state)
+    for lane in each(copies.state.shape[1]):
+        for i in each(states):
+            copies.state[i, lane] = z[i]
+        for i in each(len(room.numbers)):
+            copies.numbers[i, lane] = room.numbers[i]
+        for i in each(len(room.line)):
+            copies.force[i, lane] = room.line[i]
+            for j in each(room.directions.shape[1]):
+                copies.force[i, lane] += room.directions[i, j] * z[states + j]
+
+
+def spread_copies(m: Memory, s: Settings, room: Room, torque: Any, torque_slope: Any) -> None:
+    """Fill the copies: 0 the estimate, 1 + j with number j of z a step ahead, then motor velocities a step behind.
 
     Motor velocities take a standard deviation as their step: a joint that sticks has a slope of zero nearby.
-
-    Args:
-        z: x and p, with the lateness last.
-        P: covariance of its error.
-        torque: what the motors apply [N m], (n,).
-        torque_slope: its derivative in the lateness.
-        line: the force line of what is known of the tip force, (rows,).
-        directions: that of each unit force, (rows, forces).
-        numbers: of the arm of p.
-        slopes: S.
-        steps: of the differences, one for each number of z but the lateness.
-        lanes: room, see `lanes_of`.
+    `torque` (n,) [N m] is what the motors apply, `torque_slope` (n,) its derivative in the lateness.
     """
-    joints, states, size, forces = len(torque), len(lanes.state), len(z), directions.shape[1]
+    state, torques, force, numbers = room.copies
+    joints, states, size, forces = len(torque), len(state), len(m.z), len(s.reopening)
     offset = size - 1 - joints
-    for lane in each(lanes.state.shape[1]):
-        for i in each(states):
-            lanes.state[i, lane] = z[i]
+    fill(room.copies, m.z, room)
+    for lane in each(state.shape[1]):
         for j in each(joints):
-            lanes.torque[j, lane] = torque[j] + z[offset + j]
-        for i in each(len(numbers)):
-            lanes.numbers[i, lane] = numbers[i]
-        for i in each(len(lanes.force)):
-            lanes.force[i, lane] = line[i]
-            for j in each(forces):
-                lanes.force[i, lane] += directions[i, j] * z[states + j]
+            torques[j, lane] = torque[j] + m.z[offset + j]
     for j in each(states):
-        lanes.state[j, 1 + j] += steps[j]
+        state[j, 1 + j] += s.steps[j]
     for j in each(joints):
         at = 2 * joints + j
-        lanes.wide[j] = maximum(root(maximum(P[at, at], 0.0)), steps[at])
-        lanes.state[at, 1 + at] = z[at] + lanes.wide[j]
-        lanes.state[at, 1 + size + j] = z[at] - lanes.wide[j]
+        room.wide[j] = maximum(root(maximum(m.P[at, at], 0.0)), s.steps[at])
+        state[at, 1 + at] = m.z[at] + room.wide[j]
+        state[at, 1 + size + j] = m.z[at] - room.wide[j]
     for j in each(forces):
-        for i in each(len(lanes.force)):
-            lanes.force[i, 1 + states + j] += directions[i, j] * steps[states + j]
+        for i in each(len(force)):
+            force[i, 1 + states + j] += room.directions[i, j] * s.steps[states + j]
     for other in each(size - states - 1 - forces):
         j = forces + other
         for i in each(len(numbers)):
-            lanes.numbers[i, 1 + states + j] += slopes[i, j] * steps[states + j]
+            numbers[i, 1 + states + j] += s.slopes[i, j] * s.steps[states + j]
     for j in each(joints):
-        lanes.torque[j, size] += torque_slope[j]
-        lanes.torque[j, 1 + offset + j] += steps[offset + j]
+        torques[j, size] += torque_slope[j]
+        torques[j, 1 + offset + j] += s.steps[offset + j]
 
 
-def step(z: Any, P: Any, steps: Any, noise: Any, lanes: Lanes) -> None:
-    """Fill F from what became of the lanes in a control period, and step z and P; `noise` is the diagonal of Q."""
-    state, F, G = lanes.state, lanes.jacobian, lanes.product
-    joints, states, size, total = len(lanes.wide), len(state), len(z), array(1)
+def step(m: Memory, s: Settings, room: Room) -> None:
+    """Fill F from what became of the copies in a control period, and step z and P."""
+    state, F, FP, z, P = room.copies.state, room.F, room.FP, m.z, m.P
+    joints, states, size, total = len(room.wide), len(state), len(z), array(1)
     for i in each(states):
         for j in each(size - 1):
-            F[i, j] = (state[i, 1 + j] - state[i, 0]) / steps[j]
+            F[i, j] = (state[i, 1 + j] - state[i, 0]) / s.steps[j]
         F[i, size - 1] = state[i, size] - state[i, 0]
         for j in each(joints):
-            F[i, 2 * joints + j] = (state[i, 1 + 2 * joints + j] - state[i, 1 + size + j]) / (2.0 * lanes.wide[j])
+            F[i, 2 * joints + j] = (state[i, 1 + 2 * joints + j] - state[i, 1 + size + j]) / (2.0 * room.wide[j])
     for i in each(states):
         z[i] = state[i, 0]
         for j in each(size):
-            G[i, j] = 0.0
+            FP[i, j] = 0.0
         for k in each(size):
             slope = F[i, k]
             for j in each(size):
-                G[i, j] += slope * P[k, j]
+                FP[i, j] += slope * P[k, j]
     for i in each(states):
         for j in each(i + 1):
             total[0] = 0.0
             for k in each(size):
-                total[0] += G[i, k] * F[j, k]
+                total[0] += FP[i, k] * F[j, k]
             P[i, j] = P[j, i] = total[0]
         for other in each(size - states):
             j = states + other
-            P[i, j] = P[j, i] = G[i, j]
+            P[i, j] = P[j, i] = FP[i, j]
     for i in each(size):
-        P[i, i] += noise[i]
+        P[i, i] += s.noise[i]
 
 
-class Room(NamedTuple):
-    """Room for what is computed for one lane; n joints, and a tip in a space of some axes.
-
-    A force line has a row for each axis of the mean force, then for each axis of its change.
-    """
-
-    lanes: Lanes
-    one: Any  # a state, torques, a force line and numbers of the arm, each (rows, 1)
-    numbers: Any  # of the arm
-    column: Any  # as many as z has
-    measured: Any  # (2 n,), θ and θ̇
-    variances: Any  # of the measured numbers (2 n,)
-    silent: Any  # (2 n,)
-    moved: Any  # forces before a correction (forces,)
-    acted: Any  # z on which the law acts (N,), see `trust.significant`
-    deviation: Any  # P_ll⁻¹ (l - l_0) there (loads,)
-    factor: Any  # of P_ll (loads, loads)
-    link_torque: Any  # τ_d of each kept reference (KEPT, n)
-    travel: Any  # direction of travel of each, then the next one (KEPT + 1, axes)
-    directions: Any  # force line of each unit force (rows, forces)
-    line: Any  # force line of the known force (rows,)
-    joints: Any  # (4, n), for short use
-    error: Any  # (4 n,)
-    gain: Any  # K (n, 4 n)
-
-
-def room_for(s: Settings) -> Room:
-    """Return room for one lane."""
-    joints, size, numbers, forces = len(s.limit), len(s.spread), len(s.base), len(s.reopening)
-    axes = forces - 1
-    one = array(4 * joints, 1), array(joints, 1), array(2 * axes, 1), array(numbers, 1)
-    directions = array(2 * axes, forces)
-    line = array(2 * axes)
-    for i in each(2 * axes):
-        line[i] = 0.0
-        for force in each(forces):
-            directions[i, force] = 0.0
-    for i in each(axes):
-        directions[i, 1 + i] = 1.0
-    return Room(
-        lanes_of(joints, size, numbers, 2 * axes), one, array(numbers), array(size), array(2 * joints),
-        array(2 * joints), array(2 * joints), array(forces), array(size), array(forces + 1),
-        array(forces + 1, forces + 1), array(KEPT, joints), array(KEPT + 1, axes), directions,
-        line, array(4, joints), array(4 * joints), array(joints, 4 * joints),
-    )  # fmt: skip
+def spread_out(m: Memory, s: Settings) -> None:
+    """Change what `step` has added to P: less where forces are calm, more for motors after a jump of the torque."""
+    joints, states = len(m.noise), 4 * len(m.noise)
+    share = 1.0 - (1.0 - s.weights.calm_walk) * m.flags[FLAG.calm]
+    for force in each(len(s.reopening)):
+        i = states + force
+        m.P[i, i] -= (1.0 - share * share) * s.noise[i]
+    for j in each(joints):
+        jump: Any = 0.0
+        for k in range(LONGEST_LATENESS + 1):
+            jump = maximum(jump, abs(m.commands[k, j] - m.commands[k + 1, j]))
+        wrong = s.doubt[j] * jump * jump
+        m.P[2 * joints + j, 2 * joints + j] += wrong * wrong

@@ -11,6 +11,7 @@ adapting one is not: with its adaptation on, the policy bears more, and for as l
 
 from __future__ import annotations
 
+import dataclasses
 import functools
 import math
 from typing import TYPE_CHECKING, Any
@@ -26,12 +27,9 @@ from fuzzyarm.envs.physics.robot import Robot
 from fuzzyarm.envs.scenario.default_reference import default_reference
 from fuzzyarm.fuzzy_policy.known_arm import per_joint_of, travel_of, without_dry_friction
 from fuzzyarm.fuzzy_policy.law import Law, LawPolicy
-from fuzzyarm.fuzzy_policy.laws.adaptive.acting import act_of
-from fuzzyarm.fuzzy_policy.laws.adaptive.arm import arm_functions
-from fuzzyarm.fuzzy_policy.laws.adaptive.belief import FLAG, KEPT, Memory, affine_numbers, places
-from fuzzyarm.fuzzy_policy.laws.adaptive.filter import room_for
-from fuzzyarm.fuzzy_policy.laws.adaptive.law import begin_of, take_in
-from fuzzyarm.fuzzy_policy.laws.adaptive.settings import Settings, tables_of, with_tables
+from fuzzyarm.fuzzy_policy.laws.adaptive.belief import FLAG, Memory, affine_numbers, places
+from fuzzyarm.fuzzy_policy.laws.adaptive.filter import Room, Settings, begin, fill, tables_of, take_in, with_tables
+from fuzzyarm.fuzzy_policy.laws.adaptive.law import act
 from fuzzyarm.numbers.functions import array, each, only, row
 
 if TYPE_CHECKING:
@@ -46,30 +44,25 @@ _TENTH = 0.1  # of the path, left out at either end, where the motors stick
 class FrozenObserver(LawPolicy):
     """The frozen loop; see the module's docstring."""
 
-    def __init__(self, policy: AdaptiveObserverPolicy, *, dry_friction: bool = True) -> None:
-        """Take the gains that `policy` has along the paper's path.
-
-        Args:
-            policy: whose adaptation is frozen.
-            dry_friction: whether the arm that it predicts has dry friction.
-        """
+    def __init__(self, policy: AdaptiveObserverPolicy) -> None:
+        """Take the gains that `policy` has along the paper's path, and predict an arm without dry friction."""
         super().__init__(policy.parameters, policy.control_period)
         self._postures, self._gains = _gains_along_path(policy)
         self.memory_size = policy.memory.noise.stop
-        self._places = places(policy.joints, policy.belief)
-        base, slopes = affine_numbers(policy.arm if dry_friction else without_dry_friction(policy.arm))
-        self._settings = policy.settings._replace(base=base, slopes=slopes, first_gain=1.0)
+        base, slopes = affine_numbers(without_dry_friction(policy.arm))
+        whole = dataclasses.replace(policy.weights, first_gain=1.0)
+        self._settings = policy.settings.replaced(base=base, slopes=slopes, weights=whole)
 
     @functools.cached_property
     def control_law(self) -> Law:
         """The law of the module's docstring."""
-        act, settings, count = _law_of(equations_of(self.parameters)), self._settings, len(tables_of(self._settings))
+        physics, settings, count = equations_of(self.parameters), self._settings, len(tables_of(self._settings))
 
         def frozen(m: Memory, seen: Observation, _: Any, *tables: Any) -> tuple[Memory, Any]:
-            return m, act(m, seen, with_tables(settings, tables[:count]), *tables[count:])
+            return m, _follow(physics, m, seen, with_tables(settings, tables[:count]), *tables[count:])
 
         gains = self._gains.reshape(len(self._gains), -1)
-        return Law(frozen, self._places, (), (*tables_of(settings), self._postures, np.ascontiguousarray(gains)))
+        return Law(frozen, places(physics), (), (*tables_of(settings), self._postures, np.ascontiguousarray(gains)))
 
 
 def _gains_along_path(policy: AdaptiveObserverPolicy) -> tuple[np.ndarray, np.ndarray]:
@@ -99,52 +92,37 @@ def _gains_along_path(policy: AdaptiveObserverPolicy) -> tuple[np.ndarray, np.nd
     return np.array(postures), np.array(gains)
 
 
-@functools.cache
-def _law_of(physics: Physics) -> Any:
-    """Return ``follow(m, seen, s, postures, gains)``, which corrects with fixed gains, acts and predicts."""
-    begin, act, hold = begin_of(physics), act_of(physics), arm_functions(physics).hold
-
-    def follow(m: Memory, seen: Observation, s: Settings, postures: Any, gains: Any) -> Any:
-        joints, forces, room, torque = physics.joints, len(s.reopening), room_for(s), array(physics.joints)
-        states, nothing, nearest = 4 * joints, array(KEPT + 1, forces - 1), array(2)
-        for k in each(KEPT + 1):
-            for i in each(forces - 1):
-                nothing[k, i] = 0.0
-        take_in(seen, m, room)
-        begin(m, s, room)
-        m.flags[FLAG.lost] = 0.0  # it has no filter that could diverge, whatever is remembered
-        m.z[states] = 0.0
-        for i in each(len(s.guess) - forces):
-            m.z[states + forces + i] = s.guess[forces + i]
-        nearest[0], nearest[1] = 0.0, math.inf  # which posture, and the square of its distance
-        for k in range(len(postures)):
-            square: Any = 0.0
-            for j in range(joints):
-                away = postures[k, j] - seen.q_reference[j]
-                square = square + away * away
-            for _ in only(square < nearest[1]):
-                nearest[0], nearest[1] = float(k), square
-        gain = row(gains, nearest[0])
+def _follow(physics: Physics, m: Memory, seen: Observation, s: Settings, postures: Any, gains: Any) -> Any:
+    """Correct with the gains at the nearest posture, act and predict; return the torque (n,) [N m]."""
+    joints, states, forces, room = physics.joints, 4 * physics.joints, len(s.reopening), Room(physics, s)
+    torque, nearest, one = array(joints), array(2), room.one
+    take_in(m, room, seen)
+    begin(m, s, room)
+    m.flags[FLAG.lost] = 0.0  # it has no filter that could diverge, whatever is remembered
+    m.z[states] = 0.0
+    for i in each(len(s.guess) - forces):
+        m.z[states + forces + i] = s.guess[forces + i]
+    nearest[0], nearest[1] = 0.0, math.inf  # which posture, and the square of its distance
+    for k in range(len(postures)):
+        square: Any = 0.0
         for j in range(joints):
-            room.measured[j] -= m.z[j]
-            room.measured[joints + j] -= m.z[2 * joints + j]
-        for i in range(len(gain) // (2 * joints)):
-            at = i if i < states else i + 1  # the force along the path is part of the free one
-            for k in range(2 * joints):
-                m.z[at] += gain[i * 2 * joints + k] * room.measured[k]
-        act(m.z, m, s, room, nothing, torque)
-        state, held, line, numbers = room.one
-        for i in each(states):
-            state[i, 0] = m.z[i]
-        for i in each(len(numbers)):
-            numbers[i, 0] = room.numbers[i]
-        for j in range(joints):
-            held[j, 0] = m.commands[0, j]
-        for i in range(len(line)):
-            line[i, 0] = m.z[states + 1 + i] if i < forces - 1 else 0.0
-        hold(state, held, line, numbers, s.substep, s.substeps)
-        for i in each(states):
-            m.z[i] = state[i, 0]
-        return tuple(torque[j] for j in range(joints))
-
-    return follow
+            away = postures[k, j] - seen.q_reference[j]
+            square = square + away * away
+        for _ in only(square < nearest[1]):
+            nearest[0], nearest[1] = float(k), square
+    gain = row(gains, nearest[0])
+    for j in range(joints):
+        room.measured[j] -= m.z[j]
+        room.measured[joints + j] -= m.z[2 * joints + j]
+    for i in range(len(gain) // (2 * joints)):
+        at = i if i < states else i + 1  # the force along the path is part of the free one
+        for k in range(2 * joints):
+            m.z[at] += gain[i * 2 * joints + k] * room.measured[k]
+    act(m.z, m, s, room, torque)
+    fill(one, m.z, room)
+    for j in range(joints):
+        one.torque[j, 0] = m.commands[0, j]
+    room.arm.hold(*one, s.substep, s.substeps)
+    for i in each(states):
+        m.z[i] = one.state[i, 0]
+    return tuple(torque[j] for j in range(joints))

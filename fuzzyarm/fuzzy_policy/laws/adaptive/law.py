@@ -1,234 +1,231 @@
-"""One sample of the adaptive observer: correct, act, predict; the law is in `policy`."""
+"""The torque of the adaptive observer for an estimate z: target, feedforward and regulator; the law is in `policy`.
+
+The regulator K is tabulated over the posture and over the payload. `AdaptiveWeights` were tuned for the two-joint arm,
+whose mass matrix this table follows. Where a robot's depends on more angles than that, the gains are those of a mean,
+and as sharp as they are they may be unstable in part of its range, even for a state that is known. With a factor s ≥ 1,
+
+    link_angle → s link_angle,    link_velocity → √s link_velocity,    first_gain → min(1, s first_gain)
+
+weaken the feedback, which then needs less of a soft start. The smallest s of `FACTORS` is taken with which the loop of
+the regulator and the known state is stable at random postures, with joints as stiff as known and 20 % softer and
+stiffer.
+
+An episode begins with a share of K: it is so sharp that motors stronger or later than known swing against it until the
+filter knows them better, and their first tens of milliseconds are where an arm is lost.
+"""
 
 from __future__ import annotations
 
+import dataclasses
 import functools
+import math
 from typing import Any
 
-from fuzzyarm.envs.observation import Observation
-from fuzzyarm.envs.physics.elementwise import root
-from fuzzyarm.envs.physics.physics import Physics
-from fuzzyarm.fuzzy_policy.laws.adaptive.acting import act_of, mean_torque
-from fuzzyarm.fuzzy_policy.laws.adaptive.arm import arm_functions
-from fuzzyarm.fuzzy_policy.laws.adaptive.belief import ENOUGH, FLAG, KEPT, LONGEST_LATENESS, ORDERS, Memory
-from fuzzyarm.fuzzy_policy.laws.adaptive.filter import (
-    Room,
-    confine,
-    correct,
-    fill_lanes,
-    numbers_at,
-    read_noise,
-    room_for,
-    step,
-)
-from fuzzyarm.fuzzy_policy.laws.adaptive.settings import Settings
-from fuzzyarm.fuzzy_policy.laws.adaptive.trust import doubt_lateness, doubt_scale, note_moves, significant, spread_out
-from fuzzyarm.numbers.functions import array, each, maximum, minimum, only, select
+import numpy as np
 
-__all__ = ["MISTRUST", "NOISE_SHARE", "begin_of", "law_of", "note_swing", "predict_of", "steps_of", "take_in"]
+from fuzzyarm.envs.physics.elementwise import sign
+from fuzzyarm.envs.physics.equations import AnyArm
+from fuzzyarm.envs.physics.friction import stribeck_magnitude
+from fuzzyarm.envs.physics.robot import Robot
+from fuzzyarm.fuzzy_policy.known_arm import per_joint_of
+from fuzzyarm.fuzzy_policy.laws.adaptive.belief import FLAG, KEPT, LONGEST_LATENESS, AdaptiveWeights, Memory, mass_of
+from fuzzyarm.fuzzy_policy.laws.adaptive.filter import Room, Settings, command, fill, numbers_at, sent
+from fuzzyarm.fuzzy_policy.laws.gain_schedule import corners_of, loaded_inertia, nearest_inertia, schedule_of
+from fuzzyarm.fuzzy_policy.laws.observer_gains import ObserverWeights, feedback_gain, sampled_arm, state_part
+from fuzzyarm.fuzzy_policy.laws.observer_weights import FACTORS
+from fuzzyarm.fuzzy_policy.laws.sampled_margins import places_of
+from fuzzyarm.numbers.functions import each, entry, floor, maximum, minimum, number, only, select
 
-STATICS_STEPS = 20  # iterations of the fixed point for the first estimate; for Table 1 each gains three digits
-NOISE_SHARE = 0.03  # of a sample, in the estimated noise of the encoders, once there have been enough
-MISTRUST = 8.0  # least variance of a measured angle that is expected, in variances of the noise that is read
-SURPRISE_SHARE = 0.02  # of a sample, in the mean surprise
-DIVERGED = 50.0  # mean surprise at which a filter counts as diverged
-SWING_SHARE = 0.1  # of a sample, in the mean of the commands' jumps
+__all__ = ["act", "adaptive_weights_for", "feedback_table", "gain_share", "largest_radius", "softened"]
+
+STIFFNESS = (0.8, 1.0, 1.2)  # of the joints, at which a regulator has to be stable
+HEAVIEST = 0.5  # payload of the table's end, share of the mass of all links
+PAYLOADS = 6
 
 
-@functools.cache
-def law_of(physics: Physics) -> Any:
-    """Return the law ``law(m, seen, s, known)`` for arms with these equations.
+@functools.lru_cache(maxsize=32)
+def adaptive_weights_for(arm: AnyArm, control_period: float) -> AdaptiveWeights:
+    """Return the default weights for an arm and a control period [s]; for a two-joint arm those of Table 1.
 
-    It advances the memory in place and returns the torque (n,) [N m], not clipped; nan where the filter has diverged.
-    `known` (`KEPT` + 1, axes) is a tip force [N] known beforehand, which the estimated one adds to: at this sample, at
-    those before it, and at the next one.
+    If no factor is enough, it is the largest.
     """
-    correct, act, predict = steps_of(physics)
-
-    def estimate_and_act(m: Memory, seen: Observation, s: Settings, known: Any) -> Any:
-        room, torque = room_for(s), array(physics.joints)
-        correct(seen, m, s, room)
-        act(room.acted, m, s, room, known, torque)
-        predict(m, s, room, torque)
-        return torque
-
-    return estimate_and_act
+    weights = AdaptiveWeights()
+    if not isinstance(arm, Robot):
+        return weights
+    trials = [softened(weights, factor) for factor in FACTORS]
+    return next((trial for trial in trials if largest_radius(arm, control_period, trial) < 1.0), trials[-1])
 
 
-@functools.cache
-def steps_of(physics: Physics) -> tuple[Any, Any, Any]:
-    """Return the three steps of a sample; nothing moves in a filter that has diverged.
+def softened(weights: AdaptiveWeights, factor: float) -> AdaptiveWeights:
+    """Return weights softened by s = `factor`."""
+    link_angle, link_velocity = factor * weights.link_angle, math.sqrt(factor) * weights.link_velocity
+    first_gain = min(1.0, factor * weights.first_gain)
+    return dataclasses.replace(weights, link_angle=link_angle, link_velocity=link_velocity, first_gain=first_gain)
 
-        ``correct(seen, m, s, room)`` corrects, and finds the z on which the law acts.
-        ``act(room.acted, m, s, room, known, torque)`` fills `torque` (n,) [N m] with what the law asks for.
-        ``predict(m, s, room, torque)`` predicts the next sample; the filter diverges where `torque` is no number.
 
-    After `act`, ``m.commands[0]`` (n,) may be set to the torque [N m] that is commanded instead.
+def largest_radius(robot: Robot, control_period: float, weights: AdaptiveWeights) -> float:
+    """Return the largest |λ| per control period at postures; inf where a Riccati equation has no solution."""
+    schedule, state, largest = schedule_of(robot), state_part(len(robot)), 0.0
+    for place in places_of(robot, control_period):
+        try:
+            K = _gain(robot, control_period, nearest_inertia(schedule, place.q), weights)
+        except (np.linalg.LinAlgError, ValueError):  # scipy raises either
+            return math.inf
+        for stiffness in STIFFNESS:
+            A, B = place.plant(stiffness)
+            largest = max(largest, float(np.abs(np.linalg.eigvals(A[state, state] - B[state] @ K)).max()))
+    return largest
+
+
+def _gain(arm: AnyArm, control_period: float, inertia: np.ndarray, weights: AdaptiveWeights) -> np.ndarray:
+    """Return K (n, 4 n) for an inertia (n, n) [kg m²] of the links."""
+    costs = ObserverWeights(link_angle=weights.link_angle, link_velocity=weights.link_velocity)
+    return feedback_gain(*sampled_arm(arm, control_period, inertia), per_joint_of(arm, "torque_limit"), costs)
+
+
+@functools.lru_cache(maxsize=8)
+def feedback_table(arm: AnyArm, control_period: float, weights: AdaptiveWeights) -> np.ndarray:
+    """Return K [N m/rad, N m s/rad] at payloads up to half the links' mass and the points of the arm's schedule.
+
+    A row (n · 4 n) for each payload and point, the points of a payload one after the other.
+
+    Raises:
+        ValueError: a Riccati equation has no solution in double precision.
     """
-    begin = begin_of(physics)
-
-    def correct_sample(seen: Observation, m: Memory, s: Settings, room: Room) -> None:
-        for i in each(len(room.acted)):  # of a diverged filter, too: in C both sides of a branch fill it
-            room.acted[i] = m.z[i]
-        for _ in only(m.flags[FLAG.lost] == 0.0):
-            take_in(seen, m, room)
-            begin(m, s, room)
-            _note_noise(m, s, room)
-            for i in each(len(room.moved)):
-                room.moved[i] = m.z[4 * len(m.noise) + i]
-            surprise = correct(m.z, m.P, room.measured, room.variances, room.silent, s.cautious, s.gate, room.column)
-            m.flags[FLAG.surprise] += SURPRISE_SHARE * (surprise - m.flags[FLAG.surprise])
-            doubt_lateness(m, s, surprise)
-            doubt_scale(m, s, surprise)
-            note_moves(m, s, room.moved)
-            confine(m.z, m.P, s.low, s.high)
-            note_swing(m, s)
-            calm = (m.flags[FLAG.surprise] < DIVERGED) & (m.flags[FLAG.swing] < s.largest_swing)
-            m.flags[FLAG.lost] = select(calm & _finite(m.z, m.P), m.flags[FLAG.lost], 1.0)
-            significant(m, s, room)
-
-    return correct_sample, act_of(physics), predict_of(physics)
+    schedule, gains = schedule_of(arm), []
+    for mass in np.linspace(0.0, HEAVIEST * mass_of(arm), PAYLOADS):
+        for place, inertia in zip(schedule.places, loaded_inertia(arm, schedule, float(mass)), strict=True):
+            try:
+                gains.append(_gain(arm, control_period, inertia, weights).ravel())
+            except (np.linalg.LinAlgError, ValueError) as error:  # scipy raises either
+                raise ValueError(
+                    f"no gains at {place} for control_period = {control_period!r} s, {weights} and "
+                    f"this arm ({error}): take a shorter period, or other weights"
+                ) from None
+    table = np.array(gains)
+    table.flags.writeable = False
+    return table
 
 
-def take_in(seen: Observation, m: Memory, room: Room) -> None:
-    """Take in what is measured and asked for, and count the sample."""
-    joints = len(m.noise)
-    for j in range(joints):
-        room.measured[j], room.measured[joints + j] = seen.q_motor[j], seen.dq_motor[j]
-        for k in range(KEPT - 1, 0, -1):
-            for order in range(ORDERS):
-                m.references[k, order, j] = m.references[k - 1, order, j]
-        m.references[0, 0, j], m.references[0, 1, j] = seen.q_reference[j], seen.dq_reference[j]
-        m.references[0, 2, j] = seen.ddq_reference[j]
-    m.flags[FLAG.samples] = minimum(m.flags[FLAG.samples] + 1.0, ENOUGH)
+def feedback_at(s: Settings, q: Any, payload: Any, gain: Any) -> None:
+    """Fill K (n, 4 n) at angles q (n,) [rad] and a payload in masses of the links, between the table's entries."""
+    place = minimum(maximum(payload / HEAVIEST, 0.0), 1.0) * (PAYLOADS - 1.0)
+    lower = minimum(PAYLOADS - 2.0, maximum(0.0, floor(place)))  # a share that is nan is mapped into the table, too
+    low, corners, points = place - lower, corners_of(q, *s.schedule), s.feedback.shape[0] / PAYLOADS
+    for i in each(len(gain)):
+        for k in each(gain.shape[1]):
+            near: Any = 0.0
+            far: Any = 0.0
+            for corner, weight in corners:
+                column = i * gain.shape[1] + k
+                near = near + weight * entry(s.feedback, lower * points + corner, column)
+                far = far + weight * entry(s.feedback, (lower + 1.0) * points + corner, column)
+            gain[i, k] = (1.0 - low) * near + low * far
 
 
-@functools.cache
-def begin_of(physics: Physics) -> Any:
-    """Return ``begin(m, s, room)`` that fills the first z and P, if what was taken in is the first sample.
+def gain_share(m: Memory, s: Settings) -> Any:
+    """Return the share of K at this sample: `first_gain` at the soft start, from there in as long again up to 1.
 
-    K_t (θ - q) = g(q) for the measured θ, links as fast as motors, p_0. What an earlier pass has taught is kept, but
-    for the loads, which begin anew.
+    It is 1 at once where an earlier pass has taught how strong and how late the motors are.
     """
-    _, link_torque, _, drive, constants_in = arm_functions(physics)
-
-    def begin(m: Memory, s: Settings, room: Room) -> None:
-        joints = len(m.noise)
-        bent, link, taught = room.joints[1], m.z[joints : 2 * joints], m.flags[FLAG.taught] != 0.0
-        still, force = [0.0] * joints, [0.0] * physics.axes
-        for _ in only(m.flags[FLAG.samples] == 1.0):
-            arm = constants_in(s.base)
-            for _ in only(taught):
-                _forget(m, s, 4 * joints + len(s.reopening))
-            for _ in only(~taught):
-                _forget(m, s, len(m.z))
-            for j in range(joints):
-                m.z[j] = link[j] = room.measured[j]
-                m.z[2 * joints + j] = m.z[3 * joints + j] = room.measured[joints + j]
-                m.noise[j] = s.variances[j]
-                for part in each(len(m.read)):
-                    m.read[part, j] = room.measured[j]
-                for k in range(1, KEPT):
-                    for order in range(ORDERS):
-                        m.references[k, order, j] = m.references[0, order, j]
-            for _ in each(STATICS_STEPS):
-                for j, number in enumerate(link_torque(link, still, still, force, arm)):
-                    bent[j] = number
-                for j in range(joints):
-                    link[j] = room.measured[j] - bent[j] / drive(s.base, j).stiffness
-            for k in each(len(m.commands)):
-                for j in each(joints):
-                    m.commands[k, j] = bent[j]
-
-    return begin
+    past = (m.flags[FLAG.samples] - 1.0) / s.soft_samples - 1.0
+    share = s.weights.first_gain + (1.0 - s.weights.first_gain) * minimum(maximum(past, 0.0), 1.0)
+    return select(m.flags[FLAG.taught] != 0.0, 1.0, share)
 
 
-def _forget(m: Memory, s: Settings, count: int) -> None:
-    """Let the first `count` numbers of z be as uncertain as at the first sample, and those of p among them p_0."""
-    states = len(m.z) - len(s.guess)
-    for i in each(count):
-        for j in each(len(m.z)):
-            m.P[i, j] = m.P[j, i] = 0.0
-    for i in each(count):
-        m.P[i, i] = s.spread[i] * s.spread[i]
-        for j in each(count):
-            m.P[i, j] += s.shared[i] * s.shared[j]
-    for i in each(count - states):
-        m.z[states + i] = s.guess[i]
+def act(z: Any, m: Memory, s: Settings, room: Room, torque: Any) -> None:
+    """Fill the torque (n,) [N m] for z, not clipped, and what of it `predict` needs; nan if the filter has diverged.
 
-
-def note_swing(m: Memory, s: Settings) -> None:
-    """Let the last jump of the commands count in the mean of jumps, which begins at zero with the episode.
-
-    w ← w + `SWING_SHARE` (max_j |u_k - u_k-1| / u_max - w). A load makes few large jumps, and w stays small. Where
-    motors are much stronger or later than believed, commands swing from limit to limit, and w comes near 2.
+    Afterwards ``m.commands[0]`` (n,), the clipped torque, may be set to the one [N m] that is commanded instead.
     """
-    jump: Any = 0.0
-    for j in range(len(m.noise)):
-        jump = maximum(jump, abs(m.commands[0, j] - m.commands[1, j]) / s.limit[j])
-    swing = select(m.flags[FLAG.samples] == 1.0, 0.0, m.flags[FLAG.swing])
-    m.flags[FLAG.swing] = swing + SWING_SHARE * (jump - swing)
+    for j in each(len(torque)):
+        torque[j] = math.nan
+    for _ in only(m.flags[FLAG.lost] == 0.0):
+        _desire(z, m, s, room)
+        _advance(z, m, s, room)
+        _command(z, m, s, room, torque)
 
 
-def _noise_share(samples: Any, first: Any) -> Any:
-    """Return the share of a sample in the noise: a mean of all, until that is `NOISE_SHARE`.
-
-    The first change of e is that of the third sample; no share is larger than `first`.
-    """
-    return select(samples > 2.0, minimum(maximum(NOISE_SHARE, 1.0 / maximum(samples - 2.0, 1.0)), first), 0.0)
-
-
-def _note_noise(m: Memory, s: Settings, room: Room) -> None:
-    """Read the noise of what is measured, and fill what variances it has and how much of it teaches nothing."""
-    joints, share = len(m.noise), _noise_share(m.flags[FLAG.samples], s.first_share)
-    read_noise(room.measured, m.read, m.noise, share, s.substep * s.substeps)
+def _desire(z: Any, m: Memory, s: Settings, room: Room) -> None:
+    """Fill the numbers of p, the directions of travel, their force lines, and τ_d of the references."""
+    joints, (_, axes), known = len(m.noise), room.known.shape, room.known
+    p = z[4 * joints :]
+    numbers_at(p, s, room.numbers)
+    next_q, next_dq, arm = room.joints[0], room.joints[1], room.arm.constants_in(room.numbers)
+    for k in each(KEPT):
+        q, dq, ddq = m.references[k, 0], m.references[k, 1], m.references[k, 2]
+        travel = room.arm.tip_direction(q, dq, arm)
+        force = [known[k, i] + p[0] * travel[i] + p[1 + i] for i in range(axes)]
+        for i, along in enumerate(travel):
+            room.travel[k, i] = along
+        for j, tau in enumerate(room.arm.link_torque(q, dq, ddq, force, arm)):
+            room.link_torque[k, j] = tau
     for j in each(joints):
-        ratio = s.variances[joints + j] / s.variances[j]
-        room.silent[j] = s.dead_zone * m.noise[j]
-        room.silent[joints + j] = room.silent[j] * ratio
-        room.variances[j] = maximum(s.variances[j], MISTRUST * m.noise[j])
-        room.variances[joints + j] = room.variances[j] * ratio
+        dq, ddq = m.references[0, 1, j], m.references[0, 2, j]
+        next_q[j] = m.references[0, 0, j] + s.period * (dq + 0.5 * s.period * ddq)
+        next_dq[j] = dq + s.period * ddq
+    for i, along in enumerate(room.arm.tip_direction(next_q, next_dq, arm)):
+        room.travel[KEPT, i] = along
+    for i in range(axes):
+        now, then = room.travel[0, i], room.travel[KEPT, i]
+        room.directions[i, 0], room.directions[axes + i, 0] = 0.5 * (now + then), then - now
+        room.line[i], room.line[axes + i] = 0.5 * (known[0, i] + known[KEPT, i]), known[KEPT, i] - known[0, i]
 
 
-def _finite(z: Any, P: Any) -> Any:
-    """Return whether the sum of all numbers is finite."""
-    total = array(2)
-    total[0], total[1] = 0.0, 0.0
-    for i in each(len(z)):
-        total[0] += z[i]
-        for j in each(len(z)):
-            total[1] += P[i, j]
-    both = total[0] + total[1]
-    return both - both == 0.0
+def _advance(z: Any, m: Memory, s: Settings, room: Room) -> None:
+    """Fill the state of `one` of the room with x when the next command acts: x under the commands on their way."""
+    torque = room.one.torque
+    joints, lateness = len(torque), z[len(z) - 1]
+    offset, whole = len(z) - 1 - joints, floor(lateness)
+    rest = lateness - whole
+    fill(room.one, z, room)
+    for period in each(LONGEST_LATENESS + 1):  # whole periods, then the rest of one
+        k = number(period)
+        last = k == float(LONGEST_LATENESS)
+        for _ in only((whole > k) & ~last | (last & (rest > 0.0))):
+            for j in each(joints):
+                mean: Any = (1.0 - rest) * sent(m.commands, whole - (k + 1.0), j)
+                mean = select(last, m.commands[0, j], mean + rest * sent(m.commands, whole - k, j))
+                torque[j, 0] = mean + z[offset + j]
+            room.arm.hold(*room.one, select(last, rest * s.substep, s.substep), s.substeps)
 
 
-@functools.cache
-def predict_of(physics: Physics) -> Any:
-    """Return the step of z and P to the next sample, see `steps_of`.
+def _command(z: Any, m: Memory, s: Settings, room: Room, torque: Any) -> None:
+    """Fill the torque that the motors shall apply when it reaches them."""
+    joints, period = len(m.noise), s.period
+    p, state, error = z[4 * joints :], room.one.state, room.error
+    lateness = p[len(p) - 1]
+    later = lateness * period
+    for j in range(joints):
+        q, dq, ddq = m.references[0, 0, j], m.references[0, 1, j], m.references[0, 2, j]
+        motor = room.arm.drive(room.numbers, j)
+        theta, dtheta, ddtheta, smooth = _target(m, room, period, 0, j, motor)
+        before = _target(m, room, period, 1, j, motor)[3]
+        middle = dtheta + (0.5 * period + later) * ddtheta
+        friction = stribeck_magnitude(middle, motor.dry_friction) * sign(middle)
+        torque[j] = smooth + (0.5 + lateness) * (smooth - before) + friction
+        torque[j] -= p[len(p) - 1 - joints + j]
+        error[j] = state[j, 0] - (theta + later * (dtheta + 0.5 * later * ddtheta))
+        error[joints + j] = state[joints + j, 0] - (q + later * (dq + 0.5 * later * ddq))
+        error[2 * joints + j] = state[2 * joints + j, 0] - (dtheta + later * ddtheta)
+        error[3 * joints + j] = state[3 * joints + j, 0] - (dq + later * ddq)
+    feedback_at(s, m.references[0, 0], p[len(s.reopening)] / s.mass, room.gain)
+    share = gain_share(m, s)
+    for j in each(joints):
+        for i in each(len(error)):
+            torque[j] -= share * room.gain[j, i] * error[i]
+    command(m, s, torque)
 
-    The motors apply the commands that reach them until then.
-    """
-    hold = arm_functions(physics).hold
 
-    def predict(m: Memory, s: Settings, room: Room, torque: Any) -> None:
-        joints, size = len(m.noise), len(m.z)
-        for _ in only(m.flags[FLAG.lost] == 0.0):
-            numbers_at(m.z[4 * joints :], s.guess, s.base, s.slopes, room.numbers)
-            lateness, wide = m.z[size - 1], root(maximum(m.P[size - 1, size - 1], 0.0))
-            early, late = maximum(lateness - wide, 0.0), minimum(lateness + wide, float(LONGEST_LATENESS))
-            applied, slope = room.joints[0], room.joints[1]
-            total: Any = 0.0
-            for j in range(joints):
-                applied[j] = mean_torque(m.commands, lateness, j)
-                change = mean_torque(m.commands, late, j) - mean_torque(m.commands, early, j)
-                slope[j] = change / maximum(late - early, 1e-9)
-                total = total + torque[j]
-            fill_lanes(
-                m.z, m.P, applied, slope, room.line, room.directions, room.numbers, s.slopes, s.steps, room.lanes
-            )
-            hold(room.lanes.state, room.lanes.torque, room.lanes.force, room.lanes.numbers, s.substep, s.substeps)
-            step(m.z, m.P, s.steps, s.noise, room.lanes)
-            spread_out(m, s)
-            m.flags[FLAG.lost] = select(total - total == 0.0, m.flags[FLAG.lost], 1.0)
-
-    return predict
+def _target(m: Memory, room: Room, period: float, back: int, joint: int, drive: Any) -> tuple[Any, Any, Any, Any]:
+    """Return θ_d, θ̇_d, θ̈_d and u_ff without dry friction, `back` samples ago with today's p; see `elastic_target`."""
+    now, last = room.link_torque[back, joint], room.link_torque[back + 1, joint]
+    second, third = room.link_torque[back + 2, joint], room.link_torque[back + 3, joint]
+    rate = (11.0 * now - 18.0 * last + 9.0 * second - 2.0 * third) / (6.0 * period)
+    curvature = (2.0 * now - 5.0 * last + 4.0 * second - third) / (period * period)
+    b = drive.damping / drive.stiffness
+    q, dq, ddq = m.references[back, 0, joint], m.references[back, 1, joint], m.references[back, 2, joint]
+    velocity, acceleration = dq + (rate - b * curvature) / drive.stiffness, ddq + curvature / drive.stiffness
+    angle = q + (now - b * (rate - b * curvature)) / drive.stiffness
+    smooth = drive.motor_inertia * acceleration + drive.viscous_friction * velocity + now
+    return angle, velocity, acceleration, smooth

@@ -2,7 +2,7 @@
 
 A pass is an episode along one reference. A state keeps what was measured and commanded. `begin_pass` looks back at it:
 with the constants of the arm, the payload and the lateness as they stand at the end, which tip force explains all that
-was measured? What f of `smoother` adds to the force that was expected gives that of pass j,
+was measured? What f of `Smoother` adds to the force that was expected gives that of pass j,
 
     F_j(k) = F_expected(k) + t(k) f_t(k) + F_s(k),    low-passed by a Butterworth filter of no phase,
 
@@ -25,25 +25,26 @@ place; payload, constants and lateness stay as they were taught. The pass after 
 from __future__ import annotations
 
 import dataclasses
-import functools
-from typing import TYPE_CHECKING
+import math
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
 from fuzzyarm.common.checks import shown
 from fuzzyarm.envs.observation import observed
+from fuzzyarm.envs.physics.equations import equations_of
 from fuzzyarm.fuzzy_policy.known_arm import travel_of
-from fuzzyarm.fuzzy_policy.laws.adaptive.belief import FLAG, KEPT, forces_in
-from fuzzyarm.fuzzy_policy.laws.adaptive.law import MISTRUST
-from fuzzyarm.fuzzy_policy.laws.adaptive.settings import Settings
-from fuzzyarm.fuzzy_policy.laws.adaptive.smoother import Smoother
-from fuzzyarm.fuzzy_policy.laws.adaptive.weights import unit_force
+from fuzzyarm.fuzzy_policy.laws.adaptive.belief import FLAG, KEPT, Memory, places, unit_force
+from fuzzyarm.fuzzy_policy.laws.adaptive.filter import MISTRUST, Room, command, predict, tables_of, update, with_tables
 from fuzzyarm.fuzzy_policy.policy import checked_observation, no_torque
+from fuzzyarm.numbers.functions import Cells, array, each, select
+from fuzzyarm.numbers.machine import Kernel
+from fuzzyarm.numbers.program import Program
 
 if TYPE_CHECKING:
     from fuzzyarm.fuzzy_policy.laws.adaptive.policy import AdaptiveObserverPolicy, Beliefs
 
-__all__ = ["AdaptivePasses", "PassState"]
+__all__ = ["AdaptivePasses", "PassState", "Smoother"]
 
 CUT_OFF = 70.0  # Hz, of the Butterworth filter of the expected force
 ORDER = 2
@@ -51,35 +52,23 @@ FIRST_FORCE = 0.3  # standard deviation of the forces at the first sample for th
 SAME_PATH = 1e-6  # rad; a reference that differs more from that of the pass before is another path
 REWEIGHTED = 50  # steps towards the least total variation
 SMALLEST = 1e-2  # N, a change of the force that counts as none
+TOGETHER = 16  # lanes whose notes are kept at once
 
 
 @dataclasses.dataclass
 class PassState:
-    """A state between two samples, of one arm or of lanes.
+    """A state between two samples, of one arm or of lanes."""
 
-    Attributes:
-        memory: of the policy, (lanes, memory_size).
-        expected: tip force [N] that is expected at the samples of this pass, (samples, lanes, axes); empty: none.
-        path: q_d of the pass before, (samples, lanes, n).
-        references: q_d of the samples so far.
-        measured: θ [rad] and θ̇ [rad/s] of each sample so far, (lanes, 2 n) each.
-        commands: torques commanded [N m], (lanes, n) each.
-        travels: directions of travel, (lanes, axes) each.
-        early: memory of the policy after the first sample, (lanes, memory_size).
-        passes: over this path that have taught something, (lanes,).
-        other_path: whether a lane has left the path of the pass before: it expects nothing any more.
-    """
-
-    memory: np.ndarray
-    expected: np.ndarray
-    path: np.ndarray
-    references: list[np.ndarray]
-    measured: list[np.ndarray]
-    commands: list[np.ndarray]
-    travels: list[np.ndarray]
-    early: np.ndarray
-    passes: np.ndarray
-    other_path: np.ndarray
+    memory: np.ndarray  # of the policy, (lanes, memory_size)
+    expected: np.ndarray  # tip force [N] expected at the samples of this pass, (samples, lanes, axes); empty: none
+    path: np.ndarray  # q_d of the pass before, (samples, lanes, n)
+    references: list[np.ndarray]  # q_d of the samples so far
+    measured: list[np.ndarray]  # θ [rad] and θ̇ [rad/s] of each sample so far, (lanes, 2 n) each
+    commands: list[np.ndarray]  # torques commanded [N m], (lanes, n) each
+    travels: list[np.ndarray]  # directions of travel, (lanes, axes) each
+    early: np.ndarray  # memory of the policy after the first sample, (lanes, memory_size)
+    passes: np.ndarray  # over this path that have taught something, (lanes,)
+    other_path: np.ndarray  # whether a lane has left the path of the pass before: it expects nothing any more
 
 
 class AdaptivePasses:
@@ -92,7 +81,7 @@ class AdaptivePasses:
     def __init__(self, policy: AdaptiveObserverPolicy) -> None:
         """Keep the policy."""
         self.policy = policy
-        self._forces = forces_in(policy.belief)
+        self._axes = equations_of(policy.arm).axes
         self._constants = slice(policy.memory.z.start + 4 * policy.joints, policy.memory.z.stop)  # p, in a memory
         self._payload = self._constants.start + policy.belief.payload.start
 
@@ -157,7 +146,7 @@ class AdaptivePasses:
         usable = (state.memory[:, FLAG.lost] == 0.0) & ~state.other_path
         memory, kept = np.zeros_like(state.memory), self.policy.memory
         memory[:, kept.z], memory[:, kept.P] = state.memory[:, kept.z], self._bounded(state.memory[:, kept.P])
-        expected = np.zeros((len(state.references), len(memory), self._forces - 1))
+        expected = np.zeros((len(state.references), len(memory), self._axes))
         if usable.any():
             expected[:, usable], memory[usable, self._payload] = self._explained(state, usable)
         usable &= np.isfinite(expected).all(axis=(0, 2)) & np.isfinite(memory[:, self._payload])
@@ -188,10 +177,9 @@ class AdaptivePasses:
 
     def _first(self, memory: np.ndarray) -> PassState:
         lanes = len(memory)
-        expected, path = np.empty((0, lanes, self._forces - 1)), np.empty((0, lanes, self.policy.joints))
-        return PassState(
-            memory, expected, path, [], [], [], [], memory, np.zeros(lanes, dtype=int), np.zeros(lanes, bool)
-        )
+        expected, path = np.empty((0, lanes, self._axes)), np.empty((0, lanes, self.policy.joints))
+        none = np.zeros(lanes, dtype=int)
+        return PassState(memory, expected, path, [], [], [], [], early=memory, passes=none, other_path=none != 0)
 
     def _bounded(self, covariance: np.ndarray) -> np.ndarray:
         """Return covariances (lanes, N²) whose standard deviations are at most the first ones."""
@@ -204,49 +192,19 @@ class AdaptivePasses:
     def _explained(self, state: PassState, lanes: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Return the force to expect (samples, lanes, axes) and the payload (lanes,) after a pass of these lanes."""
         memory, before = state.memory[lanes], state.passes[lanes]
-        payload, force = memory[:, self._payload].copy(), self._force(state, lanes, memory)
+        smoother, payload = Smoother(self.policy), memory[:, self._payload].copy()
+        force = smoother.force(state, lanes, memory)
         new = before == 0
         if new.any():
             heavier, where = memory[new], lanes.copy()
             heavier[:, self._payload] += 1.0
             where[lanes] = new
-            slope = self._force(state, where, heavier) - force[:, new]
+            slope = smoother.force(state, where, heavier) - force[:, new]
             most = self.policy.settings.high[self.policy.belief.payload.start]
             payload[new] = np.clip(payload[new] + _steadiest(force[:, new], slope), 0.0, most)
             force[:, new] += (payload - memory[:, self._payload])[new, np.newaxis] * slope
         expected = _of_length(len(force), state.expected[:, lanes])
         return expected + (force - expected) / (1 + before[:, np.newaxis]), payload
-
-    def _force(self, state: PassState, lanes: np.ndarray, memory: np.ndarray) -> np.ndarray:
-        """Return the tip force (samples, lanes, axes) that explains the pass with the constants of a memory."""
-        policy, joints = self.policy, self.policy.joints
-        measured, commands = np.array(state.measured)[:, lanes], np.array(state.commands)[:, lanes]
-        travels, early = np.array(state.travels)[:, lanes], state.early[lanes]
-        expected = _of_length(len(measured), state.expected[:, lanes])
-        early[:, self._constants] = memory[:, self._constants]
-        settings = self._smoothing
-        angles = np.maximum(settings.variances[:joints], MISTRUST * memory[:, policy.memory.noise])
-        variances = np.concatenate([angles, angles * (settings.variances[joints:] / settings.variances[:joints])], 1)
-        smoother = Smoother(policy.arm, policy.belief, settings)
-        forces = smoother.smooth(measured, commands, expected, travels, early, variances)
-        return self._low_passed(expected + travels * forces[..., :1] + forces[..., 1:])
-
-    @functools.cached_property
-    def _smoothing(self) -> Settings:
-        """What the smoother takes: constants are known, and motors do as they are told."""
-        policy, states = self.policy, 4 * self.policy.joints
-        settings: Settings = policy.settings
-        spread = settings.spread.copy()
-        spread[states:] = 0.0
-        spread[states : states + self._forces] = FIRST_FORCE * unit_force(policy.arm)
-        return settings._replace(spread=spread, doubt=np.zeros_like(settings.doubt))
-
-    def _low_passed(self, force: np.ndarray) -> np.ndarray:
-        from scipy.signal import butter, sosfiltfilt  # slow to import, and looks for torch
-
-        nyquist = 0.5 / self.policy.control_period
-        sections = butter(ORDER, min(CUT_OFF / nyquist, 0.99), output="sos")
-        return np.asarray(sosfiltfilt(sections, force, axis=0, padlen=min(len(force) - 1, 60)))
 
 
 def _steadiest(force: np.ndarray, slope: np.ndarray) -> np.ndarray:
@@ -268,6 +226,12 @@ def _of_length(samples: int, force: np.ndarray) -> np.ndarray:
     return whole
 
 
+def _lines(force: np.ndarray) -> np.ndarray:
+    """Return the force lines (samples, lanes, 2 axes) from each sample to the next; the last is constant."""
+    later = np.concatenate([force[1:], force[-1:]])
+    return np.concatenate([0.5 * (force + later), later - force], axis=2)
+
+
 def _window(state: PassState, sample: int, other_path: np.ndarray) -> np.ndarray:
     """Return the expected force at this sample, at those before it and at the next one, (lanes, `KEPT` + 1, axes).
 
@@ -279,3 +243,150 @@ def _window(state: PassState, sample: int, other_path: np.ndarray) -> np.ndarray
         for place, k in enumerate((*range(sample, sample - KEPT, -1), sample + 1)):
             window[:, place] = state.expected[min(max(k, 0), last)] * ~other_path[:, np.newaxis]
     return window
+
+
+class Notes(NamedTuple):
+    """What the way forward leaves of a sample for the way back; n joints, N numbers of z, of which s are the first."""
+
+    innovations: Any  # ν (2 n,)
+    spreads: Any  # s (2 n,)
+    columns: Any  # P_y (2 n, N)
+    slopes: Any  # F, the rows of x, to the next sample (4 n, N)
+    forces: Any  # f⁻ (forces,)
+    rows: Any  # P⁻_f (forces, numbers of s)
+
+
+class Seen(NamedTuple):
+    """A sample: what is measured, with its variances; force lines to the next sample; torques commanded [N m]."""
+
+    measured: Any  # θ and θ̇ (2 n,)
+    variances: Any  # (2 n,)
+    expected: Any  # line of the expected force (2 axes,)
+    travel: Any  # line of a unit force along the direction of travel (2 axes,)
+    commands: Any  # (n,)
+
+
+class Smoother:
+    """The force that explains a whole pass: a fixed-interval smoother of the arm's state and the tip force.
+
+    s = (x, f) with x of the elastic arm and the forces f = (f_t, F) beside the expected one; the constants of the arm,
+    the payload and the lateness are given and stay. Forward it is the filter of `filter` without gate and dead zone, in
+    which f walks; at the first sample the links are as fast as the motors, and stand where the filter took them to
+    stand. Backward (Bryson and Frazier), with λ = 0 after the last sample, at each sample for the measured numbers in
+    reverse order
+
+        λ ← λ - h (ν + P_yᵀ λ)/s,    f_s = f⁻ - P⁻_f λ,    λ ← Fᵀ λ for the sample before,
+
+    where h picks the measured number of s, ν is its innovation, s the variance of that, P_y the column of P by which it
+    corrected, and f⁻, P⁻ are what the filter had before the sample. Unlike the recursion of Rauch, Tung and Striebel
+    this inverts no covariance.
+    """
+
+    def __init__(self, policy: AdaptiveObserverPolicy) -> None:
+        """Take the policy's arm with constants that are known, and motors that do as they are told."""
+        self._policy, self._physics, settings = policy, equations_of(policy.arm), policy.settings
+        n, N, self._forces = self._physics.joints, len(settings.spread), len(settings.reopening)
+        self._used, spread = 4 * n + self._forces, np.zeros(N)
+        spread[: 4 * n], spread[4 * n : self._used] = settings.spread[: 4 * n], FIRST_FORCE * unit_force(policy.arm)
+        sure, bold = np.zeros(n), np.zeros(N)
+        self._settings = settings.replaced(spread=spread, doubt=sure, cautious=bold, gate=math.inf)
+        two, line = Cells((2 * n,)), Cells((2 * self._physics.axes,))
+        columns, slopes, forces = Cells((2 * n, N)), Cells((4 * n, N)), Cells((self._forces,))
+        self._notes = Notes(two, two, columns, slopes, forces, Cells((self._forces, self._used)))
+        self._seen = Seen(two, two, line, line, Cells((n,)))
+        self._forward, self._backward = self._forward_kernel(), self._backward_kernel()
+
+    def force(self, state: PassState, lanes: np.ndarray, memory: np.ndarray) -> np.ndarray:
+        """Return the tip force [N] (samples, lanes, axes) that explains the pass of some lanes, low-passed.
+
+        Constants, payload and lateness are those of a memory (lanes, memory_size); `lanes` says which are some of them.
+        """
+        from scipy.signal import butter, sosfiltfilt  # slow to import, and looks for torch
+
+        chosen = np.flatnonzero(lanes)
+        groups = [slice(first, first + TOGETHER) for first in range(0, len(chosen), TOGETHER)]
+        force = np.concatenate([self._of_some(state, chosen[some], memory[some]) for some in groups], axis=1)
+        nyquist = 0.5 / self._policy.control_period
+        sections = butter(ORDER, min(CUT_OFF / nyquist, 0.99), output="sos")
+        return np.asarray(sosfiltfilt(sections, force, axis=0, padlen=min(len(force) - 1, 60)))
+
+    def _of_some(self, state: PassState, lanes: np.ndarray, known: np.ndarray) -> np.ndarray:
+        samples, parts = len(state.measured), (state.measured, state.commands, state.travels)
+        measured, commands, travels = (np.array([sample[lanes] for sample in part]) for part in parts)
+        expected, (least, ratio) = _of_length(samples, state.expected[:, lanes]), np.split(self._settings.variances, 2)
+        angles = np.maximum(least, MISTRUST * known[:, self._policy.memory.noise])
+        variances = np.broadcast_to(np.concatenate([angles, angles * (ratio / least)], axis=1), measured.shape)
+        seen = np.concatenate([measured, variances, _lines(expected), _lines(travels), commands], axis=2)
+        memory, tables = self._begun(measured[0], state.early[lanes], known), tables_of(self._settings)
+        notes = np.empty((samples, len(lanes), sum(part.size for part in self._notes)))
+        for k in range(samples):
+            self._forward((memory, np.ascontiguousarray(seen[k]), notes[k]), np.empty(0), tables)
+        adjoint, found = np.zeros((len(lanes), self._used)), np.empty((samples, len(lanes), self._forces))
+        for k in range(samples - 1, -1, -1):
+            self._backward((adjoint, notes[k], found[k]), np.array([float(k < samples - 1)]))
+        return np.asarray(expected + travels * found[..., :1] + found[..., 1:])
+
+    def _begun(self, measured: np.ndarray, early: np.ndarray, known: np.ndarray) -> np.ndarray:
+        """Return memories (lanes, numbers) before the first sample, of which `measured` (lanes, 2 n) is known."""
+        at, n, spread = self._policy.memory, self._physics.joints, self._settings.spread
+        memory = early[:, : at.noise.stop].copy()
+        memory[:, FLAG.calm], z = 0.0, memory[:, at.z]
+        z[:, self._used :], z[:, 4 * n : self._used] = known[:, at.z][:, self._used :], 0.0
+        z[:, :n], z[:, 2 * n : 3 * n], z[:, 3 * n : 4 * n] = measured[:, :n], measured[:, n:], measured[:, n:]
+        memory[:, at.P] = np.diag(spread * spread).ravel()
+        first, before = (slice(at.commands.start + k * n, at.commands.start + (1 + k) * n) for k in range(2))
+        memory[:, first] = memory[:, before]  # without the command of the first sample, which is still to come
+        return memory
+
+    def _forward_kernel(self) -> Kernel:
+        physics, settings, used = self._physics, self._settings, self._used
+
+        def forward(m: Memory, seen: Seen, notes: Notes, _: Any, *tables: Any) -> tuple[Any, ...]:
+            s = with_tables(settings, tables)
+            room, states = Room(physics, s), 4 * physics.joints
+            room.measured, room.variances, room.line = seen.measured, seen.variances, seen.expected
+            room.innovation, room.expected, room.columns, room.F = notes[:4]
+            for i in each(2 * physics.axes):
+                room.directions[i, 0] = seen.travel[i]
+            for i in each(self._forces):
+                notes.forces[i] = m.z[states + i]
+                for other in each(used):
+                    notes.rows[i, other] = m.P[states + i, other]
+            update(m, s, room)
+            command(m, s, seen.commands)
+            predict(m, s, room, seen.commands)
+            return m, seen, notes
+
+        shapes = [table.shape for table in tables_of(settings)]
+        return Kernel(Program(forward, (places(physics), self._seen, self._notes), (), shapes))
+
+    def _backward_kernel(self) -> Kernel:
+        joints, forces, used = self._physics.joints, self._forces, self._used
+        states = 4 * joints
+
+        def backward(adjoint: Any, notes: Notes, found: Any, given: Any) -> tuple[Any, ...]:
+            before = array(used)
+            for i in each(used):
+                before[i] = adjoint[i]
+            for i in each(states):
+                before[i] = 0.0
+            for i in each(used):
+                for other in each(states):
+                    before[i] += notes.slopes[other, i] * adjoint[other]
+            for i in each(used):
+                adjoint[i] = select(given[0] > 0.0, before[i], adjoint[i])
+            for half in (1, 0):
+                for joint in range(joints - 1, -1, -1):
+                    j, at = half * joints + joint, 2 * half * joints + joint  # θ and θ̇ in x
+                    before[0] = notes.innovations[j]
+                    for i in each(used):
+                        before[0] += notes.columns[j, i] * adjoint[i]
+                    adjoint[at] -= before[0] / notes.spreads[j]
+            for i in each(forces):
+                before[0] = notes.forces[i]
+                for other in each(used):
+                    before[0] -= notes.rows[i, other] * adjoint[other]
+                found[i] = before[0]
+            return adjoint, notes, found
+
+        return Kernel(Program(backward, (Cells((used,)), self._notes, Cells((forces,))), (0.0,)))

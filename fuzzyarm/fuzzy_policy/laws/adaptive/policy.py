@@ -7,7 +7,7 @@
 x_d = (θ_d, q_d, θ̇_d, q̇_d) and u_ff are those of `elastic_target` for the arm of p under the load of p: the torque
 that bends the joints is τ = M q̈_d + C q̇_d + g - Jᵀ F, at the last samples of the reference with today's p. A ⁺ is d
 control periods ahead, when the command reaches the motors: x by the commands on their way, x_d by its derivatives. K is
-a linear quadratic regulator over posture and payload, see `acting`.
+a linear quadratic regulator over posture and payload, see `law`.
 
 The estimated payload is no measurement of a payload: masses and forces share a load.
 
@@ -24,50 +24,24 @@ from typing import Any
 
 import numpy as np
 
-from fuzzyarm.envs.fastest_mode import fastest_rate
 from fuzzyarm.envs.observation import Observation
-from fuzzyarm.envs.periods import default_substeps
 from fuzzyarm.envs.physics.equations import AnyArm, equations_of
 from fuzzyarm.envs.physics.parameters import ArmParameters
-from fuzzyarm.envs.physics.robot import Robot
-from fuzzyarm.fuzzy_policy.known_arm import per_joint_of, travel_of
-from fuzzyarm.fuzzy_policy.law import Law, LawPolicy, seen_by, within_limits
-from fuzzyarm.fuzzy_policy.law import law_of as law_of_policy
-from fuzzyarm.fuzzy_policy.laws.adaptive.acting import feedback_table
-from fuzzyarm.fuzzy_policy.laws.adaptive.belief import (
-    CAUTIOUS,
-    FACTORS,
-    FLAG,
-    KEPT,
-    LONGEST_LATENESS,
-    affine_numbers,
-    allowed,
-    belief_of,
-    first_guess,
-    first_spread,
-    forces_in,
-    layout,
-    places,
-    walks,
-)
+from fuzzyarm.fuzzy_policy.known_arm import travel_of
+from fuzzyarm.fuzzy_policy.law import Law, LawPolicy, law_of, seen_by, within_limits
+from fuzzyarm.fuzzy_policy.laws.adaptive.belief import FACTORS, FLAG, KEPT, AdaptiveWeights, belief_of, layout, places
+from fuzzyarm.fuzzy_policy.laws.adaptive.filter import Room, Settings, correct, predict, tables_of, with_tables
 from fuzzyarm.fuzzy_policy.laws.adaptive.frozen import FrozenObserver
-from fuzzyarm.fuzzy_policy.laws.adaptive.law import NOISE_SHARE, law_of
+from fuzzyarm.fuzzy_policy.laws.adaptive.law import act, adaptive_weights_for, feedback_table
 from fuzzyarm.fuzzy_policy.laws.adaptive.passes import AdaptivePasses
-from fuzzyarm.fuzzy_policy.laws.adaptive.settings import Settings, tables_of, with_tables
-from fuzzyarm.fuzzy_policy.laws.adaptive.trust import INSIGNIFICANT
-from fuzzyarm.fuzzy_policy.laws.adaptive.weights import AdaptiveWeights, adaptive_weights_for, mass_of, unit_force
 from fuzzyarm.fuzzy_policy.laws.computed_torque import ComputedTorquePolicy
 from fuzzyarm.fuzzy_policy.laws.tip import TipPolicy
 from fuzzyarm.fuzzy_policy.policy import Policy
-from fuzzyarm.numbers.functions import Cells, array, each, when
+from fuzzyarm.numbers.functions import Cells, array, when
 from fuzzyarm.numbers.machine import Kernel
 from fuzzyarm.numbers.program import Program
 
 __all__ = ["AdaptiveObserverPolicy", "Beliefs"]
-
-_STILL = 1e-3  # correction of the forces by a sample that counts as none, in unit forces
-# Steps of the differences that make F, far above rounding and far below what bends the equations.
-_ANGLE_STEP, _VELOCITY_STEP, _LOAD_STEP, _FACTOR_STEP = 1e-7, 1e-6, 1e-2, 1e-4
 
 
 @dataclasses.dataclass(frozen=True)
@@ -140,72 +114,63 @@ class AdaptiveObserverPolicy(LawPolicy):
         """
         super().__init__(ArmParameters() if parameters is None else parameters, control_period)
         self.arm, physics = self.parameters, equations_of(self.parameters)
-        self.belief = belief_of(physics)
-        self.memory = layout(self.joints, self.belief)
+        self.belief, self.memory = belief_of(physics), layout(physics)
         self.weights = weights or adaptive_weights_for(self.arm, self.control_period)
         self.fallback = fallback or TipPolicy(ComputedTorquePolicy(self.parameters, control_period))
         self.memory_size = self.memory.noise.stop + self.fallback.memory_size
-        self.settings = self._arranged()
+        feedback = feedback_table(self.arm, self.control_period, self.weights)
+        self.settings = Settings(self.arm, self.control_period, self.weights, feedback)
 
     def act_with(self, observation: np.ndarray, memory: np.ndarray, torque: np.ndarray, known: np.ndarray) -> None:
-        """Do what `act` does where a part of the tip force is known beforehand, see `law.law_of`."""
+        """Do what `act` does where a part of the tip force is known beforehand, see `Room`."""
         tables = self.control_law.tables
         self._beside((memory, observation, known.reshape(len(known), -1), torque), self._constants, tables)
 
     @functools.cached_property
     def control_law(self) -> Law:
         """The law of the module's docstring."""
-        act, axes = self._act_of(), forces_in(self.belief) - 1
-
-        def alone(memory: Any, seen: Observation, given: Any, *tables: Any) -> tuple[Any, Any]:
-            known = array(KEPT + 1, axes)
-            for k in each(KEPT + 1):
-                for i in each(axes):
-                    known[k, i] = 0.0
-            return act(memory, seen, known, given, *tables)  # type: ignore[no-any-return]
-
         behind = self._behind
-        held = places(self.joints, self.belief), behind.memory
-        return Law(alone, held, self._given, (*tables_of(self.settings), *behind.tables))
+        given = behind.constants, tuple(map(float, self.fallback.torque_limit))
+        held = places(equations_of(self.arm)), behind.memory
+        return Law(self._answer_of(), held, given, (*tables_of(self.settings), *behind.tables))
 
     @functools.cached_property
     def _beside(self) -> Kernel:
-        act, law = self._act_of(), self.control_law
+        answer, law = self._answer_of(), self.control_law
 
         def beside(memory: Any, seen: Observation, known: Any, _: Any, given: Any, *tables: Any) -> tuple[Any, ...]:
-            after, torque = act(memory, seen, known, given, *tables)
+            after, torque = answer(memory, seen, given, *tables, known=known)
             return after, seen, known, torque
 
-        shape = KEPT + 1, forces_in(self.belief) - 1
-        ports = law.memory, seen_by(self.joints), Cells(shape), (0.0,) * self.joints
+        force = Cells((KEPT + 1, equations_of(self.arm).axes))
+        ports = law.memory, seen_by(self.joints), force, (0.0,) * self.joints
         return Kernel(Program(beside, ports, law.constants, [table.shape for table in law.tables]))
 
-    def _act_of(self) -> Any:
-        """Return ``act(memory, seen, known, given, *tables)``, the law with a force that is known beforehand."""
-        law, settings, joints = law_of(equations_of(self.arm)), self.settings, self.joints
-        fall_back = within_limits(self._behind, joints, self.fallback.integral_at)
-        own = len(tables_of(settings))
+    def _answer_of(self) -> Any:
+        """Return the law ``answer(memory, seen, given, *tables, known)``; `known` as for `Room`."""
+        physics, settings, own = equations_of(self.arm), self.settings, len(tables_of(self.settings))
+        fall_back = within_limits(self._behind, self.joints, self.fallback.integral_at)
 
-        def act(memory: Any, seen: Observation, known: Any, given: Any, *tables: Any) -> tuple[Any, Any]:
-            m, behind = memory
-            torque = law(m, seen, with_tables(settings, tables[:own]), known)
-            lost, found = m.flags[FLAG.lost] == 1.0, tuple(torque[j] for j in range(joints))
-            behind, found = when(lost, lambda: _plain(fall_back(behind, seen, given, *tables[own:])), (behind, found))
+        def answer(memory: Any, seen: Observation, given: Any, *tables: Any, known: Any = None) -> tuple[Any, Any]:
+            (m, behind), s = memory, with_tables(settings, tables[:own])
+            room, torque = Room(physics, s, known), array(physics.joints)
+            correct(m, s, room, seen)
+            act(room.acted, m, s, room, torque)
+            predict(m, s, room, torque)
+            found = behind, physics.PerJoint(*(torque[j] for j in range(physics.joints)))
+            lost = m.flags[FLAG.lost] == 1.0
+            behind, found = when(lost, lambda: fall_back(memory[1], seen, given, *tables[own:]), found)
             return (m, behind), found
 
-        return act
+        return answer
 
     @functools.cached_property
     def _behind(self) -> Law:
         """The law that acts where the filter has diverged."""
-        found = law_of_policy(self.fallback)
+        found = law_of(self.fallback)
         if found is None:
             raise ValueError(f"fallback = {type(self.fallback).__name__} has no law; take one of `fuzzy_policy.laws`")
         return found
-
-    @property
-    def _given(self) -> Any:
-        return self._behind.constants, tuple(map(float, self.fallback.torque_limit))
 
     def __getstate__(self) -> dict[str, Any]:
         """Leave out the machine code."""
@@ -217,7 +182,7 @@ class AdaptiveObserverPolicy(LawPolicy):
 
     def without_dry_friction(self) -> FrozenObserver:
         """Return this policy with its adaptation frozen, for the same arm without dry friction."""
-        return FrozenObserver(self, dry_friction=False)
+        return FrozenObserver(self)
 
     def beliefs(self, state: np.ndarray) -> Beliefs:
         """Return what is believed at the next sample, from a state (..., memory_size) that `predict` gave.
@@ -231,7 +196,7 @@ class AdaptiveObserverPolicy(LawPolicy):
     def beliefs_of(self, own: np.ndarray) -> Beliefs:
         """Return what is believed at the next sample, from the filter's part (..., numbers) of a state."""
         part, belief, states = self.memory, self.belief, 4 * self.joints
-        forces = forces_in(belief)
+        forces = belief.force.stop
         shape, size = own.shape[:-1], part.z.stop - part.z.start
         p, P = own[..., part.z][..., states:], own[..., part.P].reshape(*shape, size, size)
         covariance = P[..., states:, states:]
@@ -261,65 +226,3 @@ class AdaptiveObserverPolicy(LawPolicy):
             at_end={name: ends[..., part].any(axis=-1) for name, part in belief._asdict().items()},
             other_path=np.zeros(shape, dtype=np.bool_),
         )
-
-    def _arranged(self) -> Settings:
-        """Return what the law takes."""
-        arm, weights, period = self.arm, self.weights, self.control_period
-        belief, joints, states = self.belief, self.joints, 4 * self.joints
-        (schedule, gains), (base, slopes) = feedback_table(arm, period, weights), affine_numbers(arm)
-        low, high = allowed(arm, float(LONGEST_LATENESS))
-        inertia, forces, beliefs = per_joint_of(arm, "motor_inertia"), forces_in(belief), belief.lateness.stop
-        shake = weights.motor_torque * self._torque_limit / inertia
-        still, substeps = np.zeros(joints), default_substeps(period, fastest_rate([arm]))
-        encoder = np.repeat([weights.encoder_angle, weights.encoder_velocity], joints)
-        first_state = (weights.encoder_angle, weights.first_link_angle, *[weights.encoder_velocity] * 2)
-        load_steps = np.full(belief.payload.stop, _LOAD_STEP)
-        factor_steps = np.full(beliefs - belief.payload.stop, _FACTOR_STEP)
-        state_steps = np.repeat([_ANGLE_STEP, _VELOCITY_STEP], 2 * joints)
-        cautious = np.zeros(states + beliefs, dtype=np.bool_)
-        shared = np.zeros(states + beliefs)
-        for name in FACTORS:
-            shared[states:][getattr(belief, name)] = weights.first_scale
-        for name in CAUTIOUS:
-            cautious[states:][getattr(belief, name)] = True
-        return Settings(
-            feedback=gains,
-            feedback_rows=np.ascontiguousarray(gains.reshape(-1, joints * 4 * joints)),
-            first_gain=weights.first_gain,
-            soft_samples=weights.soft_start / period,
-            kept=tuple(schedule.kept.tolist()),
-            cosine=schedule.cosine,
-            points=schedule.points,
-            base=base,
-            slopes=slopes,
-            guess=first_guess(arm),
-            spread=np.concatenate([np.repeat(first_state, joints), first_spread(arm, weights)]),
-            shared=shared,
-            low=low,
-            high=high,
-            noise=np.concatenate([still, still, shake, still, walks(arm, weights)]) ** 2 * period,
-            doubt=weights.torque_doubt * period / (inertia * self._torque_limit),
-            scale_doubt=weights.scale_doubt,
-            calm_walk=weights.calm_walk,
-            reopening=walks(arm, weights)[:forces] ** 2 * weights.reopening,
-            still=(_STILL * unit_force(arm)) ** 2,
-            steps=np.concatenate([state_steps, load_steps, factor_steps]),
-            variances=encoder**2,
-            cautious=cautious.astype(np.float64),
-            gate=weights.gate,
-            dead_zone=weights.dead_zone,
-            # A robot, for which nothing was tuned, begins to learn with more caution. The noise that it reads holds on
-            # to a first guess, so that it does not say which loads are significant.
-            first_share=NOISE_SHARE if isinstance(arm, Robot) else 1.0,
-            insignificant=0.0 if isinstance(arm, Robot) else INSIGNIFICANT**2,
-            largest_swing=weights.largest_swing,
-            limit=self._torque_limit,
-            mass=mass_of(arm),
-            substep=period / substeps,
-            substeps=substeps,
-        )
-
-
-def _plain(answer: tuple[Any, Any]) -> tuple[Any, Any]:
-    memory, torque = answer
-    return memory, tuple(torque)

@@ -17,21 +17,19 @@ from fuzzyarm.envs.scenario.disturbances import ConstantForce, Disturbance, Enco
 from fuzzyarm.eval.episodes.loop import record_passes
 from fuzzyarm.eval.episodes.rollout import record_rollout
 from fuzzyarm.eval.stability.linearisation import spectral_radius
-from fuzzyarm.fuzzy_policy.laws.adaptive.arm import arm_functions
-from fuzzyarm.fuzzy_policy.laws.adaptive.belief import FLAG
+from fuzzyarm.fuzzy_policy.laws.adaptive.belief import FLAG, AdaptiveWeights, ArmFunctions
 from fuzzyarm.fuzzy_policy.laws.adaptive.filter import numbers_at
 from fuzzyarm.fuzzy_policy.laws.adaptive.policy import AdaptiveObserverPolicy
-from fuzzyarm.fuzzy_policy.laws.adaptive.weights import AdaptiveWeights
 
 ARM = ArmParameters()
 NOISE = EncoderNoise(position=1e-5, velocity=1e-3)
 POLICY = AdaptiveObserverPolicy()
 MEMORY = POLICY.memory
-_, _link_torque, _, _, constants_in = arm_functions(two_joints())
+FUNCTIONS = ArmFunctions(two_joints())
 
 
 def link_torque(q, dq, ddq, force, numbers, torque):
-    torque[:] = _link_torque(q, dq, ddq, force, constants_in(numbers))
+    torque[:] = FUNCTIONS.link_torque(q, dq, ddq, force, FUNCTIONS.constants_in(numbers))
 
 
 def follow(policy, disturbances, steps=1499, arms=None, late=0):
@@ -81,7 +79,7 @@ def believed_torque(state):
     """Torque [N m] that the links need along the reference, as the policy believes, less the offsets."""
     p, s = state[MEMORY.z][8:], POLICY.settings
     constants, torque = np.empty(len(s.base)), np.empty(2)
-    numbers_at(p, s.guess, s.base, s.slopes, constants)
+    numbers_at(p, s, constants)
     link_torque(*wanted(state), POLICY.beliefs(state).force, constants, torque)
     return torque - POLICY.beliefs(state).offset
 

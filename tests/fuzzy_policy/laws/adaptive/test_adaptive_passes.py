@@ -11,7 +11,7 @@ from fuzzyarm.envs.physics.parameters import ArmParameters
 from fuzzyarm.envs.scenario.disturbances import ConstantForce, Disturbance
 from fuzzyarm.envs.scenario.paths import Circle
 from fuzzyarm.envs.scenario.reference import JointReference
-from fuzzyarm.fuzzy_policy.laws.adaptive.passes import _steadiest
+from fuzzyarm.fuzzy_policy.laws.adaptive.passes import Smoother, _steadiest
 from fuzzyarm.fuzzy_policy.laws.adaptive.policy import AdaptiveObserverPolicy
 
 POLICY = AdaptiveObserverPolicy()
@@ -67,7 +67,7 @@ def test_with_the_true_constants_the_true_force_explains_a_pass():
     known = state.memory.copy()
     known[:, repeated._constants] = POLICY.settings.guess
     known[:, repeated._payload] = payload
-    force = repeated._force(state, np.ones(len(LOADS), dtype=bool), known)
+    force = Smoother(POLICY).force(state, np.ones(len(LOADS), dtype=bool), known)
     truth = np.zeros_like(force)
     truth[100:300, 0] = 0.0, 150.0
     away = np.r_[20:80, 130:270, 330:760]  # from the jumps of the force and from the ends
@@ -82,8 +82,8 @@ def test_links_that_are_lighter_than_known_are_no_negative_payload():
     _, state = run(repeated, None, parameters=ArmParameters(mass=(12.0, 7.2)))
     heavier = state.memory.copy()
     heavier[:, repeated._payload] += 1.0
-    force = repeated._force(state, every, state.memory)
-    steadiest = state.memory[:, repeated._payload] + _steadiest(force, repeated._force(state, every, heavier) - force)
+    force, heavy = (Smoother(POLICY).force(state, every, memory) for memory in (state.memory, heavier))
+    steadiest = state.memory[:, repeated._payload] + _steadiest(force, heavy - force)
     assert steadiest[0] < -0.1 and steadiest[1] > 1.0
     found = POLICY.beliefs(repeated.begin_pass(state).memory).payload
     np.testing.assert_allclose(found, np.maximum(steadiest, 0.0), atol=1e-9)
@@ -96,7 +96,7 @@ def test_the_expected_force_is_the_mean_of_what_explained_the_passes():
     state = repeated.begin_pass(state)
     expected = state.expected.copy()
     _, state = run(repeated, state)
-    explained = repeated._force(state, np.ones(len(LOADS), dtype=bool), state.memory)
+    explained = Smoother(POLICY).force(state, np.ones(len(LOADS), dtype=bool), state.memory)
     np.testing.assert_allclose(repeated.begin_pass(state).expected, 0.5 * (expected + explained), atol=1e-9)
 
 

@@ -12,20 +12,11 @@ from fuzzyarm.envs.physics.records import flat
 from fuzzyarm.envs.physics.robot import robot_named
 from fuzzyarm.envs.physics.two_joints import two_joints
 from fuzzyarm.fuzzy_policy.known_arm import with_drives
-from fuzzyarm.fuzzy_policy.laws.adaptive.belief import (
-    affine_numbers,
-    allowed,
-    belief_of,
-    first_guess,
-    first_spread,
-    forces_in,
-    walks,
-)
-from fuzzyarm.fuzzy_policy.laws.adaptive.weights import AdaptiveWeights, unit_force
+from fuzzyarm.fuzzy_policy.laws.adaptive.belief import AdaptiveWeights, affine_numbers, belief_of, prior, unit_force
 
 ARM, ROBOT = ArmParameters(), robot_named("planar-3r")
-BELIEF = belief_of(two_joints())
-BELIEFS, FORCES = BELIEF.lateness.stop, forces_in(BELIEF)
+BELIEF, PRIOR = belief_of(two_joints()), prior(ARM, AdaptiveWeights())
+BELIEFS, FORCES = BELIEF.lateness.stop, BELIEF.force.stop
 FIELDS = {
     "stiffness": ("stiffness",),
     "damping": ("damping",),
@@ -39,7 +30,7 @@ def test_constants_of_any_belief_are_those_of_the_arm_with_these_factors_and_pay
     rng = np.random.default_rng(0)
     base, slopes = affine_numbers(ARM)
     for _ in range(20):
-        p = first_guess(ARM)
+        p = PRIOR.guess.copy()
         p[BELIEF.payload] = rng.uniform(0.0, 10.0)
         changes = {}
         for name, fields in FIELDS.items():
@@ -47,12 +38,12 @@ def test_constants_of_any_belief_are_those_of_the_arm_with_these_factors_and_pay
             for field in fields:
                 changes[field] = tuple(np.array(getattr(ARM, field)) * factors)
         expected = arm_constants(dataclasses.replace(ARM, **changes), Payload(float(p[BELIEF.payload][0])))
-        np.testing.assert_allclose(base + slopes @ (p - first_guess(ARM)), flat(expected), rtol=1e-12)
+        np.testing.assert_allclose(base + slopes @ (p - PRIOR.guess), flat(expected), rtol=1e-12)
 
 
 def test_numbers_of_any_belief_are_those_of_the_robot_with_these_drives_masses_and_payload():
     physics, rng = equations_of(ROBOT), np.random.default_rng(1)
-    belief, (base, slopes), p = belief_of(physics), affine_numbers(ROBOT), first_guess(ROBOT)
+    belief, (base, slopes), p = belief_of(physics), affine_numbers(ROBOT), prior(ROBOT, AdaptiveWeights()).guess
     p[belief.payload] = 1.5
     factors = {name: rng.uniform(0.7, 1.4, 3) for name in FIELDS}
     for name, values in factors.items():
@@ -67,7 +58,7 @@ def test_numbers_of_any_belief_are_those_of_the_robot_with_these_drives_masses_a
         joints.append(dataclasses.replace(joint, link=link))
     robot = dataclasses.replace(robot, joints=tuple(joints))
     expected = [*physics.plant_of(robot), 1.5]
-    np.testing.assert_allclose(base + slopes @ (p - first_guess(ROBOT)), expected, rtol=1e-12)
+    np.testing.assert_allclose(base + slopes @ (p - prior(ROBOT, AdaptiveWeights()).guess), expected, rtol=1e-12)
 
 
 def test_forces_come_first_and_change_no_constant():
@@ -77,12 +68,10 @@ def test_forces_come_first_and_change_no_constant():
 
 
 def test_first_guess_lies_within_what_is_allowed_and_only_loads_walk():
-    low, high = allowed(ARM, 3.0)
-    assert np.all(low <= first_guess(ARM)) and np.all(first_guess(ARM) <= high)
-    assert np.all(first_spread(ARM, AdaptiveWeights()) > 0.0)
-    walking = walks(ARM, AdaptiveWeights())
-    assert np.all(walking[:FORCES] > 0.0) and np.all(walking[FORCES:] == 0.0)
-    assert len(walking) == BELIEFS
+    assert np.all(PRIOR.low <= PRIOR.guess) and np.all(PRIOR.guess <= PRIOR.high)
+    assert np.all(PRIOR.spread > 0.0)
+    assert np.all(PRIOR.walk[:FORCES] > 0.0) and np.all(PRIOR.walk[FORCES:] == 0.0)
+    assert len(PRIOR.walk) == BELIEFS
 
 
 def test_unit_force_at_the_stretched_arm_takes_the_first_motor_to_its_limit():

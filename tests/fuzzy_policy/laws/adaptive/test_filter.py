@@ -11,19 +11,43 @@ from fuzzyarm.envs.physics.records import flat
 from fuzzyarm.envs.physics.robot import robot_named
 from fuzzyarm.envs.physics.two_joints import two_joints
 from fuzzyarm.fuzzy_policy.known_arm import drives_of
-from fuzzyarm.fuzzy_policy.laws.adaptive import filter as parts
-from fuzzyarm.fuzzy_policy.laws.adaptive.arm import arm_functions, numbers_of
-from fuzzyarm.fuzzy_policy.laws.adaptive.belief import affine_numbers, belief_of, first_guess, forces_in
+from fuzzyarm.fuzzy_policy.laws.adaptive.belief import (
+    FLAG,
+    AdaptiveWeights,
+    ArmFunctions,
+    affine_numbers,
+    belief_of,
+    layout,
+    numbers_of,
+    prior,
+    remembered,
+)
+from fuzzyarm.fuzzy_policy.laws.adaptive.filter import (
+    NOISE_SHARE,
+    Room,
+    confine,
+    note_noise,
+    spread_copies,
+    step,
+    update,
+)
+from fuzzyarm.fuzzy_policy.laws.adaptive.policy import AdaptiveObserverPolicy
 
 ARM = ArmParameters()
-BELIEF, (hold, link_torque, tip_direction, _, constants_in) = belief_of(two_joints()), arm_functions(two_joints())
-BELIEFS, FORCES = BELIEF.lateness.stop, forces_in(BELIEF)
+BELIEF, FUNCTIONS = belief_of(two_joints()), ArmFunctions(two_joints())
+hold, link_torque, constants_in = FUNCTIONS.hold, FUNCTIONS.link_torque, FUNCTIONS.constants_in
+BELIEFS, FORCES = BELIEF.lateness.stop, BELIEF.force.stop
+SETTINGS, GUESS = AdaptiveObserverPolicy().settings, prior(ARM, AdaptiveWeights()).guess
 STATES, SIZE = 8, 8 + BELIEFS
 MEASURED = [0, 1, 4, 5]
 NO_GATE, NOTHING_SILENT = 1e300, np.zeros(4)
 
-correct, confine, lanes_of = parts.correct, parts.confine, parts.lanes_of
-fill_lanes, filter_step, read_noise = parts.fill_lanes, parts.step, parts.read_noise
+
+def believing(z, P):
+    """A memory with copies of z and P, and room."""
+    m = remembered(np.zeros(layout(two_joints()).noise.stop), two_joints())
+    m.z[:], m.P[:] = z, P
+    return m, Room(two_joints(), SETTINGS)
 
 
 def covariance(rng, scale=1.0):
@@ -33,10 +57,11 @@ def covariance(rng, scale=1.0):
 
 def corrected(z, P, measured, variances, silent=NOTHING_SILENT, cautious=None, gate=NO_GATE):
     """z and P after a correction, the arguments left alone."""
-    z, P = z.copy(), P.copy()
-    cautious = np.zeros(SIZE, dtype=bool) if cautious is None else cautious
-    surprise = correct(z, P, measured, variances, silent, cautious, gate, np.empty(SIZE))
-    return z, P, surprise
+    m, room = believing(z, P)
+    room.measured, room.variances, room.silent = measured, variances, silent
+    cautious = np.zeros(SIZE) if cautious is None else cautious.astype(float)
+    surprise = update(m, SETTINGS.replaced(cautious=cautious, gate=gate), room)
+    return m.z, m.P, surprise
 
 
 def test_whole_correction_is_the_joint_kalman_update():
@@ -95,20 +120,22 @@ def test_confining_a_number_moves_the_others_as_their_covariance_says():
     low, high = np.full(BELIEFS, -1e3), np.full(BELIEFS, 1e3)
     z[-1], low[-1] = -1.0, 0.0
     expected = z + P[:, -1] / P[-1, -1]
-    confine(z, P, low, high)
-    np.testing.assert_allclose(z, expected, atol=1e-12)
+    m, _ = believing(z, P)
+    confine(m, SETTINGS.replaced(low=low, high=high))
+    np.testing.assert_allclose(m.z, expected, atol=1e-12)
 
 
 def read_from(angle, velocity, period=1e-3):
-    """What `read_noise` has read after the last sample, and at each of them."""
-    read, noise, found = np.array([angle[0], velocity[0], -period * velocity[0]]), np.zeros(2), []
-    for measured in np.column_stack([angle, velocity]).reshape(len(angle), 4):
-        read_noise(measured, read, noise, 0.03, period)
-        found.append(noise.copy())
+    """What `note_noise` has read after the last sample, and at each of them."""
+    (m, room), found = believing(np.zeros(SIZE), np.zeros((SIZE, SIZE))), []
+    m.read[:], m.flags[FLAG.samples] = (angle[0], velocity[0], -period * velocity[0]), 1.0 / NOISE_SHARE + 2.0
+    for room.measured in np.column_stack([angle, velocity]).reshape(len(angle), 4):
+        note_noise(m, SETTINGS.replaced(substep=period, substeps=1), room)
+        found.append(m.noise.copy())
     return np.array(found)
 
 
-def test_read_noise_converges_to_the_variance_and_ignores_a_smooth_motion():
+def test_noise_that_is_read_converges_to_the_variance_and_ignores_a_smooth_motion():
     rng = np.random.default_rng(6)
     time = 1e-3 * np.arange(3000)[:, np.newaxis] * np.ones(2)
     angle, velocity = 0.5 * np.sin(6.0 * time), 3.0 * np.cos(6.0 * time)
@@ -118,7 +145,7 @@ def test_read_noise_converges_to_the_variance_and_ignores_a_smooth_motion():
         assert np.mean(found[500:]) == pytest.approx(sigma**2, rel=0.1)
 
 
-def test_read_noise_is_blind_to_what_held_torques_do():
+def test_noise_that_is_read_is_blind_to_what_held_torques_do():
     period, steps = 1e-3, 400
     jolts = 200.0 * np.random.default_rng(8).normal(size=(steps, 2))  # rad/s², another one every period
     velocity = np.cumsum(np.vstack([np.zeros((1, 2)), period * jolts]), axis=0)
@@ -127,7 +154,7 @@ def test_read_noise_is_blind_to_what_held_torques_do():
     assert np.diff(angle, 3, axis=0).std() > 1e-5  # a third difference would take them for noise
 
 
-def test_read_noise_of_a_vibration_falls_with_the_third_power_of_its_frequency():
+def test_noise_read_from_a_vibration_falls_with_the_third_power_of_its_frequency():
     def share(omega):
         time = 1e-3 * np.arange(2000)[:, np.newaxis] * np.ones(2)
         return np.sqrt(read_from(np.sin(omega * time), omega * np.cos(omega * time))[-500:].mean())
@@ -140,7 +167,7 @@ def moved(z, torque, directions, base, slopes):
     """x after a control period by the compiled plant, for one z."""
     state = z[:STATES, np.newaxis].copy()
     force = np.ascontiguousarray((directions @ z[STATES : STATES + FORCES])[:, np.newaxis])
-    constants = np.ascontiguousarray((base + slopes @ (z[STATES:] - first_guess(ARM)))[:, np.newaxis])
+    constants = np.ascontiguousarray((base + slopes @ (z[STATES:] - GUESS))[:, np.newaxis])
     hold(state, np.ascontiguousarray(torque[:, np.newaxis]), force, constants, 2e-4, 5)
     return state[:, 0]
 
@@ -149,7 +176,7 @@ def moved(z, torque, directions, base, slopes):
 def test_prediction_is_the_plants_own_and_the_covariance_f_p_ft_plus_q():
     rng = np.random.default_rng(7)
     base, slopes = affine_numbers(ARM)
-    z = np.concatenate([[0.3, 1.0, 0.299, 0.998, 1.0, -1.5, 1.01, -1.49], first_guess(ARM)])
+    z = np.concatenate([[0.3, 1.0, 0.299, 0.998, 1.0, -1.5, 1.01, -1.49], GUESS])
     z[STATES:][BELIEF.payload], z[STATES : STATES + FORCES] = 2.0, (20.0, -5.0, 7.0)
     P, noise, torque, slope = covariance(rng, 1e-4), rng.uniform(0.0, 1e-8, SIZE), np.array([90.0, -20.0]), np.ones(2)
     directions = np.zeros((4, FORCES))
@@ -158,20 +185,21 @@ def test_prediction_is_the_plants_own_and_the_covariance_f_p_ft_plus_q():
     steps = np.concatenate([np.full(4, 1e-7), np.full(4, 1e-6), np.full(BELIEFS, 1e-4)])
     F = np.zeros((STATES, SIZE))
     for j in range(SIZE - 1):
-        step = np.zeros(SIZE)
-        step[j] = 1e-5
-        ahead, behind = (moved(z + sign * step, torque, directions, base, slopes) for sign in (1.0, -1.0))
+        away = np.zeros(SIZE)
+        away[j] = 1e-5
+        ahead, behind = (moved(z + sign * away, torque, directions, base, slopes) for sign in (1.0, -1.0))
         F[:, j] = (ahead - behind) / 2e-5
     late = (moved(z, torque + sign * slope, directions, base, slopes) for sign in (1.0, -1.0))
     F[:, -1] = (next(late) - next(late)) / 2.0
     whole = np.vstack([F, np.eye(SIZE)[STATES:]])
     expected = whole @ P @ whole.T + np.diag(noise)
-    found, left = z.copy(), P.copy()
-    constants = base + slopes @ (z[STATES:] - first_guess(ARM))
-    lanes = lanes_of(2, SIZE, len(base), 4)
-    fill_lanes(found, left, torque, slope, np.zeros(4), directions, constants, slopes, steps, lanes)
-    hold(lanes.state, lanes.torque, lanes.force, lanes.numbers, 2e-4, 5)
-    filter_step(found, left, steps, noise, lanes)
+    m, room = believing(z, P)
+    s = SETTINGS.replaced(steps=steps, noise=noise)
+    room.directions[:], room.numbers[:] = directions, base + slopes @ (z[STATES:] - GUESS)
+    spread_copies(m, s, room, torque, slope)
+    hold(*room.copies, 2e-4, 5)
+    step(m, s, room)
+    found, left = m.z, m.P
     np.testing.assert_array_equal(found[:STATES], moved(z, torque, directions, base, slopes))
     np.testing.assert_array_equal(found[STATES:], z[STATES:])
     np.testing.assert_allclose(left, expected, rtol=1e-4, atol=1e-5 * np.abs(expected).max())
@@ -185,16 +213,16 @@ def test_link_torque_is_the_rigid_arms_less_the_forces():
     torque = np.array(link_torque(q, dq, ddq, force, constants_in(constants)))
     J = tip_jacobian(q, ARM.length)
     np.testing.assert_allclose(torque, rigid_inverse_dynamics(q, dq, ddq, arm_constants(ARM)) - J.T @ force, rtol=1e-12)
-    direction = np.array(tip_direction(q, dq, constants_in(constants)))
+    direction = np.array(FUNCTIONS.tip_direction(q, dq, constants_in(constants)))
     np.testing.assert_allclose(direction, J @ dq / np.linalg.norm(J @ dq), rtol=1e-12)
-    direction = np.array(tip_direction(q, np.zeros(2), constants_in(constants)))
+    direction = np.array(FUNCTIONS.tip_direction(q, np.zeros(2), constants_in(constants)))
     np.testing.assert_array_equal(direction, 0.0)
 
 
 def test_functions_of_six_joints_are_those_of_the_robot_with_its_payload():
     rng, robot = np.random.default_rng(9), robot_named("ur5")
     physics, loaded = equations_of(robot), robot.with_payload(2.0)
-    functions, numbers = arm_functions(physics), numbers_of(robot, physics, 2.0)
+    functions, numbers = ArmFunctions(physics), numbers_of(robot, 2.0)
     (q, dq, ddq), force, torque, direction = rng.normal(size=(3, 6)), rng.normal(size=3), np.empty(6), np.empty(3)
     torque = np.array(functions.link_torque(q, dq, ddq, force, functions.constants_in(numbers)))
     J = rigid_body.tip_jacobian(robot, q)

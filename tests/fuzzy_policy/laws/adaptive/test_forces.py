@@ -3,20 +3,20 @@
 import numpy as np
 import pytest
 
-from fuzzyarm.fuzzy_policy.laws.adaptive.belief import FLAG, forces_in, remembered
-from fuzzyarm.fuzzy_policy.laws.adaptive.policy import AdaptiveObserverPolicy
-from fuzzyarm.fuzzy_policy.laws.adaptive.trust import (
+from fuzzyarm.envs.physics.two_joints import two_joints
+from fuzzyarm.fuzzy_policy.laws.adaptive.belief import FLAG, remembered
+from fuzzyarm.fuzzy_policy.laws.adaptive.filter import (
     LARGEST_SCALE,
     LATENESS_DOUBT,
     doubt_lateness,
     doubt_scale,
     note_moves,
     spread_out,
-    walk_share,
 )
+from fuzzyarm.fuzzy_policy.laws.adaptive.policy import AdaptiveObserverPolicy
 
 POLICY = AdaptiveObserverPolicy()
-SETTINGS, FORCES = POLICY.settings, forces_in(POLICY.belief)
+SETTINGS, FORCES = POLICY.settings, POLICY.belief.force.stop
 FORCE = slice(8, 8 + FORCES)
 
 
@@ -31,14 +31,13 @@ def corrected(m, corrections):
 
 @pytest.fixture
 def memory():
-    return remembered(np.zeros(POLICY.memory.noise.stop), 2, len(SETTINGS.guess), FORCES)
+    return remembered(np.zeros(POLICY.memory.noise.stop), two_joints())
 
 
 @pytest.mark.parametrize("size", [1e-6, 10.0, 1e4])
 def test_noise_of_any_size_leaves_the_forces_calm(memory, size):
     noise = size * np.random.default_rng(0).normal(size=(600, FORCES))
     assert corrected(memory, noise) > 0.7
-    assert walk_share(1.0, 0.3) == pytest.approx(0.3) and walk_share(0.0, 0.3) == 1.0
 
 
 @pytest.mark.parametrize("size", [1.0, 100.0])
@@ -54,7 +53,7 @@ def test_calm_forces_walk_less_and_jumping_torques_are_doubted(memory):
     memory.P[FORCE, FORCE] = np.diag(SETTINGS.noise[FORCE])  # what a prediction adds
     memory.commands[0, 1] = 0.5 * SETTINGS.limit[1]
     spread_out(memory, SETTINGS)
-    np.testing.assert_allclose(np.diagonal(memory.P)[FORCE], SETTINGS.calm_walk**2 * SETTINGS.noise[FORCE])
+    np.testing.assert_allclose(np.diagonal(memory.P)[FORCE], POLICY.weights.calm_walk**2 * SETTINGS.noise[FORCE])
     added = np.sqrt(np.diagonal(memory.P)[4:6])  # of the motor velocities
     inertia, weights = POLICY.arm.motor_inertia[1], POLICY.weights
     np.testing.assert_allclose(added, [0.0, 1e-3 * weights.torque_doubt * 0.25 * SETTINGS.limit[1] / inertia])
@@ -78,7 +77,8 @@ def test_surprise_opens_the_factor_that_the_constants_share(memory):
     doubt_scale(memory, SETTINGS, 1.0)
     np.testing.assert_array_equal(memory.P, first)
     doubt_scale(memory, SETTINGS, 3.0)
-    np.testing.assert_allclose(memory.P - first, 2.0 * SETTINGS.scale_doubt * np.outer(shared, shared), atol=1e-15)
+    expected = 2.0 * POLICY.weights.scale_doubt * np.outer(shared, shared)
+    np.testing.assert_allclose(memory.P - first, expected, atol=1e-15)
     assert np.count_nonzero(shared) == 10  # five factors of two joints
     for _ in range(2):
         doubt_scale(memory, SETTINGS, 1e9)

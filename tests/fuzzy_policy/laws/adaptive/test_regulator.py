@@ -3,15 +3,15 @@
 import numpy as np
 import pytest
 
-from fuzzyarm.fuzzy_policy.laws.adaptive.acting import gain_share
-from fuzzyarm.fuzzy_policy.laws.adaptive.belief import FLAG, remembered
+from fuzzyarm.envs.physics.two_joints import two_joints
+from fuzzyarm.fuzzy_policy.laws.adaptive.belief import FLAG, AdaptiveWeights, remembered
+from fuzzyarm.fuzzy_policy.laws.adaptive.law import gain_share
 from fuzzyarm.fuzzy_policy.laws.adaptive.policy import AdaptiveObserverPolicy
-from fuzzyarm.fuzzy_policy.laws.adaptive.weights import AdaptiveWeights
 
 
 def shares(samples, *, taught=0.0, **weights):
     policy = AdaptiveObserverPolicy(weights=AdaptiveWeights(**weights))
-    memory = remembered(np.zeros(policy.memory.noise.stop), 2, len(policy.settings.guess), 3)
+    memory = remembered(np.zeros(policy.memory.noise.stop), two_joints())
     memory.flags[FLAG.taught], found = taught, []
     for sample in samples:
         memory.flags[FLAG.samples] = sample

@@ -4,9 +4,8 @@ import pytest
 
 from fuzzyarm.envs.physics.parameters import ArmParameters
 from fuzzyarm.envs.physics.robot import robot_named
-from fuzzyarm.fuzzy_policy.laws.adaptive.weights import AdaptiveWeights, adaptive_weights_for, largest_radius, softened
-from fuzzyarm.fuzzy_policy.laws.gain_schedule import schedule_of
-from fuzzyarm.fuzzy_policy.laws.observer_gains import places_of
+from fuzzyarm.fuzzy_policy.laws.adaptive.belief import AdaptiveWeights
+from fuzzyarm.fuzzy_policy.laws.adaptive.law import adaptive_weights_for, largest_radius, softened
 
 PERIOD = 1e-3
 
@@ -17,14 +16,14 @@ def test_the_two_joint_arm_has_the_weights_of_table_1():
 
 def test_a_robot_whose_regulator_is_stable_has_them_too():
     robot = robot_named("manutec-r3")
-    assert largest_radius(places_of(robot, PERIOD), schedule_of(robot), AdaptiveWeights()) < 1.0
+    assert largest_radius(robot, PERIOD, AdaptiveWeights()) < 1.0
     assert adaptive_weights_for(robot, PERIOD) == AdaptiveWeights()
 
 
 @pytest.mark.slow
 def test_the_smallest_factor_with_a_stable_regulator_is_taken():
     robot = robot_named("ur5")
-    places, schedule, chosen = places_of(robot, PERIOD), schedule_of(robot), adaptive_weights_for(robot, PERIOD)
+    chosen = adaptive_weights_for(robot, PERIOD)
     assert chosen.travel_walk == AdaptiveWeights().travel_walk and chosen.link_angle > AdaptiveWeights().link_angle
     assert chosen.first_gain == 1.0  # what is softened for good needs no soft start
-    assert largest_radius(places, schedule, chosen) < 1.0 <= largest_radius(places, schedule, softened(chosen, 0.5))
+    assert largest_radius(robot, PERIOD, chosen) < 1.0 <= largest_radius(robot, PERIOD, softened(chosen, 0.5))

@@ -3,10 +3,10 @@
 import numpy as np
 import pytest
 
+from fuzzyarm.envs.physics.two_joints import two_joints
 from fuzzyarm.fuzzy_policy.laws.adaptive.belief import FLAG, remembered
-from fuzzyarm.fuzzy_policy.laws.adaptive.filter import room_for
+from fuzzyarm.fuzzy_policy.laws.adaptive.filter import INSIGNIFICANT, Room, significant
 from fuzzyarm.fuzzy_policy.laws.adaptive.policy import AdaptiveObserverPolicy
-from fuzzyarm.fuzzy_policy.laws.adaptive.trust import INSIGNIFICANT, significant
 
 POLICY = AdaptiveObserverPolicy()
 SETTINGS, STATES = POLICY.settings, 8
@@ -17,13 +17,12 @@ LOAD = slice(STATES, STATES + POLICY.belief.payload.stop)
 def believed():
     """A memory with a calm load, a covariance without structure, and the room; an eighth of the variance is noise."""
     rng = np.random.default_rng(0)
-    forces = len(SETTINGS.reopening)
-    m = remembered(np.zeros(POLICY.memory.noise.stop), 2, len(SETTINGS.guess), forces)
+    m = remembered(np.zeros(POLICY.memory.noise.stop), two_joints())
     root = rng.normal(size=m.P.shape)
     m.P[:] = root @ root.T
     m.z[:] = rng.normal(size=len(m.z))
     m.flags[FLAG.calm], m.noise[:] = 1.0, (1e-10, 0.5e-10)
-    room = room_for(SETTINGS)
+    room = Room(two_joints(), SETTINGS)
     room.variances[:] = 8e-10
     return m, room
 

@@ -7,11 +7,11 @@ from slow_twins import slow_but
 
 from fuzzyarm import load_policy
 from fuzzyarm.envs.fuzzy_arm import FuzzyArmEnv
+from fuzzyarm.envs.physics.two_joints import two_joints
 from fuzzyarm.eval.episodes.rollout import record_rollout
-from fuzzyarm.fuzzy_policy.laws.adaptive.belief import FLAG, remembered
-from fuzzyarm.fuzzy_policy.laws.adaptive.law import SWING_SHARE, note_swing
+from fuzzyarm.fuzzy_policy.laws.adaptive.belief import FLAG, AdaptiveWeights, remembered
+from fuzzyarm.fuzzy_policy.laws.adaptive.filter import SWING_SHARE, note_swing
 from fuzzyarm.fuzzy_policy.laws.adaptive.policy import AdaptiveObserverPolicy
-from fuzzyarm.fuzzy_policy.laws.adaptive.weights import AdaptiveWeights
 
 POLICY = AdaptiveObserverPolicy()
 STRONG = 1.5  # times the commanded torque
@@ -20,7 +20,7 @@ LOST = [9000335, 9000061, 9000649, 9000976]  # seeds of plants whose loops swing
 
 def swings(commands):
     """Return the mean of jumps after each of the commands (samples, n)."""
-    memory = remembered(np.zeros(POLICY.memory.noise.stop), 2, len(POLICY.settings.guess), 3)
+    memory = remembered(np.zeros(POLICY.memory.noise.stop), two_joints())
     found = []
     for sample, command in enumerate(commands):
         memory.flags[FLAG.samples] = sample + 1.0
