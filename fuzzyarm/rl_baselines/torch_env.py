@@ -57,7 +57,7 @@ from fuzzyarm.rl_baselines.torch_step import (
 
 __all__ = ["TorchFuzzyArm"]
 
-MOST_LANES = 2**26  # a lane takes about 100 bytes
+MOST_LANES = 2**26  # a lane takes about 100 bytes, and 340 in kernels
 
 
 class TorchFuzzyArm:

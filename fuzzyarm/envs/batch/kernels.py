@@ -181,10 +181,8 @@ class Kernels:
         asked = physics.PerJoint(*(select(sound, u, 0.0) for u in command))
         # After a command that is not finite the arm is where it would be after a step under no finite force.
         force_factor = select(sound, lane.force_factor, float("nan"))
-        pushed, clock, final, results = self._stepped(
-            lane._replace(force_factor=force_factor), clock, asked, periods, schedule
-        )
-        lane = lane._replace(state=pushed.state)
+        lane = lane._replace(force_factor=force_factor)
+        lane, clock, final, results = self._stepped(lane, clock, asked, periods, schedule)
         at_rest = like(places(physics.State), iter([float("nan")] * size(physics.State)))
 
         def begun() -> tuple[Any, ...]:
