@@ -13,7 +13,7 @@ from types import SimpleNamespace
 import gymnasium as gym
 import numpy as np
 import pytest
-from support.gpu import PretendedDriver, needs_gpu, on_first_gpu
+from support.gpu import PretendedDriver, by_machine_code, needs_gpu, on_first_gpu
 from support.ptx_machine import run_ptx
 from test_machine import SHARED, TABLE, WEIGHTS, N, cholesky, numbers, recorded, same
 
@@ -318,12 +318,8 @@ def swept():
 def in_tensors(**options):
     """Step tensors, and run two laws in a kernel, by machine code in place of a GPU."""
     torch_env = pytest.importorskip("fuzzyarm.rl_baselines.torch_env")
-
-    def launch(kernel, arrays, constants, tables, steps):
-        kernel([one.numpy() for one in arrays], constants.numpy(), [one.numpy() for one in tables], steps)
-
     with pytest.MonkeyPatch.context() as patched:
-        patched.setattr(torch_env, "launcher", lambda device: launch)
+        patched.setattr(torch_env, "launcher", lambda device: by_machine_code)
         envs = torch_env.TorchFuzzyArm(LANES, dtype=torch_env.torch.float64, **options)
     envs.reset(seed=0)
     envs.step(np.zeros(envs.single_action_space.shape)[np.newaxis].repeat(LANES, axis=0))

@@ -7,10 +7,10 @@ import pytest
 import torch
 from gymnasium.error import ResetNeeded
 from slow_twins import slow_but
-from support.gpu import PretendedDriver, pretended_launcher
+from support.gpu import PretendedDriver, by_machine_code, pretended_launcher
 from test_torch_env import DISTURBED, final_observations, last_info, reasons, wild_actions
 
-from fuzzyarm import load_policy
+from fuzzyarm import load_policy, policies
 from fuzzyarm.envs.batch.kernels import kernels_of
 from fuzzyarm.envs.batch.randomness import key_of
 from fuzzyarm.envs.physics.parameters import ArmParameters
@@ -133,6 +133,23 @@ def test_a_law_in_the_kernel_has_the_bits_of_predict_and_step(name, driver, monk
     np.testing.assert_allclose((first["reward"] + found["reward"]).cpu(), total, rtol=1e-14)
     squares = (first["tip_error_squares"] + found["tip_error_squares"]).cpu()
     np.testing.assert_allclose(squares, np.square(errors).sum(axis=0), rtol=1e-13)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", policies.registry.NAMES)
+def test_laws_of_all_policies_have_the_bits_of_predict_and_step(name, monkeypatch):
+    arguments = {"case": "machining", "randomisation": "plants", "reference": SHORT}
+    monkeypatch.setattr(torch_env, "launcher", lambda device: by_machine_code)
+    theirs, policy, lanes = FuzzyArmVectorEnv(37, **arguments), load_policy(name), 37
+    ours = TorchFuzzyArm(lanes, dtype=torch.float64, **arguments)
+    ours.reset(seed=3)
+    observation, state, start = theirs.reset(seed=3)[0], None, None
+    for _ in range(12):
+        torque, state = policy.predict(observation, state, start)
+        observation, _, terminated, truncated, _ = theirs.step(torque)
+        start = terminated | truncated
+    seen, after, found = ours.run(load_policy(name), 12)
+    assert same(seen, observation) and same(after, state) and found["truncated"].tolist() == [2.0] * lanes
 
 
 def test_an_action_that_is_not_finite_ends_only_its_lane(driver):

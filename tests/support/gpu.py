@@ -91,6 +91,11 @@ def pretended_launcher(driver):
     return launch
 
 
+def by_machine_code(kernel, arrays, constants, tables, steps):
+    """Run a kernel on tensors of the processor by machine code, in place of a launch."""
+    kernel([one.numpy() for one in arrays], constants.numpy(), [one.numpy() for one in tables], steps)
+
+
 def on_first_gpu(kernel, arrays, constants, tables, steps=1):
     """Run a kernel on copies of arrays on the first GPU; then they hold what it has found."""
     torch = pytest.importorskip("torch")
