@@ -33,12 +33,12 @@ Launch = Callable[..., None]
 
 
 def launcher(device: torch.device) -> Launch | None:
-    """Return what launches kernels on a device's tensors, on torch's current stream; None for all but CUDA.
+    """Return what launches kernels on tensors of an NVIDIA GPU, on torch's current stream; None for other devices.
 
     Raises:
         RuntimeError: the driver has no such GPU.
     """
-    if device.type != "cuda":
+    if device.type != "cuda" or torch.version.hip is not None:
         return None
     own = gpu(torch.cuda.current_device() if device.index is None else device.index)
 
