@@ -176,6 +176,16 @@ class Kernel:
 
     def _checked(self, arrays: Sequence[np.ndarray], constants: np.ndarray, tables: Sequence[np.ndarray]) -> _Known:
         """Return what follows from the shapes of the arguments of `bound`."""
+        arms, lengths = self.shapes(arrays, constants, tables)
+        return _Known(arrays, (constants, tables), arms, lengths, self.code(arms))
+
+    def shapes(
+        self, arrays: Sequence[np.ndarray], constants: np.ndarray, tables: Sequence[np.ndarray]
+    ) -> tuple[int, list[int]]:
+        """Return how many arms there are, how far the rows of each array lie apart, and how many each table has.
+
+        Only shapes, strides and types are looked at. Arguments and errors as for `bound`.
+        """
         program = self.program
         if (len(tables), len(arrays)) != (len(program.tables), len(program.ports)):
             raise ValueError(f"needed: {len(program.ports)} arrays and {len(program.tables)} tables")
@@ -202,8 +212,7 @@ class Kernel:
             good = array.ndim > 0 and array.shape[1:] == shape[1:] and len(array) == (shape[0] or max(len(array), 1))
             if not (good and array.flags.c_contiguous and array.dtype == _DOUBLE):
                 raise ValueError(f"table {table} has shape {array.shape}; needed: {('rows', *shape[1:])} of float64")
-        lengths = [*(array.strides[0] // _SIZE for array in arrays), *map(len, tables)]
-        return _Known(arrays, (constants, tables), arms, lengths, self.code(arms))
+        return arms, [*(array.strides[0] // _SIZE for array in arrays), *map(len, tables)]
 
     def code(self, arms: int) -> _Code:
         """Return the machine code for so many arms."""

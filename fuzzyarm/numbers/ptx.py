@@ -2,8 +2,8 @@
 
 The text is that of `llvm_text` for one arm, with three differences. The kernel has parameters in place of a job. A
 thread takes the arms g, g + n, g + 2 n, ..., where g is its own number and n the number of all threads. `logarithm`
-stands in for the C library, which a GPU has not. Every array has the layout `Layout.COLUMNS`, (numbers, arms), in which
-neighbouring threads read neighbouring numbers. Arrays of a program's own lie in the thread's local memory.
+stands in for the C library, which a GPU has not. The arrays are those of the kernel on the processor: in `COLUMNS` and
+`BLOCKS` neighbouring threads read neighbouring numbers. Arrays of a program's own lie in the thread's local memory.
 
 PTX from this module has been assembled, and the tests run it instruction by instruction on the host, but it has never
 run on a GPU, and nothing is measured.
@@ -20,7 +20,7 @@ import llvmlite.binding as llvm
 
 from fuzzyarm.numbers.functions import bits, number, select, word
 from fuzzyarm.numbers.llvm_operations import CALLED, Operations
-from fuzzyarm.numbers.llvm_text import Layout, Writer
+from fuzzyarm.numbers.llvm_text import Writer
 from fuzzyarm.numbers.machine import Kernel
 from fuzzyarm.numbers.program import Program
 from fuzzyarm.numbers.symbols import Symbol
@@ -35,9 +35,9 @@ class Ptx(NamedTuple):
         text: the module, which `ptxas` and the driver's `cuModuleLoadData` take.
         name: of the kernel in it.
         parameters: their names in order, 8 bytes each: `stop`, the number of arms, and `steps`, both int64; the address
-            of each array `port0`, ... (numbers, arms), of the constants `c` and of each table `table0`, ...; how far
-            the rows of each array lie apart, `stride0`, ..., in numbers; and the rows of each table, `rows0`, ....
-            Constants and tables lie apart from all arrays.
+            of each array `port0`, ..., of the constants `c` and of each table `table0`, ...; how far the rows of each
+            array lie apart, `stride0`, ..., in numbers; and the rows of each table, `rows0`, .... Constants and tables
+            lie apart from all arrays.
     """
 
     text: str
@@ -115,8 +115,8 @@ define internal i64 @threads() alwaysinline {
 class _GpuWriter(Writer):
     """Writes a kernel of one arm, which a thread runs for its own arms."""
 
-    def __init__(self, program: Program, name: str, *, repeated: bool) -> None:
-        super().__init__(program, [Layout.COLUMNS] * len(program.ports), 1, repeated=repeated)
+    def __init__(self, kernel: Kernel, name: str) -> None:
+        super().__init__(kernel.program, kernel.layouts, 1, repeated=kernel.repeated)
         self.name, self.parameters, self.own = name, tuple[str, ...](), dict[str, str]()
 
     def head(self, held: Sequence[str], apart: Sequence[str]) -> str:
@@ -165,7 +165,7 @@ def gpu_text(kernel: Kernel, name: str = "kernel") -> tuple[str, tuple[str, ...]
     Raises:
         ValueError: the program has an operation that no GPU has; the message names it.
     """
-    writer = _GpuWriter(kernel.program, name, repeated=kernel.repeated)
+    writer = _GpuWriter(kernel, name)
     text = writer.whole_text()
     return text, writer.parameters
 
@@ -174,7 +174,7 @@ def ptx_of(kernel: Kernel, name: str = "kernel", processor: str = "sm_90") -> Pt
     """Return a kernel as PTX.
 
     Args:
-        kernel: what is written; its own layouts do not matter.
+        kernel: what is written.
         name: of the kernel in PTX.
         processor: the GPU's, as LLVM names it.
 

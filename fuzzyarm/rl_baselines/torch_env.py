@@ -1,6 +1,7 @@
 """A batch of arms in torch tensors on CPU or GPU, compiled into one kernel, for learners in torch.
 
-The step is `torch_step`; this file has what stands around it: arguments, tables, reset and results.
+The step is that of `torch_step`, or of `torch_kernels`; this file has what stands around it: arguments, tables, reset
+and results.
 """
 
 from __future__ import annotations
@@ -20,6 +21,7 @@ from fuzzyarm.envs.arguments import (
     chosen_reference,
     observation_space,
 )
+from fuzzyarm.envs.batch.lanes import Lanes
 from fuzzyarm.envs.batch.layout import Noise
 from fuzzyarm.envs.batch.randomness import key_of
 from fuzzyarm.envs.batch.schedule import Schedule
@@ -32,11 +34,15 @@ from fuzzyarm.envs.physics.robot import Robot
 from fuzzyarm.envs.scenario.disturbances import Disturbance
 from fuzzyarm.envs.scenario.randomisation import DomainRandomisation, find_randomisation
 from fuzzyarm.envs.scenario.reference import Reference
+from fuzzyarm.envs.scenario.scenario import Scenario
+from fuzzyarm.fuzzy_policy.law import law_of
+from fuzzyarm.fuzzy_policy.policy import Policy
+from fuzzyarm.rl_baselines import torch_step
 from fuzzyarm.rl_baselines.torch_compile import announced_compilation, compile_step
+from fuzzyarm.rl_baselines.torch_kernels import KernelLanes, launcher
 from fuzzyarm.rl_baselines.torch_numbers import Table
 from fuzzyarm.rl_baselines.torch_step import (
     Equations,
-    Lanes,
     Outcome,
     Shared,
     advance,
@@ -51,16 +57,21 @@ from fuzzyarm.rl_baselines.torch_step import (
 
 __all__ = ["TorchFuzzyArm"]
 
-MOST_LANES = 2**26  # a lane takes about 100 bytes
+MOST_LANES = 2**26  # a lane takes about 100 bytes, and 340 in kernels
 
 
 class TorchFuzzyArm:
     """A batch of arms in torch tensors: ``FuzzyArm-v0`` without leaving the device.
 
+    What steps it depends on the arguments. On CUDA in float64, compiled and not differentiable, the recorded kernels of
+    `FuzzyArmVectorEnv` are launched on torch's memory: each of `reset`, `step` and `run` is one launch on torch's
+    current stream, without a copy of the lanes (`torch_kernels`; tested on the processor, it has not run on a GPU).
+    Otherwise, in float32 too, torch runs the equations, compiled by torch.compile or operation by operation.
+
     Equations, reward, episode ends, observations and the meaning of the arguments are those of
     `fuzzyarm.envs.fuzzy_arm.FuzzyArmEnv`. Lane i of a batch that was reset with ``seed=s`` draws the same plants,
     references and noise as the NumPy environment with seed s + i, on every device; in float64 it is the same
-    trajectory up to rounding.
+    trajectory up to rounding; from kernels it has the same bits, but for the last bit of encoder noise.
 
         envs = TorchFuzzyArm(4096, device="cuda", randomisation="robust")
         observation = envs.reset(seed=0)
@@ -96,7 +107,8 @@ class TorchFuzzyArm:
         dtype: torch.float32 or torch.float64, of the state, the physics and all results. Over the paper's episodes the
             tip of the float32 arm stays within 0.1 µm of the float64 one (the sub-step itself costs 0.2 to 0.9 µm).
         compiled: compile the step with torch.compile, at the first step (half a minute or more; a later process
-            finds most of the work in torch's cache on disk). On the CPU this needs a C++ compiler.
+            finds most of the work in torch's cache on disk). On the CPU this needs a C++ compiler; kernels of CUDA in
+            float64 need the NVIDIA driver alone.
         differentiable: let gradients flow from what a step returns, and from `state`, to this action and earlier ones.
         case: "nominal", "machining" or "payload".
         disturbance: one of your own in place of the case.
@@ -111,7 +123,8 @@ class TorchFuzzyArm:
         TypeError: an argument is of the wrong kind.
         ValueError: a value is unknown or out of range; the message names it and the choices.
         gymnasium.error.ResetNeeded: `step` before `reset`.
-        RuntimeError: the first step finds no compiler.
+        RuntimeError: the first step finds no compiler; or a function of the CUDA driver fails, and the message names
+            it and its code.
     """
 
     def __init__(
@@ -143,13 +156,17 @@ class TorchFuzzyArm:
         self.single_action_space = action_space([self.parameters])
         self.single_observation_space = observation_space([self.parameters])
         with torch.inference_mode(False):  # tensors of either mode can be written in it, its own in no other
-            self._shared = self._build(chosen_disturbance(case, disturbance, self.parameters), reference)
+            acting = chosen_disturbance(case, disturbance, self.parameters)
+            own = chosen_reference(reference, self.randomisation, self.parameters)
+            self._shared = self._build(acting, own)
+            self._kernels = self._launched(acting, own)
             zeros = torch.zeros(self.num_envs, dtype=torch.int64, device=self.device)
             equations = self._shared.equations
             # float32 angles have a rest each
             count = equations.numbers + (equations.angles if dtype == torch.float32 else 0)
+            count = count if self._kernels is None else 0
             numbers = (zeros.to(dtype, copy=True) for _ in range(count))
-            self._lanes = Lanes(tuple(numbers), zeros, zeros.clone())
+            self._lanes = torch_step.Lanes(tuple(numbers), zeros, zeros.clone())
         self._take: Any = following if self.differentiable else advance
         if compiled:
             self._take = compile_step(self._take)
@@ -158,6 +175,8 @@ class TorchFuzzyArm:
     @property
     def state(self) -> Tensor:
         """The true states (n, 4 joints), noise-free, in the order of `State`: motor, link angles [rad], velocities."""
+        if self._kernels is not None:
+            return self._kernels.state
         return torch.stack(self._lanes.numbers[: self._shared.equations.numbers], dim=-1)
 
     def randomisation_info(self) -> dict[str, Tensor]:
@@ -169,7 +188,11 @@ class TorchFuzzyArm:
             row: Tensor = value.expand(self.num_envs).clone()
             return row
 
-        return {name: rows(value) for name, value in drawn(self._shared, self._lanes.key)._asdict().items()}
+        return {name: rows(value) for name, value in drawn(self._shared, self._key)._asdict().items()}
+
+    @property
+    def _key(self) -> Tensor:
+        return self._lanes.key if self._kernels is None else self._kernels.key
 
     def reset(self, seed: int | None = None) -> Tensor:
         """Begin an episode in every lane and return the observations (n, 5 joints).
@@ -181,7 +204,10 @@ class TorchFuzzyArm:
         with torch.no_grad():
             if seed is not None or not self._begun:
                 keys = np.array([key_of(first + lane) for lane in range(self.num_envs)], dtype=np.uint64)
-                self._lanes.key.copy_(torch.from_numpy(keys.view(np.int64)))
+                self._key.copy_(torch.from_numpy(keys.view(np.int64)))
+            if self._kernels is not None:
+                self._begun = True
+                return self._kernels.reset()
             new, reference = begin(self._shared, self._lanes.key)
             if self.differentiable:  # the old tensors may be part of a graph
                 self.detach()
@@ -205,7 +231,9 @@ class TorchFuzzyArm:
         if isinstance(given, np.ndarray):  # which torch takes if it is of a usual type and may be written
             given = given.astype(np.float64)
         action = torch.as_tensor(given, dtype=self.dtype, device=self.device)
-        if self._stepped or not self.compiled:
+        if self._kernels is not None:
+            outcome = self._kernels.step(action.detach())
+        elif self._stepped or not self.compiled:
             outcome = self._advance(action.t())
         else:
             with announced_compilation():
@@ -222,10 +250,52 @@ class TorchFuzzyArm:
         }
         return outcome.observation.t(), outcome.reward, outcome.terminated, outcome.truncated, info
 
+    def run(self, policy: Policy, steps: int, state: Tensor | None = None) -> tuple[Tensor, Tensor, dict[str, Tensor]]:
+        """Take control steps under a policy's law, all of them in one launch of a kernel on CUDA.
+
+        The lanes go on from where they are, and begin new episodes as in `step`. A torque that is not finite terminates
+        a lane, see the class.
+
+        Args:
+            policy: one with a law, such as `load_policy` gives, for this control period.
+            steps: at least 1.
+            state: (n, memory_size) of the policy, as this method returned it; None: zeros, as an episode begins.
+
+        Returns:
+            Observations (n, 5 joints), the policy's state, and what came of the steps in each lane, (n,) each: `steps`;
+            the sum of `reward`; `tip_error`, the largest [m]; `tip_error_squares`, their sum [m²]; `terminated` and
+            `truncated`, the numbers of episodes that ended so.
+
+        Raises:
+            ValueError: this batch does not step by kernels, or an argument is out of range.
+        """
+        if self._kernels is None:
+            raise ValueError(
+                f"run launches a kernel, and this batch has device = {str(self.device)!r}, dtype = {self.dtype}, "
+                f"compiled = {self.compiled}, differentiable = {self.differentiable}; needed: 'cuda', torch.float64, "
+                "True, False. Elsewhere call policy.predict and step in turn"
+            )
+        if not self._begun:
+            raise ResetNeeded("no episode has begun: call envs.reset() before envs.run()")
+        law, steps = law_of(policy), checks.whole("steps", steps, low=1)
+        if law is None:
+            raise ValueError(f"policy {type(policy).__name__} has no law that a kernel can run: use predict and step")
+        joints, period = self._shared.equations.physics.joints, self.control_period
+        if policy.joints != joints or abs(policy.control_period - period) > 1e-9 * period:
+            raise ValueError(
+                f"the policy is made for {policy.joints} joints and a control period of {policy.control_period:g} s; "
+                f"this batch has {joints} and {period:g} s: give load_policy its robot and control_period"
+            )
+        needed = self.num_envs, policy.memory_size
+        if state is not None and tuple(checks.instance("state", state, Tensor).shape) != needed:
+            raise ValueError(f"state has shape {tuple(state.shape)}; needed: {needed}, as run gave it")
+        observation, state, totals = self._kernels.run(policy, law, steps, None if state is None else state.detach())
+        return observation, state, totals._asdict()
+
     def detach(self) -> None:
         """Cut the graph: gradients of what comes reach no further back. The state keeps its values."""
         numbers, key, step = self._lanes
-        self._lanes = Lanes(tuple(number.detach().clone() for number in numbers), key.clone(), step.clone())
+        self._lanes = torch_step.Lanes(tuple(number.detach().clone() for number in numbers), key.clone(), step.clone())
 
     def _advance(self, torque: Tensor) -> Outcome:
         """Hold torques (joints, n) for one control period."""
@@ -242,10 +312,25 @@ class TorchFuzzyArm:
         self.detach()
         return Outcome(*(one.detach() for one in outcome))
 
-    def _build(self, disturbance: Disturbance, reference: Reference | None) -> Shared:
+    def _launched(self, disturbance: Disturbance, own: Reference | None) -> KernelLanes | None:
+        """Return the lanes in the memory of kernels; None where torch runs the equations."""
+        if self.dtype != torch.float64 or self.differentiable or not self.compiled:
+            return None
+        if (launch := launcher(self.device)) is None:
+            return None
+        lanes = Lanes(
+            [self.parameters],
+            [Scenario(disturbance, own)],
+            1,
+            control_period=self.control_period,
+            substeps=self.substeps,
+            randomisation=self.randomisation,
+        )
+        return KernelLanes(lanes, self.num_envs, self.device, launch)
+
+    def _build(self, disturbance: Disturbance, own: Reference | None) -> Shared:
         """Tabulate all episodes that the lanes may run."""
         physics, payload, noise = equations_of(self.parameters), disturbance.payload, disturbance.encoder_noise
-        own = chosen_reference(reference, self.randomisation, self.parameters)
         members = self.randomisation.references if own is None else (own,)
         for member in members:
             check_reference(member, self.parameters)

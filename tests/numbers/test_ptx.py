@@ -8,15 +8,17 @@ import struct
 import subprocess
 import sysconfig
 from pathlib import Path
+from types import SimpleNamespace
 
 import gymnasium as gym
 import numpy as np
 import pytest
-from support.gpu import first_gpu
+from support.gpu import PretendedDriver, by_machine_code, needs_gpu, on_first_gpu
 from support.ptx_machine import run_ptx
 from test_machine import SHARED, TABLE, WEIGHTS, N, cholesky, numbers, recorded, same
 
 from fuzzyarm import load_policy, policies
+from fuzzyarm.envs.batch.blocks import in_blocks
 from fuzzyarm.envs.batch.kernels import Kernels, kernels_of
 from fuzzyarm.envs.physics.equations import equations_of
 from fuzzyarm.envs.physics.parameters import ArmParameters
@@ -26,6 +28,7 @@ from fuzzyarm.eval.sweep.episodes import errors_in_one_kernel
 from fuzzyarm.eval.sweep.plants import Plants
 from fuzzyarm.numbers import llvm_operations, machine, ptx
 from fuzzyarm.numbers.functions import Cells
+from fuzzyarm.numbers.gpu import Gpu
 from fuzzyarm.numbers.machine import WIDE, Kernel, Layout
 from fuzzyarm.numbers.program import Program
 from fuzzyarm.numbers.ptx import gpu_text, logarithm, ptx_of
@@ -41,8 +44,20 @@ def in_columns(array, layout, arms):
     return (array if layout is Layout.COLUMNS else array.T).copy()
 
 
+def laid_out(array, layout):
+    """Return the numbers of arms (arms, numbers) as a port has them."""
+    columns = array.T.copy()
+    return {Layout.ROWS: array, Layout.COLUMNS: columns, Layout.BLOCKS: in_blocks(columns)}[layout]
+
+
+def given_to(kernel, arrays, constants, tables, steps):
+    """Return the parameters of a kernel in PTX."""
+    arms, lengths = kernel.shapes(arrays, constants, tables)
+    return [arms, steps, *(one.ctypes.data for one in (*arrays, constants, *tables)), *lengths]
+
+
 def on_host(kernel, arrays, constants, tables, steps=1, threads=7):
-    """Run the text of a GPU's kernel thread by thread on this processor: arrays (numbers, arms) change in place."""
+    """Run the text of a GPU's kernel thread by thread on this processor: arrays change in place."""
     text, parameters = gpu_text(kernel)
     for old, new in {
         "ptx_kernel ": "",
@@ -52,8 +67,7 @@ def on_host(kernel, arrays, constants, tables, steps=1, threads=7):
     }.items():
         assert text.count(old) == 1
         text = text.replace(old, new)
-    places = [one.ctypes.data for one in (*arrays, constants, *tables)]
-    given = [arrays[0].shape[1], steps, *places, *(one.strides[0] // 8 for one in arrays), *map(len, tables)]
+    given = given_to(kernel, arrays, constants, tables, steps)
     assert len(given) == len(parameters)
     code = machine._machine_code(text, 1)
     call = ctypes.CFUNCTYPE(None, *[ctypes.c_int64] * (2 + len(given)))(code.engine.get_function_address("kernel"))
@@ -62,22 +76,21 @@ def on_host(kernel, arrays, constants, tables, steps=1, threads=7):
 
 
 def on_ptx_machine(kernel, arrays, constants, tables, steps=1):
-    """Run a kernel's PTX on `ptx_machine`, on four blocks of three threads; arrays (numbers, arms) change in place."""
-    places = [one.ctypes.data for one in (*arrays, constants, *tables)]
-    given = [arrays[0].shape[1], steps, *places, *(one.strides[0] // 8 for one in arrays), *map(len, tables)]
-    run_ptx(ptx_of(kernel).text, given, blocks=4, threads=3)
+    """Run a kernel's PTX on `ptx_machine`, on four blocks of three threads; arrays change in place."""
+    run_ptx(ptx_of(kernel).text, given_to(kernel, arrays, constants, tables, steps), blocks=4, threads=3)
 
 
 def has_the_bits(kernel, arrays, constants, tables, steps=1, *, expected=None, runs=(on_host, on_ptx_machine)):
-    """Return whether a GPU's text gives the bits of machine code, from arrays (numbers, arms)."""
-    program = (expected or kernel).program
-    known, wanted = Kernel(program, [Layout.COLUMNS] * len(arrays), repeated=kernel.repeated), copied(arrays)
+    """Return whether a GPU's text gives the bits of machine code."""
+    known, wanted = expected or kernel, copied(arrays)
+    arms, _ = kernel.shapes(arrays, constants, tables)
     known(wanted, constants, tables, steps)
     assert any(not np.array_equal(a, b, equal_nan=True) for a, b in zip(arrays, wanted, strict=True))
     for run in runs:
         found = copied(arrays)
         run(kernel, found, constants, tables, steps)
-        if not all(same(a, b) for a, b in zip(wanted, found, strict=True)):
+        pairs = zip(wanted, found, kernel.layouts, strict=True)
+        if not all(same(in_columns(a, layout, arms), in_columns(b, layout, arms)) for a, b, layout in pairs):
             return False
     return True
 
@@ -87,7 +100,7 @@ def copied(arrays):
 
 
 def used_by(function, monkeypatch):
-    """Return each kernel that a function runs, with copies in columns of what it runs on.
+    """Return each kernel that a function runs, with copies of what it runs on.
 
     The copies are of the beginning where a kernel takes all steps of an episode, and else of the end.
     """
@@ -96,16 +109,13 @@ def used_by(function, monkeypatch):
     def noted(kernel, arrays, constants, tables):
         known = checked(kernel, arrays, constants, tables)
         arrays = [one.copy() for one in arrays] if kernel.repeated else arrays
-        calls[id(kernel)] = kernel, arrays, constants, tables, known.arms
+        calls[id(kernel)] = kernel, arrays, constants, tables
         return known
 
     with monkeypatch.context() as patched:
         patched.setattr(Kernel, "_checked", noted)
         function()
-    return [
-        (kernel, [in_columns(*pair, arms) for pair in zip(arrays, kernel.layouts, strict=True)], constants, tables)
-        for kernel, arrays, constants, tables, arms in calls.values()
-    ]
+    return [(kernel, copied(arrays), *rest) for kernel, arrays, *rest in calls.values()]
 
 
 def stepped(case="machining", **options):
@@ -160,26 +170,30 @@ def test_what_an_assembler_may_fuse_is_refused(monkeypatch):
 
 @pytest.mark.parametrize("steps", [0, 3])
 @pytest.mark.parametrize("arms", [1, 6, 7, 100])
-def test_the_text_has_the_bits_of_machine_code(arms, steps):
-    arrays = [numbers(arms).T.copy(), np.zeros((4, arms))]
-    assert has_the_bits(recorded(repeated=steps > 0), arrays, np.array(SHARED), (TABLE,), max(steps, 1))
+@pytest.mark.parametrize("layout", Layout)
+def test_the_text_has_the_bits_of_machine_code(layout, arms, steps):
+    kernel = recorded([layout, Layout.ROWS], repeated=steps > 0)
+    arrays = [laid_out(numbers(arms), layout), np.zeros((arms, 4))]
+    assert has_the_bits(kernel, arrays, np.array(SHARED), (TABLE,), max(steps, 1))
 
 
 def test_rows_may_lie_apart_and_neighbours_stay():
     wide = np.full((3, 64), 7.0)
     wide[:, :LANES] = numbers(LANES).T
-    wanted, seen = wide[:, :LANES].T.copy(), np.zeros((4, LANES))
+    wanted, seen, kernel = wide[:, :LANES].T.copy(), np.zeros((LANES, 4)), recorded([Layout.COLUMNS, Layout.ROWS])
     recorded()((wanted, np.zeros((LANES, 4))), np.array(SHARED), (TABLE,))
-    on_host(recorded(), (wide[:, :LANES], seen), np.array(SHARED), (TABLE,), threads=64)  # more threads than arms
+    on_host(kernel, (wide[:, :LANES], seen), np.array(SHARED), (TABLE,), threads=64)  # more threads than arms
     assert same(wide[:, :LANES], wanted.T) and (wide[:, LANES:] == 7.0).all()
 
 
 def test_arrays_have_the_bits_of_machine_code():
     generator = np.random.default_rng(1)
-    memory = np.vstack([generator.normal(size=(N * N, 9)), np.zeros((1, 9))])
-    memory[: N * N : N + 1] += 10.0
-    kernel = Kernel(Program(cholesky, ((Cells((N, N)), 0.0), (0.0, 0.0)), (), [WEIGHTS.shape]))
-    assert has_the_bits(kernel, [memory, generator.normal(size=(2, 9))], np.empty(0), (WEIGHTS,))
+    memory = np.hstack([generator.normal(size=(9, N * N)), np.zeros((9, 1))])
+    memory[:, : N * N : N + 1] += 10.0
+    program = Program(cholesky, ((Cells((N, N)), 0.0), (0.0, 0.0)), (), [WEIGHTS.shape])
+    for layout in Layout:
+        arrays = [laid_out(memory, layout), generator.normal(size=(9, 2))]
+        assert has_the_bits(Kernel(program, [layout, Layout.ROWS]), arrays, np.empty(0), (WEIGHTS,))
 
 
 def test_the_logarithm():
@@ -188,7 +202,7 @@ def test_the_logarithm():
     x[:10] = [0.0, -0.0, -1.0, -math.inf, math.inf, math.nan, 5e-324, 2.0**-1022, 1.0, np.finfo(float).max]
     direct, called = x.copy()[np.newaxis], x.copy()[np.newaxis]
     Kernel(Program(lambda x, _: ((logarithm(x[0]),),), ((0.0,),)), [Layout.COLUMNS])((direct,), np.empty(0))
-    on_host(Kernel(Program(lambda x, _: ((x[0].log(),),), ((0.0,),))), (called,), np.empty(0), ())
+    on_host(Kernel(Program(lambda x, _: ((x[0].log(),),), ((0.0,),)), [Layout.COLUMNS]), (called,), np.empty(0), ())
     assert same(direct, called)
     with np.errstate(all="ignore"):
         exact = np.log(x.astype(np.longdouble))
@@ -204,6 +218,55 @@ def test_an_environment_has_the_bits_of_machine_code(monkeypatch):
     assert {kernel.program.ports for kernel, *_ in used} == set(own)
     for kernel, *given in used:
         assert has_the_bits(kernel, *given, expected=own[kernel.program.ports])
+
+
+# --- a launch ------------------------------------------------------------------------------------------------------
+
+
+def there(array):
+    """Return an array as one of the pretended driver's device."""
+    return SimpleNamespace(__cuda_array_interface__=array.__array_interface__)
+
+
+def launched(own, kernel, arrays, constants, tables, steps=1):
+    own.launch(kernel, [*map(there, arrays)], there(constants), [*map(there, tables)], steps, 5)
+
+
+def test_a_launch_is_on_the_arrays_themselves_in_the_stream_of_the_caller():
+    driver, kernel = PretendedDriver(), recorded([Layout.BLOCKS, Layout.COLUMNS], repeated=True)
+    own = Gpu(0, driver)
+
+    def run(*given):
+        launched(own, *given)
+
+    arrays = [laid_out(numbers(100), Layout.BLOCKS), np.zeros((4, 100))]
+    for _ in range(2):
+        assert has_the_bits(kernel, arrays, np.array(SHARED), (TABLE,), 3, runs=(run,))
+    launched(own, kernel, arrays, np.array(SHARED), (TABLE,))
+    given, stream = driver.launched[-1]
+    assert given[:4] == [100, 1, *(one.ctypes.data for one in arrays)] and stream == 5
+    assert driver.calls["cuModuleLoadData"] == 1 and driver.calls["cuLaunchKernel"] == 3
+    assert driver.calls["cuCtxPopCurrent_v2"] == 3 and own.processor == "sm_86"
+
+
+@pytest.mark.parametrize(("name", "code"), [("cuModuleLoadData", 218), ("cuLaunchKernel", 700)])
+def test_an_error_of_the_driver_has_its_name_and_code(name, code):
+    driver, given = PretendedDriver(), (recorded(), [numbers(2), np.zeros((2, 4))], np.array(SHARED), (TABLE,))
+    own, driver.failing = Gpu(0, driver), {name: code}
+    with pytest.raises(RuntimeError, match=f"driver's {name} failed with code {code}"):
+        launched(own, *given)
+    driver.failing = {}
+    launched(own, *given)  # the context of the thread is what it was
+    driver.failing = {"cuInit": 100}
+    with pytest.raises(RuntimeError, match="cuInit failed with code 100"):
+        Gpu(0, driver)
+
+
+def test_arrays_that_do_not_fit_are_not_launched():
+    driver = PretendedDriver()
+    with pytest.raises(ValueError, match="array 1 of 2 arms has shape"):
+        launched(Gpu(0, driver), recorded(), [numbers(2), np.zeros((3, 4))], np.array(SHARED), (TABLE,))
+    assert not driver.launched
 
 
 # --- an assembler -------------------------------------------------------------------------------------------------
@@ -252,6 +315,18 @@ def swept():
         assert errors_in_one_kernel(plants, plants.environment(config.cases[:1]), load_policy(name)) is not None
 
 
+def in_tensors(**options):
+    """Step tensors, and run two laws in a kernel, by machine code in place of a GPU."""
+    torch_env = pytest.importorskip("fuzzyarm.rl_baselines.torch_env")
+    with pytest.MonkeyPatch.context() as patched:
+        patched.setattr(torch_env, "launcher", lambda device: by_machine_code)
+        envs = torch_env.TorchFuzzyArm(LANES, dtype=torch_env.torch.float64, **options)
+    envs.reset(seed=0)
+    envs.step(np.zeros(envs.single_action_space.shape)[np.newaxis].repeat(LANES, axis=0))
+    for name in ("fuzzy-4", "elastic-observer") if not options.get("robot") else ():
+        envs.run(load_policy(name), 100)
+
+
 def predicted(name):
     """Run a policy for three steps of many arms."""
     policy, state = load_policy(name), None
@@ -264,6 +339,8 @@ USED = {
     "load": lambda: stepped(case="payload", randomisation="plants"),
     "ur5": lambda: stepped(robot="ur5"),
     "closed loops": swept,
+    "tensors": lambda: in_tensors(randomisation="robust"),
+    "tensors of ur5": lambda: in_tensors(robot="ur5"),
     **{name: lambda name=name: predicted(name) for name in policies.registry.NAMES},
 }
 
@@ -296,6 +373,6 @@ def test_kernels_of_the_package_are_assembled_and_nothing_is_fused(what, tmp_pat
 @pytest.mark.slow
 @pytest.mark.parametrize("what", USED)
 def test_a_gpu_has_the_bits_of_machine_code(what, monkeypatch):
-    gpu = first_gpu()
+    needs_gpu()
     for kernel, given, expected in kernels_in(what, monkeypatch):
-        assert has_the_bits(kernel, *given, expected=expected, runs=(gpu.run,))
+        assert has_the_bits(kernel, *given, expected=expected, runs=(on_first_gpu,))

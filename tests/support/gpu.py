@@ -1,81 +1,113 @@
-"""The first NVIDIA GPU, by its driver: runs a kernel in PTX on copies of arrays."""
+"""Where kernels in PTX run: the first NVIDIA GPU, or a driver that runs them on the processor, on its memory."""
 
 import ctypes
-from collections.abc import Sequence
+import re
+import types
+from collections import Counter
 
-import numpy as np
 import pytest
 
-from fuzzyarm.numbers.machine import Kernel
-from fuzzyarm.numbers.ptx import ptx_of
-
-_MAJOR, _MINOR = 75, 76  # CU_DEVICE_ATTRIBUTE_COMPUTE_CAPABILITY_...
-_NEWEST = 90  # what the tests assemble for; later processors run it, too
-_BLOCK = 64  # threads; one may need 255 of a processor's 65,536 registers
+from fuzzyarm.numbers.gpu import Gpu, gpu
+from support.ptx_machine import run_ptx
 
 
-class Gpu:
-    """A GPU in its primary context.
+class PretendedDriver:
+    """The functions of the CUDA driver that `Gpu` calls; the memory of its device is the processor's.
 
-    Args:
-        driver: the library `libcuda.so.1`.
+    Attributes:
+        calls: how often each function was called.
+        launched: the parameters of each launch, and its stream.
+        failing: codes by the names of functions that fail.
     """
 
-    def __init__(self, driver):
-        self.driver = driver
-        device, context, capability = ctypes.c_int(), ctypes.c_void_p(), (ctypes.c_int(), ctypes.c_int())
-        self("cuInit", ctypes.c_uint(0))
-        self("cuDeviceGet", ctypes.byref(device), ctypes.c_int(0))
-        for number, which in zip(capability, (_MAJOR, _MINOR), strict=True):
-            self("cuDeviceGetAttribute", ctypes.byref(number), ctypes.c_int(which), device)
-        self.processor = f"sm_{min(10 * capability[0].value + capability[1].value, _NEWEST)}"
-        self("cuDevicePrimaryCtxRetain", ctypes.byref(context), device)
-        self("cuCtxSetCurrent", context)
+    def __init__(self):
+        self.calls, self.launched, self.failing = Counter(), [], {}
+        self._modules, self._current = [], []
 
-    def __call__(self, name, *arguments):
-        """Call a function of the driver, and raise RuntimeError where it fails."""
-        if result := getattr(self.driver, name)(*arguments):
-            raise RuntimeError(f"{name} failed with {result}")
+    def __getattr__(self, name):
+        own = getattr(type(self), f"_{name}")
 
-    def run(
-        self,
-        kernel: Kernel,
-        arrays: Sequence[np.ndarray],
-        constants: np.ndarray,
-        tables: Sequence[np.ndarray],
-        steps: int = 1,
-    ) -> None:
-        """Run a kernel on arrays (numbers, arms), which change in place."""
-        written, module, function = ptx_of(kernel, processor=self.processor), ctypes.c_void_p(), ctypes.c_void_p()
-        self("cuModuleLoadData", ctypes.byref(module), ctypes.c_char_p(written.text.encode()))
-        self("cuModuleGetFunction", ctypes.byref(function), module, ctypes.c_char_p(written.name.encode()))
-        held, places, arms = (*arrays, constants, *tables), [], arrays[0].shape[1]
-        for one in held:
-            places.append(ctypes.c_uint64())
-            self("cuMemAlloc_v2", ctypes.byref(places[-1]), ctypes.c_size_t(max(one.nbytes, 8)))
-            self("cuMemcpyHtoD_v2", places[-1], _address(one), ctypes.c_size_t(one.nbytes))
-        apart = [ctypes.c_int64(k) for k in (*(one.strides[0] // 8 for one in arrays), *map(len, tables))]
-        given = [ctypes.c_int64(arms), ctypes.c_int64(steps), *places, *apart]
-        assert len(given) == len(written.parameters)
-        pointers = (ctypes.c_void_p * len(given))(*(ctypes.addressof(one) for one in given))
-        grid = [ctypes.c_uint(k) for k in (-(-arms // _BLOCK), 1, 1, _BLOCK, 1, 1, 0)]
-        self("cuLaunchKernel", function, *grid, ctypes.c_void_p(), pointers, ctypes.c_void_p())
-        self("cuCtxSynchronize")
-        for place, one in zip(places, held, strict=True):
-            if any(one is array for array in arrays):
-                self("cuMemcpyDtoH_v2", _address(one), place, ctypes.c_size_t(one.nbytes))
-            self("cuMemFree_v2", place)
-        self("cuModuleUnload", module)
+        def called(*arguments):
+            self.calls[name] += 1
+            if name in self.failing:
+                return self.failing[name]
+            own(self, *arguments)
+            return 0
+
+        return called
+
+    def _cuInit(self, flags):
+        assert flags.value == 0
+
+    def _cuDeviceGet(self, device, number):
+        device._obj.value = 7 + number.value
+
+    def _cuDeviceGetAttribute(self, value, which, device):
+        assert device.value == 7
+        value._obj.value = {75: 8, 76: 6}[which.value]
+
+    def _cuDevicePrimaryCtxRetain(self, context, device):
+        assert device.value == 7
+        context._obj.value = 70
+
+    def _cuCtxPushCurrent_v2(self, context):
+        self._current.append(context.value)
+
+    def _cuCtxPopCurrent_v2(self, context):
+        context._obj.value = self._current.pop()
+
+    def _cuModuleLoadData(self, module, text):
+        assert self._current == [70]
+        self._modules.append(text.value.decode())
+        module._obj.value = len(self._modules)
+
+    def _cuModuleGetFunction(self, function, module, name):
+        assert f".entry {name.value.decode()}(" in self._modules[module.value - 1]
+        function._obj.value = 100 + module.value
+
+    def _cuLaunchKernel(self, function, *rest):
+        assert self._current == [70]
+        *grid, shared, stream, pointers, extra = rest
+        (blocks, *others), text = [one.value for one in grid], self._modules[function.value - 101]
+        assert others[:2] == others[3:] == [1, 1] and shared.value == 0 and not extra.value
+        count = len(re.findall(r"\.param \.u64 ", text))
+        assert len(pointers) == count and ".target sm_86" in text
+        given = [ctypes.c_int64.from_address(place).value for place in pointers]
+        self.launched.append((given, stream.value or 0))
+        run_ptx(text, given, blocks, others[2])
 
 
-def _address(array):
-    assert array.flags.c_contiguous
-    return ctypes.c_void_p(array.ctypes.data)
+def pretended_launcher(driver):
+    """Return what launches kernels on tensors of the processor, by a pretended driver."""
+    own = Gpu(0, driver)
+
+    def shown(tensor):
+        assert tensor.device.type == "cpu"
+        return types.SimpleNamespace(__cuda_array_interface__=tensor.numpy().__array_interface__)
+
+    def launch(kernel, arrays, constants, tables, steps):
+        own.launch(kernel, [*map(shown, arrays)], shown(constants), [*map(shown, tables)], steps, 0)
+
+    return launch
 
 
-def first_gpu() -> Gpu:
-    """Return the first GPU; skip the test without one."""
-    try:
-        return Gpu(ctypes.CDLL("libcuda.so.1"))
-    except (OSError, RuntimeError) as error:
-        pytest.skip(f"no NVIDIA GPU: {error}")
+def by_machine_code(kernel, arrays, constants, tables, steps):
+    """Run a kernel on tensors of the processor by machine code, in place of a launch."""
+    kernel([one.numpy() for one in arrays], constants.numpy(), [one.numpy() for one in tables], steps)
+
+
+def on_first_gpu(kernel, arrays, constants, tables, steps=1):
+    """Run a kernel on copies of arrays on the first GPU; then they hold what it has found."""
+    torch = pytest.importorskip("torch")
+    there = [torch.tensor(one, device="cuda") for one in (*arrays, constants, *tables)]
+    rest = there[len(arrays)], there[len(arrays) + 1 :]
+    gpu(0).launch(kernel, there[: len(arrays)], *rest, steps, torch.cuda.current_stream().cuda_stream)
+    for own, found in zip(arrays, there, strict=False):
+        own[...] = found.cpu().numpy()
+
+
+def needs_gpu():
+    """Skip the test where torch has no GPU."""
+    torch = pytest.importorskip("torch")
+    if not torch.cuda.is_available():
+        pytest.skip("no GPU that torch can use")

@@ -1,6 +1,7 @@
 """A machine for PTX, thread by thread: each instruction is a line of Python, numbers are 64 bits."""
 
 import ctypes
+import functools
 import re
 import struct
 
@@ -110,6 +111,7 @@ def _statement(operation, operands):
     return "; ".join(f"{to} = {of}" for to, of in pairs)
 
 
+@functools.cache
 def thread_of(text):
     """Return ``run(given, special, local)``, a thread of the only kernel of a module without functions.
 

@@ -7,12 +7,13 @@ One arm and a quarter of a million run the same functions, `control_step.control
 from __future__ import annotations
 
 import functools
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
 
 from fuzzyarm.envs.batch.beginning import Given, begun_of
-from fuzzyarm.envs.batch.layout import Clock, Results, Scalars, Start, Vectors, layout_of
+from fuzzyarm.envs.batch.layout import Clock, Flags, Results, Scalars, Start, Totals, Vectors, layout_of
 from fuzzyarm.envs.batch.schedule import row_record
 from fuzzyarm.envs.control_step import Moved, assessed_of, control_step_of, reading_of
 from fuzzyarm.envs.observation import Observation
@@ -20,7 +21,23 @@ from fuzzyarm.envs.physics.physics import Physics
 from fuzzyarm.envs.physics.records import places, size
 from fuzzyarm.envs.scenario.randomisation import draw_record
 from fuzzyarm.numbers import machine
-from fuzzyarm.numbers.functions import bits, flat, like, minimum, number, row, whole, word, zeros
+from fuzzyarm.numbers.arrays import Array
+from fuzzyarm.numbers.functions import (
+    bits,
+    each,
+    flat,
+    like,
+    maximum,
+    minimum,
+    number,
+    only,
+    row,
+    select,
+    when,
+    whole,
+    word,
+    zeros,
+)
 from fuzzyarm.numbers.machine import Kernel
 from fuzzyarm.numbers.program import Program
 
@@ -49,26 +66,29 @@ class Kernels:
         On values, clock, commands (lanes, joints) [N m], observations and `Results` (numbers, lanes), with the control
         period [s], the sub-step [s] and the number of sub-steps; the table is the schedule.
         """
-        physics, Row = self.layout.physics, self._row
-        control_step, reading = control_step_of(physics), reading_of(physics)
 
         def step(lane: Any, clock: Clock, command: Any, _: Any, __: Any, given: Any, schedule: Any) -> tuple[Any, ...]:
-            period, h, substeps = given
-            at, first, last = (number(word(one)) for one in (clock.row, clock.first, clock.last))
-            reached = minimum(at + 1.0, last)  # two threads may step an episode that is over: it stays at its end
-            now, after = (like(places(Row), iter(row(schedule, place))) for place in (at, reached))
-            moved = control_step(
-                lane.state, command, now, after.target, lane.arm, lane.limits, lane.force_factor, h, substeps
-            )
-            clock = clock._replace(row=bits(whole(reached)))
-            results = _results(physics, moved, after.target, (reached - first) * period, reached == last)
-            q, dq = reading(moved.state, lane.limits, lane.noise, word(clock.key), reached - first)
-            seen = Observation(q, dq, *after.reference)
-            return lane._replace(state=moved.state), clock, command, seen, results
+            lane, clock, seen, results = self._stepped(lane, clock, command, given, schedule)
+            return lane, clock, command, seen, results
 
         ports = self._lane, _CLOCK, self._nothing, self._seen, self._results
-        program = Program(step, ports, (0.0, 0.0, 0.0), [(0, size(Row))])
+        program = Program(step, ports, _PERIODS, [(0, size(self._row))])
         return Kernel(program, (_BLOCKS, _COLUMNS, _ROWS, _ROWS, _COLUMNS))
+
+    def _stepped(self, lane: Any, clock: Clock, command: Any, periods: Any, schedule: Any) -> tuple[Any, ...]:
+        """Return lane, clock, observation and `Results` after a control step; constants and table as for `step`."""
+        physics, Row = self.layout.physics, self._row
+        period, h, substeps = periods
+        at, first, last = (number(word(one)) for one in (clock.row, clock.first, clock.last))
+        reached = minimum(at + 1.0, last)  # two threads may step an episode that is over: it stays at its end
+        now, after = (like(places(Row), iter(row(schedule, place))) for place in (at, reached))
+        moved = control_step_of(physics)(
+            lane.state, command, now, after.target, lane.arm, lane.limits, lane.force_factor, h, substeps
+        )
+        clock = clock._replace(row=bits(whole(reached)))
+        results = _results(physics, moved, after.target, (reached - first) * period, reached == last)
+        q, dq = reading_of(physics)(moved.state, lane.limits, lane.noise, word(clock.key), reached - first)
+        return lane._replace(state=moved.state), clock, Observation(q, dq, *after.reference), results
 
     @functools.cached_property
     def begin(self) -> Kernel:
@@ -77,7 +97,7 @@ class Kernels:
         On values, clock, what is drawn (numbers, lanes), `Given` and the initial states (lanes, numbers), observations
         and `Results` (numbers, lanes), with the ranges of what is drawn; the tables are plants, starts and schedule.
         """
-        physics, Row, nothing = self.layout.physics, self._row, self._nothing
+        physics, nothing = self.layout.physics, self._nothing
         begun, assessed, reading = begun_of(self.layout), assessed_of(physics), reading_of(physics)
         Draw, no_force = draw_record(physics.joints), [0.0] * physics.axes
 
@@ -92,13 +112,86 @@ class Kernels:
             q, dq = reading(lane.state, lane.limits, lane.noise, word(clock.key), 0.0)
             return lane, clock, drawn, given, initial, Observation(q, dq, *now.reference), results
 
-        given, state = Given(0.0, 0.0, 0.0), zeros(places(physics.State))
-        ports = self._lane, _CLOCK, places(Draw), given, state, self._seen, self._results
+        state = zeros(places(physics.State))
+        ports = self._lane, _CLOCK, places(Draw), _GIVEN, state, self._seen, self._results
         with np.errstate(over="ignore"):
-            program = Program(
-                begin, ports, ((0.0, 0.0),) * size(Draw), [(0, size(kind)) for kind in (physics.Plant, Start, Row)]
-            )
+            program = Program(begin, ports, self._ranges, self._tables)
         return Kernel(program, (_BLOCKS, _COLUMNS, _COLUMNS, _ROWS, _ROWS, _ROWS, _COLUMNS))
+
+    @functools.cached_property
+    def advance(self) -> Kernel:
+        """Hold torques in every lane for one control step; where an episode ends, begin the lane's next one within it.
+
+        On values, clock, commands (lanes, joints) [N m], `Given` (lanes, 3), observations at the end of the step, and
+        those of the next episode where there is one, `Results` and `Flags` (numbers, lanes). Constants are those of
+        `step` and the ranges of `begin`; tables those of `begin`. A lane whose command is not finite is terminated.
+        """
+
+        def advance(*arguments: Any) -> tuple[Any, ...]:
+            lane, clock, command, given, _, _, _, _, *rest = arguments
+            lane, clock, final, seen, results = self._advanced(lane, clock, command, given, *rest)
+            scalars = results.scalars
+            ended = scalars.reason > 0.0, scalars.truncated, scalars.torque_clipped, scalars.reason
+            flags = Flags(*(bits(whole(1.0 * one)) for one in ended))
+            return lane, clock, command, given, final, seen, results, flags
+
+        ports = self._lane, _CLOCK, self._nothing, _GIVEN, self._seen, self._seen, self._results, zeros(places(Flags))
+        with np.errstate(over="ignore"):
+            program = Program(advance, ports, (_PERIODS, self._ranges), self._tables)
+        return Kernel(program, (_BLOCKS, _COLUMNS, _ROWS, _ROWS, _ROWS, _ROWS, _COLUMNS, _COLUMNS))
+
+    def run(self, command: Any, memory: Any, constants: Any, tables: Sequence[tuple[int, ...]]) -> Kernel:
+        """Take many steps of `advance` under a law ``command(memory, seen, constants, *tables)``.
+
+        On values, clock, the law's memory (numbers, lanes), `Given` (lanes, 3), the observation (lanes, 5 joints) that
+        the law sees next, and `Totals` (numbers, lanes), zero at first. Constants and tables are those of `advance`,
+        then the law's, whose shapes `memory`, `constants` and `tables` give. Memory is zero when an episode begins.
+        """
+
+        def run(*arguments: Any) -> tuple[Any, ...]:
+            lane, clock, remembered, given, seen, totals, (*shared, of_law), plants, starts, schedule, *own = arguments
+            # What the law saw last is the caller's, who may have changed it.
+            seen = when(totals.steps == 0.0, lambda: self._observed(lane, clock, schedule), seen)
+            remembered, torque = command(remembered, seen, of_law, *own)
+            lane, clock, _, seen, results = self._advanced(lane, clock, torque, given, shared, plants, starts, schedule)
+            scalars = results.scalars
+            terminated, error = scalars.reason > 0.0, scalars.tip_error
+            totals = Totals(
+                totals.steps + 1.0,
+                totals.reward + scalars.reward,
+                maximum(totals.tip_error, error),
+                totals.tip_error_squares + error * error,
+                totals.terminated + 1.0 * terminated,
+                totals.truncated + scalars.truncated,
+            )
+            return lane, clock, _cleared(remembered, _over(scalars)), given, seen, totals
+
+        ports = self._lane, _CLOCK, memory, _GIVEN, self._seen, zeros(places(Totals))
+        with np.errstate(over="ignore"):
+            program = Program(run, ports, (_PERIODS, self._ranges, constants), (*self._tables, *tables))
+        return Kernel(program, (_BLOCKS, _COLUMNS, _COLUMNS, _ROWS, _ROWS, _COLUMNS), repeated=True)
+
+    def _advanced(
+        self, lane: Any, clock: Clock, command: Any, given: Given, shared: Any, plants: Any, starts: Any, schedule: Any
+    ) -> tuple[Any, ...]:
+        """Return lane, clock, last and next observation and `Results` of a step of `advance`."""
+        physics, (periods, ranges) = self.layout.physics, shared
+        total = sum(command[1:], command[0])
+        sound = total - total == 0.0
+        asked = physics.PerJoint(*(select(sound, u, 0.0) for u in command))
+        # After a command that is not finite the arm is where it would be after a step under no finite force.
+        force_factor = select(sound, lane.force_factor, float("nan"))
+        lane = lane._replace(force_factor=force_factor)
+        lane, clock, final, results = self._stepped(lane, clock, asked, periods, schedule)
+        at_rest = like(places(physics.State), iter([float("nan")] * size(physics.State)))
+
+        def begun() -> tuple[Any, ...]:
+            new, anew, _, now = begun_of(self.layout)(clock, given, at_rest, ranges, plants, starts, schedule)
+            q, dq = reading_of(physics)(new.state, new.limits, new.noise, word(anew.key), 0.0)
+            return new, anew, Observation(q, dq, *now.reference)
+
+        lane, clock, seen = when(_over(results.scalars), begun, (lane, clock, final))
+        return lane, clock, final, seen, results
 
     @functools.cached_property
     def observe(self) -> Kernel:
@@ -106,17 +199,18 @@ class Kernels:
 
         On values, clock and observations; the table is the schedule.
         """
-        physics, Row = self.layout.physics, self._row
-        reading = reading_of(physics)
 
         def observe(lane: Any, clock: Clock, _: Any, __: Any, schedule: Any) -> tuple[Any, ...]:
-            at, first = number(word(clock.row)), number(word(clock.first))
-            now = like(places(Row), iter(row(schedule, at)))
-            q, dq = reading(lane.state, lane.limits, lane.noise, word(clock.key), at - first)
-            return lane, clock, Observation(q, dq, *now.reference)
+            return lane, clock, self._observed(lane, clock, schedule)
 
-        program = Program(observe, (self._lane, _CLOCK, self._seen), (), [(0, size(Row))])
+        program = Program(observe, (self._lane, _CLOCK, self._seen), (), [(0, size(self._row))])
         return Kernel(program, (_BLOCKS, _COLUMNS, _ROWS))
+
+    def _observed(self, lane: Any, clock: Clock, schedule: Any) -> Observation:
+        at, first = number(word(clock.row)), number(word(clock.first))
+        now = like(places(self._row), iter(row(schedule, at)))
+        q, dq = reading_of(self.layout.physics)(lane.state, lane.limits, lane.noise, word(clock.key), at - first)
+        return Observation(q, dq, *now.reference)
 
     @property
     def _lane(self) -> Any:
@@ -130,6 +224,14 @@ class Kernels:
     def _results(self) -> Any:
         return zeros((0.0,) * self.layout.reported)
 
+    @property
+    def _ranges(self) -> Any:
+        return ((0.0, 0.0),) * size(draw_record(self.layout.physics.joints))
+
+    @property
+    def _tables(self) -> list[tuple[int, int]]:
+        return [(0, size(kind)) for kind in (self.layout.physics.Plant, Start, self._row)]
+
     def prepare(self, lanes: int) -> None:
         """Make the machine code that steps so many lanes: the first step need not wait for it."""
         self.step.code(lanes)
@@ -139,11 +241,35 @@ class Kernels:
         return kernels_of, (self.layout.physics,)
 
 
-_CLOCK = Clock(0.0, 0.0, 0.0, 0.0)
+_CLOCK, _GIVEN, _PERIODS = Clock(0.0, 0.0, 0.0, 0.0), Given(0.0, 0.0, 0.0), (0.0, 0.0, 0.0)
 
 
-def _results(physics: Physics, moved: Moved, target: Any, time: Any, over: Any) -> tuple[Any, ...]:
-    """Return the numbers of the `Results`; `over` says whether the schedule is at its end."""
+def _over(scalars: Scalars) -> Any:
+    """Return whether an episode has ended."""
+    return (scalars.reason > 0.0) | (scalars.truncated > 0.0)
+
+
+def _cleared(memory: Any, where: Any) -> Any:
+    """Return the memory of a law, with zeros where a condition holds."""
+    if isinstance(memory, tuple):
+        return like(memory, iter([_cleared(part, where) for part in flat(memory)]))
+    if not isinstance(memory, Array):
+        return select(where, 0.0, memory)
+    for _ in only(where):
+        _fill(memory)
+    return memory
+
+
+def _fill(array: Array) -> None:
+    for k in each(len(array)):
+        if len(array.shape) > 1:
+            _fill(array[k])
+        else:
+            array[k] = 0.0
+
+
+def _results(physics: Physics, moved: Moved, target: Any, time: Any, over: Any) -> Results:
+    """Return the `Results`; `over` says whether the schedule is at its end."""
     found, state = moved.found, moved.state
     vectors = Vectors(
         tip=found.tip,
@@ -168,7 +294,7 @@ def _results(physics: Physics, moved: Moved, target: Any, time: Any, over: Any) 
         truncated=1.0 * ((moved.reason == 0.0) & over),
         reason=moved.reason,
     )
-    return tuple(flat(Results(vectors, scalars)))
+    return Results(vectors, scalars)
 
 
 @functools.cache

@@ -23,8 +23,8 @@ from fuzzyarm.envs.physics.physics import Physics
 from fuzzyarm.envs.physics.records import places, record_type
 
 __all__ = [
-    "CLOCK", "INFO", "SCALARS", "START", "VECTORS", "Clock", "Layout", "Noise", "Results", "Scalars", "Start",
-    "Vectors", "layout_of",
+    "CLOCK", "INFO", "SCALARS", "START", "VECTORS", "Clock", "Flags", "Layout", "Noise", "Results", "Scalars", "Start",
+    "Totals", "Vectors", "layout_of",
 ]  # fmt: skip
 
 
@@ -96,6 +96,30 @@ class Results(NamedTuple):
 
     vectors: Vectors
     scalars: Scalars
+
+
+class Flags(NamedTuple):
+    """How a step ended, as whole numbers of 64 bits: 0 or 1, the reason a `Termination`."""
+
+    terminated: Any
+    truncated: Any
+    torque_clipped: Any
+    reason: Any
+
+
+class Totals(NamedTuple):
+    """What many steps leave behind.
+
+    How many there were; the sum of their rewards; the largest tip error [m] and the sum of the squares [m²]; and how
+    many episodes were terminated and truncated.
+    """
+
+    steps: Any
+    reward: Any
+    tip_error: Any
+    tip_error_squares: Any
+    terminated: Any
+    truncated: Any
 
 
 CLOCK, START = places(Clock), places(Start)

@@ -123,9 +123,15 @@ def own_batches(lanes: int, threads: int) -> list[Entry]:
 
 
 def _torch_entry(lanes: int, threads: int, device: str, dtype: str) -> Entry:
-    name = f"FuzzyArm, torch.compile, {'GPU' if device == 'cuda' else 'CPU'}"
+    name = "PTX kernel, GPU" if _is_kernel(device, dtype) else f"torch.compile, {'GPU' if device == 'cuda' else 'CPU'}"
+    name = f"FuzzyArm, {name}"
     opened, tip_error = functools.partial(_torch, lanes, threads, device, dtype), TORCH_TIP_ERRORS[device, dtype]
     return Entry(name, lanes, threads, SUBSTEPS, dtype, opened, tip_error=tip_error, extra="rl")
+
+
+def _is_kernel(device: str, dtype: str) -> bool:
+    """Return whether `TorchFuzzyArm` launches kernels of its own, which torch does not compile."""
+    return (device, dtype) == ("cuda", "float64")
 
 
 def timed(advance: Callable[[], int], clock: Callable[[], float] = time.perf_counter) -> Measure:
@@ -203,7 +209,7 @@ def _batch(lanes: int, threads: int) -> Iterator[Measure]:
 
 @contextlib.contextmanager
 def _torch(lanes: int, threads: int, device: str, dtype: str) -> Iterator[Measure]:
-    torch_env, torch = _torch_modules(device)
+    torch_env, torch = _torch_modules(device, dtype)
     threads_before = torch.get_num_threads()
     torch.set_num_threads(threads)
     try:
@@ -225,14 +231,15 @@ def _torch(lanes: int, threads: int, device: str, dtype: str) -> Iterator[Measur
         torch.set_num_threads(threads_before)
 
 
-def _torch_modules(device: str) -> tuple[ModuleType, ModuleType]:
-    """Return `fuzzyarm.rl_baselines.torch_env` and its torch, if they can compile for the device."""
+def _torch_modules(device: str, dtype: str) -> tuple[ModuleType, ModuleType]:
+    """Return `fuzzyarm.rl_baselines.torch_env` and its torch, if they can step on the device."""
     # By name: only rl_baselines imports torch, which is optional.
     torch_env = importlib.import_module("fuzzyarm.rl_baselines.torch_env")
     torch: ModuleType = torch_env.torch
     if device == "cuda" and not torch.cuda.is_available():
         raise NotMeasured("no GPU that torch can use")
-    if not any(shutil.which(name) for name in (os.environ.get("CXX"), "g++", "clang++", "cl") if name):
+    compilers = (os.environ.get("CXX"), "g++", "clang++", "cl")
+    if not _is_kernel(device, dtype) and not any(shutil.which(name) for name in compilers if name):
         raise NotMeasured("torch.compile needs a C++ compiler: install g++ or clang++, or name one in CXX")
     return torch_env, torch
 
@@ -257,9 +264,10 @@ def _own_tip_error() -> float:
 
 
 def _torch_tip_error(device: str, dtype: str) -> float:
-    torch_env, torch = _torch_modules(device)
-    # Not compiled, as that takes a minute for each number of lanes; tests compare the compiled step with this one.
-    arm = torch_env.TorchFuzzyArm(2, device=device, dtype=getattr(torch, dtype), compiled=False)
+    torch_env, torch = _torch_modules(device, dtype)
+    # Not compiled by torch, as that takes a minute for each number of lanes; tests compare both steps.
+    compiled = _is_kernel(device, dtype)
+    arm = torch_env.TorchFuzzyArm(2, device=device, dtype=getattr(torch, dtype), compiled=compiled)
     first = arm.reset(seed=0)
 
     return _batch_tip_error(first, lambda action: arm.step(first.new_tensor(action)))
@@ -267,7 +275,7 @@ def _torch_tip_error(device: str, dtype: str) -> float:
 
 TORCH_TIP_ERRORS = {
     key: functools.partial(_torch_tip_error, *key)
-    for key in (("cpu", "float64"), ("cpu", "float32"), ("cuda", "float32"))
+    for key in (("cpu", "float64"), ("cpu", "float32"), ("cuda", "float64"), ("cuda", "float32"))
 }
 """By device and dtype. Batches of all sizes share one function, so that the error is computed once."""
 

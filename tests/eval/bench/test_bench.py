@@ -505,13 +505,25 @@ def test_the_torch_batch_is_compiled_and_gives_the_threads_back(torch_env):
     assert torch_env.log[-1] == 7
 
 
-def test_a_gpu_is_waited_for(torch_env):
-    with pytest.raises(NotMeasured, match="no GPU"), torch_entry("cuda", "float32").open():
+@pytest.mark.parametrize("dtype", ["float32", "float64"])
+def test_a_gpu_is_waited_for(dtype, torch_env):
+    with pytest.raises(NotMeasured, match="no GPU"), torch_entry("cuda", dtype).open():
         pass
     torch_env.torch.cuda.is_available = lambda: True
-    with torch_entry("cuda", "float32").open() as measure:
+    with torch_entry("cuda", dtype).open() as measure:
         measure(0.0)
     assert torch_env.log[-3:] == ["step", "synchronize", 7]
+
+
+def test_a_kernel_needs_no_compiler(torch_env, monkeypatch):
+    monkeypatch.setattr(entries.shutil, "which", lambda name: None)
+    torch_env.torch.cuda.is_available = lambda: True
+    with pytest.raises(NotMeasured, match="compiler"), torch_entry("cuda", "float32").open():
+        pass
+    entry = torch_entry("cuda", "float64")
+    assert entry.name == "FuzzyArm, PTX kernel, GPU"
+    with entry.open():
+        assert torch_env.log[-1] == (4096, "cuda", np.float64, True)
 
 
 def test_no_compiler_is_a_reason(torch_env, monkeypatch):
