@@ -31,10 +31,10 @@ from fuzzyarm.envs.periods import checked_periods
 from fuzzyarm.envs.physics.equations import chosen_arm, equations_of
 from fuzzyarm.envs.physics.parameters import LARGEST, ArmParameters
 from fuzzyarm.envs.physics.robot import Robot
+from fuzzyarm.envs.scenario.cases import Scenario
 from fuzzyarm.envs.scenario.disturbances import Disturbance
 from fuzzyarm.envs.scenario.randomisation import DomainRandomisation, find_randomisation
 from fuzzyarm.envs.scenario.reference import Reference
-from fuzzyarm.envs.scenario.scenario import Scenario
 from fuzzyarm.fuzzy_policy.law import law_of
 from fuzzyarm.fuzzy_policy.policy import Policy
 from fuzzyarm.rl_baselines import torch_step

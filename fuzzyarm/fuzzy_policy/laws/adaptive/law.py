@@ -31,9 +31,14 @@ from fuzzyarm.fuzzy_policy.known_arm import per_joint_of
 from fuzzyarm.fuzzy_policy.laws.adaptive.belief import FLAG, KEPT, LONGEST_LATENESS, AdaptiveWeights, Memory, mass_of
 from fuzzyarm.fuzzy_policy.laws.adaptive.filter import Room, Settings, command, fill, numbers_at, sent
 from fuzzyarm.fuzzy_policy.laws.gain_schedule import corners_of, loaded_inertia, nearest_inertia, schedule_of
-from fuzzyarm.fuzzy_policy.laws.observer_gains import ObserverWeights, feedback_gain, sampled_arm, state_part
-from fuzzyarm.fuzzy_policy.laws.observer_weights import FACTORS
-from fuzzyarm.fuzzy_policy.laws.sampled_margins import places_of
+from fuzzyarm.fuzzy_policy.laws.observer_gains import (
+    FACTORS,
+    ObserverWeights,
+    feedback_gain,
+    places_of,
+    sampled_arm,
+    state_part,
+)
 from fuzzyarm.numbers.functions import each, entry, floor, maximum, minimum, number, only, select
 
 __all__ = ["act", "adaptive_weights_for", "feedback_table", "gain_share", "largest_radius", "softened"]
