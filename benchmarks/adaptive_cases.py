@@ -33,8 +33,8 @@ from fuzzyarm.envs.fuzzy_arm import FuzzyArmEnv
 from fuzzyarm.envs.scenario.cases import PAPER_CASES, find_case
 from fuzzyarm.envs.scenario.disturbances import EncoderNoise
 from fuzzyarm.envs.scenario.randomisation import DomainRandomisation
-from fuzzyarm.eval.episodes.loop import record_passes
 from fuzzyarm.eval.episodes.metrics import metrics_of
+from fuzzyarm.eval.episodes.passes import record_passes
 from fuzzyarm.eval.episodes.rollout import record_rollout
 from fuzzyarm.eval.provenance import current_provenance
 from fuzzyarm.eval.sweep.distributions import DISTRIBUTIONS

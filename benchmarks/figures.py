@@ -110,7 +110,7 @@ def _overview() -> bytes:
 
 def _page(evaluation: Evaluation) -> bytes:
     """Return the report of an evaluation as it opens in Chromium, in the case of the machining force."""
-    from fuzzyarm.eval.episodes.rollout import write_rollouts
+    from fuzzyarm.eval.episodes.rollout_file import write_rollouts
     from fuzzyarm.eval.report.page import write_report
 
     sys.path.append(str(ROOT / "tests"))

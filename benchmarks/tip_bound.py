@@ -38,8 +38,9 @@ from fuzzyarm.envs.physics.records import PerJoint
 from fuzzyarm.envs.scenario.cases import find_case
 from fuzzyarm.envs.scenario.reference import JointReference, quintic_time_law
 from fuzzyarm.eval.certified.tip.bound import PERIOD, TipBound, TipClaim, find_bound, problem_of
-from fuzzyarm.eval.certified.tip.bound_file import save_bound, save_cells
+from fuzzyarm.eval.certified.tip.bound_file import save_bound
 from fuzzyarm.eval.certified.tip.cells import Division, bounds_of_cell, bounds_of_cells, cells
+from fuzzyarm.eval.certified.tip.cells_file import save_cells
 from fuzzyarm.eval.certified.tip.enclosures import NoBound
 from fuzzyarm.eval.certified.tip.plant import SETS, PlantSet
 from fuzzyarm.eval.provenance import current_provenance

@@ -24,7 +24,8 @@ if TYPE_CHECKING:
     from fuzzyarm.eval.certified.verification import verify_file
     from fuzzyarm.eval.engine import Engine
     from fuzzyarm.eval.episodes.metrics import metrics_of
-    from fuzzyarm.eval.episodes.rollout import Rollout, run_episode, write_rollouts
+    from fuzzyarm.eval.episodes.rollout import Rollout, run_episode
+    from fuzzyarm.eval.episodes.rollout_file import write_rollouts
     from fuzzyarm.eval.evaluation.figures import write_figures
     from fuzzyarm.eval.evaluation.ranking import rank_policies
     from fuzzyarm.eval.evaluation.run import EvaluationConfig, evaluate, write_results

@@ -71,7 +71,7 @@ def run(options: Options) -> int:
 
     from fuzzyarm.common.console import output, print_paragraphs, progress, say
     from fuzzyarm.eval.declarations import print_declared
-    from fuzzyarm.eval.episodes.rollout import write_rollouts
+    from fuzzyarm.eval.episodes.rollout_file import write_rollouts
     from fuzzyarm.eval.evaluation.figures import write_figures
     from fuzzyarm.eval.evaluation.result_table import DECLARED, declared_rows, print_passes, print_results, verdict
     from fuzzyarm.eval.evaluation.run import evaluate, write_results

@@ -92,8 +92,8 @@ def _by_cells(options: Options, claim: TipClaim) -> tuple[dict[str, Any], str]:
     from fuzzyarm.common.console import progress
     from fuzzyarm.common.rounding import at_most
     from fuzzyarm.eval.certified.tip.bound import arm_in_words, plain, problem_of
-    from fuzzyarm.eval.certified.tip.bound_file import save_cells
     from fuzzyarm.eval.certified.tip.cells import bounds_of_cells, cells
+    from fuzzyarm.eval.certified.tip.cells_file import save_cells
 
     divisions, jobs = options.cells or [], whole("--jobs", options.jobs, low=1, high=64)
     count = sum(1 for _ in cells(claim.plants, divisions))

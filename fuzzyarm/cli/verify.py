@@ -34,14 +34,8 @@ def run(options: Options) -> int:
     import json
 
     from fuzzyarm.common.console import progress, say
-    from fuzzyarm.eval.certified.tip.bound_file import (
-        BoundCheck,
-        CellsCheck,
-        check_bound,
-        check_cells,
-        is_bound,
-        is_cells,
-    )
+    from fuzzyarm.eval.certified.tip.bound_file import BoundCheck, check_bound, is_bound
+    from fuzzyarm.eval.certified.tip.cells_file import CellsCheck, check_cells, is_cells
     from fuzzyarm.eval.certified.verification import ScheduledVerification, Verification, verify_file
 
     reports: list[Verification | ScheduledVerification | BoundCheck | CellsCheck] = []

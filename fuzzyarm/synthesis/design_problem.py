@@ -12,8 +12,8 @@ from fuzzyarm.common.checks import finite_array, instance, listed, real, shown, 
 from fuzzyarm.envs.observation import JOINTS
 from fuzzyarm.envs.physics.parameters import ArmParameters
 from fuzzyarm.fuzzy_policy.controller import GAINS
+from fuzzyarm.fuzzy_policy.proof.block_matrix import transposed
 from fuzzyarm.fuzzy_policy.proof.certificate import Certificate, certify
-from fuzzyarm.fuzzy_policy.proof.theorems import transposed
 from fuzzyarm.fuzzy_policy.signed_files import ControllerFileError
 from fuzzyarm.synthesis.designer import Design, DesignFailed, to_controller
 from fuzzyarm.synthesis.expressions import half, negative, positive

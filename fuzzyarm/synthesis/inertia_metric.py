@@ -12,9 +12,11 @@ from collections.abc import Sequence
 import numpy as np
 
 from fuzzyarm.envs.physics.robot import Robot
-from fuzzyarm.fuzzy_policy.proof.box_cover import TrigMatrix, widened
+from fuzzyarm.fuzzy_policy.proof.box_cover import widened
 from fuzzyarm.fuzzy_policy.proof.definiteness import exact
-from fuzzyarm.fuzzy_policy.proof.kinetic_energy import inertia_polynomial, scheduled_polynomial
+from fuzzyarm.fuzzy_policy.proof.inertia_bounds import scheduled_polynomial
+from fuzzyarm.fuzzy_policy.proof.kinetic_energy import inertia_polynomial
+from fuzzyarm.fuzzy_policy.proof.trigonometric import TrigMatrix
 from fuzzyarm.fuzzy_policy.scheduled import Premise, rule_weights
 from fuzzyarm.synthesis.inertia_samples import InertiaSamples, smallest_value
 from fuzzyarm.synthesis.metric_search import ROUNDS, MetricSearch, relative

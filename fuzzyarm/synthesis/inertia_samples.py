@@ -12,8 +12,9 @@ import numpy as np
 
 from fuzzyarm.envs.physics.rigid_body import frames, mass_matrix
 from fuzzyarm.envs.physics.robot import Robot
-from fuzzyarm.fuzzy_policy.proof.box_cover import TrigMatrix, widened
+from fuzzyarm.fuzzy_policy.proof.box_cover import widened
 from fuzzyarm.fuzzy_policy.proof.kinetic_energy import TWIST, inertia_polynomial
+from fuzzyarm.fuzzy_policy.proof.trigonometric import TrigMatrix
 
 __all__ = ["InertiaSamples", "smallest_value", "twist_map"]
 

@@ -21,7 +21,7 @@ from typing import Any
 
 import numpy as np
 
-from fuzzyarm.fuzzy_policy.proof.theorems import Assembly, he, identity, symmetric, transposed
+from fuzzyarm.fuzzy_policy.proof.block_matrix import Assembly, he, identity, symmetric, transposed
 from fuzzyarm.fuzzy_policy.proof.vertices import Index, Vertices
 from fuzzyarm.fuzzy_policy.states import PLANT
 

@@ -22,13 +22,14 @@ from fuzzyarm.envs.physics.parameters import ArmParameters
 from fuzzyarm.envs.physics.robot import robot_named
 from fuzzyarm.envs.scenario.disturbances import EncoderNoise
 from fuzzyarm.eval.certified.tip.bound import TipClaim, find_bound
-from fuzzyarm.eval.certified.tip.bound_file import save_bound, save_cells
+from fuzzyarm.eval.certified.tip.bound_file import save_bound
 from fuzzyarm.eval.certified.tip.cells import bounds_of_cells
+from fuzzyarm.eval.certified.tip.cells_file import save_cells
 from fuzzyarm.eval.certified.tip.plant import PlantSet
 from fuzzyarm.eval.dataset import store
 from fuzzyarm.eval.dataset.config import DatasetConfig
 from fuzzyarm.eval.engine import Engine
-from fuzzyarm.eval.episodes.rollout import write_rollouts
+from fuzzyarm.eval.episodes.rollout_file import write_rollouts
 from fuzzyarm.eval.evaluation.run import EvaluationConfig, evaluate, write_results
 from fuzzyarm.eval.sweep.config import SweepConfig
 from fuzzyarm.eval.sweep.distributions import plant_record

@@ -21,7 +21,7 @@ from hypothesis import strategies as st
 
 import fuzzyarm
 from fuzzyarm.cli import main
-from fuzzyarm.eval.certified.tip.bound_file import check_cells
+from fuzzyarm.eval.certified.tip.cells_file import check_cells
 from fuzzyarm.fuzzy_policy.controller import Controller
 from fuzzyarm.fuzzy_policy.controller_files import load_controller
 from fuzzyarm.fuzzy_policy.proof import consistent_reference

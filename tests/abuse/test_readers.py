@@ -32,10 +32,11 @@ from fuzzyarm.envs.physics.equations import robot_of
 from fuzzyarm.envs.physics.parameters import ArmParameters
 from fuzzyarm.envs.physics.robot import Robot
 from fuzzyarm.envs.scenario.given_path import GivenPath
-from fuzzyarm.eval.certified.tip.bound_file import check_bound, check_cells
+from fuzzyarm.eval.certified.tip.bound_file import check_bound
+from fuzzyarm.eval.certified.tip.cells_file import check_cells
 from fuzzyarm.eval.certified.tip.plant import find_set
 from fuzzyarm.eval.dataset.store import open_dataset
-from fuzzyarm.eval.episodes.rollout import digest, read_rollouts
+from fuzzyarm.eval.episodes.rollout_file import digest, read_rollouts
 from fuzzyarm.eval.evaluation.ranking import rank_policies
 from fuzzyarm.eval.paper.report import EXPECTED, load_expected
 from fuzzyarm.eval.report.stored import read_evaluation

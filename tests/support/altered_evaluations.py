@@ -8,7 +8,8 @@ from pathlib import Path
 import numpy as np
 
 from fuzzyarm.eval.episodes.metrics import metrics_of
-from fuzzyarm.eval.episodes.rollout import Rollout, write_rollouts
+from fuzzyarm.eval.episodes.rollout import Rollout
+from fuzzyarm.eval.episodes.rollout_file import write_rollouts
 from fuzzyarm.eval.evaluation.run import Evaluation, write_results
 
 NASTY = "<img src=x onerror=alert(1)>&\"'`${1}"  # a file may be called so

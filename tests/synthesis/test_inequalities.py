@@ -11,7 +11,7 @@ from slow_twins import slow_but
 
 from fuzzyarm.envs.physics.parameters import ArmParameters
 from fuzzyarm.fuzzy_policy.proof import consistent_reference, theorems
-from fuzzyarm.fuzzy_policy.proof.theorems import symmetric
+from fuzzyarm.fuzzy_policy.proof.block_matrix import symmetric
 from fuzzyarm.fuzzy_policy.proof.vertices import error_vertices, tracking_vertices
 from fuzzyarm.fuzzy_policy.states import VELOCITY
 from fuzzyarm.fuzzy_policy.ts_model import NAMED_RULES, TSModel

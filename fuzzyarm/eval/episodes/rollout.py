@@ -1,24 +1,16 @@
-"""One episode of one policy, recorded sample by sample.
-
-Rollouts as one compressed file of plain arrays, ``rollouts.npz``, and the digest that ties it to its results.
-"""
+"""One episode of one policy, recorded sample by sample."""
 
 from __future__ import annotations
 
 import dataclasses
-import hashlib
-import io
 import math
 import os
-from collections.abc import Mapping, Sequence
-from pathlib import Path
+from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
 
-from fuzzyarm.common.array_files import read_arrays
-from fuzzyarm.common.checks import instance, path_of, sequence_of, shown
-from fuzzyarm.common.files import write_atomically
+from fuzzyarm.common.checks import shown
 from fuzzyarm.envs.batch.layout import INFO
 from fuzzyarm.envs.fuzzy_arm import FuzzyArmEnv
 from fuzzyarm.envs.observation import observed
@@ -31,15 +23,11 @@ from fuzzyarm.fuzzy_policy.scheduled import ScheduledController
 from fuzzyarm.policies import load_policy, resolve
 
 __all__ = [
-    "NAME",
     "SIGNALS",
     "Rollout",
     "Signals",
-    "digest",
-    "read_rollouts",
     "record_rollout",
     "run_episode",
-    "write_rollouts",
 ]  # fmt: skip
 
 
@@ -230,92 +218,3 @@ def _domain_use(signals: Mapping[str, np.ndarray], arm: AnyArm) -> np.ndarray:
         for quantity, center, limit in (("q", middle, half), ("dq", 0.0, velocity))
     ]
     return np.asarray(np.concatenate(shares, axis=1).max(axis=1))
-
-
-NAME = "rollouts.npz"
-"""Name of the file in an evaluation's folder."""
-_FIELDS = tuple(field.name for field in dataclasses.fields(Rollout))
-_SINGLE = {
-    "policy": "U",
-    "case": "U",
-    "seed": "i",
-    "control_period": "f",
-    "completed": "b",
-    "reason": "U",
-    "step_time": "f",
-    "note": "U",
-}
-_POINTS = ("tip", "tip_reference", "external_force")
-_LARGEST = 1e60  # whose powers are numbers
-_ONE_NUMBER = ("time", "tip_error", "circularity_error", "circularity_error_motor", "reward", "domain_use")
-
-
-def digest(rollouts: Sequence[Rollout]) -> str:
-    """Return the SHA-256 of all rollouts: names, types, shapes and bytes of every field, in order."""
-    total = hashlib.sha256()
-    for run in rollouts:
-        for name in _FIELDS:
-            array = _array(run, name)
-            total.update(f"{name} {array.dtype} {array.shape} ".encode())
-            total.update(array.tobytes())
-    return total.hexdigest()
-
-
-def write_rollouts(rollouts: Sequence[Rollout], folder: Path) -> Path:
-    """Write every field of every rollout to ``rollouts.npz``, atomically; return its path.
-
-    The array of field ``torque`` of the third rollout is called ``2.torque``; names and flags are arrays as well.
-    """
-    content, folder = io.BytesIO(), path_of("folder", folder)
-    runs = [instance("rollouts", run, Rollout) for run in sequence_of("rollouts", rollouts)]
-    arrays = {f"{k}.{name}": _array(run, name) for k, run in enumerate(runs) for name in _FIELDS}
-    np.savez_compressed(content, **arrays)  # type: ignore[arg-type]
-    write_atomically(folder / NAME, content.getvalue())
-    return folder / NAME
-
-
-def read_rollouts(path: Path) -> list[Rollout]:
-    """Return the rollouts of a file written by `write_rollouts`; nothing is unpickled.
-
-    Raises:
-        ValueError: the file is damaged or holds something else.
-        OSError: it cannot be read.
-    """
-    arrays = read_arrays(path)
-    missing = [name for name in _FIELDS if f"0.{name}" not in arrays]
-    if arrays and missing:
-        raise ValueError(f"{path} is damaged, or of another version of fuzzyarm (its rollouts have no {missing[0]})")
-    count = len(arrays) // len(_FIELDS)
-    if set(arrays) != {f"{k}.{name}" for k in range(count) for name in _FIELDS}:
-        raise ValueError(f"{path} is damaged (it does not hold the fields of {count} rollouts)")
-    try:
-        return [_rollout({name: arrays[f"{k}.{name}"] for name in _FIELDS}) for k in range(count)]
-    except ValueError as error:
-        raise ValueError(f"{path} is damaged ({error})") from None
-
-
-def _array(run: Rollout, name: str) -> np.ndarray:
-    """Return a field as an array; names are texts, also where there are none."""
-    return np.asarray(getattr(run, name), dtype=np.str_ if name == "belief_names" else None)
-
-
-def _rollout(arrays: dict[str, np.ndarray]) -> Rollout:
-    """Return a rollout whose fields are of the types and shapes that `Rollout` says; ValueError otherwise."""
-    steps, joints = len(np.atleast_1d(arrays["time"])), arrays["torque"].shape[-1] if arrays["torque"].ndim else 0
-    axes = arrays["tip"].shape[-1] if arrays["tip"].shape[-1:] in ((2,), (3,)) else 2
-    believed = len(set(arrays["belief_names"].ravel().tolist()))  # columns, whose names differ
-    values: dict[str, Any] = {}
-    for name, array in arrays.items():
-        kind, row = _SINGLE.get(name, "f"), axes if name in _POINTS else joints
-        shape: tuple[int, ...] = () if name in _SINGLE else (steps,) if name in _ONE_NUMBER else (steps, row)
-        if name == "beliefs":
-            shape = (steps, believed) if believed else NO_BELIEFS.shape
-        elif name == "belief_names":
-            kind, shape = "U", (believed,)
-        if array.dtype.kind != kind or array.shape != shape or steps == 0:
-            raise ValueError(f"{name} is {array.dtype} of shape {array.shape}; needed: {kind} of shape {shape}")
-        unknown = np.isnan(array) if name == "beliefs" else False
-        if kind == "f" and name != "step_time" and not (unknown | (np.abs(array) <= _LARGEST)).all():
-            raise ValueError(f"{name} is not finite, or beyond {_LARGEST:g}")
-        values[name] = array.item() if name in _SINGLE else tuple(array.tolist()) if kind == "U" else array
-    return Rollout(**values)

@@ -26,9 +26,10 @@ from fuzzyarm.envs.scenario.given_path import GivenPath
 from fuzzyarm.envs.scenario.paths import SHAPES
 from fuzzyarm.envs.scenario.reference import Reference
 from fuzzyarm.eval.declarations import declarations_of, written_declarations
-from fuzzyarm.eval.episodes.loop import record_passes
 from fuzzyarm.eval.episodes.metrics import metrics_of
-from fuzzyarm.eval.episodes.rollout import Rollout, digest
+from fuzzyarm.eval.episodes.passes import record_passes
+from fuzzyarm.eval.episodes.rollout import Rollout
+from fuzzyarm.eval.episodes.rollout_file import digest
 from fuzzyarm.eval.evaluation.result_table import saturation
 from fuzzyarm.eval.provenance import current_provenance
 from fuzzyarm.policies import COMPARED, PolicySpec, recorded, resolve_all

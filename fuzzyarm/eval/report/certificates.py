@@ -34,7 +34,8 @@ from fuzzyarm.eval.certified.rigid import (
     worst_torque,
 )
 from fuzzyarm.eval.certified.tip.bound import plain
-from fuzzyarm.eval.certified.tip.bound_file import BoundCheck, check_bound, check_cells, is_cells
+from fuzzyarm.eval.certified.tip.bound_file import BoundCheck, check_bound
+from fuzzyarm.eval.certified.tip.cells_file import check_cells, is_cells
 from fuzzyarm.eval.episodes.rollout import Rollout
 from fuzzyarm.eval.evaluation.run import EvaluationConfig
 from fuzzyarm.eval.report.stored import StoredEvaluation

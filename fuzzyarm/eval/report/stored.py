@@ -10,7 +10,8 @@ from typing import Any
 from fuzzyarm import __version__
 from fuzzyarm.common import checks, documents
 from fuzzyarm.eval.episodes.metrics import metrics_of
-from fuzzyarm.eval.episodes.rollout import NAME, Rollout, digest, read_rollouts
+from fuzzyarm.eval.episodes.rollout import Rollout
+from fuzzyarm.eval.episodes.rollout_file import NAME, digest, read_rollouts
 from fuzzyarm.eval.evaluation import results_file
 from fuzzyarm.eval.evaluation.results_file import Results, read_results
 from fuzzyarm.eval.evaluation.run import EvaluationConfig

@@ -33,7 +33,7 @@ from __future__ import annotations
 from typing import Any
 
 from fuzzyarm.envs.observation import JOINTS
-from fuzzyarm.fuzzy_policy.proof.theorems import Assembly, he, identity, symmetric, times, transposed, zeros
+from fuzzyarm.fuzzy_policy.proof.block_matrix import Assembly, he, identity, symmetric, times, transposed, zeros
 from fuzzyarm.fuzzy_policy.proof.vertices import Index, Vertices
 from fuzzyarm.fuzzy_policy.states import PLANT, POSITION
 

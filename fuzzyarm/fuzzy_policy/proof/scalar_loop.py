@@ -26,7 +26,7 @@ from typing import Any
 
 import numpy as np
 
-from fuzzyarm.fuzzy_policy.proof.theorems import Assembly, he, identity, symmetric
+from fuzzyarm.fuzzy_policy.proof.block_matrix import Assembly, he, identity, symmetric
 from fuzzyarm.fuzzy_policy.states import SCALAR_STATES
 
 __all__ = ["decay", "fastest", "loop"]

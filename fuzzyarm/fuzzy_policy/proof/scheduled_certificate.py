@@ -20,7 +20,7 @@ from fuzzyarm.common.rounding import at_least, at_most
 from fuzzyarm.fuzzy_policy.proof.box_cover import cover, proven_in_balls
 from fuzzyarm.fuzzy_policy.proof.certificate import Certificate, Claim, claim
 from fuzzyarm.fuzzy_policy.proof.definiteness import exact, inverse, largest_growth, smallest_eigenvalue, stated
-from fuzzyarm.fuzzy_policy.proof.kinetic_energy import Bound, bounds
+from fuzzyarm.fuzzy_policy.proof.inertia_bounds import Bound, bounds
 from fuzzyarm.fuzzy_policy.proof.policy_certificate import NOT_COVERED, PolicyCertificate, claimed_bounds, decay_words
 from fuzzyarm.fuzzy_policy.proof.scalar_loop import decay, fastest
 from fuzzyarm.fuzzy_policy.scheduled import FORM, ScheduledController

@@ -14,7 +14,7 @@ from typing import Any, Self
 import numpy as np
 
 from fuzzyarm.envs.observation import JOINTS
-from fuzzyarm.fuzzy_policy.proof.theorems import identity
+from fuzzyarm.fuzzy_policy.proof.block_matrix import identity
 from fuzzyarm.fuzzy_policy.states import ERROR_STATES, PLANT, PLANT_STATES
 from fuzzyarm.fuzzy_policy.ts_model import TSModel
 

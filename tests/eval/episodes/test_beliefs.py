@@ -12,7 +12,8 @@ from fuzzyarm.envs.fuzzy_arm import FuzzyArmEnv
 from fuzzyarm.envs.physics.dynamics import Payload
 from fuzzyarm.envs.scenario.disturbances import Disturbance, TorqueBias
 from fuzzyarm.eval.episodes.beliefs import Believing
-from fuzzyarm.eval.episodes.rollout import read_rollouts, record_rollout, write_rollouts
+from fuzzyarm.eval.episodes.rollout import record_rollout
+from fuzzyarm.eval.episodes.rollout_file import read_rollouts, write_rollouts
 from fuzzyarm.eval.evaluation.results_file import _check_row
 from fuzzyarm.eval.evaluation.run import EvaluationConfig, _row
 from fuzzyarm.eval.report.beliefs import belief_figures

@@ -7,7 +7,7 @@ from fuzzyarm.common.documents import read_json, record
 from fuzzyarm.envs.physics.equations import bounds_of
 from fuzzyarm.envs.physics.rigid_body import inverse_dynamics
 from fuzzyarm.envs.physics.robot import robot_named
-from fuzzyarm.eval.episodes.rollout import read_rollouts, write_rollouts
+from fuzzyarm.eval.episodes.rollout_file import read_rollouts, write_rollouts
 from fuzzyarm.eval.evaluation import run
 from fuzzyarm.eval.evaluation.figures import draw_figures
 from fuzzyarm.eval.evaluation.result_table import table_rows

@@ -6,7 +6,8 @@ import zipfile
 import numpy as np
 import pytest
 
-from fuzzyarm.eval.episodes.rollout import Rollout, digest, read_rollouts, write_rollouts
+from fuzzyarm.eval.episodes.rollout import Rollout
+from fuzzyarm.eval.episodes.rollout_file import digest, read_rollouts, write_rollouts
 
 FIELDS = [field.name for field in dataclasses.fields(Rollout)]
 

@@ -9,7 +9,7 @@ import pytest
 from support.altered_evaluations import wild, with_runs, write
 
 from fuzzyarm.cli import main
-from fuzzyarm.eval.episodes.rollout import read_rollouts
+from fuzzyarm.eval.episodes.rollout_file import read_rollouts
 
 RESULTS = "[aria-label='Table of results']"
 DESK, PHONE = {"width": 1400, "height": 900}, {"width": 390, "height": 844}

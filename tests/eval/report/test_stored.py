@@ -7,7 +7,7 @@ import pytest
 from support.altered_evaluations import wild, with_runs, write
 
 from fuzzyarm.cli import main
-from fuzzyarm.eval.episodes.rollout import write_rollouts
+from fuzzyarm.eval.episodes.rollout_file import write_rollouts
 from fuzzyarm.eval.report.stored import read_evaluation
 
 KEPT = "a page made before"

@@ -1,0 +1,61 @@
+"""Symmetric block matrices written as the paper prints them: the lower triangle, with 0 and ⋆ for the rest.
+
+The inequalities are written for matrices (r, c) or stacks of matrices (..., r, c), of floats or of exact rationals. A
+further kind of entry registers its own `transposed` and `times`, as `synthesis.expressions` does for cvxpy. Zeros and
+identities are integers everywhere, so that an exact entry never meets a float.
+"""
+
+from __future__ import annotations
+
+import functools
+from collections.abc import Callable, Sequence
+from typing import Any
+
+import numpy as np
+
+__all__ = ["Assembly", "he", "identity", "symmetric", "times", "transposed", "zeros"]
+
+Assembly = Callable[[list[list[Any]]], Any]
+"""Makes one matrix of the block rows of a lower triangle, each up to the diagonal; see `symmetric`."""
+
+
+@functools.singledispatch
+def transposed(matrix: Any) -> Any:
+    """Return Yᵀ of each matrix of a stack."""
+    return np.swapaxes(matrix, -1, -2)
+
+
+@functools.singledispatch
+def times(scale: Any, matrix: Any) -> Any:
+    """Return the matrices (..., r, c), each multiplied by its own number of `scale` (...)."""
+    return np.asarray(scale)[..., np.newaxis, np.newaxis] * matrix
+
+
+def he(matrix: Any) -> Any:
+    """Return He(Y) = Y + Yᵀ."""
+    return matrix + transposed(matrix)
+
+
+def zeros(rows: int, columns: int) -> np.ndarray:
+    """Return a zero block (rows, columns) of whole numbers."""
+    return np.zeros((rows, columns), dtype=int)
+
+
+def identity(size: int) -> np.ndarray:
+    """Return an identity block (size, size) of whole numbers."""
+    return np.eye(size, dtype=int)
+
+
+def symmetric(lower: Sequence[Sequence[Any]]) -> np.ndarray:
+    """Return the symmetric matrices with the block rows `lower`, each up to the diagonal; 0 stands for a zero block."""
+    ends = np.cumsum([row[-1].shape[-1] for row in lower])
+    places = [slice(end - row[-1].shape[-1], end) for row, end in zip(lower, ends.tolist(), strict=True)]
+    blocks = [entry for row in lower for entry in row if not isinstance(entry, int)]
+    stack = np.broadcast_shapes(*(block.shape[:-2] for block in blocks))
+    whole = np.zeros((*stack, ends[-1], ends[-1]), dtype=np.result_type(*blocks))
+    for row, entries in enumerate(lower):
+        for column, entry in enumerate(entries):
+            if not isinstance(entry, int):
+                whole[..., places[row], places[column]] = entry
+                whole[..., places[column], places[row]] = transposed(entry)
+    return whole
