@@ -29,7 +29,7 @@ from fuzzyarm.eval.episodes.metrics import metrics_of
 from fuzzyarm.eval.episodes.passes import record_passes
 from fuzzyarm.eval.provenance import current_provenance
 from fuzzyarm.eval.tuning.adaptive_search import CAP, NOISE, TAIL
-from fuzzyarm.rl_baselines.estimate.driving import draw_scenarios
+from fuzzyarm.rl_baselines.estimate.courses import draw_scenarios
 
 ROBOTS = ("planar-3r", "ur5")
 SHARES, SIGNIFICANT = (0.03, 0.1, 1.0), (0.0, 1.25)

@@ -100,7 +100,7 @@ __version__ = version("fuzzyarm")
 
 _HOMES = {
     "ArmParameters": "envs.physics.parameters",
-    "BenchConfig": "eval.bench.config",
+    "BenchConfig": "eval.bench.run",
     "Controller": "fuzzy_policy.controller",
     "Design": "synthesis",
     "DesignFailed": "synthesis",
@@ -132,7 +132,7 @@ _HOMES = {
     "run_bench": "eval.bench.run",
     "run_episode": "eval.episodes.rollout",
     "save_bound": "eval.certified.tip.bound_file",
-    "sheet_of": "export.laws",
+    "sheet_of": "export.sheet",
     "tune_arm": "eval.tuning.run",
     "verify_file": "eval.certified.verification",
     "write_figures": "eval.evaluation.figures",

@@ -31,10 +31,10 @@ from fuzzyarm.envs.arguments import (
 from fuzzyarm.envs.batch.lanes import Lanes
 from fuzzyarm.envs.batch.layout import CLOCK, INFO, SCALARS, VECTORS
 from fuzzyarm.envs.fastest_mode import fastest_rate
+from fuzzyarm.envs.film import Film
 from fuzzyarm.envs.periods import checked_periods
 from fuzzyarm.envs.physics.equations import AnyArm, chosen_arm
 from fuzzyarm.envs.physics.parameters import ArmParameters
-from fuzzyarm.envs.rendering import Film
 from fuzzyarm.envs.scenario.cases import Scenario
 from fuzzyarm.envs.scenario.disturbances import Disturbance
 from fuzzyarm.envs.scenario.randomisation import DomainRandomisation, find_randomisation

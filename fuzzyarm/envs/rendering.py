@@ -1,16 +1,11 @@
-"""Pictures of an arm for `render_mode`, drawn in software with pygame; only the mode ``human`` needs a display.
-
-What was seen of an episode so far, and the pictures of it.
-"""
+"""Pictures of an arm for `render_mode`, drawn in software with pygame; only the mode ``human`` needs a display."""
 
 from __future__ import annotations
 
 import functools
-from typing import Any
 
 import numpy as np
 import pygame
-from gymnasium.error import ResetNeeded
 
 from fuzzyarm.envs.batch.layout import VECTORS
 from fuzzyarm.envs.batch.schedule import Schedule
@@ -20,7 +15,7 @@ from fuzzyarm.envs.pictures import HEIGHT, PAPER, WIDTH, Canvas, paint_header, p
 from fuzzyarm.envs.scenario.cases import CASES, Case, case_for
 from fuzzyarm.envs.scenario.disturbances import Disturbance
 
-__all__ = ["Film", "Renderer", "case_title", "paint"]
+__all__ = ["Renderer", "case_title", "paint"]
 
 
 TIP, TIP_REFERENCE = map(VECTORS.index, ("tip", "tip_reference"))  # columns of the trace
@@ -98,66 +93,3 @@ def _case(arm: AnyArm, name: str) -> Case | None:
         return case_for(name, arm)
     except ValueError:
         return None
-
-
-class Film:
-    """The trace of an episode; what draws it is made for the first picture, and left behind by copies and pickles.
-
-    Args:
-        in_window: whether pictures are shown in a window, as they become due.
-        fps: how many per second of wall-clock time.
-        control_period: [s].
-        parameters: the arm.
-    """
-
-    def __init__(self, in_window: bool, fps: int, control_period: float, parameters: AnyArm) -> None:
-        """Begin without a trace; nothing is loaded yet."""
-        self._in_window, self._fps, self._parameters = in_window, fps, parameters
-        self._steps_per_frame = max(1, round(1.0 / (fps * control_period)))
-        self._trace: list[np.ndarray] = []
-        self._time = 0.0
-        self._renderer: Any = None
-
-    def rewind(self) -> None:
-        """Forget the trace: an episode begins."""
-        self._trace.clear()
-
-    def follow(self, time: float, vectors: np.ndarray, schedule: Schedule, ended: bool) -> None:
-        """Add an instant to the trace, and draw if a frame of the window is due.
-
-        Args:
-            time: of the episode [s].
-            vectors: (9, 2) or as the `Layout` of the arm has them, the `VECTORS` at that time.
-            schedule: of the episode.
-            ended: whether the episode ends there.
-        """
-        self._time = time
-        self._trace.append(vectors)
-        if self._in_window and (ended or (len(self._trace) - 1) % self._steps_per_frame == 0):
-            self.picture(schedule)
-
-    def picture(self, schedule: Schedule) -> np.ndarray | None:
-        """Return the picture (H, W, 3) of the last instant, or show it in the window.
-
-        Raises:
-            gymnasium.error.ResetNeeded: no episode has begun.
-        """
-        if not self._trace:
-            raise ResetNeeded("nothing to draw before the first env.reset()")
-        if self._renderer is None:
-            # Imported here: a training run never loads pygame.
-            from fuzzyarm.envs.rendering import Renderer
-
-            self._renderer = Renderer(self._in_window, self._fps)
-        picture: np.ndarray | None = self._renderer.draw(schedule, np.array(self._trace), self._time, self._parameters)
-        return picture
-
-    def close(self) -> None:
-        """Close the window, if there is one."""
-        if self._renderer is not None:
-            self._renderer.close()
-            self._renderer = None
-
-    def __getstate__(self) -> dict[str, Any]:
-        """Leave behind what draws: surfaces, fonts and a window are no data."""
-        return {**self.__dict__, "_renderer": None}

@@ -42,7 +42,7 @@ from fuzzyarm.fuzzy_policy.law import constants_array, law_of, seen_by, within_l
 from fuzzyarm.fuzzy_policy.laws.elastic_observer import ElasticObserverPolicy
 from fuzzyarm.fuzzy_policy.laws.elastic_target import Aim, ElasticTarget, past_of, target_of
 from fuzzyarm.fuzzy_policy.policy import Policy
-from fuzzyarm.learned_policy.bundle import INNOVATION_UNITS, ActionDefinition, FeatureDefinition
+from fuzzyarm.learned_policy.definition import INNOVATION_UNITS, ActionDefinition, FeatureDefinition
 from fuzzyarm.learned_policy.network import area_sine
 from fuzzyarm.numbers.functions import Cells, array, each, flat, maximum, minimum, select
 from fuzzyarm.numbers.machine import Kernel

@@ -24,7 +24,7 @@ from fuzzyarm.envs.task import EFFORT_WEIGHT
 from fuzzyarm.envs.vector import FuzzyArmVectorEnv
 from fuzzyarm.fuzzy_policy.known_arm import joints_of, per_joint_of
 from fuzzyarm.fuzzy_policy.policy import Policy
-from fuzzyarm.learned_policy.bundle import ArmDefinition
+from fuzzyarm.learned_policy.definition import ArmDefinition
 from fuzzyarm.learned_policy.features import Base, Features
 from fuzzyarm.policies.registry import known_names
 from fuzzyarm.policies.spec import load_policy, resolve

@@ -26,7 +26,7 @@ class Family:
 
 
 def svec(matrix: np.ndarray) -> np.ndarray:
-    """Return the upper triangles (..., s(s + 1)/2) of symmetric matrices by columns, off-diagonals times √2."""
+    """Return the upper triangles (..., s(s + 1)/2) of matrices (..., s, s) by columns; off-diagonal numbers × √2."""
     column, row = np.tril_indices(matrix.shape[-1])
     return matrix[..., row, column] * np.where(row == column, 1.0, math.sqrt(2.0))
 

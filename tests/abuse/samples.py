@@ -44,7 +44,8 @@ from fuzzyarm.fuzzy_policy.scheduled import Premise, ScheduledController
 from fuzzyarm.fuzzy_policy.signed_files import digest_of
 from fuzzyarm.identification.excitation import Excitation, rehearsed
 from fuzzyarm.identification.log import Log, write_log
-from fuzzyarm.learned_policy.bundle import ActionDefinition, FeatureDefinition, PolicyBundle
+from fuzzyarm.learned_policy.bundle import PolicyBundle
+from fuzzyarm.learned_policy.definition import ActionDefinition, FeatureDefinition
 from fuzzyarm.learned_policy.network import Cell, Network
 from fuzzyarm.policies.tuned import LAWS, NAME, SCHEMA, TunedLaws
 from fuzzyarm.rl_baselines.algorithms.ppo import PPOConfig

@@ -13,7 +13,8 @@ from safetensors.numpy import save
 from support.bundles import bundle, network
 
 from fuzzyarm.learned_policy import bundle as folders
-from fuzzyarm.learned_policy.bundle import ActionDefinition, BundleError, PolicyBundle
+from fuzzyarm.learned_policy.bundle import BundleError, PolicyBundle
+from fuzzyarm.learned_policy.definition import ActionDefinition
 from fuzzyarm.learned_policy.network import Network
 
 

@@ -8,7 +8,7 @@ import pytest
 from fuzzyarm.envs.observation import JOINTS, Observation
 from fuzzyarm.envs.physics.parameters import ArmParameters
 from fuzzyarm.fuzzy_policy.laws import elastic_target
-from fuzzyarm.learned_policy.bundle import FeatureDefinition
+from fuzzyarm.learned_policy.definition import FeatureDefinition
 from fuzzyarm.learned_policy.features import Features
 
 PERIOD = 0.002

@@ -8,7 +8,7 @@ from support.bundles import bundle
 
 from fuzzyarm import load_policy
 from fuzzyarm.envs.observation import START
-from fuzzyarm.learned_policy.bundle import ActionDefinition, FeatureDefinition
+from fuzzyarm.learned_policy.definition import ActionDefinition, FeatureDefinition
 from fuzzyarm.learned_policy.features import Base, Features, gate
 from fuzzyarm.learned_policy.policy import LearnedPolicy
 

@@ -14,7 +14,8 @@ from fuzzyarm.envs.scenario.paths import Line
 from fuzzyarm.envs.scenario.reference import JointReference
 from fuzzyarm.eval.stability.linearisation import spectral_radius
 from fuzzyarm.eval.stability.margins import MarginsConfig, margin_notes, measure_margins
-from fuzzyarm.learned_policy.bundle import ActionDefinition, BundleError
+from fuzzyarm.learned_policy.bundle import BundleError
+from fuzzyarm.learned_policy.definition import ActionDefinition
 from fuzzyarm.learned_policy.features import Features
 from fuzzyarm.learned_policy.policy import LearnedPolicy
 

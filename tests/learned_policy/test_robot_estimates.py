@@ -17,7 +17,8 @@ from fuzzyarm.envs.physics.robot import Robot, robot_named
 from fuzzyarm.eval.stability.margins import policy_margins
 from fuzzyarm.fuzzy_policy.known_arm import constants_of
 from fuzzyarm.fuzzy_policy.laws.elastic_observer import ElasticObserverPolicy
-from fuzzyarm.learned_policy.bundle import ArmDefinition, BundleError
+from fuzzyarm.learned_policy.bundle import BundleError
+from fuzzyarm.learned_policy.definition import ArmDefinition
 from fuzzyarm.learned_policy.estimate.bundle import EstimateBundle
 from fuzzyarm.learned_policy.estimate.network import EstimateNetwork, shapes_of
 from fuzzyarm.learned_policy.estimate.policy import LearnedObserverPolicy

@@ -9,7 +9,8 @@ from support.bundles import network
 
 from fuzzyarm.envs.physics.parameters import ArmParameters
 from fuzzyarm.envs.physics.robot import Robot, robot_named
-from fuzzyarm.learned_policy.bundle import ActionDefinition, ArmDefinition, BundleError, FeatureDefinition, PolicyBundle
+from fuzzyarm.learned_policy.bundle import BundleError, PolicyBundle
+from fuzzyarm.learned_policy.definition import ActionDefinition, ArmDefinition, FeatureDefinition
 from fuzzyarm.learned_policy.features import Features
 from fuzzyarm.learned_policy.policy import LearnedPolicy
 from fuzzyarm.policies import load_policy

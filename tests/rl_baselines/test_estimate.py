@@ -27,16 +27,11 @@ from fuzzyarm.learned_policy.estimate.network import EstimateNetwork, respond  #
 from fuzzyarm.learned_policy.estimate.signals import GAP_SHARE, context_parts, scale_of, unexplained_parts, units_of  # noqa: E402
 from fuzzyarm.rl_baselines.estimate import courses as courses_module  # noqa: E402
 from fuzzyarm.rl_baselines.estimate.config import EstimateConfig  # noqa: E402
-from fuzzyarm.rl_baselines.estimate.driving import (  # noqa: E402
-    Courses,
-    Drive,
-    draw_courses,
-)
+from fuzzyarm.rl_baselines.estimate.courses import Courses, draw_courses  # noqa: E402
+from fuzzyarm.rl_baselines.estimate.driving import Drive  # noqa: E402
+from fuzzyarm.rl_baselines.estimate.student import Student  # noqa: E402
 from fuzzyarm.rl_baselines.estimate.teacher import Teacher  # noqa: E402
-from fuzzyarm.rl_baselines.estimate.training import (  # noqa: E402
-    EstimateTraining,
-    Student,
-)
+from fuzzyarm.rl_baselines.estimate.training import EstimateTraining  # noqa: E402
 
 ARM, PERIOD, NOTHING = ArmParameters(), 1e-3, DomainRandomisation()
 SMALL = ArmParameters(

@@ -4,7 +4,8 @@ import itertools
 
 import numpy as np
 
-from fuzzyarm.learned_policy.bundle import ActionDefinition, FeatureDefinition, PolicyBundle
+from fuzzyarm.learned_policy.bundle import PolicyBundle
+from fuzzyarm.learned_policy.definition import ActionDefinition, FeatureDefinition
 from fuzzyarm.learned_policy.network import Network
 
 

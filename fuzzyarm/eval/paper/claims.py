@@ -10,7 +10,7 @@ Table 2 of the paper, the size of the design problem by number of rules, as data
 
 The paper's numbers about the reference, the cases, the inequalities and the gains, as data.
 
-The paper's numbers about its three cases, as data: each has a value for every controller in `controllers.TITLES`.
+The paper's numbers about its three cases, as data: each has a value for every controller in `evidence.TITLES`.
 """
 
 from __future__ import annotations

@@ -138,7 +138,7 @@ class Evidence:
 
     Attributes:
         reference: the paper's motion.
-        controllers: by key of `controllers.TITLES`.
+        controllers: by key of `evidence.TITLES`.
         rollouts: of each controller, by its key and the case.
         witnesses: controllers of the paper's form by the name of their file.
         proven: names of the witnesses whose inequalities have all been proven, in exact arithmetic, in this run.

@@ -1,6 +1,6 @@
 """How each number is measured: functions from the evidence to values by label.
 
-A label is the key of a controller in `controllers.TITLES`, or a few words.
+A label is the key of a controller in `evidence.TITLES`, or a few words.
 """
 
 from __future__ import annotations

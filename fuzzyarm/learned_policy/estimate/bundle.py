@@ -13,7 +13,8 @@ from fuzzyarm.envs.periods import checked_period
 from fuzzyarm.envs.physics.equations import AnyArm
 from fuzzyarm.envs.physics.parameters import ArmParameters
 from fuzzyarm.envs.physics.robot import Robot
-from fuzzyarm.learned_policy.bundle import OBSERVER, ArmDefinition, BundleError, read_folder, tensors_in, write_folder
+from fuzzyarm.learned_policy.bundle import OBSERVER, BundleError, read_folder, tensors_in, write_folder
+from fuzzyarm.learned_policy.definition import ArmDefinition
 from fuzzyarm.learned_policy.estimate.network import EstimateNetwork
 
 __all__ = ["EstimateBundle"]

@@ -6,13 +6,10 @@ A gradient step lowers the mean over a window of
 
 with ρ* what the teacher's torque has beyond u_b, in units of R. A training takes minutes and is not resumed; the same
 seed gives the same network on the same machine.
-
-The network of `learned-observer` in torch, over sequences, for its regression.
 """
 
 from __future__ import annotations
 
-import math
 import time
 from collections import deque
 from collections.abc import Callable
@@ -24,102 +21,15 @@ import torch
 
 from fuzzyarm.envs.physics.equations import AnyArm, equations_of
 from fuzzyarm.envs.physics.parameters import ArmParameters
-from fuzzyarm.envs.physics.physics import Physics
-from fuzzyarm.learned_policy.bundle import ArmDefinition
+from fuzzyarm.learned_policy.definition import ArmDefinition
 from fuzzyarm.learned_policy.estimate.bundle import EstimateBundle
-from fuzzyarm.learned_policy.estimate.network import EstimateNetwork, shapes_of
 from fuzzyarm.learned_policy.estimate.policy import LearnedObserverPolicy
-from fuzzyarm.learned_policy.estimate.signals import GAP_SHARE, QUIET, context_parts, unexplained_parts
 from fuzzyarm.rl_baselines.estimate.config import SEGMENT, EstimateConfig
-from fuzzyarm.rl_baselines.estimate.driving import Chunk, Drive, draw_courses
+from fuzzyarm.rl_baselines.estimate.courses import draw_courses
+from fuzzyarm.rl_baselines.estimate.driving import Chunk, Drive
+from fuzzyarm.rl_baselines.estimate.student import Student
 
-__all__ = ["PERIOD", "EstimateTraining", "Student"]
-
-
-_GATE = -2.0  # of s at the beginning: a memory of about eight samples
-
-
-class Student(torch.nn.Module):
-    """The equations of `fuzzyarm.learned_policy.estimate.network`.
-
-    Args:
-        hidden: numbers in h.
-        modulation: numbers in tanh(P c).
-        generator: of the first weights; V, G and D begin at zero, so the residual does.
-        physics: the equations of the arm.
-    """
-
-    gate_z: torch.Tensor
-    gate_h: torch.Tensor
-    gate_c: torch.Tensor
-    gate_bias: torch.Tensor
-    A: torch.Tensor
-    B: torch.Tensor
-    C: torch.Tensor
-    U: torch.Tensor
-    V: torch.Tensor
-    G: torch.Tensor
-    D: torch.Tensor
-    P: torch.Tensor
-    p_0: torch.Tensor
-    W: torch.Tensor
-
-    def __init__(self, hidden: int, modulation: int, generator: torch.Generator, physics: Physics) -> None:
-        """Draw the weights."""
-        super().__init__()
-        unexplained = unexplained_parts(physics.joints, physics.axes)
-        self._load, self._gap = unexplained.load, unexplained.gap
-        self._motion = context_parts(physics.joints, physics.axes).motion
-        for name, shape in shapes_of(hidden, modulation, physics.joints, physics.axes).items():
-            if len(shape) == 1 or name in "VGD":
-                tensor = torch.zeros(shape)
-            else:
-                tensor = torch.randn(shape, generator=generator) / math.sqrt(shape[1])
-            setattr(self, name, torch.nn.Parameter(tensor))
-        with torch.no_grad():
-            self.gate_bias[:hidden] = _GATE
-
-    def network(self) -> EstimateNetwork:
-        """Return the network as it is shipped, in single precision."""
-        return EstimateNetwork(**{name: value.detach().numpy().copy() for name, value in self.named_parameters()})
-
-    def forward(
-        self, z: torch.Tensor, c: torch.Tensor, h: torch.Tensor, begins: torch.Tensor
-    ) -> tuple[torch.Tensor, torch.Tensor]:
-        """Return ρ before it is clipped (steps, lanes, n) and h⁺ (steps, lanes, hidden).
-
-        Args:
-            z: (steps, lanes, numbers of z).
-            c: (steps, lanes, numbers of c).
-            h: (lanes, hidden) before the first step.
-            begins: (steps, lanes, 1), 0 where an episode begins, else 1.
-        """
-        # Tensors are taken apart before the loop: an index within it would have a derivative as large as the whole.
-        gates = (z @ self.gate_z.T + c @ self.gate_c.T + self.gate_bias).unbind()
-        candidate = (z @ self.A.T + (c @ self.C.T) * (z @ self.B.T)).unbind()
-        gate_h, kept, states = self.gate_h.T, self.U.T, []
-        for at_gate, at_candidate, begin in zip(gates, candidate, begins.unbind(), strict=True):
-            h = h * begin
-            s, r = torch.sigmoid(torch.addmm(at_gate, h, gate_h)).chunk(2, dim=1)
-            h = torch.lerp(h, torch.tanh(torch.addcmul(at_candidate, r, h @ kept)), s)
-            states.append(h)
-        after = torch.stack(states)
-        remembered, gap = after * self._weights(c), GAP_SHARE * torch.sinh(z[..., self._gap])
-        answer = remembered @ self.V.T + (remembered @ self.G.T) * gap + z @ self.D.T
-        return (c[..., self._motion] * self._heard(z)) * answer, after
-
-    def _heard(self, z: torch.Tensor) -> torch.Tensor:
-        """Return g (..., 1) of z (..., numbers of z), see `network`."""
-        square = z[..., self._load].square().sum(-1, keepdim=True)
-        return square / (square + QUIET * QUIET)
-
-    def _weights(self, c: torch.Tensor) -> torch.Tensor:
-        return 1.0 + torch.tanh(c @ self.P.T + self.p_0) @ self.W.T
-
-
-def as_tensor(array: np.ndarray) -> torch.Tensor:
-    """Return an array in single precision as a tensor."""
-    return torch.from_numpy(np.ascontiguousarray(array, dtype=np.float32))
+__all__ = ["PERIOD", "EstimateTraining"]
 
 
 PERIOD = 1e-3
