@@ -40,6 +40,7 @@ SMALL = ArmParameters(
     **{"static_friction": (1.5, 0.8), "coulomb_friction": (1.0, 0.5), "torque_limit": (80.0, 35.0)},
 )
 ADAPTIVE = AdaptiveObserverPolicy(ARM, PERIOD)
+FILTER = ADAPTIVE.memory.noise.stop  # numbers of the filter; those of the fallback follow
 SHORT = {
     "chunks": 2,
     "lanes": 4,
@@ -85,7 +86,7 @@ def tip_errors(courses, steps, adaptive=ADAPTIVE):
     memory, aside, errors = np.zeros((lanes.count, adaptive.memory_size)), np.empty((lanes.count, 2)), []
     late = courses.delay[:, np.newaxis]
     for _ in range(steps):
-        wanted = teacher.torque(observation, memory)
+        wanted = teacher.torque(observation, memory[:, :FILTER])
         adaptive.act(observation, memory, aside)
         memory[:, told][:, :2] = wanted
         now, before = memory[:, told][:, :2], memory[:, told][:, 2:4]
@@ -113,7 +114,7 @@ def test_the_teacher_is_the_adaptive_observer_that_knows():
     observation = lanes.reset([0])[0]
     memory, torque = np.zeros((1, ADAPTIVE.memory_size)), np.empty((1, 2))
     for _ in range(5):
-        wanted = teacher.torque(observation, memory)
+        wanted = teacher.torque(observation, memory[:, :FILTER])
         ADAPTIVE.act(observation, memory, torque)
         np.testing.assert_allclose(wanted, torque, atol=0.05)  # N m; the lateness that it believes in is not quite 0
         observation = lanes.step(wanted)[0]
