@@ -1,6 +1,6 @@
-"""Things known by name, those of the package and those that were added; worker processes are told of what was added.
+"""Names: registries of what the package ships and what was added, and public names imported at their first use.
 
-Public names of a package that are imported when they are first asked for, so that importing the package is light.
+What was added reaches worker processes by `additions` and `adopt`.
 """
 
 from __future__ import annotations

@@ -1,6 +1,6 @@
 """Arguments of the environments, checked and completed: the same for one arm, a batch and tensors.
 
-Arguments of a batch, each one for all lanes or a sequence of one per lane.
+An argument of a batch is one value for all lanes, or a sequence with one for each lane.
 """
 
 from __future__ import annotations

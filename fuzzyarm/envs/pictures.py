@@ -1,10 +1,7 @@
-"""What pictures of arms are made of, drawn in software with pygame: shapes, text, header and footer.
+"""Pictures of arms, drawn in software with pygame: the two-joint arm in its plane, any other robot in perspective.
 
-The picture of the two-joint arm, in its plane.
-
-The frame is that of (26), turned so that gravity points down the picture: right = y, down = x.
-
-The picture of any serial robot, in perspective: gravity points down, and shadows fall along it on a floor.
+The plane has the frame of (26), turned so that gravity points down the picture: right = y, down = x. In perspective
+gravity points down as well, and shadows fall along it on a floor.
 """
 
 from __future__ import annotations

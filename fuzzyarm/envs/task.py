@@ -1,8 +1,7 @@
 """The tracking task at one instant: tip position, tip error, reward, and whether the episode terminates.
 
 Elementwise source, see `elementwise`: the same code assesses one arm, a batch and tensors.
-
-Why an episode was terminated: one enumeration for every back end.
+`Termination` says why an episode was terminated, in every back end.
 """
 
 from __future__ import annotations

@@ -1,8 +1,7 @@
 """The batched form of ``FuzzyArm-v0``: a `gymnasium.vector.VectorEnv` for thousands of arms.
 
-The `info` of a batch: for each key an array with a row per lane, and a mask ``_key`` of the lanes that have it.
-
-Quantities are in SI units [m, rad, rad/s, N m, N, s], as the kernels leave them.
+`info` has for each key an array with a row per lane, and a mask ``_key`` of the lanes that have it. Quantities are in
+SI units [m, rad, rad/s, N m, N, s], as the kernels leave them.
 """
 
 from __future__ import annotations

@@ -1,7 +1,4 @@
-"""Controller files: JSON with exact numbers and a digest. This is what the files of every form have in common.
-
-Numbers in JSON without rounding: floats as texts in C99 hexadecimal, and the digest of a document.
-"""
+"""Controller files of every form: JSON with exact numbers, floats as texts in C99 hexadecimal, and a digest."""
 
 from __future__ import annotations
 

@@ -7,7 +7,7 @@ hangs bent. The size a is the largest one at which angles, velocities and the to
 within `SHARE` of their limits. The coefficients make the condition number of the regressor of `rigid`, whose columns
 are divided by their scale and whose rows by the torque limits, as small as a local search from random ones finds it.
 
-A rehearsal of the recording: the motion on the simulated arm, under computed torque, with encoder noise.
+`rehearsed` records the motion on the simulated arm, under computed torque, with encoder noise.
 """
 
 from __future__ import annotations

@@ -1,15 +1,15 @@
 """Output error of the elastic arm: θ that brings the simulated motors closest to the logged ones, with intervals.
 
-The residuals of `shooting` are weighted by the noise of each measured quantity, estimated from the log's fourth
+The residuals are weighted by the noise of each measured quantity, estimated from the log's fourth
 differences at first, then from what each fit leaves. With white noise the estimate is normal with covariance
 
     cov θ = s² (Jᵀ J)⁻¹,    s² = |r|² / (rows - states - |θ|)
 
 Segments with a state that the search does not find, in a joint that sticks, are left out of the last search if they are
 few. A parameter whose 95 % interval would be wider than its value either way is not told by the log: it keeps its value
-of the start, the worst one first, and the others are found anew.
+of the start, the worst one first, and the others are fitted again.
 
-Multiple shooting: the log in segments, each simulated from a state of its own under the logged torques.
+By multiple shooting each segment of the log is simulated from a state of its own under the logged torques:
 
     r(θ, x) = (measured - simulated) / σ,    x the states at the beginnings of the segments
 

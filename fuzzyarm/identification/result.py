@@ -1,6 +1,6 @@
 """From a log to an arm: the rigid part by least squares, refined by output error, and what is said of both.
 
-The residual plot: measured less simulated, for each motor, with the band in which 95 % of white noise lies.
+The residual plot shows measured less simulated, for each motor, with the band in which 95 % of white noise lies.
 """
 
 from __future__ import annotations

@@ -7,11 +7,9 @@ With motor and link one body, the torques are linear in nine base parameters π:
 with c1 and c3 of (3). The lengths and gravity are known; of c1 + I_a1 only the sum counts, as long as nothing bends.
 Samples of a joint that is slower than `SLOWEST` times the Stribeck velocity of the start are left out of its equation.
 
-The parameters that a log of the motors may tell, as a vector θ, and those that it never tells.
-
-Lengths, masses and gravity are kept: the motors feel of the links only m1 r1² + I1 + m2 L1², m2 r2² + I2, m1 r1 + m2 L1
-and m2 r2, four numbers of the eight that describe two links in a plane. A ruler and a scale tell the other four; then
-mass centers and moments of inertia follow.
+A vector θ holds the parameters that a log of the motors may tell. Lengths, masses and gravity are kept: the motors feel
+of the links only m1 r1² + I1 + m2 L1², m2 r2² + I2, m1 r1 + m2 L1 and m2 r2, four numbers of the eight that describe
+two links in a plane. A ruler and a scale tell the other four; then mass centers and moments of inertia follow.
 """
 
 from __future__ import annotations

@@ -6,7 +6,7 @@ paper's arm along its circle, to two digits; the force takes as long as that ref
 the motors, as on a horizontal arm, the payload is the paper's share of the mass of the links. An arm with the lengths
 and the torque limits of the paper's has the paper's loads. `with_loads` gives others.
 
-A scenario: what one episode asks of the arm and what acts on it.
+A `Scenario` is what one episode asks of the arm, and what acts on it.
 """
 
 from __future__ import annotations

@@ -2,13 +2,10 @@
 
 Every curve p(s), s in [0, 1], is twice differentiable. Points of two numbers lie in the plane of the two-joint arm, in
 the frame of (26): the base at the origin, x down along gravity, y to the side. Points of three numbers are in the base
-frame of a robot in space; lines and splines take either, and `placed.Placed` brings any plane curve into space.
+frame of a robot in space; lines and splines take either, and `Placed` brings any plane curve into space.
 
-The paths that have a name: circle, lemniscate, line and square, on the paper's arm and in a plane of any other.
-
-A square has round corners, because a reference is twice differentiable: it is the curve with x⁸ + y⁸ = a⁸.
-
-A curve of a plane, placed in space.
+Circle, lemniscate, line and square have a name, on the paper's arm and in a plane of any other. A square has round
+corners, because a reference is twice differentiable: it is the curve with x⁸ + y⁸ = a⁸.
 """
 
 from __future__ import annotations

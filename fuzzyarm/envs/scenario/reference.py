@@ -1,13 +1,13 @@
 """What every reference offers, and that of the two-joint arm: a path of the tip, followed by inverse kinematics (26).
 
-    p(q) = p(s(t)),  q̇ = J⁻¹ ṗ,  q̈ = J⁻¹ (p̈ - J̇ q̇),  s(t) of `time_law`
+    p(q) = p(s(t)),  q̇ = J⁻¹ ṗ,  q̈ = J⁻¹ (p̈ - J̇ q̇),  s(t) as below
 
-References of other robots are in `tip_reference` and `spline_reference`. Section 6.1.3 of the paper; the values it does
+References of other robots are in `robot_reference`. Section 6.1.3 of the paper; the values it does
 not print (start angle, direction, elbow) were found from its peak torques, see `paths.Circle`.
 
-The time law of every reference, from rest to rest: how far along its curve the arm is at a time.
+The time law leads every reference from rest to rest:
 
-s(t) = 10 x³ - 15 x⁴ + 6 x⁵,  x = t/T;      p(t) = p(s(t)),   ṗ = p' ṡ,   p̈ = p'' ṡ² + p' s̈
+    s(t) = 10 x³ - 15 x⁴ + 6 x⁵,  x = t/T;      p(t) = p(s(t)),   ṗ = p' ṡ,   p̈ = p'' ṡ² + p' s̈
 """
 
 from __future__ import annotations

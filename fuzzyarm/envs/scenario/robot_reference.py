@@ -1,18 +1,20 @@
-"""Checks of a motion against the joints of a robot: where a limit is passed, at which joint, and by how much.
+"""References of any robot: along a path of its tip in space, or along a spline of its joint angles.
 
-The reference of any robot along a path of its tip in space, by inverse kinematics.
+Along a path of the tip, by inverse kinematics,
 
     f(q, p(s(t))) = 0,      A q̇ = (P ṗ, 0, 0),      A q̈ = (P p̈, 0, 0) - Ȧ q̇
 
-with f and A of `inverse_kinematics`. The branch is followed once, in steps of s; after that, Newton's method corrects
+with f and A of `kinematics`. The branch is followed once, in steps of s; after that, Newton's method corrects
 an interpolation to the last digit, so that every value depends on its own t alone.
 
-The reference of any robot along a spline of its joint angles.
+Along a spline of the joint angles,
 
     q(t) = c(s(t)),  q̇ = c' ṡ,  q̈ = c'' ṡ² + c' s̈
 
 c is the cubic spline through given postures (`paths.Spline` in the space of the joints): twice continuously
-differentiable, and s(t) of `time_law` lets it begin and end at rest.
+differentiable, and s(t) of `reference` lets it begin and end at rest.
+
+A motion that passes a limit of a joint is refused: the error says where, at which joint, and by how much.
 """
 
 from __future__ import annotations

@@ -22,13 +22,9 @@ The certificate bounds each of these systems: every pole lies left of -α, V dec
 
 without the shift by α the same norm is the L2 gain of the frozen loop, which is smaller.
 
-Trajectories of the rigid loop, with the integrals that its certificate bounds.
-
-Motions and disturbance torques for tests of the rigid loop, among them the worst torque that is found.
-
-Extremes of the rigid loop in rollouts, to compare with its certified bounds: slowest decay and largest gain.
-
-The report of an evaluation and ``benchmarks/certified_bounds.py`` use these functions with different time steps.
+Rollouts of the rigid loop carry the integrals that its certificate bounds; their extremes, slowest decay and largest
+gain, stand beside the certified bounds. Among the disturbance torques is the worst one found. The report of an
+evaluation and ``benchmarks/certified_bounds.py`` use these functions with different time steps.
 """
 
 from __future__ import annotations

@@ -2,15 +2,10 @@
 
 Each claim says where the number stands in the paper, what the paper says, how ours is measured and why the two differ.
 
-One number of the paper as a record: how ours is measured, when the two agree, and how far ours may drift.
-
-Reasons why our numbers differ from the paper's, and other remarks; the numbers in these texts are measured.
-
-Table 2 of the paper, the size of the design problem by number of rules, as data.
-
-The paper's numbers about the reference, the cases, the inequalities and the gains, as data.
-
-The paper's numbers about its three cases, as data: each has a value for every controller in `evidence.TITLES`.
+A `Claim` is one such number, with the tolerance within which ours may drift. The numbers in the texts of the reasons
+are measured. `TABLE_2` is the size of the design problem by number of rules; `STATEMENTS` are the numbers about the
+reference, the cases, the inequalities and the gains; `ROLLOUTS` those about the three cases, with a value for every
+controller in `evidence.TITLES`.
 """
 
 from __future__ import annotations

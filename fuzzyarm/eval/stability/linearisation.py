@@ -1,7 +1,7 @@
 """Stability margins: how far a policy is from instability on the sampled elastic arm, by linearising the closed loop.
 
 At a posture of the path the reference is held and dry friction removed; viscous friction stays. The equilibrium there
-is found by Newton's method, and `local_loop` has the equation of the loop around it.
+is found by Newton's method, and the equation of the loop around it is below.
 
 The plant may carry a payload that the policy does not know of. A policy with a model of dry friction, such as an
 observer, is linearised without that model, as ``Policy.without_dry_friction()`` returns it: the arm has no dry friction

@@ -1,9 +1,7 @@
 """The stability margins of `fuzzyarm margins`, also of arms that differ from the one that the policies know.
 
-The margins themselves are computed in `fuzzyarm.eval.stability.linearisation`; `conditions` has the
-conditions; this module has the document and the printed table.
-
-The conditions in which margins are measured, and the limits of the loop gain: the columns of `fuzzyarm margins`.
+The margins themselves are computed in `fuzzyarm.eval.stability.linearisation`; this module has the conditions in which
+they are measured, the document and the printed table.
 """
 
 from __future__ import annotations

@@ -80,7 +80,7 @@ class ElasticObserverPolicy(LawPolicy):
         Args:
             parameters: the arm or the robot, as the controller knows it.
             control_period: T [s], at most 0.1 s.
-            weights: of the Riccati equations; None for those of `observer_weights.weights_for`.
+            weights: of the Riccati equations; None for those of `observer_gains.weights_for`.
 
         Raises:
             ValueError: the control period is out of range, or there are no gains for these arguments.

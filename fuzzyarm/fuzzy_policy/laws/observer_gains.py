@@ -4,10 +4,8 @@ The arm, motors and links with a load d on the links, is linearised at rest and 
 slope, the Coriolis torques and dry friction are left out, so it depends on the mass matrix M alone; the gains are
 tabulated over the angles that M depends on most, see `gain_schedule`. How they are used is in `elastic_observer`.
 
-Whether gains hold on the sampled elastic robot, anywhere in its range: what the default gains are chosen by.
-
-At random postures the robot is linearised without gravity and dry friction, see `observer_gains.sampled_arm`, and a
-law near rest is, with its memory s,
+Default gains are those that hold on the sampled elastic robot anywhere in its range. At random postures the robot is
+linearised without gravity and dry friction, see `sampled_arm`, and a law near rest is, with its memory s,
 
     u = κ (D x + C s),    s⁺ = G x + F s,
 
@@ -22,7 +20,7 @@ tabulated over, they are too sharp, and the loop may be unstable in part of its 
     link_angle → s link_angle,    link_velocity → √s link_velocity
 
 weaken the feedback and make it more robust. The smallest s of `FACTORS` is taken with which the loop is stable at
-random postures in all of `sampled_margins.CONDITIONS`.
+random postures in all of `CONDITIONS`.
 """
 
 from __future__ import annotations

@@ -4,18 +4,16 @@ The box is cut into smaller ones until all control matrices (`trigonometric`) of
 taken by the hundred, in floating point with a bound of every rounding error:
 
 - the control matrices are sums of products of coefficients and weights, whose error is below `SUMMED` times the sum of
-  the coefficients' magnitudes for each entry;
-- Cholesky's factorisation of A - δI in floating point ends with real roots only if A - δI + ΔA is positive semidefinite
-  for some |ΔA| <= γ/(1 - γ) tr A, γ = (s + 1) u/(1 - (s + 1) u) (Rump, 2006), so a larger δ proves A.
+the coefficients' magnitudes for each entry; - Cholesky's factorisation of A - δI in floating point ends with real roots
+only if A - δI + ΔA is positive semidefinite for some |ΔA| <= γ/(1 - γ) tr A, γ = (s + 1) u/(1 - (s + 1) u) (Rump,
+2006), so a larger δ proves A.
 
 Sines and cosines of the mathematical library are taken to be right to `LIBRARY` units in the last place, which is the
 one assumption; `proven_in_balls` proves the same boxes again in balls, without it.
 
-The proof of `box_cover` again in balls, box by box, without any assumption about floating point.
-
-The coefficients are exact, sines and cosines are balls with outward rounding (`arb` of FLINT), and each control matrix
-is proven positive definite by Gershgorin's theorem on T A Tᵀ, as in `definiteness`, where T is any matrix; it comes
-from a Cholesky factor in floating point.
+In balls there is no assumption about floating point. The coefficients are exact, sines and cosines are balls with
+outward rounding (`arb` of FLINT), and each control matrix is proven positive definite by Gershgorin's theorem on T A
+Tᵀ, as in `definiteness`, where T is any matrix; it comes from a Cholesky factor in floating point.
 """
 
 from __future__ import annotations

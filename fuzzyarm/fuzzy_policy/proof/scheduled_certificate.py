@@ -1,7 +1,7 @@
 """The claims of a controller of the form "semidefinite", proven anew from its stored numbers.
 
 The inequalities of `scalar_loop` are proven in exact rationals, the bounds of the inertia on covers of boxes, in
-floating point with a bound of all rounding errors (`box_cover`) and, if asked for, again in balls (`ball_cover`).
+floating point with a bound of all rounding errors (`box_cover`) and, if asked for, again in balls (`proven_in_balls`).
 Theorem, for the rigid arm in continuous time, while its angles and the speeds of its kept angles stay in the box:
 
     V' + 2αV + eᵀ M̂ e - γ² dᵀ M̂⁻¹ d <= 0,      V = (e, ė, x_I)ᵀ (X ⊗ M̂) (e, ė, x_I).

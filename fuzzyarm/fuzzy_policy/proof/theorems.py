@@ -1,8 +1,4 @@
-"""Symmetric block matrices written as the paper prints them: the lower triangle, with 0 and ⋆ for the rest.
-
-The inequalities are written for matrices (r, c) or stacks of matrices (..., r, c), of floats or of exact rationals. A
-further kind of entry registers its own `transposed` and `times`, as `synthesis.expressions` does for cvxpy. Zeros and
-identities are integers everywhere, so that an exact entry never meets a float.
+"""Theorems 1 and 2 of the paper, for floats, exact rationals and the expressions of cvxpy (`block_matrix`).
 
 Theorem 1: the matrix Ξ_ijk of (15), for the tracking error and the reference model together.
 

@@ -1,7 +1,4 @@
-"""The tube along a motion: sample, hold, next sample; and the bound of the tip error at every sample.
-
-The bound of the tip error at a sample, from the deviations of the links.
-"""
+"""The tube along a motion: sample, hold, next sample; and the bound of the tip error at every sample."""
 
 from __future__ import annotations
 
