@@ -10,8 +10,8 @@ f is a form of degree four in (a, b), and 1 = (a² + 2 cos h ab + b²)² = Σ κ
 f_i. Taken for each angle in turn this holds for a matrix of d angles and its 5^d control matrices: if all of them are
 positive definite, so is the matrix everywhere in the box. The excess of the hull falls with h².
 
-Here this is done in floating point for many boxes at once, with a bound of all rounding errors; `proven_in_balls` does the
-same in balls.
+Here this is done in floating point for many boxes at once, with a bound of all rounding errors;
+`proven_in_balls` does the same in balls.
 """
 
 from __future__ import annotations
