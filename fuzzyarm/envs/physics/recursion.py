@@ -1,6 +1,7 @@
 """The recursive algorithms of rigid-body dynamics in the frames of the links, on numbers of any kind.
 
-`generated` runs them on symbols. Link j turns about the z axis of its frame: a vector x of frame j is A_j Z(q_j) x in
+What is known of a robot beforehand, as the zeros and ones of its rotations, are floats; its other numbers and its motion
+are `Folded`, in any kind of number: see `serial`. Link j turns about the z axis of its frame: a vector x of frame j is A_j Z(q_j) x in
 frame j - 1, with A_j constant and Z the turn about z.
 
 The mass of a link, the part of its first moment along z, and an inertia diag(I_yy, I_yy, 0) make a body that is
@@ -16,7 +17,8 @@ from typing import Any, NamedTuple
 
 __all__ = [
     "NOTHING", "Body", "Chain", "Inertia", "composite_bodies", "factors", "joined", "moved", "newton_euler",
-    "point_of_tip", "regrouped", "rotated", "rotated_inertia", "solution", "velocity_of_tip",
+    "Turn", "Vector", "point_of_tip", "regrouped", "rotated", "rotated_inertia", "solution", "transposed",
+    "velocity_of_tip",
 ]  # fmt: skip
 
 Vector = tuple[Any, Any, Any]
@@ -261,8 +263,13 @@ def _turned(turn: Turn, vector: Vector) -> Vector:
 def _back(chain: Chain, j: int, turns: Sequence[Turn], vector: Vector) -> Vector:
     """Return a vector of frame j - 1 in frame j: Zᵀ Aᵀ x."""
     sine, cosine = turns[j]
-    x, y, z = rotated(tuple(zip(*chain.rotations[j], strict=True)), vector)
+    x, y, z = rotated(transposed(chain.rotations[j]), vector)
     return cosine * x + sine * y, cosine * y - sine * x, z
+
+
+def transposed(rotation: Sequence[Sequence[float]]) -> tuple[tuple[float, ...], ...]:
+    """Return Aᵀ."""
+    return tuple(zip(*rotation, strict=True))
 
 
 def rotated(rotation: Sequence[Sequence[float]], vector: Vector) -> Vector:
