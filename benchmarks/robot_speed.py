@@ -28,7 +28,7 @@ import torch
 
 from fuzzyarm.common.files import write_atomically
 from fuzzyarm.envs.physics.dynamics import arm_constants
-from fuzzyarm.envs.physics.generated import physics_of
+from fuzzyarm.envs.physics.serial import physics_of
 from fuzzyarm.envs.physics.hold import held_of, hold_of
 from fuzzyarm.envs.physics.parameters import ArmParameters
 from fuzzyarm.envs.physics.physics import Physics
@@ -96,7 +96,7 @@ def against_hand_written() -> dict[str, Any]:
     generated = physics_of(robot)
     constants = {
         two_joints(): np.array(flat(arm_constants(ArmParameters()))),
-        generated: np.array(generated.constants(generated.plant_of(robot), 0.0, 0.0, 0.0)),
+        generated: np.array(flat(generated.constants(generated.plant_of(robot), 0.0, 0.0, 0.0))),
     }
     state = generator.uniform(-1.0, 1.0, (8, LANES))
     torque = 0.2 * robot.drive("torque_limit")[:, np.newaxis] * generator.uniform(-1.0, 1.0, (2, LANES))
@@ -165,7 +165,7 @@ def main() -> None:
     entries = {"hand-written": ours(two_joints(), np.array(flat(arm_constants(ArmParameters()))), robot_named("paper"))}
     for name in ROBOTS:
         robot, physics = robot_named(name), physics_of(robot_named(name))
-        entries[name] = ours(physics, np.array(physics.constants(physics.plant_of(robot), 0.0, 0.0, 0.0)), robot)
+        entries[name] = ours(physics, np.array(flat(physics.constants(physics.plant_of(robot), 0.0, 0.0, 0.0))), robot)
         entries[f"{name} MuJoCo"] = peer(robot)
     times: dict[str, list[float]] = {name: [] for name in entries}
     for _ in range(ROUNDS):

@@ -37,7 +37,7 @@ class Folded:
         return Folded(other.value - self.value if self.negative else self.value - other.value)
 
     def __sub__(self, other: Any) -> Folded:
-        return self + -other
+        return self.__add__(-other)
 
     def __rsub__(self, other: float) -> Folded:
         return -self + other

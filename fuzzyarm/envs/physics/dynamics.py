@@ -216,9 +216,7 @@ def tip_force_torque(
 
 def motors(arm: Any, joints: Sized) -> list[Motor]:
     """Return the motors of an arm of any number of joints, as many as `joints` has entries."""
-    return [
-        Motor(*(getattr(arm, f"{name}{k}") for name in Motor._fields)) for k in range(1, len(joints) + 1)
-    ]
+    return [Motor(*(getattr(arm, f"{name}{k}") for name in Motor._fields)) for k in range(1, len(joints) + 1)]
 
 
 def joint_torque(state: Any, arm: Any) -> Any:

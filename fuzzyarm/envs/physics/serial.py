@@ -242,7 +242,8 @@ class Serial:
         return chain, bodies
 
     def _force(self, force: Any) -> Vector:
-        return (*map(Folded, force), 0.0) if self.structure.planar else tuple(map(Folded, force))  # type: ignore[return-value]
+        x, y, z = (*_folded(force), 0.0)[:DIMENSIONS]
+        return x, y, z
 
     def step(self, state: Any, torque: Any, force: Any, arm: Any, h: Any) -> Any:
         """Advance by one sub-step h [s] under motor torques [N m] and a tip force [N]."""
@@ -251,7 +252,7 @@ class Serial:
 
     def loaded_step(self, state: Any, torque: Any, load: Any, arm: Any, h: Any) -> Any:
         """Do what `step` does, with torques `load` [N m] on the links in place of a tip force."""
-        return advanced(state, torque, self._accelerations(NOTHING, list(map(Folded, load)), arm), arm, h)
+        return advanced(state, torque, self._accelerations(NOTHING, _folded(load), arm), arm, h)
 
     def _accelerations(self, force: Vector, load: Sequence[Any], arm: Any) -> Callable[[Any], Any]:
         """Return what `advanced` takes."""
@@ -263,7 +264,7 @@ class Serial:
             below, inverse = factors(composite_bodies(chain, bodies, turns))
 
             def accelerations(joint: Any, rates: Any) -> Any:
-                outer = newton_euler(chain, bodies, turns, list(map(Folded, rates)), still, gravity, force)
+                outer = newton_euler(chain, bodies, turns, _folded(rates), still, gravity, force)
                 right = [Folded(a) - b + c for a, b, c in zip(joint, outer, load, strict=True)]
                 return self.PerJoint(*map(unfolded, solution(below, inverse, right)))
 
@@ -278,7 +279,7 @@ class Serial:
 
     def tip_velocity(self, angles: Any, rates: Any, arm: Any) -> Any:
         """Return the velocity of the tip [m/s]."""
-        found = velocity_of_tip(self._links(arm)[0], _turns(angles), list(map(Folded, rates)))
+        found = velocity_of_tip(self._links(arm)[0], _turns(angles), _folded(rates))
         return self._vector(found, angles)
 
     def _vector(self, vector: Vector, angles: Any) -> Any:
@@ -298,8 +299,8 @@ class Serial:
 
     def inverse_dynamics(self, angles: Any, rates: Any, accelerations: Any, arm: Any) -> Any:
         """Return M(q) q̈ + C(q, q̇) q̇ + g(q) [N m]."""
-        (chain, bodies), motion = self._links(arm), [list(map(Folded, part)) for part in (rates, accelerations)]
-        found = newton_euler(chain, bodies, _turns(angles), *motion, _vector(arm, "gravity"))
+        (chain, bodies), rates, accelerations = self._links(arm), _folded(rates), _folded(accelerations)
+        found = newton_euler(chain, bodies, _turns(angles), rates, accelerations, _vector(arm, "gravity"))
         return self.PerJoint(*map(unfolded, found))
 
     def mass_matrix(self, angles: Any, arm: Any) -> Any:
@@ -347,6 +348,10 @@ def _physics(structure: Structure) -> Physics:
     )  # fmt: skip
 
 
+def _folded(numbers: Iterable[Any]) -> list[Folded]:
+    return [Folded(number) for number in numbers]
+
+
 def _number(record: Any, name: str) -> Any:
     """Return a number of a plant or an arm; 0 if it has none of this name."""
     return Folded(getattr(record, name)) if name in record._fields else 0.0
@@ -359,8 +364,7 @@ def _vector(record: Any, name: str) -> Vector:
 
 def _turns(angles: Any) -> list[Turn]:
     """Return sine and cosine of each angle."""
-    pairs = map(sine_cosine, angles)
-    return [(Folded(sine), Folded(cosine)) for sine, cosine in pairs]
+    return [(Folded(sine), Folded(cosine)) for sine, cosine in map(sine_cosine, angles)]
 
 
 def _like(numbers: Iterable[Any], angles: Any) -> list[Any]:
