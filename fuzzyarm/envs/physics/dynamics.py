@@ -16,13 +16,12 @@ import numpy as np
 from fuzzyarm.common import checks
 from fuzzyarm.envs.physics.friction import DRY_TORQUES, DryFriction, dry_friction_of
 from fuzzyarm.envs.physics.parameters import LARGEST, ArmParameters
-from fuzzyarm.envs.physics.records import PerJoint, State, record_type
+from fuzzyarm.envs.physics.records import PerJoint, record_type
 
 __all__ = [
-    "Arm", "Motor", "Payload", "Plant", "arm_constants", "coriolis_torque", "dry_frictions", "frictionless", "gravity_torque",
-    "inertia_and_gravity",
-    "joint_torque", "loaded", "lump", "mass_matrix", "motors", "plant_of", "rigid_inverse_dynamics", "solve_mass_matrix",
-    "tip_force_torque", "tip_jacobian", "tip_position",
+    "Arm", "Motor", "Payload", "Plant", "arm_constants", "coriolis_torque", "dry_frictions", "frictionless",
+    "gravity_torque", "inertia_and_gravity", "joint_torque", "loaded", "lump", "mass_matrix", "motors", "plant_of",
+    "rigid_inverse_dynamics", "solve_mass_matrix", "tip_force_torque", "tip_jacobian", "tip_position",
 ]  # fmt: skip
 
 PLACES = ("tip", "link")

@@ -1,8 +1,8 @@
 """The recursive algorithms of rigid-body dynamics in the frames of the links, on numbers of any kind.
 
-What is known of a robot beforehand, as the zeros and ones of its rotations, are floats; its other numbers and its motion
-are `Folded`, in any kind of number: see `serial`. Link j turns about the z axis of its frame: a vector x of frame j is A_j Z(q_j) x in
-frame j - 1, with A_j constant and Z the turn about z.
+The constant rotations and what is zero for a robot are floats, its other numbers and its motion are `Folded`. Link j
+turns about the z axis of its frame: a vector x of frame j is A_j Z(q_j) x in frame j - 1, with A_j constant and Z the
+turn about z.
 
 The mass of a link, the part of its first moment along z, and an inertia diag(I_yy, I_yy, 0) make a body that is
 symmetric about the joint's axis: turning it about that axis changes nothing but for I_zz, which this part lacks. It
@@ -16,8 +16,8 @@ from collections.abc import Sequence
 from typing import Any, NamedTuple
 
 __all__ = [
-    "NOTHING", "Body", "Chain", "Inertia", "composite_bodies", "factors", "joined", "moved", "newton_euler",
-    "Turn", "Vector", "point_of_tip", "regrouped", "rotated", "rotated_inertia", "solution", "transposed",
+    "NOTHING", "Body", "Chain", "Inertia", "Turn", "Vector", "composite_bodies", "factors", "joined", "moved",
+    "newton_euler", "point_of_tip", "regrouped", "rotated", "rotated_inertia", "solution", "transposed",
     "velocity_of_tip",
 ]  # fmt: skip
 
@@ -58,7 +58,8 @@ class Chain(NamedTuple):
 
 def regrouped(chain: Chain, bodies: Sequence[Body]) -> list[Body]:
     """Return bodies with the same equations of motion, without masses; see the module."""
-    rest, left = list(bodies), list[Body]()
+    left: list[Body] = []
+    rest = list(bodies)
     for j in reversed(range(len(rest))):
         mass, (hx, hy, hz), inertia = rest[j]
         own = Inertia(inertia.xx - inertia.yy, inertia.xy, inertia.xz, 0.0, inertia.yz, inertia.zz)

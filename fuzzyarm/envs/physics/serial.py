@@ -141,6 +141,8 @@ class Serial:
         constants = dict.fromkeys(self._constants(zeros(places(self.Plant)), 0.0, 0.0, 0.0), Any)
         self.Arm = record_type("Arm", **constants, **motors)
         needed = self._needed()
+        parts = [re.split(r"(\d+)", name, maxsplit=1) for name in structure.numbers]  # quantity, joint, component
+        self._factors = [(VARIED.get(quantity), f"joint{''.join(rest[:1])}") for quantity, *rest in parts]
         self._link_constants = [name for name in constants if name in needed]
         self.Arm = record_type("Arm", **dict.fromkeys(self._link_constants, Any), **motors)
 
@@ -321,16 +323,12 @@ class Serial:
 
     def varied(self, plant: Any, draw: Any) -> Any:
         """Return the plant with the factors of a draw."""
-        numbers = []
-        for name, number in zip(self.structure.numbers, plant, strict=True):
-            parts = _OF_JOINT.match(name)  # quantity and joint; tip and gravity have no joint
-            factor = VARIED.get(parts[1]) if parts else None
-            numbers.append(number * getattr(getattr(draw, factor), f"joint{parts[2]}") if parts and factor else number)
-        return self.Plant(*numbers)
+        factors = (getattr(getattr(draw, name), joint) if name else None for name, joint in self._factors)
+        varied = (number if one is None else number * one for number, one in zip(plant, factors, strict=True))
+        return self.Plant(*varied)
 
 
 _MOTOR = dict.fromkeys(Motor._fields, Any) | {"dry_friction": DryFriction}
-_OF_JOINT = re.compile(r"([a-z_]+)(\d+)")
 
 
 @functools.cache

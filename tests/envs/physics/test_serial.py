@@ -1,4 +1,4 @@
-"""Equations of serial robots: equal to the textbook and to the hand-written ones, on every number type; the time step."""
+"""Equations of serial robots: equal to the textbook and to the hand-written ones, in every kind of number; the step."""
 
 import numpy as np
 import pytest
