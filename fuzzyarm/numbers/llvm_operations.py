@@ -264,9 +264,10 @@ class Operations:
                 self.put(f"{one} = load <{size} x double>, ptr {at}, align 8")
                 filled = [min(k, size - 1) for k in range(EIGHT)]  # what is beyond is not used
                 lanes.append(one if size == EIGHT else self.shuffle(size, one, "poison", filled))
-            parts = [self.transposed(lanes[k : k + EIGHT]) for k in range(0, self.width, EIGHT)]
-            found += [self.shuffle(EIGHT, low, high, range(self.width)) for low, high in zip(*parts, strict=True)][
-                :size
+            parts = [self.transposed(lanes[k : k + EIGHT])[:size] for k in range(0, self.width, EIGHT)]
+            found += [
+                self.shuffle(EIGHT, *halves, range(self.width)) if len(halves) > 1 else halves[0]
+                for halves in zip(*parts, strict=True)
             ]
         return found
 
