@@ -265,10 +265,8 @@ class Operations:
                 filled = [min(k, size - 1) for k in range(EIGHT)]  # what is beyond is not used
                 lanes.append(one if size == EIGHT else self.shuffle(size, one, "poison", filled))
             parts = [self.transposed(lanes[k : k + EIGHT])[:size] for k in range(0, self.width, EIGHT)]
-            found += [
-                self.shuffle(EIGHT, *halves, range(self.width)) if len(halves) > 1 else halves[0]
-                for halves in zip(*parts, strict=True)
-            ]
+            for low, *high in zip(*parts, strict=True):
+                found.append(self.shuffle(EIGHT, low, high[0], range(self.width)) if high else low)
         return found
 
     def gather(self, out: str, places: str, mask: str) -> None:
