@@ -1,4 +1,4 @@
-"""Speed of the generated equations of motion: ns a sub-step and lane, beside the hand-written ones and MuJoCo.
+"""Speed of the equations of motion of robots: ns a sub-step and lane, beside the hand-written ones and MuJoCo.
 
     python benchmarks/robot_speed.py [--json FILE]
 
@@ -8,7 +8,7 @@ armature, and the twist with spring and damper. Passes that the arm has no use f
 constraint without a static peak. Times are processor times of the thread, alternating, the median of seven rounds.
 About two minutes, half of it compilation.
 
-For two joints the generated equations also stand beside the hand-written ones in a control step of a single arm, and in
+For two joints the recursion also stands beside the hand-written equations in a control step of a single arm, and in
 plain NumPy and torch on the 1,024 lanes: the ratio of the times, and the largest difference of the states.
 """
 
@@ -39,7 +39,7 @@ from fuzzyarm.eval.provenance import current_provenance
 
 H = 2e-4  # s, a sub-step
 LANES, SUBSTEPS, PEER_STEPS, ROUNDS = 1024, 50, 2000, 7
-CONTROL_STEP, PAIRS = 5, 25  # sub-steps of 1 ms, and turns of generated and hand-written equations
+CONTROL_STEP, PAIRS = 5, 25  # sub-steps of 1 ms, and turns of the recursion and the hand-written equations
 ROBOTS = ("paper", "planar-3r", "ur5", "panda")
 UNUSED = (
     "contact equality limit actuation clampctrl warmstart filterparent sensor midphase nativeccd island refsafe "
@@ -91,7 +91,7 @@ def ours(physics: Physics, constants: np.ndarray, robot: Robot) -> Callable[[], 
 
 
 def against_hand_written() -> dict[str, Any]:
-    """Return generated over hand-written time for two joints, by what runs them, and how far the states differ."""
+    """Return recursive over hand-written time for two joints, by what runs them, and how far the states differ."""
     robot, generator = robot_named("paper"), np.random.default_rng(0)
     generated = physics_of(robot)
     constants = {
@@ -191,7 +191,7 @@ def main() -> None:
     generated = against_hand_written()
     for name, compared in generated.items():
         print(
-            f"generated over hand-written, {name}: {compared['ratio']:.3f}; largest difference of the states "
+            f"recursion over hand-written, {name}: {compared['ratio']:.3f}; largest difference of the states "
             f"{compared['difference']:.1e}"
         )
     if options.json:

@@ -10,6 +10,7 @@ from __future__ import annotations
 
 import functools
 import hashlib
+import itertools
 import re
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from typing import Any, NamedTuple
@@ -56,6 +57,7 @@ Rows = tuple[tuple[float, ...], ...]
 
 LIMITS = ("angle_low", "angle_high", "velocity_limit")
 AXES = "xyz"
+ENTRIES = Inertia._fields
 PLANAR_JOINTS = 2  # of the arm whose tip has two coordinates, the paper's
 UNTURNED = as_rows(np.eye(DIMENSIONS))
 ROUNDING = 1e-15  # of products of rotations
@@ -119,9 +121,6 @@ def _named(name: str, numbers: Iterable[Any], parts: Iterable[str] = AXES) -> It
     return ((name + part, number) for part, number in zip(parts, numbers, strict=True))
 
 
-ENTRIES = Inertia._fields
-
-
 class Serial:
     """The functions of `Physics` for robots of one structure.
 
@@ -137,7 +136,7 @@ class Serial:
         self.Plant = record_type("Plant", **dict.fromkeys(structure.numbers, Any))
         limits = dict.fromkeys(("low", "high", "velocity", "torque"), self.PerJoint)
         self.Limits = record_type("Limits", **limits)
-        motors = {f"{name}{k}": kind for name, kind in _MOTOR.items() for k in range(1, self.joints + 1)}
+        motors = {f"{name}{k}": kind for k in range(1, self.joints + 1) for name, kind in _MOTOR.items()}
         constants = dict.fromkeys(self._constants(zeros(places(self.Plant)), 0.0, 0.0, 0.0), Any)
         self.Arm = record_type("Arm", **constants, **motors)
         needed = self._needed()
@@ -180,16 +179,14 @@ class Serial:
     def constants(self, plant: Any, payload: Any, place: Any, tip_payload: Any) -> Any:
         """Return the `Arm` of a plant with two point masses [kg], one at the tip, the other see `_bodies`."""
         numbers = self._constants(plant, payload, place, tip_payload)
-        motors = [self._of_motors(plant, name) for name in _MOTOR]
-        return self.Arm(*(numbers[name] for name in self._link_constants), *(one for row in motors for one in row))
+        motors = (_motor(plant, k) for k in range(1, self.joints + 1))
+        return self.Arm(*(numbers[name] for name in self._link_constants), *itertools.chain(*motors))
 
     def _constants(self, plant: Any, payload: Any, place: Any, tip_payload: Any) -> dict[str, Any]:
         """Return the constants but for those of motors by name; those that are zero for the structure are left out."""
         frames = self.structure.frames
-        before = [UNTURNED, *frames[:-1]]
-        positions = [
-            rotated(transposed(frame), _vector(plant, f"position{k}")) for k, frame in enumerate(before, start=1)
-        ]
+        before = enumerate([UNTURNED, *frames[:-1]], start=1)
+        positions = [rotated(transposed(frame), _vector(plant, f"position{k}")) for k, frame in before]
         tip = rotated(transposed(frames[-1]), _vector(plant, "tip"))
         chain = Chain(self.structure.rotations, positions, tip)
         bodies = regrouped(chain, self._bodies(plant, *map(Folded, (payload, place, tip_payload))))
@@ -211,9 +208,8 @@ class Serial:
         """
         bodies = []
         for k, frame in enumerate(self.structure.frames, start=1):
-            inertia = Inertia(*(_number(plant, f"inertia{k}{entry}") for entry in ENTRIES))
             back, center = transposed(frame), _vector(plant, f"center{k}")
-            at_center = Body(_number(plant, f"mass{k}"), NOTHING, rotated_inertia(back, inertia))
+            at_center = Body(_number(plant, f"mass{k}"), NOTHING, rotated_inertia(back, _inertia(plant, k)))
             bodies.append(moved(at_center, UNTURNED, rotated(back, center)))
         tip = rotated(back, _vector(plant, "tip"))
         between = tuple(c + place * (t - c) for c, t in zip(rotated(back, center), tip, strict=True))
@@ -222,26 +218,11 @@ class Serial:
             bodies[-1] = joined(bodies[-1], moved(carried, UNTURNED, at))
         return bodies
 
-    def _of_motors(self, plant: Any, name: str) -> Any:
-        """Return a field of `Motor` of each joint of a plant."""
-        joints = range(1, self.joints + 1)
-        if name == "dry_friction":
-            return [DryFriction(*(getattr(plant, f"{one}{k}") for one in DryFriction._fields)) for k in joints]
-        return [getattr(plant, f"{'viscous_friction' if name == 'viscous' else name}{k}") for k in joints]
-
     def _links(self, arm: Any) -> tuple[Chain, list[Body]]:
         """Return frames and regrouped links."""
         joints = range(1, self.joints + 1)
         chain = Chain(self.structure.rotations, [_vector(arm, f"position{k}") for k in joints], _vector(arm, "tip"))
-        bodies = [
-            Body(
-                0.0,
-                _vector(arm, f"moment{k}"),
-                Inertia(*(_number(arm, f"inertia{k}{entry}") for entry in ENTRIES)),
-            )
-            for k in joints
-        ]
-        return chain, bodies
+        return chain, [Body(0.0, _vector(arm, f"moment{k}"), _inertia(arm, k)) for k in joints]
 
     def _force(self, force: Any) -> Vector:
         x, y, z = (*_folded(force), 0.0)[:DIMENSIONS]
@@ -346,6 +327,13 @@ def _physics(structure: Structure) -> Physics:
     )  # fmt: skip
 
 
+def _motor(plant: Any, k: int) -> Motor:
+    """Return motor k of a plant."""
+    names = "motor_inertia", "viscous_friction", "stiffness", "damping"
+    dry = DryFriction(*(getattr(plant, f"{name}{k}") for name in DryFriction._fields))
+    return Motor(*(getattr(plant, f"{name}{k}") for name in names), dry_friction=dry)
+
+
 def _folded(numbers: Iterable[Any]) -> list[Folded]:
     return [Folded(number) for number in numbers]
 
@@ -358,6 +346,10 @@ def _number(record: Any, name: str) -> Any:
 def _vector(record: Any, name: str) -> Vector:
     x, y, z = (_number(record, name + axis) for axis in AXES)
     return x, y, z
+
+
+def _inertia(record: Any, k: int) -> Inertia:
+    return Inertia(*(_number(record, f"inertia{k}{entry}") for entry in ENTRIES))
 
 
 def _turns(angles: Any) -> list[Turn]:
