@@ -49,11 +49,11 @@ def advanced(state: Any, torque: Any, at: Callable[[Any], Accelerations], arm: A
     """
     half = 0.5 * h
     motor, link = _drifted(state.motor, state.motor_velocity, half), _drifted(state.link, state.link_velocity, half)
-    accelerations = at(link)
+    accelerations, driven = at(link), [(own, 1.0 / own.motor_inertia) for own in motors(arm, motor)]
     middle = type(state)(motor, link, state.motor_velocity, state.link_velocity)
-    motor_velocity, link_velocity, _ = _kick(state, middle, torque, accelerations, arm, half)
+    motor_velocity, link_velocity, _ = _kick(state, middle, torque, accelerations, driven, arm, half)
     middle = type(state)(motor, link, motor_velocity, link_velocity)
-    motor_velocity, link_velocity, travelled = _kick(state, middle, torque, accelerations, arm, h)
+    motor_velocity, link_velocity, travelled = _kick(state, middle, torque, accelerations, driven, arm, h)
     motor = type(motor)(*(angle + further for angle, further in zip(state.motor, travelled, strict=True)))
     return type(state)(motor, _drifted(link, link_velocity, half), motor_velocity, link_velocity)
 
@@ -64,9 +64,11 @@ def _drifted(angles: Any, velocities: Any, duration: Any) -> Any:
 
 
 def _kick(
-    start: Any, middle: Any, torque: Any, accelerations: Accelerations, arm: Any, duration: Any
+    start: Any, middle: Any, torque: Any, accelerations: Accelerations, driven: Any, arm: Any, duration: Any
 ) -> tuple[Any, Any, Any]:
     """Advance the velocities of `start` over `duration` with the accelerations at `middle`.
+
+    `driven` are the motors, each with the inverse of its inertia: products cost less than quotients.
 
     Returns:
         The velocities of motors and links [rad/s], and the angles the motors travelled [rad].
@@ -75,18 +77,17 @@ def _kick(
     links = accelerations(joint, middle.link_velocity)
     link_velocity = per_joint(*(v + duration * a for v, a in zip(start.link_velocity, links, strict=True)))
     kicked = [
-        _motor_kick(own, given - load, velocity, rate, duration)
-        for own, given, load, velocity, rate in zip(
-            motors(arm, joint), torque, joint, start.motor_velocity, middle.motor_velocity, strict=True
+        _motor_kick(own, inverse, given - load, velocity, rate, duration)
+        for (own, inverse), given, load, velocity, rate in zip(
+            driven, torque, joint, start.motor_velocity, middle.motor_velocity, strict=True
         )
     ]
     motor_velocity, travelled = (per_joint(*part) for part in zip(*kicked, strict=True))
     return motor_velocity, link_velocity, travelled
 
 
-def _motor_kick(own: Motor, net: Any, start: Any, rate: Any, duration: Any) -> tuple[Any, Any]:
+def _motor_kick(own: Motor, inverse: Any, net: Any, start: Any, rate: Any, duration: Any) -> tuple[Any, Any]:
     """Return velocity and travelled angle of a motor after a duration, with the torques at a velocity `rate`."""
-    inverse = 1.0 / own.motor_inertia  # products cost less than quotients
     acceleration = (net - own.viscous * rate) * inverse
     found: tuple[Any, Any] = stick_slip(
         start, acceleration, stribeck_magnitude(rate, own.dry_friction) * inverse, duration

@@ -34,6 +34,7 @@ from fuzzyarm.envs.physics.recursion import (
     Vector,
     composite_bodies,
     factors,
+    in_last_frame,
     joined,
     moved,
     newton_euler,
@@ -245,9 +246,10 @@ class Serial:
         def at(link: Any) -> Callable[[Any, Any], Any]:
             turns = _turns(link)
             below, inverse = factors(composite_bodies(chain, bodies, turns))
+            outside = in_last_frame(chain, turns, force)
 
             def accelerations(joint: Any, rates: Any) -> Any:
-                outer = newton_euler(chain, bodies, turns, _folded(rates), still, gravity, force)
+                outer = newton_euler(chain, bodies, turns, _folded(rates), still, gravity, outside)
                 right = [Folded(a) - b + c for a, b, c in zip(joint, outer, load, strict=True)]
                 return self.PerJoint(*map(unfolded, solution(below, inverse, right)))
 
@@ -271,7 +273,9 @@ class Serial:
     def tip_load(self, angles: Any, force: Any, arm: Any) -> Any:
         """Return J(q)ᵀ F: less the torque that holds an arm at rest, without gravity, under the force."""
         still, (chain, bodies) = [0.0] * self.joints, self._links(arm)
-        held = newton_euler(chain, bodies, _turns(angles), still, still, NOTHING, self._force(force))
+        turns = _turns(angles)
+        outside = in_last_frame(chain, turns, self._force(force))
+        held = newton_euler(chain, bodies, turns, still, still, NOTHING, outside)
         return self.PerJoint(*_like([-torque for torque in held], angles))
 
     def gravity(self, angles: Any, arm: Any) -> Any:
@@ -309,6 +313,7 @@ class Serial:
         return self.Plant(*varied)
 
 
+_PLANT_NAMES = ("motor_inertia", "viscous_friction", "stiffness", "damping", *DryFriction._fields)
 _MOTOR = dict.fromkeys(Motor._fields, Any) | {"dry_friction": DryFriction}
 
 
@@ -329,9 +334,8 @@ def _physics(structure: Structure) -> Physics:
 
 def _motor(plant: Any, k: int) -> Motor:
     """Return motor k of a plant."""
-    names = "motor_inertia", "viscous_friction", "stiffness", "damping"
-    dry = DryFriction(*(getattr(plant, f"{name}{k}") for name in DryFriction._fields))
-    return Motor(*(getattr(plant, f"{name}{k}") for name in names), dry_friction=dry)
+    inertia, viscous, stiffness, damping, *dry = (getattr(plant, f"{name}{k}") for name in _PLANT_NAMES)
+    return Motor(inertia, viscous, stiffness, damping, DryFriction(*dry))
 
 
 def _folded(numbers: Iterable[Any]) -> list[Folded]:
