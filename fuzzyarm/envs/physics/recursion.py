@@ -23,6 +23,8 @@ __all__ = [
 ]  # fmt: skip
 
 Vector = tuple[Any, Any, Any]
+"""Coordinates in a frame."""
+
 Turn = tuple[Any, Any]
 """Sine and cosine of a joint's angle."""
 

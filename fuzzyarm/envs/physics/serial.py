@@ -225,13 +225,14 @@ class Serial:
         chain = Chain(self.structure.rotations, [_vector(arm, f"position{k}") for k in joints], _vector(arm, "tip"))
         return chain, [Body(0.0, _vector(arm, f"moment{k}"), _inertia(arm, k)) for k in joints]
 
-    def _force(self, force: Any) -> Vector:
+    def _in_space(self, force: Any) -> Vector:
+        """Return a force with its third component, which is 0 for a planar arm."""
         x, y, z = (*_folded(force), 0.0)[:DIMENSIONS]
         return x, y, z
 
     def step(self, state: Any, torque: Any, force: Any, arm: Any, h: Any) -> Any:
         """Advance by one sub-step h [s] under motor torques [N m] and a tip force [N]."""
-        at = self._accelerations(self._force(force), [0.0] * self.joints, arm)
+        at = self._accelerations(self._in_space(force), [0.0] * self.joints, arm)
         return advanced(state, torque, at, arm, h)
 
     def loaded_step(self, state: Any, torque: Any, load: Any, arm: Any, h: Any) -> Any:
@@ -239,7 +240,7 @@ class Serial:
         return advanced(state, torque, self._accelerations(NOTHING, _folded(load), arm), arm, h)
 
     def _accelerations(self, force: Vector, load: Sequence[Any], arm: Any) -> Callable[[Any], Any]:
-        """Return what `advanced` takes."""
+        """Return the accelerations by angles that `advanced` takes, under a tip force and torques on the links."""
         chain, bodies = self._links(arm)
         still, gravity = [0.0] * self.joints, _vector(arm, "gravity")
 
@@ -274,7 +275,7 @@ class Serial:
         """Return J(q)ᵀ F: less the torque that holds an arm at rest, without gravity, under the force."""
         still, (chain, bodies) = [0.0] * self.joints, self._links(arm)
         turns = _turns(angles)
-        outside = in_last_frame(chain, turns, self._force(force))
+        outside = in_last_frame(chain, turns, self._in_space(force))
         held = newton_euler(chain, bodies, turns, still, still, NOTHING, outside)
         return self.PerJoint(*_like([-torque for torque in held], angles))
 
