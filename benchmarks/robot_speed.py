@@ -1,4 +1,4 @@
-"""Speed of the generated equations of motion: ns a sub-step and lane, beside the hand-written ones and MuJoCo.
+"""Speed of the equations of motion of robots: ns a sub-step and lane, beside the hand-written ones and MuJoCo.
 
     python benchmarks/robot_speed.py [--json FILE]
 
@@ -8,7 +8,7 @@ armature, and the twist with spring and damper. Passes that the arm has no use f
 constraint without a static peak. Times are processor times of the thread, alternating, the median of seven rounds.
 About two minutes, half of it compilation.
 
-For two joints the generated equations also stand beside the hand-written ones in a control step of a single arm, and in
+For two joints the recursion also stands beside the hand-written equations in a control step of a single arm, and in
 plain NumPy and torch on the 1,024 lanes: the ratio of the times, and the largest difference of the states.
 """
 
@@ -28,18 +28,18 @@ import torch
 
 from fuzzyarm.common.files import write_atomically
 from fuzzyarm.envs.physics.dynamics import arm_constants
-from fuzzyarm.envs.physics.generated import physics_of
 from fuzzyarm.envs.physics.hold import held_of, hold_of
 from fuzzyarm.envs.physics.parameters import ArmParameters
 from fuzzyarm.envs.physics.physics import Physics
 from fuzzyarm.envs.physics.records import filled, flat
 from fuzzyarm.envs.physics.robot import Robot, robot_named
+from fuzzyarm.envs.physics.serial import physics_of
 from fuzzyarm.envs.physics.two_joints import two_joints
 from fuzzyarm.eval.provenance import current_provenance
 
 H = 2e-4  # s, a sub-step
 LANES, SUBSTEPS, PEER_STEPS, ROUNDS = 1024, 50, 2000, 7
-CONTROL_STEP, PAIRS = 5, 25  # sub-steps of 1 ms, and turns of generated and hand-written equations
+CONTROL_STEP, PAIRS = 5, 25  # sub-steps of 1 ms, and turns of the recursion and the hand-written equations
 ROBOTS = ("paper", "planar-3r", "ur5", "panda")
 UNUSED = (
     "contact equality limit actuation clampctrl warmstart filterparent sensor midphase nativeccd island refsafe "
@@ -91,12 +91,12 @@ def ours(physics: Physics, constants: np.ndarray, robot: Robot) -> Callable[[], 
 
 
 def against_hand_written() -> dict[str, Any]:
-    """Return generated over hand-written time for two joints, by what runs them, and how far the states differ."""
+    """Return recursive over hand-written time for two joints, by what runs them, and how far the states differ."""
     robot, generator = robot_named("paper"), np.random.default_rng(0)
     generated = physics_of(robot)
     constants = {
         two_joints(): np.array(flat(arm_constants(ArmParameters()))),
-        generated: np.array(generated.constants(generated.plant_of(robot), 0.0, 0.0, 0.0)),
+        generated: np.array(flat(generated.constants(generated.plant_of(robot), 0.0, 0.0, 0.0))),
     }
     state = generator.uniform(-1.0, 1.0, (8, LANES))
     torque = 0.2 * robot.drive("torque_limit")[:, np.newaxis] * generator.uniform(-1.0, 1.0, (2, LANES))
@@ -165,7 +165,7 @@ def main() -> None:
     entries = {"hand-written": ours(two_joints(), np.array(flat(arm_constants(ArmParameters()))), robot_named("paper"))}
     for name in ROBOTS:
         robot, physics = robot_named(name), physics_of(robot_named(name))
-        entries[name] = ours(physics, np.array(physics.constants(physics.plant_of(robot), 0.0, 0.0, 0.0)), robot)
+        entries[name] = ours(physics, np.array(flat(physics.constants(physics.plant_of(robot), 0.0, 0.0, 0.0))), robot)
         entries[f"{name} MuJoCo"] = peer(robot)
     times: dict[str, list[float]] = {name: [] for name in entries}
     for _ in range(ROUNDS):
@@ -191,7 +191,7 @@ def main() -> None:
     generated = against_hand_written()
     for name, compared in generated.items():
         print(
-            f"generated over hand-written, {name}: {compared['ratio']:.3f}; largest difference of the states "
+            f"recursion over hand-written, {name}: {compared['ratio']:.3f}; largest difference of the states "
             f"{compared['difference']:.1e}"
         )
     if options.json:

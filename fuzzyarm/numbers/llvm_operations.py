@@ -264,10 +264,9 @@ class Operations:
                 self.put(f"{one} = load <{size} x double>, ptr {at}, align 8")
                 filled = [min(k, size - 1) for k in range(EIGHT)]  # what is beyond is not used
                 lanes.append(one if size == EIGHT else self.shuffle(size, one, "poison", filled))
-            parts = [self.transposed(lanes[k : k + EIGHT]) for k in range(0, self.width, EIGHT)]
-            found += [self.shuffle(EIGHT, low, high, range(self.width)) for low, high in zip(*parts, strict=True)][
-                :size
-            ]
+            parts = [self.transposed(lanes[k : k + EIGHT])[:size] for k in range(0, self.width, EIGHT)]
+            for low, *high in zip(*parts, strict=True):
+                found.append(self.shuffle(EIGHT, low, high[0], range(self.width)) if high else low)
         return found
 
     def gather(self, out: str, places: str, mask: str) -> None:

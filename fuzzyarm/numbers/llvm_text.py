@@ -46,7 +46,7 @@ class Writer(Operations):
         for first in range(0, len(values), EIGHT):
             numbers = values[first : first + EIGHT]
             for half in range(0, self.width, EIGHT):
-                columns = [self.shuffle(WIDE, one, "poison", range(half, half + EIGHT)) for one in numbers]
+                columns = [self.shuffle(self.width, one, "poison", range(half, half + EIGHT)) for one in numbers]
                 lanes = self.transposed([*columns, *["poison"] * (EIGHT - len(columns))])
                 for pointer, lane in zip(pointers[half:], lanes, strict=False):
                     at, size = self.fresh(), len(numbers)

@@ -24,6 +24,7 @@ import llvmlite.binding as llvm
 import numpy as np
 
 from fuzzyarm.common.files import write_atomically
+from fuzzyarm.numbers.llvm_operations import EIGHT
 from fuzzyarm.numbers.llvm_text import WIDE, Layout, kernel_text
 from fuzzyarm.numbers.program import Program
 
@@ -33,7 +34,7 @@ CACHE = "FUZZYARM_CACHE"
 """Environment variable with the folder for machine code; by default that of the user's caches."""
 
 
-_LEVELS = {1: 2, WIDE: 1}  # of LLVM's optimisation, by width
+LONG = 2500  # operations; of a program of more, the numbers of `WIDE` arms would not stay in registers
 
 
 class Call:
@@ -125,8 +126,8 @@ def _shapes(arrays: Iterable[np.ndarray]) -> list[Any]:
 class Kernel:
     """A program that runs on arrays in place.
 
-    One arm, or a few, are run one after the other, and many in groups of `WIDE`; machine code is made when it is first
-    needed.
+    One arm, or a few, are run one after the other, and many in groups of `WIDE`, or of `EIGHT` where the program is
+    long; machine code is made when it is first needed.
 
     Args:
         program: what is run.
@@ -216,7 +217,8 @@ class Kernel:
 
     def code(self, arms: int) -> _Code:
         """Return the machine code for so many arms."""
-        width = WIDE if arms >= WIDE // 2 else 1
+        long = self.program.size() > LONG and not self.program.arrays
+        width = 1 if arms < WIDE // 2 else EIGHT if long else WIDE
         code = self._codes.get(width)
         if code is None:
             text = kernel_text(self.program, self.layouts, width, repeated=self.repeated)
@@ -253,7 +255,7 @@ class _Code:
 @functools.lru_cache(maxsize=512)
 def _machine_code(text: str, width: int) -> _Code:
     """Return the machine code of a text, from the file of its digest if there is one."""
-    level = _LEVELS[width]
+    level = 1 if width > 1 else 2  # of LLVM's optimisation
     machine = _machine(level)
     features = llvm.get_host_cpu_features().flatten()
     version = ".".join(map(str, llvm.llvm_version_info))

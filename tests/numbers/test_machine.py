@@ -72,6 +72,13 @@ def numbers(arms, seed=0):
     return x
 
 
+@pytest.fixture(params=["short", "long"])
+def length(request, monkeypatch):
+    """Whether a program counts as long, and its arms go in smaller groups."""
+    monkeypatch.setattr(machine, "LONG", 0 if request.param == "long" else 10**6)
+
+
+@pytest.mark.usefixtures("length")
 @pytest.mark.filterwarnings("ignore:overflow:RuntimeWarning", "ignore:invalid:RuntimeWarning")
 @pytest.mark.parametrize("arms", [1, 7, 8, WIDE, WIDE + 1, 3 * WIDE - 1, 100])
 def test_machine_code_of_any_number_of_arms_has_the_bits_of_floats(arms):
@@ -84,6 +91,7 @@ def test_machine_code_of_any_number_of_arms_has_the_bits_of_floats(arms):
     assert same(seen, np.array([second for _, second in wanted]))
 
 
+@pytest.mark.usefixtures("length")
 @pytest.mark.parametrize("arms", [1, 5, WIDE, 2 * WIDE + 3])
 def test_layouts_change_no_bit_and_no_neighbour(arms):
     x, blocks = numbers(arms, seed=1), -(-arms // WIDE)
@@ -103,6 +111,7 @@ def test_layouts_change_no_bit_and_no_neighbour(arms):
     assert same(apart[:, :3], rows) and same(apart[:, 4:8], seen) and (apart[:, [3, 8]] == 7.0).all()
 
 
+@pytest.mark.usefixtures("length")
 @pytest.mark.parametrize("arms", [3, 40])
 def test_steps_of_one_call_are_calls_of_one_step(arms):
     once, often = numbers(arms, seed=2), numbers(arms, seed=2)
@@ -113,6 +122,7 @@ def test_steps_of_one_call_are_calls_of_one_step(arms):
     assert same(often, once) and same(last, seen)
 
 
+@pytest.mark.usefixtures("length")
 def test_parts_of_the_arms_are_the_whole():
     whole_at_once, in_parts = numbers(70, seed=3), numbers(70, seed=3)
     for own, parts in ((whole_at_once, [(0, 70)]), (in_parts, [(48, 70), (0, 16), (16, 48)])):

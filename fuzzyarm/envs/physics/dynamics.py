@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import dataclasses
 import functools
+from collections.abc import Sized
 from typing import Any, Literal, NamedTuple
 
 import numpy as np
@@ -15,13 +16,12 @@ import numpy as np
 from fuzzyarm.common import checks
 from fuzzyarm.envs.physics.friction import DRY_TORQUES, DryFriction, dry_friction_of
 from fuzzyarm.envs.physics.parameters import LARGEST, ArmParameters
-from fuzzyarm.envs.physics.records import PerJoint, State, record_type
+from fuzzyarm.envs.physics.records import PerJoint, record_type
 
 __all__ = [
-    "Arm", "Payload", "Plant", "arm_constants", "coriolis_torque", "dry_frictions", "frictionless", "gravity_torque",
-    "inertia_and_gravity",
-    "joint_torque", "loaded", "lump", "mass_matrix", "plant_of", "rigid_inverse_dynamics", "solve_mass_matrix",
-    "tip_force_torque", "tip_jacobian", "tip_position",
+    "Arm", "Motor", "Payload", "Plant", "arm_constants", "coriolis_torque", "dry_frictions", "frictionless",
+    "gravity_torque", "inertia_and_gravity", "joint_torque", "loaded", "lump", "mass_matrix", "motors", "plant_of",
+    "rigid_inverse_dynamics", "solve_mass_matrix", "tip_force_torque", "tip_jacobian", "tip_position",
 ]  # fmt: skip
 
 PLACES = ("tip", "link")
@@ -50,6 +50,24 @@ class Payload:
     def radius(self, parameters: ArmParameters) -> float:
         """Return the distance of the mass from joint 2 [m] on a given arm."""
         return parameters.length[1] if self.at == "tip" else parameters.mass_center[1]
+
+
+class Motor(NamedTuple):
+    """A motor, its friction and the spring behind it: fields of an `Arm`, with the number of the joint behind the name.
+
+    Attributes:
+        motor_inertia: I_a [kg m²].
+        viscous: f_v [N m s/rad].
+        stiffness: k_t [N m/rad].
+        damping: b_t [N m s/rad].
+        dry_friction: numbers of its curve.
+    """
+
+    motor_inertia: Any
+    viscous: Any
+    stiffness: Any
+    damping: Any
+    dry_friction: DryFriction
 
 
 class Arm(NamedTuple):
@@ -195,12 +213,18 @@ def tip_force_torque(
     return arm.length1 * (cos1 * force_y - sin1 * force_x) + second, second
 
 
-def joint_torque(state: State, arm: Arm) -> tuple[Any, Any]:
-    """Return Γ_t = K_t (q_a - q_b) + B_t (q̇_a - q̇_b) [N m], equation (2)."""
-    motor, link, motor_velocity, link_velocity = state
-    return (
-        arm.stiffness1 * (motor.joint1 - link.joint1) + arm.damping1 * (motor_velocity.joint1 - link_velocity.joint1),
-        arm.stiffness2 * (motor.joint2 - link.joint2) + arm.damping2 * (motor_velocity.joint2 - link_velocity.joint2),
+def motors(arm: Any, joints: Sized) -> list[Motor]:
+    """Return the motors of an arm of any number of joints, as many as `joints` has entries."""
+    return [Motor(*(getattr(arm, f"{name}{k}") for name in Motor._fields)) for k in range(1, len(joints) + 1)]
+
+
+def joint_torque(state: Any, arm: Any) -> Any:
+    """Return Γ_t = K_t (q_a - q_b) + B_t (q̇_a - q̇_b) [N m], equation (2), for each joint."""
+    return type(state.motor)(
+        *(
+            own.stiffness * (motor - link) + own.damping * (motor_velocity - link_velocity)
+            for own, motor, link, motor_velocity, link_velocity in zip(motors(arm, state.motor), *state, strict=True)
+        )
     )
 
 

@@ -13,11 +13,12 @@ from fuzzyarm.envs.physics.dynamics import (
     gravity_torque,
     joint_torque,
     mass_matrix,
+    motors,
     tip_force_torque,
 )
 from fuzzyarm.envs.physics.elementwise import sine_cosine
 from fuzzyarm.envs.physics.friction import friction_torque
-from fuzzyarm.envs.physics.records import PerJoint, Point, State
+from fuzzyarm.envs.physics.records import PerJoint, Point
 
 __all__ = [
     "gravity_at",
@@ -51,14 +52,16 @@ def tip_load(angles: PerJoint, force: Point, arm: Arm) -> PerJoint:
     return PerJoint(load1, load2)
 
 
-def motor_friction(state: State, torque: PerJoint, bias: PerJoint, arm: Arm) -> PerJoint:
-    """Return Γ_f [N m] of the motors under their torques and the biases that act beside them [N m]."""
-    joint1, joint2 = joint_torque(state, arm)
-    net1, net2 = torque.joint1 + bias.joint1 - joint1, torque.joint2 + bias.joint2 - joint2
-    velocity1, velocity2 = state.motor_velocity
-    return PerJoint(
-        friction_torque(velocity1, net1, arm.dry_friction1),
-        friction_torque(velocity2, net2, arm.dry_friction2),
+def motor_friction(state: Any, torque: Any, bias: Any, arm: Any) -> Any:
+    """Return Γ_f [N m] of the motors of any arm under their torques and the biases that act beside them [N m]."""
+    joint = joint_torque(state, arm)
+    return type(joint)(
+        *(
+            friction_torque(velocity, given + beside - load, own.dry_friction)
+            for velocity, given, beside, load, own in zip(
+                state.motor_velocity, torque, bias, joint, motors(arm, joint), strict=True
+            )
+        )
     )
 
 

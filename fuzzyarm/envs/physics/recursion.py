@@ -1,7 +1,8 @@
 """The recursive algorithms of rigid-body dynamics in the frames of the links, on numbers of any kind.
 
-`generated` runs them on symbols. Link j turns about the z axis of its frame: a vector x of frame j is A_j Z(q_j) x in
-frame j - 1, with A_j constant and Z the turn about z.
+The constant rotations and what is zero for a robot are floats, its other numbers and its motion are `Folded`. Link j
+turns about the z axis of its frame: a vector x of frame j is A_j Z(q_j) x in frame j - 1, with A_j constant and Z the
+turn about z.
 
 The mass of a link, the part of its first moment along z, and an inertia diag(I_yy, I_yy, 0) make a body that is
 symmetric about the joint's axis: turning it about that axis changes nothing but for I_zz, which this part lacks. It
@@ -15,11 +16,15 @@ from collections.abc import Sequence
 from typing import Any, NamedTuple
 
 __all__ = [
-    "NOTHING", "Body", "Chain", "Inertia", "composite_bodies", "factors", "joined", "moved", "newton_euler",
-    "point_of_tip", "regrouped", "rotated", "rotated_inertia", "solution", "velocity_of_tip",
+    "NOTHING", "Body", "Chain", "Inertia", "Turn", "Vector", "composite_bodies", "factors", "in_last_frame",
+    "joined", "moved",
+    "newton_euler", "point_of_tip", "regrouped", "rotated", "rotated_inertia", "solution", "transposed",
+    "velocity_of_tip",
 ]  # fmt: skip
 
 Vector = tuple[Any, Any, Any]
+"""Coordinates in a frame."""
+
 Turn = tuple[Any, Any]
 """Sine and cosine of a joint's angle."""
 
@@ -56,7 +61,8 @@ class Chain(NamedTuple):
 
 def regrouped(chain: Chain, bodies: Sequence[Body]) -> list[Body]:
     """Return bodies with the same equations of motion, without masses; see the module."""
-    rest, left = list(bodies), list[Body]()
+    left: list[Body] = []
+    rest = list(bodies)
     for j in reversed(range(len(rest))):
         mass, (hx, hy, hz), inertia = rest[j]
         own = Inertia(inertia.xx - inertia.yy, inertia.xy, inertia.xz, 0.0, inertia.yz, inertia.zz)
@@ -75,18 +81,17 @@ def composite_bodies(chain: Chain, bodies: Sequence[Body], turns: Sequence[Turn]
     """
     rows: list[list[Any]] = []
     whole = bodies[-1]
-    for j in reversed(range(len(bodies))):
-        hx, hy, _ = whole.moment
-        force, moment = (-hy, hx, 0.0), (whole.inertia.xz, whole.inertia.yz, whole.inertia.zz)
-        row = [moment[2]]
-        for i in reversed(range(j)):
-            force, moment = _passed_on(chain, i + 1, turns, force, moment)
+    for j in reversed(range(1, len(bodies))):
+        turned = Body(0.0, _turned(turns[j], whole.moment), _turned_inertia(turns[j], whole.inertia))
+        (hx, hy, _), inertia = turned.moment, turned.inertia
+        force, moment = _moved_force(chain, j, (-hy, hx, 0.0), (inertia.xz, inertia.yz, inertia.zz))
+        row = [moment[2], inertia.zz]
+        for i in reversed(range(1, j)):
+            force, moment = _passed_on(chain, i, turns, force, moment)
             row.insert(0, moment[2])
         rows.insert(0, row)
-        if j > 0:
-            turned = Body(0.0, _turned(turns[j], whole.moment), _turned_inertia(turns[j], whole.inertia))
-            whole = joined(bodies[j - 1], moved(turned, chain.rotations[j], chain.positions[j]))
-    return rows
+        whole = joined(bodies[j - 1], moved(turned, chain.rotations[j], chain.positions[j]))
+    return [[whole.inertia.zz], *rows]
 
 
 def newton_euler(
@@ -113,32 +118,39 @@ def newton_euler(
         rates: q̇ [rad/s].
         accelerations: q̈ [rad/s²].
         gravity: g [m/s²] in the base frame.
-        force: F [N] on the tip, in the base frame.
+        force: F [N] on the tip, in the last frame, see `in_last_frame`.
     """
-    turning, rising = NOTHING, NOTHING
-    origin, outer = tuple(-g for g in gravity), force
+    turning, rising, origin = NOTHING, NOTHING, tuple(-g for g in gravity)
     motion: Matrix = (NOTHING, NOTHING, NOTHING)
     forces, moments = [], []
     for j, body in enumerate(bodies):
         origin = _back(chain, j, turns, _sum(origin, _product(motion, chain.positions[j])))
-        turning, rising, outer = (_back(chain, j, turns, vector) for vector in (turning, rising, outer))
+        turning, rising = (_back(chain, j, turns, vector) for vector in (turning, rising))
         rising = (
             rising[0] + turning[1] * rates[j],
             rising[1] - turning[0] * rates[j],
             rising[2] + accelerations[j],
         )
         turning = (turning[0], turning[1], turning[2] + rates[j])
-        motion = _motion(turning, rising)
+        square = _square(turning)
+        motion = _motion(square, rising)
         forces.append(_product(motion, body.moment))
-        moments.append(_sum(_euler(body.inertia, turning, rising), _cross(body.moment, origin)))
-    total = _difference(forces[-1], outer)
-    moment = _difference(moments[-1], _cross(chain.tip, outer))
+        moments.append(_sum(_euler(body.inertia, square, motion, rising), _cross(body.moment, origin)))
+    total = _difference(forces[-1], force)
+    moment = _difference(moments[-1], _cross(chain.tip, force))
     torques = [moment[2]]
     for j in reversed(range(1, len(bodies))):
         total, moment = _passed_on(chain, j, turns, total, moment)
         total, moment = _sum(forces[j - 1], total), _sum(moments[j - 1], moment)
         torques.insert(0, moment[2])
     return torques
+
+
+def in_last_frame(chain: Chain, turns: Sequence[Turn], vector: Vector) -> Vector:
+    """Return a vector of the base frame in the frame of the last link."""
+    for j in range(len(turns)):
+        vector = _back(chain, j, turns, vector)
+    return vector
 
 
 def point_of_tip(chain: Chain, turns: Sequence[Turn]) -> Vector:
@@ -192,28 +204,36 @@ def solution(below: Sequence[Sequence[Any]], inverse: Sequence[Any], right: Sequ
 Matrix = tuple[Vector, Vector, Vector]
 
 
-def _motion(turning: Vector, rising: Vector) -> Matrix:
-    """Return U = [α]× + [ω]×²."""
-    (x, y, z), (ax, ay, az) = turning, rising
-    xx, yy, zz, xy, xz, yz = x * x, y * y, z * z, x * y, x * z, y * z
+def _square(turning: Vector) -> Inertia:
+    """Return ω ωᵀ."""
+    x, y, z = turning
+    return Inertia(x * x, x * y, x * z, y * y, y * z, z * z)
+
+
+def _motion(square: Inertia, rising: Vector) -> Matrix:
+    """Return U = [α]× + [ω]×² of ω ωᵀ and α."""
+    (xx, xy, xz, yy, yz, zz), (ax, ay, az) = square, rising
     return (-(yy + zz), xy - az, xz + ay), (xy + az, -(xx + zz), yz - ax), (xz - ay, yz + ax, -(xx + yy))
 
 
-def _euler(inertia: Inertia, turning: Vector, rising: Vector) -> Vector:
-    """Return L α + ω × L ω [N m], written out so that products of ω are formed once."""
-    (x, y, z), (ax, ay, az), L = turning, rising, inertia
-    xx, yy, zz, xy, xz, yz = x * x, y * y, z * z, x * y, x * z, y * z
+def _euler(inertia: Inertia, square: Inertia, motion: Matrix, rising: Vector) -> Vector:
+    """Return L α + ω × L ω [N m], written out with ω ωᵀ and U."""
+    (ax, ay, az), L, U, w = rising, inertia, motion, square
     return (
-        L.xx * ax + L.xy * (ay - xz) + L.xz * (az + xy) + L.yz * (yy - zz) + (L.zz - L.yy) * yz,
-        L.yy * ay + L.xy * (ax + yz) + L.yz * (az - xy) + L.xz * (zz - xx) + (L.xx - L.zz) * xz,
-        L.zz * az + L.xz * (ax - yz) + L.yz * (ay + xz) + L.xy * (xx - yy) + (L.yy - L.xx) * xy,
+        L.xx * ax - L.xy * U[2][0] + L.xz * U[1][0] + L.yz * (w.yy - w.zz) + (L.zz - L.yy) * w.yz,
+        L.yy * ay + L.xy * U[2][1] - L.yz * U[0][1] + L.xz * (w.zz - w.xx) + (L.xx - L.zz) * w.xz,
+        L.zz * az - L.xz * U[1][2] + L.yz * U[0][2] + L.xy * (w.xx - w.yy) + (L.yy - L.xx) * w.xy,
     )
 
 
 def _passed_on(chain: Chain, j: int, turns: Sequence[Turn], force: Vector, moment: Vector) -> tuple[Vector, Vector]:
     """Return a force and its moment about the origin of frame j as force and moment about that of frame j - 1."""
-    force = rotated(chain.rotations[j], _turned(turns[j], force))
-    moment = rotated(chain.rotations[j], _turned(turns[j], moment))
+    return _moved_force(chain, j, _turned(turns[j], force), _turned(turns[j], moment))
+
+
+def _moved_force(chain: Chain, j: int, force: Vector, moment: Vector) -> tuple[Vector, Vector]:
+    """Do so with a force and a moment whose axes are turned back to those of frame j at angle 0."""
+    force, moment = rotated(chain.rotations[j], force), rotated(chain.rotations[j], moment)
     return force, _sum(moment, _cross(chain.positions[j], force))
 
 
@@ -261,8 +281,13 @@ def _turned(turn: Turn, vector: Vector) -> Vector:
 def _back(chain: Chain, j: int, turns: Sequence[Turn], vector: Vector) -> Vector:
     """Return a vector of frame j - 1 in frame j: Zᵀ Aᵀ x."""
     sine, cosine = turns[j]
-    x, y, z = rotated(tuple(zip(*chain.rotations[j], strict=True)), vector)
+    x, y, z = rotated(transposed(chain.rotations[j]), vector)
     return cosine * x + sine * y, cosine * y - sine * x, z
+
+
+def transposed(rotation: Sequence[Sequence[float]]) -> tuple[tuple[float, ...], ...]:
+    """Return Aᵀ."""
+    return tuple(zip(*rotation, strict=True))
 
 
 def rotated(rotation: Sequence[Sequence[float]], vector: Vector) -> Vector:

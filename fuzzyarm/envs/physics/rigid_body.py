@@ -12,7 +12,7 @@ the point of the body that is at the base's origin. A force is the pair (n, f): 
     M_ij = s_iᵀ (Σ_{k>=max(i,j)} I_k) s_j                    composite rigid bodies
 
 All functions take angles q [rad] of shape (..., n) and return arrays with the same leading axes. They are written to
-be read; `generated` has the same equations as machine code.
+be read; `serial` has the same equations for every kind of number.
 """
 
 from __future__ import annotations
@@ -43,11 +43,11 @@ class Frames(NamedTuple):
 def frames(robot: Robot, q: Any) -> Frames:
     """Return R_i = R_{i-1} A_i exp([u_i]× q_i) and p_i = p_{i-1} + R_{i-1} d_i of all links."""
     angles, now = _motion(robot, q), robot.arrays
-    rotation, origin = np.eye(DIMENSIONS), np.zeros(DIMENSIONS)
+    rotation, origin, turns = np.eye(DIMENSIONS), np.zeros(DIMENSIONS), _turn(now.axis, angles)
     rotations, origins = [], []
     for i in range(len(robot)):
         origin = origin + rotation @ now.position[i]
-        rotation = rotation @ now.rotation[i] @ _turn(now.axis[i], angles[..., i])
+        rotation = rotation @ now.rotation[i] @ turns[..., i, :, :]
         rotations.append(rotation)
         origins.append(np.broadcast_to(origin, (*angles.shape[:-1], DIMENSIONS)))
     return Frames(np.stack(rotations, axis=-3), np.stack(origins, axis=-2))
@@ -140,7 +140,7 @@ def _motion(robot: Robot, values: Any) -> np.ndarray:
 
 
 def _turn(axis: np.ndarray, angle: np.ndarray) -> np.ndarray:
-    """Return exp([u]× q) = 1 + sin q [u]× + (1 - cos q) [u]×² (Rodrigues), shape (..., 3, 3)."""
+    """Return exp([u]× q) = 1 + sin q [u]× + (1 - cos q) [u]×² (Rodrigues) of axes (n, 3), shape (..., n, 3, 3)."""
     across = _skew(axis)
     sine, cosine = np.sin(angle)[..., np.newaxis, np.newaxis], np.cos(angle)[..., np.newaxis, np.newaxis]
     turn: np.ndarray = np.eye(DIMENSIONS) + sine * across + (1.0 - cosine) * (across @ across)

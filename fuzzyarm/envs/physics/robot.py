@@ -30,7 +30,7 @@ from fuzzyarm.envs.physics.parameters import LARGEST, ArmParameters
 __all__ = ["MOST_JOINTS", "Arrays", "Robot", "robot_named", "shipped_robots"]
 
 MOST_JOINTS = 12
-"""Most joints of a robot: generated code grows with the square of their number."""
+"""Most joints of a robot: the machine code of its equations grows with the square of their number."""
 
 POINT_LIKE = 1e-12  # kg m², stands for the inertia 0 that `ArmParameters` allows
 

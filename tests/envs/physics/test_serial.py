@@ -1,4 +1,4 @@
-"""Generated equations: equal to the textbook and to the hand-written ones, on every number type; the time step."""
+"""Equations of serial robots: equal to the textbook and to the hand-written ones, in every kind of number; the step."""
 
 import numpy as np
 import pytest
@@ -8,12 +8,11 @@ from support.robots import ROBOTS, with_drives, without_losses
 
 from fuzzyarm.envs.physics import rigid_body
 from fuzzyarm.envs.physics.dynamics import Payload, arm_constants
-from fuzzyarm.envs.physics.generated import physics_of, source_of
 from fuzzyarm.envs.physics.hold import hold_of
 from fuzzyarm.envs.physics.parameters import ArmParameters
-from fuzzyarm.envs.physics.records import filled
+from fuzzyarm.envs.physics.records import filled, flat
 from fuzzyarm.envs.physics.robot import Robot, robot_named
-from fuzzyarm.envs.physics.structure import structure_of
+from fuzzyarm.envs.physics.serial import physics_of, structure_of
 from fuzzyarm.envs.physics.two_joints import two_joints
 
 LANES = 7
@@ -95,7 +94,7 @@ def test_numpy_machine_code_and_torch_agree_and_a_lane_is_the_single_arm_bit_for
     state = generator.uniform(-1.0, 1.0, (4 * len(robot), LANES))
     state[: len(robot)] = state[len(robot) : 2 * len(robot)]
     torque, force = generator.uniform(-20.0, 20.0, (3, LANES)), generator.uniform(-9.0, 9.0, (6, LANES))
-    constants = np.repeat(np.array(arm)[:, np.newaxis], LANES, axis=1)
+    constants = np.repeat(np.array(flat(arm))[:, np.newaxis], LANES, axis=1)
     lanes = state.copy()
     hold(lanes, torque, force, constants, 2e-4, 1)
     single = state[:, 3:4].copy()
@@ -157,9 +156,17 @@ def test_a_motor_below_its_static_friction_sticks_exactly():
         np.testing.assert_array_equal(motor, np.linspace(0.3, 0.9, 6))
 
 
-def test_robots_of_one_structure_share_their_equations_and_no_text_gets_into_the_source():
+def test_robots_of_one_structure_share_their_equations_and_no_text_of_a_robot_is_part_of_it():
     robot = robot_named("ur5")
     heavier = robot.with_payload(0.0)
     assert physics_of(heavier) is physics_of(robot)
-    text = "".join(source_of(structure_of(robot)).functions.values())
+    text = repr((structure_of(robot), physics_of(robot).Arm._fields))
     assert robot.name not in text and not any(joint.name in text for joint in robot.joints)
+
+
+def test_what_is_zero_for_a_robot_or_moves_nothing_is_no_constant():
+    planar, space = (physics_of(robot_named(name)).Arm._fields for name in ("planar-3r", "ur5"))
+    assert not {name for name in planar if name.endswith(("xx", "xy", "xz", "yy", "yz"))}
+    assert {"inertia3zz", "moment3x", "position2x", "tipx", "gravityx"} <= set(planar)
+    assert {"inertia6xx", "moment2x", "gravityz"} <= set(space)
+    assert not {"inertia1xx", "moment1x", "gravityx"} & set(space)  # its first axis is upright

@@ -1,0 +1,45 @@
+"""Numbers among which some are known beforehand: exact in every kind of number, and nothing is computed in vain."""
+
+import itertools
+
+import numpy as np
+import pytest
+
+from fuzzyarm.numbers.folded import Folded, unfolded
+from fuzzyarm.numbers.program import Program
+
+KNOWN = (0.0, 1.0, -1.0, 2.5)
+EXPRESSIONS = (
+    lambda x, y, k: x + y - k,
+    lambda x, y, k: k - (x - y),
+    lambda x, y, k: -x * y + k * x,
+    lambda x, y, k: -(x * k) - -y,
+    lambda x, y, k: (x - k) * -(y + k) + 2.0 * (y * x),
+    lambda x, y, k: 1.0 / -(x + k * y) - k * (k + x),
+)
+
+
+@pytest.mark.parametrize("expression", EXPRESSIONS)
+@pytest.mark.parametrize("known", KNOWN)
+def test_it_is_the_same_number(expression, known):
+    x, y = np.random.default_rng(0).normal(size=(2, 9))
+    np.testing.assert_array_equal(unfolded(expression(Folded(x), Folded(y), known)), expression(x, y, known))
+
+
+@pytest.mark.parametrize("signs", list(itertools.product([False, True], repeat=2)))
+def test_signs_are_kept_apart(signs):
+    (x, y), (a, b) = (3.0, 7.0), signs
+    first, second = Folded(x, a), Folded(y, b)
+    x, y = unfolded(first), unfolded(second)
+    for found, wanted in ((first + second, x + y), (first - second, x - y), (first * second, x * y)):
+        assert unfolded(found) == wanted
+
+
+def test_what_is_known_leaves_no_operation():
+    def function(numbers, _):
+        x, y = map(Folded, numbers)
+        assert x * 0.0 == 0.0 == 0.0 * y
+        total = (0.0 + x * 1.0 - 0.0) + -(-1.0 * y)
+        return ((unfolded(total), (-x - y).value),)  # -x - y is -(x + y), whose sum is there
+
+    assert Program(function, [(0.0, 0.0)]).size() == 1
