@@ -24,8 +24,7 @@ import llvmlite.binding as llvm
 import numpy as np
 
 from fuzzyarm.common.files import write_atomically
-from fuzzyarm.numbers.llvm_operations import EIGHT
-from fuzzyarm.numbers.llvm_text import WIDE, Layout, kernel_text
+from fuzzyarm.numbers.llvm_text import EIGHT, WIDE, Layout, kernel_text
 from fuzzyarm.numbers.program import Program
 
 __all__ = ["CACHE", "WIDE", "Call", "Kernel", "Layout", "kernel_text"]

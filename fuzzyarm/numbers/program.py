@@ -11,10 +11,9 @@ import struct
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from typing import Any
 
-from fuzzyarm.numbers.arrays import Array, Index, Table
 from fuzzyarm.numbers.functions import KINDS, RECORDERS, Cells, flat, like
 from fuzzyarm.numbers.regions import Branch, For, Loop, Region, Store
-from fuzzyarm.numbers.symbols import Symbol, Word
+from fuzzyarm.numbers.symbols import Array, Index, Symbol, Table, Word
 
 __all__ = ["Program"]
 

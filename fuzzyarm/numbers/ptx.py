@@ -19,8 +19,7 @@ from typing import Any, NamedTuple
 import llvmlite.binding as llvm
 
 from fuzzyarm.numbers.functions import bits, number, select, word
-from fuzzyarm.numbers.llvm_operations import CALLED, Operations
-from fuzzyarm.numbers.llvm_text import Writer
+from fuzzyarm.numbers.llvm_text import CALLED, Operations, Writer
 from fuzzyarm.numbers.machine import Kernel
 from fuzzyarm.numbers.program import Program
 from fuzzyarm.numbers.symbols import Symbol

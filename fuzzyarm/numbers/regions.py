@@ -4,8 +4,7 @@ from __future__ import annotations
 
 from typing import Any, NamedTuple
 
-from fuzzyarm.numbers.arrays import Index
-from fuzzyarm.numbers.symbols import Symbol
+from fuzzyarm.numbers.symbols import Index, Symbol
 
 __all__ = ["Branch", "For", "Loop", "Region", "Store"]
 

@@ -1,15 +1,20 @@
-"""Symbols: numbers that are not known while a function is recorded, and the operations on them."""
+"""Symbols: numbers that are not known while a function is recorded, and the operations on them.
+
+There are arrays and tables of symbols, and places in them, which may depend on the rounds of loops.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Callable
+import itertools
+import operator
+from collections.abc import Callable, Iterator
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
     from fuzzyarm.numbers.program import Program
     from fuzzyarm.numbers.regions import Region
 
-__all__ = ["Symbol", "Word"]
+__all__ = ["Array", "Index", "Symbol", "Table", "Word"]
 
 
 class Word(int):
@@ -100,3 +105,117 @@ for _name, _operation in {
     "lt": "<", "le": "<=", "gt": ">", "ge": ">=", "eq": "==", "ne": "!=", "and": "&", "or": "|",
 }.items():  # fmt: skip
     setattr(Symbol, f"__{_name}__", _recorded(_operation, kind="truth"))
+
+
+class Index:
+    """A whole number that depends on the rounds of loops: the sum of `constant` and a factor for each of them.
+
+    Attributes:
+        terms: factors by the number of the loop.
+        constant: what is added.
+    """
+
+    __slots__ = ("constant", "terms")
+
+    def __init__(self, terms: dict[int, int], constant: int) -> None:
+        """Keep them."""
+        self.terms, self.constant = terms, constant
+
+    @classmethod
+    def of(cls, number: Any) -> Index:
+        """Return a whole number as an index."""
+        return number if isinstance(number, cls) else cls({}, int(number.__index__()))
+
+    def __add__(self, other: Any) -> Index:
+        other = Index.of(other)
+        loops = self.terms | other.terms
+        terms = {loop: self.terms.get(loop, 0) + other.terms.get(loop, 0) for loop in loops}
+        return Index(terms, self.constant + other.constant)
+
+    def __mul__(self, factor: int) -> Index:
+        return Index({loop: factor * own for loop, own in self.terms.items()}, factor * self.constant)
+
+    def __neg__(self) -> Index:
+        return self * -1
+
+    def __sub__(self, other: Any) -> Index:
+        return self + -Index.of(other)
+
+    def __rsub__(self, other: Any) -> Index:
+        return Index.of(other) + -self
+
+    __radd__, __rmul__ = __add__, __mul__
+
+
+class Array:
+    """Numbers of an arm, or of a table, that are read and written by indices while a function is recorded.
+
+    Attributes:
+        program: that it belongs to.
+        memory: where it lies: "room" (numbers of ports), "table0", ..., or "array0", ... of its own.
+        first: place of its first number there, an `Index`.
+        shape: as in NumPy.
+        steps: how far numbers lie apart along each axis.
+    """
+
+    __slots__ = ("first", "memory", "program", "shape", "steps")
+
+    def __init__(
+        self, program: Program, memory: str, first: Any, shape: tuple[int, ...], steps: tuple[int, ...] | None = None
+    ) -> None:
+        """Describe it; rows side by side, if not said otherwise."""
+        self.program, self.memory, self.first, self.shape = program, memory, Index.of(first), shape
+        if steps is None:
+            steps = tuple(itertools.accumulate((1, *shape[:0:-1]), operator.mul))[::-1]
+        self.steps = steps
+
+    def __len__(self) -> int:
+        return self.shape[0]
+
+    def __iter__(self) -> Iterator[Any]:
+        return (self[k] for k in range(len(self)))
+
+    def __getitem__(self, key: Any) -> Any:
+        first, shape, steps = self._place(key)
+        if shape:
+            return Array(self.program, self.memory, first, shape, steps)
+        return self.program.load(self.memory, first)
+
+    def __setitem__(self, key: Any, value: Any) -> None:
+        first, shape, _ = self._place(key)
+        if shape or self.memory.startswith("table"):
+            raise TypeError("numbers of an array are written one by one, and those of a table never")
+        self.program.store(self.memory, first, value)
+
+    def _place(self, key: Any) -> tuple[Index, tuple[int, ...], tuple[int, ...]]:
+        """Return where what is asked for begins, its shape, and how far its numbers lie apart."""
+        keys = key if isinstance(key, tuple) else (key,)
+        first, shape, steps = self.first, list[int](), list[int]()
+        for axis, size in enumerate(self.shape):
+            one, step = keys[axis] if axis < len(keys) else slice(None), self.steps[axis]
+            if isinstance(one, slice):
+                start, stop, _ = one.indices(size)
+                first = first + start * step
+                shape.append(stop - start)
+                steps.append(step)
+            else:
+                if not isinstance(one, Index) and not 0 <= one < size:
+                    raise IndexError(f"{one} is outside of an axis of {size}")
+                first = first + one * step
+        return first, tuple(shape), tuple(steps)
+
+
+class Table(Array):
+    """A table of a program; how many rows it has is said to a kernel where `shape` begins with 0.
+
+    Attributes:
+        number: which one.
+        columns: numbers of a row.
+    """
+
+    __slots__ = ("columns", "number")
+
+    def __init__(self, program: Program, number: int, shape: tuple[int, ...]) -> None:
+        """Describe it."""
+        super().__init__(program, f"table{number}", 0, shape)
+        self.number, self.columns = number, shape[-1]

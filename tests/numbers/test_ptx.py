@@ -26,7 +26,7 @@ from fuzzyarm.envs.physics.robot import robot_named
 from fuzzyarm.eval.sweep.config import SweepConfig
 from fuzzyarm.eval.sweep.episodes import errors_in_one_kernel
 from fuzzyarm.eval.sweep.plants import Plants
-from fuzzyarm.numbers import llvm_operations, machine, ptx
+from fuzzyarm.numbers import llvm_text, machine, ptx
 from fuzzyarm.numbers.functions import Cells
 from fuzzyarm.numbers.gpu import Gpu
 from fuzzyarm.numbers.machine import WIDE, Kernel, Layout
@@ -150,7 +150,7 @@ def test_a_kernel_has_its_parameters_and_rounds_after_each_operation():
 
 
 def test_an_operation_without_an_instruction_is_refused(monkeypatch):
-    monkeypatch.setitem(llvm_operations.CALLED, "cosine", "cos")
+    monkeypatch.setitem(llvm_text.CALLED, "cosine", "cos")
     kernel = Kernel(Program(lambda x, _: ((x[0].program.operation("cosine", x[0]),),), ((0.0,),)))
     with pytest.raises(ValueError, match="cosine has no instruction in PTX"):
         ptx_of(kernel)

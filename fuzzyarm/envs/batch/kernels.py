@@ -21,7 +21,6 @@ from fuzzyarm.envs.physics.physics import Physics
 from fuzzyarm.envs.physics.records import places, size
 from fuzzyarm.envs.scenario.randomisation import draw_record
 from fuzzyarm.numbers import machine
-from fuzzyarm.numbers.arrays import Array
 from fuzzyarm.numbers.functions import (
     bits,
     each,
@@ -40,6 +39,7 @@ from fuzzyarm.numbers.functions import (
 )
 from fuzzyarm.numbers.machine import Kernel
 from fuzzyarm.numbers.program import Program
+from fuzzyarm.numbers.symbols import Array
 
 __all__ = ["Kernels", "kernels_of"]
 

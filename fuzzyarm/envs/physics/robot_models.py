@@ -15,23 +15,296 @@ viscous friction, Coulomb friction (static alike) and motor inertia.
 
 MuJoCo parses both formats (extra `robots`) and computes the inertias; meshes are not opened. What else would move the
 arm in MuJoCo is refused by name, see `model_physics`.
+
+What a URDF or MJCF model says of the motion beyond its chain of joints: inertias, and what is refused by name.
+
+URDF and MJCF files as MuJoCo reads them: the chain of joints of a serial robot, and what is wrong with it.
 """
 
 from __future__ import annotations
 
 import dataclasses
+import itertools
+import math
+import re
+import warnings
+from collections.abc import Collection, Iterator
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
 from fuzzyarm.common.checks import listed, shown
-from fuzzyarm.common.documents import read_toml, record
+from fuzzyarm.common.documents import read_bytes, read_toml, record
 from fuzzyarm.envs.physics.joint import DIMENSIONS, Drive, Joint, Link, Vector, as_rows
-from fuzzyarm.envs.physics.model_tree import Tree, read_model
 from fuzzyarm.envs.physics.robot import Robot
 
-__all__ = ["JointOverlay", "Overlay", "read_robot"]
+__all__ = ["JointOverlay", "Overlay", "Tree", "inertias", "is_opened", "read_model", "read_robot", "unknown_forces"]
+
+
+MASSLESS = 1e-9  # kg
+SWITCHES = ("CONSTRAINT", "FRICTIONLOSS", "LIMIT", "DAMPER", "ACTUATION")  # of numbers that are read
+GAZEBO = re.compile(
+    r"<((?:springStiffness|dampingFactor|turnGravityOff)(?!\s*>\s*(?:[0.]+|false)\s*<)|gravity(?=\s*>\s*(?:0|false)))\s*>"
+)
+WAY_OUT = "give the link an <inertial> element with mass and moments in the model"
+
+
+def unknown_forces(
+    spec: Any, mujoco: Any, chain: list[Any], moving: list[Any], fixed: Collection[str], text: str
+) -> list[str]:
+    """Return a complaint for each thing that moves the arm in MuJoCo or Gazebo, and has no equation here."""
+    option, bit, trn, wrap = spec.option, mujoco.mjtDisableBit, mujoco.mjtTrn, mujoco.mjtWrap.mjWRAP_JOINT
+    off = [one for one in SWITCHES if option.disableflags & getattr(bit, f"mjDSBL_{one}")]
+    pulling = [one for one in spec.tendons if any(k.type != wrap or k.target.name not in fixed for k in one.path)]
+    elsewhere = [one for one in spec.actuators if one.trntype in (trn.mjTRN_SITE, trn.mjTRN_SLIDERCRANK)]
+    rotors = [one for one in spec.actuators if np.any([one.armature, *one.damping])]
+    found = [
+        *(f"option {name}" for name in ("density", "viscosity", "disableactuator") if getattr(option, name)),
+        *(f"the disabled flag {one.lower()}" for one in off),
+        *(["compiler settotalmass"] if spec.compiler.settotalmass > 0.0 else []),
+        *(["flex"] if spec.flexes else []),
+        *(f"gravcomp of link {shown(body.name)}" for body in moving if body.gravcomp),
+        *(f"stiffness of joint {shown(one.name)}" for one in chain if np.any(one.stiffness)),
+        *(f"springdamper of joint {shown(one.name)}" for one in chain if np.all(one.springdamper)),
+        *(f"margin of joint {shown(one.name)}" for one in chain if one.margin),
+        *(f"tendon {shown(one.name)}" for one in pulling),
+        *(f"actuator {shown(one.name)}" for one in elsewhere),
+        *(f"armature or damping of actuator {shown(one.name)}" for one in rotors),
+        *(f"{name} of <gazebo>" for name in GAZEBO.findall(text)),
+    ]
+    return [f"{one} has no equation here: take it out of the model" for one in found]
+
+
+def inertias(spec: Any, mujoco: Any, parts: dict[str, list[Any]]) -> Iterator[str]:
+    """Yield complaints about links without inertia, and give these one, so that the model can be compiled.
+
+    `parts` has, by the joint's name, the bodies that it turns up to the next joint.
+    """
+    always = spec.compiler.inertiafromgeom == mujoco.mjtInertiaFromGeom.mjINERTIAFROMGEOM_TRUE
+    low, high = spec.compiler.inertiagrouprange
+    for joint, bodies in parts.items():
+        heavy = False
+        for body in bodies:
+            given = body.explicitinertial and not always
+            shapes = [one for one in body.geoms if not given and low <= one.group <= high and _has_mass(one)]
+            heavy = heavy or bool(shapes) or (given and body.mass > MASSLESS)
+            if any(map(is_opened, shapes)):
+                yield f"link {shown(body.name)} takes its inertia from a mesh, and meshes are not opened: {WAY_OUT}"
+                _put_inertia(spec, mujoco, body)
+        if not heavy:
+            yield f"joint {shown(joint)} turns link {shown(bodies[0].name)}, which has no inertia: {WAY_OUT}"
+            _put_inertia(spec, mujoco, bodies[0])
+
+
+def is_opened(geom: Any) -> bool:
+    """Return whether the shape of a geom is in a file."""
+    return bool(geom.meshname) or geom.type.name in ("mjGEOM_MESH", "mjGEOM_HFIELD", "mjGEOM_SDF")
+
+
+def _has_mass(geom: Any) -> bool:
+    return bool(geom.density != 0.0 if math.isnan(geom.mass) else geom.mass != 0.0)
+
+
+def _put_inertia(spec: Any, mujoco: Any, body: Any) -> None:
+    body.explicitinertial, body.mass, body.inertia = True, 1.0, (1.0, 1.0, 1.0)
+    spec.compiler.inertiafromgeom = mujoco.mjtInertiaFromGeom.mjINERTIAFROMGEOM_AUTO
+
+
+LARGEST_MODEL = 2**22  # bytes
+SPEED = re.compile(r"<limit\s[^>]*\bvelocity\s*=\s*[\"']\s*([\d.][\d.eE+-]*)\s*[\"']")
+
+
+class Tree(NamedTuple):
+    """A compiled model, the names of the joints that move, from the base to the tip, and what is wrong with them."""
+
+    mujoco: Any
+    model: Any
+    joints: tuple[str, ...]
+    name: str
+    acting: dict[str, str]  # by joint, the name of an actuator
+    speeds: dict[str, float]  # by joint, the largest of a URDF [rad/s]
+    complaints: tuple[str, ...]
+
+
+def read_model(path: Path, fixed: Collection[str]) -> Tree:
+    """Return the model in a URDF or MJCF file.
+
+    Args:
+        path: of the file.
+        fixed: names of joints that stay as the model has them.
+
+    Raises:
+        ModuleNotFoundError: MuJoCo is not installed; the message names the extra.
+        ValueError: it is no such file, no joint moves, or one that moves has no name.
+        OSError: the file cannot be read.
+    """
+    mujoco, text = _mujoco(), _text(path)
+    warn = mujoco.get_mju_user_warning()
+    mujoco.set_mju_user_warning(lambda _: None)  # or MuJoCo writes its log into the working folder
+    try:
+        with warnings.catch_warnings(action="ignore"):
+            return _tree(mujoco, text, fixed)
+    finally:
+        mujoco.set_mju_user_warning(warn)
+
+
+def _tree(mujoco: Any, text: str, fixed: Collection[str]) -> Tree:
+    try:
+        spec = mujoco.MjSpec.from_string(text)
+    except ValueError as error:
+        raise ValueError(_explained(str(error), text)) from None
+    unknown = set(fixed) - {joint.name for joint in spec.joints}
+    if unknown:
+        known = listed(joint.name for joint in spec.joints)
+        raise ValueError(f"`fixed` names {listed(unknown)}; the joints of the model are: {known}")
+    chain = _chain(spec, fixed)
+    parts = {joint.name: list(_carried(joint.parent, fixed)) for joint in chain}
+    moving = [body for bodies in parts.values() for body in bodies]
+    complaints = [
+        *_couplings(spec, mujoco, fixed),
+        *_misplaced(chain, fixed),
+        *_unlike(chain, mujoco),
+        *inertias(spec, mujoco, parts),
+        *unknown_forces(spec, mujoco, chain, moving, fixed, text),
+    ]
+    at_joint = (mujoco.mjtTrn.mjTRN_JOINT, mujoco.mjtTrn.mjTRN_JOINTINPARENT)
+    acting = {one.target: one.name for one in spec.actuators if one.trntype in at_joint}
+    speeds = {name: float(found[1]) for name, joint in _joints(text) if (found := SPEED.search(joint))}
+    try:
+        model = _compiled(spec, fixed)
+    except ValueError as error:
+        raise ValueError("; ".join((*complaints, " ".join(str(error).split())))) from None
+    return Tree(mujoco, model, tuple(parts), spec.modelname, acting, speeds, tuple(complaints))
+
+
+def _carried(body: Any, fixed: Collection[str]) -> Iterator[Any]:
+    """Yield a body, and those that move as one with it."""
+    yield body
+    for child in body.bodies:
+        if all(joint.name in fixed for joint in child.joints):
+            yield from _carried(child, fixed)
+
+
+def _couplings(spec: Any, mujoco: Any, fixed: Collection[str]) -> Iterator[str]:
+    """Yield complaints about mimic joints and closed chains."""
+    for equality in spec.equalities:
+        names = [name for name in (equality.name1, equality.name2) if name]
+        if equality.type == mujoco.mjtEq.mjEQ_JOINT:
+            free = [name for name in names if name not in fixed]
+            if free:
+                yield (
+                    f"joint {shown(names[0])} mimics {shown(names[-1])}; each joint needs a drive of its own: put "
+                    f"{listed(map(repr, free))} under `fixed` in the overlay, or take the coupling out of the model"
+                )
+        else:
+            yield (
+                f"a constraint between {listed(map(repr, names))} closes the chain; a serial robot has none: take "
+                "it out of the model"
+            )
+
+
+def _chain(spec: Any, fixed: Collection[str]) -> list[Any]:
+    """Return the joints that move, from the base to the tip."""
+    chain = [joint for joint in spec.joints if joint.name not in fixed]
+    if not chain:
+        raise ValueError("the model has no joint that moves")
+    if not all(joint.name for joint in chain):
+        raise ValueError("a joint has no name; give each joint of the model one")
+    return chain
+
+
+def _misplaced(chain: list[Any], fixed: Collection[str]) -> Iterator[str]:
+    """Yield complaints about joints that do not follow the one before."""
+    for before, after in itertools.pairwise(chain):
+        above = after.parent.parent
+        while above is not None and not any(joint.name not in fixed for joint in above.joints):
+            above = above.parent
+        if after.parent == before.parent or above is None or above != before.parent:
+            yield (
+                f"joint {shown(after.name)} does not follow joint {shown(before.name)} in a chain; put what is not "
+                "part of the arm under `fixed` in the overlay, and give each joint a body of its own"
+            )
+
+
+def _unlike(chain: list[Any], mujoco: Any) -> Iterator[str]:
+    """Yield complaints about joints that are not revolute, or whose angle is not that of this package."""
+    for joint in chain:
+        if joint.type != mujoco.mjtJoint.mjJNT_HINGE:
+            kind = "prismatic" if joint.type == mujoco.mjtJoint.mjJNT_SLIDE else "neither revolute nor prismatic"
+            yield (
+                f"joint {shown(joint.name)} is {kind}; all joints must be revolute: put it under `fixed` in the "
+                "overlay, or take a model without it"
+            )
+        if joint.ref != 0.0:
+            yield f"joint {shown(joint.name)} has ref = {joint.ref}; give its frame at angle 0, with ref 0"
+
+
+def _compiled(spec: Any, fixed: Collection[str]) -> Any:
+    """Return the model of bodies, primitive shapes and joints that move, all orientations resolved."""
+    for parts in (
+        *(spec.keys, spec.sensors, spec.actuators, spec.tendons, spec.equalities, spec.excludes, spec.pairs),
+        *(spec.skins, spec.flexes, [geom for geom in spec.geoms if is_opened(geom)], spec.meshes, spec.hfields),
+        *(spec.materials, spec.textures, [joint for joint in spec.joints if joint.name in fixed]),
+    ):
+        for part in list(parts):
+            spec.delete(part)
+    for part in (*spec.geoms, *spec.sites):
+        part.material = ""
+    spec.compiler.fusestatic = False
+    return spec.compile()
+
+
+def _mujoco() -> Any:
+    try:
+        import mujoco
+    except ModuleNotFoundError:
+        raise ModuleNotFoundError(
+            'URDF and MJCF files are read by MuJoCo; install it with: pip install "fuzzyarm[robots]"'
+        ) from None
+    return mujoco
+
+
+def _text(path: Path) -> str:
+    """Return the text of a model without comments; ValueError if it is not Unicode, or MuJoCo would open more files."""
+    try:
+        text = read_bytes(path, largest=LARGEST_MODEL).decode("utf-8")
+    except UnicodeDecodeError:
+        raise ValueError("not a URDF or MJCF file: it is not UTF-8") from None
+    text = re.sub("<!--.*?-->", lambda found: "\n" * found[0].count("\n"), text, flags=re.DOTALL)
+    found = re.search(r"<\s*(include|model)\s[^>]*\bfile\s*=", text)
+    if found:
+        raise ValueError(f"it has an element <{found[1]}>; write the whole model into one file, without it")
+    return text
+
+
+def _explained(message: str, text: str) -> str:
+    """Return an error of the parser in one line; for a closed chain with the joint that closes it."""
+    if "multiple parents" in message:
+        return (
+            f"joint {shown(_closing_joint(text))} closes the chain: its link has two joints to it; take one of them "
+            "out of the model"
+        )
+    return " ".join(message.split())
+
+
+def _joints(text: str) -> Iterator[tuple[str, str]]:
+    """Yield name and text of each joint of a URDF."""
+    for joint in re.findall(r"<joint\s.*?</joint", text, re.DOTALL):
+        if name := re.search(r"\sname\s*=\s*[\"']([^\"']*)", joint):
+            yield name[1], joint
+
+
+def _closing_joint(text: str) -> str:
+    """Return the name of the first joint of a URDF whose child link is already that of another joint."""
+    children = set()
+    for name, joint in _joints(text):
+        if child := re.search(r"<child\s+link\s*=\s*[\"']([^\"']*)", joint):
+            if child[1] in children:
+                return name
+            children.add(child[1])
+    return ""
+
 
 ROUNDING = 1e-9  # of rotations and axes in models: 1.570796327 is meant to be a right angle
 NEGLIGIBLE = 1e-9  # m, and share of the largest moment of inertia: what such angles leave of a zero
