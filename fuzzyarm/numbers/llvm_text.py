@@ -1,6 +1,7 @@
 """A recorded program as LLVM's text, which takes the numbers of groups of arms, computes, and puts them back.
 
-Operations, loops and branches are written for one arm or for vectors of arms. No operation may be contracted or reordered: there are no flags that would allow it.
+Operations, loops and branches are written for one arm or for vectors of arms. No operation may be contracted or
+reordered: there are no flags that would allow it.
 """
 
 from __future__ import annotations
