@@ -9,6 +9,8 @@ C functions of the exported programs that do what Python does by itself or by it
 from __future__ import annotations
 
 import dataclasses
+import inspect
+import itertools
 import math
 import re
 import textwrap
@@ -21,6 +23,7 @@ import numpy as np
 from fuzzyarm.envs.observation import Observation
 from fuzzyarm.fuzzy_policy.law import law_of, seen_by, within_limits
 from fuzzyarm.fuzzy_policy.policy import Policy
+from fuzzyarm.numbers.functions import flat, like
 from fuzzyarm.numbers.program import Program
 from fuzzyarm.numbers.regions import Branch, For, Loop, Region, Store
 from fuzzyarm.numbers.symbols import Symbol
@@ -69,11 +72,69 @@ class Recorded:
         words: what the arrays are called.
     """
 
-    program: Program
+    program: _Program
     tables: tuple[np.ndarray, ...]
     names: tuple[str, ...]
     source: str
     words: Words
+
+
+class Function(NamedTuple):
+    """A function of the exported program: numbers in, numbers out.
+
+    Attributes:
+        name: in the program.
+        program: its ports are the arguments and the results.
+        parameters: places among the arguments, and names, of those that it needs.
+        result: a tree of as many numbers as it returns.
+    """
+
+    name: str
+    program: Program
+    parameters: tuple[tuple[int, str], ...]
+    result: Any
+
+
+class _Program(Program):
+    """A program in which functions marked `apart` are functions, kept in `functions` in the order of definition."""
+
+    def __init__(self, functions: dict[Callable[..., Any], Function], *given: Any) -> None:
+        self.functions = functions
+        super().__init__(*given)
+
+    def apart(self, function: Callable[..., Any], arguments: tuple[Any, ...]) -> Any:
+        """Record the call of a function of numbers and records, see `numbers.functions.apart`."""
+        numbers = [self._real(one) for one in flat(arguments)]
+        if not any(isinstance(one, Symbol) for one in numbers):
+            return function(*arguments)
+        if function not in self.functions:
+            self.functions[function] = self._function(function, arguments)
+        own = self.functions[function]
+        operands = [numbers[place] for place, _ in own.parameters]
+        results = (self.operation("call", *operands, detail=(own, k)) for k in range(own.program.ports[1]))
+        return like(own.result, results)
+
+    def _function(self, function: Callable[..., Any], arguments: tuple[Any, ...]) -> Function:
+        """Record a function; what it returns for numbers that are none has the shape of what it returns."""
+        result = function(*like(arguments, itertools.repeat(math.nan)))
+
+        def whole(given: Any, *_: Any) -> tuple[Any, Any]:
+            return given, tuple(flat((function(*given),)))
+
+        program = _Program(self.functions, whole, (arguments, (0.0,) * len(flat((result,)))))
+        needed = _Uses(program, program.outputs[program.ports[0] :]).regions
+        names = map(_named, inspect.signature(function).parameters, arguments)
+        named = enumerate(itertools.chain(*names))
+        parameters = tuple((k, name) for k, name in named if program.inputs[k] in needed)
+        return Function(f"{function.__name__}{len(self.functions) + 1}", program, parameters, result)
+
+
+def _named(name: str, tree: Any) -> list[str]:
+    """Return names of the numbers of a tree."""
+    if not isinstance(tree, tuple):
+        return [f"{name}_"]  # no word of C
+    parts = getattr(tree, "_fields", range(len(tree)))
+    return [one for part, inner in zip(parts, tree, strict=True) for one in _named(f"{name}_{part}", inner)]
 
 
 def program_of(policy: Policy) -> Recorded:
@@ -132,7 +193,7 @@ def recorded(
         return after, given, tuple(result)
 
     try:
-        program = Program(whole, (memory, zeros, (0.0,) * results), (), [table.shape for table in tables])
+        program = _Program({}, whole, (memory, zeros, (0.0,) * results), (), [table.shape for table in tables])
     except TypeError as error:
         raise Unsupported(f"{source} does something with a number that is not known: {error}") from error
     return Recorded(program, tuple(tables), tuple(names), source, words)
@@ -341,46 +402,68 @@ class _Uses:
 
 
 class Writer:
-    """Writes the step of a program.
+    """Writes functions of a program.
 
     Attributes:
-        used: the operations of `HELPERS` that were needed.
+        used: the operations of `HELPERS` that were needed, and the functions.
         tables: the tables that were looked up in, by number.
     """
 
     def __init__(self, of: Recorded, real: str) -> None:
         """Begin; `real` is "double" or "float"."""
-        self.used, self.tables = set[str](), set[int]()
+        self.used, self.tables = set[Any](), set[int]()
         self._of, self._real, self._names = of, real, 0
         self._texts: dict[Symbol, str] = {}
+        self._called: dict[Any, list[str]] = {}
 
-    def body(self) -> list[str]:
+    def step(self) -> list[str]:
         """Return the lines of the step."""
         program, words = self._of.program, self._of.words
-        memory, given, _ = program.ports
-        places = [f"state->memory[{k}]" for k in range(memory)]
-        places += [f"{words.given}[{k}]" for k in range(given)]
+        memory, given, results = program.ports
+        places = [f"state->memory[{k}]" for k in range(memory)] + [f"{words.given}[{k}]" for k in range(given)]
         names = [*(f"memory{k}" for k in range(memory)), *self._of.names]
-        kept = [
-            (place, out, own)
-            for place, (out, own) in enumerate(zip(program.outputs, program.inputs, strict=True))
+        inputs = dict(zip(program.inputs, zip(names, places, strict=True), strict=False))
+        targets = [f"{place} = {{}};" for place in (*places, *(f"{words.result}[{k}]" for k in range(results)))]
+        changed = [
+            (target, out)
+            for place, (target, out, own) in enumerate(zip(targets, program.outputs, program.inputs, strict=True))
             if out is not own and place not in program.cells
         ]
-        self._uses = _Uses(program, [out for _, out, _ in kept])
+        return self._lines(program, inputs, changed)
+
+    def function(self, one: Function) -> str:
+        """Return the definition of a function."""
+        given, results = one.program.ports
+        inputs = {one.program.inputs[k]: (name, "") for k, name in one.parameters}
+        names = [f"{self._real} {name}" for _, name in one.parameters]
+        names += [f"{self._real} *result{k}" for k in range(results)] if results > 1 else []
+        targets = [f"*result{k} = {{}};" for k in range(results)] if results > 1 else ["return {};"]
+        lines = self._lines(one.program, inputs, list(zip(targets, one.program.outputs[given:], strict=True)))
+        kind = "void" if results > 1 else self._real
+        head = wrapped([f"static {kind} {one.name}({names[0]}", *names[1:]], "", _INDENT)
+        return "\n".join([*head[:-1], f"{head[-1]})", "{", *lines, "}", ""])
+
+    def _lines(
+        self, program: Program, inputs: dict[Symbol, tuple[str, str]], outputs: Sequence[tuple[str, Any]]
+    ) -> list[str]:
+        """Return the lines of a function.
+
+        Args:
+            program: what it does.
+            inputs: the name of each number that is given, and where it is read; empty: it has this name already.
+            outputs: texts with {} for a number, and the number.
+        """
+        self._uses = _Uses(program, [out for _, out in outputs])
         lines = [
             f"{_INDENT}{self._real} array{k}[{max(size, 1)}];"
             for k, size in enumerate(program.arrays)
             if f"array{k}" in self._uses.read
         ]
-        for name, at, own in zip(names, places, program.inputs, strict=False):
-            if own in self._uses.regions:
-                self._texts[own] = name
-                lines.append(f"{_INDENT}const {self._real} {name} = {at};")
+        for own, (name, place) in inputs.items():
+            self._texts[own] = name
+            lines += [f"{_INDENT}const {self._real} {name} = {place};"] if place and own in self._uses.regions else []
         lines += self._region(program.top, _INDENT)
-        for place, out, _ in kept:
-            target = places[place] if place < len(places) else f"{words.result}[{place - len(places)}]"
-            lines.append(f"{_INDENT}{target} = {_bare(self._text(out))};")
-        return lines
+        return lines + [_INDENT + text.format(_bare(self._text(out))) for text, out in outputs]
 
     def _region(self, region: Region, indent: str) -> list[str]:
         lines: list[str] = []
@@ -401,12 +484,27 @@ class Writer:
         return lines
 
     def _operation(self, one: Symbol, indent: str) -> list[str]:
+        if one.operation == "call" and one.detail[0].program.ports[1] > 1:
+            return self._call(one, indent)
         text = self._expression(one)
         if self._uses.regions[one] == [one.region] and len(text) <= LONGEST and one.operation != "load":
             self._texts[one] = f"({text})" if one.operation in _LOOSE else text
             return []
         name = self._named(one)
         return [f"{indent}const {self._type(one)} {name} = {text};"]
+
+    def _call(self, one: Symbol, indent: str) -> list[str]:
+        """Return the call of a function with several results, once for all of them."""
+        function, number = one.detail
+        texts, lines = [_bare(self._text(operand)) for operand in one.operands], list[str]()
+        key = (function.name, one.region, *texts)
+        if key not in self._called:
+            self.used.add(function.name)
+            self._called[key] = names = [self._name("v") for _ in range(function.program.ports[1])]
+            call = wrapped([*texts, *(f"&{name}" for name in names)], f"{indent}{function.name}(", indent + _INDENT)
+            lines = [*(f"{indent}{self._real} {name};" for name in names), *call[:-1], f"{call[-1]});"]
+        self._texts[one] = self._called[key][number]
+        return lines
 
     def _named(self, one: Symbol) -> str:
         """Return a new name for a symbol, and let it mean the symbol from now on."""
@@ -477,6 +575,9 @@ class Writer:
         if name == "load":
             memory, constant, terms = one.detail
             return self._place(memory, constant, terms)
+        if name == "call":
+            self.used.add(one.detail[0].name)
+            return f"{one.detail[0].name}({', '.join(map(_bare, texts))})"
         if name in ("row", "entry"):
             table, constant, terms = one.detail if name == "entry" else (*one.detail, ())
             self.used.add("place")
@@ -525,10 +626,11 @@ def _index(constant: int, terms: Iterable[tuple[int, int]]) -> str:
     return " + ".join([*parts, *rest]) + (f" - {-constant}" if constant < 0 and parts else "")
 
 
-def wrapped(texts: Iterable[str], indent: str) -> list[str]:
-    """Return lines with these texts and commas between them."""
+def wrapped(texts: Iterable[str], indent: str, further: str | None = None) -> list[str]:
+    """Return lines with these texts and commas between them; the second and later ones may have another indent."""
+    then = indent if further is None else further
     form = textwrap.TextWrapper(
-        _WIDTH, initial_indent=indent, subsequent_indent=indent, break_long_words=False, break_on_hyphens=False
+        _WIDTH, initial_indent=indent, subsequent_indent=then, break_long_words=False, break_on_hyphens=False
     )
     return form.wrap(", ".join(texts))
 
@@ -555,7 +657,10 @@ def source_text(of: Recorded, name: str, real: str) -> str:
         Unsupported: the program has an operation that cannot be written in C.
     """
     writer = Writer(of, real)
-    lines, arguments = writer.body(), arguments_text(of, name, real)
+    lines, arguments, functions = writer.step(), arguments_text(of, name, real), list[str]()
+    for function in reversed(of.program.functions.values()):  # a function calls only those before it
+        if function.name in writer.used:
+            functions.insert(0, writer.function(function))
     helpers = [helper_text(operation, real) for operation in HELPERS if operation in writer.used]
     tables = [_table(number, of.tables[number], real) for number in sorted(writer.tables)]
     unused = [
@@ -564,7 +669,7 @@ def source_text(of: Recorded, name: str, real: str) -> str:
         if not any(f"{word}[" in line or f"{word}->" in line for line in lines)
     ]
     step = "\n".join([f"void {name}_step({arguments})", "{", *tables, *unused, *lines, "}", ""])
-    text = "\n".join([f'#include "{name}.h"', "", _init(of, name, real), *helpers, step])
+    text = "\n".join([f'#include "{name}.h"', "", _init(of, name, real), *helpers, *functions, step])
     own = "|".join(re.findall(r"^static \w+ (\w+)\(", text, re.MULTILINE))
     return re.sub(rf"\b({own})\(", rf"{name}_part_\1(", text) if own else text  # several programs go into one file
 
