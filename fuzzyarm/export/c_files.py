@@ -34,20 +34,9 @@ from fuzzyarm.fuzzy_policy.proof.policy_certificate import PolicyCertificate
 from fuzzyarm.learned_policy.estimate.policy import LearnedObserverPolicy
 
 __all__ = [
-    "CALLS",
-    "FLAGS",
-    "NUMBERS",
-    "UNITS",
-    "CompiledLaw",
-    "about_policy",
-    "c_name",
-    "compilers",
-    "export_c",
-    "header_text",
-    "random_observations",
-    "sources_of",
+    "CALLS", "FLAGS", "NUMBERS", "UNITS", "CompiledLaw", "about_policy", "c_name", "compilers", "export_c",
+    "header_text", "random_observations", "sources_of",
 ]  # fmt: skip
-
 
 CALLS = 200
 """Consecutive calls in a file of test vectors."""
@@ -263,7 +252,7 @@ extern "C" {{
 #endif
 
 typedef struct {{
-    {number} memory[{max(program.program.ports[0], 1)}];
+    {number} memory[{max(program.ports[0], 1)}];
 }} {name}_state;
 
 void {name}_init({name}_state *state);

@@ -8,7 +8,6 @@ C functions of the exported programs that do what Python does by itself or by it
 
 from __future__ import annotations
 
-import dataclasses
 import inspect
 import itertools
 import math
@@ -29,8 +28,8 @@ from fuzzyarm.numbers.regions import Branch, For, Loop, Region, Store
 from fuzzyarm.numbers.symbols import Symbol
 
 __all__ = [
-    "HELPERS", "LARGEST", "LAW", "MODEL", "Recorded", "TooLarge", "Unsupported", "Words", "Writer", "arguments_text",
-    "helper_text", "literal_of", "program_of", "recorded", "source_text",
+    "HELPERS", "LARGEST", "LAW", "MODEL", "Recorded", "TooLarge", "Unsupported", "arguments_text", "helper_text",
+    "literal_of", "program_of", "source_text",
 ]  # fmt: skip
 
 
@@ -46,37 +45,8 @@ LARGEST = 2**18
 """Numbers that all tables of a program may have: 2 MiB in double precision."""
 
 
-class Words(NamedTuple):
-    """What the arrays of a program's step are called in C: the one that is given and the one that is filled."""
-
-    given: str
-    result: str
-
-
-LAW = Words("observation", "torque")
-"""The words of a law."""
-MODEL = Words("input", "output")
-"""The words of a model of a co-simulation."""
-
-
-@dataclasses.dataclass(frozen=True)
-class Recorded:
-    """What a policy or a plant does in a control step, recorded.
-
-    Attributes:
-        program: its ports are the memory, the numbers that are given, and those that the step returns: of a policy the
-            observation and the torques of every motor [N m].
-        tables: its tables.
-        names: of the numbers that are given.
-        source: the function of the package that it is made from.
-        words: what the arrays are called.
-    """
-
-    program: _Program
-    tables: tuple[np.ndarray, ...]
-    names: tuple[str, ...]
-    source: str
-    words: Words
+LAW, MODEL = ("observation", "torque"), ("input", "output")
+"""What the arrays that a step is given and fills are called in C: of a law, and of a model of a co-simulation."""
 
 
 class Function(NamedTuple):
@@ -123,10 +93,12 @@ class _Program(Program):
 
         program = _Program(self.functions, whole, (arguments, (0.0,) * len(flat((result,)))))
         needed = _Uses(program, program.outputs[program.ports[0] :]).regions
-        names = map(_named, inspect.signature(function).parameters, arguments)
-        named = enumerate(itertools.chain(*names))
-        parameters = tuple((k, name) for k, name in named if program.inputs[k] in needed)
-        return Function(f"{function.__name__}{len(self.functions) + 1}", program, parameters, result)
+        pairs = zip(inspect.signature(function).parameters, arguments, strict=True)
+        named = enumerate(name for pair in pairs for name in _named(*pair))
+        texts = ((k, name if name.isascii() else f"given{k}_") for k, name in named)
+        parameters = tuple((k, name) for k, name in texts if program.inputs[k] in needed)
+        own = re.sub(r"\W", "", function.__name__, flags=re.ASCII).strip("_")
+        return Function(f"{own}{len(self.functions) + 1}", program, parameters, result)
 
 
 def _named(name: str, tree: Any) -> list[str]:
@@ -135,6 +107,48 @@ def _named(name: str, tree: Any) -> list[str]:
         return [f"{name}_"]  # no word of C
     parts = getattr(tree, "_fields", range(len(tree)))
     return [one for part, inner in zip(parts, tree, strict=True) for one in _named(f"{name}_{part}", inner)]
+
+
+class Recorded(_Program):
+    """What a policy or a plant does in a control step: ``step(given, memory, *tables)`` returns memory and result.
+
+    The ports are the memory, the numbers that are given and the result: of a policy the observation and the torques of
+    every motor [N m].
+
+    Args:
+        step: a function of numbers.
+        given: names of the numbers that are given, and a tree of as many zeros.
+        memory: a tree of zeros, and `Cells`.
+        results: how many numbers the result has.
+        words: what the arrays are called, `LAW` or `MODEL`.
+        source: the function of the package that it is made from.
+        contents: of the tables.
+
+    Raises:
+        Unsupported: the function has something that cannot be written in C.
+    """
+
+    def __init__(
+        self,
+        step: Callable[..., tuple[Any, Any]],
+        given: tuple[Sequence[str], Any],
+        memory: Any,
+        results: int,
+        words: tuple[str, str],
+        source: str,
+        contents: Sequence[np.ndarray] = (),
+    ) -> None:
+        """Record."""
+        (self.names, zeros), self.words, self.source, self.contents = given, words, source, contents
+
+        def whole(memory: Any, given: Any, _: Any, __: Any, *tables: Any) -> tuple[Any, Any, Any]:
+            after, result = step(given, memory, *tables)
+            return after, given, tuple(result)
+
+        try:
+            super().__init__({}, whole, (memory, zeros, (0.0,) * results), (), [table.shape for table in contents])
+        except TypeError as error:
+            raise Unsupported(f"{source} does something with a number that is not known: {error}") from error
 
 
 def program_of(policy: Policy) -> Recorded:
@@ -160,43 +174,7 @@ def program_of(policy: Policy) -> Recorded:
         return command(memory, seen, (constants, limit), *tables)
 
     source = f"{law.act.__module__.partition('.')[2]}.{law.act.__name__}"
-    return recorded(step, (names, seen_by(joints)), law.memory, joints, LAW, source, law.tables)
-
-
-def recorded(
-    step: Callable[..., tuple[Any, Any]],
-    given: tuple[Sequence[str], Any],
-    memory: Any,
-    results: int,
-    words: Words,
-    source: str,
-    tables: Sequence[np.ndarray] = (),
-) -> Recorded:
-    """Return the program of ``step(given, memory, *tables)``, which returns memory and result.
-
-    Args:
-        step: a function of numbers.
-        given: names of the numbers that are given, and a tree of as many zeros.
-        memory: a tree of zeros, and `Cells`.
-        results: how many numbers the result has.
-        words: what the arrays are called in C.
-        source: the name of the function that it is made of.
-        tables: arrays.
-
-    Raises:
-        Unsupported: the function has something that cannot be written in C.
-    """
-    names, zeros = given
-
-    def whole(memory: Any, given: Any, _: Any, __: Any, *tables: Any) -> tuple[Any, Any, Any]:
-        after, result = step(given, memory, *tables)
-        return after, given, tuple(result)
-
-    try:
-        program = _Program({}, whole, (memory, zeros, (0.0,) * results), (), [table.shape for table in tables])
-    except TypeError as error:
-        raise Unsupported(f"{source} does something with a number that is not known: {error}") from error
-    return Recorded(program, tuple(tables), tuple(names), source, words)
+    return Recorded(step, (names, seen_by(joints)), law.memory, joints, LAW, source, law.tables)
 
 
 HELPERS = {
@@ -319,11 +297,8 @@ def _lines(texts: Iterable[str]) -> str:
 
 LONGEST = 70  # characters of an operation that stands where it is used
 _INDENT, _WIDTH = "    ", 110
-_INFIX = {
-    **{name: name for name in ("+", "-", "*", "/", "<", "<=", ">", ">=", "==", "!=")},
-    **{"&": "&&", "|": "||"},
-}
-_LOOSE = {*_INFIX, "select", "real"}  # operations whose text needs brackets as an operand
+_INFIX = {**{name: name for name in ("+", "-", "*", "/", "<", "<=", ">", ">=", "==", "!=")}, "&": "&&", "|": "||"}
+_LOOSE = {*_INFIX, "select", "real", "neg"}  # operations whose text needs brackets as an operand
 
 
 def literal_of(number: float, real: str) -> str:
@@ -412,18 +387,18 @@ class Writer:
     def __init__(self, of: Recorded, real: str) -> None:
         """Begin; `real` is "double" or "float"."""
         self.used, self.tables = set[Any](), set[int]()
-        self._of, self._real, self._names = of, real, 0
+        self._of, self._real = of, real
         self._texts: dict[Symbol, str] = {}
         self._called: dict[Any, list[str]] = {}
 
     def step(self) -> list[str]:
         """Return the lines of the step."""
-        program, words = self._of.program, self._of.words
+        program, (given_word, result_word) = self._of, self._of.words
         memory, given, results = program.ports
-        places = [f"state->memory[{k}]" for k in range(memory)] + [f"{words.given}[{k}]" for k in range(given)]
-        names = [*(f"memory{k}" for k in range(memory)), *self._of.names]
+        places = [f"state->memory[{k}]" for k in range(memory)] + [f"{given_word}[{k}]" for k in range(given)]
+        names = [*(f"memory{k}" for k in range(memory)), *program.names]
         inputs = dict(zip(program.inputs, zip(names, places, strict=True), strict=False))
-        targets = [f"{place} = {{}};" for place in (*places, *(f"{words.result}[{k}]" for k in range(results)))]
+        targets = [f"{place} = {{}};" for place in (*places, *(f"{result_word}[{k}]" for k in range(results)))]
         changed = [
             (target, out)
             for place, (target, out, own) in enumerate(zip(targets, program.outputs, program.inputs, strict=True))
@@ -436,7 +411,7 @@ class Writer:
         given, results = one.program.ports
         inputs = {one.program.inputs[k]: (name, "") for k, name in one.parameters}
         names = [f"{self._real} {name}" for _, name in one.parameters]
-        names += [f"{self._real} *result{k}" for k in range(results)] if results > 1 else []
+        names += [f"{self._real} *result{k}" for k in range(results)] if results > 1 else [] if names else ["void"]
         targets = [f"*result{k} = {{}};" for k in range(results)] if results > 1 else ["return {};"]
         lines = self._lines(one.program, inputs, list(zip(targets, one.program.outputs[given:], strict=True)))
         kind = "void" if results > 1 else self._real
@@ -453,7 +428,7 @@ class Writer:
             inputs: the name of each number that is given, and where it is read; empty: it has this name already.
             outputs: texts with {} for a number, and the number.
         """
-        self._uses = _Uses(program, [out for _, out in outputs])
+        self._uses, self._names = _Uses(program, [out for _, out in outputs]), 0
         lines = [
             f"{_INDENT}{self._real} array{k}[{max(size, 1)}];"
             for k, size in enumerate(program.arrays)
@@ -507,9 +482,8 @@ class Writer:
         return lines
 
     def _named(self, one: Symbol) -> str:
-        """Return a new name for a symbol, and let it mean the symbol from now on."""
-        self._texts[one] = name = self._name("v")
-        return name
+        """Return a new name, which means the symbol from now on."""
+        return self._texts.setdefault(one, self._name("v"))
 
     def _name(self, letter: str) -> str:
         self._names += 1
@@ -530,6 +504,8 @@ class Writer:
             self._texts[after] = name = self._named(inside)
             lines.append(f"{indent}{self._real} {name} = {_bare(text)};")
         inner, assigned = self._region(loop.region, within), list[str]()
+        if not (inner or carried):
+            return []
         own = {inside for _, inside, *_ in carried}
         for _, inside, end, _ in carried:
             text = self._text(end)
@@ -582,9 +558,8 @@ class Writer:
             table, constant, terms = one.detail if name == "entry" else (*one.detail, ())
             self.used.add("place")
             self.tables.add(table.number)
-            first = f"place_({_bare(texts[0])}, {table.shape[0] - 1}) * {table.columns}"
-            column = _index(constant, terms)
-            return f"table{table.number}[({first}) + {column}]"
+            row = f"place_({_bare(texts[0])}, {table.shape[0] - 1}) * {table.columns}"
+            return f"table{table.number}[({row}) + {_index(constant, terms)}]"
         if name == "index":
             return f"({self._real})({_index(*one.detail)})"
         if name == "select":
@@ -603,7 +578,7 @@ class Writer:
         if memory.startswith("table"):
             number = int(memory.removeprefix("table"))
             if not terms:
-                return self._literal(self._of.tables[number].flat[constant])
+                return self._literal(self._of.contents[number].flat[constant])
             self.tables.add(number)
         return f"{'state->memory' if memory == 'room' else memory}[{_index(constant, terms)}]"
 
@@ -632,7 +607,7 @@ def wrapped(texts: Iterable[str], indent: str, further: str | None = None) -> li
     form = textwrap.TextWrapper(
         _WIDTH, initial_indent=indent, subsequent_indent=then, break_long_words=False, break_on_hyphens=False
     )
-    return form.wrap(", ".join(texts))
+    return [line.replace("\0", " ") for line in form.wrap(", ".join(text.replace(" ", "\0") for text in texts))]
 
 
 def _bare(text: str) -> str:
@@ -658,26 +633,33 @@ def source_text(of: Recorded, name: str, real: str) -> str:
     """
     writer = Writer(of, real)
     lines, arguments, functions = writer.step(), arguments_text(of, name, real), list[str]()
-    for function in reversed(of.program.functions.values()):  # a function calls only those before it
+    for function in reversed(of.functions.values()):  # a function calls only those before it
         if function.name in writer.used:
             functions.insert(0, writer.function(function))
     helpers = [helper_text(operation, real) for operation in HELPERS if operation in writer.used]
-    tables = [_table(number, of.tables[number], real) for number in sorted(writer.tables)]
+    tables = [_table(number, of.contents[number], real) for number in sorted(writer.tables)]
     unused = [
         f"{_INDENT}(void){word};"
-        for word in ("state", of.words.given)
+        for word in ("state", of.words[0])
         if not any(f"{word}[" in line or f"{word}->" in line for line in lines)
     ]
+    start = f"""void {name}_init({name}_state *state)
+{{
+    for (int k = 0; k < {max(of.ports[0], 1)}; k++) {{
+        state->memory[k] = {literal_of(0.0, real)};
+    }}
+}}
+"""
     step = "\n".join([f"void {name}_step({arguments})", "{", *tables, *unused, *lines, "}", ""])
-    text = "\n".join([f'#include "{name}.h"', "", _init(of, name, real), *helpers, *functions, step])
+    text = "\n".join([f'#include "{name}.h"', "", start, *helpers, *functions, step])
     own = "|".join(re.findall(r"^static \w+ (\w+)\(", text, re.MULTILINE))
     return re.sub(rf"\b({own})\(", rf"{name}_part_\1(", text) if own else text  # several programs go into one file
 
 
 def arguments_text(of: Recorded, name: str, real: str) -> str:
     """Return the arguments of a program's step in C; name and real as for `source_text`."""
-    words, (_, given, results) = of.words, of.program.ports
-    return f"{name}_state *state, const {real} {words.given}[{given}], {real} {words.result}[{results}]"
+    (given, result), (_, numbers, results) = of.words, of.ports
+    return f"{name}_state *state, const {real} {given}[{numbers}], {real} {result}[{results}]"
 
 
 def _table(number: int, array: np.ndarray, real: str) -> str:
@@ -686,15 +668,3 @@ def _table(number: int, array: np.ndarray, real: str) -> str:
         texts = (literal_of(one, real).strip("()") for one in row.tolist())
         lines += wrapped((*texts, ""), _INDENT * 2)
     return "\n".join([*lines[:-1], lines[-1].rstrip(", "), f"{_INDENT}}};"])
-
-
-def _init(of: Recorded, name: str, real: str) -> str:
-    lines = [
-        f"void {name}_init({name}_state *state)",
-        "{",
-        f"    for (int k = 0; k < {max(of.program.ports[0], 1)}; k++) {{",
-        f"        state->memory[k] = {literal_of(0.0, real)};",
-        "    }",
-        "}",
-    ]
-    return "\n".join([*lines, ""])

@@ -29,7 +29,7 @@ from fuzzyarm.envs.observation import Observation
 from fuzzyarm.envs.physics.equations import AnyArm, bounds_of
 from fuzzyarm.envs.physics.parameters import LARGEST, ArmParameters
 from fuzzyarm.export.c_files import UNITS, c_name, header_text, sources_of
-from fuzzyarm.export.c_text import MODEL, Recorded, recorded, source_text
+from fuzzyarm.export.c_text import MODEL, Recorded, source_text
 from fuzzyarm.export.plant import Plant
 from fuzzyarm.fuzzy_policy.policy import Policy
 
@@ -427,9 +427,9 @@ def export_plant_fmu(arm: AnyArm, folder: Path, control_period: float = 1e-3) ->
     shown.append(_Variable("payload", "kg", "parameter", 0.0, 0.0, LARGEST))
     results = [_Variable(f"tip_{axis}", "m", "output", None) for axis in axes]
     given = [one.name for one in inputs], (0.0,) * len(inputs)
-    step = recorded(plant.step, given, plant.memory, plant.axes, MODEL, "export.plant.Plant.step")
+    step = Recorded(plant.step, given, plant.memory, plant.axes, MODEL, "export.plant.Plant.step")
     given = [f"q_link{joint}" for joint in joints], (0.0,) * plant.joints
-    tip = recorded(plant.place, given, (), plant.axes, MODEL, "export.plant.Plant.place")
+    tip = Recorded(plant.place, given, (), plant.axes, MODEL, "export.plant.Plant.place")
     sources = _model_sources(PLANT, step, "Arm", control_period)
     sources |= _model_sources("tip", tip, "Place of the tip of an arm", control_period)
     lines = [f"    own->state.memory[{k}] = {value!r};" for k, value in enumerate(start)]

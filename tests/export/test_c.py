@@ -18,9 +18,9 @@ from fuzzyarm.cli.show import loaded
 from fuzzyarm.envs.physics.parameters import ArmParameters
 from fuzzyarm.envs.physics.robot import Robot
 from fuzzyarm.export.c_files import FLAGS, CompiledLaw, c_name, compilers, export_c, random_observations
-from fuzzyarm.export.c_text import LAW, Unsupported, literal_of, program_of, recorded, source_text
+from fuzzyarm.export.c_text import LAW, Recorded, Unsupported, literal_of, program_of, source_text
 from fuzzyarm.fuzzy_policy.laws.computed_torque import ComputedTorquePolicy
-from fuzzyarm.numbers.functions import array, each, entry, number, only, repeat, row, select, when, word
+from fuzzyarm.numbers.functions import apart, array, each, entry, number, only, repeat, row, select, when, word
 from fuzzyarm.synthesis import ScheduledSpecification, design_scheduled
 
 COMPILERS = compilers()
@@ -253,14 +253,34 @@ def looped(x, flag):
     return first + sums[3] * np.rint(second) + entry(np.array([[1.0, -2.0], [0.5, 3.0]]), 0.0, 1)
 
 
+@apart
+def quotient(pair, γ, unused):
+    return pair[0] / γ, (pair[1] > γ) * γ, 3.0
+
+
+@apart
+def constant(x):
+    return 0.25
+
+
+def called(x, flag):
+    """Functions within functions, one in a loop, with results that nothing needs."""
+    total = array(1)
+    total[0] = x
+    for k in each(3):
+        first, second, third = quotient((x, total[0]), flag + (number(k) + 0.25), x)
+        total[0] = first + third * constant(second)
+    return total[0] + quotient((x, flag), 2.0, x)[1]
+
+
 def tabled(x, flag, table):
-    return entry(table, x, 1) + row(table, flag)[0] * abs(x) - (x != flag) * np.floor(x)
+    return entry(table, x, 1) + row(table, flag)[0] * abs(x) - (x != flag) * np.floor(x) + -(1.0 * -flag)
 
 
 def machine(function, tables):
     """The function as the C of this machine: numbers (2,) to a number."""
     names = ["x", "flag"]
-    return recorded(
+    return Recorded(
         lambda given, memory, *tables: (memory, (function(*given, *tables),)),
         (names, (0.0, 0.0)),
         (),
@@ -277,6 +297,7 @@ def machine(function, tables):
     [
         (branching, ()),
         (looped, ()),
+        (called, ()),
         (tabled, (np.array([[1.0, -2.0], [0.5, 3.0], [1e300, 4.0]]),)),
     ],
 )
@@ -301,7 +322,7 @@ def test_what_nothing_needs_is_left_out():
             kept[k] = x + 1.0
         return memory, (kept[1],)
 
-    text = source_text(recorded(step, (["x"], (0.0,)), (), 1, LAW, "own.law"), "own", "double")
+    text = source_text(Recorded(step, (["x"], (0.0,)), (), 1, LAW, "own.law"), "own", "double")
     assert "x + 1.0" in text and "2.0" not in text.replace("array1[2]", "") and "array0" not in text
 
 
