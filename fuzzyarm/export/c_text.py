@@ -508,6 +508,8 @@ class Writer:
             return []
         own = {inside for _, inside, *_ in carried}
         for _, inside, end, _ in carried:
+            if end is inside:
+                continue
             text = self._text(end)
             if end in own:  # which may have changed when it is assigned
                 inner.append(f"{within}const {self._real} {(copy := self._name('v'))} = {text};")

@@ -82,14 +82,17 @@ def test_so_do_the_other_laws_and_compilers(name, compiler, tmp_path):
 @needs_compiler
 @pytest.mark.slow
 @pytest.mark.parametrize("robot", ["planar-3r", "ur5"])
-@pytest.mark.parametrize("name", ["computed-torque-tip", "elastic-observer"])
+@pytest.mark.parametrize("name", ["computed-torque-tip", "elastic-observer", "adaptive-observer"])
 def test_so_do_the_laws_of_other_robots(name, robot, tmp_path):
     policy = load_policy(name, robot=robot)
     seen, starts = observations(policy, 10, 200)
     torque, memory = answers(policy, seen, starts)
     own_torque, own_memory = compiled(policy, tmp_path).run(seen, starts)
     np.testing.assert_array_equal(bits(own_torque), bits(torque))
-    np.testing.assert_array_equal(bits(own_memory), bits(memory))
+    # A filter diverges here, and IEEE 754 leaves the sign open of what is no number.
+    np.testing.assert_array_equal(np.isnan(own_memory), np.isnan(memory))
+    known = ~np.isnan(memory)
+    np.testing.assert_array_equal(bits(own_memory)[known], bits(memory)[known])
 
 
 @needs_compiler
