@@ -28,8 +28,8 @@ from fuzzyarm.numbers.regions import Branch, For, Loop, Region, Store
 from fuzzyarm.numbers.symbols import Symbol
 
 __all__ = [
-    "HELPERS", "LARGEST", "LAW", "MODEL", "Recorded", "TooLarge", "Unsupported", "arguments_text", "helper_text",
-    "literal_of", "program_of", "source_text",
+    "HELPERS", "LARGEST", "LAW", "MODEL", "Function", "Recorded", "TooLarge", "Unsupported", "Writer",
+    "arguments_text", "helper_text", "literal_of", "program_of", "source_text",
 ]  # fmt: skip
 
 
