@@ -516,13 +516,8 @@ class Writer:
                 text = copy
             assigned.append(f"{within}{self._texts[inside]} = {_bare(text)};")
         i = self._name("n")
-        return [
-            *lines,
-            f"{indent}for (int {i} = 0; {i} < {int(loop.count)}; {i}++) {{",
-            *inner,
-            *assigned,
-            f"{indent}}}",
-        ]
+        head = f"{indent}for (int {i} = 0; {i} < {int(loop.count)}; {i}++) {{"
+        return [*lines, head, *inner, *assigned, f"{indent}}}"]
 
     def _branch(self, branch: Branch, indent: str) -> list[str]:
         parts = zip(branch.then, branch.otherwise, branch.after, strict=True)
@@ -539,11 +534,8 @@ class Writer:
         lines = [f"{indent}{self._real} {name};" for *_, name in texts]
         lines += [f"{indent}if ({_bare(self._text(branch.condition))}) {{", *inside]
         lines += [f"{indent}{_INDENT}{name} = {_bare(then)};" for then, _, name in texts]
-        if texts:
-            lines += [
-                f"{indent}}} else {{",
-                *(f"{indent}{_INDENT}{name} = {_bare(other)};" for _, other, name in texts),
-            ]
+        others = [f"{indent}{_INDENT}{name} = {_bare(other)};" for _, other, name in texts]
+        lines += [f"{indent}}} else {{", *others] if others else []
         return [*lines, f"{indent}}}"]
 
     def _expression(self, one: Symbol) -> str:
