@@ -127,7 +127,8 @@ def assess(name: str, ticks: int) -> dict[str, Any]:
         row["at_limit"] = float(np.mean([(np.abs(t) >= [500.0, 250.0]).any(-1).mean() for t, _ in expected.values()]))
         row["python_nanoseconds"] = 1e9 * python_seconds(policy, loop[0])
         try:
-            _, source, _ = export_c(name, policy, Path(folder), "float")
+            (aside := Path(folder) / "float").mkdir()
+            _, source, _ = export_c(name, policy, aside, "float")
         except ValueError as refusal:  # of no use in float
             print(refusal)
             return row | {"float": None}

@@ -25,9 +25,8 @@ from fuzzyarm.common.checks import choice, instance, path_of
 from fuzzyarm.common.files import write_once
 from fuzzyarm.envs.observation import PARTS, Observation, starts
 from fuzzyarm.envs.physics.equations import bounds_of
-from fuzzyarm.export.c_program import Program, arguments_text, program_of, source_text
+from fuzzyarm.export.c_text import Recorded, Unsupported, arguments_text, program_of, source_text
 from fuzzyarm.export.sheet import certificate_of, certified_numbers
-from fuzzyarm.export.trace import Unsupported
 from fuzzyarm.fuzzy_policy.known_arm import per_joint_of
 from fuzzyarm.fuzzy_policy.laws.adaptive.policy import AdaptiveObserverPolicy
 from fuzzyarm.fuzzy_policy.policy import Policy
@@ -35,20 +34,9 @@ from fuzzyarm.fuzzy_policy.proof.policy_certificate import PolicyCertificate
 from fuzzyarm.learned_policy.estimate.policy import LearnedObserverPolicy
 
 __all__ = [
-    "CALLS",
-    "FLAGS",
-    "NUMBERS",
-    "UNITS",
-    "CompiledLaw",
-    "about_policy",
-    "c_name",
-    "compilers",
-    "export_c",
-    "header_text",
-    "random_observations",
-    "sources_of",
+    "CALLS", "FLAGS", "NUMBERS", "UNITS", "CompiledLaw", "about_policy", "c_name", "compilers", "export_c",
+    "header_text", "random_observations", "sources_of",
 ]  # fmt: skip
-
 
 CALLS = 200
 """Consecutive calls in a file of test vectors."""
@@ -224,12 +212,11 @@ def sources_of(label: str, policy: Policy, number: str) -> dict[str, str]:
     name = c_name(label)
     try:
         program = program_of(policy)
+        source = source_text(program, name, number)
     except Unsupported as error:
         raise ValueError(f"{label} cannot be written in C: {error}; the documentation says which can") from None
-    return {
-        f"{name}.h": header_text(name, about_policy(name, label, policy, program), program, number),
-        f"{name}.c": source_text(program, name, number),
-    }
+    about = about_policy(name, label, policy, program)
+    return {f"{name}.h": header_text(name, about, program, number), f"{name}.c": source}
 
 
 def c_name(label: str) -> str:
@@ -238,7 +225,7 @@ def c_name(label: str) -> str:
     return name if name and name[0].isalpha() else f"law_{name}".rstrip("_")
 
 
-def header_text(name: str, about: Sequence[str], program: Program, number: str) -> str:
+def header_text(name: str, about: Sequence[str], program: Recorded, number: str) -> str:
     """Return the C header of a program.
 
     Args:
@@ -265,7 +252,7 @@ extern "C" {{
 #endif
 
 typedef struct {{
-    {number} memory[{max(len(program.memory), 1)}];
+    {number} memory[{max(program.ports[0], 1)}];
 }} {name}_state;
 
 void {name}_init({name}_state *state);
@@ -280,7 +267,7 @@ void {name}_step({arguments_text(program, name, number)});
 """
 
 
-def about_policy(name: str, label: str, policy: Policy, program: Program) -> list[str]:
+def about_policy(name: str, label: str, policy: Policy, program: Recorded) -> list[str]:
     """Return what the header of a policy says: use, units, limits, and what is proven."""
     joints = policy.joints
     parts = ", ".join(f"{part} [{unit}]" for part, unit in zip(Observation._fields, UNITS, strict=True))
@@ -293,7 +280,7 @@ def about_policy(name: str, label: str, policy: Policy, program: Program) -> lis
         f"torque [N m], within the limits ({limits}). The observation and the torques are different arrays.",
         "Not a number in, not a number out: check the sensors before. Angles may be up to 1e6 rad.",
         *_certificate_lines(certificate_of(policy)),
-        f"Made from: {', '.join(program.sources)}.",
+        f"Made from: {program.source}.",
     ]
 
 

@@ -1,41 +1,181 @@
-"""The C text of a recorded program: one statement an operation, in the order of the law's source.
+"""The C text of a recorded program: one statement an operation, in the order of the law's source; loops stay loops.
 
-What nothing needs is left out; an operation that is used once and has no name of its own stands where it is used, in
-brackets, which changes neither its operands nor its rounding.
+What nothing needs is left out; an operation that is used once, in the region where it is computed, stands where it is
+used, in brackets, which changes neither its operands nor its rounding.
 
 C functions of the exported programs that do what Python does by itself or by its library, to the bit.
 """
 
 from __future__ import annotations
 
+import inspect
+import itertools
 import math
 import re
 import textwrap
-from collections import Counter
+from collections import defaultdict
 from collections.abc import Callable, Iterable, Sequence
+from typing import Any, NamedTuple
 
 import numpy as np
 
-from fuzzyarm.export.trace import Block, Branch, Function, Kind, Loops, Matrix, Scalar, Step, Value, kind_of
+from fuzzyarm.envs.observation import Observation
+from fuzzyarm.fuzzy_policy.law import law_of, seen_by, within_limits
+from fuzzyarm.fuzzy_policy.policy import Policy
+from fuzzyarm.numbers.functions import flat, like
+from fuzzyarm.numbers.program import Program
+from fuzzyarm.numbers.regions import Branch, For, Loop, Region, Store
+from fuzzyarm.numbers.symbols import Symbol
 
-__all__ = ["HELPERS", "ROLLED", "Writer", "helper_text", "pruned", "wrapped"]
+__all__ = [
+    "HELPERS", "LARGEST", "LAW", "MODEL", "Function", "Recorded", "TooLarge", "Unsupported", "Writer",
+    "arguments_text", "helper_text", "literal_of", "program_of", "source_text",
+]  # fmt: skip
 
 
-ROLLED = {
-    "add_product": """/* Adds G x to y; G is given by columns, so that no sum runs over the rows. */
-static void add_product(const {real} *x, int x_size, const {real} *transposed, int columns, {real} *y, int y_size)
-{{
-    int k;
-    int j;
-    for (k = 0; k < x_size; k++) {{
-        for (j = 0; j < y_size; j++) {{
-            y[j] = y[j] + (transposed[(k * columns) + j] * x[k]);
-        }}
-    }}
-}}
-""",
-}
-"""By name, the functions of arrays that keep their loops; see `learned_policy.functions`."""
+class Unsupported(ValueError):
+    """A law is written with something that cannot be exported; the message says what, and where."""
+
+
+class TooLarge(Unsupported):
+    """A program has more numbers in its tables than is allowed."""
+
+
+LARGEST = 2**18
+"""Numbers that all tables of a program may have: 2 MiB in double precision."""
+
+
+LAW, MODEL = ("observation", "torque"), ("input", "output")
+"""What the arrays that a step is given and fills are called in C: of a law, and of a model of a co-simulation."""
+
+
+class Function(NamedTuple):
+    """A function of the exported program: numbers in, numbers out.
+
+    Attributes:
+        name: in the program.
+        program: its ports are the arguments and the results.
+        parameters: places among the arguments, and names, of those that it needs.
+        result: a tree of as many numbers as it returns.
+    """
+
+    name: str
+    program: Program
+    parameters: tuple[tuple[int, str], ...]
+    result: Any
+
+
+class _Program(Program):
+    """A program in which functions marked `apart` are functions, kept in `functions` in the order of definition."""
+
+    def __init__(self, functions: dict[Callable[..., Any], Function], *given: Any) -> None:
+        self.functions = functions
+        super().__init__(*given)
+
+    def apart(self, function: Callable[..., Any], arguments: tuple[Any, ...]) -> Any:
+        """Record the call of a function of numbers and records, see `numbers.functions.apart`."""
+        numbers = [self._real(one) for one in flat(arguments)]
+        if not any(isinstance(one, Symbol) for one in numbers):
+            return function(*arguments)
+        if function not in self.functions:
+            self.functions[function] = self._function(function, arguments)
+        own = self.functions[function]
+        operands = [numbers[place] for place, _ in own.parameters]
+        results = (self.operation("call", *operands, detail=(own, k)) for k in range(own.program.ports[1]))
+        return like(own.result, results)
+
+    def _function(self, function: Callable[..., Any], arguments: tuple[Any, ...]) -> Function:
+        """Record a function; what it returns for numbers that are none has the shape of what it returns."""
+        result = function(*like(arguments, itertools.repeat(math.nan)))
+
+        def whole(given: Any, *_: Any) -> tuple[Any, Any]:
+            return given, tuple(flat((function(*given),)))
+
+        program = _Program(self.functions, whole, (arguments, (0.0,) * len(flat((result,)))))
+        needed = _Uses(program, program.outputs[program.ports[0] :]).regions
+        pairs = zip(inspect.signature(function).parameters, arguments, strict=True)
+        named = enumerate(name for pair in pairs for name in _named(*pair))
+        texts = ((k, name if name.isascii() else f"given{k}_") for k, name in named)
+        parameters = tuple((k, name) for k, name in texts if program.inputs[k] in needed)
+        own = re.sub(r"\W", "", function.__name__, flags=re.ASCII).strip("_")
+        return Function(f"{own}{len(self.functions) + 1}", program, parameters, result)
+
+
+def _named(name: str, tree: Any) -> list[str]:
+    """Return names of the numbers of a tree."""
+    if not isinstance(tree, tuple):
+        return [f"{name}_"]  # no word of C
+    parts = getattr(tree, "_fields", range(len(tree)))
+    return [one for part, inner in zip(parts, tree, strict=True) for one in _named(f"{name}_{part}", inner)]
+
+
+class Recorded(_Program):
+    """What a policy or a plant does in a control step: ``step(given, memory, *tables)`` returns memory and result.
+
+    The ports are the memory, the numbers that are given and the result: of a policy the observation and the torques of
+    every motor [N m].
+
+    Args:
+        step: a function of numbers.
+        given: names of the numbers that are given, and a tree of as many zeros.
+        memory: a tree of zeros, and `Cells`.
+        results: how many numbers the result has.
+        words: what the arrays are called, `LAW` or `MODEL`.
+        source: the function of the package that it is made from.
+        contents: of the tables.
+
+    Raises:
+        Unsupported: the function has something that cannot be written in C.
+    """
+
+    def __init__(
+        self,
+        step: Callable[..., tuple[Any, Any]],
+        given: tuple[Sequence[str], Any],
+        memory: Any,
+        results: int,
+        words: tuple[str, str],
+        source: str,
+        contents: Sequence[np.ndarray] = (),
+    ) -> None:
+        """Record."""
+        (self.names, zeros), self.words, self.source, self.contents = given, words, source, contents
+
+        def whole(memory: Any, given: Any, _: Any, __: Any, *tables: Any) -> tuple[Any, Any, Any]:
+            after, result = step(given, memory, *tables)
+            return after, given, tuple(result)
+
+        try:
+            super().__init__({}, whole, (memory, zeros, (0.0,) * results), (), [table.shape for table in contents])
+        except TypeError as error:
+            raise Unsupported(f"{source} does something with a number that is not known: {error}") from error
+
+
+def program_of(policy: Policy) -> Recorded:
+    """Return the program of a policy.
+
+    Raises:
+        Unsupported: it has no law, or its law has something that cannot be written in C.
+        TooLarge: its tables have more than `LARGEST` numbers.
+    """
+    law, joints = law_of(policy), policy.joints
+    if law is None:
+        raise Unsupported(
+            f"{type(policy).__name__} has no law that can be written as C; make it a `LawPolicy` (docs: add a policy)"
+        )
+    numbers = sum(table.size for table in law.tables)
+    if numbers > LARGEST:
+        raise TooLarge(f"it has {numbers} numbers in its tables or layers; allowed: {LARGEST}")
+    names = [f"{part}{joint + 1}" for part in Observation._fields for joint in range(joints)]
+    command, constants = within_limits(law, joints, policy.integral_at), law.constants
+    limit = tuple(policy.torque_limit.tolist())
+
+    def step(seen: Any, memory: Any, *tables: Any) -> tuple[Any, Any]:
+        return command(memory, seen, (constants, limit), *tables)
+
+    source = f"{law.act.__module__.partition('.')[2]}.{law.act.__name__}"
+    return Recorded(step, (names, seen_by(joints)), law.memory, joints, LAW, source, law.tables)
+
 
 HELPERS = {
     "rint": """/* The nearest whole number, the even one of two; exact. */
@@ -62,11 +202,6 @@ static {real} floor_({real} x)
     "abs": """static {real} abs_({real} x)
 {{
     return (x <= {zero}) ? ({zero} - x) : x;
-}}
-""",
-    "sign": """static {real} sign_({real} x)
-{{
-    return (x > {zero}) ? {one} : ((x < {zero}) ? -{one} : ((x == {zero}) ? {zero} : x));
 }}
 """,
     "sqrt": """/* The square root, rounded correctly: y = x/scale^2 in [1, 4), Newton, exact residual y - r^2. */
@@ -123,29 +258,27 @@ static {real} sqrt_({real} x)
     return result;
 }}
 """,
-    "whole": """/* x without its fraction; what is no small number becomes -32767. */
-static int whole_({real} x)
+    "place": """/* The row of a place in a table: the nearest one inside, and the first of what is no number. */
+static int place_({real} x, int last)
 {{
-    return ((x > {low}) && (x < {high})) ? (int)x : -32767;
+    return (x > {zero}) ? ((x < ({real})last) ? (int)x : last) : 0;
 }}
 """,
 }
 """By operation, the C function that does it without a library; `floor` needs `rint`."""
 
 
-def helper_text(operation: str, real: str, literal: Callable[[float], str]) -> str:
-    """Return the C function of an operation.
+def helper_text(operation: str, real: str) -> str:
+    """Return the C function of an operation, a key of `HELPERS`; `real` is "double" or "float"."""
 
-    Args:
-        operation: a key of `HELPERS`.
-        real: "double" or "float".
-        literal: writes a number of this type.
-    """
+    def literal(number: float) -> str:
+        return literal_of(number, real)
+
     digits, steps = {"double": (53, 9), "float": (24, 6)}[real]
     exponents = [2**step for step in range(steps, 0, -1)]
     lift = 2 * (digits // 2 + 1)
     numbers = {
-        **{"zero": 0.0, "half": 0.5, "one": 1.0, "two": 2.0, "four": 4.0, "low": -32768.0, "high": 32768.0},
+        **{"zero": 0.0, "half": 0.5, "one": 1.0, "two": 2.0, "four": 4.0},
         **{"large": 2.0 ** (digits - 1), "split": 2.0 ** (digits - digits // 2) + 1.0},
         **{"lift": 2.0**lift, "drop": 2.0 ** (-lift // 2)},
     }
@@ -164,222 +297,302 @@ def _lines(texts: Iterable[str]) -> str:
 
 LONGEST = 70  # characters of an operation that stands where it is used
 _INDENT, _WIDTH = "    ", 110
-_INFIX = ("+", "-", "*", "/", "<", "<=", ">", ">=", "==", "!=", "&&", "||")
-_WORDS = frozenset(
-    (
-        *("auto", "break", "case", "char", "const", "continue", "default", "do", "double", "else", "enum", "extern"),
-        *("float", "for", "goto", "if", "inline", "int", "long", "register", "restrict", "return", "short", "signed"),
-        *("sizeof", "static", "struct", "switch", "typedef", "union", "unsigned", "void", "volatile", "while"),
-        *("state", "observation", "torque", "memory"),
-    )
-)
+_INFIX = {**{name: name for name in ("+", "-", "*", "/", "<", "<=", ">", ">=", "==", "!=")}, "&": "&&", "|": "||"}
+_LOOSE = {*_INFIX, "select", "real", "neg"}  # operations whose text needs brackets as an operand
 
 
-def pruned(block: Block, needed: set[Value]) -> Block:
-    """Return a block without what nothing needs, and add what it needs to `needed`."""
-    kept: Block = []
-    for step in reversed(block):
-        if isinstance(step, Step):
-            if any(result in needed for result in step.results):
-                needed.update(operand for operand in step.operands if isinstance(operand, Value))
-                kept.append(step)
-            continue
-        merged = [entry for entry in step.merged if entry[0] in needed]
-        if not merged:
-            continue
-        needed.add(step.condition)
-        needed.update(value for _, *sides in merged for value in sides if isinstance(value, Value))
-        otherwise, then = pruned(step.otherwise, needed), pruned(step.then, needed)
-        kept.append(Branch(step.condition, then, otherwise, merged))
-    return kept[::-1]
+def literal_of(number: float, real: str) -> str:
+    """Return a number as text; one too small for float is the smallest normal one, as it guards a division.
+
+    `real` is "double" or "float".
+    """
+    if not math.isfinite(number):  # C99 has no literal for it
+        top = literal_of(0.0 if math.isnan(number) else math.copysign(1.0, number), real)
+        return f"({top} / {literal_of(0.0, real)})"
+    smallest = float(np.finfo(np.float32).tiny) if real == "float" else 0.0
+    if 0.0 < abs(number) < smallest:
+        number = math.copysign(smallest, number)
+    text = repr(float(number)) + ("f" if real == "float" else "")
+    return f"({text})" if text.startswith("-") else text
+
+
+class _Uses:
+    """What the outputs of a program need, and where.
+
+    Attributes:
+        regions: of each symbol that is needed, where it is used; None where its text has to be a name.
+        read: the memories whose numbers are needed, and what is kept.
+    """
+
+    def __init__(self, program: Program, outputs: Iterable[Any]) -> None:
+        """Go from the outputs, and from what is stored into kept memory, to what they are computed from."""
+        self.regions: dict[Symbol, list[Region | None]] = defaultdict(list)
+        self.read = {"room"}
+        self._from: dict[Symbol, list[tuple[Any, Region | None]]] = {}
+        self._stored: dict[str, list[tuple[Any, Region]]] = defaultdict(list)
+        self._conditions: dict[Region, Any] = {}
+        self._items(program.top)
+        found: set[Symbol] = set()
+        todo: list[tuple[Any, Region | None]] = [(one, program.top) for one in outputs]
+        todo += self._writes("room")
+        while todo:
+            one, where = todo.pop()
+            if not isinstance(one, Symbol):
+                continue
+            self.regions[one].append(where)
+            if one in found:
+                continue
+            found.add(one)
+            todo += self._from.get(one, [(operand, one.region) for operand in one.operands])
+            todo += self._decided(one.region)
+            if one.operation == "load" and one.detail[0] not in self.read:
+                self.read.add(one.detail[0])
+                todo += self._writes(one.detail[0])
+
+    def _items(self, region: Region) -> None:
+        for item in region.items:
+            if isinstance(item, Store):
+                self._stored[item.memory].append((item.value, region))
+            elif isinstance(item, Loop):
+                for start, inside, end, after in zip(item.start, item.inside, item.end, item.after, strict=True):
+                    self._from[inside], self._from[after] = [(start, None), (end, None)], [(inside, None)]
+            elif isinstance(item, Branch):
+                self._conditions[item.region] = item.condition
+                for then, otherwise, after in zip(item.then, item.otherwise, item.after, strict=True):
+                    self._from[after] = [(item.condition, region), (then, item.region), (otherwise, region)]
+            if not isinstance(item, Symbol | Store):
+                self._items(item.region)
+
+    def _writes(self, memory: str) -> list[tuple[Any, Region | None]]:
+        return [need for value, where in self._stored[memory] for need in ((value, where), *self._decided(where))]
+
+    def _decided(self, region: Region | None) -> list[tuple[Any, Region | None]]:
+        """Return the conditions under which a region is run."""
+        found: list[tuple[Any, Region | None]] = []
+        while region is not None:
+            if region in self._conditions:
+                found.append((self._conditions[region], None))
+            region = region.parent
+        return found
 
 
 class Writer:
-    """Writes blocks of one function of a program.
+    """Writes functions of a program.
 
     Attributes:
-        used: the operations of `HELPERS` that were needed, and the names of functions that were called.
+        used: the operations of `HELPERS` that were needed, and the functions.
+        tables: the tables that were looked up in, by number.
     """
 
-    def __init__(self, real: str, taken: Iterable[str]) -> None:
-        """Begin a function.
+    def __init__(self, of: Recorded, real: str) -> None:
+        """Begin; `real` is "double" or "float"."""
+        self.used, self.tables = set[Any](), set[int]()
+        self._of, self._real = of, real
+        self._texts: dict[Symbol, str] = {}
+        self._called: dict[Any, list[str]] = {}
 
-        Args:
-            real: "double" or "float".
-            taken: names that mean something else in the program.
-        """
-        self.used: set[str] = set()
-        self._real, self._taken = real, {*_WORDS, *taken}
-        self._numbers: dict[str, int] = {}  # of the last name made of a word
-        self._texts: dict[Value, str] = {}
-        self._uses: Counter[Value] = Counter()
+    def step(self) -> list[str]:
+        """Return the lines of the step."""
+        program, (given_word, result_word) = self._of, self._of.words
+        memory, given, results = program.ports
+        places = [f"state->memory[{k}]" for k in range(memory)] + [f"{given_word}[{k}]" for k in range(given)]
+        names = [*(f"memory{k}" for k in range(memory)), *program.names]
+        inputs = dict(zip(program.inputs, zip(names, places, strict=True), strict=False))
+        targets = [f"{place} = {{}};" for place in (*places, *(f"{result_word}[{k}]" for k in range(results)))]
+        changed = [
+            (target, out)
+            for place, (target, out, own) in enumerate(zip(targets, program.outputs, program.inputs, strict=True))
+            if out is not own and place not in program.cells
+        ]
+        return self._lines(program, inputs, changed)
 
-    def function(self, function: Function) -> str:
-        """Return the definition of a function of the program."""
-        several = len(function.results) > 1
-        names = [f"{self._real} {self._named(value)}" for value in function.parameters]
-        names += [f"{self._real} *result{k + 1}" for k in range(len(function.results))] if several else []
-        kind = "void" if several else self._type(kind_of(function.results[0]))
-        outputs = [f"*result{k + 1} = {{}};" for k in range(len(function.results))] if several else ["return {};"]
-        lines = self.body(function.body, list(zip(outputs, function.results, strict=True)))
-        head = wrapped([f"static {kind} {function.name}({names[0]}", *names[1:]], "", _INDENT)
+    def function(self, one: Function) -> str:
+        """Return the definition of a function."""
+        given, results = one.program.ports
+        inputs = {one.program.inputs[k]: (name, "") for k, name in one.parameters}
+        names = [f"{self._real} {name}" for _, name in one.parameters]
+        names += [f"{self._real} *result{k}" for k in range(results)] if results > 1 else [] if names else ["void"]
+        targets = [f"*result{k} = {{}};" for k in range(results)] if results > 1 else ["return {};"]
+        lines = self._lines(one.program, inputs, list(zip(targets, one.program.outputs[given:], strict=True)))
+        kind = "void" if results > 1 else self._real
+        head = wrapped([f"static {kind} {one.name}({names[0]}", *names[1:]], "", _INDENT)
         return "\n".join([*head[:-1], f"{head[-1]})", "{", *lines, "}", ""])
 
-    def body(self, block: Block, outputs: Sequence[tuple[str, Scalar]]) -> list[str]:
-        """Return the lines of a block, and then those of its outputs: a text with {} for the value, and the value."""
-        needed = {value for _, value in outputs if isinstance(value, Value)}
-        self._uses.update(value for _, value in outputs if isinstance(value, Value))
-        kept = pruned(block, needed)
-        self._count(kept)
-        lines = self._block(kept, _INDENT)
-        return lines + [_INDENT + text.format(self._text(value, Kind.REAL)) for text, value in outputs]
+    def _lines(
+        self, program: Program, inputs: dict[Symbol, tuple[str, str]], outputs: Sequence[tuple[str, Any]]
+    ) -> list[str]:
+        """Return the lines of a function.
 
-    def literal(self, number: float, kind: Kind = Kind.REAL) -> str:
-        """Return a known number; one too small for float is the smallest normal one, as it guards a division."""
-        if kind is not Kind.REAL:
-            return str(int(number))
-        if number != number:  # what is no number; C99 has no literal for it
-            return f"({self.literal(0.0)} / {self.literal(0.0)})"
-        smallest = float(np.finfo(np.float32).tiny) if self._real == "float" else 0.0
-        if 0.0 < abs(number) < smallest:
-            number = math.copysign(smallest, number)
-        text = repr(float(number)) + ("f" if self._real == "float" else "")
-        return f"({text})" if text.startswith("-") else text
+        Args:
+            program: what it does.
+            inputs: the name of each number that is given, and where it is read; empty: it has this name already.
+            outputs: texts with {} for a number, and the number.
+        """
+        self._uses, self._names = _Uses(program, [out for _, out in outputs]), 0
+        lines = [
+            f"{_INDENT}{self._real} array{k}[{max(size, 1)}];"
+            for k, size in enumerate(program.arrays)
+            if f"array{k}" in self._uses.read
+        ]
+        for own, (name, place) in inputs.items():
+            self._texts[own] = name
+            lines += [f"{_INDENT}const {self._real} {name} = {place};"] if place and own in self._uses.regions else []
+        lines += self._region(program.top, _INDENT)
+        return lines + [_INDENT + text.format(_bare(self._text(out))) for text, out in outputs]
 
-    def _count(self, block: Block) -> None:
-        for step in block:
-            if isinstance(step, Step):
-                self._uses.update(operand for operand in step.operands if isinstance(operand, Value))
-            else:
-                self._uses[step.condition] += 1
-                self._uses.update(side for _, *sides in step.merged for side in sides if isinstance(side, Value))
-                self._count(step.then)
-                self._count(step.otherwise)
-
-    def _type(self, kind: Kind) -> str:
-        return {Kind.REAL: self._real, Kind.WHOLE: "int", Kind.TRUTH: "_Bool"}[kind]
-
-    def _named(self, value: Value) -> str:
-        """Return a new name for a value, and let it mean the value from now on."""
-        base = re.sub(r"\W", "", value.name, flags=re.ASCII) or "v"
-        self._texts[value] = name = self._free(f"v{base}" if base[0].isdigit() else base)
-        return name
-
-    def _free(self, base: str) -> str:
-        """Return a name that means nothing yet, `base` or one made of it."""
-        number = self._numbers.get(base, 1)
-        name = base
-        while name in self._taken or name == "v":
-            number += 1
-            name = f"{base}_{number}" if base != "v" else f"v{number - 1}"
-        self._numbers[base] = number
-        self._taken.add(name)
-        return name
-
-    def _block(self, block: Block, indent: str) -> list[str]:
+    def _region(self, region: Region, indent: str) -> list[str]:
         lines: list[str] = []
-        for step in block:
-            if isinstance(step, Loops):
-                lines += self._loops(step, indent)
-                continue
-            lines += self._step(step, indent) if isinstance(step, Step) else self._branch(step, indent)
+        for item in region.items:
+            if isinstance(item, Symbol):
+                lines += self._operation(item, indent) if item in self._uses.regions else []
+            elif isinstance(item, Store):
+                if item.memory in self._uses.read:
+                    place = self._place(item.memory, item.place.constant, item.place.terms.items())
+                    lines.append(f"{indent}{place} = {_bare(self._text(item.value))};")
+            elif isinstance(item, For):
+                if inside := self._region(item.region, indent + _INDENT):
+                    rounds = _index(item.rounds.constant, item.rounds.terms.items())
+                    i = f"i{item.number}"
+                    lines += [f"{indent}for (int {i} = 0; {i} < {rounds}; {i}++) {{", *inside, f"{indent}}}"]
+            else:
+                lines += self._loop(item, indent) if isinstance(item, Loop) else self._branch(item, indent)
         return lines
 
-    def _step(self, step: Step, indent: str) -> list[str]:
-        if step.operation == "call":
-            self.used.add(step.detail)
-        arguments = [self._text(operand, Kind.REAL) for operand in step.operands] if step.operation == "call" else []
-        if len(step.results) > 1:
-            names = [self._named(result) for result in step.results]
-            lines = [f"{indent}{self._real} {name};" for name in names]
-            return [*lines, f"{indent}{step.detail}({', '.join([*arguments, *(f'&{name}' for name in names)])});"]
-        (result,) = step.results
-        text = f"{step.detail}({', '.join(arguments)})" if step.operation == "call" else self._expression(step)
-        if self._uses[result] == 1 and not result.name and len(text) <= LONGEST and step.operation != "input":
-            self._texts[result] = f"({text})" if " " in text and step.operation != "call" else text
+    def _operation(self, one: Symbol, indent: str) -> list[str]:
+        if one.operation == "call" and one.detail[0].program.ports[1] > 1:
+            return self._call(one, indent)
+        text = self._expression(one)
+        if self._uses.regions[one] == [one.region] and len(text) <= LONGEST and one.operation != "load":
+            self._texts[one] = f"({text})" if one.operation in _LOOSE else text
             return []
-        return [f"{indent}const {self._type(result.kind)} {self._named(result)} = {text};"]
+        name = self._named(one)
+        return [f"{indent}const {self._type(one)} {name} = {text};"]
 
-    def _loops(self, step: Loops, indent: str) -> list[str]:
-        """Return the call of a function of arrays: entries go into arrays of the program and are read from there."""
-        self.used.add(step.detail)
-        lines, arguments, results = list[str](), list[str](), iter(step.results)
-        for entries, changes in zip(step.arrays, step.changed, strict=True):
-            if isinstance(entries, Matrix):
-                arguments += [f"&{entries.name}[0][0]", str(entries.columns)]
+    def _call(self, one: Symbol, indent: str) -> list[str]:
+        """Return the call of a function with several results, once for all of them."""
+        function, number = one.detail
+        texts, lines = [_bare(self._text(operand)) for operand in one.operands], list[str]()
+        key = (function.name, one.region, *texts)
+        if key not in self._called:
+            self.used.add(function.name)
+            self._called[key] = names = [self._name("v") for _ in range(function.program.ports[1])]
+            call = wrapped([*texts, *(f"&{name}" for name in names)], f"{indent}{function.name}(", indent + _INDENT)
+            lines = [*(f"{indent}{self._real} {name};" for name in names), *call[:-1], f"{call[-1]});"]
+        self._texts[one] = self._called[key][number]
+        return lines
+
+    def _named(self, one: Symbol) -> str:
+        """Return a new name, which means the symbol from now on."""
+        return self._texts.setdefault(one, self._name("v"))
+
+    def _name(self, letter: str) -> str:
+        self._names += 1
+        return f"{letter}{self._names}"
+
+    def _type(self, one: Symbol) -> str:
+        return "_Bool" if one.kind == "truth" else self._real
+
+    def _loop(self, loop: Loop, indent: str) -> list[str]:
+        """Return a loop whose carried numbers are variables: assigned once all of their next values are known."""
+        if isinstance(loop.count, Symbol):
+            raise Unsupported(f"{self._of.source} repeats something as often as a number says that is not known")
+        parts = zip(loop.start, loop.inside, loop.end, loop.after, strict=True)
+        carried = [part for part in parts if part[1] in self._uses.regions]
+        lines, within = list[str](), indent + _INDENT
+        for start, inside, _, after in carried:
+            text = self._text(start)
+            self._texts[after] = name = self._named(inside)
+            lines.append(f"{indent}{self._real} {name} = {_bare(text)};")
+        inner, assigned = self._region(loop.region, within), list[str]()
+        if not (inner or carried):
+            return []
+        own = {inside for _, inside, *_ in carried}
+        for _, inside, end, _ in carried:
+            if end is inside:
                 continue
-            name, texts = self._free("sums" if changes else "given"), [self._text(e, Kind.REAL) for e in entries]
-            constant = "" if changes else "const "
-            lines += [f"{indent}{constant}{self._real} {name}[{len(entries)}] = {{", *wrapped(texts, indent + _INDENT)]
-            lines.append(f"{indent}}};")
-            arguments += [name, str(len(entries))]
-            if changes:
-                for place in range(len(entries)):
-                    self._texts[next(results)] = f"{name}[{place}]"
-        return [*lines, f"{indent}{step.detail}({', '.join(arguments)});"]
+            text = self._text(end)
+            if end in own:  # which may have changed when it is assigned
+                inner.append(f"{within}const {self._real} {(copy := self._name('v'))} = {text};")
+                text = copy
+            assigned.append(f"{within}{self._texts[inside]} = {_bare(text)};")
+        i = self._name("n")
+        head = f"{indent}for (int {i} = 0; {i} < {int(loop.count)}; {i}++) {{"
+        return [*lines, head, *inner, *assigned, f"{indent}}}"]
 
     def _branch(self, branch: Branch, indent: str) -> list[str]:
-        condition = self._text(branch.condition, Kind.TRUTH)
-        if not branch.then and not branch.otherwise:
-            chosen = []
-            for value, first, second in branch.merged:
-                ways = f"{self._text(first, value.kind)} : {self._text(second, value.kind)}"
-                chosen.append(f"{indent}const {self._type(value.kind)} {self._named(value)} = {condition} ? {ways};")
-            return chosen
-        sides = []
-        for number, block in enumerate((branch.then, branch.otherwise), start=1):
-            inner = self._block(block, indent + _INDENT)
-            sides.append((inner, [self._text(entry[number], entry[0].kind) for entry in branch.merged]))
-        names = [self._named(value) for value, *_ in branch.merged]
-        lines = [
-            f"{indent}{self._type(value.kind)} {name};" for name, (value, *_) in zip(names, branch.merged, strict=True)
-        ]
-        for word, (inner, texts) in zip((f"if ({_bare(condition)}) {{", "} else {"), sides, strict=True):
-            assigned = [f"{indent}{_INDENT}{name} = {text};" for name, text in zip(names, texts, strict=True)]
-            lines += [indent + word, *inner, *assigned]
+        parts = zip(branch.then, branch.otherwise, branch.after, strict=True)
+        merged = [part for part in parts if part[2] in self._uses.regions]
+        inside = self._region(branch.region, indent + _INDENT)
+        if not inside:
+            condition = self._text(branch.condition) if merged else ""
+            return [
+                f"{indent}const {self._type(after)} {self._named(after)} = "
+                f"{condition} ? {self._text(then)} : {self._text(otherwise)};"
+                for then, otherwise, after in merged
+            ]
+        texts = [(self._text(then), self._text(otherwise), self._named(after)) for then, otherwise, after in merged]
+        lines = [f"{indent}{self._real} {name};" for *_, name in texts]
+        lines += [f"{indent}if ({_bare(self._text(branch.condition))}) {{", *inside]
+        lines += [f"{indent}{_INDENT}{name} = {_bare(then)};" for then, _, name in texts]
+        others = [f"{indent}{_INDENT}{name} = {_bare(other)};" for _, other, name in texts]
+        lines += [f"{indent}}} else {{", *others] if others else []
         return [*lines, f"{indent}}}"]
 
-    def _expression(self, step: Step) -> str:
-        operation, operands = step.operation, step.operands
-        if operation == "input":
-            return step.detail
-        if operation == "lookup":
-            return f"{step.detail}[{self._text(operands[0], Kind.WHOLE)}][{int(operands[1])}]"  # type: ignore[arg-type]
-        if operation in _INFIX:
-            kinds = {kind_of(operand) for operand in operands}
-            kind = Kind.TRUTH if operation in ("&&", "||") else Kind.WHOLE if kinds == {Kind.WHOLE} else Kind.REAL
-            if operation == "/":
-                kind = Kind.REAL
-            first, second = (self._text(operand, kind) for operand in operands)
-            return f"{first} {operation} {second}"
-        if operation == "%":  # Python's, whose sign is that of the divisor
-            first, second = (self._text(operand, Kind.WHOLE) for operand in operands)
-            return f"(({first} % {second}) + {second}) % {second}"
-        if operation == "select":
-            kind = step.results[0].kind
-            ways = " : ".join(self._text(operand, kind) for operand in operands[1:])
-            return f"{self._text(operands[0], Kind.TRUTH)} ? {ways}"
-        (operand,) = operands
-        if operation == "not":
-            return f"!{self._text(operand, Kind.TRUTH)}"
-        text = self._text(operand, Kind.REAL if operation in HELPERS else kind_of(operand))
-        if operation == "neg":
-            return f"-{text}"
-        if operation == "isnan":
-            return f"{text} != {text}"
-        self.used |= {operation, "rint"} if operation == "floor" else {operation}
-        return f"{operation}_({text})"
+    def _expression(self, one: Symbol) -> str:
+        name, texts = one.operation, [self._text(operand, one) for operand in one.operands]
+        if name in _INFIX:
+            return f"{texts[0]} {_INFIX[name]} {texts[1]}"
+        if name == "load":
+            memory, constant, terms = one.detail
+            return self._place(memory, constant, terms)
+        if name == "call":
+            self.used.add(one.detail[0].name)
+            return f"{one.detail[0].name}({', '.join(map(_bare, texts))})"
+        if name in ("row", "entry"):
+            table, constant, terms = one.detail if name == "entry" else (*one.detail, ())
+            self.used.add("place")
+            self.tables.add(table.number)
+            row = f"place_({_bare(texts[0])}, {table.shape[0] - 1}) * {table.columns}"
+            return f"table{table.number}[({row}) + {_index(constant, terms)}]"
+        if name == "index":
+            return f"({self._real})({_index(*one.detail)})"
+        if name == "select":
+            return f"{texts[0]} ? {texts[1]} : {texts[2]}"
+        if name == "real":
+            return f"{texts[0]} ? {self._literal(1.0)} : {self._literal(0.0)}"
+        if name in ("neg", "not"):
+            return f"{'-' if name == 'neg' else '!'}{texts[0]}"
+        if name not in HELPERS:
+            raise Unsupported(f"{self._of.source} computes a {name}, which has no C function here")
+        self.used |= {name, "rint"} if name == "floor" else {name}
+        return f"{name}_({_bare(texts[0])})"
 
-    def _text(self, scalar: Scalar, kind: Kind) -> str:
-        """Return a value or a number as text of a kind."""
-        if not isinstance(scalar, Value):
-            return self.literal(float(scalar), kind)
-        text = self._texts[scalar]
-        if scalar.kind is kind or kind is Kind.TRUTH:
-            return text
-        if scalar.kind is Kind.TRUTH:
-            return f"({text} ? {self.literal(1, kind)} : {self.literal(0, kind)})"
-        return f"({self._type(kind)}){text}"
+    def _place(self, memory: str, constant: int, terms: Iterable[tuple[int, int]]) -> str:
+        """Return the text of a number of an array."""
+        if memory.startswith("table"):
+            number = int(memory.removeprefix("table"))
+            if not terms:
+                return self._literal(self._of.contents[number].flat[constant])
+            self.tables.add(number)
+        return f"{'state->memory' if memory == 'room' else memory}[{_index(constant, terms)}]"
+
+    def _text(self, operand: Any, user: Symbol | None = None) -> str:
+        """Return a symbol or a number as text."""
+        if isinstance(operand, Symbol):
+            return self._texts[operand]
+        if user is not None and user.operation in ("&", "|", "not"):
+            return str(int(operand))
+        return self._literal(operand)
+
+    def _literal(self, number: float) -> str:
+        return literal_of(float(number), self._real)
+
+
+def _index(constant: int, terms: Iterable[tuple[int, int]]) -> str:
+    """Return the text of a whole number, the sum of a constant and a factor for each loop's round."""
+    parts = [f"i{loop}" if factor == 1 else f"({factor} * i{loop})" for loop, factor in terms if factor]
+    rest = [str(constant)] if constant > 0 or not parts else []
+    return " + ".join([*parts, *rest]) + (f" - {-constant}" if constant < 0 and parts else "")
 
 
 def wrapped(texts: Iterable[str], indent: str, further: str | None = None) -> list[str]:
@@ -388,14 +601,64 @@ def wrapped(texts: Iterable[str], indent: str, further: str | None = None) -> li
     form = textwrap.TextWrapper(
         _WIDTH, initial_indent=indent, subsequent_indent=then, break_long_words=False, break_on_hyphens=False
     )
-    return form.wrap(", ".join(texts))
+    return [line.replace("\0", " ") for line in form.wrap(", ".join(text.replace(" ", "\0") for text in texts))]
 
 
 def _bare(text: str) -> str:
-    """Return a condition without the brackets around all of it."""
+    """Return a text without the brackets around all of it."""
     inner = text[1:-1]
     balanced, depth = text.startswith("(") and text.endswith(")"), 0
     for mark in inner:
         depth += {"(": 1, ")": -1}.get(mark, 0)
         balanced = balanced and depth >= 0
     return inner if balanced else text
+
+
+def source_text(of: Recorded, name: str, real: str) -> str:
+    """Return the C source of a program.
+
+    Args:
+        of: a policy's or a plant's.
+        name: what its functions, its struct and its header begin with.
+        real: "double" or "float".
+
+    Raises:
+        Unsupported: the program has an operation that cannot be written in C.
+    """
+    writer = Writer(of, real)
+    lines, arguments, functions = writer.step(), arguments_text(of, name, real), list[str]()
+    for function in reversed(of.functions.values()):  # a function calls only those before it
+        if function.name in writer.used:
+            functions.insert(0, writer.function(function))
+    helpers = [helper_text(operation, real) for operation in HELPERS if operation in writer.used]
+    tables = [_table(number, of.contents[number], real) for number in sorted(writer.tables)]
+    unused = [
+        f"{_INDENT}(void){word};"
+        for word in ("state", of.words[0])
+        if not any(f"{word}[" in line or f"{word}->" in line for line in lines)
+    ]
+    start = f"""void {name}_init({name}_state *state)
+{{
+    for (int k = 0; k < {max(of.ports[0], 1)}; k++) {{
+        state->memory[k] = {literal_of(0.0, real)};
+    }}
+}}
+"""
+    step = "\n".join([f"void {name}_step({arguments})", "{", *tables, *unused, *lines, "}", ""])
+    text = "\n".join([f'#include "{name}.h"', "", start, *helpers, *functions, step])
+    own = "|".join(re.findall(r"^static \w+ (\w+)\(", text, re.MULTILINE))
+    return re.sub(rf"\b({own})\(", rf"{name}_part_\1(", text) if own else text  # several programs go into one file
+
+
+def arguments_text(of: Recorded, name: str, real: str) -> str:
+    """Return the arguments of a program's step in C; name and real as for `source_text`."""
+    (given, result), (_, numbers, results) = of.words, of.ports
+    return f"{name}_state *state, const {real} {given}[{numbers}], {real} {result}[{results}]"
+
+
+def _table(number: int, array: np.ndarray, real: str) -> str:
+    lines = [f"{_INDENT}static const {real} table{number}[{array.size}] = {{"]
+    for row in array.reshape(len(array), -1) if array.ndim > 1 else [array]:
+        texts = (literal_of(one, real).strip("()") for one in row.tolist())
+        lines += wrapped((*texts, ""), _INDENT * 2)
+    return "\n".join([*lines[:-1], lines[-1].rstrip(", "), f"{_INDENT}}};"])

@@ -29,7 +29,7 @@ from fuzzyarm.envs.observation import Observation
 from fuzzyarm.envs.physics.equations import AnyArm, bounds_of
 from fuzzyarm.envs.physics.parameters import LARGEST, ArmParameters
 from fuzzyarm.export.c_files import UNITS, c_name, header_text, sources_of
-from fuzzyarm.export.c_program import MODEL, Program, recorded, source_text
+from fuzzyarm.export.c_text import MODEL, Recorded, source_text
 from fuzzyarm.export.plant import Plant
 from fuzzyarm.fuzzy_policy.policy import Policy
 
@@ -426,8 +426,10 @@ def export_plant_fmu(arm: AnyArm, folder: Path, control_period: float = 1e-3) ->
     ]
     shown.append(_Variable("payload", "kg", "parameter", 0.0, 0.0, LARGEST))
     results = [_Variable(f"tip_{axis}", "m", "output", None) for axis in axes]
-    step = recorded(plant.step, [one.name for one in inputs], plant.memory, MODEL, "export.plant.Plant.step")
-    tip = recorded(plant.place, [f"q_link{joint}" for joint in joints], (), MODEL, "export.plant.Plant.place")
+    given = [one.name for one in inputs], (0.0,) * len(inputs)
+    step = Recorded(plant.step, given, plant.memory, plant.axes, MODEL, "export.plant.Plant.step")
+    given = [f"q_link{joint}" for joint in joints], (0.0,) * plant.joints
+    tip = Recorded(plant.place, given, (), plant.axes, MODEL, "export.plant.Plant.place")
     sources = _model_sources(PLANT, step, "Arm", control_period)
     sources |= _model_sources("tip", tip, "Place of the tip of an arm", control_period)
     lines = [f"    own->state.memory[{k}] = {value!r};" for k, value in enumerate(start)]
@@ -451,11 +453,11 @@ def _start(arm: AnyArm) -> list[float]:
     return [float(number) for part, _ in _PARTS for number in info[part]]
 
 
-def _model_sources(name: str, program: Program, what: str, period: float) -> dict[str, str]:
+def _model_sources(name: str, program: Recorded, what: str, period: float) -> dict[str, str]:
     about = [
         f"{what} as C99, written by fuzzyarm {__version__} from the functions that its environment steps.",
         f"{name}_step is a control period of {period!r} s.",
-        f"Made from: {', '.join(program.sources)}.",
+        f"Made from: {program.source}.",
     ]
     return {f"{name}.h": header_text(name, about, program, "double"), f"{name}.c": source_text(program, name, "double")}
 

@@ -14,7 +14,7 @@ from fuzzyarm.envs.physics.dynamics import Payload
 from fuzzyarm.envs.physics.equations import AnyArm, equations_of
 from fuzzyarm.envs.physics.records import places, size
 from fuzzyarm.envs.task import clipped
-from fuzzyarm.numbers.functions import zeros
+from fuzzyarm.numbers.functions import repeat, zeros
 
 __all__ = ["Plant"]
 
@@ -57,8 +57,7 @@ class Plant:
         torque = physics.PerJoint(*map(clipped, given[: self.joints], self._limit))
         force = physics.Point(*given[self.joints :])
         arm = physics.constants(self._plant, payload, self._place, 0.0)
-        for _ in range(self._substeps):
-            now = physics.step(now, torque, force, arm, self._h)
+        now = repeat(self._substeps, lambda state: physics.step(state, torque, force, arm, self._h), now)
         return (now, payload), physics.tip(now.link, arm)
 
     def place(self, given: Sequence[Any], memory: Any) -> tuple[Any, Any]:

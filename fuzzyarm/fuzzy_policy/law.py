@@ -4,7 +4,7 @@
 
 `memory` is a tree of numbers, zero when an episode begins; `seen` is an `Observation` with a record of one number for
 each joint in every part; `constants` is a tree of floats, and a table is looked up by `numbers.functions.row`. Torques
-are not clipped. The function is run with floats to read it, recorded for machine code, and written down as C.
+are not clipped. The function is run with floats to read it; machine code and C are written from a recording of it.
 """
 
 from __future__ import annotations

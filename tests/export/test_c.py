@@ -1,8 +1,8 @@
 """Exported C: the same bits as the policy, no warning, and one line for what cannot be written."""
 
 import csv
+import ctypes
 import itertools
-import json
 import math
 import re
 import shutil
@@ -17,12 +17,10 @@ from fuzzyarm.cli import main
 from fuzzyarm.cli.show import loaded
 from fuzzyarm.envs.physics.parameters import ArmParameters
 from fuzzyarm.envs.physics.robot import Robot
-from fuzzyarm.export.c_files import FLAGS, CompiledLaw, c_name, compilers, export_c, random_observations, sources_of
-from fuzzyarm.export.c_program import LAW, MOST_REMEMBERED, program_of, recorded
-from fuzzyarm.export.c_text import Writer, pruned
-from fuzzyarm.export.trace import Branch, Kind, Step, Trace, Unsupported, Value
+from fuzzyarm.export.c_files import FLAGS, CompiledLaw, c_name, compilers, export_c, random_observations
+from fuzzyarm.export.c_text import LAW, Recorded, Unsupported, literal_of, program_of, source_text
 from fuzzyarm.fuzzy_policy.laws.computed_torque import ComputedTorquePolicy
-from fuzzyarm.numbers.functions import array, only, select, when
+from fuzzyarm.numbers.functions import apart, array, each, entry, number, only, repeat, row, select, when, word
 from fuzzyarm.synthesis import ScheduledSpecification, design_scheduled
 
 COMPILERS = compilers()
@@ -84,14 +82,17 @@ def test_so_do_the_other_laws_and_compilers(name, compiler, tmp_path):
 @needs_compiler
 @pytest.mark.slow
 @pytest.mark.parametrize("robot", ["planar-3r", "ur5"])
-@pytest.mark.parametrize("name", ["computed-torque-tip", "elastic-observer"])
+@pytest.mark.parametrize("name", ["computed-torque-tip", "elastic-observer", "adaptive-observer"])
 def test_so_do_the_laws_of_other_robots(name, robot, tmp_path):
     policy = load_policy(name, robot=robot)
     seen, starts = observations(policy, 10, 200)
     torque, memory = answers(policy, seen, starts)
     own_torque, own_memory = compiled(policy, tmp_path).run(seen, starts)
     np.testing.assert_array_equal(bits(own_torque), bits(torque))
-    np.testing.assert_array_equal(bits(own_memory), bits(memory))
+    # A filter diverges here, and IEEE 754 leaves the sign open of what is no number.
+    np.testing.assert_array_equal(np.isnan(own_memory), np.isnan(memory))
+    known = ~np.isnan(memory)
+    np.testing.assert_array_equal(bits(own_memory)[known], bits(memory)[known])
 
 
 @needs_compiler
@@ -143,12 +144,11 @@ def test_a_law_that_float_ruins_is_refused_in_it(name, tmp_path, capsys):
 
 
 def test_what_guards_a_division_guards_it_in_float():
-    double, single = Writer("double", ()), Writer("float", ())
-    for number in (1e-300, -1e-300):
-        assert float(double.literal(number).strip("()")) == number
-        guard = np.float32(single.literal(number).strip("f()"))
-        assert np.isfinite(np.float32(1.0) / guard) and np.sign(guard) == np.sign(number)
-    assert single.literal(0.0) == "0.0f"
+    for least in (1e-300, -1e-300):
+        assert float(literal_of(least, "double").strip("()")) == least
+        guard = np.float32(literal_of(least, "float").strip("f()"))
+        assert np.isfinite(np.float32(1.0) / guard) and np.sign(guard) == np.sign(least)
+    assert literal_of(0.0, "float") == "0.0f"
 
 
 @needs_compiler
@@ -212,8 +212,8 @@ def test_the_vectors_are_the_answers_of_the_policy(tmp_path, capsys):
     with (tmp_path / "fuzzy_4_vectors.csv").open(encoding="utf-8") as file:
         rows = list(csv.DictReader(file))
     policy, state = load_policy("fuzzy-4"), None
-    for row in rows:
-        numbers = [float(value) for value in row.values()]
+    for line in rows:
+        numbers = [float(value) for value in line.values()]
         torque, state = policy.predict(np.array(numbers[1:11]), state)
         assert numbers[11:] == torque.tolist()
     header = (tmp_path / "fuzzy_4.h").read_text(encoding="utf-8")
@@ -227,9 +227,9 @@ def test_the_source_allocates_nothing_and_calls_no_library(tmp_path):
     assert re.findall(r"#include (.*)", text) == ['"law.h"']
     called = set(re.findall(r"\b([a-z_]\w*)\(", text)) - {"if", "for", "while"}
     assert called == set(re.findall(r"^(?:static )?(?:double|int|void) (\w+)\(", text, re.MULTILINE))
-    assert re.findall(r"\b(?:for|while) \(.*", text) == [
-        f"for (k = 0; k < {load_policy('elastic-observer').memory_size}; k++) {{"
-    ]
+    assert "while" not in text
+    bounds = re.findall(r"\bfor \((?:int )?(\w+) = 0; \1 < (\w+); \1\+\+\) {", text)
+    assert len(bounds) == text.count("for (") and all(bound.isdigit() for _, bound in bounds)
 
 
 def branching(x, flag):
@@ -241,67 +241,106 @@ def branching(x, flag):
     return select(kept > x, y[0] + y[1], kept)
 
 
-def evaluated(block, known):
-    """The program's own arithmetic, step by step, in Python: another reading of what was recorded."""
-    names = {"+": "__add__", "*": "__mul__", ">": "__gt__"}
-
-    def number(scalar):
-        return known[scalar] if isinstance(scalar, Value) else scalar
-
-    for step in block:
-        if isinstance(step, Branch):
-            evaluated(step.then if known[step.condition] else step.otherwise, known)
-            for value, first, second in step.merged:
-                known[value] = number(first if known[step.condition] else second)
-        elif step.operation == "input":
-            continue
-        elif step.operation == "select":
-            condition, *ways = map(number, step.operands)
-            known[step.results[0]] = ways[0] if condition else ways[1]
-        elif step.operation == "neg":
-            known[step.results[0]] = -number(step.operands[0])
-        else:
-            first, second = (float(number(operand)) for operand in step.operands)
-            known[step.results[0]] = getattr(first, names[step.operation])(second)
+def looped(x, flag):
+    """Carried numbers that change places, an array whose rounds depend on each other, and a branch in a loop."""
+    first, second = repeat(3, lambda pair: (pair[1], pair[0] + x), (x, flag))
+    sums = array(4)
+    for j in each(4):
+        sums[j] = x
+    for j in each(3):
+        for i in each(j + 1):
+            sums[j + 1] = sums[j + 1] + sums[i] * number(2 * i + 1 - j)
+        for _ in only(sums[j] > flag):
+            sums[j + 1] = -sums[j]
+    first = when(first > flag, lambda: repeat(2, lambda y: y * y, first), second)
+    return first + sums[3] * np.rint(second) + entry(np.array([[1.0, -2.0], [0.5, 3.0]]), 0.0, 1)
 
 
-def test_branches_are_merged_as_python_takes_them():
-    program = recorded(lambda given, memory: (memory, (branching(*given),)), ["x", "flag"], (), LAW, "branching")
-    x, flag = (step.results[0] for step in program.trace.block if isinstance(step, Step) and step.operation == "input")
-    for numbers in itertools.product((-2.0, 0.0, 0.5, 3.0), (-1.0, 1.0)):
-        known = dict(zip((x, flag), numbers, strict=True))
-        evaluated(program.trace.block, known)
-        assert known[program.result[0]] == branching(*numbers)
+@apart
+def quotient(pair, γ, unused):
+    return pair[0] / γ, (pair[1] > γ) * γ, 3.0
 
 
-def test_a_number_that_both_sides_of_a_branch_give_is_not_chosen():
-    own = Trace()
-    branch = Branch(Value(own, Kind.TRUTH), [], [])
-    assert own.merged(branch, np.float64(0.5), 0.5) == 0.5
-    assert not branch.merged
-    for first, second in ((0.0, -0.0), (0.5, np.nextafter(0.5, 1.0)), (1, 1.0), (True, 1)):
-        assert isinstance(own.merged(branch, first, second), Value)
-    assert len(branch.merged) == 4
+@apart
+def constant(x):
+    return 0.25
+
+
+def called(x, flag):
+    """Functions within functions, one in a loop, with results that nothing needs."""
+    total = array(1)
+    total[0] = x
+    for k in each(3):
+        first, second, third = quotient((x, total[0]), flag + (number(k) + 0.25), x)
+        total[0] = first + third * constant(second)
+    return total[0] + quotient((x, flag), 2.0, x)[1]
+
+
+def tabled(x, flag, table):
+    return entry(table, x, 1) + row(table, flag)[0] * abs(x) - (x != flag) * np.floor(x) + -(1.0 * -flag)
+
+
+def machine(function, tables):
+    """The function as the C of this machine: numbers (2,) to a number."""
+    names = ["x", "flag"]
+    return Recorded(
+        lambda given, memory, *tables: (memory, (function(*given, *tables),)),
+        (names, (0.0, 0.0)),
+        (),
+        1,
+        LAW,
+        "own.law",
+        tables,
+    )
+
+
+@needs_compiler
+@pytest.mark.parametrize(
+    ("function", "tables"),
+    [
+        (branching, ()),
+        (looped, ()),
+        (called, ()),
+        (tabled, (np.array([[1.0, -2.0], [0.5, 3.0], [1e300, 4.0]]),)),
+    ],
+)
+def test_branches_loops_and_tables_are_those_of_python(function, tables, tmp_path):
+    (tmp_path / "own.h").write_text("typedef struct { double memory[1]; } own_state;\n", encoding="utf-8")
+    (tmp_path / "own.c").write_text(source_text(machine(function, tables), "own", "double"), encoding="utf-8")
+    library = tmp_path / "own.so"
+    words = [COMPILERS[0], *FLAGS, "-shared", "-fPIC", str(tmp_path / "own.c"), "-o", str(library)]
+    subprocess.run(words, check=True, capture_output=True)
+    step = ctypes.CDLL(str(library)).own_step
+    for x, flag in itertools.product((-2.0, -0.0, 0.5, 1.0, 1.5, 3.0, 1e6), (-1.0, 0.0, 1.0, 2.5)):
+        torque = ctypes.c_double()
+        step(None, (ctypes.c_double * 2)(x, flag), ctypes.byref(torque))
+        assert bits(torque.value) == bits(function(x, flag, *tables)), (x, flag)
 
 
 def test_what_nothing_needs_is_left_out():
-    own = Trace()
-    x = Value(own, Kind.REAL)
-    kept, _ = x + 1.0, x * 2.0
-    assert [step.operation for step in pruned(own.block, {kept}) if isinstance(step, Step)] == ["+"]
+    def step(given, memory):
+        (x,), unused, kept = given, array(2), array(2)
+        for k in each(2):
+            unused[k] = x * 2.0
+            kept[k] = x + 1.0
+        return memory, (kept[1],)
+
+    text = source_text(Recorded(step, (["x"], (0.0,)), (), 1, LAW, "own.law"), "own", "double")
+    assert "x + 1.0" in text and "2.0" not in text.replace("array1[2]", "") and "array0" not in text
 
 
 @pytest.mark.parametrize(
     ("wrong", "message"),
     [
         (lambda x: np.arctan(x), "own.law does something with a number that is not known: .*arctan"),
-        (lambda x: x if x > 0.0 else -x, "branches on a number that is not known; use select, when or only"),
+        (lambda x: x if x > 0.0 else -x, "a branch on a number that is not known while it is recorded; use select or"),
+        (lambda x: number(word(x)), "own.law computes a word, which has no C function here"),
         (lambda x: [1.0, 2.0][int(x)], "own.law does something with a number that is not known"),
     ],
 )
 def test_what_cannot_be_written_says_what(wrong, message):
     with pytest.raises(Unsupported, match=message):
-        recorded(lambda given, memory: (memory, (wrong(*given),)), ["x"], (), LAW, "own.law")
+        source_text(machine(lambda x, _: wrong(x), ()), "own", "double")
 
 
 def test_a_policy_without_a_law_is_refused():
@@ -311,20 +350,6 @@ def test_a_policy_without_a_law_is_refused():
 
     with pytest.raises(Unsupported, match="Own has no law that can be written as C; make it a `LawPolicy`"):
         program_of(Own())
-
-
-def test_a_law_that_remembers_too_much_is_refused_before_it_is_written():
-    law = load_policy("computed-torque")
-    law.memory_size = MOST_REMEMBERED + 1
-    with pytest.raises(ValueError, match=f"it remembers {MOST_REMEMBERED + 1} numbers"):
-        sources_of("large", law, "double")
-
-
-def test_the_program_of_a_law_has_no_step_that_depends_on_nothing():
-    program = program_of(load_policy("computed-torque"))
-    assert len(program.result) == 2 and len(program.memory) == 2
-    assert all(isinstance(value, Value) for value in (*program.result, *program.memory))
-    assert json.dumps(program.sources).count("computed_torque") >= 1
 
 
 @pytest.mark.parametrize(("label", "name"), [("fuzzy-4-tip", "fuzzy_4_tip"), ("2nd try", "law_2nd_try"), ("ä", "law")])

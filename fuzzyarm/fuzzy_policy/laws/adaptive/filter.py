@@ -250,7 +250,7 @@ class Room:
 
 def correct(m: Memory, s: Settings, room: Room, seen: Observation) -> None:
     """Correct by a sample, and fill `acted`; nothing moves in a filter that has diverged."""
-    for i in each(len(room.acted)):  # of a diverged filter, too: in C both sides of a branch fill it
+    for i in each(len(room.acted)):  # of a diverged filter, too, so that every entry is known
         room.acted[i] = m.z[i]
     for _ in only(m.flags[FLAG.lost] == 0.0):
         take_in(m, room, seen)
