@@ -2,6 +2,12 @@
 
 `info` has for each key an array with a row per lane, and a mask ``_key`` of the lanes that have it. Quantities are in
 SI units [m, rad, rad/s, N m, N, s], as the kernels leave them.
+
+When a lane of a batch begins its next episode, as Gymnasium's vector environments have it.
+
+SAME_STEP, the default: within the step that ends the last one, of which `info` then has the last instant.
+NEXT_STEP: in the step after, which ignores that lane's action.
+DISABLED: when ``reset(options={"reset_mask": ...})`` names the lane.
 """
 
 from __future__ import annotations
@@ -31,7 +37,6 @@ from fuzzyarm.envs.arguments import (
     real_numbers,
     seeds_of,
 )
-from fuzzyarm.envs.autoreset import RESET_MASK, chosen_mode, masked_lanes
 from fuzzyarm.envs.batch.lanes import Lanes
 from fuzzyarm.envs.batch.layout import INFO, SCALARS
 from fuzzyarm.envs.fastest_mode import fastest_rate
@@ -47,7 +52,50 @@ from fuzzyarm.envs.scenario.reference import Reference
 from fuzzyarm.envs.spec import made_from_json
 from fuzzyarm.envs.task import Termination
 
-__all__ = ["FuzzyArmVectorEnv", "final_info", "flags", "masked", "partial_info", "reasons", "values"]
+__all__ = [
+    "RESET_MASK",
+    "FuzzyArmVectorEnv",
+    "chosen_mode",
+    "final_info",
+    "flags",
+    "masked",
+    "masked_lanes",
+    "partial_info",
+    "reasons",
+    "values",
+]  # fmt: skip
+
+
+RESET_MASK = "reset_mask"
+"""The reset option that holds which lanes (num_envs,) to reset, as booleans."""
+
+
+def chosen_mode(given: Any) -> AutoresetMode:
+    """Return the mode itself, or the one that has this value: "SameStep", "NextStep" or "Disabled".
+
+    Raises:
+        ValueError: there is no such mode.
+    """
+    if isinstance(given, AutoresetMode):
+        return given
+    return AutoresetMode(checks.choice("autoreset_mode", given, [mode.value for mode in AutoresetMode]))
+
+
+def masked_lanes(name: str, mask: Any, lanes: int) -> np.ndarray:
+    """Return the numbers (n,) of the lanes that a mask (lanes,) of booleans names, in ascending order.
+
+    Raises:
+        TypeError: the mask is no array of booleans.
+        ValueError: it has not one entry per lane, or names no lane.
+    """
+    if not isinstance(mask, np.ndarray) or mask.dtype != np.bool_:
+        kind = f"an array of {mask.dtype}" if isinstance(mask, np.ndarray) else type(mask).__name__
+        raise TypeError(f"{name} is {kind}; it must be a numpy array of {lanes} booleans: which lanes to reset")
+    if mask.shape != (lanes,):
+        raise ValueError(f"{name} has shape {mask.shape}; needed: {(lanes,)}, one boolean per lane")
+    if not mask.any():
+        raise ValueError(f"{name} names no lane; at least one entry must be True")
+    return np.flatnonzero(mask)
 
 
 _REWARD, _REASON = map(SCALARS.index, ("reward", "reason"))

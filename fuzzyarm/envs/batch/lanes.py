@@ -1,23 +1,23 @@
-"""Batched simulation state behind both environments: one arm per lane, each in its own episode."""
+"""Batched simulation state behind both environments: one arm per lane, each in its own episode.
+
+Checks of a saved state of a batch: kernels index by it, and a state may come from a file.
+"""
 
 from __future__ import annotations
 
+import hashlib
 import operator
-from collections.abc import Sequence
-from typing import TypeAlias
+from collections.abc import Iterable, Sequence
+from typing import Any, TypeAlias
 
 import numpy as np
 
 from fuzzyarm.common import checks
-from fuzzyarm.envs.batch.assignment import Assignment
-from fuzzyarm.envs.batch.blocks import by_rows, in_blocks
 from fuzzyarm.envs.batch.kernels import kernels_of
-from fuzzyarm.envs.batch.layout import CLOCK, START, Clock
+from fuzzyarm.envs.batch.layout import CLOCK, START, Clock, ResultsMemory, Room, by_rows, in_blocks
 from fuzzyarm.envs.batch.randomness import key_before, key_of
-from fuzzyarm.envs.batch.results_memory import ResultsMemory, Room
-from fuzzyarm.envs.batch.saved_state import check_contents, checked_arrays, digest
 from fuzzyarm.envs.batch.schedule import Schedule
-from fuzzyarm.envs.batch.tables import Tables, distinct, tabulated
+from fuzzyarm.envs.batch.tables import Assignment, Tables, distinct, tabulated
 from fuzzyarm.envs.batch.workers import Workers
 from fuzzyarm.envs.physics.equations import AnyArm, common_equations
 from fuzzyarm.envs.physics.records import flat, size
@@ -26,7 +26,68 @@ from fuzzyarm.envs.scenario.randomisation import DomainRandomisation, by_quantit
 from fuzzyarm.envs.scenario.reference import Reference
 from fuzzyarm.numbers.machine import WIDE, Call
 
-__all__ = ["Lanes", "Outcome"]
+__all__ = ["Lanes", "Outcome", "SavedArrays", "check_contents", "checked_arrays", "digest"]
+
+
+SavedArrays = dict[str, np.ndarray]
+"""Arrays of a state by name: ``values``, ``clock`` and ``drawn`` of the lanes, and ``made_of``; see `Lanes`."""
+
+
+def checked_arrays(state: Any, like: SavedArrays) -> SavedArrays:
+    """Return copies of the arrays of a state that are as those of `like`; what else the state holds is left out.
+
+    Raises:
+        TypeError: the state is no dictionary.
+        ValueError: an array is missing, of another type or shape, or holds numbers that are not finite.
+    """
+    checks.instance("state", state, dict)
+    arrays: SavedArrays = {}
+    for name, own in like.items():
+        given = state.get(name)
+        if not isinstance(given, np.ndarray) or given.dtype != own.dtype or given.shape != own.shape:
+            found = f"{given.dtype} {given.shape}" if isinstance(given, np.ndarray) else checks.shown(given)
+            raise ValueError(f"state[{name!r}] is {found}; needed: an array {own.dtype} {own.shape}")
+        if given.dtype.kind == "f" and not np.isfinite(given).all():
+            raise ValueError(f"state[{name!r}] holds numbers that are not finite")
+        arrays[name] = np.array(given, order="C")
+    return arrays
+
+
+def check_contents(arrays: SavedArrays, begun: SavedArrays, changing: int, over: np.ndarray | None = None) -> None:
+    """Raise ValueError unless a state is one that the lanes can come to.
+
+    All but the state of the arm and the present instant follows from the key of the episode.
+
+    Args:
+        arrays: of the state.
+        begun: ``values``, ``clock`` and ``drawn`` at the beginning of the episodes with the keys of the state.
+        changing: how many rows of ``values``, the first ones, change within an episode.
+        over: (n,) the numbers of the lanes whose episode has ended: only these may be at their last row.
+    """
+    clock, expected = arrays["clock"], begun["clock"]
+    row, first, last = clock[CLOCK.row], clock[CLOCK.first], clock[CLOCK.last]
+    latest = last - 1
+    if over is not None:
+        latest[over] += 1
+    wrong = (first != expected[CLOCK.first]) | (last != expected[CLOCK.last]) | (row < first) | (row > latest)
+    if wrong.any():
+        lane = int(np.argmax(wrong))
+        begins, ends = expected[CLOCK.first, lane], expected[CLOCK.last, lane]
+        raise ValueError(
+            f"state['clock'] has lane {lane} at row {row[lane]} of {first[lane]} to {last[lane]}; allowed: {begins} to "
+            f"{latest[lane]} of {begins} to {ends}"
+        )
+    if not np.array_equal(arrays["drawn"], begun["drawn"]):
+        raise ValueError("state['drawn'] is not what the keys of its episodes draw")
+    if not np.array_equal(arrays["values"][changing:], begun["values"][changing:]):
+        raise ValueError("state['values'] holds other arms than the keys of its episodes draw")
+
+
+def digest(parts: Iterable[np.ndarray]) -> np.ndarray:
+    """Return the SHA-256 of arrays of any shape as 32 numbers of uint8, shape (32,)."""
+    content = hashlib.sha256(b"".join(np.ascontiguousarray(part).tobytes() for part in parts))
+    return np.frombuffer(content.digest(), dtype=np.uint8)
+
 
 Outcome: TypeAlias = tuple[np.ndarray, np.ndarray, np.ndarray]
 """Observations, vectors and scalars of lanes, see `Layout.split`."""

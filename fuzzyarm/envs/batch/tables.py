@@ -1,4 +1,7 @@
-"""The schedules of all episodes that a batch of lanes may be in, below each other as the kernels read them."""
+"""The schedules of all episodes that a batch of lanes may be in, below each other as the kernels read them.
+
+Which schedule each lane of a batch is in: its own, or for an episode one that a reset asked for.
+"""
 
 from __future__ import annotations
 
@@ -9,7 +12,7 @@ from typing import TypeVar
 import numpy as np
 
 from fuzzyarm.common import checks
-from fuzzyarm.envs.batch.layout import START, Noise, Start
+from fuzzyarm.envs.batch.layout import CLOCK, START, Noise, Start
 from fuzzyarm.envs.batch.schedule import Schedule
 from fuzzyarm.envs.physics.equations import AnyArm, bounds_of, equations_of, robot_of
 from fuzzyarm.envs.physics.parameters import LARGEST, ArmParameters
@@ -17,7 +20,8 @@ from fuzzyarm.envs.physics.robot import Robot
 from fuzzyarm.envs.scenario.cases import Scenario
 from fuzzyarm.envs.scenario.reference import Reference
 
-__all__ = ["MAX_ACCELERATION", "Tables", "check_reference", "distinct", "tabulated"]
+__all__ = ["MAX_ACCELERATION", "Assignment", "Tables", "check_reference", "distinct", "tabulated"]
+
 
 MAX_ACCELERATION = 1e4  # rad/s², bound of the observation space for the reference's acceleration
 CHECKED_INSTANTS = 501  # evenly spaced, at which a reference is checked against a plant
@@ -209,3 +213,61 @@ def _same_frames(one: Robot, other: Robot) -> bool:
     """Return whether the joints and the tip of two robots with as many joints are at the same places."""
     names = ("position", "rotation", "axis", "tip")
     return all(np.array_equal(getattr(one.arrays, name), getattr(other.arrays, name)) for name in names)
+
+
+class Assignment:
+    """The schedules of the lanes, by number.
+
+    Args:
+        own: tables of the lanes' own scenarios, and by lane the schedule (lanes,) its episodes begin with and its
+            payload's place (lanes,), see `tables.tabulated`.
+
+    Attributes:
+        own: those tables.
+        own_places: schedule and payload's place by lane, in the lanes' own scenarios.
+        tables: those of all scenarios that a lane is in; the lanes' own come first.
+    """
+
+    def __init__(self, own: tuple[Tables, np.ndarray, np.ndarray]) -> None:
+        """Begin with every lane in its own scenario."""
+        self.own, *self.own_places = own
+        self.all_return()
+
+    def all_return(self) -> None:
+        """Put every lane into its own scenario."""
+        self.tables = self.own
+        self._start_of, self._place_of = self.own_places
+
+    def back(self, lanes: np.ndarray) -> None:
+        """Put these lanes (n,) into their own scenarios; their last ones keep their tables."""
+        self._start_of[lanes], self._place_of[lanes] = (places[lanes] for places in self.own_places)
+
+    def leave(self, lanes: np.ndarray, clock: np.ndarray) -> None:
+        """Put these lanes (n,) into their own scenarios, and drop the tables that no lane is in any longer.
+
+        The rows in `clock` (numbers of `Clock`, lanes) move with the tables.
+        """
+        if len(lanes) == len(self._start_of):
+            self.all_return()
+            return
+        self.back(lanes)
+        visiting = self.visiting()
+        own, places = len(self.own.firsts), self._start_of[visiting]
+        self.tables, self._start_of[visiting], moved = self.tables.keeping(own, places)
+        clock[[[CLOCK.row], [CLOCK.first], [CLOCK.last]], visiting] += moved
+
+    def visit(self, lanes: np.ndarray, scenarios: tuple[Tables, np.ndarray, np.ndarray]) -> None:
+        """Put these lanes (n,) into other scenarios, given as the lanes' own ones were."""
+        tables, start_of, place_of = scenarios
+        if self._start_of is self.own_places[0]:
+            self._start_of, self._place_of = (places.copy() for places in self.own_places)
+        self._start_of[lanes], self._place_of[lanes] = start_of + len(self.tables.schedules), place_of
+        self.tables = self.tables.followed_by(tables)
+
+    def visiting(self) -> np.ndarray:
+        """Return the lanes (n,) that are in another scenario than their own."""
+        return np.flatnonzero(self._start_of >= len(self.own.schedules))
+
+    def places(self, lanes: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Return schedules (n,) and payload's places (n,) of these lanes (n,)."""
+        return self._start_of[lanes], self._place_of[lanes]

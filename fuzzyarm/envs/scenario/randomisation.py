@@ -17,8 +17,8 @@ from fuzzyarm.common import checks
 from fuzzyarm.envs.physics.equations import AnyArm
 from fuzzyarm.envs.physics.parameters import ArmParameters
 from fuzzyarm.envs.physics.records import columns, per_joint, places, record_type, size
+from fuzzyarm.envs.scenario.default_reference import reference_family
 from fuzzyarm.envs.scenario.reference import Reference
-from fuzzyarm.envs.scenario.reference_family import reference_family
 
 __all__ = [
     "ALLOWED",
