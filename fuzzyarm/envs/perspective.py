@@ -15,9 +15,9 @@ from typing import NamedTuple
 import numpy as np
 
 from fuzzyarm.envs.physics.robot import Robot
-from fuzzyarm.envs.scenario.kinematics import chain, reach
+from fuzzyarm.envs.scenario.kinematics import chain, reach, upwards
 
-__all__ = ["Camera", "Floor", "Poses", "floor_of", "in_space", "looking_at", "poses_of", "upwards"]
+__all__ = ["Camera", "Floor", "Poses", "floor_of", "in_space", "looking_at", "poses_of"]
 
 ELEVATION = 0.35  # tangent of the angle from which the camera looks down on planes that stand upright
 DISTANCE = 4.0  # of the eye from the middle of what is seen, in reaches of the robot
@@ -98,12 +98,6 @@ def floor_of(robot: Robot, points: np.ndarray) -> Floor:
         for place in np.arange(low[b], high[b] + 1.0)
     ]
     return Floor(up, height, float(square), np.array(lines))
-
-
-def upwards(robot: Robot) -> np.ndarray:
-    """Return the direction against gravity, (3,), z if there is none."""
-    gravity = robot.arrays.gravity
-    return -gravity / np.linalg.norm(gravity) if gravity.any() else np.array([0.0, 0.0, 1.0])
 
 
 def poses_of(robot: Robot, q: np.ndarray) -> Poses:

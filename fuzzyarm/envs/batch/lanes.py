@@ -225,7 +225,7 @@ class Lanes:
     @property
     def longest_episode(self) -> int:
         """Control steps of the longest of the lanes' own schedules."""
-        return max(schedule.steps for schedule in self._assigned.own.schedules)
+        return max(episode.schedule.steps for episode in self._assigned.own.episodes)
 
     def close(self) -> None:
         """End the threads; a later step starts new ones."""
@@ -324,7 +324,7 @@ class Lanes:
         place = int(starts[0])
         if tables.starts[place, START.family] > 0.0:
             place += int(self.drawn[-1, lane])
-        return tables.references[place], tables.schedules[place]
+        return tables.episodes[place][:2]
 
     def get_state(self) -> dict[str, np.ndarray]:
         """Return copies of the complete simulation state as arrays by name, for `set_state`.

@@ -24,7 +24,15 @@ from fuzzyarm.envs.physics.equations import AnyArm, robot_of
 from fuzzyarm.envs.physics.parameters import ArmParameters
 from fuzzyarm.envs.physics.rigid_body import inverse_dynamics
 from fuzzyarm.envs.physics.robot import Robot
-from fuzzyarm.envs.scenario.kinematics import angle_ranges, chain, freedom, home_posture, reach, velocity_limits
+from fuzzyarm.envs.scenario.kinematics import (
+    angle_ranges,
+    chain,
+    freedom,
+    home_posture,
+    reach,
+    upwards,
+    velocity_limits,
+)
 from fuzzyarm.envs.scenario.paths import PAPER_PATHS, SHAPES, Circle, Lemniscate, Line, Placed, TipPath
 from fuzzyarm.envs.scenario.reference import CHECKED_INSTANTS, JointReference, Reference, joint_angles
 from fuzzyarm.envs.scenario.robot_reference import EXACT, SplineReference, TipReference
@@ -129,7 +137,7 @@ def _plane(robot: Robot, tip: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         inside = motion - np.outer(motion @ first, first)
         second = inside[np.argmax(np.linalg.norm(inside, axis=1))]
         return first, second / np.linalg.norm(second)
-    up = -pull / np.linalg.norm(pull) if pull.any() else np.array([0.0, 0.0, 1.0])
+    up = upwards(robot)
     outward = tip - robot.arrays.position[0]
     outward = outward - (outward @ up) * up
     if np.linalg.norm(outward) < 0.05 * reach(robot):
@@ -147,12 +155,17 @@ def timed(slow: TipReference) -> TipReference:
     return TipReference(slow.path, _shortest(slow, slow.robot), slow.robot, slow.posture)
 
 
+def _torques(robot: Robot, q: np.ndarray, dq: np.ndarray, ddq: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Return the torques (..., n) [N m] that hold the rigid robot, and what the motion needs beside them."""
+    weight = inverse_dynamics(robot, q, np.zeros_like(q), np.zeros_like(q))
+    return weight, inverse_dynamics(robot, q, dq, ddq) - weight + robot.drive("motor_inertia") * ddq
+
+
 def _shortest(slow: Reference, robot: Robot) -> float:
     """Return the duration of the rule [s] for the motion of a reference of the duration `LONGEST`."""
     torque_limit = robot.drive("torque_limit")
     q, dq, ddq = slow.sample(np.linspace(0.0, slow.duration, CHECKED_INSTANTS))
-    weight = inverse_dynamics(robot, q, np.zeros_like(dq), np.zeros_like(dq))
-    moving = inverse_dynamics(robot, q, dq, ddq) - weight + robot.drive("motor_inertia") * ddq
+    weight, moving = _torques(robot, q, dq, ddq)
     speed = float(np.max(np.abs(dq) / velocity_limits(robot)))
     held = np.max(np.abs(weight) / torque_limit, axis=0)
     if held.max() > SHARE:
@@ -215,8 +228,7 @@ def _timed(robot: Robot, postures: np.ndarray, speed: float) -> SplineReference:
     """
     slow = SplineReference(tuple(map(tuple, postures.tolist())), LONGEST, robot)
     q, dq, ddq = slow.sample(np.linspace(0.0, LONGEST, 501))
-    weight = inverse_dynamics(robot, q, np.zeros_like(q), np.zeros_like(q))
-    moving = inverse_dynamics(robot, q, dq, ddq) - weight + robot.drive("motor_inertia") * ddq
+    weight, moving = _torques(robot, q, dq, ddq)
     duration = LONGEST * float(np.max(np.abs(dq) / velocity_limits(robot))) / speed
     while duration < LONGEST:
         torque = weight + (LONGEST / duration) ** 2 * moving
