@@ -55,7 +55,6 @@ from fuzzyarm.envs.task import Termination
 __all__ = [
     "RESET_MASK",
     "FuzzyArmVectorEnv",
-    "chosen_mode",
     "final_info",
     "flags",
     "masked",
@@ -68,17 +67,6 @@ __all__ = [
 
 RESET_MASK = "reset_mask"
 """The reset option that holds which lanes (num_envs,) to reset, as booleans."""
-
-
-def chosen_mode(given: Any) -> AutoresetMode:
-    """Return the mode itself, or the one that has this value: "SameStep", "NextStep" or "Disabled".
-
-    Raises:
-        ValueError: there is no such mode.
-    """
-    if isinstance(given, AutoresetMode):
-        return given
-    return AutoresetMode(checks.choice("autoreset_mode", given, [mode.value for mode in AutoresetMode]))
 
 
 def masked_lanes(name: str, mask: Any, lanes: int) -> np.ndarray:
@@ -242,7 +230,10 @@ class FuzzyArmVectorEnv(VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
         render_mode: None = None,
     ) -> None:
         """Build the environment; arguments as in the class docstring."""
-        self._mode = chosen_mode(autoreset_mode)
+        if not isinstance(autoreset_mode, AutoresetMode):
+            known = [mode.value for mode in AutoresetMode]
+            autoreset_mode = AutoresetMode(checks.choice("autoreset_mode", autoreset_mode, known))
+        self._mode = autoreset_mode
         self.metadata = {**self.metadata, "autoreset_mode": self._mode}
         if threads is not None:
             checks.whole("threads", threads, low=1, high=MOST_THREADS)
@@ -253,7 +244,7 @@ class FuzzyArmVectorEnv(VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
         drawn = self._randomisation = find_randomisation(randomisation, plants[0])
         self.control_period, self.substeps = checked_periods(control_period, substep, fastest_rate(plants, drawn))
         self._disturbances = each_lane(
-            chosen_disturbance, self._per_lane("case", case), self._per_lane("disturbance", disturbance), plants
+            chosen_disturbance, per_lane("case", case, num_envs), per_lane("disturbance", disturbance, num_envs), plants
         )
         self._references = self._own_references(reference, plants)
         self.lanes = Lanes(
@@ -296,7 +287,18 @@ class FuzzyArmVectorEnv(VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
             observation, vectors, scalars = self.lanes.reset(seeds, scenarios, initial)
             self._begun, self._over = True, None
             return observation, self._info(vectors, scalars)
-        return self._reset_some(which, seeds, scenarios, initial)
+        if scenarios is not None and len(scenarios) > 1:
+            scenarios = [scenarios[lane] for lane in which]
+        seeds = None if seeds is None else [seeds[lane] for lane in which]
+        results = self.lanes.reset(seeds, scenarios, None if initial is None else initial[which], which)
+        layout = self.lanes.layout
+        _, vectors, scalars = layout.split(np.zeros(layout.size(self.num_envs)), self.num_envs)
+        _, vectors[:, which], scalars[:, which] = results
+        mask = np.isin(np.arange(self.num_envs), which)
+        waiting = np.setdiff1d([] if self._over is None else self._over, which)
+        self._begun, self._over = True, waiting if len(waiting) else None
+        drawn = self.lanes.randomisation_info()
+        return self.lanes.observation(), partial_info(layout.each(vectors), scalars, drawn, mask)
 
     def step(self, actions: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray, dict[str, Any]]:
         """Hold the torques `actions` (num_envs, joints) [N m] for one control period."""
@@ -397,31 +399,6 @@ class FuzzyArmVectorEnv(VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
         self._over = ended if len(ended) else None
         return observation, reward, terminated, truncated, {**info, **reasons(scalars)}
 
-    def _reset_some(
-        self,
-        which: np.ndarray,
-        seeds: list[int | None] | None,
-        scenarios: list[Scenario] | None,
-        initial: np.ndarray | None,
-    ) -> tuple[np.ndarray, dict[str, Any]]:
-        """Start an episode in the lanes `which` (n,); arguments for all lanes."""
-        if scenarios is not None and len(scenarios) > 1:
-            scenarios = [scenarios[lane] for lane in which]
-        theirs = None if seeds is None else [seeds[lane] for lane in which]
-        results = self.lanes.reset(theirs, scenarios, None if initial is None else initial[which], which)
-        layout = self.lanes.layout
-        _, vectors, scalars = layout.split(np.zeros(layout.size(self.num_envs)), self.num_envs)
-        _, vectors[:, which], scalars[:, which] = results
-        begun = np.isin(np.arange(self.num_envs), which)
-        waiting = np.setdiff1d([] if self._over is None else self._over, which)
-        self._begun, self._over = True, waiting if len(waiting) else None
-        drawn = self.lanes.randomisation_info()
-        return self.lanes.observation(), partial_info(self.lanes.layout.each(vectors), scalars, drawn, begun)
-
-    def _per_lane(self, name: str, value: Any) -> list[Any]:
-        """Return a list of one entry for all lanes, or of one per lane."""
-        return per_lane(name, value, self.num_envs)
-
     def _own_references(self, given: Any, plants: list[AnyArm]) -> list[Reference | None]:
         """Return the given references, or the default ones: one object for all plants with the same links."""
         circles: dict[Any, Reference] = {}
@@ -434,7 +411,7 @@ class FuzzyArmVectorEnv(VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
                 circles[links] = default_reference(arm)
             return circles[links]
 
-        return each_lane(chosen, self._per_lane("reference", given), plants)
+        return each_lane(chosen, per_lane("reference", given, self.num_envs), plants)
 
     def _scenarios(self, options: dict[str, Any]) -> list[Scenario] | None:
         """Return the scenarios that reset options ask for, None if they ask for none."""
@@ -444,5 +421,5 @@ class FuzzyArmVectorEnv(VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
         def chosen(arm: AnyArm, disturbance: Disturbance, reference: Reference | None, *values: Any) -> Scenario:
             return chosen_scenario(dict(zip(options, values, strict=True)), Scenario(disturbance, reference), arm)
 
-        given = [self._per_lane(name, value) for name, value in options.items()]
+        given = [per_lane(name, value, self.num_envs) for name, value in options.items()]
         return each_lane(chosen, self._plants, self._disturbances, self._references, *given)

@@ -1,13 +1,13 @@
 """Batched simulation state behind both environments: one arm per lane, each in its own episode.
 
-Checks of a saved state of a batch: kernels index by it, and a state may come from a file.
+A saved state is checked: kernels index by it, and it may come from a file.
 """
 
 from __future__ import annotations
 
 import hashlib
 import operator
-from collections.abc import Iterable, Sequence
+from collections.abc import Sequence
 from typing import Any, TypeAlias
 
 import numpy as np
@@ -26,7 +26,7 @@ from fuzzyarm.envs.scenario.randomisation import DomainRandomisation, by_quantit
 from fuzzyarm.envs.scenario.reference import Reference
 from fuzzyarm.numbers.machine import WIDE, Call
 
-__all__ = ["Lanes", "Outcome", "SavedArrays", "check_contents", "checked_arrays", "digest"]
+__all__ = ["Lanes", "Outcome", "SavedArrays", "checked_arrays"]
 
 
 SavedArrays = dict[str, np.ndarray]
@@ -51,42 +51,6 @@ def checked_arrays(state: Any, like: SavedArrays) -> SavedArrays:
             raise ValueError(f"state[{name!r}] holds numbers that are not finite")
         arrays[name] = np.array(given, order="C")
     return arrays
-
-
-def check_contents(arrays: SavedArrays, begun: SavedArrays, changing: int, over: np.ndarray | None = None) -> None:
-    """Raise ValueError unless a state is one that the lanes can come to.
-
-    All but the state of the arm and the present instant follows from the key of the episode.
-
-    Args:
-        arrays: of the state.
-        begun: ``values``, ``clock`` and ``drawn`` at the beginning of the episodes with the keys of the state.
-        changing: how many rows of ``values``, the first ones, change within an episode.
-        over: (n,) the numbers of the lanes whose episode has ended: only these may be at their last row.
-    """
-    clock, expected = arrays["clock"], begun["clock"]
-    row, first, last = clock[CLOCK.row], clock[CLOCK.first], clock[CLOCK.last]
-    latest = last - 1
-    if over is not None:
-        latest[over] += 1
-    wrong = (first != expected[CLOCK.first]) | (last != expected[CLOCK.last]) | (row < first) | (row > latest)
-    if wrong.any():
-        lane = int(np.argmax(wrong))
-        begins, ends = expected[CLOCK.first, lane], expected[CLOCK.last, lane]
-        raise ValueError(
-            f"state['clock'] has lane {lane} at row {row[lane]} of {first[lane]} to {last[lane]}; allowed: {begins} to "
-            f"{latest[lane]} of {begins} to {ends}"
-        )
-    if not np.array_equal(arrays["drawn"], begun["drawn"]):
-        raise ValueError("state['drawn'] is not what the keys of its episodes draw")
-    if not np.array_equal(arrays["values"][changing:], begun["values"][changing:]):
-        raise ValueError("state['values'] holds other arms than the keys of its episodes draw")
-
-
-def digest(parts: Iterable[np.ndarray]) -> np.ndarray:
-    """Return the SHA-256 of arrays of any shape as 32 numbers of uint8, shape (32,)."""
-    content = hashlib.sha256(b"".join(np.ascontiguousarray(part).tobytes() for part in parts))
-    return np.frombuffer(content.digest(), dtype=np.uint8)
 
 
 Outcome: TypeAlias = tuple[np.ndarray, np.ndarray, np.ndarray]
@@ -365,28 +329,47 @@ class Lanes:
                 "the state is of lanes with other plants, scenarios, randomisation, periods or another number"
             )
         arrays = checked_arrays(state, own)
-        check_contents(arrays, self._begun_with(arrays["clock"][CLOCK.key]), size(self.physics.State), over)
+        self._check_contents(arrays, over)
         self._assigned.all_return()
         self.values, self.clock, self.drawn = in_blocks(arrays["values"]), arrays["clock"], arrays["drawn"]
         if self.randomisation.varies:
             self._drawn_info = by_quantity(self.drawn, self.physics.joints)
 
-    def _begun_with(self, keys: np.ndarray) -> dict[str, np.ndarray]:
-        """Return ``values``, ``clock`` and ``drawn`` where the lanes' own episodes with these keys (count,) begin."""
-        begun = {"values": self.values.copy(), "clock": self.clock.copy(), "drawn": self.drawn.copy()}
-        begun["clock"][CLOCK.key] = key_before(keys.view(np.uint64)).view(np.int64)
-        own, start_of, place_of = self._assigned.own, *self._assigned.own_places
-        self._begin_in(
-            np.arange(self.count), own, (start_of, place_of), (begun["values"], begun["clock"], begun["drawn"])
-        )
-        return begun | {"values": by_rows(begun["values"], self.count)}
+    def _check_contents(self, arrays: SavedArrays, over: np.ndarray | None) -> None:
+        """Raise ValueError unless a state is one that the lanes can come to, only the lanes `over` (n,) at their end.
+
+        All but the state of the arm and the present instant follows from the key of the episode.
+        """
+        clock, begun = arrays["clock"], (self.values.copy(), self.clock.copy(), self.drawn.copy())
+        values, expected, drawn = begun
+        expected[CLOCK.key] = key_before(clock[CLOCK.key].view(np.uint64)).view(np.int64)
+        self._begin_in(np.arange(self.count), self._assigned.own, self._assigned.own_places, begun)
+        row, first, last = clock[CLOCK.row], clock[CLOCK.first], clock[CLOCK.last]
+        latest = last - 1
+        if over is not None:
+            latest[over] += 1
+        wrong = (first != expected[CLOCK.first]) | (last != expected[CLOCK.last]) | (row < first) | (row > latest)
+        if wrong.any():
+            lane = int(np.argmax(wrong))
+            begins, ends = expected[CLOCK.first, lane], expected[CLOCK.last, lane]
+            raise ValueError(
+                f"state['clock'] has lane {lane} at row {row[lane]} of {first[lane]} to {last[lane]}; allowed: "
+                f"{begins} to {latest[lane]} of {begins} to {ends}"
+            )
+        if not np.array_equal(arrays["drawn"], drawn):
+            raise ValueError("state['drawn'] is not what the keys of its episodes draw")
+        changing = size(self.physics.State)
+        if not np.array_equal(arrays["values"][changing:], by_rows(values, self.count)[changing:]):
+            raise ValueError("state['values'] holds other arms than the keys of its episodes draw")
 
     def _digest(self) -> np.ndarray:
         """Return the digest (32 bytes, uint8) of the configuration of the lanes."""
         own = self._assigned.own.starts, self._assigned.own.table, *self._assigned.own_places
         period = np.array([self.period, self.substeps, self.count], dtype=np.float64)
         equations = np.frombuffer(self.physics.digest.encode(), dtype=np.uint8)
-        return digest((equations, self._plants, self._plant_of, self._ranges, *own, period))
+        parts = equations, self._plants, self._plant_of, self._ranges, *own, period
+        content = hashlib.sha256(b"".join(np.ascontiguousarray(part).tobytes() for part in parts))
+        return np.frombuffer(content.digest(), dtype=np.uint8)
 
     def _tabulated(self, scenarios: Sequence[Scenario], lanes: np.ndarray) -> tuple[Tables, np.ndarray, np.ndarray]:
         return tabulated(scenarios, self.parameters, self._plant_of[lanes], self.randomisation.references, self.period)
