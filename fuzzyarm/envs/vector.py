@@ -374,7 +374,7 @@ class FuzzyArmVectorEnv(VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
         """Return info of every lane."""
         info = values(self.lanes.layout.each(vectors), scalars, flagged)
         info.update(self._masks)
-        if self.lanes.drawn.shape[1]:
+        if self._randomisation.varies:
             drawn = masked(self.lanes.randomisation_info(), self._everywhere)
             info.update(masked({"randomisation": drawn}, self._everywhere))
         return info

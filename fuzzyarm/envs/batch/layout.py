@@ -15,7 +15,6 @@ Memory for the results of steps, used again where nobody holds them any longer.
 
 from __future__ import annotations
 
-import dataclasses
 import functools
 import itertools
 import sys
@@ -170,7 +169,6 @@ INFO = (*VECTORS, *SCALARS[: SCALARS.index("reward")], "in_domain", "torque_clip
 _POINTS = ("tip", "tip_reference", "external_force")  # those of `Vectors` that have a number for each axis
 
 
-@dataclasses.dataclass(frozen=True, eq=False)
 class Layout:
     """Records of an arm's equations, and where each number of them lies in its array.
 
@@ -180,9 +178,12 @@ class Layout:
         LANE: places in `Lane`.
     """
 
-    physics: Physics
-    Lane: Any
-    LANE: Any
+    def __init__(self, physics: Physics) -> None:
+        """Make the records."""
+        state, arm, limits = physics.State, physics.Arm, physics.Limits
+        self.physics = physics
+        self.Lane = record_type("Lane", state=state, arm=arm, limits=limits, force_factor=Any, noise=Noise)
+        self.LANE = places(self.Lane)
 
     def __reduce__(self) -> tuple[Any, tuple[Physics]]:
         """Leave the records behind."""
@@ -249,9 +250,7 @@ def _apart(lanes: int) -> int:
 @functools.cache
 def layout_of(physics: Physics) -> Layout:
     """Return the layout for arms with these equations."""
-    State, Arm, Limits = physics.State, physics.Arm, physics.Limits
-    Lane = record_type("Lane", state=State, arm=Arm, limits=Limits, force_factor=Any, noise=Noise)
-    return Layout(physics, Lane, places(Lane))
+    return Layout(physics)
 
 
 _KEPT = 3  # a loop holds the results of the last step while the next one is made

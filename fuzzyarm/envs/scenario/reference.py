@@ -16,7 +16,7 @@ import abc
 import dataclasses
 import math
 from collections.abc import Sequence
-from typing import NamedTuple, Protocol
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -33,7 +33,6 @@ __all__ = [
     "LONGEST",
     "SHORTEST",
     "SINGULARITY_MARGIN",
-    "Curve",
     "JointReference",
     "PathReference",
     "Reference",
@@ -53,14 +52,6 @@ __all__ = [
 SHORTEST, LONGEST = 1e-6, 1e6  # s, allowed durations
 
 
-class Curve(Protocol):
-    """Anything with p, dp/ds and d²p/ds² for s in [0, 1]: a path of the tip, or a spline of the joints."""
-
-    def points(self, s: ArrayLike) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Return p, dp/ds and d²p/ds², each of shape (..., d), for s of shape (...,)."""
-        ...
-
-
 def quintic_time_law(t: ArrayLike, duration: float) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Return s = 10 x³ - 15 x⁴ + 6 x⁵, ṡ [1/s] and s̈ [1/s²], x = t/duration clamped to [0, 1]; shapes as t [s].
 
@@ -73,8 +64,11 @@ def quintic_time_law(t: ArrayLike, duration: float) -> tuple[np.ndarray, np.ndar
     return s, ds, dds
 
 
-def along(curve: Curve, t: ArrayLike, duration: float) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Return p, ṗ = p' ṡ and p̈ = p'' ṡ² + p' s̈, shapes (..., d), at times t [s] of shape (...,)."""
+def along(curve: TipPath, t: ArrayLike, duration: float) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Return p, ṗ = p' ṡ and p̈ = p'' ṡ² + p' s̈, shapes (..., d), at times t [s] of shape (...,).
+
+    The curve is a path of the tip or, with d joints, one in the space of the joint angles.
+    """
     s, ds, dds = quintic_time_law(t, duration)
     p, dp, ddp = curve.points(s)
     ds, dds = ds[..., np.newaxis], dds[..., np.newaxis]
