@@ -121,7 +121,7 @@ def paint_error(canvas: Canvas, errors: np.ndarray) -> None:
 
 
 def paint_payload(canvas: Canvas, center: np.ndarray, mass: float) -> None:
-    """Paint a disc whose volume grows with the mass [kg]."""
+    """Paint a disc about a center (2,) [px], whose volume grows with the mass [kg]."""
     radius = min(max(9.0 * mass ** (1.0 / 3.0), 8.0), 28.0)
     canvas.disc(center, radius + 2.5, INK)
     canvas.disc(center, radius, PAYLOAD)
