@@ -36,9 +36,9 @@ from fuzzyarm import Specification, certify, load_policy, metrics_of, run_episod
 from fuzzyarm.common.files import write_atomically
 from fuzzyarm.envs.physics.parameters import ArmParameters
 from fuzzyarm.envs.scenario.cases import PAPER_CASES
+from fuzzyarm.envs.scenario.default_reference import reference_family
 from fuzzyarm.envs.scenario.randomisation import find_randomisation
 from fuzzyarm.envs.scenario.reference import JointReference
-from fuzzyarm.envs.scenario.reference_family import reference_family
 from fuzzyarm.envs.vector import FuzzyArmVectorEnv
 from fuzzyarm.eval.episodes.loop import episodes
 from fuzzyarm.eval.provenance import current_provenance

@@ -34,9 +34,8 @@ from fuzzyarm import load_policy
 from fuzzyarm.common.files import write_atomically
 from fuzzyarm.envs.physics.parameters import ArmParameters
 from fuzzyarm.envs.scenario.cases import PAPER_CASES
-from fuzzyarm.envs.scenario.default_reference import default_reference
+from fuzzyarm.envs.scenario.default_reference import default_reference, reference_family
 from fuzzyarm.envs.scenario.randomisation import find_randomisation
-from fuzzyarm.envs.scenario.reference_family import reference_family
 from fuzzyarm.envs.vector import FuzzyArmVectorEnv
 from fuzzyarm.eval.episodes.loop import episodes
 from fuzzyarm.eval.provenance import current_provenance

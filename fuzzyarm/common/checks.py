@@ -19,7 +19,7 @@ import numpy as np
 
 __all__ = [
     "all_finite", "array_of", "choice", "distinct", "finite_array", "instance", "interval", "is_real", "is_sequence",
-    "listed", "path_of", "real", "real_entries", "reals", "sequence_of", "shown", "texts", "truth", "whole",
+    "keep", "listed", "path_of", "real", "real_entries", "reals", "sequence_of", "shown", "texts", "truth", "whole",
 ]  # fmt: skip
 
 Choice = TypeVar("Choice")
@@ -154,6 +154,11 @@ def instance(name: str, value: Any, kind: type[Choice]) -> Choice:
     if not isinstance(value, kind):
         raise TypeError(f"{name} = {shown(value)} must be a {kind.__module__}.{kind.__qualname__}")
     return value
+
+
+def keep(record: object, name: str, value: Any) -> None:
+    """Put a checked value into a field of a frozen record."""
+    object.__setattr__(record, name, value)
 
 
 def path_of(name: str, value: Any) -> Path:

@@ -140,17 +140,12 @@ def _refuse_unknown(content: Any, kind: Any) -> None:
         for value in content.values():
             _refuse_unknown(value, get_args(kind)[-1])
     elif isinstance(content, dict) and dataclasses.is_dataclass(kind) and isinstance(kind, type):
-        _refuse_unknown_fields(content, kind)
-
-
-def _refuse_unknown_fields(content: dict[Any, Any], kind: type) -> None:
-    known = get_type_hints(kind)
-    unknown = sorted(map(str, set(content) - {field.name for field in dataclasses.fields(kind)}))
-    if unknown:
         names = sorted(field.name for field in dataclasses.fields(kind))
-        raise ValueError(f"unknown field {listed(unknown)}; known: {', '.join(names)}")
-    for name, value in content.items():
-        _refuse_unknown(value, known[name])
+        if unknown := set(content) - set(names):
+            raise ValueError(f"unknown field {listed(unknown)}; known: {', '.join(names)}")
+        known = get_type_hints(kind)
+        for name, value in content.items():
+            _refuse_unknown(value, known[name])
 
 
 def check_schema(content: Any, schema: str) -> dict[str, Any]:

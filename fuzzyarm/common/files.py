@@ -16,7 +16,7 @@ import sys
 import tempfile
 from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
-from typing import Any, BinaryIO
+from typing import Any
 
 if sys.platform != "win32":
     import fcntl
@@ -38,7 +38,9 @@ def write_atomically(path: Path, content: bytes | str) -> None:
         handle = os.open(part, os.O_WRONLY | os.O_CREAT | os.O_EXCL | getattr(os, "O_BINARY", 0), _mode(path, 0o666))
         try:
             with os.fdopen(handle, "wb") as file:
-                _flushed(file, data)
+                file.write(data)
+                file.flush()
+                os.fsync(file.fileno())
             os.replace(part, path)
             _sync_folder(path.parent)
         except BaseException:
@@ -152,13 +154,6 @@ def _mode(path: Path, new: int) -> int:
         return new & stat.S_IMODE(path.stat().st_mode)
     except OSError:
         return new
-
-
-def _flushed(file: BinaryIO, data: bytes) -> None:
-    """Write to an open binary file and wait until the disk has it."""
-    file.write(data)
-    file.flush()
-    os.fsync(file.fileno())
 
 
 def _sync_folder(folder: Path) -> None:

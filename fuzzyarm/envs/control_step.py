@@ -17,7 +17,7 @@ from fuzzyarm.envs.physics.physics import Physics
 from fuzzyarm.envs.task import assess_of, clipped, finite_of, reason_of
 from fuzzyarm.numbers.functions import flat, like, maximum, minimum, select, when, whole
 
-__all__ = ["ANGLE_ROOM", "VELOCITY_ROOM", "Moved", "assessed_of", "control_step_of", "reading_bounds", "reading_of"]
+__all__ = ["ANGLE_ROOM", "VELOCITY_ROOM", "Moved", "assessed_of", "control_step_of", "reading_of"]
 
 ANGLE_ROOM, VELOCITY_ROOM = 0.5, 10.0
 """What the observation space allows beyond the limits: the observation that ends an episode lies outside of them.
@@ -33,7 +33,7 @@ class Moved(NamedTuple):
         state: of the arm; that at the start of the step where the one at its end is not finite.
         torque: of the motors, within their limits [N m].
         force: mean of the tip force over the step [N].
-        found: a `task.assessment_record`.
+        found: a `task.Assessment`.
         clipped: 1.0 where torques were beyond the limits, else 0.0.
         reason: a `Termination`, as a float.
     """
@@ -90,30 +90,13 @@ def assessed_of(physics: Physics) -> Callable[..., Moved]:
 
 
 @functools.cache
-def reading_bounds(physics: Physics) -> Callable[[Any], tuple[Any, Any, Any, Any]]:
-    """Return the function of limits that gives the bounds of an observation: of angles, then of velocities."""
-    PerJoint = physics.PerJoint
-
-    def bounds(limits: Any) -> tuple[Any, Any, Any, Any]:
-        pairs = list(zip(*physics.angle_range(limits), strict=True))
-        return (
-            PerJoint(*(low - ANGLE_ROOM * (high - low) for low, high in pairs)),
-            PerJoint(*(high + ANGLE_ROOM * (high - low) for low, high in pairs)),
-            PerJoint(*(-(VELOCITY_ROOM * most) for most in limits.velocity)),
-            PerJoint(*(VELOCITY_ROOM * most for most in limits.velocity)),
-        )
-
-    return bounds
-
-
-@functools.cache
 def reading_of(physics: Physics) -> Callable[..., tuple[Any, Any]]:
     """Return ``reading(state, limits, noise, key, steps)``: q and dq as the motors' encoders give them.
 
     `noise` is a `Noise`; it is drawn from the stream `key`, a uint64, for the instant after so many steps. Readings
     are within the observation space.
     """
-    PerJoint, joints, bounds = physics.PerJoint, physics.joints, reading_bounds(physics)
+    PerJoint, joints = physics.PerJoint, physics.joints
     first, each = noise_counter(joints), 2 * joints
 
     def reading(state: Any, limits: Any, noise: Noise, key: Any, steps: Any) -> tuple[Any, Any]:
@@ -127,9 +110,12 @@ def reading_of(physics: Physics) -> Callable[..., tuple[Any, Any]]:
             return tuple(read)
 
         read = when((noise.angle > 0.0) | (noise.velocity > 0.0), noisy, true)
-        low, high, slowest, fastest = bounds(limits)
-        q, dq = read[:joints], read[joints:]
-        return PerJoint(*map(_between, q, low, high)), PerJoint(*map(_between, dq, slowest, fastest))
+        low, high = physics.angle_range(limits)
+        room = [ANGLE_ROOM * (b - a) for a, b in zip(low, high, strict=True)]
+        bounds = zip(read[:joints], low, high, room, strict=True)
+        q = PerJoint(*(_between(one, a - r, b + r) for one, a, b, r in bounds))
+        fastest = [VELOCITY_ROOM * most for most in limits.velocity]
+        return q, PerJoint(*(_between(one, -most, most) for one, most in zip(read[joints:], fastest, strict=True)))
 
     return reading
 

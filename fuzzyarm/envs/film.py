@@ -1,4 +1,4 @@
-"""What was seen of an episode so far, and the pictures of it."""
+"""The trace of an episode, and its pictures for `render_mode`; only the mode ``human`` needs a display."""
 
 from __future__ import annotations
 
@@ -20,16 +20,17 @@ class Film:
         in_window: whether pictures are shown in a window, as they become due.
         fps: how many per second of wall-clock time.
         control_period: [s].
-        parameters: the arm.
+        arm: the one that is drawn.
     """
 
-    def __init__(self, in_window: bool, fps: int, control_period: float, parameters: AnyArm) -> None:
+    def __init__(self, in_window: bool, fps: int, control_period: float, arm: AnyArm) -> None:
         """Begin without a trace; nothing is loaded yet."""
-        self._in_window, self._fps, self._parameters = in_window, fps, parameters
+        self._in_window, self._fps, self._arm = in_window, fps, arm
         self._steps_per_frame = max(1, round(1.0 / (fps * control_period)))
         self._trace: list[np.ndarray] = []
         self._time = 0.0
-        self._renderer: Any = None
+        self._canvas: Any = None
+        self._clock: Any = None
 
     def rewind(self) -> None:
         """Forget the trace: an episode begins."""
@@ -50,27 +51,46 @@ class Film:
             self.picture(schedule)
 
     def picture(self, schedule: Schedule) -> np.ndarray | None:
-        """Return the picture (H, W, 3) of the last instant, or show it in the window.
+        """Return the picture (720, 720, 3) of the last instant, or show it in the window; a closed one stays closed.
 
         Raises:
             gymnasium.error.ResetNeeded: no episode has begun.
         """
         if not self._trace:
             raise ResetNeeded("nothing to draw before the first env.reset()")
-        if self._renderer is None:
-            # Imported here: a training run never loads pygame.
-            from fuzzyarm.envs.rendering import Renderer
+        import pygame  # here, as a training run never loads it
 
-            self._renderer = Renderer(self._in_window, self._fps)
-        picture: np.ndarray | None = self._renderer.draw(schedule, np.array(self._trace), self._time, self._parameters)
-        return picture
+        from fuzzyarm.envs import pictures
+
+        if self._canvas is None:
+            self._canvas, self._clock = pictures.Canvas(), pygame.time.Clock()
+            if self._in_window:
+                pygame.display.init()
+                pygame.display.set_caption("FuzzyArm-v0")
+                pygame.display.set_mode((pictures.WIDTH, pictures.HEIGHT))
+        window: Any = None
+        if self._in_window:
+            if pygame.display.get_init() and any(event.type == pygame.QUIT for event in pygame.event.get()):
+                pygame.display.quit()
+            window = pygame.display.get_surface()
+            if window is None:
+                return None
+        pictures.paint(self._canvas, schedule, np.array(self._trace), self._time, self._arm)
+        if not self._in_window:
+            return np.asarray(self._canvas.array())
+        window.blit(self._canvas.picture(), (0, 0))
+        pygame.display.flip()
+        self._clock.tick(self._fps)
+        return None
 
     def close(self) -> None:
         """Close the window, if there is one."""
-        if self._renderer is not None:
-            self._renderer.close()
-            self._renderer = None
+        if self._canvas is not None and self._in_window:
+            import pygame
+
+            pygame.display.quit()
+        self._canvas = None
 
     def __getstate__(self) -> dict[str, Any]:
         """Leave behind what draws: surfaces, fonts and a window are no data."""
-        return {**self.__dict__, "_renderer": None}
+        return {**self.__dict__, "_canvas": None, "_clock": None}

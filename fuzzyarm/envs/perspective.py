@@ -15,9 +15,9 @@ from typing import NamedTuple
 import numpy as np
 
 from fuzzyarm.envs.physics.robot import Robot
-from fuzzyarm.envs.scenario.kinematics import chain, reach
+from fuzzyarm.envs.scenario.kinematics import chain, reach, upwards
 
-__all__ = ["Camera", "Floor", "Poses", "floor_of", "in_space", "looking_at", "poses_of", "upwards"]
+__all__ = ["Camera", "Floor", "Poses", "across", "floor_of", "in_space", "looking_at", "poses_of"]
 
 ELEVATION = 0.35  # tangent of the angle from which the camera looks down on planes that stand upright
 DISTANCE = 4.0  # of the eye from the middle of what is seen, in reaches of the robot
@@ -88,22 +88,16 @@ def floor_of(robot: Robot, points: np.ndarray) -> Floor:
     up, length = upwards(robot), reach(robot)
     height = min(0.0, float((points @ up).min()))
     square = 10.0 ** np.floor(np.log10(0.3 * length))
-    first = _unit(np.cross(up, np.eye(len(up))[np.argmin(np.abs(up))]))
+    first = across(up)
     second = np.cross(up, first)
     flat = np.stack([points.reshape(-1, len(up)) @ first, points.reshape(-1, len(up)) @ second])
     low, high = np.floor(flat.min(axis=1) / square) - 1.0, np.ceil(flat.max(axis=1) / square) + 1.0
     lines = [
-        [square * (end * along + place * across) + height * up for end in (low[a], high[a])]
-        for along, across, a, b in ((first, second, 0, 1), (second, first, 1, 0))
+        [square * (end * along + place * beside) + height * up for end in (low[a], high[a])]
+        for along, beside, a, b in ((first, second, 0, 1), (second, first, 1, 0))
         for place in np.arange(low[b], high[b] + 1.0)
     ]
     return Floor(up, height, float(square), np.array(lines))
-
-
-def upwards(robot: Robot) -> np.ndarray:
-    """Return the direction against gravity, (3,), z if there is none."""
-    gravity = robot.arrays.gravity
-    return -gravity / np.linalg.norm(gravity) if gravity.any() else np.array([0.0, 0.0, 1.0])
 
 
 def poses_of(robot: Robot, q: np.ndarray) -> Poses:
@@ -111,6 +105,11 @@ def poses_of(robot: Robot, q: np.ndarray) -> Poses:
     now = chain(robot, q)
     base = np.zeros_like(now.tip)[..., np.newaxis, :]
     return Poses(np.concatenate([base, now.origins, now.tip[..., np.newaxis, :]], axis=-2), now.axes)
+
+
+def across(axis: np.ndarray) -> np.ndarray:
+    """Return a unit vector (3,) at a right angle to an axis (3,)."""
+    return _unit(np.cross(axis, np.eye(len(axis))[np.argmin(np.abs(axis))]))
 
 
 def in_space(vectors: np.ndarray) -> np.ndarray:
@@ -123,7 +122,7 @@ def looking_at(robot: Robot, path: np.ndarray) -> Camera:
     up, middle = upwards(robot), path.mean(axis=0)
     forwards = _unit(middle - (middle @ up) * up)
     if not forwards.any():  # the path is above or below the base
-        forwards = _unit(np.cross(up, np.eye(len(up))[np.argmin(np.abs(up))]))
+        forwards = across(up)
     side = np.cross(forwards, up)
     normal = _normal(path, reach(robot))
     normal = normal * np.sign(normal @ (forwards + 2.0 * side + 3.0 * up))

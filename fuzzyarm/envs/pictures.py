@@ -6,6 +6,7 @@ gravity points down as well, and shadows fall along it on a floor.
 
 from __future__ import annotations
 
+import functools
 from typing import NamedTuple
 
 import numpy as np
@@ -14,16 +15,19 @@ from numpy.typing import ArrayLike
 
 from fuzzyarm.envs.batch.layout import VECTORS
 from fuzzyarm.envs.batch.schedule import Schedule
-from fuzzyarm.envs.perspective import Camera, Poses, floor_of, in_space, looking_at, poses_of
+from fuzzyarm.envs.perspective import Camera, Poses, across, floor_of, in_space, looking_at, poses_of
 from fuzzyarm.envs.physics.dynamics import tip_position
+from fuzzyarm.envs.physics.equations import AnyArm
 from fuzzyarm.envs.physics.parameters import ArmParameters
 from fuzzyarm.envs.physics.rigid_body import frames
 from fuzzyarm.envs.physics.robot import Robot
+from fuzzyarm.envs.scenario.cases import CASES, Case, case_for
+from fuzzyarm.envs.scenario.disturbances import Disturbance
 from fuzzyarm.envs.scenario.kinematics import reach
 
 __all__ = [
-    "Canvas", "Colour", "View", "magnified", "paint_error", "paint_footer", "paint_force", "paint_header",
-    "paint_in_plane", "paint_in_space", "paint_payload", "thinned",
+    "Canvas", "Colour", "View", "case_title", "magnified", "paint", "paint_error", "paint_footer", "paint_force",
+    "paint_header", "paint_in_plane", "paint_in_space", "paint_payload", "thinned",
 ]  # fmt: skip
 
 
@@ -55,6 +59,10 @@ class Canvas:
     def picture(self) -> pygame.Surface:
         """Return what was drawn, scaled down to the size of the picture."""
         return pygame.transform.smoothscale(self.surface, (WIDTH, HEIGHT))
+
+    def array(self) -> np.ndarray:
+        """Return the picture as a new array (720, 720, 3) of uint8."""
+        return np.ascontiguousarray(pygame.surfarray.array3d(self.picture()).transpose(1, 0, 2))
 
     def disc(self, center: np.ndarray, radius: float, colour: Colour) -> None:
         """Fill a disc."""
@@ -151,8 +159,43 @@ def paint_footer(canvas: Canvas, ground: str, falls: bool = True) -> None:
         canvas.text("gravity", "midleft", (452.0, middle))
 
 
-# Columns of the trace.
+# Rows of the trace.
 TIP, TIP_REFERENCE, LINK, FORCE_ROW = map(VECTORS.index, ("tip", "tip_reference", "q_link", "external_force"))
+
+
+def paint(canvas: Canvas, schedule: Schedule, trace: np.ndarray, time: float, arm: AnyArm) -> None:
+    """Paint the whole picture.
+
+    Args:
+        canvas: on which.
+        schedule: of the episode under way.
+        trace: (k + 1, 9, 2), or as many columns as the `Layout` of the arm has, the `VECTORS` at t_0..t_k.
+        time: t_k [s].
+        arm: the one that is drawn.
+    """
+    canvas.surface.fill(PAPER)
+    if isinstance(arm, ArmParameters):
+        paint_in_plane(canvas, schedule, trace, arm)
+    else:
+        paint_in_space(canvas, schedule, trace, arm)
+    deviation = trace[-1, TIP] - trace[-1, TIP_REFERENCE]
+    error = float(np.linalg.norm(deviation[: schedule.axes]))
+    paint_header(canvas, case_title(schedule.disturbance, arm), time, error)
+
+
+def case_title(disturbance: Disturbance, arm: AnyArm) -> str:
+    """Return the title of the case that has this disturbance, with the loads for an arm."""
+    cases = (_case(arm, name) for name in CASES)
+    return next((case.title for case in cases if case and case.disturbance == disturbance), "custom disturbance")
+
+
+@functools.lru_cache(maxsize=64)
+def _case(arm: AnyArm, name: str) -> Case | None:
+    """Return a case for an arm; None for an arm that can follow no default reference, to which no load is scaled."""
+    try:
+        return case_for(name, arm)
+    except ValueError:
+        return None
 
 
 class View(NamedTuple):
@@ -175,7 +218,7 @@ class View(NamedTuple):
 
 
 def paint_in_plane(canvas: Canvas, schedule: Schedule, trace: np.ndarray, parameters: ArmParameters) -> None:
-    """Paint the field and the footer; arguments in the shapes and units of `Renderer.draw`."""
+    """Paint the field and the footer; arguments in the shapes and units of `paint`."""
     length = parameters.length
     q = np.concatenate([schedule.references[:, :2], trace[:, LINK]])
     elbow, tip = tip_position(q, (length[0], 0.0)), tip_position(q, length)
@@ -219,14 +262,12 @@ def _paint_scale(canvas: Canvas, scale: float) -> None:
     canvas.text(f"{1e3 * bar:g} mm", "midright", (right - bar * scale - 12.0, middle))
 
 
-# Rows of the trace.
-TIP, TIP_REFERENCE, LINK, FORCE_ROW = map(VECTORS.index, ("tip", "tip_reference", "q_link", "external_force"))
 EVERY = 10  # instants between the poses that the view is made for
 THICKNESS, THINNEST = 0.055, 0.6  # of the first link, share of the reach; of the last link, share of the first
 
 
 def paint_in_space(canvas: Canvas, schedule: Schedule, trace: np.ndarray, robot: Robot) -> None:
-    """Paint the field and the footer; arguments in the shapes and units of `Renderer.draw`."""
+    """Paint the field and the footer; arguments in the shapes and units of `paint`."""
     joints, axes = len(robot), schedule.axes
     path, force = in_space(schedule.targets[:, :axes]), in_space(trace[-1, FORCE_ROW, :axes])
     asked = poses_of(robot, schedule.references[::EVERY, :joints])
@@ -277,8 +318,7 @@ def _paint_links(canvas: Canvas, camera: Camera, now: Poses, thickness: float) -
 
 def _circle(axis: np.ndarray) -> np.ndarray:
     """Return corners (n, 3) of a circle of radius 1 about an axis (3,)."""
-    first = np.cross(axis, np.eye(len(axis))[np.argmin(np.abs(axis))])
-    first, angles = first / np.linalg.norm(first), np.linspace(0.0, 2.0 * np.pi, 49)[:, np.newaxis]
+    first, angles = across(axis), np.linspace(0.0, 2.0 * np.pi, 49)[:, np.newaxis]
     return np.asarray(np.cos(angles) * first + np.sin(angles) * np.cross(axis, first))
 
 

@@ -10,15 +10,15 @@ import enum
 import functools
 import operator
 from collections.abc import Iterable
-from typing import Any
+from typing import Any, NamedTuple
 
 from fuzzyarm.envs.physics.elementwise import root
 from fuzzyarm.envs.physics.physics import Physics
-from fuzzyarm.envs.physics.records import per_joint, point, record_type
+from fuzzyarm.envs.physics.records import point, record_type
 
 __all__ = [
-    "EFFORT_WEIGHT", "TRACKING_LENGTH", "Termination", "assess_of", "assessment_record", "clipped", "finite_of",
-    "reason_of", "target_record",
+    "EFFORT_WEIGHT", "TRACKING_LENGTH", "Assessment", "Termination", "assess_of", "clipped", "finite_of", "reason_of",
+    "target_record",
 ]  # fmt: skip
 
 
@@ -80,22 +80,19 @@ def target_record(axes: int) -> Any:
     return record_type("Target", position=kind, normal=kind, center=kind, radius=Any)
 
 
-@functools.cache
-def assessment_record(joints: int, axes: int) -> Any:
-    """Return the record of what `assess_of` finds; lengths in m, torques in N m, the flags 0.0 or 1.0."""
-    return record_type(
-        "Assessment",
-        tip=point(axes),
-        friction_torque=per_joint(joints),
-        tip_error=Any,
-        circularity_error=Any,
-        circularity_error_motor=Any,
-        reward_tracking=Any,
-        reward_effort=Any,
-        reward=Any,
-        angles_inside=Any,
-        velocities_inside=Any,
-    )
+class Assessment(NamedTuple):
+    """What `assess_of` finds; lengths in m, torques in N m, the flags 0.0 or 1.0."""
+
+    tip: Any
+    friction_torque: Any
+    tip_error: Any
+    circularity_error: Any
+    circularity_error_motor: Any
+    reward_tracking: Any
+    reward_effort: Any
+    reward: Any
+    angles_inside: Any
+    velocities_inside: Any
 
 
 @functools.cache
@@ -107,7 +104,6 @@ def assess_of(physics: Physics) -> Any:
     reward = tracking (1 - 0.1 effort), tracking = 1 / (1 + |tip - reference| / 5 mm),
     effort = mean over the joints of (Γ/Γ_max)².
     """
-    Assessment = assessment_record(physics.joints, physics.axes)
     tip_point, motor_friction, angle_range = physics.tip, physics.motor_friction, physics.angle_range
     share = 1.0 / physics.joints
 

@@ -2,6 +2,12 @@
 
 `info` has for each key an array with a row per lane, and a mask ``_key`` of the lanes that have it. Quantities are in
 SI units [m, rad, rad/s, N m, N, s], as the kernels leave them.
+
+When a lane of a batch begins its next episode, as Gymnasium's vector environments have it.
+
+SAME_STEP, the default: within the step that ends the last one, of which `info` then has the last instant.
+NEXT_STEP: in the step after, which ignores that lane's action.
+DISABLED: when ``reset(options={"reset_mask": ...})`` names the lane.
 """
 
 from __future__ import annotations
@@ -31,7 +37,6 @@ from fuzzyarm.envs.arguments import (
     real_numbers,
     seeds_of,
 )
-from fuzzyarm.envs.autoreset import RESET_MASK, chosen_mode, masked_lanes
 from fuzzyarm.envs.batch.lanes import Lanes
 from fuzzyarm.envs.batch.layout import INFO, SCALARS
 from fuzzyarm.envs.fastest_mode import fastest_rate
@@ -47,7 +52,38 @@ from fuzzyarm.envs.scenario.reference import Reference
 from fuzzyarm.envs.spec import made_from_json
 from fuzzyarm.envs.task import Termination
 
-__all__ = ["FuzzyArmVectorEnv", "final_info", "flags", "masked", "partial_info", "reasons", "values"]
+__all__ = [
+    "RESET_MASK",
+    "FuzzyArmVectorEnv",
+    "final_info",
+    "flags",
+    "masked",
+    "masked_lanes",
+    "partial_info",
+    "reasons",
+    "values",
+]  # fmt: skip
+
+
+RESET_MASK = "reset_mask"
+"""The reset option that holds which lanes (num_envs,) to reset, as booleans."""
+
+
+def masked_lanes(name: str, mask: Any, lanes: int) -> np.ndarray:
+    """Return the numbers (n,) of the lanes that a mask (lanes,) of booleans names, in ascending order.
+
+    Raises:
+        TypeError: the mask is no array of booleans.
+        ValueError: it has not one entry per lane, or names no lane.
+    """
+    if not isinstance(mask, np.ndarray) or mask.dtype != np.bool_:
+        kind = f"an array of {mask.dtype}" if isinstance(mask, np.ndarray) else type(mask).__name__
+        raise TypeError(f"{name} is {kind}; it must be a numpy array of {lanes} booleans: which lanes to reset")
+    if mask.shape != (lanes,):
+        raise ValueError(f"{name} has shape {mask.shape}; needed: {(lanes,)}, one boolean per lane")
+    if not mask.any():
+        raise ValueError(f"{name} names no lane; at least one entry must be True")
+    return np.flatnonzero(mask)
 
 
 _REWARD, _REASON = map(SCALARS.index, ("reward", "reason"))
@@ -194,7 +230,10 @@ class FuzzyArmVectorEnv(VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
         render_mode: None = None,
     ) -> None:
         """Build the environment; arguments as in the class docstring."""
-        self._mode = chosen_mode(autoreset_mode)
+        if not isinstance(autoreset_mode, AutoresetMode):
+            known = [mode.value for mode in AutoresetMode]
+            autoreset_mode = AutoresetMode(checks.choice("autoreset_mode", autoreset_mode, known))
+        self._mode = autoreset_mode
         self.metadata = {**self.metadata, "autoreset_mode": self._mode}
         if threads is not None:
             checks.whole("threads", threads, low=1, high=MOST_THREADS)
@@ -205,7 +244,7 @@ class FuzzyArmVectorEnv(VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
         drawn = self._randomisation = find_randomisation(randomisation, plants[0])
         self.control_period, self.substeps = checked_periods(control_period, substep, fastest_rate(plants, drawn))
         self._disturbances = each_lane(
-            chosen_disturbance, self._per_lane("case", case), self._per_lane("disturbance", disturbance), plants
+            chosen_disturbance, per_lane("case", case, num_envs), per_lane("disturbance", disturbance, num_envs), plants
         )
         self._references = self._own_references(reference, plants)
         self.lanes = Lanes(
@@ -248,7 +287,18 @@ class FuzzyArmVectorEnv(VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
             observation, vectors, scalars = self.lanes.reset(seeds, scenarios, initial)
             self._begun, self._over = True, None
             return observation, self._info(vectors, scalars)
-        return self._reset_some(which, seeds, scenarios, initial)
+        if scenarios is not None and len(scenarios) > 1:
+            scenarios = [scenarios[lane] for lane in which]
+        seeds = None if seeds is None else [seeds[lane] for lane in which]
+        results = self.lanes.reset(seeds, scenarios, None if initial is None else initial[which], which)
+        layout = self.lanes.layout
+        _, vectors, scalars = layout.split(np.zeros(layout.size(self.num_envs)), self.num_envs)
+        _, vectors[:, which], scalars[:, which] = results
+        mask = np.isin(np.arange(self.num_envs), which)
+        waiting = np.setdiff1d([] if self._over is None else self._over, which)
+        self._begun, self._over = True, waiting if len(waiting) else None
+        drawn = self.lanes.randomisation_info()
+        return self.lanes.observation(), partial_info(layout.each(vectors), scalars, drawn, mask)
 
     def step(self, actions: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray, dict[str, Any]]:
         """Hold the torques `actions` (num_envs, joints) [N m] for one control period."""
@@ -324,7 +374,7 @@ class FuzzyArmVectorEnv(VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
         """Return info of every lane."""
         info = values(self.lanes.layout.each(vectors), scalars, flagged)
         info.update(self._masks)
-        if self.lanes.drawn.shape[1]:
+        if self._randomisation.varies:
             drawn = masked(self.lanes.randomisation_info(), self._everywhere)
             info.update(masked({"randomisation": drawn}, self._everywhere))
         return info
@@ -349,31 +399,6 @@ class FuzzyArmVectorEnv(VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
         self._over = ended if len(ended) else None
         return observation, reward, terminated, truncated, {**info, **reasons(scalars)}
 
-    def _reset_some(
-        self,
-        which: np.ndarray,
-        seeds: list[int | None] | None,
-        scenarios: list[Scenario] | None,
-        initial: np.ndarray | None,
-    ) -> tuple[np.ndarray, dict[str, Any]]:
-        """Start an episode in the lanes `which` (n,); arguments for all lanes."""
-        if scenarios is not None and len(scenarios) > 1:
-            scenarios = [scenarios[lane] for lane in which]
-        theirs = None if seeds is None else [seeds[lane] for lane in which]
-        results = self.lanes.reset(theirs, scenarios, None if initial is None else initial[which], which)
-        layout = self.lanes.layout
-        _, vectors, scalars = layout.split(np.zeros(layout.size(self.num_envs)), self.num_envs)
-        _, vectors[:, which], scalars[:, which] = results
-        begun = np.isin(np.arange(self.num_envs), which)
-        waiting = np.setdiff1d([] if self._over is None else self._over, which)
-        self._begun, self._over = True, waiting if len(waiting) else None
-        drawn = self.lanes.randomisation_info()
-        return self.lanes.observation(), partial_info(self.lanes.layout.each(vectors), scalars, drawn, begun)
-
-    def _per_lane(self, name: str, value: Any) -> list[Any]:
-        """Return a list of one entry for all lanes, or of one per lane."""
-        return per_lane(name, value, self.num_envs)
-
     def _own_references(self, given: Any, plants: list[AnyArm]) -> list[Reference | None]:
         """Return the given references, or the default ones: one object for all plants with the same links."""
         circles: dict[Any, Reference] = {}
@@ -386,7 +411,7 @@ class FuzzyArmVectorEnv(VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
                 circles[links] = default_reference(arm)
             return circles[links]
 
-        return each_lane(chosen, self._per_lane("reference", given), plants)
+        return each_lane(chosen, per_lane("reference", given, self.num_envs), plants)
 
     def _scenarios(self, options: dict[str, Any]) -> list[Scenario] | None:
         """Return the scenarios that reset options ask for, None if they ask for none."""
@@ -396,5 +421,5 @@ class FuzzyArmVectorEnv(VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
         def chosen(arm: AnyArm, disturbance: Disturbance, reference: Reference | None, *values: Any) -> Scenario:
             return chosen_scenario(dict(zip(options, values, strict=True)), Scenario(disturbance, reference), arm)
 
-        given = [self._per_lane(name, value) for name, value in options.items()]
+        given = [per_lane(name, value, self.num_envs) for name, value in options.items()]
         return each_lane(chosen, self._plants, self._disturbances, self._references, *given)

@@ -196,10 +196,12 @@ def segments_of(log: Log, length: float) -> tuple[np.ndarray, np.ndarray, np.nda
     """
     samples = max(round(length / log.period), 20)
     beginnings = np.arange(0, len(log.angle) - samples + 1, samples)
-    parts = [log.angle] if log.velocity is None else [log.angle, log.velocity]
     rows = beginnings + np.arange(samples)[:, np.newaxis]
-    measured = np.concatenate([part[rows] for part in parts], axis=-1).transpose(0, 2, 1)
-    return beginnings, np.ascontiguousarray(measured), log.torque[rows[:-1]].transpose(0, 2, 1)
+    return (
+        beginnings,
+        np.ascontiguousarray(log.measured[rows].transpose(0, 2, 1)),
+        log.torque[rows[:-1]].transpose(0, 2, 1),
+    )
 
 
 def starts_of(motion: Motion, beginnings: np.ndarray, arm: Arm) -> np.ndarray:
@@ -256,8 +258,7 @@ class Fit:
 
 def noise_of(log: Log) -> np.ndarray:
     """Return σ of the noise on angles [rad] and velocities [rad/s], shape (2 or 4,), from fourth differences."""
-    parts = [log.angle] if log.velocity is None else [log.angle, log.velocity]
-    values = np.concatenate(parts, axis=1)
+    values = log.measured
     rough = np.median(np.abs(np.diff(values, 4, axis=0)), axis=0) / (_MEDIAN * np.sqrt(_FOURTH))
     return np.asarray(np.maximum(rough, _LEAST_NOISE * np.maximum(np.ptp(values, axis=0), 1e-3)))
 
@@ -283,50 +284,9 @@ def fit_elastic(
     bounds = bounds_of(start, scale)
     told = np.ones(len(theta), dtype=bool)
     lost, rate = None, fastest_rate([start])
-    for length in SEGMENTS:
-        theta = np.where(told, np.clip(theta, *bounds), known)
-        beginnings, measured, torque = segments_of(log, length)
-        if lost is not None and len(lost) == len(beginnings):
-            beginnings, measured, torque = beginnings[~lost], measured[..., ~lost], torque[..., ~lost]
-        states = starts_of(motion, beginnings, filled(Arm, constants(theta[:, np.newaxis])[:, 0]))
-        shooting = Shooting(measured, torque, log.period, states, noise, constants, rate)
-        told[:] = True
-        _leave_out(shooting.linearised(theta, _DIFFERENCE * scale), theta, scale, told, 1.0)
-        while told.any():
-            theta = _searched(shooting, np.where(told, theta, known), scale, told, bounds, progress)
-            line = shooting.linearised(theta, _DIFFERENCE * scale)
-            if not _leave_out(line, theta, scale, told, _spread(line, told)):
-                break
-        if not told.any():
-            raise ValueError("the log tells no parameter: the simulated arm does not follow it; check units and signs")
-        lost = _lost(line)
-        left = line.residual.reshape(len(measured), measured.shape[1], -1) * noise[:, np.newaxis]
-        noise = np.maximum(np.sqrt(np.mean(left**2, axis=(0, 2))), 1e-3 * noise)
-    return _summary(line, left, theta, scale, told, bounds)
-
-
-def _lost(line: Linearised) -> np.ndarray:
-    """Return which segments (S,) fit far worse than the median: the search for their states ended in a wrong stick.
-
-    The sum of the squares of N residuals of white noise deviates by a share √(2/N). If segments are many and more than
-    one, the equations are wrong rather than the states, and none counts as lost.
-    """
-    cost = np.sum(line.residual**2, axis=0)
-    lost: np.ndarray = cost > (1.0 + _WORSE * math.sqrt(2.0 / len(line.residual))) * np.median(cost)
-    return lost if np.sum(lost) <= max(_MOST_LOST * len(lost), 1.0) else np.zeros_like(lost)
-
-
-def _searched(
-    shooting: Shooting,
-    theta: np.ndarray,
-    scale: np.ndarray,
-    told: np.ndarray,
-    bounds: tuple[np.ndarray, np.ndarray],
-    progress: Callable[[], None] | None,
-) -> np.ndarray:
-    """Return θ (17,) with the least residual, over its entries that are told."""
 
     def whole(z: np.ndarray) -> np.ndarray:
+        """Return θ with other values of the entries that are told, in units of the scale."""
         full = theta.copy()
         full[told] = z * scale[told]
         return full
@@ -339,13 +299,56 @@ def _searched(
             progress()
         return _stacked(shooting.linearised(whole(z), _DIFFERENCE * scale), scale, told)
 
-    low, high = (bound[told] / scale[told] for bound in bounds)
-    begin = np.clip(theta[told] / scale[told], low, high)
-    found = least_squares(
-        residual, begin, slope, bounds=(low, high), xtol=_CLOSE, ftol=_CLOSE, gtol=None, max_nfev=_MOST_STEPS
+    for length in SEGMENTS:
+        theta = np.where(told, np.clip(theta, *bounds), known)
+        beginnings, measured, torque = segments_of(log, length)
+        if lost is not None and len(lost) == len(beginnings):
+            beginnings, measured, torque = beginnings[~lost], measured[..., ~lost], torque[..., ~lost]
+        states = starts_of(motion, beginnings, filled(Arm, constants(theta[:, np.newaxis])[:, 0]))
+        shooting = Shooting(measured, torque, log.period, states, noise, constants, rate)
+        told[:] = True
+        _leave_out(shooting.linearised(theta, _DIFFERENCE * scale), theta, scale, told, 1.0)
+        while told.any():
+            theta = np.where(told, theta, known)
+            low, high = (bound[told] / scale[told] for bound in bounds)
+            begin = np.clip(theta[told] / scale[told], low, high)
+            found = least_squares(
+                residual, begin, slope, bounds=(low, high), xtol=_CLOSE, ftol=_CLOSE, gtol=None, max_nfev=_MOST_STEPS
+            )
+            theta = whole(found.x)
+            line = shooting.linearised(theta, _DIFFERENCE * scale)
+            if not _leave_out(line, theta, scale, told, _spread(line, told)):
+                break
+        if not told.any():
+            raise ValueError("the log tells no parameter: the simulated arm does not follow it; check units and signs")
+        lost = _lost(line)
+        left = line.residual.reshape(len(measured), measured.shape[1], -1) * noise[:, np.newaxis]
+        noise = np.maximum(np.sqrt(np.mean(left**2, axis=(0, 2))), 1e-3 * noise)
+    error, (relative, condition) = np.full(len(theta), np.nan), _errors(line, scale, told, _spread(line, told))
+    error[told] = relative * scale[told]
+    (low, high), near, rms = bounds, 1e-6 * scale, np.sqrt(np.mean(left**2, axis=(0, 2)))
+    scaled = left / rms[:, np.newaxis]
+    return Fit(
+        theta=theta,
+        error=error,
+        told=told,
+        at_bound=told & ((theta <= low + near) | (theta >= high - near)),
+        condition=condition,
+        noise=rms,
+        correlation=float(np.mean(scaled[1:] * scaled[:-1])),
+        residual=left.transpose(2, 0, 1).reshape(-1, left.shape[1]),
     )
-    best: np.ndarray = found.x
-    return whole(best)
+
+
+def _lost(line: Linearised) -> np.ndarray:
+    """Return which segments (S,) fit far worse than the median: the search for their states ended in a wrong stick.
+
+    The sum of the squares of N residuals of white noise deviates by a share √(2/N). If segments are many and more than
+    one, the equations are wrong rather than the states, and none counts as lost.
+    """
+    cost = np.sum(line.residual**2, axis=0)
+    lost: np.ndarray = cost > (1.0 + _WORSE * math.sqrt(2.0 / len(line.residual))) * np.median(cost)
+    return lost if np.sum(lost) <= max(_MOST_LOST * len(lost), 1.0) else np.zeros_like(lost)
 
 
 def _stacked(line: Linearised, scale: np.ndarray, told: np.ndarray) -> np.ndarray:
@@ -392,28 +395,3 @@ def _leave_out(line: Linearised, theta: np.ndarray, scale: np.ndarray, told: np.
             break
         told[places[int(np.argmax(width))]] = False
     return int(told.sum()) < before
-
-
-def _summary(
-    line: Linearised,
-    left: np.ndarray,
-    theta: np.ndarray,
-    scale: np.ndarray,
-    told: np.ndarray,
-    bounds: tuple[np.ndarray, np.ndarray],
-) -> Fit:
-    error, (relative, condition) = np.full(len(theta), np.nan), _errors(line, scale, told, _spread(line, told))
-    error[told] = relative * scale[told]
-    low, high = bounds
-    near = 1e-6 * scale
-    scaled = left / np.sqrt(np.mean(left**2, axis=(0, 2)))[:, np.newaxis]
-    return Fit(
-        theta=theta,
-        error=error,
-        told=told,
-        at_bound=told & ((theta <= low + near) | (theta >= high - near)),
-        condition=condition,
-        noise=np.sqrt(np.mean(left**2, axis=(0, 2))),
-        correlation=float(np.mean(scaled[1:] * scaled[:-1])),
-        residual=left.transpose(2, 0, 1).reshape(-1, left.shape[1]),
-    )

@@ -97,6 +97,11 @@ class Log:
         """Time from the first sample to the last [s]."""
         return (len(self.angle) - 1) * self.period
 
+    @property
+    def measured(self) -> np.ndarray:
+        """Angles [rad] and, if there are any, velocities [rad/s], shape (N, 2 or 4)."""
+        return self.angle if self.velocity is None else np.concatenate([self.angle, self.velocity], axis=1)
+
 
 def read_log(path: Path) -> Log:
     """Return the log in a CSV file with a heading.

@@ -36,7 +36,6 @@ __all__ = [
     "bounds_of",
     "constants_of",
     "fit_rigid",
-    "names",
     "regressor",
     "rigid_arm",
     "start_of",
@@ -77,18 +76,9 @@ KEPT = tuple(f.name for f in dataclasses.fields(ArmParameters) if f.name not in 
 """Fields that no log of the motors tells: they keep the values of the start."""
 
 
-def names() -> tuple[str, ...]:
-    """Return the names of the entries of θ."""
-    return tuple(one.name for one in UNKNOWNS)
-
-
 def start_of(arm: ArmParameters) -> np.ndarray:
     """Return θ of an arm, shape (17,), each entry in its unit."""
-    return np.array([_entry(getattr(arm, one.field), one.joint) for one in UNKNOWNS])
-
-
-def _entry(value: Any, joint: int | None) -> float:
-    return float(value if joint is None else value[joint])
+    return np.array([np.atleast_1d(getattr(arm, one.field))[one.joint or 0] for one in UNKNOWNS], dtype=float)
 
 
 def bounds_of(arm: ArmParameters, scale: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -240,8 +230,8 @@ def rigid_arm(base: np.ndarray, start: ArmParameters) -> ArmParameters:
     total, mr2, c3, rotor2, mr1, *friction = base.tolist()
     (m1, m2), (l1, l2), before = start.mass, start.length, float(base_of(start)[0])
     rotor1 = start.motor_inertia[0] / before * total
-    r2 = _within(mr2 / m2, 0.02 * l2, max(0.98 * l2, start.mass_center[1]))
-    r1 = _within((mr1 - m2 * l1) / m1, 0.02 * l1, max(0.98 * l1, start.mass_center[0]))
+    r2 = min(max(mr2 / m2, 0.02 * l2), max(0.98 * l2, start.mass_center[1]))
+    r1 = min(max((mr1 - m2 * l1) / m1, 0.02 * l1), max(0.98 * l1, start.mass_center[0]))
     i2 = max(c3 - m2 * r2 * r2, _LEAST_INERTIA * m2 * l2 * l2 / 12.0)
     i1 = max(total - rotor1 - c3 - m2 * l1 * l1 - m1 * r1 * r1, _LEAST_INERTIA * m1 * l1 * l1 / 12.0)
     viscous1, viscous2, coulomb1, coulomb2 = (max(value, 0.0) for value in friction)
@@ -258,7 +248,3 @@ def rigid_arm(base: np.ndarray, start: ArmParameters) -> ArmParameters:
         coulomb_friction=(coulomb1, coulomb2),
         static_friction=(coulomb1 * ratio1, coulomb2 * ratio2),
     )
-
-
-def _within(value: float, low: float, high: float) -> float:
-    return min(max(value, low), high)

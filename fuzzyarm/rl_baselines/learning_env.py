@@ -13,13 +13,12 @@ from stable_baselines3.common.vec_env import VecEnvWrapper
 from stable_baselines3.common.vec_env.base_vec_env import VecEnvStepReturn
 
 from fuzzyarm.common.checks import shown
-from fuzzyarm.envs.batch.saved_state import checked_arrays
+from fuzzyarm.envs.batch.lanes import checked_arrays
 from fuzzyarm.envs.observation import PARTS
 from fuzzyarm.envs.physics.equations import AnyArm, argument_of, chosen_arm, robot_of
 from fuzzyarm.envs.physics.parameters import ArmParameters
-from fuzzyarm.envs.scenario.default_reference import default_reference
+from fuzzyarm.envs.scenario.default_reference import default_reference, reference_family
 from fuzzyarm.envs.scenario.randomisation import find_randomisation
-from fuzzyarm.envs.scenario.reference_family import reference_family
 from fuzzyarm.envs.task import EFFORT_WEIGHT
 from fuzzyarm.envs.vector import FuzzyArmVectorEnv
 from fuzzyarm.fuzzy_policy.known_arm import joints_of, per_joint_of

@@ -14,7 +14,7 @@ from stable_baselines3.common.monitor import Monitor
 from stable_baselines3.common.vec_env import VecEnv
 from stable_baselines3.common.vec_env.base_vec_env import VecEnvIndices, VecEnvStepReturn
 
-from fuzzyarm.envs.batch.saved_state import checked_arrays
+from fuzzyarm.envs.batch.lanes import checked_arrays
 from fuzzyarm.envs.vector import FuzzyArmVectorEnv
 
 __all__ = ["StableBaselinesVecEnv", "training_envs"]

@@ -162,7 +162,7 @@ BREAKS = {
     "a size": (lambda: ArmParameters(mass=np.array(1.0)), r"mass = array\(1\.\) must be 2 real numbers"),
     "a masked point": (
         lambda: Spline(np.ma.masked_array([0.3, 2.0], mask=[True, False])),
-        r"waypoints\[0\] = masked must be a pair",
+        r"waypoints\[0\] = masked must be 2 real numbers",
     ),
     "a range of nothing": (lambda: SweepConfig(ranges=((1.1, 0.9, "mass"),)), "ranges: quantity = 1.1 is unknown"),
     "a low end": (lambda: SweepConfig(ranges=(("mass", [], 1.1),)), r"ranges: low of mass = \[\] must be a real"),

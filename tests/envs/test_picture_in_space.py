@@ -13,8 +13,7 @@ from fuzzyarm.envs.perspective import Camera, floor_of, looking_at, poses_of, up
 from fuzzyarm.envs.physics.dynamics import Payload
 from fuzzyarm.envs.physics.rigid_body import tip_position
 from fuzzyarm.envs.physics.robot import Robot, robot_named
-from fuzzyarm.envs.pictures import FOOTER, FORCE, HEADER, HEIGHT, PAYLOAD, REFERENCE, TRACE, WIDTH
-from fuzzyarm.envs.rendering import Renderer
+from fuzzyarm.envs.pictures import FOOTER, FORCE, HEADER, HEIGHT, PAYLOAD, REFERENCE, TRACE, WIDTH, Canvas, paint
 from fuzzyarm.envs.scenario.disturbances import ConstantForce, Disturbance
 from fuzzyarm.envs.scenario.robot_reference import SplineReference
 
@@ -121,7 +120,9 @@ def picture(robot, disturbance, deviation=(0.0, 0.0, 0.0)):
         "external_force": schedule.forces[0, :3],
     }.items():
         trace[0, VECTORS.index(name), : len(values)] = values
-    return Renderer(human=False, fps=50).draw(schedule, trace, 0.0, robot)
+    canvas = Canvas()
+    paint(canvas, schedule, trace, 0.0, robot)
+    return canvas.array()
 
 
 def place(frame, colour):
@@ -170,7 +171,7 @@ def test_an_environment_of_a_robot_draws_copies_and_rewinds():
     np.testing.assert_array_equal(twin.render(), later)
     env.reset(seed=0)
     np.testing.assert_array_equal(env.render(), first)
-    assert isinstance(env._film._renderer, Renderer)
+    assert isinstance(env._film._canvas, Canvas)
     env.close()
 
 

@@ -28,10 +28,10 @@ from fuzzyarm.envs.pictures import (
     TRACE,
     WIDTH,
     View,
+    case_title,
     magnified,
     thinned,
 )
-from fuzzyarm.envs.rendering import case_title
 from fuzzyarm.envs.scenario.cases import CASES, case_for
 from fuzzyarm.envs.scenario.disturbances import ConstantForce, Disturbance, TorqueBias
 from fuzzyarm.envs.scenario.reference import JointReference, joint_angles
@@ -108,7 +108,7 @@ def test_no_render_mode_records_and_loads_nothing():
     for _ in range(5):
         plain.step(np.zeros(2))
     assert plain._film._trace == []
-    assert plain._film._renderer is None
+    assert plain._film._canvas is None
 
 
 def test_each_frame_is_a_new_array(env):

@@ -7,8 +7,7 @@ import numpy as np
 import pytest
 from support.two_joints import LAYOUT, Target, advance, assess, finite, hold, named, state_of
 
-from fuzzyarm.envs.batch.blocks import by_rows, in_blocks
-from fuzzyarm.envs.batch.layout import SCALARS, VECTORS, Clock
+from fuzzyarm.envs.batch.layout import SCALARS, VECTORS, Clock, by_rows, in_blocks
 from fuzzyarm.envs.physics.dynamics import (
     Arm,
     Payload,

@@ -18,8 +18,8 @@ from support.ptx_machine import run_ptx
 from test_machine import SHARED, TABLE, WEIGHTS, N, cholesky, numbers, recorded, same
 
 from fuzzyarm import load_policy, policies
-from fuzzyarm.envs.batch.blocks import in_blocks
 from fuzzyarm.envs.batch.kernels import Kernels, kernels_of
+from fuzzyarm.envs.batch.layout import in_blocks
 from fuzzyarm.envs.physics.equations import equations_of
 from fuzzyarm.envs.physics.parameters import ArmParameters
 from fuzzyarm.envs.physics.robot import robot_named

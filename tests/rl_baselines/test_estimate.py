@@ -16,11 +16,11 @@ from fuzzyarm.envs.physics.parameters import ArmParameters  # noqa: E402
 from fuzzyarm.envs.physics.records import columns  # noqa: E402
 from fuzzyarm.envs.physics.two_joints import two_joints  # noqa: E402
 from fuzzyarm.envs.scenario.cases import Scenario  # noqa: E402
+from fuzzyarm.envs.scenario.default_reference import reference_family  # noqa: E402
 from fuzzyarm.envs.scenario.disturbances import Disturbance, MachiningForce  # noqa: E402
 from fuzzyarm.envs.scenario.paths import Circle  # noqa: E402
 from fuzzyarm.envs.scenario.randomisation import DomainRandomisation  # noqa: E402
 from fuzzyarm.envs.scenario.reference import JointReference  # noqa: E402
-from fuzzyarm.envs.scenario.reference_family import reference_family  # noqa: E402
 from fuzzyarm.fuzzy_policy.laws.adaptive.belief import FLAG  # noqa: E402
 from fuzzyarm.fuzzy_policy.laws.adaptive.policy import AdaptiveObserverPolicy  # noqa: E402
 from fuzzyarm.learned_policy.estimate.network import EstimateNetwork, respond  # noqa: E402

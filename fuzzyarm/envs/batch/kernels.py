@@ -284,12 +284,7 @@ def _results(physics: Physics, moved: Moved, target: Any, time: Any, over: Any) 
     )
     scalars = Scalars(
         time=time,
-        tip_error=found.tip_error,
-        circularity_error=found.circularity_error,
-        circularity_error_motor=found.circularity_error_motor,
-        reward_tracking=found.reward_tracking,
-        reward_effort=found.reward_effort,
-        reward=found.reward,
+        **{name: value for name, value in found._asdict().items() if name in Scalars._fields},
         torque_clipped=moved.clipped,
         truncated=1.0 * ((moved.reason == 0.0) & over),
         reason=moved.reason,

@@ -1,23 +1,23 @@
-"""Batched simulation state behind both environments: one arm per lane, each in its own episode."""
+"""Batched simulation state behind both environments: one arm per lane, each in its own episode.
+
+A saved state is checked: kernels index by it, and it may come from a file.
+"""
 
 from __future__ import annotations
 
+import hashlib
 import operator
 from collections.abc import Sequence
-from typing import TypeAlias
+from typing import Any, TypeAlias
 
 import numpy as np
 
 from fuzzyarm.common import checks
-from fuzzyarm.envs.batch.assignment import Assignment
-from fuzzyarm.envs.batch.blocks import by_rows, in_blocks
 from fuzzyarm.envs.batch.kernels import kernels_of
-from fuzzyarm.envs.batch.layout import CLOCK, START, Clock
+from fuzzyarm.envs.batch.layout import CLOCK, START, Clock, ResultsMemory, Room, by_rows, in_blocks
 from fuzzyarm.envs.batch.randomness import key_before, key_of
-from fuzzyarm.envs.batch.results_memory import ResultsMemory, Room
-from fuzzyarm.envs.batch.saved_state import check_contents, checked_arrays, digest
 from fuzzyarm.envs.batch.schedule import Schedule
-from fuzzyarm.envs.batch.tables import Tables, distinct, tabulated
+from fuzzyarm.envs.batch.tables import Assignment, Tables, distinct, tabulated
 from fuzzyarm.envs.batch.workers import Workers
 from fuzzyarm.envs.physics.equations import AnyArm, common_equations
 from fuzzyarm.envs.physics.records import flat, size
@@ -26,7 +26,32 @@ from fuzzyarm.envs.scenario.randomisation import DomainRandomisation, by_quantit
 from fuzzyarm.envs.scenario.reference import Reference
 from fuzzyarm.numbers.machine import WIDE, Call
 
-__all__ = ["Lanes", "Outcome"]
+__all__ = ["Lanes", "Outcome", "SavedArrays", "checked_arrays"]
+
+
+SavedArrays = dict[str, np.ndarray]
+"""Arrays of a state by name: ``values``, ``clock`` and ``drawn`` of the lanes, and ``made_of``; see `Lanes`."""
+
+
+def checked_arrays(state: Any, like: SavedArrays) -> SavedArrays:
+    """Return copies of the arrays of a state that are as those of `like`; what else the state holds is left out.
+
+    Raises:
+        TypeError: the state is no dictionary.
+        ValueError: an array is missing, of another type or shape, or holds numbers that are not finite.
+    """
+    checks.instance("state", state, dict)
+    arrays: SavedArrays = {}
+    for name, own in like.items():
+        given = state.get(name)
+        if not isinstance(given, np.ndarray) or given.dtype != own.dtype or given.shape != own.shape:
+            found = f"{given.dtype} {given.shape}" if isinstance(given, np.ndarray) else checks.shown(given)
+            raise ValueError(f"state[{name!r}] is {found}; needed: an array {own.dtype} {own.shape}")
+        if given.dtype.kind == "f" and not np.isfinite(given).all():
+            raise ValueError(f"state[{name!r}] holds numbers that are not finite")
+        arrays[name] = np.array(given, order="C")
+    return arrays
+
 
 Outcome: TypeAlias = tuple[np.ndarray, np.ndarray, np.ndarray]
 """Observations, vectors and scalars of lanes, see `Layout.split`."""
@@ -164,7 +189,7 @@ class Lanes:
     @property
     def longest_episode(self) -> int:
         """Control steps of the longest of the lanes' own schedules."""
-        return max(schedule.steps for schedule in self._assigned.own.schedules)
+        return max(episode.schedule.steps for episode in self._assigned.own.episodes)
 
     def close(self) -> None:
         """End the threads; a later step starts new ones."""
@@ -263,7 +288,7 @@ class Lanes:
         place = int(starts[0])
         if tables.starts[place, START.family] > 0.0:
             place += int(self.drawn[-1, lane])
-        return tables.references[place], tables.schedules[place]
+        return tables.episodes[place][:2]
 
     def get_state(self) -> dict[str, np.ndarray]:
         """Return copies of the complete simulation state as arrays by name, for `set_state`.
@@ -304,28 +329,47 @@ class Lanes:
                 "the state is of lanes with other plants, scenarios, randomisation, periods or another number"
             )
         arrays = checked_arrays(state, own)
-        check_contents(arrays, self._begun_with(arrays["clock"][CLOCK.key]), size(self.physics.State), over)
+        self._check_contents(arrays, over)
         self._assigned.all_return()
         self.values, self.clock, self.drawn = in_blocks(arrays["values"]), arrays["clock"], arrays["drawn"]
         if self.randomisation.varies:
             self._drawn_info = by_quantity(self.drawn, self.physics.joints)
 
-    def _begun_with(self, keys: np.ndarray) -> dict[str, np.ndarray]:
-        """Return ``values``, ``clock`` and ``drawn`` where the lanes' own episodes with these keys (count,) begin."""
-        begun = {"values": self.values.copy(), "clock": self.clock.copy(), "drawn": self.drawn.copy()}
-        begun["clock"][CLOCK.key] = key_before(keys.view(np.uint64)).view(np.int64)
-        own, start_of, place_of = self._assigned.own, *self._assigned.own_places
-        self._begin_in(
-            np.arange(self.count), own, (start_of, place_of), (begun["values"], begun["clock"], begun["drawn"])
-        )
-        return begun | {"values": by_rows(begun["values"], self.count)}
+    def _check_contents(self, arrays: SavedArrays, over: np.ndarray | None) -> None:
+        """Raise ValueError unless a state is one that the lanes can come to, only the lanes `over` (n,) at their end.
+
+        All but the state of the arm and the present instant follows from the key of the episode.
+        """
+        clock, begun = arrays["clock"], (self.values.copy(), self.clock.copy(), self.drawn.copy())
+        values, expected, drawn = begun
+        expected[CLOCK.key] = key_before(clock[CLOCK.key].view(np.uint64)).view(np.int64)
+        self._begin_in(np.arange(self.count), self._assigned.own, self._assigned.own_places, begun)
+        row, first, last = clock[CLOCK.row], clock[CLOCK.first], clock[CLOCK.last]
+        latest = last - 1
+        if over is not None:
+            latest[over] += 1
+        wrong = (first != expected[CLOCK.first]) | (last != expected[CLOCK.last]) | (row < first) | (row > latest)
+        if wrong.any():
+            lane = int(np.argmax(wrong))
+            begins, ends = expected[CLOCK.first, lane], expected[CLOCK.last, lane]
+            raise ValueError(
+                f"state['clock'] has lane {lane} at row {row[lane]} of {first[lane]} to {last[lane]}; allowed: "
+                f"{begins} to {latest[lane]} of {begins} to {ends}"
+            )
+        if not np.array_equal(arrays["drawn"], drawn):
+            raise ValueError("state['drawn'] is not what the keys of its episodes draw")
+        changing = size(self.physics.State)
+        if not np.array_equal(arrays["values"][changing:], by_rows(values, self.count)[changing:]):
+            raise ValueError("state['values'] holds other arms than the keys of its episodes draw")
 
     def _digest(self) -> np.ndarray:
         """Return the digest (32 bytes, uint8) of the configuration of the lanes."""
         own = self._assigned.own.starts, self._assigned.own.table, *self._assigned.own_places
         period = np.array([self.period, self.substeps, self.count], dtype=np.float64)
         equations = np.frombuffer(self.physics.digest.encode(), dtype=np.uint8)
-        return digest((equations, self._plants, self._plant_of, self._ranges, *own, period))
+        parts = equations, self._plants, self._plant_of, self._ranges, *own, period
+        content = hashlib.sha256(b"".join(np.ascontiguousarray(part).tobytes() for part in parts))
+        return np.frombuffer(content.digest(), dtype=np.uint8)
 
     def _tabulated(self, scenarios: Sequence[Scenario], lanes: np.ndarray) -> tuple[Tables, np.ndarray, np.ndarray]:
         return tabulated(scenarios, self.parameters, self._plant_of[lanes], self.randomisation.references, self.period)

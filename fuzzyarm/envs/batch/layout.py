@@ -7,13 +7,17 @@ starts (schedules, numbers of `Start`)    where each schedule begins, and what i
 out                                       observations and `Results` of a step, one array, see `Layout.split`
 
 What depends on the equations, on how many joints and axes there are, is in the `Layout` of a `Physics`.
+
+The numbers of lanes in blocks, as the kernels have them, and in rows, as states and readers have them.
+
+Memory for the results of steps, used again where nobody holds them any longer.
 """
 
 from __future__ import annotations
 
-import dataclasses
 import functools
 import itertools
+import sys
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -21,11 +25,42 @@ import numpy as np
 from fuzzyarm.envs.observation import PARTS
 from fuzzyarm.envs.physics.physics import Physics
 from fuzzyarm.envs.physics.records import places, record_type
+from fuzzyarm.numbers.machine import WIDE
 
 __all__ = [
-    "CLOCK", "INFO", "SCALARS", "START", "VECTORS", "Clock", "Flags", "Layout", "Noise", "Results", "Scalars", "Start",
-    "Totals", "Vectors", "layout_of",
+    "CLOCK",
+    "INFO",
+    "SCALARS",
+    "START",
+    "VECTORS",
+    "Clock",
+    "Flags",
+    "Layout",
+    "Noise",
+    "Results",
+    "ResultsMemory",
+    "Room",
+    "Scalars",
+    "Start",
+    "Totals",
+    "Vectors",
+    "by_rows",
+    "in_blocks",
+    "layout_of",
 ]  # fmt: skip
+
+
+def by_rows(values: np.ndarray, lanes: int) -> np.ndarray:
+    """Return values (blocks, rows, `WIDE`) of so many lanes as (rows, lanes), a copy in the same units."""
+    return np.ascontiguousarray(np.swapaxes(values, 0, 1).reshape(values.shape[1], -1)[:, :lanes])
+
+
+def in_blocks(values: np.ndarray) -> np.ndarray:
+    """Return values (rows, lanes) as (blocks, rows, `WIDE`) in the same units; nan where there is no lane."""
+    rows, lanes = values.shape
+    padded = np.full((rows, -(-lanes // WIDE) * WIDE), np.nan)
+    padded[:, :lanes] = values
+    return np.ascontiguousarray(np.swapaxes(padded.reshape(rows, -1, WIDE), 0, 1))
 
 
 class Noise(NamedTuple):
@@ -134,7 +169,6 @@ INFO = (*VECTORS, *SCALARS[: SCALARS.index("reward")], "in_domain", "torque_clip
 _POINTS = ("tip", "tip_reference", "external_force")  # those of `Vectors` that have a number for each axis
 
 
-@dataclasses.dataclass(frozen=True, eq=False)
 class Layout:
     """Records of an arm's equations, and where each number of them lies in its array.
 
@@ -144,9 +178,12 @@ class Layout:
         LANE: places in `Lane`.
     """
 
-    physics: Physics
-    Lane: Any
-    LANE: Any
+    def __init__(self, physics: Physics) -> None:
+        """Make the records."""
+        state, arm, limits = physics.State, physics.Arm, physics.Limits
+        self.physics = physics
+        self.Lane = record_type("Lane", state=state, arm=arm, limits=limits, force_factor=Any, noise=Noise)
+        self.LANE = places(self.Lane)
 
     def __reduce__(self) -> tuple[Any, tuple[Physics]]:
         """Leave the records behind."""
@@ -198,7 +235,8 @@ class Layout:
         return [vectors[part].T for part in self.parts]
 
 
-_SCALAR_COUNT, _LINE = len(SCALARS), 8  # numbers of a line of the cache
+_SCALAR_COUNT = len(SCALARS)
+_LINE = 8  # numbers of a line of the cache
 
 
 def _apart(lanes: int) -> int:
@@ -212,6 +250,64 @@ def _apart(lanes: int) -> int:
 @functools.cache
 def layout_of(physics: Physics) -> Layout:
     """Return the layout for arms with these equations."""
-    State, Arm, Limits = physics.State, physics.Arm, physics.Limits
-    Lane = record_type("Lane", state=State, arm=Arm, limits=Limits, force_factor=Any, noise=Noise)
-    return Layout(physics, Lane, places(Lane))
+    return Layout(physics)
+
+
+_KEPT = 3  # a loop holds the results of the last step while the next one is made
+_OWN = 2  # references to an array that nobody else holds: the room's, and the argument of `getrefcount`
+
+
+class Room:
+    """Memory for the results of one step.
+
+    Attributes:
+        kept: what its user notes about it, as long as it is used again; None at first.
+    """
+
+    __slots__ = ("_array", "_first", "_stop", "kept")
+
+    def __init__(self, size: int) -> None:
+        """Take memory; it begins where a line of the cache does."""
+        self._array = np.empty(size + _LINE)
+        self._first = -(self._array.ctypes.data // self._array.itemsize) % _LINE
+        self._stop = self._first + size
+        self.kept: Any = None
+
+    @property
+    def free(self) -> bool:
+        """Whether nobody holds its numbers."""
+        return sys.getrefcount(self._array) == _OWN
+
+    def array(self) -> np.ndarray:
+        """Return its numbers (size,), whatever they are."""
+        return self._array[self._first : self._stop]
+
+
+class ResultsMemory:
+    """Rooms of one size.
+
+    Memory that the system has just given is zeroed page by page when it is first written, which takes as long as a
+    third of the step of a large batch. Every view of an array holds a reference to it, so that an array without further
+    references is not read by anyone any longer.
+
+    Args:
+        size: numbers of an array.
+    """
+
+    def __init__(self, size: int) -> None:
+        """Begin without rooms."""
+        self._size, self._rooms = size, list[Room]()
+
+    def room(self) -> Room:
+        """Return a room whose numbers nobody else holds."""
+        for room in self._rooms:
+            if room.free:
+                return room
+        room = Room(self._size)
+        if len(self._rooms) < _KEPT:
+            self._rooms.append(room)
+        return room
+
+    def __getstate__(self) -> dict[str, object]:
+        """Leave the rooms behind."""
+        return {"_size": self._size, "_rooms": []}

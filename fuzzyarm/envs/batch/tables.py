@@ -1,23 +1,28 @@
-"""The schedules of all episodes that a batch of lanes may be in, below each other as the kernels read them."""
+"""The schedules of all episodes that a batch of lanes may be in, below each other as the kernels read them.
+
+Each lane is in its own scenario, or for an episode in one that a reset asked for.
+"""
 
 from __future__ import annotations
 
-import dataclasses
+import itertools
 from collections.abc import Sequence
-from typing import TypeVar
+from typing import NamedTuple, TypeVar
 
 import numpy as np
 
 from fuzzyarm.common import checks
-from fuzzyarm.envs.batch.layout import START, Noise, Start
+from fuzzyarm.envs.batch.layout import CLOCK, START, Noise, Start
 from fuzzyarm.envs.batch.schedule import Schedule
 from fuzzyarm.envs.physics.equations import AnyArm, bounds_of, equations_of, robot_of
 from fuzzyarm.envs.physics.parameters import LARGEST, ArmParameters
 from fuzzyarm.envs.physics.robot import Robot
 from fuzzyarm.envs.scenario.cases import Scenario
+from fuzzyarm.envs.scenario.disturbances import Disturbance
 from fuzzyarm.envs.scenario.reference import Reference
 
-__all__ = ["MAX_ACCELERATION", "Tables", "check_reference", "distinct", "tabulated"]
+__all__ = ["MAX_ACCELERATION", "Assignment", "Tables", "check_reference", "distinct", "tabulated"]
+
 
 MAX_ACCELERATION = 1e4  # rad/s², bound of the observation space for the reference's acceleration
 CHECKED_INSTANTS = 501  # evenly spaced, at which a reference is checked against a plant
@@ -25,90 +30,105 @@ CHECKED_INSTANTS = 501  # evenly spaced, at which a reference is checked against
 Item = TypeVar("Item")
 
 
-@dataclasses.dataclass(frozen=True)
+class Episode(NamedTuple):
+    """A reference, its schedule, and what its episode starts with, whose rows depend on where the schedule lies."""
+
+    reference: Reference
+    schedule: Schedule
+    start: Start
+
+
 class Tables:
-    """Scenarios and their schedules: one for a scenario with a reference, one per member of the family for others.
+    """Scenarios and their schedules.
+
+    Args:
+        scenarios: the episodes of each: one for a scenario with a reference, one per member of the family for others.
 
     Attributes:
-        references: of each schedule.
-        schedules: one after the other.
-        starts: (schedules, numbers of `Start`).
+        scenarios: those.
+        episodes: of all scenarios, one after the other.
+        firsts: (scenarios,) the number of the first episode of each scenario.
+        starts: (episodes, numbers of `Start`).
         table: (rows, numbers of `Row`), the schedules below each other.
-        firsts: (scenarios,) the first schedule of each scenario.
     """
 
-    references: tuple[Reference, ...]
-    schedules: tuple[Schedule, ...]
-    starts: np.ndarray
-    table: np.ndarray
-    firsts: np.ndarray
+    def __init__(self, scenarios: Sequence[list[Episode]]) -> None:
+        """Put the schedules below each other."""
+        self.scenarios, self.episodes = list(scenarios), list(itertools.chain(*scenarios))
+        self.firsts = np.cumsum([0, *map(len, scenarios[:-1])])
+        self.table = np.concatenate([episode.schedule.table for episode in self.episodes])
+        stops = np.cumsum([len(episode.schedule.table) for episode in self.episodes])
+        self.starts = np.array([np.hstack(episode.start) for episode in self.episodes])
+        self.starts[:, START.first], self.starts[:, START.last] = np.append(0, stops[:-1]), stops - 1
 
-    @classmethod
-    def build(
-        cls, scenarios: Sequence[Scenario], family: tuple[Reference, ...], control_period: float, axes: int
-    ) -> Tables:
-        """Tabulate the scenarios' schedules every `control_period` [s], in so many coordinates of the tip."""
-        references: list[Reference] = []
-        schedules: list[Schedule] = []
-        starts, firsts, row = [], [], 0
-        for disturbance, reference in scenarios:
-            firsts.append(len(schedules))
-            mass = checks.real("payload mass", disturbance.payload.mass, "kg", low=0.0, high=LARGEST)
-            given = disturbance.encoder_noise
-            noise = Noise(0.0, 0.0) if given is None else Noise(given.position, given.velocity)
-            for member in family if reference is None else (reference,):
-                schedule = Schedule.build(member, disturbance, control_period, axes)
-                last = row + schedule.steps
-                start = Start(row, last, mass, noise, float(reference is None))
-                starts.append(np.hstack(start))
-                references.append(member)
-                schedules.append(schedule)
-                row = last + 1
-        table = np.concatenate([schedule.table for schedule in schedules])
-        return cls(tuple(references), tuple(schedules), np.array(starts), table, np.array(firsts))
+    def first_rows(self, scenarios: np.ndarray) -> np.ndarray:
+        """Return the first rows (n,) in the table of scenarios (n,) given by number."""
+        return np.asarray(self.starts[self.firsts[scenarios], START.first], dtype=np.int64)
 
-    def followed_by(self, other: Tables) -> Tables:
-        """Return these tables with others below; the schedules of these keep their places."""
-        moved = other.starts.copy()
-        moved[:, [START.first, START.last]] += len(self.table)
-        return Tables(
-            self.references + other.references,
-            self.schedules + other.schedules,
-            np.concatenate([self.starts, moved]),
-            np.concatenate([self.table, other.table]),
-            np.concatenate([self.firsts, other.firsts + len(self.schedules)]),
-        )
 
-    def only(self, scenarios: np.ndarray) -> Tables:
-        """Return the tables of some of the scenarios, their numbers (n,) in ascending order."""
-        stops = np.append(self.firsts[1:], len(self.schedules))
-        places = [np.arange(self.firsts[number], stops[number]) for number in scenarios]
-        kept = np.concatenate(places)
-        schedules = tuple(self.schedules[place] for place in kept)
-        starts, lengths = self.starts[kept], np.array([len(schedule.table) for schedule in schedules])
-        rows = np.cumsum(lengths) - lengths
-        starts[:, START.last] += rows - starts[:, START.first]
-        starts[:, START.first] = rows
-        firsts = np.cumsum([0, *map(len, places[:-1])])
-        table = np.concatenate([schedule.table for schedule in schedules])
-        return Tables(tuple(self.references[place] for place in kept), schedules, starts, table, firsts)
+class Assignment:
+    """The scenario of each lane: its own, or for an episode one that a reset asked for.
 
-    def keeping(self, first: int, start_of: np.ndarray) -> tuple[Tables, np.ndarray, np.ndarray]:
-        """Return the tables of the first scenarios and of those that some lanes are in.
+    Args:
+        own: tables of the lanes' own scenarios, and by lane the number (lanes,) of its scenario among them and its
+            payload's place (lanes,), see `tabulated`.
 
-        Args:
-            first: how many scenarios to keep anyhow.
-            start_of: (n,) the first schedule of the scenario that each of these lanes is in.
+    Attributes:
+        own: those tables.
+        tables: those of all scenarios that a lane is in; the lanes' own come first.
+    """
 
-        Returns:
-            The tables, the lanes' `start_of` (n,) in them, and by how many rows (n,) their schedules have moved.
+    def __init__(self, own: tuple[Tables, np.ndarray, np.ndarray]) -> None:
+        """Begin with every lane in its own scenario."""
+        self.own, *self._own = own
+        self.all_return()
+
+    @property
+    def own_places(self) -> tuple[np.ndarray, np.ndarray]:
+        """Number of the first episode (lanes,) and payload's place (lanes,), in the lanes' own scenarios."""
+        scenarios, places = self._own
+        return self.own.firsts[scenarios], places
+
+    def all_return(self) -> None:
+        """Put every lane into its own scenario."""
+        self.tables = self.own
+        self._scenario_of, self._place_of = (part.copy() for part in self._own)
+
+    def back(self, lanes: np.ndarray) -> None:
+        """Put these lanes (n,) into their own scenarios; their last ones keep their tables."""
+        self._scenario_of[lanes], self._place_of[lanes] = (part[lanes] for part in self._own)
+
+    def leave(self, lanes: np.ndarray, clock: np.ndarray) -> None:
+        """Put these lanes (n,) into their own scenarios, and drop the tables that no lane is in any longer.
+
+        The rows in `clock` (numbers of `Clock`, lanes) move with the tables.
         """
-        scenario_of = np.searchsorted(self.firsts, start_of)
-        kept = np.union1d(np.arange(first), scenario_of)
-        tables = self if len(kept) == len(self.firsts) else self.only(kept)
-        after = tables.firsts[np.searchsorted(kept, scenario_of)]
-        moved = tables.starts[after, START.first] - self.starts[start_of, START.first]
-        return tables, after, moved.astype(np.int64)
+        if len(lanes) == len(self._scenario_of):
+            self.all_return()
+            return
+        self.back(lanes)
+        visiting = self.visiting()
+        visited, before = self._scenario_of[visiting], self.tables
+        kept = np.union1d(np.arange(len(self.own.scenarios)), visited)
+        if len(kept) < len(before.scenarios):
+            self.tables = Tables([before.scenarios[number] for number in kept])
+            after = self._scenario_of[visiting] = np.searchsorted(kept, visited)
+            moved = self.tables.first_rows(after) - before.first_rows(visited)
+            clock[[[CLOCK.row], [CLOCK.first], [CLOCK.last]], visiting] += moved
+
+    def visit(self, lanes: np.ndarray, scenarios: tuple[Tables, np.ndarray, np.ndarray]) -> None:
+        """Put these lanes (n,) into other scenarios, given as the lanes' own ones were."""
+        tables, scenario_of, self._place_of[lanes] = scenarios
+        self._scenario_of[lanes] = scenario_of + len(self.tables.scenarios)
+        self.tables = Tables([*self.tables.scenarios, *tables.scenarios])
+
+    def visiting(self) -> np.ndarray:
+        """Return the lanes (n,) that are in another scenario than their own."""
+        return np.flatnonzero(self._scenario_of >= len(self.own.scenarios))
+
+    def places(self, lanes: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Return the numbers of the first episodes (n,) and the payloads' places (n,) of these lanes (n,)."""
+        return self.tables.firsts[self._scenario_of[lanes]], self._place_of[lanes]
 
 
 def tabulated(
@@ -118,7 +138,7 @@ def tabulated(
     family: tuple[Reference, ...],
     control_period: float,
 ) -> tuple[Tables, np.ndarray, np.ndarray]:
-    """Return tables of scenarios, and by lane the schedule (n,) it begins with and its payload's place (n,).
+    """Return tables of scenarios, and by lane the number (n,) of its scenario and its payload's place (n,).
 
     Args:
         scenarios: one for all n lanes, or one per lane.
@@ -131,19 +151,33 @@ def tabulated(
         ValueError: a reference does not fit the plant of its lane, or a payload has no place on it.
     """
     kinds, scenario_of = distinct(scenarios, len(plant_of))
-    for number, (_, reference) in enumerate(kinds):
-        for plant in np.unique(plant_of[scenario_of == number]):
-            for member in family if reference is None else (reference,):
-                check_reference(member, plants[plant])
-    tables = Tables.build(kinds, family, control_period, equations_of(plants[0]).axes)
-    places = list(zip(scenario_of.tolist(), plant_of.tolist(), strict=True))
-    known: dict[tuple[int, int], float] = {}
-    for number, plant in places:
-        if (number, plant) not in known:
-            disturbance, _ = kinds[number]
-            arm = plants[plant]
-            known[number, plant] = equations_of(arm).payload_place(disturbance.payload, arm)
-    return tables, tables.firsts[scenario_of], np.array([known[place] for place in places])
+    pairs, pair_of = np.unique(np.stack([scenario_of, plant_of]), axis=1, return_inverse=True)
+    for number, plant in pairs.T:
+        reference = kinds[number][1]
+        for member in family if reference is None else (reference,):
+            check_reference(member, plants[plant])
+    axes = equations_of(plants[0]).axes
+    tables = Tables([_episodes(*one, family, control_period, axes) for one in kinds])
+    place_of = [
+        equations_of(plants[plant]).payload_place(kinds[number][0].payload, plants[plant]) for number, plant in pairs.T
+    ]
+    return tables, scenario_of, np.array(place_of)[pair_of.ravel()]
+
+
+def _episodes(
+    disturbance: Disturbance,
+    reference: Reference | None,
+    family: tuple[Reference, ...],
+    control_period: float,
+    axes: int,
+) -> list[Episode]:
+    """Return the episodes of a scenario, tabulated every `control_period` [s] in so many coordinates of the tip."""
+    mass = checks.real("payload mass", disturbance.payload.mass, "kg", low=0.0, high=LARGEST)
+    given = disturbance.encoder_noise
+    noise = Noise(0.0, 0.0) if given is None else Noise(given.position, given.velocity)
+    start = Start(0, 0, mass, noise, float(reference is None))
+    members = family if reference is None else (reference,)
+    return [Episode(one, Schedule.build(one, disturbance, control_period, axes), start) for one in members]
 
 
 def distinct(items: Sequence[Item], count: int) -> tuple[list[Item], np.ndarray]:

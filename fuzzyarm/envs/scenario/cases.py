@@ -105,7 +105,9 @@ def find_case(name: str) -> Case:
 def case_for(name: str, arm: AnyArm) -> Case:
     """Return the case called `name` with the loads for an arm, see the module; ValueError names the choices."""
     case = find_case(name)
-    return case if not case.scales or _moves_as_the_papers(arm) else _scaled(case, robot_of(arm))
+    paper, names = ArmParameters(), ("length", "torque_limit", "joint_limit", "velocity_limit")
+    as_it_is = isinstance(arm, ArmParameters) and all(getattr(arm, name) == getattr(paper, name) for name in names)
+    return case if as_it_is or not case.scales else _scaled(case, robot_of(arm))
 
 
 def with_loads(
@@ -145,12 +147,6 @@ def load_scale(robot: Robot) -> tuple[float, float]:
     """Return the factors of the paper's tip forces and of its payloads for a robot, see the module; to two digits."""
     force, mass = (_scaled_number(factor, 1.0) for factor in _factors(robot))
     return force, mass
-
-
-def _moves_as_the_papers(arm: AnyArm) -> bool:
-    """Return whether an arm has the paper's loads at once: its lengths and all of its limits are the paper's."""
-    paper, names = ArmParameters(), ("length", "torque_limit", "joint_limit", "velocity_limit")
-    return isinstance(arm, ArmParameters) and all(getattr(arm, name) == getattr(paper, name) for name in names)
 
 
 @functools.lru_cache(maxsize=64)

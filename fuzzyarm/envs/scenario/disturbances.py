@@ -61,13 +61,12 @@ class MachiningForce:
     def __post_init__(self) -> None:
         """Check the numbers."""
         for name in ("base", "swing"):
-            _keep(
-                self, name, checks.real(f"MachiningForce.{name}", getattr(self, name), "N", low=-LARGEST, high=LARGEST)
-            )
+            number = checks.real(f"MachiningForce.{name}", getattr(self, name), "N", low=-LARGEST, high=LARGEST)
+            checks.keep(self, name, number)
         for name, unit in (("duration", "s"), ("fade_speed", "m/s")):
             shortest = 1.0 / LARGEST
             number = checks.real(f"MachiningForce.{name}", getattr(self, name), unit, low=shortest, high=LARGEST)
-            _keep(self, name, number)
+            checks.keep(self, name, number)
 
     def at(self, time: np.ndarray, tip_velocity: np.ndarray) -> np.ndarray:
         """Return the force (..., 2 or 3) [N] at times (...) [s] for tip velocities (..., 2 or 3) [m/s]."""
@@ -91,7 +90,7 @@ class ConstantForce:
 
     def __post_init__(self) -> None:
         """Check the numbers."""
-        _keep(self, "force", _numbers("ConstantForce.force", self.force, (2, 3), "N"))
+        checks.keep(self, "force", _numbers("ConstantForce.force", self.force, (2, 3), "N"))
         _keep_interval(self)
 
     def at(self, time: np.ndarray, tip_velocity: np.ndarray) -> np.ndarray:
@@ -112,7 +111,7 @@ class TorqueBias:
 
     def __post_init__(self) -> None:
         """Check the numbers."""
-        _keep(self, "torque", _numbers("TorqueBias.torque", self.torque, range(1, MOST_JOINTS + 1), "N m"))
+        checks.keep(self, "torque", _numbers("TorqueBias.torque", self.torque, range(1, MOST_JOINTS + 1), "N m"))
         _keep_interval(self)
 
     def at(self, time: np.ndarray) -> np.ndarray:
@@ -131,7 +130,7 @@ class EncoderNoise:
         """Check the numbers."""
         for name, unit in (("position", "rad"), ("velocity", "rad/s")):
             number = checks.real(f"EncoderNoise.{name}", getattr(self, name), unit, low=0.0)
-            _keep(self, name, number)
+            checks.keep(self, name, number)
 
 
 @dataclasses.dataclass(frozen=True)
@@ -181,14 +180,9 @@ def _while_active(vector: tuple[float, ...], time: np.ndarray, start: float, sto
 def _keep_interval(part: ConstantForce | TorqueBias) -> None:
     """Check and keep the start and the stop of a disturbance [s]; the stop may be infinite."""
     name, start, stop = type(part).__name__, part.start, part.stop
-    _keep(part, "start", checks.real(f"{name}.start", start, "s", low=0.0))
+    checks.keep(part, "start", checks.real(f"{name}.start", start, "s", low=0.0))
     if not (checks.is_real(stop) and stop > start):
         raise ValueError(
             f"{name}: start = {checks.shown(start)} s and stop = {checks.shown(stop)} s; allowed: 0 <= start < stop"
         )
-    _keep(part, "stop", math.inf if stop == math.inf else checks.real(f"{name}.stop", stop, "s"))
-
-
-def _keep(part: object, name: str, number: Any) -> None:
-    """Put a checked number into a frozen record, as float whatever kind of number was given."""
-    object.__setattr__(part, name, number)
+    checks.keep(part, "stop", math.inf if stop == math.inf else checks.real(f"{name}.stop", stop, "s"))

@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 
 from fuzzyarm.common import checks
-from fuzzyarm.common.documents import read_bytes, read_toml
+from fuzzyarm.common.documents import read_bytes, read_toml, record
 from fuzzyarm.envs.physics.equations import robot_of
 from fuzzyarm.envs.physics.parameters import ArmParameters
 from fuzzyarm.envs.physics.robot import Robot
@@ -69,18 +69,10 @@ class GivenPath:
             OSError: the file cannot be read.
         """
         try:
-            return cls._of_toml(read_toml(path)) if path.suffix == ".toml" else cls._of_csv(path)
+            return record(read_toml(path), cls) if path.suffix == ".toml" else cls._of_csv(path)
         except (TypeError, ValueError, csv.Error) as error:
             text = str(error)
             raise ValueError(text if text.startswith(str(path)) else f"{path}: {text}") from None
-
-    @classmethod
-    def _of_toml(cls, content: dict[str, Any]) -> GivenPath:
-        names = [field.name for field in dataclasses.fields(cls)]
-        unknown = [name for name in content if name not in names]
-        if unknown or "points" not in content:
-            raise ValueError(f"its fields are {checks.listed(content)}; allowed: {', '.join(names)}, points at least")
-        return cls(**content)
 
     @classmethod
     def _of_csv(cls, path: Path) -> GivenPath:

@@ -57,6 +57,7 @@ __all__ = [
     "rotation_vector",
     "solved",
     "start_posture",
+    "upwards",
     "velocity_limits",
 ]  # fmt: skip
 
@@ -134,6 +135,12 @@ def link_lengths(robot: Robot) -> np.ndarray:
     return np.asarray(np.linalg.norm([*robot.arrays.position[1:], robot.arrays.tip], axis=-1))
 
 
+def upwards(robot: Robot) -> np.ndarray:
+    """Return the direction against gravity, (3,), z if there is none."""
+    gravity = robot.arrays.gravity
+    return -gravity / np.linalg.norm(gravity) if gravity.any() else np.array([0.0, 0.0, 1.0])
+
+
 def angle_ranges(robot: Robot) -> np.ndarray:
     """Return (2, n), lowest and highest joint angles [rad]."""
     return np.array([joint.angle_range for joint in robot.joints]).T
@@ -149,8 +156,7 @@ NEGLIGIBLE = 1e-9  # share of the largest singular value that counts as zero
 NEAR = 1e-4  # [m, rad], what least squares may miss where Newton's steps go on
 
 
-@dataclasses.dataclass(frozen=True)
-class Freedom:
+class Freedom(NamedTuple):
     """What the last link of a robot can do: orthonormal directions of motion of the tip, and of turning."""
 
     motion: np.ndarray  # P (2 or 3, 3)
@@ -202,9 +208,10 @@ class TipTask:
         rows = self._moving(chain(self.robot, self.start))
         return np.linalg.svd(rows)[2][len(rows) :]
 
-    def residual(self, q: np.ndarray, point: np.ndarray) -> np.ndarray:
+    def residual(self, now: Chain, q: np.ndarray, point: np.ndarray) -> np.ndarray:
         """Return f (..., n), in m and rad, at angles (..., n) for points (..., 3) [m]."""
-        return self._residual(chain(self.robot, q), q, point)
+        turned = rotation_vector(now.rotation @ self.rotation.T) @ self.turning.T
+        return np.concatenate([(now.tip - point) @ self.motion.T, turned, (q - self.start) @ self.frozen.T], axis=-1)
 
     def matrix(self, now: Chain) -> np.ndarray:
         """Return A (..., n, n)."""
@@ -216,7 +223,7 @@ class TipTask:
         """Return angles (..., n) [rad] after Newton steps q - A⁻¹ f."""
         for _ in range(rounds):
             now = chain(self.robot, q)
-            q = q - solved(self.matrix(now), self._residual(now, q, point))
+            q = q - solved(self.matrix(now), self.residual(now, q, point))
         return q
 
     def moved(self, linear: np.ndarray) -> np.ndarray:
@@ -242,10 +249,6 @@ class TipTask:
         rows = jacobian(now)
         return np.concatenate([self.motion @ rows[..., LINEAR, :], self.turning @ rows[..., ANGULAR, :]], axis=-2)
 
-    def _residual(self, now: Chain, q: np.ndarray, point: np.ndarray) -> np.ndarray:
-        turned = rotation_vector(now.rotation @ self.rotation.T) @ self.turning.T
-        return np.concatenate([(now.tip - point) @ self.motion.T, turned, (q - self.start) @ self.frozen.T], axis=-1)
-
 
 def start_posture(
     robot: Robot, near: np.ndarray, point: np.ndarray, keeps_orientation: bool
@@ -262,7 +265,7 @@ def start_posture(
     low, high = angle_ranges(robot)
 
     def missed(q: np.ndarray) -> np.ndarray:
-        return task.residual(q, point)[:moving]
+        return task.residual(chain(robot, q), q, point)[:moving]
 
     def slope(q: np.ndarray) -> np.ndarray:
         return task.matrix(chain(robot, q))[:moving]

@@ -83,7 +83,8 @@ class Circle:
         turns: n, signed number of full turns, not zero; negative turns from +y towards +x. A fraction gives an arc.
 
     Raises:
-        ValueError: a value is not finite or out of range.
+        TypeError: a value is no real number.
+        ValueError: one is not finite or out of range.
 
     Examples:
         >>> position, first, second = Circle().points([0.0, 0.5])
@@ -98,12 +99,17 @@ class Circle:
 
     def __post_init__(self) -> None:
         """Check the values."""
-        _set(self, "center", _point("center", self.center))
-        _set(self, "radius", _positive("radius", self.radius))
-        _set(self, "start_angle", _finite("start_angle", self.start_angle, "rad"))
-        _set(self, "turns", _finite("turns", self.turns, "turns"))
+        checks.keep(self, "center", any_point("center", self.center, 2))
+        checks.keep(self, "radius", _size("radius", self.radius))
+        checks.keep(self, "start_angle", _number("start_angle", self.start_angle, "rad"))
+        checks.keep(self, "turns", _number("turns", self.turns, "turns"))
         if abs(self.turns) < FEWEST_TURNS:
             raise ValueError(f"turns = {self.turns} is out of range; allowed: ±[{FEWEST_TURNS:g}, {LARGEST:g}]")
+
+    @property
+    def circle(self) -> tuple[np.ndarray, float]:
+        """Center (2,) [m] and radius [m]."""
+        return np.array(self.center), self.radius
 
     def points(self, s: ArrayLike) -> Points:
         """Return p, dp/ds, d²p/ds² as in `TipPath`."""
@@ -123,7 +129,8 @@ class Line:
         end: likewise [m] at s = 1, at least `MINIMUM_SPACING` from start.
 
     Raises:
-        ValueError: a value is not finite, or start and end coincide.
+        TypeError: a value is no real number.
+        ValueError: one is not finite, or start and end coincide.
     """
 
     start: AnyPoint
@@ -131,8 +138,8 @@ class Line:
 
     def __post_init__(self) -> None:
         """Check the values."""
-        _set(self, "start", any_point("start", self.start))
-        _set(self, "end", any_point("end", self.end, len(self.start)))
+        checks.keep(self, "start", any_point("start", self.start))
+        checks.keep(self, "end", any_point("end", self.end, len(self.start)))
         _require_apart("start", self.start, "end", self.end)
 
     def points(self, s: ArrayLike) -> Points:
@@ -154,7 +161,8 @@ class Lemniscate:
         angle: α [rad], turns the long axis from x towards y.
 
     Raises:
-        ValueError: a value is not finite or out of range.
+        TypeError: a value is no real number.
+        ValueError: one is not finite or out of range.
     """
 
     center: Point
@@ -163,9 +171,9 @@ class Lemniscate:
 
     def __post_init__(self) -> None:
         """Check the values."""
-        _set(self, "center", _point("center", self.center))
-        _set(self, "half_width", _positive("half_width", self.half_width))
-        _set(self, "angle", _finite("angle", self.angle, "rad"))
+        checks.keep(self, "center", any_point("center", self.center, 2))
+        checks.keep(self, "half_width", _size("half_width", self.half_width))
+        checks.keep(self, "angle", _number("angle", self.angle, "rad"))
 
     def points(self, s: ArrayLike) -> Points:
         """Return p, dp/ds, d²p/ds² as in `TipPath`."""
@@ -193,6 +201,7 @@ class Spline:
         closed: whether the curve returns to its start.
 
     Raises:
+        TypeError: a value is no real number.
         ValueError: too few points, a value that is not finite, or neighbours that coincide.
     """
 
@@ -213,7 +222,7 @@ class Spline:
             raise ValueError(f"waypoints holds {found}; allowed: 2 or more distinct points, at most {MOST_WAYPOINTS}")
         for k, point in enumerate(points):
             any_point(f"waypoints[{k}]", point, len(points[0]))
-        _set(self, "waypoints", points)
+        checks.keep(self, "waypoints", points)
         checks.truth("closed", self.closed)
         last = len(points) if self.closed else len(points) - 1
         for k in range(last):
@@ -254,44 +263,18 @@ def chord_spline(points: np.ndarray, *, closed: bool = False) -> CubicSpline:
     return CubicSpline(knots / knots[-1], points, bc_type="periodic" if closed else "not-a-knot")
 
 
-def _set(path: object, name: str, value: Any) -> None:
-    object.__setattr__(path, name, value)
+def _number(name: str, value: Any, unit: str) -> float:
+    return checks.real(name, value, unit, low=-LARGEST, high=LARGEST)
 
 
-def _finite(name: str, value: Any, unit: str) -> float:
-    try:
-        number = float(value) if checks.is_real(value) else math.nan
-    except OverflowError:
-        number = math.inf
-    if not math.isfinite(number):
-        raise ValueError(f"{name} = {checks.shown(value)} must be a finite number [{unit}]; allowed: ±{LARGEST:g}")
-    if abs(number) > LARGEST:
-        raise ValueError(f"{name} = {number} {unit} is out of range; allowed: ±{LARGEST:g} {unit}")
-    return number
+def _size(name: str, value: Any) -> float:
+    return checks.real(name, value, "m", low=MINIMUM_SPACING, high=LARGEST)
 
 
-def _positive(name: str, value: Any) -> float:
-    number = _finite(name, value, "m")
-    if number < MINIMUM_SPACING:
-        raise ValueError(f"{name} = {number} m is out of range; allowed: [{MINIMUM_SPACING:g}, {LARGEST:g}] m")
-    return number
-
-
-def _point(name: str, value: Any) -> Point:
-    if not checks.is_sequence(value, 2):
-        raise ValueError(f"{name} = {checks.shown(value)} must be a pair (x, y) of finite numbers [m]")
-    x, y = value
-    return _finite(f"{name} x", x, "m"), _finite(f"{name} y", y, "m")
-
-
-def any_point(name: str, value: Any, size: int | None = None) -> AnyPoint:
+def any_point(name: str, value: Any, size: int | None = None) -> Any:
     """Return a point of two or three finite numbers [m]; of `size` numbers, if that is given."""
-    if size in (None, 3) and checks.is_sequence(value, 3):
-        x, y, z = value
-        return _finite(f"{name} x", x, "m"), _finite(f"{name} y", y, "m"), _finite(f"{name} z", z, "m")
-    if size == 3:
-        raise ValueError(f"{name} = {checks.shown(value)} must be a triple (x, y, z) of finite numbers [m]")
-    return _point(name, value)
+    count = size or (3 if checks.is_sequence(value, 3) else 2)
+    return checks.reals(name, value, count, "m", low=-LARGEST, high=LARGEST)
 
 
 def _require_apart(first_name: str, first: AnyPoint, second_name: str, second: AnyPoint) -> None:
@@ -314,7 +297,8 @@ class Square:
         half_side: a [m], > 0.
 
     Raises:
-        ValueError: a value is not finite or out of range.
+        TypeError: a value is no real number.
+        ValueError: one is not finite or out of range.
     """
 
     center: Point
@@ -322,9 +306,8 @@ class Square:
 
     def __post_init__(self) -> None:
         """Check the values."""
-        object.__setattr__(self, "center", any_point("center", self.center, 2))
-        size = checks.real("half_side", self.half_side, "m", low=MINIMUM_SPACING, high=1e6)
-        object.__setattr__(self, "half_side", size)
+        checks.keep(self, "center", any_point("center", self.center, 2))
+        checks.keep(self, "half_side", _size("half_side", self.half_side))
 
     def points(self, s: ArrayLike) -> Points:
         """Return p [m], dp/ds and d²p/ds² [m], each (..., 2), as in `TipPath`."""
@@ -373,8 +356,8 @@ class Placed:
         second: e_2, direction of the plane's y, likewise; the plane faces e_1 × e_2.
 
     Raises:
-        TypeError: `path` has no method ``points``.
-        ValueError: a value is not finite, or the axes are no unit vectors at right angles.
+        TypeError: `path` has no method ``points``, or a value is no real number.
+        ValueError: one is not finite, or the axes are no unit vectors at right angles.
 
     Examples:
         >>> from fuzzyarm.envs.scenario.paths import Circle
@@ -394,7 +377,7 @@ class Placed:
         if not isinstance(self.path, TipPath):
             raise TypeError(f"path = {checks.shown(self.path)} must have a method points(s) with points (..., 2)")
         size = 2 if checks.is_sequence(self.origin, 2) else 3
-        _keep(self, "origin", any_point("origin", self.origin, size))
+        checks.keep(self, "origin", any_point("origin", self.origin, size))
         axes = np.array([any_point(name, getattr(self, name), size) for name in ("first", "second")])
         if not np.abs(axes @ axes.T - np.eye(2)).max() <= SQUARE:
             raise ValueError(
@@ -434,7 +417,3 @@ class Placed:
         _, derivative, _ = self.path.points(s)
         left = np.stack([-derivative[..., 1], derivative[..., 0]], axis=-1)
         return np.asarray(left / np.linalg.norm(left, axis=-1, keepdims=True) @ self.axes)
-
-
-def _keep(path: object, name: str, value: Any) -> None:
-    object.__setattr__(path, name, value)

@@ -14,11 +14,10 @@ from typing import Any
 import numpy as np
 
 from fuzzyarm.common import checks
-from fuzzyarm.envs.physics.equations import AnyArm
-from fuzzyarm.envs.physics.parameters import ArmParameters
+from fuzzyarm.envs.physics.equations import AnyArm, robot_of
 from fuzzyarm.envs.physics.records import columns, per_joint, places, record_type, size
+from fuzzyarm.envs.scenario.default_reference import reference_family
 from fuzzyarm.envs.scenario.reference import Reference
-from fuzzyarm.envs.scenario.reference_family import reference_family
 
 __all__ = [
     "ALLOWED",
@@ -156,16 +155,11 @@ def _plants(arm: AnyArm) -> DomainRandomisation:
 def _robust(arm: AnyArm) -> DomainRandomisation:
     return dataclasses.replace(
         _plants(arm),
-        payload=(0.0, HEAVIEST * _mass(arm)),
+        payload=(0.0, HEAVIEST * float(np.sum(robot_of(arm).arrays.mass))),
         force=(0.0, 1.0),
         angle=(-0.01, 0.01),
         references=reference_family(arm),
     )
-
-
-def _mass(arm: AnyArm) -> float:
-    """Return the mass of all links [kg]."""
-    return sum(arm.mass) if isinstance(arm, ArmParameters) else float(np.sum(arm.arrays.mass))
 
 
 # What is drawn, by name.

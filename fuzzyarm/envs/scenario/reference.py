@@ -15,14 +15,17 @@ from __future__ import annotations
 import abc
 import dataclasses
 import math
-from typing import NamedTuple, Protocol
+from collections.abc import Sequence
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from fuzzyarm.common import checks
 from fuzzyarm.envs.physics.dynamics import tip_jacobian, tip_position
+from fuzzyarm.envs.physics.equations import bounds_of
 from fuzzyarm.envs.physics.parameters import ArmParameters
+from fuzzyarm.envs.scenario.kinematics import solved
 from fuzzyarm.envs.scenario.paths import Circle, Placed, TipPath
 
 __all__ = [
@@ -30,13 +33,15 @@ __all__ = [
     "LONGEST",
     "SHORTEST",
     "SINGULARITY_MARGIN",
-    "Curve",
     "JointReference",
+    "PathReference",
     "Reference",
     "ReferenceSample",
     "TipSample",
     "along",
+    "check_angles",
     "check_points",
+    "check_velocities",
     "corner_times",
     "joint_angles",
     "quintic_time_law",
@@ -45,14 +50,6 @@ __all__ = [
 
 
 SHORTEST, LONGEST = 1e-6, 1e6  # s, allowed durations
-
-
-class Curve(Protocol):
-    """Anything with p, dp/ds and d²p/ds² for s in [0, 1]: a path of the tip, or a spline of the joints."""
-
-    def points(self, s: ArrayLike) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Return p, dp/ds and d²p/ds², each of shape (..., d), for s of shape (...,)."""
-        ...
 
 
 def quintic_time_law(t: ArrayLike, duration: float) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
@@ -67,8 +64,11 @@ def quintic_time_law(t: ArrayLike, duration: float) -> tuple[np.ndarray, np.ndar
     return s, ds, dds
 
 
-def along(curve: Curve, t: ArrayLike, duration: float) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Return p, ṗ = p' ṡ and p̈ = p'' ṡ² + p' s̈, shapes (..., d), at times t [s] of shape (...,)."""
+def along(curve: TipPath, t: ArrayLike, duration: float) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Return p, ṗ = p' ṡ and p̈ = p'' ṡ² + p' s̈, shapes (..., d), at times t [s] of shape (...,).
+
+    The curve is a path of the tip or, with d joints, one in the space of the joint angles.
+    """
     s, ds, dds = quintic_time_law(t, duration)
     p, dp, ddp = curve.points(s)
     ds, dds = ds[..., np.newaxis], dds[..., np.newaxis]
@@ -148,8 +148,31 @@ class Reference(abc.ABC):
         """Return the times [s] at which q̈ has a corner, ascending, the ends included."""
 
 
+class PathReference(Reference):
+    """A reference whose tip follows a path, p(s(t)).
+
+    Attributes:
+        path: the curve, see `paths`.
+    """
+
+    path: TipPath
+
+    @property
+    def circle(self) -> tuple[np.ndarray, float] | None:
+        """Center [m] and radius [m] of a `Circle`, `Placed` or not."""
+        return self.path.circle if isinstance(self.path, Circle | Placed) else None
+
+    def tip(self, t: ArrayLike) -> TipSample:
+        """Return position p(s(t)) [m] and velocity ṗ = p' ṡ [m/s] at times t [s] of shape (...,)."""
+        return TipSample(*along(self.path, t, self.duration)[:2])
+
+    def corners(self) -> np.ndarray:
+        """Return the times [s] at which q̈ has a corner, ascending: the ends, and where the path has one (`TipPath`)."""
+        return corner_times(getattr(self.path, "corners", ()), self.duration)
+
+
 @dataclasses.dataclass(frozen=True)
-class JointReference(Reference):
+class JointReference(PathReference):
     """Joint motion q(t), q̇(t), q̈(t) that moves the tip along a path, from rest to rest; default: the paper's motion.
 
     All derivatives are analytic, and every value depends on its own t alone. Before t = 0 and after t = T the arm
@@ -184,8 +207,7 @@ class JointReference(Reference):
                 f"path = {checks.shown(self.path)} must have a method points(s), see "
                 "fuzzyarm.envs.scenario.paths.TipPath"
             )
-        duration = checks.real("duration", self.duration, "s", low=SHORTEST, high=LONGEST)
-        object.__setattr__(self, "duration", duration)  # as float, whatever kind of number was given
+        checks.keep(self, "duration", checks.real("duration", self.duration, "s", low=SHORTEST, high=LONGEST))
         checks.instance("parameters", self.parameters, ArmParameters)
         if not checks.is_real(self.elbow_sign) or self.elbow_sign not in (1, -1):
             raise ValueError(
@@ -195,8 +217,11 @@ class JointReference(Reference):
         check_points(self.path, quintic_time_law(t, self.duration)[0], 2)
         _check_reach(t, self.tip(t).position, self.parameters.length)
         motion = self.sample(t)
-        _check_joint_limits(t, motion.q, self.parameters.joint_limit)
-        _check_velocities(t, motion.dq, self.parameters.velocity_limit, self.duration)
+        low, high, speed, _ = bounds_of(self.parameters)
+        names = [f"joint{number}" for number in range(1, self.joints + 1)]
+        advice = "Move the path, choose the other elbow_sign, or raise the joint_limit of the parameters"
+        check_angles(names, (low, high), t, np.unwrap(motion.q, axis=0), advice)
+        check_velocities(names, speed, t, motion.dq, self.duration)
 
     def sample(self, t: ArrayLike) -> ReferenceSample:
         """Return q, q̇ = J⁻¹ ṗ and q̈ = J⁻¹ (p̈ - J̇ q̇), shapes (..., 2), at times t [s] of shape (...,)."""
@@ -204,39 +229,23 @@ class JointReference(Reference):
         length = self.parameters.length
         q = joint_angles(position, length, self.elbow_sign)
         jacobian = tip_jacobian(q, length)
-        dq = _solve(jacobian, velocity)
+        dq = solved(jacobian, velocity)
         # J̇ q̇ is centripetal: each link, at angle φ and turning at ω, adds -L ω² (cos φ, sin φ).
         phi, omega = np.cumsum(q, axis=-1), np.cumsum(dq, axis=-1)
         pull = np.array(length) * omega**2
         centripetal = -np.stack([np.sum(pull * np.cos(phi), axis=-1), np.sum(pull * np.sin(phi), axis=-1)], axis=-1)
-        return ReferenceSample(q, dq, _solve(jacobian, acceleration - centripetal))
+        return ReferenceSample(q, dq, solved(jacobian, acceleration - centripetal))
 
     @property
     def joints(self) -> int:
         """Two."""
         return len(self.parameters.length)
 
-    @property
-    def circle(self) -> tuple[np.ndarray, float] | None:
-        """Center (2,) [m] and radius [m] of a `Circle`, `Placed` or not."""
-        if isinstance(self.path, Placed):
-            return self.path.circle
-        return (np.array(self.path.center), self.path.radius) if isinstance(self.path, Circle) else None
-
-    def tip(self, t: ArrayLike) -> TipSample:
-        """Return position p(s(t)) [m] and velocity ṗ = p' ṡ [m/s], shapes (..., 2), at times t [s] of shape (...,)."""
-        position, velocity, _ = along(self.path, t, self.duration)
-        return TipSample(position, velocity)
-
     def normals(self, t: ArrayLike) -> np.ndarray:
         """Return the left unit normals of the path, (..., 2)."""
         _, derivative, _ = self.path.points(quintic_time_law(t, self.duration)[0])
         length = np.hypot(derivative[..., 0], derivative[..., 1])[..., np.newaxis]
         return np.stack([-derivative[..., 1], derivative[..., 0]], axis=-1) / length
-
-    def corners(self) -> np.ndarray:
-        """Return the times [s] at which q̈ has a corner, ascending: the ends, and where the path has one (`TipPath`)."""
-        return corner_times(getattr(self.path, "corners", ()), self.duration)
 
 
 def joint_angles(position: np.ndarray, length: tuple[float, float], elbow_sign: int) -> np.ndarray:
@@ -256,11 +265,6 @@ def joint_angles(position: np.ndarray, length: tuple[float, float], elbow_sign: 
     # The tip of the arm with q1 = 0; q1 turns it onto p.
     x0, y0 = length[0] + length[1] * np.cos(q2), length[1] * np.sin(q2)
     return np.stack([np.arctan2(y * x0 - x * y0, x * x0 + y * y0), q2], axis=-1)
-
-
-def _solve(jacobian: np.ndarray, right: np.ndarray) -> np.ndarray:
-    """Return J⁻¹ right, shapes (..., 2, 2) and (..., 2)."""
-    return np.linalg.solve(jacobian, right[..., np.newaxis])[..., 0]
 
 
 def check_points(path: TipPath, s: np.ndarray, size: int) -> None:
@@ -294,26 +298,46 @@ def _check_reach(t: np.ndarray, position: np.ndarray, length: tuple[float, float
         )
 
 
-def _check_joint_limits(t: np.ndarray, q: np.ndarray, limit: tuple[float, float]) -> None:
-    """Raise if a joint angle, followed continuously, leaves its limit."""
-    outside = np.abs(np.unwrap(q, axis=0)) > np.array(limit)
-    for joint in np.flatnonzero(outside.any(axis=0)):
-        k = int(np.argmax(outside[:, joint]))
+def check_angles(
+    names: Sequence[str], limits: tuple[np.ndarray, np.ndarray], t: np.ndarray, q: np.ndarray, advice: str
+) -> None:
+    """Raise ValueError if an angle leaves its joint's range.
+
+    Args:
+        names: of the joints.
+        limits: lowest and highest angles (n,) [rad].
+        t: times (k,) [s].
+        q: angles (k, n) [rad] at these times.
+        advice: the way out, the end of the message.
+    """
+    low, high = limits
+    beyond = np.maximum(q - high, low - q)
+    k, joint = map(int, np.unravel_index(np.argmax(beyond), beyond.shape))
+    if beyond[k, joint] > 0.0:
+        first = int(np.argmax(beyond[:, joint] > 0.0))
         raise ValueError(
-            f"q{joint + 1} = {np.unwrap(q[:, joint])[k]:.6g} rad at t = {t[k]:.4g} s leaves the joint limit; allowed: "
-            f"[-{limit[joint]:.6g}, {limit[joint]:.6g}] rad (parameters.joint_limit[{joint}]). "
-            "Move the path or choose the other elbow_sign"
+            f"{names[joint]} leaves its range at t = {t[first]:.4g} s, and by {beyond[k, joint]:.3g} rad at t = "
+            f"{t[k]:.4g} s, where it is {q[k, joint]:.6g} rad; allowed: [{low[joint]:.6g}, {high[joint]:.6g}] rad. "
+            f"{advice}"
         )
 
 
-def _check_velocities(t: np.ndarray, dq: np.ndarray, limit: tuple[float, float], duration: float) -> None:
-    """Raise if a joint velocity passes its limit; they go with 1/T, so the message names the shortest T that fits."""
-    speed = np.abs(dq)
-    k, joint = np.unravel_index(np.argmax(speed / np.array(limit)), speed.shape)
-    if speed[k, joint] > limit[joint]:
-        needed = duration * speed[k, joint] / limit[joint]
+def check_velocities(names: Sequence[str], limits: np.ndarray, t: np.ndarray, dq: np.ndarray, duration: float) -> None:
+    """Raise ValueError if a velocity passes its joint's limit; the message names the shortest duration that fits.
+
+    Args:
+        names: of the joints.
+        limits: (n,) [rad/s].
+        t: times (k,) [s].
+        dq: velocities (k, n) [rad/s] at these times, which go with 1/duration.
+        duration: T [s].
+    """
+    share = np.abs(dq) / limits
+    k, joint = map(int, np.unravel_index(np.argmax(share), share.shape))
+    if share[k, joint] > 1.0:
+        needed = math.ceil(duration * share[k, joint] * 1000.0) / 1000.0
         raise ValueError(
-            f"dq{joint + 1} = {dq[k, joint]:.6g} rad/s at t = {t[k]:.4g} s passes the velocity limit; allowed: "
-            f"[-{limit[joint]:g}, {limit[joint]:g}] rad/s (parameters.velocity_limit[{joint}]). "
-            f"Raise duration = {duration:g} s to {math.ceil(needed * 1000.0) / 1000.0:.3f} s or more"
+            f"{names[joint]} turns at {dq[k, joint]:.6g} rad/s at t = {t[k]:.4g} s, "
+            f"{100.0 * (share[k, joint] - 1.0):.3g} % beyond its velocity limit; allowed: [-{limits[joint]:g}, "
+            f"{limits[joint]:g}] rad/s. Raise duration = {duration:g} s to {needed:.3f} s or more"
         )

@@ -21,7 +21,6 @@ from __future__ import annotations
 
 import dataclasses
 import functools
-import math
 from collections.abc import Sequence
 from typing import TYPE_CHECKING, Any, Literal
 
@@ -42,6 +41,7 @@ from fuzzyarm.envs.scenario.kinematics import (
     reach,
     solved,
     start_posture,
+    upwards,
     velocity_limits,
 )
 from fuzzyarm.envs.scenario.paths import MOST_WAYPOINTS, Placed, TipPath, chord_spline
@@ -49,11 +49,14 @@ from fuzzyarm.envs.scenario.reference import (
     CHECKED_INSTANTS,
     LONGEST,
     SHORTEST,
+    PathReference,
     Reference,
     ReferenceSample,
     TipSample,
     along,
+    check_angles,
     check_points,
+    check_velocities,
     corner_times,
     quintic_time_law,
     time_at,
@@ -63,8 +66,7 @@ if TYPE_CHECKING:
     from scipy.interpolate import CubicHermiteSpline, CubicSpline
 
 __all__ = [
-    "EXACT", "MINIMUM_TURN", "SHARPEST", "SplineReference", "TipReference", "check_angles", "check_velocities",
-    "checked_angles", "upward_normals",
+    "EXACT", "MINIMUM_TURN", "SHARPEST", "SplineReference", "TipReference", "checked_angles", "upward_normals",
 ]  # fmt: skip
 
 
@@ -85,46 +87,12 @@ def checked_angles(name: str, values: object, robot: Robot) -> tuple[float, ...]
     return angles
 
 
-def check_angles(robot: Robot, t: np.ndarray, q: np.ndarray, advice: str) -> None:
-    """Raise ValueError if an angle leaves its joint's range.
-
-    Args:
-        robot: the robot.
-        t: times (k,) [s].
-        q: angles (k, n) [rad] at these times.
-        advice: the way out, the end of the message.
-    """
+def _check_limits(robot: Robot, t: np.ndarray, motion: ReferenceSample, duration: float, advice: str) -> None:
+    """Raise ValueError if a motion at times t (k,) [s] leaves the range of a joint or passes its velocity limit."""
+    names = [joint.name for joint in robot.joints]
     low, high = angle_ranges(robot)
-    beyond = np.maximum(q - high, low - q)
-    k, number = np.unravel_index(np.argmax(beyond), beyond.shape)
-    if beyond[k, number] > 0.0:
-        joint, first = robot.joints[number], int(np.argmax(beyond[:, number] > 0.0))
-        raise ValueError(
-            f"{joint.name} leaves its range at t = {t[first]:.4g} s, and by {beyond[k, number]:.3g} rad at t = "
-            f"{t[k]:.4g} s, where it is {q[k, number]:.6g} rad; allowed: [{low[number]:.6g}, {high[number]:.6g}] rad. "
-            f"{advice}"
-        )
-
-
-def check_velocities(robot: Robot, t: np.ndarray, dq: np.ndarray, duration: float) -> None:
-    """Raise ValueError if a velocity passes its joint's limit; the message names the shortest duration that fits.
-
-    Args:
-        robot: the robot.
-        t: times (k,) [s].
-        dq: velocities (k, n) [rad/s] at these times, which go with 1/duration.
-        duration: T [s].
-    """
-    limits = velocity_limits(robot)
-    share = np.abs(dq) / limits
-    k, number = np.unravel_index(np.argmax(share), share.shape)
-    if share[k, number] > 1.0:
-        needed = math.ceil(duration * share[k, number] * 1000.0) / 1000.0
-        raise ValueError(
-            f"{robot.joints[number].name} turns at {dq[k, number]:.6g} rad/s at t = {t[k]:.4g} s, "
-            f"{100.0 * (share[k, number] - 1.0):.3g} % beyond its velocity limit; allowed: [-{limits[number]:g}, "
-            f"{limits[number]:g}] rad/s. Raise duration = {duration:g} s to {needed:.3f} s or more"
-        )
+    check_angles(names, (low, high), t, motion.q, advice)
+    check_velocities(names, velocity_limits(robot), t, motion.dq, duration)
 
 
 STEPS = np.linspace(0.0, 1.0, 81)  # of s, from one to the next of which the branch is followed
@@ -142,7 +110,7 @@ For two equal links it is 0.04 to 0.08 of sin q2, for a wrist of three axes abou
 
 
 @dataclasses.dataclass(frozen=True)
-class TipReference(Reference):
+class TipReference(PathReference):
     """Joint motion that moves the tip of a robot along a path in space, from rest to rest.
 
     Attributes:
@@ -172,18 +140,18 @@ class TipReference(Reference):
         if not isinstance(self.path, TipPath):
             raise TypeError(f"path = {checks.shown(self.path)} must have a method points(s) with points (..., 3)")
         checks.instance("robot", self.robot, Robot)
-        _keep(self, "duration", checks.real("duration", self.duration, "s", low=SHORTEST, high=LONGEST))
+        checks.keep(self, "duration", checks.real("duration", self.duration, "s", low=SHORTEST, high=LONGEST))
         checks.choice("orientation", self.orientation, ("constant", "free"))
         posture = home_posture(self.robot) if self.posture is None else self.posture
-        _keep(self, "posture", checked_angles("posture", posture, self.robot))
+        checks.keep(self, "posture", checked_angles("posture", posture, self.robot))
         t = np.linspace(0.0, self.duration, CHECKED_INSTANTS)
         s = quintic_time_law(t, self.duration)[0]
         check_points(self.path, s, 3)
         self._check_plane(t, self.path.points(s)[0])
         motion = self.sample(t)
         self._check_sharpness(t, motion.q)
-        check_angles(self.robot, t, motion.q, "Move or shrink the path, or start from another posture=")
-        check_velocities(self.robot, t, motion.dq, self.duration)
+        advice = "Move or shrink the path, or start from another posture="
+        _check_limits(self.robot, t, motion, self.duration, advice)
 
     @property
     def joints(self) -> int:
@@ -196,11 +164,6 @@ class TipReference(Reference):
         can = freedom(self.robot)
         return self.orientation == "constant" and self.joints >= len(can.motion) + len(can.turning)
 
-    @property
-    def circle(self) -> tuple[np.ndarray, float] | None:
-        """Center (3,) [m] and radius [m] of a `Circle` that is `Placed`."""
-        return self.path.circle if isinstance(self.path, Placed) else None
-
     def sample(self, t: ArrayLike) -> ReferenceSample:
         """Return q, q̇ = A⁻¹ (P ṗ, 0, 0) and q̈, shapes (..., n), at times t [s] of shape (...,)."""
         position, velocity, acceleration = along(self.path, t, self.duration)
@@ -211,21 +174,12 @@ class TipReference(Reference):
         dq = solved(matrix, task.moved(velocity))
         return ReferenceSample(q, dq, solved(matrix, task.moved(acceleration) - task.drifting(now, dq)))
 
-    def tip(self, t: ArrayLike) -> TipSample:
-        """Return position p(s(t)) [m] and velocity ṗ = p' ṡ [m/s], shapes (..., 3), at times t [s] of shape (...,)."""
-        position, velocity, _ = along(self.path, t, self.duration)
-        return TipSample(position, velocity)
-
     def normals(self, t: ArrayLike) -> np.ndarray:
         """Return the left normals of a plane curve that is `Placed`, else `upward_normals`; (..., 3)."""
         s = quintic_time_law(t, self.duration)[0]
         if isinstance(self.path, Placed):
             return self.path.normals(s)
         return upward_normals(self.path.points(s)[1], self.robot)
-
-    def corners(self) -> np.ndarray:
-        """Return the times [s] at which q̈ has a corner, ascending: the ends, and where the path has one (`TipPath`)."""
-        return corner_times(getattr(self.path, "corners", ()), self.duration)
 
     @functools.cached_property
     def _task(self) -> TipTask:
@@ -332,8 +286,7 @@ def upward_normals(tangents: np.ndarray, robot: Robot) -> np.ndarray:
 
     Where the curve is vertical, the normal is the one closest to the base's x; without gravity, z is up.
     """
-    up = -robot.arrays.gravity if robot.arrays.gravity.any() else np.array([0.0, 0.0, 1.0])
-    up = up / np.linalg.norm(up)
+    up = upwards(robot)
     aside = np.eye(3)[0] if abs(up[0]) < 0.9 else np.eye(3)[1]
     along_curve = tangents / np.linalg.norm(tangents, axis=-1, keepdims=True)
     normals = []
@@ -346,10 +299,6 @@ def upward_normals(tangents: np.ndarray, robot: Robot) -> np.ndarray:
 
 def _shown(values: Any) -> str:
     return "(" + ", ".join(f"{value:.6g}" for value in values) + ")"
-
-
-def _keep(reference: object, name: str, value: Any) -> None:
-    object.__setattr__(reference, name, value)
 
 
 MINIMUM_TURN = 1e-6  # rad by which neighbouring postures must differ
@@ -378,13 +327,13 @@ class SplineReference(Reference):
     def __post_init__(self) -> None:
         """Check the values, then the whole motion at `CHECKED_INSTANTS` instants."""
         checks.instance("robot", self.robot, Robot)
-        _keep(self, "duration", checks.real("duration", self.duration, "s", low=SHORTEST, high=LONGEST))
+        checks.keep(self, "duration", checks.real("duration", self.duration, "s", low=SHORTEST, high=LONGEST))
         if not isinstance(self.waypoints, Sequence | np.ndarray) or isinstance(self.waypoints, str):
             raise TypeError(f"waypoints = {checks.shown(self.waypoints)} must be a sequence of postures [rad]")
         if not 2 <= len(self.waypoints) <= MOST_WAYPOINTS:
             raise ValueError(f"waypoints holds {len(self.waypoints)} postures; allowed: 2 to {MOST_WAYPOINTS}")
         postures = tuple(checked_angles(f"waypoints[{k}]", q, self.robot) for k, q in enumerate(self.waypoints))
-        _keep(self, "waypoints", postures)
+        checks.keep(self, "waypoints", postures)
         for k, turn in enumerate(np.linalg.norm(np.diff(postures, axis=0), axis=1)):
             if turn < MINIMUM_TURN:
                 raise ValueError(
@@ -393,8 +342,8 @@ class SplineReference(Reference):
                 )
         t = np.linspace(0.0, self.duration, CHECKED_INSTANTS)
         motion = self.sample(t)
-        check_angles(self.robot, t, motion.q, "Add waypoints where the spline swings too far, or move them inwards")
-        check_velocities(self.robot, t, motion.dq, self.duration)
+        advice = "Add waypoints where the spline swings too far, or move them inwards"
+        _check_limits(self.robot, t, motion, self.duration, advice)
 
     @property
     def joints(self) -> int:

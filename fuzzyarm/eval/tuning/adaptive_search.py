@@ -29,10 +29,10 @@ import numpy as np
 
 from fuzzyarm.envs.physics.dynamics import Payload, arm_constants, rigid_inverse_dynamics, tip_jacobian
 from fuzzyarm.envs.physics.parameters import ArmParameters
+from fuzzyarm.envs.scenario.default_reference import reference_family
 from fuzzyarm.envs.scenario.disturbances import ConstantForce, Disturbance, EncoderNoise, MachiningForce
 from fuzzyarm.envs.scenario.randomisation import find_randomisation
 from fuzzyarm.envs.scenario.reference import Reference
-from fuzzyarm.envs.scenario.reference_family import reference_family
 from fuzzyarm.eval.tuning.finding import PERIOD, force_factor, heaviest
 from fuzzyarm.eval.tuning.search import Budget, rounded
 from fuzzyarm.fuzzy_policy.laws.adaptive.belief import AdaptiveWeights

@@ -32,13 +32,12 @@ from fuzzyarm.envs.physics.equations import AnyArm, equations_of, robot_of
 from fuzzyarm.envs.physics.rigid_body import gravity, inverse_dynamics, tip_jacobian
 from fuzzyarm.envs.physics.robot import Robot
 from fuzzyarm.envs.scenario.cases import Scenario
-from fuzzyarm.envs.scenario.default_reference import default_reference
+from fuzzyarm.envs.scenario.default_reference import default_reference, reference_family
 from fuzzyarm.envs.scenario.disturbances import ConstantForce, Disturbance, TipForce
 from fuzzyarm.envs.scenario.kinematics import freedom
 from fuzzyarm.envs.scenario.paths import Circle
 from fuzzyarm.envs.scenario.randomisation import find_randomisation
 from fuzzyarm.envs.scenario.reference import JointReference, Reference
-from fuzzyarm.envs.scenario.reference_family import reference_family
 from fuzzyarm.envs.scenario.robot_reference import SplineReference
 from fuzzyarm.fuzzy_policy.known_arm import per_joint_of
 from fuzzyarm.learned_policy.estimate.signals import scale_of

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from support.randomisation import ROBUST
 
-from fuzzyarm.envs.batch.results_memory import ResultsMemory
+from fuzzyarm.envs.batch.layout import ResultsMemory
 from fuzzyarm.envs.batch.workers import Workers
 from fuzzyarm.numbers.machine import WIDE
 

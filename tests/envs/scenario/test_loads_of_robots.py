@@ -11,9 +11,8 @@ from fuzzyarm.envs.physics.rigid_body import tip_jacobian
 from fuzzyarm.envs.physics.robot import Robot, robot_named
 from fuzzyarm.envs.scenario import cases
 from fuzzyarm.envs.scenario.cases import Case, case_for, find_case
-from fuzzyarm.envs.scenario.default_reference import default_reference
+from fuzzyarm.envs.scenario.default_reference import default_reference, reference_family
 from fuzzyarm.envs.scenario.disturbances import ConstantForce, Disturbance
-from fuzzyarm.envs.scenario.reference_family import reference_family
 
 PAPER = Robot.of(ArmParameters())
 

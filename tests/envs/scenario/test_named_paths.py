@@ -104,9 +104,9 @@ def test_points_of_a_file_are_followed(tmp_path):
         ("a.csv", "x,y\n0.4,0.5\nx,y\n0.5,0.4\n", "line 3, cell 1 is 'x'"),
         ("a.csv", "0.4,nan\n0.5,0.4\n0.5,0.6\n", "line 1, cell 2 is 'nan'"),
         ("a.csv", "0.4,0_5\n0.5,0.4\n0.5,0.6\n", "line 1, cell 2 is '0_5'"),
-        ("a.csv", "0.4\n0.5\n", "point 1 = .* must be a pair"),
+        ("a.csv", "0.4\n0.5\n", "point 1 = .* must be 2 real numbers"),
         ("a.csv", "0.4,0.5\n", "1 point"),
-        ("a.toml", "pts = [[0.4, 0.5]]\n", "its fields are pts; allowed: points, closed, duration"),
+        ("a.toml", "pts = [[0.4, 0.5]]\n", "unknown field pts; known: closed, duration, points"),
         ("a.toml", "points = [[0.4, 0.5], [0.5, 0.4]]\nduration = -1.0\n", "duration = -1.0 s is out of range"),
     ],
 )

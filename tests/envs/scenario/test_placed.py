@@ -34,5 +34,5 @@ def test_axes_must_be_unit_vectors_at_right_angles(first, second):
 def test_it_needs_a_curve_and_triples():
     with pytest.raises(TypeError, match="must have a method points"):
         Placed(1.0, (0.0, 0.0, 0.0), *AXES)
-    with pytest.raises(ValueError, match=r"first = .* must be a pair"):
+    with pytest.raises(ValueError, match=r"first = .* must be 2 real numbers"):
         Placed(CURVE, (0.0, 0.0), *AXES)

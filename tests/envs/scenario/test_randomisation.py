@@ -13,6 +13,7 @@ from fuzzyarm.envs.physics.dynamics import Payload, arm_constants, plant_of, rig
 from fuzzyarm.envs.physics.parameters import ArmParameters
 from fuzzyarm.envs.physics.records import PerJoint, filled, flat
 from fuzzyarm.envs.scenario.cases import CASES
+from fuzzyarm.envs.scenario.default_reference import reference_family
 from fuzzyarm.envs.scenario.disturbances import Disturbance, EncoderNoise
 from fuzzyarm.envs.scenario.paths import Circle, Lemniscate, Line
 from fuzzyarm.envs.scenario.randomisation import (
@@ -22,7 +23,6 @@ from fuzzyarm.envs.scenario.randomisation import (
     find_randomisation,
 )
 from fuzzyarm.envs.scenario.reference import JointReference
-from fuzzyarm.envs.scenario.reference_family import reference_family
 
 TABLE_1 = ArmParameters()
 LONG = dataclasses.replace(TABLE_1, length=(0.6, 0.5))
