@@ -66,7 +66,7 @@ MUTANTS = (
     # Controller files.
     Mutant("controller-digest", "fuzzy_policy/signed_files.py", 'if content["digest"] != digest_of(', 'if not content["digest"] and digest_of(', "tests/fuzzy_policy/test_controller.py"),
     Mutant("controller-hexadecimal", "fuzzy_policy/signed_files.py", "except OverflowError", "except ZeroDivisionError", BADLY),
-    Mutant("controller-bounds", CONTROLLER, "if not np.array_equal(np.array(decoded(document.bounds)), model.bounds)", "if not np.array(decoded(document.bounds)).size", "tests/fuzzy_policy/test_controller.py"),
+    Mutant("controller-bounds", CONTROLLER, 'if not np.array_equal(np.array(decoded(document["bounds"])), model.bounds)', 'if not np.array(decoded(document["bounds"])).size', "tests/fuzzy_policy/test_controller.py"),
     Mutant("controller-blocks", CONTROLLER, "if not np.array_equal(self.P, self.P.T) or self.P[:n_e, n_e:].any()", "if not np.array_equal(self.P, self.P.T)", BADLY),
     Mutant("controller-weight", CONTROLLER, "self.weight.min() <= 0.0", "self.weight.min() < 0.0", BADLY),
     Mutant("controller-gamma", CONTROLLER, 'real("gamma", self.gamma, low=GAINS[0], high=GAINS[1])', 'real("gamma", self.gamma)', BADLY),
