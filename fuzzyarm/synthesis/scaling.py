@@ -18,8 +18,9 @@ import numpy as np
 from fuzzyarm.envs.observation import JOINTS
 from fuzzyarm.envs.physics.dynamics import arm_constants
 from fuzzyarm.envs.physics.parameters import ArmParameters
-from fuzzyarm.fuzzy_policy.proof.vertices import REFERENCE_POLE, TrackingVertices, UncertainTerm, Vertices
+from fuzzyarm.fuzzy_policy.proof.vertices import REFERENCE_POLE, TrackingVertices, Vertices
 from fuzzyarm.fuzzy_policy.states import PLANT, VELOCITY
+from fuzzyarm.fuzzy_policy.ts_model import Uncertainty
 
 __all__ = ["Scaling"]
 
@@ -87,7 +88,7 @@ class Scaling:
         return np.asarray(gains * self.state[: gains.shape[-1]] / self.torque[:, np.newaxis])
 
 
-def _balance(term: UncertainTerm, data: Vertices, state: np.ndarray, row: np.ndarray, time: float) -> float:
+def _balance(term: Uncertainty, data: Vertices, state: np.ndarray, row: np.ndarray, time: float) -> float:
     """Return n_l, with which H R and W T, for E times σ, are of one size; in the paper's form W reads x_r too."""
     reads = [term.W * state * (1.0 if term.on == "A" else time)]
     if isinstance(data, TrackingVertices):

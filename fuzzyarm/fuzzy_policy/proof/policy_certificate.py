@@ -83,7 +83,7 @@ def statement(controller: Controller) -> str:
             "d is friction, tip forces and payload as joint torques. "
         )
         return box + claim + NOT_COVERED + OF_THE_TIP
-    dropped = [u.premise for u in model.uncertainties]
+    dropped = [name for u in model.uncertainties for name in u.premises]
     residual = f", and the feedforward residual of the dropped premises {', '.join(dropped)}" if dropped else ""
     if controller.fastest_pole is not None:
         beta = at_most(controller.fastest_pole, 6)
