@@ -10,6 +10,7 @@ import dataclasses
 import functools
 import math
 import threading
+from typing import Any
 
 import numpy as np
 
@@ -144,8 +145,8 @@ def nearest_feasible(
 ) -> float | None:
     """Return the feasible value of a limit that is nearest to the specified one, with the others as they are.
 
-    The fastest pole is raised up to a thousandfold, γ a millionfold, and the gain bound tenfold from the smallest gains;
-    α falls to `_slowest_tried`. None if no such value is feasible, or if the limit is not given.
+    The fastest pole is raised up to a thousandfold, γ a millionfold, and the gain bound tenfold from the smallest
+    gains; α falls to `_slowest_tried`. None if no such value is feasible, or if the limit is not given.
 
     Args:
         specification: what was asked.
@@ -155,7 +156,8 @@ def nearest_feasible(
     """
 
     def solved(value: float | None) -> Point | NoPoint:
-        return best_point(dataclasses.replace(specification, **{name: value}), arm, vertex)
+        changed: dict[str, Any] = {name: value}
+        return best_point(dataclasses.replace(specification, **changed), arm, vertex)
 
     found = None
 

@@ -176,9 +176,7 @@ def test_the_limit_that_binds_is_named_with_the_value_that_would_do(limit, asked
 )
 def test_a_default_for_a_heavier_arm_is_named_first(mass, gamma, named, monkeypatch):
     """γ is an angle per torque: what is asked of an arm is γ times its inertia."""
-    monkeypatch.setattr(
-        synthesis_search, "nearest_feasible", lambda _, __, name, ___: {"alpha": 3, "gamma": 3}.get(name)
-    )
+    monkeypatch.setattr(synthesis_search, "nearest_feasible", lambda *a: {"alpha": 3, "gamma": 3}.get(a[2]))
     arm, scaled = ArmParameters(), ("mass", "inertia", "motor_inertia")
     light = dataclasses.replace(arm, **{k: tuple(mass * number for number in getattr(arm, k)) for k in scaled})
     assert lightness(light) == pytest.approx(1.0 / mass)
