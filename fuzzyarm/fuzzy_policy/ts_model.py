@@ -113,17 +113,11 @@ class Uncertainty:
 
 @dataclasses.dataclass(frozen=True)
 class Polytope:
-    """The vertices and the dropped premises in one number type.
+    """The vertices and the dropped premises in one number type."""
 
-    Attributes:
-        E: N_e matrices E_pk, (4, 4).
-        A: N matrices A_pi, (4, 4).
-        uncertainties: the dropped premises.
-    """
-
-    E: list[np.ndarray]
-    A: list[np.ndarray]
-    uncertainties: list[Uncertainty]
+    E: list[np.ndarray]  # N_e matrices E_pk, (4, 4)
+    A: list[np.ndarray]  # N matrices A_pi, (4, 4)
+    uncertainties: list[Uncertainty]  # the dropped premises
 
 
 @dataclasses.dataclass(frozen=True)

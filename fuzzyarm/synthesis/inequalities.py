@@ -91,39 +91,23 @@ class NoPoint(ValueError):
 
 @dataclasses.dataclass(frozen=True)
 class Point:
-    """A strictly feasible point of the full inequalities, in SI units; shapes and symbols as in `Controller`.
+    """A strictly feasible point of the full inequalities, in SI units; shapes and symbols as in `Controller`."""
 
-    Attributes:
-        alpha: α [1/s].
-        gamma: γ, given or found.
-        P: (n, n).
-        M: (N, N_e, 2, n_e).
-        L: (N, N_e, 2, 6); empty in the consistent form.
-        slack: (Q, X, τ) of Ψ and, with a fastest pole, of Φ: (p, n, n), (p, n, n) and (p, N_e, m).
-        margin: recomputed from these values; the inequalities are <= -margin I in the units of `Scaling`.
-        largest_gain: largest |K_jk| in these units.
-        objective: as the solver reports it: g, or γ² in units, or 0.
-        status: as the solver reports it.
-        variables: scalar variables of the cone program.
-        rows: of its cones, upper triangles.
-        compile_seconds: to write and compile the problem, or to change its parameters [s].
-        solve_seconds: of the solver and of recomputing the margin [s].
-    """
-
-    alpha: float
-    gamma: float
-    P: np.ndarray
-    M: np.ndarray
-    L: np.ndarray
+    alpha: float  # α [1/s]
+    gamma: float  # γ, given or found
+    P: np.ndarray  # (n, n)
+    M: np.ndarray  # (N, N_e, 2, n_e)
+    L: np.ndarray  # (N, N_e, 2, 6); empty in the consistent form
+    # (Q, X, τ) of Ψ and, with a fastest pole, of Φ: (p, n, n), (p, n, n) and (p, N_e, m)
     slack: tuple[tuple[np.ndarray, np.ndarray, np.ndarray], ...]
-    margin: float
-    largest_gain: float
-    objective: float
-    status: str
-    variables: int
-    rows: int
-    compile_seconds: float
-    solve_seconds: float
+    margin: float  # recomputed from these values; the inequalities are <= -margin I in the units of `Scaling`
+    largest_gain: float  # largest |K_jk| in these units
+    objective: float  # as the solver reports it: g, or γ² in units, or 0
+    status: str  # as the solver reports it
+    variables: int  # scalar variables of the cone program
+    rows: int  # of its cones, upper triangles
+    compile_seconds: float  # to write and compile the problem, or to change its parameters [s]
+    solve_seconds: float  # of the solver and of recomputing the margin [s]
 
 
 @dataclasses.dataclass(frozen=True)

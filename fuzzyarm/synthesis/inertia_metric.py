@@ -76,19 +76,12 @@ FIRST_STEP, STEPS = 0.2, 25  # rad, halved where no step helps
 
 @dataclasses.dataclass(frozen=True)
 class InertiaSamples:
-    """The inertia M̄ = near + Jᵀ D J of a chain that is split behind link a, at sampled angles.
+    """The inertia M̄ = near + Jᵀ D J of a chain that is split behind link a, at sampled angles."""
 
-    Attributes:
-        q: angles (B, n) [rad].
-        near: of the links up to a, with the rotors, (B, n, n) [kg m²].
-        twist: J (B, 6 + n - a, n), from q̇ to the twist of link a in its own frame and the rates beyond.
-        distal: D (B, 6 + n - a, 6 + n - a), of the links beyond; of no size without a split.
-    """
-
-    q: np.ndarray
-    near: np.ndarray
-    twist: np.ndarray
-    distal: np.ndarray
+    q: np.ndarray  # angles (B, n) [rad]
+    near: np.ndarray  # of the links up to a, with the rotors, (B, n, n) [kg m²]
+    twist: np.ndarray  # J (B, 6 + n - a, n), from q̇ to the twist of link a in its own frame and the rates beyond
+    distal: np.ndarray  # D (B, 6 + n - a, 6 + n - a), of the links beyond; of no size without a split
 
     @classmethod
     def of(cls, robot: Robot, split: int, count: int, seed: int) -> InertiaSamples:
@@ -414,27 +407,16 @@ SLACK = 1e-3  # of D_low and D_high, in units of the mean of D
 
 @dataclasses.dataclass(frozen=True)
 class Metric:
-    """A proposal of bounds; quantities as in `ScheduledController`, whose `kappa`, `floor` and `rates` are wider.
+    """A proposal of bounds; quantities as in `ScheduledController`, whose `kappa`, `floor` and `rates` are wider."""
 
-    Attributes:
-        premises: the kept ones.
-        split: a.
-        inertia: S_r, (N, n, n).
-        distal_low: D_low.
-        distal_high: D_high.
-        kappa: κ of the angles searched.
-        floor: σ, likewise.
-        rates: μ_k, likewise, (premises,).
-    """
-
-    premises: tuple[Premise, ...]
-    split: int
-    inertia: np.ndarray
-    distal_low: np.ndarray
-    distal_high: np.ndarray
-    kappa: float
-    floor: float
-    rates: np.ndarray
+    premises: tuple[Premise, ...]  # the kept ones
+    split: int  # a
+    inertia: np.ndarray  # S_r, (N, n, n)
+    distal_low: np.ndarray  # D_low
+    distal_high: np.ndarray  # D_high
+    kappa: float  # κ of the angles searched
+    floor: float  # σ, likewise
+    rates: np.ndarray  # μ_k, likewise, (premises,)
 
     def rate(self, robot: Robot) -> float:
         """Return μ = Σ μ_k |q̇_k| [1/s] at the largest speeds of the kept angles."""

@@ -29,19 +29,12 @@ CLARABEL = dict.fromkeys(("tol_gap_abs", "tol_gap_rel", "tol_feas"), 1e-7) | {"m
 
 @dataclasses.dataclass(frozen=True)
 class Feedback:
-    """A feedback of the scalar loop.
+    """A feedback of the scalar loop."""
 
-    Attributes:
-        k: (k_p [1/s²], k_d [1/s], k_i [1/s³]).
-        X: (3, 3).
-        gamma: γ [s²].
-        fastest_pole: β [1/s].
-    """
-
-    k: np.ndarray
-    X: np.ndarray
-    gamma: float
-    fastest_pole: float
+    k: np.ndarray  # (k_p [1/s²], k_d [1/s], k_i [1/s³])
+    X: np.ndarray  # (3, 3)
+    gamma: float  # γ [s²]
+    fastest_pole: float  # β [1/s]
 
 
 class _Problem:

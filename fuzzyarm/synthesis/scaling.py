@@ -27,27 +27,16 @@ __all__ = ["Scaling"]
 
 @dataclasses.dataclass(frozen=True)
 class Scaling:
-    """The units above.
+    """The units above."""
 
-    Attributes:
-        time: σ [rad/s], the pole of the paper's reference model.
-        state: T, (n,).
-        row: R, (n,).
-        torque: U, (2,) [N m].
-        disturbance: V, (n_w,): of d in the consistent form, of (d, r) in the paper's.
-        output: of z, (n_z,): 1, or Q^(1/2) in the paper's form, where Ψ has -Q⁻¹.
-        uncertainty: n_l, (m,).
-        terms: rows of each uncertain term, (m,).
-    """
-
-    time: float
-    state: np.ndarray
-    row: np.ndarray
-    torque: np.ndarray
-    disturbance: np.ndarray
-    output: np.ndarray
-    uncertainty: np.ndarray
-    terms: tuple[int, ...]
+    time: float  # σ [rad/s], the pole of the paper's reference model
+    state: np.ndarray  # T, (n,)
+    row: np.ndarray  # R, (n,)
+    torque: np.ndarray  # U, (2,) [N m]
+    disturbance: np.ndarray  # V, (n_w,): of d in the consistent form, of (d, r) in the paper's
+    output: np.ndarray  # of z, (n_z,): 1, or Q^(1/2) in the paper's form, where Ψ has -Q⁻¹
+    uncertainty: np.ndarray  # n_l, (m,)
+    terms: tuple[int, ...]  # rows of each uncertain term, (m,)
 
     @classmethod
     def of(cls, data: Vertices, parameters: ArmParameters) -> Scaling:

@@ -29,17 +29,11 @@ PADDING = 60  # samples
 
 @dataclasses.dataclass
 class LearnedTorque:
-    """A state between two samples.
+    """A state between two samples."""
 
-    Attributes:
-        memory: of the policy, (lanes, memory_size).
-        learned: w of this pass [N m], (samples, lanes, n); empty: none.
-        added: w + v of each sample so far, (lanes, n).
-    """
-
-    memory: np.ndarray
-    learned: np.ndarray
-    added: list[np.ndarray]
+    memory: np.ndarray  # of the policy, (lanes, memory_size)
+    learned: np.ndarray  # w of this pass [N m], (samples, lanes, n); empty: none
+    added: list[np.ndarray]  # w + v of each sample so far, (lanes, n)
 
 
 class TorqueLearning(PassLearner[LearnedTorque]):

@@ -12,8 +12,6 @@ from __future__ import annotations
 import functools
 from typing import Any, NamedTuple
 
-import numpy as np
-
 from fuzzyarm.common.checks import instance
 from fuzzyarm.envs.observation import Observation
 from fuzzyarm.envs.physics.elementwise import sine_cosine
@@ -22,10 +20,10 @@ from fuzzyarm.envs.physics.physics import Physics
 from fuzzyarm.envs.scenario.reference import Reference
 from fuzzyarm.fuzzy_policy.known_arm import Drives, numbers_of
 from fuzzyarm.fuzzy_policy.law import Law, LawPolicy
-from fuzzyarm.fuzzy_policy.laws.observer_gains import LinearLaw, Place, estimate_parts, state_part
-from fuzzyarm.fuzzy_policy.proof.policy_certificate import PolicyCertificate
-from fuzzyarm.fuzzy_policy.proof.scheduled_certificate import scheduled_policy_certificate
-from fuzzyarm.fuzzy_policy.scheduled import ScheduledController
+from fuzzyarm.fuzzy_policy.laws.observer_gains import LinearLaw, Place, linear_pid
+from fuzzyarm.fuzzy_policy.proof.policy_certificate import PolicyCertificate, policy_certificate
+from fuzzyarm.fuzzy_policy.proof.scheduled_certificate import scheduled_statement
+from fuzzyarm.fuzzy_policy.scheduled import FORM, ScheduledController
 
 __all__ = ["ScheduledPolicy", "linear_scheduled"]
 
@@ -60,7 +58,7 @@ class ScheduledPolicy(LawPolicy):
 
     def certificate(self, reference: Reference) -> PolicyCertificate:
         """Return what is proven of the controller, which is the same for every reference."""
-        return scheduled_policy_certificate(self.controller)
+        return policy_certificate(self.controller, FORM, scheduled_statement(self.controller))
 
 
 class _Constants(NamedTuple):
@@ -105,10 +103,4 @@ def _law_of(physics: Physics, premises: tuple[tuple[int, float, bool], ...]) -> 
 
 def linear_scheduled(controller: ScheduledController, place: Place) -> LinearLaw:
     """Return the law near rest, at a posture of its robot; its memory is x_I."""
-    joints, (k_p, k_d, k_i) = len(place.robot), controller.feedback
-    part, inertia = estimate_parts(joints), controller.inertia_at(place.q)
-    D, G = np.zeros((2, joints, state_part(joints).stop))
-    D[:, part.q_motor] = -k_p * inertia
-    D[:, part.dq_motor] = -k_d * inertia + np.diag(place.robot.drive("viscous_friction"))
-    G[:, part.q_motor] = place.control_period * np.eye(joints)
-    return LinearLaw(D, -k_i * inertia, G, np.eye(joints))
+    return linear_pid(place, controller.inertia_at(place.q), *controller.feedback.tolist())

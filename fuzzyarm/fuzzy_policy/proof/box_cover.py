@@ -47,13 +47,9 @@ WIDEST = 0.8
 
 @dataclasses.dataclass(frozen=True)
 class TrigMatrix:
-    """A symmetric matrix of trigonometric polynomials.
+    """A symmetric matrix of trigonometric polynomials."""
 
-    Attributes:
-        exact: coefficients as exact rationals, (5, ..., 5, s, s), an axis for each angle, see `BASIS`.
-    """
-
-    exact: np.ndarray
+    exact: np.ndarray  # coefficients as exact rationals, (5, ..., 5, s, s), an axis for each angle, see `BASIS`
 
     @property
     def angles(self) -> int:
@@ -162,17 +158,12 @@ WIDENING = 2.0**-44  # rad, above the rounding of an interval's middle and half 
 
 @dataclasses.dataclass(frozen=True)
 class Cover:
-    """The outcome of a proof.
+    """The outcome of a proof."""
 
-    Attributes:
-        proven: whether the matrix is positive definite in the whole box.
-        boxes: of the cover, (B, d, 2), lowest and highest angle [rad]; those proven so far, if the proof fails.
-        witness: angles (d,) [rad] where the proof fails; None if it does not.
-    """
-
-    proven: bool
+    proven: bool  # whether the matrix is positive definite in the whole box
+    # of the cover, (B, d, 2), lowest and highest angle [rad]; those proven so far, if the proof fails
     boxes: np.ndarray
-    witness: np.ndarray | None = None
+    witness: np.ndarray | None = None  # angles (d,) [rad] where the proof fails; None if it does not
 
 
 def widened(ranges: np.ndarray) -> np.ndarray:

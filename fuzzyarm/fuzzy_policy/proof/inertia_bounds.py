@@ -131,17 +131,11 @@ def _rotation(axis: Sequence[float], c: fmpq, s: fmpq) -> fmpq_mat:
 
 @dataclasses.dataclass(frozen=True)
 class Bound:
-    """A matrix that a controller claims to be positive definite in a box.
+    """A matrix that a controller claims to be positive definite in a box."""
 
-    Attributes:
-        name: the claim.
-        matrix: of the angles that it depends on.
-        ranges: lowest and highest of these angles, (d, 2) [rad].
-    """
-
-    name: str
-    matrix: TrigMatrix
-    ranges: np.ndarray
+    name: str  # the claim
+    matrix: TrigMatrix  # of the angles that it depends on
+    ranges: np.ndarray  # lowest and highest of these angles, (d, 2) [rad]
 
 
 def bounds(controller: ScheduledController) -> Iterator[Bound]:

@@ -21,15 +21,14 @@ from fuzzyarm.fuzzy_policy.proof.box_cover import cover, proven_in_balls
 from fuzzyarm.fuzzy_policy.proof.certificate import Certificate, Claim, claim
 from fuzzyarm.fuzzy_policy.proof.definiteness import exact, inverse, largest_growth, smallest_eigenvalue, stated
 from fuzzyarm.fuzzy_policy.proof.inertia_bounds import Bound, bounds
-from fuzzyarm.fuzzy_policy.proof.policy_certificate import NOT_COVERED, PolicyCertificate, claimed_bounds, decay_words
+from fuzzyarm.fuzzy_policy.proof.policy_certificate import NOT_COVERED, decay_words
 from fuzzyarm.fuzzy_policy.proof.scalar_loop import decay, fastest
-from fuzzyarm.fuzzy_policy.scheduled import FORM, ScheduledController
+from fuzzyarm.fuzzy_policy.scheduled import ScheduledController
 
 __all__ = [
     "certify_scheduled",
     "euclidean_gain",
     "schedule_rate",
-    "scheduled_policy_certificate",
     "scheduled_statement",
 ]
 
@@ -96,12 +95,6 @@ def _covered(bound: Bound, in_balls: bool) -> Claim:
 def _margin(bound: Bound, angles: np.ndarray) -> float:
     matrices = bound.matrix.at(np.atleast_2d(angles))
     return min(smallest_eigenvalue(matrix) for matrix in matrices)
-
-
-def scheduled_policy_certificate(controller: ScheduledController) -> PolicyCertificate:
-    """Return what is proven of the policy that evaluates a controller's law as it stands."""
-    claimed = claimed_bounds(controller, FORM)
-    return PolicyCertificate(scheduled_statement(controller), claimed, controller, any_reference=True)
 
 
 def scheduled_statement(controller: ScheduledController) -> str:

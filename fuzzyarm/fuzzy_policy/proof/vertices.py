@@ -37,21 +37,13 @@ REFERENCE_POLE = 62.0  # rad/s, double pole of the reference model (8), section 
 
 @dataclasses.dataclass(frozen=True)
 class Vertices:
-    """The T-S model as the inequalities use it, in SI units; lists and arrays must not be changed.
+    """The T-S model as the inequalities use it, in SI units; lists and arrays must not be changed."""
 
-    Attributes:
-        E: N_e matrices E_pk, (4, 4).
-        A: N matrices A_pi, (4, 4).
-        B: B_p = B_d, (4, 2).
-        integral: whether ē = (e, x_I), n_e = 6, or ē = e, n_e = 4.
-        uncertainties: the dropped premises, one term for each multiplier τ.
-    """
-
-    E: list[np.ndarray]
-    A: list[np.ndarray]
-    B: np.ndarray
-    integral: bool
-    uncertainties: list[Uncertainty]
+    E: list[np.ndarray]  # N_e matrices E_pk, (4, 4)
+    A: list[np.ndarray]  # N matrices A_pi, (4, 4)
+    B: np.ndarray  # B_p = B_d, (4, 2)
+    integral: bool  # whether ē = (e, x_I), n_e = 6, or ē = e, n_e = 4
+    uncertainties: list[Uncertainty]  # the dropped premises, one term for each multiplier τ
 
     @property
     def n_e(self) -> int:
@@ -102,17 +94,11 @@ class Vertices:
 
 @dataclasses.dataclass(frozen=True)
 class TrackingVertices(Vertices):
-    """The vertices of the paper's own form, with the reference model (8) and the weight of (13).
+    """The vertices of the paper's own form, with the reference model (8) and the weight of (13)."""
 
-    Attributes:
-        A_r: (4, 4).
-        B_r: (4, 6).
-        Q_inverse: Q⁻¹ of eᵀQe in (13), (4, 4).
-    """
-
-    A_r: np.ndarray
-    B_r: np.ndarray
-    Q_inverse: np.ndarray
+    A_r: np.ndarray  # (4, 4)
+    B_r: np.ndarray  # (4, 6)
+    Q_inverse: np.ndarray  # Q⁻¹ of eᵀQe in (13), (4, 4)
 
 
 def reference_model() -> tuple[np.ndarray, np.ndarray]:
