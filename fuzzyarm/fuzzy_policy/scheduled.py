@@ -30,7 +30,9 @@ from fuzzyarm.fuzzy_policy.signed_files import (
 )
 from fuzzyarm.fuzzy_policy.states import SCALAR_STATES
 
-__all__ = ["FORM", "FUNCTIONS", "MOST_PREMISES", "SCHEMA", "Premise", "ScheduledController", "rule_weights"]
+__all__ = [
+    "FORM", "FUNCTIONS", "MOST_PREMISES", "SCHEMA", "Premise", "ScheduledController", "rule_weights", "speeds_of",
+]  # fmt: skip
 
 # Name of the form, schema of its files, and the premises that there are
 FORM = "semidefinite"
@@ -168,7 +170,7 @@ class ScheduledController(SignedController):
     @property
     def speeds(self) -> np.ndarray:
         """Largest speeds (premises,) [rad/s] of the kept angles in the box."""
-        return np.array([self.robot.joints[premise.joint].velocity_limit for premise in self.premises])
+        return speeds_of(self.robot, self.premises)
 
     @property
     def gains(self) -> np.ndarray:
@@ -210,6 +212,11 @@ class ScheduledController(SignedController):
             arrays |= {name: np.zeros((0, 0)) for name in ("distal_low", "distal_high")}
         numbers = {name: decoded(document[name]) for name in NUMBERS}
         return cls(**{name: document[name] for name in ("robot", "premises", "split", "origin")}, **arrays, **numbers)
+
+
+def speeds_of(robot: Robot, premises: Sequence[Premise]) -> np.ndarray:
+    """Return the largest speeds (premises,) [rad/s] of the kept angles in a robot's box."""
+    return np.array([robot.joints[premise.joint].velocity_limit for premise in premises])
 
 
 def rule_weights(premises: Sequence[Premise], q: np.ndarray) -> np.ndarray:

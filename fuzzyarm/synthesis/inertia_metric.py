@@ -23,10 +23,16 @@ from scipy import sparse
 
 from fuzzyarm.envs.physics.rigid_body import frames, mass_matrix
 from fuzzyarm.envs.physics.robot import Robot
-from fuzzyarm.fuzzy_policy.proof.box_cover import TrigMatrix, widened
+from fuzzyarm.fuzzy_policy.proof.box_cover import TrigMatrix
 from fuzzyarm.fuzzy_policy.proof.definiteness import exact
-from fuzzyarm.fuzzy_policy.proof.inertia_bounds import TWIST, inertia_polynomial, scheduled_polynomial
-from fuzzyarm.fuzzy_policy.scheduled import Premise, rule_weights
+from fuzzyarm.fuzzy_policy.proof.inertia_bounds import (
+    TWIST,
+    angle_ranges,
+    inertia_polynomial,
+    plus,
+    scheduled_polynomial,
+)
+from fuzzyarm.fuzzy_policy.scheduled import Premise, rule_weights, speeds_of
 from fuzzyarm.synthesis.scalar_design import smallest_pole
 
 __all__ = [
@@ -87,7 +93,7 @@ class InertiaSamples:
     def of(cls, robot: Robot, split: int, count: int, seed: int) -> InertiaSamples:
         """Return `count` samples of the robot's box."""
         n = len(robot)
-        q = _angles_in(widened(np.array([joint.angle_range for joint in robot.joints])), count, seed)
+        q = _angles_in(angle_ranges(robot), count, seed)
         whole = mass_matrix(robot, q) + np.diag(robot.drive("motor_inertia"))
         if split == n:
             return cls(q, whole, np.zeros((count, 0, n)), np.zeros((count, 0, 0)))
@@ -418,11 +424,6 @@ class Metric:
     floor: float  # σ, likewise
     rates: np.ndarray  # μ_k, likewise, (premises,)
 
-    def rate(self, robot: Robot) -> float:
-        """Return μ = Σ μ_k |q̇_k| [1/s] at the largest speeds of the kept angles."""
-        speeds = [robot.joints[premise.joint].velocity_limit for premise in self.premises]
-        return float(self.rates @ np.array(speeds)) if speeds else 0.0
-
 
 def split_of(robot: Robot, premises: Sequence[Premise]) -> int:
     """Return a, the link behind which the chain is split: two or three angles from the end, and no kept one beyond."""
@@ -453,7 +454,7 @@ def fitted_metric(
         search.far = set()  # D_low and D_high stay: they are fitted to the first premise, which changes most
     search.raise_floor([_slopes(premises, k, samples.q) for k in range(len(premises))])
     inertia, low, high, unit = search.found()
-    ranges = widened(np.array([joint.angle_range for joint in robot.joints]))
+    ranges = angle_ranges(robot)
     near, n = ranges[1:split], len(robot)
     rotors = exact(np.diag(robot.drive("motor_inertia")))
     if split < n:
@@ -461,7 +462,7 @@ def fitted_metric(
         low = low + (min(_smallest(distal, ranges[split:], low, unit), 0.0) - SLACK) * unit
         high = high - (min(_smallest(distal, ranges[split:], high, -unit), 0.0) - SLACK) * unit
     lowest, highest = (
-        _with_constant(inertia_polynomial(robot, 0, split, exact(tail) if split < n else None), rotors)
+        TrigMatrix(plus(inertia_polynomial(robot, 0, split, exact(tail) if split < n else None), rotors))
         for tail in ((low, high) if split < n else (low, low))
     )
     scheduled = TrigMatrix(scheduled_polynomial(premises, inertia, split))
@@ -512,7 +513,7 @@ def _with_premise(
     after = before.copy()
     after.run(rounds)
     slopes = [_slopes(premises, k, q) for k in range(len(premises))]
-    speeds = [robot.joints[premise.joint].velocity_limit for premise in premises]
+    speeds = speeds_of(robot, premises)
 
     def pole(found: MetricSearch) -> float:
         rates = [found.rate(slope) for slope in slopes]
@@ -544,10 +545,3 @@ def _smallest(distal: TrigMatrix, ranges: np.ndarray, bound: np.ndarray, unit: n
     return smallest_value(
         lambda q: np.linalg.eigvalsh(sign * (distal.at(q) - bound) * scale[:, np.newaxis] * scale)[:, 0], ranges
     )
-
-
-def _with_constant(polynomial: np.ndarray, constant: np.ndarray) -> TrigMatrix:
-    result = polynomial.copy()
-    place = (0,) * (polynomial.ndim - 2)
-    result[place] = result[place] + constant
-    return TrigMatrix(result)

@@ -28,7 +28,8 @@ from __future__ import annotations
 import dataclasses
 import functools
 import math
-from typing import Any, NamedTuple
+from collections.abc import Callable, Sequence
+from typing import Any, NamedTuple, TypeVar
 
 import numpy as np
 from scipy.linalg import expm, solve_discrete_are
@@ -51,6 +52,7 @@ __all__ = [
     "LinearLaw",
     "ObserverWeights",
     "Place",
+    "at_points",
     "estimate_parts",
     "feedback_gain",
     "gain_tables",
@@ -66,6 +68,7 @@ __all__ = [
 ]  # fmt: skip
 
 
+Gains = TypeVar("Gains")
 WEIGHT_RANGE = (1e-6, 1e6)  # far wider than any sensible weight; keeps the numbers finite
 
 
@@ -197,18 +200,29 @@ def gain_tables(arm: AnyArm, control_period: float, weights: ObserverWeights) ->
         ValueError: a Riccati equation has no solution in double precision.
     """
     limit, schedule = per_joint_of(arm, "torque_limit"), schedule_of(arm)
-    feedback, observer = [], []
-    for place, inertia in zip(schedule.places, schedule.inertia, strict=True):
+
+    def both(inertia: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         A, B = sampled_arm(arm, control_period, inertia)
+        return feedback_gain(A, B, limit, weights), observer_gain(A, B, control_period, limit, weights)
+
+    gains = at_points(both, schedule.places, schedule.inertia, f"control_period = {control_period!r} s, {weights}")
+    feedback, observer = zip(*gains, strict=True)
+    return GainTables(schedule, np.array(feedback), np.array(observer))
+
+
+def at_points(
+    gains_of: Callable[[np.ndarray], Gains], places: Sequence[str], inertia: np.ndarray, settings: str
+) -> list[Gains]:
+    """Return the gains for each inertia (points, n, n); ValueError with place and settings where there are none."""
+    gains = []
+    for place, M in zip(places, inertia, strict=True):
         try:
-            feedback.append(feedback_gain(A, B, limit, weights))
-            observer.append(observer_gain(A, B, control_period, limit, weights))
+            gains.append(gains_of(M))
         except (np.linalg.LinAlgError, ValueError) as error:  # scipy raises either
             raise ValueError(
-                f"no gains at {place} for control_period = {control_period!r} s, {weights} and this arm "
-                f"({error}): take a shorter period, or other weights"
+                f"no gains at {place} for {settings} and this arm ({error}): take a shorter period, or other weights"
             ) from None
-    return GainTables(schedule, np.array(feedback), np.array(observer))
+    return gains
 
 
 class Condition(NamedTuple):

@@ -1,10 +1,7 @@
-"""The law of a controller of the form "semidefinite": as a policy, and in plain NumPy for states in lanes.
+"""The law of a controller of the form "semidefinite", see `fuzzy_policy.scheduled`, as a policy.
 
-    u = M̄(q) q̈_d + C(q, q̇) q̇ + f_v q̇ + g(q) - M̂(q) (k_p e + k_d ė + k_i x_I),      M̄ = M + R,
-
-with e = q - q_d, ė = q̇ - q̇_d, x_I = ∫ e dt. On the rigid arm M̄(q) ë = -M̂(q) (k_p e + k_d ė + k_i x_I) + d. The speed
-in the Coriolis torques is the measured one, so that they leave no term in the error's equation. The policy measures q
-and q̇ at the motors.
+The speed in the Coriolis torques is the measured one, so that they leave no term in the error's equation. The policy
+measures q and q̇ at the motors.
 """
 
 from __future__ import annotations
@@ -29,7 +26,7 @@ __all__ = ["ScheduledPolicy", "linear_scheduled"]
 
 
 class ScheduledPolicy(LawPolicy):
-    """The law of a controller file as a policy; it is in the module's docstring.
+    """The law of a controller file as a policy; it is in `fuzzy_policy.scheduled`.
 
     Attributes:
         controller: the content of the file.
@@ -49,7 +46,7 @@ class ScheduledPolicy(LawPolicy):
 
     @functools.cached_property
     def control_law(self) -> Law:
-        """The law of the module's docstring."""
+        """The law of `fuzzy_policy.scheduled`."""
         own, (arm, drives) = self.controller, numbers_of(self.controller.robot)
         premises = tuple((one.joint, float(one.turns), one.function.startswith("sin")) for one in own.premises)
         inertia = tuple(tuple(tuple(map(float, row)) for row in rule) for rule in own.inertia)

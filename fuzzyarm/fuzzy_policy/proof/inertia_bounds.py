@@ -141,23 +141,23 @@ class Bound:
 def bounds(controller: ScheduledController) -> Iterator[Bound]:
     """Yield every bound that a controller claims, formed in exact rationals from its robot and its stored numbers."""
     robot, split = controller.robot, controller.split
-    near, far = angle_ranges(controller)
+    ranges = angle_ranges(robot)
+    near, far = ranges[1:split], ranges[split:]
     low, high = exact(controller.distal_low), exact(controller.distal_high)
     n = len(robot)
     if split < n:
         distal = inertia_polynomial(robot, split, n)
-        place = (0,) * (n - split)
-        yield _bound(f"D - D_low > 0 beyond joint {split}", _plus(distal, -low, place), far)
-        yield _bound(f"D_high - D > 0 beyond joint {split}", _plus(-distal, high, place), far)
+        yield _bound(f"D - D_low > 0 beyond joint {split}", plus(distal, -low), far)
+        yield _bound(f"D_high - D > 0 beyond joint {split}", plus(-distal, high), far)
         lowest, highest = (inertia_polynomial(robot, 0, split, tail) for tail in (low, high))
     else:
         lowest = highest = inertia_polynomial(robot, 0, n)
-    rotors, nowhere = exact(np.diag(robot.drive("motor_inertia"))), (0,) * (split - 1)
+    rotors = exact(np.diag(robot.drive("motor_inertia")))
     scheduled = scheduled_polynomial(controller.premises, controller.inertia, split)
     kappa = stated(controller.kappa)
-    yield _bound("M + R - M_hat > 0", _plus(lowest - scheduled, rotors, nowhere), near)
-    yield _bound("kappa M_hat - M - R > 0", _plus(kappa * scheduled - highest, -rotors, nowhere), near)
-    yield _bound("M_hat - sigma I > 0", _plus(scheduled, -stated(controller.floor) * exact(np.eye(n)), nowhere), near)
+    yield _bound("M + R - M_hat > 0", plus(lowest - scheduled, rotors), near)
+    yield _bound("kappa M_hat - M - R > 0", plus(kappa * scheduled - highest, -rotors), near)
+    yield _bound("M_hat - sigma I > 0", plus(scheduled, -stated(controller.floor) * exact(np.eye(n))), near)
     for premise, rate in zip(controller.premises, controller.rates, strict=True):
         slope = TrigMatrix(scheduled).derivative(premise.joint - 1).exact
         for sign, mark in ((1, "-"), (-1, "+")):
@@ -165,10 +165,9 @@ def bounds(controller: ScheduledController) -> Iterator[Bound]:
             yield _bound(name, 2 * stated(rate) * scheduled - sign * slope, near)
 
 
-def angle_ranges(controller: ScheduledController) -> tuple[np.ndarray, np.ndarray]:
-    """Return the ranges (a - 1, 2) and (n - a, 2) of the angles 2 to a and a + 1 to n [rad]."""
-    ranges = widened(np.array([joint.angle_range for joint in controller.robot.joints]))
-    return ranges[1 : controller.split], ranges[controller.split :]
+def angle_ranges(robot: Robot) -> np.ndarray:
+    """Return the ranges (n, 2) of the angles [rad], `widened`."""
+    return widened(np.array([joint.angle_range for joint in robot.joints]))
 
 
 def scheduled_polynomial(premises: Sequence[Premise], inertia: np.ndarray, split: int) -> np.ndarray:
@@ -196,8 +195,9 @@ def _membership(premise: Premise, at_maximum: int, angles: int) -> np.ndarray:
     return values.reshape([BASIS if axis == premise.joint - 1 else 1 for axis in range(angles)])
 
 
-def _plus(polynomial: np.ndarray, constant: np.ndarray, place: tuple[int, ...]) -> np.ndarray:
-    result = polynomial.copy()
+def plus(polynomial: np.ndarray, constant: np.ndarray) -> np.ndarray:
+    """Return a polynomial (5, ..., 5, s, s) plus a constant (s, s)."""
+    result, place = polynomial.copy(), (0,) * (polynomial.ndim - 2)
     result[place] = result[place] + constant
     return result
 

@@ -67,7 +67,7 @@ class AdaptiveWeights:
     first_gain: float = 0.5  # share of the regulator's gain with which an episode begins
     soft_start: float = 0.015  # how long it is that share [s], which then grows to 1 in as long again
     motor_torque: float = 4.9e-4  # white noise of the motor torque, share of the torque limit times √s
-    # share of the torque limit by which a motor's torque may be wrong after a jump of the commanded torque by the whole
+    # Share of the torque limit by which a motor's torque may be wrong after a jump of the commanded torque by the whole
     # limit; it grows with the square of the jump
     torque_doubt: float = 0.4
     travel_walk: float = 1.5  # random walk of the force along the path, share of the unit force per √s
@@ -88,9 +88,9 @@ class AdaptiveWeights:
     first_link_angle: float = 1e-3  # of the link angles [rad]
     scale_doubt: float = 1.5e-3  # variance that a sample of surprise a adds to that factor, over a
     gate: float = 1.5  # squared standardised innovation above which a sample counts less
-    # squared innovation, in variances of the noise that is read, below which constants do not learn
+    # Squared innovation, in variances of the noise that is read, below which constants do not learn
     dead_zone: float = 16.0
-    # mean of the commands' jumps, as shares of the torque limits, from which on the loop counts as lost; a mean above 2
+    # Mean of the commands' jumps, as shares of the torque limits, from which on the loop counts as lost; a mean above 2
     # is not possible
     largest_swing: float = 0.5
 

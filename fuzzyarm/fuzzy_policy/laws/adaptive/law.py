@@ -35,6 +35,7 @@ from fuzzyarm.fuzzy_policy.laws.gain_schedule import corners_of, loaded_inertia,
 from fuzzyarm.fuzzy_policy.laws.observer_gains import (
     FACTORS,
     ObserverWeights,
+    at_points,
     feedback_gain,
     places_of,
     sampled_arm,
@@ -100,14 +101,12 @@ def feedback_table(arm: AnyArm, control_period: float, weights: AdaptiveWeights)
     """
     schedule, gains = schedule_of(arm), []
     for mass in np.linspace(0.0, HEAVIEST * mass_of(arm), PAYLOADS):
-        for place, inertia in zip(schedule.places, loaded_inertia(arm, schedule, float(mass)), strict=True):
-            try:
-                gains.append(_gain(arm, control_period, inertia, weights).ravel())
-            except (np.linalg.LinAlgError, ValueError) as error:  # scipy raises either
-                raise ValueError(
-                    f"no gains at {place} for control_period = {control_period!r} s, {weights} and "
-                    f"this arm ({error}): take a shorter period, or other weights"
-                ) from None
+        gains += at_points(
+            lambda inertia: _gain(arm, control_period, inertia, weights).ravel(),
+            schedule.places,
+            loaded_inertia(arm, schedule, float(mass)),
+            f"control_period = {control_period!r} s, {weights}",
+        )
     table = np.array(gains)
     table.flags.writeable = False
     return table
