@@ -104,7 +104,7 @@ class ScheduledController(SignedController):
         distal_low: D_low, (6 + n - a, 6 + n - a), see `proof.inertia_bounds`; (0, 0) without a split.
         distal_high: D_high, likewise.
         feedback: k = (k_p [1/s²], k_d [1/s], k_i [1/s³]).
-        lyapunov: X (3, 3), see `proof.scalar_loop`.
+        lyapunov: X (3, 3), see `proof.scheduled_certificate`.
         alpha: guaranteed decay rate [1/s].
         gamma: guaranteed L2 gain [s²], from d in the norm (dᵀ M̂⁻¹ d)^½ to e in the norm (eᵀ M̂ e)^½.
         fastest_pole: β [1/s]; no pole of the loop frozen at a state of the box has a modulus above β.

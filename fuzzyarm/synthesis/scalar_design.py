@@ -1,4 +1,4 @@
-"""Feedback k of a scheduled controller by the inequalities of `proof.scalar_loop`, in the unit 1/(α + μ) of time.
+"""Feedback k of a scheduled controller by the inequalities of its certificate, in the unit 1/(α + μ) of time.
 
 There is a solution for every β above (3κ - 2)(α + μ), where γ grows without bound; twice that brings γ down twentyfold.
 """
@@ -15,7 +15,7 @@ import cvxpy as cp
 import numpy as np
 
 from fuzzyarm.common.bisection import last_that_works
-from fuzzyarm.fuzzy_policy.proof.scalar_loop import decay, fastest
+from fuzzyarm.fuzzy_policy.proof.scheduled_certificate import decay, fastest
 from fuzzyarm.fuzzy_policy.states import SCALAR_STATES
 from fuzzyarm.synthesis.expressions import half, negative, positive
 

@@ -86,7 +86,7 @@ MUTANTS = (
     Mutant("model-range", MODEL, "(high - low) / 2 * slope[rows]", "(high - low) / 4 * slope[rows]", "tests/fuzzy_policy/test_ts_model.py"),
     Mutant("scheduled-share", f"{PROOF}/scheduled_certificate.py", '(("1/kappa", 1 / stated(controller.kappa)), ("1", fmpq(1)))', '(("1", fmpq(1)),)', ROBOT),
     Mutant("scheduled-slope", f"{PROOF}/inertia_bounds.py", 'for sign, mark in ((1, "-"), (-1, "+")):', 'for sign, mark in ((1, "-"),):', "tests/fuzzy_policy/proof/test_scheduled_certificate.py -k every_claim"),
-    Mutant("scheduled-rate", f"{PROOF}/scalar_loop.py", "+ 2 * rate * P", "+ rate * P", ROBOT),
+    Mutant("scheduled-rate", f"{PROOF}/scheduled_certificate.py", "+ 2 * rate * P", "+ rate * P", ROBOT),
     Mutant("cover-rounding", f"{PROOF}/box_cover.py", "return cls(coefficients, both, float(shift), weight)", "return cls(coefficients, both, 0.0, weight)", "tests/fuzzy_policy/proof/test_inertia_polynomial.py"),
     Mutant("residual-slope", f"{PROOF}/residual.py", "bound += (g + slope * reach).abs_upper()", "bound += g.abs_upper()", "tests/fuzzy_policy/proof/test_residual.py"),
     # Proofs of the tip.

@@ -17,8 +17,12 @@ from fuzzyarm.fuzzy_policy.controller import Controller
 from fuzzyarm.fuzzy_policy.controller_files import load_controller
 from fuzzyarm.fuzzy_policy.proof.box_cover import TrigMatrix
 from fuzzyarm.fuzzy_policy.proof.inertia_bounds import scheduled_polynomial
-from fuzzyarm.fuzzy_policy.proof.scalar_loop import decay
-from fuzzyarm.fuzzy_policy.proof.scheduled_certificate import certify_scheduled, schedule_rate, scheduled_statement
+from fuzzyarm.fuzzy_policy.proof.scheduled_certificate import (
+    certify_scheduled,
+    decay,
+    schedule_rate,
+    scheduled_statement,
+)
 from fuzzyarm.fuzzy_policy.scheduled import Premise, ScheduledController, rule_weights
 from fuzzyarm.fuzzy_policy.signed_files import ControllerFileError, digest_of
 from fuzzyarm.synthesis import DesignFailed, ScheduledSpecification, design_scheduled, scheduled_design
