@@ -102,7 +102,7 @@ class InertiaSamples:
         return cls(q, whole - np.swapaxes(twist, 1, 2) @ distal @ twist, twist, distal)
 
     def inertia(self, distal: np.ndarray | None = None) -> np.ndarray:
-        """Return M̄ (B, n, n), with a constant (6 + n - a, 6 + n - a) in place of D if one is given."""
+        """Return M̄ (B, n, n) [kg m²], with a constant (6 + n - a, 6 + n - a) in place of D if one is given."""
         D = self.distal if distal is None else distal
         return np.asarray(self.near + np.swapaxes(self.twist, 1, 2) @ D @ self.twist)
 
