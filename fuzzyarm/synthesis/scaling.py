@@ -62,7 +62,7 @@ class Scaling:
 
     @property
     def rows(self) -> np.ndarray:
-        """Factors of the rows of Ψ: x, ẋ, w, z and the uncertain terms."""
+        """Factors (rows,) of the rows of Ψ: x, ẋ, w, z and the uncertain terms; of d they are V σ^(-½) [N m s^½]."""
         root = np.sqrt(self.time)
         terms = np.repeat(root / self.uncertainty, self.terms)
         return np.concatenate([1.0 / (self.state * root), self.row * root, self.disturbance / root, self.output, terms])
