@@ -146,7 +146,7 @@ def nearest_feasible(
     """Return the feasible value of a limit that is nearest to the specified one, with the others as they are.
 
     The fastest pole is raised up to a thousandfold, γ a millionfold, and the gain bound tenfold from the smallest
-    gains; α falls to `_slowest_tried`. None if no such value is feasible, or if the limit is not given.
+    gains; α [1/s] falls to `_slowest_tried`. None if no such value is feasible, or if the limit is not given.
 
     Args:
         specification: what was asked.
