@@ -1,30 +1,24 @@
 """The controller file: gains, robot, specification and everything a proof needs, as JSON.
 
-The synthesis writes it, the policy reads it, and the certificate proves its claims. Every float is stored exactly, in
-C99 hexadecimal. Loading a file executes nothing from it.
+The synthesis writes it, the policy reads it, and the certificate proves its claims.
 """
 
 from __future__ import annotations
 
 import dataclasses
 import itertools
-from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from fuzzyarm.common.checks import choice, finite_array, instance, real, truth
-from fuzzyarm.common.files import write_atomically
+from fuzzyarm.common.checks import choice, instance, real, truth
 from fuzzyarm.envs.observation import JOINTS
 from fuzzyarm.envs.physics.parameters import ArmParameters
 from fuzzyarm.fuzzy_policy.signed_files import (
-    ControllerFileError,
-    checked_record,
-    controller_in,
+    SignedController,
+    checked_fields,
     decoded,
-    digest_of,
     encoded,
-    signed,
 )
 from fuzzyarm.fuzzy_policy.states import ERROR_STATES, PLANT_STATES, VELOCITY
 from fuzzyarm.fuzzy_policy.ts_model import TSModel
@@ -46,40 +40,15 @@ OPTIONAL = ("fastest_pole", *POLE_ARRAYS)  # optional: left out of the file wher
 # Far beyond use, and so near one that products of these numbers and those of an arm stay finite.
 RATES = (1e-6, 1e6)  # [1/s], alpha and fastest_pole
 GAINS = (1e-30, 1e30)  # gamma, in the units of either form
-LARGEST = 1e60  # of any entry of an array
-_ABSENT = "absent"  # no hexadecimal number: a field that the file does not have
+# Of the file, where numbers are still texts and arrays nested lists.
+FIELDS = {
+    "robot": dict[str, Any], "kept": tuple[str, ...], "bounds": Any, "form": str, "integral": bool,
+    "common_multiplier": bool, "alpha": Any, "gamma": Any, "origin": dict[str, str], **dict.fromkeys(ARRAYS, Any),
+}  # fmt: skip
 
 
 @dataclasses.dataclass(frozen=True)
-class _Document:
-    """The content of a controller file; numbers are still texts, exact in hexadecimal, and arrays nested lists."""
-
-    schema: str
-    robot: dict[str, Any]
-    kept: tuple[str, ...]
-    bounds: Any
-    form: str
-    integral: bool
-    common_multiplier: bool
-    alpha: Any
-    gamma: Any
-    origin: dict[str, str]
-    weight: Any
-    gains: Any
-    feedforward: Any
-    P: Any
-    Q: Any
-    X: Any
-    tau: Any
-    digest: str
-    fastest_pole: Any = _ABSENT
-    pole_Q: Any = None
-    pole_X: Any = None
-    pole_tau: Any = None
-
-
-@dataclasses.dataclass(frozen=True)
-class Controller:
+class Controller(SignedController):
     """A parallel distributed compensation u = K_hv e + H_hv x_I + L_hv r, and the matrices that prove it.
 
     N vertices of A, N_e of E, n_e = 6 error states with the integral and 4 without, p = N (N + 1) / 2 pairs i <= j,
@@ -87,7 +56,7 @@ class Controller:
 
     Attributes:
         model: the T-S model, which holds the robot and the kept premises.
-        form: "consistent" (`consistent_reference`) or "paper" (`theorem2`, `theorem1` if all premises are kept).
+        form: "consistent" (`consistent_reference`) or "paper" (`theorems`: Theorem 2, or 1 if all premises are kept).
         integral: whether x_I = ∫ (q - q_d) dt is fed back.
         alpha: guaranteed decay rate [1/s], in `RATES`.
         gamma: guaranteed L2 gain, in `GAINS`; consistent form: from d [N m] to the position error [rad]; paper's
@@ -107,9 +76,6 @@ class Controller:
         pole_Q: (p, n, n) slack of that claim's inequalities.
         pole_X: (p, n, n) slack.
         pole_tau: (p, N_e, m) multipliers.
-
-    Raises:
-        ControllerFileError: a number is out of range, in an array beyond ±1e60, or the parts do not go together.
     """
 
     model: TSModel
@@ -131,22 +97,7 @@ class Controller:
     pole_X: np.ndarray | None = None
     pole_tau: np.ndarray | None = None
 
-    def __post_init__(self) -> None:
-        """Check shapes and values, and take read-only copies of the arrays."""
-        try:
-            self._check_numbers()
-            self._take_arrays()
-        except (TypeError, ValueError) as error:
-            raise ControllerFileError(str(error)) from None
-        if self.fastest_pole is not None and self.form != "consistent":
-            raise ControllerFileError(f"fastest_pole does not go with the {self.form} form")
-        n_e = self.gains.shape[-1]
-        if not np.array_equal(self.P, self.P.T) or self.P[:n_e, n_e:].any():
-            raise ControllerFileError("P must be symmetric and block diagonal")
-        if self.weight is not None and self.weight.min() <= 0.0:
-            raise ControllerFileError(f"weight = {self.weight.tolist()} is out of range; allowed: (0, inf)")
-
-    def _check_numbers(self) -> None:
+    def _check(self) -> None:
         instance("model", self.model, TSModel)
         for text in itertools.chain(*instance("origin", self.origin, dict).items()):
             instance("origin: entry", text, str)
@@ -154,23 +105,23 @@ class Controller:
         truth("integral", self.integral)
         truth("common_multiplier", self.common_multiplier)
         alpha = real("alpha", self.alpha, "1/s", low=RATES[0], high=RATES[1])
-        numbers = {"alpha": alpha, "gamma": real("gamma", self.gamma, low=GAINS[0], high=GAINS[1])}
+        self._take(alpha=alpha, gamma=real("gamma", self.gamma, low=GAINS[0], high=GAINS[1]))
         if self.fastest_pole is not None:
-            numbers["fastest_pole"] = real("fastest_pole", self.fastest_pole, "1/s", above=alpha, high=RATES[1])
-        for name, value in numbers.items():
-            object.__setattr__(self, name, value)
-
-    def _take_arrays(self) -> None:
+            self._take(fastest_pole=real("fastest_pole", self.fastest_pole, "1/s", above=alpha, high=RATES[1]))
         for name, shape in self._shapes().items():
-            given = getattr(self, name)
-            if (shape is None) != (given is None):
+            if (shape is None) != (getattr(self, name) is None):
                 of_pole = name in POLE_ARRAYS and self.form == "consistent"
                 other = f"fastest_pole = {self.fastest_pole}" if of_pole else f"the {self.form} form"
                 raise ValueError(f"{name} does not go with {other}")
             if shape is not None:
-                array = finite_array(name, given, shape, largest=LARGEST)
-                array.flags.writeable = False
-                object.__setattr__(self, name, array)
+                self._take(**{name: self._array(name, shape)})
+        if self.fastest_pole is not None and self.form != "consistent":
+            raise ValueError(f"fastest_pole does not go with the {self.form} form")
+        n_e = self.gains.shape[-1]
+        if not np.array_equal(self.P, self.P.T) or self.P[:n_e, n_e:].any():
+            raise ValueError("P must be symmetric and block diagonal")
+        if self.weight is not None and self.weight.min() <= 0.0:
+            raise ValueError(f"weight = {self.weight.tolist()} is out of range; allowed: (0, inf)")
 
     def _shapes(self) -> dict[str, tuple[int, ...] | None]:
         """Return the shape of each array; None where the form has none."""
@@ -198,21 +149,8 @@ class Controller:
         """L (N, N_e, 2, 6): the stored one, or that of the consistent form."""
         return consistent_feedforward(self.model) if self.feedforward is None else self.feedforward
 
-    def save(self, path: str | Path) -> None:
-        """Write the controller file, atomically."""
-        write_atomically(Path(path), self.to_json())
-
-    def to_json(self) -> str:
-        """Return the text of the controller file."""
-        return signed(self._encoded())
-
     @property
-    def digest(self) -> str:
-        """The digest that the controller file holds, SHA-256 of its content in hexadecimal digits."""
-        return digest_of(self._encoded())
-
     def _encoded(self) -> dict[str, Any]:
-        """Return the content of the controller file without its digest."""
         document = {
             "schema": SCHEMA,
             "robot": self.model.parameters.to_dict(),
@@ -231,40 +169,23 @@ class Controller:
         return content
 
     @classmethod
-    def load(cls, path: str | Path) -> Controller:
-        """Read a controller file.
-
-        Raises:
-            ControllerFileError: not a controller file, of another version, damaged, or inconsistent.
-            OSError: the file cannot be read.
-        """
-        return controller_in(path, cls.from_document)
-
-    @classmethod
     def from_document(cls, content: Any) -> Controller:
         """Return the controller of a file's content; ValueError if it is not of this form, damaged or inconsistent."""
-        document = checked_record(content, SCHEMA, _Document)
-        model = TSModel(ArmParameters.from_dict(decoded(document.robot)), document.kept)
-        if not np.array_equal(np.array(decoded(document.bounds)), model.bounds):
-            raise ControllerFileError("the premise bounds do not belong to the robot parameters: the file was changed")
-        given = {name: getattr(document, name) for name in (*ARRAYS, *POLE_ARRAYS)}
+        document = checked_fields(content, SCHEMA, FIELDS, OPTIONAL)
+        model = TSModel(ArmParameters.from_dict(decoded(document["robot"])), document["kept"])
+        if not np.array_equal(np.array(decoded(document["bounds"])), model.bounds):
+            raise ValueError("the premise bounds do not belong to the robot parameters: the file was changed")
         arrays: dict[str, Any] = {
-            name: None if value is None else np.array(decoded(value)) for name, value in given.items()
+            name: None if document[name] is None else np.array(decoded(document[name]))
+            for name in (*ARRAYS, *POLE_ARRAYS)
+            if name in document
         }
         # A model without dropped premises has no multipliers: JSON keeps no shape of an empty array.
         if arrays["tau"] is not None and arrays["tau"].size == 0:
-            arrays["tau"] = np.zeros((len(document.Q), len(model.E_vertices), 0))
-        return cls(
-            model=model,
-            form=document.form,
-            integral=document.integral,
-            common_multiplier=document.common_multiplier,
-            alpha=decoded(document.alpha),
-            gamma=decoded(document.gamma),
-            fastest_pole=None if document.fastest_pole is _ABSENT else decoded(document.fastest_pole),
-            origin=document.origin,
-            **arrays,
-        )
+            arrays["tau"] = np.zeros((len(document["Q"]), len(model.E_vertices), 0))
+        numbers = {name: decoded(document[name]) for name in ("alpha", "gamma", "fastest_pole") if name in document}
+        asked = {name: document[name] for name in ("form", "integral", "common_multiplier", "origin")}
+        return cls(model=model, **asked, **numbers, **arrays)
 
 
 def consistent_feedforward(model: TSModel) -> np.ndarray:

@@ -19,9 +19,9 @@ def load_controller(path: str | Path) -> Controller | ScheduledController:
         ControllerFileError: not a controller file, of another version, damaged, or inconsistent.
         OSError: the file cannot be read.
     """
-    return controller_in(path, _controller_of)
 
+    def build(content: Any) -> Controller | ScheduledController:
+        form = ScheduledController if isinstance(content, dict) and content.get("schema") == SCHEMA else Controller
+        return form.from_document(content)
 
-def _controller_of(content: Any) -> Controller | ScheduledController:
-    form = ScheduledController if isinstance(content, dict) and content.get("schema") == SCHEMA else Controller
-    return form.from_document(content)
+    return controller_in(path, build)

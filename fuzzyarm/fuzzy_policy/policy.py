@@ -6,7 +6,7 @@ import abc
 import functools
 import warnings
 from collections.abc import Callable
-from typing import TYPE_CHECKING, Any, Protocol
+from typing import TYPE_CHECKING, Any, Generic, Protocol, TypeVar
 
 import numpy as np
 
@@ -21,7 +21,7 @@ if TYPE_CHECKING:
     from fuzzyarm.envs.scenario.reference import Reference
     from fuzzyarm.fuzzy_policy.proof.policy_certificate import PolicyCertificate
 
-__all__ = ["Policy", "Predictor", "Repeated", "checked_observation", "limit", "no_torque"]
+__all__ = ["PassLearner", "Policy", "Predictor", "Repeated", "checked_observation"]
 
 MISMATCH = 0.01
 """Share of its control period by which the samples of a policy may be apart without a word."""
@@ -115,10 +115,17 @@ class Policy(abc.ABC):
         drive the torque further: u_j > Γ_j and Δx_I,j < 0, or u_j < -Γ_j and Δx_I,j > 0. Arguments and shapes as for
         `act`: observation (lanes, 5 n), memory (lanes, memory_size), torque (lanes, n).
         """
-        at = self.integral_at
-        before = memory if at is None else memory[:, at : at + self.joints].copy()
+        at, largest = self.integral_at, self._torque_limit
+        held = memory[:, :0] if at is None else memory[:, at : at + self.joints]
+        before = held.copy()
         self.act(observation, memory, torque)
-        return bool(limit(torque, self._torque_limit, memory, before, -1 if at is None else at))
+        if at is not None:
+            change = held - before
+            further = ((torque > largest) & (change < 0.0)) | ((torque < -largest) & (change > 0.0))
+            held[further] = before[further]
+        numbers = not np.isnan(torque).any()
+        np.clip(torque, -largest, largest, out=torque)
+        return numbers
 
     def certificate(self, reference: Reference) -> PolicyCertificate | None:
         """Return what is proven of this policy along a reference; None where nothing is."""
@@ -209,7 +216,7 @@ class Policy(abc.ABC):
                     self.command(sample, memory, action)
             self._clock = clock = None if clock.sure else clock
         if not self.command(batch, memory, action):
-            raise no_torque(batch)
+            raise _no_torque(batch)
         result = (action[0], memory[0]) if single else (action, memory)
         if clock is not None:
             clock.returned = result[1]
@@ -265,23 +272,90 @@ def checked_observation(observation: Any, joints: int) -> np.ndarray:
     return batch
 
 
-def no_torque(observation: np.ndarray) -> ValueError:
+def _no_torque(observation: np.ndarray) -> ValueError:
     """Return the error of a law whose torques for observations (lanes, 5 n) are no numbers."""
     largest = np.abs(observation).max()
     return ValueError(f"no finite torque follows from an observation with a number of size {largest:g}")
 
 
-def limit(torque: np.ndarray, largest: np.ndarray, memory: np.ndarray, before: np.ndarray, first: int) -> bool:
-    """Bring torques (lanes, n) [N m] within ±`largest` (n,); hold integrals; return whether all torques are numbers.
+class _Remembering(Protocol):
+    memory: np.ndarray
 
-    Both are changed in place. The integrals are memory[:, first : first + n], and were `before` (lanes, n); a negative
-    `first`: there are none.
+
+State = TypeVar("State", bound=_Remembering)
+
+
+class PassLearner(abc.ABC, Generic[State]):
+    """A policy over one path again and again; a pass is an episode along it, and what is learned is in the state.
+
+    Attributes:
+        policy: the policy.
+        kind: the dataclass of a state, with the policy's `memory` (lanes, memory_size).
     """
-    if first >= 0:
-        held = memory[:, first : first + len(largest)]
-        change = held - before
-        further = ((torque > largest) & (change < 0.0)) | ((torque < -largest) & (change > 0.0))
-        held[further] = before[further]
-    numbers = not np.isnan(torque).any()
-    np.clip(torque, -largest, largest, out=torque)
-    return numbers
+
+    policy: Policy
+    kind: type[State]
+
+    def predict(
+        self,
+        observation: np.ndarray,
+        state: State | None = None,
+        episode_start: np.ndarray | None = None,
+        deterministic: bool = True,
+    ) -> tuple[np.ndarray, State]:
+        """Return the torques [N m] and the next state; None begins a first pass, `begin_pass` a further one.
+
+        Args:
+            observation: (5 n,) or (lanes, 5 n).
+            state: None, or what the last call or `begin_pass` returned; it goes on in place, unless an error is raised.
+            episode_start: ignored; a pass begins with its state.
+            deterministic: ignored.
+
+        Raises:
+            TypeError: the observation holds something else than real numbers, or the state is none of these.
+            ValueError: an argument has a wrong shape; a number of the observation is not finite, or so large that no
+                torque follows.
+        """
+        seen = checked_observation(observation, self.policy.joints)
+        state = self._first(np.zeros((len(seen), self.policy.memory_size))) if state is None else self._checked(state)
+        if len(state.memory) != len(seen):
+            raise ValueError(f"state has a memory of {len(state.memory)} lanes; the observation has {len(seen)}")
+        torque = self._go_on(seen, state)
+        return (torque[0] if np.ndim(observation) == 1 else torque), state
+
+    @abc.abstractmethod
+    def begin_pass(self, state: State) -> State:
+        """Return the state with which the next pass over the same path begins.
+
+        Raises:
+            TypeError: the state is not what `predict` returned.
+            ValueError: it has seen no sample, or is that of another arm.
+        """
+
+    @abc.abstractmethod
+    def _first(self, memory: np.ndarray) -> State:
+        """Return the state before a first pass, with a memory of the policy."""
+
+    @abc.abstractmethod
+    def _go_on(self, seen: np.ndarray, state: State) -> np.ndarray:
+        """Return the torques (lanes, n) [N m] of a sample, `_clipped`, and advance the state after that."""
+
+    def _checked(self, state: Any) -> State:
+        """Return a state, once it is one of this policy."""
+        if not isinstance(state, self.kind):
+            raise TypeError(
+                f"state = {shown(state)} must be the {self.kind.__name__} that predict or begin_pass returned"
+            )
+        size, own = state.memory.shape[1], self.policy.memory_size
+        if size != own:
+            raise ValueError(f"state has a memory of {size} numbers; needed: {own}, that of this arm")
+        return state
+
+    def _clipped(self, seen: np.ndarray, torque: np.ndarray) -> np.ndarray:
+        if np.isnan(torque).any():
+            raise _no_torque(seen)
+        return self.policy.clipped(torque)
+
+
+NOTHING_LEARNED = "there is no pass to learn from: call predict along the path before begin_pass"
+"""What `begin_pass` answers to a state that has seen no sample."""

@@ -15,27 +15,24 @@ from __future__ import annotations
 import dataclasses
 import functools
 from collections.abc import Sequence
-from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from fuzzyarm.common.checks import choice, finite_array, instance, real, whole
-from fuzzyarm.common.files import write_atomically
+from fuzzyarm.common.checks import choice, instance, real, whole
 from fuzzyarm.envs.physics.robot import Robot
-from fuzzyarm.fuzzy_policy.controller import GAINS, LARGEST, RATES
+from fuzzyarm.fuzzy_policy.controller import GAINS, RATES
 from fuzzyarm.fuzzy_policy.signed_files import (
-    ControllerFileError,
-    checked_record,
-    controller_in,
+    SignedController,
+    checked_fields,
     decoded,
-    digest_of,
     encoded,
-    signed,
 )
 from fuzzyarm.fuzzy_policy.states import SCALAR_STATES
 
-__all__ = ["FORM", "FUNCTIONS", "MOST_PREMISES", "SCHEMA", "Premise", "ScheduledController", "rule_weights"]
+__all__ = [
+    "FORM", "FUNCTIONS", "MOST_PREMISES", "SCHEMA", "Premise", "ScheduledController", "rule_weights", "speeds_of",
+]  # fmt: skip
 
 # Name of the form, schema of its files, and the premises that there are
 FORM = "semidefinite"
@@ -85,33 +82,15 @@ class Premise:
         return np.asarray(np.cos(angle) if self.function.startswith("cos") else np.sin(angle))
 
 
-@dataclasses.dataclass(frozen=True)
-class _Document:
-    """The content of a file; numbers are still texts, except those of the robot, whose JSON is exact."""
-
-    schema: str
-    form: str
-    robot: Robot
-    robot_digest: str
-    premises: tuple[Premise, ...]
-    split: int
-    origin: dict[str, str]
-    inertia: Any
-    rates: Any
-    distal_low: Any
-    distal_high: Any
-    feedback: Any
-    lyapunov: Any
-    kappa: Any
-    floor: Any
-    alpha: Any
-    gamma: Any
-    fastest_pole: Any
-    digest: str
+# Of the file, where numbers are still texts, except those of the robot, whose JSON is exact.
+FIELDS = {
+    "form": str, "robot": Robot, "robot_digest": str, "premises": tuple[Premise, ...], "split": int,
+    "origin": dict[str, str], **dict.fromkeys((*ARRAYS, *NUMBERS), Any),
+}  # fmt: skip
 
 
 @dataclasses.dataclass(frozen=True)
-class ScheduledController:
+class ScheduledController(SignedController):
     """Gains of the law above, and the numbers that prove it; n joints, N = 2^premises rules.
 
     Attributes:
@@ -125,14 +104,11 @@ class ScheduledController:
         distal_low: D_low, (6 + n - a, 6 + n - a), see `proof.inertia_bounds`; (0, 0) without a split.
         distal_high: D_high, likewise.
         feedback: k = (k_p [1/s²], k_d [1/s], k_i [1/s³]).
-        lyapunov: X (3, 3), see `proof.scalar_loop`.
+        lyapunov: X (3, 3), see `proof.scheduled_certificate`.
         alpha: guaranteed decay rate [1/s].
         gamma: guaranteed L2 gain [s²], from d in the norm (dᵀ M̂⁻¹ d)^½ to e in the norm (eᵀ M̂ e)^½.
         fastest_pole: β [1/s]; no pole of the loop frozen at a state of the box has a modulus above β.
         origin: how it was made: objective, versions.
-
-    Raises:
-        ControllerFileError: a number is out of range, or the parts do not go together.
     """
 
     robot: Robot
@@ -150,13 +126,6 @@ class ScheduledController:
     gamma: float
     fastest_pole: float
     origin: dict[str, str]
-
-    def __post_init__(self) -> None:
-        """Check shapes and values, and take read-only copies of the arrays."""
-        try:
-            self._check()
-        except (TypeError, ValueError) as error:
-            raise ControllerFileError(str(error)) from None
 
     def _check(self) -> None:
         n = len(instance("robot", self.robot, Robot))
@@ -185,15 +154,13 @@ class ScheduledController:
             "lyapunov": (SCALAR_STATES, SCALAR_STATES),
         }
         for name, shape in shapes.items():
-            array = np.array(finite_array(name, getattr(self, name), shape, largest=LARGEST))
+            array = self._array(name, shape)
             if name not in ("rates", "feedback") and not np.array_equal(array, np.swapaxes(array, -1, -2)):
                 raise ValueError(f"{name} is not symmetric")
-            array.flags.writeable = False
             values[name] = array
         if len(joints) and values["rates"].min() < 0.0:
             raise ValueError(f"rates = {values['rates'].tolist()} 1/rad; allowed: 0 or more")
-        for name, value in values.items():
-            object.__setattr__(self, name, value)
+        self._take(**values)
 
     @property
     def rules(self) -> int:
@@ -203,7 +170,7 @@ class ScheduledController:
     @property
     def speeds(self) -> np.ndarray:
         """Largest speeds (premises,) [rad/s] of the kept angles in the box."""
-        return np.array([self.robot.joints[premise.joint].velocity_limit for premise in self.premises])
+        return speeds_of(self.robot, self.premises)
 
     @property
     def gains(self) -> np.ndarray:
@@ -217,15 +184,6 @@ class ScheduledController:
     def inertia_at(self, q: np.ndarray) -> np.ndarray:
         """Return M̂ (..., n, n) [kg m²] at angles (..., n) [rad]."""
         return np.asarray(np.tensordot(self.weights(q), self.inertia, axes=1))
-
-    def save(self, path: str | Path) -> None:
-        """Write the controller file, atomically."""
-        write_atomically(Path(path), signed(self._encoded))
-
-    @property
-    def digest(self) -> str:
-        """The digest that the controller file holds, SHA-256 of its content in hexadecimal digits."""
-        return digest_of(self._encoded)
 
     @functools.cached_property
     def _encoded(self) -> dict[str, Any]:
@@ -242,33 +200,23 @@ class ScheduledController:
         }
 
     @classmethod
-    def load(cls, path: str | Path) -> ScheduledController:
-        """Read a controller file.
-
-        Raises:
-            ControllerFileError: not such a file, of another version, damaged, or inconsistent.
-            OSError: the file cannot be read.
-        """
-        return controller_in(path, cls.from_document)
-
-    @classmethod
     def from_document(cls, content: Any) -> ScheduledController:
         """Return the controller of a file's content; ValueError if it is not of this form, damaged or inconsistent."""
-        document = checked_record(content, SCHEMA, _Document)
-        choice("form", document.form, (FORM,))
-        if document.robot_digest != document.robot.digest:
-            raise ControllerFileError("the robot's digest does not match: the file was changed")
-        arrays: dict[str, Any] = {name: np.array(decoded(getattr(document, name)), dtype=np.float64) for name in ARRAYS}
-        if document.split == len(document.robot):  # JSON keeps no shape of an empty array
+        document = checked_fields(content, SCHEMA, FIELDS)
+        robot = document["robot"]
+        choice("form", document["form"], (FORM,))
+        if document["robot_digest"] != robot.digest:
+            raise ValueError("the robot's digest does not match: the file was changed")
+        arrays: dict[str, Any] = {name: np.array(decoded(document[name]), dtype=np.float64) for name in ARRAYS}
+        if document["split"] == len(robot):  # JSON keeps no shape of an empty array
             arrays |= {name: np.zeros((0, 0)) for name in ("distal_low", "distal_high")}
-        return cls(
-            robot=document.robot,
-            premises=document.premises,
-            split=document.split,
-            origin=document.origin,
-            **arrays,
-            **{name: decoded(getattr(document, name)) for name in NUMBERS},
-        )
+        numbers = {name: decoded(document[name]) for name in NUMBERS}
+        return cls(**{name: document[name] for name in ("robot", "premises", "split", "origin")}, **arrays, **numbers)
+
+
+def speeds_of(robot: Robot, premises: Sequence[Premise]) -> np.ndarray:
+    """Return the largest speeds (premises,) [rad/s] of the kept angles in a robot's box."""
+    return np.array([robot.joints[premise.joint].velocity_limit for premise in premises])
 
 
 def rule_weights(premises: Sequence[Premise], q: np.ndarray) -> np.ndarray:

@@ -1,27 +1,33 @@
-"""Controller files of every form: JSON with exact numbers, floats as texts in C99 hexadecimal, and a digest."""
+"""What controllers of every form share: a file of JSON with exact numbers, floats in C99 hexadecimal, and a digest.
+
+Loading a file executes nothing from it.
+"""
 
 from __future__ import annotations
 
+import abc
+import dataclasses
 import hashlib
 import json
-from collections.abc import Callable
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
-from typing import Any, TypeVar
+from typing import Any, Self, TypeVar
 
 import numpy as np
 
-from fuzzyarm.common.checks import shown
+from fuzzyarm.common.checks import finite_array, shown
 from fuzzyarm.common.documents import DocumentError, check_schema, read_json, record
+from fuzzyarm.common.files import write_atomically
 
 __all__ = [
     "MAX_BYTES",
     "ControllerFileError",
-    "checked_record",
+    "SignedController",
+    "checked_fields",
     "controller_in",
     "decoded",
     "digest_of",
     "encoded",
-    "signed",
 ]  # fmt: skip
 
 
@@ -55,17 +61,10 @@ def digest_of(document: dict[str, Any]) -> str:
     return hashlib.sha256(json.dumps(document, sort_keys=True).encode("utf-8")).hexdigest()
 
 
-def signed(document: dict[str, Any]) -> str:
-    """Return the text of a file with a document and, in its last line, the digest of it."""
-    entries = {**document, "digest": digest_of(document)}
-    lines = (f"{json.dumps(key)}: {json.dumps(value)}" for key, value in entries.items())
-    return "{\n" + ",\n".join(lines) + "\n}\n"
-
-
 MAX_BYTES = 8 * 1024 * 1024
 """Size of the largest file that is read; far above that of the largest model."""
 
-Document = TypeVar("Document")
+LARGEST = 1e60  # of any entry of an array
 Built = TypeVar("Built")
 
 
@@ -88,10 +87,85 @@ def controller_in(path: str | Path, build: Callable[[Any], Built]) -> Built:
         raise ControllerFileError(f"{path}: {error}") from None
 
 
-def checked_record(content: Any, schema: str, kind: type[Document]) -> Document:
-    """Return the record of a document; ValueError if its schema, its fields or its digest are not right."""
+def checked_fields(
+    content: Any, schema: str, fields: Mapping[str, Any], optional: Sequence[str] = ()
+) -> dict[str, Any]:
+    """Return what a document holds, by field; ValueError if its schema, its fields or its digest are not right.
+
+    Args:
+        content: of the file.
+        schema: the one that it must have.
+        fields: the type of each field, `schema` and `digest` aside.
+        optional: fields of any type that may be left out, and are then not in the result.
+    """
     check_schema(content, schema)
-    document = record(content, kind)
+    required = {"schema": str, **fields, "digest": str}
+    free = [(name, Any, dataclasses.field(default=None)) for name in optional]
+    document: Any = record(content, dataclasses.make_dataclass("Document", [*required.items(), *free]))
     if content["digest"] != digest_of({key: value for key, value in content.items() if key != "digest"}):
         raise ControllerFileError("the digest does not match: the file was changed after it was written")
-    return document
+    return {name: getattr(document, name) for name in content}
+
+
+class SignedController(abc.ABC):
+    """A controller with a file; the base of the dataclasses of each form.
+
+    Raises:
+        ControllerFileError: a number is out of range, in an array beyond ±1e60, or the parts do not go together.
+    """
+
+    def __post_init__(self) -> None:
+        """Check shapes and values, and take read-only copies of the arrays."""
+        try:
+            self._check()
+        except (TypeError, ValueError) as error:
+            raise ControllerFileError(str(error)) from None
+
+    @abc.abstractmethod
+    def _check(self) -> None:
+        """Raise TypeError or ValueError for values that do not fit, and take the others."""
+
+    @property
+    @abc.abstractmethod
+    def _encoded(self) -> dict[str, Any]:
+        """The content of the controller file without its digest."""
+
+    @classmethod
+    @abc.abstractmethod
+    def from_document(cls, content: Any) -> Self:
+        """Return the controller of a file's content; ValueError if it is not of this form, damaged or inconsistent."""
+
+    def _take(self, **values: Any) -> None:
+        for name, value in values.items():
+            object.__setattr__(self, name, value)
+
+    def _array(self, name: str, shape: tuple[int, ...]) -> np.ndarray:
+        """Return a read-only copy of an array of this shape."""
+        array = finite_array(name, getattr(self, name), shape, largest=LARGEST)
+        array.flags.writeable = False
+        return array
+
+    @property
+    def digest(self) -> str:
+        """The digest that the controller file holds, SHA-256 of its content in hexadecimal digits."""
+        return digest_of(self._encoded)
+
+    def to_json(self) -> str:
+        """Return the text of the controller file; its last line holds the digest."""
+        entries = {**self._encoded, "digest": self.digest}
+        lines = (f"{json.dumps(key)}: {json.dumps(value)}" for key, value in entries.items())
+        return "{\n" + ",\n".join(lines) + "\n}\n"
+
+    def save(self, path: str | Path) -> None:
+        """Write the controller file, atomically."""
+        write_atomically(Path(path), self.to_json())
+
+    @classmethod
+    def load(cls, path: str | Path) -> Self:
+        """Read a controller file.
+
+        Raises:
+            ControllerFileError: not such a file, of another version, damaged, or inconsistent.
+            OSError: the file cannot be read.
+        """
+        return controller_in(path, cls.from_document)

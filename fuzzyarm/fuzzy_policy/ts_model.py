@@ -96,16 +96,16 @@ def premises(q: np.ndarray, dq: np.ndarray, parameters: ArmParameters) -> np.nda
 
 @dataclasses.dataclass(frozen=True)
 class Uncertainty:
-    """One dropped premise as Hᵀ f W with |f| <= 1.
+    """Hᵀ Δ W with ΔᵀΔ <= I, added to E_p or A_p: a dropped premise (section 5.1), or several that share a multiplier.
 
     Attributes:
-        premise: its name.
+        premises: the names; several where H and W are stacked, Δ = diag(f, ...).
         on: the matrix it acts on, "E" (z1) or "A" (the others).
         H: (rows, 4).
-        W: (rows, 4).
+        W: (rows, 4), the same at every vertex.
     """
 
-    premise: str
+    premises: tuple[str, ...]
     on: str
     H: np.ndarray
     W: np.ndarray
@@ -113,17 +113,11 @@ class Uncertainty:
 
 @dataclasses.dataclass(frozen=True)
 class Polytope:
-    """The vertices and the dropped premises in one number type.
+    """The vertices and the dropped premises in one number type."""
 
-    Attributes:
-        E: N_e matrices E_pk, (4, 4).
-        A: N matrices A_pi, (4, 4).
-        uncertainties: the dropped premises.
-    """
-
-    E: list[np.ndarray]
-    A: list[np.ndarray]
-    uncertainties: list[Uncertainty]
+    E: list[np.ndarray]  # N_e matrices E_pk, (4, 4)
+    A: list[np.ndarray]  # N matrices A_pi, (4, 4)
+    uncertainties: list[Uncertainty]  # the dropped premises
 
 
 @dataclasses.dataclass(frozen=True)
@@ -225,7 +219,7 @@ class TSModel:
                 # H picks the dynamic rows the premise acts on, W holds those rows: Hᵀ W is the slope, exactly.
                 rows = [row for row in range(PLANT_STATES) if any(entry != 0 for entry in slope[row])]
                 uncertainties.append(
-                    Uncertainty(name, side, np.eye(PLANT_STATES)[rows], (high - low) / 2 * slope[rows])
+                    Uncertainty((name,), side, np.eye(PLANT_STATES)[rows], (high - low) / 2 * slope[rows])
                 )
         return Polytope(corners("E", self.kept_in_E), corners("A", self.kept_in_A), uncertainties)
 

@@ -26,15 +26,10 @@ __all__ = ["Size", "full_size", "paper_formula"]
 
 @dataclasses.dataclass(frozen=True)
 class Size:
-    """The size of a design problem.
+    """The size of a design problem."""
 
-    Attributes:
-        variables: scalar decision variables.
-        rows: sum of the orders of all matrix inequalities.
-    """
-
-    variables: int
-    rows: int
+    variables: int  # scalar decision variables
+    rows: int  # sum of the orders of all matrix inequalities
 
 
 def paper_formula(N: int, N_e: int = 2, *, n_x: int = 4, n_d: int = 2, n_u: int = 2) -> Size:

@@ -1,4 +1,19 @@
-"""The design problem that `design` solves, open to constraints and objectives of a user's own, in cvxpy."""
+"""The design problem that `design` solves, open to constraints and objectives of a user's own, in cvxpy.
+
+One such constraint says where the poles of the frozen rigid loop lie. A region of the complex plane is the set of z
+with R + z S + z* Sᵀ < 0, for R symmetric and S of the same size s: a half plane to the left of -α (R = 2α, S = 1), a
+sector |Im z| < -t Re z (R = 0, S = [[t, 1], [-1, t]]), a disc of radius r about -q (R = [[-r, q], [q, -r]], S = [[0,
+1], [0, 0]]). With F_ijk = A_i P + B M_jk, ⊗ the Kronecker product, slack Q, X and symmetric multipliers Θ_l of its own,
+every pole of every frozen loop lies in it if Π_iik < 0 and Π_ijk + Π_jik < 0 for i < j and all k, where
+
+            | R⊗P + He((S⊗I) Q_ij)                     ⋆                                  ⋆    |
+    Π_ijk = | I⊗F_ijk - (I⊗E_k) Q_ij + X_ijᵀ (S⊗I)ᵀ    -He((I⊗E_k) X_ij) + Σ Θ_l⊗H_lᵀH_l  ⋆    |
+            | I⊗W_l P  or  -(I⊗W_l) Q_ij               0  or  -(I⊗W_l) X_ij               -Θ_l⊗I|
+
+For s = 1 this is the inequality of the decay rate in `consistent_reference` without its rows d and z. Multiplied by
+[I, (S⊗I)(I⊗E)⁻¹, ...] from the left and its transpose from the right, X drops out and R⊗P + He(S⊗(E⁻¹F)) is left:
+the condition of Chilali and Gahinet (1996) for E⁻¹F P⁻¹.
+"""
 
 from __future__ import annotations
 
@@ -12,17 +27,80 @@ from fuzzyarm.common.checks import finite_array, instance, listed, real, shown, 
 from fuzzyarm.envs.observation import JOINTS
 from fuzzyarm.envs.physics.parameters import ArmParameters
 from fuzzyarm.fuzzy_policy.controller import GAINS
-from fuzzyarm.fuzzy_policy.proof.block_matrix import transposed
+from fuzzyarm.fuzzy_policy.proof.block_matrix import Assembly, he, identity, symmetric, transposed
 from fuzzyarm.fuzzy_policy.proof.certificate import Certificate, certify
+from fuzzyarm.fuzzy_policy.proof.vertices import Index, Vertices
 from fuzzyarm.fuzzy_policy.signed_files import ControllerFileError
+from fuzzyarm.fuzzy_policy.states import PLANT
 from fuzzyarm.synthesis.designer import Design, DesignFailed, to_controller
 from fuzzyarm.synthesis.expressions import half, negative, positive
 from fuzzyarm.synthesis.inequalities import MARGIN, Inequalities, NoPoint
-from fuzzyarm.synthesis.pole_region import pi
 from fuzzyarm.synthesis.search import best_point, why_infeasible
 from fuzzyarm.synthesis.specification import Specification
 
-__all__ = ["DesignProblem"]
+__all__ = ["DesignProblem", "pi"]
+
+
+def pi(
+    data: Vertices,
+    i: Index,
+    k: Index,
+    *,
+    R: np.ndarray,
+    S: np.ndarray,
+    P: Any,
+    M: Any,
+    Q: Any,
+    X: Any,
+    theta: Any,
+    put: Assembly = symmetric,
+) -> Any:
+    """Return Π_ijk (..., rows, rows), symmetric and affine in P, M, Q, X and Θ, of numbers or of cvxpy's expressions.
+
+    Args:
+        data: the vertices of the consistent form, n = 4 or, with the integral, 6.
+        i: vertex of A, from 0; with arrays of i and k the result is a stack, as in `consistent_reference.psi`.
+        k: vertex of E, from 0.
+        R: (s, s), symmetric [1/s].
+        S: (s, s), without unit.
+        P: (n, n).
+        M: M_jk, (..., 2, n).
+        Q: Q_ij, (..., s n, s n).
+        X: X_ij, (..., s n, s n).
+        theta: Θ of the pair (i, j) and k, (..., m, s, s), one for each entry of `data.uncertainties`.
+        put: what makes a matrix of the block rows.
+    """
+    one, n = identity(len(S)), data.n_e
+    E, wide = np.kron(one, data.error_E(k)), np.kron(S, identity(n))
+    below: list[list[Any]] = []
+    corner = -he(E @ X)
+    for term, uncertain in enumerate(data.uncertainties):
+        scale, H = theta[..., term, :, :], data.error_rows(uncertain.H.T).T
+        W = np.zeros((len(uncertain.W), n))
+        W[:, PLANT] = uncertain.W
+        corner = corner + _kron(scale, H.T @ H)
+        wide_W = np.kron(one, W)
+        left, middle = (_blocks(one, W @ P), 0) if uncertain.on == "A" else (-wide_W @ Q, -wide_W @ X)
+        below.append([left, middle, *[0] * len(below), -_kron(scale, identity(len(H)))])
+    F = data.error_A(i) @ P + data.error_rows(data.B) @ M
+    side = _blocks(one, F) - E @ Q + transposed(X) @ wide.T
+    return put([[_blocks(R, P) + he(wide @ Q)], [side, corner], *below])
+
+
+def _blocks(numbers: np.ndarray, matrix: Any) -> Any:
+    """Return `numbers` ⊗ Y (..., s r, s c) for numbers (s, s) and Y (..., r, c)."""
+    units, (r, c) = identity(len(numbers)), matrix.shape[-2:]
+    return sum(
+        np.kron(units[:, [a]], identity(r)) @ matrix @ (numbers[a, b] * np.kron(units[[b]], identity(c)))
+        for a, b in np.argwhere(numbers)
+    )
+
+
+def _kron(matrix: Any, numbers: np.ndarray) -> Any:
+    """Return Y ⊗ `numbers` (..., s r, s r) for Y (..., s, s) and numbers (r, r)."""
+    size, r = matrix.shape[-1], len(numbers)
+    left = [np.kron(identity(size), identity(r)[:, [a]]) for a in range(r)]
+    return sum((numbers[a, b] * left[a]) @ matrix @ left[b].T for a, b in np.argwhere(numbers))
 
 
 class DesignProblem(Inequalities):
@@ -61,7 +139,7 @@ class DesignProblem(Inequalities):
         return [P11 >> h * np.outer(unit, unit), positive(half([[scaled**2 * h * np.eye(1)], [transposed(m), P11]]))]
 
     def pole_region(self, R: Any, S: Any) -> list[Any]:
-        """Return constraints that put the poles z of every frozen loop where R + z S + z* Sᵀ < 0, see `pole_region`.
+        """Return constraints that put the poles z of every frozen loop where R + z S + z* Sᵀ < 0, see the module.
 
         The proof of a controller file does not cover them: it proves α, γ and the fastest pole.
 

@@ -144,12 +144,13 @@ def describe(result: Design) -> str:
     """Return what was solved and what came out, for a person."""
     controller, certificate = result.controller, result.certificate
     model = controller.model
-    kept, dropped = ", ".join(model.kept) or "none", ", ".join(u.premise for u in model.uncertainties) or "none"
+    dropped = [name for u in model.uncertainties for name in u.premises]
     multipliers = "one multiplier for all of A" if controller.common_multiplier else "one multiplier each"
     pole = "" if controller.fastest_pole is None else f"fastest pole {at_most(controller.fastest_pole, 6)} 1/s, "
     names = ["K q1", "K q2", "K dq1", "K dq2"] + (["H q1", "H q2"] if controller.integral else [])
     lines = [
-        f"{model.rules} rules: kept {kept}; as uncertainty: {dropped}, {multipliers}; {controller.form} form, "
+        f"{model.rules} rules: kept {', '.join(model.kept) or 'none'}; as uncertainty: "
+        f"{', '.join(dropped) or 'none'}, {multipliers}; {controller.form} form, "
         f"{'with' if controller.integral else 'without'} integral",
         f"alpha = {at_least(controller.alpha, 6)} 1/s, gamma = {at_most(controller.gamma, 4)}, {pole}"
         f"{controller.origin['objective']}; {result.variables} variables, {result.rows} cone rows, solved in "

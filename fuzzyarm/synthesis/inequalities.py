@@ -23,7 +23,7 @@ import time
 import types
 import warnings
 from collections.abc import Callable
-from typing import Any
+from typing import Any, NamedTuple
 
 import cvxpy as cp
 import numpy as np
@@ -91,48 +91,31 @@ class NoPoint(ValueError):
 
 @dataclasses.dataclass(frozen=True)
 class Point:
-    """A strictly feasible point of the full inequalities, in SI units; shapes and symbols as in `Controller`.
+    """A strictly feasible point of the full inequalities, in SI units; shapes and symbols as in `Controller`."""
 
-    Attributes:
-        alpha: α [1/s].
-        gamma: γ, given or found.
-        P: (n, n).
-        M: (N, N_e, 2, n_e).
-        L: (N, N_e, 2, 6); empty in the consistent form.
-        slack: (Q, X, τ) of Ψ and, with a fastest pole, of Φ: (p, n, n), (p, n, n) and (p, N_e, m).
-        margin: recomputed from these values; the inequalities are <= -margin I in the units of `Scaling`.
-        largest_gain: largest |K_jk| in these units.
-        objective: as the solver reports it: g, or γ² in units, or 0.
-        status: as the solver reports it.
-        variables: scalar variables of the cone program.
-        rows: of its cones, upper triangles.
-        compile_seconds: to write and compile the problem, or to change its parameters [s].
-        solve_seconds: of the solver and of recomputing the margin [s].
-    """
-
-    alpha: float
-    gamma: float
-    P: np.ndarray
-    M: np.ndarray
-    L: np.ndarray
+    alpha: float  # α [1/s]
+    gamma: float  # γ, given or found
+    P: np.ndarray  # (n, n)
+    M: np.ndarray  # (N, N_e, 2, n_e)
+    L: np.ndarray  # (N, N_e, 2, 6); empty in the consistent form
+    # (Q, X, τ) of Ψ and, with a fastest pole, of Φ: (p, n, n), (p, n, n) and (p, N_e, m)
     slack: tuple[tuple[np.ndarray, np.ndarray, np.ndarray], ...]
-    margin: float
-    largest_gain: float
-    objective: float
-    status: str
-    variables: int
-    rows: int
-    compile_seconds: float
-    solve_seconds: float
+    margin: float  # recomputed from these values; the inequalities are <= -margin I in the units of `Scaling`
+    largest_gain: float  # largest |K_jk| in these units
+    objective: float  # as the solver reports it: g, or γ² in units, or 0
+    status: str  # as the solver reports it
+    variables: int  # scalar variables of the cone program
+    rows: int  # of its cones, upper triangles
+    compile_seconds: float  # to write and compile the problem, or to change its parameters [s]
+    solve_seconds: float  # of the solver and of recomputing the margin [s]
 
 
-@dataclasses.dataclass(frozen=True)
-class _Slack:
-    """Variables Q_b (p, 2, n), X_b (p, 2, 2) and τ (p N_e, m) of Ψ or Φ, in units."""
+class _Slack(NamedTuple):
+    """Variables of Ψ or Φ, in units."""
 
-    Q: Any
-    X: Any
-    tau: Any
+    Q: Any  # Q_b (p, 2, n)
+    X: Any  # X_b (p, 2, 2)
+    tau: Any  # (p N_e, m)
 
 
 def structure_of(specification: Specification) -> Specification:
@@ -216,7 +199,15 @@ class Inequalities:
             unit = s.torque[:, np.newaxis] / s.disturbance[-consistent.shape[-1] :]
             free = given.feedforward is None
             self.L = cp.multiply(unit, cp.Variable(consistent.shape)) if free else given.feedforward * consistent
-        self._slack = [self._new_slack() for _ in range(1 if given.fastest_pole is None else 2)]
+        p, rows, m = len(self.pairs), len(self._pair), len(s.uncertainty)
+        self._slack = [
+            _Slack(
+                cp.Variable((p, JOINTS, n)),
+                cp.Variable((p, JOINTS, JOINTS)),
+                cp.Variable((rows, m)) if m else np.zeros((rows, 0)),
+            )
+            for _ in range(1 if given.fastest_pole is None else 2)
+        ]
         self.alpha = cp.Parameter(nonneg=True, name="alpha")
         self._root_c = cp.Parameter(nonneg=True, name="square root of c")
         self._fastest_pole, self._bound2 = cp.Parameter(nonneg=True), cp.Parameter(nonneg=True)
@@ -225,12 +216,6 @@ class Inequalities:
         bounded = given.gain_bound is not None
         self.floor = cp.Variable() if bounded else cp.Constant(1.0)
         self._g = self._bound2 * self.floor if bounded else cp.Variable()
-
-    def _new_slack(self) -> _Slack:
-        p, n, m = len(self.pairs), len(self._scaling.state), len(self._scaling.uncertainty)
-        rows = len(self._pair)
-        tau = cp.Variable((rows, m)) if m else np.zeros((rows, 0))
-        return _Slack(cp.Variable((p, JOINTS, n)), cp.Variable((p, JOINTS, JOINTS)), tau)
 
     @property
     def _units(self) -> dict[str, np.ndarray]:

@@ -1,28 +1,407 @@
-"""The scheduled inertia M̂ and the constants D_low, D_high of a robot, proposed for a small κ; nothing here is a proof.
+"""The scheduled inertia M̂ and the constants D_low, D_high of a robot, proposed for a small κ, by programs over samples.
 
-`metric_search` finds them for samples. Here the samples' bounds are moved to what a search for the worst angles finds,
-so that little is left for the proof to widen.
+    minimise κ:    D_low <= D <= D_high,    M̂ <= near + Jᵀ D_low J,    near + Jᵀ D_high J <= κ M̂
+
+at sampled angles, see `InertiaSamples`. κ M̂ is bilinear: with κ and M̂' of the step before, one minimises t in
+near + Jᵀ D_high J <= κ M̂ + t M̂', which is a semidefinite program, and takes the κ of its solution (Dinkelbach).
+Only samples whose constraint is nearly active are in the program; those that its solution violates most are added.
+Then the samples' bounds are moved to what a search for the worst angles finds, so that little is left for the proof to
+widen. Nothing of this is a proof; `inertia_bounds` proves the bounds.
 """
 
 from __future__ import annotations
 
+import copy
 import dataclasses
-from collections.abc import Sequence
+import math
+from collections.abc import Callable, Sequence
+from typing import NamedTuple
 
+import clarabel  # type: ignore[import-untyped]
 import numpy as np
+from scipy import sparse
 
+from fuzzyarm.envs.physics.rigid_body import frames, mass_matrix
 from fuzzyarm.envs.physics.robot import Robot
-from fuzzyarm.fuzzy_policy.proof.box_cover import widened
+from fuzzyarm.fuzzy_policy.proof.box_cover import TrigMatrix
 from fuzzyarm.fuzzy_policy.proof.definiteness import exact
-from fuzzyarm.fuzzy_policy.proof.inertia_bounds import scheduled_polynomial
-from fuzzyarm.fuzzy_policy.proof.kinetic_energy import inertia_polynomial
-from fuzzyarm.fuzzy_policy.proof.trigonometric import TrigMatrix
-from fuzzyarm.fuzzy_policy.scheduled import Premise, rule_weights
-from fuzzyarm.synthesis.inertia_samples import InertiaSamples, smallest_value
-from fuzzyarm.synthesis.metric_search import ROUNDS, MetricSearch, relative
+from fuzzyarm.fuzzy_policy.proof.inertia_bounds import (
+    TWIST,
+    angle_ranges,
+    inertia_polynomial,
+    plus,
+    scheduled_polynomial,
+)
+from fuzzyarm.fuzzy_policy.scheduled import Premise, rule_weights, speeds_of
 from fuzzyarm.synthesis.scalar_design import smallest_pole
 
-__all__ = ["Metric", "fitted_metric", "ranked_premises", "split_of"]
+__all__ = [
+    "InertiaSamples", "Metric", "MetricSearch", "fitted_metric", "ranked_premises", "relative", "split_of", "twist_map",
+]  # fmt: skip
+
+
+class Family(NamedTuple):
+    """Matrices F_0 + Σ x_k F_k that must be positive semidefinite."""
+
+    constant: np.ndarray  # F_0, (B, s, s)
+    linear: np.ndarray  # F_k, (B, variables, s, s)
+
+
+def svec(matrix: np.ndarray) -> np.ndarray:
+    """Return the upper triangles (..., s(s + 1)/2) of matrices (..., s, s) by columns; off-diagonal numbers × √2."""
+    column, row = np.tril_indices(matrix.shape[-1])
+    return matrix[..., row, column] * np.where(row == column, 1.0, math.sqrt(2.0))
+
+
+def symmetric_units(size: int) -> np.ndarray:
+    """Return a basis of the symmetric matrices (s, s): one entry and its mirror image are the number 1."""
+    row, column = np.tril_indices(size)
+    units = np.zeros((len(row), size, size))
+    every = np.arange(len(row))
+    units[every, row, column] = units[every, column, row] = 1.0
+    return units
+
+
+def minimise(q: np.ndarray, families: list[Family]) -> np.ndarray:
+    """Return the x (variables,) with the smallest qᵀx where Clarabel ends."""
+    rows = [-np.swapaxes(svec(family.linear), 1, 2).reshape(-1, len(q)) for family in families]
+    A = sparse.csc_matrix(np.concatenate(rows))
+    b = np.concatenate([svec(family.constant).ravel() for family in families])
+    cones = [clarabel.PSDTriangleConeT(family.constant.shape[-1]) for family in families for _ in family.constant]
+    settings = clarabel.DefaultSettings()
+    settings.verbose = False
+    settings.tol_gap_abs = settings.tol_gap_rel = settings.tol_feas = 1e-7
+    settings.direct_solve_method, settings.max_threads = "faer", 1
+    answer = clarabel.DefaultSolver(sparse.csc_matrix((len(q), len(q))), q, A, b, cones, settings).solve()
+    return np.array(answer.x)
+
+
+KEPT = 40  # samples that the search goes on from
+FIRST_STEP, STEPS = 0.2, 25  # rad, halved where no step helps
+
+
+@dataclasses.dataclass(frozen=True)
+class InertiaSamples:
+    """The inertia M̄ = near + Jᵀ D J of a chain that is split behind link a, at sampled angles."""
+
+    q: np.ndarray  # angles (B, n) [rad]
+    near: np.ndarray  # of the links up to a, with the rotors, (B, n, n) [kg m²]
+    twist: np.ndarray  # J (B, 6 + n - a, n), from q̇ to the twist of link a in its own frame and the rates beyond
+    distal: np.ndarray  # D (B, 6 + n - a, 6 + n - a), of the links beyond; of no size without a split
+
+    @classmethod
+    def of(cls, robot: Robot, split: int, count: int, seed: int) -> InertiaSamples:
+        """Return `count` samples of the robot's box."""
+        n = len(robot)
+        q = _angles_in(angle_ranges(robot), count, seed)
+        whole = mass_matrix(robot, q) + np.diag(robot.drive("motor_inertia"))
+        if split == n:
+            return cls(q, whole, np.zeros((count, 0, n)), np.zeros((count, 0, 0)))
+        twist = twist_map(robot, q, split)
+        distal = TrigMatrix(inertia_polynomial(robot, split, n)).at(q[:, split:])
+        return cls(q, whole - np.swapaxes(twist, 1, 2) @ distal @ twist, twist, distal)
+
+    def inertia(self, distal: np.ndarray | None = None) -> np.ndarray:
+        """Return M̄ (B, n, n) [kg m²], with a constant (6 + n - a, 6 + n - a) in place of D if one is given."""
+        D = self.distal if distal is None else distal
+        return np.asarray(self.near + np.swapaxes(self.twist, 1, 2) @ D @ self.twist)
+
+
+def twist_map(robot: Robot, q: np.ndarray, split: int) -> np.ndarray:
+    """Return J of `InertiaSamples` (B, 6 + n - a, n) at angles (B, n) [rad]."""
+    n = len(robot)
+    links = frames(robot, q)
+    back = np.swapaxes(links.rotation[..., split - 1, :, :], -1, -2)
+    directions = np.einsum("...kij,kj->...ik", links.rotation, robot.arrays.axis)[..., :split]
+    arms = np.swapaxes(links.origin[..., split - 1 : split, :] - links.origin[..., :split, :], -1, -2)
+    result = np.zeros((*q.shape[:-1], TWIST + n - split, n))
+    result[..., :TWIST, :split] = np.concatenate(
+        [back @ np.cross(directions, arms, axis=-2), back @ directions], axis=-2
+    )
+    result[..., TWIST:, split:] = np.eye(n - split)
+    return result
+
+
+def _angles_in(ranges: np.ndarray, count: int, seed: int) -> np.ndarray:
+    """Return angles (count, d) in `ranges` (d, 2) [rad]: half at random, half on multiples of π/4 and on the faces."""
+    generator = np.random.default_rng(seed)
+    low, high = ranges.T
+    q = generator.uniform(low, high, (count, len(ranges)))
+    snapped = np.clip(np.round(q * 4.0 / np.pi) * np.pi / 4.0, low, high)
+    ends = np.where(generator.random(q.shape) < 0.5, low, high)
+    snapped = np.where(generator.random(q.shape) < 0.15, ends, snapped)
+    return np.where((np.arange(count) % 2 == 0)[:, np.newaxis], q, snapped)
+
+
+def smallest_value(
+    function: Callable[[np.ndarray], np.ndarray], ranges: np.ndarray, *, count: int = 3000, seed: int = 1
+) -> float:
+    """Return the smallest value found.
+
+    Args:
+        function: of angles (B, d) [rad], returns (B,).
+        ranges: of the angles, (d, 2) [rad].
+        count: samples.
+        seed: of the samples.
+    """
+    q = _angles_in(ranges, count, seed)
+    values = function(q)
+    best = np.argsort(values)[:KEPT]
+    q, values = q[best], values[best]
+    d = len(ranges)
+    directions = np.concatenate([np.eye(d), -np.eye(d)])
+    step = FIRST_STEP
+    for _ in range(STEPS if d else 0):
+        tried = np.clip(q[:, np.newaxis] + step * directions, ranges[:, 0], ranges[:, 1])
+        found = function(tried.reshape(-1, d)).reshape(len(q), -1)
+        place, every = np.argmin(found, axis=1), np.arange(len(q))
+        better = found[every, place] < values
+        q = np.where(better[:, np.newaxis], tried[every, place], q)
+        values = np.where(better, found[every, place], values)
+        if not better.any():
+            step *= 0.5
+    return float(values.min())
+
+
+ROUNDS = 20
+"""Programs that are solved for one schedule at most."""
+
+FIRST = 24  # samples to begin with
+ADDED = 5  # of each constraint and round
+FLOOR_ROUNDS, FLOOR_COST = 4, 2e-3  # and the share by which κ and the rates may rise for a larger floor
+SHARES = (1.0, 0.6, 0.3, 0.1)  # of the way from the best M̂ so far to an answer of the program
+ACTIVE = 0.02  # smallest eigenvalue of a constraint in scaled coordinates that keeps its sample in the program
+CLOSE = 2e-3  # what κ might still fall by, relative, at which the search ends
+
+
+def relative(matrices: np.ndarray, to: np.ndarray) -> np.ndarray:
+    """Return the eigenvalues (B, s), ascending, of matrices relative to positive definite ones, (B, s, s) each."""
+    inverse = np.linalg.inv(np.linalg.cholesky(to))
+    return np.linalg.eigvalsh(inverse @ matrices @ np.swapaxes(inverse, -1, -2))
+
+
+class MetricSearch:
+    """The iteration of the module's docstring, in coordinates in which the mean of each inertia has a unit diagonal."""
+
+    def __init__(self, samples: InertiaSamples) -> None:
+        self.row = 1.0 / np.sqrt(np.diagonal(samples.inertia().mean(axis=0)))
+        self.distal_row = 1.0 / np.sqrt(np.diagonal(samples.distal.mean(axis=0)))
+        self.samples = dataclasses.replace(
+            samples,
+            near=samples.near * self.row[:, np.newaxis] * self.row,
+            twist=samples.twist * self.row / self.distal_row[:, np.newaxis],
+            distal=samples.distal * self.distal_row[:, np.newaxis] * self.distal_row,
+        )
+        self.weights = np.ones((len(samples.q), 1))
+        self.size, self.distal = len(self.row), len(self.distal_row)
+        self.units, self.distal_units = symmetric_units(self.size), symmetric_units(self.distal)
+        self.inertia = 0.1 * np.eye(self.size)[np.newaxis]
+        self.low, self.high = np.zeros((self.distal, self.distal)), 10.0 * np.eye(self.distal)
+        self.kappa = np.inf
+        self.near, self.far = set(range(FIRST)), set(range(FIRST)) if self.distal else set()
+
+    def copy(self) -> MetricSearch:
+        """Return a search that goes on from here on its own."""
+        other = copy.copy(self)
+        other.near, other.far = set(self.near), set(self.far)
+        return other
+
+    def schedule(self, weights: np.ndarray) -> None:
+        """Go on with one more premise: rules of weights (B, N), each with the inertia that it had without."""
+        copies = weights.shape[1] // len(self.inertia)
+        self.weights, self.inertia = weights, np.tile(self.inertia, (copies, 1, 1))
+
+    def run(self, rounds: int = ROUNDS) -> None:
+        """Iterate until the samples in the program allow no smaller κ; what is found holds for all samples.
+
+        The M̂, D_low and D_high that reach a κ are a convex set. Where an answer of the program violates the samples
+        outside of it, a point between it and the best one so far may not. So κ never rises, and more rules have none
+        that is larger than that of the fewer rules a search goes on from.
+        """
+        self._settle()
+        self.kappa, best = self._kappa(), self._proposal()
+        self._add_violated()
+        for _ in range(rounds):
+            gain = self._step(sorted(self.near), sorted(self.far))
+            answer, start = self._proposal(), best
+            self._add_violated()
+            for share in SHARES:
+                self.inertia, self.low, self.high = (
+                    share * new + (1.0 - share) * old for new, old in zip(answer, start, strict=True)
+                )
+                self._settle()
+                kappa = self._kappa()
+                if kappa < self.kappa:
+                    self.kappa, best = kappa, self._proposal()
+            self.inertia, self.low, self.high = best
+            self._add_violated()
+            if gain < CLOSE * self.kappa:
+                break
+
+    def raise_floor(self, slopes: list[np.ndarray]) -> None:
+        """Raise the smallest eigenvalue of M̂ as far as κ and the rates μ_k allow, κ a little larger than it is.
+
+        Many M̂ have the same κ. The gain γ/σ between Euclidean norms is the smaller, the larger the floor σ.
+
+        Args:
+            slopes: ∂h/∂q_k (B, N) [1/rad] of each kept angle.
+        """
+        largest = (1.0 + FLOOR_COST) * self.kappa
+        rates, best = np.array([self.rate(slope) for slope in slopes]), self.copy()
+        for _ in range(FLOOR_ROUNDS):
+            self._floor_step(sorted(self.near), slopes, (1.0 + FLOOR_COST) * rates, largest)
+            self._add_violated()
+            start = best
+            for share in SHARES:
+                found = start.blended(self, share)
+                within = found.kappa <= largest and all(
+                    found.rate(slope) <= (1.0 + FLOOR_COST) * rate for slope, rate in zip(slopes, rates, strict=True)
+                )
+                if within and found._floors().min() > best._floors().min():
+                    best = found
+            self.near |= {int(k) for k in np.argsort(best._floors())[:ADDED]}
+            self.inertia, self.kappa = best.inertia, best.kappa
+
+    def scheduled(self) -> np.ndarray:
+        """Return M̂ (B, n, n) at all samples."""
+        return np.asarray(np.tensordot(self.weights, self.inertia, axes=1))
+
+    def rate(self, slope: np.ndarray) -> float:
+        """Return μ_k [1/rad]: half the largest eigenvalue of ∂M̂/∂q_k relative to M̂, from ∂h/∂q_k, shape (B, N)."""
+        hat, change = (np.tensordot(weights, self.inertia, axes=1) for weights in (self.weights, slope))
+        return 0.5 * float(np.abs(relative(change, hat)).max())
+
+    def blended(self, end: MetricSearch, share: float) -> MetricSearch:
+        """Return this search with S_r, D_low and D_high moved by a share towards those of another one."""
+        other = self.copy()
+        other.inertia, other.low, other.high = (
+            old + share * (new - old) for new, old in zip(end._proposal(), self._proposal(), strict=True)
+        )
+        other._settle()
+        other.kappa = other._kappa()
+        return other
+
+    def found(self) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+        """Return S_r (N, n, n), D_low, D_high and the diagonal matrix of the units of D, in SI units."""
+        distal = self.distal_row[:, np.newaxis] * self.distal_row
+        unit = np.diag(1.0 / self.distal_row**2)
+        return self.inertia / (self.row[:, np.newaxis] * self.row), self.low / distal, self.high / distal, unit
+
+    def _proposal(self) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        return self.inertia, self.low, self.high
+
+    def _settle(self) -> None:
+        """Move D_low and D_high to where all samples allow them, and scale M̂ to where it touches the lower inertia."""
+        if self.distal:
+            D, unit = self.samples.distal, np.eye(self.distal)
+            self.low = self.low + min(np.linalg.eigvalsh(D - self.low)[:, 0].min(), 0.0) * unit
+            self.high = self.high - min(np.linalg.eigvalsh(self.high - D)[:, 0].min(), 0.0) * unit
+        scheduled = self.scheduled()
+        if np.linalg.eigvalsh(scheduled)[:, 0].min() > 0.0:
+            share = relative(self.samples.inertia(self.low), scheduled)[:, 0].min()
+            self.inertia = max(share, 0.0) * self.inertia
+
+    def _add_violated(self) -> None:
+        """Add the samples to the program that violate its constraints most."""
+        gaps, distal_gaps = self._gaps()
+        self.near |= {int(k) for gap in gaps for k in np.argsort(gap)[:ADDED]}
+        if self.far:
+            self.far = {k for k in self.far if min(gap[k] for gap in distal_gaps) < ACTIVE}
+            self.far |= {int(k) for gap in distal_gaps for k in np.argsort(gap)[:ADDED]}
+
+    def _kappa(self) -> float:
+        """Return κ of all samples, inf where M̂ or the lower inertia is not positive definite."""
+        scheduled = self.scheduled()
+        if np.linalg.eigvalsh(scheduled)[:, 0].min() <= 0.0:
+            return np.inf
+        low = float(relative(self.samples.inertia(self.low), scheduled)[:, 0].min())
+        high = float(relative(self.samples.inertia(self.high), scheduled)[:, -1].max())
+        return high / low if low > 0.0 else np.inf
+
+    def _gaps(self) -> tuple[list[np.ndarray], list[np.ndarray]]:
+        """Return the smallest eigenvalues of each constraint at all samples, relative where κ is concerned."""
+        scheduled = self.scheduled()
+        if np.linalg.eigvalsh(scheduled)[:, 0].min() <= 0.0:  # nothing is relative to such a metric
+            gaps = [np.linalg.eigvalsh(scheduled)[:, 0]]
+        else:
+            low = relative(self.samples.inertia(self.low), scheduled)[:, 0]
+            high = relative(self.samples.inertia(self.high), scheduled)[:, -1]
+            gaps = [low - 1.0, 1.0 - high / self.kappa]
+        if not self.distal:
+            return gaps, []
+        D = self.samples.distal
+        return gaps, [np.linalg.eigvalsh(D - self.low)[:, 0], np.linalg.eigvalsh(self.high - D)[:, 0]]
+
+    def _floors(self) -> np.ndarray:
+        """Return the smallest eigenvalue of M̂ (B,) in SI units."""
+        scheduled = self.scheduled() / (self.row[:, np.newaxis] * self.row)
+        return np.asarray(np.linalg.eigvalsh(scheduled)[:, 0])
+
+    def _floor_step(self, near: list[int], slopes: list[np.ndarray], rates: np.ndarray, kappa: float) -> None:
+        """Take the S_r with the largest σ in σ I <= M̂ under which bounds of κ and of the rates hold at some samples."""
+
+        def times(weights: np.ndarray) -> np.ndarray:
+            shape = len(near), len(self.inertia) * len(self.units), self.size, self.size
+            return np.asarray((weights[near][:, :, np.newaxis, np.newaxis, np.newaxis] * self.units).reshape(shape))
+
+        hat = times(self.weights)
+        nothing = np.zeros((len(near), self.size, self.size))
+        none = nothing[:, np.newaxis]
+        lowest, highest = (self.samples.inertia(D)[near] for D in (self.low, self.high))
+        families = [
+            Family(lowest, np.concatenate([-hat, none], axis=1)),
+            Family(-highest, np.concatenate([kappa * hat, none], axis=1)),
+            Family(nothing, np.concatenate([hat, none - np.diag(self.row**2)], axis=1)),
+        ]
+        for slope, rate in zip(slopes, rates.tolist(), strict=True):
+            families += [
+                Family(nothing, np.concatenate([2.0 * rate * hat + sign * times(slope), none], axis=1))
+                for sign in (1.0, -1.0)
+            ]
+        x = minimise(-np.eye(hat.shape[1] + 1)[-1], families)
+        if np.isfinite(x).all():
+            self.inertia = np.tensordot(x[:-1].reshape(-1, len(self.units)), self.units, axes=1)
+
+    def _step(self, near: list[int], far: list[int]) -> float:
+        """Solve the program of some samples and take its S_r and, if those are not yet fixed, D_low and D_high.
+
+        Returns how much smaller κ might get, -t; 0 where the solver has no answer.
+        """
+        n, units = self.size, self.units
+        distal = self.distal_units if far else self.distal_units[:0]
+        columns, others = len(self.inertia) * len(units), len(distal)
+        before = np.tensordot(self.weights[near], self.inertia, axes=1)[:, np.newaxis]
+        hat = (self.weights[near][:, :, np.newaxis, np.newaxis, np.newaxis] * units).reshape(len(near), columns, n, n)
+        J = self.samples.twist[near]
+        tail = np.swapaxes(J, -1, -2)[:, np.newaxis] @ distal @ J[:, np.newaxis]
+        none, nothing = np.zeros_like(tail), np.zeros_like(before)
+        lowest = highest = self.samples.near[near]
+        if not far:
+            lowest, highest = (self.samples.inertia(D)[near] for D in (self.low, self.high))
+        families = [
+            Family(lowest, np.concatenate([-hat, tail, none, nothing], axis=1)),
+            Family(-highest, np.concatenate([self.kappa * hat, none, -tail, before], axis=1)),
+        ]
+        if far:
+            D = self.samples.distal[far]
+            every = np.broadcast_to(distal, (len(far), *distal.shape))
+            wide = np.zeros((len(far), columns, self.distal, self.distal))
+            zero, one = np.zeros_like(every), np.zeros_like(D)[:, np.newaxis]
+            families += [
+                Family(D, np.concatenate([wide, -every, zero, one], axis=1)),
+                Family(-D, np.concatenate([wide, zero, every, one], axis=1)),
+            ]
+        q = np.zeros(columns + 2 * others + 1)
+        q[-1] = 1.0
+        x = minimise(q, families)
+        if not np.isfinite(x).all():
+            return 0.0
+        self.inertia = np.tensordot(x[:columns].reshape(-1, len(units)), units, axes=1)
+        if far:
+            self.low = np.tensordot(x[columns : columns + others], distal, axes=1)
+            self.high = np.tensordot(x[columns + others : -1], distal, axes=1)
+        return -float(x[-1])
+
 
 UNSPLIT = 4  # joints of a robot whose chain needs no split
 FAR = 3  # most angles beyond the split
@@ -34,32 +413,16 @@ SLACK = 1e-3  # of D_low and D_high, in units of the mean of D
 
 @dataclasses.dataclass(frozen=True)
 class Metric:
-    """A proposal of bounds; quantities as in `ScheduledController`, whose `kappa`, `floor` and `rates` are wider.
+    """A proposal of bounds; quantities as in `ScheduledController`, whose `kappa`, `floor` and `rates` are wider."""
 
-    Attributes:
-        premises: the kept ones.
-        split: a.
-        inertia: S_r, (N, n, n).
-        distal_low: D_low.
-        distal_high: D_high.
-        kappa: κ of the angles searched.
-        floor: σ, likewise.
-        rates: μ_k, likewise, (premises,).
-    """
-
-    premises: tuple[Premise, ...]
-    split: int
-    inertia: np.ndarray
-    distal_low: np.ndarray
-    distal_high: np.ndarray
-    kappa: float
-    floor: float
-    rates: np.ndarray
-
-    def rate(self, robot: Robot) -> float:
-        """Return μ = Σ μ_k |q̇_k| [1/s] at the largest speeds of the kept angles."""
-        speeds = [robot.joints[premise.joint].velocity_limit for premise in self.premises]
-        return float(self.rates @ np.array(speeds)) if speeds else 0.0
+    premises: tuple[Premise, ...]  # the kept ones
+    split: int  # a
+    inertia: np.ndarray  # S_r, (N, n, n)
+    distal_low: np.ndarray  # D_low
+    distal_high: np.ndarray  # D_high
+    kappa: float  # κ of the angles searched
+    floor: float  # σ, likewise
+    rates: np.ndarray  # μ_k, likewise, (premises,)
 
 
 def split_of(robot: Robot, premises: Sequence[Premise]) -> int:
@@ -88,10 +451,10 @@ def fitted_metric(
     search.run()
     for number in range(1, len(premises) + 1):
         search, _ = _with_premise(search, robot, premises[:number], alpha)
-        search.fix_distal()  # they are fitted to the first premise, which changes most
+        search.far = set()  # D_low and D_high stay: they are fitted to the first premise, which changes most
     search.raise_floor([_slopes(premises, k, samples.q) for k in range(len(premises))])
     inertia, low, high, unit = search.found()
-    ranges = widened(np.array([joint.angle_range for joint in robot.joints]))
+    ranges = angle_ranges(robot)
     near, n = ranges[1:split], len(robot)
     rotors = exact(np.diag(robot.drive("motor_inertia")))
     if split < n:
@@ -99,7 +462,7 @@ def fitted_metric(
         low = low + (min(_smallest(distal, ranges[split:], low, unit), 0.0) - SLACK) * unit
         high = high - (min(_smallest(distal, ranges[split:], high, -unit), 0.0) - SLACK) * unit
     lowest, highest = (
-        _with_constant(inertia_polynomial(robot, 0, split, exact(tail) if split < n else None), rotors)
+        TrigMatrix(plus(inertia_polynomial(robot, 0, split, exact(tail) if split < n else None), rotors))
         for tail in ((low, high) if split < n else (low, low))
     )
     scheduled = TrigMatrix(scheduled_polynomial(premises, inertia, split))
@@ -150,7 +513,7 @@ def _with_premise(
     after = before.copy()
     after.run(rounds)
     slopes = [_slopes(premises, k, q) for k in range(len(premises))]
-    speeds = [robot.joints[premise.joint].velocity_limit for premise in premises]
+    speeds = speeds_of(robot, premises)
 
     def pole(found: MetricSearch) -> float:
         rates = [found.rate(slope) for slope in slopes]
@@ -182,10 +545,3 @@ def _smallest(distal: TrigMatrix, ranges: np.ndarray, bound: np.ndarray, unit: n
     return smallest_value(
         lambda q: np.linalg.eigvalsh(sign * (distal.at(q) - bound) * scale[:, np.newaxis] * scale)[:, 0], ranges
     )
-
-
-def _with_constant(polynomial: np.ndarray, constant: np.ndarray) -> TrigMatrix:
-    result = polynomial.copy()
-    place = (0,) * (polynomial.ndim - 2)
-    result[place] = result[place] + constant
-    return TrigMatrix(result)

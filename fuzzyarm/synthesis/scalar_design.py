@@ -1,4 +1,4 @@
-"""Feedback k of a scheduled controller by the inequalities of `proof.scalar_loop`, in the unit 1/(α + μ) of time.
+"""Feedback k of a scheduled controller by the inequalities of its certificate, in the unit 1/(α + μ) of time.
 
 There is a solution for every β above (3κ - 2)(α + μ), where γ grows without bound; twice that brings γ down twentyfold.
 """
@@ -15,7 +15,7 @@ import cvxpy as cp
 import numpy as np
 
 from fuzzyarm.common.bisection import last_that_works
-from fuzzyarm.fuzzy_policy.proof.scalar_loop import decay, fastest
+from fuzzyarm.fuzzy_policy.proof.scheduled_certificate import decay, fastest
 from fuzzyarm.fuzzy_policy.states import SCALAR_STATES
 from fuzzyarm.synthesis.expressions import half, negative, positive
 
@@ -29,19 +29,12 @@ CLARABEL = dict.fromkeys(("tol_gap_abs", "tol_gap_rel", "tol_feas"), 1e-7) | {"m
 
 @dataclasses.dataclass(frozen=True)
 class Feedback:
-    """A feedback of the scalar loop.
+    """A feedback of the scalar loop."""
 
-    Attributes:
-        k: (k_p [1/s²], k_d [1/s], k_i [1/s³]).
-        X: (3, 3).
-        gamma: γ [s²].
-        fastest_pole: β [1/s].
-    """
-
-    k: np.ndarray
-    X: np.ndarray
-    gamma: float
-    fastest_pole: float
+    k: np.ndarray  # (k_p [1/s²], k_d [1/s], k_i [1/s³])
+    X: np.ndarray  # (3, 3)
+    gamma: float  # γ [s²]
+    fastest_pole: float  # β [1/s]
 
 
 class _Problem:

@@ -18,35 +18,25 @@ import numpy as np
 from fuzzyarm.envs.observation import JOINTS
 from fuzzyarm.envs.physics.dynamics import arm_constants
 from fuzzyarm.envs.physics.parameters import ArmParameters
-from fuzzyarm.fuzzy_policy.proof.vertices import REFERENCE_POLE, TrackingVertices, UncertainTerm, Vertices
+from fuzzyarm.fuzzy_policy.proof.vertices import REFERENCE_POLE, TrackingVertices, Vertices
 from fuzzyarm.fuzzy_policy.states import PLANT, VELOCITY
+from fuzzyarm.fuzzy_policy.ts_model import Uncertainty
 
 __all__ = ["Scaling"]
 
 
 @dataclasses.dataclass(frozen=True)
 class Scaling:
-    """The units above.
+    """The units above."""
 
-    Attributes:
-        time: σ [rad/s], the pole of the paper's reference model.
-        state: T, (n,).
-        row: R, (n,).
-        torque: U, (2,) [N m].
-        disturbance: V, (n_w,): of d in the consistent form, of (d, r) in the paper's.
-        output: of z, (n_z,): 1, or Q^(1/2) in the paper's form, where Ψ has -Q⁻¹.
-        uncertainty: n_l, (m,).
-        terms: rows of each uncertain term, (m,).
-    """
-
-    time: float
-    state: np.ndarray
-    row: np.ndarray
-    torque: np.ndarray
-    disturbance: np.ndarray
-    output: np.ndarray
-    uncertainty: np.ndarray
-    terms: tuple[int, ...]
+    time: float  # σ [rad/s], the pole of the paper's reference model
+    state: np.ndarray  # T, (n,)
+    row: np.ndarray  # R, (n,)
+    torque: np.ndarray  # U, (2,) [N m]
+    disturbance: np.ndarray  # V, (n_w,): of d in the consistent form, of (d, r) in the paper's
+    output: np.ndarray  # of z, (n_z,): 1, or Q^(1/2) in the paper's form, where Ψ has -Q⁻¹
+    uncertainty: np.ndarray  # n_l, (m,)
+    terms: tuple[int, ...]  # rows of each uncertain term, (m,)
 
     @classmethod
     def of(cls, data: Vertices, parameters: ArmParameters) -> Scaling:
@@ -72,7 +62,7 @@ class Scaling:
 
     @property
     def rows(self) -> np.ndarray:
-        """Factors of the rows of Ψ: x, ẋ, w, z and the uncertain terms."""
+        """Factors (rows,) of the rows of Ψ: x, ẋ, w, z and the uncertain terms; of d they are V σ^(-½) [N m s^½]."""
         root = np.sqrt(self.time)
         terms = np.repeat(root / self.uncertainty, self.terms)
         return np.concatenate([1.0 / (self.state * root), self.row * root, self.disturbance / root, self.output, terms])
@@ -87,7 +77,7 @@ class Scaling:
         return np.asarray(gains * self.state[: gains.shape[-1]] / self.torque[:, np.newaxis])
 
 
-def _balance(term: UncertainTerm, data: Vertices, state: np.ndarray, row: np.ndarray, time: float) -> float:
+def _balance(term: Uncertainty, data: Vertices, state: np.ndarray, row: np.ndarray, time: float) -> float:
     """Return n_l, with which H R and W T, for E times σ, are of one size; in the paper's form W reads x_r too."""
     reads = [term.W * state * (1.0 if term.on == "A" else time)]
     if isinstance(data, TrackingVertices):

@@ -18,7 +18,7 @@ from fuzzyarm.fuzzy_policy.laws.observer_gains import ONE_AT_A_TIME, places_of, 
 from fuzzyarm.fuzzy_policy.laws.scheduled import linear_scheduled
 from fuzzyarm.fuzzy_policy.proof.certificate import Certificate
 from fuzzyarm.fuzzy_policy.proof.scheduled_certificate import certify_scheduled, schedule_rate
-from fuzzyarm.fuzzy_policy.scheduled import FUNCTIONS, MOST_PREMISES, Premise, ScheduledController
+from fuzzyarm.fuzzy_policy.scheduled import FUNCTIONS, MOST_PREMISES, Premise, ScheduledController, speeds_of
 from fuzzyarm.synthesis.designer import DesignFailed
 from fuzzyarm.synthesis.inertia_metric import Metric, fitted_metric, ranked_premises, split_of
 from fuzzyarm.synthesis.scalar_design import Feedback, best_feedback, feedback_for_gamma, smallest_pole
@@ -126,7 +126,12 @@ def design_scheduled(
         while 2 ** len(premises) < specification.rules:
             progress(f"looking for premise {len(premises) + 1}")
             premises = (*premises, best_premise(robot, premises, specification.alpha or ALPHAS[0]))
-    _check_premises(robot, premises)
+    for premise in premises:
+        if premise.joint >= n:
+            raise DesignFailed(
+                f"the premise {premise.name} is of joint {premise.joint + 1}; {robot.name} has {n} joints, "
+                "and angles 2 and up change its inertia"
+            )
     progress("bounding the inertia")
     alpha = specification.alpha or ALPHAS[0]
     metric = fitted_metric(robot, premises, split_of(robot, premises), alpha=alpha, count=SAMPLES)
@@ -161,15 +166,6 @@ def best_premise(robot: Robot, kept: tuple[Premise, ...], alpha: float) -> Premi
     return ranked_premises(robot, kept, candidates, alpha=alpha, count=SEARCH_SAMPLES)[0][1]
 
 
-def _check_premises(robot: Robot, premises: tuple[Premise, ...]) -> None:
-    for premise in premises:
-        if premise.joint >= len(robot):
-            raise DesignFailed(
-                f"the premise {premise.name} is of joint {premise.joint + 1}; {robot.name} has {len(robot)} joints, "
-                "and angles 2 and up change its inertia"
-            )
-
-
 def _chosen(
     specification: ScheduledSpecification, robot: Robot, metric: Metric, widening: float
 ) -> ScheduledController:
@@ -198,7 +194,7 @@ def _controller(
     kappa = _rounded(metric.kappa * (1.0 + 2.0 * widening), math.ceil)
     floor = _rounded(metric.floor * (1.0 - 3.0 * widening), math.floor)
     rates = np.array([_rounded(rate * (1.0 + widening) + 1e-4, math.ceil) for rate in metric.rates.tolist()])
-    fast = alpha + Metric.rate(dataclasses.replace(metric, rates=rates), robot)
+    fast = alpha + float(rates @ speeds_of(robot, metric.premises))
     feedback = _feedback(specification, kappa, fast, floor)
     return ScheduledController(
         robot=robot,

@@ -10,7 +10,7 @@ import dataclasses
 import functools
 import math
 import threading
-from collections.abc import Callable
+from typing import Any
 
 import numpy as np
 
@@ -24,8 +24,7 @@ from fuzzyarm.synthesis.scaling import Scaling
 from fuzzyarm.synthesis.specification import FIRST_ALPHA, Specification
 
 __all__ = [
-    "best_point", "largest_feasible_alpha", "lightness", "scaled_gain", "smallest_feasible_gain_bound",
-    "smallest_feasible_gamma", "smallest_feasible_pole", "why_infeasible",
+    "best_point", "lightness", "nearest_feasible", "scaled_gain", "why_infeasible",
 ]  # fmt: skip
 
 FACTORS = (1.0, 3.0, 0.3, 10.0, 0.1, 30.0, 0.03)
@@ -36,6 +35,8 @@ MOST_SEARCHED = 4
 """Rules up to which a limit is searched for with the whole model; one design with 32 takes ten seconds."""
 LOOSEST = 1e6
 """γ of the consistent form in the units of an arm, far above any use."""
+STEPS = {"fastest_pole": (2.0, 0.05), "gain_bound": (1.5, 0.1), "gamma": (10.0, 0.3), "alpha": (0.25, 0.02)}
+"""Factor between the values that are tried of a limit, and resolution of the bisection that follows, relative."""
 LIGHT = 2.0
 """Inertia of Table 1 over an arm's, above which the default of γ is too much to ask."""
 
@@ -139,101 +140,58 @@ def scaled_gain(controller: Controller) -> float:
 # What would have to be relaxed ----------------------------------------------------------------------------------------
 
 
-def _has_point(specification: Specification, arm: ArmParameters, vertex: int | None) -> bool:
-    return isinstance(best_point(specification, arm, vertex), Point)
-
-
-def smallest_feasible_pole(
-    specification: Specification, arm: ArmParameters, vertex: int | None = None, resolution: float = 0.05
+def nearest_feasible(
+    specification: Specification, arm: ArmParameters, name: str, vertex: int | None = None
 ) -> float | None:
-    """Return the smallest feasible bound of the fastest pole [1/s] from the specified one up, by bisection.
+    """Return the feasible value of a limit that is nearest to the specified one, with the others as they are.
 
-    None if none is specified or no larger one is feasible either.
-    """
-    specified = specification.fastest_pole
+    The fastest pole is raised up to a thousandfold, γ a millionfold, and the gain bound tenfold from the smallest
+    gains; α [1/s] falls to `_slowest_tried`. None if no such value is feasible, or if the limit is not given.
 
-    def works(pole: float | None) -> bool:
-        return _has_point(dataclasses.replace(specification, fastest_pole=pole), arm, vertex)
-
-    if specified is None or not works(None):
-        return None
-    return _nearest_that_works(
-        works, specified, factor=2.0, limit=min(1e3 * specified, RATES[1]), resolution=resolution
-    )
-
-
-def smallest_feasible_gain_bound(
-    specification: Specification, arm: ArmParameters, vertex: int | None = None, resolution: float = 0.1
-) -> float | None:
-    """Return the smallest feasible gain bound [N m/rad], by bisection from the smallest gains on.
-
-    None if none is specified, if another limit is left open too, or if the rest is not feasible with any.
+    Args:
+        specification: what was asked.
+        arm: for which.
+        name: of the limit, one of `STEPS`.
+        vertex: of A, whose inequalities alone are solved; None for all.
     """
 
-    def works(bound: float) -> bool:
-        return _has_point(dataclasses.replace(specification, gain_bound=bound), arm, vertex)
+    def solved(value: float | None) -> Point | NoPoint:
+        changed: dict[str, Any] = {name: value}
+        return best_point(dataclasses.replace(specification, **changed), arm, vertex)
 
-    if specification.gain_bound is None or None in (specification.alpha, specification.gamma):
+    found = None
+
+    def fails(value: float) -> bool:
+        nonlocal found
+        if isinstance(solved(value), NoPoint):
+            return True
+        found = value
+        return False
+
+    start = specification.first_alpha if name == "alpha" else getattr(specification, name)
+    if start is None or (name == "gain_bound" and None in (specification.alpha, specification.gamma)):
         return None
-    best = best_point(dataclasses.replace(specification, gain_bound=None), arm, vertex)
-    if isinstance(best, NoPoint):
-        return None
-    least = best.largest_gain * _units(arm).stiffness
-    return _nearest_that_works(works, least, factor=1.5, limit=10.0 * least, resolution=resolution)
-
-
-def smallest_feasible_gamma(
-    specification: Specification, arm: ArmParameters, vertex: int | None = None, resolution: float = 0.3
-) -> float | None:
-    """Return the smallest feasible γ, in its unit, from the specified one to its millionfold, by bisection; or None."""
-    specified = specification.gamma
-
-    def works(gamma: float) -> bool:
-        return _has_point(dataclasses.replace(specification, gamma=gamma), arm, vertex)
-
-    if specified is None:
-        return None
-    limit = min(1e6 * specified, GAINS[1])
-    return _nearest_that_works(works, specified, factor=10.0, limit=limit, resolution=resolution)
-
-
-def largest_feasible_alpha(
-    specification: Specification, arm: ArmParameters, vertex: int | None = None, resolution: float = 0.02
-) -> float | None:
-    """Return the largest feasible α [1/s] up to the specified one, by bisection; None if there is none."""
-
-    def works(alpha: float) -> bool:
-        return _has_point(dataclasses.replace(specification, alpha=alpha), arm, vertex)
-
-    lowest = _slowest_tried(specification)
-    return _nearest_that_works(works, specification.first_alpha, factor=0.25, limit=lowest, resolution=resolution)
+    if name in ("fastest_pole", "gain_bound"):  # first without this limit
+        free = solved(None)
+        if isinstance(free, NoPoint):
+            return None
+        start = free.largest_gain * _units(arm).stiffness if name == "gain_bound" else start
+    limit = {
+        "fastest_pole": min(1e3 * start, RATES[1]),
+        "gain_bound": 10.0 * start,
+        "gamma": min(1e6 * start, GAINS[1]),
+        "alpha": _slowest_tried(specification),
+    }[name]
+    factor, resolution = STEPS[name]
+    if fails(start) and (factor * start - limit) * (factor - 1.0) <= 0.0:
+        # The bisection follows what fails, from `start` on; each number found to work is nearer than the one before.
+        last_that_works(fails, start, factor * start, resolution=resolution, limit=limit)
+    return found
 
 
 def _slowest_tried(specification: Specification) -> float:
     """Return where the search for a feasible α ends [1/s]: a thousandth of the specified one, at most `FIRST_ALPHA`."""
     return max(min(1e-3 * specification.first_alpha, FIRST_ALPHA), RATES[0])
-
-
-def _nearest_that_works(
-    works: Callable[[float], bool], start: float, *, factor: float, limit: float, resolution: float
-) -> float | None:
-    """Return the number nearest to `start` that works, in steps of `factor` up to `limit`; None if there is none."""
-    if works(start):
-        return start
-    if (factor * start - limit) * (factor - 1.0) > 0.0:
-        return None
-    found = None
-
-    def fails(value: float) -> bool:
-        nonlocal found
-        if works(value):
-            found = value
-            return False
-        return True
-
-    # The bisection follows what fails, from `start` on; each number found to work is nearer than the one before.
-    last_that_works(fails, start, factor * start, resolution=resolution, limit=limit)
-    return found
 
 
 def why_infeasible(specification: Specification, arm: ArmParameters) -> str:
@@ -253,27 +211,27 @@ def why_infeasible(specification: Specification, arm: ArmParameters) -> str:
     )
     works = "works"
     if rules >= MANY:
-        if not _has_point(specification, arm, 0):
+        if isinstance(best_point(specification, arm, 0), NoPoint):
             vertex, works = 0, "works for one vertex of the model alone"
         elif rules > MOST_SEARCHED:
             return f"{head}; each of the model's vertices alone may allow this, all together do not: {_relaxed(s)}"
-    pole = smallest_feasible_pole(specification, arm, vertex)
-    if pole is not None:
+
+    def nearest(name: str) -> float | None:
+        return nearest_feasible(specification, arm, name, vertex)
+
+    if (pole := nearest("fastest_pole")) is not None:
         return f"{head}; fastest_pole would have to give: the smallest that {works} is about {pole:.3g} 1/s"
     factor = lightness(arm) if s.form == "consistent" and s.gamma is not None else 1.0
     too_small = factor > LIGHT and s.gamma < factor * Specification.gamma  # type: ignore[operator]
-    if too_small and (gamma := smallest_feasible_gamma(specification, arm, vertex)) is not None:
+    if too_small and (gamma := nearest("gamma")) is not None:
         natural = f"{factor * Specification.gamma:.2g} asks the same of this arm as the default does of Table 1"  # type: ignore[operator]
         return f"{head}; gamma would have to give: the smallest that {works} is about {gamma:.2g}, and {natural}"
-    largest = largest_feasible_alpha(specification, arm, vertex)
-    if largest is not None:
+    if (largest := nearest("alpha")) is not None:
         return f"{head}; alpha would have to give: the largest that {works} is about {largest:.3g} 1/s"
     head += f"; no decay rate down to {_slowest_tried(s):g} 1/s helps"
-    bound = smallest_feasible_gain_bound(specification, arm, vertex)
-    if bound is not None:
+    if (bound := nearest("gain_bound")) is not None:
         return f"{head}: the gain bound would have to give: the smallest that {works} is about {bound:.3g} N m/rad"
-    gamma = smallest_feasible_gamma(specification, arm, vertex)
-    if gamma is not None:
+    if (gamma := nearest("gamma")) is not None:
         return f"{head}: gamma would have to give: the smallest that {works} is about {gamma:.2g}"
     return f"{head}: raise {' or '.join(_limits(s))}"
 

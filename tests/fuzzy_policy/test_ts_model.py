@@ -123,7 +123,7 @@ def test_what_is_dropped_lies_inside_the_uncertainty(kept):
         h, v = model.weights(z)
         A, E = np.tensordot(h, model.A_vertices, axes=1), np.tensordot(v, model.E_vertices, axes=1)
         for block in model.uncertainties:
-            index = PREMISES.index(block.premise)
+            index = PREMISES.index(block.premises[0])
             f = (z[index] - middle[index]) / radius[index]
             assert abs(f) <= 1.0
             change = f * block.H.T @ block.W

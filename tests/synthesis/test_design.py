@@ -176,8 +176,7 @@ def test_the_limit_that_binds_is_named_with_the_value_that_would_do(limit, asked
 )
 def test_a_default_for_a_heavier_arm_is_named_first(mass, gamma, named, monkeypatch):
     """γ is an angle per torque: what is asked of an arm is γ times its inertia."""
-    for search in ("largest_feasible_alpha", "smallest_feasible_gamma"):
-        monkeypatch.setattr(synthesis_search, search, lambda *_: 3.0)
+    monkeypatch.setattr(synthesis_search, "nearest_feasible", lambda *a: {"alpha": 3, "gamma": 3}.get(a[2]))
     arm, scaled = ArmParameters(), ("mass", "inertia", "motor_inertia")
     light = dataclasses.replace(arm, **{k: tuple(mass * number for number in getattr(arm, k)) for k in scaled})
     assert lightness(light) == pytest.approx(1.0 / mass)
@@ -282,7 +281,7 @@ def test_a_fastest_pole_too_slow_says_what_would_do():
         DesignFailed, match="fastest pole 500 1/s; fastest_pole would have to give: the smallest that w"
     ):
         design(asked)
-    smallest = synthesis_search.smallest_feasible_pole(asked, ArmParameters())
+    smallest = synthesis_search.nearest_feasible(asked, ArmParameters(), "fastest_pole")
     assert design(dataclasses.replace(asked, fastest_pole=smallest)).certificate.proven
     too_slow = dataclasses.replace(asked, fastest_pole=0.9 * smallest)
     assert isinstance(best_point(too_slow, ArmParameters()), NoPoint)

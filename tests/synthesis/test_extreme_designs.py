@@ -124,6 +124,6 @@ def test_the_32_rules_of_an_impossible_design_are_never_solved(monkeypatch, aske
 @pytest.mark.slow
 def test_what_one_vertex_allows_is_an_upper_bound_of_what_all_allow():
     asked = Specification(kept=NAMED_RULES[4], alpha=1e4, gamma=1e-3, gain_bound=1e5)
-    one = search.largest_feasible_alpha(asked, ArmParameters(), 0)
-    every = search.largest_feasible_alpha(asked, ArmParameters())
+    one = search.nearest_feasible(asked, ArmParameters(), "alpha", 0)
+    every = search.nearest_feasible(asked, ArmParameters(), "alpha")
     assert 0.5 * one < every < 1.03 * one

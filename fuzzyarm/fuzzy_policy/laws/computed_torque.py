@@ -25,9 +25,8 @@ from fuzzyarm.fuzzy_policy.laws.observer_gains import (
     ONE_AT_A_TIME,
     LinearLaw,
     Place,
-    estimate_parts,
+    linear_pid,
     places_of,
-    state_part,
     worst_radius,
 )
 
@@ -93,14 +92,8 @@ def bandwidth_for(arm: AnyArm, control_period: float) -> float:
 
 def linear_computed_torque(place: Place, bandwidth: float) -> LinearLaw:
     """Return the law of a bandwidth [rad/s] near rest, at a posture of a robot; its memory is x_I."""
-    robot, joints = place.robot, len(place.robot)
-    part, nothing = estimate_parts(joints), np.zeros((joints, state_part(joints).stop))
-    inertia = place.inertia + np.diag(robot.drive("motor_inertia"))
-    D, G = nothing.copy(), nothing.copy()
-    D[:, part.q_motor] = -3.0 * bandwidth**2 * inertia
-    D[:, part.dq_motor] = -3.0 * bandwidth * inertia + np.diag(robot.drive("viscous_friction"))
-    G[:, part.q_motor] = place.control_period * np.eye(joints)
-    return LinearLaw(D, -(bandwidth**3) * inertia, G, np.eye(joints))
+    inertia = place.inertia + np.diag(place.robot.drive("motor_inertia"))
+    return linear_pid(place, inertia, 3.0 * bandwidth**2, 3.0 * bandwidth, bandwidth**3)
 
 
 class _Constants(NamedTuple):

@@ -89,7 +89,8 @@ class ElasticObserverPolicy(LawPolicy):
         self.weights = weights or weights_for(self.parameters, self.control_period)
         self._substeps = default_substeps(self.control_period, fastest_rate([self.parameters]))
         self._schedule, self.feedback, self.observer = gain_tables(self.parameters, self.control_period, self.weights)
-        _, self._started, self._predicted = _memory_parts(self.joints)
+        parts = consecutive(memory_size(self.joints), 1, estimate_parts(self.joints).load.stop)
+        _, self._started, self._predicted = parts  # in a lane's memory, behind the target's
         self.memory_size = self._predicted.stop
         self.load = slice(self._predicted.stop - self.joints, self._predicted.stop)
         self._know(self.parameters)
@@ -108,7 +109,12 @@ class ElasticObserverPolicy(LawPolicy):
     @functools.cached_property
     def control_law(self) -> Law:
         """The law of the module's docstring."""
-        return Law(self._act_of(), self._memory, self._numbers, self._tables)
+        schedule, nothing = self._schedule, (0.0,) * self.joints
+        kept = tuple(schedule.kept.tolist())
+        act = _law_of(equations_of(self.parameters), kept, schedule.cosine, schedule.points)
+        memory = Observed(past_of(self.joints), 0.0, Estimate(*[nothing] * len(Estimate._fields)))
+        tables = tuple(gains.reshape(len(gains), -1) for gains in (self.feedback, self.observer))
+        return Law(act, memory, self._numbers, tables)
 
     def innovation(self, observation: np.ndarray, memory: np.ndarray) -> np.ndarray:
         """Return ν = y - (θ̂, θ̂̇)⁻ (lanes, 2 n) [rad, rad/s] before `act`; 0 where an episode begins."""
@@ -117,30 +123,12 @@ class ElasticObserverPolicy(LawPolicy):
         motors = np.concatenate([predicted[:, parts.q_motor], predicted[:, parts.dq_motor]], axis=1)
         return np.where(memory[:, self._started] == 0.0, 0.0, measured - motors)
 
-    def _act_of(self) -> Any:
-        schedule = self._schedule
-        return _law_of(equations_of(self.parameters), tuple(schedule.kept.tolist()), schedule.cosine, schedule.points)
-
-    @property
-    def _memory(self) -> Observed:
-        nothing = (0.0,) * self.joints
-        return Observed(past_of(self.joints), 0.0, Estimate(*[nothing] * len(Estimate._fields)))
-
-    @property
-    def _tables(self) -> tuple[np.ndarray, np.ndarray]:
-        return self.feedback.reshape(len(self.feedback), -1), self.observer.reshape(len(self.observer), -1)
-
     def _know(self, parameters: AnyArm) -> None:
         """Take `parameters` for the arm that is predicted; the gains stay."""
         self.parameters = parameters
         self._target = ElasticTarget(parameters, self.control_period)
         limit, substep = tuple(map(float, self._torque_limit)), self.control_period / self._substeps
         self._numbers = Constants(self._target.constants, limit, substep, float(self._substeps))
-
-
-def _memory_parts(joints: int) -> list[slice]:
-    """Return where the target's memory, the flag of a sample before, and (x̂, d̂)⁻ lie in a lane's memory."""
-    return consecutive(memory_size(joints), 1, estimate_parts(joints).load.stop)
 
 
 class Observed(NamedTuple):

@@ -23,7 +23,6 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from fuzzyarm.common.checks import real
-from fuzzyarm.common.slices import consecutive
 from fuzzyarm.envs.observation import Observation
 from fuzzyarm.envs.physics.elementwise import sign
 from fuzzyarm.envs.physics.equations import AnyArm, equations_of
@@ -40,30 +39,21 @@ __all__ = [
     "ElasticTarget",
     "Past",
     "TargetConstants",
-    "TargetParts",
     "memory_size",
+    "motor_target",
     "past_of",
     "target_of",
-    "target_parts",
 ]
 
 
 class Past(NamedTuple):
-    """What is remembered from one sample to the next.
+    """What is remembered from one sample to the next."""
 
-    Attributes:
-        started: 1 once there has been a sample, else 0.
-        latest: τ_d of the last sample [N m].
-        second: τ_d of the sample before that.
-        third: τ_d of the sample before that.
-        smooth: u_ff of the last sample, less its friction [N m].
-    """
-
-    started: Any
-    latest: Any
-    second: Any
-    third: Any
-    smooth: Any
+    started: Any  # 1 once there has been a sample, else 0
+    latest: Any  # τ_d of the last sample [N m]
+    second: Any  # τ_d of the sample before that
+    third: Any  # τ_d of the sample before that
+    smooth: Any  # u_ff of the last sample, less its friction [N m]
 
 
 class Aim(NamedTuple):
@@ -84,14 +74,6 @@ class TargetConstants(NamedTuple):
     ahead: Any
 
 
-class TargetParts(NamedTuple):
-    """Where the parts of a target lie: θ_d [rad], θ̇_d [rad/s] and θ̈_d [rad/s²]; `REFERENCE` has the same order."""
-
-    q: slice
-    dq: slice
-    ddq: slice
-
-
 def memory_size(joints: int) -> int:
     """Return how many numbers a lane remembers for an arm with n joints."""
     return len(flat(past_of(joints)))
@@ -102,9 +84,25 @@ def past_of(joints: int) -> Past:
     return Past(0.0, *[(0.0,) * joints] * 4)
 
 
-def target_parts(joints: int) -> TargetParts:
-    """Return where θ_d, θ̇_d and θ̈_d lie in a target (lanes, 3 n) of an arm with n joints."""
-    return TargetParts(*consecutive(joints, joints, joints))
+def motor_target(torques: Any, q: Any, dq: Any, ddq: Any, drive: Any, T: Any) -> tuple[Any, Any, Any, Any]:
+    """Return θ_d, θ̇_d, θ̈_d and u_ff without dry friction of one joint.
+
+    Args:
+        torques: τ_d of this sample and of the three before it, the latest first [N m].
+        q: q_d [rad].
+        dq: q̇_d [rad/s].
+        ddq: q̈_d [rad/s²].
+        drive: the `Drives` of the joint.
+        T: control period [s].
+    """
+    now, latest, second, third = torques
+    k, b = drive.stiffness, drive.damping / drive.stiffness
+    # Backward differences of third order for τ̇_d and of second order for τ̈_d.
+    rate = (11.0 * now - 18.0 * latest + 9.0 * second - 2.0 * third) / (6.0 * T)
+    curvature = (2.0 * now - 5.0 * latest + 4.0 * second - third) / (T * T)
+    velocity, acceleration = dq + (rate - b * curvature) / k, ddq + curvature / k
+    smooth = drive.motor_inertia * acceleration + drive.viscous_friction * velocity + now
+    return q + (now - b * (rate - b * curvature)) / k, velocity, acceleration, smooth
 
 
 @functools.cache
@@ -115,20 +113,15 @@ def target_of(physics: Physics) -> Any:
         torque = physics.inverse_dynamics(seen.q_reference, seen.dq_reference, seen.ddq_reference, c.arm)
         d, T, found = c.drives, c.period, []
         for j, now in enumerate(torque):
-            k, b = d.stiffness[j], d.damping[j] / d.stiffness[j]
+            drive = Drives._make((*(part[j] for part in d[:-1]), dry_friction_of(d.dry_friction, j)))
             begins = past.started == 0.0
             latest, second, third = (select(begins, now, x[j]) for x in (past.latest, past.second, past.third))
-            # Backward differences of third order for τ̇_d and of second order for τ̈_d.
-            rate = (11.0 * now - 18.0 * latest + 9.0 * second - 2.0 * third) / (6.0 * T)
-            curvature = (2.0 * now - 5.0 * latest + 4.0 * second - third) / (T * T)
-            velocity = seen.dq_reference[j] + (rate - b * curvature) / k
-            acceleration = seen.ddq_reference[j] + curvature / k
-            smooth = d.motor_inertia[j] * acceleration + d.viscous_friction[j] * velocity + now
+            q, dq, ddq = seen.q_reference[j], seen.dq_reference[j], seen.ddq_reference[j]
+            theta, velocity, acceleration, smooth = motor_target((now, latest, second, third), q, dq, ddq, drive, T)
             before = select(begins, smooth, past.smooth[j])
             middle = velocity + c.ahead * T * acceleration
-            slip = stribeck_magnitude(middle, dry_friction_of(d.dry_friction, j)) * sign(middle)
+            slip = stribeck_magnitude(middle, drive.dry_friction) * sign(middle)
             u_ff = smooth + c.ahead * (smooth - before) + c.friction * slip
-            theta = seen.q_reference[j] + (now - b * (rate - b * curvature)) / k
             found.append((latest, second, smooth, theta, velocity, acceleration, u_ff))
         latest, second, smooth, theta, velocity, acceleration, u_ff = zip(*found, strict=True)
         aim = Aim(*(physics.PerJoint(*part) for part in (theta, velocity, acceleration)))
@@ -163,7 +156,7 @@ class ElasticTarget:
         """
         period, self._parameters = real("control_period", control_period, "s", above=0.0), parameters
         joints = equations_of(parameters).joints
-        self.memory_size, self.size = memory_size(joints), target_parts(joints).ddq.stop
+        self.memory_size, self.size = memory_size(joints), 3 * joints
         self.constants = TargetConstants(*numbers_of(parameters), period, float(friction), 0.5 * float(average))
         self._numbers = np.array(flat(self.constants))
 

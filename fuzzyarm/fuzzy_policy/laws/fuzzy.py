@@ -19,7 +19,7 @@ from fuzzyarm.envs.physics.elementwise import sinc, sine_cosine
 from fuzzyarm.envs.scenario.reference import Reference
 from fuzzyarm.fuzzy_policy.controller import Controller
 from fuzzyarm.fuzzy_policy.law import Law, LawPolicy
-from fuzzyarm.fuzzy_policy.proof.policy_certificate import PolicyCertificate, controller_certificate
+from fuzzyarm.fuzzy_policy.proof.policy_certificate import PolicyCertificate, policy_certificate, statement
 from fuzzyarm.fuzzy_policy.states import ERROR_STATES
 from fuzzyarm.numbers.functions import maximum, minimum
 
@@ -58,7 +58,7 @@ class FuzzyPolicy(LawPolicy):
 
     def certificate(self, reference: Reference) -> PolicyCertificate:
         """Return what is proven of the controller, which is the same for every reference."""
-        return controller_certificate(self.controller)
+        return policy_certificate(self.controller, self.controller.form, statement(self.controller))
 
 
 class _Constants(NamedTuple):

@@ -34,21 +34,13 @@ SAMPLES, SEED = 64, 2022  # of the angles over which is averaged
 
 
 class GainSchedule(NamedTuple):
-    """The points of the tables, and how they are found.
+    """The points of the tables, and how they are found."""
 
-    Attributes:
-        kept: the numbers of the joints (k,) whose angles count.
-        cosine: whether the points are even in the cosine of the one angle rather than in the angles.
-        points: of each angle.
-        places: the point's angles or cosine as text, for messages; points^k of them.
-        inertia: M there, (points^k, n, n) [kg m²].
-    """
-
-    kept: np.ndarray
-    cosine: bool
-    points: int
-    places: tuple[str, ...]
-    inertia: np.ndarray
+    kept: np.ndarray  # the numbers of the joints (k,) whose angles count
+    cosine: bool  # whether the points are even in the cosine of the one angle rather than in the angles
+    points: int  # of each angle
+    places: tuple[str, ...]  # the point's angles or cosine as text, for messages; points^k of them
+    inertia: np.ndarray  # M there, (points^k, n, n) [kg m²]
 
 
 def schedule_of(arm: AnyArm) -> GainSchedule:

@@ -28,7 +28,8 @@ from __future__ import annotations
 import dataclasses
 import functools
 import math
-from typing import Any, NamedTuple
+from collections.abc import Callable, Sequence
+from typing import Any, NamedTuple, TypeVar
 
 import numpy as np
 from scipy.linalg import expm, solve_discrete_are
@@ -51,10 +52,12 @@ __all__ = [
     "LinearLaw",
     "ObserverWeights",
     "Place",
+    "at_points",
     "estimate_parts",
     "feedback_gain",
     "gain_tables",
     "linear_observer",
+    "linear_pid",
     "observer_gain",
     "places_of",
     "sampled_arm",
@@ -65,39 +68,26 @@ __all__ = [
 ]  # fmt: skip
 
 
+Gains = TypeVar("Gains")
 WEIGHT_RANGE = (1e-6, 1e6)  # far wider than any sensible weight; keeps the numbers finite
 
 
 class Estimate(NamedTuple):
-    """The parts of (x, d), one number per joint in each, or where they lie in an array.
+    """The parts of (x, d), one number per joint in each, or where they lie in an array."""
 
-    Attributes:
-        q_motor: θ, motor angles [rad].
-        q_link: q, link angles [rad].
-        dq_motor: θ̇ [rad/s].
-        dq_link: q̇ [rad/s].
-        load: d, unknown torques on the links [N m].
-    """
-
-    q_motor: Any
-    q_link: Any
-    dq_motor: Any
-    dq_link: Any
-    load: Any
+    q_motor: Any  # θ, motor angles [rad]
+    q_link: Any  # q, link angles [rad]
+    dq_motor: Any  # θ̇ [rad/s]
+    dq_link: Any  # q̇ [rad/s]
+    load: Any  # d, unknown torques on the links [N m]
 
 
 class GainTables(NamedTuple):
-    """The gains at the points of a schedule.
+    """The gains at the points of a schedule."""
 
-    Attributes:
-        schedule: over which angles, and at which points.
-        feedback: K (points, n, 4 n).
-        observer: L (points, 5 n, 2 n).
-    """
-
-    schedule: GainSchedule
-    feedback: np.ndarray
-    observer: np.ndarray
+    schedule: GainSchedule  # over which angles, and at which points
+    feedback: np.ndarray  # K (points, n, 4 n)
+    observer: np.ndarray  # L (points, 5 n, 2 n)
 
 
 def estimate_parts(joints: int) -> Estimate:
@@ -210,18 +200,29 @@ def gain_tables(arm: AnyArm, control_period: float, weights: ObserverWeights) ->
         ValueError: a Riccati equation has no solution in double precision.
     """
     limit, schedule = per_joint_of(arm, "torque_limit"), schedule_of(arm)
-    feedback, observer = [], []
-    for place, inertia in zip(schedule.places, schedule.inertia, strict=True):
+
+    def both(inertia: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         A, B = sampled_arm(arm, control_period, inertia)
+        return feedback_gain(A, B, limit, weights), observer_gain(A, B, control_period, limit, weights)
+
+    gains = at_points(both, schedule.places, schedule.inertia, f"control_period = {control_period!r} s, {weights}")
+    feedback, observer = zip(*gains, strict=True)
+    return GainTables(schedule, np.array(feedback), np.array(observer))
+
+
+def at_points(
+    gains_of: Callable[[np.ndarray], Gains], places: Sequence[str], inertia: np.ndarray, settings: str
+) -> list[Gains]:
+    """Return the gains for each inertia (points, n, n); ValueError with place and settings where there are none."""
+    gains = []
+    for place, M in zip(places, inertia, strict=True):
         try:
-            feedback.append(feedback_gain(A, B, limit, weights))
-            observer.append(observer_gain(A, B, control_period, limit, weights))
+            gains.append(gains_of(M))
         except (np.linalg.LinAlgError, ValueError) as error:  # scipy raises either
             raise ValueError(
-                f"no gains at {place} for control_period = {control_period!r} s, {weights} and this arm "
-                f"({error}): take a shorter period, or other weights"
+                f"no gains at {place} for {settings} and this arm ({error}): take a shorter period, or other weights"
             ) from None
-    return GainTables(schedule, np.array(feedback), np.array(observer))
+    return gains
 
 
 class Condition(NamedTuple):
@@ -246,19 +247,12 @@ COUNT = 16  # postures
 
 @dataclasses.dataclass(frozen=True)
 class Place:
-    """The robot at a posture.
+    """The robot at a posture."""
 
-    Attributes:
-        q: the angles (n,) [rad].
-        inertia: M (n, n) [kg m²].
-        robot: the nominal one.
-        control_period: T [s].
-    """
-
-    q: np.ndarray
-    inertia: np.ndarray
-    robot: Robot
-    control_period: float
+    q: np.ndarray  # the angles (n,) [rad]
+    inertia: np.ndarray  # M (n, n) [kg m²]
+    robot: Robot  # the nominal one
+    control_period: float  # T [s]
 
     def plant(self, stiffness: float = 1.0) -> tuple[np.ndarray, np.ndarray]:
         """Return A (5 n, 5 n) and B (5 n, n) of `sampled_arm`, with all joints `stiffness` times as stiff."""
@@ -273,6 +267,17 @@ class LinearLaw(NamedTuple):
     C: np.ndarray
     G: np.ndarray
     F: np.ndarray
+
+
+def linear_pid(place: Place, inertia: np.ndarray, k_p: float, k_d: float, k_i: float) -> LinearLaw:
+    """Return u = f_v q̇ - M̂ (k_p e + k_d ė + k_i x_I) near rest, for M̂ = `inertia` (n, n) [kg m²]; its memory is x_I."""
+    joints = len(place.robot)
+    part = estimate_parts(joints)
+    D, G = np.zeros((2, joints, state_part(joints).stop))
+    D[:, part.q_motor] = -k_p * inertia
+    D[:, part.dq_motor] = -k_d * inertia + np.diag(place.robot.drive("viscous_friction"))
+    G[:, part.q_motor] = place.control_period * np.eye(joints)
+    return LinearLaw(D, -k_i * inertia, G, np.eye(joints))
 
 
 def places_of(robot: Robot, control_period: float, count: int = COUNT) -> list[Place]:

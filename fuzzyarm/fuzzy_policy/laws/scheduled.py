@@ -1,18 +1,13 @@
-"""The law of a controller of the form "semidefinite": as a policy, and in plain NumPy for states in lanes.
+"""The law of a controller of the form "semidefinite", see `fuzzy_policy.scheduled`, as a policy.
 
-    u = M̄(q) q̈_d + C(q, q̇) q̇ + f_v q̇ + g(q) - M̂(q) (k_p e + k_d ė + k_i x_I),      M̄ = M + R,
-
-with e = q - q_d, ė = q̇ - q̇_d, x_I = ∫ e dt. On the rigid arm M̄(q) ë = -M̂(q) (k_p e + k_d ė + k_i x_I) + d. The speed
-in the Coriolis torques is the measured one, so that they leave no term in the error's equation. The policy measures q
-and q̇ at the motors.
+The speed in the Coriolis torques is the measured one, so that they leave no term in the error's equation. The policy
+measures q and q̇ at the motors.
 """
 
 from __future__ import annotations
 
 import functools
 from typing import Any, NamedTuple
-
-import numpy as np
 
 from fuzzyarm.common.checks import instance
 from fuzzyarm.envs.observation import Observation
@@ -22,16 +17,16 @@ from fuzzyarm.envs.physics.physics import Physics
 from fuzzyarm.envs.scenario.reference import Reference
 from fuzzyarm.fuzzy_policy.known_arm import Drives, numbers_of
 from fuzzyarm.fuzzy_policy.law import Law, LawPolicy
-from fuzzyarm.fuzzy_policy.laws.observer_gains import LinearLaw, Place, estimate_parts, state_part
-from fuzzyarm.fuzzy_policy.proof.policy_certificate import PolicyCertificate
-from fuzzyarm.fuzzy_policy.proof.scheduled_certificate import scheduled_policy_certificate
-from fuzzyarm.fuzzy_policy.scheduled import ScheduledController
+from fuzzyarm.fuzzy_policy.laws.observer_gains import LinearLaw, Place, linear_pid
+from fuzzyarm.fuzzy_policy.proof.policy_certificate import PolicyCertificate, policy_certificate
+from fuzzyarm.fuzzy_policy.proof.scheduled_certificate import scheduled_statement
+from fuzzyarm.fuzzy_policy.scheduled import FORM, ScheduledController
 
 __all__ = ["ScheduledPolicy", "linear_scheduled"]
 
 
 class ScheduledPolicy(LawPolicy):
-    """The law of a controller file as a policy; it is in the module's docstring.
+    """The law of a controller file as a policy; it is in `fuzzy_policy.scheduled`.
 
     Attributes:
         controller: the content of the file.
@@ -51,7 +46,7 @@ class ScheduledPolicy(LawPolicy):
 
     @functools.cached_property
     def control_law(self) -> Law:
-        """The law of the module's docstring."""
+        """The law of `fuzzy_policy.scheduled`."""
         own, (arm, drives) = self.controller, numbers_of(self.controller.robot)
         premises = tuple((one.joint, float(one.turns), one.function.startswith("sin")) for one in own.premises)
         inertia = tuple(tuple(tuple(map(float, row)) for row in rule) for rule in own.inertia)
@@ -60,7 +55,7 @@ class ScheduledPolicy(LawPolicy):
 
     def certificate(self, reference: Reference) -> PolicyCertificate:
         """Return what is proven of the controller, which is the same for every reference."""
-        return scheduled_policy_certificate(self.controller)
+        return policy_certificate(self.controller, FORM, scheduled_statement(self.controller))
 
 
 class _Constants(NamedTuple):
@@ -105,10 +100,4 @@ def _law_of(physics: Physics, premises: tuple[tuple[int, float, bool], ...]) -> 
 
 def linear_scheduled(controller: ScheduledController, place: Place) -> LinearLaw:
     """Return the law near rest, at a posture of its robot; its memory is x_I."""
-    joints, (k_p, k_d, k_i) = len(place.robot), controller.feedback
-    part, inertia = estimate_parts(joints), controller.inertia_at(place.q)
-    D, G = np.zeros((2, joints, state_part(joints).stop))
-    D[:, part.q_motor] = -k_p * inertia
-    D[:, part.dq_motor] = -k_d * inertia + np.diag(place.robot.drive("viscous_friction"))
-    G[:, part.q_motor] = place.control_period * np.eye(joints)
-    return LinearLaw(D, -k_i * inertia, G, np.eye(joints))
+    return linear_pid(place, controller.inertia_at(place.q), *controller.feedback.tolist())

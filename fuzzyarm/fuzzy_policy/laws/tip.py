@@ -46,13 +46,7 @@ class TipPolicy(LawPolicy):
     """
 
     def __init__(self, law: Policy, *, friction: bool = True, average: bool = True) -> None:
-        """Wrap a law.
-
-        Args:
-            law: a policy that tracks what its observation calls the reference.
-            friction: whether the feedforward holds the dry friction.
-            average: whether the feedforward is that of the middle of the coming hold.
-        """
+        """Wrap a law, a policy that tracks what its observation calls the reference."""
         super().__init__(law.parameters, law.control_period)
         self.law, self.friction, self.average = law, friction, average
         self._target = ElasticTarget(law.parameters, law.control_period, friction=friction, average=average)
@@ -72,7 +66,7 @@ class TipPolicy(LawPolicy):
         law = self.law.certificate(reference)
         if law is None or not law.any_reference:
             return None
-        bounds = law.bounds if _motors_stay_in_box(reference) else None
+        bounds = law.bounds if isinstance(_elastic(reference), ElasticReference) else None
         text = f"{law.text} {tip_statement(reference)}"
         return dataclasses.replace(law, text=text, bounds=bounds, any_reference=False)
 
@@ -135,13 +129,12 @@ def _law_of(physics: Physics, law: Any) -> Any:
     return tip
 
 
-def _motors_stay_in_box(reference: Reference) -> bool:
-    """Return whether θ_d of a reference stays in the box; otherwise the certificate is void."""
+def _elastic(reference: Reference) -> ElasticReference | ValueError:
+    """Return θ_d of a reference, or why it has none in the box; the certificate is then void."""
     try:
-        ElasticReference(reference)
-    except ValueError:
-        return False
-    return True
+        return ElasticReference(reference)
+    except ValueError as error:
+        return error
 
 
 def tip_statement(reference: Reference) -> str:
@@ -152,10 +145,9 @@ def tip_statement(reference: Reference) -> str:
     dynamics at θ_d: that is τ_d less the torque the links would need at θ_d, known beforehand. Its largest value, and
     the share of the box, are those of `CHECKED_INSTANTS` instants.
     """
-    try:
-        elastic = ElasticReference(reference)
-    except ValueError as error:
-        return f"Told to bring the tip to this reference it has no certificate: {error}."
+    elastic = _elastic(reference)
+    if isinstance(elastic, ValueError):
+        return f"Told to bring the tip to this reference it has no certificate: {elastic}."
     t = np.linspace(0.0, reference.duration, CHECKED_INSTANTS)
     known = np.abs(elastic.torque(t) - elastic.links_torque(elastic.sample(t))).max(axis=0)
     return (

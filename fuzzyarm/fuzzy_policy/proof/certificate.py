@@ -10,12 +10,11 @@ import numpy as np
 from fuzzyarm.common.checks import instance
 from fuzzyarm.fuzzy_policy.controller import POLE_ARRAYS, Controller
 from fuzzyarm.fuzzy_policy.proof import consistent_reference, theorems
-from fuzzyarm.fuzzy_policy.proof.definiteness import exact, is_positive_definite, rational, smallest_eigenvalue, stated
+from fuzzyarm.fuzzy_policy.proof.definiteness import exact, is_positive_definite, smallest_eigenvalue, stated
 from fuzzyarm.fuzzy_policy.proof.policy_certificate import statement
-from fuzzyarm.fuzzy_policy.proof.vertices import TrackingVertices, UncertainTerm, Vertices, reference_model, stacked
-from fuzzyarm.fuzzy_policy.states import PLANT_STATES
+from fuzzyarm.fuzzy_policy.proof.vertices import TrackingVertices, error_vertices, tracking_vertices
 
-__all__ = ["Certificate", "Claim", "certify", "claim", "exact_vertices", "inequality_name"]
+__all__ = ["Certificate", "Claim", "certify", "claim", "inequality_name"]
 
 
 @dataclasses.dataclass(frozen=True)
@@ -65,7 +64,13 @@ def certify(controller: Controller, progress: Callable[[], None] | None = None) 
     bound of the fastest pole are the decimal numbers that are printed (`stated`), every other float is what it is.
     `progress` is called after each inequality.
     """
-    data = exact_vertices(instance("controller", controller, Controller))
+    given = instance("controller", controller, Controller)
+    shape: dict[str, bool] = {"common_multiplier": given.common_multiplier, "rationals": True}
+    data = (
+        error_vertices(given.model, given.integral, **shape)
+        if given.weight is None
+        else tracking_vertices(given.model, given.integral, given.weight, **shape)
+    )
     P, Q, X, tau = exact(controller.P), exact(controller.Q), exact(controller.X), exact(controller.tau)
     gains, L = exact(controller.gains), exact(controller.feedforward_gains)
     alpha, gamma = stated(controller.alpha), stated(controller.gamma)
@@ -105,24 +110,6 @@ def inequality_name(letter: str, i: int, j: int, k: int) -> str:
     """Return the name of the inequality of vertices i <= j of A and k of E, all from 0, as in `Claim`."""
     first, second = f"{letter}_{i + 1},{j + 1},{k + 1}", f"{letter}_{j + 1},{i + 1},{k + 1}"
     return f"{first} < 0" if i == j else f"{first} + {second} < 0"
-
-
-def exact_vertices(controller: Controller) -> Vertices:
-    """Return the vertices of the controller's form in exact rationals, computed from its robot parameters."""
-    polytope = controller.model.polytope_in(rational)
-    terms = [UncertainTerm((u.premise,), u.on, exact(u.H), exact(u.W)) for u in polytope.uncertainties]
-    if controller.common_multiplier:
-        terms = stacked(terms)
-    plain = Vertices(polytope.E, polytope.A, exact(controller.model.B), controller.integral, terms)
-    if controller.weight is None:
-        return plain
-    A_r, B_r = reference_model()
-    Q_inverse = exact(np.zeros((PLANT_STATES, PLANT_STATES)))
-    for entry, value in enumerate(controller.weight):
-        Q_inverse[entry, entry] = 1 / rational(float(value))
-    return TrackingVertices(
-        plain.E, plain.A, plain.B, plain.integral, terms, exact(A_r), exact(B_r), Q_inverse=Q_inverse
-    )
 
 
 def claim(name: str, matrix: np.ndarray) -> Claim:

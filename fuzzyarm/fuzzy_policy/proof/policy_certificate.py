@@ -12,7 +12,7 @@ from fuzzyarm.fuzzy_policy.controller import Controller
 from fuzzyarm.fuzzy_policy.proof.definiteness import largest_growth
 from fuzzyarm.fuzzy_policy.scheduled import ScheduledController
 
-__all__ = ["NOT_COVERED", "PolicyCertificate", "claimed_bounds", "controller_certificate", "decay_words", "statement"]
+__all__ = ["NOT_COVERED", "PolicyCertificate", "decay_words", "policy_certificate", "statement"]
 
 # What every certificate says of its limits.
 NOT_COVERED = (
@@ -46,23 +46,11 @@ class PolicyCertificate:
     any_reference: bool
 
 
-def controller_certificate(controller: Controller) -> PolicyCertificate:
+def policy_certificate(controller: Controller | ScheduledController, form: str, text: str) -> PolicyCertificate:
     """Return what is proven of the policy that evaluates a controller's law as it stands."""
+    numbers = {"alpha": controller.alpha, "gamma": controller.gamma, "controller_digest": controller.digest}
     # The proof of the paper's form includes the reference model, whose state must be the reference itself.
-    any_reference = controller.form != "paper"
-    return PolicyCertificate(
-        statement(controller), claimed_bounds(controller, controller.form), controller, any_reference
-    )
-
-
-def claimed_bounds(controller: Controller | ScheduledController, form: str) -> dict[str, Any]:
-    """Return the `PolicyCertificate.bounds` of a controller of a form."""
-    return {
-        "form": form,
-        "alpha": controller.alpha,
-        "gamma": controller.gamma,
-        "controller_digest": controller.digest,
-    }
+    return PolicyCertificate(text, {"form": form, **numbers}, controller, any_reference=form != "paper")
 
 
 def statement(controller: Controller) -> str:
@@ -83,7 +71,7 @@ def statement(controller: Controller) -> str:
             "d is friction, tip forces and payload as joint torques. "
         )
         return box + claim + NOT_COVERED + OF_THE_TIP
-    dropped = [u.premise for u in model.uncertainties]
+    dropped = [name for u in model.uncertainties for name in u.premises]
     residual = f", and the feedforward residual of the dropped premises {', '.join(dropped)}" if dropped else ""
     if controller.fastest_pole is not None:
         beta = at_most(controller.fastest_pole, 6)

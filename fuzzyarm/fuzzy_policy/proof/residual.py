@@ -46,14 +46,10 @@ SHORTEST = 2.0**-40  # half of an interval that is not halved again: its ends ar
 
 @dataclasses.dataclass(frozen=True)
 class Residual:
-    """What the feedforward misses along a reference, for any state in the box.
+    """What the feedforward misses along a reference, for any state in the box."""
 
-    Attributes:
-        sampled: largest ρ̄ (2,) [N m] at `reference.CHECKED_INSTANTS` instants.
-        bound: bound (2,) [N m] of ρ̄ at every instant; None for a path of the user's own, and where none was found.
-    """
-
-    sampled: np.ndarray
+    sampled: np.ndarray  # largest ρ̄ (2,) [N m] at `reference.CHECKED_INSTANTS` instants
+    # bound (2,) [N m] of ρ̄ at every instant; None for a path of the user's own, and where none was found
     bound: np.ndarray | None
 
 

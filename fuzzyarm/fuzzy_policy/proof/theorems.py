@@ -54,13 +54,14 @@ from typing import Any
 import numpy as np
 
 from fuzzyarm.fuzzy_policy.proof.block_matrix import Assembly, he, identity, symmetric, times, transposed
-from fuzzyarm.fuzzy_policy.proof.vertices import Index, TrackingVertices, UncertainTerm
+from fuzzyarm.fuzzy_policy.proof.vertices import Index, TrackingVertices
 from fuzzyarm.fuzzy_policy.states import PLANT
+from fuzzyarm.fuzzy_policy.ts_model import Uncertainty
 
-__all__ = ["psi", "uncertain_row", "xi"]
+__all__ = ["psi"]
 
 
-def xi(
+def psi(
     data: TrackingVertices,
     i: Index,
     k: Index,
@@ -73,11 +74,12 @@ def xi(
     L: Any,
     Q: Any,
     X: Any,
+    tau: Any,
     put: Assembly = symmetric,
 ) -> Any:
-    """Return Ξ_ijk, symmetric and affine in P, M, L, Q, X and γ²; dropped premises stand at mid-range.
+    """Return Ψ_ijk, symmetric and affine in P, M, L, Q, X, τ and γ²; Ξ_ijk of a model without uncertainty.
 
-    With arrays of i and k it returns a stack: M, L, Q and X are stacks then, and P is one matrix.
+    With arrays of i and k it returns a stack: M, L, Q, X and τ are stacks then, and P is one matrix.
 
     Args:
         data: the vertices, n_e = 4 or, with the integral, 6; n = n_e + 4.
@@ -91,6 +93,7 @@ def xi(
         L: L_jk, (2, 6).
         Q: Q_ij, (n, n).
         X: X_ij, (n, n).
+        tau: τ of the pair (i, j) and k, (..., m), one for each entry of `data.uncertainties`.
         put: what makes a matrix of the block rows.
     """
     E, A, B, A_r, B_r = data.error_E(k), data.error_A(i), data.error_rows(data.B), data.A_r, data.B_r
@@ -112,50 +115,24 @@ def xi(
     S_43 = -X_21 - transposed(X_12) @ transposed(E)
     S_44 = -he(X_22)
     S_63 = transposed(B @ L) - transposed(E_B_r)
-    return put(
-        [
-            [S_11],
-            [S_21, S_22],
-            [S_31, S_32, S_33],
-            [S_41, S_42, S_43, S_44],
-            [0, 0, B.T, 0, -gamma2 * identity(B.shape[1])],
-            [0, 0, S_63, B_r.T, 0, -gamma2 * identity(B_r.shape[1])],
-            [output * P_11[PLANT], 0, 0, 0, 0, 0, -data.Q_inverse],
-        ]
-    )
-
-
-def psi(
-    data: TrackingVertices,
-    i: Index,
-    k: Index,
-    *,
-    alpha: Any,
-    gamma2: Any,
-    output: Any = 1,
-    P: Any,
-    M: Any,
-    L: Any,
-    Q: Any,
-    X: Any,
-    tau: Any,
-    put: Assembly = symmetric,
-) -> Any:
-    """Return Ψ_ijk, symmetric and affine in P, M, L, Q, X, τ and γ².
-
-    The arguments are those of `theorem1.xi`, and `tau`: the multipliers of the pair (i, j) and k, (..., m), one for
-    each entry of `data.uncertainties`. Without uncertainty Ψ_ijk = Ξ_ijk.
-    """
-    rows = xi(data, i, k, alpha=alpha, gamma2=gamma2, output=output, P=P, M=M, L=L, Q=Q, X=X, put=list)
+    rows: list[list[Any]] = [
+        [S_11],
+        [S_21, S_22],
+        [S_31, S_32, S_33],
+        [S_41, S_42, S_43, S_44],
+        [0, 0, B.T, 0, -gamma2 * identity(B.shape[1])],
+        [0, 0, S_63, B_r.T, 0, -gamma2 * identity(B_r.shape[1])],
+        [output * P_11[PLANT], 0, 0, 0, 0, 0, -data.Q_inverse],
+    ]
     for scale, term in zip(data.multipliers(tau), data.uncertainties, strict=True):
         H = data.error_rows(term.H.T).T
         rows[2][2] = rows[2][2] + times(scale, H.T @ H)
         before = [0] * (len(rows) - 7)  # columns of the terms so far, behind the seven of Ξ
-        rows.append([*uncertain_row(data, term, P=P, Q=Q, X=X), *before, -times(scale, identity(len(term.W)))])
+        rows.append([*_uncertain_row(data, term, P=P, Q=Q, X=X), *before, -times(scale, identity(len(term.W)))])
     return put(rows)
 
 
-def uncertain_row(data: TrackingVertices, term: UncertainTerm, *, P: Any, Q: Any, X: Any) -> list[Any]:
+def _uncertain_row(data: TrackingVertices, term: Uncertainty, *, P: Any, Q: Any, X: Any) -> list[Any]:
     """Return the row [T_11 T_12 0 ...] or [T_31 T_32 T_33 T_34 0 T_36 0] of Ψ_2; W reads the plant's rows, not x_I."""
     W, e, r = term.W, slice(data.n_e), slice(data.n_e, None)
     P_11, P_22 = P[PLANT, e], P[r, r]

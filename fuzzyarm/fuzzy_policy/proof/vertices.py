@@ -15,18 +15,17 @@ import numpy as np
 
 from fuzzyarm.envs.observation import JOINTS
 from fuzzyarm.fuzzy_policy.proof.block_matrix import identity
+from fuzzyarm.fuzzy_policy.proof.definiteness import exact, rational
 from fuzzyarm.fuzzy_policy.states import ERROR_STATES, PLANT, PLANT_STATES
-from fuzzyarm.fuzzy_policy.ts_model import TSModel
+from fuzzyarm.fuzzy_policy.ts_model import TSModel, Uncertainty
 
 __all__ = [
     "REFERENCE_POLE",
     "Index",
     "TrackingVertices",
-    "UncertainTerm",
     "Vertices",
     "error_vertices",
     "reference_model",
-    "stacked",
     "tracking_vertices",
 ]
 
@@ -37,39 +36,14 @@ REFERENCE_POLE = 62.0  # rad/s, double pole of the reference model (8), section 
 
 
 @dataclasses.dataclass(frozen=True)
-class UncertainTerm:
-    """Hᵀ Δ W with ΔᵀΔ <= I, added to E_p or to A_p: the dropped `premises` (section 5.1), with one multiplier.
-
-    Attributes:
-        premises: the names; several share one multiplier when their H and W are stacked, Δ = diag(f, ...).
-        on: "E" or "A".
-        H: (rows, 4).
-        W: (rows, 4), the same at every vertex.
-    """
-
-    premises: tuple[str, ...]
-    on: str
-    H: np.ndarray
-    W: np.ndarray
-
-
-@dataclasses.dataclass(frozen=True)
 class Vertices:
-    """The T-S model as the inequalities use it, in SI units; lists and arrays must not be changed.
+    """The T-S model as the inequalities use it, in SI units; lists and arrays must not be changed."""
 
-    Attributes:
-        E: N_e matrices E_pk, (4, 4).
-        A: N matrices A_pi, (4, 4).
-        B: B_p = B_d, (4, 2).
-        integral: whether ē = (e, x_I), n_e = 6, or ē = e, n_e = 4.
-        uncertainties: the dropped premises, one term for each multiplier τ.
-    """
-
-    E: list[np.ndarray]
-    A: list[np.ndarray]
-    B: np.ndarray
-    integral: bool
-    uncertainties: list[UncertainTerm]
+    E: list[np.ndarray]  # N_e matrices E_pk, (4, 4)
+    A: list[np.ndarray]  # N matrices A_pi, (4, 4)
+    B: np.ndarray  # B_p = B_d, (4, 2)
+    integral: bool  # whether ē = (e, x_I), n_e = 6, or ē = e, n_e = 4
+    uncertainties: list[Uncertainty]  # the dropped premises, one term for each multiplier τ
 
     @property
     def n_e(self) -> int:
@@ -120,17 +94,11 @@ class Vertices:
 
 @dataclasses.dataclass(frozen=True)
 class TrackingVertices(Vertices):
-    """The vertices of the paper's own form, with the reference model (8) and the weight of (13).
+    """The vertices of the paper's own form, with the reference model (8) and the weight of (13)."""
 
-    Attributes:
-        A_r: (4, 4).
-        B_r: (4, 6).
-        Q_inverse: Q⁻¹ of eᵀQe in (13), (4, 4).
-    """
-
-    A_r: np.ndarray
-    B_r: np.ndarray
-    Q_inverse: np.ndarray
+    A_r: np.ndarray  # (4, 4)
+    B_r: np.ndarray  # (4, 6)
+    Q_inverse: np.ndarray  # Q⁻¹ of eᵀQe in (13), (4, 4)
 
 
 def reference_model() -> tuple[np.ndarray, np.ndarray]:
@@ -141,42 +109,41 @@ def reference_model() -> tuple[np.ndarray, np.ndarray]:
     return A_r, B_r
 
 
-def error_vertices(model: TSModel, integral: bool, *, common_multiplier: bool = False) -> Vertices:
-    """Return the vertices of a T-S model in floats.
+def error_vertices(
+    model: TSModel, integral: bool, *, common_multiplier: bool = False, rationals: bool = False
+) -> Vertices:
+    """Return the vertices of a T-S model.
 
     Args:
         model: the T-S model.
         integral: whether to append x_I (Remark 2).
         common_multiplier: one multiplier for all dropped premises of A and one for E, as Theorem 2 prints it, or
             one for each, which is less conservative.
+        rationals: whether the entries are exact rationals, computed from the robot parameters, or floats.
     """
-    terms = [UncertainTerm((u.premise,), u.on, u.H, u.W) for u in model.uncertainties]
+    polytope = model.polytope_in(rational) if rationals else model.polytope
+    terms, B = polytope.uncertainties, model.B
     if common_multiplier:
-        terms = stacked(terms)
-    return Vertices(model.E_vertices, model.A_vertices, model.B, integral, terms)
+        terms = [_stacked(group) for on in ("A", "E") if (group := [term for term in terms if term.on == on])]
+    if rationals:
+        B, terms = exact(B), [dataclasses.replace(term, H=exact(term.H), W=exact(term.W)) for term in terms]
+    return Vertices(polytope.E, polytope.A, B, integral, terms)
 
 
 def tracking_vertices(
-    model: TSModel, integral: bool, weight: np.ndarray, *, common_multiplier: bool = False
+    model: TSModel, integral: bool, weight: np.ndarray, *, common_multiplier: bool = False, rationals: bool = False
 ) -> TrackingVertices:
     """Return `error_vertices` with the reference model and `weight`, the diagonal (4,) of Q."""
+    plain = error_vertices(model, integral, common_multiplier=common_multiplier, rationals=rationals)
     A_r, B_r = reference_model()
-    plain = error_vertices(model, integral, common_multiplier=common_multiplier)
-    return TrackingVertices(
-        plain.E, plain.A, plain.B, integral, plain.uncertainties, A_r, B_r, Q_inverse=np.diag(1.0 / weight)
-    )
+    Q_inverse = np.diag(1.0 / weight)
+    if rationals:
+        A_r, B_r, Q_inverse = exact(A_r), exact(B_r), exact(np.diag(weight))
+        np.fill_diagonal(Q_inverse, 1 / np.diagonal(Q_inverse))
+    return TrackingVertices(**vars(plain), A_r=A_r, B_r=B_r, Q_inverse=Q_inverse)
 
 
-def stacked(terms: list[UncertainTerm]) -> list[UncertainTerm]:
-    """Return the terms of A stacked into one, H_aᵀ Δ_a W_a, then those of E, H_eᵀ Δ_e W_e."""
-    groups = [(on, [term for term in terms if term.on == on]) for on in ("A", "E")]
-    return [
-        UncertainTerm(
-            tuple(name for term in group for name in term.premises),
-            on,
-            np.vstack([term.H for term in group]),
-            np.vstack([term.W for term in group]),
-        )
-        for on, group in groups
-        if group
-    ]
+def _stacked(terms: list[Uncertainty]) -> Uncertainty:
+    """Return Hᵀ Δ W of terms of one matrix with one multiplier."""
+    names = tuple(name for term in terms for name in term.premises)
+    return Uncertainty(names, terms[0].on, *(np.vstack([getattr(term, part) for term in terms]) for part in "HW"))

@@ -18,9 +18,9 @@ from fuzzyarm.envs.physics.parameters import ArmParameters
 from fuzzyarm.eval.certified import rigid as frozen
 from fuzzyarm.eval.certified.rigid import RigidLoop, find_worst_point, gain_at, pole_rate
 from fuzzyarm.eval.certified.verification import verify_file
-from fuzzyarm.fuzzy_policy.controller import GAINS, LARGEST, RATES, Controller
+from fuzzyarm.fuzzy_policy.controller import GAINS, RATES, Controller
 from fuzzyarm.fuzzy_policy.proof.certificate import certify
-from fuzzyarm.fuzzy_policy.signed_files import ControllerFileError, digest_of
+from fuzzyarm.fuzzy_policy.signed_files import LARGEST, ControllerFileError, digest_of
 from fuzzyarm.fuzzy_policy.ts_model import TSModel
 
 FOLDER = resources.files("fuzzyarm.fuzzy_policy.controllers")

@@ -5,12 +5,18 @@ from flint import fmpq
 from fuzzyarm.envs.physics.parameters import ArmParameters
 from fuzzyarm.envs.physics.rigid_body import mass_matrix
 from fuzzyarm.envs.physics.robot import Robot, robot_named
-from fuzzyarm.fuzzy_policy.proof.box_cover import cover, first_boxes, proven_in_balls, widened
+from fuzzyarm.fuzzy_policy.proof.box_cover import (
+    TrigMatrix,
+    control_weights,
+    cover,
+    first_boxes,
+    proven_in_balls,
+    widened,
+)
 from fuzzyarm.fuzzy_policy.proof.definiteness import exact
-from fuzzyarm.fuzzy_policy.proof.kinetic_energy import BASIS, inertia_polynomial
-from fuzzyarm.fuzzy_policy.proof.trigonometric import TrigMatrix, control_weights
+from fuzzyarm.fuzzy_policy.proof.inertia_bounds import BASIS, inertia_polynomial
 from fuzzyarm.fuzzy_policy.ts_model import TSModel
-from fuzzyarm.synthesis.inertia_samples import twist_map
+from fuzzyarm.synthesis.inertia_metric import twist_map
 
 TURN = np.array([[-3.141593, 3.141593]])
 

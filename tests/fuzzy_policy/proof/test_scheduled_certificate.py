@@ -15,15 +15,18 @@ from fuzzyarm.envs.physics.robot import robot_named
 from fuzzyarm.eval.certified.verification import verify_file
 from fuzzyarm.fuzzy_policy.controller import Controller
 from fuzzyarm.fuzzy_policy.controller_files import load_controller
+from fuzzyarm.fuzzy_policy.proof.box_cover import TrigMatrix
 from fuzzyarm.fuzzy_policy.proof.inertia_bounds import scheduled_polynomial
-from fuzzyarm.fuzzy_policy.proof.scalar_loop import decay
-from fuzzyarm.fuzzy_policy.proof.scheduled_certificate import certify_scheduled, schedule_rate, scheduled_statement
-from fuzzyarm.fuzzy_policy.proof.trigonometric import TrigMatrix
+from fuzzyarm.fuzzy_policy.proof.scheduled_certificate import (
+    certify_scheduled,
+    decay,
+    schedule_rate,
+    scheduled_statement,
+)
 from fuzzyarm.fuzzy_policy.scheduled import Premise, ScheduledController, rule_weights
 from fuzzyarm.fuzzy_policy.signed_files import ControllerFileError, digest_of
 from fuzzyarm.synthesis import DesignFailed, ScheduledSpecification, design_scheduled, scheduled_design
-from fuzzyarm.synthesis.inertia_samples import InertiaSamples
-from fuzzyarm.synthesis.metric_search import MetricSearch, relative
+from fuzzyarm.synthesis.inertia_metric import InertiaSamples, MetricSearch, relative
 from fuzzyarm.synthesis.scalar_design import best_feedback
 
 COS_2, COS_3 = Premise(1, "cos q"), Premise(2, "cos q")

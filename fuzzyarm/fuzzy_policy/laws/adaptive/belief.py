@@ -57,66 +57,41 @@ REST = 1e-9  # m/s; below, a tip has no direction of travel
 class AdaptiveWeights:
     """What the filter expects and what the regulator weighs.
 
-    Attributes:
-        link_angle: link error [rad] that costs as much as the whole torque.
-        link_velocity: link velocity error [rad/s] that costs as much as the whole torque.
-        first_gain: share of the regulator's gain with which an episode begins.
-        soft_start: how long it is that share [s], which then grows to 1 in as long again.
-        motor_torque: white noise of the motor torque, share of the torque limit times √s.
-        torque_doubt: share of the torque limit by which a motor's torque may be wrong after a jump of the commanded
-            torque by the whole limit; it grows with the square of the jump.
-        travel_walk: random walk of the force along the path, share of the unit force per √s.
-        force_walk: random walk of each component of the free force, likewise.
-        calm_walk: share of these walks that the forces make where nothing but noise corrects them.
-        reopening: time of walk that a force is given at once where it begins to move [s].
-        encoder_angle: standard deviation of a measured angle [rad].
-        encoder_velocity: standard deviation of a measured velocity [rad/s].
-        first_force: standard deviation of each force when an episode begins, share of the unit force.
-        first_payload: of the payload at the tip, share of the mass of all links.
-        first_stiffness: of the factors of joint stiffness.
-        first_damping: of the factors of joint damping.
-        first_friction: of the factors of dry friction.
-        first_inertia: of the factors of link masses and of motor inertias.
-        first_offset: of the torques beside the motors', share of the torque limit.
-        first_scale: of a factor that all of the arm's constants share, as a wrong torque constant gives them.
-        first_lateness: of the lateness [control periods].
-        first_link_angle: of the link angles [rad].
-        scale_doubt: variance that a sample of surprise a adds to that factor, over a.
-        gate: squared standardised innovation above which a sample counts less.
-        dead_zone: squared innovation, in variances of the noise that is read, below which constants do not learn.
-        largest_swing: mean of the commands' jumps, as shares of the torque limits, from which on the loop counts as
-            lost; a mean above 2 is not possible.
-
     Raises:
         TypeError: a weight is no number.
         ValueError: a weight lies outside `WEIGHT_RANGE`.
     """
 
-    link_angle: float = 0.0037
-    link_velocity: float = 1.57
-    first_gain: float = 0.5
-    soft_start: float = 0.015
-    motor_torque: float = 4.9e-4
+    link_angle: float = 0.0037  # link error [rad] that costs as much as the whole torque
+    link_velocity: float = 1.57  # link velocity error [rad/s] that costs as much as the whole torque
+    first_gain: float = 0.5  # share of the regulator's gain with which an episode begins
+    soft_start: float = 0.015  # how long it is that share [s], which then grows to 1 in as long again
+    motor_torque: float = 4.9e-4  # white noise of the motor torque, share of the torque limit times √s
+    # Share of the torque limit by which a motor's torque may be wrong after a jump of the commanded torque by the whole
+    # limit; it grows with the square of the jump
     torque_doubt: float = 0.4
-    travel_walk: float = 1.5
-    force_walk: float = 0.59
-    calm_walk: float = 0.33
-    reopening: float = 0.29
-    encoder_angle: float = 2e-5
-    encoder_velocity: float = 2.1e-3
-    first_force: float = 2e-3
-    first_payload: float = 0.125
-    first_stiffness: float = 0.12
-    first_damping: float = 0.3
-    first_friction: float = 0.3
-    first_inertia: float = 0.06
-    first_offset: float = 0.01
-    first_scale: float = 0.1
-    first_lateness: float = 1.5
-    first_link_angle: float = 1e-3
-    scale_doubt: float = 1.5e-3
-    gate: float = 1.5
+    travel_walk: float = 1.5  # random walk of the force along the path, share of the unit force per √s
+    force_walk: float = 0.59  # random walk of each component of the free force, likewise
+    calm_walk: float = 0.33  # share of these walks that the forces make where nothing but noise corrects them
+    reopening: float = 0.29  # time of walk that a force is given at once where it begins to move [s]
+    encoder_angle: float = 2e-5  # standard deviation of a measured angle [rad]
+    encoder_velocity: float = 2.1e-3  # standard deviation of a measured velocity [rad/s]
+    first_force: float = 2e-3  # standard deviation of each force when an episode begins, share of the unit force
+    first_payload: float = 0.125  # of the payload at the tip, share of the mass of all links
+    first_stiffness: float = 0.12  # of the factors of joint stiffness
+    first_damping: float = 0.3  # of the factors of joint damping
+    first_friction: float = 0.3  # of the factors of dry friction
+    first_inertia: float = 0.06  # of the factors of link masses and of motor inertias
+    first_offset: float = 0.01  # of the torques beside the motors', share of the torque limit
+    first_scale: float = 0.1  # of a factor that all of the arm's constants share, as a wrong torque constant gives them
+    first_lateness: float = 1.5  # of the lateness [control periods]
+    first_link_angle: float = 1e-3  # of the link angles [rad]
+    scale_doubt: float = 1.5e-3  # variance that a sample of surprise a adds to that factor, over a
+    gate: float = 1.5  # squared standardised innovation above which a sample counts less
+    # Squared innovation, in variances of the noise that is read, below which constants do not learn
     dead_zone: float = 16.0
+    # Mean of the commands' jumps, as shares of the torque limits, from which on the loop counts as lost; a mean above 2
+    # is not possible
     largest_swing: float = 0.5
 
     def __post_init__(self) -> None:

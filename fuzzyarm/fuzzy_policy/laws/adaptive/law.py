@@ -30,10 +30,12 @@ from fuzzyarm.envs.physics.robot import Robot
 from fuzzyarm.fuzzy_policy.known_arm import per_joint_of
 from fuzzyarm.fuzzy_policy.laws.adaptive.belief import FLAG, KEPT, LONGEST_LATENESS, AdaptiveWeights, Memory, mass_of
 from fuzzyarm.fuzzy_policy.laws.adaptive.filter import Room, Settings, command, fill, numbers_at, sent
+from fuzzyarm.fuzzy_policy.laws.elastic_target import motor_target
 from fuzzyarm.fuzzy_policy.laws.gain_schedule import corners_of, loaded_inertia, nearest_inertia, schedule_of
 from fuzzyarm.fuzzy_policy.laws.observer_gains import (
     FACTORS,
     ObserverWeights,
+    at_points,
     feedback_gain,
     places_of,
     sampled_arm,
@@ -99,14 +101,12 @@ def feedback_table(arm: AnyArm, control_period: float, weights: AdaptiveWeights)
     """
     schedule, gains = schedule_of(arm), []
     for mass in np.linspace(0.0, HEAVIEST * mass_of(arm), PAYLOADS):
-        for place, inertia in zip(schedule.places, loaded_inertia(arm, schedule, float(mass)), strict=True):
-            try:
-                gains.append(_gain(arm, control_period, inertia, weights).ravel())
-            except (np.linalg.LinAlgError, ValueError) as error:  # scipy raises either
-                raise ValueError(
-                    f"no gains at {place} for control_period = {control_period!r} s, {weights} and "
-                    f"this arm ({error}): take a shorter period, or other weights"
-                ) from None
+        gains += at_points(
+            lambda inertia: _gain(arm, control_period, inertia, weights).ravel(),
+            schedule.places,
+            loaded_inertia(arm, schedule, float(mass)),
+            f"control_period = {control_period!r} s, {weights}",
+        )
     table = np.array(gains)
     table.flags.writeable = False
     return table
@@ -224,13 +224,6 @@ def _command(z: Any, m: Memory, s: Settings, room: Room, torque: Any) -> None:
 
 def _target(m: Memory, room: Room, period: float, back: int, joint: int, drive: Any) -> tuple[Any, Any, Any, Any]:
     """Return θ_d, θ̇_d, θ̈_d and u_ff without dry friction, `back` samples ago with today's p; see `elastic_target`."""
-    now, last = room.link_torque[back, joint], room.link_torque[back + 1, joint]
-    second, third = room.link_torque[back + 2, joint], room.link_torque[back + 3, joint]
-    rate = (11.0 * now - 18.0 * last + 9.0 * second - 2.0 * third) / (6.0 * period)
-    curvature = (2.0 * now - 5.0 * last + 4.0 * second - third) / (period * period)
-    b = drive.damping / drive.stiffness
-    q, dq, ddq = m.references[back, 0, joint], m.references[back, 1, joint], m.references[back, 2, joint]
-    velocity, acceleration = dq + (rate - b * curvature) / drive.stiffness, ddq + curvature / drive.stiffness
-    angle = q + (now - b * (rate - b * curvature)) / drive.stiffness
-    smooth = drive.motor_inertia * acceleration + drive.viscous_friction * velocity + now
-    return angle, velocity, acceleration, smooth
+    q, dq, ddq = (m.references[back, order, joint] for order in range(3))
+    torques = [room.link_torque[back + k, joint] for k in range(4)]
+    return motor_target(torques, q, dq, ddq, drive, period)

@@ -30,13 +30,13 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
-from fuzzyarm.common.checks import shown
 from fuzzyarm.envs.observation import observed
 from fuzzyarm.envs.physics.equations import equations_of
 from fuzzyarm.fuzzy_policy.known_arm import travel_of
 from fuzzyarm.fuzzy_policy.laws.adaptive.belief import FLAG, KEPT, Memory, places, unit_force
 from fuzzyarm.fuzzy_policy.laws.adaptive.filter import MISTRUST, Room, command, predict, tables_of, update, with_tables
-from fuzzyarm.fuzzy_policy.policy import checked_observation, no_torque
+from fuzzyarm.fuzzy_policy.laws.iterative_learning import low_passed
+from fuzzyarm.fuzzy_policy.policy import NOTHING_LEARNED, PassLearner
 from fuzzyarm.numbers.functions import Cells, array, each, select
 from fuzzyarm.numbers.machine import Kernel
 from fuzzyarm.numbers.program import Program
@@ -47,7 +47,6 @@ if TYPE_CHECKING:
 __all__ = ["AdaptivePasses", "PassState", "Smoother"]
 
 CUT_OFF = 70.0  # Hz, of the Butterworth filter of the expected force
-ORDER = 2
 FIRST_FORCE = 0.3  # standard deviation of the forces at the first sample for the smoother, in unit forces
 SAME_PATH = 1e-6  # rad; a reference that differs more from that of the pass before is another path
 REWEIGHTED = 50  # steps towards the least total variation
@@ -71,12 +70,11 @@ class PassState:
     other_path: np.ndarray  # whether a lane has left the path of the pass before: it expects nothing any more
 
 
-class AdaptivePasses:
-    """The adaptive observer over one path again and again; `predict` as every policy's, its state a `PassState`.
+class AdaptivePasses(PassLearner[PassState]):
+    """The adaptive observer over one path again and again."""
 
-    Attributes:
-        policy: the adaptive observer.
-    """
+    policy: AdaptiveObserverPolicy
+    kind = PassState
 
     def __init__(self, policy: AdaptiveObserverPolicy) -> None:
         """Keep the policy."""
@@ -85,40 +83,14 @@ class AdaptivePasses:
         self._constants = slice(policy.memory.z.start + 4 * policy.joints, policy.memory.z.stop)  # p, in a memory
         self._payload = self._constants.start + policy.belief.payload.start
 
-    def predict(
-        self,
-        observation: np.ndarray,
-        state: PassState | None = None,
-        episode_start: np.ndarray | None = None,
-        deterministic: bool = True,
-    ) -> tuple[np.ndarray, PassState]:
-        """Return the torques [N m] and the next state; None begins a first pass, `begin_pass` a further one.
-
-        Args:
-            observation: (5 n,) or (lanes, 5 n).
-            state: None, or what the last call or `begin_pass` returned; it goes on in place, unless an error is raised.
-            episode_start: ignored; a pass begins with its state.
-            deterministic: ignored.
-
-        Raises:
-            TypeError: the observation holds something else than real numbers, or the state is none of these.
-            ValueError: an argument has a wrong shape; a number of the observation is not finite, or so large that no
-                torque follows.
-        """
-        seen = checked_observation(observation, self.policy.joints)
-        lanes = len(seen)
-        state = self._first(np.zeros((lanes, self.policy.memory_size))) if state is None else self._checked(state)
-        if len(state.memory) != lanes:
-            raise ValueError(f"the state is that of {len(state.memory)} lanes, the observation has {lanes}")
+    def _go_on(self, seen: np.ndarray, state: PassState) -> np.ndarray:
         parts = observed(seen)
         q, sample, other_path = parts.q_reference.copy(), len(state.references), state.other_path
         if sample < len(state.path):
             other_path = other_path | (np.abs(q - state.path[sample]).max(axis=1) > SAME_PATH)
-        torque, memory = np.empty((lanes, self.policy.joints)), state.memory.copy()
+        torque, memory = np.empty((len(seen), self.policy.joints)), state.memory.copy()
         self.policy.act_with(seen, memory, torque, _window(state, sample, other_path))
-        if np.isnan(torque).any():
-            raise no_torque(seen)
-        torque = self.policy.clipped(torque)
+        torque = self._clipped(seen, torque)
         state.memory, state.other_path = memory, other_path
         state.references.append(q)
         state.measured.append(np.concatenate([parts.q_motor, parts.dq_motor], axis=1))
@@ -126,23 +98,19 @@ class AdaptivePasses:
         state.travels.append(travel_of(self.policy.arm, q, parts.dq_reference))
         if sample == 0:
             state.early = memory
-        return (torque[0] if np.ndim(observation) == 1 else torque), state
+        return torque
 
     def begin_pass(self, state: PassState) -> PassState:
-        """Return the state with which the next pass over the same path begins.
+        """Return the state with which the next pass begins, see `PassLearner`.
 
         It keeps what the filter believes of the constants of the arm and of the lateness, the payload, and the force to
         expect at each sample. Everything else begins anew: motors and links, what the force deviates from the expected
         one, commands, noise. A lane whose filter has diverged, or that has left the path of the pass before, keeps
         nothing.
-
-        Raises:
-            TypeError: the state is not what `predict` returned.
-            ValueError: it has seen no sample, or is that of another arm.
         """
         state = self._checked(state)
         if not state.references:
-            raise ValueError("there is no pass to learn from: call predict along the path before begin_pass")
+            raise ValueError(NOTHING_LEARNED)
         usable = (state.memory[:, FLAG.lost] == 0.0) & ~state.other_path
         memory, kept = np.zeros_like(state.memory), self.policy.memory
         memory[:, kept.z], memory[:, kept.P] = state.memory[:, kept.z], self._bounded(state.memory[:, kept.P])
@@ -165,15 +133,6 @@ class AdaptivePasses:
         state = self._checked(state)
         found, expected = self.policy.beliefs(state.memory), _window(state, len(state.references) - 1, state.other_path)
         return dataclasses.replace(found, force=found.force + expected[:, 0], other_path=state.other_path.copy())
-
-    def _checked(self, state: PassState) -> PassState:
-        """Return a state, once it is one of this policy."""
-        if not isinstance(state, PassState):
-            raise TypeError(f"state = {shown(state)} must be the PassState that predict or begin_pass returned")
-        size, own = state.memory.shape[1], self.policy.memory_size
-        if size != own:
-            raise ValueError(f"state has a memory of {size} numbers; needed: {own}, that of this arm")
-        return state
 
     def _first(self, memory: np.ndarray) -> PassState:
         lanes = len(memory)
@@ -301,14 +260,10 @@ class Smoother:
 
         Constants, payload and lateness are those of a memory (lanes, memory_size); `lanes` says which are some of them.
         """
-        from scipy.signal import butter, sosfiltfilt  # slow to import, and looks for torch
-
         chosen = np.flatnonzero(lanes)
         groups = [slice(first, first + TOGETHER) for first in range(0, len(chosen), TOGETHER)]
         force = np.concatenate([self._of_some(state, chosen[some], memory[some]) for some in groups], axis=1)
-        nyquist = 0.5 / self._policy.control_period
-        sections = butter(ORDER, min(CUT_OFF / nyquist, 0.99), output="sos")
-        return np.asarray(sosfiltfilt(sections, force, axis=0, padlen=min(len(force) - 1, 60)))
+        return low_passed(force, CUT_OFF, self._policy.control_period)
 
     def _of_some(self, state: PassState, lanes: np.ndarray, known: np.ndarray) -> np.ndarray:
         samples, parts = len(state.measured), (state.measured, state.commands, state.travels)

@@ -46,47 +46,36 @@ __all__ = ["AdaptiveObserverPolicy", "Beliefs"]
 
 @dataclasses.dataclass(frozen=True)
 class Beliefs:
-    """What the adaptive observer believes, each with the standard deviation that it gives itself.
+    """What the adaptive observer believes of n joints, each with the standard deviation that it gives itself.
 
     Masses and forces share a load: a payload may show up as a force, and the other way round.
-
-    Attributes:
-        force, force_deviation: at the tip [N], (..., axes).
-        payload, payload_deviation: at the tip [kg], (...).
-        factors, factors_deviation: of the known arm of n joints, by name, (..., n): stiffness, damping, friction,
-            mass, motor_inertia.
-        offset, offset_deviation: torques beside the motors' [N m], (..., n).
-        lateness, lateness_deviation: from a command to the motors [s], (...).
-        encoder_noise: standard deviation of the noise that is read in the angles [rad], (..., n).
-        surprise: mean squared innovation in the variances that the filter expects, (...); far above 1 it is wrong.
-        diverged: whether the filter has diverged, or the commands swing, and the fallback acts, (...).
-        at_end: by part of p, see `Belief`, whether an estimate stands at an end of its range, (...); that there is no
-            lateness, dry friction or damping counts as none.
-        other_path: whether this is a pass that has left the path of the pass before, see `passes`, (...).
     """
 
-    force: np.ndarray
+    force: np.ndarray  # at the tip [N], (..., axes)
     force_deviation: np.ndarray
-    payload: np.ndarray
+    payload: np.ndarray  # at the tip [kg], (...)
     payload_deviation: np.ndarray
-    factors: dict[str, np.ndarray]
+    factors: dict[str, np.ndarray]  # of the known arm, by the names `belief.FACTORS`, (..., n)
     factors_deviation: dict[str, np.ndarray]
-    offset: np.ndarray
+    offset: np.ndarray  # torques beside the motors' [N m], (..., n)
     offset_deviation: np.ndarray
-    lateness: np.ndarray
+    lateness: np.ndarray  # from a command to the motors [s], (...)
     lateness_deviation: np.ndarray
-    encoder_noise: np.ndarray
+    encoder_noise: np.ndarray  # standard deviation of the noise that is read in the angles [rad], (..., n)
+    # Mean squared innovation in the variances that the filter expects, (...); far above 1 it is wrong.
     surprise: np.ndarray
-    diverged: np.ndarray
+    diverged: np.ndarray  # whether the filter has diverged, or the commands swing, and the fallback acts, (...)
+    # By part of p, see `Belief`, whether an estimate stands at an end of its range, (...); that there is no lateness,
+    # dry friction or damping counts as none.
     at_end: dict[str, np.ndarray]
-    other_path: np.ndarray
+    other_path: np.ndarray  # whether this is a pass that has left the path of the pass before, see `passes`, (...)
 
 
 class AdaptiveObserverPolicy(LawPolicy):
     """Identification, observer, regulator and elastic target; the law is in the module's docstring.
 
     Attributes:
-        arm: the arm or the robot, as the controller knows it.
+        arm: the arm or the robot.
         belief: where the parts of p lie.
         memory: where the parts of the filter's memory lie.
         weights: of the filter and of the regulator.
@@ -106,8 +95,8 @@ class AdaptiveObserverPolicy(LawPolicy):
         Args:
             parameters: the arm or the robot, as the controller knows it.
             control_period: T [s].
-            weights: of the filter and of the regulator; None for those of `adaptive_weights_for`.
-            fallback: what acts where the filter has diverged; computed torque at the tip, if not said otherwise.
+            weights: None for those of `adaptive_weights_for`.
+            fallback: computed torque at the tip, if not said otherwise.
 
         Raises:
             ValueError: the control period is out of range, or there are no gains for these arguments.

@@ -132,7 +132,7 @@ def test_observations_and_states_of_another_shape_are_refused():
     _, state = repeated.predict(np.zeros((3, 10)))
     with pytest.raises(ValueError, match=r"shape \(3, 9\); allowed: \(10,\) or \(lanes, 10\)"):
         repeated.predict(np.zeros((3, 9)), state)
-    with pytest.raises(ValueError, match="the state is that of 3 lanes, the observation has 2"):
+    with pytest.raises(ValueError, match="state has a memory of 3 lanes; the observation has 2"):
         repeated.predict(np.zeros((2, 10)), state)
 
 
