@@ -193,18 +193,21 @@ def pole_rate(F: np.ndarray) -> np.ndarray:
     return np.asarray(-np.linalg.eigvals(F).real.max(axis=-1))
 
 
+def _growth(F: np.ndarray, root: np.ndarray) -> np.ndarray:
+    """Return the symmetric matrix (lanes, n_e, n_e) of V'/2V in S⁻¹ ē, for S Sᵀ = P."""
+    scaled = np.linalg.solve(root, F @ root)
+    return np.asarray(0.5 * (scaled + np.swapaxes(scaled, 1, 2)))
+
+
 def lyapunov_rate(F: np.ndarray, P: np.ndarray) -> np.ndarray:
     """Return the smallest -V'/2V [1/s] over all errors (lanes,): the decay of V at its slowest instant."""
-    root = np.linalg.cholesky(P)
-    scaled = np.linalg.solve(root, F @ root)
-    return np.asarray(-np.linalg.eigvalsh(0.5 * (scaled + np.swapaxes(scaled, 1, 2)))[:, -1])
+    return np.asarray(-np.linalg.eigvalsh(_growth(F, np.linalg.cholesky(P)))[:, -1])
 
 
 def slowest_error(F: np.ndarray, P: np.ndarray) -> np.ndarray:
     """Return the error ē (lanes, n_e) [rad, rad/s, rad s], V = 1, at which V decays at `lyapunov_rate`."""
     root = np.linalg.cholesky(P)
-    scaled = np.linalg.solve(root, F @ root)
-    return np.asarray(np.linalg.eigh(0.5 * (scaled + np.swapaxes(scaled, 1, 2)))[1][:, :, -1] @ root.T)
+    return np.asarray(np.linalg.eigh(_growth(F, root))[1][:, :, -1] @ root.T)
 
 
 def gain_at(F: np.ndarray, G: np.ndarray, s: np.ndarray) -> np.ndarray:
@@ -503,7 +506,7 @@ def disturbed_run(
     Args:
         loop: arm and controller.
         motion: the reference.
-        probes: torques (k, 2) by name, of size 1, at the instants 0, step, ..., duration; see `probes.library`.
+        probes: torques (k, 2) by name, of size 1, at the instants 0, step, ..., duration; see `library`.
         duration: [s].
         step: of the torques and of the integration [s].
     """

@@ -23,8 +23,8 @@ from matplotlib.patches import Patch
 
 from fuzzyarm.common.files import write_atomically
 from fuzzyarm.eval.episodes.rollout import Rollout
+from fuzzyarm.eval.paper.claims import circularity_of
 from fuzzyarm.eval.paper.evidence import FEW, FORMS, MANY, RULES, Evidence, key_of
-from fuzzyarm.eval.paper.measures import circularity_of
 
 __all__ = ["BANDS", "BY_JOINT", "BY_RULES", "COLUMN_TITLES", "draw_figures", "write_figures"]
 
@@ -64,28 +64,12 @@ class JointFigure:
     stated: Sequence[float] = ()
 
 
-@dataclasses.dataclass(frozen=True)
-class CircularityFigure:
-    """One of Figs. 4-6: the circularity error in a case, with a row for the tip and one for the motors.
-
-    Attributes:
-        number: of the figure.
-        case: the case.
-        title: what the figure shows.
-        stated: range by the paper's text [mm], drawn as a band; None: it states none.
-    """
-
-    number: int
-    case: str
-    title: str
-    stated: tuple[float, float] | None
-
-
-CIRCULARITY = (
-    CircularityFigure(4, "nominal", "circularity error in Case 1", (-1.3, 1.3)),
-    CircularityFigure(5, "machining", "circularity error in Case 2", (-2.3, 4.4)),
-    CircularityFigure(6, "payload", "circularity error in Case 3", None),
-)
+CIRCULARITY: Mapping[str, tuple[float, float] | None] = {
+    "nominal": (-1.3, 1.3),
+    "machining": (-2.3, 4.4),
+    "payload": None,
+}
+"""Figs. 4-6: the range [mm] of the circularity error in each case by the paper's text; None: it states none."""
 JOINTS = (
     JointFigure(7, "actuator torques in Case 1", "Γ [N m]", lambda r: r.torque, stated=(228.0, 47.0)),
     JointFigure(8, "joint velocities in Case 1 (motors)", "q̇ [rad/s]", lambda r: r.dq_motor),
@@ -127,7 +111,7 @@ def draw_figures(evidence: Evidence) -> dict[int, Figure]:
     """Return Figs. 2-10 by their number."""
     with _style():
         figures = {2: _paths(evidence), 3: _force(evidence)}
-        figures |= {spec.number: _circularity_figure(evidence, spec) for spec in CIRCULARITY}
+        figures |= {number: _circularity_figure(evidence, number, case) for number, case in enumerate(CIRCULARITY, 4)}
         return figures | {spec.number: _joint_figure(evidence, spec) for spec in JOINTS}
 
 
@@ -192,32 +176,28 @@ def _force(evidence: Evidence) -> Figure:
     return figure
 
 
-def _circularity_figure(evidence: Evidence, spec: CircularityFigure) -> Figure:
-    """Return one of Figs. 4-6; each column has its own scale."""
-    figure, grid = _grid(spec.number, spec.title, (9.2, 5.0), len(SIDES), sharey="col")
+def _circularity_figure(evidence: Evidence, number: int, case: str) -> Figure:
+    """Return one of Figs. 4-6, with a row for the tip and one for the motors; each column has its own scale."""
+    stated, title = CIRCULARITY[case], f"circularity error in Case {number - 3}"
+    figure, grid = _grid(number, title, (9.2, 5.0), len(SIDES), sharey="col")
     for column, form in zip(grid.T, FORMS, strict=True):
-        runs = [evidence.rollouts[key_of(form, rules), spec.case] for rules in RULES]
+        runs = [evidence.rollouts[key_of(form, rules), case] for rules in RULES]
         for axes, side in zip(column, SIDES, strict=True):
-            if spec.stated is not None:
-                axes.axhspan(*spec.stated, color=BANDS[0], zorder=0.5)
+            if stated is not None:
+                axes.axhspan(*stated, color=BANDS[0], zorder=0.5)
             for rules, run in zip(RULES, runs, strict=True):
                 axes.plot(run.time, 1e3 * circularity_of(run, side), **BY_RULES[rules])
             label = "tip" if side == "tip" else "motors, as if rigid"
             axes.set_ylabel(f"{label} [mm]")
-        _fit_column(column, runs, spec.stated)
+        values = [1e3 * circularity_of(run, side) for run in runs for side in SIDES]  # one scale holds all of a column
+        low = min([*(float(errors.min()) for errors in values), *(stated or ())])
+        high = max([*(float(errors.max()) for errors in values), *(stated or ())])
+        margin = 0.06 * (high - low)
+        column[0].set_ylim(low - margin, high + margin)
         column[-1].set_xlabel("time [s]")
-    band = [] if spec.stated is None else [Patch(color=BANDS[0], label=f"stated: {_range(*spec.stated)} mm")]
+    band = [] if stated is None else [Patch(color=BANDS[0], label=f"stated: {_range(*stated)} mm")]
     _legend(figure, [*_rule_handles(), *band])
     return figure
-
-
-def _fit_column(column: Sequence[Axes], runs: Sequence[Rollout], stated: tuple[float, float] | None) -> None:
-    """Give a column one scale that holds both sides and what the paper states."""
-    values = [1e3 * circularity_of(run, side) for run in runs for side in SIDES]
-    low = min([*(float(errors.min()) for errors in values), *(stated or ())])
-    high = max([*(float(errors.max()) for errors in values), *(stated or ())])
-    margin = 0.06 * (high - low)
-    column[0].set_ylim(low - margin, high + margin)
 
 
 def _joint_figure(evidence: Evidence, spec: JointFigure) -> Figure:

@@ -340,25 +340,16 @@ def _markdown(comparison: Comparison, figures: Sequence[Path]) -> str:
         lines += [f"## {title}", "", *(f"| {' | '.join(cells)} |" for cells in (headings, aligned, *escaped)), ""]
     lines += [LEGEND.replace("*", "\\*"), "", "## Why", ""]
     lines += [f"{number}. {reason}" for reason, number in _reason_numbers().items()]
-    lines += ["", "## Drift", "", *_drift_lines(comparison), ""]
+    groups: dict[str, list[str]] = {}
+    for claim in CLAIMS:
+        relative, absolute = claim.tolerance
+        parts = [f"{relative:g} of the stored value"] * bool(relative) + [f"{absolute:g} {claim.unit}"] * bool(absolute)
+        groups.setdefault(" and ".join(parts) or "nothing", []).append(claim.key)
+    allowed = "; ".join(f"{allowance}: {', '.join(keys)}" for allowance, keys in groups.items())
+    moved = [f"- {entry}" for entry in comparison.drifted]
+    lines += ["", "## Drift", "", *_outcome(comparison), f"Allowed: {allowed}.", "", *moved, ""]
     if figures:
         lines += ["## Figures", "", *(f"![{path.stem}]({path.name})" for path in figures), ""]
     made = comparison.made_with
     versions = ", ".join(f"{name} {version}" for name, version in made["versions"].items() if version)
     return "\n".join([*lines, f"`fuzzyarm paper`; {made['machine']['cpu']}, {versions}, commit {made['commit']}.", ""])
-
-
-def _drift_lines(comparison: Comparison) -> list[str]:
-    groups: dict[str, list[str]] = {}
-    for claim in CLAIMS:
-        groups.setdefault(_allowance(claim), []).append(claim.key)
-    allowed = "; ".join(f"{allowance}: {', '.join(keys)}" for allowance, keys in groups.items())
-    moved = [f"- {entry}" for entry in comparison.drifted]
-    return [*_outcome(comparison), f"Allowed: {allowed}.", "", *moved]
-
-
-def _allowance(claim: Claim) -> str:
-    """Return a claim's tolerance in words."""
-    relative, absolute = claim.tolerance
-    parts = [f"{relative:g} of the stored value"] * bool(relative) + [f"{absolute:g} {claim.unit}"] * bool(absolute)
-    return " and ".join(parts) or "nothing"

@@ -222,11 +222,7 @@ def linearise_path(
 
 
 def linearise(
-    policy: Linearisable,
-    parameters: AnyArm,
-    posture: np.ndarray,
-    control_period: float,
-    payload: Payload | None = None,
+    policy: Linearisable, parameters: AnyArm, posture: np.ndarray, control_period: float, payload: Payload | None = None
 ) -> LocalLoop:
     """Return the loop at its equilibrium, for a reference at rest at `posture` (n,) [rad]; see `spectral_radius`."""
     return _linearise(policy.without_dry_friction(), parameters, posture, control_period, payload)
@@ -323,11 +319,8 @@ class _FrozenArm:
         posture = self.reference[: self.joints]
         plant = np.concatenate([posture, posture, np.zeros(self.states - 2 * self.joints)])
         point = np.append(plant, self._act(plant[np.newaxis])[0, self.next_memory])
-        if np.any(
-            np.abs(self._act(point[np.newaxis])[0, self.torque]) >= self.limit
-        ):  # a clipped torque has no slope: let the loop settle first
-            return self.settled(point, _SETTLING)
-        return point
+        clipped = np.any(np.abs(self._act(point[np.newaxis])[0, self.torque]) >= self.limit)
+        return self.settled(point, _SETTLING) if clipped else point  # a clipped torque has no slope
 
     def settled(self, point: np.ndarray, periods: int) -> np.ndarray:
         """Return the point where the loop is so many control periods later."""

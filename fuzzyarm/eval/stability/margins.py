@@ -11,9 +11,9 @@ import datetime
 import math
 import os
 import shlex
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Sequence
 from functools import cache, cached_property, partial
-from typing import Any, Literal
+from typing import Any, Literal, NamedTuple
 
 from rich.console import Console
 from rich.text import Text
@@ -37,9 +37,7 @@ from fuzzyarm.eval.stability.linearisation import (
     linearise_path,
 )
 from fuzzyarm.fuzzy_policy.known_arm import per_joint_of, with_drives
-from fuzzyarm.fuzzy_policy.policy import Policy
-from fuzzyarm.policies import ANY_ROBOT, NAMES, PolicySpec, policies_of, recorded, resolve_all
-from fuzzyarm.policies.user_code import UserPolicy
+from fuzzyarm.policies import ANY_ROBOT, NAMES, policies_of, recorded, resolve_all
 
 __all__ = [
     "CONDITIONS",
@@ -89,15 +87,8 @@ CONDITIONS = (
 """The conditions of the columns for the two-joint arm, in their order; `conditions_for` has those of any arm."""
 
 
-@dataclasses.dataclass(frozen=True)
-class Limit:
-    """A limit of the loop gain on the nominal arm.
-
-    Attributes:
-        heading: in the table.
-        side: which of the `GainLimits`.
-        delay: extra samples of delay.
-    """
+class Limit(NamedTuple):
+    """A limit of the loop gain on the nominal arm: heading, which of the `GainLimits`, and extra samples of delay."""
 
     heading: str
     side: Literal["lower", "upper"]
@@ -184,8 +175,11 @@ def measure_margins(config: MarginsConfig, progress: Callable[[], None] = lambda
     """
     arm = instance("config", config, MarginsConfig).arm
     default_reference(arm)  # an arm that cannot follow it is a usage error, for which the table has no row
-    specs = resolve_all(config.names(), run_code=True)
-    policies = {label: _loaded(spec, arm) for label, spec in specs.items()}
+    policies = {}
+    for label, spec in resolve_all(config.names(), run_code=True).items():
+        policy = spec.load(CONTROL_PERIOD, arm)
+        period = policy.action_period  # over that time the loop is one map
+        policies[label] = policy if period == CONTROL_PERIOD else spec.load(period, arm)
     rows = []
     for name, policy in policies.items():
         rows.append({"policy": name, **policy_margins(policy, arm, policy.control_period)})
@@ -201,13 +195,6 @@ def measure_margins(config: MarginsConfig, progress: Callable[[], None] = lambda
         "conditions": [dataclasses.asdict(condition) for condition in conditions_for(arm)],
         "rows": rows,
     }
-
-
-def _loaded(spec: PolicySpec, parameters: AnyArm) -> Policy | UserPolicy:
-    """Return a policy for `CONTROL_PERIOD`, or for its action period: over that time its loop is one map."""
-    policy = spec.load(CONTROL_PERIOD, parameters)
-    period = policy.action_period
-    return policy if period == CONTROL_PERIOD else spec.load(period, parameters)
 
 
 def policy_margins(policy: Linearisable, parameters: AnyArm, control_period: float) -> dict[str, Any]:
@@ -228,7 +215,7 @@ def policy_margins(policy: Linearisable, parameters: AnyArm, control_period: flo
     def number_or_reason(name: str, compute: Callable[[], float]) -> float | None:
         try:
             return compute()
-        except (TypeError, ValueError) as error:  # as documented by `linearise_path` and `_limit`
+        except (TypeError, ValueError) as error:  # as documented by `linearise_path`, or there is no limit
             reasons[name] = " ".join(str(error).split())
             return None
 
@@ -237,7 +224,14 @@ def policy_margins(policy: Linearisable, parameters: AnyArm, control_period: flo
         return largest_radius(plant, condition.loop_gain, condition.delay)
 
     def limit(wanted: Limit) -> float:
-        return _limit(loops(1.0, None), wanted)
+        found = float(getattr(gain_limits(loops(1.0, None), wanted.delay), wanted.side))
+        if math.isnan(found):
+            raise ValueError("unstable with its own loop gain")
+        if found in (0.0, math.inf):
+            raise ValueError(
+                f"stable {'up' if found else 'down'} to {GAIN_SPAN if found else 1 / GAIN_SPAN:g} times its loop gain"
+            )
+        return found
 
     return {
         "control_period": control_period,
@@ -260,32 +254,15 @@ def margins_in_words(policy: Linearisable, arm: AnyArm, control_period: float) -
         f"default path (measured, not proven), spectral radius: {', '.join(radii)}; "
         f"{' and '.join(dict.fromkeys((lower, upper)))}, one sample later {later}"
     )
-    return "\n\n".join([text, *_warnings(found["spectral_radius"])])
-
-
-def _warnings(radii: Mapping[str, float | None]) -> list[str]:
-    """Return what to say where a loop is not stable in some condition, though its controller may be proven."""
-    unstable = [name for name, radius in radii.items() if radius is None or radius >= 1.0]
+    unstable = [name for name, radius in found["spectral_radius"].items() if radius is None or radius >= 1.0]
     if not unstable:
-        return []
+        return text
     worst = "also in its nominal condition" if "nominal" in unstable else f"with {listed(unstable)}"
-    return [
-        f"WARNING: what is proven is proven for the rigid arm; on the elastic, sampled one this controller is unstable "
-        f"{worst}. Lower its gains: lower --alpha, raise --gamma or change --fastest-pole, and look at the margins "
-        "again before you run it"
-    ]
-
-
-def _limit(loops: Sequence[LocalLoop], wanted: Limit) -> float:
-    """Return a limit of the loop gain; ValueError with the reason if there is none."""
-    limit = float(getattr(gain_limits(loops, wanted.delay), wanted.side))
-    if math.isnan(limit):
-        raise ValueError("unstable with its own loop gain")
-    if limit in (0.0, math.inf):
-        raise ValueError(
-            f"stable {'up' if limit else 'down'} to {GAIN_SPAN if limit else 1 / GAIN_SPAN:g} times its loop gain"
-        )
-    return limit
+    return (
+        f"{text}\n\nWARNING: what is proven is proven for the rigid arm; on the elastic, sampled one this controller "
+        f"is unstable {worst}. Lower its gains: lower --alpha, raise --gamma or change --fastest-pole, and look at the "
+        "margins again before you run it"
+    )
 
 
 def margin_cells(rows: Sequence[dict[str, Any]]) -> tuple[list[str], list[list[str]]]:

@@ -44,16 +44,11 @@ class _CellsDocument:
 
 @dataclasses.dataclass(frozen=True)
 class CellsCheck(BoundCheck):
-    """What the check of a file and of all its cells found.
+    """What the check of a file and of all its cells found: as `BoundCheck`, of the whole set, with the largest `tip`.
+
+    It is proven if every cell was confirmed and they cover the set.
 
     Attributes:
-        path: the file.
-        claim: what it claims a bound for; its set is the whole one.
-        arm: in the middle of the set.
-        bound: that it claims [m], or what was found now where that is larger by rounding.
-        reason: why it is not proven; empty if every cell was confirmed and they cover the set.
-        seconds: that the check took.
-        tip: bound of the tip error at the end of each control step [m], the largest of the cells.
         cells: how many there are.
     """
 

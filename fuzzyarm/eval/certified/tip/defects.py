@@ -65,13 +65,17 @@ def _bernstein_table(degree: int) -> Any:
 _BERNSTEIN = _bernstein_table(DEGREE + 1)
 
 
+def _column(signal: Signal, rows: int) -> Any:
+    """Return a signal as a column of so many coefficients."""
+    return arb_mat([[a] for a in [*signal, *[arb(0)] * (rows - len(signal))]])
+
+
 def signal_ends(signal: Signal) -> tuple[float, float]:
     """Return the lowest and highest coefficient of a signal in Bernstein's basis, which enclose its range.
 
     For a monotone signal they are its values at both ends, or near them.
     """
-    column = arb_mat([[a] for a in [*signal, *[arb(0)] * (DEGREE + 2 - len(signal))]])
-    ends = [low_high(x) for x in (_BERNSTEIN * column).entries()]
+    ends = [low_high(x) for x in (_BERNSTEIN * _column(signal, DEGREE + 2)).entries()]
     return min(low for low, _ in ends), max(high for _, high in ends)
 
 
@@ -187,10 +191,7 @@ class PeriodMotion:
         ctx.cap = ORDER + 1
 
         def series(signal: Signal) -> arb_series:
-            if not shifted:
-                return arb_series(signal)
-            column = arb_mat([[a] for a in [*signal, *[arb(0)] * (DEGREE + 1 - len(signal))]])
-            return arb_series((self._shift * column).entries())
+            return arb_series((self._shift * _column(signal, DEGREE + 1)).entries() if shifted else signal)
 
         parts = ([series(s) for s in kind[JOINTS:]] for kind in (self.angle, self.velocity, self.acceleration))
         return link_torque(LinkMotion(*parts), (series(force.x), series(force.y)), arm)
@@ -198,11 +199,9 @@ class PeriodMotion:
     def slip(self, joint: int, side: int, arm: Arm) -> Signal:
         """Return F(v) [N m] of a motor that turns to one side, with its remainder."""
         signal = [side * a for a in self.velocity[joint]]
-        padded = arb_mat([[a] for a in [*signal, *[arb(0)] * (DEGREE + 1 - len(signal))]])
         ctx.cap = ORDER + 1
-        near, far = (
-            dry_friction(arb_series(about), joint, arm) for about in (signal, (self._shift * padded).entries())
-        )
+        shifted = (self._shift * _column(signal, DEGREE + 1)).entries()
+        near, far = (dry_friction(arb_series(about), joint, arm) for about in (signal, shifted))
         return [*(near[i] for i in range(ORDER)), far[ORDER]]
 
 

@@ -183,6 +183,7 @@ class Friction:
         """Take the centre's motion and mode, the held torque [N m], the plant and what is known of v."""
         self.joint, self.plan, self.known, self._arm = joint, plan, known, plant.exact
         self.share = plant.share[joint]
+        self._uncertain = max(self.share[1] - 1.0, 1.0 - self.share[0])  # largest change of the friction factor
         self.speed = signal_ends(motion.velocity[joint])
         self._speed = between(*self.speed)
         net, self._needed = motion.net_torque(joint, torque, plant.exact)
@@ -204,10 +205,6 @@ class Friction:
         if plan is Plan.SLIP:
             slope = dry_friction(Jet.variable(ball(abs(centre(self._speed))), 0), joint, self._arm).slope(0)
             self.slope = -centre(slope)
-
-    def strength(self, slowest: float, fastest: float) -> tuple[float, float]:
-        """Return the lowest and the highest F(v) [N m] in a range of speeds."""
-        return strength(slowest, fastest, self.joint, self._arm)
 
     def torque(self) -> Signal | None:
         """Return the friction torque of the centre in the plan SLIP, which the uncertain friction factor multiplies."""
@@ -238,7 +235,7 @@ class Friction:
         eta = self._missed
         if not self.side:
             eta = max(0.0, signal_size(self._needed) - static) if self._rests else signal_size(self._needed) + static
-        eta += max(self.share[1] - 1.0, 1.0 - self.share[0]) * static
+        eta += self._uncertain * static
         return (tube_net + eta + constants + products) * (1.0 + SLACK)
 
     def pull(self, tube_net: float, constants: float, products: float) -> float:
@@ -274,7 +271,7 @@ class Friction:
                 raise PlanFails(self.joint)
             slowest, fastest = sorted((abs(low), abs(high)))
             falling, rising = rates(slowest, fastest, self.joint, self._arm)
-            uncertain = max(self.share[1] - 1.0, 1.0 - self.share[0]) * max(-falling, rising)
+            uncertain = self._uncertain * max(-falling, rising)
             rest = max(abs(falling + self.slope), abs(rising + self.slope)) + uncertain
             return (self._missed + rest * tube_speed) * (1.0 + SLACK) + products
         return self._mixed(low, high, tube_speed, tube_net, constants, products)
@@ -290,10 +287,11 @@ class Friction:
                 continue
             slowest = max(0.0, low if side > 0 else -high)
             if side == self.side and self._slip is not None:
-                reach = self._missed + (self._steepest * tube_speed + self._uncertain(fastest, slowest)) * (1 + SLACK)
+                uncertain = self._uncertain * strength(slowest, fastest, self.joint, self._arm)[1]
+                reach = self._missed + (self._steepest * tube_speed + uncertain) * (1 + SLACK)
                 ends += [-reach, reach]
                 continue
-            weak, strong = self.strength(slowest, fastest)
+            weak, strong = strength(slowest, fastest, self.joint, self._arm)
             pull = [side * self.share[0] * weak, side * self.share[1] * strong]
             ends += [needed_low - max(pull), needed_high - min(pull)]
         if low <= 0.0 <= high:
@@ -306,16 +304,11 @@ class Friction:
             self.drag = 0.5 * (min(ends) + max(ends)) - 0.5 * (needed_low + needed_high)
         return max(map(abs, ends), default=0.0) * (1 + SLACK) + products
 
-    def _uncertain(self, fastest: float, slowest: float) -> float:
-        """Return what the range of the friction factor makes of F(v)."""
-        _, strongest = self.strength(slowest, fastest)
-        return max(self.share[1] - 1.0, 1.0 - self.share[0]) * strongest
-
     def _rates(self, low: float, high: float, spread: float) -> tuple[float, float]:
         """Return how fast v may fall at most where v < 0 and rise where v > 0 [rad/s²], N within `spread`."""
         net_low, net_high = low_high(self._net)
-        backward = self.share[0] * self.strength(0.0, max(-low, 0.0))[0]
-        forward = self.share[0] * self.strength(0.0, max(high, 0.0))[0]
+        backward = self.share[0] * strength(0.0, max(-low, 0.0), self.joint, self._arm)[0]
+        forward = self.share[0] * strength(0.0, max(high, 0.0), self.joint, self._arm)[0]
         slack = SLACK * (abs(net_low) + abs(net_high) + spread + backward + forward)
         return (
             (net_low - spread + backward - slack) / self._inertia,

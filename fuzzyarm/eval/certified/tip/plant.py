@@ -124,11 +124,6 @@ class PlantSet:
         chosen: Range = given[joint] if isinstance(given[0], tuple) else given
         return chosen
 
-    @classmethod
-    def from_dict(cls, values: dict[str, Any]) -> PlantSet:
-        """Return the set of a mapping of field names; the others keep Table 1. ValueError for what does not fit."""
-        return record(values, cls)
-
     def to_dict(self) -> dict[str, Any]:
         """Return the fields as plain numbers and lists."""
         return {name: _plain(value) for name, value in dataclasses.asdict(self).items()}
@@ -178,7 +173,7 @@ def plants_of(label: str, values: dict[str, Any]) -> PlantSet:
 
     Any other label is a note of the file's maker, which is neither checked nor repeated.
     """
-    plants = PlantSet.from_dict(values)
+    plants = record(values, PlantSet)
     if label in SETS:
         check_set_name(label, plants)
     return plants
@@ -226,7 +221,7 @@ def find_set(name: str | Path) -> PlantSet:
         raise ValueError(f"unknown set {checks.shown(str(name))}; choose from: {', '.join(SETS)}, or name a .toml file")
     values = read_toml(path)
     try:
-        return PlantSet.from_dict(values)
+        return record(values, PlantSet)
     except (TypeError, ValueError) as error:
         raise ValueError(f"{path}: {error}") from None
 

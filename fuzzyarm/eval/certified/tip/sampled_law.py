@@ -16,7 +16,6 @@ import numpy as np
 
 from fuzzyarm.common.checks import shown
 from fuzzyarm.envs.observation import JOINTS
-from fuzzyarm.envs.physics.parameters import ArmParameters
 from fuzzyarm.eval.certified.tip.affine import WORTH, Affine, Space
 from fuzzyarm.eval.certified.tip.enclosures import ROUND_UP, SLACK, NoBound
 from fuzzyarm.eval.certified.tip.zonotope import Zonotope, merged, product
@@ -61,12 +60,10 @@ class Response(NamedTuple):
 def sampled_law(policy: Policy, references: np.ndarray) -> PolicyLaw:
     """Return a policy, sample by sample, for a schedule's `references` (steps + 1, 6) [rad, rad/s, rad/s²].
 
-    `NoBound` where it is no law, or its arm has other joints.
+    The policy is for the two-joint arm; `NoBound` where it is no law.
     """
     if type(policy) in _UNKNOWN:
         raise NoBound(f"{_UNKNOWN[type(policy)]}; choose elastic-observer, which has one")
-    if not isinstance(policy.parameters, ArmParameters):
-        raise NoBound(f"there is no bound for a robot of {policy.joints} joints; choose the two-joint arm")
     law = law_of(policy)
     if law is None:
         raise NoBound(

@@ -255,8 +255,7 @@ class Tube:
         seen = Zonotope(len(self._seen), len(problem.plant.parameters))
         seen.columns, seen.box = np.hstack([z.columns[self._seen], noise]), z.box[self._seen]
         point = np.concatenate([self._state[THETA], self._state[D_THETA], self._memory])
-        answer = problem.law.respond(k, point, seen)
-        return self._held(answer)
+        return self._held(problem.law.respond(k, point, seen))
 
     def _held(self, answer: Response) -> np.ndarray:
         """Take the answer of the policy into the zonotope; return the torque (2,) [N m] that is held, at the centre."""
@@ -276,16 +275,14 @@ class Tube:
         z.box = np.concatenate([z.box[:STATES], acting_box, *box_below])
         z.source = np.concatenate([z.source, np.full(more, _LAW)])
         self._memory = answer.middle[JOINTS:]
-        self._check_limits(torque, z.totals()[STATES : STATES + JOINTS])
-        return torque
-
-    def _check_limits(self, torque: np.ndarray, radius: np.ndarray) -> None:
+        radius = z.totals()[STATES : STATES + JOINTS]
         for joint, limit in enumerate(self.problem.parameters.torque_limit):
             if not abs(torque[joint]) + radius[joint] < limit:
                 raise NoBound(
                     f"motor {joint + 1} may reach its limit of {limit:g} N m: "
                     f"|{torque[joint]:.4g}| ± {radius[joint]:.3g} N m"
                 )
+        return torque
 
     def _advance(self, start: Zonotope, closed: Closed) -> None:
         """Take the zonotope over a segment, from its part `start`."""

@@ -62,7 +62,7 @@ def test_a_cell_without_a_tube_is_halved_where_it_is_widest_until_all_have_one(m
 def test_ranges_of_one_joint_are_those_of_that_joint_alone():
     for name, joint in itertools.product(BY_JOINT, (0, 1)):
         pair = tuple((0.9, 1.1) if j == joint else (1.0, 1.0) for j in (0, 1))
-        one = ball_plant(ArmParameters(), Disturbance(), PlantSet.from_dict({name: [list(r) for r in pair]}))
+        one = ball_plant(ArmParameters(), Disturbance(), PlantSet(**{name: [list(r) for r in pair]}))
         both = ball_plant(ArmParameters(), Disturbance(), PlantSet(**{name: (0.9, 1.1)}))
         (parameter,) = one.parameters
         assert str(parameter) in map(str, both.parameters)

@@ -13,6 +13,7 @@ from support.command_line import one_line_error
 
 from fuzzyarm import load_policy
 from fuzzyarm.cli import main
+from fuzzyarm.common.documents import record
 from fuzzyarm.envs.physics.dynamics import Payload
 from fuzzyarm.envs.physics.event_integrator import integrate
 from fuzzyarm.envs.physics.parameters import ArmParameters
@@ -320,7 +321,7 @@ def test_unknown_names_are_exit_code_2(capsys):
 
 def test_sets_by_name():
     assert find_set("table-1") == PlantSet()
-    assert PlantSet.from_dict(find_set("near").to_dict()) == find_set("near")
+    assert record(find_set("near").to_dict(), PlantSet) == find_set("near")
 
 
 def test_cells_cover_the_range_and_the_largest_counts(tmp_path, capsys):
