@@ -27,8 +27,7 @@ from fuzzyarm.envs.scenario.paths import SHAPES
 from fuzzyarm.envs.scenario.reference import Reference
 from fuzzyarm.eval.declarations import declarations_of, written_declarations
 from fuzzyarm.eval.episodes.metrics import metrics_of
-from fuzzyarm.eval.episodes.passes import record_passes
-from fuzzyarm.eval.episodes.rollout import Rollout
+from fuzzyarm.eval.episodes.rollout import Rollout, record_passes
 from fuzzyarm.eval.episodes.rollout_file import digest
 from fuzzyarm.eval.evaluation.result_table import saturation
 from fuzzyarm.eval.provenance import current_provenance

@@ -43,7 +43,8 @@ def test_every_estimate_is_kept_with_its_deviation_by_name():
     observation, _ = FuzzyArmEnv().reset(seed=0)
     believing, state = Believing(policy), None
     for _ in range(3):
-        _, state = believing.predict(observation + 1e-4, state)
+        _, state = policy.predict(observation + 1e-4, state)
+        believing.add(state)
     found, kept = policy.beliefs(state), dict(zip(believing.names, believing.rows()[-1], strict=True))
     assert believing.names[:4] == ("force_x", "force_y", "force_x_deviation", "force_y_deviation")
     for name in ("payload", "lateness"):
