@@ -159,7 +159,7 @@ def rank_policies(paths: Sequence[str | Path], tips: Mapping[str, str] | None = 
         for results in read
         for one in standings_of(results.config, results.rows, results.certificates, str(results.path))
     ]
-    words = f"fuzzyarm {read[0].versions['fuzzyarm']}, {conditions_in_words(read[0].config)}"
+    words = f"fuzzyarm {read[0].made_with['versions']['fuzzyarm']}, {conditions_in_words(read[0].config)}"
     return Leaderboard(sorted(standings, key=lambda standing: standing.order), words)
 
 
@@ -177,7 +177,7 @@ def check_comparable(files: Sequence[Path], conditions: Sequence[Mapping[str, An
 
 
 def _conditions(results: Results) -> dict[str, Any]:
-    return {"version of fuzzyarm": results.versions["fuzzyarm"], **conditions_of(results.config)}
+    return {"version of fuzzyarm": results.made_with["versions"]["fuzzyarm"], **conditions_of(results.config)}
 
 
 def standings_of(

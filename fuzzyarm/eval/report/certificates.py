@@ -37,8 +37,7 @@ from fuzzyarm.eval.certified.tip.bound import plain
 from fuzzyarm.eval.certified.tip.bound_file import BoundCheck, check_bound
 from fuzzyarm.eval.certified.tip.cells_file import check_cells, is_cells
 from fuzzyarm.eval.episodes.rollout import Rollout
-from fuzzyarm.eval.evaluation.run import EvaluationConfig
-from fuzzyarm.eval.report.stored import StoredEvaluation
+from fuzzyarm.eval.evaluation.run import Evaluation, EvaluationConfig
 from fuzzyarm.eval.report.summary import Axis, Bound, draw_chart, figure
 from fuzzyarm.fuzzy_policy.controller import Controller
 from fuzzyarm.fuzzy_policy.proof.policy_certificate import NOT_COVERED
@@ -264,7 +263,7 @@ _CHARTS = (
 )
 
 
-def bound_charts(stored: StoredEvaluation, observed: Observations) -> str:
+def bound_charts(stored: Evaluation, observed: Observations) -> str:
     """Return a chart of each kind of bound; a policy without comparable bounds has a text in its row."""
     figures = []
     for spec in _CHARTS:

@@ -14,10 +14,10 @@ from fuzzyarm.envs.scenario.disturbances import Disturbance, TorqueBias
 from fuzzyarm.eval.episodes.beliefs import Believing
 from fuzzyarm.eval.episodes.rollout import record_rollout
 from fuzzyarm.eval.episodes.rollout_file import read_rollouts, write_rollouts
+from fuzzyarm.eval.evaluation.results_file import _check_rollout as _check_stored
 from fuzzyarm.eval.evaluation.results_file import _check_row
 from fuzzyarm.eval.evaluation.run import EvaluationConfig, _row
 from fuzzyarm.eval.report.beliefs import belief_figures
-from fuzzyarm.eval.report.stored import _check_row as _check_stored
 from fuzzyarm.policies import load_policy
 
 
