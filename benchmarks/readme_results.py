@@ -148,12 +148,8 @@ def tip_table(document: dict[str, Any]) -> str:
 
 def markdown_table(rows: Sequence[dict[str, Any]]) -> str:
     """Return the table as Markdown."""
-    lines = [
-        "| case | policy | " + " | ".join(heading for heading, _, _ in COLUMNS) + " |",
-        "| --- | --- |" + " ---: |" * len(COLUMNS),
-    ]
-    lines += [f"| {case} | {policy} | {' | '.join(cells)} |" for case, policy, cells in table_rows(rows)]
-    return "\n".join(lines)
+    headings = ["case", "policy", *(heading for heading, _, _ in COLUMNS)]
+    return table(headings, [(case, policy, *cells) for case, policy, cells in table_rows(rows)], left=2)
 
 
 def saturation_table(document: dict[str, Any]) -> str:

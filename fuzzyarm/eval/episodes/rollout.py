@@ -106,7 +106,7 @@ class Signals:
             self._steps.append(step)
 
     def rollout(self, *, parameters: AnyArm, step_time: float = math.nan, **named: Any) -> Rollout:
-        """Return the episode of an arm, for its joints' limits; further arguments are fields of `Rollout`."""
+        """Return the episode of an arm, for its joints' limits, with `step_time` [s] and other fields of `Rollout`."""
         lane, last = self._lane, self._steps[-1]
         signals: dict[str, Any] = {
             name: np.array([step.info[name] for step in self._steps])[:, lane] for name in SIGNALS

@@ -20,11 +20,9 @@ from typing import Any, NamedTuple, Protocol
 
 import numpy as np
 from rich.console import Console
-from rich.text import Text
 
 from fuzzyarm.common.checks import listed, path_of, sequence_of
-from fuzzyarm.common.console import print_paragraphs, print_table
-from fuzzyarm.common.console import table as new_table
+from fuzzyarm.common.console import Sheet, print_paragraphs
 from fuzzyarm.envs.scenario.cases import CASES
 from fuzzyarm.eval.declarations import ROW, declared_cells, print_declared
 from fuzzyarm.eval.episodes.metrics import LOST, RESOLUTION, is_lost, millimetres
@@ -43,11 +41,16 @@ _LEFT = ("policy", "proven", "from")  # headings of the columns that are aligned
 
 
 class Table(NamedTuple):
-    """A ranking as text: headings, rows of cells, and what has to be known to read it."""
+    """A ranking as text, and what has to be known to read it."""
 
-    headings: list[str]
-    cells: list[list[str]]
+    sheet: Sheet
     notes: str
+
+    @classmethod
+    def of(cls, headings: Sequence[str], cells: Sequence[Sequence[str]], notes: str) -> Table:
+        """Return the table of these headings and rows of cells."""
+        left = [column for column, heading in enumerate(headings) if heading in _LEFT]
+        return cls(Sheet(headings, cells, left, fold=True, keys=2), notes)
 
 
 class Ranking(Protocol):
@@ -135,7 +138,7 @@ class Leaderboard:
             + "Proven: of the rigid arm, decay and L2 gain in its box; of the tip, what the files of --bound say. All: "
             + f"{self.conditions}."
         )
-        return Table(headings, cells, notes)
+        return Table.of(headings, cells, notes)
 
 
 def ranks_of(board: Ranking) -> list[int]:
@@ -224,12 +227,8 @@ def shown(score: Estimate) -> str:
 
 def print_leaderboard(board: Ranking, console: Console, *, declared: bool = False) -> None:
     """Print the table and its notes, and with `declared` what the policies declare."""
-    headings, cells, notes = board.table()
-    left = [headings.index(heading) for heading in _LEFT if heading in headings]
-    table = new_table(headings, left, console=console, fold=True)
-    for row in cells:
-        table.add_row(*map(Text, row))
-    print_table(table, console, keys=2)
+    sheet, notes = board.table()
+    sheet.print(console)
     print_paragraphs(console, [notes])
     if declared:
         print_declared(_declared_rows(board), ROW, console)
@@ -237,9 +236,9 @@ def print_leaderboard(board: Ranking, console: Console, *, declared: bool = Fals
 
 def markdown(board: Ranking, *, declared: bool = False) -> str:
     """Return the table and its notes as Markdown, and with `declared` a table of what the policies declare."""
-    headings, cells, notes = board.table()
-    text = f"{_as_markdown(headings, cells)}\n\n{notes}"
-    return f"{text}\n\n{_as_markdown(ROW, _declared_rows(board), left=ROW)}" if declared else text
+    sheet, notes = board.table()
+    text = f"{sheet.markdown()}\n\n{notes}"
+    return f"{text}\n\n{Sheet(ROW, _declared_rows(board), range(len(ROW))).markdown()}" if declared else text
 
 
 def document(board: Ranking) -> dict[str, Any]:
@@ -258,13 +257,6 @@ def _declared_rows(board: Ranking) -> list[tuple[str, ...]]:
         (policy if names.count(policy) == 1 else f"{policy} ({source})", *cells)
         for (policy, cells), source in reversed(sources.items())
     ]
-
-
-def _as_markdown(headings: Sequence[str], cells: Sequence[Sequence[str]], left: Sequence[str] = _LEFT) -> str:
-    rule = [" --- |" if heading in left else " ---: |" for heading in headings]
-    lines = [f"| {' | '.join(headings)} |", f"|{''.join(rule)}"]
-    lines += [f"| {' | '.join(cell.replace('|', '&#124;') for cell in row)} |" for row in cells]
-    return "\n".join(lines)
 
 
 def _plain(value: Any) -> Any:

@@ -11,8 +11,7 @@ from rich.console import Console
 from rich.text import Text
 
 from fuzzyarm.common.checks import listed
-from fuzzyarm.common.console import print_table
-from fuzzyarm.common.console import table as new_table
+from fuzzyarm.common.console import Sheet
 from fuzzyarm.eval.episodes.metrics import METRICS
 from fuzzyarm.eval.evaluation.results_file import Results
 from fuzzyarm.eval.evaluation.run import Evaluation, evaluate
@@ -165,11 +164,9 @@ def print_comparison(found: Comparison, console: Console) -> None:
     """Print the result of the comparison, then the notes."""
     if found.differences:
         headings = ["policy, case, seed", "number", "recorded", "now", "relative"]
-        table = new_table(headings, left=(0, 1), console=console)
-        for difference in found.differences[:_SHOWN]:
-            cells = (difference.place, difference.name, *map(_cell, (difference.recorded, difference.measured)))
-            table.add_row(*map(Text, (*cells, _relative(difference))))
-        print_table(table, console)
+        shown = found.differences[:_SHOWN]
+        cells = [(one.place, one.name, _cell(one.recorded), _cell(one.measured), _relative(one)) for one in shown]
+        Sheet(headings, cells, left=(0, 1)).print(console)
         left = len(found.differences) - _SHOWN
         if left > 0:
             console.print(f"and {left} more", highlight=False)

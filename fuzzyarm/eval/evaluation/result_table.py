@@ -16,10 +16,8 @@ from typing import Any
 
 import numpy as np
 from rich.console import Console
-from rich.text import Text
 
-from fuzzyarm.common.console import print_paragraphs, print_table
-from fuzzyarm.common.console import table as new_table
+from fuzzyarm.common.console import Sheet, print_paragraphs
 from fuzzyarm.envs.physics.equations import AnyArm, bounds_of
 from fuzzyarm.envs.scenario.cases import CASES
 from fuzzyarm.eval.declarations import ROW, declared_cells
@@ -29,7 +27,8 @@ from fuzzyarm.eval.stability.linearisation import spectral_radius
 from fuzzyarm.policies.declared import Declared
 
 __all__ = [
-    "COLUMNS", "DECLARED", "declared_rows", "print_passes", "print_results", "saturation", "table_rows", "verdict",
+    "COLUMNS", "DECLARED", "by_case_and_policy", "declared_rows", "print_passes", "print_results", "saturation",
+    "table_rows", "verdict",
 ]  # fmt: skip
 
 
@@ -141,6 +140,14 @@ DECLARED = (*ROW, "proven of the rigid arm")
 """Headings of the table of what policies declare."""
 
 
+def by_case_and_policy(rows: Sequence[dict[str, Any]]) -> dict[tuple[str, str], list[dict[str, Any]]]:
+    """Return the rows of metrics of each policy in each case, one for each seed."""
+    groups: dict[tuple[str, str], list[dict[str, Any]]] = {}
+    for row in rows:
+        groups.setdefault((row["case"], row["policy"]), []).append(row)
+    return groups
+
+
 def table_rows(
     rows: Sequence[dict[str, Any]], titles: Mapping[str, str] | None = None
 ) -> list[tuple[str, str, list[str]]]:
@@ -149,11 +156,8 @@ def table_rows(
     `titles` by name of the case; None: those of the two-joint arm.
     """
     known = {name: case.title for name, case in CASES.items()} if titles is None else titles
-    groups: dict[tuple[str, str], list[dict[str, Any]]] = {}
-    for row in rows:
-        groups.setdefault((row["case"], row["policy"]), []).append(row)
     result = []
-    for (case, policy), runs in groups.items():
+    for (case, policy), runs in by_case_and_policy(rows).items():
         ended = sum(not run["completed"] for run in runs)
         note = f" (ended early in {ended} of {len(runs)})" if ended else ""
         result.append((known[case], policy + note, [_cell(runs, keys, form) for _, keys, form in COLUMNS]))
@@ -176,29 +180,26 @@ def _cell(runs: Sequence[dict[str, Any]], keys: tuple[str, ...], form: str) -> s
 
 def print_results(rows: Sequence[dict[str, Any]], console: Console, titles: Mapping[str, str] | None = None) -> None:
     """Print the table, the policies of each case below its title, and what a narrow terminal leaves out of it."""
-    table = new_table(["policy", *(heading for heading, _, _ in COLUMNS)], console=console)
-    last = None
-    for case, policy, cells in table_rows(rows, titles):
-        if case != last:
-            table.add_section()
-            table.add_row(Text(case, style="bold"))
-            last = case
-        table.add_row(*map(Text, (policy, *cells)))
-    if left_out := print_table(table, console, dispensable=_DISPENSABLE):
+    found = table_rows(rows, titles)
+    sheet = Sheet(
+        ["policy", *(heading for heading, _, _ in COLUMNS)],
+        [(policy, *cells) for _, policy, cells in found],
+        groups=[case for case, _, _ in found],
+        dispensable=_DISPENSABLE,
+    )
+    if left_out := sheet.print(console):
         names = ", ".join(COLUMNS[column - 1][0] for column in sorted(left_out))
         print_paragraphs(console, [f"Left out on {console.width} columns: {names}; results.csv has all."])
 
 
 def print_passes(rows: Sequence[dict[str, Any]], passes: int, console: Console) -> None:
     """Print the largest tip error of each pass, a line for each case and policy; over several seeds the median."""
-    table = new_table(["largest tip error [mm], pass", *map(str, range(1, passes + 1))], console=console)
-    groups: dict[tuple[str, str], list[dict[str, Any]]] = {}
-    for row in rows:
-        groups.setdefault((row["case"], row["policy"]), []).append(row)
-    for (case, policy), runs in groups.items():
-        errors = (median(run[f"pass_{number}_max_mm"] for run in runs) for number in range(1, passes + 1))
-        table.add_row(Text(f"{case}, {policy}"), *(millimetres(error) for error in errors))
-    print_table(table, console, dispensable=tuple(range(2, passes)))
+    numbers, cells = range(1, passes + 1), []
+    for (case, policy), runs in by_case_and_policy(rows).items():
+        errors = (millimetres(median(run[f"pass_{number}_max_mm"] for run in runs)) for number in numbers)
+        cells.append([f"{case}, {policy}", *errors])
+    headings = ["largest tip error [mm], pass", *map(str, numbers)]
+    Sheet(headings, cells, dispensable=range(2, passes)).print(console)
 
 
 def declared_rows(

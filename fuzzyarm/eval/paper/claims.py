@@ -25,29 +25,9 @@ from fuzzyarm.eval.paper.measures import Measure
 from fuzzyarm.fuzzy_policy.states import INTEGRAL, POSITION, VELOCITY
 
 __all__ = [
-    "BISECTED",
-    "CIRCLE",
-    "CIRCLE_FORCE",
-    "CLAIMS",
-    "COMPUTED",
-    "FEASIBILITY",
-    "FORCE_PROFILE",
-    "FREE_L",
-    "GAINS",
-    "INTEGRAL_GAIN",
-    "NO_NUMBER",
-    "PEAKS",
-    "ROLLOUTS",
-    "SIMILAR",
-    "SIMULATED",
-    "SIMULATED_MM",
-    "STATEMENTS",
-    "TABLE_2",
-    "TRUE_SIZE",
-    "UNBOUNDED",
-    "WORST",
-    "Claim",
-    "Tolerance",
+    "BISECTED", "CIRCLE", "CIRCLE_FORCE", "CLAIMS", "COMPUTED", "FEASIBILITY", "FORCE_PROFILE", "FREE_L", "GAINS",
+    "INTEGRAL_GAIN", "NO_NUMBER", "PEAKS", "ROLLOUTS", "SIMILAR", "SIMULATED", "SIMULATED_MM", "STATEMENTS", "TABLE_2",
+    "TRUE_SIZE", "UNBOUNDED", "WORST", "Claim", "Tolerance",
 ]  # fmt: skip
 
 

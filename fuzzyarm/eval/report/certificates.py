@@ -44,16 +44,8 @@ from fuzzyarm.fuzzy_policy.proof.policy_certificate import NOT_COVERED
 from fuzzyarm.policies.spec import PolicySpec, resolve
 
 __all__ = [
-    "SCOPE",
-    "Observations",
-    "Observed",
-    "bound_charts",
-    "bound_note",
-    "checked_bounds",
-    "observe",
-    "observe_policies",
-    "statements",
-    "tube_section",
+    "SCOPE", "Observations", "Observed", "bound_charts", "bound_note", "checked_bounds", "observe", "observe_policies",
+    "statements", "tube_section",
 ]  # fmt: skip
 
 

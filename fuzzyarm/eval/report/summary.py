@@ -21,18 +21,8 @@ from fuzzyarm.eval.evaluation.result_table import COLUMNS, DECLARED, declared_ro
 from fuzzyarm.policies.declared import Declared
 
 __all__ = [
-    "PALETTE",
-    "Axis",
-    "Bound",
-    "Errors",
-    "best",
-    "declared_table",
-    "digits",
-    "draw_chart",
-    "error_charts",
-    "figure",
-    "finished",
-    "metrics_table",
+    "PALETTE", "Axis", "Bound", "Errors", "best", "declared_table", "digits", "draw_chart", "error_charts", "figure",
+    "finished", "metrics_table",
 ]  # fmt: skip
 
 

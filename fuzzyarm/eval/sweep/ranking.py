@@ -91,7 +91,7 @@ class PlantBoard:
             f"95 %. Ended early: more than 1 % of a case's episodes did; such policies rank last. All: "
             f"{self.conditions}."
         )
-        return Table([*headings, "ended early", "plants", "from"], cells, notes)
+        return Table.of([*headings, "ended early", "plants", "from"], cells, notes)
 
 
 def is_sweep(path: Path) -> bool:

@@ -23,10 +23,9 @@ from typing import Any
 
 import numpy as np
 from rich.console import Console
-from rich.text import Text
 from scipy.stats import binomtest, bootstrap
 
-from fuzzyarm.common.console import print_paragraphs, print_table, table
+from fuzzyarm.common.console import Sheet, print_paragraphs
 from fuzzyarm.common.files import csv_text
 from fuzzyarm.eval.declarations import read_declarations, written_declarations
 from fuzzyarm.eval.episodes.metrics import millimetres
@@ -38,16 +37,8 @@ from fuzzyarm.eval.sweep.episodes import SweepResults
 from fuzzyarm.policies.declared import Declared
 
 __all__ = [
-    "QUANTILES",
-    "SCHEMA",
-    "SUMMARY",
-    "print_sweep",
-    "quantile_ranks",
-    "quantiles",
-    "summarise",
-    "summary_csv",
-    "worst",
-]
+    "QUANTILES", "SCHEMA", "SUMMARY", "print_sweep", "quantile_ranks", "quantiles", "summarise", "summary_csv", "worst",
+]  # fmt: skip
 
 SCHEMA = "fuzzyarm-sweep/3"
 """Format of the files of a sweep."""
@@ -172,17 +163,16 @@ def print_sweep(document: dict[str, Any], console: Console) -> None:
     space = "\N{NO-BREAK SPACE}" if terminal else " "
     headings = ["policy", f"success, below {config['bound']:g}{space}mm [%]"]
     headings += [f"{words}, {100 * float(level):g}{space}% [mm]" for _, words, level in _COLUMNS]
-    rows = table(headings, console=console)
-    for case in config["cases"]:
-        rows.add_section()
-        rows.add_row(Text(document["titles"][case], style="bold"))
-        for row in document["rows"]:
-            if row["case"] == case:
-                success = {name: 100.0 * share for name, share in row["success"].items()}
-                cells = [_cell(success, "{:.2f}".format, terminal)]
-                cells += [_cell(row[metric][level], millimetres, terminal) for metric, _, level in _COLUMNS]
-                rows.add_row(Text(row["policy"]), *cells)
-    print_table(rows, console)
+    rows = sorted(document["rows"], key=lambda row: config["cases"].index(row["case"]))
+    cells = [
+        [
+            row["policy"],
+            _cell({name: 100.0 * share for name, share in row["success"].items()}, "{:.2f}".format, terminal),
+            *(_cell(row[metric][level], millimetres, terminal) for metric, _, level in _COLUMNS),
+        ]
+        for row in rows
+    ]
+    Sheet(headings, cells, groups=[document["titles"][row["case"]] for row in rows]).print(console)
     note = (
         f"{document['method']['plants']} plants, the same for every policy and case. In brackets, confidence "
         f"intervals of 95 %. '{_ENDED_EARLY}' counts as larger than any error."
@@ -190,15 +180,15 @@ def print_sweep(document: dict[str, Any], console: Console) -> None:
     print_paragraphs(console, [note])
 
 
-def _cell(found: dict[str, Number], form: Callable[[float], str], terminal: bool) -> Text:
+def _cell(found: dict[str, Number], form: Callable[[float], str], terminal: bool) -> str:
     """Return a value and its interval, on two lines of a terminal."""
     value, low, high = (
         _ENDED_EARLY if number is None else form(number) for number in map(found.get, ("value", "low", "high"))
     )
     if found["low"] is None and found["value"] is not None:
-        return Text(value)  # a single plant has no interval
+        return value  # a single plant has no interval
     interval = "" if value == low == high == _ENDED_EARLY else f"({low} to {high})"
-    return Text(f"{value}\n{interval}" if terminal else f"{value} {interval}".rstrip())
+    return f"{value}\n{interval}" if terminal else f"{value} {interval}".rstrip()
 
 
 def summary_csv(rows: Sequence[dict[str, Any]]) -> str:

@@ -40,15 +40,7 @@ from fuzzyarm.synthesis import DesignFailed, ScheduledSpecification, design, des
 from fuzzyarm.synthesis.scheduled_design import ALPHAS
 
 __all__ = [
-    "FUZZY",
-    "ROBOT_STEPS",
-    "RULES",
-    "TWO_JOINT_STEPS",
-    "Context",
-    "Step",
-    "found",
-    "measured_radii",
-    "nothing_found",
+    "FUZZY", "ROBOT_STEPS", "RULES", "TWO_JOINT_STEPS", "Context", "Step", "found", "measured_radii", "nothing_found",
 ]  # fmt: skip
 
 
