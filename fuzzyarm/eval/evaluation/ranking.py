@@ -25,7 +25,7 @@ from fuzzyarm.common.checks import listed, path_of, sequence_of
 from fuzzyarm.common.console import Sheet, print_paragraphs
 from fuzzyarm.envs.scenario.cases import CASES
 from fuzzyarm.eval.declarations import ROW, declared_cells, print_declared
-from fuzzyarm.eval.episodes.metrics import LOST, RESOLUTION, is_lost, millimetres
+from fuzzyarm.eval.episodes.metrics import LOST, RESOLUTION, is_lost, millimetres, ranked
 from fuzzyarm.eval.evaluation.results_file import Results, conditions_in_words, conditions_of, read_results
 from fuzzyarm.eval.evaluation.run import EvaluationConfig
 from fuzzyarm.eval.evaluation.statistics import Estimate, estimate, interquartile_mean
@@ -33,8 +33,8 @@ from fuzzyarm.policies import resolve
 from fuzzyarm.policies.declared import Declared
 
 __all__ = [
-    "Leaderboard", "Ranking", "Standing", "Table", "check_comparable", "document", "markdown", "print_leaderboard",
-    "rank_policies", "ranks_of", "shown", "standings_of",
+    "Leaderboard", "Ranking", "Standing", "Table", "check_comparable", "document", "markdown", "other_cells",
+    "other_headings", "print_leaderboard", "rank_policies", "ranks_of", "shown", "standings_of",
 ]  # fmt: skip
 
 _LEFT = ("policy", "proven", "from")  # headings of the columns that are aligned left
@@ -85,6 +85,7 @@ class Standing:
         certified: whether it has a certificate.
         tip: what is proven of its tip, in words; empty where no bound was given.
         declared: what it declares, see `policies.declared`; None if it does not.
+        others: interquartile mean of each metric of `metrics.ranked` by case; None where the path was lost.
     """
 
     policy: str
@@ -96,6 +97,7 @@ class Standing:
     certified: bool
     tip: str = ""
     declared: Declared | None = None
+    others: dict[str, dict[str, float | None]] = dataclasses.field(default_factory=dict)
 
     @property
     def order(self) -> tuple[int, float]:
@@ -118,13 +120,15 @@ class Leaderboard:
     def table(self) -> Table:
         """Return the table and its notes."""
         cases = list(self.standings[0].rms)
-        headings = ["rank", "policy", "score [mm]", *(f"rms, {case} [mm]" for case in cases), "proven", "from"]
+        headings = ["rank", "policy", "score [mm]", *(f"rms, {case} [mm]" for case in cases)]
+        headings += [*other_headings(cases), "proven", "from"]
         cells = [
             [
                 str(rank),
                 standing.policy,
                 f"lost in {standing.lost} of {standing.episodes}" if standing.score is None else shown(standing.score),
                 *("lost" if value is None else millimetres(value) for value in standing.rms.values()),
+                *other_cells(standing.others, "lost"),
                 "; ".join(filter(None, ["rigid arm" if standing.certified else "", standing.tip])) or "-",
                 standing.source,
             ]
@@ -198,25 +202,41 @@ def standings_of(
     for policy in (resolve(name).label for name in config.policies):
         own = [row for row in rows if row["policy"] == policy]
         lost = [row for row in own if is_lost(row)]
-        rms = {
-            case: np.array([row["tip_error_rms_mm"] for row in own if row["case"] == case])
-            for case in CASES
-            if case in config.cases
-        }
         scores = [max(row["tip_error_max_mm"] for row in own if row["seed"] == seed) for seed in range(config.seeds)]
         failed = {row["case"] for row in lost}
+
+        def means(name: str, own: list[dict[str, Any]] = own, failed: set[str] = failed) -> dict[str, float | None]:
+            by_case = {c: np.array([row[name] for row in own if row["case"] == c]) for c in CASES if c in config.cases}
+            return {c: None if c in failed else float(interquartile_mean(values)) for c, values in by_case.items()}
+
         standings.append(
             Standing(
                 policy=policy,
                 source=source,
                 score=None if lost else estimate(scores),
-                rms={c: None if c in failed else float(interquartile_mean(values)) for c, values in rms.items()},
+                rms=means("tip_error_rms_mm"),
+                others={words: means(metric.name) for words, metric in ranked().items()},
                 lost=len(lost),
                 episodes=len(own),
                 certified=certificates[policy] is not None,
             )
         )
     return standings
+
+
+def other_headings(cases: Sequence[str], what: str = "") -> list[str]:
+    """Return the headings of the metrics of `metrics.ranked`, for each case."""
+    return [f"{what}{words}, {case} [{metric.unit}]" for words, metric in ranked().items() for case in cases]
+
+
+def other_cells(others: Mapping[str, Mapping[str, float | None]], without: str) -> list[str]:
+    """Return the cells below `other_headings`; `without` stands where there is no number."""
+    known = ranked()
+    return [
+        without if value is None else known[words].text(value)
+        for words, by_case in others.items()
+        for value in by_case.values()
+    ]
 
 
 def shown(score: Estimate) -> str:
@@ -243,9 +263,8 @@ def markdown(board: Ranking, *, declared: bool = False) -> str:
 
 def document(board: Ranking) -> dict[str, Any]:
     """Return the ranking ready for JSON: conditions, notes, and each standing with its rank and its declaration."""
-    standings = [
-        {"rank": rank, **_plain(standing)} for rank, standing in zip(ranks_of(board), board.standings, strict=True)
-    ]
+    plain = [_plain(standing) for standing in board.standings]
+    standings = [{"rank": rank} | one | one.pop("others") for rank, one in zip(ranks_of(board), plain, strict=True)]
     return {"conditions": board.conditions, "notes": board.table().notes, "standings": standings}
 
 

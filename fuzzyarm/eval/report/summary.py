@@ -16,8 +16,8 @@ from statistics import median
 from typing import Any, NamedTuple
 
 from fuzzyarm.envs.scenario.cases import CASES
-from fuzzyarm.eval.episodes.metrics import RESOLUTION, millimetres
-from fuzzyarm.eval.evaluation.result_table import COLUMNS, DECLARED, declared_rows, table_rows
+from fuzzyarm.eval.episodes.metrics import RESOLUTION, columns, millimetres
+from fuzzyarm.eval.evaluation.result_table import DECLARED, declared_rows, table_rows
 from fuzzyarm.policies.declared import Declared
 
 __all__ = [
@@ -219,7 +219,7 @@ def metrics_table(rows: Sequence[Row], titles: Mapping[str, str] | None = None) 
     """
     known = {name: case.title for name, case in CASES.items()} if titles is None else titles
     cells = iter(table_rows(rows))  # in the order of the groups
-    headings = [escape(heading).replace("N m", "N&nbsp;m") for heading, _, _ in COLUMNS]
+    headings = [escape(heading).replace("N m", "N&nbsp;m") for heading in columns()]
     heads = "".join(f'<th scope="col">{heading}</th>' for heading in headings)
     parts = [f'<table><thead><tr><th scope="col">policy</th>{heads}</tr></thead>']
     for case, group in _groups(rows).items():
@@ -237,10 +237,10 @@ def _cells(row: tuple[str, str, list[str]]) -> list[str]:
 def _table_body(title: str, group: Group, texts: dict[str, list[str]]) -> str:
     """Return the rows of a case; `texts` are the cells of each policy."""
     marked = [
-        best(group, keys, {policy: cells[column] for policy, cells in texts.items()})
-        for column, (_, keys, _) in enumerate(COLUMNS)
+        best(group, [metric.name for metric in metrics], {policy: cells[column] for policy, cells in texts.items()})
+        for column, metrics in enumerate(columns().values())
     ]
-    span = f'scope="rowgroup" colspan="{len(COLUMNS) + 1}"'
+    span = f'scope="rowgroup" colspan="{len(columns()) + 1}"'
     parts = [f"<tbody><tr><th {span}><span>{escape(title)}</span></th></tr>"]
     for index, (policy, runs) in enumerate(group.items()):
         name = f'<span class="swatch"></span>{escape(policy)}{_badge(runs)}'

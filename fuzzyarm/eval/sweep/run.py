@@ -31,6 +31,7 @@ from fuzzyarm.common.files import write_atomically
 from fuzzyarm.envs.scenario.cases import CASES, INSTANTS, Case
 from fuzzyarm.eval.declarations import declarations_of
 from fuzzyarm.eval.engine import Engine, source_of
+from fuzzyarm.eval.episodes.metrics import swept
 from fuzzyarm.eval.episodes.rollout import Rollout
 from fuzzyarm.eval.sweep.config import SHOWN, SweepConfig
 from fuzzyarm.eval.sweep.episodes import SweepResults, replay, run_plants
@@ -181,7 +182,7 @@ class Sweep:
         with contextlib.closing(engine.run(work, self.missing(), report)) as chunks:
             for number, results in chunks:
                 content = io.BytesIO()
-                np.savez(content, allow_pickle=False, digest=np.array(self.digest), **vars(results))
+                np.savez(content, allow_pickle=False, digest=np.array(self.digest), **results.arrays)
                 write_atomically(self._path(number), content.getvalue())
                 yield len(results.plants)
 
@@ -208,7 +209,7 @@ class Sweep:
         contents: dict[str, str | bytes] = {
             SUMMARY: _json(document),
             "sweep.csv": summary_csv(document["rows"]),
-            "episodes.npz": _compressed(vars(results)),
+            "episodes.npz": _compressed(results.arrays),
         }
         for name, content in contents.items():
             write_atomically(folder / name, content)
@@ -245,9 +246,8 @@ class Sweep:
             raise ValueError(f"{error}: {again}") from None
         if str(arrays.pop("digest", "")) != self.digest:
             raise ValueError(f"{path} is of another sweep than {self.folder / RUN}: {again}")
-        fields = [field.name for field in dataclasses.fields(SweepResults)]
-        if set(arrays) == set(fields):
-            results = SweepResults(**{name: arrays[name] for name in fields})
+        if set(arrays) == {"plants", *swept(), "seconds", "completed"}:
+            results = SweepResults.of(arrays)
             if results.fits(self.config, len(self.config.members(number))):
                 return results
         raise ValueError(f"{path} is damaged (its arrays are not those of the sweep): {again}")

@@ -23,7 +23,9 @@ def document(errors, completed=None, **config):
     whole = SweepConfig(policies=policies, cases=("nominal", "payload"), plants=errors.shape[-1], **config)
     completed = np.ones(errors.shape, bool) if completed is None else completed
     plants = np.zeros(errors.shape[-1], plant_record(2))
-    return summarise(whole, SweepResults(plants, errors, 0.5 * errors, np.ones(errors.shape), completed))
+    return summarise(
+        whole, SweepResults(plants, {"max_mm": errors, "rms_mm": 0.5 * errors}, np.ones(errors.shape), completed)
+    )
 
 
 @pytest.fixture
