@@ -13,7 +13,7 @@ import re
 from collections.abc import Mapping, Sequence
 from html import escape
 from statistics import median
-from typing import Any, NamedTuple
+from typing import Any
 
 from fuzzyarm.envs.scenario.cases import CASES
 from fuzzyarm.eval.episodes.metrics import RESOLUTION, columns, millimetres
@@ -171,13 +171,6 @@ Group = dict[str, list[Row]]
 """The rows of one case by policy, with one row for each seed."""
 
 
-class _TipError(NamedTuple):
-    """Tip error of a policy in a case [mm], over several seeds the medians."""
-
-    rms: float
-    maximum: float
-
-
 def error_charts(rows: Sequence[Row], titles: Mapping[str, str] | None = None) -> str:
     """Return a chart of the tip errors for each case, all with the same axis; over several seeds medians.
 
@@ -189,7 +182,7 @@ def error_charts(rows: Sequence[Row], titles: Mapping[str, str] | None = None) -
     axis = _error_axis([value for group in errors.values() for error in group.values() for value in error])
     figures = []
     for case, group in groups.items():
-        best_rms = min((errors[case][policy].rms for policy, runs in group.items() if finished(runs)), default=math.nan)
+        best_rms = min((errors[case][policy][0] for policy, runs in group.items() if finished(runs)), default=math.nan)
         drawn = []
         for policy, runs in group.items():
             rms, maximum = errors[case][policy]
@@ -201,8 +194,10 @@ def error_charts(rows: Sequence[Row], titles: Mapping[str, str] | None = None) -
     return "".join(figures)
 
 
-def _tip_error(runs: Sequence[Row]) -> _TipError:
-    return _TipError(*(float(median(run[key] for run in runs)) for key in ("tip_error_rms_mm", "tip_error_max_mm")))
+def _tip_error(runs: Sequence[Row]) -> tuple[float, float]:
+    """Return the rms and the largest tip error of a policy in a case [mm], over several seeds the medians."""
+    rms, largest = (float(median(run[key] for run in runs)) for key in ("tip_error_rms_mm", "tip_error_max_mm"))
+    return rms, largest
 
 
 def _error_axis(values: Sequence[float]) -> Axis:

@@ -19,7 +19,10 @@ from fuzzyarm.eval.sweep.plants import CONTROL_PERIOD, Plants
 from fuzzyarm.fuzzy_policy.law import law_of
 from fuzzyarm.fuzzy_policy.policy import Policy, Predictor
 
-__all__ = ["WORTHWHILE", "SweepResults", "errors_in_one_kernel", "errors_step_by_step", "replay", "run_plants", "steps"]
+__all__ = [
+    "WORTHWHILE", "Delay", "SweepResults", "errors_in_one_kernel", "errors_step_by_step", "replay", "run_plants",
+    "steps",
+]  # fmt: skip
 
 WORTHWHILE = 1000
 """Episodes from which on a kernel of law and plant is used: to compile it, once on a machine, takes a few seconds."""
@@ -93,17 +96,19 @@ class _Noise:
         return result
 
 
-class _Delay:
+class Delay:
     """What the motors get at control step k: u_max(k-d, 0), u_k the policy's torque and d the plant's delay (lanes,).
 
     The torque of the first instant, when the arm is at rest, acts as if it had been commanded before, too.
     """
 
     def __init__(self, delay: np.ndarray, joints: int) -> None:
+        """Take whole control periods (lanes,)."""
         self._delay, self._lanes, self._step = delay, np.arange(len(delay)), 0
         self._sent = np.empty((int(delay.max()) + 1, len(delay), joints))
 
     def __call__(self, torque: np.ndarray) -> np.ndarray:
+        """Return what the motors get (lanes, joints) [N m] for what is commanded; called once in each step."""
         depth, k = len(self._sent), self._step
         self._sent[k % depth if k else slice(None)] = torque
         self._step += 1
@@ -114,7 +119,7 @@ def steps(plants: Plants, envs: FuzzyArmVectorEnv, policy: Predictor) -> Iterato
     """Run one episode of every lane of the plants' environment, with each plant's noise and delay."""
     start, (noise, delay) = plants.begin(envs), _channel(plants, envs)
     sense = None if noise is None else _Noise(noise)
-    actuate = _Delay(delay, plants.config.joints) if delay.any() else None
+    actuate = Delay(delay, plants.config.joints) if delay.any() else None
     return episodes(envs, policy, start, sense=sense, actuate=actuate)
 
 

@@ -19,7 +19,7 @@ import re
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from importlib.metadata import version
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 
@@ -40,7 +40,7 @@ from fuzzyarm.eval.sweep.summary import SCHEMA, SUMMARY, summarise, summary_csv
 from fuzzyarm.fuzzy_policy.policy import Predictor
 from fuzzyarm.policies import Kind, PolicySpec, found_again, resolve, resolve_all
 
-__all__ = ["SOURCES", "Replay", "Summary", "Sweep", "difference", "digest_of", "identity_of", "made_with", "run_chunk"]
+__all__ = ["SOURCES", "Sweep", "difference", "digest_of", "identity_of", "made_with", "run_chunk"]
 
 RUN = "run.json"
 SOURCES = (
@@ -48,20 +48,6 @@ SOURCES = (
     *(f"eval/sweep/{name}.py" for name in ("distributions", "config", "plants", "episodes")),
 )
 """Files and folders of the package that decide the numbers: code, controllers and weights."""
-
-
-class Summary(NamedTuple):
-    """What ``sweep.json`` holds, see `summary.summarise`, and all files that were written."""
-
-    document: dict[str, Any]
-    paths: list[Path]
-
-
-class Replay(NamedTuple):
-    """The signals of one plant run again, and the folder that they and their figures are in."""
-
-    rollout: Rollout
-    folder: Path
 
 
 @dataclasses.dataclass(frozen=True)
@@ -194,8 +180,10 @@ class Sweep:
             raise ValueError(f"{self.folder} lacks {len(chunks) - len(done)} chunks: --resume runs them")
         return SweepResults.joined(done)
 
-    def summarise(self, progress: Callable[[], None] = lambda: None) -> Summary:
+    def summarise(self, progress: Callable[[], None] = lambda: None) -> tuple[dict[str, Any], list[Path]]:
         """Write the summary, the table, all episodes and the figures, calling `progress` after each of these.
+
+        Return what ``sweep.json`` holds, see `summary.summarise`, and all files that were written.
 
         Raises:
             ValueError: a chunk is missing or broken.
@@ -214,10 +202,12 @@ class Sweep:
         for name, content in contents.items():
             write_atomically(folder / name, content)
         figures = write_sweep_figures(config, results, document["rows"], folder, progress)
-        return Summary(document, [*(folder / name for name in contents), *figures])
+        return document, [*(folder / name for name in contents), *figures]
 
-    def replay_plant(self, policy: str, case: str, plant: int) -> Replay:
-        """Run a plant, by its number, again under a policy, by its label, in a case; write its signals and figures.
+    def replay_plant(self, policy: str, case: str, plant: int) -> tuple[Rollout, Path]:
+        """Run a plant, by its number, again under a policy, by its label, in a case.
+
+        Return its signals, and the folder that they and their figures were written to.
 
         Raises:
             ValueError: the sweep has no such plant, policy or case.
@@ -230,7 +220,7 @@ class Sweep:
         folder.mkdir(exist_ok=True)
         write_atomically(folder / "episode.npz", _compressed(dataclasses.asdict(rollout)))
         write_figures([rollout], folder, titles=self.config.titles)
-        return Replay(rollout, folder)
+        return rollout, folder
 
     def _path(self, number: int) -> Path:
         return self.folder / "chunks" / f"{number:06d}.npz"
