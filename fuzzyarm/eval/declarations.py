@@ -58,11 +58,6 @@ def print_declared(rows: Sequence[Sequence[str]], headings: Sequence[str], conso
     """Print rows of a table as a block for each: its first cell, and below it a line for each of the others.
 
     Six columns of sentences would be a word wide on a terminal.
-
-    Args:
-        rows: of cells.
-        headings: of the columns.
-        console: where it is printed.
     """
     console.print()
     fields = list(headings[1:])

@@ -198,14 +198,7 @@ def race(name: str, group: Sequence[Entry], rounds: int, seconds: float, progres
     """Let the entries of a group take turns, all of them in every round, and return a row for each.
 
     The ratio of an own entry to a peer is taken round by round: a disturbance of the machine that lasts longer than a
-    round slows both.
-
-    Args:
-        name: heading of the group.
-        group: its entries.
-        rounds: turns of each entry.
-        seconds: wall time of a turn [s].
-        progress: called before each turn with a few words on it.
+    round slows both. A turn takes `seconds` [s]; `progress` is called before each with a few words on it.
     """
     rows = [Row(name, entry) for entry in group]
     measures: dict[int, Measure] = {}

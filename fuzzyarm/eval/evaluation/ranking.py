@@ -192,11 +192,7 @@ def standings_of(
 ) -> list[Standing]:
     """Return the standing of each policy of an evaluation, in the order of its configuration.
 
-    Args:
-        config: of the evaluation.
-        rows: the metrics of its episodes.
-        certificates: certificate in words by policy, None where there is none.
-        source: the file that it is from.
+    `certificates` are in words by policy, None where there is none; `source` is the file.
     """
     standings = []
     for policy in (resolve(name).label for name in config.policies):
@@ -263,8 +259,11 @@ def markdown(board: Ranking, *, declared: bool = False) -> str:
 
 def document(board: Ranking) -> dict[str, Any]:
     """Return the ranking ready for JSON: conditions, notes, and each standing with its rank and its declaration."""
-    plain = [_plain(standing) for standing in board.standings]
-    standings = [{"rank": rank} | one | one.pop("others") for rank, one in zip(ranks_of(board), plain, strict=True)]
+    standings = []
+    for rank, standing in zip(ranks_of(board), board.standings, strict=True):
+        plain = _plain(standing)
+        others = plain.pop("others")
+        standings.append({"rank": rank, **plain, **others})
     return {"conditions": board.conditions, "notes": board.table().notes, "standings": standings}
 
 

@@ -83,11 +83,7 @@ def observe_policies(
 ) -> dict[str, Observed | str]:
     """Return what is observed of every certified policy by its name, or in words why nothing is observed.
 
-    Policies that use the same controller file share its result.
-
-    Args:
-        config: of the evaluation.
-        bounds: certified bounds by policy, as `evaluate` stored them; None for a policy without a certificate.
+    Policies that use the same controller file share its result. `bounds` are certified, as `evaluate` stored them.
     """
     reference = config.reference()
     by_file: dict[str, Observed] = {}
