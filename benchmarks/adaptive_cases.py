@@ -34,8 +34,7 @@ from fuzzyarm.envs.scenario.cases import PAPER_CASES, find_case
 from fuzzyarm.envs.scenario.disturbances import EncoderNoise
 from fuzzyarm.envs.scenario.randomisation import DomainRandomisation
 from fuzzyarm.eval.episodes.metrics import metrics_of
-from fuzzyarm.eval.episodes.passes import record_passes
-from fuzzyarm.eval.episodes.rollout import record_rollout
+from fuzzyarm.eval.episodes.rollout import record_passes, record_rollout
 from fuzzyarm.eval.provenance import current_provenance
 from fuzzyarm.eval.sweep.distributions import DISTRIBUTIONS
 

@@ -26,7 +26,7 @@ from fuzzyarm.common.files import write_atomically
 from fuzzyarm.envs.fuzzy_arm import FuzzyArmEnv
 from fuzzyarm.envs.physics.robot import Robot, robot_named
 from fuzzyarm.eval.episodes.metrics import metrics_of
-from fuzzyarm.eval.episodes.passes import record_passes
+from fuzzyarm.eval.episodes.rollout import record_passes
 from fuzzyarm.eval.provenance import current_provenance
 from fuzzyarm.eval.tuning.adaptive_search import CAP, NOISE, TAIL
 from fuzzyarm.rl_baselines.estimate.courses import draw_scenarios

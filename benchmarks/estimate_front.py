@@ -152,7 +152,8 @@ def on_tail(policy: Policy) -> list[float | None]:
     config = SweepConfig((BASE,), (TAIL_CASE,), distribution="all", plants=10_000, seed=TAIL_SEED)
     found = run_plants(config, {LEARNED: policy}, TAIL)
     return [
-        float(worst) if done else None for worst, done in zip(found.max_mm[0, 0], found.completed[0, 0], strict=True)
+        float(worst) if done else None
+        for worst, done in zip(found.metrics["max_mm"][0, 0], found.completed[0, 0], strict=True)
     ]
 
 

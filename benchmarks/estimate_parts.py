@@ -50,7 +50,7 @@ def over_plants(policy: Policy, plants: int) -> dict[str, dict[str, Any]]:
         run = run_plants(config, {"one": policy}, list(range(plants)))
         found[name] = {
             case: {
-                "quantiles_mm": np.quantile(run.max_mm[0, place], SHARES, method="inverted_cdf").tolist(),
+                "quantiles_mm": np.quantile(run.metrics["max_mm"][0, place], SHARES, method="inverted_cdf").tolist(),
                 "lost": int(np.count_nonzero(run.completed[0, place] == 0)),
             }
             for place, case in enumerate(PAPER_CASES)

@@ -94,7 +94,7 @@ def held_out(policies: dict[str, Any], distribution: str, plants: int, arm: AnyA
         run_plants(config, policies, list(range(first, min(first + CHUNK, plants))))
         for first in range(0, plants, CHUNK)
     ]
-    largest = np.concatenate([part.max_mm for part in parts], axis=2)
+    largest = np.concatenate([part.metrics["max_mm"] for part in parts], axis=2)
     completed = np.concatenate([part.completed for part in parts], axis=2).astype(bool)
     largest = np.where(completed, largest, np.inf)
     found = {}

@@ -106,7 +106,7 @@ def errors_of(
         report(sum(len(one.plants) for one in parts.values()))
     found = SweepResults.joined([parts[number] for number in sorted(parts)])
     lost = ~found.completed[0]
-    rms, largest = (np.where(lost, np.inf, errors[0]) for errors in (found.rms_mm, found.max_mm))
+    rms, largest = (np.where(lost, np.inf, errors[0]) for errors in (found.metrics["rms_mm"], found.metrics["max_mm"]))
     return Errors(rms, largest, current_provenance()["commit"])
 
 

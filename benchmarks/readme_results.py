@@ -13,9 +13,9 @@ from readme_markdown import made_with, table
 
 from fuzzyarm.common.rounding import at_most
 from fuzzyarm.envs.scenario.cases import CASES, PAPER_CASES
-from fuzzyarm.eval.episodes.metrics import millimetres
+from fuzzyarm.eval.episodes.metrics import columns, millimetres
 from fuzzyarm.eval.evaluation.ranking import markdown, rank_policies
-from fuzzyarm.eval.evaluation.result_table import COLUMNS, table_rows
+from fuzzyarm.eval.evaluation.result_table import table_rows
 from fuzzyarm.eval.sweep.ranking import rank_sweeps
 
 __all__ = [
@@ -148,12 +148,8 @@ def tip_table(document: dict[str, Any]) -> str:
 
 def markdown_table(rows: Sequence[dict[str, Any]]) -> str:
     """Return the table as Markdown."""
-    lines = [
-        "| case | policy | " + " | ".join(heading for heading, _, _ in COLUMNS) + " |",
-        "| --- | --- |" + " ---: |" * len(COLUMNS),
-    ]
-    lines += [f"| {case} | {policy} | {' | '.join(cells)} |" for case, policy, cells in table_rows(rows)]
-    return "\n".join(lines)
+    headings = ["case", "policy", *columns()]
+    return table(headings, [(case, policy, *cells) for case, policy, cells in table_rows(rows)], left=2)
 
 
 def saturation_table(document: dict[str, Any]) -> str:

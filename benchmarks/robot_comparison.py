@@ -91,7 +91,7 @@ def compare(name: str, rules: list[int] | None, plants: int) -> dict[str, Any]:
         sweep = Sweep.begin(Path(folder) / "sweep", config)
         for _ in sweep.run(Engine(jobs=1)):
             pass
-        swept = sweep.summarise().document
+        swept, _ = sweep.summarise()
     return {
         "command": f"python benchmarks/robot_comparison.py {name} --plants {plants}",
         "date": datetime.datetime.now(datetime.UTC).isoformat(timespec="seconds"),

@@ -127,14 +127,20 @@ def _identify(options: Options, path: Path) -> int:
 
 def _print(found: Identified) -> None:
     """Print the table, what the fit leaves, and the remarks."""
-    from fuzzyarm.common.console import output, print_paragraphs, print_table, table
+    from fuzzyarm.common.console import Sheet, output, print_paragraphs
 
     console = output()
-    shown = table(("parameter", "unit", "start", "found", "95 % interval, +-"), left=(0, 1), console=console)
-    for row in found.rows():
-        interval = f"{row['high'] - row['value']:.2g}" if row["told"] else "not told"
-        shown.add_row(row["name"], row["unit"], f"{row['start']:.6g}", f"{row['value']:.6g}", interval)
-    print_table(shown, console)
+    cells = [
+        (
+            row["name"],
+            row["unit"],
+            f"{row['start']:.6g}",
+            f"{row['value']:.6g}",
+            f"{row['high'] - row['value']:.2g}" if row["told"] else "not told",
+        )
+        for row in found.rows()
+    ]
+    Sheet(["parameter", "unit", "start", "found", "95 % interval, +-"], cells, left=(0, 1)).print(console)
     noise = found.fit.noise.tolist()
     left = [f"angles {noise[0]:.2g} and {noise[1]:.2g} rad"]
     if len(noise) > 2:

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 from cyclopts import Parameter
 
 from fuzzyarm.cli.options import given, with_fields_of
-from fuzzyarm.cli.usage import claimed_folder
+from fuzzyarm.cli.usage import claimed_folder, stopped
 from fuzzyarm.common.console import say
 from fuzzyarm.eval.engine import Engine, WorkersLost
 from fuzzyarm.eval.sweep.config import SweepConfig
@@ -71,9 +71,9 @@ def _complete(options: Options, sweep: Sweep, engine: Engine) -> int:
         _run(sweep, engine)
         _summarise(sweep, options.json)
     except KeyboardInterrupt:
-        return _stopped(options.out, "interrupted", 130)
+        return stopped("sweep", options.out, "interrupted", 130)
     except WorkersLost as error:
-        return _stopped(options.out, str(error), 1)
+        return stopped("sweep", options.out, str(error), 1)
     except (OSError, ValueError):
         if not options.resume:
             sweep.take_back()
@@ -125,25 +125,19 @@ def _summarise(sweep: Sweep, as_json: bool) -> None:
     from fuzzyarm.eval.sweep.summary import print_sweep
 
     with progress("figures", None) as advance:
-        summary = sweep.summarise(advance)
+        document, paths = sweep.summarise(advance)
     if as_json:
-        say(json.dumps(summary.document, indent=1))
+        say(json.dumps(document, indent=1))
         return
     console = output()
-    print_sweep(summary.document, console)
-    print_paragraphs(console, [f"{len(summary.paths)} files in {sweep.folder}"])
+    print_sweep(document, console)
+    print_paragraphs(console, [f"{len(paths)} files in {sweep.folder}"])
 
 
 def _replay(sweep: Sweep, policy: str, case: str, plant: int) -> None:
     """Run one plant again and print how it ended."""
-    replayed = sweep.replay_plant(policy, case, plant)
-    rollout = replayed.rollout
+    rollout, folder = sweep.replay_plant(policy, case, plant)
     end = "followed to the end" if rollout.completed else f"ended at {rollout.time[-1]:.3f} s: {rollout.reason}"
     largest = 1e3 * rollout.tip_error.max()
     say(f"plant {plant} (seed {rollout.seed}), {policy}, {case}: {end}, tip error up to {largest:.6g} mm")
-    say(f"signals and figures in {replayed.folder}")
-
-
-def _stopped(out: Path, reason: str, code: int) -> int:
-    say(f"fuzzyarm sweep: {reason}; what is done is kept: --resume --out {out} goes on", error=True)
-    return code
+    say(f"signals and figures in {folder}")

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated
 
 from cyclopts import Parameter
 
-from fuzzyarm.cli.usage import claimed_folder
+from fuzzyarm.cli.usage import claimed_folder, stopped
 
 if TYPE_CHECKING:
     from fuzzyarm.envs.physics.equations import AnyArm
@@ -38,7 +38,7 @@ class Options:
 
 def run(options: Options) -> int:
     """Tune; return 1 if no policy has stable gains."""
-    from fuzzyarm.common.console import progress, say
+    from fuzzyarm.common.console import output, progress, say
     from fuzzyarm.envs.physics.equations import chosen_arm
     from fuzzyarm.eval.engine import Engine, WorkersLost
     from fuzzyarm.eval.stability.margins import print_margins
@@ -55,14 +55,12 @@ def run(options: Options) -> int:
         try:
             tuned = tune(arm, options.out, engine=engine, bar=progress, finished=_say_decision)
         except KeyboardInterrupt:
-            return _stopped(options.out, "interrupted", 130)
+            return stopped("tune", options.out, "interrupted", 130)
         except WorkersLost as error:
-            return _stopped(options.out, str(error), 1)
+            return stopped("tune", options.out, str(error), 1)
         except NothingFound as error:
             say(f"fuzzyarm tune: {error}", error=True)
             return 1
-    from fuzzyarm.common.console import output
-
     print_margins(tuned.margins, output())
     say(f"\n{', '.join(tuned.laws.policies)} in {options.out}; the decisions are in {options.out / 'README.md'}")
     say(f"compare them with fuzzyarm evaluate --robot {options.out}")
@@ -74,10 +72,3 @@ def _say_decision(finding: Finding) -> None:
     from fuzzyarm.eval.tuning.summary import decision
 
     say(f"{finding.policy}: {decision(finding)}")
-
-
-def _stopped(out: Path, reason: str, code: int) -> int:
-    from fuzzyarm.common.console import say
-
-    say(f"fuzzyarm tune: {reason}; what is done is kept: --resume --out {out} goes on", error=True)
-    return code

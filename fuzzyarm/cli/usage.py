@@ -19,7 +19,7 @@ if TYPE_CHECKING:
     from fuzzyarm.envs.physics.parameters import ArmParameters
 
 __all__ = [
-    "Allowed", "UsageError", "check_writable", "claimed_folder", "explain", "name_left_out", "output_file",
+    "Allowed", "UsageError", "check_writable", "claimed_folder", "explain", "name_left_out", "output_file", "stopped",
     "two_joint_arm", "whole_numbers",
 ]  # fmt: skip
 
@@ -82,6 +82,14 @@ def output_file(path: Path, suffix: str, option: str = "--out") -> None:
     if not path.parent.is_dir():
         raise UsageError(f"{option} {path}: the folder {path.parent} does not exist")
     check_writable(path.parent)
+
+
+def stopped(command: str, out: Path, reason: str, code: int) -> int:
+    """Say that a command ended before its work was done and how it goes on, and return the exit code."""
+    from fuzzyarm.common.console import say
+
+    say(f"fuzzyarm {command}: {reason}; what is done is kept: --resume --out {out} goes on", error=True)
+    return code
 
 
 def two_joint_arm(robot: str | None) -> ArmParameters:

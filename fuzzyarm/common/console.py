@@ -25,7 +25,7 @@ if TYPE_CHECKING:
     from rich.table import Table
 
 __all__ = [
-    "PIPED_WIDTH", "SPELLED_OUT", "STANDARD_OUTPUT", "escaped", "naming_output", "output", "print_paragraphs",
+    "PIPED_WIDTH", "SPELLED_OUT", "STANDARD_OUTPUT", "Sheet", "escaped", "naming_output", "output", "print_paragraphs",
     "print_table", "progress", "say", "status", "table",
 ]  # fmt: skip
 
@@ -123,6 +123,52 @@ def _console(**settings: Any) -> Console:
     if made.width < NARROWEST:
         made.width = NARROWEST  # the terminal breaks the lines
     return made
+
+
+@dataclasses.dataclass(frozen=True)
+class Sheet:
+    """A table of texts, for a terminal, a pipe or Markdown.
+
+    Attributes:
+        headings: of the columns.
+        rows: of cells.
+        left: indices of the columns that are aligned left; the others are aligned right.
+        groups: of each row the title that it stands below on a console; none: no titles.
+        title: stands above the table on a console.
+        fold: whether the columns in `left` are text that may be folded on a terminal.
+        keys: columns on the left that each part of a table repeats that is wider than the terminal.
+        dispensable: indices of columns that are rather left out than printed in a part below, the first one first.
+        alarm: cells with this word are red.
+    """
+
+    headings: Sequence[str]
+    rows: Sequence[Sequence[str]]
+    left: Sequence[int] = (0,)
+    groups: Sequence[str] = ()
+    title: str | None = None
+    fold: bool = False
+    keys: int = 1
+    dispensable: Sequence[int] = ()
+    alarm: str = ""
+
+    def print(self, console: Console) -> tuple[int, ...]:
+        """Print the table; return the columns that were left out."""
+        from rich.text import Text
+
+        made = table(self.headings, self.left, console=console, title=self.title, fold=self.fold)
+        for number, row in enumerate(self.rows):
+            if self.groups and self.groups[number] not in self.groups[max(number - 1, 0) : number]:
+                made.add_section()
+                made.add_row(Text(self.groups[number], style="bold"))
+            made.add_row(*(Text(cell, style="red" if self.alarm and self.alarm in cell else "") for cell in row))
+        return print_table(made, console, self.keys, dispensable=self.dispensable)
+
+    def markdown(self) -> str:
+        """Return the table as Markdown."""
+        rule = [" --- |" if column in self.left else " ---: |" for column in range(len(self.headings))]
+        rows = [[cell.replace("|", "&#124;") for cell in row] for row in self.rows]
+        lines = [f"| {' | '.join(row)} |" for row in (self.headings, *rows)]
+        return "\n".join([lines[0], f"|{''.join(rule)}", *lines[1:]])
 
 
 def table(

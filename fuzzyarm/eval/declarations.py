@@ -2,15 +2,12 @@
 
 from __future__ import annotations
 
-import itertools
 from collections.abc import Mapping, Sequence
 from typing import Any
 
 from rich.console import Console
-from rich.text import Text
 
-from fuzzyarm.common.console import print_table
-from fuzzyarm.common.console import table as new_table
+from fuzzyarm.common.console import Sheet
 from fuzzyarm.envs.physics.equations import AnyArm
 from fuzzyarm.policies import resolve
 from fuzzyarm.policies.declared import HEADINGS, Declared, declared, declared_by_name, stated
@@ -61,18 +58,9 @@ def print_declared(rows: Sequence[Sequence[str]], headings: Sequence[str], conso
     """Print rows of a table as a block for each: its first cell, and below it a line for each of the others.
 
     Six columns of sentences would be a word wide on a terminal.
-
-    Args:
-        rows: of cells.
-        headings: of the columns.
-        console: where it is printed.
     """
     console.print()
-    table = new_table([headings[0], "declares"], left=(0, 1), console=console, fold=True)
-    table.columns[0].no_wrap = True
-    for policy, *cells in rows:
-        table.add_section()
-        table.add_row(Text(policy, style="bold"))
-        for heading, cell in zip(itertools.islice(headings, 1, None), cells, strict=True):
-            table.add_row(Text(f"  {heading}"), Text(cell))
-    print_table(table, console)
+    fields = list(headings[1:])
+    cells = [(f"  {heading}", cell) for _, *own in rows for heading, cell in zip(fields, own, strict=True)]
+    groups = [policy for policy, *_ in rows for _ in fields]
+    Sheet([headings[0], "declares"], cells, left=(0, 1), groups=groups, fold=True).print(console)

@@ -9,7 +9,7 @@ from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 from typing import Any
 
-__all__ = ["current_provenance", "installed"]
+__all__ = ["current_provenance", "installed", "version_of"]
 
 _LIBRARIES = ("fuzzyarm", "numpy", "llvmlite", "gymnasium", "scipy", "clarabel", "python-flint")
 
@@ -21,7 +21,7 @@ def current_provenance() -> dict[str, Any]:
     """
     return {
         "commit": _commit(),
-        "versions": {"python": platform.python_version(), **{name: _version(name) for name in _LIBRARIES}},
+        "versions": {"python": platform.python_version(), **{name: version_of(name) for name in _LIBRARIES}},
         "machine": {"system": platform.platform(), "cpu": _cpu(), "cores": os.cpu_count()},
     }
 
@@ -31,7 +31,7 @@ def installed() -> dict[str, str]:
 
     Nothing of it is imported; torch and stable-baselines3 are named if they are installed.
     """
-    versions = {name: _version(name) for name in (*_LIBRARIES[1:], "torch", "stable-baselines3")}
+    versions = {name: version_of(name) for name in (*_LIBRARIES[1:], "torch", "stable-baselines3")}
     return {
         "Python": platform.python_version(),
         **{name: version for name, version in versions.items() if version is not None},
@@ -39,7 +39,8 @@ def installed() -> dict[str, str]:
     }
 
 
-def _version(name: str) -> str | None:
+def version_of(name: str) -> str | None:
+    """Return the version of a package; None where it is not installed."""
     try:
         return version(name)
     except PackageNotFoundError:

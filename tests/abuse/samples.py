@@ -231,7 +231,9 @@ def swept(folder: Path) -> None:
         pass
     shape = (1, 1, 4)
     errors, completed = np.arange(1.0, 5.0).reshape(shape), np.ones(shape, bool)
-    results = SweepResults(np.zeros(4, plant_record(2)), errors, errors, np.ones(shape), completed)
+    results = SweepResults(
+        np.zeros(4, plant_record(2)), {"max_mm": errors, "rms_mm": errors}, np.ones(shape), completed
+    )
     (folder / "sweep.json").write_text(json.dumps(summarise(config, results)), encoding="utf-8")
 
 

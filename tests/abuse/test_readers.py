@@ -38,8 +38,8 @@ from fuzzyarm.eval.certified.tip.plant import find_set
 from fuzzyarm.eval.dataset.store import open_dataset
 from fuzzyarm.eval.episodes.rollout_file import digest, read_rollouts
 from fuzzyarm.eval.evaluation.ranking import rank_policies
+from fuzzyarm.eval.evaluation.results_file import read_evaluation
 from fuzzyarm.eval.paper.report import EXPECTED, load_expected
-from fuzzyarm.eval.report.stored import read_evaluation
 from fuzzyarm.eval.sweep.ranking import rank_sweeps
 from fuzzyarm.eval.sweep.run import Sweep, digest_of
 from fuzzyarm.eval.tuning.finding import read_finding

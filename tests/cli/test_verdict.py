@@ -15,12 +15,13 @@ import pytest
 import rich.console
 
 from fuzzyarm.cli import main
-from fuzzyarm.eval.evaluation.result_table import COLUMNS, print_results, verdict
+from fuzzyarm.eval.episodes.metrics import columns
+from fuzzyarm.eval.evaluation.result_table import print_results, verdict
 
 
 def row(policy, case, rms, *, seed=0, completed=True, largest=1.0):
     """A row of results; its numbers have as many digits as there can be."""
-    metrics = dict.fromkeys((key for _, keys, _ in COLUMNS for key in keys), -123456.789)
+    metrics = dict.fromkeys((one.name for metrics in columns().values() for one in metrics), -123456.789)
     own = {"tip_error_rms_mm": rms, "tip_error_max_mm": largest}
     return {"case": case, "policy": policy, "seed": seed, "completed": completed, **metrics, **own}
 
@@ -76,7 +77,7 @@ def test_a_narrow_terminal_has_fewer_columns_and_every_digit_of_the_others(width
     note = " ".join(text.split("Left out on")[1].split()) if left_out else ""
     assert ("Left out on" in text) == bool(left_out)
     for number in left_out:
-        assert COLUMNS[number][0] in note
+        assert list(columns())[number] in note
 
 
 @pytest.mark.slow

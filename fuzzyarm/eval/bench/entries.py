@@ -38,24 +38,9 @@ from fuzzyarm.eval.sweep.plants import Plants
 from fuzzyarm.policies import load_policy
 
 __all__ = [
-    "MUJOCO_ARM",
-    "MUJOCO_METHODS",
-    "SWEPT",
-    "TORCH_LANES",
-    "UNAVAILABLE",
-    "Entry",
-    "Measure",
-    "NotMeasured",
-    "batch_peers",
-    "compiled_batch",
-    "draw_actions",
-    "gymnasium_peers",
-    "own_batches",
-    "own_single",
-    "single_environment",
-    "sweep_entries",
-    "timed",
-    "timed_batch",
+    "MUJOCO_ARM", "MUJOCO_METHODS", "SWEPT", "TORCH_LANES", "UNAVAILABLE", "Entry", "Measure", "NotMeasured",
+    "batch_peers", "compiled_batch", "draw_actions", "gymnasium_peers", "own_batches", "own_single",
+    "single_environment", "sweep_entries", "timed", "timed_batch",
 ]  # fmt: skip
 
 

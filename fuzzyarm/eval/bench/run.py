@@ -15,19 +15,26 @@ import os
 import statistics
 import tracemalloc
 from collections.abc import Callable, Sequence
-from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
 from fuzzyarm.common.checks import instance, real, shown, truth, whole
 from fuzzyarm.common.files import write_atomically
-from fuzzyarm.eval.bench.entries import UNAVAILABLE, Entry, Measure, compiled_batch
-from fuzzyarm.eval.provenance import current_provenance
-
-if TYPE_CHECKING:
-    from fuzzyarm.eval.bench.entries import Entry
+from fuzzyarm.eval.bench.entries import (
+    SWEPT,
+    UNAVAILABLE,
+    Entry,
+    Measure,
+    batch_peers,
+    compiled_batch,
+    gymnasium_peers,
+    own_batches,
+    own_single,
+    sweep_entries,
+)
+from fuzzyarm.eval.provenance import current_provenance, version_of
 
 __all__ = ["BenchConfig", "Row", "memory_per_lane", "race", "run_bench", "spread", "write_document"]
 
@@ -78,15 +85,6 @@ class BenchConfig:
 
     def groups(self) -> dict[str, list[Entry]]:
         """Return the entries of the table by heading; those under one heading take turns."""
-        from fuzzyarm.eval.bench.entries import (
-            SWEPT,
-            batch_peers,
-            gymnasium_peers,
-            own_batches,
-            own_single,
-            sweep_entries,
-        )
-
         groups = {"one environment": [own_single(), *gymnasium_peers()]}
         for lanes in self.lanes:
             peers = batch_peers(lanes, self.threads) if lanes <= MOST_PEER_LANES else []
@@ -97,8 +95,6 @@ class BenchConfig:
         """Return this project's batches by number of lanes; empty unless `lanes_sweep`."""
         if not self.lanes_sweep:
             return {}
-        from fuzzyarm.eval.bench.entries import own_batches
-
         # In torch the fastest only: each number of lanes is compiled anew, which takes a minute.
         return {
             f"sweep, {lanes} lanes": [
@@ -147,7 +143,7 @@ def run_bench(config: BenchConfig, progress: Callable[[str], None] = lambda _: N
     _add_tip_errors([*rows, *sweep])
     progress("memory")
     made_with = current_provenance()
-    made_with["versions"] |= _versions(PEER_LIBRARIES)
+    made_with["versions"] |= {name: version_of(name) for name in PEER_LIBRARIES}
     return {
         "schema": SCHEMA,
         "command": config.command(),
@@ -202,14 +198,7 @@ def race(name: str, group: Sequence[Entry], rounds: int, seconds: float, progres
     """Let the entries of a group take turns, all of them in every round, and return a row for each.
 
     The ratio of an own entry to a peer is taken round by round: a disturbance of the machine that lasts longer than a
-    round slows both.
-
-    Args:
-        name: heading of the group.
-        group: its entries.
-        rounds: turns of each entry.
-        seconds: wall time of a turn [s].
-        progress: called before each turn with a few words on it.
+    round slows both. A turn takes `seconds` [s]; `progress` is called before each with a few words on it.
     """
     rows = [Row(name, entry) for entry in group]
     measures: dict[int, Measure] = {}
@@ -286,14 +275,6 @@ def _reason(error: Exception, extra: str = "") -> str:
     if isinstance(error, ModuleNotFoundError) and extra:
         return f'{error.name} is not installed: pip install -c constraints.txt -e ".[{extra}]" in the repository'
     return " ".join(str(error).split()).rstrip(".") or type(error).__name__
-
-
-def _versions(names: Sequence[str]) -> dict[str, str | None]:
-    versions: dict[str, str | None] = dict.fromkeys(names)
-    for name in names:
-        with contextlib.suppress(PackageNotFoundError):
-            versions[name] = version(name)
-    return versions
 
 
 def write_document(document: dict[str, Any], folder: Path) -> list[Path]:

@@ -15,9 +15,8 @@ from typing import Any
 import matplotlib.style
 from matplotlib.figure import Figure
 from rich.console import Console
-from rich.text import Text
 
-from fuzzyarm.common.console import print_paragraphs, print_table, table
+from fuzzyarm.common.console import Sheet, print_paragraphs
 from fuzzyarm.common.files import write_atomically
 from fuzzyarm.eval.evaluation.figures import DASHES
 
@@ -78,15 +77,7 @@ def print_speeds(document: dict[str, Any], console: Console) -> None:
     headings, cells = speed_cells([*document["rows"], *(row for row in document["sweep"] if row["steps_per_s"])])
     if console.is_terminal:
         headings, cells = _narrow(headings), [_narrow(row) for row in cells]
-    rows = table(headings[1:], console=console)
-    last = None
-    for group, *row in cells:
-        if group != last:
-            rows.add_section()
-            rows.add_row(Text(group, style="bold"))
-            last = group
-        rows.add_row(*map(Text, row))
-    print_table(rows, console)
+    Sheet(headings[1:], [row[1:] for row in cells], groups=[row[0] for row in cells]).print(console)
     print_paragraphs(console, speed_notes(document))
 
 

@@ -17,8 +17,8 @@ from typing import Any
 
 import numpy as np
 
-from fuzzyarm.common.checks import shown
-from fuzzyarm.common.documents import open_regular, read_json
+from fuzzyarm.common.checks import instance, shown
+from fuzzyarm.common.documents import open_regular, parse_json, read_json
 from fuzzyarm.envs.physics.parameters import ArmParameters
 from fuzzyarm.eval.dataset.config import CONDITIONS, EXPERT, VERSION, DatasetConfig
 from fuzzyarm.eval.dataset.recording import Episode, RandomTorques, mean_return, record
@@ -29,7 +29,7 @@ from fuzzyarm.policies.spec import resolve
 __all__ = ["DatasetError", "check_installed", "open_dataset", "provenance_of", "write_dataset"]
 
 _SCHEMA, _KEY = f"fuzzyarm-dataset/{VERSION}", "fuzzyarm"
-_DATA, _LARGEST_TEXT = "data", 2**20
+_DATA = "data"
 _SCORED, _SCORED_SEED = 64, 1_000_000_000  # episodes behind a reference score, of seeds that no data set begins with
 
 
@@ -127,7 +127,10 @@ def open_dataset(folder: str | Path) -> Any:
         raise DatasetError(f"{path} is no data set that Minari can read ({reason}); write it anew") from None
     if found is None:
         raise DatasetError(f"{path} was not written by fuzzyarm dataset")
-    schema = _parsed(path, found).get("schema")
+    try:
+        schema = instance("metadata", parse_json(found), dict).get("schema")
+    except (AttributeError, TypeError, ValueError):
+        raise DatasetError(f"{path} does not say where it comes from; write it anew") from None
     if schema != _SCHEMA:
         raise DatasetError(f"{path} is of another version, {shown(schema)}; this one reads {_SCHEMA}: write it anew")
     return dataset
@@ -137,18 +140,6 @@ def provenance_of(dataset: Any) -> dict[str, Any]:
     """Return what a data set of `open_dataset` says of itself: settings, policies with digests, scores, versions."""
     found: dict[str, Any] = json.loads(dataset.storage.metadata[_KEY])
     return found
-
-
-def _parsed(path: Path, text: Any) -> dict[str, Any]:
-    try:
-        if not isinstance(text, str) or len(text) > _LARGEST_TEXT:
-            raise ValueError
-        content = json.loads(text)
-        if not isinstance(content, dict):
-            raise ValueError
-    except (ValueError, RecursionError):
-        raise DatasetError(f"{path} does not say where it comes from; write it anew") from None
-    return content
 
 
 def _recorded(config: DatasetConfig) -> Iterator[Episode]:

@@ -34,11 +34,11 @@ def columns_of(part: str, count: int) -> list[str]:
 
 
 class Believing:
-    """Notes what a policy believes after each of its calls of `predict`.
+    """Notes what a policy believes after each of its actions.
 
     Attributes:
-        names: of the columns of `rows`, a deviation's with the ending `DEVIATION`; none before the first call, nor of a
-            policy that says nothing.
+        names: of the columns of `rows`, a deviation's with the ending `DEVIATION`; none before the first action, nor
+            of a policy that says nothing.
     """
 
     def __init__(self, policy: Predictor) -> None:
@@ -50,25 +50,6 @@ class Believing:
         self._other_path: int | None = None
         self._ends: dict[str, int] = {}  # the first sample of each estimate that stood at an end
         self._at_last: list[str] = []
-        self._policy = policy
-
-    def around(self, policy: Predictor) -> Predictor:
-        """Return `policy`, which passes calls on to the one of this object, or this object around it."""
-        self._policy = policy
-        return policy if self._beliefs is None else self
-
-    def predict(
-        self,
-        observation: np.ndarray,
-        state: Any = None,
-        episode_start: np.ndarray | None = None,
-        deterministic: bool = True,
-    ) -> tuple[np.ndarray, Any]:
-        """Return what the policy returns, and note what it believes."""
-        action, state = self._policy.predict(observation, state, episode_start, deterministic)
-        if self._beliefs is not None:
-            self._keep(self._beliefs(state))
-        return action, state
 
     def note(self, control_period: float) -> str:
         """Return in words: another path than before, estimates at an end of their range, divergence; or nothing.
@@ -101,8 +82,11 @@ class Believing:
         """
         return np.array(self._rows) if self.names else NO_BELIEFS
 
-    def _keep(self, beliefs: Any) -> None:
-        """Keep the beliefs of the next sample."""
+    def add(self, memory: Any) -> None:
+        """Note what the policy believes after it acted, given its state."""
+        if self._beliefs is None:
+            return
+        beliefs = self._beliefs(memory)
         sample, parts = len(self._rows), _parts(beliefs)
         if not self._rows:
             columns = [columns_of(name, value.size) for name, value, _ in parts]

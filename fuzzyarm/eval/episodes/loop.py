@@ -1,7 +1,7 @@
 """The one loop in which policies act: an episode of a single arm, or one of each lane of a batch, step by step.
 
 Whoever iterates decides what to keep of an episode: `rollout.Signals` keeps all signals of one arm, `TipErrors` the tip
-errors of every lane, `Timed` the wall time of `predict`.
+errors of every lane.
 
     errors = TipErrors()
     for step in episodes(envs, policy, envs.reset(seed=0)):
@@ -19,7 +19,7 @@ import numpy as np
 from fuzzyarm.envs.batch.layout import INFO
 from fuzzyarm.fuzzy_policy.policy import Predictor
 
-__all__ = ["Step", "Steppable", "Timed", "TipErrors", "episodes"]
+__all__ = ["Step", "Steppable", "TipErrors", "episodes"]
 
 
 class Steppable(Protocol):
@@ -42,6 +42,8 @@ class Step(NamedTuple):
         running: booleans () or (lanes,): the episode had not ended before this step. Other rows mean nothing.
         ended: booleans: the episode ends with this step.
         completed: booleans: it ends because the reference was followed to its end.
+        memory: the policy's state after it acted.
+        seconds: wall time of `predict` [s].
     """
 
     observation: np.ndarray
@@ -50,6 +52,8 @@ class Step(NamedTuple):
     running: np.ndarray
     ended: np.ndarray
     completed: np.ndarray
+    memory: Any
+    seconds: float
 
 
 def episodes(
@@ -59,6 +63,7 @@ def episodes(
     *,
     sense: Callable[[np.ndarray, dict[str, Any]], np.ndarray] | None = None,
     actuate: Callable[[np.ndarray], np.ndarray] | None = None,
+    memory: Any = None,
 ) -> Iterator[Step]:
     """Run one episode, or one of each lane, until the last of them has ended.
 
@@ -69,19 +74,22 @@ def episodes(
         start: what ``env.reset`` returned, with the observation (10,) or (lanes, 10).
         sense: turns observation and info into the observation that the policy gets; default: the observation.
         actuate: turns the policy's torque [N m] into the torque of the step, called once in each; default: the torque.
+        memory: state that the policy begins with; None: none.
     """
     observation, info = start
     running = np.ones(observation.shape[:-1], dtype=bool)
-    state, begins = None, np.atleast_1d(running)
+    begins = np.atleast_1d(running & (memory is None))
     while running.any():
         seen = observation if sense is None else sense(observation, info)
-        torque, state = policy.predict(seen, state=state, episode_start=begins, deterministic=True)
+        begin = time.perf_counter()
+        torque, memory = policy.predict(seen, state=memory, episode_start=begins, deterministic=True)
+        seconds = time.perf_counter() - begin
         if actuate is not None:
             torque = actuate(torque)
         observation, reward, terminated, truncated, info = env.step(torque)
         ended = np.asarray(terminated | truncated)
         last, last_info = _last(observation, info, ended) if "final_obs" in info else (observation, info)
-        yield Step(last, last_info, reward, running, running & ended, running & truncated)
+        yield Step(last, last_info, reward, running, running & ended, running & truncated, memory, seconds)
         running, begins = running & ~ended, np.atleast_1d(ended)
 
 
@@ -97,34 +105,6 @@ def _last(observation: np.ndarray, info: dict[str, Any], ended: np.ndarray) -> t
 
     reasons = final.get("reason", np.full(len(ended), None, dtype=object))
     return last, {name: merged(name) for name in INFO} | {"reason": reasons}
-
-
-class Timed:
-    """A policy whose calls of `predict` are timed."""
-
-    def __init__(self, policy: Predictor) -> None:
-        """Wrap a policy."""
-        self._policy, self._times = policy, list[float]()
-
-    @property
-    def median(self) -> float:
-        """Median wall time of the calls so far [s]."""
-        return float(np.median(self._times))
-
-    def predict(
-        self,
-        observation: np.ndarray,
-        state: Any = None,
-        episode_start: np.ndarray | None = None,
-        deterministic: bool = True,
-    ) -> tuple[np.ndarray, Any]:
-        """Return what the policy returns: an action (2,) or (lanes, 2) [N m], and the next state."""
-        begin = time.perf_counter()
-        result = self._policy.predict(
-            observation, state=state, episode_start=episode_start, deterministic=deterministic
-        )
-        self._times.append(time.perf_counter() - begin)
-        return result
 
 
 class TipErrors:

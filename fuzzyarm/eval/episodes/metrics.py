@@ -1,6 +1,8 @@
 """The metrics of a rollout, each defined once; `add_metric` adds one.
 
-All of them are over all control steps of the episode, from the first to the last, if not said otherwise.
+What is said of a metric here is all that results, their table, the report, sweeps and leaderboards know of it.
+
+All metrics are over all control steps of the episode, from the first to the last, if not said otherwise.
 """
 
 from __future__ import annotations
@@ -14,9 +16,13 @@ import numpy as np
 from fuzzyarm.common.checks import instance
 from fuzzyarm.common.registry import Registry
 from fuzzyarm.envs.observation import JOINTS
+from fuzzyarm.eval.episodes.loop import TipErrors
 from fuzzyarm.eval.episodes.rollout import Rollout
 
-__all__ = ["LOST", "METRICS", "RESOLUTION", "Metric", "add_metric", "is_lost", "metrics_of", "millimetres"]
+__all__ = [
+    "LOST", "METRICS", "RESOLUTION", "Metric", "add_metric", "columns", "is_lost", "metrics_of", "millimetres",
+    "ranked", "swept",
+]  # fmt: skip
 
 LOST = 100.0
 """Tip error [mm], half the radius of the paper's circle, above which an episode is lost; see `is_lost`."""
@@ -37,6 +43,12 @@ class Metric:
         compute: the metric of a rollout [unit].
         reproducible: whether it is the same in every run; a wall time is not.
         joint: number of the joint that it is about, counted from 1; 0 if of none.
+        column: heading in the table of results, without the unit; metrics of one heading share a cell; empty: none.
+        form: of the number in that table.
+        swept: the metric of each episode of a batch, (lanes,) [unit], from its tip errors; None: sweeps lack it.
+        key: name in a sweep's files.
+        words: heading in a sweep's table, without the unit.
+        ranked: whether leaderboards show it for each case; they show what the score is made of anyway.
     """
 
     name: str
@@ -45,6 +57,16 @@ class Metric:
     compute: Callable[[Rollout], float]
     reproducible: bool = True
     joint: int = 0
+    column: str = ""
+    form: str = "{:#.3g}"
+    swept: Callable[[TipErrors], np.ndarray] | None = None
+    key: str = ""
+    words: str = ""
+    ranked: bool = False
+
+    def text(self, value: float) -> str:
+        """Return a value [unit] as the table of results shows it."""
+        return millimetres(value, self.form.format) if self.unit == "mm" else self.form.format(value)
 
 
 _MOTOR_CIRCULARITY = (
@@ -64,7 +86,7 @@ def _of_joint(joint: int) -> tuple[Metric, Metric]:
 
     described = f"Largest motor torque of joint {joint}.", f"Root mean square motor torque of joint {joint}."
     return (
-        Metric(f"torque_peak_{joint}", "N m", described[0], peak, joint=joint),
+        Metric(f"torque_peak_{joint}", "N m", described[0], peak, joint=joint, column="peak torque", form="{:.0f}"),
         Metric(f"torque_rms_{joint}", "N m", described[1], rms, joint=joint),
     )
 
@@ -73,17 +95,22 @@ def _of_joint(joint: int) -> tuple[Metric, Metric]:
 _ALL = (
     Metric("tip_error_max_mm", "mm",
            "Largest distance between the tip (link side) and its reference at the same instant.",
-           lambda r: 1e3 * r.tip_error.max()),
+           lambda r: 1e3 * r.tip_error.max(), column="tip error max",
+           swept=lambda e: 1e3 * e.largest, key="max_mm", words="largest tip error"),
     Metric("tip_error_max_mid_mm", "mm",
            "The maximum without the first and the last 0.1 s, in which loads set in and fade; that of all steps if the "
-           "episode is no longer than that.", lambda r: 1e3 * _middle(r).max()),
+           "episode is no longer than that.", lambda r: 1e3 * _middle(r).max(),
+           column="max but for 0.1 s at the ends"),
     Metric("tip_error_rms_mm", "mm", "Root mean square of the distance between the tip and its reference.",
-           lambda r: 1e3 * _rms(r.tip_error)),
+           lambda r: 1e3 * _rms(r.tip_error), column="rms",
+           swept=lambda e: 1e3 * e.rms, key="rms_mm", words="rms tip error"),
     Metric("circularity_link_min_mm", "mm",
            "Smallest |tip - center| - R with the link angles; for a path that is no circle, the tip error's component "
            "along the left normal of the path. Lag along the path does not show in it.",
-           lambda r: 1e3 * r.circularity_error.min()),
-    Metric("circularity_link_max_mm", "mm", "Largest of the same quantity.", lambda r: 1e3 * r.circularity_error.max()),
+           lambda r: 1e3 * r.circularity_error.min(),
+           column="tip circularity", form="{:+#.3g}"),
+    Metric("circularity_link_max_mm", "mm", "Largest of the same quantity.", lambda r: 1e3 * r.circularity_error.max(),
+           column="tip circularity", form="{:+#.3g}"),
     Metric("circularity_motor_min_mm", "mm", _MOTOR_CIRCULARITY, lambda r: 1e3 * r.circularity_error_motor.min()),
     Metric("circularity_motor_max_mm", "mm", "Largest of the same quantity.",
            lambda r: 1e3 * r.circularity_error_motor.max()),
@@ -95,13 +122,13 @@ _ALL = (
            "Root mean square of the change of torque from step to step over the control period, all joints.",
            lambda r: _rms(np.diff(r.torque, axis=0) / r.control_period) if len(r.torque) > 1 else 0.0),
     Metric("energy", "J", "Absolute mechanical work of the motors, ∫ |Γ_1 q̇_a1| + |Γ_2 q̇_a2| + ... dt.",
-           lambda r: np.abs(r.torque * r.dq_motor).sum() * r.control_period),
+           lambda r: np.abs(r.torque * r.dq_motor).sum() * r.control_period, column="work", form="{:.0f}"),
     Metric("domain_margin", "",
            "Share of the joint box (25) left unused at the worst instant: 1 - max(|q|/limit, |q̇|/limit), both sides; "
            "angles are taken from the middle of their range.", lambda r: 1.0 - r.domain_use.max()),
     Metric("return", "", "Sum of rewards.", lambda r: r.reward.sum()),
     Metric("predict_us", "µs", "Median wall time of one `predict` call; the only metric that differs between runs.",
-           lambda r: 1e6 * r.step_time, reproducible=False),
+           lambda r: 1e6 * r.step_time, reproducible=False, column="predict", form="{:.1f}"),
 )  # fmt: skip
 
 METRICS = Registry[Metric](__name__, {metric.name: metric for metric in _ALL})
@@ -113,6 +140,25 @@ def add_metric(metric: Metric) -> None:
     if metric.name in METRICS:
         raise ValueError(f"there is a metric {metric.name!r} already; choose another name")
     METRICS[metric.name] = metric
+
+
+def columns() -> dict[str, list[Metric]]:
+    """Return the headings of the table of results, and the metrics of each cell below."""
+    found: dict[str, list[Metric]] = {}
+    for metric in METRICS.values():
+        if metric.column:
+            found.setdefault(f"{metric.column} [{metric.unit}]" if metric.unit else metric.column, []).append(metric)
+    return found
+
+
+def swept() -> dict[str, Metric]:
+    """Return the metrics of a sweep by `Metric.key`."""
+    return {metric.key: metric for metric in METRICS.values() if metric.swept is not None}
+
+
+def ranked() -> dict[str, Metric]:
+    """Return the metrics that leaderboards show beside the score, by their words there."""
+    return {metric.column or metric.name: metric for metric in METRICS.values() if metric.ranked}
 
 
 def metrics_of(rollout: Rollout) -> dict[str, float]:

@@ -1,4 +1,4 @@
-"""One episode of one policy, recorded sample by sample."""
+"""Episodes of one policy, recorded sample by sample: one, or several along one path by a policy that may learn."""
 
 from __future__ import annotations
 
@@ -16,19 +16,13 @@ from fuzzyarm.envs.fuzzy_arm import FuzzyArmEnv
 from fuzzyarm.envs.observation import observed
 from fuzzyarm.envs.physics.equations import AnyArm, bounds_of
 from fuzzyarm.eval.episodes.beliefs import NO_BELIEFS, Believing
-from fuzzyarm.eval.episodes.loop import Step, Timed, episodes
+from fuzzyarm.eval.episodes.loop import Step, episodes
 from fuzzyarm.fuzzy_policy.controller import Controller
 from fuzzyarm.fuzzy_policy.policy import Predictor
 from fuzzyarm.fuzzy_policy.scheduled import ScheduledController
 from fuzzyarm.policies import load_policy, resolve
 
-__all__ = [
-    "SIGNALS",
-    "Rollout",
-    "Signals",
-    "record_rollout",
-    "run_episode",
-]  # fmt: skip
+__all__ = ["SIGNALS", "Rollout", "Signals", "record_passes", "record_rollout", "run_episode"]
 
 
 @dataclasses.dataclass(frozen=True)
@@ -111,33 +105,15 @@ class Signals:
         if step.running[self._lane]:
             self._steps.append(step)
 
-    def rollout(
-        self,
-        *,
-        policy: str,
-        case: str,
-        seed: int,
-        control_period: float,
-        parameters: AnyArm,
-        step_time: float = math.nan,
-        beliefs: np.ndarray = NO_BELIEFS,
-        belief_names: tuple[str, ...] = (),
-        note: str = "",
-    ) -> Rollout:
-        """Return the episode.
-
-        Arguments are the fields of `Rollout`, with its shapes (`beliefs`: (n, columns)), times [s]; `parameters` is the
-        arm, for its joints' limits.
-        """
+    def rollout(self, *, parameters: AnyArm, step_time: float = math.nan, **named: Any) -> Rollout:
+        """Return the episode of an arm, for its joints' limits, with `step_time` [s] and other fields of `Rollout`."""
         lane, last = self._lane, self._steps[-1]
-        signals = {name: np.array([step.info[name] for step in self._steps])[:, lane] for name in SIGNALS}
+        signals: dict[str, Any] = {
+            name: np.array([step.info[name] for step in self._steps])[:, lane] for name in SIGNALS
+        }
         reference = observed(np.array([step.observation for step in self._steps])[:, lane])
         completed = bool(last.completed[lane])
         return Rollout(
-            policy=policy,
-            case=case,
-            seed=seed,
-            control_period=control_period,
             completed=completed,
             reason="" if completed else str(np.asarray(last.info["reason"])[lane]),
             step_time=step_time,
@@ -145,30 +121,51 @@ class Signals:
             dq_reference=reference.dq_reference,
             reward=np.array([step.reward for step in self._steps])[:, lane],
             domain_use=_domain_use(signals, parameters),
-            beliefs=beliefs,
-            belief_names=belief_names,
-            note=note,
             **signals,
+            **named,
         )
 
 
 def record_rollout(env: FuzzyArmEnv, policy: Predictor, *, policy_name: str, case: str, seed: int) -> Rollout:
     """Run one episode of `env` from ``reset(seed=seed)`` under `policy` and record it."""
-    believing = Believing(policy)
-    timed, signals = Timed(policy), Signals()
-    for step in episodes(env, believing.around(timed), env.reset(seed=seed)):
+    return _recorded(env, policy, None, policy=policy_name, case=case, seed=seed)[0]
+
+
+def record_passes(
+    env: FuzzyArmEnv, policy: Predictor, passes: int, *, policy_name: str, case: str, seed: int
+) -> list[Rollout]:
+    """Run an episode of `env` again and again from ``reset(seed=seed)`` and record each pass.
+
+    Encoder noise differs from pass to pass: pass j has the seed plus the number of passes before it. A policy without
+    `repeated`, or whose `repeated` returns None, runs every pass alike. Arguments as for `record_rollout`.
+    """
+    repeated = getattr(policy, "repeated", lambda: None)()
+    acting, runs, memory = repeated or policy, list[Rollout](), None
+    for number in range(passes):
+        begin = repeated.begin_pass(memory) if repeated and number else None
+        run, memory = _recorded(env, acting, begin, policy=policy_name, case=case, seed=seed + number)
+        runs.append(run)
+    return runs
+
+
+def _recorded(env: FuzzyArmEnv, acting: Predictor, memory: Any, *, seed: int, **named: Any) -> tuple[Rollout, Any]:
+    """Return an episode, and the last state of the policy, which began with `memory`."""
+    believing, signals, seconds = Believing(acting), Signals(), list[float]()
+    for step in episodes(env, acting, env.reset(seed=seed), memory=memory):
+        believing.add(step.memory)
         signals.add(step)
-    return signals.rollout(
-        policy=policy_name,
-        case=case,
+        seconds.append(step.seconds)
+    rollout = signals.rollout(
         seed=seed,
         control_period=env.control_period,
         parameters=env.parameters,
-        step_time=timed.median,
+        step_time=float(np.median(seconds)),
         beliefs=believing.rows(),
         belief_names=believing.names,
         note=believing.note(env.control_period),
+        **named,
     )
+    return rollout, step.memory
 
 
 def run_episode(

@@ -22,16 +22,8 @@ __all__ = ["NAME", "digest", "read_rollouts", "write_rollouts"]
 NAME = "rollouts.npz"
 """Name of the file in an evaluation's folder."""
 _FIELDS = tuple(field.name for field in dataclasses.fields(Rollout))
-_SINGLE = {
-    "policy": "U",
-    "case": "U",
-    "seed": "i",
-    "control_period": "f",
-    "completed": "b",
-    "reason": "U",
-    "step_time": "f",
-    "note": "U",
-}
+_KINDS = {"str": "U", "int": "i", "float": "f", "bool": "b"}  # of arrays, by the annotation of a field
+_SINGLE = {field.name: _KINDS[field.type] for field in dataclasses.fields(Rollout) if field.type in _KINDS}
 _POINTS = ("tip", "tip_reference", "external_force")
 _LARGEST = 1e60  # whose powers are numbers
 _ONE_NUMBER = ("time", "tip_error", "circularity_error", "circularity_error_motor", "reward", "domain_use")

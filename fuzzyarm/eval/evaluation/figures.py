@@ -30,25 +30,8 @@ from fuzzyarm.eval.episodes.rollout import Rollout
 from fuzzyarm.eval.figure_files import write_figure
 
 __all__ = [
-    "BAND",
-    "DASHES",
-    "DIPS",
-    "FOCUS",
-    "LOWEST",
-    "MAGNIFICATIONS",
-    "OVERVIEW",
-    "REFERENCE",
-    "ROOM",
-    "SMALL",
-    "TALLER",
-    "Panel",
-    "View",
-    "draw_figures",
-    "figure_style",
-    "policy_styles",
-    "time_figures",
-    "view_of",
-    "write_figures",
+    "BAND", "DASHES", "DIPS", "FOCUS", "LOWEST", "MAGNIFICATIONS", "OVERVIEW", "REFERENCE", "ROOM", "SMALL", "TALLER",
+    "Panel", "View", "draw_figures", "figure_style", "policy_styles", "time_figures", "view_of", "write_figures",
 ]  # fmt: skip
 
 

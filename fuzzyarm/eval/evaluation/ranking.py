@@ -20,14 +20,12 @@ from typing import Any, NamedTuple, Protocol
 
 import numpy as np
 from rich.console import Console
-from rich.text import Text
 
 from fuzzyarm.common.checks import listed, path_of, sequence_of
-from fuzzyarm.common.console import print_paragraphs, print_table
-from fuzzyarm.common.console import table as new_table
+from fuzzyarm.common.console import Sheet, print_paragraphs
 from fuzzyarm.envs.scenario.cases import CASES
 from fuzzyarm.eval.declarations import ROW, declared_cells, print_declared
-from fuzzyarm.eval.episodes.metrics import LOST, RESOLUTION, is_lost, millimetres
+from fuzzyarm.eval.episodes.metrics import LOST, RESOLUTION, is_lost, millimetres, ranked
 from fuzzyarm.eval.evaluation.results_file import Results, conditions_in_words, conditions_of, read_results
 from fuzzyarm.eval.evaluation.run import EvaluationConfig
 from fuzzyarm.eval.evaluation.statistics import Estimate, estimate, interquartile_mean
@@ -35,19 +33,24 @@ from fuzzyarm.policies import resolve
 from fuzzyarm.policies.declared import Declared
 
 __all__ = [
-    "Leaderboard", "Ranking", "Standing", "Table", "check_comparable", "document", "markdown", "print_leaderboard",
-    "rank_policies", "ranks_of", "shown", "standings_of",
+    "Leaderboard", "Ranking", "Standing", "Table", "check_comparable", "document", "markdown", "other_cells",
+    "other_headings", "print_leaderboard", "rank_policies", "ranks_of", "shown", "standings_of",
 ]  # fmt: skip
 
 _LEFT = ("policy", "proven", "from")  # headings of the columns that are aligned left
 
 
 class Table(NamedTuple):
-    """A ranking as text: headings, rows of cells, and what has to be known to read it."""
+    """A ranking as text, and what has to be known to read it."""
 
-    headings: list[str]
-    cells: list[list[str]]
+    sheet: Sheet
     notes: str
+
+    @classmethod
+    def of(cls, headings: Sequence[str], cells: Sequence[Sequence[str]], notes: str) -> Table:
+        """Return the table of these headings and rows of cells."""
+        left = [column for column, heading in enumerate(headings) if heading in _LEFT]
+        return cls(Sheet(headings, cells, left, fold=True, keys=2), notes)
 
 
 class Ranking(Protocol):
@@ -82,6 +85,7 @@ class Standing:
         certified: whether it has a certificate.
         tip: what is proven of its tip, in words; empty where no bound was given.
         declared: what it declares, see `policies.declared`; None if it does not.
+        others: interquartile mean of each metric of `metrics.ranked` by case; None where the path was lost.
     """
 
     policy: str
@@ -93,6 +97,7 @@ class Standing:
     certified: bool
     tip: str = ""
     declared: Declared | None = None
+    others: dict[str, dict[str, float | None]] = dataclasses.field(default_factory=dict)
 
     @property
     def order(self) -> tuple[int, float]:
@@ -115,13 +120,15 @@ class Leaderboard:
     def table(self) -> Table:
         """Return the table and its notes."""
         cases = list(self.standings[0].rms)
-        headings = ["rank", "policy", "score [mm]", *(f"rms, {case} [mm]" for case in cases), "proven", "from"]
+        headings = ["rank", "policy", "score [mm]", *(f"rms, {case} [mm]" for case in cases)]
+        headings += [*other_headings(cases), "proven", "from"]
         cells = [
             [
                 str(rank),
                 standing.policy,
                 f"lost in {standing.lost} of {standing.episodes}" if standing.score is None else shown(standing.score),
                 *("lost" if value is None else millimetres(value) for value in standing.rms.values()),
+                *other_cells(standing.others, "lost"),
                 "; ".join(filter(None, ["rigid arm" if standing.certified else "", standing.tip])) or "-",
                 standing.source,
             ]
@@ -135,7 +142,7 @@ class Leaderboard:
             + "Proven: of the rigid arm, decay and L2 gain in its box; of the tip, what the files of --bound say. All: "
             + f"{self.conditions}."
         )
-        return Table(headings, cells, notes)
+        return Table.of(headings, cells, notes)
 
 
 def ranks_of(board: Ranking) -> list[int]:
@@ -159,7 +166,7 @@ def rank_policies(paths: Sequence[str | Path], tips: Mapping[str, str] | None = 
         for results in read
         for one in standings_of(results.config, results.rows, results.certificates, str(results.path))
     ]
-    words = f"fuzzyarm {read[0].versions['fuzzyarm']}, {conditions_in_words(read[0].config)}"
+    words = f"fuzzyarm {read[0].made_with['versions']['fuzzyarm']}, {conditions_in_words(read[0].config)}"
     return Leaderboard(sorted(standings, key=lambda standing: standing.order), words)
 
 
@@ -177,7 +184,7 @@ def check_comparable(files: Sequence[Path], conditions: Sequence[Mapping[str, An
 
 
 def _conditions(results: Results) -> dict[str, Any]:
-    return {"version of fuzzyarm": results.versions["fuzzyarm"], **conditions_of(results.config)}
+    return {"version of fuzzyarm": results.made_with["versions"]["fuzzyarm"], **conditions_of(results.config)}
 
 
 def standings_of(
@@ -185,35 +192,47 @@ def standings_of(
 ) -> list[Standing]:
     """Return the standing of each policy of an evaluation, in the order of its configuration.
 
-    Args:
-        config: of the evaluation.
-        rows: the metrics of its episodes.
-        certificates: certificate in words by policy, None where there is none.
-        source: the file that it is from.
+    `certificates` are in words by policy, None where there is none; `source` is the file.
     """
     standings = []
     for policy in (resolve(name).label for name in config.policies):
         own = [row for row in rows if row["policy"] == policy]
         lost = [row for row in own if is_lost(row)]
-        rms = {
-            case: np.array([row["tip_error_rms_mm"] for row in own if row["case"] == case])
-            for case in CASES
-            if case in config.cases
-        }
         scores = [max(row["tip_error_max_mm"] for row in own if row["seed"] == seed) for seed in range(config.seeds)]
         failed = {row["case"] for row in lost}
+
+        def means(name: str, own: list[dict[str, Any]] = own, failed: set[str] = failed) -> dict[str, float | None]:
+            by_case = {c: np.array([row[name] for row in own if row["case"] == c]) for c in CASES if c in config.cases}
+            return {c: None if c in failed else float(interquartile_mean(values)) for c, values in by_case.items()}
+
         standings.append(
             Standing(
                 policy=policy,
                 source=source,
                 score=None if lost else estimate(scores),
-                rms={c: None if c in failed else float(interquartile_mean(values)) for c, values in rms.items()},
+                rms=means("tip_error_rms_mm"),
+                others={words: means(metric.name) for words, metric in ranked().items()},
                 lost=len(lost),
                 episodes=len(own),
                 certified=certificates[policy] is not None,
             )
         )
     return standings
+
+
+def other_headings(cases: Sequence[str], what: str = "") -> list[str]:
+    """Return the headings of the metrics of `metrics.ranked`, for each case."""
+    return [f"{what}{words}, {case} [{metric.unit}]" for words, metric in ranked().items() for case in cases]
+
+
+def other_cells(others: Mapping[str, Mapping[str, float | None]], without: str) -> list[str]:
+    """Return the cells below `other_headings`; `without` stands where there is no number."""
+    known = ranked()
+    return [
+        without if value is None else known[words].text(value)
+        for words, by_case in others.items()
+        for value in by_case.values()
+    ]
 
 
 def shown(score: Estimate) -> str:
@@ -224,12 +243,8 @@ def shown(score: Estimate) -> str:
 
 def print_leaderboard(board: Ranking, console: Console, *, declared: bool = False) -> None:
     """Print the table and its notes, and with `declared` what the policies declare."""
-    headings, cells, notes = board.table()
-    left = [headings.index(heading) for heading in _LEFT if heading in headings]
-    table = new_table(headings, left, console=console, fold=True)
-    for row in cells:
-        table.add_row(*map(Text, row))
-    print_table(table, console, keys=2)
+    sheet, notes = board.table()
+    sheet.print(console)
     print_paragraphs(console, [notes])
     if declared:
         print_declared(_declared_rows(board), ROW, console)
@@ -237,16 +252,18 @@ def print_leaderboard(board: Ranking, console: Console, *, declared: bool = Fals
 
 def markdown(board: Ranking, *, declared: bool = False) -> str:
     """Return the table and its notes as Markdown, and with `declared` a table of what the policies declare."""
-    headings, cells, notes = board.table()
-    text = f"{_as_markdown(headings, cells)}\n\n{notes}"
-    return f"{text}\n\n{_as_markdown(ROW, _declared_rows(board), left=ROW)}" if declared else text
+    sheet, notes = board.table()
+    text = f"{sheet.markdown()}\n\n{notes}"
+    return f"{text}\n\n{Sheet(ROW, _declared_rows(board), range(len(ROW))).markdown()}" if declared else text
 
 
 def document(board: Ranking) -> dict[str, Any]:
     """Return the ranking ready for JSON: conditions, notes, and each standing with its rank and its declaration."""
-    standings = [
-        {"rank": rank, **_plain(standing)} for rank, standing in zip(ranks_of(board), board.standings, strict=True)
-    ]
+    standings = []
+    for rank, standing in zip(ranks_of(board), board.standings, strict=True):
+        plain = _plain(standing)
+        others = plain.pop("others")
+        standings.append({"rank": rank, **plain, **others})
     return {"conditions": board.conditions, "notes": board.table().notes, "standings": standings}
 
 
@@ -258,13 +275,6 @@ def _declared_rows(board: Ranking) -> list[tuple[str, ...]]:
         (policy if names.count(policy) == 1 else f"{policy} ({source})", *cells)
         for (policy, cells), source in reversed(sources.items())
     ]
-
-
-def _as_markdown(headings: Sequence[str], cells: Sequence[Sequence[str]], left: Sequence[str] = _LEFT) -> str:
-    rule = [" --- |" if heading in left else " ---: |" for heading in headings]
-    lines = [f"| {' | '.join(headings)} |", f"|{''.join(rule)}"]
-    lines += [f"| {' | '.join(cell.replace('|', '&#124;') for cell in row)} |" for row in cells]
-    return "\n".join(lines)
 
 
 def _plain(value: Any) -> Any:

@@ -11,11 +11,10 @@ from rich.console import Console
 from rich.text import Text
 
 from fuzzyarm.common.checks import listed
-from fuzzyarm.common.console import print_table
-from fuzzyarm.common.console import table as new_table
+from fuzzyarm.common.console import Sheet
 from fuzzyarm.eval.episodes.metrics import METRICS
 from fuzzyarm.eval.evaluation.results_file import Results
-from fuzzyarm.eval.evaluation.run import evaluate
+from fuzzyarm.eval.evaluation.run import Evaluation, evaluate
 from fuzzyarm.policies import Kind, PolicySpec, found_again, resolve, resolve_all
 
 __all__ = ["Comparison", "Difference", "print_comparison", "recheck_results"]
@@ -79,11 +78,10 @@ def recheck_results(
         OSError: the file of a policy cannot be read.
     """
     _check_consent(results, code)
-    names = found_again(results.config.policies, results.policy_files or {}, code, results.path.parent)
+    names = found_again(results.config.policies, results.made_with["policy_files"], code, results.path.parent)
     _check_files(results, names)
     fresh = evaluate(dataclasses.replace(results.config, policies=names), progress)
-    old = _flat(results.rows, results.bounds or {})
-    new = _flat(fresh.rows, {} if results.bounds is None else fresh.bounds)
+    old, new = _flat(results), _flat(fresh)
     return Comparison(
         numbers=sum(not isinstance(value, str | bool) for value in old.values()),
         rows=len(results.rows),
@@ -92,7 +90,7 @@ def recheck_results(
             for key in dict.fromkeys([*old, *new])
             if not _same(old.get(key), new.get(key))
         ],
-        notes=_notes(results, fresh.made_with),
+        notes=_notes(results.made_with, fresh.made_with),
     )
 
 
@@ -122,10 +120,8 @@ def _moved(spec: PolicySpec, labels: Collection[str]) -> bool:
 
 def _check_files(results: Results, names: Sequence[str]) -> None:
     """Check that every policy is made from the files that were evaluated."""
-    if results.policy_files is None:
-        return
     for label, spec in resolve_all(names, run_code=True).items():
-        then, now = results.policy_files[label], spec.files()
+        then, now = results.made_with["policy_files"][label], spec.files()
         changed = {file for file in then.keys() | now.keys() if then.get(file) != now.get(file)}
         if changed and now:  # an unknown policy has no files; the error of `evaluate` says more
             raise ValueError(
@@ -135,17 +131,15 @@ def _check_files(results: Results, names: Sequence[str]) -> None:
             )
 
 
-def _flat(
-    rows: Sequence[Mapping[str, Any]], bounds: Mapping[str, Mapping[str, Any] | None]
-) -> dict[tuple[str, str], Any]:
+def _flat(evaluation: Evaluation) -> dict[tuple[str, str], Any]:
     """Return everything that is compared by (place, name)."""
     flat: dict[tuple[str, str], Any] = {}
     wall_times = [name for name, metric in METRICS.items() if not metric.reproducible]
     not_compared = (*_IDENTITY, *wall_times)
-    for row in rows:
+    for row in evaluation.rows:
         place = f"{row['policy']}, {row['case']}, seed {row['seed']}"
         flat |= {(place, name): value for name, value in row.items() if name not in not_compared}
-    for policy, claimed in bounds.items():
+    for policy, claimed in evaluation.bounds.items():
         flat |= {(f"{policy}, certificate", k): v for k, v in (claimed or {}).items()}
     return flat
 
@@ -156,28 +150,23 @@ def _same(then: Any, now: Any) -> bool:
     return bool(then == now)
 
 
-def _notes(then: Results, now: Mapping[str, Any]) -> list[str]:
+def _notes(then: Mapping[str, Any], now: Mapping[str, Any]) -> list[str]:
     """Return in words what the file was made with that is different now."""
     made = {
-        "commit": (then.commit, now["commit"]),
-        "processor": (then.processor, now["machine"]["cpu"]),
-        **{name: (then.versions.get(name), version) for name, version in now["versions"].items()},
+        "commit": (then["commit"], now["commit"]),
+        "processor": (then["machine"]["cpu"], now["machine"]["cpu"]),
+        **{name: (then["versions"].get(name), version) for name, version in now["versions"].items()},
     }
-    notes = [f"{name}: {old} when measured, {new} now" for name, (old, new) in made.items() if old != new]
-    if then.policy_files is None:
-        notes.append("the file is older than digests of policies: whether their files are the same was not compared")
-    return notes
+    return [f"{name}: {old} when measured, {new} now" for name, (old, new) in made.items() if old != new]
 
 
 def print_comparison(found: Comparison, console: Console) -> None:
     """Print the result of the comparison, then the notes."""
     if found.differences:
         headings = ["policy, case, seed", "number", "recorded", "now", "relative"]
-        table = new_table(headings, left=(0, 1), console=console)
-        for difference in found.differences[:_SHOWN]:
-            cells = (difference.place, difference.name, *map(_cell, (difference.recorded, difference.measured)))
-            table.add_row(*map(Text, (*cells, _relative(difference))))
-        print_table(table, console)
+        shown = found.differences[:_SHOWN]
+        cells = [(one.place, one.name, _cell(one.recorded), _cell(one.measured), _relative(one)) for one in shown]
+        Sheet(headings, cells, left=(0, 1)).print(console)
         left = len(found.differences) - _SHOWN
         if left > 0:
             console.print(f"and {left} more", highlight=False)

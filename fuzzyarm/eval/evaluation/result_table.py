@@ -9,27 +9,25 @@ from __future__ import annotations
 
 import shlex
 from collections.abc import Mapping, Sequence
-from functools import partial
 from pathlib import Path
 from statistics import median
 from typing import Any
 
 import numpy as np
 from rich.console import Console
-from rich.text import Text
 
-from fuzzyarm.common.console import print_paragraphs, print_table
-from fuzzyarm.common.console import table as new_table
+from fuzzyarm.common.console import Sheet, print_paragraphs
 from fuzzyarm.envs.physics.equations import AnyArm, bounds_of
 from fuzzyarm.envs.scenario.cases import CASES
 from fuzzyarm.eval.declarations import ROW, declared_cells
-from fuzzyarm.eval.episodes.metrics import RESOLUTION, is_lost, millimetres
+from fuzzyarm.eval.episodes.metrics import RESOLUTION, Metric, columns, is_lost, millimetres
 from fuzzyarm.eval.episodes.rollout import Rollout
 from fuzzyarm.eval.stability.linearisation import spectral_radius
 from fuzzyarm.policies.declared import Declared
 
 __all__ = [
-    "COLUMNS", "DECLARED", "declared_rows", "print_passes", "print_results", "saturation", "table_rows", "verdict",
+    "DECLARED", "by_case_and_policy", "declared_rows", "print_passes", "print_results", "saturation",
+    "table_rows", "verdict",
 ]  # fmt: skip
 
 
@@ -122,23 +120,16 @@ def _named(policies: Sequence[str]) -> str:
     return ", ".join(policies[:_FEW]) + (f" and {len(policies) - _FEW} more" if len(policies) > _FEW else "")
 
 
-_DISPENSABLE = (7, 6, 5, 4, 2)
-"""Columns of the table, with the policy as number 0, that a narrow terminal does without, in this order."""
-_PEAKS = ("torque_peak_1", "torque_peak_2")
-"""Stands for those of all joints."""
-COLUMNS: tuple[tuple[str, tuple[str, ...], str], ...] = (
-    ("tip error max [mm]", ("tip_error_max_mm",), "{:#.3g}"),
-    ("max but for 0.1 s at the ends [mm]", ("tip_error_max_mid_mm",), "{:#.3g}"),
-    ("rms [mm]", ("tip_error_rms_mm",), "{:#.3g}"),
-    ("tip circularity [mm]", ("circularity_link_min_mm", "circularity_link_max_mm"), "{:+#.3g}"),
-    ("peak torque [N m]", _PEAKS, "{:.0f}"),
-    ("work [J]", ("energy",), "{:.0f}"),
-    ("predict [µs]", ("predict_us",), "{:.1f}"),
-)
-"""Heading, the metrics shown in one cell, and their format. Metrics of the motor side are left out: they do not say
-where the tip is."""
 DECLARED = (*ROW, "proven of the rigid arm")
 """Headings of the table of what policies declare."""
+
+
+def by_case_and_policy(rows: Sequence[dict[str, Any]]) -> dict[tuple[str, str], list[dict[str, Any]]]:
+    """Return the rows of metrics of each policy in each case, one for each seed."""
+    groups: dict[tuple[str, str], list[dict[str, Any]]] = {}
+    for row in rows:
+        groups.setdefault((row["case"], row["policy"]), []).append(row)
+    return groups
 
 
 def table_rows(
@@ -149,56 +140,51 @@ def table_rows(
     `titles` by name of the case; None: those of the two-joint arm.
     """
     known = {name: case.title for name, case in CASES.items()} if titles is None else titles
-    groups: dict[tuple[str, str], list[dict[str, Any]]] = {}
-    for row in rows:
-        groups.setdefault((row["case"], row["policy"]), []).append(row)
     result = []
-    for (case, policy), runs in groups.items():
+    for (case, policy), runs in by_case_and_policy(rows).items():
         ended = sum(not run["completed"] for run in runs)
         note = f" (ended early in {ended} of {len(runs)})" if ended else ""
-        result.append((known[case], policy + note, [_cell(runs, keys, form) for _, keys, form in COLUMNS]))
+        result.append((known[case], policy + note, [_cell(runs, metrics) for metrics in columns().values()]))
     return result
 
 
-def _cell(runs: Sequence[dict[str, Any]], keys: tuple[str, ...], form: str) -> str:
+def _cell(runs: Sequence[dict[str, Any]], metrics: Sequence[Metric]) -> str:
+    """Return the numbers of some metrics; of those of a joint, of all the joints that the arm has."""
     parts = []
-    if keys == _PEAKS:
-        keys = tuple(key for key in runs[0] if key.startswith("torque_peak_"))
-    for key in keys:
-        values = [run[key] for run in runs]
-        shown = partial(millimetres, form=form.format) if key.endswith("_mm") else form.format
-        text = shown(median(values))
+    stem = metrics[0].name.removesuffix(str(metrics[0].joint))
+    names = [name for name in runs[0] if name.startswith(stem)] if metrics[0].joint else [one.name for one in metrics]
+    for name in names:
+        values = [run[name] for run in runs]
+        text = metrics[0].text(median(values))
         if len(values) > 1:
-            text += f" ({shown(min(values))} to {shown(max(values))})"
+            text += f" ({metrics[0].text(min(values))} to {metrics[0].text(max(values))})"
         parts.append(text)
     return parts[0] if len(parts) == 1 else f"[{', '.join(parts)}]"
 
 
 def print_results(rows: Sequence[dict[str, Any]], console: Console, titles: Mapping[str, str] | None = None) -> None:
     """Print the table, the policies of each case below its title, and what a narrow terminal leaves out of it."""
-    table = new_table(["policy", *(heading for heading, _, _ in COLUMNS)], console=console)
-    last = None
-    for case, policy, cells in table_rows(rows, titles):
-        if case != last:
-            table.add_section()
-            table.add_row(Text(case, style="bold"))
-            last = case
-        table.add_row(*map(Text, (policy, *cells)))
-    if left_out := print_table(table, console, dispensable=_DISPENSABLE):
-        names = ", ".join(COLUMNS[column - 1][0] for column in sorted(left_out))
+    found, headings = table_rows(rows, titles), list(columns())
+    spare = [number for number, metrics in enumerate(columns().values(), start=1) if metrics[0].swept is None]
+    sheet = Sheet(
+        ["policy", *headings],
+        [(policy, *cells) for _, policy, cells in found],
+        groups=[case for case, _, _ in found],
+        dispensable=spare[::-1],
+    )
+    if left_out := sheet.print(console):
+        names = ", ".join(headings[column - 1] for column in sorted(left_out))
         print_paragraphs(console, [f"Left out on {console.width} columns: {names}; results.csv has all."])
 
 
 def print_passes(rows: Sequence[dict[str, Any]], passes: int, console: Console) -> None:
     """Print the largest tip error of each pass, a line for each case and policy; over several seeds the median."""
-    table = new_table(["largest tip error [mm], pass", *map(str, range(1, passes + 1))], console=console)
-    groups: dict[tuple[str, str], list[dict[str, Any]]] = {}
-    for row in rows:
-        groups.setdefault((row["case"], row["policy"]), []).append(row)
-    for (case, policy), runs in groups.items():
-        errors = (median(run[f"pass_{number}_max_mm"] for run in runs) for number in range(1, passes + 1))
-        table.add_row(Text(f"{case}, {policy}"), *(millimetres(error) for error in errors))
-    print_table(table, console, dispensable=tuple(range(2, passes)))
+    numbers, cells = range(1, passes + 1), []
+    for (case, policy), runs in by_case_and_policy(rows).items():
+        errors = (millimetres(median(run[f"pass_{number}_max_mm"] for run in runs)) for number in numbers)
+        cells.append([f"{case}, {policy}", *errors])
+    headings = ["largest tip error [mm], pass", *map(str, numbers)]
+    Sheet(headings, cells, dispensable=range(2, passes)).print(console)
 
 
 def declared_rows(

@@ -1,4 +1,4 @@
-"""``results.json`` read back and checked: what was run, the rows of metrics, and what they were made with.
+"""An evaluation read back from its folder, checked: ``results.json``, and with it the rollouts.
 
 The conditions of an evaluation: all that has to be the same where policies are ranked together.
 
@@ -9,19 +9,24 @@ from __future__ import annotations
 
 import dataclasses
 import hashlib
+import math
 from pathlib import Path
 from typing import Any
 
+from fuzzyarm import __version__
 from fuzzyarm.common.checks import instance, real, truth
 from fuzzyarm.common.documents import read_checked, record
 from fuzzyarm.envs.scenario.cases import CASES
 from fuzzyarm.envs.scenario.given_path import GivenPath
 from fuzzyarm.eval.declarations import read_declarations
-from fuzzyarm.eval.evaluation.run import SCHEMA, EvaluationConfig
+from fuzzyarm.eval.episodes import rollout_file
+from fuzzyarm.eval.episodes.metrics import metrics_of
+from fuzzyarm.eval.episodes.rollout import Rollout
+from fuzzyarm.eval.evaluation.run import SCHEMA, Evaluation, EvaluationConfig
+from fuzzyarm.fuzzy_policy.controller import GAINS, RATES
 from fuzzyarm.policies import resolve
-from fuzzyarm.policies.declared import Declared
 
-__all__ = ["EXEMPT", "NAME", "Results", "conditions_in_words", "conditions_of", "read_results"]
+__all__ = ["EXEMPT", "NAME", "Results", "conditions_in_words", "conditions_of", "read_evaluation", "read_results"]
 
 
 EXEMPT = ("policies",)
@@ -106,34 +111,61 @@ _IDENTITY = ("case", "policy", "seed")
 _NEEDED = (*_IDENTITY, "completed", "reason", "tip_error_max_mm", "tip_error_rms_mm")
 
 
-@dataclasses.dataclass(frozen=True)
-class Results:
-    """What `fuzzyarm evaluate` wrote, checked.
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class Results(Evaluation):
+    """An evaluation whose ``results.json`` was read and checked; it has no rollouts yet.
 
     Attributes:
         path: of the file.
-        config: what was run.
-        rows: one for each episode: case, policy, seed, completed, reason, and finite numbers.
-        certificates: by policy, in words; None without one.
-        bounds: numbers of the certificates by policy; None in files made before they were stored.
-        declared: by policy, see `policies.declared`; in files made before it was stored, of known names alone.
-        policy_files: digests by policy, see `PolicySpec.files`; None in files made before they were stored.
-        versions: of fuzzyarm and its libraries.
-        commit, processor: what else it was made with.
-        document: the whole content of the file, as parsed.
+        rollouts_sha256: digest of the rollouts that belong to it.
     """
 
     path: Path
+    rollouts_sha256: str
+
+
+@dataclasses.dataclass(frozen=True)
+class _Machine:
+    """The machine that ran an evaluation."""
+
+    cpu: str | None
+    cores: int | None
+    system: str
+
+
+@dataclasses.dataclass(frozen=True)
+class _Bounds:
+    """Certified bounds of a policy, see `PolicyCertificate.bounds`."""
+
+    form: str
+    alpha: float
+    gamma: float
+    controller_digest: str
+
+    def __post_init__(self) -> None:
+        """Check the numbers."""
+        real("alpha", self.alpha, "1/s", low=RATES[0], high=RATES[1])
+        real("gamma", self.gamma, low=GAINS[0], high=GAINS[1])
+
+
+@dataclasses.dataclass(frozen=True)
+class _Document:
+    """The keys of the file and their types."""
+
+    schema: str
     config: EvaluationConfig
-    rows: list[dict[str, Any]]
-    certificates: dict[str, str | None]
-    bounds: dict[str, dict[str, Any] | None] | None
-    declared: dict[str, Declared | None]
-    policy_files: dict[str, dict[str, str]] | None
-    versions: dict[str, str | None]
+    arm: str
+    command: str | None
+    date: str
     commit: str | None
-    processor: str | None
-    document: dict[str, Any]
+    versions: dict[str, str | None]
+    machine: _Machine
+    policy_files: dict[str, dict[str, str]]
+    rollouts_sha256: str
+    certificates: dict[str, str | None]
+    certified_bounds: dict[str, _Bounds | None]
+    declared: dict[str, dict[str, str] | None]
+    results: list[dict[str, Any]]
 
 
 def read_results(path: Path) -> Results:
@@ -148,48 +180,30 @@ def read_results(path: Path) -> Results:
     return read_checked(path, SCHEMA, again, lambda document: _from_document(path, document))
 
 
-@dataclasses.dataclass(frozen=True)
-class _Document:
-    """The keys of the file and their types; those with a default are missing in older files."""
-
-    schema: str
-    config: EvaluationConfig
-    commit: str | None
-    versions: dict[str, str | None]
-    machine: dict[str, Any]
-    certificates: dict[str, str | None]
-    results: list[dict[str, Any]]
-    certified_bounds: dict[str, dict[str, float | str] | None] | None = None
-    declared: dict[str, dict[str, str] | None] | None = None
-    policy_files: dict[str, dict[str, str]] | None = None
-    command: str | None = None
-    date: str = ""
-    rollouts_sha256: str = ""
-    arm: str = ""
-
-
 def _from_document(path: Path, document: dict[str, Any]) -> Results:
     read = record(document, _Document)
     config, rows = read.config, read.results
     labels = [resolve(name).label for name in config.policies]
+    if "fuzzyarm" not in read.versions:
+        raise KeyError("fuzzyarm")
     if len(rows) != len(labels) * len(config.cases) * config.seeds:
         raise ValueError(f"{len(rows)} rows are not one for each policy, case and seed")
     planned = [(case, name, seed) for case in config.cases for name in labels for seed in range(config.seeds)]
     for row, episode in zip(rows, planned, strict=True):
         _check_row(row, episode)
-    bounds, files = read.certified_bounds, read.policy_files
+    plain = dataclasses.asdict(read)
+    files = {name: read.policy_files[name] for name in labels}
     return Results(
-        path=path,
         config=config,
+        rollouts=[],
         rows=rows,
         certificates={name: read.certificates[name] for name in labels},
-        bounds=None if bounds is None else {name: bounds[name] for name in labels},
+        bounds={name: plain["certified_bounds"][name] for name in labels},
+        made_with={name: plain[name] for name in ("command", "date", "commit", "versions", "machine")}
+        | {"policy_files": files},
         declared=read_declarations(read.declared, config.policies),
-        policy_files=None if files is None else {name: files[name] for name in labels},
-        versions={"fuzzyarm": read.versions["fuzzyarm"], **read.versions},
-        commit=read.commit,
-        processor=read.machine["cpu"],
-        document=document,
+        path=path,
+        rollouts_sha256=read.rollouts_sha256,
     )
 
 
@@ -208,3 +222,58 @@ def _check_row(row: dict[str, Any], episode: tuple[str, str, int]) -> None:
             instance("note", value, str)
         elif name not in (*_IDENTITY, "completed", "reason"):
             real(f"{name} of {episode}", value)
+
+
+def read_evaluation(folder: Path) -> Results:
+    """Return the evaluation of a folder, with its rollouts.
+
+    Raises:
+        ValueError: there is none, its files are damaged, or they are of different evaluations or versions; the message
+            names the file and the way out.
+        OSError: a file cannot be read.
+    """
+    again = f"run fuzzyarm evaluate --out {folder} again"
+    if not folder.is_dir():
+        raise ValueError(f"{folder} is not a folder; make an evaluation with fuzzyarm evaluate --out {folder}")
+    if not (folder / NAME).is_file():
+        raise ValueError(f"{folder} holds no results.json; make an evaluation with fuzzyarm evaluate --out {folder}")
+    results = read_results(folder)
+    made_by = results.made_with["versions"]["fuzzyarm"]
+    if made_by != __version__:
+        raise ValueError(f"{results.path} was made by fuzzyarm {made_by}, this is {__version__}; {again}")
+    rollouts = folder / rollout_file.NAME
+    if not rollouts.is_file():
+        raise ValueError(f"{folder} holds {NAME} but no {rollouts.name}: the evaluation was interrupted; {again}")
+    try:
+        return _joined(results, rollout_file.read_rollouts(rollouts))
+    except ValueError as error:
+        raise ValueError(f"{folder}: {error}; {again}") from None
+
+
+def _joined(results: Results, rollouts: list[Rollout]) -> Results:
+    """Return results and rollouts together; ValueError if they are not of the same episodes."""
+    config = results.config
+    if rollout_file.digest(rollouts) != results.rollouts_sha256:
+        raise ValueError(f"{rollout_file.NAME} and {NAME} are of different evaluations")
+    labels = [resolve(name).label for name in config.policies]
+    period, seeds = config.control_period, range(config.seeds)
+    planned = [(case, name, seed, period) for case in config.cases for name in labels for seed in seeds]
+    if [(run.case, run.policy, run.seed, run.control_period) for run in rollouts] != planned:
+        raise ValueError(f"{rollout_file.NAME} holds other episodes than its configuration asks for")
+    for run, row in zip(rollouts, results.rows, strict=True):
+        _check_rollout(run, row)
+    return dataclasses.replace(results, rollouts=rollouts)
+
+
+def _check_rollout(run: Rollout, row: dict[str, Any]) -> None:
+    """Raise ValueError unless a row of results is that of a rollout; its metrics are computed again."""
+    expected = {name: getattr(run, name) for name in ("case", "policy", "seed", "completed", "reason")} | metrics_of(
+        run
+    )
+    for key, value in expected.items():
+        stored: Any = row.get(key)
+        both_real = isinstance(value, float) and isinstance(stored, float | int)
+        if not (math.isclose(value, stored, rel_tol=1e-9) if both_real else value == stored):
+            raise ValueError(f"{key} of {run.policy} in case {run.case} is {stored}, its rollout has {value}")
+    if row.get("note", "") != run.note:
+        raise ValueError(f"the note on {run.policy} in case {run.case} is not that of its rollout")

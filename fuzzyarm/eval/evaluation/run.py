@@ -27,8 +27,7 @@ from fuzzyarm.envs.scenario.paths import SHAPES
 from fuzzyarm.envs.scenario.reference import Reference
 from fuzzyarm.eval.declarations import declarations_of, written_declarations
 from fuzzyarm.eval.episodes.metrics import metrics_of
-from fuzzyarm.eval.episodes.passes import record_passes
-from fuzzyarm.eval.episodes.rollout import Rollout
+from fuzzyarm.eval.episodes.rollout import Rollout, record_passes
 from fuzzyarm.eval.episodes.rollout_file import digest
 from fuzzyarm.eval.evaluation.result_table import saturation
 from fuzzyarm.eval.provenance import current_provenance
@@ -154,22 +153,17 @@ class EvaluationConfig:
             if self.robot.name not in shipped_robots() or self.robot != robot_named(self.robot.name):
                 return None
             words += ["--robot", self.robot.name]
-        if self.policies != default.policies:
-            words += [word for policy in self.policies for word in ("--policy", recorded(policy))]
-        if self.cases != default.cases:
-            words += [word for case in self.cases for word in ("--case", case)]
-        if self.seeds != default.seeds:
-            words += ["--seeds", str(self.seeds)]
-        if any(self.encoder_noise):
-            words += ["--encoder-noise", *map(repr, self.encoder_noise)]
-        if self.path != default.path:
-            words += ["--path", self.path]
-        if self.force is not None:
-            words += ["--force", *map(repr, self.force)]
-        if self.payload is not None:
-            words += ["--payload", repr(self.payload)]
-        if self.passes != default.passes:
-            words += ["--passes", str(self.passes)]
+        for name in ("policies", "cases", "seeds", "encoder_noise", "path", "force", "payload", "passes"):
+            value = getattr(self, name)
+            if value != getattr(default, name):
+                values = [str(one) for one in (value if isinstance(value, tuple) else [value])]
+                match name:
+                    case "policies":
+                        words += [word for policy in values for word in ("--policy", recorded(policy))]
+                    case "cases":
+                        words += [word for case in values for word in ("--case", case)]
+                    case _:
+                        words += [f"--{name.replace('_', '-')}", *values]
         return shlex.join(words)
 
 

@@ -29,25 +29,8 @@ from fuzzyarm.fuzzy_policy.proof.certificate import certify
 from fuzzyarm.policies import load_policy
 
 __all__ = [
-    "FEW",
-    "FORMS",
-    "HIGH_GAIN",
-    "MANY",
-    "PAPERS_OWN",
-    "PAPER_H",
-    "PAPER_K",
-    "PAPER_L",
-    "RULES",
-    "STEPS",
-    "SWAPPED",
-    "TITLES",
-    "WITNESSES",
-    "Evidence",
-    "compared_policies",
-    "gather",
-    "key_of",
-    "prove_witnesses",
-    "smallest_gamma",
+    "FEW", "FORMS", "HIGH_GAIN", "MANY", "PAPERS_OWN", "PAPER_H", "PAPER_K", "PAPER_L", "RULES", "STEPS", "SWAPPED",
+    "TITLES", "WITNESSES", "Evidence", "compared_policies", "gather", "key_of", "prove_witnesses", "smallest_gamma",
 ]  # fmt: skip
 
 

@@ -12,30 +12,20 @@ import dataclasses
 import json
 from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any
 
 from rich.console import Console
-from rich.markup import escape
 
-from fuzzyarm.common import console as terminal
 from fuzzyarm.common import documents
+from fuzzyarm.common.console import Sheet
 from fuzzyarm.common.files import write_atomically
 from fuzzyarm.eval.paper.claims import CLAIMS, ROLLOUTS, STATEMENTS, TABLE_2, Claim
 from fuzzyarm.eval.paper.evidence import TITLES, Evidence
 from fuzzyarm.eval.provenance import current_provenance
 
 __all__ = [
-    "EXPECTED",
-    "Comparison",
-    "Drift",
-    "Numbers",
-    "compare",
-    "find_drift",
-    "load_expected",
-    "print_report",
-    "renewed",
-    "store_expected",
-    "write_report",
+    "EXPECTED", "Comparison", "Drift", "Numbers", "compare", "find_drift", "load_expected", "print_report", "renewed",
+    "store_expected", "write_report",
 ]  # fmt: skip
 
 
@@ -223,47 +213,33 @@ def _outcome(comparison: Comparison) -> list[str]:
     ]
 
 
-class _Table(NamedTuple):
-    """A table of the report: its title, its headings and its rows of cells."""
-
-    title: str
-    headings: list[str]
-    rows: list[list[str]]
-
-    @property
-    def text_columns(self) -> list[int]:
-        """Indices of the columns that hold text and no numbers."""
-        return [index for index, heading in enumerate(self.headings) if heading in TEXT_COLUMNS]
-
-
 def print_report(comparison: Comparison, console: Console) -> None:
     """Print the tables and the reasons: with lines and fewer columns in a terminal, plain columns when piped."""
     narrow = console.is_terminal
-    for shown in _tables(comparison, narrow):
-        table = terminal.table(shown.headings, shown.text_columns, console=console, title=shown.title, fold=narrow)
-        for row in shown.rows:
-            table.add_row(*map(escape, row))
-        terminal.print_table(table, console)
+    for sheet in _tables(comparison, narrow):
+        sheet.print(console)
     reasons = (f"({number}) {reason}" for reason, number in _reason_numbers().items())
     for line in (LEGEND, *reasons, *_outcome(comparison)):
         console.print(line, highlight=False, markup=False)
 
 
-def _tables(comparison: Comparison, narrow: bool) -> list[_Table]:
+def _tables(comparison: Comparison, narrow: bool) -> list[Sheet]:
     """Return the three tables; `narrow` ones have no keys of claims, and each value on a line of its own."""
     texts = [WHERE, MEASURE] if narrow else [WHERE, SAYS, MEASURE]
-    return [
-        _Table(
-            "Statements and settings",
+    tables = {
+        "Statements and settings": (
             [WHERE, SAYS, MEASURE, "paper", "ours", "why"],
             [_statement_row(claim, comparison, narrow) for claim in STATEMENTS],
         ),
-        _Table("Table 2", [RULES, *comparison.measured[TABLE_2[0].key], "why"], _table_2_rows(comparison)),
-        _Table(
-            "On the arm",
+        "Table 2": ([RULES, *comparison.measured[TABLE_2[0].key], "why"], _table_2_rows(comparison)),
+        "On the arm": (
             [*texts, "paper", *COLUMNS.values(), "why"],
             [_rollout_row(claim, comparison, narrow) for claim in ROLLOUTS],
         ),
+    }
+    return [
+        Sheet(headings, rows, [at for at, one in enumerate(headings) if one in TEXT_COLUMNS], title=title, fold=narrow)
+        for title, (headings, rows) in tables.items()
     ]
 
 
@@ -334,10 +310,9 @@ def _reason_numbers() -> dict[str, int]:
 def _markdown(comparison: Comparison, figures: Sequence[Path]) -> str:
     """Return tables, reasons, tolerances and figures as Markdown."""
     lines = ["# The paper's numbers, recomputed", ""]
-    for title, headings, rows in _tables(comparison, narrow=False):
-        aligned = ["---" if heading in TEXT_COLUMNS else "---:" for heading in headings]
-        escaped = [[cell.replace("*", "\\*").replace("|", "\\|") for cell in row] for row in rows]
-        lines += [f"## {title}", "", *(f"| {' | '.join(cells)} |" for cells in (headings, aligned, *escaped)), ""]
+    for sheet in _tables(comparison, narrow=False):
+        escaped = dataclasses.replace(sheet, rows=[[cell.replace("*", "\\*") for cell in row] for row in sheet.rows])
+        lines += [f"## {sheet.title}", "", escaped.markdown(), ""]
     lines += [LEGEND.replace("*", "\\*"), "", "## Why", ""]
     lines += [f"{number}. {reason}" for reason, number in _reason_numbers().items()]
     groups: dict[str, list[str]] = {}

@@ -37,24 +37,15 @@ from fuzzyarm.eval.certified.tip.bound import plain
 from fuzzyarm.eval.certified.tip.bound_file import BoundCheck, check_bound
 from fuzzyarm.eval.certified.tip.cells_file import check_cells, is_cells
 from fuzzyarm.eval.episodes.rollout import Rollout
-from fuzzyarm.eval.evaluation.run import EvaluationConfig
-from fuzzyarm.eval.report.stored import StoredEvaluation
+from fuzzyarm.eval.evaluation.run import Evaluation, EvaluationConfig
 from fuzzyarm.eval.report.summary import Axis, Bound, draw_chart, figure
 from fuzzyarm.fuzzy_policy.controller import Controller
 from fuzzyarm.fuzzy_policy.proof.policy_certificate import NOT_COVERED
 from fuzzyarm.policies.spec import PolicySpec, resolve
 
 __all__ = [
-    "SCOPE",
-    "Observations",
-    "Observed",
-    "bound_charts",
-    "bound_note",
-    "checked_bounds",
-    "observe",
-    "observe_policies",
-    "statements",
-    "tube_section",
+    "SCOPE", "Observations", "Observed", "bound_charts", "bound_note", "checked_bounds", "observe", "observe_policies",
+    "statements", "tube_section",
 ]  # fmt: skip
 
 
@@ -92,11 +83,7 @@ def observe_policies(
 ) -> dict[str, Observed | str]:
     """Return what is observed of every certified policy by its name, or in words why nothing is observed.
 
-    Policies that use the same controller file share its result.
-
-    Args:
-        config: of the evaluation.
-        bounds: certified bounds by policy, as `evaluate` stored them; None for a policy without a certificate.
+    Policies that use the same controller file share its result. `bounds` are certified, as `evaluate` stored them.
     """
     reference = config.reference()
     by_file: dict[str, Observed] = {}
@@ -264,7 +251,7 @@ _CHARTS = (
 )
 
 
-def bound_charts(stored: StoredEvaluation, observed: Observations) -> str:
+def bound_charts(stored: Evaluation, observed: Observations) -> str:
     """Return a chart of each kind of bound; a policy without comparable bounds has a text in its row."""
     figures = []
     for spec in _CHARTS:

@@ -26,7 +26,8 @@ from fuzzyarm.common.files import write_atomically
 from fuzzyarm.envs.scenario.cases import CASES
 from fuzzyarm.eval.episodes.metrics import LOST, millimetres
 from fuzzyarm.eval.evaluation.ranking import Standing, standings_of
-from fuzzyarm.eval.evaluation.run import EvaluationConfig
+from fuzzyarm.eval.evaluation.results_file import read_evaluation
+from fuzzyarm.eval.evaluation.run import Evaluation, EvaluationConfig
 from fuzzyarm.eval.report.beliefs import WARNING, belief_figures
 from fuzzyarm.eval.report.certificates import (
     SCOPE,
@@ -39,7 +40,6 @@ from fuzzyarm.eval.report.certificates import (
     tube_section,
 )
 from fuzzyarm.eval.report.payload import replay_data
-from fuzzyarm.eval.report.stored import StoredEvaluation, read_evaluation
 from fuzzyarm.eval.report.summary import declared_table, digits, error_charts, finished, metrics_table
 from fuzzyarm.policies import resolve
 
@@ -183,7 +183,7 @@ def write_report(folder: str | Path, out: str | Path, bounds: Sequence[str | Pat
     write_atomically(out, render_page(stored, observe_policies(stored.config, stored.bounds), tubes))
 
 
-def render_page(stored: StoredEvaluation, observed: Observations, tubes: str = "") -> str:
+def render_page(stored: Evaluation, observed: Observations, tubes: str = "") -> str:
     """Return the HTML of the page; it shows what was `observed` beside the certified bounds, then `tubes`."""
     structure, style, script = _part("page.html"), _part("page.css"), "\n".join(map(_part, SCRIPTS))
     config, data, early = stored.config, replay_data(stored), not finished(stored.rows)
@@ -229,7 +229,7 @@ def _part(name: str) -> str:
     return resources.files("fuzzyarm.eval.report").joinpath(name).read_text(encoding="utf-8")
 
 
-def _beliefs(stored: StoredEvaluation) -> str:
+def _beliefs(stored: Evaluation) -> str:
     """Return the section of what policies believed; an empty text if none says it."""
     figures = belief_figures(stored.rollouts, {name: stored.config.case(name, None) for name in stored.config.cases})
     if not figures:
@@ -257,7 +257,7 @@ def _script_data(data: dict[str, Any]) -> str:
     return text.replace("<", "\\u003c").replace(">", "\\u003e").replace("&", "\\u0026")
 
 
-def _subtitle(stored: StoredEvaluation) -> str:
+def _subtitle(stored: Evaluation) -> str:
     config, made = stored.config, stored.made_with
     parts = [
         made["date"][:16].replace("T", " ") + " UTC",
@@ -290,7 +290,7 @@ def _table_note(config: EvaluationConfig, early: bool) -> str:
     return note
 
 
-def _made(stored: StoredEvaluation) -> dict[str, str]:
+def _made(stored: Evaluation) -> dict[str, str]:
     """Return the provenance of the evaluation and of this page, by heading."""
     config, made = stored.config, stored.made_with
     noise = "{:g} rad, {:g} rad/s".format(*config.encoder_noise) if any(config.encoder_noise) else "none"

@@ -13,8 +13,7 @@ from fuzzyarm.envs.perspective import floor_of, in_space, looking_at, poses_of
 from fuzzyarm.envs.physics.robot import Robot
 from fuzzyarm.envs.scenario.kinematics import reach
 from fuzzyarm.eval.episodes.rollout import Rollout
-from fuzzyarm.eval.evaluation.run import EvaluationConfig
-from fuzzyarm.eval.report.stored import StoredEvaluation
+from fuzzyarm.eval.evaluation.run import Evaluation, EvaluationConfig
 
 __all__ = ["replay_data"]
 
@@ -24,7 +23,7 @@ _FLOAT = np.dtype("<f4")  # of embedded numbers
 _BASE64 = 4 / 3  # bytes of base64 for a byte of data
 
 
-def replay_data(stored: StoredEvaluation) -> dict[str, Any]:
+def replay_data(stored: Evaluation) -> dict[str, Any]:
     """Return policies, arm, cases and their runs with the first seed, as plain data for JSON.
 
     Arrays are base64 of little-endian float32. Every `stride`-th sample is embedded, and the last one of each episode.

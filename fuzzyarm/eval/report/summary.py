@@ -13,26 +13,16 @@ import re
 from collections.abc import Mapping, Sequence
 from html import escape
 from statistics import median
-from typing import Any, NamedTuple
+from typing import Any
 
 from fuzzyarm.envs.scenario.cases import CASES
-from fuzzyarm.eval.episodes.metrics import RESOLUTION, millimetres
-from fuzzyarm.eval.evaluation.result_table import COLUMNS, DECLARED, declared_rows, table_rows
+from fuzzyarm.eval.episodes.metrics import RESOLUTION, columns, millimetres
+from fuzzyarm.eval.evaluation.result_table import DECLARED, declared_rows, table_rows
 from fuzzyarm.policies.declared import Declared
 
 __all__ = [
-    "PALETTE",
-    "Axis",
-    "Bound",
-    "Errors",
-    "best",
-    "declared_table",
-    "digits",
-    "draw_chart",
-    "error_charts",
-    "figure",
-    "finished",
-    "metrics_table",
+    "PALETTE", "Axis", "Bound", "Errors", "best", "declared_table", "digits", "draw_chart", "error_charts", "figure",
+    "finished", "metrics_table",
 ]  # fmt: skip
 
 
@@ -181,13 +171,6 @@ Group = dict[str, list[Row]]
 """The rows of one case by policy, with one row for each seed."""
 
 
-class _TipError(NamedTuple):
-    """Tip error of a policy in a case [mm], over several seeds the medians."""
-
-    rms: float
-    maximum: float
-
-
 def error_charts(rows: Sequence[Row], titles: Mapping[str, str] | None = None) -> str:
     """Return a chart of the tip errors for each case, all with the same axis; over several seeds medians.
 
@@ -199,7 +182,7 @@ def error_charts(rows: Sequence[Row], titles: Mapping[str, str] | None = None) -
     axis = _error_axis([value for group in errors.values() for error in group.values() for value in error])
     figures = []
     for case, group in groups.items():
-        best_rms = min((errors[case][policy].rms for policy, runs in group.items() if finished(runs)), default=math.nan)
+        best_rms = min((errors[case][policy][0] for policy, runs in group.items() if finished(runs)), default=math.nan)
         drawn = []
         for policy, runs in group.items():
             rms, maximum = errors[case][policy]
@@ -211,8 +194,10 @@ def error_charts(rows: Sequence[Row], titles: Mapping[str, str] | None = None) -
     return "".join(figures)
 
 
-def _tip_error(runs: Sequence[Row]) -> _TipError:
-    return _TipError(*(float(median(run[key] for run in runs)) for key in ("tip_error_rms_mm", "tip_error_max_mm")))
+def _tip_error(runs: Sequence[Row]) -> tuple[float, float]:
+    """Return the rms and the largest tip error of a policy in a case [mm], over several seeds the medians."""
+    rms, largest = (float(median(run[key] for run in runs)) for key in ("tip_error_rms_mm", "tip_error_max_mm"))
+    return rms, largest
 
 
 def _error_axis(values: Sequence[float]) -> Axis:
@@ -229,7 +214,7 @@ def metrics_table(rows: Sequence[Row], titles: Mapping[str, str] | None = None) 
     """
     known = {name: case.title for name, case in CASES.items()} if titles is None else titles
     cells = iter(table_rows(rows))  # in the order of the groups
-    headings = [escape(heading).replace("N m", "N&nbsp;m") for heading, _, _ in COLUMNS]
+    headings = [escape(heading).replace("N m", "N&nbsp;m") for heading in columns()]
     heads = "".join(f'<th scope="col">{heading}</th>' for heading in headings)
     parts = [f'<table><thead><tr><th scope="col">policy</th>{heads}</tr></thead>']
     for case, group in _groups(rows).items():
@@ -247,10 +232,10 @@ def _cells(row: tuple[str, str, list[str]]) -> list[str]:
 def _table_body(title: str, group: Group, texts: dict[str, list[str]]) -> str:
     """Return the rows of a case; `texts` are the cells of each policy."""
     marked = [
-        best(group, keys, {policy: cells[column] for policy, cells in texts.items()})
-        for column, (_, keys, _) in enumerate(COLUMNS)
+        best(group, [metric.name for metric in metrics], {policy: cells[column] for policy, cells in texts.items()})
+        for column, metrics in enumerate(columns().values())
     ]
-    span = f'scope="rowgroup" colspan="{len(COLUMNS) + 1}"'
+    span = f'scope="rowgroup" colspan="{len(columns()) + 1}"'
     parts = [f"<tbody><tr><th {span}><span>{escape(title)}</span></th></tr>"]
     for index, (policy, runs) in enumerate(group.items()):
         name = f'<span class="swatch"></span>{escape(policy)}{_badge(runs)}'

@@ -51,17 +51,8 @@ from fuzzyarm.fuzzy_policy.known_arm import per_joint_of, without_dry_friction
 from fuzzyarm.fuzzy_policy.policy import Predictor
 
 __all__ = [
-    "GAIN_SPAN",
-    "POSTURES",
-    "GainLimits",
-    "Linearisable",
-    "LocalLoop",
-    "gain_limits",
-    "gain_margin",
-    "largest_radius",
-    "linearise",
-    "linearise_path",
-    "spectral_radius",
+    "GAIN_SPAN", "POSTURES", "GainLimits", "Linearisable", "LocalLoop", "gain_limits", "gain_margin", "largest_radius",
+    "linearise", "linearise_path", "spectral_radius",
 ]  # fmt: skip
 
 

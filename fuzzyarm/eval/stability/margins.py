@@ -16,11 +16,9 @@ from functools import cache, cached_property, partial
 from typing import Any, Literal, NamedTuple
 
 from rich.console import Console
-from rich.text import Text
 
 from fuzzyarm.common.checks import distinct, instance, listed
-from fuzzyarm.common.console import print_paragraphs, print_table
-from fuzzyarm.common.console import table as new_table
+from fuzzyarm.common.console import Sheet, print_paragraphs
 from fuzzyarm.envs.physics.dynamics import Payload
 from fuzzyarm.envs.physics.equations import AnyArm, chosen_arm
 from fuzzyarm.envs.physics.parameters import ArmParameters
@@ -40,18 +38,8 @@ from fuzzyarm.fuzzy_policy.known_arm import per_joint_of, with_drives
 from fuzzyarm.policies import ANY_ROBOT, NAMES, policies_of, recorded, resolve_all
 
 __all__ = [
-    "CONDITIONS",
-    "LIMITS",
-    "Condition",
-    "Limit",
-    "MarginsConfig",
-    "conditions_for",
-    "margin_cells",
-    "margin_notes",
-    "margins_in_words",
-    "measure_margins",
-    "policy_margins",
-    "print_margins",
+    "CONDITIONS", "LIMITS", "Condition", "Limit", "MarginsConfig", "conditions_for", "margin_cells", "margin_notes",
+    "margins_in_words", "measure_margins", "policy_margins", "print_margins",
 ]  # fmt: skip
 
 
@@ -310,9 +298,5 @@ def margin_notes(document: dict[str, Any]) -> list[str]:
 
 def print_margins(document: dict[str, Any], console: Console) -> None:
     """Print the table and its notes."""
-    headings, cells = margin_cells(document["rows"])
-    table = new_table(headings, console=console)
-    for row in cells:
-        table.add_row(*(Text(cell, style="red" if "unstable" in cell else "") for cell in row))
-    print_table(table, console)
+    Sheet(*margin_cells(document["rows"]), alarm="unstable").print(console)
     print_paragraphs(console, margin_notes(document))

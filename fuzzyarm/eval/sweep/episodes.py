@@ -11,6 +11,7 @@ import numpy as np
 from fuzzyarm.envs.vector import FuzzyArmVectorEnv
 from fuzzyarm.eval.episodes.closed_loops import Channel, closed_loops
 from fuzzyarm.eval.episodes.loop import Step, TipErrors, episodes
+from fuzzyarm.eval.episodes.metrics import swept
 from fuzzyarm.eval.episodes.rollout import Rollout, Signals
 from fuzzyarm.eval.sweep.config import SweepConfig
 from fuzzyarm.eval.sweep.distributions import plant_record
@@ -19,7 +20,7 @@ from fuzzyarm.fuzzy_policy.law import law_of
 from fuzzyarm.fuzzy_policy.policy import Policy, Predictor
 
 __all__ = [
-    "METRICS", "WORTHWHILE", "SweepResults", "errors_in_one_kernel", "errors_step_by_step", "replay", "run_plants",
+    "WORTHWHILE", "Delay", "SweepResults", "errors_in_one_kernel", "errors_step_by_step", "replay", "run_plants",
     "steps",
 ]  # fmt: skip
 
@@ -33,43 +34,53 @@ class SweepResults:
 
     Attributes:
         plants: (n,) records of `distributions.plant_record`.
-        max_mm: (policies, cases, n) largest tip error [mm].
-        rms_mm: (policies, cases, n) root mean square tip error [mm].
+        metrics: by `Metric.key`, (policies, cases, n) [its unit].
         seconds: (policies, cases, n) duration of the episode [s].
         completed: (policies, cases, n) whether the episode lasted to the end of the reference.
     """
 
     plants: np.ndarray
-    max_mm: np.ndarray
-    rms_mm: np.ndarray
+    metrics: dict[str, np.ndarray]
     seconds: np.ndarray
     completed: np.ndarray
+
+    @property
+    def arrays(self) -> dict[str, np.ndarray]:
+        """All arrays by name, as files have them."""
+        return {"plants": self.plants, **self.metrics, "seconds": self.seconds, "completed": self.completed}
+
+    @classmethod
+    def of(cls, arrays: Mapping[str, np.ndarray]) -> SweepResults:
+        """Return the results with these `arrays`; KeyError if one is missing."""
+        metrics = {key: arrays[key] for key in swept()}
+        return cls(arrays["plants"], metrics, arrays["seconds"], arrays["completed"])
 
     @classmethod
     def joined(cls, parts: Sequence[SweepResults]) -> SweepResults:
         """Return the results of several chunks as one."""
-        return cls(
-            *(np.concatenate(arrays, axis=-1) for arrays in zip(*(vars(part).values() for part in parts), strict=True))
-        )
+        arrays = [part.arrays for part in parts]
+        return cls.of({name: np.concatenate([one[name] for one in arrays], axis=-1) for name in arrays[0]})
 
     def episodes(self, policy: int, case: int) -> SweepResults:
         """Return the results of one policy in one case by their places in the sweep; every array is (n,)."""
-        return SweepResults(self.plants, *(getattr(self, name)[policy, case] for name in METRICS))
+        own = {name: array if name == "plants" else array[policy, case] for name, array in self.arrays.items()}
+        return SweepResults.of(own)
 
     def fits(self, config: SweepConfig, plants: int) -> bool:
         """Return whether the arrays have the shapes and types of so many plants of a sweep."""
-        shape = len(config.policies), len(config.cases), plants
-        needed = [((plants,), plant_record(config.joints)), *[(shape, np.dtype(float))] * 3, (shape, np.dtype(bool))]
-        return [(array.shape, array.dtype) for array in vars(self).values()] == needed
+        shape, special = (len(config.policies), len(config.cases), plants), {"completed": np.dtype(bool)}
+        needed: dict[str, Any] = {name: (shape, special.get(name, np.dtype(float))) for name in self.arrays}
+        needed["plants"] = (plants,), plant_record(config.joints)
+        return {name: (array.shape, array.dtype) for name, array in self.arrays.items()} == needed
+
+    def finished(self, key: str) -> np.ndarray:
+        """Return a metric; inf where the episode ended early."""
+        return np.where(self.completed, self.metrics[key], np.inf)
 
     @property
     def errors(self) -> np.ndarray:
-        """Largest tip error [mm], of the shape of `max_mm`; inf where the episode ended early."""
-        return np.where(self.completed, self.max_mm, np.inf)
-
-
-METRICS = tuple(field.name for field in dataclasses.fields(SweepResults) if field.name != "plants")
-"""Names of the metrics of an episode."""
+        """Largest tip error [mm], (policies, cases, n); inf where the episode ended early."""
+        return self.finished("max_mm")
 
 
 class _Noise:
@@ -85,17 +96,19 @@ class _Noise:
         return result
 
 
-class _Delay:
+class Delay:
     """What the motors get at control step k: u_max(k-d, 0), u_k the policy's torque and d the plant's delay (lanes,).
 
     The torque of the first instant, when the arm is at rest, acts as if it had been commanded before, too.
     """
 
     def __init__(self, delay: np.ndarray, joints: int) -> None:
+        """Take whole control periods (lanes,)."""
         self._delay, self._lanes, self._step = delay, np.arange(len(delay)), 0
         self._sent = np.empty((int(delay.max()) + 1, len(delay), joints))
 
     def __call__(self, torque: np.ndarray) -> np.ndarray:
+        """Return what the motors get (lanes, joints) [N m] for what is commanded; called once in each step."""
         depth, k = len(self._sent), self._step
         self._sent[k % depth if k else slice(None)] = torque
         self._step += 1
@@ -106,7 +119,7 @@ def steps(plants: Plants, envs: FuzzyArmVectorEnv, policy: Predictor) -> Iterato
     """Run one episode of every lane of the plants' environment, with each plant's noise and delay."""
     start, (noise, delay) = plants.begin(envs), _channel(plants, envs)
     sense = None if noise is None else _Noise(noise)
-    actuate = _Delay(delay, plants.config.joints) if delay.any() else None
+    actuate = Delay(delay, plants.config.joints) if delay.any() else None
     return episodes(envs, policy, start, sense=sense, actuate=actuate)
 
 
@@ -132,13 +145,14 @@ def run_plants(config: SweepConfig, policies: Mapping[str, Predictor], members: 
         except ValueError as error:
             raise ValueError(f"policy {label}, plants {members[0]} to {members[-1]}: {error}") from error
     shape = len(policies), len(config.cases), len(members)
-    metrics = (
-        [1e3 * errors.largest for errors in found],
-        [1e3 * errors.rms for errors in found],
-        [CONTROL_PERIOD * errors.steps for errors in found],
-        [errors.completed for errors in found],
+    arrays = {
+        **{key: [metric.swept(errors) for errors in found] for key, metric in swept().items() if metric.swept},
+        "seconds": [CONTROL_PERIOD * errors.steps for errors in found],
+        "completed": [errors.completed for errors in found],
+    }
+    return SweepResults.of(
+        {"plants": plants.values} | {name: np.reshape(array, shape) for name, array in arrays.items()}
     )
-    return SweepResults(plants.values, *(np.reshape(metric, shape) for metric in metrics))
 
 
 def errors_step_by_step(plants: Plants, envs: FuzzyArmVectorEnv, policy: Predictor) -> TipErrors:

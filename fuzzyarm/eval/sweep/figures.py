@@ -100,13 +100,7 @@ def write_sweep_figures(
 
 
 def draw_sweep(config: SweepConfig, results: SweepResults, rows: Sequence[dict[str, Any]]) -> dict[str, Figure]:
-    """Return the figures by name: ``spread``, and ``map-<policy>`` where two quantities vary.
-
-    Args:
-        config: what was run.
-        results: of all plants.
-        rows: of the summary.
-    """
+    """Return figures by name: ``spread``, and ``map-<policy>`` where two quantities vary; `rows` are the summary's."""
     errors = results.errors
     figures = {"spread": _spread(config, errors, rows)}
     if len(config.plane) == 2:

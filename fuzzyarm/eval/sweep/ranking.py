@@ -23,8 +23,8 @@ from fuzzyarm.common.checks import real, whole
 from fuzzyarm.common.documents import DocumentError, read_checked, read_json
 from fuzzyarm.envs.scenario.cases import find_case
 from fuzzyarm.eval.declarations import read_declarations
-from fuzzyarm.eval.episodes.metrics import RESOLUTION, millimetres
-from fuzzyarm.eval.evaluation.ranking import Table, check_comparable, ranks_of, shown
+from fuzzyarm.eval.episodes.metrics import RESOLUTION, millimetres, ranked
+from fuzzyarm.eval.evaluation.ranking import Table, check_comparable, other_cells, other_headings, ranks_of, shown
 from fuzzyarm.eval.evaluation.statistics import Estimate
 from fuzzyarm.eval.sweep.summary import SCHEMA, SUMMARY
 from fuzzyarm.policies.declared import Declared
@@ -47,6 +47,7 @@ class PlantStanding:
         ended_early: number of episodes that ended early.
         plants: number of plants in each case.
         declared: what it declares, see `policies.declared`; None if it does not.
+        others: the 99 % quantile of each metric of `metrics.ranked` that sweeps have, by case; None likewise.
     """
 
     policy: str
@@ -56,6 +57,7 @@ class PlantStanding:
     ended_early: int
     plants: int
     declared: Declared | None = None
+    others: dict[str, dict[str, float | None]] = dataclasses.field(default_factory=dict)
 
     @property
     def order(self) -> tuple[int, float]:
@@ -74,12 +76,14 @@ class PlantBoard:
         """Return the table and its notes."""
         cases = list(self.standings[0].cases)
         headings = ["rank", "policy", "score [mm]", *(f"99 % of plants, {case} [mm]" for case in cases)]
+        headings += other_headings(cases, "99 % of plants, ") if self.standings[0].others else []
         cells = [
             [
                 str(rank),
                 standing.policy,
                 "ended early" if standing.score is None else shown(standing.score),
                 *("ended early" if value is None else millimetres(value) for value in standing.cases.values()),
+                *other_cells(standing.others, "ended early"),
                 f"{standing.ended_early} of {standing.plants * len(cases)}",
                 str(standing.plants),
                 standing.source,
@@ -91,7 +95,7 @@ class PlantBoard:
             f"95 %. Ended early: more than 1 % of a case's episodes did; such policies rank last. All: "
             f"{self.conditions}."
         )
-        return Table([*headings, "ended early", "plants", "from"], cells, notes)
+        return Table.of([*headings, "ended early", "plants", "from"], cells, notes)
 
 
 def is_sweep(path: Path) -> bool:
@@ -141,8 +145,13 @@ def _read(file: Path, document: dict[str, Any]) -> tuple[list[PlantStanding], di
         found = {row["case"]: _estimate(row["max_mm"][LEVEL]) for row in own}
         ended = sum(whole("ended_early", row["ended_early"], low=0, high=plants) for row in own)
         quantiles = {case: estimate.mean if estimate else None for case, estimate in found.items()}
+        others = {
+            words: {row["case"]: row[metric.key][LEVEL]["value"] for row in own}
+            for words, metric in ranked().items()
+            if metric.swept
+        }
         score = _largest(list(found.values()))
-        standings.append(PlantStanding(policy, str(file), score, quantiles, ended, plants, declared[policy]))
+        standings.append(PlantStanding(policy, str(file), score, quantiles, ended, plants, declared[policy], others))
     conditions = {
         "version of fuzzyarm": document["versions"]["fuzzyarm"],
         "cases": cases,

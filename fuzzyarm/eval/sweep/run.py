@@ -19,7 +19,7 @@ import re
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from importlib.metadata import version
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 
@@ -31,6 +31,7 @@ from fuzzyarm.common.files import write_atomically
 from fuzzyarm.envs.scenario.cases import CASES, INSTANTS, Case
 from fuzzyarm.eval.declarations import declarations_of
 from fuzzyarm.eval.engine import Engine, source_of
+from fuzzyarm.eval.episodes.metrics import swept
 from fuzzyarm.eval.episodes.rollout import Rollout
 from fuzzyarm.eval.sweep.config import SHOWN, SweepConfig
 from fuzzyarm.eval.sweep.episodes import SweepResults, replay, run_plants
@@ -39,7 +40,7 @@ from fuzzyarm.eval.sweep.summary import SCHEMA, SUMMARY, summarise, summary_csv
 from fuzzyarm.fuzzy_policy.policy import Predictor
 from fuzzyarm.policies import Kind, PolicySpec, found_again, resolve, resolve_all
 
-__all__ = ["SOURCES", "Replay", "Summary", "Sweep", "difference", "digest_of", "identity_of", "made_with", "run_chunk"]
+__all__ = ["SOURCES", "Sweep", "difference", "digest_of", "identity_of", "made_with", "run_chunk"]
 
 RUN = "run.json"
 SOURCES = (
@@ -47,20 +48,6 @@ SOURCES = (
     *(f"eval/sweep/{name}.py" for name in ("distributions", "config", "plants", "episodes")),
 )
 """Files and folders of the package that decide the numbers: code, controllers and weights."""
-
-
-class Summary(NamedTuple):
-    """What ``sweep.json`` holds, see `summary.summarise`, and all files that were written."""
-
-    document: dict[str, Any]
-    paths: list[Path]
-
-
-class Replay(NamedTuple):
-    """The signals of one plant run again, and the folder that they and their figures are in."""
-
-    rollout: Rollout
-    folder: Path
 
 
 @dataclasses.dataclass(frozen=True)
@@ -181,7 +168,7 @@ class Sweep:
         with contextlib.closing(engine.run(work, self.missing(), report)) as chunks:
             for number, results in chunks:
                 content = io.BytesIO()
-                np.savez(content, allow_pickle=False, digest=np.array(self.digest), **vars(results))
+                np.savez(content, allow_pickle=False, digest=np.array(self.digest), **results.arrays)
                 write_atomically(self._path(number), content.getvalue())
                 yield len(results.plants)
 
@@ -193,8 +180,10 @@ class Sweep:
             raise ValueError(f"{self.folder} lacks {len(chunks) - len(done)} chunks: --resume runs them")
         return SweepResults.joined(done)
 
-    def summarise(self, progress: Callable[[], None] = lambda: None) -> Summary:
+    def summarise(self, progress: Callable[[], None] = lambda: None) -> tuple[dict[str, Any], list[Path]]:
         """Write the summary, the table, all episodes and the figures, calling `progress` after each of these.
+
+        Return what ``sweep.json`` holds, see `summary.summarise`, and all files that were written.
 
         Raises:
             ValueError: a chunk is missing or broken.
@@ -208,15 +197,17 @@ class Sweep:
         contents: dict[str, str | bytes] = {
             SUMMARY: _json(document),
             "sweep.csv": summary_csv(document["rows"]),
-            "episodes.npz": _compressed(vars(results)),
+            "episodes.npz": _compressed(results.arrays),
         }
         for name, content in contents.items():
             write_atomically(folder / name, content)
         figures = write_sweep_figures(config, results, document["rows"], folder, progress)
-        return Summary(document, [*(folder / name for name in contents), *figures])
+        return document, [*(folder / name for name in contents), *figures]
 
-    def replay_plant(self, policy: str, case: str, plant: int) -> Replay:
-        """Run a plant, by its number, again under a policy, by its label, in a case; write its signals and figures.
+    def replay_plant(self, policy: str, case: str, plant: int) -> tuple[Rollout, Path]:
+        """Run a plant, by its number, again under a policy, by its label, in a case.
+
+        Return its signals, and the folder that they and their figures were written to.
 
         Raises:
             ValueError: the sweep has no such plant, policy or case.
@@ -229,7 +220,7 @@ class Sweep:
         folder.mkdir(exist_ok=True)
         write_atomically(folder / "episode.npz", _compressed(dataclasses.asdict(rollout)))
         write_figures([rollout], folder, titles=self.config.titles)
-        return Replay(rollout, folder)
+        return rollout, folder
 
     def _path(self, number: int) -> Path:
         return self.folder / "chunks" / f"{number:06d}.npz"
@@ -245,9 +236,8 @@ class Sweep:
             raise ValueError(f"{error}: {again}") from None
         if str(arrays.pop("digest", "")) != self.digest:
             raise ValueError(f"{path} is of another sweep than {self.folder / RUN}: {again}")
-        fields = [field.name for field in dataclasses.fields(SweepResults)]
-        if set(arrays) == set(fields):
-            results = SweepResults(**{name: arrays[name] for name in fields})
+        if set(arrays) == {"plants", *swept(), "seconds", "completed"}:
+            results = SweepResults.of(arrays)
             if results.fits(self.config, len(self.config.members(number))):
                 return results
         raise ValueError(f"{path} is damaged (its arrays are not those of the sweep): {again}")

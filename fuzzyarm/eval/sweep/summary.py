@@ -23,13 +23,12 @@ from typing import Any
 
 import numpy as np
 from rich.console import Console
-from rich.text import Text
 from scipy.stats import binomtest, bootstrap
 
-from fuzzyarm.common.console import print_paragraphs, print_table, table
+from fuzzyarm.common.console import Sheet, print_paragraphs
 from fuzzyarm.common.files import csv_text
 from fuzzyarm.eval.declarations import read_declarations, written_declarations
-from fuzzyarm.eval.episodes.metrics import millimetres
+from fuzzyarm.eval.episodes.metrics import swept
 from fuzzyarm.eval.evaluation.statistics import LEVEL, SEED
 from fuzzyarm.eval.provenance import current_provenance
 from fuzzyarm.eval.sweep.config import SweepConfig
@@ -38,16 +37,8 @@ from fuzzyarm.eval.sweep.episodes import SweepResults
 from fuzzyarm.policies.declared import Declared
 
 __all__ = [
-    "QUANTILES",
-    "SCHEMA",
-    "SUMMARY",
-    "print_sweep",
-    "quantile_ranks",
-    "quantiles",
-    "summarise",
-    "summary_csv",
-    "worst",
-]
+    "QUANTILES", "SCHEMA", "SUMMARY", "print_sweep", "quantile_ranks", "quantiles", "summarise", "summary_csv", "worst",
+]  # fmt: skip
 
 SCHEMA = "fuzzyarm-sweep/3"
 """Format of the files of a sweep."""
@@ -56,8 +47,6 @@ SUMMARY = "sweep.json"
 """File of the summary."""
 QUANTILES = (0.5, 0.9, 0.99)  # of the errors over the plants
 RESAMPLES = 2000
-_COLUMNS = (*(("max_mm", "largest tip error", f"{p:g}") for p in QUANTILES), ("rms_mm", "rms tip error", "0.5"))
-"""The columns of the table after the success rate: metric, words for it, and the level of the quantile."""
 _ENDED_EARLY = "ended early"
 Number = float | None
 """A number of the summary; None stands for an error larger than any bound, or for a missing interval."""
@@ -103,15 +92,14 @@ def summarise(
 def _row(config: SweepConfig, episodes: SweepResults) -> dict[str, Any]:
     count, total = int(np.count_nonzero(episodes.errors < config.bound)), len(episodes.completed)
     wilson = binomtest(count, total).proportion_ci(LEVEL, method="wilson")
-    names, metrics = episodes.plants.dtype.names or (), ("completed", "seconds", "max_mm", "rms_mm")
+    names, numbers = episodes.plants.dtype.names or (), episodes.arrays
     return {
         "success": {"value": count / total, "low": float(wilson.low), "high": float(wilson.high)},
         "ended_early": int(np.count_nonzero(~episodes.completed)),
-        "max_mm": quantiles(episodes.errors),
-        "rms_mm": quantiles(np.where(episodes.completed, episodes.rms_mm, np.inf)),
+        **{key: quantiles(episodes.finished(key)) for key in episodes.metrics},
         "worst": [
             {"plant": plant, "seed": config.seed + plant}
-            | {metric: getattr(episodes, metric)[plant].item() for metric in metrics}
+            | {name: numbers[name][plant].item() for name in ("completed", "seconds", *episodes.metrics)}
             | {"parameters": dict(zip(names, episodes.plants[plant].item(), strict=True))}
             for plant in worst(episodes, config.worst).tolist()
         ],
@@ -124,7 +112,7 @@ def worst(episodes: SweepResults, count: int) -> np.ndarray:
     Plants whose episode ended early come first, the earliest end first; then the others by falling error.
     """
     ended = np.where(episodes.completed, np.inf, episodes.seconds)
-    return np.lexsort((-episodes.max_mm, ended))[:count]
+    return np.lexsort((-episodes.metrics["max_mm"], ended))[:count]
 
 
 def quantiles(values: np.ndarray) -> dict[str, dict[str, Number]]:
@@ -171,18 +159,18 @@ def print_sweep(document: dict[str, Any], console: Console) -> None:
     # A terminal has one word of a heading a line; a number stays with its unit.
     space = "\N{NO-BREAK SPACE}" if terminal else " "
     headings = ["policy", f"success, below {config['bound']:g}{space}mm [%]"]
-    headings += [f"{words}, {100 * float(level):g}{space}% [mm]" for _, words, level in _COLUMNS]
-    rows = table(headings, console=console)
-    for case in config["cases"]:
-        rows.add_section()
-        rows.add_row(Text(document["titles"][case], style="bold"))
-        for row in document["rows"]:
-            if row["case"] == case:
-                success = {name: 100.0 * share for name, share in row["success"].items()}
-                cells = [_cell(success, "{:.2f}".format, terminal)]
-                cells += [_cell(row[metric][level], millimetres, terminal) for metric, _, level in _COLUMNS]
-                rows.add_row(Text(row["policy"]), *cells)
-    print_table(rows, console)
+    columns = [(key, one, f"{p:g}") for key, one in swept().items() for p in (QUANTILES if key == "max_mm" else (0.5,))]
+    headings += [f"{one.words}, {100 * float(level):g}{space}% [{one.unit}]" for _, one, level in columns]
+    rows = sorted(document["rows"], key=lambda row: config["cases"].index(row["case"]))
+    cells = [
+        [
+            row["policy"],
+            _cell({name: 100.0 * share for name, share in row["success"].items()}, "{:.2f}".format, terminal),
+            *(_cell(row[key][level], one.text, terminal) for key, one, level in columns),
+        ]
+        for row in rows
+    ]
+    Sheet(headings, cells, groups=[document["titles"][row["case"]] for row in rows]).print(console)
     note = (
         f"{document['method']['plants']} plants, the same for every policy and case. In brackets, confidence "
         f"intervals of 95 %. '{_ENDED_EARLY}' counts as larger than any error."
@@ -190,15 +178,15 @@ def print_sweep(document: dict[str, Any], console: Console) -> None:
     print_paragraphs(console, [note])
 
 
-def _cell(found: dict[str, Number], form: Callable[[float], str], terminal: bool) -> Text:
+def _cell(found: dict[str, Number], form: Callable[[float], str], terminal: bool) -> str:
     """Return a value and its interval, on two lines of a terminal."""
     value, low, high = (
         _ENDED_EARLY if number is None else form(number) for number in map(found.get, ("value", "low", "high"))
     )
     if found["low"] is None and found["value"] is not None:
-        return Text(value)  # a single plant has no interval
+        return value  # a single plant has no interval
     interval = "" if value == low == high == _ENDED_EARLY else f"({low} to {high})"
-    return Text(f"{value}\n{interval}" if terminal else f"{value} {interval}".rstrip())
+    return f"{value}\n{interval}" if terminal else f"{value} {interval}".rstrip()
 
 
 def summary_csv(rows: Sequence[dict[str, Any]]) -> str:
@@ -207,7 +195,7 @@ def summary_csv(rows: Sequence[dict[str, Any]]) -> str:
     for row in rows:
         columns = {"policy": row["policy"], "case": row["case"], "ended_early": row["ended_early"]}
         columns |= {f"success_{name}": value for name, value in row["success"].items()}
-        for metric, level in itertools.product(("max_mm", "rms_mm"), row["max_mm"]):
+        for metric, level in itertools.product(swept(), row["max_mm"]):
             columns |= {f"{metric}_{level}_{name}": value for name, value in row[metric][level].items()}
         flat.append(columns)
     return csv_text(flat)

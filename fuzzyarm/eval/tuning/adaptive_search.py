@@ -33,6 +33,8 @@ from fuzzyarm.envs.scenario.default_reference import reference_family
 from fuzzyarm.envs.scenario.disturbances import ConstantForce, Disturbance, EncoderNoise, MachiningForce
 from fuzzyarm.envs.scenario.randomisation import find_randomisation
 from fuzzyarm.envs.scenario.reference import Reference
+from fuzzyarm.eval.episodes.loop import episodes
+from fuzzyarm.eval.sweep.episodes import Delay
 from fuzzyarm.eval.tuning.finding import PERIOD, force_factor, heaviest
 from fuzzyarm.eval.tuning.search import Budget, rounded
 from fuzzyarm.fuzzy_policy.laws.adaptive.belief import AdaptiveWeights
@@ -114,20 +116,12 @@ class RandomArms:
 
     def largest_errors(self, policy: AdaptiveObserverPolicy) -> np.ndarray:
         """Return the largest tip error of every lane's episode [mm], (lanes,), at most `CAP`."""
-        observation, _ = self.envs.reset(seed=self.seed)
-        lanes = np.arange(len(self.delay))
-        state, largest, running = None, np.zeros(len(lanes)), np.ones(len(lanes), dtype=bool)
-        sent: list[np.ndarray] = []
-        while running.any():
-            torque, state = policy.predict(observation, state)
-            sent = [*sent, torque][-LONGEST_DELAY - 1 :]
-            late = np.array(sent)[np.maximum(len(sent) - 1 - self.delay, 0), lanes]
-            observation, _, terminated, truncated, info = self.envs.step(self.factor * late)
-            largest = np.where(
-                running & ~terminated & ~truncated, np.maximum(largest, 1e3 * info["tip_error"]), largest
-            )
-            largest[running & terminated] = CAP
-            running &= ~(terminated | truncated)
+        late, largest = Delay(self.delay, policy.joints), np.zeros(len(self.delay))
+        start = self.envs.reset(seed=self.seed)
+        for step in episodes(self.envs, policy, start, actuate=lambda torque: self.factor * late(torque)):
+            followed = step.running & ~step.ended
+            largest = np.where(followed, np.maximum(largest, 1e3 * step.info["tip_error"]), largest)
+            largest[step.ended & ~step.completed] = CAP
         return np.minimum(largest, CAP)
 
 
@@ -153,15 +147,8 @@ def feasible_references(arm: ArmParameters) -> tuple[Reference, ...]:
 def noisy_nominal(policy: AdaptiveObserverPolicy) -> float:
     """Return the largest tip error [mm] of the nominal arm without load, with encoder noise."""
     env = gym.make("FuzzyArm-v0", disturbance=Disturbance(encoder_noise=NOISE), parameters=policy.arm)
-    observation, _ = env.reset(seed=SEED)
-    state, largest, done = None, 0.0, False
-    while not done:
-        torque, state = policy.predict(observation, state)
-        observation, _, terminated, done, info = env.step(torque)
-        if terminated:
-            return CAP
-        largest = max(largest, 1e3 * info["tip_error"])
-    return largest
+    steps = list(episodes(env, policy, env.reset(seed=SEED)))
+    return max(1e3 * float(step.info["tip_error"]) for step in steps) if steps[-1].completed else CAP
 
 
 class Objective:

@@ -24,19 +24,8 @@ from fuzzyarm.envs.scenario.disturbances import MachiningForce
 from fuzzyarm.fuzzy_policy.known_arm import per_joint_of, with_drives
 
 __all__ = [
-    "PERIOD",
-    "PERIODS",
-    "SCHEMA",
-    "STEPS",
-    "Finding",
-    "finite",
-    "force_factor",
-    "heaviest",
-    "periods_of",
-    "radius_within",
-    "read_finding",
-    "with_stiffness",
-    "write_finding",
+    "PERIOD", "PERIODS", "SCHEMA", "STEPS", "Finding", "finite", "force_factor", "heaviest", "periods_of",
+    "radius_within", "read_finding", "with_stiffness", "write_finding",
 ]  # fmt: skip
 
 

@@ -113,11 +113,7 @@ def check_strength(arm: AnyArm) -> None:
 
 
 def resumed_arm(folder: Path, arm: AnyArm | None) -> AnyArm:
-    """Return the arm of a folder whose tuning goes on.
-
-    Args:
-        folder: of the tuning.
-        arm: the one that was asked for; None: that of the folder.
+    """Return the arm of a folder whose tuning goes on; `arm` is the one that was asked for, None any.
 
     Raises:
         ValueError: there is no tuning in the folder, or it is of another arm.
@@ -169,14 +165,7 @@ def tune(
     bar: Bar = _no_bar,
     finished: Callable[[Finding], None] = lambda finding: None,
 ) -> Tuned:
-    """Find what is missing in a folder of `begin`, and complete it.
-
-    Args:
-        arm: of the folder.
-        folder: of the tuning.
-        engine: runs the candidates.
-        bar: shows progress.
-        finished: called with each finding.
+    """Find what is missing in a folder of `begin` for its arm, and complete it; call `finished` with each finding.
 
     Raises:
         NothingFound: no policy has stable gains.

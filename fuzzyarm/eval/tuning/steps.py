@@ -25,7 +25,7 @@ from fuzzyarm.eval.stability.linearisation import Linearisable
 from fuzzyarm.eval.stability.margins import policy_margins
 from fuzzyarm.eval.tuning import adaptive_search, bandwidth, fuzzy_gains, observer_search
 from fuzzyarm.eval.tuning.finding import PERIOD, SCHEMA, Finding, finite
-from fuzzyarm.eval.tuning.search import WORTH, Budget, found_weights, sobol_points
+from fuzzyarm.eval.tuning.search import WORTH, Budget, Descent, found_weights, sobol_points
 from fuzzyarm.eval.tuning.tip_bounds import measured_bounds
 from fuzzyarm.fuzzy_policy.laws.adaptive.belief import AdaptiveWeights
 from fuzzyarm.fuzzy_policy.laws.adaptive.policy import AdaptiveObserverPolicy
@@ -40,15 +40,7 @@ from fuzzyarm.synthesis import DesignFailed, ScheduledSpecification, design, des
 from fuzzyarm.synthesis.scheduled_design import ALPHAS
 
 __all__ = [
-    "FUZZY",
-    "ROBOT_STEPS",
-    "RULES",
-    "TWO_JOINT_STEPS",
-    "Context",
-    "Step",
-    "found",
-    "measured_radii",
-    "nothing_found",
+    "FUZZY", "ROBOT_STEPS", "RULES", "TWO_JOINT_STEPS", "Context", "Step", "found", "measured_radii", "nothing_found",
 ]  # fmt: skip
 
 
@@ -194,24 +186,22 @@ def _assess_bandwidth(arm: ArmParameters, number: int) -> dict[str, Any]:
     return bandwidth.assess(arm, bandwidth.BANDWIDTHS[number])
 
 
+def _searched(search: Any, objective_for: Any, first: Any, budget: Budget, context: Context) -> tuple[Descent, Descent]:
+    """Return the best point of a search in a module's box, and the first guess."""
+    points = sobol_points(list(search.BOX.values()), search.FULL.sobol, search.SEED)
+    begin = search.logarithms_of(first), points, search.FIRST_STEP, budget
+    return found_weights(objective_for, context.arm, *begin, engine=context.engine, advance=context.advance)
+
+
 def _observer(budget: Budget, context: Context) -> Finding:
     """Choose the weights of the elastic observer."""
-    arm, box = context.arm, observer_search.BOX
+    arm = context.arm
     rule = (
         "Smallest tip error over random plants, forces and payloads, among the weights with which deviations shrink to "
         "a hundredth within the movement in every condition; those of Table 1 unless others are "
         f"{100 * WORTH:g} % better."
     )
-    best, guess = found_weights(
-        observer_search.objective_for,
-        arm,
-        observer_search.logarithms_of(ObserverWeights()),
-        sobol_points(list(box.values()), observer_search.FULL.sobol, observer_search.SEED),
-        observer_search.FIRST_STEP,
-        budget,
-        engine=context.engine,
-        advance=context.advance,
-    )
+    best, guess = _searched(observer_search, observer_search.objective_for, ObserverWeights(), budget, context)
     weights = ObserverWeights() if best == guess else observer_search.weights_of(best.point)
     notes: tuple[str, ...] = ()
     if best.cost >= observer_search.UNFIT:
@@ -228,7 +218,7 @@ def _observer(budget: Budget, context: Context) -> Finding:
 
 def _adaptive(budget: Budget, context: Context) -> Finding:
     """Choose the weights of the adaptive observer."""
-    arm, box = context.arm, adaptive_search.BOX
+    arm = context.arm
     rule = (
         "Smallest sum of the mean and a tenth of the worst largest tip error over random arms, loads and paths; those "
         f"of Table 1 unless others are {100 * WORTH:g} % better. The search is a short one: these and a few others."
@@ -239,16 +229,8 @@ def _adaptive(budget: Budget, context: Context) -> Finding:
         adaptive_search.feasible_references(arm)
     except ValueError as error:
         return nothing_found(arm, ADAPTIVE_OBSERVER, rule, 0, f"It was not tuned: {error}.")
-    best, guess = found_weights(
-        functools.partial(adaptive_search.objective_for, bandwidth=omega),
-        arm,
-        adaptive_search.logarithms_of(AdaptiveWeights()),
-        sobol_points(list(box.values()), adaptive_search.FULL.sobol, adaptive_search.SEED),
-        adaptive_search.FIRST_STEP,
-        budget,
-        engine=context.engine,
-        advance=context.advance,
-    )
+    objective_for = functools.partial(adaptive_search.objective_for, bandwidth=omega)
+    best, guess = _searched(adaptive_search, objective_for, AdaptiveWeights(), budget, context)
     weights = AdaptiveWeights() if best == guess else adaptive_search.weights_of(best.point)
     try:
         fallback = TipPolicy(ComputedTorquePolicy(arm, PERIOD, omega))

@@ -68,12 +68,7 @@ PROVEN = {"table-1": "tip_bound_mm", "near": "tip_bound_near_mm"}
 
 
 def measured_bounds(policy: Policy, arm: ArmParameters) -> tuple[dict[str, float | None], tuple[str, ...]]:
-    """Return the bounds of a policy by the names of `PROVEN`, None where there is none, and a sentence for each such.
-
-    Args:
-        policy: that is for the arm.
-        arm: in the middle of both sets.
-    """
+    """Return the bounds of a policy for an arm by the names of `PROVEN`, None where there is none, with a sentence."""
     found: dict[str, float | None] = {}
     notes = []
     for name, key in PROVEN.items():
@@ -92,10 +87,7 @@ _NAMED = {"table-1": "the arm itself", "near": "plants near it (set near)"}
 def bounds_in_words(policy: str, folder: str, measured: dict[str, float | None]) -> str:
     """Return what is proven of the tip of a policy, one sentence, with the command that proves it; empty without it.
 
-    Args:
-        policy: its name in the folder.
-        folder: of the tuning.
-        measured: of its finding.
+    The policy has this name in the folder of the tuning; `measured` is of its finding.
     """
     bounds = {name: measured.get(key) for name, key in PROVEN.items()}
     known = {name: bound for name, bound in bounds.items() if bound is not None}

@@ -14,10 +14,10 @@ from fuzzyarm.envs.scenario.disturbances import Disturbance, TorqueBias
 from fuzzyarm.eval.episodes.beliefs import Believing
 from fuzzyarm.eval.episodes.rollout import record_rollout
 from fuzzyarm.eval.episodes.rollout_file import read_rollouts, write_rollouts
+from fuzzyarm.eval.evaluation.results_file import _check_rollout as _check_stored
 from fuzzyarm.eval.evaluation.results_file import _check_row
 from fuzzyarm.eval.evaluation.run import EvaluationConfig, _row
 from fuzzyarm.eval.report.beliefs import belief_figures
-from fuzzyarm.eval.report.stored import _check_row as _check_stored
 from fuzzyarm.policies import load_policy
 
 
@@ -43,7 +43,8 @@ def test_every_estimate_is_kept_with_its_deviation_by_name():
     observation, _ = FuzzyArmEnv().reset(seed=0)
     believing, state = Believing(policy), None
     for _ in range(3):
-        _, state = believing.predict(observation + 1e-4, state)
+        _, state = policy.predict(observation + 1e-4, state)
+        believing.add(state)
     found, kept = policy.beliefs(state), dict(zip(believing.names, believing.rows()[-1], strict=True))
     assert believing.names[:4] == ("force_x", "force_y", "force_x_deviation", "force_y_deviation")
     for name in ("payload", "lateness"):

@@ -11,7 +11,7 @@ from fuzzyarm.envs.fuzzy_arm import FuzzyArmEnv
 from fuzzyarm.envs.scenario.disturbances import Disturbance, EncoderNoise, MachiningForce
 from fuzzyarm.envs.scenario.reference import JointReference
 from fuzzyarm.envs.vector import FuzzyArmVectorEnv
-from fuzzyarm.eval.episodes.loop import Timed, TipErrors, episodes
+from fuzzyarm.eval.episodes.loop import TipErrors, episodes
 from fuzzyarm.eval.episodes.rollout import Rollout, Signals, record_rollout
 
 NOISY = Disturbance(tip_force=MachiningForce(), encoder_noise=EncoderNoise(1e-5, 1e-3))
@@ -97,10 +97,11 @@ def test_what_the_policy_reads_and_what_the_motors_get_can_be_changed():
     np.testing.assert_array_equal(given[1], step.observation + step.info["time"])
 
 
-def test_timing_changes_no_action():
-    observation = np.random.default_rng(0).normal(size=10)
-    timed, law = Timed(load_policy("fuzzy-4")), load_policy("fuzzy-4")
-    torque, state = timed.predict(observation)
-    np.testing.assert_array_equal(torque, law.predict(observation)[0])
-    np.testing.assert_array_equal(timed.predict(observation, state)[1], law.predict(observation, state)[1])
-    assert 0.0 < timed.median < 1.0
+def test_every_step_says_what_the_policy_remembers_and_how_long_it_took():
+    env, law = FuzzyArmEnv(reference=JointReference(duration=0.6)), load_policy("fuzzy-4")
+    (observation, info), memory = env.reset(seed=0), np.full(law.memory_size, 1e-3)
+    expected = law.predict(observation, memory)
+    step = next(episodes(env, law, (observation, info), memory=memory))
+    np.testing.assert_array_equal(step.info["torque"], expected[0])
+    np.testing.assert_array_equal(step.memory, expected[1])
+    assert 0.0 < step.seconds < 1.0

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from fuzzyarm.envs.fuzzy_arm import FuzzyArmEnv
-from fuzzyarm.eval.episodes.passes import record_passes
+from fuzzyarm.eval.episodes.rollout import record_passes
 from fuzzyarm.eval.evaluation.recheck import recheck_results
 from fuzzyarm.eval.evaluation.results_file import read_results
 from fuzzyarm.eval.evaluation.run import EvaluationConfig, evaluate, write_results

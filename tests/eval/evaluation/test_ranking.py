@@ -10,6 +10,7 @@ from fuzzyarm.cli import main
 from fuzzyarm.envs.physics.parameters import ArmParameters
 from fuzzyarm.envs.physics.robot import robot_named
 from fuzzyarm.envs.scenario.given_path import GivenPath
+from fuzzyarm.eval.declarations import read_declarations, written_declarations
 from fuzzyarm.eval.evaluation.ranking import markdown, rank_policies
 from fuzzyarm.eval.evaluation.results_file import EXEMPT, conditions_in_words, conditions_of
 from fuzzyarm.eval.evaluation.run import SCHEMA, EvaluationConfig, evaluate, write_results
@@ -35,7 +36,14 @@ def document(errors, *, cases=CASES, version="0.1.0", **config):
         | config,
         "versions": {"fuzzyarm": version},
         "commit": None,
-        "machine": {"cpu": "any"},
+        "machine": {"cpu": "any", "cores": 1, "system": "any"},
+        "arm": "",
+        "command": None,
+        "date": "",
+        "policy_files": {name: {} for name in errors},
+        "rollouts_sha256": "",
+        "certified_bounds": dict.fromkeys(errors),
+        "declared": written_declarations(read_declarations(None, list(errors))),
         "certificates": {name: "proven" if name.startswith("fuzzy") else None for name in errors},
         "results": [
             {"case": case, "policy": name, "seed": seed, "completed": True, "reason": ""}
@@ -102,8 +110,8 @@ def test_below_a_micrometre_nobody_is_ranked_and_no_number_is_printed(write):
     assert [(rank, one.policy) for rank, one in zip(board.ranks, board.standings, strict=True)] == [
         (1, "a"), (1, "b"), (3, "c")
     ]  # fmt: skip
-    assert [row[2] for row in board.table().cells] == ["< 0.001", "< 0.001", "0.00120"]
-    assert all(row[3] == "< 0.001" for row in board.table().cells)
+    assert [row[2] for row in board.table().sheet.rows] == ["< 0.001", "< 0.001", "0.00120"]
+    assert all(row[3] == "< 0.001" for row in board.table().sheet.rows)
     assert board.standings[0].score.mean == pytest.approx(8e-4)
 
 

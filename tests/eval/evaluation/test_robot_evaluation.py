@@ -11,8 +11,8 @@ from fuzzyarm.eval.episodes.rollout_file import read_rollouts, write_rollouts
 from fuzzyarm.eval.evaluation import run
 from fuzzyarm.eval.evaluation.figures import draw_figures
 from fuzzyarm.eval.evaluation.result_table import table_rows
+from fuzzyarm.eval.evaluation.results_file import read_evaluation
 from fuzzyarm.eval.evaluation.run import EvaluationConfig, evaluate, write_results
-from fuzzyarm.eval.report.stored import read_evaluation
 
 ROBOT = robot_named("planar-3r")
 pytestmark = pytest.mark.slow  # its simulation is compiled first

@@ -6,9 +6,9 @@ import pytest
 from support.altered_evaluations import NASTY
 
 from fuzzyarm.eval.evaluation.ranking import Standing, rank_policies, standings_of
+from fuzzyarm.eval.evaluation.results_file import read_evaluation
 from fuzzyarm.eval.evaluation.statistics import Estimate
 from fuzzyarm.eval.report.page import headline, rule
-from fuzzyarm.eval.report.stored import read_evaluation
 
 
 def standing(policy, lost=0, score=None, **rms):

@@ -14,11 +14,11 @@ from support.altered_evaluations import NASTY, wild, with_runs
 
 from fuzzyarm.envs.physics.parameters import ArmParameters
 from fuzzyarm.eval.evaluation.result_table import table_rows
+from fuzzyarm.eval.evaluation.results_file import read_evaluation
 from fuzzyarm.eval.evaluation.run import EvaluationConfig
 from fuzzyarm.eval.report.certificates import Observed
 from fuzzyarm.eval.report.page import command, render_page
 from fuzzyarm.eval.report.payload import _shown, _within, replay_data
-from fuzzyarm.eval.report.stored import StoredEvaluation, read_evaluation
 from fuzzyarm.eval.report.summary import Axis, Bound, Errors, best, digits, draw_chart, error_charts, metrics_table
 from fuzzyarm.fuzzy_policy.proof.policy_certificate import NOT_COVERED
 
@@ -39,11 +39,6 @@ class Elements(HTMLParser):
     def handle_data(self, data):
         if self.found and self.found[-1][0] in ("script", "style") and data.strip():
             self.raw.append((self.found[-1], data))
-
-
-def as_stored(evaluation):
-    fields = {field.name: getattr(evaluation, field.name) for field in dataclasses.fields(StoredEvaluation)}
-    return StoredEvaluation(**fields)
 
 
 def numbers(text):
@@ -107,7 +102,7 @@ def test_many_policies_are_thinned_to_fit_and_the_page_says_so(evaluation):
     run = evaluation.rollouts[0]
     many = [dataclasses.replace(run, policy=f"policy-{k}") for k in range(60)]
     many += [wild(run, "early", 703)]
-    stored = as_stored(with_runs(evaluation, many))
+    stored = with_runs(evaluation, many)
     text = render_page(stored, {})
     assert len(text.encode()) < 3_000_000
     stride = replay_data(stored)["stride"]
@@ -157,7 +152,7 @@ def test_the_best_of_a_column(values, early, expected):
 
 
 def test_certificates_stand_beside_what_was_observed(evaluation):
-    text = render_page(as_stored(evaluation), SEEN)
+    text = render_page(evaluation, SEEN)
     assert "not for the sampled elastic arm" in text and NOT_COVERED in text
     assert "20.5 ≥ 20<" in text and "70.0 ≤ 140<" in text
     assert "> ≥ 20<" not in text and ">≥ 20<" in text  # the bound alone where nothing was observed

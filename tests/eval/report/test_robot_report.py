@@ -14,11 +14,11 @@ from fuzzyarm.envs.physics.robot import robot_named
 from fuzzyarm.envs.scenario.default_reference import default_reference
 from fuzzyarm.eval.episodes.metrics import metrics_of
 from fuzzyarm.eval.episodes.rollout import Rollout
+from fuzzyarm.eval.evaluation.results_file import read_evaluation
 from fuzzyarm.eval.evaluation.run import Evaluation, EvaluationConfig
 from fuzzyarm.eval.provenance import current_provenance
 from fuzzyarm.eval.report.page import command
 from fuzzyarm.eval.report.payload import replay_data
-from fuzzyarm.eval.report.stored import read_evaluation
 
 ROBOT = robot_named("ur5")
 REFERENCE = default_reference(ROBOT)

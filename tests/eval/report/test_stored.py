@@ -8,7 +8,7 @@ from support.altered_evaluations import wild, with_runs, write
 
 from fuzzyarm.cli import main
 from fuzzyarm.eval.episodes.rollout_file import write_rollouts
-from fuzzyarm.eval.report.stored import read_evaluation
+from fuzzyarm.eval.evaluation.results_file import read_evaluation
 
 KEPT = "a page made before"
 
@@ -74,12 +74,6 @@ def test_broken_or_foreign_results(copy, capsys, content):
 def test_another_version(copy, stored, capsys):
     change(copy, versions=stored["versions"] | {"fuzzyarm": "0.0.1"})
     assert "was made by fuzzyarm 0.0.1, this is " in refusal(copy, capsys)
-
-
-def test_results_of_before_rollouts_were_kept(copy, stored, capsys):
-    stored.pop("rollouts_sha256")
-    (copy / "results.json").write_text(json.dumps(stored))
-    assert "before fuzzyarm kept rollouts" in refusal(copy, capsys)
 
 
 def test_rollouts_of_another_evaluation(evaluation, copy, capsys):

@@ -65,8 +65,8 @@ def test_the_numbers_are_those_of_single_environments(whole, where):
     env = FuzzyArmEnv(disturbance=noisy, randomisation=DISTRIBUTIONS["all"])
     for p, policy in enumerate(POLICIES.values()):
         errors, completed = tip_errors(env, policy, 40 + i, delay, noise)
-        assert whole.max_mm[p, c, i] == 1e3 * errors.max()
-        assert whole.rms_mm[p, c, i] == pytest.approx(1e3 * math.sqrt(np.mean(errors**2)), rel=1e-12)
+        assert whole.metrics["max_mm"][p, c, i] == 1e3 * errors.max()
+        assert whole.metrics["rms_mm"][p, c, i] == pytest.approx(1e3 * math.sqrt(np.mean(errors**2)), rel=1e-12)
         assert whole.completed[p, c, i] == completed
         assert whole.seconds[p, c, i] == pytest.approx(1e-3 * len(errors))
 
@@ -98,22 +98,22 @@ def test_noise_and_delay_cover_their_ranges_and_depend_on_nothing_else_drawn():
 @pytest.mark.parametrize("size", slow_but([4], [1, 4]))
 def test_no_number_depends_on_the_chunk_it_was_computed_in(whole, size):
     parts = [run_plants(CONFIG, POLICIES, range(6)[start : start + size]) for start in range(0, 6, size)]
-    joined = vars(SweepResults.joined(parts))
-    for name, array in vars(whole).items():
+    joined = SweepResults.joined(parts).arrays
+    for name, array in whole.arrays.items():
         assert np.array_equal(joined[name], array), name
 
 
 def test_no_number_depends_on_the_other_policies_and_cases(whole):
     alone = SweepConfig(policies=("elastic-observer",), cases=("payload",), plants=6, distribution="all", seed=40)
     found = run_plants(alone, {"elastic-observer": POLICIES["elastic-observer"]}, range(6))
-    assert np.array_equal(found.max_mm[0, 0], whole.max_mm[1, 2])
+    assert np.array_equal(found.metrics["max_mm"][0, 0], whole.metrics["max_mm"][1, 2])
 
 
 def test_a_replay_is_the_episode_of_the_sweep_bit_for_bit(whole):
     for p, policy in enumerate(POLICIES):
         run = replay(CONFIG, POLICIES, 3, policy, "machining")
-        assert 1e3 * run.tip_error.max() == whole.max_mm[p, 1, 3]
-        assert 1e3 * np.sqrt(np.cumsum(run.tip_error**2)[-1] / len(run.time)) == whole.rms_mm[p, 1, 3]
+        assert 1e3 * run.tip_error.max() == whole.metrics["max_mm"][p, 1, 3]
+        assert 1e3 * np.sqrt(np.cumsum(run.tip_error**2)[-1] / len(run.time)) == whole.metrics["rms_mm"][p, 1, 3]
         assert run.completed == whole.completed[p, 1, 3] and run.seed == 43
         assert run.time[-1] == pytest.approx(1.5) and np.abs(run.external_force).max() > 50.0
         assert np.allclose(np.hypot(*(run.tip - run.tip_reference).T), run.tip_error)
@@ -148,11 +148,11 @@ def test_an_episode_that_ends_early_counts_up_to_its_end():
         errors, completed = tip_errors(FuzzyArmEnv("payload", randomisation=drawn), policies["fuzzy-4"], 0)
         assert not completed and len(errors) < 1500
         assert found.seconds[0, 0, i] == pytest.approx(1e-3 * len(errors))
-        assert found.max_mm[0, 0, i] == pytest.approx(1e3 * errors.max(), rel=1e-6)
-        assert found.rms_mm[0, 0, i] == pytest.approx(1e3 * math.sqrt(np.mean(errors**2)), rel=1e-6)
+        assert found.metrics["max_mm"][0, 0, i] == pytest.approx(1e3 * errors.max(), rel=1e-6)
+        assert found.metrics["rms_mm"][0, 0, i] == pytest.approx(1e3 * math.sqrt(np.mean(errors**2)), rel=1e-6)
         run = replay(SOFT, policies, i, "fuzzy-4", "payload")
         assert not run.completed and "left the domain" in run.reason and len(run.time) == len(errors)
-        assert 1e3 * run.tip_error.max() == found.max_mm[0, 0, i]
+        assert 1e3 * run.tip_error.max() == found.metrics["max_mm"][0, 0, i]
 
 
 def test_a_grid_sets_every_pair_of_values_once_for_each_of_its_plants():
@@ -177,7 +177,7 @@ def test_a_grid_sets_every_pair_of_values_once_for_each_of_its_plants():
 def test_a_grid_sets_what_the_environment_would_draw_from_a_range_of_one_point(grid, exact, short):
     config = SweepConfig(policies=("fuzzy-4",), cases=("machining",), grid=grid, distribution="nominal", plants=1)
     policies = {"fuzzy-4": POLICIES["fuzzy-4"]}
-    found = run_plants(config, policies, range(4)).max_mm[0, 0]
+    found = run_plants(config, policies, range(4)).metrics["max_mm"][0, 0]
     for i, (first, second) in enumerate((a, b) for a in grid[0].values for b in grid[1].values):
         drawn = DomainRandomisation(**{grid[0].quantity: (first, first), grid[1].quantity: (second, second)})
         errors, _ = tip_errors(FuzzyArmEnv("machining", randomisation=drawn), policies["fuzzy-4"], 0, most=short)
@@ -190,7 +190,8 @@ def test_a_lane_that_ended_does_not_disturb_its_neighbours():
     lengths = np.sum(seen, axis=0)
     assert len(seen) == lengths.max() == 1500 and lengths.min() < 1500
     alone = run_plants(SOFT, {"fuzzy-4": WINDING}, [0])
-    assert np.array_equal(run_plants(SOFT, {"fuzzy-4": WINDING}, range(4)).max_mm[..., :1], alone.max_mm)
+    together = run_plants(SOFT, {"fuzzy-4": WINDING}, range(4))
+    assert np.array_equal(together.metrics["max_mm"][..., :1], alone.metrics["max_mm"])
 
 
 def test_plants_are_drawn_around_the_robot(short):
@@ -209,9 +210,9 @@ def test_plants_are_drawn_around_the_robot(short):
             randomisation=DISTRIBUTIONS["plants"],
         )
         errors, _ = tip_errors(env, policies["computed-torque"], i, most=short)
-        assert found.max_mm[0, 0, i] == 1e3 * errors.max()
+        assert found.metrics["max_mm"][0, 0, i] == 1e3 * errors.max()
     run = replay(config, policies, 1, "computed-torque", "machining")
-    assert 1e3 * run.tip_error.max() == found.max_mm[0, 0, 1]
+    assert 1e3 * run.tip_error.max() == found.metrics["max_mm"][0, 0, 1]
 
 
 def test_a_grid_scales_the_robot(short):
@@ -221,7 +222,7 @@ def test_a_grid_scales_the_robot(short):
         policies=("computed-torque",), cases=("nominal",), grid=grid, distribution="nominal", plants=1, parameters=robot
     )
     policies = {"computed-torque": load_policy("computed-torque", robot=robot)}
-    found = run_plants(config, policies, range(4)).max_mm[0, 0]
+    found = run_plants(config, policies, range(4)).metrics["max_mm"][0, 0]
     for i, (stiffness, mass) in enumerate((a, b) for a in grid[0].values for b in grid[1].values):
         drawn = DomainRandomisation(stiffness=(stiffness,) * 2, mass=(mass,) * 2)
         env = FuzzyArmEnv(parameters=robot, randomisation=drawn)
@@ -251,5 +252,5 @@ def test_the_two_joint_arm_as_a_robot_has_the_errors_of_the_two_joint_arm(grid):
         found.append(run_plants(config, policies, range(config.total)))
     expected, result = found
     assert result.plants.dtype == expected.plants.dtype and (result.plants == expected.plants).all()
-    np.testing.assert_allclose(result.max_mm, expected.max_mm, rtol=1e-4)
-    np.testing.assert_allclose(result.rms_mm, expected.rms_mm, rtol=1e-4)
+    np.testing.assert_allclose(result.metrics["max_mm"], expected.metrics["max_mm"], rtol=1e-4)
+    np.testing.assert_allclose(result.metrics["rms_mm"], expected.metrics["rms_mm"], rtol=1e-4)

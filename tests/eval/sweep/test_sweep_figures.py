@@ -33,13 +33,13 @@ def made(config, ended=True):
     if ended:
         completed[..., :3] = False
     largest = generator.lognormal(2.5, 1.0, shape)
-    return SweepResults(plants, max_mm=largest, rms_mm=largest / 3, seconds=largest, completed=completed)
+    return SweepResults(plants, {"max_mm": largest, "rms_mm": largest / 3}, seconds=largest, completed=completed)
 
 
 def test_the_cells_of_a_grid_hold_the_medians_of_their_plants():
     results = made(GRID)
     cells = Cells.of(GRID, results.plants)
-    errors = results.max_mm[0, 0]
+    errors = results.metrics["max_mm"][0, 0]
     expected = np.median(errors.reshape(5, 4, 3), axis=-1).T
     assert np.array_equal(cells.medians(errors), expected)
     assert np.allclose(cells.edges[0], [0.375, 0.625, 0.875, 1.125, 1.375, 1.625])

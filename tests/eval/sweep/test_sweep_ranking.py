@@ -23,7 +23,9 @@ def document(errors, completed=None, **config):
     whole = SweepConfig(policies=policies, cases=("nominal", "payload"), plants=errors.shape[-1], **config)
     completed = np.ones(errors.shape, bool) if completed is None else completed
     plants = np.zeros(errors.shape[-1], plant_record(2))
-    return summarise(whole, SweepResults(plants, errors, 0.5 * errors, np.ones(errors.shape), completed))
+    return summarise(
+        whole, SweepResults(plants, {"max_mm": errors, "rms_mm": 0.5 * errors}, np.ones(errors.shape), completed)
+    )
 
 
 @pytest.fixture
@@ -56,7 +58,7 @@ def test_below_a_micrometre_nobody_is_ranked(write):
     errors = drawn(3) * np.array([4e-4, 1e-4, 1.0]).reshape(3, 1, 1)
     board = rank_sweeps([write("a", document(errors))])
     assert ranks_of(board) == [1, 1, 3]
-    assert [row[2] for row in board.table().cells][:2] == ["< 0.001 (< 0.001 to < 0.001)"] * 2
+    assert [row[2] for row in board.table().sheet.rows][:2] == ["< 0.001 (< 0.001 to < 0.001)"] * 2
 
 
 def test_losing_more_than_one_in_a_hundred_ranks_last_and_losing_fewer_does_not(write):

@@ -65,21 +65,20 @@ def made(count=200):
         plants[name] = generator.uniform(size=count)
     results = SweepResults(
         plants,
-        max_mm=generator.uniform(1.0, 20.0, shape),
-        rms_mm=generator.uniform(0.1, 1.0, shape),
+        {"max_mm": generator.uniform(1.0, 20.0, shape), "rms_mm": generator.uniform(0.1, 1.0, shape)},
         seconds=np.full(shape, 1.5),
         completed=np.ones(shape, dtype=bool),
     )
     results.completed[0, 1, [4, 9]] = False
     results.seconds[0, 1, [4, 9]] = 0.7, 0.2
-    results.max_mm[0, 1, [4, 9]] = 2.0, 3.0  # small, but not to the end
+    results.metrics["max_mm"][0, 1, [4, 9]] = 2.0, 3.0  # small, but not to the end
     return config, results
 
 
 def test_success_counts_plants_below_the_bound_with_wilsons_interval():
     config, results = made()
     row = summarise(config, results)["rows"][1]
-    n, k = 200, sum((results.max_mm[0, 1] < 10.0) & results.completed[0, 1])
+    n, k = 200, sum((results.metrics["max_mm"][0, 1] < 10.0) & results.completed[0, 1])
     z, share = norm.ppf(0.975), k / n
     center = (share + z * z / (2 * n)) / (1 + z * z / n)
     reach = z / (1 + z * z / n) * math.sqrt(share * (1 - share) / n + z * z / (4 * n * n))
@@ -91,20 +90,20 @@ def test_the_worst_plants_come_with_what_makes_them():
     config, results = made()
     first, second = summarise(config, results)["rows"]
     assert [one["plant"] for one in second["worst"]][:2] == [9, 4]  # the earliest end first
-    order = np.argsort(results.max_mm[0, 0])[::-1][:3]
+    order = np.argsort(results.metrics["max_mm"][0, 0])[::-1][:3]
     assert [one["plant"] for one in first["worst"]] == order.tolist()
     for one in first["worst"]:
         assert one["seed"] == 7 + one["plant"]
         assert list(one["parameters"].items()) == list(
             zip(columns_of(2), results.plants[one["plant"]].tolist(), strict=True)
         )
-        assert one["max_mm"] == results.max_mm[0, 0, one["plant"]]
+        assert one["max_mm"] == results.metrics["max_mm"][0, 0, one["plant"]]
     assert len(worst(results.episodes(0, 0), 0)) == 0
 
 
 def test_the_table_shows_no_number_without_its_interval():
     config, results = made(5000)
-    results.max_mm[0, 0] = 1.0  # all succeed
+    results.metrics["max_mm"][0, 0] = 1.0  # all succeed
     with (console := Console(width=250)).capture() as captured:
         print_sweep(summarise(config, results), console)
     lines = [line for line in captured.get().splitlines() if line.startswith("fuzzy-4")]

@@ -14,8 +14,7 @@ from fuzzyarm.envs.physics.records import flat
 from fuzzyarm.envs.physics.robot import robot_named
 from fuzzyarm.envs.physics.two_joints import two_joints
 from fuzzyarm.envs.scenario.disturbances import ConstantForce, Disturbance, EncoderNoise, MachiningForce
-from fuzzyarm.eval.episodes.passes import record_passes
-from fuzzyarm.eval.episodes.rollout import record_rollout
+from fuzzyarm.eval.episodes.rollout import record_passes, record_rollout
 from fuzzyarm.eval.stability.linearisation import spectral_radius
 from fuzzyarm.fuzzy_policy.laws.adaptive.belief import FLAG, AdaptiveWeights, ArmFunctions
 from fuzzyarm.fuzzy_policy.laws.adaptive.filter import numbers_at
