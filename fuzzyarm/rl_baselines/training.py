@@ -29,6 +29,7 @@ from fuzzyarm.rl_baselines.case_evaluation import COLUMNS, evaluate_cases
 from fuzzyarm.rl_baselines.checkpoint import (
     CheckpointError,
     as_array,
+    check_finite,
     check_like,
     progress_in,
     random_state,
@@ -135,6 +136,7 @@ class Training:
             raise CheckpointError(f"{folder / CHECKPOINT} is of another version: {_short(error)}; start anew") from None
         try:
             check_like("learner", learner, training.algorithm.state())
+            check_finite("learner", learner)
             training.algorithm.set_state(learner)
             training.envs.set_state({name: as_array(tensor) for name, tensor in envs.items()})
             set_random_state(generators)

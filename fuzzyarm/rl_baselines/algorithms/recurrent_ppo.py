@@ -21,12 +21,7 @@ _LARGEST_MEMORY = 512
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
 class RecurrentPPOConfig(OnPolicyConfig):
-    """The settings of a training with recurrent PPO: those of PPO, and the size of the memory.
-
-    Raises:
-        TypeError: a value is of the wrong type.
-        ValueError: a value is out of range, or two values do not fit together.
-    """
+    """The settings of a training with recurrent PPO: those of PPO, and the size of the memory."""
 
     lstm_hidden_size: int = 32
     """Numbers that the LSTM of the policy gives on, and that of the value function (1 to 512)."""
@@ -56,7 +51,7 @@ PRESETS = {
 
 
 class RecurrentPPOAlgorithm(OnPolicyAlgorithm):
-    """Recurrent PPO in the middle of a training, see `fuzzyarm.rl_baselines.algorithm.Algorithm`.
+    """Recurrent PPO in the middle of a training, see `Algorithm`.
 
     The memories of all lanes are part of the state, so that a resumed training gives the same bits.
     """

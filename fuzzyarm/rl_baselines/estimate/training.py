@@ -104,7 +104,13 @@ class EstimateTraining:
         versions = {name: version(name) for name in ("fuzzyarm", "numpy", "torch", "llvmlite")}
         training = {**self.config.to_dict(), "cpu_time_s": round(seconds, 1)}
         arm = self._arm if isinstance(self._arm, ArmParameters) else ArmDefinition(self._arm.name, self._arm.digest)
-        return EstimateBundle(self.student.network(), arm, PERIOD, training, self.config.seed, self.rows, versions)
+        record: dict[str, Any] = {
+            "training": training,
+            "seed": self.config.seed,
+            "curve": self.rows,
+            "versions": versions,
+        }
+        return EstimateBundle(self.student.network(), arm, PERIOD, **record)
 
     def _update(self, replay: deque[Chunk], number: int) -> float:
         """Do a gradient step and return the loss."""
