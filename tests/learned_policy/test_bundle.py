@@ -113,7 +113,7 @@ DAMAGES = {
         lambda f: edited(f, lambda d: d["network"]["std"].__setitem__(0, float("nan"))),
         "NaN is no number",
     ),
-    "std": (lambda f: edited(f, lambda d: d["network"]["std"].__setitem__(0, 0.0)), "std and clip must be positive"),
+    "std": (lambda f: edited(f, lambda d: d["network"]["std"].__setitem__(0, 0.0)), "std must be positive"),
     "short mean": (lambda f: edited(f, lambda d: d["network"]["mean"].pop()), "shapes of mean, std"),
     "sizes": (lambda f: edited(f, lambda d: d["network"].update(sizes=[20, 2])), r"policy.json says \[20, 2\]"),
     "no clip": (lambda f: edited(f, lambda d: d["network"].pop("clip")), "missing required field `clip` at `network"),
