@@ -209,12 +209,7 @@ class PolicyBundle(Trained):
             )
 
     def save(self, folder: Path) -> None:
-        """Write the bundle atomically; an existing bundle is replaced.
-
-        Raises:
-            OSError: the folder cannot be written; what was there is left as it was.
-            ValueError: the folder exists and is not a bundle.
-        """
+        """Write the bundle, see `write_folder`."""
         cell = self.network.cell
         tensors = {} if cell is None else {f"{_CELL}.{name}": getattr(cell, name) for name in _GATED}
         for number, (weight, bias) in enumerate(zip(self.network.weights, self.network.biases, strict=True)):

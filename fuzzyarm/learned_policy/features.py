@@ -95,7 +95,7 @@ class Features:
 
         Args:
             definition: which features.
-            period: T, time between two actions [s].
+            period: T [s].
             parameters: the arm or the robot, for an elastic target and the torque limits; default Table 1.
             friction: whether u_ff includes the dry friction.
 

@@ -300,13 +300,8 @@ class OnPolicyConfig(Sb3Config):
 class OnPolicyAlgorithm(Sb3Algorithm):
     """PPO of any kind in the middle of a training, see `Algorithm`.
 
-    Args:
-        config: the settings.
-        envs: the arms.
-        kind: class of the model.
-        policy: class of its networks, or its name.
-        ent_coef: coefficient of what the networks give for the entropy; None: that of the settings.
-        **more: arguments of the networks beyond those that the algorithms share.
+    Arguments are those of `Sb3Algorithm`, the coefficient of what the networks give for the entropy (None: that of the
+    settings), and arguments of the networks.
     """
 
     def __init__(

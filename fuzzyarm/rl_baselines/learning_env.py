@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import dataclasses
 import math
-from pathlib import Path
 from typing import Any
 
 import gymnasium as gym
@@ -28,21 +27,13 @@ from fuzzyarm.learned_policy.definition import ArmDefinition
 from fuzzyarm.learned_policy.features import Base, Features, Lanes
 from fuzzyarm.policies.registry import known_names
 from fuzzyarm.policies.spec import load_policy, resolve
-from fuzzyarm.rl_baselines.checkpoint import CheckpointError
 from fuzzyarm.rl_baselines.config import TrainingConfig
 from fuzzyarm.rl_baselines.ppo_policy import plant_view
 from fuzzyarm.rl_baselines.sb3_vec_env import StableBaselinesVecEnv
 
 __all__ = [
-    "LearningEnvs",
-    "arm_definition",
-    "arm_of",
-    "base_of",
-    "check_arm",
-    "default_scale",
-    "learning_envs",
-    "sharpened_reward",
-]
+    "LearningEnvs", "arm_definition", "arm_of", "base_of", "default_scale", "learning_envs", "sharpened_reward",
+]  # fmt: skip
 
 SHIFT, SHARE = 0.01, 0.8  # rad, and share of the torque limits: default scales of actions
 _OWN_STATE = ("memory", "base_memory", "observation", "action")
@@ -50,12 +41,7 @@ _FARTHEST = 4.0  # m, twice the distance between two arms of Table 1 that are st
 
 
 def learning_envs(config: TrainingConfig, base: Policy | None) -> LearningEnvs:
-    """Return the arms that a configuration trains on.
-
-    Args:
-        config: of the training.
-        base: the policy that ``config.base`` names, for a control period of ``config.action_period``; None: no base.
-    """
+    """Return the arms that a configuration trains on, with the base that it names for its action period."""
     arm = arm_of(config)
     arguments = argument_of(arm)
     if config.distribution == "robust":
@@ -99,15 +85,6 @@ def arm_definition(arm: AnyArm) -> ArmDefinition | None:
     """Return what a bundle says of the arm; None for the arm of Table 1."""
     robot = robot_of(arm)
     return None if arm == ArmParameters() else ArmDefinition(robot.name, robot.digest)
-
-
-def check_arm(digest: str, config: TrainingConfig, folder: Path) -> None:
-    """Raise CheckpointError if a configuration's robot is not the one whose digest the checkpoint of a folder holds."""
-    if robot_of(chosen_arm(config.robot, None)).digest != digest:
-        raise CheckpointError(
-            f"{folder} holds a training of another arm than {config.robot} is now: bring its file back as it "
-            "was, or start anew in another folder"
-        )
 
 
 def default_scale(arm: AnyArm, base: bool) -> tuple[float, ...]:
@@ -235,8 +212,7 @@ class LearningEnvs(VecEnvWrapper):
 
 
 def _unbounded(size: int) -> gym.spaces.Box:
-    bound = np.full(size, np.inf, dtype=np.float32)
-    return gym.spaces.Box(-bound, bound)
+    return gym.spaces.Box(-np.inf, np.inf, (size,))
 
 
 def sharpened_reward(tip_error: np.ndarray, effort: np.ndarray, length: float) -> np.ndarray:

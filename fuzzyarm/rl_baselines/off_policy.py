@@ -107,15 +107,7 @@ class OffPolicyAlgorithm(Sb3Algorithm):
         own: tuple[str, ...] = (),
         **more: Any,
     ) -> None:
-        """Make the networks, seed everything that is random, and begin an episode in every lane.
-
-        Args:
-            config: the settings.
-            envs: the arms.
-            kind: class of the model.
-            own: names of the settings that only this model has.
-            **more: arguments of its networks beyond those that the algorithms share.
-        """
+        """Begin as `Sb3Algorithm`; `own` are settings that only this model has, `more` arguments of its networks."""
         import torch
 
         shared = ("buffer_size", "learning_starts", "tau", "train_freq", "gradient_steps", "target_entropy")

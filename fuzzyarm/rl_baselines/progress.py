@@ -25,11 +25,7 @@ def train_with_progress(
 ) -> PolicyBundle:
     """Train with a progress bar on the terminal and a line for every evaluation; return the last policy.
 
-    Args:
-        config: of a new training; None: resume the one in the folder.
-        folder: of the training.
-        total: environment steps that a resumed training goes on to; None: as many as it was configured for.
-        algorithm: name of the algorithm that a resumed training must be of; None: any.
+    Without a configuration the training in the folder is resumed; `total` and `algorithm` as for `Training.resume`.
 
     Raises:
         ValueError: the folder holds a training already, or none to resume, or the configuration is refused; or torch or

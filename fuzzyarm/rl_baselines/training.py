@@ -20,7 +20,7 @@ from pathlib import Path
 from typing import Any
 
 from fuzzyarm.common.files import csv_text, write_atomically
-from fuzzyarm.envs.physics.equations import robot_of
+from fuzzyarm.envs.physics.equations import chosen_arm, robot_of
 from fuzzyarm.envs.scenario.cases import PAPER_CASES
 from fuzzyarm.learned_policy.bundle import BEST, LAST, PolicyBundle
 from fuzzyarm.learned_policy.policy import LearnedPolicy
@@ -38,7 +38,7 @@ from fuzzyarm.rl_baselines.checkpoint import (
     write_checkpoint,
 )
 from fuzzyarm.rl_baselines.config import TrainingConfig
-from fuzzyarm.rl_baselines.learning_env import arm_definition, arm_of, base_of, check_arm, learning_envs
+from fuzzyarm.rl_baselines.learning_env import arm_definition, arm_of, base_of, learning_envs
 
 __all__ = ["CHECKPOINT", "Training", "tensorboard_installed"]
 
@@ -99,7 +99,7 @@ class Training:
 
         Args:
             folder: of the training.
-            report: called after every update with the row of the curve.
+            report: as for a new one.
             total_timesteps: environment steps to go on to, also of a training that has reached its end; None: as many
                 as it was configured for. What is done keeps its bits. A schedule over the training, such as the
                 learning rate of PPO, continues as if this had been the total from the beginning: it may jump here.
@@ -126,7 +126,11 @@ class Training:
                     "give a larger number, or start another training"
                 )
         try:
-            check_arm(found["arm"], config, folder)
+            if robot_of(chosen_arm(config.robot, None)).digest != found["arm"]:
+                raise CheckpointError(
+                    f"{folder} holds a training of another arm than {config.robot} is now: bring its file back as it "
+                    "was, or start anew in another folder"
+                )
             training = cls(config, folder, report)
             training.rows, training.best, training._earlier = progress_in(found)
             learner, envs, generators = found["learner"], found["envs"], found["generators"]
@@ -200,12 +204,7 @@ class Training:
             raise OSError(error.errno, text, error.filename or str(self.folder)) from None
 
     def _after_update(self, before: int, learned: dict[str, float]) -> None:
-        """Write the row of an update, with an evaluation and a checkpoint if they are due.
-
-        Args:
-            before: environment steps before the update.
-            learned: the algorithm's part of the row.
-        """
+        """Write the row of an update after so many steps, with an evaluation and a checkpoint if they are due."""
         steps, config = self.algorithm.steps, self.config
         row: dict[str, Any] = {"steps": steps, "tip_error_mm": 1e3 * self.envs.take_mean_tip_error(), **learned}
 
@@ -218,7 +217,9 @@ class Training:
         self.rows.append(row)
         with open(self.folder / _CURVE, "a", encoding="utf-8", newline="") as file:
             file.write(self._csv([row]))
-        self._log(row)
+        if self._writer is not None:
+            for name, value in row.items():
+                self._writer.add_scalar(name, value, steps)
         if evaluated:
             self._ship(row)
         if due(config.checkpoint_interval):
@@ -264,15 +265,14 @@ class Training:
         (wall, cpu), (earlier_wall, earlier_cpu), (begun_wall, begun_cpu) = _clocks(), self._earlier, self._begun
         return earlier_wall + wall - begun_wall, earlier_cpu + cpu - begun_cpu
 
-    def _log(self, row: dict[str, Any]) -> None:
-        if self._writer is not None:
-            for name, value in row.items():
-                self._writer.add_scalar(name, value, row["steps"])
-
     def _csv(self, rows: Sequence[dict[str, Any]], header: bool = False) -> str:
         """Return rows of the curve as text; a column that a row lacks stays empty."""
         columns = ("steps", "episode_reward", "episode_length", "tip_error_mm", *self._spec.columns, *COLUMNS)
         return csv_text(rows, columns, header=header)
+
+
+def _clocks() -> tuple[float, float]:
+    return time.perf_counter(), time.process_time()  # s
 
 
 def _short(error: Exception) -> str:
@@ -282,11 +282,6 @@ def _short(error: Exception) -> str:
 def tensorboard_installed() -> bool:
     """Return whether TensorBoard logs can be written."""
     return importlib.util.find_spec("tensorboard") is not None
-
-
-def _clocks() -> tuple[float, float]:
-    """Return wall and processor time [s] since an arbitrary instant."""
-    return time.perf_counter(), time.process_time()
 
 
 def _remove_leftovers(folder: Path) -> None:

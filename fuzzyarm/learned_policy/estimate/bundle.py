@@ -47,12 +47,7 @@ class EstimateBundle(Trained):
         return isinstance(arm, Robot) and arm.digest == self.arm.digest
 
     def save(self, folder: Path) -> None:
-        """Write the bundle atomically; an existing bundle is replaced.
-
-        Raises:
-            OSError: the folder cannot be written; what was there is left as it was.
-            ValueError: the folder exists and is not a bundle.
-        """
+        """Write the bundle, see `write_folder`."""
         arm = self.arm
         described = (
             {"parameters": arm.to_dict()} if isinstance(arm, ArmParameters) else {"arm": dataclasses.asdict(arm)}
@@ -63,11 +58,7 @@ class EstimateBundle(Trained):
 
     @classmethod
     def load(cls, folder: str | Path) -> EstimateBundle:
-        """Read a bundle and check all of it.
-
-        Raises:
-            BundleError: a file is missing, too large, damaged, or not of this schema.
-        """
+        """Read a bundle and check all of it; BundleError as of `PolicyBundle.load`."""
         folder = Path(folder)
         found, weights = read_folder(folder, OBSERVER, _Description)
         with usable(folder):

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import dataclasses
-from typing import Any
 
 from fuzzyarm.common.checks import real, whole
 from fuzzyarm.learned_policy.estimate.network import LARGEST_MEMORY
@@ -67,7 +66,3 @@ class EstimateConfig:
                 f"steps = {self.steps} and window = {self.window}: both must be multiples of {SEGMENT}, the "
                 "window at most the steps"
             )
-
-    def to_dict(self) -> dict[str, Any]:
-        """Return the fields by name, ready for JSON."""
-        return dataclasses.asdict(self)
