@@ -224,15 +224,7 @@ class Base:
     """
 
     def __init__(self, policy: Policy, action: ActionDefinition) -> None:
-        """Take the law of a policy.
-
-        Args:
-            policy: the base.
-            action: what an action means; [rad], or with a gate [N m].
-
-        Raises:
-            ValueError: the policy is no law.
-        """
+        """Take the law of a policy; ValueError if it has none."""
         found = law_of(policy)
         if found is None:
             raise ValueError(
@@ -247,15 +239,7 @@ class Base:
         return self.law.constants, tuple(map(float, self.policy.torque_limit))
 
     def guided(self, memory: Any, seen: Any, told: Any, given: Any, *tables: Any) -> tuple[Any, Any]:
-        """Return memory and torque (n,) of the guided base [N m].
-
-        Args:
-            memory: of the law.
-            seen: the observation, one number for each joint in each part.
-            told: scale · a (n,).
-            given: `constants`.
-            *tables: of the law.
-        """
+        """Return memory and torque (n,) [N m] of the guided base, told scale · a (n,) and given `constants`."""
         if self._action.gate > 0.0:
             share = gate(self.innovation(memory, seen), self._action.gate)
             extra = [share * u for u in told]

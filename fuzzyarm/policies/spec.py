@@ -111,7 +111,7 @@ class PolicySpec:
         robot: AnyArm | str | os.PathLike[str] | None = None,
         allow_unproven: bool = False,
     ) -> Policy | UserPolicy:
-        """Return the policy; arguments and errors as of `load_policy`, and ValueError where code may not run or fails."""
+        """Return the policy; arguments and errors as of `load_policy`. ValueError, too: code may not run, or fails."""
         from fuzzyarm.common import checks
         from fuzzyarm.envs.physics.equations import chosen_arm
 

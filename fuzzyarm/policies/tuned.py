@@ -14,7 +14,7 @@ import dataclasses
 import json
 import os
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, TypeVar
+from typing import TYPE_CHECKING, TypeVar
 
 from fuzzyarm.common.checks import choice, distinct, listed, real
 from fuzzyarm.policies.registry import TIP
@@ -171,10 +171,6 @@ def tuned_policy(folder: Path, law: str, arm: AnyArm, control_period: float) -> 
         raise ValueError(
             f"{folder / law} was tuned for control_period = {laws.control_period:g} s, not {control_period:g} s"
         )
-    return _made(folder, laws, law, arm)
-
-
-def _made(folder: Path, laws: TunedLaws, law: str, arm: Any) -> Policy:
     from fuzzyarm.fuzzy_policy.laws.computed_torque import ComputedTorquePolicy
     from fuzzyarm.fuzzy_policy.laws.tip import TipPolicy
 

@@ -245,14 +245,9 @@ def _moments(running: Any) -> dict[str, Any]:
     return {"mean": np.asarray(running.mean), "var": np.asarray(running.var), "count": float(running.count)}
 
 
-_LOGGED = {  # columns of the curve, and the keys under which stable-baselines3 logs them
-    "learning_rate": "train/learning_rate",
-    "approx_kl": "train/approx_kl",
-    "clip_fraction": "train/clip_fraction",
-    "value_loss": "train/value_loss",
-    "explained_variance": "train/explained_variance",
-    "action_std": "train/std",
-}
+_SAME = ("learning_rate", "approx_kl", "clip_fraction", "value_loss", "explained_variance")
+# Columns of the curve, and the keys under which stable-baselines3 logs them.
+_LOGGED = {name: f"train/{name}" for name in _SAME} | {"action_std": "train/std"}
 
 COLUMNS = tuple(_LOGGED)
 """What these algorithms add to the curve."""

@@ -112,26 +112,14 @@ class TrainingConfig:
     @property
     def features(self) -> FeatureDefinition:
         """What the policy sees."""
-        return FeatureDefinition(
-            past_errors=self.past_errors,
-            past_actions=self.past_actions,
-            integral_time=self.integral_time,
-            elastic_target=self.elastic_target,
-            joints=len(self.scale),
-            innovation_times=self.innovation_times,
-        )
+        same = ("past_errors", "past_actions", "integral_time", "elastic_target", "innovation_times")
+        return FeatureDefinition(joints=len(self.scale), **{name: getattr(self, name) for name in same})
 
     @property
     def action(self) -> ActionDefinition:
         """What the policy's action means."""
         base = None if instance("base", self.base, str) == "none" else self.base
-        return ActionDefinition(
-            scale=self.scale,
-            period=self.action_period,
-            base=base,
-            smoothing_time=self.smoothing_time,
-            gate=self.gate,
-        )
+        return ActionDefinition(self.scale, self.action_period, base, self.smoothing_time, self.gate)
 
     def to_dict(self) -> dict[str, Any]:
         """Return the fields by name, ready for JSON; ``robot`` is left out of a training for the arm of Table 1."""

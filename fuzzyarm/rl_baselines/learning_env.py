@@ -102,11 +102,7 @@ class LearningEnvs(VecEnvWrapper):
     When the episode of a lane ends, its last features are computed from the memory of that episode, and the next
     episode begins with an empty memory, as it does for the shipped policy.
 
-    Args:
-        venv: the arms; their actions are torques [N m].
-        config: of the training.
-        base: the policy that ``config.base`` names; None: no base.
-        arm: that the policy is for; default Table 1.
+    The actions of `venv` are torques [N m]; `base` is the policy that ``config.base`` names, and `arm` that it is for.
 
     Attributes:
         tip_errors: (lanes,) distance between tip and reference after the last step [m]. The log and the reward use it;

@@ -84,12 +84,8 @@ class OffPolicyConfig(Sb3Config):
             )
 
 
-_LOGGED = {  # columns of the curve, and the keys under which stable-baselines3 logs them
-    "learning_rate": "train/learning_rate",
-    "actor_loss": "train/actor_loss",
-    "critic_loss": "train/critic_loss",
-    "ent_coef": "train/ent_coef",
-}
+# Columns of the curve, and the keys under which stable-baselines3 logs them.
+_LOGGED = {name: f"train/{name}" for name in ("learning_rate", "actor_loss", "critic_loss", "ent_coef")}
 _STORED = ("observations", "next_observations", "actions", "rewards", "dones", "timeouts")  # of the replay buffer
 
 COLUMNS = tuple(_LOGGED)

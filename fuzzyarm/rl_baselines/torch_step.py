@@ -60,11 +60,7 @@ class Outcome(NamedTuple):
 
 
 class Equations:
-    """The equations of the arm, and the functions of the task made for them; looked up before anything is compiled.
-
-    Args:
-        physics: the equations.
-    """
+    """The equations of the arm, and the functions of the task made for them; looked up before anything is compiled."""
 
     def __init__(self, physics: Physics) -> None:
         """Make the functions."""

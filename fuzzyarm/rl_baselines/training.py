@@ -19,6 +19,8 @@ from importlib.metadata import version
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+
 from fuzzyarm.common.files import csv_text, write_atomically
 from fuzzyarm.envs.physics.equations import chosen_arm, robot_of
 from fuzzyarm.envs.scenario.cases import PAPER_CASES
@@ -28,7 +30,6 @@ from fuzzyarm.rl_baselines.algorithms import algorithm_of, find_algorithm
 from fuzzyarm.rl_baselines.case_evaluation import COLUMNS, evaluate_cases
 from fuzzyarm.rl_baselines.checkpoint import (
     CheckpointError,
-    as_array,
     check_finite,
     check_like,
     progress_in,
@@ -53,14 +54,10 @@ _EVALUATION_PERIOD = 1e-3  # s, control period of the environment in which polic
 class Training:
     """A training in its folder, new or resumed.
 
-    Args:
+    Attributes:
         config: the settings; their class decides on the algorithm.
         folder: where everything goes; made if needed.
         report: called after every update with the row of the curve.
-
-    Attributes:
-        config: the settings.
-        folder: of the training.
         arm: that it learns to move.
         algorithm: what learns.
         envs: the arms it learns on.
@@ -73,10 +70,10 @@ class Training:
     """
 
     def __init__(
-        self, config: TrainingConfig, folder: Path, report: Callable[[dict[str, Any]], None] | None = None
+        self, config: TrainingConfig, folder: Path, report: Callable[[dict[str, Any]], None] = lambda row: None
     ) -> None:
         """Make networks and arms; nothing is written before `run`."""
-        self.config, self.folder, self._report = config, folder, report
+        self.config, self.folder, self.report = config, folder, report
         self.rows: list[dict[str, Any]] = []
         self.best = math.inf
         self._earlier, self._begun = (0.0, 0.0), _clocks()  # times of the runs before this one, up to their checkpoint
@@ -91,7 +88,6 @@ class Training:
     def resume(
         cls,
         folder: Path,
-        report: Callable[[dict[str, Any]], None] | None = None,
         total_timesteps: int | None = None,
         algorithm: str | None = None,
     ) -> Training:
@@ -99,7 +95,6 @@ class Training:
 
         Args:
             folder: of the training.
-            report: as for a new one.
             total_timesteps: environment steps to go on to, also of a training that has reached its end; None: as many
                 as it was configured for. What is done keeps its bits. A schedule over the training, such as the
                 learning rate of PPO, continues as if this had been the total from the beginning: it may jump here.
@@ -131,22 +126,19 @@ class Training:
                     f"{folder} holds a training of another arm than {config.robot} is now: bring its file back as it "
                     "was, or start anew in another folder"
                 )
-            training = cls(config, folder, report)
+            training = cls(config, folder)
             training.rows, training.best, training._earlier = progress_in(found)
-            learner, envs, generators = found["learner"], found["envs"], found["generators"]
+            check_like("learner", found["learner"], training.algorithm.state())
+            check_finite("learner", found["learner"])
+            training.algorithm.set_state(found["learner"])
+            training.envs.set_state({name: np.array(tensor.numpy()) for name, tensor in found["envs"].items()})
+            set_random_state(found["generators"])
         except CheckpointError:
             raise
-        except (KeyError, MemoryError, OverflowError, RuntimeError, TypeError, ValueError) as error:
-            raise CheckpointError(f"{folder / CHECKPOINT} is of another version: {_short(error)}; start anew") from None
-        try:
-            check_like("learner", learner, training.algorithm.state())
-            check_finite("learner", learner)
-            training.algorithm.set_state(learner)
-            training.envs.set_state({name: as_array(tensor) for name, tensor in envs.items()})
-            set_random_state(generators)
-        except (AttributeError, KeyError, OverflowError, TypeError, ValueError, RuntimeError) as error:
+        except (AttributeError, KeyError, MemoryError, OverflowError, RuntimeError, TypeError, ValueError) as error:
+            reason = textwrap.shorten(str(error), width=200)
             raise CheckpointError(
-                f"the checkpoint does not fit this training ({_short(error)}); start the training anew"
+                f"the checkpoint does not fit this training ({reason}); start the training anew"
             ) from None
         return training
 
@@ -224,8 +216,7 @@ class Training:
             self._ship(row)
         if due(config.checkpoint_interval):
             self._write_checkpoint()
-        if self._report is not None:
-            self._report(row)
+        self.report(row)
 
     def _shipped_policy(self) -> LearnedPolicy:
         """Return the policy as it is evaluated: from its bundle, at the period of the comparison."""
@@ -273,10 +264,6 @@ class Training:
 
 def _clocks() -> tuple[float, float]:
     return time.perf_counter(), time.process_time()  # s
-
-
-def _short(error: Exception) -> str:
-    return textwrap.shorten(str(error), width=200)
 
 
 def tensorboard_installed() -> bool:
