@@ -262,12 +262,7 @@ class Base:
 
 
 class Lanes:
-    """Features and base of many lanes, as a training steps them, with arrays that have a row per lane.
-
-    Args:
-        features: of the policy.
-        base: that its actions guide; None: no base.
-    """
+    """Features, and the base that actions guide if there is one, of many lanes: what a training steps, a row per lane."""
 
     def __init__(self, features: Features, base: Base | None = None) -> None:
         """Compile both steps."""

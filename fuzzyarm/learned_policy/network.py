@@ -33,6 +33,8 @@ import numpy as np
 from fuzzyarm.common.checks import choice, finite_array, instance, real, shown
 from fuzzyarm.envs.physics.elementwise import root, select
 from fuzzyarm.numbers.functions import RECORDERS, Cells, apart, array, each, maximum, minimum
+from fuzzyarm.numbers.machine import Kernel
+from fuzzyarm.numbers.program import Program
 
 __all__ = [
     "ACTIVATIONS", "GATES", "LARGEST_MEMORY", "OUTPUTS", "Cell", "Network", "add_product", "area_sine",
@@ -312,3 +314,23 @@ class Network:
         if self.output == "tanh":
             return tuple(map(hyperbolic_tangent, before))
         return tuple(minimum(maximum(number, -1.0), 1.0) for number in before)
+
+    def act(self, features: np.ndarray, action: np.ndarray, memory: np.ndarray | None = None) -> None:
+        """Fill `action` (lanes, outputs) from `features` (lanes, inputs).
+
+        A recurrent network advances its `memory` (lanes, memory_size) in place.
+        """
+        held = np.empty((len(features), 0)) if memory is None else memory
+        self._kernel((features, held, action), np.empty(0), self.tables)
+
+    def __getstate__(self) -> dict[str, Any]:
+        """Leave out the machine code."""
+        return {name: value for name, value in self.__dict__.items() if name != "_kernel"}
+
+    @functools.cached_property
+    def _kernel(self) -> Kernel:
+        def act(features: Any, memory: Any, _: Any, __: Any, *tables: Any) -> tuple[Any, ...]:
+            return features, memory, self.outputs(features, memory, *tables)
+
+        ports = Cells((len(self.mean),)), self.memory, (0.0,) * self.sizes[-1]
+        return Kernel(Program(act, ports, (), [table.shape for table in self.tables]))

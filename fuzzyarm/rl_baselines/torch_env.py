@@ -134,7 +134,9 @@ class TorchFuzzyArm:
         randomisation: str | DomainRandomisation = "nominal",
     ) -> None:
         """Build the tables; arguments as in the class docstring."""
-        self.num_envs, self.dtype = checks.whole("num_envs", num_envs, low=1, high=MOST_LANES), _dtype(dtype)
+        self.num_envs, self.dtype = checks.whole("num_envs", num_envs, low=1, high=MOST_LANES), dtype
+        if not isinstance(dtype, torch.dtype) or dtype not in (torch.float32, torch.float64):
+            raise ValueError(f"dtype = {checks.shown(dtype)} is unknown; choose torch.float32 or torch.float64")
         self.device, self.compiled = _device(device), checks.truth("compiled", compiled)
         self.differentiable = checks.truth("differentiable", differentiable)
         self.parameters = chosen_arm(robot, parameters)
@@ -359,12 +361,6 @@ def _real(action: Any) -> Any:
     elif action.is_complex() or action.dtype == torch.bool:
         raise TypeError(f"action must hold real numbers [N m]; it holds {action.dtype}")
     return action
-
-
-def _dtype(dtype: torch.dtype) -> torch.dtype:
-    if not isinstance(dtype, torch.dtype) or dtype not in (torch.float32, torch.float64):
-        raise ValueError(f"dtype = {checks.shown(dtype)} is unknown; choose torch.float32 or torch.float64")
-    return dtype
 
 
 def compile_step(function: Callable[..., Any]) -> Callable[..., Any]:

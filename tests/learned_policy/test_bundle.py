@@ -10,7 +10,7 @@ import sys
 import numpy as np
 import pytest
 from safetensors.numpy import save
-from support.bundles import act, bundle, network
+from support.bundles import bundle, network
 
 from fuzzyarm.learned_policy import bundle as folders
 from fuzzyarm.learned_policy.bundle import BundleError, PolicyBundle
@@ -43,7 +43,7 @@ def test_the_network_is_the_one_of_the_equations():
     made, rng = network(), np.random.default_rng(1)
     features = rng.normal(size=(50, 20)) * rng.choice([1.0, 100.0], (50, 1))
     action, hidden = np.empty((50, 2)), np.clip((features - made.mean) / made.std, -10.0, 10.0)
-    act(made, features, action)
+    made.act(features, action)
     for weight, bias in list(zip(made.weights, made.biases, strict=True))[:-1]:
         hidden = np.tanh(hidden @ weight.T.astype(float) + bias)
     linear = hidden @ made.weights[-1].T.astype(float) + made.biases[-1]
@@ -182,7 +182,7 @@ def test_the_layers_are_those_of_the_equation(activation, hidden, output, last, 
     *inner, outer = zip(read.weights, read.biases, strict=True)
     for weight, bias in inner:
         h = hidden(h @ weight.T.astype(float) + bias)
-    act(read, features, action)
+    read.act(features, action)
     np.testing.assert_allclose(action, last(h @ outer[0].T.astype(float) + outer[1]), atol=1e-12)
     named = json.loads((tmp_path / "other" / "policy.json").read_text())["network"]
     assert ("output" in named) == (output == "tanh")  # bundles of PPO have the bytes that they always had

@@ -4,7 +4,7 @@ import dataclasses
 
 import numpy as np
 import pytest
-from support.bundles import act, bundle
+from support.bundles import bundle
 
 from fuzzyarm import load_policy
 from fuzzyarm.envs.observation import START
@@ -67,7 +67,7 @@ def test_the_action_is_a_torque_of_which_the_observer_knows():
         )
         np.testing.assert_allclose(features[:, -18:-2], expected, rtol=1e-12, atol=1e-13)
         assert np.array_equal(features[:, -2:], load / 100.0)
-        act(policy.bundle.network, features, action)
+        policy.bundle.network.act(features, action)
         extra = gate(innovation.T, 2.0)[:, np.newaxis] * [30.0, 20.0] * action
         alone, silent = memory.copy(), np.empty((3, 2))
         base.command(observation, alone, silent)

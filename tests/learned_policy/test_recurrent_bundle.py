@@ -5,7 +5,7 @@ import json
 
 import numpy as np
 import pytest
-from support.bundles import act, bundle
+from support.bundles import bundle
 
 from fuzzyarm.learned_policy.bundle import BundleError, PolicyBundle
 from fuzzyarm.learned_policy.network import Cell
@@ -50,7 +50,7 @@ def test_it_is_the_textbooks_memory_before_the_layers_also_after_a_way_through_t
     expected = [(np.zeros(HIDDEN), np.zeros(HIDDEN))] * 2
     for _ in range(4):
         features = rng.normal(size=(2, network.sizes[0]))
-        act(network, features, action, memory)
+        network.act(features, action, memory)
         found = [oracle(made.network, row, *past) for row, past in zip(features, expected, strict=True)]
         np.testing.assert_allclose(action, [a for a, _, _ in found], rtol=1e-12, atol=1e-13)
         expected = [(h, m) for _, h, m in found]

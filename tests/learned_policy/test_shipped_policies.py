@@ -8,7 +8,6 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from support.bundles import act
 
 from fuzzyarm import load_policy
 from fuzzyarm.envs.physics.parameters import ArmParameters
@@ -84,7 +83,7 @@ def test_the_network_is_what_torch_computes(name):
         if number < len(network.weights) - 1:
             seen = torch.tanh(seen)
     action = np.empty((256, 2))
-    act(network, features, action)
+    network.act(features, action)
     np.testing.assert_allclose(action, seen.clamp(-1.0, 1.0).double().numpy(), rtol=0.0, atol=1e-6)
     assert np.ptp(action) > 0.5
 

@@ -4,7 +4,6 @@ import gymnasium as gym
 import numpy as np
 import pytest
 from slow_twins import slow_but
-from support.bundles import act
 
 from fuzzyarm import load_policy
 from fuzzyarm.envs.physics.parameters import ArmParameters
@@ -81,7 +80,7 @@ def test_training_and_the_shipped_policy_see_and_do_the_same(config):
     applied, keep = np.zeros((5, 2)), config.action.smoothing
     for _ in range(60):
         action = np.empty((5, 2))
-        act(made.network, features, action)
+        made.network.act(features, action)
         applied = keep * np.where(starts[:, np.newaxis], 0.0, applied) + (1.0 - keep) * action
         features, _, dones, infos = training.step(action)
         torque, state = policy.predict(observation, state, starts)

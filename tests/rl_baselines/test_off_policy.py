@@ -6,7 +6,6 @@ import sys
 
 import numpy as np
 import pytest
-from support.bundles import act
 
 torch = pytest.importorskip("torch")
 sb3 = pytest.importorskip("stable_baselines3")
@@ -65,7 +64,7 @@ def check(config, folder):
     assert (network.activation, network.output) == (config.activation, "tanh")
     features = 3.0 * np.random.default_rng(0).normal(size=(50, network.sizes[0]))
     action, model = np.empty((50, 2)), whole.algorithm
-    act(network, features, action)
+    network.act(features, action)
     expected, _ = model.model.predict(model.normaliser.normalize_obs(features), deterministic=True)
     np.testing.assert_allclose(action, expected, atol=2e-6)
     assert np.ptp(action) > 0.1

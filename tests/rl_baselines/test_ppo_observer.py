@@ -4,7 +4,6 @@ import dataclasses
 
 import numpy as np
 import pytest
-from support.bundles import act
 
 torch = pytest.importorskip("torch")
 pytest.importorskip("stable_baselines3")
@@ -53,7 +52,7 @@ def test_it_resumes_to_the_bit_and_ships_only_what_sensors_tell(tmp_path):
     assert network.sizes[0] == seen < model.model.observation_space.shape[0]
     features = 3.0 * np.random.default_rng(0).normal(size=(20, model.model.observation_space.shape[0]))
     action = np.empty((20, 2))
-    act(network, np.ascontiguousarray(features[:, :seen]), action)
+    network.act(np.ascontiguousarray(features[:, :seen]), action)
     expected, _ = model.model.predict(model.normaliser.normalize_obs(features), deterministic=True)
     np.testing.assert_allclose(action, expected, atol=2e-6)
     assert np.abs(action).max() > 0.0

@@ -5,7 +5,6 @@ import inspect
 
 import numpy as np
 import pytest
-from support.bundles import act
 
 torch = pytest.importorskip("torch")
 sb3_contrib = pytest.importorskip("sb3_contrib")
@@ -74,7 +73,7 @@ def test_the_bundle_acts_as_the_model_does_step_by_step_and_from_zero_when_an_ep
         begins = np.full(4, k == 7)
         memory[begins] = 0.0
         action = np.empty((4, 2))
-        act(network, features, action, memory)
+        network.act(features, action, memory)
         seen = algorithm.normaliser.normalize_obs(features).astype(np.float32)
         expected, state = algorithm.model.predict(seen, state, begins, deterministic=True)
         np.testing.assert_allclose(action, expected, atol=2e-6)

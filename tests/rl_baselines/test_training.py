@@ -13,7 +13,6 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from support.bundles import act
 
 torch = pytest.importorskip("torch")
 pytest.importorskip("stable_baselines3")
@@ -219,7 +218,7 @@ def test_the_shipped_policy_is_the_trained_one(whole):
     rng = np.random.default_rng(0)
     features = rng.normal(size=(4096, bundle.features.size)) * rng.choice([0.1, 1.0, 30.0], (4096, 1))
     action = np.empty((4096, 2))
-    act(bundle.network, features, action)
+    bundle.network.act(features, action)
     with torch.no_grad():
         seen = torch.as_tensor(normaliser.normalize_obs(features))
         expected = np.clip(policy.get_distribution(seen).mode().numpy(), -1.0, 1.0)

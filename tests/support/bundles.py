@@ -7,9 +7,6 @@ import numpy as np
 from fuzzyarm.learned_policy.bundle import PolicyBundle
 from fuzzyarm.learned_policy.definition import ActionDefinition, FeatureDefinition
 from fuzzyarm.learned_policy.network import Network
-from fuzzyarm.numbers.functions import Cells
-from fuzzyarm.numbers.machine import Kernel
-from fuzzyarm.numbers.program import Program
 
 
 def network(sizes=(20, 16, 8, 2), seed=0, gain=1.0):
@@ -37,15 +34,3 @@ def bundle(action=None, seed=0, **values):
         curve=[{"steps": 7, "nominal_max_mm": 1.5}],
         versions={"numpy": "2"},
     )
-
-
-def act(made, features, action, memory=None):
-    """Fill `action` (lanes, outputs) with a network's for `features`; a recurrent one advances its `memory`."""
-
-    def act(features, memory, _, __, *tables):
-        return features, memory, made.outputs(features, memory, *tables)
-
-    ports = Cells((len(made.mean),)), made.memory, (0.0,) * made.sizes[-1]
-    kernel = Kernel(Program(act, ports, (), [table.shape for table in made.tables]))
-    held = np.empty((len(features), 0)) if memory is None else memory
-    kernel((features, held, action), np.empty(0), made.tables)

@@ -16,8 +16,6 @@ if TYPE_CHECKING:
 
 __all__ = ["PRESETS", "SPEC", "RecurrentPPOAlgorithm", "RecurrentPPOConfig"]
 
-_LARGEST_MEMORY = 512
-
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
 class RecurrentPPOConfig(OnPolicyConfig):
@@ -29,7 +27,7 @@ class RecurrentPPOConfig(OnPolicyConfig):
     def __post_init__(self) -> None:
         """Check types, ranges and what must fit together."""
         super().__post_init__()
-        whole("lstm_hidden_size", self.lstm_hidden_size, low=1, high=_LARGEST_MEMORY)
+        whole("lstm_hidden_size", self.lstm_hidden_size, low=1, high=512)
 
 
 _SHARED: dict[str, Any] = {"hidden": (32,), "past_errors": 0, "past_actions": 0}  # the LSTM remembers instead

@@ -14,8 +14,6 @@ if TYPE_CHECKING:
 
 __all__ = ["PRESETS", "SPEC", "TQCConfig", "create"]
 
-_MOST_CRITICS, _MOST_QUANTILES = 100, 1000
-
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
 class TQCConfig(OffPolicyConfig):
@@ -31,8 +29,8 @@ class TQCConfig(OffPolicyConfig):
     def __post_init__(self) -> None:
         """Check types, ranges and what must fit together."""
         super().__post_init__()
-        whole("n_critics", self.n_critics, low=1, high=_MOST_CRITICS)
-        whole("n_quantiles", self.n_quantiles, low=1, high=_MOST_QUANTILES)
+        whole("n_critics", self.n_critics, low=1, high=100)
+        whole("n_quantiles", self.n_quantiles, low=1, high=1000)
         whole("top_quantiles_to_drop_per_net", self.top_quantiles_to_drop_per_net, high=self.n_quantiles - 1)
 
 
