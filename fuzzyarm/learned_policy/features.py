@@ -262,7 +262,7 @@ class Base:
 
 
 class Lanes:
-    """Features, and the base that actions guide if there is one, of many lanes: what a training steps, a row per lane."""
+    """Features, and the base that actions guide if there is one, of many lanes: what a training steps."""
 
     def __init__(self, features: Features, base: Base | None = None) -> None:
         """Compile both steps."""
