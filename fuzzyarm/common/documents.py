@@ -16,6 +16,7 @@ import math
 import os
 import stat
 import tomllib
+import types
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any, BinaryIO, TypeVar, get_args, get_origin, get_type_hints
@@ -133,6 +134,8 @@ def record(content: Any, kind: type[Record]) -> Record:
 
 def _refuse_unknown(content: Any, kind: Any) -> None:
     """Raise ValueError for a mapping with a key that the dataclass has no field for, also in dataclasses within it."""
+    if isinstance(kind, types.UnionType):  # a record or None
+        kind = next((option for option in get_args(kind) if dataclasses.is_dataclass(option)), kind)
     if isinstance(content, list) and get_origin(kind) in (list, tuple):
         for value in content:
             _refuse_unknown(value, get_args(kind)[0])

@@ -1,21 +1,18 @@
 """A learned policy as a folder: ``policy.json`` with everything but the weights, and ``weights.safetensors``.
 
-A bundle contains no code: JSON is parsed, safetensors holds arrays of numbers, and nothing is unpickled.
-
-The folder of a learned policy: ``policy.json`` with everything but the weights, and ``weights.safetensors``.
-
-The folder contains no code: JSON is parsed, safetensors holds arrays of numbers, and nothing is unpickled. The digest
-of the weights stands in ``policy.json``.
+A bundle contains no code: JSON is parsed, safetensors holds arrays of numbers, and nothing is unpickled. The digest of
+the weights stands in ``policy.json``.
 """
 
 from __future__ import annotations
 
+import contextlib
 import dataclasses
 import hashlib
 import json
-from collections.abc import Mapping
+from collections.abc import Callable, Iterator, Mapping
 from pathlib import Path
-from typing import Any, Protocol, TypeVar
+from typing import Any, TypeVar
 
 import numpy as np
 
@@ -27,17 +24,8 @@ from fuzzyarm.learned_policy.definition import OBSERVER_BASE, ActionDefinition, 
 from fuzzyarm.learned_policy.network import Cell, Network
 
 __all__ = [
-    "BEST",
-    "DESCRIPTION",
-    "LAST",
-    "OBSERVER",
-    "WEIGHTS",
-    "BundleError",
-    "PolicyBundle",
-    "is_observer",
-    "read_folder",
-    "tensors_in",
-    "write_folder",
+    "BEST", "DESCRIPTION", "LAST", "OBSERVER", "WEIGHTS", "BundleError", "PolicyBundle", "Trained", "is_observer",
+    "read_folder", "tensors_in", "usable", "write_folder",
 ]  # fmt: skip
 
 
@@ -60,15 +48,7 @@ _LENGTH, _LARGEST_HEADER = 8, 2**16  # bytes at the beginning of the file with t
 _SHOWN = 200  # characters of a foreign text in a message
 
 
-class _Described(Protocol):
-    """A record of ``policy.json``."""
-
-    @property
-    def weights_sha256(self) -> str:
-        """Digest of the file with the weights."""
-
-
-_Kind = TypeVar("_Kind", bound=_Described)
+_Kind = TypeVar("_Kind")
 
 
 class BundleError(ValueError):
@@ -109,7 +89,7 @@ def is_observer(folder: Path) -> bool:
 
 
 def read_folder(folder: Path, schema: str, kind: type[_Kind]) -> tuple[_Kind, bytes]:
-    """Return the description of a bundle, a record whose parts are not checked yet, and the bytes of its weights.
+    """Return the description of a bundle, a record with ``weights_sha256``, and the bytes of its weights.
 
     Raises:
         BundleError: a file is missing, too large or damaged, not of this schema, or the digest differs.
@@ -117,10 +97,10 @@ def read_folder(folder: Path, schema: str, kind: type[_Kind]) -> tuple[_Kind, by
     path = folder / DESCRIPTION
     content = _content(path)
     try:
-        description = record(check_schema(content, schema), kind)
+        description: Any = record(check_schema(content, schema), kind)
     except ValueError as error:
         raise BundleError(f"{path} is no description of a policy: {error}; train it anew") from None
-    weights = _weights(folder / WEIGHTS)
+    weights = _read(folder / WEIGHTS, read_bytes, _LARGEST_WEIGHTS, "that is no policy of this package")
     if hashlib.sha256(weights).hexdigest() != description.weights_sha256:
         raise BundleError(
             f"{folder / WEIGHTS} is not the file that {DESCRIPTION} was written with (its sha256 differs): copy "
@@ -145,33 +125,46 @@ def tensors_in(content: bytes) -> dict[str, np.ndarray]:
     return tensors
 
 
+@contextlib.contextmanager
+def usable(folder: Path) -> Iterator[None]:
+    """Turn errors of content that does not fit together into a `BundleError` that names the folder."""
+    try:
+        yield
+    except (TypeError, ValueError, OverflowError) as error:
+        raise BundleError(f"{folder} is no usable policy bundle: {' '.join(str(error).split())}") from None
+
+
 def _content(path: Path) -> Any:
-    """Return the content of ``policy.json``."""
+    return _read(path, read_json, _LARGEST_DESCRIPTION, "copy the bundle again, or train anew")
+
+
+def _read(path: Path, read: Callable[..., Any], largest: int, instead: str) -> Any:
+    """Return what `read` makes of a file of a bundle."""
     try:
-        return read_json(path, largest=_LARGEST_DESCRIPTION)
+        return read(path, largest=largest)
     except OSError as error:
-        raise _missing(path, error) from None
+        needed = f"a policy bundle is a folder with {DESCRIPTION} and {WEIGHTS}"
+        raise BundleError(f"{path}: {error.strerror or error}; {needed}") from None
     except ValueError as error:
-        raise BundleError(f"{error}; copy the bundle again, or train anew") from None
+        raise BundleError(f"{error}; {instead}") from None
 
 
-def _weights(path: Path) -> bytes:
-    """Return the content of the file with the weights."""
-    try:
-        return read_bytes(path, largest=_LARGEST_WEIGHTS)
-    except OSError as error:
-        raise _missing(path, error) from None
-    except ValueError as error:
-        raise BundleError(f"{error}; that is no policy of this package") from None
+@dataclasses.dataclass(frozen=True, eq=False, kw_only=True)
+class Trained:
+    """Where a learned policy comes from, a record for the reader.
 
+    Attributes:
+        training: the settings of its training.
+        seed: of that training.
+        curve: rows of the training, one mapping each.
+        versions: of the libraries it was trained with.
+    """
 
-def _missing(path: Path, error: OSError) -> BundleError:
-    return BundleError(
-        f"{path}: {error.strerror or error}; a policy bundle is a folder with {DESCRIPTION} and {WEIGHTS}"
-    )
+    training: dict[str, Any] = dataclasses.field(default_factory=dict)
+    seed: int = 0
+    curve: list[dict[str, Any]] = dataclasses.field(default_factory=list)
+    versions: dict[str, Any] = dataclasses.field(default_factory=dict)
 
-
-_Part = TypeVar("_Part")
 
 _SCHEMA = "fuzzyarm-learned-policy/1"
 _OUTPUT, _NO_CELL, _LSTM = "clip", "none", "lstm"  # the first two a description need not name
@@ -180,17 +173,13 @@ _PAPERS_JOINTS = 2
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
-class PolicyBundle:
+class PolicyBundle(Trained):
     """A learned policy and where it comes from.
 
     Attributes:
         features: definition of the network's inputs.
         action: what its output means.
         network: normaliser and layers.
-        training: the configuration it was trained with, a record for the reader.
-        seed: of that training.
-        curve: the evaluations during the training, one mapping each.
-        versions: of the libraries it was trained with.
         arm: that it was trained for; None: the arm of Table 1.
 
     Raises:
@@ -201,10 +190,6 @@ class PolicyBundle:
     features: FeatureDefinition
     action: ActionDefinition
     network: Network
-    training: dict[str, Any] = dataclasses.field(default_factory=dict)
-    seed: int = 0
-    curve: list[dict[str, Any]] = dataclasses.field(default_factory=list)
-    versions: dict[str, Any] = dataclasses.field(default_factory=dict)
     arm: ArmDefinition | None = None
 
     def __post_init__(self) -> None:
@@ -224,12 +209,7 @@ class PolicyBundle:
             )
 
     def save(self, folder: Path) -> None:
-        """Write the bundle atomically; an existing bundle is replaced.
-
-        Raises:
-            OSError: the folder cannot be written; what was there is left as it was.
-            ValueError: the folder exists and is not a bundle.
-        """
+        """Write the bundle, see `write_folder`."""
         cell = self.network.cell
         tensors = {} if cell is None else {f"{_CELL}.{name}": getattr(cell, name) for name in _GATED}
         for number, (weight, bias) in enumerate(zip(self.network.weights, self.network.biases, strict=True)):
@@ -245,20 +225,18 @@ class PolicyBundle:
             BundleError: a file is missing, too large, damaged, or not of this schema.
         """
         folder = Path(folder)
-        description, weights = read_folder(folder, _SCHEMA, _Description)
-        try:
+        found, weights = read_folder(folder, _SCHEMA, _Description)
+        with usable(folder):
             return cls(
-                features=_part("features", description.features, FeatureDefinition),
-                action=_part("action", description.action, ActionDefinition),
-                network=_network(_part("network", description.network, _NetworkDescription), weights),
-                training=description.training,
-                seed=whole("seed", description.seed),
-                curve=description.curve,
-                versions=description.versions,
-                arm=None if description.arm is None else _part("arm", description.arm, ArmDefinition),
+                found.features,
+                found.action,
+                _network(found.network, weights),
+                found.arm,
+                training=found.training,
+                seed=whole("seed", found.seed),
+                curve=found.curve,
+                versions=found.versions,
             )
-        except (TypeError, ValueError, OverflowError) as error:
-            raise BundleError(f"{folder} is no usable policy bundle: {' '.join(str(error).split())}") from None
 
     def _description(self) -> dict[str, Any]:
         """Return the content of ``policy.json`` but the digest of the weights."""
@@ -271,25 +249,15 @@ class PolicyBundle:
             output=self.network.output,
             cell=_NO_CELL if self.network.cell is None else _LSTM,
         )
-        parts = dataclasses.asdict(network)
-        for name, usual in (("output", _OUTPUT), ("cell", _NO_CELL)):
-            if parts[name] == usual:
-                del parts[name]
-        description = _Description(
-            schema=_SCHEMA,
-            network=parts,
-            features=dataclasses.asdict(self.features),
-            action=dataclasses.asdict(self.action),
-            training=self.training,
-            seed=self.seed,
-            versions=self.versions,
-            weights_sha256="",
-            curve=self.curve,
-            arm=None if self.arm is None else dataclasses.asdict(self.arm),
-        )
-        content = {field.name: getattr(description, field.name) for field in dataclasses.fields(description)}
-        if self.arm is None:
-            del content["arm"]
+        parts = self.features, self.action, self.training, self.seed, self.versions, "", self.curve, self.arm
+        content = dataclasses.asdict(_Description(_SCHEMA, network, *parts))
+        for of, name, usual in (
+            (content["network"], "output", _OUTPUT),
+            (content["network"], "cell", _NO_CELL),
+            (content, "arm", None),
+        ):
+            if of[name] == usual:
+                del of[name]
         return content
 
 
@@ -311,23 +279,15 @@ class _Description:
     """The content of ``policy.json``, in the order in which it is written."""
 
     schema: str
-    network: dict[str, Any]
-    features: dict[str, Any]
-    action: dict[str, Any]
+    network: _NetworkDescription
+    features: FeatureDefinition
+    action: ActionDefinition
     training: dict[str, Any]
     seed: int
     versions: dict[str, Any]
     weights_sha256: str
     curve: list[dict[str, Any]]
-    arm: dict[str, Any] | None = None
-
-
-def _part(name: str, content: dict[str, Any], kind: type[_Part]) -> _Part:
-    """Return a part of the description as a record."""
-    try:
-        return record(content, kind)
-    except ValueError as error:
-        raise ValueError(f"{name}: {error}") from None
+    arm: ArmDefinition | None = None
 
 
 def _network(description: _NetworkDescription, content: bytes) -> Network:

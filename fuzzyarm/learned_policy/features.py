@@ -21,13 +21,10 @@ Of a base that observes, with the innovation ν of angles and velocities and the
     (..., s(ν_k/N), s(ν_k/(20 N)), s(n_(1,k)/N), s(n_(2,k)/N), ..., d̂_k/Z),
 
 n_(i,k) = n_(i,k-1) + α_i (ν_k - n_(i,k-1)) with α_i = 1 - exp(-T/τ_i), and all n_i are zero before.
-
-How an action guides the base of a learned policy, and what of the base the features hold.
 """
 
 from __future__ import annotations
 
-import functools
 import math
 from typing import Any, NamedTuple
 
@@ -39,7 +36,6 @@ from fuzzyarm.envs.physics.equations import AnyArm, equations_of
 from fuzzyarm.envs.physics.parameters import ArmParameters
 from fuzzyarm.fuzzy_policy.known_arm import checked_arm, joints_of, per_joint_of
 from fuzzyarm.fuzzy_policy.law import constants_array, law_of, seen_by, within_limits
-from fuzzyarm.fuzzy_policy.laws.elastic_observer import ElasticObserverPolicy
 from fuzzyarm.fuzzy_policy.laws.elastic_target import Aim, ElasticTarget, past_of, target_of
 from fuzzyarm.fuzzy_policy.policy import Policy
 from fuzzyarm.learned_policy.definition import INNOVATION_UNITS, ActionDefinition, FeatureDefinition
@@ -48,11 +44,10 @@ from fuzzyarm.numbers.functions import Cells, array, each, flat, maximum, minimu
 from fuzzyarm.numbers.machine import Kernel
 from fuzzyarm.numbers.program import Program
 
-__all__ = ["Base", "Features", "Remembered", "gate"]
+__all__ = ["Base", "Features", "Lanes", "Remembered", "gate"]
 
 
 COARSE = 20.0  # of the unit in which large innovations are seen
-_KERNELS = ("_filling", "_advancing", "_commanding")
 
 
 class Remembered(NamedTuple):
@@ -100,7 +95,7 @@ class Features:
 
         Args:
             definition: which features.
-            period: T, time between two actions [s].
+            period: T [s].
             parameters: the arm or the robot, for an elastic target and the torque limits; default Table 1.
             friction: whether u_ff includes the dry friction.
 
@@ -207,65 +202,6 @@ class Features:
         newest = tuple(minimum(maximum(u, -most), most) - u_ff for u, most, u_ff in parts)
         return memory._replace(excess=(newest, *memory.excess[1:]))
 
-    # The same for arrays of lanes, in training -------------------------------------------------------------------
-
-    def fill_lanes(
-        self,
-        observation: np.ndarray,
-        memory: np.ndarray,
-        innovation: np.ndarray | None = None,
-        load: np.ndarray | None = None,
-    ) -> np.ndarray:
-        """Return the features (lanes, size) for (lanes, 5 n), (lanes, memory_size), ν (lanes, 2 n) and d̂ (lanes, n)."""
-        features, nothing = np.empty((len(observation), self.size)), np.empty((len(observation), 0))
-        innovation, load = (nothing if part is None else part for part in (innovation, load))
-        self._filling((memory, observation, innovation, load, features), np.empty(0))
-        return features
-
-    def advance_lanes(
-        self, observation: np.ndarray, action: np.ndarray, memory: np.ndarray, innovation: np.ndarray | None = None
-    ) -> None:
-        """Do what `advance` does, in place; `action` (lanes, n) in [-1, 1], the others as for `fill_lanes`."""
-        seen = np.empty((len(observation), 0)) if innovation is None else innovation
-        self._advancing((memory, observation, action, seen), np.empty(0))
-
-    def command_lanes(self, torque: np.ndarray, memory: np.ndarray) -> None:
-        """Do what `command` does, in place, for torques (lanes, n) [N m]."""
-        self._commanding((memory, torque), np.empty(0))
-
-    def __getstate__(self) -> dict[str, Any]:
-        """Leave out the machine code."""
-        return {name: value for name, value in self.__dict__.items() if name not in _KERNELS}
-
-    @functools.cached_property
-    def _filling(self) -> Kernel:
-        def fill(
-            memory: Remembered, seen: Observation, innovation: Any, load: Any, out: Any, _: Any
-        ) -> tuple[Any, ...]:
-            self.fill(memory, seen, self.told(memory, seen)[2], innovation, load, out)
-            return memory, seen, innovation, load, out
-
-        nothing = (0.0,) * self.definition.joints
-        observed = (2 * nothing, nothing) if self.definition.innovation_times else ((), ())
-        ports = self.memory, seen_by(self.definition.joints), *observed, Cells((self.size,))
-        return Kernel(Program(fill, ports))
-
-    @functools.cached_property
-    def _advancing(self) -> Kernel:
-        def advance(memory: Remembered, seen: Observation, action: Any, innovation: Any, _: Any) -> tuple[Any, ...]:
-            return self.advance(memory, seen, self.told(memory, seen), action, innovation), seen, action, innovation
-
-        nothing = (0.0,) * self.definition.joints
-        observed = 2 * nothing if self.definition.innovation_times else ()
-        return Kernel(Program(advance, (self.memory, seen_by(self.definition.joints), nothing, observed)))
-
-    @functools.cached_property
-    def _commanding(self) -> Kernel:
-        def command(memory: Remembered, torque: Any, _: Any) -> tuple[Any, ...]:
-            return self.command(memory, torque), torque
-
-        return Kernel(Program(command, (self.memory, (0.0,) * self.definition.joints)))
-
 
 def _put(out: Any, at: int, numbers: list[Any], *, squashed: bool = False) -> int:
     """Write numbers, or their asinh, into an array from a place on, and return the place behind them."""
@@ -285,19 +221,10 @@ class Base:
     Attributes:
         policy: the one that the definition of the action names.
         law: its law.
-        memory_size: numbers that it remembers.
     """
 
     def __init__(self, policy: Policy, action: ActionDefinition) -> None:
-        """Take the law of a policy.
-
-        Args:
-            policy: the base.
-            action: what an action means; [rad], or with a gate [N m].
-
-        Raises:
-            ValueError: the policy is no law.
-        """
+        """Take the law of a policy; ValueError if it has none."""
         found = law_of(policy)
         if found is None:
             raise ValueError(
@@ -305,7 +232,6 @@ class Base:
                 "computed-torque, their -tip forms, or elastic-observer"
             )
         self.policy, self.law, self._action = policy, found, action
-        self.memory_size = policy.memory_size
 
     @property
     def constants(self) -> Any:
@@ -313,15 +239,7 @@ class Base:
         return self.law.constants, tuple(map(float, self.policy.torque_limit))
 
     def guided(self, memory: Any, seen: Any, told: Any, given: Any, *tables: Any) -> tuple[Any, Any]:
-        """Return memory and torque (n,) of the guided base [N m].
-
-        Args:
-            memory: of the law.
-            seen: the observation, one number for each joint in each part.
-            told: scale · a (n,).
-            given: `constants`.
-            *tables: of the law.
-        """
+        """Return memory and torque (n,) [N m] of the guided base, told scale · a (n,) and given `constants`."""
         if self._action.gate > 0.0:
             share = gate(self.innovation(memory, seen), self._action.gate)
             extra = [share * u for u in told]
@@ -342,33 +260,50 @@ class Base:
             return (), ()
         return self.innovation(memory, seen), tuple(memory.predicted.load)
 
-    # The same for arrays of lanes, in training -------------------------------------------------------------------
 
-    def guide_lanes(self, observation: np.ndarray, memory: np.ndarray, torque: np.ndarray) -> None:
-        """Replace `torque` (lanes, n), which holds scale · a, by that of the guided base, and advance its memory."""
-        self._guiding((memory, observation, torque), constants_array(self.law, self.constants[1]), self.law.tables)
+class Lanes:
+    """Features, and the base that actions guide if there is one, of many lanes: what a training steps."""
 
-    def observed_lanes(
-        self, features: FeatureDefinition, observation: np.ndarray, memory: np.ndarray
-    ) -> tuple[np.ndarray, np.ndarray]:
-        """Return ν (lanes, 2 n) and d̂ (lanes, n), without columns where no feature needs them."""
-        if not features.innovation_times:
-            return np.empty((len(observation), 0)), np.empty((len(observation), 0))
-        assert isinstance(self.policy, ElasticObserverPolicy)
-        return self.policy.innovation(observation, memory), memory[:, self.policy.load].copy()
+    def __init__(self, features: Features, base: Base | None = None) -> None:
+        """Compile both steps."""
+        d, law = features.definition, None if base is None else base.law
+        numbers, nothing = (0.0,) * d.joints, ((), ())
 
-    def __getstate__(self) -> dict[str, Any]:
-        """Leave out the machine code."""
-        return {name: value for name, value in self.__dict__.items() if name != "_guiding"}
+        def see(memory: Remembered, held: Any, seen: Observation, out: Any, _: Any) -> tuple[Any, ...]:
+            innovation, load = nothing if base is None else base.observed(d, held, seen)
+            features.fill(memory, seen, features.told(memory, seen)[2], innovation, load, out)
+            return memory, held, seen, out
 
-    @functools.cached_property
-    def _guiding(self) -> Kernel:
-        def guide(memory: Any, seen: Any, told: Any, given: Any, *tables: Any) -> tuple[Any, ...]:
-            memory, torque = self.guided(memory, seen, told, given, *tables)
-            return memory, seen, tuple(torque)
+        def act(
+            memory: Remembered, held: Any, seen: Observation, action: Any, torque: Any, given: Any, *tables: Any
+        ) -> tuple[Any, ...]:
+            innovation, _ = nothing if base is None else base.observed(d, held, seen)
+            memory = features.advance(memory, seen, features.told(memory, seen), action, innovation)
+            if base is not None:
+                held, torque = base.guided(held, seen, torque, given, *tables)
+            return features.command(memory, torque), held, seen, action, tuple(torque)
 
-        joints, tables = self.policy.joints, [table.shape for table in self.law.tables]
-        return Kernel(Program(guide, (self.law.memory, seen_by(joints), (0.0,) * joints), self.constants, tables))
+        ports = features.memory, () if law is None else law.memory, seen_by(d.joints)
+        self.size, self._tables = features.size, () if law is None else law.tables
+        self._see = Kernel(Program(see, (*ports, Cells((features.size,)))))
+        given, shapes = () if base is None else base.constants, [table.shape for table in self._tables]
+        self._act = Kernel(Program(act, (*ports, numbers, numbers), given, shapes))
+        self._given = np.empty(0) if base is None else constants_array(base.law, base.constants[1])
+
+    def see(self, observation: np.ndarray, memory: np.ndarray, held: np.ndarray) -> np.ndarray:
+        """Return the features (lanes, size) for observations (lanes, 5 n) and the memories of features and base."""
+        out = np.empty((len(observation), self.size))
+        self._see((memory, held, observation, out), np.empty(0))
+        return out
+
+    def act(
+        self, observation: np.ndarray, action: np.ndarray, torque: np.ndarray, memory: np.ndarray, held: np.ndarray
+    ) -> None:
+        """Advance both memories by an action (lanes, n) in [-1, 1].
+
+        `torque` (lanes, n) holds scale · a, and afterwards the torque [N m], which that is without a base.
+        """
+        self._act((memory, held, observation, action, torque), self._given, self._tables)
 
 
 def gate(innovation: Any, width: float) -> Any:

@@ -37,16 +37,8 @@ from fuzzyarm.numbers.machine import Kernel
 from fuzzyarm.numbers.program import Program
 
 __all__ = [
-    "ACTIVATIONS",
-    "GATES",
-    "LARGEST_MEMORY",
-    "OUTPUTS",
-    "Cell",
-    "Network",
-    "add_product",
-    "area_sine",
-    "hyperbolic_tangent",
-    "logistic",
+    "ACTIVATIONS", "GATES", "LARGEST_MEMORY", "OUTPUTS", "Cell", "Network", "add_product", "area_sine",
+    "hyperbolic_tangent", "logistic", "real_array",
 ]  # fmt: skip
 
 
@@ -135,6 +127,14 @@ LARGEST_MEMORY = 1024
 """Numbers in h; a larger cell is refused before memory is allocated."""
 
 
+def real_array(name: str, array: Any, axes: int) -> None:
+    """Check that something is an array of real numbers with so many axes; TypeError or ValueError otherwise."""
+    if instance(name, array, np.ndarray).dtype.kind not in "fiu":
+        raise TypeError(f"{name} must hold real numbers; it holds {shown(array.dtype)}")
+    if array.ndim != axes:
+        raise ValueError(f"{name} has {array.ndim} axes; needed: {axes}")
+
+
 @dataclasses.dataclass(frozen=True, eq=False)
 class Cell:
     """The arrays of the module's equations, the rows of i, r, g and o below each other.
@@ -155,22 +155,13 @@ class Cell:
 
     def __post_init__(self) -> None:
         """Check shapes and numbers."""
-        for field in dataclasses.fields(self):
-            if instance(field.name, getattr(self, field.name), np.ndarray).dtype.kind not in "fiu":
-                raise TypeError(f"{field.name} must hold real numbers; it holds {shown(getattr(self, field.name))}")
-        if self.weight_x.ndim != 2 or self.weight_h.ndim != 2:
-            raise ValueError(
-                f"weight_x and weight_h have {self.weight_x.ndim} and {self.weight_h.ndim} axes; needed: 2"
-            )
+        for name, axes in (("weight_x", 2), ("weight_h", 2), ("bias", 1)):
+            real_array(name, getattr(self, name), axes)
         if not 1 <= self.hidden <= LARGEST_MEMORY:
             raise ValueError(f"weight_h has {self.hidden} columns; allowed: 1 to {LARGEST_MEMORY}")
-        rows = GATES * self.hidden
-        for name, shape in (
-            ("weight_x", (rows, self.weight_x.shape[1])),
-            ("weight_h", (rows, self.hidden)),
-            ("bias", (rows,)),
-        ):
-            finite_array(name, getattr(self, name), shape)
+        for field in dataclasses.fields(self):
+            array = getattr(self, field.name)
+            finite_array(field.name, array, (GATES * self.hidden, *array.shape[1:]))
 
     @property
     def hidden(self) -> int:
@@ -250,13 +241,11 @@ class Network:
         object.__setattr__(self, "clip", real("clip", self.clip, above=0.0))
         choice("activation", self.activation, ACTIVATIONS)
         choice("output", self.output, OUTPUTS)
-        for name in ("weights", "biases"):
+        for name, axes in (("weights", 2), ("biases", 1)):
             for one in instance(name, getattr(self, name), tuple):
-                _numbers(name, one)
+                real_array(name, one, axes)
         for name in ("mean", "std"):
-            _numbers(name, getattr(self, name))
-        if self.mean.ndim != 1 or any(bias.ndim != 1 for bias in self.biases):
-            raise ValueError("mean and biases must have one axis")
+            real_array(name, getattr(self, name), 1)
         if not 1 <= len(self.weights) <= _MOST_LAYERS or len(self.biases) != len(self.weights):
             raise ValueError(
                 f"{len(self.weights)} weights and {len(self.biases)} biases; allowed: 1 to {_MOST_LAYERS} layers"
@@ -276,11 +265,10 @@ class Network:
             raise ValueError(f"shapes of mean, std, weights and biases are {shapes}; they must be {expected}")
         if not 1 <= max(self.sizes) <= _LARGEST_LAYER:
             raise ValueError(f"layers of {self.sizes}; allowed: 1 to {_LARGEST_LAYER} in each")
-        numbers = (self.mean, self.std, np.array(self.clip), *self.weights, *self.biases)
-        if not all(np.isfinite(array).all() for array in numbers):
+        if not all(np.isfinite(array).all() for array in (self.mean, self.std, *self.weights, *self.biases)):
             raise ValueError("a mean, std, weight or bias is not finite")
-        if not (np.all(self.std > 0.0) and self.clip > 0.0):
-            raise ValueError("std and clip must be positive")
+        if not np.all(self.std > 0.0):
+            raise ValueError("std must be positive")
 
     @property
     def sizes(self) -> tuple[int, ...]:
@@ -346,9 +334,3 @@ class Network:
 
         ports = Cells((len(self.mean),)), self.memory, (0.0,) * self.sizes[-1]
         return Kernel(Program(act, ports, (), [table.shape for table in self.tables]))
-
-
-def _numbers(name: str, array: Any) -> None:
-    """Check that something is an array of real numbers; TypeError otherwise."""
-    if instance(name, array, np.ndarray).dtype.kind not in "fiu":
-        raise TypeError(f"{name} must hold real numbers; it holds {shown(array.dtype)}")

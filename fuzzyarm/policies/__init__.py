@@ -5,17 +5,6 @@ from fuzzyarm.policies.spec import PolicySpec, found_again, load_policy, recorde
 from fuzzyarm.policies.tuned import policies_of
 
 __all__ = [
-    "ANY_ROBOT",
-    "COMPARED",
-    "LEARNED",
-    "NAMES",
-    "Kind",
-    "PolicySpec",
-    "add_policy",
-    "found_again",
-    "load_policy",
-    "policies_of",
-    "recorded",
-    "resolve",
-    "resolve_all",
-]
+    "ANY_ROBOT", "COMPARED", "LEARNED", "NAMES", "Kind", "PolicySpec", "add_policy", "found_again", "load_policy",
+    "policies_of", "recorded", "resolve", "resolve_all",
+]  # fmt: skip

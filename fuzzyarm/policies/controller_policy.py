@@ -22,13 +22,7 @@ _SHOWN = 12  # digits of a digest that messages show
 
 
 def file_policy(path: Path, robot: AnyArm, control_period: float, allow_unproven: bool = False) -> Policy:
-    """Return the policy of a controller file of any form.
-
-    Args:
-        path: of the file.
-        robot: the arm the policy is for.
-        control_period: time between two calls of `predict` [s].
-        allow_unproven: take a file whose inequalities are not all proven, for experiments.
+    """Return the policy of a controller file of any form; arguments as of `load_policy`, `control_period` in [s].
 
     Raises:
         ControllerFileError: the file is damaged, not proven, or was designed for another robot.

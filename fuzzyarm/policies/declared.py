@@ -2,12 +2,7 @@
 
 A policy says what its numbers were chosen for and on what, what it knows of the arm beforehand, what it sees, and what
 it remembers from one sample to the next. Its certificate stands with the results. Policies of the package declare it by
-their name, files and folders by what is in them , and the user's own code by an attribute
-``declared`` (`user_code`).
-
-The declaration of a policy: what its numbers were chosen for and on what, what it knows, sees and remembers.
-
-What policies out of files declare, as far as the files say it: controller files, tuned and learned folders.
+their name, files and folders by what is in them, and the user's own code by an attribute ``declared`` (`user_code`).
 """
 
 from __future__ import annotations
@@ -22,22 +17,7 @@ from fuzzyarm.policies.registry import TIP, Kind
 from fuzzyarm.policies.spec import PolicySpec, resolve
 from fuzzyarm.policies.tuned import ADAPTIVE_OBSERVER, COMPUTED_TORQUE, ELASTIC_OBSERVER
 
-__all__ = [
-    "ELASTIC",
-    "HEADINGS",
-    "INTEGRAL",
-    "LEARNED_OBSERVER",
-    "RIGID",
-    "SEES",
-    "Declared",
-    "declared",
-    "declared_by_name",
-    "of_controller",
-    "of_learned",
-    "of_tuned",
-    "stated",
-]  # fmt: skip
-
+__all__ = ["ELASTIC", "HEADINGS", "Declared", "declared", "declared_by_name", "stated"]
 
 HEADINGS = ("objective", "tuned on", "knows of the arm", "sees", "remembers")
 """Of the columns, one for each field of `Declared`."""
@@ -82,15 +62,15 @@ def stated(given: Any) -> Declared:
         ValueError: a field is missing, unknown or no text of one line; the message names it and the fields.
     """
     fields = Declared._fields
-    of_object = {field: getattr(given, field) for field in fields if hasattr(given, field)}
-    found = given if isinstance(given, Mapping) else of_object
+    found = (
+        given if isinstance(given, Mapping) else {name: getattr(given, name) for name in fields if hasattr(given, name)}
+    )
     allowed = f"needed: {', '.join(fields)}, each a text of one line"
     if unknown := [name for name in found if name not in fields]:
         raise ValueError(f"declared has the unknown field {listed(unknown)}; {allowed}")
     if missing := [name for name in fields if name not in found]:
         raise ValueError(f"declared lacks {', '.join(missing)}; {allowed}")
-    for name in fields:
-        text = found[name]
+    for name, text in found.items():
         if not isinstance(text, str) or not text.strip() or not text.isprintable():
             raise ValueError(f"declared: {name} = {shown(text)} is none; {allowed}")
     return Declared(**{name: str(found[name]) for name in fields})
@@ -165,7 +145,7 @@ def declared(name: str | PolicySpec, policy: Any = None, passes: int = 1, arm: A
     if own is None:
         return None
     if spec.named and arm is not None:
-        own = _on(arm, spec.name.removesuffix(TIP), own)
+        own = _on_arm(arm, spec.name.removesuffix(TIP), own)
     if spec.tip:
         own = own._replace(knows=ELASTIC, remembers=f"{own.remembers}; three samples of the reference")
     if passes > 1 and _learns_from_passes(spec, policy):
@@ -179,7 +159,7 @@ def declared_by_name(name: str) -> Declared | None:
     return declared(spec) if spec.named else None
 
 
-def _on(arm: AnyArm, law: str, own: Declared) -> Declared:
+def _on_arm(arm: AnyArm, law: str, own: Declared) -> Declared:
     """Return the declaration of a named law on an arm."""
     from fuzzyarm.envs.physics.parameters import ArmParameters
 
@@ -200,12 +180,9 @@ def _own(spec: PolicySpec, policy: Any) -> Declared | None:
         return own
     if spec.path is None:
         return None
-
     if spec.tuned:
-        return of_tuned(spec.path, _NAMED)
-    if spec.kind is Kind.CONTROLLER:
-        return of_controller(spec.path)
-    return of_learned(spec.path)
+        return _of_tuned(spec.path)
+    return (_of_controller if spec.kind is Kind.CONTROLLER else _of_learned)(spec.path)
 
 
 def _learns_from_passes(spec: PolicySpec, policy: Any) -> bool:
@@ -227,6 +204,10 @@ _TWO_JOINTS = {
         "random plants, forces, payloads, delays, noise and references of the arm of {}; its default path without load"
     ),
 }
+_DISTRIBUTIONS = {
+    "nominal": "nominal case of its arm",
+    "robust": "random plants, forces, payloads and references of its arm",
+}
 # For a serial robot: objective and tuned on.
 _MARGINS = "margins at random postures and along the default path of the arm of {}"
 _ROBOT = {
@@ -235,8 +216,8 @@ _ROBOT = {
 }
 
 
-def of_controller(path: Path) -> Declared:
-    """Return the declaration of a controller file; ValueError and OSError as of `load_controller`."""
+def _of_controller(path: Path) -> Declared:
+    """Return the declaration of a controller file."""
     from fuzzyarm.fuzzy_policy.controller import Controller
     from fuzzyarm.fuzzy_policy.controller_files import load_controller
 
@@ -251,42 +232,28 @@ def of_controller(path: Path) -> Declared:
     )
 
 
-def of_tuned(path: Path, laws: Mapping[str, Declared]) -> Declared:
-    """Return the declaration of a law of a tuned folder.
-
-    Args:
-        path: of the law in the folder, or of its controller file.
-        laws: the declarations of the shipped laws, by name.
-
-    Raises:
-        ValueError: the folder is damaged.
-        OSError: a file cannot be read.
-    """
+def _of_tuned(path: Path) -> Declared:
+    """Return the declaration of a law of a tuned folder, by its path in it, or that of its controller file."""
     from fuzzyarm.envs.physics.equations import chosen_arm
     from fuzzyarm.envs.physics.parameters import ArmParameters
 
     folder, law = path.parent.name, path.name.removesuffix(".json")
     if law != path.name and law != _TUNED_FUZZY:
-        return of_controller(path)
+        return _of_controller(path)
     two_joints = isinstance(chosen_arm(path.parent, None), ArmParameters)
     if law == _TUNED_FUZZY:
-        own = laws[_TUNED_FUZZY]
+        own = _NAMED[_TUNED_FUZZY]
         if not two_joints:
             own = own._replace(objective="largest decay rate within margins, at a proven bound")
         return own._replace(tuned_on=(_TWO_JOINTS[COMPUTED_TORQUE] if two_joints else _MARGINS).format(folder))
     if two_joints or law not in _ROBOT:
-        return laws[law]._replace(tuned_on=_TWO_JOINTS[law].format(folder))
+        return _NAMED[law]._replace(tuned_on=_TWO_JOINTS[law].format(folder))
     objective, tuned_on = _ROBOT[law]
-    return laws[law]._replace(objective=objective, tuned_on=tuned_on.format(folder))
+    return _NAMED[law]._replace(objective=objective, tuned_on=tuned_on.format(folder))
 
 
-def of_learned(folder: Path) -> Declared | None:
-    """Return the declaration of a learned policy's folder; None if there is none.
-
-    Raises:
-        ValueError: the folder is damaged.
-        OSError: a file cannot be read.
-    """
+def _of_learned(folder: Path) -> Declared | None:
+    """Return the declaration of a learned policy's folder; None if there is none."""
     from fuzzyarm.learned_policy.bundle import PolicyBundle, is_observer
 
     if not folder.is_dir():
@@ -295,10 +262,15 @@ def of_learned(folder: Path) -> Declared | None:
         return LEARNED_OBSERVER
     bundle = PolicyBundle.load(folder)
     training, base = bundle.training, bundle.action.base
+    scale, smoothness, drawn = (training.get(name) for name in ("tip_error_scale", "smoothness", "distribution"))
+    reward = f", {_UNKNOWN} which"
+    if isinstance(scale, int | float):
+        reward = f": {'logarithm of the tip error, effort' if scale > 0.0 else 'that of the environment'}"
+    smooth = "; smooth actions" if isinstance(smoothness, int | float) and smoothness > 0.0 else ""
     elastic = [ELASTIC] if bundle.features.elastic_target else []
     return Declared(
-        f"{_reward(training.get('tip_error_scale'))}{_smooth(training)}, by {_text(training.get('algorithm'))}",
-        f"{_distribution(training.get('distribution'))}; how its settings were chosen is {_UNKNOWN}",
+        f"discounted reward{reward}{smooth}, by {_text(training.get('algorithm'))}",
+        f"{_DISTRIBUTIONS.get(str(drawn), _UNKNOWN)}; how its settings were chosen is {_UNKNOWN}",
         "; ".join([f"what {base} knows"] if base else elastic) or "nothing",
         SEES,
         "; ".join([*([f"as {base}"] if base else []), _memory(bundle)]),
@@ -318,25 +290,6 @@ def _memory(bundle: Any) -> str:
     kept += ["means of the innovation"] if features.innovation_times else []
     kept += ["the state of a network"] if bundle.network.cell is not None else []
     return ", ".join(kept) or "nothing"
-
-
-def _reward(scale: Any) -> str:
-    if not isinstance(scale, int | float):
-        return f"discounted reward, {_UNKNOWN} which"
-    return f"discounted reward: {'logarithm of the tip error, effort' if scale > 0.0 else 'that of the environment'}"
-
-
-def _smooth(training: Mapping[str, Any]) -> str:
-    weight = training.get("smoothness")
-    return "; smooth actions" if isinstance(weight, int | float) and weight > 0.0 else ""
-
-
-def _distribution(name: Any) -> str:
-    known = {
-        "nominal": "nominal case of its arm",
-        "robust": "random plants, forces, payloads and references of its arm",
-    }
-    return known.get(name, _UNKNOWN) if isinstance(name, str) else _UNKNOWN
 
 
 def _text(text: Any) -> str:

@@ -39,22 +39,18 @@ def learned_files(folder: Path) -> dict[str, str]:
 
 
 def learned_policy(folder: Path, control_period: float, robot: AnyArm) -> Policy:
-    """Load a learned policy, with the policy that it is based on if there is one.
-
-    Args:
-        folder: of the bundle.
-        control_period: time between two calls of `predict` [s].
-        robot: the arm, which must be the one that the policy was trained for.
+    """Load a learned policy for a control period [s], with the policy that it is based on if there is one.
 
     Raises:
-        ValueError: the folder is damaged, the arm is another, or the period does not fit.
+        ValueError: the folder is damaged, the arm is not the one it was trained for, or the period does not fit.
     """
     if is_observer(folder):
         return _learned_observer(folder, control_period, robot)
     bundle = PolicyBundle.load(folder)
-    trained, name = bundle.arm, "the arm of Table 1" if bundle.arm is None else escaped(bundle.arm.name)
-    same = robot == ArmParameters() if trained is None else robot_of(robot).digest == trained.digest
-    _check_arm(folder, same, name)
+    if bundle.arm is None:
+        _check_arm(folder, robot == ArmParameters(), "the arm of Table 1")
+    else:
+        _check_arm(folder, robot_of(robot).digest == bundle.arm.digest, escaped(bundle.arm.name))
     base = bundle.action.base
     if base is not None and not resolve(base).named:
         raise ValueError(f"{folder} was trained on the base {base!r}, which is none of: {', '.join(known_names())}")

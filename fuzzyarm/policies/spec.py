@@ -111,20 +111,7 @@ class PolicySpec:
         robot: AnyArm | str | os.PathLike[str] | None = None,
         allow_unproven: bool = False,
     ) -> Policy | UserPolicy:
-        """Return the policy.
-
-        Args:
-            control_period: time between two calls of `predict` [s].
-            robot: the arm the policy is for, default that of the policy's folder if `fuzzyarm tune` wrote it, otherwise
-                Table 1: parameters of the two-joint arm, a `Robot`, the name of a shipped one, a TOML file, or such a
-                folder. A controller file must have been designed for it, and a learned policy trained for it.
-            allow_unproven: take a controller file whose inequalities are not all proven, for experiments.
-
-        Raises:
-            ValueError: unknown name; the file or folder is damaged, not proven, or was designed for another robot; code
-                may not be run here, or fails.
-            OSError: the file cannot be read.
-        """
+        """Return the policy; arguments and errors as of `load_policy`. ValueError, too: code may not run, or fails."""
         from fuzzyarm.common import checks
         from fuzzyarm.envs.physics.equations import chosen_arm
 
@@ -242,8 +229,10 @@ def load_policy(
             A controller is proven again, as its file would be.
         control_period: time between two calls of `predict` [s]. None: 1 ms, until the reference in the first
             observations shows another, for which the policy is then made again; see `Policy.predict`.
-        robot: the arm the policy is for, default Table 1, or what a controller was designed for. A controller file must
-            have been designed for it, and a learned policy trained for it.
+        robot: the arm the policy is for: parameters of the two-joint arm, a `Robot`, the name of a shipped one, a TOML
+            file, or a folder of `fuzzyarm tune`. A controller file must have been designed for it, and a learned policy
+            trained for it. Default: what a controller was designed for, the folder that holds a tuned policy, otherwise
+            Table 1.
         allow_unproven: take a controller whose inequalities are not all proven, for experiments.
 
     Raises:

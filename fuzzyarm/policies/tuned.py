@@ -14,7 +14,7 @@ import dataclasses
 import json
 import os
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, TypeVar
+from typing import TYPE_CHECKING, TypeVar
 
 from fuzzyarm.common.checks import choice, distinct, listed, real
 from fuzzyarm.policies.registry import TIP
@@ -123,11 +123,7 @@ def is_tuned(folder: Path) -> bool:
 
 
 def read_laws(folder: Path, arm: AnyArm) -> TunedLaws:
-    """Return the laws of a folder.
-
-    Args:
-        folder: of `fuzzyarm tune`.
-        arm: that they are wanted for.
+    """Return the laws of a folder of `fuzzyarm tune` for an arm.
 
     Raises:
         ValueError: the file is damaged, or the laws were tuned for another arm.
@@ -162,13 +158,7 @@ def policies_of(robot: object) -> tuple[str, ...] | None:
 
 
 def tuned_policy(folder: Path, law: str, arm: AnyArm, control_period: float) -> Policy:
-    """Return a law of `LAWS` with the numbers of a folder.
-
-    Args:
-        folder: of `fuzzyarm tune`.
-        law: its name.
-        arm: which must be the one that the folder was tuned for.
-        control_period: time between two calls of `predict` [s], which must be the folder's.
+    """Return a law of `LAWS`, by name, with the numbers of a folder, for its arm and its control period [s].
 
     Raises:
         ValueError: the folder has no such law, is damaged, or is for another arm or period.
@@ -181,10 +171,6 @@ def tuned_policy(folder: Path, law: str, arm: AnyArm, control_period: float) -> 
         raise ValueError(
             f"{folder / law} was tuned for control_period = {laws.control_period:g} s, not {control_period:g} s"
         )
-    return _made(folder, laws, law, arm)
-
-
-def _made(folder: Path, laws: TunedLaws, law: str, arm: Any) -> Policy:
     from fuzzyarm.fuzzy_policy.laws.computed_torque import ComputedTorquePolicy
     from fuzzyarm.fuzzy_policy.laws.tip import TipPolicy
 

@@ -1,8 +1,4 @@
-"""What the trainer needs from a learning algorithm, and what it offers to it.
-
-What the algorithms of stable-baselines3 and its contrib have in common in the middle of a training.
-
-Learning from the latest steps alone with stable-baselines3: what PPO and recurrent PPO have in common.
+"""What the trainer needs from a learning algorithm, and what the algorithms of stable-baselines3 have in common.
 
 The settings have the names that `stable_baselines3.PPO` gives them. torch and stable-baselines3 are imported when a
 training begins, so that settings and presets can be read without them.
@@ -25,16 +21,7 @@ if TYPE_CHECKING:
     from fuzzyarm.rl_baselines.config import TrainingConfig
     from fuzzyarm.rl_baselines.learning_env import LearningEnvs
 
-__all__ = [
-    "COLUMNS",
-    "Algorithm",
-    "AlgorithmSpec",
-    "OnPolicyAlgorithm",
-    "OnPolicyConfig",
-    "Sb3Algorithm",
-    "moments_of",
-    "set_moments",
-]  # fmt: skip
+__all__ = ["COLUMNS", "Algorithm", "AlgorithmSpec", "OnPolicyAlgorithm", "OnPolicyConfig", "Sb3Algorithm", "Sb3Config"]
 
 
 class Algorithm(Protocol):
@@ -95,8 +82,33 @@ class AlgorithmSpec:
     libraries: tuple[str, ...] = ()
 
 
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class Sb3Config(TrainingConfig):
+    """The settings of every training, and those that all algorithms of stable-baselines3 have."""
+
+    batch_size: int = 1024
+    """Samples in a gradient step, at least 2."""
+    learning_rate: float = 1e-3
+    """Learning rate of Adam at the beginning."""
+    final_learning_rate: float = 1e-5
+    """Learning rate of Adam at the end; in between it falls linearly."""
+    gamma: float = 0.98
+    """Discount factor of a step (0 to 1)."""
+    ent_coef: float = 0.0
+    """Coefficient of the entropy in the loss."""
+
+    def __post_init__(self) -> None:
+        """Check types, ranges and what must fit together."""
+        super().__post_init__()
+        whole("batch_size", self.batch_size, low=2)
+        real("learning_rate", self.learning_rate, above=0.0)
+        real("final_learning_rate", self.final_learning_rate, low=0.0, high=self.learning_rate)
+        real("gamma", self.gamma, low=0.0, high=1.0)
+        real("ent_coef", self.ent_coef, low=0.0)
+
+
 class Sb3Algorithm:
-    """The part of `fuzzyarm.rl_baselines.algorithm.Algorithm` that does not depend on how is learned.
+    """The part of `Algorithm` that does not depend on how is learned.
 
     Attributes:
         model: of stable-baselines3 or its contrib.
@@ -105,17 +117,48 @@ class Sb3Algorithm:
 
     _policy_sees: int | None = None  # features that the policy sees, the first ones; None: all
 
-    def __init__(self, config: TrainingConfig, normaliser: Any, model: Any) -> None:
-        """Begin an episode in every lane.
+    def __init__(
+        self,
+        config: Any,
+        envs: LearningEnvs,
+        kind: Callable[..., Any],
+        policy: Any,
+        *,
+        same: Iterable[str],
+        networks: Mapping[str, Any],
+        norm_reward: bool = True,
+        **more: Any,
+    ) -> None:
+        """Make the networks, seed everything that is random, and begin an episode in every lane.
 
         Args:
-            config: the settings.
-            normaliser: `VecNormalize` around the arms.
-            model: made for it.
+            config: the settings, an `Sb3Config`.
+            envs: the arms.
+            kind: class of the model.
+            policy: class of its networks, or its name.
+            same: names of settings that are arguments of the model.
+            networks: arguments of the networks.
+            norm_reward: whether rewards are normalised.
+            **more: arguments of the model.
         """
+        import torch
         from stable_baselines3.common.logger import Logger
+        from stable_baselines3.common.vec_env import VecNormalize
 
-        self.normaliser, self.model = normaliser, model
+        torch.set_num_threads(config.threads)
+        self._config = config
+        self.normaliser: Any = VecNormalize(envs, gamma=config.gamma, norm_reward=norm_reward)
+        first, last = config.learning_rate, config.final_learning_rate
+        self.model = model = kind(
+            policy,
+            self.normaliser,
+            # `remaining` of the training falls from 1 to 0, and below in the last update, which may go past the end.
+            learning_rate=lambda remaining: max(last + (first - last) * remaining, 0.0),
+            policy_kwargs=dict(networks),
+            device="cpu",
+            **{name: getattr(config, name) for name in ("batch_size", "gamma", "seed", *same)},
+            **more,
+        )
         model.set_logger(Logger(None, []))
         # `learn` of stable-baselines3 cannot be left between two updates; `update` holds the body of its loop instead.
         _, self._callback = model._setup_learn(config.total_timesteps)
@@ -157,62 +200,62 @@ class Sb3Algorithm:
             **kinds,
         )
 
-    def _shared_state(self) -> dict[str, Any]:
-        """Return networks, normaliser of the features, last features, counters and the latest episodes."""
-        model = self.model
+    def _optimizers(self) -> dict[str, tuple[Any, list[Any]]]:
+        """Return the optimisers, each with its parameters, in its order."""
+        policy = self.model.policy
+        return {"optimizer": (policy.optimizer, list(policy.parameters()))}
+
+    def state(self) -> dict[str, Any]:
+        """Return networks, optimisers, normaliser, last features, counters and the latest episodes."""
+        model, normaliser = self.model, self.normaliser
+        optimizers = {name: one.state_dict() for name, (one, _) in self._optimizers().items()}
+        moments = {"returns": _moments(normaliser.ret_rms)} if normaliser.norm_reward else {}
         return {
             "policy": model.policy.state_dict(),
+            **(optimizers if "optimizer" in optimizers else {"optimizers": optimizers}),
             "counters": {"steps": model.num_timesteps, "updates": model._n_updates},
             "episodes": [{"r": float(one["r"]), "l": int(one["l"])} for one in model.ep_info_buffer or ()],
             "last_features": np.asarray(model._last_obs),
             "last_starts": np.asarray(model._last_episode_starts),
-            "normaliser": {"features": moments_of(self.normaliser.obs_rms), "discounted": self.normaliser.returns},
+            "normaliser": {"features": _moments(normaliser.obs_rms), "discounted": normaliser.returns, **moments},
         }
 
-    def _set_shared_state(self, state: dict[str, Any]) -> None:
-        """Put back what `_shared_state` returned, whose arrays have become tensors."""
-        model, counters, moments = self.model, state["counters"], state["normaliser"]
+    def set_state(self, state: dict[str, Any]) -> None:
+        """Continue from what `state` returned, see `Algorithm.set_state`."""
+        from fuzzyarm.rl_baselines.checkpoint import check_learner
+
+        model, held, moments = self.model, state.get("optimizers", state), state["normaliser"]
+        check_learner(state, [(held[name], *own) for name, own in self._optimizers().items()])
         model.policy.load_state_dict(state["policy"])
-        model.num_timesteps, model._n_updates = counters["steps"], counters["updates"]
+        for name, (optimizer, _) in self._optimizers().items():
+            optimizer.load_state_dict(held[name])
+        model.num_timesteps, model._n_updates = state["counters"]["steps"], state["counters"]["updates"]
         model.ep_info_buffer = deque(state["episodes"], maxlen=model._stats_window_size)
         model._last_obs = state["last_features"].numpy().copy()
         model._last_episode_starts = state["last_starts"].numpy().copy()
-        set_moments(self.normaliser.obs_rms, moments["features"])
         self.normaliser.returns = moments["discounted"].numpy().copy()
+        for name, running in (("features", self.normaliser.obs_rms), ("returns", self.normaliser.ret_rms)):
+            if name in moments:
+                running.mean, running.var = (moments[name][part].numpy().copy() for part in ("mean", "var"))
+                running.count = moments[name]["count"]
 
 
-def moments_of(running: Any) -> dict[str, Any]:
+def _moments(running: Any) -> dict[str, Any]:
     """Return the state of a `RunningMeanStd` of stable-baselines3."""
     return {"mean": np.asarray(running.mean), "var": np.asarray(running.var), "count": float(running.count)}
 
 
-def set_moments(running: Any, moments: dict[str, Any]) -> None:
-    """Put a `RunningMeanStd` back to a state, whose arrays have become tensors."""
-    running.mean, running.var = moments["mean"].numpy().copy(), moments["var"].numpy().copy()
-    running.count = moments["count"]
-
-
-_LOGGED = {  # columns of the curve, and the keys under which stable-baselines3 logs them
-    "learning_rate": "train/learning_rate",
-    "approx_kl": "train/approx_kl",
-    "clip_fraction": "train/clip_fraction",
-    "value_loss": "train/value_loss",
-    "explained_variance": "train/explained_variance",
-    "action_std": "train/std",
-}
+_SAME = ("learning_rate", "approx_kl", "clip_fraction", "value_loss", "explained_variance")
+# Columns of the curve, and the keys under which stable-baselines3 logs them.
+_LOGGED = {name: f"train/{name}" for name in _SAME} | {"action_std": "train/std"}
 
 COLUMNS = tuple(_LOGGED)
 """What these algorithms add to the curve."""
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
-class OnPolicyConfig(TrainingConfig):
-    """The settings of a training with PPO of any kind: those of every training, and those of `stable_baselines3.PPO`.
-
-    Raises:
-        TypeError: a value is of the wrong type.
-        ValueError: a value is out of range, or two values do not fit together.
-    """
+class OnPolicyConfig(Sb3Config):
+    """The settings of a training with PPO of any kind, with the names of `stable_baselines3.PPO`."""
 
     n_steps: int = 64
     """Steps of each lane between two updates, at least 2."""
@@ -220,18 +263,10 @@ class OnPolicyConfig(TrainingConfig):
     """Samples in a gradient step, at least 2; must divide lanes times n_steps."""
     n_epochs: int = 8
     """Passes over the samples of an update."""
-    learning_rate: float = 1e-3
-    """Learning rate of Adam at the beginning."""
-    final_learning_rate: float = 1e-5
-    """Learning rate of Adam at the end; in between it falls linearly."""
-    gamma: float = 0.98
-    """Discount factor of a step (0 to 1)."""
     gae_lambda: float = 0.95
     """Factor λ of generalised advantage estimation (0 to 1)."""
     clip_range: float = 0.2
     """Clipping range of the ratio of probabilities."""
-    ent_coef: float = 0.0
-    """Coefficient of the entropy in the loss."""
     vf_coef: float = 0.5
     """Coefficient of the value function's error in the loss."""
     max_grad_norm: float = 0.5
@@ -245,90 +280,59 @@ class OnPolicyConfig(TrainingConfig):
         """Check types, ranges and what must fit together."""
         super().__post_init__()
         whole("n_steps", self.n_steps, low=2)
-        whole("batch_size", self.batch_size, low=2)
         whole("n_epochs", self.n_epochs, low=1)
-        for name in ("learning_rate", "clip_range", "max_grad_norm"):
+        for name in ("clip_range", "max_grad_norm"):
             real(name, getattr(self, name), above=0.0)
-        for name in ("final_learning_rate", "ent_coef", "vf_coef", "target_kl"):
+        for name in ("vf_coef", "target_kl"):
             real(name, getattr(self, name), low=0.0)
-        for name in ("gamma", "gae_lambda"):
-            real(name, getattr(self, name), low=0.0, high=1.0)
+        real("gae_lambda", self.gae_lambda, low=0.0, high=1.0)
         real("log_std_init", self.log_std_init, low=-20.0, high=2.0)
         samples = self.lanes * self.n_steps
         if samples % self.batch_size:
             raise ValueError(f"batch_size = {self.batch_size} must divide lanes times n_steps = {samples}")
-        if self.final_learning_rate > self.learning_rate:
-            raise ValueError(
-                f"final_learning_rate = {self.final_learning_rate:g} is out of range; allowed: [0, learning_rate = "
-                f"{self.learning_rate:g}]"
-            )
 
 
 class OnPolicyAlgorithm(Sb3Algorithm):
-    """PPO of any kind in the middle of a training, see `fuzzyarm.rl_baselines.algorithm.Algorithm`."""
+    """PPO of any kind in the middle of a training, see `Algorithm`.
 
-    def __init__(self, config: OnPolicyConfig, envs: LearningEnvs, kind: Any, policy: Any, **more: Any) -> None:
-        """Make the networks, seed everything that is random, and begin an episode in every lane.
+    Arguments are those of `Sb3Algorithm`, the coefficient of what the networks give for the entropy (None: that of the
+    settings), and arguments of the networks.
+    """
 
-        Args:
-            config: the settings.
-            envs: the arms.
-            kind: class of the model.
-            policy: class of its networks, or its name.
-            **more: arguments of the networks beyond those that the algorithms share.
-        """
+    def __init__(
+        self,
+        config: OnPolicyConfig,
+        envs: LearningEnvs,
+        kind: Any,
+        policy: Any,
+        ent_coef: float | None = None,
+        **more: Any,
+    ) -> None:
+        """Make the networks, seed everything that is random, and begin an episode in every lane."""
         import torch
-        from stable_baselines3.common.vec_env import VecNormalize
 
-        torch.set_num_threads(config.threads)
-        self._config = config
-        normaliser, arguments = VecNormalize(envs, gamma=config.gamma), self._arguments(config)
-        arguments["policy_kwargs"] |= more
-        super().__init__(config, normaliser, kind(policy, normaliser, **arguments))
+        widths = list(config.hidden)
+        networks = {
+            "net_arch": {"pi": widths, "vf": widths},
+            "activation_fn": torch.nn.Tanh,
+            "log_std_init": config.log_std_init,
+            **more,
+        }
+        super().__init__(
+            config,
+            envs,
+            kind,
+            policy,
+            same=("n_steps", "n_epochs", "gae_lambda", "clip_range", "vf_coef", "max_grad_norm"),
+            networks=networks,
+            ent_coef=config.ent_coef if ent_coef is None else ent_coef,
+            target_kl=config.target_kl or None,
+        )
 
     def update(self) -> dict[str, float]:
-        """Collect `n_steps` steps in every lane and learn from them; return the numbers for the curve.
-
-        See `Algorithm.update`.
-        """
+        """Collect `n_steps` steps in every lane and learn from them; return the numbers for the curve."""
         model = self.model
         model.collect_rollouts(model.env, self._callback, model.rollout_buffer, n_rollout_steps=self._config.n_steps)
         model._update_current_progress_remaining(model.num_timesteps, self._config.total_timesteps)
         model.train()
         return self._episode_row() | self._logged(_LOGGED)
-
-    def state(self) -> dict[str, Any]:
-        """Return networks, optimiser, normaliser, last features, counters and the latest episodes."""
-        state = self._shared_state()
-        state["optimizer"] = self.model.policy.optimizer.state_dict()
-        state["normaliser"]["returns"] = moments_of(self.normaliser.ret_rms)
-        return state
-
-    def set_state(self, state: dict[str, Any]) -> None:
-        """Continue from what `state` returned, see `Algorithm.set_state`."""
-        from fuzzyarm.rl_baselines.checkpoint import check_ppo_state
-
-        check_ppo_state(state, self.state(), list(self.model.policy.parameters()))
-        self._set_shared_state(state)
-        self.model.policy.optimizer.load_state_dict(state["optimizer"])
-        set_moments(self.normaliser.ret_rms, state["normaliser"]["returns"])
-
-    def _arguments(self, config: Any) -> dict[str, Any]:
-        """Return the arguments of the model."""
-        import torch
-
-        first, last = config.learning_rate, config.final_learning_rate
-        widths = list(config.hidden)
-        same = ("n_steps", "batch_size", "n_epochs", "gamma", "gae_lambda", "clip_range", "ent_coef", "vf_coef", "seed")
-        return {
-            **{name: getattr(config, name) for name in (*same, "max_grad_norm")},
-            # `remaining` of the training falls from 1 to 0, and below in the last update, which may go past the end.
-            "learning_rate": lambda remaining: max(last + (first - last) * remaining, 0.0),
-            "target_kl": config.target_kl or None,
-            "policy_kwargs": {
-                "net_arch": {"pi": widths, "vf": widths},
-                "activation_fn": torch.nn.Tanh,
-                "log_std_init": config.log_std_init,
-            },
-            "device": "cpu",
-        }

@@ -22,11 +22,7 @@ COLUMNS = tuple(f"{case}_{measure}" for case in PAPER_CASES for measure in _MEAS
 
 
 def evaluate_cases(policy: Policy, arm: AnyArm | None = None) -> dict[str, float]:
-    """Run an episode of each case at the policy's own control period.
-
-    Args:
-        policy: for the arm.
-        arm: that moves along its default reference with its own loads; default Table 1.
+    """Run an episode of each case at the policy's own control period: the arm's default reference with its own loads.
 
     Returns:
         By `COLUMNS`: largest and root mean square tip error of each case [mm], and the share of the episode after

@@ -19,10 +19,7 @@ __all__ = ["Distribution", "TrainingConfig"]
 Distribution = Literal["nominal", "robust"]
 """What the episodes of a training are drawn from."""
 
-_LONGEST_ACTION = 0.1  # s
-_MOST_LANES = 65_536
 _MOST_REFERENCES = 100_000
-_WIDEST_LAYER = 1024
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
@@ -92,13 +89,13 @@ class TrainingConfig:
         choice("distribution", self.distribution, get_args(Distribution))
         whole("references", self.references, low=1, high=_MOST_REFERENCES)
         whole("circles", self.circles, high=_MOST_REFERENCES)
-        real("action_period", self.action_period, "s", above=0.0, high=_LONGEST_ACTION)
+        real("action_period", self.action_period, "s", above=0.0, high=0.1)
         real("tip_error_scale", self.tip_error_scale, "mm", low=0.0)
         for width in instance("hidden", self.hidden, tuple):
-            whole("hidden", width, low=1, high=_WIDEST_LAYER)
+            whole("hidden", width, low=1, high=1024)
         for name in ("total_timesteps", "evaluation_interval", "checkpoint_interval"):
             whole(name, getattr(self, name), low=1)
-        whole("lanes", self.lanes, low=1, high=_MOST_LANES)
+        whole("lanes", self.lanes, low=1, high=65_536)
         whole("seed", self.seed, high=2**31 - 1)
         whole("threads", self.threads, low=1, high=1024)
         truth("tensorboard", self.tensorboard)
@@ -112,26 +109,14 @@ class TrainingConfig:
     @property
     def features(self) -> FeatureDefinition:
         """What the policy sees."""
-        return FeatureDefinition(
-            past_errors=self.past_errors,
-            past_actions=self.past_actions,
-            integral_time=self.integral_time,
-            elastic_target=self.elastic_target,
-            joints=len(self.scale),
-            innovation_times=self.innovation_times,
-        )
+        same = ("past_errors", "past_actions", "integral_time", "elastic_target", "innovation_times")
+        return FeatureDefinition(joints=len(self.scale), **{name: getattr(self, name) for name in same})
 
     @property
     def action(self) -> ActionDefinition:
         """What the policy's action means."""
         base = None if instance("base", self.base, str) == "none" else self.base
-        return ActionDefinition(
-            scale=self.scale,
-            period=self.action_period,
-            base=base,
-            smoothing_time=self.smoothing_time,
-            gate=self.gate,
-        )
+        return ActionDefinition(self.scale, self.action_period, base, self.smoothing_time, self.gate)
 
     def to_dict(self) -> dict[str, Any]:
         """Return the fields by name, ready for JSON; ``robot`` is left out of a training for the arm of Table 1."""

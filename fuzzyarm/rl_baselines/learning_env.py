@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import dataclasses
 import math
-from pathlib import Path
 from typing import Any
 
 import gymnasium as gym
@@ -24,24 +23,16 @@ from fuzzyarm.envs.vector import FuzzyArmVectorEnv
 from fuzzyarm.fuzzy_policy.known_arm import joints_of, per_joint_of
 from fuzzyarm.fuzzy_policy.policy import Policy
 from fuzzyarm.learned_policy.definition import ArmDefinition
-from fuzzyarm.learned_policy.features import Base, Features
+from fuzzyarm.learned_policy.features import Base, Features, Lanes
 from fuzzyarm.policies.registry import known_names
 from fuzzyarm.policies.spec import load_policy, resolve
-from fuzzyarm.rl_baselines.checkpoint import CheckpointError
 from fuzzyarm.rl_baselines.config import TrainingConfig
 from fuzzyarm.rl_baselines.ppo_policy import plant_view
 from fuzzyarm.rl_baselines.sb3_vec_env import StableBaselinesVecEnv
 
 __all__ = [
-    "LearningEnvs",
-    "arm_definition",
-    "arm_of",
-    "base_of",
-    "check_arm",
-    "default_scale",
-    "learning_envs",
-    "sharpened_reward",
-]
+    "LearningEnvs", "arm_definition", "arm_of", "base_of", "default_scale", "learning_envs", "sharpened_reward",
+]  # fmt: skip
 
 SHIFT, SHARE = 0.01, 0.8  # rad, and share of the torque limits: default scales of actions
 _OWN_STATE = ("memory", "base_memory", "observation", "action")
@@ -49,12 +40,7 @@ _FARTHEST = 4.0  # m, twice the distance between two arms of Table 1 that are st
 
 
 def learning_envs(config: TrainingConfig, base: Policy | None) -> LearningEnvs:
-    """Return the arms that a configuration trains on.
-
-    Args:
-        config: of the training.
-        base: the policy that ``config.base`` names, for a control period of ``config.action_period``; None: no base.
-    """
+    """Return the arms that a configuration trains on, with the base that it names for its action period."""
     arm = arm_of(config)
     arguments = argument_of(arm)
     if config.distribution == "robust":
@@ -100,15 +86,6 @@ def arm_definition(arm: AnyArm) -> ArmDefinition | None:
     return None if arm == ArmParameters() else ArmDefinition(robot.name, robot.digest)
 
 
-def check_arm(digest: str, config: TrainingConfig, folder: Path) -> None:
-    """Raise CheckpointError if a configuration's robot is not the one whose digest the checkpoint of a folder holds."""
-    if robot_of(chosen_arm(config.robot, None)).digest != digest:
-        raise CheckpointError(
-            f"{folder} holds a training of another arm than {config.robot} is now: bring its file back as it "
-            "was, or start anew in another folder"
-        )
-
-
 def default_scale(arm: AnyArm, base: bool) -> tuple[float, ...]:
     """Return the largest actions of an arm if none are given, one for each joint.
 
@@ -124,11 +101,7 @@ class LearningEnvs(VecEnvWrapper):
     When the episode of a lane ends, its last features are computed from the memory of that episode, and the next
     episode begins with an empty memory, as it does for the shipped policy.
 
-    Args:
-        venv: the arms; their actions are torques [N m].
-        config: of the training.
-        base: the policy that ``config.base`` names; None: no base.
-        arm: that the policy is for; default Table 1.
+    The actions of `venv` are torques [N m]; `base` is the policy that ``config.base`` names, and `arm` that it is for.
 
     Attributes:
         tip_errors: (lanes,) distance between tip and reference after the last step [m]. The log and the reward use it;
@@ -141,24 +114,24 @@ class LearningEnvs(VecEnvWrapper):
     ) -> None:
         """Make the memory of every lane."""
         joints = len(config.scale)
-        self._features = Features(config.features, config.action_period, arm)
-        self._base = None if base is None else Base(base, config.action)
+        features = Features(config.features, config.action_period, arm)
+        self._arms = Lanes(features, None if base is None else Base(base, config.action))
         self._smoothing = config.action.smoothing
         self._scale, self._reward_length = np.array(config.scale), 1e-3 * config.tip_error_scale
         self.tip_errors = np.zeros(venv.num_envs)
         self._tip_error_sum, self._steps = 0.0, 0  # since `take_mean_tip_error`
-        self._memory = np.zeros((venv.num_envs, self._features.memory_size))
+        self._memory = np.zeros((venv.num_envs, features.memory_size))
         self._base_memory = np.zeros((venv.num_envs, 0 if base is None else base.memory_size))
         self._observation, self._action = np.zeros((venv.num_envs, PARTS * joints)), np.zeros((venv.num_envs, joints))
         self.plant_size = 0
         unit = np.ones(joints, dtype=np.float32)
-        super().__init__(venv, _unbounded(self._features.size), gym.spaces.Box(-unit, unit))
+        super().__init__(venv, _unbounded(features.size), gym.spaces.Box(-unit, unit))
 
     def show_plant(self) -> None:
         """Append what `plant_view` tells to the features from now on, for a value function that is not shipped."""
         observation = self.venv.reset()  # shows which quantities there are
         self.plant_size = plant_view(self.venv.vector_info, observation).shape[-1]
-        self.observation_space = _unbounded(self._features.size + self.plant_size)
+        self.observation_space = _unbounded(self._arms.size + self.plant_size)
 
     def reset(self) -> np.ndarray:
         """Begin an episode in every lane and return its features (lanes, size)."""
@@ -170,12 +143,8 @@ class LearningEnvs(VecEnvWrapper):
         """Turn actions (lanes, n) in [-1, 1] into torques, and store action and observation in the memory."""
         clipped = np.clip(np.asarray(actions, dtype=np.float64), -1.0, 1.0)
         self._action = self._smoothing * self._action + (1.0 - self._smoothing) * clipped
-        innovation, _ = self._observed(self._observation, self._base_memory)
-        self._features.advance_lanes(self._observation, self._action, self._memory, innovation)
         torque = self._scale * self._action
-        if self._base is not None:
-            self._base.guide_lanes(self._observation, self._base_memory, torque)
-        self._features.command_lanes(torque, self._memory)
+        self._arms.act(self._observation, self._action, torque, self._memory, self._base_memory)
         self.venv.step_async(torque)
 
     def step_wait(self) -> VecEnvStepReturn:
@@ -220,39 +189,25 @@ class LearningEnvs(VecEnvWrapper):
 
     def _seen(self) -> np.ndarray:
         """Return what the learner sees of all lanes, (lanes, size)."""
-        features = self._features_of(self._observation, slice(None))
-        if not self.plant_size:
-            return features
-        return np.hstack([features, plant_view(self.venv.vector_info, self._observation)])
+        return self._sight(self._observation, self.venv.vector_info, slice(None))
 
-    def _features_of(self, observation: np.ndarray, which: Any) -> np.ndarray:
-        """Return the features of some lanes (rows, size) for their observations (rows, 5 n)."""
-        observed = self._observed(observation, self._base_memory[which])
-        return self._features.fill_lanes(observation, self._memory[which], *observed)
-
-    def _observed(
-        self, observation: np.ndarray, base_memory: np.ndarray
-    ) -> tuple[np.ndarray | None, np.ndarray | None]:
-        """Return ν (lanes, 2 n) and d̂ (lanes, n) of the base; None without one."""
-        if self._base is None:
-            return None, None
-        return self._base.observed_lanes(self._features.definition, observation, base_memory)
+    def _sight(self, observation: np.ndarray, info: dict[str, Any], which: Any) -> np.ndarray:
+        """Return what the learner sees of some lanes for their observations (rows, 5 n) and the info of the batch."""
+        features = self._arms.see(observation, self._memory[which], self._base_memory[which])
+        return np.hstack([features, plant_view(info, observation, which)]) if self.plant_size else features
 
     def _end(self, dones: np.ndarray, infos: list[dict[str, Any]]) -> None:
         """Put the last features of the episodes that ended into the infos, and empty the memory of their lanes."""
         ended = np.flatnonzero(dones)
         last = np.array([infos[lane]["terminal_observation"] for lane in ended])
-        features = self._features_of(last, ended)
-        if self.plant_size:
-            features = np.hstack([features, plant_view(self.venv.vector_info["final_info"], last, ended)])
+        features = self._sight(last, self.venv.vector_info["final_info"], ended)
         for row, lane in enumerate(ended):
             infos[lane]["terminal_observation"] = features[row]
         self._memory[ended], self._base_memory[ended], self._action[ended] = 0.0, 0.0, 0.0
 
 
 def _unbounded(size: int) -> gym.spaces.Box:
-    bound = np.full(size, np.inf, dtype=np.float32)
-    return gym.spaces.Box(-bound, bound)
+    return gym.spaces.Box(-np.inf, np.inf, (size,))
 
 
 def sharpened_reward(tip_error: np.ndarray, effort: np.ndarray, length: float) -> np.ndarray:

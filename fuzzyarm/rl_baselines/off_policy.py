@@ -2,8 +2,6 @@
 
 An update is `train_freq` steps of every lane and then `gradient_steps` gradient steps. The replay buffer is part of the
 checkpoint, so that a resumed training gives the same bits as one that never stopped.
-
-The settings that SAC and TQC share, with the names of stable-baselines3.
 """
 
 from __future__ import annotations
@@ -15,8 +13,7 @@ from typing import TYPE_CHECKING, Any, Literal, get_args
 import numpy as np
 
 from fuzzyarm.common.checks import choice, real, whole
-from fuzzyarm.rl_baselines.algorithm import Sb3Algorithm
-from fuzzyarm.rl_baselines.config import TrainingConfig
+from fuzzyarm.rl_baselines.algorithm import Sb3Algorithm, Sb3Config
 
 if TYPE_CHECKING:
     from fuzzyarm.learned_policy.network import Network
@@ -40,13 +37,8 @@ _LARGEST_BUFFER = 2**29  # bytes; it is part of every checkpoint
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
-class OffPolicyConfig(TrainingConfig):
-    """The settings of a training from a replay buffer: those of every training, and those of stable-baselines3.
-
-    Raises:
-        TypeError: a value is of the wrong type.
-        ValueError: a value is out of range, or two values do not fit together.
-    """
+class OffPolicyConfig(Sb3Config):
+    """The settings of a training from a replay buffer, with the names of stable-baselines3."""
 
     total_timesteps: int = 400_000
     """Environment steps of the training, of all lanes together."""
@@ -68,12 +60,6 @@ class OffPolicyConfig(TrainingConfig):
     """Gradient steps of a round."""
     batch_size: int = 256
     """Samples in a gradient step, at least 2."""
-    learning_rate: float = 1e-3
-    """Learning rate of Adam at the beginning."""
-    final_learning_rate: float = 1e-5
-    """Learning rate of Adam at the end; in between it falls linearly."""
-    gamma: float = 0.98
-    """Discount factor of a step (0 to 1)."""
     tau: float = 0.005
     """Share of the networks that the target networks take over at each gradient step (above 0 to 1)."""
     ent_coef: float = 0.0
@@ -88,12 +74,7 @@ class OffPolicyConfig(TrainingConfig):
         for name in ("buffer_size", "train_freq", "gradient_steps"):
             whole(name, getattr(self, name), low=1)
         whole("learning_starts", self.learning_starts)
-        whole("batch_size", self.batch_size, low=2)
-        real("learning_rate", self.learning_rate, above=0.0)
-        real("final_learning_rate", self.final_learning_rate, low=0.0, high=self.learning_rate)
-        real("gamma", self.gamma, low=0.0, high=1.0)
         real("tau", self.tau, above=0.0, high=1.0)
-        real("ent_coef", self.ent_coef, low=0.0)
         real("target_entropy", self.target_entropy)
         most = _LARGEST_BUFFER // (8 * (self.features.size + 4))
         if not self.lanes <= self.buffer_size <= most:
@@ -103,12 +84,8 @@ class OffPolicyConfig(TrainingConfig):
             )
 
 
-_LOGGED = {  # columns of the curve, and the keys under which stable-baselines3 logs them
-    "learning_rate": "train/learning_rate",
-    "actor_loss": "train/actor_loss",
-    "critic_loss": "train/critic_loss",
-    "ent_coef": "train/ent_coef",
-}
+# Columns of the curve, and the keys under which stable-baselines3 logs them.
+_LOGGED = {name: f"train/{name}" for name in ("learning_rate", "actor_loss", "critic_loss", "ent_coef")}
 _STORED = ("observations", "next_observations", "actions", "rewards", "dones", "timeouts")  # of the replay buffer
 
 COLUMNS = tuple(_LOGGED)
@@ -116,34 +93,31 @@ COLUMNS = tuple(_LOGGED)
 
 
 class OffPolicyAlgorithm(Sb3Algorithm):
-    """SAC or TQC in the middle of a training, see `fuzzyarm.rl_baselines.algorithm.Algorithm`."""
+    """SAC or TQC in the middle of a training, see `Algorithm`."""
 
     def __init__(
         self,
         config: OffPolicyConfig,
         envs: LearningEnvs,
         kind: Callable[..., Any],
-        more: dict[str, Any],
-        policy_more: dict[str, Any],
+        own: tuple[str, ...] = (),
+        **more: Any,
     ) -> None:
-        """Make the networks, seed everything that is random, and begin an episode in every lane.
-
-        Args:
-            config: the settings.
-            envs: the arms.
-            kind: class of the model.
-            more: arguments of it beyond those that the algorithms share.
-            policy_more: arguments of its networks, likewise.
-        """
+        """Begin as `Sb3Algorithm`; `own` are settings that only this model has, `more` arguments of its networks."""
         import torch
-        from stable_baselines3.common.vec_env import VecNormalize
 
-        torch.set_num_threads(config.threads)
-        self._config = config
-        normaliser = VecNormalize(envs, gamma=config.gamma, norm_reward=False)
-        arguments = _arguments(config)
-        arguments["policy_kwargs"] |= policy_more
-        super().__init__(config, normaliser, kind("MlpPolicy", normaliser, **arguments, **more))
+        shared = ("buffer_size", "learning_starts", "tau", "train_freq", "gradient_steps", "target_entropy")
+        activation = torch.nn.ReLU if config.activation == "relu" else torch.nn.Tanh
+        super().__init__(
+            config,
+            envs,
+            kind,
+            "MlpPolicy",
+            same=(*shared, *own),
+            networks={"net_arch": list(config.hidden), "activation_fn": activation, **more},
+            norm_reward=False,
+            ent_coef=config.ent_coef or "auto_0.1",
+        )
 
     def update(self) -> dict[str, float]:
         """Collect `train_freq` steps in every lane, learn from the buffer, and return the numbers for the curve."""
@@ -168,14 +142,11 @@ class OffPolicyAlgorithm(Sb3Algorithm):
         return self._network_of(actor.latent_pi, actor.mu, activation=self._config.activation, output="tanh")
 
     def state(self) -> dict[str, Any]:
-        """Return networks, optimisers, replay buffer, normaliser, last features, counters and the latest episodes."""
-        model, buffer = self.model, self.model.replay_buffer
-        learned = {} if model.log_ent_coef is None else {"log_ent_coef": model.log_ent_coef.detach()}
-        state = self._shared_state()
+        """Return the shared state, the replay buffer, and the coefficient of the entropy if it is learned."""
+        model, buffer, state = self.model, self.model.replay_buffer, super().state()
         state["counters"] |= {"position": buffer.pos, "full": bool(buffer.full)}
         return state | {
-            "optimizers": {name: one.state_dict() for name, (one, _) in self._optimizers().items()},
-            "entropy": learned,
+            "entropy": {} if model.log_ent_coef is None else {"log_ent_coef": model.log_ent_coef.detach()},
             "buffer": {name: getattr(buffer, name) for name in _STORED},
             "last_original_features": np.asarray(model._last_original_obs),
         }
@@ -184,14 +155,9 @@ class OffPolicyAlgorithm(Sb3Algorithm):
         """Continue from what `state` returned, see `Algorithm.set_state`."""
         import torch
 
-        from fuzzyarm.rl_baselines.checkpoint import check_off_policy_state
-
-        parameters = {name: chosen for name, (_, chosen) in self._optimizers().items()}
-        check_off_policy_state(state, self.state(), parameters)
         model, buffer, counters = self.model, self.model.replay_buffer, state["counters"]
-        self._set_shared_state(state)
-        for name, (optimizer, _) in self._optimizers().items():
-            optimizer.load_state_dict(state["optimizers"][name])
+        whole("learner.counters.position", counters["position"], high=len(buffer.rewards) - 1)
+        super().set_state(state)
         if model.log_ent_coef is not None:
             with torch.no_grad():
                 model.log_ent_coef.copy_(state["entropy"]["log_ent_coef"])
@@ -201,29 +167,9 @@ class OffPolicyAlgorithm(Sb3Algorithm):
         model._last_original_obs = state["last_original_features"].numpy().copy()
 
     def _optimizers(self) -> dict[str, tuple[Any, list[Any]]]:
-        """Return the optimisers, each with its parameters."""
         model = self.model
         networks = {"actor": model.actor, "critic": model.critic}
         found = {name: (part.optimizer, list(part.parameters())) for name, part in networks.items()}
         if model.ent_coef_optimizer is not None:
             found["entropy"] = (model.ent_coef_optimizer, [model.log_ent_coef])
         return found
-
-
-def _arguments(config: OffPolicyConfig) -> dict[str, Any]:
-    """Return the arguments that the models share."""
-    import torch
-
-    first, last = config.learning_rate, config.final_learning_rate
-    same = ("buffer_size", "learning_starts", "batch_size", "tau", "gamma", "train_freq", "gradient_steps", "seed")
-    return {
-        **{name: getattr(config, name) for name in same},
-        "learning_rate": lambda remaining: max(last + (first - last) * remaining, 0.0),
-        "ent_coef": config.ent_coef or "auto_0.1",
-        "target_entropy": config.target_entropy,
-        "policy_kwargs": {
-            "net_arch": list(config.hidden),
-            "activation_fn": torch.nn.ReLU if config.activation == "relu" else torch.nn.Tanh,
-        },
-        "device": "cpu",
-    }

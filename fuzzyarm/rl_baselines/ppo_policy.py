@@ -1,9 +1,7 @@
-"""The networks of PPO with a value function that sees more than the policy, and smooth actions in the loss.
+"""The networks of PPO with a value function that sees what no sensor measures, and smooth actions in the loss.
 
-What no sensor measures, for a value function that a shipped policy does not need.
-
-The tip error, the links' errors from the reference, the tip force and what the episode drew: plant, load and start.
-Errors go through asinh, in units that resolve a tenth of a millimetre.
+It sees the tip error, the links' errors from the reference, the tip force and what the episode drew: plant, load and
+start. Errors go through asinh, in units that resolve a tenth of a millimetre.
 """
 
 from __future__ import annotations
@@ -61,15 +59,7 @@ class GuidedPolicy(ActorCriticPolicy):
     def __init__(
         self, *arguments: Any, unseen: int = 0, silent: bool = False, smoothness: float = 0.0, **others: Any
     ) -> None:
-        """Make the networks; the other arguments are those of stable-baselines3.
-
-        Args:
-            *arguments: spaces and learning rate.
-            unseen: number of features that only the value function sees.
-            silent: whether the mean action is 0 at first.
-            smoothness: λ.
-            **others: settings of the networks.
-        """
+        """Make the networks; the other arguments are those of stable-baselines3."""
         self._unseen, self._smoothness = unseen, smoothness
         super().__init__(*arguments, **others)
         if silent:

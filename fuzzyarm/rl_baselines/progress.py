@@ -8,7 +8,6 @@ installed ``tensorboard`` too.
 from __future__ import annotations
 
 import time
-from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -25,27 +24,20 @@ def train_with_progress(
 ) -> PolicyBundle:
     """Train with a progress bar on the terminal and a line for every evaluation; return the last policy.
 
-    Args:
-        config: of a new training; None: resume the one in the folder.
-        folder: of the training.
-        total: environment steps that a resumed training goes on to; None: as many as it was configured for.
-        algorithm: name of the algorithm that a resumed training must be of; None: any.
+    Without a configuration the training in the folder is resumed; `total` and `algorithm` as for `Training.resume`.
 
     Raises:
         ValueError: the folder holds a training already, or none to resume, or the configuration is refused; or torch or
             stable-baselines3 is not installed.
         OSError: the folder cannot be written.
     """
-    show = _Display()
     try:
         from fuzzyarm.rl_baselines.training import CHECKPOINT, Training, tensorboard_installed
 
         if config is not None and (folder / CHECKPOINT).exists():
             raise ValueError(f"{folder} holds a training already; go on with --resume, or choose another folder")
         with console.status("compiling and loading"):
-            training = (
-                Training.resume(folder, show, total, algorithm) if config is None else Training(config, folder, show)
-            )
+            training = Training(config, folder) if config else Training.resume(folder, total, algorithm)
     except ModuleNotFoundError as error:
         raise ValueError(
             f'{error.name} is not installed; to train, run in the repository: pip install -c constraints.txt -e ".[rl]"'
@@ -57,24 +49,17 @@ def train_with_progress(
             advance(
                 line='no TensorBoard logs: tensorboard is not installed (pip install -c constraints.txt -e ".[rl]")'
             )
-        show.begin(training.algorithm.steps, advance)
+        first, began = training.algorithm.steps, time.perf_counter()
+        advance(completed=first)
+
+        def show(row: dict[str, Any]) -> None:
+            rate = (row["steps"] - first) / (time.perf_counter() - began)
+            line = f"{row['steps']:>11,} steps, {rate:,.0f}/s; largest tip error [mm]: {_errors(row)}"
+            description = f"{rate:,.0f} steps/s, tip error {row['tip_error_mm']:.2f} mm"
+            advance(description, completed=row["steps"], line=line if _errors(row) else None)
+
+        training.report = show
         return training.run()
-
-
-class _Display:
-    """Shows steps per second and tip error beside the bar, and prints a line for every evaluation."""
-
-    def begin(self, steps: int, advance: Callable[..., None]) -> None:
-        """Measure the speed from here on, and show the progress by `advance`."""
-        self._steps, self._time, self._advance = steps, time.perf_counter(), advance
-        advance(completed=steps)
-
-    def __call__(self, row: dict[str, Any]) -> None:
-        """Show a row of the curve."""
-        rate = (row["steps"] - self._steps) / (time.perf_counter() - self._time)
-        description = f"{rate:,.0f} steps/s, tip error {row['tip_error_mm']:.2f} mm"
-        line = f"{row['steps']:>11,} steps, {rate:,.0f}/s; largest tip error [mm]: {_errors(row)}"
-        self._advance(description, completed=row["steps"], line=line if _errors(row) else None)
 
 
 def _errors(row: dict[str, Any]) -> str:

@@ -6,7 +6,14 @@ and results.
 
 from __future__ import annotations
 
+import contextlib
 import os
+import re
+import sys
+import threading
+import types
+import warnings
+from collections.abc import Callable, Iterator
 from typing import Any
 
 import numpy as np
@@ -15,12 +22,7 @@ from gymnasium.error import ResetNeeded
 from torch import Tensor
 
 from fuzzyarm.common import checks
-from fuzzyarm.envs.arguments import (
-    action_space,
-    chosen_disturbance,
-    chosen_reference,
-    observation_space,
-)
+from fuzzyarm.envs.arguments import action_space, chosen_disturbance, chosen_reference, observation_space
 from fuzzyarm.envs.batch.lanes import Lanes
 from fuzzyarm.envs.batch.layout import Noise
 from fuzzyarm.envs.batch.randomness import key_of
@@ -38,24 +40,11 @@ from fuzzyarm.envs.scenario.reference import Reference
 from fuzzyarm.fuzzy_policy.law import law_of
 from fuzzyarm.fuzzy_policy.policy import Policy
 from fuzzyarm.rl_baselines import torch_step
-from fuzzyarm.rl_baselines.torch_compile import announced_compilation, compile_step
 from fuzzyarm.rl_baselines.torch_kernels import KernelLanes, launcher
 from fuzzyarm.rl_baselines.torch_numbers import Table
-from fuzzyarm.rl_baselines.torch_step import (
-    Equations,
-    Outcome,
-    Shared,
-    advance,
-    begin,
-    by_step,
-    drawn,
-    following,
-    observed,
-    stacked,
-    write,
-)
+from fuzzyarm.rl_baselines.torch_step import Equations, Outcome, Shared, by_step
 
-__all__ = ["TorchFuzzyArm"]
+__all__ = ["TorchFuzzyArm", "compile_step"]
 
 MOST_LANES = 2**26  # a lane takes about 100 bytes, and 340 in kernels
 
@@ -145,7 +134,9 @@ class TorchFuzzyArm:
         randomisation: str | DomainRandomisation = "nominal",
     ) -> None:
         """Build the tables; arguments as in the class docstring."""
-        self.num_envs, self.dtype = checks.whole("num_envs", num_envs, low=1, high=MOST_LANES), _dtype(dtype)
+        self.num_envs, self.dtype = checks.whole("num_envs", num_envs, low=1, high=MOST_LANES), dtype
+        if not isinstance(dtype, torch.dtype) or dtype not in (torch.float32, torch.float64):
+            raise ValueError(f"dtype = {checks.shown(dtype)} is unknown; choose torch.float32 or torch.float64")
         self.device, self.compiled = _device(device), checks.truth("compiled", compiled)
         self.differentiable = checks.truth("differentiable", differentiable)
         self.parameters = chosen_arm(robot, parameters)
@@ -167,7 +158,7 @@ class TorchFuzzyArm:
             count = count if self._kernels is None else 0
             numbers = (zeros.to(dtype, copy=True) for _ in range(count))
             self._lanes = torch_step.Lanes(tuple(numbers), zeros, zeros.clone())
-        self._take: Any = following if self.differentiable else advance
+        self._take: Any = torch_step.following if self.differentiable else torch_step.advance
         if compiled:
             self._take = compile_step(self._take)
         self._begun = self._stepped = False
@@ -188,7 +179,7 @@ class TorchFuzzyArm:
             row: Tensor = value.expand(self.num_envs).clone()
             return row
 
-        return {name: rows(value) for name, value in drawn(self._shared, self._key)._asdict().items()}
+        return {name: rows(value) for name, value in torch_step.drawn(self._shared, self._key)._asdict().items()}
 
     @property
     def _key(self) -> Tensor:
@@ -208,13 +199,13 @@ class TorchFuzzyArm:
             if self._kernels is not None:
                 self._begun = True
                 return self._kernels.reset()
-            new, reference = begin(self._shared, self._lanes.key)
+            new, reference = torch_step.begin(self._shared, self._lanes.key)
             if self.differentiable:  # the old tensors may be part of a graph
                 self.detach()
-            write(self._lanes, new)
+            torch_step.write(self._lanes, new)
             self._begun = True
-            rows = observed(self._shared, self._lanes, reference)
-            return stacked(rows).t()
+            rows = torch_step.observed(self._shared, self._lanes, reference)
+            return torch_step.stacked(rows).t()
 
     def step(self, action: Tensor) -> tuple[Tensor, Tensor, Tensor, Tensor, dict[str, Tensor]]:
         """Hold the torques `action` (n, joints) [N m] for one control period.
@@ -239,15 +230,9 @@ class TorchFuzzyArm:
             with announced_compilation():
                 outcome = self._advance(action.t())
             self._stepped = True
-        info = {
-            "final_obs": outcome.final_observation.t(),
-            "tip": outcome.tip.t(),
-            "tip_error": outcome.tip_error,
-            "reward_tracking": outcome.reward_tracking,
-            "reward_effort": outcome.reward_effort,
-            "torque_clipped": outcome.torque_clipped,
-            "reason": outcome.reason,
-        }
+        same = ("tip_error", "reward_tracking", "reward_effort", "torque_clipped", "reason")
+        info = {"final_obs": outcome.final_observation.t(), "tip": outcome.tip.t()}
+        info |= {name: getattr(outcome, name) for name in same}
         return outcome.observation.t(), outcome.reward, outcome.terminated, outcome.truncated, info
 
     def run(self, policy: Policy, steps: int, state: Tensor | None = None) -> tuple[Tensor, Tensor, dict[str, Tensor]]:
@@ -378,7 +363,43 @@ def _real(action: Any) -> Any:
     return action
 
 
-def _dtype(dtype: torch.dtype) -> torch.dtype:
-    if not isinstance(dtype, torch.dtype) or dtype not in (torch.float32, torch.float64):
-        raise ValueError(f"dtype = {checks.shown(dtype)} is unknown; choose torch.float32 or torch.float64")
-    return dtype
+def compile_step(function: Callable[..., Any]) -> Callable[..., Any]:
+    """Return the function compiled as one graph for the arguments it will be called with.
+
+    Raises (the compiled function, at its first call):
+        RuntimeError: no compiler was found.
+    """
+    # One kernel for the whole step: by default the compiler cuts it after 64 operations, and the arm's state goes
+    # through memory at each cut.
+    options: dict[str, Any] = {"max_fusion_size": 1_000_000, "guard_filter_fn": torch.compiler.skip_all_guards_unsafe}
+    # torch counts the compiled versions of each code object and gives up after eight: every batch has its own.
+    own = types.FunctionType(function.__code__.replace(), function.__globals__)
+    graph = torch.compile(own, fullgraph=True, dynamic=False, options=options)
+
+    def call(*arguments: Any) -> Any:
+        try:
+            return graph(*arguments)
+        except RuntimeError as error:
+            found = re.search(r"[^\n]*\bC(\+\+)? compiler\b[^\n]*", str(error))
+            if found is None:
+                raise
+            message = "compiled=True needs a C++ compiler and found none: install g++ (apt install g++), name yours in "
+            message += f"the environment variable CXX, or use TorchFuzzyArm(..., compiled=False) [{found[0]}]"
+            raise RuntimeError(message) from None
+
+    return call
+
+
+@contextlib.contextmanager
+def announced_compilation() -> Iterator[None]:
+    """Say on a terminal what is being waited for, if the call within takes more than a second."""
+    message = "TorchFuzzyArm: compiling the step (up to a minute; a tenth of it once torch has it on disk) ..."
+    timer = threading.Timer(1.0, lambda: print(message, file=sys.stderr, flush=True))
+    if sys.stderr.isatty():
+        timer.start()
+    try:
+        with warnings.catch_warnings():  # the compiler looks at the gradient of whatever comes in
+            warnings.filterwarnings("ignore", r"The \.grad attribute of a Tensor that is not a leaf", UserWarning)
+            yield
+    finally:
+        timer.cancel()

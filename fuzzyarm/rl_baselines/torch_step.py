@@ -60,11 +60,7 @@ class Outcome(NamedTuple):
 
 
 class Equations:
-    """The equations of the arm, and the functions of the task made for them; looked up before anything is compiled.
-
-    Args:
-        physics: the equations.
-    """
+    """The equations of the arm, and the functions of the task made for them; looked up before anything is compiled."""
 
     def __init__(self, physics: Physics) -> None:
         """Make the functions."""
@@ -129,7 +125,8 @@ def following(shared: Shared, lanes: Lanes, action: Tensor) -> tuple[Lanes, Outc
     """Return the lanes after torques (joints, n) were held for one control step, and its outcome; nothing changes."""
     equations = shared.equations
     nominal, now, PerJoint = shared.nominal(), drawn(shared, lanes.key), equations.physics.PerJoint
-    arm, limits = _arm(shared, nominal, now), equations.physics.limits(nominal)
+    limits, number = equations.physics.limits(nominal), shared.rows.number
+    arm = equations.varied(nominal, now, number(shared.payload), number(shared.payload_place))
     beginning, steps = shared.spans.at(now.reference.long())
     row = equations.read_row(shared.rows.at(beginning + lanes.step))
     (mean, change), bias = ([now.force * part for part in parts] for parts in row.force), row.bias
@@ -221,12 +218,6 @@ def observed(shared: Shared, lanes: Lanes, reference: Any) -> list[Tensor]:
 def drawn(shared: Shared, key: Tensor) -> Any:
     """Return what the episodes with these keys (n,) drew; numbers are of shape (n,), or () where nothing is drawn."""
     return _tensors(shared.equations.drawn(Word(key, shared.rows.dtype), shared.ranges), shared.rows)
-
-
-def _arm(shared: Shared, nominal: Any, now: Any) -> Any:
-    """Return the lanes' constants with what they drew and carry."""
-    number = shared.rows.number
-    return shared.equations.varied(nominal, now, number(shared.payload), number(shared.payload_place))
 
 
 def _tensors(numbers: Any, rows: Table) -> Any:

@@ -19,8 +19,10 @@ from importlib.metadata import version
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+
 from fuzzyarm.common.files import csv_text, write_atomically
-from fuzzyarm.envs.physics.equations import robot_of
+from fuzzyarm.envs.physics.equations import chosen_arm, robot_of
 from fuzzyarm.envs.scenario.cases import PAPER_CASES
 from fuzzyarm.learned_policy.bundle import BEST, LAST, PolicyBundle
 from fuzzyarm.learned_policy.policy import LearnedPolicy
@@ -28,7 +30,7 @@ from fuzzyarm.rl_baselines.algorithms import algorithm_of, find_algorithm
 from fuzzyarm.rl_baselines.case_evaluation import COLUMNS, evaluate_cases
 from fuzzyarm.rl_baselines.checkpoint import (
     CheckpointError,
-    as_array,
+    check_finite,
     check_like,
     progress_in,
     random_state,
@@ -37,7 +39,7 @@ from fuzzyarm.rl_baselines.checkpoint import (
     write_checkpoint,
 )
 from fuzzyarm.rl_baselines.config import TrainingConfig
-from fuzzyarm.rl_baselines.learning_env import arm_definition, arm_of, base_of, check_arm, learning_envs
+from fuzzyarm.rl_baselines.learning_env import arm_definition, arm_of, base_of, learning_envs
 
 __all__ = ["CHECKPOINT", "Training", "tensorboard_installed"]
 
@@ -52,14 +54,10 @@ _EVALUATION_PERIOD = 1e-3  # s, control period of the environment in which polic
 class Training:
     """A training in its folder, new or resumed.
 
-    Args:
+    Attributes:
         config: the settings; their class decides on the algorithm.
         folder: where everything goes; made if needed.
         report: called after every update with the row of the curve.
-
-    Attributes:
-        config: the settings.
-        folder: of the training.
         arm: that it learns to move.
         algorithm: what learns.
         envs: the arms it learns on.
@@ -72,10 +70,10 @@ class Training:
     """
 
     def __init__(
-        self, config: TrainingConfig, folder: Path, report: Callable[[dict[str, Any]], None] | None = None
+        self, config: TrainingConfig, folder: Path, report: Callable[[dict[str, Any]], None] = lambda row: None
     ) -> None:
         """Make networks and arms; nothing is written before `run`."""
-        self.config, self.folder, self._report = config, folder, report
+        self.config, self.folder, self.report = config, folder, report
         self.rows: list[dict[str, Any]] = []
         self.best = math.inf
         self._earlier, self._begun = (0.0, 0.0), _clocks()  # times of the runs before this one, up to their checkpoint
@@ -90,7 +88,6 @@ class Training:
     def resume(
         cls,
         folder: Path,
-        report: Callable[[dict[str, Any]], None] | None = None,
         total_timesteps: int | None = None,
         algorithm: str | None = None,
     ) -> Training:
@@ -98,7 +95,6 @@ class Training:
 
         Args:
             folder: of the training.
-            report: called after every update with the row of the curve.
             total_timesteps: environment steps to go on to, also of a training that has reached its end; None: as many
                 as it was configured for. What is done keeps its bits. A schedule over the training, such as the
                 learning rate of PPO, continues as if this had been the total from the beginning: it may jump here.
@@ -125,22 +121,24 @@ class Training:
                     "give a larger number, or start another training"
                 )
         try:
-            check_arm(found["arm"], config, folder)
-            training = cls(config, folder, report)
+            if robot_of(chosen_arm(config.robot, None)).digest != found["arm"]:
+                raise CheckpointError(
+                    f"{folder} holds a training of another arm than {config.robot} is now: bring its file back as it "
+                    "was, or start anew in another folder"
+                )
+            training = cls(config, folder)
             training.rows, training.best, training._earlier = progress_in(found)
-            learner, envs, generators = found["learner"], found["envs"], found["generators"]
+            check_like("learner", found["learner"], training.algorithm.state())
+            check_finite("learner", found["learner"])
+            training.algorithm.set_state(found["learner"])
+            training.envs.set_state({name: np.array(tensor.numpy()) for name, tensor in found["envs"].items()})
+            set_random_state(found["generators"])
         except CheckpointError:
             raise
-        except (KeyError, MemoryError, OverflowError, RuntimeError, TypeError, ValueError) as error:
-            raise CheckpointError(f"{folder / CHECKPOINT} is of another version: {_short(error)}; start anew") from None
-        try:
-            check_like("learner", learner, training.algorithm.state())
-            training.algorithm.set_state(learner)
-            training.envs.set_state({name: as_array(tensor) for name, tensor in envs.items()})
-            set_random_state(generators)
-        except (AttributeError, KeyError, OverflowError, TypeError, ValueError, RuntimeError) as error:
+        except (AttributeError, KeyError, MemoryError, OverflowError, RuntimeError, TypeError, ValueError) as error:
+            reason = textwrap.shorten(str(error), width=200)
             raise CheckpointError(
-                f"the checkpoint does not fit this training ({_short(error)}); start the training anew"
+                f"the checkpoint does not fit this training ({reason}); start the training anew"
             ) from None
         return training
 
@@ -198,12 +196,7 @@ class Training:
             raise OSError(error.errno, text, error.filename or str(self.folder)) from None
 
     def _after_update(self, before: int, learned: dict[str, float]) -> None:
-        """Write the row of an update, with an evaluation and a checkpoint if they are due.
-
-        Args:
-            before: environment steps before the update.
-            learned: the algorithm's part of the row.
-        """
+        """Write the row of an update after so many steps, with an evaluation and a checkpoint if they are due."""
         steps, config = self.algorithm.steps, self.config
         row: dict[str, Any] = {"steps": steps, "tip_error_mm": 1e3 * self.envs.take_mean_tip_error(), **learned}
 
@@ -216,13 +209,14 @@ class Training:
         self.rows.append(row)
         with open(self.folder / _CURVE, "a", encoding="utf-8", newline="") as file:
             file.write(self._csv([row]))
-        self._log(row)
+        if self._writer is not None:
+            for name, value in row.items():
+                self._writer.add_scalar(name, value, steps)
         if evaluated:
             self._ship(row)
         if due(config.checkpoint_interval):
             self._write_checkpoint()
-        if self._report is not None:
-            self._report(row)
+        self.report(row)
 
     def _shipped_policy(self) -> LearnedPolicy:
         """Return the policy as it is evaluated: from its bundle, at the period of the comparison."""
@@ -262,29 +256,19 @@ class Training:
         (wall, cpu), (earlier_wall, earlier_cpu), (begun_wall, begun_cpu) = _clocks(), self._earlier, self._begun
         return earlier_wall + wall - begun_wall, earlier_cpu + cpu - begun_cpu
 
-    def _log(self, row: dict[str, Any]) -> None:
-        if self._writer is not None:
-            for name, value in row.items():
-                self._writer.add_scalar(name, value, row["steps"])
-
     def _csv(self, rows: Sequence[dict[str, Any]], header: bool = False) -> str:
         """Return rows of the curve as text; a column that a row lacks stays empty."""
         columns = ("steps", "episode_reward", "episode_length", "tip_error_mm", *self._spec.columns, *COLUMNS)
         return csv_text(rows, columns, header=header)
 
 
-def _short(error: Exception) -> str:
-    return textwrap.shorten(str(error), width=200)
+def _clocks() -> tuple[float, float]:
+    return time.perf_counter(), time.process_time()  # s
 
 
 def tensorboard_installed() -> bool:
     """Return whether TensorBoard logs can be written."""
     return importlib.util.find_spec("tensorboard") is not None
-
-
-def _clocks() -> tuple[float, float]:
-    """Return wall and processor time [s] since an arbitrary instant."""
-    return time.perf_counter(), time.process_time()
 
 
 def _remove_leftovers(folder: Path) -> None:

@@ -9,7 +9,7 @@ from fuzzyarm.envs.observation import JOINTS, Observation
 from fuzzyarm.envs.physics.parameters import ArmParameters
 from fuzzyarm.fuzzy_policy.laws import elastic_target
 from fuzzyarm.learned_policy.definition import FeatureDefinition
-from fuzzyarm.learned_policy.features import Features
+from fuzzyarm.learned_policy.features import Features, Lanes
 
 PERIOD = 0.002
 DEFINITIONS = {
@@ -75,25 +75,28 @@ def expected(definition, observations, actions, torques, k):
 def test_features_are_those_of_the_equations(definition):
     observations, actions, torques = history()
     features = Features(definition, PERIOD, ARM)
-    memory = np.zeros((3, features.memory_size))
+    lanes, memory, held = Lanes(features), np.zeros((3, features.memory_size)), np.empty((3, 0))
     for k in range(len(observations)):
-        shown = np.full((3, definition.size), np.nan)
-        shown[:] = features.fill_lanes(observations[k], memory)
+        shown = lanes.see(observations[k], memory, held)
         wanted = expected(definition, observations, actions, torques, k)
         np.testing.assert_allclose(shown, wanted, rtol=1e-12, atol=1e-14)
-        features.advance_lanes(observations[k], actions[k], memory)
-        features.command_lanes(torques[k] + 1.0, memory)  # within a hold the last command counts
-        features.command_lanes(torques[k], memory)
+        lanes.act(observations[k], actions[k], torques[k], memory, held)
+
+
+def test_within_a_hold_the_last_command_counts():
+    features = Features(FeatureDefinition(elastic_target=True), PERIOD, ARM)
+    first, last = features.command(features.memory, (40.0, 3.0)), features.command(features.memory, (20.0, 1.0))
+    assert features.command(first, (20.0, 1.0)) == last != first
 
 
 def test_a_constant_error_fills_the_leaky_integral_to_its_limit():
     definition = FeatureDefinition(integral_time=0.02)
     features = Features(definition, PERIOD)
-    memory = np.zeros((1, features.memory_size))
+    lanes, memory, nothing = Lanes(features), np.zeros((1, features.memory_size)), np.zeros((1, 2))
     observation = np.zeros((1, 10))
     observation[0, 4] = 0.003
     for _ in range(2000):
-        features.advance_lanes(observation, np.zeros((1, 2)), memory)
+        lanes.act(observation, nothing, nothing, memory, np.empty((1, 0)))
     leak = math.exp(-PERIOD / 0.02)
     assert memory[0, -2] == pytest.approx(0.003 * PERIOD * leak / (1.0 - leak), rel=1e-12)
     assert memory[0, -1] == 0.0

@@ -9,7 +9,7 @@ from support.bundles import bundle
 from fuzzyarm import load_policy
 from fuzzyarm.envs.observation import START
 from fuzzyarm.learned_policy.definition import ActionDefinition, FeatureDefinition
-from fuzzyarm.learned_policy.features import Base, Features, gate
+from fuzzyarm.learned_policy.features import Base, Features, Lanes, gate
 from fuzzyarm.learned_policy.policy import LearnedPolicy
 
 BESIDE = ActionDefinition(scale=(30.0, 20.0), period=1e-3, base="elastic-observer", gate=2.0)
@@ -52,13 +52,13 @@ def test_the_action_is_a_torque_of_which_the_observer_knows():
     policy, state = beside(), None
     base = policy.base
     memory, torque = np.zeros((3, base.memory_size)), np.empty((3, 2))
-    guide = Base(base, policy.bundle.action)
     own = Features(policy.bundle.features, 1e-3)
+    lanes = Lanes(own, Base(base, policy.bundle.action))
     past, action = np.zeros((3, own.memory_size)), np.empty((3, 2))
     means = np.zeros((2, 3, 4))
     for observation in observations():
         innovation, load = base.innovation(observation, memory), base.estimate(memory)[1]
-        features = own.fill_lanes(observation, past, innovation, load)
+        features = lanes.see(observation, past, memory)
         shares = 1.0 - np.exp(-1e-3 / np.array(TIMES))
         means += shares[:, np.newaxis, np.newaxis] * (innovation - means)
         units = np.array([1e-6, 1e-6, 2e-3, 2e-3])
@@ -68,12 +68,11 @@ def test_the_action_is_a_torque_of_which_the_observer_knows():
         np.testing.assert_allclose(features[:, -18:-2], expected, rtol=1e-12, atol=1e-13)
         assert np.array_equal(features[:, -2:], load / 100.0)
         policy.bundle.network.act(features, action)
-        own.advance_lanes(observation, action, past, innovation)
         extra = gate(innovation.T, 2.0)[:, np.newaxis] * [30.0, 20.0] * action
         alone, silent = memory.copy(), np.empty((3, 2))
         base.command(observation, alone, silent)
         torque[:] = [30.0, 20.0] * action
-        guide.guide_lanes(observation, memory, torque)
+        lanes.act(observation, action, torque, past, memory)
         found, state = policy.predict(observation, state)
         np.testing.assert_allclose(found, torque, rtol=1e-12)
         np.testing.assert_allclose(found, silent + extra, rtol=1e-9, atol=1e-9)

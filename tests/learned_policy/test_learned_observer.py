@@ -207,7 +207,8 @@ def test_a_lane_of_a_batch_is_the_single_arm_bit_for_bit(policy):
 @pytest.fixture
 def folder(tmp_path):
     """A folder with a bundle."""
-    EstimateBundle(network(), ARM, PERIOD, {"chunks": 3}, 2, [{"loss": 1.0}], {"numpy": "2"}).save(tmp_path / "mine")
+    record = {"training": {"chunks": 3}, "seed": 2, "curve": [{"loss": 1.0}], "versions": {"numpy": "2"}}
+    EstimateBundle(network(), ARM, PERIOD, **record).save(tmp_path / "mine")
     return tmp_path / "mine"
 
 

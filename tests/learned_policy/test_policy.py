@@ -16,7 +16,7 @@ from fuzzyarm.eval.stability.linearisation import spectral_radius
 from fuzzyarm.eval.stability.margins import MarginsConfig, margin_notes, measure_margins
 from fuzzyarm.learned_policy.bundle import BundleError
 from fuzzyarm.learned_policy.definition import ActionDefinition
-from fuzzyarm.learned_policy.features import Features
+from fuzzyarm.learned_policy.features import Features, Lanes
 from fuzzyarm.learned_policy.policy import LearnedPolicy
 
 LANES = 64
@@ -38,12 +38,12 @@ def torques(policy, shown, starts=None):
 
 def test_it_is_the_network_on_the_features_times_the_torque():
     made, shown = bundle(ActionDefinition(scale=(30.0, 20.0), period=1e-3)), observations(6)
-    features, memory = Features(made.features, 1e-3), np.zeros((LANES, Features(made.features, 1e-3).memory_size))
+    features, nothing = Features(made.features, 1e-3), np.empty((LANES, 0))
+    lanes, memory = Lanes(features), np.zeros((LANES, features.memory_size))
     for answer, observation in zip(torques(LearnedPolicy(made), shown), shown, strict=True):
-        seen, action = np.empty((LANES, made.features.size)), np.empty((LANES, 2))
-        seen[:] = features.fill_lanes(observation, memory)
-        made.network.act(seen, action)
-        features.advance_lanes(observation, action, memory)
+        action = np.empty((LANES, 2))
+        made.network.act(lanes.see(observation, memory, nothing), action)
+        lanes.act(observation, action, [30.0, 20.0] * action, memory, nothing)
         assert np.array_equal(answer, [30.0, 20.0] * action)
     assert np.ptp(answer) > 1.0
 

@@ -92,7 +92,7 @@ def test_a_description_of_another_network_is_refused(tmp_path, change, message):
     ("shapes", "message"),
     [
         (((12, 4), (12, 4), (12,)), "weight_x has shape"),
-        (((12, 4), (12,), (12,)), "2 and 1 axes; needed: 2"),
+        (((12, 4), (12,), (12,)), "weight_h has 1 axes; needed: 2"),
         (((0, 4), (0, 0), (0,)), "0 columns; allowed: 1 to 1024"),
     ],
 )

@@ -87,6 +87,7 @@ CRAFTED = {
     ("learner", "normaliser", "returns", "count"): lambda old: -1.0,
     ("learner", "normaliser", "features", "count"): lambda old: 1e99,
     ("learner", "normaliser", "features", "var"): lambda old: old * 0.0 + 1e200,
+    ("learner", "normaliser", "returns", "var"): lambda old: old - 1e9,
     ("learner", "counters", "steps"): lambda old: -5,
     ("learner", "optimizer", "state", 0, "exp_avg"): lambda old: torch.zeros(10**6),
     ("learner", "optimizer", "param_groups"): lambda old: [],

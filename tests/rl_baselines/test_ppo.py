@@ -76,7 +76,7 @@ REFUSED = [
     ({"learning_rate": 0.0}, r"learning_rate = 0.0 is out of range; allowed: \(0, inf\)"),
     (
         {"final_learning_rate": 1.0},
-        r"final_learning_rate = 1 is out of range; allowed: \[0, learning_rate = 0.001\]",
+        r"final_learning_rate = 1.0 is out of range; allowed: \[0, 0.001\]",
     ),
     ({"batch_size": 100}, "batch_size = 100 must divide lanes times n_steps = 4096"),
     ({"scale": (1.0, 0.0)}, r"scale\[1\] = 0.0 N m is out of range; allowed: \(0, inf\)"),

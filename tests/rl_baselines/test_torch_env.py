@@ -533,7 +533,7 @@ def test_many_compiled_batches_at_once():
 
 SMALLEST = """
 import torch
-from fuzzyarm.rl_baselines.torch_compile import compile_step
+from fuzzyarm.rl_baselines.torch_env import compile_step
 compile_step(lambda x: x.sin())(torch.zeros(100))
 """
 WHOLE = """

@@ -13,7 +13,7 @@ from fuzzyarm.envs.periods import checked_period
 from fuzzyarm.envs.physics.equations import AnyArm
 from fuzzyarm.envs.physics.parameters import ArmParameters
 from fuzzyarm.envs.physics.robot import Robot
-from fuzzyarm.learned_policy.bundle import OBSERVER, BundleError, read_folder, tensors_in, write_folder
+from fuzzyarm.learned_policy.bundle import OBSERVER, Trained, read_folder, tensors_in, usable, write_folder
 from fuzzyarm.learned_policy.definition import ArmDefinition
 from fuzzyarm.learned_policy.estimate.network import EstimateNetwork
 
@@ -21,26 +21,18 @@ __all__ = ["EstimateBundle"]
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
-class EstimateBundle:
+class EstimateBundle(Trained):
     """A learned observer and where it comes from.
 
     Attributes:
         network: the recurrent network.
         arm: that it was trained for: the two-joint arm, or what tells a robot from others.
         control_period: for which it was trained [s].
-        training: the settings of the training, a record for the reader.
-        seed: of that training.
-        curve: rows of the training, one mapping each.
-        versions: of the libraries it was trained with.
     """
 
     network: EstimateNetwork
     arm: ArmParameters | ArmDefinition
     control_period: float
-    training: dict[str, Any] = dataclasses.field(default_factory=dict)
-    seed: int = 0
-    curve: list[dict[str, Any]] = dataclasses.field(default_factory=list)
-    versions: dict[str, Any] = dataclasses.field(default_factory=dict)
 
     def __post_init__(self) -> None:
         """Check that a network for the two-joint arm has its joints."""
@@ -55,45 +47,32 @@ class EstimateBundle:
         return isinstance(arm, Robot) and arm.digest == self.arm.digest
 
     def save(self, folder: Path) -> None:
-        """Write the bundle atomically; an existing bundle is replaced.
-
-        Raises:
-            OSError: the folder cannot be written; what was there is left as it was.
-            ValueError: the folder exists and is not a bundle.
-        """
-        description = {
-            "schema": OBSERVER,
-            **_described(self.arm),
-            "control_period": self.control_period,
-            "training": self.training,
-            "seed": self.seed,
-            "versions": self.versions,
-            "weights_sha256": "",
-            "curve": self.curve,
-        }
-        write_folder(folder, description, dataclasses.asdict(self.network))
+        """Write the bundle, see `write_folder`."""
+        arm = self.arm
+        described = (
+            {"parameters": arm.to_dict()} if isinstance(arm, ArmParameters) else {"arm": dataclasses.asdict(arm)}
+        )
+        record = {"training": self.training, "seed": self.seed, "versions": self.versions, "weights_sha256": ""}
+        description = {"schema": OBSERVER, **described, "control_period": self.control_period, **record}
+        write_folder(folder, {**description, "curve": self.curve}, dataclasses.asdict(self.network))
 
     @classmethod
     def load(cls, folder: str | Path) -> EstimateBundle:
-        """Read a bundle and check all of it.
-
-        Raises:
-            BundleError: a file is missing, too large, damaged, or not of this schema.
-        """
+        """Read a bundle and check all of it; BundleError as of `PolicyBundle.load`."""
         folder = Path(folder)
-        description, weights = read_folder(folder, OBSERVER, _Description)
-        try:
+        found, weights = read_folder(folder, OBSERVER, _Description)
+        with usable(folder):
+            if (found.arm is None) == (found.parameters is None):
+                raise ValueError("it names no arm, or two: needed is one of parameters and arm")
             return cls(
-                network=_network(weights),
-                arm=_arm(description),
-                control_period=checked_period("control_period", description.control_period),
-                training=description.training,
-                seed=whole("seed", description.seed),
-                curve=description.curve,
-                versions=description.versions,
+                _network(weights),
+                found.arm or ArmParameters.from_dict(found.parameters or {}),
+                checked_period("control_period", found.control_period),
+                training=found.training,
+                seed=whole("seed", found.seed),
+                curve=found.curve,
+                versions=found.versions,
             )
-        except (TypeError, ValueError, OverflowError) as error:
-            raise BundleError(f"{folder} is no usable policy bundle: {' '.join(str(error).split())}") from None
 
 
 @dataclasses.dataclass(frozen=True)
@@ -109,19 +88,6 @@ class _Description:
     curve: list[dict[str, Any]]
     parameters: dict[str, Any] | None = None
     arm: ArmDefinition | None = None
-
-
-def _described(arm: ArmParameters | ArmDefinition) -> dict[str, Any]:
-    """Return the entry of ``policy.json`` that says for which arm a network is."""
-    if isinstance(arm, ArmParameters):
-        return {"parameters": arm.to_dict()}
-    return {"arm": dataclasses.asdict(arm)}
-
-
-def _arm(description: _Description) -> ArmParameters | ArmDefinition:
-    if (description.arm is None) == (description.parameters is None):
-        raise ValueError("it names no arm, or two: needed is one of parameters and arm")
-    return description.arm or ArmParameters.from_dict(description.parameters or {})
 
 
 def _network(content: bytes) -> EstimateNetwork:

@@ -21,9 +21,9 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from fuzzyarm.common.checks import finite_array, instance, shown
+from fuzzyarm.common.checks import finite_array
 from fuzzyarm.learned_policy.estimate.signals import QUIET, context_parts, unexplained_parts
-from fuzzyarm.learned_policy.network import add_product, hyperbolic_tangent, logistic
+from fuzzyarm.learned_policy.network import add_product, hyperbolic_tangent, logistic, real_array
 from fuzzyarm.numbers.functions import array, each, maximum, minimum
 
 __all__ = ["GATES", "LARGEST_MEMORY", "EstimateNetwork", "Layers", "heard", "respond", "shapes_of"]
@@ -120,13 +120,10 @@ class EstimateNetwork:
     def __post_init__(self) -> None:
         """Check shapes and numbers."""
         for field in dataclasses.fields(self):
-            if instance(field.name, getattr(self, field.name), np.ndarray).dtype.kind not in "fiu":
-                raise TypeError(f"{field.name} must hold real numbers; it holds {shown(getattr(self, field.name))}")
-        if self.U.ndim != 2 or self.P.ndim != 2:
-            raise ValueError(f"U and P have {self.U.ndim} and {self.P.ndim} axes; needed: 2")
+            real_array(field.name, getattr(self, field.name), 1 if field.name in ("gate_bias", "p_0") else 2)
         if not (1 <= self.hidden <= LARGEST_MEMORY and 1 <= len(self.P) <= LARGEST_MEMORY):
             raise ValueError(f"U has {self.hidden} rows and P {len(self.P)}; allowed: 1 to {LARGEST_MEMORY}")
-        if self.V.ndim != 2 or self.A.ndim != 2 or len(self.V) == 0 or self.axes not in AXES:
+        if len(self.V) == 0 or self.axes not in AXES:
             needed = "for n joints V has n rows and A 11 n + 4 or 11 n + 5 columns"
             raise ValueError(f"A has shape {self.A.shape} and V {self.V.shape}, as no arm; {needed}")
         for name, shape in shapes_of(self.hidden, len(self.P), self.joints, self.axes).items():

@@ -106,12 +106,7 @@ class LearnedObserverPolicy(LawPolicy):
     def __init__(
         self, network: EstimateNetwork, parameters: AnyArm | None = None, control_period: float = 1e-3
     ) -> None:
-        """Design the gains of both laws.
-
-        Args:
-            network: ρ.
-            parameters: the arm or the robot, as the policy knows it.
-            control_period: T [s].
+        """Design the gains of both laws for the arm as the policy knows it and T [s].
 
         Raises:
             ValueError: the control period is out of range, there are no gains for these arguments, or the network is
@@ -155,11 +150,8 @@ class LearnedObserverPolicy(LawPolicy):
     def beliefs(self, state: np.ndarray) -> Beliefs:
         """Return what its adaptive observer believes at the next sample, from a state (..., memory_size) of `predict`.
 
-        Where that one's filter has diverged, or the commands have swung, the elastic observer acts alone.
-
-        Raises:
-            TypeError: the state holds something else than real numbers.
-            ValueError: it has another shape.
+        Where that one's filter has diverged, or the commands have swung, the elastic observer acts alone. TypeError and
+        ValueError as of `AdaptiveObserverPolicy.beliefs`.
         """
         return self.adaptive.beliefs_of(self.checked_state(state)[..., self.filter])
 

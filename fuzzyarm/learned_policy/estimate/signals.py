@@ -53,21 +53,8 @@ from fuzzyarm.learned_policy.network import area_sine
 from fuzzyarm.numbers.functions import each, maximum, only
 
 __all__ = [
-    "GAP_SHARE",
-    "QUIET",
-    "ContextParts",
-    "Scale",
-    "UnexplainedParts",
-    "Units",
-    "context_of",
-    "context_parts",
-    "scale_of",
-    "see_beliefs",
-    "see_innovation",
-    "see_unexplained",
-    "turns_of",
-    "unexplained_parts",
-    "units_of",
+    "GAP_SHARE", "QUIET", "ContextParts", "Scale", "UnexplainedParts", "Units", "context_of", "context_parts",
+    "scale_of", "see_beliefs", "see_innovation", "see_unexplained", "turns_of", "unexplained_parts", "units_of",
 ]  # fmt: skip
 
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 from fuzzyarm.common.checks import real, truth
 from fuzzyarm.rl_baselines.algorithm import COLUMNS, AlgorithmSpec, OnPolicyAlgorithm, OnPolicyConfig
@@ -17,12 +17,7 @@ __all__ = ["PRESETS", "SPEC", "PPOAlgorithm", "PPOConfig"]
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
 class PPOConfig(OnPolicyConfig):
-    """The settings of a training with PPO: see `OnPolicyConfig`, and two of its own.
-
-    Raises:
-        TypeError: a value is of the wrong type.
-        ValueError: a value is out of range, or two values do not fit together.
-    """
+    """The settings of a training with PPO: see `OnPolicyConfig`, and two of its own."""
 
     asymmetric_critic: bool = False
     """Show the value function what no sensor measures: errors of tip and links, force, plant and payload."""
@@ -72,7 +67,7 @@ PRESETS: dict[str, PPOConfig] = {
 
 
 class PPOAlgorithm(OnPolicyAlgorithm):
-    """PPO in the middle of a training, see `fuzzyarm.rl_baselines.algorithm.Algorithm`."""
+    """PPO in the middle of a training, see `Algorithm`."""
 
     def __init__(self, config: PPOConfig, envs: LearningEnvs) -> None:
         """Make the networks, seed everything that is random, and begin an episode in every lane."""
@@ -87,17 +82,14 @@ class PPOAlgorithm(OnPolicyAlgorithm):
         from fuzzyarm.rl_baselines.ppo_policy import GuidedPolicy
 
         own = {"unseen": envs.plant_size, "smoothness": config.smoothness, "silent": config.gate > 0.0}
-        super().__init__(config, envs, stable_baselines3.PPO, GuidedPolicy, **own)
+        # The smoothness stands where PPO has the entropy, see `GuidedPolicy`.
+        coefficient = 1.0 if config.smoothness else None
+        super().__init__(config, envs, stable_baselines3.PPO, GuidedPolicy, coefficient, **own)
 
     def network(self) -> Network:
         """Return the mean of the Gaussian policy with the normaliser of its features."""
         policy = self.model.policy
         return self._network_of(policy.mlp_extractor.policy_net, policy.action_net)
-
-    def _arguments(self, config: PPOConfig) -> dict[str, Any]:
-        arguments = super()._arguments(config)
-        # The smoothness stands where PPO has the entropy, see `GuidedPolicy`.
-        return arguments | ({"ent_coef": 1.0} if config.smoothness else {})
 
 
 SPEC = AlgorithmSpec(

@@ -16,17 +16,10 @@ if TYPE_CHECKING:
 
 __all__ = ["PRESETS", "SPEC", "RecurrentPPOAlgorithm", "RecurrentPPOConfig"]
 
-_LARGEST_MEMORY = 512
-
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
 class RecurrentPPOConfig(OnPolicyConfig):
-    """The settings of a training with recurrent PPO: those of PPO, and the size of the memory.
-
-    Raises:
-        TypeError: a value is of the wrong type.
-        ValueError: a value is out of range, or two values do not fit together.
-    """
+    """The settings of a training with recurrent PPO: those of PPO, and the size of the memory."""
 
     lstm_hidden_size: int = 32
     """Numbers that the LSTM of the policy gives on, and that of the value function (1 to 512)."""
@@ -34,7 +27,7 @@ class RecurrentPPOConfig(OnPolicyConfig):
     def __post_init__(self) -> None:
         """Check types, ranges and what must fit together."""
         super().__post_init__()
-        whole("lstm_hidden_size", self.lstm_hidden_size, low=1, high=_LARGEST_MEMORY)
+        whole("lstm_hidden_size", self.lstm_hidden_size, low=1, high=512)
 
 
 _SHARED: dict[str, Any] = {"hidden": (32,), "past_errors": 0, "past_actions": 0}  # the LSTM remembers instead
@@ -56,7 +49,7 @@ PRESETS = {
 
 
 class RecurrentPPOAlgorithm(OnPolicyAlgorithm):
-    """Recurrent PPO in the middle of a training, see `fuzzyarm.rl_baselines.algorithm.Algorithm`.
+    """Recurrent PPO in the middle of a training, see `Algorithm`.
 
     The memories of all lanes are part of the state, so that a resumed training gives the same bits.
     """

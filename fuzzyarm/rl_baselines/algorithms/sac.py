@@ -27,7 +27,7 @@ def create(config: SACConfig, envs: LearningEnvs) -> OffPolicyAlgorithm:
     """Return SAC at the beginning of a training."""
     import stable_baselines3
 
-    return OffPolicyAlgorithm(config, envs, stable_baselines3.SAC, {}, {})
+    return OffPolicyAlgorithm(config, envs, stable_baselines3.SAC)
 
 
 SPEC = AlgorithmSpec(

@@ -14,17 +14,10 @@ if TYPE_CHECKING:
 
 __all__ = ["PRESETS", "SPEC", "TQCConfig", "create"]
 
-_MOST_CRITICS, _MOST_QUANTILES = 100, 1000
-
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
 class TQCConfig(OffPolicyConfig):
-    """The settings of a training with TQC: see `OffPolicyConfig`, and how many quantiles of the return are cut off.
-
-    Raises:
-        TypeError: a value is of the wrong type.
-        ValueError: a value is out of range, or two values do not fit together.
-    """
+    """The settings of a training with TQC: see `OffPolicyConfig`, and how many quantiles of the return are cut off."""
 
     n_critics: int = 2
     """Number of critics (1 to 100)."""
@@ -36,8 +29,8 @@ class TQCConfig(OffPolicyConfig):
     def __post_init__(self) -> None:
         """Check types, ranges and what must fit together."""
         super().__post_init__()
-        whole("n_critics", self.n_critics, low=1, high=_MOST_CRITICS)
-        whole("n_quantiles", self.n_quantiles, low=1, high=_MOST_QUANTILES)
+        whole("n_critics", self.n_critics, low=1, high=100)
+        whole("n_quantiles", self.n_quantiles, low=1, high=1000)
         whole("top_quantiles_to_drop_per_net", self.top_quantiles_to_drop_per_net, high=self.n_quantiles - 1)
 
 
@@ -49,13 +42,8 @@ def create(config: TQCConfig, envs: LearningEnvs) -> OffPolicyAlgorithm:
     """Return TQC at the beginning of a training."""
     import sb3_contrib
 
-    return OffPolicyAlgorithm(
-        config,
-        envs,
-        sb3_contrib.TQC,
-        {"top_quantiles_to_drop_per_net": config.top_quantiles_to_drop_per_net},
-        {"n_critics": config.n_critics, "n_quantiles": config.n_quantiles},
-    )
+    quantiles = {"n_critics": config.n_critics, "n_quantiles": config.n_quantiles}
+    return OffPolicyAlgorithm(config, envs, sb3_contrib.TQC, ("top_quantiles_to_drop_per_net",), **quantiles)
 
 
 SPEC = AlgorithmSpec(

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import dataclasses
-from typing import Any
 
 from fuzzyarm.common.checks import real, whole
 from fuzzyarm.learned_policy.estimate.network import LARGEST_MEMORY
@@ -49,17 +48,9 @@ class EstimateConfig:
     def __post_init__(self) -> None:
         """Check types and ranges, and what must fit together."""
         whole("seed", self.seed, high=2**31 - 1)
-        for name, high in (
-            ("hidden", LARGEST_MEMORY),
-            ("modulation", LARGEST_MEMORY),
-            ("chunks", 1_000_000),
-            ("lanes", 65_536),
-            ("steps", 10_000),
-            ("window", 10_000),
-            ("updates", 10_000),
-            ("replay", 1000),
-            ("redraw", 1_000_000),
-        ):
+        most = {"hidden": LARGEST_MEMORY, "modulation": LARGEST_MEMORY, "lanes": 65_536, "replay": 1000}
+        most |= dict.fromkeys(("chunks", "redraw"), 1_000_000) | dict.fromkeys(("steps", "window", "updates"), 10_000)
+        for name, high in most.items():
             whole(name, getattr(self, name), low=1, high=high)
         real("learning_rate", self.learning_rate, above=0.0)
         if self.steps % SEGMENT or self.window % SEGMENT or self.window > self.steps:
@@ -67,7 +58,3 @@ class EstimateConfig:
                 f"steps = {self.steps} and window = {self.window}: both must be multiples of {SEGMENT}, the "
                 "window at most the steps"
             )
-
-    def to_dict(self) -> dict[str, Any]:
-        """Return the fields by name, ready for JSON."""
-        return dataclasses.asdict(self)

@@ -49,12 +49,7 @@ class Chunk(NamedTuple):
 
 
 class Drive:
-    """Lanes that a student drives, chunk after chunk.
-
-    Args:
-        courses: the lanes, whose episodes begin here.
-        policy: a student.
-        generator: of noise and plants.
+    """Lanes that a student drives, chunk after chunk; the generator is of noise and plants.
 
     Attributes:
         lost: episodes that ended before their reference.

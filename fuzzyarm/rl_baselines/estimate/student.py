@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from typing import Any
 
 import numpy as np
 import torch
@@ -26,21 +27,6 @@ class Student(torch.nn.Module):
         physics: the equations of the arm.
     """
 
-    gate_z: torch.Tensor
-    gate_h: torch.Tensor
-    gate_c: torch.Tensor
-    gate_bias: torch.Tensor
-    A: torch.Tensor
-    B: torch.Tensor
-    C: torch.Tensor
-    U: torch.Tensor
-    V: torch.Tensor
-    G: torch.Tensor
-    D: torch.Tensor
-    P: torch.Tensor
-    p_0: torch.Tensor
-    W: torch.Tensor
-
     def __init__(self, hidden: int, modulation: int, generator: torch.Generator, physics: Physics) -> None:
         """Draw the weights."""
         super().__init__()
@@ -54,7 +40,7 @@ class Student(torch.nn.Module):
                 tensor = torch.randn(shape, generator=generator) / math.sqrt(shape[1])
             setattr(self, name, torch.nn.Parameter(tensor))
         with torch.no_grad():
-            self.gate_bias[:hidden] = _GATE
+            self.get_parameter("gate_bias")[:hidden] = _GATE
 
     def network(self) -> EstimateNetwork:
         """Return the network as it is shipped, in single precision."""
@@ -72,26 +58,22 @@ class Student(torch.nn.Module):
             begins: (steps, lanes, 1), 0 where an episode begins, else 1.
         """
         # Tensors are taken apart before the loop: an index within it would have a derivative as large as the whole.
-        gates = (z @ self.gate_z.T + c @ self.gate_c.T + self.gate_bias).unbind()
-        candidate = (z @ self.A.T + (c @ self.C.T) * (z @ self.B.T)).unbind()
-        gate_h, kept, states = self.gate_h.T, self.U.T, []
+        n: Any = self  # its arrays by name
+        gates = (z @ n.gate_z.T + c @ n.gate_c.T + n.gate_bias).unbind()
+        candidate = (z @ n.A.T + (c @ n.C.T) * (z @ n.B.T)).unbind()
+        gate_h, kept, states = n.gate_h.T, n.U.T, []
         for at_gate, at_candidate, begin in zip(gates, candidate, begins.unbind(), strict=True):
             h = h * begin
             s, r = torch.sigmoid(torch.addmm(at_gate, h, gate_h)).chunk(2, dim=1)
             h = torch.lerp(h, torch.tanh(torch.addcmul(at_candidate, r, h @ kept)), s)
             states.append(h)
         after = torch.stack(states)
-        remembered, gap = after * self._weights(c), GAP_SHARE * torch.sinh(z[..., self._gap])
-        answer = remembered @ self.V.T + (remembered @ self.G.T) * gap + z @ self.D.T
-        return (c[..., self._motion] * self._heard(z)) * answer, after
-
-    def _heard(self, z: torch.Tensor) -> torch.Tensor:
-        """Return g (..., 1) of z (..., numbers of z), see `network`."""
+        weights = 1.0 + torch.tanh(c @ n.P.T + n.p_0) @ n.W.T
+        remembered, gap = after * weights, GAP_SHARE * torch.sinh(z[..., self._gap])
+        answer = remembered @ n.V.T + (remembered @ n.G.T) * gap + z @ n.D.T
         square = z[..., self._load].square().sum(-1, keepdim=True)
-        return square / (square + QUIET * QUIET)
-
-    def _weights(self, c: torch.Tensor) -> torch.Tensor:
-        return 1.0 + torch.tanh(c @ self.P.T + self.p_0) @ self.W.T
+        heard = square / (square + QUIET * QUIET)
+        return (c[..., self._motion] * heard) * answer, after
 
 
 def as_tensor(array: np.ndarray) -> torch.Tensor:

@@ -35,12 +35,7 @@ _SAMPLES = (*range(0, -KEPT, -1), 1)  # of the known force, from now
 
 
 class Teacher:
-    """The labels of the lanes of `Courses`.
-
-    Args:
-        adaptive: the law.
-        courses: the lanes.
-    """
+    """The labels of the lanes of `Courses` by the law of the adaptive observer."""
 
     def __init__(self, adaptive: AdaptiveObserverPolicy, courses: Courses) -> None:
         """Take what does not change within an episode."""

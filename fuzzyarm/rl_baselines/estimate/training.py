@@ -10,6 +10,7 @@ seed gives the same network on the same machine.
 
 from __future__ import annotations
 
+import dataclasses
 import time
 from collections import deque
 from collections.abc import Callable
@@ -97,14 +98,16 @@ class EstimateTraining:
                 )
             self.rows.append(row)
             self.report({**row, "cpu_time_s": time.process_time() - began})
-        return self.bundle(time.process_time() - began)
-
-    def bundle(self, seconds: float = 0.0) -> EstimateBundle:
-        """Return the student as it is shipped, after a training of so much processor time [s]."""
         versions = {name: version(name) for name in ("fuzzyarm", "numpy", "torch", "llvmlite")}
-        training = {**self.config.to_dict(), "cpu_time_s": round(seconds, 1)}
+        training = {**dataclasses.asdict(config), "cpu_time_s": round(time.process_time() - began, 1)}
         arm = self._arm if isinstance(self._arm, ArmParameters) else ArmDefinition(self._arm.name, self._arm.digest)
-        return EstimateBundle(self.student.network(), arm, PERIOD, training, self.config.seed, self.rows, versions)
+        record: dict[str, Any] = {
+            "training": training,
+            "seed": config.seed,
+            "curve": self.rows,
+            "versions": versions,
+        }
+        return EstimateBundle(self.student.network(), arm, PERIOD, **record)
 
     def _update(self, replay: deque[Chunk], number: int) -> float:
         """Do a gradient step and return the loss."""
