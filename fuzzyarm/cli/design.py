@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Annotated, Literal
 from cyclopts import Parameter
 
 from fuzzyarm.cli.usage import UsageError, output_file
+from fuzzyarm.common.console import say, status
 
 if TYPE_CHECKING:
     from fuzzyarm.fuzzy_policy.controller import Controller
@@ -64,7 +65,6 @@ class Options:
 
 def run(options: Options) -> int:
     """Design, prove and write the controller; return 1 if there is none with these requirements."""
-    from fuzzyarm.common.console import say, status
     from fuzzyarm.envs.physics.equations import chosen_arm
     from fuzzyarm.envs.physics.robot import Robot
     from fuzzyarm.synthesis import DesignFailed, describe, describe_scheduled, design, design_scheduled

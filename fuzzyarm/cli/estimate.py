@@ -4,16 +4,14 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import Annotated
 
 from cyclopts import Parameter
 
 from fuzzyarm.cli.options import chosen, with_fields_of
 from fuzzyarm.cli.usage import UsageError, claimed_folder
+from fuzzyarm.common.console import progress, say, status
 from fuzzyarm.rl_baselines.estimate.config import EstimateConfig
-
-if TYPE_CHECKING:
-    from collections.abc import Callable
 
 __all__ = ["Options", "run"]
 
@@ -36,7 +34,6 @@ class Options:
 
 def run(options: Options) -> int:
     """Train a policy."""
-    from fuzzyarm.common.console import progress, say, status
     from fuzzyarm.envs.physics.equations import chosen_arm
     from fuzzyarm.learned_policy.bundle import LAST
 
@@ -54,17 +51,8 @@ def run(options: Options) -> int:
         with status("compiling and loading"):
             training = EstimateTraining(config, arm=arm)
         with progress("training", config.chunks) as advance:
-            training.report = _shown(advance)
+            training.report = lambda row: advance(f"loss {row['loss']:.3f}", completed=row["chunk"] + 1)
             bundle = training.run()
         bundle.save(folder)
     say(f"written to {folder}")
     return 0
-
-
-def _shown(advance: Callable[..., None]) -> Callable[[dict[str, Any]], None]:
-    """Return what shows a row of the curve beside the bar."""
-
-    def show(row: dict[str, Any]) -> None:
-        advance(f"loss {row['loss']:.3f}", completed=row["chunk"] + 1)
-
-    return show

@@ -10,6 +10,7 @@ from cyclopts import Parameter
 
 from fuzzyarm.cli.options import named_as_option
 from fuzzyarm.cli.usage import Allowed, UsageError, claimed_folder
+from fuzzyarm.common.console import output, print_paragraphs, progress, say, say_json
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -67,9 +68,6 @@ def run(options: Options) -> int:
     """Evaluate; return 1 if an episode ended early, or with `check` if a number differs."""
     if options.check is not None:
         return _repeat(options, options.check)
-    import json
-
-    from fuzzyarm.common.console import output, print_paragraphs, progress, say
     from fuzzyarm.eval.declarations import print_declared
     from fuzzyarm.eval.episodes.rollout_file import write_rollouts
     from fuzzyarm.eval.evaluation.figures import write_figures
@@ -87,7 +85,7 @@ def run(options: Options) -> int:
             written += write_figures(evaluation.rollouts, out, advance, titles)
         written.append(write_rollouts(evaluation.rollouts, out))  # last: with it the evaluation is whole
     if options.json:
-        say(json.dumps(evaluation.to_dict(), indent=1))
+        say_json(evaluation.to_dict())
     else:
         console = output()
         print_results(evaluation.rows, console, titles)
@@ -115,7 +113,6 @@ def _remarkable(rollouts: Sequence[Rollout]) -> list[str]:
 
 
 def _config(options: Options) -> EvaluationConfig:
-    from fuzzyarm.common.console import say
     from fuzzyarm.envs.physics.equations import chosen_arm
     from fuzzyarm.envs.physics.parameters import ArmParameters
     from fuzzyarm.envs.scenario.given_path import ENDINGS, GivenPath
@@ -162,7 +159,6 @@ def _certificates(evaluation: Evaluation) -> list[str]:
 
 def _repeat(options: Options, recorded: Path) -> int:
     """Repeat a recorded evaluation and compare; only `policy` may be given beside it."""
-    from fuzzyarm.common.console import output, progress
     from fuzzyarm.eval.evaluation.recheck import print_comparison, recheck_results
     from fuzzyarm.eval.evaluation.results_file import read_results
 

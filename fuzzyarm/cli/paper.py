@@ -9,6 +9,7 @@ from typing import Annotated
 from cyclopts import Parameter
 
 from fuzzyarm.cli.usage import UsageError, check_writable, claimed_folder
+from fuzzyarm.common.console import output, progress, say, say_json
 
 __all__ = ["Options", "run"]
 
@@ -34,9 +35,6 @@ class Options:
 
 def run(options: Options) -> int:
     """Write tables and figures; return 1 if a number has drifted."""
-    import json
-
-    from fuzzyarm.common.console import output, progress, say
     from fuzzyarm.eval.paper.evidence import STEPS, gather
     from fuzzyarm.eval.paper.figures import write_figures
     from fuzzyarm.eval.paper.report import (
@@ -65,7 +63,7 @@ def run(options: Options) -> int:
             figures = write_figures(evidence, options.out, advance)
         written = [*figures, *write_report(comparison, figures, options.out)]
     if options.json:
-        say(json.dumps(comparison.to_dict(), indent=1))
+        say_json(comparison.to_dict())
     else:
         print_report(comparison, output())
         say(f"\n{len(written)} files in {options.out}")

@@ -9,6 +9,7 @@ from typing import Annotated, ClassVar
 from cyclopts import Parameter
 
 from fuzzyarm.cli.usage import output_file
+from fuzzyarm.common.console import say, status
 
 __all__ = ["Options", "run"]
 
@@ -34,11 +35,9 @@ class Options:
 
 def run(options: Options) -> int:
     """Write the page."""
-    from fuzzyarm.common.console import say, status
     from fuzzyarm.eval.report.page import write_report
 
-    if options.out is not None:
-        output_file(options.out, ".html")
+    output_file(options.out, ".html")
     out = options.out or options.folder / "report.html"
     with status("observing the certified loops"):
         write_report(options.folder, out, options.bound)

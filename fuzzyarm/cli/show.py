@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Annotated, ClassVar
 from cyclopts import Parameter
 
 from fuzzyarm.cli.usage import UsageError
+from fuzzyarm.common.console import say, say_json
 
 if TYPE_CHECKING:
     from fuzzyarm.fuzzy_policy.policy import Policy
@@ -40,9 +41,6 @@ class Options:
 
 def run(options: Options) -> int:
     """Print the sheet."""
-    import json
-
-    from fuzzyarm.common.console import escaped, say
     from fuzzyarm.export.sheet import sheet_of
 
     if options.csv and options.json:
@@ -50,8 +48,10 @@ def run(options: Options) -> int:
     sheet = sheet_of(options.policy, loaded(options.policy, options.robot))
     if options.csv:
         say(sheet.to_csv())
+    elif options.json:
+        say_json(sheet.to_dict())
     else:
-        say(json.dumps(sheet.to_dict(), indent=1) if options.json else escaped(sheet.to_text(), lines=True))
+        say(sheet.to_text())
     return 0
 
 

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import contextlib
 import dataclasses
 from dataclasses import dataclass
 from pathlib import Path
@@ -13,6 +12,7 @@ from cyclopts import App, Parameter
 from fuzzyarm.cli import estimate
 from fuzzyarm.cli.options import chosen, given, option_name, with_fields_of
 from fuzzyarm.cli.usage import UsageError, claimed_folder
+from fuzzyarm.common.console import say
 from fuzzyarm.rl_baselines.algorithms import ALGORITHMS, find_algorithm
 
 if TYPE_CHECKING:
@@ -65,16 +65,15 @@ def options_of(spec: AlgorithmSpec) -> type[Options]:
 
 def run(options: Options) -> int:
     """Train a policy, or continue a training."""
-    from fuzzyarm.common.console import say
     from fuzzyarm.rl_baselines.progress import train_with_progress
 
     config = None if options.resume else _config(options)
     total = getattr(options, "total_timesteps", None) if options.resume else None
     if options.resume:
-        _check_resumed(options)
-    # A folder that is missing is not made for a run to resume: that there is no checkpoint is the better message.
-    missing = options.resume and not options.out.is_dir()
-    with contextlib.nullcontext() if missing else claimed_folder(options.out):
+        names = [*(["preset"] if options.preset else []), *given(options, find_algorithm(options.algorithm).config)]
+        if flags := ", ".join(f"--{option_name(name)}" for name in names if name != "total_timesteps"):
+            raise UsageError(f"--resume continues the run as it was configured; leave out {flags}")
+    with claimed_folder(options.out, make=not options.resume):
         train_with_progress(config, options.out, total, options.algorithm)
     say(f"written to {options.out / 'policy'}")
     return 0
@@ -96,11 +95,3 @@ def _config(options: Options) -> TrainingConfig:
     if len(scale) != len(start.scale):  # the preset's scales are for two joints
         changed["scale"] = scale
     return dataclasses.replace(start, **changed)
-
-
-def _check_resumed(options: Options) -> None:
-    """Refuse settings that would change a run that is resumed; its length may change."""
-    names = [*(["preset"] if options.preset else []), *given(options, find_algorithm(options.algorithm).config)]
-    flags = ", ".join(f"--{option_name(name)}" for name in names if name != "total_timesteps")
-    if flags:
-        raise UsageError(f"--resume continues the run as it was configured; leave out {flags}")

@@ -9,10 +9,10 @@ from typing import TYPE_CHECKING, Annotated
 from cyclopts import Parameter
 
 from fuzzyarm.cli.usage import claimed_folder, stopped
+from fuzzyarm.common.console import output, progress, say
 
 if TYPE_CHECKING:
     from fuzzyarm.envs.physics.equations import AnyArm
-    from fuzzyarm.eval.tuning.finding import Finding
 
 __all__ = ["Options", "run"]
 
@@ -38,11 +38,11 @@ class Options:
 
 def run(options: Options) -> int:
     """Tune; return 1 if no policy has stable gains."""
-    from fuzzyarm.common.console import output, progress, say
     from fuzzyarm.envs.physics.equations import chosen_arm
     from fuzzyarm.eval.engine import Engine, WorkersLost
     from fuzzyarm.eval.stability.margins import print_margins
     from fuzzyarm.eval.tuning.run import NothingFound, begin, resumed_arm, tune
+    from fuzzyarm.eval.tuning.summary import decision
 
     engine = Engine(jobs=options.jobs)
     asked = None if options.robot is None and options.resume else chosen_arm(options.robot, None)
@@ -53,11 +53,15 @@ def run(options: Options) -> int:
         if not options.resume:
             begin(arm, options.out)
         try:
-            tuned = tune(arm, options.out, engine=engine, bar=progress, finished=_say_decision)
-        except KeyboardInterrupt:
-            return stopped("tune", options.out, "interrupted", 130)
-        except WorkersLost as error:
-            return stopped("tune", options.out, str(error), 1)
+            tuned = tune(
+                arm,
+                options.out,
+                engine=engine,
+                bar=progress,
+                finished=lambda finding: say(f"{finding.policy}: {decision(finding)}"),
+            )
+        except (KeyboardInterrupt, WorkersLost) as error:
+            return stopped("tune", options.out, error)
         except NothingFound as error:
             say(f"fuzzyarm tune: {error}", error=True)
             return 1
@@ -65,10 +69,3 @@ def run(options: Options) -> int:
     say(f"\n{', '.join(tuned.laws.policies)} in {options.out}; the decisions are in {options.out / 'README.md'}")
     say(f"compare them with fuzzyarm evaluate --robot {options.out}")
     return 0
-
-
-def _say_decision(finding: Finding) -> None:
-    from fuzzyarm.common.console import say
-    from fuzzyarm.eval.tuning.summary import decision
-
-    say(f"{finding.policy}: {decision(finding)}")

@@ -8,6 +8,8 @@ from typing import Annotated, ClassVar
 
 from cyclopts import Parameter
 
+from fuzzyarm.common.console import progress, say, say_json
+
 __all__ = ["Options", "run"]
 
 
@@ -31,9 +33,6 @@ class Options:
 
 def run(options: Options) -> int:
     """Print the claims; return 1 if one is not proven."""
-    import json
-
-    from fuzzyarm.common.console import progress, say
     from fuzzyarm.eval.certified.tip.bound_file import BoundCheck, check_bound, is_bound
     from fuzzyarm.eval.certified.tip.cells_file import CellsCheck, check_cells, is_cells
     from fuzzyarm.eval.certified.verification import ScheduledVerification, Verification, verify_file
@@ -45,7 +44,7 @@ def run(options: Options) -> int:
             reports.append(check(path))
             advance()
     if options.json:
-        say(json.dumps([report.to_dict() for report in reports], indent=1))
+        say_json([report.to_dict() for report in reports])
     else:
         say("\n\n".join(report.to_text() for report in reports))
     return 0 if all(report.proven for report in reports) else 1
