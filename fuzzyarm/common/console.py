@@ -14,7 +14,9 @@ import codecs
 import contextlib
 import copy
 import dataclasses
+import io
 import json
+import os
 import re
 import sys
 from collections.abc import Callable, Iterable, Iterator, Sequence
@@ -26,8 +28,8 @@ if TYPE_CHECKING:
     from rich.table import Table
 
 __all__ = [
-    "PIPED_WIDTH", "SPELLED_OUT", "STANDARD_OUTPUT", "Sheet", "escaped", "naming_output", "output", "print_paragraphs",
-    "progress", "say", "say_json", "status",
+    "PIPED_WIDTH", "SPELLED_OUT", "STANDARD_OUTPUT", "Sheet", "discard_output", "escaped", "finish_output",
+    "open_streams", "output", "print_paragraphs", "progress", "say", "say_json", "status",
 ]  # fmt: skip
 
 PIPED_WIDTH = 1000  # columns; wide enough for every table
@@ -42,6 +44,43 @@ SPELLED_OUT = "fuzzyarm.spelled-out"
 """Handler of encoding errors, for `str.encode`: µ becomes u where the encoding has no µ, and so on."""
 STANDARD_OUTPUT = "standard output"
 """What an `OSError` of writing to it names as its file."""
+
+
+def open_streams() -> bool:
+    """Let every standard stream take whatever is printed; return whether standard output is open.
+
+    A closed one is opened on the null device, since otherwise the next file that is opened would get its number, and
+    what is printed would go into that file. A letter that the encoding of a stream lacks is spelled out.
+    """
+    closed = [number for number in (0, 1, 2) if not _is_open(number)]
+    for _ in closed:
+        os.open(os.devnull, os.O_RDWR)  # gets the smallest free number
+    if sys.stderr is None:
+        sys.stderr = open(2, "w", encoding="utf-8", closefd=False)  # noqa: SIM115
+    for stream in (sys.stdout, sys.stderr):
+        if isinstance(stream, io.TextIOWrapper):
+            stream.reconfigure(errors=SPELLED_OUT)
+    return sys.stdout is not None and 1 not in closed
+
+
+def _is_open(number: int) -> bool:
+    try:
+        os.fstat(number)
+    except OSError:
+        return False
+    return True
+
+
+def finish_output() -> None:
+    """Write what is still buffered; OSError if standard output does not take it, which Python itself tells too late."""
+    with _naming_output():
+        sys.stdout.flush()
+
+
+def discard_output() -> None:
+    """Send what is still buffered nowhere, or Python would complain about it at its end."""
+    with contextlib.suppress(OSError, ValueError):
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
 
 
 def _spelled_out(error: UnicodeError) -> tuple[str, int]:
@@ -76,7 +115,7 @@ def say(text: str, *, error: bool = False) -> None:
         with contextlib.suppress(OSError):
             print(escaped(text, lines=True), file=sys.stderr)
         return
-    with naming_output():
+    with _naming_output():
         print(escaped(text, lines=True))
 
 
@@ -86,7 +125,7 @@ def say_json(document: Any) -> None:
 
 
 @contextlib.contextmanager
-def naming_output() -> Iterator[None]:
+def _naming_output() -> Iterator[None]:
     """Name standard output in the errors of writing to it; that its reader has left stays a `BrokenPipeError`."""
     try:
         yield
@@ -122,7 +161,7 @@ def _console(**settings: Any) -> Console:
                 yield segment if text == segment.text else segment._replace(text=text)
 
         def print(self, *objects: Any, **options: Any) -> None:
-            with naming_output():
+            with _naming_output():
                 super().print(*objects, **options)
 
     made = Output(**settings)
