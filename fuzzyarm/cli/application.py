@@ -18,7 +18,7 @@ from typing import Any
 import cyclopts
 
 from fuzzyarm import __version__
-from fuzzyarm.cli.options import option_name, shown_default
+from fuzzyarm.cli.options import arguments_of, option_name, shown_default
 from fuzzyarm.cli.usage import UsageError, explain, name_left_out, whole_numbers
 from fuzzyarm.common.console import STANDARD_OUTPUT, discard_output, escaped, finish_output, open_streams, output, say
 
@@ -134,8 +134,7 @@ def command_line(words: Sequence[str] | None = None) -> cyclopts.App:
     elif words and words[0] in _modules():  # the command shows the docstring of its options, and its arguments
         command = made[words[0]]
         command.help = None  # so far the line for the list of all commands
-        arguments = getattr(command.default_command, "arguments", None)
-        if arguments is not None:
+        if arguments := arguments_of(command.default_command):
             command.usage = f"Usage: fuzzyarm {words[0]} [OPTIONS] {arguments}"
     return made
 

@@ -14,7 +14,6 @@ from fuzzyarm.common.console import say, status
 
 if TYPE_CHECKING:
     from fuzzyarm.fuzzy_policy.controller import Controller
-    from fuzzyarm.fuzzy_policy.policy import Policy
     from fuzzyarm.fuzzy_policy.scheduled import Premise, ScheduledController
     from fuzzyarm.synthesis import ScheduledSpecification, Specification
 
@@ -127,12 +126,15 @@ def _scheduled_specification(options: Options, joints: int) -> ScheduledSpecific
 def _margins(controller: Controller | ScheduledController) -> str:
     """Return the stability margins of the policy on the sampled elastic robot, in words."""
     from fuzzyarm.eval.stability.margins import CONTROL_PERIOD, margins_in_words
+    from fuzzyarm.fuzzy_policy.controller import Controller
     from fuzzyarm.fuzzy_policy.laws.fuzzy import FuzzyPolicy
     from fuzzyarm.fuzzy_policy.laws.scheduled import ScheduledPolicy
-    from fuzzyarm.fuzzy_policy.scheduled import ScheduledController
 
-    scheduled = isinstance(controller, ScheduledController)
-    policy: Policy = (ScheduledPolicy if scheduled else FuzzyPolicy)(controller, CONTROL_PERIOD)  # type: ignore[arg-type]
+    policy = (
+        FuzzyPolicy(controller, CONTROL_PERIOD)
+        if isinstance(controller, Controller)
+        else ScheduledPolicy(controller, CONTROL_PERIOD)
+    )
     try:
         return margins_in_words(policy, policy.parameters, CONTROL_PERIOD)
     except ValueError as error:  # the arm cannot follow its path

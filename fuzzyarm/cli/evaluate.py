@@ -93,12 +93,9 @@ def run(options: Options) -> int:
             print_passes(evaluation.rows, config.passes, console)
         if options.declared:
             print_declared(declared_rows(evaluation.declared, evaluation.certificates), DECLARED, console)
-        certificates = evaluation.certificates.items()
-        proven = (
-            (name, "nothing proven of the rigid arm" if text is None else f"proven. {text}")
-            for name, text in certificates
-        )
-        print_paragraphs(console, [f"{name}: {text}" for name, text in proven])
+        for name, text in evaluation.certificates.items():
+            proven = "nothing proven of the rigid arm" if text is None else f"proven. {text}"
+            print_paragraphs(console, [f"{name}: {proven}"])
         lines = verdict(evaluation.rows, evaluation.certificates, out, len(written), titles)
         print_paragraphs(console, ["\n".join(lines)])
     for line in (*_remarkable(evaluation.rollouts), *evaluation.remarks):

@@ -4,17 +4,14 @@ from __future__ import annotations
 
 from dataclasses import KW_ONLY, dataclass
 from pathlib import Path
-from typing import Annotated, ClassVar, Literal
+from typing import Annotated, Literal
 
 from cyclopts import Parameter
 
 from fuzzyarm.cli.usage import UsageError, claimed_folder
 from fuzzyarm.common.console import say
 
-__all__ = ["LANGUAGES", "Options", "run"]
-
-LANGUAGES = ("c", "fmu")
-"""What a policy can be written in."""
+__all__ = ["Options", "run"]
 
 
 @dataclass(frozen=True)
@@ -25,8 +22,6 @@ class Options:
     calls no library and has no loop whose length depends on data. An FMU is for co-simulation; it holds the same
     source, which the host compiles.
     """
-
-    arguments: ClassVar[str] = "c|fmu NAME|FILE"
 
     what: Annotated[str, Parameter(name="", metavar="c|fmu")]
     """What is written: c (source) or fmu (functional mock-up unit)"""
@@ -51,8 +46,8 @@ def run(options: Options) -> int:
     from fuzzyarm.export.fmu import PLANT, export_controller_fmu, export_plant_fmu
     from fuzzyarm.policies import resolve
 
-    if options.what not in LANGUAGES:
-        raise UsageError(f"{options.what} is no language of an export; choose from: {', '.join(LANGUAGES)}")
+    if options.what not in ("c", "fmu"):
+        raise UsageError(f"{options.what} is no language of an export; choose from: c, fmu")
     if options.what == "fmu" and options.number != "double":
         raise UsageError(f"--number {options.number} is for C source; an FMU computes in double")
     fmu, label = options.what == "fmu", options.policy

@@ -4,12 +4,15 @@ from __future__ import annotations
 
 from dataclasses import KW_ONLY, dataclass
 from pathlib import Path
-from typing import Annotated, ClassVar
+from typing import TYPE_CHECKING, Annotated
 
 from cyclopts import Parameter
 
-from fuzzyarm.cli.usage import UsageError, output_file, two_joint_arm
+from fuzzyarm.cli.usage import UsageError, output_file
 from fuzzyarm.common.console import Sheet, output, print_paragraphs, progress, say, say_json, status
+
+if TYPE_CHECKING:
+    from fuzzyarm.envs.physics.parameters import ArmParameters
 
 __all__ = ["Options", "run"]
 
@@ -21,8 +24,6 @@ class Options:
     Least squares on the inverse dynamics give the rigid arm; the output error of the elastic arm refines it. What the
     log does not tell keeps its value of --robot, and is named. With --suggest: write a motion to record first.
     """
-
-    arguments: ClassVar[str] = "[LOG]"
 
     log: Annotated[Path | None, Parameter(name="", metavar="LOG")] = None
     """CSV file with the columns time, q_motor1, q_motor2, dq_motor1, dq_motor2, torque1, torque2 [s, rad, rad/s, N m];
@@ -46,6 +47,9 @@ class Options:
 
 def run(options: Options) -> int:
     """Print the table, or what the motion asks of the arm, and write the files."""
+    from fuzzyarm.envs.physics.equations import chosen_arm
+    from fuzzyarm.envs.physics.parameters import ArmParameters
+
     if (options.log is None) == (options.suggest is None):
         raise UsageError("give either a LOG or --suggest FILE; see fuzzyarm identify --help")
     output_file(options.out, ".toml")
@@ -54,19 +58,25 @@ def run(options: Options) -> int:
     if options.suggest is not None:
         if options.out is not None or options.figure is not None:
             raise UsageError("--out and --figure need a LOG; leave them out beside --suggest")
-        return _suggest(options, options.suggest)
-    assert options.log is not None
-    if options.duration is not None:
+    elif options.duration is not None:
         raise UsageError("--duration is that of --suggest; a LOG has its own")
-    return _identify(options, options.log)
+    arm = chosen_arm(options.robot, None)
+    if not isinstance(arm, ArmParameters):
+        raise UsageError(
+            f"--robot {options.robot} is a robot of {len(arm)} joints by their frames; allowed: two-joint arms, by the "
+            "fields of ArmParameters"
+        )
+    if options.suggest is not None:
+        return _suggest(options, arm, options.suggest)
+    assert options.log is not None
+    return _identify(options, arm, options.log)
 
 
-def _suggest(options: Options, path: Path) -> int:
+def _suggest(options: Options, arm: ArmParameters, path: Path) -> int:
     """Write a motion and say what it asks of the arm."""
     from fuzzyarm.common.files import write_atomically
     from fuzzyarm.identification.excitation import condition_of, motion_csv, suggested, use_of
 
-    arm = two_joint_arm(options.robot)
     with status("searching a motion"):
         motion = suggested(arm) if options.duration is None else suggested(arm, options.duration)
     use, condition = use_of(motion, arm), condition_of(motion, arm)
@@ -88,11 +98,10 @@ def _suggest(options: Options, path: Path) -> int:
     return 0
 
 
-def _identify(options: Options, path: Path) -> int:
+def _identify(options: Options, start: ArmParameters, path: Path) -> int:
     from fuzzyarm.identification.log import read_log
     from fuzzyarm.identification.result import identify, write_residuals
 
-    start = two_joint_arm(options.robot)
     log = read_log(path)
     with progress("steps", None) as advance:
         found = identify(log, start, advance)

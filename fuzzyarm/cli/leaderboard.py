@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import KW_ONLY, dataclass
 from pathlib import Path
-from typing import Annotated, ClassVar
+from typing import Annotated
 
 from cyclopts import Parameter
 
@@ -22,9 +22,7 @@ class Options:
     conditions or versions are refused.
     """
 
-    arguments: ClassVar[str] = "FILE..."
-
-    files: Annotated[tuple[Path, ...], Parameter(name="", metavar=arguments)]
+    files: Annotated[tuple[Path, ...], Parameter(name="", metavar="FILE...")]
     """File results.json or sweep.json, or the folder that fuzzyarm evaluate --out or fuzzyarm sweep --out wrote"""
     _: KW_ONLY
     bound: Annotated[tuple[Path, ...], Parameter(metavar="FILE")] = ()

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import KW_ONLY, dataclass
 from pathlib import Path
-from typing import Annotated, ClassVar
+from typing import Annotated
 
 from cyclopts import Parameter
 
@@ -22,9 +22,7 @@ class Options:
     network.
     """
 
-    arguments: ClassVar[str] = "DIR"
-
-    folder: Annotated[Path, Parameter(name="", metavar=arguments)]
+    folder: Annotated[Path, Parameter(name="", metavar="DIR")]
     """Folder that fuzzyarm evaluate --out wrote"""
     _: KW_ONLY
     out: Annotated[Path | None, Parameter(metavar="FILE")] = None

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import KW_ONLY, dataclass
-from typing import TYPE_CHECKING, Annotated, ClassVar
+from typing import TYPE_CHECKING, Annotated
 
 from cyclopts import Parameter
 
@@ -24,9 +24,7 @@ class Options:
     first; it is shown for the arm that it was designed for.
     """
 
-    arguments: ClassVar[str] = "NAME|FILE"
-
-    policy: Annotated[str, Parameter(name="", metavar=arguments)]
+    policy: Annotated[str, Parameter(name="", metavar="NAME|FILE")]
     """Policy: fuzzy-4, computed-torque, ... with or without -tip, elastic-observer, or a controller file (.json,
     .json-tip)"""
     _: KW_ONLY

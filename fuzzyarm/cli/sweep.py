@@ -53,7 +53,12 @@ def run(options: Options) -> int:
 
     engine, values = Engine(**given(options, Engine)), _given(options)
     if options.replay is not None:
-        _replay(Sweep.resume(options.out, values), *options.replay)
+        policy, case, plant = options.replay
+        rollout, folder = Sweep.resume(options.out, values).replay_plant(policy, case, plant)
+        end = "followed to the end" if rollout.completed else f"ended at {rollout.time[-1]:.3f} s: {rollout.reason}"
+        largest = 1e3 * rollout.tip_error.max()
+        say(f"plant {plant} (seed {rollout.seed}), {policy}, {case}: {end}, tip error up to {largest:.6g} mm")
+        say(f"signals and figures in {folder}")
         return 0
     config = None if options.resume else SweepConfig.of(values)
     with claimed_folder(options.out, make=not options.resume):
@@ -102,12 +107,3 @@ def _given(options: Options) -> dict[str, Any]:
     if tuned is not None:
         values.setdefault("policies", tuned)
     return values | {"robot" if isinstance(arm, Robot) else "parameters": arm}
-
-
-def _replay(sweep: Sweep, policy: str, case: str, plant: int) -> None:
-    """Run one plant again and print how it ended."""
-    rollout, folder = sweep.replay_plant(policy, case, plant)
-    end = "followed to the end" if rollout.completed else f"ended at {rollout.time[-1]:.3f} s: {rollout.reason}"
-    largest = 1e3 * rollout.tip_error.max()
-    say(f"plant {plant} (seed {rollout.seed}), {policy}, {case}: {end}, tip error up to {largest:.6g} mm")
-    say(f"signals and figures in {folder}")

@@ -4,15 +4,12 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import Annotated
 
 from cyclopts import Parameter
 
 from fuzzyarm.cli.usage import claimed_folder, stopped
 from fuzzyarm.common.console import output, progress, say
-
-if TYPE_CHECKING:
-    from fuzzyarm.envs.physics.equations import AnyArm
 
 __all__ = ["Options", "run"]
 
@@ -45,10 +42,9 @@ def run(options: Options) -> int:
     from fuzzyarm.eval.tuning.summary import decision
 
     engine = Engine(jobs=options.jobs)
-    asked = None if options.robot is None and options.resume else chosen_arm(options.robot, None)
+    arm = chosen_arm(options.robot, None)
     if options.resume:
-        asked = resumed_arm(options.out, asked)
-    arm: AnyArm = asked  # type: ignore[assignment]
+        arm = resumed_arm(options.out, None if options.robot is None else arm)
     with claimed_folder(options.out):
         if not options.resume:
             begin(arm, options.out)

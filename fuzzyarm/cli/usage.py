@@ -9,19 +9,16 @@ import types
 import typing
 from collections.abc import Iterator, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Literal
+from typing import Any, Literal
 
 import cyclopts
 
 from fuzzyarm.common.console import say
 from fuzzyarm.common.files import locked_folder
 
-if TYPE_CHECKING:
-    from fuzzyarm.envs.physics.parameters import ArmParameters
-
 __all__ = [
     "Allowed", "UsageError", "check_writable", "claimed_folder", "explain", "name_left_out", "output_file", "stopped",
-    "two_joint_arm", "whole_numbers",
+    "whole_numbers",
 ]  # fmt: skip
 
 
@@ -94,24 +91,6 @@ def stopped(command: str, out: Path, error: BaseException) -> int:
     reason = "interrupted" if interrupted else error
     say(f"fuzzyarm {command}: {reason}; what is done is kept: --resume --out {out} goes on", error=True)
     return 130 if interrupted else 1
-
-
-def two_joint_arm(robot: str | None) -> ArmParameters:
-    """Return the two-joint arm that --robot names, Table 1 by default.
-
-    Raises:
-        UsageError: it is a robot by its frames.
-    """
-    from fuzzyarm.envs.physics.equations import chosen_arm
-    from fuzzyarm.envs.physics.parameters import ArmParameters
-
-    arm = chosen_arm(robot, None)
-    if not isinstance(arm, ArmParameters):
-        raise UsageError(
-            f"--robot {robot} is a robot of {len(arm)} joints by their frames; allowed: two-joint arms, by the "
-            "fields of ArmParameters"
-        )
-    return arm
 
 
 def name_left_out(robot: Any) -> None:

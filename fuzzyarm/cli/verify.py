@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import KW_ONLY, dataclass
 from pathlib import Path
-from typing import Annotated, ClassVar
+from typing import Annotated
 
 from cyclopts import Parameter
 
@@ -22,9 +22,7 @@ class Options:
     everything is proven.
     """
 
-    arguments: ClassVar[str] = "FILE..."
-
-    files: Annotated[tuple[Path, ...], Parameter(name="", metavar=arguments)]
+    files: Annotated[tuple[Path, ...], Parameter(name="", metavar="FILE...")]
     """Controller file, or file of a bound (.json)"""
     _: KW_ONLY
     json: bool = False

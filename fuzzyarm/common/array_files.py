@@ -99,7 +99,9 @@ def _array(archive: zipfile.ZipFile, member: zipfile.ZipInfo) -> np.ndarray:
         with warnings.catch_warnings():
             warnings.simplefilter("error")  # about headers of Python 2
             shape, by_columns, dtype = np.lib.format.read_array_header_1_0(stream)
-        _check_type(dtype)
+        fields = [dtype] if dtype.names is None else [dtype[name].base for name in dtype.names]
+        if any(field.kind not in _KINDS or field.names is not None for field in fields):
+            raise ValueError(f"arrays of {dtype} are not read"[:160])
         needed, left = math.prod(shape) * dtype.itemsize, member.file_size - stream.tell()
         if min(shape, default=0) < 0 or needed != left:
             raise ValueError(f"{member.filename[:40]!r} has {left} bytes for the shape {shape} of {dtype}"[:160])
@@ -111,12 +113,6 @@ def _array(archive: zipfile.ZipFile, member: zipfile.ZipInfo) -> np.ndarray:
             array.reshape(-1, order="A").view(np.uint8)[:] = np.frombuffer(content, dtype=np.uint8)
     _check_values(member.filename, array)
     return array
-
-
-def _check_type(dtype: np.dtype) -> None:
-    fields = [dtype] if dtype.names is None else [dtype[name].base for name in dtype.names]
-    if any(field.kind not in _KINDS or field.names is not None for field in fields):
-        raise ValueError(f"arrays of {dtype} are not read"[:160])
 
 
 def _check_values(name: str, array: np.ndarray) -> None:

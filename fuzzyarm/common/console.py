@@ -323,10 +323,9 @@ def progress(description: str, total: int | None, *, between_steps: bool = False
         def advance(
             next_description: str | None = None, *, completed: int | None = None, line: str | None = None
         ) -> None:
-            step = 1 if completed is None else None
             bar.update(
                 task,
-                advance=step,
+                advance=1 if completed is None else None,
                 completed=completed,
                 description=next_description or description,
                 refresh=between_steps,
