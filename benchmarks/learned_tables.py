@@ -8,9 +8,8 @@ from typing import TYPE_CHECKING, Any
 
 from learned_seeds import MEASURED_TIMES
 from learned_tasks import LOST, MEASURES
-from rich.text import Text
 
-from fuzzyarm.common.console import print_table, table
+from fuzzyarm.common.console import Sheet
 
 if TYPE_CHECKING:
     from rich.console import Console
@@ -43,14 +42,7 @@ def training_cells(document: Mapping[str, Any]) -> tuple[list[str], list[list[st
 def print_tables(document: Mapping[str, Any], console: Console) -> None:
     """Print both tables, each with an explanation below it."""
     headings, rows = error_cells(document)
-    errors, last = table(headings, console=console), None
-    for title, cells in rows:
-        if title != last:
-            errors.add_section()
-            errors.add_row(Text(title, style="bold"))
-            last = title
-        errors.add_row(*map(Text, cells))
-    print_table(errors, console)
+    Sheet(headings, [cells for _, cells in rows], groups=[title for title, _ in rows]).print(console)
     console.print(
         "\nTip error, interquartile mean over the seeds that did not fail (bootstrap interval of 95 %); failed: ended "
         f"early, or the tip was ever more than {LOST:g} mm off. Where a heading does not say otherwise, on the paper's "
@@ -58,11 +50,7 @@ def print_tables(document: Mapping[str, Any], console: Console) -> None:
         highlight=False,
         soft_wrap=True,
     )
-    headings, trainings = training_cells(document)
-    times = table(headings, console=console)
-    for cells in trainings:
-        times.add_row(*map(Text, cells))
-    print_table(times, console)
+    Sheet(*training_cells(document)).print(console)
     console.print(
         "\nTimes and ratios: median over the seeds (range). Last tenth / tenth before: of a training, the mean rms in "
         "the cases by which it is judged.",

@@ -11,6 +11,7 @@ from typing import Any
 from sphinx.application import Sphinx
 
 from fuzzyarm.cli.application import GROUPS, command_line
+from fuzzyarm.cli.options import arguments_of
 
 HEAD = """# Command line
 
@@ -47,6 +48,6 @@ def _described(text: str, name: str, line: str) -> str:
     options = getattr(importlib.import_module(f"fuzzyarm.cli.{name}"), "Options", None)
     if options is None:
         return text
-    arguments = getattr(options, "arguments", "")
+    arguments = arguments_of(options)
     text = text.replace(f"fuzzyarm {name} [OPTIONS]\n", f"fuzzyarm {name} [OPTIONS] {arguments}".rstrip() + "\n")
     return text.replace(f"\n{line}\n\n**", f"\n{inspect.getdoc(options)}\n\n**")

@@ -18,10 +18,9 @@ from typing import Any
 import cyclopts
 
 from fuzzyarm import __version__
-from fuzzyarm.cli.options import option_name, shown_default
-from fuzzyarm.cli.streams import discard_output, finish_output, open_streams
+from fuzzyarm.cli.options import arguments_of, option_name, shown_default
 from fuzzyarm.cli.usage import UsageError, explain, name_left_out, whole_numbers
-from fuzzyarm.common.console import STANDARD_OUTPUT, escaped, output, say
+from fuzzyarm.common.console import STANDARD_OUTPUT, discard_output, escaped, finish_output, open_streams, output, say
 
 __all__ = ["GROUPS", "command_line", "entry_point", "main"]
 
@@ -88,10 +87,8 @@ def entry_point() -> None:
     The figures are drawn into files, and Matplotlib refuses to be imported if MPLBACKEND names a back end it lacks.
     """
     os.environ["MPLBACKEND"] = "agg"
-    try:
-        open_streams()
-    except UsageError as error:
-        sys.exit(_fail(f"fuzzyarm: {error}", 2))
+    if not open_streams():
+        sys.exit(_fail("fuzzyarm: standard output is closed; send it to a file, or to /dev/null", 2))
     sys.exit(main())
 
 
@@ -134,17 +131,12 @@ def command_line(words: Sequence[str] | None = None) -> cyclopts.App:
         made[flag].group = flags
     if words is None or "train" in words[:1]:
         importlib.import_module("fuzzyarm.cli.train").add_algorithms(made["train"])
-    elif words and words[0] in _modules():
-        _describe(made[words[0]], words[0])
+    elif words and words[0] in _modules():  # the command shows the docstring of its options, and its arguments
+        command = made[words[0]]
+        command.help = None  # so far the line for the list of all commands
+        if arguments := arguments_of(command.default_command):
+            command.usage = f"Usage: fuzzyarm {words[0]} [OPTIONS] {arguments}"
     return made
-
-
-def _describe(command: cyclopts.App, name: str) -> None:
-    """Give a command the help that it shows itself: the docstring of its options, and what its arguments are."""
-    command.help = None  # so far the line for the list of all commands
-    arguments = getattr(command.default_command, "arguments", None)
-    if arguments is not None:
-        command.usage = f"Usage: fuzzyarm {name} [OPTIONS] {arguments}"
 
 
 def _version() -> str:

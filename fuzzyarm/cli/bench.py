@@ -11,6 +11,7 @@ from cyclopts import Parameter
 
 from fuzzyarm.cli.options import chosen, with_fields_of
 from fuzzyarm.cli.usage import UsageError, claimed_folder
+from fuzzyarm.common.console import output, progress, say, say_json
 from fuzzyarm.eval.bench.run import BenchConfig
 
 __all__ = ["Options", "run"]
@@ -33,9 +34,6 @@ class Options:
 
 def run(options: Options) -> int:
     """Print the table, and write the file and the figure."""
-    import json
-
-    from fuzzyarm.common.console import output, progress, say
     from fuzzyarm.eval.bench.run import run_bench, write_document
     from fuzzyarm.eval.bench.speed_table import print_speeds
 
@@ -48,7 +46,7 @@ def run(options: Options) -> int:
             document = run_bench(config, advance)
         written = write_document(document, options.out) if options.out is not None else []
     if options.json:
-        say(json.dumps(document, indent=1))
+        say_json(document)
         return 0
     print_speeds(document, output())
     if written:

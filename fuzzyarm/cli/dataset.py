@@ -10,6 +10,7 @@ from cyclopts import Parameter
 
 from fuzzyarm.cli.options import chosen, with_fields_of
 from fuzzyarm.cli.usage import claimed_folder
+from fuzzyarm.common.console import progress, say
 from fuzzyarm.eval.dataset.config import DatasetConfig
 
 __all__ = ["Options", "run"]
@@ -30,7 +31,6 @@ class Options:
 
 def run(options: Options) -> int:
     """Write a data set."""
-    from fuzzyarm.common.console import progress, say
     from fuzzyarm.eval.dataset.store import check_installed, open_dataset, provenance_of, write_dataset
 
     config = chosen(options, DatasetConfig())

@@ -8,11 +8,12 @@ from typing import TYPE_CHECKING, Annotated, Literal
 
 from cyclopts import Parameter
 
+from fuzzyarm.cli.options import given
 from fuzzyarm.cli.usage import UsageError, output_file
+from fuzzyarm.common.console import say, status
 
 if TYPE_CHECKING:
     from fuzzyarm.fuzzy_policy.controller import Controller
-    from fuzzyarm.fuzzy_policy.policy import Policy
     from fuzzyarm.fuzzy_policy.scheduled import Premise, ScheduledController
     from fuzzyarm.synthesis import ScheduledSpecification, Specification
 
@@ -64,7 +65,6 @@ class Options:
 
 def run(options: Options) -> int:
     """Design, prove and write the controller; return 1 if there is none with these requirements."""
-    from fuzzyarm.common.console import say, status
     from fuzzyarm.envs.physics.equations import chosen_arm
     from fuzzyarm.envs.physics.robot import Robot
     from fuzzyarm.synthesis import DesignFailed, describe, describe_scheduled, design, design_scheduled
@@ -74,24 +74,25 @@ def run(options: Options) -> int:
     if isinstance(arm, Robot) and not scheduled:
         raise UsageError(f"--theorem {options.theorem} is for the two-joint arm; {arm.name} needs semidefinite")
     output_file(options.out, ".json")
+    if options.rules is not None and options.keep is not None:
+        raise UsageError(f"--rules {options.rules} and --keep {options.keep} both choose the premises; leave out one")
     try:
         if scheduled:
             robot = arm if isinstance(arm, Robot) else Robot.of(arm)
             wanted = _scheduled_specification(options, len(robot))
             with status("bounding the inertia, solving and proving"):
                 found = design_scheduled(wanted, robot)
-            found.controller.save(options.out)
-            text = describe_scheduled(found)
             controller: Controller | ScheduledController = found.controller
+            text = describe_scheduled(found)
         else:
             specification = _specification(options)
             with status("solving and proving"):
                 result = design(specification, arm)  # type: ignore[arg-type]
-            result.controller.save(options.out)
-            text, controller = describe(result), result.controller
+            controller, text = result.controller, describe(result)
     except DesignFailed as error:
         say(" ".join(f"fuzzyarm design: {error}; nothing was written".split()), error=True)
         return 1
+    controller.save(options.out)
     with status("measuring margins"):
         text += "\n\n" + _margins(controller)
     say(text)
@@ -110,10 +111,9 @@ def _scheduled_specification(options: Options, joints: int) -> ScheduledSpecific
         "--feedforward": options.feedforward is not None,
         "--no-integral": not options.integral,
     }
-    for option, given in unfit.items():
-        if given:
+    for option, present in unfit.items():
+        if present:
             raise UsageError(f"{option} does not go with the semidefinite form; leave it out")
-    _check_choice(options)
     return ScheduledSpecification(
         premises=None if options.keep is None else tuple(map(_premise, filter(None, options.keep.split(",")))),
         rules=min(4, 2 ** (joints - 1)) if options.rules is None else options.rules,
@@ -126,12 +126,15 @@ def _scheduled_specification(options: Options, joints: int) -> ScheduledSpecific
 def _margins(controller: Controller | ScheduledController) -> str:
     """Return the stability margins of the policy on the sampled elastic robot, in words."""
     from fuzzyarm.eval.stability.margins import CONTROL_PERIOD, margins_in_words
+    from fuzzyarm.fuzzy_policy.controller import Controller
     from fuzzyarm.fuzzy_policy.laws.fuzzy import FuzzyPolicy
     from fuzzyarm.fuzzy_policy.laws.scheduled import ScheduledPolicy
-    from fuzzyarm.fuzzy_policy.scheduled import ScheduledController
 
-    scheduled = isinstance(controller, ScheduledController)
-    policy: Policy = (ScheduledPolicy if scheduled else FuzzyPolicy)(controller, CONTROL_PERIOD)  # type: ignore[arg-type]
+    policy = (
+        FuzzyPolicy(controller, CONTROL_PERIOD)
+        if isinstance(controller, Controller)
+        else ScheduledPolicy(controller, CONTROL_PERIOD)
+    )
     try:
         return margins_in_words(policy, policy.parameters, CONTROL_PERIOD)
     except ValueError as error:  # the arm cannot follow its path
@@ -152,16 +155,10 @@ def _premise(text: str) -> Premise:
     return Premise(int(found[3]) - 1, f"{found[1]} {found[2]}q")
 
 
-def _check_choice(options: Options) -> None:
-    if options.rules is not None and options.keep is not None:
-        raise UsageError(f"--rules {options.rules} and --keep {options.keep} both choose the premises; leave out one")
-
-
 def _specification(options: Options) -> Specification:
     from fuzzyarm.fuzzy_policy.ts_model import NAMED_RULES
     from fuzzyarm.synthesis import Specification
 
-    _check_choice(options)
     rules = 4 if options.rules is None else options.rules
     if rules not in NAMED_RULES:
         raise UsageError(f"--rules {rules} is unknown; choose from: {', '.join(map(str, NAMED_RULES))}")
@@ -172,14 +169,10 @@ def _specification(options: Options) -> Specification:
         gamma = 2e-4 if form == "consistent" else 1000.0
     if options.feedforward is not None and form != "paper":
         raise UsageError("--feedforward goes with --theorem paper; leave it out")
-    return Specification(
-        kept=kept,
-        form=form,
-        alpha=alpha if isinstance(alpha, float) else None,
-        gamma=None if gamma == "min" else gamma,
-        gain_bound=options.gain_bound,
-        integral=options.integral,
-        common_multiplier=options.common_multiplier,
-        feedforward=0.0 if options.feedforward is None else options.feedforward,
-        fastest_pole=options.fastest_pole,
-    )
+    values = given(options, Specification) | {
+        "kept": kept,
+        "form": form,
+        "alpha": alpha if isinstance(alpha, float) else None,
+        "gamma": None if gamma == "min" else gamma,
+    }
+    return Specification(**values)

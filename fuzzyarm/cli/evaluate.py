@@ -4,18 +4,19 @@ from __future__ import annotations
 
 from dataclasses import dataclass, fields
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Annotated
 
 from cyclopts import Parameter
 
-from fuzzyarm.cli.options import named_as_option
+from fuzzyarm.cli.options import given, named_as_option, option_name
 from fuzzyarm.cli.usage import Allowed, UsageError, claimed_folder
+from fuzzyarm.common.console import output, print_paragraphs, progress, say, say_json
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
     from fuzzyarm.eval.episodes.rollout import Rollout
-    from fuzzyarm.eval.evaluation.run import Evaluation, EvaluationConfig
+    from fuzzyarm.eval.evaluation.run import EvaluationConfig
 
 __all__ = ["Options", "run"]
 
@@ -24,13 +25,13 @@ __all__ = ["Options", "run"]
 class Options:
     """Run policies on the elastic arm in the paper's cases; print a table, write JSON, CSV and figures."""
 
-    policy: Annotated[tuple[str, ...], Parameter(metavar="NAME...")] = ()
+    policies: Annotated[tuple[str, ...] | None, Parameter(metavar="NAME...")] = None
     """Policy: fuzzy-32, -16, -8, -4, -2, -1, computed-torque or a controller file (.json), each with the ending -tip
     to bring the tip to the reference instead of the motors; elastic-observer, adaptive-observer, learned-observer;
     ppo-nominal, -robust, -residual or a learned policy's folder; or code of your own as package.module:factory. May
     be repeated (default: fuzzy-4 and computed-torque, both with and without -tip, the three observers, ppo-robust and
     ppo-residual; for another arm computed-torque, with and without -tip, and elastic-observer)"""
-    case: Annotated[tuple[str, ...], Parameter(metavar="NAME...")] = ()
+    cases: Annotated[tuple[str, ...] | None, Parameter(metavar="NAME...")] = None
     """A named case, such as nominal, machining or payload. May be repeated (default: these three)"""
     seeds: Annotated[int | None, Parameter(metavar="N"), Allowed("1, 2, 3, ...")] = None
     """Episodes of each policy in each case, seeded 0 to N-1 (1 or more; default: 1)"""
@@ -67,9 +68,6 @@ def run(options: Options) -> int:
     """Evaluate; return 1 if an episode ended early, or with `check` if a number differs."""
     if options.check is not None:
         return _repeat(options, options.check)
-    import json
-
-    from fuzzyarm.common.console import output, print_paragraphs, progress, say
     from fuzzyarm.eval.declarations import print_declared
     from fuzzyarm.eval.episodes.rollout_file import write_rollouts
     from fuzzyarm.eval.evaluation.figures import write_figures
@@ -87,7 +85,7 @@ def run(options: Options) -> int:
             written += write_figures(evaluation.rollouts, out, advance, titles)
         written.append(write_rollouts(evaluation.rollouts, out))  # last: with it the evaluation is whole
     if options.json:
-        say(json.dumps(evaluation.to_dict(), indent=1))
+        say_json(evaluation.to_dict())
     else:
         console = output()
         print_results(evaluation.rows, console, titles)
@@ -95,7 +93,9 @@ def run(options: Options) -> int:
             print_passes(evaluation.rows, config.passes, console)
         if options.declared:
             print_declared(declared_rows(evaluation.declared, evaluation.certificates), DECLARED, console)
-        print_paragraphs(console, _certificates(evaluation))
+        for name, text in evaluation.certificates.items():
+            proven = "nothing proven of the rigid arm" if text is None else f"proven. {text}"
+            print_paragraphs(console, [f"{name}: {proven}"])
         lines = verdict(evaluation.rows, evaluation.certificates, out, len(written), titles)
         print_paragraphs(console, ["\n".join(lines)])
     for line in (*_remarkable(evaluation.rollouts), *evaluation.remarks):
@@ -115,7 +115,6 @@ def _remarkable(rollouts: Sequence[Rollout]) -> list[str]:
 
 
 def _config(options: Options) -> EvaluationConfig:
-    from fuzzyarm.common.console import say
     from fuzzyarm.envs.physics.equations import chosen_arm
     from fuzzyarm.envs.physics.parameters import ArmParameters
     from fuzzyarm.envs.scenario.given_path import ENDINGS, GivenPath
@@ -125,7 +124,7 @@ def _config(options: Options) -> EvaluationConfig:
 
     arm = None if options.robot is None else chosen_arm(options.robot, None)
     other = arm is not None and arm != ArmParameters()
-    policies = options.policy or policies_of(options.robot)
+    policies = options.policies or policies_of(options.robot)
     if other and not policies:
         left_out = ", ".join(name for name in COMPARED if name not in ANY_ROBOT)
         say(f"left out, since they are for Table 1 alone: {left_out}; fuzzyarm tune --robot makes them", error=True)
@@ -135,43 +134,30 @@ def _config(options: Options) -> EvaluationConfig:
             f"--path {options.path} is unknown; choose from: {', '.join(SHAPES)}, or give a file of points "
             f"({' or '.join(ENDINGS)})"
         )
-    given: dict[str, Any] = {
+    values = given(options, EvaluationConfig) | {
         "policies": policies or (ANY_ROBOT if other else None),
         "path": None if from_file else options.path,
         "points": GivenPath.read(Path(options.path)) if from_file else None,
-        "force": options.force,
-        "payload": options.payload,
-        "cases": options.case or None,
-        "seeds": options.seeds,
-        "encoder_noise": options.encoder_noise,
-        "passes": options.passes,
+        "robot": None,
         "parameters" if isinstance(arm, ArmParameters) else "robot": arm,
     }
     try:
-        return EvaluationConfig(**{name: value for name, value in given.items() if value is not None})
+        return EvaluationConfig(**{name: value for name, value in values.items() if value is not None})
     except ValueError as error:
         raise UsageError(named_as_option(str(error), EvaluationConfig)) from None
 
 
-def _certificates(evaluation: Evaluation) -> list[str]:
-    return [
-        f"{name}: {'nothing proven of the rigid arm' if text is None else 'proven. ' + text}"
-        for name, text in evaluation.certificates.items()
-    ]
-
-
 def _repeat(options: Options, recorded: Path) -> int:
     """Repeat a recorded evaluation and compare; only `policy` may be given beside it."""
-    from fuzzyarm.common.console import output, progress
     from fuzzyarm.eval.evaluation.recheck import print_comparison, recheck_results
     from fuzzyarm.eval.evaluation.results_file import read_results
 
     for field in fields(options):
-        if field.name not in ("check", "policy") and getattr(options, field.name) != field.default:
-            option = f"--{field.name.replace('_', '-')}"
-            raise UsageError(f"--check repeats what the file says and writes nothing: leave out {option}")
+        if field.name not in ("check", "policies") and getattr(options, field.name) != field.default:
+            option = option_name(field.name)
+            raise UsageError(f"--check repeats what the file says and writes nothing: leave out --{option}")
     results = read_results(recorded)
     with progress("episodes", len(results.rows)) as advance:
-        found = recheck_results(results, options.policy, advance)
+        found = recheck_results(results, options.policies or (), advance)
     print_comparison(found, output())
     return 1 if found.differences else 0

@@ -4,16 +4,14 @@ from __future__ import annotations
 
 from dataclasses import KW_ONLY, dataclass
 from pathlib import Path
-from typing import Annotated, ClassVar, Literal
+from typing import Annotated, Literal
 
 from cyclopts import Parameter
 
 from fuzzyarm.cli.usage import UsageError, claimed_folder
+from fuzzyarm.common.console import say
 
-__all__ = ["LANGUAGES", "Options", "run"]
-
-LANGUAGES = ("c", "fmu")
-"""What a policy can be written in."""
+__all__ = ["Options", "run"]
 
 
 @dataclass(frozen=True)
@@ -24,8 +22,6 @@ class Options:
     calls no library and has no loop whose length depends on data. An FMU is for co-simulation; it holds the same
     source, which the host compiles.
     """
-
-    arguments: ClassVar[str] = "c|fmu NAME|FILE"
 
     what: Annotated[str, Parameter(name="", metavar="c|fmu")]
     """What is written: c (source) or fmu (functional mock-up unit)"""
@@ -44,34 +40,27 @@ class Options:
 
 def run(options: Options) -> int:
     """Write the files and say which."""
-    from fuzzyarm.common.console import escaped, say
-
-    if options.what not in LANGUAGES:
-        raise UsageError(f"{options.what} is no language of an export; choose from: {', '.join(LANGUAGES)}")
-    if options.what == "fmu" and options.number != "double":
-        raise UsageError(f"--number {options.number} is for C source; an FMU computes in double")
-    files = _exported(options)
-    say(escaped("\n".join(f"written to {file}" for file in files), lines=True))
-    return 0
-
-
-def _exported(options: Options) -> list[Path]:
     from fuzzyarm.cli.show import loaded
+    from fuzzyarm.envs.physics.equations import chosen_arm
+    from fuzzyarm.export.c_files import export_c
+    from fuzzyarm.export.fmu import PLANT, export_controller_fmu, export_plant_fmu
     from fuzzyarm.policies import resolve
 
-    if options.what == "fmu":
-        from fuzzyarm.envs.physics.equations import chosen_arm
-        from fuzzyarm.export.fmu import PLANT, export_controller_fmu, export_plant_fmu
-
-        if options.policy == PLANT:
-            arm = chosen_arm(options.robot, None)
-            with claimed_folder(options.out):
-                return [export_plant_fmu(arm, options.out)]
-        policy = loaded(options.policy, options.robot)
-        with claimed_folder(options.out):
-            return [export_controller_fmu(resolve(options.policy).label, policy, options.out)]
-    from fuzzyarm.export.c_files import export_c
-
-    policy = loaded(options.policy, options.robot)
+    if options.what not in ("c", "fmu"):
+        raise UsageError(f"{options.what} is no language of an export; choose from: c, fmu")
+    if options.what == "fmu" and options.number != "double":
+        raise UsageError(f"--number {options.number} is for C source; an FMU computes in double")
+    fmu, label = options.what == "fmu", options.policy
+    if fmu and label == PLANT:
+        arm = chosen_arm(options.robot, None)
+    else:
+        policy, label = loaded(label, options.robot), resolve(label).label
     with claimed_folder(options.out):
-        return export_c(resolve(options.policy).label, policy, options.out, options.number)
+        if not fmu:
+            files = export_c(label, policy, options.out, options.number)
+        elif options.policy == PLANT:
+            files = [export_plant_fmu(arm, options.out)]
+        else:
+            files = [export_controller_fmu(label, policy, options.out)]
+    say("\n".join(f"written to {file}" for file in files))
+    return 0

@@ -4,14 +4,15 @@ from __future__ import annotations
 
 from dataclasses import KW_ONLY, dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, ClassVar
+from typing import TYPE_CHECKING, Annotated
 
 from cyclopts import Parameter
 
-from fuzzyarm.cli.usage import UsageError, output_file, two_joint_arm
+from fuzzyarm.cli.usage import UsageError, output_file
+from fuzzyarm.common.console import Sheet, output, print_paragraphs, progress, say, say_json, status
 
 if TYPE_CHECKING:
-    from fuzzyarm.identification.result import Identified
+    from fuzzyarm.envs.physics.parameters import ArmParameters
 
 __all__ = ["Options", "run"]
 
@@ -23,8 +24,6 @@ class Options:
     Least squares on the inverse dynamics give the rigid arm; the output error of the elastic arm refines it. What the
     log does not tell keeps its value of --robot, and is named. With --suggest: write a motion to record first.
     """
-
-    arguments: ClassVar[str] = "[LOG]"
 
     log: Annotated[Path | None, Parameter(name="", metavar="LOG")] = None
     """CSV file with the columns time, q_motor1, q_motor2, dq_motor1, dq_motor2, torque1, torque2 [s, rad, rad/s, N m];
@@ -48,35 +47,36 @@ class Options:
 
 def run(options: Options) -> int:
     """Print the table, or what the motion asks of the arm, and write the files."""
+    from fuzzyarm.envs.physics.equations import chosen_arm
+    from fuzzyarm.envs.physics.parameters import ArmParameters
+
     if (options.log is None) == (options.suggest is None):
         raise UsageError("give either a LOG or --suggest FILE; see fuzzyarm identify --help")
-    given = (
-        ("--out", options.out, ".toml"),
-        ("--figure", options.figure, ".png"),
-        ("--suggest", options.suggest, ".csv"),
-    )
-    for name, path, suffix in given:
-        if path is not None:
-            output_file(path, suffix, name)
+    output_file(options.out, ".toml")
+    output_file(options.figure, ".png", "--figure")
+    output_file(options.suggest, ".csv", "--suggest")
     if options.suggest is not None:
         if options.out is not None or options.figure is not None:
             raise UsageError("--out and --figure need a LOG; leave them out beside --suggest")
-        return _suggest(options, options.suggest)
-    if options.duration is not None:
+    elif options.duration is not None:
         raise UsageError("--duration is that of --suggest; a LOG has its own")
+    arm = chosen_arm(options.robot, None)
+    if not isinstance(arm, ArmParameters):
+        raise UsageError(
+            f"--robot {options.robot} is a robot of {len(arm)} joints by their frames; allowed: two-joint arms, by the "
+            "fields of ArmParameters"
+        )
+    if options.suggest is not None:
+        return _suggest(options, arm, options.suggest)
     assert options.log is not None
-    return _identify(options, options.log)
+    return _identify(options, arm, options.log)
 
 
-def _suggest(options: Options, path: Path) -> int:
+def _suggest(options: Options, arm: ArmParameters, path: Path) -> int:
     """Write a motion and say what it asks of the arm."""
-    import json
-
-    from fuzzyarm.common.console import say, status
     from fuzzyarm.common.files import write_atomically
     from fuzzyarm.identification.excitation import condition_of, motion_csv, suggested, use_of
 
-    arm = two_joint_arm(options.robot)
     with status("searching a motion"):
         motion = suggested(arm) if options.duration is None else suggested(arm, options.duration)
     use, condition = use_of(motion, arm), condition_of(motion, arm)
@@ -85,7 +85,7 @@ def _suggest(options: Options, path: Path) -> int:
     if options.json:
         largest = {name: part.tolist() for name, part in use._asdict().items()}
         document = {"duration": motion.duration, "condition": condition, "largest": largest, "limits": limits}
-        say(json.dumps(document, indent=1))
+        say_json(document)
         return 0
     units = {"angle": "rad", "velocity": "rad/s", "torque": "N m"}
     say(f"a motion of {motion.duration:g} s from rest to rest; condition number {condition:.3g}")
@@ -98,38 +98,20 @@ def _suggest(options: Options, path: Path) -> int:
     return 0
 
 
-def _identify(options: Options, path: Path) -> int:
-    import json
-
-    from fuzzyarm.common.console import progress, say
+def _identify(options: Options, start: ArmParameters, path: Path) -> int:
     from fuzzyarm.identification.log import read_log
-    from fuzzyarm.identification.result import identify
+    from fuzzyarm.identification.result import identify, write_residuals
 
-    start = two_joint_arm(options.robot)
     log = read_log(path)
     with progress("steps", None) as advance:
         found = identify(log, start, advance)
     if options.out is not None:
         found.arm.write_toml(options.out)
     if options.figure is not None:
-        from fuzzyarm.identification.result import write_residuals
-
         write_residuals(found, options.figure)
     if options.json:
-        say(json.dumps(found.to_dict(), indent=1))
+        say_json(found.to_dict())
         return 0
-    _print(found)
-    for written in (options.out, options.figure):
-        if written is not None:
-            say(f"written to {written}")
-    return 0
-
-
-def _print(found: Identified) -> None:
-    """Print the table, what the fit leaves, and the remarks."""
-    from fuzzyarm.common.console import Sheet, output, print_paragraphs
-
-    console = output()
     cells = [
         (
             row["name"],
@@ -140,16 +122,18 @@ def _print(found: Identified) -> None:
         )
         for row in found.rows()
     ]
+    console = output()
     Sheet(["parameter", "unit", "start", "found", "95 % interval, +-"], cells, left=(0, 1)).print(console)
     noise = found.fit.noise.tolist()
-    left = [f"angles {noise[0]:.2g} and {noise[1]:.2g} rad"]
+    left = "angles {:.2g} and {:.2g} rad".format(*noise)
     if len(noise) > 2:
-        left.append("velocities {2:.2g} and {3:.2g} rad/s".format(*noise))
-    print_paragraphs(
-        console,
-        [
-            f"{found.samples} samples, {found.period * 1e3:g} ms apart. The fit leaves, rms: {', '.join(left)}. "
-            f"Condition number of the information: {found.fit.condition:.3g}.",
-            *found.remarks(),
-        ],
+        left += ", velocities {2:.2g} and {3:.2g} rad/s".format(*noise)
+    fit = (
+        f"{found.samples} samples, {found.period * 1e3:g} ms apart. The fit leaves, rms: {left}. "
+        f"Condition number of the information: {found.fit.condition:.3g}."
     )
+    print_paragraphs(console, [fit, *found.remarks()])
+    for written in (options.out, options.figure):
+        if written is not None:
+            say(f"written to {written}")
+    return 0

@@ -4,14 +4,12 @@ from __future__ import annotations
 
 from dataclasses import KW_ONLY, dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, ClassVar
+from typing import Annotated
 
 from cyclopts import Parameter
 
 from fuzzyarm.cli.usage import UsageError
-
-if TYPE_CHECKING:
-    from fuzzyarm.eval.evaluation.ranking import Ranking
+from fuzzyarm.common.console import output, say, say_json
 
 __all__ = ["Options", "run"]
 
@@ -24,9 +22,7 @@ class Options:
     conditions or versions are refused.
     """
 
-    arguments: ClassVar[str] = "FILE..."
-
-    files: Annotated[tuple[Path, ...], Parameter(name="", metavar=arguments)]
+    files: Annotated[tuple[Path, ...], Parameter(name="", metavar="FILE...")]
     """File results.json or sweep.json, or the folder that fuzzyarm evaluate --out or fuzzyarm sweep --out wrote"""
     _: KW_ONLY
     bound: Annotated[tuple[Path, ...], Parameter(metavar="FILE")] = ()
@@ -42,38 +38,27 @@ class Options:
 
 def run(options: Options) -> int:
     """Print the table."""
-    import json
-
-    from fuzzyarm.common.console import output, say
-    from fuzzyarm.eval.evaluation.ranking import document, markdown, print_leaderboard
-
-    if options.markdown and options.json:
-        raise UsageError("--markdown and --json are two forms of one table: leave out one")
-    board = _board(options)
-    if options.json:
-        say(json.dumps(document(board), indent=1))
-    elif options.markdown:
-        say(markdown(board, declared=options.declared))
-    else:
-        print_leaderboard(board, output(), declared=options.declared)
-    return 0
-
-
-def _board(options: Options) -> Ranking:
-    """Return the ranking of evaluations, or of sweeps."""
-    from fuzzyarm.eval.evaluation.ranking import rank_policies
+    from fuzzyarm.eval.evaluation.ranking import document, markdown, print_leaderboard, rank_policies
     from fuzzyarm.eval.report.certificates import checked_bounds
     from fuzzyarm.eval.sweep.ranking import is_sweep, rank_sweeps
 
+    if options.markdown and options.json:
+        raise UsageError("--markdown and --json are two forms of one table: leave out one")
     sweeps = [path for path in options.files if is_sweep(path)]
     if sweeps and len(sweeps) < len(options.files):
         (other, *_) = (path for path in options.files if path not in sweeps)
         raise ValueError(f"{sweeps[0]} is a sweep and {other} is not: rank sweeps with sweeps")
     if sweeps and options.bound:
         raise ValueError("--bound is of an arm that is known, and a sweep draws its plants: leave it out")
-    if sweeps:
-        return rank_sweeps(sweeps)
     tips: dict[str, list[str]] = {}
     for check in checked_bounds(options.bound):
         tips.setdefault(check.claim.policy, []).append(check.sentence)
-    return rank_policies(options.files, {policy: "; ".join(sentences) for policy, sentences in tips.items()})
+    proven = {policy: "; ".join(sentences) for policy, sentences in tips.items()}
+    board = rank_sweeps(sweeps) if sweeps else rank_policies(options.files, proven)
+    if options.json:
+        say_json(document(board))
+    elif options.markdown:
+        say(markdown(board, declared=options.declared))
+    else:
+        print_leaderboard(board, output(), declared=options.declared)
+    return 0

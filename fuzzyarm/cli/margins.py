@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated
@@ -9,6 +10,7 @@ from typing import Annotated
 from cyclopts import Parameter
 
 from fuzzyarm.cli.usage import output_file
+from fuzzyarm.common.console import output, progress, say, say_json
 
 __all__ = ["Options", "run"]
 
@@ -35,22 +37,17 @@ class Options:
 
 def run(options: Options) -> int:
     """Print the table, and write the file."""
-    import json
-
-    from fuzzyarm.common.console import output, progress, say
     from fuzzyarm.common.files import write_atomically
     from fuzzyarm.eval.stability.margins import MarginsConfig, measure_margins, print_margins
 
-    if options.out is not None:
-        output_file(options.out, ".json")
+    output_file(options.out, ".json")
     config = MarginsConfig(policies=options.policy or None, robot=options.robot)
     with progress("policies", len(config.names())) as advance:
         document = measure_margins(config, advance)
-    text = json.dumps(document, indent=1)
     if options.out is not None:
-        write_atomically(options.out, text + "\n")
+        write_atomically(options.out, json.dumps(document, indent=1) + "\n")
     if options.json:
-        say(text)
+        say_json(document)
         return 0
     print_margins(document, output())
     if options.out is not None:

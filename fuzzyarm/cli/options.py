@@ -16,7 +16,7 @@ from typing import Annotated, Any, TypeVar
 
 from cyclopts import Parameter
 
-__all__ = ["chosen", "given", "named_as_option", "option_name", "shown_default", "with_fields_of"]
+__all__ = ["arguments_of", "chosen", "given", "named_as_option", "option_name", "shown_default", "with_fields_of"]
 
 Options = TypeVar("Options")
 Config = TypeVar("Config")
@@ -77,6 +77,14 @@ def chosen(options: object, start: Config) -> Config:
     """
     changed: Config = dataclasses.replace(start, **given(options, type(start)))  # type: ignore[type-var]
     return changed
+
+
+def arguments_of(options: Any) -> str:
+    """Return the arguments of a command as its usage shows them: the fields that are no options, by their metavars."""
+    hints = typing.get_type_hints(options, include_extras=True)
+    fields = [field for field in dataclasses.fields(options) if not field.kw_only]
+    shown = ((field, hints[field.name].__metadata__[0].metavar) for field in fields)
+    return " ".join(name if field.default is dataclasses.MISSING else f"[{name}]" for field, name in shown)
 
 
 def shown_default(value: Any) -> str | None:

@@ -9,6 +9,7 @@ from typing import Annotated
 from cyclopts import Parameter
 
 from fuzzyarm.cli.usage import UsageError, check_writable, claimed_folder
+from fuzzyarm.common.console import output, progress, say, say_json
 
 __all__ = ["Options", "run"]
 
@@ -34,40 +35,29 @@ class Options:
 
 def run(options: Options) -> int:
     """Write tables and figures; return 1 if a number has drifted."""
-    import json
-
-    from fuzzyarm.common.console import output, progress, say
+    from fuzzyarm.eval.paper import report
     from fuzzyarm.eval.paper.evidence import STEPS, gather
     from fuzzyarm.eval.paper.figures import write_figures
-    from fuzzyarm.eval.paper.report import (
-        EXPECTED,
-        compare,
-        load_expected,
-        print_report,
-        renewed,
-        store_expected,
-        write_report,
-    )
 
     if options.renew and options.expected:
         raise UsageError("--renew writes new stored numbers and --expected compares with old ones; give one of them")
-    stored = {} if options.renew else load_expected(options.expected or EXPECTED)
+    stored = {} if options.renew else report.load_expected(options.expected or report.EXPECTED)
     if options.renew:
         check_writable(options.renew.parent)
     with claimed_folder(options.out):
         with progress("runs and proofs", STEPS) as advance:
             evidence = gather(advance)
-            comparison = compare(evidence, stored)
+            comparison = report.compare(evidence, stored)
         if options.renew:
-            comparison = renewed(comparison)
-            store_expected(comparison.measured, comparison.made_with, options.renew)
+            comparison = report.renewed(comparison)
+            report.store_expected(comparison.measured, comparison.made_with, options.renew)
         with progress("figures", None) as advance:
             figures = write_figures(evidence, options.out, advance)
-        written = [*figures, *write_report(comparison, figures, options.out)]
+        written = [*figures, *report.write_report(comparison, figures, options.out)]
     if options.json:
-        say(json.dumps(comparison.to_dict(), indent=1))
+        say_json(comparison.to_dict())
     else:
-        print_report(comparison, output())
+        report.print_report(comparison, output())
         say(f"\n{len(written)} files in {options.out}")
     for moved in comparison.drifted:
         say(f"fuzzyarm paper: {moved}", error=True)

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal
 from cyclopts import Parameter
 
 from fuzzyarm.cli.usage import output_file
+from fuzzyarm.common.console import escaped, progress, say, say_json
 
 if TYPE_CHECKING:
     from fuzzyarm.eval.certified.tip.bound import TipClaim
@@ -52,16 +53,12 @@ class Options:
 
 def run(options: Options) -> int:
     """Print the bound, and write its file."""
-    import json
-
-    from fuzzyarm.common.console import escaped, progress, say
     from fuzzyarm.eval.certified.tip.bound import TipClaim, find_bound, own_duration, problem_of
     from fuzzyarm.eval.certified.tip.bound_file import save_bound
     from fuzzyarm.eval.certified.tip.enclosures import NoBound
     from fuzzyarm.eval.certified.tip.plant import find_set
 
-    if options.out is not None:
-        output_file(options.out, ".json")
+    output_file(options.out, ".json")
     plants = find_set(options.set)
     duration = own_duration(options.policy) if options.duration is None else options.duration
     claim = TipClaim(
@@ -82,14 +79,16 @@ def run(options: Options) -> int:
         if not options.json:
             say(escaped(str(error)), error=True)
             return 1
-    say(json.dumps(found, indent=1) if options.json else text)
+    if options.json:
+        say_json(found)
+    else:
+        say(text)
     return 0 if found["proven"] else 1
 
 
 def _by_cells(options: Options, claim: TipClaim) -> tuple[dict[str, Any], str]:
     """Return the result by cells as plain data and as text; `NoBound` names the first cell without one."""
     from fuzzyarm.common.checks import whole
-    from fuzzyarm.common.console import progress
     from fuzzyarm.common.rounding import at_most
     from fuzzyarm.eval.certified.tip.bound import arm_in_words, plain, problem_of
     from fuzzyarm.eval.certified.tip.cells import bounds_of_cells, cells

@@ -4,11 +4,12 @@ from __future__ import annotations
 
 from dataclasses import KW_ONLY, dataclass
 from pathlib import Path
-from typing import Annotated, ClassVar
+from typing import Annotated
 
 from cyclopts import Parameter
 
 from fuzzyarm.cli.usage import output_file
+from fuzzyarm.common.console import say, status
 
 __all__ = ["Options", "run"]
 
@@ -21,9 +22,7 @@ class Options:
     network.
     """
 
-    arguments: ClassVar[str] = "DIR"
-
-    folder: Annotated[Path, Parameter(name="", metavar=arguments)]
+    folder: Annotated[Path, Parameter(name="", metavar="DIR")]
     """Folder that fuzzyarm evaluate --out wrote"""
     _: KW_ONLY
     out: Annotated[Path | None, Parameter(metavar="FILE")] = None
@@ -34,11 +33,9 @@ class Options:
 
 def run(options: Options) -> int:
     """Write the page."""
-    from fuzzyarm.common.console import say, status
     from fuzzyarm.eval.report.page import write_report
 
-    if options.out is not None:
-        output_file(options.out, ".html")
+    output_file(options.out, ".html")
     out = options.out or options.folder / "report.html"
     with status("observing the certified loops"):
         write_report(options.folder, out, options.bound)

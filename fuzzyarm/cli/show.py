@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 from dataclasses import KW_ONLY, dataclass
-from typing import TYPE_CHECKING, Annotated, ClassVar
+from typing import TYPE_CHECKING, Annotated
 
 from cyclopts import Parameter
 
 from fuzzyarm.cli.usage import UsageError
+from fuzzyarm.common.console import say, say_json
 
 if TYPE_CHECKING:
     from fuzzyarm.fuzzy_policy.policy import Policy
@@ -23,9 +24,7 @@ class Options:
     first; it is shown for the arm that it was designed for.
     """
 
-    arguments: ClassVar[str] = "NAME|FILE"
-
-    policy: Annotated[str, Parameter(name="", metavar=arguments)]
+    policy: Annotated[str, Parameter(name="", metavar="NAME|FILE")]
     """Policy: fuzzy-4, computed-torque, ... with or without -tip, elastic-observer, or a controller file (.json,
     .json-tip)"""
     _: KW_ONLY
@@ -40,9 +39,6 @@ class Options:
 
 def run(options: Options) -> int:
     """Print the sheet."""
-    import json
-
-    from fuzzyarm.common.console import escaped, say
     from fuzzyarm.export.sheet import sheet_of
 
     if options.csv and options.json:
@@ -50,8 +46,10 @@ def run(options: Options) -> int:
     sheet = sheet_of(options.policy, loaded(options.policy, options.robot))
     if options.csv:
         say(sheet.to_csv())
+    elif options.json:
+        say_json(sheet.to_dict())
     else:
-        say(json.dumps(sheet.to_dict(), indent=1) if options.json else escaped(sheet.to_text(), lines=True))
+        say(sheet.to_text())
     return 0
 
 

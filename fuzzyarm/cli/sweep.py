@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import contextlib
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
@@ -11,14 +10,14 @@ from cyclopts import Parameter
 
 from fuzzyarm.cli.options import given, with_fields_of
 from fuzzyarm.cli.usage import claimed_folder, stopped
-from fuzzyarm.common.console import say
+from fuzzyarm.common.console import output, print_paragraphs, progress, say, say_json
 from fuzzyarm.eval.engine import Engine, WorkersLost
 from fuzzyarm.eval.sweep.config import SweepConfig
 
 if TYPE_CHECKING:
     from fuzzyarm.eval.sweep.run import Sweep
 
-__all__ = ["Options", "configured", "run"]
+__all__ = ["Options", "run"]
 
 
 @with_fields_of(SweepConfig, without=("parameters", "robot"))
@@ -54,36 +53,45 @@ def run(options: Options) -> int:
 
     engine, values = Engine(**given(options, Engine)), _given(options)
     if options.replay is not None:
-        _replay(Sweep.resume(options.out, values), *options.replay)
+        policy, case, plant = options.replay
+        rollout, folder = Sweep.resume(options.out, values).replay_plant(policy, case, plant)
+        end = "followed to the end" if rollout.completed else f"ended at {rollout.time[-1]:.3f} s: {rollout.reason}"
+        largest = 1e3 * rollout.tip_error.max()
+        say(f"plant {plant} (seed {rollout.seed}), {policy}, {case}: {end}, tip error up to {largest:.6g} mm")
+        say(f"signals and figures in {folder}")
         return 0
-    if not options.resume:
-        config = SweepConfig.of(values)
-        with claimed_folder(options.out):
-            return _complete(options, Sweep.begin(options.out, config), engine)
-    # A folder that is missing is not made, and the sweep itself says what it lacks.
-    with claimed_folder(options.out) if options.out.is_dir() else contextlib.nullcontext():
-        return _complete(options, Sweep.resume(options.out, values), engine)
+    config = None if options.resume else SweepConfig.of(values)
+    with claimed_folder(options.out, make=not options.resume):
+        sweep = Sweep.resume(options.out, values) if config is None else Sweep.begin(options.out, config)
+        return _complete(options, sweep, engine)
 
 
 def _complete(options: Options, sweep: Sweep, engine: Engine) -> int:
     """Run what is missing and summarise; a sweep that was begun and has no results yet is taken back after an error."""
+    from fuzzyarm.eval.sweep.summary import print_sweep
+
     try:
-        _run(sweep, engine)
-        _summarise(sweep, options.json)
-    except KeyboardInterrupt:
-        return stopped("sweep", options.out, "interrupted", 130)
-    except WorkersLost as error:
-        return stopped("sweep", options.out, str(error), 1)
+        with progress("plants", sweep.config.total) as advance:
+            done = sweep.config.total - sweep.remaining
+            advance(completed=done)
+            for plants in sweep.run(engine, lambda text: say(f"fuzzyarm sweep: {text}", error=True)):
+                done += plants
+                advance(completed=done)
+        with progress("figures", None) as advance:
+            document, paths = sweep.summarise(advance)
+        if options.json:
+            say_json(document)
+        else:
+            console = output()
+            print_sweep(document, console)
+            print_paragraphs(console, [f"{len(paths)} files in {sweep.folder}"])
+    except (KeyboardInterrupt, WorkersLost) as error:
+        return stopped("sweep", options.out, error)
     except (OSError, ValueError):
         if not options.resume:
             sweep.take_back()
         raise
     return 0
-
-
-def configured(options: Options) -> SweepConfig:
-    """Return the configuration of a new sweep; ValueError if a value is unknown or out of range."""
-    return SweepConfig.of(_given(options))
 
 
 def _given(options: Options) -> dict[str, Any]:
@@ -99,45 +107,3 @@ def _given(options: Options) -> dict[str, Any]:
     if tuned is not None:
         values.setdefault("policies", tuned)
     return values | {"robot" if isinstance(arm, Robot) else "parameters": arm}
-
-
-def _run(sweep: Sweep, engine: Engine) -> None:
-    """Run the missing chunks, with a progress bar."""
-    from fuzzyarm.common.console import progress
-
-    def report(text: str) -> None:
-        say(f"fuzzyarm sweep: {text}", error=True)
-
-    total = sweep.config.total
-    done = total - sweep.remaining
-    with progress("plants", total) as advance:
-        advance(completed=done)
-        for plants in sweep.run(engine, report):
-            done += plants
-            advance(completed=done)
-
-
-def _summarise(sweep: Sweep, as_json: bool) -> None:
-    """Write the results and print them."""
-    import json
-
-    from fuzzyarm.common.console import output, print_paragraphs, progress
-    from fuzzyarm.eval.sweep.summary import print_sweep
-
-    with progress("figures", None) as advance:
-        document, paths = sweep.summarise(advance)
-    if as_json:
-        say(json.dumps(document, indent=1))
-        return
-    console = output()
-    print_sweep(document, console)
-    print_paragraphs(console, [f"{len(paths)} files in {sweep.folder}"])
-
-
-def _replay(sweep: Sweep, policy: str, case: str, plant: int) -> None:
-    """Run one plant again and print how it ended."""
-    rollout, folder = sweep.replay_plant(policy, case, plant)
-    end = "followed to the end" if rollout.completed else f"ended at {rollout.time[-1]:.3f} s: {rollout.reason}"
-    largest = 1e3 * rollout.tip_error.max()
-    say(f"plant {plant} (seed {rollout.seed}), {policy}, {case}: {end}, tip error up to {largest:.6g} mm")
-    say(f"signals and figures in {folder}")

@@ -1,8 +1,7 @@
-"""`fuzzyarm train ALGORITHM`: a command for each learning algorithm, with the options of its configuration."""
+"""`fuzzyarm train ALGORITHM`: a command for each learning algorithm, and for regression, with its settings."""
 
 from __future__ import annotations
 
-import contextlib
 import dataclasses
 from dataclasses import dataclass
 from pathlib import Path
@@ -10,16 +9,17 @@ from typing import TYPE_CHECKING, Annotated, ClassVar
 
 from cyclopts import App, Parameter
 
-from fuzzyarm.cli import estimate
 from fuzzyarm.cli.options import chosen, given, option_name, with_fields_of
 from fuzzyarm.cli.usage import UsageError, claimed_folder
+from fuzzyarm.common.console import progress, say, status
 from fuzzyarm.rl_baselines.algorithms import ALGORITHMS, find_algorithm
+from fuzzyarm.rl_baselines.estimate.config import EstimateConfig
 
 if TYPE_CHECKING:
     from fuzzyarm.rl_baselines.algorithm import AlgorithmSpec
     from fuzzyarm.rl_baselines.config import TrainingConfig
 
-__all__ = ["Options", "add_algorithms", "options_of", "run"]
+__all__ = ["EstimateOptions", "Options", "add_algorithms", "options_of", "run"]
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -42,11 +42,27 @@ class Options:
     """The settings that the other options change"""
 
 
+@with_fields_of(EstimateConfig)
+@dataclass(frozen=True, kw_only=True)
+class EstimateOptions:
+    """Train the recurrent network of learned-observer, by regression on a teacher that knows plant, load and lateness.
+
+    The folder gets policy/, which --policy and load_policy take. A training takes minutes and cannot be resumed. It
+    needs pip install -c constraints.txt -e ".[rl]" in the repository.
+    """
+
+    out: Annotated[Path, Parameter(metavar="DIR")]
+    """Folder of the run, made if needed"""
+    robot: Annotated[str | None, Parameter(metavar="FILE")] = None
+    """Another arm: cicese, manutec-r3, planar-3r, ur5, panda, or the TOML file of a robot or of a two-joint arm
+    (default: Table 1 of the paper)"""
+
+
 def add_algorithms(application: App) -> None:
     """Add a command for each algorithm that is known at this time, and that of the estimate, which is regression."""
     for spec in ALGORITHMS.values():
         application.command(options_of(spec), name=spec.name)
-    application.command(estimate.Options, name="estimate")
+    application.command(EstimateOptions, name="estimate")
 
 
 def options_of(spec: AlgorithmSpec) -> type[Options]:
@@ -63,18 +79,19 @@ def options_of(spec: AlgorithmSpec) -> type[Options]:
     return made
 
 
-def run(options: Options) -> int:
+def run(options: Options | EstimateOptions) -> int:
     """Train a policy, or continue a training."""
-    from fuzzyarm.common.console import say
+    if isinstance(options, EstimateOptions):
+        return _estimate(options)
     from fuzzyarm.rl_baselines.progress import train_with_progress
 
     config = None if options.resume else _config(options)
     total = getattr(options, "total_timesteps", None) if options.resume else None
     if options.resume:
-        _check_resumed(options)
-    # A folder that is missing is not made for a run to resume: that there is no checkpoint is the better message.
-    missing = options.resume and not options.out.is_dir()
-    with contextlib.nullcontext() if missing else claimed_folder(options.out):
+        names = [*(["preset"] if options.preset else []), *given(options, find_algorithm(options.algorithm).config)]
+        if flags := ", ".join(f"--{option_name(name)}" for name in names if name != "total_timesteps"):
+            raise UsageError(f"--resume continues the run as it was configured; leave out {flags}")
+    with claimed_folder(options.out, make=not options.resume):
         train_with_progress(config, options.out, total, options.algorithm)
     say(f"written to {options.out / 'policy'}")
     return 0
@@ -98,9 +115,27 @@ def _config(options: Options) -> TrainingConfig:
     return dataclasses.replace(start, **changed)
 
 
-def _check_resumed(options: Options) -> None:
-    """Refuse settings that would change a run that is resumed; its length may change."""
-    names = [*(["preset"] if options.preset else []), *given(options, find_algorithm(options.algorithm).config)]
-    flags = ", ".join(f"--{option_name(name)}" for name in names if name != "total_timesteps")
-    if flags:
-        raise UsageError(f"--resume continues the run as it was configured; leave out {flags}")
+def _estimate(options: EstimateOptions) -> int:
+    """Train the network of learned-observer."""
+    from fuzzyarm.envs.physics.equations import chosen_arm
+    from fuzzyarm.learned_policy.bundle import LAST
+
+    config, arm = chosen(options, EstimateConfig()), chosen_arm(options.robot, None)
+    folder = options.out / LAST
+    if folder.exists():
+        raise UsageError(f"{folder} holds a policy already; choose another folder")
+    try:
+        from fuzzyarm.rl_baselines.estimate.training import EstimateTraining
+    except ModuleNotFoundError as error:
+        raise UsageError(
+            f'{error.name} is not installed; to train, run in the repository: pip install -c constraints.txt -e ".[rl]"'
+        ) from None
+    with claimed_folder(options.out):
+        with status("compiling and loading"):
+            training = EstimateTraining(config, arm=arm)
+        with progress("training", config.chunks) as advance:
+            training.report = lambda row: advance(f"loss {row['loss']:.3f}", completed=row["chunk"] + 1)
+            bundle = training.run()
+        bundle.save(folder)
+    say(f"written to {folder}")
+    return 0

@@ -4,15 +4,12 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import Annotated
 
 from cyclopts import Parameter
 
 from fuzzyarm.cli.usage import claimed_folder, stopped
-
-if TYPE_CHECKING:
-    from fuzzyarm.envs.physics.equations import AnyArm
-    from fuzzyarm.eval.tuning.finding import Finding
+from fuzzyarm.common.console import output, progress, say
 
 __all__ = ["Options", "run"]
 
@@ -38,26 +35,29 @@ class Options:
 
 def run(options: Options) -> int:
     """Tune; return 1 if no policy has stable gains."""
-    from fuzzyarm.common.console import output, progress, say
     from fuzzyarm.envs.physics.equations import chosen_arm
     from fuzzyarm.eval.engine import Engine, WorkersLost
     from fuzzyarm.eval.stability.margins import print_margins
     from fuzzyarm.eval.tuning.run import NothingFound, begin, resumed_arm, tune
+    from fuzzyarm.eval.tuning.summary import decision
 
     engine = Engine(jobs=options.jobs)
-    asked = None if options.robot is None and options.resume else chosen_arm(options.robot, None)
+    arm = chosen_arm(options.robot, None)
     if options.resume:
-        asked = resumed_arm(options.out, asked)
-    arm: AnyArm = asked  # type: ignore[assignment]
+        arm = resumed_arm(options.out, None if options.robot is None else arm)
     with claimed_folder(options.out):
         if not options.resume:
             begin(arm, options.out)
         try:
-            tuned = tune(arm, options.out, engine=engine, bar=progress, finished=_say_decision)
-        except KeyboardInterrupt:
-            return stopped("tune", options.out, "interrupted", 130)
-        except WorkersLost as error:
-            return stopped("tune", options.out, str(error), 1)
+            tuned = tune(
+                arm,
+                options.out,
+                engine=engine,
+                bar=progress,
+                finished=lambda finding: say(f"{finding.policy}: {decision(finding)}"),
+            )
+        except (KeyboardInterrupt, WorkersLost) as error:
+            return stopped("tune", options.out, error)
         except NothingFound as error:
             say(f"fuzzyarm tune: {error}", error=True)
             return 1
@@ -65,10 +65,3 @@ def run(options: Options) -> int:
     say(f"\n{', '.join(tuned.laws.policies)} in {options.out}; the decisions are in {options.out / 'README.md'}")
     say(f"compare them with fuzzyarm evaluate --robot {options.out}")
     return 0
-
-
-def _say_decision(finding: Finding) -> None:
-    from fuzzyarm.common.console import say
-    from fuzzyarm.eval.tuning.summary import decision
-
-    say(f"{finding.policy}: {decision(finding)}")

@@ -9,18 +9,16 @@ import types
 import typing
 from collections.abc import Iterator, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Literal
+from typing import Any, Literal
 
 import cyclopts
 
+from fuzzyarm.common.console import say
 from fuzzyarm.common.files import locked_folder
-
-if TYPE_CHECKING:
-    from fuzzyarm.envs.physics.parameters import ArmParameters
 
 __all__ = [
     "Allowed", "UsageError", "check_writable", "claimed_folder", "explain", "name_left_out", "output_file", "stopped",
-    "two_joint_arm", "whole_numbers",
+    "whole_numbers",
 ]  # fmt: skip
 
 
@@ -33,8 +31,8 @@ class Allowed(str):
 
 
 @contextlib.contextmanager
-def claimed_folder(folder: Path) -> Iterator[None]:
-    """Make a folder if needed, and let no other command write to it while the block runs.
+def claimed_folder(folder: Path, *, make: bool = True) -> Iterator[None]:
+    """Make a folder if needed, unless `make` is false, and let no other command write to it while the block runs.
 
     A folder that was made and is empty at the end, since the command was refused, is removed.
 
@@ -42,13 +40,12 @@ def claimed_folder(folder: Path) -> Iterator[None]:
         UsageError: the folder cannot be made or written to; raised before anything is computed.
         ValueError: another process is writing to it.
     """
+    if not make and not folder.is_dir():  # what reads it has the better message
+        yield
+        return
     made = [one for one in (folder, *folder.parents) if not one.exists()]
     try:
-        try:
-            folder.mkdir(parents=True, exist_ok=True)
-        except OSError as error:
-            raise UsageError(f"cannot write to {folder}: {error.strerror or error}") from None
-        check_writable(folder)
+        check_writable(folder, make=True)
         with locked_folder(folder):
             yield
     finally:
@@ -57,26 +54,30 @@ def claimed_folder(folder: Path) -> Iterator[None]:
                 one.rmdir()
 
 
-def check_writable(folder: Path) -> None:
+def check_writable(folder: Path, *, make: bool = False) -> None:
     """Write a nameless file to a folder, so that a command fails before it has computed anything.
 
     Raises:
-        UsageError: the folder is missing or cannot be written to.
+        UsageError: the folder is missing, and not to be made, or cannot be written to.
     """
     try:
+        if make:
+            folder.mkdir(parents=True, exist_ok=True)
         with tempfile.TemporaryFile(dir=folder):
             pass
     except OSError as error:
         raise UsageError(f"cannot write to {folder}: {error.strerror or error}") from None
 
 
-def output_file(path: Path, suffix: str, option: str = "--out") -> None:
-    """Check that a file may be written before anything is computed; the messages name the option.
+def output_file(path: Path | None, suffix: str, option: str = "--out") -> None:
+    """Check that a file, if one is given, may be written before anything is computed; the messages name the option.
 
     Raises:
         UsageError: the name has another ending than `suffix`, is that of a folder, or its folder does not exist or
             cannot be written to.
     """
+    if path is None:
+        return
     if path.suffix != suffix or path.is_dir():
         raise UsageError(f"{option} {path} must be a file ending in {suffix}")
     if not path.parent.is_dir():
@@ -84,36 +85,17 @@ def output_file(path: Path, suffix: str, option: str = "--out") -> None:
     check_writable(path.parent)
 
 
-def stopped(command: str, out: Path, reason: str, code: int) -> int:
-    """Say that a command ended before its work was done and how it goes on, and return the exit code."""
-    from fuzzyarm.common.console import say
-
+def stopped(command: str, out: Path, error: BaseException) -> int:
+    """Say why a command ended before its work was done and how it goes on, and return the exit code."""
+    interrupted = isinstance(error, KeyboardInterrupt)
+    reason = "interrupted" if interrupted else error
     say(f"fuzzyarm {command}: {reason}; what is done is kept: --resume --out {out} goes on", error=True)
-    return code
-
-
-def two_joint_arm(robot: str | None) -> ArmParameters:
-    """Return the two-joint arm that --robot names, Table 1 by default.
-
-    Raises:
-        UsageError: it is a robot by its frames.
-    """
-    from fuzzyarm.envs.physics.equations import chosen_arm
-    from fuzzyarm.envs.physics.parameters import ArmParameters
-
-    arm = chosen_arm(robot, None)
-    if not isinstance(arm, ArmParameters):
-        raise UsageError(
-            f"--robot {robot} is a robot of {len(arm)} joints by their frames; allowed: two-joint arms, by the "
-            "fields of ArmParameters"
-        )
-    return arm
+    return 130 if interrupted else 1
 
 
 def name_left_out(robot: Any) -> None:
     """Name on standard error, once a command, what the TOML file of a two-joint arm leaves to Table 1."""
     if isinstance(robot, str) and robot.endswith(".toml"):
-        from fuzzyarm.common.console import say
         from fuzzyarm.common.documents import read_toml
         from fuzzyarm.envs.physics.parameters import ArmParameters
 

@@ -4,9 +4,11 @@ from __future__ import annotations
 
 from dataclasses import KW_ONLY, dataclass
 from pathlib import Path
-from typing import Annotated, ClassVar
+from typing import Annotated
 
 from cyclopts import Parameter
+
+from fuzzyarm.common.console import progress, say, say_json
 
 __all__ = ["Options", "run"]
 
@@ -20,9 +22,7 @@ class Options:
     everything is proven.
     """
 
-    arguments: ClassVar[str] = "FILE..."
-
-    files: Annotated[tuple[Path, ...], Parameter(name="", metavar=arguments)]
+    files: Annotated[tuple[Path, ...], Parameter(name="", metavar="FILE...")]
     """Controller file, or file of a bound (.json)"""
     _: KW_ONLY
     json: bool = False
@@ -31,9 +31,6 @@ class Options:
 
 def run(options: Options) -> int:
     """Print the claims; return 1 if one is not proven."""
-    import json
-
-    from fuzzyarm.common.console import progress, say
     from fuzzyarm.eval.certified.tip.bound_file import BoundCheck, check_bound, is_bound
     from fuzzyarm.eval.certified.tip.cells_file import CellsCheck, check_cells, is_cells
     from fuzzyarm.eval.certified.verification import ScheduledVerification, Verification, verify_file
@@ -45,7 +42,7 @@ def run(options: Options) -> int:
             reports.append(check(path))
             advance()
     if options.json:
-        say(json.dumps([report.to_dict() for report in reports], indent=1))
+        say_json([report.to_dict() for report in reports])
     else:
         say("\n\n".join(report.to_text() for report in reports))
     return 0 if all(report.proven for report in reports) else 1

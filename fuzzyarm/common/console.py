@@ -14,6 +14,9 @@ import codecs
 import contextlib
 import copy
 import dataclasses
+import io
+import json
+import os
 import re
 import sys
 from collections.abc import Callable, Iterable, Iterator, Sequence
@@ -25,8 +28,8 @@ if TYPE_CHECKING:
     from rich.table import Table
 
 __all__ = [
-    "PIPED_WIDTH", "SPELLED_OUT", "STANDARD_OUTPUT", "Sheet", "escaped", "naming_output", "output", "print_paragraphs",
-    "print_table", "progress", "say", "status", "table",
+    "PIPED_WIDTH", "SPELLED_OUT", "STANDARD_OUTPUT", "Sheet", "discard_output", "escaped", "finish_output",
+    "open_streams", "output", "print_paragraphs", "progress", "say", "say_json", "status",
 ]  # fmt: skip
 
 PIPED_WIDTH = 1000  # columns; wide enough for every table
@@ -41,6 +44,43 @@ SPELLED_OUT = "fuzzyarm.spelled-out"
 """Handler of encoding errors, for `str.encode`: µ becomes u where the encoding has no µ, and so on."""
 STANDARD_OUTPUT = "standard output"
 """What an `OSError` of writing to it names as its file."""
+
+
+def open_streams() -> bool:
+    """Let every standard stream take whatever is printed; return whether standard output is open.
+
+    A closed one is opened on the null device, since otherwise the next file that is opened would get its number, and
+    what is printed would go into that file. A letter that the encoding of a stream lacks is spelled out.
+    """
+    closed = [number for number in (0, 1, 2) if not _is_open(number)]
+    for _ in closed:
+        os.open(os.devnull, os.O_RDWR)  # gets the smallest free number
+    if sys.stderr is None:
+        sys.stderr = open(2, "w", encoding="utf-8", closefd=False)  # noqa: SIM115
+    for stream in (sys.stdout, sys.stderr):
+        if isinstance(stream, io.TextIOWrapper):
+            stream.reconfigure(errors=SPELLED_OUT)
+    return sys.stdout is not None and 1 not in closed
+
+
+def _is_open(number: int) -> bool:
+    try:
+        os.fstat(number)
+    except OSError:
+        return False
+    return True
+
+
+def finish_output() -> None:
+    """Write what is still buffered; OSError if standard output does not take it, which Python itself tells too late."""
+    with _naming_output():
+        sys.stdout.flush()
+
+
+def discard_output() -> None:
+    """Send what is still buffered nowhere, or Python would complain about it at its end."""
+    with contextlib.suppress(OSError, ValueError):
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
 
 
 def _spelled_out(error: UnicodeError) -> tuple[str, int]:
@@ -75,12 +115,17 @@ def say(text: str, *, error: bool = False) -> None:
         with contextlib.suppress(OSError):
             print(escaped(text, lines=True), file=sys.stderr)
         return
-    with naming_output():
+    with _naming_output():
         print(escaped(text, lines=True))
 
 
+def say_json(document: Any) -> None:
+    """Print plain data as JSON; errors as for `say`."""
+    say(json.dumps(document, indent=1))
+
+
 @contextlib.contextmanager
-def naming_output() -> Iterator[None]:
+def _naming_output() -> Iterator[None]:
     """Name standard output in the errors of writing to it; that its reader has left stays a `BrokenPipeError`."""
     try:
         yield
@@ -116,7 +161,7 @@ def _console(**settings: Any) -> Console:
                 yield segment if text == segment.text else segment._replace(text=text)
 
         def print(self, *objects: Any, **options: Any) -> None:
-            with naming_output():
+            with _naming_output():
                 super().print(*objects, **options)
 
     made = Output(**settings)
@@ -152,16 +197,43 @@ class Sheet:
     alarm: str = ""
 
     def print(self, console: Console) -> tuple[int, ...]:
-        """Print the table; return the columns that were left out."""
+        """Print the table, on a terminal that is too narrow as several below each other; return what was left out."""
+        made = self._table(console)
+        if not console.is_terminal:
+            console.print(made)
+            return ()
+        _measure_columns(made, console)
+        left_out: tuple[int, ...] = ()
+        part = made
+        for number in range(len(self.dispensable)):
+            if _least_width(part, console) <= console.width:
+                break
+            left_out = tuple(self.dispensable[: number + 1])
+            part = _part(made, [column for column in range(len(made.columns)) if column not in left_out])
+        _print_parts(part, console, self.keys)
+        return left_out
+
+    def _table(self, console: Console) -> Table:
+        from rich import box
+        from rich.table import Table
         from rich.text import Text
 
-        made = table(self.headings, self.left, console=console, title=self.title, fold=self.fold)
+        terminal = console.is_terminal
+        lines = box.SIMPLE_HEAD if terminal else None
+        made = Table(title=self.title, title_justify="left", box=lines, pad_edge=False, padding=(0, 1, 0, 0))
+        for column, heading in enumerate(self.headings):
+            # A heading that has several lines already keeps them.
+            text = _BETWEEN_WORDS.sub("\n", heading) if terminal and "\n" not in heading else heading
+            left = column in self.left
+            made.add_column(
+                Text(text), justify="left" if left else "right", no_wrap=not (terminal and self.fold and left)
+            )
         for number, row in enumerate(self.rows):
             if self.groups and self.groups[number] not in self.groups[max(number - 1, 0) : number]:
                 made.add_section()
                 made.add_row(Text(self.groups[number], style="bold"))
             made.add_row(*(Text(cell, style="red" if self.alarm and self.alarm in cell else "") for cell in row))
-        return print_table(made, console, self.keys, dispensable=self.dispensable)
+        return made
 
     def markdown(self) -> str:
         """Return the table as Markdown."""
@@ -169,67 +241,6 @@ class Sheet:
         rows = [[cell.replace("|", "&#124;") for cell in row] for row in self.rows]
         lines = [f"| {' | '.join(row)} |" for row in (self.headings, *rows)]
         return "\n".join([lines[0], f"|{''.join(rule)}", *lines[1:]])
-
-
-def table(
-    headings: Sequence[str],
-    left: Sequence[int] = (0,),
-    *,
-    console: Console,
-    title: str | None = None,
-    fold: bool = False,
-) -> Table:
-    """Return an empty table; `print_table` prints it once it has its rows.
-
-    Args:
-        headings: of the columns; one that has several lines keeps them.
-        left: indices of the columns that are aligned left; the others are aligned right.
-        console: where the table will be printed.
-        title: stands above the table.
-        fold: whether the cells of the columns in `left` are text that may be folded on a terminal.
-    """
-    from rich import box
-    from rich.table import Table
-    from rich.text import Text
-
-    terminal = console.is_terminal
-    lines = box.SIMPLE_HEAD if terminal else None
-    made = Table(title=title, title_justify="left", box=lines, pad_edge=False, padding=(0, 1, 0, 0))
-    for column, heading in enumerate(headings):
-        # A heading that has several lines already keeps them.
-        text = _BETWEEN_WORDS.sub("\n", heading) if terminal and "\n" not in heading else heading
-        may_fold = terminal and fold and column in left
-        made.add_column(Text(text), justify="left" if column in left else "right", no_wrap=not may_fold)
-    return made
-
-
-def print_table(table: Table, console: Console, keys: int = 1, *, dispensable: Sequence[int] = ()) -> tuple[int, ...]:
-    """Print a table; on a terminal that is too narrow, as several tables below each other.
-
-    Args:
-        table: as `table` makes it, with its rows.
-        console: where it is printed.
-        keys: number of columns on the left that each of these tables repeats.
-        dispensable: indices of columns that are rather left out than printed in a table below, the first one first.
-
-    Returns:
-        the columns that were left out.
-    """
-    if not console.is_terminal:
-        console.print(table)
-        return ()
-    _measure_columns(table, console)
-    left_out: tuple[int, ...] = ()
-    for number in range(len(dispensable)):
-        if _least_width(_without(table, left_out), console) <= console.width:
-            break
-        left_out = tuple(dispensable[: number + 1])
-    _print_parts(_without(table, left_out), console, keys)
-    return left_out
-
-
-def _without(table: Table, left_out: Sequence[int]) -> Table:
-    return _part(table, [column for column in range(len(table.columns)) if column not in left_out])
 
 
 def _print_parts(table: Table, console: Console, keys: int) -> None:
@@ -312,10 +323,9 @@ def progress(description: str, total: int | None, *, between_steps: bool = False
         def advance(
             next_description: str | None = None, *, completed: int | None = None, line: str | None = None
         ) -> None:
-            step = 1 if completed is None else None
             bar.update(
                 task,
-                advance=step,
+                advance=1 if completed is None else None,
                 completed=completed,
                 description=next_description or description,
                 refresh=between_steps,

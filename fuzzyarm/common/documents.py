@@ -175,11 +175,9 @@ def read_checked(path: Path, schema: str, again: str, build: Callable[[dict[str,
     if not path.is_file():
         raise ValueError(f"{path} is not there; {again}")
     try:
-        document = read_json(path)
+        document = check_schema(read_json(path), schema)
     except DocumentError as error:
         raise ValueError(f"{error}; {again}") from None
-    try:
-        check_schema(document, schema)
     except ValueError as error:
         raise ValueError(f"{path}: {error}; {again}") from None
     try:

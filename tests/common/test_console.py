@@ -13,10 +13,7 @@ HEADINGS = ["case", "tip error max [mm]"]
 def printed(terminal, width=40):
     """A table as it is shown on a terminal or in a pipe of this width."""
     screen = rich.console.Console(file=io.StringIO(), force_terminal=terminal, width=width, color_system=None)
-    table = console.table(HEADINGS, console=screen)
-    table.add_row("Case 1", "3.90")
-    table.add_row("Case 2: a force", "10.8")
-    screen.print(table)
+    console.Sheet(HEADINGS, [("Case 1", "3.90"), ("Case 2: a force", "10.8")]).print(screen)
     return screen.file.getvalue().splitlines()
 
 
@@ -34,18 +31,15 @@ def test_on_a_terminal_each_word_of_a_heading_has_a_line_and_the_digits_stay():
     assert any("10.8" in line for line in lines)
 
 
-def wide_table(screen, **settings):
+def wide_table(**settings):
     """A table of nine columns of numbers that no terminal of 40 columns holds."""
-    made = console.table(["policy", *(f"error {k} [mm]" for k in range(9))], console=screen, **settings)
-    made.add_row("Case 1")
-    made.add_row("observer", *(f"{k}234567.891" for k in range(9)))
-    made.add_section()
-    made.add_row("rigid", *("1" for _ in range(9)))
-    return made
+    rows = [("observer", *(f"{k}234567.891" for k in range(9))), ("rigid", *("1" for _ in range(9)))]
+    headings = ["policy", *(f"error {k} [mm]" for k in range(9))]
+    return console.Sheet(headings, rows, groups=("Case 1", "Case 1"), **settings)
 
 
-def shown(table, screen, **settings):
-    console.print_table(table, screen, **settings)
+def shown(sheet, screen):
+    sheet.print(screen)
     return screen.file.getvalue()
 
 
@@ -56,7 +50,7 @@ def a_screen(terminal, width):
 @pytest.mark.parametrize("width", [30, 40, 80, 200])
 def test_a_table_that_is_too_wide_is_split_and_keeps_its_first_column_and_its_digits(width):
     screen = a_screen(True, width)
-    text = shown(wide_table(screen, title="Errors"), screen)
+    text = shown(wide_table(title="Errors"), screen)
     assert max(map(len, text.splitlines())) <= width
     assert all(text.count(f"{k}234567.891") == 1 for k in range(9)) and "…" not in text
     tables = text.count("policy")
@@ -67,22 +61,23 @@ def test_a_table_that_is_too_wide_is_split_and_keeps_its_first_column_and_its_di
 
 def test_the_second_column_may_be_repeated_too():
     screen = a_screen(True, 40)
-    text = shown(wide_table(screen), screen, keys=2)
+    text = shown(wide_table(keys=2), screen)
     assert text.count("0234567.891") == text.count("observer") > 1
 
 
 def test_a_terminal_that_is_too_narrow_for_a_column_breaks_lines_and_loses_nothing():
     screen = a_screen(True, 12)
-    text = shown(wide_table(screen), screen)
+    text = shown(wide_table(), screen)
     assert all(f"{k}234567.891" in text for k in range(9))
 
 
 def test_text_may_be_folded_where_a_table_says_so():
     screen = a_screen(True, 44)
-    made = console.table(["where", "what", "value"], left=(0, 1), console=screen, fold=True)
-    made.add_row("6.1", "the largest circumferential speed of the reference", "1.5, 2.5")
-    made.add_row("6.2, Fig. 7", "the largest torque", "228")
-    text = shown(made, screen)
+    rows = [
+        ("6.1", "the largest circumferential speed of the reference", "1.5, 2.5"),
+        ("6.2, Fig. 7", "the largest torque", "228"),
+    ]
+    text = shown(console.Sheet(["where", "what", "value"], rows, left=(0, 1), fold=True), screen)
     assert max(map(len, text.splitlines())) <= 44
     assert all(word in text for word in ("circumferential", "reference", "1.5, 2.5"))
     assert text.count("value") == 1
@@ -90,7 +85,7 @@ def test_text_may_be_folded_where_a_table_says_so():
 
 def test_a_pipe_gets_one_table():
     screen = a_screen(False, 1000)
-    text = shown(wide_table(screen), screen)
+    text = shown(wide_table(), screen)
     assert text.count("policy") == 1 and len(text.splitlines()) == 4
 
 

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from fuzzyarm.cli.application import command_line
-from fuzzyarm.cli.sweep import configured
+from fuzzyarm.cli.sweep import _given
 from fuzzyarm.envs.observation import JOINTS
 from fuzzyarm.envs.physics.parameters import ArmParameters
 from fuzzyarm.envs.physics.robot import robot_named
@@ -26,7 +26,7 @@ CONFIGS = [
 
 def parsed(words):
     command, bound, _ = command_line(words).parse_args(words)
-    return configured(command(*bound.args, **bound.kwargs))
+    return SweepConfig.of(_given(command(*bound.args, **bound.kwargs)))
 
 
 @pytest.mark.parametrize("config", CONFIGS)
