@@ -27,23 +27,14 @@ A share of the range of angles at either end of it, and a factor of the velocity
 
 
 class Moved(NamedTuple):
-    """An arm at the end of a control step.
+    """An arm at the end of a control step."""
 
-    Attributes:
-        state: of the arm; that at the start of the step where the one at its end is not finite.
-        torque: of the motors, within their limits [N m].
-        force: mean of the tip force over the step [N].
-        found: a `task.Assessment`.
-        clipped: 1.0 where torques were beyond the limits, else 0.0.
-        reason: a `Termination`, as a float.
-    """
-
-    state: Any
-    torque: Any
-    force: Any
-    found: Any
-    clipped: Any
-    reason: Any
+    state: Any  # of the arm; that at the start of the step where the one at its end is not finite
+    torque: Any  # of the motors, within their limits [N m]
+    force: Any  # mean of the tip force over the step [N]
+    found: Any  # a `task.Assessment`
+    clipped: Any  # 1.0 where torques were beyond the limits, else 0.0
+    reason: Any  # a `Termination`, as a float
 
 
 @functools.cache

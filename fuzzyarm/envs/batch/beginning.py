@@ -18,17 +18,11 @@ __all__ = ["Given", "begun_of", "drawn_of", "resting_of", "varied_of"]
 
 
 class Given(NamedTuple):
-    """What an episode begins with.
+    """What an episode begins with."""
 
-    Attributes:
-        plant: number of the lane's plant.
-        start: the schedule to begin, or the first one of a family.
-        place: where the payload is, see `Physics.payload_place`.
-    """
-
-    plant: Any
-    start: Any
-    place: Any
+    plant: Any  # number of the lane's plant
+    start: Any  # the schedule to begin, or the first one of a family
+    place: Any  # where the payload is, see `Physics.payload_place`
 
 
 @functools.cache

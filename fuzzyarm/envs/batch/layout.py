@@ -80,21 +80,13 @@ class Clock(NamedTuple):
 
 
 class Start(NamedTuple):
-    """What an episode starts with.
+    """What an episode starts with."""
 
-    Attributes:
-        first: first row of its schedule in the table.
-        last: last row.
-        payload: mass that the disturbance adds [kg].
-        noise: of the encoders.
-        family: 1 if the schedule is the first one of a family, of which each episode draws one; else 0.
-    """
-
-    first: Any
-    last: Any
-    payload: Any
-    noise: Noise
-    family: Any
+    first: Any  # first row of its schedule in the table
+    last: Any  # last row
+    payload: Any  # mass that the disturbance adds [kg]
+    noise: Noise  # of the encoders
+    family: Any  # 1 if the schedule is the first one of a family, of which each episode draws one; else 0
 
 
 class Vectors(NamedTuple):

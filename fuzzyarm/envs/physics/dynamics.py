@@ -53,21 +53,13 @@ class Payload:
 
 
 class Motor(NamedTuple):
-    """A motor, its friction and the spring behind it: fields of an `Arm`, with the number of the joint behind the name.
+    """A motor, its friction and its spring: fields of an `Arm`, with the number of the joint behind the name."""
 
-    Attributes:
-        motor_inertia: I_a [kg m²].
-        viscous: f_v [N m s/rad].
-        stiffness: k_t [N m/rad].
-        damping: b_t [N m s/rad].
-        dry_friction: numbers of its curve.
-    """
-
-    motor_inertia: Any
-    viscous: Any
-    stiffness: Any
-    damping: Any
-    dry_friction: DryFriction
+    motor_inertia: Any  # I_a [kg m²]
+    viscous: Any  # f_v [N m s/rad]
+    stiffness: Any  # k_t [N m/rad]
+    damping: Any  # b_t [N m s/rad]
+    dry_friction: DryFriction  # numbers of its curve
 
 
 class Arm(NamedTuple):

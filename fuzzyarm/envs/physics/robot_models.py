@@ -325,27 +325,16 @@ DRIVEN = [field.name for field in dataclasses.fields(JointOverlay)]
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
 class Overlay:
-    """A robot file that refers to a model.
+    """A robot file that refers to a model."""
 
-    Attributes:
-        model: path of the URDF or MJCF file, from the folder of the robot file.
-        tip: name of a link or site of the model, or a point [m], shape (3,), in the last link's frame.
-        joints: by the joint's name in the model.
-        name: of the robot; empty: the model's.
-        fixed: names of joints that stay as the model has them.
-        gravity: [m/s²], shape (3,), in the base frame; None: the model's.
-        sources: where the numbers come from.
-        assumptions: which numbers are assumed, and why so.
-    """
-
-    model: str
-    tip: str | Vector
-    joints: dict[str, JointOverlay]
-    name: str = ""
-    fixed: tuple[str, ...] = ()
-    gravity: Vector | None = None
-    sources: tuple[str, ...] = ()
-    assumptions: tuple[str, ...] = ()
+    model: str  # path of the URDF or MJCF file, from the folder of the robot file
+    tip: str | Vector  # name of a link or site of the model, or a point [m], shape (3,), in the last link's frame
+    joints: dict[str, JointOverlay]  # by the joint's name in the model
+    name: str = ""  # of the robot; empty: the model's
+    fixed: tuple[str, ...] = ()  # names of joints that stay as the model has them
+    gravity: Vector | None = None  # [m/s²], shape (3,), in the base frame; None: the model's
+    sources: tuple[str, ...] = ()  # where the numbers come from
+    assumptions: tuple[str, ...] = ()  # which numbers are assumed, and why so
 
 
 def read_robot(path: str | Path) -> Robot:

@@ -65,19 +65,13 @@ ROUNDING = 1e-15  # of products of rotations
 
 
 class Structure(NamedTuple):
-    """What robots with the same equations have in common, see the module.
+    """What robots with the same equations have in common, see the module."""
 
-    Attributes:
-        rotations: of each joint frame in the one before, once each frame is turned so that its axis is z.
-        frames: that turn, for each joint: the columns are the new axes in the old frame.
-        planar: whether it is an arm of two joints in a plane, whose tip has two coordinates.
-        numbers: names of the numbers of a `Plant`, in order; the others are zero.
-    """
-
+    # of each joint frame in the one before, once each frame is turned so that its axis is z
     rotations: tuple[Rows, ...]
-    frames: tuple[Rows, ...]
-    planar: bool
-    numbers: tuple[str, ...]
+    frames: tuple[Rows, ...]  # that turn, for each joint: the columns are the new axes in the old frame
+    planar: bool  # whether it is an arm of two joints in a plane, whose tip has two coordinates
+    numbers: tuple[str, ...]  # names of the numbers of a `Plant`, in order; the others are zero
 
 
 def physics_of(robot: Robot) -> Physics:
