@@ -37,7 +37,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from fuzzyarm.envs.physics.rigid_body import frames, gravity
+from fuzzyarm.envs.physics.rigid_body import directions, frames, gravity
 from fuzzyarm.envs.physics.robot import Robot
 
 __all__ = [
@@ -77,9 +77,9 @@ class Chain(NamedTuple):
 def chain(robot: Robot, q: np.ndarray) -> Chain:
     """Return joints and tip at joint angles q (..., n) [rad]."""
     links = frames(robot, q)
-    axes = np.einsum("...kij,kj->...ki", links.rotation, robot.arrays.axis)
     last = links.rotation[..., -1, :, :]
-    return Chain(axes, links.origin, links.origin[..., -1, :] + last @ robot.arrays.tip, last)
+    tip = links.origin[..., -1, :] + last @ robot.arrays.tip
+    return Chain(directions(robot, links), links.origin, tip, last)
 
 
 def jacobian(now: Chain) -> np.ndarray:
