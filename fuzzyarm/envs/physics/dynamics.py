@@ -20,8 +20,9 @@ from fuzzyarm.envs.physics.records import PerJoint, record_type
 
 __all__ = [
     "Arm", "Motor", "Payload", "Plant", "arm_constants", "coriolis_torque", "dry_frictions", "frictionless",
-    "gravity_torque", "inertia_and_gravity", "joint_torque", "loaded", "lump", "mass_matrix", "motor_friction", "motors",
-    "plant_of", "rigid_inverse_dynamics", "solve_mass_matrix", "tip_force_torque", "tip_jacobian", "tip_position",
+    "gravity_torque", "inertia_and_gravity", "joint_torque", "loaded", "lump", "mass_matrix", "motor_friction",
+    "motors", "plant_of", "rigid_inverse_dynamics", "solve_mass_matrix", "tip_force_torque", "tip_jacobian",
+    "tip_position",
 ]  # fmt: skip
 
 PLACES = ("tip", "link")
