@@ -13,7 +13,7 @@ import numpy as np
 import torch
 from torch import Tensor
 
-from fuzzyarm.envs.batch.beginning import drawn_of, resting_of, varied_of
+from fuzzyarm.envs.batch.beginning import drawn_of, resting_of
 from fuzzyarm.envs.batch.layout import Noise
 from fuzzyarm.envs.batch.randomness import NEXT_KEY, draw
 from fuzzyarm.envs.batch.schedule import Schedule, reference_record, row_record
@@ -71,7 +71,7 @@ class Equations:
         self.physics = physics
         self.numbers, self.angles = size(physics.State), 2 * physics.joints
         self.held, self.assessed, self.reading = held_of(physics), assessed_of(physics), reading_of(physics)
-        self.drawn, self.resting, self.varied = drawn_of(physics.joints), resting_of(physics), varied_of(physics)
+        self.drawn, self.resting = drawn_of(physics.joints), resting_of(physics)
         self.read_state = _reader(physics.State)
         self.read_row = _reader(row_record(physics.joints, physics.axes))
         self.read_reference = _reader(reference_record(physics.joints))
@@ -225,8 +225,9 @@ def drawn(shared: Shared, key: Tensor) -> Any:
 
 def _arm(shared: Shared, nominal: Any, now: Any) -> Any:
     """Return the lanes' constants with what they drew and carry."""
-    number = shared.rows.number
-    return shared.equations.varied(nominal, now, number(shared.payload), number(shared.payload_place))
+    number, physics = shared.rows.number, shared.equations.physics
+    carried = number(shared.payload), number(shared.payload_place), now.payload
+    return physics.constants(physics.varied(nominal, now), *carried)
 
 
 def _tensors(numbers: Any, rows: Table) -> Any:
