@@ -33,8 +33,8 @@ from fuzzyarm.common.files import write_atomically
 from fuzzyarm.envs.physics.dynamics import Payload
 from fuzzyarm.envs.physics.event_integrator import integrate
 from fuzzyarm.envs.physics.parameters import ArmParameters
-from fuzzyarm.envs.physics.readings import tip_point
 from fuzzyarm.envs.physics.records import PerJoint
+from fuzzyarm.envs.physics.two_joints import tip_point
 from fuzzyarm.envs.scenario.cases import find_case
 from fuzzyarm.envs.scenario.reference import JointReference, quintic_time_law
 from fuzzyarm.eval.certified.tip.bound import PERIOD, TipBound, TipClaim, find_bound, problem_of

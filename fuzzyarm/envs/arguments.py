@@ -14,7 +14,8 @@ from gymnasium import spaces
 from fuzzyarm.common import checks
 from fuzzyarm.envs.batch.tables import MAX_ACCELERATION
 from fuzzyarm.envs.control_step import ANGLE_ROOM, VELOCITY_ROOM
-from fuzzyarm.envs.physics.equations import AnyArm, bounds_of, checked_parameters, chosen_arm, equations_of
+from fuzzyarm.envs.physics.equations import AnyArm, bounds_of, chosen_arm, equations_of
+from fuzzyarm.envs.physics.parameters import ArmParameters
 from fuzzyarm.envs.physics.records import size
 from fuzzyarm.envs.scenario.cases import Scenario, case_for
 from fuzzyarm.envs.scenario.default_reference import default_reference
@@ -164,7 +165,7 @@ def arms_of(robot: Any, parameters: Any, lanes: int) -> list[AnyArm]:
     """Return the arms that these arguments name, one for all lanes or one per lane; errors as of `chosen_arm`."""
     given = per_lane("parameters", parameters, lanes)
     if parameters is not None:
-        each_lane(checked_parameters, given)
+        each_lane(lambda one: checks.instance("parameters", one, ArmParameters), given)
     return each_lane(chosen_arm, per_lane("robot", robot, lanes), given)
 
 

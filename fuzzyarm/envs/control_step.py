@@ -14,7 +14,7 @@ from fuzzyarm.envs.batch.layout import Noise
 from fuzzyarm.envs.batch.randomness import noise_counter, normal_pair
 from fuzzyarm.envs.physics.hold import held_of
 from fuzzyarm.envs.physics.physics import Physics
-from fuzzyarm.envs.task import assess_of, clipped, finite_of, reason_of
+from fuzzyarm.envs.task import assess_of, clipped, finite, reason_of
 from fuzzyarm.numbers.functions import flat, like, maximum, minimum, select, when, whole
 
 __all__ = ["ANGLE_ROOM", "VELOCITY_ROOM", "Moved", "assessed_of", "control_step_of", "reading_of"]
@@ -27,23 +27,14 @@ A share of the range of angles at either end of it, and a factor of the velocity
 
 
 class Moved(NamedTuple):
-    """An arm at the end of a control step.
+    """An arm at the end of a control step."""
 
-    Attributes:
-        state: of the arm; that at the start of the step where the one at its end is not finite.
-        torque: of the motors, within their limits [N m].
-        force: mean of the tip force over the step [N].
-        found: a `task.Assessment`.
-        clipped: 1.0 where torques were beyond the limits, else 0.0.
-        reason: a `Termination`, as a float.
-    """
-
-    state: Any
-    torque: Any
-    force: Any
-    found: Any
-    clipped: Any
-    reason: Any
+    state: Any  # of the arm; that at the start of the step where the one at its end is not finite
+    torque: Any  # of the motors, within their limits [N m]
+    force: Any  # mean of the tip force over the step [N]
+    found: Any  # a `task.Assessment`
+    clipped: Any  # 1.0 where torques were beyond the limits, else 0.0
+    reason: Any  # a `Termination`, as a float
 
 
 @functools.cache
@@ -70,21 +61,21 @@ def control_step_of(physics: Physics) -> Callable[..., Moved]:
 @functools.cache
 def assessed_of(physics: Physics) -> Callable[..., Moved]:
     """Return ``assessed(before, reached, command, torque, bias, force, target, arm, limits)``, a `Moved`."""
-    assess, finite_in = assess_of(physics), finite_of(physics)
+    assess = assess_of(physics)
 
     def assessed(
         before: Any, reached: Any, command: Any, torque: Any, bias: Any, force: Any, target: Any, arm: Any, limits: Any
     ) -> Moved:
-        finite = finite_in(reached)
+        sound = finite(reached)
         pairs = zip(flat(reached), flat(before), strict=True)
-        state = like(reached, (select(finite > 0.0, new, old) for new, old in pairs))
+        state = like(reached, (select(sound > 0.0, new, old) for new, old in pairs))
         found = assess(state, torque, bias, arm, limits, target)
         differs = [u != asked for u, asked in zip(torque, command, strict=True)]
         beyond = differs[0]
         for one in differs[1:]:
             beyond = beyond | one
-        reason = reason_of(finite, found.angles_inside, found.velocities_inside)
-        return Moved(state, torque, force, found._replace(reward=found.reward * finite), 1.0 * beyond, reason)
+        reason = reason_of(sound, found.angles_inside, found.velocities_inside)
+        return Moved(state, torque, force, found._replace(reward=found.reward * sound), 1.0 * beyond, reason)
 
     return assessed
 

@@ -28,6 +28,7 @@ import numpy as np
 
 from fuzzyarm.envs.physics.equations import AnyArm, robot_of
 from fuzzyarm.envs.physics.rigid_body import mass_matrix
+from fuzzyarm.envs.scenario.kinematics import angle_ranges
 from fuzzyarm.envs.scenario.randomisation import DomainRandomisation
 
 __all__ = ["fastest_rate"]
@@ -49,7 +50,7 @@ def _rate(
 ) -> float:
     """Return max(ω, β) [rad/s] of an arm with these factors of its quantities; infinite where M_b is singular."""
     robot = robot_of(arm)
-    low, high = np.transpose([joint.angle_range for joint in robot.joints])
+    low, high = angle_ranges(robot)
     postures = np.random.default_rng(0).uniform(low, high, (POSTURES, len(robot)))
     postures = np.concatenate([np.zeros((1, len(robot))), postures])
     rotor = motor_inertia * robot.drive("motor_inertia")

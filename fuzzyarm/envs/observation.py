@@ -17,21 +17,13 @@ __all__ = ["JOINTS", "MEASURED", "PARTS", "REFERENCE", "SIZE", "START", "Observa
 
 
 class Observation(NamedTuple):
-    """The parts of an observation, one number per joint in each.
+    """The parts of an observation, one number per joint in each."""
 
-    Attributes:
-        q_motor: motor angles as measured, with encoder noise if there is any [rad].
-        dq_motor: motor velocities, likewise [rad/s].
-        q_reference: reference angles q_d [rad].
-        dq_reference: reference velocities [rad/s].
-        ddq_reference: reference accelerations [rad/s²].
-    """
-
-    q_motor: Any
-    dq_motor: Any
-    q_reference: Any
-    dq_reference: Any
-    ddq_reference: Any
+    q_motor: Any  # motor angles as measured, with encoder noise if there is any [rad]
+    dq_motor: Any  # motor velocities, likewise [rad/s]
+    q_reference: Any  # reference angles q_d [rad]
+    dq_reference: Any  # reference velocities [rad/s]
+    ddq_reference: Any  # reference accelerations [rad/s²]
 
 
 PARTS = len(Observation._fields)

@@ -32,19 +32,12 @@ class Poses(NamedTuple):
 
 
 class Camera(NamedTuple):
-    """Where it is and what it sees, see the module.
+    """Where it is and what it sees, see the module."""
 
-    Attributes:
-        eye: e (3,) [m].
-        axes: the rows r, d, a (3, 3).
-        focal: scale of the picture at depth 1 m [px].
-        center: where the point straight ahead is seen (2,) [px].
-    """
-
-    eye: np.ndarray
-    axes: np.ndarray
-    focal: float = 1.0
-    center: np.ndarray = np.zeros(2)
+    eye: np.ndarray  # e (3,) [m]
+    axes: np.ndarray  # the rows r, d, a (3, 3)
+    focal: float = 1.0  # scale of the picture at depth 1 m [px]
+    center: np.ndarray = np.zeros(2)  # where the point straight ahead is seen (2,) [px]
 
     def depth(self, points: np.ndarray) -> np.ndarray:
         """Return how far ahead points (..., 3) [m] are, (...) [m]."""
@@ -64,19 +57,12 @@ class Camera(NamedTuple):
 
 
 class Floor(NamedTuple):
-    """A level plane below a robot, or at its base if it does not hang.
+    """A level plane below a robot, or at its base if it does not hang."""
 
-    Attributes:
-        up: unit normal (3,).
-        height: of the plane above the base [m].
-        square: width of the squares [m].
-        grid: ends of the lines between the squares (lines, 2, 3) [m].
-    """
-
-    up: np.ndarray
-    height: float
-    square: float
-    grid: np.ndarray
+    up: np.ndarray  # unit normal (3,)
+    height: float  # of the plane above the base [m]
+    square: float  # width of the squares [m]
+    grid: np.ndarray  # ends of the lines between the squares (lines, 2, 3) [m]
 
     def below(self, points: np.ndarray) -> np.ndarray:
         """Return the shadows (..., 3) of points (..., 3) [m]."""

@@ -237,7 +237,11 @@ def paint_in_plane(canvas: Canvas, schedule: Schedule, trace: np.ndarray, parame
         back = LONGEST_ARROW * force[::-1] / np.linalg.norm(schedule.forces, axis=1).max()
         paint_force(canvas, joints[2] - back, joints[2], float(np.hypot(*force)))
     paint_error(canvas, view.pixels(magnified(trace[:, TIP], trace[:, TIP_REFERENCE])))
-    _paint_scale(canvas, view.scale)
+    paint_footer(canvas, "reach")
+    middle, right = HEIGHT - 0.5 * FOOTER, WIDTH - 28.0
+    bar = 10.0 ** np.floor(np.log10(120.0 / view.scale))  # m, a scale bar of at most 120 px
+    canvas.line(np.array([[right - bar * view.scale, middle], [right, middle]]), 4.0, INK)
+    canvas.text(f"{1e3 * bar:g} mm", "midright", (right - bar * view.scale - 12.0, middle))
 
 
 def _paint_arm(canvas: Canvas, joints: np.ndarray, thickness: float) -> None:
@@ -251,15 +255,6 @@ def _paint_arm(canvas: Canvas, joints: np.ndarray, thickness: float) -> None:
     for joint, radius in ((base, 0.6 * thickness), (elbow, 0.55 * thickness)):
         canvas.disc(joint, radius, INK)
         canvas.disc(joint, 0.45 * radius, PAPER)
-
-
-def _paint_scale(canvas: Canvas, scale: float) -> None:
-    """Paint the footer with a scale bar of 10^n m, at most 120 px long, on top of the arm."""
-    paint_footer(canvas, "reach")
-    middle, right = HEIGHT - 0.5 * FOOTER, WIDTH - 28.0
-    bar = 10.0 ** np.floor(np.log10(120.0 / scale))
-    canvas.line(np.array([[right - bar * scale, middle], [right, middle]]), 4.0, INK)
-    canvas.text(f"{1e3 * bar:g} mm", "midright", (right - bar * scale - 12.0, middle))
 
 
 EVERY = 10  # instants between the poses that the view is made for
@@ -295,7 +290,8 @@ def paint_in_space(canvas: Canvas, schedule: Schedule, trace: np.ndarray, robot:
             paint_force(canvas, start, tip, float(np.linalg.norm(force)))
     errors = magnified(*(in_space(trace[:, row, :axes]) for row in (TIP, TIP_REFERENCE)))
     paint_error(canvas, camera.pixels(errors))
-    _paint_squares(canvas, floor.square, bool(robot.arrays.gravity.any()))
+    paint_footer(canvas, "shadow", bool(robot.arrays.gravity.any()))
+    canvas.text(f"squares of {1e3 * floor.square:g} mm", "midright", (WIDTH - 28.0, HEIGHT - 0.5 * FOOTER))
 
 
 def _paint_links(canvas: Canvas, camera: Camera, now: Poses, thickness: float) -> None:
@@ -332,9 +328,3 @@ def _carried(robot: Robot, at: str, q: np.ndarray) -> np.ndarray:
     links, last = frames(robot, q), robot.arrays
     place = last.tip if at == "tip" else last.center[-1]
     return np.asarray(links.origin[-1] + links.rotation[-1] @ place)
-
-
-def _paint_squares(canvas: Canvas, square: float, falls: bool) -> None:
-    """Paint the footer with the size of the floor's squares [m], on top of the arm."""
-    paint_footer(canvas, "shadow", falls)
-    canvas.text(f"squares of {1e3 * square:g} mm", "midright", (WIDTH - 28.0, HEIGHT - 0.5 * FOOTER))

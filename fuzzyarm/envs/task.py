@@ -17,7 +17,7 @@ from fuzzyarm.envs.physics.physics import Physics
 from fuzzyarm.envs.physics.records import point, record_type
 
 __all__ = [
-    "EFFORT_WEIGHT", "TRACKING_LENGTH", "Assessment", "Termination", "assess_of", "clipped", "finite_of", "reason_of",
+    "EFFORT_WEIGHT", "TRACKING_LENGTH", "Assessment", "Termination", "assess_of", "clipped", "finite", "reason_of",
     "target_record",
 ]  # fmt: skip
 
@@ -135,19 +135,11 @@ def clipped(torque: Any, limit: Any) -> Any:
     return torque * (abs(torque) <= limit) + limit * (torque > limit) - limit * (torque < -limit)
 
 
-@functools.cache
-def finite_of(physics: Physics) -> Any:
-    """Return the compiled ``finite(state)``.
-
-    It is 1.0 if the state is finite and small enough that everything computed from it is finite, else 0.0.
-    """
-
-    def finite(state: Any) -> Any:
-        sizes = [_total(map(abs, part)) for part in state]
-        motors, links = sizes[0] + sizes[2], sizes[1] + sizes[3]
-        return 1.0 * (motors + links < BEYOND_MEASURE)
-
-    return finite
+def finite(state: Any) -> Any:
+    """Return 1.0 if a state is finite and small enough that everything computed from it is finite, else 0.0."""
+    sizes = [_total(map(abs, part)) for part in state]
+    motors, links = sizes[0] + sizes[2], sizes[1] + sizes[3]
+    return 1.0 * (motors + links < BEYOND_MEASURE)
 
 
 def _distance(a: Any, b: Any) -> Any:

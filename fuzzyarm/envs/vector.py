@@ -86,7 +86,7 @@ def masked_lanes(name: str, mask: Any, lanes: int) -> np.ndarray:
     return np.flatnonzero(mask)
 
 
-_REWARD, _REASON = map(SCALARS.index, ("reward", "reason"))
+_REWARD, _TRUNCATED, _REASON = map(SCALARS.index, ("reward", "truncated", "reason"))
 _FLAGS = ("torque_clipped", "truncated", "reason")
 assert SCALARS[-len(_FLAGS) :] == _FLAGS
 _LARGE = 1 << 18  # bytes; to ask for pages takes as long as to zero so many
@@ -176,7 +176,6 @@ def final_info(
     return masked({"final_obs": final_obs, "final_info": info}, ended)
 
 
-REWARD, OVER, REASON = map(SCALARS.index, ("reward", "truncated", "reason"))
 MOST_LANES, MOST_THREADS = 2**22, 1024  # a lane takes 600 bytes
 _OVER = "over"  # in a state: which lanes have ended and wait for a reset
 
@@ -312,7 +311,7 @@ class FuzzyArmVectorEnv(VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
         if self._over is not None:
             return self._step_after_ends(torque, self._over)
         observation, vectors, scalars = self.lanes.step(torque)
-        reward, flagged = scalars[REWARD], flags(scalars)
+        reward, flagged = scalars[_REWARD], flags(scalars)
         _, truncated, terminated = flagged
         if np.count_nonzero(flagged[1:]) == 0:
             return observation, reward, terminated, truncated, self._info(vectors, scalars, flagged)
@@ -393,8 +392,8 @@ class FuzzyArmVectorEnv(VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
         info = self._info(vectors, scalars)
         # An episode that has just begun has earned nothing, and ends with its first step at the earliest.
         scalars = scalars.copy()
-        scalars[[[REWARD], [OVER], [REASON]], over] = 0.0
-        reward, (_, truncated, terminated) = scalars[REWARD], flags(scalars)
+        scalars[[[_REWARD], [_TRUNCATED], [_REASON]], over] = 0.0
+        reward, (_, truncated, terminated) = scalars[_REWARD], flags(scalars)
         ended = np.flatnonzero(terminated | truncated)
         self._over = ended if len(ended) else None
         return observation, reward, terminated, truncated, {**info, **reasons(scalars)}

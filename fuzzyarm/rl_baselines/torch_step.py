@@ -13,7 +13,7 @@ import numpy as np
 import torch
 from torch import Tensor
 
-from fuzzyarm.envs.batch.beginning import drawn_of, resting_of, varied_of
+from fuzzyarm.envs.batch.beginning import drawn_of, resting_of
 from fuzzyarm.envs.batch.layout import Noise
 from fuzzyarm.envs.batch.randomness import NEXT_KEY, draw
 from fuzzyarm.envs.batch.schedule import Schedule, reference_record, row_record
@@ -67,7 +67,7 @@ class Equations:
         self.physics = physics
         self.numbers, self.angles = size(physics.State), 2 * physics.joints
         self.held, self.assessed, self.reading = held_of(physics), assessed_of(physics), reading_of(physics)
-        self.drawn, self.resting, self.varied = drawn_of(physics.joints), resting_of(physics), varied_of(physics)
+        self.drawn, self.resting = drawn_of(physics.joints), resting_of(physics)
         self.read_state = _reader(physics.State)
         self.read_row = _reader(row_record(physics.joints, physics.axes))
         self.read_reference = _reader(reference_record(physics.joints))
@@ -126,7 +126,8 @@ def following(shared: Shared, lanes: Lanes, action: Tensor) -> tuple[Lanes, Outc
     equations = shared.equations
     nominal, now, PerJoint = shared.nominal(), drawn(shared, lanes.key), equations.physics.PerJoint
     limits, number = equations.physics.limits(nominal), shared.rows.number
-    arm = equations.varied(nominal, now, number(shared.payload), number(shared.payload_place))
+    physics, carried = equations.physics, (number(shared.payload), number(shared.payload_place), now.payload)
+    arm = physics.constants(physics.varied(nominal, now), *carried)
     beginning, steps = shared.spans.at(now.reference.long())
     row = equations.read_row(shared.rows.at(beginning + lanes.step))
     (mean, change), bias = ([now.force * part for part in parts] for parts in row.force), row.bias

@@ -5,7 +5,7 @@ import functools
 
 import numpy as np
 import pytest
-from support.two_joints import LAYOUT, Target, advance, assess, finite, hold, named, state_of
+from support.two_joints import LAYOUT, Target, advance, assess, hold, named, state_of
 
 from fuzzyarm.envs.batch.layout import SCALARS, VECTORS, Clock, by_rows, in_blocks
 from fuzzyarm.envs.physics.dynamics import (
@@ -20,7 +20,7 @@ from fuzzyarm.envs.physics.friction import DryFriction, stribeck_magnitude
 from fuzzyarm.envs.physics.parameters import ArmParameters
 from fuzzyarm.envs.physics.records import PerJoint, filled, flat, size
 from fuzzyarm.envs.physics.two_joints import Limits
-from fuzzyarm.envs.task import clipped
+from fuzzyarm.envs.task import clipped, finite
 from fuzzyarm.numbers.machine import WIDE
 
 limits_of, target_of = functools.partial(filled, Limits), functools.partial(filled, Target)

@@ -10,7 +10,6 @@ from fuzzyarm.common.console import output
 from fuzzyarm.envs.physics.equations import robot_of
 from fuzzyarm.envs.physics.parameters import ArmParameters
 from fuzzyarm.envs.physics.robot import robot_named
-from fuzzyarm.envs.physics.robot_text import arm_as_toml
 from fuzzyarm.eval.declarations import print_declared, read_declarations, written_declarations
 from fuzzyarm.eval.evaluation.result_table import DECLARED, declared_rows
 from fuzzyarm.eval.report.summary import declared_table
@@ -80,7 +79,7 @@ def tuned(tmp_path):
     """A folder as `fuzzyarm tune` writes it, with another controller file in it."""
     folder, arm = tmp_path / "mine", ArmParameters(mass=(12.0, 8.0))
     folder.mkdir()
-    (folder / "robot.toml").write_text(arm_as_toml(arm))
+    (folder / "robot.toml").write_text(arm.to_toml())
     for name in ("fuzzy-4.json", "other.json"):
         (folder / name).write_bytes(CONTROLLER.read_bytes())
     laws = TunedLaws(SCHEMA, robot_of(arm).digest, 1e-3, ("computed-torque", "fuzzy-4"), bandwidth=50.0)
@@ -98,7 +97,7 @@ def test_a_tuned_folder_declares_as_its_law_but_for_the_arm(tuned, name):
 
 @pytest.mark.parametrize("name", ["computed-torque", "elastic-observer", "fuzzy-4"])
 def test_a_tuned_folder_of_a_serial_robot_was_tuned_on_margins_alone(tuned, name):
-    (tuned / "robot.toml").write_text(arm_as_toml(robot_named("planar-3r")))
+    (tuned / "robot.toml").write_text(robot_named("planar-3r").to_toml())
     own, law = declared(str(tuned / name)), declared(name)
     assert own[2:] == law[2:] and own.objective != law.objective
     assert own.tuned_on == "margins at random postures and along the default path of the arm of mine"

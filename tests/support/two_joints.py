@@ -9,12 +9,12 @@ from fuzzyarm.envs.physics.hold import hold_of
 from fuzzyarm.envs.physics.records import State, filled
 from fuzzyarm.envs.physics.two_joints import two_joints
 from fuzzyarm.envs.scenario.randomisation import draw_record
-from fuzzyarm.envs.task import assess_of, finite_of, target_record
+from fuzzyarm.envs.task import assess_of, target_record
 
 PHYSICS = two_joints()
 KERNELS, LAYOUT = kernels_of(PHYSICS), layout_of(PHYSICS)
 Draw, Row, Target = draw_record(2), row_record(2, 2), target_record(2)
-hold, assess, finite = hold_of(PHYSICS), assess_of(PHYSICS), finite_of(PHYSICS)
+hold, assess = hold_of(PHYSICS), assess_of(PHYSICS)
 
 
 def advance(values, clock, table, period, substeps, action):

@@ -14,21 +14,15 @@ from fuzzyarm.envs.physics.records import places
 from fuzzyarm.envs.scenario.randomisation import draw_record
 from fuzzyarm.numbers.functions import bits, flat, floor, like, row, select, when, whole, word
 
-__all__ = ["Given", "begun_of", "drawn_of", "resting_of", "varied_of"]
+__all__ = ["Given", "begun_of", "drawn_of", "resting_of"]
 
 
 class Given(NamedTuple):
-    """What an episode begins with.
+    """What an episode begins with."""
 
-    Attributes:
-        plant: number of the lane's plant.
-        start: the schedule to begin, or the first one of a family.
-        place: where the payload is, see `Physics.payload_place`.
-    """
-
-    plant: Any
-    start: Any
-    place: Any
+    plant: Any  # number of the lane's plant
+    start: Any  # the schedule to begin, or the first one of a family
+    place: Any  # where the payload is, see `Physics.payload_place`
 
 
 @functools.cache
@@ -42,7 +36,7 @@ def begun_of(layout: Layout) -> Callable[..., tuple[Any, Any, Any, Any]]:
     """
     physics, Lane = layout.physics, layout.Lane
     Row, Plant, PerJoint = row_record(physics.joints, physics.axes), physics.Plant, physics.PerJoint
-    drawn_by, varied, resting = drawn_of(physics.joints), varied_of(physics), resting_of(physics)
+    drawn_by, resting = drawn_of(physics.joints), resting_of(physics)
 
     def begun(
         clock: Clock, given: Given, initial: Any, ranges: Any, plants: Any, starts: Any, schedule: Any
@@ -52,7 +46,7 @@ def begun_of(layout: Layout) -> Callable[..., tuple[Any, Any, Any, Any]]:
         family = _record(Start, row(starts, given.start)).family > 0.0
         start = _record(Start, row(starts, select(family, given.start + drawn.reference, given.start)))
         nominal, now = _record(Plant, row(plants, given.plant)), _record(Row, row(schedule, start.first))
-        arm = varied(nominal, drawn, start.payload, given.place)
+        arm = physics.constants(physics.varied(nominal, drawn), start.payload, given.place, drawn.payload)
         rest = resting(nominal, PerJoint(*(q + a for q, a in zip(now.reference.q, drawn.angle, strict=True))), 0.0)
         free = flat(initial)[0] != flat(initial)[0]
         pairs = zip(flat(rest), flat(initial), strict=True)
@@ -81,19 +75,6 @@ def drawn_of(joints: int) -> Callable[[Any, Any], Any]:
         return draws._replace(reference=floor(draws.reference))
 
     return drawn
-
-
-@functools.cache
-def varied_of(physics: Physics) -> Callable[..., Any]:
-    """Return ``varied(nominal, now, payload, place)``.
-
-    It returns the constants of the drawn plant with the case's payload [kg], and the drawn one at the tip.
-    """
-
-    def varied(nominal: Any, now: Any, payload: Any, place: Any) -> Any:
-        return physics.constants(physics.varied(nominal, now), payload, place, now.payload)
-
-    return varied
 
 
 @functools.cache

@@ -58,6 +58,10 @@ class Kernels:
         self.layout = layout_of(physics)
         self._row = row_record(physics.joints, physics.axes)
         self._nothing = physics.PerJoint(*[0.0] * physics.joints)
+        self._lane, self._seen = places(self.layout.Lane), Observation(*[self._nothing] * len(Observation._fields))
+        self._results = zeros((0.0,) * self.layout.reported)
+        self._ranges = ((0.0, 0.0),) * size(draw_record(physics.joints))
+        self._tables = [(0, size(kind)) for kind in (physics.Plant, Start, self._row)]
 
     @functools.cached_property
     def step(self) -> Kernel:
@@ -87,8 +91,8 @@ class Kernels:
         )
         clock = clock._replace(row=bits(whole(reached)))
         results = _results(physics, moved, after.target, (reached - first) * period, reached == last)
-        q, dq = reading_of(physics)(moved.state, lane.limits, lane.noise, word(clock.key), reached - first)
-        return lane._replace(state=moved.state), clock, Observation(q, dq, *after.reference), results
+        lane = lane._replace(state=moved.state)
+        return lane, clock, self._observed(lane, clock, reached - first, after), results
 
     @functools.cached_property
     def begin(self) -> Kernel:
@@ -98,7 +102,7 @@ class Kernels:
         and `Results` (numbers, lanes), with the ranges of what is drawn; the tables are plants, starts and schedule.
         """
         physics, nothing = self.layout.physics, self._nothing
-        begun, assessed, reading = begun_of(self.layout), assessed_of(physics), reading_of(physics)
+        begun, assessed = begun_of(self.layout), assessed_of(physics)
         Draw, no_force = draw_record(physics.joints), [0.0] * physics.axes
 
         def begin(*arguments: Any) -> tuple[Any, ...]:
@@ -109,8 +113,7 @@ class Kernels:
             )
             over = number(word(clock.row)) == number(word(clock.last))
             results = _results(physics, moved, now.target, 0.0, over)
-            q, dq = reading(lane.state, lane.limits, lane.noise, word(clock.key), 0.0)
-            return lane, clock, drawn, given, initial, Observation(q, dq, *now.reference), results
+            return lane, clock, drawn, given, initial, self._observed(lane, clock, 0.0, now), results
 
         state = zeros(places(physics.State))
         ports = self._lane, _CLOCK, places(Draw), _GIVEN, state, self._seen, self._results
@@ -151,7 +154,7 @@ class Kernels:
         def run(*arguments: Any) -> tuple[Any, ...]:
             lane, clock, remembered, given, seen, totals, (*shared, of_law), plants, starts, schedule, *own = arguments
             # What the law saw last is the caller's, who may have changed it.
-            seen = when(totals.steps == 0.0, lambda: self._observed(lane, clock, schedule), seen)
+            seen = when(totals.steps == 0.0, lambda: self._seen_at(lane, clock, schedule), seen)
             remembered, torque = command(remembered, seen, of_law, *own)
             lane, clock, _, seen, results = self._advanced(lane, clock, torque, given, shared, plants, starts, schedule)
             scalars = results.scalars
@@ -187,8 +190,7 @@ class Kernels:
 
         def begun() -> tuple[Any, ...]:
             new, anew, _, now = begun_of(self.layout)(clock, given, at_rest, ranges, plants, starts, schedule)
-            q, dq = reading_of(physics)(new.state, new.limits, new.noise, word(anew.key), 0.0)
-            return new, anew, Observation(q, dq, *now.reference)
+            return new, anew, self._observed(new, anew, 0.0, now)
 
         lane, clock, seen = when(_over(results.scalars), begun, (lane, clock, final))
         return lane, clock, final, seen, results
@@ -201,36 +203,20 @@ class Kernels:
         """
 
         def observe(lane: Any, clock: Clock, _: Any, __: Any, schedule: Any) -> tuple[Any, ...]:
-            return lane, clock, self._observed(lane, clock, schedule)
+            return lane, clock, self._seen_at(lane, clock, schedule)
 
         program = Program(observe, (self._lane, _CLOCK, self._seen), (), [(0, size(self._row))])
         return Kernel(program, (_BLOCKS, _COLUMNS, _ROWS))
 
-    def _observed(self, lane: Any, clock: Clock, schedule: Any) -> Observation:
+    def _seen_at(self, lane: Any, clock: Clock, schedule: Any) -> Observation:
         at, first = number(word(clock.row)), number(word(clock.first))
         now = like(places(self._row), iter(row(schedule, at)))
-        q, dq = reading_of(self.layout.physics)(lane.state, lane.limits, lane.noise, word(clock.key), at - first)
-        return Observation(q, dq, *now.reference)
+        return self._observed(lane, clock, at - first, now)
 
-    @property
-    def _lane(self) -> Any:
-        return places(self.layout.Lane)
-
-    @property
-    def _seen(self) -> Any:
-        return Observation(*[self._nothing] * len(Observation._fields))
-
-    @property
-    def _results(self) -> Any:
-        return zeros((0.0,) * self.layout.reported)
-
-    @property
-    def _ranges(self) -> Any:
-        return ((0.0, 0.0),) * size(draw_record(self.layout.physics.joints))
-
-    @property
-    def _tables(self) -> list[tuple[int, int]]:
-        return [(0, size(kind)) for kind in (self.layout.physics.Plant, Start, self._row)]
+    def _observed(self, lane: Any, clock: Clock, steps: Any, now: Any) -> Observation:
+        """Return what is observed so many steps after the beginning, at a row of the schedule."""
+        reading = reading_of(self.layout.physics)
+        return Observation(*reading(lane.state, lane.limits, lane.noise, word(clock.key), steps), *now.reference)
 
     def prepare(self, lanes: int) -> None:
         """Make the machine code that steps so many lanes: the first step need not wait for it."""

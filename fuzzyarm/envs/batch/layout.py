@@ -80,21 +80,13 @@ class Clock(NamedTuple):
 
 
 class Start(NamedTuple):
-    """What an episode starts with.
+    """What an episode starts with."""
 
-    Attributes:
-        first: first row of its schedule in the table.
-        last: last row.
-        payload: mass that the disturbance adds [kg].
-        noise: of the encoders.
-        family: 1 if the schedule is the first one of a family, of which each episode draws one; else 0.
-    """
-
-    first: Any
-    last: Any
-    payload: Any
-    noise: Noise
-    family: Any
+    first: Any  # first row of its schedule in the table
+    last: Any  # last row
+    payload: Any  # mass that the disturbance adds [kg]
+    noise: Noise  # of the encoders
+    family: Any  # 1 if the schedule is the first one of a family, of which each episode draws one; else 0
 
 
 class Vectors(NamedTuple):
@@ -176,6 +168,10 @@ class Layout:
         physics: the equations.
         Lane: what a lane carries through its episode: state, constants, limits, the factor of its tip force, `Noise`.
         LANE: places in `Lane`.
+        observed: numbers in an observation.
+        longest: numbers of the longest of the vectors.
+        parts: where the numbers of each of the vectors lie among those of all, as slices.
+        reported: numbers in the `Results` of one lane.
     """
 
     def __init__(self, physics: Physics) -> None:
@@ -184,32 +180,15 @@ class Layout:
         self.physics = physics
         self.Lane = record_type("Lane", state=state, arm=arm, limits=limits, force_factor=Any, noise=Noise)
         self.LANE = places(self.Lane)
+        self.observed, self.longest = PARTS * physics.joints, max(physics.joints, physics.axes)
+        lengths = [physics.axes if name in _POINTS else physics.joints for name in VECTORS]
+        stops = list(itertools.accumulate(lengths))
+        self.parts = Vectors(*(slice(stop - length, stop) for stop, length in zip(stops, lengths, strict=True)))
+        self.reported = stops[-1] + len(SCALARS)
 
     def __reduce__(self) -> tuple[Any, tuple[Physics]]:
         """Leave the records behind."""
         return layout_of, (self.physics,)
-
-    @functools.cached_property
-    def observed(self) -> int:
-        """Numbers in an observation."""
-        return PARTS * self.physics.joints
-
-    @functools.cached_property
-    def longest(self) -> int:
-        """Numbers of the longest of the vectors."""
-        return max(self.physics.joints, self.physics.axes)
-
-    @functools.cached_property
-    def parts(self) -> Vectors:
-        """Where the numbers of each of the vectors lie among those of all, as slices."""
-        lengths = [self.physics.axes if name in _POINTS else self.physics.joints for name in VECTORS]
-        stops = list(itertools.accumulate(lengths))
-        return Vectors(*(slice(stop - length, stop) for stop, length in zip(stops, lengths, strict=True)))
-
-    @functools.cached_property
-    def reported(self) -> int:
-        """Numbers in the `Results` of one lane."""
-        return int(self.parts[-1].stop) + len(SCALARS)
 
     def size(self, lanes: int) -> int:
         """Return how many numbers there are in the results of so many lanes."""

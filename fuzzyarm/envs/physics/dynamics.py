@@ -14,14 +14,15 @@ from typing import Any, Literal, NamedTuple
 import numpy as np
 
 from fuzzyarm.common import checks
-from fuzzyarm.envs.physics.friction import DRY_TORQUES, DryFriction, dry_friction_of
+from fuzzyarm.envs.physics.friction import DRY_TORQUES, DryFriction, dry_friction_of, friction_torque
 from fuzzyarm.envs.physics.parameters import LARGEST, ArmParameters
 from fuzzyarm.envs.physics.records import PerJoint, record_type
 
 __all__ = [
     "Arm", "Motor", "Payload", "Plant", "arm_constants", "coriolis_torque", "dry_frictions", "frictionless",
-    "gravity_torque", "inertia_and_gravity", "joint_torque", "loaded", "lump", "mass_matrix", "motors", "plant_of",
-    "rigid_inverse_dynamics", "solve_mass_matrix", "tip_force_torque", "tip_jacobian", "tip_position",
+    "gravity_torque", "inertia_and_gravity", "joint_torque", "loaded", "lump", "mass_matrix", "motor_friction",
+    "motors", "plant_of", "rigid_inverse_dynamics", "solve_mass_matrix", "tip_force_torque", "tip_jacobian",
+    "tip_position",
 ]  # fmt: skip
 
 PLACES = ("tip", "link")
@@ -53,21 +54,13 @@ class Payload:
 
 
 class Motor(NamedTuple):
-    """A motor, its friction and the spring behind it: fields of an `Arm`, with the number of the joint behind the name.
+    """A motor, its friction and its spring: fields of an `Arm`, with the number of the joint behind the name."""
 
-    Attributes:
-        motor_inertia: I_a [kg m²].
-        viscous: f_v [N m s/rad].
-        stiffness: k_t [N m/rad].
-        damping: b_t [N m s/rad].
-        dry_friction: numbers of its curve.
-    """
-
-    motor_inertia: Any
-    viscous: Any
-    stiffness: Any
-    damping: Any
-    dry_friction: DryFriction
+    motor_inertia: Any  # I_a [kg m²]
+    viscous: Any  # f_v [N m s/rad]
+    stiffness: Any  # k_t [N m/rad]
+    damping: Any  # b_t [N m s/rad]
+    dry_friction: DryFriction  # numbers of its curve
 
 
 class Arm(NamedTuple):
@@ -224,6 +217,19 @@ def joint_torque(state: Any, arm: Any) -> Any:
         *(
             own.stiffness * (motor - link) + own.damping * (motor_velocity - link_velocity)
             for own, motor, link, motor_velocity, link_velocity in zip(motors(arm, state.motor), *state, strict=True)
+        )
+    )
+
+
+def motor_friction(state: Any, torque: Any, bias: Any, arm: Any) -> Any:
+    """Return Γ_f [N m] of the motors of any arm under their torques and the biases that act beside them [N m]."""
+    joint = joint_torque(state, arm)
+    return type(joint)(
+        *(
+            friction_torque(velocity, given + beside - load, own.dry_friction)
+            for velocity, given, beside, load, own in zip(
+                state.motor_velocity, torque, bias, joint, motors(arm, joint), strict=True
+            )
         )
     )
 

@@ -17,7 +17,7 @@ from fuzzyarm.envs.physics.robot import Robot, robot_named, shipped_robots
 from fuzzyarm.envs.physics.two_joints import two_joints
 
 __all__ = [
-    "IN_FOLDER", "PAPER", "AnyArm", "Bounds", "argument_of", "bounds_of", "checked_parameters", "chosen_arm",
+    "IN_FOLDER", "PAPER", "AnyArm", "Bounds", "argument_of", "bounds_of", "chosen_arm",
     "common_equations", "equations_of", "robot_of",
 ]  # fmt: skip
 
@@ -58,11 +58,6 @@ def bounds_of(arm: AnyArm) -> Bounds:
     return Bounds(*(np.array(part) for part in (low, high, limits.velocity, limits.torque)))
 
 
-def checked_parameters(parameters: Any) -> ArmParameters:
-    """Return parameters of the two-joint arm; TypeError if they are none."""
-    return checks.instance("parameters", parameters, ArmParameters)
-
-
 def chosen_arm(robot: Any, parameters: Any) -> AnyArm:
     """Return the arm that the arguments ``robot`` and ``parameters`` of an environment name; neither: Table 1.
 
@@ -77,7 +72,7 @@ def chosen_arm(robot: Any, parameters: Any) -> AnyArm:
         OSError: the file cannot be read.
     """
     if robot is None:
-        return ArmParameters() if parameters is None else checked_parameters(parameters)
+        return ArmParameters() if parameters is None else checks.instance("parameters", parameters, ArmParameters)
     if parameters is not None:
         raise ValueError(
             f"give either robot = {checks.shown(getattr(robot, 'name', robot))} or parameters of the two-joint arm, "

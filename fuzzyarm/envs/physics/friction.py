@@ -19,17 +19,11 @@ __all__ = [
 
 
 class DryFriction(NamedTuple):
-    """The numbers of the curve F(v) of one motor. Plants, robots and laws take their list of them from here.
+    """The numbers of the curve F(v) of one motor. Plants, robots and laws take their list of them from here."""
 
-    Attributes:
-        coulomb_friction: Γ_fc [N m].
-        static_friction: Γ_fs [N m].
-        stribeck_velocity: v_s [rad/s].
-    """
-
-    coulomb_friction: Any
-    static_friction: Any
-    stribeck_velocity: Any
+    coulomb_friction: Any  # Γ_fc [N m]
+    static_friction: Any  # Γ_fs [N m]
+    stribeck_velocity: Any  # v_s [rad/s]
 
 
 DRY_TORQUES = ("coulomb_friction", "static_friction")
@@ -49,17 +43,11 @@ def stribeck_magnitude(velocity: Any, dry: DryFriction) -> Any:
 
 
 class FrictionCurve(NamedTuple):
-    """A curve F(v) of dry friction that falls from F(0) = Γ_fs, and what a proof takes from it and checks in balls.
+    """A curve F(v) of dry friction that falls from F(0) = Γ_fs, and what a proof takes from it and checks in balls."""
 
-    Attributes:
-        magnitude: F(v) [N m], of the speed and the numbers of the curve, of any type.
-        steepest: a bound of -F'(v) [N m s/rad] for these numbers.
-        inflection: v [rad/s] at which -F' is largest: F' falls below it and rises above it.
-    """
-
-    magnitude: Callable[[Any, DryFriction], Any]
-    steepest: Callable[[DryFriction], Any]
-    inflection: Callable[[DryFriction], Any]
+    magnitude: Callable[[Any, DryFriction], Any]  # F(v) [N m], of the speed and the numbers of the curve, of any type
+    steepest: Callable[[DryFriction], Any]  # a bound of -F'(v) [N m s/rad] for these numbers
+    inflection: Callable[[DryFriction], Any]  # v [rad/s] at which -F' is largest: F' falls below it and rises above it
 
 
 STRIBECK = FrictionCurve(

@@ -18,7 +18,6 @@ from typing import Any
 
 from fuzzyarm.envs.physics.dynamics import (
     Arm,
-    Motor,
     coriolis_torque,
     gravity_torque,
     joint_torque,
@@ -77,22 +76,18 @@ def _kick(
     links = accelerations(joint, middle.link_velocity)
     link_velocity = per_joint(*(v + duration * a for v, a in zip(start.link_velocity, links, strict=True)))
     kicked = [
-        _motor_kick(own, inverse, given - load, velocity, rate, duration)
+        stick_slip(
+            velocity,
+            (given - load - own.viscous * rate) * inverse,
+            stribeck_magnitude(rate, own.dry_friction) * inverse,
+            duration,
+        )
         for (own, inverse), given, load, velocity, rate in zip(
             driven, torque, joint, start.motor_velocity, middle.motor_velocity, strict=True
         )
     ]
     motor_velocity, travelled = (per_joint(*part) for part in zip(*kicked, strict=True))
     return motor_velocity, link_velocity, travelled
-
-
-def _motor_kick(own: Motor, inverse: Any, net: Any, start: Any, rate: Any, duration: Any) -> tuple[Any, Any]:
-    """Return velocity and travelled angle of a motor after a duration, with the torques at a velocity `rate`."""
-    acceleration = (net - own.viscous * rate) * inverse
-    found: tuple[Any, Any] = stick_slip(
-        start, acceleration, stribeck_magnitude(rate, own.dry_friction) * inverse, duration
-    )
-    return found
 
 
 @apart

@@ -46,10 +46,10 @@ class Link:
 
     def __post_init__(self) -> None:
         """Check mass, center and inertia."""
-        _put(self, "mass", _real("mass", self.mass, "kg", above=0.0))
-        _put(self, "center", as_vector("center", self.center, "m"))
+        checks.keep(self, "mass", _real("mass", self.mass, "kg", above=0.0))
+        checks.keep(self, "center", as_vector("center", self.center, "m"))
         inertia = _matrix("inertia", self.inertia, "kg m^2")
-        _put(self, "inertia", inertia)
+        checks.keep(self, "inertia", inertia)
         tensor = np.array(inertia)
         _require(
             bool(np.abs(tensor - tensor.T).max() <= ROUNDING * np.abs(tensor).max()),
@@ -104,7 +104,7 @@ class Drive:
             )
         for name, unit, positive in DRIVE_UNITS:
             bounds = {"above": 0.0} if positive else {"low": 0.0}
-            _put(self, name, _real(name, getattr(self, name), unit, **bounds))
+            checks.keep(self, name, _real(name, getattr(self, name), unit, **bounds))
         _require(
             self.static_friction >= self.coulomb_friction,
             f"static_friction = {self.static_friction} N m is below coulomb_friction = {self.coulomb_friction} N m: "
@@ -166,24 +166,24 @@ class Joint:
     def _check(self) -> None:
         checks.instance("link", self.link, Link)
         checks.instance("drive", self.drive, Drive)
-        _put(self, "position", as_vector("position", self.position, "m"))
+        checks.keep(self, "position", as_vector("position", self.position, "m"))
         axis = np.array(as_vector("axis", self.axis))
         _require(
             bool(abs(np.linalg.norm(axis) - 1.0) <= ROUNDING),
             f"axis = {checks.shown(self.axis)} has length {np.linalg.norm(axis):.10g}; it must be a unit vector",
         )
-        _put(self, "axis", tuple((axis / np.linalg.norm(axis)).tolist()))
+        checks.keep(self, "axis", tuple((axis / np.linalg.norm(axis)).tolist()))
         rotation = np.array(_matrix("rotation", self.rotation))
         _require(
             bool(np.abs(rotation.T @ rotation - np.eye(DIMENSIONS)).max() <= ROUNDING and np.linalg.det(rotation) > 0),
             f"rotation = {checks.shown(self.rotation)} is no rotation: its columns must be orthogonal unit vectors, "
             "right-handed",
         )
-        _put(self, "rotation", as_rows(rotation))
+        checks.keep(self, "rotation", as_rows(rotation))
         low, high = checks.interval("angle_range", self.angle_range, "rad", low=-LARGEST_ANGLE, high=LARGEST_ANGLE)
         _require(low < high, f"angle_range = {checks.shown(self.angle_range)} rad is empty; low < high is needed")
-        _put(self, "angle_range", (low, high))
-        _put(self, "velocity_limit", _real("velocity_limit", self.velocity_limit, "rad/s", above=0.0))
+        checks.keep(self, "angle_range", (low, high))
+        checks.keep(self, "velocity_limit", _real("velocity_limit", self.velocity_limit, "rad/s", above=0.0))
 
 
 def _real(name: str, value: Any, unit: str, **bounds: float) -> float:
@@ -211,10 +211,6 @@ def as_rows(matrix: np.ndarray) -> Matrix:
     """Return an array (3, 3) as rows of numbers."""
     x, y, z = (tuple(row) for row in matrix.tolist())
     return x, y, z
-
-
-def _put(instance: Any, name: str, value: Any) -> None:
-    object.__setattr__(instance, name, value)
 
 
 def _require(condition: bool, message: str) -> None:

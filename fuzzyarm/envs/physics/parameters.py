@@ -69,21 +69,22 @@ class ArmParameters:
         for field in dataclasses.fields(self):
             object.__setattr__(self, field.name, _checked(field, getattr(self, field.name)))
         for joint in range(2):
-            _require(
-                self.static_friction[joint] >= self.coulomb_friction[joint],
-                f"static_friction[{joint}] = {self.static_friction[joint]} N m is below "
-                f"coulomb_friction[{joint}] = {self.coulomb_friction[joint]} N m: Stribeck friction needs "
-                "static >= Coulomb",
-            )
+            static, coulomb = self.static_friction[joint], self.coulomb_friction[joint]
+            if not static >= coulomb:
+                raise ValueError(
+                    f"static_friction[{joint}] = {static} N m is below coulomb_friction[{joint}] = {coulomb} N m: "
+                    "Stribeck friction needs static >= Coulomb"
+                )
         # det M_b(q2) = (c1 - c3) c3 - c2^2 cos^2 q2 has its minimum at q2 = 0: one check covers the whole range.
         (m1, m2), (r1, r2), (i1, i2), length1 = self.mass, self.mass_center, self.inertia, self.length[0]
         diagonal = (m1 * r1 * r1 + i1 + m2 * length1 * length1) * (m2 * r2 * r2 + i2)
         share = 1.0 - (m2 * length1 * r2) * (m2 * length1 * r2) / diagonal if diagonal > 0.0 else 0.0
-        _require(
-            share > SINGULAR_SHARE,
-            f"inertia = {self.inertia} kg m^2 with mass_center = {self.mass_center} m makes the mass matrix singular "
-            f"at q2 = 0: its determinant is {share:.3g} of its diagonal's product; allowed: above {SINGULAR_SHARE:g}",
-        )
+        if not share > SINGULAR_SHARE:
+            raise ValueError(
+                f"inertia = {self.inertia} kg m^2 with mass_center = {self.mass_center} m makes the mass matrix "
+                f"singular at q2 = 0: its determinant is {share:.3g} of its diagonal's product; allowed: above "
+                f"{SINGULAR_SHARE:g}"
+            )
 
     @classmethod
     def from_toml(cls, path: str | Path) -> ArmParameters:
@@ -109,7 +110,8 @@ class ArmParameters:
         """
         known = [field.name for field in dataclasses.fields(cls)]
         unknown = set(map(str, checks.instance("values", values, dict))) - set(known)
-        _require(not unknown, f"unknown arm field {checks.listed(unknown)}; known: {', '.join(known)}")
+        if unknown:
+            raise ValueError(f"unknown arm field {checks.listed(unknown)}; known: {', '.join(known)}")
         arguments: dict[str, Any] = {k: tuple(v) if isinstance(v, list) else v for k, v in values.items()}
         return cls(**arguments)
 
@@ -143,8 +145,3 @@ def _checked(field: dataclasses.Field[Any], value: Any) -> float | Pair:
     except TypeError as error:  # an arm may come from a file, where a wrong type is a wrong value
         raise ValueError(str(error)) from None
     return first, second
-
-
-def _require(condition: bool, message: str) -> None:
-    if not condition:
-        raise ValueError(message)

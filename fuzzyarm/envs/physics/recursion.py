@@ -54,7 +54,7 @@ class Body(NamedTuple):
 class Chain(NamedTuple):
     """The frames of a robot whose joints turn about z, and the point of the last frame that is the tip."""
 
-    rotations: Sequence[Sequence[Sequence[float]]]  # A_j
+    rotations: Sequence[Sequence[Sequence[Any]]]  # A_j
     positions: Sequence[Vector]  # d_j [m]
     tip: Vector  # [m]
 
@@ -124,7 +124,7 @@ def newton_euler(
     motion: Matrix = (NOTHING, NOTHING, NOTHING)
     forces, moments = [], []
     for j, body in enumerate(bodies):
-        origin = _back(chain, j, turns, _sum(origin, _product(motion, chain.positions[j])))
+        origin = _back(chain, j, turns, _sum(origin, rotated(motion, chain.positions[j])))
         turning, rising = (_back(chain, j, turns, vector) for vector in (turning, rising))
         rising = (
             rising[0] + turning[1] * rates[j],
@@ -134,7 +134,7 @@ def newton_euler(
         turning = (turning[0], turning[1], turning[2] + rates[j])
         square = _square(turning)
         motion = _motion(square, rising)
-        forces.append(_product(motion, body.moment))
+        forces.append(rotated(motion, body.moment))
         moments.append(_sum(_euler(body.inertia, square, motion, rising), _cross(body.moment, origin)))
     total = _difference(forces[-1], force)
     moment = _difference(moments[-1], _cross(chain.tip, force))
@@ -243,7 +243,7 @@ def joined(first: Body, second: Body) -> Body:
     return Body(first.mass + second.mass, _sum(first.moment, second.moment), inertia)
 
 
-def moved(body: Body, rotation: Sequence[Sequence[float]], position: Vector) -> Body:
+def moved(body: Body, rotation: Sequence[Sequence[Any]], position: Vector) -> Body:
     """Return a body of frame j in frame j - 1: L' = A L Aᵀ + m (d·d 1 - d dᵀ) + 2 d·k 1 - d kᵀ - k dᵀ, k = A h."""
     d, k, m = position, rotated(rotation, body.moment), body.mass
     e = rotated_inertia(rotation, body.inertia)
@@ -253,7 +253,7 @@ def moved(body: Body, rotation: Sequence[Sequence[float]], position: Vector) -> 
     return Body(m, moment, Inertia(e.xx + (y + z), e.xy - xy, e.xz - xz, e.yy + (x + z), e.yz - yz, e.zz + (x + y)))
 
 
-def rotated_inertia(rotation: Sequence[Sequence[float]], inertia: Inertia) -> Inertia:
+def rotated_inertia(rotation: Sequence[Sequence[Any]], inertia: Inertia) -> Inertia:
     """Return A L Aᵀ."""
     columns = [(inertia.xx, inertia.xy, inertia.xz), (inertia.xy, inertia.yy, inertia.yz)]
     columns.append((inertia.xz, inertia.yz, inertia.zz))
@@ -285,19 +285,15 @@ def _back(chain: Chain, j: int, turns: Sequence[Turn], vector: Vector) -> Vector
     return cosine * x + sine * y, cosine * y - sine * x, z
 
 
-def transposed(rotation: Sequence[Sequence[float]]) -> tuple[tuple[float, ...], ...]:
+def transposed(rotation: Sequence[Sequence[Any]]) -> tuple[tuple[float, ...], ...]:
     """Return Aᵀ."""
     return tuple(zip(*rotation, strict=True))
 
 
-def rotated(rotation: Sequence[Sequence[float]], vector: Vector) -> Vector:
+def rotated(rotation: Sequence[Sequence[Any]], vector: Vector) -> Vector:
     """Return A x."""
     x, y, z = ((row[0] * vector[0] + row[1] * vector[1]) + row[2] * vector[2] for row in rotation)
     return x, y, z
-
-
-def _product(matrix: Matrix, vector: Vector) -> Vector:
-    return rotated(matrix, vector)
 
 
 def _cross(a: Vector, b: Vector) -> Vector:

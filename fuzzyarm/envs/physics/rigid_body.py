@@ -55,8 +55,7 @@ def frames(robot: Robot, q: Any) -> Frames:
 
 def directions(robot: Robot, links: Frames) -> np.ndarray:
     """Return the direction z_i = R_i u_i of each axis in the base, shape (..., n, 3)."""
-    found: np.ndarray = np.einsum("...kij,kj->...ki", links.rotation, robot.arrays.axis)
-    return found
+    return np.asarray(np.einsum("...kij,kj->...ki", links.rotation, robot.arrays.axis))
 
 
 def mass_matrix(robot: Robot, q: Any) -> np.ndarray:
@@ -65,8 +64,7 @@ def mass_matrix(robot: Robot, q: Any) -> np.ndarray:
     axes, inertia = _axes(robot, links), _inertias(robot, links)
     composite = np.flip(np.cumsum(np.flip(inertia, axis=-3), axis=-3), axis=-3)
     upper = np.triu(axes @ np.swapaxes(_times(composite, axes), -1, -2))
-    whole: np.ndarray = upper + np.swapaxes(np.triu(upper, 1), -1, -2)
-    return whole
+    return np.asarray(upper + np.swapaxes(np.triu(upper, 1), -1, -2))
 
 
 def inverse_dynamics(robot: Robot, q: Any, dq: Any, ddq: Any) -> np.ndarray:
@@ -86,8 +84,7 @@ def inverse_dynamics(robot: Robot, q: Any, dq: Any, ddq: Any) -> np.ndarray:
     acceleration[..., _LINEAR] -= robot.arrays.gravity
     force = _times(inertia, acceleration) + _cross_force(velocity, _times(inertia, velocity))
     outer = np.flip(np.cumsum(np.flip(force, axis=-2), axis=-2), axis=-2)
-    torque: np.ndarray = np.sum(axes * outer, axis=-1)
-    return torque
+    return np.asarray(np.sum(axes * outer, axis=-1))
 
 
 def bias(robot: Robot, q: Any, dq: Any) -> np.ndarray:
@@ -116,16 +113,14 @@ def tip_jacobian(robot: Robot, q: Any) -> np.ndarray:
 def kinetic_energy(robot: Robot, q: Any, dq: Any) -> np.ndarray:
     """Return q̇ᵀ M(q) q̇ / 2 [J], shape (...), at velocities [rad/s] of shape (..., n)."""
     rate = _motion(robot, dq)
-    energy: np.ndarray = 0.5 * np.einsum("...i,...ij,...j->...", rate, mass_matrix(robot, q), rate)
-    return energy
+    return np.asarray(0.5 * np.einsum("...i,...ij,...j->...", rate, mass_matrix(robot, q), rate))
 
 
 def potential_energy(robot: Robot, q: Any) -> np.ndarray:
     """Return -Σ m_i gᵀ (p_i + R_i c_i) [J], shape (...), whose gradient is g(q)."""
     links, now = frames(robot, q), robot.arrays
     centers = links.origin + np.einsum("...kij,kj->...ki", links.rotation, now.center)
-    energy: np.ndarray = -np.einsum("k,...kj,j->...", now.mass, centers, now.gravity)
-    return energy
+    return np.asarray(-np.einsum("k,...kj,j->...", now.mass, centers, now.gravity))
 
 
 def _motion(robot: Robot, values: Any) -> np.ndarray:
@@ -143,8 +138,7 @@ def _turn(axis: np.ndarray, angle: np.ndarray) -> np.ndarray:
     """Return exp([u]× q) = 1 + sin q [u]× + (1 - cos q) [u]×² (Rodrigues) of axes (n, 3), shape (..., n, 3, 3)."""
     across = _skew(axis)
     sine, cosine = np.sin(angle)[..., np.newaxis, np.newaxis], np.cos(angle)[..., np.newaxis, np.newaxis]
-    turn: np.ndarray = np.eye(DIMENSIONS) + sine * across + (1.0 - cosine) * (across @ across)
-    return turn
+    return np.asarray(np.eye(DIMENSIONS) + sine * across + (1.0 - cosine) * (across @ across))
 
 
 def _skew(vectors: np.ndarray) -> np.ndarray:
@@ -159,14 +153,12 @@ def _cross(first: np.ndarray, second: np.ndarray) -> np.ndarray:
 
 
 def _times(matrices: np.ndarray, vectors: np.ndarray) -> np.ndarray:
-    product: np.ndarray = (matrices @ vectors[..., np.newaxis])[..., 0]
-    return product
+    return np.asarray((matrices @ vectors[..., np.newaxis])[..., 0])
 
 
 def _tip(robot: Robot, links: Frames) -> np.ndarray:
     """Return p_n + R_n tip [m], shape (..., 3)."""
-    tip: np.ndarray = links.origin[..., -1, :] + links.rotation[..., -1, :, :] @ robot.arrays.tip
-    return tip
+    return np.asarray(links.origin[..., -1, :] + links.rotation[..., -1, :, :] @ robot.arrays.tip)
 
 
 def _axes(robot: Robot, links: Frames) -> np.ndarray:

@@ -82,13 +82,13 @@ class Robot:
         """Check the texts, the number and names of the joints, tip and gravity."""
         checks.instance("name", self.name, str)
         joints = tuple(checks.instance("joints", joint, Joint) for joint in checks.sequence_of("joints", self.joints))
-        object.__setattr__(self, "joints", joints)
+        checks.keep(self, "joints", joints)
         checks.whole("the number of joints", len(joints), low=1, high=MOST_JOINTS)
         checks.distinct("joints", [joint.name for joint in joints])
-        object.__setattr__(self, "tip", as_vector("tip", self.tip, "m"))
-        object.__setattr__(self, "gravity", as_vector("gravity", self.gravity, "m/s^2"))
+        checks.keep(self, "tip", as_vector("tip", self.tip, "m"))
+        checks.keep(self, "gravity", as_vector("gravity", self.gravity, "m/s^2"))
         for name in ("sources", "assumptions"):
-            object.__setattr__(self, name, tuple(checks.texts(name, getattr(self, name))))
+            checks.keep(self, name, tuple(checks.texts(name, getattr(self, name))))
 
     def __len__(self) -> int:
         """Return the number of joints."""
@@ -172,6 +172,16 @@ class Robot:
             )
         return cls("two-joint arm", tuple(joints), tip=(p.length[-1], 0.0, 0.0), gravity=(p.gravity, 0.0, 0.0))
 
+    def to_toml(self) -> str:
+        """Return a TOML text that `from_toml` reads back to an equal robot; angles in rad, all other units SI."""
+        content = dataclasses.asdict(self)
+        joints = content.pop("joints")
+        lines = ["# Serial robot with elastic joints: rad, m, kg, N m.", *_fields(content)]
+        for joint in joints:
+            link, drive = _fields(joint.pop("link")), _fields(joint.pop("drive"))
+            lines += ["", "[[joints]]", *_fields(joint), "[joints.link]", *link, "[joints.drive]", *drive]
+        return "\n".join(lines) + "\n"
+
     @classmethod
     def from_toml(cls, path: str | Path) -> Robot:
         """Read a robot from a TOML file: the fields of this class, with a table `[[joints]]` for each joint.
@@ -186,6 +196,17 @@ class Robot:
             return record(content, cls)
         except ValueError as error:
             raise ValueError(f"{path}: {_with_joint_name(str(error), content)}") from None
+
+
+def _fields(content: dict[str, Any]) -> list[str]:
+    return [f"{name} = {_value(value)}" for name, value in content.items() if value is not None]
+
+
+def _value(value: Any) -> str:
+    if isinstance(value, tuple | list):
+        return f"[{', '.join(map(_value, value))}]"
+    # A JSON text is a TOML text, but for DEL, which JSON leaves as it is.
+    return json.dumps(value).replace("\x7f", "\\u007f") if isinstance(value, str) else repr(value)
 
 
 def shipped_robots() -> tuple[str, ...]:

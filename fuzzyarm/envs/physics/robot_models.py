@@ -14,11 +14,7 @@ limit), MJCF's `actuatorfrcrange` (torque limit), and `damping`, `friction` and 
 viscous friction, Coulomb friction (static alike) and motor inertia.
 
 MuJoCo parses both formats (extra `robots`) and computes the inertias; meshes are not opened. What else would move the
-arm in MuJoCo is refused by name, see `model_physics`.
-
-What a URDF or MJCF model says of the motion beyond its chain of joints: inertias, and what is refused by name.
-
-URDF and MJCF files as MuJoCo reads them: the chain of joints of a serial robot, and what is wrong with it.
+arm in MuJoCo is refused by name, see `unknown_forces`.
 """
 
 from __future__ import annotations
@@ -39,7 +35,7 @@ from fuzzyarm.common.documents import read_bytes, read_toml, record
 from fuzzyarm.envs.physics.joint import DIMENSIONS, Drive, Joint, Link, Vector, as_rows
 from fuzzyarm.envs.physics.robot import Robot
 
-__all__ = ["JointOverlay", "Overlay", "Tree", "inertias", "is_opened", "read_model", "read_robot", "unknown_forces"]
+__all__ = ["read_robot"]
 
 
 MASSLESS = 1e-9  # kg
@@ -139,7 +135,13 @@ def read_model(path: Path, fixed: Collection[str]) -> Tree:
         ValueError: it is no such file, no joint moves, or one that moves has no name.
         OSError: the file cannot be read.
     """
-    mujoco, text = _mujoco(), _text(path)
+    try:
+        import mujoco
+    except ModuleNotFoundError:
+        raise ModuleNotFoundError(
+            'URDF and MJCF files are read by MuJoCo; install it with: pip install "fuzzyarm[robots]"'
+        ) from None
+    text = _text(path)
     warn = mujoco.get_mju_user_warning()
     mujoco.set_mju_user_warning(lambda _: None)  # or MuJoCo writes its log into the working folder
     try:
@@ -158,7 +160,11 @@ def _tree(mujoco: Any, text: str, fixed: Collection[str]) -> Tree:
     if unknown:
         known = listed(joint.name for joint in spec.joints)
         raise ValueError(f"`fixed` names {listed(unknown)}; the joints of the model are: {known}")
-    chain = _chain(spec, fixed)
+    chain = [joint for joint in spec.joints if joint.name not in fixed]
+    if not chain:
+        raise ValueError("the model has no joint that moves")
+    if not all(joint.name for joint in chain):
+        raise ValueError("a joint has no name; give each joint of the model one")
     parts = {joint.name: list(_carried(joint.parent, fixed)) for joint in chain}
     moving = [body for bodies in parts.values() for body in bodies]
     complaints = [
@@ -204,16 +210,6 @@ def _couplings(spec: Any, mujoco: Any, fixed: Collection[str]) -> Iterator[str]:
             )
 
 
-def _chain(spec: Any, fixed: Collection[str]) -> list[Any]:
-    """Return the joints that move, from the base to the tip."""
-    chain = [joint for joint in spec.joints if joint.name not in fixed]
-    if not chain:
-        raise ValueError("the model has no joint that moves")
-    if not all(joint.name for joint in chain):
-        raise ValueError("a joint has no name; give each joint of the model one")
-    return chain
-
-
 def _misplaced(chain: list[Any], fixed: Collection[str]) -> Iterator[str]:
     """Yield complaints about joints that do not follow the one before."""
     for before, after in itertools.pairwise(chain):
@@ -253,16 +249,6 @@ def _compiled(spec: Any, fixed: Collection[str]) -> Any:
         part.material = ""
     spec.compiler.fusestatic = False
     return spec.compile()
-
-
-def _mujoco() -> Any:
-    try:
-        import mujoco
-    except ModuleNotFoundError:
-        raise ModuleNotFoundError(
-            'URDF and MJCF files are read by MuJoCo; install it with: pip install "fuzzyarm[robots]"'
-        ) from None
-    return mujoco
 
 
 def _text(path: Path) -> str:
@@ -325,27 +311,16 @@ DRIVEN = [field.name for field in dataclasses.fields(JointOverlay)]
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
 class Overlay:
-    """A robot file that refers to a model.
+    """A robot file that refers to a model."""
 
-    Attributes:
-        model: path of the URDF or MJCF file, from the folder of the robot file.
-        tip: name of a link or site of the model, or a point [m], shape (3,), in the last link's frame.
-        joints: by the joint's name in the model.
-        name: of the robot; empty: the model's.
-        fixed: names of joints that stay as the model has them.
-        gravity: [m/s²], shape (3,), in the base frame; None: the model's.
-        sources: where the numbers come from.
-        assumptions: which numbers are assumed, and why so.
-    """
-
-    model: str
-    tip: str | Vector
-    joints: dict[str, JointOverlay]
-    name: str = ""
-    fixed: tuple[str, ...] = ()
-    gravity: Vector | None = None
-    sources: tuple[str, ...] = ()
-    assumptions: tuple[str, ...] = ()
+    model: str  # path of the URDF or MJCF file, from the folder of the robot file
+    tip: str | Vector  # name of a link or site of the model, or a point [m], shape (3,), in the last link's frame
+    joints: dict[str, JointOverlay]  # by the joint's name in the model
+    name: str = ""  # of the robot; empty: the model's
+    fixed: tuple[str, ...] = ()  # names of joints that stay as the model has them
+    gravity: Vector | None = None  # [m/s²], shape (3,), in the base frame; None: the model's
+    sources: tuple[str, ...] = ()  # where the numbers come from
+    assumptions: tuple[str, ...] = ()  # which numbers are assumed, and why so
 
 
 def read_robot(path: str | Path) -> Robot:

@@ -17,13 +17,12 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from fuzzyarm.envs.physics.dynamics import Motor
+from fuzzyarm.envs.physics.dynamics import Motor, motor_friction
 from fuzzyarm.envs.physics.elementwise import sine_cosine
 from fuzzyarm.envs.physics.friction import DryFriction
 from fuzzyarm.envs.physics.integrator import advanced
 from fuzzyarm.envs.physics.joint import DIMENSIONS, DRIVE_UNITS, as_rows
 from fuzzyarm.envs.physics.physics import VARIED, Physics
-from fuzzyarm.envs.physics.readings import motor_friction
 from fuzzyarm.envs.physics.records import flat, per_joint, places, point, record_type, state_record
 from fuzzyarm.envs.physics.recursion import (
     NOTHING,
@@ -65,19 +64,13 @@ ROUNDING = 1e-15  # of products of rotations
 
 
 class Structure(NamedTuple):
-    """What robots with the same equations have in common, see the module.
+    """What robots with the same equations have in common, see the module."""
 
-    Attributes:
-        rotations: of each joint frame in the one before, once each frame is turned so that its axis is z.
-        frames: that turn, for each joint: the columns are the new axes in the old frame.
-        planar: whether it is an arm of two joints in a plane, whose tip has two coordinates.
-        numbers: names of the numbers of a `Plant`, in order; the others are zero.
-    """
-
+    # of each joint frame in the one before, once each frame is turned so that its axis is z
     rotations: tuple[Rows, ...]
-    frames: tuple[Rows, ...]
-    planar: bool
-    numbers: tuple[str, ...]
+    frames: tuple[Rows, ...]  # that turn, for each joint: the columns are the new axes in the old frame
+    planar: bool  # whether it is an arm of two joints in a plane, whose tip has two coordinates
+    numbers: tuple[str, ...]  # names of the numbers of a `Plant`, in order; the others are zero
 
 
 def physics_of(robot: Robot) -> Physics:
@@ -102,19 +95,15 @@ def structure_of(robot: Robot) -> Structure:
 
 def numbers_of(robot: Robot) -> dict[str, float]:
     """Return every number of a robot by name: mass1, center1x, inertia1xy, stiffness1, ..., tipx, gravityz."""
-    return dict(_numbers(robot))
-
-
-def _numbers(robot: Robot) -> Iterator[tuple[str, float]]:
+    found: dict[str, float] = {}
     for k, joint in enumerate(robot.joints, start=1):
-        yield f"mass{k}", joint.link.mass
-        yield from _named(f"center{k}", joint.link.center)
-        yield from _named(f"inertia{k}", np.array(joint.link.inertia)[np.triu_indices(DIMENSIONS)].tolist(), ENTRIES)
-        yield from _named(f"position{k}", joint.position)
-        yield from ((f"{name}{k}", getattr(joint.drive, name)) for name, _, _ in DRIVE_UNITS)
-        yield from zip((f"{name}{k}" for name in LIMITS), (*joint.angle_range, joint.velocity_limit), strict=True)
-    yield from _named("tip", robot.tip)
-    yield from _named("gravity", robot.gravity)
+        found[f"mass{k}"] = joint.link.mass
+        found |= _named(f"center{k}", joint.link.center)
+        found |= _named(f"inertia{k}", np.array(joint.link.inertia)[np.triu_indices(DIMENSIONS)].tolist(), ENTRIES)
+        found |= _named(f"position{k}", joint.position)
+        found |= {f"{name}{k}": getattr(joint.drive, name) for name, _, _ in DRIVE_UNITS}
+        found |= zip((f"{name}{k}" for name in LIMITS), (*joint.angle_range, joint.velocity_limit), strict=True)
+    return found | dict(_named("tip", robot.tip)) | dict(_named("gravity", robot.gravity))
 
 
 def _named(name: str, numbers: Iterable[Any], parts: Iterable[str] = AXES) -> Iterator[tuple[str, Any]]:

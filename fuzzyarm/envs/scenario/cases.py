@@ -33,14 +33,10 @@ __all__ = ["CASES", "PAPER_CASES", "Case", "Scenario", "add_case", "case_for", "
 
 
 class Scenario(NamedTuple):
-    """A disturbance and the reference to be tracked under it.
+    """A disturbance and the reference to be tracked under it."""
 
-    Attributes:
-        disturbance: what acts beside the controller.
-        reference: the motion asked for; None: each episode draws one from the domain randomisation's references.
-    """
-
-    disturbance: Disturbance
+    disturbance: Disturbance  # what acts beside the controller
+    # the motion asked for; None: each episode draws one from the domain randomisation's references
     reference: Reference | None
 
 

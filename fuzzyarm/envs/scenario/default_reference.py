@@ -259,7 +259,8 @@ def _tip_paths(parameters: ArmParameters, count: int) -> tuple[JointReference, .
         speed, turns = reach * generator.uniform(0.4, 2.2), generator.choice([-1.0, 1.0])
         step = (size * math.cos(angle), size * math.sin(angle))
         if len(family) % 8 == 7:
-            path, length = _line(center, step), 2.0 * size
+            ends = ((center[0] + sign * step[0], center[1] + sign * step[1]) for sign in (-1.0, 1.0))
+            path, length = Line(*ends), 2.0 * size
         elif len(family) % 4 == 3:
             path, length = Lemniscate(center=center, half_width=size, angle=angle), 6.1 * size
         else:
@@ -274,7 +275,3 @@ def _tip_paths(parameters: ArmParameters, count: int) -> tuple[JointReference, .
         except ValueError:
             continue  # too fast for the joints there: draw again
     return tuple(family)
-
-
-def _line(center: tuple[float, float], step: tuple[float, float]) -> Line:
-    return Line((center[0] - step[0], center[1] - step[1]), (center[0] + step[0], center[1] + step[1]))

@@ -43,15 +43,12 @@ class ElasticReference:
 
     As for the reference itself, every value depends on its own t alone; before t = 0 and long after T the arm rests.
 
-    Attributes:
-        reference: the motion of the links of an arm or a robot.
-
     Raises:
         TypeError: `reference` is no `Reference`.
         ValueError: θ_d or θ̇_d leaves the box (25), on which the certificates hold, or the ranges of a robot's joints.
     """
 
-    reference: Reference
+    reference: Reference  # the motion of the links of an arm or a robot
 
     def __post_init__(self) -> None:
         """Check θ_d against the box at `CHECKED_INSTANTS` instants."""

@@ -37,7 +37,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from fuzzyarm.envs.physics.rigid_body import frames, gravity
+from fuzzyarm.envs.physics.rigid_body import directions, frames, gravity
 from fuzzyarm.envs.physics.robot import Robot
 
 __all__ = [
@@ -66,27 +66,20 @@ LINEAR, ANGULAR = slice(0, 3), slice(3, 6)  # rows of the Jacobian: velocity of 
 
 
 class Chain(NamedTuple):
-    """The joints and the tip of a robot, in the base frame.
+    """The joints and the tip of a robot, in the base frame."""
 
-    Attributes:
-        axes: z_i, unit vectors (..., n, 3).
-        origins: p_i (..., n, 3) [m].
-        tip: p (..., 3) [m].
-        rotation: of the last link (..., 3, 3), columns are its axes.
-    """
-
-    axes: np.ndarray
-    origins: np.ndarray
-    tip: np.ndarray
-    rotation: np.ndarray
+    axes: np.ndarray  # z_i, unit vectors (..., n, 3)
+    origins: np.ndarray  # p_i (..., n, 3) [m]
+    tip: np.ndarray  # p (..., 3) [m]
+    rotation: np.ndarray  # of the last link (..., 3, 3), columns are its axes
 
 
 def chain(robot: Robot, q: np.ndarray) -> Chain:
     """Return joints and tip at joint angles q (..., n) [rad]."""
     links = frames(robot, q)
-    axes = np.einsum("...kij,kj->...ki", links.rotation, robot.arrays.axis)
     last = links.rotation[..., -1, :, :]
-    return Chain(axes, links.origin, links.origin[..., -1, :] + last @ robot.arrays.tip, last)
+    tip = links.origin[..., -1, :] + last @ robot.arrays.tip
+    return Chain(directions(robot, links), links.origin, tip, last)
 
 
 def jacobian(now: Chain) -> np.ndarray:
@@ -174,17 +167,11 @@ def freedom(robot: Robot) -> Freedom:
 
 @dataclasses.dataclass(frozen=True)
 class TipTask:
-    """The system f(q, p) = 0 of the module, for a robot and a start.
+    """The system f(q, p) = 0 of the module, for a robot and a start."""
 
-    Attributes:
-        robot: the robot.
-        start: q_0 (n,) [rad].
-        keeps_orientation: whether the last link keeps its rotation.
-    """
-
-    robot: Robot
-    start: np.ndarray
-    keeps_orientation: bool
+    robot: Robot  # the robot
+    start: np.ndarray  # q_0 (n,) [rad]
+    keeps_orientation: bool  # whether the last link keeps its rotation
 
     @functools.cached_property
     def motion(self) -> np.ndarray:

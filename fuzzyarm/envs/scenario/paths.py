@@ -360,9 +360,7 @@ class Placed:
         ValueError: one is not finite, or the axes are no unit vectors at right angles.
 
     Examples:
-        >>> from fuzzyarm.envs.scenario.paths import Circle
         >>> facing_x = Placed(Circle(center=(0.0, 0.0), radius=0.1), (0.5, 0.0, 0.4), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0))
-        >>> from fuzzyarm.envs.scenario.paths import Circle
         >>> facing_x.points(0.0)[0].round(6).tolist()
         [0.5, 0.0, 0.5]
     """

@@ -141,20 +141,19 @@ def by_quantity(drawn: np.ndarray, joints: int) -> dict[str, np.ndarray]:
     return quantities
 
 
-def _plants(arm: AnyArm) -> DomainRandomisation:
-    return DomainRandomisation(
-        mass=(0.9, 1.1),
-        motor_inertia=(0.9, 1.1),
-        stiffness=(0.8, 1.2),
-        damping=(0.5, 1.5),
-        dry_friction=(0.5, 1.5),
-        viscous_friction=(0.5, 1.5),
-    )
+_PLANTS = DomainRandomisation(
+    mass=(0.9, 1.1),
+    motor_inertia=(0.9, 1.1),
+    stiffness=(0.8, 1.2),
+    damping=(0.5, 1.5),
+    dry_friction=(0.5, 1.5),
+    viscous_friction=(0.5, 1.5),
+)
 
 
 def _robust(arm: AnyArm) -> DomainRandomisation:
     return dataclasses.replace(
-        _plants(arm),
+        _PLANTS,
         payload=(0.0, HEAVIEST * float(np.sum(robot_of(arm).arrays.mass))),
         force=(0.0, 1.0),
         angle=(-0.01, 0.01),
@@ -165,7 +164,7 @@ def _robust(arm: AnyArm) -> DomainRandomisation:
 # What is drawn, by name.
 RANDOMISATIONS: dict[str, Callable[[AnyArm], DomainRandomisation]] = {
     "nominal": lambda arm: DomainRandomisation(),
-    "plants": _plants,
+    "plants": lambda arm: _PLANTS,
     "robust": _robust,
 }
 

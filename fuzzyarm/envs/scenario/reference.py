@@ -39,9 +39,8 @@ __all__ = [
     "ReferenceSample",
     "TipSample",
     "along",
-    "check_angles",
+    "check_limits",
     "check_points",
-    "check_velocities",
     "corner_times",
     "joint_angles",
     "quintic_time_law",
@@ -220,8 +219,7 @@ class JointReference(PathReference):
         low, high, speed, _ = bounds_of(self.parameters)
         names = [f"joint{number}" for number in range(1, self.joints + 1)]
         advice = "Move the path, choose the other elbow_sign, or raise the joint_limit of the parameters"
-        check_angles(names, (low, high), t, np.unwrap(motion.q, axis=0), advice)
-        check_velocities(names, speed, t, motion.dq, self.duration)
+        check_limits(names, (low, high, speed), t, motion._replace(q=np.unwrap(motion.q, axis=0)), advice)
 
     def sample(self, t: ArrayLike) -> ReferenceSample:
         """Return q, q̇ = J⁻¹ ṗ and q̈ = J⁻¹ (p̈ - J̇ q̇), shapes (..., 2), at times t [s] of shape (...,)."""
@@ -298,46 +296,38 @@ def _check_reach(t: np.ndarray, position: np.ndarray, length: tuple[float, float
         )
 
 
-def check_angles(
-    names: Sequence[str], limits: tuple[np.ndarray, np.ndarray], t: np.ndarray, q: np.ndarray, advice: str
+def check_limits(
+    names: Sequence[str],
+    limits: tuple[np.ndarray, np.ndarray, np.ndarray],
+    t: np.ndarray,
+    motion: ReferenceSample,
+    advice: str,
 ) -> None:
-    """Raise ValueError if an angle leaves its joint's range.
+    """Raise ValueError if an angle leaves its joint's range or a velocity passes its limit; the message has a way out.
 
     Args:
         names: of the joints.
-        limits: lowest and highest angles (n,) [rad].
-        t: times (k,) [s].
-        q: angles (k, n) [rad] at these times.
-        advice: the way out, the end of the message.
+        limits: lowest and highest angles [rad], and largest velocities [rad/s], each (n,).
+        t: times (k,) [s], the last one the duration, with which velocities go inversely.
+        motion: angles and velocities (k, n) at these times.
+        advice: the way out where an angle leaves its range.
     """
-    low, high = limits
-    beyond = np.maximum(q - high, low - q)
+    (low, high, speed), duration = limits, float(t[-1])
+    beyond = np.maximum(motion.q - high, low - motion.q)
     k, joint = map(int, np.unravel_index(np.argmax(beyond), beyond.shape))
     if beyond[k, joint] > 0.0:
         first = int(np.argmax(beyond[:, joint] > 0.0))
         raise ValueError(
             f"{names[joint]} leaves its range at t = {t[first]:.4g} s, and by {beyond[k, joint]:.3g} rad at t = "
-            f"{t[k]:.4g} s, where it is {q[k, joint]:.6g} rad; allowed: [{low[joint]:.6g}, {high[joint]:.6g}] rad. "
-            f"{advice}"
+            f"{t[k]:.4g} s, where it is {motion.q[k, joint]:.6g} rad; allowed: [{low[joint]:.6g}, {high[joint]:.6g}] "
+            f"rad. {advice}"
         )
-
-
-def check_velocities(names: Sequence[str], limits: np.ndarray, t: np.ndarray, dq: np.ndarray, duration: float) -> None:
-    """Raise ValueError if a velocity passes its joint's limit; the message names the shortest duration that fits.
-
-    Args:
-        names: of the joints.
-        limits: (n,) [rad/s].
-        t: times (k,) [s].
-        dq: velocities (k, n) [rad/s] at these times, which go with 1/duration.
-        duration: T [s].
-    """
-    share = np.abs(dq) / limits
+    share = np.abs(motion.dq) / speed
     k, joint = map(int, np.unravel_index(np.argmax(share), share.shape))
     if share[k, joint] > 1.0:
         needed = math.ceil(duration * share[k, joint] * 1000.0) / 1000.0
         raise ValueError(
-            f"{names[joint]} turns at {dq[k, joint]:.6g} rad/s at t = {t[k]:.4g} s, "
-            f"{100.0 * (share[k, joint] - 1.0):.3g} % beyond its velocity limit; allowed: [-{limits[joint]:g}, "
-            f"{limits[joint]:g}] rad/s. Raise duration = {duration:g} s to {needed:.3f} s or more"
+            f"{names[joint]} turns at {motion.dq[k, joint]:.6g} rad/s at t = {t[k]:.4g} s, "
+            f"{100.0 * (share[k, joint] - 1.0):.3g} % beyond its velocity limit; allowed: [-{speed[joint]:g}, "
+            f"{speed[joint]:g}] rad/s. Raise duration = {duration:g} s to {needed:.3f} s or more"
         )

@@ -54,9 +54,8 @@ from fuzzyarm.envs.scenario.reference import (
     ReferenceSample,
     TipSample,
     along,
-    check_angles,
+    check_limits,
     check_points,
-    check_velocities,
     corner_times,
     quintic_time_law,
     time_at,
@@ -87,12 +86,9 @@ def checked_angles(name: str, values: object, robot: Robot) -> tuple[float, ...]
     return angles
 
 
-def _check_limits(robot: Robot, t: np.ndarray, motion: ReferenceSample, duration: float, advice: str) -> None:
-    """Raise ValueError if a motion at times t (k,) [s] leaves the range of a joint or passes its velocity limit."""
-    names = [joint.name for joint in robot.joints]
+def _check_limits(robot: Robot, t: np.ndarray, motion: ReferenceSample, advice: str) -> None:
     low, high = angle_ranges(robot)
-    check_angles(names, (low, high), t, motion.q, advice)
-    check_velocities(names, velocity_limits(robot), t, motion.dq, duration)
+    check_limits([joint.name for joint in robot.joints], (low, high, velocity_limits(robot)), t, motion, advice)
 
 
 STEPS = np.linspace(0.0, 1.0, 81)  # of s, from one to the next of which the branch is followed
@@ -151,7 +147,7 @@ class TipReference(PathReference):
         motion = self.sample(t)
         self._check_sharpness(t, motion.q)
         advice = "Move or shrink the path, or start from another posture="
-        _check_limits(self.robot, t, motion, self.duration, advice)
+        _check_limits(self.robot, t, motion, advice)
 
     @property
     def joints(self) -> int:
@@ -343,7 +339,7 @@ class SplineReference(Reference):
         t = np.linspace(0.0, self.duration, CHECKED_INSTANTS)
         motion = self.sample(t)
         advice = "Add waypoints where the spline swings too far, or move them inwards"
-        _check_limits(self.robot, t, motion, self.duration, advice)
+        _check_limits(self.robot, t, motion, advice)
 
     @property
     def joints(self) -> int:

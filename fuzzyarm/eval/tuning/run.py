@@ -31,7 +31,6 @@ from fuzzyarm.envs.physics.equations import IN_FOLDER, AnyArm, chosen_arm, robot
 from fuzzyarm.envs.physics.parameters import ArmParameters
 from fuzzyarm.envs.physics.rigid_body import inverse_dynamics
 from fuzzyarm.envs.physics.robot import shipped_robots
-from fuzzyarm.envs.physics.robot_text import arm_as_toml
 from fuzzyarm.envs.scenario.default_reference import default_reference
 from fuzzyarm.eval.engine import Engine
 from fuzzyarm.eval.provenance import current_provenance
@@ -91,7 +90,7 @@ def begin(arm: AnyArm, folder: Path) -> None:
         way = "add --resume to go on with its tuning, or choose another" if tuned else "choose another"
         raise ValueError(f"{escaped(str(folder))} exists and is not empty; {way}")
     check_strength(arm)
-    write_atomically(folder / IN_FOLDER, arm_as_toml(arm))
+    write_atomically(folder / IN_FOLDER, arm.to_toml())
 
 
 def check_strength(arm: AnyArm) -> None:
