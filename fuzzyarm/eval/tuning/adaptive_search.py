@@ -42,7 +42,7 @@ from fuzzyarm.fuzzy_policy.laws.adaptive.policy import AdaptiveObserverPolicy
 from fuzzyarm.fuzzy_policy.policy import Policy
 
 __all__ = [
-    "BOX", "CAP", "FIRST_STEP", "FULL", "GROUPS", "LANES", "SEED", "SHORT", "Objective", "RandomArms",
+    "BOX", "CAP", "FIRST_STEP", "FULL", "GROUPS", "LANES", "SEED", "SHORT", "UNFIT", "Objective", "RandomArms",
     "feasible_references", "logarithms_of", "noisy_nominal", "objective_for", "weights_of",
 ]  # fmt: skip
 
@@ -72,6 +72,8 @@ SEED = 11
 CAP = 50.0
 """The largest error that an arm counts with [mm], and what it counts if its episode ends early. It is no definition of
 a lost path, see `metrics.is_lost`: one arm far off shall not decide for all."""
+UNFIT = math.inf
+"""The cost of weights for which there is no regulator."""
 TAIL = 0.1  # weight of the worst arm beside the mean
 FEASIBLE = 0.95  # of the torque limits
 LARGEST_FORCE, LATEST_ONSET = 250.0, 0.5  # N, on the arm of Table 1; s
@@ -165,11 +167,11 @@ class Objective:
         self.arms = [RandomArms(SEED, group, arm=arm) for group in GROUPS]
 
     def __call__(self, logarithms: np.ndarray) -> float:
-        """Return the objective [mm], infinite where there is no regulator for the weights."""
+        """Return the objective [mm], `UNFIT` where there is no regulator for the weights."""
         try:
             policy = AdaptiveObserverPolicy(self.arm, PERIOD, weights_of(logarithms), self.fallback())
         except ValueError:
-            return math.inf
+            return UNFIT
         errors = [arms.largest_errors(policy) for arms in self.arms]
         return sum(float(group.mean() + TAIL * group.max()) for group in errors) + noisy_nominal(policy)
 

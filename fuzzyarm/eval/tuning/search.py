@@ -7,9 +7,8 @@ is closer says nothing about the weights.
 from __future__ import annotations
 
 import dataclasses
-import functools
 import math
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Sequence
 from typing import Any
 
 import numpy as np
@@ -18,7 +17,9 @@ from scipy.stats import qmc
 
 from fuzzyarm.eval.engine import Engine
 
-__all__ = ["WORTH", "Budget", "Descent", "best_of", "descend", "found_weights", "rounded", "sobol_points"]
+__all__ = [
+    "WORTH", "Budget", "Descent", "best_of", "descend", "found_weights", "rounded", "run_in_order", "sobol_points",
+]  # fmt: skip
 
 WORTH = 0.01
 """Share of the first guess's objective by which others must be better."""
@@ -120,33 +121,26 @@ def found_weights(
         advance: called with the number of evaluations that were done.
     """
     starts = np.vstack([guess, points[: budget.sobol]])
-    costs = dict(_run(engine, functools.partial(_cost, objective_for, arm, starts), len(starts), advance, 1))
-    known = [Descent(tuple(start.tolist()), costs[number]) for number, start in enumerate(starts)]
+
+    def cost(number: int) -> float:
+        return objective_for(arm)(starts[number])
+
+    costs = run_in_order(engine, cost, len(starts), advance)
+    known = [Descent(tuple(start.tolist()), cost) for start, cost in zip(starts, costs, strict=True)]
     best = sorted(known[1:], key=lambda descent: descent.cost)[: budget.searches - budget.from_guess]
     begins = [np.array(descent.point) for descent in (*best, *known[: int(budget.from_guess)])]
-    work = functools.partial(_search, objective_for, arm, begins, first_step, budget.evaluations)
-    descents = dict(_run(engine, work, len(begins), advance, budget.evaluations))
-    return best_of(known[0], [*known[1:], *(descents[number] for number in sorted(descents))]), known[0]
+
+    def search(number: int) -> Descent:
+        return descend(objective_for(arm), begins[number], first_step, budget.evaluations)
+
+    descents = run_in_order(engine, search, len(begins), lambda done: advance(budget.evaluations * done))
+    return best_of(known[0], [*known[1:], *descents]), known[0]
 
 
-def _run(
-    engine: Engine, work: Callable[[int], Any], count: int, advance: Callable[[int], None], weight: int
-) -> Iterator[tuple[int, Any]]:
+def run_in_order(engine: Engine, work: Callable[[int], Any], count: int, advance: Callable[[int], None]) -> list[Any]:
+    """Return work(0), work(1), ..., done on the engine; `advance` is called with 1 after each."""
+    results = {}
     for number, result in engine.run(work, range(count)):
-        advance(weight)
-        yield number, result
-
-
-def _cost(objective_for: Callable[[Any], Costs], arm: Any, points: np.ndarray, number: int) -> float:
-    return objective_for(arm)(points[number])
-
-
-def _search(
-    objective_for: Callable[[Any], Costs],
-    arm: Any,
-    begins: list[np.ndarray],
-    first_step: float,
-    evaluations: int,
-    number: int,
-) -> Descent:
-    return descend(objective_for(arm), begins[number], first_step, evaluations)
+        results[number] = result
+        advance(1)
+    return [results[number] for number in range(count)]
