@@ -282,17 +282,13 @@ def helper_text(operation: str, real: str) -> str:
         **{"large": 2.0 ** (digits - 1), "split": 2.0 ** (digits - digits // 2) + 1.0},
         **{"lift": 2.0**lift, "drop": 2.0 ** (-lift // 2)},
     }
+    form = textwrap.TextWrapper(100, initial_indent=" " * 8, subsequent_indent=" " * 8, break_on_hyphens=False)
     lists = {
-        "powers": _lines(literal(2.0**exponent) for exponent in exponents),
-        "roots": _lines(literal(2.0 ** (exponent // 2)) for exponent in exponents),
+        "powers": form.fill(", ".join(literal(2.0**exponent) for exponent in exponents)),
+        "roots": form.fill(", ".join(literal(2.0 ** (exponent // 2)) for exponent in exponents)),
     }
     words = {"real": real, "steps": str(steps), "epsilon": {"double": "DBL", "float": "FLT"}[real]}
     return HELPERS[operation].format(**words, **lists, **{name: literal(number) for name, number in numbers.items()})
-
-
-def _lines(texts: Iterable[str]) -> str:
-    indent = " " * 8
-    return textwrap.fill(", ".join(texts), 100, initial_indent=indent, subsequent_indent=indent, break_on_hyphens=False)
 
 
 LONGEST = 70  # characters of an operation that stands where it is used

@@ -44,13 +44,10 @@ _IDLE = {
 }
 """Functions that have nothing to do, with their arguments: only errors are logged, no law depends on the time."""
 
+_KINDS, _PORTS = ("Integer", "Boolean", "String"), "const fmi2ValueReference vr[], size_t nvr, "
 _EXCUSED = {
-    "fmi2GetInteger": "const fmi2ValueReference vr[], size_t nvr, fmi2Integer value[]",
-    "fmi2GetBoolean": "const fmi2ValueReference vr[], size_t nvr, fmi2Boolean value[]",
-    "fmi2GetString": "const fmi2ValueReference vr[], size_t nvr, fmi2String value[]",
-    "fmi2SetInteger": "const fmi2ValueReference vr[], size_t nvr, const fmi2Integer value[]",
-    "fmi2SetBoolean": "const fmi2ValueReference vr[], size_t nvr, const fmi2Boolean value[]",
-    "fmi2SetString": "const fmi2ValueReference vr[], size_t nvr, const fmi2String value[]",
+    **{f"fmi2Get{kind}": f"{_PORTS}fmi2{kind} value[]" for kind in _KINDS},
+    **{f"fmi2Set{kind}": f"{_PORTS}const fmi2{kind} value[]" for kind in _KINDS},
     "fmi2GetFMUstate": "fmi2FMUstate *state",
     "fmi2SetFMUstate": "fmi2FMUstate state",
     "fmi2FreeFMUstate": "fmi2FMUstate *state",
@@ -59,16 +56,11 @@ _EXCUSED = {
     "fmi2DeSerializeFMUstate": "const fmi2Byte bytes[], size_t size, fmi2FMUstate *state",
     "fmi2GetDirectionalDerivative": "const fmi2ValueReference unknown[], size_t nUnknown, "
     "const fmi2ValueReference known[], size_t nKnown, const fmi2Real seed[], fmi2Real value[]",
-    "fmi2SetRealInputDerivatives": "const fmi2ValueReference vr[], size_t nvr, const fmi2Integer order[], "
-    "const fmi2Real value[]",
-    "fmi2GetRealOutputDerivatives": "const fmi2ValueReference vr[], size_t nvr, const fmi2Integer order[], "
-    "fmi2Real value[]",
+    "fmi2SetRealInputDerivatives": f"{_PORTS}const fmi2Integer order[], const fmi2Real value[]",
+    "fmi2GetRealOutputDerivatives": f"{_PORTS}const fmi2Integer order[], fmi2Real value[]",
     "fmi2CancelStep": "",
     "fmi2GetStatus": "fmi2StatusKind kind, fmi2Status *value",
-    "fmi2GetRealStatus": "fmi2StatusKind kind, fmi2Real *value",
-    "fmi2GetIntegerStatus": "fmi2StatusKind kind, fmi2Integer *value",
-    "fmi2GetBooleanStatus": "fmi2StatusKind kind, fmi2Boolean *value",
-    "fmi2GetStringStatus": "fmi2StatusKind kind, fmi2String *value",
+    **{f"fmi2Get{kind}Status": f"fmi2StatusKind kind, fmi2{kind} *value" for kind in ("Real", *_KINDS)},
 }
 """Functions of the standard that this FMU declares no ability for, with their arguments."""
 

@@ -5,22 +5,18 @@ The figure of `fuzzyarm bench --lanes-sweep`: throughput against the number of l
 
 from __future__ import annotations
 
-import io
 import itertools
 import math
 from collections.abc import Sequence
-from pathlib import Path
 from typing import Any
 
-import matplotlib.style
 from matplotlib.figure import Figure
 from rich.console import Console
 
 from fuzzyarm.common.console import Sheet, print_paragraphs
-from fuzzyarm.common.files import write_atomically
 from fuzzyarm.eval.evaluation.figures import DASHES
 
-__all__ = ["draw_throughput", "print_speeds", "speed_cells", "speed_notes", "write_throughput_figure"]
+__all__ = ["draw_throughput", "print_speeds", "speed_cells", "speed_notes"]
 
 
 _QUIET = 0.5  # load average
@@ -102,18 +98,6 @@ def _memory(memory: dict[str, Any]) -> str:
 
 
 MARKERS = "os^Dv"
-
-
-def write_throughput_figure(document: dict[str, Any], path: Path) -> None:
-    """Draw the throughput in a document of `run.run_bench` and write it as PNG.
-
-    Raises:
-        OSError: the folder is missing or not writable; no file is left half written.
-    """
-    with matplotlib.style.context("fuzzyarm.eval.fuzzyarm", after_reset=True):
-        content = io.BytesIO()
-        draw_throughput(document).savefig(content, format="png")
-    write_atomically(path, content.getvalue())
 
 
 def draw_throughput(document: dict[str, Any]) -> Figure:

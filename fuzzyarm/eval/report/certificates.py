@@ -14,7 +14,7 @@ from __future__ import annotations
 
 import dataclasses
 import math
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from decimal import Decimal
 from html import escape
 from pathlib import Path
@@ -219,59 +219,41 @@ Observations = Mapping[str, Observed | str]
 """What was observed by policy, or in words why nothing was, see `observe_policies`."""
 
 
-@dataclasses.dataclass(frozen=True)
-class _BoundChart:
-    """A chart of one certified bound.
-
-    Attributes:
-        title: above the chart.
-        label: of the axis, with the unit.
-        key: of the certified value in the bounds.
-        digits: decimal digits from SI units to the unit of the axis.
-        at_least: whether the certified value is a lower bound.
-        worst: the worst value observed, in SI units.
-        forms: of controllers that claim this quantity.
-    """
-
-    title: str
-    label: str
-    key: str
-    digits: int
-    at_least: bool
-    worst: Callable[[Observed], float]
-    forms: tuple[str, ...]
-
-
-DECAY, GAIN = ("consistent", "semidefinite"), ("consistent",)  # forms whose bounds are of the rigid arm's error
-_CHARTS = (
-    _BoundChart("Decay rate", "decay rate of the root of V [1/s]", "alpha", 0, True, lambda seen: seen.decay, DECAY),
-    _BoundChart(
-        "L2 gain, disturbance to error", "L2 gain [µrad/(N m)]", "gamma", 6, False, lambda seen: seen.gain, GAIN
-    ),
-)
-
-
 def bound_charts(stored: Evaluation, observed: Observations) -> str:
     """Return a chart of each kind of bound; a policy without comparable bounds has a text in its row."""
-    figures = []
-    for spec in _CHARTS:
-        rows = [(name, _row(spec, claimed, observed.get(name))) for name, claimed in stored.bounds.items()]
-        values = [max(bound.certified, bound.observed or 0.0) for _, bound in rows if isinstance(bound, Bound)]
-        axis = Axis(spec.label, 0.0, 1.25 * max(values, default=1.0))
-        chart = draw_chart(axis, rows, f"{spec.title}: certified bound and worst observed")
-        figures.append(figure(spec.title, chart))
-    return "".join(figures)
+    decay = _bound_chart(
+        stored, observed, "Decay rate", "decay rate of the root of V [1/s]", "alpha", 0, ("consistent", "semidefinite")
+    )
+    gain = _bound_chart(
+        stored, observed, "L2 gain, disturbance to error", "L2 gain [µrad/(N m)]", "gamma", 6, ("consistent",)
+    )
+    return decay + gain
 
 
-def _row(spec: _BoundChart, claimed: Mapping[str, Any] | None, seen: Observed | str | None) -> Bound | str:
-    if claimed is None:
-        return "nothing proven"
-    if claimed["form"] not in spec.forms:
-        return "of other quantities"
-    worst = 10.0**spec.digits * spec.worst(seen) if isinstance(seen, Observed) else None
-    # Rounded so that it holds before the unit is changed, which is exact in decimal.
-    stated = (at_least if spec.at_least else at_most)(claimed[spec.key], 3)
-    return Bound(float(Decimal(stated).scaleb(spec.digits)), worst, spec.at_least)
+def _bound_chart(
+    stored: Evaluation, observed: Observations, title: str, label: str, key: str, digits: int, forms: tuple[str, ...]
+) -> str:
+    """Return the chart of the bound `key`, whose axis has a unit so many decimal `digits` below that of SI.
+
+    Only controllers of these `forms` claim it of the rigid arm's error; the decay rate is a lower bound, the gain an
+    upper one.
+    """
+    lower = key == "alpha"
+
+    def row(claimed: Mapping[str, Any] | None, seen: Observed | str | None) -> Bound | str:
+        if claimed is None:
+            return "nothing proven"
+        if claimed["form"] not in forms:
+            return "of other quantities"
+        worst = 10.0**digits * (seen.decay if lower else seen.gain) if isinstance(seen, Observed) else None
+        # Rounded so that it holds before the unit is changed, which is exact in decimal.
+        stated = (at_least if lower else at_most)(claimed[key], 3)
+        return Bound(float(Decimal(stated).scaleb(digits)), worst, lower)
+
+    rows = [(name, row(claimed, observed.get(name))) for name, claimed in stored.bounds.items()]
+    values = [max(bound.certified, bound.observed or 0.0) for _, bound in rows if isinstance(bound, Bound)]
+    axis = Axis(label, 0.0, 1.25 * max(values, default=1.0))
+    return figure(title, draw_chart(axis, rows, f"{title}: certified bound and worst observed"))
 
 
 def bound_note(observed: Observations) -> str:

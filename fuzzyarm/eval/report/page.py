@@ -23,7 +23,6 @@ from typing import Any
 from fuzzyarm import __version__
 from fuzzyarm.common.checks import path_of
 from fuzzyarm.common.files import write_atomically
-from fuzzyarm.envs.scenario.cases import CASES
 from fuzzyarm.eval.episodes.metrics import LOST, millimetres
 from fuzzyarm.eval.evaluation.ranking import Standing, standings_of
 from fuzzyarm.eval.evaluation.results_file import read_evaluation
@@ -49,7 +48,7 @@ __all__ = ["command", "headline", "render_page", "rule", "write_report"]
 NAMED = 3  # policies that are named one after the other; of more, only their number is told
 
 
-def headline(standings: Sequence[Standing], titles: Mapping[str, str] | None = None) -> str:
+def headline(standings: Sequence[Standing], titles: Mapping[str, str]) -> str:
     """Return the sentence as HTML.
 
     A value is that of the leaderboard: the score overall, the rms tip error in a case. Policies whose values read the
@@ -57,11 +56,10 @@ def headline(standings: Sequence[Standing], titles: Mapping[str, str] | None = N
 
     Args:
         standings: of all policies of one evaluation, see `standings_of`.
-        titles: of the cases by name; None: those of the two-joint arm.
+        titles: of the cases by name.
     """
-    known = {name: case.title for name, case in CASES.items()} if titles is None else titles
     if len(standings) == 1:
-        return _alone(standings[0], known)
+        return _alone(standings[0], titles)
     scores = {standing.policy: standing.score.mean for standing in standings if standing.score is not None}
     cases = list(standings[0].rms)
     wins: dict[tuple[str, ...], list[str]] = {}  # what each group of winners won
@@ -72,10 +70,10 @@ def headline(standings: Sequence[Standing], titles: Mapping[str, str] | None = N
         errors = {standing.policy: standing.rms[case] for standing in standings}
         held = {policy: error for policy, error in errors.items() if error is not None}
         if held:
-            won = f"in {_title(known[case])} with {_length(min(held.values()))}\u00a0rms"
+            won = f"in {_title(titles[case])} with {_length(min(held.values()))}\u00a0rms"
             wins.setdefault(_winners(held), []).append(won)
         else:
-            nobody.append(_title(known[case]))
+            nobody.append(_title(titles[case]))
     parts = [
         f"{_names(names)} {'wins' if len(names) == 1 else 'tie'} {_series(where)}" for names, where in wins.items()
     ]
