@@ -179,7 +179,9 @@ def _tube(check: BoundCheck, run: Rollout) -> str:
     along = np.gradient(path, axis=0)
     across = np.stack([-along[:, 1], along[:, 0]], axis=1) / np.maximum(np.hypot(*along.T), 1e-12)[:, np.newaxis]
     extent = float(np.ptp(path, axis=0).max())
-    times = _round_down(WIDEST * extent / max(float(check.tip.max()), 1e-12))
+    most = WIDEST * extent / max(float(check.tip.max()), 1e-12)
+    power = 10.0 ** math.floor(math.log10(most))
+    times = max(step * power for step in (1.0, 2.0, 5.0) if step * power <= most * (1 + 1e-12))
     middle = 0.5 * (path.min(axis=0) + path.max(axis=0))
     scale = (SIZE - 2.0 * EDGE) / (extent * (1.0 + 2.0 * WIDEST))
 
@@ -196,12 +198,6 @@ def _tube(check: BoundCheck, run: Rollout) -> str:
         f'<polyline class="tip" points="{points(path + times * (tip - path))}"/></svg>'
     )
     return figure(title, svg)
-
-
-def _round_down(value: float) -> float:
-    """Return the largest of 1, 2, 5 times a power of ten that is not above a number."""
-    power = 10.0 ** math.floor(math.log10(value))
-    return max(step * power for step in (1.0, 2.0, 5.0) if step * power <= value * (1 + 1e-12))
 
 
 SCOPE = (

@@ -18,13 +18,15 @@ from scipy.stats import qmc
 from fuzzyarm.eval.engine import Engine
 
 __all__ = [
-    "WORTH", "Budget", "Descent", "best_of", "descend", "found_weights", "rounded", "run_in_order", "sobol_points",
+    "WORTH", "Budget", "Costs", "Descent", "best_of", "descend", "found_weights", "rounded", "run_in_order",
+    "sobol_points",
 ]  # fmt: skip
 
 WORTH = 0.01
 """Share of the first guess's objective by which others must be better."""
 
 Costs = Callable[[np.ndarray], float]
+"""The objective at logarithms (n,) of weights."""
 
 
 @dataclasses.dataclass(frozen=True)

@@ -184,17 +184,9 @@ def _searched(
     objective_for: Any,
     notes: tuple[str, ...] = (),
 ) -> Finding:
-    """Return the weights of an observer that the search of a module finds, those of Table 1 being the first guess.
+    """Return the weights that the `search` of a module finds, `usual` being the first guess.
 
-    Args:
-        context: of the step.
-        policy: whose weights are searched.
-        rule: in words.
-        search: the module, `observer_search` or `adaptive_search`.
-        usual: the weights of Table 1.
-        law: makes the policy of weights.
-        objective_for: as in `found_weights`.
-        notes: of the finding.
+    `law` makes the policy of weights, and `objective_for` is that of `found_weights`.
     """
     points = sobol_points(list(search.BOX.values()), search.FULL.sobol, search.SEED)
     budget = search.SHORT
@@ -300,10 +292,8 @@ def _robot_bandwidth(context: Context) -> Finding:
         "postures, lowered until the loop is stable in every condition along the default path."
     )
     omega, tried = bandwidth_for(robot, PERIOD), 1
-    radii = measured_radii(ComputedTorquePolicy(robot, PERIOD, omega), robot)
-    while omega > STEP and not _stable(radii):
+    while not _stable(radii := measured_radii(ComputedTorquePolicy(robot, PERIOD, omega), robot)) and omega > STEP:
         omega, tried = omega - STEP, tried + 1
-        radii = measured_radii(ComputedTorquePolicy(robot, PERIOD, omega), robot)
         context.advance(1)
     return found(robot, COMPUTED_TORQUE, {"bandwidth": omega}, {}, radii, tried=tried, rule=rule)
 
