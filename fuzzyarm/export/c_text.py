@@ -8,6 +8,7 @@ C functions of the exported programs that do what Python does by itself or by it
 
 from __future__ import annotations
 
+import functools
 import inspect
 import itertools
 import math
@@ -270,10 +271,7 @@ static int place_({real} x, int last)
 
 def helper_text(operation: str, real: str) -> str:
     """Return the C function of an operation, a key of `HELPERS`; `real` is "double" or "float"."""
-
-    def literal(number: float) -> str:
-        return literal_of(number, real)
-
+    literal = functools.partial(literal_of, real=real)
     digits, steps = {"double": (53, 9), "float": (24, 6)}[real]
     exponents = [2**step for step in range(steps, 0, -1)]
     lift = 2 * (digits // 2 + 1)

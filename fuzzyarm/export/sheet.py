@@ -117,8 +117,13 @@ class LawSheet:
             "policy": self.policy,
             "law": self.law,
             "equations": list(self.equations),
-            "quantities": {quantity.name: _plain(quantity) for quantity in self.quantities},
-            "check": {quantity.name: _plain(quantity) for quantity in self.check},
+            **{
+                part: {
+                    one.name: {"unit": one.unit, "meaning": one.meaning, "values": one.values.tolist()}
+                    for one in getattr(self, part)
+                }
+                for part in ("quantities", "check")
+            },
             "certificate": certificate,
         }
 
@@ -141,10 +146,6 @@ def certified_numbers(certificate: PolicyCertificate) -> dict[str, str]:
         numbers["fastest_pole"] = f"{at_most(controller.fastest_pole, 6)} 1/s"
     void = {} if certificate.bounds is not None else {"claim": "void along this reference, see the text"}
     return {**numbers, "digest": controller.digest, **void}
-
-
-def _plain(quantity: Quantity) -> dict[str, Any]:
-    return {"unit": quantity.unit, "meaning": quantity.meaning, "values": quantity.values.tolist()}
 
 
 def _rows(values: np.ndarray) -> list[str]:

@@ -283,29 +283,24 @@ them, where they are EQUAL_ACCURACY and FASTEST.
 
 def gymnasium_peers() -> list[Entry]:
     """Return the peers of one environment."""
-
-    def peer(heading: str, name: str, substeps: int) -> Entry:
-        opened = functools.partial(single_environment, name, 1.0)
-        return Entry(f"Gymnasium {name}", 1, 1, substeps, "float64", opened, heading, extra="bench")
-
-    return [peer("Pendulum", "Pendulum-v1", 1), peer("Reacher", "Reacher-v5", 2)]
+    return [
+        Entry(f"Gymnasium {name}", 1, 1, substeps, "float64", opened, heading, extra="bench")
+        for heading, name, substeps in (("Pendulum", "Pendulum-v1", 1), ("Reacher", "Reacher-v5", 2))
+        for opened in [functools.partial(single_environment, name, 1.0)]
+    ]
 
 
 def batch_peers(lanes: int, threads: int) -> list[Entry]:
     """Return the peers of a batch."""
-
-    def envpool(heading: str, name: str) -> Entry:
+    peers = []
+    for heading, name in (("Pendulum", "Pendulum-v1"), ("Reacher", "ReacherEasy-v1")):
         opened = functools.partial(_envpool, name, lanes, threads)
-        return Entry(f"EnvPool {name}", lanes, threads, 1, "float64", opened, heading, extra="bench")
-
-    def mujoco(heading: str) -> Entry:
-        *_, substeps = MUJOCO_METHODS[heading]
+        peers.append(Entry(f"EnvPool {name}", lanes, threads, 1, "float64", opened, heading, extra="bench"))
+    for heading, (*_, substeps) in MUJOCO_METHODS.items():
         name = f"same arm in MuJoCo, 1{f'/{substeps}' if substeps > 1 else ''} ms"
         opened, tip_error = functools.partial(_mujoco, heading, lanes, threads), MUJOCO_TIP_ERRORS[heading]
-        return Entry(name, lanes, threads, substeps, "float64", opened, heading, tip_error, "bench")
-
-    pools = [envpool("Pendulum", "Pendulum-v1"), envpool("Reacher", "ReacherEasy-v1")]
-    return [*pools, *map(mujoco, MUJOCO_METHODS)]
+        peers.append(Entry(name, lanes, threads, substeps, "float64", opened, heading, tip_error, "bench"))
+    return peers
 
 
 @contextlib.contextmanager

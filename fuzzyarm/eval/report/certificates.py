@@ -25,7 +25,6 @@ import numpy as np
 from fuzzyarm.common.rounding import at_least, at_most
 from fuzzyarm.envs.scenario.reference import Reference
 from fuzzyarm.eval.certified.rigid import (
-    Motion,
     RigidLoop,
     decay_rates,
     disturbed_run,
@@ -74,8 +73,15 @@ def observe(loop: RigidLoop, reference: Reference) -> Observed:
     under a library of torques and the worst torque found by power iteration, along the reference and at the held
     posture of largest frozen gain.
     """
-    gain, probe = max(_largest_gain(loop, motion, reference.duration) for motion in (reference, worst_posture(loop)))
-    return Observed(decay_rates(loop, STEP).observed, gain, probe)
+    gains, duration = list[tuple[float, str]](), reference.duration
+    for motion in (reference, worst_posture(loop)):
+        worst = worst_torque(loop, motion, duration, step=STEP)
+        probes = library(duration, STEP) | {"worst torque found": worst}
+        run = disturbed_run(loop, motion, probes, duration, STEP)
+        # The certificate claims nothing outside the box, so gains count only until a rollout leaves it.
+        found = np.where(run.in_box, run.gain, 0.0).max(axis=0)
+        gains += zip(found.tolist(), probes, strict=True)
+    return Observed(decay_rates(loop, STEP).observed, *max(gains))
 
 
 def observe_policies(
@@ -117,15 +123,6 @@ def _controller(
     if certificate is None or certificate.bounds != claimed:
         return "the controller file has changed since the evaluation"
     return cast("Controller", certificate.controller)  # as the form says
-
-
-def _largest_gain(loop: RigidLoop, motion: Motion, duration: float) -> tuple[float, str]:
-    """Return the largest gain about a motion [rad/(N m)] and the name of the torque that causes it."""
-    probes = library(duration, STEP) | {"worst torque found": worst_torque(loop, motion, duration, step=STEP)}
-    run = disturbed_run(loop, motion, probes, duration, STEP)
-    # The certificate claims nothing outside the box, so gains count only until a rollout leaves it.
-    gains = np.where(run.in_box, run.gain, 0.0).max(axis=0)
-    return max(zip(gains.tolist(), probes, strict=True))
 
 
 SIZE, EDGE = 440.0, 26.0  # of the drawing and around it [px]

@@ -97,7 +97,7 @@ def _alone(standing: Standing, titles: Mapping[str, str]) -> str:
     """Return the sentence of an evaluation of one policy, which has nobody to win against."""
     name = _names([standing.policy])
     if standing.score is None:
-        return f"{name} ran alone and lost the path in {standing.lost} of {_episodes(standing.episodes)}."
+        return f"{name} ran alone and lost the path in {standing.lost} of {_counted(standing.episodes, 'episode')}."
     errors = [
         f"{_length(error)} in {_title(titles[case])}" for case, error in standing.rms.items() if error is not None
     ]
@@ -117,11 +117,11 @@ def _lost(standings: Sequence[Standing]) -> list[str]:
         return []
     overall = " overall" if len(standings[0].rms) > 1 else ""
     if len(lost) == 1:
-        often = f"{lost[0].lost} of {_episodes(lost[0].episodes)}"
+        often = f"{lost[0].lost} of {_counted(lost[0].episodes, 'episode')}"
         return [f"{_names([lost[0].policy])} lost the path in {often} and is not ranked{overall}"]
-    named = [f"{_names([one.policy])} (in {one.lost} of {_episodes(one.episodes)})" for one in lost[:NAMED]]
+    named = [f"{_names([one.policy])} (in {one.lost} of {_counted(one.episodes, 'episode')})" for one in lost[:NAMED]]
     if len(lost) > NAMED:
-        named.append(_others(len(lost) - NAMED))
+        named.append(_counted(len(lost) - NAMED, "other"))
     return [f"{_series(named)} lost the path and are not ranked{overall}"]
 
 
@@ -147,17 +147,13 @@ def _length(error: float) -> str:
     return f"{escape(millimetres(error, digits))}\u00a0mm"
 
 
-def _episodes(count: int) -> str:
-    return f"{count} {'episode' if count == 1 else 'episodes'}"
-
-
-def _others(count: int) -> str:
-    return f"{count} {'other' if count == 1 else 'others'}"
+def _counted(count: int, noun: str) -> str:
+    return f"{count} {noun}{'' if count == 1 else 's'}"
 
 
 def _names(policies: Sequence[str]) -> str:
     names = [f"<strong>{escape(policy)}</strong>" for policy in policies]
-    return _series(names if len(names) <= NAMED + 1 else [*names[:NAMED], _others(len(names) - NAMED)])
+    return _series(names if len(names) <= NAMED + 1 else [*names[:NAMED], _counted(len(names) - NAMED, "other")])
 
 
 def _series(parts: Sequence[str]) -> str:

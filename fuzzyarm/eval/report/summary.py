@@ -176,8 +176,16 @@ def error_charts(rows: Sequence[Row], titles: Mapping[str, str]) -> str:
     `titles` of the cases by name.
     """
     groups = _groups(rows)
-    errors = {case: {policy: _tip_error(runs) for policy, runs in group.items()} for case, group in groups.items()}
-    axis = _error_axis([value for group in errors.values() for error in group.values() for value in error])
+    keys = ("tip_error_rms_mm", "tip_error_max_mm")
+    errors = {
+        case: {policy: [float(median(run[key] for run in runs)) for key in keys] for policy, runs in group.items()}
+        for case, group in groups.items()
+    }
+    values = [value for group in errors.values() for error in group.values() for value in error]
+    # A logarithmic axis of at least one decade shows all positive, finite values.
+    positive = [value for value in values if 0.0 < value < math.inf] or [1.0]
+    low, high = math.floor(math.log10(min(positive))), math.ceil(math.log10(max(positive)))
+    axis = Axis("tip error [mm]", 10.0**low, 10.0 ** max(high, low + 1), log=True)
     figures = []
     for case, group in groups.items():
         best_rms = min((errors[case][policy][0] for policy, runs in group.items() if finished(runs)), default=math.nan)
@@ -186,23 +194,9 @@ def error_charts(rows: Sequence[Row], titles: Mapping[str, str]) -> str:
             rms, maximum = errors[case][policy]
             mark = "" if finished(runs) else " ×"
             drawn.append((policy, Errors(rms, maximum, finished(runs) and rms <= max(best_rms, RESOLUTION), mark)))
-        title = titles[case]
-        description = f"{title}: root mean square and maximum of the tip error in mm"
-        figures.append(figure(title, draw_chart(axis, drawn, description)))
+        description = f"{titles[case]}: root mean square and maximum of the tip error in mm"
+        figures.append(figure(titles[case], draw_chart(axis, drawn, description)))
     return "".join(figures)
-
-
-def _tip_error(runs: Sequence[Row]) -> tuple[float, float]:
-    """Return the rms and the largest tip error of a policy in a case [mm], over several seeds the medians."""
-    rms, largest = (float(median(run[key] for run in runs)) for key in ("tip_error_rms_mm", "tip_error_max_mm"))
-    return rms, largest
-
-
-def _error_axis(values: Sequence[float]) -> Axis:
-    """Return a logarithmic axis of at least one decade that shows all positive, finite values."""
-    positive = [value for value in values if 0.0 < value < math.inf] or [1.0]
-    low, high = math.floor(math.log10(min(positive))), math.ceil(math.log10(max(positive)))
-    return Axis("tip error [mm]", 10.0**low, 10.0 ** max(high, low + 1), log=True)
 
 
 def metrics_table(rows: Sequence[Row], titles: Mapping[str, str]) -> str:

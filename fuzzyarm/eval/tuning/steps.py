@@ -252,10 +252,6 @@ TWO_JOINT_STEPS = (
 """The steps of the two-joint arm, in their order."""
 
 
-def _stable(radii: dict[str, float | None]) -> bool:
-    return all(radius is not None and radius < 1.0 for radius in radii.values())
-
-
 def _robot_fuzzy(context: Context) -> Finding:
     """Design a controller of the form "semidefinite"; write its file."""
     robot: Robot = context.arm
@@ -273,7 +269,7 @@ def _robot_fuzzy(context: Context) -> Finding:
         radii, tried = measured_radii(ScheduledPolicy(controller, PERIOD), robot), tried + 1
         context.advance(1)
         alpha = next((slower for slower in ALPHAS if slower < controller.alpha), None)
-        if alpha is None or _stable(radii):
+        if alpha is None or _worst(radii) < 1.0:
             break
     controller.save(context.folder / f"{FUZZY}.json")
     chosen: dict[str, float | None] = {
@@ -292,7 +288,10 @@ def _robot_bandwidth(context: Context) -> Finding:
         "postures, lowered until the loop is stable in every condition along the default path."
     )
     omega, tried = bandwidth_for(robot, PERIOD), 1
-    while not _stable(radii := measured_radii(ComputedTorquePolicy(robot, PERIOD, omega), robot)) and omega > STEP:
+    while True:
+        radii = measured_radii(ComputedTorquePolicy(robot, PERIOD, omega), robot)
+        if omega <= STEP or _worst(radii) < 1.0:
+            break
         omega, tried = omega - STEP, tried + 1
         context.advance(1)
     return found(robot, COMPUTED_TORQUE, {"bandwidth": omega}, {}, radii, tried=tried, rule=rule)
@@ -309,7 +308,7 @@ def _robot_observer(context: Context) -> Finding:
     first = weights_for(robot, PERIOD)
     weights, radii, tried = first, measured_radii(ElasticObserverPolicy(robot, PERIOD, first), robot), 1
     for factor in FACTORS[1:]:
-        if _stable(radii):
+        if _worst(radii) < 1.0:
             break
         slower = dataclasses.replace(first, load_walk=first.load_walk / factor)
         slower_radii = measured_radii(ElasticObserverPolicy(robot, PERIOD, slower), robot)
