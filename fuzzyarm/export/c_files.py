@@ -176,11 +176,7 @@ def export_c(label: str, policy: Policy, folder: str | Path, number: str = "doub
     They are NAME.h, NAME.c and NAME_vectors.csv, whose torques [N m] are those of the policy in Python; of float those
     of the C itself, and only where there is a compiler. Files of these names are not replaced by those of another law.
 
-    Args:
-        label: of the policy, which gives the files and the functions their name.
-        policy: the law.
-        folder: where they are written.
-        number: of the type in `NUMBERS`.
+    The label of the policy gives files and functions their name, and `number` is a type of `NUMBERS`.
 
     Raises:
         ValueError: the policy's source has something that cannot be written in C, the law is of no use in float, or
@@ -225,14 +221,7 @@ def c_name(label: str) -> str:
 
 
 def header_text(name: str, about: Sequence[str], program: Recorded, number: str) -> str:
-    """Return the C header of a program.
-
-    Args:
-        name: what its functions and its struct begin with.
-        about: paragraphs of its first lines.
-        program: of a policy or a plant.
-        number: of the type in `NUMBERS`.
-    """
+    """Return the C header of a program; its first lines are the paragraphs `about`. The others as for `source_text`."""
     form = textwrap.TextWrapper(_WIDTH, initial_indent=" * ", subsequent_indent=" *   ", break_on_hyphens=False)
     comment, guard = "\n".join(map(form.fill, about)), f"{name.upper()}_H"
     return f"""/*

@@ -362,10 +362,7 @@ def export_controller_fmu(label: str, policy: Policy, folder: Path) -> Path:
     Inputs are the numbers of an observation, q_motor1, ..., ddq_reference1, ... [rad, rad/s, rad/s²], outputs the
     torques [N m].
 
-    Args:
-        label: of the policy, which gives the file its name.
-        policy: the law.
-        folder: where the file is written.
+    The label of the policy gives the file its name.
 
     Raises:
         ValueError: the policy's source has something that cannot be written in C, or the folder holds another FMU of
@@ -394,12 +391,8 @@ def export_plant_fmu(arm: AnyArm, folder: Path, control_period: float = 1e-3) ->
 
     Inputs are the motor torques [N m] and a force on the tip [N], outputs the 4 n numbers of the state [rad, rad/s] and
     the place of the tip [m]; a parameter is the mass of a payload at the tip [kg]. The start is that of the
-    environment, or the hanging arm where its motion is out of reach; a host may set another one.
-
-    Args:
-        arm: the two-joint arm or a robot.
-        folder: where the file is written.
-        control_period: T [s].
+    environment, or the hanging arm where its motion is out of reach; a host may set another one. The control period is
+    in s.
 
     Raises:
         ValueError: the control period is out of range, or the folder holds another FMU of this name.

@@ -119,11 +119,9 @@ def _is_kernel(device: str, dtype: str) -> bool:
 
 
 def timed(advance: Callable[[], int], clock: Callable[[], float] = time.perf_counter) -> Measure:
-    """Return a function that calls `advance` until the time is up, and at least once.
+    """Return a function that calls `advance`, which returns its number of steps, until the time is up by `clock` [s].
 
-    Args:
-        advance: takes some steps and returns how many.
-        clock: [s].
+    It calls it at least once.
     """
 
     def measure(seconds: float) -> float:

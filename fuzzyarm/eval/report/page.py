@@ -52,11 +52,8 @@ def headline(standings: Sequence[Standing], titles: Mapping[str, str]) -> str:
     """Return the sentence as HTML.
 
     A value is that of the leaderboard: the score overall, the rms tip error in a case. Policies whose values read the
-    same win together. A policy that lost the path in a case cannot win it, nor overall.
-
-    Args:
-        standings: of all policies of one evaluation, see `standings_of`.
-        titles: of the cases by name.
+    same win together. A policy that lost the path in a case cannot win it, nor overall. The standings are those of all
+    policies of one evaluation, see `standings_of`, and the titles those of the cases by name.
     """
     if len(standings) == 1:
         return _alone(standings[0], titles)

@@ -66,13 +66,9 @@ def sobol_points(box: Sequence[tuple[float, float]], count: int, seed: int) -> n
 
 
 def descend(objective: Costs, start: np.ndarray, first_step: float, evaluations: int) -> Descent:
-    """Return the best point that Nelder-Mead meets.
+    """Return the best point that Nelder-Mead meets from `start` (n,) in so many evaluations of the objective.
 
-    Args:
-        objective: of logarithms (n,).
-        start: where it begins, (n,).
-        first_step: of the simplex, in each logarithm.
-        evaluations: how often the objective may be evaluated.
+    The first simplex has the edge `first_step` in each logarithm.
     """
     best = Descent(tuple(start.tolist()), math.inf)
 
