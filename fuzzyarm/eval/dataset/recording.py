@@ -42,12 +42,7 @@ class Episode:
 
 
 class RandomTorques:
-    """A policy that draws each torque uniformly within its limits.
-
-    Args:
-        limit: (2,) [N m].
-        seed: of the draws.
-    """
+    """A policy that draws each torque uniformly within its limits (2,) [N m]."""
 
     def __init__(self, limit: np.ndarray, seed: int) -> None:
         """Begin the stream of draws."""

@@ -88,11 +88,7 @@ class RandomArms:
     def __init__(self, seed: int, group: str, lanes: int = LANES, arm: ArmParameters | None = None) -> None:
         """Draw loads, noise, lateness and torque constants; the plants are drawn by a reset with the same seed.
 
-        Args:
-            seed: of everything.
-            group: of `GROUPS`.
-            lanes: number of arms.
-            arm: the known one, default Table 1.
+        The group is of `GROUPS`; `arm` is the known one, default Table 1.
         """
         arm = ArmParameters() if arm is None else arm
         unknown, late = GROUPS[group]

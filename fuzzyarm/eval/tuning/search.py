@@ -106,17 +106,11 @@ def found_weights(
     engine: Engine,
     advance: Callable[[int], None] = lambda done: None,
 ) -> tuple[Descent, Descent]:
-    """Return the best point and the first guess.
+    """Return the best point and the first guess; both, like the Sobol set `points` (points, n), are of logarithms.
 
-    Args:
-        objective_for: returns the objective of an arm; called in each worker, and cached there.
-        arm: handed to it.
-        guess: logarithms (n,) of the first guess.
-        points: the Sobol set (points, n).
-        first_step: of each search, a factor's logarithm [1].
-        budget: of the search; its Sobol points are the first of `points`.
-        engine: runs the evaluations.
-        advance: called with the number of evaluations that were done.
+    `objective_for` returns the objective of an arm; it is called in each worker, and cached there. The Sobol points of
+    the budget are the first of `points`, `first_step` is as in `descend`, and `advance` is called with the number of
+    evaluations that were done.
     """
     starts = np.vstack([guess, points[: budget.sobol]])
 

@@ -142,8 +142,7 @@ def _fuzzy(context: Context) -> Finding:
     if row is None:
         return nothing_found(arm, FUZZY, rule, tried, f"No design bears what is asked, down to alpha = {alpha:g} 1/s.")
     chosen = {name: row[name] for name in ("alpha", "gamma", "fastest_pole")}
-    wanted = fuzzy_gains.specification_of(RULES, row["alpha"], row["gamma"], row["fastest_pole"])
-    controller = design(wanted, arm).controller
+    controller = design(fuzzy_gains.specification_of(RULES, *chosen.values()), arm).controller
     controller.save(context.folder / f"{FUZZY}.json")
     names = ("case_1_joint_error_rms_mrad", "tip_deviation_mm", "radius_worst_condition", "gain_margin_upper")
     measured = {name: row[name] for name in (*names, "gain_margin_upper_1_sample_later")}
