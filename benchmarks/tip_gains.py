@@ -39,7 +39,6 @@ from fuzzyarm.eval.provenance import current_provenance
 from fuzzyarm.eval.stability.linearisation import LocalLoop, largest_radius, linearise, linearise_path
 from fuzzyarm.eval.tuning.finding import heaviest, periods_of, radius_within, with_stiffness
 from fuzzyarm.eval.tuning.fuzzy_gains import (
-    CASES,
     LEAST_GAIN_MARGINS,
     LEFT,
     LOOP_GAINS,
@@ -164,7 +163,7 @@ def rows_of_vertices() -> list[dict[str, Any]]:
         assert controller is not None
         loops = [scaled(loop, factors) for loop in vertices(shipped, arm)]
         row = {"gains": name, "factors": factors.tolist(), "linear_mm": 1e3 * largest_deviation(loops, arm, HORIZON)}
-        found = judged(arm, controller, CASES)
+        found = judged(arm, controller)
         names = ("case_1_joint_error_rms_mrad", "largest_gain", "slowest_rigid_pole", "radius_worst_condition")
         row |= {"bears": bears(arm, found), **{key: found[key] for key in names}}
         proven = {name: stored["fuzzy-4-tip", name]["bound_mm"] for name in sets}

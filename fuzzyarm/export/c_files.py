@@ -30,7 +30,6 @@ from fuzzyarm.export.sheet import certificate_of, certified_numbers
 from fuzzyarm.fuzzy_policy.known_arm import per_joint_of
 from fuzzyarm.fuzzy_policy.laws.adaptive.policy import AdaptiveObserverPolicy
 from fuzzyarm.fuzzy_policy.policy import Policy
-from fuzzyarm.fuzzy_policy.proof.policy_certificate import PolicyCertificate
 from fuzzyarm.learned_policy.estimate.policy import LearnedObserverPolicy
 
 __all__ = [
@@ -177,11 +176,7 @@ def export_c(label: str, policy: Policy, folder: str | Path, number: str = "doub
     They are NAME.h, NAME.c and NAME_vectors.csv, whose torques [N m] are those of the policy in Python; of float those
     of the C itself, and only where there is a compiler. Files of these names are not replaced by those of another law.
 
-    Args:
-        label: of the policy, which gives the files and the functions their name.
-        policy: the law.
-        folder: where they are written.
-        number: of the type in `NUMBERS`.
+    The label of the policy gives files and functions their name, and `number` is a type of `NUMBERS`.
 
     Raises:
         ValueError: the policy's source has something that cannot be written in C, the law is of no use in float, or
@@ -226,15 +221,9 @@ def c_name(label: str) -> str:
 
 
 def header_text(name: str, about: Sequence[str], program: Recorded, number: str) -> str:
-    """Return the C header of a program.
-
-    Args:
-        name: what its functions and its struct begin with.
-        about: paragraphs of its first lines.
-        program: of a policy or a plant.
-        number: of the type in `NUMBERS`.
-    """
-    comment, guard = "\n".join(map(_paragraph, about)), f"{name.upper()}_H"
+    """Return the C header of a program; its first lines are the paragraphs `about`. The others as for `source_text`."""
+    form = textwrap.TextWrapper(_WIDTH, initial_indent=" * ", subsequent_indent=" *   ", break_on_hyphens=False)
+    comment, guard = "\n".join(map(form.fill, about)), f"{name.upper()}_H"
     return f"""/*
 {comment}
  */
@@ -272,6 +261,11 @@ def about_policy(name: str, label: str, policy: Policy, program: Recorded) -> li
     joints = policy.joints
     parts = ", ".join(f"{part} [{unit}]" for part, unit in zip(Observation._fields, UNITS, strict=True))
     limits = ", ".join(f"{limit:g}" for limit in per_joint_of(policy.parameters, "torque_limit"))
+    certificate, proven = certificate_of(policy), ["Certificate: none."]
+    if certificate is not None:
+        numbers = ", ".join(f"{key} = {value}" for key, value in certified_numbers(certificate).items())
+        scope = "The certificate is of the law in exact arithmetic; rounding is not covered."
+        proven = [f"Certificate: {numbers}.", _plain(certificate.text), scope]
     return [
         f"Policy {_plain(label)} of {joints} joints as C99, written by fuzzyarm {__version__} from its Python source.",
         f"Call {name}_init when an episode begins, then {name}_step every {policy.control_period!r} s, and hold the "
@@ -279,21 +273,9 @@ def about_policy(name: str, label: str, policy: Policy, program: Recorded) -> li
         f"observation: {parts}; {joints} numbers each, in this order, measured and asked for at the same instant.",
         f"torque [N m], within the limits ({limits}). The observation and the torques are different arrays.",
         "Not a number in, not a number out: check the sensors before. Angles may be up to 1e6 rad.",
-        *_certificate_lines(certificate_of(policy)),
+        *proven,
         f"Made from: {program.source}.",
     ]
-
-
-def _paragraph(line: str) -> str:
-    return textwrap.fill(line, _WIDTH, initial_indent=" * ", subsequent_indent=" *   ", break_on_hyphens=False)
-
-
-def _certificate_lines(certificate: PolicyCertificate | None) -> list[str]:
-    if certificate is None:
-        return ["Certificate: none."]
-    numbers = ", ".join(f"{name} = {value}" for name, value in certified_numbers(certificate).items())
-    scope = "The certificate is of the law in exact arithmetic; rounding is not covered."
-    return [f"Certificate: {numbers}.", _plain(certificate.text), scope]
 
 
 def _plain(text: str) -> str:
@@ -311,9 +293,5 @@ def _vectors(policy: Policy, law: Policy | CompiledLaw) -> str:
     for call, seen in enumerate(random_observations(policy, CALLS, SEED)):
         observation = seen.astype(getattr(law, "number", np.float64))
         torque, state = law.predict(observation, state)
-        writer.writerow([call, *map(_exact, observation), *map(_exact, torque)])
+        writer.writerow([call, *map(repr, observation.tolist()), *map(repr, torque.tolist())])
     return text.getvalue()
-
-
-def _exact(number: np.floating) -> str:
-    return repr(float(number))

@@ -8,6 +8,7 @@ C functions of the exported programs that do what Python does by itself or by it
 
 from __future__ import annotations
 
+import functools
 import inspect
 import itertools
 import math
@@ -270,10 +271,7 @@ static int place_({real} x, int last)
 
 def helper_text(operation: str, real: str) -> str:
     """Return the C function of an operation, a key of `HELPERS`; `real` is "double" or "float"."""
-
-    def literal(number: float) -> str:
-        return literal_of(number, real)
-
+    literal = functools.partial(literal_of, real=real)
     digits, steps = {"double": (53, 9), "float": (24, 6)}[real]
     exponents = [2**step for step in range(steps, 0, -1)]
     lift = 2 * (digits // 2 + 1)
@@ -282,17 +280,13 @@ def helper_text(operation: str, real: str) -> str:
         **{"large": 2.0 ** (digits - 1), "split": 2.0 ** (digits - digits // 2) + 1.0},
         **{"lift": 2.0**lift, "drop": 2.0 ** (-lift // 2)},
     }
+    form = textwrap.TextWrapper(100, initial_indent=" " * 8, subsequent_indent=" " * 8, break_on_hyphens=False)
     lists = {
-        "powers": _lines(literal(2.0**exponent) for exponent in exponents),
-        "roots": _lines(literal(2.0 ** (exponent // 2)) for exponent in exponents),
+        "powers": form.fill(", ".join(literal(2.0**exponent) for exponent in exponents)),
+        "roots": form.fill(", ".join(literal(2.0 ** (exponent // 2)) for exponent in exponents)),
     }
     words = {"real": real, "steps": str(steps), "epsilon": {"double": "DBL", "float": "FLT"}[real]}
     return HELPERS[operation].format(**words, **lists, **{name: literal(number) for name, number in numbers.items()})
-
-
-def _lines(texts: Iterable[str]) -> str:
-    indent = " " * 8
-    return textwrap.fill(", ".join(texts), 100, initial_indent=indent, subsequent_indent=indent, break_on_hyphens=False)
 
 
 LONGEST = 70  # characters of an operation that stands where it is used

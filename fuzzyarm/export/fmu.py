@@ -44,13 +44,10 @@ _IDLE = {
 }
 """Functions that have nothing to do, with their arguments: only errors are logged, no law depends on the time."""
 
+_KINDS, _PORTS = ("Integer", "Boolean", "String"), "const fmi2ValueReference vr[], size_t nvr, "
 _EXCUSED = {
-    "fmi2GetInteger": "const fmi2ValueReference vr[], size_t nvr, fmi2Integer value[]",
-    "fmi2GetBoolean": "const fmi2ValueReference vr[], size_t nvr, fmi2Boolean value[]",
-    "fmi2GetString": "const fmi2ValueReference vr[], size_t nvr, fmi2String value[]",
-    "fmi2SetInteger": "const fmi2ValueReference vr[], size_t nvr, const fmi2Integer value[]",
-    "fmi2SetBoolean": "const fmi2ValueReference vr[], size_t nvr, const fmi2Boolean value[]",
-    "fmi2SetString": "const fmi2ValueReference vr[], size_t nvr, const fmi2String value[]",
+    **{f"fmi2Get{kind}": f"{_PORTS}fmi2{kind} value[]" for kind in _KINDS},
+    **{f"fmi2Set{kind}": f"{_PORTS}const fmi2{kind} value[]" for kind in _KINDS},
     "fmi2GetFMUstate": "fmi2FMUstate *state",
     "fmi2SetFMUstate": "fmi2FMUstate state",
     "fmi2FreeFMUstate": "fmi2FMUstate *state",
@@ -59,16 +56,11 @@ _EXCUSED = {
     "fmi2DeSerializeFMUstate": "const fmi2Byte bytes[], size_t size, fmi2FMUstate *state",
     "fmi2GetDirectionalDerivative": "const fmi2ValueReference unknown[], size_t nUnknown, "
     "const fmi2ValueReference known[], size_t nKnown, const fmi2Real seed[], fmi2Real value[]",
-    "fmi2SetRealInputDerivatives": "const fmi2ValueReference vr[], size_t nvr, const fmi2Integer order[], "
-    "const fmi2Real value[]",
-    "fmi2GetRealOutputDerivatives": "const fmi2ValueReference vr[], size_t nvr, const fmi2Integer order[], "
-    "fmi2Real value[]",
+    "fmi2SetRealInputDerivatives": f"{_PORTS}const fmi2Integer order[], const fmi2Real value[]",
+    "fmi2GetRealOutputDerivatives": f"{_PORTS}const fmi2Integer order[], fmi2Real value[]",
     "fmi2CancelStep": "",
     "fmi2GetStatus": "fmi2StatusKind kind, fmi2Status *value",
-    "fmi2GetRealStatus": "fmi2StatusKind kind, fmi2Real *value",
-    "fmi2GetIntegerStatus": "fmi2StatusKind kind, fmi2Integer *value",
-    "fmi2GetBooleanStatus": "fmi2StatusKind kind, fmi2Boolean *value",
-    "fmi2GetStringStatus": "fmi2StatusKind kind, fmi2String *value",
+    **{f"fmi2Get{kind}Status": f"fmi2StatusKind kind, fmi2{kind} *value" for kind in ("Real", *_KINDS)},
 }
 """Functions of the standard that this FMU declares no ability for, with their arguments."""
 
@@ -370,10 +362,7 @@ def export_controller_fmu(label: str, policy: Policy, folder: Path) -> Path:
     Inputs are the numbers of an observation, q_motor1, ..., ddq_reference1, ... [rad, rad/s, rad/s²], outputs the
     torques [N m].
 
-    Args:
-        label: of the policy, which gives the file its name.
-        policy: the law.
-        folder: where the file is written.
+    The label of the policy gives the file its name.
 
     Raises:
         ValueError: the policy's source has something that cannot be written in C, or the folder holds another FMU of
@@ -402,12 +391,8 @@ def export_plant_fmu(arm: AnyArm, folder: Path, control_period: float = 1e-3) ->
 
     Inputs are the motor torques [N m] and a force on the tip [N], outputs the 4 n numbers of the state [rad, rad/s] and
     the place of the tip [m]; a parameter is the mass of a payload at the tip [kg]. The start is that of the
-    environment, or the hanging arm where its motion is out of reach; a host may set another one.
-
-    Args:
-        arm: the two-joint arm or a robot.
-        folder: where the file is written.
-        control_period: T [s].
+    environment, or the hanging arm where its motion is out of reach; a host may set another one. The control period is
+    in s.
 
     Raises:
         ValueError: the control period is out of range, or the folder holds another FMU of this name.

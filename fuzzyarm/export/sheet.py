@@ -17,7 +17,6 @@ import numpy as np
 
 from fuzzyarm.common.checks import instance, listed
 from fuzzyarm.common.rounding import at_least, at_most
-from fuzzyarm.envs.observation import PARTS, starts
 from fuzzyarm.envs.physics.dynamics import arm_constants
 from fuzzyarm.envs.physics.equations import robot_of
 from fuzzyarm.envs.physics.joint import DRIVE_UNITS
@@ -118,10 +117,18 @@ class LawSheet:
             "policy": self.policy,
             "law": self.law,
             "equations": list(self.equations),
-            "quantities": {quantity.name: _plain(quantity) for quantity in self.quantities},
-            "check": {quantity.name: _plain(quantity) for quantity in self.check},
+            **{
+                part: {
+                    one.name: {"unit": one.unit, "meaning": one.meaning, "values": one.values.tolist()}
+                    for one in getattr(self, part)
+                }
+                for part in ("quantities", "check")
+            },
             "certificate": certificate,
         }
+
+
+_Law = tuple[str, tuple[str, ...], tuple[Quantity, ...]]  # in words, its equations and its numbers
 
 
 def certified_numbers(certificate: PolicyCertificate) -> dict[str, str]:
@@ -141,10 +148,6 @@ def certified_numbers(certificate: PolicyCertificate) -> dict[str, str]:
     return {**numbers, "digest": controller.digest, **void}
 
 
-def _plain(quantity: Quantity) -> dict[str, Any]:
-    return {"unit": quantity.unit, "meaning": quantity.meaning, "values": quantity.values.tolist()}
-
-
 def _rows(values: np.ndarray) -> list[str]:
     """Return the lines of an array: a row each, with the other indices, from 1, in front."""
     table = np.atleast_2d(values)
@@ -158,7 +161,7 @@ def _rows(values: np.ndarray) -> list[str]:
     return lines
 
 
-def fuzzy_law(controller: Controller) -> tuple[str, tuple[str, ...], tuple[Quantity, ...]]:
+def fuzzy_law(controller: Controller) -> _Law:
     """Return a fuzzy law in words, its equations from the errors to u, and its numbers."""
     model = controller.model
     in_A = ", ".join(PREMISES[index] for index in model.kept_in_A) or "none"
@@ -183,21 +186,13 @@ def fuzzy_law(controller: Controller) -> tuple[str, tuple[str, ...], tuple[Quant
     ]
     if controller.integral:
         quantities.append(Quantity("H", "N m/(rad s)", "feedback of x_I: (i, k, torque, entry)", gains[..., INTEGRAL]))
-    return (
-        f"fuzzy law of {model.rules} rules, {controller.form} form",
-        equations,
-        (
-            *quantities,
-            Quantity(
-                "L",
-                "N m/rad (2), N m s/rad (2), kg m^2 (2)",
-                "feedforward of r: (i, k, torque, entry)",
-                controller.feedforward_gains + 0.0,  # no -0
-            ),
-            Quantity("A", "SI", "vertices of the model, for information: (i, row, column)", np.array(model.A_vertices)),
-            Quantity("E", "SI", "likewise: (k, row, column)", np.array(model.E_vertices)),
-        ),
-    )
+    unit, forward = "N m/rad (2), N m s/rad (2), kg m^2 (2)", controller.feedforward_gains + 0.0  # no -0
+    quantities += [
+        Quantity("L", unit, "feedforward of r: (i, k, torque, entry)", forward),
+        Quantity("A", "SI", "vertices of the model, for information: (i, row, column)", np.array(model.A_vertices)),
+        Quantity("E", "SI", "likewise: (k, row, column)", np.array(model.E_vertices)),
+    ]
+    return f"fuzzy law of {model.rules} rules, {controller.form} form", equations, tuple(quantities)
 
 
 _UNITS = {name: unit for name, unit, _ in DRIVE_UNITS}
@@ -237,14 +232,8 @@ def certificate_of(policy: Policy) -> PolicyCertificate | None:
 
 def check_observation(joints: int) -> np.ndarray:
     """Return the observation (5 n,) of an arm of n joints at which a law is checked [rad, rad/s, rad/s²]."""
-    k, at = np.arange(joints), starts(joints)
-    seen = np.empty(PARTS * joints)
-    seen[at.q_motor : at.dq_motor] = 0.3 + 0.5 * k
-    seen[at.dq_motor : at.q_reference] = 0.5 - 0.9 * k
-    seen[at.q_reference : at.dq_reference] = 0.31 + 0.48 * k
-    seen[at.dq_reference : at.ddq_reference] = 0.45 - 0.8 * k
-    seen[at.ddq_reference :] = 1.0 - 3.0 * k
-    return seen
+    k = np.arange(joints)
+    return np.concatenate([0.3 + 0.5 * k, 0.5 - 0.9 * k, 0.31 + 0.48 * k, 0.45 - 0.8 * k, 1.0 - 3.0 * k])
 
 
 def _checked(policy: Policy) -> tuple[Quantity, ...]:
@@ -261,7 +250,7 @@ def _checked(policy: Policy) -> tuple[Quantity, ...]:
     )
 
 
-def _law(policy: Policy) -> tuple[str, tuple[str, ...], tuple[Quantity, ...]]:
+def _law(policy: Policy) -> _Law:
     """Return the law in words, its equations and its numbers."""
     match policy:
         case FuzzyPolicy():
@@ -279,7 +268,7 @@ def _law(policy: Policy) -> tuple[str, tuple[str, ...], tuple[Quantity, ...]]:
     raise ValueError(f"{type(policy).__name__} has no sheet of equations and matrices; there is one of: {kinds}")
 
 
-def _computed_torque(policy: ComputedTorquePolicy) -> tuple[str, tuple[str, ...], tuple[Quantity, ...]]:
+def _computed_torque(policy: ComputedTorquePolicy) -> _Law:
     equations = (
         _ERRORS,
         "a = ddq_d - omega (3 de + omega (3 e + omega x_I))",
@@ -290,7 +279,7 @@ def _computed_torque(policy: ComputedTorquePolicy) -> tuple[str, tuple[str, ...]
     return "computed torque with integral action", equations, (bandwidth, *_arm(policy))
 
 
-def _scheduled(policy: ScheduledPolicy) -> tuple[str, tuple[str, ...], tuple[Quantity, ...]]:
+def _scheduled(policy: ScheduledPolicy) -> _Law:
     controller = policy.controller
     names = listed([premise.name for premise in controller.premises]) if controller.premises else "none"
     equations = (
@@ -311,7 +300,7 @@ def _scheduled(policy: ScheduledPolicy) -> tuple[str, tuple[str, ...], tuple[Qua
     return "gains scheduled over the inertia, semidefinite form", equations, quantities
 
 
-def _tip(policy: TipPolicy) -> tuple[str, tuple[str, ...], tuple[Quantity, ...]]:
+def _tip(policy: TipPolicy) -> _Law:
     title, equations, quantities = _law(policy.law)
     inner = tuple(line for line in equations if line not in _LIMITS)
     own = (
@@ -329,7 +318,7 @@ def _tip(policy: TipPolicy) -> tuple[str, tuple[str, ...], tuple[Quantity, ...]]
     return f"{title}, leading the tip", (*own, *inner, *_LIMITS), (*quantities, *drives)
 
 
-def _observer(policy: ElasticObserverPolicy) -> tuple[str, tuple[str, ...], tuple[Quantity, ...]]:
+def _observer(policy: ElasticObserverPolicy) -> _Law:
     schedule = schedule_of(policy.parameters)
     equations = (
         "x = (theta, q, dtheta, dq) of motors and links, d = load on the links; theta_d, dtheta_d, u_ff as for -tip",
@@ -354,8 +343,6 @@ def _arm(policy: Policy) -> tuple[Quantity, ...]:
     arm, arrays = policy.parameters, robot_of(policy.parameters).arrays
     drives = tuple(Quantity(name, _UNITS[name], "of each joint", per_joint_of(arm, name)) for name in QUANTITIES)
     if isinstance(arm, ArmParameters):
-        from fuzzyarm.envs.physics.dynamics import arm_constants
-
         c = np.array(arm_constants(arm)[:5])
         return (Quantity("c1..c5", "kg m^2 (3), N m (2)", "of M, C and g of the two-joint arm", c), *drives)
     return (Quantity("mass", "kg", "of each link; the robot's file has the rest", np.array(arrays.mass)), *drives)

@@ -31,7 +31,7 @@ import fuzzyarm
 from fuzzyarm.envs.batch.workers import LANES_PER_THREAD
 from fuzzyarm.envs.periods import MAX_DEFAULT_SUBSTEP, whole_substeps
 from fuzzyarm.envs.physics.parameters import ArmParameters
-from fuzzyarm.eval.bench.accuracy import exact_tips, max_tip_difference, stepped_tips, tips
+from fuzzyarm.eval.bench.accuracy import exact_tips, max_tip_difference, stepped_tips
 from fuzzyarm.eval.sweep.config import SweepConfig
 from fuzzyarm.eval.sweep.episodes import errors_in_one_kernel, errors_step_by_step
 from fuzzyarm.eval.sweep.plants import Plants
@@ -109,9 +109,8 @@ def own_batches(lanes: int, threads: int) -> list[Entry]:
 
 def _torch_entry(lanes: int, threads: int, device: str, dtype: str) -> Entry:
     name = "PTX kernel, GPU" if _is_kernel(device, dtype) else f"torch.compile, {'GPU' if device == 'cuda' else 'CPU'}"
-    name = f"FuzzyArm, {name}"
     opened, tip_error = functools.partial(_torch, lanes, threads, device, dtype), TORCH_TIP_ERRORS[device, dtype]
-    return Entry(name, lanes, threads, SUBSTEPS, dtype, opened, tip_error=tip_error, extra="rl")
+    return Entry(f"FuzzyArm, {name}", lanes, threads, SUBSTEPS, dtype, opened, tip_error=tip_error, extra="rl")
 
 
 def _is_kernel(device: str, dtype: str) -> bool:
@@ -120,11 +119,9 @@ def _is_kernel(device: str, dtype: str) -> bool:
 
 
 def timed(advance: Callable[[], int], clock: Callable[[], float] = time.perf_counter) -> Measure:
-    """Return a function that calls `advance` until the time is up, and at least once.
+    """Return a function that calls `advance`, which returns its number of steps, until the time is up by `clock` [s].
 
-    Args:
-        advance: takes some steps and returns how many.
-        clock: [s].
+    It calls it at least once.
     """
 
     def measure(seconds: float) -> float:
@@ -160,8 +157,7 @@ def draw_actions(space: gym.Space, count: int, lanes: tuple[int, ...], scale: fl
 @contextlib.contextmanager
 def single_environment(name: str, scale: float) -> Iterator[Measure]:
     """Open an environment of Gymnasium's registry; actions are drawn from its action space times the factor `scale`."""
-    env = gym.make(name)
-    try:
+    with contextlib.closing(gym.make(name)) as env:
         actions = list(draw_actions(env.action_space, 64, (), scale))
         env.reset(seed=0)
 
@@ -173,8 +169,6 @@ def single_environment(name: str, scale: float) -> Iterator[Measure]:
             return len(actions)
 
         yield timed(advance)
-    finally:
-        env.close()
 
 
 def compiled_batch(lanes: int, threads: int) -> gym.vector.VectorEnv:
@@ -184,12 +178,9 @@ def compiled_batch(lanes: int, threads: int) -> gym.vector.VectorEnv:
 
 @contextlib.contextmanager
 def _batch(lanes: int, threads: int) -> Iterator[Measure]:
-    envs = compiled_batch(lanes, threads)
-    try:
+    with contextlib.closing(compiled_batch(lanes, threads)) as envs:
         envs.reset(seed=0)
         yield timed_batch(envs.step, draw_actions(envs.single_action_space, 4, (lanes,), TORQUE_SCALE), lanes)
-    finally:
-        envs.close()
 
 
 @contextlib.contextmanager
@@ -240,12 +231,8 @@ def _single_tip_error() -> float:
 
 
 def _own_tip_error() -> float:
-    envs = compiled_batch(2, 1)
-    try:
-        observation, _ = envs.reset(seed=0)
-        return _batch_tip_error(observation, envs.step)
-    finally:
-        envs.close()
+    with contextlib.closing(compiled_batch(2, 1)) as envs:
+        return _batch_tip_error(envs.reset(seed=0)[0], envs.step)
 
 
 def _torch_tip_error(device: str, dtype: str) -> float:
@@ -254,7 +241,6 @@ def _torch_tip_error(device: str, dtype: str) -> float:
     compiled = _is_kernel(device, dtype)
     arm = torch_env.TorchFuzzyArm(2, device=device, dtype=getattr(torch, dtype), compiled=compiled)
     first = arm.reset(seed=0)
-
     return _batch_tip_error(first, lambda action: arm.step(first.new_tensor(action)))
 
 
@@ -267,22 +253,15 @@ TORCH_TIP_ERRORS = {
 
 def _batch_tip_error(observation: Any, step: Callable[[np.ndarray], tuple[Any, ...]]) -> float:
     """Return the tip error [m] of lane 0 of a batch, of arrays or tensors, over its first episode."""
-    stepped = tips(_FirstLane(step, len(observation)), load_policy("computed-torque"), (_numpy(observation[0]), {}))
+    policy, lanes, memory, stepped, ended = load_policy("computed-torque"), len(observation), None, [], False
+    while not ended:
+        begins = np.array([memory is None])
+        torque, memory = policy.predict(_numpy(observation[0]), memory, begins, deterministic=True)
+        observation, _, terminated, truncated, info = step(np.tile(torque, (lanes, 1)))
+        stepped.append(_numpy(info["tip"][0]))
+        ended = bool(terminated[0]) or bool(truncated[0])
     # After the last step the batch reports the beginning of the next episode.
-    return max_tip_difference(stepped[:-1], _exact_tips()[:-1])
-
-
-class _FirstLane:
-    """Lane 0 of a batch, of arrays or tensors, as a single arm; all lanes get its action."""
-
-    def __init__(self, step: Callable[[np.ndarray], tuple[Any, ...]], lanes: int) -> None:
-        self._step, self._lanes = step, lanes
-
-    def step(self, action: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray, dict[str, Any]]:
-        """Hold the torques (2,) [N m] for a control step; return what `FuzzyArmEnv.step` does, of `info` the tip."""
-        *outcome, info = self._step(np.tile(action, (self._lanes, 1)))
-        observation, reward, terminated, truncated = (_numpy(values[0]) for values in outcome)
-        return observation, reward, terminated > 0.0, truncated > 0.0, {"tip": _numpy(info["tip"][0])}
+    return max_tip_difference(np.array(stepped[:-1]), _exact_tips()[:-1])
 
 
 def _numpy(values: Any) -> np.ndarray:
@@ -302,29 +281,24 @@ them, where they are EQUAL_ACCURACY and FASTEST.
 
 def gymnasium_peers() -> list[Entry]:
     """Return the peers of one environment."""
-
-    def peer(heading: str, name: str, substeps: int) -> Entry:
-        opened = functools.partial(single_environment, name, 1.0)
-        return Entry(f"Gymnasium {name}", 1, 1, substeps, "float64", opened, heading, extra="bench")
-
-    return [peer("Pendulum", "Pendulum-v1", 1), peer("Reacher", "Reacher-v5", 2)]
+    return [
+        Entry(f"Gymnasium {name}", 1, 1, substeps, "float64", opened, heading, extra="bench")
+        for heading, name, substeps in (("Pendulum", "Pendulum-v1", 1), ("Reacher", "Reacher-v5", 2))
+        for opened in [functools.partial(single_environment, name, 1.0)]
+    ]
 
 
 def batch_peers(lanes: int, threads: int) -> list[Entry]:
     """Return the peers of a batch."""
-
-    def envpool(heading: str, name: str) -> Entry:
+    peers = []
+    for heading, name in (("Pendulum", "Pendulum-v1"), ("Reacher", "ReacherEasy-v1")):
         opened = functools.partial(_envpool, name, lanes, threads)
-        return Entry(f"EnvPool {name}", lanes, threads, 1, "float64", opened, heading, extra="bench")
-
-    def mujoco(heading: str) -> Entry:
-        *_, substeps = MUJOCO_METHODS[heading]
+        peers.append(Entry(f"EnvPool {name}", lanes, threads, 1, "float64", opened, heading, extra="bench"))
+    for heading, (*_, substeps) in MUJOCO_METHODS.items():
         name = f"same arm in MuJoCo, 1{f'/{substeps}' if substeps > 1 else ''} ms"
         opened, tip_error = functools.partial(_mujoco, heading, lanes, threads), MUJOCO_TIP_ERRORS[heading]
-        return Entry(name, lanes, threads, substeps, "float64", opened, heading, tip_error, "bench")
-
-    pools = [envpool("Pendulum", "Pendulum-v1"), envpool("Reacher", "ReacherEasy-v1")]
-    return [*pools, *map(mujoco, MUJOCO_METHODS)]
+        peers.append(Entry(name, lanes, threads, substeps, "float64", opened, heading, tip_error, "bench"))
+    return peers
 
 
 @contextlib.contextmanager
@@ -336,10 +310,8 @@ def _envpool(name: str, lanes: int, threads: int) -> Iterator[Measure]:
         envs = envpool.make_gymnasium(name, num_envs=lanes, num_threads=threads, seed=0)
         envs.reset()
         actions = draw_actions(envs.action_space, 4, (lanes,))
-    try:
+    with contextlib.closing(envs):
         yield timed_batch(envs.step, actions, lanes)
-    finally:
-        envs.close()
 
 
 @contextlib.contextmanager
@@ -395,8 +367,7 @@ def sweep_entries(policy: str) -> list[Entry]:
 def _swept(config: SweepConfig, how: str) -> Iterator[Measure]:
     (name,) = config.policies
     plants, policy, run = Plants.draw(config, config.members(0)), load_policy(name), RUN[how]
-    envs = plants.environment(config.cases)
-    try:
+    with contextlib.closing(plants.environment(config.cases)) as envs:
 
         def advance() -> int:
             errors = run(plants, envs, policy)
@@ -404,5 +375,3 @@ def _swept(config: SweepConfig, how: str) -> Iterator[Measure]:
             return int(errors.steps.sum())
 
         yield timed(advance)
-    finally:
-        envs.close()

@@ -9,6 +9,7 @@ import contextlib
 import dataclasses
 import datetime
 import gc
+import io
 import itertools
 import json
 import os
@@ -140,7 +141,10 @@ def run_bench(config: BenchConfig, progress: Callable[[str], None] = lambda _: N
         for groups in (instance("config", config, BenchConfig).groups(), config.sweep_groups())
     )
     progress("accuracy")
-    _add_tip_errors([*rows, *sweep])
+    measured = [row for row in (*rows, *sweep) if row.speeds]
+    known = {error: 1e6 * error() for error in dict.fromkeys(row.entry.tip_error for row in measured) if error}
+    for row in measured:
+        row.tip_error_um = known[row.entry.tip_error] if row.entry.tip_error else None
     progress("memory")
     made_with = current_provenance()
     made_with["versions"] |= {name: version_of(name) for name in PEER_LIBRARIES}
@@ -259,17 +263,6 @@ def memory_per_lane() -> dict[str, Any]:
         return {"bytes": None, "reason": _reason(error)}
 
 
-def _add_tip_errors(rows: Sequence[Row]) -> None:
-    """Measure the accuracy of the entries that ran, once for each back end."""
-    known: dict[Callable[[], float], float] = {}
-    for row in rows:
-        tip_error = row.entry.tip_error
-        if row.speeds and tip_error is not None:
-            if tip_error not in known:
-                known[tip_error] = 1e6 * tip_error()
-            row.tip_error_um = known[tip_error]
-
-
 def _reason(error: Exception, extra: str = "") -> str:
     """Return in one line why something was not measured, and what to install if that would help."""
     if isinstance(error, ModuleNotFoundError) and extra:
@@ -279,14 +272,16 @@ def _reason(error: Exception, extra: str = "") -> str:
 
 def write_document(document: dict[str, Any], folder: Path) -> list[Path]:
     """Write ``bench.json``, and ``throughput.png`` if there was a sweep; return the paths."""
-    path = folder / "bench.json"
-    write_atomically(path, json.dumps(document, indent=1) + "\n")
-    written = [path]
+    written = [folder / "bench.json"]
+    write_atomically(written[0], json.dumps(document, indent=1) + "\n")
     if document["sweep"]:
         # Imported here, as Matplotlib takes a second to load.
-        from fuzzyarm.eval.bench.speed_table import write_throughput_figure
+        from fuzzyarm.eval.bench.speed_table import draw_throughput
+        from fuzzyarm.eval.evaluation.figures import figure_style
 
-        path = folder / "throughput.png"
-        write_throughput_figure(document, path)
-        written.append(path)
+        content = io.BytesIO()
+        with figure_style():
+            draw_throughput(document).savefig(content, format="png")
+        written.append(folder / "throughput.png")
+        write_atomically(written[-1], content.getvalue())
     return written

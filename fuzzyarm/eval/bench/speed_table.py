@@ -5,22 +5,19 @@ The figure of `fuzzyarm bench --lanes-sweep`: throughput against the number of l
 
 from __future__ import annotations
 
-import io
 import itertools
 import math
 from collections.abc import Sequence
-from pathlib import Path
 from typing import Any
 
-import matplotlib.style
 from matplotlib.figure import Figure
 from rich.console import Console
 
 from fuzzyarm.common.console import Sheet, print_paragraphs
-from fuzzyarm.common.files import write_atomically
 from fuzzyarm.eval.evaluation.figures import DASHES
+from fuzzyarm.eval.sweep.figures import MARKERS
 
-__all__ = ["draw_throughput", "print_speeds", "speed_cells", "speed_notes", "write_throughput_figure"]
+__all__ = ["draw_throughput", "print_speeds", "speed_cells", "speed_notes"]
 
 
 _QUIET = 0.5  # load average
@@ -52,6 +49,12 @@ def speed_cells(rows: Sequence[dict[str, Any]]) -> tuple[list[str], list[list[st
 def speed_notes(document: dict[str, Any]) -> list[str]:
     """Return the notes below the table, a paragraph each."""
     method, machine, versions = document["method"], document["machine"], document["versions"]
+    memory = (
+        "not measured, {reason}"
+        if (found := document["memory_per_lane"])["bytes"] is None
+        else ("{bytes:.0f} bytes for each further lane of the vector environment")
+    )
+    memory = memory.format(**found)
     notes = [
         f"Median (quartiles) of {method['rounds']} rounds of {method['seconds']:g} s in which the entries take "
         "turns; a ratio is FuzzyArm's speed over the peer's in the same round. A step is a control step of 1 ms with "
@@ -60,7 +63,7 @@ def speed_notes(document: dict[str, Any]) -> list[str]:
         "The same arm in MuJoCo has no observation, reward, reset or static friction peak, which favours it. Tip "
         "error: largest distance to the event integrator in the nominal case, with computed torque in the loop.",
         *([_BUSY.format(method["load_average"])] if (method["load_average"] or 0.0) > _QUIET else []),
-        f"Memory: {_memory(document['memory_per_lane'])}.",
+        f"Memory: {memory}.",
     ]
     missing: dict[str, list[str]] = {}
     for row in [*document["rows"], *document["sweep"]]:
@@ -93,27 +96,6 @@ def _spread(values: dict[str, float], scale: float = 1.0) -> str:
     decimals = max(0, 2 - math.floor(math.log10(scaled[0])))
     median, q1, q3 = (f"{value:.{decimals}f}" for value in scaled)
     return f"{median} ({q1}-{q3})"
-
-
-def _memory(memory: dict[str, Any]) -> str:
-    if memory["bytes"] is None:
-        return f"not measured, {memory['reason']}"
-    return f"{memory['bytes']:.0f} bytes for each further lane of the vector environment"
-
-
-MARKERS = "os^Dv"
-
-
-def write_throughput_figure(document: dict[str, Any], path: Path) -> None:
-    """Draw the throughput in a document of `run.run_bench` and write it as PNG.
-
-    Raises:
-        OSError: the folder is missing or not writable; no file is left half written.
-    """
-    with matplotlib.style.context("fuzzyarm.eval.fuzzyarm", after_reset=True):
-        content = io.BytesIO()
-        draw_throughput(document).savefig(content, format="png")
-    write_atomically(path, content.getvalue())
 
 
 def draw_throughput(document: dict[str, Any]) -> Figure:

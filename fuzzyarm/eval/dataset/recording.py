@@ -42,12 +42,7 @@ class Episode:
 
 
 class RandomTorques:
-    """A policy that draws each torque uniformly within its limits.
-
-    Args:
-        limit: (2,) [N m].
-        seed: of the draws.
-    """
+    """A policy that draws each torque uniformly within its limits (2,) [N m]."""
 
     def __init__(self, limit: np.ndarray, seed: int) -> None:
         """Begin the stream of draws."""
@@ -61,14 +56,9 @@ class RandomTorques:
 
 
 def record(policy: Predictor, condition: Condition, count: int, seed: int, noise: float = 0.0) -> Iterator[Episode]:
-    """Yield episodes of a policy at 1 kHz.
+    """Yield `count` episodes of a policy at 1 kHz; `seed` is that of the first, and the others follow.
 
-    Args:
-        policy: what acts.
-        condition: what it acts on.
-        count: number of episodes.
-        seed: of the first; the others follow.
-        noise: standard deviation of Gaussian noise on the torques, as a share of their limits.
+    Noise on the torques is Gaussian, with this standard deviation as a share of their limits.
     """
     for first in range(0, count, _LANES):
         yield from _batch(policy, condition, min(_LANES, count - first), seed + first, noise)

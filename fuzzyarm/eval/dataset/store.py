@@ -65,6 +65,7 @@ def write_dataset(config: DatasetConfig, root: Path, advance: Callable[..., None
         OSError: the folder cannot be written.
     """
     check_installed()
+    import gymnasium as gym
     import minari
 
     folder = root / config.name
@@ -75,11 +76,11 @@ def write_dataset(config: DatasetConfig, root: Path, advance: Callable[..., None
         buffers.append(_buffer(number, episode))
         advance(completed=number + 1)
     low, high = provenance["reference_scores"].values()
-    with tempfile.TemporaryDirectory(prefix=".dataset.", dir=root.absolute()) as work, _root(Path(work)), _quiet():
+    with tempfile.TemporaryDirectory(prefix=".dataset.", dir=root.absolute()) as work, _writing(Path(work)):
         dataset = minari.create_dataset_from_buffers(
             config.name,
             buffers,
-            env=_spec(config),
+            env=gym.make("FuzzyArm-v0", **CONDITIONS[config.condition]).spec,
             algorithm_name=", ".join(config.shares),
             author="FuzzyArm",
             description=f"Torques of {', '.join(config.shares)} on FuzzyArm-v0, condition {config.condition}.",
@@ -181,30 +182,18 @@ def _provenance(config: DatasetConfig) -> dict[str, Any]:
     }
 
 
-def _spec(config: DatasetConfig) -> Any:
-    import gymnasium as gym
-
-    return gym.make("FuzzyArm-v0", **CONDITIONS[config.condition]).spec
-
-
 @contextlib.contextmanager
-def _root(folder: Path) -> Iterator[None]:
-    """Let Minari write to a folder."""
+def _writing(folder: Path) -> Iterator[None]:
+    """Let Minari write to a folder, without warnings of what is left out: address of the code, e-mail, environment."""
     name = "MINARI_DATASETS_PATH"
     before = os.environ.get(name)
     os.environ[name] = str(folder)
     try:
-        yield
+        with warnings.catch_warnings():
+            warnings.filterwarnings("ignore", message=r".*is set to None", category=UserWarning)
+            yield
     finally:
         if before is None:
             del os.environ[name]
         else:
             os.environ[name] = before
-
-
-@contextlib.contextmanager
-def _quiet() -> Iterator[None]:
-    """Leave out that there is no address of the code, no e-mail and no environment for evaluation alone."""
-    with warnings.catch_warnings():
-        warnings.filterwarnings("ignore", message=r".*is set to None", category=UserWarning)
-        yield

@@ -14,7 +14,7 @@ from __future__ import annotations
 
 import dataclasses
 import math
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from decimal import Decimal
 from html import escape
 from pathlib import Path
@@ -25,7 +25,6 @@ import numpy as np
 from fuzzyarm.common.rounding import at_least, at_most
 from fuzzyarm.envs.scenario.reference import Reference
 from fuzzyarm.eval.certified.rigid import (
-    Motion,
     RigidLoop,
     decay_rates,
     disturbed_run,
@@ -74,8 +73,15 @@ def observe(loop: RigidLoop, reference: Reference) -> Observed:
     under a library of torques and the worst torque found by power iteration, along the reference and at the held
     posture of largest frozen gain.
     """
-    gain, probe = max(_largest_gain(loop, motion, reference.duration) for motion in (reference, worst_posture(loop)))
-    return Observed(decay_rates(loop, STEP).observed, gain, probe)
+    gains, duration = list[tuple[float, str]](), reference.duration
+    for motion in (reference, worst_posture(loop)):
+        worst = worst_torque(loop, motion, duration, step=STEP)
+        probes = library(duration, STEP) | {"worst torque found": worst}
+        run = disturbed_run(loop, motion, probes, duration, STEP)
+        # The certificate claims nothing outside the box, so gains count only until a rollout leaves it.
+        found = np.where(run.in_box, run.gain, 0.0).max(axis=0)
+        gains += zip(found.tolist(), probes, strict=True)
+    return Observed(decay_rates(loop, STEP).observed, *max(gains))
 
 
 def observe_policies(
@@ -117,15 +123,6 @@ def _controller(
     if certificate is None or certificate.bounds != claimed:
         return "the controller file has changed since the evaluation"
     return cast("Controller", certificate.controller)  # as the form says
-
-
-def _largest_gain(loop: RigidLoop, motion: Motion, duration: float) -> tuple[float, str]:
-    """Return the largest gain about a motion [rad/(N m)] and the name of the torque that causes it."""
-    probes = library(duration, STEP) | {"worst torque found": worst_torque(loop, motion, duration, step=STEP)}
-    run = disturbed_run(loop, motion, probes, duration, STEP)
-    # The certificate claims nothing outside the box, so gains count only until a rollout leaves it.
-    gains = np.where(run.in_box, run.gain, 0.0).max(axis=0)
-    return max(zip(gains.tolist(), probes, strict=True))
 
 
 SIZE, EDGE = 440.0, 26.0  # of the drawing and around it [px]
@@ -179,7 +176,9 @@ def _tube(check: BoundCheck, run: Rollout) -> str:
     along = np.gradient(path, axis=0)
     across = np.stack([-along[:, 1], along[:, 0]], axis=1) / np.maximum(np.hypot(*along.T), 1e-12)[:, np.newaxis]
     extent = float(np.ptp(path, axis=0).max())
-    times = _round_down(WIDEST * extent / max(float(check.tip.max()), 1e-12))
+    most = WIDEST * extent / max(float(check.tip.max()), 1e-12)
+    power = 10.0 ** math.floor(math.log10(most))
+    times = max(step * power for step in (1.0, 2.0, 5.0) if step * power <= most * (1 + 1e-12))
     middle = 0.5 * (path.min(axis=0) + path.max(axis=0))
     scale = (SIZE - 2.0 * EDGE) / (extent * (1.0 + 2.0 * WIDEST))
 
@@ -198,12 +197,6 @@ def _tube(check: BoundCheck, run: Rollout) -> str:
     return figure(title, svg)
 
 
-def _round_down(value: float) -> float:
-    """Return the largest of 1, 2, 5 times a power of ten that is not above a number."""
-    power = 10.0 ** math.floor(math.log10(value))
-    return max(step * power for step in (1.0, 2.0, 5.0) if step * power <= value * (1 + 1e-12))
-
-
 SCOPE = (
     "A certificate is proven for the rigid arm in continuous time, as long as it stays inside the box, and not for the "
     "sampled elastic arm of the replay. " + NOT_COVERED
@@ -219,59 +212,41 @@ Observations = Mapping[str, Observed | str]
 """What was observed by policy, or in words why nothing was, see `observe_policies`."""
 
 
-@dataclasses.dataclass(frozen=True)
-class _BoundChart:
-    """A chart of one certified bound.
-
-    Attributes:
-        title: above the chart.
-        label: of the axis, with the unit.
-        key: of the certified value in the bounds.
-        digits: decimal digits from SI units to the unit of the axis.
-        at_least: whether the certified value is a lower bound.
-        worst: the worst value observed, in SI units.
-        forms: of controllers that claim this quantity.
-    """
-
-    title: str
-    label: str
-    key: str
-    digits: int
-    at_least: bool
-    worst: Callable[[Observed], float]
-    forms: tuple[str, ...]
-
-
-DECAY, GAIN = ("consistent", "semidefinite"), ("consistent",)  # forms whose bounds are of the rigid arm's error
-_CHARTS = (
-    _BoundChart("Decay rate", "decay rate of the root of V [1/s]", "alpha", 0, True, lambda seen: seen.decay, DECAY),
-    _BoundChart(
-        "L2 gain, disturbance to error", "L2 gain [µrad/(N m)]", "gamma", 6, False, lambda seen: seen.gain, GAIN
-    ),
-)
-
-
 def bound_charts(stored: Evaluation, observed: Observations) -> str:
     """Return a chart of each kind of bound; a policy without comparable bounds has a text in its row."""
-    figures = []
-    for spec in _CHARTS:
-        rows = [(name, _row(spec, claimed, observed.get(name))) for name, claimed in stored.bounds.items()]
-        values = [max(bound.certified, bound.observed or 0.0) for _, bound in rows if isinstance(bound, Bound)]
-        axis = Axis(spec.label, 0.0, 1.25 * max(values, default=1.0))
-        chart = draw_chart(axis, rows, f"{spec.title}: certified bound and worst observed")
-        figures.append(figure(spec.title, chart))
-    return "".join(figures)
+    decay = _bound_chart(
+        stored, observed, "Decay rate", "decay rate of the root of V [1/s]", "alpha", 0, ("consistent", "semidefinite")
+    )
+    gain = _bound_chart(
+        stored, observed, "L2 gain, disturbance to error", "L2 gain [µrad/(N m)]", "gamma", 6, ("consistent",)
+    )
+    return decay + gain
 
 
-def _row(spec: _BoundChart, claimed: Mapping[str, Any] | None, seen: Observed | str | None) -> Bound | str:
-    if claimed is None:
-        return "nothing proven"
-    if claimed["form"] not in spec.forms:
-        return "of other quantities"
-    worst = 10.0**spec.digits * spec.worst(seen) if isinstance(seen, Observed) else None
-    # Rounded so that it holds before the unit is changed, which is exact in decimal.
-    stated = (at_least if spec.at_least else at_most)(claimed[spec.key], 3)
-    return Bound(float(Decimal(stated).scaleb(spec.digits)), worst, spec.at_least)
+def _bound_chart(
+    stored: Evaluation, observed: Observations, title: str, label: str, key: str, digits: int, forms: tuple[str, ...]
+) -> str:
+    """Return the chart of the bound `key`, whose axis has a unit so many decimal `digits` below that of SI.
+
+    Only controllers of these `forms` claim it of the rigid arm's error; the decay rate is a lower bound, the gain an
+    upper one.
+    """
+    lower = key == "alpha"
+
+    def row(claimed: Mapping[str, Any] | None, seen: Observed | str | None) -> Bound | str:
+        if claimed is None:
+            return "nothing proven"
+        if claimed["form"] not in forms:
+            return "of other quantities"
+        worst = 10.0**digits * (seen.decay if lower else seen.gain) if isinstance(seen, Observed) else None
+        # Rounded so that it holds before the unit is changed, which is exact in decimal.
+        stated = (at_least if lower else at_most)(claimed[key], 3)
+        return Bound(float(Decimal(stated).scaleb(digits)), worst, lower)
+
+    rows = [(name, row(claimed, observed.get(name))) for name, claimed in stored.bounds.items()]
+    values = [max(bound.certified, bound.observed or 0.0) for _, bound in rows if isinstance(bound, Bound)]
+    axis = Axis(label, 0.0, 1.25 * max(values, default=1.0))
+    return figure(title, draw_chart(axis, rows, f"{title}: certified bound and worst observed"))
 
 
 def bound_note(observed: Observations) -> str:

@@ -23,7 +23,6 @@ from typing import Any
 from fuzzyarm import __version__
 from fuzzyarm.common.checks import path_of
 from fuzzyarm.common.files import write_atomically
-from fuzzyarm.envs.scenario.cases import CASES
 from fuzzyarm.eval.episodes.metrics import LOST, millimetres
 from fuzzyarm.eval.evaluation.ranking import Standing, standings_of
 from fuzzyarm.eval.evaluation.results_file import read_evaluation
@@ -49,19 +48,15 @@ __all__ = ["command", "headline", "render_page", "rule", "write_report"]
 NAMED = 3  # policies that are named one after the other; of more, only their number is told
 
 
-def headline(standings: Sequence[Standing], titles: Mapping[str, str] | None = None) -> str:
+def headline(standings: Sequence[Standing], titles: Mapping[str, str]) -> str:
     """Return the sentence as HTML.
 
     A value is that of the leaderboard: the score overall, the rms tip error in a case. Policies whose values read the
-    same win together. A policy that lost the path in a case cannot win it, nor overall.
-
-    Args:
-        standings: of all policies of one evaluation, see `standings_of`.
-        titles: of the cases by name; None: those of the two-joint arm.
+    same win together. A policy that lost the path in a case cannot win it, nor overall. The standings are those of all
+    policies of one evaluation, see `standings_of`, and the titles those of the cases by name.
     """
-    known = {name: case.title for name, case in CASES.items()} if titles is None else titles
     if len(standings) == 1:
-        return _alone(standings[0], known)
+        return _alone(standings[0], titles)
     scores = {standing.policy: standing.score.mean for standing in standings if standing.score is not None}
     cases = list(standings[0].rms)
     wins: dict[tuple[str, ...], list[str]] = {}  # what each group of winners won
@@ -72,10 +67,10 @@ def headline(standings: Sequence[Standing], titles: Mapping[str, str] | None = N
         errors = {standing.policy: standing.rms[case] for standing in standings}
         held = {policy: error for policy, error in errors.items() if error is not None}
         if held:
-            won = f"in {_title(known[case])} with {_length(min(held.values()))}\u00a0rms"
+            won = f"in {_title(titles[case])} with {_length(min(held.values()))}\u00a0rms"
             wins.setdefault(_winners(held), []).append(won)
         else:
-            nobody.append(_title(known[case]))
+            nobody.append(_title(titles[case]))
     parts = [
         f"{_names(names)} {'wins' if len(names) == 1 else 'tie'} {_series(where)}" for names, where in wins.items()
     ]
@@ -99,7 +94,7 @@ def _alone(standing: Standing, titles: Mapping[str, str]) -> str:
     """Return the sentence of an evaluation of one policy, which has nobody to win against."""
     name = _names([standing.policy])
     if standing.score is None:
-        return f"{name} ran alone and lost the path in {standing.lost} of {_episodes(standing.episodes)}."
+        return f"{name} ran alone and lost the path in {standing.lost} of {_counted(standing.episodes, 'episode')}."
     errors = [
         f"{_length(error)} in {_title(titles[case])}" for case, error in standing.rms.items() if error is not None
     ]
@@ -119,11 +114,11 @@ def _lost(standings: Sequence[Standing]) -> list[str]:
         return []
     overall = " overall" if len(standings[0].rms) > 1 else ""
     if len(lost) == 1:
-        often = f"{lost[0].lost} of {_episodes(lost[0].episodes)}"
+        often = f"{lost[0].lost} of {_counted(lost[0].episodes, 'episode')}"
         return [f"{_names([lost[0].policy])} lost the path in {often} and is not ranked{overall}"]
-    named = [f"{_names([one.policy])} (in {one.lost} of {_episodes(one.episodes)})" for one in lost[:NAMED]]
+    named = [f"{_names([one.policy])} (in {one.lost} of {_counted(one.episodes, 'episode')})" for one in lost[:NAMED]]
     if len(lost) > NAMED:
-        named.append(_others(len(lost) - NAMED))
+        named.append(_counted(len(lost) - NAMED, "other"))
     return [f"{_series(named)} lost the path and are not ranked{overall}"]
 
 
@@ -149,17 +144,13 @@ def _length(error: float) -> str:
     return f"{escape(millimetres(error, digits))}\u00a0mm"
 
 
-def _episodes(count: int) -> str:
-    return f"{count} {'episode' if count == 1 else 'episodes'}"
-
-
-def _others(count: int) -> str:
-    return f"{count} {'other' if count == 1 else 'others'}"
+def _counted(count: int, noun: str) -> str:
+    return f"{count} {noun}{'' if count == 1 else 's'}"
 
 
 def _names(policies: Sequence[str]) -> str:
     names = [f"<strong>{escape(policy)}</strong>" for policy in policies]
-    return _series(names if len(names) <= NAMED + 1 else [*names[:NAMED], _others(len(names) - NAMED)])
+    return _series(names if len(names) <= NAMED + 1 else [*names[:NAMED], _counted(len(names) - NAMED, "other")])
 
 
 def _series(parts: Sequence[str]) -> str:

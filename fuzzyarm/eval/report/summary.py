@@ -15,7 +15,6 @@ from html import escape
 from statistics import median
 from typing import Any
 
-from fuzzyarm.envs.scenario.cases import CASES
 from fuzzyarm.eval.episodes.metrics import RESOLUTION, columns, millimetres
 from fuzzyarm.eval.evaluation.result_table import DECLARED, declared_rows, table_rows
 from fuzzyarm.policies.declared import Declared
@@ -171,15 +170,22 @@ Group = dict[str, list[Row]]
 """The rows of one case by policy, with one row for each seed."""
 
 
-def error_charts(rows: Sequence[Row], titles: Mapping[str, str] | None = None) -> str:
+def error_charts(rows: Sequence[Row], titles: Mapping[str, str]) -> str:
     """Return a chart of the tip errors for each case, all with the same axis; over several seeds medians.
 
-    `titles` of the cases by name; None: those of the two-joint arm.
+    `titles` of the cases by name.
     """
-    known = {name: case.title for name, case in CASES.items()} if titles is None else titles
     groups = _groups(rows)
-    errors = {case: {policy: _tip_error(runs) for policy, runs in group.items()} for case, group in groups.items()}
-    axis = _error_axis([value for group in errors.values() for error in group.values() for value in error])
+    keys = ("tip_error_rms_mm", "tip_error_max_mm")
+    errors = {
+        case: {policy: [float(median(run[key] for run in runs)) for key in keys] for policy, runs in group.items()}
+        for case, group in groups.items()
+    }
+    values = [value for group in errors.values() for error in group.values() for value in error]
+    # A logarithmic axis of at least one decade shows all positive, finite values.
+    positive = [value for value in values if 0.0 < value < math.inf] or [1.0]
+    low, high = math.floor(math.log10(min(positive))), math.ceil(math.log10(max(positive)))
+    axis = Axis("tip error [mm]", 10.0**low, 10.0 ** max(high, low + 1), log=True)
     figures = []
     for case, group in groups.items():
         best_rms = min((errors[case][policy][0] for policy, runs in group.items() if finished(runs)), default=math.nan)
@@ -188,45 +194,25 @@ def error_charts(rows: Sequence[Row], titles: Mapping[str, str] | None = None) -
             rms, maximum = errors[case][policy]
             mark = "" if finished(runs) else " ×"
             drawn.append((policy, Errors(rms, maximum, finished(runs) and rms <= max(best_rms, RESOLUTION), mark)))
-        title = known[case]
-        description = f"{title}: root mean square and maximum of the tip error in mm"
-        figures.append(figure(title, draw_chart(axis, drawn, description)))
+        description = f"{titles[case]}: root mean square and maximum of the tip error in mm"
+        figures.append(figure(titles[case], draw_chart(axis, drawn, description)))
     return "".join(figures)
 
 
-def _tip_error(runs: Sequence[Row]) -> tuple[float, float]:
-    """Return the rms and the largest tip error of a policy in a case [mm], over several seeds the medians."""
-    rms, largest = (float(median(run[key] for run in runs)) for key in ("tip_error_rms_mm", "tip_error_max_mm"))
-    return rms, largest
-
-
-def _error_axis(values: Sequence[float]) -> Axis:
-    """Return a logarithmic axis of at least one decade that shows all positive, finite values."""
-    positive = [value for value in values if 0.0 < value < math.inf] or [1.0]
-    low, high = math.floor(math.log10(min(positive))), math.ceil(math.log10(max(positive)))
-    return Axis("tip error [mm]", 10.0**low, 10.0 ** max(high, low + 1), log=True)
-
-
-def metrics_table(rows: Sequence[Row], titles: Mapping[str, str] | None = None) -> str:
+def metrics_table(rows: Sequence[Row], titles: Mapping[str, str]) -> str:
     """Return the table of all metrics: a body for each case, with the best cells of each column marked, see `best`.
 
     `titles` as for `error_charts`.
     """
-    known = {name: case.title for name, case in CASES.items()} if titles is None else titles
     cells = iter(table_rows(rows))  # in the order of the groups
     headings = [escape(heading).replace("N m", "N&nbsp;m") for heading in columns()]
     heads = "".join(f'<th scope="col">{heading}</th>' for heading in headings)
     parts = [f'<table><thead><tr><th scope="col">policy</th>{heads}</tr></thead>']
     for case, group in _groups(rows).items():
-        texts = {policy: _cells(next(cells)) for policy in group}
-        parts.append(_table_body(known[case], group, texts))
+        # A decimal point that no digit follows is left out.
+        texts = {policy: [re.sub(r"\.(?!\d)", "", cell) for cell in next(cells)[2]] for policy in group}
+        parts.append(_table_body(titles[case], group, texts))
     return "".join([*parts, "</table>"])
-
-
-def _cells(row: tuple[str, str, list[str]]) -> list[str]:
-    """Return the cells of a row of `table_rows`, without decimal points that no digit follows."""
-    _, _, cells = row
-    return [re.sub(r"\.(?!\d)", "", cell) for cell in cells]
 
 
 def _table_body(title: str, group: Group, texts: dict[str, list[str]]) -> str:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import functools
 from collections.abc import Iterator, Mapping, Sequence
 from typing import Any
 
@@ -83,17 +84,12 @@ class SweepResults:
         return self.finished("max_mm")
 
 
-class _Noise:
-    """What the policy reads: q + f (y - q), y the environment's reading of q and f (lanes,) the plant's factor."""
-
-    def __init__(self, factor: np.ndarray) -> None:
-        self._factor = factor[:, np.newaxis]
-
-    def __call__(self, observation: np.ndarray, info: dict[str, Any]) -> np.ndarray:
-        true = np.concatenate([info["q_motor"], info["dq_motor"]], axis=1)
-        measured, result = slice(true.shape[1]), observation.copy()
-        result[:, measured] = true + self._factor * (observation[:, measured] - true)
-        return result
+def _noisy(factor: np.ndarray, observation: np.ndarray, info: dict[str, Any]) -> np.ndarray:
+    """Return what the policy reads: q + f (y - q), y the environment's reading of q, f (lanes,) the plant's factor."""
+    true = np.concatenate([info["q_motor"], info["dq_motor"]], axis=1)
+    measured, result = slice(true.shape[1]), observation.copy()
+    result[:, measured] = true + factor[:, np.newaxis] * (observation[:, measured] - true)
+    return result
 
 
 class Delay:
@@ -118,7 +114,7 @@ class Delay:
 def steps(plants: Plants, envs: FuzzyArmVectorEnv, policy: Predictor) -> Iterator[Step]:
     """Run one episode of every lane of the plants' environment, with each plant's noise and delay."""
     start, (noise, delay) = plants.begin(envs), _channel(plants, envs)
-    sense = None if noise is None else _Noise(noise)
+    sense = None if noise is None else functools.partial(_noisy, noise)
     actuate = Delay(delay, plants.config.joints) if delay.any() else None
     return episodes(envs, policy, start, sense=sense, actuate=actuate)
 
@@ -169,7 +165,7 @@ def errors_in_one_kernel(plants: Plants, envs: FuzzyArmVectorEnv, policy: Predic
         return None
     observation, info = plants.begin(envs)
     channel = _channel(plants, envs)
-    seen = observation if channel.noise is None else _Noise(channel.noise)(observation, info)
+    seen = observation if channel.noise is None else _noisy(channel.noise, observation, info)
     return closed_loops(envs.lanes, seen, policy, law, channel)
 
 

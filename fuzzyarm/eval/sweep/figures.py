@@ -21,15 +21,12 @@ from fuzzyarm.eval.sweep.config import SweepConfig
 from fuzzyarm.eval.sweep.distributions import column_label
 from fuzzyarm.eval.sweep.episodes import SweepResults
 
-__all__ = ["COLORS", "Cells", "draw_sweep", "write_sweep_figures"]
+__all__ = ["COLORS", "MARKERS", "Cells", "draw_sweep", "write_sweep_figures"]
 
 PLANTS_PER_BIN, MOST_BINS = 12, 20
 COLORS = "viridis_r"  # ordered by lightness for any colour vision, and in grey: dark is bad
-EARLY: dict[str, Any] = {
-    "facecolor": "#BBBBBB",
-    "hatch": "////",
-    "edgecolor": "black",
-}  # where half or more ended early
+EARLY: dict[str, Any] = {"facecolor": "#BBBBBB", "hatch": "////", "edgecolor": "black"}
+"""Of cells where half or more of the plants ended early."""
 FINE, COARSE = 1.0 / 40.0, 5.0
 """Ends of the colour scale, as shares of the bound of success."""
 LEFT = 1.0 / 200.0  # left end of the curves, as a share of the bound

@@ -8,6 +8,7 @@ it is in, whichever worker runs it, under every policy and in every case: compar
 from __future__ import annotations
 
 import dataclasses
+import functools
 from collections.abc import Mapping, Sequence
 from typing import Any
 
@@ -79,20 +80,14 @@ class Plants:
         config, cells = self.config, self._cells()
         drawn, arm = config.drawn(), config.arm
         noisy = drawn.noise[1] > 0.0 or "noise" in cells
+        factors = [name for name in cells if QUANTITIES[name].arm_fields]
+        columns = [cells.get("payload", np.zeros(len(self.members))), cells.get("force", np.ones(len(self.members)))]
         # Lanes with equal arms or loads share the object: the environment prepares each object once.
-        arms: dict[tuple[float, ...], AnyArm] = {}
-        loads: dict[tuple[str, float, float], Disturbance] = {}
-        lane_arms, lane_loads = [], []
-        for case in cases:
-            for i in range(len(self.members)):
-                values = {name: float(column[i]) for name, column in cells.items()}
-                factors = {name: value for name, value in values.items() if QUANTITIES[name].arm_fields}
-                if (key := tuple(factors.values())) not in arms:
-                    arms[key] = _varied(arm, factors)
-                if (load := (case, values.get("payload", 0.0), values.get("force", 1.0))) not in loads:
-                    loads[load] = _disturbance(arm, *load, noisy)
-                lane_arms.append(arms[key])
-                lane_loads.append(loads[load])
+        varied = functools.cache(lambda *values: _varied(arm, dict(zip(factors, values, strict=True))))
+        loaded = functools.cache(lambda case, payload, force: _disturbance(arm, case, payload, force, noisy))
+        rows = list(zip(*(cells[name].tolist() for name in factors), strict=True)) or [()] * len(self.members)
+        lane_arms = [varied(*row) for row in rows] * len(cases)
+        lane_loads = [loaded(case, *load) for case in cases for load in zip(*np.array(columns).tolist(), strict=True)]
         set_by_grid: dict[str, Any] = {axis.quantity: (axis.low, axis.high) for axis in config.grid}
         widest = dataclasses.replace(drawn, **set_by_grid)
         return FuzzyArmVectorEnv(

@@ -180,7 +180,6 @@ def _largest(found: Sequence[Estimate | None]) -> Estimate | None:
     known = [estimate for estimate in found if estimate is not None]
     if len(known) < len(found):
         return None
-    low = [estimate.low for estimate in known if estimate.low is not None]
-    high = [estimate.high for estimate in known if estimate.high is not None]
+    low, high = ([end for one in known if (end := getattr(one, name)) is not None] for name in ("low", "high"))
     largest = max(estimate.mean for estimate in known)
     return Estimate(largest, max(low), max(high)) if low and high else Estimate(largest, None, None)

@@ -279,9 +279,7 @@ def made_with() -> dict[str, str]:
 def identity_of(config: SweepConfig, specs: Mapping[str, PolicySpec]) -> dict[str, dict[str, Any]]:
     """Return everything that the numbers of a sweep depend on, ready for JSON.
 
-    Args:
-        config: of the sweep.
-        specs: its policies by label; code must be allowed to run, see `policies.resolve`.
+    The policies by label must be allowed to run code, see `policies.resolve`.
 
     Raises:
         ValueError: a policy is damaged.

@@ -22,7 +22,7 @@ from __future__ import annotations
 import dataclasses
 import functools
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 
 import gymnasium as gym
 import numpy as np
@@ -36,13 +36,12 @@ from fuzzyarm.envs.scenario.reference import Reference
 from fuzzyarm.eval.episodes.loop import episodes
 from fuzzyarm.eval.sweep.episodes import Delay
 from fuzzyarm.eval.tuning.finding import PERIOD, force_factor, heaviest
-from fuzzyarm.eval.tuning.search import Budget, rounded
+from fuzzyarm.eval.tuning.search import Budget, Costs, rounded
 from fuzzyarm.fuzzy_policy.laws.adaptive.belief import AdaptiveWeights
 from fuzzyarm.fuzzy_policy.laws.adaptive.policy import AdaptiveObserverPolicy
-from fuzzyarm.fuzzy_policy.policy import Policy
 
 __all__ = [
-    "BOX", "CAP", "FIRST_STEP", "FULL", "GROUPS", "LANES", "SEED", "SHORT", "Objective", "RandomArms",
+    "BOX", "CAP", "FIRST_STEP", "FULL", "GROUPS", "LANES", "SEED", "SHORT", "UNFIT", "RandomArms",
     "feasible_references", "logarithms_of", "noisy_nominal", "objective_for", "weights_of",
 ]  # fmt: skip
 
@@ -72,6 +71,8 @@ SEED = 11
 CAP = 50.0
 """The largest error that an arm counts with [mm], and what it counts if its episode ends early. It is no definition of
 a lost path, see `metrics.is_lost`: one arm far off shall not decide for all."""
+UNFIT = math.inf
+"""The cost of weights for which there is no regulator."""
 TAIL = 0.1  # weight of the worst arm beside the mean
 FEASIBLE = 0.95  # of the torque limits
 LARGEST_FORCE, LATEST_ONSET = 250.0, 0.5  # N, on the arm of Table 1; s
@@ -87,11 +88,7 @@ class RandomArms:
     def __init__(self, seed: int, group: str, lanes: int = LANES, arm: ArmParameters | None = None) -> None:
         """Draw loads, noise, lateness and torque constants; the plants are drawn by a reset with the same seed.
 
-        Args:
-            seed: of everything.
-            group: of `GROUPS`.
-            lanes: number of arms.
-            arm: the known one, default Table 1.
+        The group is of `GROUPS`; `arm` is the known one, default Table 1.
         """
         arm = ArmParameters() if arm is None else arm
         unknown, late = GROUPS[group]
@@ -151,41 +148,28 @@ def noisy_nominal(policy: AdaptiveObserverPolicy) -> float:
     return max(1e3 * float(step.info["tip_error"]) for step in steps) if steps[-1].completed else CAP
 
 
-class Objective:
-    """The cost of weights given by the logarithms of `BOX`."""
-
-    def __init__(self, arm: ArmParameters, fallback: Callable[[], Policy | None]) -> None:
-        """Build the environments once.
-
-        Args:
-            arm: the known one.
-            fallback: makes what acts where the filter has diverged; None: the default of the policy.
-        """
-        self.arm, self.fallback = arm, fallback
-        self.arms = [RandomArms(SEED, group, arm=arm) for group in GROUPS]
-
-    def __call__(self, logarithms: np.ndarray) -> float:
-        """Return the objective [mm], infinite where there is no regulator for the weights."""
-        try:
-            policy = AdaptiveObserverPolicy(self.arm, PERIOD, weights_of(logarithms), self.fallback())
-        except ValueError:
-            return math.inf
-        errors = [arms.largest_errors(policy) for arms in self.arms]
-        return sum(float(group.mean() + TAIL * group.max()) for group in errors) + noisy_nominal(policy)
-
-
 @functools.lru_cache(maxsize=1)
-def objective_for(arm: ArmParameters, bandwidth: float | None = None) -> Objective:
-    """Return the objective of an arm, whose environments a process builds once.
+def objective_for(arm: ArmParameters, bandwidth: float | None = None) -> Costs:
+    """Return the objective [mm] of an arm, a function of the logarithms of `BOX`; a process builds its arms once.
 
-    Args:
-        arm: the known one.
-        bandwidth: of the computed torque that acts where the filter has diverged [rad/s]; None: its default.
+    It is `UNFIT` where there is no regulator for the weights. Where the filter has diverged acts the computed torque of
+    this bandwidth [rad/s]; None: its default.
     """
     from fuzzyarm.fuzzy_policy.laws.computed_torque import ComputedTorquePolicy
     from fuzzyarm.fuzzy_policy.laws.tip import TipPolicy
 
-    return Objective(arm, lambda: TipPolicy(ComputedTorquePolicy(arm, PERIOD, bandwidth)))
+    random = [RandomArms(SEED, group, arm=arm) for group in GROUPS]
+
+    def cost(logarithms: np.ndarray) -> float:
+        try:
+            fallback = TipPolicy(ComputedTorquePolicy(arm, PERIOD, bandwidth))
+            policy = AdaptiveObserverPolicy(arm, PERIOD, weights_of(logarithms), fallback)
+        except ValueError:
+            return UNFIT
+        errors = [arms.largest_errors(policy) for arms in random]
+        return sum(float(group.mean() + TAIL * group.max()) for group in errors) + noisy_nominal(policy)
+
+    return cost
 
 
 def weights_of(logarithms: Sequence[float] | np.ndarray) -> AdaptiveWeights:

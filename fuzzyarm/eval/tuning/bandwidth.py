@@ -21,7 +21,7 @@ from fuzzyarm.eval.episodes.metrics import metrics_of
 from fuzzyarm.eval.episodes.rollout import record_rollout
 from fuzzyarm.eval.stability.linearisation import Linearisable, gain_margin, spectral_radius
 from fuzzyarm.eval.stability.margins import policy_margins
-from fuzzyarm.eval.tuning.finding import PERIOD, periods_of, radius_within
+from fuzzyarm.eval.tuning.finding import PERIOD, finite, periods_of, radius_within
 from fuzzyarm.fuzzy_policy.laws.computed_torque import ComputedTorquePolicy
 
 __all__ = ["BANDWIDTHS", "LEAST_GAIN_MARGIN", "assess", "assess_policy", "choice_of", "decays_throughout"]
@@ -64,20 +64,15 @@ def assess_policy(arm: ArmParameters, policy: Any, name: str) -> dict[str, Any]:
             "gain_margin_upper_delayed": gain_margin(policy, arm, control_period=PERIOD, delay=1)[1],
         }
     except ValueError:  # no equilibrium within the torque limits
-        row |= dict.fromkeys(
-            ("radius", "radius_delayed", "gain_margin_lower", "gain_margin_upper", "gain_margin_upper_delayed"),
-            math.nan,
-        )
-    finite = {key: value if math.isfinite(value) else None for key, value in row.items()}
-    return {"policy": name} | finite | {"decays_throughout": decays_throughout(arm, policy)}
+        missing = ("radius", "radius_delayed", "gain_margin_lower", "gain_margin_upper", "gain_margin_upper_delayed")
+        row |= dict.fromkeys(missing, math.nan)
+    return {"policy": name} | finite(row) | {"decays_throughout": decays_throughout(arm, policy)}
 
 
 def decays_throughout(arm: AnyArm, policy: Linearisable) -> bool:
     """Return whether deviations at least halve within the movement in every condition of `fuzzyarm margins`."""
-    radii, allowed = (
-        policy_margins(policy, arm, PERIOD)["spectral_radius"].values(),
-        radius_within(LEFT, periods_of(arm)),
-    )
+    radii = policy_margins(policy, arm, PERIOD)["spectral_radius"].values()
+    allowed = radius_within(LEFT, periods_of(arm))
     return all(radius is not None and radius <= allowed for radius in radii)
 
 

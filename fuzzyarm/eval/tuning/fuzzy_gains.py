@@ -27,7 +27,7 @@ from fuzzyarm.envs.physics.parameters import ArmParameters
 from fuzzyarm.eval.certified.rigid import RigidLoop, freeze
 from fuzzyarm.eval.episodes.metrics import metrics_of
 from fuzzyarm.eval.episodes.rollout import record_rollout
-from fuzzyarm.eval.stability.linearisation import LocalLoop, gain_limits, largest_radius, linearise_path
+from fuzzyarm.eval.stability.linearisation import gain_limits, largest_radius, linearise_path
 from fuzzyarm.eval.tuning.finding import PERIOD, heaviest, periods_of, radius_within, with_stiffness
 from fuzzyarm.eval.tuning.search import WORTH
 from fuzzyarm.eval.tuning.tip_bounds import largest_deviation
@@ -53,7 +53,7 @@ STIFFNESS = (0.8, 1.0, 1.2)  # factors on both joints
 LOOP_GAINS = (1.0, 0.67, 1.5)
 DIGITS = 2  # of γ
 CASES = {"case_1": "nominal"}
-"""The cases of a choice, by the beginning of their keys in a row."""
+"""The cases in which errors are measured, by the beginning of their keys in a row."""
 _ERROR = "case_1_joint_error_rms_mrad"
 _METRICS = ("joint_error_rms_mrad", "circularity_motor_min_mm", "circularity_motor_max_mm")
 
@@ -86,14 +86,7 @@ def specification_of(rules: int, alpha: float, gamma: float, pole: float | None)
 def assess(
     arm: ArmParameters, wanted: Specification, rules: int, cases: dict[str, str] = CASES
 ) -> dict[str, Any] | None:
-    """Design for one point of the grid and return its gains, poles, margins and errors; None without a design.
-
-    Args:
-        arm: for which.
-        wanted: the point.
-        rules: number of rules, for the row.
-        cases: in which errors are measured, by the beginning of their keys.
-    """
+    """Design for one point of the grid and return the row of `judged`; None without a design."""
     made = find_design(wanted, arm)
     if not isinstance(made, Design):
         return None
@@ -102,16 +95,18 @@ def assess(
     return {**row, "bears": bears(arm, row)}
 
 
-def judged(arm: ArmParameters, controller: Controller, cases: dict[str, str]) -> dict[str, Any]:
+def judged(arm: ArmParameters, controller: Controller, cases: dict[str, str] = CASES) -> dict[str, Any]:
     """Return gains, poles, margins, errors and the tip's deviation under any friction, of a controller for the arm.
 
-    Args:
-        arm: which it knows, and to which conditions are applied.
-        controller: whose gains are judged.
-        cases: in which errors are measured, by the beginning of their keys.
+    The controller knows the arm, to which conditions are applied; `cases` as in `CASES`.
     """
     policy, mass = FuzzyPolicy(controller), heaviest(arm)
-    loops = {(stiffness, load): _path(policy, arm, stiffness, load) for stiffness in STIFFNESS for load in (0.0, mass)}
+    loops = {
+        (stiffness, load): linearise_path(
+            policy, with_stiffness(arm, stiffness), PERIOD, Payload(load) if load else None
+        )
+        for stiffness, load in itertools.product(STIFFNESS, (0.0, mass))
+    }
     disturbed = (*((gain, 0.0) for gain in LOOP_GAINS), (1.0, mass))
     nominal = loops[1.0, 0.0]
     worst = max(
@@ -135,14 +130,8 @@ def judged(arm: ArmParameters, controller: Controller, cases: dict[str, str]) ->
     for key, case in cases.items():
         env = FuzzyArmEnv(case=case, parameters=arm)
         measured = metrics_of(record_rollout(env, policy, policy_name="", case=case, seed=0))
-        for name in _METRICS:
-            row[f"{key}_{name}"] = measured.get(name, float("nan"))
+        row |= {f"{key}_{name}": measured.get(name, math.nan) for name in _METRICS}
     return row
-
-
-def _path(policy: FuzzyPolicy, arm: ArmParameters, stiffness: float, mass: float) -> list[LocalLoop]:
-    """Return the loops along the path on an arm with this factor on the stiffness and this payload [kg]."""
-    return linearise_path(policy, with_stiffness(arm, stiffness), PERIOD, Payload(mass) if mass else None)
 
 
 def _rigid_poles(controller: Controller) -> tuple[float, float]:

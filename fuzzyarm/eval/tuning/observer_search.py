@@ -28,12 +28,12 @@ from fuzzyarm.envs.scenario.randomisation import DomainRandomisation
 from fuzzyarm.eval.episodes.loop import episodes
 from fuzzyarm.eval.stability.linearisation import LocalLoop, largest_radius, linearise_path
 from fuzzyarm.eval.tuning.finding import PERIOD, PERIODS, force_factor, heaviest, periods_of, with_stiffness
-from fuzzyarm.eval.tuning.search import Budget, rounded
+from fuzzyarm.eval.tuning.search import Budget, Costs, rounded
 from fuzzyarm.fuzzy_policy.laws.elastic_observer import ElasticObserverPolicy
 from fuzzyarm.fuzzy_policy.laws.observer_gains import ObserverWeights
 
 __all__ = [
-    "BOX", "FIRST_STEP", "FULL", "NOISE", "SEED", "SHORT", "UNFIT", "Objective", "follow", "largest_allowed",
+    "BOX", "FIRST_STEP", "FULL", "NOISE", "SEED", "SHORT", "UNFIT", "follow", "largest_allowed",
     "logarithms_of", "objective_for", "radii", "random_arms", "rms", "weights_of",
 ]  # fmt: skip
 
@@ -131,34 +131,27 @@ def rms(error: np.ndarray) -> np.ndarray:
     return np.asarray(np.sqrt(np.mean(np.square(error), axis=0)))
 
 
-class Objective:
-    """The cost of weights given by the logarithms of `BOX`."""
+@functools.lru_cache(maxsize=1)
+def objective_for(arm: ArmParameters) -> Costs:
+    """Return the objective [mm] of an arm, a function of the logarithms of `BOX`; a process builds its arms once.
 
-    def __init__(self, arm: ArmParameters) -> None:
-        """Build the environments once."""
-        self.arm, self.random = arm, random_arms(arm, SEED)
-        self.nominal = gym.make_vec(
-            "FuzzyArm-v0", num_envs=1, disturbance=Disturbance(encoder_noise=NOISE), parameters=arm
-        )
+    It is `UNFIT` or more where a condition is not met.
+    """
+    plants, allowed, noise = random_arms(arm, SEED), largest_allowed(arm), Disturbance(encoder_noise=NOISE)
+    noisy = gym.make_vec("FuzzyArm-v0", num_envs=1, disturbance=noise, parameters=arm)
 
-    def __call__(self, logarithms: np.ndarray) -> float:
-        """Return the objective [mm], or `UNFIT` and more where a condition is not met."""
-        allowed = largest_allowed(self.arm)
+    def cost(logarithms: np.ndarray) -> float:
         try:
-            policy = ElasticObserverPolicy(self.arm, PERIOD, weights_of(logarithms))
-            worst = max(radii(policy, self.arm, linearise_path(policy, self.arm, PERIOD)).values())
+            policy = ElasticObserverPolicy(arm, PERIOD, weights_of(logarithms))
+            worst = max(radii(policy, arm, linearise_path(policy, arm, PERIOD)).values())
         except ValueError:  # gains so high that margins finds no equilibrium within the torque limits, or no gains
             return 1e4
         if worst > allowed:
             return UNFIT * worst / allowed
-        random, nominal = follow(self.random, policy, SEED)[0], follow(self.nominal, policy)[0]
+        random, nominal = follow(plants, policy, SEED)[0], follow(noisy, policy)[0]
         return float(min(rms(random).mean() + nominal.max(), UNFIT))
 
-
-@functools.lru_cache(maxsize=1)
-def objective_for(arm: ArmParameters) -> Objective:
-    """Return the objective of an arm, whose environments a process builds once."""
-    return Objective(arm)
+    return cost
 
 
 def weights_of(logarithms: Sequence[float] | np.ndarray) -> ObserverWeights:

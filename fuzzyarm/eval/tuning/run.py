@@ -141,11 +141,10 @@ def tune_arm(robot: Any, folder: str | os.PathLike[str], *, resume: bool = False
         OSError: a file cannot be read or written.
     """
     folder, resume = path_of("folder", folder), truth("resume", resume)
-    asked = None if robot is None and resume else chosen_arm(robot, None)
     if resume:
-        arm = resumed_arm(folder, asked)
+        arm = resumed_arm(folder, None if robot is None else chosen_arm(robot, None))
     else:
-        arm = chosen_arm(asked, None)
+        arm = chosen_arm(robot, None)
         folder.mkdir(parents=True, exist_ok=True)
         begin(arm, folder)
     return tune(arm, folder, engine=Engine(jobs=jobs))

@@ -7,9 +7,8 @@ is closer says nothing about the weights.
 from __future__ import annotations
 
 import dataclasses
-import functools
 import math
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Sequence
 from typing import Any
 
 import numpy as np
@@ -18,12 +17,16 @@ from scipy.stats import qmc
 
 from fuzzyarm.eval.engine import Engine
 
-__all__ = ["WORTH", "Budget", "Descent", "best_of", "descend", "found_weights", "rounded", "sobol_points"]
+__all__ = [
+    "WORTH", "Budget", "Costs", "Descent", "best_of", "descend", "found_weights", "rounded", "run_in_order",
+    "sobol_points",
+]  # fmt: skip
 
 WORTH = 0.01
 """Share of the first guess's objective by which others must be better."""
 
 Costs = Callable[[np.ndarray], float]
+"""The objective at logarithms (n,) of weights."""
 
 
 @dataclasses.dataclass(frozen=True)
@@ -63,13 +66,9 @@ def sobol_points(box: Sequence[tuple[float, float]], count: int, seed: int) -> n
 
 
 def descend(objective: Costs, start: np.ndarray, first_step: float, evaluations: int) -> Descent:
-    """Return the best point that Nelder-Mead meets.
+    """Return the best point that Nelder-Mead meets from `start` (n,) in so many evaluations of the objective.
 
-    Args:
-        objective: of logarithms (n,).
-        start: where it begins, (n,).
-        first_step: of the simplex, in each logarithm.
-        evaluations: how often the objective may be evaluated.
+    The first simplex has the edge `first_step` in each logarithm.
     """
     best = Descent(tuple(start.tolist()), math.inf)
 
@@ -107,46 +106,33 @@ def found_weights(
     engine: Engine,
     advance: Callable[[int], None] = lambda done: None,
 ) -> tuple[Descent, Descent]:
-    """Return the best point and the first guess.
+    """Return the best point and the first guess; both, like the Sobol set `points` (points, n), are of logarithms.
 
-    Args:
-        objective_for: returns the objective of an arm; called in each worker, and cached there.
-        arm: handed to it.
-        guess: logarithms (n,) of the first guess.
-        points: the Sobol set (points, n).
-        first_step: of each search, a factor's logarithm [1].
-        budget: of the search; its Sobol points are the first of `points`.
-        engine: runs the evaluations.
-        advance: called with the number of evaluations that were done.
+    `objective_for` returns the objective of an arm; it is called in each worker, and cached there. The Sobol points of
+    the budget are the first of `points`, `first_step` is as in `descend`, and `advance` is called with the number of
+    evaluations that were done.
     """
     starts = np.vstack([guess, points[: budget.sobol]])
-    costs = dict(_run(engine, functools.partial(_cost, objective_for, arm, starts), len(starts), advance, 1))
-    known = [Descent(tuple(start.tolist()), costs[number]) for number, start in enumerate(starts)]
+
+    def cost(number: int) -> float:
+        return objective_for(arm)(starts[number])
+
+    costs = run_in_order(engine, cost, len(starts), advance)
+    known = [Descent(tuple(start.tolist()), cost) for start, cost in zip(starts, costs, strict=True)]
     best = sorted(known[1:], key=lambda descent: descent.cost)[: budget.searches - budget.from_guess]
     begins = [np.array(descent.point) for descent in (*best, *known[: int(budget.from_guess)])]
-    work = functools.partial(_search, objective_for, arm, begins, first_step, budget.evaluations)
-    descents = dict(_run(engine, work, len(begins), advance, budget.evaluations))
-    return best_of(known[0], [*known[1:], *(descents[number] for number in sorted(descents))]), known[0]
+
+    def search(number: int) -> Descent:
+        return descend(objective_for(arm), begins[number], first_step, budget.evaluations)
+
+    descents = run_in_order(engine, search, len(begins), lambda done: advance(budget.evaluations * done))
+    return best_of(known[0], [*known[1:], *descents]), known[0]
 
 
-def _run(
-    engine: Engine, work: Callable[[int], Any], count: int, advance: Callable[[int], None], weight: int
-) -> Iterator[tuple[int, Any]]:
+def run_in_order(engine: Engine, work: Callable[[int], Any], count: int, advance: Callable[[int], None]) -> list[Any]:
+    """Return work(0), work(1), ..., done on the engine; `advance` is called with 1 after each."""
+    results = {}
     for number, result in engine.run(work, range(count)):
-        advance(weight)
-        yield number, result
-
-
-def _cost(objective_for: Callable[[Any], Costs], arm: Any, points: np.ndarray, number: int) -> float:
-    return objective_for(arm)(points[number])
-
-
-def _search(
-    objective_for: Callable[[Any], Costs],
-    arm: Any,
-    begins: list[np.ndarray],
-    first_step: float,
-    evaluations: int,
-    number: int,
-) -> Descent:
-    return descend(objective_for(arm), begins[number], first_step, evaluations)
+        results[number] = result
+        advance(1)
+    return [results[number] for number in range(count)]

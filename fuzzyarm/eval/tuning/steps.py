@@ -13,7 +13,7 @@ from __future__ import annotations
 
 import dataclasses
 import functools
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -25,7 +25,7 @@ from fuzzyarm.eval.stability.linearisation import Linearisable
 from fuzzyarm.eval.stability.margins import policy_margins
 from fuzzyarm.eval.tuning import adaptive_search, bandwidth, fuzzy_gains, observer_search
 from fuzzyarm.eval.tuning.finding import PERIOD, SCHEMA, Finding, finite
-from fuzzyarm.eval.tuning.search import WORTH, Budget, Descent, found_weights, sobol_points
+from fuzzyarm.eval.tuning.search import WORTH, found_weights, run_in_order, sobol_points
 from fuzzyarm.eval.tuning.tip_bounds import measured_bounds
 from fuzzyarm.fuzzy_policy.laws.adaptive.belief import AdaptiveWeights
 from fuzzyarm.fuzzy_policy.laws.adaptive.policy import AdaptiveObserverPolicy
@@ -68,13 +68,9 @@ class Context:
     advance: Callable[[int], None]
     earlier: dict[str, Finding]
 
-    def run(self, work: Callable[[int], Any], count: int) -> list[Any]:
-        """Return work(0), work(1), ..., done on the engine."""
-        results = {}
-        for number, result in self.engine.run(work, range(count)):
-            results[number] = result
-            self.advance(1)
-        return [results[number] for number in range(count)]
+    def run(self, work: Callable[[Any], Any], candidates: Sequence[Any]) -> list[Any]:
+        """Return what `work` makes of each candidate, done on the engine."""
+        return run_in_order(self.engine, lambda number: work(candidates[number]), len(candidates), self.advance)
 
 
 @dataclasses.dataclass(frozen=True)
@@ -134,9 +130,9 @@ def _fuzzy(context: Context) -> Finding:
     for alpha in fuzzy_gains.ALPHAS:
         points = fuzzy_gains.points_of(arm, RULES, alpha)
         gentle, others = points[-len(fuzzy_gains.POLES) :], points[: -len(fuzzy_gains.POLES)]
-        rows = context.run(functools.partial(_assess, arm, gentle), len(gentle))
+        rows = context.run(functools.partial(fuzzy_gains.assess, arm, rules=RULES), gentle)
         if any(one is not None and one["bears"] for one in rows):
-            rows = [*context.run(functools.partial(_assess, arm, others), len(others)), *rows]
+            rows = [*context.run(functools.partial(fuzzy_gains.assess, arm, rules=RULES), others), *rows]
         tried += len(rows)
         made = [one for one in rows if one is not None]
         row = fuzzy_gains.choice_of(made)
@@ -146,8 +142,7 @@ def _fuzzy(context: Context) -> Finding:
     if row is None:
         return nothing_found(arm, FUZZY, rule, tried, f"No design bears what is asked, down to alpha = {alpha:g} 1/s.")
     chosen = {name: row[name] for name in ("alpha", "gamma", "fastest_pole")}
-    wanted = fuzzy_gains.specification_of(RULES, row["alpha"], row["gamma"], row["fastest_pole"])
-    controller = design(wanted, arm).controller
+    controller = design(fuzzy_gains.specification_of(RULES, *chosen.values()), arm).controller
     controller.save(context.folder / f"{FUZZY}.json")
     names = ("case_1_joint_error_rms_mrad", "tip_deviation_mm", "radius_worst_condition", "gain_margin_upper")
     measured = {name: row[name] for name in (*names, "gain_margin_upper_1_sample_later")}
@@ -159,10 +154,6 @@ def _fuzzy(context: Context) -> Finding:
     return found(arm, FUZZY, chosen, measured, radii, tried=tried, rule=rule, notes=(*notes, *without))
 
 
-def _assess(arm: ArmParameters, points: list[Any], number: int) -> dict[str, Any] | None:
-    return fuzzy_gains.assess(arm, points[number], RULES)
-
-
 def _bandwidth(context: Context) -> Finding:
     """Choose ω."""
     arm = context.arm
@@ -172,7 +163,7 @@ def _bandwidth(context: Context) -> Finding:
         "the payload."
     )
     omegas = bandwidth.BANDWIDTHS
-    row = bandwidth.choice_of(context.run(functools.partial(_assess_bandwidth, arm), len(omegas)))
+    row = bandwidth.choice_of(context.run(functools.partial(bandwidth.assess, arm), omegas))
     if row is None:
         reason = f"No bandwidth from {omegas[0]:g} to {omegas[-1]:g} rad/s has these margins."
         return nothing_found(arm, COMPUTED_TORQUE, rule, len(omegas), reason)
@@ -182,41 +173,51 @@ def _bandwidth(context: Context) -> Finding:
     return found(arm, COMPUTED_TORQUE, chosen, measured, radii, tried=len(omegas), rule=rule)
 
 
-def _assess_bandwidth(arm: ArmParameters, number: int) -> dict[str, Any]:
-    return bandwidth.assess(arm, bandwidth.BANDWIDTHS[number])
+def _searched(
+    context: Context,
+    policy: str,
+    rule: str,
+    search: Any,
+    usual: Any,
+    law: Callable[[Any], Linearisable],
+    objective_for: Any,
+    notes: tuple[str, ...] = (),
+) -> Finding:
+    """Return the weights that the `search` of a module finds, `usual` being the first guess.
 
-
-def _searched(search: Any, objective_for: Any, first: Any, budget: Budget, context: Context) -> tuple[Descent, Descent]:
-    """Return the best point of a search in a module's box, and the first guess."""
+    `law` makes the policy of weights, and `objective_for` is that of `found_weights`.
+    """
     points = sobol_points(list(search.BOX.values()), search.FULL.sobol, search.SEED)
-    begin = search.logarithms_of(first), points, search.FIRST_STEP, budget
-    return found_weights(objective_for, context.arm, *begin, engine=context.engine, advance=context.advance)
+    budget = search.SHORT
+    begin = search.logarithms_of(usual), points, search.FIRST_STEP, budget
+    best, guess = found_weights(objective_for, context.arm, *begin, engine=context.engine, advance=context.advance)
+    weights = usual if best == guess else search.weights_of(best.point)
+    try:
+        radii = measured_radii(law(weights), context.arm)
+    except ValueError as error:
+        return nothing_found(context.arm, policy, rule, budget.total, f"There are no gains: {error}.")
+    if best.cost >= search.UNFIT:
+        notes = (*notes, "No weights have the margins that the rule asks for; these come nearest.")
+    first = None if guess.cost >= search.UNFIT else guess.cost
+    measured = {"objective_mm": best.cost, "objective_of_table_1_weights_mm": first}
+    chosen = dataclasses.asdict(weights)
+    return found(context.arm, policy, chosen, measured, radii, tried=budget.total, rule=rule, notes=notes)
 
 
-def _observer(budget: Budget, context: Context) -> Finding:
+def _observer(context: Context) -> Finding:
     """Choose the weights of the elastic observer."""
-    arm = context.arm
     rule = (
         "Smallest tip error over random plants, forces and payloads, among the weights with which deviations shrink to "
         "a hundredth within the movement in every condition; those of Table 1 unless others are "
         f"{100 * WORTH:g} % better."
     )
-    best, guess = _searched(observer_search, observer_search.objective_for, ObserverWeights(), budget, context)
-    weights = ObserverWeights() if best == guess else observer_search.weights_of(best.point)
-    notes: tuple[str, ...] = ()
-    if best.cost >= observer_search.UNFIT:
-        notes = ("No weights have the margins that the rule asks for; these come nearest.",)
-    chosen: dict[str, float | None] = dataclasses.asdict(weights)
-    try:
-        radii = measured_radii(ElasticObserverPolicy(arm, PERIOD, weights), arm)
-    except ValueError as error:
-        return nothing_found(arm, ELASTIC_OBSERVER, rule, budget.total, f"There are no gains: {error}.")
-    first = None if guess.cost >= observer_search.UNFIT else guess.cost
-    measured = {"objective_mm": best.cost, "objective_of_table_1_weights_mm": first}
-    return found(arm, ELASTIC_OBSERVER, chosen, measured, radii, tried=budget.total, rule=rule, notes=notes)
+    law = functools.partial(ElasticObserverPolicy, context.arm, PERIOD)
+    return _searched(
+        context, ELASTIC_OBSERVER, rule, observer_search, ObserverWeights(), law, observer_search.objective_for
+    )
 
 
-def _adaptive(budget: Budget, context: Context) -> Finding:
+def _adaptive(context: Context) -> Finding:
     """Choose the weights of the adaptive observer."""
     arm = context.arm
     rule = (
@@ -229,34 +230,25 @@ def _adaptive(budget: Budget, context: Context) -> Finding:
         adaptive_search.feasible_references(arm)
     except ValueError as error:
         return nothing_found(arm, ADAPTIVE_OBSERVER, rule, 0, f"It was not tuned: {error}.")
-    objective_for = functools.partial(adaptive_search.objective_for, bandwidth=omega)
-    best, guess = _searched(adaptive_search, objective_for, AdaptiveWeights(), budget, context)
-    weights = AdaptiveWeights() if best == guess else adaptive_search.weights_of(best.point)
-    try:
-        fallback = TipPolicy(ComputedTorquePolicy(arm, PERIOD, omega))
-        radii = measured_radii(AdaptiveObserverPolicy(arm, PERIOD, weights, fallback), arm)
-    except ValueError as error:
-        return nothing_found(arm, ADAPTIVE_OBSERVER, rule, budget.total, f"There are no gains: {error}.")
     note = (
         "Its margins are those of the loop with its adaptation frozen, which knows nothing of the change; it bears "
         "other loops by adapting to them, which is tried on random arms and not measured by a margin."
     )
-    measured = {"objective_mm": best.cost, "objective_of_table_1_weights_mm": guess.cost}
-    chosen: dict[str, float | None] = dataclasses.asdict(weights)
-    return found(arm, ADAPTIVE_OBSERVER, chosen, measured, radii, tried=budget.total, rule=rule, notes=(note,))
+
+    def law(weights: AdaptiveWeights) -> Linearisable:
+        return AdaptiveObserverPolicy(arm, PERIOD, weights, TipPolicy(ComputedTorquePolicy(arm, PERIOD, omega)))
+
+    objective_for = functools.partial(adaptive_search.objective_for, bandwidth=omega)
+    return _searched(context, ADAPTIVE_OBSERVER, rule, adaptive_search, AdaptiveWeights(), law, objective_for, (note,))
 
 
 TWO_JOINT_STEPS = (
     Step(FUZZY, len(fuzzy_gains.GAMMAS) * len(fuzzy_gains.POLES), _fuzzy),
     Step(COMPUTED_TORQUE, len(bandwidth.BANDWIDTHS), _bandwidth),
-    Step(ELASTIC_OBSERVER, observer_search.SHORT.total, functools.partial(_observer, observer_search.SHORT)),
-    Step(ADAPTIVE_OBSERVER, adaptive_search.SHORT.total, functools.partial(_adaptive, adaptive_search.SHORT)),
+    Step(ELASTIC_OBSERVER, observer_search.SHORT.total, _observer),
+    Step(ADAPTIVE_OBSERVER, adaptive_search.SHORT.total, _adaptive),
 )
 """The steps of the two-joint arm, in their order."""
-
-
-def _stable(radii: dict[str, float | None]) -> bool:
-    return all(radius is not None and radius < 1.0 for radius in radii.values())
 
 
 def _robot_fuzzy(context: Context) -> Finding:
@@ -276,7 +268,7 @@ def _robot_fuzzy(context: Context) -> Finding:
         radii, tried = measured_radii(ScheduledPolicy(controller, PERIOD), robot), tried + 1
         context.advance(1)
         alpha = next((slower for slower in ALPHAS if slower < controller.alpha), None)
-        if alpha is None or _stable(radii):
+        if alpha is None or _worst(radii) < 1.0:
             break
     controller.save(context.folder / f"{FUZZY}.json")
     chosen: dict[str, float | None] = {
@@ -295,10 +287,11 @@ def _robot_bandwidth(context: Context) -> Finding:
         "postures, lowered until the loop is stable in every condition along the default path."
     )
     omega, tried = bandwidth_for(robot, PERIOD), 1
-    radii = measured_radii(ComputedTorquePolicy(robot, PERIOD, omega), robot)
-    while omega > STEP and not _stable(radii):
-        omega, tried = omega - STEP, tried + 1
+    while True:
         radii = measured_radii(ComputedTorquePolicy(robot, PERIOD, omega), robot)
+        if omega <= STEP or _worst(radii) < 1.0:
+            break
+        omega, tried = omega - STEP, tried + 1
         context.advance(1)
     return found(robot, COMPUTED_TORQUE, {"bandwidth": omega}, {}, radii, tried=tried, rule=rule)
 
@@ -314,7 +307,7 @@ def _robot_observer(context: Context) -> Finding:
     first = weights_for(robot, PERIOD)
     weights, radii, tried = first, measured_radii(ElasticObserverPolicy(robot, PERIOD, first), robot), 1
     for factor in FACTORS[1:]:
-        if _stable(radii):
+        if _worst(radii) < 1.0:
             break
         slower = dataclasses.replace(first, load_walk=first.load_walk / factor)
         slower_radii = measured_radii(ElasticObserverPolicy(robot, PERIOD, slower), robot)

@@ -68,9 +68,8 @@ def decision(finding: Finding) -> str:
 
 
 def _with_unit(name: str, value: float | None) -> str:
-    if value is None:
-        return f"{_WORDS.get(name, name.replace('_', ' '))} none"
-    return f"{_WORDS.get(name, name.replace('_', ' '))} {value:.4g} {_UNITS.get(name, '')}".rstrip()
+    shown = "none" if value is None else f"{value:.4g} {_UNITS.get(name, '')}".rstrip()
+    return f"{_WORDS.get(name, name.replace('_', ' '))} {shown}"
 
 
 def summary(arm: AnyArm, folder: str, findings: Sequence[Finding], margins: dict[str, Any]) -> str:
@@ -88,7 +87,9 @@ def summary(arm: AnyArm, folder: str, findings: Sequence[Finding], margins: dict
     ]
     for finding in findings:
         parts.append(f"**{finding.policy}**: {decision(finding)}")
-        parts.append(" ".join([finding.rule, f"Candidates: {finding.tried}.", _measured(finding)]).rstrip())
+        known = ", ".join(_with_unit(name, value) for name, value in finding.measured.items() if value is not None)
+        measured = f" Measured: {known}." if known else ""
+        parts.append(f"{finding.rule} Candidates: {finding.tried}.{measured}")
         parts += [f"Note: {note}" for note in finding.notes if finding.chosen is not None]
         if finding.chosen is not None and finding.unstable:
             parts.append(f"Not stable, as it is measured: {', '.join(finding.unstable)}.")
@@ -99,11 +100,6 @@ def summary(arm: AnyArm, folder: str, findings: Sequence[Finding], margins: dict
         parts.append("Of the tip nothing is proven: `fuzzyarm prove` knows the two-joint arm alone.")
     parts = [part for part in parts if part]
     return "\n\n".join(parts) + "\n"
-
-
-def _measured(finding: Finding) -> str:
-    known = [_with_unit(name, value) for name, value in finding.measured.items() if value is not None]
-    return f"Measured: {', '.join(known)}." if known else ""
 
 
 def _transposed(headings: Sequence[str], cells: Sequence[Sequence[str]]) -> str:

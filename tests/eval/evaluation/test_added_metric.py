@@ -43,7 +43,8 @@ def test_in_evaluations(tmp_path, short):
     assert row["tip_mean_square"] == pytest.approx(row["tip_error_rms_mm"] ** 2)
     text = f"{row['tip_mean_square']:.5e}"
     assert table_rows(done.rows)[0][2][-1] == text
-    assert "mean square [mm^2]" in metrics_table(done.rows) and text in metrics_table(done.rows)
+    table = metrics_table(done.rows, done.config.titles)
+    assert "mean square [mm^2]" in table and text in table
     write_results(done, tmp_path)
     assert "tip_mean_square" in (tmp_path / "results.csv").read_text()
     board = rank_policies([tmp_path])

@@ -5,10 +5,13 @@ import re
 import pytest
 from support.altered_evaluations import NASTY
 
+from fuzzyarm.envs.scenario.cases import CASES
 from fuzzyarm.eval.evaluation.ranking import Standing, rank_policies, standings_of
 from fuzzyarm.eval.evaluation.results_file import read_evaluation
 from fuzzyarm.eval.evaluation.statistics import Estimate
 from fuzzyarm.eval.report.page import headline, rule
+
+TITLES = {name: case.title for name, case in CASES.items()}
 
 
 def standing(policy, lost=0, score=None, **rms):
@@ -18,7 +21,7 @@ def standing(policy, lost=0, score=None, **rms):
 
 
 def words(*standings):
-    return re.sub(r"</?strong>", "", headline(standings)).replace("\u00a0", " ")
+    return re.sub(r"</?strong>", "", headline(standings, TITLES)).replace("\u00a0", " ")
 
 
 def test_one_policy_wins_overall_and_others_their_cases():
@@ -27,7 +30,7 @@ def test_one_policy_wins_overall_and_others_their_cases():
         "a wins overall with a score of 4.00 mm and in Case 2 (machining force) with 1.00 mm rms; "
         "b wins in Case 1 (nominal) with 0.500 mm rms."
     )
-    assert headline((a, b)).startswith("<strong>a</strong> wins")
+    assert headline((a, b), TITLES).startswith("<strong>a</strong> wins")
 
 
 def test_one_case_has_no_overall_winner():
@@ -82,7 +85,7 @@ def test_scores_that_the_seeds_do_not_tell_apart_are_told(low, told):
 
 
 def test_names_are_escaped():
-    assert "<img" not in headline([standing(NASTY, nominal=1.0), standing("b", nominal=2.0)])
+    assert "<img" not in headline([standing(NASTY, nominal=1.0), standing("b", nominal=2.0)], TITLES)
 
 
 @pytest.mark.slow
@@ -90,7 +93,7 @@ def test_the_winner_leads_the_leaderboard_and_stands_on_the_page(folder):
     stored = read_evaluation(folder)
     standings = standings_of(stored.config, stored.rows, stored.certificates)
     first = rank_policies([folder]).standings[0]
-    text = headline(standings)
+    text = headline(standings, TITLES)
     assert text.startswith(
         f"<strong>{first.policy}</strong> wins overall with a score of {first.score.mean:#.3g}\u00a0mm"
     )

@@ -125,7 +125,7 @@ def test_the_table_has_the_cells_of_the_terminal(evaluation, text):
     for _, policy, cells in table_rows(evaluation.rows):
         row = re.search(rf'<th scope="row"><span class="swatch"></span>{policy}</th>(.*?)</tr>', text).group(1)
         assert row.count("<td") == len(cells)
-    cells = re.findall(r"<td[^>]*>(.*?)</td>", metrics_table(evaluation.rows))
+    cells = re.findall(r"<td[^>]*>(.*?)</td>", metrics_table(evaluation.rows, evaluation.config.titles))
     expected = [escape(re.sub(r"\.(?!\d)", "", cell)) for _, _, row in table_rows(evaluation.rows) for cell in row]
     assert cells == expected
 
@@ -188,7 +188,7 @@ def test_below_a_micrometre_the_chart_gives_no_number_and_all_share_the_star(eva
         dict(evaluation.rows[0], policy=name, tip_error_rms_mm=rms)
         for name, rms in (("a", 0.00016), ("b", 0.00048), ("c", 0.0011))
     ]
-    charts = error_charts(rows)
+    charts = error_charts(rows, evaluation.config.titles)
     assert charts.count("★ </tspan>&lt; 0.001<") == 2 and ">0.00110<" in charts
 
 
