@@ -31,6 +31,7 @@ FINE, COARSE = 1.0 / 40.0, 5.0
 """Ends of the colour scale, as shares of the bound of success."""
 LEFT = 1.0 / 200.0  # left end of the curves, as a share of the bound
 MARKERS = "os^Dv"
+"""Of the curves of a figure, one after the other."""
 
 
 @dataclasses.dataclass(frozen=True)
