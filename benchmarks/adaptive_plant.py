@@ -2,7 +2,7 @@
 
     python benchmarks/adaptive_plant.py [--json FILE]
 
-The filter predicts with the simulator's own sub-step, which might flatter it. Here the arm is written out anew from
+The filter predicts with the simulator's own sub-step, which might flatter it. Here the arm is written out again from
 equations (1) to (3): classical Runge-Kutta with steps of `STEP`, dry friction smoothed by tanh(v/`SMOOTHING`), the
 machining force from its own formula. The policy acts on its samples. Beside each error stands that in the simulator.
 About a minute on one core.

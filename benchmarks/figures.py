@@ -1,6 +1,6 @@
 """Every figure of the documentation: from which stored results it is drawn, and which policies are run for it.
 
-The results are in `results`. An episode or a few, which takes seconds, are run anew; that they have the errors of the
+The results are in `results`. An episode or a few, which takes seconds, are run again; that they have the errors of the
 stored table is checked before they are drawn.
 """
 
@@ -98,7 +98,7 @@ def _repeated(config: EvaluationConfig, rows: Sequence[Mapping[str, Any]], date:
             stored = then[row["policy"], row["case"]][key]
             if not math.isclose(row[key], stored, rel_tol=1e-4, abs_tol=1e-9):
                 where = f"{row['policy']} in {row['case']}"
-                raise ValueError(f"{key} of {where} is {row[key]:g}, the stored result has {stored:g}: measure anew")
+                raise ValueError(f"{key} of {where} is {row[key]:g}, the stored result has {stored:g}: measure again")
     return dataclasses.replace(fresh, made_with=fresh.made_with | {"date": date})
 
 

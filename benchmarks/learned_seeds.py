@@ -73,7 +73,7 @@ def trained_seed(folder: Path) -> TrainedSeed:
     done = training.get("steps_done")
     asked = training.get("total_timesteps", training.get("steps"))  # earlier trainings recorded it as ``steps``
     if not (isinstance(done, int) and isinstance(asked, int)):
-        raise ValueError(f"{folder / BUNDLE} does not say how many steps it was trained for; train anew")
+        raise ValueError(f"{folder / BUNDLE} does not say how many steps it was trained for; train again")
     if done < asked:
         raise ValueError(
             f"{folder} is unfinished, {done} of {asked} steps; go on with fuzzyarm train ppo --resume --out {folder}"
@@ -81,7 +81,7 @@ def trained_seed(folder: Path) -> TrainedSeed:
     measured = ("steps", *(f"{case}_rms_mm" for case in PAPER_CASES))
     curve = policy.bundle.curve
     if not (curve and all(_is_number(row.get(key)) and row[key] > 0 for row in curve for key in measured)):
-        raise ValueError(f"{folder / BUNDLE} has no curve with positive {', '.join(measured)} in all rows; train anew")
+        raise ValueError(f"{folder / BUNDLE} has no curve with positive {', '.join(measured)} in all rows; train again")
     return TrainedSeed(folder, policy, _times(folder / TIMES))
 
 

@@ -6,7 +6,7 @@ At each sample minimise, over the torques of the next N samples,
 
     Σ |q error/link_angle|² + |q̇ error/link_velocity|² + |w/Γ|² + V(e_N),   e_(i+1) = A_i e_i + B_i w_i,   |u_i| <= Γ,
 
-with u = u_ff - d̂ + w, the estimate (x̂, d̂), the weights and the target of ``elastic-observer``, none tuned anew. A and B
+with u = u_ff - d̂ + w, the estimate (x̂, d̂), the weights and the target of ``elastic-observer``, not tuned again. A and B
 are the elastic arm without dry friction, linearised along the reference, sample by sample; V is the value function of
 the problem without limits from there on. Where no limit binds, the optimum is that of the Riccati recursion; otherwise
 Clarabel solves the quadratic program. Unlike the other policies it is given the whole reference beforehand.

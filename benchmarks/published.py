@@ -93,7 +93,7 @@ def publish(pictures: Mapping[str, Picture]) -> None:
     """Draw all figures, and write them and the record.
 
     Raises:
-        ValueError: a figure shows a page and is not as in the record, and Chromium is not installed to draw it anew.
+        ValueError: a figure shows a page and is not as in the record, and Chromium is not installed to draw it again.
     """
     before = json.loads(RECORD.read_text(encoding="utf-8"))["figures"] if RECORD.exists() else {}
     figures = {}

@@ -53,7 +53,7 @@ def random_torques() -> Callable[[np.ndarray, np.ndarray], np.ndarray]:
 
 
 def controlled() -> Callable[[np.ndarray, np.ndarray], np.ndarray]:
-    """Return the shipped 4-rule controller, its memory begun anew with every episode."""
+    """Return the shipped 4-rule controller, its memory begun again with every episode."""
     policy, memory = load_policy("fuzzy-4"), None
 
     def act(observation: np.ndarray, begun: np.ndarray) -> np.ndarray:

@@ -5,7 +5,7 @@
 The consistent form with integral (alpha = 20, gamma = 2e-4 rad/(N m)) and Theorem 2 as printed without (alpha = 20,
 gamma = 1000), smallest gains. Both are the proof's text on cvxpy's expressions, in the same units, with the same margin
 and tolerance. The peer has all slack and one constraint for each (Psi_ijk + Psi_jik)/2, with cvxpy's default backend;
-ours is one constraint for all of them, without the slack of rows that no vertex changes, compiled anew for each run.
+ours is one constraint for all of them, without the slack of rows that no vertex changes, compiled again for each run.
 The two alternate; medians of 5, with 16 and 32 rules (--large) once. The ratio is (compile + solve) of the peer over
 ours; our proof is not in it, the peer has none. Sizes count the bound of the gains in both. Where `sdpa` or `csdp`
 (Debian's sdpa and coinor-csdp) is on the PATH, it solves our cone program once, in 30 s or not; SDPT3 under Octave is

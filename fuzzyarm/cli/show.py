@@ -20,7 +20,7 @@ __all__ = ["Options", "run"]
 class Options:
     """Print the law of a policy: equations in the order of computation, numbers with units, one state to check against.
 
-    What is proven of it follows, with numbers rounded to the side on which they hold. A controller file is proven anew
+    What is proven of it follows, with numbers rounded to the side on which they hold. A controller file is proven again
     first; it is shown for the arm that it was designed for.
     """
 

@@ -165,7 +165,7 @@ def read_checked(path: Path, schema: str, again: str, build: Callable[[dict[str,
     Args:
         path: of the file.
         schema: the one this version reads.
-        again: how the file is made anew, the end of every message.
+        again: how the file is made again, the end of every message.
         build: makes the result; a mapping or list that lacks something may fail in it as it likes.
 
     Raises:

@@ -12,7 +12,10 @@ from matplotlib.figure import Figure
 
 from fuzzyarm.common.files import write_atomically
 
-__all__ = ["write_figure"]
+__all__ = ["MARKERS", "write_figure"]
+
+MARKERS = "os^Dv"
+"""Of the curves of a figure, one after the other."""
 
 
 def write_figure(figure: Figure, folder: Path, name: str) -> list[Path]:

@@ -99,12 +99,12 @@ def read_folder(folder: Path, schema: str, kind: type[_Kind]) -> tuple[_Kind, by
     try:
         description: Any = record(check_schema(content, schema), kind)
     except ValueError as error:
-        raise BundleError(f"{path} is no description of a policy: {error}; train it anew") from None
+        raise BundleError(f"{path} is no description of a policy: {error}; train it again") from None
     weights = _read(folder / WEIGHTS, read_bytes, _LARGEST_WEIGHTS, "that is no policy of this package")
     if hashlib.sha256(weights).hexdigest() != description.weights_sha256:
         raise BundleError(
             f"{folder / WEIGHTS} is not the file that {DESCRIPTION} was written with (its sha256 differs): copy "
-            "the whole folder again, or train anew"
+            "the whole folder again, or train again"
         )
     return description, weights
 
@@ -135,7 +135,7 @@ def usable(folder: Path) -> Iterator[None]:
 
 
 def _content(path: Path) -> Any:
-    return _read(path, read_json, _LARGEST_DESCRIPTION, "copy the bundle again, or train anew")
+    return _read(path, read_json, _LARGEST_DESCRIPTION, "copy the bundle again, or train again")
 
 
 def _read(path: Path, read: Callable[..., Any], largest: int, instead: str) -> Any:

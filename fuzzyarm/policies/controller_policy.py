@@ -1,4 +1,4 @@
-"""A controller or its file as a policy: of the robot that it was designed for, with every inequality proven anew."""
+"""A controller or its file as a policy: of the robot that it was designed for, with every inequality proven again."""
 
 from __future__ import annotations
 
@@ -76,7 +76,7 @@ def _check_arm(name: str, controller: Controller, robot: AnyArm) -> None:
         designed_for = controller.model.parameters.to_dict()
         differing = [key for key, value in robot.to_dict().items() if designed_for[key] != value]
         raise ControllerFileError(
-            f"{name} was designed for another robot ({', '.join(differing)} differ): pass robot=, or design it anew "
+            f"{name} was designed for another robot ({', '.join(differing)} differ): pass robot=, or design it again "
             "with fuzzyarm design --robot FILE"
         )
 

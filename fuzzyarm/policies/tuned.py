@@ -137,11 +137,11 @@ def read_laws(folder: Path, arm: AnyArm) -> TunedLaws:
     try:
         laws = record(check_schema(content, SCHEMA), TunedLaws)
     except (TypeError, ValueError) as error:
-        raise ValueError(f"{path}: {error}; make the folder anew with fuzzyarm tune") from None
+        raise ValueError(f"{path}: {error}; make the folder again with fuzzyarm tune") from None
     if laws.arm_sha256 != robot_of(arm).digest:
         raise ValueError(
             f"{folder} was tuned for another arm than this one: give --robot {folder} (robot=), or, if its robot.toml "
-            "was changed, tune that anew with fuzzyarm tune --robot"
+            "was changed, tune that again with fuzzyarm tune --robot"
         )
     return laws
 

@@ -73,15 +73,15 @@ def read_checkpoint(path: Path) -> dict[str, Any]:
     try:
         content = read_bytes(path, largest=_LARGEST)
     except DocumentError as error:
-        raise CheckpointError(f"{error}; start the training anew") from None
+        raise CheckpointError(f"{error}; start the training again") from None
     except OSError as error:
         raise CheckpointError(f"{path}: {error.strerror or error}; there is nothing to resume here") from None
     line, _, data = content.partition(b"\n")
     schema, _, digest = line.partition(b" ")
     if schema != _SCHEMA:
-        raise CheckpointError(f"{path} is no checkpoint of this version ({_SCHEMA.decode()}); start the training anew")
+        raise CheckpointError(f"{path} is no checkpoint of this version ({_SCHEMA.decode()}); start the training again")
     if hashlib.sha256(data).hexdigest().encode() != digest:
-        raise CheckpointError(f"{path} is damaged (its sha256 differs); start the training anew")
+        raise CheckpointError(f"{path} is damaged (its sha256 differs); start the training again")
     try:
         _check_archive(data)
         with warnings.catch_warnings():
@@ -91,10 +91,10 @@ def read_checkpoint(path: Path) -> dict[str, Any]:
     except Exception as error:  # a crafted archive or pickle may raise anything
         reason = escaped(str(error).split("\n", maxsplit=1)[0][:_SHOWN])
         raise CheckpointError(
-            f"{path} holds something else than tensors, numbers and text: {reason}; start the training anew"
+            f"{path} holds something else than tensors, numbers and text: {reason}; start the training again"
         ) from None
     if not isinstance(loaded, dict):
-        raise CheckpointError(f"{path} holds no mapping; start the training anew")
+        raise CheckpointError(f"{path} holds no mapping; start the training again")
     return loaded
 
 

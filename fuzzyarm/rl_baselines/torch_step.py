@@ -1,6 +1,6 @@
 """One control step of the arm in tensors: the functions of `fuzzyarm.envs`, called with tensors.
 
-Nothing here waits for the device or depends on data: lanes that end begin anew by selection.
+Nothing here waits for the device or depends on data: lanes that end begin again by selection.
 """
 
 from __future__ import annotations

@@ -108,7 +108,7 @@ class Training:
         try:
             config, done = find_algorithm(found["algorithm"]).config.from_dict(found["config"]), found["steps"]
         except (KeyError, TypeError, ValueError) as error:
-            raise CheckpointError(f"{folder / CHECKPOINT} is of another version: {error}; start anew") from None
+            raise CheckpointError(f"{folder / CHECKPOINT} is of another version: {error}; start again") from None
         if algorithm not in (None, name := found["algorithm"]):
             raise CheckpointError(
                 f"{folder} holds a training with {name}, not {algorithm}: fuzzyarm train {name} --resume"
@@ -124,7 +124,7 @@ class Training:
             if robot_of(chosen_arm(config.robot, None)).digest != found["arm"]:
                 raise CheckpointError(
                     f"{folder} holds a training of another arm than {config.robot} is now: bring its file back as it "
-                    "was, or start anew in another folder"
+                    "was, or start again in another folder"
                 )
             training = cls(config, folder)
             training.rows, training.best, training._earlier = progress_in(found)
@@ -138,7 +138,7 @@ class Training:
         except (AttributeError, KeyError, MemoryError, OverflowError, RuntimeError, TypeError, ValueError) as error:
             reason = textwrap.shorten(str(error), width=200)
             raise CheckpointError(
-                f"the checkpoint does not fit this training ({reason}); start the training anew"
+                f"the checkpoint does not fit this training ({reason}); start the training again"
             ) from None
         return training
 

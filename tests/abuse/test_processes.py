@@ -280,7 +280,7 @@ def _go_on(name: str, folder: Path, whole: Path, where: str) -> None:
     """Run the command again, or go on where it can; the results are those of a run that nothing happened to."""
     run = Run(RESUMED.get(name, COMMANDS[name]), folder)
     code = run.wait()
-    if code == 2 and name in RESUMED:  # nothing was begun yet: then it can be begun anew
+    if code == 2 and name in RESUMED:  # nothing was begun yet: then it can be begun again
         check_errors(code, run.err)
         run = Run(COMMANDS[name], folder)
         code = run.wait()

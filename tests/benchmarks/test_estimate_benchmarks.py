@@ -17,7 +17,7 @@ sys.path.remove(FOLDER)
 
 
 class Counting:
-    """A policy whose torque is the number of its call, and that starts anew where it is told to."""
+    """A policy whose torque is the number of its call, and that starts again where it is told to."""
 
     def predict(self, observation, state, episode_start, deterministic=True):
         """Return 1, 2, ... since the episode began in each lane."""

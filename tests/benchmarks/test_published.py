@@ -23,7 +23,7 @@ def record(published):
 
 
 def test_every_figure_and_result_shows_the_policies_that_are_shipped(published, record):
-    """To mend it, measure the results anew that show an older policy; `python benchmarks/readme.py` does the rest."""
+    """To mend it, measure the results again that show an older policy; `python benchmarks/readme.py` does the rest."""
     assert published.differences(record) == []
 
 

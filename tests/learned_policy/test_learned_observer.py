@@ -234,7 +234,7 @@ def resealed(folder, **changes):
 FORGERIES = {
     "an earlier version": (
         lambda f: edited(f, schema="fuzzyarm-learned-observer/3"),
-        "is 'fuzzyarm-learned-observer/3', this version reads 'fuzzyarm-learned-observer/4'; train it anew",
+        "is 'fuzzyarm-learned-observer/3', this version reads 'fuzzyarm-learned-observer/4'; train it again",
     ),
     "other weights": (lambda f: edited(f, weights_sha256="0" * 64), "sha256 differs"),
     "code": (lambda f: edited(f, run="rm"), "unknown field run"),

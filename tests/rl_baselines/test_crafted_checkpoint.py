@@ -165,7 +165,7 @@ ARCHIVES = {
 @pytest.mark.parametrize("name", ARCHIVES)
 def test_a_crafted_archive_is_refused(tmp_path, name):
     sealed(tmp_path / "checkpoint.pt", ARCHIVES[name]())
-    with pytest.raises(CheckpointError, match="start the training anew") as caught:
+    with pytest.raises(CheckpointError, match="start the training again") as caught:
         Training.resume(tmp_path)
     assert "\n" not in str(caught.value)
 

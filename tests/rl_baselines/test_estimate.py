@@ -204,7 +204,7 @@ def test_a_lane_whose_filter_has_diverged_teaches_nothing():
     drive._memory[:, policy.filter] = np.nan
     drive._memory[:, policy.filter.start + FLAG.lost] = 1.0
     chunk = drive.chunk(policy, 50)
-    diverged = chunk.begins[:, :, 0].numpy().all(axis=0)  # the other lanes began anew
+    diverged = chunk.begins[:, :, 0].numpy().all(axis=0)  # the other lanes began again
     assert 0 < diverged.sum() < 8
     assert all(torch.isfinite(part).all() for part in chunk)
     assert not chunk.free[:, diverged].any() and chunk.free[:, ~diverged].any()

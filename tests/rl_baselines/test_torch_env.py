@@ -504,7 +504,7 @@ def test_compiled_is_eager(device):
     randomisation = DomainRandomisation(angle=(-0.01, 0.01))
     arguments = {"reference": SHORT, "substep": 1e-3, "disturbance": disturbance, "randomisation": randomisation}
     ours, theirs = compare_with_eager(torch.float32, device, **arguments)
-    # Modes that torch would compile anew for.
+    # Modes that torch would compile again for.
     action = torch.ones((37, 2), device=device, requires_grad=True)
     with torch.inference_mode():
         torch.testing.assert_close(ours.step(action)[0], theirs.step(action)[0], rtol=0.0, atol=1e-4)

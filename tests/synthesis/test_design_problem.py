@@ -107,7 +107,7 @@ def test_a_bounded_gain_is_below_its_bound_and_a_sparsity_is_exact():
 
 
 def test_another_objective():
-    """Any point within the bounds is not the smallest γ; α may be assigned anew."""
+    """Any point within the bounds is not the smallest γ; α may be assigned again."""
     problem = DesignProblem(Specification((), gamma=None, gain_bound=2e5))
     smallest = problem.solve().controller.gamma
     problem.objective = cp.Minimize(0)

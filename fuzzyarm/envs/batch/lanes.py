@@ -273,7 +273,7 @@ class Lanes:
         return observation, vectors, scalars
 
     def observation(self) -> np.ndarray:
-        """Return anew the observation (count, 5 joints) that the last step or reset of each lane returned."""
+        """Return again the observation (count, 5 joints) that the last step or reset of each lane returned."""
         seen = np.empty((self.count, self.layout.observed))
         self.kernels.observe((self.values, self.clock.view(np.float64), seen), np.empty(0), (self.table,))
         return seen
@@ -314,7 +314,7 @@ class Lanes:
 
         Args:
             state: arrays by name.
-            over: (n,) the lanes whose episode has ended, which `restart` must begin anew before a step moves them.
+            over: (n,) the lanes whose episode has ended, which `restart` must begin again before a step moves them.
 
         Raises:
             TypeError: the state is no dictionary.

@@ -96,7 +96,7 @@ class BenchConfig:
         """Return this project's batches by number of lanes; empty unless `lanes_sweep`."""
         if not self.lanes_sweep:
             return {}
-        # In torch the fastest only: each number of lanes is compiled anew, which takes a minute.
+        # In torch the fastest only: each number of lanes is compiled again, which takes a minute.
         return {
             f"sweep, {lanes} lanes": [
                 one for one in own_batches(lanes, self.threads) if one.dtype == "float32" or "torch" not in one.name

@@ -15,7 +15,7 @@ from rich.console import Console
 
 from fuzzyarm.common.console import Sheet, print_paragraphs
 from fuzzyarm.eval.evaluation.figures import DASHES
-from fuzzyarm.eval.sweep.figures import MARKERS
+from fuzzyarm.eval.figure_files import MARKERS
 
 __all__ = ["draw_throughput", "print_speeds", "speed_cells", "speed_notes"]
 

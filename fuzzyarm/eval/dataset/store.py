@@ -125,15 +125,15 @@ def open_dataset(folder: str | Path) -> Any:
         found = dataset.storage.metadata.get(_KEY)
     except (AssertionError, AttributeError, KeyError, OSError, RuntimeError, TypeError, ValueError) as error:
         reason = " ".join(str(error).split())[:200]
-        raise DatasetError(f"{path} is no data set that Minari can read ({reason}); write it anew") from None
+        raise DatasetError(f"{path} is no data set that Minari can read ({reason}); write it again") from None
     if found is None:
         raise DatasetError(f"{path} was not written by fuzzyarm dataset")
     try:
         schema = instance("metadata", parse_json(found), dict).get("schema")
     except (AttributeError, TypeError, ValueError):
-        raise DatasetError(f"{path} does not say where it comes from; write it anew") from None
+        raise DatasetError(f"{path} does not say where it comes from; write it again") from None
     if schema != _SCHEMA:
-        raise DatasetError(f"{path} is of another version, {shown(schema)}; this one reads {_SCHEMA}: write it anew")
+        raise DatasetError(f"{path} is of another version, {shown(schema)}; this one reads {_SCHEMA}: write it again")
     return dataset
 
 

@@ -33,7 +33,7 @@ class Steppable(Protocol):
 class Step(NamedTuple):
     """One control step. Of a batch every array has a row per lane; of a single arm there is no such axis.
 
-    Where an episode `ended`, all values are those after its last step, also in a batch whose lanes begin anew at once.
+    Where an episode `ended`, all values are those after its last step, also in a batch whose lanes begin again at once.
 
     Attributes:
         observation: (10,) or (lanes, 10), after the step.
@@ -68,7 +68,7 @@ def episodes(
     """Run one episode, or one of each lane, until the last of them has ended.
 
     Args:
-        env: the environment; a lane of a batch that has ended begins anew by itself and goes on unread, with a policy
+        env: the environment; a lane of a batch that has ended begins again by itself and goes on unread, with a policy
             whose memory of it is reset.
         policy: what acts.
         start: what ``env.reset`` returned, with the observation (10,) or (lanes, 10).

@@ -179,7 +179,7 @@ def check_comparable(files: Sequence[Path], conditions: Sequence[Mapping[str, An
             if theirs[name] != value:
                 raise ValueError(
                     f"{files[0]} and {file} are not comparable: {name} is {listed([value])} in the first and "
-                    f"{listed([theirs[name]])} in the second; {verb} anew under the same conditions"
+                    f"{listed([theirs[name]])} in the second; {verb} again under the same conditions"
                 )
 
 

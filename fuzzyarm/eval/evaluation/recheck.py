@@ -127,7 +127,7 @@ def _check_files(results: Results, names: Sequence[str]) -> None:
             raise ValueError(
                 f"policy {spec.name} is not the one that was measured: {listed(changed)} has another content "
                 f"(SHA-256) than {results.path} records; put the old file back, name it with --policy PATH, "
-                "or evaluate anew"
+                "or evaluate again"
             )
 
 

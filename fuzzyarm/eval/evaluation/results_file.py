@@ -176,7 +176,7 @@ def read_results(path: Path) -> Results:
         OSError: the file cannot be read.
     """
     path = path / NAME if path.is_dir() else path
-    again = f"make it anew with fuzzyarm evaluate --out {path.parent}"
+    again = f"make it again with fuzzyarm evaluate --out {path.parent}"
     return read_checked(path, SCHEMA, again, lambda document: _from_document(path, document))
 
 

@@ -1,1 +1,1 @@
-"""The paper's numbers and figures made anew: what it says, what we measure, and whether ours have moved."""
+"""The paper's numbers and figures made again: what it says, what we measure, and whether ours have moved."""

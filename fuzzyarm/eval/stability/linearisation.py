@@ -208,7 +208,7 @@ def linearise_path(
     """Return the loops at `POSTURES` instants of the default reference; see `spectral_radius` for units, exceptions."""
     reference = default_reference(parameters)
     postures = reference.sample(np.linspace(0.0, reference.duration, POSTURES)).q
-    smooth = policy.without_dry_friction()  # once for all postures: it may design an observer anew
+    smooth = policy.without_dry_friction()  # once for all postures: it may design an observer again
     return [_linearise(smooth, parameters, posture, control_period, payload) for posture in postures]
 
 

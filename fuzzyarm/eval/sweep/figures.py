@@ -16,12 +16,12 @@ from matplotlib.lines import Line2D
 from matplotlib.patches import Patch
 
 from fuzzyarm.eval.evaluation.figures import figure_style, policy_styles
-from fuzzyarm.eval.figure_files import write_figure
+from fuzzyarm.eval.figure_files import MARKERS, write_figure
 from fuzzyarm.eval.sweep.config import SweepConfig
 from fuzzyarm.eval.sweep.distributions import column_label
 from fuzzyarm.eval.sweep.episodes import SweepResults
 
-__all__ = ["COLORS", "MARKERS", "Cells", "draw_sweep", "write_sweep_figures"]
+__all__ = ["COLORS", "Cells", "draw_sweep", "write_sweep_figures"]
 
 PLANTS_PER_BIN, MOST_BINS = 12, 20
 COLORS = "viridis_r"  # ordered by lightness for any colour vision, and in grey: dark is bad
@@ -30,8 +30,6 @@ EARLY: dict[str, Any] = {"facecolor": "#BBBBBB", "hatch": "////", "edgecolor": "
 FINE, COARSE = 1.0 / 40.0, 5.0
 """Ends of the colour scale, as shares of the bound of success."""
 LEFT = 1.0 / 200.0  # left end of the curves, as a share of the bound
-MARKERS = "os^Dv"
-"""Of the curves of a figure, one after the other."""
 
 
 @dataclasses.dataclass(frozen=True)

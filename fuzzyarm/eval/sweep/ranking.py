@@ -120,7 +120,7 @@ def rank_sweeps(paths: Sequence[str | Path]) -> PlantBoard:
     files = [path / SUMMARY if path.is_dir() else path for path in map(Path, paths)]
     read = [
         read_checked(
-            file, SCHEMA, f"make it anew with fuzzyarm sweep --out {file.parent}", functools.partial(_read, file)
+            file, SCHEMA, f"make it again with fuzzyarm sweep --out {file.parent}", functools.partial(_read, file)
         )
         for file in files
     ]

@@ -119,9 +119,9 @@ class Sweep:
         path, given = path_of("folder", folder) / RUN, dict(given or {})
         if not path.is_file():
             raise ValueError(f"{folder} holds no sweep to go on with: {RUN} is missing; begin one without --resume")
-        config, then, digest = read_checked(path, SCHEMA, "begin anew in another folder", _begun)
+        config, then, digest = read_checked(path, SCHEMA, "begin again in another folder", _begun)
         if digest != digest_of(then):
-            raise ValueError(f"{path} was changed after the sweep began: begin anew in another folder")
+            raise ValueError(f"{path} was changed after the sweep began: begin again in another folder")
         named = given.pop("policies", ())
         _check_named(path, config, named)
         config = dataclasses.replace(config, **{name: given.pop(name) for name in SHOWN if name in given})
@@ -132,7 +132,7 @@ class Sweep:
         if changed := difference(then, json.loads(json.dumps(identity_of(config, specs)))):
             raise ValueError(
                 f"{folder} was begun with other versions, code, cases or policy files than there are now ({changed}), "
-                "and results are not mixed: begin anew in another folder"
+                "and results are not mixed: begin again in another folder"
             )
         return cls(Path(folder), config, specs, _loaded(specs, config), digest)
 

@@ -1,4 +1,4 @@
-"""The claims of a controller file, proven anew from its stored gains in exact rational arithmetic."""
+"""The claims of a controller file, proven again from its stored gains in exact rational arithmetic."""
 
 from __future__ import annotations
 

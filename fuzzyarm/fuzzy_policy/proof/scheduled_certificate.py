@@ -1,4 +1,4 @@
-"""The claims of a controller of the form "semidefinite", proven anew from its stored numbers.
+"""The claims of a controller of the form "semidefinite", proven again from its stored numbers.
 
 *Scalar loop.* Its matrix inequality is of size three whatever the number of joints is. In the coordinates ε = M̂^(1/2)
 e of the scheduled inertia the error of each joint obeys the same loop, with λ an eigenvalue of M̂^(1/2) M̄⁻¹ M̂^(1/2),

@@ -43,7 +43,7 @@ class EstimateConfig:
     learning_rate: float = 3e-3
     """Learning rate of Adam at the beginning; it falls to 1e-5 as a cosine."""
     redraw: int = 6
-    """Chunks after which plants, loads and courses are drawn anew."""
+    """Chunks after which plants, loads and courses are drawn again."""
 
     def __post_init__(self) -> None:
         """Check types and ranges, and what must fit together."""

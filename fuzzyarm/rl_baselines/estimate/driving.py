@@ -20,7 +20,7 @@ __all__ = ["Chunk", "Drive"]
 
 _TIP_ERROR, _OVER, _REASON = map(SCALARS.index, ("tip_error", "truncated", "reason"))
 _LATEST = 4  # torques that may be on their way
-_RESTARTS = 0.5  # share of the lanes that begin an episode anew with each chunk, for a load is hardest when it comes
+_RESTARTS = 0.5  # share of the lanes that begin an episode again with each chunk, for a load is hardest when it comes
 
 
 class Chunk(NamedTuple):
@@ -70,7 +70,7 @@ class Drive:
         self.lost, self.error = 0, 0.0
 
     def chunk(self, policy: LearnedObserverPolicy, steps: int) -> Chunk:
-        """Drive so many control periods; some lanes begin anew."""
+        """Drive so many control periods; some lanes begin again."""
         self._begins |= self._generator.random(self._lanes.count) < _RESTARTS
         self._restart()
         count, limit, part = self._lanes.count, self._limit, policy.seen
@@ -111,7 +111,7 @@ class Drive:
         return arrived
 
     def _step(self, torque: np.ndarray) -> float:
-        """Advance all lanes, begin anew where an episode ended, and return the mean squared tip error [m²]."""
+        """Advance all lanes, begin again where an episode ended, and return the mean squared tip error [m²]."""
         observation, _, scalars = self._lanes.step(torque)
         self._observation = observation.copy()
         self._begins = (scalars[_OVER] != 0.0) | (scalars[_REASON] != 0.0)

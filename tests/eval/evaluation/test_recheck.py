@@ -309,7 +309,7 @@ def test_what_is_no_document_is_one_line(folder, capsys, content):
 @pytest.mark.parametrize("name", [".", "missing.json", "missing/results.json"])
 def test_an_empty_folder_or_a_missing_file_is_one_line(folder, capsys, name):
     assert main(["evaluate", "--check", name]) == 2
-    assert "is not there; make it anew with" in one_line_error(capsys)
+    assert "is not there; make it again with" in one_line_error(capsys)
     assert list(folder.iterdir()) == []
 
 

@@ -176,7 +176,7 @@ def test_a_chunk_of_another_sweep_is_named(folder, capsys, tmp_path, undrawn, sh
 @pytest.mark.parametrize("text", ["", "{", "[]", "{}", '{"schema": "x"}'])
 def test_a_broken_run_file_is_named(folder, capsys, text):
     (folder / "run.json").write_text(text)
-    refused(capsys, folder, ["--resume", "--out", str(folder)], "begin anew in another folder")
+    refused(capsys, folder, ["--resume", "--out", str(folder)], "begin again in another folder")
 
 
 def test_a_changed_run_file_is_named(folder, capsys):

@@ -34,7 +34,7 @@ from fuzzyarm.eval.certified.tip.transition import CHANNELS, OBSERVED, ROWS
 
 __all__ = ["LinkRemainder", "LinkSlopes", "at_middle", "lever_arms", "link_remainder", "link_slopes", "tube_slopes"]
 
-REFINED = 3  # how often the products of the masses are bounded anew
+REFINED = 3  # how often the products of the masses are bounded again
 _NO_FORCE = TipForces(Forces([arb(0)], [arb(0)]), (0.0, 0.0), (1.0, 0.0), (0.0, 0.0))
 
 

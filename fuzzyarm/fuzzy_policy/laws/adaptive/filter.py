@@ -286,7 +286,7 @@ def begin(m: Memory, s: Settings, room: Room) -> None:
     """Fill the first z and P, if what was taken in is the first sample.
 
     K_t (θ - q) = g(q) for the measured θ, links as fast as motors, p_0. What an earlier pass has taught is kept, but
-    for the loads, which begin anew.
+    for the loads, which begin again.
     """
     joints = len(m.noise)
     bent, link, taught = room.joints[1], m.z[joints : 2 * joints], m.flags[FLAG.taught] != 0.0

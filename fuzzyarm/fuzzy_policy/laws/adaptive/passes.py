@@ -104,7 +104,7 @@ class AdaptivePasses(PassLearner[PassState]):
         """Return the state with which the next pass begins, see `PassLearner`.
 
         It keeps what the filter believes of the constants of the arm and of the lateness, the payload, and the force to
-        expect at each sample. Everything else begins anew: motors and links, what the force deviates from the expected
+        expect at each sample. Everything else begins again: motors and links, what the force deviates from the expected
         one, commands, noise. A lane whose filter has diverged, or that has left the path of the pass before, keeps
         nothing.
         """
