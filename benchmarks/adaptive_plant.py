@@ -25,7 +25,7 @@ from fuzzyarm.envs.physics.elementwise import gaussian, sine_cosine
 from fuzzyarm.envs.physics.parameters import ArmParameters
 from fuzzyarm.envs.scenario.reference import JointReference
 from fuzzyarm.eval.provenance import current_provenance
-from fuzzyarm.learned_policy.network import hyperbolic_tangent
+from fuzzyarm.fuzzy_policy.laws.learned.network import hyperbolic_tangent
 from fuzzyarm.numbers.functions import flat, like, repeat, zeros
 from fuzzyarm.numbers.machine import Kernel
 from fuzzyarm.numbers.program import Program

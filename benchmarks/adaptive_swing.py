@@ -30,7 +30,7 @@ from fuzzyarm.eval.engine import Engine
 from fuzzyarm.eval.provenance import current_provenance
 from fuzzyarm.eval.tuning.adaptive_search import RandomArms
 from fuzzyarm.fuzzy_policy.laws.adaptive.policy import AdaptiveObserverPolicy
-from fuzzyarm.learned_policy.estimate.policy import LearnedObserverPolicy
+from fuzzyarm.fuzzy_policy.laws.learned.estimate.policy import LearnedObserverPolicy
 
 POLICIES = ("adaptive-observer", "learned-observer")
 SWINGS = (0.3, 0.36, 0.43, 0.5, 0.6, 0.72, NEVER)

@@ -19,7 +19,8 @@ from typing import Any
 from fuzzyarm import load_policy
 from fuzzyarm.common.files import write_atomically
 from fuzzyarm.envs.scenario.reference import JointReference
-from fuzzyarm.eval.certified.rigid import (
+from fuzzyarm.eval.provenance import current_provenance
+from fuzzyarm.proof.rigid_loop import (
     Motion,
     RigidLoop,
     decay_rates,
@@ -31,7 +32,6 @@ from fuzzyarm.eval.certified.rigid import (
     worst_posture,
     worst_torque,
 )
-from fuzzyarm.eval.provenance import current_provenance
 
 NAMES = (*(f"fuzzy-{rules}" for rules in (1, 2, 4, 8, 16, 32)), "fuzzy-4-sampled")
 DURATION = 1.5  # [s] of a disturbed rollout; the circle takes as long

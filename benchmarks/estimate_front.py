@@ -35,8 +35,8 @@ from fuzzyarm.eval.provenance import current_provenance
 from fuzzyarm.eval.sweep.config import SweepConfig
 from fuzzyarm.eval.sweep.episodes import run_plants
 from fuzzyarm.eval.sweep.plants import CONTROL_PERIOD, Plants
+from fuzzyarm.fuzzy_policy.laws.learned.estimate.policy import LearnedObserverPolicy
 from fuzzyarm.fuzzy_policy.policy import Policy, Predictor
-from fuzzyarm.learned_policy.estimate.policy import LearnedObserverPolicy
 
 SEED = 50_000  # the first of the development plants, as in `estimate_parts`
 SHARES = (0.0, 0.25, 0.5, 0.75, 1.0, 1.25)

@@ -26,10 +26,10 @@ from fuzzyarm.envs.scenario.cases import PAPER_CASES
 from fuzzyarm.eval.provenance import current_provenance
 from fuzzyarm.eval.sweep.config import SweepConfig
 from fuzzyarm.eval.sweep.episodes import run_plants
+from fuzzyarm.fuzzy_policy.laws.learned.estimate.bundle import EstimateBundle
+from fuzzyarm.fuzzy_policy.laws.learned.estimate.network import EstimateNetwork, shapes_of
+from fuzzyarm.fuzzy_policy.laws.learned.estimate.policy import LearnedObserverPolicy
 from fuzzyarm.fuzzy_policy.policy import Policy
-from fuzzyarm.learned_policy.estimate.bundle import EstimateBundle
-from fuzzyarm.learned_policy.estimate.network import EstimateNetwork, shapes_of
-from fuzzyarm.learned_policy.estimate.policy import LearnedObserverPolicy
 
 SILENT = "both laws, without a network"
 SEED, DISTRIBUTIONS, SHARES = 50_000, ("loads", "all"), (0.5, 0.99)

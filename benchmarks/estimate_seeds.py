@@ -40,8 +40,8 @@ from fuzzyarm.envs.scenario.disturbances import ConstantForce, Disturbance
 from fuzzyarm.envs.vector import FuzzyArmVectorEnv
 from fuzzyarm.eval.episodes.loop import TipErrors, episodes
 from fuzzyarm.eval.provenance import current_provenance
+from fuzzyarm.fuzzy_policy.laws.learned.estimate.bundle import EstimateBundle
 from fuzzyarm.fuzzy_policy.policy import Policy
-from fuzzyarm.learned_policy.estimate.bundle import EstimateBundle
 
 QUANTILES = (0.01, 0.05, 0.1, 0.25, 0.5, 0.75, 0.9, 0.95, 0.99, 1.0)
 PERCENTILES = np.arange(1, 100) / 100

@@ -64,7 +64,7 @@ from fuzzyarm.eval.episodes.metrics import metrics_of
 from fuzzyarm.eval.episodes.rollout import Rollout
 from fuzzyarm.eval.evaluation.statistics import LEVEL, RESAMPLES, SEED
 from fuzzyarm.eval.provenance import current_provenance
-from fuzzyarm.learned_policy.bundle import WEIGHTS, PolicyBundle
+from fuzzyarm.fuzzy_policy.laws.learned.bundle import WEIGHTS, PolicyBundle
 
 SCHEMA = "fuzzyarm-learned-comparison/1"
 MODEL_BASED = ("fuzzy-4", "fuzzy-1", "fuzzy-4-tip", "computed-torque", "computed-torque-tip", "elastic-observer")

@@ -36,9 +36,9 @@ from fuzzyarm.eval.stability.margins import policy_margins
 from fuzzyarm.eval.sweep.config import SweepConfig
 from fuzzyarm.eval.sweep.episodes import run_plants
 from fuzzyarm.fuzzy_policy.known_arm import joints_of
-from fuzzyarm.learned_policy.estimate.bundle import EstimateBundle
-from fuzzyarm.learned_policy.estimate.network import EstimateNetwork, shapes_of
-from fuzzyarm.learned_policy.estimate.policy import LearnedObserverPolicy
+from fuzzyarm.fuzzy_policy.laws.learned.estimate.bundle import EstimateBundle
+from fuzzyarm.fuzzy_policy.laws.learned.estimate.network import EstimateNetwork, shapes_of
+from fuzzyarm.fuzzy_policy.laws.learned.estimate.policy import LearnedObserverPolicy
 from fuzzyarm.rl_baselines.case_evaluation import evaluate_cases
 
 GOALS_MM = {"nominal": 0.0005, "machining": 0.25, "payload": 0.22}  # rms

@@ -13,7 +13,7 @@ from learned_tasks import CONTROL_PERIOD
 
 from fuzzyarm import load_policy
 from fuzzyarm.envs.scenario.cases import PAPER_CASES
-from fuzzyarm.learned_policy.policy import LearnedPolicy
+from fuzzyarm.fuzzy_policy.laws.learned.policy import LearnedPolicy
 
 BUNDLE, TIMES = "policy", "run.json"
 MEASURED_TIMES = {"wall_time_s": "wall time of a seed [s]", "cpu_time_s": "processor time [s]"}

@@ -32,9 +32,9 @@ from fuzzyarm.eval.paper.evidence import PAPER_L
 from fuzzyarm.eval.provenance import current_provenance
 from fuzzyarm.fuzzy_policy.controller import Controller
 from fuzzyarm.fuzzy_policy.laws.fuzzy import FuzzyPolicy
-from fuzzyarm.fuzzy_policy.proof.certificate import certify
 from fuzzyarm.fuzzy_policy.states import INTEGRAL, POSITION, VELOCITY
 from fuzzyarm.fuzzy_policy.ts_model import NAMED_RULES
+from fuzzyarm.proof.certificate import certify
 from fuzzyarm.synthesis import Specification, design
 from fuzzyarm.synthesis.search import scaled_gain
 

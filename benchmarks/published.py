@@ -35,6 +35,8 @@ __all__ = ["RECORD", "content_digest", "differences", "figure_record", "identity
 ROOT = Path(__file__).resolve().parents[1]
 RESULTS, FIGURES = ROOT / "benchmarks" / "results", ROOT / "docs" / "figures"
 RECORD = ROOT / "benchmarks" / "published.json"
+# Where trained policies lie, and where they lay when some results were measured.
+MOVED = ("fuzzyarm/fuzzy_policy/laws/learned/", "fuzzyarm/learned_policy/")
 EVALUATION, CONTROLLERS = RESULTS / "evaluate.json", ROOT / "fuzzyarm" / "fuzzy_policy" / "controllers"
 SAME = 1e-3
 """Relative difference up to which the tip errors of a law are the same."""
@@ -205,7 +207,7 @@ def _places(name: str) -> dict[str, str]:
 
 
 def _digest_at(commit: str, place: str) -> str | None:
-    content = _git("show", f"{commit}:{place}")
+    content = _git("show", f"{commit}:{place}") or _git("show", f"{commit}:{place.replace(*MOVED)}")
     return None if content is None else content_digest(content)
 
 

@@ -11,7 +11,7 @@ __all__ = ["mutants_table"]
 WHAT = {
     "common": "checks of arguments, documents, archives, writing of files",
     "fuzzy_policy": "controller files, and the proofs of their claims",
-    "eval/certified": "bounds of the tip",
+    "proof": "bounds of the tip",
     "": "checkpoints, learned policies, sweeps, data sets",
 }
 """By the beginning of a file's name; the first that fits counts."""

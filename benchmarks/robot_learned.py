@@ -18,7 +18,7 @@ from fuzzyarm.common.files import write_atomically
 from fuzzyarm.envs.physics.robot import robot_named
 from fuzzyarm.eval.provenance import current_provenance
 from fuzzyarm.eval.stability.margins import policy_margins
-from fuzzyarm.learned_policy.policy import LearnedPolicy
+from fuzzyarm.fuzzy_policy.laws.learned.policy import LearnedPolicy
 from fuzzyarm.policies import load_policy
 from fuzzyarm.rl_baselines.case_evaluation import evaluate_cases
 

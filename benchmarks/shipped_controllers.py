@@ -20,11 +20,11 @@ from pathlib import Path
 import cvxpy as cp
 import numpy as np
 
-import fuzzyarm.fuzzy_policy.controllers
+import fuzzyarm
 from fuzzyarm.fuzzy_policy.controller import Controller
-from fuzzyarm.fuzzy_policy.proof.certificate import certify
 from fuzzyarm.fuzzy_policy.states import POSITION, VELOCITY
 from fuzzyarm.fuzzy_policy.ts_model import NAMED_RULES, PREMISES
+from fuzzyarm.proof.certificate import certify
 from fuzzyarm.synthesis import DesignFailed, DesignProblem, Specification, design
 
 GAMMA = {True: 1.4e-4, False: 2e-4}  # rad/(N m), by whether z1 is kept
@@ -97,16 +97,18 @@ def proven_at_its_gains(controller: Controller, gamma: float) -> Controller | No
 
 def main() -> None:
     """Design, prove and write."""
-    default = Path(fuzzyarm.fuzzy_policy.controllers.__file__).parent
-    folder = Path(sys.argv[1]) if len(sys.argv) > 1 else default
+    package = Path(fuzzyarm.__file__).parent
+    folder, papers = package / "fuzzy_policy" / "controllers", package / "eval" / "paper" / "controllers"
+    if len(sys.argv) > 1:
+        folder = papers = Path(sys.argv[1])
     for name, specification in specifications().items():
         made = design(specification)
-        made.controller.save(folder / f"{name}.json")
+        made.controller.save((papers if name.startswith("paper") else folder) / f"{name}.json")
         print(f"{name:24} solved in {made.solve_seconds:6.2f} s, proven in {made.proof_seconds:5.2f} s", flush=True)
-    raised = raise_gains(Controller.load(folder / "paper-4-common.json"), 2e9)
+    raised = raise_gains(Controller.load(papers / "paper-4-common.json"), 2e9)
     if not certify(raised).proven:
         raise SystemExit("the controller with raised gains is not proven")
-    raised.save(folder / "paper-4-common-high-gain.json")
+    raised.save(papers / "paper-4-common-high-gain.json")
     sampled = proven_at_its_gains(with_factors(Controller.load(folder / "fuzzy-4.json"), SAMPLED), SAMPLED_GAMMA)
     if sampled is None:
         raise SystemExit("fuzzy-4-sampled is not proven")

@@ -42,10 +42,10 @@ from fuzzyarm.common.files import write_atomically
 from fuzzyarm.envs.observation import JOINTS
 from fuzzyarm.envs.physics.parameters import ArmParameters
 from fuzzyarm.eval.provenance import current_provenance
-from fuzzyarm.fuzzy_policy.proof import consistent_reference, theorems
-from fuzzyarm.fuzzy_policy.proof.certificate import certify
-from fuzzyarm.fuzzy_policy.proof.vertices import TrackingVertices
 from fuzzyarm.fuzzy_policy.ts_model import NAMED_RULES
+from fuzzyarm.proof import consistent_reference, theorems
+from fuzzyarm.proof.certificate import certify
+from fuzzyarm.proof.vertices import TrackingVertices
 from fuzzyarm.synthesis.complexity import full_size, paper_formula
 from fuzzyarm.synthesis.designer import to_controller
 from fuzzyarm.synthesis.inequalities import MARGIN, TOLERANCE, Inequalities

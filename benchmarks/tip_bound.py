@@ -37,13 +37,12 @@ from fuzzyarm.envs.physics.records import PerJoint
 from fuzzyarm.envs.physics.two_joints import tip_point
 from fuzzyarm.envs.scenario.cases import find_case
 from fuzzyarm.envs.scenario.reference import JointReference, quintic_time_law
-from fuzzyarm.eval.certified.tip.bound import PERIOD, TipBound, TipClaim, find_bound, problem_of
-from fuzzyarm.eval.certified.tip.bound_file import save_bound
-from fuzzyarm.eval.certified.tip.cells import Division, bounds_of_cell, bounds_of_cells, cells
-from fuzzyarm.eval.certified.tip.cells_file import save_cells
-from fuzzyarm.eval.certified.tip.enclosures import NoBound
-from fuzzyarm.eval.certified.tip.plant import SETS, PlantSet
 from fuzzyarm.eval.provenance import current_provenance
+from fuzzyarm.policies.tip_bound import PERIOD, TipBound, TipClaim, find_bound, problem_of
+from fuzzyarm.policies.tip_cells import Division, bounds_of_cell, bounds_of_cells, cells
+from fuzzyarm.policies.tip_files import save_bound, save_cells
+from fuzzyarm.proof.tip.enclosures import NoBound
+from fuzzyarm.proof.tip.plant import SETS, PlantSet
 
 COMMAND = "python benchmarks/tip_bound.py"
 COUNTED = 1e-6  # [m], smallest bound that a ratio counts for

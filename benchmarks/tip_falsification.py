@@ -24,9 +24,9 @@ from tip_plants import Plants, random_genes
 
 from fuzzyarm.common.files import write_atomically
 from fuzzyarm.envs.physics.parameters import ArmParameters
-from fuzzyarm.eval.certified.tip.bound import TipBound, TipClaim, find_bound
-from fuzzyarm.eval.certified.tip.plant import PlantSet
 from fuzzyarm.eval.provenance import current_provenance
+from fuzzyarm.policies.tip_bound import TipBound, TipClaim, find_bound
+from fuzzyarm.proof.tip.plant import PlantSet
 
 COMMAND = "python benchmarks/tip_falsification.py"
 GENERATIONS = 4

@@ -32,9 +32,6 @@ from fuzzyarm.envs.observation import JOINTS
 from fuzzyarm.envs.physics.dynamics import Payload
 from fuzzyarm.envs.physics.parameters import ArmParameters
 from fuzzyarm.envs.scenario.default_reference import default_reference
-from fuzzyarm.eval.certified.tip.bound import TipClaim, find_bound
-from fuzzyarm.eval.certified.tip.enclosures import NoBound
-from fuzzyarm.eval.certified.tip.plant import SETS, PlantSet
 from fuzzyarm.eval.provenance import current_provenance
 from fuzzyarm.eval.stability.linearisation import LocalLoop, largest_radius, linearise, linearise_path
 from fuzzyarm.eval.tuning.finding import heaviest, periods_of, radius_within, with_stiffness
@@ -52,6 +49,9 @@ from fuzzyarm.fuzzy_policy.controller import Controller
 from fuzzyarm.fuzzy_policy.laws.fuzzy import FuzzyPolicy
 from fuzzyarm.fuzzy_policy.laws.tip import TipPolicy
 from fuzzyarm.policies.registry import POLICIES
+from fuzzyarm.policies.tip_bound import TipClaim, find_bound
+from fuzzyarm.proof.tip.enclosures import NoBound
+from fuzzyarm.proof.tip.plant import SETS, PlantSet
 from fuzzyarm.synthesis import design
 
 COMMAND = "python benchmarks/tip_gains.py"

@@ -15,10 +15,10 @@ from pathlib import Path
 from typing import Any
 
 from fuzzyarm.common.files import write_atomically
-from fuzzyarm.eval.certified.tip.bound import TipClaim, find_bound
-from fuzzyarm.eval.certified.tip.enclosures import NoBound
-from fuzzyarm.eval.certified.tip.plant import PlantSet
 from fuzzyarm.eval.provenance import current_provenance
+from fuzzyarm.policies.tip_bound import TipClaim, find_bound
+from fuzzyarm.proof.tip.enclosures import NoBound
+from fuzzyarm.proof.tip.plant import PlantSet
 from fuzzyarm.synthesis import DesignFailed, Specification, design
 
 COMMAND = "python benchmarks/tip_gamma.py"

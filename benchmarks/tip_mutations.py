@@ -23,7 +23,7 @@ from fuzzyarm.eval.provenance import current_provenance
 
 ROOT = Path(__file__).parent.parent
 COMMAND = "python benchmarks/tip_mutations.py"
-PROOF, TESTS = Path("fuzzyarm/eval/certified/tip"), Path("tests/eval/certified/tip")
+PROOF, TESTS = Path("fuzzyarm/proof/tip"), Path("tests/proof/tip")
 
 
 class Mutation(NamedTuple):

@@ -17,8 +17,8 @@ from fuzzyarm.envs.physics.records import PerJoint, filled, flat
 from fuzzyarm.envs.physics.two_joints import tip_point, two_joints
 from fuzzyarm.envs.scenario.cases import find_case
 from fuzzyarm.envs.scenario.randomisation import draw_record
-from fuzzyarm.eval.certified.tip.bound import PERIOD, TipClaim, problem_of
-from fuzzyarm.eval.certified.tip.plant import BY_JOINT
+from fuzzyarm.policies.tip_bound import PERIOD, TipClaim, problem_of
+from fuzzyarm.proof.tip.plant import BY_JOINT
 
 __all__ = ["CONSTANTS", "GENES", "SUBSTEPS", "Plants", "random_genes"]
 

@@ -22,9 +22,9 @@ from fuzzyarm.common.files import write_atomically
 from fuzzyarm.common.rounding import at_most
 from fuzzyarm.envs.physics.dynamics import arm_constants, dry_frictions
 from fuzzyarm.envs.physics.parameters import ArmParameters
-from fuzzyarm.eval.certified.tip.bound import PERIOD, TipClaim, problem_of
-from fuzzyarm.eval.certified.tip.plant import PlantSet
 from fuzzyarm.policies import load_policy
+from fuzzyarm.policies.tip_bound import PERIOD, TipClaim, problem_of
+from fuzzyarm.proof.tip.plant import PlantSet
 
 POLICY = "computed-torque-tip"
 STORED = Path(__file__).parent / "results" / "tip_bound.json"

@@ -19,9 +19,6 @@ if TYPE_CHECKING:
     from fuzzyarm.envs.physics.parameters import ArmParameters
     from fuzzyarm.envs.physics.robot import Robot, robot_named
     from fuzzyarm.eval.bench.run import BenchConfig, run_bench
-    from fuzzyarm.eval.certified.tip.bound import TipClaim, find_bound
-    from fuzzyarm.eval.certified.tip.bound_file import save_bound
-    from fuzzyarm.eval.certified.verification import verify_file
     from fuzzyarm.eval.engine import Engine
     from fuzzyarm.eval.episodes.metrics import metrics_of
     from fuzzyarm.eval.episodes.rollout import Rollout, run_episode
@@ -37,11 +34,14 @@ if TYPE_CHECKING:
     from fuzzyarm.export.c_files import export_c
     from fuzzyarm.export.sheet import sheet_of
     from fuzzyarm.fuzzy_policy.controller import Controller
-    from fuzzyarm.fuzzy_policy.proof.certificate import certify
     from fuzzyarm.fuzzy_policy.ts_model import TSModel
     from fuzzyarm.identification.log import read_log
     from fuzzyarm.identification.result import identify
     from fuzzyarm.policies import add_policy
+    from fuzzyarm.policies.tip_bound import TipClaim, find_bound
+    from fuzzyarm.policies.tip_files import save_bound
+    from fuzzyarm.proof.certificate import certify
+    from fuzzyarm.proof.verification import verify_file
     from fuzzyarm.synthesis import (
         Design,
         DesignFailed,
@@ -115,14 +115,14 @@ _HOMES = {
     "Sweep": "eval.sweep.run",
     "SweepConfig": "eval.sweep.config",
     "TSModel": "fuzzy_policy.ts_model",
-    "TipClaim": "eval.certified.tip.bound",
+    "TipClaim": "policies.tip_bound",
     "add_policy": "policies",
-    "certify": "fuzzy_policy.proof.certificate",
+    "certify": "proof.certificate",
     "design": "synthesis",
     "design_scheduled": "synthesis",
     "evaluate": "eval.evaluation.run",
     "export_c": "export.c_files",
-    "find_bound": "eval.certified.tip.bound",
+    "find_bound": "policies.tip_bound",
     "identify": "identification.result",
     "measure_margins": "eval.stability.margins",
     "metrics_of": "eval.episodes.metrics",
@@ -131,10 +131,10 @@ _HOMES = {
     "robot_named": "envs.physics.robot",
     "run_bench": "eval.bench.run",
     "run_episode": "eval.episodes.rollout",
-    "save_bound": "eval.certified.tip.bound_file",
+    "save_bound": "policies.tip_files",
     "sheet_of": "export.sheet",
     "tune_arm": "eval.tuning.run",
-    "verify_file": "eval.certified.verification",
+    "verify_file": "proof.verification",
     "write_figures": "eval.evaluation.figures",
     "write_report": "eval.report.page",
     "write_results": "eval.evaluation.run",

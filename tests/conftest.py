@@ -24,7 +24,7 @@ COMPILING = 2.1  # min more the first time
 _COMPILING = "test_vector.py", "test_laws.py"
 _TOGETHER = (  # whose tests share what takes seconds to compute, or to compile
     ("tests/eval/paper/",),
-    ("tests/fuzzy_policy/laws/test_laws.py", "tests/learned_policy/test_learned_observer.py"),
+    ("tests/fuzzy_policy/laws/test_laws.py", "tests/fuzzy_policy/laws/learned/test_learned_observer.py"),
 )
 _PROOFS = (
     "test_theorems.py",

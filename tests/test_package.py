@@ -122,7 +122,7 @@ def imports():
         (("cyclopts",), "cli"),
         (("msgspec",), "common"),
         (("pygame",), "envs"),
-        (("safetensors",), "learned_policy"),
+        (("safetensors",), "fuzzy_policy.laws.learned"),
         (("cvxpy",), "synthesis"),
     ],
 )

@@ -12,7 +12,7 @@ from fuzzyarm.cli.usage import output_file
 from fuzzyarm.common.console import escaped, progress, say, say_json
 
 if TYPE_CHECKING:
-    from fuzzyarm.eval.certified.tip.bound import TipClaim
+    from fuzzyarm.policies.tip_bound import TipClaim
 
 __all__ = ["Options", "run"]
 
@@ -53,10 +53,10 @@ class Options:
 
 def run(options: Options) -> int:
     """Print the bound, and write its file."""
-    from fuzzyarm.eval.certified.tip.bound import TipClaim, find_bound, own_duration, problem_of
-    from fuzzyarm.eval.certified.tip.bound_file import save_bound
-    from fuzzyarm.eval.certified.tip.enclosures import NoBound
-    from fuzzyarm.eval.certified.tip.plant import find_set
+    from fuzzyarm.policies.tip_bound import TipClaim, find_bound, own_duration, problem_of
+    from fuzzyarm.policies.tip_files import save_bound
+    from fuzzyarm.proof.tip.enclosures import NoBound
+    from fuzzyarm.proof.tip.plant import find_set
 
     output_file(options.out, ".json")
     plants = find_set(options.set)
@@ -90,9 +90,9 @@ def _by_cells(options: Options, claim: TipClaim) -> tuple[dict[str, Any], str]:
     """Return the result by cells as plain data and as text; `NoBound` names the first cell without one."""
     from fuzzyarm.common.checks import whole
     from fuzzyarm.common.rounding import at_most
-    from fuzzyarm.eval.certified.tip.bound import arm_in_words, plain, problem_of
-    from fuzzyarm.eval.certified.tip.cells import bounds_of_cells, cells
-    from fuzzyarm.eval.certified.tip.cells_file import save_cells
+    from fuzzyarm.policies.tip_bound import arm_in_words, plain, problem_of
+    from fuzzyarm.policies.tip_cells import bounds_of_cells, cells
+    from fuzzyarm.policies.tip_files import save_cells
 
     divisions, jobs = options.cells or [], whole("--jobs", options.jobs, low=1, high=64)
     count = sum(1 for _ in cells(claim.plants, divisions))

@@ -118,7 +118,7 @@ def _config(options: Options) -> TrainingConfig:
 def _estimate(options: EstimateOptions) -> int:
     """Train the network of learned-observer."""
     from fuzzyarm.envs.physics.equations import chosen_arm
-    from fuzzyarm.learned_policy.bundle import LAST
+    from fuzzyarm.fuzzy_policy.laws.learned.bundle import LAST
 
     config, arm = chosen(options, EstimateConfig()), chosen_arm(options.robot, None)
     folder = options.out / LAST

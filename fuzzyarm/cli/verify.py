@@ -31,9 +31,8 @@ class Options:
 
 def run(options: Options) -> int:
     """Print the claims; return 1 if one is not proven."""
-    from fuzzyarm.eval.certified.tip.bound_file import BoundCheck, check_bound, is_bound
-    from fuzzyarm.eval.certified.tip.cells_file import CellsCheck, check_cells, is_cells
-    from fuzzyarm.eval.certified.verification import ScheduledVerification, Verification, verify_file
+    from fuzzyarm.policies.tip_files import BoundCheck, CellsCheck, check_bound, check_cells, is_bound, is_cells
+    from fuzzyarm.proof.verification import ScheduledVerification, Verification, verify_file
 
     reports: list[Verification | ScheduledVerification | BoundCheck | CellsCheck] = []
     with progress("verifying", len(options.files)) as advance:

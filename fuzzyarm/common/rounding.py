@@ -3,7 +3,7 @@
     at_most(2.0049e-4, 3) = "0.000201"        at_least(19.999, 3) = "19.9"
 
 A float is read as the shortest decimal number that identifies it, its `repr`, which is also what a certificate proves
-(`fuzzy_policy.proof.certificate`). Rounding that decimal is exact.
+(`proof.certificate`). Rounding that decimal is exact.
 """
 
 from __future__ import annotations

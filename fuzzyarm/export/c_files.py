@@ -26,11 +26,11 @@ from fuzzyarm.common.files import write_once
 from fuzzyarm.envs.observation import PARTS, Observation, starts
 from fuzzyarm.envs.physics.equations import bounds_of
 from fuzzyarm.export.c_text import Recorded, Unsupported, arguments_text, program_of, source_text
-from fuzzyarm.export.sheet import certificate_of, certified_numbers
+from fuzzyarm.export.sheet import certified_numbers, default_certificate
 from fuzzyarm.fuzzy_policy.known_arm import per_joint_of
 from fuzzyarm.fuzzy_policy.laws.adaptive.policy import AdaptiveObserverPolicy
+from fuzzyarm.fuzzy_policy.laws.learned.estimate.policy import LearnedObserverPolicy
 from fuzzyarm.fuzzy_policy.policy import Policy
-from fuzzyarm.learned_policy.estimate.policy import LearnedObserverPolicy
 
 __all__ = [
     "CALLS", "FLAGS", "NUMBERS", "UNITS", "CompiledLaw", "about_policy", "c_name", "compilers", "export_c",
@@ -261,7 +261,7 @@ def about_policy(name: str, label: str, policy: Policy, program: Recorded) -> li
     joints = policy.joints
     parts = ", ".join(f"{part} [{unit}]" for part, unit in zip(Observation._fields, UNITS, strict=True))
     limits = ", ".join(f"{limit:g}" for limit in per_joint_of(policy.parameters, "torque_limit"))
-    certificate, proven = certificate_of(policy), ["Certificate: none."]
+    certificate, proven = default_certificate(policy), ["Certificate: none."]
     if certificate is not None:
         numbers = ", ".join(f"{key} = {value}" for key, value in certified_numbers(certificate).items())
         scope = "The certificate is of the law in exact arithmetic; rounding is not covered."

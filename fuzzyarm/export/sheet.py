@@ -32,11 +32,19 @@ from fuzzyarm.fuzzy_policy.laws.gain_schedule import schedule_of
 from fuzzyarm.fuzzy_policy.laws.scheduled import ScheduledPolicy
 from fuzzyarm.fuzzy_policy.laws.tip import TipPolicy
 from fuzzyarm.fuzzy_policy.policy import Policy
-from fuzzyarm.fuzzy_policy.proof.policy_certificate import PolicyCertificate
 from fuzzyarm.fuzzy_policy.states import INTEGRAL, PLANT
 from fuzzyarm.fuzzy_policy.ts_model import PREMISES
+from fuzzyarm.proof.policy_certificate import PolicyCertificate, certificate_of
 
-__all__ = ["LawSheet", "Quantity", "certificate_of", "certified_numbers", "check_observation", "fuzzy_law", "sheet_of"]
+__all__ = [
+    "LawSheet",
+    "Quantity",
+    "certified_numbers",
+    "check_observation",
+    "default_certificate",
+    "fuzzy_law",
+    "sheet_of",
+]
 
 
 _COLUMNS = ("quantity", "index", "unit", "value")
@@ -217,17 +225,22 @@ def sheet_of(name: str, policy: Policy) -> LawSheet:
         Quantity("Gamma", "N m", "torque limits", per_joint_of(policy.parameters, "torque_limit")),
     )
     return LawSheet(
-        instance("name", name, str), law, equations, (*common, *quantities), _checked(policy), certificate_of(policy)
+        instance("name", name, str),
+        law,
+        equations,
+        (*common, *quantities),
+        _checked(policy),
+        default_certificate(policy),
     )
 
 
-def certificate_of(policy: Policy) -> PolicyCertificate | None:
+def default_certificate(policy: Policy) -> PolicyCertificate | None:
     """Return what is proven of a policy along the motion that its arm makes if no other is asked of it."""
     try:
         reference: Reference = default_reference(policy.parameters)
     except ValueError:  # out of reach: what is proven of a fixed law does not depend on the reference
-        return None if isinstance(policy, TipPolicy) else policy.certificate(default_reference(ArmParameters()))
-    return policy.certificate(reference)
+        return None if isinstance(policy, TipPolicy) else certificate_of(policy, default_reference(ArmParameters()))
+    return certificate_of(policy, reference)
 
 
 def check_observation(joints: int) -> np.ndarray:

@@ -18,8 +18,7 @@ from fuzzyarm.fuzzy_policy.known_arm import checked_arm, joints_of, per_joint_of
 from fuzzyarm.fuzzy_policy.sample_clock import SampleClock
 
 if TYPE_CHECKING:
-    from fuzzyarm.envs.scenario.reference import Reference
-    from fuzzyarm.fuzzy_policy.proof.policy_certificate import PolicyCertificate
+    pass
 
 __all__ = ["PassLearner", "Policy", "Predictor", "Repeated", "checked_observation"]
 
@@ -126,10 +125,6 @@ class Policy(abc.ABC):
         numbers = not np.isnan(torque).any()
         np.clip(torque, -largest, largest, out=torque)
         return numbers
-
-    def certificate(self, reference: Reference) -> PolicyCertificate | None:
-        """Return what is proven of this policy along a reference; None where nothing is."""
-        return None
 
     @property
     def torque_limit(self) -> np.ndarray:

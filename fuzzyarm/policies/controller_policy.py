@@ -12,9 +12,9 @@ from fuzzyarm.fuzzy_policy.controller import Controller
 from fuzzyarm.fuzzy_policy.controller_files import load_controller
 from fuzzyarm.fuzzy_policy.laws.fuzzy import FuzzyPolicy
 from fuzzyarm.fuzzy_policy.policy import Policy
-from fuzzyarm.fuzzy_policy.proof.certificate import Certificate, certify
 from fuzzyarm.fuzzy_policy.scheduled import ScheduledController
 from fuzzyarm.fuzzy_policy.signed_files import ControllerFileError
+from fuzzyarm.proof.certificate import Certificate, certify
 
 __all__ = ["controller_policy", "file_policy"]
 
@@ -58,7 +58,7 @@ def _policy(
         return FuzzyPolicy(controller, control_period)
     # The generated equations and the proof of this form are loaded where a file needs them.
     from fuzzyarm.fuzzy_policy.laws.scheduled import ScheduledPolicy
-    from fuzzyarm.fuzzy_policy.proof.scheduled_certificate import certify_scheduled
+    from fuzzyarm.proof.scheduled_certificate import certify_scheduled
 
     _check_robot(name, controller, robot)
     if not allow_unproven:

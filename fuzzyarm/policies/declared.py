@@ -254,7 +254,7 @@ def _of_tuned(path: Path) -> Declared:
 
 def _of_learned(folder: Path) -> Declared | None:
     """Return the declaration of a learned policy's folder; None if there is none."""
-    from fuzzyarm.learned_policy.bundle import PolicyBundle, is_observer
+    from fuzzyarm.fuzzy_policy.laws.learned.bundle import PolicyBundle, is_observer
 
     if not folder.is_dir():
         return None

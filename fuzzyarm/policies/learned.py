@@ -8,14 +8,14 @@ from typing import TYPE_CHECKING
 from fuzzyarm.common.console import escaped
 from fuzzyarm.envs.physics.equations import AnyArm, robot_of
 from fuzzyarm.envs.physics.parameters import ArmParameters
-from fuzzyarm.learned_policy.bundle import DESCRIPTION, PolicyBundle, is_observer
-from fuzzyarm.learned_policy.policy import LearnedPolicy
+from fuzzyarm.fuzzy_policy.laws.learned.bundle import DESCRIPTION, PolicyBundle, is_observer
+from fuzzyarm.fuzzy_policy.laws.learned.policy import LearnedPolicy
 from fuzzyarm.policies.registry import known_names
 from fuzzyarm.policies.spec import digest_of, load_policy, resolve
 
 if TYPE_CHECKING:
+    from fuzzyarm.fuzzy_policy.laws.learned.estimate.policy import LearnedObserverPolicy
     from fuzzyarm.fuzzy_policy.policy import Policy
-    from fuzzyarm.learned_policy.estimate.policy import LearnedObserverPolicy
 
 __all__ = ["learned_files", "learned_policy"]
 
@@ -29,7 +29,7 @@ def learned_files(folder: Path) -> dict[str, str]:
     """
     own = {DESCRIPTION: digest_of(folder / DESCRIPTION)}
     if is_observer(folder):
-        from fuzzyarm.learned_policy.estimate.bundle import EstimateBundle
+        from fuzzyarm.fuzzy_policy.laws.learned.estimate.bundle import EstimateBundle
 
         EstimateBundle.load(folder)
         return own
@@ -60,8 +60,8 @@ def learned_policy(folder: Path, control_period: float, robot: AnyArm) -> Policy
 
 def _learned_observer(folder: Path, control_period: float, robot: AnyArm) -> LearnedObserverPolicy:
     # Imported here: the network of a learned torque needs no Riccati equations.
-    from fuzzyarm.learned_policy.estimate.bundle import EstimateBundle
-    from fuzzyarm.learned_policy.estimate.policy import LearnedObserverPolicy
+    from fuzzyarm.fuzzy_policy.laws.learned.estimate.bundle import EstimateBundle
+    from fuzzyarm.fuzzy_policy.laws.learned.estimate.policy import LearnedObserverPolicy
 
     bundle = EstimateBundle.load(folder)
     if isinstance(bundle.arm, ArmParameters):

@@ -87,9 +87,8 @@ def _adaptive_observer(robot: AnyArm, control_period: float) -> Policy:
 
 _PACKAGE = Path(__file__).parent.parent
 _FUZZY = ("fuzzy-32", "fuzzy-16", "fuzzy-8", "fuzzy-4", "fuzzy-2", "fuzzy-1", "fuzzy-4-sampled")
-# The folder of the controllers holds more files, witnesses of the paper's own form; they have no name here.
 _CONTROLLERS = _PACKAGE / "fuzzy_policy" / "controllers"
-_TRAINED = _PACKAGE / "learned_policy" / "policies"
+_TRAINED = _PACKAGE / "fuzzy_policy" / "laws" / "learned" / "policies"
 
 LEARNED = ("ppo-nominal", "ppo-robust", "ppo-residual")
 """Policies trained with PPO, of each the median seed; their ``policy.json`` says what they were trained on."""

@@ -69,7 +69,7 @@ class PolicySpec:
 
         A policy of `fuzzyarm train` is named after the folder of its training, with ``-best`` for its best evaluation.
         """
-        from fuzzyarm.learned_policy.bundle import BEST, LAST
+        from fuzzyarm.fuzzy_policy.laws.learned.bundle import BEST, LAST
 
         path = Path(self.name)
         if self.kind is Kind.LEARNED and path.name in (LAST, BEST) and path.parent.name:

@@ -43,7 +43,6 @@ import numpy as np
 
 from fuzzyarm.envs.observation import JOINTS
 from fuzzyarm.envs.physics.equations import AnyArm
-from fuzzyarm.envs.scenario.reference import Reference
 from fuzzyarm.policies.declared import Declared, stated
 
 __all__ = ["UserPolicy", "load_code", "source_file"]
@@ -127,10 +126,6 @@ class UserPolicy:
         """Return this policy for an arm without dry friction; itself if the object has no such method."""
         method = getattr(self._policy, "without_dry_friction", None)
         return self if method is None else UserPolicy(self.name, method(), self.control_period)
-
-    def certificate(self, reference: Reference) -> None:
-        """Return None: nothing is proven of the user's own code."""
-        return
 
     @property
     def declared(self) -> Declared | None:

@@ -17,7 +17,7 @@ from fuzzyarm.common.checks import real, whole
 from fuzzyarm.rl_baselines.config import TrainingConfig
 
 if TYPE_CHECKING:
-    from fuzzyarm.learned_policy.network import Network
+    from fuzzyarm.fuzzy_policy.laws.learned.network import Network
     from fuzzyarm.rl_baselines.config import TrainingConfig
     from fuzzyarm.rl_baselines.learning_env import LearningEnvs
 
@@ -186,7 +186,7 @@ class Sb3Algorithm:
         """Return the linear layers among parts of torch and a last one, with the normaliser of the features."""
         import torch
 
-        from fuzzyarm.learned_policy.network import Network
+        from fuzzyarm.fuzzy_policy.laws.learned.network import Network
 
         moments = self.normaliser.obs_rms
         layers = [*(part for part in parts if isinstance(part, torch.nn.Linear)), last]

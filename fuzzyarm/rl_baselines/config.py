@@ -12,7 +12,7 @@ from typing import Any, Literal, Self, get_args
 
 from fuzzyarm.common.checks import choice, instance, real, truth, whole
 from fuzzyarm.common.documents import record
-from fuzzyarm.learned_policy.definition import OBSERVER_BASE, ActionDefinition, FeatureDefinition
+from fuzzyarm.fuzzy_policy.laws.learned.definition import OBSERVER_BASE, ActionDefinition, FeatureDefinition
 
 __all__ = ["Distribution", "TrainingConfig"]
 

@@ -21,9 +21,9 @@ from fuzzyarm.envs.scenario.randomisation import find_randomisation
 from fuzzyarm.envs.task import EFFORT_WEIGHT
 from fuzzyarm.envs.vector import FuzzyArmVectorEnv
 from fuzzyarm.fuzzy_policy.known_arm import joints_of, per_joint_of
+from fuzzyarm.fuzzy_policy.laws.learned.definition import ArmDefinition
+from fuzzyarm.fuzzy_policy.laws.learned.features import Base, Features, Lanes
 from fuzzyarm.fuzzy_policy.policy import Policy
-from fuzzyarm.learned_policy.definition import ArmDefinition
-from fuzzyarm.learned_policy.features import Base, Features, Lanes
 from fuzzyarm.policies.registry import known_names
 from fuzzyarm.policies.spec import load_policy, resolve
 from fuzzyarm.rl_baselines.config import TrainingConfig
@@ -96,7 +96,7 @@ def default_scale(arm: AnyArm, base: bool) -> tuple[float, ...]:
 
 
 class LearningEnvs(VecEnvWrapper):
-    """Arms whose observations are the features of `learned_policy.features`, and whose actions lie in [-1, 1]ⁿ.
+    """Arms whose observations are the features of `laws.learned.features`, and whose actions lie in [-1, 1]ⁿ.
 
     When the episode of a lane ends, its last features are computed from the memory of that episode, and the next
     episode begins with an empty memory, as it does for the shipped policy.

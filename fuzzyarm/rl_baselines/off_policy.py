@@ -16,7 +16,7 @@ from fuzzyarm.common.checks import choice, real, whole
 from fuzzyarm.rl_baselines.algorithm import Sb3Algorithm, Sb3Config
 
 if TYPE_CHECKING:
-    from fuzzyarm.learned_policy.network import Network
+    from fuzzyarm.fuzzy_policy.laws.learned.network import Network
     from fuzzyarm.rl_baselines.learning_env import LearningEnvs
 
 __all__ = ["COLUMNS", "RESIDUAL", "Activation", "OffPolicyAlgorithm", "OffPolicyConfig"]

@@ -13,7 +13,7 @@ from typing import Any
 
 from fuzzyarm.common import console
 from fuzzyarm.envs.scenario.cases import PAPER_CASES
-from fuzzyarm.learned_policy.bundle import PolicyBundle
+from fuzzyarm.fuzzy_policy.laws.learned.bundle import PolicyBundle
 from fuzzyarm.rl_baselines.config import TrainingConfig
 
 __all__ = ["train_with_progress"]

@@ -24,8 +24,8 @@ import numpy as np
 from fuzzyarm.common.files import csv_text, write_atomically
 from fuzzyarm.envs.physics.equations import chosen_arm, robot_of
 from fuzzyarm.envs.scenario.cases import PAPER_CASES
-from fuzzyarm.learned_policy.bundle import BEST, LAST, PolicyBundle
-from fuzzyarm.learned_policy.policy import LearnedPolicy
+from fuzzyarm.fuzzy_policy.laws.learned.bundle import BEST, LAST, PolicyBundle
+from fuzzyarm.fuzzy_policy.laws.learned.policy import LearnedPolicy
 from fuzzyarm.rl_baselines.algorithms import algorithm_of, find_algorithm
 from fuzzyarm.rl_baselines.case_evaluation import COLUMNS, evaluate_cases
 from fuzzyarm.rl_baselines.checkpoint import (

@@ -18,8 +18,8 @@ from __future__ import annotations
 import dataclasses
 
 from fuzzyarm.envs.observation import JOINTS
-from fuzzyarm.fuzzy_policy.proof.vertices import TrackingVertices, Vertices
 from fuzzyarm.fuzzy_policy.states import PLANT_STATES
+from fuzzyarm.proof.vertices import TrackingVertices, Vertices
 
 __all__ = ["Size", "full_size", "paper_formula"]
 

@@ -27,11 +27,11 @@ from fuzzyarm.common.checks import finite_array, instance, listed, real, shown, 
 from fuzzyarm.envs.observation import JOINTS
 from fuzzyarm.envs.physics.parameters import ArmParameters
 from fuzzyarm.fuzzy_policy.controller import GAINS
-from fuzzyarm.fuzzy_policy.proof.block_matrix import Assembly, he, identity, symmetric, transposed
-from fuzzyarm.fuzzy_policy.proof.certificate import Certificate, certify
-from fuzzyarm.fuzzy_policy.proof.vertices import Index, Vertices
 from fuzzyarm.fuzzy_policy.signed_files import ControllerFileError
 from fuzzyarm.fuzzy_policy.states import PLANT
+from fuzzyarm.proof.block_matrix import Assembly, he, identity, symmetric, transposed
+from fuzzyarm.proof.certificate import Certificate, certify
+from fuzzyarm.proof.vertices import Index, Vertices
 from fuzzyarm.synthesis.designer import Design, DesignFailed, to_controller
 from fuzzyarm.synthesis.expressions import half, negative, positive
 from fuzzyarm.synthesis.inequalities import MARGIN, Inequalities, NoPoint

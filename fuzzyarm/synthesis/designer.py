@@ -14,8 +14,8 @@ from fuzzyarm.common.rounding import at_least, at_most
 from fuzzyarm.envs.observation import JOINTS
 from fuzzyarm.envs.physics.parameters import ArmParameters
 from fuzzyarm.fuzzy_policy.controller import Controller
-from fuzzyarm.fuzzy_policy.proof.certificate import Certificate, certify
 from fuzzyarm.fuzzy_policy.ts_model import TSModel
+from fuzzyarm.proof.certificate import Certificate, certify
 from fuzzyarm.synthesis.inequalities import NoPoint, Point
 from fuzzyarm.synthesis.search import best_point, why_infeasible
 from fuzzyarm.synthesis.specification import PAPER_WEIGHT, Specification

@@ -10,7 +10,7 @@ from typing import Any
 import cvxpy as cp
 import numpy as np
 
-from fuzzyarm.fuzzy_policy.proof.block_matrix import times, transposed
+from fuzzyarm.proof.block_matrix import times, transposed
 
 __all__ = ["half", "negative", "positive"]
 

@@ -33,11 +33,11 @@ from fuzzyarm.common.slices import consecutive
 from fuzzyarm.envs.observation import JOINTS
 from fuzzyarm.envs.physics.parameters import ArmParameters
 from fuzzyarm.fuzzy_policy.controller import RATES, consistent_feedforward
-from fuzzyarm.fuzzy_policy.proof import consistent_reference, theorems
-from fuzzyarm.fuzzy_policy.proof.block_matrix import Assembly, symmetric, transposed
-from fuzzyarm.fuzzy_policy.proof.vertices import TrackingVertices, error_vertices, tracking_vertices
 from fuzzyarm.fuzzy_policy.states import VELOCITY
 from fuzzyarm.fuzzy_policy.ts_model import TSModel
+from fuzzyarm.proof import consistent_reference, theorems
+from fuzzyarm.proof.block_matrix import Assembly, symmetric, transposed
+from fuzzyarm.proof.vertices import TrackingVertices, error_vertices, tracking_vertices
 from fuzzyarm.synthesis.expressions import half, negative, positive
 from fuzzyarm.synthesis.scaling import Scaling
 from fuzzyarm.synthesis.specification import PAPER_WEIGHT, Specification

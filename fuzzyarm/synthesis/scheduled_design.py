@@ -16,9 +16,9 @@ from fuzzyarm.envs.physics.robot import Robot
 from fuzzyarm.fuzzy_policy.controller import GAINS, RATES
 from fuzzyarm.fuzzy_policy.laws.observer_gains import ONE_AT_A_TIME, places_of, worst_radius
 from fuzzyarm.fuzzy_policy.laws.scheduled import linear_scheduled
-from fuzzyarm.fuzzy_policy.proof.certificate import Certificate
-from fuzzyarm.fuzzy_policy.proof.scheduled_certificate import certify_scheduled, schedule_rate
 from fuzzyarm.fuzzy_policy.scheduled import FUNCTIONS, MOST_PREMISES, Premise, ScheduledController, speeds_of
+from fuzzyarm.proof.certificate import Certificate
+from fuzzyarm.proof.scheduled_certificate import certify_scheduled, schedule_rate
 from fuzzyarm.synthesis.designer import DesignFailed
 from fuzzyarm.synthesis.inertia_metric import Metric, fitted_metric, ranked_premises, split_of
 from fuzzyarm.synthesis.scalar_design import Feedback, best_feedback, feedback_for_gamma, smallest_pole

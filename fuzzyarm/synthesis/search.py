@@ -17,8 +17,8 @@ import numpy as np
 from fuzzyarm.common.bisection import last_that_works
 from fuzzyarm.envs.physics.parameters import ArmParameters
 from fuzzyarm.fuzzy_policy.controller import GAINS, RATES, Controller
-from fuzzyarm.fuzzy_policy.proof.vertices import error_vertices
 from fuzzyarm.fuzzy_policy.ts_model import TSModel
+from fuzzyarm.proof.vertices import error_vertices
 from fuzzyarm.synthesis.inequalities import CERTAIN, PAPER_GAMMA, Inequalities, NoPoint, Point, structure_of
 from fuzzyarm.synthesis.scaling import Scaling
 from fuzzyarm.synthesis.specification import FIRST_ALPHA, Specification

@@ -6,7 +6,7 @@ __all__: list[str] = []
 
 for _name in (
     "fuzzyarm.cli",
-    "fuzzyarm.eval.certified.tip.bound_file",
+    "fuzzyarm.policies.tip_files",
     "fuzzyarm.eval.dataset.store",
     "fuzzyarm.eval.evaluation.figures",
     "fuzzyarm.eval.evaluation.run",

@@ -21,11 +21,6 @@ from fuzzyarm.envs.physics.equations import robot_of
 from fuzzyarm.envs.physics.parameters import ArmParameters
 from fuzzyarm.envs.physics.robot import robot_named
 from fuzzyarm.envs.scenario.disturbances import EncoderNoise
-from fuzzyarm.eval.certified.tip.bound import TipClaim, find_bound
-from fuzzyarm.eval.certified.tip.bound_file import save_bound
-from fuzzyarm.eval.certified.tip.cells import bounds_of_cells
-from fuzzyarm.eval.certified.tip.cells_file import save_cells
-from fuzzyarm.eval.certified.tip.plant import PlantSet
 from fuzzyarm.eval.dataset import store
 from fuzzyarm.eval.dataset.config import DatasetConfig
 from fuzzyarm.eval.engine import Engine
@@ -39,15 +34,19 @@ from fuzzyarm.eval.sweep.summary import summarise
 from fuzzyarm.eval.tuning.finding import write_finding
 from fuzzyarm.eval.tuning.steps import found
 from fuzzyarm.fuzzy_policy.laws.adaptive.belief import AdaptiveWeights
+from fuzzyarm.fuzzy_policy.laws.learned.bundle import PolicyBundle
+from fuzzyarm.fuzzy_policy.laws.learned.definition import ActionDefinition, FeatureDefinition
+from fuzzyarm.fuzzy_policy.laws.learned.network import Cell, Network
 from fuzzyarm.fuzzy_policy.laws.observer_gains import ObserverWeights
 from fuzzyarm.fuzzy_policy.scheduled import Premise, ScheduledController
 from fuzzyarm.fuzzy_policy.signed_files import digest_of
 from fuzzyarm.identification.excitation import Excitation, rehearsed
 from fuzzyarm.identification.log import Log, write_log
-from fuzzyarm.learned_policy.bundle import PolicyBundle
-from fuzzyarm.learned_policy.definition import ActionDefinition, FeatureDefinition
-from fuzzyarm.learned_policy.network import Cell, Network
+from fuzzyarm.policies.tip_bound import TipClaim, find_bound
+from fuzzyarm.policies.tip_cells import bounds_of_cells
+from fuzzyarm.policies.tip_files import save_bound, save_cells
 from fuzzyarm.policies.tuned import LAWS, NAME, SCHEMA, TunedLaws
+from fuzzyarm.proof.tip.plant import PlantSet
 from fuzzyarm.rl_baselines.algorithms.ppo import PPOConfig
 from fuzzyarm.rl_baselines.training import Training
 from fuzzyarm.synthesis import ScheduledSpecification, design_scheduled, scheduled_design
@@ -55,7 +54,10 @@ from fuzzyarm.synthesis import ScheduledSpecification, design_scheduled, schedul
 __all__ = ["CANARY", "CONTROLLERS", "SMALL_TRAINING", "no_code_ran", "of_robot", "room", "scratch", "signed"]
 
 PACKAGE = Path(fuzzyarm.__file__).parent
-CONTROLLERS, BUNDLES = PACKAGE / "fuzzy_policy" / "controllers", PACKAGE / "learned_policy" / "policies"
+CONTROLLERS, BUNDLES = (
+    PACKAGE / "fuzzy_policy" / "controllers",
+    PACKAGE / "fuzzy_policy" / "laws" / "learned" / "policies",
+)
 ROOM = Path(tempfile.mkdtemp(prefix="abuse-"))
 CANARY = ROOM / "canary"
 SMALL_TRAINING: dict[str, Any] = {

@@ -29,9 +29,9 @@ from fuzzyarm.envs.scenario.paths import Circle, Lemniscate, Line, Spline
 from fuzzyarm.envs.scenario.randomisation import ALLOWED, DomainRandomisation
 from fuzzyarm.envs.scenario.reference import JointReference
 from fuzzyarm.envs.vector import FuzzyArmVectorEnv
-from fuzzyarm.eval.certified.tip.plant import PlantSet
 from fuzzyarm.eval.episodes.rollout import run_episode
 from fuzzyarm.identification.log import read_log
+from fuzzyarm.proof.tip.plant import PlantSet
 from fuzzyarm.rl_baselines.algorithms.ppo import PPOConfig
 from fuzzyarm.rl_baselines.torch_env import TorchFuzzyArm
 

@@ -18,17 +18,17 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from support.shipped import CONTROLLERS
 
-import fuzzyarm
 from fuzzyarm.cli import main
-from fuzzyarm.eval.certified.tip.cells_file import check_cells
 from fuzzyarm.fuzzy_policy.controller import Controller
 from fuzzyarm.fuzzy_policy.controller_files import load_controller
-from fuzzyarm.fuzzy_policy.proof import consistent_reference
-from fuzzyarm.fuzzy_policy.proof.certificate import Certificate, certify, inequality_name
-from fuzzyarm.fuzzy_policy.proof.scheduled_certificate import certify_scheduled
 from fuzzyarm.fuzzy_policy.signed_files import ControllerFileError
 from fuzzyarm.fuzzy_policy.ts_model import TSModel
+from fuzzyarm.policies.tip_files import check_cells
+from fuzzyarm.proof import consistent_reference
+from fuzzyarm.proof.certificate import Certificate, certify, inequality_name
+from fuzzyarm.proof.scheduled_certificate import certify_scheduled
 from fuzzyarm.synthesis import DesignProblem, Specification, design
 from fuzzyarm.synthesis.designer import to_controller
 from fuzzyarm.synthesis.expressions import half
@@ -47,7 +47,7 @@ NEAR = st.floats(-0.5, 0.5).map(math.exp)
 
 @functools.cache
 def shipped(name: str) -> Controller:
-    return Controller.load(Path(fuzzyarm.__file__).parent / "fuzzy_policy" / "controllers" / f"{name}.json")
+    return Controller.load(CONTROLLERS[name])
 
 
 def judged(forged: Controller, folder: Path) -> Certificate:

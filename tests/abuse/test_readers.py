@@ -32,9 +32,6 @@ from fuzzyarm.envs.physics.equations import robot_of
 from fuzzyarm.envs.physics.parameters import ArmParameters
 from fuzzyarm.envs.physics.robot import Robot
 from fuzzyarm.envs.scenario.given_path import GivenPath
-from fuzzyarm.eval.certified.tip.bound_file import check_bound
-from fuzzyarm.eval.certified.tip.cells_file import check_cells
-from fuzzyarm.eval.certified.tip.plant import find_set
 from fuzzyarm.eval.dataset.store import open_dataset
 from fuzzyarm.eval.episodes.rollout_file import digest, read_rollouts
 from fuzzyarm.eval.evaluation.ranking import rank_policies
@@ -45,7 +42,9 @@ from fuzzyarm.eval.sweep.run import Sweep, digest_of
 from fuzzyarm.eval.tuning.finding import read_finding
 from fuzzyarm.fuzzy_policy.controller_files import load_controller
 from fuzzyarm.identification.log import read_log
+from fuzzyarm.policies.tip_files import check_bound, check_cells
 from fuzzyarm.policies.tuned import LAWS, read_laws
+from fuzzyarm.proof.tip.plant import find_set
 from fuzzyarm.rl_baselines.training import Training
 
 from . import samples

@@ -21,7 +21,7 @@ from fuzzyarm import load_policy
 from fuzzyarm.common.console import PIPED_WIDTH
 from fuzzyarm.envs.physics.parameters import ArmParameters
 from fuzzyarm.envs.scenario.cases import PAPER_CASES
-from fuzzyarm.learned_policy.definition import ActionDefinition
+from fuzzyarm.fuzzy_policy.laws.learned.definition import ActionDefinition
 from fuzzyarm.rl_baselines.case_evaluation import evaluate_cases
 
 ROOT = Path(__file__).parents[2]

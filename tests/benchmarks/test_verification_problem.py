@@ -12,8 +12,8 @@ from fuzzyarm import load_policy
 from fuzzyarm.envs.physics.dynamics import arm_constants, dry_frictions, rigid_inverse_dynamics
 from fuzzyarm.envs.physics.friction import DryFriction, stribeck_magnitude
 from fuzzyarm.envs.physics.parameters import ArmParameters
-from fuzzyarm.eval.certified.tip.bound import TipClaim, problem_of
-from fuzzyarm.eval.certified.tip.plant import PlantSet
+from fuzzyarm.policies.tip_bound import TipClaim, problem_of
+from fuzzyarm.proof.tip.plant import PlantSet
 
 PATH = Path(__file__).parents[2] / "benchmarks" / "verification_problem.py"
 SPEC = importlib.util.spec_from_file_location(PATH.stem, PATH)

@@ -13,6 +13,7 @@ import pytest
 from slow_twins import slow_but
 from support.command_line import one_line_error
 from support.processes import running
+from support.shipped import CONTROLLERS
 
 from fuzzyarm.cli import main
 from fuzzyarm.envs.physics.parameters import ArmParameters
@@ -260,9 +261,7 @@ def test_the_installed_command_works():
 
 
 def shipped(name):
-    from importlib import resources
-
-    return str(resources.files("fuzzyarm.fuzzy_policy.controllers") / name)
+    return str(CONTROLLERS[name.removesuffix(".json")])
 
 
 def test_verify_proves_files_and_says_what_for(capsys):

@@ -5,17 +5,17 @@ import json
 import os
 import subprocess
 import sys
-from importlib import resources
 from pathlib import Path
 
 import pytest
 from slow_twins import slow_but
+from support.shipped import CONTROLLERS
 
 from fuzzyarm.cli import main
 from fuzzyarm.cli.application import GROUPS
 from fuzzyarm.common.console import SPELLED_OUT, escaped, output, say
 
-CONTROLLER = str(resources.files("fuzzyarm.fuzzy_policy.controllers") / "paper-1-common.json")
+CONTROLLER = str(CONTROLLERS["paper-1-common"])
 NAMES = [name for commands in GROUPS.values() for name in commands]
 HELP = [["--help"], ["--version"], *([name, "--help"] for name in NAMES), ["train", "ppo", "--help"]]
 BRIEF = ["--n-steps", "32", "--batch-size", "64", "--hidden", "4"]

@@ -19,7 +19,7 @@ from fuzzyarm.envs.scenario.reference import JointReference
 from fuzzyarm.envs.vector import FuzzyArmVectorEnv
 from fuzzyarm.eval.evaluation.run import EvaluationConfig
 from fuzzyarm.eval.sweep.config import SweepConfig
-from fuzzyarm.learned_policy.definition import ActionDefinition, FeatureDefinition
+from fuzzyarm.fuzzy_policy.laws.learned.definition import ActionDefinition, FeatureDefinition
 
 ALLOWED = (TypeError, ValueError, ResetNeeded)
 LONGEST = 600  # characters of a message

@@ -5,8 +5,8 @@ import pickle
 import pytest
 
 from fuzzyarm.eval.episodes import loop
-from fuzzyarm.fuzzy_policy.proof.certificate import certify
 from fuzzyarm.policies import controller_policy
+from fuzzyarm.proof.certificate import certify
 
 VERDICTS = {}
 

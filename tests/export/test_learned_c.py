@@ -13,7 +13,7 @@ from fuzzyarm import load_policy
 from fuzzyarm.cli import main
 from fuzzyarm.export.c_files import FLAGS, CompiledLaw, compilers, export_c, random_observations, sources_of
 from fuzzyarm.export.c_text import helper_text
-from fuzzyarm.learned_policy.network import Network
+from fuzzyarm.fuzzy_policy.laws.learned.network import Network
 
 COMPILERS = compilers()
 needs_compiler = pytest.mark.skipif(not COMPILERS, reason="no C compiler (gcc, clang) on this machine")

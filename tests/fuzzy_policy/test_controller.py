@@ -4,10 +4,10 @@ import dataclasses
 import json
 import math
 import re
-from importlib import resources
 
 import numpy as np
 import pytest
+from support.shipped import CONTROLLERS
 
 from fuzzyarm import load_policy
 from fuzzyarm.envs.physics.parameters import ArmParameters
@@ -265,7 +265,7 @@ def test_a_fastest_pole_without_its_slack_or_the_other_way_round_is_refused(limi
 
 
 def test_the_form_of_the_paper_has_no_fastest_pole():
-    paper = Controller.load(resources.files("fuzzyarm.fuzzy_policy.controllers") / "paper-1.json")
+    paper = Controller.load(CONTROLLERS["paper-1"])
     with pytest.raises(ControllerFileError, match="fastest_pole does not go with the paper form"):
         dataclasses.replace(paper, fastest_pole=200.0)
 

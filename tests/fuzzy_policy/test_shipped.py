@@ -2,18 +2,17 @@
 
 import itertools
 import json
-from importlib import resources
 from pathlib import Path
 
 import numpy as np
 import pytest
+from support.shipped import CONTROLLERS
 
 from fuzzyarm.fuzzy_policy.controller import Controller
-from fuzzyarm.fuzzy_policy.proof.certificate import certify
 from fuzzyarm.fuzzy_policy.ts_model import NAMED_RULES
+from fuzzyarm.proof.certificate import certify
 
-FOLDER = resources.files("fuzzyarm.fuzzy_policy.controllers")
-FILES = sorted(entry.name for entry in FOLDER.iterdir() if entry.name.endswith(".json"))
+FILES = sorted(f"{name}.json" for name in CONTROLLERS)
 RESULTS = Path(__file__).parents[2] / "benchmarks" / "results"
 WITNESSES = [
     (rules, f"paper-{rules}" + "-integral" * integral + "-common" * common + ".json")
@@ -23,7 +22,7 @@ PAPER_EPSILON = 1e4  # the gain bound of section 6.2: |M_ik| <= 1e4
 
 
 def load(name):
-    return Controller.load(FOLDER / name)
+    return Controller.load(CONTROLLERS[name.removesuffix(".json")])
 
 
 @pytest.mark.parametrize(

@@ -34,7 +34,7 @@ class Mutant(NamedTuple):
 
 CHECKS, DOCUMENTS, FILES, ARRAYS = (f"common/{name}.py" for name in ("checks", "documents", "files", "array_files"))
 CONTROLLER, SCHEDULED, MODEL = (f"fuzzy_policy/{name}.py" for name in ("controller", "scheduled", "ts_model"))
-PROOF, TIP = "fuzzy_policy/proof", "eval/certified/tip"
+PROOF, TIP = "proof", "proof/tip"
 
 FORGED = "tests/abuse/test_forgeries.py -m slow -k 'not robot and not whatever and not badly and not cell'"
 ROBOT = "tests/abuse/test_forgeries.py -m slow -k robot"
@@ -72,9 +72,9 @@ MUTANTS = (
     Mutant("controller-gamma", CONTROLLER, 'real("gamma", self.gamma, low=GAINS[0], high=GAINS[1])', 'real("gamma", self.gamma)', BADLY),
     Mutant("controller-pole", CONTROLLER, "above=alpha, high=RATES[1])", "above=0.0, high=RATES[1])", BADLY),
     # Proofs of the rigid arm.
-    Mutant("definite-dominance", f"{PROOF}/definiteness.py", "sum((abs(product[i, j])", "sum((product[i, j]", "tests/fuzzy_policy/proof/test_definiteness.py"),
-    Mutant("definite-symmetric", f"{PROOF}/definiteness.py", "    if not np.array_equal(matrix, matrix.T):", "    if False:", "tests/fuzzy_policy/proof/test_definiteness.py"),
-    Mutant("definite-stated", f"{PROOF}/definiteness.py", "rational(Fraction(repr(float(value))))", "rational(float(value))", "tests/fuzzy_policy/proof/test_stated_numbers.py"),
+    Mutant("definite-dominance", f"{PROOF}/definiteness.py", "sum((abs(product[i, j])", "sum((product[i, j]", "tests/proof/test_definiteness.py"),
+    Mutant("definite-symmetric", f"{PROOF}/definiteness.py", "    if not np.array_equal(matrix, matrix.T):", "    if False:", "tests/proof/test_definiteness.py"),
+    Mutant("definite-stated", f"{PROOF}/definiteness.py", "rational(Fraction(repr(float(value))))", "rational(float(value))", "tests/proof/test_stated_numbers.py"),
     Mutant("certify-P", f"{PROOF}/certificate.py", 'claims = [claim("P > 0", P)]', "claims: list[Claim] = []", FORGED),
     Mutant("certify-pair", f"{PROOF}/certificate.py", "                if i != j:", "                if i > j:", FORGED),
     Mutant("certify-gamma", f"{PROOF}/certificate.py", '"gamma2": gamma * gamma,', '"gamma2": gamma,', FORGED),
@@ -82,22 +82,22 @@ MUTANTS = (
     Mutant("consistent-uncertain", f"{PROOF}/consistent_reference.py", "total = total + times(scale, H.T @ H)", "total = total + 0 * times(scale, H.T @ H)", FORGED),
     Mutant("consistent-input", f"{PROOF}/consistent_reference.py", "A @ P + B @ M - E", "A @ P - B @ M - E", "tests/synthesis/test_dissipation.py"),
     Mutant("theorem-1-input", f"{PROOF}/theorems.py", "A @ P_11 + B @ M - E", "A @ P_11 - B @ M - E", "tests/synthesis/test_dissipation.py"),
-    Mutant("theorem-2-sign", f"{PROOF}/theorems.py", "-W @ (data.A_r @ P_22 + Q_12)", "-W @ (data.A_r @ P_22 - Q_12)", "tests/fuzzy_policy/proof/test_theorems.py"),
+    Mutant("theorem-2-sign", f"{PROOF}/theorems.py", "-W @ (data.A_r @ P_22 + Q_12)", "-W @ (data.A_r @ P_22 - Q_12)", "tests/proof/test_theorems.py"),
     Mutant("model-range", MODEL, "(high - low) / 2 * slope[rows]", "(high - low) / 4 * slope[rows]", "tests/fuzzy_policy/test_ts_model.py"),
     Mutant("scheduled-share", f"{PROOF}/scheduled_certificate.py", '(("1/kappa", 1 / stated(controller.kappa)), ("1", fmpq(1)))', '(("1", fmpq(1)),)', ROBOT),
-    Mutant("scheduled-slope", f"{PROOF}/inertia_bounds.py", 'for sign, mark in ((1, "-"), (-1, "+")):', 'for sign, mark in ((1, "-"),):', "tests/fuzzy_policy/proof/test_scheduled_certificate.py -k every_claim"),
+    Mutant("scheduled-slope", f"{PROOF}/inertia_bounds.py", 'for sign, mark in ((1, "-"), (-1, "+")):', 'for sign, mark in ((1, "-"),):', "tests/proof/test_scheduled_certificate.py -k every_claim"),
     Mutant("scheduled-rate", f"{PROOF}/scheduled_certificate.py", "+ 2 * rate * P", "+ rate * P", ROBOT),
-    Mutant("cover-rounding", f"{PROOF}/box_cover.py", "return cls(coefficients, both, float(shift), weight)", "return cls(coefficients, both, 0.0, weight)", "tests/fuzzy_policy/proof/test_inertia_polynomial.py"),
-    Mutant("residual-slope", f"{PROOF}/residual.py", "bound += (g + slope * reach).abs_upper()", "bound += g.abs_upper()", "tests/fuzzy_policy/proof/test_residual.py"),
+    Mutant("cover-rounding", f"{PROOF}/box_cover.py", "return cls(coefficients, both, float(shift), weight)", "return cls(coefficients, both, 0.0, weight)", "tests/proof/test_inertia_polynomial.py"),
+    Mutant("residual-slope", f"{PROOF}/residual.py", "bound += (g + slope * reach).abs_upper()", "bound += g.abs_upper()", "tests/proof/test_residual.py"),
     # Proofs of the tip.
-    Mutant("cells-proven", f"{TIP}/cells_file.py", "        if not cell.proven:", "        if False:", "tests/abuse/test_forgeries.py -m slow -k cell"),
-    Mutant("cells-hole", f"{TIP}/cells_file.py", "hole = missed(claim.plants, [cell.claim.plants for cell in found])", "hole = None", "tests/eval/certified/tip/test_tube.py -k cells"),
-    Mutant("zonotope-box", f"{TIP}/zonotope.py", "(np.abs(self.columns).sum(axis=1) + self.box) * ROUND_UP", "np.abs(self.columns).sum(axis=1) * ROUND_UP", "tests/eval/certified/tip/test_enclosures.py"),
-    Mutant("links-remainder", f"{TIP}/remainders.py", "total += spread @ tube[rows]", "total += 0.5 * spread @ tube[rows]", "tests/eval/certified/tip/test_enclosures.py"),
+    Mutant("cells-proven", "policies/tip_files.py", "        if not cell.proven:", "        if False:", "tests/abuse/test_forgeries.py -m slow -k cell"),
+    Mutant("cells-hole", "policies/tip_files.py", "hole = missed(claim.plants, [cell.claim.plants for cell in found])", "hole = None", "tests/proof/tip/test_tube.py -k cells"),
+    Mutant("zonotope-box", f"{TIP}/zonotope.py", "(np.abs(self.columns).sum(axis=1) + self.box) * ROUND_UP", "np.abs(self.columns).sum(axis=1) * ROUND_UP", "tests/proof/tip/test_enclosures.py"),
+    Mutant("links-remainder", f"{TIP}/remainders.py", "total += spread @ tube[rows]", "total += 0.5 * spread @ tube[rows]", "tests/proof/tip/test_enclosures.py"),
     # Other readers.
     Mutant("checkpoint-pickle", "rl_baselines/checkpoint.py", 'map_location="cpu", weights_only=True', 'map_location="cpu", weights_only=False', "tests/rl_baselines/test_crafted_checkpoint.py"),
     Mutant("checkpoint-count", "rl_baselines/checkpoint.py", 'whole("generators.numpy.position", drawn["position"], high=len(keys))', "len(keys)", "tests/rl_baselines/test_crafted_checkpoint.py"),
-    Mutant("bundle-weights", "learned_policy/bundle.py", "if hashlib.sha256(weights).hexdigest() != description.weights_sha256", "if not description.weights_sha256", f"{READ} 'bytes and weights'"),
+    Mutant("bundle-weights", "fuzzy_policy/laws/learned/bundle.py", "if hashlib.sha256(weights).hexdigest() != description.weights_sha256", "if not description.weights_sha256", f"{READ} 'bytes and weights'"),
     Mutant("sweep-identity", "eval/sweep/run.py", "if digest != digest_of(then):", "if False:", f"{READ} exchanged"),
     Mutant("data-set-there", "eval/dataset/store.py", "    if folder.exists():", "    if False:", "tests/eval/dataset/test_dataset.py -m slow -k minari_loads"),
 )  # fmt: skip

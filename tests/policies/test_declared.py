@@ -14,7 +14,7 @@ from fuzzyarm.eval.declarations import print_declared, read_declarations, writte
 from fuzzyarm.eval.evaluation.result_table import DECLARED, declared_rows
 from fuzzyarm.eval.report.summary import declared_table
 from fuzzyarm.fuzzy_policy.controller import Controller
-from fuzzyarm.learned_policy.bundle import PolicyBundle
+from fuzzyarm.fuzzy_policy.laws.learned.bundle import PolicyBundle
 from fuzzyarm.policies import NAMES, load_policy, resolve
 from fuzzyarm.policies.declared import ELASTIC, HEADINGS, Declared, declared, declared_by_name, stated
 from fuzzyarm.policies.registry import POLICIES

@@ -19,7 +19,7 @@ from fuzzyarm.fuzzy_policy.laws.tip import TipPolicy
 from fuzzyarm.policies import NAMES, Kind, add_policy, load_policy, registry, resolve, resolve_all
 
 PACKAGE = Path(fuzzyarm.__file__).parent
-SHIPPED, TRAINED = PACKAGE / "fuzzy_policy" / "controllers", PACKAGE / "learned_policy" / "policies"
+SHIPPED, TRAINED = PACKAGE / "fuzzy_policy" / "controllers", PACKAGE / "fuzzy_policy" / "laws" / "learned" / "policies"
 
 
 @pytest.mark.parametrize(

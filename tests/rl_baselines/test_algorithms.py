@@ -11,8 +11,8 @@ pytest.importorskip("stable_baselines3")
 import torch
 
 from fuzzyarm import load_policy
-from fuzzyarm.learned_policy.bundle import PolicyBundle
-from fuzzyarm.learned_policy.network import Network
+from fuzzyarm.fuzzy_policy.laws.learned.bundle import PolicyBundle
+from fuzzyarm.fuzzy_policy.laws.learned.network import Network
 from fuzzyarm.rl_baselines import algorithms
 from fuzzyarm.rl_baselines.algorithm import AlgorithmSpec
 from fuzzyarm.rl_baselines.algorithms import ALGORITHMS, add_algorithm, algorithm_of, find_algorithm

@@ -23,8 +23,14 @@ from fuzzyarm.envs.scenario.randomisation import DomainRandomisation  # noqa: E4
 from fuzzyarm.envs.scenario.reference import JointReference  # noqa: E402
 from fuzzyarm.fuzzy_policy.laws.adaptive.belief import FLAG, AdaptiveWeights  # noqa: E402
 from fuzzyarm.fuzzy_policy.laws.adaptive.policy import AdaptiveObserverPolicy  # noqa: E402
-from fuzzyarm.learned_policy.estimate.network import EstimateNetwork, respond  # noqa: E402
-from fuzzyarm.learned_policy.estimate.signals import GAP_SHARE, context_parts, scale_of, unexplained_parts, units_of  # noqa: E402
+from fuzzyarm.fuzzy_policy.laws.learned.estimate.network import EstimateNetwork, respond  # noqa: E402
+from fuzzyarm.fuzzy_policy.laws.learned.estimate.signals import (  # noqa: E402
+    GAP_SHARE,
+    context_parts,
+    scale_of,
+    unexplained_parts,
+    units_of,
+)
 from fuzzyarm.rl_baselines.estimate import courses as courses_module  # noqa: E402
 from fuzzyarm.rl_baselines.estimate.config import EstimateConfig  # noqa: E402
 from fuzzyarm.rl_baselines.estimate.courses import Courses, draw_courses  # noqa: E402

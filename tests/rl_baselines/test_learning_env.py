@@ -12,9 +12,9 @@ from fuzzyarm.envs.scenario.paths import Line
 from fuzzyarm.envs.scenario.reference import JointReference
 
 pytest.importorskip("stable_baselines3")
-from fuzzyarm.learned_policy.bundle import PolicyBundle
-from fuzzyarm.learned_policy.network import Network
-from fuzzyarm.learned_policy.policy import LearnedPolicy
+from fuzzyarm.fuzzy_policy.laws.learned.bundle import PolicyBundle
+from fuzzyarm.fuzzy_policy.laws.learned.network import Network
+from fuzzyarm.fuzzy_policy.laws.learned.policy import LearnedPolicy
 from fuzzyarm.rl_baselines.algorithms.ppo import PPOConfig
 from fuzzyarm.rl_baselines.case_evaluation import evaluate_cases
 from fuzzyarm.rl_baselines.learning_env import LearningEnvs, learning_envs, sharpened_reward

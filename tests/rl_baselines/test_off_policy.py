@@ -10,7 +10,7 @@ import pytest
 torch = pytest.importorskip("torch")
 sb3 = pytest.importorskip("stable_baselines3")
 from fuzzyarm.cli import main  # noqa: E402
-from fuzzyarm.learned_policy.bundle import PolicyBundle  # noqa: E402
+from fuzzyarm.fuzzy_policy.laws.learned.bundle import PolicyBundle  # noqa: E402
 from fuzzyarm.rl_baselines.algorithms import ALGORITHMS  # noqa: E402
 from fuzzyarm.rl_baselines.algorithms.ppo import PPOConfig  # noqa: E402
 from fuzzyarm.rl_baselines.algorithms.sac import PRESETS, SACConfig  # noqa: E402

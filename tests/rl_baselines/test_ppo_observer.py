@@ -7,7 +7,7 @@ import pytest
 
 torch = pytest.importorskip("torch")
 pytest.importorskip("stable_baselines3")
-from fuzzyarm.learned_policy.bundle import PolicyBundle  # noqa: E402
+from fuzzyarm.fuzzy_policy.laws.learned.bundle import PolicyBundle  # noqa: E402
 from fuzzyarm.rl_baselines.algorithms.ppo import PRESETS, PPOConfig  # noqa: E402
 from fuzzyarm.rl_baselines.case_evaluation import evaluate_cases  # noqa: E402
 from fuzzyarm.rl_baselines.ppo_policy import NOISE  # noqa: E402

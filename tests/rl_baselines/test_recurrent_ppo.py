@@ -8,7 +8,7 @@ import pytest
 
 torch = pytest.importorskip("torch")
 sb3_contrib = pytest.importorskip("sb3_contrib")
-from fuzzyarm.learned_policy.bundle import PolicyBundle  # noqa: E402
+from fuzzyarm.fuzzy_policy.laws.learned.bundle import PolicyBundle  # noqa: E402
 from fuzzyarm.rl_baselines.algorithm import OnPolicyConfig  # noqa: E402
 from fuzzyarm.rl_baselines.algorithms.recurrent_ppo import PRESETS, RecurrentPPOConfig  # noqa: E402
 from fuzzyarm.rl_baselines.checkpoint import CheckpointError, read_checkpoint, write_checkpoint  # noqa: E402

@@ -13,9 +13,9 @@ from fuzzyarm.envs.scenario.cases import case_for
 from fuzzyarm.envs.scenario.disturbances import ConstantForce
 from fuzzyarm.envs.scenario.kinematics import freedom
 from fuzzyarm.fuzzy_policy.laws.adaptive.policy import AdaptiveObserverPolicy
-from fuzzyarm.learned_policy.definition import ArmDefinition
-from fuzzyarm.learned_policy.estimate.bundle import EstimateBundle
-from fuzzyarm.learned_policy.estimate.signals import scale_of
+from fuzzyarm.fuzzy_policy.laws.learned.definition import ArmDefinition
+from fuzzyarm.fuzzy_policy.laws.learned.estimate.bundle import EstimateBundle
+from fuzzyarm.fuzzy_policy.laws.learned.estimate.signals import scale_of
 from fuzzyarm.rl_baselines.estimate.courses import HEAVIEST, TravelForce, _direction, _rotation, draw_courses
 from fuzzyarm.rl_baselines.estimate.teacher import Teacher
 

@@ -11,8 +11,8 @@ pytest.importorskip("stable_baselines3")
 from fuzzyarm.cli import main
 from fuzzyarm.envs.physics.parameters import ArmParameters
 from fuzzyarm.envs.physics.robot import robot_named
-from fuzzyarm.learned_policy.bundle import PolicyBundle
-from fuzzyarm.learned_policy.definition import ArmDefinition
+from fuzzyarm.fuzzy_policy.laws.learned.bundle import PolicyBundle
+from fuzzyarm.fuzzy_policy.laws.learned.definition import ArmDefinition
 from fuzzyarm.policies import load_policy
 from fuzzyarm.rl_baselines.algorithms.ppo import PPOConfig
 from fuzzyarm.rl_baselines.learning_env import arm_definition, arm_of, default_scale

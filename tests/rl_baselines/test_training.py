@@ -19,8 +19,8 @@ pytest.importorskip("stable_baselines3")
 from support.processes import running, wait_until  # noqa: E402
 
 from fuzzyarm.cli import main  # noqa: E402
-from fuzzyarm.learned_policy.bundle import PolicyBundle  # noqa: E402
-from fuzzyarm.learned_policy.policy import LearnedPolicy  # noqa: E402
+from fuzzyarm.fuzzy_policy.laws.learned.bundle import PolicyBundle  # noqa: E402
+from fuzzyarm.fuzzy_policy.laws.learned.policy import LearnedPolicy  # noqa: E402
 from fuzzyarm.rl_baselines import training as trainer  # noqa: E402
 from fuzzyarm.rl_baselines.algorithms.ppo import PRESETS, PPOConfig  # noqa: E402
 from fuzzyarm.rl_baselines.case_evaluation import COLUMNS  # noqa: E402

@@ -4,9 +4,9 @@ import itertools
 
 import numpy as np
 
-from fuzzyarm.learned_policy.bundle import PolicyBundle
-from fuzzyarm.learned_policy.definition import ActionDefinition, FeatureDefinition
-from fuzzyarm.learned_policy.network import Network
+from fuzzyarm.fuzzy_policy.laws.learned.bundle import PolicyBundle
+from fuzzyarm.fuzzy_policy.laws.learned.definition import ActionDefinition, FeatureDefinition
+from fuzzyarm.fuzzy_policy.laws.learned.network import Network
 
 
 def network(sizes=(20, 16, 8, 2), seed=0, gain=1.0):

@@ -6,10 +6,10 @@ import dataclasses
 from collections.abc import Callable
 from pathlib import Path
 
-from fuzzyarm.eval.certified.tip.bound import TipBound
-from fuzzyarm.eval.certified.tip.bound_file import BoundCheck, check_bound, save_bound
-from fuzzyarm.eval.certified.tip.centre import Segment
-from fuzzyarm.eval.certified.tip.period import Closed
+from fuzzyarm.policies.tip_bound import TipBound
+from fuzzyarm.policies.tip_files import BoundCheck, check_bound, save_bound
+from fuzzyarm.proof.tip.centre import Segment
+from fuzzyarm.proof.tip.period import Closed
 
 __all__ = ["Understated", "checked", "with_part"]
 

@@ -4,9 +4,9 @@ import numpy as np
 import pytest
 
 from fuzzyarm.envs.physics.parameters import ArmParameters
-from fuzzyarm.fuzzy_policy.proof import consistent_reference, theorems
-from fuzzyarm.fuzzy_policy.proof.vertices import error_vertices, tracking_vertices
 from fuzzyarm.fuzzy_policy.ts_model import NAMED_RULES, TSModel
+from fuzzyarm.proof import consistent_reference, theorems
+from fuzzyarm.proof.vertices import error_vertices, tracking_vertices
 from fuzzyarm.synthesis.complexity import Size, full_size, paper_formula
 from fuzzyarm.synthesis.inequalities import Inequalities
 from fuzzyarm.synthesis.specification import PAPER_WEIGHT, Specification

@@ -12,13 +12,13 @@ from fuzzyarm import load_policy
 from fuzzyarm.cli import main
 from fuzzyarm.envs.fuzzy_arm import FuzzyArmEnv
 from fuzzyarm.envs.physics.parameters import ArmParameters
-from fuzzyarm.eval.certified.rigid import RigidLoop, find_worst_point
 from fuzzyarm.eval.episodes.metrics import metrics_of
 from fuzzyarm.eval.episodes.rollout import record_rollout
 from fuzzyarm.fuzzy_policy.controller import consistent_feedforward
 from fuzzyarm.fuzzy_policy.laws.fuzzy import FuzzyPolicy
-from fuzzyarm.fuzzy_policy.proof.certificate import certify
 from fuzzyarm.fuzzy_policy.ts_model import NAMED_RULES, PREMISES
+from fuzzyarm.proof.certificate import certify
+from fuzzyarm.proof.rigid_loop import RigidLoop, find_worst_point
 from fuzzyarm.synthesis import DesignFailed, Specification, describe, design, designer
 from fuzzyarm.synthesis import search as synthesis_search
 from fuzzyarm.synthesis.inequalities import NoPoint

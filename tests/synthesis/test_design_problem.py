@@ -7,12 +7,12 @@ import numpy as np
 import pytest
 
 from fuzzyarm.envs.physics.parameters import ArmParameters
-from fuzzyarm.eval.certified.rigid import RigidLoop, freeze
 from fuzzyarm.fuzzy_policy.controller import Controller
-from fuzzyarm.fuzzy_policy.proof import consistent_reference
-from fuzzyarm.fuzzy_policy.proof.certificate import certify
-from fuzzyarm.fuzzy_policy.proof.vertices import error_vertices
 from fuzzyarm.fuzzy_policy.ts_model import NAMED_RULES, TSModel
+from fuzzyarm.proof import consistent_reference
+from fuzzyarm.proof.certificate import certify
+from fuzzyarm.proof.rigid_loop import RigidLoop, freeze
+from fuzzyarm.proof.vertices import error_vertices
 from fuzzyarm.synthesis import DesignFailed, DesignProblem, Specification, design
 from fuzzyarm.synthesis.design_problem import pi
 from fuzzyarm.synthesis.expressions import half

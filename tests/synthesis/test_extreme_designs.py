@@ -8,8 +8,8 @@ from slow_twins import slow_but
 from fuzzyarm.cli import main
 from fuzzyarm.envs.physics.parameters import ArmParameters
 from fuzzyarm.fuzzy_policy.controller import Controller
-from fuzzyarm.fuzzy_policy.proof.certificate import certify
 from fuzzyarm.fuzzy_policy.ts_model import NAMED_RULES
+from fuzzyarm.proof.certificate import certify
 from fuzzyarm.synthesis import DesignFailed, Specification, design, search
 
 

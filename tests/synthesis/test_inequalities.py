@@ -10,11 +10,11 @@ import pytest
 from slow_twins import slow_but
 
 from fuzzyarm.envs.physics.parameters import ArmParameters
-from fuzzyarm.fuzzy_policy.proof import consistent_reference, theorems
-from fuzzyarm.fuzzy_policy.proof.block_matrix import symmetric
-from fuzzyarm.fuzzy_policy.proof.vertices import error_vertices, tracking_vertices
 from fuzzyarm.fuzzy_policy.states import VELOCITY
 from fuzzyarm.fuzzy_policy.ts_model import NAMED_RULES, TSModel
+from fuzzyarm.proof import consistent_reference, theorems
+from fuzzyarm.proof.block_matrix import symmetric
+from fuzzyarm.proof.vertices import error_vertices, tracking_vertices
 from fuzzyarm.synthesis import Specification, inequalities, search
 from fuzzyarm.synthesis.expressions import half
 from fuzzyarm.synthesis.inequalities import MARGIN, Inequalities, NoPoint, structure_of

@@ -16,14 +16,14 @@ from unittest import mock
 
 import numpy as np
 
-from fuzzyarm.eval.certified.tip import tube as tube_module
-from fuzzyarm.eval.certified.tip.bound import PERIOD, TipClaim, problem_of
-from fuzzyarm.eval.certified.tip.centre import Centre, Mode, Segment
-from fuzzyarm.eval.certified.tip.enclosures import NoBound
-from fuzzyarm.eval.certified.tip.friction import Plan, Speed
-from fuzzyarm.eval.certified.tip.period import Claim, Closed, Period
-from fuzzyarm.eval.certified.tip.tube import Problem, Tube
-from fuzzyarm.eval.certified.tip.zonotope import Zonotope
+from fuzzyarm.policies.tip_bound import PERIOD, TipClaim, problem_of
+from fuzzyarm.proof.tip import tube as tube_module
+from fuzzyarm.proof.tip.centre import Centre, Mode, Segment
+from fuzzyarm.proof.tip.enclosures import NoBound
+from fuzzyarm.proof.tip.friction import Plan, Speed
+from fuzzyarm.proof.tip.period import Claim, Closed, Period
+from fuzzyarm.proof.tip.tube import Problem, Tube
+from fuzzyarm.proof.tip.zonotope import Zonotope
 
 from .sets import JOINTS, policy_of
 

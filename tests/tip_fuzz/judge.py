@@ -9,10 +9,10 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from fuzzyarm.eval.certified.tip.bound import PERIOD, TipBound, TipClaim, find_bound, problem_of
-from fuzzyarm.eval.certified.tip.bound_file import BoundCheck, check_bound, save_bound
-from fuzzyarm.eval.certified.tip.enclosures import NoBound
-from fuzzyarm.eval.certified.tip.tube import Problem, Step, Tube
+from fuzzyarm.policies.tip_bound import PERIOD, TipBound, TipClaim, find_bound, problem_of
+from fuzzyarm.policies.tip_files import BoundCheck, check_bound, save_bound
+from fuzzyarm.proof.tip.enclosures import NoBound
+from fuzzyarm.proof.tip.tube import Problem, Step, Tube
 
 from .forge import Attack, Claims, drawn_attack, drawn_fine_attack, forged
 from .motions import Motion, even_stops, simulated

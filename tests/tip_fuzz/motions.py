@@ -7,7 +7,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from fuzzyarm.eval.certified.tip.bound import PERIOD, TipClaim
+from fuzzyarm.policies.tip_bound import PERIOD, TipClaim
 
 from .arm import Node, hold
 from .sets import Sample, arm_of, policy_of, schedule_of

@@ -11,10 +11,10 @@ import numpy as np
 from fuzzyarm import load_policy
 from fuzzyarm.envs.physics.parameters import ArmParameters
 from fuzzyarm.envs.scenario.cases import case_for
-from fuzzyarm.eval.certified.tip.bound import PATHS, PERIOD, TipClaim, problem_of
-from fuzzyarm.eval.certified.tip.plant import BY_JOINT, PlantSet
-from fuzzyarm.eval.certified.tip.tube import Problem
 from fuzzyarm.fuzzy_policy.policy import Policy
+from fuzzyarm.policies.tip_bound import PATHS, PERIOD, TipClaim, problem_of
+from fuzzyarm.proof.tip.plant import BY_JOINT, PlantSet
+from fuzzyarm.proof.tip.tube import Problem
 
 from .arm import Body, ElasticArm
 

@@ -10,8 +10,8 @@ import pytest
 from fuzzyarm import load_policy
 from fuzzyarm.envs.physics.dynamics import Payload
 from fuzzyarm.envs.physics.event_integrator import integrate
-from fuzzyarm.eval.certified.tip.bound import PERIOD, TipClaim
-from fuzzyarm.eval.certified.tip.plant import PlantSet
+from fuzzyarm.policies.tip_bound import PERIOD, TipClaim
+from fuzzyarm.proof.tip.plant import PlantSet
 
 from .arm import hold
 from .motions import even_stops, simulated

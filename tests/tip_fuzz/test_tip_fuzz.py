@@ -10,11 +10,11 @@ import sys
 import numpy as np
 import pytest
 
-from fuzzyarm.eval.certified.tip import bound as bound_module
-from fuzzyarm.eval.certified.tip.bound import TipClaim
-from fuzzyarm.eval.certified.tip.bound_file import check_bound
-from fuzzyarm.eval.certified.tip.friction import Friction
-from fuzzyarm.eval.certified.tip.plant import BallPlant, PlantSet
+from fuzzyarm.policies.tip_bound import TipClaim
+from fuzzyarm.policies.tip_files import check_bound
+from fuzzyarm.policies import tip_bound as bound_module
+from fuzzyarm.proof.tip.friction import Friction
+from fuzzyarm.proof.tip.plant import BallPlant, PlantSet
 
 from .__main__ import main
 from .forge import Attack

@@ -33,6 +33,7 @@ from fuzzyarm.eval.evaluation.result_table import saturation
 from fuzzyarm.eval.provenance import current_provenance
 from fuzzyarm.policies import COMPARED, PolicySpec, recorded, resolve_all
 from fuzzyarm.policies.declared import Declared
+from fuzzyarm.proof.policy_certificate import certificate_of
 
 __all__ = ["SCHEMA", "Evaluation", "EvaluationConfig", "evaluate", "write_results"]
 
@@ -247,7 +248,7 @@ def evaluate(config: EvaluationConfig, progress: Callable[[], None] | None = Non
                 rows.append(_row(rollouts[-1], runs))
                 if progress:
                     progress()
-    proofs = {name: policy.certificate(reference) for name, policy in policies.items()}
+    proofs = {name: certificate_of(policy, reference) for name, policy in policies.items()}
     certificates = {name: None if proof is None else proof.text for name, proof in proofs.items()}
     bounds = {name: None if proof is None else proof.bounds for name, proof in proofs.items()}
     made_with = {

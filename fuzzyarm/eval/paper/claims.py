@@ -25,9 +25,9 @@ from fuzzyarm.envs.scenario.disturbances import MachiningForce
 from fuzzyarm.eval.episodes.rollout import Rollout
 from fuzzyarm.eval.paper.evidence import FORMS, HIGH_GAIN, RULES, SWAPPED, TITLES, WITNESSES, Evidence, key_of
 from fuzzyarm.fuzzy_policy.laws.fuzzy import FuzzyPolicy
-from fuzzyarm.fuzzy_policy.proof.vertices import tracking_vertices
 from fuzzyarm.fuzzy_policy.states import INTEGRAL, PLANT, POSITION, VELOCITY
 from fuzzyarm.fuzzy_policy.ts_model import NAMED_RULES, TSModel
+from fuzzyarm.proof.vertices import tracking_vertices
 from fuzzyarm.synthesis.complexity import Size, full_size, paper_formula
 from fuzzyarm.synthesis.specification import PAPER_WEIGHT
 

@@ -4,7 +4,7 @@ The controllers of section 6.2, and two more that explain why our numbers differ
 
 "Printed form" is Theorem 1 or 2 with integral action, the paper's α and Q, one multiplier for all dropped premises of A
 and the bound (24), with the smallest L that the inequalities allow, 0. "Consistent form" is the form of this project,
-see `fuzzy_policy.proof.consistent_reference`.
+see `proof.consistent_reference`.
 """
 
 from __future__ import annotations
@@ -25,8 +25,8 @@ from fuzzyarm.envs.scenario.reference import JointReference
 from fuzzyarm.eval.episodes.rollout import Rollout, record_rollout
 from fuzzyarm.fuzzy_policy.controller import Controller
 from fuzzyarm.fuzzy_policy.laws.fuzzy import FuzzyPolicy
-from fuzzyarm.fuzzy_policy.proof.certificate import certify
 from fuzzyarm.policies import load_policy
+from fuzzyarm.proof.certificate import certify
 
 __all__ = [
     "FEW", "FORMS", "HIGH_GAIN", "MANY", "PAPERS_OWN", "PAPER_H", "PAPER_K", "PAPER_L", "RULES", "STEPS", "SWAPPED",
@@ -79,7 +79,7 @@ def compared_policies() -> dict[str, FuzzyPolicy]:
     """Return the policies by their key in `TITLES`; the first four are proven while they are loaded."""
     found: dict[str, Any] = {}
     for key, name in _FILES.items():
-        with resources.as_file(resources.files("fuzzyarm.fuzzy_policy.controllers") / name) as path:
+        with resources.as_file(resources.files("fuzzyarm.eval.paper.controllers") / name) as path:
             found[key] = load_policy(path)
     found |= {key: load_policy(name) for key, name in _POLICIES.items()}
     policies = cast(dict[str, FuzzyPolicy], found)
@@ -159,7 +159,7 @@ def gather(progress: Callable[[], None] | None = None) -> Evidence:
 
 def prove_witnesses(step: Callable[[], None]) -> tuple[dict[str, Controller], frozenset[str]]:
     """Return the witnesses by name, and the names of those that are proven; `step` is called after each."""
-    folder = resources.files("fuzzyarm.fuzzy_policy.controllers")
+    folder = resources.files("fuzzyarm.eval.paper.controllers")
     witnesses, proven = {}, set()
     for name in (*WITNESSES, HIGH_GAIN):
         with resources.as_file(folder / f"{name}.json") as path:

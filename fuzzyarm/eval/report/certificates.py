@@ -24,7 +24,15 @@ import numpy as np
 
 from fuzzyarm.common.rounding import at_least, at_most
 from fuzzyarm.envs.scenario.reference import Reference
-from fuzzyarm.eval.certified.rigid import (
+from fuzzyarm.eval.episodes.rollout import Rollout
+from fuzzyarm.eval.evaluation.run import Evaluation, EvaluationConfig
+from fuzzyarm.eval.report.summary import Axis, Bound, draw_chart, figure
+from fuzzyarm.fuzzy_policy.controller import Controller
+from fuzzyarm.policies.spec import PolicySpec, resolve
+from fuzzyarm.policies.tip_bound import plain
+from fuzzyarm.policies.tip_files import BoundCheck, check_bound, check_cells, is_cells
+from fuzzyarm.proof.policy_certificate import certificate_of
+from fuzzyarm.proof.rigid_loop import (
     RigidLoop,
     decay_rates,
     disturbed_run,
@@ -32,15 +40,7 @@ from fuzzyarm.eval.certified.rigid import (
     worst_posture,
     worst_torque,
 )
-from fuzzyarm.eval.certified.tip.bound import plain
-from fuzzyarm.eval.certified.tip.bound_file import BoundCheck, check_bound
-from fuzzyarm.eval.certified.tip.cells_file import check_cells, is_cells
-from fuzzyarm.eval.episodes.rollout import Rollout
-from fuzzyarm.eval.evaluation.run import Evaluation, EvaluationConfig
-from fuzzyarm.eval.report.summary import Axis, Bound, draw_chart, figure
-from fuzzyarm.fuzzy_policy.controller import Controller
-from fuzzyarm.fuzzy_policy.proof.policy_certificate import NOT_COVERED
-from fuzzyarm.policies.spec import PolicySpec, resolve
+from fuzzyarm.proof.statement import NOT_COVERED
 
 __all__ = [
     "SCOPE", "Observations", "Observed", "bound_charts", "bound_note", "checked_bounds", "observe", "observe_policies",
@@ -119,7 +119,7 @@ def _controller(
         policy = spec.load(config.control_period, config.parameters)
     except (OSError, ValueError):
         return "the controller file is gone or no longer proven"
-    certificate = policy.certificate(reference)
+    certificate = certificate_of(policy, reference)
     if certificate is None or certificate.bounds != claimed:
         return "the controller file has changed since the evaluation"
     return cast("Controller", certificate.controller)  # as the form says

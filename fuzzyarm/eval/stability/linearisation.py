@@ -8,7 +8,7 @@ observer, is linearised without that model, as ``Policy.without_dry_friction()``
 here either.
 
 The result is local, at frozen postures and without dry friction. It serves to compare policies and proves nothing of
-the moving arm; what is proven is in the certificates (`fuzzyarm.fuzzy_policy.proof`), whose margins are proof margins.
+the moving arm; what is proven is in the certificates (`fuzzyarm.proof`), whose margins are proof margins.
 
 The linear loop of a policy with the sampled arm, its spectral radius and the limits of its loop gain.
 

@@ -44,7 +44,7 @@ __all__ = ["SOURCES", "Sweep", "difference", "digest_of", "identity_of", "made_w
 
 RUN = "run.json"
 SOURCES = (
-    *("common", "envs", "fuzzy_policy", "learned_policy", "numbers", "policies", "eval/episodes"),
+    *("common", "envs", "fuzzy_policy", "numbers", "policies", "proof", "eval/episodes"),
     *(f"eval/sweep/{name}.py" for name in ("distributions", "config", "plants", "episodes")),
 )
 """Files and folders of the package that decide the numbers: code, controllers and weights."""

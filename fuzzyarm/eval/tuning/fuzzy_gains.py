@@ -24,7 +24,6 @@ import numpy as np
 from fuzzyarm.envs.fuzzy_arm import FuzzyArmEnv
 from fuzzyarm.envs.physics.dynamics import Payload, arm_constants
 from fuzzyarm.envs.physics.parameters import ArmParameters
-from fuzzyarm.eval.certified.rigid import RigidLoop, freeze
 from fuzzyarm.eval.episodes.metrics import metrics_of
 from fuzzyarm.eval.episodes.rollout import record_rollout
 from fuzzyarm.eval.stability.linearisation import gain_limits, largest_radius, linearise_path
@@ -34,6 +33,7 @@ from fuzzyarm.eval.tuning.tip_bounds import largest_deviation
 from fuzzyarm.fuzzy_policy.controller import Controller
 from fuzzyarm.fuzzy_policy.laws.fuzzy import FuzzyPolicy
 from fuzzyarm.fuzzy_policy.ts_model import NAMED_RULES
+from fuzzyarm.proof.rigid_loop import RigidLoop, freeze
 from fuzzyarm.synthesis import Design, Specification, find_design
 
 __all__ = [

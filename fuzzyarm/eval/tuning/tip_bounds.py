@@ -27,11 +27,11 @@ from fuzzyarm.envs.physics.dynamics import tip_jacobian
 from fuzzyarm.envs.physics.parameters import ArmParameters
 from fuzzyarm.envs.physics.records import State, columns
 from fuzzyarm.envs.scenario.default_reference import default_reference
-from fuzzyarm.eval.certified.tip.bound import TipClaim, find_bound
-from fuzzyarm.eval.certified.tip.enclosures import NoBound
-from fuzzyarm.eval.certified.tip.plant import SETS
 from fuzzyarm.eval.stability.linearisation import LocalLoop
 from fuzzyarm.fuzzy_policy.policy import Policy
+from fuzzyarm.policies.tip_bound import TipClaim, find_bound
+from fuzzyarm.proof.tip.enclosures import NoBound
+from fuzzyarm.proof.tip.plant import SETS
 
 __all__ = ["PROVEN", "bounds_in_words", "largest_deviation", "measured_bounds"]
 

@@ -16,10 +16,8 @@ import numpy as np
 from fuzzyarm.envs.observation import JOINTS, Observation
 from fuzzyarm.envs.physics.dynamics import arm_constants
 from fuzzyarm.envs.physics.elementwise import sinc, sine_cosine
-from fuzzyarm.envs.scenario.reference import Reference
 from fuzzyarm.fuzzy_policy.controller import Controller
 from fuzzyarm.fuzzy_policy.law import Law, LawPolicy
-from fuzzyarm.fuzzy_policy.proof.policy_certificate import PolicyCertificate, policy_certificate, statement
 from fuzzyarm.fuzzy_policy.states import ERROR_STATES
 from fuzzyarm.numbers.functions import maximum, minimum
 
@@ -55,10 +53,6 @@ class FuzzyPolicy(LawPolicy):
             *(low, high, arm.c2, arm.c4, arm.c5, self.control_period),
         )
         return Law(_law_of(tuple(map(int, model.kept_in_A)), gains.shape[1]), (0.0,) * JOINTS, constants)
-
-    def certificate(self, reference: Reference) -> PolicyCertificate:
-        """Return what is proven of the controller, which is the same for every reference."""
-        return policy_certificate(self.controller, self.controller.form, statement(self.controller))
 
 
 class _Constants(NamedTuple):

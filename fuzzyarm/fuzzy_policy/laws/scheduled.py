@@ -14,13 +14,10 @@ from fuzzyarm.envs.observation import Observation
 from fuzzyarm.envs.physics.elementwise import sine_cosine
 from fuzzyarm.envs.physics.equations import equations_of
 from fuzzyarm.envs.physics.physics import Physics
-from fuzzyarm.envs.scenario.reference import Reference
 from fuzzyarm.fuzzy_policy.known_arm import Drives, numbers_of
 from fuzzyarm.fuzzy_policy.law import Law, LawPolicy
 from fuzzyarm.fuzzy_policy.laws.observer_gains import LinearLaw, Place, linear_pid
-from fuzzyarm.fuzzy_policy.proof.policy_certificate import PolicyCertificate, policy_certificate
-from fuzzyarm.fuzzy_policy.proof.scheduled_certificate import scheduled_statement
-from fuzzyarm.fuzzy_policy.scheduled import FORM, ScheduledController
+from fuzzyarm.fuzzy_policy.scheduled import ScheduledController
 
 __all__ = ["ScheduledPolicy", "linear_scheduled"]
 
@@ -52,10 +49,6 @@ class ScheduledPolicy(LawPolicy):
         inertia = tuple(tuple(tuple(map(float, row)) for row in rule) for rule in own.inertia)
         constants = _Constants(arm, drives, inertia, tuple(map(float, own.feedback)), self.control_period)
         return Law(_law_of(equations_of(own.robot), premises), (0.0,) * self.joints, constants)
-
-    def certificate(self, reference: Reference) -> PolicyCertificate:
-        """Return what is proven of the controller, which is the same for every reference."""
-        return policy_certificate(self.controller, FORM, scheduled_statement(self.controller))
 
 
 class _Constants(NamedTuple):

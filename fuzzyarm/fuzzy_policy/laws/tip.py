@@ -13,27 +13,21 @@ reference like q_d, so the inequalities of the certificate hold for it, too; d t
 
 from __future__ import annotations
 
-import dataclasses
 import functools
-import math
 from typing import Any
 
 import numpy as np
 
-from fuzzyarm.common.rounding import at_most
 from fuzzyarm.envs.observation import PARTS, Observation, starts
 from fuzzyarm.envs.physics.equations import equations_of
 from fuzzyarm.envs.physics.physics import Physics
-from fuzzyarm.envs.scenario.elastic_reference import CHECKED_INSTANTS, ElasticReference
-from fuzzyarm.envs.scenario.reference import Reference
 from fuzzyarm.fuzzy_policy.law import Law, LawPolicy, law_of
 from fuzzyarm.fuzzy_policy.laws.elastic_target import ElasticTarget, Past, past_of, target_of
 from fuzzyarm.fuzzy_policy.laws.iterative_learning import TorqueLearning
 from fuzzyarm.fuzzy_policy.policy import Policy
-from fuzzyarm.fuzzy_policy.proof.policy_certificate import PolicyCertificate
 from fuzzyarm.numbers.functions import zeros
 
-__all__ = ["TipPolicy", "tip_statement"]
+__all__ = ["TipPolicy"]
 
 
 class TipPolicy(LawPolicy):
@@ -60,15 +54,6 @@ class TipPolicy(LawPolicy):
     def without_dry_friction(self) -> TipPolicy:
         """Return this policy for an arm without dry friction, which needs no friction feedforward."""
         return TipPolicy(self.law, friction=False, average=self.average)
-
-    def certificate(self, reference: Reference) -> PolicyCertificate | None:
-        """Return what is proven of the law, for the error from θ_d; None where its proof is of the reference alone."""
-        law = self.law.certificate(reference)
-        if law is None or not law.any_reference:
-            return None
-        bounds = law.bounds if isinstance(_elastic(reference), ElasticReference) else None
-        text = f"{law.text} {tip_statement(reference)}"
-        return dataclasses.replace(law, text=text, bounds=bounds, any_reference=False)
 
     def act(self, observation: np.ndarray, memory: np.ndarray, torque: np.ndarray) -> None:
         """Evaluate the law, see `Policy`."""
@@ -127,35 +112,3 @@ def _law_of(physics: Physics, law: Any) -> Any:
         return (own, past), tuple(u + (f - o) for u, f, o in zip(torque, u_ff, feedforward, strict=True))
 
     return tip
-
-
-def _elastic(reference: Reference) -> ElasticReference | ValueError:
-    """Return θ_d of a reference, or why it has none in the box; the certificate is then void."""
-    try:
-        return ElasticReference(reference)
-    except ValueError as error:
-        return error
-
-
-def tip_statement(reference: Reference) -> str:
-    """Return what a controller's certificate says of the law that tracks θ_d of `reference`, with the box re-checked.
-
-    The inequality of the certificate holds for the error from any reference, with w = d + ρ. For θ_d, ρ is what the
-    dropped premises make of the error (it vanishes with it), and u_ff without friction less the rigid arm's inverse
-    dynamics at θ_d: that is τ_d less the torque the links would need at θ_d, known beforehand. Its largest value, and
-    the share of the box, are those of `CHECKED_INSTANTS` instants.
-    """
-    elastic = _elastic(reference)
-    if isinstance(elastic, ValueError):
-        return f"Told to bring the tip to this reference it has no certificate: {elastic}."
-    t = np.linspace(0.0, reference.duration, CHECKED_INSTANTS)
-    known = np.abs(elastic.torque(t) - elastic.links_torque(elastic.sample(t))).max(axis=0)
-    return (
-        "Told to bring the tip to the reference, it tracks theta_d = q_d + delta, where the motors must be for the "
-        "bent joints to put the links on q_d. theta_d is a twice differentiable reference like any other (its second "
-        "derivative jumps where that of q_d has a corner), so the same inequalities hold for the error from theta_d; d "
-        "then also holds what the feedforward adds for the elastic joints, and friction only as far as the feedforward "
-        f"misses it. Sampled at {CHECKED_INSTANTS} instants of this reference and not bounded between them, what it "
-        f"adds reaches ({', '.join(at_most(torque, 2) for torque in known)}) N m, and theta_d takes "
-        f"{math.ceil(100.0 * elastic.box_use)} % of the box. That the tip then follows is no part of it."
-    )

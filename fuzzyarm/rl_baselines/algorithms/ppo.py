@@ -9,7 +9,7 @@ from fuzzyarm.common.checks import real, truth
 from fuzzyarm.rl_baselines.algorithm import COLUMNS, AlgorithmSpec, OnPolicyAlgorithm, OnPolicyConfig
 
 if TYPE_CHECKING:
-    from fuzzyarm.learned_policy.network import Network
+    from fuzzyarm.fuzzy_policy.laws.learned.network import Network
     from fuzzyarm.rl_baselines.learning_env import LearningEnvs
 
 __all__ = ["PRESETS", "SPEC", "PPOAlgorithm", "PPOConfig"]

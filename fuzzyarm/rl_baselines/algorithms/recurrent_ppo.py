@@ -11,7 +11,7 @@ from fuzzyarm.rl_baselines.algorithm import COLUMNS, AlgorithmSpec, OnPolicyAlgo
 if TYPE_CHECKING:
     import torch
 
-    from fuzzyarm.learned_policy.network import Network
+    from fuzzyarm.fuzzy_policy.laws.learned.network import Network
     from fuzzyarm.rl_baselines.learning_env import LearningEnvs
 
 __all__ = ["PRESETS", "SPEC", "RecurrentPPOAlgorithm", "RecurrentPPOConfig"]
@@ -63,7 +63,7 @@ class RecurrentPPOAlgorithm(OnPolicyAlgorithm):
 
     def network(self) -> Network:
         """Return the LSTM and the layers that give the mean of the Gaussian policy, with the normaliser."""
-        from fuzzyarm.learned_policy.network import Cell
+        from fuzzyarm.fuzzy_policy.laws.learned.network import Cell
 
         lstm = self.model.policy.lstm_actor
         bias = lstm.bias_ih_l0 + lstm.bias_hh_l0

@@ -5,7 +5,7 @@ from __future__ import annotations
 import dataclasses
 
 from fuzzyarm.common.checks import real, whole
-from fuzzyarm.learned_policy.estimate.network import LARGEST_MEMORY
+from fuzzyarm.fuzzy_policy.laws.learned.estimate.network import LARGEST_MEMORY
 
 __all__ = ["SEGMENT", "EstimateConfig"]
 

@@ -40,7 +40,7 @@ from fuzzyarm.envs.scenario.randomisation import find_randomisation
 from fuzzyarm.envs.scenario.reference import JointReference, Reference
 from fuzzyarm.envs.scenario.robot_reference import SplineReference
 from fuzzyarm.fuzzy_policy.known_arm import per_joint_of
-from fuzzyarm.learned_policy.estimate.signals import scale_of
+from fuzzyarm.fuzzy_policy.laws.learned.estimate.signals import scale_of
 
 __all__ = ["Courses", "TravelForce", "draw_courses", "draw_scenarios"]
 

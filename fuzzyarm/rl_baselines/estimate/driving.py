@@ -8,8 +8,8 @@ import numpy as np
 import torch
 
 from fuzzyarm.envs.batch.layout import SCALARS
-from fuzzyarm.learned_policy.estimate.policy import LearnedObserverPolicy
-from fuzzyarm.learned_policy.estimate.signals import units_of
+from fuzzyarm.fuzzy_policy.laws.learned.estimate.policy import LearnedObserverPolicy
+from fuzzyarm.fuzzy_policy.laws.learned.estimate.signals import units_of
 from fuzzyarm.rl_baselines.estimate.config import SEGMENT
 from fuzzyarm.rl_baselines.estimate.courses import NOISE, Courses
 from fuzzyarm.rl_baselines.estimate.student import as_tensor

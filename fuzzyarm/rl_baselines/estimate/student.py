@@ -9,8 +9,8 @@ import numpy as np
 import torch
 
 from fuzzyarm.envs.physics.physics import Physics
-from fuzzyarm.learned_policy.estimate.network import EstimateNetwork, shapes_of
-from fuzzyarm.learned_policy.estimate.signals import GAP_SHARE, QUIET, context_parts, unexplained_parts
+from fuzzyarm.fuzzy_policy.laws.learned.estimate.network import EstimateNetwork, shapes_of
+from fuzzyarm.fuzzy_policy.laws.learned.estimate.signals import GAP_SHARE, QUIET, context_parts, unexplained_parts
 
 __all__ = ["Student"]
 
@@ -18,7 +18,7 @@ _GATE = -2.0  # of s at the beginning: a memory of about eight samples
 
 
 class Student(torch.nn.Module):
-    """The equations of `fuzzyarm.learned_policy.estimate.network`.
+    """The equations of `fuzzyarm.fuzzy_policy.laws.learned.estimate.network`.
 
     Args:
         hidden: numbers in h.

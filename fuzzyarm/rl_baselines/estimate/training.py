@@ -22,9 +22,9 @@ import torch
 
 from fuzzyarm.envs.physics.equations import AnyArm, equations_of
 from fuzzyarm.envs.physics.parameters import ArmParameters
-from fuzzyarm.learned_policy.definition import ArmDefinition
-from fuzzyarm.learned_policy.estimate.bundle import EstimateBundle
-from fuzzyarm.learned_policy.estimate.policy import LearnedObserverPolicy
+from fuzzyarm.fuzzy_policy.laws.learned.definition import ArmDefinition
+from fuzzyarm.fuzzy_policy.laws.learned.estimate.bundle import EstimateBundle
+from fuzzyarm.fuzzy_policy.laws.learned.estimate.policy import LearnedObserverPolicy
 from fuzzyarm.rl_baselines.estimate.config import SEGMENT, EstimateConfig
 from fuzzyarm.rl_baselines.estimate.courses import draw_courses
 from fuzzyarm.rl_baselines.estimate.driving import Chunk, Drive

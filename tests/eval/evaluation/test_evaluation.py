@@ -2,10 +2,10 @@
 
 import dataclasses
 import json
-from importlib import resources
 
 import numpy as np
 import pytest
+from support.shipped import CONTROLLERS
 
 from fuzzyarm.envs.fuzzy_arm import FuzzyArmEnv
 from fuzzyarm.envs.observation import REFERENCE
@@ -17,8 +17,8 @@ from fuzzyarm.eval.episodes.rollout import Signals, record_rollout
 from fuzzyarm.eval.evaluation.result_table import table_rows
 from fuzzyarm.eval.evaluation.run import EvaluationConfig, evaluate, write_results
 from fuzzyarm.fuzzy_policy.laws.computed_torque import ComputedTorquePolicy
-from fuzzyarm.fuzzy_policy.laws.tip import tip_statement
 from fuzzyarm.policies import COMPARED, load_policy
+from fuzzyarm.proof.policy_certificate import tip_statement
 
 
 @pytest.fixture(scope="module")
@@ -98,9 +98,8 @@ def test_the_tip_policy_keeps_the_certificate_and_says_what_it_means(evaluation)
 
 def test_the_paper_form_has_no_certificate_for_the_tip(short):
     """Its proof is of a law with the reference model in the loop, which the feedforward for the tip replaces."""
-    with resources.as_file(resources.files("fuzzyarm.fuzzy_policy.controllers") / "paper-4.json") as path:
-        config = EvaluationConfig(policies=(str(path), f"{path}-tip"), cases=("nominal",))
-        texts = evaluate(config).certificates
+    path = CONTROLLERS["paper-4"]
+    texts = evaluate(EvaluationConfig(policies=(str(path), f"{path}-tip"), cases=("nominal",))).certificates
     assert "reference model" in texts["paper-4"]
     assert texts["paper-4-tip"] is None
 

@@ -169,7 +169,7 @@ def test_results_hold_no_absolute_path_and_the_file_is_found_again(folder, capsy
     elsewhere.mkdir()
     mine = elsewhere / "mine.json"
     shutil.copy(SHIPPED / "fuzzy-1.json", mine)
-    learned = shutil.copytree(ROOT / "fuzzyarm/learned_policy/policies/ppo-nominal", elsewhere / "taught")
+    learned = shutil.copytree(ROOT / "fuzzyarm/fuzzy_policy/laws/learned/policies/ppo-nominal", elsewhere / "taught")
     names = [f"{mine}-tip", str(learned), "elsewhere/mine.json"]
     arguments = [word for name in names for word in ("--policy", name)]
     assert main(["evaluate", *arguments, "--case", "nominal", "--out", str(out)]) == 0

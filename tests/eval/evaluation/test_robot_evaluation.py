@@ -27,9 +27,6 @@ class Feedback:
         feedback = 2.0 * inertia * (900.0 * (q_d - q) + 60.0 * (dq_d - dq))
         return inverse_dynamics(ROBOT, q_d, dq_d, ddq_d) + inertia * ddq_d + feedback, None
 
-    def certificate(self, reference):
-        return None
-
 
 class Spec:
     def load(self, control_period, robot):

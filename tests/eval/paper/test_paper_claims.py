@@ -23,7 +23,7 @@ from fuzzyarm.eval.paper.evidence import (
     prove_witnesses,
 )
 from fuzzyarm.fuzzy_policy.controller import Controller
-from fuzzyarm.fuzzy_policy.proof.certificate import certify
+from fuzzyarm.proof.certificate import certify
 
 BY_KEY = {claim.key: claim for claim in CLAIMS}
 TABLE_2 = {

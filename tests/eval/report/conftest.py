@@ -13,10 +13,10 @@ from support.altered_evaluations import NASTY, wild, with_runs, write
 
 from fuzzyarm.cli import main
 from fuzzyarm.envs.scenario.reference import JointReference
-from fuzzyarm.eval.certified.rigid import RigidLoop
 from fuzzyarm.eval.evaluation.run import Evaluation, EvaluationConfig, evaluate
 from fuzzyarm.eval.report.certificates import Observed, observe
 from fuzzyarm.policies import load_policy
+from fuzzyarm.proof.rigid_loop import RigidLoop
 
 
 @pytest.fixture(scope="session")
@@ -38,8 +38,8 @@ def seen() -> Observed:
     """Observed values of fuzzy-4, after a shorter search and motion than a report's, which takes ten seconds."""
     loop = RigidLoop(load_policy("fuzzy-4").controller)  # type: ignore[attr-defined]
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr("fuzzyarm.eval.certified.rigid.GENERATIONS", 40)  # of 150; the fifth digit differs
-        patch.setattr("fuzzyarm.eval.certified.rigid.SLOWEST_STEP", 1e-4)  # of 2e-5 s
+        patch.setattr("fuzzyarm.proof.rigid_loop.GENERATIONS", 40)  # of 150; the fifth digit differs
+        patch.setattr("fuzzyarm.proof.rigid_loop.SLOWEST_STEP", 1e-4)  # of 2e-5 s
         return observe(loop, Beginning())  # type: ignore[arg-type]
 
 

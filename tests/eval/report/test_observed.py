@@ -8,14 +8,15 @@ import numpy as np
 import pytest
 
 from fuzzyarm.envs.scenario.reference import JointReference
-from fuzzyarm.eval.certified.rigid import RigidLoop
 from fuzzyarm.eval.evaluation.run import EvaluationConfig
 from fuzzyarm.eval.report.certificates import observe, observe_policies
 from fuzzyarm.policies import load_policy
+from fuzzyarm.proof.policy_certificate import certificate_of
+from fuzzyarm.proof.rigid_loop import RigidLoop
 
 ROOT = Path(__file__).parents[3]
 STORED = json.loads((ROOT / "benchmarks" / "results" / "certified_bounds.json").read_text())["bounds"]["fuzzy-4"]
-CLAIMED = load_policy("fuzzy-4").certificate(JointReference()).bounds
+CLAIMED = certificate_of(load_policy("fuzzy-4"), JointReference()).bounds
 
 
 @pytest.fixture(scope="module")
@@ -49,8 +50,8 @@ def test_it_is_what_the_benchmark_finds_and_within_the_certificate(controller):
 
 def test_the_bounds_are_those_of_the_controller(controller):
     assert (CLAIMED["alpha"], CLAIMED["gamma"], CLAIMED["form"]) == (controller.alpha, controller.gamma, "consistent")
-    assert load_policy("fuzzy-4-tip").certificate(JointReference()).bounds == CLAIMED
-    assert load_policy("computed-torque").certificate(JointReference()) is None
+    assert certificate_of(load_policy("fuzzy-4-tip"), JointReference()).bounds == CLAIMED
+    assert certificate_of(load_policy("computed-torque"), JointReference()) is None
 
 
 @pytest.fixture

@@ -7,10 +7,10 @@ import re
 import numpy as np
 import pytest
 
-from fuzzyarm.eval.certified.tip.bound import TipClaim, find_bound
-from fuzzyarm.eval.certified.tip.bound_file import save_bound
-from fuzzyarm.eval.certified.tip.plant import PlantSet
 from fuzzyarm.eval.report.certificates import checked_bounds, tube_section
+from fuzzyarm.policies.tip_bound import TipClaim, find_bound
+from fuzzyarm.policies.tip_files import save_bound
+from fuzzyarm.proof.tip.plant import PlantSet
 
 STEPS = 15
 

@@ -224,7 +224,7 @@ def test_a_sweep_goes_on_only_with_the_same_arm(arm, tmp_path, capsys, short):
 
 
 def test_a_learned_policys_folder_is_the_policy_of_its_name(tmp_path, short):
-    shipped = resources.files("fuzzyarm.learned_policy.policies") / "ppo-nominal"
+    shipped = resources.files("fuzzyarm.fuzzy_policy.laws.learned.policies") / "ppo-nominal"
     with resources.as_file(shipped) as folder:
         shutil.copytree(folder, tmp_path / "mine")
     for policy, out in ((str(tmp_path / "mine"), "by-folder"), ("ppo-nominal", "by-name")):

@@ -6,14 +6,14 @@ import pytest
 
 from fuzzyarm.envs.physics.equations import chosen_arm
 from fuzzyarm.envs.physics.parameters import ArmParameters
-from fuzzyarm.eval.certified.tip.bound import TipClaim, find_bound
-from fuzzyarm.eval.certified.tip.enclosures import NoBound
 from fuzzyarm.eval.stability.margins import LIMITS
 from fuzzyarm.eval.tuning import tip_bounds
 from fuzzyarm.eval.tuning.steps import FUZZY, found
 from fuzzyarm.eval.tuning.summary import decision, summary
 from fuzzyarm.fuzzy_policy.laws.computed_torque import ComputedTorquePolicy
 from fuzzyarm.fuzzy_policy.laws.tip import TipPolicy
+from fuzzyarm.policies.tip_bound import TipClaim, find_bound
+from fuzzyarm.proof.tip.enclosures import NoBound
 
 SOFT = ArmParameters(length=(0.5, 0.4), stiffness=(8e3, 5e3))
 

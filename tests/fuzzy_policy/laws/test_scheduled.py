@@ -17,6 +17,7 @@ from fuzzyarm.fuzzy_policy.laws.scheduled import ScheduledPolicy
 from fuzzyarm.fuzzy_policy.laws.tip import TipPolicy
 from fuzzyarm.fuzzy_policy.scheduled import FUNCTIONS, Premise
 from fuzzyarm.fuzzy_policy.signed_files import ControllerFileError
+from fuzzyarm.proof.policy_certificate import certificate_of
 from fuzzyarm.synthesis import ScheduledSpecification, design_scheduled
 
 ROBOT = "planar-3r"
@@ -107,9 +108,9 @@ def test_the_certificate_holds_for_every_reference(file):
     reference = default_reference(robot_named(ROBOT))
     policy = load_policy(file, robot=robot_named(ROBOT))
     assert isinstance(policy, ScheduledPolicy)
-    certificate = policy.certificate(reference)
+    certificate = certificate_of(policy, reference)
     assert certificate.any_reference and certificate.controller.digest == designed().digest
-    tip = TipPolicy(policy).certificate(reference)
+    tip = certificate_of(TipPolicy(policy), reference)
     assert not tip.any_reference and "theta_d" in tip.text
 
 

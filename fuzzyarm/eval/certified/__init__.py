@@ -1,1 +1,0 @@
-"""What is proven: tests of the rigid loop that a certificate describes, and the report of its proof."""

@@ -1,0 +1,324 @@
+"""A learned policy as a folder: ``policy.json`` with everything but the weights, and ``weights.safetensors``.
+
+A bundle contains no code: JSON is parsed, safetensors holds arrays of numbers, and nothing is unpickled. The digest of
+the weights stands in ``policy.json``.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import dataclasses
+import hashlib
+import json
+from collections.abc import Callable, Iterator, Mapping
+from pathlib import Path
+from typing import Any, TypeVar
+
+import numpy as np
+
+from fuzzyarm.common.checks import choice, listed, whole
+from fuzzyarm.common.console import escaped
+from fuzzyarm.common.documents import check_schema, parse_json, read_bytes, read_json, record
+from fuzzyarm.common.files import write_folder_atomically
+from fuzzyarm.fuzzy_policy.laws.learned.definition import (
+    OBSERVER_BASE,
+    ActionDefinition,
+    ArmDefinition,
+    FeatureDefinition,
+)
+from fuzzyarm.fuzzy_policy.laws.learned.network import Cell, Network
+
+__all__ = [
+    "BEST", "DESCRIPTION", "LAST", "OBSERVER", "WEIGHTS", "BundleError", "PolicyBundle", "Trained", "is_observer",
+    "read_folder", "tensors_in", "usable", "write_folder",
+]  # fmt: skip
+
+
+DESCRIPTION = "policy.json"
+"""File with everything but the weights."""
+
+WEIGHTS = "weights.safetensors"
+"""File with the arrays of the network."""
+
+LAST, BEST = "policy", "best"
+"""What the folder is called in that of a training: the policy at its end, and that of its best evaluation."""
+
+OBSERVER = "fuzzyarm-learned-observer/4"
+"""Schema of a learned observer, see `estimate.bundle`."""
+
+_ANY_OBSERVER = OBSERVER[: OBSERVER.index("/") + 1]
+
+_LARGEST_DESCRIPTION, _LARGEST_WEIGHTS = 16 * 2**20, 64 * 2**20  # bytes
+_LENGTH, _LARGEST_HEADER = 8, 2**16  # bytes at the beginning of the file with the weights
+_SHOWN = 200  # characters of a foreign text in a message
+
+
+_Kind = TypeVar("_Kind")
+
+
+class BundleError(ValueError):
+    """A folder is damaged, incomplete or no bundle; the message is one line that names the file and what to do."""
+
+
+def write_folder(folder: Path, description: dict[str, Any], tensors: Mapping[str, np.ndarray]) -> None:
+    """Write a bundle atomically, with the digest of its weights; an existing bundle is replaced.
+
+    Args:
+        folder: of the bundle.
+        description: content of ``policy.json``, whose ``weights_sha256`` is filled in.
+        tensors: arrays by name; written in single precision.
+
+    Raises:
+        OSError: the folder cannot be written; what was there is left as it was.
+        ValueError: the folder exists and is not a bundle.
+    """
+    # Imported here: reading a definition needs no safetensors.
+    from safetensors.numpy import save
+
+    if folder.exists() and not (folder / DESCRIPTION).is_file():
+        raise ValueError(f"{folder} exists and is no policy bundle; choose another folder")
+    weights = save({name: np.ascontiguousarray(array, dtype=np.float32) for name, array in tensors.items()})
+    sealed = {**description, "weights_sha256": hashlib.sha256(weights).hexdigest()}
+    text = json.dumps(sealed, indent=1, allow_nan=False)
+    write_folder_atomically(folder, {WEIGHTS: weights, DESCRIPTION: f"{text}\n"})
+
+
+def is_observer(folder: Path) -> bool:
+    """Return whether a bundle says that it is a learned observer, of whichever version.
+
+    Raises:
+        BundleError: there is no description, or it is damaged.
+    """
+    content = _content(folder / DESCRIPTION)
+    return isinstance(content, dict) and str(content.get("schema")).startswith(_ANY_OBSERVER)
+
+
+def read_folder(folder: Path, schema: str, kind: type[_Kind]) -> tuple[_Kind, bytes]:
+    """Return the description of a bundle, a record with ``weights_sha256``, and the bytes of its weights.
+
+    Raises:
+        BundleError: a file is missing, too large or damaged, not of this schema, or the digest differs.
+    """
+    path = folder / DESCRIPTION
+    content = _content(path)
+    try:
+        description: Any = record(check_schema(content, schema), kind)
+    except ValueError as error:
+        raise BundleError(f"{path} is no description of a policy: {error}; train it again") from None
+    weights = _read(folder / WEIGHTS, read_bytes, _LARGEST_WEIGHTS, "that is no policy of this package")
+    if hashlib.sha256(weights).hexdigest() != description.weights_sha256:
+        raise BundleError(
+            f"{folder / WEIGHTS} is not the file that {DESCRIPTION} was written with (its sha256 differs): copy "
+            "the whole folder again, or train again"
+        )
+    return description, weights
+
+
+def tensors_in(content: bytes) -> dict[str, np.ndarray]:
+    """Return the arrays of a safetensors file by name; ValueError if it is damaged."""
+    from safetensors import SafetensorError
+    from safetensors.numpy import load
+
+    length = int.from_bytes(content[:_LENGTH], "little")  # of the header: a mapping as JSON, one entry for each tensor
+    if length > _LARGEST_HEADER:
+        raise ValueError(f"{WEIGHTS} is damaged: a header of {length} bytes; allowed: {_LARGEST_HEADER}")
+    try:
+        parse_json(content[_LENGTH : _LENGTH + length])  # refuses what stands twice, which the library does not
+        tensors: dict[str, np.ndarray] = load(content)
+    except (SafetensorError, ValueError, KeyError, TypeError) as error:
+        raise ValueError(f"{WEIGHTS} is damaged: {escaped(str(error)[:_SHOWN])}") from None
+    return tensors
+
+
+@contextlib.contextmanager
+def usable(folder: Path) -> Iterator[None]:
+    """Turn errors of content that does not fit together into a `BundleError` that names the folder."""
+    try:
+        yield
+    except (TypeError, ValueError, OverflowError) as error:
+        raise BundleError(f"{folder} is no usable policy bundle: {' '.join(str(error).split())}") from None
+
+
+def _content(path: Path) -> Any:
+    return _read(path, read_json, _LARGEST_DESCRIPTION, "copy the bundle again, or train again")
+
+
+def _read(path: Path, read: Callable[..., Any], largest: int, instead: str) -> Any:
+    """Return what `read` makes of a file of a bundle."""
+    try:
+        return read(path, largest=largest)
+    except OSError as error:
+        needed = f"a policy bundle is a folder with {DESCRIPTION} and {WEIGHTS}"
+        raise BundleError(f"{path}: {error.strerror or error}; {needed}") from None
+    except ValueError as error:
+        raise BundleError(f"{error}; {instead}") from None
+
+
+@dataclasses.dataclass(frozen=True, eq=False, kw_only=True)
+class Trained:
+    """Where a learned policy comes from, a record for the reader.
+
+    Attributes:
+        training: the settings of its training.
+        seed: of that training.
+        curve: rows of the training, one mapping each.
+        versions: of the libraries it was trained with.
+    """
+
+    training: dict[str, Any] = dataclasses.field(default_factory=dict)
+    seed: int = 0
+    curve: list[dict[str, Any]] = dataclasses.field(default_factory=list)
+    versions: dict[str, Any] = dataclasses.field(default_factory=dict)
+
+
+_SCHEMA = "fuzzyarm-learned-policy/1"
+_OUTPUT, _NO_CELL, _LSTM = "clip", "none", "lstm"  # the first two a description need not name
+_CELL, _GATED = "cell", tuple(field.name for field in dataclasses.fields(Cell))  # tensors: cell.weight_x, ...
+_PAPERS_JOINTS = 2
+
+
+@dataclasses.dataclass(frozen=True, eq=False)
+class PolicyBundle(Trained):
+    """A learned policy and where it comes from.
+
+    Attributes:
+        features: definition of the network's inputs.
+        action: what its output means.
+        network: normaliser and layers.
+        arm: that it was trained for; None: the arm of Table 1.
+
+    Raises:
+        ValueError: the network has not one input per feature, or not one output per joint; or features and action are
+            for different numbers of joints.
+    """
+
+    features: FeatureDefinition
+    action: ActionDefinition
+    network: Network
+    arm: ArmDefinition | None = None
+
+    def __post_init__(self) -> None:
+        """Check that the parts fit together."""
+        joints = len(self.action.scale)
+        if self.features.joints != joints:
+            raise ValueError(f"the features are for {self.features.joints} joints, the action has {joints} scales")
+        if self.arm is None and joints != _PAPERS_JOINTS:
+            raise ValueError(f"it is for {joints} joints and does not say of which arm")
+        if self.features.innovation_times and self.action.base != OBSERVER_BASE:
+            raise ValueError(f"innovation_times needs the base {OBSERVER_BASE}, not {self.action.base}; otherwise ()")
+        found = self.network.sizes[0], self.network.sizes[-1]
+        needed = self.features.size, len(self.action.scale)
+        if found != needed:
+            raise ValueError(
+                "the network has {} inputs and {} outputs; the definitions ask for {} and {}".format(*found, *needed)
+            )
+
+    def save(self, folder: Path) -> None:
+        """Write the bundle, see `write_folder`."""
+        cell = self.network.cell
+        tensors = {} if cell is None else {f"{_CELL}.{name}": getattr(cell, name) for name in _GATED}
+        for number, (weight, bias) in enumerate(zip(self.network.weights, self.network.biases, strict=True)):
+            tensors[f"layer{number}.weight"] = weight
+            tensors[f"layer{number}.bias"] = bias
+        write_folder(folder, self._description(), tensors)
+
+    @classmethod
+    def load(cls, folder: str | Path) -> PolicyBundle:
+        """Read a bundle and check all of it.
+
+        Raises:
+            BundleError: a file is missing, too large, damaged, or not of this schema.
+        """
+        folder = Path(folder)
+        found, weights = read_folder(folder, _SCHEMA, _Description)
+        with usable(folder):
+            return cls(
+                found.features,
+                found.action,
+                _network(found.network, weights),
+                found.arm,
+                training=found.training,
+                seed=whole("seed", found.seed),
+                curve=found.curve,
+                versions=found.versions,
+            )
+
+    def _description(self) -> dict[str, Any]:
+        """Return the content of ``policy.json`` but the digest of the weights."""
+        network = _NetworkDescription(
+            sizes=list(self.network.sizes),
+            activation=self.network.activation,
+            mean=self.network.mean.tolist(),
+            std=self.network.std.tolist(),
+            clip=self.network.clip,
+            output=self.network.output,
+            cell=_NO_CELL if self.network.cell is None else _LSTM,
+        )
+        parts = self.features, self.action, self.training, self.seed, self.versions, "", self.curve, self.arm
+        content = dataclasses.asdict(_Description(_SCHEMA, network, *parts))
+        for of, name, usual in (
+            (content["network"], "output", _OUTPUT),
+            (content["network"], "cell", _NO_CELL),
+            (content, "arm", None),
+        ):
+            if of[name] == usual:
+                del of[name]
+        return content
+
+
+@dataclasses.dataclass(frozen=True)
+class _NetworkDescription:
+    """The part of ``policy.json`` on the network."""
+
+    sizes: list[int]
+    activation: str
+    mean: list[float]
+    std: list[float]
+    clip: float
+    output: str = _OUTPUT
+    cell: str = _NO_CELL
+
+
+@dataclasses.dataclass(frozen=True)
+class _Description:
+    """The content of ``policy.json``, in the order in which it is written."""
+
+    schema: str
+    network: _NetworkDescription
+    features: FeatureDefinition
+    action: ActionDefinition
+    training: dict[str, Any]
+    seed: int
+    versions: dict[str, Any]
+    weights_sha256: str
+    curve: list[dict[str, Any]]
+    arm: ArmDefinition | None = None
+
+
+def _network(description: _NetworkDescription, content: bytes) -> Network:
+    """Return the network of a description with the tensors of a safetensors file."""
+    tensors = tensors_in(content)
+    choice("cell", description.cell, (_NO_CELL, _LSTM))
+    gated = [f"{_CELL}.{name}" for name in _GATED] if description.cell == _LSTM else []
+    layers = range((len(tensors) - len(gated)) // 2)
+    names = {*gated, *(f"layer{number}.{part}" for number in layers for part in ("weight", "bias"))}
+    if set(tensors) != names or not layers:
+        needed = ", ".join((*gated, "layer0.weight, layer0.bias, ..."))
+        raise ValueError(f"{WEIGHTS} holds {listed(tensors)}; needed: {needed}")
+    for name, tensor in tensors.items():
+        axes = 1 if name.endswith("bias") else 2
+        if tensor.dtype != np.float32 or tensor.ndim != axes:
+            raise ValueError(f"{name} is {tensor.dtype} with {tensor.ndim} axes; needed: float32 with {axes}")
+    network = Network(
+        mean=np.array(description.mean, dtype=np.float64),
+        std=np.array(description.std, dtype=np.float64),
+        clip=description.clip,
+        weights=tuple(tensors[f"layer{number}.weight"] for number in layers),
+        biases=tuple(tensors[f"layer{number}.bias"] for number in layers),
+        activation=description.activation,
+        output=description.output,
+        cell=Cell(*(tensors[name] for name in gated)) if gated else None,
+    )
+    if list(network.sizes) != description.sizes:
+        raise ValueError(f"the layers have sizes {list(network.sizes)}, {DESCRIPTION} says {description.sizes}")
+    return network

@@ -1,0 +1,196 @@
+"""What a learned policy sees and does, as data: the part of a bundle that states it.
+
+Nothing here loads what acts, so that the command line can read these definitions quickly.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+
+from fuzzyarm.common.checks import instance, real, reals, truth, whole
+from fuzzyarm.envs.periods import SHORTEST_PERIOD, checked_period
+
+__all__ = ["INNOVATION_UNITS", "OBSERVER_BASE", "ActionDefinition", "ArmDefinition", "FeatureDefinition"]
+
+OBSERVER_BASE = "elastic-observer"
+"""The base that has innovations."""
+
+INNOVATION_UNITS = (1e-6, 2e-3)
+"""N of angles [rad] and of velocities [rad/s]."""
+
+_MOST_JOINTS = 12  # as in `envs.physics.robot`
+_OF_THE_INSTANT = 5  # features per joint that need no memory: e, ė, q_d, q̇_d, q̈_d
+_OF_THE_OBSERVER = 5  # the innovation of angle and velocity at two scales, and the load
+_MOST_REMEMBERED = 100  # errors or actions
+_LARGEST_SHIFT = 0.5  # rad
+_WIDEST_GATE = 1e6
+_LONGEST_ACTION, _LONGEST_MEMORY = 1.0, 1e6  # s
+
+
+@dataclasses.dataclass(frozen=True)
+class FeatureDefinition:
+    """Which features there are, and their scales; stated in every bundle.
+
+    The letters are those of the equations in `laws.learned.features`.
+
+    Attributes:
+        past_errors: n, how many past errors are remembered, 0 to 100.
+        past_actions: m, how many past actions, 0 to 100.
+        integral_time: τ, time constant of the leak [s]; 0: no integral.
+        elastic_target: whether errors count from θ_d instead of q_d, and as many past excess torques as past actions
+            are among the features.
+        error_scale: E [rad].
+        rate_scale: V [rad/s].
+        velocity_scale: D [rad/s].
+        acceleration_scale: A [rad/s²].
+        integral_scale: X [rad s].
+        excess_scale: U [N m].
+        joints: of the arm, 1 to 12.
+        innovation_times: τ_i [s], 4 at most; with any of them the base is an observer, and its innovation, leaky means
+            of it with these time constants and its estimate of the load are among the features.
+        innovation_scale: N of angles [rad].
+        innovation_rate_scale: N of velocities [rad/s].
+        load_scale: Z [N m].
+
+    Raises:
+        TypeError: a value is of the wrong type.
+        ValueError: a number is out of range.
+    """
+
+    past_errors: int = 2
+    past_actions: int = 2
+    integral_time: float = 0.1
+    elastic_target: bool = False
+    error_scale: float = 1e-3
+    rate_scale: float = 0.02
+    velocity_scale: float = 5.0
+    acceleration_scale: float = 50.0
+    integral_scale: float = 1e-4
+    excess_scale: float = 100.0
+    joints: int = 2
+    innovation_times: tuple[float, ...] = ()
+    innovation_scale: float = INNOVATION_UNITS[0]
+    innovation_rate_scale: float = INNOVATION_UNITS[-1]
+    load_scale: float = 100.0
+
+    def __post_init__(self) -> None:
+        """Check every number."""
+        whole("the number of innovation_times", len(instance("innovation_times", self.innovation_times, tuple)), high=4)
+        for time in self.innovation_times:
+            real("innovation_times", time, "s", above=0.0, high=_LONGEST_MEMORY)
+        whole("past_errors", self.past_errors, high=_MOST_REMEMBERED)
+        whole("past_actions", self.past_actions, high=_MOST_REMEMBERED)
+        real("integral_time", self.integral_time, "s", low=0.0, high=_LONGEST_MEMORY)
+        truth("elastic_target", self.elastic_target)
+        whole("joints", self.joints, low=1, high=_MOST_JOINTS)
+        for field in dataclasses.fields(self):
+            if field.name.endswith("_scale"):
+                real(field.name, getattr(self, field.name), above=0.0)
+
+    @property
+    def size(self) -> int:
+        """Number of features."""
+        past = self.past_errors + self.past_actions + self.past_excesses
+        return self.joints * (_OF_THE_INSTANT + past + (self.integral_time > 0.0) + self.observed)
+
+    @property
+    def observed(self) -> int:
+        """Features per joint that come from the base's observer."""
+        return _OF_THE_OBSERVER + 2 * len(self.innovation_times) if self.innovation_times else 0
+
+    @property
+    def past_excesses(self) -> int:
+        """Number of past excess torques."""
+        return self.past_actions if self.elastic_target else 0
+
+
+@dataclasses.dataclass(frozen=True)
+class ActionDefinition:
+    """What an action a in [-1, 1]ⁿ means: the torque u = `scale` · a, or with a base a shift of the base's target.
+
+    A base gets q_a - `scale` · a as the motor angles, so that it brings the motors to its own target plus `scale` · a.
+    A torque added to the base's would have no lasting effect, because the base's integral cancels it like a load.
+
+    With a `gate` G the base is an observer, and the action is a torque γ `scale` · a beside its own, of which its
+    prediction knows. With the innovation ν of n angles and n velocities
+
+        γ = r/(1 + r),    r = Σ (ν_i/(G N_i))²/(2 n),    N = 1e-6 rad and 2e-3 rad/s,
+
+    so that the observer acts alone where it predicts rightly, and the local stability of its loop does not change.
+
+    Attributes:
+        scale: one number per joint, the value at a = 1: torques [N m], or with a base angles [rad], 0.5 rad at most.
+        period: time for which an action is held [s]; a base acts at every control step.
+        base: name of a policy, as `fuzzyarm.load_policy` knows it; None: no base.
+        smoothing_time: τ_b [s] of the low-pass a_k = λ a_(k-1) + (1 - λ) b_k with λ = exp(-T/τ_b), where T is the
+            period and b_k the output of the network; 0: a_k = b_k.
+        gate: G; 0: the action shifts the base's target. With a gate `scale` are torques [N m].
+
+    Raises:
+        TypeError: a value is of the wrong type.
+        ValueError: a number is out of range.
+    """
+
+    scale: tuple[float, ...] = (400.0, 180.0)
+    period: float = 2e-3
+    base: str | None = None
+    smoothing_time: float = 0.0
+    gate: float = 0.0
+
+    def __post_init__(self) -> None:
+        """Check every value."""
+        if real("gate", self.gate, low=0.0, high=_WIDEST_GATE) > 0.0 and self.base != OBSERVER_BASE:
+            raise ValueError(f"gate = {self.gate:g} needs the base {OBSERVER_BASE}, not {self.base}; without a gate: 0")
+        if self.base is not None and not instance("base", self.base, str):
+            raise ValueError("base = '' must be the name of a policy, or None")
+        unit, largest = ("N m", math.inf) if self.base is None or self.gate > 0.0 else ("rad", _LARGEST_SHIFT)
+        whole("the number of scales", len(instance("scale", self.scale, tuple)), low=1, high=_MOST_JOINTS)
+        reals("scale", self.scale, len(self.scale), unit, above=0.0, high=largest)
+        real("period", self.period, "s", low=SHORTEST_PERIOD, high=_LONGEST_ACTION)
+        real("smoothing_time", self.smoothing_time, "s", low=0.0, high=_LONGEST_MEMORY)
+
+    @property
+    def smoothing(self) -> float:
+        """The factor λ of the low-pass."""
+        period, time = float(self.period), float(self.smoothing_time)
+        return math.exp(-period / time) if time > 0.0 else 0.0
+
+    def calls(self, control_period: float) -> int:
+        """Return for how many control periods an action is held.
+
+        Args:
+            control_period: [s].
+
+        Raises:
+            ValueError: the action period is not a whole multiple of the control period.
+        """
+        checked_period("control_period", control_period)
+        calls = round(self.period / control_period)
+        if calls < 1 or abs(calls * control_period - self.period) > 1e-9 * self.period:
+            raise ValueError(
+                f"the policy acts every {self.period:g} s, which is not a whole multiple of control_period = "
+                f"{control_period:g} s; allowed: {self.period:g} s divided by 1, 2, 3, ..."
+            )
+        return calls
+
+
+@dataclasses.dataclass(frozen=True)
+class ArmDefinition:
+    """Which arm a policy was trained for.
+
+    Attributes:
+        name: of the robot.
+        digest: of its numbers, `Robot.digest`; that of the two-joint arm is the one of its robot.
+
+    Raises:
+        TypeError: a value is no text.
+    """
+
+    name: str
+    digest: str
+
+    def __post_init__(self) -> None:
+        """Check the types."""
+        for name in ("name", "digest"):
+            instance(name, getattr(self, name), str)

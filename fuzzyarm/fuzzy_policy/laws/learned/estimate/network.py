@@ -1,0 +1,207 @@
+"""The recurrent network of `learned-observer`: from what is unexplained, and the context, to a residual torque.
+
+With z (signals that vanish where nothing is unexplained), c (context) and h (memory, zero when an episode begins), a
+gated recurrent unit whose candidate has no bias gives
+
+    s = σ(S_z z + S_h h + S_c c + s_0),    r = σ(R_z z + R_h h + R_c c + r_0),
+    n = tanh(A z + (C c)∘(B z) + r∘(U h)),    h⁺ = h + s∘(n - h),
+    ρ = clip(m g (V (h⁺∘w) + G (h⁺∘w)∘Δ + D z), ±1),    w = 1 + W tanh(P c + p_0),
+
+with Δ = (u_a - u_o)/R, m of c, which is 0 where the reference is at rest, and g = |δ|²/(|δ|² + δ_0²) of the load δ in
+z, δ_0 = `QUIET`. G says how far beyond u_a the law goes. z = 0 and h = 0 give ρ = 0 exactly, whatever the context.
+Where the elastic observer believes in no load, and at rest, it acts alone, and ρ is flat: small deviations are left to
+a loop that is stable whatever was learned.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import functools
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from fuzzyarm.common.checks import finite_array
+from fuzzyarm.fuzzy_policy.laws.learned.estimate.signals import QUIET, context_parts, unexplained_parts
+from fuzzyarm.fuzzy_policy.laws.learned.network import add_product, hyperbolic_tangent, logistic, real_array
+from fuzzyarm.numbers.functions import array, each, maximum, minimum
+
+__all__ = ["GATES", "LARGEST_MEMORY", "EstimateNetwork", "Layers", "heard", "respond", "shapes_of"]
+
+GATES = 2
+"""s and r."""
+
+AXES = (2, 3)  # of the spaces of tips
+
+LARGEST_MEMORY = 512
+"""Numbers in h and in tanh(P c); a larger network is refused before memory is allocated."""
+
+
+def shapes_of(hidden: int, modulation: int, joints: int, axes: int) -> dict[str, tuple[int, ...]]:
+    """Return the shapes of the arrays by name, for `hidden` numbers in h and `modulation` in tanh(P c).
+
+    Names are those of `EstimateNetwork`, shapes (rows, columns); the arm has so many joints, its tip so many axes.
+    """
+    gates = GATES * hidden
+    unexplained, context = unexplained_parts(joints, axes).belief.stop, context_parts(joints, axes).motion.stop
+    return {
+        "gate_z": (gates, unexplained),
+        "gate_h": (gates, hidden),
+        "gate_c": (gates, context),
+        "gate_bias": (gates,),
+        "A": (hidden, unexplained),
+        "B": (hidden, unexplained),
+        "C": (hidden, context),
+        "U": (hidden, hidden),
+        "V": (joints, hidden),
+        "G": (joints, hidden),
+        "D": (joints, unexplained),
+        "P": (modulation, context),
+        "p_0": (modulation,),
+        "W": (hidden, modulation),
+    }
+
+
+class Layers(NamedTuple):
+    """The arrays of a network as the law takes them, in double precision.
+
+    Attributes:
+        of_z: the matrices of z side by side and transposed, so that no sum runs over the rows.
+        of_h: those of h.
+        of_c: those of c.
+        bias: of what they give.
+        V, G, D: of the output.
+        W: transposed.
+    """
+
+    of_z: Any
+    of_h: Any
+    of_c: Any
+    bias: Any
+    V: Any
+    G: Any
+    D: Any
+    W: Any
+
+
+@dataclasses.dataclass(frozen=True, eq=False)
+class EstimateNetwork:
+    """The arrays of the module's equations, in the shapes of `shapes_of`; the rows of s stand above those of r.
+
+    Attributes:
+        gate_z: S_z above R_z.
+        gate_h: S_h above R_h.
+        gate_c: S_c above R_c.
+        gate_bias: s_0, then r_0.
+        A, B, C, U: of the candidate n.
+        V, G, D: of the output.
+        P, p_0, W: of the weights w.
+
+    Raises:
+        TypeError: an entry is no array of real numbers.
+        ValueError: shapes do not fit together, or a number is not finite.
+    """
+
+    gate_z: np.ndarray
+    gate_h: np.ndarray
+    gate_c: np.ndarray
+    gate_bias: np.ndarray
+    A: np.ndarray
+    B: np.ndarray
+    C: np.ndarray
+    U: np.ndarray
+    V: np.ndarray
+    G: np.ndarray
+    D: np.ndarray
+    P: np.ndarray
+    p_0: np.ndarray
+    W: np.ndarray
+
+    def __post_init__(self) -> None:
+        """Check shapes and numbers."""
+        for field in dataclasses.fields(self):
+            real_array(field.name, getattr(self, field.name), 1 if field.name in ("gate_bias", "p_0") else 2)
+        if not (1 <= self.hidden <= LARGEST_MEMORY and 1 <= len(self.P) <= LARGEST_MEMORY):
+            raise ValueError(f"U has {self.hidden} rows and P {len(self.P)}; allowed: 1 to {LARGEST_MEMORY}")
+        if len(self.V) == 0 or self.axes not in AXES:
+            needed = "for n joints V has n rows and A 11 n + 4 or 11 n + 5 columns"
+            raise ValueError(f"A has shape {self.A.shape} and V {self.V.shape}, as no arm; {needed}")
+        for name, shape in shapes_of(self.hidden, len(self.P), self.joints, self.axes).items():
+            object.__setattr__(self, name, finite_array(name, getattr(self, name), shape))
+
+    @property
+    def hidden(self) -> int:
+        """Numbers in h."""
+        return len(self.U)
+
+    @property
+    def joints(self) -> int:
+        """Of the arm, n."""
+        return len(self.V)
+
+    @property
+    def axes(self) -> int:
+        """Of the space of the tip, as the columns of A say."""
+        without: int = unexplained_parts(self.joints, 0).belief.stop
+        return int(self.A.shape[1]) - without
+
+    @functools.cached_property
+    def layers(self) -> Layers:
+        """The arrays as the law takes them."""
+        of_z = np.concatenate([self.gate_z, self.A, self.B]).T
+        of_h = np.concatenate([self.gate_h, self.U]).T
+        of_c = np.concatenate([self.gate_c, self.C, self.P]).T
+        bias = np.concatenate([self.gate_bias, np.zeros(self.hidden), self.p_0])
+        arrays = of_z, of_h, of_c, bias, self.V, self.G, self.D, self.W.T
+        return Layers(*(np.array(array, dtype=np.float64, order="C") for array in arrays))
+
+
+def heard(z: Any, c: Any, joints: int, axes: int) -> Any:
+    """Return m g of z and c, see the module."""
+    load, square = unexplained_parts(joints, axes).load.start, 0.0
+    for k in range(joints):
+        square = square + z[load + k] * z[load + k]
+    return c[context_parts(joints, axes).motion.start] * (square / (square + QUIET * QUIET))
+
+
+def respond(z: Any, c: Any, h: Any, gap: Any, torques: Any, n: Layers, axes: int) -> list[Any]:
+    """Return ρ (n,) from z and c (numbers of `signals`), u_a - u_o and R (n,) [N m], and advance h (hidden,)."""
+    hidden, total, follow = len(h), array(1), array(1)
+    w = array(hidden)
+    for i in each(hidden):
+        w[i] = 1.0
+    _remember(z, c, h, w, n)
+    share, rho = heard(z, c, len(gap), axes), []
+    for joint in range(len(gap)):
+        total[0], follow[0] = 0.0, 0.0
+        for i in each(hidden):
+            total[0] += n.V[joint, i] * (h[i] * w[i])
+            follow[0] += n.G[joint, i] * (h[i] * w[i])
+        total[0] += follow[0] * (gap[joint] / torques[joint])
+        for k in each(len(z)):
+            total[0] += n.D[joint, k] * z[k]
+        rho.append(minimum(maximum(share * total[0], -1.0), 1.0))
+    return rho
+
+
+def _remember(z: Any, c: Any, h: Any, w: Any, n: Layers) -> None:
+    """Advance h (hidden,), and add W tanh(P c + p_0) to w (hidden,)."""
+    hidden, modulation, gates = len(h), n.W.shape[0], GATES * len(h)
+    from_z, from_h, from_c = (array(matrix.shape[1]) for matrix in (n.of_z, n.of_h, n.of_c))
+    for numbers in (from_z, from_h):
+        for i in each(len(numbers)):
+            numbers[i] = 0.0
+    for i in each(len(from_c)):
+        from_c[i] = n.bias[i]
+    add_product(z, n.of_z, from_z)
+    add_product(h, n.of_h, from_h)
+    add_product(c, n.of_c, from_c)
+    for k in each(modulation):
+        at = k + (gates + hidden)
+        from_c[at] = hyperbolic_tangent(from_c[at])
+    add_product(from_c[gates + hidden :], n.W, w)
+    for i in each(hidden):
+        s = logistic(from_z[i] + from_h[i] + from_c[i])
+        r = logistic(from_z[i + hidden] + from_h[i + hidden] + from_c[i + hidden])
+        candidate = from_z[i + gates] + from_c[i + gates] * from_z[i + (gates + hidden)] + r * from_h[i + gates]
+        h[i] += s * (hyperbolic_tangent(candidate) - h[i])

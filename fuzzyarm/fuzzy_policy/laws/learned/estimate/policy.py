@@ -1,0 +1,237 @@
+"""`learned-observer`: the elastic observer at rest, the adaptive observer in motion, and a network that corrects it.
+
+Two laws run beside each other on the same measurements. With (x̂, d̂), K, L, x_d and u_ff of `elastic_observer`, the
+torque u_a of `adaptive.policy`, m and g of `network`, and the network ρ,
+
+    correct   (x̂, d̂) = (x̂, d̂)⁻ + L ν,    ν = y - (θ̂, θ̂̇)⁻,    and the filter of the adaptive observer by y,
+    act       u_o = u_ff - d̂ - K (x̂ - x_d),    u_b = u_o + m g (u_a - u_o),    u = u_b + R ρ(z, c, h),
+    predict   (x̂, d̂)⁻ and the filter's prediction under u within its limits.
+
+At rest m = 0, and without a load g is next to 0: there the elastic observer acts alone, whose loop is locally stable
+without knowing of late torques and wrong loop gains. In motion under a load the adaptive observer takes over, which
+knows of loads within milliseconds. Both are told of the torque that is applied. u_a counts up to four torque limits;
+where its filter has diverged, or the commands swing from limit to limit (`AdaptiveWeights.largest_swing`), u = u_o. z
+and c are those of `signals`, R the torques there. The network was trained by regression on a teacher that knows plant,
+load and lateness, see `fuzzyarm.rl_baselines.estimate`.
+"""
+
+from __future__ import annotations
+
+import copy
+import dataclasses
+import functools
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from fuzzyarm.common.slices import consecutive
+from fuzzyarm.envs.fastest_mode import fastest_rate
+from fuzzyarm.envs.observation import Observation
+from fuzzyarm.envs.periods import default_substeps
+from fuzzyarm.envs.physics.equations import AnyArm, equations_of
+from fuzzyarm.envs.physics.parameters import ArmParameters
+from fuzzyarm.envs.physics.physics import Physics
+from fuzzyarm.fuzzy_policy.law import Law, LawPolicy, seen_by
+from fuzzyarm.fuzzy_policy.laws.adaptive.belief import FLAG, Memory, places
+from fuzzyarm.fuzzy_policy.laws.adaptive.filter import Room, tables_of, with_tables
+from fuzzyarm.fuzzy_policy.laws.adaptive.filter import correct as correct_adaptive
+from fuzzyarm.fuzzy_policy.laws.adaptive.filter import predict as predict_adaptive
+from fuzzyarm.fuzzy_policy.laws.adaptive.law import act as act_adaptive
+from fuzzyarm.fuzzy_policy.laws.adaptive.law import adaptive_weights_for
+from fuzzyarm.fuzzy_policy.laws.adaptive.policy import AdaptiveObserverPolicy, Beliefs
+from fuzzyarm.fuzzy_policy.laws.elastic_observer import Constants, ElasticObserverPolicy, Observed
+from fuzzyarm.fuzzy_policy.laws.elastic_observer import steps_of as observer_steps_of
+from fuzzyarm.fuzzy_policy.laws.elastic_target import ElasticTarget, past_of
+from fuzzyarm.fuzzy_policy.laws.learned.estimate.network import EstimateNetwork, Layers, heard, respond
+from fuzzyarm.fuzzy_policy.laws.learned.estimate.signals import (
+    context_of,
+    context_parts,
+    see_beliefs,
+    see_innovation,
+    see_unexplained,
+    turns_of,
+    unexplained_parts,
+    units_of,
+)
+from fuzzyarm.fuzzy_policy.laws.observer_gains import Estimate, gain_tables, weights_for
+from fuzzyarm.numbers.functions import Cells, array, each, flat, maximum, minimum, select
+from fuzzyarm.numbers.machine import Kernel
+from fuzzyarm.numbers.program import Program
+
+__all__ = ["LearnedObserverPolicy", "SeenParts", "seen_parts"]
+
+
+# Of the adaptive observer, as the networks know it: at rest the elastic one acts, so that it needs no soft start.
+_WEIGHTS = {"first_gain": 1.0, "scale_doubt": 3e-3}
+_FARTHEST = 4.0  # torque limits, of u_a: that of a filter which is about to diverge would be any number
+
+
+class SeenParts(NamedTuple):
+    """Where z, c and u_b [N m] lie in what `LearnedObserverPolicy.observe` gives."""
+
+    z: slice
+    c: slice
+    base: slice
+
+
+@functools.cache
+def seen_parts(physics: Physics) -> SeenParts:
+    """Return these places for arms with these equations."""
+    joints, axes = physics.joints, physics.axes
+    return SeenParts(
+        *consecutive(unexplained_parts(joints, axes).belief.stop, context_parts(joints, axes).motion.stop, joints)
+    )
+
+
+class _Memory(NamedTuple):
+    """Of a lane: what the elastic observer remembers, the last ρ, the adaptive observer's filter, and h."""
+
+    observer: Observed
+    residual: Any
+    filter: Memory
+    hidden: Any
+
+
+class LearnedObserverPolicy(LawPolicy):
+    """The law of the module's docstring; it remembers what both laws do, the last ρ, and h.
+
+    Attributes:
+        network: ρ.
+        adaptive: the law of u_a.
+        seen: where the parts of what `observe` gives lie.
+        filter: where its memory lies in a lane's.
+        hidden: where h lies in a lane's memory.
+    """
+
+    def __init__(
+        self, network: EstimateNetwork, parameters: AnyArm | None = None, control_period: float = 1e-3
+    ) -> None:
+        """Design the gains of both laws for the arm as the policy knows it and T [s].
+
+        Raises:
+            ValueError: the control period is out of range, there are no gains for these arguments, or the network is
+                for another number of joints or axes.
+        """
+        super().__init__(ArmParameters() if parameters is None else parameters, control_period)
+        arm, physics = self.parameters, equations_of(self.parameters)
+        if (network.joints, network.axes) != (physics.joints, physics.axes):
+            raise ValueError(
+                f"the network is for {network.joints} joints and a tip in {network.axes} axes, the arm has "
+                f"{physics.joints} and {physics.axes}"
+            )
+        weights = dataclasses.replace(adaptive_weights_for(arm, self.control_period), **_WEIGHTS)
+        self.network, self.adaptive = network, AdaptiveObserverPolicy(arm, control_period, weights)
+        self.seen, nothing = seen_parts(physics), (0.0,) * self.joints
+        observed = Observed(past_of(self.joints), 0.0, Estimate(*[nothing] * len(Estimate._fields)))
+        sizes = len(flat(observed)) + self.joints, self.adaptive.memory.noise.stop, network.hidden
+        _, self.filter, self.hidden = consecutive(*sizes)
+        self.memory_size = self.hidden.stop
+        filter_places = places(physics)
+        self._places = _Memory(observed, nothing, filter_places, Cells((network.hidden,)))
+        target = ElasticTarget(arm, self.control_period)
+        substeps = default_substeps(self.control_period, fastest_rate([arm]))
+        self._schedule, *gains = gain_tables(arm, self.control_period, weights_for(arm, self.control_period))
+        self._gains = tuple(np.ascontiguousarray(table.reshape(len(table), -1)) for table in gains)
+        limit = tuple(map(float, self._torque_limit))
+        self._known = Constants(target.constants, limit, self.control_period / substeps, float(substeps))
+
+    def with_network(self, network: EstimateNetwork) -> LearnedObserverPolicy:
+        """Return this policy with another network of as many numbers in h."""
+        other = copy.copy(self)
+        for made in ("control_law", "_act_kernel", "_command_kernel", "_observing"):
+            other.__dict__.pop(made, None)
+        other.network = network
+        return other
+
+    def without_dry_friction(self) -> ElasticObserverPolicy:
+        """Return what acts at rest, where m is 0 whatever is measured: the elastic observer, for a smooth arm."""
+        return ElasticObserverPolicy(self.parameters, self.control_period).without_dry_friction()
+
+    def beliefs(self, state: np.ndarray) -> Beliefs:
+        """Return what its adaptive observer believes at the next sample, from a state (..., memory_size) of `predict`.
+
+        Where that one's filter has diverged, or the commands have swung, the elastic observer acts alone. TypeError and
+        ValueError as of `AdaptiveObserverPolicy.beliefs`.
+        """
+        return self.adaptive.beliefs_of(self.checked_state(state)[..., self.filter])
+
+    def observe(self, observation: np.ndarray, memory: np.ndarray, torque: np.ndarray, seen: np.ndarray) -> None:
+        """Do what `act` does, and fill `seen` (lanes, numbers of `SeenParts`) with what the network saw."""
+        self._observing((memory, observation, torque, seen), self._constants, self._tables)
+
+    @functools.cached_property
+    def control_law(self) -> Law:
+        """The law of the module's docstring."""
+        act = self._act_of()
+
+        def alone(memory: _Memory, seen: Observation, c: Constants, *tables: Any) -> tuple[_Memory, Any]:
+            after, torque, *_ = act(memory, seen, c, *tables)
+            return after, torque
+
+        return Law(alone, self._places, self._known, self._tables)
+
+    @property
+    def _tables(self) -> tuple[np.ndarray, ...]:
+        return (*self._gains, *tables_of(self.adaptive.settings), *self.network.layers)
+
+    @functools.cached_property
+    def _observing(self) -> Kernel:
+        act, joints = self._act_of(), self.joints
+
+        def observe(
+            memory: _Memory, seen: Observation, _: Any, out: Any, c: Constants, *tables: Any
+        ) -> tuple[Any, ...]:
+            after, torque, z, context, base = act(memory, seen, c, *tables)
+            for part, numbers in zip(self.seen, (z, context, base), strict=True):
+                for k in each(len(numbers)) if hasattr(numbers, "shape") else range(len(numbers)):
+                    out[k + part.start] = numbers[k]
+            return after, seen, torque, out
+
+        ports = self._places, seen_by(joints), (0.0,) * joints, Cells((self.seen.base.stop,))
+        return Kernel(Program(observe, ports, self._known, [table.shape for table in self._tables]))
+
+    def __getstate__(self) -> dict[str, Any]:
+        """Leave out the machine code."""
+        return {name: value for name, value in super().__getstate__().items() if name != "_observing"}
+
+    def _act_of(self) -> Any:
+        """Return the law that tells z, c and u_b [N m], too."""
+        arm, settings, joints = self.parameters, self.adaptive.settings, self.joints
+        physics, schedule = equations_of(arm), self._schedule
+        kept = tuple(schedule.kept.tolist())
+        correct, act, predict = observer_steps_of(physics, kept, schedule.cosine, schedule.points)
+        units, turns, limit = units_of(arm), turns_of(arm), self._torque_limit.tolist()
+        in_z, in_c = unexplained_parts(joints, physics.axes), context_parts(joints, physics.axes)
+        see_context, torques = context_of(physics), units.torque.tolist()
+
+        def learned(memory: _Memory, seen: Observation, c: Constants, *tables: Any) -> tuple[Any, ...]:
+            feedback, observer, *others = tables
+            s, layers = with_tables(settings, others[: -len(Layers._fields)]), Layers(*others[-len(Layers._fields) :])
+            m, h, room, adaptive = memory.filter, memory.hidden, Room(physics, s), array(joints)
+            z, context = array(in_z.belief.stop), array(in_c.motion.stop)
+            found = correct(memory.observer, seen, c, observer)
+            see_context(seen, found.u_ff, limit, turns, c.target.arm, units, context)
+            see_innovation(seen, m, units, z, in_z)
+            correct_adaptive(m, s, room, seen)
+            act_adaptive(room.acted, m, s, room, adaptive)
+            torque, gap = act(found, seen, c, feedback), []
+            for i, most in enumerate(limit):
+                asked, far = adaptive[i], _FARTHEST * most
+                aim = minimum(maximum(asked, -far), far)
+                gap.append(select(asked - asked == 0.0, aim - torque[i], 0.0))
+            see_unexplained(found.innovation, found.x.load, gap, memory.residual, units, z, in_z)
+            see_beliefs(m, s, units, z, context, in_z, in_c)
+            share = heard(z, context, joints, physics.axes)
+            base = [u + share * far for u, far in zip(torque, gap, strict=True)]
+            answer = respond(z, context, h, gap, torques, layers, physics.axes)
+            lost = m.flags[FLAG.lost] != 0.0
+            residual = tuple(select(lost, 0.0, rho) for rho in answer)
+            torque = tuple(u + unit * rho for u, unit, rho in zip(base, torques, residual, strict=True))
+            applied = [minimum(maximum(u, -most), most) for u, most in zip(torque, limit, strict=True)]
+            for i, u in enumerate(applied):
+                m.commands[0, i] = u
+            observed = Observed(found.past, 1.0, predict(found.x, applied, c))
+            predict_adaptive(m, s, room, adaptive)
+            return _Memory(observed, residual, m, h), torque, z, context, base
+
+        return learned

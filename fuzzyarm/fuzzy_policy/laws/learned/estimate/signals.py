@@ -1,0 +1,332 @@
+"""What the network of `learned-observer` sees: the unexplained z and the context c, each of order 1.
+
+With the innovations ν_a and ν_o, y - ŷ⁻ of the adaptive and of the elastic observer, one number for each motor angle
+and velocity, their torques u_a and u_o, and the load l = (forces, payload) of the beliefs p,
+
+    z = (a(ν_a), b(ν_a), a(ν_o), b(ν_o), d̂/R, asinh((u_a - u_o)/(κ R)), the last ρ, asinh((l - l_0)/l_1)),
+    a(ν) = asinh(ν/s),    b(ν) = asinh(ν/S) ν²/(s² + ν²),
+
+with κ = `GAP_SHARE` and the `Units` R, s, S and l_1 of an arm: a(ν) resolves what is small; b(ν) is linear in what is
+large and flat about zero. d̂ is what the elastic observer believes to load the links. z vanishes where nothing is
+unexplained and the arm is on its target. From the observation and the beliefs follows
+
+    c = (cos and sin of ψ_1, ..., ψ_n, q̇_d, q̈_d, u_ff, directions of the joints, direction of travel e, Jᵀ e,
+         what is believed of lateness and noise, m),
+
+ψ being the sum of the angles of joints with parallel axes up to this one (`units.turns_of`; θ_1 and θ_1 + θ_2 of the
+two-joint arm), and e = v/√(|v|² + v_0²) with the reference velocity v of the tip, and likewise of the joints.
+m = |v|²/(|v|² + v_1²) is 0 at rest and close to 1 in motion; for Table 1 v_1 = 0.1 mm/s.
+
+What the network of `learned-observer` sees an arm in: units in which its signals are of order 1.
+
+Of the two-joint arm they were chosen for Table 1; torques are shares of the limits of any arm. Of a robot by its frames
+every unit is that of Table 1 times a ratio of the robot to Table 1:
+
+    forces, payload    r_F, r_m, see `scale_of`
+    innovations        Γ_j/I_j of the joint's torque limit and motor inertia over that of the first joint: what a torque
+                       does to a motor within a sample
+    q̇_d, q̈_d           the joint's velocity limit
+    lengths, tip       the reach
+"""
+
+from __future__ import annotations
+
+import functools
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from fuzzyarm.common.slices import consecutive
+from fuzzyarm.envs.observation import Observation
+from fuzzyarm.envs.physics.elementwise import root, select, sine_cosine
+from fuzzyarm.envs.physics.equations import AnyArm, equations_of, robot_of
+from fuzzyarm.envs.physics.parameters import ArmParameters
+from fuzzyarm.envs.physics.physics import Physics
+from fuzzyarm.envs.physics.robot import Robot
+from fuzzyarm.envs.physics.two_joints import two_joints
+from fuzzyarm.envs.scenario.cases import load_scale
+from fuzzyarm.envs.scenario.kinematics import reach, velocity_limits
+from fuzzyarm.fuzzy_policy.known_arm import per_joint_of
+from fuzzyarm.fuzzy_policy.laws.adaptive.belief import FLAG, Memory, mass_of, unit_force
+from fuzzyarm.fuzzy_policy.laws.adaptive.filter import Settings
+from fuzzyarm.fuzzy_policy.laws.learned.network import area_sine
+from fuzzyarm.numbers.functions import each, maximum, only
+
+__all__ = [
+    "GAP_SHARE", "QUIET", "ContextParts", "Scale", "UnexplainedParts", "Units", "context_of", "context_parts",
+    "scale_of", "see_beliefs", "see_innovation", "see_unexplained", "turns_of", "unexplained_parts", "units_of",
+]  # fmt: skip
+
+
+GAP_SHARE = 0.05
+"""Share of R that is the unit of u_a - u_o."""
+
+QUIET = 1.0 / 600.0
+"""Share of the torques R: for a load d̂ below it the elastic observer all but acts alone."""
+
+_FINE = (5e-7, 2e-6, 1e-3, 4e-3)  # s of angles [rad] and velocities [rad/s] of the two-joint arm
+_COARSE = (1e-5, 4e-5, 2e-2, 8e-2)  # S
+_BEYOND = 1.2  # R over the torque limits
+_FORCE, _MASS = 20.0, 1.0  # N and kg, l_1 of the arm of Table 1
+_FASTEST, _JERKIEST = 3.0, 30.0  # units of q̇_d [rad/s] and of q̈_d [rad/s²]
+_SLOW, _SLOW_TIP = 0.05, 0.02  # rad/s and m/s: below it a direction fades
+_REST = 1e-4  # m/s, v_1
+_PARALLEL = 1e-9  # how far the cosine between parallel axes may be from 1
+
+
+class Scale(NamedTuple):
+    """How large an arm is, in arms of Table 1: forces at its tip, masses, and lengths."""
+
+    force: float
+    mass: float
+    length: float
+
+
+def scale_of(arm: AnyArm) -> Scale:
+    """Return the scale of an arm.
+
+    Of the two-joint arm these are ratios of the first motor's limit over the reach, of the links' mass, and of the
+    reach. A robot's last motors may be far weaker than its first ones: its forces and masses are those that ask for the
+    same share of a torque limit as Table 1's, see `load_scale`.
+    """
+    paper = ArmParameters()
+    if isinstance(arm, Robot):
+        return Scale(*load_scale(arm), reach(arm) / sum(paper.length))
+    force, mass = unit_force(arm) / unit_force(paper), mass_of(arm) / mass_of(paper)
+    return Scale(force, mass, sum(arm.length) / sum(paper.length))
+
+
+class Units(NamedTuple):
+    """What signals are seen in; n joints, and a tip in a space of some axes.
+
+    Attributes:
+        torque: R (n,), 1.2 of the torque limits [N m]: of loads and of residual torques, whose largest values it is.
+        load: l_1 (axes + 2,), of the forces along the direction of travel and along each axis [N], and the payload
+            [kg].
+        fine: s (2 n,) of the innovation of angles [rad] and velocities [rad/s].
+        coarse: S (2 n,) of what is large among them.
+        velocity: of q̇_d (n,) [rad/s].
+        acceleration: of q̈_d (n,) [rad/s²].
+        slow: joint velocities (n,) [rad/s] below which the direction of a joint fades.
+        slow_tip: v_0 [m/s].
+        rest: v_1 [m/s].
+        length: of the levers Jᵀ e [m].
+    """
+
+    torque: Any
+    load: Any
+    fine: Any
+    coarse: Any
+    velocity: Any
+    acceleration: Any
+    slow: Any
+    slow_tip: Any
+    rest: Any
+    length: Any
+
+
+def units_of(arm: AnyArm) -> Units:
+    """Return the units for an arm."""
+    limit, scale, paper = per_joint_of(arm, "torque_limit"), scale_of(arm), ArmParameters()
+    length, speed, fine, coarse, axes = 1.0, np.ones(len(limit)), np.array(_FINE), np.array(_COARSE), len(paper.length)
+    if isinstance(arm, Robot):
+        quickness = limit / per_joint_of(arm, "motor_inertia") * (paper.motor_inertia[0] / paper.torque_limit[0])
+        fine, coarse = (np.concatenate([unit[0] * quickness, unit[2] * quickness]) for unit in (_FINE, _COARSE))
+        length, speed = scale.length, velocity_limits(arm) / paper.velocity_limit[0]
+        axes = equations_of(arm).axes
+    return Units(
+        torque=_BEYOND * limit,
+        load=np.array([*[_FORCE * scale.force] * (axes + 1), _MASS * scale.mass]),
+        fine=fine,
+        coarse=coarse,
+        velocity=_FASTEST * speed,
+        acceleration=_JERKIEST * speed,
+        slow=_SLOW * speed,
+        slow_tip=_SLOW_TIP * length,
+        rest=_REST * length,
+        length=length,
+    )
+
+
+def turns_of(arm: AnyArm) -> np.ndarray:
+    """Return by how much the angle ψ of the joint before adds to that of each joint (n,): ψ_j = θ_j + σ_j ψ_(j-1).
+
+    σ_j is 1 where both axes are parallel, -1 where they are opposite, else 0; the first is 0.
+    """
+    now = robot_of(arm).arrays
+    cosine = np.einsum("ja,jab,jb->j", now.axis[:-1], now.rotation[1:], now.axis[1:])
+    parallel = np.abs(np.abs(cosine) - 1.0) < _PARALLEL
+    return np.concatenate([[0.0], np.where(parallel, np.rint(cosine), 0.0)])
+
+
+_SENSELESS = 1e6  # rad and rad/s, an innovation of a filter that has diverged
+_NOISE, _NOISES = 1e-6, 3.0  # rad, unit of the noise that is read; e-fold of its asinh that counts as 1
+
+
+class UnexplainedParts(NamedTuple):
+    """Where the parts of z lie, in the order of the module's equation."""
+
+    fine: Any
+    coarse: Any
+    slow_fine: Any
+    slow_coarse: Any
+    load: Any
+    gap: Any
+    residual: Any
+    belief: Any
+
+
+class ContextParts(NamedTuple):
+    """Where the parts of c lie, in the order of the module's equation."""
+
+    angles: Any
+    velocities: Any
+    accelerations: Any
+    feedforward: Any
+    signs: Any
+    travel: Any
+    lever: Any
+    trust: Any
+    motion: Any
+
+
+@functools.cache
+def unexplained_parts(joints: int, axes: int) -> UnexplainedParts:
+    """Return where the parts of z lie for so many joints and axes of the tip's space."""
+    return UnexplainedParts(*consecutive(*[2 * joints] * 4, *[joints] * 3, axes + 2))
+
+
+@functools.cache
+def context_parts(joints: int, axes: int) -> ContextParts:
+    """Return where the parts of c lie for so many joints and axes of the tip's space."""
+    return ContextParts(*consecutive(2 * joints, joints, joints, joints, joints, axes, joints, 5, 1))
+
+
+def see_innovation(seen: Observation, m: Memory, units: Units, z: Any, parts: UnexplainedParts) -> None:
+    """Fill the parts of z that are of ν_a, before that filter's correction.
+
+    They are 0 as an episode begins and where the filter has diverged.
+    """
+    joints = len(seen.q_motor)
+    predicted = (m.flags[FLAG.samples] > 0.0) & (m.flags[FLAG.lost] == 0.0)
+    raw = [q - m.z[i] for i, q in enumerate(seen.q_motor)]
+    raw += [dq - m.z[2 * joints + i] for i, dq in enumerate(seen.dq_motor)]
+    # A filter that has diverged at this very sample says so only with its correction.
+    innovation = [select(predicted & (abs(number) < _SENSELESS), number, 0.0) for number in raw]
+    _scaled(innovation, units, z[parts.fine], z[parts.coarse])
+
+
+def see_unexplained(
+    innovation: Any, load: Any, gap: Any, residual: Any, units: Units, z: Any, parts: UnexplainedParts
+) -> None:
+    """Fill parts of z from ν_o (2 n,) [rad, rad/s], d̂ and u_a - u_o (n,) [N m] and the last ρ (n,)."""
+    _scaled(innovation, units, z[parts.slow_fine], z[parts.slow_coarse])
+    seen_load, seen_gap, seen_residual = z[parts.load], z[parts.gap], z[parts.residual]
+    for i, torque in enumerate(units.torque.tolist()):
+        seen_load[i], seen_gap[i], seen_residual[i] = load[i] / torque, gap[i] / (GAP_SHARE * torque), residual[i]
+    squash(seen_gap)
+
+
+def see_beliefs(
+    m: Memory, s: Settings, units: Units, z: Any, c: Any, parts: UnexplainedParts, in_context: ContextParts
+) -> None:
+    """Fill the parts of z and c that are of the corrected beliefs; 0 where the filter has diverged.
+
+    In c these are lateness and its standard deviation [control periods], calm, surprise, and the noise that is read.
+    """
+    states, last, belief, trust = len(m.z) - len(s.guess), len(m.z) - 1, z[parts.belief], c[in_context.trust]
+    for numbers in (belief, trust):
+        for k in each(len(numbers)):
+            numbers[k] = 0.0
+    for _ in only(m.flags[FLAG.lost] == 0.0):
+        for k, unit in enumerate(units.load.tolist()):
+            belief[k] = (m.z[states + k] - s.guess[k]) / unit
+        squash(belief)
+        loudest = m.noise[0]
+        for j in range(1, len(m.noise)):
+            loudest = maximum(loudest, m.noise[j])
+        deviation, noise = root(maximum(m.P[last, last], 0.0)), root(loudest)
+        trust[0], trust[1], trust[2] = m.z[last], deviation, m.flags[FLAG.calm]
+        trust[3], trust[4] = area_sine(m.flags[FLAG.surprise]), area_sine(noise / _NOISE) / _NOISES
+
+
+@functools.cache
+def context_of(physics: Physics) -> Any:
+    """Return ``context(seen, feedforward, limit, turns, arm, units, c)``.
+
+    It fills c from the observation, u_ff (n,) [N m], its limit (n,), `turns_of` (n,) and the record of the constants.
+    """
+    parts, (tip_velocity, tip_lever) = context_parts(physics.joints, physics.axes), _tip_of(physics)
+
+    def context(
+        seen: Observation, feedforward: Any, limit: Any, turns: np.ndarray, arm: Any, units: Units, c: Any
+    ) -> None:
+        q, dq, ddq = seen.q_motor, seen.dq_reference, seen.ddq_reference
+        angles, turned = c[parts.angles], 0.0
+        for i, turn in enumerate(turns.tolist()):
+            turned = q[i] + turn * turned
+            sine, cosine = sine_cosine(turned)
+            angles[2 * i], angles[2 * i + 1] = cosine, sine
+        velocity, square = tip_velocity(q, dq, arm), 0.0
+        for v in velocity:
+            square = square + v * v
+        speed = root(square + units.slow_tip * units.slow_tip)
+        c[parts.motion.start] = square / (square + units.rest * units.rest)
+        travel = [v / speed for v in velocity]
+        for i, number in enumerate(travel):
+            c[parts.travel][i] = number
+        for i, number in enumerate(tip_lever(q, travel, arm)):
+            slow = float(units.slow[i])
+            c[parts.lever][i] = number / units.length
+            c[parts.velocities][i] = dq[i] / float(units.velocity[i])
+            c[parts.accelerations][i] = ddq[i] / float(units.acceleration[i])
+            c[parts.feedforward][i] = feedforward[i] / limit[i]
+            c[parts.signs][i] = dq[i] / root(dq[i] * dq[i] + slow * slow)
+
+    return context
+
+
+def _scaled(innovation: Any, units: Units, fine: Any, coarse: Any) -> None:
+    """Fill a(ν) and b(ν) from ν, each (2 n,)."""
+    for k, number in enumerate(innovation):
+        fine[k], coarse[k] = number / float(units.fine[k]), number / float(units.coarse[k])
+    squash(fine)
+    squash(coarse)
+    for k, number in enumerate(innovation):
+        square, unit = number * number, float(units.fine[k])
+        coarse[k] = coarse[k] * (square / (square + unit * unit))
+
+
+def squash(numbers: Any) -> None:
+    """Replace the numbers of an array by their asinh."""
+    for k in each(len(numbers)):
+        numbers[k] = area_sine(numbers[k])
+
+
+def _tip_of(physics: Physics) -> tuple[Any, Any]:
+    """Return ``velocity(q, dq, arm)`` and ``lever(q, e, arm)``: v (axes,) [m/s] and Jᵀ e (n,)."""
+    if physics is two_joints():
+        return _planar_velocity, _planar_lever
+    PerJoint, Point = physics.PerJoint, physics.Point
+
+    def velocity(q: Any, dq: Any, arm: Any) -> Any:
+        return physics.tip_velocity(PerJoint(*q), PerJoint(*dq), arm)
+
+    def lever(q: Any, e: Any, arm: Any) -> Any:
+        return physics.tip_load(PerJoint(*q), Point(*e), arm)
+
+    return velocity, lever
+
+
+# Of the two-joint arm in the order of operations in which the shipped network was trained: the same bits.
+def _planar_velocity(q: Any, dq: Any, arm: Any) -> tuple[Any, Any]:
+    (s1, c1), (s12, c12) = sine_cosine(q[0]), sine_cosine(q[0] + q[1])
+    both = dq[0] + dq[1]
+    x = -arm.length1 * s1 * dq[0] - arm.length2 * s12 * both
+    return x, arm.length1 * c1 * dq[0] + arm.length2 * c12 * both
+
+
+def _planar_lever(q: Any, e: Any, arm: Any) -> tuple[Any, Any]:
+    (s1, c1), (s12, c12) = sine_cosine(q[0]), sine_cosine(q[0] + q[1])
+    second = arm.length2 * (c12 * e[1] - s12 * e[0])
+    return arm.length1 * (c1 * e[1] - s1 * e[0]) + second, second

@@ -1,0 +1,315 @@
+"""The features of a learned policy: functions of the observation and of a memory.
+
+At the k-th action instant, with e = q_d - q_a, ė = q̇_d - q̇_a (motors) and the action a in [-1, 1]ⁿ,
+
+    f_k = (s(e_k/E), s(ė_k/V), q_d, q̇_d/D, q̈_d/A, s(e_(k-1)/E), ..., s(e_(k-n)/E), a_(k-1), ..., a_(k-m), s(x_k/X))
+
+with s = asinh, which is the identity for small errors and compresses large ones, and the leaky integral
+
+    x_(k+1) = (x_k + T e_k) exp(-T/τ).
+
+With an elastic target the errors are e = θ_d - q_a, ė = θ̇_d - q̇_a, where θ_d are the angles at which the motors of the
+unloaded arm belong (`fuzzy_policy.laws.elastic_target`), and f_k ends with the torque in excess of what that arm needs,
+
+    (..., w_(k-1)/U, ..., w_(k-m)/U),    w_k = u_k - u_ff,k,
+
+where u_k is the last torque commanded before instant k + 1. When an episode begins, all past errors, actions and excess
+torques and the integral x are zero. The training and the shipped policy run the same code.
+
+Of a base that observes, with the innovation ν of angles and velocities and the estimated load d̂, f_k ends with
+
+    (..., s(ν_k/N), s(ν_k/(20 N)), s(n_(1,k)/N), s(n_(2,k)/N), ..., d̂_k/Z),
+
+n_(i,k) = n_(i,k-1) + α_i (ν_k - n_(i,k-1)) with α_i = 1 - exp(-T/τ_i), and all n_i are zero before.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from fuzzyarm.common.checks import real
+from fuzzyarm.envs.observation import Observation
+from fuzzyarm.envs.physics.equations import AnyArm, equations_of
+from fuzzyarm.envs.physics.parameters import ArmParameters
+from fuzzyarm.fuzzy_policy.known_arm import checked_arm, joints_of, per_joint_of
+from fuzzyarm.fuzzy_policy.law import constants_array, law_of, seen_by, within_limits
+from fuzzyarm.fuzzy_policy.laws.elastic_target import Aim, ElasticTarget, past_of, target_of
+from fuzzyarm.fuzzy_policy.laws.learned.definition import INNOVATION_UNITS, ActionDefinition, FeatureDefinition
+from fuzzyarm.fuzzy_policy.laws.learned.network import area_sine
+from fuzzyarm.fuzzy_policy.policy import Policy
+from fuzzyarm.numbers.functions import Cells, array, each, flat, maximum, minimum, select
+from fuzzyarm.numbers.machine import Kernel
+from fuzzyarm.numbers.program import Program
+
+__all__ = ["Base", "Features", "Lanes", "Remembered", "gate"]
+
+
+COARSE = 20.0  # of the unit in which large innovations are seen
+
+
+class Remembered(NamedTuple):
+    """What the features remember of a lane; each of the first two and `excess` hold a tuple an instant, newest first.
+
+    Attributes:
+        errors: e [rad].
+        actions: a.
+        integral: x [rad s].
+        excess: w [N m].
+        feedforward: u_ff [N m].
+        target: what the elastic target remembers.
+        means: n_i of the innovation, one tuple for each τ_i.
+    """
+
+    errors: Any
+    actions: Any
+    integral: Any
+    excess: Any
+    feedforward: Any
+    target: Any
+    means: Any
+
+
+class Features:
+    """The features of a definition, lane by lane; see the module for the equations.
+
+    Attributes:
+        definition: which features.
+        period: T, time between two actions [s].
+        size: number of features.
+        memory: `Remembered` with zeros; of no more than the definition asks for.
+        memory_size: how many numbers that is.
+    """
+
+    def __init__(
+        self,
+        definition: FeatureDefinition,
+        period: float,
+        parameters: AnyArm | None = None,
+        *,
+        friction: bool = True,
+    ) -> None:
+        """Keep the definition.
+
+        Args:
+            definition: which features.
+            period: T [s].
+            parameters: the arm or the robot, for an elastic target and the torque limits; default Table 1.
+            friction: whether u_ff includes the dry friction.
+
+        Raises:
+            TypeError: the period is not a number.
+            ValueError: the period is not positive, or the features are for another number of joints.
+        """
+        self.definition, self.period, d = definition, real("period", period, "s", above=0.0), definition
+        arm: AnyArm = ArmParameters() if parameters is None else checked_arm("parameters", parameters)
+        self.size, joints = d.size, joints_of(arm)
+        if d.joints != joints:
+            raise ValueError(f"the features are for {d.joints} joints, the arm has {joints}")
+        self._target = ElasticTarget(arm, period, friction=friction) if d.elastic_target else None
+        self._aim = target_of(equations_of(arm)) if self._target else None
+        nothing, elastic = (0.0,) * joints, self._target is not None
+        self.memory = Remembered(
+            errors=(nothing,) * d.past_errors,
+            actions=(nothing,) * d.past_actions,
+            integral=nothing,
+            excess=(nothing,) * d.past_excesses,
+            feedforward=nothing if elastic else (),
+            target=past_of(joints) if elastic else (),
+            means=((0.0,) * (2 * joints),) * len(d.innovation_times),
+        )
+        self.memory_size = len(flat(self.memory))
+        self._shares = [1.0 - math.exp(-period / time) for time in d.innovation_times]
+        self._limit = tuple(map(float, per_joint_of(arm, "torque_limit")))
+        self._leak = math.exp(-period / d.integral_time) if d.integral_time > 0.0 else 0.0
+
+    def told(self, memory: Remembered, seen: Observation) -> tuple[Any, Any, Aim]:
+        """Return what the elastic target remembers next, u_ff [N m], and what the motors shall do."""
+        if self._target is None or self._aim is None:
+            return memory.target, memory.feedforward, Aim(*seen[2:])
+        past, aim, feedforward = self._aim(memory.target, seen, self._target.constants)
+        return past, feedforward, aim
+
+    def fill(
+        self, memory: Remembered, seen: Observation, aim: Aim, innovation: Any = (), load: Any = (), out: Any = None
+    ) -> Any:
+        """Return the features of the instant, an array (size,).
+
+        Args:
+            memory: of the lane.
+            seen: the observation, one number for each joint in each part.
+            aim: what the motors shall do, see `told`.
+            innovation: ν (2 n,) of the base, if it is among the features.
+            load: d̂ (n,) [N m] of the base, likewise.
+            out: the array to fill; None: a new one.
+        """
+        d, out = self.definition, array(self.size) if out is None else out
+        errors = [(q_d - q) / d.error_scale for q_d, q in zip(aim.q, seen.q_motor, strict=True)]
+        rates = [(dq_d - dq) / d.rate_scale for dq_d, dq in zip(aim.dq, seen.dq_motor, strict=True)]
+        at = _put(out, 0, [*errors, *rates], squashed=True)
+        asked = [*seen.q_reference, *(dq / d.velocity_scale for dq in seen.dq_reference)]
+        at = _put(out, at, [*asked, *(ddq / d.acceleration_scale for ddq in seen.ddq_reference)])
+        at = _put(out, at, [error / d.error_scale for error in flat(memory.errors)], squashed=True)
+        at = _put(out, at, flat(memory.actions))
+        if d.integral_time > 0.0:
+            at = _put(out, at, [x / d.integral_scale for x in memory.integral], squashed=True)
+        at = _put(out, at, [w / d.excess_scale for w in flat(memory.excess)])
+        if d.innovation_times and innovation:
+            units = [d.innovation_scale] * d.joints + [d.innovation_rate_scale] * d.joints
+            pairs = list(zip(innovation, units, strict=True))
+            seen_in = [v / unit for v, unit in pairs] + [v / (COARSE * unit) for v, unit in pairs]
+            for mean, share in zip(memory.means, self._shares, strict=True):
+                seen_in += [(m + share * (v - m)) / unit for m, (v, unit) in zip(mean, pairs, strict=True)]
+            at = _put(out, at, seen_in, squashed=True)
+            _put(out, at, [z / d.load_scale for z in load])
+        return out
+
+    def advance(
+        self, memory: Remembered, seen: Observation, told: tuple[Any, Any, Aim], action: Any, innovation: Any = ()
+    ) -> Remembered:
+        """Return the memory with the error of an observation and the action (n,) taken on it, in [-1, 1].
+
+        `told` is what `told` returns; the other arguments are as for `fill`.
+        """
+        (past, feedforward, aim), means = told, memory.means
+        if innovation:
+            pairs = zip(means, self._shares, strict=True)
+            means = tuple(
+                tuple(m + share * (v - m) for m, v in zip(mean, innovation, strict=True)) for mean, share in pairs
+            )
+        error = tuple(q_d - q for q_d, q in zip(aim.q, seen.q_motor, strict=True))
+        integral = (self._leak * (x + self.period * e) for x, e in zip(memory.integral, error, strict=True))
+        return Remembered(
+            errors=(error, *memory.errors[:-1]) if memory.errors else (),
+            actions=(tuple(action), *memory.actions[:-1]) if memory.actions else (),
+            integral=tuple(integral),
+            excess=(*memory.excess[:1], *memory.excess[:-1]),
+            feedforward=feedforward,
+            target=past,
+            means=means,
+        )
+
+    def command(self, memory: Remembered, torque: Any) -> Remembered:
+        """Return the memory with the excess of a commanded torque (n,) [N m], not yet clipped.
+
+        Of several calls between two `advance`, the last one counts.
+        """
+        if not memory.excess:
+            return memory
+        parts = zip(torque, self._limit, memory.feedforward, strict=True)
+        newest = tuple(minimum(maximum(u, -most), most) - u_ff for u, most, u_ff in parts)
+        return memory._replace(excess=(newest, *memory.excess[1:]))
+
+
+def _put(out: Any, at: int, numbers: list[Any], *, squashed: bool = False) -> int:
+    """Write numbers, or their asinh, into an array from a place on, and return the place behind them."""
+    for k, number in enumerate(numbers):
+        out[at + k] = number
+    if squashed:
+        for k in each(len(numbers)):
+            out[k + at] = area_sine(out[k + at])
+    return at + len(numbers)
+
+
+class Base:
+    """A base that acts under the guidance of actions.
+
+    With a gate the torque is not clipped yet; the prediction of the base knows the limits.
+
+    Attributes:
+        policy: the one that the definition of the action names.
+        law: its law.
+    """
+
+    def __init__(self, policy: Policy, action: ActionDefinition) -> None:
+        """Take the law of a policy; ValueError if it has none."""
+        found = law_of(policy)
+        if found is None:
+            raise ValueError(
+                f"the base {action.base} is a {type(policy).__name__}, which has no law; allowed: a fuzzy policy, "
+                "computed-torque, their -tip forms, or elastic-observer"
+            )
+        self.policy, self.law, self._action = policy, found, action
+
+    @property
+    def constants(self) -> Any:
+        """What the law takes: its constants, and the limits of the torques [N m]."""
+        return self.law.constants, tuple(map(float, self.policy.torque_limit))
+
+    def guided(self, memory: Any, seen: Any, told: Any, given: Any, *tables: Any) -> tuple[Any, Any]:
+        """Return memory and torque (n,) [N m] of the guided base, told scale · a (n,) and given `constants`."""
+        if self._action.gate > 0.0:
+            share = gate(self.innovation(memory, seen), self._action.gate)
+            extra = [share * u for u in told]
+            return self.law.act(memory, seen, given[0], *tables, extra=extra)
+        command = within_limits(self.law, self.policy.joints, self.policy.integral_at)
+        motors = type(seen.q_motor)(*(q - shift for q, shift in zip(seen.q_motor, told, strict=True)))
+        return command(memory, seen._replace(q_motor=motors), given, *tables)
+
+    def innovation(self, memory: Any, seen: Any) -> tuple[Any, ...]:
+        """Return ν (2 n,) of an observer before it acts [rad, rad/s]; 0 where an episode begins."""
+        x, measured = memory.predicted, (*seen.q_motor, *seen.dq_motor)
+        pairs = zip(measured, (*x.q_motor, *x.dq_motor), strict=True)
+        return tuple(select(memory.started == 0.0, 0.0, y - predicted) for y, predicted in pairs)
+
+    def observed(self, features: FeatureDefinition, memory: Any, seen: Any) -> tuple[Any, Any]:
+        """Return ν (2 n,) and d̂ (n,) of the base before it acts; nothing where no feature needs them."""
+        if not features.innovation_times:
+            return (), ()
+        return self.innovation(memory, seen), tuple(memory.predicted.load)
+
+
+class Lanes:
+    """Features, and the base that actions guide if there is one, of many lanes: what a training steps."""
+
+    def __init__(self, features: Features, base: Base | None = None) -> None:
+        """Compile both steps."""
+        d, law = features.definition, None if base is None else base.law
+        numbers, nothing = (0.0,) * d.joints, ((), ())
+
+        def see(memory: Remembered, held: Any, seen: Observation, out: Any, _: Any) -> tuple[Any, ...]:
+            innovation, load = nothing if base is None else base.observed(d, held, seen)
+            features.fill(memory, seen, features.told(memory, seen)[2], innovation, load, out)
+            return memory, held, seen, out
+
+        def act(
+            memory: Remembered, held: Any, seen: Observation, action: Any, torque: Any, given: Any, *tables: Any
+        ) -> tuple[Any, ...]:
+            innovation, _ = nothing if base is None else base.observed(d, held, seen)
+            memory = features.advance(memory, seen, features.told(memory, seen), action, innovation)
+            if base is not None:
+                held, torque = base.guided(held, seen, torque, given, *tables)
+            return features.command(memory, torque), held, seen, action, tuple(torque)
+
+        ports = features.memory, () if law is None else law.memory, seen_by(d.joints)
+        self.size, self._tables = features.size, () if law is None else law.tables
+        self._see = Kernel(Program(see, (*ports, Cells((features.size,)))))
+        given, shapes = () if base is None else base.constants, [table.shape for table in self._tables]
+        self._act = Kernel(Program(act, (*ports, numbers, numbers), given, shapes))
+        self._given = np.empty(0) if base is None else constants_array(base.law, base.constants[1])
+
+    def see(self, observation: np.ndarray, memory: np.ndarray, held: np.ndarray) -> np.ndarray:
+        """Return the features (lanes, size) for observations (lanes, 5 n) and the memories of features and base."""
+        out = np.empty((len(observation), self.size))
+        self._see((memory, held, observation, out), np.empty(0))
+        return out
+
+    def act(
+        self, observation: np.ndarray, action: np.ndarray, torque: np.ndarray, memory: np.ndarray, held: np.ndarray
+    ) -> None:
+        """Advance both memories by an action (lanes, n) in [-1, 1].
+
+        `torque` (lanes, n) holds scale · a, and afterwards the torque [N m], which that is without a base.
+        """
+        self._act((memory, held, observation, action, torque), self._given, self._tables)
+
+
+def gate(innovation: Any, width: float) -> Any:
+    """Return γ of `ActionDefinition` for ν (2 n,) [rad, rad/s] and G."""
+    count, total = len(innovation), 0.0
+    for k, number in enumerate(innovation):
+        ratio = number / (width * INNOVATION_UNITS[0 if k < count // 2 else 1])
+        total = total + ratio * ratio
+    return total / (count + total)

@@ -1,0 +1,115 @@
+"""The policy that a bundle holds, with the `predict` of every policy; it needs no learning library."""
+
+from __future__ import annotations
+
+import functools
+from typing import Any, NamedTuple
+
+from fuzzyarm.envs.observation import Observation
+from fuzzyarm.envs.physics.equations import AnyArm
+from fuzzyarm.envs.physics.parameters import ArmParameters
+from fuzzyarm.fuzzy_policy.law import Law, LawPolicy
+from fuzzyarm.fuzzy_policy.laws.learned.bundle import PolicyBundle
+from fuzzyarm.fuzzy_policy.laws.learned.features import Base, Features
+from fuzzyarm.fuzzy_policy.policy import Policy
+from fuzzyarm.numbers.functions import flat, select, when
+
+__all__ = ["LearnedPolicy"]
+
+
+class LearnedPolicy(LawPolicy):
+    """The mean action of a trained network, held for its action period; see `features` and `network`.
+
+    From action instant k to the next the torque is u(t) = scale · a_k, with a_k smoothed as the definition says. With a
+    base it is u(t) = u_base(t), guided by scale · a_k as `ActionDefinition` has it. The state holds everything
+    that is remembered between calls: for how long the action has been held, the action, and the memories of the
+    features, of the base and of a recurrent network.
+
+    Attributes:
+        bundle: the trained policy.
+        base: the policy whose target is shifted; None: no base.
+        calls_per_action: number of calls for which an action is held.
+    """
+
+    def __init__(
+        self,
+        bundle: PolicyBundle,
+        control_period: float = 1e-3,
+        parameters: AnyArm | None = None,
+        base: Policy | None = None,
+        *,
+        friction: bool = True,
+    ) -> None:
+        """Make the policy of a bundle.
+
+        Args:
+            bundle: the trained policy.
+            control_period: time between two calls of `predict` [s]; the action period must be a whole multiple of it.
+            parameters: the arm or the robot that it was trained for; default Table 1.
+            base: the policy that ``bundle.action.base`` names, for the same control period.
+            friction: whether the torque that an unloaded arm needs, if it is among the features, includes the dry
+                friction.
+
+        Raises:
+            ValueError: the periods do not fit, or the base is missing, not asked for, or for another period.
+        """
+        self._arm: AnyArm = ArmParameters() if parameters is None else parameters
+        super().__init__(self._arm, control_period)
+        self.bundle, self.base = bundle, base
+        self.action_period = bundle.action.period
+        self.calls_per_action = bundle.action.calls(control_period)
+        if (base is None) != (bundle.action.base is None):
+            given = "none" if base is None else type(base).__name__
+            raise ValueError(f"this policy was trained on the base {bundle.action.base}; base = {given} was given")
+        if base is not None and base.control_period != control_period:
+            raise ValueError(f"the base is for a control period of {base.control_period} s, not {control_period} s")
+        self._features = Features(bundle.features, bundle.action.period, self._arm, friction=friction)
+        self._base = None if base is None else Base(base, bundle.action)
+        self._smoothing, self._scale = bundle.action.smoothing, tuple(map(float, bundle.action.scale))
+        self.memory_size = len(flat(self.control_law.memory))
+
+    def without_dry_friction(self) -> LearnedPolicy:
+        """Return this policy for an arm without dry friction: base and features omit it, the network stays."""
+        base = None if self.base is None else self.base.without_dry_friction()
+        return LearnedPolicy(self.bundle, self.control_period, self._arm, base, friction=False)
+
+    @functools.cached_property
+    def control_law(self) -> Law:
+        """The law of the class."""
+        features, network, base, joints = self._features, self.bundle.network, self._base, self.joints
+        held = _Memory(0.0, (0.0,) * joints, features.memory, () if base is None else base.law.memory, network.memory)
+        own = () if base is None else base.law.tables
+
+        def act(memory: _Memory, seen: Observation, given: Any, *tables: Any) -> tuple[_Memory, Any]:
+            of_base, of_network = tables[: len(own)], tables[len(own) :]
+
+            def chosen() -> tuple[Any, Any]:
+                told, observed = features.told(memory.features, seen), ((), ())
+                if base is not None:
+                    observed = base.observed(self.bundle.features, memory.base, seen)
+                found = features.fill(memory.features, seen, told[2], *observed)
+                output = network.outputs(found, memory.network, *of_network)
+                pairs = zip(memory.action, output, strict=True)
+                action = tuple(self._smoothing * old + (1.0 - self._smoothing) * new for old, new in pairs)
+                return action, features.advance(memory.features, seen, told, action, observed[0])
+
+            action, past = when(memory.phase == 0.0, chosen, (memory.action, memory.features))
+            phase = memory.phase + 1.0
+            phase = select(phase >= self.calls_per_action, 0.0, phase)
+            torque, remembered = [scale * a for scale, a in zip(self._scale, action, strict=True)], memory.base
+            if base is not None:
+                remembered, torque = base.guided(memory.base, seen, torque, given, *of_base)
+            past = features.command(past, torque)
+            return _Memory(phase, action, past, remembered, memory.network), tuple(torque)
+
+        return Law(act, held, () if base is None else base.constants, (*own, *network.tables))
+
+
+class _Memory(NamedTuple):
+    """Of a lane: the calls since its last action, 0 if the next one is due; that action; what the parts remember."""
+
+    phase: Any
+    action: Any
+    features: Any
+    base: Any
+    network: Any

@@ -1,0 +1,239 @@
+"""A proven bound of the tip error: how it is found, what it says, its file, and how the file is checked again."""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+import time
+from collections.abc import Callable, Sequence
+from typing import Any
+
+import numpy as np
+
+from fuzzyarm.common.checks import choice, instance, real, whole
+from fuzzyarm.common.rounding import at_most
+from fuzzyarm.envs.batch.schedule import Schedule
+from fuzzyarm.envs.fuzzy_arm import FuzzyArmEnv
+from fuzzyarm.envs.physics.parameters import ArmParameters
+from fuzzyarm.envs.scenario.cases import case_for
+from fuzzyarm.envs.scenario.default_reference import LONGEST, default_reference
+from fuzzyarm.envs.scenario.reference import JointReference
+from fuzzyarm.fuzzy_policy.policy import Policy
+from fuzzyarm.policies.spec import load_policy
+from fuzzyarm.proof.tip.centre import Segment
+from fuzzyarm.proof.tip.enclosures import NoBound
+from fuzzyarm.proof.tip.period import Claim
+from fuzzyarm.proof.tip.plant import SETS, PlantSet, ball_plant, check_set_name, exactly, ranges_in_words
+from fuzzyarm.proof.tip.sampled_law import sampled_law
+from fuzzyarm.proof.tip.tube import Problem, Step, Tube
+from fuzzyarm.proof.tip.zonotope import SOURCES
+
+__all__ = [
+    "PATHS", "PERIOD", "TipBound", "TipClaim", "arm_in_words", "find_bound", "own_duration", "plain", "problem_of",
+    "reference_of", "two_joint_arm",
+]  # fmt: skip
+
+PATHS = ("circle", "lemniscate")
+"""Paths of the tip by name: the paper's circle, and an eight of the same width."""
+
+PLANAR = 2  # coordinates of the tip
+PERIOD = 1e-3  # control period [s], the environment's own
+
+Claims = Sequence[Sequence[tuple[Segment, Claim]]]
+
+
+@dataclasses.dataclass(frozen=True)
+class TipClaim:
+    """What a bound is claimed for.
+
+    Attributes:
+        policy: name of the policy.
+        case: name of the case, whose payload and tip force act.
+        set_name: label of the set for its user, see `check_set_name`; no word of a result is made from it.
+        plants: the set.
+        path: one of `PATHS`.
+        duration: of the motion [s].
+        steps: how many control steps of the motion are bounded; None: all.
+    """
+
+    policy: str
+    case: str = "nominal"
+    set_name: str = dataclasses.field(default="", compare=False)
+    plants: PlantSet = SETS["table-1"]
+    path: str = "circle"
+    duration: float = 1.5
+    steps: int | None = None
+
+    def __post_init__(self) -> None:
+        """Check every field but the names of policy and case; ValueError names it and what is allowed."""
+        for name, kind in (("policy", str), ("case", str), ("set_name", str), ("plants", PlantSet)):
+            instance(name, getattr(self, name), kind)
+        known = next((name for name, plants in SETS.items() if plants == self.plants), "own")
+        object.__setattr__(self, "set_name", self.set_name or known)
+        check_set_name(self.set_name, self.plants)
+        choice("path", self.path, PATHS)
+        real("duration", self.duration, "s", low=PERIOD, high=LONGEST)
+        if self.steps is not None:
+            whole("steps", self.steps, low=1, high=math.ceil(self.duration / PERIOD - 1e-9))
+
+    def samples(self, count: int) -> str:
+        """Return in words which samples of the motion `count` ones are."""
+        total = math.ceil(self.duration / PERIOD - 1e-9)
+        return f"every one of {total} samples" if count == total else f"the first {count} of {total} samples"
+
+    def motion(self, count: int) -> str:
+        """Return start, samples, path and case in words, of a bound of `count` samples."""
+        at = f"{self.samples(count)} of the {self.path} in {exactly(self.duration)} s, case {self.case}"
+        return f"at {at}, from rest with the links on the path"
+
+    def named_set(self, arm: ArmParameters) -> str:
+        """Return the set by the name of `SETS` whose plants these are, else by its ranges; `arm`: in its middle."""
+        if self.plants == PlantSet() and arm != ArmParameters():
+            return "of one plant"
+        name = next((name for name, plants in SETS.items() if plants == self.plants), None)
+        return name or f"with {ranges_in_words(self.plants)}"
+
+
+@dataclasses.dataclass(frozen=True)
+class TipBound:
+    """A bound that is proven.
+
+    Attributes:
+        claim: what it is proven for.
+        arm: in the middle of the set.
+        tip: bound of the tip error at the end of each control step [m].
+        sources: of each of these, the share of each of `SOURCES`, of the uncertain constants and of the centre [m].
+        steps: the tube; empty if it was not kept.
+        seconds: that the proof took.
+    """
+
+    claim: TipClaim
+    arm: ArmParameters
+    tip: np.ndarray
+    sources: np.ndarray
+    steps: tuple[Step, ...]
+    seconds: float
+
+    @property
+    def largest(self) -> float:
+        """The bound of the largest tip error at any sample [m]."""
+        return float(self.tip.max())
+
+    def spent(self) -> dict[str, float]:
+        """Return what the largest bound is made of, in metres by source."""
+        names = [*SOURCES, "uncertain constants", "centre"]
+        return dict(zip(names, self.sources[int(self.tip.argmax())].tolist(), strict=True))
+
+    def to_dict(self) -> dict[str, Any]:
+        """Return the result as plain data for JSON."""
+        return {
+            "policy": self.claim.policy,
+            "case": self.claim.case,
+            "set": self.claim.named_set(self.arm),
+            "path": self.claim.path,
+            "duration": self.claim.duration,
+            "proven": True,
+            "bound": self.largest,
+            "sample": int(self.tip.argmax()) + 1,
+            "samples": len(self.tip),
+            "spent": self.spent(),
+            "seconds": self.seconds,
+        }
+
+    def to_text(self) -> str:
+        """Return the result as text."""
+        c, spent = self.claim, self.spent()
+        parts = ", ".join(f"{name} {at_most(1e3 * x, 4)}" for name, x in spent.items() if x > 1e-3 * self.largest)
+        at = PERIOD * (int(self.tip.argmax()) + 1)
+        plants = f"set {c.named_set(self.arm)} ({arm_in_words(self.arm)})"
+        return (
+            f"{plain(c.policy)}: the tip error is at most {at_most(1e3 * self.largest, 4)} mm for {plants}\n"
+            f"  {c.motion(len(self.tip))}: PROVEN in {self.seconds:.0f} s\n"
+            f"  largest at t = {at:.3f} s; made of, in mm: {parts}"
+        )
+
+
+def plain(name: str) -> str:
+    """Return a name or path in ASCII: no letter looks like another one."""
+    return ascii(name)[1:-1]
+
+
+def arm_in_words(arm: ArmParameters) -> str:
+    """Return an arm as Table 1's, or by all of its numbers that are not Table 1's."""
+    own = {f: getattr(arm, f.name) for f in dataclasses.fields(arm) if getattr(arm, f.name) != f.default}
+    numbers = ", ".join(f"{f.name} = {value} {f.metadata['unit']}" for f, value in own.items())
+    return f"an arm with {numbers} instead of Table 1's" if own else "the arm of Table 1"
+
+
+def reference_of(claim: TipClaim, arm: ArmParameters) -> JointReference:
+    """Return the motion of a claim: the default one of the arm along the path, in the duration that is claimed."""
+    reference = default_reference(arm, choice("path", claim.path, PATHS))
+    assert isinstance(reference, JointReference)
+    return dataclasses.replace(reference, duration=claim.duration)
+
+
+def own_duration(policy: str) -> float:
+    """Return the duration [s] of the default circle of the arm that a policy is for; 1.5 s for that of Table 1."""
+    return default_reference(load_policy(policy, control_period=PERIOD).parameters).duration
+
+
+def two_joint_arm(policy: Policy) -> ArmParameters:
+    """Return the arm that a policy is for; `NoBound` for another robot."""
+    parameters = policy.parameters
+    if not isinstance(parameters, ArmParameters):
+        raise NoBound(f"there is no bound for a robot of {len(parameters)} joints; choose the two-joint arm")
+    return parameters
+
+
+def problem_of(claim: TipClaim, policy: Policy | None = None) -> Problem:
+    """Return the problem that a claim is about; ValueError for an unknown name, `NoBound` for a policy without law.
+
+    Args:
+        claim: what is to be proven. The arm is the one that the policy is for.
+        policy: the policy itself, where it has no name yet.
+    """
+    policy = load_policy(claim.policy, control_period=PERIOD) if policy is None else policy
+    parameters = two_joint_arm(policy)
+    case, reference = case_for(claim.case, parameters), reference_of(claim, parameters)
+    schedule = Schedule.build(reference, case.disturbance, PERIOD, PLANAR)
+    if claim.steps is not None:
+        schedule = dataclasses.replace(schedule, table=schedule.table[: claim.steps + 1])
+    if case.disturbance.torque_bias is not None or case.disturbance.encoder_noise is not None:
+        raise NoBound(f"case {claim.case}: a torque bias or Gaussian noise of the encoders has no bound here")
+    plant = ball_plant(parameters, case.disturbance, claim.plants)
+    law = sampled_law(policy, schedule.references)
+    _, info = FuzzyArmEnv(claim.case, parameters=parameters, reference=reference).reset()
+    start = np.concatenate([info[name] for name in ("q_motor", "q_link", "dq_motor", "dq_link")])
+    return Problem(parameters, start, schedule, PERIOD, law, claim.plants, plant)
+
+
+def find_bound(
+    claim: TipClaim,
+    advance: Callable[[], object] = lambda: None,
+    claims: Claims | None = None,
+    policy: Policy | None = None,
+) -> TipBound:
+    """Return a proven bound for a claim.
+
+    Args:
+        claim: what is to be proven.
+        advance: called after each control step.
+        claims: tubes to be confirmed, as a file has them; None: they are searched.
+        policy: the policy itself, where it has no name yet; None: that of the claim's name.
+
+    Raises:
+        NoBound: there is none; the message says when and what stands in its way.
+        ValueError: a name is unknown, or the case's tip force or payload does not go with the arm.
+    """
+    begin = time.perf_counter()
+    problem = problem_of(instance("claim", claim, TipClaim), policy)
+    steps: list[Step] = []
+    try:
+        with np.errstate(all="ignore"):  # what is too large is no number, and fails each check
+            for step in Tube(problem, claims):
+                steps.append(step)
+                advance()
+    except (ValueError, ArithmeticError) as error:
+        raise NoBound(f"{plain(claim.policy)}: no bound beyond t = {PERIOD * len(steps):.3f} s: {error}") from None
+    tip, sources = np.array([s.tip for s in steps]), np.array([s.sources for s in steps])
+    return TipBound(claim, problem.parameters, tip, sources, tuple(steps), time.perf_counter() - begin)

@@ -1,0 +1,131 @@
+"""A set that is too large for one tube, divided into cells, each with a tube of its own, on several cores.
+
+The constants of any plant lie in the ranges of one of the cells, so the largest of their bounds holds for the whole
+set. The factors of both joints are independent, so each joint's range is divided. A cell without a tube is halved where
+it is widest, as a share of the whole range, until its parts have one.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import itertools
+import math
+from collections.abc import Iterator, Sequence
+from pathlib import Path
+
+from joblib import Parallel, delayed
+
+from fuzzyarm.common.checks import choice, distinct, whole
+from fuzzyarm.policies.tip_bound import TipBound, TipClaim, find_bound
+from fuzzyarm.policies.tip_files import CellBound, save_bound
+from fuzzyarm.proof.tip.enclosures import NoBound
+from fuzzyarm.proof.tip.plant import AXES, BY_JOINT, RANGES, Axis, PlantSet, narrowed, ranges_in_words
+
+__all__ = ["Division", "bounds_of_cell", "bounds_of_cells", "cells"]
+
+MOST = 10_000
+"""Cells of a set."""
+HALVINGS = 6
+"""How often a cell is halved before it is given up."""
+
+Division = tuple[str, int]
+"""A name of `DIVISIBLE`, and into how many equal parts its range is divided."""
+
+DIVISIBLE: dict[str, list[Axis]] = {
+    **{name: [axis for axis in AXES if axis[0] == name] for name in RANGES},
+    **{f"{name}-{joint + 1}": [(name, joint)] for name, joint in AXES if name in BY_JOINT},
+}
+"""What can be divided by name: the range of a field, of each joint where it has its own, or of one joint (mass-2)."""
+
+
+def cells(plants: PlantSet, divisions: Sequence[Division]) -> Iterator[PlantSet]:
+    """Yield the cells of a set: the products of the parts of its divided ranges, which touch.
+
+    Raises:
+        ValueError: a field is unknown or named twice, or a number of parts is out of range.
+    """
+    distinct("cells", [name for name, _ in divisions])
+    axes: list[list[tuple[Axis, tuple[float, float]]]] = []
+    for name, parts in divisions:
+        choice("cells", name, tuple(DIVISIBLE))
+        count = whole(f"cells of {name}", parts, low=1, high=1000)
+        for axis in DIVISIBLE[name]:
+            if axis in {known for known, _ in itertools.chain(*axes)}:
+                raise ValueError(f"cells = {name} divides a range that is divided already; leave out one")
+            low, high = plants.of_joint(*axis)
+            ends = [low + (high - low) * k / count for k in range(count)] + [high]
+            axes.append([(axis, pair) for pair in itertools.pairwise(ends)])
+    if math.prod(map(len, axes)) > MOST:
+        raise ValueError(f"cells: {math.prod(map(len, axes))} cells; allowed: at most {MOST}, take fewer parts")
+    for chosen in itertools.product(*axes):
+        cell = plants
+        for axis, part in chosen:
+            cell = narrowed(cell, axis, part)
+        yield cell
+
+
+def bounds_of_cells(
+    claim: TipClaim, divisions: Sequence[Division], jobs: int, out: Path | None = None
+) -> Iterator[list[CellBound]]:
+    """Yield what is found of each cell of the claim's set, or of its parts, computed in `jobs` processes.
+
+    With `out`, the file of each bound is written beside it: ``NAME-001.json`` and so on for ``NAME.json``.
+
+    Raises:
+        NoBound: a cell has none; the message says which.
+    """
+    tasks = [dataclasses.replace(claim, plants=cell, set_name="cell") for cell in cells(claim.plants, divisions)]
+    names = [name for name, _ in divisions]
+    paths = [out and out.with_name(f"{out.stem}-{number:03}") for number in range(1, len(tasks) + 1)]
+    work = (delayed(_saved)(task, claim.plants, names, path) for task, path in zip(tasks, paths, strict=True))
+    yield from Parallel(n_jobs=jobs, return_as="generator")(work)
+
+
+def _saved(claim: TipClaim, plants: PlantSet, names: Sequence[str], stem: Path | None) -> list[CellBound]:
+    found = []
+    for number, bound in enumerate(bounds_of_cell(claim, plants, names)):
+        path = None
+        if stem is not None:
+            path = stem.with_name(f"{stem.name}{chr(ord('a') + number) if number else ''}.json")
+            save_bound(bound, path)
+        found.append(CellBound(bound.claim.plants, bound.largest, len(bound.tip), path))
+    return found
+
+
+def bounds_of_cell(
+    claim: TipClaim, plants: PlantSet, names: Sequence[str], halvings: int = HALVINGS
+) -> Iterator[TipBound]:
+    """Yield the bound of a cell, or those of its parts.
+
+    Args:
+        claim: whose set is the cell.
+        plants: the whole set.
+        names: of `DIVISIBLE`, whose ranges may be halved.
+        halvings: how often that may be done.
+
+    Raises:
+        NoBound: a part that was halved so often has none.
+    """
+    try:
+        yield find_bound(claim)
+        return
+    except NoBound as error:
+        axis = _widest(claim.plants, plants, names)
+        if not halvings or axis is None:
+            raise NoBound(f"{ranges_in_words(claim.plants, plants)}: {error}") from None
+    low, high = claim.plants.of_joint(*axis)
+    middle = 0.5 * (low + high)
+    for part in ((low, middle), (middle, high)):
+        half = dataclasses.replace(claim, plants=narrowed(claim.plants, axis, part))
+        yield from bounds_of_cell(half, plants, names, halvings - 1)
+
+
+def _widest(cell: PlantSet, plants: PlantSet, names: Sequence[str]) -> Axis | None:
+    """Return where a cell is widest, as a share of the whole range; None where it has no width."""
+    shares = {}
+    for axis in itertools.chain(*(DIVISIBLE[name] for name in names)):
+        low, high = plants.of_joint(*axis)
+        if low < high:
+            first, last = cell.of_joint(*axis)
+            shares[axis] = (last - first) / (high - low)
+    return max(shares, key=lambda axis: shares[axis], default=None)

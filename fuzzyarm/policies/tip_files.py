@@ -1,0 +1,347 @@
+"""The file of a proven bound: the claim, and the centre and the radii of the tube, from which it can be checked again.
+
+A bound by cells is a file of the whole set, beside one file for each cell.
+
+It holds numbers only. Every float is the shortest decimal that identifies it, so it is read back exactly.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import json
+import math
+import time
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from fuzzyarm.common.checks import finite_array, instance, path_of, real
+from fuzzyarm.common.console import escaped
+from fuzzyarm.common.documents import DocumentError, check_schema, open_regular, read_json, record
+from fuzzyarm.common.files import write_atomically
+from fuzzyarm.common.rounding import at_most
+from fuzzyarm.envs.observation import JOINTS
+from fuzzyarm.envs.physics.parameters import ArmParameters
+from fuzzyarm.envs.scenario.reference import JointReference
+from fuzzyarm.policies.spec import load_policy, resolve
+from fuzzyarm.policies.tip_bound import (
+    PERIOD,
+    Claims,
+    TipBound,
+    TipClaim,
+    arm_in_words,
+    find_bound,
+    plain,
+    reference_of,
+    two_joint_arm,
+)
+from fuzzyarm.proof.tip.centre import DEGREE, Mode, Segment
+from fuzzyarm.proof.tip.enclosures import NoBound
+from fuzzyarm.proof.tip.friction import Plan
+from fuzzyarm.proof.tip.period import Claim
+from fuzzyarm.proof.tip.plant import RANGES, PlantSet, missed, plants_of, ranges_in_words
+from fuzzyarm.proof.tip.transition import ROW_COUNT, STATES
+
+__all__ = [
+    "CELLS_SCHEMA",
+    "LARGEST",
+    "SCHEMA",
+    "BoundCheck",
+    "CellBound",
+    "CellsCheck",
+    "check_bound",
+    "check_cells",
+    "is_bound",
+    "is_cells",
+    "read_bound",
+    "save_bound",
+    "save_cells",
+]  # fmt: skip
+
+
+SCHEMA = "fuzzyarm-tip-bound/1"
+"""Of the file of a bound."""
+
+MAX_BYTES = 16 * 2**20
+LARGEST = 1e6
+"""Of any number of a tube or a bound."""
+
+
+@dataclasses.dataclass(frozen=True)
+class _Part:
+    """A segment as it stands in the file."""
+
+    duration: float
+    modes: list[int]
+    plans: list[str]
+    angles: list[list[float]]
+    end: list[float]
+    tube: list[float]
+
+
+@dataclasses.dataclass(frozen=True)
+class _Document:
+    """The content of a file."""
+
+    schema: str
+    policy: str
+    files: dict[str, str]
+    case: str
+    set_name: str
+    plants: dict[str, Any]
+    path: str
+    duration: float
+    bound: float
+    tip: list[float]
+    steps: list[list[_Part]]
+
+
+@dataclasses.dataclass(frozen=True)
+class BoundCheck:
+    """What the check of a file found.
+
+    Attributes:
+        path: the file.
+        claim: what it claims a bound for.
+        arm: in the middle of the set.
+        bound: that it claims [m], or what was found now where that is larger by rounding.
+        reason: why it is not proven; empty if it is.
+        seconds: that the check took.
+        tip: bound of the tip error at the end of each control step [m], as the file has it.
+    """
+
+    path: Path
+    claim: TipClaim
+    arm: ArmParameters
+    bound: float
+    reason: str
+    seconds: float
+    tip: np.ndarray
+
+    @property
+    def proven(self) -> bool:
+        """Whether every period of the tube was confirmed."""
+        return not self.reason
+
+    @property
+    def sentence(self) -> str:
+        """What is proven of the tip, in one sentence."""
+        c, most = self.claim, at_most(1e3 * self.bound, 4)
+        said = "claimed" if self.reason else "proven"
+        motion = c.motion(len(self.tip))
+        within = f"tip within {most} mm for set {c.named_set(self.arm)}, {said}"
+        return f"{within} (elastic arm, {arm_in_words(self.arm)}; sampled control; {motion})"
+
+    def reference(self) -> JointReference:
+        """Return the motion that the bound is about."""
+        return reference_of(self.claim, self.arm)
+
+    def to_dict(self) -> dict[str, Any]:
+        """Return the result as plain data for JSON."""
+        c = self.claim
+        named = {"file": str(self.path), "policy": c.policy, "case": c.case, "set": c.named_set(self.arm)}
+        return {**named, "proven": self.proven, "bound": self.bound, "reason": self.reason, "seconds": self.seconds}
+
+    def to_text(self) -> str:
+        """Return the result as text."""
+        what = f"{plain(self.claim.policy)}: {self.sentence}"
+        head = f"{escaped(str(self.path))}: {'PROVEN' if self.proven else 'NOT PROVEN'} ({self.seconds:.1f} s)"
+        return f"{head}\n  {what}" if self.proven else f"{head}\n  {what}\n  {escaped(self.reason)}"
+
+
+def save_bound(bound: TipBound, path: Path) -> None:
+    """Write the file of a proven bound, atomically."""
+    c, path = instance("bound", bound, TipBound).claim, path_of("path", path)
+    steps = [
+        [
+            _Part(
+                segment.duration, [int(m) for m in segment.modes], [p.value for p in closed.plans],
+                segment.angles.tolist(), segment.end.tolist(), closed.tube.tolist(),
+            )
+            for segment, closed in zip(step.segments, step.closed, strict=True)
+        ]
+        for step in bound.steps
+    ]  # fmt: skip
+    document = _Document(
+        SCHEMA, c.policy, resolve(c.policy).files(), c.case, c.set_name, c.plants.to_dict(), c.path, c.duration,
+        bound.largest, bound.tip.tolist(), steps,
+    )  # fmt: skip
+    write_atomically(path, json.dumps(dataclasses.asdict(document)) + "\n")
+
+
+def is_bound(path: Path) -> bool:
+    """Return whether a file begins as the file of a bound does; OSError if it cannot be read."""
+    with open_regular(path) as file:
+        return SCHEMA.encode() in file.read(64)
+
+
+def read_bound(path: Path) -> tuple[TipClaim, _Document, Claims]:
+    """Read a file; ValueError or OSError where it is none or damaged, or its policy has changed."""
+    content = read_json(path, largest=MAX_BYTES)
+    try:
+        document = record(check_schema(content, SCHEMA), _Document)
+        claim = TipClaim(
+            document.policy, document.case, plants=plants_of(document.set_name, document.plants), path=document.path,
+            duration=document.duration, steps=len(document.tip),
+        )  # fmt: skip
+        real("bound", document.bound, "m", low=0.0, high=LARGEST)
+        finite_array("tip", document.tip, (len(document.tip),), largest=LARGEST)
+        if resolve(document.policy).files() != document.files:
+            raise ValueError(f"policy {document.policy} is made from other files than when the bound was found")
+        return claim, document, [[_claimed(part) for part in step] for step in document.steps]
+    except (TypeError, ValueError) as error:
+        raise DocumentError(f"{path}: {error}") from None
+
+
+def _claimed(part: _Part) -> tuple[Segment, Claim]:
+    modes = tuple(Mode(m) for m in part.modes)
+    plans = tuple(Plan(p) for p in part.plans)
+    if len(modes) != JOINTS or len(plans) != JOINTS:
+        raise ValueError(f"a segment has {len(modes)} modes and {len(plans)} plans; needed: {JOINTS}")
+    angles = finite_array("angles", part.angles, (2 * JOINTS, DEGREE + 1), largest=LARGEST)
+    end = finite_array("end", part.end, (STATES,), largest=LARGEST)
+    tube = finite_array("tube", part.tube, (ROW_COUNT,), largest=LARGEST)
+    duration = real("duration", part.duration, "s", low=math.ulp(PERIOD), high=PERIOD)
+    return Segment(angles, modes, duration, end), Claim(tube, plans)
+
+
+def check_bound(path: Path) -> BoundCheck:
+    """Check a file again: every period of the claimed tube is confirmed, without any search.
+
+    Raises:
+        ValueError: no such file, or it is damaged, or its policy has changed.
+        OSError: the file cannot be read.
+    """
+    claim, document, claims = read_bound(path)
+    policy = load_policy(claim.policy, control_period=PERIOD)
+    arm = two_joint_arm(policy)
+    begin, reason, bound = time.perf_counter(), "", document.bound
+    try:
+        found = find_bound(claim, claims=claims, policy=policy)
+        bound = max(bound, found.largest)
+        if found.tip.shape != (len(document.tip),) or not (found.tip <= np.array(document.tip) * (1 + 1e-9)).all():
+            reason = "a bound of the tip is larger than the file says"
+        elif not document.bound * (1 + 1e-9) >= found.largest:
+            reason = f"the tip may err by {at_most(1e3 * found.largest, 4)} mm"
+    except NoBound as error:
+        reason = str(error)
+    except IndexError:
+        reason = "the file ends before the motion does"
+    tip = np.array(document.tip) * (1 + 1e-9)
+    return BoundCheck(path, claim, arm, document.bound if reason else bound, reason, time.perf_counter() - begin, tip)
+
+
+CELLS_SCHEMA = "fuzzyarm-tip-cells/2"
+"""Of the file of a bound by cells."""
+
+
+@dataclasses.dataclass(frozen=True)
+class _CellsDocument:
+    """The content of a file."""
+
+    schema: str
+    policy: str
+    case: str
+    set_name: str
+    plants: dict[str, Any]
+    path: str
+    duration: float
+    samples: int
+    bound: float
+    cells: list[str]
+
+
+@dataclasses.dataclass(frozen=True)
+class CellsCheck(BoundCheck):
+    """What the check of a file and of all its cells found: as `BoundCheck`, of the whole set, with the largest `tip`.
+
+    It is proven if every cell was confirmed and they cover the set.
+
+    Attributes:
+        cells: how many there are.
+    """
+
+    cells: int = 0
+
+    def to_dict(self) -> dict[str, Any]:
+        """Return the result as plain data for JSON."""
+        return {**super().to_dict(), "cells": self.cells}
+
+
+@dataclasses.dataclass(frozen=True)
+class CellBound:
+    """What was found of one cell.
+
+    Attributes:
+        plants: the cell.
+        bound: of the tip error [m].
+        samples: of the motion that are bounded.
+        path: file of the bound; None where none was written.
+    """
+
+    plants: PlantSet
+    bound: float
+    samples: int
+    path: Path | None
+
+
+def save_cells(claim: TipClaim, found: Sequence[CellBound], path: Path) -> None:
+    """Write the file of a bound by cells, atomically; each cell has a file in the same folder."""
+    names = [cell.path.name for cell in found if cell.path is not None]
+    document = _CellsDocument(
+        CELLS_SCHEMA, claim.policy, claim.case, claim.set_name, claim.plants.to_dict(), claim.path, claim.duration,
+        found[0].samples, max(cell.bound for cell in found), names,
+    )  # fmt: skip
+    write_atomically(path, json.dumps(dataclasses.asdict(document), indent=1) + "\n")
+
+
+def is_cells(path: Path) -> bool:
+    """Return whether a file begins as the file of a bound by cells does; OSError if it cannot be read."""
+    with open_regular(path) as file:
+        return CELLS_SCHEMA.encode() in file.read(64)
+
+
+def check_cells(path: Path) -> CellsCheck:
+    """Check every cell again, and that the cells cover the set.
+
+    Raises:
+        ValueError: no such file, or it or a cell is damaged, or the policy has changed.
+        OSError: a file cannot be read.
+    """
+    content = read_json(path)
+    try:
+        document = record(check_schema(content, CELLS_SCHEMA), _CellsDocument)
+        real("bound", document.bound, "m", low=0.0, high=LARGEST)
+        if not document.cells or any(Path(name).name != name for name in document.cells):
+            raise ValueError("cells: each is the name of a file in the same folder, and there is at least one")
+        claim = TipClaim(
+            document.policy, document.case, plants=plants_of(document.set_name, document.plants), path=document.path,
+            duration=document.duration, steps=document.samples,
+        )  # fmt: skip
+    except (TypeError, ValueError) as error:
+        raise DocumentError(f"{path}: {error}") from None
+    begin = time.perf_counter()
+    found = [check_bound(path.with_name(name)) for name in document.cells]
+    reason = _why_not(claim, document, found)
+    bound = document.bound if reason else max(document.bound, *(cell.bound for cell in found))
+    samples = min(len(cell.tip) for cell in found)
+    tip = np.max([cell.tip[:samples] for cell in found], axis=0)
+    return CellsCheck(path, claim, found[0].arm, bound, reason, time.perf_counter() - begin, tip, len(found))
+
+
+def _why_not(claim: TipClaim, document: _CellsDocument, found: Sequence[BoundCheck]) -> str:
+    """Return what a bound by cells lacks; empty if it is proven."""
+    for cell in found:
+        ranges: dict[str, Any] = {name: getattr(claim.plants, name) for name in RANGES}
+        parts = dataclasses.replace(cell.claim.plants, **ranges)
+        whole = dataclasses.replace(cell.claim, plants=parts, set_name=claim.set_name)
+        if not cell.proven:
+            return f"{cell.path.name}: {cell.reason}"
+        if whole != claim or cell.arm != found[0].arm:
+            return f"{cell.path.name} is about something else"
+        if cell.bound > document.bound * (1 + 1e-9):
+            return f"{cell.path.name}: the tip may err by {at_most(1e3 * cell.bound, 4)} mm"
+    hole = missed(claim.plants, [cell.claim.plants for cell in found])
+    return "" if hole is None else f"no cell holds {ranges_in_words(hole, claim.plants)}"

@@ -1,0 +1,207 @@
+"""The bounds of a robot's inertia that a scheduled controller claims, as matrices that must be positive definite.
+
+*Inertia.* That of a robot, or of its last links on a moving base, is an exact trigonometric polynomial of its angles.
+The kinetic energy of links a + 1 to n, whose base is link a, is T = ½ yᵀ D(q) y. Here y holds the base's twist, the
+velocity of its origin and its angular velocity in its own frame, and the joint rates q̇_(a+1) ... q̇_n; a base at rest
+leaves only the rates, and D is the mass matrix M. In the frame of link i, with A_i(q_i) = rotation_i exp([u_i]× q_i),
+
+    ω_i = A_iᵀ ω_(i-1) + u_i q̇_i,    v_i = A_iᵀ (v_(i-1) + ω_(i-1) × d_i),
+    T = ½ Σ_i m_i |v_i + ω_i × c_i|² + ω_iᵀ I_i ω_i,
+
+whose coefficients of y are multilinear in (cos q_k, sin q_k), so D is a polynomial of degree two in each such pair: a
+combination of 1, cos q, sin q, cos 2q and sin 2q for each angle. Five points on the unit circle with rational
+coordinates determine it, and all of this is computed in exact rationals from the robot's floats.
+The inertia of a robot whose base rests does not depend on its first angle.
+
+*Bounds.* With M̄(q) = M(q) + R, R the reflected rotor inertias, and the scheduled inertia M̂(q) = Σ_r h_r(q) S_r,
+
+    M̂(q) < M̄(q) < κ M̂(q),      σ I < M̂(q),      -2 μ_k M̂(q) < ∂M̂/∂q_k < 2 μ_k M̂(q) for each kept angle q_k
+
+for all angles of the box. M depends on too many angles for one cover, so the chain is split behind link a. The energy
+of the links beyond it is a quadratic form D(q_(a+1) ... q_n) of that link's twist and the rates beyond;
+constants with
+
+    D_low < D(q_(a+1) ... q_n) < D_high
+
+make of M̄ two matrices of the angles q_2 ... q_a alone, between which it lies: M_low has D_low in place of D, and M_high
+has D_high. Both steps are matrices of few angles. Nothing of this is sampled.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import itertools
+from collections.abc import Iterator, Sequence
+from typing import Any
+
+import numpy as np
+from flint import fmpq, fmpq_mat
+
+from fuzzyarm.envs.physics.robot import Robot
+from fuzzyarm.fuzzy_policy.scheduled import Premise, ScheduledController
+from fuzzyarm.proof.box_cover import BASIS, TrigMatrix, widened
+from fuzzyarm.proof.definiteness import exact, stated
+
+__all__ = ["TWIST", "Bound", "angle_ranges", "bounds", "inertia_at", "inertia_polynomial", "scheduled_polynomial"]
+
+TWIST = 6
+"""Numbers of a base's twist, linear before angular velocity."""
+
+_NODES = tuple((fmpq(c, 5), fmpq(s, 5)) for c, s in ((5, 0), (0, 5), (-5, 0), (0, -5), (3, 4)))
+# From the values at the nodes to the coefficients in the basis, (5, 5).
+_TO_BASIS = np.array(
+    fmpq_mat([[fmpq(1), c, s, c * c - s * s, 2 * c * s] for c, s in _NODES]).inv().tolist(), dtype=object
+)
+
+
+def inertia_at(
+    robot: Robot, cosines: Sequence[fmpq], sines: Sequence[fmpq], *, first: int, last: int, tail: np.ndarray | None
+) -> np.ndarray:
+    """Return D of links `first` + 1 to `last` at exact cosines and sines of their angles.
+
+    Args:
+        robot: the robot, n joints.
+        cosines: of the angles, `last` - `first` numbers.
+        sines: likewise.
+        first: a, number of the link that is the base; 0 for the robot's own base, which rests.
+        last: links beyond this one are left out.
+        tail: W (6 + m, 6 + m), a quadratic form of the last link's twist and m more rates that is added,
+            ½ (v, ω, q̇)ᵀ W (v, ω, q̇); None for none.
+
+    Returns:
+        Exact rationals, (s, s) with s = b + `last` - `first` + m, and b = 6 rows for the twist of a moving base.
+    """
+    joints, moving = robot.joints[first:last], TWIST if first else 0
+    size = moving + len(joints) + (0 if tail is None else len(tail) - TWIST)
+    v, w, D = fmpq_mat(3, size), fmpq_mat(3, size), fmpq_mat(size, size)
+    for k in range(moving):
+        (v if k < moving // 2 else w)[k % 3, k] = 1
+    for i, (joint, c, s) in enumerate(zip(joints, cosines, sines, strict=True)):
+        turn = (_matrix(joint.rotation) * _rotation(joint.axis, c, s)).transpose()
+        v, w = turn * (v - _cross(joint.position) * w), turn * w
+        for row, entry in enumerate(exact(joint.axis)):
+            w[row, moving + i] += entry
+        link = joint.link
+        center = v - _cross(link.center) * w
+        mass, inertia = exact(link.mass).item(), _matrix(link.inertia)
+        D += center.transpose() * center * mass + w.transpose() * inertia * w
+    if tail is not None:
+        beyond = np.zeros((len(tail) - TWIST, size), dtype=int)
+        beyond[:, moving + len(joints) :] = np.eye(len(beyond), dtype=int)
+        form = fmpq_mat([*v.tolist(), *w.tolist(), *exact(beyond).tolist()])
+        D += form.transpose() * _matrix(tail) * form
+    return np.array(D.tolist(), dtype=object)
+
+
+def inertia_polynomial(robot: Robot, first: int, last: int, tail: np.ndarray | None = None) -> np.ndarray:
+    """Return the coefficients of D in the basis of each angle that it may depend on; arguments as for `inertia_at`.
+
+    Returns:
+        Exact rationals (5, ..., 5, s, s): one axis for each of the angles `first` + 1 to `last`, without that of joint
+        1, each in the order of `BASIS`.
+    """
+    fixed = 0 if first else 1
+    angles = last - first - fixed
+    values = []
+    for nodes in itertools.product(_NODES, repeat=angles):
+        cosines, sines = zip(*([(fmpq(1), fmpq(0))] * fixed), *nodes, strict=True)
+        values.append(inertia_at(robot, cosines, sines, first=first, last=last, tail=tail))
+    result = np.array(values, dtype=object).reshape((BASIS,) * angles + values[0].shape)
+    for axis in range(angles):
+        result = np.moveaxis(np.tensordot(_TO_BASIS, result, axes=(1, axis)), 0, axis)
+    return np.asarray(result)
+
+
+def _matrix(rows: Any) -> fmpq_mat:
+    return fmpq_mat(len(rows), len(rows[0]), list(exact(rows).ravel()))
+
+
+def _cross(vector: Sequence[float]) -> fmpq_mat:
+    """Return [x]×, so that [x]× y = x × y."""
+    x, y, z = exact(vector)
+    return fmpq_mat(3, 3, [fmpq(0), -z, y, z, fmpq(0), -x, -y, x, fmpq(0)])
+
+
+def _rotation(axis: Sequence[float], c: fmpq, s: fmpq) -> fmpq_mat:
+    """Return exp([u]× q) = u uᵀ + c (I - u uᵀ) + s [u]× for c = cos q, s = sin q."""
+    u = fmpq_mat(3, 1, list(exact(axis)))
+    along, unit = u * u.transpose(), fmpq_mat(3, 3, [fmpq(int(i == j)) for i in range(3) for j in range(3)])
+    return along + (unit - along) * c + _cross(axis) * s
+
+
+@dataclasses.dataclass(frozen=True)
+class Bound:
+    """A matrix that a controller claims to be positive definite in a box."""
+
+    name: str  # the claim
+    matrix: TrigMatrix  # of the angles that it depends on
+    ranges: np.ndarray  # lowest and highest of these angles, (d, 2) [rad]
+
+
+def bounds(controller: ScheduledController) -> Iterator[Bound]:
+    """Yield every bound that a controller claims, formed in exact rationals from its robot and its stored numbers."""
+    robot, split = controller.robot, controller.split
+    ranges = angle_ranges(robot)
+    near, far = ranges[1:split], ranges[split:]
+    low, high = exact(controller.distal_low), exact(controller.distal_high)
+    n = len(robot)
+    if split < n:
+        distal = inertia_polynomial(robot, split, n)
+        yield _bound(f"D - D_low > 0 beyond joint {split}", plus(distal, -low), far)
+        yield _bound(f"D_high - D > 0 beyond joint {split}", plus(-distal, high), far)
+        lowest, highest = (inertia_polynomial(robot, 0, split, tail) for tail in (low, high))
+    else:
+        lowest = highest = inertia_polynomial(robot, 0, n)
+    rotors = exact(np.diag(robot.drive("motor_inertia")))
+    scheduled = scheduled_polynomial(controller.premises, controller.inertia, split)
+    kappa = stated(controller.kappa)
+    yield _bound("M + R - M_hat > 0", plus(lowest - scheduled, rotors), near)
+    yield _bound("kappa M_hat - M - R > 0", plus(kappa * scheduled - highest, -rotors), near)
+    yield _bound("M_hat - sigma I > 0", plus(scheduled, -stated(controller.floor) * exact(np.eye(n))), near)
+    for premise, rate in zip(controller.premises, controller.rates, strict=True):
+        slope = TrigMatrix(scheduled).derivative(premise.joint - 1).exact
+        for sign, mark in ((1, "-"), (-1, "+")):
+            name = f"2 mu M_hat {mark} dM_hat/dq{premise.joint + 1} > 0"
+            yield _bound(name, 2 * stated(rate) * scheduled - sign * slope, near)
+
+
+def angle_ranges(robot: Robot) -> np.ndarray:
+    """Return the ranges (n, 2) of the angles [rad], `widened`."""
+    return widened(np.array([joint.angle_range for joint in robot.joints]))
+
+
+def scheduled_polynomial(premises: Sequence[Premise], inertia: np.ndarray, split: int) -> np.ndarray:
+    """Return the coefficients of M̂, exact rationals (5, ..., 5, n, n) with an axis for each of the angles 2 to a.
+
+    Args:
+        premises: the kept ones.
+        inertia: S_r, (N, n, n).
+        split: a.
+    """
+    angles, vertices = split - 1, exact(inertia)
+    total: np.ndarray = np.full((BASIS,) * angles + vertices.shape[1:], fmpq(0), dtype=object)
+    for rule, S in enumerate(vertices):
+        weight = np.array(fmpq(1), dtype=object).reshape((1,) * angles)
+        for position, premise in enumerate(premises):
+            weight = weight * _membership(premise, (rule >> position) & 1, angles)
+        total[tuple(slice(size) for size in weight.shape)] += weight[..., np.newaxis, np.newaxis] * S
+    return total
+
+
+def _membership(premise: Premise, at_maximum: int, angles: int) -> np.ndarray:
+    """Return (1 ± z)/2 as coefficients, an axis of 5 for the premise's angle and of 1 for the others."""
+    values = np.full(BASIS, fmpq(0), dtype=object)
+    values[0], values[premise.place] = fmpq(1, 2), fmpq(1 if at_maximum else -1, 2)
+    return values.reshape([BASIS if axis == premise.joint - 1 else 1 for axis in range(angles)])
+
+
+def plus(polynomial: np.ndarray, constant: np.ndarray) -> np.ndarray:
+    """Return a polynomial (5, ..., 5, s, s) plus a constant (s, s)."""
+    result, place = polynomial.copy(), (0,) * (polynomial.ndim - 2)
+    result[place] = result[place] + constant
+    return result
+
+
+def _bound(name: str, polynomial: np.ndarray, ranges: np.ndarray) -> Bound:
+    whole = TrigMatrix(polynomial)
+    return Bound(name, whole.of_needed(), ranges[whole.needed()])

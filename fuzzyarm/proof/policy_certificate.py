@@ -1,0 +1,99 @@
+"""What is proven of a policy: the claims of its controller file, for its law, and for that law as it tracks the tip."""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+from typing import Any
+
+import numpy as np
+
+from fuzzyarm.common.rounding import at_most
+from fuzzyarm.envs.scenario.elastic_reference import CHECKED_INSTANTS, ElasticReference
+from fuzzyarm.envs.scenario.reference import Reference
+from fuzzyarm.fuzzy_policy.controller import Controller
+from fuzzyarm.fuzzy_policy.laws.fuzzy import FuzzyPolicy
+from fuzzyarm.fuzzy_policy.laws.scheduled import ScheduledPolicy
+from fuzzyarm.fuzzy_policy.laws.tip import TipPolicy
+from fuzzyarm.fuzzy_policy.scheduled import FORM, ScheduledController
+from fuzzyarm.proof.scheduled_certificate import scheduled_statement
+from fuzzyarm.proof.statement import statement
+
+__all__ = ["PolicyCertificate", "certificate_of", "tip_statement"]
+
+
+@dataclasses.dataclass(frozen=True)
+class PolicyCertificate:
+    """What is proven of a policy on a reference; see `certificate_of`.
+
+    Attributes:
+        text: what is proven and what is not, in words.
+        bounds: the numbers of the claim, ready for JSON: ``form``, ``alpha`` [1/s], ``gamma`` ([rad/(N m)] in the
+            consistent form, [s²] in the semidefinite one) and ``controller_digest``, the digest of the controller file.
+            None where the policy leaves the box along the reference, so that the claim is void.
+        controller: the controller whose inequalities are proven.
+        any_reference: whether the claim holds for the error from every twice differentiable reference, not only from
+            the one in the observation.
+    """
+
+    text: str
+    bounds: dict[str, Any] | None
+    controller: Controller | ScheduledController
+    any_reference: bool
+
+
+def certificate_of(policy: object, reference: Reference) -> PolicyCertificate | None:
+    """Return what is proven of a policy along a reference; None where nothing is.
+
+    A law that tracks the tip inherits the claim of the law that it wraps, for the error from θ_d instead of q_d, unless
+    that claim is about the reference alone, as the paper's is.
+    """
+    if isinstance(policy, TipPolicy):
+        law = certificate_of(policy.law, reference)
+        if law is None or not law.any_reference:
+            return None
+        bounds = law.bounds if isinstance(_elastic(reference), ElasticReference) else None
+        text = f"{law.text} {tip_statement(reference)}"
+        return dataclasses.replace(law, text=text, bounds=bounds, any_reference=False)
+    if isinstance(policy, FuzzyPolicy):
+        form, text = policy.controller.form, statement(policy.controller)
+    elif isinstance(policy, ScheduledPolicy):
+        form, text = FORM, scheduled_statement(policy.controller)
+    else:
+        return None
+    controller = policy.controller
+    numbers = {"alpha": controller.alpha, "gamma": controller.gamma, "controller_digest": controller.digest}
+    # The proof of the paper's form includes the reference model, whose state must be the reference itself.
+    return PolicyCertificate(text, {"form": form, **numbers}, controller, any_reference=form != "paper")
+
+
+def _elastic(reference: Reference) -> ElasticReference | ValueError:
+    """Return θ_d of a reference, or why it has none in the box; the certificate is then void."""
+    try:
+        return ElasticReference(reference)
+    except ValueError as error:
+        return error
+
+
+def tip_statement(reference: Reference) -> str:
+    """Return what a controller's certificate says of the law that tracks θ_d of `reference`, with the box re-checked.
+
+    The inequality of the certificate holds for the error from any reference, with w = d + ρ. For θ_d, ρ is what the
+    dropped premises make of the error (it vanishes with it), and u_ff without friction less the rigid arm's inverse
+    dynamics at θ_d: that is τ_d less the torque the links would need at θ_d, known beforehand. Its largest value, and
+    the share of the box, are those of `CHECKED_INSTANTS` instants.
+    """
+    elastic = _elastic(reference)
+    if isinstance(elastic, ValueError):
+        return f"Told to bring the tip to this reference it has no certificate: {elastic}."
+    t = np.linspace(0.0, reference.duration, CHECKED_INSTANTS)
+    known = np.abs(elastic.torque(t) - elastic.links_torque(elastic.sample(t))).max(axis=0)
+    return (
+        "Told to bring the tip to the reference, it tracks theta_d = q_d + delta, where the motors must be for the "
+        "bent joints to put the links on q_d. theta_d is a twice differentiable reference like any other (its second "
+        "derivative jumps where that of q_d has a corner), so the same inequalities hold for the error from theta_d; d "
+        "then also holds what the feedforward adds for the elastic joints, and friction only as far as the feedforward "
+        f"misses it. Sampled at {CHECKED_INSTANTS} instants of this reference and not bounded between them, what it "
+        f"adds reaches ({', '.join(at_most(torque, 2) for torque in known)}) N m, and theta_d takes "
+        f"{math.ceil(100.0 * elastic.box_use)} % of the box. That the tip then follows is no part of it."
+    )

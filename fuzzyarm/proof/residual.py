@@ -1,0 +1,232 @@
+"""The feedforward residual of the consistent form along a reference, bounded at every instant.
+
+The feedforward holds dropped premises at the middle of their range. What it misses is ρ = Σ f_i r_i S_i y_i with
+|f_i| <= 1, r_i half the range of premise i, S_i its slope, and y_i = (q_d, q̇_d) for a premise of A, (q̇_d, q̈_d) for one
+of E. For any state in the box, with w_ij the row q̇_j of r_i S_i,
+
+    |ρ_j(t)| <= ρ̄_j(t) = Σ_i |g_ij(t)|,      g_ij(t) = w_ij · y_i(t).
+
+The largest ρ̄_j of all instants is bounded in ball arithmetic (`arb` of FLINT), which encloses every rounding error. On
+an interval I of time with the midpoint m, by the mean value theorem,
+
+    g_ij(I) ⊂ g_ij(m) + g'_ij(I) (I - m).
+
+The derivatives of q_d are the coefficients of its power series (`arb_series`): of the time law, then of the path, then
+of the inverse kinematics, about m and about the ball I. The excess of the bound falls with the square of the length of
+I, so the intervals with the largest bounds are halved until these are close to values that are attained. If that takes
+too long, the bound at that time is looser, but as valid.
+
+A spline is a polynomial on each piece; an interval gets the largest bound of all pieces that it may touch.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import heapq
+import math
+from typing import Any
+
+import numpy as np
+from flint import arb, arb_series
+
+from fuzzyarm.envs.observation import JOINTS
+from fuzzyarm.envs.scenario.paths import Circle, Lemniscate, Line, Spline
+from fuzzyarm.envs.scenario.reference import CHECKED_INSTANTS, JointReference
+from fuzzyarm.fuzzy_policy.states import VELOCITY
+from fuzzyarm.fuzzy_policy.ts_model import TSModel
+from fuzzyarm.proof.definiteness import exact, rational
+
+__all__ = ["Residual", "feedforward_residual"]
+
+ORDER = 4  # coefficients of a power series: q, q̇, q̈ and the derivative of q̈
+TOLERANCE = 1e-4  # a bound this close to an attained value, relative to it, is close enough
+FIRST, MOST = 32, 2000  # intervals to begin with, and the most that are halved
+SHORTEST = 2.0**-40  # half of an interval that is not halved again: its ends are still exact
+
+
+@dataclasses.dataclass(frozen=True)
+class Residual:
+    """What the feedforward misses along a reference, for any state in the box."""
+
+    sampled: np.ndarray  # largest ρ̄ (2,) [N m] at `reference.CHECKED_INSTANTS` instants
+    # bound (2,) [N m] of ρ̄ at every instant; None for a path of the user's own, and where none was found
+    bound: np.ndarray | None
+
+
+def feedforward_residual(model: TSModel, reference: JointReference) -> Residual:
+    """Return the feedforward residual of a model along a reference, sampled and bounded, see the module's docstring."""
+    sampled = _sampled(model, reference)
+    # A class derived from one of these may move otherwise.
+    known = type(reference) is JointReference and type(reference.path) in (Circle, Lemniscate, Line, Spline)
+    if not known:
+        return Residual(sampled, None)
+    bound = _Bound(model, reference, sampled).largest()
+    return Residual(sampled, bound if np.isfinite(bound).all() else None)
+
+
+def _sampled(model: TSModel, reference: JointReference) -> np.ndarray:
+    """Return the largest ρ̄ (2,) [N m] of the sampled instants, in floating point."""
+    motion = reference.sample(np.linspace(0.0, reference.duration, CHECKED_INSTANTS))
+    x_r, dx_r = np.hstack([motion.q, motion.dq]), np.hstack([motion.dq, motion.ddq])
+    total = np.zeros((len(x_r), JOINTS))
+    for u in model.uncertainties:
+        total += np.abs((x_r if u.on == "A" else dx_r) @ (u.H.T @ u.W).T)[:, VELOCITY]
+    return np.asarray(total.max(axis=0))
+
+
+class _Bound:
+    """The search over intervals of x = t/T in [0, 1], whose ends are dyadic and so exact."""
+
+    def __init__(self, model: TSModel, reference: JointReference, sampled: np.ndarray) -> None:
+        self.reference = reference
+        self.duration = arb(float(reference.duration))
+        self.attained = [arb(value) for value in sampled.tolist()]  # only says when to stop
+        self.rows = [
+            (0 if u.on == "A" else 1, [[arb(w) for w in row] for row in (exact(u.H).T @ exact(u.W))[VELOCITY]])
+            for u in model.polytope_in(rational).uncertainties
+        ]
+
+    def largest(self) -> np.ndarray:
+        """Return a bound (2,) [N m] of ρ̄ at all instants, inf where none was found."""
+        size = 1.0 / FIRST
+        heap = [self._entry((k + 0.5) * size, 0.5 * size) for k in range(FIRST)]
+        heapq.heapify(heap)
+        for _ in range(MOST):
+            excess, middle, half, _ = heap[0]
+            if -excess <= 1.0 + TOLERANCE or half < SHORTEST:
+                break
+            heapq.heapreplace(heap, self._entry(middle - 0.5 * half, 0.5 * half))
+            heapq.heappush(heap, self._entry(middle + 0.5 * half, 0.5 * half))
+        return np.asarray(np.max([bound for *_, bound in heap], axis=0))
+
+    def _entry(self, middle: float, half: float) -> tuple[float, float, float, tuple[float, ...]]:
+        """Return an interval and the bounds on it, led by -(the largest bound, relative to an attained value)."""
+        bounds = [_rounded_up(bound) for bound in self._on(middle, half)]
+        attained = [max(float(value), 1e-9 * float(max(self.attained)), 1e-300) for value in self.attained]
+        excess = max(bound / value for bound, value in zip(bounds, attained, strict=True))
+        return -excess, middle, half, tuple(bounds)
+
+    def _on(self, middle: float, half: float) -> list[arb]:
+        """Return bounds of ρ̄_1 and ρ̄_2 on an interval; nan where the motion cannot be enclosed on it."""
+        start, ball = _time_law(middle, 0.0), _time_law(middle, half)
+        worst = [arb(0), arb(0)]
+        pieces = _pieces(self.reference.path, ball[0])
+        for piece in pieces:
+            at_middle, around = self._motion(piece, start), self._motion(piece, ball)
+            if at_middle is None or around is None:
+                return [arb.nan(), arb.nan()]
+            for joint in range(JOINTS):
+                value, bound = self._residual(joint, at_middle, around, half)
+                worst[joint] = worst[joint].max(bound)
+                if len(pieces) == 1:  # otherwise the piece may be another one at the midpoint
+                    self.attained[joint] = self.attained[joint].max(value.lower())
+        return worst
+
+    def _residual(self, joint: int, start: list[list[arb]], ball: list[list[arb]], half: float) -> tuple[arb, arb]:
+        """Return ρ̄_j at the midpoint, and its bound on the interval; motions as `_motion` returns them."""
+        value, bound, reach = arb(0), arb(0), arb(0, half) * self.duration
+        for order, rows in self.rows:
+            # y = (q, q̇) or (q̇, q̈): the derivatives `order` and `order + 1` of both joints
+            g, slope = (
+                sum((w * y for w, y in zip(rows[joint], [*motion[n], *motion[n + 1]], strict=True)), arb(0))
+                for motion, n in ((start, order), (ball, order + 1))
+            )
+            value += abs(g)
+            bound += (g + slope * reach).abs_upper()
+        return value, bound
+
+    def _motion(self, piece: Any, s: arb_series) -> list[list[arb]] | None:
+        """Return the derivatives 0 to 3 of (q_1, q_2) by time, for s as a series in x; None if they are not finite."""
+        path, length = self.reference.path, self.reference.parameters.length
+        try:
+            angles = _joint_angles(*_point(path, piece, s), length, int(self.reference.elbow_sign))
+        except (ValueError, ZeroDivisionError):
+            return None
+        result = [
+            [math.factorial(order) * angle[order] / self.duration**order for angle in angles] for order in range(ORDER)
+        ]
+        return result if all(value.is_finite() for row in result for value in row) else None
+
+
+def _time_law(middle: float, half: float) -> arb_series:
+    """Return s(x) = 10 x³ - 15 x⁴ + 6 x⁵ about the ball middle ± half in [0, 1] as a power series."""
+
+    def s(x: arb) -> arb:
+        return x**3 * (10 - 15 * x + 6 * x**2)
+
+    x = arb(middle, half)
+    both = s(arb(middle - half)).union(s(arb(middle + half)))  # s grows from 0 to 1
+    return _series([both, 30 * (x * (1 - x)) ** 2, 30 * x * (1 - x) * (1 - 2 * x), 10 - 60 * x * (1 - x)])
+
+
+def _series(coefficients: list[Any]) -> arb_series:
+    return arb_series(coefficients, prec=ORDER)
+
+
+def _pieces(path: Any, s: arb) -> list[int]:
+    """Return the pieces of a path that a ball of s may touch; all paths but a spline have one."""
+    if not isinstance(path, Spline):
+        return [0]
+    knots = path.polynomials[0]
+    low, high = float(s.lower()) - 1e-12, float(s.upper()) + 1e-12
+    first, last = np.searchsorted(knots, [low, high], side="right") - 1
+    return list(range(max(int(first), 0), min(int(last), len(knots) - 2) + 1))
+
+
+def _point(path: Any, piece: int, s: arb_series) -> tuple[arb_series, arb_series]:
+    """Return x and y of a path at s."""
+    if isinstance(path, Circle):
+        psi = arb(path.start_angle) + 2 * arb.pi() * arb(path.turns) * s
+        return _placed(path.center, arb(path.radius) * psi.cos(), arb(path.radius) * psi.sin())
+    if isinstance(path, Line):
+        ends = zip(path.start, path.end, strict=True)
+        x, y = (arb(start) + (arb(end) - arb(start)) * s for start, end in ends)
+        return x, y
+    if isinstance(path, Lemniscate):
+        theta = 2 * arb.pi() * s
+        long, short = arb(path.half_width) * theta.sin(), arb(path.half_width) * theta.sin() * theta.cos()
+        cos, sin = arb(path.angle).cos(), arb(path.angle).sin()
+        return _placed(path.center, cos * long - sin * short, sin * long + cos * short)
+    knots, coefficients = path.polynomials
+    along = s - arb(float(knots[piece]))
+    x, y = (_horner(coefficients[:, piece, axis].tolist(), along) for axis in range(2))
+    return x, y
+
+
+def _placed(center: tuple[float, float], x: arb_series, y: arb_series) -> tuple[arb_series, arb_series]:
+    return arb(center[0]) + x, arb(center[1]) + y
+
+
+def _horner(coefficients: list[float], x: arb_series) -> arb_series:
+    total = _series([0])
+    for coefficient in coefficients:
+        total = total * x + arb(coefficient)
+    return total
+
+
+def _joint_angles(x: arb_series, y: arb_series, length: tuple[float, float], elbow_sign: int) -> list[arb_series]:
+    """Return q_1 and q_2, as `reference.joint_angles`; nan or ZeroDivisionError where the balls are too wide for it."""
+    l1, l2 = arb(length[0]), arb(length[1])
+    r2 = x * x + y * y
+    outer, inner = (l1 + l2) ** 2 - r2, r2 - (l1 - l2) ** 2
+    q2 = 2 * elbow_sign * (outer / inner).sqrt().atan()
+    cos2, sin2 = (r2 - l1**2 - l2**2) / (2 * l1 * l2), elbow_sign * (outer * inner).sqrt() / (2 * l1 * l2)
+    x0, y0 = l1 + l2 * cos2, l2 * sin2
+    across, along = y * x0 - x * y0, x * x0 + y * y0
+    # q1 is the angle of (along, across); turned by its middle it is far from the cut of atan.
+    turn = math.atan2(float(across[0].mid()), float(along[0].mid()))
+    cos, sin = arb(turn).cos(), arb(turn).sin()
+    across, along = across * cos - along * sin, along * cos + across * sin
+    q1 = arb(turn) + (across / along).atan()
+    if not (along[0] > 0 and abs(q1[0]) <= arb.pi()):
+        raise ValueError("the interval is too long, or q1 may cross the border at π")
+    return [q1, q2]
+
+
+def _rounded_up(value: arb) -> float:
+    """Return a float that is not below a ball; inf for nan."""
+    if value.is_zero():
+        return 0.0
+    if not value.is_finite():
+        return math.inf
+    return math.nextafter(float(value.upper()), math.inf)

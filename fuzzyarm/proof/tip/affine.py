@@ -1,0 +1,614 @@
+"""Affine numbers: a law that is run on them answers for all points of a zonotope at once.
+
+    x = c + r (ξ, g) + β,      ξ the deviations of a zonotope,   |g_i| <= 1,   |β| <= rest.
+
+x is what the robot computes, in floats: each operation adds what it may round to the rest. What a product or a function
+leaves beside its line becomes an unknown g_i of its own, so that what two numbers have in common stays known, or goes
+to the rest where it is small. A product is
+
+    x y = c_x c_y + c_x δy + c_y δx + δx δy,
+
+and a function f has a line on |x - z| <= r (Taylor),
+
+    f(x) - f(z) - f'(z) (x - z)  in  [a, b] r²/2      for f'' in [a, b], a <= 0 <= b.
+
+A maximum has the line through its ends, and `stick_slip` slopes of its own, see `_stick_slip`. Where the row of a table
+is not decided, each of its places is followed, see `Places`. Any other choice that is not decided has no bound.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import functools
+import math
+import operator
+from collections.abc import Callable, Iterable
+from typing import Any, NamedTuple
+
+import numpy as np
+from flint import arb
+
+from fuzzyarm.envs.physics import elementwise, friction
+from fuzzyarm.fuzzy_policy.laws.learned import network
+from fuzzyarm.numbers.functions import KINDS, row, select
+from fuzzyarm.proof.tip.enclosures import ROUND_UP, NoBound, between, centre, low_high, radius_of
+from fuzzyarm.proof.tip.zonotope import Zonotope, condensed, reach
+
+__all__ = ["WORTH", "Affine", "Places", "Space"]
+
+ROUND = 2.0**-50  # of a result: what an operation of the law rounds, and what its middle and its row do here
+UP = 1.0 + 2.0**-46  # makes up for a few operations on bounds
+TINY = 1e-300  # what underflow may lose
+WORTH = 1e-4  # share of a number from which a remainder is worth an unknown of its own
+FARTHEST = 1e3  # [rad], up to which sine and cosine are trusted
+
+
+class Space:
+    """What numbers depend on: the deviations of a zonotope, then unknowns. A law that is run on them is recorded by it.
+
+    Attributes:
+        base: the zonotope.
+        unknowns: how many there are.
+    """
+
+    def __init__(self, base: Zonotope) -> None:
+        """Take the zonotope."""
+        self.base, self.unknowns = base, 0
+        self._totals, (self._columns, self._box) = base.totals(), condensed(base)
+
+    def variables(self, point: np.ndarray) -> list[Affine]:
+        """Return the numbers of the zonotope, which are counted from a point."""
+        parts = zip(point.tolist(), np.eye(len(point)), self._totals.tolist(), strict=True)
+        return [Affine(self, x, row, size, 0.0).within(size) for x, row, size in parts]
+
+    def number(self, x: Any) -> Affine:
+        """Return a number as one of this space."""
+        return x if isinstance(x, Affine) else Affine(self, float(x), np.zeros(len(self._totals)), 0.0, 0.0)
+
+    def rows(self, numbers: list[Affine]) -> np.ndarray:
+        """Return the rows r of numbers, side by side."""
+        rows = np.zeros((len(numbers), len(self._totals) + self.unknowns))
+        for given, number in zip(rows, numbers, strict=True):
+            given[: len(number.row)] = number.row
+        return rows
+
+    def reach(self, rows: np.ndarray) -> np.ndarray:
+        """Return bounds of |r (ξ, g)| for rows."""
+        n, sizes = len(self._totals), np.abs(rows)
+        found = reach(rows[:, :n], self._columns) + sizes[:, :n] @ self._box
+        return np.asarray((found + sizes[:, n:].sum(axis=1)) * ROUND_UP)
+
+    def array(self, shape: tuple[int, ...]) -> np.ndarray:
+        """Return an array of numbers, see `numbers.functions`."""
+        return np.empty(shape, dtype=object)
+
+    def each(self, count: int) -> Iterable[int]:
+        """Return the rounds of a loop, likewise."""
+        return range(count)
+
+    def apart(self, function: Callable[..., Any], arguments: tuple[Any, ...]) -> Any:
+        """Return a function of numbers, likewise; by its enclosure, where it has one."""
+        known = _ENCLOSED.get(function)
+        if known is None or not any(isinstance(x, Affine) for x in arguments):
+            return function(*arguments)
+        return known(*(self.number(x) for x in arguments))
+
+    def rolled(self, name: str, arrays: tuple[Any, ...], _: tuple[bool, ...]) -> None:
+        """Add G x to y, as `add_product` does, for all rows of G at once."""
+        assert name == "add_product"
+        x, transposed, y = arrays
+        y[:] = self._linear(transposed.T, x, y)
+
+    def interpolated(self, table: Any, corners: list[tuple[Any, Any]], sign: float, x: Any, y: Any) -> list[Affine]:
+        """Return y + sign Σ w_c G_c x, as `on_table` does; at all places of the rows, where these are not decided."""
+        found = []
+        for number in range(max(len(places.values) if isinstance(places, Places) else 1 for places, _ in corners)):
+            at = [[one.values[number] if isinstance(one, Places) else one for one in pair] for pair in corners]
+            parts = [(np.reshape(row(table, place), (len(y), len(x))), self.number(weight)) for place, weight in at]
+            found.append(self._weighted(parts, sign, x, y))
+        return [self._joined(each) for each in zip(*found, strict=True)]
+
+    def _weighted(self, parts: list[tuple[np.ndarray, Affine]], sign: float, x: Any, y: Any) -> list[Affine]:
+        """Return y + sign Σ w_c G_c x for parts (G_c, w_c).
+
+        It is y + sign ((Σ w_c) G_0 x + Σ w_c (G_c - G_0) x), where what is not linear is small: Σ w_c hardly varies.
+        """
+        (first, weight), *others = parts
+        sizes = np.array([self.number(one).largest() for one in x])
+        terms = sum(w.largest() * (np.abs(G) @ sizes) for G, w in parts)
+        factors = [(sum((w for _, w in others), weight), first), *((w, G - first) for G, w in others)]
+        grown = [self.number(one) for one in y]
+        for factor, G in factors:
+            products = self._linear(G, x, [0.0] * len(y))
+            grown = [before + sign * factor * product for before, product in zip(grown, products, strict=True)]
+        floats = (len(x) + 4 * len(parts)) * ROUND * np.asarray(terms)
+        return [one.widened(left) for one, left in zip(grown, floats.tolist(), strict=True)]
+
+    def _joined(self, numbers: tuple[Affine, ...]) -> Affine:
+        """Return a number that holds each of some."""
+        if len(numbers) == 1:
+            return numbers[0]
+        rows, size = self.rows(list(numbers)), max(one.size for one in numbers)
+        row, middle = rows.mean(axis=0), sum(one.middle for one in numbers) / len(numbers)
+        apart = zip(numbers, self.reach(rows - row).tolist(), strict=True)
+        rest = max(abs(one.middle - middle) + far + one.rest for one, far in apart) * ROUND_UP
+        joined = Affine(self, middle, row, size * UP, ROUND * len(numbers) * (abs(middle) + size))
+        return joined.widened(rest, fresh=True)
+
+    def _linear(self, G: np.ndarray, x: Any, y: Any) -> list[Affine]:
+        """Return G x + y, with what floats round in it in whatever order."""
+        given, before = ([self.number(one) for one in part] for part in (x, y))
+        middles, sizes, rests = np.array([(one.middle, one.size, one.rest) for one in given]).T
+        middle, size, rest = np.array([(one.middle, one.size, one.rest) for one in before]).T
+        rows, positive = self.rows(before) + G @ self.rows(given), np.abs(G)
+        terms = np.abs(middle) + size + positive @ (np.abs(middles) + sizes)
+        middle, size = middle + G @ middles, (size + positive @ sizes) * ROUND_UP
+        rest = (rest + positive @ rests + (len(given) + 2) * 0.5 * ROUND * terms) * ROUND_UP + TINY
+        numbers = map(Affine, [self] * len(rows), middle.tolist(), rows, size.tolist(), rest.tolist())
+        return [one.within(far) for one, far in zip(numbers, self.reach(rows).tolist(), strict=True)]
+
+
+class Affine:
+    """An affine number.
+
+    Attributes:
+        middle: c.
+        row: r, over the deviations and the first unknowns.
+        size: a bound of |r (ξ, g)| that is quick and wide.
+        rest: a bound of |β|.
+        parts: of a maximum that is not decided, the two numbers; None for others.
+    """
+
+    __slots__ = ("_reach", "middle", "parts", "rest", "row", "size", "space")
+    __array_ufunc__ = None
+    __hash__ = None  # type: ignore[assignment]
+
+    def __init__(self, space: Space, middle: float, row: np.ndarray, size: float, rest: float) -> None:
+        self.space, self.middle, self.row, self.size, self.rest = space, middle, row, size, rest
+        self._reach: float | None = None
+        self.parts: tuple[Any, Any] | None = None
+
+    def reach(self) -> float:
+        """Return a bound of |r (ξ, g)|."""
+        if self._reach is None:
+            self._reach = float(self.space.reach(self.row[np.newaxis])[0])
+        return self._reach
+
+    def within(self, reach: float | None) -> Affine:
+        """Return this number, whose `reach` is known already; None where it is not."""
+        self._reach = None if reach is None else reach * UP
+        return self
+
+    def range(self) -> tuple[float, float]:
+        """Return floats that enclose the number from both sides; `NoBound` where it may be anything."""
+        radius = self.reach() + self.rest
+        if not abs(self.middle) + radius < math.inf:
+            raise NoBound("a number of the law may be anything")
+        if radius > 0.0:
+            radius = radius * UP + ROUND * abs(self.middle)
+        return self.middle - radius, self.middle + radius
+
+    def largest(self) -> float:
+        """Return a bound of |x|."""
+        return (abs(self.middle) + self.reach() + self.rest) * UP
+
+    def widened(self, left: float, *, fresh: bool = False) -> Affine:
+        """Return the number with |β| grown by what is `left`; with an unknown for that if it is `fresh` and large."""
+        if fresh and left > WORTH * self.size:
+            row = np.zeros(len(self.space._totals) + self.space.unknowns + 1)
+            row[: len(self.row)], row[-1] = self.row, left
+            self.space.unknowns += 1
+            return Affine(self.space, self.middle, row, (self.size + left) * UP, self.rest)
+        return Affine(self.space, self.middle, self.row, self.size, (self.rest + left) * UP).within(self._reach)
+
+    def __neg__(self) -> Affine:
+        return Affine(self.space, -self.middle, -self.row, self.size, self.rest).within(self._reach)
+
+    def __add__(self, other: Any) -> Any:
+        if isinstance(other, Places):
+            return NotImplemented
+        if not isinstance(other, Affine):
+            return _rounded(self, self.middle + float(other), self.row, self.size, self.rest).within(self._reach)
+        row, size = _sum(self.row, other.row), self.size + other.size
+        return _rounded(self, self.middle + other.middle, row, size, self.rest + other.rest)
+
+    __radd__ = __add__
+
+    def __sub__(self, other: Any) -> Any:
+        return self + -other
+
+    def __rsub__(self, other: Any) -> Any:
+        return -self + other
+
+    def __mul__(self, other: Any) -> Any:
+        if isinstance(other, Places):
+            return NotImplemented
+        if not isinstance(other, Affine):
+            factor = float(other)
+            if factor == 0.0 and self.range():
+                return 0.0
+            size, rest = abs(factor) * self.size, abs(factor) * self.rest
+            made = _rounded(self, factor * self.middle, factor * self.row, size, rest)
+            return made.within(None if self._reach is None else abs(factor) * self._reach)
+        a, b = self.middle, other.middle
+        row, size = _sum(a * other.row, b * self.row), abs(a) * other.size + abs(b) * self.size
+        rest = abs(a) * other.rest + abs(b) * self.rest
+        rest += self.rest * other.rest + self.rest * other.reach() + other.rest * self.reach()
+        crossed = self.reach() * other.reach() * UP
+        if other is self:  # δx² is in [0, 1] times what it is at most
+            return _rounded(self, a * b + 0.5 * crossed, row, size, rest).widened(0.5 * crossed, fresh=True)
+        return _rounded(self, a * b, row, size, rest).widened(crossed, fresh=True)
+
+    __rmul__ = __mul__
+
+    def __truediv__(self, other: Any) -> Affine:
+        if isinstance(other, Affine):
+            return self * other._inverse()  # type: ignore[no-any-return]
+        by = float(other)
+        return _rounded(self, self.middle / by, self.row / by, self.size / abs(by), self.rest / abs(by))
+
+    def __rtruediv__(self, other: Any) -> Any:
+        return self._inverse() * float(other)
+
+    def _inverse(self) -> Affine:
+        low, high = self.range()
+        if not (low > 0.0 or high < 0.0):
+            raise NoBound("the law divides by a number that may be zero")
+        return _bent(_INVERSE, self)
+
+    def sin(self) -> Affine:
+        """Return the sine."""
+        return self._turned(_SINE)
+
+    def cos(self) -> Affine:
+        """Return the cosine."""
+        return self._turned(_COSINE)
+
+    def sinc(self) -> Affine:
+        """Return sin(x)/x."""
+        return self._turned(_SINC)
+
+    def _turned(self, function: Bend) -> Affine:
+        if not self.largest() < FARTHEST:
+            raise NoBound(f"the law asks for the sine of an angle beyond {FARTHEST:g} rad")
+        return _bent(function, self)
+
+    def __bool__(self) -> bool:
+        return bool(self != 0.0)
+
+    def __lt__(self, other: Any) -> Any:
+        return _compared(self, other, strictly=True)
+
+    def __le__(self, other: Any) -> Any:
+        return _compared(self, other, strictly=False)
+
+    def __gt__(self, other: Any) -> Any:
+        return _compared(other, self, strictly=True)
+
+    def __ge__(self, other: Any) -> Any:
+        return _compared(other, self, strictly=False)
+
+    def __eq__(self, other: object) -> Any:
+        low, high = (self - other).range()
+        return False if low > 0.0 or high < 0.0 else _Undecided()
+
+    def __ne__(self, other: object) -> Any:
+        equal = self == other
+        return equal if isinstance(equal, _Undecided) else True
+
+
+def _sum(a: np.ndarray, b: np.ndarray) -> np.ndarray:
+    """Return the sum of two rows, the shorter of which ends with zeros."""
+    if len(a) == len(b):
+        return np.asarray(a + b)
+    longer, shorter = (a, b) if len(a) > len(b) else (b, a)
+    total = longer.copy()
+    total[: len(shorter)] += shorter
+    return total
+
+
+def _rounded(of: Affine, middle: float, row: np.ndarray, size: float, rest: float) -> Affine:
+    """Return the result of an operation, with what floats round in it."""
+    return Affine(of.space, middle, row, size * UP, (rest + ROUND * (abs(middle) + size)) * UP + TINY)
+
+
+# Choices ---------------------------------------------------------------------------------------------------------
+
+
+@dataclasses.dataclass(frozen=True)
+class _Undecided:
+    """A comparison that holds at some points and not at others: `lesser` below `greater`; None for others."""
+
+    lesser: Any = None
+    greater: Any = None
+    __array_ufunc__ = None
+
+    def __bool__(self) -> bool:
+        raise NoBound(
+            "the law has a corner where the arm may be: it compares numbers of which either may be the larger one, "
+            "such as a torque and its limit"
+        )
+
+    def __and__(self, other: Any) -> Any:
+        return _Undecided() if isinstance(other, _Undecided) or other else False
+
+    def __or__(self, other: Any) -> Any:
+        return _Undecided() if isinstance(other, _Undecided) or not other else True
+
+    def __mul__(self, _: Any) -> bool:
+        return bool(self)
+
+    __rand__, __ror__, __rmul__ = __and__, __or__, __mul__
+
+
+def _compared(lesser: Any, greater: Any, *, strictly: bool) -> Any:
+    """Return whether the lesser number is below the greater one, at most as large if not strictly."""
+    low, high = (lesser - greater).range()
+    if high < 0.0 or (high == 0.0 and not strictly):
+        return True
+    return False if low > 0.0 or (low == 0.0 and strictly) else _Undecided(lesser, greater)
+
+
+class _Choices:
+    """What comparisons that are not decided do, see `numbers.functions`."""
+
+    @staticmethod
+    def select(condition: _Undecided, first: Any, second: Any) -> Any:
+        """Return the maximum or the minimum of two numbers; `NoBound` for any other choice."""
+        lesser, greater = condition.lesser, condition.greater
+        if lesser is not None and first is greater and second is lesser:
+            larger = lesser + _positive_part(greater - lesser)
+            larger.parts = first, second
+            return larger
+        if lesser is not None and first is lesser and second is greater:
+            level = _level(first, second)
+            return greater - _positive_part(greater - lesser) if level is None else level
+        return first if first is second else bool(condition)
+
+    @staticmethod
+    def when(condition: _Undecided, *_: Any) -> Any:
+        return bool(condition)
+
+    only = when
+
+
+def _level(a: Any, b: Any) -> Affine | None:
+    """Return min(max(x, a), b) as a number in [a, b] where x may be beyond both; None for any other minimum."""
+    larger, most = (a, b) if isinstance(a, Affine) else (b, a)
+    if isinstance(most, Affine) or larger.parts is None:
+        return None
+    x, least = larger.parts if isinstance(larger.parts[0], Affine) else larger.parts[::-1]
+    if isinstance(least, Affine):
+        return None
+    low, high = x.range()
+    if not low < least < most < high:
+        return None
+    level: Affine = x.space.number(0.5 * (least + most))
+    return level.widened(0.5 * (most - least) * ROUND_UP, fresh=True)
+
+
+def _positive_part(x: Affine) -> Affine:
+    """Return max(x, 0) of a number that may have either sign: λ x + [0, c], by the line through its ends."""
+    low, high = x.range()
+    slope = high / (high - low)
+    most = max(-slope * low, high * (1.0 - slope)) * UP
+    line: Affine = slope * x + 0.5 * most
+    return line.widened(0.5 * most, fresh=True)
+
+
+class Places:
+    """A number that has a value for each of the whole numbers that a `floor` may be.
+
+    Attributes:
+        values: these.
+        source: the number whose floor it is.
+    """
+
+    __array_ufunc__ = None
+
+    def __init__(self, source: Affine, values: Iterable[Any]) -> None:
+        self.source, self.values = source, tuple(values)
+
+    def each(self, operation: Callable[..., Any], *others: Any) -> Places:
+        """Return what becomes of the values, with others; `NoBound` where these depend on another floor."""
+        if any(isinstance(one, Places) and one.source is not self.source for one in others):
+            raise NoBound("the law looks up a table by two numbers at once, of which neither row is decided")
+        columns = [one.values if isinstance(one, Places) else [one] * len(self.values) for one in others]
+        return Places(self.source, map(operation, self.values, *columns))
+
+    def __neg__(self) -> Places:
+        return self.each(operator.neg)
+
+    def __bool__(self) -> bool:
+        raise NoBound("the law rounds a number to a whole one, and a step is where the arm may be")
+
+    __float__ = __bool__
+
+
+def _in_each(operation: Callable[..., Any], *, swapped: bool = False) -> Callable[[Places, Any], Places]:
+    return lambda one, other: one.each((lambda x, y: operation(y, x)) if swapped else operation, other)
+
+
+for _name in ("add", "sub", "mul", "truediv", "and", "or"):
+    setattr(Places, f"__{_name}__", _in_each(getattr(operator, f"__{_name}__")))
+    setattr(Places, f"__r{_name}__", _in_each(getattr(operator, f"__{_name}__"), swapped=True))
+for _name in ("lt", "le", "gt", "ge", "eq", "ne"):
+    setattr(Places, f"__{_name}__", _in_each(getattr(operator, f"__{_name}__")))
+
+
+class _Places:
+    """What numbers with several values do in place of floats, see `numbers.functions`."""
+
+    @staticmethod
+    def select(condition: Places, first: Any, second: Any) -> Places:
+        return condition.each(select, first, second)
+
+    @staticmethod
+    def row(_: Any, place: Places, *_others: Any) -> Any:
+        return bool(place)
+
+    entry = row
+
+
+class _Numbers:
+    """What affine numbers do in place of floats, see `numbers.functions`."""
+
+    @staticmethod
+    def floor(x: Affine) -> Any:
+        low, high = map(math.floor, x.range())
+        return float(low) if low == high else Places(x, map(float, range(low, high + 1)))
+
+
+KINDS[Affine], KINDS[Places], KINDS[_Undecided] = _Numbers, _Places, _Choices
+
+
+# Functions -------------------------------------------------------------------------------------------------------
+
+
+class Line(NamedTuple):
+    """f(z), a ball, or what stands in its place; λ; and the rest."""
+
+    value: Any
+    slope: float
+    rest: float
+
+
+@dataclasses.dataclass(frozen=True)
+class Bend:
+    """A function of one number.
+
+    Attributes:
+        value, rate, curvature: f, f' and f'' on balls.
+        floats: by how much the law's floats may err; of |f| if `relative`.
+        even: f is even and falls with |x|, so that its values at both ends are known on a range.
+        rising: f rises, and f' is even and falls with |x|.
+    """
+
+    value: Callable[[Any], Any]
+    rate: Callable[[Any], Any]
+    curvature: Callable[[Any], Any]
+    floats: float = 0.0
+    relative: bool = False
+    even: bool = False
+    rising: bool = False
+
+    def line(self, z: float, r: float) -> Line:
+        """Return the best known line for |x - z| <= r."""
+        at, around = arb(z), arb(z, r)
+        f, slope = self.value(at), self.rate(at)
+        tangent = centre(slope)
+        low, high = low_high(self.curvature(around))
+        low, high = 0.25 * min(low, 0.0) * r * r, 0.25 * max(high, 0.0) * r * r
+        best = Line(f + (low + high), tangent, ((high - low) + radius_of(slope, tangent) * r) * ROUND_UP)
+        far, close = abs(z) + r, max(abs(z) - r, 0.0)
+        if self.rising:  # f - λ x does not fall for the least f', and is between its values at both ends
+            least = low_high(self.rate(arb(far * ROUND_UP)))[0]
+            first, last = (self.value(end) - least * (end - at) for end in (at - r, at + r))
+            best = min(best, _flat(first.union(last), least), key=lambda line: line.rest)
+        if self.even:
+            ends = self.value(arb(far * ROUND_UP)).union(self.value(arb(close / ROUND_UP)))
+            best = min(best, _flat(ends, 0.0), key=lambda line: line.rest)
+        return best
+
+
+def _flat(values: Any, slope: float) -> Line:
+    """Return the line of a function less λ (x - z), which has these values."""
+    middle = centre(values)
+    return Line(arb(middle), slope, radius_of(values, middle))
+
+
+def _bent(function: Bend, x: Affine) -> Affine:
+    """Return f(x)."""
+    x.range()
+    line = function.line(x.middle, (x.reach() + x.rest) * UP)
+    middle, slope = centre(line.value), abs(line.slope)
+    rest = slope * x.rest + radius_of(line.value, middle)
+    rest += function.floats * (abs(middle) + slope * (x.size + x.rest) + line.rest if function.relative else 1.0)
+    return _rounded(x, middle, line.slope * x.row, slope * x.size, rest).widened(line.rest, fresh=True)
+
+
+def _sinc_rate(x: Any) -> Any:
+    """Return (cos x - sinc x)/x, at most |x|/3."""
+    return (x.cos() - x.sinc()) / x if float(x.abs_lower()) > 1e-6 else between(-1.0, 1.0) * x / 3
+
+
+def _square(x: Any) -> Any:
+    """Return x², which is nowhere negative on a ball."""
+    least, most = x.abs_lower(), x.abs_upper()
+    return (least * least).union(most * most)
+
+
+def _one_by(x: Any) -> Any:
+    """Return 1/x, which falls where it has one sign."""
+    return (1 / x.lower()).union(1 / x.upper())
+
+
+def _tanh(x: Any) -> Any:
+    """Return tanh x, which rises."""
+    return x.lower().tanh().union(x.upper().tanh())
+
+
+_SINE = Bend(arb.sin, arb.cos, lambda x: -x.sin(), 2.0**-46)
+_COSINE = Bend(arb.cos, lambda x: -x.sin(), lambda x: -x.cos(), 2.0**-46)
+_SINC = Bend(arb.sinc, _sinc_rate, lambda x: between(-1.0, 1.0) / 3, 2.0**-46)
+_INVERSE = Bend(_one_by, lambda x: -_square(_one_by(x)), lambda x: 2 * _one_by(x) * _square(_one_by(x)))
+_GAUSSIAN = Bend(
+    lambda x: (-_square(x)).exp(), lambda x: -2 * x * (-_square(x)).exp(),
+    lambda x: (4 * _square(x) - 2) * (-_square(x)).exp(), 2.0**-44, even=True,
+)  # fmt: skip
+_TANH = Bend(
+    arb.tanh, lambda x: 1 - _square(_tanh(x)), lambda x: 2 * _tanh(x) * (_square(_tanh(x)) - 1), 2.0**-48,
+    relative=True, rising=True,
+)  # fmt: skip
+_ASINH = Bend(
+    arb.asinh, lambda x: (1 + _square(x)).rsqrt(), lambda x: -x * (1 + _square(x)).rsqrt() / (1 + _square(x)), 2.0**-48,
+    relative=True, rising=True,
+)  # fmt: skip
+
+
+def _stick_slip(velocity: Affine, acceleration: Affine, deceleration: Affine, duration: Affine) -> tuple[Any, Any]:
+    """Return v' and e of `stick_slip`.
+
+    It is v' = v + h (α ∓ f) where the motor slips to one side throughout, and v' = 0 where it comes to rest. Both are
+    continuous in (v, α, f), because friction does not part two motions, with
+
+        0 <= ∂v'/∂v <= 1,    0 <= ∂v'/∂α <= h,        |∂v'/∂f| <= h,
+        0 <= ∂e/∂v <= t,     0 <= ∂e/∂α <= t²/2,      |∂e/∂f| <= t²/2        where t <= h bounds how long it can move;
+
+    lines of half these slopes leave half their widths. Or the friction is any torque, up to f.
+    """
+    v, a, f, h = velocity, acceleration, deceleration, duration.middle
+    if duration.size or duration.rest or not f.middle >= 0.0 or not h >= 0.0:
+        raise NoBound("the law predicts a motion whose duration is not known, or whose friction may be negative")
+    floats = 2.0**-47 * (v.largest() + h * (a.largest() + f.largest()))
+    for side in (1.0, -1.0):
+        after = v + h * (a - side * f)
+        if min(side * x for x in v.range()) >= 0.0 and min(side * x for x in after.range()) >= 0.0:
+            return after.widened(floats), (0.5 * h * (v + after)).widened(h * floats)
+    dv, da, df = (x.reach() + x.rest for x in (v, a, f))
+    at, way = friction.stick_slip(v.middle, a.middle, f.middle, h)
+    fast, pull, weak, strong = v.largest(), a.largest(), f.range()[0], f.largest()
+
+    def line(value: float, of_v: float, of_a: float, left: float) -> Affine:
+        return v.space.number(value + of_v * (v - v.middle) + of_a * (a - a.middle)).widened(left * UP, fresh=True)
+
+    if h * (weak - pull) >= fast + 2.0 * floats:
+        t = min(fast / (weak - pull) * UP, h)
+        left = 0.5 * t * dv + 0.25 * t * t * da + 0.5 * t * t * df
+        return 0.0, line(way, 0.5 * t, 0.25 * t * t, left + h * floats)
+    left = 0.5 * dv + 0.5 * h * da + h * df
+    if left <= h * strong:
+        lost = 0.5 * h * dv + 0.25 * h * h * da + 0.5 * h * h * df
+        after = line(at, 0.5, 0.5 * h, left).widened(floats)
+        return after, line(way, 0.5 * h, 0.25 * h * h, lost + h * floats)
+    after = (v + h * a).widened(h * strong * UP, fresh=True).widened(floats)
+    return after, (0.5 * h * (v + after)).widened((0.25 * h * h * strong + h * floats) * UP, fresh=True)
+
+
+_ENCLOSED: dict[Any, Callable[..., Any]] = {
+    elementwise._gaussian.__wrapped__: functools.partial(_bent, _GAUSSIAN),  # type: ignore[attr-defined]
+    network.hyperbolic_tangent.__wrapped__: functools.partial(_bent, _TANH),  # type: ignore[attr-defined]
+    network.area_sine.__wrapped__: functools.partial(_bent, _ASINH),  # type: ignore[attr-defined]
+    friction.stick_slip.__wrapped__: _stick_slip,  # type: ignore[attr-defined]
+}
+"""Functions of laws that have an enclosure of their own."""

@@ -1,0 +1,343 @@
+"""The friction of a motor against that of the centre, bounded on the tube of one period.
+
+The motor obeys I_a θ̈ = N + Γ_f with Γ_f = -F(v) sgn v for v ≠ 0 and |Γ_f| <= F(0) at v = 0 (Filippov). The centre has
+the friction -P (`defects`), so the torque on the deviation is w = Γ_f + P. Three things are known of it:
+
+    v > 0     w = P - F(v);          v < 0     w = P + F(v);
+    v = 0     w = -δN - I_a θ̈_y:     on the set of times with v = 0 almost everywhere v̇ = 0, so Γ_f = -N there.
+
+*Speed.* Where v > 0, I_a v̇ = N - F(v) <= N_max - F_min: so v <= max(0, v_0 + t (N_max - F_min)/I_a), and likewise below
+zero. It bounds v by itself, beside the tube: one side may be ruled out although the tube reaches across zero.
+
+*Monotony.* v -> F(v) sgn v + L v increases, L the largest -F' of the tube. So, if -P is within η of what the law allows
+at the centre's velocity, the velocities of two solutions part no faster than I_a |δv|' <= |δN| + η + L |δv|, whatever
+sticks or slips in between.
+
+*Hold.* If v = 0 at the start and |N| < F(0) on the tube, the motor rests during the period.
+
+What the proof takes from the friction curve of the physics, checked on balls.
+
+    F(0) = Γ_fs,      -s <= dF/dv <= 0,      d²F/dv² <= 0 below the inflection,      d²F/dv² >= 0 above it.
+
+At the inflection itself, in a range of relative width 2e-9, -s <= dF/dv and d³F/dv³ >= 0. Beyond `FAR` inflections no
+ball tells the sign of what is left of the fall: there |dF/dv| <= 2^-40 s and |F - F(∞)| <= 2^-40 Γ_fs, which `strength`
+and `rates` add. All are coefficients of the power series of the curve itself, `STRIBECK.magnitude`, about balls that
+cover the speeds up to 2^100 inflections; a ball that decides nothing is halved.
+"""
+
+from __future__ import annotations
+
+import enum
+import itertools
+import math
+from collections.abc import Callable, Iterator
+from typing import Any, NamedTuple
+
+import numpy as np
+from flint import arb, arb_series, ctx
+
+from fuzzyarm.envs.observation import JOINTS
+from fuzzyarm.envs.physics.dynamics import Arm, dry_frictions
+from fuzzyarm.envs.physics.friction import STRIBECK, DryFriction
+from fuzzyarm.proof.tip.centre import Mode
+from fuzzyarm.proof.tip.defects import (
+    PeriodMotion,
+    Signal,
+    combined,
+    dry_friction,
+    signal_ends,
+    signal_range,
+    signal_size,
+)
+from fuzzyarm.proof.tip.enclosures import (
+    ROUND_UP,
+    SLACK,
+    Jet,
+    NoBound,
+    ball,
+    between,
+    centre,
+    largest,
+    low_high,
+)
+from fuzzyarm.proof.tip.plant import BallPlant
+
+__all__ = ["Friction", "Plan", "PlanFails", "Speed", "check_curve", "rates", "steepest_fall", "strength"]
+
+
+FAR, DOUBLINGS = 8.0, 100  # inflections, and how often they are doubled
+HALVINGS = 40  # of a range of speeds
+
+
+def steepest_fall(joint: int, arm: Arm) -> float:
+    """Return a bound of -dF/dv [N m s/rad] of a motor."""
+    return largest(STRIBECK.steepest(_in_balls(joint, arm))) * ROUND_UP
+
+
+def strength(slowest: float, fastest: float, joint: int, arm: Arm) -> tuple[float, float]:
+    """Return the lowest and the highest F(v) [N m] in a range of speeds [rad/s]."""
+    weak, strong = (low_high(dry_friction(ball(v), joint, arm)) for v in (fastest, slowest))
+    left = SLACK * largest(_in_balls(joint, arm).static_friction)
+    return weak[0] - left, strong[1] + left
+
+
+def rates(slowest: float, fastest: float, joint: int, arm: Arm) -> tuple[float, float]:
+    """Return the lowest and the highest dF/dv [N m s/rad] in a range of speeds [rad/s]: it falls, then rises."""
+    (before, after), steepest = _inflection(joint, arm), steepest_fall(joint, arm)
+    inside = slowest <= after and before <= fastest
+    ends = (min(slowest, before), max(fastest, after)) if inside else (slowest, fastest)
+    lows, highs = zip(*(low_high(_series(ball(v), joint, arm)[1]) for v in ends), strict=True)
+    return (-steepest if inside else min(lows)) - SLACK * steepest, max(highs) + SLACK * steepest
+
+
+def _in_balls(joint: int, arm: Arm) -> DryFriction:
+    """Return the numbers of a motor's curve, in balls."""
+    return DryFriction(*map(arb, dry_frictions(arm)[joint]))
+
+
+def _inflection(joint: int, arm: Arm) -> tuple[float, float]:
+    """Return speeds [rad/s] just below and just above the inflection."""
+    turn = centre(STRIBECK.inflection(_in_balls(joint, arm)))
+    return turn * (1.0 - 1e-9), turn * (1.0 + 1e-9)
+
+
+def check_curve(arm: Arm) -> None:
+    """Raise `NoBound` where the friction of a motor is not as the module's docstring says; precision is the caller's.
+
+    Args:
+        arm: constants in floats or in balls.
+    """
+    for joint in range(JOINTS):
+        static, rest = _in_balls(joint, arm).static_friction, _series(arb(0), joint, arm)
+        fits = rest[0].overlaps(static) and rest[1] <= 0
+        if not (fits and all(_covered(span, holds, joint, arm) for span, holds in _conditions(joint, arm, static))):
+            raise NoBound(f"the friction of motor {joint + 1} is not as its curve's own numbers say: {STRIBECK}")
+
+
+def _conditions(joint: int, arm: Arm, static: arb) -> Iterator[tuple[tuple[float, float], Callable[[Any], bool]]]:
+    """Yield ranges of speeds [rad/s], and what the series of F has to be on balls in them."""
+    (before, after), steepest = _inflection(joint, arm), arb(steepest_fall(joint, arm))
+    far = [FAR * after * 2.0**k for k in range(DOUBLINGS + 1)]
+    limit = _series(arb(far[-1]), joint, arm)[0]
+    yield (0.0, before), lambda f: f[2] <= 0
+    yield (before, after), lambda f: -steepest <= f[1] <= 0 and f[3] >= 0
+    yield (after, far[0]), lambda f: f[1] <= 0 and f[2] >= 0
+    for span in itertools.pairwise(far):
+        yield span, lambda f: abs(f[1]) <= SLACK * steepest and abs(f[0] - limit) <= SLACK * static
+
+
+def _covered(span: tuple[float, float], holds: Callable[[Any], bool], joint: int, arm: Arm) -> bool:
+    """Return whether a condition on the series of F holds on balls that cover a range of speeds."""
+    waiting = [(*span, HALVINGS)]
+    while waiting:
+        low, high, left = waiting.pop()
+        if holds(_series(between(low, high), joint, arm)):
+            continue
+        if not left:
+            return False
+        middle = 0.5 * (low + high)
+        waiting += [(low, middle, left - 1), (middle, high, left - 1)]
+    return True
+
+
+def _series(speed: arb, joint: int, arm: Arm) -> Any:
+    """Return F and its derivatives of order k divided by k!, k <= 3, on a ball of speeds."""
+    ctx.cap = 4
+    return dry_friction(arb_series([speed, 1]), joint, arm)
+
+
+class Plan(enum.Enum):
+    """How the friction of a motor is bounded in one period."""
+
+    ANY = "any"
+    """Any torque up to the static one."""
+    HELD = "held"
+    """The motor rests, as the centre does."""
+    SLIP = "slip"
+    """The motor turns to the side to which the centre does; the slope of F is part of the linear equation."""
+    MONOTONE = "monotone"
+    """Friction does not drive two motions apart: the velocity itself is bounded and leaves the linear equation."""
+    MIXED = "mixed"
+    """All that is not ruled out."""
+
+
+class Speed(NamedTuple):
+    """What is known of a motor's velocity at a sample beside the tube: low <= v <= high [rad/s]."""
+
+    low: float
+    high: float
+
+
+class Friction:
+    """The friction of one motor in one period.
+
+    Attributes:
+        plan: how it is bounded.
+        slope: change of the friction with the velocity that is part of the linear equation [N m s/rad].
+        drag: middle of the friction torques that are possible by the plan MIXED [N m], once `bound` was called.
+    """
+
+    def __init__(
+        self, joint: int, plan: Plan, mode: Mode, motion: PeriodMotion, torque: float, plant: BallPlant, known: Speed
+    ) -> None:
+        """Take the centre's motion and mode, the held torque [N m], the plant and what is known of v."""
+        self.joint, self.plan, self.known, self._arm = joint, plan, known, plant.exact
+        self.share = plant.share[joint]
+        self._uncertain = max(self.share[1] - 1.0, 1.0 - self.share[0])  # largest change of the friction factor
+        self.speed = signal_ends(motion.velocity[joint])
+        self._speed = between(*self.speed)
+        net, self._needed = motion.net_torque(joint, torque, plant.exact)
+        self._net = between(*signal_ends(net))
+        inertia = (plant.exact.motor_inertia1, plant.exact.motor_inertia2)[joint]
+        self._inertia = low_high(inertia)[0]
+        self._inertial = largest(inertia * signal_range(motion.acceleration[joint]))
+        self.side = int(mode) if mode in (Mode.FORWARD, Mode.BACKWARD) else 0
+        self._slip: Signal | None = None
+        self._missed, self._duration = 0.0, motion.duration
+        self.static = low_high(dry_friction(ball(0.0), joint, plant.exact))
+        self._rests = all(a.is_zero() for a in motion.velocity[joint])
+        self.slope = self.drag = 0.0
+        if self.side:
+            self._slip = motion.slip(joint, self.side, plant.exact)
+            parts = [(ball(1.0), self._needed), (ball(-float(self.side)), self._slip)]
+            self._missed = signal_size(combined(parts))
+        self._steepest = steepest_fall(joint, plant.exact)
+        if plan is Plan.SLIP:
+            slope = dry_friction(Jet.variable(ball(abs(centre(self._speed))), 0), joint, self._arm).slope(0)
+            self.slope = -centre(slope)
+
+    def torque(self) -> Signal | None:
+        """Return the friction torque of the centre in the plan SLIP, which the uncertain friction factor multiplies."""
+        if self.plan is not Plan.SLIP or self._slip is None:
+            return None
+        return [-self.side * a for a in self._slip]
+
+    def parted(self, start: float, duration: float, torque: float) -> float:
+        """Return a bound of |δv| [rad/s] during a segment, by the plan MONOTONE.
+
+        Args:
+            start: bound at the start [rad/s].
+            duration: of the segment [s].
+            torque: bound of |δN| + η [N m], see `driving`.
+        """
+        # A centre that is not quite on the side on which it slips is compared after a shift by `aside`.
+        aside = max(0.0, -self.speed[0] if self.side > 0 else self.speed[1]) if self.side else 0.0
+        rate = self._steepest * self.share[1] / self._inertia
+        grown = start + aside + duration * (torque / self._inertia + rate * aside)
+        return grown * float(np.exp(rate * duration)) * (1.0 + SLACK) + aside
+
+    def driving(self, tube_net: float, constants: float, products: float) -> float:
+        """Return a bound of |δN| + η [N m], for the plan MONOTONE.
+
+        η holds what the range of the friction factor makes, for centres that slip or rest as the law says.
+        """
+        static = self.static[1]
+        eta = self._missed
+        if not self.side:
+            eta = max(0.0, signal_size(self._needed) - static) if self._rests else signal_size(self._needed) + static
+        eta += self._uncertain * static
+        return (tube_net + eta + constants + products) * (1.0 + SLACK)
+
+    def pull(self, tube_net: float, constants: float, products: float) -> float:
+        """Return a bound of |I_a δθ̈| [N m] whatever the friction does; arguments as for `bound`."""
+        static = self.static[1]
+        return (tube_net + signal_size(self._needed) + self.share[1] * static + constants + products) * (1.0 + SLACK)
+
+    def bound(self, tube_speed: float, tube_net: float, constants: float, products: float) -> float:
+        """Return a bound of |w| [N m], without the signal of `torque`.
+
+        Args:
+            tube_speed: radius of the tube of v [rad/s].
+            tube_net: that of N [N m].
+            constants: bound of the torques of the uncertain constants on this motor along the centre [N m].
+            products: bound of the products of uncertain constants with the deviation on this motor [N m].
+
+        Raises:
+            PlanFails: the tube contradicts the plan.
+        """
+        low, high = low_high(self._speed + ball(0.0, tube_speed))
+        if self.plan is Plan.ANY:
+            return (signal_size(self._needed) + self.share[1] * self.static[1]) * (1 + SLACK) + products
+        if self.plan is Plan.MONOTONE:
+            return 0.0
+        if self.plan is Plan.HELD:
+            limit = self.share[0] * self.static[0]
+            known = self.known == (0.0, 0.0) and self._rests
+            if not (known and largest(self._net) + tube_net + constants + products < limit * (1.0 - 1e-9)):
+                raise PlanFails(self.joint)
+            return 0.0
+        if self.plan is Plan.SLIP:
+            if not (self.side * (low if self.side > 0 else high) > 0.0):
+                raise PlanFails(self.joint)
+            slowest, fastest = sorted((abs(low), abs(high)))
+            falling, rising = rates(slowest, fastest, self.joint, self._arm)
+            uncertain = self._uncertain * max(-falling, rising)
+            rest = max(abs(falling + self.slope), abs(rising + self.slope)) + uncertain
+            return (self._missed + rest * tube_speed) * (1.0 + SLACK) + products
+        return self._mixed(low, high, tube_speed, tube_net, constants, products)
+
+    def _mixed(
+        self, low: float, high: float, tube_speed: float, tube_net: float, constants: float, products: float
+    ) -> float:
+        low, high = self._during(low, high, tube_net + constants + products)
+        needed_low, needed_high = signal_ends(self._needed)
+        ends: list[float] = []
+        for side, fastest in ((1, high), (-1, -low)):
+            if fastest <= 0.0:
+                continue
+            slowest = max(0.0, low if side > 0 else -high)
+            if side == self.side and self._slip is not None:
+                uncertain = self._uncertain * strength(slowest, fastest, self.joint, self._arm)[1]
+                reach = self._missed + (self._steepest * tube_speed + uncertain) * (1 + SLACK)
+                ends += [-reach, reach]
+                continue
+            weak, strong = strength(slowest, fastest, self.joint, self._arm)
+            pull = [side * self.share[0] * weak, side * self.share[1] * strong]
+            ends += [needed_low - max(pull), needed_high - min(pull)]
+        if low <= 0.0 <= high:
+            static = self.share[1] * self.static[1]
+            rest = (tube_net + self._inertial + constants + products) * (1 + SLACK)
+            net_low, net_high = low_high(self._net + ball(0.0, (tube_net + constants + products) * (1 + SLACK)))
+            if max(net_low, -static) <= min(net_high, static):  # otherwise the motor cannot rest
+                ends += [max(-rest, needed_low - min(net_high, static)), min(rest, needed_high - max(net_low, -static))]
+        if ends:
+            self.drag = 0.5 * (min(ends) + max(ends)) - 0.5 * (needed_low + needed_high)
+        return max(map(abs, ends), default=0.0) * (1 + SLACK) + products
+
+    def _rates(self, low: float, high: float, spread: float) -> tuple[float, float]:
+        """Return how fast v may fall at most where v < 0 and rise where v > 0 [rad/s²], N within `spread`."""
+        net_low, net_high = low_high(self._net)
+        backward = self.share[0] * strength(0.0, max(-low, 0.0), self.joint, self._arm)[0]
+        forward = self.share[0] * strength(0.0, max(high, 0.0), self.joint, self._arm)[0]
+        slack = SLACK * (abs(net_low) + abs(net_high) + spread + backward + forward)
+        return (
+            (net_low - spread + backward - slack) / self._inertia,
+            (net_high + spread - forward + slack) / self._inertia,
+        )
+
+    def _during(self, low: float, high: float, spread: float) -> Speed:
+        """Return what is known of v during the segment, in [low, high] by the tube, N within `spread` [N m]."""
+        falling, rising = self._rates(low, high, spread)
+        least = min(self.known.low, 0.0) + min(falling, 0.0) * self._duration * (1.0 + SLACK)
+        most = max(self.known.high, 0.0) + max(rising, 0.0) * self._duration * (1.0 + SLACK)
+        return Speed(max(low, least), min(high, most))
+
+    def after(self, tube_speed: float, spread: float, end: tuple[float, float]) -> Speed:
+        """Return what is known of v at the end of the segment, where the tube has it in the range `end` [rad/s]."""
+        if self.plan is Plan.ANY:
+            return Speed(-math.inf, math.inf)
+        if self.plan is Plan.HELD:
+            return Speed(0.0, 0.0)
+        low, high = low_high(self._speed + ball(0.0, tube_speed))
+        falling, rising = self._rates(low, high, spread)
+        least = min(0.0, min(self.known.low, 0.0) + falling * self._duration * (1.0 - SLACK * np.sign(falling)))
+        most = max(0.0, max(self.known.high, 0.0) + rising * self._duration * (1.0 + SLACK * np.sign(rising)))
+        return Speed(max(end[0], least), min(end[1], most))
+
+
+class PlanFails(ValueError):
+    """The tube contradicts a plan; `joint` says whose."""
+
+    def __init__(self, joint: int) -> None:
+        super().__init__(f"the plan of motor {joint + 1} fails")
+        self.joint = joint

@@ -1,0 +1,285 @@
+"""One period of the tube: the remainders and the tube that they make, closed by a fixed point.
+
+For a claimed tube ρ the remainders are bounded by w̄(ρ), and with them the deviation stays within
+
+    ρ'(ρ) = max(|S ξ_h(0)|, |S ξ_h(T)|) + T²/8 sup |S ξ̈_h| + push w̄(ρ),
+
+ξ_h: what start, held torque and uncertain constants alone make. If ρ'(ρ) < ρ in every row, the deviation never leaves
+ρ during the period (first exit): up to the first time at which it did, the bounds hold, so it is within ρ' there, and
+it is continuous. The accelerations and the products of masses are no part of the state; together they obey a <= G(a),
+where G is the smaller of some r + Q a with r, Q >= 0, and G(ρ) < ρ gives a <= ρ: otherwise λ = max a/ρ > 1 had
+a <= G(λ ρ) <= λ G(ρ) < λ ρ.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+from typing import NamedTuple
+
+import numpy as np
+
+from fuzzyarm.envs.observation import JOINTS
+from fuzzyarm.envs.physics.dynamics import dry_frictions
+from fuzzyarm.proof.tip.centre import Mode, Segment
+from fuzzyarm.proof.tip.constants import Drive, constant_torques, drive
+from fuzzyarm.proof.tip.defects import PeriodMotion, TipForces, signal_range, signal_size
+from fuzzyarm.proof.tip.enclosures import ROUND_UP, SLACK, NoBound, low_high
+from fuzzyarm.proof.tip.friction import Friction, Plan, PlanFails, Speed
+from fuzzyarm.proof.tip.plant import BallPlant
+from fuzzyarm.proof.tip.remainders import LinkRemainder, lever_arms
+from fuzzyarm.proof.tip.transition import (
+    CHANNELS,
+    COUNT,
+    D_THETA,
+    ROW_COUNT,
+    ROWS,
+    STATES,
+    Linear,
+    Transition,
+    linear,
+    transition,
+)
+from fuzzyarm.proof.tip.zonotope import Zonotope, product
+
+__all__ = ["Claim", "Closed", "Period"]
+
+ITERATIONS = 60
+WORTH = 0.15  # share of the static friction that may drive a velocity by the plan MONOTONE
+LARGEST = 0.5  # of the tube's angles [rad]: beyond it no iteration has ever closed
+
+
+@dataclasses.dataclass(frozen=True)
+class Closed:
+    """A period whose tube is closed.
+
+    Attributes:
+        tube: ρ (18,) in the order of `ROWS`.
+        torques: w̄ (8,) in the order of `CHANNELS` [N m; N].
+        solution: of the linear equation.
+        drive: of the uncertain constants.
+        columns: (8, n) of the zonotope at the end without the torques w̄; those of the constants first.
+        known: of both motors' velocities at the end.
+        plans: by which the frictions were bounded.
+        drags: middle of the friction torques of motors with the plan MIXED [N m], None for others.
+    """
+
+    tube: np.ndarray
+    torques: np.ndarray
+    solution: Transition
+    drive: Drive
+    columns: np.ndarray
+    known: tuple[Speed, ...]
+    plans: tuple[Plan, ...]
+    drags: tuple[float | None, ...]
+
+
+class Claim(NamedTuple):
+    """What a file claims of a segment: its tube (18,), and the plans of the frictions."""
+
+    tube: np.ndarray
+    plans: tuple[Plan, ...]
+
+
+class Period:
+    """A period that is to be closed."""
+
+    def __init__(self, centre: Segment, torque: np.ndarray, tip: TipForces, plant: BallPlant) -> None:
+        """Take the centre, the held torque (2,) [N m], what may act at the tip, and the plant."""
+        force, period = tip.middle, centre.duration
+        self.motion, self.force, self.plant = PeriodMotion(centre.angles, period), force, plant
+        self._centre, self._torque, self._period, self._tip = centre, torque, period, tip
+        self._links = LinkRemainder(self.motion, tip, plant)
+        self._lever, self._lever_spread = lever_arms(self.motion, tip.direction, plant.exact)
+        torques = self.motion.link_torques(force, plant.exact)
+        self._defect = np.array([signal_size(d) for d in self.motion.link_defects(torques, plant.exact)])
+        self._constants = constant_torques(self.motion, force, plant)
+        self._frictions: dict[tuple[int, Plan, Speed], Friction] = {}
+        halves = {kind: np.array(plant.half(kind)) for kind in _PRODUCTS}
+        self._within = [(halves["stiffness"], ROWS.bending), (halves["damping"], ROWS.bending_rate)]
+        self._own = [(halves["motor_inertia"], ROWS.motor_acceleration), (halves["viscous_friction"], ROWS.d_theta)]
+
+    def confirm(self, start: Zonotope, known: tuple[Speed, ...], claim: Claim, *, friction: str) -> Closed:
+        """Return the period closed by a claimed tube and plans, without any search; `NoBound` where they fail."""
+        if friction == "any" and set(claim.plans) != {Plan.ANY}:
+            raise NoBound("a plan that is not for any friction")
+        try:
+            return self._closed(start, known, list(claim.plans), claim.tube)
+        except PlanFails as failed:
+            raise NoBound(str(failed)) from None
+
+    def close(self, start: Zonotope, known: tuple[Speed, ...], *, friction: str) -> Closed:
+        """Return the closed period for the zonotope of ξ at its start; `NoBound` where there is none."""
+        plans = [self._plan(joint, start, known[joint], friction) for joint in range(JOINTS)]
+        for _ in range(3 * JOINTS + 1):
+            try:
+                return self._closed(start, known, plans)
+            except PlanFails as failed:
+                certain = plans[failed.joint] in (Plan.SLIP, Plan.HELD)
+                plans[failed.joint] = Plan.MONOTONE if certain else Plan.MIXED
+        raise NoBound("the plans of the friction contradict each other")
+
+    def _plan(self, joint: int, start: Zonotope, known: Speed, friction: str) -> Plan:
+        if friction == "any":
+            return Plan.ANY
+        mode = self._centre.modes[joint]
+        if mode == Mode.REST and known == (0.0, 0.0):
+            return Plan.HELD
+        low, high = low_high(signal_range(self.motion.velocity[joint]))
+        spread = float(start.totals()[D_THETA][joint])
+        slips = mode in (Mode.FORWARD, Mode.BACKWARD) and min(abs(low), abs(high)) > 1.05 * spread and low * high > 0.0
+        return Plan.SLIP if slips else Plan.MONOTONE
+
+    def _closed(
+        self, start: Zonotope, known: tuple[Speed, ...], plans: list[Plan], claimed: np.ndarray | None = None
+    ) -> Closed:
+        frictions = [self._friction(j, plan, speed) for j, (plan, speed) in enumerate(zip(plans, known, strict=True))]
+        system = linear(
+            self.plant.middle, *self._links.at, self._lever, np.array([f.slope for f in frictions]),
+            [p is Plan.HELD for p in plans], [p is Plan.MONOTONE for p in plans], self._links.products,
+        )  # fmt: skip
+        driven, before = drive(self._constants, self.plant, frictions), start.totals()[D_THETA]
+        if claimed is None:
+            self._check_monotone(self._least(start, system, frictions, driven, before), before, frictions)
+        solution = transition(system, self._period)
+        columns, free = self._free(start, system, solution, driven)
+        tube = free[:ROW_COUNT] * 1.01 + 1e-15 if claimed is None else claimed
+        for _ in range(ITERATIONS if claimed is None else 1):
+            torques = self._torques(tube, frictions, driven, before, (free, solution.push))
+            reached = ((free + solution.push @ torques) * ROUND_UP)[:ROW_COUNT]
+            self._given_accelerations(reached, tube, frictions, driven)
+            if (reached < tube).all():
+                if claimed is None:
+                    self._check_monotone(torques[CHANNELS.motor], before, frictions)
+                after = self._speeds(tube, frictions, driven)
+                drags = tuple(f.drag if f.plan is Plan.MIXED else None for f in frictions)
+                return Closed(tube, torques, solution, driven, columns, after, tuple(plans), drags)
+            if claimed is not None:
+                raise NoBound(f"the claimed tube is left in row {int(np.argmax(reached - tube))}")
+            if not (reached[ROWS.theta].max() < LARGEST and reached[ROWS.link].max() < LARGEST):
+                break
+            tube = np.maximum(tube, reached * 1.02 + 1e-15)
+        worst = int(np.argmax(solution.push[ROWS.link].sum(axis=0) * torques))
+        raise NoBound(f"the tube does not close: the torque {torques[worst]:.3g} on {_NAMES[worst]} grows with it")
+
+    def _given_accelerations(
+        self, reached: np.ndarray, tube: np.ndarray, frictions: list[Friction], driven: Drive
+    ) -> None:
+        """Fill in the accelerations of motors whose velocity is no state."""
+        inertia = self.plant.middle.motor_inertia1, self.plant.middle.motor_inertia2
+        constants, products = self._on_motors(tube, driven)
+        for j, friction in enumerate(frictions):
+            if friction.plan is Plan.MONOTONE:
+                pull = friction.pull(float(tube[ROWS.net][j]), constants[j], products[j]) / inertia[j]
+                reached[ROWS.motor_acceleration.start + j] = pull * ROUND_UP
+
+    def _on_motors(self, tube: np.ndarray, driven: Drive) -> tuple[np.ndarray, np.ndarray]:
+        """Return bounds (2,) [N m] of what uncertain constants do on each motor, for a claimed tube.
+
+        First their torques along the centre and, within the joint, times the deviation; then those of the motor's own
+        inertia and viscosity times the deviation.
+        """
+        within = sum(half * tube[rows] for half, rows in self._within)
+        return driven.motor + within, np.asarray(sum(half * tube[rows] for half, rows in self._own))
+
+    def _friction(self, joint: int, plan: Plan, known: Speed) -> Friction:
+        """Return the friction of a motor by a plan; it is made once."""
+        key = joint, plan, known
+        if key not in self._frictions:
+            mode, torque = self._centre.modes[joint], float(self._torque[joint])
+            self._frictions[key] = Friction(joint, plan, mode, self.motion, torque, self.plant, known)
+        return self._frictions[key]
+
+    def _least(
+        self, start: Zonotope, system: Linear, frictions: list[Friction], driven: Drive, before: np.ndarray
+    ) -> np.ndarray:
+        """Return velocities (2,) of the plan MONOTONE that no tube can be below, as it holds the start."""
+        least = before.copy()
+        if Plan.MONOTONE in {friction.plan for friction in frictions}:
+            nets = start.size(system.S[ROWS.net])
+            for j, friction in enumerate(frictions):
+                least[j] = friction.parted(before[j], self._period, friction.driving(nets[j], driven.motor[j], 0.0))
+        return least
+
+    def _check_monotone(self, after: np.ndarray, before: np.ndarray, frictions: list[Friction]) -> None:
+        """Give up a plan that lets a velocity (2,) grow by much of what the friction itself could."""
+        inertia = self.plant.middle.motor_inertia1, self.plant.middle.motor_inertia2
+        static = [dry.static_friction for dry in dry_frictions(self.plant.middle)]
+        for j, friction in enumerate(frictions):
+            grown = after[j] - before[j]
+            if friction.plan is Plan.MONOTONE and grown * inertia[j] > WORTH * static[j] * self._period:
+                raise PlanFails(j)
+
+    def _free(
+        self, start: Zonotope, system: Linear, solution: Transition, driven: Drive
+    ) -> tuple[np.ndarray, np.ndarray]:
+        """Return the columns (8, n) at the end, and the bound (18 + n,) of |S ξ_h| during the period."""
+        S, D, b, states = system.S, system.D, system.b, slice(0, STATES)
+        constants, totals = driven.level.shape[1], start.totals()
+        columns = product(solution.phi, start.columns)
+        columns[:, :constants] += solution.held @ driven.level + solution.ramp @ driven.slope
+        whole = Zonotope(len(columns), constants)
+        whole.columns, whole.box = columns, solution.growth @ (start.box + SLACK * totals)
+        end = whole.part(slice(None))
+        own, others = np.diag(S)[states], slice(STATES, None)  # a state is observed by itself, see `linear`
+        first = start.size(S[others], D[others] @ (driven.level - driven.slope))
+        last = end.size(S[others], D[others] @ (driven.level + driven.slope))
+        ends = np.maximum([*(own * totals[states]), *first], [*(own * end.totals()[states]), *last])
+        # ξ̈ = e^{A t} g with g = A² ξ(0) + A b a(0) + b ȧ, because a is linear in time; S is one on the states, and
+        # the held torque has no acceleration.
+        kick = b @ driven.slope * (2.0 / self._period)
+        turn = system.A @ (b @ (driven.level - driven.slope)) + kick
+        bend = start.size(solution.S_A_A, S @ turn)
+        sized = np.abs(S) @ system.size
+        turned = SLACK * system.size @ (system.size @ totals)
+        turned[states] += bend[states]
+        grown = self._period * (np.abs(solution.S_A) + SLACK * np.abs(S) @ system.size) @ solution.growth @ turned
+        sizes = np.abs(S) @ (system.size @ np.abs(b) @ (np.abs(driven.level) + np.abs(driven.slope)) + np.abs(kick))
+        # Rounding of the products of matrices themselves, whose terms may cancel.
+        second = bend + grown + 4.0 * SLACK * (sizes.sum(axis=1) + sized @ (system.size @ totals))
+        slack_of_rows = SLACK * (system.size_of_rows @ (totals + end.totals()))
+        free = ends + self._period**2 / 8.0 * second + slack_of_rows
+        return columns, free * ROUND_UP
+
+    def _torques(
+        self,
+        tube: np.ndarray,
+        frictions: list[Friction],
+        driven: Drive,
+        before: np.ndarray,
+        observed: tuple[np.ndarray, np.ndarray],
+    ) -> np.ndarray:
+        """Return w̄ (8,) for a claimed tube; all that is `observed` (free, push) is within free + push w̄."""
+        torques = driven.rest.copy()
+        torques[CHANNELS.link] += self._defect
+        torques[CHANNELS.link] += self._lever_spread @ self._tip.courses
+        constants, products = self._on_motors(tube, driven)
+        torques[CHANNELS.joint] += sum(half * tube[rows] for half, rows in self._within)
+        torques[CHANNELS.tip] += self._tip.courses
+        for j, friction in enumerate(frictions):
+            if friction.plan is Plan.MONOTONE:
+                driving = friction.driving(tube[ROWS.net][j], constants[j], products[j])
+                torques[CHANNELS.motor.start + j] = friction.parted(before[j], self._period, driving)
+                continue
+            # The products within the joint have a channel of their own; a motor that sticks feels them, too.
+            torques[CHANNELS.motor][j] += friction.bound(
+                tube[ROWS.d_theta][j], tube[ROWS.net][j], constants[j], products[j]
+            )
+        torques[CHANNELS.link] += self._links.bound(tube, torques * ROUND_UP, *observed)
+        return torques * ROUND_UP
+
+    def _speeds(self, tube: np.ndarray, frictions: list[Friction], driven: Drive) -> tuple[Speed, ...]:
+        """Return what is known of the motors' velocities at the end."""
+        constants, products = self._on_motors(tube, driven)
+        ends = self.motion.at(1)
+        found = []
+        for j, friction in enumerate(frictions):
+            radius = float(tube[ROWS.d_theta][j])
+            low, high = low_high(ends[STATES // 2 + j])
+            spread = float(tube[ROWS.net][j] + constants[j] + products[j])
+            found.append(friction.after(radius, spread, (low - radius, high + radius)))
+        return tuple(found)
+
+
+_PRODUCTS = ("stiffness", "damping", "motor_inertia", "viscous_friction")
+_NAMES = [f"{kind} {axis}" for kind in ("motor", "link", "joint", "tip axis") for axis in (1, 2)]
+assert len(_NAMES) == COUNT

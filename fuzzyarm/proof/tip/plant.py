@@ -1,0 +1,415 @@
+"""The arm of a set in numbers: its middle, and what each uncertain constant adds.
+
+    p = p_0 + Δp π_p,  |π_p| <= 1;      R(·; p) = R(·; p_0) + Σ Δp π_p R_p,      R_p: R with the constants ∂c/∂p,
+
+because the constants c1..c5 of (3) are affine in the factors of the masses and in the payload, and R is linear in them.
+
+A set of plants: which factors each constant of the arm may have, and what else may act.
+
+Every factor is constant during the motion and independent of the others; masses count with the inertia of their link,
+as in `DomainRandomisation`. A factor's range is one for both joints, or one for each. What may vary with time, in any
+measurable way: the friction torque of a set with ``any`` friction, and the tip force within `force_swing` and
+`force_course`; and at every sample the errors within `noise`.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any, Literal
+
+import numpy as np
+from flint import arb
+
+from fuzzyarm.common import checks
+from fuzzyarm.common.documents import read_toml, record
+from fuzzyarm.envs.observation import JOINTS
+from fuzzyarm.envs.physics.dynamics import Arm, Plant, loaded, lump, plant_of
+from fuzzyarm.envs.physics.friction import DRY_TORQUES
+from fuzzyarm.envs.physics.parameters import ArmParameters
+from fuzzyarm.envs.physics.records import PerJoint, filled, flat
+from fuzzyarm.envs.scenario.disturbances import Disturbance
+from fuzzyarm.envs.scenario.randomisation import ALLOWED
+from fuzzyarm.proof.tip.enclosures import ball, between, centre
+
+__all__ = [
+    "AXES",
+    "BY_JOINT",
+    "RANGES",
+    "SETS",
+    "Axis",
+    "BallPlant",
+    "Parameter",
+    "PlantSet",
+    "ball_plant",
+    "check_set_name",
+    "exactly",
+    "find_set",
+    "missed",
+    "narrowed",
+    "plants_of",
+    "ranges_in_words",
+]  # fmt: skip
+
+
+Range = tuple[float, float]
+Factor = tuple[float | Range, float | Range]
+"""A range (low, high) for both joints, or a pair of ranges, one for each."""
+
+BY_JOINT = ("mass", "motor_inertia", "stiffness", "damping", "dry_friction", "viscous_friction")
+"""The factors of which each joint has its own."""
+RANGES = (*BY_JOINT, "force", "payload")
+"""All ranges of a set."""
+
+Axis = tuple[str, int]
+"""A field of `RANGES` and a joint; 0 where the range is not by joint."""
+
+AXES: list[Axis] = [(name, joint) for name in RANGES for joint in range(JOINTS if name in BY_JOINT else 1)]
+"""All ranges of a set, joint by joint."""
+
+LIMITS = {"force_swing": ("", 10.0), "force_course": ("N", 1e6)}
+NOISIEST = 1e3  # rad, rad/s
+LONGEST_LABEL = 60  # characters
+
+
+@dataclasses.dataclass(frozen=True)
+class PlantSet:
+    """Ranges (low, high) of what is constant, and bounds of what may vary with time; the defaults are Table 1 alone.
+
+    The range of a factor of `BY_JOINT` may be given for each joint: ``((low, high), (low, high))``.
+
+    Attributes:
+        mass: factor of each link's mass and inertia, one per link.
+        motor_inertia: factor of each motor's inertia.
+        stiffness: factor of each joint's stiffness.
+        damping: factor of each joint's damping.
+        dry_friction: factor of each motor's static and Coulomb friction.
+        viscous_friction: factor of each motor's viscous friction.
+        payload: mass at the tip [kg], added to the case's own payload.
+        force: factor of the case's tip force.
+        friction: ``"law"``: stick and Stribeck friction as in the environment; ``"any"``: any torque up to the static.
+        force_swing: largest share of the case's tip force by which its factor may vary, in any course in time.
+        force_course: largest component along x and along y of a further tip force, of any course in time [N].
+        noise: largest error of a measured motor angle [rad] and velocity [rad/s].
+        late: whole control periods by which every torque acts late; until the first acts, it is held from the start.
+    """
+
+    mass: Factor = (1.0, 1.0)
+    motor_inertia: Factor = (1.0, 1.0)
+    stiffness: Factor = (1.0, 1.0)
+    damping: Factor = (1.0, 1.0)
+    dry_friction: Factor = (1.0, 1.0)
+    viscous_friction: Factor = (1.0, 1.0)
+    payload: Range = (0.0, 0.0)
+    force: Range = (1.0, 1.0)
+    friction: Literal["law", "any"] = "law"
+    force_swing: float = 0.0
+    force_course: float = 0.0
+    noise: Range = (0.0, 0.0)
+    late: int = 0
+
+    def __post_init__(self) -> None:
+        """Check every range; ValueError names it and what is allowed."""
+        try:
+            for name in RANGES:
+                object.__setattr__(self, name, _checked(name, getattr(self, name)))
+            checks.choice("friction", self.friction, ("law", "any"))
+            for name, (unit, high) in LIMITS.items():
+                object.__setattr__(self, name, checks.real(name, getattr(self, name), unit, low=0.0, high=high))
+            object.__setattr__(self, "noise", checks.reals("noise", self.noise, 2, low=0.0, high=NOISIEST))
+            object.__setattr__(self, "late", checks.whole("late", self.late, high=1))
+        except TypeError as error:
+            raise ValueError(str(error)) from None
+
+    def of_joint(self, name: str, joint: int) -> Range:
+        """Return the range of a factor of `BY_JOINT` for a joint; any other range as it is."""
+        given = getattr(self, name)
+        chosen: Range = given[joint] if isinstance(given[0], tuple) else given
+        return chosen
+
+    def to_dict(self) -> dict[str, Any]:
+        """Return the fields as plain numbers and lists."""
+        return {name: _plain(value) for name, value in dataclasses.asdict(self).items()}
+
+
+def _checked(name: str, given: Any) -> Any:
+    """Return a range, or a pair of them, as floats."""
+    low, high, unit = ALLOWED[name]
+    if name in BY_JOINT and isinstance(given, list | tuple) and any(isinstance(part, list | tuple) for part in given):
+        if len(given) != JOINTS:
+            raise ValueError(f"{name} = {checks.shown(given)} must be one range (low, high), or one for each joint")
+        parts = [
+            checks.interval(f"{name}, joint {j + 1}", part, unit, low=low, high=high) for j, part in enumerate(given)
+        ]
+        return tuple(parts) if parts[0] != parts[1] else parts[0]
+    return checks.interval(name, given, unit, low=low, high=high)
+
+
+def _plain(value: Any) -> Any:
+    return [_plain(part) for part in value] if isinstance(value, tuple) else value
+
+
+_NEAR = PlantSet(
+    mass=(0.995, 1.005), motor_inertia=(0.99, 1.01), stiffness=(0.98, 1.02), damping=(0.9, 1.1), dry_friction=(0.8, 1.2)
+)
+
+SETS: dict[str, PlantSet] = {
+    "table-1": PlantSet(),
+    "any-friction": PlantSet(friction="any"),
+    "near": _NEAR,
+    "near-late": dataclasses.replace(_NEAR, late=1),
+}
+"""Sets by name: the arm of Table 1 alone; with any friction torque up to the static one; K ± 2 %, B ± 10 %, m ± 0.5 %,
+I_a ± 1 %, dry friction ± 20 %; the same with every torque one control period late."""
+
+
+def check_set_name(name: str, plants: PlantSet) -> None:
+    """Raise ValueError for a label that is no short printable ASCII text, or a name of `SETS` for other plants."""
+    if not (isinstance(name, str) and 0 < len(name) <= LONGEST_LABEL and name.isascii() and name.isprintable()):
+        raise ValueError(f"set_name = {checks.shown(name)} must be 1 to {LONGEST_LABEL} printable ASCII characters")
+    if name in SETS and plants != SETS[name]:
+        raise ValueError(f"set_name = {checks.shown(name)}, but the plants are not those of this set")
+
+
+def plants_of(label: str, values: dict[str, Any]) -> PlantSet:
+    """Return the set of a file; ValueError where its label is a name of `SETS` for other plants.
+
+    Any other label is a note of the file's maker, which is neither checked nor repeated.
+    """
+    plants = record(values, PlantSet)
+    if label in SETS:
+        check_set_name(label, plants)
+    return plants
+
+
+def ranges_in_words(plants: PlantSet, others: PlantSet | None = None) -> str:
+    """Return in what a set differs from another one, or from a single arm: "mass 1 from 0.98 to 1.02 times", ..."""
+    others, words = others or PlantSet(), []
+    for name, joint in AXES:
+        low, high = plants.of_joint(name, joint)
+        if (low, high) != others.of_joint(name, joint):
+            unit = " kg" if name == "payload" else " times"
+            words.append(
+                f"{name}{f' {joint + 1}' if name in BY_JOINT else ''} from {exactly(low)} to {exactly(high)}{unit}"
+            )
+    if plants.friction != others.friction:
+        words.append(f"friction {plants.friction}")
+    words += [
+        f"{name} {exactly(getattr(plants, name))}" for name in LIMITS if getattr(plants, name) != getattr(others, name)
+    ]
+    if plants.noise != others.noise:
+        words.append(f"encoder errors up to {exactly(plants.noise[0])} rad and {exactly(plants.noise[1])} rad/s")
+    if plants.late != others.late:
+        words.append(f"torques {plants.late} control period late")
+    return ", ".join(words) or "the whole set"
+
+
+def exactly(value: float) -> str:
+    """Return the shortest decimal that is exactly a float."""
+    short = f"{value:g}"
+    return short if float(short) == value else repr(value)
+
+
+def find_set(name: str | Path) -> PlantSet:
+    """Return the set of a name of `SETS`, or of a TOML file with fields of `PlantSet`.
+
+    Raises:
+        ValueError: no such name, or the file is damaged, has an unknown field or a value out of range.
+        OSError: the file cannot be read.
+    """
+    if str(name) in SETS:
+        return SETS[str(name)]
+    path = Path(name)
+    if path.suffix != ".toml":
+        raise ValueError(f"unknown set {checks.shown(str(name))}; choose from: {', '.join(SETS)}, or name a .toml file")
+    values = read_toml(path)
+    try:
+        return record(values, PlantSet)
+    except (TypeError, ValueError) as error:
+        raise ValueError(f"{path}: {error}") from None
+
+
+_LUMPED = ("c1", "c2", "c3", "c4", "c5")
+_ROUNDED = 2.0**-46  # relative: the environment computes c1..c5 in floats
+
+
+@dataclasses.dataclass(frozen=True)
+class Parameter:
+    """An uncertain constant: p_0 ± `half`.
+
+    Attributes:
+        kind: "mass", "payload", "force", "stiffness", "damping", "motor_inertia", "viscous_friction", "dry_friction".
+        joint: whose constant it is; 0 for the payload and the force.
+        half: half the width of its range, in its unit; relative to the middle for dry friction and the force.
+        arm: constants ∂c/∂p times `half`, for a mass or the payload.
+    """
+
+    kind: str
+    joint: int
+    half: float
+    arm: Arm | None = None
+
+    @property
+    def name(self) -> str:
+        """What it is called in a table."""
+        return self.kind if self.kind in ("payload", "force") else f"{self.kind} {self.joint + 1}"
+
+
+@dataclasses.dataclass(frozen=True)
+class BallPlant:
+    """All arms of a set.
+
+    Attributes:
+        middle: constants in floats, of the arm in the middle.
+        exact: the same in balls that hold the exact constants of that arm.
+        parameters: what is uncertain.
+        share: lowest and highest factor of the dry friction of each motor, relative to the middle.
+    """
+
+    middle: Arm
+    exact: Arm
+    parameters: tuple[Parameter, ...]
+    share: tuple[tuple[float, float], ...]
+
+    def half(self, kind: str) -> list[float]:
+        """Return half the width of a constant's range by joint, 0 where it is certain."""
+        widths = [0.0] * JOINTS
+        for parameter in self.parameters:
+            if parameter.kind == kind:
+                widths[parameter.joint] = parameter.half
+        return widths
+
+
+def ball_plant(parameters: ArmParameters, disturbance: Disturbance, plants: PlantSet) -> BallPlant:
+    """Return the arms of a set of plants around the given parameters, with the payload of a disturbance."""
+    nominal = plant_of(parameters)
+    middles = {name: [0.5 * sum(plants.of_joint(name, joint)) for joint in range(JOINTS)] for name in BY_JOINT}
+    scaled: dict[str, Any] = {
+        field: PerJoint(*(middle * x for middle, x in zip(middles[name], getattr(nominal, field), strict=True)))
+        for name, fields in _FACTORS.items()
+        for field in fields
+    }
+    plant = nominal._replace(**scaled)
+    payload = disturbance.payload.mass, disturbance.payload.radius(parameters)
+    extra = 0.5 * sum(plants.payload)
+    uncertain = [
+        Parameter(name, joint, half * getattr(nominal, fields[0])[joint])
+        for name, fields in _FACTORS.items() if name not in ("mass", "dry_friction")
+        for joint in range(JOINTS) if (half := _half(plants.of_joint(name, joint)))
+    ]  # fmt: skip
+    share = tuple(_share(plants.of_joint("dry_friction", joint)) for joint in range(JOINTS))
+    uncertain += [
+        Parameter("dry_friction", joint, max(1.0 - low, high - 1.0))
+        for joint, (low, high) in enumerate(share)
+        if low < high
+    ]
+    exact = _arm(_in_balls(plant), [payload, (extra, parameters.length[0 + 1])], ball(parameters.gravity))
+    units = _mass_units(_in_balls(nominal), plants, parameters)
+    if _half(plants.force) and disturbance.tip_force is not None:
+        nothing = PerJoint(arb(0), arb(0))
+        massless = lump(_in_balls(nominal)._replace(mass=nothing, inertia=nothing))
+        units.append(Parameter("force", 0, _half(plants.force) / (0.5 * sum(plants.force)), massless))
+    uncertain += units
+    middle = filled(Arm, (centre(x) for x in flat(exact)))
+    return BallPlant(middle, exact, tuple(uncertain), share)
+
+
+_FACTORS = {
+    "mass": ("mass", "inertia"),
+    "motor_inertia": ("motor_inertia",),
+    "stiffness": ("stiffness",),
+    "damping": ("damping",),
+    "viscous_friction": ("viscous_friction",),
+    "dry_friction": DRY_TORQUES,
+}
+"""The fields of `Plant` that a factor of the set scales, as in `randomisation.varied`."""
+
+
+def _share(bounds: tuple[float, float]) -> tuple[float, float]:
+    """Return the lowest and the highest factor of the dry friction, relative to the middle."""
+    middle = 0.5 * sum(bounds)
+    low, high = (x / middle if middle else 1.0 for x in bounds)
+    return (low - 2.0**-50, high + 2.0**-50 * high) if low < high else (low, high)
+
+
+def _half(bounds: tuple[float, float]) -> float:
+    return 0.5 * (bounds[1] - bounds[0]) + 2.0**-50 * max(1.0, bounds[1]) if bounds[0] < bounds[1] else 0.0
+
+
+def _in_balls(plant: Any) -> Any:
+    balls: list[Any] = [PerJoint(*map(arb, x)) if isinstance(x, tuple) else arb(x) for x in plant]
+    return Plant(*balls)
+
+
+def _arm(plant: Any, payloads: list[tuple[float, float]], gravity: Any) -> Arm:
+    """Return the constants of a plant with payloads (mass [kg], distance from joint 2 [m]), in balls."""
+    arm: Arm = lump(plant)
+    for mass, radius in payloads:
+        arm = loaded(arm, arb(mass), arb(radius), gravity)
+    return arm._replace(**{name: getattr(arm, name) * between(1.0 - _ROUNDED, 1.0 + _ROUNDED) for name in _LUMPED})
+
+
+def _mass_units(plant: Any, plants: PlantSet, parameters: ArmParameters) -> list[Parameter]:
+    """Return the masses and the payload, where they are uncertain, with the constants that half their range makes."""
+    found = []
+    for joint in range(JOINTS):
+        half = _half(plants.of_joint("mass", joint))
+        if not half:
+            continue
+        scale = [arb(half) if j == joint else arb(0) for j in range(JOINTS)]
+        part = plant._replace(
+            mass=PerJoint(*(m * x for m, x in zip(plant.mass, scale, strict=True))),
+            inertia=PerJoint(*(i * x for i, x in zip(plant.inertia, scale, strict=True))),
+        )
+        found.append(Parameter("mass", joint, half, lump(part)))
+    if _half(plants.payload):
+        nothing = PerJoint(arb(0), arb(0))
+        empty = lump(plant._replace(mass=nothing, inertia=nothing))
+        arm = loaded(empty, arb(_half(plants.payload)), arb(parameters.length[-1]), plant.gravity)
+        found.append(Parameter("payload", 0, _half(plants.payload), arm))
+    return found
+
+
+def narrowed(plants: PlantSet, axis: Axis, part: tuple[float, float]) -> PlantSet:
+    """Return a set with the range of one axis replaced."""
+    name, joint = axis
+    given: Any = part
+    if name in BY_JOINT:
+        given = tuple(part if j == joint else plants.of_joint(name, j) for j in range(JOINTS))
+    named: dict[str, Any] = {name: given}
+    return dataclasses.replace(plants, **named)
+
+
+def missed(plants: PlantSet, parts: Sequence[PlantSet]) -> PlantSet | None:
+    """Return a part of a set that no cell holds; None where the cells cover the set."""
+    found = _hole(_box(plants), np.array([_box(part) for part in parts]))
+    if found is None:
+        return None
+    hole = plants
+    for axis, ends in zip(AXES, found.tolist(), strict=True):
+        hole = narrowed(hole, axis, (ends[0], ends[1]))
+    return hole
+
+
+def _box(plants: PlantSet) -> np.ndarray:
+    return np.array([plants.of_joint(name, joint) for name, joint in AXES])
+
+
+def _hole(box: np.ndarray, parts: np.ndarray) -> np.ndarray | None:
+    """Return a box (n, 2) within `box` that lies in none of the closed boxes `parts` (m, n, 2), or None.
+
+    The box is divided at an end of a part that lies inside it; a box without such an end is in a part or in none.
+    """
+    low, high = box.T
+    near = parts[((parts[..., 0] <= high) & (parts[..., 1] >= low)).all(axis=1)]
+    if ((near[..., 0] <= low) & (near[..., 1] >= high)).all(axis=1).any():
+        return None
+    inside = (near > low[:, np.newaxis]) & (near < high[:, np.newaxis])
+    if not inside.any():
+        return box
+    part, axis, end = np.argwhere(inside)[0]
+    lower, upper = box.copy(), box.copy()
+    lower[axis, 1] = upper[axis, 0] = near[part, axis, end]
+    first = _hole(lower, near)
+    return _hole(upper, near) if first is None else first

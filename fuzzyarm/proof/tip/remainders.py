@@ -1,0 +1,160 @@
+"""What the linear equation of the deviation leaves out in one period, as bounds of torques on its channels.
+
+With the tube |S ξ| <= ρ during the period, the torques that are left out are bounded by
+
+    links    |d| + |M - M_k| ρ_q̈ + |R_q - G_k| ρ_q + |R_q̇ - D_k| ρ_q̇     M, R_q, R_q̇ at every point of the tube (balls),
+             and for each uncertain mass the same with its R_p, and |r_p ξ|, see `LinkRemainder`,
+    joints   Δk ρ_φ + Δb ρ_φ̇                                            products of uncertain constants,
+    motors   ΔI ρ_θ̈ + Δf ρ_θ̇ and the friction, see `friction`,
+    tip      the force of any course,
+
+and the parts of the uncertain constants' torques along the centre that are not linear in time.
+"""
+
+from __future__ import annotations
+
+from typing import Any, NamedTuple
+
+import numpy as np
+from flint import arb
+
+from fuzzyarm.envs.observation import JOINTS
+from fuzzyarm.envs.physics.dynamics import Arm, tip_force_torque
+from fuzzyarm.proof.tip.defects import (
+    Forces,
+    LinkMotion,
+    PeriodMotion,
+    TipForces,
+    link_torque,
+    signal_range,
+)
+from fuzzyarm.proof.tip.enclosures import ROUND_UP, SLACK, Jet, ball, centre, radius_of
+from fuzzyarm.proof.tip.plant import BallPlant
+from fuzzyarm.proof.tip.transition import CHANNELS, OBSERVED, ROWS
+
+__all__ = ["LinkRemainder", "LinkSlopes", "at_middle", "lever_arms", "link_remainder", "link_slopes", "tube_slopes"]
+
+REFINED = 3  # how often the products of the masses are bounded again
+_NO_FORCE = TipForces(Forces([arb(0)], [arb(0)]), (0.0, 0.0), (1.0, 0.0), (0.0, 0.0))
+
+
+class LinkSlopes(NamedTuple):
+    """M, ∂R/∂q and ∂R/∂q̇ of the links, nested lists (2, 2) of balls."""
+
+    mass: list[list[arb]]
+    angle: list[list[arb]]
+    velocity: list[list[arb]]
+
+
+def link_slopes(at: list[list[Any]], force: tuple[Any, Any], arm: Arm) -> LinkSlopes:
+    """Return M [kg m²], ∂R/∂q [N m/rad] and ∂R/∂q̇ [N m s/rad] at angles, velocities and accelerations, pairs each."""
+    angles, velocities, accelerations = at
+    q = [Jet.variable(x, i) for i, x in enumerate(angles)]
+    dq = [Jet.variable(x, JOINTS + i) for i, x in enumerate(velocities)]
+    ddq = [Jet.variable(x, 2 * JOINTS + i) for i, x in enumerate(accelerations)]
+    torques = link_torque(LinkMotion(q, dq, ddq), force, arm)
+    parts = ([[t.slope(k * JOINTS + i) for i in range(JOINTS)] for t in torques] for k in range(3))
+    angle, velocity, mass = parts
+    return LinkSlopes(mass, angle, velocity)
+
+
+def at_middle(motion: PeriodMotion, force: Forces, arm: Arm) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Return M_k [kg m²], G_k [N m/rad] and D_k [N m s/rad] (2, 2) at the middle of the period, in floats."""
+    at = [[signal[0] for signal in kind[JOINTS:]] for kind in (motion.angle, motion.velocity, motion.acceleration)]
+    slopes = link_slopes(at, (force.x[0], force.y[0]), arm)
+    mass, angle, velocity = (np.array([[centre(x) for x in row] for row in part]) for part in slopes)
+    return mass, angle, velocity
+
+
+def tube_slopes(motion: PeriodMotion, tube: np.ndarray, force: TipForces, arm: Arm) -> LinkSlopes:
+    """Return the slopes at every point of the tube (18,) around the centre, for every arm of the balls.
+
+    M [kg m²], ∂R/∂q [N m/rad] and ∂R/∂q̇ [N m s/rad], (2, 2) each.
+    """
+    rows = ROWS.link, ROWS.d_link, ROWS.link_acceleration
+    boxes = [
+        [x + ball(0.0, r) for x, r in zip(along, tube[of].tolist(), strict=True)]
+        for along, of in zip(motion.links, rows, strict=True)
+    ]
+    x, y = (signal_range(s) + ball(0.0, r) for s, r in zip(force.middle, force.radii, strict=True))
+    return link_slopes(boxes, (x, y), arm)
+
+
+def link_remainder(slopes: LinkSlopes, at: tuple[np.ndarray, np.ndarray, np.ndarray], tube: np.ndarray) -> np.ndarray:
+    """Return |M - M_k| ρ_q̈ + |R_q - G_k| ρ_q + |R_q̇ - D_k| ρ_q̇ (2,) [N m]."""
+    total = np.zeros(JOINTS)
+    for part, about, rows in zip(slopes, at, (ROWS.link_acceleration, ROWS.link, ROWS.d_link), strict=True):
+        spread = np.array(
+            [[radius_of(x, c) for x, c in zip(*row, strict=True)] for row in zip(part, about.tolist(), strict=True)]
+        )
+        total += spread @ tube[rows]
+    return total * ROUND_UP
+
+
+class LinkRemainder:
+    """The torques on the links that their linear equation leaves out in one period.
+
+    With R(·; p) = R + Σ π_p R_p, |π_p| <= 1, and r_p ξ = M_p δq̈ + R_p,q δq + R_p,q̇ δq̇ at the middle of the period,
+
+        |n| <= E + Σ (E_p + |r_p ξ|),      E, E_p: what `link_remainder` leaves of R and of R_p on the tube.
+
+    r_p ξ is a row that is observed like the others: what it has of links that turn against each other cancels in it,
+    which it does not in |M_p| ρ_q̈ + |R_p,q| ρ_q + |R_p,q̇| ρ_q̇. The smaller of the two counts.
+
+    Attributes:
+        at: M_k, G_k and D_k, see `at_middle`.
+        products: r_p (2 masses, 6) over the rows `OBSERVED`.
+    """
+
+    def __init__(self, motion: PeriodMotion, force: TipForces, plant: BallPlant) -> None:
+        """Take the centre, what may act at the tip, and the plant."""
+        self._motion, self._force, self._arm = motion, force, plant.exact
+        self.at = at_middle(motion, force.middle, plant.exact)
+        arms = [parameter.arm for parameter in plant.parameters if parameter.kind in ("mass", "payload")]
+        self._masses = [(arm, at_middle(motion, _NO_FORCE.middle, arm)) for arm in arms if arm is not None]
+        self.products = np.vstack([np.zeros((0, len(OBSERVED))), *(np.hstack(at) for _, at in self._masses)])
+
+    def bound(self, tube: np.ndarray, torques: np.ndarray, free: np.ndarray, push: np.ndarray) -> np.ndarray:
+        """Return a bound (2,) of |n| [N m] on a claimed tube (18,).
+
+        Args:
+            tube: ρ.
+            torques: w̄ (8,) without n.
+            free: (18 + n,) all that is observed, then the `products`, is within free + push w̄.
+            push: (18 + n, 8).
+        """
+        fixed = link_remainder(tube_slopes(self._motion, tube, self._force, self._arm), self.at, tube)
+        for arm, at in self._masses:
+            fixed += link_remainder(tube_slopes(self._motion, tube, _NO_FORCE, arm), at, tube)
+        sizes, count = np.abs(self.products), len(self.products)
+        found = (fixed + _by_link(sizes @ tube[OBSERVED])) * ROUND_UP
+        for _ in range(REFINED if count else 0):
+            acting = torques.copy()
+            acting[CHANNELS.link] += found
+            seen = free + push @ acting
+            within = seen[-count:] + SLACK * sizes @ seen[OBSERVED]
+            found = np.minimum(found, (fixed + _by_link(within)) * ROUND_UP)
+        return np.asarray(found)
+
+
+def _by_link(torques: np.ndarray) -> np.ndarray:
+    """Return the sums (2,) over all masses of torques (2 masses,), those of each mass on both links."""
+    return np.asarray(torques.reshape(-1, JOINTS).sum(axis=0))
+
+
+def lever_arms(motion: PeriodMotion, direction: tuple[float, float], arm: Arm) -> tuple[np.ndarray, np.ndarray]:
+    """Return Jᵀ d and Jᵀ d⊥ (2, 2) [m] at the middle of the period, and how far they are from it along the centre."""
+    q1, q2 = (signal_range(s) for s in motion.angle[JOINTS:])
+    m1, m2 = (s[0] for s in motion.angle[JOINTS:])
+    lever, spread = np.zeros((JOINTS, 2)), np.zeros((JOINTS, 2))
+    for axis in range(2):
+        unit = direction if axis == 0 else (-direction[1], direction[0])
+        for joint, (near, wide) in enumerate(zip(_lever(m1, m2, unit, arm), _lever(q1, q2, unit, arm), strict=True)):
+            lever[joint, axis] = centre(near)
+            spread[joint, axis] = radius_of(wide, lever[joint, axis])
+    return lever, spread + SLACK * np.abs(lever).sum()
+
+
+def _lever(q1: arb, q2: arb, unit: tuple[float, float], arm: Arm) -> tuple[arb, arb]:
+    q12 = q1 + q2
+    return tip_force_torque(q1.sin(), q1.cos(), q12.sin(), q12.cos(), *unit, arm)

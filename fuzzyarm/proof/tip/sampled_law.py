@@ -1,0 +1,159 @@
+"""What a policy answers at a sample, for all states of a zonotope at once: its torque, and what it remembers.
+
+    (u, m⁺) = law(θ, θ̇, m; r_k),      m: the numbers that the policy carries from one sample to the next.
+
+The law is the policy's own, run on affine numbers: the deviations of (θ, θ̇, m) from a point go in as a zonotope, and
+those of (u, m⁺) from another point come out over the same columns and some of their own. So what the torque and the
+memory have in common is kept. What a policy remembers of the reference alone is no part of m: it is the same in every
+run, and kept as floats.
+"""
+
+from __future__ import annotations
+
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from fuzzyarm.common.checks import shown
+from fuzzyarm.envs.observation import JOINTS
+from fuzzyarm.fuzzy_policy.law import Law, law_of, seen_by
+from fuzzyarm.fuzzy_policy.laws.adaptive.policy import AdaptiveObserverPolicy
+from fuzzyarm.fuzzy_policy.laws.learned.estimate.policy import LearnedObserverPolicy
+from fuzzyarm.fuzzy_policy.policy import Policy
+from fuzzyarm.numbers.functions import RECORDERS, like
+from fuzzyarm.proof.tip.affine import WORTH, Affine, Space
+from fuzzyarm.proof.tip.enclosures import ROUND_UP, SLACK, NoBound
+from fuzzyarm.proof.tip.zonotope import Zonotope, merged, product
+
+__all__ = ["MEASURED", "PolicyLaw", "Response", "sampled_law"]
+
+MEASURED = 2 * JOINTS
+"""Numbers of θ, θ̇, which come before those of the memory."""
+
+KEPT = 1e-3  # share of a number from which an unknown keeps its column
+MOST = 6  # unknowns for each number, beyond which they are merged
+RUNS = 6  # that tell what a law remembers of what is measured
+
+_UNKNOWN: dict[type[Policy], str] = {
+    AdaptiveObserverPolicy: "there is no bound for the adaptive observer: the corrections of its Kalman filter divide "
+    "by a covariance that it remembers, and are cut by a gate and a dead zone, which are not decided on a tube",
+    LearnedObserverPolicy: "there is no bound for the learned observer: its filter divides by a covariance that it "
+    "remembers, makes choices by it that are not decided on a tube, and its gates multiply what they remember",
+}
+"""What stands in the way of a bound, by the kind of a policy whose base has one."""
+
+
+class Response(NamedTuple):
+    """What follows from a sample: deviations of (u, m⁺) from a point, |x - middle| = |columns g + β|, |β| <= box.
+
+    Attributes:
+        middle: (2 + m,) torques [N m] and the memory.
+        columns: (2 + m, n); the first are those of the deviations that the law was given.
+        box: (2 + m,).
+    """
+
+    middle: np.ndarray
+    columns: np.ndarray
+    box: np.ndarray
+
+
+def sampled_law(policy: Policy, references: np.ndarray) -> PolicyLaw:
+    """Return a policy, sample by sample, for a schedule's `references` (steps + 1, 6) [rad, rad/s, rad/s²].
+
+    The policy is for the two-joint arm; `NoBound` where it is no law.
+    """
+    if type(policy) in _UNKNOWN:
+        raise NoBound(f"{_UNKNOWN[type(policy)]}; choose elastic-observer, which has one")
+    law = law_of(policy)
+    if law is None:
+        raise NoBound(
+            f"there is no bound for {shown(type(policy).__name__)}, which is no law; choose a fuzzy policy or computed "
+            "torque, with or without the ending -tip, elastic-observer or a learned policy"
+        )
+    return PolicyLaw(policy, law, references)
+
+
+class PolicyLaw:
+    """The law of a policy, sample by sample.
+
+    Attributes:
+        memory: numbers that it remembers of what is measured.
+        remembered: where they lie in the policy's memory.
+    """
+
+    def __init__(self, policy: Policy, law: Law, references: np.ndarray) -> None:
+        """Take the policy, its law and what it is told at each sample (samples, 6)."""
+        self._law, self._references = law, references
+        # Of some runs that measure otherwise: what differs. `_answer` checks that all else is as it was here.
+        told = np.repeat(references[:, np.newaxis], RUNS, axis=1)
+        apart = 0.1 ** np.arange(RUNS)[:, np.newaxis] * np.random.default_rng(0).normal(size=(len(told), 1, MEASURED))
+        observations = np.concatenate([told[:, :, :MEASURED] + apart, told], axis=2)
+        memory, torque, held = np.zeros((RUNS, policy.memory_size)), np.empty((RUNS, JOINTS)), []
+        for observation in observations:
+            held.append(memory.copy())
+            policy.act(observation, memory, torque)
+        self._held = np.array([*held, memory])
+        self.remembered = np.flatnonzero((self._held != self._held[:, :1]).any(axis=(0, 1)))
+        self.memory = len(self.remembered)
+
+    def respond(self, k: int, point: np.ndarray, seen: Zonotope) -> Response:
+        """Return the answer at the k-th sample.
+
+        Args:
+            k: number of the sample; at the first one the memory is zero.
+            point: (4 + m,) θ, θ̇ as they are measured at the centre, and the memory.
+            seen: the deviations from it.
+
+        Raises:
+            NoBound: the law does what is not known for all these numbers; ValueError where an enclosure is not finite.
+        """
+        space = Space(seen)
+        RECORDERS.append(space)
+        try:
+            return _spelt_out(space, self._answer(k, space, point))
+        except TypeError as error:
+            raise NoBound(f"the law computes what has no enclosure: {error}") from error
+        finally:
+            RECORDERS.pop()
+
+    def _answer(self, k: int, space: Space, point: np.ndarray) -> list[Affine]:
+        """Return (u, m⁺) of a space."""
+        variables, memory = space.variables(point), self._held[k, 0].tolist()
+        for place, number in zip(self.remembered.tolist(), variables[MEASURED:], strict=True):
+            memory[place] = number
+        seen = like(seen_by(JOINTS), iter([*variables[:MEASURED], *self._references[k].tolist()]))
+        law = self._law
+        after, torque = law.act(like(law.memory, iter(memory)), seen, law.constants, *law.tables)
+        numbers, own = _numbers(after), set(self.remembered.tolist())
+        for place, (number, held) in enumerate(zip(numbers, self._held[k + 1, 0].tolist(), strict=True)):
+            if place not in own and (isinstance(number, Affine) or number != held):
+                raise NoBound("the law remembers otherwise than in a run of its own")
+        return [space.number(x) for x in [*torque, *(numbers[place] for place in sorted(own))]]
+
+
+def _numbers(tree: Any) -> list[Any]:
+    """Return the numbers of nested tuples and arrays, in order."""
+    if isinstance(tree, tuple | np.ndarray):
+        return [number for part in tree for number in _numbers(part)]
+    return [tree]
+
+
+def _spelt_out(space: Space, numbers: list[Affine]) -> Response:
+    """Return numbers over the columns of the zonotope, columns of their unknowns, and of what is left of each."""
+    rows, (middle, size, rest) = space.rows(numbers), np.array([(x.middle, x.size, x.rest) for x in numbers]).T
+    known = len(space.base.box)
+    inner, own = rows[:, :known], rows[:, known:]
+    rest = rest + np.abs(inner) @ space.base.box + SLACK * size
+    total = space.reach(rows) + rest
+    small = (np.abs(own) <= KEPT * total[:, np.newaxis]).all(axis=0)
+    rest += np.abs(own[:, small]).sum(axis=1)
+    own = own[:, ~small]
+    if own.shape[1] > MOST * len(own):
+        own, missed = merged(own)
+        rest += missed
+    rest *= ROUND_UP
+    if not (np.isfinite(middle).all() and np.isfinite(rest).all() and np.isfinite(rows).all()):
+        raise NoBound("the law's answer is no finite number")
+    beside = rest > WORTH * total  # worth columns; the rest of the others is a box
+    columns = np.hstack([product(inner, space.base.columns), own, np.diag(np.where(beside, rest, 0.0))[:, beside]])
+    return Response(middle, columns, np.where(beside, 0.0, rest))

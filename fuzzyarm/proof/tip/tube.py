@@ -1,0 +1,316 @@
+"""The tube along a motion: sample, hold, next sample; and the bound of the tip error at every sample."""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+from collections.abc import Iterator, Sequence
+
+import numpy as np
+from flint import arb, ctx
+
+from fuzzyarm.envs.batch.schedule import Schedule
+from fuzzyarm.envs.observation import JOINTS
+from fuzzyarm.envs.physics.dynamics import Arm
+from fuzzyarm.envs.physics.parameters import ArmParameters
+from fuzzyarm.envs.physics.records import PerJoint
+from fuzzyarm.envs.physics.two_joints import tip_point
+from fuzzyarm.proof.tip.centre import Centre, Segment
+from fuzzyarm.proof.tip.defects import Forces, TipForces, combined, signal_size
+from fuzzyarm.proof.tip.enclosures import BITS, ROUND_UP, SLACK, NoBound, centre, largest, radius_of
+from fuzzyarm.proof.tip.friction import Plan, Speed, check_curve
+from fuzzyarm.proof.tip.period import Claim, Closed, Period
+from fuzzyarm.proof.tip.plant import BallPlant, PlantSet
+from fuzzyarm.proof.tip.sampled_law import PolicyLaw, Response
+from fuzzyarm.proof.tip.transition import CHANNELS, D_THETA, LINK, STATES, THETA
+from fuzzyarm.proof.tip.zonotope import SOURCES, Zonotope
+
+__all__ = ["Problem", "Step", "Tube", "tip_bound"]
+
+
+DIRECTIONS = 48  # of the polygon around the tip's deviations; it is at most 0.06 % larger than they are
+COARSE = 6  # every how many of them are looked at first
+
+
+def tip_bound(state: np.ndarray, deviations: Zonotope, arm: Arm, wanted: list[float]) -> tuple[float, np.ndarray]:
+    """Return a bound of the tip error [m] at a sample, and the shares of it by source: `SOURCES`, constants, centre.
+
+    For the centre's state (8,), the deviations from it, the arm and the point (x, y) [m] that is asked for:
+
+    |p(q) - p_r| <= |p(q_y) - p_r + J δq| + (L_1 δq_1² + L_2 (δq_1 + δq_2)²)/2. The zonotope J δq lies in the polygon
+    that touches it in `DIRECTIONS` directions, and so does it with the centre's own error.
+    """
+    angles = PerJoint(*(arb(x) for x in state[LINK].tolist()))
+    tip = tip_point(angles, arm)
+    x, y = largest(tip.x - wanted[0]), largest(tip.y - wanted[1])
+    offset = math.hypot(x, y) * ROUND_UP
+    q12 = angles.joint1 + angles.joint2
+    second = [-arm.length2 * q12.sin(), arm.length2 * q12.cos()]
+    first = [-arm.length1 * angles.joint1.sin() + second[0], arm.length1 * angles.joint1.cos() + second[1]]
+    jacobian = np.array([[centre(first[i]), centre(second[i])] for i in range(2)])
+    turns = np.pi * np.arange(DIRECTIONS) / DIRECTIONS
+    units = np.stack([np.cos(turns), np.sin(turns)], axis=1)
+    rows, links = units @ jacobian, deviations.part(LINK)
+    aside = np.abs(units @ [centre(tip.x) - wanted[0], centre(tip.y) - wanted[1]])
+    reach, reached = _reach(links, rows, aside)
+    direction = int(np.argmax(np.where(reached, reach + aside, 0.0)))
+    corner = (1.0 + 1e-12) / math.cos(0.5 * math.pi / DIRECTIONS)
+    farthest = float((reach + aside)[direction])
+    widest = min(offset + float(reach.max()) * corner, (farthest + SLACK * offset + 1e-15) * corner)
+    radius = links.totals()
+    lengths = [largest(arm.length1), largest(arm.length2)]
+    bent = 0.5 * (lengths[0] * radius[0] ** 2 + lengths[1] * (radius[0] + radius[1]) ** 2)
+    image = np.abs(rows[direction] @ links.columns)
+    made = deviations.source >= 0
+    shares = np.bincount(deviations.source[made], image[made], len(SOURCES))
+    bound = (widest + float(bent)) * ROUND_UP
+    return bound, np.array([*shares, image[~made].sum(), aside[direction]])
+
+
+def _reach(links: Zonotope, rows: np.ndarray, aside: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Return the reach in the directions that count, zero in the others, and which these are.
+
+    The farthest point v of a symmetric set with reach h is seen from the nearest of the `COARSE` directions c under an
+    angle of at most α = π COARSE/(2 DIRECTIONS), so h(c) >= |v| cos α >= h(c') cos α for all c'. Only around such c are
+    the others needed. The two sets are that of the deviations and the one that the centre's own error makes of it.
+    """
+    coarse = np.arange(0, DIRECTIONS, COARSE)
+    reach, reached = np.zeros(DIRECTIONS), np.zeros(DIRECTIONS, dtype=bool)
+    reach[coarse], reached[coarse] = links.size(rows[coarse]), True
+    least = (1.0 - 1e-9) * math.cos(0.5 * math.pi * COARSE / DIRECTIONS)
+    far = [h >= least * h.max() for h in (reach[coarse], (reach + aside)[coarse])]
+    around = np.add.outer(coarse[far[0] | far[1]], np.arange(-(COARSE // 2), COARSE // 2 + 1)) % DIRECTIONS
+    fine = np.setdiff1d(around, coarse)
+    reach[fine], reached[fine] = links.size(rows[fine]), True
+    return reach, reached
+
+
+_CHANNEL_SOURCE = {"motor": 0, "link": 1, "joint": 2, "tip": 3}
+_LAW, _ROUNDING = SOURCES.index("law and noise"), SOURCES.index("rounding")
+
+
+@dataclasses.dataclass(frozen=True)
+class Problem:
+    """What is to be bounded.
+
+    Attributes:
+        parameters: of the arm, Table 1 if nothing else is said.
+        start: state (8,) in which the environment begins: at rest, the links on the reference.
+        schedule: reference, tip force and target of every control step.
+        period: T [s].
+        law: the policy, sample by sample.
+        plants: the set.
+        plant: its arms.
+    """
+
+    parameters: ArmParameters
+    start: np.ndarray
+    schedule: Schedule
+    period: float
+    law: PolicyLaw
+    plants: PlantSet
+    plant: BallPlant
+
+
+@dataclasses.dataclass(frozen=True)
+class Step:
+    """One control step of the tube.
+
+    Attributes:
+        torque: held in it (2,) [N m], at the centre.
+        segments: the centre.
+        closed: the tube on each of them.
+        tip: bound of the tip error at its end [m].
+        sources: share of each of `SOURCES`, then of the uncertain constants, then of the centre, in that bound [m].
+    """
+
+    torque: np.ndarray
+    segments: tuple[Segment, ...]
+    closed: tuple[Closed, ...]
+    tip: float
+    sources: np.ndarray
+
+
+class Tube:
+    """The tube, step by step: iterate over it."""
+
+    def __init__(self, problem: Problem, claims: Sequence[Sequence[tuple[Segment, Claim]]] | None = None) -> None:
+        """Begin at rest on the reference, as the environment does.
+
+        Args:
+            problem: what is to be bounded.
+            claims: for each control step the segments of the centre and what is claimed of them, to be confirmed
+                without any search; None: they are searched.
+        """
+        self.problem, self._claims = problem, claims
+        plant = problem.plant
+        self._state = problem.start
+        memory = problem.law.memory
+        self._memory = np.zeros(memory)
+        self._seen = [*range(STATES)[THETA], *range(STATES)[D_THETA], *range(STATES, STATES + memory)]
+        numbers = STATES + memory + JOINTS * problem.plants.late  # the torque that acts one period late is the last
+        self._set = Zonotope(numbers, len(plant.parameters))
+        self._known: tuple[Speed, ...] = (Speed(0.0, 0.0),) * JOINTS
+        self._waiting: np.ndarray | None = None
+        self._centre = Centre(plant.middle, problem.period)
+        self._drags: tuple[float | None, ...] = (None,) * JOINTS
+
+    def __iter__(self) -> Iterator[Step]:
+        """Advance to the end of the motion; `NoBound` where there is no tube."""
+        with ctx.workprec(BITS):
+            check_curve(self.problem.plant.exact)
+        for k in range(self.problem.schedule.steps):
+            with ctx.workprec(BITS):
+                yield self._step(k)
+
+    def _step(self, k: int) -> Step:
+        problem = self.problem
+        torque = self._sample(k)
+        segments: list[Segment] = []
+        closed: list[Closed] = []
+        begun = 0.0
+        for segment, claim in self._segments(k, torque):
+            segments.append(segment)
+            closed.append(self._cross(segment, torque, self._force(k, begun, segment.duration), claim))
+            begun += segment.duration
+        if begun != problem.period:  # durations are multiples of the last bit of T: their sum is exact
+            raise NoBound(f"the segments of control step {k + 1} last {begun} s instead of {problem.period} s")
+        self._end()
+        wanted = problem.schedule.targets[k + 1, :2].tolist()
+        tip, sources = tip_bound(self._state, self._set, problem.plant.exact, wanted)
+        return Step(torque, tuple(segments), tuple(closed), tip, sources)
+
+    def _segments(self, k: int, torque: np.ndarray) -> Iterator[tuple[Segment, Claim | None]]:
+        """Yield the segments of a control step, with what is claimed of them."""
+        if self._claims is None:
+            force = 0.5 * sum(self.problem.plants.force) * self.problem.schedule.forces[k]
+            for segment in self._centre.segments(self._state, torque, force, self._next_drags()):
+                yield segment, None
+        else:
+            yield from self._claims[k]
+
+    def _next_drags(self) -> list[float | None]:
+        """Return the constant friction of motors of whose velocity even the sign is not known for long."""
+        if self.problem.plants.friction == "any":
+            return [0.0] * JOINTS
+        spread = self._set.totals()[D_THETA]
+        slow = np.abs(self._state[D_THETA]) <= 1.05 * spread
+        return [drag if slow[j] else None for j, drag in enumerate(self._drags)]
+
+    def _force(self, k: int, begun: float, duration: float) -> TipForces:
+        """Return what may act at the tip on a segment that begins at `begun` [s]."""
+        plants, line = self.problem.plants, self.problem.schedule.forces[k].tolist()
+        period, (low, high) = arb(self.problem.period), plants.force
+        at, half = (arb(begun) + arb(duration) / 2) / period - arb(0.5), arb(duration) / period / 2
+        case = Forces(*([line[i] + at * line[2 + i], half * line[2 + i]] for i in range(2)))
+        factor = (arb(low) + arb(high)) / 2
+        middle = Forces(*([factor * a for a in signal] for signal in case))
+        varies = largest(arb(high) - factor) + plants.force_swing
+        radii = [varies * signal_size(signal) + plants.force_course for signal in case]
+        along, courses = (1.0, 0.0), [plants.force_course] * 2
+        size = math.hypot(centre(case.x[0]), centre(case.y[0]))
+        if plants.force_swing and size:
+            along = centre(case.x[0]) / size, centre(case.y[0]) / size
+            across = combined([(arb(-along[1]), case.x), (arb(along[0]), case.y)])
+            parts = [combined([(arb(along[0]), case.x), (arb(along[1]), case.y)]), across]
+            # The direction is a unit vector up to rounding; a box along the axes is wider along others.
+            courses = [plants.force_swing * signal_size(part) + 1.415 * plants.force_course for part in parts]
+        return TipForces(middle, (radii[0], radii[1]), along, (courses[0] * (1 + SLACK), courses[1] * (1 + SLACK)))
+
+    def _cross(self, segment: Segment, torque: np.ndarray, force: TipForces, claim: Claim | None) -> Closed:
+        """Close the tube on a segment and take the zonotope over it."""
+        problem, xi = self.problem, slice(0, STATES + JOINTS)
+        period = Period(segment, torque, force, problem.plant)
+        self._shift(self._set, period.motion.at(-1), self._state)
+        start = self._set.part(xi)
+        if claim is None:
+            closed = period.close(start, self._known, friction=problem.plants.friction)
+        else:
+            closed = period.confirm(start, self._known, claim, friction=problem.plants.friction)
+        self._advance(start, closed)
+        self._state, self._known, self._drags = segment.end, closed.known, closed.drags
+        self._shift(self._set, period.motion.at(1), self._state)
+        return closed
+
+    def _end(self) -> None:
+        """Forget the torque that was held, and tidy."""
+        z = self._set
+        keep = np.r_[0:STATES, STATES + JOINTS : len(z.box)]
+        z.columns, z.box = z.columns[keep], z.box[keep]
+        z.tidy(_ROUNDING)
+
+    @staticmethod
+    def _shift(deviations: Zonotope, before: list[arb], after: np.ndarray) -> None:
+        """Let the deviations count from `after` (8,) rather than from `before`, up to rounding the same."""
+        moved = [radius_of(x, c) for x, c in zip(before, after.tolist(), strict=True)]
+        deviations.box[:STATES] += moved
+
+    def _sample(self, k: int) -> np.ndarray:
+        """Let the policy answer at t_k: append the held torque to the zonotope, renew the memory; return the torque."""
+        problem, z = self.problem, self._set
+        errors = np.repeat(problem.plants.noise, JOINTS)
+        noise = np.zeros((len(self._seen), len(errors)))
+        noise[: len(errors)] = np.diag(errors)
+        noise = noise[:, errors > 0.0]
+        seen = Zonotope(len(self._seen), len(problem.plant.parameters))
+        seen.columns, seen.box = np.hstack([z.columns[self._seen], noise]), z.box[self._seen]
+        point = np.concatenate([self._state[THETA], self._state[D_THETA], self._memory])
+        return self._held(problem.law.respond(k, point, seen))
+
+    def _held(self, answer: Response) -> np.ndarray:
+        """Take the answer of the policy into the zonotope; return the torque (2,) [N m] that is held, at the centre."""
+        z, u = self._set, slice(0, JOINTS)
+        more = answer.columns.shape[1] - z.columns.shape[1]
+        columns = np.hstack([z.columns, np.zeros((len(z.box), more))])
+        acting, acting_box, torque = answer.columns[u], answer.box[u], answer.middle[u]
+        below, box_below = [answer.columns[JOINTS:]], [answer.box[JOINTS:]]
+        if self.problem.plants.late:
+            if self._waiting is not None:
+                waits = slice(len(z.box) - JOINTS, len(z.box))
+                acting, acting_box = columns[waits], z.box[waits]
+            below.append(answer.columns[u])
+            box_below.append(answer.box[u])
+            torque, self._waiting = (torque if self._waiting is None else self._waiting), torque
+        z.columns = np.vstack([columns[:STATES], acting, *below])
+        z.box = np.concatenate([z.box[:STATES], acting_box, *box_below])
+        z.source = np.concatenate([z.source, np.full(more, _LAW)])
+        self._memory = answer.middle[JOINTS:]
+        radius = z.totals()[STATES : STATES + JOINTS]
+        for joint, limit in enumerate(self.problem.parameters.torque_limit):
+            if not abs(torque[joint]) + radius[joint] < limit:
+                raise NoBound(
+                    f"motor {joint + 1} may reach its limit of {limit:g} N m: "
+                    f"|{torque[joint]:.4g}| ± {radius[joint]:.3g} N m"
+                )
+        return torque
+
+    def _advance(self, start: Zonotope, closed: Closed) -> None:
+        """Take the zonotope over a segment, from its part `start`."""
+        z, solution, xi = self._set, closed.solution, STATES + JOINTS
+        box = solution.growth @ (start.box + SLACK * start.totals())
+        drive = np.abs(closed.drive.level) + np.abs(closed.drive.slope)
+        box += 4.0 * SLACK * solution.push_state @ drive.sum(axis=1)
+        z.columns[:STATES], z.box[:STATES] = closed.columns[:STATES], box[:STATES]
+        fresh, sources = [], []
+        for j, plan in enumerate(closed.plans):
+            if plan is Plan.MONOTONE:  # the velocity is known by its bound alone
+                velocity = np.zeros(STATES)
+                velocity[STATES // 2 + j] = closed.torques[CHANNELS.motor][j]
+                z.columns[STATES // 2 + j], z.box[STATES // 2 + j] = 0.0, 0.0
+                fresh.append(velocity)
+                sources.append(_CHANNEL_SOURCE["motor"])
+        sizes = z.totals()[:STATES] + sum(fresh, np.zeros(STATES))
+        z.box[:STATES] += solution.beyond[:STATES] @ closed.torques
+        for name, channels in CHANNELS._asdict().items():
+            for channel in range(channels.start, channels.stop):
+                made = solution.moments[..., channel].reshape(-1, xi)[:, :STATES] * closed.torques[channel]
+                total = np.abs(made).sum(axis=0)
+                if (total <= 1e-4 * sizes).all():  # what is small beside the rest is not worth columns
+                    z.box[:STATES] += total * ROUND_UP
+                else:
+                    fresh += [*made]
+                    sources += [_CHANNEL_SOURCE[name]] * len(made)
+        if fresh:
+            columns = np.zeros((len(z.box), len(fresh)))
+            columns[:STATES] = np.array(fresh).T
+            z.add(columns, np.array(sources))

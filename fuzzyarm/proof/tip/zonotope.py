@@ -1,0 +1,148 @@
+"""The set of deviations at a sample: a zonotope with a box, in floats with an allowance.
+
+    x = Z g + β,      |g_i| <= 1,   |β| <= box;       |r x| <= Σ_i |(r Z)_i| + |r| box   for a row r.
+
+The first columns are those of the uncertain constants: their g_i is the same at every instant. The others are the
+disturbances of the periods so far, each with a source. Columns that are old are merged, with others of their source,
+into a parallelepiped that holds them, a column for each number.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from fuzzyarm.proof.tip.enclosures import ROUND_UP, SLACK
+
+__all__ = ["SOURCES", "Zonotope", "condensed", "merged", "product", "reach"]
+
+SOURCES = ("friction", "nonlinearity", "parameter products", "force", "law and noise", "rounding")
+"""Where a column comes from, beside the uncertain constants."""
+
+BOX_EVERY = 5  # periods after which the box becomes columns: until then it grows with |Φ|
+MOST, KEPT = 720, 360  # columns for each number at which old ones are merged, and how many stay
+NARROW, FEWER = 1e-6, 9  # totals below which a ninth of that is enough
+FEW = 2000  # columns that stay apart where columns are condensed
+WORK = 250_000  # multiplications at a time, of which a linear algebra library makes no threads
+
+
+class Zonotope:
+    """A zonotope of deviations.
+
+    Attributes:
+        columns: Z (numbers, columns).
+        source: of each column, an index of `SOURCES`; -1 - i for the uncertain constant i.
+        box: (numbers,).
+    """
+
+    def __init__(self, numbers: int, constants: int) -> None:
+        """Begin with the deviation zero, and a column of zeros for each uncertain constant."""
+        self.columns = np.zeros((numbers, constants))
+        self.source = -1 - np.arange(constants)
+        self.box = np.zeros(numbers)
+        self._constants, self._age = constants, 0
+        self._totals: np.ndarray | None = None  # of a part, which does not change
+
+    def add(self, columns: np.ndarray, source: int | np.ndarray) -> None:
+        """Add columns (numbers, n) of a source, or each of its own (n,)."""
+        used = columns.any(axis=0)
+        self.columns = np.hstack([self.columns, columns[:, used]])
+        self.source = np.concatenate([self.source, np.broadcast_to(source, used.shape)[used]])
+
+    def part(self, numbers: slice) -> Zonotope:
+        """Return the zonotope of some of the numbers; the columns are views, and it is not to be changed."""
+        part = Zonotope(0, self._constants)
+        part.columns, part.source, part.box = self.columns[numbers], self.source, self.box[numbers]
+        part._totals = part.totals()
+        return part
+
+    def totals(self) -> np.ndarray:
+        """Return bounds (numbers,) of |x|."""
+        if self._totals is not None:
+            return self._totals
+        return np.asarray((np.abs(self.columns).sum(axis=1) + self.box) * ROUND_UP)
+
+    def size(self, rows: np.ndarray, extra: np.ndarray | None = None) -> np.ndarray:
+        """Return bounds (n,) of |r x| for rows (n, numbers), computed in floats up to `SLACK` of their absolute values.
+
+        Args:
+            rows: r.
+            extra: (n, constants), added to the columns of the uncertain constants.
+        """
+        others = reach(rows, self.columns[:, self._constants :])
+        constants = rows @ self.columns[:, : self._constants] + (0.0 if extra is None else extra)
+        slack = np.abs(rows) @ (self.box + SLACK * self.totals())
+        return np.asarray((others + np.abs(constants).sum(axis=1) + slack) * ROUND_UP)
+
+    def tidy(self, box_source: int) -> None:
+        """Turn the box into columns every few periods, and merge old columns."""
+        self._age += 1
+        if self._age % BOX_EVERY == 0:
+            self.add(np.diag(self.box), box_source)
+            self.box = np.zeros_like(self.box)
+        numbers, fewer = len(self.box), FEWER if self.totals().max() < NARROW else 1
+        if self.columns.shape[1] <= MOST * numbers // fewer:
+            return
+        first, last = self._constants, self.columns.shape[1] - KEPT * numbers // fewer
+        old, source = self.columns[:, first:last], self.source[first:last]
+        parts, labels = [], []
+        for label in np.unique(source):
+            block, missed = merged(old[:, source == label])
+            self.box += missed
+            parts.append(block)
+            labels.append(np.full(block.shape[1], label))
+        self.columns = np.hstack([self.columns[:, :first], *parts, self.columns[:, last:]])
+        self.source = np.concatenate([self.source[:first], *labels, self.source[last:]])
+
+
+def product(matrix: np.ndarray, columns: np.ndarray) -> np.ndarray:
+    """Return matrix (m, n) times columns (n, k), block by block.
+
+    The whole product would be worth the threads of a linear algebra library, which on a busy machine take far longer.
+    """
+    made = np.empty((len(matrix), columns.shape[1]))
+    for block in _blocks(len(matrix), columns):
+        np.matmul(matrix, columns[:, block], out=made[:, block])
+    return made
+
+
+def reach(matrix: np.ndarray, columns: np.ndarray) -> np.ndarray:
+    """Return the sums (m,) of the absolute values of each row of matrix (m, n) times columns (n, k)."""
+    total = np.zeros(len(matrix))
+    for block in _blocks(len(matrix), columns):
+        image = matrix @ columns[:, block]
+        total += np.abs(image, out=image).sum(axis=1)
+    return total
+
+
+def _blocks(rows: int, columns: np.ndarray) -> list[slice]:
+    step = max(WORK // max(rows * len(columns), 1), 1)
+    return [slice(start, start + step) for start in range(0, columns.shape[1], step)]
+
+
+def condensed(zonotope: Zonotope) -> tuple[np.ndarray, np.ndarray]:
+    """Return few columns (n, k) and a box (n,) that together hold what a zonotope does; small columns are merged."""
+    columns, box = zonotope.columns, zonotope.box + len(zonotope.box) * SLACK * zonotope.totals()
+    if columns.shape[1] <= FEW + len(columns):
+        return columns, box
+    units = zonotope.totals()
+    units = np.where(units > 0.0, units, 1.0)
+    order = np.argpartition((1.0 / units) @ np.abs(columns), -FEW)
+    rest, missed = merged(columns[:, order[:-FEW]])
+    return np.hstack([columns[:, order[-FEW:]], rest]), (box + missed) * ROUND_UP
+
+
+def merged(columns: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Return a column for each number (n, n), and a box (n,), that together hold what many columns (n, k) hold.
+
+    Z g = Q (Qᵀ Z) g + (Z - Q Qᵀ Z) g for any Q. The columns of Q are the principal directions of Z, in units in which
+    the rows are of one size, so that |Qᵀ Z g|, bounded row by row, is not much more than what the columns reach.
+    """
+    units = np.abs(columns).sum(axis=1)
+    units[units == 0.0] = 1.0
+    blocks, unit = _blocks(len(columns), columns), units[:, np.newaxis]
+    turn = np.linalg.eigh(sum((part := columns[:, block] / unit) @ part.T for block in blocks))[1]
+    Q, inverse = unit * turn, turn.T / units
+    sizes = reach(inverse, columns) * ROUND_UP
+    rounding = np.abs(Q) @ np.abs(inverse) @ np.abs(columns).sum(axis=1) + np.abs(Q) @ sizes
+    missed = sum(np.abs(columns[:, block] - Q @ (inverse @ columns[:, block])).sum(axis=1) for block in blocks)
+    return Q * sizes, np.asarray(missed * ROUND_UP + SLACK * rounding)

@@ -1,0 +1,193 @@
+"""The report of `fuzzyarm verify`: which claims of a controller file are proven, and what they mean."""
+
+from __future__ import annotations
+
+import contextlib
+import dataclasses
+import time
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+from fuzzyarm.common.checks import path_of
+from fuzzyarm.common.console import escaped
+from fuzzyarm.common.rounding import at_least, at_most
+from fuzzyarm.envs.scenario.reference import CHECKED_INSTANTS, JointReference
+from fuzzyarm.fuzzy_policy.controller import Controller
+from fuzzyarm.fuzzy_policy.controller_files import load_controller
+from fuzzyarm.fuzzy_policy.scheduled import ScheduledController
+from fuzzyarm.proof.certificate import Certificate, certify
+from fuzzyarm.proof.policy_certificate import tip_statement
+from fuzzyarm.proof.residual import Residual, feedforward_residual
+from fuzzyarm.proof.scheduled_certificate import certify_scheduled
+
+__all__ = ["ScheduledVerification", "Verification", "residual_statement", "verify_file"]
+
+LISTED = 20  # claims in the printed report
+
+
+@dataclasses.dataclass(frozen=True)
+class _Report:
+    """The certificate of one file.
+
+    Attributes:
+        path: the file.
+        certificate: its claims, each proven or not.
+        seconds: time of the proof.
+    """
+
+    path: Path
+    certificate: Certificate
+    seconds: float
+
+    @property
+    def proven(self) -> bool:
+        """Whether every claim is proven."""
+        return self.certificate.proven
+
+    def to_dict(self) -> dict[str, Any]:
+        """Return the report as plain data for JSON."""
+        return {
+            "file": str(self.path),
+            "proven": self.proven,
+            "margin": self.certificate.proof_margin,
+            "seconds": self.seconds,
+            **self._own(),
+            "claims": [
+                {"name": claim.name, "proven": claim.proven, "margin": claim.proof_margin}
+                for claim in self.certificate.claims
+            ],
+        }
+
+    def _own(self) -> dict[str, Any]:
+        """Return what a report of its kind has beside."""
+        return {"statement": self.certificate.statement if self.proven else None}
+
+    def _lines(self, about: str, how: str, claims: Sequence[Any]) -> list[str]:
+        """Return the lines of the report: the verdict, what the file is, how it is proven, and some claims."""
+        every = self.certificate.claims
+        lines = [
+            f"{escaped(str(self.path))}: {'PROVEN' if self.proven else 'NOT PROVEN'}",
+            f"  {about}",
+            f"  {sum(claim.proven for claim in every)} of {len(every)} {how}",
+        ]
+        lines += [
+            f"  {'proven    ' if claim.proven else 'not proven'} {claim.name}, margin {claim.proof_margin:.2g}"
+            for claim in claims
+        ]
+        if len(every) > len(claims):
+            lines.append(f"  and {len(every) - len(claims)} more with larger margins, all of them with --json")
+        return [*lines, f"  {self.certificate.statement}"] if self.proven else lines
+
+
+@dataclasses.dataclass(frozen=True)
+class Verification(_Report):
+    """The certificate of one file; what depends on the reference is given for the paper's circle.
+
+    Attributes:
+        controller: the content of the file.
+        residual: the feedforward residual; None in the form of the paper, and where the arm does not reach the circle.
+        tip: what holds for the policy of this file with the ending -tip.
+    """
+
+    controller: Controller
+    residual: Residual | None
+    tip: str | None
+
+    def to_text(self) -> str:
+        """Return the report as text: a line for each claim that fails, a summary, and the certificate in words."""
+        c = self.controller
+        multipliers = (
+            "one multiplier for all of A" if c.common_multiplier else "one multiplier for each dropped premise"
+        )
+        pole = "" if c.fastest_pole is None else f", fastest pole = {at_most(c.fastest_pole, 6)} 1/s"
+        about = (
+            f"{c.form} form, {c.model.rules} rules (kept: {', '.join(c.model.kept) or 'none'}), {multipliers}, "
+            f"{'with' if c.integral else 'without'} integral; alpha = {at_least(c.alpha, 6)} 1/s, "
+            f"gamma = {at_most(c.gamma, 6)}{pole}"
+        )
+        how = (
+            "inequalities proven in exact rational arithmetic, "
+            f"smallest margin {self.certificate.proof_margin:.2g}, {self.seconds:.2f} s"
+        )
+        # What fails first, then the smallest margins; a large model has hundreds of claims.
+        ranked = sorted(self.certificate.claims, key=lambda claim: (claim.proven, claim.proof_margin))
+        lines = self._lines(about, how, ranked[:LISTED])
+        if self.residual is not None and self.residual.sampled.any():
+            lines.append(f"  {residual_statement(self.residual)}")
+        if self.tip is not None and self.proven:
+            lines.append(f"  {self.tip} (Reference: the paper's circle; the policy: this file with the ending -tip.)")
+        return "\n".join(lines)
+
+    def _own(self) -> dict[str, Any]:
+        bound = None if self.residual is None else self.residual.bound
+        return {
+            "residual_bound": None if bound is None else bound.tolist(),
+            **super()._own(),
+            "tip_statement": self.tip if self.proven else None,
+        }
+
+
+@dataclasses.dataclass(frozen=True)
+class ScheduledVerification(_Report):
+    """The certificate of a file of the form "semidefinite": exact rationals and, on covers of boxes, floats and balls.
+
+    Attributes:
+        controller: the content of the file.
+    """
+
+    controller: ScheduledController
+
+    def to_text(self) -> str:
+        """Return the report as text: a line for each claim, a summary, and the certificate in words."""
+        c = self.controller
+        about = (
+            f"semidefinite form, {escaped(c.robot.name)} of {len(c.robot)} joints (digest {c.robot.digest[:12]}), "
+            f"{c.rules} rules (kept: {', '.join(premise.name for premise in c.premises) or 'none'}), with integral; "
+            f"kappa = {at_most(c.kappa, 6)}, alpha = {at_least(c.alpha, 6)} 1/s, gamma = {at_most(c.gamma, 6)} s^2, "
+            f"fastest pole = {at_most(c.fastest_pole, 6)} 1/s"
+        )
+        how = (
+            f"claims proven, smallest margin {self.certificate.proof_margin:.2g}, {self.seconds:.2f} s: the "
+            "inequalities of the loop in exact rational arithmetic, the bounds of the inertia on covers of boxes, in "
+            "floating point with a bound of all rounding errors and again in balls with outward rounding"
+        )
+        return "\n".join(self._lines(about, how, self.certificate.claims))
+
+    def _own(self) -> dict[str, Any]:
+        return {"robot_digest": self.controller.robot.digest, **super()._own()}
+
+
+def residual_statement(residual: Residual) -> str:
+    """Return what is known of the feedforward residual along the paper's circle."""
+    torques = residual.sampled if residual.bound is None else residual.bound
+    largest = f"({', '.join(at_most(torque, 3) for torque in torques)}) N m"
+    place = "along the paper's circle, for any state in the box"
+    if residual.bound is not None:
+        return f"The feedforward residual in d is at most {largest} {place}."
+    return (
+        f"The feedforward residual in d reaches {largest} {place}: sampled at {CHECKED_INSTANTS} instants, not bounded "
+        "between them."
+    )
+
+
+def verify_file(path: str | Path) -> Verification | ScheduledVerification:
+    """Load a controller file of any form and prove its claims; ValueError or OSError if it cannot be read.
+
+    In the form "semidefinite" each cover of boxes is also proven in balls.
+    """
+    path = path_of("path", path)
+    controller = load_controller(path)
+    begin = time.perf_counter()
+    if isinstance(controller, ScheduledController):
+        certificate = certify_scheduled(controller, in_balls=True)
+        return ScheduledVerification(path, certificate, time.perf_counter() - begin, controller)
+    certificate = certify(controller)
+    seconds = time.perf_counter() - begin
+    residual = tip = None
+    if controller.form == "consistent":
+        # Another arm may not reach the paper's circle; then there is no residual to bound.
+        with contextlib.suppress(ValueError):
+            circle = JointReference(parameters=controller.model.parameters)
+            residual, tip = feedforward_residual(controller.model, circle), tip_statement(circle)
+    return Verification(path, certificate, seconds, controller, residual, tip)

@@ -1,0 +1,262 @@
+"""`learned-observer` is its equations, on batches as on single arms, and its folder holds data only."""
+
+import hashlib
+import json
+
+import numpy as np
+import pytest
+from safetensors.numpy import load, save
+
+from fuzzyarm import load_policy
+from fuzzyarm.envs.fuzzy_arm import FuzzyArmEnv
+from fuzzyarm.envs.observation import observed
+from fuzzyarm.envs.physics.dynamics import arm_constants, tip_jacobian
+from fuzzyarm.envs.physics.parameters import ArmParameters
+from fuzzyarm.envs.physics.records import PerJoint, State
+from fuzzyarm.envs.physics.two_joints import two_joints
+from fuzzyarm.fuzzy_policy.laws.adaptive.belief import FLAG, AdaptiveWeights, remembered
+from fuzzyarm.fuzzy_policy.laws.adaptive.filter import Room, correct, predict
+from fuzzyarm.fuzzy_policy.laws.adaptive.law import act
+from fuzzyarm.fuzzy_policy.laws.adaptive.policy import AdaptiveObserverPolicy
+from fuzzyarm.fuzzy_policy.laws.elastic_observer import ElasticObserverPolicy
+from fuzzyarm.fuzzy_policy.laws.elastic_target import ElasticTarget
+from fuzzyarm.fuzzy_policy.laws.learned.bundle import BundleError
+from fuzzyarm.fuzzy_policy.laws.learned.estimate.bundle import EstimateBundle
+from fuzzyarm.fuzzy_policy.laws.learned.estimate.network import EstimateNetwork, shapes_of
+from fuzzyarm.fuzzy_policy.laws.learned.estimate.policy import LearnedObserverPolicy
+
+ARM, PERIOD, HIDDEN, MODULATION, JOINTS, AXES = ArmParameters(), 1e-3, 7, 3, 2, 2
+
+
+def network(seed=0):
+    """A network with random numbers in single precision; a weak one, because a strong one amplifies rounding."""
+    generator = np.random.default_rng(seed)
+    return EstimateNetwork(
+        **{
+            name: ((0.0015 if name in "VGD" else 0.3) * generator.normal(size=shape)).astype(np.float32)
+            for name, shape in shapes_of(HIDDEN, MODULATION, JOINTS, AXES).items()
+        }
+    )
+
+
+@pytest.fixture(scope="module")
+def policy():
+    return LearnedObserverPolicy(network())
+
+
+def sigmoid(x):
+    return 1.0 / (1.0 + np.exp(-x))
+
+
+class Oracle:
+    """The equations of `policy`, `network` and `signals` in plain NumPy, for one arm."""
+
+    def __init__(self, made):
+        self.n, self.observer = made, ElasticObserverPolicy(ARM, PERIOD)
+        adaptive = AdaptiveObserverPolicy(ARM, PERIOD, AdaptiveWeights(first_gain=1.0, scale_doubt=3e-3))
+        self.settings, self.filter = adaptive.settings, np.zeros(adaptive.memory.noise.stop)
+        self.target, self.h, self.rho, self.predicted = ElasticTarget(ARM, PERIOD), np.zeros(HIDDEN), np.zeros(2), None
+        self.target_memory = np.zeros((1, self.target.memory_size))
+
+    def correct(self, o, desired, feedforward):
+        """The innovation, the corrected estimate, and the torque of the elastic observer."""
+        place = 4.0 * (np.cos(o[1]) + 1.0)
+        left = min(int(place), 7)
+        feedback, gain = (
+            (left + 1 - place) * table[left] + (place - left) * table[left + 1]
+            for table in (self.observer.feedback, self.observer.observer)
+        )
+        innovation = o[:4] - self.predicted[[0, 1, 4, 5]]
+        estimate = self.predicted + gain @ innovation
+        unbent = desired[:2] - estimate[8:] / ARM.stiffness
+        error = estimate[:8] - np.concatenate([unbent, o[4:6], desired[2:4], o[6:8]])
+        return innovation, estimate, feedforward - estimate[8:] - feedback @ error
+
+    def context(self, o, feedforward, trust):
+        q, dq, ddq = o[:2], o[6:8], o[8:]
+        jacobian = tip_jacobian(q, ARM.length)
+        velocity = jacobian @ dq
+        travel = velocity / np.sqrt(velocity @ velocity + 0.02**2)
+        angles = np.cos(q[0]), np.sin(q[0]), np.cos(q.sum()), np.sin(q.sum())
+        moving = velocity @ velocity / (velocity @ velocity + 1e-4**2)
+        directions = dq / np.sqrt(dq**2 + 0.05**2)
+        limits = np.array(ARM.torque_limit)
+        return np.concatenate(
+            [
+                angles,
+                dq / 3.0,
+                ddq / 30.0,
+                feedforward / limits,
+                directions,
+                travel,
+                jacobian.T @ travel,
+                trust,
+                [moving],
+            ]
+        )
+
+    def beliefs(self, m):
+        """The shares of the loads in z, and of the trust in c."""
+        load = (m.z[8:] - self.settings.guess)[:4] / [20.0, 20.0, 20.0, 1.0]
+        surprise, noise = m.flags[FLAG.surprise], np.sqrt(m.noise.max())
+        trust = m.z[-1], np.sqrt(m.P[-1, -1]), m.flags[FLAG.calm], np.arcsinh(surprise), np.arcsinh(noise / 1e-6) / 3.0
+        return np.arcsinh(load), np.array(trust)
+
+    def residual(self, innovations, load, gap, belief, c):
+        """The share by which the adaptive observer is followed; h and ρ follow."""
+        n, units = self.n, np.array([[5e-7, 2e-6, 1e-3, 4e-3], [1e-5, 4e-5, 2e-2, 8e-2]])
+        scaled = []
+        for innovation in innovations:
+            fine, coarse = np.arcsinh(innovation / units)
+            scaled += [fine, coarse * innovation**2 / (innovation**2 + units[0] ** 2)]
+        torques = np.array([600.0, 300.0])
+        z = np.concatenate([*scaled, load / torques, np.arcsinh(gap / (0.05 * torques)), self.rho, belief])
+        gates = sigmoid(n.gate_z @ z + n.gate_h @ self.h + n.gate_c @ c + n.gate_bias)
+        s, r = gates[:HIDDEN], gates[HIDDEN:]
+        candidate = np.tanh(n.A @ z + (n.C @ c) * (n.B @ z) + r * (n.U @ self.h))
+        self.h = self.h + s * (candidate - self.h)
+        weights = 1.0 + n.W @ np.tanh(n.P @ c + n.p_0)
+        size = np.sum((load / torques) ** 2)
+        share = c[-1] * size / (size + 600.0**-2)
+        beyond = (n.G @ (self.h * weights)) * gap / torques
+        self.rho = np.clip(share * (n.V @ (self.h * weights) + beyond + n.D @ z), -1.0, 1.0)
+        return share
+
+    def step(self, o, applied):
+        """The torque; `applied` is what the motors apply: without it rounding would grow from sample to sample."""
+        desired, feedforward = np.empty((1, 6)), np.empty((1, 2))
+        self.target.advance(o[np.newaxis], self.target_memory, desired, feedforward)
+        if self.predicted is None:
+            q, constants = o[:2].copy(), arm_constants(ARM)
+            for _ in range(20):
+                q = o[:2] - np.array(two_joints().gravity(PerJoint(*q), constants)) / ARM.stiffness
+            self.predicted = np.concatenate([o[:2], q, o[2:4], o[2:4], np.zeros(2)])
+        m, room, u_a = remembered(self.filter, two_joints()), Room(two_joints(), self.settings), np.empty(2)
+        innovation = (o[:4] - m.z[[0, 1, 4, 5]]) * (m.flags[FLAG.samples] > 0)
+        correct(m, self.settings, room, observed(o))  # called as they are: not compiled
+        act(room.acted, m, self.settings, room, u_a)
+        slow, estimate, u = self.correct(o, desired[0], feedforward[0])
+        (belief, trust), gap = self.beliefs(m), u_a - u
+        share = self.residual((innovation, slow), estimate[8:], gap, belief, self.context(o, feedforward[0], trust))
+        u = np.clip(u + share * gap + self.rho * [600.0, 300.0], -np.array(ARM.torque_limit), ARM.torque_limit)
+        m.commands[0] = applied
+        predict(m, self.settings, room, u_a)
+        self.predicted = self.predict(estimate, applied)
+        return u
+
+    def predict(self, estimate, u):
+        state, load = State(*(PerJoint(*pair) for pair in estimate[:8].reshape(4, 2))), PerJoint(*estimate[8:])
+        for _ in range(5):
+            state = two_joints().loaded_step(state, PerJoint(*u), load, arm_constants(ARM), PERIOD / 5)
+        return np.concatenate([np.ravel(state), estimate[8:]])
+
+
+def test_the_policy_is_its_equations(policy):
+    env, oracle, memory = FuzzyArmEnv("machining"), Oracle(policy.network), None
+    observation, _ = env.reset(seed=0)
+    sizes = []
+    for _ in range(25):
+        torque, memory = policy.predict(observation, memory)
+        np.testing.assert_allclose(torque, oracle.step(observation, torque), rtol=1e-9, atol=1e-8)
+        sizes.append(np.abs(oracle.rho).max())
+        observation = env.step(torque)[0]
+    assert 0.005 < max(sizes) < 1.0  # the network acts, and is not clipped
+
+
+@pytest.mark.parametrize("swings", [False, True])
+def test_where_the_filter_has_diverged_or_commands_swing_the_elastic_observer_acts_alone(policy, swings):
+    observer, memory, own = ElasticObserverPolicy(ARM, PERIOD), None, None
+    env, apart = FuzzyArmEnv("payload"), []
+    for given_up in (False, True):
+        (observation, _), memory, own = env.reset(seed=0), None, None
+        for k in range(30):
+            expected, memory = observer.predict(observation, memory)
+            torque, own = policy.predict(observation, own)
+            assert policy.beliefs(own).diverged == (given_up and k > 0)
+            if given_up and swings:
+                own[policy.filter.start + FLAG.swing] = 1.0  # the law sees that at its next sample
+            elif given_up:
+                own[policy.filter.start + FLAG.lost] = 1.0
+                own[policy.filter][policy.adaptive.memory.z] = np.nan
+            apart.append(np.abs(torque - expected).max())
+            observation = env.step(torque)[0]
+    assert min(apart[5:30]) > 0.01 and max(apart[31:]) == 0.0  # N m
+
+
+def test_at_rest_it_is_the_elastic_observer(policy):
+    observer, memory, own = ElasticObserverPolicy(ARM, PERIOD), None, None
+    generator, rest = np.random.default_rng(4), np.concatenate([[0.6, 1.2, 0.0, 0.0, 0.6, 1.2], np.zeros(4)])
+    for _ in range(20):
+        read = rest + np.concatenate([1e-4 * generator.normal(size=4), np.zeros(6)])
+        expected, memory = observer.predict(read, memory)
+        torque, own = policy.predict(read, own)
+        assert torque.tobytes() == expected.tobytes()
+
+
+def test_a_lane_of_a_batch_is_the_single_arm_bit_for_bit(policy):
+    generator, states, batch_state = np.random.default_rng(1), [None] * 5, None
+    for _ in range(10):
+        observations = generator.normal(size=(5, 10))
+        batch, batch_state = policy.predict(observations, batch_state, np.zeros(5, dtype=bool))
+        for lane in range(5):
+            single, states[lane] = policy.predict(observations[lane], states[lane])
+            assert single.tobytes() == batch[lane].tobytes()
+            assert states[lane].tobytes() == batch_state[lane].tobytes()
+
+
+@pytest.fixture
+def folder(tmp_path):
+    """A folder with a bundle."""
+    record = {"training": {"chunks": 3}, "seed": 2, "curve": [{"loss": 1.0}], "versions": {"numpy": "2"}}
+    EstimateBundle(network(), ARM, PERIOD, **record).save(tmp_path / "mine")
+    return tmp_path / "mine"
+
+
+def test_a_bundle_comes_back_and_is_loaded_by_its_folder(folder, policy):
+    observation = np.linspace(0.1, 1.0, 10)
+    torque, _ = load_policy(folder).predict(observation)
+    assert torque.tobytes() == policy.predict(observation)[0].tobytes()
+    assert EstimateBundle.load(folder).seed == 2
+
+
+def edited(folder, **changes):
+    path = folder / "policy.json"
+    path.write_text(json.dumps(json.loads(path.read_text()) | changes))
+
+
+def resealed(folder, **changes):
+    path = folder / "weights.safetensors"
+    content = save({**load(path.read_bytes()), **changes})
+    path.write_bytes(content)
+    edited(folder, weights_sha256=hashlib.sha256(content).hexdigest())
+
+
+FORGERIES = {
+    "an earlier version": (
+        lambda f: edited(f, schema="fuzzyarm-learned-observer/3"),
+        "is 'fuzzyarm-learned-observer/3', this version reads 'fuzzyarm-learned-observer/4'; train it again",
+    ),
+    "other weights": (lambda f: edited(f, weights_sha256="0" * 64), "sha256 differs"),
+    "code": (lambda f: edited(f, run="rm"), "unknown field run"),
+    "a foreign array": (lambda f: resealed(f, X=np.zeros(3, np.float32)), "needed: A, B, C"),
+    "a wrong shape": (lambda f: resealed(f, A=np.zeros((HIDDEN, 3), np.float32)), "A has shape"),
+    "no number": (lambda f: resealed(f, D=np.full((2, 26), np.nan, np.float32)), "D"),
+    "double precision": (lambda f: resealed(f, W=np.zeros((HIDDEN, MODULATION))), "W is float64"),
+    "an arm that is none": (lambda f: edited(f, parameters={"mass": [-1.0, 2.0]}), "mass"),
+    "no period": (lambda f: edited(f, control_period=5.0), "control_period"),
+}
+
+
+@pytest.mark.parametrize(("forge", "message"), FORGERIES.values(), ids=FORGERIES)
+def test_a_forged_bundle_is_refused_in_one_line(folder, forge, message):
+    forge(folder)
+    with pytest.raises(BundleError, match=message) as caught:
+        load_policy(folder)
+    assert "\n" not in str(caught.value)
+
+
+def test_another_arm_or_period_is_refused(folder):
+    with pytest.raises(ValueError, match="was trained on the arm of Table 1"):
+        load_policy(folder, robot=ArmParameters(mass=(15.0, 8.0)))
+    with pytest.raises(ValueError, match=r"trained for control_period = 0.001 s, not 0.002 s"):
+        load_policy(folder, control_period=2e-3)

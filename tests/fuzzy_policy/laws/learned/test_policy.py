@@ -1,0 +1,202 @@
+"""A learned policy in use: the protocol of every policy, the hold, the base, and what it does not see."""
+
+import dataclasses
+import math
+
+import gymnasium as gym
+import numpy as np
+import pytest
+from support.bundles import bundle
+
+from fuzzyarm import load_policy
+from fuzzyarm.envs.physics.parameters import ArmParameters
+from fuzzyarm.envs.scenario.paths import Line
+from fuzzyarm.envs.scenario.reference import JointReference
+from fuzzyarm.eval.stability.linearisation import spectral_radius
+from fuzzyarm.eval.stability.margins import MarginsConfig, margin_notes, measure_margins
+from fuzzyarm.fuzzy_policy.laws.learned.bundle import BundleError
+from fuzzyarm.fuzzy_policy.laws.learned.definition import ActionDefinition
+from fuzzyarm.fuzzy_policy.laws.learned.features import Features, Lanes
+from fuzzyarm.fuzzy_policy.laws.learned.policy import LearnedPolicy
+
+LANES = 64
+
+
+def observations(calls, lanes=LANES, seed=0):
+    """Ten numbers (calls, lanes, 10) of any kind."""
+    return 0.3 * np.random.default_rng(seed).normal(size=(calls, lanes, 10))
+
+
+def torques(policy, shown, starts=None):
+    """What a policy answers, call by call."""
+    state, answers = None, []
+    for k, observation in enumerate(shown):
+        action, state = policy.predict(observation, state, None if starts is None else starts[k])
+        answers.append(action)
+    return np.array(answers)
+
+
+def test_it_is_the_network_on_the_features_times_the_torque():
+    made, shown = bundle(ActionDefinition(scale=(30.0, 20.0), period=1e-3)), observations(6)
+    features, nothing = Features(made.features, 1e-3), np.empty((LANES, 0))
+    lanes, memory = Lanes(features), np.zeros((LANES, features.memory_size))
+    for answer, observation in zip(torques(LearnedPolicy(made), shown), shown, strict=True):
+        action = np.empty((LANES, 2))
+        made.network.act(lanes.see(observation, memory, nothing), action)
+        lanes.act(observation, action, [30.0, 20.0] * action, memory, nothing)
+        assert np.array_equal(answer, [30.0, 20.0] * action)
+    assert np.ptp(answer) > 1.0
+
+
+def test_an_action_is_held_and_what_is_seen_between_does_not_matter():
+    shown = observations(12)
+    made = bundle(ActionDefinition(period=4e-3))
+    every, fourth = torques(LearnedPolicy(made, 1e-3), shown), torques(LearnedPolicy(made, 4e-3), shown[::4])
+    assert np.array_equal(every, np.repeat(fourth, 4, axis=0))
+    assert not np.array_equal(fourth[0], fourth[1])
+
+
+def test_lanes_that_begin_at_different_calls_hold_their_own():
+    shown, calls = observations(11), 11
+    policy = LearnedPolicy(bundle(ActionDefinition(period=3e-3)))
+    starts = np.random.default_rng(1).random((calls, LANES)) < 0.2
+    together = torques(policy, shown, starts)
+    for lane in range(0, LANES, 7):
+        state = None
+        for k in range(calls):
+            action, state = policy.predict(shown[k, lane], None if starts[k, lane] else state)
+            assert action.tobytes() == together[k, lane].tobytes()
+
+
+def test_the_base_is_evaluated_at_every_call_and_told_that_the_motors_stand_elsewhere():
+    envs = gym.make_vec("FuzzyArm-v0", num_envs=4, randomisation="plants")
+    shown, _ = envs.reset(seed=0)
+    shown = np.array([shown + 1e-4 * k for k in range(6)])
+    scale = (0.001, 0.002)
+    shift = torques(LearnedPolicy(bundle(ActionDefinition(scale))), shown)  # the same network, as if it were a torque
+    shifted = shown.copy()
+    shifted[..., :2] -= shift
+    base, alone = load_policy("fuzzy-4-tip", allow_unproven=True), torques(load_policy("fuzzy-4-tip"), shown)
+    both = torques(LearnedPolicy(bundle(ActionDefinition(scale, base="fuzzy-4-tip")), base=base), shown)
+    np.testing.assert_array_equal(both, torques(base, shifted))
+    assert np.array_equal(shift[0], shift[1]) and not np.array_equal(both[0], both[1])
+    assert np.abs(both - alone).min() > 1e-3
+
+
+def test_a_shifted_base_brings_the_motors_to_its_target_plus_the_shift():
+    """At rest, by the base's integral: no correction of torques could do that."""
+    action = ActionDefinition((0.004, 0.006), base="fuzzy-4")
+    made = bundle(action)
+    silent = [np.zeros_like(part) for part in made.network.weights]
+    biases = (*(np.zeros_like(part) for part in made.network.biases[:-1]), np.array([0.5, -0.5], dtype=np.float32))
+    constant = dataclasses.replace(
+        made, network=dataclasses.replace(made.network, weights=tuple(silent), biases=biases)
+    )
+    policy = LearnedPolicy(constant, base=load_policy("fuzzy-4"))
+    env = gym.make("FuzzyArm-v0", reference=JointReference(Line((0.4, 0.5), (0.4, 0.501)), duration=3.0)).unwrapped
+    (observation, _), state, ended = env.reset(seed=0), None, False
+    while not ended:
+        action, state = policy.predict(observation, state)
+        observation, _, terminated, ended, _ = env.step(action)
+        assert not terminated
+    np.testing.assert_allclose(observation[:2] - observation[4:6], [0.002, -0.003], atol=2e-5)
+
+
+def test_a_smoothed_action_is_a_first_order_lag_of_what_the_network_says():
+    shown = observations(9)
+    shown[..., :4] = shown[..., 4:8]  # no error, and no memory: the network sees the reference alone
+    memoryless = {"past_errors": 0, "past_actions": 0, "integral_time": 0.0}
+    told = torques(LearnedPolicy(bundle(ActionDefinition((3.0, 2.0), 1e-3), **memoryless)), shown)
+    action = ActionDefinition((3.0, 2.0), 1e-3, smoothing_time=4e-3)
+    smoothed, keep, expected = torques(LearnedPolicy(bundle(action, **memoryless)), shown), math.exp(-0.25), 0.0
+    for k, answer in enumerate(smoothed):
+        expected = keep * expected + (1.0 - keep) * told[k]
+        np.testing.assert_allclose(answer, expected, rtol=1e-12, atol=1e-15)
+
+
+def test_the_torque_stays_within_the_robots_limits():
+    arm = ArmParameters(torque_limit=(5.0, 3.0))
+    answers = torques(LearnedPolicy(bundle(), parameters=arm), observations(4))
+    assert np.abs(answers).max(axis=(0, 1)).tolist() == [5.0, 3.0]
+
+
+def test_nothing_of_the_links_enters():
+    """The same motors above other links: no torque differs. The links differ, and so does the tip."""
+    made = bundle()
+    envs = gym.make_vec("FuzzyArm-v0", num_envs=1)
+    (observation, info), rng = envs.reset(seed=0), np.random.default_rng(0)
+    start = np.r_[info["q_motor"][0], info["q_link"][0], np.zeros(4)]
+    answers, tips = [], []
+    for _ in range(5):
+        moved = start.copy()
+        moved[[2, 3, 6, 7]] += rng.normal(size=4) * [0.01, 0.01, 0.1, 0.1]
+        observation, info = envs.reset(options={"initial_state": moved})
+        answers.append(LearnedPolicy(made).predict(observation)[0])
+        tips.append(info["tip"])
+    assert all(answer.tobytes() == answers[0].tobytes() for answer in answers)
+    assert np.ptp(tips, axis=0).max() > 1e-3
+
+
+def test_periods_and_bases_that_do_not_fit_are_named():
+    with pytest.raises(ValueError, match=r"acts every 0.002 s.*control_period = 0.0015 s; allowed: 0.002 s divided"):
+        LearnedPolicy(bundle(), 1.5e-3)
+    with pytest.raises(ValueError, match=r"control_period = 0.004 s"):
+        LearnedPolicy(bundle(), 4e-3)
+    residual, base = bundle(ActionDefinition((0.01, 0.01), base="fuzzy-4")), load_policy("fuzzy-4", allow_unproven=True)
+    with pytest.raises(ValueError, match="trained on the base fuzzy-4; base = none"):
+        LearnedPolicy(residual)
+    with pytest.raises(ValueError, match="trained on the base None; base = FuzzyPolicy"):
+        LearnedPolicy(bundle(), base=base)
+    with pytest.raises(ValueError, match=r"control period of 0.001 s, not 0.002 s"):
+        LearnedPolicy(residual, 2e-3, base=base)
+
+
+class TestRegistry:
+    """`load_policy` on a folder."""
+
+    def test_a_folder_is_the_policy_it_holds(self, tmp_path):
+        mine = bundle()
+        mine.save(tmp_path / "mine")
+        shown = observations(6)
+        expected = torques(LearnedPolicy(mine), shown)
+        np.testing.assert_array_equal(torques(load_policy(tmp_path / "mine"), shown), expected)
+        np.testing.assert_array_equal(torques(load_policy(str(tmp_path / "mine")), shown), expected)
+
+    def test_its_base_comes_with_it(self, tmp_path):
+        mine = bundle(action=ActionDefinition(scale=(0.02, 0.01), base="fuzzy-4-tip"))
+        mine.save(tmp_path / "mine")
+        shown = observations(6)
+        expected = torques(LearnedPolicy(mine, base=load_policy("fuzzy-4-tip")), shown)
+        np.testing.assert_array_equal(torques(load_policy(tmp_path / "mine"), shown), expected)
+
+    def test_a_base_that_is_no_shipped_policy_is_refused(self, tmp_path):
+        mine = bundle(action=ActionDefinition((0.01, 0.01), base="/somewhere/else.json"))
+        mine.save(tmp_path / "mine")
+        with pytest.raises(ValueError, match="which is none of: fuzzy-32"):
+            load_policy(tmp_path / "mine")
+
+    def test_a_folder_without_a_policy_gets_one_clear_line(self, tmp_path):
+        with pytest.raises(BundleError, match=r"a policy bundle is a folder with policy\.json and weights") as caught:
+            load_policy(tmp_path)
+        assert "\n" not in str(caught.value)
+
+
+def test_margins_are_taken_over_the_action_period(tmp_path, few_postures):
+    """A network that always answers zero leaves the base alone, at the period of the network."""
+    mine = bundle(action=ActionDefinition(scale=(0.02, 0.01), base="fuzzy-4", period=2e-3))
+    silent = [np.zeros_like(part) for part in (*mine.network.weights, *mine.network.biases)]
+    half = len(silent) // 2
+    network = dataclasses.replace(mine.network, weights=tuple(silent[:half]), biases=tuple(silent[half:]))
+    dataclasses.replace(mine, network=network).save(tmp_path / "silent")
+    document = measure_margins(MarginsConfig((str(tmp_path / "silent"), "fuzzy-4")))
+    row, other = document["rows"]
+    base = load_policy("fuzzy-4", control_period=2e-3)
+    expected = spectral_radius(base, ArmParameters(), control_period=2e-3, delay=1.0)
+    assert row["control_period"] == 2e-3 and other["control_period"] == 1e-3
+    assert row["spectral_radius"]["one sample later"] == pytest.approx(expected, rel=1e-9)
+    assert "silent acts every 2 ms" in " ".join(margin_notes(document))
+
+
+@pytest.mark.filterwarnings("error")
+def test_the_shortest_smoothing_time_smooths_nothing():
+    assert ActionDefinition(smoothing_time=np.float64(5e-324)).smoothing == 0.0

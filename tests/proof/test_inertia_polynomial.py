@@ -1,0 +1,152 @@
+import numpy as np
+import pytest
+from flint import fmpq
+
+from fuzzyarm.envs.physics.parameters import ArmParameters
+from fuzzyarm.envs.physics.rigid_body import mass_matrix
+from fuzzyarm.envs.physics.robot import Robot, robot_named
+from fuzzyarm.fuzzy_policy.ts_model import TSModel
+from fuzzyarm.proof.box_cover import (
+    TrigMatrix,
+    control_weights,
+    cover,
+    first_boxes,
+    proven_in_balls,
+    widened,
+)
+from fuzzyarm.proof.definiteness import exact
+from fuzzyarm.proof.inertia_bounds import BASIS, inertia_polynomial
+from fuzzyarm.synthesis.inertia_metric import twist_map
+
+TURN = np.array([[-3.141593, 3.141593]])
+
+
+def angles(count, n, seed=0):
+    return np.random.default_rng(seed).uniform(-np.pi, np.pi, (count, n))
+
+
+@pytest.mark.parametrize("name", ["planar-3r", "paper"])
+def test_exact_coefficients_are_those_of_the_mass_matrix(name):
+    robot = robot_named(name)
+    n, q = len(robot), angles(50, len(robot))
+    inertia = TrigMatrix(inertia_polynomial(robot, 0, n))
+    assert np.abs(inertia.at(q[:, 1:]) - mass_matrix(robot, q)).max() < 1e-14
+
+
+@pytest.mark.parametrize(("name", "split"), [("ur5", 4), ("ur5", 3), ("panda", 4)])
+def test_a_split_chain_has_the_inertia_of_the_whole(name, split):
+    robot = robot_named(name)
+    n, q = len(robot), angles(20, len(robot))
+    J, D = twist_map(robot, q, split), TrigMatrix(inertia_polynomial(robot, split, n)).at(q[:, split:])
+    near = TrigMatrix(inertia_polynomial(robot, 0, split, exact(np.zeros((6 + n - split, 6 + n - split)))))
+    whole = near.at(q[:, 1:split]) + np.swapaxes(J, 1, 2) @ D @ J
+    assert np.abs(whole - mass_matrix(robot, q)).max() < 1e-13
+    # The constant in place of D goes through the same map.
+    W = np.random.default_rng(1).normal(size=D.shape[1:])
+    W = exact(W + W.T)
+    tail = TrigMatrix(inertia_polynomial(robot, 0, split, W)).at(q[:, 1:split]) - near.at(q[:, 1:split])
+    assert np.abs(tail - np.swapaxes(J, 1, 2) @ W.astype(float) @ J).max() < 1e-13
+
+
+def test_two_joints_have_the_inertia_of_the_vertices_of_the_paper_form():
+    """M + I_a is affine in cos q2, and its values at ±1 are the vertices E_1, E_2 of the T-S model.
+
+    The premise's upper bound is a little above 1 there, which is what the tolerance is for.
+    """
+    parameters = ArmParameters()
+    robot = Robot.of(parameters)
+    coefficients = inertia_polynomial(robot, 0, 2).astype(float)
+    vertices = TSModel(parameters, ("z1",)).E_vertices
+    rotors = np.diag(robot.drive("motor_inertia"))
+    for sign, E in zip((-1.0, 1.0), vertices, strict=True):
+        np.testing.assert_allclose(coefficients[0] + sign * coefficients[1] + rotors, E[2:, 2:], rtol=1e-11)
+    assert np.abs(coefficients[2:]).max() < 1e-15
+
+
+def test_control_values_reproduce_the_function():
+    """f(q) = Σ f_i κ_i a^(4-i) b^i, and the weights are >= 0 with the sum 1."""
+    m, h, t = 0.7, 0.6, np.linspace(-0.6, 0.6, 13)
+    weights = np.array(control_weights(np.cos(m), np.sin(m), np.cos(h), np.sin(h)))
+    a, b = np.sin((h - t) / 2) / np.sin(h), np.sin((h + t) / 2) / np.sin(h)
+    c = np.cos(h)
+    kappa = np.array([1, 4 * c, 2 + 4 * c * c, 4 * c, 1])
+    mean = np.array([kappa[i] * a ** (4 - i) * b**i for i in range(BASIS)])
+    np.testing.assert_allclose(mean.sum(axis=0), 1.0, rtol=1e-14)
+    assert mean.min() >= 0.0
+    q = m + t
+    functions = np.array([np.ones_like(q), np.cos(q), np.sin(q), np.cos(2 * q), np.sin(2 * q)])
+    np.testing.assert_allclose(weights.T @ mean, functions, atol=1e-14)
+
+
+def test_the_excess_of_the_hull_falls_with_the_square_of_the_width():
+    excess = []
+    for h in (0.4, 0.2, 0.1):
+        weights = np.array(control_weights(1.0, 0.0, np.cos(h), np.sin(h)))
+        excess.append(weights[:, 1].max() - 1.0)  # of cos t about its maximum
+    orders = np.log2(np.array(excess[:-1]) / np.array(excess[1:]))
+    assert np.all(np.abs(orders - 2.0) < 0.1)
+
+
+def test_a_cover_proves_what_holds_and_nothing_else():
+    """cos q + c > 0 for all q if and only if c > 1."""
+    coefficients = np.zeros((BASIS, 1, 1))
+    coefficients[1] = 1.0
+    for constant, holds in ((1.0 + 1e-6, True), (1.0, False), (1.0 - 1e-9, False)):
+        coefficients[0] = constant
+        matrix = TrigMatrix(exact(coefficients))
+        outcome = cover(matrix, TURN, most=5000)
+        assert outcome.proven is holds
+        if holds:
+            assert proven_in_balls(matrix, outcome.boxes)
+            lengths = outcome.boxes[:, 0, 1] - outcome.boxes[:, 0, 0]
+            assert lengths.sum() == pytest.approx(TURN[0, 1] - TURN[0, 0], rel=1e-12)
+    coefficients[0] = 0.9
+    outcome = cover(TrigMatrix(exact(coefficients)), TURN)
+    assert np.cos(outcome.witness[0]) + 0.9 <= 0.0
+
+
+def test_a_cover_allows_for_the_rounding_of_its_floats():
+    """The determinant is -1e-25, the floats of the same matrix pass Cholesky's factorisation."""
+    coefficients, shares = np.full((BASIS, 2, 2), fmpq(0), dtype=object), [fmpq(k, 13) for k in range(1, 13)]
+    x = next(x for x in shares if float(x) * float(x) < float(x * x))
+    coefficients[0] = [[fmpq(1), x], [x, x * x - fmpq(1, 10**25)]]
+    matrix = TrigMatrix(coefficients)
+    assert (np.linalg.eigvalsh(matrix.at(np.zeros((1, 1)))[0]) >= 0.0).all()
+    assert np.isfinite(np.linalg.cholesky(matrix.at(np.zeros((1, 1)))[0])).all()
+    assert not cover(matrix, np.array([[-0.1, 0.1]]), most=200).proven
+
+
+def test_balls_refuse_a_box_where_the_matrix_is_not_definite():
+    coefficients = np.zeros((BASIS, 2, 2))
+    coefficients[0], coefficients[1] = np.eye(2), np.array([[0.0, 1.0], [1.0, 0.0]])
+    matrix = TrigMatrix(exact(0.999 * coefficients + 0.001 * coefficients[:1]))
+    assert proven_in_balls(matrix, np.array([[[1.0, 2.0]]]))
+    assert not proven_in_balls(TrigMatrix(exact(coefficients)), np.array([[[-0.3, 0.3]]]))
+
+
+def test_first_boxes_cover_the_box():
+    boxes = first_boxes(np.array([[-3.0, 3.0], [0.0, 0.5]]))
+    assert np.prod(boxes[..., 1] - boxes[..., 0], axis=1).sum() == pytest.approx(3.0, rel=1e-14)
+    assert boxes[:, 0].min() == -3.0 and boxes[:, 0].max() == 3.0
+
+
+def test_a_whole_turn_is_widened_beyond_pi():
+    assert np.abs(widened(np.array([[-np.pi, np.pi]]))).min() > np.pi
+    np.testing.assert_array_equal(widened(np.array([[-1.0, 2.0]])), [[-1.0, 2.0]])
+
+
+def test_the_derivative_is_the_slope():
+    matrix = TrigMatrix(inertia_polynomial(robot_named("planar-3r"), 0, 3))
+    q, step = angles(10, 2), 1e-5
+    for k in range(2):
+        shift = step * np.eye(2)[k]
+        difference = (matrix.at(q + shift) - matrix.at(q - shift)) / (2.0 * step)
+        assert np.abs(matrix.derivative(k).at(q) - difference).max() < 1e-8
+
+
+def test_angles_that_change_nothing_are_dropped():
+    matrix = TrigMatrix(inertia_polynomial(robot_named("ur5"), 4, 6))
+    q = angles(5, 2)
+    rest = matrix.of_needed()
+    assert rest.angles < matrix.angles
+    np.testing.assert_allclose(rest.at(q[:, matrix.needed()]), matrix.at(q), rtol=1e-13)

@@ -1,0 +1,60 @@
+"""What a policy answers when it is asked for its certificate."""
+
+import json
+
+import pytest
+from support.shipped import CONTROLLERS
+
+from fuzzyarm import load_policy
+from fuzzyarm.envs.physics.parameters import ArmParameters
+from fuzzyarm.envs.scenario.reference import JointReference
+from fuzzyarm.fuzzy_policy.laws.tip import TipPolicy
+from fuzzyarm.proof.policy_certificate import certificate_of, tip_statement
+from fuzzyarm.proof.statement import statement
+
+CIRCLE = JointReference()
+PAPER_FORM = CONTROLLERS["paper-4"]
+
+
+@pytest.fixture(scope="module")
+def fuzzy():
+    return load_policy("fuzzy-4", allow_unproven=True)
+
+
+def test_the_fuzzy_policy_has_the_claim_of_its_controller_file(fuzzy):
+    certificate, controller = certificate_of(fuzzy, CIRCLE), fuzzy.controller
+    assert certificate.controller is controller and certificate.text == statement(controller)
+    assert certificate.bounds == {
+        "form": "consistent",
+        "alpha": controller.alpha,
+        "gamma": controller.gamma,
+        "controller_digest": json.loads(controller.to_json())["digest"],
+    }
+
+
+def test_a_tip_policy_has_the_bounds_of_its_law_and_more_words(fuzzy):
+    law, tip = certificate_of(fuzzy, CIRCLE), certificate_of(TipPolicy(fuzzy), CIRCLE)
+    assert tip.bounds == law.bounds and tip.controller is law.controller
+    assert tip.text == f"{law.text} {tip_statement(CIRCLE)}"
+
+
+def test_motors_that_leave_the_box_leave_the_bounds_void(fuzzy):
+    soft = ArmParameters(joint_limit=(3.0, 2.0055), stiffness=(6.4e4, 2e3))
+    certificate = certificate_of(TipPolicy(fuzzy), JointReference(parameters=soft))
+    assert certificate.bounds is None and "it has no certificate" in certificate.text
+
+
+def test_the_proof_of_the_form_of_the_paper_does_not_hold_for_a_tip_policy():
+    law = load_policy(PAPER_FORM, allow_unproven=True)
+    assert certificate_of(law, CIRCLE).bounds["form"] == "paper"
+    assert certificate_of(TipPolicy(law), CIRCLE) is None
+
+
+def test_a_tip_policy_on_a_tip_policy_proves_nothing(fuzzy):
+    """It would track θ_d of θ_d, of which no inequality speaks."""
+    assert certificate_of(TipPolicy(TipPolicy(fuzzy)), CIRCLE) is None
+
+
+@pytest.mark.parametrize("name", ["computed-torque", "computed-torque-tip", "elastic-observer", "ppo-robust"])
+def test_other_policies_have_none(name):
+    assert certificate_of(load_policy(name), CIRCLE) is None

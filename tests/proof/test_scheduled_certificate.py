@@ -1,0 +1,342 @@
+"""Controllers of the form "semidefinite": their bounds against samples, their loop, and forged ones."""
+
+import dataclasses
+import functools
+import json
+import re
+
+import numpy as np
+import pytest
+from slow_twins import slow_but
+from support.plain import scheduled_torque
+
+from fuzzyarm.envs.physics.rigid_body import bias, mass_matrix
+from fuzzyarm.envs.physics.robot import robot_named
+from fuzzyarm.fuzzy_policy.controller import Controller
+from fuzzyarm.fuzzy_policy.controller_files import load_controller
+from fuzzyarm.fuzzy_policy.scheduled import Premise, ScheduledController, rule_weights
+from fuzzyarm.fuzzy_policy.signed_files import ControllerFileError, digest_of
+from fuzzyarm.proof.box_cover import TrigMatrix
+from fuzzyarm.proof.inertia_bounds import scheduled_polynomial
+from fuzzyarm.proof.scheduled_certificate import (
+    certify_scheduled,
+    decay,
+    schedule_rate,
+    scheduled_statement,
+)
+from fuzzyarm.proof.verification import verify_file
+from fuzzyarm.synthesis import DesignFailed, ScheduledSpecification, design_scheduled, scheduled_design
+from fuzzyarm.synthesis.inertia_metric import InertiaSamples, MetricSearch, relative
+from fuzzyarm.synthesis.scalar_design import best_feedback
+
+COS_2, COS_3 = Premise(1, "cos q"), Premise(2, "cos q")
+TIGHT = 0.98  # share of a bound that samples reach
+
+
+def quickly(specification, robot):
+    """Return a design from fewer samples, which are enough for three joints: it is tested at thousands of others."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(scheduled_design, "SAMPLES", 600)
+        return design_scheduled(specification, robot)
+
+
+@functools.cache
+def designed(*premises):
+    """Return the design for α = 20 1/s: the largest with margins is 15 or 20 where LAPACK's last digits differ."""
+    return quickly(ScheduledSpecification(premises=premises, alpha=20.0), robot_named("planar-3r"))
+
+
+FAST, SCHEDULES = ((), (COS_2, COS_3)), ((), (COS_2,), (COS_2, COS_3))
+
+
+@pytest.fixture(params=slow_but(FAST, SCHEDULES), ids=["1 rule", "2 rules", "4 rules"])
+def controller(request):
+    return designed(*request.param).controller
+
+
+def inertias(controller, count=4000):
+    robot = controller.robot
+    low, high = np.array([joint.angle_range for joint in robot.joints]).T
+    q = np.random.default_rng(5).uniform(low, high, (count, len(robot)))
+    return q, mass_matrix(robot, q) + np.diag(robot.drive("motor_inertia")), controller.inertia_at(q)
+
+
+def test_bounds_hold_at_samples_and_are_tight(controller):
+    q, inertia, scheduled = inertias(controller)
+    shares = relative(inertia, scheduled)
+    assert shares.min() > 1.0 and shares.max() < controller.kappa
+    assert shares.min() < 1.0 / TIGHT and shares.max() > TIGHT * controller.kappa
+    smallest = np.linalg.eigvalsh(scheduled)[:, 0].min()
+    assert controller.floor < smallest < controller.floor / TIGHT + 1e-3
+    hat = TrigMatrix(scheduled_polynomial(controller.premises, controller.inertia, controller.split))
+    np.testing.assert_allclose(hat.at(q[:, 1:]), scheduled, rtol=1e-12, atol=1e-12)
+    for premise, rate in zip(controller.premises, controller.rates, strict=True):
+        reached = 0.5 * np.abs(relative(hat.derivative(premise.joint - 1).at(q[:, 1:]), scheduled)).max()
+        assert TIGHT * rate < reached < rate
+
+
+@pytest.mark.parametrize("schedules", slow_but([FAST], [FAST, SCHEDULES]), ids=["1 and 4 rules", "1, 2 and 4 rules"])
+def test_more_rules_bring_the_fastest_pole_down(schedules):
+    """κ and the fastest pole fall with rules, and so does γ at the fastest pole of one rule."""
+    controllers = [designed(*kept).controller for kept in schedules]
+    kappas, poles = [c.kappa for c in controllers], [c.fastest_pole for c in controllers]
+    assert kappas == sorted(kappas, reverse=True) and poles == sorted(poles, reverse=True)
+    assert kappas[0] < 5.2
+    rates = [20.0 + float(c.rates @ c.speeds) for c in controllers]
+    gains = [best_feedback(c.kappa, rate, poles[0]).gamma / c.floor for c, rate in zip(controllers, rates, strict=True)]
+    assert gains == sorted(gains, reverse=True)
+
+
+def test_a_search_with_more_rules_begins_with_what_fewer_have():
+    """The smaller schedule is one of the larger ones, at no angle worth keeping too."""
+    samples = InertiaSamples.of(robot_named("panda"), 7, 100, seed=0)
+    search = MetricSearch(samples)
+    search.run()
+    more = search.copy()
+    more.schedule(rule_weights((Premise(2, "sin q"),), samples.q))
+    more.run(rounds=1)
+    assert 1.0 < more.kappa <= search.kappa
+    hat = np.tensordot(more.weights, more.inertia, axes=1) / (more.row[:, np.newaxis] * more.row)
+    shares = relative(samples.inertia(), hat)
+    assert shares.min() == pytest.approx(1.0, rel=1e-9) and shares.max() == pytest.approx(more.kappa, rel=1e-9)
+
+
+@pytest.mark.slow
+def test_the_best_premise_is_found():
+    found = design_scheduled(ScheduledSpecification(rules=2), robot_named("planar-3r")).controller
+    assert found.premises == (COS_2,)
+
+
+def test_every_claim_is_proven_in_floats_and_in_balls(controller):
+    certificate = certify_scheduled(controller, in_balls=True)
+    assert certificate.proven
+    assert sum("also in balls" in claim.name for claim in certificate.claims) == 3 + 2 * len(controller.premises)
+
+
+@pytest.mark.parametrize(
+    ("name", "factor"),
+    [
+        ("kappa", 0.98),
+        ("floor", 1.04),
+        ("alpha", 1.02),
+        ("gamma", 0.98),
+        ("fastest_pole", 0.98),
+        ("inertia", 1.02),
+        ("rates", 0.97),
+        ("feedback", 1.05),
+        ("lyapunov", 1.1),
+    ],
+)
+def test_no_number_of_a_controller_may_be_better_than_it_is(name, factor):
+    controller = designed(COS_2, COS_3).controller
+    changed = dataclasses.replace(controller, **{name: factor * getattr(controller, name)})
+    assert not certify_scheduled(changed).proven
+
+
+def test_a_heavier_robot_is_not_covered():
+    controller = designed().controller
+    changed = dataclasses.replace(controller, robot=controller.robot.with_payload(1.0))
+    failed = [claim.name for claim in certify_scheduled(changed).claims if not claim.proven]
+    assert len(failed) == 1 and failed[0].startswith("kappa M_hat - M - R > 0") and "not at" in failed[0]
+
+
+def test_the_inequality_of_size_three_is_that_of_all_joints(controller):
+    """V' + 2αV + eᵀM̂e - γ² dᵀM̂⁻¹d < 0 for random errors, disturbances and speeds, with M̄ë = -M̂(k·x) + d."""
+    rng = np.random.default_rng(3)
+    q, inertia, scheduled = inertias(controller, 2000)
+    e, de, x_I, d = (rng.normal(size=q.shape) * scale for scale in (1e-2, 1.0, 1e-3, 100.0))
+    d[:500] = 0.0
+    hat = TrigMatrix(scheduled_polynomial(controller.premises, controller.inertia, controller.split))
+    speeds = rng.uniform(-15.0, 15.0, q.shape)
+    rate = sum(
+        (speeds[:, k + 1, np.newaxis, np.newaxis] * hat.derivative(k).at(q[:, 1:]) for k in range(2)),
+        np.zeros_like(scheduled),
+    )
+    k_p, k_d, k_i = controller.feedback
+    torque = d - np.einsum("bij,bj->bi", scheduled, k_p * e + k_d * de + k_i * x_I)
+    dde = np.linalg.solve(inertia, torque[..., np.newaxis])[..., 0]
+    x, dx = np.stack([e, de, x_I], axis=1), np.stack([de, dde, e], axis=1)
+    X = controller.lyapunov
+    form = functools.partial(np.einsum, "bai,ac,bij,bcj->b")
+    V = form(x, X, scheduled, x)
+    slope = 2.0 * form(x, X, scheduled, dx) + form(x, X, rate, x)
+    supply = np.einsum("bi,bij,bj->b", e, scheduled, e) - controller.gamma**2 * np.einsum(
+        "bi,bi->b", d, np.linalg.solve(scheduled, d[..., np.newaxis])[..., 0]
+    )
+    assert (slope + 2.0 * controller.alpha * V + supply).max() < 0.0
+
+
+def test_the_inequality_is_the_one_of_the_closed_loop():
+    """The scalar matrix against the derivative of V along the scalar loop, by its quadratic form."""
+    rng = np.random.default_rng(0)
+    X, k = rng.normal(size=(3, 3)), rng.normal(size=(1, 3))
+    X, share, rate, gamma = X + X.T, 0.3, 2.0, 0.7
+    x, d = rng.normal(size=3), rng.normal()
+    dx = np.array([x[1], share * (d - (k @ x).item()), x[0]])
+    expected = 2 * x @ X @ dx + 2 * rate * x @ X @ x + x[0] ** 2 - gamma**2 * d**2
+    P, y = np.linalg.inv(X), np.concatenate([X @ x, [d], x[:1]])
+    assert y @ decay(share, rate=rate, gamma2=gamma**2, P=P, m=k @ P) @ y == pytest.approx(expected, rel=1e-9)
+
+
+def test_the_stated_constants_hold_between_any_two_errors_at_any_two_postures(controller):
+    """No error of the same V, at another posture, is longer than the constant times the first."""
+    stated = [
+        float(one) for one in re.findall(r"<= (\S+) exp\(-\S+ t\) \|[xe]\(0\)\|", scheduled_statement(controller))
+    ]
+    rng, n, largest = np.random.default_rng(0), len(controller.robot), np.zeros(2)
+    postures = rng.uniform(*np.array([joint.angle_range for joint in controller.robot.joints]).T, (200, n))
+    metrics = [np.kron(controller.lyapunov, S) for S in controller.inertia_at(postures)]
+    for which, size in enumerate((3 * n, n)):
+        starts = max(np.linalg.eigvalsh(metric[:size, :size])[-1] for metric in metrics)
+        ends = max(np.linalg.eigvalsh(np.linalg.inv(metric)[:size, :size])[-1] for metric in metrics)
+        largest[which] = np.sqrt(starts * ends)
+    assert np.all(largest <= stated) and np.all(np.array(stated) < 3.0 * largest)
+
+
+@pytest.mark.slow
+def test_the_nonlinear_loop_decays_at_least_as_fast_as_certified(controller):
+    """Rigid arm, moving reference, Runge-Kutta: V falls at least as exp(-2αt) from any of many errors."""
+    robot, n = controller.robot, 3
+    rng = np.random.default_rng(1)
+    amplitude, phase, omega = rng.uniform(0.5, 1.5, n), rng.uniform(0, 6, n), 2.0
+
+    def target(t):
+        angle = omega * t + phase
+        return tuple(amplitude * f for f in (np.sin(angle), omega * np.cos(angle), -(omega**2) * np.sin(angle)))
+
+    def slope(t, state):
+        q, dq, x_I = np.split(state, 3, axis=1)
+        u = scheduled_torque(controller, q, dq, target(t), x_I)
+        passive = bias(robot, q, dq) + robot.drive("viscous_friction") * dq
+        inertia = mass_matrix(robot, q) + np.diag(robot.drive("motor_inertia"))
+        ddq = np.linalg.solve(inertia, (u - passive)[..., np.newaxis])[..., 0]
+        return np.hstack([dq, ddq, q - target(t)[0]])
+
+    def lyapunov(t, state):
+        q, dq, x_I = np.split(state, 3, axis=1)
+        x = np.stack([q - target(t)[0], dq - target(t)[1], x_I], axis=1)
+        return np.einsum("bai,ac,bij,bcj->b", x, controller.lyapunov, controller.inertia_at(q), x)
+
+    lanes, h, steps = 40, 2.5e-4, 200
+    start = np.concatenate([np.tile(np.concatenate(target(0.0)[:2]), (lanes, 1)), np.zeros((lanes, n))], axis=1)
+    state = start + rng.normal(size=start.shape) * np.repeat([0.05, 1.0, 0.002], n)
+    before, t = lyapunov(0.0, state), 0.0
+    first = before
+    for _ in range(steps):
+        k1 = slope(t, state)
+        k2 = slope(t + h / 2, state + h / 2 * k1)
+        k3 = slope(t + h / 2, state + h / 2 * k2)
+        state, t = state + h / 6 * (k1 + 2 * k2 + 2 * k3 + slope(t + h, state + h * k3)), t + h
+        now = lyapunov(t, state)
+        assert np.all(now <= before * np.exp(-2.0 * controller.alpha * h) * (1.0 + 1e-6))
+        before = now
+    observed = -0.5 * np.log(before / first) / t
+    assert observed.min() > controller.alpha
+
+
+def test_files_round_trip_and_know_their_form(tmp_path, controller):
+    path = tmp_path / "robot.json"
+    controller.save(path)
+    again = load_controller(path)
+    assert isinstance(again, ScheduledController) and again.digest == controller.digest
+    assert again.robot.digest == controller.robot.digest
+    report = verify_file(path)
+    assert report.certificate.proven and "PROVEN" in report.to_text() and report.to_dict()["proven"]
+    with pytest.raises(ControllerFileError, match="schema"):
+        Controller.load(path)
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        (lambda c: c.update(kappa=(2.0).hex()), "digest does not match"),
+        (lambda c: c.update(split=7), "split"),
+        (lambda c: c.update(lyapunov=[["0x1p0"]]), "lyapunov"),
+        (lambda c: c["premises"].append({"joint": 0, "function": "cos q"}), "joint"),
+        (lambda c: c["robot"].update(joints=[]), "at least one"),
+        (lambda c: c["robot"]["joints"][2]["link"].update(mass=1.0), "robot's digest"),
+        (lambda c: c.update(alpha="nan"), "alpha"),
+        (lambda c: c.update(form="consistent"), "form"),
+    ],
+)
+def test_damaged_and_forged_files_are_refused_in_one_line(tmp_path, change, message):
+    path = tmp_path / "forged.json"
+    designed().controller.save(path)
+    content = json.loads(path.read_text())
+    del content["digest"]
+    change(content)
+    if message != "digest does not match":
+        content["digest"] = digest_of(content)
+    else:
+        content["digest"] = designed().controller.digest
+    path.write_text(json.dumps(content))
+    with pytest.raises(ControllerFileError, match=message) as refused:
+        load_controller(path)
+    assert "\n" not in str(refused.value)
+
+
+def test_a_forged_claim_with_a_right_digest_is_not_proven(tmp_path):
+    path = tmp_path / "forged.json"
+    dataclasses.replace(designed().controller, kappa=4.5).save(path)
+    report = verify_file(path)
+    assert not report.certificate.proven and "NOT PROVEN" in report.to_text()
+    assert report.to_dict()["statement"] is None
+
+
+def test_mu_counts_the_speed_limits_of_kept_angles():
+    controller = designed(COS_2, COS_3).controller
+    rate = schedule_rate(controller)
+    assert int(rate.p) / int(rate.q) == pytest.approx(15.0 * controller.rates.sum(), rel=1e-12)
+    assert int(schedule_rate(designed().controller).p) == 0
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    ("asked", "message"),
+    [({"fastest_pole": 100.0}, "kappa"), ({"gamma": 1e-12}, "gamma"), ({"rules": 8}, "no angle is left")],
+)
+def test_what_cannot_be_had_is_said(asked, message):
+    specification = ScheduledSpecification(
+        **({"premises": (), "alpha": 20.0} | asked if "rules" not in asked else asked)
+    )
+    with pytest.raises(DesignFailed, match=message):
+        design_scheduled(specification, robot_named("planar-3r"))
+
+
+def test_a_given_gain_is_met():
+    asked = ScheduledSpecification(premises=(), gamma=5e-3)
+    controller = quickly(asked, robot_named("paper")).controller
+    assert controller.gamma / controller.floor <= 5e-3 * 1.001
+    assert controller.gamma / controller.floor > 4.5e-3
+
+
+@pytest.mark.parametrize(
+    "asked", [{"rules": 3}, {"alpha": -1.0}, {"gamma": 0.0}, {"gamma": 1e-3, "fastest_pole": 300.0}]
+)
+def test_bad_specifications_are_refused(asked):
+    with pytest.raises(ValueError):
+        ScheduledSpecification(**asked)
+
+
+def test_two_joints_agree_with_the_closed_form():
+    """M̄ of the paper's arm is affine in cos q2: with that premise κ is 1 but for the widening, and with one rule the
+    smallest fastest pole is near that of the consistent form's one-rule design (153 1/s at α = 20)."""
+    two = robot_named("paper")
+    exact_schedule = quickly(ScheduledSpecification(premises=(COS_2,)), two).controller
+    assert exact_schedule.kappa < 1.01
+    _, inertia, scheduled = inertias(exact_schedule, 200)
+    diagonal = np.diagonal(inertia, axis1=-2, axis2=-1)  # the product of inertia passes through zero
+    scale = np.sqrt(diagonal[..., :, np.newaxis] * diagonal[..., np.newaxis, :])
+    assert np.abs((inertia - scheduled) / scale).max() < 0.02
+    one = quickly(ScheduledSpecification(premises=()), two).controller
+    assert (3.0 * one.kappa - 2.0) * one.alpha == pytest.approx(153.0, rel=0.2)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(("name", "kappa"), [("ur5", 6.4), ("panda", 7.1)])
+def test_six_and_seven_joints_are_proven(name, kappa):
+    found = design_scheduled(ScheduledSpecification(premises=()), robot_named(name))
+    assert found.certificate.proven and found.controller.kappa < kappa
+    _, inertia, scheduled = inertias(found.controller, 1000)
+    shares = relative(inertia, scheduled)
+    assert shares.min() > 1.0 and shares.max() < found.controller.kappa
