@@ -214,10 +214,14 @@ class Kernel:
                 raise ValueError(f"table {table} has shape {array.shape}; needed: {('rows', *shape[1:])} of float64")
         return arms, [*(array.strides[0] // _SIZE for array in arrays), *map(len, tables)]
 
+    @functools.cached_property
+    def _wide(self) -> int:
+        """How many arms a vector holds; half as many where a long program would not fit into the registers."""
+        return EIGHT if self.program.size() > LONG and not self.program.arrays else WIDE
+
     def code(self, arms: int) -> _Code:
         """Return the machine code for so many arms."""
-        long = self.program.size() > LONG and not self.program.arrays
-        width = 1 if arms < WIDE // 2 else EIGHT if long else WIDE
+        width = 1 if arms < WIDE // 2 else self._wide
         code = self._codes.get(width)
         if code is None:
             text = kernel_text(self.program, self.layouts, width, repeated=self.repeated)

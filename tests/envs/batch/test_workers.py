@@ -10,7 +10,7 @@ import pytest
 from support.randomisation import ROBUST
 
 from fuzzyarm.envs.batch.layout import ResultsMemory
-from fuzzyarm.envs.batch.workers import Workers
+from fuzzyarm.envs.batch.workers import LANES_PER_THREAD, Workers
 from fuzzyarm.numbers.machine import WIDE
 
 
@@ -30,7 +30,7 @@ class Noting:
         self.seen.append((threading.current_thread(), first, stop))
 
 
-@pytest.mark.parametrize(("lanes", "threads"), [(1, 1), (WIDE, 2), (1000, 2), (40 * WIDE + 1, 3)])
+@pytest.mark.parametrize(("lanes", "threads"), [(1, 1), (WIDE, 2), (1000, 2), (40 * LANES_PER_THREAD + 1, 3)])
 def test_every_lane_is_in_one_piece_and_pieces_are_whole_blocks(lanes, threads):
     workers = Workers(lanes, threads)
     for _ in range(3):
@@ -44,28 +44,28 @@ def test_every_lane_is_in_one_piece_and_pieces_are_whole_blocks(lanes, threads):
 
 def test_the_calling_thread_does_all_where_no_other_comes():
     """The pool's only thread is busy with something else; the step neither waits for it nor is done twice."""
-    workers, call = Workers(64 * WIDE, 2), Noting(64 * WIDE)
+    workers, call = Workers(64 * LANES_PER_THREAD, 2), Noting(64 * LANES_PER_THREAD)
     workers.run(call)
     released = threading.Event()
     workers._pool.submit(released.wait, 60)
     call.seen.clear()
     workers.run(call)
     assert {thread for thread, _, _ in call.seen} == {threading.current_thread()}
-    assert sum(stop - first for _, first, stop in call.seen) == 64 * WIDE
+    assert sum(stop - first for _, first, stop in call.seen) == 64 * LANES_PER_THREAD
     released.set()
     workers.close()
 
 
 @pytest.mark.parametrize("copied", [copy.deepcopy, lambda workers: pickle.loads(pickle.dumps(workers))])
 def test_a_copy_has_threads_of_its_own(copied):
-    workers = Workers(8 * WIDE, 2)
-    workers.run(Noting(8 * WIDE))
+    workers = Workers(8 * LANES_PER_THREAD, 2)
+    workers.run(Noting(8 * LANES_PER_THREAD))
     twin = copied(workers)
     assert twin._pool is None and workers._pool is not None
     for each in (workers, twin):
-        call = Noting(8 * WIDE)
+        call = Noting(8 * LANES_PER_THREAD)
         each.run(call)
-        assert sum(stop - first for _, first, stop in call.seen) == 8 * WIDE
+        assert sum(stop - first for _, first, stop in call.seen) == 8 * LANES_PER_THREAD
         each.close()
 
 
