@@ -1,7 +1,7 @@
 """FuzzyArm: a two-joint robot arm to track circles with, and controllers that come with a proof.
 
-Importing the package registers ``FuzzyArm-v0`` with Gymnasium and loads no heavy module: the other names below are
-loaded when they are first asked for.
+Importing the package registers ``FuzzyArm-v0`` and ``FuzzyArmLearn-v0`` with Gymnasium and loads no heavy module: the
+other names below are loaded when they are first asked for.
 """
 
 from __future__ import annotations
@@ -144,10 +144,18 @@ __getattr__ = lazily(__name__, _HOMES)
 
 # The environment itself refuses steps outside an episode and checks actions: Gymnasium's wrappers for that would only
 # cost time on every step.
-registry["FuzzyArm-v0"] = Spec(
-    id="FuzzyArm-v0",
-    entry_point="fuzzyarm.envs.fuzzy_arm:FuzzyArmEnv",
-    vector_entry_point="fuzzyarm.envs.vector:FuzzyArmVectorEnv",
-    order_enforce=False,
-    disable_env_checker=True,
-)
+for _id, _single, _batch in (
+    ("FuzzyArm-v0", "envs.fuzzy_arm:FuzzyArmEnv", "envs.vector:FuzzyArmVectorEnv"),
+    (
+        "FuzzyArmLearn-v0",
+        "rl_baselines.learning_task:FuzzyArmLearnEnv",
+        "rl_baselines.learning_task:FuzzyArmLearnVectorEnv",
+    ),
+):
+    registry[_id] = Spec(
+        id=_id,
+        entry_point=f"fuzzyarm.{_single}",
+        vector_entry_point=f"fuzzyarm.{_batch}",
+        order_enforce=False,
+        disable_env_checker=True,
+    )

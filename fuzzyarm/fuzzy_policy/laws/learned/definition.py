@@ -52,6 +52,7 @@ class FeatureDefinition:
         innovation_scale: N of angles [rad].
         innovation_rate_scale: N of velocities [rad/s].
         load_scale: Z [N m].
+        compression: c.
 
     Raises:
         TypeError: a value is of the wrong type.
@@ -73,6 +74,7 @@ class FeatureDefinition:
     innovation_scale: float = INNOVATION_UNITS[0]
     innovation_rate_scale: float = INNOVATION_UNITS[-1]
     load_scale: float = 100.0
+    compression: float = 1.0
 
     def __post_init__(self) -> None:
         """Check every number."""
@@ -85,7 +87,7 @@ class FeatureDefinition:
         truth("elastic_target", self.elastic_target)
         whole("joints", self.joints, low=1, high=_MOST_JOINTS)
         for field in dataclasses.fields(self):
-            if field.name.endswith("_scale"):
+            if field.name.endswith("_scale") or field.name == "compression":
                 real(field.name, getattr(self, field.name), above=0.0)
 
     @property

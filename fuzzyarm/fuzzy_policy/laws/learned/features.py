@@ -4,7 +4,7 @@ At the k-th action instant, with e = q_d - q_a, ė = q̇_d - q̇_a (motors) and 
 
     f_k = (s(e_k/E), s(ė_k/V), q_d, q̇_d/D, q̈_d/A, s(e_(k-1)/E), ..., s(e_(k-n)/E), a_(k-1), ..., a_(k-m), s(x_k/X))
 
-with s = asinh, which is the identity for small errors and compresses large ones, and the leaky integral
+with s(x) = asinh(x)/c, which is linear for small errors and compresses large ones, and the leaky integral
 
     x_(k+1) = (x_k + T e_k) exp(-T/τ).
 
@@ -148,13 +148,13 @@ class Features:
         d, out = self.definition, array(self.size) if out is None else out
         errors = [(q_d - q) / d.error_scale for q_d, q in zip(aim.q, seen.q_motor, strict=True)]
         rates = [(dq_d - dq) / d.rate_scale for dq_d, dq in zip(aim.dq, seen.dq_motor, strict=True)]
-        at = _put(out, 0, [*errors, *rates], squashed=True)
+        at = _put(out, 0, [*errors, *rates], squashed=d.compression)
         asked = [*seen.q_reference, *(dq / d.velocity_scale for dq in seen.dq_reference)]
         at = _put(out, at, [*asked, *(ddq / d.acceleration_scale for ddq in seen.ddq_reference)])
-        at = _put(out, at, [error / d.error_scale for error in flat(memory.errors)], squashed=True)
+        at = _put(out, at, [error / d.error_scale for error in flat(memory.errors)], squashed=d.compression)
         at = _put(out, at, flat(memory.actions))
         if d.integral_time > 0.0:
-            at = _put(out, at, [x / d.integral_scale for x in memory.integral], squashed=True)
+            at = _put(out, at, [x / d.integral_scale for x in memory.integral], squashed=d.compression)
         at = _put(out, at, [w / d.excess_scale for w in flat(memory.excess)])
         if d.innovation_times and innovation:
             units = [d.innovation_scale] * d.joints + [d.innovation_rate_scale] * d.joints
@@ -162,7 +162,7 @@ class Features:
             seen_in = [v / unit for v, unit in pairs] + [v / (COARSE * unit) for v, unit in pairs]
             for mean, share in zip(memory.means, self._shares, strict=True):
                 seen_in += [(m + share * (v - m)) / unit for m, (v, unit) in zip(mean, pairs, strict=True)]
-            at = _put(out, at, seen_in, squashed=True)
+            at = _put(out, at, seen_in, squashed=d.compression)
             _put(out, at, [z / d.load_scale for z in load])
         return out
 
@@ -203,13 +203,13 @@ class Features:
         return memory._replace(excess=(newest, *memory.excess[1:]))
 
 
-def _put(out: Any, at: int, numbers: list[Any], *, squashed: bool = False) -> int:
-    """Write numbers, or their asinh, into an array from a place on, and return the place behind them."""
+def _put(out: Any, at: int, numbers: list[Any], *, squashed: float = 0.0) -> int:
+    """Write numbers, or their asinh over `squashed`, into an array from a place on; return the place behind them."""
     for k, number in enumerate(numbers):
         out[at + k] = number
     if squashed:
         for k in each(len(numbers)):
-            out[k + at] = area_sine(out[k + at])
+            out[k + at] = area_sine(out[k + at]) / squashed
     return at + len(numbers)
 
 

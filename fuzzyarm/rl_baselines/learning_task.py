@@ -1,0 +1,346 @@
+"""``FuzzyArmLearn-v0``: the arm of ``FuzzyArm-v0`` as a task for learners, single and as a batch.
+
+An observation holds the features of `laws.learned.features`, which a trained policy computes by the same code where it
+acts on a robot; an action a in [-1, 1]ⁿ is a torque u = 0.8 Γ a, Γ the limits of the motors; and the reward is
+
+    1 - ln(1 + d/s) / ln(1 + R/s),    d the distance of the tip from its reference, s = 0.1 mm, R = 0.2 m.
+
+Its slope vanishes nowhere: to halve the error is worth the same at 100 mm and at 1 mm.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+import os
+from collections.abc import Sequence
+from typing import Any
+
+import gymnasium as gym
+import numpy as np
+from gymnasium.error import ResetNeeded
+from gymnasium.vector import AutoresetMode
+from gymnasium.vector.utils import batch_space
+
+from fuzzyarm.common import checks
+from fuzzyarm.envs.arguments import arms_of, real_numbers
+from fuzzyarm.envs.batch.lanes import checked_arrays
+from fuzzyarm.envs.batch.layout import CLOCK
+from fuzzyarm.envs.observation import PARTS
+from fuzzyarm.envs.physics.equations import AnyArm
+from fuzzyarm.envs.physics.parameters import ArmParameters
+from fuzzyarm.envs.physics.robot import Robot
+from fuzzyarm.envs.scenario.default_reference import default_reference, reference_family
+from fuzzyarm.envs.scenario.disturbances import Disturbance
+from fuzzyarm.envs.scenario.randomisation import DomainRandomisation, find_randomisation
+from fuzzyarm.envs.scenario.reference import Reference
+from fuzzyarm.envs.spec import made_from_json
+from fuzzyarm.envs.vector import RESET_MASK, FuzzyArmVectorEnv, masked, masked_lanes
+from fuzzyarm.fuzzy_policy.known_arm import joints_of, per_joint_of
+from fuzzyarm.fuzzy_policy.laws.learned.definition import ActionDefinition, FeatureDefinition
+from fuzzyarm.fuzzy_policy.laws.learned.features import Base, Features, Lanes
+from fuzzyarm.policies import load_policy
+
+__all__ = ["FuzzyArmLearnEnv", "FuzzyArmLearnVectorEnv", "action_definition", "learning_draws", "tracking_reward"]
+
+HOLD = 2e-3  # s; computed torque held for 2, 5 and 10 ms errs by 1.7, 4.7 and 26 mm
+EARLY_END = 0.2  # R [m]; an arm that has lost its path by so much teaches nothing about tracking it
+RESOLUTION = 1e-4  # s [m]; below it the reward is flat, and the best fixed laws err by 0.2 mm under a load
+COMPRESSION = 3.0  # of the errors: asinh of what the box allows is 9, and networks like inputs of the size of one
+SHARE = 0.8  # of the torque limits, at the action 1: what the default references need, with room for a load
+SHIFT = 0.01  # rad, of a base's target at the action 1
+_BOUND = 10.0  # of every number of an observation
+_REFERENCES, _CIRCLES = 256, 64  # of which an episode draws one: the family, and the default reference as a fifth
+_MOST_AHEAD = 10_000  # holds
+
+_LOST = "the tip lost its reference"
+_MEMORY = ("memory", "base_memory", "seen", "action")
+
+
+class FuzzyArmLearnVectorEnv(FuzzyArmVectorEnv):
+    """A batch of `FuzzyArmLearnEnv`: lane i is the single environment with the same seed, bit for bit.
+
+    ``gym.make_vec("FuzzyArmLearn-v0", num_envs=64)`` gives it. Arguments are those of `FuzzyArmLearnEnv` and the
+    `num_envs`, `threads` and `autoreset_mode` of `FuzzyArmVectorEnv`, whose infos these are.
+    """
+
+    @made_from_json
+    def __init__(
+        self,
+        num_envs: int = 1,
+        case: str | Sequence[str] | None = None,
+        *,
+        history: int = 0,
+        preview: Sequence[int] = (),
+        early_end: float = EARLY_END,
+        features: FeatureDefinition | None = None,
+        action: ActionDefinition | None = None,
+        disturbance: Disturbance | Sequence[Disturbance] | None = None,
+        reference: Reference | Sequence[Reference] | None = None,
+        parameters: ArmParameters | None = None,
+        robot: str | os.PathLike[str] | Robot | None = None,
+        randomisation: str | DomainRandomisation | None = None,
+        threads: int | None = None,
+        autoreset_mode: AutoresetMode | str = AutoresetMode.SAME_STEP,
+        render_mode: None = None,
+    ) -> None:
+        """Build the environment; arguments as in the class docstring."""
+        (arm,) = arms_of(robot, parameters, 1)
+        self.action = action_definition(arm) if action is None else checks.instance("action", action, ActionDefinition)
+        if features is None:
+            past = checks.whole("history", history, high=100)
+            features = FeatureDefinition(
+                past, past, 0.1 if past else 0.0, joints=joints_of(arm), compression=COMPRESSION
+            )
+        elif history:
+            raise ValueError(f"give either history = {history} or features, not both")
+        for ahead in preview:
+            checks.whole("preview: entry", ahead, low=1, high=_MOST_AHEAD)
+        self._preview = np.array(preview, dtype=int)
+        self.early_end = checks.real("early_end", early_end, "m", low=RESOLUTION)
+        own = case is not None or disturbance is not None or reference is not None
+        super().__init__(
+            num_envs,
+            ("nominal" if own else "machining") if case is None else case,
+            disturbance=disturbance,
+            reference=reference,
+            parameters=parameters,
+            robot=robot,
+            control_period=self.action.period,
+            randomisation=("nominal" if own else learning_draws(arm)) if randomisation is None else randomisation,
+            threads=threads,
+            autoreset_mode=autoreset_mode,
+            render_mode=render_mode,
+        )
+        self._reset_in_step = self._mode is AutoresetMode.SAME_STEP
+        if self._reset_in_step:
+            self._mode = AutoresetMode.DISABLED  # of the arms: lanes are reset here, those that lost their path as well
+        base = None
+        if self.action.base is not None:
+            policy = load_policy(self.action.base, control_period=self.action.period, robot=arm)
+            base = Base(policy, self.action)
+        seen = Features(features, self.action.period, arm)
+        self._arms = Lanes(seen, base)
+        joints, size = joints_of(arm), seen.size + 3 * joints_of(arm) * len(preview)
+        if len(self.action.scale) != joints:
+            raise ValueError(f"scale = {list(self.action.scale)} must be {joints} numbers, one for each joint")
+        self._units = np.repeat([1.0, features.velocity_scale, features.acceleration_scale], joints)
+        self._memory = np.zeros((num_envs, seen.memory_size))
+        self._base_memory = np.zeros((num_envs, 0 if base is None else base.policy.memory_size))
+        self._seen, self._action = np.zeros((num_envs, PARTS * joints)), np.zeros((num_envs, joints))
+        unit = np.ones(joints, dtype=np.float32)
+        self.single_action_space = gym.spaces.Box(-unit, unit)
+        self.single_observation_space = gym.spaces.Box(-_BOUND, _BOUND, (size,), np.float32)
+        self.action_space = batch_space(self.single_action_space, num_envs)
+        self.observation_space = batch_space(self.single_observation_space, num_envs)
+
+    def reset(
+        self, *, seed: int | Sequence[int | None] | None = None, options: dict[str, Any] | None = None
+    ) -> tuple[np.ndarray, dict[str, Any]]:
+        """Start an episode in every lane, or in those of a mask; seeds and options as for `FuzzyArmVectorEnv`."""
+        observation, info = super().reset(seed=seed, options=options)
+        mask = None if options is None else options.get(RESET_MASK)
+        which = slice(None) if mask is None else masked_lanes(RESET_MASK, mask, self.num_envs)
+        self._begin(which, observation)
+        return self._features(), info
+
+    def step(self, actions: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray, dict[str, Any]]:
+        """Hold the torques of `actions` (num_envs, joints) in [-1, 1] for one period; larger ones are clipped."""
+        given = np.clip(real_numbers("actions", actions), -1.0, 1.0)
+        if given.shape != self._action.shape:
+            raise ValueError(f"actions have shape {given.shape}; needed: {self._action.shape}, numbers in [-1, 1]")
+        begun, smoothing = self._over, self.action.smoothing
+        self._action = smoothing * self._action + (1.0 - smoothing) * given
+        torque = np.array(self.action.scale) * self._action
+        self._arms.act(self._seen, self._action, torque, self._memory, self._base_memory)
+        observation, _, terminated, truncated, info = super().step(torque)
+        error = info["tip_error"]
+        if begun is not None:  # these lanes have begun an episode instead of a step
+            error = error.copy()
+            error[begun] = 0.0
+        lost = (error > self.early_end) & ~terminated
+        terminated, truncated = terminated | lost, truncated & ~lost
+        if begun is not None:
+            self._begin(begun, observation)
+        self._seen = observation
+        reward = np.where(terminated, 0.0, tracking_reward(error, self.early_end))
+        if begun is not None:
+            reward[begun] = 0.0
+        ended = terminated | truncated
+        features = self._features()
+        if not ended.any():
+            return features, reward, terminated, truncated, info
+        if lost.any():
+            texts = info.get("reason", np.full(self.num_envs, None))
+            texts[lost] = _LOST
+            info.update(masked({"reason": texts}, terminated))
+        if not self._reset_in_step:
+            self._over = np.flatnonzero(ended)
+            return features, reward, terminated, truncated, info
+        self._over = None
+        last = np.empty(self.num_envs, dtype=object)
+        for lane in np.flatnonzero(ended):
+            last[lane] = features[lane].copy()
+        final = {"final_obs": last, "final_info": info}
+        observation, begun_info = super().reset(options={RESET_MASK: ended})
+        self._begin(np.flatnonzero(ended), observation)
+        features[ended] = self._features()[ended]
+        merged = {
+            name: value if name.startswith("_") or name not in begun_info else _merged(value, begun_info[name], ended)
+            for name, value in info.items()
+            if not name.endswith("reason")
+        }
+        return features, reward, terminated, truncated, merged | masked(final, ended)
+
+    def get_state(self) -> dict[str, np.ndarray]:
+        """Return the state of every lane as arrays by name, for `set_state`; errors as for `FuzzyArmVectorEnv`."""
+        return {**super().get_state(), **{name: getattr(self, f"_{name}").copy() for name in _MEMORY}}
+
+    def set_state(self, state: dict[str, np.ndarray]) -> None:
+        """Restore a state of an environment with the same arguments; errors as for `FuzzyArmVectorEnv`."""
+        own = checked_arrays(state, {name: getattr(self, f"_{name}") for name in _MEMORY})
+        super().set_state({name: value for name, value in state.items() if name not in own})
+        for name, array in own.items():
+            setattr(self, f"_{name}", array)
+
+    def _begin(self, which: Any, observation: np.ndarray) -> None:
+        """Let these lanes begin at an observation (num_envs, 5 n) of the arms."""
+        self._memory[which], self._base_memory[which], self._action[which] = 0.0, 0.0, 0.0
+        self._seen = np.ascontiguousarray(observation)
+
+    def _features(self) -> np.ndarray:
+        """Return what a learner sees now (num_envs, `size`), float32."""
+        seen = self._arms.see(self._seen, self._memory, self._base_memory)
+        if len(self._preview):  # the last reference holds after the motion has ended
+            clock = self.lanes.clock
+            rows = np.minimum(clock[CLOCK.row][:, np.newaxis] + self._preview, clock[CLOCK.last][:, np.newaxis])
+            ahead = self.lanes.table[rows, : len(self._units)] / self._units
+            seen = np.hstack([seen, ahead.reshape(self.num_envs, -1)])
+        return np.asarray(np.clip(seen, -_BOUND, _BOUND), dtype=np.float32)
+
+
+def tracking_reward(error: np.ndarray, lost: float = EARLY_END) -> np.ndarray:
+    """Return 1 - ln(1 + d/s)/ln(1 + R/s) for tip errors d (...) [m] and R = `lost` [m], with s = 0.1 mm."""
+    reward: np.ndarray = 1.0 - np.log1p(error / RESOLUTION) / math.log1p(lost / RESOLUTION)
+    return reward
+
+
+def action_definition(arm: AnyArm, base: str | None = None) -> ActionDefinition:
+    """Return what an action means for an arm: a share of its torques, or with a base a shift of its target."""
+    limits = per_joint_of(arm, "torque_limit").tolist()
+    return ActionDefinition(tuple(SHARE * limit if base is None else SHIFT for limit in limits), HOLD, base)
+
+
+def learning_draws(arm: AnyArm) -> DomainRandomisation:
+    """Return what the episodes of the registered task draw for an arm.
+
+    ``robust`` (plants, load, force, start), with 256 references of the family, and the default reference in one of five
+    episodes.
+    """
+    references = (*reference_family(arm, _REFERENCES), *[default_reference(arm)] * _CIRCLES)
+    return dataclasses.replace(find_randomisation("robust", arm), references=references)
+
+
+def _merged(last: Any, first: Any, ended: np.ndarray) -> Any:
+    """Return an entry of info: of the new episode in the lanes that ended, else of this step."""
+    if isinstance(last, dict):
+        pairs = {name: (value, first[name]) for name, value in last.items() if not name.startswith("_")}
+        return {**last, **{name: _merged(*pair, ended) for name, pair in pairs.items()}}
+    return np.where(ended.reshape(-1, *[1] * (last.ndim - 1)), first, last)
+
+
+class FuzzyArmLearnEnv(gym.Env[np.ndarray, np.ndarray]):
+    """The arm of ``FuzzyArm-v0`` as a task that a learner with default settings makes progress on.
+
+    ## Description
+    The plant, its sensors, limits and disturbances are those of `FuzzyArmEnv`. An action is a share of the torque, held
+    for 2 ms; the errors of the motors fill an observation's range, however small they are; and the reward tells 1 mm
+    from 0.1 mm as it tells 100 mm from 10 mm. Every episode draws plant, load, start and path: to learn one circle by
+    heart is of no use.
+
+    ## Action space
+    `Box(-1, 1, (2,))`: u = (400, 200) a N m, 0.8 of each motor's limit; larger numbers are clipped.
+
+    ## Observation space
+    `Box(-10, 10, (10,))`, with e = q_d - q of the motors and f(x) = asinh(x)/3:
+
+    | index | quantity | |
+    | --- | --- | --- |
+    | 0-1 | f(e / 1 mrad) | errors of the motor angles, encoder noise included |
+    | 2-3 | f(ė / 20 mrad/s) | errors of the motor velocities |
+    | 4-5 | q_d [rad] | reference angles |
+    | 6-7 | q̇_d / (5 rad/s) | reference velocities |
+    | 8-9 | q̈_d / (50 rad/s²) | reference accelerations |
+
+    `history=k` appends f of the last k errors, the last k actions and f(∫e / 0.1 mrad s), which leaks with 0.1 s.
+    `preview=(j, ...)` appends the scaled references j periods later, for each j.
+
+    ## Rewards
+    1 - ln(1 + d / 0.1 mm) / ln(1 + R / 0.1 mm), with d the tip error after the step and R = 0.2 m: 1 on the path, 0
+    at R.
+
+    ## Starting state
+    At rest beside the reference, each joint within ± 10 mrad of it, a draw of the seed.
+
+    ## Episode end
+    Terminated with the reward 0 where d > R, and where `FuzzyArmEnv` terminates; truncated at the end of the reference.
+
+    ## Info
+    That of `FuzzyArmEnv`, with its `reward_tracking` and `reward_effort`, which are not of this reward.
+
+    ## Arguments
+    `hold` [s], `history`, `preview` (in holds) and `early_end` R [m], see `LearningTask` for the reason of each;
+    `case`, `disturbance`, `reference`, `parameters`, `robot` and `randomisation` as for `FuzzyArmEnv`. By default the
+    case is machining and episodes draw `learning_draws`; with a case, disturbance or reference of your own nothing is
+    drawn unless `randomisation` says so.
+
+    Examples:
+        >>> env = FuzzyArmLearnEnv(case="payload")
+        >>> observation, info = env.reset(seed=0)
+        >>> observation, reward, terminated, truncated, info = env.step(np.zeros(2))
+        >>> observation.shape, 0.0 < reward < 1.0, terminated
+        ((10,), True, False)
+    """
+
+    metadata = {"render_modes": []}  # noqa: RUF012  Gymnasium's own name and type
+
+    @made_from_json
+    def __init__(self, case: str | None = None, *, render_mode: None = None, **arguments: Any) -> None:
+        """Build the environment; arguments as in the class docstring."""
+        for name in ("num_envs", "threads", "autoreset_mode"):
+            if name in arguments:
+                raise TypeError(f"{name} is for a batch: use gymnasium.make_vec")
+        self._lane = FuzzyArmLearnVectorEnv(
+            1, case, autoreset_mode=AutoresetMode.DISABLED, render_mode=render_mode, threads=1, **arguments
+        )
+        self.observation_space = self._lane.single_observation_space
+        self.action_space = self._lane.single_action_space
+        self._over = True
+
+    def reset(
+        self, *, seed: int | None = None, options: dict[str, Any] | None = None
+    ) -> tuple[np.ndarray, dict[str, Any]]:
+        """Start an episode; options as for `FuzzyArmEnv`."""
+        super().reset(seed=None if seed is None else checks.whole("seed", seed))
+        observation, info = self._lane.reset(seed=seed, options=options)
+        self._over = False
+        return observation[0], _first(info)
+
+    def step(self, action: np.ndarray) -> tuple[np.ndarray, float, bool, bool, dict[str, Any]]:
+        """Hold the torque of an action in [-1, 1]ⁿ for one period."""
+        if self._over:
+            raise ResetNeeded("the episode has not begun or is over: call env.reset() before env.step()")
+        observation, reward, terminated, truncated, info = self._lane.step(np.asarray(action)[np.newaxis])
+        self._over = bool(terminated[0] or truncated[0])
+        return observation[0], float(reward[0]), bool(terminated[0]), bool(truncated[0]), _first(info)
+
+
+def _first(info: dict[str, Any]) -> dict[str, Any]:
+    """Return the info of the only lane, with plain numbers and arrays of its own."""
+    one: dict[str, Any] = {}
+    for name, value in info.items():
+        if isinstance(value, dict):
+            one[name] = _first(value)
+        elif not name.startswith("_"):
+            one[name] = value[0].copy() if value.ndim > 1 else value.tolist()[0]
+    return one
