@@ -29,6 +29,7 @@ GROUPS = {
         "evaluate": "Run policies on the elastic arm; write a table and figures.",
         "report": "Make one HTML page of an evaluation, with a replay.",
         "leaderboard": "Rank the policies of several evaluations.",
+        "score": "Score policies on episodes that no training draws.",
     },
     "Know the arm": {
         "identify": "Find the parameters of an arm in a log of its motors.",

@@ -195,8 +195,8 @@ TORQUE = 0.6  # share of the torque limits that the rigid robot may need
 SLOWER = 1.25  # factor on the duration of a reference that needs more
 
 
-def reference_family(arm: AnyArm, count: int = FAMILY) -> tuple[Reference, ...]:
-    """Return `count` references that always come out the same for an arm.
+def reference_family(arm: AnyArm, count: int = FAMILY, seed: int = FAMILY_SEED) -> tuple[Reference, ...]:
+    """Return `count` references that always come out the same for an arm and a seed.
 
     For the two-joint arm circles, lemniscates and lines of the tip; for a robot splines of the joint angles that begin
     and end at home and pass two postures within 0.6 rad of it, at a tenth to a half of the velocity limits.
@@ -204,13 +204,13 @@ def reference_family(arm: AnyArm, count: int = FAMILY) -> tuple[Reference, ...]:
     Raises:
         ValueError: the motors of the robot are too weak for any of them.
     """
-    return _tip_paths(arm, count) if isinstance(arm, ArmParameters) else _splines(arm, count)
+    return _tip_paths(arm, count, seed) if isinstance(arm, ArmParameters) else _splines(arm, count, seed)
 
 
 @functools.lru_cache(maxsize=16)
-def _splines(robot: Robot, count: int) -> tuple[Reference, ...]:
+def _splines(robot: Robot, count: int, seed: int) -> tuple[Reference, ...]:
     """Return references of a robot through random postures."""
-    generator = np.random.default_rng(FAMILY_SEED)
+    generator = np.random.default_rng(seed)
     home, (low, high) = np.array(home_posture(robot)), angle_ranges(robot)
     middle, half = 0.5 * (low + high), 0.5 * INSIDE * (high - low)
     family: list[Reference] = []
@@ -241,14 +241,14 @@ def _timed(robot: Robot, postures: np.ndarray, speed: float) -> SplineReference:
 
 
 @functools.lru_cache(maxsize=16)
-def _tip_paths(parameters: ArmParameters, count: int) -> tuple[JointReference, ...]:
+def _tip_paths(parameters: ArmParameters, count: int, seed: int) -> tuple[JointReference, ...]:
     """Return references of the two-joint arm along curves of the tip.
 
     Circles mostly, every eighth a lemniscate and every eighth a line: size 5-20 % of the reach, center anywhere that
     keeps the curve within 30-92 % of it, any start angle, either direction, peak tip speed 0.4-2.2 reaches a second
     (a lemniscate passes its crossing up to 1.46 times faster), by rejection.
     """
-    generator = np.random.default_rng(FAMILY_SEED)
+    generator = np.random.default_rng(seed)
     reach = sum(parameters.length)
     family: list[JointReference] = []
     path: TipPath

@@ -1,0 +1,52 @@
+"""`fuzzyarm score`: score policies on the held-out set."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Annotated
+
+from cyclopts import Parameter
+
+from fuzzyarm.cli.usage import output_file
+from fuzzyarm.common.console import output, say, say_json, status
+
+__all__ = ["Options", "run"]
+
+
+@dataclass(frozen=True, kw_only=True)
+class Options:
+    """Run policies on the 128 held-out episodes of this version, and print their scores N.
+
+    computed-torque has N = 0 and learned-observer N = 100. Paths, arms, pushes and payloads are those of no training.
+    """
+
+    policy: Annotated[tuple[str, ...], Parameter(metavar="NAME...")]
+    """Policy: a name, a controller file (.json), a learned policy's folder, or code of your own as
+    package.module:factory, which must act on batches. May be repeated, as for the seeds of one training"""
+    out: Annotated[Path | None, Parameter(metavar="FILE")] = None
+    """Results file to write (.json; default: none)"""
+    json: bool = False
+    """Print the results as JSON instead of the table"""
+
+
+def run(options: Options) -> int:
+    """Score, print, and write the file."""
+    from fuzzyarm.common.files import write_atomically
+    from fuzzyarm.eval.score import print_scores, scores
+    from fuzzyarm.policies import resolve_all
+
+    output_file(options.out, ".json")
+    policies = {label: spec.load() for label, spec in resolve_all(options.policy, run_code=True).items()}
+    with status("running 128 held-out episodes of each policy"):
+        document = scores(policies)
+    if options.out is not None:
+        write_atomically(options.out, json.dumps(document, indent=1) + "\n")
+    if options.json:
+        say_json(document)
+        return 0
+    print_scores(document, output())
+    if options.out is not None:
+        say(f"\nwritten to {options.out}")
+    return 0

@@ -1,0 +1,68 @@
+"""The held-out set and the score: an independent run of single episodes, and what the set is made of."""
+
+import json
+
+import numpy as np
+import pytest
+
+from fuzzyarm import load_policy
+from fuzzyarm.cli.application import main
+from fuzzyarm.envs.fuzzy_arm import FuzzyArmEnv
+from fuzzyarm.envs.physics.parameters import ArmParameters
+from fuzzyarm.envs.scenario.default_reference import reference_family
+from fuzzyarm.eval import score
+
+SMALL = score.held_out("test", each=2)
+
+
+def test_the_score_is_that_of_each_episode_run_alone():
+    policy = load_policy("computed-torque")
+    found = score.score_of(policy, SMALL)
+    for k in (0, 2, 4):  # without noise, which has a stream for each lane
+        env = FuzzyArmEnv(disturbance=SMALL.disturbances[k], reference=SMALL.references[k], parameters=SMALL.arms[k])
+        observation, _ = env.reset(seed=0)
+        state, errors, torques, over = None, [], [], False
+        while not over:
+            torque, state = policy.predict(observation, state)
+            observation, _, terminated, truncated, info = env.step(torque)
+            errors.append(info["tip_error"])
+            torques.append(info["torque"])
+            over = terminated or truncated
+        d = np.array(errors)
+        each = np.where(d <= 0.2, 1 - np.log1p(d / 1e-5) / np.log1p(0.2 / 1e-5), 0.0)
+        assert found.S[k] == pytest.approx(each.sum() / round(1e3 * SMALL.references[k].duration), rel=1e-12)
+        assert found.rms[k] == pytest.approx(np.sqrt(np.mean(d**2)), rel=1e-12)
+        rates = np.mean(np.diff(torques, axis=0) ** 2, axis=1).sum() / len(d)
+        assert found.rate[k] == pytest.approx(1e3 * np.sqrt(rates), rel=1e-12)
+        assert not found.lost[k] and truncated
+
+
+class Nothing:
+    def predict(self, observation, state=None, episode_start=None, deterministic=True):
+        return np.zeros((len(observation), 2)), None
+
+
+def test_an_arm_that_falls_scores_next_to_nothing():
+    found = score.score_of(Nothing(), SMALL)
+    assert found.lost.all() and found.S.max() < 0.1
+
+
+def test_the_set_is_the_versions_own_and_no_training_draws_it():
+    again, other = score.held_out("test", each=2), score.held_out("next", each=2)
+    assert again.references == SMALL.references and again.arms == SMALL.arms
+    assert not set(other.references) & set(SMALL.references)
+    assert not set(SMALL.references) & set(reference_family(ArmParameters(), 256))
+    kinds = [(d.tip_force is not None, d.payload.mass > 0, d.encoder_noise is not None) for d in SMALL.disturbances]
+    assert kinds == [*[(False,) * 3] * 2, *[(True, False, False)] * 4, *[(False, True, True)] * 2]
+
+
+def test_the_command_prints_anchors_and_writes_the_file(tmp_path, capsys, monkeypatch):
+    monkeypatch.setattr(score, "held_out", lambda: SMALL)
+    out = tmp_path / "score.json"
+    assert main(["score", "--policy", "fuzzy-4-tip", "computed-torque", "--out", str(out)]) == 0
+    document = json.loads(out.read_text())
+    assert document["policies"]["computed-torque"]["N"] == 0.0
+    assert document["anchors"]["learned-observer"]["N"] == 100.0
+    text = capsys.readouterr().out
+    assert "fuzzy-4-tip" in text and "worst 0.0 of 2 policies" in text
+    assert main(["score", "--policy", "fuzzy-5"]) == 2
