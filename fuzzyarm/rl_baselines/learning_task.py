@@ -62,6 +62,10 @@ class FuzzyArmLearnVectorEnv(FuzzyArmVectorEnv):
 
     ``gym.make_vec("FuzzyArmLearn-v0", num_envs=64)`` gives it. Arguments are those of `FuzzyArmLearnEnv` and the
     `num_envs`, `threads` and `autoreset_mode` of `FuzzyArmVectorEnv`, whose infos these are.
+
+    Attributes:
+        features: what an observation holds, for the bundle of a trained policy.
+        action: what an action means, likewise.
     """
 
     @made_from_json
@@ -96,7 +100,7 @@ class FuzzyArmLearnVectorEnv(FuzzyArmVectorEnv):
             raise ValueError(f"give either history = {history} or features, not both")
         for ahead in preview:
             checks.whole("preview: entry", ahead, low=1, high=_MOST_AHEAD)
-        self._preview = np.array(preview, dtype=int)
+        self.features, self._preview = features, np.array(preview, dtype=int)
         self.early_end = checks.real("early_end", early_end, "m", low=RESOLUTION)
         own = case is not None or disturbance is not None or reference is not None
         super().__init__(
