@@ -1,0 +1,123 @@
+"""A model that stable-baselines3 or sb3-contrib has saved, as a learned policy of this package.
+
+Of the zip, the weights are read (by torch, which unpickles nothing then) and the texts in ``data``; the objects that it
+holds pickled are not touched. So what they alone say has to be the library's default: the activation of the layers, and
+what comes before them. The model has to be one of ``FuzzyArmLearn-v0``, whose features and action it gets.
+"""
+
+from __future__ import annotations
+
+import io
+import json
+import zipfile
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from fuzzyarm.common.documents import read_bytes
+from fuzzyarm.envs.physics.equations import AnyArm, robot_of
+from fuzzyarm.envs.physics.parameters import ArmParameters
+from fuzzyarm.fuzzy_policy.known_arm import joints_of
+from fuzzyarm.fuzzy_policy.laws.learned.bundle import PolicyBundle
+from fuzzyarm.fuzzy_policy.laws.learned.definition import ArmDefinition, learning_action, learning_features
+from fuzzyarm.fuzzy_policy.laws.learned.network import Cell, Network
+from fuzzyarm.fuzzy_policy.laws.learned.policy import LearnedPolicy
+
+__all__ = ["PREFIX", "sb3_policy"]
+
+PREFIX = "sb3:"
+"""In front of the path of a zip."""
+_LARGEST = 64 * 2**20  # bytes, of the zip and of each part that is read
+_UNREAD = ("activation_fn", "features_extractor_class", "features_extractor_kwargs", "squash_output")
+
+
+def sb3_policy(path: Path, robot: AnyArm, control_period: float) -> LearnedPolicy:
+    """Return the mean action of a saved PPO, A2C, RecurrentPPO, SAC, TQC, TD3 or DDPG as a policy.
+
+    A running mean and variance of the observations, as VecNormalize keeps them, is taken from a file ``NAME.npz`` beside
+    ``NAME.zip`` with the arrays ``mean``, ``var`` and ``clip``, if there is one.
+
+    Raises:
+        ValueError: the file is no such model, or the model is of another environment.
+        OSError: it cannot be read.
+    """
+    data, tensors = _read(path)
+    settings = data.get("policy_kwargs", {})
+    if unread := sorted(set(settings) & set(_UNREAD)):
+        raise ValueError(f"{path}: policy_kwargs has {', '.join(unread)}, which only unpickling could read; {_ROUTE}")
+    joints = joints_of(robot)
+    low, high = (str(data.get("action_space", {}).get(end)) for end in ("low", "high"))
+    if {*low.strip("[]").split()} != {"-1."} or {*high.strip("[]").split()} != {"1."}:
+        raise ValueError(f"{path}: its actions lie in {low} to {high}, not in [-1, 1] as those of FuzzyArmLearn-v0")
+    weights, biases, cell, activation, output = _layers(path, tensors)
+    inputs = (weights[0] if cell is None else cell.weight_x).shape[1]
+    past, rest = divmod(inputs - 6 * joints, 2 * joints)
+    plain = inputs == 5 * joints
+    if not plain and (rest or past < 1):
+        raise ValueError(
+            f"{path}: it takes {inputs} numbers; FuzzyArmLearn-v0 has {5 * joints}, or with history=k "
+            f"{6 * joints} + {2 * joints} k, and its preview is nothing that a robot's controller sees"
+        )
+    mean, var, clip = _normaliser(path.with_suffix(".npz"), inputs)
+    network = Network(mean, np.sqrt(var + 1e-8), clip, weights, biases, activation, output, cell)
+    named = robot_of(robot)
+    arm = None if robot == ArmParameters() else ArmDefinition(named.name, named.digest)
+    bundle = PolicyBundle(learning_features(joints, 0 if plain else past), learning_action(robot), network, arm)
+    return LearnedPolicy(bundle, control_period, robot)
+
+
+_ROUTE = "write its layers as a PolicyBundle instead, as examples/ppo_one_file.py does"
+
+
+def _read(path: Path) -> tuple[dict[str, Any], dict[str, np.ndarray]]:
+    """Return the texts of a zip, and its weights as arrays by name."""
+    try:
+        import torch
+    except ImportError:
+        raise ValueError(f"{path}: torch reads these weights: pip install -c constraints.txt -e '.[rl]'") from None
+    content = read_bytes(path, largest=_LARGEST)
+    try:
+        with zipfile.ZipFile(io.BytesIO(content)) as archive:
+            parts = {name: archive.getinfo(name) for name in ("data", "policy.pth")}
+            if any(part.file_size > _LARGEST for part in parts.values()):
+                raise ValueError(f"a part is larger than {_LARGEST} bytes")
+            data = json.loads(archive.read("data"))
+            found = torch.load(io.BytesIO(archive.read("policy.pth")), map_location="cpu", weights_only=True)
+        return data, {name: np.array(tensor, dtype=np.float32) for name, tensor in found.items()}
+    except Exception as error:  # torch raises what it likes
+        raise ValueError(f"{path} is no model that stable-baselines3 saved: {str(error).splitlines()[0]}") from None
+
+
+def _layers(path: Path, tensors: dict[str, np.ndarray]) -> tuple[Any, Any, Cell | None, str, str]:
+    """Return weights, biases, what remembers, activation and output of the network whose mean is the action."""
+    for hidden, last, activation, output in (
+        ("mlp_extractor.policy_net.", "action_net.", "tanh", "clip"),
+        ("actor.latent_pi.", "actor.mu.", "relu", "tanh"),
+        ("actor.mu.", "", "relu", "tanh"),
+    ):
+        numbers = sorted(int(name.split(".")[-2]) for name in tensors if name.startswith(hidden) and name.endswith("weight")
+                         and name.split(".")[-2].isdigit())  # fmt: skip
+        names = [f"{hidden}{number}." for number in numbers] + [last] * bool(last)
+        if not names or any(f"{name}weight" not in tensors for name in names):
+            continue
+        cell, memory = None, [f"lstm_actor.{part}_l0" for part in ("weight_ih", "weight_hh", "bias_ih", "bias_hh")]
+        if any(name.startswith("lstm_actor") for name in tensors):
+            if "lstm_actor.weight_ih_l1" in tensors:
+                raise ValueError(f"{path}: it has several layers of memory; one is read: {_ROUTE}")
+            x, h, a, b = (tensors[name] for name in memory)
+            cell = Cell(x, h, a + b)
+        weights, biases = (tuple(tensors[name + part] for name in names) for part in ("weight", "bias"))
+        return weights, biases, cell, activation, output
+    raise ValueError(f"{path}: its policy has none of the layers of an MlpPolicy or MlpLstmPolicy; {_ROUTE}")
+
+
+def _normaliser(path: Path, inputs: int) -> tuple[np.ndarray, np.ndarray, float]:
+    """Return mean, variance and clip of a file, which need not exist."""
+    if not path.is_file():
+        return np.zeros(inputs), np.full(inputs, 1.0 - 1e-8), 1e6
+    try:
+        with np.load(io.BytesIO(read_bytes(path, largest=_LARGEST)), allow_pickle=False) as arrays:
+            return np.float64(arrays["mean"]), np.float64(arrays["var"]), float(arrays["clip"])
+    except (KeyError, ValueError, OSError, zipfile.BadZipFile) as error:
+        raise ValueError(f"{path} holds no mean, var and clip: {error}") from None
