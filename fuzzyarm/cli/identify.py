@@ -83,13 +83,13 @@ def _suggest(options: Options, arm: ArmParameters, path: Path) -> int:
     write_atomically(path, motion_csv(motion, arm))
     limits = {"angle": arm.joint_limit, "velocity": arm.velocity_limit, "torque": arm.torque_limit}
     if options.json:
-        largest = {name: part.tolist() for name, part in use._asdict().items()}
+        largest = {name: part.tolist() for name, part in use.items()}
         document = {"duration": motion.duration, "condition": condition, "largest": largest, "limits": limits}
         say_json(document)
         return 0
     units = {"angle": "rad", "velocity": "rad/s", "torque": "N m"}
     say(f"a motion of {motion.duration:g} s from rest to rest; condition number {condition:.3g}")
-    for name, part in use._asdict().items():
+    for name, part in use.items():
         first, second = part.tolist()
         say(
             f"largest {name}: {first:.3g} and {second:.3g} of {limits[name][0]:g} and {limits[name][1]:g} {units[name]}"

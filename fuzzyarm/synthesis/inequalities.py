@@ -110,9 +110,7 @@ class Point:
     solve_seconds: float  # of the solver and of recomputing the margin [s]
 
 
-class _Slack(NamedTuple):
-    """Variables of Ψ or Φ, in units."""
-
+class _Slack(NamedTuple):  # variables of Ψ or Φ, in units
     Q: Any  # Q_b (p, 2, n)
     X: Any  # X_b (p, 2, 2)
     tau: Any  # (p N_e, m)
@@ -149,11 +147,8 @@ class Inequalities:
     ) -> None:
         """Write the problem down; nothing is solved.
 
-        Args:
-            specification: what is asked.
-            parameters: the arm.
-            scale: c, relative to what suits most designs.
-            vertex: of A, whose inequalities alone are written: necessary conditions. None for all.
+        `scale` is c, relative to what suits most designs. Where a `vertex` of A is given, its inequalities alone are
+        written: necessary conditions.
         """
         given = self.specification = specification
         self.model = TSModel(parameters, given.kept)
@@ -253,7 +248,7 @@ class Inequalities:
         self.inequalities = {"P > 0": P11 - f * np.eye(self._data.n_e) >> 0}
         for letter in ("Psi", "Phi")[: len(self._slack)]:
             U = self._reduction(letter)
-            self.inequalities[letter] = negative(U @ self._matrices(letter, half, _as_it_is) @ U.T, MARGIN)
+            self.inequalities[letter] = negative(U @ self._matrices(letter, half, lambda entry: entry) @ U.T, MARGIN)
         bounded = positive(half([[self._g * np.eye(JOINTS)], [transposed(self._gains), P11]]))
         self.constraints = [*self.inequalities.values(), bounded]
         minimised = 0 if given.gamma else self._gamma2 / self._gamma2_unit
@@ -277,10 +272,7 @@ class Inequalities:
     def _matrices(self, letter: str, put: Assembly, of: Callable[[Any], Any]) -> Any:
         """Return (Ψ_ijk + Ψ_jik)/2, or the same of Φ, in SI units with V in units of c: a stack (p N_e, rows, rows).
 
-        Args:
-            letter: "Psi" or "Phi".
-            put: what makes a matrix of the block rows.
-            of: what is read of a variable or parameter: itself, or its value.
+        `put` makes a matrix of the block rows; `of` reads a variable or parameter: itself, or its value.
         """
         data, slack, unit = self._midpoints, self._slack[letter == "Phi"], self._units
         k, pair, tau, S_b = self._k, self._pair, of(slack.tau), np.eye(len(unit["P"]))[:, VELOCITY]
@@ -326,11 +318,8 @@ class Inequalities:
     def point(self, solver: str = cp.CLARABEL, **options: Any) -> Point:
         """Return the point of the specification, with the largest decay rate if it leaves α open.
 
-        α multiplies P, so it cannot be a variable: it is found by bisection from `alpha` up.
-
-        Args:
-            solver: name of an installed one that takes semidefinite problems.
-            options: of the solver, as `cvxpy.Problem.solve` takes them.
+        α multiplies P, so it cannot be a variable: it is found by bisection from `alpha` up. The options of the solver
+        are those that `cvxpy.Problem.solve` takes.
 
         Raises:
             NoPoint: none was found that is strictly feasible when recomputed from its values, whatever the status says.
@@ -380,6 +369,8 @@ class Inequalities:
         margin = min(_smallest_eigenvalue(self._P.value), *(_smallest_eigenvalue(-R) for _, R in reduced.values()))
         if not margin > 0.0:
             raise NoPoint(self, status, margin, result, program)
+        n_e = self._data.n_e
+        gains = self._M.value @ np.linalg.inv(self._P.value[:n_e, :n_e])
         return Point(
             alpha=float(self.alpha.value),
             gamma=self.specification.gamma or math.sqrt(float(self.gamma2.value)),
@@ -388,7 +379,7 @@ class Inequalities:
             L=getattr(self.L, "value", self.L),
             slack=tuple(self._expanded(letter, *matrices) for letter, matrices in reduced.items()),
             margin=margin,
-            largest_gain=self._largest_gain(),
+            largest_gain=float(np.linalg.norm(gains, ord=2, axis=(-2, -1)).max()),
             objective=float(problem.objective.value),
             status=status,
             variables=len(program["c"]),
@@ -417,10 +408,7 @@ class Inequalities:
         Then the rows ẋ_a have -2εI after the congruence and meet only w, through D_a. They cost D_aᵀ D_a / 2ε in the
         rows w, half of the margin of R < 0 there if ε = |D_a (-R⁻¹)_ww D_aᵀ|; a larger ε would worsen the condition.
 
-        Args:
-            letter: "Psi" or "Phi".
-            F: (p N_e, rows, rows), in units.
-            R: U F Uᵀ, negative definite.
+        F is Ψ or Φ (p N_e, rows, rows) in units, and R = U F Uᵀ < 0.
         """
         slack, n, p, unit = self._slack[letter == "Phi"], len(self._scaling.state), len(self.pairs), self._units
         S_b, S_a = np.eye(n)[:, VELOCITY], np.delete(np.eye(n), VELOCITY, axis=1)
@@ -440,11 +428,6 @@ class Inequalities:
         value = variable.value
         return np.where(np.abs(value) < DUST * np.abs(value).max(), 0.0, self._c * self._units[name] * value)
 
-    def _largest_gain(self) -> float:
-        n_e = self._data.n_e
-        gains = self._M.value @ np.linalg.inv(self._P.value[:n_e, :n_e])
-        return float(np.linalg.norm(gains, ord=2, axis=(-2, -1)).max())
-
 
 def _natural(given: Specification, scaling: Scaling) -> float:
     """Return the unit c of V that suits a specification."""
@@ -457,10 +440,6 @@ def _natural(given: Specification, scaling: Scaling) -> float:
 def _product(unit: np.ndarray, values: Any) -> Any:
     """Return the product entry by entry, of cvxpy's expressions or of numbers."""
     return cp.multiply(unit, values) if isinstance(values, cp.Expression) else unit * values
-
-
-def _as_it_is(entry: Any) -> Any:
-    return entry
 
 
 def _value_of(entry: Any) -> Any:

@@ -62,13 +62,7 @@ def smallest_pole(kappa: float, rate: float) -> float:
 
 
 def best_feedback(kappa: float, rate: float, fastest_pole: float) -> Feedback | None:
-    """Return the feedback with the smallest γ; None if none was found whose inequalities hold.
-
-    Args:
-        kappa: κ.
-        rate: a = α + μ [1/s].
-        fastest_pole: β [1/s].
-    """
+    """Return the feedback with the smallest γ for κ, a = α + μ [1/s] and β [1/s]; None without one that holds."""
     asked = _compiled(threading.get_ident())
     asked.share.value, asked.pole.value = 1.0 / kappa, (1.0 - STRICT) * fastest_pole / rate
     with warnings.catch_warnings():
@@ -113,10 +107,8 @@ def _holds(found: Feedback, kappa: float, rate: float) -> bool:
     for share in (1.0 / kappa, 1.0):
         matrices.append(-decay(share, rate=rate, gamma2=found.gamma**2, P=P, m=m))
         matrices.append(fastest(share, pole=found.fastest_pole, P=P, m=m))
-    for matrix in matrices:
-        diagonal = np.diag(matrix)
-        if not (diagonal > 0.0).all():
-            return False
-        if not np.linalg.eigvalsh(matrix / np.sqrt(np.outer(diagonal, diagonal)))[0] > 0.0:
-            return False
-    return True
+    diagonals = [np.diag(matrix) for matrix in matrices]
+    return all((diagonal > 0.0).all() for diagonal in diagonals) and all(
+        np.linalg.eigvalsh(matrix / np.sqrt(np.outer(diagonal, diagonal)))[0] > 0.0
+        for matrix, diagonal in zip(matrices, diagonals, strict=True)
+    )

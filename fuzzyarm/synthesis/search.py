@@ -23,32 +23,20 @@ from fuzzyarm.synthesis.inequalities import CERTAIN, PAPER_GAMMA, Inequalities, 
 from fuzzyarm.synthesis.scaling import Scaling
 from fuzzyarm.synthesis.specification import FIRST_ALPHA, Specification
 
-__all__ = [
-    "best_point", "lightness", "nearest_feasible", "scaled_gain", "why_infeasible",
-]  # fmt: skip
+__all__ = ["best_point", "lightness", "nearest_feasible", "scaled_gain", "why_infeasible"]
 
-FACTORS = (1.0, 3.0, 0.3, 10.0, 0.1, 30.0, 0.03)
-"""Factors on the unit of V that are tried in turn where the first is infeasible."""
+FACTORS = (1.0, 3.0, 0.3, 10.0, 0.1, 30.0, 0.03)  # on the unit of V, tried in turn where the first is infeasible
 KEPT = 8  # compiled problems
 MANY = 4  # rules, from which a scale is given up if one vertex is infeasible: 0.02 to 2 s instead of up to a minute
-MOST_SEARCHED = 4
-"""Rules up to which a limit is searched for with the whole model; one design with 32 takes ten seconds."""
-LOOSEST = 1e6
-"""γ of the consistent form in the units of an arm, far above any use."""
+MOST_SEARCHED = 4  # rules up to which a limit is searched for with the whole model; a design with 32 takes ten seconds
+LOOSEST = 1e6  # γ of the consistent form in the units of an arm, far above any use
+# Factor between the values that are tried of a limit, and resolution of the bisection that follows, relative.
 STEPS = {"fastest_pole": (2.0, 0.05), "gain_bound": (1.5, 0.1), "gamma": (10.0, 0.3), "alpha": (0.25, 0.02)}
-"""Factor between the values that are tried of a limit, and resolution of the bisection that follows, relative."""
-LIGHT = 2.0
-"""Inertia of Table 1 over an arm's, above which the default of γ is too much to ask."""
+LIGHT = 2.0  # inertia of Table 1 over an arm's, above which the default of γ is too much to ask
 
 
 def best_point(specification: Specification, arm: ArmParameters, vertex: int | None = None) -> Point | NoPoint:
-    """Return the point of a specification, or why the last attempt found none.
-
-    Args:
-        specification: what is asked.
-        arm: for which.
-        vertex: of A, whose inequalities alone are solved; None for all.
-    """
+    """Return the point of a specification, by the inequalities of one `vertex` of A or of all, or why there is none."""
     if specification.gamma is None and specification.form == "paper":
         return _smallest_gamma_paper(specification, arm, vertex)
     return _first_point(specification, arm, vertex)
@@ -147,26 +135,18 @@ def nearest_feasible(
 
     The fastest pole is raised up to a thousandfold, γ a millionfold, and the gain bound tenfold from the smallest
     gains; α [1/s] falls to `_slowest_tried`. None if no such value is feasible, or if the limit is not given.
-
-    Args:
-        specification: what was asked.
-        arm: for which.
-        name: of the limit, one of `STEPS`.
-        vertex: of A, whose inequalities alone are solved; None for all.
     """
+    found = None
 
     def solved(value: float | None) -> Point | NoPoint:
         changed: dict[str, Any] = {name: value}
         return best_point(dataclasses.replace(specification, **changed), arm, vertex)
 
-    found = None
-
     def fails(value: float) -> bool:
         nonlocal found
-        if isinstance(solved(value), NoPoint):
-            return True
-        found = value
-        return False
+        failed = isinstance(solved(value), NoPoint)
+        found = found if failed else value
+        return failed
 
     start = specification.first_alpha if name == "alpha" else getattr(specification, name)
     if start is None or (name == "gain_bound" and None in (specification.alpha, specification.gamma)):
@@ -197,12 +177,12 @@ def _slowest_tried(specification: Specification) -> float:
 def why_infeasible(specification: Specification, arm: ArmParameters) -> str:
     """Return the specification in words and the first limit that would do alone, and by how much.
 
-    The fastest pole is tried first, then α, the gain bound and γ; γ before α where it suits a heavier arm.
-
-    Where already one vertex of a large model allows too little, its limit is searched for and named: it takes seconds,
-    and the limit of all vertices is no larger.
+    The fastest pole is tried first, then α, the gain bound and γ; γ before α where it suits a heavier arm. Where
+    already one vertex of a large model allows too little, its limit is named, which is found within seconds.
     """
     s, alpha, rules, vertex = specification, specification.first_alpha, _rules(specification), None
+    limits = {"gamma": s.gamma, "the gain bound": s.gain_bound, "fastest_pole": s.fastest_pole}
+    limits = {name: value for name, value in limits.items() if value is not None}
     given = "" if s.gain_bound is None else f", gain bound {s.gain_bound:g} N m/rad"
     given += "" if s.fastest_pole is None else f", fastest pole {s.fastest_pole:g} 1/s"
     head = (
@@ -214,7 +194,9 @@ def why_infeasible(specification: Specification, arm: ArmParameters) -> str:
         if isinstance(best_point(specification, arm, 0), NoPoint):
             vertex, works = 0, "works for one vertex of the model alone"
         elif rules > MOST_SEARCHED:
-            return f"{head}; each of the model's vertices alone may allow this, all together do not: {_relaxed(s)}"
+            raised = [f"raise {name} above {value:g}" for name, value in limits.items()]
+            relaxed = " or ".join([f"lower alpha below {alpha:g}", *raised, "keep fewer premises"])
+            return f"{head}; each of the model's vertices alone may allow this, all together do not: {relaxed}"
 
     def nearest(name: str) -> float | None:
         return nearest_feasible(specification, arm, name, vertex)
@@ -233,18 +215,4 @@ def why_infeasible(specification: Specification, arm: ArmParameters) -> str:
         return f"{head}: the gain bound would have to give: the smallest that {works} is about {bound:.3g} N m/rad"
     if (gamma := nearest("gamma")) is not None:
         return f"{head}: gamma would have to give: the smallest that {works} is about {gamma:.2g}"
-    return f"{head}: raise {' or '.join(_limits(s))}"
-
-
-def _limits(specification: Specification) -> dict[str, float]:
-    """Return the limits from above that are given, by their names."""
-    s = specification
-    limits = {"gamma": s.gamma, "the gain bound": s.gain_bound, "fastest_pole": s.fastest_pole}
-    return {name: value for name, value in limits.items() if value is not None}
-
-
-def _relaxed(specification: Specification) -> str:
-    """Return which of the given limits may be relaxed."""
-    s = specification
-    given = [f"raise {name} above {value:g}" for name, value in _limits(s).items()]
-    return " or ".join([f"lower alpha below {s.first_alpha:g}", *given, "keep fewer premises"])
+    return f"{head}: raise {' or '.join(limits)}"

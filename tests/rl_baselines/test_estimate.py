@@ -31,8 +31,8 @@ from fuzzyarm.fuzzy_policy.laws.learned.estimate.signals import (  # noqa: E402
     unexplained_parts,
     units_of,
 )
+from fuzzyarm.rl_baselines.config import EstimateConfig  # noqa: E402
 from fuzzyarm.rl_baselines.estimate import courses as courses_module  # noqa: E402
-from fuzzyarm.rl_baselines.estimate.config import EstimateConfig  # noqa: E402
 from fuzzyarm.rl_baselines.estimate.courses import Courses, draw_courses  # noqa: E402
 from fuzzyarm.rl_baselines.estimate.driving import Drive  # noqa: E402
 from fuzzyarm.rl_baselines.estimate.student import Student  # noqa: E402

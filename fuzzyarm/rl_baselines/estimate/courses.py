@@ -60,23 +60,14 @@ _PLANE = 2  # directions in which the tip of a planar robot can move
 
 @dataclasses.dataclass(frozen=True)
 class TravelForce:
-    """The force of the module's docstring, in a fixed angle to the direction of travel.
+    """The force of the module's docstring, at a fixed angle to the direction of travel."""
 
-    Attributes:
-        level: f_0 [N].
-        swing: a.
-        frequency: ω [rad/s].
-        phase: φ [rad].
-        rotation: Q, its rows (axes, axes).
-        fade_speed: v_0 [m/s].
-    """
-
-    level: float
-    swing: float
-    frequency: float
-    phase: float
-    rotation: tuple[tuple[float, ...], ...]
-    fade_speed: float
+    level: float  # f_0 [N]
+    swing: float  # a
+    frequency: float  # ω [rad/s]
+    phase: float  # φ [rad]
+    rotation: tuple[tuple[float, ...], ...]  # Q, its rows (axes, axes)
+    fade_speed: float  # v_0 [m/s]
 
     def at(self, time: np.ndarray, tip_velocity: np.ndarray) -> np.ndarray:
         """Return the force (..., axes) [N] at times (...) [s] for tip velocities (..., axes) [m/s]."""
@@ -89,29 +80,17 @@ class TravelForce:
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class Courses:
-    """Lanes with their draws.
+    """Lanes with their draws."""
 
-    Attributes:
-        lanes: the arms.
-        start: (lanes, 4 n) where episodes begin; nan: at rest on the reference.
-        noise: (lanes,) of the encoders, in units of `NOISE`.
-        delay: (lanes,) lateness of the torques [control periods], in halves.
-        payload: (lanes,) mass at the tip [kg].
-    """
-
-    lanes: Lanes
-    start: np.ndarray
-    noise: np.ndarray
-    delay: np.ndarray
-    payload: np.ndarray
+    lanes: Lanes  # the arms
+    start: np.ndarray  # (lanes, 4 n) where episodes begin; nan: at rest on the reference
+    noise: np.ndarray  # (lanes,) of the encoders, in units of `NOISE`
+    delay: np.ndarray  # (lanes,) lateness of the torques [control periods], in halves
+    payload: np.ndarray  # (lanes,) mass at the tip [kg]
 
 
 def draw_courses(arm: AnyArm, count: int, period: float, generator: np.random.Generator) -> Courses:
-    """Draw `count` lanes for a control period [s].
-
-    Raises:
-        ValueError: the motors are too weak for these courses and loads.
-    """
+    """Draw `count` lanes for a control period [s]; ValueError if the motors are too weak for their loads."""
     scenarios = draw_scenarios(arm, count, generator)
     drawn = find_randomisation("nominal" if generator.random() < KNOWN else "plants", arm)
     lanes = Lanes(
@@ -133,11 +112,7 @@ def draw_courses(arm: AnyArm, count: int, period: float, generator: np.random.Ge
 
 
 def draw_scenarios(arm: AnyArm, count: int, generator: np.random.Generator) -> list[Scenario]:
-    """Draw `count` courses with a payload and a force.
-
-    Raises:
-        ValueError: the motors are too weak for these courses and loads.
-    """
+    """Draw `count` courses with a payload and a force; ValueError if the motors are too weak for them."""
     family, scale, robot = _family(arm), scale_of(arm), robot_of(arm)
     usual, span, axes = default_reference(arm), freedom(robot).motion, equations_of(arm).axes
     scenarios: list[Scenario] = []

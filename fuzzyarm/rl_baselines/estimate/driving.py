@@ -10,7 +10,7 @@ import torch
 from fuzzyarm.envs.batch.layout import SCALARS
 from fuzzyarm.fuzzy_policy.laws.learned.estimate.policy import LearnedObserverPolicy
 from fuzzyarm.fuzzy_policy.laws.learned.estimate.signals import units_of
-from fuzzyarm.rl_baselines.estimate.config import SEGMENT
+from fuzzyarm.rl_baselines.config import SEGMENT
 from fuzzyarm.rl_baselines.estimate.courses import NOISE, Courses
 from fuzzyarm.rl_baselines.estimate.student import as_tensor
 from fuzzyarm.rl_baselines.estimate.teacher import Teacher
@@ -24,23 +24,14 @@ _RESTARTS = 0.5  # share of the lanes that begin an episode again with each chun
 
 
 class Chunk(NamedTuple):
-    """What is learned from.
+    """Experience to learn from."""
 
-    Attributes:
-        z: (steps, lanes, numbers of z).
-        c: (steps, lanes, numbers of c).
-        label: (steps, lanes, n), what the teacher's torque has beyond u_b, as ρ.
-        free: (steps, lanes, n), 0 where the teacher's torque is at its limit or unknown, else 1.
-        begins: (steps, lanes, 1), 0 where an episode begins, else 1.
-        memory: (segments, lanes, hidden), h of the driving student before every `SEGMENT`-th step.
-    """
-
-    z: torch.Tensor
-    c: torch.Tensor
-    label: torch.Tensor
-    free: torch.Tensor
-    begins: torch.Tensor
-    memory: torch.Tensor
+    z: torch.Tensor  # (steps, lanes, numbers of z)
+    c: torch.Tensor  # (steps, lanes, numbers of c)
+    label: torch.Tensor  # (steps, lanes, n), what the teacher's torque has beyond u_b, as ρ
+    free: torch.Tensor  # (steps, lanes, n), 0 where the teacher's torque is at its limit or unknown, else 1
+    begins: torch.Tensor  # (steps, lanes, 1), 0 where an episode begins, else 1
+    memory: torch.Tensor  # (segments, lanes, hidden), h of the driving student before every `SEGMENT`-th step
 
     def window(self, segment: int, steps: int) -> Chunk:
         """Return so many steps from the beginning of a segment on."""
@@ -57,7 +48,6 @@ class Drive:
     """
 
     def __init__(self, courses: Courses, policy: LearnedObserverPolicy, generator: np.random.Generator) -> None:
-        """Begin an episode in every lane."""
         self._courses, self._lanes, self._generator = courses, courses.lanes, generator
         self._teacher = Teacher(policy.adaptive, courses)
         count, joints = self._lanes.count, policy.joints

@@ -20,15 +20,10 @@ _GATE = -2.0  # of s at the beginning: a memory of about eight samples
 class Student(torch.nn.Module):
     """The equations of `fuzzyarm.fuzzy_policy.laws.learned.estimate.network`.
 
-    Args:
-        hidden: numbers in h.
-        modulation: numbers in tanh(P c).
-        generator: of the first weights; V, G and D begin at zero, so the residual does.
-        physics: the equations of the arm.
+    `hidden` numbers are in h, `modulation` in tanh(P c). V, G and D begin at zero, so the residual does.
     """
 
     def __init__(self, hidden: int, modulation: int, generator: torch.Generator, physics: Physics) -> None:
-        """Draw the weights."""
         super().__init__()
         unexplained = unexplained_parts(physics.joints, physics.axes)
         self._load, self._gap = unexplained.load, unexplained.gap
@@ -49,14 +44,7 @@ class Student(torch.nn.Module):
     def forward(
         self, z: torch.Tensor, c: torch.Tensor, h: torch.Tensor, begins: torch.Tensor
     ) -> tuple[torch.Tensor, torch.Tensor]:
-        """Return ρ before it is clipped (steps, lanes, n) and h⁺ (steps, lanes, hidden).
-
-        Args:
-            z: (steps, lanes, numbers of z).
-            c: (steps, lanes, numbers of c).
-            h: (lanes, hidden) before the first step.
-            begins: (steps, lanes, 1), 0 where an episode begins, else 1.
-        """
+        """Return ρ before it is clipped (steps, lanes, n) and h⁺ (steps, lanes, hidden); see `Chunk` for the shapes."""
         # Tensors are taken apart before the loop: an index within it would have a derivative as large as the whole.
         n: Any = self  # its arrays by name
         gates = (z @ n.gate_z.T + c @ n.gate_c.T + n.gate_bias).unbind()

@@ -25,7 +25,7 @@ from fuzzyarm.envs.physics.parameters import ArmParameters
 from fuzzyarm.fuzzy_policy.laws.learned.definition import ArmDefinition
 from fuzzyarm.fuzzy_policy.laws.learned.estimate.bundle import EstimateBundle
 from fuzzyarm.fuzzy_policy.laws.learned.estimate.policy import LearnedObserverPolicy
-from fuzzyarm.rl_baselines.estimate.config import SEGMENT, EstimateConfig
+from fuzzyarm.rl_baselines.config import SEGMENT, EstimateConfig
 from fuzzyarm.rl_baselines.estimate.courses import draw_courses
 from fuzzyarm.rl_baselines.estimate.driving import Chunk, Drive
 from fuzzyarm.rl_baselines.estimate.student import Student
@@ -40,25 +40,22 @@ _SCALE = 0.02  # s
 _LAST_RATE, _LARGEST_GRADIENT = 1e-5, 1.0
 _NEWEST = 3  # one gradient step in so many is from the newest chunk
 
-Report = Callable[[dict[str, Any]], None]
-"""Takes the row of a chunk."""
-
 
 class EstimateTraining:
-    """A training from its settings.
-
-    Args:
-        config: the settings.
-        report: called after every chunk with its row of the curve.
-        arm: that the student is trained for; the arm of Table 1, if not said otherwise.
+    """A training from its settings, for the arm of Table 1 or another one.
 
     Attributes:
+        report: called after every chunk with its row of the curve.
         student: the network.
         rows: the curve: chunk, tip_error_mm (root mean square over all lanes), loss, lost (episodes that ended early).
     """
 
-    def __init__(self, config: EstimateConfig, report: Report = lambda row: None, arm: AnyArm | None = None) -> None:
-        """Make network and policy."""
+    def __init__(
+        self,
+        config: EstimateConfig,
+        report: Callable[[dict[str, Any]], None] = lambda row: None,
+        arm: AnyArm | None = None,
+    ) -> None:
         torch.set_num_threads(1)
         self.config, self.report, self._arm = config, report, ArmParameters() if arm is None else arm
         self._generator = np.random.default_rng(config.seed)
@@ -85,15 +82,11 @@ class EstimateTraining:
             replay.append(drive.chunk(self._policy, config.steps))
             learned = [self._update(replay, update) for update in range(config.updates)]
             self._policy = self._policy.with_network(self.student.network())
-            row = {
-                "chunk": number,
-                "tip_error_mm": 1e3 * drive.error,
-                "loss": float(np.mean(learned)),
-                "lost": drive.lost,
-            }
-            if not np.isfinite(row["loss"]):
+            loss = float(np.mean(learned))
+            row = {"chunk": number, "tip_error_mm": 1e3 * drive.error, "loss": loss, "lost": drive.lost}
+            if not np.isfinite(loss):
                 raise ValueError(
-                    f"the training has diverged: its loss is {row['loss']} in chunk {number}; choose a learning_rate "
+                    f"the training has diverged: its loss is {loss} in chunk {number}; choose a learning_rate "
                     f"below {config.learning_rate:g}, or another seed"
                 )
             self.rows.append(row)
@@ -101,13 +94,8 @@ class EstimateTraining:
         versions = {name: version(name) for name in ("fuzzyarm", "numpy", "torch", "llvmlite")}
         training = {**dataclasses.asdict(config), "cpu_time_s": round(time.process_time() - began, 1)}
         arm = self._arm if isinstance(self._arm, ArmParameters) else ArmDefinition(self._arm.name, self._arm.digest)
-        record: dict[str, Any] = {
-            "training": training,
-            "seed": config.seed,
-            "curve": self.rows,
-            "versions": versions,
-        }
-        return EstimateBundle(self.student.network(), arm, PERIOD, **record)
+        record: dict[str, Any] = {"training": training, "curve": self.rows, "versions": versions}
+        return EstimateBundle(self.student.network(), arm, PERIOD, seed=config.seed, **record)
 
     def _update(self, replay: deque[Chunk], number: int) -> float:
         """Do a gradient step and return the loss."""
