@@ -47,23 +47,14 @@ _INSTANTS = 400
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class Excitation(Reference):
-    """A Fourier series of two joints, from rest to rest.
+    """A Fourier series of two joints, from rest to rest."""
 
-    Attributes:
-        home: q_0 [rad], shape (2,).
-        sine: a s_k [rad], shape (harmonics, 2).
-        cosine: a c_k [rad], shape (harmonics, 2).
-        frequency: f [Hz].
-        duration: T [s].
-        parameters: the arm, for its tip.
-    """
-
-    home: np.ndarray
-    sine: np.ndarray
-    cosine: np.ndarray
-    frequency: float
-    duration: float
-    parameters: ArmParameters
+    home: np.ndarray  # q_0 [rad], (2,)
+    sine: np.ndarray  # a s_k [rad], (harmonics, 2)
+    cosine: np.ndarray  # a c_k [rad], (harmonics, 2)
+    frequency: float  # f [Hz]
+    duration: float  # T [s]
+    parameters: ArmParameters  # the arm, for its tip
 
     @property
     def joints(self) -> int:
@@ -107,7 +98,7 @@ class Excitation(Reference):
         return np.stack([-y / size, np.where(moving, x / size, 1.0)], axis=-1)
 
     def corners(self) -> np.ndarray:
-        """Return the times [s] at which q̈ has a corner, ascending: the ends of the ramps."""
+        """Return the times (4,) [s] at which q̈ has a corner, ascending: the ends of the ramps."""
         return np.array([0.0, _RAMP, self.duration - _RAMP, self.duration])
 
 

@@ -180,15 +180,11 @@ def _starts_of(motion: Motion, beginnings: np.ndarray, arm: Arm) -> np.ndarray:
     return np.concatenate([part[beginnings].T for part in parts])
 
 
-DEVIATIONS = 1.959963984540054
-"""Half width of a 95 % interval in standard deviations."""
+DEVIATIONS = 1.959963984540054  # half width of a 95 % interval in standard deviations
+# Lengths of the segments [s], one search after the other. Short ones stay with the log wherever the search begins. Long
+# ones have fewer states to find, which narrows the intervals and removes a bias: encoder noise reaches the torques
+# through the controller, so that the errors of a segment's state and the slopes after it are correlated.
 SEGMENTS = (0.1, 0.4, 0.8, 0.8)
-"""Lengths of the segments [s], one search after the other.
-
-Short ones stay with the log wherever the search begins. Long ones have fewer states to find, which narrows the
-intervals and removes a bias: the noise of the encoders reaches the torques through the controller, so that the errors
-of a segment's state and the slopes of what follows are correlated.
-"""
 _DIFFERENCE = 1e-5  # of the scale of a parameter
 _MOST_STEPS = 40
 _WORSE, _MOST_LOST = 6.0, 0.1  # standard deviations; share of all
@@ -201,27 +197,16 @@ _LEAST_NOISE = 1e-9  # share of the range of a signal, for logs without noise
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class Fit:
-    """What the output error found.
+    """The estimate by output error."""
 
-    Attributes:
-        theta: θ (17,), in the order of `UNKNOWNS`, each in its unit.
-        error: standard errors (17,); nan where θ is the start's.
-        told: which entries of θ the log tells, shape (17,).
-        at_bound: which entries lie at the end of their range, shape (17,).
-        condition: condition number of the information matrix of what is told, in units of the values.
-        noise: root mean square of what is left, of angles [rad] and velocities [rad/s], shape (2 or 4,).
-        correlation: of a residual with the one a sample later; near 0 if the model explains the log.
-        residual: measured less simulated, in its units, shape (samples, 2 or 4), segments one after the other.
-    """
-
-    theta: np.ndarray
-    error: np.ndarray
-    told: np.ndarray
-    at_bound: np.ndarray
-    condition: float
-    noise: np.ndarray
-    correlation: float
-    residual: np.ndarray
+    theta: np.ndarray  # θ (17,), in the order of `UNKNOWNS`, each in its unit
+    error: np.ndarray  # standard errors (17,); nan where θ is the start's
+    told: np.ndarray  # which entries of θ the log determines, (17,)
+    at_bound: np.ndarray  # which entries lie at the end of their range, (17,)
+    condition: float  # condition number of the information matrix of the determined entries, in units of the values
+    noise: np.ndarray  # root mean square of the residual angles [rad] and velocities [rad/s], (2 or 4,)
+    correlation: float  # of a residual with the one a sample later; near 0 if the model explains the log
+    residual: np.ndarray  # measured less simulated, in its units, (samples, 2 or 4), segments one after the other
 
 
 def noise_of(log: Log) -> np.ndarray:

@@ -55,14 +55,14 @@ CLARABEL = {
 }
 CERTAIN = "PrimalInfeasible"
 """The solver's status of a proof that there is no point, to its full accuracy."""
-INFEASIBLE = (CERTAIN, "AlmostPrimalInfeasible")
+_INFEASIBLE = (CERTAIN, "AlmostPrimalInfeasible")
 
 # γ ties the unit c of V to P. In the consistent form c goes with σ/(γU)²; 0.37 of that gives the smallest gains with z1
 # kept, 0.6 with z1 dropped (α = 20, γ = 2e-4). In the paper's form 1e-4 at γ = 1000 suits every model.
-BEST_SCALE = {True: 0.37, False: 0.6}
-PAPER_SCALE, PAPER_GAMMA = 1e-4, 1000.0
-ALPHA_RESOLUTION = 0.01  # relative, of the largest decay rate
-DUST = 1e-9  # relative, of an entry of P or M that a solver means to be zero
+_BEST_SCALE = {True: 0.37, False: 0.6}
+_PAPER_SCALE, PAPER_GAMMA = 1e-4, 1000.0
+_ALPHA_RESOLUTION = 0.01  # relative, of the largest decay rate
+_DUST = 1e-9  # relative, of an entry of P or M that a solver means to be zero
 
 
 class NoPoint(ValueError):
@@ -81,7 +81,7 @@ class NoPoint(ValueError):
         self, problem: Inequalities, status: str, margin: float, result: Any = None, program: Any = None
     ) -> None:
         self.problem, self.status, self.margin, self.result, self.program = problem, status, margin, result, program
-        self.ray = np.array(result.z) if result is not None and status in INFEASIBLE else None
+        self.ray = np.array(result.z) if result is not None and status in _INFEASIBLE else None
         found = "a proof that there is none" if self.ray is not None else f"a point with margin {margin:.2g}"
         super().__init__(
             f"no strictly feasible point: the solver ended with {status} and {found}; lower alpha, or raise gamma, the "
@@ -340,7 +340,7 @@ class Inequalities:
 
         first, pole = best.alpha, self.specification.fastest_pole
         bad, limit = (2.0 * first, RATES[1]) if pole is None else (pole, None)  # no pole is faster: it bounds α, too
-        last_that_works(works, first, bad, resolution=ALPHA_RESOLUTION, limit=limit)
+        last_that_works(works, first, bad, resolution=_ALPHA_RESOLUTION, limit=limit)
         self.alpha.value = best.alpha
         for variable, value in zip(variables, values, strict=True):
             variable.save_value(value)
@@ -357,7 +357,7 @@ class Inequalities:
                 compiled = time.perf_counter()
                 result = chain.solve_via_data(problem, program, solver_opts=options)
                 status = str(result.status) if solver == cp.CLARABEL else ""
-                if status in INFEASIBLE:
+                if status in _INFEASIBLE:
                     raise NoPoint(self, status, -math.inf, result, program)
                 problem.unpack_results(_where_it_ended(result) if status else result, chain, inverse)
             except cp.SolverError as error:
@@ -426,15 +426,15 @@ class Inequalities:
     def _without_dust(self, name: str, variable: Any) -> np.ndarray:
         """Return P or M in SI units; what a solver means to be zero is zero."""
         value = variable.value
-        return np.where(np.abs(value) < DUST * np.abs(value).max(), 0.0, self._c * self._units[name] * value)
+        return np.where(np.abs(value) < _DUST * np.abs(value).max(), 0.0, self._c * self._units[name] * value)
 
 
 def _natural(given: Specification, scaling: Scaling) -> float:
     """Return the unit c of V that suits a specification."""
     if given.form == "paper":
-        return PAPER_SCALE * (PAPER_GAMMA / (given.gamma or PAPER_GAMMA)) ** 2
+        return _PAPER_SCALE * (PAPER_GAMMA / (given.gamma or PAPER_GAMMA)) ** 2
     gamma = given.gamma or 1.0 / scaling.stiffness
-    return float(BEST_SCALE["z1" in given.kept] * scaling.time / (gamma * scaling.torque.mean()) ** 2)
+    return float(_BEST_SCALE["z1" in given.kept] * scaling.time / (gamma * scaling.torque.mean()) ** 2)
 
 
 def _product(unit: np.ndarray, values: Any) -> Any:

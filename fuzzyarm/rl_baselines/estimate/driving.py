@@ -12,7 +12,6 @@ from fuzzyarm.fuzzy_policy.laws.learned.estimate.policy import LearnedObserverPo
 from fuzzyarm.fuzzy_policy.laws.learned.estimate.signals import units_of
 from fuzzyarm.rl_baselines.config import SEGMENT
 from fuzzyarm.rl_baselines.estimate.courses import NOISE, Courses
-from fuzzyarm.rl_baselines.estimate.student import as_tensor
 from fuzzyarm.rl_baselines.estimate.teacher import Teacher
 
 __all__ = ["Chunk", "Drive"]
@@ -80,7 +79,7 @@ class Drive:
             squares += self._step(self._late(np.clip(torque, -limit, limit)))
         self.error = float(np.sqrt(squares / steps))
         rho = np.clip((label - seen[:, :, part.base]) / self._torques, -1.0, 1.0)
-        return Chunk(*map(as_tensor, (seen[:, :, part.z], seen[:, :, part.c], rho, free, begins, np.array(memory))))
+        return Chunk(*map(_as_tensor, (seen[:, :, part.z], seen[:, :, part.c], rho, free, begins, np.array(memory))))
 
     def _read(self) -> np.ndarray:
         """Return the observation (lanes, 5 n) with encoder noise."""
@@ -115,3 +114,7 @@ class Drive:
         if len(which):
             begun = self._lanes.reset(None, None, self._courses.start[which], which)
             self._observation[which] = begun[0]
+
+
+def _as_tensor(array: np.ndarray) -> torch.Tensor:
+    return torch.from_numpy(np.ascontiguousarray(array, dtype=np.float32))

@@ -11,6 +11,7 @@ seed gives the same network on the same machine.
 from __future__ import annotations
 
 import dataclasses
+import math
 import time
 from collections import deque
 from collections.abc import Callable
@@ -22,15 +23,17 @@ import torch
 
 from fuzzyarm.envs.physics.equations import AnyArm, equations_of
 from fuzzyarm.envs.physics.parameters import ArmParameters
+from fuzzyarm.envs.physics.physics import Physics
 from fuzzyarm.fuzzy_policy.laws.learned.definition import ArmDefinition
 from fuzzyarm.fuzzy_policy.laws.learned.estimate.bundle import EstimateBundle
+from fuzzyarm.fuzzy_policy.laws.learned.estimate.network import EstimateNetwork, shapes_of
 from fuzzyarm.fuzzy_policy.laws.learned.estimate.policy import LearnedObserverPolicy
+from fuzzyarm.fuzzy_policy.laws.learned.estimate.signals import GAP_SHARE, QUIET, context_parts, unexplained_parts
 from fuzzyarm.rl_baselines.config import SEGMENT, EstimateConfig
 from fuzzyarm.rl_baselines.estimate.courses import draw_courses
 from fuzzyarm.rl_baselines.estimate.driving import Chunk, Drive
-from fuzzyarm.rl_baselines.estimate.student import Student
 
-__all__ = ["PERIOD", "EstimateTraining"]
+__all__ = ["PERIOD", "EstimateTraining", "Student"]
 
 
 PERIOD = 1e-3
@@ -39,6 +42,53 @@ PERIOD = 1e-3
 _SCALE = 0.02  # s
 _LAST_RATE, _LARGEST_GRADIENT = 1e-5, 1.0
 _NEWEST = 3  # one gradient step in so many is from the newest chunk
+
+
+class Student(torch.nn.Module):
+    """The equations of `fuzzyarm.fuzzy_policy.laws.learned.estimate.network`.
+
+    `hidden` numbers are in h, `modulation` in tanh(P c). V, G and D begin at zero, so the residual does.
+    """
+
+    def __init__(self, hidden: int, modulation: int, generator: torch.Generator, physics: Physics) -> None:
+        super().__init__()
+        unexplained = unexplained_parts(physics.joints, physics.axes)
+        self._load, self._gap = unexplained.load, unexplained.gap
+        self._motion = context_parts(physics.joints, physics.axes).motion
+        for name, shape in shapes_of(hidden, modulation, physics.joints, physics.axes).items():
+            if len(shape) == 1 or name in "VGD":
+                tensor = torch.zeros(shape)
+            else:
+                tensor = torch.randn(shape, generator=generator) / math.sqrt(shape[1])
+            setattr(self, name, torch.nn.Parameter(tensor))
+        with torch.no_grad():
+            self.get_parameter("gate_bias")[:hidden] = -2.0  # of s: a memory of about eight samples
+
+    def network(self) -> EstimateNetwork:
+        """Return the network as it is shipped, in single precision."""
+        return EstimateNetwork(**{name: value.detach().numpy().copy() for name, value in self.named_parameters()})
+
+    def forward(
+        self, z: torch.Tensor, c: torch.Tensor, h: torch.Tensor, begins: torch.Tensor
+    ) -> tuple[torch.Tensor, torch.Tensor]:
+        """Return ρ before it is clipped (steps, lanes, n) and h⁺ (steps, lanes, hidden); see `Chunk` for the shapes."""
+        # Tensors are taken apart before the loop: an index within it would have a derivative as large as the whole.
+        n: Any = self  # its arrays by name
+        gates = (z @ n.gate_z.T + c @ n.gate_c.T + n.gate_bias).unbind()
+        candidate = (z @ n.A.T + (c @ n.C.T) * (z @ n.B.T)).unbind()
+        gate_h, kept, states = n.gate_h.T, n.U.T, []
+        for at_gate, at_candidate, begin in zip(gates, candidate, begins.unbind(), strict=True):
+            h = h * begin
+            s, r = torch.sigmoid(torch.addmm(at_gate, h, gate_h)).chunk(2, dim=1)
+            h = torch.lerp(h, torch.tanh(torch.addcmul(at_candidate, r, h @ kept)), s)
+            states.append(h)
+        after = torch.stack(states)
+        weights = 1.0 + torch.tanh(c @ n.P.T + n.p_0) @ n.W.T
+        remembered, gap = after * weights, GAP_SHARE * torch.sinh(z[..., self._gap])
+        answer = remembered @ n.V.T + (remembered @ n.G.T) * gap + z @ n.D.T
+        square = z[..., self._load].square().sum(-1, keepdim=True)
+        heard = square / (square + QUIET * QUIET)
+        return (c[..., self._motion] * heard) * answer, after
 
 
 class EstimateTraining:
