@@ -91,7 +91,7 @@ def measure(seeds: int, duration: float) -> dict[str, Any]:
         "noise": dataclasses.asdict(NOISE),
         "motion": {
             "condition": condition_of(motion, truth),
-            **{name: part.tolist() for name, part in use_of(motion, truth)._asdict().items()},
+            **{name: part.tolist() for name, part in use_of(motion, truth).items()},
         },
         "logs": {
             name: {

@@ -22,9 +22,7 @@ if TYPE_CHECKING:
     from fuzzyarm.eval.engine import Engine
     from fuzzyarm.eval.episodes.metrics import metrics_of
     from fuzzyarm.eval.episodes.rollout import Rollout, run_episode
-    from fuzzyarm.eval.episodes.rollout_file import write_rollouts
     from fuzzyarm.eval.evaluation.figures import write_figures
-    from fuzzyarm.eval.evaluation.ranking import rank_policies
     from fuzzyarm.eval.evaluation.run import EvaluationConfig, evaluate, write_results
     from fuzzyarm.eval.report.page import write_report
     from fuzzyarm.eval.stability.margins import MarginsConfig, measure_margins
@@ -82,7 +80,6 @@ __all__ = [
     "load_policy",
     "measure_margins",
     "metrics_of",
-    "rank_policies",
     "read_log",
     "robot_named",
     "run_bench",
@@ -94,51 +91,39 @@ __all__ = [
     "write_figures",
     "write_report",
     "write_results",
-    "write_rollouts",
 ]
 __version__ = version("fuzzyarm")
 
 _HOMES = {
-    "ArmParameters": "envs.physics.parameters",
-    "BenchConfig": "eval.bench.run",
-    "Controller": "fuzzy_policy.controller",
-    "Design": "synthesis",
-    "DesignFailed": "synthesis",
-    "DesignProblem": "synthesis",
-    "Engine": "eval.engine",
-    "EvaluationConfig": "eval.evaluation.run",
-    "MarginsConfig": "eval.stability.margins",
-    "Robot": "envs.physics.robot",
-    "Rollout": "eval.episodes.rollout",
-    "ScheduledSpecification": "synthesis",
-    "Specification": "synthesis",
-    "Sweep": "eval.sweep.run",
-    "SweepConfig": "eval.sweep.config",
-    "TSModel": "fuzzy_policy.ts_model",
-    "TipClaim": "policies.tip_bound",
-    "add_policy": "policies",
-    "certify": "proof.certificate",
-    "design": "synthesis",
-    "design_scheduled": "synthesis",
-    "evaluate": "eval.evaluation.run",
-    "export_c": "export.c_files",
-    "find_bound": "policies.tip_bound",
-    "identify": "identification.result",
-    "measure_margins": "eval.stability.margins",
-    "metrics_of": "eval.episodes.metrics",
-    "rank_policies": "eval.evaluation.ranking",
-    "read_log": "identification.log",
-    "robot_named": "envs.physics.robot",
-    "run_bench": "eval.bench.run",
-    "run_episode": "eval.episodes.rollout",
-    "save_bound": "policies.tip_files",
-    "sheet_of": "export.sheet",
-    "tune_arm": "eval.tuning.run",
-    "verify_file": "proof.verification",
-    "write_figures": "eval.evaluation.figures",
-    "write_report": "eval.report.page",
-    "write_results": "eval.evaluation.run",
-    "write_rollouts": "eval.episodes.rollout_file",
+    name: home
+    for home, names in {
+        "envs.physics.parameters": "ArmParameters",
+        "envs.physics.robot": "Robot robot_named",
+        "eval.bench.run": "BenchConfig run_bench",
+        "eval.engine": "Engine",
+        "eval.episodes.metrics": "metrics_of",
+        "eval.episodes.rollout": "Rollout run_episode",
+        "eval.evaluation.figures": "write_figures",
+        "eval.evaluation.run": "EvaluationConfig evaluate write_results",
+        "eval.report.page": "write_report",
+        "eval.stability.margins": "MarginsConfig measure_margins",
+        "eval.sweep.config": "SweepConfig",
+        "eval.sweep.run": "Sweep",
+        "eval.tuning.run": "tune_arm",
+        "export.c_files": "export_c",
+        "export.sheet": "sheet_of",
+        "fuzzy_policy.controller": "Controller",
+        "fuzzy_policy.ts_model": "TSModel",
+        "identification.log": "read_log",
+        "identification.result": "identify",
+        "policies": "add_policy",
+        "policies.tip_bound": "TipClaim find_bound",
+        "policies.tip_files": "save_bound",
+        "proof.certificate": "certify",
+        "proof.verification": "verify_file",
+        "synthesis": "Design DesignFailed DesignProblem ScheduledSpecification Specification design design_scheduled",
+    }.items()
+    for name in names.split()
 }
 __getattr__ = lazily(__name__, _HOMES)
 

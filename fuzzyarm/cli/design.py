@@ -103,15 +103,14 @@ def run(options: Options) -> int:
 def _scheduled_specification(options: Options, joints: int) -> ScheduledSpecification:
     from fuzzyarm.synthesis import ScheduledSpecification
 
-    unfit = {
+    for option, present in {
         "--alpha max": options.alpha == "max",
         "--gamma min": options.gamma == "min",
         "--gain-bound": options.gain_bound is not None,
         "--common-multiplier": options.common_multiplier,
         "--feedforward": options.feedforward is not None,
         "--no-integral": not options.integral,
-    }
-    for option, present in unfit.items():
+    }.items():
         if present:
             raise UsageError(f"{option} does not go with the semidefinite form; leave it out")
     return ScheduledSpecification(
@@ -169,10 +168,5 @@ def _specification(options: Options) -> Specification:
         gamma = 2e-4 if form == "consistent" else 1000.0
     if options.feedforward is not None and form != "paper":
         raise UsageError("--feedforward goes with --theorem paper; leave it out")
-    values = given(options, Specification) | {
-        "kept": kept,
-        "form": form,
-        "alpha": alpha if isinstance(alpha, float) else None,
-        "gamma": None if gamma == "min" else gamma,
-    }
-    return Specification(**values)
+    limits = {"alpha": None if alpha == "max" else alpha, "gamma": None if gamma == "min" else gamma}
+    return Specification(**given(options, Specification) | limits | {"kept": kept, "form": form})

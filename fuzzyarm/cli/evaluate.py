@@ -13,9 +13,6 @@ from fuzzyarm.cli.usage import Allowed, UsageError, claimed_folder
 from fuzzyarm.common.console import output, print_paragraphs, progress, say, say_json
 
 if TYPE_CHECKING:
-    from collections.abc import Sequence
-
-    from fuzzyarm.eval.episodes.rollout import Rollout
     from fuzzyarm.eval.evaluation.run import EvaluationConfig
 
 __all__ = ["Options", "run"]
@@ -98,20 +95,14 @@ def run(options: Options) -> int:
             print_paragraphs(console, [f"{name}: {proven}"])
         lines = verdict(evaluation.rows, evaluation.certificates, out, len(written), titles)
         print_paragraphs(console, ["\n".join(lines)])
-    for line in (*_remarkable(evaluation.rollouts), *evaluation.remarks):
+    for run in evaluation.rollouts:
+        if not run.completed:
+            say(f"{run.policy} in case {run.case} ended at {run.time[-1]:.3f} s: {run.reason}", error=True)
+        if run.note:  # its estimate is wrong
+            say(f"{run.policy} in case {run.case}, seed {run.seed}: {run.note}", error=True)
+    for line in evaluation.remarks:
         say(line, error=True)
     return 0 if evaluation.complete else 1
-
-
-def _remarkable(rollouts: Sequence[Rollout]) -> list[str]:
-    """Return a line for each episode that ended early, and for each policy that says that its estimate is wrong."""
-    lines = []
-    for run in rollouts:
-        if not run.completed:
-            lines.append(f"{run.policy} in case {run.case} ended at {run.time[-1]:.3f} s: {run.reason}")
-        if run.note:
-            lines.append(f"{run.policy} in case {run.case}, seed {run.seed}: {run.note}")
-    return lines
 
 
 def _config(options: Options) -> EvaluationConfig:

@@ -66,35 +66,28 @@ def run(options: Options) -> int:
             f"--robot {options.robot} is a robot of {len(arm)} joints by their frames; allowed: two-joint arms, by the "
             "fields of ArmParameters"
         )
-    if options.suggest is not None:
-        return _suggest(options, arm, options.suggest)
-    assert options.log is not None
-    return _identify(options, arm, options.log)
+    return _identify(options, arm, options.log) if options.log is not None else _suggest(options, arm)
 
 
-def _suggest(options: Options, arm: ArmParameters, path: Path) -> int:
-    """Write a motion and say what it asks of the arm."""
+def _suggest(options: Options, arm: ArmParameters) -> int:
+    """Write a motion and say how much of the arm's limits it takes."""
+    assert options.suggest is not None
     from fuzzyarm.common.files import write_atomically
     from fuzzyarm.identification.excitation import condition_of, motion_csv, suggested, use_of
 
     with status("searching a motion"):
         motion = suggested(arm) if options.duration is None else suggested(arm, options.duration)
     use, condition = use_of(motion, arm), condition_of(motion, arm)
-    write_atomically(path, motion_csv(motion, arm))
+    write_atomically(options.suggest, motion_csv(motion, arm))
     limits = {"angle": arm.joint_limit, "velocity": arm.velocity_limit, "torque": arm.torque_limit}
     if options.json:
-        largest = {name: part.tolist() for name, part in use._asdict().items()}
-        document = {"duration": motion.duration, "condition": condition, "largest": largest, "limits": limits}
-        say_json(document)
+        largest = {name: part.tolist() for name, part in use.items()}
+        say_json({"duration": motion.duration, "condition": condition, "largest": largest, "limits": limits})
         return 0
-    units = {"angle": "rad", "velocity": "rad/s", "torque": "N m"}
     say(f"a motion of {motion.duration:g} s from rest to rest; condition number {condition:.3g}")
-    for name, part in use._asdict().items():
-        first, second = part.tolist()
-        say(
-            f"largest {name}: {first:.3g} and {second:.3g} of {limits[name][0]:g} and {limits[name][1]:g} {units[name]}"
-        )
-    say(f"written to {path}")
+    for (name, (first, second)), unit in zip(use.items(), ("rad", "rad/s", "N m"), strict=True):
+        say(f"largest {name}: {first:.3g} and {second:.3g} of {limits[name][0]:g} and {limits[name][1]:g} {unit}")
+    say(f"written to {options.suggest}")
     return 0
 
 
@@ -112,17 +105,10 @@ def _identify(options: Options, start: ArmParameters, path: Path) -> int:
     if options.json:
         say_json(found.to_dict())
         return 0
-    cells = [
-        (
-            row["name"],
-            row["unit"],
-            f"{row['start']:.6g}",
-            f"{row['value']:.6g}",
-            f"{row['high'] - row['value']:.2g}" if row["told"] else "not told",
-        )
-        for row in found.rows()
-    ]
-    console = output()
+    cells, console = [], output()
+    for row in found.rows():
+        width = f"{row['high'] - row['value']:.2g}" if row["told"] else "not told"
+        cells.append((row["name"], row["unit"], f"{row['start']:.6g}", f"{row['value']:.6g}", width))
     Sheet(["parameter", "unit", "start", "found", "95 % interval, +-"], cells, left=(0, 1)).print(console)
     noise = found.fit.noise.tolist()
     left = "angles {:.2g} and {:.2g} rad".format(*noise)

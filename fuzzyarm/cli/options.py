@@ -21,8 +21,8 @@ __all__ = ["arguments_of", "chosen", "given", "named_as_option", "option_name", 
 Options = TypeVar("Options")
 Config = TypeVar("Config")
 
+# Fields with several values whose option gives one at a time: it may be repeated.
 _NAMES = {"policies": "policy", "cases": "case", "ranges": "range"}
-"""Fields with several values whose option gives one at a time: it may be repeated."""
 
 
 def option_name(field: str) -> str:
@@ -70,11 +70,7 @@ def given(options: object, config: type) -> dict[str, Any]:
 
 
 def chosen(options: object, start: Config) -> Config:
-    """Return a configuration with the fields changed that the command line gave.
-
-    Raises:
-        ValueError: the configuration refuses a value.
-    """
+    """Return a configuration with the fields changed that the command line gave; ValueError if it refuses a value."""
     changed: Config = dataclasses.replace(start, **given(options, type(start)))  # type: ignore[type-var]
     return changed
 

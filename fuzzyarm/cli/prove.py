@@ -95,10 +95,8 @@ def _by_cells(options: Options, claim: TipClaim) -> tuple[dict[str, Any], str]:
     from fuzzyarm.policies.tip_files import save_cells
 
     divisions, jobs = options.cells or [], whole("--jobs", options.jobs, low=1, high=64)
-    count = sum(1 for _ in cells(claim.plants, divisions))
-    arm = problem_of(claim).parameters
-    found = []
-    with progress("cells", count) as advance:
+    arm, found = problem_of(claim).parameters, []
+    with progress("cells", sum(1 for _ in cells(claim.plants, divisions))) as advance:
         for parts in bounds_of_cells(claim, divisions, jobs, options.out):
             found += parts
             advance()
@@ -110,9 +108,7 @@ def _by_cells(options: Options, claim: TipClaim) -> tuple[dict[str, Any], str]:
     motion = claim.motion(min(cell.samples for cell in found))
     rows = [{**{name: cell.plants.to_dict()[name] for name in fields}, "bound": cell.bound} for cell in found]
     named = {"policy": options.policy, "case": options.case, "set": claim.named_set(arm)}
-    text = f"{plain(options.policy)}, {len(found)} cells of {', '.join(names)}"
-    plants = f"set {claim.named_set(arm)} ({arm_in_words(arm)})"
-    return (
-        named | {"proven": True, "bound": most, "cells": rows},
-        f"{text}: the tip error is at most {at_most(1e3 * most, 4)} mm for {plants}\n  {motion}: PROVEN",
+    return named | {"proven": True, "bound": most, "cells": rows}, (
+        f"{plain(options.policy)}, {len(found)} cells of {', '.join(names)}: the tip error is at most "
+        f"{at_most(1e3 * most, 4)} mm for set {claim.named_set(arm)} ({arm_in_words(arm)})\n  {motion}: PROVEN"
     )

@@ -54,12 +54,7 @@ def run(options: Options) -> int:
 
 
 def loaded(name: str, robot: str | None) -> Policy:
-    """Return a policy by name for a robot; a controller file without one for the arm that it was designed for.
-
-    Raises:
-        ValueError: there is no such policy or robot, or they do not go together.
-        OSError: a file cannot be read.
-    """
+    """Return a policy by name for a robot; a controller file without one for the arm that it was designed for."""
     from fuzzyarm.fuzzy_policy.controller import Controller
     from fuzzyarm.fuzzy_policy.controller_files import load_controller
     from fuzzyarm.policies import Kind, load_policy, resolve
@@ -67,7 +62,6 @@ def loaded(name: str, robot: str | None) -> Policy:
     spec = resolve(name)
     if robot is None and spec.kind is Kind.CONTROLLER and not spec.named and spec.path is not None:
         controller = load_controller(spec.path)
-        return load_policy(
-            name, robot=controller.model.parameters if isinstance(controller, Controller) else controller.robot
-        )
+        own = controller.model.parameters if isinstance(controller, Controller) else controller.robot
+        return load_policy(name, robot=own)
     return load_policy(name, robot=robot)

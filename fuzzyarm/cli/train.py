@@ -1,34 +1,39 @@
-"""`fuzzyarm train ALGORITHM`: a command for each learning algorithm, and for regression, with its settings."""
+"""`fuzzyarm train ALGORITHM`: a command for each learning algorithm, and for regression, with its settings.
+
+The folder gets ``curve.csv`` (a row per update), ``checkpoint.pt``, the bundles ``policy`` (the last evaluated) and
+``best`` (the smallest tip error so far), and at the end ``run.json`` (wall and processor time); with tensorboard
+installed ``tensorboard`` too.
+"""
 
 from __future__ import annotations
 
+import contextlib
 import dataclasses
+import time
+from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, ClassVar
+from typing import TYPE_CHECKING, Annotated, Any, ClassVar
 
 from cyclopts import App, Parameter
 
 from fuzzyarm.cli.options import chosen, given, option_name, with_fields_of
 from fuzzyarm.cli.usage import UsageError, claimed_folder
 from fuzzyarm.common.console import progress, say, status
+from fuzzyarm.envs.scenario.cases import PAPER_CASES
 from fuzzyarm.rl_baselines.algorithms import ALGORITHMS, find_algorithm
-from fuzzyarm.rl_baselines.estimate.config import EstimateConfig
+from fuzzyarm.rl_baselines.config import EstimateConfig
 
 if TYPE_CHECKING:
     from fuzzyarm.rl_baselines.algorithm import AlgorithmSpec
     from fuzzyarm.rl_baselines.config import TrainingConfig
 
-__all__ = ["EstimateOptions", "Options", "add_algorithms", "options_of", "run"]
+__all__ = ["EstimateOptions", "Options", "add_algorithms", "options_of", "run", "train_with_progress"]
 
 
 @dataclass(frozen=True, kw_only=True)
 class Options:
-    """What the options of all algorithms begin with.
-
-    Attributes:
-        algorithm: its name.
-    """
+    """What the options of all algorithms begin with."""
 
     algorithm: ClassVar[str]
 
@@ -83,8 +88,6 @@ def run(options: Options | EstimateOptions) -> int:
     """Train a policy, or continue a training."""
     if isinstance(options, EstimateOptions):
         return _estimate(options)
-    from fuzzyarm.rl_baselines.progress import train_with_progress
-
     config = None if options.resume else _config(options)
     total = getattr(options, "total_timesteps", None) if options.resume else None
     if options.resume:
@@ -95,6 +98,66 @@ def run(options: Options | EstimateOptions) -> int:
         train_with_progress(config, options.out, total, options.algorithm)
     say(f"written to {options.out / 'policy'}")
     return 0
+
+
+def train_with_progress(
+    config: TrainingConfig | None, folder: Path, total: int | None = None, algorithm: str | None = None
+) -> None:
+    """Train with a progress bar on the terminal and a line for every evaluation.
+
+    Without a configuration the training in the folder is resumed; `total` and `algorithm` as for `Training.resume`.
+
+    Raises:
+        ValueError: the folder holds a training already, or none to resume, or the configuration is refused; or torch or
+            stable-baselines3 is not installed.
+        OSError: the folder cannot be written.
+    """
+    with _training_libraries():
+        from fuzzyarm.rl_baselines.training import CHECKPOINT, Training, tensorboard_installed
+
+        if config is not None and (folder / CHECKPOINT).exists():
+            raise ValueError(f"{folder} holds a training already; go on with --resume, or choose another folder")
+        with status("compiling and loading"):
+            training = Training(config, folder) if config else Training.resume(folder, total, algorithm)
+    threads = training.config.threads
+    title = f"training, {threads} {'thread' if threads == 1 else 'threads'}"
+    with progress(title, training.config.total_timesteps) as advance:
+        if training.config.tensorboard and not tensorboard_installed():
+            advance(
+                line='no TensorBoard logs: tensorboard is not installed (pip install -c constraints.txt -e ".[rl]")'
+            )
+        first, began = training.algorithm.steps, time.perf_counter()
+        advance(completed=first)
+
+        def show(row: dict[str, Any]) -> None:
+            rate = (row["steps"] - first) / (time.perf_counter() - began)
+            line = f"{row['steps']:>11,} steps, {rate:,.0f}/s; largest tip error [mm]: {_errors(row)}"
+            description = f"{rate:,.0f} steps/s, tip error {row['tip_error_mm']:.2f} mm"
+            advance(description, completed=row["steps"], line=line if _errors(row) else None)
+
+        training.report = show
+        training.run()
+
+
+def _errors(row: dict[str, Any]) -> str:
+    """Return the largest tip errors of an evaluation by case; empty if the row holds none."""
+    return ", ".join(
+        f"{case} {row[f'{case}_max_mm']:.2f}"
+        + ("" if row[f"{case}_share"] == 1.0 else f" (left after {100 * row[f'{case}_share']:.0f} %)")
+        for case in PAPER_CASES
+        if f"{case}_max_mm" in row
+    )
+
+
+@contextlib.contextmanager
+def _training_libraries() -> Iterator[None]:
+    """Say how to install torch or stable-baselines3 where the code within misses one of them."""
+    try:
+        yield
+    except ModuleNotFoundError as error:
+        raise ValueError(
+            f'{error.name} is not installed; to train, run in the repository: pip install -c constraints.txt -e ".[rl]"'
+        ) from None
 
 
 def _config(options: Options) -> TrainingConfig:
@@ -124,12 +187,8 @@ def _estimate(options: EstimateOptions) -> int:
     folder = options.out / LAST
     if folder.exists():
         raise UsageError(f"{folder} holds a policy already; choose another folder")
-    try:
+    with _training_libraries():
         from fuzzyarm.rl_baselines.estimate.training import EstimateTraining
-    except ModuleNotFoundError as error:
-        raise UsageError(
-            f'{error.name} is not installed; to train, run in the repository: pip install -c constraints.txt -e ".[rl]"'
-        ) from None
     with claimed_folder(options.out):
         with status("compiling and loading"):
             training = EstimateTraining(config, arm=arm)

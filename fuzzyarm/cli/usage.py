@@ -34,11 +34,8 @@ class Allowed(str):
 def claimed_folder(folder: Path, *, make: bool = True) -> Iterator[None]:
     """Make a folder if needed, unless `make` is false, and let no other command write to it while the block runs.
 
-    A folder that was made and is empty at the end, since the command was refused, is removed.
-
-    Raises:
-        UsageError: the folder cannot be made or written to; raised before anything is computed.
-        ValueError: another process is writing to it.
+    A folder that was made and is empty at the end, since the command was refused, is removed. A folder that cannot be
+    made or written to, or that another process writes to, is refused before anything is computed.
     """
     if not make and not folder.is_dir():  # what reads it has the better message
         yield
@@ -55,11 +52,7 @@ def claimed_folder(folder: Path, *, make: bool = True) -> Iterator[None]:
 
 
 def check_writable(folder: Path, *, make: bool = False) -> None:
-    """Write a nameless file to a folder, so that a command fails before it has computed anything.
-
-    Raises:
-        UsageError: the folder is missing, and not to be made, or cannot be written to.
-    """
+    """Write a nameless file to a folder, so that a command fails with UsageError before it has computed anything."""
     try:
         if make:
             folder.mkdir(parents=True, exist_ok=True)
@@ -70,12 +63,7 @@ def check_writable(folder: Path, *, make: bool = False) -> None:
 
 
 def output_file(path: Path | None, suffix: str, option: str = "--out") -> None:
-    """Check that a file, if one is given, may be written before anything is computed; the messages name the option.
-
-    Raises:
-        UsageError: the name has another ending than `suffix`, is that of a folder, or its folder does not exist or
-            cannot be written to.
-    """
+    """Check before anything is computed that a file, if one is given, ends in `suffix` and may be written."""
     if path is None:
         return
     if path.suffix != suffix or path.is_dir():
@@ -107,10 +95,7 @@ def name_left_out(robot: Any) -> None:
 
 
 def whole_numbers(kind: Any, tokens: Sequence[cyclopts.Token]) -> Any:
-    """Convert the words of an option to its type; 4e6 and 4_000_000 are whole numbers, 4.5 is none.
-
-    The library itself rounds 4.5 to 4, and refuses 4e6.
-    """
+    """Convert the words of an option to its type: 4e6 is whole, 4.5 is not; the library rounds 4.5, and refuses 4e6."""
     return cyclopts.convert(kind, tokens, converter=_converted)
 
 

@@ -1,6 +1,6 @@
 """A motion that excites every base parameter of the rigid arm: a Fourier series of the joints within the arm's limits.
 
-    q(t) = q_0 + w(t) a Σ_k (s_k sin 2π k f t + c_k cos 2π k f t),    k = 1..HARMONICS
+    q(t) = q_0 + w(t) a Σ_k (s_k sin 2π k f t + c_k cos 2π k f t),    k = 1..6
 
 w rises from 0 to 1 and falls back by quintic polynomials, so that the arm begins and ends at rest at q_0, where it
 hangs bent. The size a is the largest one at which angles, velocities and the torques of the start's rigid arm stay
@@ -14,7 +14,6 @@ from __future__ import annotations
 
 import dataclasses
 import math
-from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -32,25 +31,13 @@ from fuzzyarm.fuzzy_policy.laws.computed_torque import ComputedTorquePolicy
 from fuzzyarm.identification.log import Log
 from fuzzyarm.identification.rigid import base_of, regressor
 
-__all__ = [
-    "HARMONICS",
-    "NOISE",
-    "SHARE",
-    "Excitation",
-    "Use",
-    "condition_of",
-    "motion_csv",
-    "rehearsed",
-    "suggested",
-    "use_of",
-]  # fmt: skip
+__all__ = ["NOISE", "SHARE", "Excitation", "condition_of", "motion_csv", "rehearsed", "suggested", "use_of"]
 
 
-HARMONICS = 6
-"""Of the series, at most."""
+_HARMONICS = 6  # of the series, at most
 SHARE = 0.6
 """Largest share of the limits of angles, velocities and torques that a suggested motion takes."""
-SHORTEST, LONGEST = 4.0, 120.0  # s
+_SHORTEST, _LONGEST = 4.0, 120.0  # s
 _FASTEST = 1.5  # Hz, of the highest harmonic
 _RAMP = 1.0  # s
 _HOME = (0.0, 0.5)  # rad
@@ -60,23 +47,14 @@ _INSTANTS = 400
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class Excitation(Reference):
-    """A Fourier series of two joints, from rest to rest.
+    """A Fourier series of two joints, from rest to rest."""
 
-    Attributes:
-        home: q_0 [rad], shape (2,).
-        sine: a s_k [rad], shape (HARMONICS, 2).
-        cosine: a c_k [rad], shape (HARMONICS, 2).
-        frequency: f [Hz].
-        duration: T [s].
-        parameters: the arm, for its tip.
-    """
-
-    home: np.ndarray
-    sine: np.ndarray
-    cosine: np.ndarray
-    frequency: float
-    duration: float
-    parameters: ArmParameters
+    home: np.ndarray  # q_0 [rad], (2,)
+    sine: np.ndarray  # a s_k [rad], (harmonics, 2)
+    cosine: np.ndarray  # a c_k [rad], (harmonics, 2)
+    frequency: float  # f [Hz]
+    duration: float  # T [s]
+    parameters: ArmParameters  # the arm, for its tip
 
     @property
     def joints(self) -> int:
@@ -120,36 +98,29 @@ class Excitation(Reference):
         return np.stack([-y / size, np.where(moving, x / size, 1.0)], axis=-1)
 
     def corners(self) -> np.ndarray:
-        """Return the times [s] at which q̈ has a corner, ascending: the ends of the ramps."""
+        """Return the times (4,) [s] at which q̈ has a corner, ascending: the ends of the ramps."""
         return np.array([0.0, _RAMP, self.duration - _RAMP, self.duration])
 
 
-class Use(NamedTuple):
-    """What a motion asks of the arm, each of shape (2,): largest angle [rad], speed [rad/s] and torque [N m]."""
-
-    angle: np.ndarray
-    velocity: np.ndarray
-    torque: np.ndarray
-
-
-def use_of(motion: Excitation, arm: ArmParameters, instants: int = 4001) -> Use:
-    """Return the largest angles, speeds and torques of the rigid arm along a motion."""
-    sample = motion.sample(np.linspace(0.0, motion.duration, instants))
-    return Use(*(np.abs(part).max(axis=0) for part in (sample.q, sample.dq, _torque(sample, arm))))
+def use_of(motion: Excitation, arm: ArmParameters) -> dict[str, np.ndarray]:
+    """Return the largest angle [rad], velocity [rad/s] and torque [N m] of the rigid arm along a motion, (2,) each."""
+    sample = motion.sample(np.linspace(0.0, motion.duration, 4001))
+    parts = {"angle": sample.q, "velocity": sample.dq, "torque": _torque(sample, arm)}
+    return {name: np.abs(part).max(axis=0) for name, part in parts.items()}
 
 
 def suggested(arm: ArmParameters, duration: float = 20.0, seed: int = 0) -> Excitation:
     """Return a motion to record, for an arm whose parameters are roughly known.
 
     Args:
-        arm: lengths and limits are taken as they are; the rest tells how much torque the motion needs.
+        arm: its lengths and limits are taken as they are; the rest decides how much torque the motion needs.
         duration: T [s].
         seed: of the random coefficients with which the search begins.
 
     Raises:
         ValueError: the duration is out of range, or the arm cannot hold itself at the posture where the motion begins.
     """
-    duration = checks.real("duration", duration, "s", low=SHORTEST, high=LONGEST)
+    duration = checks.real("duration", duration, "s", low=_SHORTEST, high=_LONGEST)
     rng = np.random.default_rng(checks.whole("seed", seed))
     home = np.minimum(_HOME, 0.25 * np.array(arm.joint_limit))
     still = ReferenceSample(home[np.newaxis], *np.zeros((2, 1, 2)))
@@ -160,7 +131,7 @@ def suggested(arm: ArmParameters, duration: float = 20.0, seed: int = 0) -> Exci
             f"allowed: {SHARE:g} times torque_limit = {arm.torque_limit} N m. Check masses and limits of --robot"
         )
     frequency = 2.0 / (duration - 2.0 * _RAMP) if duration < 12.0 else 0.2
-    harmonics = max(2, min(HARMONICS, int(_FASTEST / frequency)))
+    harmonics = max(2, min(_HARMONICS, int(_FASTEST / frequency)))
 
     def motion(numbers: np.ndarray) -> Excitation:
         sine, cosine = numbers.reshape(2, harmonics, 2)
@@ -178,7 +149,7 @@ def suggested(arm: ArmParameters, duration: float = 20.0, seed: int = 0) -> Exci
 def condition_of(motion: Excitation, arm: ArmParameters) -> float:
     """Return the condition number of the regressor along a motion, columns in units of the arm's base parameters.
 
-    A base parameter that is 0 counts as what moves a hundredth of the torque limit.
+    A base parameter of 0 counts as the value that takes a hundredth of the torque limit.
     """
     sample = motion.sample(np.linspace(0.0, motion.duration, _INSTANTS))
     rows = regressor(*sample, arm.length[0], arm.gravity)
@@ -221,24 +192,15 @@ def motion_csv(motion: Excitation, arm: ArmParameters, period: float = 1e-3) -> 
     return csv_text([dict(zip(columns, row, strict=True)) for row in rows])
 
 
-NOISE = EncoderNoise(1e-5, 1e-3)
-"""Of encoders with about 10⁵ lines [rad, rad/s]."""
+NOISE = EncoderNoise(1e-5, 1e-3)  # rad, rad/s, of encoders with about 10⁵ lines
 
 
 def rehearsed(
     motion: Excitation, arm: ArmParameters, known: ArmParameters, seed: int, noise: EncoderNoise = NOISE
 ) -> Log:
-    """Return the log of a motion on a simulated arm, one sample a millisecond.
+    """Return the log of a motion on a simulated arm that the controller takes for `known`, a sample each millisecond.
 
-    Args:
-        motion: to follow.
-        arm: the arm that moves.
-        known: the arm that the controller takes it for.
-        seed: of the noise.
-        noise: of angles [rad] and velocities [rad/s].
-
-    Raises:
-        ValueError: the arm left its limits, since the controller knows it too badly.
+    The noise is on angles [rad] and velocities [rad/s]. ValueError: the arm left its limits.
     """
     env = FuzzyArmEnv(parameters=arm, reference=motion, disturbance=Disturbance(encoder_noise=noise))
     policy = ComputedTorquePolicy(known)

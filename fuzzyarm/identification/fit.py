@@ -6,8 +6,8 @@ differences at first, then from what each fit leaves. With white noise the estim
     cov θ = s² (Jᵀ J)⁻¹,    s² = |r|² / (rows - states - |θ|)
 
 Segments with a state that the search does not find, in a joint that sticks, are left out of the last search if they are
-few. A parameter whose 95 % interval would be wider than its value either way is not told by the log: it keeps its value
-of the start, the worst one first, and the others are fitted again.
+few. The log does not determine a parameter whose 95 % interval would be wider than its value either way: it keeps its
+value of the start, the worst one first, and the others are fitted again.
 
 By multiple shooting each segment of the log is simulated from a state of its own under the logged torques:
 
@@ -41,20 +41,10 @@ from fuzzyarm.envs.physics.two_joints import two_joints
 from fuzzyarm.identification.log import Log, Motion
 from fuzzyarm.identification.rigid import UNKNOWNS, bounds_of, constants_of, start_of
 
-__all__ = [
-    "DEVIATIONS",
-    "SEGMENTS",
-    "Fit",
-    "Linearised",
-    "Shooting",
-    "fit_elastic",
-    "noise_of",
-    "segments_of",
-    "starts_of",
-]  # fmt: skip
+__all__ = ["DEVIATIONS", "SEGMENTS", "Fit", "fit_elastic", "noise_of"]
 
 
-STATES = 8
+_STATES = 8
 _MEASURED = np.array([0, 1, 4, 5])  # motor angles and velocities in a state
 _SMALL_TURN = 1e-6  # of a scale, for differences
 _REACH = np.array([0.05] * 4 + [1.0] * 4)[:, np.newaxis]  # rad and rad/s that a state may be from its first guess
@@ -64,54 +54,35 @@ _LOST = 1e9  # residual of a simulation that has run away
 _GOOD = 1e-7  # decrease of the cost, as a share of it, at which the states count as found
 
 
-class Linearised(NamedTuple):
-    """Residuals of all segments without unit, shape (rows, S), and their derivatives over θ without the states.
+class _Linearised(NamedTuple):
+    """Residuals of all segments and their derivatives over θ without the states, all without unit."""
 
-    These have the shape (rows, |θ|, S).
-    """
-
-    residual: np.ndarray
-    over_theta: np.ndarray
+    residual: np.ndarray  # (rows, S)
+    over_theta: np.ndarray  # (rows, |θ|, S)
 
 
 @dataclasses.dataclass(eq=False)
-class Shooting:
-    """The segments of a log.
+class _Shooting:
+    """The segments of a log; the search for states begins at those of the last linearisation."""
 
-    Attributes:
-        measured: angles [rad] and, if there are any, velocities [rad/s] of the motors, shape (steps + 1, 2 or 4, S).
-        torque: held from an instant to the next [N m], shape (steps, 2, S).
-        period: between two instants [s].
-        states: first guesses of the states at the beginnings, shape (8, S); kept at the best found so far.
-        noise: σ of each measured quantity, shape (2 or 4,).
-        constants: returns the constants of the arm, shape (20, lanes), for θ of shape (|θ|, lanes).
-        rate: the fastest of the arm [rad/s], which limits the sub-step, see `fastest_mode`.
-    """
-
-    measured: np.ndarray
-    torque: np.ndarray
-    period: float
-    states: np.ndarray
-    noise: np.ndarray
-    constants: Callable[[np.ndarray], np.ndarray]
-    rate: float = 0.0
+    measured: np.ndarray  # angles [rad] and, if there are any, velocities [rad/s] of the motors, (steps + 1, 2 or 4, S)
+    torque: np.ndarray  # held from an instant to the next [N m], (steps, 2, S)
+    period: float  # between two instants [s]
+    states: np.ndarray  # first guesses of the states at the beginnings, (8, S); kept at the best found so far
+    noise: np.ndarray  # σ of each measured quantity, (2 or 4,)
+    constants: Callable[[np.ndarray], np.ndarray]  # returns those of the arm, (21, lanes), for θ (|θ|, lanes)
+    rate: float  # the fastest of the arm [rad/s], which limits the sub-step, see `fastest_mode`
 
     def __post_init__(self) -> None:
-        """Prepare the simulation; the search for states begins at those of the last linearisation."""
         self.kept = self.states
-        self._hold = hold_of(two_joints())
+        self._hold, self.count = hold_of(two_joints()), len(self.states.T)
         self._substeps = default_substeps(self.period, self.rate)
-
-    @property
-    def count(self) -> int:
-        """Segments."""
-        return len(self.states.T)
 
     def residual(self, theta: np.ndarray) -> np.ndarray:
         """Return the residuals (rows, S) at θ (|θ|,) and the best states, which are kept in `states`."""
         return self._eliminated(theta)[0]
 
-    def linearised(self, theta: np.ndarray, steps: np.ndarray) -> Linearised:
+    def linearised(self, theta: np.ndarray, steps: np.ndarray) -> _Linearised:
         """Return the residuals and their derivatives over θ (|θ|,), by differences of the length of `steps` (|θ|,)."""
         residual, over_states = self._eliminated(theta)
         self.kept = self.states
@@ -122,7 +93,7 @@ class Shooting:
         over_theta = (ahead - residual[:, np.newaxis]) / steps[:, np.newaxis]
         normal, slope = _normal(over_states, np.full(self.count, _LEAST))
         shared = np.linalg.solve(normal, np.einsum("rks,rps->skp", slope, over_theta))
-        return Linearised(residual, over_theta - np.einsum("rks,skp->rps", slope, shared))
+        return _Linearised(residual, over_theta - np.einsum("rks,skp->rps", slope, shared))
 
     def _eliminated(self, theta: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Return the residuals (rows, S) and their derivatives over the states (rows, 8, S) at the best states.
@@ -154,11 +125,11 @@ class Shooting:
     def _over_states(self, theta: np.ndarray, states: np.ndarray, chosen: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Return residuals (rows, C) and derivatives over the states (rows, 8, C) for C chosen segments."""
         count, steps = len(chosen), _SMALL_TURN * _REACH
-        lanes = np.tile(states, (1, STATES + 1))
-        for k in range(STATES):
+        lanes = np.tile(states, (1, _STATES + 1))
+        for k in range(_STATES):
             lanes[k, (k + 1) * count : (k + 2) * count] += steps[k]
         found = self._simulated(np.repeat(theta[:, np.newaxis], lanes.shape[1], axis=1), lanes, chosen)
-        found = found.reshape(len(found), STATES + 1, count)
+        found = found.reshape(len(found), _STATES + 1, count)
         residual = found[:, 0]
         return residual, (found[:, 1:] - residual[:, np.newaxis]) / steps
 
@@ -186,25 +157,22 @@ class Shooting:
 def _normal(over_states: np.ndarray, damping: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Return damped normal matrices (S, 8, 8) of the states in units of `_REACH`, and the slopes behind them."""
     slope = over_states * _REACH
-    return np.einsum("rks,rls->skl", slope, slope) + damping[:, np.newaxis, np.newaxis] * np.eye(STATES), slope
+    return np.einsum("rks,rls->skl", slope, slope) + damping[:, np.newaxis, np.newaxis] * np.eye(_STATES), slope
 
 
-def segments_of(log: Log, length: float) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+def _segments_of(log: Log, length: float) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Return instants of the beginnings (S,), measurements (steps + 1, 2 or 4, S) and torques (steps, 2, S).
 
-    The segments have a length [s] and follow one another; what is left at the end is not used.
+    The segments have a length [s] and follow one another; the rest at the end is not used.
     """
     samples = max(round(length / log.period), 20)
     beginnings = np.arange(0, len(log.angle) - samples + 1, samples)
     rows = beginnings + np.arange(samples)[:, np.newaxis]
-    return (
-        beginnings,
-        np.ascontiguousarray(log.measured[rows].transpose(0, 2, 1)),
-        log.torque[rows[:-1]].transpose(0, 2, 1),
-    )
+    measured = np.ascontiguousarray(log.measured[rows].transpose(0, 2, 1))
+    return beginnings, measured, log.torque[rows[:-1]].transpose(0, 2, 1)
 
 
-def starts_of(motion: Motion, beginnings: np.ndarray, arm: Arm) -> np.ndarray:
+def _starts_of(motion: Motion, beginnings: np.ndarray, arm: Arm) -> np.ndarray:
     """Return first guesses of the states (8, S) [rad, rad/s]: the smooth motion, links bent by the torque they need."""
     load = rigid_inverse_dynamics(motion.q, motion.dq, motion.ddq, arm)
     bending = load / np.array([arm.stiffness1, arm.stiffness2])
@@ -212,15 +180,11 @@ def starts_of(motion: Motion, beginnings: np.ndarray, arm: Arm) -> np.ndarray:
     return np.concatenate([part[beginnings].T for part in parts])
 
 
-DEVIATIONS = 1.959963984540054
-"""Half width of a 95 % interval in standard deviations."""
+DEVIATIONS = 1.959963984540054  # half width of a 95 % interval in standard deviations
+# Lengths of the segments [s], one search after the other. Short ones stay with the log wherever the search begins. Long
+# ones have fewer states to find, which narrows the intervals and removes a bias: encoder noise reaches the torques
+# through the controller, so that the errors of a segment's state and the slopes after it are correlated.
 SEGMENTS = (0.1, 0.4, 0.8, 0.8)
-"""Lengths of the segments [s], one search after the other.
-
-Short ones stay with the log wherever the search begins. Long ones have fewer states to find, which narrows the
-intervals and removes a bias: the noise of the encoders reaches the torques through the controller, so that the errors
-of a segment's state and the slopes of what follows are correlated.
-"""
 _DIFFERENCE = 1e-5  # of the scale of a parameter
 _MOST_STEPS = 40
 _WORSE, _MOST_LOST = 6.0, 0.1  # standard deviations; share of all
@@ -233,27 +197,16 @@ _LEAST_NOISE = 1e-9  # share of the range of a signal, for logs without noise
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class Fit:
-    """What the output error found.
+    """The estimate by output error."""
 
-    Attributes:
-        theta: θ (17,), in the order of `UNKNOWNS`, each in its unit.
-        error: standard errors (17,); nan where θ is the start's.
-        told: which entries of θ the log tells, shape (17,).
-        at_bound: which entries lie at the end of their range, shape (17,).
-        condition: condition number of the information matrix of what is told, in units of the values.
-        noise: root mean square of what is left, of angles [rad] and velocities [rad/s], shape (2 or 4,).
-        correlation: of a residual with the one a sample later; near 0 if the model explains the log.
-        residual: measured less simulated, in its units, shape (samples, 2 or 4), segments one after the other.
-    """
-
-    theta: np.ndarray
-    error: np.ndarray
-    told: np.ndarray
-    at_bound: np.ndarray
-    condition: float
-    noise: np.ndarray
-    correlation: float
-    residual: np.ndarray
+    theta: np.ndarray  # θ (17,), in the order of `UNKNOWNS`, each in its unit
+    error: np.ndarray  # standard errors (17,); nan where θ is the start's
+    told: np.ndarray  # which entries of θ the log determines, (17,)
+    at_bound: np.ndarray  # which entries lie at the end of their range, (17,)
+    condition: float  # condition number of the information matrix of the determined entries, in units of the values
+    noise: np.ndarray  # root mean square of the residual angles [rad] and velocities [rad/s], (2 or 4,)
+    correlation: float  # of a residual with the one a sample later; near 0 if the model explains the log
+    residual: np.ndarray  # measured less simulated, in its units, (samples, 2 or 4), segments one after the other
 
 
 def noise_of(log: Log) -> np.ndarray:
@@ -266,17 +219,10 @@ def noise_of(log: Log) -> np.ndarray:
 def fit_elastic(
     log: Log, motion: Motion, rough: ArmParameters, start: ArmParameters, progress: Callable[[], None] | None = None
 ) -> Fit:
-    """Return the output-error estimate.
+    """Return the output-error estimate from a log and its smooth motion.
 
-    Args:
-        log: the log.
-        motion: of the log, smooth.
-        rough: the arm at which the search begins.
-        start: the arm whose values stay where the log tells none.
-        progress: called after each step of the search.
-
-    Raises:
-        ValueError: the log tells nothing.
+    The search begins at the arm `rough`; `start` has the values that stay where the log determines no others.
+    `progress` is called after each step. ValueError: the log determines no parameter.
     """
     theta, known = start_of(rough), start_of(start)
     scale, noise = _scale(known, motion), noise_of(log)
@@ -301,11 +247,11 @@ def fit_elastic(
 
     for length in SEGMENTS:
         theta = np.where(told, np.clip(theta, *bounds), known)
-        beginnings, measured, torque = segments_of(log, length)
+        beginnings, measured, torque = _segments_of(log, length)
         if lost is not None and len(lost) == len(beginnings):
             beginnings, measured, torque = beginnings[~lost], measured[..., ~lost], torque[..., ~lost]
-        states = starts_of(motion, beginnings, filled(Arm, constants(theta[:, np.newaxis])[:, 0]))
-        shooting = Shooting(measured, torque, log.period, states, noise, constants, rate)
+        states = _starts_of(motion, beginnings, filled(Arm, constants(theta[:, np.newaxis])[:, 0]))
+        shooting = _Shooting(measured, torque, log.period, states, noise, constants, rate)
         told[:] = True
         _leave_out(shooting.linearised(theta, _DIFFERENCE * scale), theta, scale, told, 1.0)
         while told.any():
@@ -340,7 +286,7 @@ def fit_elastic(
     )
 
 
-def _lost(line: Linearised) -> np.ndarray:
+def _lost(line: _Linearised) -> np.ndarray:
     """Return which segments (S,) fit far worse than the median: the search for their states ended in a wrong stick.
 
     The sum of the squares of N residuals of white noise deviates by a share √(2/N). If segments are many and more than
@@ -351,7 +297,7 @@ def _lost(line: Linearised) -> np.ndarray:
     return lost if np.sum(lost) <= max(_MOST_LOST * len(lost), 1.0) else np.zeros_like(lost)
 
 
-def _stacked(line: Linearised, scale: np.ndarray, told: np.ndarray) -> np.ndarray:
+def _stacked(line: _Linearised, scale: np.ndarray, told: np.ndarray) -> np.ndarray:
     """Return the derivatives of all residuals over the told entries of θ, in units of the scale: (rows S, told)."""
     over = line.over_theta[:, told] * scale[told][:, np.newaxis]
     return np.asarray(np.moveaxis(over, 1, -1).reshape(-1, over.shape[1]))
@@ -370,13 +316,13 @@ def _scale(start: np.ndarray, motion: Motion) -> np.ndarray:
     return scale
 
 
-def _spread(line: Linearised, told: np.ndarray) -> float:
+def _spread(line: _Linearised, told: np.ndarray) -> float:
     """Return s², which is 1 if the model explains the log down to its noise."""
-    free = line.residual.size - STATES * line.residual.shape[1] - int(told.sum())
+    free = line.residual.size - _STATES * line.residual.shape[1] - int(told.sum())
     return float(np.sum(line.residual**2) / max(free, 1))
 
 
-def _errors(line: Linearised, scale: np.ndarray, told: np.ndarray, spread: float) -> tuple[np.ndarray, float]:
+def _errors(line: _Linearised, scale: np.ndarray, told: np.ndarray, spread: float) -> tuple[np.ndarray, float]:
     """Return standard errors of the told entries of θ in units of the scale, and the condition number."""
     singular, turn = np.linalg.svd(_stacked(line, scale, told), full_matrices=False)[1:]
     inverse = 1.0 / np.maximum(singular, max(1e-12 * float(singular[0]), _NOTHING))
@@ -384,7 +330,7 @@ def _errors(line: Linearised, scale: np.ndarray, told: np.ndarray, spread: float
     return error, float(inverse[-1] / inverse[0])
 
 
-def _leave_out(line: Linearised, theta: np.ndarray, scale: np.ndarray, told: np.ndarray, spread: float) -> bool:
+def _leave_out(line: _Linearised, theta: np.ndarray, scale: np.ndarray, told: np.ndarray, spread: float) -> bool:
     """Take the entries whose 95 % interval is wider than the value out of `told`, the widest first; return if any."""
     before = int(told.sum())
     while told.any():

@@ -7,11 +7,9 @@ Row k has what was measured at t_k, and the torque that the motors held from t_k
 Angles and velocities are those of the motors as seen from the joint's side of the gear. The two columns of velocities
 may be missing; columns may stand in any order, and further ones are not read.
 
-Angles, velocities and accelerations of the motors from a log, without a shift in time.
-
-A Butterworth filter of order 4 runs forwards and backwards over the measurements, so that nothing is delayed;
-derivatives are central differences of what is smooth by then. The torque passes the same filter. The motors hold
-torque k from instant k to k + 1: at instant k the mean of both neighbours acts.
+`smoothed` returns angles, velocities and accelerations without a shift in time: a Butterworth filter of order 4 runs
+forwards and backwards over the measurements, and derivatives are central differences of the result. The torque passes
+the same filter; at instant k the mean of the torques before and after it acts.
 """
 
 from __future__ import annotations
@@ -31,30 +29,14 @@ from fuzzyarm.common.documents import read_bytes
 from fuzzyarm.common.files import csv_text
 from fuzzyarm.envs.physics.parameters import LARGEST
 
-__all__ = [
-    "COLUMNS",
-    "CUTOFF",
-    "FEWEST_SAMPLES",
-    "MOST_SAMPLES",
-    "VELOCITIES",
-    "Log",
-    "Motion",
-    "read_log",
-    "smoothed",
-    "write_log",
-]  # fmt: skip
+__all__ = ["COLUMNS", "Log", "Motion", "read_log", "smoothed", "write_log"]
 
 
 _PARTS = {"q_motor": "rad", "dq_motor": "rad/s", "torque": "N m"}
 COLUMNS = ("time", *(f"{part}{joint}" for part in _PARTS for joint in (1, 2)))
 """Headings of a log."""
-VELOCITIES = tuple(name for name in COLUMNS if name.startswith("dq_"))
-"""Those that may be missing."""
-
-FEWEST_SAMPLES = 500
-"""Of a log."""
-MOST_SAMPLES = 200_000
-"""Of a log: the fit then takes some gigabytes."""
+_VELOCITIES = tuple(name for name in COLUMNS if name.startswith("dq_"))  # which may be missing
+_FEWEST_SAMPLES, _MOST_SAMPLES = 500, 200_000  # with the most, the fit takes some gigabytes
 _LARGEST_FILE = 64 * 2**20
 _EVEN = 0.01  # share of a period by which a step in time may differ from the median step
 _SHORTEST, _LONGEST = 1e-5, 0.02  # s, of a sampling period
@@ -82,9 +64,8 @@ class Log:
     velocity: np.ndarray | None = None
 
     def __post_init__(self) -> None:
-        """Check period, shapes and numbers."""
         period = checks.real("period", self.period, "s", low=_SHORTEST, high=_LONGEST)
-        samples = checks.whole("the number of samples", len(self.angle), low=FEWEST_SAMPLES, high=MOST_SAMPLES)
+        samples = checks.whole("the number of samples", len(self.angle), low=_FEWEST_SAMPLES, high=_MOST_SAMPLES)
         object.__setattr__(self, "period", period)
         for name, unit in zip(("angle", "velocity", "torque"), _PARTS.values(), strict=True):
             if getattr(self, name) is not None:
@@ -136,7 +117,7 @@ def _parsed(text: str) -> Log:
         raise ValueError(f"it is empty; needed: a heading {','.join(COLUMNS)} and a line for each instant")
     heading = [cell.strip() for cell in rows[0]]
     _check_heading(heading)
-    count = checks.whole("the number of samples", len(rows) - 1, low=FEWEST_SAMPLES, high=MOST_SAMPLES)
+    count = checks.whole("the number of samples", len(rows) - 1, low=_FEWEST_SAMPLES, high=_MOST_SAMPLES)
     columns = {name: heading.index(name) for name in COLUMNS if name in heading}
     values = np.empty((count, len(columns)))
     for line, row in enumerate(rows[1:], start=2):
@@ -147,7 +128,7 @@ def _parsed(text: str) -> Log:
         for place, (name, column) in enumerate(columns.items()):
             values[line - 2, place] = _number(row, line, name, column)
     named = dict(zip(columns, values.T, strict=True))
-    velocity = _pair(named, "dq_motor") if set(VELOCITIES) <= set(named) else None
+    velocity = _pair(named, "dq_motor") if set(_VELOCITIES) <= set(named) else None
     return Log(_period(named["time"]), _pair(named, "q_motor"), _pair(named, "torque"), velocity)
 
 
@@ -157,10 +138,10 @@ def _check_heading(heading: list[str]) -> None:
     if joints - {1, 2}:
         raise ValueError(f"it is the log of {max(joints)} joints; allowed: two-joint arms, columns {','.join(COLUMNS)}")
     missing = [name for name in COLUMNS if name not in heading]
-    if missing and (set(missing) != set(VELOCITIES)):
+    if missing and (set(missing) != set(_VELOCITIES)):
         raise ValueError(
             f"its heading {checks.shown(','.join(heading))} lacks {', '.join(missing)}; needed: {','.join(COLUMNS)}, "
-            f"where {' and '.join(VELOCITIES)} may both be missing"
+            f"where {' and '.join(_VELOCITIES)} may both be missing"
         )
     twice = [name for name in COLUMNS if heading.count(name) > 1]
     if twice:
@@ -196,7 +177,7 @@ def _pair(named: dict[str, np.ndarray], part: str) -> np.ndarray:
     return np.stack([named[f"{part}{joint}"] for joint in (1, 2)], axis=-1)
 
 
-CUTOFF = 10.0  # Hz: above what motors draw, and below the vibration of elastic joints
+_CUTOFF = 10.0  # Hz: above the motion of the motors, and below the vibration of elastic joints
 _ORDER = 4
 _SETTLING = 3.0  # periods of the cut-off frequency
 _HIGHEST = 0.4  # cut-off frequency as a share of the sampling rate's half, at most
@@ -205,8 +186,7 @@ _HIGHEST = 0.4  # cut-off frequency as a share of the sampling rate's half, at m
 class Motion(NamedTuple):
     """Smooth angles [rad], velocities [rad/s], accelerations [rad/s²] and torques [N m], each of shape (N, 2).
 
-    `settled` is the range of the instants that the ends of the log do not disturb, `independent` the number of
-    independent samples among them: what the filter has smoothed has fewer than it has samples.
+    The ends of the log do not disturb the instants `settled`, among which `independent` samples are independent.
     """
 
     q: np.ndarray
@@ -217,7 +197,7 @@ class Motion(NamedTuple):
     independent: float
 
 
-def smoothed(log: Log, cutoff: float = CUTOFF) -> Motion:
+def smoothed(log: Log, cutoff: float = _CUTOFF) -> Motion:
     """Return the motion of a log behind a filter with a cut-off frequency [Hz]."""
     rate = 1.0 / log.period
     cutoff = min(cutoff, 0.5 * _HIGHEST * rate)

@@ -32,17 +32,14 @@ from fuzzyarm.identification.rigid import (
     start_of,
 )
 
-__all__ = ["CORRELATED", "Identified", "draw_residuals", "identify", "write_residuals"]
+__all__ = ["Identified", "identify", "write_residuals"]
 
 
-CORRELATED = 0.2
-"""Correlation of neighbouring residuals above which the intervals are too narrow to be believed."""
-
+_CORRELATED = 0.2  # correlation of neighbouring residuals above which the intervals are too narrow to be believed
 _DOUBT = 3.0  # standard errors
-UNLIKELY = 30.0
-"""Torques of a log over those of the start, whose masses and lengths are known, from which on their unit is wrong."""
-MOST_LATE = 9  # samples
-INERTIAL = 5  # of `BASE`, the first ones; the others are friction
+_UNLIKELY = 30.0  # torques of a log over those of the start, from which on their unit is wrong
+_MOST_LATE = 9  # samples
+_INERTIAL = 5  # of `BASE`, the first ones; the others are friction
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -93,7 +90,7 @@ class Identified:
                 f"At the end of the allowed range: {ends}. Masses or lengths of the start hardly fit; weigh and "
                 "measure them."
             )
-        if self.fit.correlation > CORRELATED:
+        if self.fit.correlation > _CORRELATED:
             found.append(
                 f"Neighbouring residuals are correlated by {self.fit.correlation:.2f}: the arm does something that the "
                 "equations do not, and the intervals are too narrow."
@@ -152,11 +149,11 @@ def identify(log: Log, start: ArmParameters, progress: Callable[[], None] | None
             f"the log leads to no arm: least squares give {', '.join(negative)} a value below 0; check signs and "
             "units of the log, and masses and lengths of the start"
         )
-    heavier = float(np.median(np.abs(rigid.base[:INERTIAL] / base_of(start)[:INERTIAL])))
+    heavier = float(np.median(np.abs(rigid.base[:_INERTIAL] / base_of(start)[:_INERTIAL])))
     unit = (
         f"its torques are {heavier:.2g} times those of the start: check their unit, and the start's masses and lengths"
     )
-    if not 1.0 / UNLIKELY < heavier < UNLIKELY:
+    if not 1.0 / _UNLIKELY < heavier < _UNLIKELY:
         raise ValueError(f"the log leads to no arm: {unit}")
     try:
         fit = fit_elastic(log, motion, rigid_arm(rigid.base, start), start, progress)
@@ -175,7 +172,7 @@ def _lag(motion: Motion, rigid: RigidFit, start: ArmParameters, period: float) -
         shifted = motion._replace(torque=np.roll(motion.torque, -lag, axis=0))
         return float(np.sum((fit_rigid(shifted, start).residual / rigid.residual) ** 2))
 
-    lag = min(range(-MOST_LATE, MOST_LATE + 1), key=left)
+    lag = min(range(-_MOST_LATE, _MOST_LATE + 1), key=left)
     late, way = f"{abs(lag) * 1e3 * period:g} ms", "late" if lag > 0 else "early"
     return f"its torque seems to be {late} {way}: shift it by {abs(lag)} sample(s)" if lag else ""
 
@@ -184,8 +181,12 @@ _ROWS = (("angle", "µrad", 1e6), ("velocity", "mrad/s", 1e3))
 _DRAWN = 4000  # points a curve
 
 
-def draw_residuals(found: Identified) -> Figure:
-    """Return the figure: a row for angles and, if they were measured, one for velocities; a column for each joint."""
+def write_residuals(found: Identified, path: Path) -> None:
+    """Write the figure of the residuals to a PNG file: rows of angles and measured velocities, a column for each joint.
+
+    Raises:
+        OSError: the file cannot be written.
+    """
     residual, noise = found.fit.residual, found.fit.noise
     rows = _ROWS[: residual.shape[1] // 2]
     every = max(1, len(residual) // _DRAWN)
@@ -205,16 +206,6 @@ def draw_residuals(found: Identified) -> Figure:
         for axes in grid[-1]:
             axes.set_xlabel("time [s]")
         figure.suptitle("Measured less simulated; between the lines: 95 % of white noise")
-    return figure
-
-
-def write_residuals(found: Identified, path: Path) -> None:
-    """Write the figure to a PNG file.
-
-    Raises:
-        OSError: the file cannot be written.
-    """
-    content = io.BytesIO()
-    with matplotlib.style.context("fuzzyarm.eval.fuzzyarm", after_reset=True):
-        draw_residuals(found).savefig(content, format="png")
+        content = io.BytesIO()
+        figure.savefig(content, format="png")
     write_atomically(path, content.getvalue())

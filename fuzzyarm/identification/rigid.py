@@ -5,11 +5,11 @@ With motor and link one body, the torques are linear in nine base parameters π:
     Γ = Y(q, q̇, q̈) π,    π = (c1 + I_a1, m2 r2, c3, I_a2, m1 r1 + m2 L1, f_v1, f_v2, Γ_fc1, Γ_fc2)
 
 with c1 and c3 of (3). The lengths and gravity are known; of c1 + I_a1 only the sum counts, as long as nothing bends.
-Samples of a joint that is slower than `SLOWEST` times the Stribeck velocity of the start are left out of its equation.
+Samples of a joint that is slower than three Stribeck velocities of the start are left out of its equation.
 
-A vector θ holds the parameters that a log of the motors may tell. Lengths, masses and gravity are kept: the motors feel
-of the links only m1 r1² + I1 + m2 L1², m2 r2² + I2, m1 r1 + m2 L1 and m2 r2, four numbers of the eight that describe
-two links in a plane. A ruler and a scale tell the other four; then mass centers and moments of inertia follow.
+A vector θ holds the parameters that a log of the motors may determine. Lengths, masses and gravity are kept: the motors
+feel of the links only m1 r1² + I1 + m2 L1², m2 r2² + I2, m1 r1 + m2 L1 and m2 r2, four numbers of the eight that
+describe two links in a plane. A ruler and a scale give the other four; mass centers and moments of inertia follow.
 """
 
 from __future__ import annotations
@@ -27,10 +27,8 @@ from fuzzyarm.identification.log import Motion
 __all__ = [
     "BASE",
     "KEPT",
-    "RIGID",
     "UNKNOWNS",
     "RigidFit",
-    "Unknown",
     "arm_of",
     "base_of",
     "bounds_of",
@@ -39,14 +37,14 @@ __all__ = [
     "regressor",
     "rigid_arm",
     "start_of",
-]  # fmt: skip
+]
 
 
 _SMALLEST = 1e-9  # share of the scale of a parameter that must be positive
 
 
-class Unknown(NamedTuple):
-    """One number of the arm that a log may tell: a field of `ArmParameters`, and the joint (None: both)."""
+class _Unknown(NamedTuple):
+    """One number of the arm that a log may determine: a field of `ArmParameters`, and the joint (None: both)."""
 
     field: str
     joint: int | None
@@ -58,22 +56,20 @@ class Unknown(NamedTuple):
 
     @property
     def unit(self) -> str:
-        """Its unit."""
         fields = {field.name: field for field in dataclasses.fields(ArmParameters)}
         return str(fields[self.field].metadata["unit"])
 
 
-RIGID = ("inertia", "mass_center", "motor_inertia", "viscous_friction", "coulomb_friction")
-"""Fields that a slow, strong motion tells already, if it moves both joints; a log that does not is refused."""
-
-UNKNOWNS = (
-    *(Unknown(field, joint) for field in (*RIGID, "static_friction", "stiffness", "damping") for joint in (0, 1)),
-    Unknown("stribeck_velocity", None),
-)
+# A slow, strong motion of both joints determines the first five fields already; a log that does not is refused.
+_FIELDS = (
+    "inertia", "mass_center", "motor_inertia", "viscous_friction", "coulomb_friction",
+    "static_friction", "stiffness", "damping",
+)  # fmt: skip
+UNKNOWNS = (*(_Unknown(field, joint) for field in _FIELDS for joint in (0, 1)), _Unknown("stribeck_velocity", None))
 """In the order of θ, shape (17,)."""
 
 KEPT = tuple(f.name for f in dataclasses.fields(ArmParameters) if f.name not in {one.field for one in UNKNOWNS})
-"""Fields that no log of the motors tells: they keep the values of the start."""
+"""Fields that no log of the motors determines: they keep the values of the start."""
 
 
 def start_of(arm: ArmParameters) -> np.ndarray:
@@ -82,7 +78,7 @@ def start_of(arm: ArmParameters) -> np.ndarray:
 
 
 def bounds_of(arm: ArmParameters, scale: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Return the lowest and the highest θ, each of shape (17,): none below 0, centers within link or start."""
+    """Return the lowest and the highest θ, each of shape (17,): above 0, centers within the link or at the start's."""
     low, high = _SMALLEST * scale, np.full(len(UNKNOWNS), np.inf)
     for k, one in enumerate(UNKNOWNS):
         if one.field == "mass_center" and one.joint is not None:
@@ -93,8 +89,7 @@ def bounds_of(arm: ArmParameters, scale: np.ndarray) -> tuple[np.ndarray, np.nda
 def arm_of(theta: np.ndarray, arm: ArmParameters) -> ArmParameters:
     """Return an arm with the entries of θ (17,), the rest as in `arm`; static friction is at least Coulomb's.
 
-    Raises:
-        ValueError: the entries are those of no arm.
+    ValueError: no arm has these entries.
     """
     values: dict[str, Any] = {}
     for one, number in zip(UNKNOWNS, theta.tolist(), strict=True):
@@ -128,48 +123,32 @@ BASE = (
     "coulomb_friction[0]",
     "coulomb_friction[1]",
 )
-"""The parameter of the arm that each entry of π tells, the others being known."""
+"""The parameter of the arm that follows from each entry of π, the others being known."""
 
-SLOWEST = 3.0
-LEAST_MOVING = 0.02
-"""Share of the samples at which a joint has to be faster, forwards and backwards; otherwise nothing of it is told."""
-LEAST_SHARE = 1e-2
-"""A base parameter counts as untold if its standard error is above a third of it and moves the torque by more than this
-share of its own root mean square."""
+_SLOWEST = 3.0  # Stribeck velocities
+# A joint has to be faster at this share of the samples, forwards and backwards; otherwise the log says nothing of it.
+_LEAST_MOVING = 0.02
+# A base parameter counts as undetermined if its standard error is above a third of it and moves the torque by more than
+# this share of its own root mean square.
+_LEAST_SHARE = 1e-2
 _PASSES = 3
 _LEAST_INERTIA = 0.05  # share of what its link would have as a rod, where least squares give less than nothing
 
 
 class RigidFit(NamedTuple):
-    """What least squares found.
+    """What least squares found."""
 
-    Attributes:
-        base: π, shape (9,).
-        error: standard errors of π, shape (9,).
-        condition: condition number of Y with columns of length 1 and rows in units of the noise.
-        residual: root mean square of Γ - Y π of each joint [N m], shape (2,).
-        untold: names of `BASE` that the motion does not excite.
-    """
-
-    base: np.ndarray
-    error: np.ndarray
-    condition: float
-    residual: np.ndarray
-    untold: tuple[str, ...]
+    base: np.ndarray  # π, (9,)
+    error: np.ndarray  # standard errors of π, (9,)
+    condition: float  # condition number of Y with columns of length 1 and rows in units of the noise
+    residual: np.ndarray  # root mean square of Γ - Y π of each joint [N m], (2,)
+    untold: tuple[str, ...]  # names of `BASE` that the motion does not excite
 
 
 def regressor(
     q: np.ndarray, dq: np.ndarray, ddq: np.ndarray, length: float, gravity: float
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Return the rows of Y for torque 1 and for torque 2, each of shape (N, 9).
-
-    Args:
-        q: angles [rad], shape (N, 2).
-        dq: velocities [rad/s], shape (N, 2).
-        ddq: accelerations [rad/s²], shape (N, 2).
-        length: L1 [m].
-        gravity: g [m/s²].
-    """
+    """Return the rows of Y for torque 1 and for torque 2, (N, 9) each, for q, q̇ and q̈ (N, 2), L1 [m] and g [m/s²]."""
     q1, q2 = q.T
     v1, v2 = dq.T
     a1, a2 = ddq.T
@@ -193,7 +172,7 @@ def fit_rigid(motion: Motion, start: ArmParameters) -> RigidFit:
     """Return the base parameters of a motion, each joint's equations weighted by their own residual."""
     q, dq, ddq = (part[motion.settled] for part in (motion.q, motion.dq, motion.ddq))
     rows = regressor(q, dq, ddq, start.length[0], start.gravity)
-    fast = np.abs(dq) > SLOWEST * start.stribeck_velocity
+    fast = np.abs(dq) > _SLOWEST * start.stribeck_velocity
     torque = motion.torque[motion.settled]
     kept = [fast[:, joint] | ~fast[:, joint].any() for joint in range(2)]
     parts = [(rows[joint][kept[joint]], torque[kept[joint], joint]) for joint in range(2)]
@@ -212,10 +191,10 @@ def fit_rigid(motion: Motion, start: ArmParameters) -> RigidFit:
     information = (stacked / size).T @ (stacked / size) * share
     error = np.sqrt(np.abs(np.diag(np.linalg.pinv(information, rcond=1e-14, hermitian=True)))) / size
     moves = error * size / np.linalg.norm(known)
-    untold = (error > np.abs(base) / 3.0) & (moves > LEAST_SHARE)
+    untold = (error > np.abs(base) / 3.0) & (moves > _LEAST_SHARE)
     for joint in range(2):
         ways = [np.mean(fast[:, joint] & (side * dq[:, joint] > 0.0)) for side in (-1.0, 1.0)]
-        untold |= (min(ways) < LEAST_MOVING) & np.array([f"[{joint}]" in name for name in BASE])
+        untold |= (min(ways) < _LEAST_MOVING) & np.array([f"[{joint}]" in name for name in BASE])
     condition = float(singular[0] / max(singular[exciting - 1], 1e-300))
     return RigidFit(base, error, condition, np.array(found), tuple(np.array(BASE)[untold].tolist()))
 

@@ -18,7 +18,6 @@ from fuzzyarm.rl_baselines.config import TrainingConfig
 
 if TYPE_CHECKING:
     from fuzzyarm.fuzzy_policy.laws.learned.network import Network
-    from fuzzyarm.rl_baselines.config import TrainingConfig
     from fuzzyarm.rl_baselines.learning_env import LearningEnvs
 
 __all__ = ["COLUMNS", "Algorithm", "AlgorithmSpec", "OnPolicyAlgorithm", "OnPolicyConfig", "Sb3Algorithm", "Sb3Config"]
@@ -98,7 +97,6 @@ class Sb3Config(TrainingConfig):
     """Coefficient of the entropy in the loss."""
 
     def __post_init__(self) -> None:
-        """Check types, ranges and what must fit together."""
         super().__post_init__()
         whole("batch_size", self.batch_size, low=2)
         real("learning_rate", self.learning_rate, above=0.0)
@@ -108,11 +106,9 @@ class Sb3Config(TrainingConfig):
 
 
 class Sb3Algorithm:
-    """The part of `Algorithm` that does not depend on how is learned.
+    """What all algorithms of stable-baselines3 and its contrib share: `model` learns behind a `VecNormalize`.
 
-    Attributes:
-        model: of stable-baselines3 or its contrib.
-        normaliser: `VecNormalize` around the arms; its moments of the features go into the network that is shipped.
+    Its arguments are the settings named in `same`, the `networks` of its policy, and `more`.
     """
 
     _policy_sees: int | None = None  # features that the policy sees, the first ones; None: all
@@ -129,18 +125,6 @@ class Sb3Algorithm:
         norm_reward: bool = True,
         **more: Any,
     ) -> None:
-        """Make the networks, seed everything that is random, and begin an episode in every lane.
-
-        Args:
-            config: the settings, an `Sb3Config`.
-            envs: the arms.
-            kind: class of the model.
-            policy: class of its networks, or its name.
-            same: names of settings that are arguments of the model.
-            networks: arguments of the networks.
-            norm_reward: whether rewards are normalised.
-            **more: arguments of the model.
-        """
         import torch
         from stable_baselines3.common.logger import Logger
         from stable_baselines3.common.vec_env import VecNormalize
@@ -206,7 +190,7 @@ class Sb3Algorithm:
         return {"optimizer": (policy.optimizer, list(policy.parameters()))}
 
     def state(self) -> dict[str, Any]:
-        """Return networks, optimisers, normaliser, last features, counters and the latest episodes."""
+        """Return networks, optimisers, moments of features and returns, last features, counters, latest episodes."""
         model, normaliser = self.model, self.normaliser
         optimizers = {name: one.state_dict() for name, (one, _) in self._optimizers().items()}
         moments = {"returns": _moments(normaliser.ret_rms)} if normaliser.norm_reward else {}
@@ -277,7 +261,6 @@ class OnPolicyConfig(Sb3Config):
     """Logarithm of the action's standard deviation at the beginning (-20 to 2)."""
 
     def __post_init__(self) -> None:
-        """Check types, ranges and what must fit together."""
         super().__post_init__()
         whole("n_steps", self.n_steps, low=2)
         whole("n_epochs", self.n_epochs, low=1)
@@ -293,11 +276,7 @@ class OnPolicyConfig(Sb3Config):
 
 
 class OnPolicyAlgorithm(Sb3Algorithm):
-    """PPO of any kind in the middle of a training, see `Algorithm`.
-
-    Arguments are those of `Sb3Algorithm`, the coefficient of what the networks give for the entropy (None: that of the
-    settings), and arguments of the networks.
-    """
+    """PPO of any kind; `ent_coef` replaces that of the settings, `more` are arguments of the networks."""
 
     def __init__(
         self,
@@ -308,23 +287,16 @@ class OnPolicyAlgorithm(Sb3Algorithm):
         ent_coef: float | None = None,
         **more: Any,
     ) -> None:
-        """Make the networks, seed everything that is random, and begin an episode in every lane."""
         import torch
 
-        widths = list(config.hidden)
-        networks = {
-            "net_arch": {"pi": widths, "vf": widths},
-            "activation_fn": torch.nn.Tanh,
-            "log_std_init": config.log_std_init,
-            **more,
-        }
+        nets = {"pi": list(config.hidden), "vf": list(config.hidden)}
         super().__init__(
             config,
             envs,
             kind,
             policy,
             same=("n_steps", "n_epochs", "gae_lambda", "clip_range", "vf_coef", "max_grad_norm"),
-            networks=networks,
+            networks={"net_arch": nets, "activation_fn": torch.nn.Tanh, "log_std_init": config.log_std_init, **more},
             ent_coef=config.ent_coef if ent_coef is None else ent_coef,
             target_kl=config.target_kl or None,
         )

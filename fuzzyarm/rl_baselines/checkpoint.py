@@ -44,14 +44,10 @@ class CheckpointError(ValueError):
 
 
 def write_checkpoint(path: Path, content: dict[str, Any]) -> None:
-    """Write a checkpoint; until it is completely on the disk, the previous one stays.
-
-    Args:
-        path: file to write or replace.
-        content: nested mappings and lists of tensors, NumPy arrays, numbers and text.
+    """Write nested mappings and lists of tensors, NumPy arrays, numbers and text.
 
     Raises:
-        OSError: it cannot be written; the previous checkpoint is untouched, and the message says so.
+        OSError: the file cannot be written; the previous checkpoint is untouched, and the message says so.
     """
     buffer = io.BytesIO()
     torch.save(_as_tensors(content), buffer)
@@ -101,15 +97,8 @@ def read_checkpoint(path: Path) -> dict[str, Any]:
 def check_like(name: str, found: Any, own: Any) -> None:
     """Check that a part of a checkpoint is as that of a new training: names, and types and shapes of tensors.
 
-    Lists and empty mappings grow in a training: their content is for who uses it to check.
-
-    Args:
-        name: for the message.
-        found: in the checkpoint.
-        own: of the training, as `write_checkpoint` takes it.
-
-    Raises:
-        ValueError: they differ; the message says where.
+    Lists and empty mappings grow in a training; whoever uses their content checks it. ValueError says, with `name`,
+    where the two differ.
     """
     own = _as_tensors(own)
     if isinstance(own, dict) and own:
@@ -168,11 +157,7 @@ def random_state() -> dict[str, Any]:
 
 
 def set_random_state(state: dict[str, Any]) -> None:
-    """Put the random generators back to what `random_state` returned.
-
-    Raises:
-        KeyError, TypeError, ValueError, RuntimeError: it is no such state.
-    """
+    """Put the random generators back to what `random_state` returned; an exception if `state` is no such state."""
     check_like("generators", state, random_state())
     drawn, python = state["numpy"], state["python"]
     keys = np.array(drawn["keys"].numpy())
@@ -243,12 +228,8 @@ _STEPS, _MOST_STEPS = "step", 1e9  # below 0, and far beyond, Adam's corrections
 def check_learner(found: dict[str, Any], optimizers: Sequence[tuple[Any, Any, Sequence[torch.Tensor]]]) -> None:
     """Check the numbers in a state of PPO, SAC or TQC, after `check_like` and `check_finite`.
 
-    Args:
-        found: in the checkpoint.
-        optimizers: state of each that was found, the optimiser, and its parameters in its order, each of its own shape.
-
-    Raises:
-        TypeError, ValueError: a number is out of range or does not fit; the message says where.
+    `optimizers` holds the state that was found of each, the optimiser, and its parameters in its order and shapes.
+    TypeError or ValueError says where a number is out of range or does not fit.
     """
     for optimizer in optimizers:
         _check_optimizer(*optimizer)

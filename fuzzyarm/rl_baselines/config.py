@@ -1,4 +1,4 @@
-"""The settings of a training that do not depend on the algorithm: the task, the policy, and the run.
+"""The settings of a training that do not depend on the algorithm, and those of the training of `learned-observer`.
 
 The settings of an algorithm are a class that derives from `TrainingConfig` and adds its own fields. The command line is
 made from these classes: a field gives the flag its name, type and default, and the text after the field is its help.
@@ -14,11 +14,9 @@ from fuzzyarm.common.checks import choice, instance, real, truth, whole
 from fuzzyarm.common.documents import record
 from fuzzyarm.fuzzy_policy.laws.learned.definition import OBSERVER_BASE, ActionDefinition, FeatureDefinition
 
-__all__ = ["Distribution", "TrainingConfig"]
+__all__ = ["SEGMENT", "EstimateConfig", "TrainingConfig"]
 
-Distribution = Literal["nominal", "robust"]
-"""What the episodes of a training are drawn from."""
-
+_Distribution = Literal["nominal", "robust"]
 _MOST_REFERENCES = 100_000
 
 
@@ -31,7 +29,7 @@ class TrainingConfig:
         ValueError: a value is out of range.
     """
 
-    distribution: Distribution = "nominal"
+    distribution: _Distribution = "nominal"
     """What episodes are drawn from: nominal is Case 1 on the paper's circle, or a robot's default path; robust draws
     plant, payload 0-5 kg, tip force 0-218 N, both scaled to a robot, start and reference."""
     references: int = 256
@@ -85,8 +83,7 @@ class TrainingConfig:
     """Write TensorBoard logs too, if tensorboard is installed, which comes with the extra rl."""
 
     def __post_init__(self) -> None:
-        """Check types and ranges."""
-        choice("distribution", self.distribution, get_args(Distribution))
+        choice("distribution", self.distribution, get_args(_Distribution))
         whole("references", self.references, low=1, high=_MOST_REFERENCES)
         whole("circles", self.circles, high=_MOST_REFERENCES)
         real("action_period", self.action_period, "s", above=0.0, high=0.1)
@@ -134,3 +131,55 @@ class TrainingConfig:
         if missing:
             raise ValueError(f"the configuration lacks: {', '.join(sorted(missing))}")
         return record(dict(values), cls)
+
+
+SEGMENT = 50
+"""Control periods between two instants at which the memory of the network is kept, where a window may begin."""
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class EstimateConfig:
+    """What is trained for how long; the text after each field says what it is.
+
+    Raises:
+        TypeError: a value is of the wrong type.
+        ValueError: a value is out of range.
+    """
+
+    seed: int = 0
+    """Seed of everything that is random."""
+    hidden: int = 32
+    """Numbers that the network remembers (1 to 512)."""
+    modulation: int = 16
+    """Numbers by which the context weighs them (1 to 512)."""
+    chunks: int = 200
+    """Chunks of experience, each of which is learned from before the next."""
+    lanes: int = 160
+    """Number of arms that are simulated at once (1 to 65536)."""
+    steps: int = 100
+    """Control periods of a chunk, a multiple of 50."""
+    window: int = 100
+    """Control periods of a sequence that is learned from, a multiple of 50, at most those of a chunk."""
+    updates: int = 10
+    """Gradient steps after each chunk."""
+    replay: int = 8
+    """Number of latest chunks that are learned from."""
+    learning_rate: float = 3e-3
+    """Learning rate of Adam at the beginning; it falls to 1e-5 as a cosine."""
+    redraw: int = 6
+    """Chunks after which plants, loads and courses are drawn again."""
+
+    def __post_init__(self) -> None:
+        from fuzzyarm.fuzzy_policy.laws.learned.estimate.network import LARGEST_MEMORY  # which loads the compiler
+
+        whole("seed", self.seed, high=2**31 - 1)
+        most = {"hidden": LARGEST_MEMORY, "modulation": LARGEST_MEMORY, "lanes": 65_536, "replay": 1000}
+        most |= dict.fromkeys(("chunks", "redraw"), 1_000_000) | dict.fromkeys(("steps", "window", "updates"), 10_000)
+        for name, high in most.items():
+            whole(name, getattr(self, name), low=1, high=high)
+        real("learning_rate", self.learning_rate, above=0.0)
+        if self.steps % SEGMENT or self.window % SEGMENT or self.window > self.steps:
+            raise ValueError(
+                f"steps = {self.steps} and window = {self.window}: both must be multiples of {SEGMENT}, the "
+                "window at most the steps"
+            )

@@ -34,7 +34,6 @@ __all__ = [
     "LearningEnvs", "arm_definition", "arm_of", "base_of", "default_scale", "learning_envs", "sharpened_reward",
 ]  # fmt: skip
 
-SHIFT, SHARE = 0.01, 0.8  # rad, and share of the torque limits: default scales of actions
 _OWN_STATE = ("memory", "base_memory", "observation", "action")
 _FARTHEST = 4.0  # m, twice the distance between two arms of Table 1 that are stretched out in opposite directions
 
@@ -53,12 +52,7 @@ def learning_envs(config: TrainingConfig, base: Policy | None) -> LearningEnvs:
 
 
 def arm_of(config: TrainingConfig) -> AnyArm:
-    """Return the arm that a configuration names.
-
-    Raises:
-        ValueError: there is no such arm, or the actions are for another number of joints.
-        OSError: its file cannot be read.
-    """
+    """Return the arm that a configuration names; ValueError if its actions are for another number of joints."""
     arm = chosen_arm(config.robot, None)
     joints = joints_of(arm)
     if len(config.scale) != joints:
@@ -69,9 +63,7 @@ def arm_of(config: TrainingConfig) -> AnyArm:
 def base_of(config: TrainingConfig, arm: AnyArm, control_period: float) -> Policy | None:
     """Return the policy that ``config.base`` names, for an arm and a control period [s]; None: no base.
 
-    Raises:
-        ValueError: no policy is known by that name, or it is not for this arm. A file is no base: a bundle names its
-            base, and nothing would tell that the file had changed.
+    A file is no base: a bundle names its base, and nothing would show that the file had changed.
     """
     if config.base == "none":
         return None
@@ -87,12 +79,8 @@ def arm_definition(arm: AnyArm) -> ArmDefinition | None:
 
 
 def default_scale(arm: AnyArm, base: bool) -> tuple[float, ...]:
-    """Return the largest actions of an arm if none are given, one for each joint.
-
-    Shifts of 0.01 rad with a base, else 0.8 of the torque limits [N m].
-    """
-    limits = per_joint_of(arm, "torque_limit").tolist()
-    return tuple(SHIFT if base else SHARE * limit for limit in limits)
+    """Return the default largest actions (joints,): shifts of 0.01 rad with a base, else 0.8 of the limits [N m]."""
+    return tuple(0.01 if base else 0.8 * limit for limit in per_joint_of(arm, "torque_limit").tolist())
 
 
 class LearningEnvs(VecEnvWrapper):
@@ -101,18 +89,14 @@ class LearningEnvs(VecEnvWrapper):
     When the episode of a lane ends, its last features are computed from the memory of that episode, and the next
     episode begins with an empty memory, as it does for the shipped policy.
 
-    The actions of `venv` are torques [N m]; `base` is the policy that ``config.base`` names, and `arm` that it is for.
-
     Attributes:
-        tip_errors: (lanes,) distance between tip and reference after the last step [m]. The log and the reward use it;
-            the features do not hold it.
+        tip_errors: (lanes,) distance between tip and reference after the last step [m], for the log and the reward.
         plant_size: how many numbers behind the features no sensor measures, see `show_plant`.
     """
 
     def __init__(
         self, venv: StableBaselinesVecEnv, config: TrainingConfig, base: Policy | None, arm: AnyArm | None = None
     ) -> None:
-        """Make the memory of every lane."""
         joints = len(config.scale)
         features = Features(config.features, config.action_period, arm)
         self._arms = Lanes(features, None if base is None else Base(base, config.action))
@@ -177,11 +161,7 @@ class LearningEnvs(VecEnvWrapper):
         return {**state, **{name: getattr(self, f"_{name}").copy() for name in _OWN_STATE}}
 
     def set_state(self, state: dict[str, np.ndarray]) -> None:
-        """Continue from what `get_state` returned; `step` comes next, not `reset`.
-
-        Raises:
-            TypeError, ValueError: the state does not fit, see `FuzzyArmVectorEnv.set_state`; nothing has changed.
-        """
+        """Continue from what `get_state` returned; TypeError or ValueError, without a change, if it does not fit."""
         own = checked_arrays(state, {name: getattr(self, f"_{name}") for name in _OWN_STATE})
         self.venv.set_state(state)
         for name, array in own.items():
@@ -211,16 +191,11 @@ def _unbounded(size: int) -> gym.spaces.Box:
 
 
 def sharpened_reward(tip_error: np.ndarray, effort: np.ndarray, length: float) -> np.ndarray:
-    """Return (1 - ln(1 + e/s)/ln(1 + L/s)) (1 - 0.1 effort), at least 0, for tip errors e [m] and a length s [m].
+    """Return (1 - ln(1 + e/s)/ln(1 + L/s)) (1 - 0.1 effort), at least 0, for tip errors e (lanes,) and a length s [m].
 
     The environment's own reward hardly changes where the tip is far away or closer than 5 mm. The slope of this one
     vanishes nowhere: halving the error is worth the same at a metre as at ten millimetres. L = 4 m exceeds every tip
     error.
-
-    Args:
-        tip_error: (lanes,) e [m].
-        effort: (lanes,) of the torques, as the environment's reward has it.
-        length: s [m], positive.
     """
     tracking = 1.0 - np.log1p(tip_error / length) / np.log1p(_FARTHEST / length)
     reward: np.ndarray = np.maximum(tracking, 0.0) * (1.0 - EFFORT_WEIGHT * effort)

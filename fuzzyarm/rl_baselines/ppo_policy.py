@@ -25,10 +25,7 @@ _TIP, _ANGLE, _VELOCITY, _FORCE = 1e-4, 1e-4, 1e-2, 200.0  # m, rad, rad/s, N
 def plant_view(info: Mapping[str, Any], observation: np.ndarray, which: Any = slice(None)) -> np.ndarray:
     """Return what the plants of some lanes do (rows, numbers), each of order 1 but for what was drawn.
 
-    Args:
-        info: of the whole batch, see `FuzzyArmVectorEnv`.
-        observation: (rows, 5 n) of these lanes.
-        which: the lanes.
+    `info` is that of the whole batch, `observation` (rows, 5 n) that of the lanes `which`.
     """
     o = observed(observation)
     parts = [
@@ -59,7 +56,6 @@ class GuidedPolicy(ActorCriticPolicy):
     def __init__(
         self, *arguments: Any, unseen: int = 0, silent: bool = False, smoothness: float = 0.0, **others: Any
     ) -> None:
-        """Make the networks; the other arguments are those of stable-baselines3."""
         self._unseen, self._smoothness = unseen, smoothness
         super().__init__(*arguments, **others)
         if silent:

@@ -23,12 +23,9 @@ __all__ = ["StableBaselinesVecEnv", "training_envs"]
 def training_envs(num_envs: int, **arguments: Any) -> StableBaselinesVecEnv:
     """Return ``FuzzyArm-v0`` in `num_envs` lanes with actions in [-1, 1], for stable-baselines3.
 
-    Call ``torch.set_num_threads(1)`` before learning: by default torch takes a thread per core, and for networks of a
-    few hundred weights a layer the threads wait for each other much longer than they compute.
-
-    Args:
-        num_envs: number of lanes.
-        arguments: those of `FuzzyArmVectorEnv`, say ``case="machining"`` or ``randomisation="robust"``.
+    The other arguments are those of `FuzzyArmVectorEnv`, say ``case="machining"`` or ``randomisation="robust"``. Call
+    ``torch.set_num_threads(1)`` before learning: by default torch takes a thread per core, and for networks of a few
+    hundred weights a layer the threads wait for each other much longer than they compute.
     """
     return StableBaselinesVecEnv(_RescaledActions(FuzzyArmVectorEnv(num_envs, **arguments), -1, 1))
 
@@ -46,11 +43,11 @@ class StableBaselinesVecEnv(VecEnv):
     A step is one call for the whole batch; Python looks only at those lanes one by one whose episode ends. Their info
     holds ``terminal_observation``, ``TimeLimit.truncated``, ``episode`` (return ``r``, length ``l`` and seconds ``t``
     since the start, as `Monitor` gives them) and, if the episode was terminated, ``reason``. The running lanes share
-    one empty info; `vector_info` holds the info of the whole batch.
+    one empty info.
 
     Args:
-        envs: ``gym.make_vec("FuzzyArm-v0", num_envs=64)``, or that in wrappers; `training_envs` makes it with actions
-            in [-1, 1].
+        envs: ``gym.make_vec("FuzzyArm-v0", num_envs=64)``, or that in wrappers, which nobody else may step from then
+            on; `training_envs` makes it with actions in [-1, 1].
 
     Raises:
         ValueError: the environment does not reset itself within the step.
@@ -60,7 +57,6 @@ class StableBaselinesVecEnv(VecEnv):
     """
 
     def __init__(self, envs: VectorEnv[Any, Any, Any]) -> None:
-        """Wrap `envs`, which must not be stepped by anybody else from then on."""
         mode = envs.metadata.get("autoreset_mode")
         if mode is not AutoresetMode.SAME_STEP:
             raise ValueError(f"autoreset_mode = {mode}; stable-baselines3 needs {AutoresetMode.SAME_STEP}")
@@ -105,8 +101,7 @@ class StableBaselinesVecEnv(VecEnv):
     def set_state(self, state: dict[str, np.ndarray]) -> None:
         """Continue from the state of an environment made with the same arguments; `step` comes next, not `reset`.
 
-        Raises:
-            TypeError, ValueError: the state does not fit, see `FuzzyArmVectorEnv.set_state`; nothing has changed.
+        TypeError or ValueError, and no change: the state does not fit, see `FuzzyArmVectorEnv.set_state`.
         """
         own = checked_arrays(state, {"returns": self._returns, "lengths": self._lengths})
         _attribute(self.envs, "set_state")(state)
@@ -137,15 +132,11 @@ class StableBaselinesVecEnv(VecEnv):
         return [None] * self.num_envs
 
     def _final_info(self, lane: int, out_of_time: bool) -> dict[str, Any]:
-        episode = {
-            "r": float(self._returns[lane]),
-            "l": int(self._lengths[lane]),
-            "t": round(time.perf_counter() - self._start, 6),
-        }
+        elapsed = round(time.perf_counter() - self._start, 6)
         info = {
             "terminal_observation": self.vector_info["final_obs"][lane],
             "TimeLimit.truncated": out_of_time,
-            "episode": episode,
+            "episode": {"r": float(self._returns[lane]), "l": int(self._lengths[lane]), "t": elapsed},
         }
         reasons = self.vector_info["final_info"].get("reason")
         if reasons is not None and reasons[lane] is not None:

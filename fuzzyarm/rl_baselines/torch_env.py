@@ -133,7 +133,6 @@ class TorchFuzzyArm:
         substep: float | None = None,
         randomisation: str | DomainRandomisation = "nominal",
     ) -> None:
-        """Build the tables; arguments as in the class docstring."""
         self.num_envs, self.dtype = checks.whole("num_envs", num_envs, low=1, high=MOST_LANES), dtype
         if not isinstance(dtype, torch.dtype) or dtype not in (torch.float32, torch.float64):
             raise ValueError(f"dtype = {checks.shown(dtype)} is unknown; choose torch.float32 or torch.float64")

@@ -33,11 +33,7 @@ Launch = Callable[..., None]
 
 
 def launcher(device: torch.device) -> Launch | None:
-    """Return what launches kernels on tensors of an NVIDIA GPU, on torch's current stream; None for other devices.
-
-    Raises:
-        RuntimeError: the driver has no such GPU.
-    """
+    """Return what launches kernels on tensors of an NVIDIA GPU, on torch's current stream; None for other devices."""
     if device.type != "cuda" or torch.version.hip is not None:
         return None
     own = gpu(torch.cuda.current_device() if device.index is None else device.index)
@@ -49,17 +45,9 @@ def launcher(device: torch.device) -> Launch | None:
 
 
 class KernelLanes:
-    """A batch of arms in tensors of float64.
-
-    Args:
-        lanes: their plants, scenarios, periods and randomisation, by lane or one for all; no memory is shared.
-        count: number of lanes n.
-        device: of all tensors.
-        launch: runs a kernel on them.
-    """
+    """A batch of n = `count` arms in tensors of float64, like `lanes`, by lane or one for all; no memory is shared."""
 
     def __init__(self, lanes: Lanes, count: int, device: torch.device, launch: Launch) -> None:
-        """Lay out the memory; no episode begins before `reset`."""
         self._kernels, self._launch, self._count = lanes.kernels, launch, count
         self._layout, self._physics = lanes.layout, lanes.physics
         self._empty = functools.partial(torch.empty, dtype=torch.float64, device=device)
@@ -99,26 +87,12 @@ class KernelLanes:
         ended = Flags(*flags.view(torch.int64))
         # The first byte of 0 or 1 is that of False or True.
         terminated, truncated, clipped = (one.view(torch.bool)[:: one.element_size()] for one in ended[:3])
-        return Outcome(
-            seen.t(),
-            final.t(),
-            scalars["reward"],
-            terminated,
-            truncated,
-            results[self._layout.parts.tip],
-            scalars["tip_error"],
-            scalars["reward_tracking"],
-            scalars["reward_effort"],
-            clipped,
-            ended.reason,
-        )
+        errors = scalars["tip_error"], scalars["reward_tracking"], scalars["reward_effort"]
+        parts = seen.t(), final.t(), scalars["reward"], terminated, truncated, results[self._layout.parts.tip]
+        return Outcome(*parts, *errors, clipped, ended.reason)
 
     def run(self, policy: Policy, law: Law, steps: int, memory: Tensor | None) -> tuple[Tensor, Tensor, Totals]:
-        """Take steps under a policy's law; see `TorchFuzzyArm.run`.
-
-        Returns:
-            Observations (n, 5 joints), the law's memory (n, numbers), and `Totals` of (n,).
-        """
+        """Take steps under a law, see `TorchFuzzyArm.run`; return observations (n, 5 joints), memory and `Totals`."""
         shapes = zeros(law.memory), zeros(law.constants), tuple(table.shape for table in law.tables)
         kernel = _closed_loop(self._kernels, law.act, policy.integral_at, *shapes)
         seen = self._empty(self._count, self._layout.observed)

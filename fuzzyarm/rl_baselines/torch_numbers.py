@@ -21,14 +21,10 @@ class Angle:
 
     It supports the arithmetic that the physics uses: an increment may be added, angles may be added and subtracted,
     which gives tensors, and so do sine, cosine, magnitude, a number times the angle and comparisons with limits.
-
-    Args:
-        value: the angle, rounded.
-        rest: the exact angle minus `value`.
+    `value` is the rounded angle, `rest` the exact one minus `value`.
     """
 
     def __init__(self, value: Tensor, rest: Tensor) -> None:
-        """Take both parts."""
         self.value, self.rest = value, rest
 
     def __add__(self, other: Any) -> Any:
@@ -78,15 +74,12 @@ class Angle:
 
 
 class Table:
-    """Rows of numbers to be looked up lane by lane; a column with one value throughout is a constant to the compiler.
+    """Rows of numbers (rows, columns) to be looked up lane by lane, in the dtype and on the device of `like`.
 
-    Args:
-        rows: (rows, columns).
-        like: a tensor of the dtype and on the device that the numbers shall have.
+    A column with one value throughout is a constant to the compiler.
     """
 
     def __init__(self, rows: np.ndarray, like: Tensor) -> None:
-        """Separate constant columns from the others."""
         same = np.all(rows == rows[0], axis=0)
         self.constants = tuple(rows[0, k].item() if same[k] else None for k in range(rows.shape[1]))
         self.tensor = torch.tensor(rows[:, ~same], dtype=like.dtype, device=like.device)
@@ -101,11 +94,8 @@ class Table:
         columns: list[Tensor] = []
         looked_up = 0
         for constant in self.constants:
-            if constant is None:
-                columns.append(self.tensor[place, looked_up])
-                looked_up += 1
-            else:
-                columns.append(self.number(constant))
+            columns.append(self.tensor[place, looked_up] if constant is None else self.number(constant))
+            looked_up += constant is None
         return columns
 
     def number(self, value: float) -> Tensor:
@@ -116,31 +106,23 @@ class Table:
 class Word:
     """Words of 64 bits, unsigned, for `fuzzyarm.envs.batch.randomness`; torch has no arithmetic for its uint64.
 
-    int64 computes like uint64, except for shifts.
-
-    Args:
-        bits: (lanes,) int64.
-        dtype: of the numbers that are made of them.
+    int64 computes like uint64, except for shifts. `bits` are (lanes,), `dtype` is that of numbers made of them.
     """
 
     def __init__(self, bits: Tensor, dtype: torch.dtype) -> None:
-        """Take the bits."""
         self.bits, self.dtype = bits, dtype
 
-    def _with(self, bits: Tensor) -> Word:
-        return Word(bits, self.dtype)
-
     def __add__(self, other: Any) -> Word:
-        return self._with(self.bits + _bits(other))
+        return Word(self.bits + _bits(other), self.dtype)
 
     def __mul__(self, other: Any) -> Word:
-        return self._with(self.bits * _bits(other))
+        return Word(self.bits * _bits(other), self.dtype)
 
     def __xor__(self, other: Any) -> Word:
-        return self._with(self.bits ^ _bits(other))
+        return Word(self.bits ^ _bits(other), self.dtype)
 
     def __rshift__(self, places: int) -> Word:
-        return self._with((self.bits >> places) & ((1 << (64 - places)) - 1))
+        return Word((self.bits >> places) & ((1 << (64 - places)) - 1), self.dtype)
 
 
 def _bits(other: Any) -> Any:

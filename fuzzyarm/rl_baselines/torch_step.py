@@ -63,7 +63,6 @@ class Equations:
     """The equations of the arm, and the functions of the task made for them; looked up before anything is compiled."""
 
     def __init__(self, physics: Physics) -> None:
-        """Make the functions."""
         self.physics = physics
         self.numbers, self.angles = size(physics.State), 2 * physics.joints
         self.held, self.assessed, self.reading = held_of(physics), assessed_of(physics), reading_of(physics)
@@ -81,33 +80,19 @@ def _reader(record: Any) -> Callable[[Iterable[Tensor]], Any]:
 
 @dataclasses.dataclass(frozen=True)
 class Shared:
-    """What all lanes share: numbers, which are constants to the compiler, and tables.
+    """What all lanes share: numbers, which are constants to the compiler, and tables."""
 
-    Attributes:
-        equations: of the arm.
-        plant: the nominal arm, a `Physics.Plant`.
-        payload: mass [kg] that the disturbance adds.
-        payload_place: where it is, see `Physics.payload_place`.
-        noise: standard deviations of measured angles [rad] and velocities [rad/s].
-        ranges: low and high of every number of `draw_record`.
-        period: control period [s].
-        substeps: in it.
-        spans: (schedules, 2), first row in `rows` and number of steps.
-        starts: (schedules, numbers of `reference_record`), the reference at the start.
-        rows: (steps, numbers of `row_record`), the schedules below each other, see `by_step`.
-    """
-
-    equations: Equations
-    plant: Any
-    payload: float
-    payload_place: float
-    noise: Noise
-    ranges: tuple[tuple[float, float], ...]
-    period: float
-    substeps: int
-    spans: Table
-    starts: Table
-    rows: Table
+    equations: Equations  # of the arm
+    plant: Any  # the nominal arm, a `Physics.Plant`
+    payload: float  # mass [kg] that the disturbance adds
+    payload_place: float  # where it is, see `Physics.payload_place`
+    noise: Noise  # standard deviations of measured angles [rad] and velocities [rad/s]
+    ranges: tuple[tuple[float, float], ...]  # low and high of every number of `draw_record`
+    period: float  # control period [s]
+    substeps: int  # in it
+    spans: Table  # (schedules, 2), first row in `rows` and number of steps
+    starts: Table  # (schedules, numbers of `reference_record`), the reference at the start
+    rows: Table  # (steps, numbers of `row_record`), the schedules below each other, see `by_step`
 
     def nominal(self) -> Any:
         """Return the plant in tensors of shape ()."""

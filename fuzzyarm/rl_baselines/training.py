@@ -52,15 +52,13 @@ _EVALUATION_PERIOD = 1e-3  # s, control period of the environment in which polic
 
 
 class Training:
-    """A training in its folder, new or resumed.
+    """A training in its folder, new or resumed; nothing is written before `run`.
 
     Attributes:
         config: the settings; their class decides on the algorithm.
         folder: where everything goes; made if needed.
         report: called after every update with the row of the curve.
-        arm: that it learns to move.
-        algorithm: what learns.
-        envs: the arms it learns on.
+        algorithm: what learns, on the arms `envs`.
         rows: the curve so far, one mapping per update.
         best: smallest score so far [mm], see `_ship`.
 
@@ -72,7 +70,6 @@ class Training:
     def __init__(
         self, config: TrainingConfig, folder: Path, report: Callable[[dict[str, Any]], None] = lambda row: None
     ) -> None:
-        """Make networks and arms; nothing is written before `run`."""
         self.config, self.folder, self.report = config, folder, report
         self.rows: list[dict[str, Any]] = []
         self.best = math.inf
@@ -85,12 +82,7 @@ class Training:
         self._shipped_policy()  # refuses before the training what could not be shipped after it
 
     @classmethod
-    def resume(
-        cls,
-        folder: Path,
-        total_timesteps: int | None = None,
-        algorithm: str | None = None,
-    ) -> Training:
+    def resume(cls, folder: Path, total_timesteps: int | None = None, algorithm: str | None = None) -> Training:
         """Return the training of a folder as it was at its last checkpoint.
 
         Args:

@@ -42,18 +42,13 @@ __all__ = [
 ]
 
 _HOMES = {
-    "Design": "designer",
-    "DesignFailed": "designer",
-    "DesignProblem": "design_problem",
-    "ScheduledDesign": "scheduled_design",
-    "ScheduledSpecification": "scheduled_design",
-    "Specification": "specification",
-    "describe": "designer",
-    "describe_scheduled": "scheduled_design",
-    "design": "designer",
-    "design_scheduled": "scheduled_design",
-    "find_design": "designer",
+    name: home
+    for home, names in {
+        "design_problem": "DesignProblem",
+        "designer": "Design DesignFailed describe design find_design",
+        "scheduled_design": "ScheduledDesign ScheduledSpecification describe_scheduled design_scheduled",
+        "specification": "Specification",
+    }.items()
+    for name in names.split()
 }
-
-
 __getattr__ = lazily(__name__, _HOMES)

@@ -33,15 +33,7 @@ class Size:
 
 
 def paper_formula(N: int, N_e: int = 2, *, n_x: int = 4, n_d: int = 2, n_u: int = 2) -> Size:
-    """Return N_var and N_row of Remark 4.
-
-    Args:
-        N: vertices of A, half the number of rules where z1 is kept.
-        N_e: vertices of E.
-        n_x: states of the plant.
-        n_d: disturbances.
-        n_u: inputs.
-    """
+    """Return N_var and N_row of Remark 4; N is half the number of rules where z1 is kept."""
     return Size(
         variables=6 + n_x * (1 + 3 * N**2 + N_e * N**2 + n_d),
         rows=6 * n_x * (1 + N * N_e) + n_x * N * (8 * n_x * N + N_e * n_u),
@@ -51,9 +43,7 @@ def paper_formula(N: int, N_e: int = 2, *, n_x: int = 4, n_d: int = 2, n_u: int 
 def full_size(data: Vertices, *, gains_bounded: bool = False) -> Size:
     """Return the size of P > 0 and Ψ_ijk + Ψ_jik < 0 for all i <= j and k, as Theorems 1 and 2 state them, L free.
 
-    Args:
-        data: the vertices, of the paper's form (`TrackingVertices`) or of the consistent one.
-        gains_bounded: whether [[gI, M_jk], [M_jkᵀ, P11]] >= 0 is there too; the variable is then g, not γ².
+    With `gains_bounded` [[gI, M_jk], [M_jkᵀ, P11]] >= 0 is there too, and the variable is g, not γ².
     """
     paper, n_e, N_e, pairs = isinstance(data, TrackingVertices), data.n_e, len(data.E), len(data.pairs)
     blocks = (n_e, PLANT_STATES) if paper else (n_e,)

@@ -57,18 +57,9 @@ def pi(
 ) -> Any:
     """Return Π_ijk (..., rows, rows), symmetric and affine in P, M, Q, X and Θ, of numbers or of cvxpy's expressions.
 
-    Args:
-        data: the vertices of the consistent form, n = 4 or, with the integral, 6.
-        i: vertex of A, from 0; with arrays of i and k the result is a stack, as in `consistent_reference.psi`.
-        k: vertex of E, from 0.
-        R: (s, s), symmetric [1/s].
-        S: (s, s), without unit.
-        P: (n, n).
-        M: M_jk, (..., 2, n).
-        Q: Q_ij, (..., s n, s n).
-        X: X_ij, (..., s n, s n).
-        theta: Θ of the pair (i, j) and k, (..., m, s, s), one for each entry of `data.uncertainties`.
-        put: what makes a matrix of the block rows.
+    The vertices are of the consistent form, n = 4 or, with the integral, 6; with arrays of i and k, from 0, the result
+    is a stack, as in `consistent_reference.psi`. R [1/s] and S are (s, s), P is (n, n), M_jk (..., 2, n), Q_ij and X_ij
+    are (..., s n, s n), and Θ (..., m, s, s) has an entry for each of `data.uncertainties`.
     """
     one, n = identity(len(S)), data.n_e
     E, wide = np.kron(one, data.error_E(k)), np.kron(S, identity(n))

@@ -27,8 +27,8 @@ class DesignFailed(ValueError):
     """No controller whose proof goes through was found; the message says what would have to give.
 
     Attributes:
-        problem: that was solved last, with the values where the solver ended; None if none was solved.
-        result: what the solver returned, or the point or certificate that was refused; None without one.
+        problem: the last one solved, with the values where the solver ended, or None.
+        result: the solver's answer, or the refused point or certificate, or None.
     """
 
     def __init__(self, message: str, problem: Any = None, result: Any = None) -> None:
@@ -75,12 +75,7 @@ def design(specification: Specification, parameters: ArmParameters | None = None
 
 
 def find_design(specification: Specification, parameters: ArmParameters | None = None) -> Design | DesignFailed:
-    """Return what `design` returns, or without a controller what comes in front of the explanation, not looked for.
-
-    Args:
-        specification: what is asked.
-        parameters: the arm, default Table 1.
-    """
+    """Return what `design` returns, or without a controller the failure, with no search for its explanation."""
     parameters = ArmParameters() if parameters is None else instance("parameters", parameters, ArmParameters)
     begin = time.perf_counter()
     best = best_point(specification, parameters)
@@ -100,12 +95,7 @@ def to_controller(
 ) -> Controller:
     """Return a point of the inequalities as a controller, not proven yet.
 
-    Args:
-        model: the T-S model.
-        specification: what was asked.
-        point: the point.
-        objective: what was minimised, in words; None for the specification's.
-        package: that solved it, whose version is written down.
+    `objective` says in words what was minimised, None for the specification's; the version of `package` is recorded.
     """
     P, M, paper = 0.5 * (point.P + point.P.T), point.M, specification.form == "paper"
     n_e = M.shape[-1]

@@ -55,14 +55,14 @@ CLARABEL = {
 }
 CERTAIN = "PrimalInfeasible"
 """The solver's status of a proof that there is no point, to its full accuracy."""
-INFEASIBLE = (CERTAIN, "AlmostPrimalInfeasible")
+_INFEASIBLE = (CERTAIN, "AlmostPrimalInfeasible")
 
 # γ ties the unit c of V to P. In the consistent form c goes with σ/(γU)²; 0.37 of that gives the smallest gains with z1
 # kept, 0.6 with z1 dropped (α = 20, γ = 2e-4). In the paper's form 1e-4 at γ = 1000 suits every model.
-BEST_SCALE = {True: 0.37, False: 0.6}
-PAPER_SCALE, PAPER_GAMMA = 1e-4, 1000.0
-ALPHA_RESOLUTION = 0.01  # relative, of the largest decay rate
-DUST = 1e-9  # relative, of an entry of P or M that a solver means to be zero
+_BEST_SCALE = {True: 0.37, False: 0.6}
+_PAPER_SCALE, PAPER_GAMMA = 1e-4, 1000.0
+_ALPHA_RESOLUTION = 0.01  # relative, of the largest decay rate
+_DUST = 1e-9  # relative, of an entry of P or M that a solver means to be zero
 
 
 class NoPoint(ValueError):
@@ -81,7 +81,7 @@ class NoPoint(ValueError):
         self, problem: Inequalities, status: str, margin: float, result: Any = None, program: Any = None
     ) -> None:
         self.problem, self.status, self.margin, self.result, self.program = problem, status, margin, result, program
-        self.ray = np.array(result.z) if result is not None and status in INFEASIBLE else None
+        self.ray = np.array(result.z) if result is not None and status in _INFEASIBLE else None
         found = "a proof that there is none" if self.ray is not None else f"a point with margin {margin:.2g}"
         super().__init__(
             f"no strictly feasible point: the solver ended with {status} and {found}; lower alpha, or raise gamma, the "
@@ -110,9 +110,7 @@ class Point:
     solve_seconds: float  # of the solver and of recomputing the margin [s]
 
 
-class _Slack(NamedTuple):
-    """Variables of Ψ or Φ, in units."""
-
+class _Slack(NamedTuple):  # variables of Ψ or Φ, in units
     Q: Any  # Q_b (p, 2, n)
     X: Any  # X_b (p, 2, 2)
     tau: Any  # (p N_e, m)
@@ -149,11 +147,8 @@ class Inequalities:
     ) -> None:
         """Write the problem down; nothing is solved.
 
-        Args:
-            specification: what is asked.
-            parameters: the arm.
-            scale: c, relative to what suits most designs.
-            vertex: of A, whose inequalities alone are written: necessary conditions. None for all.
+        `scale` is c, relative to what suits most designs. Where a `vertex` of A is given, its inequalities alone are
+        written: necessary conditions.
         """
         given = self.specification = specification
         self.model = TSModel(parameters, given.kept)
@@ -253,7 +248,7 @@ class Inequalities:
         self.inequalities = {"P > 0": P11 - f * np.eye(self._data.n_e) >> 0}
         for letter in ("Psi", "Phi")[: len(self._slack)]:
             U = self._reduction(letter)
-            self.inequalities[letter] = negative(U @ self._matrices(letter, half, _as_it_is) @ U.T, MARGIN)
+            self.inequalities[letter] = negative(U @ self._matrices(letter, half, lambda entry: entry) @ U.T, MARGIN)
         bounded = positive(half([[self._g * np.eye(JOINTS)], [transposed(self._gains), P11]]))
         self.constraints = [*self.inequalities.values(), bounded]
         minimised = 0 if given.gamma else self._gamma2 / self._gamma2_unit
@@ -277,10 +272,7 @@ class Inequalities:
     def _matrices(self, letter: str, put: Assembly, of: Callable[[Any], Any]) -> Any:
         """Return (Ψ_ijk + Ψ_jik)/2, or the same of Φ, in SI units with V in units of c: a stack (p N_e, rows, rows).
 
-        Args:
-            letter: "Psi" or "Phi".
-            put: what makes a matrix of the block rows.
-            of: what is read of a variable or parameter: itself, or its value.
+        `put` makes a matrix of the block rows; `of` reads a variable or parameter: itself, or its value.
         """
         data, slack, unit = self._midpoints, self._slack[letter == "Phi"], self._units
         k, pair, tau, S_b = self._k, self._pair, of(slack.tau), np.eye(len(unit["P"]))[:, VELOCITY]
@@ -326,11 +318,8 @@ class Inequalities:
     def point(self, solver: str = cp.CLARABEL, **options: Any) -> Point:
         """Return the point of the specification, with the largest decay rate if it leaves α open.
 
-        α multiplies P, so it cannot be a variable: it is found by bisection from `alpha` up.
-
-        Args:
-            solver: name of an installed one that takes semidefinite problems.
-            options: of the solver, as `cvxpy.Problem.solve` takes them.
+        α multiplies P, so it cannot be a variable: it is found by bisection from `alpha` up. The options of the solver
+        are those that `cvxpy.Problem.solve` takes.
 
         Raises:
             NoPoint: none was found that is strictly feasible when recomputed from its values, whatever the status says.
@@ -351,7 +340,7 @@ class Inequalities:
 
         first, pole = best.alpha, self.specification.fastest_pole
         bad, limit = (2.0 * first, RATES[1]) if pole is None else (pole, None)  # no pole is faster: it bounds α, too
-        last_that_works(works, first, bad, resolution=ALPHA_RESOLUTION, limit=limit)
+        last_that_works(works, first, bad, resolution=_ALPHA_RESOLUTION, limit=limit)
         self.alpha.value = best.alpha
         for variable, value in zip(variables, values, strict=True):
             variable.save_value(value)
@@ -368,7 +357,7 @@ class Inequalities:
                 compiled = time.perf_counter()
                 result = chain.solve_via_data(problem, program, solver_opts=options)
                 status = str(result.status) if solver == cp.CLARABEL else ""
-                if status in INFEASIBLE:
+                if status in _INFEASIBLE:
                     raise NoPoint(self, status, -math.inf, result, program)
                 problem.unpack_results(_where_it_ended(result) if status else result, chain, inverse)
             except cp.SolverError as error:
@@ -380,6 +369,8 @@ class Inequalities:
         margin = min(_smallest_eigenvalue(self._P.value), *(_smallest_eigenvalue(-R) for _, R in reduced.values()))
         if not margin > 0.0:
             raise NoPoint(self, status, margin, result, program)
+        n_e = self._data.n_e
+        gains = self._M.value @ np.linalg.inv(self._P.value[:n_e, :n_e])
         return Point(
             alpha=float(self.alpha.value),
             gamma=self.specification.gamma or math.sqrt(float(self.gamma2.value)),
@@ -388,7 +379,7 @@ class Inequalities:
             L=getattr(self.L, "value", self.L),
             slack=tuple(self._expanded(letter, *matrices) for letter, matrices in reduced.items()),
             margin=margin,
-            largest_gain=self._largest_gain(),
+            largest_gain=float(np.linalg.norm(gains, ord=2, axis=(-2, -1)).max()),
             objective=float(problem.objective.value),
             status=status,
             variables=len(program["c"]),
@@ -417,10 +408,7 @@ class Inequalities:
         Then the rows ẋ_a have -2εI after the congruence and meet only w, through D_a. They cost D_aᵀ D_a / 2ε in the
         rows w, half of the margin of R < 0 there if ε = |D_a (-R⁻¹)_ww D_aᵀ|; a larger ε would worsen the condition.
 
-        Args:
-            letter: "Psi" or "Phi".
-            F: (p N_e, rows, rows), in units.
-            R: U F Uᵀ, negative definite.
+        F is Ψ or Φ (p N_e, rows, rows) in units, and R = U F Uᵀ < 0.
         """
         slack, n, p, unit = self._slack[letter == "Phi"], len(self._scaling.state), len(self.pairs), self._units
         S_b, S_a = np.eye(n)[:, VELOCITY], np.delete(np.eye(n), VELOCITY, axis=1)
@@ -438,29 +426,20 @@ class Inequalities:
     def _without_dust(self, name: str, variable: Any) -> np.ndarray:
         """Return P or M in SI units; what a solver means to be zero is zero."""
         value = variable.value
-        return np.where(np.abs(value) < DUST * np.abs(value).max(), 0.0, self._c * self._units[name] * value)
-
-    def _largest_gain(self) -> float:
-        n_e = self._data.n_e
-        gains = self._M.value @ np.linalg.inv(self._P.value[:n_e, :n_e])
-        return float(np.linalg.norm(gains, ord=2, axis=(-2, -1)).max())
+        return np.where(np.abs(value) < _DUST * np.abs(value).max(), 0.0, self._c * self._units[name] * value)
 
 
 def _natural(given: Specification, scaling: Scaling) -> float:
     """Return the unit c of V that suits a specification."""
     if given.form == "paper":
-        return PAPER_SCALE * (PAPER_GAMMA / (given.gamma or PAPER_GAMMA)) ** 2
+        return _PAPER_SCALE * (PAPER_GAMMA / (given.gamma or PAPER_GAMMA)) ** 2
     gamma = given.gamma or 1.0 / scaling.stiffness
-    return float(BEST_SCALE["z1" in given.kept] * scaling.time / (gamma * scaling.torque.mean()) ** 2)
+    return float(_BEST_SCALE["z1" in given.kept] * scaling.time / (gamma * scaling.torque.mean()) ** 2)
 
 
 def _product(unit: np.ndarray, values: Any) -> Any:
     """Return the product entry by entry, of cvxpy's expressions or of numbers."""
     return cp.multiply(unit, values) if isinstance(values, cp.Expression) else unit * values
-
-
-def _as_it_is(entry: Any) -> Any:
-    return entry
 
 
 def _value_of(entry: Any) -> Any:

@@ -15,7 +15,6 @@ import copy
 import dataclasses
 import math
 from collections.abc import Callable, Sequence
-from typing import NamedTuple
 
 import clarabel  # type: ignore[import-untyped]
 import numpy as np
@@ -26,13 +25,7 @@ from fuzzyarm.envs.physics.robot import Robot
 from fuzzyarm.fuzzy_policy.scheduled import Premise, rule_weights, speeds_of
 from fuzzyarm.proof.box_cover import TrigMatrix
 from fuzzyarm.proof.definiteness import exact
-from fuzzyarm.proof.inertia_bounds import (
-    TWIST,
-    angle_ranges,
-    inertia_polynomial,
-    plus,
-    scheduled_polynomial,
-)
+from fuzzyarm.proof.inertia_bounds import TWIST, angle_ranges, inertia_polynomial, plus, scheduled_polynomial
 from fuzzyarm.synthesis.scalar_design import smallest_pole
 
 __all__ = [
@@ -40,20 +33,17 @@ __all__ = [
 ]  # fmt: skip
 
 
-class Family(NamedTuple):
-    """Matrices F_0 + Σ x_k F_k that must be positive semidefinite."""
-
-    constant: np.ndarray  # F_0, (B, s, s)
-    linear: np.ndarray  # F_k, (B, variables, s, s)
+# Matrices F_0 + Σ x_k F_k that must be positive semidefinite: F_0 (B, s, s) and F_k (B, variables, s, s).
+_Family = tuple[np.ndarray, np.ndarray]
 
 
-def svec(matrix: np.ndarray) -> np.ndarray:
+def _svec(matrix: np.ndarray) -> np.ndarray:
     """Return the upper triangles (..., s(s + 1)/2) of matrices (..., s, s) by columns; off-diagonal numbers × √2."""
     column, row = np.tril_indices(matrix.shape[-1])
     return matrix[..., row, column] * np.where(row == column, 1.0, math.sqrt(2.0))
 
 
-def symmetric_units(size: int) -> np.ndarray:
+def _symmetric_units(size: int) -> np.ndarray:
     """Return a basis of the symmetric matrices (s, s): one entry and its mirror image are the number 1."""
     row, column = np.tril_indices(size)
     units = np.zeros((len(row), size, size))
@@ -62,22 +52,18 @@ def symmetric_units(size: int) -> np.ndarray:
     return units
 
 
-def minimise(q: np.ndarray, families: list[Family]) -> np.ndarray:
+def _minimise(q: np.ndarray, families: list[_Family]) -> np.ndarray:
     """Return the x (variables,) with the smallest qᵀx where Clarabel ends."""
-    rows = [-np.swapaxes(svec(family.linear), 1, 2).reshape(-1, len(q)) for family in families]
+    rows = [-np.swapaxes(_svec(linear), 1, 2).reshape(-1, len(q)) for _, linear in families]
     A = sparse.csc_matrix(np.concatenate(rows))
-    b = np.concatenate([svec(family.constant).ravel() for family in families])
-    cones = [clarabel.PSDTriangleConeT(family.constant.shape[-1]) for family in families for _ in family.constant]
+    b = np.concatenate([_svec(constant).ravel() for constant, _ in families])
+    cones = [clarabel.PSDTriangleConeT(constant.shape[-1]) for constant, _ in families for _ in constant]
     settings = clarabel.DefaultSettings()
     settings.verbose = False
     settings.tol_gap_abs = settings.tol_gap_rel = settings.tol_feas = 1e-7
     settings.direct_solve_method, settings.max_threads = "faer", 1
     answer = clarabel.DefaultSolver(sparse.csc_matrix((len(q), len(q))), q, A, b, cones, settings).solve()
     return np.array(answer.x)
-
-
-KEPT = 40  # samples that the search goes on from
-FIRST_STEP, STEPS = 0.2, 25  # rad, halved where no step helps
 
 
 @dataclasses.dataclass(frozen=True)
@@ -133,25 +119,16 @@ def _angles_in(ranges: np.ndarray, count: int, seed: int) -> np.ndarray:
     return np.where((np.arange(count) % 2 == 0)[:, np.newaxis], q, snapped)
 
 
-def smallest_value(
-    function: Callable[[np.ndarray], np.ndarray], ranges: np.ndarray, *, count: int = 3000, seed: int = 1
-) -> float:
-    """Return the smallest value found.
-
-    Args:
-        function: of angles (B, d) [rad], returns (B,).
-        ranges: of the angles, (d, 2) [rad].
-        count: samples.
-        seed: of the samples.
-    """
-    q = _angles_in(ranges, count, seed)
+def _smallest_value(function: Callable[[np.ndarray], np.ndarray], ranges: np.ndarray) -> float:
+    """Return the smallest value (B,) found of a function of angles (B, d) in `ranges` (d, 2) [rad]."""
+    q = _angles_in(ranges, 3000, seed=1)
     values = function(q)
-    best = np.argsort(values)[:KEPT]
+    best = np.argsort(values)[:40]
     q, values = q[best], values[best]
     d = len(ranges)
     directions = np.concatenate([np.eye(d), -np.eye(d)])
-    step = FIRST_STEP
-    for _ in range(STEPS if d else 0):
+    step = 0.2  # rad, halved where no step helps
+    for _ in range(25 if d else 0):
         tried = np.clip(q[:, np.newaxis] + step * directions, ranges[:, 0], ranges[:, 1])
         found = function(tried.reshape(-1, d)).reshape(len(q), -1)
         place, every = np.argmin(found, axis=1), np.arange(len(q))
@@ -163,15 +140,13 @@ def smallest_value(
     return float(values.min())
 
 
-ROUNDS = 20
-"""Programs that are solved for one schedule at most."""
-
-FIRST = 24  # samples to begin with
-ADDED = 5  # of each constraint and round
-FLOOR_ROUNDS, FLOOR_COST = 4, 2e-3  # and the share by which κ and the rates may rise for a larger floor
-SHARES = (1.0, 0.6, 0.3, 0.1)  # of the way from the best M̂ so far to an answer of the program
-ACTIVE = 0.02  # smallest eigenvalue of a constraint in scaled coordinates that keeps its sample in the program
-CLOSE = 2e-3  # what κ might still fall by, relative, at which the search ends
+_ROUNDS = 20  # programs that are solved for one schedule at most
+_FIRST = 24  # samples to begin with
+_ADDED = 5  # of each constraint and round
+_FLOOR_ROUNDS, _FLOOR_COST = 4, 2e-3  # and the share by which κ and the rates may rise for a larger floor
+_SHARES = (1.0, 0.6, 0.3, 0.1)  # of the way from the best M̂ so far to an answer of the program
+_ACTIVE = 0.02  # smallest eigenvalue of a constraint in scaled coordinates that keeps its sample in the program
+_CLOSE = 2e-3  # what κ might still fall by, relative, at which the search ends
 
 
 def relative(matrices: np.ndarray, to: np.ndarray) -> np.ndarray:
@@ -194,11 +169,11 @@ class MetricSearch:
         )
         self.weights = np.ones((len(samples.q), 1))
         self.size, self.distal = len(self.row), len(self.distal_row)
-        self.units, self.distal_units = symmetric_units(self.size), symmetric_units(self.distal)
+        self.units, self.distal_units = _symmetric_units(self.size), _symmetric_units(self.distal)
         self.inertia = 0.1 * np.eye(self.size)[np.newaxis]
         self.low, self.high = np.zeros((self.distal, self.distal)), 10.0 * np.eye(self.distal)
         self.kappa = np.inf
-        self.near, self.far = set(range(FIRST)), set(range(FIRST)) if self.distal else set()
+        self.near, self.far = set(range(_FIRST)), set(range(_FIRST)) if self.distal else set()
 
     def copy(self) -> MetricSearch:
         """Return a search that goes on from here on its own."""
@@ -211,7 +186,7 @@ class MetricSearch:
         copies = weights.shape[1] // len(self.inertia)
         self.weights, self.inertia = weights, np.tile(self.inertia, (copies, 1, 1))
 
-    def run(self, rounds: int = ROUNDS) -> None:
+    def run(self, rounds: int = _ROUNDS) -> None:
         """Iterate until the samples in the program allow no smaller κ; what is found holds for all samples.
 
         The M̂, D_low and D_high that reach a κ are a convex set. Where an answer of the program violates the samples
@@ -225,7 +200,7 @@ class MetricSearch:
             gain = self._step(sorted(self.near), sorted(self.far))
             answer, start = self._proposal(), best
             self._add_violated()
-            for share in SHARES:
+            for share in _SHARES:
                 self.inertia, self.low, self.high = (
                     share * new + (1.0 - share) * old for new, old in zip(answer, start, strict=True)
                 )
@@ -235,31 +210,29 @@ class MetricSearch:
                     self.kappa, best = kappa, self._proposal()
             self.inertia, self.low, self.high = best
             self._add_violated()
-            if gain < CLOSE * self.kappa:
+            if gain < _CLOSE * self.kappa:
                 break
 
     def raise_floor(self, slopes: list[np.ndarray]) -> None:
         """Raise the smallest eigenvalue of M̂ as far as κ and the rates μ_k allow, κ a little larger than it is.
 
-        Many M̂ have the same κ. The gain γ/σ between Euclidean norms is the smaller, the larger the floor σ.
-
-        Args:
-            slopes: ∂h/∂q_k (B, N) [1/rad] of each kept angle.
+        Many M̂ have the same κ. The gain γ/σ between Euclidean norms is the smaller, the larger the floor σ. `slopes`
+        are ∂h/∂q_k (B, N) [1/rad] of each kept angle.
         """
-        largest = (1.0 + FLOOR_COST) * self.kappa
+        largest = (1.0 + _FLOOR_COST) * self.kappa
         rates, best = np.array([self.rate(slope) for slope in slopes]), self.copy()
-        for _ in range(FLOOR_ROUNDS):
-            self._floor_step(sorted(self.near), slopes, (1.0 + FLOOR_COST) * rates, largest)
+        for _ in range(_FLOOR_ROUNDS):
+            self._floor_step(sorted(self.near), slopes, (1.0 + _FLOOR_COST) * rates, largest)
             self._add_violated()
             start = best
-            for share in SHARES:
+            for share in _SHARES:
                 found = start.blended(self, share)
                 within = found.kappa <= largest and all(
-                    found.rate(slope) <= (1.0 + FLOOR_COST) * rate for slope, rate in zip(slopes, rates, strict=True)
+                    found.rate(slope) <= (1.0 + _FLOOR_COST) * rate for slope, rate in zip(slopes, rates, strict=True)
                 )
                 if within and found._floors().min() > best._floors().min():
                     best = found
-            self.near |= {int(k) for k in np.argsort(best._floors())[:ADDED]}
+            self.near |= {int(k) for k in np.argsort(best._floors())[:_ADDED]}
             self.inertia, self.kappa = best.inertia, best.kappa
 
     def scheduled(self) -> np.ndarray:
@@ -304,10 +277,10 @@ class MetricSearch:
     def _add_violated(self) -> None:
         """Add the samples to the program that violate its constraints most."""
         gaps, distal_gaps = self._gaps()
-        self.near |= {int(k) for gap in gaps for k in np.argsort(gap)[:ADDED]}
+        self.near |= {int(k) for gap in gaps for k in np.argsort(gap)[:_ADDED]}
         if self.far:
-            self.far = {k for k in self.far if min(gap[k] for gap in distal_gaps) < ACTIVE}
-            self.far |= {int(k) for gap in distal_gaps for k in np.argsort(gap)[:ADDED]}
+            self.far = {k for k in self.far if min(gap[k] for gap in distal_gaps) < _ACTIVE}
+            self.far |= {int(k) for gap in distal_gaps for k in np.argsort(gap)[:_ADDED]}
 
     def _kappa(self) -> float:
         """Return κ of all samples, inf where M̂ or the lower inertia is not positive definite."""
@@ -349,16 +322,14 @@ class MetricSearch:
         none = nothing[:, np.newaxis]
         lowest, highest = (self.samples.inertia(D)[near] for D in (self.low, self.high))
         families = [
-            Family(lowest, np.concatenate([-hat, none], axis=1)),
-            Family(-highest, np.concatenate([kappa * hat, none], axis=1)),
-            Family(nothing, np.concatenate([hat, none - np.diag(self.row**2)], axis=1)),
+            (lowest, np.concatenate([-hat, none], axis=1)),
+            (-highest, np.concatenate([kappa * hat, none], axis=1)),
+            (nothing, np.concatenate([hat, none - np.diag(self.row**2)], axis=1)),
         ]
         for slope, rate in zip(slopes, rates.tolist(), strict=True):
-            families += [
-                Family(nothing, np.concatenate([2.0 * rate * hat + sign * times(slope), none], axis=1))
-                for sign in (1.0, -1.0)
-            ]
-        x = minimise(-np.eye(hat.shape[1] + 1)[-1], families)
+            changes = (2.0 * rate * hat + sign * times(slope) for sign in (1.0, -1.0))
+            families += [(nothing, np.concatenate([change, none], axis=1)) for change in changes]
+        x = _minimise(-np.eye(hat.shape[1] + 1)[-1], families)
         if np.isfinite(x).all():
             self.inertia = np.tensordot(x[:-1].reshape(-1, len(self.units)), self.units, axes=1)
 
@@ -379,8 +350,8 @@ class MetricSearch:
         if not far:
             lowest, highest = (self.samples.inertia(D)[near] for D in (self.low, self.high))
         families = [
-            Family(lowest, np.concatenate([-hat, tail, none, nothing], axis=1)),
-            Family(-highest, np.concatenate([self.kappa * hat, none, -tail, before], axis=1)),
+            (lowest, np.concatenate([-hat, tail, none, nothing], axis=1)),
+            (-highest, np.concatenate([self.kappa * hat, none, -tail, before], axis=1)),
         ]
         if far:
             D = self.samples.distal[far]
@@ -388,12 +359,12 @@ class MetricSearch:
             wide = np.zeros((len(far), columns, self.distal, self.distal))
             zero, one = np.zeros_like(every), np.zeros_like(D)[:, np.newaxis]
             families += [
-                Family(D, np.concatenate([wide, -every, zero, one], axis=1)),
-                Family(-D, np.concatenate([wide, zero, every, one], axis=1)),
+                (D, np.concatenate([wide, -every, zero, one], axis=1)),
+                (-D, np.concatenate([wide, zero, every, one], axis=1)),
             ]
         q = np.zeros(columns + 2 * others + 1)
         q[-1] = 1.0
-        x = minimise(q, families)
+        x = _minimise(q, families)
         if not np.isfinite(x).all():
             return 0.0
         self.inertia = np.tensordot(x[:columns].reshape(-1, len(units)), units, axes=1)
@@ -403,12 +374,12 @@ class MetricSearch:
         return -float(x[-1])
 
 
-UNSPLIT = 4  # joints of a robot whose chain needs no split
-FAR = 3  # most angles beyond the split
-SCREENED, FINALISTS = 2, 4  # rounds for all candidates, and the number of them that are searched to the end
-BLENDS = 11  # schedules tried between one with fewer premises and the one with the smallest κ
-STEP = 1e-5  # rad, of central differences
-SLACK = 1e-3  # of D_low and D_high, in units of the mean of D
+_UNSPLIT = 4  # joints of a robot whose chain needs no split
+_FAR = 3  # most angles beyond the split
+_SCREENED, _FINALISTS = 2, 4  # rounds for all candidates, and the number of them that are searched to the end
+_BLENDS = 11  # schedules tried between one with fewer premises and the one with the smallest κ
+_STEP = 1e-5  # rad, of central differences
+_SLACK = 1e-3  # of D_low and D_high, in units of the mean of D
 
 
 @dataclasses.dataclass(frozen=True)
@@ -428,24 +399,15 @@ class Metric:
 def split_of(robot: Robot, premises: Sequence[Premise]) -> int:
     """Return a, the link behind which the chain is split: two or three angles from the end, and no kept one beyond."""
     n = len(robot)
-    if n <= UNSPLIT:
+    if n <= _UNSPLIT:
         return n
-    return max([min(n - 2, UNSPLIT), n - FAR, *(premise.joint + 1 for premise in premises)])
+    return max([min(n - 2, _UNSPLIT), n - _FAR, *(premise.joint + 1 for premise in premises)])
 
 
 def fitted_metric(
     robot: Robot, premises: tuple[Premise, ...], split: int, *, alpha: float, count: int, seed: int = 0
 ) -> Metric:
-    """Return the metric found, whose κ and (3κ - 2)(α + μ) are no larger than with fewer of the premises.
-
-    Args:
-        robot: the robot.
-        premises: the kept ones, added in their order.
-        split: a.
-        alpha: α [1/s].
-        count: samples.
-        seed: of the samples.
-    """
+    """Return the metric found, whose κ and (3κ - 2)(α + μ) are no larger than with fewer of the premises, in order."""
     samples = InertiaSamples.of(robot, split, count, seed)
     search = MetricSearch(samples)
     search.run()
@@ -459,16 +421,16 @@ def fitted_metric(
     rotors = exact(np.diag(robot.drive("motor_inertia")))
     if split < n:
         distal = TrigMatrix(inertia_polynomial(robot, split, n))
-        low = low + (min(_smallest(distal, ranges[split:], low, unit), 0.0) - SLACK) * unit
-        high = high - (min(_smallest(distal, ranges[split:], high, -unit), 0.0) - SLACK) * unit
+        low = low + (min(_smallest(distal, ranges[split:], low, unit), 0.0) - _SLACK) * unit
+        high = high - (min(_smallest(distal, ranges[split:], high, -unit), 0.0) - _SLACK) * unit
     lowest, highest = (
         TrigMatrix(plus(inertia_polynomial(robot, 0, split, exact(tail) if split < n else None), rotors))
         for tail in ((low, high) if split < n else (low, low))
     )
     scheduled = TrigMatrix(scheduled_polynomial(premises, inertia, split))
-    share = smallest_value(lambda q: relative(lowest.at(q), scheduled.at(q))[:, 0], near)
-    kappa = -smallest_value(lambda q: -relative(highest.at(q), scheduled.at(q))[:, -1], near)
-    floor = smallest_value(lambda q: np.linalg.eigvalsh(scheduled.at(q))[:, 0], near)
+    share = _smallest_value(lambda q: relative(lowest.at(q), scheduled.at(q))[:, 0], near)
+    kappa = -_smallest_value(lambda q: -relative(highest.at(q), scheduled.at(q))[:, -1], near)
+    floor = _smallest_value(lambda q: np.linalg.eigvalsh(scheduled.at(q))[:, 0], near)
     rates = [_rate(scheduled, premise, near) for premise in premises]
     return Metric(premises, split, share * inertia, low, high, kappa / share, share * floor, np.array(rates))
 
@@ -478,13 +440,7 @@ def ranked_premises(
 ) -> list[tuple[float, Premise]]:
     """Return candidates for one more premise, the best first, each with its (3κ - 2)(α + μ) [1/s] at samples.
 
-    Args:
-        robot: the robot, whose chain is not split here.
-        kept: the premises there are.
-        candidates: premises of other joints.
-        alpha: α [1/s].
-        count: samples.
-        seed: of the samples.
+    The chain is not split here.
     """
     search = MetricSearch(InertiaSamples.of(robot, len(robot), count, seed))
     search.run()
@@ -495,12 +451,12 @@ def ranked_premises(
         poles = [_with_premise(search, robot, (*kept, candidate), alpha, rounds)[1] for candidate in among]
         return sorted(zip(poles, among, strict=True), key=lambda entry: entry[0])
 
-    first = ranked(candidates, SCREENED)
-    return [*ranked([candidate for _, candidate in first[:FINALISTS]], ROUNDS), *first[FINALISTS:]]
+    first = ranked(candidates, _SCREENED)
+    return [*ranked([candidate for _, candidate in first[:_FINALISTS]], _ROUNDS), *first[_FINALISTS:]]
 
 
 def _with_premise(
-    search: MetricSearch, robot: Robot, premises: tuple[Premise, ...], alpha: float, rounds: int = ROUNDS
+    search: MetricSearch, robot: Robot, premises: tuple[Premise, ...], alpha: float, rounds: int = _ROUNDS
 ) -> tuple[MetricSearch, float]:
     """Return a search with one more premise, the last one, and its (3κ - 2)(α + μ) [1/s] at samples.
 
@@ -519,7 +475,7 @@ def _with_premise(
         rates = [found.rate(slope) for slope in slopes]
         return smallest_pole(found.kappa, alpha + float(np.dot(rates, speeds)))
 
-    tried = [before.blended(after, share) for share in np.linspace(0.0, 1.0, BLENDS).tolist()]
+    tried = [before.blended(after, share) for share in np.linspace(0.0, 1.0, _BLENDS).tolist()]
     poles = [pole(found) for found in tried]
     best = int(np.argmin(poles))
     return tried[best], poles[best]
@@ -527,21 +483,21 @@ def _with_premise(
 
 def _slopes(premises: tuple[Premise, ...], k: int, q: np.ndarray) -> np.ndarray:
     """Return ∂h/∂q (B, 2^premises) [1/rad] by the angle of premise k at angles (B, n) [rad], by central differences."""
-    step = STEP * np.eye(q.shape[-1])[premises[k].joint]
+    step = _STEP * np.eye(q.shape[-1])[premises[k].joint]
     change = rule_weights(premises, q + step) - rule_weights(premises, q - step)
-    return np.asarray(change / (2.0 * STEP))
+    return np.asarray(change / (2.0 * _STEP))
 
 
 def _rate(scheduled: TrigMatrix, premise: Premise, ranges: np.ndarray) -> float:
     """Return μ_k of a premise [1/rad]."""
     slope = scheduled.derivative(premise.joint - 1)
-    return -0.5 * smallest_value(lambda q: -np.abs(relative(slope.at(q), scheduled.at(q))).max(axis=1), ranges)
+    return -0.5 * _smallest_value(lambda q: -np.abs(relative(slope.at(q), scheduled.at(q))).max(axis=1), ranges)
 
 
 def _smallest(distal: TrigMatrix, ranges: np.ndarray, bound: np.ndarray, unit: np.ndarray) -> float:
     """Return the smallest eigenvalue of ±(D - bound) relative to |unit|, with the sign of `unit`."""
     scale = 1.0 / np.sqrt(np.abs(np.diag(unit)))
     sign = np.sign(unit[0, 0])
-    return smallest_value(
+    return _smallest_value(
         lambda q: np.linalg.eigvalsh(sign * (distal.at(q) - bound) * scale[:, np.newaxis] * scale)[:, 0], ranges
     )

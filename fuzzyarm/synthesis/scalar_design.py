@@ -21,10 +21,10 @@ from fuzzyarm.synthesis.expressions import half, negative, positive
 
 __all__ = ["Feedback", "best_feedback", "feedback_for_gamma", "smallest_pole"]
 
-GAMMA_SLACK = 1.001  # of γ over the solver's, so that the inequalities hold strictly
-STRICT = 2e-4  # of the rates, likewise
-MOST = 50.0  # fastest pole over the smallest one, where the search for a given γ gives up
-CLARABEL = dict.fromkeys(("tol_gap_abs", "tol_gap_rel", "tol_feas"), 1e-7) | {"max_threads": 1}
+_GAMMA_SLACK = 1.001  # of γ over the solver's, so that the inequalities hold strictly
+_STRICT = 2e-4  # of the rates, likewise
+_MOST = 50.0  # fastest pole over the smallest one, where the search for a given γ gives up
+_CLARABEL = dict.fromkeys(("tol_gap_abs", "tol_gap_rel", "tol_feas"), 1e-7) | {"max_threads": 1}
 
 
 @dataclasses.dataclass(frozen=True)
@@ -45,7 +45,7 @@ class _Problem:
         self.gamma2, self.share, self.pole = cp.Variable(), cp.Parameter(nonneg=True), cp.Parameter(nonneg=True)
         values, constraints = {"P": self.P, "m": self.m, "put": half}, [self.P >> 0]
         for share in (self.share, 1.0):
-            constraints.append(negative(decay(share, rate=1.0 + STRICT, gamma2=self.gamma2, **values)))
+            constraints.append(negative(decay(share, rate=1.0 + _STRICT, gamma2=self.gamma2, **values)))
             constraints.append(positive(fastest(share, pole=self.pole, **values)))
         self.problem = cp.Problem(cp.Minimize(self.gamma2), constraints)
 
@@ -62,19 +62,13 @@ def smallest_pole(kappa: float, rate: float) -> float:
 
 
 def best_feedback(kappa: float, rate: float, fastest_pole: float) -> Feedback | None:
-    """Return the feedback with the smallest γ; None if none was found whose inequalities hold.
-
-    Args:
-        kappa: κ.
-        rate: a = α + μ [1/s].
-        fastest_pole: β [1/s].
-    """
+    """Return the feedback with the smallest γ for κ, a = α + μ [1/s] and β [1/s]; None without one that holds."""
     asked = _compiled(threading.get_ident())
-    asked.share.value, asked.pole.value = 1.0 / kappa, (1.0 - STRICT) * fastest_pole / rate
+    asked.share.value, asked.pole.value = 1.0 / kappa, (1.0 - _STRICT) * fastest_pole / rate
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", UserWarning)  # that it may be inaccurate: the inequalities decide
         try:
-            asked.problem.solve(solver=cp.CLARABEL, canon_backend="SCIPY", **CLARABEL)
+            asked.problem.solve(solver=cp.CLARABEL, canon_backend="SCIPY", **_CLARABEL)
         except cp.SolverError:
             return None
     P = asked.P.value
@@ -84,7 +78,7 @@ def best_feedback(kappa: float, rate: float, fastest_pole: float) -> Feedback | 
     T_inverse = np.diag([1.0, 1.0 / rate, rate])
     X = T_inverse @ np.linalg.inv(P) @ T_inverse / rate
     k = rate**2 * np.linalg.solve(P, asked.m.value[0]) @ T_inverse
-    gamma = GAMMA_SLACK * math.sqrt(max(float(asked.gamma2.value), 0.0)) / rate**2
+    gamma = _GAMMA_SLACK * math.sqrt(max(float(asked.gamma2.value), 0.0)) / rate**2
     found = Feedback(k, 0.5 * (X + X.T), gamma, fastest_pole)
     return found if _holds(found, kappa, rate) else None
 
@@ -101,8 +95,8 @@ def feedback_for_gamma(kappa: float, rate: float, gamma: float) -> Feedback | No
         best = found
         return False
 
-    if not fails(MOST * lowest):
-        last_that_works(fails, 1.001 * lowest, MOST * lowest, resolution=0.005)
+    if not fails(_MOST * lowest):
+        last_that_works(fails, 1.001 * lowest, _MOST * lowest, resolution=0.005)
     return best
 
 
@@ -113,10 +107,8 @@ def _holds(found: Feedback, kappa: float, rate: float) -> bool:
     for share in (1.0 / kappa, 1.0):
         matrices.append(-decay(share, rate=rate, gamma2=found.gamma**2, P=P, m=m))
         matrices.append(fastest(share, pole=found.fastest_pole, P=P, m=m))
-    for matrix in matrices:
-        diagonal = np.diag(matrix)
-        if not (diagonal > 0.0).all():
-            return False
-        if not np.linalg.eigvalsh(matrix / np.sqrt(np.outer(diagonal, diagonal)))[0] > 0.0:
-            return False
-    return True
+    diagonals = [np.diag(matrix) for matrix in matrices]
+    return all((diagonal > 0.0).all() for diagonal in diagonals) and all(
+        np.linalg.eigvalsh(matrix / np.sqrt(np.outer(diagonal, diagonal)))[0] > 0.0
+        for matrix, diagonal in zip(matrices, diagonals, strict=True)
+    )

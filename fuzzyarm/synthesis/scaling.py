@@ -42,8 +42,7 @@ class Scaling:
     def of(cls, data: Vertices, parameters: ArmParameters) -> Scaling:
         """Choose the units for a robot: the inertia of each joint, geometrically averaged with that of both.
 
-        Inertias alone would ask for equal bandwidths, no inertias for equal stiffness of the two joints; the
-        average balances the two and sets what "small gains" means in the design.
+        Inertias alone would ask for equal bandwidths, no inertias for equal stiffness of the two joints.
         """
         arm, time = arm_constants(parameters), REFERENCE_POLE
         inertia = np.array(parameters.motor_inertia) + np.array([arm.c1, arm.c3])

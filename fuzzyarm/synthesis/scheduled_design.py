@@ -24,24 +24,21 @@ from fuzzyarm.synthesis.inertia_metric import Metric, fitted_metric, ranked_prem
 from fuzzyarm.synthesis.scalar_design import Feedback, best_feedback, feedback_for_gamma, smallest_pole
 
 __all__ = [
-    "ALPHAS", "MOST_JOINTS", "ScheduledDesign", "ScheduledSpecification", "best_premise", "describe_scheduled",
-    "design_scheduled",
+    "ALPHAS", "MOST_JOINTS", "ScheduledDesign", "ScheduledSpecification", "describe_scheduled", "design_scheduled",
 ]  # fmt: skip
 
 MOST_JOINTS = 7
-"""More joints than that would need more than one split of the chain."""
+"""More joints would need more than one split of the chain."""
 
 ALPHAS = (20.0, 15.0, 10.0, 7.0, 5.0, 3.0, 2.0)
 """Decay rates [1/s] that are tried where none is asked for; the premises are chosen for the first."""
 
 CONTROL_PERIOD = 1e-3  # s, of the margins that decide between them
 
-POLE_FACTOR = 1.5
-"""Fastest pole over the smallest one where neither it nor γ is asked for."""
-
-SAMPLES, SEARCH_SAMPLES = 2000, 400
-WIDENINGS = (2e-3, 1e-2, 4e-2)
-"""Shares by which the bounds of the samples are widened, one after the other, until the proof goes through."""
+_POLE_FACTOR = 1.5  # fastest pole over the smallest one where neither it nor γ is asked for
+SAMPLES, _SEARCH_SAMPLES = 2000, 400
+# Shares by which the bounds of the samples are widened, one after the other, until the proof goes through.
+_WIDENINGS = (2e-3, 1e-2, 4e-2)
 
 
 @dataclasses.dataclass(frozen=True)
@@ -72,7 +69,6 @@ class ScheduledSpecification:
     fastest_pole: float | None = None
 
     def __post_init__(self) -> None:
-        """Check the numbers."""
         if self.rules not in [2**k for k in range(MOST_PREMISES + 1)]:
             raise ValueError(f"rules = {self.rules} is out of range; allowed: 1, 2, 4, 8 or 16")
         whole("rules", self.rules, low=1)
@@ -125,7 +121,7 @@ def design_scheduled(
         premises = ()
         while 2 ** len(premises) < specification.rules:
             progress(f"looking for premise {len(premises) + 1}")
-            premises = (*premises, best_premise(robot, premises, specification.alpha or ALPHAS[0]))
+            premises = (*premises, _best_premise(robot, premises, specification.alpha or ALPHAS[0]))
     for premise in premises:
         if premise.joint >= n:
             raise DesignFailed(
@@ -138,7 +134,7 @@ def design_scheduled(
     searched = time.perf_counter() - begin
     begin = time.perf_counter()
     failed = ""
-    for widening in WIDENINGS:
+    for widening in _WIDENINGS:
         progress("proving")
         controller = _chosen(specification, robot, metric, widening)
         certificate = certify_scheduled(controller)
@@ -148,22 +144,14 @@ def design_scheduled(
     raise DesignFailed(f"the proof does not go through at {failed}")
 
 
-def best_premise(robot: Robot, kept: tuple[Premise, ...], alpha: float) -> Premise:
-    """Return the premise that brings the smallest possible fastest pole, (3κ - 2)(α + μ), down most.
-
-    κ and μ are those of samples, without a split of the chain.
-
-    Raises:
-        DesignFailed: no angle is left.
-    """
+def _best_premise(robot: Robot, kept: tuple[Premise, ...], alpha: float) -> Premise:
+    """Return the premise with the smallest (3κ - 2)(α + μ) at samples, without a split of the chain."""
     taken = {premise.joint for premise in kept}
     left = [joint for joint in range(1, len(robot)) if joint not in taken]
     if not left:
-        raise DesignFailed(
-            f"{robot.name} has {len(robot)} joints, of which no angle is left to keep: ask for fewer rules"
-        )
+        raise DesignFailed(f"{robot.name} has {len(robot)} joints, and no angle is left to keep: ask for fewer rules")
     candidates = [Premise(joint, function) for joint in left for function in FUNCTIONS]
-    return ranked_premises(robot, kept, candidates, alpha=alpha, count=SEARCH_SAMPLES)[0][1]
+    return ranked_premises(robot, kept, candidates, alpha=alpha, count=_SEARCH_SAMPLES)[0][1]
 
 
 def _chosen(
@@ -225,7 +213,7 @@ def _feedback(specification: ScheduledSpecification, kappa: float, rate: float, 
         if found is None:
             raise DesignFailed(f"no feedback reaches gamma = {specification.gamma:g} rad/(N m): ask for a larger one")
         return found
-    pole = POLE_FACTOR * lowest if specification.fastest_pole is None else specification.fastest_pole
+    pole = _POLE_FACTOR * lowest if specification.fastest_pole is None else specification.fastest_pole
     found = best_feedback(kappa, rate, pole)
     if found is None:
         raise DesignFailed(

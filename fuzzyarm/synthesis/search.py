@@ -23,32 +23,20 @@ from fuzzyarm.synthesis.inequalities import CERTAIN, PAPER_GAMMA, Inequalities, 
 from fuzzyarm.synthesis.scaling import Scaling
 from fuzzyarm.synthesis.specification import FIRST_ALPHA, Specification
 
-__all__ = [
-    "best_point", "lightness", "nearest_feasible", "scaled_gain", "why_infeasible",
-]  # fmt: skip
+__all__ = ["best_point", "lightness", "nearest_feasible", "scaled_gain", "why_infeasible"]
 
-FACTORS = (1.0, 3.0, 0.3, 10.0, 0.1, 30.0, 0.03)
-"""Factors on the unit of V that are tried in turn where the first is infeasible."""
-KEPT = 8  # compiled problems
-MANY = 4  # rules, from which a scale is given up if one vertex is infeasible: 0.02 to 2 s instead of up to a minute
-MOST_SEARCHED = 4
-"""Rules up to which a limit is searched for with the whole model; one design with 32 takes ten seconds."""
-LOOSEST = 1e6
-"""γ of the consistent form in the units of an arm, far above any use."""
-STEPS = {"fastest_pole": (2.0, 0.05), "gain_bound": (1.5, 0.1), "gamma": (10.0, 0.3), "alpha": (0.25, 0.02)}
-"""Factor between the values that are tried of a limit, and resolution of the bisection that follows, relative."""
-LIGHT = 2.0
-"""Inertia of Table 1 over an arm's, above which the default of γ is too much to ask."""
+_FACTORS = (1.0, 3.0, 0.3, 10.0, 0.1, 30.0, 0.03)  # on the unit of V, tried in turn where the first is infeasible
+_KEPT = 8  # compiled problems
+_MANY = 4  # rules, from which a scale is given up if one vertex is infeasible: 0.02 to 2 s instead of up to a minute
+_MOST_SEARCHED = 4  # rules up to which a limit is searched for with the whole model; a design with 32 takes ten seconds
+_LOOSEST = 1e6  # γ of the consistent form in the units of an arm, far above any use
+# Factor between the values that are tried of a limit, and resolution of the bisection that follows, relative.
+_STEPS = {"fastest_pole": (2.0, 0.05), "gain_bound": (1.5, 0.1), "gamma": (10.0, 0.3), "alpha": (0.25, 0.02)}
+_LIGHT = 2.0  # inertia of Table 1 over an arm's, above which the default of γ is too much to ask
 
 
 def best_point(specification: Specification, arm: ArmParameters, vertex: int | None = None) -> Point | NoPoint:
-    """Return the point of a specification, or why the last attempt found none.
-
-    Args:
-        specification: what is asked.
-        arm: for which.
-        vertex: of A, whose inequalities alone are solved; None for all.
-    """
+    """Return the point of a specification, by the inequalities of one `vertex` of A or of all, or why there is none."""
     if specification.gamma is None and specification.form == "paper":
         return _smallest_gamma_paper(specification, arm, vertex)
     return _first_point(specification, arm, vertex)
@@ -57,7 +45,7 @@ def best_point(specification: Specification, arm: ArmParameters, vertex: int | N
 def _first_point(specification: Specification, arm: ArmParameters, vertex: int | None) -> Point | NoPoint:
     """Return the point at the first scale of V that has one."""
     failed = None
-    for factor in FACTORS:
+    for factor in _FACTORS:
         failed = _refuted(specification, arm, factor) if vertex is None else None
         if failed is None:
             try:
@@ -72,12 +60,12 @@ def _refuted(specification: Specification, arm: ArmParameters, factor: float) ->
     """Return the solver's proof, if it gives one, that already one vertex of a large model has no point.
 
     The others are asked only where the first neither has a point nor a proof that there is none. A γ that is free is
-    asked to be no larger than `LOOSEST`: the solver proves little of a problem whose only limit is its objective.
+    asked to be no larger than `_LOOSEST`: the solver proves little of a problem whose only limit is its objective.
     """
-    if _rules(specification) < MANY:  # which are solved as quickly as they are refuted
+    if 1 << len(specification.kept) < _MANY:  # which are solved as quickly as they are refuted
         return None
     if specification.gamma is None:
-        specification = dataclasses.replace(specification, gamma=LOOSEST / _units(arm).stiffness)
+        specification = dataclasses.replace(specification, gamma=_LOOSEST / _units(arm).stiffness)
     for number in range(2 ** len([name for name in specification.kept if name != "z1"])):
         try:
             _asked(specification, arm, number, factor).point()
@@ -96,14 +84,10 @@ def _asked(specification: Specification, arm: ArmParameters, vertex: int | None,
     return problem
 
 
-@functools.lru_cache(KEPT)
+@functools.lru_cache(_KEPT)
 def _compiled(structure: Specification, arm: ArmParameters, vertex: int | None, thread: int) -> Inequalities:
     """Return a problem of a structure; each thread has its own, since its parameters are set and its point is read."""
     return Inequalities(structure, arm, vertex=vertex)
-
-
-def _rules(specification: Specification) -> int:
-    return 1 << len(specification.kept)
 
 
 def _smallest_gamma_paper(specification: Specification, arm: ArmParameters, vertex: int | None) -> Point | NoPoint:
@@ -147,26 +131,18 @@ def nearest_feasible(
 
     The fastest pole is raised up to a thousandfold, γ a millionfold, and the gain bound tenfold from the smallest
     gains; α [1/s] falls to `_slowest_tried`. None if no such value is feasible, or if the limit is not given.
-
-    Args:
-        specification: what was asked.
-        arm: for which.
-        name: of the limit, one of `STEPS`.
-        vertex: of A, whose inequalities alone are solved; None for all.
     """
+    found = None
 
     def solved(value: float | None) -> Point | NoPoint:
         changed: dict[str, Any] = {name: value}
         return best_point(dataclasses.replace(specification, **changed), arm, vertex)
 
-    found = None
-
     def fails(value: float) -> bool:
         nonlocal found
-        if isinstance(solved(value), NoPoint):
-            return True
-        found = value
-        return False
+        failed = isinstance(solved(value), NoPoint)
+        found = found if failed else value
+        return failed
 
     start = specification.first_alpha if name == "alpha" else getattr(specification, name)
     if start is None or (name == "gain_bound" and None in (specification.alpha, specification.gamma)):
@@ -182,7 +158,7 @@ def nearest_feasible(
         "gamma": min(1e6 * start, GAINS[1]),
         "alpha": _slowest_tried(specification),
     }[name]
-    factor, resolution = STEPS[name]
+    factor, resolution = _STEPS[name]
     if fails(start) and (factor * start - limit) * (factor - 1.0) <= 0.0:
         # The bisection follows what fails, from `start` on; each number found to work is nearer than the one before.
         last_that_works(fails, start, factor * start, resolution=resolution, limit=limit)
@@ -197,12 +173,12 @@ def _slowest_tried(specification: Specification) -> float:
 def why_infeasible(specification: Specification, arm: ArmParameters) -> str:
     """Return the specification in words and the first limit that would do alone, and by how much.
 
-    The fastest pole is tried first, then α, the gain bound and γ; γ before α where it suits a heavier arm.
-
-    Where already one vertex of a large model allows too little, its limit is searched for and named: it takes seconds,
-    and the limit of all vertices is no larger.
+    The fastest pole is tried first, then α, the gain bound and γ; γ before α where it suits a heavier arm. Where
+    already one vertex of a large model allows too little, its limit is named, which is found within seconds.
     """
-    s, alpha, rules, vertex = specification, specification.first_alpha, _rules(specification), None
+    s, alpha, rules, vertex = specification, specification.first_alpha, 1 << len(specification.kept), None
+    limits = {"gamma": s.gamma, "the gain bound": s.gain_bound, "fastest_pole": s.fastest_pole}
+    limits = {name: value for name, value in limits.items() if value is not None}
     given = "" if s.gain_bound is None else f", gain bound {s.gain_bound:g} N m/rad"
     given += "" if s.fastest_pole is None else f", fastest pole {s.fastest_pole:g} 1/s"
     head = (
@@ -210,11 +186,13 @@ def why_infeasible(specification: Specification, arm: ArmParameters) -> str:
         f"alpha = {alpha:g} 1/s, gamma = {'free' if s.gamma is None else f'{s.gamma:g}'}{given}"
     )
     works = "works"
-    if rules >= MANY:
+    if rules >= _MANY:
         if isinstance(best_point(specification, arm, 0), NoPoint):
             vertex, works = 0, "works for one vertex of the model alone"
-        elif rules > MOST_SEARCHED:
-            return f"{head}; each of the model's vertices alone may allow this, all together do not: {_relaxed(s)}"
+        elif rules > _MOST_SEARCHED:
+            raised = [f"raise {name} above {value:g}" for name, value in limits.items()]
+            relaxed = " or ".join([f"lower alpha below {alpha:g}", *raised, "keep fewer premises"])
+            return f"{head}; each of the model's vertices alone may allow this, all together do not: {relaxed}"
 
     def nearest(name: str) -> float | None:
         return nearest_feasible(specification, arm, name, vertex)
@@ -222,7 +200,7 @@ def why_infeasible(specification: Specification, arm: ArmParameters) -> str:
     if (pole := nearest("fastest_pole")) is not None:
         return f"{head}; fastest_pole would have to give: the smallest that {works} is about {pole:.3g} 1/s"
     factor = lightness(arm) if s.form == "consistent" and s.gamma is not None else 1.0
-    too_small = factor > LIGHT and s.gamma < factor * Specification.gamma  # type: ignore[operator]
+    too_small = factor > _LIGHT and s.gamma < factor * Specification.gamma  # type: ignore[operator]
     if too_small and (gamma := nearest("gamma")) is not None:
         natural = f"{factor * Specification.gamma:.2g} asks the same of this arm as the default does of Table 1"  # type: ignore[operator]
         return f"{head}; gamma would have to give: the smallest that {works} is about {gamma:.2g}, and {natural}"
@@ -233,18 +211,4 @@ def why_infeasible(specification: Specification, arm: ArmParameters) -> str:
         return f"{head}: the gain bound would have to give: the smallest that {works} is about {bound:.3g} N m/rad"
     if (gamma := nearest("gamma")) is not None:
         return f"{head}: gamma would have to give: the smallest that {works} is about {gamma:.2g}"
-    return f"{head}: raise {' or '.join(_limits(s))}"
-
-
-def _limits(specification: Specification) -> dict[str, float]:
-    """Return the limits from above that are given, by their names."""
-    s = specification
-    limits = {"gamma": s.gamma, "the gain bound": s.gain_bound, "fastest_pole": s.fastest_pole}
-    return {name: value for name, value in limits.items() if value is not None}
-
-
-def _relaxed(specification: Specification) -> str:
-    """Return which of the given limits may be relaxed."""
-    s = specification
-    given = [f"raise {name} above {value:g}" for name, value in _limits(s).items()]
-    return " or ".join([f"lower alpha below {s.first_alpha:g}", *given, "keep fewer premises"])
+    return f"{head}: raise {' or '.join(limits)}"

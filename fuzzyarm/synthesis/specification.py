@@ -51,7 +51,6 @@ class Specification:
     fastest_pole: float | None = None
 
     def __post_init__(self) -> None:
-        """Check the numbers, each and together."""
         texts("kept", self.kept)
         choice("form", self.form, FORMS)
         truth("integral", self.integral)

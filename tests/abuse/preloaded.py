@@ -18,7 +18,7 @@ for _name in (
     "fuzzyarm.export.c_files",
     "fuzzyarm.export.fmu",
     "fuzzyarm.identification.result",
-    "fuzzyarm.rl_baselines.progress",
+    "fuzzyarm.cli.train",
     "fuzzyarm.rl_baselines.training",
     "fuzzyarm.synthesis",
     "minari",

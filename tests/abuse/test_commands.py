@@ -39,7 +39,7 @@ COMPUTING = (
     "fuzzyarm.eval.evaluation.run.evaluate",
     "fuzzyarm.eval.evaluation.recheck.recheck_results",
     "fuzzyarm.eval.sweep.run.Sweep.begin",
-    "fuzzyarm.rl_baselines.progress.train_with_progress",
+    "fuzzyarm.cli.train.train_with_progress",
     "fuzzyarm.synthesis.design",
     "fuzzyarm.synthesis.design_scheduled",
     "fuzzyarm.policies.tip_bound.find_bound",

@@ -30,6 +30,8 @@ from fuzzyarm.envs.scenario.randomisation import ALLOWED, DomainRandomisation
 from fuzzyarm.envs.scenario.reference import JointReference
 from fuzzyarm.envs.vector import FuzzyArmVectorEnv
 from fuzzyarm.eval.episodes.rollout import run_episode
+from fuzzyarm.eval.episodes.rollout_file import write_rollouts
+from fuzzyarm.eval.evaluation.ranking import rank_policies
 from fuzzyarm.identification.log import read_log
 from fuzzyarm.proof.tip.plant import PlantSet
 from fuzzyarm.rl_baselines.algorithms.ppo import PPOConfig
@@ -215,7 +217,7 @@ DOCUMENTED = {
         fuzzyarm.measure_margins, lambda: {"config": fuzzyarm.MarginsConfig(policies=("fuzzy-1",))}
     ),
     "metrics_of": Name(fuzzyarm.metrics_of, lambda: {"rollout": episode()}),
-    "rank_policies": Name(fuzzyarm.rank_policies, lambda: {"paths": [samples.evaluated()]}),
+    "rank_policies": Name(rank_policies, lambda: {"paths": [samples.evaluated()]}),
     "read_log": Name(fuzzyarm.read_log, lambda: {"path": samples.tables() / "log.csv"}),
     "robot_named": Name(fuzzyarm.robot_named, lambda: {"name": "ur5"}),
     "run_bench": Name(fuzzyarm.run_bench, lambda: {"config": fuzzyarm.BenchConfig(threads=1)}),
@@ -233,7 +235,7 @@ DOCUMENTED = {
         fuzzyarm.write_results,
         lambda: {"evaluation": fuzzyarm.evaluate(DOCUMENTED["evaluate"].valid()["config"]), "folder": out()},
     ),
-    "write_rollouts": Name(fuzzyarm.write_rollouts, lambda: {"rollouts": [episode()], "folder": out()}),
+    "write_rollouts": Name(write_rollouts, lambda: {"rollouts": [episode()], "folder": out()}),
     # Environments, and what they are made with.
     "FuzzyArmEnv": Name(FuzzyArmEnv, lambda: {**ENVIRONMENT, "render_mode": "rgb_array"}, drive),
     "FuzzyArmVectorEnv": Name(FuzzyArmVectorEnv, lambda: {**ENVIRONMENT, "num_envs": LANES, "threads": 1}, batch),

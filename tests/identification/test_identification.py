@@ -186,7 +186,7 @@ def test_a_suggestion_stays_within_the_limits_and_is_better_than_chance(monkeypa
     monkeypatch.setattr(excitation, "_REFINEMENTS", 60)
     motion = suggested(TRUTH, 10.0)
     limits = TRUTH.joint_limit, TRUTH.velocity_limit, TRUTH.torque_limit
-    for used, limit in zip(use_of(motion, TRUTH), limits, strict=True):
+    for used, limit in zip(use_of(motion, TRUTH).values(), limits, strict=True):
         assert (used <= 1.01 * SHARE * np.array(limit)).all()
     monkeypatch.setattr(excitation, "_DRAWS", 1)
     monkeypatch.setattr(excitation, "_REFINEMENTS", 1)

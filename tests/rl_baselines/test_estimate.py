@@ -31,13 +31,12 @@ from fuzzyarm.fuzzy_policy.laws.learned.estimate.signals import (  # noqa: E402
     unexplained_parts,
     units_of,
 )
+from fuzzyarm.rl_baselines.config import EstimateConfig  # noqa: E402
 from fuzzyarm.rl_baselines.estimate import courses as courses_module  # noqa: E402
-from fuzzyarm.rl_baselines.estimate.config import EstimateConfig  # noqa: E402
 from fuzzyarm.rl_baselines.estimate.courses import Courses, draw_courses  # noqa: E402
 from fuzzyarm.rl_baselines.estimate.driving import Drive  # noqa: E402
-from fuzzyarm.rl_baselines.estimate.student import Student  # noqa: E402
 from fuzzyarm.rl_baselines.estimate.teacher import Teacher  # noqa: E402
-from fuzzyarm.rl_baselines.estimate.training import EstimateTraining  # noqa: E402
+from fuzzyarm.rl_baselines.estimate.training import EstimateTraining, Student  # noqa: E402
 
 ARM, PERIOD, NOTHING = ArmParameters(), 1e-3, DomainRandomisation()
 SMALL = ArmParameters(

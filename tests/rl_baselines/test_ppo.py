@@ -12,8 +12,8 @@ from pathlib import Path
 import pytest
 from slow_twins import slow_but
 
-from fuzzyarm.cli import main
-from fuzzyarm.rl_baselines import algorithm, progress
+from fuzzyarm.cli import main, train
+from fuzzyarm.rl_baselines import algorithm
 from fuzzyarm.rl_baselines import config as common_settings
 from fuzzyarm.rl_baselines.algorithm import OnPolicyConfig
 from fuzzyarm.rl_baselines.algorithms import ppo
@@ -126,7 +126,7 @@ def other(field):
 def chosen(monkeypatch, tmp_path):
     """What a command line asks for; nothing is trained."""
     found = []
-    monkeypatch.setattr(progress, "train_with_progress", lambda config, *_: found.append(config))
+    monkeypatch.setattr(train, "train_with_progress", lambda config, *_: found.append(config))
 
     def call(*words):
         assert main(["train", "ppo", *map(str, words), "--out", str(tmp_path)]) == 0

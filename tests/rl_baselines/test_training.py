@@ -19,13 +19,13 @@ pytest.importorskip("stable_baselines3")
 from support.processes import running, wait_until  # noqa: E402
 
 from fuzzyarm.cli import main  # noqa: E402
+from fuzzyarm.cli.train import train_with_progress  # noqa: E402
 from fuzzyarm.fuzzy_policy.laws.learned.bundle import PolicyBundle  # noqa: E402
 from fuzzyarm.fuzzy_policy.laws.learned.policy import LearnedPolicy  # noqa: E402
 from fuzzyarm.rl_baselines import training as trainer  # noqa: E402
 from fuzzyarm.rl_baselines.algorithms.ppo import PRESETS, PPOConfig  # noqa: E402
 from fuzzyarm.rl_baselines.case_evaluation import COLUMNS  # noqa: E402
 from fuzzyarm.rl_baselines.checkpoint import CheckpointError, read_checkpoint, write_checkpoint  # noqa: E402
-from fuzzyarm.rl_baselines.progress import train_with_progress  # noqa: E402
 from fuzzyarm.rl_baselines.training import Training  # noqa: E402
 
 pytestmark = pytest.mark.usefixtures("brief_evaluations")
@@ -365,7 +365,7 @@ def test_without_the_extra_it_is_named(missing, tmp_path):
 import sys
 sys.modules[{missing!r}] = None  # an import of it fails
 from fuzzyarm.rl_baselines.algorithms.ppo import PRESETS
-from fuzzyarm.rl_baselines.progress import train_with_progress  # noqa: E402
+from fuzzyarm.cli.train import train_with_progress  # noqa: E402
 from pathlib import Path
 try:
     train_with_progress(PRESETS["nominal"], Path({str(tmp_path / "run")!r}))

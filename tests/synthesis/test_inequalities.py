@@ -52,7 +52,7 @@ def test_the_constraint_is_the_text_of_the_proof(which):
     problem = with_random_values(written(*which, feedforward=None))
     numbers = problem._matrices("Psi", symmetric, inequalities._value_of)
     np.testing.assert_allclose(
-        (lambda F: F + np.swapaxes(F, 1, 2))(problem._matrices("Psi", half, inequalities._as_it_is).value), numbers
+        (lambda F: F + np.swapaxes(F, 1, 2))(problem._matrices("Psi", half, lambda entry: entry).value), numbers
     )
     U = problem._reduction("Psi")
     F = problem.inequalities["Psi"].args[0].value

@@ -26,7 +26,6 @@ class PPOConfig(OnPolicyConfig):
     at normalised features and at these plus noise of 0.05."""
 
     def __post_init__(self) -> None:
-        """Check types, ranges and what must fit together."""
         super().__post_init__()
         truth("asymmetric_critic", self.asymmetric_critic)
         if real("smoothness", self.smoothness, low=0.0) > 0.0 and self.ent_coef > 0.0:
@@ -70,7 +69,6 @@ class PPOAlgorithm(OnPolicyAlgorithm):
     """PPO in the middle of a training, see `Algorithm`."""
 
     def __init__(self, config: PPOConfig, envs: LearningEnvs) -> None:
-        """Make the networks, seed everything that is random, and begin an episode in every lane."""
         import stable_baselines3
 
         if config.asymmetric_critic:
@@ -83,8 +81,8 @@ class PPOAlgorithm(OnPolicyAlgorithm):
 
         own = {"unseen": envs.plant_size, "smoothness": config.smoothness, "silent": config.gate > 0.0}
         # The smoothness stands where PPO has the entropy, see `GuidedPolicy`.
-        coefficient = 1.0 if config.smoothness else None
-        super().__init__(config, envs, stable_baselines3.PPO, GuidedPolicy, coefficient, **own)
+        ent_coef = 1.0 if config.smoothness else None
+        super().__init__(config, envs, stable_baselines3.PPO, GuidedPolicy, ent_coef=ent_coef, **own)
 
     def network(self) -> Network:
         """Return the mean of the Gaussian policy with the normaliser of its features."""

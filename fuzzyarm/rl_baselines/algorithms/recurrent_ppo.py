@@ -25,7 +25,6 @@ class RecurrentPPOConfig(OnPolicyConfig):
     """Numbers that the LSTM of the policy gives on, and that of the value function (1 to 512)."""
 
     def __post_init__(self) -> None:
-        """Check types, ranges and what must fit together."""
         super().__post_init__()
         whole("lstm_hidden_size", self.lstm_hidden_size, low=1, high=512)
 
@@ -55,7 +54,6 @@ class RecurrentPPOAlgorithm(OnPolicyAlgorithm):
     """
 
     def __init__(self, config: RecurrentPPOConfig, envs: LearningEnvs) -> None:
-        """Make the networks, seed everything that is random, and begin an episode in every lane."""
         import sb3_contrib
 
         size = config.lstm_hidden_size

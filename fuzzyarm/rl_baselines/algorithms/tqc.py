@@ -7,17 +7,17 @@ from typing import TYPE_CHECKING
 
 from fuzzyarm.common.checks import whole
 from fuzzyarm.rl_baselines.algorithm import AlgorithmSpec
-from fuzzyarm.rl_baselines.off_policy import COLUMNS, RESIDUAL, OffPolicyAlgorithm, OffPolicyConfig
+from fuzzyarm.rl_baselines.algorithms.sac import COLUMNS, RESIDUAL, OffPolicyAlgorithm, SACConfig
 
 if TYPE_CHECKING:
     from fuzzyarm.rl_baselines.learning_env import LearningEnvs
 
-__all__ = ["PRESETS", "SPEC", "TQCConfig", "create"]
+__all__ = ["PRESETS", "SPEC", "TQCConfig"]
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
-class TQCConfig(OffPolicyConfig):
-    """The settings of a training with TQC: see `OffPolicyConfig`, and how many quantiles of the return are cut off."""
+class TQCConfig(SACConfig):
+    """The settings of a training with TQC: see `SACConfig`, and how many quantiles of the return are cut off."""
 
     n_critics: int = 2
     """Number of critics (1 to 100)."""
@@ -27,7 +27,6 @@ class TQCConfig(OffPolicyConfig):
     """How many of the largest quantiles of each critic are left out of the target; fewer than it has."""
 
     def __post_init__(self) -> None:
-        """Check types, ranges and what must fit together."""
         super().__post_init__()
         whole("n_critics", self.n_critics, low=1, high=100)
         whole("n_quantiles", self.n_quantiles, low=1, high=1000)
@@ -38,8 +37,7 @@ PRESETS = {"nominal": TQCConfig(), "residual": TQCConfig(**RESIDUAL)}
 """Settings by name."""
 
 
-def create(config: TQCConfig, envs: LearningEnvs) -> OffPolicyAlgorithm:
-    """Return TQC at the beginning of a training."""
+def _create(config: TQCConfig, envs: LearningEnvs) -> OffPolicyAlgorithm:
     import sb3_contrib
 
     quantiles = {"n_critics": config.n_critics, "n_quantiles": config.n_quantiles}
@@ -51,7 +49,7 @@ SPEC = AlgorithmSpec(
     title="TQC of sb3-contrib",
     config=TQCConfig,
     presets=PRESETS,
-    create=create,
+    create=_create,
     columns=COLUMNS,
     libraries=("torch", "stable-baselines3", "sb3-contrib"),
 )

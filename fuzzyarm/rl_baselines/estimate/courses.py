@@ -44,39 +44,30 @@ from fuzzyarm.fuzzy_policy.laws.learned.estimate.signals import scale_of
 
 __all__ = ["Courses", "TravelForce", "draw_courses", "draw_scenarios"]
 
-FAMILY = 256  # references of which lanes draw
-CIRCLES, RESTS = 0.25, 0.16  # share of lanes on the default reference and all but at rest
+_FAMILY = 256  # references of which lanes draw
+_CIRCLES, _RESTS = 0.25, 0.16  # share of lanes on the default reference and all but at rest
 KNOWN = 0.25  # share of the draws of all lanes with the known arm
-SMALLEST, LARGEST = 5e-4, 5e-3  # m, radius of the circles of millimetres of the arm of Table 1
-STRONGEST, HEAVIEST = 220.0, 10.0  # N, kg, of the arm of Table 1
-FADES = 5e-3, 0.1  # m/s, range of v_0
+_SMALLEST, _LARGEST = 5e-4, 5e-3  # m, radius of the circles of millimetres of the arm of Table 1
+_STRONGEST, HEAVIEST = 220.0, 10.0  # N, kg, of the arm of Table 1
+_FADES = 5e-3, 0.1  # m/s, range of v_0
 LATENESS = (*[0.0] * 12, 0.5, 1.0, 1.5, 2.0)  # control periods
 TRIES = 100  # draws for each lane, after which the motors are too weak for what is drawn
-BEARABLE, INSTANTS = 0.9, 120  # share of the torque limits; instants at which it is looked at
-NOISIEST, LEAST = 2.0, 1e-3  # in units of the encoder noise of the sweeps
+_BEARABLE, _INSTANTS = 0.9, 120  # share of the torque limits; instants at which it is looked at
+_NOISIEST, _LEAST = 2.0, 1e-3  # in units of the encoder noise of the sweeps
 NOISE = 1e-5, 1e-3  # rad, rad/s
 _PLANE = 2  # directions in which the tip of a planar robot can move
 
 
 @dataclasses.dataclass(frozen=True)
 class TravelForce:
-    """The force of the module's docstring, in a fixed angle to the direction of travel.
+    """The force of the module's docstring, at a fixed angle to the direction of travel."""
 
-    Attributes:
-        level: f_0 [N].
-        swing: a.
-        frequency: ω [rad/s].
-        phase: φ [rad].
-        rotation: Q, its rows (axes, axes).
-        fade_speed: v_0 [m/s].
-    """
-
-    level: float
-    swing: float
-    frequency: float
-    phase: float
-    rotation: tuple[tuple[float, ...], ...]
-    fade_speed: float
+    level: float  # f_0 [N]
+    swing: float  # a
+    frequency: float  # ω [rad/s]
+    phase: float  # φ [rad]
+    rotation: tuple[tuple[float, ...], ...]  # Q, its rows (axes, axes)
+    fade_speed: float  # v_0 [m/s]
 
     def at(self, time: np.ndarray, tip_velocity: np.ndarray) -> np.ndarray:
         """Return the force (..., axes) [N] at times (...) [s] for tip velocities (..., axes) [m/s]."""
@@ -89,29 +80,17 @@ class TravelForce:
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class Courses:
-    """Lanes with their draws.
+    """Lanes with their draws."""
 
-    Attributes:
-        lanes: the arms.
-        start: (lanes, 4 n) where episodes begin; nan: at rest on the reference.
-        noise: (lanes,) of the encoders, in units of `NOISE`.
-        delay: (lanes,) lateness of the torques [control periods], in halves.
-        payload: (lanes,) mass at the tip [kg].
-    """
-
-    lanes: Lanes
-    start: np.ndarray
-    noise: np.ndarray
-    delay: np.ndarray
-    payload: np.ndarray
+    lanes: Lanes  # the arms
+    start: np.ndarray  # (lanes, 4 n) where episodes begin; nan: at rest on the reference
+    noise: np.ndarray  # (lanes,) of the encoders, in units of `NOISE`
+    delay: np.ndarray  # (lanes,) lateness of the torques [control periods], in halves
+    payload: np.ndarray  # (lanes,) mass at the tip [kg]
 
 
 def draw_courses(arm: AnyArm, count: int, period: float, generator: np.random.Generator) -> Courses:
-    """Draw `count` lanes for a control period [s].
-
-    Raises:
-        ValueError: the motors are too weak for these courses and loads.
-    """
+    """Draw `count` lanes for a control period [s]; ValueError if the motors are too weak for their loads."""
     scenarios = draw_scenarios(arm, count, generator)
     drawn = find_randomisation("nominal" if generator.random() < KNOWN else "plants", arm)
     lanes = Lanes(
@@ -125,19 +104,15 @@ def draw_courses(arm: AnyArm, count: int, period: float, generator: np.random.Ge
     )
     start = np.array([_rest(arm, one.reference or default_reference(arm)) for one in scenarios])
     start[generator.random(count) < 0.5] = np.nan
-    noise = NOISIEST * generator.random(count) * (generator.random(count) < 0.5)
-    little = np.exp(generator.uniform(math.log(LEAST), 0.0, count))
+    noise = _NOISIEST * generator.random(count) * (generator.random(count) < 0.5)
+    little = np.exp(generator.uniform(math.log(_LEAST), 0.0, count))
     noise = np.where(generator.random(count) < 0.5, noise, little * noise)
     carried = np.array([one.disturbance.payload.mass for one in scenarios])
     return Courses(lanes, start, noise, generator.choice(LATENESS, count), carried)
 
 
 def draw_scenarios(arm: AnyArm, count: int, generator: np.random.Generator) -> list[Scenario]:
-    """Draw `count` courses with a payload and a force.
-
-    Raises:
-        ValueError: the motors are too weak for these courses and loads.
-    """
+    """Draw `count` courses with a payload and a force; ValueError if the motors are too weak for them."""
     family, scale, robot = _family(arm), scale_of(arm), robot_of(arm)
     usual, span, axes = default_reference(arm), freedom(robot).motion, equations_of(arm).axes
     scenarios: list[Scenario] = []
@@ -146,9 +121,9 @@ def draw_scenarios(arm: AnyArm, count: int, generator: np.random.Generator) -> l
             break
         kind = generator.random()
         reference: Reference = usual
-        if kind >= CIRCLES + RESTS:
+        if kind >= _CIRCLES + _RESTS:
             reference = family[int(generator.integers(len(family)))]
-        elif kind >= CIRCLES:
+        elif kind >= _CIRCLES:
             reference = _all_but_rest(arm, generator)
         mass = scale.mass * generator.uniform(0.0, HEAVIEST) if generator.random() < 0.6 else 0.0
         force = _force(span, axes, reference.duration, scale.force, generator)
@@ -164,7 +139,7 @@ def draw_scenarios(arm: AnyArm, count: int, generator: np.random.Generator) -> l
 
 @functools.lru_cache(maxsize=1)
 def _family(arm: AnyArm) -> tuple[Reference, ...]:
-    return reference_family(arm, FAMILY)
+    return reference_family(arm, _FAMILY)
 
 
 def _force(
@@ -174,7 +149,7 @@ def _force(
     kind = generator.random()
     if kind < 0.15:
         return None
-    level = scale * generator.uniform(0.0, STRONGEST)
+    level = scale * generator.uniform(0.0, _STRONGEST)
     if kind < 0.4:
         force = level * _direction(span, generator)[:axes]
         start = generator.uniform(0.0, 0.75 * duration)
@@ -186,7 +161,7 @@ def _force(
         frequency=generator.uniform(1.0, 12.0),
         phase=generator.uniform(-math.pi, math.pi),
         rotation=_rotation(span, axes, generator),
-        fade_speed=math.exp(generator.uniform(*np.log(FADES))),
+        fade_speed=math.exp(generator.uniform(*np.log(_FADES))),
     )
 
 
@@ -218,7 +193,7 @@ def _all_but_rest(arm: AnyArm, generator: np.random.Generator) -> Reference:
     low = max(0.45, nearest / reach + 0.05)
     distance, bearing = reach * generator.uniform(low, max(0.85, low)), generator.uniform(-0.3, 1.9)
     center = distance * math.cos(bearing), distance * math.sin(bearing)
-    path = Circle(center=center, radius=scale_of(arm).length * generator.uniform(SMALLEST, LARGEST))
+    path = Circle(center=center, radius=scale_of(arm).length * generator.uniform(_SMALLEST, _LARGEST))
     return JointReference(path, duration=generator.uniform(0.8, 2.0), parameters=arm)
 
 
@@ -228,7 +203,7 @@ def _small_spline(robot: Robot, generator: np.random.Generator) -> Reference:
     course = family[int(generator.integers(len(family)))]
     assert isinstance(course, SplineReference)
     rest = np.array(course.waypoints[1])
-    size = scale_of(robot).length * generator.uniform(SMALLEST, LARGEST)
+    size = scale_of(robot).length * generator.uniform(_SMALLEST, _LARGEST)
     lever = np.linalg.norm(tip_jacobian(robot, rest), axis=0)
     beside = rest + size / np.maximum(lever, np.max(lever) / len(lever)) * generator.uniform(-1.0, 1.0, (2, len(rest)))
     waypoints = tuple(map(tuple, np.stack([rest, *beside, rest]).tolist()))
@@ -236,15 +211,15 @@ def _small_spline(robot: Robot, generator: np.random.Generator) -> Reference:
 
 
 def _within_limits(robot: Robot, axes: int, reference: Reference, load: Disturbance) -> bool:
-    """Return whether the rigid nominal robot follows a reference under a load with `BEARABLE` of its torques."""
-    time = np.linspace(0.0, reference.duration, INSTANTS)
+    """Return whether the rigid nominal robot follows a reference under a load with `_BEARABLE` of its torques."""
+    time = np.linspace(0.0, reference.duration, _INSTANTS)
     q, dq, ddq = reference.sample(time)[:3]
     torque = inverse_dynamics(robot.with_payload(load.payload.mass), q, dq, ddq) + ddq * robot.drive("motor_inertia")
     if load.tip_force is not None:
         jacobian = tip_jacobian(robot, q)[..., :axes, :]
         velocity = np.einsum("tai,ti->ta", jacobian, dq)
         torque -= np.einsum("tai,ta->ti", jacobian, load.tip_force.at(time, velocity))
-    return bool(np.all(np.abs(torque) <= BEARABLE * robot.drive("torque_limit")))
+    return bool(np.all(np.abs(torque) <= _BEARABLE * robot.drive("torque_limit")))
 
 
 def _rest(arm: AnyArm, reference: Reference) -> np.ndarray:

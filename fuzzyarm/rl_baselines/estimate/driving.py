@@ -10,9 +10,8 @@ import torch
 from fuzzyarm.envs.batch.layout import SCALARS
 from fuzzyarm.fuzzy_policy.laws.learned.estimate.policy import LearnedObserverPolicy
 from fuzzyarm.fuzzy_policy.laws.learned.estimate.signals import units_of
-from fuzzyarm.rl_baselines.estimate.config import SEGMENT
+from fuzzyarm.rl_baselines.config import SEGMENT
 from fuzzyarm.rl_baselines.estimate.courses import NOISE, Courses
-from fuzzyarm.rl_baselines.estimate.student import as_tensor
 from fuzzyarm.rl_baselines.estimate.teacher import Teacher
 
 __all__ = ["Chunk", "Drive"]
@@ -24,23 +23,14 @@ _RESTARTS = 0.5  # share of the lanes that begin an episode again with each chun
 
 
 class Chunk(NamedTuple):
-    """What is learned from.
+    """Experience to learn from."""
 
-    Attributes:
-        z: (steps, lanes, numbers of z).
-        c: (steps, lanes, numbers of c).
-        label: (steps, lanes, n), what the teacher's torque has beyond u_b, as ρ.
-        free: (steps, lanes, n), 0 where the teacher's torque is at its limit or unknown, else 1.
-        begins: (steps, lanes, 1), 0 where an episode begins, else 1.
-        memory: (segments, lanes, hidden), h of the driving student before every `SEGMENT`-th step.
-    """
-
-    z: torch.Tensor
-    c: torch.Tensor
-    label: torch.Tensor
-    free: torch.Tensor
-    begins: torch.Tensor
-    memory: torch.Tensor
+    z: torch.Tensor  # (steps, lanes, numbers of z)
+    c: torch.Tensor  # (steps, lanes, numbers of c)
+    label: torch.Tensor  # (steps, lanes, n), what the teacher's torque has beyond u_b, as ρ
+    free: torch.Tensor  # (steps, lanes, n), 0 where the teacher's torque is at its limit or unknown, else 1
+    begins: torch.Tensor  # (steps, lanes, 1), 0 where an episode begins, else 1
+    memory: torch.Tensor  # (segments, lanes, hidden), h of the driving student before every `SEGMENT`-th step
 
     def window(self, segment: int, steps: int) -> Chunk:
         """Return so many steps from the beginning of a segment on."""
@@ -57,7 +47,6 @@ class Drive:
     """
 
     def __init__(self, courses: Courses, policy: LearnedObserverPolicy, generator: np.random.Generator) -> None:
-        """Begin an episode in every lane."""
         self._courses, self._lanes, self._generator = courses, courses.lanes, generator
         self._teacher = Teacher(policy.adaptive, courses)
         count, joints = self._lanes.count, policy.joints
@@ -90,7 +79,7 @@ class Drive:
             squares += self._step(self._late(np.clip(torque, -limit, limit)))
         self.error = float(np.sqrt(squares / steps))
         rho = np.clip((label - seen[:, :, part.base]) / self._torques, -1.0, 1.0)
-        return Chunk(*map(as_tensor, (seen[:, :, part.z], seen[:, :, part.c], rho, free, begins, np.array(memory))))
+        return Chunk(*map(_as_tensor, (seen[:, :, part.z], seen[:, :, part.c], rho, free, begins, np.array(memory))))
 
     def _read(self) -> np.ndarray:
         """Return the observation (lanes, 5 n) with encoder noise."""
@@ -125,3 +114,7 @@ class Drive:
         if len(which):
             begun = self._lanes.reset(None, None, self._courses.start[which], which)
             self._observation[which] = begun[0]
+
+
+def _as_tensor(array: np.ndarray) -> torch.Tensor:
+    return torch.from_numpy(np.ascontiguousarray(array, dtype=np.float32))

@@ -1,8 +1,8 @@
-"""The teacher: the law of the adaptive observer, told the truth about state, plant, load and lateness.
+"""The teacher: the law of the adaptive observer, given the true state, plant, load and lateness.
 
 Its state is that of the arm, its beliefs p are those that give the constants of the arm as it is, payload included,
 and the lateness of the lane; the force is known at the last samples, now, and at the next one, so that the motors
-follow a changing force in time. What the student lacks of its torque is what it has to learn.
+follow a changing force in time. The student has to learn the difference from its torque.
 """
 
 from __future__ import annotations
@@ -38,7 +38,6 @@ class Teacher:
     """The labels of the lanes of `Courses` by the law of the adaptive observer."""
 
     def __init__(self, adaptive: AdaptiveObserverPolicy, courses: Courses) -> None:
-        """Take what does not change within an episode."""
         self._lanes, self._delay, self._settings = courses.lanes, courses.delay, adaptive.settings
         self._belief, self._payload, self._physics = adaptive.belief, courses.payload, equations_of(adaptive.arm)
         self._nominal = self._physics.plant_of(adaptive.arm)
@@ -51,8 +50,8 @@ class Teacher:
     def torque(self, observation: np.ndarray, memory: np.ndarray) -> np.ndarray:
         """Return u* (lanes, n) [N m], within its limits, before the step for observations (lanes, 5 n).
 
-        `memory` (lanes, ·) is that of the student's adaptive observer, of which the torques on their way are used. Of
-        a filter that has diverged these are unknown, and so is u*: nan.
+        `memory` (lanes, ·) is that of the student's adaptive observer: the torques on their way are used. Where its
+        filter has diverged these are unknown, and u* is nan.
         """
         known = np.stack([self._force(ahead) for ahead in _SAMPLES], axis=1)
         torque = np.empty((len(observation), len(self._limit)))

@@ -11,6 +11,7 @@ seed gives the same network on the same machine.
 from __future__ import annotations
 
 import dataclasses
+import math
 import time
 from collections import deque
 from collections.abc import Callable
@@ -22,15 +23,17 @@ import torch
 
 from fuzzyarm.envs.physics.equations import AnyArm, equations_of
 from fuzzyarm.envs.physics.parameters import ArmParameters
+from fuzzyarm.envs.physics.physics import Physics
 from fuzzyarm.fuzzy_policy.laws.learned.definition import ArmDefinition
 from fuzzyarm.fuzzy_policy.laws.learned.estimate.bundle import EstimateBundle
+from fuzzyarm.fuzzy_policy.laws.learned.estimate.network import EstimateNetwork, shapes_of
 from fuzzyarm.fuzzy_policy.laws.learned.estimate.policy import LearnedObserverPolicy
-from fuzzyarm.rl_baselines.estimate.config import SEGMENT, EstimateConfig
+from fuzzyarm.fuzzy_policy.laws.learned.estimate.signals import GAP_SHARE, QUIET, context_parts, unexplained_parts
+from fuzzyarm.rl_baselines.config import SEGMENT, EstimateConfig
 from fuzzyarm.rl_baselines.estimate.courses import draw_courses
 from fuzzyarm.rl_baselines.estimate.driving import Chunk, Drive
-from fuzzyarm.rl_baselines.estimate.student import Student
 
-__all__ = ["PERIOD", "EstimateTraining"]
+__all__ = ["PERIOD", "EstimateTraining", "Student"]
 
 
 PERIOD = 1e-3
@@ -40,25 +43,69 @@ _SCALE = 0.02  # s
 _LAST_RATE, _LARGEST_GRADIENT = 1e-5, 1.0
 _NEWEST = 3  # one gradient step in so many is from the newest chunk
 
-Report = Callable[[dict[str, Any]], None]
-"""Takes the row of a chunk."""
+
+class Student(torch.nn.Module):
+    """The equations of `fuzzyarm.fuzzy_policy.laws.learned.estimate.network`.
+
+    `hidden` numbers are in h, `modulation` in tanh(P c). V, G and D begin at zero, so the residual does.
+    """
+
+    def __init__(self, hidden: int, modulation: int, generator: torch.Generator, physics: Physics) -> None:
+        super().__init__()
+        unexplained = unexplained_parts(physics.joints, physics.axes)
+        self._load, self._gap = unexplained.load, unexplained.gap
+        self._motion = context_parts(physics.joints, physics.axes).motion
+        for name, shape in shapes_of(hidden, modulation, physics.joints, physics.axes).items():
+            if len(shape) == 1 or name in "VGD":
+                tensor = torch.zeros(shape)
+            else:
+                tensor = torch.randn(shape, generator=generator) / math.sqrt(shape[1])
+            setattr(self, name, torch.nn.Parameter(tensor))
+        with torch.no_grad():
+            self.get_parameter("gate_bias")[:hidden] = -2.0  # of s: a memory of about eight samples
+
+    def network(self) -> EstimateNetwork:
+        """Return the network as it is shipped, in single precision."""
+        return EstimateNetwork(**{name: value.detach().numpy().copy() for name, value in self.named_parameters()})
+
+    def forward(
+        self, z: torch.Tensor, c: torch.Tensor, h: torch.Tensor, begins: torch.Tensor
+    ) -> tuple[torch.Tensor, torch.Tensor]:
+        """Return ρ before it is clipped (steps, lanes, n) and h⁺ (steps, lanes, hidden); see `Chunk` for the shapes."""
+        # Tensors are taken apart before the loop: an index within it would have a derivative as large as the whole.
+        n: Any = self  # its arrays by name
+        gates = (z @ n.gate_z.T + c @ n.gate_c.T + n.gate_bias).unbind()
+        candidate = (z @ n.A.T + (c @ n.C.T) * (z @ n.B.T)).unbind()
+        gate_h, kept, states = n.gate_h.T, n.U.T, []
+        for at_gate, at_candidate, begin in zip(gates, candidate, begins.unbind(), strict=True):
+            h = h * begin
+            s, r = torch.sigmoid(torch.addmm(at_gate, h, gate_h)).chunk(2, dim=1)
+            h = torch.lerp(h, torch.tanh(torch.addcmul(at_candidate, r, h @ kept)), s)
+            states.append(h)
+        after = torch.stack(states)
+        weights = 1.0 + torch.tanh(c @ n.P.T + n.p_0) @ n.W.T
+        remembered, gap = after * weights, GAP_SHARE * torch.sinh(z[..., self._gap])
+        answer = remembered @ n.V.T + (remembered @ n.G.T) * gap + z @ n.D.T
+        square = z[..., self._load].square().sum(-1, keepdim=True)
+        heard = square / (square + QUIET * QUIET)
+        return (c[..., self._motion] * heard) * answer, after
 
 
 class EstimateTraining:
-    """A training from its settings.
-
-    Args:
-        config: the settings.
-        report: called after every chunk with its row of the curve.
-        arm: that the student is trained for; the arm of Table 1, if not said otherwise.
+    """A training from its settings, for the arm of Table 1 or another one.
 
     Attributes:
+        report: called after every chunk with its row of the curve.
         student: the network.
         rows: the curve: chunk, tip_error_mm (root mean square over all lanes), loss, lost (episodes that ended early).
     """
 
-    def __init__(self, config: EstimateConfig, report: Report = lambda row: None, arm: AnyArm | None = None) -> None:
-        """Make network and policy."""
+    def __init__(
+        self,
+        config: EstimateConfig,
+        report: Callable[[dict[str, Any]], None] = lambda row: None,
+        arm: AnyArm | None = None,
+    ) -> None:
         torch.set_num_threads(1)
         self.config, self.report, self._arm = config, report, ArmParameters() if arm is None else arm
         self._generator = np.random.default_rng(config.seed)
@@ -85,15 +132,11 @@ class EstimateTraining:
             replay.append(drive.chunk(self._policy, config.steps))
             learned = [self._update(replay, update) for update in range(config.updates)]
             self._policy = self._policy.with_network(self.student.network())
-            row = {
-                "chunk": number,
-                "tip_error_mm": 1e3 * drive.error,
-                "loss": float(np.mean(learned)),
-                "lost": drive.lost,
-            }
-            if not np.isfinite(row["loss"]):
+            loss = float(np.mean(learned))
+            row = {"chunk": number, "tip_error_mm": 1e3 * drive.error, "loss": loss, "lost": drive.lost}
+            if not np.isfinite(loss):
                 raise ValueError(
-                    f"the training has diverged: its loss is {row['loss']} in chunk {number}; choose a learning_rate "
+                    f"the training has diverged: its loss is {loss} in chunk {number}; choose a learning_rate "
                     f"below {config.learning_rate:g}, or another seed"
                 )
             self.rows.append(row)
@@ -101,13 +144,8 @@ class EstimateTraining:
         versions = {name: version(name) for name in ("fuzzyarm", "numpy", "torch", "llvmlite")}
         training = {**dataclasses.asdict(config), "cpu_time_s": round(time.process_time() - began, 1)}
         arm = self._arm if isinstance(self._arm, ArmParameters) else ArmDefinition(self._arm.name, self._arm.digest)
-        record: dict[str, Any] = {
-            "training": training,
-            "seed": config.seed,
-            "curve": self.rows,
-            "versions": versions,
-        }
-        return EstimateBundle(self.student.network(), arm, PERIOD, **record)
+        record: dict[str, Any] = {"training": training, "curve": self.rows, "versions": versions}
+        return EstimateBundle(self.student.network(), arm, PERIOD, seed=config.seed, **record)
 
     def _update(self, replay: deque[Chunk], number: int) -> float:
         """Do a gradient step and return the loss."""
