@@ -20,7 +20,8 @@ from fuzzyarm.envs.physics.equations import AnyArm, robot_of
 from fuzzyarm.envs.physics.parameters import ArmParameters
 from fuzzyarm.fuzzy_policy.known_arm import joints_of
 from fuzzyarm.fuzzy_policy.laws.learned.bundle import PolicyBundle
-from fuzzyarm.fuzzy_policy.laws.learned.definition import ArmDefinition, learning_action, learning_features
+from fuzzyarm.fuzzy_policy.laws.learned.definition import ArmDefinition
+from fuzzyarm.fuzzy_policy.laws.learned.features import learning_action, learning_features
 from fuzzyarm.fuzzy_policy.laws.learned.network import Cell, Network
 from fuzzyarm.fuzzy_policy.laws.learned.policy import LearnedPolicy
 
@@ -35,8 +36,8 @@ _UNREAD = ("activation_fn", "features_extractor_class", "features_extractor_kwar
 def sb3_policy(path: Path, robot: AnyArm, control_period: float) -> LearnedPolicy:
     """Return the mean action of a saved PPO, A2C, RecurrentPPO, SAC, TQC, TD3 or DDPG as a policy.
 
-    A running mean and variance of the observations, as VecNormalize keeps them, is taken from a file ``NAME.npz`` beside
-    ``NAME.zip`` with the arrays ``mean``, ``var`` and ``clip``, if there is one.
+    The running mean and variance of the observations, as VecNormalize keeps them, are taken from a file ``NAME.npz``
+    beside ``NAME.zip`` with the arrays ``mean``, ``var`` and ``clip``, if there is one.
 
     Raises:
         ValueError: the file is no such model, or the model is of another environment.
@@ -96,8 +97,8 @@ def _layers(path: Path, tensors: dict[str, np.ndarray]) -> tuple[Any, Any, Cell 
         ("actor.latent_pi.", "actor.mu.", "relu", "tanh"),
         ("actor.mu.", "", "relu", "tanh"),
     ):
-        numbers = sorted(int(name.split(".")[-2]) for name in tensors if name.startswith(hidden) and name.endswith("weight")
-                         and name.split(".")[-2].isdigit())  # fmt: skip
+        inside = (name.removeprefix(hidden).partition(".") for name in tensors if name.startswith(hidden))
+        numbers = sorted(int(number) for number, _, part in inside if part == "weight" and number.isdigit())
         names = [f"{hidden}{number}." for number in numbers] + [last] * bool(last)
         if not names or any(f"{name}weight" not in tensors for name in names):
             continue
@@ -118,6 +119,7 @@ def _normaliser(path: Path, inputs: int) -> tuple[np.ndarray, np.ndarray, float]
         return np.zeros(inputs), np.full(inputs, 1.0 - 1e-8), 1e6
     try:
         with np.load(io.BytesIO(read_bytes(path, largest=_LARGEST)), allow_pickle=False) as arrays:
-            return np.float64(arrays["mean"]), np.float64(arrays["var"]), float(arrays["clip"])
+            mean, var = (np.asarray(arrays[name], dtype=np.float64) for name in ("mean", "var"))
+            return mean, var, float(arrays["clip"])
     except (KeyError, ValueError, OSError, zipfile.BadZipFile) as error:
         raise ValueError(f"{path} holds no mean, var and clip: {error}") from None

@@ -36,19 +36,15 @@ from fuzzyarm.envs.scenario.randomisation import DomainRandomisation, find_rando
 from fuzzyarm.envs.scenario.reference import Reference
 from fuzzyarm.envs.spec import made_from_json
 from fuzzyarm.envs.vector import RESET_MASK, FuzzyArmVectorEnv, masked, masked_lanes
-from fuzzyarm.fuzzy_policy.known_arm import joints_of, per_joint_of
+from fuzzyarm.fuzzy_policy.known_arm import joints_of
 from fuzzyarm.fuzzy_policy.laws.learned.definition import ActionDefinition, FeatureDefinition
-from fuzzyarm.fuzzy_policy.laws.learned.features import Base, Features, Lanes
+from fuzzyarm.fuzzy_policy.laws.learned.features import Base, Features, Lanes, learning_action, learning_features
 from fuzzyarm.policies import load_policy
 
-__all__ = ["FuzzyArmLearnEnv", "FuzzyArmLearnVectorEnv", "action_definition", "learning_draws", "tracking_reward"]
+__all__ = ["FuzzyArmLearnEnv", "FuzzyArmLearnVectorEnv", "learning_draws", "tracking_reward"]
 
-HOLD = 2e-3  # s; computed torque held for 2, 5 and 10 ms errs by 1.7, 4.7 and 26 mm
 EARLY_END = 0.2  # R [m]; an arm that has lost its path by so much teaches nothing about tracking it
 RESOLUTION = 1e-4  # s [m]; below it the reward is flat, and the best fixed laws err by 0.2 mm under a load
-COMPRESSION = 3.0  # of the errors: asinh of what the box allows is 9, and networks like inputs of the size of one
-SHARE = 0.8  # of the torque limits, at the action 1: what the default references need, with room for a load
-SHIFT = 0.01  # rad, of a base's target at the action 1
 _BOUND = 10.0  # of every number of an observation
 _REFERENCES, _CIRCLES = 256, 64  # of which an episode draws one: the family, and the default reference as a fifth
 _MOST_AHEAD = 10_000  # holds
@@ -90,12 +86,9 @@ class FuzzyArmLearnVectorEnv(FuzzyArmVectorEnv):
     ) -> None:
         """Build the environment; arguments as in the class docstring."""
         (arm,) = arms_of(robot, parameters, 1)
-        self.action = action_definition(arm) if action is None else checks.instance("action", action, ActionDefinition)
+        self.action = learning_action(arm) if action is None else checks.instance("action", action, ActionDefinition)
         if features is None:
-            past = checks.whole("history", history, high=100)
-            features = FeatureDefinition(
-                past, past, 0.1 if past else 0.0, joints=joints_of(arm), compression=COMPRESSION
-            )
+            features = learning_features(joints_of(arm), checks.whole("history", history, high=100))
         elif history:
             raise ValueError(f"give either history = {history} or features, not both")
         for ahead in preview:
@@ -227,12 +220,6 @@ def tracking_reward(error: np.ndarray, lost: float = EARLY_END) -> np.ndarray:
     """Return 1 - ln(1 + d/s)/ln(1 + R/s) for tip errors d (...) [m] and R = `lost` [m], with s = 0.1 mm."""
     reward: np.ndarray = 1.0 - np.log1p(error / RESOLUTION) / math.log1p(lost / RESOLUTION)
     return reward
-
-
-def action_definition(arm: AnyArm, base: str | None = None) -> ActionDefinition:
-    """Return what an action means for an arm: a share of its torques, or with a base a shift of its target."""
-    limits = per_joint_of(arm, "torque_limit").tolist()
-    return ActionDefinition(tuple(SHARE * limit if base is None else SHIFT for limit in limits), HOLD, base)
 
 
 def learning_draws(arm: AnyArm) -> DomainRandomisation:
