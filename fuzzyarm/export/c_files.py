@@ -33,8 +33,8 @@ from fuzzyarm.fuzzy_policy.laws.learned.estimate.policy import LearnedObserverPo
 from fuzzyarm.fuzzy_policy.policy import Policy
 
 __all__ = [
-    "CALLS", "FLAGS", "NUMBERS", "UNITS", "CompiledLaw", "about_policy", "c_name", "compilers", "export_c",
-    "header_text", "random_observations", "sources_of",
+    "CALLS", "FLAGS", "NUMBERS", "UNITS", "CompiledLaw", "c_name", "compilers", "export_c", "header_text",
+    "random_observations", "sources_of",
 ]  # fmt: skip
 
 CALLS = 200
@@ -104,19 +104,12 @@ def compilers() -> list[str]:
 
 
 class CompiledLaw:
-    """The functions of an exported law as machine code.
-
-    Attributes:
-        number: the NumPy type of its numbers.
-        joints: n.
-        memory_size: numbers that it remembers.
-    """
+    """The functions of an exported law as machine code; n joints."""
 
     def __init__(self, source: Path, joints: int, memory_size: int, number: str, compiler: str) -> None:
-        """Compile the source file of an exported law, beside which its header lies; `number` is "double" or "float".
+        """Compile the source of an exported law, beside its header; `number` is "double" or "float".
 
-        Raises:
-            subprocess.CalledProcessError: the compiler has an error or a warning.
+        subprocess.CalledProcessError if the compiler has an error or a warning.
         """
         self.number = np.dtype({"double": np.float64, "float": np.float32}[number])
         self.joints, self.memory_size, name = joints, memory_size, source.stem
@@ -132,10 +125,8 @@ class CompiledLaw:
     ) -> tuple[np.ndarray, np.ndarray]:
         """Return torques (calls, lanes, n) [N m] and memories (lanes, memory_size) after them.
 
-        Args:
-            observations: (calls, lanes, 5 n).
-            starts: (calls, lanes), whether an episode begins with this call.
-            memory: (lanes, memory_size) before the first call; default: zeros.
+        Observations are (calls, lanes, 5 n), `starts` (calls, lanes) say whether an episode begins with a call, and the
+        memory (lanes, memory_size) is that before the first call, by default zeros.
         """
         calls, lanes, _ = observations.shape
         seen = np.ascontiguousarray(observations, dtype=self.number)
@@ -210,7 +201,7 @@ def sources_of(label: str, policy: Policy, number: str) -> dict[str, str]:
         source = source_text(program, name, number)
     except Unsupported as error:
         raise ValueError(f"{label} cannot be written in C: {error}; the documentation says which can") from None
-    about = about_policy(name, label, policy, program)
+    about = _about_policy(name, label, policy, program)
     return {f"{name}.h": header_text(name, about, program, number), f"{name}.c": source}
 
 
@@ -256,7 +247,7 @@ void {name}_step({arguments_text(program, name, number)});
 """
 
 
-def about_policy(name: str, label: str, policy: Policy, program: Recorded) -> list[str]:
+def _about_policy(name: str, label: str, policy: Policy, program: Recorded) -> list[str]:
     """Return what the header of a policy says: use, units, limits, and what is proven."""
     joints = policy.joints
     parts = ", ".join(f"{part} [{unit}]" for part, unit in zip(Observation._fields, UNITS, strict=True))

@@ -29,8 +29,8 @@ from fuzzyarm.numbers.regions import Branch, For, Loop, Region, Store
 from fuzzyarm.numbers.symbols import Symbol
 
 __all__ = [
-    "HELPERS", "LARGEST", "LAW", "MODEL", "Function", "Recorded", "TooLarge", "Unsupported", "Writer",
-    "arguments_text", "helper_text", "literal_of", "program_of", "source_text",
+    "LARGEST", "LAW", "MODEL", "Function", "Recorded", "Unsupported", "Writer", "arguments_text", "helper_text",
+    "literal_of", "program_of", "source_text",
 ]  # fmt: skip
 
 
@@ -38,7 +38,7 @@ class Unsupported(ValueError):
     """A law is written with something that cannot be exported; the message says what, and where."""
 
 
-class TooLarge(Unsupported):
+class _TooLarge(Unsupported):
     """A program has more numbers in its tables than is allowed."""
 
 
@@ -51,19 +51,12 @@ LAW, MODEL = ("observation", "torque"), ("input", "output")
 
 
 class Function(NamedTuple):
-    """A function of the exported program: numbers in, numbers out.
+    """A function of the exported program: numbers in, numbers out."""
 
-    Attributes:
-        name: in the program.
-        program: its ports are the arguments and the results.
-        parameters: places among the arguments, and names, of those that it needs.
-        result: a tree of as many numbers as it returns.
-    """
-
-    name: str
-    program: Program
-    parameters: tuple[tuple[int, str], ...]
-    result: Any
+    name: str  # in the program
+    program: Program  # its ports are the arguments and the results
+    parameters: tuple[tuple[int, str], ...]  # places among the arguments, and names, of those that it needs
+    result: Any  # a tree of as many numbers as it returns
 
 
 class _Program(Program):
@@ -115,18 +108,6 @@ class Recorded(_Program):
 
     The ports are the memory, the numbers that are given and the result: of a policy the observation and the torques of
     every motor [N m].
-
-    Args:
-        step: a function of numbers.
-        given: names of the numbers that are given, and a tree of as many zeros.
-        memory: a tree of zeros, and `Cells`.
-        results: how many numbers the result has.
-        words: what the arrays are called, `LAW` or `MODEL`.
-        source: the function of the package that it is made from.
-        contents: of the tables.
-
-    Raises:
-        Unsupported: the function has something that cannot be written in C.
     """
 
     def __init__(
@@ -139,7 +120,12 @@ class Recorded(_Program):
         source: str,
         contents: Sequence[np.ndarray] = (),
     ) -> None:
-        """Record."""
+        """Record a function of numbers; `Unsupported` if it has something that cannot be written in C.
+
+        `given` are names of the numbers that are given, and a tree of as many zeros; `memory` is a tree of zeros and
+        `Cells`. `words` are what the arrays are called, `LAW` or `MODEL`; `source` is the function of the package that
+        it is made from, `contents` are those of the tables.
+        """
         (self.names, zeros), self.words, self.source, self.contents = given, words, source, contents
 
         def whole(memory: Any, given: Any, _: Any, __: Any, *tables: Any) -> tuple[Any, Any, Any]:
@@ -155,9 +141,8 @@ class Recorded(_Program):
 def program_of(policy: Policy) -> Recorded:
     """Return the program of a policy.
 
-    Raises:
-        Unsupported: it has no law, or its law has something that cannot be written in C.
-        TooLarge: its tables have more than `LARGEST` numbers.
+    `Unsupported` if it has no law, its tables have more than `LARGEST` numbers, or its law has something that cannot be
+    written in C.
     """
     law, joints = law_of(policy), policy.joints
     if law is None:
@@ -166,7 +151,7 @@ def program_of(policy: Policy) -> Recorded:
         )
     numbers = sum(table.size for table in law.tables)
     if numbers > LARGEST:
-        raise TooLarge(f"it has {numbers} numbers in its tables or layers; allowed: {LARGEST}")
+        raise _TooLarge(f"it has {numbers} numbers in its tables or layers; allowed: {LARGEST}")
     names = [f"{part}{joint + 1}" for part in Observation._fields for joint in range(joints)]
     command, constants = within_limits(law, joints, policy.integral_at), law.constants
     limit = tuple(policy.torque_limit.tolist())
@@ -178,7 +163,7 @@ def program_of(policy: Policy) -> Recorded:
     return Recorded(step, (names, seen_by(joints)), law.memory, joints, LAW, source, law.tables)
 
 
-HELPERS = {
+_HELPERS = {
     "rint": """/* The nearest whole number, the even one of two; exact. */
 static {real} rint_({real} x)
 {{
@@ -270,7 +255,7 @@ static int place_({real} x, int last)
 
 
 def helper_text(operation: str, real: str) -> str:
-    """Return the C function of an operation, a key of `HELPERS`; `real` is "double" or "float"."""
+    """Return the C function of an operation, a key of `_HELPERS`; `real` is "double" or "float"."""
     literal = functools.partial(literal_of, real=real)
     digits, steps = {"double": (53, 9), "float": (24, 6)}[real]
     exponents = [2**step for step in range(steps, 0, -1)]
@@ -286,7 +271,7 @@ def helper_text(operation: str, real: str) -> str:
         "roots": form.fill(", ".join(literal(2.0 ** (exponent // 2)) for exponent in exponents)),
     }
     words = {"real": real, "steps": str(steps), "epsilon": {"double": "DBL", "float": "FLT"}[real]}
-    return HELPERS[operation].format(**words, **lists, **{name: literal(number) for name, number in numbers.items()})
+    return _HELPERS[operation].format(**words, **lists, **{name: literal(number) for name, number in numbers.items()})
 
 
 LONGEST = 70  # characters of an operation that stands where it is used
@@ -311,17 +296,13 @@ def literal_of(number: float, real: str) -> str:
 
 
 class _Uses:
-    """What the outputs of a program need, and where.
-
-    Attributes:
-        regions: of each symbol that is needed, where it is used; None where its text has to be a name.
-        read: the memories whose numbers are needed, and what is kept.
-    """
+    """What the outputs of a program need, and where."""
 
     def __init__(self, program: Program, outputs: Iterable[Any]) -> None:
         """Go from the outputs, and from what is stored into kept memory, to what they are computed from."""
+        # Of each symbol that is needed, where it is used; None where its text has to be a name.
         self.regions: dict[Symbol, list[Region | None]] = defaultdict(list)
-        self.read = {"room"}
+        self.read = {"room"}  # the memories whose numbers are needed, and what is kept
         self._from: dict[Symbol, list[tuple[Any, Region | None]]] = {}
         self._stored: dict[str, list[tuple[Any, Region]]] = defaultdict(list)
         self._conditions: dict[Region, Any] = {}
@@ -371,16 +352,11 @@ class _Uses:
 
 
 class Writer:
-    """Writes functions of a program.
-
-    Attributes:
-        used: the operations of `HELPERS` that were needed, and the functions.
-        tables: the tables that were looked up in, by number.
-    """
+    """Writes functions of a program."""
 
     def __init__(self, of: Recorded, real: str) -> None:
         """Begin; `real` is "double" or "float"."""
-        self.used, self.tables = set[Any](), set[int]()
+        self.used, self.tables = set[Any](), set[int]()  # what was needed of `_HELPERS` and functions; tables looked up
         self._of, self._real = of, real
         self._texts: dict[Symbol, str] = {}
         self._called: dict[Any, list[str]] = {}
@@ -417,10 +393,8 @@ class Writer:
     ) -> list[str]:
         """Return the lines of a function.
 
-        Args:
-            program: what it does.
-            inputs: the name of each number that is given, and where it is read; empty: it has this name already.
-            outputs: texts with {} for a number, and the number.
+        `inputs` has the name of each number that is given, and where it is read; empty: it has this name already.
+        `outputs` are texts with {} for a number, and the number.
         """
         self._uses, self._names = _Uses(program, [out for _, out in outputs]), 0
         lines = [
@@ -556,7 +530,7 @@ class Writer:
             return f"{texts[0]} ? {self._literal(1.0)} : {self._literal(0.0)}"
         if name in ("neg", "not"):
             return f"{'-' if name == 'neg' else '!'}{texts[0]}"
-        if name not in HELPERS:
+        if name not in _HELPERS:
             raise Unsupported(f"{self._of.source} computes a {name}, which has no C function here")
         self.used |= {name, "rint"} if name == "floor" else {name}
         return f"{name}_({_bare(texts[0])})"
@@ -609,22 +583,16 @@ def _bare(text: str) -> str:
 
 
 def source_text(of: Recorded, name: str, real: str) -> str:
-    """Return the C source of a program.
+    """Return the C source of a policy's or a plant's program; `real` is "double" or "float".
 
-    Args:
-        of: a policy's or a plant's.
-        name: what its functions, its struct and its header begin with.
-        real: "double" or "float".
-
-    Raises:
-        Unsupported: the program has an operation that cannot be written in C.
+    Functions, struct and header begin with `name`. `Unsupported` if an operation cannot be written in C.
     """
     writer = Writer(of, real)
     lines, arguments, functions = writer.step(), arguments_text(of, name, real), list[str]()
     for function in reversed(of.functions.values()):  # a function calls only those before it
         if function.name in writer.used:
             functions.insert(0, writer.function(function))
-    helpers = [helper_text(operation, real) for operation in HELPERS if operation in writer.used]
+    helpers = [helper_text(operation, real) for operation in _HELPERS if operation in writer.used]
     tables = [_table(number, of.contents[number], real) for number in sorted(writer.tables)]
     unused = [
         f"{_INDENT}(void){word};"

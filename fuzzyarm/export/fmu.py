@@ -33,7 +33,7 @@ from fuzzyarm.export.c_text import MODEL, Recorded, source_text
 from fuzzyarm.export.plant import Plant
 from fuzzyarm.fuzzy_policy.policy import Policy
 
-__all__ = ["PLANT", "export_controller_fmu", "export_plant_fmu", "fmu_source"]
+__all__ = ["PLANT", "export_controller_fmu", "export_plant_fmu"]
 
 
 _IDLE = {
@@ -306,13 +306,11 @@ OPEN fmi2Status NAMED(fmi2DoStep)(fmi2Component c, fmi2Real now, fmi2Real size, 
 """
 
 
-def fmu_source(name: str, numbers: Mapping[str, str]) -> str:
-    """Return the C source.
+def _fmu_source(name: str, numbers: Mapping[str, str]) -> str:
+    """Return the C source of the FMU of a program.
 
-    Args:
-        name: of the program, with which its functions begin.
-        numbers: texts for the marks of the source: guid, given, shown, results, period; code for ranges, show, started
-            and single; and allowed, the step sizes in words.
+    `numbers` are texts for the marks of the source: guid, given, shown, results, period; code for ranges, show, started
+    and single; and allowed, the step sizes in words.
     """
     text = f'#include "{name}.h"\n@include@\n#include <stddef.h>\n#include <string.h>\n{_TYPES}{_BODY}'
     for function, arguments in (_IDLE | _EXCUSED).items():
@@ -462,7 +460,7 @@ def _write(
     whole = "\n".join([*sources.values(), *map(repr, variables), *code.values()])
     guid = "{" + str(uuid.uuid5(uuid.NAMESPACE_URL, whole)) + "}"
     files = {f"sources/{file}": text for file, text in sources.items()}
-    files["sources/fmu.c"] = fmu_source(name, {**code, "guid": guid})
+    files["sources/fmu.c"] = _fmu_source(name, {**code, "guid": guid})
     compiled = [file.removeprefix("sources/") for file in files if file.endswith(".c")]
     files["modelDescription.xml"] = _description(name, guid, variables, compiled, period, bool(code["single"]))
     content = io.BytesIO()

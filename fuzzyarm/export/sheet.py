@@ -53,19 +53,12 @@ _DIGITS = 10  # of a number in the text; JSON and CSV have the shortest one that
 
 @dataclasses.dataclass(frozen=True)
 class Quantity:
-    """An array of numbers of a law.
+    """An array of numbers of a law."""
 
-    Attributes:
-        name: as in the equations.
-        unit: of every entry, as text; "-" for none, "SI" where rows have different ones.
-        meaning: in words, with the meaning of the axes.
-        values: any shape, () for one number.
-    """
-
-    name: str
-    unit: str
-    meaning: str
-    values: np.ndarray
+    name: str  # as in the equations
+    unit: str  # of every entry, as text; "-" for none, "SI" where rows have different ones
+    meaning: str  # in words, with the meaning of the axes
+    values: np.ndarray  # any shape, () for one number
 
 
 @dataclasses.dataclass(frozen=True)
@@ -146,10 +139,7 @@ def certified_numbers(certificate: PolicyCertificate) -> dict[str, str]:
     """
     controller = certificate.controller
     unit = {"consistent": "rad/(N m)", "paper": "SI units"}.get(getattr(controller, "form", ""), "s^2")
-    numbers = {
-        "alpha": f"{at_least(controller.alpha, 6)} 1/s",
-        "gamma": f"{at_most(controller.gamma, 6)} {unit}",
-    }
+    numbers = {"alpha": f"{at_least(controller.alpha, 6)} 1/s", "gamma": f"{at_most(controller.gamma, 6)} {unit}"}
     if controller.fastest_pole is not None:
         numbers["fastest_pole"] = f"{at_most(controller.fastest_pole, 6)} 1/s"
     void = {} if certificate.bounds is not None else {"claim": "void along this reference, see the text"}

@@ -47,18 +47,13 @@ def period_between(before: np.ndarray, after: np.ndarray) -> float:
 
 
 class SampleClock:
-    """Reads the time between the samples of an episode that one policy sees, in the first of its lanes.
-
-    Attributes:
-        returned: the state that the policy returned last.
-        samples: observations (lanes, 5 n) that T is read from, in a row.
-        sure: whether two intervals in a row gave the same T. One alone may be of a sample that was left out.
-    """
+    """Reads the time between the samples of an episode that one policy sees, in the first of its lanes."""
 
     def __init__(self) -> None:
         """Begin with no sample."""
-        self.returned: Any = None
-        self.samples: list[np.ndarray] = []
+        self.returned: Any = None  # the state that the policy returned last
+        self.samples: list[np.ndarray] = []  # observations (lanes, 5 n) that T is read from, in a row
+        # Whether two intervals in a row gave the same T; one alone may be of a sample that was left out.
         self.sure, self._found = False, 0.0
 
     def see(self, observation: np.ndarray, state: Any) -> float:

@@ -20,13 +20,7 @@ from fuzzyarm.common.documents import DocumentError, check_schema, read_json, re
 from fuzzyarm.common.files import write_atomically
 
 __all__ = [
-    "MAX_BYTES",
-    "ControllerFileError",
-    "SignedController",
-    "checked_fields",
-    "controller_in",
-    "decoded",
-    "digest_of",
+    "MAX_BYTES", "ControllerFileError", "SignedController", "checked_fields", "controller_in", "decoded", "digest_of",
     "encoded",
 ]  # fmt: skip
 
@@ -75,9 +69,8 @@ class ControllerFileError(ValueError):
 def controller_in(path: str | Path, build: Callable[[Any], Built]) -> Built:
     """Return what `build` makes of the content of a file.
 
-    Raises:
-        ControllerFileError: the content is no JSON, is too large, or `build` raised TypeError or ValueError.
-        OSError: the file cannot be read.
+    ControllerFileError if the content is no JSON, is too large, or `build` raised TypeError or ValueError; OSError if
+    the file cannot be read.
     """
     try:
         return build(read_json(Path(path), largest=MAX_BYTES))
@@ -90,13 +83,10 @@ def controller_in(path: str | Path, build: Callable[[Any], Built]) -> Built:
 def checked_fields(
     content: Any, schema: str, fields: Mapping[str, Any], optional: Sequence[str] = ()
 ) -> dict[str, Any]:
-    """Return what a document holds, by field; ValueError if its schema, its fields or its digest are not right.
+    """Return what a document holds, by field; ValueError if its schema, its fields or its digest are wrong.
 
-    Args:
-        content: of the file.
-        schema: the one that it must have.
-        fields: the type of each field, `schema` and `digest` aside.
-        optional: fields of any type that may be left out, and are then not in the result.
+    `fields` has the type of each field, `schema` and `digest` aside; fields of `optional` may be left out, and are then
+    not in the result.
     """
     check_schema(content, schema)
     required = {"schema": str, **fields, "digest": str}
@@ -110,8 +100,7 @@ def checked_fields(
 class SignedController(abc.ABC):
     """A controller with a file; the base of the dataclasses of each form.
 
-    Raises:
-        ControllerFileError: a number is out of range, in an array beyond ±1e60, or the parts do not go together.
+    ControllerFileError if a number is out of range, in an array beyond ±1e60, or if the parts do not go together.
     """
 
     def __post_init__(self) -> None:
@@ -162,10 +151,5 @@ class SignedController(abc.ABC):
 
     @classmethod
     def load(cls, path: str | Path) -> Self:
-        """Read a controller file.
-
-        Raises:
-            ControllerFileError: not such a file, of another version, damaged, or inconsistent.
-            OSError: the file cannot be read.
-        """
+        """Read a controller file; ControllerFileError if it is damaged or of another form, OSError if unreadable."""
         return controller_in(path, cls.from_document)

@@ -26,8 +26,8 @@ from fuzzyarm.envs.physics.parameters import ArmParameters
 from fuzzyarm.fuzzy_policy.states import PLANT_STATES
 
 __all__ = [
-    "DEFAULT_KEPT", "NAMED_RULES", "PREMISES", "Polytope", "TSModel", "Uncertainty", "descriptor_terms",
-    "premise_bounds", "premises",
+    "DEFAULT_KEPT", "NAMED_RULES", "PREMISES", "TSModel", "Uncertainty", "descriptor_terms", "premise_bounds",
+    "premises",
 ]  # fmt: skip
 
 PREMISES = ("z1", "z2", "z3", "z4", "z5")
@@ -49,7 +49,7 @@ NAMED_RULES = {
 SINC_MINIMUM = Fraction("-0.2172336282112217")
 # Bounds are widened by this share of their range, far more than a premise loses by rounding in floating point; by this
 # number where the range is a point, as those of z2 and z3 without gravity: a weight divides by its width.
-GUARD = Fraction(1, 10**12)
+_GUARD = Fraction(1, 10**12)
 
 
 def premise_bounds(parameters: ArmParameters) -> np.ndarray:
@@ -72,7 +72,7 @@ def premise_bounds(parameters: ArmParameters) -> np.ndarray:
 
 def _outwards(low: Fraction, high: Fraction, side: int) -> float:
     """Return the float beyond `low` (side -1) or `high` (side 1), widened by the guard."""
-    target = (low if side < 0 else high) + side * GUARD * (high - low or 1)
+    target = (low if side < 0 else high) + side * _GUARD * (high - low or 1)
     rounded = float(target)
     return rounded if side * (Fraction(rounded) - target) >= 0 else math.nextafter(rounded, side * math.inf)
 
@@ -96,23 +96,16 @@ def premises(q: np.ndarray, dq: np.ndarray, parameters: ArmParameters) -> np.nda
 
 @dataclasses.dataclass(frozen=True)
 class Uncertainty:
-    """Hᵀ Δ W with ΔᵀΔ <= I, added to E_p or A_p: a dropped premise (section 5.1), or several that share a multiplier.
+    """Hᵀ Δ W with ΔᵀΔ <= I, added to E_p or A_p: a dropped premise (section 5.1), or several of one multiplier."""
 
-    Attributes:
-        premises: the names; several where H and W are stacked, Δ = diag(f, ...).
-        on: the matrix it acts on, "E" (z1) or "A" (the others).
-        H: (rows, 4).
-        W: (rows, 4), the same at every vertex.
-    """
-
-    premises: tuple[str, ...]
-    on: str
-    H: np.ndarray
-    W: np.ndarray
+    premises: tuple[str, ...]  # the names; several where H and W are stacked, Δ = diag(f, ...)
+    on: str  # the matrix it acts on, "E" (z1) or "A" (the others)
+    H: np.ndarray  # (rows, 4)
+    W: np.ndarray  # (rows, 4), the same at every vertex
 
 
 @dataclasses.dataclass(frozen=True)
-class Polytope:
+class _Polytope:
     """The vertices and the dropped premises in one number type."""
 
     E: list[np.ndarray]  # N_e matrices E_pk, (4, 4)
@@ -191,11 +184,11 @@ class TSModel:
         return self.polytope.uncertainties
 
     @cached_property
-    def polytope(self) -> Polytope:
+    def polytope(self) -> _Polytope:
         """Vertices and uncertainties in floating point."""
         return self.polytope_in(float)
 
-    def polytope_in(self, number: Callable[[float], Any]) -> Polytope:
+    def polytope_in(self, number: Callable[[float], Any]) -> _Polytope:
         """Return vertices and uncertainties in another number type: exact ones prove what floats only approximate."""
         terms = descriptor_terms(self.parameters, number)
         bounds = [(number(low), number(high)) for low, high in self.bounds.tolist()]
@@ -221,7 +214,7 @@ class TSModel:
                 uncertainties.append(
                     Uncertainty((name,), side, np.eye(PLANT_STATES)[rows], (high - low) / 2 * slope[rows])
                 )
-        return Polytope(corners("E", self.kept_in_E), corners("A", self.kept_in_A), uncertainties)
+        return _Polytope(corners("E", self.kept_in_E), corners("A", self.kept_in_A), uncertainties)
 
     def weights(self, z: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Return the memberships h (N,) and v (N_e,) at premises z (5,): in [0, 1], each summing to one.

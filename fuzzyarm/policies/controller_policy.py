@@ -22,11 +22,10 @@ _SHOWN = 12  # digits of a digest that messages show
 
 
 def file_policy(path: Path, robot: AnyArm, control_period: float, allow_unproven: bool = False) -> Policy:
-    """Return the policy of a controller file of any form; arguments as of `load_policy`, `control_period` in [s].
+    """Return the policy of a controller file of any form for T [s]; arguments as of `load_policy`.
 
-    Raises:
-        ControllerFileError: the file is damaged, not proven, or was designed for another robot.
-        OSError: the file cannot be read.
+    ControllerFileError if the file is damaged, not proven, or was designed for another robot; OSError if it is
+    unreadable.
     """
     return _policy(str(path), load_controller(path), robot, control_period, allow_unproven)
 

@@ -23,9 +23,7 @@ __all__ = ["learned_files", "learned_policy"]
 def learned_files(folder: Path) -> dict[str, str]:
     """Return the SHA-256, by name, of ``policy.json`` and of the files of the policy's base.
 
-    Raises:
-        ValueError: the folder is damaged.
-        OSError: a file cannot be read.
+    ValueError if the folder is damaged, OSError if a file cannot be read.
     """
     own = {DESCRIPTION: digest_of(folder / DESCRIPTION)}
     if is_observer(folder):
@@ -41,8 +39,7 @@ def learned_files(folder: Path) -> dict[str, str]:
 def learned_policy(folder: Path, control_period: float, robot: AnyArm) -> Policy:
     """Load a learned policy for a control period [s], with the policy that it is based on if there is one.
 
-    Raises:
-        ValueError: the folder is damaged, the arm is not the one it was trained for, or the period does not fit.
+    ValueError if the folder is damaged, the arm is not the one it was trained for, or the period does not fit.
     """
     if is_observer(folder):
         return _learned_observer(folder, control_period, robot)

@@ -41,26 +41,18 @@ __all__ = ["PolicySpec", "digest_of", "found_again", "load_policy", "recorded", 
 
 @dataclasses.dataclass(frozen=True)
 class PolicySpec:
-    """What a policy's name refers to; made by `resolve`. Whether there is such a policy shows when it is used.
+    """What a policy's name refers to; made by `resolve`. Whether there is such a policy shows when it is used."""
 
-    Attributes:
-        name: as it was given.
-        kind: what the policy is made from.
-        tip: whether its law is wrapped to lead the tip along the reference, see `registry.TIP`.
-        path: the controller file, the folder of the learned policy, or the law in a tuned folder, which is no file;
-            None for other kinds.
-        named: whether the package, or `registry.add_policy`, knows the policy by name; its path is then the package's.
-        run_code: whether the user's own code may be imported and run.
-        tuned: whether the policy is in a folder of `fuzzyarm tune`, and for its arm if no other is given.
-    """
-
-    name: str
-    kind: Kind
-    tip: bool = False
+    name: str  # as it was given
+    kind: Kind  # what the policy is made from
+    tip: bool = False  # whether its law is wrapped to lead the tip along the reference, see `registry.TIP`
+    # the controller file, the folder of the learned policy, or the law in a tuned folder, which is no file; None for
+    # other kinds
     path: Path | None = None
+    # whether the package, or `registry.add_policy`, knows the policy by name; its path is then the package's
     named: bool = False
-    run_code: bool = False
-    tuned: bool = False
+    run_code: bool = False  # whether the user's own code may be imported and run
+    tuned: bool = False  # whether the policy is in a folder of `fuzzyarm tune`, and for its arm if no other is given
     _factory: Factory | None = dataclasses.field(default=None, repr=False, compare=False)
 
     @property
@@ -288,17 +280,9 @@ def found_again(
 ) -> tuple[str, ...]:
     """Return recorded names of policies so that each can be loaded.
 
-    A file or folder is looked for among the names that the user has given, then where the recorded name says, seen from
-    the current folder, then beside the results.
-
-    Args:
-        names: as they were recorded.
-        files: names of the files that each policy was made from, by label, see `PolicySpec.files`.
-        given: names that the user has typed.
-        folder: of the results.
-
-    Raises:
-        ValueError: a file or folder is in none of these places.
+    A file or folder is looked for among the names `given` by the user, then where the recorded name says, seen from the
+    current folder, then beside the results in `folder`. `files` are those that each policy was made from, by label, see
+    `PolicySpec.files`. ValueError if a file or folder is in none of these places.
     """
     typed = {resolve(name).label: name for name in given}
     return tuple(typed.get(resolve(name).label) or _found(name, files, folder) for name in names)

@@ -186,11 +186,9 @@ def two_joint_arm(policy: Policy) -> ArmParameters:
 
 
 def problem_of(claim: TipClaim, policy: Policy | None = None) -> Problem:
-    """Return the problem that a claim is about; ValueError for an unknown name, `NoBound` for a policy without law.
+    """Return the problem of a claim, for the arm of the policy; `policy` itself where it has no name yet.
 
-    Args:
-        claim: what is to be proven. The arm is the one that the policy is for.
-        policy: the policy itself, where it has no name yet.
+    ValueError for an unknown name, `NoBound` for a policy without law.
     """
     policy = load_policy(claim.policy, control_period=PERIOD) if policy is None else policy
     parameters = two_joint_arm(policy)

@@ -45,19 +45,8 @@ from fuzzyarm.proof.tip.plant import RANGES, PlantSet, missed, plants_of, ranges
 from fuzzyarm.proof.tip.transition import ROW_COUNT, STATES
 
 __all__ = [
-    "CELLS_SCHEMA",
-    "LARGEST",
-    "SCHEMA",
-    "BoundCheck",
-    "CellBound",
-    "CellsCheck",
-    "check_bound",
-    "check_cells",
-    "is_bound",
-    "is_cells",
-    "read_bound",
-    "save_bound",
-    "save_cells",
+    "LARGEST", "SCHEMA", "BoundCheck", "CellBound", "CellsCheck", "check_bound", "check_cells", "is_bound", "is_cells",
+    "read_bound", "save_bound", "save_cells",
 ]  # fmt: skip
 
 
@@ -100,25 +89,15 @@ class _Document:
 
 @dataclasses.dataclass(frozen=True)
 class BoundCheck:
-    """What the check of a file found.
+    """What the check of a file found."""
 
-    Attributes:
-        path: the file.
-        claim: what it claims a bound for.
-        arm: in the middle of the set.
-        bound: that it claims [m], or what was found now where that is larger by rounding.
-        reason: why it is not proven; empty if it is.
-        seconds: that the check took.
-        tip: bound of the tip error at the end of each control step [m], as the file has it.
-    """
-
-    path: Path
-    claim: TipClaim
-    arm: ArmParameters
-    bound: float
-    reason: str
-    seconds: float
-    tip: np.ndarray
+    path: Path  # the file
+    claim: TipClaim  # what it claims a bound for
+    arm: ArmParameters  # in the middle of the set
+    bound: float  # that it claims [m], or what was found now where that is larger by rounding
+    reason: str  # why it is not proven; empty if it is
+    seconds: float  # that the check took
+    tip: np.ndarray  # bound of the tip error at the end of each control step [m], as the file has it
 
     @property
     def proven(self) -> bool:
@@ -210,9 +189,7 @@ def _claimed(part: _Part) -> tuple[Segment, Claim]:
 def check_bound(path: Path) -> BoundCheck:
     """Check a file again: every period of the claimed tube is confirmed, without any search.
 
-    Raises:
-        ValueError: no such file, or it is damaged, or its policy has changed.
-        OSError: the file cannot be read.
+    ValueError if there is no such file, or it is damaged, or its policy has changed; OSError if it cannot be read.
     """
     claim, document, claims = read_bound(path)
     policy = load_policy(claim.policy, control_period=PERIOD)
@@ -233,7 +210,7 @@ def check_bound(path: Path) -> BoundCheck:
     return BoundCheck(path, claim, arm, document.bound if reason else bound, reason, time.perf_counter() - begin, tip)
 
 
-CELLS_SCHEMA = "fuzzyarm-tip-cells/2"
+_CELLS_SCHEMA = "fuzzyarm-tip-cells/2"
 """Of the file of a bound by cells."""
 
 
@@ -258,12 +235,9 @@ class CellsCheck(BoundCheck):
     """What the check of a file and of all its cells found: as `BoundCheck`, of the whole set, with the largest `tip`.
 
     It is proven if every cell was confirmed and they cover the set.
-
-    Attributes:
-        cells: how many there are.
     """
 
-    cells: int = 0
+    cells: int = 0  # how many there are
 
     def to_dict(self) -> dict[str, Any]:
         """Return the result as plain data for JSON."""
@@ -272,26 +246,19 @@ class CellsCheck(BoundCheck):
 
 @dataclasses.dataclass(frozen=True)
 class CellBound:
-    """What was found of one cell.
+    """What was found of one cell."""
 
-    Attributes:
-        plants: the cell.
-        bound: of the tip error [m].
-        samples: of the motion that are bounded.
-        path: file of the bound; None where none was written.
-    """
-
-    plants: PlantSet
-    bound: float
-    samples: int
-    path: Path | None
+    plants: PlantSet  # the cell
+    bound: float  # of the tip error [m]
+    samples: int  # of the motion that are bounded
+    path: Path | None  # file of the bound; None where none was written
 
 
 def save_cells(claim: TipClaim, found: Sequence[CellBound], path: Path) -> None:
     """Write the file of a bound by cells, atomically; each cell has a file in the same folder."""
     names = [cell.path.name for cell in found if cell.path is not None]
     document = _CellsDocument(
-        CELLS_SCHEMA, claim.policy, claim.case, claim.set_name, claim.plants.to_dict(), claim.path, claim.duration,
+        _CELLS_SCHEMA, claim.policy, claim.case, claim.set_name, claim.plants.to_dict(), claim.path, claim.duration,
         found[0].samples, max(cell.bound for cell in found), names,
     )  # fmt: skip
     write_atomically(path, json.dumps(dataclasses.asdict(document), indent=1) + "\n")
@@ -300,19 +267,14 @@ def save_cells(claim: TipClaim, found: Sequence[CellBound], path: Path) -> None:
 def is_cells(path: Path) -> bool:
     """Return whether a file begins as the file of a bound by cells does; OSError if it cannot be read."""
     with open_regular(path) as file:
-        return CELLS_SCHEMA.encode() in file.read(64)
+        return _CELLS_SCHEMA.encode() in file.read(64)
 
 
 def check_cells(path: Path) -> CellsCheck:
-    """Check every cell again, and that the cells cover the set.
-
-    Raises:
-        ValueError: no such file, or it or a cell is damaged, or the policy has changed.
-        OSError: a file cannot be read.
-    """
+    """Check every cell again, and that the cells cover the set; errors as of `check_bound`."""
     content = read_json(path)
     try:
-        document = record(check_schema(content, CELLS_SCHEMA), _CellsDocument)
+        document = record(check_schema(content, _CELLS_SCHEMA), _CellsDocument)
         real("bound", document.bound, "m", low=0.0, high=LARGEST)
         if not document.cells or any(Path(name).name != name for name in document.cells):
             raise ValueError("cells: each is the name of a file in the same folder, and there is at least one")

@@ -47,7 +47,7 @@ from fuzzyarm.proof.definiteness import exact, inverse, largest_growth, smallest
 from fuzzyarm.proof.inertia_bounds import Bound, bounds
 from fuzzyarm.proof.statement import NOT_COVERED, decay_words
 
-__all__ = ["certify_scheduled", "decay", "euclidean_gain", "fastest", "loop", "schedule_rate", "scheduled_statement"]
+__all__ = ["certify_scheduled", "decay", "fastest", "loop", "schedule_rate", "scheduled_statement"]
 
 
 def loop() -> tuple[np.ndarray, np.ndarray, np.ndarray]:
@@ -59,15 +59,10 @@ def loop() -> tuple[np.ndarray, np.ndarray, np.ndarray]:
 
 
 def decay(share: Any, *, rate: Any, gamma2: Any, P: Any, m: Any, put: Assembly = symmetric) -> Any:
-    """Return the matrix of the decay and the gain, (5, 5), which has to be negative definite.
+    """Return the matrix of decay and gain, (5, 5), which has to be negative definite.
 
-    Args:
-        share: λ.
-        rate: α + μ [1/s].
-        gamma2: γ² [s⁴].
-        P: (3, 3).
-        m: k P, (1, 3).
-        put: what makes a matrix of the block rows.
+    λ is the share, `rate` α + μ [1/s], `gamma2` γ² [s⁴], P is (3, 3), m = k P is (1, 3), and `put` makes a matrix of
+    the block rows.
     """
     A, b, c = loop()
     state = he(A @ P - b @ (share * m)) + 2 * rate * P
@@ -85,10 +80,8 @@ def certify_scheduled(
 ) -> Certificate:
     """Prove every claim of a controller; `Certificate.proven` says whether all of them hold.
 
-    Args:
-        controller: its claims are taken from its stored numbers, its inertia is computed from its robot.
-        in_balls: whether to prove each box again in balls, which takes longer.
-        progress: called after each claim.
+    The claims are taken from its stored numbers, the inertia is computed from its robot. With `in_balls` each box is
+    proven in balls, too, which takes longer. `progress` is called after each claim.
     """
     claims = _loop_claims(controller)
     # The cheap claims come first: a file whose gains do not fit is refused at once.
@@ -108,7 +101,7 @@ def schedule_rate(controller: ScheduledController) -> fmpq:
     return sum((stated(rate) * stated(speed) for rate, speed in pairs), fmpq(0))
 
 
-def euclidean_gain(controller: ScheduledController) -> fmpq:
+def _euclidean_gain(controller: ScheduledController) -> fmpq:
     """Return γ/σ [rad/(N m)], a bound of the L2 gain from the torques d to the position error in Euclidean norms."""
     return stated(controller.gamma) / stated(controller.floor)
 
@@ -155,7 +148,7 @@ def scheduled_statement(controller: ScheduledController) -> str:
         for premise, speed in zip(kept, controller.speeds, strict=True)
     )
     alpha, beta = at_least(controller.alpha, 6), at_most(controller.fastest_pole, 6)
-    euclid = euclidean_gain(controller)
+    euclid = _euclidean_gain(controller)
     # V = xᵀ (X ⊗ M̂) x, where M̂ > σ I is a mean of the S_r, which are at most their largest sum of a row.
     heaviest = np.abs(controller.inertia).sum(axis=-1).max() / controller.floor
     growth = (heaviest * largest_growth(controller.lyapunov, size) for size in (len(controller.lyapunov), 1))

@@ -44,21 +44,11 @@ class ComputedTorquePolicy(LawPolicy):
     integral_at: int | None = 0
 
     def __init__(
-        self,
-        parameters: AnyArm | None = None,
-        control_period: float = 1e-3,
-        bandwidth: float | None = None,
+        self, parameters: AnyArm | None = None, control_period: float = 1e-3, bandwidth: float | None = None
     ) -> None:
-        """Prepare the law.
+        """Prepare the law for an arm (default Table 1), T [s] and ω [rad/s] (default `bandwidth_for`).
 
-        Args:
-            parameters: the arm or the robot, as the controller knows it; default Table 1.
-            control_period: T, time between two calls [s].
-            bandwidth: ω [rad/s]; None for that of `bandwidth_for`.
-
-        Raises:
-            TypeError: a number is none.
-            ValueError: the control period or the bandwidth is not positive.
+        TypeError or ValueError for a period or a bandwidth that is no positive number.
         """
         super().__init__(ArmParameters() if parameters is None else parameters, control_period)
         chosen = bandwidth_for(self.parameters, self.control_period) if bandwidth is None else bandwidth

@@ -70,20 +70,12 @@ class ElasticObserverPolicy(LawPolicy):
     """
 
     def __init__(
-        self,
-        parameters: AnyArm | None = None,
-        control_period: float = 1e-3,
-        weights: ObserverWeights | None = None,
+        self, parameters: AnyArm | None = None, control_period: float = 1e-3, weights: ObserverWeights | None = None
     ) -> None:
-        """Design the gains.
+        """Design the gains for the arm as the controller knows it (default Table 1) and T [s], at most 0.1 s.
 
-        Args:
-            parameters: the arm or the robot, as the controller knows it.
-            control_period: T [s], at most 0.1 s.
-            weights: of the Riccati equations; None for those of `observer_gains.weights_for`.
-
-        Raises:
-            ValueError: the control period is out of range, or there are no gains for these arguments.
+        Weights of the Riccati equations are by default those of `observer_gains.weights_for`. ValueError if the control
+        period is out of range, or there are no gains for these arguments.
         """
         super().__init__(ArmParameters() if parameters is None else parameters, control_period)
         self.weights = weights or weights_for(self.parameters, self.control_period)
@@ -109,12 +101,15 @@ class ElasticObserverPolicy(LawPolicy):
     @functools.cached_property
     def control_law(self) -> Law:
         """The law of the module's docstring."""
-        schedule, nothing = self._schedule, (0.0,) * self.joints
-        kept = tuple(schedule.kept.tolist())
-        act = _law_of(equations_of(self.parameters), kept, schedule.cosine, schedule.points)
-        memory = Observed(past_of(self.joints), 0.0, Estimate(*[nothing] * len(Estimate._fields)))
+        memory = Observed(past_of(self.joints), 0.0, Estimate(*[(0.0,) * self.joints] * len(Estimate._fields)))
         tables = tuple(gains.reshape(len(gains), -1) for gains in (self.feedback, self.observer))
-        return Law(act, memory, self._numbers, tables)
+        return Law(_law_of(*self.where), memory, self._numbers, tables)
+
+    @property
+    def where(self) -> tuple[Physics, tuple[int, ...], bool, int]:
+        """The equations of the arm, and over which angles the gains are tabulated: the arguments of `steps_of`."""
+        schedule = self._schedule
+        return equations_of(self.parameters), tuple(schedule.kept.tolist()), schedule.cosine, schedule.points
 
     def innovation(self, observation: np.ndarray, memory: np.ndarray) -> np.ndarray:
         """Return ν = y - (θ̂, θ̂̇)⁻ (lanes, 2 n) [rad, rad/s] before `act`; 0 where an episode begins."""

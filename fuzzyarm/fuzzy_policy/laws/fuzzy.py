@@ -25,11 +25,7 @@ __all__ = ["FuzzyPolicy"]
 
 
 class FuzzyPolicy(LawPolicy):
-    """The law of a controller file as a policy; it is in the module's docstring.
-
-    Attributes:
-        controller: the content of the file.
-    """
+    """The law of a controller file as a policy; it is in the module's docstring."""
 
     integral_at: int | None = 0
 

@@ -43,28 +43,9 @@ from fuzzyarm.fuzzy_policy.known_arm import joints_of, per_joint_of, with_drives
 from fuzzyarm.fuzzy_policy.laws.gain_schedule import GainSchedule, nearest_inertia, random_angles, schedule_of
 
 __all__ = [
-    "CONDITIONS",
-    "FACTORS",
-    "ONE_AT_A_TIME",
-    "Condition",
-    "Estimate",
-    "GainTables",
-    "LinearLaw",
-    "ObserverWeights",
-    "Place",
-    "at_points",
-    "estimate_parts",
-    "feedback_gain",
-    "gain_tables",
-    "linear_observer",
-    "linear_pid",
-    "observer_gain",
-    "places_of",
-    "sampled_arm",
-    "softened",
-    "state_part",
-    "weights_for",
-    "worst_radius",
+    "CONDITIONS", "FACTORS", "ONE_AT_A_TIME", "Condition", "Estimate", "LinearLaw", "ObserverWeights", "Place",
+    "at_points", "estimate_parts", "feedback_gain", "gain_tables", "linear_observer", "linear_pid", "places_of",
+    "sampled_arm", "softened", "state_part", "weights_for", "worst_radius",
 ]  # fmt: skip
 
 
@@ -82,7 +63,7 @@ class Estimate(NamedTuple):
     load: Any  # d, unknown torques on the links [N m]
 
 
-class GainTables(NamedTuple):
+class _GainTables(NamedTuple):
     """The gains at the points of a schedule."""
 
     schedule: GainSchedule  # over which angles, and at which points
@@ -109,26 +90,21 @@ class ObserverWeights:
 
     Torques are shares of the arm's `torque_limit`, joint by joint, so that the same weights fit arms of another size.
 
-    Attributes:
-        link_angle: link error [rad] that costs as much as the whole torque, weight 1/link_angle² against 1/Γ_max².
-        link_velocity: link velocity error [rad/s] that costs as much as the whole torque.
-        load_walk: random walk of d, share of the torque limit per √s.
-        motor_torque: white noise of the motor torque, share of the torque limit times √s. More of it makes the loop
-            with the observer more robust (loop transfer recovery).
-        encoder_angle: standard deviation of the measured angle [rad]; only its ratio to the other noises counts.
-        encoder_velocity: standard deviation of the measured velocity [rad/s].
-
     Raises:
         TypeError: a weight is no number.
         ValueError: a weight lies outside `WEIGHT_RANGE`.
     """
 
+    # link error [rad] that costs as much as the whole torque, weight 1/link_angle² against 1/Γ_max²
     link_angle: float = 0.0218
-    link_velocity: float = 1.57
-    load_walk: float = 0.075
+    link_velocity: float = 1.57  # link velocity error [rad/s] that costs as much as the whole torque
+    load_walk: float = 0.075  # random walk of d, share of the torque limit per √s
+    # white noise of the motor torque, share of the torque limit times √s. More of it makes the loop with the observer
+    # more robust (loop transfer recovery).
     motor_torque: float = 5.57e-4
+    # standard deviation of the measured angle [rad]; only its ratio to the other noises counts
     encoder_angle: float = 1e-5
-    encoder_velocity: float = 1e-3
+    encoder_velocity: float = 1e-3  # standard deviation of the measured velocity [rad/s]
 
     def __post_init__(self) -> None:
         """Check the weights."""
@@ -174,7 +150,7 @@ def feedback_gain(A: np.ndarray, B: np.ndarray, torque_limit: np.ndarray, weight
     return gain
 
 
-def observer_gain(
+def _observer_gain(
     A: np.ndarray, B: np.ndarray, control_period: float, torque_limit: np.ndarray, weights: ObserverWeights
 ) -> np.ndarray:
     """Return L (5 n, 2 n), the stationary Kalman gain of `sampled_arm` that corrects (x̂, d̂) by what is measured now.
@@ -193,21 +169,20 @@ def observer_gain(
 
 
 @functools.lru_cache(maxsize=32)
-def gain_tables(arm: AnyArm, control_period: float, weights: ObserverWeights) -> GainTables:
+def gain_tables(arm: AnyArm, control_period: float, weights: ObserverWeights) -> _GainTables:
     """Return K and L at the points of the arm's schedule, for a control period [s].
 
-    Raises:
-        ValueError: a Riccati equation has no solution in double precision.
+    ValueError where a Riccati equation has no solution in double precision.
     """
     limit, schedule = per_joint_of(arm, "torque_limit"), schedule_of(arm)
 
     def both(inertia: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         A, B = sampled_arm(arm, control_period, inertia)
-        return feedback_gain(A, B, limit, weights), observer_gain(A, B, control_period, limit, weights)
+        return feedback_gain(A, B, limit, weights), _observer_gain(A, B, control_period, limit, weights)
 
     gains = at_points(both, schedule.places, schedule.inertia, f"control_period = {control_period!r} s, {weights}")
     feedback, observer = zip(*gains, strict=True)
-    return GainTables(schedule, np.array(feedback), np.array(observer))
+    return _GainTables(schedule, np.array(feedback), np.array(observer))
 
 
 def at_points(
@@ -337,9 +312,7 @@ def weights_for(arm: AnyArm, control_period: float) -> ObserverWeights:
 def softened(weights: ObserverWeights, factor: float) -> ObserverWeights:
     """Return weights softened by s = `factor`."""
     return dataclasses.replace(
-        weights,
-        link_angle=factor * weights.link_angle,
-        link_velocity=math.sqrt(factor) * weights.link_velocity,
+        weights, link_angle=factor * weights.link_angle, link_velocity=math.sqrt(factor) * weights.link_velocity
     )
 
 
@@ -358,7 +331,7 @@ def linear_observer(place: Place, designed_for: np.ndarray, weights: ObserverWei
     joints, limit = len(robot), per_joint_of(robot, "torque_limit")
     part, state = estimate_parts(joints), state_part(joints)
     A, B = sampled_arm(robot, period, designed_for)
-    K, L = feedback_gain(A, B, limit, weights), observer_gain(A, B, period, limit, weights)
+    K, L = feedback_gain(A, B, limit, weights), _observer_gain(A, B, period, limit, weights)
     measured = np.eye(len(A))[np.r_[part.q_motor, part.dq_motor]]
     acts = np.zeros((joints, len(A)))  # u = acts (x̂, d̂)
     acts[:, state] = -K

@@ -50,26 +50,16 @@ LARGEST = 0.5  # of the tube's angles [rad]: beyond it no iteration has ever clo
 
 @dataclasses.dataclass(frozen=True)
 class Closed:
-    """A period whose tube is closed.
+    """A period whose tube is closed."""
 
-    Attributes:
-        tube: ρ (18,) in the order of `ROWS`.
-        torques: w̄ (8,) in the order of `CHANNELS` [N m; N].
-        solution: of the linear equation.
-        drive: of the uncertain constants.
-        columns: (8, n) of the zonotope at the end without the torques w̄; those of the constants first.
-        known: of both motors' velocities at the end.
-        plans: by which the frictions were bounded.
-        drags: middle of the friction torques of motors with the plan MIXED [N m], None for others.
-    """
-
-    tube: np.ndarray
-    torques: np.ndarray
-    solution: Transition
-    drive: Drive
-    columns: np.ndarray
-    known: tuple[Speed, ...]
-    plans: tuple[Plan, ...]
+    tube: np.ndarray  # ρ (18,) in the order of `ROWS`
+    torques: np.ndarray  # w̄ (8,) in the order of `CHANNELS` [N m; N]
+    solution: Transition  # of the linear equation
+    drive: Drive  # of the uncertain constants
+    columns: np.ndarray  # (8, n) of the zonotope at the end without the torques w̄; those of the constants first
+    known: tuple[Speed, ...]  # of both motors' velocities at the end
+    plans: tuple[Plan, ...]  # by which the frictions were bounded
+    # middle of the friction torques of motors with the plan MIXED [N m], None for others
     drags: tuple[float | None, ...]
 
 

@@ -34,22 +34,8 @@ from fuzzyarm.envs.scenario.randomisation import ALLOWED
 from fuzzyarm.proof.tip.enclosures import ball, between, centre
 
 __all__ = [
-    "AXES",
-    "BY_JOINT",
-    "RANGES",
-    "SETS",
-    "Axis",
-    "BallPlant",
-    "Parameter",
-    "PlantSet",
-    "ball_plant",
-    "check_set_name",
-    "exactly",
-    "find_set",
-    "missed",
-    "narrowed",
-    "plants_of",
-    "ranges_in_words",
+    "AXES", "BY_JOINT", "RANGES", "SETS", "Axis", "BallPlant", "Parameter", "PlantSet", "ball_plant", "check_set_name",
+    "exactly", "find_set", "missed", "narrowed", "plants_of", "ranges_in_words",
 ]  # fmt: skip
 
 
@@ -70,7 +56,7 @@ AXES: list[Axis] = [(name, joint) for name in RANGES for joint in range(JOINTS i
 
 LIMITS = {"force_swing": ("", 10.0), "force_course": ("N", 1e6)}
 NOISIEST = 1e3  # rad, rad/s
-LONGEST_LABEL = 60  # characters
+_LONGEST_LABEL = 60  # characters
 
 
 @dataclasses.dataclass(frozen=True)
@@ -166,8 +152,8 @@ I_a ± 1 %, dry friction ± 20 %; the same with every torque one control period 
 
 def check_set_name(name: str, plants: PlantSet) -> None:
     """Raise ValueError for a label that is no short printable ASCII text, or a name of `SETS` for other plants."""
-    if not (isinstance(name, str) and 0 < len(name) <= LONGEST_LABEL and name.isascii() and name.isprintable()):
-        raise ValueError(f"set_name = {checks.shown(name)} must be 1 to {LONGEST_LABEL} printable ASCII characters")
+    if not (isinstance(name, str) and 0 < len(name) <= _LONGEST_LABEL and name.isascii() and name.isprintable()):
+        raise ValueError(f"set_name = {checks.shown(name)} must be 1 to {_LONGEST_LABEL} printable ASCII characters")
     if name in SETS and plants != SETS[name]:
         raise ValueError(f"set_name = {checks.shown(name)}, but the plants are not those of this set")
 
@@ -214,9 +200,7 @@ def exactly(value: float) -> str:
 def find_set(name: str | Path) -> PlantSet:
     """Return the set of a name of `SETS`, or of a TOML file with fields of `PlantSet`.
 
-    Raises:
-        ValueError: no such name, or the file is damaged, has an unknown field or a value out of range.
-        OSError: the file cannot be read.
+    ValueError if there is no such name, or the file is damaged; OSError if it cannot be read.
     """
     if str(name) in SETS:
         return SETS[str(name)]
@@ -236,19 +220,12 @@ _ROUNDED = 2.0**-46  # relative: the environment computes c1..c5 in floats
 
 @dataclasses.dataclass(frozen=True)
 class Parameter:
-    """An uncertain constant: p_0 ± `half`.
+    """An uncertain constant: p_0 ± `half`."""
 
-    Attributes:
-        kind: "mass", "payload", "force", "stiffness", "damping", "motor_inertia", "viscous_friction", "dry_friction".
-        joint: whose constant it is; 0 for the payload and the force.
-        half: half the width of its range, in its unit; relative to the middle for dry friction and the force.
-        arm: constants ∂c/∂p times `half`, for a mass or the payload.
-    """
-
-    kind: str
-    joint: int
-    half: float
-    arm: Arm | None = None
+    kind: str  # "mass", "payload", "force", "stiffness", "damping", "motor_inertia", "viscous_friction", "dry_friction"
+    joint: int  # whose constant it is; 0 for the payload and the force
+    half: float  # half the width of its range, in its unit; relative to the middle for dry friction and the force
+    arm: Arm | None = None  # constants ∂c/∂p times `half`, for a mass or the payload
 
     @property
     def name(self) -> str:
@@ -258,18 +235,12 @@ class Parameter:
 
 @dataclasses.dataclass(frozen=True)
 class BallPlant:
-    """All arms of a set.
+    """All arms of a set."""
 
-    Attributes:
-        middle: constants in floats, of the arm in the middle.
-        exact: the same in balls that hold the exact constants of that arm.
-        parameters: what is uncertain.
-        share: lowest and highest factor of the dry friction of each motor, relative to the middle.
-    """
-
-    middle: Arm
-    exact: Arm
-    parameters: tuple[Parameter, ...]
+    middle: Arm  # constants in floats, of the arm in the middle
+    exact: Arm  # the same in balls that hold the exact constants of that arm
+    parameters: tuple[Parameter, ...]  # what is uncertain
+    # lowest and highest factor of the dry friction of each motor, relative to the middle
     share: tuple[tuple[float, float], ...]
 
     def half(self, kind: str) -> list[float]:

@@ -44,17 +44,11 @@ _UNKNOWN: dict[type[Policy], str] = {
 
 
 class Response(NamedTuple):
-    """What follows from a sample: deviations of (u, m⁺) from a point, |x - middle| = |columns g + β|, |β| <= box.
+    """What follows from a sample: deviations of (u, m⁺) from a point, |x - middle| = |columns g + β|, |β| <= box."""
 
-    Attributes:
-        middle: (2 + m,) torques [N m] and the memory.
-        columns: (2 + m, n); the first are those of the deviations that the law was given.
-        box: (2 + m,).
-    """
-
-    middle: np.ndarray
-    columns: np.ndarray
-    box: np.ndarray
+    middle: np.ndarray  # (2 + m,) torques [N m] and the memory
+    columns: np.ndarray  # (2 + m, n); the first are those of the deviations that the law was given
+    box: np.ndarray  # (2 + m,)
 
 
 def sampled_law(policy: Policy, references: np.ndarray) -> PolicyLaw:
@@ -74,12 +68,7 @@ def sampled_law(policy: Policy, references: np.ndarray) -> PolicyLaw:
 
 
 class PolicyLaw:
-    """The law of a policy, sample by sample.
-
-    Attributes:
-        memory: numbers that it remembers of what is measured.
-        remembered: where they lie in the policy's memory.
-    """
+    """The law of a policy, sample by sample."""
 
     def __init__(self, policy: Policy, law: Law, references: np.ndarray) -> None:
         """Take the policy, its law and what it is told at each sample (samples, 6)."""
@@ -93,19 +82,15 @@ class PolicyLaw:
             held.append(memory.copy())
             policy.act(observation, memory, torque)
         self._held = np.array([*held, memory])
+        # Where the numbers that it remembers of what is measured lie in the policy's memory, and how many there are.
         self.remembered = np.flatnonzero((self._held != self._held[:, :1]).any(axis=(0, 1)))
         self.memory = len(self.remembered)
 
     def respond(self, k: int, point: np.ndarray, seen: Zonotope) -> Response:
-        """Return the answer at the k-th sample.
+        """Return the answer at the k-th sample, for deviations `seen` from a point (4 + m,): θ, θ̇ as measured, memory.
 
-        Args:
-            k: number of the sample; at the first one the memory is zero.
-            point: (4 + m,) θ, θ̇ as they are measured at the centre, and the memory.
-            seen: the deviations from it.
-
-        Raises:
-            NoBound: the law does what is not known for all these numbers; ValueError where an enclosure is not finite.
+        At the first sample the memory is zero. `NoBound` if the law does what is not known for all these numbers;
+        ValueError where an enclosure is not finite.
         """
         space = Space(seen)
         RECORDERS.append(space)

@@ -27,7 +27,6 @@ from fuzzyarm.proof.tip.zonotope import SOURCES, Zonotope
 
 __all__ = ["Problem", "Step", "Tube", "tip_bound"]
 
-
 DIRECTIONS = 48  # of the polygon around the tip's deviations; it is at most 0.06 % larger than they are
 COARSE = 6  # every how many of them are looked at first
 
@@ -91,43 +90,26 @@ _LAW, _ROUNDING = SOURCES.index("law and noise"), SOURCES.index("rounding")
 
 @dataclasses.dataclass(frozen=True)
 class Problem:
-    """What is to be bounded.
+    """What is to be bounded."""
 
-    Attributes:
-        parameters: of the arm, Table 1 if nothing else is said.
-        start: state (8,) in which the environment begins: at rest, the links on the reference.
-        schedule: reference, tip force and target of every control step.
-        period: T [s].
-        law: the policy, sample by sample.
-        plants: the set.
-        plant: its arms.
-    """
-
-    parameters: ArmParameters
-    start: np.ndarray
-    schedule: Schedule
-    period: float
-    law: PolicyLaw
-    plants: PlantSet
-    plant: BallPlant
+    parameters: ArmParameters  # of the arm, Table 1 if nothing else is said
+    start: np.ndarray  # state (8,) in which the environment begins: at rest, the links on the reference
+    schedule: Schedule  # reference, tip force and target of every control step
+    period: float  # T [s]
+    law: PolicyLaw  # the policy, sample by sample
+    plants: PlantSet  # the set
+    plant: BallPlant  # its arms
 
 
 @dataclasses.dataclass(frozen=True)
 class Step:
-    """One control step of the tube.
+    """One control step of the tube."""
 
-    Attributes:
-        torque: held in it (2,) [N m], at the centre.
-        segments: the centre.
-        closed: the tube on each of them.
-        tip: bound of the tip error at its end [m].
-        sources: share of each of `SOURCES`, then of the uncertain constants, then of the centre, in that bound [m].
-    """
-
-    torque: np.ndarray
-    segments: tuple[Segment, ...]
-    closed: tuple[Closed, ...]
-    tip: float
+    torque: np.ndarray  # held in it (2,) [N m], at the centre
+    segments: tuple[Segment, ...]  # the centre
+    closed: tuple[Closed, ...]  # the tube on each of them
+    tip: float  # bound of the tip error at its end [m]
+    # share of each of `SOURCES`, then of the uncertain constants, then of the centre, in that bound [m]
     sources: np.ndarray
 
 
@@ -137,10 +119,8 @@ class Tube:
     def __init__(self, problem: Problem, claims: Sequence[Sequence[tuple[Segment, Claim]]] | None = None) -> None:
         """Begin at rest on the reference, as the environment does.
 
-        Args:
-            problem: what is to be bounded.
-            claims: for each control step the segments of the centre and what is claimed of them, to be confirmed
-                without any search; None: they are searched.
+        The claims are for each control step the segments of the centre and what is claimed of them, to be confirmed
+        without any search; None: they are searched.
         """
         self.problem, self._claims = problem, claims
         plant = problem.plant

@@ -41,8 +41,7 @@ from fuzzyarm.numbers.functions import Cells, each, flat, maximum
 
 __all__ = [
     "FACTORS", "FLAG", "KEPT", "LONGEST_LATENESS", "AdaptiveWeights", "ArmFunctions", "Belief", "Flags", "Memory",
-    "Prior", "affine_numbers", "belief_of", "layout", "mass_of", "numbers_of", "places", "prior", "remembered",
-    "unit_force",
+    "affine_numbers", "belief_of", "layout", "mass_of", "numbers_of", "places", "prior", "remembered", "unit_force",
 ]  # fmt: skip
 
 LONGEST_LATENESS = 3
@@ -138,7 +137,7 @@ def belief_of(physics: Physics) -> Belief:
     return Belief(*consecutive(1, physics.axes, 1, *[physics.joints] * (len(FACTORS) + 1), 1))
 
 
-class Prior(NamedTuple):
+class _Prior(NamedTuple):
     """What is taken for granted of p, each an array (numbers of p,)."""
 
     guess: Any  # p_0: no load, the known arm, no lateness
@@ -148,7 +147,7 @@ class Prior(NamedTuple):
     high: Any
 
 
-def prior(arm: AnyArm, weights: AdaptiveWeights) -> Prior:
+def prior(arm: AnyArm, weights: AdaptiveWeights) -> _Prior:
     """Return the prior for an arm."""
     w, limit, mass, unit = weights, per_joint_of(arm, "torque_limit"), mass_of(arm), unit_force(arm)
     first, force, torque = w.first_force * unit, 4.0 * unit, 0.2 * limit
@@ -165,11 +164,11 @@ def prior(arm: AnyArm, weights: AdaptiveWeights) -> Prior:
         lateness=(0.0, w.first_lateness, 0.0, 0.0, float(LONGEST_LATENESS)),
     )
     belief = belief_of(equations_of(arm))
-    arrays = np.empty((len(Prior._fields), belief.lateness.stop))
+    arrays = np.empty((len(_Prior._fields), belief.lateness.stop))
     for part, values in zip(belief, parts, strict=True):
         for array, value in zip(arrays, values, strict=True):
             array[part] = value
-    return Prior(*arrays)
+    return _Prior(*arrays)
 
 
 def numbers_of(arm: AnyArm, payload: float = 0.0, factors: Mapping[str, np.ndarray] | None = None) -> np.ndarray:

@@ -47,7 +47,7 @@ __all__ = ["act", "adaptive_weights_for", "feedback_table", "gain_share", "large
 
 STIFFNESS = (0.8, 1.0, 1.2)  # of the joints, at which a regulator has to be stable
 HEAVIEST = 0.5  # payload of the table's end, share of the mass of all links
-PAYLOADS = 6
+_PAYLOADS = 6
 
 
 @functools.lru_cache(maxsize=32)
@@ -94,13 +94,11 @@ def _gain(arm: AnyArm, control_period: float, inertia: np.ndarray, weights: Adap
 def feedback_table(arm: AnyArm, control_period: float, weights: AdaptiveWeights) -> np.ndarray:
     """Return K [N m/rad, N m s/rad] at payloads up to half the links' mass and the points of the arm's schedule.
 
-    A row (n · 4 n) for each payload and point, the points of a payload one after the other.
-
-    Raises:
-        ValueError: a Riccati equation has no solution in double precision.
+    A row (n · 4 n) for each payload and point, the points of a payload one after the other; ValueError where a Riccati
+    equation has no solution in double precision.
     """
     schedule, gains = schedule_of(arm), []
-    for mass in np.linspace(0.0, HEAVIEST * mass_of(arm), PAYLOADS):
+    for mass in np.linspace(0.0, HEAVIEST * mass_of(arm), _PAYLOADS):
         gains += at_points(
             lambda inertia: _gain(arm, control_period, inertia, weights).ravel(),
             schedule.places,
@@ -112,11 +110,11 @@ def feedback_table(arm: AnyArm, control_period: float, weights: AdaptiveWeights)
     return table
 
 
-def feedback_at(s: Settings, q: Any, payload: Any, gain: Any) -> None:
+def _feedback_at(s: Settings, q: Any, payload: Any, gain: Any) -> None:
     """Fill K (n, 4 n) at angles q (n,) [rad] and a payload in masses of the links, between the table's entries."""
-    place = minimum(maximum(payload / HEAVIEST, 0.0), 1.0) * (PAYLOADS - 1.0)
-    lower = minimum(PAYLOADS - 2.0, maximum(0.0, floor(place)))  # a share that is nan is mapped into the table, too
-    low, corners, points = place - lower, corners_of(q, *s.schedule), s.feedback.shape[0] / PAYLOADS
+    place = minimum(maximum(payload / HEAVIEST, 0.0), 1.0) * (_PAYLOADS - 1.0)
+    lower = minimum(_PAYLOADS - 2.0, maximum(0.0, floor(place)))  # a share that is nan is mapped into the table, too
+    low, corners, points = place - lower, corners_of(q, *s.schedule), s.feedback.shape[0] / _PAYLOADS
     for i in each(len(gain)):
         for k in each(gain.shape[1]):
             near: Any = 0.0
@@ -214,7 +212,7 @@ def _command(z: Any, m: Memory, s: Settings, room: Room, torque: Any) -> None:
         error[joints + j] = state[joints + j, 0] - (q + later * (dq + 0.5 * later * ddq))
         error[2 * joints + j] = state[2 * joints + j, 0] - (dtheta + later * ddtheta)
         error[3 * joints + j] = state[3 * joints + j, 0] - (dq + later * ddq)
-    feedback_at(s, m.references[0, 0], p[len(s.reopening)] / s.mass, room.gain)
+    _feedback_at(s, m.references[0, 0], p[len(s.reopening)] / s.mass, room.gain)
     share = gain_share(m, s)
     for j in each(joints):
         for i in each(len(error)):

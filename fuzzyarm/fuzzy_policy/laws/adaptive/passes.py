@@ -47,9 +47,9 @@ if TYPE_CHECKING:
 __all__ = ["AdaptivePasses", "PassState", "Smoother"]
 
 CUT_OFF = 70.0  # Hz, of the Butterworth filter of the expected force
-FIRST_FORCE = 0.3  # standard deviation of the forces at the first sample for the smoother, in unit forces
-SAME_PATH = 1e-6  # rad; a reference that differs more from that of the pass before is another path
-REWEIGHTED = 50  # steps towards the least total variation
+_FIRST_FORCE = 0.3  # standard deviation of the forces at the first sample for the smoother, in unit forces
+_SAME_PATH = 1e-6  # rad; a reference that differs more from that of the pass before is another path
+_REWEIGHTED = 50  # steps towards the least total variation
 SMALLEST = 1e-2  # N, a change of the force that counts as none
 TOGETHER = 16  # lanes whose notes are kept at once
 
@@ -87,7 +87,7 @@ class AdaptivePasses(PassLearner[PassState]):
         parts = observed(seen)
         q, sample, other_path = parts.q_reference.copy(), len(state.references), state.other_path
         if sample < len(state.path):
-            other_path = other_path | (np.abs(q - state.path[sample]).max(axis=1) > SAME_PATH)
+            other_path = other_path | (np.abs(q - state.path[sample]).max(axis=1) > _SAME_PATH)
         torque, memory = np.empty((len(seen), self.policy.joints)), state.memory.copy()
         self.policy.act_with(seen, memory, torque, _window(state, sample, other_path))
         torque = self._clipped(seen, torque)
@@ -124,11 +124,9 @@ class AdaptivePasses(PassLearner[PassState]):
         return dataclasses.replace(self._first(memory), expected=expected, path=path, passes=passes)
 
     def beliefs(self, state: PassState) -> Beliefs:
-        """Return what is believed after the last sample, the expected force included; of lanes, also of one.
+        """Return what is believed after the last sample, the expected force included, lane by lane.
 
-        Raises:
-            TypeError: the state is not what `predict` or `begin_pass` returned.
-            ValueError: it is that of another arm.
+        TypeError or ValueError if the state is not what `predict` or `begin_pass` returned for this arm.
         """
         state = self._checked(state)
         found, expected = self.policy.beliefs(state.memory), _window(state, len(state.references) - 1, state.other_path)
@@ -172,7 +170,7 @@ def _steadiest(force: np.ndarray, slope: np.ndarray) -> np.ndarray:
     Least squares, reweighted (Weiszfeld).
     """
     a, b, x = np.diff(force, axis=0), np.diff(slope, axis=0), np.zeros(force.shape[1])
-    for _ in range(REWEIGHTED):
+    for _ in range(_REWEIGHTED):
         weight = 1.0 / np.maximum(np.linalg.norm(a + x[:, np.newaxis] * b, axis=2), SMALLEST)
         x = -np.sum(weight * np.sum(a * b, axis=2), axis=0) / (np.sum(weight * np.sum(b * b, axis=2), axis=0) + 1e-12)
     return x
@@ -246,7 +244,7 @@ class Smoother:
         self._policy, self._physics, settings = policy, equations_of(policy.arm), policy.settings
         n, N, self._forces = self._physics.joints, len(settings.spread), len(settings.reopening)
         self._used, spread = 4 * n + self._forces, np.zeros(N)
-        spread[: 4 * n], spread[4 * n : self._used] = settings.spread[: 4 * n], FIRST_FORCE * unit_force(policy.arm)
+        spread[: 4 * n], spread[4 * n : self._used] = settings.spread[: 4 * n], _FIRST_FORCE * unit_force(policy.arm)
         sure, bold = np.zeros(n), np.zeros(N)
         self._settings = settings.replaced(spread=spread, doubt=sure, cautious=bold, gate=math.inf)
         two, line = Cells((2 * n,)), Cells((2 * self._physics.axes,))

@@ -90,16 +90,10 @@ class AdaptiveObserverPolicy(LawPolicy):
         weights: AdaptiveWeights | None = None,
         fallback: Policy | None = None,
     ) -> None:
-        """Design the regulator.
+        """Design the regulator for the arm as the controller knows it and T [s].
 
-        Args:
-            parameters: the arm or the robot, as the controller knows it.
-            control_period: T [s].
-            weights: None for those of `adaptive_weights_for`.
-            fallback: computed torque at the tip, if not said otherwise.
-
-        Raises:
-            ValueError: the control period is out of range, or there are no gains for these arguments.
+        Weights are by default those of `adaptive_weights_for`; `fallback` is computed torque at the tip. ValueError if
+        the control period is out of range, or there are no gains for these arguments.
         """
         super().__init__(ArmParameters() if parameters is None else parameters, control_period)
         self.arm, physics = self.parameters, equations_of(self.parameters)
@@ -176,9 +170,7 @@ class AdaptiveObserverPolicy(LawPolicy):
     def beliefs(self, state: np.ndarray) -> Beliefs:
         """Return what is believed at the next sample, from a state (..., memory_size) that `predict` gave.
 
-        Raises:
-            TypeError: the state holds something else than real numbers.
-            ValueError: it has another shape.
+        TypeError or ValueError if the state holds something else than real numbers, or has another shape.
         """
         return self.beliefs_of(self.checked_state(state)[..., : self.memory.noise.stop])
 

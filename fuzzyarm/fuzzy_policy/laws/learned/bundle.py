@@ -61,16 +61,10 @@ class BundleError(ValueError):
 
 
 def write_folder(folder: Path, description: dict[str, Any], tensors: Mapping[str, np.ndarray]) -> None:
-    """Write a bundle atomically, with the digest of its weights; an existing bundle is replaced.
+    """Write a bundle atomically, its arrays in single precision; an existing bundle is replaced.
 
-    Args:
-        folder: of the bundle.
-        description: content of ``policy.json``, whose ``weights_sha256`` is filled in.
-        tensors: arrays by name; written in single precision.
-
-    Raises:
-        OSError: the folder cannot be written; what was there is left as it was.
-        ValueError: the folder exists and is not a bundle.
+    ``weights_sha256`` of the description is filled in. ValueError if the folder exists and is no bundle; OSError if it
+    cannot be written, and what was there is left as it was.
     """
     # Imported here: reading a definition needs no safetensors.
     from safetensors.numpy import save
@@ -84,11 +78,7 @@ def write_folder(folder: Path, description: dict[str, Any], tensors: Mapping[str
 
 
 def is_observer(folder: Path) -> bool:
-    """Return whether a bundle says that it is a learned observer, of whichever version.
-
-    Raises:
-        BundleError: there is no description, or it is damaged.
-    """
+    """Return whether a bundle says that it is a learned observer, of any version; BundleError if it is damaged."""
     content = _content(folder / DESCRIPTION)
     return isinstance(content, dict) and str(content.get("schema")).startswith(_ANY_OBSERVER)
 
@@ -96,8 +86,7 @@ def is_observer(folder: Path) -> bool:
 def read_folder(folder: Path, schema: str, kind: type[_Kind]) -> tuple[_Kind, bytes]:
     """Return the description of a bundle, a record with ``weights_sha256``, and the bytes of its weights.
 
-    Raises:
-        BundleError: a file is missing, too large or damaged, not of this schema, or the digest differs.
+    BundleError if a file is missing, too large or damaged, not of this schema, or if the digest differs.
     """
     path = folder / DESCRIPTION
     content = _content(path)
@@ -156,19 +145,12 @@ def _read(path: Path, read: Callable[..., Any], largest: int, instead: str) -> A
 
 @dataclasses.dataclass(frozen=True, eq=False, kw_only=True)
 class Trained:
-    """Where a learned policy comes from, a record for the reader.
+    """Where a learned policy comes from, a record for the reader."""
 
-    Attributes:
-        training: the settings of its training.
-        seed: of that training.
-        curve: rows of the training, one mapping each.
-        versions: of the libraries it was trained with.
-    """
-
-    training: dict[str, Any] = dataclasses.field(default_factory=dict)
-    seed: int = 0
-    curve: list[dict[str, Any]] = dataclasses.field(default_factory=list)
-    versions: dict[str, Any] = dataclasses.field(default_factory=dict)
+    training: dict[str, Any] = dataclasses.field(default_factory=dict)  # the settings of its training
+    seed: int = 0  # of that training
+    curve: list[dict[str, Any]] = dataclasses.field(default_factory=list)  # rows of the training, one mapping each
+    versions: dict[str, Any] = dataclasses.field(default_factory=dict)  # of the libraries it was trained with
 
 
 _SCHEMA = "fuzzyarm-learned-policy/1"
@@ -181,21 +163,15 @@ _PAPERS_JOINTS = 2
 class PolicyBundle(Trained):
     """A learned policy and where it comes from.
 
-    Attributes:
-        features: definition of the network's inputs.
-        action: what its output means.
-        network: normaliser and layers.
-        arm: that it was trained for; None: the arm of Table 1.
-
     Raises:
         ValueError: the network has not one input per feature, or not one output per joint; or features and action are
             for different numbers of joints.
     """
 
-    features: FeatureDefinition
-    action: ActionDefinition
-    network: Network
-    arm: ArmDefinition | None = None
+    features: FeatureDefinition  # definition of the network's inputs
+    action: ActionDefinition  # what its output means
+    network: Network  # normaliser and layers
+    arm: ArmDefinition | None = None  # that it was trained for; None: the arm of Table 1
 
     def __post_init__(self) -> None:
         """Check that the parts fit together."""
@@ -224,11 +200,7 @@ class PolicyBundle(Trained):
 
     @classmethod
     def load(cls, folder: str | Path) -> PolicyBundle:
-        """Read a bundle and check all of it.
-
-        Raises:
-            BundleError: a file is missing, too large, damaged, or not of this schema.
-        """
+        """Read a bundle and check all of it; BundleError if a file is missing, damaged, or of another schema."""
         folder = Path(folder)
         found, weights = read_folder(folder, _SCHEMA, _Description)
         with usable(folder):

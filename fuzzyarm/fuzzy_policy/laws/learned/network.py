@@ -37,17 +37,17 @@ from fuzzyarm.numbers.machine import Kernel
 from fuzzyarm.numbers.program import Program
 
 __all__ = [
-    "ACTIVATIONS", "GATES", "LARGEST_MEMORY", "OUTPUTS", "Cell", "Network", "add_product", "area_sine",
-    "hyperbolic_tangent", "logistic", "real_array",
+    "GATES", "LARGEST_MEMORY", "Cell", "Network", "add_product", "area_sine", "hyperbolic_tangent", "logistic",
+    "real_array",
 ]  # fmt: skip
 
 
-SATURATED = 20.0  # from here on tanh is 1 in double precision
-DOUBLINGS = 8  # of exp(y) - 1 with |y| <= 2 SATURATED/2^8
+_SATURATED = 20.0  # from here on tanh is 1 in double precision
+DOUBLINGS = 8  # of exp(y) - 1 with |y| <= 2 _SATURATED/2^8
 LARGEST = 2.0**60  # a larger argument of asinh counts as this one
-SQRT_2 = math.sqrt(2.0)
+_SQRT_2 = math.sqrt(2.0)
 HALVINGS = tuple((2.0**k, 2.0**-k, float(k)) for k in (32, 16, 8, 4, 2, 1))
-LN_2 = (float.fromhex("0x1.62e42feep-1"), float.fromhex("0x1.a39ef35793c76p-33"))  # the first times 1024 is exact
+_LN_2 = (float.fromhex("0x1.62e42feep-1"), float.fromhex("0x1.a39ef35793c76p-33"))  # the first times 1024 is exact
 
 
 @apart
@@ -57,7 +57,7 @@ def hyperbolic_tangent(x: Any) -> Any:
     E(y) = exp(y) - 1 is its Taylor polynomial of degree 11 for y = -2|x|/2^8, and E(2y) = E(y) (E(y) + 2).
     """
     size = abs(x)
-    y = select(size > SATURATED, SATURATED, size) * (-2.0 / 2.0**DOUBLINGS)
+    y = select(size > _SATURATED, _SATURATED, size) * (-2.0 / 2.0**DOUBLINGS)
     y2 = y * y
     y4 = y2 * y2
     low = (1 / 2 + y * (1 / 6)) + y2 * (1 / 24 + y * (1 / 120))
@@ -89,7 +89,7 @@ def area_sine(x: Any) -> Any:
     for power, inverse, k in HALVINGS:
         large = m >= power
         m, count = select(large, m * inverse, m), select(large, count + k, count)
-    upper = m > SQRT_2
+    upper = m > _SQRT_2
     m, count = select(upper, 0.5 * m, m), select(upper, count + 1.0, count)
     g = select(count == 0.0, f, m - 1.0)
     s = g / (g + 2.0)
@@ -99,7 +99,7 @@ def area_sine(x: Any) -> Any:
     low = (2 / 3 + z * (2 / 5)) + z2 * (2 / 7 + z * (2 / 9))
     middle = (2 / 11 + z * (2 / 13)) + z2 * (2 / 15 + z * (2 / 17))
     total = z * (low + z4 * (middle + z4 * (2 / 19 + z * (2 / 21))))
-    result = count * LN_2[0] + ((2.0 * s + s * total) + count * LN_2[1])
+    result = count * _LN_2[0] + ((2.0 * s + s * total) + count * _LN_2[1])
     return select(x < 0.0, -result, result)
 
 
@@ -139,19 +139,12 @@ def real_array(name: str, array: Any, axes: int) -> None:
 class Cell:
     """The arrays of the module's equations, the rows of i, r, g and o below each other.
 
-    Attributes:
-        weight_x: W_x, (4 hidden, inputs).
-        weight_h: W_h, (4 hidden, hidden).
-        bias: b, (4 hidden,).
-
-    Raises:
-        TypeError: an entry is no array of real numbers.
-        ValueError: shapes do not fit together, or a number is not finite.
+    TypeError or ValueError if an entry is no array of finite real numbers, or shapes do not fit together.
     """
 
-    weight_x: np.ndarray
-    weight_h: np.ndarray
-    bias: np.ndarray
+    weight_x: np.ndarray  # W_x, (4 hidden, inputs)
+    weight_h: np.ndarray  # W_h, (4 hidden, hidden)
+    bias: np.ndarray  # b, (4 hidden,)
 
     def __post_init__(self) -> None:
         """Check shapes and numbers."""
@@ -200,10 +193,10 @@ class Cell:
         return output
 
 
-ACTIVATIONS = ("tanh", "relu")
+_ACTIVATIONS = ("tanh", "relu")
 """What s may be."""
 
-OUTPUTS = ("clip", "tanh")
+_OUTPUTS = ("clip", "tanh")
 """What o may be."""
 
 _LARGEST_LAYER, _MOST_LAYERS = 4096, 9  # far beyond need; a larger network is refused before memory is allocated
@@ -213,34 +206,23 @@ _LARGEST_LAYER, _MOST_LAYERS = 4096, 9  # far beyond need; a larger network is r
 class Network:
     """Normaliser and layers.
 
-    Attributes:
-        mean: (inputs,) of the features.
-        std: (inputs,) of the features, positive.
-        clip: c, the bound of the normalised features, positive.
-        weights: W_i, (outputs, inputs) of each layer.
-        biases: b_i, (outputs,) of each layer.
-        activation: s, of `ACTIVATIONS`.
-        output: o, of `OUTPUTS`.
-        cell: what remembers in front of the layers; None: nothing does.
-
-    Raises:
-        ValueError: shapes do not fit together, or a number is not finite or has the wrong sign.
+    TypeError or ValueError if shapes do not fit together, or a number is not finite or has the wrong sign.
     """
 
-    mean: np.ndarray
-    std: np.ndarray
-    clip: float
-    weights: tuple[np.ndarray, ...]
-    biases: tuple[np.ndarray, ...]
-    activation: str = "tanh"
-    output: str = "clip"
-    cell: Cell | None = None
+    mean: np.ndarray  # (inputs,) of the features
+    std: np.ndarray  # (inputs,) of the features, positive
+    clip: float  # c, the bound of the normalised features, positive
+    weights: tuple[np.ndarray, ...]  # W_i, (outputs, inputs) of each layer
+    biases: tuple[np.ndarray, ...]  # b_i, (outputs,) of each layer
+    activation: str = "tanh"  # s, of `_ACTIVATIONS`
+    output: str = "clip"  # o, of `_OUTPUTS`
+    cell: Cell | None = None  # what remembers in front of the layers; None: nothing does
 
     def __post_init__(self) -> None:
         """Check shapes and numbers."""
         object.__setattr__(self, "clip", real("clip", self.clip, above=0.0))
-        choice("activation", self.activation, ACTIVATIONS)
-        choice("output", self.output, OUTPUTS)
+        choice("activation", self.activation, _ACTIVATIONS)
+        choice("output", self.output, _OUTPUTS)
         for name, axes in (("weights", 2), ("biases", 1)):
             for one in instance(name, getattr(self, name), tuple):
                 real_array(name, one, axes)

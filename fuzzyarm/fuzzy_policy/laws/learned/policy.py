@@ -40,18 +40,11 @@ class LearnedPolicy(LawPolicy):
         *,
         friction: bool = True,
     ) -> None:
-        """Make the policy of a bundle.
+        """Make the policy of a bundle for T [s], a divisor of the action period, and the arm it was trained for.
 
-        Args:
-            bundle: the trained policy.
-            control_period: time between two calls of `predict` [s]; the action period must be a whole multiple of it.
-            parameters: the arm or the robot that it was trained for; default Table 1.
-            base: the policy that ``bundle.action.base`` names, for the same control period.
-            friction: whether the torque that an unloaded arm needs, if it is among the features, includes the dry
-                friction.
-
-        Raises:
-            ValueError: the periods do not fit, or the base is missing, not asked for, or for another period.
+        `base` is the policy that ``bundle.action.base`` names, for the same control period. `friction` says whether the
+        torque that an unloaded arm needs, if it is among the features, includes the dry friction. ValueError if the
+        periods do not fit, or the base is missing, not asked for, or for another period.
         """
         self._arm: AnyArm = ArmParameters() if parameters is None else parameters
         super().__init__(self._arm, control_period)

@@ -22,17 +22,11 @@ __all__ = ["EstimateBundle"]
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class EstimateBundle(Trained):
-    """A learned observer and where it comes from.
+    """A learned observer and where it comes from."""
 
-    Attributes:
-        network: the recurrent network.
-        arm: that it was trained for: the two-joint arm, or what tells a robot from others.
-        control_period: for which it was trained [s].
-    """
-
-    network: EstimateNetwork
-    arm: ArmParameters | ArmDefinition
-    control_period: float
+    network: EstimateNetwork  # the recurrent network
+    arm: ArmParameters | ArmDefinition  # that it was trained for: the two-joint arm, or what tells a robot from others
+    control_period: float  # for which it was trained [s]
 
     def __post_init__(self) -> None:
         """Check that a network for the two-joint arm has its joints."""

@@ -63,56 +63,40 @@ def shapes_of(hidden: int, modulation: int, joints: int, axes: int) -> dict[str,
 
 
 class Layers(NamedTuple):
-    """The arrays of a network as the law takes them, in double precision.
+    """The arrays of a network as the law takes them, in double precision."""
 
-    Attributes:
-        of_z: the matrices of z side by side and transposed, so that no sum runs over the rows.
-        of_h: those of h.
-        of_c: those of c.
-        bias: of what they give.
-        V, G, D: of the output.
-        W: transposed.
-    """
-
-    of_z: Any
-    of_h: Any
-    of_c: Any
-    bias: Any
+    of_z: Any  # the matrices of z side by side and transposed, so that no sum runs over the rows
+    of_h: Any  # those of h
+    of_c: Any  # those of c
+    bias: Any  # of what they give
+    # V, G, D: of the output
     V: Any
     G: Any
     D: Any
-    W: Any
+    W: Any  # transposed
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class EstimateNetwork:
     """The arrays of the module's equations, in the shapes of `shapes_of`; the rows of s stand above those of r.
 
-    Attributes:
-        gate_z: S_z above R_z.
-        gate_h: S_h above R_h.
-        gate_c: S_c above R_c.
-        gate_bias: s_0, then r_0.
-        A, B, C, U: of the candidate n.
-        V, G, D: of the output.
-        P, p_0, W: of the weights w.
-
-    Raises:
-        TypeError: an entry is no array of real numbers.
-        ValueError: shapes do not fit together, or a number is not finite.
+    TypeError or ValueError if an entry is no array of finite real numbers, or shapes do not fit together.
     """
 
-    gate_z: np.ndarray
-    gate_h: np.ndarray
-    gate_c: np.ndarray
-    gate_bias: np.ndarray
+    gate_z: np.ndarray  # S_z above R_z
+    gate_h: np.ndarray  # S_h above R_h
+    gate_c: np.ndarray  # S_c above R_c
+    gate_bias: np.ndarray  # s_0, then r_0
+    # A, B, C, U: of the candidate n
     A: np.ndarray
     B: np.ndarray
     C: np.ndarray
     U: np.ndarray
+    # V, G, D: of the output
     V: np.ndarray
     G: np.ndarray
     D: np.ndarray
+    # P, p_0, W: of the weights w
     P: np.ndarray
     p_0: np.ndarray
     W: np.ndarray
