@@ -1,9 +1,4 @@
-"""The files of an exported policy: header, source, and test vectors, in a folder.
-
-Observations at which an exported law is compared with its policy.
-
-An exported law, compiled on this machine: for the comparison with its policy, bit by bit, and for its time.
-"""
+"""The files of an exported policy: header, source, and test vectors; and the law compiled, to be compared with it."""
 
 from __future__ import annotations
 
@@ -37,9 +32,7 @@ __all__ = [
     "random_observations", "sources_of",
 ]  # fmt: skip
 
-CALLS = 200
-"""Consecutive calls in a file of test vectors."""
-
+CALLS = 200  # consecutive calls in a file of test vectors
 SHARE = 0.2  # of the calls, the last ones, that see any state
 FREQUENCIES = (2.0, 10.0)  # rad/s
 SMALLEST, LARGEST = -8.0, -0.5  # errors, powers of ten of the limits
@@ -107,10 +100,7 @@ class CompiledLaw:
     """The functions of an exported law as machine code; n joints."""
 
     def __init__(self, source: Path, joints: int, memory_size: int, number: str, compiler: str) -> None:
-        """Compile the source of an exported law, beside its header; `number` is "double" or "float".
-
-        subprocess.CalledProcessError if the compiler has an error or a warning.
-        """
+        """Compile the source of an exported law, beside its header; `number` is "double" or "float"."""
         self.number = np.dtype({"double": np.float64, "float": np.float32}[number])
         self.joints, self.memory_size, name = joints, memory_size, source.stem
         loop, library = source.with_name(f"{name}_loop.c"), source.with_name(f"{name}_{compiler}_{number}.so")
@@ -152,11 +142,8 @@ class CompiledLaw:
         return torque[0, 0].astype(np.float64), memory
 
 
-NUMBERS = ("double", "float")
-"""Number types of the C source."""
-
-UNITS = ("rad", "rad/s", "rad", "rad/s", "rad/s^2")
-"""Of the parts of an observation."""
+NUMBERS = ("double", "float")  # number types of the C source
+UNITS = ("rad", "rad/s", "rad", "rad/s", "rad/s^2")  # of the parts of an observation
 _WIDTH = 110
 SEED = 2022  # of the test vectors
 

@@ -1,9 +1,8 @@
 """The C text of a recorded program: one statement an operation, in the order of the law's source; loops stay loops.
 
 What nothing needs is left out; an operation that is used once, in the region where it is computed, stands where it is
-used, in brackets, which changes neither its operands nor its rounding.
-
-C functions of the exported programs that do what Python does by itself or by its library, to the bit.
+used, in brackets, which changes neither its operands nor its rounding. What Python does by its library is done, to the
+bit, by C functions of the program's own.
 """
 
 from __future__ import annotations
@@ -42,8 +41,7 @@ class _TooLarge(Unsupported):
     """A program has more numbers in its tables than is allowed."""
 
 
-LARGEST = 2**18
-"""Numbers that all tables of a program may have: 2 MiB in double precision."""
+LARGEST = 2**18  # numbers that all tables of a program may have: 2 MiB in double precision
 
 
 LAW, MODEL = ("observation", "torque"), ("input", "output")
@@ -96,7 +94,6 @@ class _Program(Program):
 
 
 def _named(name: str, tree: Any) -> list[str]:
-    """Return names of the numbers of a tree."""
     if not isinstance(tree, tuple):
         return [f"{name}_"]  # no word of C
     parts = getattr(tree, "_fields", range(len(tree)))
@@ -139,11 +136,7 @@ class Recorded(_Program):
 
 
 def program_of(policy: Policy) -> Recorded:
-    """Return the program of a policy.
-
-    `Unsupported` if it has no law, its tables have more than `LARGEST` numbers, or its law has something that cannot be
-    written in C.
-    """
+    """Return the program of a policy; `Unsupported` if it has no law, too large tables, or cannot be written in C."""
     law, joints = law_of(policy), policy.joints
     if law is None:
         raise Unsupported(
@@ -281,10 +274,7 @@ _LOOSE = {*_INFIX, "select", "real", "neg"}  # operations whose text needs brack
 
 
 def literal_of(number: float, real: str) -> str:
-    """Return a number as text; one too small for float is the smallest normal one, as it guards a division.
-
-    `real` is "double" or "float".
-    """
+    """Return a number as text; one too small for "float" is the smallest normal one, as it guards a division."""
     if not math.isfinite(number):  # C99 has no literal for it
         top = literal_of(0.0 if math.isnan(number) else math.copysign(1.0, number), real)
         return f"({top} / {literal_of(0.0, real)})"
@@ -545,7 +535,6 @@ class Writer:
         return f"{'state->memory' if memory == 'room' else memory}[{_index(constant, terms)}]"
 
     def _text(self, operand: Any, user: Symbol | None = None) -> str:
-        """Return a symbol or a number as text."""
         if isinstance(operand, Symbol):
             return self._texts[operand]
         if user is not None and user.operation in ("&", "|", "not"):
@@ -573,7 +562,6 @@ def wrapped(texts: Iterable[str], indent: str, further: str | None = None) -> li
 
 
 def _bare(text: str) -> str:
-    """Return a text without the brackets around all of it."""
     inner = text[1:-1]
     balanced, depth = text.startswith("(") and text.endswith(")"), 0
     for mark in inner:

@@ -47,10 +47,7 @@ def within(torque: Any, limit: Any) -> Any:
 
 
 def within_limits(law: Law, joints: int, integral_at: int | None) -> Callable[..., tuple[Any, Any]]:
-    """Return ``command(memory, seen, (constants, limit), *tables)``: the law within its torque limits [N m].
-
-    What `Policy.command` says: x_I,j stays as it was where its change would drive a torque beyond the limit further.
-    """
+    """Return ``command(memory, seen, (constants, limit), *tables)``: the law within limits, see `Policy.command`."""
 
     def command(memory: Any, seen: Any, given: Any, *tables: Any) -> tuple[Any, Any]:
         constants, limit = given
@@ -139,13 +136,9 @@ class LawPolicy(Policy):
 
 
 class _Alone:
-    """A law for one arm, called from any number of threads.
-
-    It copies the numbers into its own arrays, which takes less time than to look up where they are.
-    """
+    """A law for one arm, for any number of threads, with arrays of its own: copying beats looking up where they are."""
 
     def __init__(self, kernel: Kernel, constants: np.ndarray, tables: Sequence[np.ndarray]) -> None:
-        """Keep what is the same in every call."""
         self.shapes = tuple((1, numbers) for numbers in kernel.program.ports)  # of memory, observation and torque
         self._kernel, self._rest, self._own = kernel, (constants, tables), threading.local()
 

@@ -19,8 +19,7 @@ from fuzzyarm.fuzzy_policy.sample_clock import SampleClock
 
 __all__ = ["PassLearner", "Policy", "Predictor", "Repeated"]
 
-_MISMATCH = 0.01
-"""Share of its control period by which the samples of a policy may be apart without a word."""
+_MISMATCH = 0.01  # share of its control period by which the samples of a policy may be apart without a word
 
 
 class Predictor(Protocol):
@@ -41,10 +40,7 @@ class Repeated(Predictor, Protocol):
     """A policy that learns from one pass over a path for the next; what it has learned is in its state."""
 
     def begin_pass(self, state: Any) -> Any:
-        """Return the state with which the next pass begins, from the last one of this pass.
-
-        TypeError if the state is not what `predict` returned, ValueError if it has seen no sample.
-        """
+        """Return the state with which the next pass begins, from the last one of this pass."""
         ...
 
 
@@ -83,7 +79,6 @@ class Policy(abc.ABC):
         return self.joints
 
     def __getstate__(self) -> dict[str, Any]:
-        """Leave out what belongs to a loop."""
         return {name: value for name, value in self.__dict__.items() if name != "_clock"}
 
     def without_dry_friction(self) -> Policy:
@@ -92,10 +87,7 @@ class Policy(abc.ABC):
 
     @abc.abstractmethod
     def act(self, observation: np.ndarray, memory: np.ndarray, torque: np.ndarray) -> None:
-        """Fill `torque` (lanes, n), unclipped, and advance `memory` (lanes, memory_size), both in place.
-
-        For `observation` (lanes, 5 n); nothing is checked, see `predict`.
-        """
+        """Fill `torque` (lanes, n), unclipped, and advance `memory` (lanes, m) for `observation` (lanes, 5 n)."""
 
     def command(self, observation: np.ndarray, memory: np.ndarray, torque: np.ndarray) -> bool:
         """Do what `act` does, within the limits of the torques; return whether all torques are numbers.
@@ -296,11 +288,7 @@ class PassLearner(abc.ABC, Generic[State]):
 
     @abc.abstractmethod
     def begin_pass(self, state: State) -> State:
-        """Return the state with which the next pass over the same path begins.
-
-        TypeError if the state is not what `predict` returned, ValueError if it has seen no sample or is that of another
-        arm.
-        """
+        """Return the state with which the next pass over the same path begins; ValueError if it has seen no sample."""
 
     @abc.abstractmethod
     def _first(self, memory: np.ndarray) -> State:

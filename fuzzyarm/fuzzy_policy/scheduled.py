@@ -24,6 +24,7 @@ from fuzzyarm.envs.physics.robot import Robot
 from fuzzyarm.fuzzy_policy.controller import GAINS, RATES
 from fuzzyarm.fuzzy_policy.signed_files import SignedController, checked_fields, decoded, encoded
 from fuzzyarm.fuzzy_policy.states import SCALAR_STATES
+from fuzzyarm.fuzzy_policy.ts_model import rule_products
 
 __all__ = [
     "FORM", "FUNCTIONS", "MOST_PREMISES", "SCHEMA", "Premise", "ScheduledController", "rule_weights", "speeds_of",
@@ -47,7 +48,6 @@ class Premise:
     function: str  # one of `FUNCTIONS`
 
     def __post_init__(self) -> None:
-        """Check both."""
         whole("joint", self.joint, low=1)
         choice("function", self.function, FUNCTIONS)
 
@@ -193,15 +193,10 @@ def speeds_of(robot: Robot, premises: Sequence[Premise]) -> np.ndarray:
 
 def rule_weights(premises: Sequence[Premise], q: np.ndarray) -> np.ndarray:
     """Return the weights h (..., 2^premises) of the rules at angles (..., n) [rad]: >= 0, with the sum 1."""
-    weights = np.ones((*q.shape[:-1], 1))
-    for premise in premises:
-        ratio = 0.5 * (1.0 + premise.at(q))[..., np.newaxis]
-        weights = np.concatenate([weights * (1.0 - ratio), weights * ratio], axis=-1)
-    return weights
+    return rule_products((0.5 * (1.0 + premise.at(q)) for premise in premises), q.shape[:-1])
 
 
 def _plain(value: Any) -> Any:
-    """Return nested tuples as lists."""
     if isinstance(value, dict):
         return {key: _plain(entry) for key, entry in value.items()}
     return [_plain(entry) for entry in value] if isinstance(value, tuple | list) else value

@@ -55,9 +55,7 @@ def digest_of(document: dict[str, Any]) -> str:
     return hashlib.sha256(json.dumps(document, sort_keys=True).encode("utf-8")).hexdigest()
 
 
-MAX_BYTES = 8 * 1024 * 1024
-"""Size of the largest file that is read; far above that of the largest model."""
-
+MAX_BYTES = 8 * 1024 * 1024  # size of the largest file that is read; far above that of the largest model
 LARGEST = 1e60  # of any entry of an array
 Built = TypeVar("Built")
 
@@ -104,7 +102,6 @@ class SignedController(abc.ABC):
     """
 
     def __post_init__(self) -> None:
-        """Check shapes and values, and take read-only copies of the arrays."""
         try:
             self._check()
         except (TypeError, ValueError) as error:

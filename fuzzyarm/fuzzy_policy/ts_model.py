@@ -12,7 +12,7 @@ from __future__ import annotations
 
 import dataclasses
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from fractions import Fraction
 from functools import cached_property
 from typing import Any
@@ -27,13 +27,11 @@ from fuzzyarm.fuzzy_policy.states import PLANT_STATES
 
 __all__ = [
     "DEFAULT_KEPT", "NAMED_RULES", "PREMISES", "TSModel", "Uncertainty", "descriptor_terms", "premise_bounds",
-    "premises",
+    "premises", "rule_products",
 ]  # fmt: skip
 
-PREMISES = ("z1", "z2", "z3", "z4", "z5")
-"""Names of the premises, in the order of the paper."""
-DEFAULT_KEPT = ("z1", "z3")
-"""Kept premises where nothing else is said: four rules."""
+PREMISES = ("z1", "z2", "z3", "z4", "z5")  # names of the premises, in the order of the paper
+DEFAULT_KEPT = ("z1", "z3")  # kept premises where nothing else is said: four rules
 
 NAMED_RULES = {
     32: ("z1", "z2", "z3", "z4", "z5"),
@@ -125,7 +123,6 @@ class TSModel:
     kept: tuple[str, ...] = DEFAULT_KEPT
 
     def __post_init__(self) -> None:
-        """Check and sort the kept premises."""
         instance("parameters", self.parameters, ArmParameters)
         kept = self.kept if isinstance(self.kept, tuple | list) else (self.kept,)
         unknown = [name for name in kept if not isinstance(name, str) or name not in PREMISES]
@@ -224,7 +221,7 @@ class TSModel:
         """
         low, high = self.bounds[:, 0], self.bounds[:, 1]
         omega = np.clip((z - low) / (high - low), 0.0, 1.0)
-        return _products(omega[self.kept_in_A]), _products(omega[self.kept_in_E])
+        return rule_products(omega[self.kept_in_A]), rule_products(omega[self.kept_in_E])
 
 
 def descriptor_terms(
@@ -262,9 +259,10 @@ def _constants(parameters: ArmParameters, number: Callable[[float], Any]) -> tup
     return constants
 
 
-def _products(omega: np.ndarray) -> np.ndarray:
-    """Return the 2^len(ω) products of ω or 1 - ω, the first factor fastest, the minimum (1 - ω) first."""
-    weights = np.ones(1)
+def rule_products(omega: Iterable[Any], lanes: tuple[int, ...] = ()) -> np.ndarray:
+    """Return the products (..., 2^k) of k numbers ω (...) or 1 - ω, the first fastest, its minimum first."""
+    weights = np.ones((*lanes, 1))
     for value in omega:
-        weights = np.concatenate([weights * (1.0 - value), weights * value])
+        ratio = np.asarray(value)[..., np.newaxis]
+        weights = np.concatenate([weights * (1.0 - ratio), weights * ratio], axis=-1)
     return weights

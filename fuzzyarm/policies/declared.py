@@ -32,7 +32,7 @@ class Declared(NamedTuple):
 
     objective: str  # what its numbers make small
     tuned_on: str  # the motions, plants and loads on which they were chosen
-    knows: str  # what it is told of the arm
+    knows: str  # what it knows of the arm beforehand
     sees: str  # what its observation holds
     remembers: str  # what it keeps from one sample to the next
 
@@ -48,10 +48,7 @@ _LEARNED_OBSERVER = Declared(
 
 
 def stated(given: Any) -> Declared:
-    """Return the declaration that a mapping, or an object by its attributes, states.
-
-    ValueError if a field is missing, unknown or no text of one line; the message names it and the fields.
-    """
+    """Return the declaration of a mapping, or of an object's attributes; ValueError names a missing or wrong field."""
     fields = Declared._fields
     found = (
         given if isinstance(given, Mapping) else {name: getattr(given, name) for name in fields if hasattr(given, name)}
@@ -105,7 +102,6 @@ _NAMED = {
     "ppo-residual": Declared(_REWARD, _RANDOM, "what fuzzy-4-tip knows", _SEES, f"as fuzzy-4-tip; {_LEARNED}"),
 }
 
-
 # On a robot the laws take their numbers from those of Table 1: objective and tuned on; {} is the robot.
 _POSTURES = "random postures of {}; all else of the arm of Table 1"
 _ON_ROBOTS = {
@@ -146,7 +142,6 @@ def declared_by_name(name: str) -> Declared | None:
 
 
 def _on_arm(arm: AnyArm, law: str, own: Declared) -> Declared:
-    """Return the declaration of a named law on an arm."""
     from fuzzyarm.envs.physics.parameters import ArmParameters
 
     if arm == ArmParameters():
@@ -203,7 +198,6 @@ _ROBOT = {
 
 
 def _of_controller(path: Path) -> Declared:
-    """Return the declaration of a controller file."""
     from fuzzyarm.fuzzy_policy.controller import Controller
     from fuzzyarm.fuzzy_policy.controller_files import load_controller
 
@@ -264,7 +258,7 @@ def _of_learned(folder: Path) -> Declared | None:
 
 
 def _memory(bundle: Any) -> str:
-    """Return what the network of a bundle is told of the past."""
+    """Return what the network of a bundle remembers."""
     features = bundle.features
     kept = [
         f"{number} {word}{'' if number == 1 else 's'}"

@@ -27,16 +27,11 @@ Factory: TypeAlias = "Callable[[AnyArm, float], Policy]"
 class Kind(enum.StrEnum):
     """What a policy is made from."""
 
-    LAW = "law"
-    """A function of this process, which takes the arm and the control period."""
-    CONTROLLER = "controller"
-    """A controller file."""
-    LEARNED = "learned"
-    """The folder of a learned policy."""
-    TUNED = "tuned"
-    """A law with the numbers of a folder of `fuzzyarm tune`."""
-    CODE = "code"
-    """The user's own code, ``package.module:factory``."""
+    LAW = "law"  # a function of this process, which takes the arm and the control period
+    CONTROLLER = "controller"  # a controller file
+    LEARNED = "learned"  # the folder of a learned policy
+    TUNED = "tuned"  # a law with the numbers of a folder of `fuzzyarm tune`
+    CODE = "code"  # the user's own code, ``package.module:factory``
 
 
 @dataclasses.dataclass(frozen=True)

@@ -23,13 +23,9 @@ from fuzzyarm.proof.tip.plant import AXES, BY_JOINT, RANGES, Axis, PlantSet, nar
 
 __all__ = ["Division", "bounds_of_cell", "bounds_of_cells", "cells"]
 
-MOST = 10_000
-"""Cells of a set."""
-HALVINGS = 6
-"""How often a cell is halved before it is given up."""
-
-Division = tuple[str, int]
-"""A name of `_DIVISIBLE`, and into how many equal parts its range is divided."""
+MOST = 10_000  # cells of a set
+HALVINGS = 6  # how often a cell is halved before it is given up
+Division = tuple[str, int]  # a name of `_DIVISIBLE`, and into how many equal parts its range is divided
 
 _DIVISIBLE: dict[str, list[Axis]] = {
     **{name: [axis for axis in AXES if axis[0] == name] for name in RANGES},
@@ -39,10 +35,7 @@ _DIVISIBLE: dict[str, list[Axis]] = {
 
 
 def cells(plants: PlantSet, divisions: Sequence[Division]) -> Iterator[PlantSet]:
-    """Yield the cells of a set: the products of the parts of its divided ranges, which touch.
-
-    ValueError if a field is unknown or named twice, or a number of parts is out of range.
-    """
+    """Yield the cells of a set: the products of the parts of its divided ranges, which touch."""
     distinct("cells", [name for name, _ in divisions])
     axes: list[list[tuple[Axis, tuple[float, float]]]] = []
     for name, parts in divisions:

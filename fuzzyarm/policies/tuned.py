@@ -27,10 +27,8 @@ if TYPE_CHECKING:
 
 __all__ = ["LAWS", "NAME", "SCHEMA", "TunedLaws", "is_tuned", "policies_of", "read_laws", "tuned_policy"]
 
-SCHEMA = "fuzzyarm-tuned/1"
-"""Of the file of the laws."""
-NAME = "laws.json"
-"""The file of the laws in the folder."""
+SCHEMA = "fuzzyarm-tuned/1"  # of the file of the laws
+NAME = "laws.json"  # the file of the laws in the folder
 
 COMPUTED_TORQUE, ELASTIC_OBSERVER, ADAPTIVE_OBSERVER = LAWS = (
     "computed-torque",
@@ -64,7 +62,6 @@ class TunedLaws:
     made_with: dict[str, str | None] = dataclasses.field(default_factory=dict)
 
     def __post_init__(self) -> None:
-        """Check the numbers, and that each law of the list has its own."""
         choice("schema", self.schema, (SCHEMA,))
         real("control_period", self.control_period, "s", above=0.0, high=_LONGEST)
         distinct("policies", self.policies)
@@ -114,10 +111,7 @@ def is_tuned(folder: Path) -> bool:
 
 
 def read_laws(folder: Path, arm: AnyArm) -> TunedLaws:
-    """Return the laws of a folder of `fuzzyarm tune` for an arm.
-
-    ValueError if the file is damaged, or the laws were tuned for another arm; OSError if the file cannot be read.
-    """
+    """Return the laws of a folder of `fuzzyarm tune` for an arm; ValueError if it is damaged or for another arm."""
     from fuzzyarm.common.documents import check_schema, read_json, record
     from fuzzyarm.envs.physics.equations import robot_of
 
@@ -147,10 +141,7 @@ def policies_of(robot: object) -> tuple[str, ...] | None:
 
 
 def tuned_policy(folder: Path, law: str, arm: AnyArm, control_period: float) -> Policy:
-    """Return a law of `LAWS`, by name, with the numbers of a folder, for its arm and its control period [s].
-
-    ValueError if the folder has no such law, is damaged, or is for another arm or period; OSError if it is unreadable.
-    """
+    """Return a law of `LAWS`, by name, with the numbers of a folder, for its arm and its control period [s]."""
     laws = read_laws(folder, arm)
     if law not in {name.removesuffix(TIP) for name in laws.policies}:
         raise ValueError(f"{folder} has no {law}; it has {', '.join(laws.policies)}")

@@ -52,11 +52,10 @@ _PASSED_BY_NAME = (inspect.Parameter.POSITIONAL_OR_KEYWORD, inspect.Parameter.KE
 
 
 def load_code(name: str, control_period: float, robot: AnyArm) -> UserPolicy:
-    """Import the module of ``package.module:factory``, call the factory in it, and return the policy.
+    """Import the module of ``package.module:factory``, call the factory in it, and return the policy for T [s].
 
-    The current folder is searched too, as with ``python -m``; the control period is in s. ValueError if the module is
-    not found or fails, it has no such factory, the factory fails, or what it returns has no `predict` or a wrong
-    `declared`.
+    The current folder is searched, too, as with ``python -m``. ValueError if the module is not found or fails, it has
+    no such factory, the factory fails, or what it returns has no `predict` or a wrong `declared`.
     """
     module = _imported(name)
     attribute = name.partition(":")[2]
@@ -100,7 +99,6 @@ class UserPolicy:
     """A wrapper of the user's object that turns its failures into errors that name it."""
 
     def __init__(self, name: str, policy: Any, control_period: float) -> None:
-        """Keep the object."""
         self.name, self.control_period, self._policy = name, control_period, policy
 
     @property
@@ -128,10 +126,7 @@ class UserPolicy:
         return self._believed if callable(getattr(self._policy, "beliefs", None)) else None
 
     def repeated(self) -> UserPolicy | None:
-        """Return the object's policy for passes over one path; None if it has none.
-
-        ValueError if `repeated` failed, or what it returned has no `predict` or no `begin_pass`.
-        """
+        """Return the object's policy for passes over one path, None if it has none; ValueError if it fails."""
         method = getattr(self._policy, "repeated", None)
         found = None if method is None else self._called("repeated", method)
         if found is None:
@@ -166,10 +161,7 @@ class UserPolicy:
         episode_start: np.ndarray | None = None,
         deterministic: bool = True,
     ) -> tuple[np.ndarray, Any]:
-        """Return the action and the next state; ValueError if `predict` failed, or returned an action of another shape.
-
-        Whether its numbers are finite is checked by the environment.
-        """
+        """Return the action and the next state; ValueError if `predict` failed or the action has another shape."""
         try:
             action, after = self._policy.predict(
                 observation, state=state, episode_start=episode_start, deterministic=deterministic

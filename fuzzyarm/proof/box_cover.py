@@ -38,11 +38,8 @@ from flint import arb, arb_mat
 
 __all__ = ["BASIS", "TrigMatrix", "control_weights", "cover", "first_boxes", "proven_in_balls", "widened"]
 
-BASIS = 5
-"""Functions of one angle: 1, cos q, sin q, cos 2q, sin 2q."""
-
-WIDEST = 0.8
-"""Largest h [rad]: half the width of a box."""
+BASIS = 5  # functions of one angle: 1, cos q, sin q, cos 2q, sin 2q
+WIDEST = 0.8  # largest h [rad]: half the width of a box
 
 
 @dataclasses.dataclass(frozen=True)
@@ -142,9 +139,7 @@ def control_weights(cos_m: Any, sin_m: Any, cos_h: Any, sin_h: Any) -> list[list
     ]
 
 
-_MOST_BOXES = 400_000
-"""Boxes after which a proof is given up."""
-
+_MOST_BOXES = 400_000  # boxes after which a proof is given up
 CHUNK = 256  # boxes at a time
 UNIT = 2.0**-53
 _LIBRARY = 4

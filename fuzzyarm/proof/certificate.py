@@ -30,15 +30,10 @@ class Claim:
 
 @dataclasses.dataclass(frozen=True)
 class Certificate:
-    """The outcome of `certify`.
+    """The outcome of `certify`."""
 
-    Attributes:
-        claims: every inequality.
-        statement: what they prove together, in words.
-    """
-
-    claims: tuple[Claim, ...]
-    statement: str
+    claims: tuple[Claim, ...]  # every inequality
+    statement: str  # what they prove together, in words
 
     @property
     def proven(self) -> bool:

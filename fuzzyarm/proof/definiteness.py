@@ -106,10 +106,7 @@ def largest_growth(matrix: np.ndarray, size: int) -> float:
 
 
 def _scaled(matrix: np.ndarray) -> tuple[np.ndarray, np.ndarray] | None:
-    """Return a symmetric matrix in floating point, scaled to unit diagonal, and the scale (n,) of its rows.
-
-    None if the diagonal is not positive, or the numbers are beyond those of floating point.
-    """
+    """Return a symmetric matrix in floats, scaled to unit diagonal, and the scale (n,) of its rows."""
     try:
         numbers = np.array(matrix, dtype=np.float64)
     except OverflowError:

@@ -44,9 +44,7 @@ from fuzzyarm.proof.definiteness import exact, stated
 
 __all__ = ["TWIST", "Bound", "angle_ranges", "bounds", "inertia_at", "inertia_polynomial", "scheduled_polynomial"]
 
-TWIST = 6
-"""Numbers of a base's twist, linear before angular velocity."""
-
+TWIST = 6  # numbers of a base's twist, linear before angular velocity
 _NODES = tuple((fmpq(c, 5), fmpq(s, 5)) for c, s in ((5, 0), (0, 5), (-5, 0), (0, -5), (3, 4)))
 # From the values at the nodes to the coefficients in the basis, (5, 5).
 _TO_BASIS = np.array(
@@ -162,10 +160,7 @@ def angle_ranges(robot: Robot) -> np.ndarray:
 
 
 def scheduled_polynomial(premises: Sequence[Premise], inertia: np.ndarray, split: int) -> np.ndarray:
-    """Return the coefficients of M̂, exact rationals (5, ..., 5, n, n) with an axis for each of the angles 2 to a.
-
-    The premises are the kept ones, `inertia` is S_r (N, n, n), `split` is a.
-    """
+    """Return the coefficients of M̂, rationals (5, ..., 5, n, n) over the angles 2 to a = `split`, of S_r (N, n, n)."""
     angles, vertices = split - 1, exact(inertia)
     total: np.ndarray = np.full((BASIS,) * angles + vertices.shape[1:], fmpq(0), dtype=object)
     for rule, S in enumerate(vertices):

@@ -42,7 +42,7 @@ from fuzzyarm.envs.physics.dynamics import Arm, arm_constants, coriolis_torque, 
 from fuzzyarm.envs.scenario.reference import ReferenceSample
 from fuzzyarm.fuzzy_policy.controller import Controller
 from fuzzyarm.fuzzy_policy.states import INTEGRAL, PLANT, PLANT_STATES, POSITION, VELOCITY
-from fuzzyarm.fuzzy_policy.ts_model import descriptor_terms, premises
+from fuzzyarm.fuzzy_policy.ts_model import descriptor_terms, premises, rule_products
 
 __all__ = [
     "STEP", "Disturbance", "Motion", "Objective", "RigidLoop", "Run", "Uniform", "decay_rates", "disturbed_run",
@@ -53,16 +53,11 @@ __all__ = [
 
 @dataclasses.dataclass(frozen=True)
 class RigidLoop:
-    """The closed loop of the module's docstring, for states in lanes; the controller's law in plain NumPy.
-
-    Raises:
-        ValueError: the controller is of the paper's form.
-    """
+    """The closed loop of the module's docstring, for states in lanes; the form is the consistent one."""
 
     controller: Controller  # a controller of the consistent form
 
     def __post_init__(self) -> None:
-        """Raise for the paper's form, whose V and residual differ."""
         if self.controller.form != "consistent":
             raise ValueError(f"a controller of the {self.controller.form} form; needed: the consistent form")
 
@@ -81,10 +76,7 @@ class RigidLoop:
         model = self.controller.model
         low, high = model.bounds.T
         omega = np.clip((z - low) / (high - low), 0.0, 1.0)
-        weights = np.ones((len(z), 1))
-        for index in [*model.kept_in_E, *model.kept_in_A]:  # the first one changes fastest, as in `TSModel`
-            ratio = omega[:, index : index + 1]
-            weights = np.concatenate([weights * (1.0 - ratio), weights * ratio], axis=1)
+        weights = rule_products((omega[:, index] for index in [*model.kept_in_E, *model.kept_in_A]), (len(z),))
         blended = (weights @ self._vertices).reshape(len(z), JOINTS, -1)
         return blended[..., : self.states], blended[..., self.states :]
 

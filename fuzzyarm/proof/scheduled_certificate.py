@@ -101,11 +101,6 @@ def schedule_rate(controller: ScheduledController) -> fmpq:
     return sum((stated(rate) * stated(speed) for rate, speed in pairs), fmpq(0))
 
 
-def _euclidean_gain(controller: ScheduledController) -> fmpq:
-    """Return γ/σ [rad/(N m)], a bound of the L2 gain from the torques d to the position error in Euclidean norms."""
-    return stated(controller.gamma) / stated(controller.floor)
-
-
 def _loop_claims(controller: ScheduledController) -> list[Claim]:
     X, k = exact(controller.lyapunov), exact(controller.feedback[np.newaxis])
     rate, gamma = stated(controller.alpha) + schedule_rate(controller), stated(controller.gamma)
@@ -148,7 +143,9 @@ def scheduled_statement(controller: ScheduledController) -> str:
         for premise, speed in zip(kept, controller.speeds, strict=True)
     )
     alpha, beta = at_least(controller.alpha, 6), at_most(controller.fastest_pole, 6)
-    euclid = _euclidean_gain(controller)
+    # γ/σ [rad/(N m)], rounded up, bounds the L2 gain from the torques d to the position error in Euclidean norms.
+    euclid = stated(controller.gamma) / stated(controller.floor)
+    gain = float(np.nextafter(int(euclid.p) / int(euclid.q), np.inf))
     # V = xᵀ (X ⊗ M̂) x, where M̂ > σ I is a mean of the S_r, which are at most their largest sum of a row.
     heaviest = np.abs(controller.inertia).sum(axis=-1).max() / controller.floor
     growth = (heaviest * largest_growth(controller.lyapunov, size) for size in (len(controller.lyapunov), 1))
@@ -158,11 +155,6 @@ def scheduled_statement(controller: ScheduledController) -> str:
         f"reference: without disturbance {decay_words(alpha, *growth)}; and the poles of the loop frozen at any "
         f"such state have real parts below -{alpha} 1/s and moduli of at most {beta} 1/s. From zero error the L2 "
         f"gain from the disturbance torque d to the position error is at most {at_most(controller.gamma, 3)} s^2 in "
-        f"the norms of the scheduled inertia, and so at most {at_most(_up(euclid), 3)} rad/(N m). "
+        f"the norms of the scheduled inertia, and so at most {at_most(gain, 3)} rad/(N m). "
         f"d holds friction other than viscous, tip forces and payload as joint torques. {NOT_COVERED}"
     )
-
-
-def _up(value: fmpq) -> float:
-    """Return a float that is not below a rational number."""
-    return float(np.nextafter(int(value.p) / int(value.q), np.inf))

@@ -29,9 +29,7 @@ __all__ = [
     "tracking_vertices",
 ]
 
-Index = int | np.ndarray
-"""Number of a vertex, from 0, or an array of numbers, for a stack of matrices."""
-
+Index = int | np.ndarray  # number of a vertex, from 0, or an array of numbers, for a stack of matrices
 REFERENCE_POLE = 62.0  # rad/s, double pole of the reference model (8), section 6.1.3
 
 

@@ -32,9 +32,7 @@ from fuzzyarm.fuzzy_policy.laws.observer_gains import (
 
 __all__ = ["BANDWIDTH", "ComputedTorquePolicy", "bandwidth_for", "linear_computed_torque"]
 
-BANDWIDTH = 70.0
-"""Default ω [rad/s] of a two-joint arm, and the largest one of a robot."""
-
+BANDWIDTH = 70.0  # default ω [rad/s] of a two-joint arm, and the largest one of a robot
 STEP = 5.0  # rad/s
 
 
@@ -46,10 +44,7 @@ class ComputedTorquePolicy(LawPolicy):
     def __init__(
         self, parameters: AnyArm | None = None, control_period: float = 1e-3, bandwidth: float | None = None
     ) -> None:
-        """Prepare the law for an arm (default Table 1), T [s] and ω [rad/s] (default `bandwidth_for`).
-
-        TypeError or ValueError for a period or a bandwidth that is no positive number.
-        """
+        """Prepare the law for an arm (default Table 1), T [s] and ω [rad/s] (default `bandwidth_for`)."""
         super().__init__(ArmParameters() if parameters is None else parameters, control_period)
         chosen = bandwidth_for(self.parameters, self.control_period) if bandwidth is None else bandwidth
         self.bandwidth = real("bandwidth", chosen, "rad/s", above=0.0)
@@ -97,7 +92,6 @@ class _Constants(NamedTuple):
 
 @functools.cache
 def _law_of(physics: Physics) -> Any:
-    """Return the law for arms with these equations."""
 
     def computed_torque(x_I: Any, seen: Observation, c: _Constants) -> tuple[Any, Any]:
         w, asked, after = c.bandwidth, [], []

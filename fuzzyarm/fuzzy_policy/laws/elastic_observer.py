@@ -53,20 +53,14 @@ from fuzzyarm.numbers.functions import flat, like, repeat, when
 
 __all__ = ["Constants", "Corrected", "ElasticObserverPolicy", "Observed", "steps_of"]
 
-
 STATICS_STEPS = 20  # iterations of the fixed point for the first estimate; for Table 1 each gains three digits
 
 
 class ElasticObserverPolicy(LawPolicy):
     """Observer, state feedback and elastic target; the law is in the module's docstring.
 
-    It remembers what `ElasticTarget` does, whether there was a sample before, and the prediction (x̂, d̂)⁻.
-
-    Attributes:
-        weights: of the Riccati equations.
-        feedback: K (points, n, 4 n) at the points of the schedule.
-        observer: L (points, 5 n, 2 n), likewise.
-        load: where d̂ lies in a lane's memory.
+    It remembers what `ElasticTarget` does, whether there was a sample before, and the prediction (x̂, d̂)⁻. K (points,
+    n, 4 n) and L (points, 5 n, 2 n) at the points of the schedule are `feedback` and `observer`.
     """
 
     def __init__(
@@ -209,7 +203,6 @@ def steps_of(physics: Physics, kept: tuple[int, ...], cosine: bool, points: int)
 
 @functools.cache
 def _law_of(physics: Physics, kept: tuple[int, ...], cosine: bool, points: int) -> Any:
-    """Return the law for arms with these equations and gains over these angles."""
     correct, act, predict = steps_of(physics, kept, cosine, points)
 
     def elastic_observer(

@@ -142,7 +142,6 @@ class ElasticTarget:
         self._kernel((memory, observation, target, feedforward), self._numbers)
 
     def __getstate__(self) -> dict[str, Any]:
-        """Leave out the machine code."""
         return {name: value for name, value in self.__dict__.items() if name != "_kernel"}
 
     @functools.cached_property

@@ -30,7 +30,6 @@ class FuzzyPolicy(LawPolicy):
     integral_at: int | None = 0
 
     def __init__(self, controller: Controller, control_period: float = 1e-3) -> None:
-        """Take the law of a controller, at a control period T [s]."""
         super().__init__(controller.model.parameters, control_period)
         self.controller = controller
 

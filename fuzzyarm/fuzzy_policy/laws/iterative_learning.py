@@ -43,7 +43,6 @@ class TorqueLearning(PassLearner[LearnedTorque]):
     kind = LearnedTorque
 
     def __init__(self, policy: TipPolicy) -> None:
-        """Keep the policy."""
         self.policy = policy
 
     def begin_pass(self, state: LearnedTorque) -> LearnedTorque:

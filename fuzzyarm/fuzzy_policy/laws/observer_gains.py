@@ -12,14 +12,12 @@ linearised without gravity and dry friction, see `sampled_arm`, and a law near r
 with x the plant's 4 n states, u held over a period or one period late. `fuzzyarm.eval.stability` measures the same of
 any policy, with gravity, at postures of a path.
 
-The weights of the elastic observer for any robot: those of Table 1, softened until the loop has its margins.
-
 `ObserverWeights` were tuned for the two-joint arm. Where a robot's mass matrix depends on more angles than gains are
 tabulated over, they are too sharp, and the loop may be unstable in part of its range. With a factor s ≥ 1,
 
     link_angle → s link_angle,    link_velocity → √s link_velocity
 
-weaken the feedback and make it more robust. The smallest s of `FACTORS` is taken with which the loop is stable at
+weaken the feedback and make it more robust. The smallest s of `SOFTENINGS` is taken with which the loop is stable at
 random postures in all of `CONDITIONS`.
 """
 
@@ -43,11 +41,27 @@ from fuzzyarm.fuzzy_policy.known_arm import joints_of, per_joint_of, with_drives
 from fuzzyarm.fuzzy_policy.laws.gain_schedule import GainSchedule, nearest_inertia, random_angles, schedule_of
 
 __all__ = [
-    "CONDITIONS", "FACTORS", "ONE_AT_A_TIME", "Condition", "Estimate", "LinearLaw", "ObserverWeights", "Place",
-    "at_points", "estimate_parts", "feedback_gain", "gain_tables", "linear_observer", "linear_pid", "places_of",
-    "sampled_arm", "softened", "state_part", "weights_for", "worst_radius",
+    "CONDITIONS",
+    "ONE_AT_A_TIME",
+    "SOFTENINGS",
+    "Condition",
+    "Estimate",
+    "LinearLaw",
+    "ObserverWeights",
+    "Place",
+    "at_points",
+    "estimate_parts",
+    "feedback_gain",
+    "gain_tables",
+    "linear_observer",
+    "linear_pid",
+    "places_of",
+    "sampled_arm",
+    "softened",
+    "state_part",
+    "weights_for",
+    "worst_radius",
 ]  # fmt: skip
-
 
 Gains = TypeVar("Gains")
 WEIGHT_RANGE = (1e-6, 1e6)  # far wider than any sensible weight; keeps the numbers finite
@@ -107,7 +121,6 @@ class ObserverWeights:
     encoder_velocity: float = 1e-3  # standard deviation of the measured velocity [rad/s]
 
     def __post_init__(self) -> None:
-        """Check the weights."""
         low, high = WEIGHT_RANGE
         for field in dataclasses.fields(self):
             real(f"ObserverWeights.{field.name}", getattr(self, field.name), low=low, high=high)
@@ -136,10 +149,7 @@ def sampled_arm(arm: AnyArm, control_period: float, inertia: np.ndarray) -> tupl
 
 
 def feedback_gain(A: np.ndarray, B: np.ndarray, torque_limit: np.ndarray, weights: ObserverWeights) -> np.ndarray:
-    """Return K (n, 4 n) that minimises Σ |q/link_angle|² + |q̇/link_velocity|² + |u/Γ_max|² of `sampled_arm`, d = 0.
-
-    Γ_max is `torque_limit` (n,) [N m].
-    """
+    """Return K (n, 4 n) that minimises Σ |q/link_angle|² + |q̇/link_velocity|² + |u/Γ_max|² [N m], d = 0."""
     joints = len(torque_limit)
     state = state_part(joints)
     a, b = A[state, state], B[state]
@@ -153,10 +163,7 @@ def feedback_gain(A: np.ndarray, B: np.ndarray, torque_limit: np.ndarray, weight
 def _observer_gain(
     A: np.ndarray, B: np.ndarray, control_period: float, torque_limit: np.ndarray, weights: ObserverWeights
 ) -> np.ndarray:
-    """Return L (5 n, 2 n), the stationary Kalman gain of `sampled_arm` that corrects (x̂, d̂) by what is measured now.
-
-    `torque_limit` (n,) [N m] and `control_period` [s] scale the weights.
-    """
+    """Return L (5 n, 2 n), the stationary Kalman gain of `sampled_arm`; limits [N m] and T [s] scale the weights."""
     joints = len(torque_limit)
     part = estimate_parts(joints)
     C = np.concatenate([np.eye(len(A))[part.q_motor], np.eye(len(A))[part.dq_motor]])
@@ -170,10 +177,7 @@ def _observer_gain(
 
 @functools.lru_cache(maxsize=32)
 def gain_tables(arm: AnyArm, control_period: float, weights: ObserverWeights) -> _GainTables:
-    """Return K and L at the points of the arm's schedule, for a control period [s].
-
-    ValueError where a Riccati equation has no solution in double precision.
-    """
+    """Return K and L at the points of the arm's schedule, for T [s]; ValueError where there are none."""
     limit, schedule = per_joint_of(arm, "torque_limit"), schedule_of(arm)
 
     def both(inertia: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -284,8 +288,7 @@ def _matrix(plant: tuple[np.ndarray, np.ndarray], law: LinearLaw, condition: Con
     )
 
 
-FACTORS = (1.0, 2.0, 4.0, 8.0, 16.0, 32.0, 64.0)
-"""Factors s that are tried, one after the other."""
+SOFTENINGS = (1.0, 2.0, 4.0, 8.0, 16.0, 32.0, 64.0)  # factors s that are tried, one after the other
 
 
 @functools.lru_cache(maxsize=32)
@@ -299,7 +302,7 @@ def weights_for(arm: AnyArm, control_period: float) -> ObserverWeights:
         return weights
     places, schedule = places_of(arm, control_period), schedule_of(arm)
     best, smallest = weights, math.inf
-    for factor in FACTORS:
+    for factor in SOFTENINGS:
         trial = softened(weights, factor)
         radius = _largest_radius(places, schedule, trial)
         if radius < 1.0:

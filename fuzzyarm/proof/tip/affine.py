@@ -47,7 +47,6 @@ class Space:
     """What numbers depend on: the deviations of a zonotope, then unknowns. It records a law that is run on them."""
 
     def __init__(self, base: Zonotope) -> None:
-        """Take the zonotope."""
         self.base, self.unknowns = base, 0  # how many unknowns there are
         self._totals, (self._columns, self._box) = base.totals(), condensed(base)
 
@@ -444,7 +443,6 @@ class _Numbers:
 
 KINDS[Affine], KINDS[Places], KINDS[_Undecided] = _Numbers, _Places, _Choices
 
-
 # Functions -------------------------------------------------------------------------------------------------------
 
 
@@ -495,7 +493,6 @@ def _flat(values: Any, slope: float) -> Line:
 
 
 def _bent(function: _Bend, x: Affine) -> Affine:
-    """Return f(x)."""
     x.range()
     line = function.line(x.middle, (x.reach() + x.rest) * UP)
     middle, slope = centre(line.value), abs(line.slope)

@@ -29,9 +29,7 @@ from fuzzyarm.envs.physics.friction import STRIBECK
 
 __all__ = ["DEGREE", "Centre", "Mode", "Segment"]
 
-DEGREE = 7
-"""Of the polynomials of the angles."""
-
+DEGREE = 7  # of the polynomials of the angles
 NODES = DEGREE - 1
 ITERATIONS = 14  # of the collocation; each gains a digit or two
 SAMPLES = 33  # of a segment, at which changes of mode are looked for
@@ -45,14 +43,10 @@ _LINK, _MOTOR_VELOCITY, _LINK_VELOCITY = JOINTS, 2 * JOINTS, 3 * JOINTS
 class Mode(enum.IntEnum):
     """What the friction of a motor of the centre is, in one segment."""
 
-    BACKWARD = -1
-    """F(v), for a negative velocity."""
-    FREE = 0
-    """A constant torque."""
-    FORWARD = 1
-    """-F(v), for a positive velocity."""
-    REST = 2
-    """What holds the motor at rest."""
+    BACKWARD = -1  # F(v), for a negative velocity
+    FREE = 0  # a constant torque
+    FORWARD = 1  # -F(v), for a positive velocity
+    REST = 2  # what holds the motor at rest
 
 
 class Segment(NamedTuple):

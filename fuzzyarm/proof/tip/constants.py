@@ -28,7 +28,7 @@ __all__ = ["Drive", "constant_torques", "drive"]
 
 
 class Drive(NamedTuple):
-    """What the uncertain constants do during one period."""
+    """What the uncertain constants do during one period; torques [N m] and forces [N]."""
 
     # level, slope: a_0 and a_1 of each channel's signal for each constant, in floats (8, constants)
     level: np.ndarray

@@ -38,11 +38,8 @@ __all__ = [
     "signal_ends", "signal_range", "signal_size",
 ]  # fmt: skip
 
-ORDER = DEGREE + 1
-"""Coefficients of a power series, without the one of its remainder."""
-
-Signal = list[Any]
-"""Coefficients in s in [-1, 1]."""
+ORDER = DEGREE + 1  # coefficients of a power series, without the one of its remainder
+Signal = list[Any]  # coefficients in s in [-1, 1]
 
 
 def signal_range(signal: Signal) -> Any:

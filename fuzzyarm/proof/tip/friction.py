@@ -92,10 +92,7 @@ def _inflection(joint: int, arm: Arm) -> tuple[float, float]:
 
 
 def check_curve(arm: Arm) -> None:
-    """Raise `NoBound` where the friction of a motor is not as the module's docstring says.
-
-    The precision is that of the caller; the constants of the arm are floats or balls.
-    """
+    """Raise `NoBound` where the friction of a motor is not as the module says, in the caller's precision."""
     for joint in range(JOINTS):
         static, rest = _in_balls(joint, arm).static_friction, _series(arb(0), joint, arm)
         fits = rest[0].overlaps(static) and rest[1] <= 0
@@ -138,16 +135,11 @@ def _series(speed: arb, joint: int, arm: Arm) -> Any:
 class Plan(enum.Enum):
     """How the friction of a motor is bounded in one period."""
 
-    ANY = "any"
-    """Any torque up to the static one."""
-    HELD = "held"
-    """The motor rests, as the centre does."""
-    SLIP = "slip"
-    """The motor turns to the side to which the centre does; the slope of F is part of the linear equation."""
-    MONOTONE = "monotone"
-    """Friction does not drive two motions apart: the velocity itself is bounded and leaves the linear equation."""
-    MIXED = "mixed"
-    """All that is not ruled out."""
+    ANY = "any"  # any torque up to the static one
+    HELD = "held"  # the motor rests, as the centre does
+    SLIP = "slip"  # the motor turns to the side to which the centre does; the slope of F is part of the linear equation
+    MONOTONE = "monotone"  # friction parts no motions: the velocity is bounded by itself, outside the linear equation
+    MIXED = "mixed"  # all that is not ruled out
 
 
 class Speed(NamedTuple):

@@ -41,7 +41,7 @@ from fuzzyarm.proof.tip.transition import (
 )
 from fuzzyarm.proof.tip.zonotope import Zonotope, product
 
-__all__ = ["Claim", "Closed", "Period"]
+__all__ = ["Closed", "Period", "TubeClaim"]
 
 ITERATIONS = 60
 WORTH = 0.15  # share of the static friction that may drive a velocity by the plan MONOTONE
@@ -63,7 +63,7 @@ class Closed:
     drags: tuple[float | None, ...]
 
 
-class Claim(NamedTuple):
+class TubeClaim(NamedTuple):
     """What a file claims of a segment: its tube (18,), and the plans of the frictions."""
 
     tube: np.ndarray
@@ -74,7 +74,6 @@ class Period:
     """A period that is to be closed."""
 
     def __init__(self, centre: Segment, torque: np.ndarray, tip: TipForces, plant: BallPlant) -> None:
-        """Take the centre, the held torque (2,) [N m], what may act at the tip, and the plant."""
         force, period = tip.middle, centre.duration
         self.motion, self.force, self.plant = PeriodMotion(centre.angles, period), force, plant
         self._centre, self._torque, self._period, self._tip = centre, torque, period, tip
@@ -88,7 +87,7 @@ class Period:
         self._within = [(halves["stiffness"], ROWS.bending), (halves["damping"], ROWS.bending_rate)]
         self._own = [(halves["motor_inertia"], ROWS.motor_acceleration), (halves["viscous_friction"], ROWS.d_theta)]
 
-    def confirm(self, start: Zonotope, known: tuple[Speed, ...], claim: Claim, *, friction: str) -> Closed:
+    def confirm(self, start: Zonotope, known: tuple[Speed, ...], claim: TubeClaim, *, friction: str) -> Closed:
         """Return the period closed by a claimed tube and plans, without any search; `NoBound` where they fail."""
         if friction == "any" and set(claim.plans) != {Plan.ANY}:
             raise NoBound("a plan that is not for any friction")

@@ -38,19 +38,12 @@ __all__ = [
     "exactly", "find_set", "missed", "narrowed", "plants_of", "ranges_in_words",
 ]  # fmt: skip
 
-
 Range = tuple[float, float]
-Factor = tuple[float | Range, float | Range]
-"""A range (low, high) for both joints, or a pair of ranges, one for each."""
-
+Factor = tuple[float | Range, float | Range]  # a range (low, high) for both joints, or a pair of ranges, one for each
 BY_JOINT = ("mass", "motor_inertia", "stiffness", "damping", "dry_friction", "viscous_friction")
 """The factors of which each joint has its own."""
-RANGES = (*BY_JOINT, "force", "payload")
-"""All ranges of a set."""
-
-Axis = tuple[str, int]
-"""A field of `RANGES` and a joint; 0 where the range is not by joint."""
-
+RANGES = (*BY_JOINT, "force", "payload")  # all ranges of a set
+Axis = tuple[str, int]  # a field of `RANGES` and a joint; 0 where the range is not by joint
 AXES: list[Axis] = [(name, joint) for name in RANGES for joint in range(JOINTS if name in BY_JOINT else 1)]
 """All ranges of a set, joint by joint."""
 
@@ -96,7 +89,6 @@ class PlantSet:
     late: int = 0
 
     def __post_init__(self) -> None:
-        """Check every range; ValueError names it and what is allowed."""
         try:
             for name in RANGES:
                 object.__setattr__(self, name, _checked(name, getattr(self, name)))
@@ -198,10 +190,7 @@ def exactly(value: float) -> str:
 
 
 def find_set(name: str | Path) -> PlantSet:
-    """Return the set of a name of `SETS`, or of a TOML file with fields of `PlantSet`.
-
-    ValueError if there is no such name, or the file is damaged; OSError if it cannot be read.
-    """
+    """Return the set of a name of `SETS`, or of a TOML file with fields of `PlantSet`; ValueError if there is none."""
     if str(name) in SETS:
         return SETS[str(name)]
     path = Path(name)

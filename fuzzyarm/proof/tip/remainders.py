@@ -60,10 +60,7 @@ def at_middle(motion: PeriodMotion, force: Forces, arm: Arm) -> tuple[np.ndarray
 
 
 def tube_slopes(motion: PeriodMotion, tube: np.ndarray, force: TipForces, arm: Arm) -> LinkSlopes:
-    """Return the slopes at every point of the tube (18,) around the centre, for every arm of the balls.
-
-    M [kg m²], ∂R/∂q [N m/rad] and ∂R/∂q̇ [N m s/rad], (2, 2) each.
-    """
+    """Return the slopes (2, 2) each [kg m², N m/rad, N m s/rad] on the tube (18,) around the centre, for every arm."""
     rows = ROWS.link, ROWS.d_link, ROWS.link_acceleration
     boxes = [
         [x + ball(0.0, r) for x, r in zip(along, tube[of].tolist(), strict=True)]
@@ -96,7 +93,6 @@ class LinkRemainder:
     """
 
     def __init__(self, motion: PeriodMotion, force: TipForces, plant: BallPlant) -> None:
-        """Take the centre, what may act at the tip, and the plant."""
         self._motion, self._force, self._arm = motion, force, plant.exact
         self.at = at_middle(motion, force.middle, plant.exact)  # M_k, G_k and D_k
         arms = [parameter.arm for parameter in plant.parameters if parameter.kind in ("mass", "payload")]

@@ -27,9 +27,7 @@ from fuzzyarm.proof.tip.zonotope import Zonotope, merged, product
 
 __all__ = ["MEASURED", "PolicyLaw", "Response", "sampled_law"]
 
-MEASURED = 2 * JOINTS
-"""Numbers of θ, θ̇, which come before those of the memory."""
-
+MEASURED = 2 * JOINTS  # numbers of θ, θ̇, which come before those of the memory
 KEPT = 1e-3  # share of a number from which an unknown keeps its column
 MOST = 6  # unknowns for each number, beyond which they are merged
 RUNS = 6  # that tell what a law remembers of what is measured
@@ -52,10 +50,7 @@ class Response(NamedTuple):
 
 
 def sampled_law(policy: Policy, references: np.ndarray) -> PolicyLaw:
-    """Return a policy, sample by sample, for a schedule's `references` (steps + 1, 6) [rad, rad/s, rad/s²].
-
-    The policy is for the two-joint arm; `NoBound` where it is no law.
-    """
+    """Return a policy of the two-joint arm, sample by sample, for `references` (steps + 1, 6) [rad, rad/s, rad/s²]."""
     if type(policy) in _UNKNOWN:
         raise NoBound(f"{_UNKNOWN[type(policy)]}; choose elastic-observer, which has one")
     law = law_of(policy)
@@ -71,12 +66,12 @@ class PolicyLaw:
     """The law of a policy, sample by sample."""
 
     def __init__(self, policy: Policy, law: Law, references: np.ndarray) -> None:
-        """Take the policy, its law and what it is told at each sample (samples, 6)."""
+        """Take the policy, its law and the references (samples, 6) in its observations."""
         self._law, self._references = law, references
         # Of some runs that measure otherwise: what differs. `_answer` checks that all else is as it was here.
-        told = np.repeat(references[:, np.newaxis], RUNS, axis=1)
-        apart = 0.1 ** np.arange(RUNS)[:, np.newaxis] * np.random.default_rng(0).normal(size=(len(told), 1, MEASURED))
-        observations = np.concatenate([told[:, :, :MEASURED] + apart, told], axis=2)
+        asked = np.repeat(references[:, np.newaxis], RUNS, axis=1)
+        apart = 0.1 ** np.arange(RUNS)[:, np.newaxis] * np.random.default_rng(0).normal(size=(len(asked), 1, MEASURED))
+        observations = np.concatenate([asked[:, :, :MEASURED] + apart, asked], axis=2)
         memory, torque, held = np.zeros((RUNS, policy.memory_size)), np.empty((RUNS, JOINTS)), []
         for observation in observations:
             held.append(memory.copy())

@@ -21,9 +21,7 @@ __all__ = [
     "CHANNELS", "OBSERVED", "PARTS", "ROWS", "ROW_COUNT", "STATES", "Linear", "Transition", "linear", "transition",
 ]  # fmt: skip
 
-STATES = 4 * JOINTS
-"""Numbers of δθ, δq, δθ̇, δq̇."""
-
+STATES = 4 * JOINTS  # numbers of δθ, δq, δθ̇, δq̇
 SIZE = STATES + JOINTS  # of ξ
 _TERMS = 24
 PARTS = 2  # of a period, in each of which the first two moments of a disturbance are kept
@@ -40,9 +38,7 @@ class _Channels(NamedTuple):
     tip: slice
 
 
-CHANNELS = _Channels(*(slice(i * JOINTS, (i + 1) * JOINTS) for i in range(4)))
-"""Where the channels lie."""
-
+CHANNELS = _Channels(*(slice(i * JOINTS, (i + 1) * JOINTS) for i in range(4)))  # where the channels lie
 COUNT = 4 * JOINTS
 
 
@@ -60,12 +56,8 @@ class Rows(NamedTuple):
     link_acceleration: slice
 
 
-ROWS = Rows(*(slice(i * JOINTS, (i + 1) * JOINTS) for i in range(9)))
-"""Where the rows lie."""
-
-ROW_COUNT = 9 * JOINTS
-"""Numbers of these rows; those that are made of `OBSERVED` follow."""
-
+ROWS = Rows(*(slice(i * JOINTS, (i + 1) * JOINTS) for i in range(9)))  # where the rows lie
+ROW_COUNT = 9 * JOINTS  # numbers of these rows; those that are made of `OBSERVED` follow
 OBSERVED = np.r_[ROWS.link_acceleration, ROWS.link, ROWS.d_link]
 """Rows of δq̈, δq and δq̇, of which further rows can be made."""
 

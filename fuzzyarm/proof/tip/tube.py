@@ -19,7 +19,7 @@ from fuzzyarm.proof.tip.centre import Centre, Segment
 from fuzzyarm.proof.tip.defects import Forces, TipForces, combined, signal_size
 from fuzzyarm.proof.tip.enclosures import BITS, ROUND_UP, SLACK, NoBound, centre, largest, radius_of
 from fuzzyarm.proof.tip.friction import Plan, Speed, check_curve
-from fuzzyarm.proof.tip.period import Claim, Closed, Period
+from fuzzyarm.proof.tip.period import Closed, Period, TubeClaim
 from fuzzyarm.proof.tip.plant import BallPlant, PlantSet
 from fuzzyarm.proof.tip.sampled_law import PolicyLaw, Response
 from fuzzyarm.proof.tip.transition import CHANNELS, D_THETA, LINK, STATES, THETA
@@ -116,7 +116,7 @@ class Step:
 class Tube:
     """The tube, step by step: iterate over it."""
 
-    def __init__(self, problem: Problem, claims: Sequence[Sequence[tuple[Segment, Claim]]] | None = None) -> None:
+    def __init__(self, problem: Problem, claims: Sequence[Sequence[tuple[Segment, TubeClaim]]] | None = None) -> None:
         """Begin at rest on the reference, as the environment does.
 
         The claims are for each control step the segments of the centre and what is claimed of them, to be confirmed
@@ -146,21 +146,22 @@ class Tube:
     def _step(self, k: int) -> Step:
         problem = self.problem
         torque = self._sample(k)
-        segments: list[Segment] = []
-        closed: list[Closed] = []
-        begun = 0.0
+        segments, closed, begun = list[Segment](), list[Closed](), 0.0
         for segment, claim in self._segments(k, torque):
             segments.append(segment)
             closed.append(self._cross(segment, torque, self._force(k, begun, segment.duration), claim))
             begun += segment.duration
         if begun != problem.period:  # durations are multiples of the last bit of T: their sum is exact
             raise NoBound(f"the segments of control step {k + 1} last {begun} s instead of {problem.period} s")
-        self._end()
+        # The held torque is forgotten.
+        z, keep = self._set, np.r_[0:STATES, STATES + JOINTS : len(self._set.box)]
+        z.columns, z.box = z.columns[keep], z.box[keep]
+        z.tidy(_ROUNDING)
         wanted = problem.schedule.targets[k + 1, :2].tolist()
         tip, sources = tip_bound(self._state, self._set, problem.plant.exact, wanted)
         return Step(torque, tuple(segments), tuple(closed), tip, sources)
 
-    def _segments(self, k: int, torque: np.ndarray) -> Iterator[tuple[Segment, Claim | None]]:
+    def _segments(self, k: int, torque: np.ndarray) -> Iterator[tuple[Segment, TubeClaim | None]]:
         """Yield the segments of a control step, with what is claimed of them."""
         if self._claims is None:
             force = 0.5 * sum(self.problem.plants.force) * self.problem.schedule.forces[k]
@@ -197,7 +198,7 @@ class Tube:
             courses = [plants.force_swing * signal_size(part) + 1.415 * plants.force_course for part in parts]
         return TipForces(middle, (radii[0], radii[1]), along, (courses[0] * (1 + SLACK), courses[1] * (1 + SLACK)))
 
-    def _cross(self, segment: Segment, torque: np.ndarray, force: TipForces, claim: Claim | None) -> Closed:
+    def _cross(self, segment: Segment, torque: np.ndarray, force: TipForces, claim: TubeClaim | None) -> Closed:
         """Close the tube on a segment and take the zonotope over it."""
         problem, xi = self.problem, slice(0, STATES + JOINTS)
         period = Period(segment, torque, force, problem.plant)
@@ -211,13 +212,6 @@ class Tube:
         self._state, self._known, self._drags = segment.end, closed.known, closed.drags
         self._shift(self._set, period.motion.at(1), self._state)
         return closed
-
-    def _end(self) -> None:
-        """Forget the torque that was held, and tidy."""
-        z = self._set
-        keep = np.r_[0:STATES, STATES + JOINTS : len(z.box)]
-        z.columns, z.box = z.columns[keep], z.box[keep]
-        z.tidy(_ROUNDING)
 
     @staticmethod
     def _shift(deviations: Zonotope, before: list[arb], after: np.ndarray) -> None:

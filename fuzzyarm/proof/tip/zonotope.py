@@ -56,10 +56,7 @@ class Zonotope:
         return np.asarray((np.abs(self.columns).sum(axis=1) + self.box) * ROUND_UP)
 
     def size(self, rows: np.ndarray, extra: np.ndarray | None = None) -> np.ndarray:
-        """Return bounds (n,) of |r x| for rows (n, numbers), computed in floats up to `SLACK` of their absolute values.
-
-        `extra` (n, constants) is added to the columns of the uncertain constants.
-        """
+        """Return bounds (n,) of |r x| for rows (n, numbers); `extra` (n, constants) adds to their columns."""
         others = reach(rows, self.columns[:, self._constants :])
         constants = rows @ self.columns[:, : self._constants] + (0.0 if extra is None else extra)
         slack = np.abs(rows) @ (self.box + SLACK * self.totals())

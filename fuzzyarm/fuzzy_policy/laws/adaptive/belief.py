@@ -44,8 +44,7 @@ __all__ = [
     "affine_numbers", "belief_of", "layout", "mass_of", "numbers_of", "places", "prior", "remembered", "unit_force",
 ]  # fmt: skip
 
-LONGEST_LATENESS = 3
-"""Longest time from a command to the motors that the filter considers [control periods]."""
+LONGEST_LATENESS = 3  # longest time from a command to the motors that the filter considers [control periods]
 KEPT = 5
 """References kept, the present one included: the derivatives of the joint torque are differences of four of them, and
 the feedforward's change takes one more."""
@@ -94,7 +93,6 @@ class AdaptiveWeights:
     largest_swing: float = 0.5
 
     def __post_init__(self) -> None:
-        """Check the weights."""
         low, high = WEIGHT_RANGE
         for field in dataclasses.fields(self):
             real(f"AdaptiveWeights.{field.name}", getattr(self, field.name), low=low, high=high)
@@ -127,8 +125,7 @@ class Belief(NamedTuple):
     lateness: Any  # d [control periods]
 
 
-FACTORS = ("stiffness", "damping", "friction", "mass", "motor_inertia")
-"""The parts that are factors of the known arm."""
+FACTORS = ("stiffness", "damping", "friction", "mass", "motor_inertia")  # the parts that are factors of the known arm
 
 
 @functools.cache
@@ -198,7 +195,6 @@ class ArmFunctions:
     """Functions of the numbers a (k,) of an arm with these equations: n joints, a tip in a space of some axes."""
 
     def __init__(self, physics: Physics) -> None:
-        """Note which numbers they are."""
         self._physics, self._advance, self._planar = physics, held_of(physics), physics is two_joints()
         self._record = physics.Arm if self._planar else physics.Plant
         short = "motor_inertia", "viscous", "stiffness", "damping", "dry_friction"
@@ -218,11 +214,7 @@ class ArmFunctions:
         return found
 
     def hold(self, state: Any, torque: Any, force: Any, numbers: Any, h: Any, substeps: int) -> None:
-        """Advance copies of the arm over a control step, see `held_of`.
-
-        The state (4 n, copies) changes in place; the others are torques [N m], force lines [N] and numbers of each
-        copy, by columns.
-        """
+        """Advance copies of the arm (4 n, copies) over a control step under torques [N m] and force lines [N]."""
         physics, axes = self._physics, self._physics.axes
         for copy in each(state.shape[1]):
             now = filled(physics.State, (state[i, copy] for i in range(len(state))))
@@ -261,8 +253,7 @@ class Flags(NamedTuple):
     swing: Any  # mean of the commands' jumps of the last samples, see `filter.note_swing`
 
 
-FLAG = Flags(*range(len(Flags._fields)))
-"""Where they stand."""
+FLAG = Flags(*range(len(Flags._fields)))  # where they stand
 
 
 class Memory(NamedTuple):

@@ -542,10 +542,7 @@ def numbers_at(p: Any, s: Settings, numbers: Any) -> None:
 
 
 def _mean_torque(commands: Any, lateness: Any, joint: Any) -> Any:
-    """Return the mean torque [N m] of a joint over the coming period if commands act `lateness` periods late.
-
-    `commands` (`LONGEST_LATENESS` + 2, n) [N m], newest first.
-    """
+    """Return the mean torque [N m] of a joint over the coming period if commands act `lateness` periods late."""
     whole = floor(lateness)
     rest = lateness - whole
     return (1.0 - rest) * sent(commands, whole, joint) + rest * sent(commands, whole + 1.0, joint)

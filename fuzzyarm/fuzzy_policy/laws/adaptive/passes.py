@@ -77,7 +77,6 @@ class AdaptivePasses(PassLearner[PassState]):
     kind = PassState
 
     def __init__(self, policy: AdaptiveObserverPolicy) -> None:
-        """Keep the policy."""
         self.policy = policy
         self._axes = equations_of(policy.arm).axes
         self._constants = slice(policy.memory.z.start + 4 * policy.joints, policy.memory.z.stop)  # p, in a memory
@@ -124,10 +123,7 @@ class AdaptivePasses(PassLearner[PassState]):
         return dataclasses.replace(self._first(memory), expected=expected, path=path, passes=passes)
 
     def beliefs(self, state: PassState) -> Beliefs:
-        """Return what is believed after the last sample, the expected force included, lane by lane.
-
-        TypeError or ValueError if the state is not what `predict` or `begin_pass` returned for this arm.
-        """
+        """Return what is believed after the last sample, the expected force included, lane by lane."""
         state = self._checked(state)
         found, expected = self.policy.beliefs(state.memory), _window(state, len(state.references) - 1, state.other_path)
         return dataclasses.replace(found, force=found.force + expected[:, 0], other_path=state.other_path.copy())
@@ -165,10 +161,7 @@ class AdaptivePasses(PassLearner[PassState]):
 
 
 def _steadiest(force: np.ndarray, slope: np.ndarray) -> np.ndarray:
-    """Return the x (lanes,) for which ``force + x slope`` (samples, lanes, axes) varies least in total.
-
-    Least squares, reweighted (Weiszfeld).
-    """
+    """Return the x (lanes,) for which ``force + x slope`` (samples, lanes, axes) varies least in total (Weiszfeld)."""
     a, b, x = np.diff(force, axis=0), np.diff(slope, axis=0), np.zeros(force.shape[1])
     for _ in range(_REWEIGHTED):
         weight = 1.0 / np.maximum(np.linalg.norm(a + x[:, np.newaxis] * b, axis=2), SMALLEST)
@@ -190,10 +183,7 @@ def _lines(force: np.ndarray) -> np.ndarray:
 
 
 def _window(state: PassState, sample: int, other_path: np.ndarray) -> np.ndarray:
-    """Return the expected force at this sample, at those before it and at the next one, (lanes, `KEPT` + 1, axes).
-
-    Lanes on another path (lanes,) expect none.
-    """
+    """Return the expected force (lanes, `KEPT` + 1, axes) at this sample, those before and the next."""
     window = np.zeros((len(state.memory), KEPT + 1, state.expected.shape[2]))
     last = len(state.expected) - 1
     if last >= 0:
@@ -240,7 +230,7 @@ class Smoother:
     """
 
     def __init__(self, policy: AdaptiveObserverPolicy) -> None:
-        """Take the policy's arm with constants that are known, and motors that do as they are told."""
+        """Take the policy's arm with constants that are known, and motors that apply the commands."""
         self._policy, self._physics, settings = policy, equations_of(policy.arm), policy.settings
         n, N, self._forces = self._physics.joints, len(settings.spread), len(settings.reopening)
         self._used, spread = 4 * n + self._forces, np.zeros(N)

@@ -74,13 +74,8 @@ class Beliefs:
 class AdaptiveObserverPolicy(LawPolicy):
     """Identification, observer, regulator and elastic target; the law is in the module's docstring.
 
-    Attributes:
-        arm: the arm or the robot.
-        belief: where the parts of p lie.
-        memory: where the parts of the filter's memory lie.
-        weights: of the filter and of the regulator.
-        fallback: what acts in lanes whose filter has diverged.
-        settings: what the law takes.
+    `belief` says where the parts of p lie, `memory` where those of the filter's memory do; `fallback` acts in lanes
+    whose filter has diverged.
     """
 
     def __init__(
@@ -156,7 +151,6 @@ class AdaptiveObserverPolicy(LawPolicy):
         return found
 
     def __getstate__(self) -> dict[str, Any]:
-        """Leave out the machine code."""
         return {name: value for name, value in super().__getstate__().items() if name not in ("_beside", "_behind")}
 
     def repeated(self) -> AdaptivePasses:
@@ -168,10 +162,7 @@ class AdaptiveObserverPolicy(LawPolicy):
         return FrozenObserver(self)
 
     def beliefs(self, state: np.ndarray) -> Beliefs:
-        """Return what is believed at the next sample, from a state (..., memory_size) that `predict` gave.
-
-        TypeError or ValueError if the state holds something else than real numbers, or has another shape.
-        """
+        """Return what is believed at the next sample, from a state (..., memory_size) that `predict` gave."""
         return self.beliefs_of(self.checked_state(state)[..., : self.memory.noise.stop])
 
     def beliefs_of(self, own: np.ndarray) -> Beliefs:

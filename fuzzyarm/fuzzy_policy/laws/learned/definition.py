@@ -13,12 +13,8 @@ from fuzzyarm.envs.periods import SHORTEST_PERIOD, checked_period
 
 __all__ = ["INNOVATION_UNITS", "OBSERVER_BASE", "ActionDefinition", "ArmDefinition", "FeatureDefinition"]
 
-OBSERVER_BASE = "elastic-observer"
-"""The base that has innovations."""
-
-INNOVATION_UNITS = (1e-6, 2e-3)
-"""N of angles [rad] and of velocities [rad/s]."""
-
+OBSERVER_BASE = "elastic-observer"  # the base that has innovations
+INNOVATION_UNITS = (1e-6, 2e-3)  # N of angles [rad] and of velocities [rad/s]
 _MOST_JOINTS = 12  # as in `envs.physics.robot`
 _OF_THE_INSTANT = 5  # features per joint that need no memory: e, ė, q_d, q̇_d, q̈_d
 _OF_THE_OBSERVER = 5  # the innovation of angle and velocity at two scales, and the load
@@ -60,7 +56,6 @@ class FeatureDefinition:
     load_scale: float = 100.0  # Z [N m]
 
     def __post_init__(self) -> None:
-        """Check every number."""
         whole("the number of innovation_times", len(instance("innovation_times", self.innovation_times, tuple)), high=4)
         for time in self.innovation_times:
             real("innovation_times", time, "s", above=0.0, high=_LONGEST_MEMORY)
@@ -119,7 +114,6 @@ class ActionDefinition:
     gate: float = 0.0  # G; 0: the action shifts the base's target. With a gate `scale` are torques [N m].
 
     def __post_init__(self) -> None:
-        """Check every value."""
         if real("gate", self.gate, low=0.0, high=_WIDEST_GATE) > 0.0 and self.base != OBSERVER_BASE:
             raise ValueError(f"gate = {self.gate:g} needs the base {OBSERVER_BASE}, not {self.base}; without a gate: 0")
         if self.base is not None and not instance("base", self.base, str):
@@ -156,6 +150,5 @@ class ArmDefinition:
     digest: str  # of its numbers, `Robot.digest`; that of the two-joint arm is the one of its robot
 
     def __post_init__(self) -> None:
-        """Check the types."""
         for name in ("name", "digest"):
             instance(name, getattr(self, name), str)

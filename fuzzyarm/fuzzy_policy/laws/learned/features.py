@@ -46,7 +46,6 @@ from fuzzyarm.numbers.program import Program
 
 __all__ = ["Base", "Features", "Lanes", "gate"]
 
-
 COARSE = 20.0  # of the unit in which large innovations are seen
 
 
@@ -107,7 +106,7 @@ class Features:
     ) -> Any:
         """Return the features of the instant, an array (size,): `out`, or a new one.
 
-        `seen` holds one number for each joint in each part, `aim` is that of `aimed`; the innovation ν (2 n,) and the
+        `seen` holds one number for each joint in each part, `aim` is that of `told`; the innovation ν (2 n,) and the
         load d̂ (n,) [N m] are those of the base, where they are among the features.
         """
         d, out = self.definition, array(self.size) if out is None else out
@@ -157,10 +156,7 @@ class Features:
         )
 
     def command(self, memory: _Remembered, torque: Any) -> _Remembered:
-        """Return the memory with the excess of a commanded torque (n,) [N m], not yet clipped.
-
-        Of several calls between two `advance`, the last one counts.
-        """
+        """Return the memory with the excess of the last torque (n,) [N m] before `advance`, not yet clipped."""
         if not memory.excess:
             return memory
         parts = zip(torque, self._limit, memory.feedforward, strict=True)
@@ -179,10 +175,7 @@ def _put(out: Any, at: int, numbers: list[Any], *, squashed: bool = False) -> in
 
 
 class Base:
-    """A base that acts under the guidance of actions.
-
-    With a gate the torque is not clipped yet; the prediction of the base knows the limits.
-    """
+    """A base that acts under the guidance of actions; with a gate the torque is not clipped yet."""
 
     def __init__(self, policy: Policy, action: ActionDefinition) -> None:
         """Take the law of a policy; ValueError if it has none."""
@@ -226,7 +219,6 @@ class Lanes:
     """Features, and the base that actions guide if there is one, of many lanes: what a training steps."""
 
     def __init__(self, features: Features, base: Base | None = None) -> None:
-        """Compile both steps."""
         d, law = features.definition, None if base is None else base.law
         numbers, nothing = (0.0,) * d.joints, ((), ())
 

@@ -5,18 +5,13 @@
 where s is tanh, or max(x, 0), and o clips to ±1, or is tanh. PPO trains a Gaussian policy, and the last layer gives its
 mean; SAC and TQC train tanh of one. The shipped policy takes the mean as its action and is therefore deterministic.
 
-A recurrent network has a long short-term memory in front of these layers (`cell`), which then take its output for h_0.
+tanh, the logistic function and asinh are made of +, -, *, / and the square root, which IEEE 754 rounds correctly, and
+not taken from the C library, whose last digits differ from one machine to the next. A policy is then the same numbers
+everywhere, also in exported C.
 
-What learned policies compute beyond arithmetic: tanh, the logistic function, asinh and products with a matrix.
-
-The functions are made of +, -, *, / and the square root, which IEEE 754 rounds correctly, and not taken from the C
-library, whose last digits differ from one machine to the next. A policy is then the same numbers everywhere, also in
-exported C.
-
-The memory of a recurrent network: a long short-term memory, as torch and stable-baselines3-contrib have it.
-
-With the normalised features x = clip((f - mean)/std, ±c), the output h and the content m (both zero when an episode
-begins),
+A recurrent network has a long short-term memory in front of these layers (`cell`), as torch and
+stable-baselines3-contrib have it. Its output h is then h_0. With the normalised features x = clip((f - mean)/std, ±c)
+and the content m (h and m are zero when an episode begins),
 
     (i, r, g, o) = W_x x + W_h h + b,    m⁺ = σ(r)∘m + σ(i)∘tanh g,    h⁺ = σ(o)∘tanh m⁺.
 """
@@ -40,7 +35,6 @@ __all__ = [
     "GATES", "LARGEST_MEMORY", "Cell", "Network", "add_product", "area_sine", "hyperbolic_tangent", "logistic",
     "real_array",
 ]  # fmt: skip
-
 
 _SATURATED = 20.0  # from here on tanh is 1 in double precision
 DOUBLINGS = 8  # of exp(y) - 1 with |y| <= 2 _SATURATED/2^8
@@ -119,12 +113,10 @@ def add_product(x: Any, transposed: Any, y: Any) -> None:
             y[j] = y[j] + transposed[k, j] * x[k]
 
 
-GATES = 4
-"""i, r, g and o."""
+GATES = 4  # i, r, g and o
 _CONTENT = 2  # the number of g
 
-LARGEST_MEMORY = 1024
-"""Numbers in h; a larger cell is refused before memory is allocated."""
+LARGEST_MEMORY = 1024  # numbers in h; a larger cell is refused before memory is allocated
 
 
 def real_array(name: str, array: Any, axes: int) -> None:
@@ -137,17 +129,13 @@ def real_array(name: str, array: Any, axes: int) -> None:
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class Cell:
-    """The arrays of the module's equations, the rows of i, r, g and o below each other.
-
-    TypeError or ValueError if an entry is no array of finite real numbers, or shapes do not fit together.
-    """
+    """The arrays of the module's equations, the rows of i, r, g and o below each other."""
 
     weight_x: np.ndarray  # W_x, (4 hidden, inputs)
     weight_h: np.ndarray  # W_h, (4 hidden, hidden)
     bias: np.ndarray  # b, (4 hidden,)
 
     def __post_init__(self) -> None:
-        """Check shapes and numbers."""
         for name, axes in (("weight_x", 2), ("weight_h", 2), ("bias", 1)):
             real_array(name, getattr(self, name), axes)
         if not 1 <= self.hidden <= LARGEST_MEMORY:
@@ -193,21 +181,14 @@ class Cell:
         return output
 
 
-_ACTIVATIONS = ("tanh", "relu")
-"""What s may be."""
-
-_OUTPUTS = ("clip", "tanh")
-"""What o may be."""
-
+_ACTIVATIONS = ("tanh", "relu")  # what s may be
+_OUTPUTS = ("clip", "tanh")  # what o may be
 _LARGEST_LAYER, _MOST_LAYERS = 4096, 9  # far beyond need; a larger network is refused before memory is allocated
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class Network:
-    """Normaliser and layers.
-
-    TypeError or ValueError if shapes do not fit together, or a number is not finite or has the wrong sign.
-    """
+    """Normaliser and layers; shapes and numbers are checked."""
 
     mean: np.ndarray  # (inputs,) of the features
     std: np.ndarray  # (inputs,) of the features, positive
@@ -219,7 +200,6 @@ class Network:
     cell: Cell | None = None  # what remembers in front of the layers; None: nothing does
 
     def __post_init__(self) -> None:
-        """Check shapes and numbers."""
         object.__setattr__(self, "clip", real("clip", self.clip, above=0.0))
         choice("activation", self.activation, _ACTIVATIONS)
         choice("output", self.output, _OUTPUTS)
@@ -298,15 +278,11 @@ class Network:
         return tuple(minimum(maximum(number, -1.0), 1.0) for number in before)
 
     def act(self, features: np.ndarray, action: np.ndarray, memory: np.ndarray | None = None) -> None:
-        """Fill `action` (lanes, outputs) from `features` (lanes, inputs).
-
-        A recurrent network advances its `memory` (lanes, memory_size) in place.
-        """
+        """Fill `action` (lanes, outputs) from `features` (lanes, inputs); `memory` (lanes, m) advances in place."""
         held = np.empty((len(features), 0)) if memory is None else memory
         self._kernel((features, held, action), np.empty(0), self.tables)
 
     def __getstate__(self) -> dict[str, Any]:
-        """Leave out the machine code."""
         return {name: value for name, value in self.__dict__.items() if name != "_kernel"}
 
     @functools.cached_property

@@ -21,14 +21,9 @@ class LearnedPolicy(LawPolicy):
     """The mean action of a trained network, held for its action period; see `features` and `network`.
 
     From action instant k to the next the torque is u(t) = scale · a_k, with a_k smoothed as the definition says. With a
-    base it is u(t) = u_base(t), guided by scale · a_k as `ActionDefinition` has it. The state holds everything
-    that is remembered between calls: for how long the action has been held, the action, and the memories of the
-    features, of the base and of a recurrent network.
-
-    Attributes:
-        bundle: the trained policy.
-        base: the policy whose target is shifted; None: no base.
-        calls_per_action: number of calls for which an action is held.
+    base it is u(t) = u_base(t), guided by scale · a_k as `ActionDefinition` has it. The state holds everything that is
+    remembered between calls: for how many calls the action has been held, the action, and the memories of the features,
+    of the base and of a recurrent network.
     """
 
     def __init__(

@@ -28,13 +28,10 @@ from fuzzyarm.numbers.functions import array, each, maximum, minimum
 
 __all__ = ["GATES", "LARGEST_MEMORY", "EstimateNetwork", "Layers", "heard", "respond", "shapes_of"]
 
-GATES = 2
-"""s and r."""
-
+GATES = 2  # s and r
 AXES = (2, 3)  # of the spaces of tips
 
-LARGEST_MEMORY = 512
-"""Numbers in h and in tanh(P c); a larger network is refused before memory is allocated."""
+LARGEST_MEMORY = 512  # numbers in h and in tanh(P c); a larger network is refused before memory is allocated
 
 
 def shapes_of(hidden: int, modulation: int, joints: int, axes: int) -> dict[str, tuple[int, ...]]:
@@ -78,10 +75,7 @@ class Layers(NamedTuple):
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class EstimateNetwork:
-    """The arrays of the module's equations, in the shapes of `shapes_of`; the rows of s stand above those of r.
-
-    TypeError or ValueError if an entry is no array of finite real numbers, or shapes do not fit together.
-    """
+    """The finite arrays of the module's equations, see `shapes_of`; the rows of s stand above those of r."""
 
     gate_z: np.ndarray  # S_z above R_z
     gate_h: np.ndarray  # S_h above R_h
@@ -102,7 +96,6 @@ class EstimateNetwork:
     W: np.ndarray
 
     def __post_init__(self) -> None:
-        """Check shapes and numbers."""
         for field in dataclasses.fields(self):
             real_array(field.name, getattr(self, field.name), 1 if field.name in ("gate_bias", "p_0") else 2)
         if not (1 <= self.hidden <= LARGEST_MEMORY and 1 <= len(self.P) <= LARGEST_MEMORY):

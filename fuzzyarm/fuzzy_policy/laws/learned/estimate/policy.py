@@ -9,7 +9,7 @@ torque u_a of `adaptive.policy`, m and g of `network`, and the network ρ,
 
 At rest m = 0, and without a load g is next to 0: there the elastic observer acts alone, whose loop is locally stable
 without knowing of late torques and wrong loop gains. In motion under a load the adaptive observer takes over, which
-knows of loads within milliseconds. Both are told of the torque that is applied. u_a counts up to four torque limits;
+knows of loads within milliseconds. Both know the applied torque. u_a counts up to four torque limits;
 where its filter has diverged, or the commands swing from limit to limit (`AdaptiveWeights.largest_swing`), u = u_o. z
 and c are those of `signals`, R the torques there. The network was trained by regression on a teacher that knows plant,
 load and lateness, see `fuzzyarm.rl_baselines.estimate`.
@@ -56,7 +56,6 @@ from fuzzyarm.numbers.program import Program
 
 __all__ = ["LearnedObserverPolicy"]
 
-
 # Of the adaptive observer, as the networks know it: at rest the elastic one acts, so that it needs no soft start.
 _WEIGHTS = {"first_gain": 1.0, "scale_doubt": 3e-3}
 _FARTHEST = 4.0  # torque limits, of u_a: that of a filter which is about to diverge would be any number
@@ -72,7 +71,6 @@ class _SeenParts(NamedTuple):
 
 @functools.cache
 def _seen_parts(physics: Physics) -> _SeenParts:
-    """Return these places for arms with these equations."""
     joints, axes = physics.joints, physics.axes
     sizes = unexplained_parts(joints, axes).belief.stop, context_parts(joints, axes).motion.stop, joints
     return _SeenParts(*consecutive(*sizes))
@@ -166,7 +164,6 @@ class LearnedObserverPolicy(LawPolicy):
         return Kernel(Program(observe, ports, law.constants, [table.shape for table in law.tables]))
 
     def __getstate__(self) -> dict[str, Any]:
-        """Leave out the machine code."""
         return {name: value for name, value in super().__getstate__().items() if name != "_observing"}
 
     def _act_of(self) -> Any:

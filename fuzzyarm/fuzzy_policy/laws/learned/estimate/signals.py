@@ -17,10 +17,8 @@ unexplained and the arm is on its target. From the observation and the beliefs f
 two-joint arm), and e = v/√(|v|² + v_0²) with the reference velocity v of the tip, and likewise of the joints.
 m = |v|²/(|v|² + v_1²) is 0 at rest and close to 1 in motion; for Table 1 v_1 = 0.1 mm/s.
 
-What the network of `learned-observer` sees an arm in: units in which its signals are of order 1.
-
-Of the two-joint arm they were chosen for Table 1; torques are shares of the limits of any arm. Of a robot by its frames
-every unit is that of Table 1 times a ratio of the robot to Table 1:
+The units of the two-joint arm were chosen for Table 1; torques are shares of the limits of any arm. Every unit of a
+robot by its frames is that of Table 1 times a ratio of the robot to Table 1:
 
     forces, payload    r_F, r_m, see `scale_of`
     innovations        Γ_j/I_j of the joint's torque limit and motor inertia over that of the first joint: what a torque
@@ -57,13 +55,8 @@ __all__ = [
     "see_unexplained", "turns_of", "unexplained_parts", "units_of",
 ]  # fmt: skip
 
-
-GAP_SHARE = 0.05
-"""Share of R that is the unit of u_a - u_o."""
-
-QUIET = 1.0 / 600.0
-"""Share of the torques R: for a load d̂ below it the elastic observer all but acts alone."""
-
+GAP_SHARE = 0.05  # share of R that is the unit of u_a - u_o
+QUIET = 1.0 / 600.0  # share of the torques R: for a load d̂ below it the elastic observer all but acts alone
 _FINE = (5e-7, 2e-6, 1e-3, 4e-3)  # s of angles [rad] and velocities [rad/s] of the two-joint arm
 _COARSE = (1e-5, 4e-5, 2e-2, 8e-2)  # S
 _BEYOND = 1.2  # R over the torque limits
@@ -190,10 +183,7 @@ def context_parts(joints: int, axes: int) -> _ContextParts:
 
 
 def see_innovation(seen: Observation, m: Memory, units: Units, z: Any, parts: _UnexplainedParts) -> None:
-    """Fill the parts of z that are of ν_a, before that filter's correction.
-
-    They are 0 as an episode begins and where the filter has diverged.
-    """
+    """Fill the parts of z that are of ν_a before the correction; 0 as an episode begins or if it has diverged."""
     joints = len(seen.q_motor)
     predicted = (m.flags[FLAG.samples] > 0.0) & (m.flags[FLAG.lost] == 0.0)
     raw = [q - m.z[i] for i, q in enumerate(seen.q_motor)]
