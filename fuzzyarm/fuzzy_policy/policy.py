@@ -118,10 +118,7 @@ class Policy(abc.ABC):
         return np.asarray(np.clip(torque, -self._torque_limit, self._torque_limit))
 
     def checked_state(self, state: Any) -> np.ndarray:
-        """Return a state (..., memory_size) that `predict` gave as an array.
-
-        TypeError if it holds something else than real numbers, ValueError if it has another shape.
-        """
+        """Return a state (..., memory_size) that `predict` gave as an array; TypeError or ValueError if it is none."""
         array = array_of("state", state)
         if array.dtype.kind not in "fiu":
             raise TypeError(f"state = {shown(state)} must be an array (..., {self.memory_size}) of predict")
@@ -220,14 +217,9 @@ class Policy(abc.ABC):
 
 
 def _checked_observation(observation: Any, joints: int) -> np.ndarray:
-    """Return observations (5 n,) or (lanes, 5 n) of n joints as a batch (lanes, 5 n) of finite numbers.
+    """Return observations (5 n,) or (lanes, 5 n) of n joints as a batch (lanes, 5 n) of finite numbers, in C order.
 
-    The batch has its rows one after the other, aligned and writable. It is the observation itself where that is laid
-    out so.
-
-    Raises:
-        TypeError: it holds something else than real numbers.
-        ValueError: it has a wrong shape, or a number is not finite; the message says which.
+    It is the observation itself where that is laid out so. Errors are those of `Policy.predict`.
     """
     seen = array_of("observation", observation)
     real_entries("observation", seen)

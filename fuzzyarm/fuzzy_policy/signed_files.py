@@ -65,11 +65,7 @@ class ControllerFileError(ValueError):
 
 
 def controller_in(path: str | Path, build: Callable[[Any], Built]) -> Built:
-    """Return what `build` makes of the content of a file.
-
-    ControllerFileError if the content is no JSON, is too large, or `build` raised TypeError or ValueError; OSError if
-    the file cannot be read.
-    """
+    """Return what `build` makes of the content of a file; ControllerFileError if that is not valid."""
     try:
         return build(read_json(Path(path), largest=MAX_BYTES))
     except DocumentError as error:  # names the file itself
@@ -96,10 +92,7 @@ def checked_fields(
 
 
 class SignedController(abc.ABC):
-    """A controller with a file; the base of the dataclasses of each form.
-
-    ControllerFileError if a number is out of range, in an array beyond ±1e60, or if the parts do not go together.
-    """
+    """A controller with a file: the base of the dataclasses of each form; ControllerFileError if it is wrong."""
 
     def __post_init__(self) -> None:
         try:

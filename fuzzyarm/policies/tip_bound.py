@@ -94,23 +94,15 @@ class TipClaim:
 
 @dataclasses.dataclass(frozen=True)
 class TipBound:
-    """A bound that is proven.
+    """A bound that is proven."""
 
-    Attributes:
-        claim: what it is proven for.
-        arm: in the middle of the set.
-        tip: bound of the tip error at the end of each control step [m].
-        sources: of each of these, the share of each of `SOURCES`, of the uncertain constants and of the centre [m].
-        steps: the tube; empty if it was not kept.
-        seconds: that the proof took.
-    """
-
-    claim: TipClaim
-    arm: ArmParameters
-    tip: np.ndarray
+    claim: TipClaim  # what it is proven for
+    arm: ArmParameters  # in the middle of the set
+    tip: np.ndarray  # bound of the tip error at the end of each control step [m]
+    # of each of these, the share of each of `SOURCES`, of the uncertain constants and of the centre [m]
     sources: np.ndarray
-    steps: tuple[Step, ...]
-    seconds: float
+    steps: tuple[Step, ...]  # the tube; empty if it was not kept
+    seconds: float  # that the proof took
 
     @property
     def largest(self) -> float:

@@ -117,8 +117,7 @@ def unpacked(triangles: np.ndarray, size: int) -> np.ndarray:
 def control_weights(cos_m: Any, sin_m: Any, cos_h: Any, sin_h: Any) -> list[list[Any]]:
     """Return the matrix (5, 5) from the coefficients of one angle to its control values, as nested lists.
 
-    Cosine and sine are those of the middle m of the interval and of half its width h > 0 [rad]: arrays of many boxes,
-    or balls.
+    Cosine and sine are of the interval's middle m and half width h > 0 [rad]: arrays of many boxes, or balls.
     """
     c, s = cos_h, sin_h
     # Control values of cos t, sin t, cos 2t, sin 2t: their coefficients of a⁴, a³b, a²b², ab³, b⁴ over κ.
@@ -178,10 +177,7 @@ def first_boxes(ranges: np.ndarray) -> np.ndarray:
 
 
 def cover(matrix: TrigMatrix, ranges: np.ndarray, most: int = _MOST_BOXES) -> _Cover:
-    """Prove a matrix of d angles positive definite for all angles in `ranges` (d, 2) [rad], within ±100 rad.
-
-    After `most` boxes the proof is given up.
-    """
+    """Prove a matrix positive definite for all angles in `ranges` (d, 2), within ±100 rad, in at most so many boxes."""
     scale = _scale(matrix, ranges)
     if scale is None:
         return _Cover(False, np.empty((0, len(ranges), 2)), ranges.mean(axis=1))
@@ -216,10 +212,7 @@ def _scale(matrix: TrigMatrix, ranges: np.ndarray) -> np.ndarray | None:
 
 @dataclasses.dataclass(frozen=True)
 class _Task:
-    """A matrix in scaled entries: their coefficients (5, ..., 5, t), the shift of the diagonal, and what to halve.
-
-    `weight` (d,) says how much each angle bends the matrix.
-    """
+    """A matrix in scaled entries: coefficients (5, ..., 5, t), the diagonal's shift, how each angle bends it (d,)."""
 
     coefficients: np.ndarray
     scale: np.ndarray

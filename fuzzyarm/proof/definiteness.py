@@ -53,11 +53,7 @@ def inverse(matrix: np.ndarray) -> np.ndarray | None:
 
 
 def smallest_eigenvalue(matrix: np.ndarray) -> float:
-    """Return the smallest eigenvalue of a symmetric matrix scaled to unit diagonal, in floating point.
-
-    -inf if the diagonal is not positive. It measures the distance from a singular matrix, whatever the units; it is no
-    proof.
-    """
+    """Return the smallest eigenvalue of a symmetric matrix scaled to unit diagonal, in floats; it is no proof."""
     scaled = _scaled(matrix)
     return -np.inf if scaled is None else float(np.linalg.eigvalsh(scaled[0])[0])
 

@@ -297,20 +297,14 @@ def simulate(
         k3 = rate(2 * k + 1, y + 0.5 * step * k2)
         k4 = rate(2 * k + 2, y + step * k3)
         path[k + 1] = y + step / 6.0 * (k1 + 2.0 * k2 + 2.0 * k3 + k4)
-    return _evaluate(loop, half[::2], ReferenceSample(*(part[::2] for part in targets)), path)
-
-
-def _evaluate(loop: RigidLoop, t: np.ndarray, targets: ReferenceSample, path: np.ndarray) -> Run:
-    controller, n = loop.controller, loop.states
+    controller, limits = loop.controller, loop.controller.model.parameters
     error, (output, taken, stored) = path[..., :n], np.moveaxis(path[..., n:], -1, 0)
-    V, limits = loop.lyapunov(error), controller.model.parameters
-    supply = output - controller.gamma**2 * taken + 2.0 * controller.alpha * stored
-    q, dq = (part.reshape(len(t), -1, JOINTS) for part in targets[:2])
-    inside = (np.abs(q + error[..., POSITION]) <= limits.joint_limit) & (
-        np.abs(dq + error[..., VELOCITY]) <= limits.velocity_limit
-    )
+    V, supply = loop.lyapunov(error), output - controller.gamma**2 * taken + 2.0 * controller.alpha * stored
+    q, dq = (part[::2].reshape(steps + 1, -1, JOINTS) for part in targets[:2])
+    fast, far = np.abs(dq + error[..., VELOCITY]), np.abs(q + error[..., POSITION])
+    inside = (far <= limits.joint_limit) & (fast <= limits.velocity_limit)
     in_box = np.logical_and.accumulate(inside.all(axis=-1), axis=0)
-    return Run(t, error, V, output, taken, V - V[0] + supply, in_box)
+    return Run(half[::2], error, V, output, taken, V - V[0] + supply, in_box)
 
 
 FREQUENCIES = (1.0, 3.0, 10.0, 20.0, 40.0, 60.0, 80.0, 120.0, 200.0, 400.0)  # [rad/s]
@@ -438,10 +432,7 @@ def worst_posture(loop: RigidLoop) -> Uniform:
 def disturbed_run(
     loop: RigidLoop, motion: Motion, probes: Mapping[str, np.ndarray], duration: float, step: float = STEP
 ) -> Run:
-    """Return the rollouts from zero error over a duration [s], one lane for each disturbance torque.
-
-    The probes are torques (k, 2) by name, of size 1, at the instants 0, step, ..., duration, see `library`.
-    """
+    """Return the rollouts [s] from zero error, one lane for each torque (k, 2) of size 1 by name, see `library`."""
     torques = AMPLITUDE * np.stack(list(probes.values()), axis=1)
     at_rest = np.zeros((len(probes), loop.states))
     return simulate(loop, motion, at_rest, joined(torques, step), duration, step=step)

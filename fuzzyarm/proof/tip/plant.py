@@ -57,35 +57,23 @@ class PlantSet:
     """Ranges (low, high) of what is constant, and bounds of what may vary with time; the defaults are Table 1 alone.
 
     The range of a factor of `BY_JOINT` may be given for each joint: ``((low, high), (low, high))``.
-
-    Attributes:
-        mass: factor of each link's mass and inertia, one per link.
-        motor_inertia: factor of each motor's inertia.
-        stiffness: factor of each joint's stiffness.
-        damping: factor of each joint's damping.
-        dry_friction: factor of each motor's static and Coulomb friction.
-        viscous_friction: factor of each motor's viscous friction.
-        payload: mass at the tip [kg], added to the case's own payload.
-        force: factor of the case's tip force.
-        friction: ``"law"``: stick and Stribeck friction as in the environment; ``"any"``: any torque up to the static.
-        force_swing: largest share of the case's tip force by which its factor may vary, in any course in time.
-        force_course: largest component along x and along y of a further tip force, of any course in time [N].
-        noise: largest error of a measured motor angle [rad] and velocity [rad/s].
-        late: whole control periods by which every torque acts late; until the first acts, it is held from the start.
     """
 
-    mass: Factor = (1.0, 1.0)
-    motor_inertia: Factor = (1.0, 1.0)
-    stiffness: Factor = (1.0, 1.0)
-    damping: Factor = (1.0, 1.0)
-    dry_friction: Factor = (1.0, 1.0)
-    viscous_friction: Factor = (1.0, 1.0)
-    payload: Range = (0.0, 0.0)
-    force: Range = (1.0, 1.0)
+    mass: Factor = (1.0, 1.0)  # factor of each link's mass and inertia, one per link
+    motor_inertia: Factor = (1.0, 1.0)  # factor of each motor's inertia
+    stiffness: Factor = (1.0, 1.0)  # factor of each joint's stiffness
+    damping: Factor = (1.0, 1.0)  # factor of each joint's damping
+    dry_friction: Factor = (1.0, 1.0)  # factor of each motor's static and Coulomb friction
+    viscous_friction: Factor = (1.0, 1.0)  # factor of each motor's viscous friction
+    payload: Range = (0.0, 0.0)  # mass at the tip [kg], added to the case's own payload
+    force: Range = (1.0, 1.0)  # factor of the case's tip force
+    # ``"law"``: stick and Stribeck friction as in the environment; ``"any"``: any torque up to the static
     friction: Literal["law", "any"] = "law"
+    # largest share of the case's tip force by which its factor may vary, in any course in time
     force_swing: float = 0.0
-    force_course: float = 0.0
-    noise: Range = (0.0, 0.0)
+    force_course: float = 0.0  # largest component along x and along y of a further tip force, of any course in time [N]
+    noise: Range = (0.0, 0.0)  # largest error of a measured motor angle [rad] and velocity [rad/s]
+    # whole control periods by which every torque acts late; until the first acts, it is held from the start
     late: int = 0
 
     def __post_init__(self) -> None:

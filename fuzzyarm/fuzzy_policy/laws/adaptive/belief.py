@@ -53,12 +53,7 @@ REST = 1e-9  # m/s; below, a tip has no direction of travel
 
 @dataclasses.dataclass(frozen=True)
 class AdaptiveWeights:
-    """What the filter expects and what the regulator weighs.
-
-    Raises:
-        TypeError: a weight is no number.
-        ValueError: a weight lies outside `WEIGHT_RANGE`.
-    """
+    """What the filter expects and what the regulator weighs, each in `WEIGHT_RANGE`."""
 
     link_angle: float = 0.0037  # link error [rad] that costs as much as the whole torque
     link_velocity: float = 1.57  # link velocity error [rad/s] that costs as much as the whole torque

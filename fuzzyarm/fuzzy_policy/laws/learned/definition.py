@@ -26,14 +26,7 @@ _LONGEST_ACTION, _LONGEST_MEMORY = 1.0, 1e6  # s
 
 @dataclasses.dataclass(frozen=True)
 class FeatureDefinition:
-    """Which features there are, and their scales; stated in every bundle.
-
-    The letters are those of the equations in `laws.learned.features`.
-
-    Raises:
-        TypeError: a value is of the wrong type.
-        ValueError: a number is out of range.
-    """
+    """Which features there are, and their scales, in the letters of `laws.learned.features`; stated in every bundle."""
 
     past_errors: int = 2  # n, how many past errors are remembered, 0 to 100
     past_actions: int = 2  # m, how many past actions, 0 to 100
@@ -98,10 +91,6 @@ class ActionDefinition:
         γ = r/(1 + r),    r = Σ (ν_i/(G N_i))²/(2 n),    N = 1e-6 rad and 2e-3 rad/s,
 
     so that the observer acts alone where it predicts rightly, and the local stability of its loop does not change.
-
-    Raises:
-        TypeError: a value is of the wrong type.
-        ValueError: a number is out of range.
     """
 
     # one number per joint, the value at a = 1: torques [N m], or with a base angles [rad], 0.5 rad at most

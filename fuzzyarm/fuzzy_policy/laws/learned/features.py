@@ -133,10 +133,7 @@ class Features:
     def advance(
         self, memory: _Remembered, seen: Observation, told: tuple[Any, Any, Aim], action: Any, innovation: Any = ()
     ) -> _Remembered:
-        """Return the memory with the error of an observation and the action (n,) taken on it, in [-1, 1].
-
-        `told` is what `told` returns; the other arguments are as for `fill`.
-        """
+        """Return the memory with the error of an observation and the action (n,) in [-1, 1], see `told` and `fill`."""
         (past, feedforward, aim), means = told, memory.means
         if innovation:
             pairs = zip(means, self._shares, strict=True)
@@ -252,10 +249,7 @@ class Lanes:
     def act(
         self, observation: np.ndarray, action: np.ndarray, torque: np.ndarray, memory: np.ndarray, held: np.ndarray
     ) -> None:
-        """Advance both memories by an action (lanes, n) in [-1, 1].
-
-        `torque` (lanes, n) holds scale · a, and afterwards the torque [N m], which that is without a base.
-        """
+        """Advance both memories by an action (lanes, n); `torque` (lanes, n) holds scale · a, then the torque [N m]."""
         self._act((memory, held, observation, action, torque), self._given, self._tables)
 
 
