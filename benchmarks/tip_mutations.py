@@ -127,11 +127,11 @@ MUTATIONS = (
         "test_tip_segment.py",
     ),
     Mutation(
-        "deviations of the links", "tip_error.py", "bound = (widest + float(bent)) * ROUND_UP",
+        "deviations of the links", "tube.py", "bound = (widest + float(bent)) * ROUND_UP",
         "bound = offset + float(bent)", "test_tube.py",
     ),
     Mutation(
-        "second order of the tip", "tip_error.py", "(widest + float(bent)) * ROUND_UP", "widest * ROUND_UP",
+        "second order of the tip", "tube.py", "(widest + float(bent)) * ROUND_UP", "widest * ROUND_UP",
         "test_enclosures.py", "tip",
     ),
     Mutation(

@@ -1,9 +1,4 @@
-"""The files of an exported policy: header, source, and test vectors, in a folder.
-
-Observations at which an exported law is compared with its policy.
-
-An exported law, compiled on this machine: for the comparison with its policy, bit by bit, and for its time.
-"""
+"""The files of an exported policy: header, source, and test vectors; and the law compiled, to be compared with it."""
 
 from __future__ import annotations
 
@@ -33,13 +28,11 @@ from fuzzyarm.fuzzy_policy.laws.learned.estimate.policy import LearnedObserverPo
 from fuzzyarm.fuzzy_policy.policy import Policy
 
 __all__ = [
-    "CALLS", "FLAGS", "NUMBERS", "UNITS", "CompiledLaw", "about_policy", "c_name", "compilers", "export_c",
-    "header_text", "random_observations", "sources_of",
+    "CALLS", "FLAGS", "NUMBERS", "UNITS", "CompiledLaw", "c_name", "compilers", "export_c", "header_text",
+    "random_observations", "sources_of",
 ]  # fmt: skip
 
-CALLS = 200
-"""Consecutive calls in a file of test vectors."""
-
+CALLS = 200  # consecutive calls in a file of test vectors
 SHARE = 0.2  # of the calls, the last ones, that see any state
 FREQUENCIES = (2.0, 10.0)  # rad/s
 SMALLEST, LARGEST = -8.0, -0.5  # errors, powers of ten of the limits
@@ -104,20 +97,10 @@ def compilers() -> list[str]:
 
 
 class CompiledLaw:
-    """The functions of an exported law as machine code.
-
-    Attributes:
-        number: the NumPy type of its numbers.
-        joints: n.
-        memory_size: numbers that it remembers.
-    """
+    """The functions of an exported law as machine code; n joints."""
 
     def __init__(self, source: Path, joints: int, memory_size: int, number: str, compiler: str) -> None:
-        """Compile the source file of an exported law, beside which its header lies; `number` is "double" or "float".
-
-        Raises:
-            subprocess.CalledProcessError: the compiler has an error or a warning.
-        """
+        """Compile the source of an exported law, beside its header; `number` is "double" or "float"."""
         self.number = np.dtype({"double": np.float64, "float": np.float32}[number])
         self.joints, self.memory_size, name = joints, memory_size, source.stem
         loop, library = source.with_name(f"{name}_loop.c"), source.with_name(f"{name}_{compiler}_{number}.so")
@@ -132,10 +115,8 @@ class CompiledLaw:
     ) -> tuple[np.ndarray, np.ndarray]:
         """Return torques (calls, lanes, n) [N m] and memories (lanes, memory_size) after them.
 
-        Args:
-            observations: (calls, lanes, 5 n).
-            starts: (calls, lanes), whether an episode begins with this call.
-            memory: (lanes, memory_size) before the first call; default: zeros.
+        Observations are (calls, lanes, 5 n), `starts` (calls, lanes) say whether an episode begins with a call, and the
+        memory (lanes, memory_size) is that before the first call, by default zeros.
         """
         calls, lanes, _ = observations.shape
         seen = np.ascontiguousarray(observations, dtype=self.number)
@@ -161,11 +142,8 @@ class CompiledLaw:
         return torque[0, 0].astype(np.float64), memory
 
 
-NUMBERS = ("double", "float")
-"""Number types of the C source."""
-
-UNITS = ("rad", "rad/s", "rad", "rad/s", "rad/s^2")
-"""Of the parts of an observation."""
+NUMBERS = ("double", "float")  # number types of the C source
+UNITS = ("rad", "rad/s", "rad", "rad/s", "rad/s^2")  # of the parts of an observation
 _WIDTH = 110
 SEED = 2022  # of the test vectors
 
@@ -210,7 +188,7 @@ def sources_of(label: str, policy: Policy, number: str) -> dict[str, str]:
         source = source_text(program, name, number)
     except Unsupported as error:
         raise ValueError(f"{label} cannot be written in C: {error}; the documentation says which can") from None
-    about = about_policy(name, label, policy, program)
+    about = _about_policy(name, label, policy, program)
     return {f"{name}.h": header_text(name, about, program, number), f"{name}.c": source}
 
 
@@ -256,7 +234,7 @@ void {name}_step({arguments_text(program, name, number)});
 """
 
 
-def about_policy(name: str, label: str, policy: Policy, program: Recorded) -> list[str]:
+def _about_policy(name: str, label: str, policy: Policy, program: Recorded) -> list[str]:
     """Return what the header of a policy says: use, units, limits, and what is proven."""
     joints = policy.joints
     parts = ", ".join(f"{part} [{unit}]" for part, unit in zip(Observation._fields, UNITS, strict=True))

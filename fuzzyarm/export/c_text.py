@@ -1,9 +1,8 @@
 """The C text of a recorded program: one statement an operation, in the order of the law's source; loops stay loops.
 
 What nothing needs is left out; an operation that is used once, in the region where it is computed, stands where it is
-used, in brackets, which changes neither its operands nor its rounding.
-
-C functions of the exported programs that do what Python does by itself or by its library, to the bit.
+used, in brackets, which changes neither its operands nor its rounding. What Python does by its library is done, to the
+bit, by C functions of the program's own.
 """
 
 from __future__ import annotations
@@ -29,8 +28,8 @@ from fuzzyarm.numbers.regions import Branch, For, Loop, Region, Store
 from fuzzyarm.numbers.symbols import Symbol
 
 __all__ = [
-    "HELPERS", "LARGEST", "LAW", "MODEL", "Function", "Recorded", "TooLarge", "Unsupported", "Writer",
-    "arguments_text", "helper_text", "literal_of", "program_of", "source_text",
+    "LARGEST", "LAW", "MODEL", "Function", "Recorded", "Unsupported", "Writer", "arguments_text", "helper_text",
+    "literal_of", "program_of", "source_text",
 ]  # fmt: skip
 
 
@@ -38,12 +37,11 @@ class Unsupported(ValueError):
     """A law is written with something that cannot be exported; the message says what, and where."""
 
 
-class TooLarge(Unsupported):
+class _TooLarge(Unsupported):
     """A program has more numbers in its tables than is allowed."""
 
 
-LARGEST = 2**18
-"""Numbers that all tables of a program may have: 2 MiB in double precision."""
+LARGEST = 2**18  # numbers that all tables of a program may have: 2 MiB in double precision
 
 
 LAW, MODEL = ("observation", "torque"), ("input", "output")
@@ -51,19 +49,12 @@ LAW, MODEL = ("observation", "torque"), ("input", "output")
 
 
 class Function(NamedTuple):
-    """A function of the exported program: numbers in, numbers out.
+    """A function of the exported program: numbers in, numbers out."""
 
-    Attributes:
-        name: in the program.
-        program: its ports are the arguments and the results.
-        parameters: places among the arguments, and names, of those that it needs.
-        result: a tree of as many numbers as it returns.
-    """
-
-    name: str
-    program: Program
-    parameters: tuple[tuple[int, str], ...]
-    result: Any
+    name: str  # in the program
+    program: Program  # its ports are the arguments and the results
+    parameters: tuple[tuple[int, str], ...]  # places among the arguments, and names, of those that it needs
+    result: Any  # a tree of as many numbers as it returns
 
 
 class _Program(Program):
@@ -103,7 +94,6 @@ class _Program(Program):
 
 
 def _named(name: str, tree: Any) -> list[str]:
-    """Return names of the numbers of a tree."""
     if not isinstance(tree, tuple):
         return [f"{name}_"]  # no word of C
     parts = getattr(tree, "_fields", range(len(tree)))
@@ -115,18 +105,6 @@ class Recorded(_Program):
 
     The ports are the memory, the numbers that are given and the result: of a policy the observation and the torques of
     every motor [N m].
-
-    Args:
-        step: a function of numbers.
-        given: names of the numbers that are given, and a tree of as many zeros.
-        memory: a tree of zeros, and `Cells`.
-        results: how many numbers the result has.
-        words: what the arrays are called, `LAW` or `MODEL`.
-        source: the function of the package that it is made from.
-        contents: of the tables.
-
-    Raises:
-        Unsupported: the function has something that cannot be written in C.
     """
 
     def __init__(
@@ -139,7 +117,12 @@ class Recorded(_Program):
         source: str,
         contents: Sequence[np.ndarray] = (),
     ) -> None:
-        """Record."""
+        """Record a function of numbers; `Unsupported` if it has something that cannot be written in C.
+
+        `given` are names of the numbers that are given, and a tree of as many zeros; `memory` is a tree of zeros and
+        `Cells`. `words` are what the arrays are called, `LAW` or `MODEL`; `source` is the function of the package that
+        it is made from, `contents` are those of the tables.
+        """
         (self.names, zeros), self.words, self.source, self.contents = given, words, source, contents
 
         def whole(memory: Any, given: Any, _: Any, __: Any, *tables: Any) -> tuple[Any, Any, Any]:
@@ -153,12 +136,7 @@ class Recorded(_Program):
 
 
 def program_of(policy: Policy) -> Recorded:
-    """Return the program of a policy.
-
-    Raises:
-        Unsupported: it has no law, or its law has something that cannot be written in C.
-        TooLarge: its tables have more than `LARGEST` numbers.
-    """
+    """Return the program of a policy; `Unsupported` if it has no law, too large tables, or cannot be written in C."""
     law, joints = law_of(policy), policy.joints
     if law is None:
         raise Unsupported(
@@ -166,7 +144,7 @@ def program_of(policy: Policy) -> Recorded:
         )
     numbers = sum(table.size for table in law.tables)
     if numbers > LARGEST:
-        raise TooLarge(f"it has {numbers} numbers in its tables or layers; allowed: {LARGEST}")
+        raise _TooLarge(f"it has {numbers} numbers in its tables or layers; allowed: {LARGEST}")
     names = [f"{part}{joint + 1}" for part in Observation._fields for joint in range(joints)]
     command, constants = within_limits(law, joints, policy.integral_at), law.constants
     limit = tuple(policy.torque_limit.tolist())
@@ -178,7 +156,7 @@ def program_of(policy: Policy) -> Recorded:
     return Recorded(step, (names, seen_by(joints)), law.memory, joints, LAW, source, law.tables)
 
 
-HELPERS = {
+_HELPERS = {
     "rint": """/* The nearest whole number, the even one of two; exact. */
 static {real} rint_({real} x)
 {{
@@ -270,7 +248,7 @@ static int place_({real} x, int last)
 
 
 def helper_text(operation: str, real: str) -> str:
-    """Return the C function of an operation, a key of `HELPERS`; `real` is "double" or "float"."""
+    """Return the C function of an operation, a key of `_HELPERS`; `real` is "double" or "float"."""
     literal = functools.partial(literal_of, real=real)
     digits, steps = {"double": (53, 9), "float": (24, 6)}[real]
     exponents = [2**step for step in range(steps, 0, -1)]
@@ -286,7 +264,7 @@ def helper_text(operation: str, real: str) -> str:
         "roots": form.fill(", ".join(literal(2.0 ** (exponent // 2)) for exponent in exponents)),
     }
     words = {"real": real, "steps": str(steps), "epsilon": {"double": "DBL", "float": "FLT"}[real]}
-    return HELPERS[operation].format(**words, **lists, **{name: literal(number) for name, number in numbers.items()})
+    return _HELPERS[operation].format(**words, **lists, **{name: literal(number) for name, number in numbers.items()})
 
 
 LONGEST = 70  # characters of an operation that stands where it is used
@@ -296,10 +274,7 @@ _LOOSE = {*_INFIX, "select", "real", "neg"}  # operations whose text needs brack
 
 
 def literal_of(number: float, real: str) -> str:
-    """Return a number as text; one too small for float is the smallest normal one, as it guards a division.
-
-    `real` is "double" or "float".
-    """
+    """Return a number as text; one too small for "float" is the smallest normal one, as it guards a division."""
     if not math.isfinite(number):  # C99 has no literal for it
         top = literal_of(0.0 if math.isnan(number) else math.copysign(1.0, number), real)
         return f"({top} / {literal_of(0.0, real)})"
@@ -311,17 +286,13 @@ def literal_of(number: float, real: str) -> str:
 
 
 class _Uses:
-    """What the outputs of a program need, and where.
-
-    Attributes:
-        regions: of each symbol that is needed, where it is used; None where its text has to be a name.
-        read: the memories whose numbers are needed, and what is kept.
-    """
+    """What the outputs of a program need, and where."""
 
     def __init__(self, program: Program, outputs: Iterable[Any]) -> None:
         """Go from the outputs, and from what is stored into kept memory, to what they are computed from."""
+        # Of each symbol that is needed, where it is used; None where its text has to be a name.
         self.regions: dict[Symbol, list[Region | None]] = defaultdict(list)
-        self.read = {"room"}
+        self.read = {"room"}  # the memories whose numbers are needed, and what is kept
         self._from: dict[Symbol, list[tuple[Any, Region | None]]] = {}
         self._stored: dict[str, list[tuple[Any, Region]]] = defaultdict(list)
         self._conditions: dict[Region, Any] = {}
@@ -371,16 +342,11 @@ class _Uses:
 
 
 class Writer:
-    """Writes functions of a program.
-
-    Attributes:
-        used: the operations of `HELPERS` that were needed, and the functions.
-        tables: the tables that were looked up in, by number.
-    """
+    """Writes functions of a program."""
 
     def __init__(self, of: Recorded, real: str) -> None:
         """Begin; `real` is "double" or "float"."""
-        self.used, self.tables = set[Any](), set[int]()
+        self.used, self.tables = set[Any](), set[int]()  # what was needed of `_HELPERS` and functions; tables looked up
         self._of, self._real = of, real
         self._texts: dict[Symbol, str] = {}
         self._called: dict[Any, list[str]] = {}
@@ -417,10 +383,8 @@ class Writer:
     ) -> list[str]:
         """Return the lines of a function.
 
-        Args:
-            program: what it does.
-            inputs: the name of each number that is given, and where it is read; empty: it has this name already.
-            outputs: texts with {} for a number, and the number.
+        `inputs` has the name of each number that is given, and where it is read; empty: it has this name already.
+        `outputs` are texts with {} for a number, and the number.
         """
         self._uses, self._names = _Uses(program, [out for _, out in outputs]), 0
         lines = [
@@ -556,7 +520,7 @@ class Writer:
             return f"{texts[0]} ? {self._literal(1.0)} : {self._literal(0.0)}"
         if name in ("neg", "not"):
             return f"{'-' if name == 'neg' else '!'}{texts[0]}"
-        if name not in HELPERS:
+        if name not in _HELPERS:
             raise Unsupported(f"{self._of.source} computes a {name}, which has no C function here")
         self.used |= {name, "rint"} if name == "floor" else {name}
         return f"{name}_({_bare(texts[0])})"
@@ -571,7 +535,6 @@ class Writer:
         return f"{'state->memory' if memory == 'room' else memory}[{_index(constant, terms)}]"
 
     def _text(self, operand: Any, user: Symbol | None = None) -> str:
-        """Return a symbol or a number as text."""
         if isinstance(operand, Symbol):
             return self._texts[operand]
         if user is not None and user.operation in ("&", "|", "not"):
@@ -599,7 +562,6 @@ def wrapped(texts: Iterable[str], indent: str, further: str | None = None) -> li
 
 
 def _bare(text: str) -> str:
-    """Return a text without the brackets around all of it."""
     inner = text[1:-1]
     balanced, depth = text.startswith("(") and text.endswith(")"), 0
     for mark in inner:
@@ -609,22 +571,16 @@ def _bare(text: str) -> str:
 
 
 def source_text(of: Recorded, name: str, real: str) -> str:
-    """Return the C source of a program.
+    """Return the C source of a policy's or a plant's program; `real` is "double" or "float".
 
-    Args:
-        of: a policy's or a plant's.
-        name: what its functions, its struct and its header begin with.
-        real: "double" or "float".
-
-    Raises:
-        Unsupported: the program has an operation that cannot be written in C.
+    Functions, struct and header begin with `name`. `Unsupported` if an operation cannot be written in C.
     """
     writer = Writer(of, real)
     lines, arguments, functions = writer.step(), arguments_text(of, name, real), list[str]()
     for function in reversed(of.functions.values()):  # a function calls only those before it
         if function.name in writer.used:
             functions.insert(0, writer.function(function))
-    helpers = [helper_text(operation, real) for operation in HELPERS if operation in writer.used]
+    helpers = [helper_text(operation, real) for operation in _HELPERS if operation in writer.used]
     tables = [_table(number, of.contents[number], real) for number in sorted(writer.tables)]
     unused = [
         f"{_INDENT}(void){word};"

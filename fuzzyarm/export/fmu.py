@@ -3,8 +3,6 @@
 A communication step of a controller is its control period: the law acts on the inputs at the beginning of the step, and
 its torques hold during it. A step of a plant is a whole number of control periods. A host that steps the controller,
 passes the torques on and then steps the plant does what the environment's loop does, to the bit.
-
-The C source that lets an FMI 2.0 host drive an exported program: instances, variables, steps; see `fmu`.
 """
 
 from __future__ import annotations
@@ -33,8 +31,7 @@ from fuzzyarm.export.c_text import MODEL, Recorded, source_text
 from fuzzyarm.export.plant import Plant
 from fuzzyarm.fuzzy_policy.policy import Policy
 
-__all__ = ["PLANT", "export_controller_fmu", "export_plant_fmu", "fmu_source"]
-
+__all__ = ["PLANT", "export_controller_fmu", "export_plant_fmu"]
 
 _IDLE = {
     "fmi2SetDebugLogging": "fmi2Boolean on, size_t n, const fmi2String categories[]",
@@ -306,13 +303,11 @@ OPEN fmi2Status NAMED(fmi2DoStep)(fmi2Component c, fmi2Real now, fmi2Real size, 
 """
 
 
-def fmu_source(name: str, numbers: Mapping[str, str]) -> str:
-    """Return the C source.
+def _fmu_source(name: str, numbers: Mapping[str, str]) -> str:
+    """Return the C source of the FMU of a program.
 
-    Args:
-        name: of the program, with which its functions begin.
-        numbers: texts for the marks of the source: guid, given, shown, results, period; code for ranges, show, started
-            and single; and allowed, the step sizes in words.
+    `numbers` are texts for the marks of the source: guid, given, shown, results, period; code for ranges, show, started
+    and single; and allowed, the step sizes in words.
     """
     text = f'#include "{name}.h"\n@include@\n#include <stddef.h>\n#include <string.h>\n{_TYPES}{_BODY}'
     for function, arguments in (_IDLE | _EXCUSED).items():
@@ -325,9 +320,7 @@ def fmu_source(name: str, numbers: Mapping[str, str]) -> str:
     return re.sub(r"@(\w+)@", lambda mark: {**numbers, "name": name}[mark[1]], text)
 
 
-PLANT = "plant"
-"""What the plant is called beside the names of policies."""
-
+PLANT = "plant"  # what the plant is called beside the names of policies
 _PARTS = (("q_motor", "rad"), ("q_link", "rad"), ("dq_motor", "rad/s"), ("dq_link", "rad/s"))  # in the order of `State`
 _UNITS = {
     "rad": 'rad="1"',
@@ -357,17 +350,11 @@ class _Variable:
 
 
 def export_controller_fmu(label: str, policy: Policy, folder: Path) -> Path:
-    """Write a policy as an FMU into a folder, which must exist; return the file.
+    """Write a policy as an FMU, named after its label, into a folder, which must exist; return the file.
 
     Inputs are the numbers of an observation, q_motor1, ..., ddq_reference1, ... [rad, rad/s, rad/s²], outputs the
-    torques [N m].
-
-    The label of the policy gives the file its name.
-
-    Raises:
-        ValueError: the policy's source has something that cannot be written in C, or the folder holds another FMU of
-            this name.
-        OSError: the file cannot be written.
+    torques [N m]. ValueError if the policy's source has something that cannot be written in C, or the folder holds
+    another FMU of this name; OSError if the file cannot be written.
     """
     joints, name, box = range(1, policy.joints + 1), c_name(label), observation_space([policy.parameters])
     names = [(f"{part}{k}", unit) for part, unit in zip(Observation._fields, UNITS, strict=True) for k in joints]
@@ -391,12 +378,9 @@ def export_plant_fmu(arm: AnyArm, folder: Path, control_period: float = 1e-3) ->
 
     Inputs are the motor torques [N m] and a force on the tip [N], outputs the 4 n numbers of the state [rad, rad/s] and
     the place of the tip [m]; a parameter is the mass of a payload at the tip [kg]. The start is that of the
-    environment, or the hanging arm where its motion is out of reach; a host may set another one. The control period is
-    in s.
-
-    Raises:
-        ValueError: the control period is out of range, or the folder holds another FMU of this name.
-        OSError: the file cannot be written.
+    environment, or the hanging arm where its motion is out of reach; a host may set another one. ValueError if the
+    control period [s] is out of range, or the folder holds another FMU of this name; OSError if the file cannot be
+    written.
     """
     plant, start = Plant(arm, control_period), _start(arm)
     joints, axes = range(1, plant.joints + 1), "xyz"[: plant.axes]
@@ -462,7 +446,7 @@ def _write(
     whole = "\n".join([*sources.values(), *map(repr, variables), *code.values()])
     guid = "{" + str(uuid.uuid5(uuid.NAMESPACE_URL, whole)) + "}"
     files = {f"sources/{file}": text for file, text in sources.items()}
-    files["sources/fmu.c"] = fmu_source(name, {**code, "guid": guid})
+    files["sources/fmu.c"] = _fmu_source(name, {**code, "guid": guid})
     compiled = [file.removeprefix("sources/") for file in files if file.endswith(".c")]
     files["modelDescription.xml"] = _description(name, guid, variables, compiled, period, bool(code["single"]))
     content = io.BytesIO()
@@ -510,7 +494,6 @@ def _description(
 
 
 def _variable(reference: int, one: _Variable) -> str:
-    """Return the element of a variable."""
     start = "" if one.start is None else f' start="{np.float64(one.start).item()!r}"'
     if one.causality != "output" and one.high < sys.float_info.max:  # an output may leave the range of its start
         start = f' min="{one.low!r}" max="{one.high!r}"{start}'

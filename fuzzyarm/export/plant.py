@@ -22,23 +22,13 @@ __all__ = ["Plant"]
 class Plant:
     """An elastic arm with friction that is stepped control period by control period.
 
-    Given are n motor torques [N m] and a force on the tip [N]; remembered are the 4 n numbers of the state, `State`,
-    and behind them the mass of a payload [kg] where the arm carries one; the result is the place of the tip [m].
-
-    Attributes:
-        joints: n.
-        axes: of the tip's space, 2 or 3.
-        control_period: T [s].
-        memory: zeros, in the shape of what is remembered.
-        memory_size: 4 n + 1.
+    Given are n motor torques [N m] and a force on the tip [N] of 2 or 3 axes; remembered are the 4 n numbers of the
+    state, `State`, and behind them the mass of a payload [kg] where the arm carries one; the result is the place of the
+    tip [m].
     """
 
     def __init__(self, arm: AnyArm, control_period: float = 1e-3) -> None:
-        """Take the equations and the numbers of an arm.
-
-        Raises:
-            ValueError: the control period is out of range.
-        """
+        """Take the equations and the numbers of an arm; ValueError if the control period [s] is out of range."""
         physics = equations_of(arm)
         self.joints, self.axes, self.control_period = physics.joints, physics.axes, control_period
         self._substeps = whole_substeps(control_period, None, fastest_rate([arm]))

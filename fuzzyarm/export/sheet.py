@@ -1,9 +1,4 @@
-"""A law written down: its equations, its numbers with units, a state to check an implementation at, its certificate.
-
-The sheet of a fuzzy law: premises, memberships, vertices and gains of a controller file.
-
-What each law's sheet says: `sheet_of` finds the equations and the numbers of a policy.
-"""
+"""A law written down: its equations, its numbers with units, a state to check an implementation at, its certificate."""
 
 from __future__ import annotations
 
@@ -46,47 +41,30 @@ __all__ = [
     "sheet_of",
 ]
 
-
 _COLUMNS = ("quantity", "index", "unit", "value")
 _DIGITS = 10  # of a number in the text; JSON and CSV have the shortest one that identifies it
 
 
 @dataclasses.dataclass(frozen=True)
 class Quantity:
-    """An array of numbers of a law.
+    """An array of numbers of a law."""
 
-    Attributes:
-        name: as in the equations.
-        unit: of every entry, as text; "-" for none, "SI" where rows have different ones.
-        meaning: in words, with the meaning of the axes.
-        values: any shape, () for one number.
-    """
-
-    name: str
-    unit: str
-    meaning: str
-    values: np.ndarray
+    name: str  # as in the equations
+    unit: str  # of every entry, as text; "-" for none, "SI" where rows have different ones
+    meaning: str  # in words, with the meaning of the axes
+    values: np.ndarray  # any shape, () for one number
 
 
 @dataclasses.dataclass(frozen=True)
 class LawSheet:
-    """What an engineer needs to implement a policy.
+    """What an engineer needs to implement a policy."""
 
-    Attributes:
-        policy: its name.
-        law: what it is, in words.
-        equations: one a line, in the order of computation.
-        quantities: their numbers.
-        check: what the implementation has to give for one observation.
-        certificate: what is proven; None where nothing is.
-    """
-
-    policy: str
-    law: str
-    equations: tuple[str, ...]
-    quantities: tuple[Quantity, ...]
-    check: tuple[Quantity, ...]
-    certificate: PolicyCertificate | None
+    policy: str  # its name
+    law: str  # what it is, in words
+    equations: tuple[str, ...]  # one a line, in the order of computation
+    quantities: tuple[Quantity, ...]  # their numbers
+    check: tuple[Quantity, ...]  # what the implementation has to give for one observation
+    certificate: PolicyCertificate | None  # what is proven; None where nothing is
 
     def to_text(self) -> str:
         """Return the sheet for a person; numbers have ten digits."""
@@ -146,10 +124,7 @@ def certified_numbers(certificate: PolicyCertificate) -> dict[str, str]:
     """
     controller = certificate.controller
     unit = {"consistent": "rad/(N m)", "paper": "SI units"}.get(getattr(controller, "form", ""), "s^2")
-    numbers = {
-        "alpha": f"{at_least(controller.alpha, 6)} 1/s",
-        "gamma": f"{at_most(controller.gamma, 6)} {unit}",
-    }
+    numbers = {"alpha": f"{at_least(controller.alpha, 6)} 1/s", "gamma": f"{at_most(controller.gamma, 6)} {unit}"}
     if controller.fastest_pole is not None:
         numbers["fastest_pole"] = f"{at_most(controller.fastest_pole, 6)} 1/s"
     void = {} if certificate.bounds is not None else {"claim": "void along this reference, see the text"}
@@ -214,11 +189,7 @@ _CHECKED_TICKS = 3
 
 
 def sheet_of(name: str, policy: Policy) -> LawSheet:
-    """Return the sheet of a policy; its name stands in the heading.
-
-    Raises:
-        ValueError: the policy is none that a few equations and matrices describe.
-    """
+    """Return the sheet of a policy, whose name stands in the heading; ValueError if no few equations describe it."""
     law, equations, quantities = _law(instance("policy", policy, Policy))  # type: ignore[type-abstract]
     common = (
         Quantity("T", "s", "control period, the time between two calls", np.array(policy.control_period)),
@@ -264,7 +235,6 @@ def _checked(policy: Policy) -> tuple[Quantity, ...]:
 
 
 def _law(policy: Policy) -> _Law:
-    """Return the law in words, its equations and its numbers."""
     match policy:
         case FuzzyPolicy():
             title, equations, quantities = fuzzy_law(policy.controller)

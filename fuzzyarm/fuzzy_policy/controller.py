@@ -14,26 +14,15 @@ import numpy as np
 from fuzzyarm.common.checks import choice, instance, real, truth
 from fuzzyarm.envs.observation import JOINTS
 from fuzzyarm.envs.physics.parameters import ArmParameters
-from fuzzyarm.fuzzy_policy.signed_files import (
-    SignedController,
-    checked_fields,
-    decoded,
-    encoded,
-)
+from fuzzyarm.fuzzy_policy.signed_files import SignedController, checked_fields, decoded, encoded
 from fuzzyarm.fuzzy_policy.states import ERROR_STATES, PLANT_STATES, VELOCITY
 from fuzzyarm.fuzzy_policy.ts_model import TSModel
 
-__all__ = [
-    "FORMS",
-    "GAINS",
-    "POLE_ARRAYS",
-    "RATES",
-    "Controller",
-    "consistent_feedforward",
-]
+__all__ = ["FORMS", "GAINS", "POLE_ARRAYS", "RATES", "Controller", "consistent_feedforward"]
 
 SCHEMA = "fuzzyarm-controller/1"
 FORMS = ("consistent", "paper")  # of Theorem 2: with a consistent feedforward, and as printed
+STATED = ("form", "integral", "common_multiplier")
 ARRAYS = ("weight", "gains", "feedforward", "P", "Q", "X", "tau")
 POLE_ARRAYS = ("pole_Q", "pole_X", "pole_tau")  # of the bound of the fastest pole
 OPTIONAL = ("fastest_pole", *POLE_ARRAYS)  # optional: left out of the file where they are None
@@ -131,17 +120,14 @@ class Controller(SignedController):
         n, pairs = n_e + reference_states, N * (N + 1) // 2
         if self.common_multiplier:
             m = len({u.on for u in self.model.uncertainties})
+        slack = {"Q": (pairs, n, n), "X": (pairs, n, n), "tau": (pairs, N_e, m)}
         return {
             "weight": (PLANT_STATES,) if paper else None,
             "gains": (N, N_e, JOINTS, n_e),
             "feedforward": (N, N_e, JOINTS, 3 * JOINTS) if paper else None,
             "P": (n, n),
-            "Q": (pairs, n, n),
-            "X": (pairs, n, n),
-            "tau": (pairs, N_e, m),
-            "pole_Q": (pairs, n, n) if pole else None,
-            "pole_X": (pairs, n, n) if pole else None,
-            "pole_tau": (pairs, N_e, m) if pole else None,
+            **slack,
+            **{f"pole_{name}": shape if pole else None for name, shape in slack.items()},
         }
 
     @property
@@ -156,13 +142,7 @@ class Controller(SignedController):
             "robot": self.model.parameters.to_dict(),
             "kept": list(self.model.kept),
             "bounds": self.model.bounds,
-            "form": self.form,
-            "integral": self.integral,
-            "common_multiplier": self.common_multiplier,
-            "alpha": self.alpha,
-            "gamma": self.gamma,
-            "origin": self.origin,
-            **{name: getattr(self, name) for name in ARRAYS},
+            **{name: getattr(self, name) for name in (*STATED, "alpha", "gamma", "origin", *ARRAYS)},
             **{name: getattr(self, name) for name in OPTIONAL if getattr(self, name) is not None},
         }
         content: dict[str, Any] = encoded(document)
@@ -184,7 +164,7 @@ class Controller(SignedController):
         if arrays["tau"] is not None and arrays["tau"].size == 0:
             arrays["tau"] = np.zeros((len(document["Q"]), len(model.E_vertices), 0))
         numbers = {name: decoded(document[name]) for name in ("alpha", "gamma", "fastest_pole") if name in document}
-        asked = {name: document[name] for name in ("form", "integral", "common_multiplier", "origin")}
+        asked = {name: document[name] for name in (*STATED, "origin")}
         return cls(model=model, **asked, **numbers, **arrays)
 
 

@@ -13,12 +13,7 @@ __all__ = ["load_controller"]
 
 
 def load_controller(path: str | Path) -> Controller | ScheduledController:
-    """Read a controller file of any form.
-
-    Raises:
-        ControllerFileError: not a controller file, of another version, damaged, or inconsistent.
-        OSError: the file cannot be read.
-    """
+    """Read a controller file of any form; ControllerFileError if it is damaged, OSError if it is unreadable."""
 
     def build(content: Any) -> Controller | ScheduledController:
         form = ScheduledController if isinstance(content, dict) and content.get("schema") == SCHEMA else Controller

@@ -31,8 +31,7 @@ class Drives(NamedTuple):
     dry_friction: DryFriction
 
 
-QUANTITIES = (*Drives._fields[:-1], *DryFriction._fields)
-"""Names of the numbers of `Drives`, in their order."""
+QUANTITIES = (*Drives._fields[:-1], *DryFriction._fields)  # names of the numbers of `Drives`, in their order
 
 
 def checked_arm(name: str, arm: Any) -> AnyArm:

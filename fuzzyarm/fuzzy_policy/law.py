@@ -28,19 +28,12 @@ __all__ = ["Law", "LawPolicy", "constants_array", "law_of", "seen_by", "within",
 
 
 class Law(NamedTuple):
-    """A law and its numbers.
+    """A law and its numbers."""
 
-    Attributes:
-        act: see the module.
-        memory: a tree of zeros.
-        constants: a tree of floats.
-        tables: arrays (rows, columns).
-    """
-
-    act: Callable[..., tuple[Any, Any]]
-    memory: Any
-    constants: Any
-    tables: tuple[np.ndarray, ...] = ()
+    act: Callable[..., tuple[Any, Any]]  # see the module
+    memory: Any  # a tree of zeros
+    constants: Any  # a tree of floats
+    tables: tuple[np.ndarray, ...] = ()  # arrays (rows, columns)
 
 
 def seen_by(joints: int) -> Observation:
@@ -54,10 +47,7 @@ def within(torque: Any, limit: Any) -> Any:
 
 
 def within_limits(law: Law, joints: int, integral_at: int | None) -> Callable[..., tuple[Any, Any]]:
-    """Return ``command(memory, seen, (constants, limit), *tables)``: the law within its torque limits [N m].
-
-    What `Policy.command` says: x_I,j stays as it was where its change would drive a torque beyond the limit further.
-    """
+    """Return ``command(memory, seen, (constants, limit), *tables)``: the law within limits, see `Policy.command`."""
 
     def command(memory: Any, seen: Any, given: Any, *tables: Any) -> tuple[Any, Any]:
         constants, limit = given
@@ -107,15 +97,7 @@ class LawPolicy(Policy):
 
     def __getstate__(self) -> dict[str, Any]:
         """Leave out what is made when it is needed."""
-        made = (
-            "control_law",
-            "_act_kernel",
-            "_command_kernel",
-            "_constants",
-            "_limited_constants",
-            "_lawful",
-            "_alone",
-        )
+        made = {name for name, part in vars(LawPolicy).items() if isinstance(part, functools.cached_property)}
         return {name: value for name, value in super().__getstate__().items() if name not in made}
 
     @functools.cached_property
@@ -125,31 +107,24 @@ class LawPolicy(Policy):
 
     @functools.cached_property
     def _act_kernel(self) -> Kernel:
-        law = self.control_law
-
-        def act(memory: Any, seen: Any, _: Any, constants: Any, *tables: Any) -> tuple[Any, Any, Any]:
-            after, torque = law.act(memory, seen, constants, *tables)
-            return after, seen, tuple(torque)
-
-        return self._kernel(act, law.constants)
+        return self._kernel(self.control_law.act, self.control_law.constants)
 
     @functools.cached_property
     def _command_kernel(self) -> Kernel:
         command = within_limits(self.control_law, self.joints, self.integral_at)
-
-        def limited(memory: Any, seen: Any, _: Any, given: Any, *tables: Any) -> tuple[Any, Any, Any]:
-            after, torque = command(memory, seen, given, *tables)
-            return after, seen, tuple(torque)
-
-        return self._kernel(limited, (self.control_law.constants, (0.0,) * self.joints))
+        return self._kernel(command, (self.control_law.constants, (0.0,) * self.joints))
 
     @functools.cached_property
     def _alone(self) -> _Alone:
         return _Alone(self._command_kernel, self._limited_constants, self.control_law.tables)
 
-    def _kernel(self, function: Callable[..., Any], constants: Any) -> Kernel:
+    def _kernel(self, function: Callable[..., tuple[Any, Any]], constants: Any) -> Kernel:
+        def step(memory: Any, seen: Any, _: Any, given: Any, *tables: Any) -> tuple[Any, Any, Any]:
+            after, torque = function(memory, seen, given, *tables)
+            return after, seen, tuple(torque)
+
         ports = (self.control_law.memory, seen_by(self.joints), (0.0,) * self.joints)
-        return Kernel(Program(function, ports, constants, [table.shape for table in self.control_law.tables]))
+        return Kernel(Program(step, ports, constants, [table.shape for table in self.control_law.tables]))
 
     @functools.cached_property
     def _constants(self) -> np.ndarray:
@@ -161,17 +136,10 @@ class LawPolicy(Policy):
 
 
 class _Alone:
-    """A law for one arm, from as many threads at once as there are.
-
-    It has arrays of its own: to copy a few numbers takes less time than to note where they are.
-
-    Attributes:
-        shapes: of memory, observation and torque.
-    """
+    """A law for one arm, for any number of threads, with arrays of its own: copying beats looking up where they are."""
 
     def __init__(self, kernel: Kernel, constants: np.ndarray, tables: Sequence[np.ndarray]) -> None:
-        """Keep what is the same in every call."""
-        self.shapes = tuple((1, numbers) for numbers in kernel.program.ports)
+        self.shapes = tuple((1, numbers) for numbers in kernel.program.ports)  # of memory, observation and torque
         self._kernel, self._rest, self._own = kernel, (constants, tables), threading.local()
 
     def run(self, memory: np.ndarray, observation: np.ndarray, torque: np.ndarray) -> None:

@@ -6,7 +6,7 @@ import abc
 import functools
 import warnings
 from collections.abc import Callable
-from typing import TYPE_CHECKING, Any, Generic, Protocol, TypeVar
+from typing import Any, Generic, Protocol, TypeVar
 
 import numpy as np
 
@@ -17,13 +17,9 @@ from fuzzyarm.envs.physics.equations import AnyArm
 from fuzzyarm.fuzzy_policy.known_arm import checked_arm, joints_of, per_joint_of
 from fuzzyarm.fuzzy_policy.sample_clock import SampleClock
 
-if TYPE_CHECKING:
-    pass
+__all__ = ["PassLearner", "Policy", "Predictor", "Repeated"]
 
-__all__ = ["PassLearner", "Policy", "Predictor", "Repeated", "checked_observation"]
-
-MISMATCH = 0.01
-"""Share of its control period by which the samples of a policy may be apart without a word."""
+_MISMATCH = 0.01  # share of its control period by which the samples of a policy may be apart without a word
 
 
 class Predictor(Protocol):
@@ -44,12 +40,7 @@ class Repeated(Predictor, Protocol):
     """A policy that learns from one pass over a path for the next; what it has learned is in its state."""
 
     def begin_pass(self, state: Any) -> Any:
-        """Return the state with which the next pass begins, from the last one of this pass.
-
-        Raises:
-            TypeError: the state is not what `predict` returned.
-            ValueError: it has seen no sample.
-        """
+        """Return the state with which the next pass begins, from the last one of this pass."""
         ...
 
 
@@ -75,12 +66,7 @@ class Policy(abc.ABC):
     _clock: SampleClock | None = None
 
     def __init__(self, parameters: AnyArm, control_period: float) -> None:
-        """Keep the robot and the control period T [s].
-
-        Raises:
-            TypeError: the robot is none, or the control period is no number.
-            ValueError: the control period is out of range.
-        """
+        """Take the robot and the control period T [s]; TypeError or ValueError if one is none or out of range."""
         self.parameters = checked_arm("parameters", parameters)
         self.joints = joints_of(parameters)
         self.control_period = checked_period("control_period", control_period)
@@ -93,7 +79,6 @@ class Policy(abc.ABC):
         return self.joints
 
     def __getstate__(self) -> dict[str, Any]:
-        """Leave out what belongs to a loop."""
         return {name: value for name, value in self.__dict__.items() if name != "_clock"}
 
     def without_dry_friction(self) -> Policy:
@@ -102,10 +87,7 @@ class Policy(abc.ABC):
 
     @abc.abstractmethod
     def act(self, observation: np.ndarray, memory: np.ndarray, torque: np.ndarray) -> None:
-        """Fill `torque` (lanes, n), unclipped, and advance `memory` (lanes, memory_size), both in place.
-
-        For `observation` (lanes, 5 n); nothing is checked, see `predict`.
-        """
+        """Fill `torque` (lanes, n), unclipped, and advance `memory` (lanes, m) for `observation` (lanes, 5 n)."""
 
     def command(self, observation: np.ndarray, memory: np.ndarray, torque: np.ndarray) -> bool:
         """Do what `act` does, within the limits of the torques; return whether all torques are numbers.
@@ -136,12 +118,7 @@ class Policy(abc.ABC):
         return np.asarray(np.clip(torque, -self._torque_limit, self._torque_limit))
 
     def checked_state(self, state: Any) -> np.ndarray:
-        """Return a state (..., memory_size) that `predict` gave as an array.
-
-        Raises:
-            TypeError: it holds something else than real numbers.
-            ValueError: it has another shape.
-        """
+        """Return a state (..., memory_size) that `predict` gave as an array; TypeError or ValueError if it is none."""
         array = array_of("state", state)
         if array.dtype.kind not in "fiu":
             raise TypeError(f"state = {shown(state)} must be an array (..., {self.memory_size}) of predict")
@@ -183,7 +160,7 @@ class Policy(abc.ABC):
             ValueError: an argument has a wrong shape; a number of the observation is not finite, or so large that no
                 torque follows.
         """
-        batch = checked_observation(observation, self.joints)
+        batch = _checked_observation(observation, self.joints)
         lanes, single = len(batch), np.ndim(observation) == 1
         if state is None:
             memory, self._clock = np.zeros((lanes, self.memory_size)), SampleClock()
@@ -204,7 +181,7 @@ class Policy(abc.ABC):
         clock = self._clock
         action = np.empty((lanes, self.joints))
         if clock is not None and lanes and (period := clock.see(batch, state)):
-            differs = abs(period - self.control_period) > MISMATCH * self.control_period
+            differs = abs(period - self.control_period) > _MISMATCH * self.control_period
             if differs and self._meets(period, clock.sure):
                 memory = np.zeros((lanes, self.memory_size))
                 for sample in clock.samples[:-1]:  # what the policy would remember had it been made so at once
@@ -239,15 +216,10 @@ class Policy(abc.ABC):
         return False
 
 
-def checked_observation(observation: Any, joints: int) -> np.ndarray:
-    """Return observations (5 n,) or (lanes, 5 n) of n joints as a batch (lanes, 5 n) of finite numbers.
+def _checked_observation(observation: Any, joints: int) -> np.ndarray:
+    """Return observations (5 n,) or (lanes, 5 n) of n joints as a batch (lanes, 5 n) of finite numbers, in C order.
 
-    The batch has its rows one after the other, aligned and writable. It is the observation itself where that is laid
-    out so.
-
-    Raises:
-        TypeError: it holds something else than real numbers.
-        ValueError: it has a wrong shape, or a number is not finite; the message says which.
+    It is the observation itself where that is laid out so. Errors are those of `Policy.predict`.
     """
     seen = array_of("observation", observation)
     real_entries("observation", seen)
@@ -281,12 +253,7 @@ State = TypeVar("State", bound=_Remembering)
 
 
 class PassLearner(abc.ABC, Generic[State]):
-    """A policy over one path again and again; a pass is an episode along it, and what is learned is in the state.
-
-    Attributes:
-        policy: the policy.
-        kind: the dataclass of a state, with the policy's `memory` (lanes, memory_size).
-    """
+    """A policy over one path again and again; a pass is an episode along it, and what is learned is in the state."""
 
     policy: Policy
     kind: type[State]
@@ -298,20 +265,13 @@ class PassLearner(abc.ABC, Generic[State]):
         episode_start: np.ndarray | None = None,
         deterministic: bool = True,
     ) -> tuple[np.ndarray, State]:
-        """Return the torques [N m] and the next state; None begins a first pass, `begin_pass` a further one.
+        """Return the torques [N m] and the next state for an observation (5 n,) or (lanes, 5 n).
 
-        Args:
-            observation: (5 n,) or (lanes, 5 n).
-            state: None, or what the last call or `begin_pass` returned; it goes on in place, unless an error is raised.
-            episode_start: ignored; a pass begins with its state.
-            deterministic: ignored.
-
-        Raises:
-            TypeError: the observation holds something else than real numbers, or the state is none of these.
-            ValueError: an argument has a wrong shape; a number of the observation is not finite, or so large that no
-                torque follows.
+        The state is None for a first pass, else what the last call or `begin_pass` returned; it changes in place,
+        unless an error is raised. A pass begins with its state, so that `episode_start` is ignored, as is
+        `deterministic`. Errors are those of `Policy.predict`, and TypeError for a state of another kind.
         """
-        seen = checked_observation(observation, self.policy.joints)
+        seen = _checked_observation(observation, self.policy.joints)
         state = self._first(np.zeros((len(seen), self.policy.memory_size))) if state is None else self._checked(state)
         if len(state.memory) != len(seen):
             raise ValueError(f"state has a memory of {len(state.memory)} lanes; the observation has {len(seen)}")
@@ -320,12 +280,7 @@ class PassLearner(abc.ABC, Generic[State]):
 
     @abc.abstractmethod
     def begin_pass(self, state: State) -> State:
-        """Return the state with which the next pass over the same path begins.
-
-        Raises:
-            TypeError: the state is not what `predict` returned.
-            ValueError: it has seen no sample, or is that of another arm.
-        """
+        """Return the state with which the next pass over the same path begins; ValueError if it has seen no sample."""
 
     @abc.abstractmethod
     def _first(self, memory: np.ndarray) -> State:

@@ -21,8 +21,7 @@ from fuzzyarm.envs.observation import PARTS
 
 __all__ = ["SampleClock", "period_between"]
 
-TOLERANCE = 1e-3
-"""Share by which two intervals in a row may differ where both tell the same T."""
+TOLERANCE = 1e-3  # share by which two intervals in a row may differ where both tell the same T
 
 # Shares by which the first and the second relation may miss: samples far apart, and their jerk; and of a turn that
 # rounding may take.
@@ -47,18 +46,12 @@ def period_between(before: np.ndarray, after: np.ndarray) -> float:
 
 
 class SampleClock:
-    """Reads the time between the samples of an episode that one policy sees, in the first of its lanes.
-
-    Attributes:
-        returned: the state that the policy returned last.
-        samples: observations (lanes, 5 n) that T is read from, in a row.
-        sure: whether two intervals in a row gave the same T. One alone may be of a sample that was left out.
-    """
+    """Reads the time between the samples of an episode that one policy sees, in the first of its lanes."""
 
     def __init__(self) -> None:
-        """Begin with no sample."""
-        self.returned: Any = None
-        self.samples: list[np.ndarray] = []
+        self.returned: Any = None  # the state that the policy returned last
+        self.samples: list[np.ndarray] = []  # observations (lanes, 5 n) that T is read from, in a row
+        # Whether two intervals in a row gave the same T; one alone may be of a sample that was left out.
         self.sure, self._found = False, 0.0
 
     def see(self, observation: np.ndarray, state: Any) -> float:

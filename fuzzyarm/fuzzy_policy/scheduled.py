@@ -22,13 +22,9 @@ import numpy as np
 from fuzzyarm.common.checks import choice, instance, real, whole
 from fuzzyarm.envs.physics.robot import Robot
 from fuzzyarm.fuzzy_policy.controller import GAINS, RATES
-from fuzzyarm.fuzzy_policy.signed_files import (
-    SignedController,
-    checked_fields,
-    decoded,
-    encoded,
-)
+from fuzzyarm.fuzzy_policy.signed_files import SignedController, checked_fields, decoded, encoded
 from fuzzyarm.fuzzy_policy.states import SCALAR_STATES
+from fuzzyarm.fuzzy_policy.ts_model import rule_products
 
 __all__ = [
     "FORM", "FUNCTIONS", "MOST_PREMISES", "SCHEMA", "Premise", "ScheduledController", "rule_weights", "speeds_of",
@@ -46,18 +42,12 @@ NUMBERS = ("kappa", "floor", "alpha", "gamma", "fastest_pole")
 
 @dataclasses.dataclass(frozen=True)
 class Premise:
-    """A kept premise: a function of one angle, between -1 and 1.
+    """A kept premise: a function of one angle, between -1 and 1."""
 
-    Attributes:
-        joint: place of the joint in the robot, from 0; joint 0 turns the whole robot and changes no inertia.
-        function: one of `FUNCTIONS`.
-    """
-
-    joint: int
-    function: str
+    joint: int  # place of the joint in the robot, from 0; joint 0 turns the whole robot and changes no inertia
+    function: str  # one of `FUNCTIONS`
 
     def __post_init__(self) -> None:
-        """Check both."""
         whole("joint", self.joint, low=1)
         choice("function", self.function, FUNCTIONS)
 
@@ -91,41 +81,23 @@ FIELDS = {
 
 @dataclasses.dataclass(frozen=True)
 class ScheduledController(SignedController):
-    """Gains of the law above, and the numbers that prove it; n joints, N = 2^premises rules.
+    """Gains of the law above, and the numbers that prove it; n joints, N = 2^premises rules."""
 
-    Attributes:
-        robot: the robot it was designed for.
-        premises: the kept ones, on different joints up to `split`.
-        inertia: S_r, (N, n, n) [kg m²].
-        kappa: κ, M̂ < M̄ < κ M̂ in the box.
-        floor: σ [kg m²], σ I < M̂.
-        rates: μ_k [1/rad], (premises,): -2 μ_k M̂ < ∂M̂/∂q_k < 2 μ_k M̂.
-        split: a, number of the link behind which the chain is split for the proof, n for no split.
-        distal_low: D_low, (6 + n - a, 6 + n - a), see `proof.inertia_bounds`; (0, 0) without a split.
-        distal_high: D_high, likewise.
-        feedback: k = (k_p [1/s²], k_d [1/s], k_i [1/s³]).
-        lyapunov: X (3, 3), see `proof.scheduled_certificate`.
-        alpha: guaranteed decay rate [1/s].
-        gamma: guaranteed L2 gain [s²], from d in the norm (dᵀ M̂⁻¹ d)^½ to e in the norm (eᵀ M̂ e)^½.
-        fastest_pole: β [1/s]; no pole of the loop frozen at a state of the box has a modulus above β.
-        origin: how it was made: objective, versions.
-    """
-
-    robot: Robot
-    premises: tuple[Premise, ...]
-    inertia: np.ndarray
-    kappa: float
-    floor: float
-    rates: np.ndarray
-    split: int
-    distal_low: np.ndarray
-    distal_high: np.ndarray
-    feedback: np.ndarray
-    lyapunov: np.ndarray
-    alpha: float
-    gamma: float
-    fastest_pole: float
-    origin: dict[str, str]
+    robot: Robot  # the robot it was designed for
+    premises: tuple[Premise, ...]  # the kept ones, on different joints up to `split`
+    inertia: np.ndarray  # S_r, (N, n, n) [kg m²]
+    kappa: float  # κ, M̂ < M̄ < κ M̂ in the box
+    floor: float  # σ [kg m²], σ I < M̂
+    rates: np.ndarray  # μ_k [1/rad], (premises,): -2 μ_k M̂ < ∂M̂/∂q_k < 2 μ_k M̂
+    split: int  # a, number of the link behind which the chain is split for the proof, n for no split
+    distal_low: np.ndarray  # D_low, (6 + n - a, 6 + n - a), see `proof.inertia_bounds`; (0, 0) without a split
+    distal_high: np.ndarray  # D_high, likewise
+    feedback: np.ndarray  # k = (k_p [1/s²], k_d [1/s], k_i [1/s³])
+    lyapunov: np.ndarray  # X (3, 3), see `proof.scheduled_certificate`
+    alpha: float  # guaranteed decay rate [1/s]
+    gamma: float  # guaranteed L2 gain [s²], from d in the norm (dᵀ M̂⁻¹ d)^½ to e in the norm (eᵀ M̂ e)^½
+    fastest_pole: float  # β [1/s]; no pole of the loop frozen at a state of the box has a modulus above β
+    origin: dict[str, str]  # how it was made: objective, versions
 
     def _check(self) -> None:
         n = len(instance("robot", self.robot, Robot))
@@ -221,15 +193,10 @@ def speeds_of(robot: Robot, premises: Sequence[Premise]) -> np.ndarray:
 
 def rule_weights(premises: Sequence[Premise], q: np.ndarray) -> np.ndarray:
     """Return the weights h (..., 2^premises) of the rules at angles (..., n) [rad]: >= 0, with the sum 1."""
-    weights = np.ones((*q.shape[:-1], 1))
-    for premise in premises:
-        ratio = 0.5 * (1.0 + premise.at(q))[..., np.newaxis]
-        weights = np.concatenate([weights * (1.0 - ratio), weights * ratio], axis=-1)
-    return weights
+    return rule_products((0.5 * (1.0 + premise.at(q)) for premise in premises), q.shape[:-1])
 
 
 def _plain(value: Any) -> Any:
-    """Return nested tuples as lists."""
     if isinstance(value, dict):
         return {key: _plain(entry) for key, entry in value.items()}
     return [_plain(entry) for entry in value] if isinstance(value, tuple | list) else value

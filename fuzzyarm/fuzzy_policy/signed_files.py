@@ -20,13 +20,7 @@ from fuzzyarm.common.documents import DocumentError, check_schema, read_json, re
 from fuzzyarm.common.files import write_atomically
 
 __all__ = [
-    "MAX_BYTES",
-    "ControllerFileError",
-    "SignedController",
-    "checked_fields",
-    "controller_in",
-    "decoded",
-    "digest_of",
+    "MAX_BYTES", "ControllerFileError", "SignedController", "checked_fields", "controller_in", "decoded", "digest_of",
     "encoded",
 ]  # fmt: skip
 
@@ -61,9 +55,7 @@ def digest_of(document: dict[str, Any]) -> str:
     return hashlib.sha256(json.dumps(document, sort_keys=True).encode("utf-8")).hexdigest()
 
 
-MAX_BYTES = 8 * 1024 * 1024
-"""Size of the largest file that is read; far above that of the largest model."""
-
+MAX_BYTES = 8 * 1024 * 1024  # size of the largest file that is read; far above that of the largest model
 LARGEST = 1e60  # of any entry of an array
 Built = TypeVar("Built")
 
@@ -73,12 +65,7 @@ class ControllerFileError(ValueError):
 
 
 def controller_in(path: str | Path, build: Callable[[Any], Built]) -> Built:
-    """Return what `build` makes of the content of a file.
-
-    Raises:
-        ControllerFileError: the content is no JSON, is too large, or `build` raised TypeError or ValueError.
-        OSError: the file cannot be read.
-    """
+    """Return what `build` makes of the content of a file; ControllerFileError if that is not valid."""
     try:
         return build(read_json(Path(path), largest=MAX_BYTES))
     except DocumentError as error:  # names the file itself
@@ -90,13 +77,10 @@ def controller_in(path: str | Path, build: Callable[[Any], Built]) -> Built:
 def checked_fields(
     content: Any, schema: str, fields: Mapping[str, Any], optional: Sequence[str] = ()
 ) -> dict[str, Any]:
-    """Return what a document holds, by field; ValueError if its schema, its fields or its digest are not right.
+    """Return what a document holds, by field; ValueError if its schema, its fields or its digest are wrong.
 
-    Args:
-        content: of the file.
-        schema: the one that it must have.
-        fields: the type of each field, `schema` and `digest` aside.
-        optional: fields of any type that may be left out, and are then not in the result.
+    `fields` has the type of each field, `schema` and `digest` aside; fields of `optional` may be left out, and are then
+    not in the result.
     """
     check_schema(content, schema)
     required = {"schema": str, **fields, "digest": str}
@@ -108,14 +92,9 @@ def checked_fields(
 
 
 class SignedController(abc.ABC):
-    """A controller with a file; the base of the dataclasses of each form.
-
-    Raises:
-        ControllerFileError: a number is out of range, in an array beyond ±1e60, or the parts do not go together.
-    """
+    """A controller with a file: the base of the dataclasses of each form; ControllerFileError if it is wrong."""
 
     def __post_init__(self) -> None:
-        """Check shapes and values, and take read-only copies of the arrays."""
         try:
             self._check()
         except (TypeError, ValueError) as error:
@@ -162,10 +141,5 @@ class SignedController(abc.ABC):
 
     @classmethod
     def load(cls, path: str | Path) -> Self:
-        """Read a controller file.
-
-        Raises:
-            ControllerFileError: not such a file, of another version, damaged, or inconsistent.
-            OSError: the file cannot be read.
-        """
+        """Read a controller file; ControllerFileError if it is damaged or of another form, OSError if unreadable."""
         return controller_in(path, cls.from_document)

@@ -10,14 +10,7 @@ __all__ = ["ERROR_STATES", "INTEGRAL", "PLANT", "PLANT_STATES", "POSITION", "SCA
 POSITION, VELOCITY, INTEGRAL = consecutive(JOINTS, JOINTS, JOINTS)
 """Angles, velocities and, with the integral, x_I = ∫ (q - q_d) dt; one number per joint in each."""
 
-PLANT = slice(POSITION.start, VELOCITY.stop)
-"""The error of the plant, (e, ė), in ē."""
-
-PLANT_STATES: int = VELOCITY.stop
-"""Numbers in x."""
-
-ERROR_STATES: int = INTEGRAL.stop
-"""Numbers in ē with the integral; without it there are `PLANT_STATES`."""
-
-SCALAR_STATES = 3
-"""Numbers of one joint in ē with the integral: (e, ė, x_I)."""
+PLANT = slice(POSITION.start, VELOCITY.stop)  # the error of the plant, (e, ė), in ē
+PLANT_STATES: int = VELOCITY.stop  # numbers in x
+ERROR_STATES: int = INTEGRAL.stop  # numbers in ē with the integral; without it there are `PLANT_STATES`
+SCALAR_STATES = 3  # numbers of one joint in ē with the integral: (e, ė, x_I)

@@ -12,7 +12,7 @@ from __future__ import annotations
 
 import dataclasses
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from fractions import Fraction
 from functools import cached_property
 from typing import Any
@@ -26,14 +26,12 @@ from fuzzyarm.envs.physics.parameters import ArmParameters
 from fuzzyarm.fuzzy_policy.states import PLANT_STATES
 
 __all__ = [
-    "DEFAULT_KEPT", "NAMED_RULES", "PREMISES", "Polytope", "TSModel", "Uncertainty", "descriptor_terms",
-    "premise_bounds", "premises",
+    "DEFAULT_KEPT", "NAMED_RULES", "PREMISES", "TSModel", "Uncertainty", "descriptor_terms", "premise_bounds",
+    "premises", "rule_products",
 ]  # fmt: skip
 
-PREMISES = ("z1", "z2", "z3", "z4", "z5")
-"""Names of the premises, in the order of the paper."""
-DEFAULT_KEPT = ("z1", "z3")
-"""Kept premises where nothing else is said: four rules."""
+PREMISES = ("z1", "z2", "z3", "z4", "z5")  # names of the premises, in the order of the paper
+DEFAULT_KEPT = ("z1", "z3")  # kept premises where nothing else is said: four rules
 
 NAMED_RULES = {
     32: ("z1", "z2", "z3", "z4", "z5"),
@@ -49,7 +47,7 @@ NAMED_RULES = {
 SINC_MINIMUM = Fraction("-0.2172336282112217")
 # Bounds are widened by this share of their range, far more than a premise loses by rounding in floating point; by this
 # number where the range is a point, as those of z2 and z3 without gravity: a weight divides by its width.
-GUARD = Fraction(1, 10**12)
+_GUARD = Fraction(1, 10**12)
 
 
 def premise_bounds(parameters: ArmParameters) -> np.ndarray:
@@ -72,7 +70,7 @@ def premise_bounds(parameters: ArmParameters) -> np.ndarray:
 
 def _outwards(low: Fraction, high: Fraction, side: int) -> float:
     """Return the float beyond `low` (side -1) or `high` (side 1), widened by the guard."""
-    target = (low if side < 0 else high) + side * GUARD * (high - low or 1)
+    target = (low if side < 0 else high) + side * _GUARD * (high - low or 1)
     rounded = float(target)
     return rounded if side * (Fraction(rounded) - target) >= 0 else math.nextafter(rounded, side * math.inf)
 
@@ -96,23 +94,16 @@ def premises(q: np.ndarray, dq: np.ndarray, parameters: ArmParameters) -> np.nda
 
 @dataclasses.dataclass(frozen=True)
 class Uncertainty:
-    """Hᵀ Δ W with ΔᵀΔ <= I, added to E_p or A_p: a dropped premise (section 5.1), or several that share a multiplier.
+    """Hᵀ Δ W with ΔᵀΔ <= I, added to E_p or A_p: a dropped premise (section 5.1), or several of one multiplier."""
 
-    Attributes:
-        premises: the names; several where H and W are stacked, Δ = diag(f, ...).
-        on: the matrix it acts on, "E" (z1) or "A" (the others).
-        H: (rows, 4).
-        W: (rows, 4), the same at every vertex.
-    """
-
-    premises: tuple[str, ...]
-    on: str
-    H: np.ndarray
-    W: np.ndarray
+    premises: tuple[str, ...]  # the names; several where H and W are stacked, Δ = diag(f, ...)
+    on: str  # the matrix it acts on, "E" (z1) or "A" (the others)
+    H: np.ndarray  # (rows, 4)
+    W: np.ndarray  # (rows, 4), the same at every vertex
 
 
 @dataclasses.dataclass(frozen=True)
-class Polytope:
+class _Polytope:
     """The vertices and the dropped premises in one number type."""
 
     E: list[np.ndarray]  # N_e matrices E_pk, (4, 4)
@@ -132,7 +123,6 @@ class TSModel:
     kept: tuple[str, ...] = DEFAULT_KEPT
 
     def __post_init__(self) -> None:
-        """Check and sort the kept premises."""
         instance("parameters", self.parameters, ArmParameters)
         kept = self.kept if isinstance(self.kept, tuple | list) else (self.kept,)
         unknown = [name for name in kept if not isinstance(name, str) or name not in PREMISES]
@@ -191,11 +181,11 @@ class TSModel:
         return self.polytope.uncertainties
 
     @cached_property
-    def polytope(self) -> Polytope:
+    def polytope(self) -> _Polytope:
         """Vertices and uncertainties in floating point."""
         return self.polytope_in(float)
 
-    def polytope_in(self, number: Callable[[float], Any]) -> Polytope:
+    def polytope_in(self, number: Callable[[float], Any]) -> _Polytope:
         """Return vertices and uncertainties in another number type: exact ones prove what floats only approximate."""
         terms = descriptor_terms(self.parameters, number)
         bounds = [(number(low), number(high)) for low, high in self.bounds.tolist()]
@@ -221,7 +211,7 @@ class TSModel:
                 uncertainties.append(
                     Uncertainty((name,), side, np.eye(PLANT_STATES)[rows], (high - low) / 2 * slope[rows])
                 )
-        return Polytope(corners("E", self.kept_in_E), corners("A", self.kept_in_A), uncertainties)
+        return _Polytope(corners("E", self.kept_in_E), corners("A", self.kept_in_A), uncertainties)
 
     def weights(self, z: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Return the memberships h (N,) and v (N_e,) at premises z (5,): in [0, 1], each summing to one.
@@ -231,7 +221,7 @@ class TSModel:
         """
         low, high = self.bounds[:, 0], self.bounds[:, 1]
         omega = np.clip((z - low) / (high - low), 0.0, 1.0)
-        return _products(omega[self.kept_in_A]), _products(omega[self.kept_in_E])
+        return rule_products(omega[self.kept_in_A]), rule_products(omega[self.kept_in_E])
 
 
 def descriptor_terms(
@@ -269,9 +259,10 @@ def _constants(parameters: ArmParameters, number: Callable[[float], Any]) -> tup
     return constants
 
 
-def _products(omega: np.ndarray) -> np.ndarray:
-    """Return the 2^len(ω) products of ω or 1 - ω, the first factor fastest, the minimum (1 - ω) first."""
-    weights = np.ones(1)
+def rule_products(omega: Iterable[Any], lanes: tuple[int, ...] = ()) -> np.ndarray:
+    """Return the products (..., 2^k) of k numbers ω (...) or 1 - ω, the first fastest, its minimum first."""
+    weights = np.ones((*lanes, 1))
     for value in omega:
-        weights = np.concatenate([weights * (1.0 - value), weights * value])
+        ratio = np.asarray(value)[..., np.newaxis]
+        weights = np.concatenate([weights * (1.0 - ratio), weights * ratio], axis=-1)
     return weights

@@ -22,12 +22,7 @@ _SHOWN = 12  # digits of a digest that messages show
 
 
 def file_policy(path: Path, robot: AnyArm, control_period: float, allow_unproven: bool = False) -> Policy:
-    """Return the policy of a controller file of any form; arguments as of `load_policy`, `control_period` in [s].
-
-    Raises:
-        ControllerFileError: the file is damaged, not proven, or was designed for another robot.
-        OSError: the file cannot be read.
-    """
+    """Return the policy of a controller file of any form for T [s], once it is proven, see `load_policy`."""
     return _policy(str(path), load_controller(path), robot, control_period, allow_unproven)
 
 
@@ -37,10 +32,7 @@ def controller_policy(
     control_period: float,
     allow_unproven: bool = False,
 ) -> Policy:
-    """Return the policy of a controller of any form; arguments and errors as for `file_policy`.
-
-    Without a robot, it is for the one that it was designed for; `control_period` is in [s].
-    """
+    """Return the policy of a controller of any form for T [s], without a robot for the one that it was designed for."""
     if not isinstance(controller, Controller | ScheduledController):
         raise TypeError(f"a policy is a name, a path or a controller; {type(controller).__name__} was given")
     designed = controller.model.parameters if isinstance(controller, Controller) else controller.robot

@@ -22,45 +22,33 @@ __all__ = ["ELASTIC", "HEADINGS", "Declared", "declared", "declared_by_name", "s
 HEADINGS = ("objective", "tuned on", "knows of the arm", "sees", "remembers")
 """Of the columns, one for each field of `Declared`."""
 
-SEES = "motor angles and velocities; reference with two derivatives, no preview"
+_SEES = "motor angles and velocities; reference with two derivatives, no preview"
 INTEGRAL = "integral of the joint error"
 RIGID, ELASTIC = "rigid model, no friction", "elastic model with friction"
 
 
 class Declared(NamedTuple):
-    """The declaration of a policy, in words.
+    """The declaration of a policy, in words."""
 
-    Attributes:
-        objective: what its numbers make small.
-        tuned_on: the motions, plants and loads on which they were chosen.
-        knows: what it is told of the arm.
-        sees: what its observation holds.
-        remembers: what it keeps from one sample to the next.
-    """
-
-    objective: str
-    tuned_on: str
-    knows: str
-    sees: str
-    remembers: str
+    objective: str  # what its numbers make small
+    tuned_on: str  # the motions, plants and loads on which they were chosen
+    knows: str  # what it knows of the arm beforehand
+    sees: str  # what its observation holds
+    remembers: str  # what it keeps from one sample to the next
 
 
-LEARNED_OBSERVER = Declared(
+_LEARNED_OBSERVER = Declared(
     "distance to the torque of a teacher who knows plant, load and lateness",
     "random plants, forces, payloads, delays, noise and references",
     f"{ELASTIC}, as a first guess; how far it may be off",
-    SEES,
+    _SEES,
     "what elastic-observer and adaptive-observer remember; the state of a network",
 )
 """Of every learned observer: its training has no other tasks."""
 
 
 def stated(given: Any) -> Declared:
-    """Return the declaration that a mapping, or an object by its attributes, states.
-
-    Raises:
-        ValueError: a field is missing, unknown or no text of one line; the message names it and the fields.
-    """
+    """Return the declaration of a mapping, or of an object's attributes; ValueError names a missing or wrong field."""
     fields = Declared._fields
     found = (
         given if isinstance(given, Mapping) else {name: getattr(given, name) for name in fields if hasattr(given, name)}
@@ -77,7 +65,7 @@ def stated(given: Any) -> Declared:
 
 
 _FUZZY = Declared(
-    "smallest gains at a proven bound; the bound by motor error and margins", "nominal case", RIGID, SEES, INTEGRAL
+    "smallest gains at a proven bound; the bound by motor error and margins", "nominal case", RIGID, _SEES, INTEGRAL
 )
 _REWARD = "discounted reward: logarithm of the tip error, effort"
 _HAND = "; settings by hand on Cases 1 to 3"
@@ -90,30 +78,29 @@ _NAMED = {
         "deviation of the tip by any friction on the sampled elastic arm, within margins and at a proven bound",
         "nominal case, stiffness ± 10 %",
         RIGID,
-        SEES,
+        _SEES,
         INTEGRAL,
     ),
-    "computed-torque": Declared("smallest motor error within margins", "nominal case", RIGID, SEES, INTEGRAL),
+    "computed-torque": Declared("smallest motor error within margins", "nominal case", RIGID, _SEES, INTEGRAL),
     "elastic-observer": Declared(
         "mean rms tip error, and noise in Case 1, within margins",
         "random plants, constant forces and payloads on the paper's circle",
         ELASTIC,
-        SEES,
+        _SEES,
         "estimate of state and load",
     ),
     _ADAPTIVE: Declared(
         "mean and worst largest tip error, and noise in Case 1",
         "random plants, forces, payloads, delays, noise and references; the paper's circle without load",
         f"{ELASTIC}, as a first guess; how far it may be off",
-        SEES,
+        _SEES,
         "estimate of state, load, constants and lateness, with covariance",
     ),
-    "learned-observer": LEARNED_OBSERVER,
-    "ppo-nominal": Declared(_REWARD, "nominal case" + _HAND, "nothing", SEES, _LEARNED),
-    "ppo-robust": Declared(f"{_REWARD}; smooth actions", _RANDOM, "nothing", SEES, _LEARNED),
-    "ppo-residual": Declared(_REWARD, _RANDOM, "what fuzzy-4-tip knows", SEES, f"as fuzzy-4-tip; {_LEARNED}"),
+    "learned-observer": _LEARNED_OBSERVER,
+    "ppo-nominal": Declared(_REWARD, "nominal case" + _HAND, "nothing", _SEES, _LEARNED),
+    "ppo-robust": Declared(f"{_REWARD}; smooth actions", _RANDOM, "nothing", _SEES, _LEARNED),
+    "ppo-residual": Declared(_REWARD, _RANDOM, "what fuzzy-4-tip knows", _SEES, f"as fuzzy-4-tip; {_LEARNED}"),
 }
-
 
 # On a robot the laws take their numbers from those of Table 1: objective and tuned on; {} is the robot.
 _POSTURES = "random postures of {}; all else of the arm of Table 1"
@@ -128,17 +115,12 @@ _ON_ROBOTS = {
 
 
 def declared(name: str | PolicySpec, policy: Any = None, passes: int = 1, arm: AnyArm | None = None) -> Declared | None:
-    """Return what a policy declares; None of one that comes without a declaration.
+    """Return what a policy declares; None for one that comes without a declaration.
 
-    Args:
-        name: its name, or what that refers to.
-        policy: the policy as it was loaded; needed of the user's own code alone.
-        passes: over the same path; with several, a policy that learns from them remembers those before.
-        arm: for which it was loaded; None: that of Table 1. Files and folders say for which arm they are.
-
-    Raises:
-        ValueError: the policy's file or folder is damaged.
-        OSError: it cannot be read.
+    The policy as it was loaded is needed of the user's own code alone. With several `passes` over the same path, a
+    policy that learns from them remembers those before. `arm` is that for which it was loaded, by default Table 1;
+    files and folders say for which arm they are. ValueError if the policy's file or folder is damaged, OSError if it
+    cannot be read.
     """
     spec = name if isinstance(name, PolicySpec) else resolve(name)
     own = _own(spec, policy)
@@ -160,7 +142,6 @@ def declared_by_name(name: str) -> Declared | None:
 
 
 def _on_arm(arm: AnyArm, law: str, own: Declared) -> Declared:
-    """Return the declaration of a named law on an arm."""
     from fuzzyarm.envs.physics.parameters import ArmParameters
 
     if arm == ArmParameters():
@@ -217,7 +198,6 @@ _ROBOT = {
 
 
 def _of_controller(path: Path) -> Declared:
-    """Return the declaration of a controller file."""
     from fuzzyarm.fuzzy_policy.controller import Controller
     from fuzzyarm.fuzzy_policy.controller_files import load_controller
 
@@ -227,7 +207,7 @@ def _of_controller(path: Path) -> Declared:
         f"{_text(controller.origin.get('objective'))}, by linear matrix inequalities at proven bounds",
         f"the rigid model of its arm, no motion; who chose the bounds, and how, is {_UNKNOWN}",
         RIGID,
-        SEES,
+        _SEES,
         INTEGRAL if integral else "nothing",
     )
 
@@ -259,7 +239,7 @@ def _of_learned(folder: Path) -> Declared | None:
     if not folder.is_dir():
         return None
     if is_observer(folder):
-        return LEARNED_OBSERVER
+        return _LEARNED_OBSERVER
     bundle = PolicyBundle.load(folder)
     training, base = bundle.training, bundle.action.base
     scale, smoothness, drawn = (training.get(name) for name in ("tip_error_scale", "smoothness", "distribution"))
@@ -272,13 +252,13 @@ def _of_learned(folder: Path) -> Declared | None:
         f"discounted reward{reward}{smooth}, by {_text(training.get('algorithm'))}",
         f"{_DISTRIBUTIONS.get(str(drawn), _UNKNOWN)}; how its settings were chosen is {_UNKNOWN}",
         "; ".join([f"what {base} knows"] if base else elastic) or "nothing",
-        SEES,
+        _SEES,
         "; ".join([*([f"as {base}"] if base else []), _memory(bundle)]),
     )
 
 
 def _memory(bundle: Any) -> str:
-    """Return what the network of a bundle is told of the past."""
+    """Return what the network of a bundle remembers."""
     features = bundle.features
     kept = [
         f"{number} {word}{'' if number == 1 else 's'}"

@@ -1,4 +1,4 @@
-"""The folder of a learned policy, of whichever kind, as a policy."""
+"""The folder of a learned policy of any kind, as a policy."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from fuzzyarm.envs.physics.parameters import ArmParameters
 from fuzzyarm.fuzzy_policy.laws.learned.bundle import DESCRIPTION, PolicyBundle, is_observer
 from fuzzyarm.fuzzy_policy.laws.learned.policy import LearnedPolicy
 from fuzzyarm.policies.registry import known_names
-from fuzzyarm.policies.spec import digest_of, load_policy, resolve
+from fuzzyarm.policies.spec import file_digest, load_policy, resolve
 
 if TYPE_CHECKING:
     from fuzzyarm.fuzzy_policy.laws.learned.estimate.policy import LearnedObserverPolicy
@@ -21,13 +21,8 @@ __all__ = ["learned_files", "learned_policy"]
 
 
 def learned_files(folder: Path) -> dict[str, str]:
-    """Return the SHA-256, by name, of ``policy.json`` and of the files of the policy's base.
-
-    Raises:
-        ValueError: the folder is damaged.
-        OSError: a file cannot be read.
-    """
-    own = {DESCRIPTION: digest_of(folder / DESCRIPTION)}
+    """Return the SHA-256, by name, of ``policy.json`` and of the files of the policy's base."""
+    own = {DESCRIPTION: file_digest(folder / DESCRIPTION)}
     if is_observer(folder):
         from fuzzyarm.fuzzy_policy.laws.learned.estimate.bundle import EstimateBundle
 
@@ -41,8 +36,7 @@ def learned_files(folder: Path) -> dict[str, str]:
 def learned_policy(folder: Path, control_period: float, robot: AnyArm) -> Policy:
     """Load a learned policy for a control period [s], with the policy that it is based on if there is one.
 
-    Raises:
-        ValueError: the folder is damaged, the arm is not the one it was trained for, or the period does not fit.
+    ValueError if the folder is damaged, the arm is not the one it was trained for, or the period does not fit.
     """
     if is_observer(folder):
         return _learned_observer(folder, control_period, robot)

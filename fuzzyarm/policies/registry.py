@@ -14,9 +14,7 @@ if TYPE_CHECKING:
     from fuzzyarm.envs.physics.equations import AnyArm
     from fuzzyarm.fuzzy_policy.policy import Policy
 
-__all__ = [
-    "ANY_ROBOT", "COMPARED", "LEARNED", "NAMES", "POLICIES", "TIP", "Kind", "NamedPolicy", "add_policy", "known_names",
-]  # fmt: skip
+__all__ = ["ANY_ROBOT", "COMPARED", "LEARNED", "NAMES", "POLICIES", "TIP", "Kind", "add_policy", "known_names"]
 
 TIP = "-tip"
 """Ending of a policy's name that wraps its law in `fuzzy_policy.laws.tip.TipPolicy`, which leads the tip along the
@@ -29,33 +27,21 @@ Factory: TypeAlias = "Callable[[AnyArm, float], Policy]"
 class Kind(enum.StrEnum):
     """What a policy is made from."""
 
-    LAW = "law"
-    """A function of this process, which takes the arm and the control period."""
-    CONTROLLER = "controller"
-    """A controller file."""
-    LEARNED = "learned"
-    """The folder of a learned policy."""
-    TUNED = "tuned"
-    """A law with the numbers of a folder of `fuzzyarm tune`."""
-    CODE = "code"
-    """The user's own code, ``package.module:factory``."""
+    LAW = "law"  # a function of this process, which takes the arm and the control period
+    CONTROLLER = "controller"  # a controller file
+    LEARNED = "learned"  # the folder of a learned policy
+    TUNED = "tuned"  # a law with the numbers of a folder of `fuzzyarm tune`
+    CODE = "code"  # the user's own code, ``package.module:factory``
 
 
 @dataclasses.dataclass(frozen=True)
-class NamedPolicy:
-    """How a policy known by name is made.
+class _NamedPolicy:
+    """How a policy known by name is made."""
 
-    Attributes:
-        kind: what it is made from; never `Kind.CODE`.
-        factory: for `Kind.LAW`, the function that makes it.
-        path: otherwise, the controller file or the folder of the learned policy.
-        has_tip: whether the name with the ending `TIP` is known as well.
-    """
-
-    kind: Kind
-    factory: Factory | None = None
-    path: Path | None = None
-    has_tip: bool = False
+    kind: Kind  # what it is made from; never `Kind.CODE`
+    factory: Factory | None = None  # for `Kind.LAW`, the function that makes it
+    path: Path | None = None  # otherwise, the controller file or the folder of the learned policy
+    has_tip: bool = False  # whether the name with the ending `TIP` is known as well
 
 
 def _computed_torque(robot: AnyArm, control_period: float) -> Policy:
@@ -93,14 +79,14 @@ _TRAINED = _PACKAGE / "fuzzy_policy" / "laws" / "learned" / "policies"
 LEARNED = ("ppo-nominal", "ppo-robust", "ppo-residual")
 """Policies trained with PPO, of each the median seed; their ``policy.json`` says what they were trained on."""
 
-POLICIES = Registry[NamedPolicy](
+POLICIES = Registry[_NamedPolicy](
     __name__,
     {
-        **{name: NamedPolicy(Kind.CONTROLLER, path=_CONTROLLERS / f"{name}.json", has_tip=True) for name in _FUZZY},
-        "computed-torque": NamedPolicy(Kind.LAW, factory=_computed_torque, has_tip=True),
-        "elastic-observer": NamedPolicy(Kind.LAW, factory=_elastic_observer),
-        "adaptive-observer": NamedPolicy(Kind.LAW, factory=_adaptive_observer),
-        **{name: NamedPolicy(Kind.LEARNED, path=_TRAINED / name) for name in (*LEARNED, "learned-observer")},
+        **{name: _NamedPolicy(Kind.CONTROLLER, path=_CONTROLLERS / f"{name}.json", has_tip=True) for name in _FUZZY},
+        "computed-torque": _NamedPolicy(Kind.LAW, factory=_computed_torque, has_tip=True),
+        "elastic-observer": _NamedPolicy(Kind.LAW, factory=_elastic_observer),
+        "adaptive-observer": _NamedPolicy(Kind.LAW, factory=_adaptive_observer),
+        **{name: _NamedPolicy(Kind.LEARNED, path=_TRAINED / name) for name in (*LEARNED, "learned-observer")},
     },
 )
 """All policies by name, without the ending `TIP`; `add_policy` adds one."""
@@ -144,7 +130,7 @@ def add_policy(name: str, factory: Factory, *, has_tip: bool = False) -> None:
         raise TypeError(f"factory = {factory!r:.80} must be a function of the arm and the control period")
     if name in POLICIES:
         raise ValueError(f"there is a policy {name!r} already; choose another name")
-    POLICIES[name] = NamedPolicy(Kind.LAW, factory=factory, has_tip=has_tip)
+    POLICIES[name] = _NamedPolicy(Kind.LAW, factory=factory, has_tip=has_tip)
 
 
 def known_names() -> tuple[str, ...]:

@@ -10,11 +10,9 @@
 A name may come from a file, and a file is not trusted: nothing that a name can say makes `resolve` or `load_policy`
 import or run code. Code is run where the user has named it in this process, with ``resolve(name, run_code=True)``.
 
-Names of policies in files of results, which say nothing of the machine, and the policies found again from there.
-
-A path is recorded as it was given if it is relative, and by its last part if it is absolute, in a folder of `fuzzyarm
-tune` by its last two: ``computed-torque`` alone would be another policy. Together with the digests
-of its files, see `PolicySpec.files`, that says which policy it was.
+Files of results record a path as it was given if it is relative, and by its last part if it is absolute, in a folder of
+`fuzzyarm tune` by its last two: ``computed-torque`` alone would be another policy. Together with the digests of its
+files, see `PolicySpec.files`, that says which policy it was, but nothing of the machine.
 """
 
 from __future__ import annotations
@@ -36,31 +34,23 @@ if TYPE_CHECKING:
     from fuzzyarm.fuzzy_policy.scheduled import ScheduledController
     from fuzzyarm.policies.user_code import UserPolicy
 
-__all__ = ["PolicySpec", "digest_of", "found_again", "load_policy", "recorded", "resolve", "resolve_all"]
+__all__ = ["PolicySpec", "file_digest", "found_again", "load_policy", "recorded", "resolve", "resolve_all"]
 
 
 @dataclasses.dataclass(frozen=True)
 class PolicySpec:
-    """What a policy's name refers to; made by `resolve`. Whether there is such a policy shows when it is used.
+    """What a policy's name refers to; made by `resolve`. Whether there is such a policy shows when it is used."""
 
-    Attributes:
-        name: as it was given.
-        kind: what the policy is made from.
-        tip: whether its law is wrapped to lead the tip along the reference, see `registry.TIP`.
-        path: the controller file, the folder of the learned policy, or the law in a tuned folder, which is no file;
-            None for other kinds.
-        named: whether the package, or `registry.add_policy`, knows the policy by name; its path is then the package's.
-        run_code: whether the user's own code may be imported and run.
-        tuned: whether the policy is in a folder of `fuzzyarm tune`, and for its arm if no other is given.
-    """
-
-    name: str
-    kind: Kind
-    tip: bool = False
+    name: str  # as it was given
+    kind: Kind  # what the policy is made from
+    tip: bool = False  # whether its law is wrapped to lead the tip along the reference, see `registry.TIP`
+    # the controller file, the folder of the learned policy, or the law in a tuned folder, which is no file; None for
+    # other kinds
     path: Path | None = None
+    # whether the package, or `registry.add_policy`, knows the policy by name; its path is then the package's
     named: bool = False
-    run_code: bool = False
-    tuned: bool = False
+    run_code: bool = False  # whether the user's own code may be imported and run
+    tuned: bool = False  # whether the policy is in a folder of `fuzzyarm tune`, and for its arm if no other is given
     _factory: Factory | None = dataclasses.field(default=None, repr=False, compare=False)
 
     @property
@@ -81,24 +71,21 @@ class PolicySpec:
 
         These are the controller file; the file of the laws of a tuned folder; ``policy.json`` of a learned policy,
         which holds the digest of the weights, and the files of its base; the module of the user's code, which is
-        imported for it. A law that is part of the package has none, nor has a policy that does not exist.
-
-        Raises:
-            ValueError: a learned policy is damaged, a module fails, or it may not be run.
-            OSError: a file cannot be read.
+        imported for it. A law that is part of the package has none, nor has a policy that does not exist. ValueError if
+        a learned policy is damaged, a module fails, or it may not be run; OSError if a file cannot be read.
         """
         if self.kind is Kind.CODE:
             from fuzzyarm.policies.user_code import source_file
 
             self._check_code()
             source = source_file(self.name)
-            return {} if source is None else {source.name: digest_of(source)}
+            return {} if source is None else {source.name: file_digest(source)}
         if self.kind is Kind.CONTROLLER:
-            return {self._location.name: digest_of(self._location)}
+            return {self._location.name: file_digest(self._location)}
         if self.kind is Kind.TUNED:
             from fuzzyarm.policies.tuned import NAME
 
-            return {NAME: digest_of(self._location.parent / NAME)}
+            return {NAME: file_digest(self._location.parent / NAME)}
         if self.kind is Kind.LEARNED and self._location.is_dir():
             from fuzzyarm.policies.learned import learned_files
 
@@ -167,11 +154,9 @@ class PolicySpec:
 def resolve(name: str | os.PathLike[str], *, run_code: bool = False) -> PolicySpec:
     """Return what a policy's name refers to, without loading it; every text refers to something.
 
-    Args:
-        name: a known name, a controller file (ending in ``.json``), each also with the ending ``-tip``; the folder of a
-            learned policy; or ``package.module:factory``.
-        run_code: whether the spec may import and run the user's code. Pass True only for a name that the user has
-            typed, never for one that was read from a file.
+    A name is a known one or a controller file (ending in ``.json``), each also with the ending ``-tip``; the folder of
+    a learned policy; or ``package.module:factory``. `run_code` says whether the spec may import and run the user's
+    code. Pass True only for a name that the user has typed, never for one that was read from a file.
     """
     if not isinstance(name, str | os.PathLike):
         raise TypeError(f"a policy's name is a text or a path; {type(name).__name__} was given")
@@ -265,7 +250,7 @@ def _is_code(name: str) -> bool:
     return all(part.isidentifier() for part in parts) and not Path(name).exists()
 
 
-def digest_of(file: Path) -> str:
+def file_digest(file: Path) -> str:
     """Return the SHA-256 of a text file, which is the same with the line ends of another system."""
     from fuzzyarm.common.documents import read_bytes  # `import fuzzyarm` loads no msgspec
 
@@ -288,17 +273,9 @@ def found_again(
 ) -> tuple[str, ...]:
     """Return recorded names of policies so that each can be loaded.
 
-    A file or folder is looked for among the names that the user has given, then where the recorded name says, seen from
-    the current folder, then beside the results.
-
-    Args:
-        names: as they were recorded.
-        files: names of the files that each policy was made from, by label, see `PolicySpec.files`.
-        given: names that the user has typed.
-        folder: of the results.
-
-    Raises:
-        ValueError: a file or folder is in none of these places.
+    A file or folder is looked for among the names `given` by the user, then where the recorded name says, seen from the
+    current folder, then beside the results in `folder`. `files` are those that each policy was made from, by label, see
+    `PolicySpec.files`. ValueError if a file or folder is in none of these places.
     """
     typed = {resolve(name).label: name for name in given}
     return tuple(typed.get(resolve(name).label) or _found(name, files, folder) for name in names)

@@ -22,7 +22,7 @@ from fuzzyarm.fuzzy_policy.policy import Policy
 from fuzzyarm.policies.spec import load_policy
 from fuzzyarm.proof.tip.centre import Segment
 from fuzzyarm.proof.tip.enclosures import NoBound
-from fuzzyarm.proof.tip.period import Claim
+from fuzzyarm.proof.tip.period import TubeClaim
 from fuzzyarm.proof.tip.plant import SETS, PlantSet, ball_plant, check_set_name, exactly, ranges_in_words
 from fuzzyarm.proof.tip.sampled_law import sampled_law
 from fuzzyarm.proof.tip.tube import Problem, Step, Tube
@@ -33,13 +33,11 @@ __all__ = [
     "reference_of", "two_joint_arm",
 ]  # fmt: skip
 
-PATHS = ("circle", "lemniscate")
-"""Paths of the tip by name: the paper's circle, and an eight of the same width."""
-
+PATHS = ("circle", "lemniscate")  # paths of the tip by name: the paper's circle, and an eight of the same width
 PLANAR = 2  # coordinates of the tip
 PERIOD = 1e-3  # control period [s], the environment's own
 
-Claims = Sequence[Sequence[tuple[Segment, Claim]]]
+Claims = Sequence[Sequence[tuple[Segment, TubeClaim]]]
 
 
 @dataclasses.dataclass(frozen=True)
@@ -96,23 +94,15 @@ class TipClaim:
 
 @dataclasses.dataclass(frozen=True)
 class TipBound:
-    """A bound that is proven.
+    """A bound that is proven."""
 
-    Attributes:
-        claim: what it is proven for.
-        arm: in the middle of the set.
-        tip: bound of the tip error at the end of each control step [m].
-        sources: of each of these, the share of each of `SOURCES`, of the uncertain constants and of the centre [m].
-        steps: the tube; empty if it was not kept.
-        seconds: that the proof took.
-    """
-
-    claim: TipClaim
-    arm: ArmParameters
-    tip: np.ndarray
+    claim: TipClaim  # what it is proven for
+    arm: ArmParameters  # in the middle of the set
+    tip: np.ndarray  # bound of the tip error at the end of each control step [m]
+    # of each of these, the share of each of `SOURCES`, of the uncertain constants and of the centre [m]
     sources: np.ndarray
-    steps: tuple[Step, ...]
-    seconds: float
+    steps: tuple[Step, ...]  # the tube; empty if it was not kept
+    seconds: float  # that the proof took
 
     @property
     def largest(self) -> float:
@@ -186,12 +176,7 @@ def two_joint_arm(policy: Policy) -> ArmParameters:
 
 
 def problem_of(claim: TipClaim, policy: Policy | None = None) -> Problem:
-    """Return the problem that a claim is about; ValueError for an unknown name, `NoBound` for a policy without law.
-
-    Args:
-        claim: what is to be proven. The arm is the one that the policy is for.
-        policy: the policy itself, where it has no name yet.
-    """
+    """Return the problem of a claim, for the arm of the policy; `policy` itself where it has no name yet."""
     policy = load_policy(claim.policy, control_period=PERIOD) if policy is None else policy
     parameters = two_joint_arm(policy)
     case, reference = case_for(claim.case, parameters), reference_of(claim, parameters)

@@ -23,15 +23,11 @@ from fuzzyarm.proof.tip.plant import AXES, BY_JOINT, RANGES, Axis, PlantSet, nar
 
 __all__ = ["Division", "bounds_of_cell", "bounds_of_cells", "cells"]
 
-MOST = 10_000
-"""Cells of a set."""
-HALVINGS = 6
-"""How often a cell is halved before it is given up."""
+MOST = 10_000  # cells of a set
+HALVINGS = 6  # how often a cell is halved before it is given up
+Division = tuple[str, int]  # a name of `_DIVISIBLE`, and into how many equal parts its range is divided
 
-Division = tuple[str, int]
-"""A name of `DIVISIBLE`, and into how many equal parts its range is divided."""
-
-DIVISIBLE: dict[str, list[Axis]] = {
+_DIVISIBLE: dict[str, list[Axis]] = {
     **{name: [axis for axis in AXES if axis[0] == name] for name in RANGES},
     **{f"{name}-{joint + 1}": [(name, joint)] for name, joint in AXES if name in BY_JOINT},
 }
@@ -39,17 +35,13 @@ DIVISIBLE: dict[str, list[Axis]] = {
 
 
 def cells(plants: PlantSet, divisions: Sequence[Division]) -> Iterator[PlantSet]:
-    """Yield the cells of a set: the products of the parts of its divided ranges, which touch.
-
-    Raises:
-        ValueError: a field is unknown or named twice, or a number of parts is out of range.
-    """
+    """Yield the cells of a set: the products of the parts of its divided ranges, which touch."""
     distinct("cells", [name for name, _ in divisions])
     axes: list[list[tuple[Axis, tuple[float, float]]]] = []
     for name, parts in divisions:
-        choice("cells", name, tuple(DIVISIBLE))
+        choice("cells", name, tuple(_DIVISIBLE))
         count = whole(f"cells of {name}", parts, low=1, high=1000)
-        for axis in DIVISIBLE[name]:
+        for axis in _DIVISIBLE[name]:
             if axis in {known for known, _ in itertools.chain(*axes)}:
                 raise ValueError(f"cells = {name} divides a range that is divided already; leave out one")
             low, high = plants.of_joint(*axis)
@@ -69,10 +61,8 @@ def bounds_of_cells(
 ) -> Iterator[list[CellBound]]:
     """Yield what is found of each cell of the claim's set, or of its parts, computed in `jobs` processes.
 
-    With `out`, the file of each bound is written beside it: ``NAME-001.json`` and so on for ``NAME.json``.
-
-    Raises:
-        NoBound: a cell has none; the message says which.
+    With `out`, the file of each bound is written beside it: ``NAME-001.json`` and so on for ``NAME.json``. `NoBound` if
+    a cell has no bound; the message says which.
     """
     tasks = [dataclasses.replace(claim, plants=cell, set_name="cell") for cell in cells(claim.plants, divisions)]
     names = [name for name, _ in divisions]
@@ -95,16 +85,9 @@ def _saved(claim: TipClaim, plants: PlantSet, names: Sequence[str], stem: Path |
 def bounds_of_cell(
     claim: TipClaim, plants: PlantSet, names: Sequence[str], halvings: int = HALVINGS
 ) -> Iterator[TipBound]:
-    """Yield the bound of a cell, or those of its parts.
+    """Yield the bound of the claim's cell of a set, or those of its parts, halved up to so many times.
 
-    Args:
-        claim: whose set is the cell.
-        plants: the whole set.
-        names: of `DIVISIBLE`, whose ranges may be halved.
-        halvings: how often that may be done.
-
-    Raises:
-        NoBound: a part that was halved so often has none.
+    `names`, of `_DIVISIBLE`, are the ranges that may be halved. `NoBound` if a part has none after that.
     """
     try:
         yield find_bound(claim)
@@ -123,7 +106,7 @@ def bounds_of_cell(
 def _widest(cell: PlantSet, plants: PlantSet, names: Sequence[str]) -> Axis | None:
     """Return where a cell is widest, as a share of the whole range; None where it has no width."""
     shares = {}
-    for axis in itertools.chain(*(DIVISIBLE[name] for name in names)):
+    for axis in itertools.chain(*(_DIVISIBLE[name] for name in names)):
         low, high = plants.of_joint(*axis)
         if low < high:
             first, last = cell.of_joint(*axis)

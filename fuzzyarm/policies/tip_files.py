@@ -1,8 +1,7 @@
 """The file of a proven bound: the claim, and the centre and the radii of the tube, from which it can be checked again.
 
-A bound by cells is a file of the whole set, beside one file for each cell.
-
-It holds numbers only. Every float is the shortest decimal that identifies it, so it is read back exactly.
+A bound by cells is a file of the whole set, beside one file for each cell. Both hold numbers only. Every float is the
+shortest decimal that identifies it, so it is read back exactly.
 """
 
 from __future__ import annotations
@@ -40,33 +39,18 @@ from fuzzyarm.policies.tip_bound import (
 from fuzzyarm.proof.tip.centre import DEGREE, Mode, Segment
 from fuzzyarm.proof.tip.enclosures import NoBound
 from fuzzyarm.proof.tip.friction import Plan
-from fuzzyarm.proof.tip.period import Claim
+from fuzzyarm.proof.tip.period import TubeClaim
 from fuzzyarm.proof.tip.plant import RANGES, PlantSet, missed, plants_of, ranges_in_words
 from fuzzyarm.proof.tip.transition import ROW_COUNT, STATES
 
 __all__ = [
-    "CELLS_SCHEMA",
-    "LARGEST",
-    "SCHEMA",
-    "BoundCheck",
-    "CellBound",
-    "CellsCheck",
-    "check_bound",
-    "check_cells",
-    "is_bound",
-    "is_cells",
-    "read_bound",
-    "save_bound",
-    "save_cells",
+    "LARGEST", "SCHEMA", "BoundCheck", "CellBound", "CellsCheck", "check_bound", "check_cells", "is_bound", "is_cells",
+    "save_bound", "save_cells",
 ]  # fmt: skip
 
-
-SCHEMA = "fuzzyarm-tip-bound/1"
-"""Of the file of a bound."""
-
+SCHEMA = "fuzzyarm-tip-bound/1"  # of the file of a bound
 MAX_BYTES = 16 * 2**20
-LARGEST = 1e6
-"""Of any number of a tube or a bound."""
+LARGEST = 1e6  # of any number of a tube or a bound
 
 
 @dataclasses.dataclass(frozen=True)
@@ -100,25 +84,15 @@ class _Document:
 
 @dataclasses.dataclass(frozen=True)
 class BoundCheck:
-    """What the check of a file found.
+    """What the check of a file found."""
 
-    Attributes:
-        path: the file.
-        claim: what it claims a bound for.
-        arm: in the middle of the set.
-        bound: that it claims [m], or what was found now where that is larger by rounding.
-        reason: why it is not proven; empty if it is.
-        seconds: that the check took.
-        tip: bound of the tip error at the end of each control step [m], as the file has it.
-    """
-
-    path: Path
-    claim: TipClaim
-    arm: ArmParameters
-    bound: float
-    reason: str
-    seconds: float
-    tip: np.ndarray
+    path: Path  # the file
+    claim: TipClaim  # what it claims a bound for
+    arm: ArmParameters  # in the middle of the set
+    bound: float  # that it claims [m], or what was found now where that is larger by rounding
+    reason: str  # why it is not proven; empty if it is
+    seconds: float  # that the check took
+    tip: np.ndarray  # bound of the tip error at the end of each control step [m], as the file has it
 
     @property
     def proven(self) -> bool:
@@ -146,9 +120,9 @@ class BoundCheck:
 
     def to_text(self) -> str:
         """Return the result as text."""
-        what = f"{plain(self.claim.policy)}: {self.sentence}"
         head = f"{escaped(str(self.path))}: {'PROVEN' if self.proven else 'NOT PROVEN'} ({self.seconds:.1f} s)"
-        return f"{head}\n  {what}" if self.proven else f"{head}\n  {what}\n  {escaped(self.reason)}"
+        text = f"{head}\n  {plain(self.claim.policy)}: {self.sentence}"
+        return text if self.proven else f"{text}\n  {escaped(self.reason)}"
 
 
 def save_bound(bound: TipBound, path: Path) -> None:
@@ -173,20 +147,26 @@ def save_bound(bound: TipBound, path: Path) -> None:
 
 def is_bound(path: Path) -> bool:
     """Return whether a file begins as the file of a bound does; OSError if it cannot be read."""
+    return _begins(path, SCHEMA)
+
+
+def _begins(path: Path, schema: str) -> bool:
     with open_regular(path) as file:
-        return SCHEMA.encode() in file.read(64)
+        return schema.encode() in file.read(64)
 
 
-def read_bound(path: Path) -> tuple[TipClaim, _Document, Claims]:
-    """Read a file; ValueError or OSError where it is none or damaged, or its policy has changed."""
+def _claim_of(given: _Document | _CellsDocument, samples: int) -> TipClaim:
+    """Return the claim of a file for so many samples, once its bound is checked."""
+    real("bound", given.bound, "m", low=0.0, high=LARGEST)
+    plants = plants_of(given.set_name, given.plants)
+    return TipClaim(given.policy, given.case, plants=plants, path=given.path, duration=given.duration, steps=samples)
+
+
+def _read_bound(path: Path) -> tuple[TipClaim, _Document, Claims]:
     content = read_json(path, largest=MAX_BYTES)
     try:
         document = record(check_schema(content, SCHEMA), _Document)
-        claim = TipClaim(
-            document.policy, document.case, plants=plants_of(document.set_name, document.plants), path=document.path,
-            duration=document.duration, steps=len(document.tip),
-        )  # fmt: skip
-        real("bound", document.bound, "m", low=0.0, high=LARGEST)
+        claim = _claim_of(document, len(document.tip))
         finite_array("tip", document.tip, (len(document.tip),), largest=LARGEST)
         if resolve(document.policy).files() != document.files:
             raise ValueError(f"policy {document.policy} is made from other files than when the bound was found")
@@ -195,7 +175,7 @@ def read_bound(path: Path) -> tuple[TipClaim, _Document, Claims]:
         raise DocumentError(f"{path}: {error}") from None
 
 
-def _claimed(part: _Part) -> tuple[Segment, Claim]:
+def _claimed(part: _Part) -> tuple[Segment, TubeClaim]:
     modes = tuple(Mode(m) for m in part.modes)
     plans = tuple(Plan(p) for p in part.plans)
     if len(modes) != JOINTS or len(plans) != JOINTS:
@@ -204,17 +184,15 @@ def _claimed(part: _Part) -> tuple[Segment, Claim]:
     end = finite_array("end", part.end, (STATES,), largest=LARGEST)
     tube = finite_array("tube", part.tube, (ROW_COUNT,), largest=LARGEST)
     duration = real("duration", part.duration, "s", low=math.ulp(PERIOD), high=PERIOD)
-    return Segment(angles, modes, duration, end), Claim(tube, plans)
+    return Segment(angles, modes, duration, end), TubeClaim(tube, plans)
 
 
 def check_bound(path: Path) -> BoundCheck:
     """Check a file again: every period of the claimed tube is confirmed, without any search.
 
-    Raises:
-        ValueError: no such file, or it is damaged, or its policy has changed.
-        OSError: the file cannot be read.
+    ValueError if there is no such file, or it is damaged, or its policy has changed; OSError if it cannot be read.
     """
-    claim, document, claims = read_bound(path)
+    claim, document, claims = _read_bound(path)
     policy = load_policy(claim.policy, control_period=PERIOD)
     arm = two_joint_arm(policy)
     begin, reason, bound = time.perf_counter(), "", document.bound
@@ -233,8 +211,7 @@ def check_bound(path: Path) -> BoundCheck:
     return BoundCheck(path, claim, arm, document.bound if reason else bound, reason, time.perf_counter() - begin, tip)
 
 
-CELLS_SCHEMA = "fuzzyarm-tip-cells/2"
-"""Of the file of a bound by cells."""
+_CELLS_SCHEMA = "fuzzyarm-tip-cells/2"  # of the file of a bound by cells
 
 
 @dataclasses.dataclass(frozen=True)
@@ -255,15 +232,9 @@ class _CellsDocument:
 
 @dataclasses.dataclass(frozen=True)
 class CellsCheck(BoundCheck):
-    """What the check of a file and of all its cells found: as `BoundCheck`, of the whole set, with the largest `tip`.
+    """The check of all cells of a file: proven if every cell is and they cover the set; `tip` is the largest."""
 
-    It is proven if every cell was confirmed and they cover the set.
-
-    Attributes:
-        cells: how many there are.
-    """
-
-    cells: int = 0
+    cells: int = 0  # how many there are
 
     def to_dict(self) -> dict[str, Any]:
         """Return the result as plain data for JSON."""
@@ -272,26 +243,19 @@ class CellsCheck(BoundCheck):
 
 @dataclasses.dataclass(frozen=True)
 class CellBound:
-    """What was found of one cell.
+    """What was found of one cell."""
 
-    Attributes:
-        plants: the cell.
-        bound: of the tip error [m].
-        samples: of the motion that are bounded.
-        path: file of the bound; None where none was written.
-    """
-
-    plants: PlantSet
-    bound: float
-    samples: int
-    path: Path | None
+    plants: PlantSet  # the cell
+    bound: float  # of the tip error [m]
+    samples: int  # of the motion that are bounded
+    path: Path | None  # file of the bound; None where none was written
 
 
 def save_cells(claim: TipClaim, found: Sequence[CellBound], path: Path) -> None:
     """Write the file of a bound by cells, atomically; each cell has a file in the same folder."""
     names = [cell.path.name for cell in found if cell.path is not None]
     document = _CellsDocument(
-        CELLS_SCHEMA, claim.policy, claim.case, claim.set_name, claim.plants.to_dict(), claim.path, claim.duration,
+        _CELLS_SCHEMA, claim.policy, claim.case, claim.set_name, claim.plants.to_dict(), claim.path, claim.duration,
         found[0].samples, max(cell.bound for cell in found), names,
     )  # fmt: skip
     write_atomically(path, json.dumps(dataclasses.asdict(document), indent=1) + "\n")
@@ -299,27 +263,17 @@ def save_cells(claim: TipClaim, found: Sequence[CellBound], path: Path) -> None:
 
 def is_cells(path: Path) -> bool:
     """Return whether a file begins as the file of a bound by cells does; OSError if it cannot be read."""
-    with open_regular(path) as file:
-        return CELLS_SCHEMA.encode() in file.read(64)
+    return _begins(path, _CELLS_SCHEMA)
 
 
 def check_cells(path: Path) -> CellsCheck:
-    """Check every cell again, and that the cells cover the set.
-
-    Raises:
-        ValueError: no such file, or it or a cell is damaged, or the policy has changed.
-        OSError: a file cannot be read.
-    """
+    """Check every cell again, and that the cells cover the set; errors as of `check_bound`."""
     content = read_json(path)
     try:
-        document = record(check_schema(content, CELLS_SCHEMA), _CellsDocument)
-        real("bound", document.bound, "m", low=0.0, high=LARGEST)
+        document = record(check_schema(content, _CELLS_SCHEMA), _CellsDocument)
+        claim = _claim_of(document, document.samples)
         if not document.cells or any(Path(name).name != name for name in document.cells):
             raise ValueError("cells: each is the name of a file in the same folder, and there is at least one")
-        claim = TipClaim(
-            document.policy, document.case, plants=plants_of(document.set_name, document.plants), path=document.path,
-            duration=document.duration, steps=document.samples,
-        )  # fmt: skip
     except (TypeError, ValueError) as error:
         raise DocumentError(f"{path}: {error}") from None
     begin = time.perf_counter()

@@ -27,10 +27,8 @@ if TYPE_CHECKING:
 
 __all__ = ["LAWS", "NAME", "SCHEMA", "TunedLaws", "is_tuned", "policies_of", "read_laws", "tuned_policy"]
 
-SCHEMA = "fuzzyarm-tuned/1"
-"""Of the file of the laws."""
-NAME = "laws.json"
-"""The file of the laws in the folder."""
+SCHEMA = "fuzzyarm-tuned/1"  # of the file of the laws
+NAME = "laws.json"  # the file of the laws in the folder
 
 COMPUTED_TORQUE, ELASTIC_OBSERVER, ADAPTIVE_OBSERVER = LAWS = (
     "computed-torque",
@@ -48,32 +46,22 @@ _FASTEST, _LONGEST = 1e6, 0.1  # rad/s, s
 class TunedLaws:
     """The content of `NAME`, checked.
 
-    Attributes:
-        schema: `SCHEMA`.
-        arm_sha256: digest of the arm that the laws were tuned for, `Robot.digest`.
-        control_period: T [s] of all policies.
-        policies: those of the folder, by name without the folder.
-        bandwidth: ω of computed torque [rad/s]; None without it.
-        observer: weights of the elastic observer, by name; None without it.
-        adaptive: weights of the adaptive observer, by name; None without it.
-        made_with: versions of what made the folder, by name.
-
     Raises:
         TypeError: a value is of the wrong type.
         ValueError: a value is out of range, or a policy lacks its numbers.
     """
 
-    schema: str
-    arm_sha256: str
-    control_period: float
-    policies: tuple[str, ...]
-    bandwidth: float | None = None
-    observer: dict[str, float] | None = None
-    adaptive: dict[str, float] | None = None
+    schema: str  # `SCHEMA`
+    arm_sha256: str  # digest of the arm that the laws were tuned for, `Robot.digest`
+    control_period: float  # T [s] of all policies
+    policies: tuple[str, ...]  # those of the folder, by name without the folder
+    bandwidth: float | None = None  # ω of computed torque [rad/s]; None without it
+    observer: dict[str, float] | None = None  # weights of the elastic observer, by name; None without it
+    adaptive: dict[str, float] | None = None  # weights of the adaptive observer, by name; None without it
+    # versions of what made the folder, by name
     made_with: dict[str, str | None] = dataclasses.field(default_factory=dict)
 
     def __post_init__(self) -> None:
-        """Check the numbers, and that each law of the list has its own."""
         choice("schema", self.schema, (SCHEMA,))
         real("control_period", self.control_period, "s", above=0.0, high=_LONGEST)
         distinct("policies", self.policies)
@@ -123,12 +111,7 @@ def is_tuned(folder: Path) -> bool:
 
 
 def read_laws(folder: Path, arm: AnyArm) -> TunedLaws:
-    """Return the laws of a folder of `fuzzyarm tune` for an arm.
-
-    Raises:
-        ValueError: the file is damaged, or the laws were tuned for another arm.
-        OSError: the file cannot be read.
-    """
+    """Return the laws of a folder of `fuzzyarm tune` for an arm; ValueError if it is damaged or for another arm."""
     from fuzzyarm.common.documents import check_schema, read_json, record
     from fuzzyarm.envs.physics.equations import robot_of
 
@@ -158,12 +141,7 @@ def policies_of(robot: object) -> tuple[str, ...] | None:
 
 
 def tuned_policy(folder: Path, law: str, arm: AnyArm, control_period: float) -> Policy:
-    """Return a law of `LAWS`, by name, with the numbers of a folder, for its arm and its control period [s].
-
-    Raises:
-        ValueError: the folder has no such law, is damaged, or is for another arm or period.
-        OSError: a file cannot be read.
-    """
+    """Return a law of `LAWS`, by name, with the numbers of a folder, for its arm and its control period [s]."""
     laws = read_laws(folder, arm)
     if law not in {name.removesuffix(TIP) for name in laws.policies}:
         raise ValueError(f"{folder} has no {law}; it has {', '.join(laws.policies)}")

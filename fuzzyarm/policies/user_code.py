@@ -52,16 +52,10 @@ _PASSED_BY_NAME = (inspect.Parameter.POSITIONAL_OR_KEYWORD, inspect.Parameter.KE
 
 
 def load_code(name: str, control_period: float, robot: AnyArm) -> UserPolicy:
-    """Import a module, call the factory in it, and return the policy.
+    """Import the module of ``package.module:factory``, call the factory in it, and return the policy for T [s].
 
-    Args:
-        name: ``package.module:factory``; the current folder is searched too, as with ``python -m``.
-        control_period: time between two calls of `predict` [s].
-        robot: the arm the policy is for.
-
-    Raises:
-        ValueError: the module is not found or fails, it has no such factory, the factory fails, or what it returns has
-            no `predict` or a wrong `declared`.
+    The current folder is searched, too, as with ``python -m``. ValueError if the module is not found or fails, it has
+    no such factory, the factory fails, or what it returns has no `predict` or a wrong `declared`.
     """
     module = _imported(name)
     attribute = name.partition(":")[2]
@@ -83,11 +77,7 @@ def load_code(name: str, control_period: float, robot: AnyArm) -> UserPolicy:
 
 
 def source_file(name: str) -> Path | None:
-    """Return the source file of the module of ``package.module:factory``, which is imported for it.
-
-    Raises:
-        ValueError: the module is not found, or fails.
-    """
+    """Return the source file of the module of ``package.module:factory``, imported for it; ValueError if that fails."""
     source = _imported(name).__file__
     return None if source is None else Path(source)
 
@@ -106,15 +96,9 @@ def _imported(name: str) -> ModuleType:
 
 
 class UserPolicy:
-    """A wrapper of the user's object that turns its failures into errors that name it.
-
-    Attributes:
-        name: ``package.module:factory``.
-        control_period: time between two calls of `predict` [s].
-    """
+    """A wrapper of the user's object that turns its failures into errors that name it."""
 
     def __init__(self, name: str, policy: Any, control_period: float) -> None:
-        """Keep the object."""
         self.name, self.control_period, self._policy = name, control_period, policy
 
     @property
@@ -142,11 +126,7 @@ class UserPolicy:
         return self._believed if callable(getattr(self._policy, "beliefs", None)) else None
 
     def repeated(self) -> UserPolicy | None:
-        """Return the object's policy for passes over one path; None if it has none.
-
-        Raises:
-            ValueError: `repeated` failed, or what it returned has no `predict` or no `begin_pass`.
-        """
+        """Return the object's policy for passes over one path, None if it has none; ValueError if it fails."""
         method = getattr(self._policy, "repeated", None)
         found = None if method is None else self._called("repeated", method)
         if found is None:
@@ -181,12 +161,7 @@ class UserPolicy:
         episode_start: np.ndarray | None = None,
         deterministic: bool = True,
     ) -> tuple[np.ndarray, Any]:
-        """Return the action and the next state.
-
-        Raises:
-            ValueError: `predict` failed, or returned an action of another shape. Whether its numbers are finite is
-                checked by the environment.
-        """
+        """Return the action and the next state; ValueError if `predict` failed or the action has another shape."""
         try:
             action, after = self._policy.predict(
                 observation, state=state, episode_start=episode_start, deterministic=deterministic

@@ -11,7 +11,7 @@ f is a form of degree four in (a, b), and 1 = (a² + 2 cos h ab + b²)² = Σ κ
 f_i. Taken for each angle in turn this holds for a matrix of d angles and its 5^d control matrices: if all of them are
 positive definite, so is the matrix everywhere in the box. The excess of the hull falls with h².
 
-*Cover.* The box is cut into smaller ones until all control matrices of each are positive definite. Boxes are taken by
+*_Cover.* The box is cut into smaller ones until all control matrices of each are positive definite. Boxes are taken by
 the hundred, in floating point with a bound of every rounding error:
 
 - the control matrices are sums of products of coefficients and weights, whose error is below a multiple of the sum of
@@ -19,7 +19,7 @@ the hundred, in floating point with a bound of every rounding error:
 - Cholesky's factorisation of A - δI in floating point ends with real roots only if A - δI + ΔA is positive semidefinite
   for some |ΔA| <= γ/(1 - γ) tr A, γ = (s + 1) u/(1 - (s + 1) u) (Rump, 2006), so a larger δ proves A.
 
-Sines and cosines of the mathematical library are taken to be right to `LIBRARY` units in the last place, which is the
+Sines and cosines of the mathematical library are taken to be right to `_LIBRARY` units in the last place, which is the
 one assumption; `proven_in_balls` proves the same boxes again in balls, without any about floating point. The
 coefficients are exact, sines and cosines are balls with outward rounding (`arb` of FLINT), and each control matrix is
 proven positive definite by Gershgorin's theorem on T A Tᵀ, as in `definiteness`, where T is any matrix; it comes from a
@@ -36,13 +36,10 @@ from typing import Any
 import numpy as np
 from flint import arb, arb_mat
 
-__all__ = ["BASIS", "Cover", "TrigMatrix", "control_weights", "cover", "first_boxes", "proven_in_balls", "widened"]
+__all__ = ["BASIS", "TrigMatrix", "control_weights", "cover", "first_boxes", "proven_in_balls", "widened"]
 
-BASIS = 5
-"""Functions of one angle: 1, cos q, sin q, cos 2q, sin 2q."""
-
-WIDEST = 0.8
-"""Largest h [rad]: half the width of a box."""
+BASIS = 5  # functions of one angle: 1, cos q, sin q, cos 2q, sin 2q
+WIDEST = 0.8  # largest h [rad]: half the width of a box
 
 
 @dataclasses.dataclass(frozen=True)
@@ -63,12 +60,12 @@ class TrigMatrix:
 
     @functools.cached_property
     def coefficients(self) -> np.ndarray:
-        """The nearest floats, packed as (5, ..., 5, s(s + 1)/2)."""
-        return packed(self.exact).astype(np.float64)
+        """The nearest floats, _packed as (5, ..., 5, s(s + 1)/2)."""
+        return _packed(self.exact).astype(np.float64)
 
     @functools.cached_property
     def magnitude(self) -> np.ndarray:
-        """Σ |coefficient| of each packed entry: no value, control value or sum on the way exceeds a few of it."""
+        """Σ |coefficient| of each _packed entry: no value, control value or sum on the way exceeds a few of it."""
         return np.asarray(np.abs(self.coefficients).sum(axis=tuple(range(self.angles))))
 
     def at(self, q: np.ndarray) -> np.ndarray:
@@ -103,14 +100,14 @@ class TrigMatrix:
         return TrigMatrix(self.exact[tuple(slice(None) if k in needed else 0 for k in range(self.angles))])
 
 
-def packed(matrices: np.ndarray) -> np.ndarray:
+def _packed(matrices: np.ndarray) -> np.ndarray:
     """Return the numbers of the lower triangles (..., s(s + 1)/2) of symmetric matrices (..., s, s), row by row."""
     row, column = np.tril_indices(matrices.shape[-1])
     return matrices[..., row, column]
 
 
 def unpacked(triangles: np.ndarray, size: int) -> np.ndarray:
-    """Return the symmetric matrices (..., s, s) whose lower triangles hold the given numbers, see `packed`."""
+    """Return the symmetric matrices (..., s, s) whose lower triangles hold the given numbers, see `_packed`."""
     result = np.empty((*triangles.shape[:-1], size, size), dtype=triangles.dtype)
     row, column = np.tril_indices(size)
     result[..., row, column] = result[..., column, row] = triangles
@@ -120,13 +117,7 @@ def unpacked(triangles: np.ndarray, size: int) -> np.ndarray:
 def control_weights(cos_m: Any, sin_m: Any, cos_h: Any, sin_h: Any) -> list[list[Any]]:
     """Return the matrix (5, 5) from the coefficients of one angle to its control values, as nested lists.
 
-    Generic in its numbers: arrays of many boxes, or balls.
-
-    Args:
-        cos_m: of the middle of the interval.
-        sin_m: likewise.
-        cos_h: of half its width, above 0.
-        sin_h: likewise.
+    Cosine and sine are of the interval's middle m and half width h > 0 [rad]: arrays of many boxes, or balls.
     """
     c, s = cos_h, sin_h
     # Control values of cos t, sin t, cos 2t, sin 2t: their coefficients of a⁴, a³b, a²b², ab³, b⁴ over κ.
@@ -147,17 +138,15 @@ def control_weights(cos_m: Any, sin_m: Any, cos_h: Any, sin_h: Any) -> list[list
     ]
 
 
-MOST_BOXES = 400_000
-"""Boxes after which a proof is given up."""
-
+_MOST_BOXES = 400_000  # boxes after which a proof is given up
 CHUNK = 256  # boxes at a time
 UNIT = 2.0**-53
-LIBRARY = 4
-WIDENING = 2.0**-44  # rad, above the rounding of an interval's middle and half width up to 100 rad
+_LIBRARY = 4
+_WIDENING = 2.0**-44  # rad, above the rounding of an interval's middle and half width up to 100 rad
 
 
 @dataclasses.dataclass(frozen=True)
-class Cover:
+class _Cover:
     """The outcome of a proof."""
 
     proven: bool  # whether the matrix is positive definite in the whole box
@@ -187,17 +176,11 @@ def first_boxes(ranges: np.ndarray) -> np.ndarray:
     return boxes
 
 
-def cover(matrix: TrigMatrix, ranges: np.ndarray, most: int = MOST_BOXES) -> Cover:
-    """Prove a matrix positive definite for all angles in `ranges` (d, 2) [rad].
-
-    Args:
-        matrix: of d angles.
-        ranges: lowest and highest angle, within ±100 rad.
-        most: boxes after which the proof is given up.
-    """
+def cover(matrix: TrigMatrix, ranges: np.ndarray, most: int = _MOST_BOXES) -> _Cover:
+    """Prove a matrix positive definite for all angles in `ranges` (d, 2), within ±100 rad, in at most so many boxes."""
     scale = _scale(matrix, ranges)
     if scale is None:
-        return Cover(False, np.empty((0, len(ranges), 2)), ranges.mean(axis=1))
+        return _Cover(False, np.empty((0, len(ranges), 2)), ranges.mean(axis=1))
     task = _Task.of(matrix, scale)
     waiting, done, tried = [first_boxes(ranges)], [], 0
     while waiting:
@@ -212,11 +195,11 @@ def cover(matrix: TrigMatrix, ranges: np.ndarray, most: int = MOST_BOXES) -> Cov
         if len(bad) == 0:
             continue
         points = bad.mean(axis=2)
-        fails = ~_definite(packed(matrix.at(points))[:, np.newaxis] * task.scale, matrix.size, task.shift)
+        fails = ~_definite(_packed(matrix.at(points))[:, np.newaxis] * task.scale, matrix.size, task.shift)
         if fails.any() or tried > most:
-            return Cover(False, np.concatenate(done), points[fails][0] if fails.any() else points[0])
+            return _Cover(False, np.concatenate(done), points[fails][0] if fails.any() else points[0])
         waiting.append(_halved(bad, task.weight))
-    return Cover(True, np.concatenate(done))
+    return _Cover(True, np.concatenate(done))
 
 
 def _scale(matrix: TrigMatrix, ranges: np.ndarray) -> np.ndarray | None:
@@ -229,10 +212,7 @@ def _scale(matrix: TrigMatrix, ranges: np.ndarray) -> np.ndarray | None:
 
 @dataclasses.dataclass(frozen=True)
 class _Task:
-    """A matrix in scaled entries: their coefficients (5, ..., 5, t), the shift of the diagonal, and what to halve.
-
-    `weight` (d,) says how much each angle bends the matrix.
-    """
+    """A matrix in scaled entries: coefficients (5, ..., 5, t), the diagonal's shift, how each angle bends it (d,)."""
 
     coefficients: np.ndarray
     scale: np.ndarray
@@ -241,15 +221,15 @@ class _Task:
 
     @classmethod
     def of(cls, matrix: TrigMatrix, scale: np.ndarray) -> _Task:
-        both = packed(scale[:, np.newaxis] * scale)
+        both = _packed(scale[:, np.newaxis] * scale)
         coefficients, d = matrix.coefficients * both, matrix.angles
         magnitude = matrix.magnitude * both
         weight = np.empty(d)
         for k in range(d):
             along = np.abs(np.moveaxis(coefficients, k, 0)).reshape(BASIS, -1).sum(axis=1)
             weight[k] = along[1] + along[2] + 4.0 * (along[3] + along[4])
-        # Weights are below 8 in a row and wrong by less than 64 LIBRARY units each; sums of five add as much again.
-        error = 100.0 * LIBRARY * max(d, 1) * 8.0**d * UNIT * magnitude
+        # Weights are below 8 in a row and wrong by less than 64 _LIBRARY units each; sums of five add as much again.
+        error = 100.0 * _LIBRARY * max(d, 1) * 8.0**d * UNIT * magnitude
         whole = np.zeros((matrix.size, matrix.size))
         row, column = np.tril_indices(matrix.size)
         whole[row, column] = whole[column, row] = error
@@ -260,7 +240,7 @@ class _Task:
     def controls(self, boxes: np.ndarray) -> np.ndarray:
         """Return the control matrices (B, 5^d, t) of boxes (B, d, 2)."""
         count, d = boxes.shape[:2]
-        middle, half = boxes.mean(axis=2), 0.5 * (boxes[..., 1] - boxes[..., 0]) + WIDENING
+        middle, half = boxes.mean(axis=2), 0.5 * (boxes[..., 1] - boxes[..., 0]) + _WIDENING
         weights = np.array(control_weights(np.cos(middle), np.sin(middle), np.cos(half), np.sin(half)))
         values = np.broadcast_to(self.coefficients, (count, *self.coefficients.shape))
         for k in range(d):
@@ -285,7 +265,7 @@ def _halved(boxes: np.ndarray, weight: np.ndarray) -> np.ndarray:
 
 
 def _definite(matrices: np.ndarray, size: int, shift: float) -> np.ndarray:
-    """Return whether Cholesky's factorisation of every A - shift I ends, for packed A (B, m, t), (B,)."""
+    """Return whether Cholesky's factorisation of every A - shift I ends, for _packed A (B, m, t), (B,)."""
     good, factor = np.ones(matrices.shape[:2], dtype=np.bool_), np.empty((size, size, *matrices.shape[:2]))
     for i in range(size):
         for j in range(i + 1):
@@ -304,7 +284,7 @@ def _definite(matrices: np.ndarray, size: int, shift: float) -> np.ndarray:
 
 def proven_in_balls(matrix: TrigMatrix, boxes: np.ndarray) -> bool:
     """Return whether a matrix of d angles is proven positive definite in every one of `boxes` (B, d, 2) [rad]."""
-    coefficients = [arb(entry) for entry in packed(matrix.exact).ravel()]
+    coefficients = [arb(entry) for entry in _packed(matrix.exact).ravel()]
     return all(_proven(matrix, coefficients, box) for box in boxes)
 
 
@@ -332,7 +312,7 @@ def _proven(matrix: TrigMatrix, coefficients: list[arb], box: np.ndarray) -> boo
 
 
 def _dominant(control: list[arb], T: np.ndarray, size: int) -> bool:
-    """Return whether T A Tᵀ is strictly diagonally dominant with a positive diagonal, for A packed in `control`."""
+    """Return whether T A Tᵀ is strictly diagonally dominant with a positive diagonal, for A _packed in `control`."""
     A = [[control[max(i, j) * (max(i, j) + 1) // 2 + min(i, j)] for j in range(size)] for i in range(size)]
     left = arb_mat(T.tolist())
     rows = (left * arb_mat(A) * left.transpose()).tolist()

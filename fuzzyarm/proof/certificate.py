@@ -19,31 +19,21 @@ __all__ = ["Certificate", "Claim", "certify", "claim", "inequality_name"]
 
 @dataclasses.dataclass(frozen=True)
 class Claim:
-    """One matrix inequality and the outcome of its proof.
+    """One matrix inequality and the outcome of its proof."""
 
-    Attributes:
-        name: the inequality, as in "Psi_1,2,1 + Psi_2,1,1 < 0".
-        proven: whether it is proven in exact arithmetic.
-        proof_margin: smallest eigenvalue of the matrix that has to be positive definite, scaled to unit diagonal, in
-            floating point. It tells how far the inequality is from failing and is no part of the proof.
-    """
-
-    name: str
-    proven: bool
+    name: str  # the inequality, as in "Psi_1,2,1 + Psi_2,1,1 < 0"
+    proven: bool  # whether it is proven in exact arithmetic
+    # smallest eigenvalue of the matrix that has to be positive definite, scaled to unit diagonal, in floating point. It
+    # tells how far the inequality is from failing and is no part of the proof.
     proof_margin: float
 
 
 @dataclasses.dataclass(frozen=True)
 class Certificate:
-    """The outcome of `certify`.
+    """The outcome of `certify`."""
 
-    Attributes:
-        claims: every inequality.
-        statement: what they prove together, in words.
-    """
-
-    claims: tuple[Claim, ...]
-    statement: str
+    claims: tuple[Claim, ...]  # every inequality
+    statement: str  # what they prove together, in words
 
     @property
     def proven(self) -> bool:

@@ -57,25 +57,13 @@ def psi(
 ) -> Any:
     """Return Ψ_ijk, symmetric and affine in P, M, Q, X, τ and γ².
 
-    With arrays of i and k it returns a stack: M, Q, X and τ are stacks then, and P is one matrix.
-
-    Args:
-        data: the vertices, n = 4 or, with the integral, 6.
-        i: vertex of A, from 0.
-        k: vertex of E, from 0.
-        alpha: decay rate α [1/s].
-        gamma2: γ² [rad²/(N m)²].
-        output: factor on z.
-        P: (n, n).
-        M: M_jk, (2, n).
-        Q: Q_ij, (n, n).
-        X: X_ij, (n, n).
-        tau: τ of the pair (i, j) and k, (..., m), one for each entry of `data.uncertainties`.
-        put: what makes a matrix of the block rows.
+    Vertices i of A and k of E count from 0; α is in 1/s, γ² in rad²/(N m)², z has the factor `output`. P, Q_ij and X_ij
+    are (n, n), n = 4 or, with the integral, 6; M_jk is (2, n), τ (..., m) has an entry for each of
+    `data.uncertainties`, and `put` makes a matrix of the block rows. With arrays of i and k the result is a stack: M,
+    Q, X and τ are stacks then, and P is one matrix.
     """
     E, A, B = data.error_E(k), data.error_A(i), data.error_rows(data.B)
-    corner, uncertain = _uncertainty(data, P, Q, X, tau)
-    below = [[left, middle, 0, 0, *[0] * before, diagonal] for before, (left, middle, diagonal) in enumerate(uncertain)]
+    corner, below = _uncertainty(data, P, Q, X, tau, between=2)
     return put(
         [
             [he(Q + alpha * P)],
@@ -100,33 +88,22 @@ def phi(
     tau: Any,
     put: Assembly = symmetric,
 ) -> Any:
-    """Return Φ_ijk, symmetric and affine in P, M, Q, X and τ.
+    """Return Φ_ijk, symmetric and affine in P, M, Q, X and τ, for the bound β [1/s] of the decay rate from above.
 
-    Args:
-        data: the vertices, n = 4 or, with the integral, 6.
-        i: vertex of A, from 0.
-        k: vertex of E, from 0.
-        fastest_pole: bound β of the decay rate from above [1/s].
-        P: (n, n), that of Ψ.
-        M: M_jk, (2, n), that of Ψ.
-        Q: Q_ij, (n, n), not that of Ψ.
-        X: X_ij, (n, n), likewise.
-        tau: τ of the pair (i, j) and k, likewise.
-        put: see `psi`.
+    P (n, n) and M are those of Ψ; Q, X and τ are not. The other arguments are as for `psi`.
     """
     E, A, B = data.error_E(k), data.error_A(i), data.error_rows(data.B)
-    corner, uncertain = _uncertainty(data, P, Q, X, tau)
-    below = [[left, middle, *[0] * before, diagonal] for before, (left, middle, diagonal) in enumerate(uncertain)]
+    corner, below = _uncertainty(data, P, Q, X, tau, between=0)
     return put([[he(Q - fastest_pole * P)], [transposed(X) - A @ P - B @ M - E @ Q, corner - he(E @ X)], *below])
 
 
-def _uncertainty(data: Vertices, P: Any, Q: Any, X: Any, tau: Any) -> tuple[Any, list[tuple[Any, Any, Any]]]:
-    """Return Σ τ_l H_lᵀH_l and, for each dropped premise, its row's blocks in the columns ē, ē' and its own."""
-    total, rows = zeros(data.n_e, data.n_e), []
+def _uncertainty(data: Vertices, P: Any, Q: Any, X: Any, tau: Any, between: int) -> tuple[Any, list[list[Any]]]:
+    """Return Σ τ_l H_lᵀH_l and the row of each dropped premise, with so many columns after ē and ē'."""
+    total, rows = zeros(data.n_e, data.n_e), list[list[Any]]()
     for scale, term in zip(data.multipliers(tau), data.uncertainties, strict=True):
         H = data.error_rows(term.H.T).T
         total = total + times(scale, H.T @ H)
         W_P, W_Q, W_X = (term.W @ matrix[..., PLANT, :] for matrix in (P, Q, X))
-        left, middle = (W_P, 0) if term.on == "A" else (-W_Q, -W_X)
-        rows.append((left, middle, -times(scale, identity(len(H)))))
+        left = [W_P, 0] if term.on == "A" else [-W_Q, -W_X]
+        rows.append([*left, *[0] * (between + len(rows)), -times(scale, identity(len(H)))])
     return total, rows

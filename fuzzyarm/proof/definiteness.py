@@ -53,11 +53,7 @@ def inverse(matrix: np.ndarray) -> np.ndarray | None:
 
 
 def smallest_eigenvalue(matrix: np.ndarray) -> float:
-    """Return the smallest eigenvalue of a symmetric matrix scaled to unit diagonal, in floating point.
-
-    -inf if the diagonal is not positive. It measures the distance from a singular matrix, whatever the units; it is no
-    proof.
-    """
+    """Return the smallest eigenvalue of a symmetric matrix scaled to unit diagonal, in floats; it is no proof."""
     scaled = _scaled(matrix)
     return -np.inf if scaled is None else float(np.linalg.eigvalsh(scaled[0])[0])
 
@@ -106,10 +102,7 @@ def largest_growth(matrix: np.ndarray, size: int) -> float:
 
 
 def _scaled(matrix: np.ndarray) -> tuple[np.ndarray, np.ndarray] | None:
-    """Return a symmetric matrix in floating point, scaled to unit diagonal, and the scale (n,) of its rows.
-
-    None if the diagonal is not positive, or the numbers are beyond those of floating point.
-    """
+    """Return a symmetric matrix in floats, scaled to unit diagonal, and the scale (n,) of its rows."""
     try:
         numbers = np.array(matrix, dtype=np.float64)
     except OverflowError:

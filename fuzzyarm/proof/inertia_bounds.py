@@ -44,9 +44,7 @@ from fuzzyarm.proof.definiteness import exact, stated
 
 __all__ = ["TWIST", "Bound", "angle_ranges", "bounds", "inertia_at", "inertia_polynomial", "scheduled_polynomial"]
 
-TWIST = 6
-"""Numbers of a base's twist, linear before angular velocity."""
-
+TWIST = 6  # numbers of a base's twist, linear before angular velocity
 _NODES = tuple((fmpq(c, 5), fmpq(s, 5)) for c, s in ((5, 0), (0, 5), (-5, 0), (0, -5), (3, 4)))
 # From the values at the nodes to the coefficients in the basis, (5, 5).
 _TO_BASIS = np.array(
@@ -57,19 +55,11 @@ _TO_BASIS = np.array(
 def inertia_at(
     robot: Robot, cosines: Sequence[fmpq], sines: Sequence[fmpq], *, first: int, last: int, tail: np.ndarray | None
 ) -> np.ndarray:
-    """Return D of links `first` + 1 to `last` at exact cosines and sines of their angles.
+    """Return D of links `first` + 1 to `last`, exact rationals (s, s), at exact cosines and sines of their angles.
 
-    Args:
-        robot: the robot, n joints.
-        cosines: of the angles, `last` - `first` numbers.
-        sines: likewise.
-        first: a, number of the link that is the base; 0 for the robot's own base, which rests.
-        last: links beyond this one are left out.
-        tail: W (6 + m, 6 + m), a quadratic form of the last link's twist and m more rates that is added,
-            ½ (v, ω, q̇)ᵀ W (v, ω, q̇); None for none.
-
-    Returns:
-        Exact rationals, (s, s) with s = b + `last` - `first` + m, and b = 6 rows for the twist of a moving base.
+    Link a = `first` is the base; for a = 0 it rests, else b = 6 rows of D are for its twist. Links beyond `last` are
+    left out, but for `tail`, W (6 + m, 6 + m): a form ½ (v, ω, q̇)ᵀ W (v, ω, q̇) of the last link's twist and m more
+    rates, which is added; s = b + `last` - `first` + m.
     """
     joints, moving = robot.joints[first:last], TWIST if first else 0
     size = moving + len(joints) + (0 if tail is None else len(tail) - TWIST)
@@ -94,11 +84,10 @@ def inertia_at(
 
 
 def inertia_polynomial(robot: Robot, first: int, last: int, tail: np.ndarray | None = None) -> np.ndarray:
-    """Return the coefficients of D in the basis of each angle that it may depend on; arguments as for `inertia_at`.
+    """Return the coefficients of D, see `inertia_at`, in the basis of each angle that it may depend on.
 
-    Returns:
-        Exact rationals (5, ..., 5, s, s): one axis for each of the angles `first` + 1 to `last`, without that of joint
-        1, each in the order of `BASIS`.
+    They are exact rationals (5, ..., 5, s, s): one axis for each of the angles `first` + 1 to `last`, without that of
+    joint 1, each in the order of `BASIS`.
     """
     fixed = 0 if first else 1
     angles = last - first - fixed
@@ -171,13 +160,7 @@ def angle_ranges(robot: Robot) -> np.ndarray:
 
 
 def scheduled_polynomial(premises: Sequence[Premise], inertia: np.ndarray, split: int) -> np.ndarray:
-    """Return the coefficients of M̂, exact rationals (5, ..., 5, n, n) with an axis for each of the angles 2 to a.
-
-    Args:
-        premises: the kept ones.
-        inertia: S_r, (N, n, n).
-        split: a.
-    """
+    """Return the coefficients of M̂, rationals (5, ..., 5, n, n) over the angles 2 to a = `split`, of S_r (N, n, n)."""
     angles, vertices = split - 1, exact(inertia)
     total: np.ndarray = np.full((BASIS,) * angles + vertices.shape[1:], fmpq(0), dtype=object)
     for rule, S in enumerate(vertices):

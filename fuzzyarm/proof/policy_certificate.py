@@ -24,21 +24,16 @@ __all__ = ["PolicyCertificate", "certificate_of", "tip_statement"]
 
 @dataclasses.dataclass(frozen=True)
 class PolicyCertificate:
-    """What is proven of a policy on a reference; see `certificate_of`.
+    """What is proven of a policy on a reference; see `certificate_of`."""
 
-    Attributes:
-        text: what is proven and what is not, in words.
-        bounds: the numbers of the claim, ready for JSON: ``form``, ``alpha`` [1/s], ``gamma`` ([rad/(N m)] in the
-            consistent form, [s²] in the semidefinite one) and ``controller_digest``, the digest of the controller file.
-            None where the policy leaves the box along the reference, so that the claim is void.
-        controller: the controller whose inequalities are proven.
-        any_reference: whether the claim holds for the error from every twice differentiable reference, not only from
-            the one in the observation.
-    """
-
-    text: str
+    text: str  # what is proven and what is not, in words
+    # the numbers of the claim, ready for JSON: ``form``, ``alpha`` [1/s], ``gamma`` ([rad/(N m)] in the consistent
+    # form, [s²] in the semidefinite one) and ``controller_digest``, the digest of the controller file. None where the
+    # policy leaves the box along the reference, so that the claim is void.
     bounds: dict[str, Any] | None
-    controller: Controller | ScheduledController
+    controller: Controller | ScheduledController  # the controller whose inequalities are proven
+    # whether the claim holds for the error from every twice differentiable reference, not only from the one in the
+    # observation
     any_reference: bool
 
 
@@ -78,10 +73,10 @@ def _elastic(reference: Reference) -> ElasticReference | ValueError:
 def tip_statement(reference: Reference) -> str:
     """Return what a controller's certificate says of the law that tracks θ_d of `reference`, with the box re-checked.
 
-    The inequality of the certificate holds for the error from any reference, with w = d + ρ. For θ_d, ρ is what the
-    dropped premises make of the error (it vanishes with it), and u_ff without friction less the rigid arm's inverse
-    dynamics at θ_d: that is τ_d less the torque the links would need at θ_d, known beforehand. Its largest value, and
-    the share of the box, are those of `CHECKED_INSTANTS` instants.
+    The inequality holds for the error from any reference, with w = d + ρ. For θ_d, ρ is what the dropped premises make
+    of the error (it vanishes with it), and u_ff without friction less the rigid arm's inverse dynamics at θ_d: τ_d less
+    the torque that the links would need at θ_d, known beforehand. Its largest value, and the share of the box, are
+    those of `CHECKED_INSTANTS` instants.
     """
     elastic = _elastic(reference)
     if isinstance(elastic, ValueError):

@@ -42,49 +42,22 @@ from fuzzyarm.envs.physics.dynamics import Arm, arm_constants, coriolis_torque, 
 from fuzzyarm.envs.scenario.reference import ReferenceSample
 from fuzzyarm.fuzzy_policy.controller import Controller
 from fuzzyarm.fuzzy_policy.states import INTEGRAL, PLANT, PLANT_STATES, POSITION, VELOCITY
-from fuzzyarm.fuzzy_policy.ts_model import descriptor_terms, premises
+from fuzzyarm.fuzzy_policy.ts_model import descriptor_terms, premises, rule_products
 
 __all__ = [
-    "STEP",
-    "DecayRates",
-    "Disturbance",
-    "Motion",
-    "Objective",
-    "RigidLoop",
-    "Run",
-    "Uniform",
-    "WorstPoint",
-    "decay_rates",
-    "disturbed_run",
-    "find_worst_point",
-    "freeze",
-    "gain_at",
-    "joined",
-    "library",
-    "lyapunov_rate",
-    "pole_rate",
-    "simulate",
-    "slowest_error",
-    "worst_posture",
-    "worst_torque",
+    "STEP", "Disturbance", "Motion", "Objective", "RigidLoop", "Run", "Uniform", "decay_rates", "disturbed_run",
+    "find_worst_point", "freeze", "gain_at", "joined", "library", "lyapunov_rate", "pole_rate", "simulate",
+    "slowest_error", "worst_posture", "worst_torque",
 ]  # fmt: skip
 
 
 @dataclasses.dataclass(frozen=True)
 class RigidLoop:
-    """The closed loop of the module's docstring, for states in lanes; the controller's law in plain NumPy.
+    """The closed loop of the module's docstring, for states in lanes; the form is the consistent one."""
 
-    Attributes:
-        controller: a controller of the consistent form.
-
-    Raises:
-        ValueError: the controller is of the paper's form.
-    """
-
-    controller: Controller
+    controller: Controller  # a controller of the consistent form
 
     def __post_init__(self) -> None:
-        """Raise for the paper's form, whose V and residual differ."""
         if self.controller.form != "consistent":
             raise ValueError(f"a controller of the {self.controller.form} form; needed: the consistent form")
 
@@ -103,10 +76,7 @@ class RigidLoop:
         model = self.controller.model
         low, high = model.bounds.T
         omega = np.clip((z - low) / (high - low), 0.0, 1.0)
-        weights = np.ones((len(z), 1))
-        for index in [*model.kept_in_E, *model.kept_in_A]:  # the first one changes fastest, as in `TSModel`
-            ratio = omega[:, index : index + 1]
-            weights = np.concatenate([weights * (1.0 - ratio), weights * ratio], axis=1)
+        weights = rule_products((omega[:, index] for index in [*model.kept_in_E, *model.kept_in_A]), (len(z),))
         blended = (weights @ self._vertices).reshape(len(z), JOINTS, -1)
         return blended[..., : self.states], blended[..., self.states :]
 
@@ -139,13 +109,9 @@ class RigidLoop:
     def error_rate(
         self, error: np.ndarray, target: ReferenceSample, torque: np.ndarray, *, total: bool
     ) -> tuple[np.ndarray, np.ndarray]:
-        """Return ē' (lanes, n_e) and w [N m] (lanes, 2) for errors (lanes, n_e) from a target.
+        """Return ē' (lanes, n_e) and w [N m] (lanes, 2) for errors ē (lanes, n_e) from a target, (2,) or (lanes, 2).
 
-        Args:
-            error: ē = (q - q_d, q̇ - q̇_d, x_I).
-            target: q_d, q̇_d, q̈_d, (2,) or (lanes, 2).
-            torque: w itself if `total`, so that d = w - ρ acts on the arm; otherwise d, and w = d + ρ.
-            total: which of the two `torque` is.
+        `torque` is w itself if `total`, so that d = w - ρ acts on the arm; otherwise it is d, and w = d + ρ.
         """
         q, dq = target.q + error[:, POSITION], target.dq + error[:, VELOCITY]
         z = premises(q, dq, self.controller.model.parameters)
@@ -170,8 +136,8 @@ class RigidLoop:
         return np.linalg.inv(np.linalg.cholesky(self.controller.P)).T
 
 
-LARGEST_FREQUENCY = 500.0  # [rad/s]; the gains fall beyond 100 rad/s
-GENERATIONS, POPULATION = 150, 16  # of the search; a second seed changes no result in the fourth digit
+_LARGEST_FREQUENCY = 500.0  # [rad/s]; the gains fall beyond 100 rad/s
+GENERATIONS, _POPULATION = 150, 16  # of the search; a second seed changes no result in the fourth digit
 
 
 def freeze(loop: RigidLoop, q: np.ndarray, dq: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -217,7 +183,7 @@ def gain_at(F: np.ndarray, G: np.ndarray, s: np.ndarray) -> np.ndarray:
 
 
 @dataclasses.dataclass(frozen=True)
-class WorstPoint:
+class _WorstPoint:
     """Where in the box a `value` is largest: q [rad] and q̇ [rad/s] (2,), and the frequency ω [rad/s] if it has one."""
 
     value: float
@@ -230,21 +196,18 @@ Objective = Callable[[np.ndarray, np.ndarray, np.ndarray], np.ndarray]
 """F, G and ω, with lanes, to what is to be largest (lanes,)."""
 
 
-def find_worst_point(loop: RigidLoop, objective: Objective, *, moving: bool = True, seed: int = 0) -> WorstPoint:
-    """Return where `objective` is largest over the box (25) and ω in [0, LARGEST_FREQUENCY], by differential evolution.
+def find_worst_point(loop: RigidLoop, objective: Objective, *, moving: bool = True, seed: int = 0) -> _WorstPoint:
+    """Return where `objective` is largest over the box (25) and ω in [0, 500] rad/s, by differential evolution.
 
-    Args:
-        loop: arm and controller.
-        objective: see `Objective`.
-        moving: whether q̇ is searched too; False: the arm at rest.
-        seed: of the search.
+    It takes F, G and ω, with lanes, to a number for each lane. Without `moving` the arm is at rest; `seed` is that of
+    the search.
     """
     limits = loop.controller.model.parameters
     scale = np.array([*limits.joint_limit, *(float(moving) * np.array(limits.velocity_limit)), 1.0])
 
     def split(x: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         point = scale * x.T
-        return point[:, POSITION], point[:, VELOCITY], LARGEST_FREQUENCY * (0.5 + 0.5 * point[:, -1]) ** 2
+        return point[:, POSITION], point[:, VELOCITY], _LARGEST_FREQUENCY * (0.5 + 0.5 * point[:, -1]) ** 2
 
     def loss(x: np.ndarray, /) -> Any:
         q, dq, omega = split(x)
@@ -252,15 +215,15 @@ def find_worst_point(loop: RigidLoop, objective: Objective, *, moving: bool = Tr
 
     found = differential_evolution(
         loss, Bounds([-1.0] * len(scale), [1.0] * len(scale)), vectorized=True, updating="deferred", polish=False,
-        rng=seed, init="sobol", maxiter=GENERATIONS, popsize=POPULATION, tol=0.0,
+        rng=seed, init="sobol", maxiter=GENERATIONS, popsize=_POPULATION, tol=0.0,
     )  # fmt: skip
     q, dq, omega = split(found.x[:, np.newaxis])
-    return WorstPoint(-float(found.fun), q[0], dq[0], float(omega[0]))
+    return _WorstPoint(-float(found.fun), q[0], dq[0], float(omega[0]))
 
 
 STEP = 5e-4  # [s]; the fastest poles of the shipped loops lie near -250 rad/s
-FLOOR = 1e-20  # share of V(0) below which a rate of decay is not read: there rounding shows
-INTEGRALS = 3  # of zᵀz, wᵀw and V, integrated along with the error
+_FLOOR = 1e-20  # share of V(0) below which a rate of decay is not read: there rounding shows
+_INTEGRALS = 3  # of zᵀz, wᵀw and V, integrated along with the error
 
 Disturbance = Callable[[np.ndarray], np.ndarray]
 """Times (k,) [s] to torques (k, lanes or 1, 2) [N m]; smooth, or with kinks at multiples of the step only."""
@@ -275,23 +238,15 @@ class Motion(Protocol):
 
 @dataclasses.dataclass(frozen=True)
 class Run:
-    """Trajectories at times t (k,) [s]: errors ē (k, lanes, n_e), and (k, lanes) for all else.
-
-    Attributes:
-        V: Lyapunov function.
-        output: ∫ zᵀz dt [rad² s].
-        input: ∫ wᵀw dt [N² m² s].
-        dissipation: V - V(0) + ∫ (zᵀz - γ² wᵀw + 2αV) dt, at most zero if the claim holds.
-        in_box: whether q and q̇ have been in the box (25) up to here.
-    """
+    """Trajectories at times t (k,) [s]: errors ē (k, lanes, n_e), and (k, lanes) for all else."""
 
     t: np.ndarray
     error: np.ndarray
-    V: np.ndarray
-    output: np.ndarray
-    input: np.ndarray
-    dissipation: np.ndarray
-    in_box: np.ndarray
+    V: np.ndarray  # Lyapunov function
+    output: np.ndarray  # ∫ zᵀz dt [rad² s]
+    input: np.ndarray  # ∫ wᵀw dt [N² m² s]
+    dissipation: np.ndarray  # V - V(0) + ∫ (zᵀz - γ² wᵀw + 2αV) dt, at most zero if the claim holds
+    in_box: np.ndarray  # whether q and q̇ have been in the box (25) up to here
 
     @property
     def gain(self) -> np.ndarray:
@@ -301,8 +256,8 @@ class Run:
 
     @property
     def rate(self) -> np.ndarray:
-        """-d ln V / 2dt [1/s] over each step, (k - 1, lanes); inf out of the box and below `FLOOR`."""
-        readable = self.in_box[1:] & (self.V[1:] > FLOOR * self.V[0])
+        """-d ln V / 2dt [1/s] over each step, (k - 1, lanes); inf out of the box and below `_FLOOR`."""
+        readable = self.in_box[1:] & (self.V[1:] > _FLOOR * self.V[0])
         ratio = np.divide(self.V[:-1], self.V[1:], out=np.full_like(self.V[1:], np.inf), where=readable)
         return np.asarray(np.log(ratio) / (2.0 * np.diff(self.t)[:, np.newaxis]))
 
@@ -317,18 +272,11 @@ def simulate(
     total: bool = True,
     step: float = STEP,
 ) -> Run:
-    """Integrate ē and the integrals of `Run` by the classical Runge-Kutta method of order 4 with fixed steps.
+    """Integrate ē and the integrals of `Run` by the classical Runge-Kutta method of order 4 with fixed steps [s].
 
-    The unknown is the error, not the angle: an error of 1e-12 rad decays as accurately as one of 0.1 rad.
-
-    Args:
-        loop: arm and controller.
-        motion: the reference, twice differentiable.
-        start: ē at t = 0, (lanes, n_e).
-        disturbance: torque over time, w or d as `total` says, see `RigidLoop.error_rate`.
-        duration: [s], rounded to whole steps.
-        total: whether the disturbance is w of the certificate.
-        step: [s].
+    The unknown is the error, not the angle: an error of 1e-12 rad decays as accurately as one of 0.1 rad. The reference
+    is twice differentiable, ē starts at `start` (lanes, n_e), the disturbance is w of the certificate or, unless
+    `total`, d, and the duration [s] is rounded to whole steps.
     """
     steps, n = round(duration / step), loop.states
     half = 0.5 * step * np.arange(2 * steps + 1)
@@ -340,7 +288,7 @@ def simulate(
         integrands = [np.sum(error[:, POSITION] ** 2, axis=1), np.sum(w**2, axis=1), loop.lyapunov(error)]
         return np.column_stack([change, *integrands])
 
-    path = np.zeros((steps + 1, len(start), n + INTEGRALS))
+    path = np.zeros((steps + 1, len(start), n + _INTEGRALS))
     path[0, :, :n] = start
     for k in range(steps):
         y = path[k]
@@ -349,27 +297,21 @@ def simulate(
         k3 = rate(2 * k + 1, y + 0.5 * step * k2)
         k4 = rate(2 * k + 2, y + step * k3)
         path[k + 1] = y + step / 6.0 * (k1 + 2.0 * k2 + 2.0 * k3 + k4)
-    return _evaluate(loop, half[::2], ReferenceSample(*(part[::2] for part in targets)), path)
-
-
-def _evaluate(loop: RigidLoop, t: np.ndarray, targets: ReferenceSample, path: np.ndarray) -> Run:
-    controller, n = loop.controller, loop.states
+    controller, limits = loop.controller, loop.controller.model.parameters
     error, (output, taken, stored) = path[..., :n], np.moveaxis(path[..., n:], -1, 0)
-    V, limits = loop.lyapunov(error), controller.model.parameters
-    supply = output - controller.gamma**2 * taken + 2.0 * controller.alpha * stored
-    q, dq = (part.reshape(len(t), -1, JOINTS) for part in targets[:2])
-    inside = (np.abs(q + error[..., POSITION]) <= limits.joint_limit) & (
-        np.abs(dq + error[..., VELOCITY]) <= limits.velocity_limit
-    )
+    V, supply = loop.lyapunov(error), output - controller.gamma**2 * taken + 2.0 * controller.alpha * stored
+    q, dq = (part[::2].reshape(steps + 1, -1, JOINTS) for part in targets[:2])
+    fast, far = np.abs(dq + error[..., VELOCITY]), np.abs(q + error[..., POSITION])
+    inside = (far <= limits.joint_limit) & (fast <= limits.velocity_limit)
     in_box = np.logical_and.accumulate(inside.all(axis=-1), axis=0)
-    return Run(t, error, V, output, taken, V - V[0] + supply, in_box)
+    return Run(half[::2], error, V, output, taken, V - V[0] + supply, in_box)
 
 
 FREQUENCIES = (1.0, 3.0, 10.0, 20.0, 40.0, 60.0, 80.0, 120.0, 200.0, 400.0)  # [rad/s]
 DIRECTIONS = {"joint 1": (1.0, 0.0), "joint 2": (0.0, 1.0), "in phase": (0.7, 0.7), "antiphase": (0.7, -0.7)}
-PULSE = 0.02  # [s]
+_PULSE = 0.02  # [s]
 HELD = 2e-3  # [s], one torque of the power iteration
-POWER_STEPS = 40  # of the power iteration; twice as many raise the gains by 0.5 % at most
+_POWER_STEPS = 40  # of the power iteration; twice as many raise the gains by 0.5 % at most
 
 
 @dataclasses.dataclass(frozen=True)
@@ -388,7 +330,7 @@ class Uniform:
 def library(duration: float, step: float = STEP, seed: int = 0) -> dict[str, np.ndarray]:
     """Return torques (k, 2) [N m] of size 1 at the instants 0, step, ..., duration, to be joined by `joined`."""
     t, rng = np.arange(round(duration / step) + 1) * step, np.random.default_rng(seed)
-    shapes = {"step": np.ones_like(t), "pulse": (t <= PULSE).astype(float)}
+    shapes = {"step": np.ones_like(t), "pulse": (t <= _PULSE).astype(float)}
     shapes |= {f"sine {omega:g} rad/s": np.sin(omega * t) for omega in FREQUENCIES}
     probes = {
         f"{name}, {way}": shape[:, np.newaxis] * np.array(direction)
@@ -413,17 +355,12 @@ def joined(torques: np.ndarray, step: float = STEP) -> Disturbance:
 def worst_torque(
     loop: RigidLoop, motion: Motion, duration: float, *, stored: bool = False, step: float = STEP
 ) -> np.ndarray:
-    """Return the torque (k, 2) [N m], largest value 1, that small errors about a motion amplify most.
+    """Return the torque (k, 2) [N m], largest value 1, that small errors about a motion of one lane amplify most.
 
     About zero error the loop is linear, with the F(t), G(t) of `freeze`. Power iteration finds the largest singular
-    value of its map from w to the position error: forward through the loop, backward through its adjoint.
-
-    Args:
-        loop: arm and controller.
-        motion: the reference, of one lane.
-        duration: [s].
-        stored: whether the output is all that the dissipation inequality counts, (z, √(2α) P^(-1/2) ē), or z.
-        step: [s], between the torques returned; those searched are held for `HELD`.
+    value of its map from w to the position error: forward through the loop, backward through its adjoint. If `stored`,
+    the output is all that the dissipation inequality counts, (z, √(2α) P^(-1/2) ē), else z. The torques that are
+    returned are `step` [s] apart, those of the search are held for `HELD`.
     """
     middles = HELD * (np.arange(round(duration / HELD)) + 0.5)
     move, push = _discrete(loop, motion, middles)
@@ -432,7 +369,7 @@ def worst_torque(
     if stored:
         weight += 2.0 * controller.alpha * np.linalg.inv(controller.P)
     torque, errors = np.random.default_rng(0).normal(size=(len(middles), JOINTS)), np.zeros((len(middles), n))
-    for _ in range(POWER_STEPS):
+    for _ in range(_POWER_STEPS):
         e, costate = np.zeros(n), np.zeros(n)
         for k in range(len(middles)):
             errors[k] = e = move[k] @ e + push[k] @ torque[k]
@@ -455,24 +392,18 @@ def _discrete(loop: RigidLoop, motion: Motion, middles: np.ndarray) -> tuple[np.
     return maps[..., :n], maps[..., n:]
 
 
-LANES, DECAY_DURATION = 200, 0.2  # number of undisturbed rollouts from random states, and their duration [s]
-SLOWEST_DURATION, SLOWEST_STEP = 0.02, 2e-5  # [s], of the rollout from where V decays slowest
+LANES, _DECAY_DURATION = 200, 0.2  # number of undisturbed rollouts from random states, and their duration [s]
+_SLOWEST_DURATION, SLOWEST_STEP = 0.02, 2e-5  # [s], of the rollout from where V decays slowest
 AMPLITUDE = 100.0  # [N m], of the largest disturbance torque
 _UNDISTURBED = joined(np.zeros((2, 1, 2)))
 
 
-class DecayRates(NamedTuple):
-    """Smallest rates -V'/2V [1/s] without disturbance; the certificate claims that all are at least α.
+class _DecayRates(NamedTuple):
+    """Smallest rates -V'/2V [1/s] without disturbance; the certificate claims that all are at least α."""
 
-    Attributes:
-        random: of rollouts from random states of the box.
-        slowest: of a rollout from the state and error at which V decays slowest.
-        in_box: of all states of the box and all errors, found by a search without a rollout.
-    """
-
-    random: float
-    slowest: float
-    in_box: float
+    random: float  # of rollouts from random states of the box
+    slowest: float  # of a rollout from the state and error at which V decays slowest
+    in_box: float  # of all states of the box and all errors, found by a search without a rollout
 
     @property
     def observed(self) -> float:
@@ -480,7 +411,7 @@ class DecayRates(NamedTuple):
         return min(self.random, self.slowest)
 
 
-def decay_rates(loop: RigidLoop, step: float = STEP) -> DecayRates:
+def decay_rates(loop: RigidLoop, step: float = STEP) -> _DecayRates:
     """Return the smallest decay rates of V; `step` is that of the random rollouts [s]."""
     P = loop.controller.P
     worst = find_worst_point(loop, lambda F, G, omega: -lyapunov_rate(F, P))
@@ -488,8 +419,8 @@ def decay_rates(loop: RigidLoop, step: float = STEP) -> DecayRates:
     q, dq = 0.999 * worst.q[np.newaxis], 0.999 * worst.dq[np.newaxis]
     error = 1e-4 * slowest_error(freeze(loop, q, dq)[0], P)
     motion = Uniform(q - error[:, POSITION], dq - error[:, VELOCITY])
-    slowest = simulate(loop, motion, error, _UNDISTURBED, SLOWEST_DURATION, step=SLOWEST_STEP)
-    return DecayRates(_random_decay(loop, step), float(slowest.rate.min()), -worst.value)
+    slowest = simulate(loop, motion, error, _UNDISTURBED, _SLOWEST_DURATION, step=SLOWEST_STEP)
+    return _DecayRates(_random_decay(loop, step), float(slowest.rate.min()), -worst.value)
 
 
 def worst_posture(loop: RigidLoop) -> Uniform:
@@ -501,15 +432,7 @@ def worst_posture(loop: RigidLoop) -> Uniform:
 def disturbed_run(
     loop: RigidLoop, motion: Motion, probes: Mapping[str, np.ndarray], duration: float, step: float = STEP
 ) -> Run:
-    """Return the rollouts from zero error under disturbance torques, one lane for each probe.
-
-    Args:
-        loop: arm and controller.
-        motion: the reference.
-        probes: torques (k, 2) by name, of size 1, at the instants 0, step, ..., duration; see `library`.
-        duration: [s].
-        step: of the torques and of the integration [s].
-    """
+    """Return the rollouts [s] from zero error, one lane for each torque (k, 2) of size 1 by name, see `library`."""
     torques = AMPLITUDE * np.stack(list(probes.values()), axis=1)
     at_rest = np.zeros((len(probes), loop.states))
     return simulate(loop, motion, at_rest, joined(torques, step), duration, step=step)
@@ -522,4 +445,4 @@ def _random_decay(loop: RigidLoop, step: float) -> float:
     errors = rng.normal(size=(LANES, loop.states)) @ np.linalg.cholesky(P).T
     largest_angle = rng.uniform(0.01, 0.3, LANES)  # [rad]
     errors *= (largest_angle / np.abs(errors[:, POSITION]).max(axis=1))[:, np.newaxis]
-    return float(simulate(loop, Uniform(q, dq), errors, _UNDISTURBED, DECAY_DURATION, step=step).rate.min())
+    return float(simulate(loop, Uniform(q, dq), errors, _UNDISTURBED, _DECAY_DURATION, step=step).rate.min())

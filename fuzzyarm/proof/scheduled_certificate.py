@@ -47,7 +47,7 @@ from fuzzyarm.proof.definiteness import exact, inverse, largest_growth, smallest
 from fuzzyarm.proof.inertia_bounds import Bound, bounds
 from fuzzyarm.proof.statement import NOT_COVERED, decay_words
 
-__all__ = ["certify_scheduled", "decay", "euclidean_gain", "fastest", "loop", "schedule_rate", "scheduled_statement"]
+__all__ = ["certify_scheduled", "decay", "fastest", "loop", "schedule_rate", "scheduled_statement"]
 
 
 def loop() -> tuple[np.ndarray, np.ndarray, np.ndarray]:
@@ -59,15 +59,10 @@ def loop() -> tuple[np.ndarray, np.ndarray, np.ndarray]:
 
 
 def decay(share: Any, *, rate: Any, gamma2: Any, P: Any, m: Any, put: Assembly = symmetric) -> Any:
-    """Return the matrix of the decay and the gain, (5, 5), which has to be negative definite.
+    """Return the matrix of decay and gain, (5, 5), which has to be negative definite.
 
-    Args:
-        share: λ.
-        rate: α + μ [1/s].
-        gamma2: γ² [s⁴].
-        P: (3, 3).
-        m: k P, (1, 3).
-        put: what makes a matrix of the block rows.
+    λ is the share, `rate` α + μ [1/s], `gamma2` γ² [s⁴], P is (3, 3), m = k P is (1, 3), and `put` makes a matrix of
+    the block rows.
     """
     A, b, c = loop()
     state = he(A @ P - b @ (share * m)) + 2 * rate * P
@@ -85,10 +80,8 @@ def certify_scheduled(
 ) -> Certificate:
     """Prove every claim of a controller; `Certificate.proven` says whether all of them hold.
 
-    Args:
-        controller: its claims are taken from its stored numbers, its inertia is computed from its robot.
-        in_balls: whether to prove each box again in balls, which takes longer.
-        progress: called after each claim.
+    The claims are taken from its stored numbers, the inertia is computed from its robot. With `in_balls` each box is
+    proven in balls, too, which takes longer. `progress` is called after each claim.
     """
     claims = _loop_claims(controller)
     # The cheap claims come first: a file whose gains do not fit is refused at once.
@@ -106,11 +99,6 @@ def schedule_rate(controller: ScheduledController) -> fmpq:
     """Return μ = Σ μ_k |q̇_k| [1/s], a bound of half the rate of M̂ relative to M̂, in exact rationals."""
     pairs = zip(controller.rates.tolist(), controller.speeds.tolist(), strict=True)
     return sum((stated(rate) * stated(speed) for rate, speed in pairs), fmpq(0))
-
-
-def euclidean_gain(controller: ScheduledController) -> fmpq:
-    """Return γ/σ [rad/(N m)], a bound of the L2 gain from the torques d to the position error in Euclidean norms."""
-    return stated(controller.gamma) / stated(controller.floor)
 
 
 def _loop_claims(controller: ScheduledController) -> list[Claim]:
@@ -155,7 +143,9 @@ def scheduled_statement(controller: ScheduledController) -> str:
         for premise, speed in zip(kept, controller.speeds, strict=True)
     )
     alpha, beta = at_least(controller.alpha, 6), at_most(controller.fastest_pole, 6)
-    euclid = euclidean_gain(controller)
+    # γ/σ [rad/(N m)], rounded up, bounds the L2 gain from the torques d to the position error in Euclidean norms.
+    euclid = stated(controller.gamma) / stated(controller.floor)
+    gain = float(np.nextafter(int(euclid.p) / int(euclid.q), np.inf))
     # V = xᵀ (X ⊗ M̂) x, where M̂ > σ I is a mean of the S_r, which are at most their largest sum of a row.
     heaviest = np.abs(controller.inertia).sum(axis=-1).max() / controller.floor
     growth = (heaviest * largest_growth(controller.lyapunov, size) for size in (len(controller.lyapunov), 1))
@@ -165,11 +155,6 @@ def scheduled_statement(controller: ScheduledController) -> str:
         f"reference: without disturbance {decay_words(alpha, *growth)}; and the poles of the loop frozen at any "
         f"such state have real parts below -{alpha} 1/s and moduli of at most {beta} 1/s. From zero error the L2 "
         f"gain from the disturbance torque d to the position error is at most {at_most(controller.gamma, 3)} s^2 in "
-        f"the norms of the scheduled inertia, and so at most {at_most(_up(euclid), 3)} rad/(N m). "
+        f"the norms of the scheduled inertia, and so at most {at_most(gain, 3)} rad/(N m). "
         f"d holds friction other than viscous, tip forces and payload as joint torques. {NOT_COVERED}"
     )
-
-
-def _up(value: fmpq) -> float:
-    """Return a float that is not below a rational number."""
-    return float(np.nextafter(int(value.p) / int(value.q), np.inf))

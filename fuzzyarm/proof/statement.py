@@ -9,7 +9,7 @@ from fuzzyarm.envs.observation import JOINTS
 from fuzzyarm.fuzzy_policy.controller import Controller
 from fuzzyarm.proof.definiteness import largest_growth
 
-__all__ = ["NOT_COVERED", "OF_THE_TIP", "decay_words", "statement"]
+__all__ = ["NOT_COVERED", "decay_words", "statement"]
 
 # What every certificate says of its limits.
 NOT_COVERED = (
@@ -17,7 +17,7 @@ NOT_COVERED = (
     "the box; those are measured, not proven."
 )
 ERROR = "the tracking error x = (e, de/dt, integral of e if it is fed back) in rad and s"
-OF_THE_TIP = (
+_OF_THE_TIP = (
     " Of the tip of the elastic, sampled arm a bound can be proven along one motion and for a set of plants: fuzzyarm "
     "prove."
 )
@@ -40,7 +40,7 @@ def statement(controller: Controller) -> str:
             f"vanishes {both}, and from zero initial conditions the L2 gain from w to Q^(1/2) e is at most {gamma}. "
             "d is friction, tip forces and payload as joint torques. "
         )
-        return box + claim + NOT_COVERED + OF_THE_TIP
+        return box + claim + NOT_COVERED + _OF_THE_TIP
     dropped = [name for u in model.uncertainties for name in u.premises]
     residual = f", and the feedforward residual of the dropped premises {', '.join(dropped)}" if dropped else ""
     if controller.fastest_pole is not None:
@@ -55,7 +55,7 @@ def statement(controller: Controller) -> str:
         f"disturbance torque d to the position error is at most {gamma} rad/(N m). d "
         f"holds friction, tip forces and payload as joint torques{residual}. "
     )
-    return box + claim + NOT_COVERED + OF_THE_TIP
+    return box + claim + NOT_COVERED + _OF_THE_TIP
 
 
 def decay_words(alpha: str, *growth: float, x: str = ERROR) -> str:

@@ -79,22 +79,10 @@ def psi(
 ) -> Any:
     """Return Ψ_ijk, symmetric and affine in P, M, L, Q, X, τ and γ²; Ξ_ijk of a model without uncertainty.
 
-    With arrays of i and k it returns a stack: M, L, Q, X and τ are stacks then, and P is one matrix.
-
-    Args:
-        data: the vertices, n_e = 4 or, with the integral, 6; n = n_e + 4.
-        i: vertex of A, from 0.
-        k: vertex of E, from 0.
-        alpha: decay rate α [1/s].
-        gamma2: γ².
-        output: factor on z.
-        P: diag(P_11, P_22), (n, n); only its two diagonal blocks are read.
-        M: M_jk, (2, n_e).
-        L: L_jk, (2, 6).
-        Q: Q_ij, (n, n).
-        X: X_ij, (n, n).
-        tau: τ of the pair (i, j) and k, (..., m), one for each entry of `data.uncertainties`.
-        put: what makes a matrix of the block rows.
+    n_e = 4 or, with the integral, 6; n = n_e + 4. Vertices i of A and k of E count from 0; α is in 1/s, z has the
+    factor `output`. P = diag(P_11, P_22) is (n, n), of which the two diagonal blocks are read, M_jk (2, n_e), L_jk (2,
+    6), Q_ij and X_ij (n, n), τ (..., m) has an entry for each of `data.uncertainties`, and `put` makes a matrix of the
+    block rows. With arrays of i and k the result is a stack: M, L, Q, X and τ are stacks then, and P is one matrix.
     """
     E, A, B, A_r, B_r = data.error_E(k), data.error_A(i), data.error_rows(data.B), data.A_r, data.B_r
     A_minus_E_A_r = data.error_rows(np.asarray(data.A)[i] - np.asarray(data.E)[k] @ A_r)

@@ -5,7 +5,6 @@ from __future__ import annotations
 import contextlib
 import dataclasses
 import time
-from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
@@ -21,24 +20,22 @@ from fuzzyarm.proof.policy_certificate import tip_statement
 from fuzzyarm.proof.residual import Residual, feedforward_residual
 from fuzzyarm.proof.scheduled_certificate import certify_scheduled
 
-__all__ = ["ScheduledVerification", "Verification", "residual_statement", "verify_file"]
+__all__ = ["Verification", "residual_statement", "verify_file"]
 
-LISTED = 20  # claims in the printed report
+_LISTED = 20  # claims in the printed report
 
 
 @dataclasses.dataclass(frozen=True)
-class _Report:
-    """The certificate of one file.
+class Verification:
+    """The certificate of one file; what depends on the reference is given for the paper's circle."""
 
-    Attributes:
-        path: the file.
-        certificate: its claims, each proven or not.
-        seconds: time of the proof.
-    """
-
-    path: Path
-    certificate: Certificate
-    seconds: float
+    path: Path  # the file
+    certificate: Certificate  # its claims, each proven or not
+    seconds: float  # time of the proof
+    controller: Controller | ScheduledController  # the content of the file
+    # the feedforward residual; None unless the form is the consistent one, and where the arm does not reach the circle
+    residual: Residual | None = None
+    tip: str | None = None  # what holds for the policy of this file with the ending -tip
 
     @property
     def proven(self) -> bool:
@@ -47,25 +44,40 @@ class _Report:
 
     def to_dict(self) -> dict[str, Any]:
         """Return the report as plain data for JSON."""
+        own: dict[str, Any] = {"statement": self.certificate.statement if self.proven else None}
+        if isinstance(self.controller, ScheduledController):
+            own = {"robot_digest": self.controller.robot.digest, **own}
+        else:
+            bound = None if self.residual is None or self.residual.bound is None else self.residual.bound.tolist()
+            own = {"residual_bound": bound, **own, "tip_statement": self.tip if self.proven else None}
         return {
             "file": str(self.path),
             "proven": self.proven,
             "margin": self.certificate.proof_margin,
             "seconds": self.seconds,
-            **self._own(),
+            **own,
             "claims": [
                 {"name": claim.name, "proven": claim.proven, "margin": claim.proof_margin}
                 for claim in self.certificate.claims
             ],
         }
 
-    def _own(self) -> dict[str, Any]:
-        """Return what a report of its kind has beside."""
-        return {"statement": self.certificate.statement if self.proven else None}
-
-    def _lines(self, about: str, how: str, claims: Sequence[Any]) -> list[str]:
-        """Return the lines of the report: the verdict, what the file is, how it is proven, and some claims."""
-        every = self.certificate.claims
+    def to_text(self) -> str:
+        """Return the report as text: verdict, content of the file, proof, the claims that say most, certificate."""
+        c, every = self.controller, self.certificate.claims
+        margin_and_time = f"smallest margin {self.certificate.proof_margin:.2g}, {self.seconds:.2f} s"
+        if isinstance(c, ScheduledController):
+            about, claims = _about_scheduled(c), every
+            how = (
+                f"claims proven, {margin_and_time}: the inequalities of the loop in exact rational arithmetic, the "
+                "bounds of the inertia on covers of boxes, in floating point with a bound of all rounding errors and "
+                "again in balls with outward rounding"
+            )
+        else:
+            # What fails first, then the smallest margins; a large model has hundreds of claims.
+            ranked = sorted(every, key=lambda claim: (claim.proven, claim.proof_margin))
+            about, claims = _about(c), tuple(ranked[:_LISTED])
+            how = f"inequalities proven in exact rational arithmetic, {margin_and_time}"
         lines = [
             f"{escaped(str(self.path))}: {'PROVEN' if self.proven else 'NOT PROVEN'}",
             f"  {about}",
@@ -77,85 +89,31 @@ class _Report:
         ]
         if len(every) > len(claims):
             lines.append(f"  and {len(every) - len(claims)} more with larger margins, all of them with --json")
-        return [*lines, f"  {self.certificate.statement}"] if self.proven else lines
-
-
-@dataclasses.dataclass(frozen=True)
-class Verification(_Report):
-    """The certificate of one file; what depends on the reference is given for the paper's circle.
-
-    Attributes:
-        controller: the content of the file.
-        residual: the feedforward residual; None in the form of the paper, and where the arm does not reach the circle.
-        tip: what holds for the policy of this file with the ending -tip.
-    """
-
-    controller: Controller
-    residual: Residual | None
-    tip: str | None
-
-    def to_text(self) -> str:
-        """Return the report as text: a line for each claim that fails, a summary, and the certificate in words."""
-        c = self.controller
-        multipliers = (
-            "one multiplier for all of A" if c.common_multiplier else "one multiplier for each dropped premise"
-        )
-        pole = "" if c.fastest_pole is None else f", fastest pole = {at_most(c.fastest_pole, 6)} 1/s"
-        about = (
-            f"{c.form} form, {c.model.rules} rules (kept: {', '.join(c.model.kept) or 'none'}), {multipliers}, "
-            f"{'with' if c.integral else 'without'} integral; alpha = {at_least(c.alpha, 6)} 1/s, "
-            f"gamma = {at_most(c.gamma, 6)}{pole}"
-        )
-        how = (
-            "inequalities proven in exact rational arithmetic, "
-            f"smallest margin {self.certificate.proof_margin:.2g}, {self.seconds:.2f} s"
-        )
-        # What fails first, then the smallest margins; a large model has hundreds of claims.
-        ranked = sorted(self.certificate.claims, key=lambda claim: (claim.proven, claim.proof_margin))
-        lines = self._lines(about, how, ranked[:LISTED])
+        lines += [f"  {self.certificate.statement}"] if self.proven else []
         if self.residual is not None and self.residual.sampled.any():
             lines.append(f"  {residual_statement(self.residual)}")
         if self.tip is not None and self.proven:
             lines.append(f"  {self.tip} (Reference: the paper's circle; the policy: this file with the ending -tip.)")
         return "\n".join(lines)
 
-    def _own(self) -> dict[str, Any]:
-        bound = None if self.residual is None else self.residual.bound
-        return {
-            "residual_bound": None if bound is None else bound.tolist(),
-            **super()._own(),
-            "tip_statement": self.tip if self.proven else None,
-        }
+
+def _about(c: Controller) -> str:
+    multipliers = "one multiplier for all of A" if c.common_multiplier else "one multiplier for each dropped premise"
+    pole = "" if c.fastest_pole is None else f", fastest pole = {at_most(c.fastest_pole, 6)} 1/s"
+    return (
+        f"{c.form} form, {c.model.rules} rules (kept: {', '.join(c.model.kept) or 'none'}), {multipliers}, "
+        f"{'with' if c.integral else 'without'} integral; alpha = {at_least(c.alpha, 6)} 1/s, "
+        f"gamma = {at_most(c.gamma, 6)}{pole}"
+    )
 
 
-@dataclasses.dataclass(frozen=True)
-class ScheduledVerification(_Report):
-    """The certificate of a file of the form "semidefinite": exact rationals and, on covers of boxes, floats and balls.
-
-    Attributes:
-        controller: the content of the file.
-    """
-
-    controller: ScheduledController
-
-    def to_text(self) -> str:
-        """Return the report as text: a line for each claim, a summary, and the certificate in words."""
-        c = self.controller
-        about = (
-            f"semidefinite form, {escaped(c.robot.name)} of {len(c.robot)} joints (digest {c.robot.digest[:12]}), "
-            f"{c.rules} rules (kept: {', '.join(premise.name for premise in c.premises) or 'none'}), with integral; "
-            f"kappa = {at_most(c.kappa, 6)}, alpha = {at_least(c.alpha, 6)} 1/s, gamma = {at_most(c.gamma, 6)} s^2, "
-            f"fastest pole = {at_most(c.fastest_pole, 6)} 1/s"
-        )
-        how = (
-            f"claims proven, smallest margin {self.certificate.proof_margin:.2g}, {self.seconds:.2f} s: the "
-            "inequalities of the loop in exact rational arithmetic, the bounds of the inertia on covers of boxes, in "
-            "floating point with a bound of all rounding errors and again in balls with outward rounding"
-        )
-        return "\n".join(self._lines(about, how, self.certificate.claims))
-
-    def _own(self) -> dict[str, Any]:
-        return {"robot_digest": self.controller.robot.digest, **super()._own()}
+def _about_scheduled(c: ScheduledController) -> str:
+    return (
+        f"semidefinite form, {escaped(c.robot.name)} of {len(c.robot)} joints (digest {c.robot.digest[:12]}), "
+        f"{c.rules} rules (kept: {', '.join(premise.name for premise in c.premises) or 'none'}), with integral; "
+        f"kappa = {at_most(c.kappa, 6)}, alpha = {at_least(c.alpha, 6)} 1/s, gamma = {at_most(c.gamma, 6)} s^2, "
+        f"fastest pole = {at_most(c.fastest_pole, 6)} 1/s"
+    )
 
 
 def residual_statement(residual: Residual) -> str:
@@ -171,7 +129,7 @@ def residual_statement(residual: Residual) -> str:
     )
 
 
-def verify_file(path: str | Path) -> Verification | ScheduledVerification:
+def verify_file(path: str | Path) -> Verification:
     """Load a controller file of any form and prove its claims; ValueError or OSError if it cannot be read.
 
     In the form "semidefinite" each cover of boxes is also proven in balls.
@@ -181,7 +139,7 @@ def verify_file(path: str | Path) -> Verification | ScheduledVerification:
     begin = time.perf_counter()
     if isinstance(controller, ScheduledController):
         certificate = certify_scheduled(controller, in_balls=True)
-        return ScheduledVerification(path, certificate, time.perf_counter() - begin, controller)
+        return Verification(path, certificate, time.perf_counter() - begin, controller)
     certificate = certify(controller)
     seconds = time.perf_counter() - begin
     residual = tip = None

@@ -29,9 +29,7 @@ __all__ = [
     "tracking_vertices",
 ]
 
-Index = int | np.ndarray
-"""Number of a vertex, from 0, or an array of numbers, for a stack of matrices."""
-
+Index = int | np.ndarray  # number of a vertex, from 0, or an array of numbers, for a stack of matrices
 REFERENCE_POLE = 62.0  # rad/s, double pole of the reference model (8), section 6.1.3
 
 
@@ -112,14 +110,11 @@ def reference_model() -> tuple[np.ndarray, np.ndarray]:
 def error_vertices(
     model: TSModel, integral: bool, *, common_multiplier: bool = False, rationals: bool = False
 ) -> Vertices:
-    """Return the vertices of a T-S model.
+    """Return the vertices of a T-S model, of ē = (e, x_I) with the integral (Remark 2), else of e.
 
-    Args:
-        model: the T-S model.
-        integral: whether to append x_I (Remark 2).
-        common_multiplier: one multiplier for all dropped premises of A and one for E, as Theorem 2 prints it, or
-            one for each, which is less conservative.
-        rationals: whether the entries are exact rationals, computed from the robot parameters, or floats.
+    With a `common_multiplier` all dropped premises of A have one, as Theorem 2 prints it, and so have those of E; else
+    each has its own, which is less conservative. Entries are floats, or with `rationals` exact, computed from the robot
+    parameters.
     """
     polytope = model.polytope_in(rational) if rationals else model.polytope
     terms, B = polytope.uncertainties, model.B

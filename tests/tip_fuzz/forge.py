@@ -21,7 +21,7 @@ from fuzzyarm.proof.tip import tube as tube_module
 from fuzzyarm.proof.tip.centre import Centre, Mode, Segment
 from fuzzyarm.proof.tip.enclosures import NoBound
 from fuzzyarm.proof.tip.friction import Plan, Speed
-from fuzzyarm.proof.tip.period import Claim, Closed, Period
+from fuzzyarm.proof.tip.period import Closed, Period, TubeClaim
 from fuzzyarm.proof.tip.tube import Problem, Tube
 from fuzzyarm.proof.tip.zonotope import Zonotope
 
@@ -35,7 +35,7 @@ DIVISIONS = {1: 4, 2: 2, 3: 1, 5: 1, 16: 1}
 
 MOST_PARTS = 130  # of a motion, so that a try takes seconds at most
 
-Claims = list[list[tuple[Segment, Claim]]]
+Claims = list[list[tuple[Segment, TubeClaim]]]
 
 
 @dataclasses.dataclass(frozen=True)
@@ -87,7 +87,7 @@ def forged(claim: TipClaim, attack: Attack, rng: np.random.Generator) -> Claims:
     with mock.patch.object(tube_module, "Period", period):
         try:
             for step in _Tube(problem, attack, rng):
-                claimed = [Claim(closed.tube, closed.plans) for closed in step.closed]
+                claimed = [TubeClaim(closed.tube, closed.plans) for closed in step.closed]
                 found.append(list(zip(step.segments, claimed, strict=True)))
         except (ValueError, ZeroDivisionError, np.linalg.LinAlgError):
             pass
@@ -188,7 +188,7 @@ class _Period(Period):
             else:
                 factor += self._rng.choice([0.0, 1.0], len(factor)) * 10.0 ** self._rng.uniform(-3.0, 1.0)
             try:
-                found = self.confirm(start, known, Claim(found.tube * factor, found.plans), friction=friction)
+                found = self.confirm(start, known, TubeClaim(found.tube * factor, found.plans), friction=friction)
             except NoBound:
                 continue
         return found

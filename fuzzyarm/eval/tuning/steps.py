@@ -32,7 +32,7 @@ from fuzzyarm.fuzzy_policy.laws.adaptive.policy import AdaptiveObserverPolicy
 from fuzzyarm.fuzzy_policy.laws.computed_torque import STEP, ComputedTorquePolicy, bandwidth_for
 from fuzzyarm.fuzzy_policy.laws.elastic_observer import ElasticObserverPolicy
 from fuzzyarm.fuzzy_policy.laws.fuzzy import FuzzyPolicy
-from fuzzyarm.fuzzy_policy.laws.observer_gains import FACTORS, ObserverWeights, weights_for
+from fuzzyarm.fuzzy_policy.laws.observer_gains import SOFTENINGS, ObserverWeights, weights_for
 from fuzzyarm.fuzzy_policy.laws.scheduled import ScheduledPolicy
 from fuzzyarm.fuzzy_policy.laws.tip import TipPolicy
 from fuzzyarm.policies.tuned import ADAPTIVE_OBSERVER, COMPUTED_TORQUE, ELASTIC_OBSERVER
@@ -306,7 +306,7 @@ def _robot_observer(context: Context) -> Finding:
     )
     first = weights_for(robot, PERIOD)
     weights, radii, tried = first, measured_radii(ElasticObserverPolicy(robot, PERIOD, first), robot), 1
-    for factor in FACTORS[1:]:
+    for factor in SOFTENINGS[1:]:
         if _worst(radii) < 1.0:
             break
         slower = dataclasses.replace(first, load_walk=first.load_walk / factor)

@@ -32,9 +32,7 @@ from fuzzyarm.fuzzy_policy.laws.observer_gains import (
 
 __all__ = ["BANDWIDTH", "ComputedTorquePolicy", "bandwidth_for", "linear_computed_torque"]
 
-BANDWIDTH = 70.0
-"""Default ω [rad/s] of a two-joint arm, and the largest one of a robot."""
-
+BANDWIDTH = 70.0  # default ω [rad/s] of a two-joint arm, and the largest one of a robot
 STEP = 5.0  # rad/s
 
 
@@ -44,22 +42,9 @@ class ComputedTorquePolicy(LawPolicy):
     integral_at: int | None = 0
 
     def __init__(
-        self,
-        parameters: AnyArm | None = None,
-        control_period: float = 1e-3,
-        bandwidth: float | None = None,
+        self, parameters: AnyArm | None = None, control_period: float = 1e-3, bandwidth: float | None = None
     ) -> None:
-        """Prepare the law.
-
-        Args:
-            parameters: the arm or the robot, as the controller knows it; default Table 1.
-            control_period: T, time between two calls [s].
-            bandwidth: ω [rad/s]; None for that of `bandwidth_for`.
-
-        Raises:
-            TypeError: a number is none.
-            ValueError: the control period or the bandwidth is not positive.
-        """
+        """Prepare the law for an arm (default Table 1), T [s] and ω [rad/s] (default `bandwidth_for`)."""
         super().__init__(ArmParameters() if parameters is None else parameters, control_period)
         chosen = bandwidth_for(self.parameters, self.control_period) if bandwidth is None else bandwidth
         self.bandwidth = real("bandwidth", chosen, "rad/s", above=0.0)
@@ -107,7 +92,6 @@ class _Constants(NamedTuple):
 
 @functools.cache
 def _law_of(physics: Physics) -> Any:
-    """Return the law for arms with these equations."""
 
     def computed_torque(x_I: Any, seen: Observation, c: _Constants) -> tuple[Any, Any]:
         w, asked, after = c.bandwidth, [], []

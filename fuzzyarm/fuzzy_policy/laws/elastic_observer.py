@@ -53,37 +53,23 @@ from fuzzyarm.numbers.functions import flat, like, repeat, when
 
 __all__ = ["Constants", "Corrected", "ElasticObserverPolicy", "Observed", "steps_of"]
 
-
 STATICS_STEPS = 20  # iterations of the fixed point for the first estimate; for Table 1 each gains three digits
 
 
 class ElasticObserverPolicy(LawPolicy):
     """Observer, state feedback and elastic target; the law is in the module's docstring.
 
-    It remembers what `ElasticTarget` does, whether there was a sample before, and the prediction (x̂, d̂)⁻.
-
-    Attributes:
-        weights: of the Riccati equations.
-        feedback: K (points, n, 4 n) at the points of the schedule.
-        observer: L (points, 5 n, 2 n), likewise.
-        load: where d̂ lies in a lane's memory.
+    It remembers what `ElasticTarget` does, whether there was a sample before, and the prediction (x̂, d̂)⁻. K (points,
+    n, 4 n) and L (points, 5 n, 2 n) at the points of the schedule are `feedback` and `observer`.
     """
 
     def __init__(
-        self,
-        parameters: AnyArm | None = None,
-        control_period: float = 1e-3,
-        weights: ObserverWeights | None = None,
+        self, parameters: AnyArm | None = None, control_period: float = 1e-3, weights: ObserverWeights | None = None
     ) -> None:
-        """Design the gains.
+        """Design the gains for the arm as the controller knows it (default Table 1) and T [s], at most 0.1 s.
 
-        Args:
-            parameters: the arm or the robot, as the controller knows it.
-            control_period: T [s], at most 0.1 s.
-            weights: of the Riccati equations; None for those of `observer_gains.weights_for`.
-
-        Raises:
-            ValueError: the control period is out of range, or there are no gains for these arguments.
+        Weights of the Riccati equations are by default those of `observer_gains.weights_for`. ValueError if the control
+        period is out of range, or there are no gains for these arguments.
         """
         super().__init__(ArmParameters() if parameters is None else parameters, control_period)
         self.weights = weights or weights_for(self.parameters, self.control_period)
@@ -109,12 +95,15 @@ class ElasticObserverPolicy(LawPolicy):
     @functools.cached_property
     def control_law(self) -> Law:
         """The law of the module's docstring."""
-        schedule, nothing = self._schedule, (0.0,) * self.joints
-        kept = tuple(schedule.kept.tolist())
-        act = _law_of(equations_of(self.parameters), kept, schedule.cosine, schedule.points)
-        memory = Observed(past_of(self.joints), 0.0, Estimate(*[nothing] * len(Estimate._fields)))
+        memory = Observed(past_of(self.joints), 0.0, Estimate(*[(0.0,) * self.joints] * len(Estimate._fields)))
         tables = tuple(gains.reshape(len(gains), -1) for gains in (self.feedback, self.observer))
-        return Law(act, memory, self._numbers, tables)
+        return Law(_law_of(*self.where), memory, self._numbers, tables)
+
+    @property
+    def where(self) -> tuple[Physics, tuple[int, ...], bool, int]:
+        """The equations of the arm, and over which angles the gains are tabulated: the arguments of `steps_of`."""
+        schedule = self._schedule
+        return equations_of(self.parameters), tuple(schedule.kept.tolist()), schedule.cosine, schedule.points
 
     def innovation(self, observation: np.ndarray, memory: np.ndarray) -> np.ndarray:
         """Return ν = y - (θ̂, θ̂̇)⁻ (lanes, 2 n) [rad, rad/s] before `act`; 0 where an episode begins."""
@@ -214,7 +203,6 @@ def steps_of(physics: Physics, kept: tuple[int, ...], cosine: bool, points: int)
 
 @functools.cache
 def _law_of(physics: Physics, kept: tuple[int, ...], cosine: bool, points: int) -> Any:
-    """Return the law for arms with these equations and gains over these angles."""
     correct, act, predict = steps_of(physics, kept, cosine, points)
 
     def elastic_observer(

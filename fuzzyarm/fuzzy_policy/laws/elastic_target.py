@@ -34,16 +34,7 @@ from fuzzyarm.numbers.functions import flat, select
 from fuzzyarm.numbers.machine import Kernel
 from fuzzyarm.numbers.program import Program
 
-__all__ = [
-    "Aim",
-    "ElasticTarget",
-    "Past",
-    "TargetConstants",
-    "memory_size",
-    "motor_target",
-    "past_of",
-    "target_of",
-]
+__all__ = ["Aim", "ElasticTarget", "Past", "TargetConstants", "memory_size", "motor_target", "past_of", "target_of"]
 
 
 class Past(NamedTuple):
@@ -85,15 +76,10 @@ def past_of(joints: int) -> Past:
 
 
 def motor_target(torques: Any, q: Any, dq: Any, ddq: Any, drive: Any, T: Any) -> tuple[Any, Any, Any, Any]:
-    """Return θ_d, θ̇_d, θ̈_d and u_ff without dry friction of one joint.
+    """Return θ_d, θ̇_d, θ̈_d and u_ff without dry friction of one joint, for q_d [rad] and its derivatives.
 
-    Args:
-        torques: τ_d of this sample and of the three before it, the latest first [N m].
-        q: q_d [rad].
-        dq: q̇_d [rad/s].
-        ddq: q̈_d [rad/s²].
-        drive: the `Drives` of the joint.
-        T: control period [s].
+    `torques` are τ_d [N m] of this sample and of the three before it, the latest first; `drive` are the `Drives` of the
+    joint, T [s] is the control period.
     """
     now, latest, second, third = torques
     k, b = drive.stiffness, drive.damping / drive.stiffness
@@ -131,28 +117,15 @@ def target_of(physics: Physics) -> Any:
 
 
 class ElasticTarget:
-    """θ_d, its derivatives and u_ff, sample by sample; the equations are in the module's docstring.
-
-    Attributes:
-        constants: of `target_of`.
-        memory_size: numbers that a lane remembers.
-        size: numbers of a target, 3 n.
-    """
+    """θ_d, its derivatives and u_ff, sample by sample; the equations are in the module's docstring."""
 
     def __init__(
         self, parameters: AnyArm, control_period: float, *, friction: bool = True, average: bool = True
     ) -> None:
-        """Keep the arm and the control period.
+        """Take the arm as the controller knows it and T [s], which must be positive.
 
-        Args:
-            parameters: the arm or the robot, as the controller knows it.
-            control_period: T [s].
-            friction: whether u_ff holds the dry friction.
-            average: whether u_ff is that of the middle of the coming hold rather than that of its start.
-
-        Raises:
-            TypeError: the control period is no number.
-            ValueError: the control period is not positive.
+        `friction` says whether u_ff holds the dry friction, `average` whether it is that of the middle of the coming
+        hold rather than that of its start.
         """
         period, self._parameters = real("control_period", control_period, "s", above=0.0), parameters
         joints = equations_of(parameters).joints
@@ -161,18 +134,14 @@ class ElasticTarget:
         self._numbers = np.array(flat(self.constants))
 
     def advance(self, observation: np.ndarray, memory: np.ndarray, target: np.ndarray, feedforward: np.ndarray) -> None:
-        """Fill target and feedforward and advance the memory, in place.
+        """Fill θ_d, θ̇_d, θ̈_d (lanes, 3 n) [rad, s] and u_ff (lanes, n) [N m], not clipped; advance the memory.
 
-        Args:
-            observation: (lanes, 5 n), of which the reference (q_d, q̇_d, q̈_d) is read.
-            memory: (lanes, `memory_size`), zeros when an episode begins, which means that the arm was at rest before.
-            target: (lanes, 3 n), becomes θ_d [rad], θ̇_d [rad/s], θ̈_d [rad/s²].
-            feedforward: (lanes, n), becomes u_ff [N m], not clipped.
+        Of `observation` (lanes, 5 n) the reference is read. A memory (lanes, memory_size) of zeros begins an episode:
+        the arm was at rest before.
         """
         self._kernel((memory, observation, target, feedforward), self._numbers)
 
     def __getstate__(self) -> dict[str, Any]:
-        """Leave out the machine code."""
         return {name: value for name, value in self.__dict__.items() if name != "_kernel"}
 
     @functools.cached_property

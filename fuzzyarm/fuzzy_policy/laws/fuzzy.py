@@ -25,16 +25,11 @@ __all__ = ["FuzzyPolicy"]
 
 
 class FuzzyPolicy(LawPolicy):
-    """The law of a controller file as a policy; it is in the module's docstring.
-
-    Attributes:
-        controller: the content of the file.
-    """
+    """The law of a controller file as a policy; it is in the module's docstring."""
 
     integral_at: int | None = 0
 
     def __init__(self, controller: Controller, control_period: float = 1e-3) -> None:
-        """Take the law of a controller, at a control period T [s]."""
         super().__init__(controller.model.parameters, control_period)
         self.controller = controller
 

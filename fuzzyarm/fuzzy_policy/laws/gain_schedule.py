@@ -1,9 +1,9 @@
 """Over which angles the gains of the elastic observer are tabulated, at which points, and how they are interpolated.
 
 The mass matrix of the two-joint arm depends on cos q2 alone: its gains stand at `GRID` and are interpolated linearly in
-cos q2. For a robot, the angles are the `MOST_KEPT` on which its mass matrix depends most: with E[M | q_j] the mean over
-the other angles, those whose normalised |E[M | q_j] - E[M]|² is largest. Each of them has `POINTS` points around the
-circle, and the gains are those of the mean of M over the other angles, interpolated linearly in each angle.
+cos q2. For a robot, the angles are the two on which its mass matrix depends most: with E[M | q_j] the mean over the
+other angles, those whose normalised |E[M | q_j] - E[M]|² is largest. Each has `POINTS` points around the circle, where
+the gains are those of the mean of M over the other angles, and they are interpolated linearly in each angle.
 """
 
 from __future__ import annotations
@@ -23,13 +23,13 @@ from fuzzyarm.envs.physics.robot import Robot
 from fuzzyarm.numbers.functions import RECORDERS, floor, maximum, minimum, row, select
 
 __all__ = [
-    "GRID", "MOST_KEPT", "POINTS", "GainSchedule", "corners_of", "kept_joints", "loaded_inertia", "nearest_inertia",
-    "on_table", "random_angles", "schedule_of",
+    "GRID", "POINTS", "GainSchedule", "corners_of", "kept_joints", "loaded_inertia", "nearest_inertia", "on_table",
+    "random_angles", "schedule_of",
 ]  # fmt: skip
 
 GRID = np.linspace(-1.0, 1.0, 9)  # cos q2 of the two-joint arm's tables
 POINTS = 8  # of an angle of a robot, 45° apart
-MOST_KEPT = 2  # angles of a robot over which gains are tabulated
+_MOST_KEPT = 2  # angles of a robot over which gains are tabulated
 SAMPLES, SEED = 64, 2022  # of the angles over which is averaged
 
 
@@ -57,7 +57,7 @@ def loaded_inertia(arm: AnyArm, schedule: GainSchedule, payload: float) -> np.nd
 
 def kept_joints(robot: Robot) -> tuple[int, ...]:
     """Return the numbers of the joints on whose angles the mass matrix depends most, ascending; never the first."""
-    count = min(MOST_KEPT, len(robot) - 1)
+    count = min(_MOST_KEPT, len(robot) - 1)
     others = random_angles(robot)
     whole = np.mean(mass_matrix(robot, others), axis=0)
     size = np.sqrt(np.diagonal(whole))

@@ -24,7 +24,7 @@ __all__ = ["LearnedTorque", "TorqueLearning", "low_passed"]
 
 CUT_OFF = 5.0  # Hz, of Q; with 10 Hz and more the payload case diverges
 ORDER = 2
-PADDING = 60  # samples
+_PADDING = 60  # samples
 
 
 @dataclasses.dataclass
@@ -43,7 +43,6 @@ class TorqueLearning(PassLearner[LearnedTorque]):
     kind = LearnedTorque
 
     def __init__(self, policy: TipPolicy) -> None:
-        """Keep the policy."""
         self.policy = policy
 
     def begin_pass(self, state: LearnedTorque) -> LearnedTorque:
@@ -72,4 +71,4 @@ def low_passed(signal: np.ndarray, cut_off: float, control_period: float) -> np.
     from scipy.signal import butter, sosfiltfilt  # slow to import, and looks for torch
 
     sections = butter(ORDER, min(cut_off / (0.5 / control_period), 0.99), output="sos")
-    return np.asarray(sosfiltfilt(sections, signal, axis=0, padlen=min(len(signal) - 1, PADDING)))
+    return np.asarray(sosfiltfilt(sections, signal, axis=0, padlen=min(len(signal) - 1, _PADDING)))

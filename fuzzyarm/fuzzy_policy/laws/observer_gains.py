@@ -12,14 +12,12 @@ linearised without gravity and dry friction, see `sampled_arm`, and a law near r
 with x the plant's 4 n states, u held over a period or one period late. `fuzzyarm.eval.stability` measures the same of
 any policy, with gravity, at postures of a path.
 
-The weights of the elastic observer for any robot: those of Table 1, softened until the loop has its margins.
-
 `ObserverWeights` were tuned for the two-joint arm. Where a robot's mass matrix depends on more angles than gains are
 tabulated over, they are too sharp, and the loop may be unstable in part of its range. With a factor s ≥ 1,
 
     link_angle → s link_angle,    link_velocity → √s link_velocity
 
-weaken the feedback and make it more robust. The smallest s of `FACTORS` is taken with which the loop is stable at
+weaken the feedback and make it more robust. The smallest s of `SOFTENINGS` is taken with which the loop is stable at
 random postures in all of `CONDITIONS`.
 """
 
@@ -44,11 +42,10 @@ from fuzzyarm.fuzzy_policy.laws.gain_schedule import GainSchedule, nearest_inert
 
 __all__ = [
     "CONDITIONS",
-    "FACTORS",
     "ONE_AT_A_TIME",
+    "SOFTENINGS",
     "Condition",
     "Estimate",
-    "GainTables",
     "LinearLaw",
     "ObserverWeights",
     "Place",
@@ -58,7 +55,6 @@ __all__ = [
     "gain_tables",
     "linear_observer",
     "linear_pid",
-    "observer_gain",
     "places_of",
     "sampled_arm",
     "softened",
@@ -66,7 +62,6 @@ __all__ = [
     "weights_for",
     "worst_radius",
 ]  # fmt: skip
-
 
 Gains = TypeVar("Gains")
 WEIGHT_RANGE = (1e-6, 1e6)  # far wider than any sensible weight; keeps the numbers finite
@@ -82,7 +77,7 @@ class Estimate(NamedTuple):
     load: Any  # d, unknown torques on the links [N m]
 
 
-class GainTables(NamedTuple):
+class _GainTables(NamedTuple):
     """The gains at the points of a schedule."""
 
     schedule: GainSchedule  # over which angles, and at which points
@@ -109,29 +104,23 @@ class ObserverWeights:
 
     Torques are shares of the arm's `torque_limit`, joint by joint, so that the same weights fit arms of another size.
 
-    Attributes:
-        link_angle: link error [rad] that costs as much as the whole torque, weight 1/link_angle² against 1/Γ_max².
-        link_velocity: link velocity error [rad/s] that costs as much as the whole torque.
-        load_walk: random walk of d, share of the torque limit per √s.
-        motor_torque: white noise of the motor torque, share of the torque limit times √s. More of it makes the loop
-            with the observer more robust (loop transfer recovery).
-        encoder_angle: standard deviation of the measured angle [rad]; only its ratio to the other noises counts.
-        encoder_velocity: standard deviation of the measured velocity [rad/s].
-
     Raises:
         TypeError: a weight is no number.
         ValueError: a weight lies outside `WEIGHT_RANGE`.
     """
 
+    # link error [rad] that costs as much as the whole torque, weight 1/link_angle² against 1/Γ_max²
     link_angle: float = 0.0218
-    link_velocity: float = 1.57
-    load_walk: float = 0.075
+    link_velocity: float = 1.57  # link velocity error [rad/s] that costs as much as the whole torque
+    load_walk: float = 0.075  # random walk of d, share of the torque limit per √s
+    # white noise of the motor torque, share of the torque limit times √s. More of it makes the loop with the observer
+    # more robust (loop transfer recovery).
     motor_torque: float = 5.57e-4
+    # standard deviation of the measured angle [rad]; only its ratio to the other noises counts
     encoder_angle: float = 1e-5
-    encoder_velocity: float = 1e-3
+    encoder_velocity: float = 1e-3  # standard deviation of the measured velocity [rad/s]
 
     def __post_init__(self) -> None:
-        """Check the weights."""
         low, high = WEIGHT_RANGE
         for field in dataclasses.fields(self):
             real(f"ObserverWeights.{field.name}", getattr(self, field.name), low=low, high=high)
@@ -160,10 +149,7 @@ def sampled_arm(arm: AnyArm, control_period: float, inertia: np.ndarray) -> tupl
 
 
 def feedback_gain(A: np.ndarray, B: np.ndarray, torque_limit: np.ndarray, weights: ObserverWeights) -> np.ndarray:
-    """Return K (n, 4 n) that minimises Σ |q/link_angle|² + |q̇/link_velocity|² + |u/Γ_max|² of `sampled_arm`, d = 0.
-
-    Γ_max is `torque_limit` (n,) [N m].
-    """
+    """Return K (n, 4 n) that minimises Σ |q/link_angle|² + |q̇/link_velocity|² + |u/Γ_max|² [N m], d = 0."""
     joints = len(torque_limit)
     state = state_part(joints)
     a, b = A[state, state], B[state]
@@ -174,13 +160,10 @@ def feedback_gain(A: np.ndarray, B: np.ndarray, torque_limit: np.ndarray, weight
     return gain
 
 
-def observer_gain(
+def _observer_gain(
     A: np.ndarray, B: np.ndarray, control_period: float, torque_limit: np.ndarray, weights: ObserverWeights
 ) -> np.ndarray:
-    """Return L (5 n, 2 n), the stationary Kalman gain of `sampled_arm` that corrects (x̂, d̂) by what is measured now.
-
-    `torque_limit` (n,) [N m] and `control_period` [s] scale the weights.
-    """
+    """Return L (5 n, 2 n), the stationary Kalman gain of `sampled_arm`; limits [N m] and T [s] scale the weights."""
     joints = len(torque_limit)
     part = estimate_parts(joints)
     C = np.concatenate([np.eye(len(A))[part.q_motor], np.eye(len(A))[part.dq_motor]])
@@ -193,21 +176,17 @@ def observer_gain(
 
 
 @functools.lru_cache(maxsize=32)
-def gain_tables(arm: AnyArm, control_period: float, weights: ObserverWeights) -> GainTables:
-    """Return K and L at the points of the arm's schedule, for a control period [s].
-
-    Raises:
-        ValueError: a Riccati equation has no solution in double precision.
-    """
+def gain_tables(arm: AnyArm, control_period: float, weights: ObserverWeights) -> _GainTables:
+    """Return K and L at the points of the arm's schedule, for T [s]; ValueError where there are none."""
     limit, schedule = per_joint_of(arm, "torque_limit"), schedule_of(arm)
 
     def both(inertia: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         A, B = sampled_arm(arm, control_period, inertia)
-        return feedback_gain(A, B, limit, weights), observer_gain(A, B, control_period, limit, weights)
+        return feedback_gain(A, B, limit, weights), _observer_gain(A, B, control_period, limit, weights)
 
     gains = at_points(both, schedule.places, schedule.inertia, f"control_period = {control_period!r} s, {weights}")
     feedback, observer = zip(*gains, strict=True)
-    return GainTables(schedule, np.array(feedback), np.array(observer))
+    return _GainTables(schedule, np.array(feedback), np.array(observer))
 
 
 def at_points(
@@ -309,8 +288,7 @@ def _matrix(plant: tuple[np.ndarray, np.ndarray], law: LinearLaw, condition: Con
     )
 
 
-FACTORS = (1.0, 2.0, 4.0, 8.0, 16.0, 32.0, 64.0)
-"""Factors s that are tried, one after the other."""
+SOFTENINGS = (1.0, 2.0, 4.0, 8.0, 16.0, 32.0, 64.0)  # factors s that are tried, one after the other
 
 
 @functools.lru_cache(maxsize=32)
@@ -324,7 +302,7 @@ def weights_for(arm: AnyArm, control_period: float) -> ObserverWeights:
         return weights
     places, schedule = places_of(arm, control_period), schedule_of(arm)
     best, smallest = weights, math.inf
-    for factor in FACTORS:
+    for factor in SOFTENINGS:
         trial = softened(weights, factor)
         radius = _largest_radius(places, schedule, trial)
         if radius < 1.0:
@@ -337,9 +315,7 @@ def weights_for(arm: AnyArm, control_period: float) -> ObserverWeights:
 def softened(weights: ObserverWeights, factor: float) -> ObserverWeights:
     """Return weights softened by s = `factor`."""
     return dataclasses.replace(
-        weights,
-        link_angle=factor * weights.link_angle,
-        link_velocity=math.sqrt(factor) * weights.link_velocity,
+        weights, link_angle=factor * weights.link_angle, link_velocity=math.sqrt(factor) * weights.link_velocity
     )
 
 
@@ -358,7 +334,7 @@ def linear_observer(place: Place, designed_for: np.ndarray, weights: ObserverWei
     joints, limit = len(robot), per_joint_of(robot, "torque_limit")
     part, state = estimate_parts(joints), state_part(joints)
     A, B = sampled_arm(robot, period, designed_for)
-    K, L = feedback_gain(A, B, limit, weights), observer_gain(A, B, period, limit, weights)
+    K, L = feedback_gain(A, B, limit, weights), _observer_gain(A, B, period, limit, weights)
     measured = np.eye(len(A))[np.r_[part.q_motor, part.dq_motor]]
     acts = np.zeros((joints, len(A)))  # u = acts (x̂, d̂)
     acts[:, state] = -K

@@ -23,21 +23,12 @@ __all__ = ["ScheduledPolicy", "linear_scheduled"]
 
 
 class ScheduledPolicy(LawPolicy):
-    """The law of a controller file as a policy; it is in `fuzzy_policy.scheduled`.
-
-    Attributes:
-        controller: the content of the file.
-    """
+    """The law of a controller file as a policy; it is in `fuzzy_policy.scheduled`."""
 
     integral_at: int | None = 0
 
     def __init__(self, controller: ScheduledController, control_period: float = 1e-3) -> None:
-        """Lay the controller out for the compiled law of its robot, at a control period T [s].
-
-        Raises:
-            TypeError: the controller is of another form, or the control period is no number.
-            ValueError: the control period is out of range.
-        """
+        """Take the controller, and T [s] in the allowed range; TypeError for a controller of another form."""
         super().__init__(instance("controller", controller, ScheduledController).robot, control_period)
         self.controller = controller
 

@@ -31,16 +31,10 @@ __all__ = ["TipPolicy"]
 
 
 class TipPolicy(LawPolicy):
-    """A fixed law that tracks θ_d; see the module's docstring. It remembers what the law does, then `ElasticTarget`.
-
-    Attributes:
-        law: the policy that is told to track θ_d.
-        friction: whether the feedforward holds the dry friction.
-        average: whether the feedforward is that of the middle of the coming hold.
-    """
+    """A fixed law that tracks θ_d; see the module's docstring. It remembers what the law does, then `ElasticTarget`."""
 
     def __init__(self, law: Policy, *, friction: bool = True, average: bool = True) -> None:
-        """Wrap a law, a policy that tracks what its observation calls the reference."""
+        """Wrap a policy; u_ff has the dry friction if `friction`, and is that of the hold's middle if `average`."""
         super().__init__(law.parameters, law.control_period)
         self.law, self.friction, self.average = law, friction, average
         self._target = ElasticTarget(law.parameters, law.control_period, friction=friction, average=average)

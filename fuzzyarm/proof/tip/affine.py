@@ -40,20 +40,14 @@ ROUND = 2.0**-50  # of a result: what an operation of the law rounds, and what i
 UP = 1.0 + 2.0**-46  # makes up for a few operations on bounds
 TINY = 1e-300  # what underflow may lose
 WORTH = 1e-4  # share of a number from which a remainder is worth an unknown of its own
-FARTHEST = 1e3  # [rad], up to which sine and cosine are trusted
+_FARTHEST = 1e3  # [rad], up to which sine and cosine are trusted
 
 
 class Space:
-    """What numbers depend on: the deviations of a zonotope, then unknowns. A law that is run on them is recorded by it.
-
-    Attributes:
-        base: the zonotope.
-        unknowns: how many there are.
-    """
+    """What numbers depend on: the deviations of a zonotope, then unknowns. It records a law that is run on them."""
 
     def __init__(self, base: Zonotope) -> None:
-        """Take the zonotope."""
-        self.base, self.unknowns = base, 0
+        self.base, self.unknowns = base, 0  # how many unknowns there are
         self._totals, (self._columns, self._box) = base.totals(), condensed(base)
 
     def variables(self, point: np.ndarray) -> list[Affine]:
@@ -149,24 +143,17 @@ class Space:
 
 
 class Affine:
-    """An affine number.
-
-    Attributes:
-        middle: c.
-        row: r, over the deviations and the first unknowns.
-        size: a bound of |r (ξ, g)| that is quick and wide.
-        rest: a bound of |β|.
-        parts: of a maximum that is not decided, the two numbers; None for others.
-    """
+    """An affine number."""
 
     __slots__ = ("_reach", "middle", "parts", "rest", "row", "size", "space")
     __array_ufunc__ = None
     __hash__ = None  # type: ignore[assignment]
 
     def __init__(self, space: Space, middle: float, row: np.ndarray, size: float, rest: float) -> None:
+        # c; r over the deviations and the first unknowns; a bound of |r (ξ, g)| that is quick and wide; one of |β|
         self.space, self.middle, self.row, self.size, self.rest = space, middle, row, size, rest
         self._reach: float | None = None
-        self.parts: tuple[Any, Any] | None = None
+        self.parts: tuple[Any, Any] | None = None  # of a maximum that is not decided, the two numbers
 
     def reach(self) -> float:
         """Return a bound of |r (ξ, g)|."""
@@ -268,9 +255,9 @@ class Affine:
         """Return sin(x)/x."""
         return self._turned(_SINC)
 
-    def _turned(self, function: Bend) -> Affine:
-        if not self.largest() < FARTHEST:
-            raise NoBound(f"the law asks for the sine of an angle beyond {FARTHEST:g} rad")
+    def _turned(self, function: _Bend) -> Affine:
+        if not self.largest() < _FARTHEST:
+            raise NoBound(f"the law asks for the sine of an angle beyond {_FARTHEST:g} rad")
         return _bent(function, self)
 
     def __bool__(self) -> bool:
@@ -397,17 +384,12 @@ def _positive_part(x: Affine) -> Affine:
 
 
 class Places:
-    """A number that has a value for each of the whole numbers that a `floor` may be.
-
-    Attributes:
-        values: these.
-        source: the number whose floor it is.
-    """
+    """A number that has a value for each of the whole numbers that a `floor` may be."""
 
     __array_ufunc__ = None
 
     def __init__(self, source: Affine, values: Iterable[Any]) -> None:
-        self.source, self.values = source, tuple(values)
+        self.source, self.values = source, tuple(values)  # the number whose floor it is
 
     def each(self, operation: Callable[..., Any], *others: Any) -> Places:
         """Return what becomes of the values, with others; `NoBound` where these depend on another floor."""
@@ -461,7 +443,6 @@ class _Numbers:
 
 KINDS[Affine], KINDS[Places], KINDS[_Undecided] = _Numbers, _Places, _Choices
 
-
 # Functions -------------------------------------------------------------------------------------------------------
 
 
@@ -474,23 +455,17 @@ class Line(NamedTuple):
 
 
 @dataclasses.dataclass(frozen=True)
-class Bend:
-    """A function of one number.
+class _Bend:
+    """A function of one number."""
 
-    Attributes:
-        value, rate, curvature: f, f' and f'' on balls.
-        floats: by how much the law's floats may err; of |f| if `relative`.
-        even: f is even and falls with |x|, so that its values at both ends are known on a range.
-        rising: f rises, and f' is even and falls with |x|.
-    """
-
+    # value, rate, curvature: f, f' and f'' on balls
     value: Callable[[Any], Any]
     rate: Callable[[Any], Any]
     curvature: Callable[[Any], Any]
-    floats: float = 0.0
+    floats: float = 0.0  # by how much the law's floats may err; of |f| if `relative`
     relative: bool = False
-    even: bool = False
-    rising: bool = False
+    even: bool = False  # f is even and falls with |x|, so that its values at both ends are known on a range
+    rising: bool = False  # f rises, and f' is even and falls with |x|
 
     def line(self, z: float, r: float) -> Line:
         """Return the best known line for |x - z| <= r."""
@@ -517,8 +492,7 @@ def _flat(values: Any, slope: float) -> Line:
     return Line(arb(middle), slope, radius_of(values, middle))
 
 
-def _bent(function: Bend, x: Affine) -> Affine:
-    """Return f(x)."""
+def _bent(function: _Bend, x: Affine) -> Affine:
     x.range()
     line = function.line(x.middle, (x.reach() + x.rest) * UP)
     middle, slope = centre(line.value), abs(line.slope)
@@ -548,19 +522,19 @@ def _tanh(x: Any) -> Any:
     return x.lower().tanh().union(x.upper().tanh())
 
 
-_SINE = Bend(arb.sin, arb.cos, lambda x: -x.sin(), 2.0**-46)
-_COSINE = Bend(arb.cos, lambda x: -x.sin(), lambda x: -x.cos(), 2.0**-46)
-_SINC = Bend(arb.sinc, _sinc_rate, lambda x: between(-1.0, 1.0) / 3, 2.0**-46)
-_INVERSE = Bend(_one_by, lambda x: -_square(_one_by(x)), lambda x: 2 * _one_by(x) * _square(_one_by(x)))
-_GAUSSIAN = Bend(
+_SINE = _Bend(arb.sin, arb.cos, lambda x: -x.sin(), 2.0**-46)
+_COSINE = _Bend(arb.cos, lambda x: -x.sin(), lambda x: -x.cos(), 2.0**-46)
+_SINC = _Bend(arb.sinc, _sinc_rate, lambda x: between(-1.0, 1.0) / 3, 2.0**-46)
+_INVERSE = _Bend(_one_by, lambda x: -_square(_one_by(x)), lambda x: 2 * _one_by(x) * _square(_one_by(x)))
+_GAUSSIAN = _Bend(
     lambda x: (-_square(x)).exp(), lambda x: -2 * x * (-_square(x)).exp(),
     lambda x: (4 * _square(x) - 2) * (-_square(x)).exp(), 2.0**-44, even=True,
 )  # fmt: skip
-_TANH = Bend(
+_TANH = _Bend(
     arb.tanh, lambda x: 1 - _square(_tanh(x)), lambda x: 2 * _tanh(x) * (_square(_tanh(x)) - 1), 2.0**-48,
     relative=True, rising=True,
 )  # fmt: skip
-_ASINH = Bend(
+_ASINH = _Bend(
     arb.asinh, lambda x: (1 + _square(x)).rsqrt(), lambda x: -x * (1 + _square(x)).rsqrt() / (1 + _square(x)), 2.0**-48,
     relative=True, rising=True,
 )  # fmt: skip

@@ -29,13 +29,11 @@ from fuzzyarm.envs.physics.friction import STRIBECK
 
 __all__ = ["DEGREE", "Centre", "Mode", "Segment"]
 
-DEGREE = 7
-"""Of the polynomials of the angles."""
-
+DEGREE = 7  # of the polynomials of the angles
 NODES = DEGREE - 1
 ITERATIONS = 14  # of the collocation; each gains a digit or two
 SAMPLES = 33  # of a segment, at which changes of mode are looked for
-MOST_SEGMENTS = 8  # in a period
+_MOST_SEGMENTS = 8  # in a period
 SHORTEST = 1e-6  # share of the rest of a period, below which a change of mode is passed over
 
 # Where the parts of a state begin: angles of motors and links, then their velocities.
@@ -45,30 +43,19 @@ _LINK, _MOTOR_VELOCITY, _LINK_VELOCITY = JOINTS, 2 * JOINTS, 3 * JOINTS
 class Mode(enum.IntEnum):
     """What the friction of a motor of the centre is, in one segment."""
 
-    BACKWARD = -1
-    """F(v), for a negative velocity."""
-    FREE = 0
-    """A constant torque."""
-    FORWARD = 1
-    """-F(v), for a positive velocity."""
-    REST = 2
-    """What holds the motor at rest."""
+    BACKWARD = -1  # F(v), for a negative velocity
+    FREE = 0  # a constant torque
+    FORWARD = 1  # -F(v), for a positive velocity
+    REST = 2  # what holds the motor at rest
 
 
 class Segment(NamedTuple):
-    """The centre in a period, or in a part of one.
+    """The centre in a period, or in a part of one."""
 
-    Attributes:
-        angles: coefficients of θ_1, θ_2, q_1, q_2 [rad] in s in [-1, 1], (4, DEGREE + 1), the constant first.
-        modes: of both motors.
-        duration: [s].
-        end: state (8,) at the end, in the order θ, q, θ̇, q̇.
-    """
-
-    angles: np.ndarray
-    modes: tuple[Mode, ...]
-    duration: float
-    end: np.ndarray
+    angles: np.ndarray  # coefficients of θ_1, θ_2, q_1, q_2 [rad] in s in [-1, 1], (4, DEGREE + 1), the constant first
+    modes: tuple[Mode, ...]  # of both motors
+    duration: float  # [s]
+    end: np.ndarray  # state (8,) at the end, in the order θ, q, θ̇, q̇
 
 
 class Centre:
@@ -96,19 +83,17 @@ class Centre:
     ) -> Iterator[Segment]:
         """Yield the centre of a period, in segments on which no motor changes its mode.
 
-        Args:
-            state: at the start (8,).
-            torque: held (2,) [N m].
-            force: x, y at the middle of the period, and their change over it (4,) [N].
-            drags: for each motor the constant friction torque that it has [N m]; None: that of the law.
+        The state (8,) is that at the start, the torque (2,) [N m] is held, the force (4,) [N] is x, y at the middle of
+        the period and their change over it. `drags` are the constant friction torques of the motors [N m]; None for the
+        law's.
         """
         begun = 0.0
-        for count in range(MOST_SEGMENTS):
+        for count in range(_MOST_SEGMENTS):
             modes = self._modes(state, torque, drags)
             torques = torque + [drag or 0.0 for drag in drags]
             left = self._period - begun
             found = self._solved(state, torques, _part(force, begun, left, self._period), modes, left)
-            at, who = self._first_change(found, torque) if count < MOST_SEGMENTS - 1 else (1.0, 0)
+            at, who = self._first_change(found, torque) if count < _MOST_SEGMENTS - 1 else (1.0, 0)
             if at <= SHORTEST and state[_MOTOR_VELOCITY + who]:
                 # A velocity that is zero but for rounding, and on the wrong side, is set to zero.
                 state = state.copy()

@@ -24,25 +24,20 @@ from fuzzyarm.proof.tip.friction import Friction, Plan
 from fuzzyarm.proof.tip.plant import BallPlant, Parameter
 from fuzzyarm.proof.tip.transition import CHANNELS, COUNT
 
-__all__ = ["ConstantTorque", "Drive", "constant_torques", "drive"]
+__all__ = ["Drive", "constant_torques", "drive"]
 
 
 class Drive(NamedTuple):
-    """What the uncertain constants do during one period.
+    """What the uncertain constants do during one period; torques [N m] and forces [N]."""
 
-    Attributes:
-        level, slope: a_0 and a_1 of each channel's signal for each constant, in floats (8, constants).
-        rest: bound of what these two leave, for all constants together (8,).
-        motor: bound of the torques on each motor, those within the joints included (2,).
-    """
-
+    # level, slope: a_0 and a_1 of each channel's signal for each constant, in floats (8, constants)
     level: np.ndarray
     slope: np.ndarray
-    rest: np.ndarray
-    motor: np.ndarray
+    rest: np.ndarray  # bound of what these two leave, for all constants together (8,)
+    motor: np.ndarray  # bound of the torques on each motor, those within the joints included (2,)
 
 
-class ConstantTorque(NamedTuple):
+class _ConstantTorque(NamedTuple):
     """The torque of an uncertain constant on one channel: a_0, a_1, what they leave, and a bound of all of it."""
 
     constant: int
@@ -53,7 +48,7 @@ class ConstantTorque(NamedTuple):
     size: float
 
 
-def constant_torques(motion: PeriodMotion, force: Forces, plant: BallPlant) -> list[ConstantTorque]:
+def constant_torques(motion: PeriodMotion, force: Forces, plant: BallPlant) -> list[_ConstantTorque]:
     """Return the torques of all constants but the dry friction's, which depends on how friction is bounded."""
     return [
         _linear_in_time(index, channel, signal)
@@ -62,7 +57,7 @@ def constant_torques(motion: PeriodMotion, force: Forces, plant: BallPlant) -> l
     ]
 
 
-def drive(torques: list[ConstantTorque], plant: BallPlant, frictions: list[Friction]) -> Drive:
+def drive(torques: list[_ConstantTorque], plant: BallPlant, frictions: list[Friction]) -> Drive:
     """Return what the uncertain constants do, from `constant_torques` and the frictions of both motors."""
     count, motors = len(plant.parameters), range(COUNT)[CHANNELS.motor]
     level, slope = np.zeros((COUNT, count)), np.zeros((COUNT, count))
@@ -78,7 +73,7 @@ def drive(torques: list[ConstantTorque], plant: BallPlant, frictions: list[Frict
     return Drive(level, slope, rest, motor)
 
 
-def _dry(plant: BallPlant, frictions: list[Friction]) -> list[ConstantTorque]:
+def _dry(plant: BallPlant, frictions: list[Friction]) -> list[_ConstantTorque]:
     """Return the torques of uncertain factors of the dry friction."""
     found = []
     for index, parameter in enumerate(plant.parameters):
@@ -90,11 +85,11 @@ def _dry(plant: BallPlant, frictions: list[Friction]) -> list[ConstantTorque]:
     return found
 
 
-def _linear_in_time(constant: int, channel: int, signal: Signal) -> ConstantTorque:
+def _linear_in_time(constant: int, channel: int, signal: Signal) -> _ConstantTorque:
     a = [*signal, arb(0), arb(0)]
     level, slope = centre(a[0]), centre(a[1])
     rest = rest_size(signal) + radius_of(a[0], level) + radius_of(a[1], slope)
-    return ConstantTorque(constant, channel, level, slope, rest, signal_size(signal))
+    return _ConstantTorque(constant, channel, level, slope, rest, signal_size(signal))
 
 
 def _signals(parameter: Parameter, motion: PeriodMotion, force: Forces) -> list[tuple[int, Signal]]:

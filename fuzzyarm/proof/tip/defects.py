@@ -38,11 +38,8 @@ __all__ = [
     "signal_ends", "signal_range", "signal_size",
 ]  # fmt: skip
 
-ORDER = DEGREE + 1
-"""Coefficients of a power series, without the one of its remainder."""
-
-Signal = list[Any]
-"""Coefficients in s in [-1, 1]."""
+ORDER = DEGREE + 1  # coefficients of a power series, without the one of its remainder
+Signal = list[Any]  # coefficients in s in [-1, 1]
 
 
 def signal_range(signal: Signal) -> Any:
@@ -97,19 +94,12 @@ class Forces(NamedTuple):
 
 
 class TipForces(NamedTuple):
-    """What may act at the tip during a segment.
+    """What may act at the tip during a segment."""
 
-    Attributes:
-        middle: the force in the middle of the set.
-        radii: how far the force along x and y can be from it [N].
-        direction: a unit vector (x, y).
-        courses: largest part of any course along the direction and across it [N].
-    """
-
-    middle: Forces
-    radii: tuple[float, float]
-    direction: tuple[float, float]
-    courses: tuple[float, float]
+    middle: Forces  # the force in the middle of the set
+    radii: tuple[float, float]  # how far the force along x and y can be from it [N]
+    direction: tuple[float, float]  # a unit vector (x, y)
+    courses: tuple[float, float]  # largest part of any course along the direction and across it [N]
 
 
 def _shift_table() -> Any:
@@ -122,12 +112,7 @@ def _shift_table() -> Any:
 
 
 class PeriodMotion:
-    """The centre of a period in balls: its angles and their derivatives as signals.
-
-    Attributes:
-        angle, velocity, acceleration: signals of θ_1, θ_2, q_1, q_2 and of their derivatives [rad, s].
-        duration: of the period, or of a part of it [s].
-    """
+    """The centre of a period, or of a part of one, in balls: its angles and their derivatives as signals [rad, s]."""
 
     _shift = _shift_table()
 

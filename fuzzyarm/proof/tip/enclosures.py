@@ -18,15 +18,11 @@ __all__ = [
     "BITS", "ROUND_UP", "SLACK", "Jet", "NoBound", "ball", "between", "centre", "largest", "low_high", "radius_of",
 ]  # fmt: skip
 
-BITS = 80
-"""Precision of the balls: K (θ - q) loses seven digits of a double."""
-
+BITS = 80  # precision of the balls: K (θ - q) loses seven digits of a double
 SLACK = 2.0**-40
 """Relative allowance for rounding in a chain of at most 2^12 float operations; see the module's docstring."""
 
-ROUND_UP = 1.0 + SLACK
-"""A sum of non-negative floats, times this, is not below the exact sum."""
-
+ROUND_UP = 1.0 + SLACK  # a sum of non-negative floats, times this, is not below the exact sum
 _TINY = 1e-300  # what underflow may lose
 
 

@@ -49,27 +49,17 @@ from fuzzyarm.proof.tip.defects import (
     signal_range,
     signal_size,
 )
-from fuzzyarm.proof.tip.enclosures import (
-    ROUND_UP,
-    SLACK,
-    Jet,
-    NoBound,
-    ball,
-    between,
-    centre,
-    largest,
-    low_high,
-)
+from fuzzyarm.proof.tip.enclosures import ROUND_UP, SLACK, Jet, NoBound, ball, between, centre, largest, low_high
 from fuzzyarm.proof.tip.plant import BallPlant
 
-__all__ = ["Friction", "Plan", "PlanFails", "Speed", "check_curve", "rates", "steepest_fall", "strength"]
+__all__ = ["Friction", "Plan", "PlanFails", "Speed", "check_curve", "rates", "strength"]
 
 
 FAR, DOUBLINGS = 8.0, 100  # inflections, and how often they are doubled
 HALVINGS = 40  # of a range of speeds
 
 
-def steepest_fall(joint: int, arm: Arm) -> float:
+def _steepest_fall(joint: int, arm: Arm) -> float:
     """Return a bound of -dF/dv [N m s/rad] of a motor."""
     return largest(STRIBECK.steepest(_in_balls(joint, arm))) * ROUND_UP
 
@@ -83,7 +73,7 @@ def strength(slowest: float, fastest: float, joint: int, arm: Arm) -> tuple[floa
 
 def rates(slowest: float, fastest: float, joint: int, arm: Arm) -> tuple[float, float]:
     """Return the lowest and the highest dF/dv [N m s/rad] in a range of speeds [rad/s]: it falls, then rises."""
-    (before, after), steepest = _inflection(joint, arm), steepest_fall(joint, arm)
+    (before, after), steepest = _inflection(joint, arm), _steepest_fall(joint, arm)
     inside = slowest <= after and before <= fastest
     ends = (min(slowest, before), max(fastest, after)) if inside else (slowest, fastest)
     lows, highs = zip(*(low_high(_series(ball(v), joint, arm)[1]) for v in ends), strict=True)
@@ -102,11 +92,7 @@ def _inflection(joint: int, arm: Arm) -> tuple[float, float]:
 
 
 def check_curve(arm: Arm) -> None:
-    """Raise `NoBound` where the friction of a motor is not as the module's docstring says; precision is the caller's.
-
-    Args:
-        arm: constants in floats or in balls.
-    """
+    """Raise `NoBound` where the friction of a motor is not as the module says, in the caller's precision."""
     for joint in range(JOINTS):
         static, rest = _in_balls(joint, arm).static_friction, _series(arb(0), joint, arm)
         fits = rest[0].overlaps(static) and rest[1] <= 0
@@ -116,7 +102,7 @@ def check_curve(arm: Arm) -> None:
 
 def _conditions(joint: int, arm: Arm, static: arb) -> Iterator[tuple[tuple[float, float], Callable[[Any], bool]]]:
     """Yield ranges of speeds [rad/s], and what the series of F has to be on balls in them."""
-    (before, after), steepest = _inflection(joint, arm), arb(steepest_fall(joint, arm))
+    (before, after), steepest = _inflection(joint, arm), arb(_steepest_fall(joint, arm))
     far = [FAR * after * 2.0**k for k in range(DOUBLINGS + 1)]
     limit = _series(arb(far[-1]), joint, arm)[0]
     yield (0.0, before), lambda f: f[2] <= 0
@@ -149,16 +135,11 @@ def _series(speed: arb, joint: int, arm: Arm) -> Any:
 class Plan(enum.Enum):
     """How the friction of a motor is bounded in one period."""
 
-    ANY = "any"
-    """Any torque up to the static one."""
-    HELD = "held"
-    """The motor rests, as the centre does."""
-    SLIP = "slip"
-    """The motor turns to the side to which the centre does; the slope of F is part of the linear equation."""
-    MONOTONE = "monotone"
-    """Friction does not drive two motions apart: the velocity itself is bounded and leaves the linear equation."""
-    MIXED = "mixed"
-    """All that is not ruled out."""
+    ANY = "any"  # any torque up to the static one
+    HELD = "held"  # the motor rests, as the centre does
+    SLIP = "slip"  # the motor turns to the side to which the centre does; the slope of F is part of the linear equation
+    MONOTONE = "monotone"  # friction parts no motions: the velocity is bounded by itself, outside the linear equation
+    MIXED = "mixed"  # all that is not ruled out
 
 
 class Speed(NamedTuple):
@@ -169,20 +150,13 @@ class Speed(NamedTuple):
 
 
 class Friction:
-    """The friction of one motor in one period.
-
-    Attributes:
-        plan: how it is bounded.
-        slope: change of the friction with the velocity that is part of the linear equation [N m s/rad].
-        drag: middle of the friction torques that are possible by the plan MIXED [N m], once `bound` was called.
-    """
+    """The friction of one motor in one period."""
 
     def __init__(
         self, joint: int, plan: Plan, mode: Mode, motion: PeriodMotion, torque: float, plant: BallPlant, known: Speed
     ) -> None:
         """Take the centre's motion and mode, the held torque [N m], the plant and what is known of v."""
-        self.joint, self.plan, self.known, self._arm = joint, plan, known, plant.exact
-        self.share = plant.share[joint]
+        self.joint, self.plan, self.known, self._arm, self.share = joint, plan, known, plant.exact, plant.share[joint]
         self._uncertain = max(self.share[1] - 1.0, 1.0 - self.share[0])  # largest change of the friction factor
         self.speed = signal_ends(motion.velocity[joint])
         self._speed = between(*self.speed)
@@ -196,12 +170,13 @@ class Friction:
         self._missed, self._duration = 0.0, motion.duration
         self.static = low_high(dry_friction(ball(0.0), joint, plant.exact))
         self._rests = all(a.is_zero() for a in motion.velocity[joint])
-        self.slope = self.drag = 0.0
+        self.slope = 0.0  # change of the friction with the velocity that is part of the linear equation [N m s/rad]
+        self.drag = 0.0  # middle of the friction torques that are possible by the plan MIXED [N m], see `bound`
         if self.side:
             self._slip = motion.slip(joint, self.side, plant.exact)
             parts = [(ball(1.0), self._needed), (ball(-float(self.side)), self._slip)]
             self._missed = signal_size(combined(parts))
-        self._steepest = steepest_fall(joint, plant.exact)
+        self._steepest = _steepest_fall(joint, plant.exact)
         if plan is Plan.SLIP:
             slope = dry_friction(Jet.variable(ball(abs(centre(self._speed))), 0), joint, self._arm).slope(0)
             self.slope = -centre(slope)
@@ -215,10 +190,8 @@ class Friction:
     def parted(self, start: float, duration: float, torque: float) -> float:
         """Return a bound of |δv| [rad/s] during a segment, by the plan MONOTONE.
 
-        Args:
-            start: bound at the start [rad/s].
-            duration: of the segment [s].
-            torque: bound of |δN| + η [N m], see `driving`.
+        At the start of the segment, which lasts `duration` [s], |δv| <= `start` [rad/s]; |δN| + η <= `torque` [N m],
+        see `driving`.
         """
         # A centre that is not quite on the side on which it slips is compared after a shift by `aside`.
         aside = max(0.0, -self.speed[0] if self.side > 0 else self.speed[1]) if self.side else 0.0
@@ -244,16 +217,11 @@ class Friction:
         return (tube_net + signal_size(self._needed) + self.share[1] * static + constants + products) * (1.0 + SLACK)
 
     def bound(self, tube_speed: float, tube_net: float, constants: float, products: float) -> float:
-        """Return a bound of |w| [N m], without the signal of `torque`.
+        """Return a bound of |w| [N m], without the signal of `torque`; `PlanFails` if the tube contradicts the plan.
 
-        Args:
-            tube_speed: radius of the tube of v [rad/s].
-            tube_net: that of N [N m].
-            constants: bound of the torques of the uncertain constants on this motor along the centre [N m].
-            products: bound of the products of uncertain constants with the deviation on this motor [N m].
-
-        Raises:
-            PlanFails: the tube contradicts the plan.
+        The tube has the radii `tube_speed` of v [rad/s] and `tube_net` of N [N m]. `constants` bounds the torques [N m]
+        of the uncertain constants on this motor along the centre, `products` those of the constants times the
+        deviation.
         """
         low, high = low_high(self._speed + ball(0.0, tube_speed))
         if self.plan is Plan.ANY:

@@ -41,7 +41,7 @@ from fuzzyarm.proof.tip.transition import (
 )
 from fuzzyarm.proof.tip.zonotope import Zonotope, product
 
-__all__ = ["Claim", "Closed", "Period"]
+__all__ = ["Closed", "Period", "TubeClaim"]
 
 ITERATIONS = 60
 WORTH = 0.15  # share of the static friction that may drive a velocity by the plan MONOTONE
@@ -50,30 +50,20 @@ LARGEST = 0.5  # of the tube's angles [rad]: beyond it no iteration has ever clo
 
 @dataclasses.dataclass(frozen=True)
 class Closed:
-    """A period whose tube is closed.
+    """A period whose tube is closed."""
 
-    Attributes:
-        tube: ρ (18,) in the order of `ROWS`.
-        torques: w̄ (8,) in the order of `CHANNELS` [N m; N].
-        solution: of the linear equation.
-        drive: of the uncertain constants.
-        columns: (8, n) of the zonotope at the end without the torques w̄; those of the constants first.
-        known: of both motors' velocities at the end.
-        plans: by which the frictions were bounded.
-        drags: middle of the friction torques of motors with the plan MIXED [N m], None for others.
-    """
-
-    tube: np.ndarray
-    torques: np.ndarray
-    solution: Transition
-    drive: Drive
-    columns: np.ndarray
-    known: tuple[Speed, ...]
-    plans: tuple[Plan, ...]
+    tube: np.ndarray  # ρ (18,) in the order of `ROWS`
+    torques: np.ndarray  # w̄ (8,) in the order of `CHANNELS` [N m; N]
+    solution: Transition  # of the linear equation
+    drive: Drive  # of the uncertain constants
+    columns: np.ndarray  # (8, n) of the zonotope at the end without the torques w̄; those of the constants first
+    known: tuple[Speed, ...]  # of both motors' velocities at the end
+    plans: tuple[Plan, ...]  # by which the frictions were bounded
+    # middle of the friction torques of motors with the plan MIXED [N m], None for others
     drags: tuple[float | None, ...]
 
 
-class Claim(NamedTuple):
+class TubeClaim(NamedTuple):
     """What a file claims of a segment: its tube (18,), and the plans of the frictions."""
 
     tube: np.ndarray
@@ -84,7 +74,6 @@ class Period:
     """A period that is to be closed."""
 
     def __init__(self, centre: Segment, torque: np.ndarray, tip: TipForces, plant: BallPlant) -> None:
-        """Take the centre, the held torque (2,) [N m], what may act at the tip, and the plant."""
         force, period = tip.middle, centre.duration
         self.motion, self.force, self.plant = PeriodMotion(centre.angles, period), force, plant
         self._centre, self._torque, self._period, self._tip = centre, torque, period, tip
@@ -98,7 +87,7 @@ class Period:
         self._within = [(halves["stiffness"], ROWS.bending), (halves["damping"], ROWS.bending_rate)]
         self._own = [(halves["motor_inertia"], ROWS.motor_acceleration), (halves["viscous_friction"], ROWS.d_theta)]
 
-    def confirm(self, start: Zonotope, known: tuple[Speed, ...], claim: Claim, *, friction: str) -> Closed:
+    def confirm(self, start: Zonotope, known: tuple[Speed, ...], claim: TubeClaim, *, friction: str) -> Closed:
         """Return the period closed by a claimed tube and plans, without any search; `NoBound` where they fail."""
         if friction == "any" and set(claim.plans) != {Plan.ANY}:
             raise NoBound("a plan that is not for any friction")

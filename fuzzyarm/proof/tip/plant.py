@@ -34,43 +34,22 @@ from fuzzyarm.envs.scenario.randomisation import ALLOWED
 from fuzzyarm.proof.tip.enclosures import ball, between, centre
 
 __all__ = [
-    "AXES",
-    "BY_JOINT",
-    "RANGES",
-    "SETS",
-    "Axis",
-    "BallPlant",
-    "Parameter",
-    "PlantSet",
-    "ball_plant",
-    "check_set_name",
-    "exactly",
-    "find_set",
-    "missed",
-    "narrowed",
-    "plants_of",
-    "ranges_in_words",
+    "AXES", "BY_JOINT", "RANGES", "SETS", "Axis", "BallPlant", "Parameter", "PlantSet", "ball_plant", "check_set_name",
+    "exactly", "find_set", "missed", "narrowed", "plants_of", "ranges_in_words",
 ]  # fmt: skip
 
-
 Range = tuple[float, float]
-Factor = tuple[float | Range, float | Range]
-"""A range (low, high) for both joints, or a pair of ranges, one for each."""
-
+Factor = tuple[float | Range, float | Range]  # a range (low, high) for both joints, or a pair of ranges, one for each
 BY_JOINT = ("mass", "motor_inertia", "stiffness", "damping", "dry_friction", "viscous_friction")
 """The factors of which each joint has its own."""
-RANGES = (*BY_JOINT, "force", "payload")
-"""All ranges of a set."""
-
-Axis = tuple[str, int]
-"""A field of `RANGES` and a joint; 0 where the range is not by joint."""
-
+RANGES = (*BY_JOINT, "force", "payload")  # all ranges of a set
+Axis = tuple[str, int]  # a field of `RANGES` and a joint; 0 where the range is not by joint
 AXES: list[Axis] = [(name, joint) for name in RANGES for joint in range(JOINTS if name in BY_JOINT else 1)]
 """All ranges of a set, joint by joint."""
 
 LIMITS = {"force_swing": ("", 10.0), "force_course": ("N", 1e6)}
 NOISIEST = 1e3  # rad, rad/s
-LONGEST_LABEL = 60  # characters
+_LONGEST_LABEL = 60  # characters
 
 
 @dataclasses.dataclass(frozen=True)
@@ -78,39 +57,26 @@ class PlantSet:
     """Ranges (low, high) of what is constant, and bounds of what may vary with time; the defaults are Table 1 alone.
 
     The range of a factor of `BY_JOINT` may be given for each joint: ``((low, high), (low, high))``.
-
-    Attributes:
-        mass: factor of each link's mass and inertia, one per link.
-        motor_inertia: factor of each motor's inertia.
-        stiffness: factor of each joint's stiffness.
-        damping: factor of each joint's damping.
-        dry_friction: factor of each motor's static and Coulomb friction.
-        viscous_friction: factor of each motor's viscous friction.
-        payload: mass at the tip [kg], added to the case's own payload.
-        force: factor of the case's tip force.
-        friction: ``"law"``: stick and Stribeck friction as in the environment; ``"any"``: any torque up to the static.
-        force_swing: largest share of the case's tip force by which its factor may vary, in any course in time.
-        force_course: largest component along x and along y of a further tip force, of any course in time [N].
-        noise: largest error of a measured motor angle [rad] and velocity [rad/s].
-        late: whole control periods by which every torque acts late; until the first acts, it is held from the start.
     """
 
-    mass: Factor = (1.0, 1.0)
-    motor_inertia: Factor = (1.0, 1.0)
-    stiffness: Factor = (1.0, 1.0)
-    damping: Factor = (1.0, 1.0)
-    dry_friction: Factor = (1.0, 1.0)
-    viscous_friction: Factor = (1.0, 1.0)
-    payload: Range = (0.0, 0.0)
-    force: Range = (1.0, 1.0)
+    mass: Factor = (1.0, 1.0)  # factor of each link's mass and inertia, one per link
+    motor_inertia: Factor = (1.0, 1.0)  # factor of each motor's inertia
+    stiffness: Factor = (1.0, 1.0)  # factor of each joint's stiffness
+    damping: Factor = (1.0, 1.0)  # factor of each joint's damping
+    dry_friction: Factor = (1.0, 1.0)  # factor of each motor's static and Coulomb friction
+    viscous_friction: Factor = (1.0, 1.0)  # factor of each motor's viscous friction
+    payload: Range = (0.0, 0.0)  # mass at the tip [kg], added to the case's own payload
+    force: Range = (1.0, 1.0)  # factor of the case's tip force
+    # ``"law"``: stick and Stribeck friction as in the environment; ``"any"``: any torque up to the static
     friction: Literal["law", "any"] = "law"
+    # largest share of the case's tip force by which its factor may vary, in any course in time
     force_swing: float = 0.0
-    force_course: float = 0.0
-    noise: Range = (0.0, 0.0)
+    force_course: float = 0.0  # largest component along x and along y of a further tip force, of any course in time [N]
+    noise: Range = (0.0, 0.0)  # largest error of a measured motor angle [rad] and velocity [rad/s]
+    # whole control periods by which every torque acts late; until the first acts, it is held from the start
     late: int = 0
 
     def __post_init__(self) -> None:
-        """Check every range; ValueError names it and what is allowed."""
         try:
             for name in RANGES:
                 object.__setattr__(self, name, _checked(name, getattr(self, name)))
@@ -166,8 +132,8 @@ I_a ± 1 %, dry friction ± 20 %; the same with every torque one control period 
 
 def check_set_name(name: str, plants: PlantSet) -> None:
     """Raise ValueError for a label that is no short printable ASCII text, or a name of `SETS` for other plants."""
-    if not (isinstance(name, str) and 0 < len(name) <= LONGEST_LABEL and name.isascii() and name.isprintable()):
-        raise ValueError(f"set_name = {checks.shown(name)} must be 1 to {LONGEST_LABEL} printable ASCII characters")
+    if not (isinstance(name, str) and 0 < len(name) <= _LONGEST_LABEL and name.isascii() and name.isprintable()):
+        raise ValueError(f"set_name = {checks.shown(name)} must be 1 to {_LONGEST_LABEL} printable ASCII characters")
     if name in SETS and plants != SETS[name]:
         raise ValueError(f"set_name = {checks.shown(name)}, but the plants are not those of this set")
 
@@ -212,12 +178,7 @@ def exactly(value: float) -> str:
 
 
 def find_set(name: str | Path) -> PlantSet:
-    """Return the set of a name of `SETS`, or of a TOML file with fields of `PlantSet`.
-
-    Raises:
-        ValueError: no such name, or the file is damaged, has an unknown field or a value out of range.
-        OSError: the file cannot be read.
-    """
+    """Return the set of a name of `SETS`, or of a TOML file with fields of `PlantSet`; ValueError if there is none."""
     if str(name) in SETS:
         return SETS[str(name)]
     path = Path(name)
@@ -236,19 +197,12 @@ _ROUNDED = 2.0**-46  # relative: the environment computes c1..c5 in floats
 
 @dataclasses.dataclass(frozen=True)
 class Parameter:
-    """An uncertain constant: p_0 ± `half`.
+    """An uncertain constant: p_0 ± `half`."""
 
-    Attributes:
-        kind: "mass", "payload", "force", "stiffness", "damping", "motor_inertia", "viscous_friction", "dry_friction".
-        joint: whose constant it is; 0 for the payload and the force.
-        half: half the width of its range, in its unit; relative to the middle for dry friction and the force.
-        arm: constants ∂c/∂p times `half`, for a mass or the payload.
-    """
-
-    kind: str
-    joint: int
-    half: float
-    arm: Arm | None = None
+    kind: str  # "mass", "payload", "force", "stiffness", "damping", "motor_inertia", "viscous_friction", "dry_friction"
+    joint: int  # whose constant it is; 0 for the payload and the force
+    half: float  # half the width of its range, in its unit; relative to the middle for dry friction and the force
+    arm: Arm | None = None  # constants ∂c/∂p times `half`, for a mass or the payload
 
     @property
     def name(self) -> str:
@@ -258,18 +212,12 @@ class Parameter:
 
 @dataclasses.dataclass(frozen=True)
 class BallPlant:
-    """All arms of a set.
+    """All arms of a set."""
 
-    Attributes:
-        middle: constants in floats, of the arm in the middle.
-        exact: the same in balls that hold the exact constants of that arm.
-        parameters: what is uncertain.
-        share: lowest and highest factor of the dry friction of each motor, relative to the middle.
-    """
-
-    middle: Arm
-    exact: Arm
-    parameters: tuple[Parameter, ...]
+    middle: Arm  # constants in floats, of the arm in the middle
+    exact: Arm  # the same in balls that hold the exact constants of that arm
+    parameters: tuple[Parameter, ...]  # what is uncertain
+    # lowest and highest factor of the dry friction of each motor, relative to the middle
     share: tuple[tuple[float, float], ...]
 
     def half(self, kind: str) -> list[float]:

@@ -20,21 +20,14 @@ from flint import arb
 
 from fuzzyarm.envs.observation import JOINTS
 from fuzzyarm.envs.physics.dynamics import Arm, tip_force_torque
-from fuzzyarm.proof.tip.defects import (
-    Forces,
-    LinkMotion,
-    PeriodMotion,
-    TipForces,
-    link_torque,
-    signal_range,
-)
+from fuzzyarm.proof.tip.defects import Forces, LinkMotion, PeriodMotion, TipForces, link_torque, signal_range
 from fuzzyarm.proof.tip.enclosures import ROUND_UP, SLACK, Jet, ball, centre, radius_of
 from fuzzyarm.proof.tip.plant import BallPlant
 from fuzzyarm.proof.tip.transition import CHANNELS, OBSERVED, ROWS
 
-__all__ = ["LinkRemainder", "LinkSlopes", "at_middle", "lever_arms", "link_remainder", "link_slopes", "tube_slopes"]
+__all__ = ["LinkRemainder", "LinkSlopes", "at_middle", "lever_arms", "link_remainder", "tube_slopes"]
 
-REFINED = 3  # how often the products of the masses are bounded again
+_REFINED = 3  # how often the products of the masses are bounded again
 _NO_FORCE = TipForces(Forces([arb(0)], [arb(0)]), (0.0, 0.0), (1.0, 0.0), (0.0, 0.0))
 
 
@@ -46,7 +39,7 @@ class LinkSlopes(NamedTuple):
     velocity: list[list[arb]]
 
 
-def link_slopes(at: list[list[Any]], force: tuple[Any, Any], arm: Arm) -> LinkSlopes:
+def _link_slopes(at: list[list[Any]], force: tuple[Any, Any], arm: Arm) -> LinkSlopes:
     """Return M [kg m²], ∂R/∂q [N m/rad] and ∂R/∂q̇ [N m s/rad] at angles, velocities and accelerations, pairs each."""
     angles, velocities, accelerations = at
     q = [Jet.variable(x, i) for i, x in enumerate(angles)]
@@ -61,23 +54,20 @@ def link_slopes(at: list[list[Any]], force: tuple[Any, Any], arm: Arm) -> LinkSl
 def at_middle(motion: PeriodMotion, force: Forces, arm: Arm) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Return M_k [kg m²], G_k [N m/rad] and D_k [N m s/rad] (2, 2) at the middle of the period, in floats."""
     at = [[signal[0] for signal in kind[JOINTS:]] for kind in (motion.angle, motion.velocity, motion.acceleration)]
-    slopes = link_slopes(at, (force.x[0], force.y[0]), arm)
+    slopes = _link_slopes(at, (force.x[0], force.y[0]), arm)
     mass, angle, velocity = (np.array([[centre(x) for x in row] for row in part]) for part in slopes)
     return mass, angle, velocity
 
 
 def tube_slopes(motion: PeriodMotion, tube: np.ndarray, force: TipForces, arm: Arm) -> LinkSlopes:
-    """Return the slopes at every point of the tube (18,) around the centre, for every arm of the balls.
-
-    M [kg m²], ∂R/∂q [N m/rad] and ∂R/∂q̇ [N m s/rad], (2, 2) each.
-    """
+    """Return the slopes (2, 2) each [kg m², N m/rad, N m s/rad] on the tube (18,) around the centre, for every arm."""
     rows = ROWS.link, ROWS.d_link, ROWS.link_acceleration
     boxes = [
         [x + ball(0.0, r) for x, r in zip(along, tube[of].tolist(), strict=True)]
         for along, of in zip(motion.links, rows, strict=True)
     ]
     x, y = (signal_range(s) + ball(0.0, r) for s, r in zip(force.middle, force.radii, strict=True))
-    return link_slopes(boxes, (x, y), arm)
+    return _link_slopes(boxes, (x, y), arm)
 
 
 def link_remainder(slopes: LinkSlopes, at: tuple[np.ndarray, np.ndarray, np.ndarray], tube: np.ndarray) -> np.ndarray:
@@ -100,35 +90,27 @@ class LinkRemainder:
 
     r_p ξ is a row that is observed like the others: what it has of links that turn against each other cancels in it,
     which it does not in |M_p| ρ_q̈ + |R_p,q| ρ_q + |R_p,q̇| ρ_q̇. The smaller of the two counts.
-
-    Attributes:
-        at: M_k, G_k and D_k, see `at_middle`.
-        products: r_p (2 masses, 6) over the rows `OBSERVED`.
     """
 
     def __init__(self, motion: PeriodMotion, force: TipForces, plant: BallPlant) -> None:
-        """Take the centre, what may act at the tip, and the plant."""
         self._motion, self._force, self._arm = motion, force, plant.exact
-        self.at = at_middle(motion, force.middle, plant.exact)
+        self.at = at_middle(motion, force.middle, plant.exact)  # M_k, G_k and D_k
         arms = [parameter.arm for parameter in plant.parameters if parameter.kind in ("mass", "payload")]
         self._masses = [(arm, at_middle(motion, _NO_FORCE.middle, arm)) for arm in arms if arm is not None]
+        # r_p (2 masses, 6) over the rows `OBSERVED`
         self.products = np.vstack([np.zeros((0, len(OBSERVED))), *(np.hstack(at) for _, at in self._masses)])
 
     def bound(self, tube: np.ndarray, torques: np.ndarray, free: np.ndarray, push: np.ndarray) -> np.ndarray:
-        """Return a bound (2,) of |n| [N m] on a claimed tube (18,).
+        """Return a bound (2,) of |n| [N m] on a claimed tube ρ (18,), for the other torques w̄ (8,).
 
-        Args:
-            tube: ρ.
-            torques: w̄ (8,) without n.
-            free: (18 + n,) all that is observed, then the `products`, is within free + push w̄.
-            push: (18 + n, 8).
+        All that is observed, then the `products`, is within free (18 + n,) + push (18 + n, 8) w̄.
         """
         fixed = link_remainder(tube_slopes(self._motion, tube, self._force, self._arm), self.at, tube)
         for arm, at in self._masses:
             fixed += link_remainder(tube_slopes(self._motion, tube, _NO_FORCE, arm), at, tube)
         sizes, count = np.abs(self.products), len(self.products)
         found = (fixed + _by_link(sizes @ tube[OBSERVED])) * ROUND_UP
-        for _ in range(REFINED if count else 0):
+        for _ in range(_REFINED if count else 0):
             acting = torques.copy()
             acting[CHANNELS.link] += found
             seen = free + push @ acting

@@ -27,9 +27,7 @@ from fuzzyarm.proof.tip.zonotope import Zonotope, merged, product
 
 __all__ = ["MEASURED", "PolicyLaw", "Response", "sampled_law"]
 
-MEASURED = 2 * JOINTS
-"""Numbers of θ, θ̇, which come before those of the memory."""
-
+MEASURED = 2 * JOINTS  # numbers of θ, θ̇, which come before those of the memory
 KEPT = 1e-3  # share of a number from which an unknown keeps its column
 MOST = 6  # unknowns for each number, beyond which they are merged
 RUNS = 6  # that tell what a law remembers of what is measured
@@ -44,24 +42,15 @@ _UNKNOWN: dict[type[Policy], str] = {
 
 
 class Response(NamedTuple):
-    """What follows from a sample: deviations of (u, m⁺) from a point, |x - middle| = |columns g + β|, |β| <= box.
+    """What follows from a sample: deviations of (u, m⁺) from a point, |x - middle| = |columns g + β|, |β| <= box."""
 
-    Attributes:
-        middle: (2 + m,) torques [N m] and the memory.
-        columns: (2 + m, n); the first are those of the deviations that the law was given.
-        box: (2 + m,).
-    """
-
-    middle: np.ndarray
-    columns: np.ndarray
-    box: np.ndarray
+    middle: np.ndarray  # (2 + m,) torques [N m] and the memory
+    columns: np.ndarray  # (2 + m, n); the first are those of the deviations that the law was given
+    box: np.ndarray  # (2 + m,)
 
 
 def sampled_law(policy: Policy, references: np.ndarray) -> PolicyLaw:
-    """Return a policy, sample by sample, for a schedule's `references` (steps + 1, 6) [rad, rad/s, rad/s²].
-
-    The policy is for the two-joint arm; `NoBound` where it is no law.
-    """
+    """Return a policy of the two-joint arm, sample by sample, for `references` (steps + 1, 6) [rad, rad/s, rad/s²]."""
     if type(policy) in _UNKNOWN:
         raise NoBound(f"{_UNKNOWN[type(policy)]}; choose elastic-observer, which has one")
     law = law_of(policy)
@@ -74,38 +63,29 @@ def sampled_law(policy: Policy, references: np.ndarray) -> PolicyLaw:
 
 
 class PolicyLaw:
-    """The law of a policy, sample by sample.
-
-    Attributes:
-        memory: numbers that it remembers of what is measured.
-        remembered: where they lie in the policy's memory.
-    """
+    """The law of a policy, sample by sample."""
 
     def __init__(self, policy: Policy, law: Law, references: np.ndarray) -> None:
-        """Take the policy, its law and what it is told at each sample (samples, 6)."""
+        """Take the policy, its law and the references (samples, 6) in its observations."""
         self._law, self._references = law, references
         # Of some runs that measure otherwise: what differs. `_answer` checks that all else is as it was here.
-        told = np.repeat(references[:, np.newaxis], RUNS, axis=1)
-        apart = 0.1 ** np.arange(RUNS)[:, np.newaxis] * np.random.default_rng(0).normal(size=(len(told), 1, MEASURED))
-        observations = np.concatenate([told[:, :, :MEASURED] + apart, told], axis=2)
+        asked = np.repeat(references[:, np.newaxis], RUNS, axis=1)
+        apart = 0.1 ** np.arange(RUNS)[:, np.newaxis] * np.random.default_rng(0).normal(size=(len(asked), 1, MEASURED))
+        observations = np.concatenate([asked[:, :, :MEASURED] + apart, asked], axis=2)
         memory, torque, held = np.zeros((RUNS, policy.memory_size)), np.empty((RUNS, JOINTS)), []
         for observation in observations:
             held.append(memory.copy())
             policy.act(observation, memory, torque)
         self._held = np.array([*held, memory])
+        # Where the numbers that it remembers of what is measured lie in the policy's memory, and how many there are.
         self.remembered = np.flatnonzero((self._held != self._held[:, :1]).any(axis=(0, 1)))
         self.memory = len(self.remembered)
 
     def respond(self, k: int, point: np.ndarray, seen: Zonotope) -> Response:
-        """Return the answer at the k-th sample.
+        """Return the answer at the k-th sample, for deviations `seen` from a point (4 + m,): θ, θ̇ as measured, memory.
 
-        Args:
-            k: number of the sample; at the first one the memory is zero.
-            point: (4 + m,) θ, θ̇ as they are measured at the centre, and the memory.
-            seen: the deviations from it.
-
-        Raises:
-            NoBound: the law does what is not known for all these numbers; ValueError where an enclosure is not finite.
+        At the first sample the memory is zero. `NoBound` if the law does what is not known for all these numbers;
+        ValueError where an enclosure is not finite.
         """
         space = Space(seen)
         RECORDERS.append(space)

@@ -4,7 +4,7 @@
 
 Every matrix X is a float matrix with |X - X_exact| <= SLACK |X|', where X' is the same expression with the absolute
 value of each factor: |A|' for A, E = exp(|A|' T) for exp(A t), t <= T, and so on (`enclosures`). The series of the
-exponential is cut after `TERMS` terms; |A| T is below one in the units that balance it, so the rest is below 1e-24 E.
+exponential is cut after `_TERMS` terms; |A| T is below one in the units that balance it, so the rest is below 1e-24 E.
 """
 
 from __future__ import annotations
@@ -18,21 +18,18 @@ from fuzzyarm.envs.physics.dynamics import Arm
 from fuzzyarm.proof.tip.enclosures import SLACK
 
 __all__ = [
-    "CHANNELS", "OBSERVED", "PARTS", "ROWS", "ROW_COUNT", "STATES", "Channels", "Linear", "Transition", "linear",
-    "transition",
+    "CHANNELS", "OBSERVED", "PARTS", "ROWS", "ROW_COUNT", "STATES", "Linear", "Transition", "linear", "transition",
 ]  # fmt: skip
 
-STATES = 4 * JOINTS
-"""Numbers of δθ, δq, δθ̇, δq̇."""
-
+STATES = 4 * JOINTS  # numbers of δθ, δq, δθ̇, δq̇
 SIZE = STATES + JOINTS  # of ξ
-TERMS = 24
+_TERMS = 24
 PARTS = 2  # of a period, in each of which the first two moments of a disturbance are kept
 
-THETA, LINK, D_THETA, D_LINK, HELD = (slice(i * JOINTS, (i + 1) * JOINTS) for i in range(5))
+THETA, LINK, D_THETA, _D_LINK, HELD = (slice(i * JOINTS, (i + 1) * JOINTS) for i in range(5))
 
 
-class Channels(NamedTuple):
+class _Channels(NamedTuple):
     """Where disturbing torques act: on the motors, on the links, within the joints, and at the tip along x and y."""
 
     motor: slice
@@ -41,9 +38,7 @@ class Channels(NamedTuple):
     tip: slice
 
 
-CHANNELS = Channels(*(slice(i * JOINTS, (i + 1) * JOINTS) for i in range(4)))
-"""Where the channels lie."""
-
+CHANNELS = _Channels(*(slice(i * JOINTS, (i + 1) * JOINTS) for i in range(4)))  # where the channels lie
 COUNT = 4 * JOINTS
 
 
@@ -61,12 +56,8 @@ class Rows(NamedTuple):
     link_acceleration: slice
 
 
-ROWS = Rows(*(slice(i * JOINTS, (i + 1) * JOINTS) for i in range(9)))
-"""Where the rows lie."""
-
-ROW_COUNT = 9 * JOINTS
-"""Numbers of these rows; those that are made of `OBSERVED` follow."""
-
+ROWS = Rows(*(slice(i * JOINTS, (i + 1) * JOINTS) for i in range(9)))  # where the rows lie
+ROW_COUNT = 9 * JOINTS  # numbers of these rows; those that are made of `OBSERVED` follow
 OBSERVED = np.r_[ROWS.link_acceleration, ROWS.link, ROWS.d_link]
 """Rows of δq̈, δq and δq̇, of which further rows can be made."""
 
@@ -83,27 +74,19 @@ class Linear(NamedTuple):
 
 
 class Transition(NamedTuple):
-    """The solution over one period.
+    """The solution over one period."""
 
-    Attributes:
-        phi: exp(A T), (10, 10).
-        growth: E = exp(|A|' T), (10, 10), rounded up.
-        held, ramp: ∫ e^{A (T - t)} b dt and the same with s(t) as a factor, (10, 8).
-        moments: directions (PARTS, 2, 10, 8) of the first two moments of a disturbance of size one.
-        beyond: bound (10, 8) of what the two moments leave of it.
-        push_state: bound (10, 8) of all of it.
-        push: bound (18 + n, 8) of what a disturbance of size one can add to the observed numbers within the period.
-        S_A, S_A_A: products (18 + n, 10).
-    """
-
-    phi: np.ndarray
-    growth: np.ndarray
+    phi: np.ndarray  # exp(A T), (10, 10)
+    growth: np.ndarray  # E = exp(|A|' T), (10, 10), rounded up
+    # held, ramp: ∫ e^{A (T - t)} b dt and the same with s(t) as a factor, (10, 8)
     held: np.ndarray
     ramp: np.ndarray
-    moments: np.ndarray
-    beyond: np.ndarray
-    push_state: np.ndarray
+    moments: np.ndarray  # directions (PARTS, 2, 10, 8) of the first two moments of a disturbance of size one
+    beyond: np.ndarray  # bound (10, 8) of what the two moments leave of it
+    push_state: np.ndarray  # bound (10, 8) of all of it
+    # bound (18 + n, 8) of what a disturbance of size one can add to the observed numbers within the period
     push: np.ndarray
+    # S_A, S_A_A: products (18 + n, 10)
     S_A: np.ndarray
     S_A_A: np.ndarray
 
@@ -121,17 +104,11 @@ def linear(
 ) -> Linear:
     """Return the linear equation of a period.
 
-    Args:
-        arm: constants in floats.
-        mass: M_k (2, 2) of the links [kg m²].
-        stiff: G_k = ∂R/∂q (2, 2) [N m/rad].
-        damp: D_k = ∂R/∂q̇ (2, 2) [N m s/rad].
-        lever: Jᵀ (2, 2), torques on the links [N m] of tip forces along x and y [N].
-        slip: change of the friction torque with the velocity (2,) [N m s/rad].
-        still: which motors are held by friction; their rows are zero.
-        given: of which motors the velocity is bounded otherwise. It is then no state: the motor's channel stands for
-            it, in rad/s.
-        products: further rows (n, 6) over δq̈, δq and δq̇ that are observed.
+    Constants of the arm are floats; at the middle M_k (2, 2) [kg m²] is the `mass` of the links, `stiff` G_k = ∂R/∂q [N
+    m/rad], `damp` D_k = ∂R/∂q̇ [N m s/rad], `lever` Jᵀ (2, 2), from tip forces [N] to torques [N m]. `slip` (2,) [N m
+    s/rad] is the change of the friction torque with the velocity. The rows of motors that friction holds `still` are
+    zero; the velocity of a `given` motor is bounded otherwise, so that it is no state, and the motor's channel stands
+    for it, in rad/s. `products` (n, 6) are further rows over δq̈, δq and δq̇ that are observed.
     """
     K, B = np.diag([arm.stiffness1, arm.stiffness2]), np.diag([arm.damping1, arm.damping2])
     inertia, viscous = np.array([arm.motor_inertia1, arm.motor_inertia2]), np.array([arm.viscous1, arm.viscous2])
@@ -139,31 +116,31 @@ def linear(
     free = np.where(still, 0.0, 1.0 / inertia)
     A, b = np.zeros((SIZE, SIZE)), np.zeros((SIZE, COUNT))
     A[THETA, D_THETA] = np.diag(np.where(still, 0.0, 1.0))
-    A[LINK, D_LINK] = np.eye(JOINTS)
+    A[LINK, _D_LINK] = np.eye(JOINTS)
     size = A.copy()
     joint = np.hstack([-K, K, -B, B, np.eye(JOINTS)])  # δu - K φ - B φ̇
     motor = joint.copy()
     motor[:, D_THETA] += np.diag(slip - viscous)
     A[D_THETA], size[D_THETA] = free[:, np.newaxis] * motor, free[:, np.newaxis] * np.abs(motor)
     link = np.hstack([K, -K - stiff, B, -B - damp, np.zeros((JOINTS, JOINTS))])
-    A[D_LINK], size[D_LINK] = inverse @ link, np.abs(inverse) @ np.abs(link)
+    A[_D_LINK], size[_D_LINK] = inverse @ link, np.abs(inverse) @ np.abs(link)
     b[D_THETA, CHANNELS.motor] = np.diag(free)
-    b[D_LINK, CHANNELS.link] = inverse
-    b[D_THETA, CHANNELS.joint], b[D_LINK, CHANNELS.joint] = -np.diag(free), inverse
-    b[D_LINK, CHANNELS.tip] = inverse @ lever
+    b[_D_LINK, CHANNELS.link] = inverse
+    b[D_THETA, CHANNELS.joint], b[_D_LINK, CHANNELS.joint] = -np.diag(free), inverse
+    b[_D_LINK, CHANNELS.tip] = inverse @ lever
     S, D = np.zeros((ROW_COUNT, SIZE)), np.zeros((ROW_COUNT, COUNT))
     S[:STATES, :STATES] = np.eye(STATES)
     one = np.eye(JOINTS)
     S[ROWS.bending, THETA], S[ROWS.bending, LINK] = one, -one
-    S[ROWS.bending_rate, D_THETA], S[ROWS.bending_rate, D_LINK] = one, -one
+    S[ROWS.bending_rate, D_THETA], S[ROWS.bending_rate, _D_LINK] = one, -one
     S[ROWS.net] = joint
     S[ROWS.net, D_THETA] -= np.diag(viscous)
-    S[ROWS.motor_acceleration], S[ROWS.link_acceleration] = A[D_THETA], A[D_LINK]
-    D[ROWS.motor_acceleration], D[ROWS.link_acceleration] = b[D_THETA], b[D_LINK]
+    S[ROWS.motor_acceleration], S[ROWS.link_acceleration] = A[D_THETA], A[_D_LINK]
+    D[ROWS.motor_acceleration], D[ROWS.link_acceleration] = b[D_THETA], b[_D_LINK]
     for j in np.flatnonzero(given):
         _velocity_as_channel(int(j), A, size, b, S, D)
     size_of_rows = np.abs(S)
-    size_of_rows[ROWS.motor_acceleration], size_of_rows[ROWS.link_acceleration] = size[D_THETA], size[D_LINK]
+    size_of_rows[ROWS.motor_acceleration], size_of_rows[ROWS.link_acceleration] = size[D_THETA], size[_D_LINK]
     S, D = np.vstack([S, products @ S[OBSERVED]]), np.vstack([D, products @ D[OBSERVED]])
     size_of_rows = np.vstack([size_of_rows, np.abs(products) @ size_of_rows[OBSERVED]])
     return Linear(A, size, b, S, size_of_rows, D)
@@ -183,13 +160,13 @@ def transition(system: Linear, period: float) -> Transition:
     A, size, b, S = system.A, system.size, system.b, system.S
     powers, bounds = [np.eye(SIZE)], np.eye(SIZE)
     growth = np.eye(SIZE)
-    for i in range(1, TERMS):
+    for i in range(1, _TERMS):
         powers.append(powers[-1] @ A / i)
         bounds = bounds @ size * (period / i)
         growth += bounds
     growth = growth * (1.0 + 1e-9)
     stack = np.array(powers)  # A^i / i!
-    order = np.arange(TERMS)
+    order = np.arange(_TERMS)
     h = period / PARTS
     left = period - h * (np.arange(PARTS) + 0.5)  # from the middle of each part to the end
     at = np.tensordot(np.power(np.array([*left, period])[:, np.newaxis], order), stack, axes=1)

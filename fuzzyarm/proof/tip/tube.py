@@ -19,14 +19,13 @@ from fuzzyarm.proof.tip.centre import Centre, Segment
 from fuzzyarm.proof.tip.defects import Forces, TipForces, combined, signal_size
 from fuzzyarm.proof.tip.enclosures import BITS, ROUND_UP, SLACK, NoBound, centre, largest, radius_of
 from fuzzyarm.proof.tip.friction import Plan, Speed, check_curve
-from fuzzyarm.proof.tip.period import Claim, Closed, Period
+from fuzzyarm.proof.tip.period import Closed, Period, TubeClaim
 from fuzzyarm.proof.tip.plant import BallPlant, PlantSet
 from fuzzyarm.proof.tip.sampled_law import PolicyLaw, Response
 from fuzzyarm.proof.tip.transition import CHANNELS, D_THETA, LINK, STATES, THETA
 from fuzzyarm.proof.tip.zonotope import SOURCES, Zonotope
 
 __all__ = ["Problem", "Step", "Tube", "tip_bound"]
-
 
 DIRECTIONS = 48  # of the polygon around the tip's deviations; it is at most 0.06 % larger than they are
 COARSE = 6  # every how many of them are looked at first
@@ -91,56 +90,37 @@ _LAW, _ROUNDING = SOURCES.index("law and noise"), SOURCES.index("rounding")
 
 @dataclasses.dataclass(frozen=True)
 class Problem:
-    """What is to be bounded.
+    """What is to be bounded."""
 
-    Attributes:
-        parameters: of the arm, Table 1 if nothing else is said.
-        start: state (8,) in which the environment begins: at rest, the links on the reference.
-        schedule: reference, tip force and target of every control step.
-        period: T [s].
-        law: the policy, sample by sample.
-        plants: the set.
-        plant: its arms.
-    """
-
-    parameters: ArmParameters
-    start: np.ndarray
-    schedule: Schedule
-    period: float
-    law: PolicyLaw
-    plants: PlantSet
-    plant: BallPlant
+    parameters: ArmParameters  # of the arm, Table 1 if nothing else is said
+    start: np.ndarray  # state (8,) in which the environment begins: at rest, the links on the reference
+    schedule: Schedule  # reference, tip force and target of every control step
+    period: float  # T [s]
+    law: PolicyLaw  # the policy, sample by sample
+    plants: PlantSet  # the set
+    plant: BallPlant  # its arms
 
 
 @dataclasses.dataclass(frozen=True)
 class Step:
-    """One control step of the tube.
+    """One control step of the tube."""
 
-    Attributes:
-        torque: held in it (2,) [N m], at the centre.
-        segments: the centre.
-        closed: the tube on each of them.
-        tip: bound of the tip error at its end [m].
-        sources: share of each of `SOURCES`, then of the uncertain constants, then of the centre, in that bound [m].
-    """
-
-    torque: np.ndarray
-    segments: tuple[Segment, ...]
-    closed: tuple[Closed, ...]
-    tip: float
+    torque: np.ndarray  # held in it (2,) [N m], at the centre
+    segments: tuple[Segment, ...]  # the centre
+    closed: tuple[Closed, ...]  # the tube on each of them
+    tip: float  # bound of the tip error at its end [m]
+    # share of each of `SOURCES`, then of the uncertain constants, then of the centre, in that bound [m]
     sources: np.ndarray
 
 
 class Tube:
     """The tube, step by step: iterate over it."""
 
-    def __init__(self, problem: Problem, claims: Sequence[Sequence[tuple[Segment, Claim]]] | None = None) -> None:
+    def __init__(self, problem: Problem, claims: Sequence[Sequence[tuple[Segment, TubeClaim]]] | None = None) -> None:
         """Begin at rest on the reference, as the environment does.
 
-        Args:
-            problem: what is to be bounded.
-            claims: for each control step the segments of the centre and what is claimed of them, to be confirmed
-                without any search; None: they are searched.
+        The claims are for each control step the segments of the centre and what is claimed of them, to be confirmed
+        without any search; None: they are searched.
         """
         self.problem, self._claims = problem, claims
         plant = problem.plant
@@ -166,21 +146,22 @@ class Tube:
     def _step(self, k: int) -> Step:
         problem = self.problem
         torque = self._sample(k)
-        segments: list[Segment] = []
-        closed: list[Closed] = []
-        begun = 0.0
+        segments, closed, begun = list[Segment](), list[Closed](), 0.0
         for segment, claim in self._segments(k, torque):
             segments.append(segment)
             closed.append(self._cross(segment, torque, self._force(k, begun, segment.duration), claim))
             begun += segment.duration
         if begun != problem.period:  # durations are multiples of the last bit of T: their sum is exact
             raise NoBound(f"the segments of control step {k + 1} last {begun} s instead of {problem.period} s")
-        self._end()
+        # The held torque is forgotten.
+        z, keep = self._set, np.r_[0:STATES, STATES + JOINTS : len(self._set.box)]
+        z.columns, z.box = z.columns[keep], z.box[keep]
+        z.tidy(_ROUNDING)
         wanted = problem.schedule.targets[k + 1, :2].tolist()
         tip, sources = tip_bound(self._state, self._set, problem.plant.exact, wanted)
         return Step(torque, tuple(segments), tuple(closed), tip, sources)
 
-    def _segments(self, k: int, torque: np.ndarray) -> Iterator[tuple[Segment, Claim | None]]:
+    def _segments(self, k: int, torque: np.ndarray) -> Iterator[tuple[Segment, TubeClaim | None]]:
         """Yield the segments of a control step, with what is claimed of them."""
         if self._claims is None:
             force = 0.5 * sum(self.problem.plants.force) * self.problem.schedule.forces[k]
@@ -217,7 +198,7 @@ class Tube:
             courses = [plants.force_swing * signal_size(part) + 1.415 * plants.force_course for part in parts]
         return TipForces(middle, (radii[0], radii[1]), along, (courses[0] * (1 + SLACK), courses[1] * (1 + SLACK)))
 
-    def _cross(self, segment: Segment, torque: np.ndarray, force: TipForces, claim: Claim | None) -> Closed:
+    def _cross(self, segment: Segment, torque: np.ndarray, force: TipForces, claim: TubeClaim | None) -> Closed:
         """Close the tube on a segment and take the zonotope over it."""
         problem, xi = self.problem, slice(0, STATES + JOINTS)
         period = Period(segment, torque, force, problem.plant)
@@ -231,13 +212,6 @@ class Tube:
         self._state, self._known, self._drags = segment.end, closed.known, closed.drags
         self._shift(self._set, period.motion.at(1), self._state)
         return closed
-
-    def _end(self) -> None:
-        """Forget the torque that was held, and tidy."""
-        z = self._set
-        keep = np.r_[0:STATES, STATES + JOINTS : len(z.box)]
-        z.columns, z.box = z.columns[keep], z.box[keep]
-        z.tidy(_ROUNDING)
 
     @staticmethod
     def _shift(deviations: Zonotope, before: list[arb], after: np.ndarray) -> None:

@@ -18,26 +18,20 @@ __all__ = ["SOURCES", "Zonotope", "condensed", "merged", "product", "reach"]
 SOURCES = ("friction", "nonlinearity", "parameter products", "force", "law and noise", "rounding")
 """Where a column comes from, beside the uncertain constants."""
 
-BOX_EVERY = 5  # periods after which the box becomes columns: until then it grows with |Φ|
+_BOX_EVERY = 5  # periods after which the box becomes columns: until then it grows with |Φ|
 MOST, KEPT = 720, 360  # columns for each number at which old ones are merged, and how many stay
-NARROW, FEWER = 1e-6, 9  # totals below which a ninth of that is enough
+NARROW, _FEWER = 1e-6, 9  # totals below which a ninth of that is enough
 FEW = 2000  # columns that stay apart where columns are condensed
-WORK = 250_000  # multiplications at a time, of which a linear algebra library makes no threads
+_WORK = 250_000  # multiplications at a time, of which a linear algebra library makes no threads
 
 
 class Zonotope:
-    """A zonotope of deviations.
-
-    Attributes:
-        columns: Z (numbers, columns).
-        source: of each column, an index of `SOURCES`; -1 - i for the uncertain constant i.
-        box: (numbers,).
-    """
+    """A zonotope of deviations."""
 
     def __init__(self, numbers: int, constants: int) -> None:
         """Begin with the deviation zero, and a column of zeros for each uncertain constant."""
-        self.columns = np.zeros((numbers, constants))
-        self.source = -1 - np.arange(constants)
+        self.columns = np.zeros((numbers, constants))  # Z
+        self.source = -1 - np.arange(constants)  # of each column, an index of `SOURCES`; -1 - i for the constant i
         self.box = np.zeros(numbers)
         self._constants, self._age = constants, 0
         self._totals: np.ndarray | None = None  # of a part, which does not change
@@ -62,12 +56,7 @@ class Zonotope:
         return np.asarray((np.abs(self.columns).sum(axis=1) + self.box) * ROUND_UP)
 
     def size(self, rows: np.ndarray, extra: np.ndarray | None = None) -> np.ndarray:
-        """Return bounds (n,) of |r x| for rows (n, numbers), computed in floats up to `SLACK` of their absolute values.
-
-        Args:
-            rows: r.
-            extra: (n, constants), added to the columns of the uncertain constants.
-        """
+        """Return bounds (n,) of |r x| for rows (n, numbers); `extra` (n, constants) adds to their columns."""
         others = reach(rows, self.columns[:, self._constants :])
         constants = rows @ self.columns[:, : self._constants] + (0.0 if extra is None else extra)
         slack = np.abs(rows) @ (self.box + SLACK * self.totals())
@@ -76,10 +65,10 @@ class Zonotope:
     def tidy(self, box_source: int) -> None:
         """Turn the box into columns every few periods, and merge old columns."""
         self._age += 1
-        if self._age % BOX_EVERY == 0:
+        if self._age % _BOX_EVERY == 0:
             self.add(np.diag(self.box), box_source)
             self.box = np.zeros_like(self.box)
-        numbers, fewer = len(self.box), FEWER if self.totals().max() < NARROW else 1
+        numbers, fewer = len(self.box), _FEWER if self.totals().max() < NARROW else 1
         if self.columns.shape[1] <= MOST * numbers // fewer:
             return
         first, last = self._constants, self.columns.shape[1] - KEPT * numbers // fewer
@@ -115,7 +104,7 @@ def reach(matrix: np.ndarray, columns: np.ndarray) -> np.ndarray:
 
 
 def _blocks(rows: int, columns: np.ndarray) -> list[slice]:
-    step = max(WORK // max(rows * len(columns), 1), 1)
+    step = max(_WORK // max(rows * len(columns), 1), 1)
     return [slice(start, start + step) for start in range(0, columns.shape[1], step)]
 
 

@@ -19,8 +19,8 @@ from fuzzyarm.fuzzy_policy.laws.elastic_observer import ElasticObserverPolicy
 from fuzzyarm.fuzzy_policy.laws.gain_schedule import nearest_inertia, schedule_of
 from fuzzyarm.fuzzy_policy.laws.observer_gains import (
     CONDITIONS,
-    FACTORS,
     ONE_AT_A_TIME,
+    SOFTENINGS,
     Condition,
     ObserverWeights,
     linear_observer,
@@ -82,8 +82,8 @@ def test_robots_get_the_largest_gains_with_margins(name):
     chosen = bandwidth_for(robot, PERIOD)
     assert bandwidth_radius(chosen) < 1.0 <= bandwidth_radius(chosen + 5.0)
     chosen = weights_for(robot, PERIOD)
-    (number,) = [k for k, factor in enumerate(FACTORS) if softened(ObserverWeights(), factor) == chosen]
-    assert observer_radius(chosen) < 1.0 <= observer_radius(softened(ObserverWeights(), FACTORS[number - 1]))
+    (number,) = [k for k, factor in enumerate(SOFTENINGS) if softened(ObserverWeights(), factor) == chosen]
+    assert observer_radius(chosen) < 1.0 <= observer_radius(softened(ObserverWeights(), SOFTENINGS[number - 1]))
 
 
 def test_slower_control_asks_for_a_smaller_bandwidth():

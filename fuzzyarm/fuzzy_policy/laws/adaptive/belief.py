@@ -41,12 +41,10 @@ from fuzzyarm.numbers.functions import Cells, each, flat, maximum
 
 __all__ = [
     "FACTORS", "FLAG", "KEPT", "LONGEST_LATENESS", "AdaptiveWeights", "ArmFunctions", "Belief", "Flags", "Memory",
-    "Prior", "affine_numbers", "belief_of", "layout", "mass_of", "numbers_of", "places", "prior", "remembered",
-    "unit_force",
+    "affine_numbers", "belief_of", "layout", "mass_of", "numbers_of", "places", "prior", "remembered", "unit_force",
 ]  # fmt: skip
 
-LONGEST_LATENESS = 3
-"""Longest time from a command to the motors that the filter considers [control periods]."""
+LONGEST_LATENESS = 3  # longest time from a command to the motors that the filter considers [control periods]
 KEPT = 5
 """References kept, the present one included: the derivatives of the joint torque are differences of four of them, and
 the feedforward's change takes one more."""
@@ -55,12 +53,7 @@ REST = 1e-9  # m/s; below, a tip has no direction of travel
 
 @dataclasses.dataclass(frozen=True)
 class AdaptiveWeights:
-    """What the filter expects and what the regulator weighs.
-
-    Raises:
-        TypeError: a weight is no number.
-        ValueError: a weight lies outside `WEIGHT_RANGE`.
-    """
+    """What the filter expects and what the regulator weighs, each in `WEIGHT_RANGE`."""
 
     link_angle: float = 0.0037  # link error [rad] that costs as much as the whole torque
     link_velocity: float = 1.57  # link velocity error [rad/s] that costs as much as the whole torque
@@ -95,7 +88,6 @@ class AdaptiveWeights:
     largest_swing: float = 0.5
 
     def __post_init__(self) -> None:
-        """Check the weights."""
         low, high = WEIGHT_RANGE
         for field in dataclasses.fields(self):
             real(f"AdaptiveWeights.{field.name}", getattr(self, field.name), low=low, high=high)
@@ -128,8 +120,7 @@ class Belief(NamedTuple):
     lateness: Any  # d [control periods]
 
 
-FACTORS = ("stiffness", "damping", "friction", "mass", "motor_inertia")
-"""The parts that are factors of the known arm."""
+FACTORS = ("stiffness", "damping", "friction", "mass", "motor_inertia")  # the parts that are factors of the known arm
 
 
 @functools.cache
@@ -138,7 +129,7 @@ def belief_of(physics: Physics) -> Belief:
     return Belief(*consecutive(1, physics.axes, 1, *[physics.joints] * (len(FACTORS) + 1), 1))
 
 
-class Prior(NamedTuple):
+class _Prior(NamedTuple):
     """What is taken for granted of p, each an array (numbers of p,)."""
 
     guess: Any  # p_0: no load, the known arm, no lateness
@@ -148,7 +139,7 @@ class Prior(NamedTuple):
     high: Any
 
 
-def prior(arm: AnyArm, weights: AdaptiveWeights) -> Prior:
+def prior(arm: AnyArm, weights: AdaptiveWeights) -> _Prior:
     """Return the prior for an arm."""
     w, limit, mass, unit = weights, per_joint_of(arm, "torque_limit"), mass_of(arm), unit_force(arm)
     first, force, torque = w.first_force * unit, 4.0 * unit, 0.2 * limit
@@ -165,11 +156,11 @@ def prior(arm: AnyArm, weights: AdaptiveWeights) -> Prior:
         lateness=(0.0, w.first_lateness, 0.0, 0.0, float(LONGEST_LATENESS)),
     )
     belief = belief_of(equations_of(arm))
-    arrays = np.empty((len(Prior._fields), belief.lateness.stop))
+    arrays = np.empty((len(_Prior._fields), belief.lateness.stop))
     for part, values in zip(belief, parts, strict=True):
         for array, value in zip(arrays, values, strict=True):
             array[part] = value
-    return Prior(*arrays)
+    return _Prior(*arrays)
 
 
 def numbers_of(arm: AnyArm, payload: float = 0.0, factors: Mapping[str, np.ndarray] | None = None) -> np.ndarray:
@@ -199,7 +190,6 @@ class ArmFunctions:
     """Functions of the numbers a (k,) of an arm with these equations: n joints, a tip in a space of some axes."""
 
     def __init__(self, physics: Physics) -> None:
-        """Note which numbers they are."""
         self._physics, self._advance, self._planar = physics, held_of(physics), physics is two_joints()
         self._record = physics.Arm if self._planar else physics.Plant
         short = "motor_inertia", "viscous", "stiffness", "damping", "dry_friction"
@@ -219,11 +209,7 @@ class ArmFunctions:
         return found
 
     def hold(self, state: Any, torque: Any, force: Any, numbers: Any, h: Any, substeps: int) -> None:
-        """Advance copies of the arm over a control step, see `held_of`.
-
-        The state (4 n, copies) changes in place; the others are torques [N m], force lines [N] and numbers of each
-        copy, by columns.
-        """
+        """Advance copies of the arm (4 n, copies) over a control step under torques [N m] and force lines [N]."""
         physics, axes = self._physics, self._physics.axes
         for copy in each(state.shape[1]):
             now = filled(physics.State, (state[i, copy] for i in range(len(state))))
@@ -262,8 +248,7 @@ class Flags(NamedTuple):
     swing: Any  # mean of the commands' jumps of the last samples, see `filter.note_swing`
 
 
-FLAG = Flags(*range(len(Flags._fields)))
-"""Where they stand."""
+FLAG = Flags(*range(len(Flags._fields)))  # where they stand
 
 
 class Memory(NamedTuple):

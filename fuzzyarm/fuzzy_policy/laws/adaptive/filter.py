@@ -90,15 +90,15 @@ __all__ = [
 
 ENOUGH = 1e6  # samples that are counted
 STATICS_STEPS = 20  # iterations of the fixed point for the first estimate; for Table 1 each gains three digits
-CHANGE = 6.0  # variance of e - e_last in `note_noise`, in variances of the angles' noise
+_CHANGE = 6.0  # variance of e - e_last in `note_noise`, in variances of the angles' noise
 NOISE_SHARE = 0.03  # of a sample, in the estimated noise of the encoders, once there have been enough
 MISTRUST = 8.0  # least variance of a measured angle that is expected, in variances of the noise that is read
-SURPRISE_SHARE = 0.02  # of a sample, in the mean surprise
-DIVERGED = 50.0  # mean surprise at which a filter counts as diverged
+_SURPRISE_SHARE = 0.02  # of a sample, in the mean surprise
+_DIVERGED = 50.0  # mean surprise at which a filter counts as diverged
 SWING_SHARE = 0.1  # of a sample, in the mean of the commands' jumps
 SHARE = 0.1  # of a sample, in the means of the corrections
 NOISE, DIRECTED = 0.08, 0.3  # s up to which corrections count as noise, and from which on as a motion
-CALMING, STIRRING = 0.02, 0.7  # share of the way to more and to less calm that a sample makes
+_CALMING, _STIRRING = 0.02, 0.7  # share of the way to more and to less calm that a sample makes
 LATENESS_DOUBT = 0.01  # variance of the lateness per surprise [control periods²]
 LARGEST_SCALE = 0.1  # variance of the surest factor above which the shared one is not doubted
 INSIGNIFICANT = 1.25  # c of an arm whose noise is a mean over all samples
@@ -111,17 +111,10 @@ TINY = 1e-300
 
 
 class Settings:
-    """What the law takes, as arrays and numbers; n joints, N numbers of z.
-
-    Args:
-        arm: the known one.
-        control_period: T [s].
-        weights: of the filter and of the regulator.
-        feedback: K, a row for each payload and point (payloads · points, n · 4 n), see `law.feedback_table`.
-    """
+    """What the law takes, as arrays and numbers; n joints, N numbers of z."""
 
     def __init__(self, arm: AnyArm, control_period: float, weights: AdaptiveWeights, feedback: np.ndarray) -> None:
-        """Work them out."""
+        """Take the known arm, T [s] and K, a row for each payload and point (payloads · points, n · 4 n)."""
         belief, p, schedule = belief_of(equations_of(arm)), prior(arm, weights), schedule_of(arm)
         limit, inertia = per_joint_of(arm, "torque_limit"), per_joint_of(arm, "motor_inertia")
         n, loads, period, still = len(limit), belief.payload.stop, control_period, np.zeros(len(limit))
@@ -199,16 +192,14 @@ class Room:
     """Room for what is computed for one lane; n joints, N numbers of z, and a tip in a space of some axes.
 
     A force line has a row for each axis of the mean force, then for each axis of its change.
-
-    Args:
-        physics: equations of the arm.
-        s: settings.
-        known: a tip force [N] known beforehand, which the estimated one adds to: at this sample, at those before it,
-            and at the next one, (`KEPT` + 1, axes); None: none.
     """
 
     def __init__(self, physics: Physics, s: Settings, known: Any = None) -> None:
-        """Take the room."""
+        """Take the room.
+
+        `known` is a tip force [N] known beforehand, to which the estimated one adds: at this sample, at those before
+        it, and at the next one, (`KEPT` + 1, axes); None for no force.
+        """
         n, N, axes, forces = physics.joints, len(s.spread), physics.axes, physics.axes + 1
 
         def copies(count: int) -> Copies:
@@ -259,13 +250,13 @@ def correct(m: Memory, s: Settings, room: Room, seen: Observation) -> None:
         for i in each(len(room.moved)):
             room.moved[i] = m.z[4 * len(m.noise) + i]
         surprise = update(m, s, room)
-        m.flags[FLAG.surprise] += SURPRISE_SHARE * (surprise - m.flags[FLAG.surprise])
+        m.flags[FLAG.surprise] += _SURPRISE_SHARE * (surprise - m.flags[FLAG.surprise])
         doubt_lateness(m, s, surprise)
         doubt_scale(m, s, surprise)
         note_moves(m, s, room.moved)
         confine(m, s)
         note_swing(m, s)
-        right = (m.flags[FLAG.surprise] < DIVERGED) & (m.flags[FLAG.swing] < s.weights.largest_swing)
+        right = (m.flags[FLAG.surprise] < _DIVERGED) & (m.flags[FLAG.swing] < s.weights.largest_swing)
         m.flags[FLAG.lost] = select(right & _finite(m), m.flags[FLAG.lost], 1.0)
         significant(m, s, room)
 
@@ -348,7 +339,7 @@ def note_noise(m: Memory, s: Settings, room: Room) -> None:
         angle, velocity = room.measured[j], room.measured[joints + j]
         rest = angle - m.read[0, j] - 0.5 * s.period * (velocity + m.read[1, j])
         change = rest - m.read[2, j]
-        m.noise[j] += share * (change * change / CHANGE - m.noise[j])
+        m.noise[j] += share * (change * change / _CHANGE - m.noise[j])
         m.read[0, j], m.read[1, j], m.read[2, j] = angle, velocity, rest
         ratio = s.variances[joints + j] / s.variances[j]
         room.silent[j] = s.weights.dead_zone * m.noise[j]
@@ -418,11 +409,11 @@ def note_moves(m: Memory, s: Settings, before: Any) -> None:
     directed = mean[0] / (m.moves[forces] + s.still)
     calm = 1.0 - minimum(maximum((directed - NOISE) / (DIRECTED - NOISE), 0.0), 1.0)
     change = calm - m.flags[FLAG.calm]
-    stirred = change * STIRRING
+    stirred = change * _STIRRING
     for _ in only(change < 0.0):
         for i in each(forces):
             m.P[first + i, first + i] -= stirred * s.reopening[i]
-    m.flags[FLAG.calm] += select(change < 0.0, stirred, change * CALMING)
+    m.flags[FLAG.calm] += select(change < 0.0, stirred, change * _CALMING)
 
 
 def confine(m: Memory, s: Settings) -> None:
@@ -531,8 +522,8 @@ def predict(m: Memory, s: Settings, room: Room, torque: Any) -> None:
         applied, slope = room.joints[0], room.joints[1]
         total: Any = 0.0
         for j in range(joints):
-            applied[j] = mean_torque(m.commands, lateness, j)
-            change = mean_torque(m.commands, late, j) - mean_torque(m.commands, early, j)
+            applied[j] = _mean_torque(m.commands, lateness, j)
+            change = _mean_torque(m.commands, late, j) - _mean_torque(m.commands, early, j)
             slope[j] = change / maximum(late - early, 1e-9)
             total = total + torque[j]
         spread_copies(m, s, room, applied, slope)
@@ -550,11 +541,8 @@ def numbers_at(p: Any, s: Settings, numbers: Any) -> None:
             numbers[i] += s.slopes[i, j] * (p[j] - s.guess[j])
 
 
-def mean_torque(commands: Any, lateness: Any, joint: Any) -> Any:
-    """Return the mean torque [N m] of a joint over the coming period if commands act `lateness` periods late.
-
-    `commands` (`LONGEST_LATENESS` + 2, n) [N m], newest first.
-    """
+def _mean_torque(commands: Any, lateness: Any, joint: Any) -> Any:
+    """Return the mean torque [N m] of a joint over the coming period if commands act `lateness` periods late."""
     whole = floor(lateness)
     rest = lateness - whole
     return (1.0 - rest) * sent(commands, whole, joint) + rest * sent(commands, whole + 1.0, joint)

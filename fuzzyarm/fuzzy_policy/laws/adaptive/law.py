@@ -6,9 +6,8 @@ and as sharp as they are they may be unstable in part of its range, even for a s
 
     link_angle → s link_angle,    link_velocity → √s link_velocity,    first_gain → min(1, s first_gain)
 
-weaken the feedback, which then needs less of a soft start. The smallest s of `FACTORS` is taken with which the loop of
-the regulator and the known state is stable at random postures, with joints as stiff as known and 20 % softer and
-stiffer.
+weaken the feedback, which then needs less of a soft start. s is the smallest of `SOFTENINGS` with which the loop of the
+regulator and the known state is stable at random postures, with joints as stiff as known and 20 % softer and stiffer.
 
 An episode begins with a share of K: it is so sharp that motors stronger or later than known swing against it until the
 filter knows them better, and their first tens of milliseconds are where an arm is lost.
@@ -33,7 +32,7 @@ from fuzzyarm.fuzzy_policy.laws.adaptive.filter import Room, Settings, command, 
 from fuzzyarm.fuzzy_policy.laws.elastic_target import motor_target
 from fuzzyarm.fuzzy_policy.laws.gain_schedule import corners_of, loaded_inertia, nearest_inertia, schedule_of
 from fuzzyarm.fuzzy_policy.laws.observer_gains import (
-    FACTORS,
+    SOFTENINGS,
     ObserverWeights,
     at_points,
     feedback_gain,
@@ -47,19 +46,16 @@ __all__ = ["act", "adaptive_weights_for", "feedback_table", "gain_share", "large
 
 STIFFNESS = (0.8, 1.0, 1.2)  # of the joints, at which a regulator has to be stable
 HEAVIEST = 0.5  # payload of the table's end, share of the mass of all links
-PAYLOADS = 6
+_PAYLOADS = 6
 
 
 @functools.lru_cache(maxsize=32)
 def adaptive_weights_for(arm: AnyArm, control_period: float) -> AdaptiveWeights:
-    """Return the default weights for an arm and a control period [s]; for a two-joint arm those of Table 1.
-
-    If no factor is enough, it is the largest.
-    """
+    """Return the default weights for an arm and T [s]: those of Table 1, softened for a robot, see above."""
     weights = AdaptiveWeights()
     if not isinstance(arm, Robot):
         return weights
-    trials = [softened(weights, factor) for factor in FACTORS]
+    trials = [softened(weights, factor) for factor in SOFTENINGS]
     return next((trial for trial in trials if largest_radius(arm, control_period, trial) < 1.0), trials[-1])
 
 
@@ -85,22 +81,15 @@ def largest_radius(robot: Robot, control_period: float, weights: AdaptiveWeights
 
 
 def _gain(arm: AnyArm, control_period: float, inertia: np.ndarray, weights: AdaptiveWeights) -> np.ndarray:
-    """Return K (n, 4 n) for an inertia (n, n) [kg m²] of the links."""
     costs = ObserverWeights(link_angle=weights.link_angle, link_velocity=weights.link_velocity)
     return feedback_gain(*sampled_arm(arm, control_period, inertia), per_joint_of(arm, "torque_limit"), costs)
 
 
 @functools.lru_cache(maxsize=8)
 def feedback_table(arm: AnyArm, control_period: float, weights: AdaptiveWeights) -> np.ndarray:
-    """Return K [N m/rad, N m s/rad] at payloads up to half the links' mass and the points of the arm's schedule.
-
-    A row (n · 4 n) for each payload and point, the points of a payload one after the other.
-
-    Raises:
-        ValueError: a Riccati equation has no solution in double precision.
-    """
+    """Return K (payloads · points, n · 4 n) [N m/rad, N m s/rad], the points of a payload one after the other."""
     schedule, gains = schedule_of(arm), []
-    for mass in np.linspace(0.0, HEAVIEST * mass_of(arm), PAYLOADS):
+    for mass in np.linspace(0.0, HEAVIEST * mass_of(arm), _PAYLOADS):
         gains += at_points(
             lambda inertia: _gain(arm, control_period, inertia, weights).ravel(),
             schedule.places,
@@ -112,11 +101,11 @@ def feedback_table(arm: AnyArm, control_period: float, weights: AdaptiveWeights)
     return table
 
 
-def feedback_at(s: Settings, q: Any, payload: Any, gain: Any) -> None:
+def _feedback_at(s: Settings, q: Any, payload: Any, gain: Any) -> None:
     """Fill K (n, 4 n) at angles q (n,) [rad] and a payload in masses of the links, between the table's entries."""
-    place = minimum(maximum(payload / HEAVIEST, 0.0), 1.0) * (PAYLOADS - 1.0)
-    lower = minimum(PAYLOADS - 2.0, maximum(0.0, floor(place)))  # a share that is nan is mapped into the table, too
-    low, corners, points = place - lower, corners_of(q, *s.schedule), s.feedback.shape[0] / PAYLOADS
+    place = minimum(maximum(payload / HEAVIEST, 0.0), 1.0) * (_PAYLOADS - 1.0)
+    lower = minimum(_PAYLOADS - 2.0, maximum(0.0, floor(place)))  # a share that is nan is mapped into the table, too
+    low, corners, points = place - lower, corners_of(q, *s.schedule), s.feedback.shape[0] / _PAYLOADS
     for i in each(len(gain)):
         for k in each(gain.shape[1]):
             near: Any = 0.0
@@ -214,7 +203,7 @@ def _command(z: Any, m: Memory, s: Settings, room: Room, torque: Any) -> None:
         error[joints + j] = state[joints + j, 0] - (q + later * (dq + 0.5 * later * ddq))
         error[2 * joints + j] = state[2 * joints + j, 0] - (dtheta + later * ddtheta)
         error[3 * joints + j] = state[3 * joints + j, 0] - (dq + later * ddq)
-    feedback_at(s, m.references[0, 0], p[len(s.reopening)] / s.mass, room.gain)
+    _feedback_at(s, m.references[0, 0], p[len(s.reopening)] / s.mass, room.gain)
     share = gain_share(m, s)
     for j in each(joints):
         for i in each(len(error)):

@@ -47,9 +47,9 @@ if TYPE_CHECKING:
 __all__ = ["AdaptivePasses", "PassState", "Smoother"]
 
 CUT_OFF = 70.0  # Hz, of the Butterworth filter of the expected force
-FIRST_FORCE = 0.3  # standard deviation of the forces at the first sample for the smoother, in unit forces
-SAME_PATH = 1e-6  # rad; a reference that differs more from that of the pass before is another path
-REWEIGHTED = 50  # steps towards the least total variation
+_FIRST_FORCE = 0.3  # standard deviation of the forces at the first sample for the smoother, in unit forces
+_SAME_PATH = 1e-6  # rad; a reference that differs more from that of the pass before is another path
+_REWEIGHTED = 50  # steps towards the least total variation
 SMALLEST = 1e-2  # N, a change of the force that counts as none
 TOGETHER = 16  # lanes whose notes are kept at once
 
@@ -77,7 +77,6 @@ class AdaptivePasses(PassLearner[PassState]):
     kind = PassState
 
     def __init__(self, policy: AdaptiveObserverPolicy) -> None:
-        """Keep the policy."""
         self.policy = policy
         self._axes = equations_of(policy.arm).axes
         self._constants = slice(policy.memory.z.start + 4 * policy.joints, policy.memory.z.stop)  # p, in a memory
@@ -87,7 +86,7 @@ class AdaptivePasses(PassLearner[PassState]):
         parts = observed(seen)
         q, sample, other_path = parts.q_reference.copy(), len(state.references), state.other_path
         if sample < len(state.path):
-            other_path = other_path | (np.abs(q - state.path[sample]).max(axis=1) > SAME_PATH)
+            other_path = other_path | (np.abs(q - state.path[sample]).max(axis=1) > _SAME_PATH)
         torque, memory = np.empty((len(seen), self.policy.joints)), state.memory.copy()
         self.policy.act_with(seen, memory, torque, _window(state, sample, other_path))
         torque = self._clipped(seen, torque)
@@ -124,12 +123,7 @@ class AdaptivePasses(PassLearner[PassState]):
         return dataclasses.replace(self._first(memory), expected=expected, path=path, passes=passes)
 
     def beliefs(self, state: PassState) -> Beliefs:
-        """Return what is believed after the last sample, the expected force included; of lanes, also of one.
-
-        Raises:
-            TypeError: the state is not what `predict` or `begin_pass` returned.
-            ValueError: it is that of another arm.
-        """
+        """Return what is believed after the last sample, the expected force included, lane by lane."""
         state = self._checked(state)
         found, expected = self.policy.beliefs(state.memory), _window(state, len(state.references) - 1, state.other_path)
         return dataclasses.replace(found, force=found.force + expected[:, 0], other_path=state.other_path.copy())
@@ -167,12 +161,9 @@ class AdaptivePasses(PassLearner[PassState]):
 
 
 def _steadiest(force: np.ndarray, slope: np.ndarray) -> np.ndarray:
-    """Return the x (lanes,) for which ``force + x slope`` (samples, lanes, axes) varies least in total.
-
-    Least squares, reweighted (Weiszfeld).
-    """
+    """Return the x (lanes,) for which ``force + x slope`` (samples, lanes, axes) varies least in total (Weiszfeld)."""
     a, b, x = np.diff(force, axis=0), np.diff(slope, axis=0), np.zeros(force.shape[1])
-    for _ in range(REWEIGHTED):
+    for _ in range(_REWEIGHTED):
         weight = 1.0 / np.maximum(np.linalg.norm(a + x[:, np.newaxis] * b, axis=2), SMALLEST)
         x = -np.sum(weight * np.sum(a * b, axis=2), axis=0) / (np.sum(weight * np.sum(b * b, axis=2), axis=0) + 1e-12)
     return x
@@ -192,10 +183,7 @@ def _lines(force: np.ndarray) -> np.ndarray:
 
 
 def _window(state: PassState, sample: int, other_path: np.ndarray) -> np.ndarray:
-    """Return the expected force at this sample, at those before it and at the next one, (lanes, `KEPT` + 1, axes).
-
-    Lanes on another path (lanes,) expect none.
-    """
+    """Return the expected force (lanes, `KEPT` + 1, axes) at this sample, those before and the next."""
     window = np.zeros((len(state.memory), KEPT + 1, state.expected.shape[2]))
     last = len(state.expected) - 1
     if last >= 0:
@@ -242,11 +230,11 @@ class Smoother:
     """
 
     def __init__(self, policy: AdaptiveObserverPolicy) -> None:
-        """Take the policy's arm with constants that are known, and motors that do as they are told."""
+        """Take the policy's arm with constants that are known, and motors that apply the commands."""
         self._policy, self._physics, settings = policy, equations_of(policy.arm), policy.settings
         n, N, self._forces = self._physics.joints, len(settings.spread), len(settings.reopening)
         self._used, spread = 4 * n + self._forces, np.zeros(N)
-        spread[: 4 * n], spread[4 * n : self._used] = settings.spread[: 4 * n], FIRST_FORCE * unit_force(policy.arm)
+        spread[: 4 * n], spread[4 * n : self._used] = settings.spread[: 4 * n], _FIRST_FORCE * unit_force(policy.arm)
         sure, bold = np.zeros(n), np.zeros(N)
         self._settings = settings.replaced(spread=spread, doubt=sure, cautious=bold, gate=math.inf)
         two, line = Cells((2 * n,)), Cells((2 * self._physics.axes,))

@@ -74,13 +74,8 @@ class Beliefs:
 class AdaptiveObserverPolicy(LawPolicy):
     """Identification, observer, regulator and elastic target; the law is in the module's docstring.
 
-    Attributes:
-        arm: the arm or the robot.
-        belief: where the parts of p lie.
-        memory: where the parts of the filter's memory lie.
-        weights: of the filter and of the regulator.
-        fallback: what acts in lanes whose filter has diverged.
-        settings: what the law takes.
+    `belief` says where the parts of p lie, `memory` where those of the filter's memory do; `fallback` acts in lanes
+    whose filter has diverged.
     """
 
     def __init__(
@@ -90,16 +85,10 @@ class AdaptiveObserverPolicy(LawPolicy):
         weights: AdaptiveWeights | None = None,
         fallback: Policy | None = None,
     ) -> None:
-        """Design the regulator.
+        """Design the regulator for the arm as the controller knows it and T [s].
 
-        Args:
-            parameters: the arm or the robot, as the controller knows it.
-            control_period: T [s].
-            weights: None for those of `adaptive_weights_for`.
-            fallback: computed torque at the tip, if not said otherwise.
-
-        Raises:
-            ValueError: the control period is out of range, or there are no gains for these arguments.
+        Weights are by default those of `adaptive_weights_for`; `fallback` is computed torque at the tip. ValueError if
+        the control period is out of range, or there are no gains for these arguments.
         """
         super().__init__(ArmParameters() if parameters is None else parameters, control_period)
         self.arm, physics = self.parameters, equations_of(self.parameters)
@@ -162,7 +151,6 @@ class AdaptiveObserverPolicy(LawPolicy):
         return found
 
     def __getstate__(self) -> dict[str, Any]:
-        """Leave out the machine code."""
         return {name: value for name, value in super().__getstate__().items() if name not in ("_beside", "_behind")}
 
     def repeated(self) -> AdaptivePasses:
@@ -174,12 +162,7 @@ class AdaptiveObserverPolicy(LawPolicy):
         return FrozenObserver(self)
 
     def beliefs(self, state: np.ndarray) -> Beliefs:
-        """Return what is believed at the next sample, from a state (..., memory_size) that `predict` gave.
-
-        Raises:
-            TypeError: the state holds something else than real numbers.
-            ValueError: it has another shape.
-        """
+        """Return what is believed at the next sample, from a state (..., memory_size) that `predict` gave."""
         return self.beliefs_of(self.checked_state(state)[..., : self.memory.noise.stop])
 
     def beliefs_of(self, own: np.ndarray) -> Beliefs:

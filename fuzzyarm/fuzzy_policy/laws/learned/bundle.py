@@ -6,11 +6,10 @@ the weights stands in ``policy.json``.
 
 from __future__ import annotations
 
-import contextlib
 import dataclasses
 import hashlib
 import json
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any, TypeVar
 
@@ -30,30 +29,22 @@ from fuzzyarm.fuzzy_policy.laws.learned.network import Cell, Network
 
 __all__ = [
     "BEST", "DESCRIPTION", "LAST", "OBSERVER", "WEIGHTS", "BundleError", "PolicyBundle", "Trained", "is_observer",
-    "read_folder", "tensors_in", "usable", "write_folder",
+    "read_bundle", "write_folder",
 ]  # fmt: skip
 
-
-DESCRIPTION = "policy.json"
-"""File with everything but the weights."""
-
-WEIGHTS = "weights.safetensors"
-"""File with the arrays of the network."""
-
+DESCRIPTION = "policy.json"  # file with everything but the weights
+WEIGHTS = "weights.safetensors"  # file with the arrays of the network
 LAST, BEST = "policy", "best"
 """What the folder is called in that of a training: the policy at its end, and that of its best evaluation."""
 
-OBSERVER = "fuzzyarm-learned-observer/4"
-"""Schema of a learned observer, see `estimate.bundle`."""
-
+OBSERVER = "fuzzyarm-learned-observer/4"  # schema of a learned observer, see `estimate.bundle`
 _ANY_OBSERVER = OBSERVER[: OBSERVER.index("/") + 1]
 
 _LARGEST_DESCRIPTION, _LARGEST_WEIGHTS = 16 * 2**20, 64 * 2**20  # bytes
 _LENGTH, _LARGEST_HEADER = 8, 2**16  # bytes at the beginning of the file with the weights
 _SHOWN = 200  # characters of a foreign text in a message
 
-
-_Kind = TypeVar("_Kind")
+_Bundle = TypeVar("_Bundle")
 
 
 class BundleError(ValueError):
@@ -61,16 +52,10 @@ class BundleError(ValueError):
 
 
 def write_folder(folder: Path, description: dict[str, Any], tensors: Mapping[str, np.ndarray]) -> None:
-    """Write a bundle atomically, with the digest of its weights; an existing bundle is replaced.
+    """Write a bundle atomically, its arrays in single precision; an existing bundle is replaced.
 
-    Args:
-        folder: of the bundle.
-        description: content of ``policy.json``, whose ``weights_sha256`` is filled in.
-        tensors: arrays by name; written in single precision.
-
-    Raises:
-        OSError: the folder cannot be written; what was there is left as it was.
-        ValueError: the folder exists and is not a bundle.
+    ``weights_sha256`` of the description is filled in. ValueError if the folder exists and is no bundle; OSError if it
+    cannot be written, and what was there is left as it was.
     """
     # Imported here: reading a definition needs no safetensors.
     from safetensors.numpy import save
@@ -84,20 +69,18 @@ def write_folder(folder: Path, description: dict[str, Any], tensors: Mapping[str
 
 
 def is_observer(folder: Path) -> bool:
-    """Return whether a bundle says that it is a learned observer, of whichever version.
-
-    Raises:
-        BundleError: there is no description, or it is damaged.
-    """
+    """Return whether a bundle says that it is a learned observer, of any version; BundleError if it is damaged."""
     content = _content(folder / DESCRIPTION)
     return isinstance(content, dict) and str(content.get("schema")).startswith(_ANY_OBSERVER)
 
 
-def read_folder(folder: Path, schema: str, kind: type[_Kind]) -> tuple[_Kind, bytes]:
-    """Return the description of a bundle, a record with ``weights_sha256``, and the bytes of its weights.
+def read_bundle(
+    folder: Path, schema: str, kind: type, build: Callable[[Any, dict[str, np.ndarray], Any], _Bundle]
+) -> _Bundle:
+    """Return what `build` makes of a bundle's description, a record, of its arrays by name and the fields of `Trained`.
 
-    Raises:
-        BundleError: a file is missing, too large or damaged, not of this schema, or the digest differs.
+    BundleError if a file is missing, too large or damaged, not of this schema, the digest of the weights differs, an
+    array is not in single precision, or the parts do not go together.
     """
     path = folder / DESCRIPTION
     content = _content(path)
@@ -111,10 +94,15 @@ def read_folder(folder: Path, schema: str, kind: type[_Kind]) -> tuple[_Kind, by
             f"{folder / WEIGHTS} is not the file that {DESCRIPTION} was written with (its sha256 differs): copy "
             "the whole folder again, or train again"
         )
-    return description, weights
+    try:
+        tensors = _tensors_in(weights)
+        trained = {field.name: getattr(description, field.name) for field in dataclasses.fields(Trained)}
+        return build(description, tensors, trained | {"seed": whole("seed", description.seed)})
+    except (TypeError, ValueError, OverflowError) as error:
+        raise BundleError(f"{folder} is no usable policy bundle: {' '.join(str(error).split())}") from None
 
 
-def tensors_in(content: bytes) -> dict[str, np.ndarray]:
+def _tensors_in(content: bytes) -> dict[str, np.ndarray]:
     """Return the arrays of a safetensors file by name; ValueError if it is damaged."""
     from safetensors import SafetensorError
     from safetensors.numpy import load
@@ -127,16 +115,10 @@ def tensors_in(content: bytes) -> dict[str, np.ndarray]:
         tensors: dict[str, np.ndarray] = load(content)
     except (SafetensorError, ValueError, KeyError, TypeError) as error:
         raise ValueError(f"{WEIGHTS} is damaged: {escaped(str(error)[:_SHOWN])}") from None
+    for name, tensor in tensors.items():
+        if tensor.dtype != np.float32:
+            raise ValueError(f"{escaped(name)} is {tensor.dtype}; needed: float32")
     return tensors
-
-
-@contextlib.contextmanager
-def usable(folder: Path) -> Iterator[None]:
-    """Turn errors of content that does not fit together into a `BundleError` that names the folder."""
-    try:
-        yield
-    except (TypeError, ValueError, OverflowError) as error:
-        raise BundleError(f"{folder} is no usable policy bundle: {' '.join(str(error).split())}") from None
 
 
 def _content(path: Path) -> Any:
@@ -144,7 +126,6 @@ def _content(path: Path) -> Any:
 
 
 def _read(path: Path, read: Callable[..., Any], largest: int, instead: str) -> Any:
-    """Return what `read` makes of a file of a bundle."""
     try:
         return read(path, largest=largest)
     except OSError as error:
@@ -156,19 +137,12 @@ def _read(path: Path, read: Callable[..., Any], largest: int, instead: str) -> A
 
 @dataclasses.dataclass(frozen=True, eq=False, kw_only=True)
 class Trained:
-    """Where a learned policy comes from, a record for the reader.
+    """Where a learned policy comes from, a record for the reader."""
 
-    Attributes:
-        training: the settings of its training.
-        seed: of that training.
-        curve: rows of the training, one mapping each.
-        versions: of the libraries it was trained with.
-    """
-
-    training: dict[str, Any] = dataclasses.field(default_factory=dict)
-    seed: int = 0
-    curve: list[dict[str, Any]] = dataclasses.field(default_factory=list)
-    versions: dict[str, Any] = dataclasses.field(default_factory=dict)
+    training: dict[str, Any] = dataclasses.field(default_factory=dict)  # the settings of its training
+    seed: int = 0  # of that training
+    curve: list[dict[str, Any]] = dataclasses.field(default_factory=list)  # rows of the training, one mapping each
+    versions: dict[str, Any] = dataclasses.field(default_factory=dict)  # of the libraries it was trained with
 
 
 _SCHEMA = "fuzzyarm-learned-policy/1"
@@ -181,24 +155,16 @@ _PAPERS_JOINTS = 2
 class PolicyBundle(Trained):
     """A learned policy and where it comes from.
 
-    Attributes:
-        features: definition of the network's inputs.
-        action: what its output means.
-        network: normaliser and layers.
-        arm: that it was trained for; None: the arm of Table 1.
-
-    Raises:
-        ValueError: the network has not one input per feature, or not one output per joint; or features and action are
-            for different numbers of joints.
+    ValueError if the network has not one input per feature and one output per joint, or if features and action are for
+    different numbers of joints.
     """
 
-    features: FeatureDefinition
-    action: ActionDefinition
-    network: Network
-    arm: ArmDefinition | None = None
+    features: FeatureDefinition  # definition of the network's inputs
+    action: ActionDefinition  # what its output means
+    network: Network  # normaliser and layers
+    arm: ArmDefinition | None = None  # that it was trained for; None: the arm of Table 1
 
     def __post_init__(self) -> None:
-        """Check that the parts fit together."""
         joints = len(self.action.scale)
         if self.features.joints != joints:
             raise ValueError(f"the features are for {self.features.joints} joints, the action has {joints} scales")
@@ -209,9 +175,8 @@ class PolicyBundle(Trained):
         found = self.network.sizes[0], self.network.sizes[-1]
         needed = self.features.size, len(self.action.scale)
         if found != needed:
-            raise ValueError(
-                "the network has {} inputs and {} outputs; the definitions ask for {} and {}".format(*found, *needed)
-            )
+            text = "the network has {} inputs and {} outputs; the definitions ask for {} and {}"
+            raise ValueError(text.format(*found, *needed))
 
     def save(self, folder: Path) -> None:
         """Write the bundle, see `write_folder`."""
@@ -224,24 +189,12 @@ class PolicyBundle(Trained):
 
     @classmethod
     def load(cls, folder: str | Path) -> PolicyBundle:
-        """Read a bundle and check all of it.
+        """Read a bundle and check all of it; BundleError if a file is missing, damaged, or of another schema."""
 
-        Raises:
-            BundleError: a file is missing, too large, damaged, or not of this schema.
-        """
-        folder = Path(folder)
-        found, weights = read_folder(folder, _SCHEMA, _Description)
-        with usable(folder):
-            return cls(
-                found.features,
-                found.action,
-                _network(found.network, weights),
-                found.arm,
-                training=found.training,
-                seed=whole("seed", found.seed),
-                curve=found.curve,
-                versions=found.versions,
-            )
+        def build(found: _Description, tensors: dict[str, np.ndarray], trained: Any) -> PolicyBundle:
+            return cls(found.features, found.action, _network(found.network, tensors), found.arm, **trained)
+
+        return read_bundle(Path(folder), _SCHEMA, _Description, build)
 
     def _description(self) -> dict[str, Any]:
         """Return the content of ``policy.json`` but the digest of the weights."""
@@ -256,9 +209,10 @@ class PolicyBundle(Trained):
         )
         parts = self.features, self.action, self.training, self.seed, self.versions, "", self.curve, self.arm
         content = dataclasses.asdict(_Description(_SCHEMA, network, *parts))
+        of_network = content["network"]
         for of, name, usual in (
-            (content["network"], "output", _OUTPUT),
-            (content["network"], "cell", _NO_CELL),
+            (of_network, "output", _OUTPUT),
+            (of_network, "cell", _NO_CELL),
             (content, "arm", None),
         ):
             if of[name] == usual:
@@ -295,9 +249,7 @@ class _Description:
     arm: ArmDefinition | None = None
 
 
-def _network(description: _NetworkDescription, content: bytes) -> Network:
-    """Return the network of a description with the tensors of a safetensors file."""
-    tensors = tensors_in(content)
+def _network(description: _NetworkDescription, tensors: dict[str, np.ndarray]) -> Network:
     choice("cell", description.cell, (_NO_CELL, _LSTM))
     gated = [f"{_CELL}.{name}" for name in _GATED] if description.cell == _LSTM else []
     layers = range((len(tensors) - len(gated)) // 2)
@@ -305,10 +257,6 @@ def _network(description: _NetworkDescription, content: bytes) -> Network:
     if set(tensors) != names or not layers:
         needed = ", ".join((*gated, "layer0.weight, layer0.bias, ..."))
         raise ValueError(f"{WEIGHTS} holds {listed(tensors)}; needed: {needed}")
-    for name, tensor in tensors.items():
-        axes = 1 if name.endswith("bias") else 2
-        if tensor.dtype != np.float32 or tensor.ndim != axes:
-            raise ValueError(f"{name} is {tensor.dtype} with {tensor.ndim} axes; needed: float32 with {axes}")
     network = Network(
         mean=np.array(description.mean, dtype=np.float64),
         std=np.array(description.std, dtype=np.float64),

@@ -13,12 +13,8 @@ from fuzzyarm.envs.periods import SHORTEST_PERIOD, checked_period
 
 __all__ = ["INNOVATION_UNITS", "OBSERVER_BASE", "ActionDefinition", "ArmDefinition", "FeatureDefinition"]
 
-OBSERVER_BASE = "elastic-observer"
-"""The base that has innovations."""
-
-INNOVATION_UNITS = (1e-6, 2e-3)
-"""N of angles [rad] and of velocities [rad/s]."""
-
+OBSERVER_BASE = "elastic-observer"  # the base that has innovations
+INNOVATION_UNITS = (1e-6, 2e-3)  # N of angles [rad] and of velocities [rad/s]
 _MOST_JOINTS = 12  # as in `envs.physics.robot`
 _OF_THE_INSTANT = 5  # features per joint that need no memory: e, ė, q_d, q̇_d, q̈_d
 _OF_THE_OBSERVER = 5  # the innovation of angle and velocity at two scales, and the load
@@ -30,8 +26,9 @@ _LONGEST_ACTION, _LONGEST_MEMORY = 1.0, 1e6  # s
 
 @dataclasses.dataclass(frozen=True)
 class FeatureDefinition:
-    """Which features there are, and their scales; stated in every bundle.
+    """Which features there are, and their scales, in the letters of `laws.learned.features`; stated in every bundle."""
 
+<<<<<<< HEAD
     The letters are those of the equations in `laws.learned.features`.
 
     Attributes:
@@ -62,22 +59,36 @@ class FeatureDefinition:
     past_errors: int = 2
     past_actions: int = 2
     integral_time: float = 0.1
+=======
+    past_errors: int = 2  # n, how many past errors are remembered, 0 to 100
+    past_actions: int = 2  # m, how many past actions, 0 to 100
+    integral_time: float = 0.1  # τ, time constant of the leak [s]; 0: no integral
+    # whether errors count from θ_d instead of q_d, and as many past excess torques as past actions are among the
+    # features
+>>>>>>> main
     elastic_target: bool = False
-    error_scale: float = 1e-3
-    rate_scale: float = 0.02
-    velocity_scale: float = 5.0
-    acceleration_scale: float = 50.0
-    integral_scale: float = 1e-4
-    excess_scale: float = 100.0
-    joints: int = 2
+    error_scale: float = 1e-3  # E [rad]
+    rate_scale: float = 0.02  # V [rad/s]
+    velocity_scale: float = 5.0  # D [rad/s]
+    acceleration_scale: float = 50.0  # A [rad/s²]
+    integral_scale: float = 1e-4  # X [rad s]
+    excess_scale: float = 100.0  # U [N m]
+    joints: int = 2  # of the arm, 1 to 12
+    # τ_i [s], 4 at most; with any of them the base is an observer, and its innovation, leaky means of it with these
+    # time constants and its estimate of the load are among the features
     innovation_times: tuple[float, ...] = ()
+<<<<<<< HEAD
     innovation_scale: float = INNOVATION_UNITS[0]
     innovation_rate_scale: float = INNOVATION_UNITS[-1]
     load_scale: float = 100.0
     compression: float = 1.0
+=======
+    innovation_scale: float = INNOVATION_UNITS[0]  # N of angles [rad]
+    innovation_rate_scale: float = INNOVATION_UNITS[-1]  # N of velocities [rad/s]
+    load_scale: float = 100.0  # Z [N m]
+>>>>>>> main
 
     def __post_init__(self) -> None:
-        """Check every number."""
         whole("the number of innovation_times", len(instance("innovation_times", self.innovation_times, tuple)), high=4)
         for time in self.innovation_times:
             real("innovation_times", time, "s", above=0.0, high=_LONGEST_MEMORY)
@@ -120,28 +131,18 @@ class ActionDefinition:
         γ = r/(1 + r),    r = Σ (ν_i/(G N_i))²/(2 n),    N = 1e-6 rad and 2e-3 rad/s,
 
     so that the observer acts alone where it predicts rightly, and the local stability of its loop does not change.
-
-    Attributes:
-        scale: one number per joint, the value at a = 1: torques [N m], or with a base angles [rad], 0.5 rad at most.
-        period: time for which an action is held [s]; a base acts at every control step.
-        base: name of a policy, as `fuzzyarm.load_policy` knows it; None: no base.
-        smoothing_time: τ_b [s] of the low-pass a_k = λ a_(k-1) + (1 - λ) b_k with λ = exp(-T/τ_b), where T is the
-            period and b_k the output of the network; 0: a_k = b_k.
-        gate: G; 0: the action shifts the base's target. With a gate `scale` are torques [N m].
-
-    Raises:
-        TypeError: a value is of the wrong type.
-        ValueError: a number is out of range.
     """
 
+    # one number per joint, the value at a = 1: torques [N m], or with a base angles [rad], 0.5 rad at most
     scale: tuple[float, ...] = (400.0, 180.0)
-    period: float = 2e-3
-    base: str | None = None
+    period: float = 2e-3  # time for which an action is held [s]; a base acts at every control step
+    base: str | None = None  # name of a policy, as `fuzzyarm.load_policy` knows it; None: no base
+    # τ_b [s] of the low-pass a_k = λ a_(k-1) + (1 - λ) b_k with λ = exp(-T/τ_b), where T is the period and b_k the
+    # output of the network; 0: a_k = b_k
     smoothing_time: float = 0.0
-    gate: float = 0.0
+    gate: float = 0.0  # G; 0: the action shifts the base's target. With a gate `scale` are torques [N m].
 
     def __post_init__(self) -> None:
-        """Check every value."""
         if real("gate", self.gate, low=0.0, high=_WIDEST_GATE) > 0.0 and self.base != OBSERVER_BASE:
             raise ValueError(f"gate = {self.gate:g} needs the base {OBSERVER_BASE}, not {self.base}; without a gate: 0")
         if self.base is not None and not instance("base", self.base, str):
@@ -159,14 +160,7 @@ class ActionDefinition:
         return math.exp(-period / time) if time > 0.0 else 0.0
 
     def calls(self, control_period: float) -> int:
-        """Return for how many control periods an action is held.
-
-        Args:
-            control_period: [s].
-
-        Raises:
-            ValueError: the action period is not a whole multiple of the control period.
-        """
+        """Return for how many control periods [s] an action is held; ValueError if that is no whole number."""
         checked_period("control_period", control_period)
         calls = round(self.period / control_period)
         if calls < 1 or abs(calls * control_period - self.period) > 1e-9 * self.period:
@@ -179,20 +173,11 @@ class ActionDefinition:
 
 @dataclasses.dataclass(frozen=True)
 class ArmDefinition:
-    """Which arm a policy was trained for.
+    """Which arm a policy was trained for."""
 
-    Attributes:
-        name: of the robot.
-        digest: of its numbers, `Robot.digest`; that of the two-joint arm is the one of its robot.
-
-    Raises:
-        TypeError: a value is no text.
-    """
-
-    name: str
-    digest: str
+    name: str  # of the robot
+    digest: str  # of its numbers, `Robot.digest`; that of the two-joint arm is the one of its robot
 
     def __post_init__(self) -> None:
-        """Check the types."""
         for name in ("name", "digest"):
             instance(name, getattr(self, name), str)

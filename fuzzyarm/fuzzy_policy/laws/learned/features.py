@@ -44,64 +44,33 @@ from fuzzyarm.numbers.functions import Cells, array, each, flat, maximum, minimu
 from fuzzyarm.numbers.machine import Kernel
 from fuzzyarm.numbers.program import Program
 
-__all__ = ["Base", "Features", "Lanes", "Remembered", "gate", "learning_action", "learning_features"]
-
+__all__ = ["Base", "Features", "Lanes", "gate", "learning_action", "learning_features"]
 
 COARSE = 20.0  # of the unit in which large innovations are seen
 
 
-class Remembered(NamedTuple):
-    """What the features remember of a lane; each of the first two and `excess` hold a tuple an instant, newest first.
+class _Remembered(NamedTuple):
+    """What the features remember of a lane; errors, actions and excess hold a tuple per instant, newest first."""
 
-    Attributes:
-        errors: e [rad].
-        actions: a.
-        integral: x [rad s].
-        excess: w [N m].
-        feedforward: u_ff [N m].
-        target: what the elastic target remembers.
-        means: n_i of the innovation, one tuple for each τ_i.
-    """
-
-    errors: Any
-    actions: Any
-    integral: Any
-    excess: Any
-    feedforward: Any
-    target: Any
-    means: Any
+    errors: Any  # e [rad]
+    actions: Any  # a
+    integral: Any  # x [rad s]
+    excess: Any  # w [N m]
+    feedforward: Any  # u_ff [N m]
+    target: Any  # what the elastic target remembers
+    means: Any  # n_i of the innovation, one tuple for each τ_i
 
 
 class Features:
-    """The features of a definition, lane by lane; see the module for the equations.
-
-    Attributes:
-        definition: which features.
-        period: T, time between two actions [s].
-        size: number of features.
-        memory: `Remembered` with zeros; of no more than the definition asks for.
-        memory_size: how many numbers that is.
-    """
+    """The features of a definition, lane by lane; see the module for the equations."""
 
     def __init__(
-        self,
-        definition: FeatureDefinition,
-        period: float,
-        parameters: AnyArm | None = None,
-        *,
-        friction: bool = True,
+        self, definition: FeatureDefinition, period: float, parameters: AnyArm | None = None, *, friction: bool = True
     ) -> None:
-        """Keep the definition.
+        """Take the definition, T [s] between two actions, and the arm (default Table 1).
 
-        Args:
-            definition: which features.
-            period: T [s].
-            parameters: the arm or the robot, for an elastic target and the torque limits; default Table 1.
-            friction: whether u_ff includes the dry friction.
-
-        Raises:
-            TypeError: the period is not a number.
-            ValueError: the period is not positive, or the features are for another number of joints.
+        `friction` says whether u_ff includes the dry friction. TypeError or ValueError if the period is no positive
+        number, or the features are for another number of joints.
         """
         self.definition, self.period, d = definition, real("period", period, "s", above=0.0), definition
         arm: AnyArm = ArmParameters() if parameters is None else checked_arm("parameters", parameters)
@@ -111,7 +80,7 @@ class Features:
         self._target = ElasticTarget(arm, period, friction=friction) if d.elastic_target else None
         self._aim = target_of(equations_of(arm)) if self._target else None
         nothing, elastic = (0.0,) * joints, self._target is not None
-        self.memory = Remembered(
+        self.memory = _Remembered(
             errors=(nothing,) * d.past_errors,
             actions=(nothing,) * d.past_actions,
             integral=nothing,
@@ -125,7 +94,7 @@ class Features:
         self._limit = tuple(map(float, per_joint_of(arm, "torque_limit")))
         self._leak = math.exp(-period / d.integral_time) if d.integral_time > 0.0 else 0.0
 
-    def told(self, memory: Remembered, seen: Observation) -> tuple[Any, Any, Aim]:
+    def told(self, memory: _Remembered, seen: Observation) -> tuple[Any, Any, Aim]:
         """Return what the elastic target remembers next, u_ff [N m], and what the motors shall do."""
         if self._target is None or self._aim is None:
             return memory.target, memory.feedforward, Aim(*seen[2:])
@@ -133,17 +102,12 @@ class Features:
         return past, feedforward, aim
 
     def fill(
-        self, memory: Remembered, seen: Observation, aim: Aim, innovation: Any = (), load: Any = (), out: Any = None
+        self, memory: _Remembered, seen: Observation, aim: Aim, innovation: Any = (), load: Any = (), out: Any = None
     ) -> Any:
-        """Return the features of the instant, an array (size,).
+        """Return the features of the instant, an array (size,): `out`, or a new one.
 
-        Args:
-            memory: of the lane.
-            seen: the observation, one number for each joint in each part.
-            aim: what the motors shall do, see `told`.
-            innovation: ν (2 n,) of the base, if it is among the features.
-            load: d̂ (n,) [N m] of the base, likewise.
-            out: the array to fill; None: a new one.
+        `seen` holds one number for each joint in each part, `aim` is that of `told`; the innovation ν (2 n,) and the
+        load d̂ (n,) [N m] are those of the base, where they are among the features.
         """
         d, out = self.definition, array(self.size) if out is None else out
         errors = [(q_d - q) / d.error_scale for q_d, q in zip(aim.q, seen.q_motor, strict=True)]
@@ -167,12 +131,9 @@ class Features:
         return out
 
     def advance(
-        self, memory: Remembered, seen: Observation, told: tuple[Any, Any, Aim], action: Any, innovation: Any = ()
-    ) -> Remembered:
-        """Return the memory with the error of an observation and the action (n,) taken on it, in [-1, 1].
-
-        `told` is what `told` returns; the other arguments are as for `fill`.
-        """
+        self, memory: _Remembered, seen: Observation, told: tuple[Any, Any, Aim], action: Any, innovation: Any = ()
+    ) -> _Remembered:
+        """Return the memory with the error of an observation and the action (n,) in [-1, 1], see `told` and `fill`."""
         (past, feedforward, aim), means = told, memory.means
         if innovation:
             pairs = zip(means, self._shares, strict=True)
@@ -181,7 +142,7 @@ class Features:
             )
         error = tuple(q_d - q for q_d, q in zip(aim.q, seen.q_motor, strict=True))
         integral = (self._leak * (x + self.period * e) for x, e in zip(memory.integral, error, strict=True))
-        return Remembered(
+        return _Remembered(
             errors=(error, *memory.errors[:-1]) if memory.errors else (),
             actions=(tuple(action), *memory.actions[:-1]) if memory.actions else (),
             integral=tuple(integral),
@@ -191,11 +152,8 @@ class Features:
             means=means,
         )
 
-    def command(self, memory: Remembered, torque: Any) -> Remembered:
-        """Return the memory with the excess of a commanded torque (n,) [N m], not yet clipped.
-
-        Of several calls between two `advance`, the last one counts.
-        """
+    def command(self, memory: _Remembered, torque: Any) -> _Remembered:
+        """Return the memory with the excess of the last torque (n,) [N m] before `advance`, not yet clipped."""
         if not memory.excess:
             return memory
         parts = zip(torque, self._limit, memory.feedforward, strict=True)
@@ -214,14 +172,7 @@ def _put(out: Any, at: int, numbers: list[Any], *, squashed: float = 0.0) -> int
 
 
 class Base:
-    """A base that acts under the guidance of actions.
-
-    With a gate the torque is not clipped yet; the prediction of the base knows the limits.
-
-    Attributes:
-        policy: the one that the definition of the action names.
-        law: its law.
-    """
+    """A base that acts under the guidance of actions; with a gate the torque is not clipped yet."""
 
     def __init__(self, policy: Policy, action: ActionDefinition) -> None:
         """Take the law of a policy; ValueError if it has none."""
@@ -265,17 +216,16 @@ class Lanes:
     """Features, and the base that actions guide if there is one, of many lanes: what a training steps."""
 
     def __init__(self, features: Features, base: Base | None = None) -> None:
-        """Compile both steps."""
         d, law = features.definition, None if base is None else base.law
         numbers, nothing = (0.0,) * d.joints, ((), ())
 
-        def see(memory: Remembered, held: Any, seen: Observation, out: Any, _: Any) -> tuple[Any, ...]:
+        def see(memory: _Remembered, held: Any, seen: Observation, out: Any, _: Any) -> tuple[Any, ...]:
             innovation, load = nothing if base is None else base.observed(d, held, seen)
             features.fill(memory, seen, features.told(memory, seen)[2], innovation, load, out)
             return memory, held, seen, out
 
         def act(
-            memory: Remembered, held: Any, seen: Observation, action: Any, torque: Any, given: Any, *tables: Any
+            memory: _Remembered, held: Any, seen: Observation, action: Any, torque: Any, given: Any, *tables: Any
         ) -> tuple[Any, ...]:
             innovation, _ = nothing if base is None else base.observed(d, held, seen)
             memory = features.advance(memory, seen, features.told(memory, seen), action, innovation)
@@ -299,10 +249,7 @@ class Lanes:
     def act(
         self, observation: np.ndarray, action: np.ndarray, torque: np.ndarray, memory: np.ndarray, held: np.ndarray
     ) -> None:
-        """Advance both memories by an action (lanes, n) in [-1, 1].
-
-        `torque` (lanes, n) holds scale · a, and afterwards the torque [N m], which that is without a base.
-        """
+        """Advance both memories by an action (lanes, n); `torque` (lanes, n) holds scale · a, then the torque [N m]."""
         self._act((memory, held, observation, action, torque), self._given, self._tables)
 
 

@@ -5,18 +5,13 @@
 where s is tanh, or max(x, 0), and o clips to ±1, or is tanh. PPO trains a Gaussian policy, and the last layer gives its
 mean; SAC and TQC train tanh of one. The shipped policy takes the mean as its action and is therefore deterministic.
 
-A recurrent network has a long short-term memory in front of these layers (`cell`), which then take its output for h_0.
+tanh, the logistic function and asinh are made of +, -, *, / and the square root, which IEEE 754 rounds correctly, and
+not taken from the C library, whose last digits differ from one machine to the next. A policy is then the same numbers
+everywhere, also in exported C.
 
-What learned policies compute beyond arithmetic: tanh, the logistic function, asinh and products with a matrix.
-
-The functions are made of +, -, *, / and the square root, which IEEE 754 rounds correctly, and not taken from the C
-library, whose last digits differ from one machine to the next. A policy is then the same numbers everywhere, also in
-exported C.
-
-The memory of a recurrent network: a long short-term memory, as torch and stable-baselines3-contrib have it.
-
-With the normalised features x = clip((f - mean)/std, ±c), the output h and the content m (both zero when an episode
-begins),
+A recurrent network has a long short-term memory in front of these layers (`cell`), as torch and
+stable-baselines3-contrib have it. Its output h is then h_0. With the normalised features x = clip((f - mean)/std, ±c)
+and the content m (h and m are zero when an episode begins),
 
     (i, r, g, o) = W_x x + W_h h + b,    m⁺ = σ(r)∘m + σ(i)∘tanh g,    h⁺ = σ(o)∘tanh m⁺.
 """
@@ -37,17 +32,16 @@ from fuzzyarm.numbers.machine import Kernel
 from fuzzyarm.numbers.program import Program
 
 __all__ = [
-    "ACTIVATIONS", "GATES", "LARGEST_MEMORY", "OUTPUTS", "Cell", "Network", "add_product", "area_sine",
-    "hyperbolic_tangent", "logistic", "real_array",
+    "GATES", "LARGEST_MEMORY", "Cell", "Network", "add_product", "area_sine", "hyperbolic_tangent", "logistic",
+    "real_array",
 ]  # fmt: skip
 
-
-SATURATED = 20.0  # from here on tanh is 1 in double precision
-DOUBLINGS = 8  # of exp(y) - 1 with |y| <= 2 SATURATED/2^8
+_SATURATED = 20.0  # from here on tanh is 1 in double precision
+DOUBLINGS = 8  # of exp(y) - 1 with |y| <= 2 _SATURATED/2^8
 LARGEST = 2.0**60  # a larger argument of asinh counts as this one
-SQRT_2 = math.sqrt(2.0)
+_SQRT_2 = math.sqrt(2.0)
 HALVINGS = tuple((2.0**k, 2.0**-k, float(k)) for k in (32, 16, 8, 4, 2, 1))
-LN_2 = (float.fromhex("0x1.62e42feep-1"), float.fromhex("0x1.a39ef35793c76p-33"))  # the first times 1024 is exact
+_LN_2 = (float.fromhex("0x1.62e42feep-1"), float.fromhex("0x1.a39ef35793c76p-33"))  # the first times 1024 is exact
 
 
 @apart
@@ -57,7 +51,7 @@ def hyperbolic_tangent(x: Any) -> Any:
     E(y) = exp(y) - 1 is its Taylor polynomial of degree 11 for y = -2|x|/2^8, and E(2y) = E(y) (E(y) + 2).
     """
     size = abs(x)
-    y = select(size > SATURATED, SATURATED, size) * (-2.0 / 2.0**DOUBLINGS)
+    y = select(size > _SATURATED, _SATURATED, size) * (-2.0 / 2.0**DOUBLINGS)
     y2 = y * y
     y4 = y2 * y2
     low = (1 / 2 + y * (1 / 6)) + y2 * (1 / 24 + y * (1 / 120))
@@ -89,7 +83,7 @@ def area_sine(x: Any) -> Any:
     for power, inverse, k in HALVINGS:
         large = m >= power
         m, count = select(large, m * inverse, m), select(large, count + k, count)
-    upper = m > SQRT_2
+    upper = m > _SQRT_2
     m, count = select(upper, 0.5 * m, m), select(upper, count + 1.0, count)
     g = select(count == 0.0, f, m - 1.0)
     s = g / (g + 2.0)
@@ -99,7 +93,7 @@ def area_sine(x: Any) -> Any:
     low = (2 / 3 + z * (2 / 5)) + z2 * (2 / 7 + z * (2 / 9))
     middle = (2 / 11 + z * (2 / 13)) + z2 * (2 / 15 + z * (2 / 17))
     total = z * (low + z4 * (middle + z4 * (2 / 19 + z * (2 / 21))))
-    result = count * LN_2[0] + ((2.0 * s + s * total) + count * LN_2[1])
+    result = count * _LN_2[0] + ((2.0 * s + s * total) + count * _LN_2[1])
     return select(x < 0.0, -result, result)
 
 
@@ -119,12 +113,10 @@ def add_product(x: Any, transposed: Any, y: Any) -> None:
             y[j] = y[j] + transposed[k, j] * x[k]
 
 
-GATES = 4
-"""i, r, g and o."""
+GATES = 4  # i, r, g and o
 _CONTENT = 2  # the number of g
 
-LARGEST_MEMORY = 1024
-"""Numbers in h; a larger cell is refused before memory is allocated."""
+LARGEST_MEMORY = 1024  # numbers in h; a larger cell is refused before memory is allocated
 
 
 def real_array(name: str, array: Any, axes: int) -> None:
@@ -137,24 +129,13 @@ def real_array(name: str, array: Any, axes: int) -> None:
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class Cell:
-    """The arrays of the module's equations, the rows of i, r, g and o below each other.
+    """The arrays of the module's equations, the rows of i, r, g and o below each other."""
 
-    Attributes:
-        weight_x: W_x, (4 hidden, inputs).
-        weight_h: W_h, (4 hidden, hidden).
-        bias: b, (4 hidden,).
-
-    Raises:
-        TypeError: an entry is no array of real numbers.
-        ValueError: shapes do not fit together, or a number is not finite.
-    """
-
-    weight_x: np.ndarray
-    weight_h: np.ndarray
-    bias: np.ndarray
+    weight_x: np.ndarray  # W_x, (4 hidden, inputs)
+    weight_h: np.ndarray  # W_h, (4 hidden, hidden)
+    bias: np.ndarray  # b, (4 hidden,)
 
     def __post_init__(self) -> None:
-        """Check shapes and numbers."""
         for name, axes in (("weight_x", 2), ("weight_h", 2), ("bias", 1)):
             real_array(name, getattr(self, name), axes)
         if not 1 <= self.hidden <= LARGEST_MEMORY:
@@ -200,47 +181,28 @@ class Cell:
         return output
 
 
-ACTIVATIONS = ("tanh", "relu")
-"""What s may be."""
-
-OUTPUTS = ("clip", "tanh")
-"""What o may be."""
-
+_ACTIVATIONS = ("tanh", "relu")  # what s may be
+_OUTPUTS = ("clip", "tanh")  # what o may be
 _LARGEST_LAYER, _MOST_LAYERS = 4096, 9  # far beyond need; a larger network is refused before memory is allocated
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class Network:
-    """Normaliser and layers.
+    """Normaliser and layers; shapes and numbers are checked."""
 
-    Attributes:
-        mean: (inputs,) of the features.
-        std: (inputs,) of the features, positive.
-        clip: c, the bound of the normalised features, positive.
-        weights: W_i, (outputs, inputs) of each layer.
-        biases: b_i, (outputs,) of each layer.
-        activation: s, of `ACTIVATIONS`.
-        output: o, of `OUTPUTS`.
-        cell: what remembers in front of the layers; None: nothing does.
-
-    Raises:
-        ValueError: shapes do not fit together, or a number is not finite or has the wrong sign.
-    """
-
-    mean: np.ndarray
-    std: np.ndarray
-    clip: float
-    weights: tuple[np.ndarray, ...]
-    biases: tuple[np.ndarray, ...]
-    activation: str = "tanh"
-    output: str = "clip"
-    cell: Cell | None = None
+    mean: np.ndarray  # (inputs,) of the features
+    std: np.ndarray  # (inputs,) of the features, positive
+    clip: float  # c, the bound of the normalised features, positive
+    weights: tuple[np.ndarray, ...]  # W_i, (outputs, inputs) of each layer
+    biases: tuple[np.ndarray, ...]  # b_i, (outputs,) of each layer
+    activation: str = "tanh"  # s, of `_ACTIVATIONS`
+    output: str = "clip"  # o, of `_OUTPUTS`
+    cell: Cell | None = None  # what remembers in front of the layers; None: nothing does
 
     def __post_init__(self) -> None:
-        """Check shapes and numbers."""
         object.__setattr__(self, "clip", real("clip", self.clip, above=0.0))
-        choice("activation", self.activation, ACTIVATIONS)
-        choice("output", self.output, OUTPUTS)
+        choice("activation", self.activation, _ACTIVATIONS)
+        choice("output", self.output, _OUTPUTS)
         for name, axes in (("weights", 2), ("biases", 1)):
             for one in instance(name, getattr(self, name), tuple):
                 real_array(name, one, axes)
@@ -316,15 +278,11 @@ class Network:
         return tuple(minimum(maximum(number, -1.0), 1.0) for number in before)
 
     def act(self, features: np.ndarray, action: np.ndarray, memory: np.ndarray | None = None) -> None:
-        """Fill `action` (lanes, outputs) from `features` (lanes, inputs).
-
-        A recurrent network advances its `memory` (lanes, memory_size) in place.
-        """
+        """Fill `action` (lanes, outputs) from `features` (lanes, inputs); `memory` (lanes, m) advances in place."""
         held = np.empty((len(features), 0)) if memory is None else memory
         self._kernel((features, held, action), np.empty(0), self.tables)
 
     def __getstate__(self) -> dict[str, Any]:
-        """Leave out the machine code."""
         return {name: value for name, value in self.__dict__.items() if name != "_kernel"}
 
     @functools.cached_property

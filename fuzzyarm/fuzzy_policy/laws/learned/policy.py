@@ -21,14 +21,9 @@ class LearnedPolicy(LawPolicy):
     """The mean action of a trained network, held for its action period; see `features` and `network`.
 
     From action instant k to the next the torque is u(t) = scale · a_k, with a_k smoothed as the definition says. With a
-    base it is u(t) = u_base(t), guided by scale · a_k as `ActionDefinition` has it. The state holds everything
-    that is remembered between calls: for how long the action has been held, the action, and the memories of the
-    features, of the base and of a recurrent network.
-
-    Attributes:
-        bundle: the trained policy.
-        base: the policy whose target is shifted; None: no base.
-        calls_per_action: number of calls for which an action is held.
+    base it is u(t) = u_base(t), guided by scale · a_k as `ActionDefinition` has it. The state holds everything that is
+    remembered between calls: for how many calls the action has been held, the action, and the memories of the features,
+    of the base and of a recurrent network.
     """
 
     def __init__(
@@ -40,18 +35,11 @@ class LearnedPolicy(LawPolicy):
         *,
         friction: bool = True,
     ) -> None:
-        """Make the policy of a bundle.
+        """Make the policy of a bundle for T [s], a divisor of the action period, and the arm it was trained for.
 
-        Args:
-            bundle: the trained policy.
-            control_period: time between two calls of `predict` [s]; the action period must be a whole multiple of it.
-            parameters: the arm or the robot that it was trained for; default Table 1.
-            base: the policy that ``bundle.action.base`` names, for the same control period.
-            friction: whether the torque that an unloaded arm needs, if it is among the features, includes the dry
-                friction.
-
-        Raises:
-            ValueError: the periods do not fit, or the base is missing, not asked for, or for another period.
+        `base` is the policy that ``bundle.action.base`` names, for the same control period. `friction` says whether the
+        torque that an unloaded arm needs, if it is among the features, includes the dry friction. ValueError if the
+        periods do not fit, or the base is missing, not asked for, or for another period.
         """
         self._arm: AnyArm = ArmParameters() if parameters is None else parameters
         super().__init__(self._arm, control_period)

@@ -8,12 +8,12 @@ from typing import Any
 
 import numpy as np
 
-from fuzzyarm.common.checks import listed, whole
+from fuzzyarm.common.checks import listed
 from fuzzyarm.envs.periods import checked_period
 from fuzzyarm.envs.physics.equations import AnyArm
 from fuzzyarm.envs.physics.parameters import ArmParameters
 from fuzzyarm.envs.physics.robot import Robot
-from fuzzyarm.fuzzy_policy.laws.learned.bundle import OBSERVER, Trained, read_folder, tensors_in, usable, write_folder
+from fuzzyarm.fuzzy_policy.laws.learned.bundle import OBSERVER, Trained, read_bundle, write_folder
 from fuzzyarm.fuzzy_policy.laws.learned.definition import ArmDefinition
 from fuzzyarm.fuzzy_policy.laws.learned.estimate.network import EstimateNetwork
 
@@ -22,20 +22,13 @@ __all__ = ["EstimateBundle"]
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class EstimateBundle(Trained):
-    """A learned observer and where it comes from.
+    """A learned observer and where it comes from."""
 
-    Attributes:
-        network: the recurrent network.
-        arm: that it was trained for: the two-joint arm, or what tells a robot from others.
-        control_period: for which it was trained [s].
-    """
-
-    network: EstimateNetwork
-    arm: ArmParameters | ArmDefinition
-    control_period: float
+    network: EstimateNetwork  # the recurrent network
+    arm: ArmParameters | ArmDefinition  # that it was trained for: the two-joint arm, or what tells a robot from others
+    control_period: float  # for which it was trained [s]
 
     def __post_init__(self) -> None:
-        """Check that a network for the two-joint arm has its joints."""
         joints = len(ArmParameters().length)
         if isinstance(self.arm, ArmParameters) and (self.network.joints, self.network.axes) != (joints, joints):
             raise ValueError(f"it is for the two-joint arm, and its network for {self.network.joints} joints")
@@ -59,20 +52,18 @@ class EstimateBundle(Trained):
     @classmethod
     def load(cls, folder: str | Path) -> EstimateBundle:
         """Read a bundle and check all of it; BundleError as of `PolicyBundle.load`."""
-        folder = Path(folder)
-        found, weights = read_folder(folder, OBSERVER, _Description)
-        with usable(folder):
+
+        def build(found: _Description, tensors: dict[str, np.ndarray], trained: Any) -> EstimateBundle:
+            names = {field.name for field in dataclasses.fields(EstimateNetwork)}
+            if set(tensors) != names:
+                raise ValueError(f"the weights hold {listed(tensors)}; needed: {', '.join(sorted(names))}")
             if (found.arm is None) == (found.parameters is None):
                 raise ValueError("it names no arm, or two: needed is one of parameters and arm")
-            return cls(
-                _network(weights),
-                found.arm or ArmParameters.from_dict(found.parameters or {}),
-                checked_period("control_period", found.control_period),
-                training=found.training,
-                seed=whole("seed", found.seed),
-                curve=found.curve,
-                versions=found.versions,
-            )
+            arm = found.arm or ArmParameters.from_dict(found.parameters or {})
+            period = checked_period("control_period", found.control_period)
+            return cls(EstimateNetwork(**tensors), arm, period, **trained)
+
+        return read_bundle(Path(folder), OBSERVER, _Description, build)
 
 
 @dataclasses.dataclass(frozen=True)
@@ -88,14 +79,3 @@ class _Description:
     curve: list[dict[str, Any]]
     parameters: dict[str, Any] | None = None
     arm: ArmDefinition | None = None
-
-
-def _network(content: bytes) -> EstimateNetwork:
-    """Return the network of a safetensors file."""
-    tensors, names = tensors_in(content), {field.name for field in dataclasses.fields(EstimateNetwork)}
-    if set(tensors) != names:
-        raise ValueError(f"the weights hold {listed(tensors)}; needed: {', '.join(sorted(names))}")
-    for name, tensor in tensors.items():
-        if tensor.dtype != np.float32:
-            raise ValueError(f"{name} is {tensor.dtype}; needed: float32")
-    return EstimateNetwork(**tensors)

@@ -28,13 +28,10 @@ from fuzzyarm.numbers.functions import array, each, maximum, minimum
 
 __all__ = ["GATES", "LARGEST_MEMORY", "EstimateNetwork", "Layers", "heard", "respond", "shapes_of"]
 
-GATES = 2
-"""s and r."""
-
+GATES = 2  # s and r
 AXES = (2, 3)  # of the spaces of tips
 
-LARGEST_MEMORY = 512
-"""Numbers in h and in tanh(P c); a larger network is refused before memory is allocated."""
+LARGEST_MEMORY = 512  # numbers in h and in tanh(P c); a larger network is refused before memory is allocated
 
 
 def shapes_of(hidden: int, modulation: int, joints: int, axes: int) -> dict[str, tuple[int, ...]]:
@@ -63,62 +60,42 @@ def shapes_of(hidden: int, modulation: int, joints: int, axes: int) -> dict[str,
 
 
 class Layers(NamedTuple):
-    """The arrays of a network as the law takes them, in double precision.
+    """The arrays of a network as the law takes them, in double precision."""
 
-    Attributes:
-        of_z: the matrices of z side by side and transposed, so that no sum runs over the rows.
-        of_h: those of h.
-        of_c: those of c.
-        bias: of what they give.
-        V, G, D: of the output.
-        W: transposed.
-    """
-
-    of_z: Any
-    of_h: Any
-    of_c: Any
-    bias: Any
+    of_z: Any  # the matrices of z side by side and transposed, so that no sum runs over the rows
+    of_h: Any  # those of h
+    of_c: Any  # those of c
+    bias: Any  # of what they give
+    # V, G, D: of the output
     V: Any
     G: Any
     D: Any
-    W: Any
+    W: Any  # transposed
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class EstimateNetwork:
-    """The arrays of the module's equations, in the shapes of `shapes_of`; the rows of s stand above those of r.
+    """The finite arrays of the module's equations, see `shapes_of`; the rows of s stand above those of r."""
 
-    Attributes:
-        gate_z: S_z above R_z.
-        gate_h: S_h above R_h.
-        gate_c: S_c above R_c.
-        gate_bias: s_0, then r_0.
-        A, B, C, U: of the candidate n.
-        V, G, D: of the output.
-        P, p_0, W: of the weights w.
-
-    Raises:
-        TypeError: an entry is no array of real numbers.
-        ValueError: shapes do not fit together, or a number is not finite.
-    """
-
-    gate_z: np.ndarray
-    gate_h: np.ndarray
-    gate_c: np.ndarray
-    gate_bias: np.ndarray
+    gate_z: np.ndarray  # S_z above R_z
+    gate_h: np.ndarray  # S_h above R_h
+    gate_c: np.ndarray  # S_c above R_c
+    gate_bias: np.ndarray  # s_0, then r_0
+    # A, B, C, U: of the candidate n
     A: np.ndarray
     B: np.ndarray
     C: np.ndarray
     U: np.ndarray
+    # V, G, D: of the output
     V: np.ndarray
     G: np.ndarray
     D: np.ndarray
+    # P, p_0, W: of the weights w
     P: np.ndarray
     p_0: np.ndarray
     W: np.ndarray
 
     def __post_init__(self) -> None:
-        """Check shapes and numbers."""
         for field in dataclasses.fields(self):
             real_array(field.name, getattr(self, field.name), 1 if field.name in ("gate_bias", "p_0") else 2)
         if not (1 <= self.hidden <= LARGEST_MEMORY and 1 <= len(self.P) <= LARGEST_MEMORY):

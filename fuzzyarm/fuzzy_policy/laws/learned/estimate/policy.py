@@ -9,7 +9,7 @@ torque u_a of `adaptive.policy`, m and g of `network`, and the network ρ,
 
 At rest m = 0, and without a load g is next to 0: there the elastic observer acts alone, whose loop is locally stable
 without knowing of late torques and wrong loop gains. In motion under a load the adaptive observer takes over, which
-knows of loads within milliseconds. Both are told of the torque that is applied. u_a counts up to four torque limits;
+knows of loads within milliseconds. Both know the applied torque. u_a counts up to four torque limits;
 where its filter has diverged, or the commands swing from limit to limit (`AdaptiveWeights.largest_swing`), u = u_o. z
 and c are those of `signals`, R the torques there. The network was trained by regression on a teacher that knows plant,
 load and lateness, see `fuzzyarm.rl_baselines.estimate`.
@@ -25,9 +25,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from fuzzyarm.common.slices import consecutive
-from fuzzyarm.envs.fastest_mode import fastest_rate
 from fuzzyarm.envs.observation import Observation
-from fuzzyarm.envs.periods import default_substeps
 from fuzzyarm.envs.physics.equations import AnyArm, equations_of
 from fuzzyarm.envs.physics.parameters import ArmParameters
 from fuzzyarm.envs.physics.physics import Physics
@@ -41,7 +39,6 @@ from fuzzyarm.fuzzy_policy.laws.adaptive.law import adaptive_weights_for
 from fuzzyarm.fuzzy_policy.laws.adaptive.policy import AdaptiveObserverPolicy, Beliefs
 from fuzzyarm.fuzzy_policy.laws.elastic_observer import Constants, ElasticObserverPolicy, Observed
 from fuzzyarm.fuzzy_policy.laws.elastic_observer import steps_of as observer_steps_of
-from fuzzyarm.fuzzy_policy.laws.elastic_target import ElasticTarget, past_of
 from fuzzyarm.fuzzy_policy.laws.learned.estimate.network import EstimateNetwork, Layers, heard, respond
 from fuzzyarm.fuzzy_policy.laws.learned.estimate.signals import (
     context_of,
@@ -53,20 +50,18 @@ from fuzzyarm.fuzzy_policy.laws.learned.estimate.signals import (
     unexplained_parts,
     units_of,
 )
-from fuzzyarm.fuzzy_policy.laws.observer_gains import Estimate, gain_tables, weights_for
-from fuzzyarm.numbers.functions import Cells, array, each, flat, maximum, minimum, select
+from fuzzyarm.numbers.functions import Cells, array, each, maximum, minimum, select
 from fuzzyarm.numbers.machine import Kernel
 from fuzzyarm.numbers.program import Program
 
-__all__ = ["LearnedObserverPolicy", "SeenParts", "seen_parts"]
-
+__all__ = ["LearnedObserverPolicy"]
 
 # Of the adaptive observer, as the networks know it: at rest the elastic one acts, so that it needs no soft start.
 _WEIGHTS = {"first_gain": 1.0, "scale_doubt": 3e-3}
 _FARTHEST = 4.0  # torque limits, of u_a: that of a filter which is about to diverge would be any number
 
 
-class SeenParts(NamedTuple):
+class _SeenParts(NamedTuple):
     """Where z, c and u_b [N m] lie in what `LearnedObserverPolicy.observe` gives."""
 
     z: slice
@@ -75,12 +70,10 @@ class SeenParts(NamedTuple):
 
 
 @functools.cache
-def seen_parts(physics: Physics) -> SeenParts:
-    """Return these places for arms with these equations."""
+def _seen_parts(physics: Physics) -> _SeenParts:
     joints, axes = physics.joints, physics.axes
-    return SeenParts(
-        *consecutive(unexplained_parts(joints, axes).belief.stop, context_parts(joints, axes).motion.stop, joints)
-    )
+    sizes = unexplained_parts(joints, axes).belief.stop, context_parts(joints, axes).motion.stop, joints
+    return _SeenParts(*consecutive(*sizes))
 
 
 class _Memory(NamedTuple):
@@ -93,24 +86,15 @@ class _Memory(NamedTuple):
 
 
 class LearnedObserverPolicy(LawPolicy):
-    """The law of the module's docstring; it remembers what both laws do, the last ρ, and h.
-
-    Attributes:
-        network: ρ.
-        adaptive: the law of u_a.
-        seen: where the parts of what `observe` gives lie.
-        filter: where its memory lies in a lane's.
-        hidden: where h lies in a lane's memory.
-    """
+    """The law of the module's docstring; it remembers what both laws do, the last ρ, and h."""
 
     def __init__(
         self, network: EstimateNetwork, parameters: AnyArm | None = None, control_period: float = 1e-3
     ) -> None:
         """Design the gains of both laws for the arm as the policy knows it and T [s].
 
-        Raises:
-            ValueError: the control period is out of range, there are no gains for these arguments, or the network is
-                for another number of joints or axes.
+        ValueError if the control period is out of range, there are no gains for these arguments, or the network is for
+        another number of joints or axes.
         """
         super().__init__(ArmParameters() if parameters is None else parameters, control_period)
         arm, physics = self.parameters, equations_of(self.parameters)
@@ -121,31 +105,20 @@ class LearnedObserverPolicy(LawPolicy):
             )
         weights = dataclasses.replace(adaptive_weights_for(arm, self.control_period), **_WEIGHTS)
         self.network, self.adaptive = network, AdaptiveObserverPolicy(arm, control_period, weights)
-        self.seen, nothing = seen_parts(physics), (0.0,) * self.joints
-        observed = Observed(past_of(self.joints), 0.0, Estimate(*[nothing] * len(Estimate._fields)))
-        sizes = len(flat(observed)) + self.joints, self.adaptive.memory.noise.stop, network.hidden
-        _, self.filter, self.hidden = consecutive(*sizes)
+        self.elastic, self.seen = ElasticObserverPolicy(arm, control_period), _seen_parts(physics)
+        sizes = self.elastic.memory_size + self.joints, self.adaptive.memory.noise.stop, network.hidden
+        _, self.filter, self.hidden = consecutive(*sizes)  # where they lie in a lane's memory
         self.memory_size = self.hidden.stop
-        filter_places = places(physics)
-        self._places = _Memory(observed, nothing, filter_places, Cells((network.hidden,)))
-        target = ElasticTarget(arm, self.control_period)
-        substeps = default_substeps(self.control_period, fastest_rate([arm]))
-        self._schedule, *gains = gain_tables(arm, self.control_period, weights_for(arm, self.control_period))
-        self._gains = tuple(np.ascontiguousarray(table.reshape(len(table), -1)) for table in gains)
-        limit = tuple(map(float, self._torque_limit))
-        self._known = Constants(target.constants, limit, self.control_period / substeps, float(substeps))
 
     def with_network(self, network: EstimateNetwork) -> LearnedObserverPolicy:
         """Return this policy with another network of as many numbers in h."""
-        other = copy.copy(self)
-        for made in ("control_law", "_act_kernel", "_command_kernel", "_observing"):
-            other.__dict__.pop(made, None)
+        other = copy.copy(self)  # without the machine code
         other.network = network
         return other
 
     def without_dry_friction(self) -> ElasticObserverPolicy:
         """Return what acts at rest, where m is 0 whatever is measured: the elastic observer, for a smooth arm."""
-        return ElasticObserverPolicy(self.parameters, self.control_period).without_dry_friction()
+        return self.elastic.without_dry_friction()
 
     def beliefs(self, state: np.ndarray) -> Beliefs:
         """Return what its adaptive observer believes at the next sample, from a state (..., memory_size) of `predict`.
@@ -156,8 +129,8 @@ class LearnedObserverPolicy(LawPolicy):
         return self.adaptive.beliefs_of(self.checked_state(state)[..., self.filter])
 
     def observe(self, observation: np.ndarray, memory: np.ndarray, torque: np.ndarray, seen: np.ndarray) -> None:
-        """Do what `act` does, and fill `seen` (lanes, numbers of `SeenParts`) with what the network saw."""
-        self._observing((memory, observation, torque, seen), self._constants, self._tables)
+        """Do what `act` does, and fill `seen` (lanes, numbers of `_SeenParts`) with what the network saw."""
+        self._observing((memory, observation, torque, seen), self._constants, self.control_law.tables)
 
     @functools.cached_property
     def control_law(self) -> Law:
@@ -168,15 +141,15 @@ class LearnedObserverPolicy(LawPolicy):
             after, torque, *_ = act(memory, seen, c, *tables)
             return after, torque
 
-        return Law(alone, self._places, self._known, self._tables)
-
-    @property
-    def _tables(self) -> tuple[np.ndarray, ...]:
-        return (*self._gains, *tables_of(self.adaptive.settings), *self.network.layers)
+        at_rest = self.elastic.control_law
+        filter_places, hidden = places(equations_of(self.parameters)), Cells((self.network.hidden,))
+        memory = _Memory(at_rest.memory, (0.0,) * self.joints, filter_places, hidden)
+        tables = (*at_rest.tables, *tables_of(self.adaptive.settings), *self.network.layers)
+        return Law(alone, memory, at_rest.constants, tables)
 
     @functools.cached_property
     def _observing(self) -> Kernel:
-        act, joints = self._act_of(), self.joints
+        act, joints, law = self._act_of(), self.joints, self.control_law
 
         def observe(
             memory: _Memory, seen: Observation, _: Any, out: Any, c: Constants, *tables: Any
@@ -187,19 +160,16 @@ class LearnedObserverPolicy(LawPolicy):
                     out[k + part.start] = numbers[k]
             return after, seen, torque, out
 
-        ports = self._places, seen_by(joints), (0.0,) * joints, Cells((self.seen.base.stop,))
-        return Kernel(Program(observe, ports, self._known, [table.shape for table in self._tables]))
+        ports = law.memory, seen_by(joints), (0.0,) * joints, Cells((self.seen.base.stop,))
+        return Kernel(Program(observe, ports, law.constants, [table.shape for table in law.tables]))
 
     def __getstate__(self) -> dict[str, Any]:
-        """Leave out the machine code."""
         return {name: value for name, value in super().__getstate__().items() if name != "_observing"}
 
     def _act_of(self) -> Any:
         """Return the law that tells z, c and u_b [N m], too."""
-        arm, settings, joints = self.parameters, self.adaptive.settings, self.joints
-        physics, schedule = equations_of(arm), self._schedule
-        kept = tuple(schedule.kept.tolist())
-        correct, act, predict = observer_steps_of(physics, kept, schedule.cosine, schedule.points)
+        arm, settings, joints, physics = self.parameters, self.adaptive.settings, self.joints, self.elastic.where[0]
+        correct, act, predict = observer_steps_of(*self.elastic.where)
         units, turns, limit = units_of(arm), turns_of(arm), self._torque_limit.tolist()
         in_z, in_c = unexplained_parts(joints, physics.axes), context_parts(joints, physics.axes)
         see_context, torques = context_of(physics), units.torque.tolist()

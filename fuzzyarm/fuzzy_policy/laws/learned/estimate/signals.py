@@ -17,10 +17,8 @@ unexplained and the arm is on its target. From the observation and the beliefs f
 two-joint arm), and e = v/√(|v|² + v_0²) with the reference velocity v of the tip, and likewise of the joints.
 m = |v|²/(|v|² + v_1²) is 0 at rest and close to 1 in motion; for Table 1 v_1 = 0.1 mm/s.
 
-What the network of `learned-observer` sees an arm in: units in which its signals are of order 1.
-
-Of the two-joint arm they were chosen for Table 1; torques are shares of the limits of any arm. Of a robot by its frames
-every unit is that of Table 1 times a ratio of the robot to Table 1:
+The units of the two-joint arm were chosen for Table 1; torques are shares of the limits of any arm. Every unit of a
+robot by its frames is that of Table 1 times a ratio of the robot to Table 1:
 
     forces, payload    r_F, r_m, see `scale_of`
     innovations        Γ_j/I_j of the joint's torque limit and motor inertia over that of the first joint: what a torque
@@ -53,17 +51,12 @@ from fuzzyarm.fuzzy_policy.laws.learned.network import area_sine
 from fuzzyarm.numbers.functions import each, maximum, only
 
 __all__ = [
-    "GAP_SHARE", "QUIET", "ContextParts", "Scale", "UnexplainedParts", "Units", "context_of", "context_parts",
-    "scale_of", "see_beliefs", "see_innovation", "see_unexplained", "turns_of", "unexplained_parts", "units_of",
+    "GAP_SHARE", "QUIET", "Scale", "Units", "context_of", "context_parts", "scale_of", "see_beliefs", "see_innovation",
+    "see_unexplained", "turns_of", "unexplained_parts", "units_of",
 ]  # fmt: skip
 
-
-GAP_SHARE = 0.05
-"""Share of R that is the unit of u_a - u_o."""
-
-QUIET = 1.0 / 600.0
-"""Share of the torques R: for a load d̂ below it the elastic observer all but acts alone."""
-
+GAP_SHARE = 0.05  # share of R that is the unit of u_a - u_o
+QUIET = 1.0 / 600.0  # share of the torques R: for a load d̂ below it the elastic observer all but acts alone
 _FINE = (5e-7, 2e-6, 1e-3, 4e-3)  # s of angles [rad] and velocities [rad/s] of the two-joint arm
 _COARSE = (1e-5, 4e-5, 2e-2, 8e-2)  # S
 _BEYOND = 1.2  # R over the torque limits
@@ -97,32 +90,19 @@ def scale_of(arm: AnyArm) -> Scale:
 
 
 class Units(NamedTuple):
-    """What signals are seen in; n joints, and a tip in a space of some axes.
+    """What signals are seen in; n joints, and a tip in a space of some axes."""
 
-    Attributes:
-        torque: R (n,), 1.2 of the torque limits [N m]: of loads and of residual torques, whose largest values it is.
-        load: l_1 (axes + 2,), of the forces along the direction of travel and along each axis [N], and the payload
-            [kg].
-        fine: s (2 n,) of the innovation of angles [rad] and velocities [rad/s].
-        coarse: S (2 n,) of what is large among them.
-        velocity: of q̇_d (n,) [rad/s].
-        acceleration: of q̈_d (n,) [rad/s²].
-        slow: joint velocities (n,) [rad/s] below which the direction of a joint fades.
-        slow_tip: v_0 [m/s].
-        rest: v_1 [m/s].
-        length: of the levers Jᵀ e [m].
-    """
-
-    torque: Any
+    torque: Any  # R (n,), 1.2 of the torque limits [N m]: of loads and of residual torques, whose largest values it is
+    # l_1 (axes + 2,), of the forces along the direction of travel and along each axis [N], and the payload [kg]
     load: Any
-    fine: Any
-    coarse: Any
-    velocity: Any
-    acceleration: Any
-    slow: Any
-    slow_tip: Any
-    rest: Any
-    length: Any
+    fine: Any  # s (2 n,) of the innovation of angles [rad] and velocities [rad/s]
+    coarse: Any  # S (2 n,) of what is large among them
+    velocity: Any  # of q̇_d (n,) [rad/s]
+    acceleration: Any  # of q̈_d (n,) [rad/s²]
+    slow: Any  # joint velocities (n,) [rad/s] below which the direction of a joint fades
+    slow_tip: Any  # v_0 [m/s]
+    rest: Any  # v_1 [m/s]
+    length: Any  # of the levers Jᵀ e [m]
 
 
 def units_of(arm: AnyArm) -> Units:
@@ -163,7 +143,7 @@ _SENSELESS = 1e6  # rad and rad/s, an innovation of a filter that has diverged
 _NOISE, _NOISES = 1e-6, 3.0  # rad, unit of the noise that is read; e-fold of its asinh that counts as 1
 
 
-class UnexplainedParts(NamedTuple):
+class _UnexplainedParts(NamedTuple):
     """Where the parts of z lie, in the order of the module's equation."""
 
     fine: Any
@@ -176,7 +156,7 @@ class UnexplainedParts(NamedTuple):
     belief: Any
 
 
-class ContextParts(NamedTuple):
+class _ContextParts(NamedTuple):
     """Where the parts of c lie, in the order of the module's equation."""
 
     angles: Any
@@ -191,22 +171,19 @@ class ContextParts(NamedTuple):
 
 
 @functools.cache
-def unexplained_parts(joints: int, axes: int) -> UnexplainedParts:
+def unexplained_parts(joints: int, axes: int) -> _UnexplainedParts:
     """Return where the parts of z lie for so many joints and axes of the tip's space."""
-    return UnexplainedParts(*consecutive(*[2 * joints] * 4, *[joints] * 3, axes + 2))
+    return _UnexplainedParts(*consecutive(*[2 * joints] * 4, *[joints] * 3, axes + 2))
 
 
 @functools.cache
-def context_parts(joints: int, axes: int) -> ContextParts:
+def context_parts(joints: int, axes: int) -> _ContextParts:
     """Return where the parts of c lie for so many joints and axes of the tip's space."""
-    return ContextParts(*consecutive(2 * joints, joints, joints, joints, joints, axes, joints, 5, 1))
+    return _ContextParts(*consecutive(2 * joints, joints, joints, joints, joints, axes, joints, 5, 1))
 
 
-def see_innovation(seen: Observation, m: Memory, units: Units, z: Any, parts: UnexplainedParts) -> None:
-    """Fill the parts of z that are of ν_a, before that filter's correction.
-
-    They are 0 as an episode begins and where the filter has diverged.
-    """
+def see_innovation(seen: Observation, m: Memory, units: Units, z: Any, parts: _UnexplainedParts) -> None:
+    """Fill the parts of z that are of ν_a before the correction; 0 as an episode begins or if it has diverged."""
     joints = len(seen.q_motor)
     predicted = (m.flags[FLAG.samples] > 0.0) & (m.flags[FLAG.lost] == 0.0)
     raw = [q - m.z[i] for i, q in enumerate(seen.q_motor)]
@@ -217,18 +194,18 @@ def see_innovation(seen: Observation, m: Memory, units: Units, z: Any, parts: Un
 
 
 def see_unexplained(
-    innovation: Any, load: Any, gap: Any, residual: Any, units: Units, z: Any, parts: UnexplainedParts
+    innovation: Any, load: Any, gap: Any, residual: Any, units: Units, z: Any, parts: _UnexplainedParts
 ) -> None:
     """Fill parts of z from ν_o (2 n,) [rad, rad/s], d̂ and u_a - u_o (n,) [N m] and the last ρ (n,)."""
     _scaled(innovation, units, z[parts.slow_fine], z[parts.slow_coarse])
     seen_load, seen_gap, seen_residual = z[parts.load], z[parts.gap], z[parts.residual]
     for i, torque in enumerate(units.torque.tolist()):
         seen_load[i], seen_gap[i], seen_residual[i] = load[i] / torque, gap[i] / (GAP_SHARE * torque), residual[i]
-    squash(seen_gap)
+    _squash(seen_gap)
 
 
 def see_beliefs(
-    m: Memory, s: Settings, units: Units, z: Any, c: Any, parts: UnexplainedParts, in_context: ContextParts
+    m: Memory, s: Settings, units: Units, z: Any, c: Any, parts: _UnexplainedParts, in_context: _ContextParts
 ) -> None:
     """Fill the parts of z and c that are of the corrected beliefs; 0 where the filter has diverged.
 
@@ -241,7 +218,7 @@ def see_beliefs(
     for _ in only(m.flags[FLAG.lost] == 0.0):
         for k, unit in enumerate(units.load.tolist()):
             belief[k] = (m.z[states + k] - s.guess[k]) / unit
-        squash(belief)
+        _squash(belief)
         loudest = m.noise[0]
         for j in range(1, len(m.noise)):
             loudest = maximum(loudest, m.noise[j])
@@ -290,14 +267,14 @@ def _scaled(innovation: Any, units: Units, fine: Any, coarse: Any) -> None:
     """Fill a(ν) and b(ν) from ν, each (2 n,)."""
     for k, number in enumerate(innovation):
         fine[k], coarse[k] = number / float(units.fine[k]), number / float(units.coarse[k])
-    squash(fine)
-    squash(coarse)
+    _squash(fine)
+    _squash(coarse)
     for k, number in enumerate(innovation):
         square, unit = number * number, float(units.fine[k])
         coarse[k] = coarse[k] * (square / (square + unit * unit))
 
 
-def squash(numbers: Any) -> None:
+def _squash(numbers: Any) -> None:
     """Replace the numbers of an array by their asinh."""
     for k in each(len(numbers)):
         numbers[k] = area_sine(numbers[k])
