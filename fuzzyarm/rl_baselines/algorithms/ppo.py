@@ -1,12 +1,20 @@
-"""PPO of stable-baselines3: its settings, its presets and its part of a training."""
+"""PPO of stable-baselines3: its settings, its presets and its part of a training.
+
+The settings have the names that `stable_baselines3.PPO` gives them. torch and stable-baselines3 are imported when a
+training begins, so that settings and presets can be read without them.
+"""
 
 from __future__ import annotations
 
 import dataclasses
-from typing import TYPE_CHECKING
+from collections import deque
+from typing import TYPE_CHECKING, Any
 
-from fuzzyarm.common.checks import real, truth
-from fuzzyarm.rl_baselines.algorithm import COLUMNS, AlgorithmSpec, OnPolicyAlgorithm, OnPolicyConfig
+import numpy as np
+
+from fuzzyarm.common.checks import real, truth, whole
+from fuzzyarm.rl_baselines.algorithm import AlgorithmSpec
+from fuzzyarm.rl_baselines.config import TrainingConfig
 
 if TYPE_CHECKING:
     from fuzzyarm.fuzzy_policy.laws.learned.network import Network
@@ -16,9 +24,35 @@ __all__ = ["PRESETS", "SPEC", "PPOAlgorithm", "PPOConfig"]
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
-class PPOConfig(OnPolicyConfig):
-    """The settings of a training with PPO: see `OnPolicyConfig`, and two of its own."""
+class PPOConfig(TrainingConfig):
+    """The settings of a training with PPO, with the names of `stable_baselines3.PPO`."""
 
+    n_steps: int = 64
+    """Steps of each lane between two updates, at least 2."""
+    batch_size: int = 1024
+    """Samples in a gradient step, at least 2; must divide lanes times n_steps."""
+    n_epochs: int = 8
+    """Passes over the samples of an update."""
+    learning_rate: float = 1e-3
+    """Learning rate of Adam at the beginning."""
+    final_learning_rate: float = 1e-5
+    """Learning rate of Adam at the end; in between it falls linearly."""
+    gamma: float = 0.98
+    """Discount factor of a step (0 to 1)."""
+    gae_lambda: float = 0.95
+    """Factor λ of generalised advantage estimation (0 to 1)."""
+    clip_range: float = 0.2
+    """Clipping range of the ratio of probabilities."""
+    ent_coef: float = 0.0
+    """Coefficient of the entropy in the loss."""
+    vf_coef: float = 0.5
+    """Coefficient of the value function's error in the loss."""
+    max_grad_norm: float = 0.5
+    """Norm to which gradients are clipped."""
+    target_kl: float = 0.0
+    """An update ends early once the KL divergence exceeds 1.5 times this value; 0: never."""
+    log_std_init: float = -1.5
+    """Logarithm of the action's standard deviation at the beginning (-20 to 2)."""
     asymmetric_critic: bool = False
     """Show the value function what no sensor measures: errors of tip and links, force, plant and payload."""
     smoothness: float = 0.0
@@ -27,6 +61,20 @@ class PPOConfig(OnPolicyConfig):
 
     def __post_init__(self) -> None:
         super().__post_init__()
+        whole("n_steps", self.n_steps, low=2)
+        whole("batch_size", self.batch_size, low=2)
+        whole("n_epochs", self.n_epochs, low=1)
+        for name in ("learning_rate", "clip_range", "max_grad_norm"):
+            real(name, getattr(self, name), above=0.0)
+        for name in ("ent_coef", "vf_coef", "target_kl"):
+            real(name, getattr(self, name), low=0.0)
+        for name in ("gamma", "gae_lambda"):
+            real(name, getattr(self, name), low=0.0, high=1.0)
+        real("final_learning_rate", self.final_learning_rate, low=0.0, high=self.learning_rate)
+        real("log_std_init", self.log_std_init, low=-20.0, high=2.0)
+        samples = self.lanes * self.n_steps
+        if samples % self.batch_size:
+            raise ValueError(f"batch_size = {self.batch_size} must divide lanes times n_steps = {samples}")
         truth("asymmetric_critic", self.asymmetric_critic)
         if real("smoothness", self.smoothness, low=0.0) > 0.0 and self.ent_coef > 0.0:
             raise ValueError(f"smoothness = {self.smoothness} and ent_coef = {self.ent_coef}: one of them must be 0")
@@ -64,30 +112,134 @@ PRESETS: dict[str, PPOConfig] = {
 }  # fmt: skip
 """The settings of the shipped policies, by what follows ``ppo-`` in their names."""
 
+_SAME = (
+    "n_steps", "batch_size", "n_epochs", "gamma", "gae_lambda", "clip_range", "vf_coef", "max_grad_norm", "seed",
+)  # fmt: skip
+_LOGGED = {
+    "learning_rate": "learning_rate", "approx_kl": "approx_kl", "clip_fraction": "clip_fraction",
+    "value_loss": "value_loss", "explained_variance": "explained_variance", "action_std": "std",
+}  # fmt: skip
+"""Columns of the curve, and the keys under ``train/`` at which stable-baselines3 logs them."""
 
-class PPOAlgorithm(OnPolicyAlgorithm):
-    """PPO in the middle of a training, see `Algorithm`."""
+
+class PPOAlgorithm:
+    """PPO in the middle of a training, see `Algorithm`: `model` learns behind a `VecNormalize`."""
 
     def __init__(self, config: PPOConfig, envs: LearningEnvs) -> None:
-        import stable_baselines3
+        import torch
+        from stable_baselines3 import PPO
+        from stable_baselines3.common.logger import Logger
+        from stable_baselines3.common.vec_env import VecNormalize
 
+        torch.set_num_threads(config.threads)
+        self._config = config
         if config.asymmetric_critic:
             envs.show_plant()
-            self._policy_sees = config.features.size
-        if not (config.asymmetric_critic or config.smoothness or config.gate):
-            super().__init__(config, envs, stable_baselines3.PPO, "MlpPolicy")
-            return
-        from fuzzyarm.rl_baselines.ppo_policy import GuidedPolicy
+        networks: dict[str, Any] = {
+            "net_arch": {"pi": list(config.hidden), "vf": list(config.hidden)},
+            "activation_fn": torch.nn.Tanh,
+            "log_std_init": config.log_std_init,
+        }
+        policy: Any = "MlpPolicy"
+        if config.asymmetric_critic or config.smoothness or config.gate:
+            from fuzzyarm.rl_baselines.ppo_policy import GuidedPolicy
 
-        own = {"unseen": envs.plant_size, "smoothness": config.smoothness, "silent": config.gate > 0.0}
-        # The smoothness stands where PPO has the entropy, see `GuidedPolicy`.
-        ent_coef = 1.0 if config.smoothness else None
-        super().__init__(config, envs, stable_baselines3.PPO, GuidedPolicy, ent_coef=ent_coef, **own)
+            policy = GuidedPolicy
+            networks |= {
+                "unseen": envs.plant_size, "smoothness": config.smoothness, "silent": config.gate > 0.0,
+            }  # fmt: skip
+        self.normaliser: Any = VecNormalize(envs, gamma=config.gamma)
+        first, last = config.learning_rate, config.final_learning_rate
+        self.model = PPO(
+            policy,
+            self.normaliser,
+            # `remaining` of the training falls from 1 to 0, and below in the last update, which may go past the end.
+            learning_rate=lambda remaining: max(last + (first - last) * remaining, 0.0),
+            policy_kwargs=networks,
+            device="cpu",
+            # The smoothness stands where PPO has the entropy, see `GuidedPolicy`.
+            ent_coef=1.0 if config.smoothness else config.ent_coef,
+            target_kl=config.target_kl or None,
+            **{name: getattr(config, name) for name in _SAME},
+        )
+        self.model.set_logger(Logger(None, []))
+        # `learn` of stable-baselines3 cannot be left between two updates; `update` holds the body of its loop instead.
+        _, self._callback = self.model._setup_learn(config.total_timesteps)
+
+    @property
+    def steps(self) -> int:
+        """Environment steps done so far, of all lanes together."""
+        return int(self.model.num_timesteps)
+
+    def update(self) -> dict[str, float]:
+        """Collect `n_steps` steps in every lane and learn from them; return the numbers for the curve."""
+        model: Any = self.model
+        model.collect_rollouts(model.env, self._callback, model.rollout_buffer, n_rollout_steps=self._config.n_steps)
+        model._update_current_progress_remaining(model.num_timesteps, self._config.total_timesteps)
+        model.train()
+        episodes = list(model.ep_info_buffer or ())
+        ended = {"episode_reward": "r", "episode_length": "l"} if episodes else {}
+        row = {name: float(np.mean([one[key] for one in episodes])) for name, key in ended.items()}
+        return row | {name: float(model.logger.name_to_value[f"train/{key}"]) for name, key in _LOGGED.items()}
 
     def network(self) -> Network:
         """Return the mean of the Gaussian policy with the normaliser of its features."""
-        policy = self.model.policy
-        return self._network_of(policy.mlp_extractor.policy_net, policy.action_net)
+        import torch
+
+        from fuzzyarm.fuzzy_policy.laws.learned.network import Network
+
+        policy, moments = self.model.policy, self.normaliser.obs_rms
+        layers = [
+            *(part for part in policy.mlp_extractor.policy_net if isinstance(part, torch.nn.Linear)),
+            policy.action_net,
+        ]
+        seen = slice(self._config.features.size)  # the value function alone sees what follows
+        return Network(
+            mean=moments.mean[seen].copy(),
+            std=np.sqrt(moments.var + self.normaliser.epsilon)[seen],
+            clip=self.normaliser.clip_obs,
+            weights=tuple(layer.weight.detach().numpy().copy() for layer in layers),
+            biases=tuple(layer.bias.detach().numpy().copy() for layer in layers),
+        )
+
+    def state(self) -> dict[str, Any]:
+        """Return networks, optimiser, moments of features and returns, last features, counters, latest episodes."""
+        model, normaliser = self.model, self.normaliser
+        return {
+            "policy": model.policy.state_dict(),
+            "optimizer": model.policy.optimizer.state_dict(),
+            "counters": {"steps": model.num_timesteps, "updates": model._n_updates},
+            "episodes": [{"r": float(one["r"]), "l": int(one["l"])} for one in model.ep_info_buffer or ()],
+            "last_features": np.asarray(model._last_obs),
+            "last_starts": np.asarray(model._last_episode_starts),
+            "normaliser": {
+                "features": _moments(normaliser.obs_rms),
+                "discounted": normaliser.returns,
+                "returns": _moments(normaliser.ret_rms),
+            },
+        }
+
+    def set_state(self, state: dict[str, Any]) -> None:
+        """Continue from what `state` returned, see `Algorithm.set_state`."""
+        from fuzzyarm.rl_baselines.checkpoint import check_learner
+
+        model, policy, moments = self.model, self.model.policy, state["normaliser"]
+        check_learner(state, [(state["optimizer"], policy.optimizer, list(policy.parameters()))])
+        policy.load_state_dict(state["policy"])
+        policy.optimizer.load_state_dict(state["optimizer"])
+        model.num_timesteps, model._n_updates = state["counters"]["steps"], state["counters"]["updates"]
+        model.ep_info_buffer = deque(state["episodes"], maxlen=model._stats_window_size)
+        model._last_obs = state["last_features"].numpy().copy()
+        model._last_episode_starts = state["last_starts"].numpy().copy()
+        self.normaliser.returns = moments["discounted"].numpy().copy()
+        for name, running in (("features", self.normaliser.obs_rms), ("returns", self.normaliser.ret_rms)):
+            running.mean, running.var = (moments[name][part].numpy().copy() for part in ("mean", "var"))
+            running.count = moments[name]["count"]
+
+
+def _moments(running: Any) -> dict[str, Any]:
+    """Return the state of a `RunningMeanStd` of stable-baselines3."""
+    return {"mean": np.asarray(running.mean), "var": np.asarray(running.var), "count": float(running.count)}
 
 
 SPEC = AlgorithmSpec(
@@ -96,7 +248,7 @@ SPEC = AlgorithmSpec(
     config=PPOConfig,
     presets=PRESETS,
     create=PPOAlgorithm,
-    columns=COLUMNS,
+    columns=tuple(_LOGGED),
     libraries=("torch", "stable-baselines3"),
 )
 """PPO as it is registered."""
