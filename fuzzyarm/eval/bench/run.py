@@ -277,7 +277,7 @@ def write_document(document: dict[str, Any], folder: Path) -> list[Path]:
     if document["sweep"]:
         # Imported here, as Matplotlib takes a second to load.
         from fuzzyarm.eval.bench.speed_table import draw_throughput
-        from fuzzyarm.eval.evaluation.figures import figure_style
+        from fuzzyarm.eval.figure_files import figure_style
 
         content = io.BytesIO()
         with figure_style():

@@ -15,8 +15,8 @@ from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.patches import Patch
 
-from fuzzyarm.eval.evaluation.figures import figure_style, policy_styles
-from fuzzyarm.eval.figure_files import MARKERS, write_figure
+from fuzzyarm.eval.evaluation.figures import policy_styles
+from fuzzyarm.eval.figure_files import MARKERS, figure_style, write_figure
 from fuzzyarm.eval.sweep.config import SweepConfig
 from fuzzyarm.eval.sweep.distributions import column_label
 from fuzzyarm.eval.sweep.episodes import SweepResults
