@@ -7,11 +7,9 @@ from __future__ import annotations
 
 import contextlib
 import dataclasses
-import datetime
 import gc
 import io
 import itertools
-import json
 import os
 import statistics
 import tracemalloc
@@ -35,7 +33,7 @@ from fuzzyarm.eval.bench.entries import (
     own_single,
     sweep_entries,
 )
-from fuzzyarm.eval.provenance import current_provenance, version_of
+from fuzzyarm.eval.provenance import json_text, made_now, version_of
 
 __all__ = ["BenchConfig", "Row", "memory_per_lane", "race", "run_bench", "spread", "write_document"]
 
@@ -146,12 +144,10 @@ def run_bench(config: BenchConfig, progress: Callable[[str], None] = lambda _: N
     for row in measured:
         row.tip_error_um = known[row.entry.tip_error] if row.entry.tip_error else None
     progress("memory")
-    made_with = current_provenance()
+    made_with = made_now(config.command())
     made_with["versions"] |= {name: version_of(name) for name in PEER_LIBRARIES}
     return {
         "schema": SCHEMA,
-        "command": config.command(),
-        "date": datetime.datetime.now(datetime.UTC).isoformat(timespec="seconds"),
         **made_with,
         "method": {
             "rounds": config.rounds,
@@ -273,7 +269,7 @@ def _reason(error: Exception, extra: str = "") -> str:
 def write_document(document: dict[str, Any], folder: Path) -> list[Path]:
     """Write ``bench.json``, and ``throughput.png`` if there was a sweep; return the paths."""
     written = [folder / "bench.json"]
-    write_atomically(written[0], json.dumps(document, indent=1) + "\n")
+    write_atomically(written[0], json_text(document))
     if document["sweep"]:
         # Imported here, as Matplotlib takes a second to load.
         from fuzzyarm.eval.bench.speed_table import draw_throughput

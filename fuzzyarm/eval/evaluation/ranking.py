@@ -47,31 +47,18 @@ class Table(NamedTuple):
 
 @dataclasses.dataclass(frozen=True)
 class Standing:
-    """One policy of one file.
+    """One policy of one file."""
 
-    Attributes:
-        policy: its label.
-        source: the file it is from.
-        score: see the module [mm]; None if the path was lost.
-        rms: interquartile mean over seeds of the rms tip error by case [mm]; None where the path was lost.
-        lost: number of episodes in which the path was lost.
-        episodes: number of episodes.
-        certified: whether it has a certificate.
-        tip: what is proven of its tip, in words; empty where no bound was given.
-        declared: what it declares, see `policies.declared`; None if it does not.
-        others: interquartile mean of each metric of `metrics.ranked` by case; None where the path was lost.
-    """
-
-    policy: str
-    source: str
-    score: Estimate | None
-    rms: dict[str, float | None]
-    lost: int
-    episodes: int
-    certified: bool
-    tip: str = ""
-    declared: Declared | None = None
-    others: dict[str, dict[str, float | None]] = dataclasses.field(default_factory=dict)
+    policy: str  # its label
+    source: str  # the file it is from
+    score: Estimate | None  # see the module [mm]; None if the path was lost
+    rms: dict[str, float | None]  # interquartile mean over seeds of the rms tip error by case [mm]; None where lost
+    lost: int  # number of episodes in which the path was lost
+    episodes: int  # number of episodes
+    certified: bool  # whether it has a certificate
+    tip: str = ""  # what is proven of its tip, in words; empty where no bound was given
+    declared: Declared | None = None  # what it declares; None if it does not
+    others: dict[str, dict[str, float | None]] = dataclasses.field(default_factory=dict)  # of `metrics.ranked`, as rms
 
     @property
     def order(self) -> tuple[int, float]:

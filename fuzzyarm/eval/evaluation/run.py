@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import dataclasses
-import datetime
 import json
 import shlex
 from collections.abc import Callable, Sequence
@@ -30,7 +29,7 @@ from fuzzyarm.eval.episodes.metrics import metrics_of
 from fuzzyarm.eval.episodes.rollout import Rollout, record_passes
 from fuzzyarm.eval.episodes.rollout_file import digest
 from fuzzyarm.eval.evaluation.result_table import saturation
-from fuzzyarm.eval.provenance import current_provenance
+from fuzzyarm.eval.provenance import json_text, made_now
 from fuzzyarm.policies import COMPARED, PolicySpec, recorded, resolve_all
 from fuzzyarm.policies.declared import Declared
 from fuzzyarm.proof.policy_certificate import certificate_of
@@ -251,12 +250,7 @@ def evaluate(config: EvaluationConfig, progress: Callable[[], None] | None = Non
     proofs = {name: certificate_of(policy, reference) for name, policy in policies.items()}
     certificates = {name: None if proof is None else proof.text for name, proof in proofs.items()}
     bounds = {name: None if proof is None else proof.bounds for name, proof in proofs.items()}
-    made_with = {
-        "command": config.command(),
-        "date": datetime.datetime.now(datetime.UTC).isoformat(timespec="seconds"),
-        **current_provenance(),
-        "policy_files": {label: spec.files() for label, spec in specs.items()},
-    }
+    made_with = made_now(config.command()) | {"policy_files": {label: spec.files() for label, spec in specs.items()}}
     remarks = saturation(rollouts, policies, config.arm, config.control_period)
     return Evaluation(config, rollouts, rows, certificates, bounds, made_with, declarations, remarks)
 
@@ -290,6 +284,6 @@ def write_results(evaluation: Evaluation, folder: str | Path) -> list[Path]:
     """Write ``results.json`` and ``results.csv`` into a folder, each whole or not at all; return their paths."""
     document, folder = instance("evaluation", evaluation, Evaluation).to_dict(), path_of("folder", folder)
     json_path, csv_path = folder / "results.json", folder / "results.csv"
-    write_atomically(json_path, json.dumps(document, indent=1) + "\n")
+    write_atomically(json_path, json_text(document))
     write_atomically(csv_path, csv_text(evaluation.rows))
     return [json_path, csv_path]

@@ -162,8 +162,8 @@ def _sizes(evidence: Evidence, entry: str, size: Callable[[TSModel], Size]) -> d
 
 def circularity(evidence: Evidence, case: str, side: str, end: str) -> dict[str, float]:
     """Return the ``inmost``, ``outmost`` or ``largest`` circularity error [mm] of each controller in a case."""
-    of: Callable[[np.ndarray], Any] = {"inmost": np.min, "outmost": np.max, "largest": _peak}[end]
-    return {key: float(of(1e3 * circularity_of(evidence.rollouts[key, case], side))) for key in TITLES}
+    ends: Mapping[str, Any] = {"inmost": np.min, "outmost": np.max, "largest": _peak}
+    return {key: float(ends[end](1e3 * circularity_of(evidence.rollouts[key, case], side))) for key in TITLES}
 
 
 def circularity_of(run: Rollout, side: str) -> np.ndarray:

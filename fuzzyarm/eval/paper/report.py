@@ -9,7 +9,6 @@ changed a number on purpose names this folder's ``expected.json`` in a checkout.
 from __future__ import annotations
 
 import dataclasses
-import json
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
@@ -21,7 +20,7 @@ from fuzzyarm.common.console import Sheet
 from fuzzyarm.common.files import write_atomically
 from fuzzyarm.eval.paper.claims import CLAIMS, ROLLOUTS, STATEMENTS, TABLE_2, Claim
 from fuzzyarm.eval.paper.evidence import TITLES, Evidence
-from fuzzyarm.eval.provenance import current_provenance
+from fuzzyarm.eval.provenance import current_provenance, json_text
 
 __all__ = [
     "EXPECTED", "Comparison", "Drift", "Numbers", "compare", "find_drift", "load_expected", "print_report", "renewed",
@@ -114,7 +113,7 @@ def store_expected(measured: Numbers, made_with: Mapping[str, Any], path: Path) 
         OSError: the folder is missing or not writable.
     """
     document = {"schema": EXPECTED_SCHEMA, **made_with, "measured": measured}
-    write_atomically(path, json.dumps(document, indent=1) + "\n")
+    write_atomically(path, json_text(document))
 
 
 SCHEMA = "fuzzyarm-paper/1"
@@ -192,7 +191,7 @@ def write_report(comparison: Comparison, figures: Sequence[Path], folder: Path) 
     """Write ``paper.md``, with the figures if there are any, and ``paper.json``; return their paths."""
     text, data = folder / "paper.md", folder / "paper.json"
     write_atomically(text, _markdown(comparison, figures))
-    write_atomically(data, json.dumps(comparison.to_dict(), indent=1) + "\n")
+    write_atomically(data, json_text(comparison.to_dict()))
     return [text, data]
 
 

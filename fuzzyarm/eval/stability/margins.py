@@ -7,7 +7,6 @@ they are measured, the document and the printed table.
 from __future__ import annotations
 
 import dataclasses
-import datetime
 import math
 import os
 import shlex
@@ -24,7 +23,7 @@ from fuzzyarm.envs.physics.equations import AnyArm, chosen_arm
 from fuzzyarm.envs.physics.parameters import ArmParameters
 from fuzzyarm.envs.scenario.cases import case_for
 from fuzzyarm.envs.scenario.default_reference import default_reference
-from fuzzyarm.eval.provenance import current_provenance
+from fuzzyarm.eval.provenance import made_now
 from fuzzyarm.eval.stability.linearisation import (
     GAIN_SPAN,
     POSTURES,
@@ -175,9 +174,7 @@ def measure_margins(config: MarginsConfig, progress: Callable[[], None] = lambda
     described = {"parameters": arm.to_dict()} if isinstance(arm, ArmParameters) else {"robot": dataclasses.asdict(arm)}
     return {
         "schema": SCHEMA,
-        "command": config.command(),
-        "date": datetime.datetime.now(datetime.UTC).isoformat(timespec="seconds"),
-        **current_provenance(),
+        **made_now(config.command()),
         "method": {"control_period": CONTROL_PERIOD, "postures": POSTURES, "gain_span": GAIN_SPAN},
         **described,
         "conditions": [dataclasses.asdict(condition) for condition in conditions_for(arm)],

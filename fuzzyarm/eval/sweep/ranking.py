@@ -36,27 +36,16 @@ _LEVEL = "0.99"  # the quantile over the plants, as a sweep's file names it
 
 @dataclasses.dataclass(frozen=True)
 class PlantStanding:
-    """One policy of one sweep.
+    """One policy of one sweep."""
 
-    Attributes:
-        policy: its label.
-        source: the file it is from.
-        score: see the module [mm]; None if too many episodes ended early.
-        cases: the 99 % quantile of each case [mm], by its name; None likewise.
-        ended_early: number of episodes that ended early.
-        plants: number of plants in each case.
-        declared: what it declares, see `policies.declared`; None if it does not.
-        others: the 99 % quantile of each metric of `metrics.ranked` that sweeps have, by case; None likewise.
-    """
-
-    policy: str
-    source: str
-    score: Estimate | None
-    cases: dict[str, float | None]
-    ended_early: int
-    plants: int
-    declared: Declared | None = None
-    others: dict[str, dict[str, float | None]] = dataclasses.field(default_factory=dict)
+    policy: str  # its label
+    source: str  # the file it is from
+    score: Estimate | None  # see the module [mm]; None if too many episodes ended early
+    cases: dict[str, float | None]  # the 99 % quantile of each case [mm], by its name; None likewise
+    ended_early: int  # number of episodes
+    plants: int  # number in each case
+    declared: Declared | None
+    others: dict[str, dict[str, float | None]]  # the quantiles of the metrics of `metrics.ranked` that sweeps have
 
     @property
     def order(self) -> tuple[int, float]:

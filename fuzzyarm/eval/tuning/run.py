@@ -15,7 +15,6 @@ from __future__ import annotations
 
 import contextlib
 import dataclasses
-import json
 import os
 from collections.abc import Callable, Iterator
 from contextlib import AbstractContextManager
@@ -33,7 +32,7 @@ from fuzzyarm.envs.physics.rigid_body import inverse_dynamics
 from fuzzyarm.envs.physics.robot import shipped_robots
 from fuzzyarm.envs.scenario.default_reference import default_reference
 from fuzzyarm.eval.engine import Engine
-from fuzzyarm.eval.provenance import current_provenance
+from fuzzyarm.eval.provenance import current_provenance, json_text
 from fuzzyarm.eval.stability.margins import MarginsConfig, measure_margins
 from fuzzyarm.eval.tuning.finding import PERIOD, STEPS, Finding, read_finding, write_finding
 from fuzzyarm.eval.tuning.steps import FUZZY, ROBOT_STEPS, TWO_JOINT_STEPS, Context, Step
@@ -187,7 +186,7 @@ def tune(
     config = MarginsConfig(robot=str(folder))
     with bar("margins", len(laws.policies)) as advance:
         margins = measure_margins(config, advance)
-    write_atomically(folder / MARGINS, json.dumps(margins, indent=1) + "\n")
+    write_atomically(folder / MARGINS, json_text(margins))
     tuned = Tuned(laws, tuple(findings.values()), margins)
     write_atomically(folder / README, summary(arm, folder.name, tuned.findings, margins))
     return tuned
