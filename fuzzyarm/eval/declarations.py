@@ -22,7 +22,7 @@ ROW = ("policy", *HEADINGS)
 def declarations_of(
     specs: Mapping[str, PolicySpec], policies: Mapping[str, Any], arm: AnyArm, passes: int = 1
 ) -> dict[str, Declared | None]:
-    """Return the declarations of policies by label, given what each refers to and the loaded policy; see `declared`."""
+    """Return the declarations of loaded policies by label; see `declared`."""
     return {label: declared(spec, policies[label], passes, arm) for label, spec in specs.items()}
 
 
@@ -32,15 +32,7 @@ def written_declarations(found: Mapping[str, Declared | None]) -> dict[str, dict
 
 
 def read_declarations(written: Mapping[str, Any] | None, names: Sequence[str]) -> dict[str, Declared | None]:
-    """Return declarations by label out of a file of results; those of an older file by the names of its policies.
-
-    Args:
-        written: what `written_declarations` returned; None in an older file.
-        names: of the policies, as the file has them.
-
-    Raises:
-        ValueError: a policy is missing, or its declaration is none.
-    """
+    """Return what `written_declarations` wrote (None in older files) for policies of these names; else ValueError."""
     labels = {resolve(name).label: name for name in names}
     if written is None:
         return {label: declared_by_name(name) for label, name in labels.items()}
@@ -55,10 +47,7 @@ def declared_cells(own: Declared | None) -> tuple[str, ...]:
 
 
 def print_declared(rows: Sequence[Sequence[str]], headings: Sequence[str], console: Console) -> None:
-    """Print rows of a table as a block for each: its first cell, and below it a line for each of the others.
-
-    Six columns of sentences would be a word wide on a terminal.
-    """
+    """Print rows as blocks, with a line for each cell: six columns of sentences would be a word wide on a terminal."""
     console.print()
     fields = list(headings[1:])
     cells = [(f"  {heading}", cell) for _, *own in rows for heading, cell in zip(fields, own, strict=True)]

@@ -134,10 +134,9 @@ def record_rollout(env: FuzzyArmEnv, policy: Predictor, *, policy_name: str, cas
 def record_passes(
     env: FuzzyArmEnv, policy: Predictor, passes: int, *, policy_name: str, case: str, seed: int
 ) -> list[Rollout]:
-    """Run an episode of `env` again and again from ``reset(seed=seed)`` and record each pass.
+    """Run an episode of `env` again and again and record each pass; pass j, from 0, begins at ``reset(seed=seed + j)``.
 
-    Encoder noise differs from pass to pass: pass j has the seed plus the number of passes before it. A policy without
-    `repeated`, or whose `repeated` returns None, runs every pass alike. Arguments as for `record_rollout`.
+    A policy without `repeated`, or whose `repeated` returns None, runs every pass alike.
     """
     repeated = getattr(policy, "repeated", lambda: None)()
     acting, runs, memory = repeated or policy, list[Rollout](), None

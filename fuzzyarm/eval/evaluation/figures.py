@@ -148,16 +148,13 @@ def write_figures(
     progress: Callable[[], None] | None = None,
     titles: Mapping[str, str] | None = None,
 ) -> list[Path]:
-    """Write every figure of `draw_figures` as ``<name>.png`` and ``<name>.svg``.
+    """Write every figure of `draw_figures` as ``<name>.png`` and ``<name>.svg``; return the paths in that order.
 
     Args:
         rollouts: episodes of any cases and policies.
         folder: where to, an existing folder; files of the same names are replaced.
         progress: called after each figure.
         titles: by name of the case; None: those of the two-joint arm.
-
-    Returns:
-        the paths, in the order of writing.
 
     Raises:
         ValueError: there are no rollouts.

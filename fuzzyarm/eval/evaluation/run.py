@@ -38,9 +38,6 @@ __all__ = ["SCHEMA", "Evaluation", "EvaluationConfig", "evaluate", "write_result
 
 SCHEMA = "fuzzyarm-evaluation/1"  # of results.json
 
-MOST_PASSES = 1000
-"""Passes that an evaluation may have."""
-
 
 @dataclasses.dataclass(frozen=True)
 class EvaluationConfig:
@@ -82,7 +79,7 @@ class EvaluationConfig:
         for case in self.cases:
             find_case(case)
         whole("seeds", self.seeds, low=1)
-        whole("passes", self.passes, low=1, high=MOST_PASSES)
+        whole("passes", self.passes, low=1, high=1000)
         EncoderNoise(*reals("encoder_noise", self.encoder_noise, 2))
         checked_period("control_period", self.control_period)
         instance("parameters", self.parameters, ArmParameters)
@@ -153,37 +150,29 @@ class EvaluationConfig:
             if self.robot.name not in shipped_robots() or self.robot != robot_named(self.robot.name):
                 return None
             words += ["--robot", self.robot.name]
-        for name in ("policies", "cases", "seeds", "encoder_noise", "path", "force", "payload", "passes"):
+        if self.policies != default.policies:
+            words += [word for policy in self.policies for word in ("--policy", recorded(policy))]
+        if self.cases != default.cases:
+            words += [word for case in self.cases for word in ("--case", case)]
+        for name in ("seeds", "encoder_noise", "path", "force", "payload", "passes"):
             value = getattr(self, name)
             if value != getattr(default, name):
-                values = [str(one) for one in (value if isinstance(value, tuple) else [value])]
-                match name:
-                    case "policies":
-                        words += [word for policy in values for word in ("--policy", recorded(policy))]
-                    case "cases":
-                        words += [word for case in values for word in ("--case", case)]
-                    case _:
-                        words += [f"--{name.replace('_', '-')}", *values]
+                words += [f"--{name.replace('_', '-')}", *map(str, value if isinstance(value, tuple) else [value])]
         return shlex.join(words)
 
 
 @dataclasses.dataclass(frozen=True)
 class Evaluation:
-    """The outcome: rollouts, one row of metrics for each, certificates by policy, and what it was made with.
-
-    `certificates` are in words, `bounds` in numbers: `text` and `bounds` of `PolicyCertificate`. `declared` says what
-    each policy was chosen for, knows, sees and remembers; None of one that does not say it. `remarks` are lines about
-    policies that are at a torque limit for long.
-    """
+    """The outcome: rollouts, one row of metrics for each, certificates by policy, and what it was made with."""
 
     config: EvaluationConfig
     rollouts: list[Rollout]
     rows: list[dict[str, Any]]
-    certificates: dict[str, str | None]
-    bounds: dict[str, dict[str, Any] | None]
+    certificates: dict[str, str | None]  # in words, `PolicyCertificate.text`
+    bounds: dict[str, dict[str, Any] | None]  # in numbers, `PolicyCertificate.bounds`
     made_with: dict[str, Any]
-    declared: dict[str, Declared | None]
-    remarks: tuple[str, ...] = ()
+    declared: dict[str, Declared | None]  # what each was chosen for, knows, sees and remembers; None: it does not say
+    remarks: tuple[str, ...] = ()  # lines about policies that are at a torque limit for long
 
     @property
     def complete(self) -> bool:
@@ -196,13 +185,9 @@ class Evaluation:
             "policies": tuple(map(recorded, self.config.policies)),
             "parameters": self.config.parameters.to_dict(),
         }
-        if self.config.robot is None:
-            del config["robot"]
-        for name in ("points", "force", "payload"):
-            if config[name] is None:
+        for name, default in {"robot": None, "points": None, "force": None, "payload": None, "passes": 1}.items():
+            if config[name] == default:
                 del config[name]
-        if self.config.passes == 1:
-            del config["passes"]
         return {
             "schema": SCHEMA,
             "config": config,

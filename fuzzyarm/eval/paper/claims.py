@@ -291,6 +291,7 @@ def _claim(entry: dict[str, Any]) -> Claim:
     )
 
 
+# The groups of the file.
 STATEMENTS, TABLE_2, ROLLOUTS = (tuple(map(_claim, _FILE[group])) for group in ("statements", "table_2", "rollouts"))
 CLAIMS = (*STATEMENTS, *TABLE_2, *ROLLOUTS)
 """All claims of the paper, in the order of the report."""

@@ -34,19 +34,19 @@ UNITS = {"payload": ("kg", 1.0), "offset": ("N m", 1.0), "lateness": ("ms", 1e3)
 def belief_figures(rollouts: list[Rollout], cases: Mapping[str, Case] = CASES) -> str:
     """Return a figure of every first episode of a policy with beliefs; an empty text if no policy has any.
 
-    Below it stand the notes on all episodes of this policy in this case. `cases` by name, with the loads that were
-    carried.
+    Below it stand the notes on all episodes of this policy in this case. `cases` have the loads that were carried.
     """
-    seen: set[tuple[str, str]] = set()
-    figures = []
+    groups: dict[tuple[str, str], list[Rollout]] = {}
     for run in rollouts:
-        if run.beliefs.size and (run.case, run.policy) not in seen:
-            seen.add((run.case, run.policy))
-            case = cases[run.case]
-            alike = [other for other in rollouts if (other.case, other.policy) == (run.case, run.policy)]
-            content = _chart(run) + _table(run, case.disturbance) + _notes(alike)
-            figures.append(figure(f"{case.title}, {run.policy}", content))
-    return "".join(figures)
+        groups.setdefault((run.case, run.policy), []).append(run)
+    return "".join(
+        figure(
+            f"{cases[case].title}, {policy}",
+            _chart(first) + _table(first, cases[case].disturbance) + _notes(runs),
+        )
+        for (case, policy), runs in groups.items()
+        if (first := next((run for run in runs if run.beliefs.size), None))
+    )
 
 
 def _chart(run: Rollout) -> str:
@@ -60,11 +60,8 @@ def _chart(run: Rollout) -> str:
     known = np.flatnonzero(np.isfinite(size + deviation))
     if not known.size:
         return ""
-    truth, lower, upper = (
-        np.linalg.norm(run.external_force, axis=1),
-        np.maximum(size - deviation, 0.0),
-        size + deviation,
-    )
+    truth = np.linalg.norm(run.external_force, axis=1)
+    lower, upper = np.maximum(size - deviation, 0.0), size + deviation
     highest = max(1.0, truth.max(), size[known].max(), float(np.percentile(upper[known], BAND)))
     thinned, samples = known[:: max(len(known) // POINTS, 1)], np.arange(0, len(truth), max(len(truth) // POINTS, 1))
 

@@ -1,8 +1,6 @@
 """The summary of a report: a chart of the tip errors of each case, and a table of all metrics.
 
-Small charts as SVG with a row for each policy.
-
-Colours are classes of the page's style, so that a chart fits the dark and the light theme.
+Charts are small SVGs with a row for each policy; colours are classes of the page's style, dark or light.
 """
 
 from __future__ import annotations
@@ -68,27 +66,15 @@ class Errors:
 
 @dataclasses.dataclass(frozen=True)
 class Bound:
-    """A certified bound and the worst observed value.
-
-    Attributes:
-        certified: the bound.
-        observed: the worst value that was observed; None if nothing was.
-        at_least: whether the bound is a lower one.
-    """
+    """A certified bound and the worst observed value."""
 
     certified: float
-    observed: float | None
-    at_least: bool
+    observed: float | None  # None if nothing was
+    at_least: bool  # whether the bound is a lower one
 
 
 def draw_chart(axis: Axis, rows: Sequence[tuple[str, Errors | Bound | str]], description: str) -> str:
-    """Return the SVG of a chart.
-
-    Args:
-        axis: the common axis.
-        rows: name of each policy, and what is drawn of it: errors, a bound, or a text where there is neither.
-        description: for screen readers and the tooltip.
-    """
+    """Return the SVG of a chart: a row for each policy, with a text where there are neither errors nor a bound."""
     bottom = TOP + ROW * len(rows)
     parts = [
         f'<svg class="chart" role="img" viewBox="0 0 {WIDTH} {bottom + BOTTOM}" width="{WIDTH}" '
@@ -138,12 +124,11 @@ def _bound(axis: Axis, y: float, bound: Bound) -> str:
         f'<rect class="ruled-out" x="{start:.1f}" y="{y - 7}" width="{end - start:.1f}" height="14"/>'
         f'<path class="limit" d="M{limit:.1f} {y - 10}v20"/>'
     )
-    if bound.observed is None:
-        return drawn + f'<text class="value" x="{WIDTH - 2}" y="{y + 4}">{sign} {bound.certified:.3g}</text>'
-    return (
-        drawn + f'<circle class="dot" cx="{axis.x(bound.observed):.1f}" cy="{y}" r="5"/>'
-        f'<text class="value" x="{WIDTH - 2}" y="{y + 4}">{digits(bound.observed)} {sign} {bound.certified:.3g}</text>'
-    )
+    seen = ""
+    if bound.observed is not None:
+        drawn += f'<circle class="dot" cx="{axis.x(bound.observed):.1f}" cy="{y}" r="5"/>'
+        seen = f"{digits(bound.observed)} "
+    return drawn + f'<text class="value" x="{WIDTH - 2}" y="{y + 4}">{seen}{sign} {bound.certified:.3g}</text>'
 
 
 def digits(value: float) -> str:
@@ -164,17 +149,12 @@ def figure(title: str, content: str) -> str:
     return f"<figure><figcaption>{escape(title)}</figcaption>{content}</figure>"
 
 
-Row = dict[str, Any]
-"""The metrics of one episode, a row of an `Evaluation`."""
-Group = dict[str, list[Row]]
-"""The rows of one case by policy, with one row for each seed."""
+_Row = dict[str, Any]  # the metrics of one episode, a row of an `Evaluation`
+_Group = dict[str, list[_Row]]  # the rows of one case by policy, with one row for each seed
 
 
-def error_charts(rows: Sequence[Row], titles: Mapping[str, str]) -> str:
-    """Return a chart of the tip errors for each case, all with the same axis; over several seeds medians.
-
-    `titles` of the cases by name.
-    """
+def error_charts(rows: Sequence[_Row], titles: Mapping[str, str]) -> str:
+    """Return a chart of the tip errors for each case, all with the same axis; over several seeds medians."""
     groups = _groups(rows)
     keys = ("tip_error_rms_mm", "tip_error_max_mm")
     errors = {
@@ -199,11 +179,8 @@ def error_charts(rows: Sequence[Row], titles: Mapping[str, str]) -> str:
     return "".join(figures)
 
 
-def metrics_table(rows: Sequence[Row], titles: Mapping[str, str]) -> str:
-    """Return the table of all metrics: a body for each case, with the best cells of each column marked, see `best`.
-
-    `titles` as for `error_charts`.
-    """
+def metrics_table(rows: Sequence[_Row], titles: Mapping[str, str]) -> str:
+    """Return the table of all metrics: a body for each case, with the best cells of each column marked, see `best`."""
     cells = iter(table_rows(rows))  # in the order of the groups
     headings = [escape(heading).replace("N m", "N&nbsp;m") for heading in columns()]
     heads = "".join(f'<th scope="col">{heading}</th>' for heading in headings)
@@ -215,7 +192,7 @@ def metrics_table(rows: Sequence[Row], titles: Mapping[str, str]) -> str:
     return "".join([*parts, "</table>"])
 
 
-def _table_body(title: str, group: Group, texts: dict[str, list[str]]) -> str:
+def _table_body(title: str, group: _Group, texts: dict[str, list[str]]) -> str:
     """Return the rows of a case; `texts` are the cells of each policy."""
     marked = [
         best(group, [metric.name for metric in metrics], {policy: cells[column] for policy, cells in texts.items()})
@@ -243,16 +220,13 @@ def declared_table(declared: Mapping[str, Declared | None], certificates: Mappin
     return f"<table><thead><tr>{heads}</tr></thead><tbody>{''.join(rows)}</tbody></table>"
 
 
-def best(group: Group, keys: Sequence[str], texts: dict[str, str]) -> set[str]:
+def best(group: _Group, keys: Sequence[str], texts: dict[str, str]) -> set[str]:
     """Return the policies that are marked as best in a column: the smallest value, and cells that read the same.
 
     The value of a cell is the largest absolute value of its metrics; over several seeds, their median. Only policies
     that finished all episodes compete. No policy is marked if only one finished, or if more than half of them would be.
 
-    Args:
-        group: the rows of a case.
-        keys: the metrics in the cell.
-        texts: the text of the cell by policy.
+    `keys` are the metrics in the cell, `texts` the cells by policy.
     """
     sizes = {
         policy: max(median(abs(run[key]) for run in runs) for key in keys)
@@ -266,18 +240,18 @@ def best(group: Group, keys: Sequence[str], texts: dict[str, str]) -> set[str]:
     return alike if len(alike) <= len(sizes) / 2 else set()
 
 
-def finished(runs: Sequence[Row]) -> bool:
+def finished(runs: Sequence[_Row]) -> bool:
     """Return whether every episode followed the reference to its end."""
     return all(run["completed"] for run in runs)
 
 
-def _groups(rows: Sequence[Row]) -> dict[str, Group]:
-    groups: dict[str, Group] = {}
+def _groups(rows: Sequence[_Row]) -> dict[str, _Group]:
+    groups: dict[str, _Group] = {}
     for row in rows:
         groups.setdefault(row["case"], {}).setdefault(row["policy"], []).append(row)
     return groups
 
 
-def _badge(runs: Sequence[Row]) -> str:
+def _badge(runs: Sequence[_Row]) -> str:
     ended = sum(not run["completed"] for run in runs)
     return f' <span class="badge">ended early in {ended} of {len(runs)}</span>' if ended else ""

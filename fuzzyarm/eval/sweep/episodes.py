@@ -60,7 +60,7 @@ class SweepResults:
         return SweepResults.of(own)
 
     def finished(self, key: str) -> np.ndarray:
-        """Return a metric; inf where the episode ended early."""
+        """Return a metric (..., n) [its unit]; inf where the episode ended early."""
         return np.where(self.completed, self.metrics[key], np.inf)
 
     @property

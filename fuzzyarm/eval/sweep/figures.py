@@ -30,14 +30,14 @@ _LEFT = 1.0 / 200.0  # left end of the curves, as a share of the bound
 
 
 class Cells(NamedTuple):
-    """The plane of a sweep, cut into cells."""
+    """The plane of a sweep, cut into cells (across, up)."""
 
     edges: tuple[np.ndarray, ...]  # of the cells along each column of the plane, (across + 1,) and (up + 1,)
     places: np.ndarray  # (n, 2) the cell of each plant, a number across and one up
 
     @classmethod
     def of(cls, config: SweepConfig, plants: np.ndarray) -> Cells:
-        """Cut the plane of a sweep: a grid into its own cells, otherwise into bins of about 12 plants."""
+        """Cut the plane of a sweep: a grid into its own cells, otherwise into bins of a number of about 12 plants."""
         bins = int(np.clip(np.sqrt(len(plants) / 12), 2, 20))
         edges, places = [], []
         for column in config.plane:
