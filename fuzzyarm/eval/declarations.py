@@ -1,4 +1,4 @@
-"""What policies declare, see `policies.declared`, in files of results and as text; one form for all commands."""
+"""What policies of files of results declare, see `policies.declared`, and which of them are code that may run."""
 
 from __future__ import annotations
 
@@ -9,11 +9,14 @@ from rich.console import Console
 
 from fuzzyarm.common.console import Sheet
 from fuzzyarm.envs.physics.equations import AnyArm
-from fuzzyarm.policies import resolve
+from fuzzyarm.policies import Kind, resolve
 from fuzzyarm.policies.declared import HEADINGS, Declared, declared, declared_by_name, stated
 from fuzzyarm.policies.spec import PolicySpec
 
-__all__ = ["ROW", "declarations_of", "declared_cells", "print_declared", "read_declarations", "written_declarations"]
+__all__ = [
+    "ROW", "declarations_of", "declared_cells", "permitted_code", "print_declared", "read_declarations",
+    "written_declarations",
+]  # fmt: skip
 
 ROW = ("policy", *HEADINGS)
 """Headings of `declared_cells` with the policy in front."""
@@ -39,6 +42,16 @@ def read_declarations(written: Mapping[str, Any] | None, names: Sequence[str]) -
     if set(written) != set(labels):
         raise ValueError("declared is not of the policies that were run")
     return {label: None if written[label] is None else stated(written[label]) for label in labels}
+
+
+def permitted_code(place: str, policies: Sequence[str], named: Sequence[str]) -> list[str]:
+    """Return the policies that are the user's code; ValueError unless all are `named`, as files alone run no code."""
+    code = [name for name in policies if resolve(name).kind is Kind.CODE]
+    if flags := " ".join(f"--policy {name}" for name in code if name not in named):
+        raise ValueError(
+            f"{place} that is not part of fuzzyarm, which a file alone does not get run; if you trust it, add {flags}"
+        )
+    return code
 
 
 def declared_cells(own: Declared | None) -> tuple[str, ...]:

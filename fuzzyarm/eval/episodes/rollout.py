@@ -22,7 +22,7 @@ from fuzzyarm.fuzzy_policy.policy import Predictor
 from fuzzyarm.fuzzy_policy.scheduled import ScheduledController
 from fuzzyarm.policies import load_policy, resolve
 
-__all__ = ["SIGNALS", "Rollout", "Signals", "record_passes", "record_rollout", "run_episode"]
+__all__ = ["Rollout", "Signals", "record_passes", "record_rollout", "run_episode"]
 
 
 @dataclasses.dataclass(frozen=True)
@@ -88,7 +88,7 @@ class Rollout:
         return dict(zip(self.belief_names, self.beliefs.T, strict=True))
 
 
-SIGNALS = tuple(field.name for field in dataclasses.fields(Rollout) if field.name in INFO)
+_SIGNALS = tuple(field.name for field in dataclasses.fields(Rollout) if field.name in INFO)
 """The fields of a `Rollout` that the environment's info has by the same name."""
 
 
@@ -109,7 +109,7 @@ class Signals:
         """Return the episode of an arm, for its joints' limits, with `step_time` [s] and other fields of `Rollout`."""
         lane, last = self._lane, self._steps[-1]
         signals: dict[str, Any] = {
-            name: np.array([step.info[name] for step in self._steps])[:, lane] for name in SIGNALS
+            name: np.array([step.info[name] for step in self._steps])[:, lane] for name in _SIGNALS
         }
         reference = observed(np.array([step.observation for step in self._steps])[:, lane])
         completed = bool(last.completed[lane])

@@ -12,6 +12,7 @@ from rich.text import Text
 
 from fuzzyarm.common.checks import listed
 from fuzzyarm.common.console import Sheet
+from fuzzyarm.eval.declarations import permitted_code
 from fuzzyarm.eval.episodes.metrics import METRICS
 from fuzzyarm.eval.evaluation.results_file import Results
 from fuzzyarm.eval.evaluation.run import Evaluation, evaluate
@@ -76,14 +77,7 @@ def recheck_results(
 
 def _check_consent(results: Results, code: Sequence[str]) -> None:
     """Check that the user has named exactly the code that would be run."""
-    needed = [name for name in results.config.policies if resolve(name).kind is Kind.CODE]
-    unasked = [name for name in needed if name not in code]
-    if unasked:
-        flags = " ".join(f"--policy {name}" for name in unasked)
-        raise ValueError(
-            f"{results.path} holds results of code that is not part of fuzzyarm, which a file alone does not get run; "
-            f"if you trust it, add {flags}"
-        )
+    needed = permitted_code(f"{results.path} holds results of code", results.config.policies, code)
     labels = [resolve(name).label for name in results.config.policies]
     others = [name for name in code if name not in needed and not _moved(resolve(name), labels)]
     if others:

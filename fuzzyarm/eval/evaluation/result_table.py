@@ -20,9 +20,7 @@ from fuzzyarm.eval.episodes.rollout import Rollout
 from fuzzyarm.eval.stability.linearisation import spectral_radius
 from fuzzyarm.policies.declared import Declared
 
-__all__ = [
-    "DECLARED", "declared_rows", "print_passes", "print_results", "saturation", "table_rows", "verdict",
-]  # fmt: skip
+__all__ = ["DECLARED", "declared_rows", "print_passes", "print_results", "saturation", "table_rows", "verdict"]
 
 
 _LONG = 0.01  # share of an evaluation's steps with a motor at its limit, from which on it is said

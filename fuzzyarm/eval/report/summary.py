@@ -18,14 +18,14 @@ from fuzzyarm.eval.evaluation.result_table import DECLARED, declared_rows, table
 from fuzzyarm.policies.declared import Declared
 
 __all__ = [
-    "PALETTE", "Axis", "Bound", "Errors", "best", "declared_table", "digits", "draw_chart", "error_charts", "figure",
-    "finished", "metrics_table",
+    "Axis", "Bound", "Errors", "best", "declared_table", "digits", "draw_chart", "error_charts", "figure", "finished",
+    "metrics_table",
 ]  # fmt: skip
 
 
-WIDTH, LEFT, RIGHT, TOP, ROW, BOTTOM = 390, 150, 76, 6, 25, 40  # [px]: of the chart, its margins, and a row
-LONGEST_NAME = 19  # characters; a longer name is cut, and its tooltip shows all of it
-PALETTE = 8  # number of policy colours in page.css; further policies start again with the first
+_WIDTH, _LEFT, _RIGHT, _TOP, _ROW, _BOTTOM = 390, 150, 76, 6, 25, 40  # [px]: of the chart, its margins, and a row
+_LONGEST_NAME = 19  # characters; a longer name is cut, and its tooltip shows all of it
+_PALETTE = 8  # number of policy colours in page.css; further policies start again with the first
 
 
 @dataclasses.dataclass(frozen=True)
@@ -41,7 +41,7 @@ class Axis:
         """Return the position of a value [px]; a value beyond the axis is drawn at its end."""
         low, high = (math.log10(self.low), math.log10(self.high)) if self.log else (self.low, self.high)
         place = math.log10(max(value, 1e-300)) if self.log else value
-        return LEFT + (WIDTH - LEFT - RIGHT) * min(max((place - low) / (high - low), 0.0), 1.0)
+        return _LEFT + (_WIDTH - _LEFT - _RIGHT) * min(max((place - low) / (high - low), 0.0), 1.0)
 
     def ticks(self) -> list[float]:
         """Return the labelled values: decades, or at most six round numbers."""
@@ -75,16 +75,16 @@ class Bound:
 
 def draw_chart(axis: Axis, rows: Sequence[tuple[str, Errors | Bound | str]], description: str) -> str:
     """Return the SVG of a chart: a row for each policy, with a text where there are neither errors nor a bound."""
-    bottom = TOP + ROW * len(rows)
+    bottom = _TOP + _ROW * len(rows)
     parts = [
-        f'<svg class="chart" role="img" viewBox="0 0 {WIDTH} {bottom + BOTTOM}" width="{WIDTH}" '
-        f'height="{bottom + BOTTOM}"><title>{escape(description)}</title>'
+        f'<svg class="chart" role="img" viewBox="0 0 {_WIDTH} {bottom + _BOTTOM}" width="{_WIDTH}" '
+        f'height="{bottom + _BOTTOM}"><title>{escape(description)}</title>'
     ]
     for tick in axis.ticks():
         x = axis.x(tick)
-        parts.append(f'<path class="grid" d="M{x:.1f} {TOP}V{bottom}"/>')
+        parts.append(f'<path class="grid" d="M{x:.1f} {_TOP}V{bottom}"/>')
         parts.append(f'<text class="tick" x="{x:.1f}" y="{bottom + 15}">{_number(tick)}</text>')
-    middle = 0.5 * (LEFT + WIDTH - RIGHT)
+    middle = 0.5 * (_LEFT + _WIDTH - _RIGHT)
     parts.append(f'<text class="axis" x="{middle}" y="{bottom + 33}">{escape(axis.label)}</text>')
     for index, (name, content) in enumerate(rows):
         parts.append(_row(axis, name, index, content))
@@ -92,14 +92,14 @@ def draw_chart(axis: Axis, rows: Sequence[tuple[str, Errors | Bound | str]], des
 
 
 def _row(axis: Axis, name: str, index: int, content: Errors | Bound | str) -> str:
-    y = TOP + ROW * (index + 0.5)
-    short = name if len(name) <= LONGEST_NAME else name[: LONGEST_NAME - 1] + "…"
+    y = _TOP + _ROW * (index + 0.5)
+    short = name if len(name) <= _LONGEST_NAME else name[: _LONGEST_NAME - 1] + "…"
     label = (
-        f'<g class="p{index % PALETTE}"><title>{escape(name)}</title><rect class="key" x="0" y="{y - 5}" width="9" '
+        f'<g class="p{index % _PALETTE}"><title>{escape(name)}</title><rect class="key" x="0" y="{y - 5}" width="9" '
         f'height="10" rx="2"/><text class="name" x="16" y="{y + 4}">{escape(short)}</text>'
     )
     if isinstance(content, str):
-        return label + f'<text class="none" x="{LEFT + 4}" y="{y + 4}">{escape(content)}</text></g>'
+        return label + f'<text class="none" x="{_LEFT + 4}" y="{y + 4}">{escape(content)}</text></g>'
     drawn = _errors(axis, y, content) if isinstance(content, Errors) else _bound(axis, y, content)
     return label + drawn + "</g>"
 
@@ -111,7 +111,7 @@ def _errors(axis: Axis, y: float, errors: Errors) -> str:
     return (
         f'<path class="span" d="M{rms:.1f} {y}H{maximum:.1f}"/><path class="end" d="M{maximum:.1f} {y - 6}v12"/>'
         f'<circle class="dot" cx="{rms:.1f}" cy="{y}" r="5"/>'
-        f'<text class="value" x="{WIDTH - 2}" y="{y + 4}">{text}{errors.note}</text>'
+        f'<text class="value" x="{_WIDTH - 2}" y="{y + 4}">{text}{errors.note}</text>'
     )
 
 
@@ -128,7 +128,7 @@ def _bound(axis: Axis, y: float, bound: Bound) -> str:
     if bound.observed is not None:
         drawn += f'<circle class="dot" cx="{axis.x(bound.observed):.1f}" cy="{y}" r="5"/>'
         seen = f"{digits(bound.observed)} "
-    return drawn + f'<text class="value" x="{WIDTH - 2}" y="{y + 4}">{seen}{sign} {bound.certified:.3g}</text>'
+    return drawn + f'<text class="value" x="{_WIDTH - 2}" y="{y + 4}">{seen}{sign} {bound.certified:.3g}</text>'
 
 
 def digits(value: float) -> str:
@@ -206,7 +206,7 @@ def _table_body(title: str, group: _Group, texts: dict[str, list[str]]) -> str:
             f'<td class="best">{escape(text)}</td>' if policy in stars else f"<td>{escape(text)}</td>"
             for text, stars in zip(texts[policy], marked, strict=True)
         ]
-        parts.append(f'<tr class="p{index % PALETTE}"><th scope="row">{name}</th>{"".join(row)}</tr>')
+        parts.append(f'<tr class="p{index % _PALETTE}"><th scope="row">{name}</th>{"".join(row)}</tr>')
     return "".join([*parts, "</tbody>"])
 
 

@@ -1,9 +1,9 @@
 """A sweep in its folder: begun, run chunk by chunk, resumed after an end of any kind, summarised, and replayed.
 
-``run.json`` is written first, then ``chunks/NNNNNN.npz`` one by one, each whole or not at all; resuming is running what
-has no file. ``run.json`` holds everything that the numbers of the sweep depend on, its identity: the configuration, the
-versions and the code, added cases, and the files of the policies. Every file carries the digest of the identity, and
-results of different identities are never mixed in one folder.
+``run.json`` is written first, then ``chunks/NNNNNN.npz`` one by one, each whole or not at all; to resume is to run the
+missing ones. ``run.json`` holds the identity of the sweep, everything that its numbers depend on: configuration,
+versions and code, added cases, and files of policies. Every file carries the digest of the identity, and results of
+different identities are never mixed in one folder.
 """
 
 from __future__ import annotations
@@ -28,7 +28,7 @@ from fuzzyarm.common.checks import instance, listed, path_of
 from fuzzyarm.common.documents import read_bytes, read_checked
 from fuzzyarm.common.files import write_atomically
 from fuzzyarm.envs.scenario.cases import CASES, INSTANTS, Case
-from fuzzyarm.eval.declarations import declarations_of
+from fuzzyarm.eval.declarations import declarations_of, permitted_code
 from fuzzyarm.eval.engine import Engine, source_of
 from fuzzyarm.eval.episodes.metrics import swept
 from fuzzyarm.eval.episodes.rollout import Rollout
@@ -171,10 +171,9 @@ class Sweep:
 
     def results(self) -> SweepResults:
         """Return the results of the whole sweep; ValueError if a chunk is missing or broken."""
-        chunks = [self._load(number) for number in range(self.config.chunks)]
-        done = [chunk for chunk in chunks if chunk is not None]
-        if len(done) < len(chunks):
-            raise ValueError(f"{self.folder} lacks {len(chunks) - len(done)} chunks: --resume runs them")
+        done = [chunk for number in range(self.config.chunks) if (chunk := self._load(number)) is not None]
+        if missing := self.config.chunks - len(done):
+            raise ValueError(f"{self.folder} lacks {missing} chunks: --resume runs them")
         return SweepResults.joined(done)
 
     def summarise(self, progress: Callable[[], None] = lambda: None) -> tuple[dict[str, Any], list[Path]]:
@@ -297,10 +296,7 @@ def _numbers(config: Mapping[str, Any]) -> dict[str, Any]:
 
 
 def _module_files(spec: PolicySpec) -> dict[str, str]:
-    """Return the SHA-256 of the Python files that a policy of the user's code may be made from, by path.
-
-    A module stands for its whole top-level package, as its modules may import each other. Empty for other policies.
-    """
+    """Return the SHA-256 of the Python files of the user's top-level package that a policy is code of, by path."""
     source = source_of(spec.name.partition(":")[0].partition(".")[0]) if spec.kind is Kind.CODE else None
     if source is None:
         return {}
@@ -332,14 +328,7 @@ def difference(one: Mapping[str, Any], other: Mapping[str, Any]) -> str:
 
 def _check_named(path: Path, config: SweepConfig, named: Sequence[str]) -> None:
     """Check that the user has named all code that would be run, and no policy that is not in the sweep."""
-    code = [name for name in config.policies if resolve(name).kind is Kind.CODE]
-    unnamed = [name for name in code if name not in named]
-    if unnamed:
-        flags = " ".join(f"--policy {name}" for name in unnamed)
-        raise ValueError(
-            f"{path} names code that is not part of fuzzyarm, which a file alone does not get run; if you trust it, "
-            f"add {flags}"
-        )
+    code = permitted_code(f"{path} names code", config.policies, named)
     labels = [resolve(name).label for name in named]
     moved = [name for name in named if (spec := resolve(name)).path and not spec.named and spec.label in config.labels]
     if labels != config.labels and set(named) - set(moved) - set(code):

@@ -37,8 +37,8 @@ from fuzzyarm.proof.rigid_loop import RigidLoop, freeze
 from fuzzyarm.synthesis import Design, Specification, find_design
 
 __all__ = [
-    "ALPHAS", "GAMMAS", "POLES", "assess", "bears", "choice_of", "equals_in_words", "equals_of", "gammas_for",
-    "points_of", "specification_of",
+    "ALPHAS", "GAMMAS", "POLES", "assess", "bears", "choice_of", "equals_in_words", "gammas_for", "points_of",
+    "specification_of",
 ]  # fmt: skip
 
 ALPHAS = (20.0, 15.0, 10.0, 7.0, 5.0, 3.0, 2.0)
@@ -149,7 +149,7 @@ def bears(arm: ArmParameters, row: dict[str, Any]) -> bool:
     return enough and row["radius_worst_condition"] <= radius_within(LEFT, periods_of(arm))
 
 
-def equals_of(rows: list[dict[str, Any]], share: float = WORTH) -> list[dict[str, Any]]:
+def _equals_of(rows: list[dict[str, Any]], share: float = WORTH) -> list[dict[str, Any]]:
     """Return the rows that bear what is asked and whose motor error is within a share of the smallest."""
     fit = [row for row in rows if row["bears"]]
     least = min((row[_ERROR] for row in fit), default=math.nan)
@@ -158,12 +158,12 @@ def equals_of(rows: list[dict[str, Any]], share: float = WORTH) -> list[dict[str
 
 def choice_of(rows: list[dict[str, Any]], share: float = WORTH) -> dict[str, Any] | None:
     """Return the row that the rule picks, with `share` in place of `WORTH`; None if no design bears what is asked."""
-    return min(equals_of(rows, share), key=lambda row: (row["tip_deviation_mm"], row[_ERROR]), default=None)
+    return min(_equals_of(rows, share), key=lambda row: (row["tip_deviation_mm"], row[_ERROR]), default=None)
 
 
 def equals_in_words(rows: list[dict[str, Any]], chosen: dict[str, Any]) -> str:
     """Return in a sentence what the float part of the bound decided between equally good designs."""
-    equal = equals_of(rows)
+    equal = _equals_of(rows)
     if len(equal) == 1:
         return f"No other design has a motor error within {100 * WORTH:g} % of it, so the bound had nothing to decide."
     worst = max(row["tip_deviation_mm"] for row in equal)

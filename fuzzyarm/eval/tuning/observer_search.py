@@ -33,8 +33,8 @@ from fuzzyarm.fuzzy_policy.laws.elastic_observer import ElasticObserverPolicy
 from fuzzyarm.fuzzy_policy.laws.observer_gains import ObserverWeights
 
 __all__ = [
-    "BOX", "FIRST_STEP", "FULL", "NOISE", "SEED", "SHORT", "UNFIT", "follow", "largest_allowed",
-    "logarithms_of", "objective_for", "radii", "random_arms", "rms", "weights_of",
+    "BOX", "FIRST_STEP", "FULL", "NOISE", "SEED", "SHORT", "UNFIT", "follow", "largest_allowed", "logarithms_of",
+    "objective_for", "radii", "random_arms", "rms", "weights_of",
 ]  # fmt: skip
 
 _LARGEST_RADIUS = 0.997  # per period, over `PERIODS` periods

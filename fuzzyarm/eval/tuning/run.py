@@ -41,9 +41,7 @@ from fuzzyarm.eval.tuning.summary import README, summary
 from fuzzyarm.policies.registry import TIP
 from fuzzyarm.policies.tuned import ADAPTIVE_OBSERVER, COMPUTED_TORQUE, ELASTIC_OBSERVER, NAME, SCHEMA, TunedLaws
 
-__all__ = [
-    "NothingFound", "Tuned", "begin", "check_strength", "laws_of", "resumed_arm", "steps_for", "tune", "tune_arm",
-]  # fmt: skip
+__all__ = ["NothingFound", "Tuned", "begin", "laws_of", "resumed_arm", "steps_for", "tune", "tune_arm"]
 
 _MARGINS = "margins.json"
 _INSTANTS = 501  # of the path, at which the weight is held
@@ -77,11 +75,11 @@ def begin(arm: AnyArm, folder: Path) -> None:
         tuned = (folder / IN_FOLDER).is_file() and ((folder / STEPS).is_dir() or (folder / NAME).is_file())
         way = "add --resume to go on with its tuning, or choose another" if tuned else "choose another"
         raise ValueError(f"{escaped(str(folder))} exists and is not empty; {way}")
-    check_strength(arm)
+    _check_strength(arm)
     write_atomically(folder / IN_FOLDER, arm.to_toml())
 
 
-def check_strength(arm: AnyArm) -> None:
+def _check_strength(arm: AnyArm) -> None:
     """Raise ValueError unless the motors can hold the arm anywhere on its path."""
     robot, reference = robot_of(arm), default_reference(arm)
     q = reference.sample(np.linspace(0.0, reference.duration, _INSTANTS)).q

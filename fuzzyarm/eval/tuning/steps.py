@@ -40,9 +40,7 @@ from fuzzyarm.policies.tuned import ADAPTIVE_OBSERVER, COMPUTED_TORQUE, ELASTIC_
 from fuzzyarm.synthesis import DesignFailed, ScheduledSpecification, design, design_scheduled
 from fuzzyarm.synthesis.scheduled_design import ALPHAS
 
-__all__ = [
-    "FUZZY", "ROBOT_STEPS", "RULES", "TWO_JOINT_STEPS", "Context", "Step", "found", "measured_radii", "nothing_found",
-]  # fmt: skip
+__all__ = ["FUZZY", "ROBOT_STEPS", "RULES", "TWO_JOINT_STEPS", "Context", "Step", "found", "nothing_found"]
 
 
 RULES = 4
@@ -75,7 +73,7 @@ class Step(NamedTuple):
     find: Callable[[Context], Finding]
 
 
-def measured_radii(policy: Linearisable, arm: AnyArm) -> dict[str, float | None]:
+def _measured_radii(policy: Linearisable, arm: AnyArm) -> dict[str, float | None]:
     """Return the spectral radius by condition of `fuzzyarm margins`."""
     return finite(policy_margins(policy, arm, PERIOD)["spectral_radius"])
 
@@ -130,7 +128,7 @@ def _fuzzy(context: Context) -> Finding:
     notes.append(fuzzy_gains.equals_in_words(made, row))
     policy = FuzzyPolicy(controller, PERIOD)
     bounds, without = measured_bounds(TipPolicy(policy), arm)
-    radii = measured_radii(policy, arm)
+    radii = _measured_radii(policy, arm)
     measured |= bounds
     return found(arm, FUZZY, chosen, measured, radii, tried=tried, rule=rule, notes=(*notes, *without))
 
@@ -145,7 +143,7 @@ def _bandwidth(context: Context) -> Finding:
         reason = f"No bandwidth from {omegas[0]:g} to {omegas[-1]:g} rad/s has these margins."
         return nothing_found(arm, COMPUTED_TORQUE, rule, len(omegas), reason)
     measured = {name: row[name] for name in ("joint_error_rms_mrad", "gain_margin_upper", "gain_margin_upper_delayed")}
-    radii = measured_radii(ComputedTorquePolicy(arm, PERIOD, row["bandwidth"]), arm)
+    radii = _measured_radii(ComputedTorquePolicy(arm, PERIOD, row["bandwidth"]), arm)
     chosen = {"bandwidth": row["bandwidth"]}
     return found(arm, COMPUTED_TORQUE, chosen, measured, radii, tried=len(omegas), rule=rule)
 
@@ -167,7 +165,7 @@ def _searched(
     best, guess = found_weights(objective_for, context.arm, *begin, engine=context.engine, advance=context.advance)
     weights = usual if best == guess else search.weights_of(best.point)
     try:
-        radii = measured_radii(law(weights), context.arm)
+        radii = _measured_radii(law(weights), context.arm)
     except ValueError as error:
         return nothing_found(context.arm, policy, rule, budget.total, f"There are no gains: {error}.")
     if best.cost >= search.UNFIT:
@@ -226,7 +224,7 @@ def _robot_fuzzy(context: Context) -> Finding:
             controller = design_scheduled(ScheduledSpecification(rules=rules, alpha=alpha), robot).controller
         except (DesignFailed, ValueError) as error:
             return nothing_found(robot, FUZZY, rule, tried + 1, f"There is no proven controller: {error}.")
-        radii, tried = measured_radii(ScheduledPolicy(controller, PERIOD), robot), tried + 1
+        radii, tried = _measured_radii(ScheduledPolicy(controller, PERIOD), robot), tried + 1
         context.advance(1)
         alpha = next((slower for slower in ALPHAS if slower < controller.alpha), None)
         if alpha is None or _worst(radii) < 1.0:
@@ -242,7 +240,7 @@ def _robot_bandwidth(context: Context) -> Finding:
     rule = _RULES["robots"][COMPUTED_TORQUE]
     omega, tried = bandwidth_for(robot, PERIOD), 1
     while True:
-        radii = measured_radii(ComputedTorquePolicy(robot, PERIOD, omega), robot)
+        radii = _measured_radii(ComputedTorquePolicy(robot, PERIOD, omega), robot)
         if omega <= STEP or _worst(radii) < 1.0:
             break
         omega, tried = omega - STEP, tried + 1
@@ -255,12 +253,12 @@ def _robot_observer(context: Context) -> Finding:
     robot: Robot = context.arm
     rule = _RULES["robots"][ELASTIC_OBSERVER]
     first = weights_for(robot, PERIOD)
-    weights, radii, tried = first, measured_radii(ElasticObserverPolicy(robot, PERIOD, first), robot), 1
+    weights, radii, tried = first, _measured_radii(ElasticObserverPolicy(robot, PERIOD, first), robot), 1
     for factor in FACTORS[1:]:
         if _worst(radii) < 1.0:
             break
         slower = dataclasses.replace(first, load_walk=first.load_walk / factor)
-        slower_radii = measured_radii(ElasticObserverPolicy(robot, PERIOD, slower), robot)
+        slower_radii = _measured_radii(ElasticObserverPolicy(robot, PERIOD, slower), robot)
         tried += 1
         context.advance(1)
         if _worst(slower_radii) < _worst(radii):

@@ -28,7 +28,7 @@ from fuzzyarm.policies.tip_bound import TipClaim, find_bound
 from fuzzyarm.proof.tip.enclosures import NoBound
 from fuzzyarm.proof.tip.plant import SETS
 
-__all__ = ["PROVEN", "bounds_in_words", "largest_deviation", "measured_bounds"]
+__all__ = ["bounds_in_words", "largest_deviation", "measured_bounds"]
 
 
 _DIRECTIONS = 16  # of the tip; the largest deviation along them is at most 0.5 % below the largest one
@@ -54,15 +54,15 @@ def largest_deviation(loops: Sequence[LocalLoop], arm: ArmParameters, periods: i
     return float(total.max())
 
 
-PROVEN = {"table-1": "tip_bound_mm", "near": "tip_bound_near_mm"}
+_PROVEN = {"table-1": "tip_bound_mm", "near": "tip_bound_near_mm"}
 """Sets of plants around the arm, and the name of the bound in a finding [mm]."""
 
 
 def measured_bounds(policy: Policy, arm: ArmParameters) -> tuple[dict[str, float | None], tuple[str, ...]]:
-    """Return the bounds of a policy for an arm by the names of `PROVEN`, None where there is none, with a sentence."""
+    """Return the bounds of a policy for an arm by the names of `_PROVEN`, None where there is none, with a sentence."""
     found: dict[str, float | None] = {}
     notes = []
-    for name, key in PROVEN.items():
+    for name, key in _PROVEN.items():
         claim = TipClaim("the policy", "nominal", name, SETS[name], duration=default_reference(arm).duration)
         try:
             found[key] = 1e3 * find_bound(claim, policy=policy).largest
@@ -80,7 +80,7 @@ def bounds_in_words(policy: str, folder: str, measured: dict[str, float | None])
 
     The policy has this name in the folder of the tuning; `measured` is of its finding.
     """
-    bounds = {name: measured.get(key) for name, key in PROVEN.items()}
+    bounds = {name: measured.get(key) for name, key in _PROVEN.items()}
     known = {name: bound for name, bound in bounds.items() if bound is not None}
     if not known:
         return ""
