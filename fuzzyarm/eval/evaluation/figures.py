@@ -94,9 +94,9 @@ _MOTOR_CIRCULARITY = Panel("motors' circularity,\nas if rigid", "mm", lambda r: 
 @functools.cache
 def time_figures(joints: int) -> dict[str, tuple[Panel, ...]]:
     """Return the panels of each figure over time, by its name, for an arm of so many joints."""
-    each = [_of_joint(joint) for joint in range(joints)]
+    each = zip(*map(_of_joint, range(joints)), strict=True)
     names = ("torque", "velocity", "motor-position", "friction")
-    return {"circularity": (_CIRCULARITY, _MOTOR_CIRCULARITY)} | dict(zip(names, zip(*each, strict=True), strict=True))
+    return {"circularity": (_CIRCULARITY, _MOTOR_CIRCULARITY)} | dict(zip(names, each, strict=True))
 
 
 def _of_joint(k: int) -> tuple[Panel, Panel, Panel, Panel]:

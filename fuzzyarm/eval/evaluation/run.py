@@ -268,7 +268,7 @@ def _loaded(spec: PolicySpec, config: EvaluationConfig, label: str) -> Any:
 def write_results(evaluation: Evaluation, folder: str | Path) -> list[Path]:
     """Write ``results.json`` and ``results.csv`` into a folder, each whole or not at all; return their paths."""
     document, folder = instance("evaluation", evaluation, Evaluation).to_dict(), path_of("folder", folder)
-    json_path, csv_path = folder / "results.json", folder / "results.csv"
-    write_atomically(json_path, json_text(document))
-    write_atomically(csv_path, csv_text(evaluation.rows))
-    return [json_path, csv_path]
+    texts = {folder / "results.json": json_text(document), folder / "results.csv": csv_text(evaluation.rows)}
+    for path, text in texts.items():
+        write_atomically(path, text)
+    return list(texts)

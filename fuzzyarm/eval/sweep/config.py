@@ -190,8 +190,8 @@ class SweepConfig:
 
     def to_dict(self) -> dict[str, Any]:
         """Return all fields as JSON has them; of a policy's absolute path the last part, see `policies.recorded`."""
-        plain = {field.name: getattr(self, field.name) for field in dataclasses.fields(self)}
-        return {name: _as_lists(value) for name, value in plain.items()} | {
+        plain = {field.name: _as_lists(getattr(self, field.name)) for field in dataclasses.fields(self)}
+        return plain | {
             "policies": list(map(recorded, self.policies)),
             "parameters": self.parameters.to_dict(),
             "robot": None if self.robot is None else dataclasses.asdict(self.robot),

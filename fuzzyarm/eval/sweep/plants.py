@@ -96,7 +96,7 @@ class Plants:
         )
 
     def begin(self, envs: FuzzyArmVectorEnv) -> tuple[np.ndarray, dict[str, np.ndarray]]:
-        """Begin the episodes and return observations (lanes, 5 n) and info; all arms start where the nominal one does."""
+        """Begin the episodes and return observations (lanes, 5 n) and info; arms start where the nominal one does."""
         arm = self.config.arm
         nominal = FuzzyArmVectorEnv(1, **_arm_argument(arm), reference=default_reference(arm), threads=1)
         _, at_rest = nominal.reset(seed=0)

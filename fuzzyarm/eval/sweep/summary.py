@@ -112,7 +112,7 @@ def quantiles(values: np.ndarray) -> dict[str, dict[str, _Number]]:
 
 @functools.cache
 def quantile_ranks(count: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Return the ranks of `QUANTILES` among `count` values, and of both ends of their intervals; 0 is the smallest."""
+    """Return the ranks (3,) of `QUANTILES` among `count` values, and (3,) of each end of their intervals, from 0."""
     ranks = np.array([math.ceil(p * count - 1e-9) - 1 for p in QUANTILES])
     if count == 1:
         return ranks, ranks, ranks
