@@ -54,13 +54,21 @@ SOURCES = (
 
 @dataclasses.dataclass(frozen=True)
 class Sweep:
-    """A sweep in its folder, with its policies loaded."""
+    """A sweep in its folder, with its policies loaded.
+
+    Attributes:
+        folder: where it is.
+        config: of the sweep.
+        specs: what its policies are made from, by label; the user's code among them may run.
+        policies: by label, loaded for its robot.
+        digest: of its identity.
+    """
 
     folder: Path
     config: SweepConfig
-    specs: dict[str, PolicySpec]  # what the policies are made from, by label; the user's code among them may run
-    policies: dict[str, Predictor]  # by label, loaded for the robot
-    digest: str  # of the identity
+    specs: dict[str, PolicySpec]
+    policies: dict[str, Predictor]
+    digest: str
 
     @classmethod
     def begin(cls, folder: Path, config: SweepConfig) -> Sweep:
