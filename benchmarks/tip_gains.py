@@ -5,7 +5,7 @@
 The gains of `fuzzy-4` on angle, velocity and integral of each joint get a factor each, six in all, found by
 Nelder-Mead. What is made small is the float part of the bound: over four postures of the paper's circle and the
 vertices of stiffness ± 10 %, the largest deviation of the tip that friction torques of any course up to the static ones
-can cause in the linear sampled loop, see `eval.tuning.tip_deviation`. The loops have to bear what the rule of the
+can cause in the linear sampled loop, see `eval.tuning.tip_bounds`. The loops have to bear what the rule of the
 shipped gains asks, and the gains have to have a certificate of the rigid arm with a decay rate of 20 1/s and an L2 gain
 of 2e-4 rad/(N m). `shipped_controllers.py` has the factors and writes `fuzzy-4-sampled` with them. The proven
 bounds are then those of `fuzzyarm prove`; those of the shipped gains are the stored ones of `tip_bound.py`. And for the

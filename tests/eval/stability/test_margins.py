@@ -20,6 +20,7 @@ from fuzzyarm.envs.physics.dynamics import Payload
 from fuzzyarm.envs.physics.parameters import ArmParameters
 from fuzzyarm.envs.physics.robot import robot_named
 from fuzzyarm.envs.scenario.cases import case_for
+from fuzzyarm.eval.stability import linearisation
 from fuzzyarm.eval.stability import margins as margins_table
 from fuzzyarm.eval.stability.linearisation import GainLimits, gain_margin, spectral_radius
 from fuzzyarm.eval.stability.margins import (
@@ -128,8 +129,8 @@ def test_rows_are_direct_calls(name: str) -> None:
 def test_each_plant_is_linearised_once(monkeypatch: pytest.MonkeyPatch) -> None:
     """Four plants for eight conditions and three limits."""
     calls = []
-    original = margins_table.linearise_path
-    monkeypatch.setattr(margins_table, "linearise_path", lambda *given: calls.append(given) or original(*given))
+    original = linearisation.linearise_path
+    monkeypatch.setattr(linearisation, "linearise_path", lambda *given: calls.append(given) or original(*given))
     policy_margins(Springs(), ARM, 1e-3)
     assert len(calls) == 4
 

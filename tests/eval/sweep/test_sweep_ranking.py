@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from fuzzyarm.cli import main
-from fuzzyarm.eval.evaluation.ranking import markdown, ranks_of
+from fuzzyarm.eval.evaluation.ranking import markdown
 from fuzzyarm.eval.sweep.config import SweepConfig
 from fuzzyarm.eval.sweep.distributions import plant_record
 from fuzzyarm.eval.sweep.episodes import SweepResults
@@ -57,7 +57,7 @@ def test_the_score_is_the_worst_case_s_quantile_over_the_plants(write):
 def test_below_a_micrometre_nobody_is_ranked(write):
     errors = drawn(3) * np.array([4e-4, 1e-4, 1.0]).reshape(3, 1, 1)
     board = rank_sweeps([write("a", document(errors))])
-    assert ranks_of(board) == [1, 1, 3]
+    assert board.ranks == [1, 1, 3]
     assert [row[2] for row in board.table().sheet.rows][:2] == ["< 0.001 (< 0.001 to < 0.001)"] * 2
 
 
