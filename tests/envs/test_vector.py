@@ -2,6 +2,7 @@
 
 import copy
 import dataclasses
+import functools
 import gc
 import hashlib
 import multiprocessing
@@ -14,16 +15,14 @@ import gymnasium as gym
 import numpy as np
 import pytest
 from gymnasium.error import ResetNeeded
-from gymnasium.vector import AutoresetMode, VectorEnv
+from gymnasium.vector import AutoresetMode, SyncVectorEnv, VectorEnv
 from slow_twins import slow_but
 from support.randomisation import ROBUST
 from support.results import assert_identical, identical
 
 from fuzzyarm import load_policy
 from fuzzyarm.envs.batch.workers import LANES_PER_THREAD
-from fuzzyarm.envs.fastest_mode import fastest_rate
 from fuzzyarm.envs.fuzzy_arm import FuzzyArmEnv
-from fuzzyarm.envs.periods import default_substeps
 from fuzzyarm.envs.physics.parameters import ArmParameters
 from fuzzyarm.envs.scenario.disturbances import ConstantForce, Disturbance, EncoderNoise, TorqueBias
 from fuzzyarm.envs.scenario.paths import Circle, Lemniscate, Line
@@ -64,16 +63,40 @@ def torques(seed, steps, lanes, scale=1.0):
     return signs * generator.uniform(0.5, 1.0, signs.shape) * scale * LIMIT
 
 
-def lanes_of(info, count):
-    """Info of a batch as one dictionary a lane, by its masks."""
-    lanes = [{} for _ in range(count)]
-    for key, values in info.items():
-        if key.startswith("_"):
-            continue
-        rows = lanes_of(values, count) if isinstance(values, dict) else values
-        for lane in np.flatnonzero(info[f"_{key}"]):
-            lanes[lane][key] = rows[lane]
-    return lanes
+def played(envs, actions, **reset):
+    """Everything that comes back."""
+    return [envs.reset(**reset), *(envs.step(action) for action in actions)]
+
+
+class Given(gym.Wrapper):
+    """A single environment with options of its own for the first reset."""
+
+    def __init__(self, env, options):
+        super().__init__(env)
+        self.given = options
+
+    def reset(self, *, seed=None, options=None):
+        given, self.given = self.given, None
+        return self.env.reset(seed=seed, options=given)
+
+
+def equals_singles(arguments, options=None):
+    """Compare a batch with four single environments made, and first reset, with what is given for their lanes."""
+    envs, lanes = batch(4, **arguments), []
+    for lane in range(4):
+        own = {name: value[lane] if isinstance(value, list) else value for name, value in arguments.items()}
+        env = gym.make("FuzzyArm-v0", **own)
+        env.action_space, env.observation_space = envs.single_action_space, envs.single_observation_space
+        env = Given(env, {name: value[lane] for name, value in options.items()} if options else None)
+        lanes.append(functools.partial(lambda env: env, env))
+    expected = SyncVectorEnv(lanes, **SAME_STEP)
+    assert_identical(envs.reset(seed=5, options=options), expected.reset(seed=5))
+    ends = np.zeros(4, dtype=int)
+    for step, action in enumerate(torques(3, 230, 4, scale=0.9)):
+        results = envs.step(action)
+        assert_identical(results, expected.step(action), step)
+        ends += results[2] | results[3]
+    assert ends.min() > 0
 
 
 SETTINGS = {
@@ -84,31 +107,6 @@ SETTINGS = {
     },
     "coarse steps": {"case": "machining", "control_period": 2e-3, "substep": 1e-3},
 }
-
-
-def digest(envs, actions, **reset):
-    """sha256 of everything numeric that comes back, and the number of episodes that ended."""
-    sha, ends = hashlib.sha256(), 0
-
-    def add(value):
-        if isinstance(value, dict):
-            for key in sorted(value):
-                add(value[key])
-        elif value.dtype == object:
-            sha.update(repr(value.tolist()).encode())
-        else:
-            sha.update(value.tobytes())
-
-    def add_all(results):
-        for result in results:
-            add(result)
-
-    add_all(envs.reset(**reset))
-    for action in actions:
-        results = envs.step(action)
-        add_all(results)
-        ends += int((results[2] | results[3]).sum())
-    return sha.hexdigest(), ends
 
 
 @pytest.mark.parametrize("setting", slow_but(["noise and force, robust", "coarse steps"], SETTINGS))
@@ -149,65 +147,16 @@ BY_LANE = {
     "plants of a randomisation": {
         "parameters": [TABLE_1, TABLE_1, PLANTS[1], PLANTS[3]],
         "randomisation": "plants",
-        "case": ("payload",) * 4,
+        "case": ["payload"] * 4,
         "reference": [SHORT, LONGER, SHORT, dataclasses.replace(SHORT, parameters=PLANTS[3])],
     },
     "some references": {"parameters": PLANTS, "reference": [SHORT, None, None, None]},
 }
 
 
-SHARED = str, JointReference, DomainRandomisation  # what all lanes of a batch have, not one of each
-
-
-def singles_of(arguments):
-    """Four single environments, each with what the arguments of a batch say for its lane."""
-    by_lane = [
-        {name: value if isinstance(value, SHARED) else value[lane] for name, value in arguments.items()}
-        for lane in range(4)
-    ]
-    return [gym.make("FuzzyArm-v0", **lane) for lane in by_lane]
-
-
-def check_lanes(envs, singles, seeds, options=None, steps=230):
-    """Compare a batch with single environments stepped and reset one by one; return how often lanes ended."""
-    lanes, ends = len(singles), np.zeros(len(singles), dtype=int)
-    options = options or [None] * lanes
-    joint = {name: [lane[name] for lane in options] for name in options[0]} if options[0] else None
-    observation, info = envs.reset(seed=seeds, options=joint)
-    starts = [env.reset(seed=seed, options=lane) for env, seed, lane in zip(singles, seeds, options, strict=True)]
-    for lane, (first, start) in enumerate(starts):
-        assert identical(observation[lane], first) and same_info(lanes_of(info, lanes)[lane], start)
-    for step, action in enumerate(torques(3, steps, lanes, scale=0.9)):
-        observation, reward, terminated, truncated, info = envs.step(action)
-        by_lane = lanes_of(info, lanes)
-        for lane, env in enumerate(singles):
-            expected = env.step(action[lane])
-            last, shown = observation[lane], by_lane[lane]
-            if expected[2] or expected[3]:
-                ends[lane] += 1
-                last, ended = shown.pop("final_obs"), shown.pop("final_info")
-                first, start = env.reset()
-                assert identical(observation[lane], first) and same_info(shown, start), (lane, step)
-                shown = ended
-            assert identical(last, expected[0]) and same_info(shown, expected[4]), (lane, step)
-            assert (reward[lane], terminated[lane], truncated[lane]) == expected[1:4], (lane, step)
-    return ends
-
-
-def same_info(shown, expected):
-    """Whether a lane's info holds the single environment's keys and bits, its numbers as arrays' entries are."""
-    if not (isinstance(expected, dict) and shown.keys() == expected.keys()):
-        return False
-    for key, value in expected.items():
-        if not (same_info(shown[key], value) if isinstance(value, dict) else np.array_equal(shown[key], value)):
-            return False
-    return True
-
-
 @pytest.mark.parametrize("arguments", BY_LANE.values(), ids=BY_LANE)
 def test_arguments_that_differ_by_lane_equal_single_environments_made_with_them(arguments):
-    ends = check_lanes(batch(4, **arguments), singles_of(arguments), [5, 6, 7, 8])
-    assert ends.min() > 0
+    equals_singles(arguments)
 
 
 @pytest.mark.parametrize(
@@ -220,9 +169,7 @@ def test_arguments_that_differ_by_lane_equal_single_environments_made_with_them(
     ids=lambda given: " and ".join(given),
 )
 def test_options_that_differ_by_lane_equal_those_of_single_environments_and_end_with_the_episode(arguments, option):
-    arguments = {"case": "machining", **arguments}
-    by_lane = [{name: values[lane] for name, values in option.items()} for lane in range(4)]
-    assert check_lanes(batch(4, **arguments), singles_of(arguments), [1, 2, 3, 4], by_lane).min() > 0
+    equals_singles({"case": "machining", **arguments}, option)
 
 
 @pytest.mark.parametrize(
@@ -253,16 +200,6 @@ def test_make_vec_gives_it_by_name_and_by_mode():
         envs.render()
 
 
-def test_results_have_the_types_of_the_spaces():
-    envs = batch(3, reference=SHORT, disturbance=NOISY)
-    envs.reset(seed=3)
-    for _ in range(60):
-        observation, reward, terminated, truncated, info = envs.step(envs.action_space.sample())
-        assert observation in envs.observation_space and observation.dtype == np.float64
-        assert (reward.dtype, terminated.dtype, truncated.dtype) == (np.float64, np.bool_, np.bool_)
-        assert all(last in envs.single_observation_space for last in info.get("final_obs", []) if last is not None)
-
-
 def test_spaces_of_different_arms_hold_them_all():
     for first in range(4):
         envs = batch(4, parameters=PLANTS[first:] + PLANTS[:first])
@@ -274,8 +211,8 @@ def test_spaces_of_different_arms_hold_them_all():
 def test_results_do_not_depend_on_the_threads():
     lanes = 3 * LANES_PER_THREAD + 5
     actions = torques(5, 60, lanes)
-    results = [digest(batch(lanes, threads=threads, **RANDOM), actions, seed=1) for threads in (1, 2, 5)]
-    assert set(results) == {results[0]} and results[0][1] > 0
+    first, *others = (played(batch(lanes, threads=threads, **RANDOM), actions, seed=1) for threads in (1, 2, 5))
+    assert all(identical(first, other) for other in others) and any(result[-3].any() for result in first[1:])
 
 
 @pytest.mark.filterwarnings("ignore:.*fork:DeprecationWarning")
@@ -343,10 +280,9 @@ def test_threads_end_with_the_environment(end):
 
 def test_one_seed_seeds_lane_i_with_seed_plus_i():
     actions = torques(0, 20, 3)
-    seeds = (5, np.int64(5), [5, 6, 7], (5, 6, 7), np.array([5, 6, 7]))
-    digests = {digest(batch(3, **RANDOM), actions, seed=seed) for seed in seeds}
-    assert len(digests) == 1
-    assert digest(batch(3, **RANDOM), actions, seed=6) not in digests
+    seeds = (5, np.int64(5), [5, 6, 7], (5, 6, 7), np.array([5, 6, 7]), 6)
+    first, *others, another = (played(batch(3, **RANDOM), actions, seed=seed) for seed in seeds)
+    assert all(identical(first, other) for other in others) and not identical(first, another)
     envs = batch(3)
     envs.reset(seed=5)
     assert envs.np_random_seed == 5
@@ -363,25 +299,6 @@ def test_without_a_seed_the_streams_go_on_as_those_of_single_environments_do():
         for action in torques(1, 5, 3):
             assert_identical(envs.step(action), expected.step(action))
     assert len(np.unique([start[0][1] for start in starts], axis=0)) == len(starts)  # no episode of lane 1 twice
-
-
-BAD_SEEDS = [
-    (-1, r"seed = -1 is out of range; allowed: 0, 1, 2, \.\.\."),
-    (True, "seed = True must be a whole number"),
-    (range(4), "4 seeds for 3 lanes; give one, or one per lane"),
-    ([1, 2, -3], r"lane 2: seed = -3 is out of range; allowed: 0, 1, 2, \.\.\."),
-]
-
-
-@pytest.mark.parametrize(("seed", "message"), BAD_SEEDS)
-def test_a_bad_seed_is_named_and_the_streams_stay_where_they_were(seed, message):
-    envs, untouched = batch(3, **RANDOM), batch(3, **RANDOM)
-    assert_identical(envs.reset(seed=0), untouched.reset(seed=0))
-    with pytest.raises((TypeError, ValueError), match=message):
-        envs.reset(seed=seed)
-    with pytest.raises(ResetNeeded):
-        envs.step(np.zeros((3, 2)))
-    assert_identical(envs.reset(), untouched.reset())
 
 
 BAD_ARGUMENTS = [
@@ -433,34 +350,34 @@ BAD_OPTIONS = [
 ]
 
 
-@pytest.mark.parametrize(("options", "message"), BAD_OPTIONS)
-def test_a_bad_option_is_named_and_leaves_nothing_to_step(options, message):
-    envs, untouched, actions = batch(3, disturbance=NOISY), batch(3, disturbance=NOISY), torques(0, 5, 3)
+BAD_RESETS = [
+    *(({"options": options}, message) for options, message in BAD_OPTIONS),
+    ({"seed": -1}, r"seed = -1 is out of range; allowed: 0, 1, 2, \.\.\."),
+    ({"seed": True}, "seed = True must be a whole number"),
+    ({"seed": range(4)}, "4 seeds for 3 lanes; give one, or one per lane"),
+    ({"seed": [1, 2, -3]}, r"lane 2: seed = -3 is out of range; allowed: 0, 1, 2, \.\.\."),
+]
+
+
+@pytest.mark.parametrize(("given", "message"), BAD_RESETS)
+def test_a_bad_reset_is_named_and_leaves_nothing_to_step_and_the_streams_where_they_were(given, message):
+    envs, untouched, actions = batch(3, **RANDOM), batch(3, **RANDOM), torques(0, 5, 3)
     with pytest.raises(ResetNeeded, match=r"call envs\.reset\(\) before envs\.step\(\)"):
         envs.step(actions[0])
     for made in (envs, untouched):
         made.reset(seed=0)
     with pytest.raises((TypeError, ValueError), match=message):
-        envs.reset(options=options)
+        envs.reset(**given)
     with pytest.raises(ResetNeeded, match=r"call envs\.reset\(\) before envs\.step\(\)"):
         envs.step(actions[0])
-    assert digest(envs, actions) == digest(untouched, actions)
-
-
-@pytest.mark.parametrize("action", [np.zeros(2), np.zeros((4, 2)), np.zeros((3, 2, 1)), None])
-def test_actions_of_the_wrong_shape_are_named(action):
-    envs = batch(3)
-    envs.reset()
-    message = rf"actions have shape {re.escape(str(np.shape(action)))}; needed: \(3, 2\), motor torques \[N m\]"
-    with pytest.raises(ValueError, match=message):
-        envs.step(action)
+    assert identical(played(envs, actions), played(untouched, actions))
 
 
 @pytest.mark.parametrize(
     ("lanes", "bad", "threads", "value"),
     [(1, 0, 1, np.nan), (3, 2, 1, -np.inf), (2 * LANES_PER_THREAD, LANES_PER_THREAD + 1, 2, np.inf)],
 )
-def test_an_action_that_is_not_finite_names_its_lane_and_moves_none(lanes, bad, threads, value):
+def test_a_bad_action_is_named_with_its_lane_and_moves_none(lanes, bad, threads, value):
     envs, untouched = (batch(lanes, threads=threads, disturbance=NOISY) for _ in range(2))
     envs.reset(seed=0)
     untouched.reset(seed=0)
@@ -470,6 +387,9 @@ def test_an_action_that_is_not_finite_names_its_lane_and_moves_none(lanes, bad, 
     given = rf"action \[{re.escape(str(wrong[bad, 0]))}, {value}\] N m of lane {bad} is not finite"
     with pytest.raises(ValueError, match=given + r"; allowed: ±\[500\.0, 250\.0\] N m"):
         envs.step(wrong)
+    for shaped in (np.zeros(2), np.zeros((lanes + 1, 2)), None):
+        with pytest.raises(ValueError, match=rf"actions have shape .*; needed: \({lanes}, 2\), motor torques \[N m\]"):
+            envs.step(shaped)
     for action in good:
         assert_identical(envs.step(action), untouched.step(action))
 
@@ -586,53 +506,25 @@ def test_a_long_run_of_random_torques_stays_finite_and_within_the_spaces():
     assert ends > lanes / 2
 
 
-def extreme_arms(count, seed=0, period=1e-3):
-    """Arms with constants up to a million times larger or smaller than those of Table 1, as far as they are legal."""
-    generator, arms = np.random.default_rng(seed), []
-    fixed = ("length", "joint_limit", "velocity_limit", "gravity")  # so that the reference stays possible
-    while len(arms) < count:
-        values = {name: value for name, value in TABLE_1.to_dict().items() if name not in fixed}
-        factor = 10.0 ** (generator.uniform(-6.0, 6.0, 20) * generator.integers(0, 2, 20))
-        given = {
-            name: tuple(np.atleast_1d(value) * f) for (name, value), f in zip(values.items(), factor, strict=False)
-        }
-        given["stribeck_velocity"] = given["stribeck_velocity"][0]
-        given["mass_center"] = values["mass_center"]
-        try:
-            arm = dataclasses.replace(TABLE_1, **given)
-            default_substeps(period, fastest_rate([arm]))
-        except ValueError:
-            continue  # a singular mass matrix, static friction below Coulomb's, or too fast for any sub-step
-        arms.append(arm)
-    return arms
-
-
-HEAVY = DomainRandomisation(
-    mass=(1.0, 100.0),
-    motor_inertia=(1.0, 100.0),
-    stiffness=(0.01, 100.0),
-    damping=(0.0, 100.0),
-    dry_friction=(0.0, 100.0),
-    viscous_friction=(0.0, 100.0),
+WILD = DomainRandomisation(
+    **dict.fromkeys(("mass", "motor_inertia", "stiffness"), (0.1, 100.0)),
+    **dict.fromkeys(("damping", "dry_friction", "viscous_friction", "force"), (0.0, 100.0)),
     payload=(0.0, 1000.0),
-    force=(0.0, 100.0),
     angle=(-0.5, 0.5),
 )
-EXTREME = {"arms": {"parameters": extreme_arms(32)}, "heavy": {"randomisation": HEAVY}}
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("name", EXTREME)
-def test_extreme_arms_move_or_end_with_a_reason(name):
-    lanes = 32
-    envs, ends, moved = batch(lanes, case="machining", **EXTREME[name]), 0, np.zeros(lanes, dtype=bool)
+def test_extreme_arms_move_or_end_with_a_reason():
+    lanes, ends, moved = 32, 0, np.zeros(32, dtype=bool)
+    envs = batch(lanes, case="machining", randomisation=WILD)
     envs.reset(seed=0)
     for action in torques(3, 200, lanes):
-        observation, reward, terminated, truncated, info = envs.step(action * envs.single_action_space.high / LIMIT)
+        observation, reward, terminated, truncated, info = envs.step(action)
         assert observation in envs.observation_space and np.isfinite(reward).all()
         assert all(np.isfinite(array).all() for array in arrays_of(info) if array.dtype == float)
         moved |= ~(terminated | truncated)
         if terminated.any():
             ends += terminated.sum()
             assert set(info["final_info"]["reason"][terminated]) <= {reason.text for reason in Termination if reason}
-    assert moved.mean() > 0.2 and (ends > lanes or name == "heavy")
+    assert moved.mean() > 0.2 and ends > 0
