@@ -80,49 +80,6 @@ def test_time_aware_observations_count_the_steps():
     np.testing.assert_allclose(times, np.arange(1, 51) / 50)
 
 
-WRAPPED = {
-    "TimeLimit": lambda env: wrappers.TimeLimit(env, 30),
-    "RecordEpisodeStatistics": wrappers.RecordEpisodeStatistics,
-    "NormalizeObservation": wrappers.NormalizeObservation,
-    "NormalizeReward": wrappers.NormalizeReward,
-    "FrameStackObservation": lambda env: wrappers.FrameStackObservation(env, 3),
-    "FlattenObservation": wrappers.FlattenObservation,
-    "RescaleObservation": lambda env: wrappers.RescaleObservation(env, -1.0, 1.0),
-    "ClipAction": wrappers.ClipAction,
-    "RescaleAction": lambda env: wrappers.RescaleAction(env, -1, 1),
-    "Autoreset": wrappers.Autoreset,
-    "OrderEnforcing": wrappers.OrderEnforcing,
-    "PassiveEnvChecker": wrappers.PassiveEnvChecker,
-}
-
-
-@pytest.mark.filterwarnings("ignore:.*We recommend you to use a symmetric and normalized space.*:UserWarning")
-@pytest.mark.parametrize("name", WRAPPED)
-def test_a_wrapper_of_gymnasium_goes_around_it(name):
-    env = WRAPPED[name](gym.make("FuzzyArm-v0", reference=SHORT))
-    observation, _ = env.reset(seed=0)
-    assert observation in env.observation_space
-    for _ in range(30):
-        observation, reward, terminated, truncated, info = env.step(env.action_space.sample())
-        assert observation in env.observation_space and np.isfinite(reward) and isinstance(info, dict)
-        if terminated or truncated:
-            break
-
-
-def test_tensors_go_in_and_come_out():
-    pytest.importorskip("array_api_compat")  # Gymnasium's wrapper needs it
-    torch = pytest.importorskip("torch")
-    from gymnasium.wrappers.numpy_to_torch import NumpyToTorch
-
-    env, plain = NumpyToTorch(gym.make("FuzzyArm-v0")), gym.make("FuzzyArm-v0")
-    np.testing.assert_array_equal(env.reset(seed=0)[0].numpy(), plain.reset(seed=0)[0])
-    observation, reward, _, _, info = env.step(torch.tensor([20.0, 5.0]))
-    expected = plain.step(np.array([20.0, 5.0]))
-    assert isinstance(observation, torch.Tensor) and isinstance(info["tip"], torch.Tensor)
-    np.testing.assert_array_equal(observation.numpy(), expected[0])
-    assert float(reward) == pytest.approx(expected[1])
-
-
 @pytest.mark.slow
 @pytest.mark.parametrize("arguments", [{"reference": SHORT}, {"robot": "planar-3r"}], ids=["paper", "robot"])
 def test_videos_are_recorded(arguments, tmp_path):

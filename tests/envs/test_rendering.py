@@ -25,7 +25,6 @@ from fuzzyarm.envs.pictures import (
     REFERENCE,
     TRACE,
     WIDTH,
-    View,
     case_title,
 )
 from fuzzyarm.envs.scenario.cases import CASES, case_for
@@ -106,12 +105,6 @@ def test_each_frame_is_a_new_array_and_a_reset_begins_again(env):
         env.reset(options={"initial_state": [9.0] * 8})
     with pytest.raises(ResetNeeded, match=r"env\.reset"):
         env.render()
-
-
-def test_gravity_points_down_and_y_to_the_right():
-    view = View(100.0, np.array([300.0, 200.0]))
-    points = np.array([[0.0, 0.0], [1.0, 0.0], [0.0, 2.0]])
-    np.testing.assert_allclose(view.pixels(points), [[300, 200], [300, 300], [500, 200]])
 
 
 @pytest.mark.parametrize("offset", [(0.0, 0.002), (-0.003, -0.001)])

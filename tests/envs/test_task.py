@@ -6,15 +6,14 @@ import itertools
 
 import numpy as np
 import pytest
-from support.two_joints import LAYOUT, Target, advance, assess, hold, named, state_of
+from support.two_joints import Target, advance, assess, hold, named, state_of
 
-from fuzzyarm.envs.batch.layout import SCALARS, VECTORS, by_rows, in_blocks
+from fuzzyarm.envs.batch.layout import SCALARS, by_rows, in_blocks
 from fuzzyarm.envs.physics.dynamics import (
     Arm,
     Payload,
     arm_constants,
     joint_torque,
-    rigid_inverse_dynamics,
     tip_position,
 )
 from fuzzyarm.envs.physics.friction import DryFriction, stribeck_magnitude
@@ -87,15 +86,6 @@ def step(values, clock, table, action):
     return observations, named(vectors), dict(zip(SCALARS, scalars, strict=True))
 
 
-@pytest.mark.parametrize("lanes", [1, 64])
-def test_every_result_has_its_own_place(lanes):
-    observations, vectors, scalars = LAYOUT.split(np.arange(LAYOUT.size(lanes)), lanes)
-    places = np.concatenate([part.ravel() for part in (observations, *LAYOUT.each(vectors), scalars)])
-    assert len(set(places)) == len(places) == 38 * lanes
-    assert lanes == 1 or np.diff(scalars[:, 0])[0] // 8 % 2 == 1  # an odd number of lines of the cache
-    assert len({*VECTORS, *SCALARS}) == len(VECTORS) + len(SCALARS)
-
-
 def test_each_result_is_reported_under_its_name():
     """Every quantity that is simply passed on, from distinct numbers."""
     state, torque, bias, force, arm, limits, target = batch(5)
@@ -127,15 +117,6 @@ def test_errors_are_those_of_the_tip_and_of_the_tip_by_the_motors(name, angles):
     tip = tip_position(state[2:4], TABLE_1.length)
     np.testing.assert_allclose(found.tip, tip, rtol=0.0, atol=5e-16)
     assert found.tip_error == pytest.approx(np.linalg.norm(tip - [0.3, 0.4]), rel=1e-14)
-
-
-def test_the_reward_is_one_halves_at_five_millimetres_and_loses_a_tenth_at_full_torque():
-    found = measure(RESTING)
-    assert (found.reward_tracking, found.reward_effort, found.reward) == (1.0, 0.0, 1.0)
-    assert measure(RESTING, target=circle_target(RESTING, 0.005)).reward == pytest.approx(0.5, rel=1e-12)
-    found = measure(RESTING, (-500.0, 250.0))
-    assert (found.reward_effort, found.reward) == (1.0, pytest.approx(0.9))
-    assert measure(RESTING, bias=(100.0, 100.0)).reward == 1.0
 
 
 @pytest.mark.parametrize("entry", range(8))
@@ -197,18 +178,6 @@ def test_friction_of_slipping_joints_is_the_stribeck_curve_against_the_motion():
     coulomb, speed = np.array(TABLE_1.coulomb_friction), TABLE_1.stribeck_velocity
     expected = -stribeck_magnitude(velocity, DryFriction(coulomb, STATIC, speed)) * np.sign(velocity)
     np.testing.assert_allclose(friction(found), expected, rtol=1e-15)
-
-
-def test_an_arm_held_by_friction_stays_put_and_balanced():
-    gravity = rigid_inverse_dynamics(RESTING[2:4], np.zeros(2), np.zeros(2), arm_constants(TABLE_1))
-    state = (RESTING + np.r_[gravity / np.array(TABLE_1.stiffness), np.zeros(6)])[:, None]
-    torque, zero = (gravity + [0.9, -0.9] * STATIC)[:, None], np.zeros((2, 1))
-    arm, limits, target = (x[:, None] for x in (np.array(flat(arm_constants(TABLE_1))), LIMITS, circle_target(RESTING)))
-    lane = lanes_of(state, torque, zero, np.zeros((4, 1)), arm, limits, target, rows=201)
-    for _ in range(200):
-        _, vectors, _ = step(*lane)
-    assert np.array_equal(lane[0][0, 4:6, :1], zero)
-    np.testing.assert_allclose(vectors["friction_torque"][0], [-0.9, 0.9] * STATIC, rtol=0.0, atol=1e-9)
 
 
 def test_advance_is_hold_under_clipped_torque_and_bias_then_measured():

@@ -21,7 +21,6 @@ from fuzzyarm.envs.scenario.disturbances import Disturbance, EncoderNoise, Torqu
 from fuzzyarm.envs.scenario.paths import Circle, Line
 from fuzzyarm.envs.scenario.randomisation import DomainRandomisation
 from fuzzyarm.envs.scenario.reference import JointReference
-from fuzzyarm.envs.task import Termination
 from fuzzyarm.envs.vector import FuzzyArmVectorEnv
 from fuzzyarm.numbers.machine import WIDE
 
@@ -129,86 +128,6 @@ def test_the_lanes_compared_are_of_every_kind(alone):
     assert {0.0, 1.0, 3.0} <= set(alone[:, :, 28 + REASON].ravel().tolist()) and np.isfinite(alone).all()
     assert len(np.unique(alone[-1, :, :4], axis=0)) == MOST
     assert alone[1:, 1, 10 + 2 * VECTORS.index("external_force")].all()
-
-
-def single(lane):
-    """Rows of the lane's episode in the single environment, to its end."""
-    disturbance, reference = SCENARIOS[lane]
-    env = FuzzyArmEnv(disturbance=disturbance, parameters=ARMS[lane], control_period=PERIOD, randomisation=ALL_VARY)
-    options = {} if np.isnan(STARTS[lane, 0]) else {"initial_state": STARTS[lane]}
-    if reference is not None:
-        options["reference"] = reference
-    observation, info = env.reset(seed=lane + 7, options=options)
-    rows, (reward, terminated, truncated) = [], (info["reward_tracking"], not info["in_domain"], False)
-    for torque in [*TORQUES[:, lane], None]:
-        reason = next(reason for reason in Termination if reason.text == info.get("reason", ""))
-        vectors = [info[name] for name in VECTORS]
-        scalars = [info[name] for name in SCALARS[:6]] + [reward, info["torque_clipped"], truncated, reason]
-        rows.append(np.concatenate([observation, *vectors, scalars]))
-        if torque is None or terminated or truncated:
-            return np.array(rows)
-        observation, reward, terminated, truncated, info = env.step(torque)
-    raise AssertionError
-
-
-@pytest.mark.parametrize("lane", range(12))
-def test_the_single_environment_is_the_lane_bit_for_bit(lane, alone, monkeypatch):
-    monkeypatch.setattr("fuzzyarm.envs.fuzzy_arm.fastest_rate", lambda arms, drawn: 0.0)  # lanes that blow up, too
-    rows = single(lane)
-    assert np.array_equal(rows, alone[: len(rows), lane])
-    assert len(rows) == STEPS + 1 or rows[-1, -1] > 0.0
-
-
-def test_a_restart_of_some_lanes_leaves_the_others_alone():
-    lanes, undisturbed = started(40), started(40)
-    which = np.array([0, 3, 4, 31, 32, 39])
-    others = np.setdiff1d(np.arange(40), which)
-    lanes.restart(which)
-    numbers, expected = (one.numbers(slice(None)) for one in (lanes, undisturbed))
-    assert np.array_equal(numbers[:, others], expected[:, others])
-    assert np.array_equal(lanes.clock[:, others], undisturbed.clock[:, others])
-    assert np.array_equal(lanes.drawn[:, others], undisturbed.drawn[:, others])
-    assert not np.any(np.all(numbers[:8, which] == expected[:8, which], axis=0))
-    for torque in TORQUES[5:10, :40]:
-        rows, expected = by_lane(lanes.step(torque.copy())), by_lane(undisturbed.step(torque.copy()))
-        assert np.array_equal(rows[others], expected[others])
-
-
-def test_a_restarted_lane_is_the_lane_alone_in_its_second_episode():
-    lanes, which = started(40), np.array([5, 33])
-    rows = [by_lane(lanes.restart(which))]
-    rows += [by_lane(lanes.step(torque.copy()))[which] for torque in TORQUES[5:10, :40]]
-    for place, lane in enumerate(which):
-        single = lanes_of([lane])
-        single.reset([int(lane)])
-        expected = [by_lane(single.reset())]
-        expected += [by_lane(single.step(torque[[lane]])) for torque in TORQUES[5:10]]
-        assert np.array_equal(np.array(rows)[:, place], np.array(expected)[:, 0])
-
-
-def test_seeds_are_per_lane_and_none_lets_a_stream_go_on():
-    lanes, first = lanes_of([1, 1, 1]), []
-    first = by_lane(lanes.reset([5, 5, 6]))
-    assert np.array_equal(first[0], first[1]) and not np.array_equal(first[1], first[2])
-    second = by_lane(lanes.reset([5, None, None]))
-    assert np.array_equal(second[0], first[0]) and not np.array_equal(second[1], first[1])
-    third = by_lane(lanes.reset())
-    assert np.array_equal(third[0], second[1])  # both the second episode since the seed 5
-
-
-@pytest.mark.parametrize("steps", [1, 5])
-def test_scenarios_of_a_reset_hold_for_its_episodes_only(steps):
-    lanes, plain = (lanes_of(np.arange(8)) for _ in range(2))
-    own = plain.reset(range(8))
-    other = [(Disturbance(payload=Payload(1.0)), JointReference(Circle(radius=0.05)))]
-    lanes.reset(range(50, 58), other)
-    assert all(lanes.schedule(k)[0] is other[0][1] for k in range(8))
-    for torque in TORQUES[:steps, :8]:
-        lanes.step(torque.copy())
-    lanes.restart(np.array([2]))  # a lane that was reset automatically is back at its own scenario, the others are not
-    assert lanes.schedule(2)[0] is plain.schedule(2)[0]
-    assert all(lanes.schedule(k)[0] is other[0][1] for k in range(8) if k != 2)
-    assert all(map(np.array_equal, lanes.reset(range(8)), own))
 
 
 def test_a_reset_with_a_reference_that_does_not_fit_changes_nothing():

@@ -132,29 +132,6 @@ def test_break_away_and_stop_within_one_step():
     assert after[0] == pytest.approx(2.0 / 3.0 * excess**3 / (rate**2 * 2.71), rel=1e-2)
 
 
-def test_both_joints_may_have_their_event_at_the_same_time():
-    twin = dataclasses.replace(TABLE_1, motor_inertia=(2.0, 1.0), viscous_friction=(0.2, 0.1), damping=(0.0, 0.0))
-    twin = dataclasses.replace(twin, stiffness=(1e-6, 0.5e-6), gravity=1e-9)
-    after = solve([0, 0, 0, 0, 0.01, 0.01, 0, 0], (0.0, 0.0), 0.02, arm=twin)
-    assert np.array_equal(after[4:6], np.zeros(2))
-    assert after[0] == pytest.approx(after[1], rel=1e-9)
-
-
-def test_the_force_follows_time():
-    def force(t):
-        return 100.0 * np.cos(300.0 * t), -80.0 * np.sin(200.0 * t)
-
-    begin, end, pieces = 0.2, 0.21, 10_000
-    after = integrate(SWINGING, np.array([120.0, 10.0]), force, TABLE_1, Payload(5.0), begin, end)
-    lanes, torque = SWINGING[:, None].copy(), np.array([[120.0], [10.0]])
-    constants = np.array(flat(arm_constants(TABLE_1, Payload(5.0))))[:, None]
-    h = (end - begin) / pieces
-    for k in range(pieces):
-        middle = np.array([*force(begin + (k + 0.5) * h), 0.0, 0.0])[:, None]
-        hold(lanes, torque, middle, constants, h, 1)
-    np.testing.assert_allclose(lanes[:, 0], after, rtol=0, atol=1e-8)
-
-
 BAD = [(np.full(8, np.nan), 0.0, 1e-3), (HANGING, np.inf, 1e-3), (HANGING, 0.0, -1e-3), (HANGING, 0.0, np.nan)]
 
 

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import dataclasses
-import itertools
 
 import numpy as np
 import pytest
@@ -87,25 +86,6 @@ def test_velocities_and_accelerations_are_the_derivatives(elastic):
     np.testing.assert_allclose(change(inside.ddq)[whole], np.diff(at_ends.dq, axis=0)[whole], rtol=0.0, atol=1e-8)
 
 
-@pytest.mark.parametrize("name", slow_but(["waypoints, other elbow"], ["soft arm", "waypoints, other elbow"]))
-def test_an_integrator_finds_the_same_bending(name):
-    """B_t δ̇ = τ_d - K_t δ from rest, by an implicit Runge-Kutta method, corner to corner."""
-    reference = REFERENCES[name]
-    elastic = ElasticReference(reference)
-    stiffness, damping = np.array(reference.parameters.stiffness), np.array(reference.parameters.damping)
-    delta = elastic.torque(0.0) / stiffness
-
-    def rate(t, x):
-        return (elastic.torque(t) - stiffness * x) / damping
-
-    for start, end in itertools.pairwise(reference.corners()):
-        asked = np.linspace(start, end, 8)
-        found = solve_ivp(rate, (start, end), delta, method="Radau", t_eval=asked, rtol=1e-7, atol=1e-12)
-        delta = found.y[:, -1]
-        bending = elastic.sample(asked).q - reference.sample(asked).q
-        np.testing.assert_allclose(found.y.T, bending, rtol=0.0, atol=1e-9)
-
-
 def test_the_elastic_arm_without_friction_follows_open_loop():
     """u = I_a θ̈_d + f_v θ̇_d + τ_d moves the tip along the circle with no feedback at all."""
     reference = JointReference()
@@ -184,20 +164,3 @@ def test_the_springs_of_a_robot_carry_what_its_links_need(name):
     np.testing.assert_allclose(differences[1], motion.ddq, rtol=0, atol=1e-4)
     assert np.abs(bending).max() > 1e-3
     assert 0.0 < elastic.box_use < 1.0
-
-
-@pytest.mark.slow
-def test_a_robot_whose_motors_leave_their_range_says_so():
-    robot = robot_named("planar-3r")
-    reference = default_reference(robot)
-    motors = ElasticReference(reference).sample(np.linspace(0.0, reference.duration, 501)).q
-    links = reference.sample(np.linspace(0.0, reference.duration, 501)).q
-    k = int(np.argmax(motors.max(axis=0) - links.max(axis=0)))
-    highest, beyond = links[:, k].max(), motors[:, k].max()
-    assert beyond > highest + 1e-4
-    joints = list(robot.joints)
-    joints[k] = dataclasses.replace(robot.joints[k], angle_range=(-3.0, 0.5 * (highest + beyond)))
-    narrow = dataclasses.replace(robot, joints=tuple(joints))
-    same = dataclasses.replace(reference, robot=narrow)
-    with pytest.raises(ValueError, match=rf"theta_d{k + 1} = .* leaves the box; allowed: \[-3, "):
-        ElasticReference(same)

@@ -6,13 +6,13 @@ import numpy as np
 import pytest
 from scipy import stats
 from support.results import identical
-from support.two_joints import PHYSICS, Draw, named
+from support.two_joints import named
 
 from fuzzyarm.envs.batch.lanes import Lanes
 from fuzzyarm.envs.fuzzy_arm import FuzzyArmEnv
-from fuzzyarm.envs.physics.dynamics import Payload, arm_constants, plant_of, rigid_inverse_dynamics
+from fuzzyarm.envs.physics.dynamics import Payload, arm_constants, rigid_inverse_dynamics
 from fuzzyarm.envs.physics.parameters import ArmParameters
-from fuzzyarm.envs.physics.records import PerJoint, flat
+from fuzzyarm.envs.physics.records import flat
 from fuzzyarm.envs.scenario.cases import CASES
 from fuzzyarm.envs.scenario.default_reference import reference_family
 from fuzzyarm.envs.scenario.disturbances import Disturbance, EncoderNoise
@@ -71,13 +71,6 @@ def scaled(parameters, **factors):
         for name, factor in factors.items()
     }
     return dataclasses.replace(parameters, **fields)
-
-
-def a_draw(**given):
-    """The draw that changes nothing, but for the given entries."""
-    ones, zeros = PerJoint(1.0, 1.0), PerJoint(0.0, 0.0)
-    nothing = dict.fromkeys(Draw._fields, ones) | {"payload": 0.0, "force": 1.0, "angle": zeros, "reference": 0.0}
-    return Draw(**(nothing | given))
 
 
 def episode(env, torques, **reset):
@@ -154,18 +147,6 @@ def test_a_variation_of_nothing_changes_no_bit_and_shows_nothing(nothing):
         assert same(first, second) and not any("randomisation" in step[-1] for step in second)
 
 
-def test_a_range_of_one_point_is_that_arm():
-    """A draw without choice: the arm with heavier links, and the same motors' guess of the lighter one's weight."""
-    env = FuzzyArmEnv(randomisation=DomainRandomisation(mass=(1.25, 1.25), dry_friction=(0.5, 0.5)))
-    fields = {"mass": 1.25, "inertia": 1.25, "static_friction": 0.5, "coulomb_friction": 0.5}
-    heavy = scaled(TABLE_1, **{name: (factor, factor) for name, factor in fields.items()})
-    drawn = episode(env, TORQUES)
-    start = drawn[0][-1]
-    state = np.concatenate([start[key] for key in ("q_motor", "q_link", "dq_motor", "dq_link")])
-    built = episode(FuzzyArmEnv(parameters=heavy), TORQUES, options={"initial_state": state})
-    assert same(drawn, built)
-
-
 @pytest.mark.parametrize("name", ALLOWED)
 def test_draws_are_uniform_in_their_range(name, many):
     low, high = getattr(EVERYTHING, name)
@@ -211,14 +192,6 @@ def test_narrower_ranges_draw_the_same_shares():
     assert np.array_equal(alone["payload"], together["payload"])
     assert all((alone[name] == 1.0).all() for name in ALLOWED if name not in ("payload", "angle"))
     assert not alone["angle"].any() and not alone["reference"].any()
-
-
-@pytest.mark.parametrize("quantity", SCALES)
-def test_each_factor_scales_its_fields_of_its_joint_and_no_other(quantity):
-    loads = {"payload": 3.0, "force": 0.5, "angle": PerJoint(0.1, 0.2), "reference": 4.0}
-    given = a_draw(**{quantity: PerJoint(1.25, 0.75)}, **loads)
-    expected = scaled(TABLE_1, **dict.fromkeys(SCALES[quantity], (1.25, 0.75)))
-    assert PHYSICS.varied(plant_of(TABLE_1), given) == plant_of(expected) != plant_of(TABLE_1)
 
 
 @pytest.mark.parametrize("own", [Payload(), Payload(2.0), Payload(2.0, at="link")], ids=["none", "tip", "link"])
@@ -277,21 +250,6 @@ def test_the_drawn_reference_is_followed_unless_another_is_given_for_an_episode(
     assert seen == set(range(5))
 
 
-def test_references_of_different_lengths_end_with_their_episode():
-    family = tuple(JointReference(Line((0.4, 0.5), (0.42, 0.5)), duration=0.1 * k) for k in (1, 2, 3))
-    env, lengths = FuzzyArmEnv(randomisation=DomainRandomisation(references=family), control_period=0.02), set()
-    for seed in range(12):
-        env.reset(seed=seed)
-        for steps in range(1, 20):
-            _, _, terminated, truncated, _ = env.step((100.0, 30.0))
-            if truncated:
-                assert steps == round(env.reference.duration / 0.02)
-                lengths.add(steps)
-            if truncated or terminated:
-                break
-    assert lengths == {5, 10, 15}
-
-
 def test_a_drawing_environment_has_no_reference_before_its_first_episode():
     env = FuzzyArmEnv(randomisation=EVERYTHING)
     for wrong in (Circle(), JointReference(parameters=LONG)):
@@ -313,8 +271,12 @@ def test_a_case_given_for_one_episode_keeps_the_drawn_reference():
 @pytest.mark.parametrize("arm", [TABLE_1, LONG, dataclasses.replace(TABLE_1, length=(0.3, 0.5))], ids="ABC")
 def test_every_reference_of_the_family_can_be_tracked(arm):
     references = reference_family(arm)
+    assert reference_family(arm, 5) == references[:5] and len(set(references)) == 32
+    shapes = [type(reference.path) for reference in references]
+    assert [shapes.count(shape) for shape in (Circle, Lemniscate, Line)] == [24, 4, 4]
+    turns = [reference.path.turns for reference in references if isinstance(reference.path, Circle)]
+    assert set(turns) == {-1.0, 1.0} and 4 < turns.count(1.0) < 20
     reach = sum(arm.length)
-    assert len(references) == 32 and all(reference.parameters == arm for reference in references)
     FuzzyArmEnv(parameters=arm, randomisation=DomainRandomisation(references=references))  # fits the observation space
     for reference in references:
         times = np.linspace(0.0, reference.duration, 1001)
@@ -325,15 +287,3 @@ def test_every_reference_of_the_family_can_be_tracked(arm):
         fastest = 2.2 * (1.46 if isinstance(reference.path, Lemniscate) else 1.0)
         speed = np.linalg.norm(reference.tip(times).velocity, axis=-1).max() / reach
         assert 0.4 - 1e-6 < speed < fastest + 1e-6
-
-
-def test_the_family_has_circles_lemniscates_and_lines_in_both_directions():
-    family = reference_family(TABLE_1)
-    assert reference_family(TABLE_1, 5) == family[:5]
-    shapes = [type(reference.path) for reference in family]
-    assert [shapes.count(shape) for shape in (Circle, Lemniscate, Line)] == [24, 4, 4]
-    turns = [reference.path.turns for reference in family if isinstance(reference.path, Circle)]
-    assert set(turns) == {-1.0, 1.0} and 4 < turns.count(1.0) < 20
-    radii = np.array([reference.path.radius for reference in family if isinstance(reference.path, Circle)])
-    assert radii.min() >= 0.05 and radii.max() <= 0.2 and np.ptp(radii) > 0.1
-    assert len({reference.path for reference in family}) == 32
