@@ -1,14 +1,11 @@
 """Pictures of robots in perspective: a camera that is one, and what is drawn where the robot is."""
 
-import copy
-
 import numpy as np
 import pytest
 from support.robots import ROBOTS, skewed_robot
 
 from fuzzyarm.envs.batch.layout import VECTORS
 from fuzzyarm.envs.batch.schedule import Schedule
-from fuzzyarm.envs.fuzzy_arm import FuzzyArmEnv
 from fuzzyarm.envs.perspective import floor_of, looking_at, poses_of, upwards
 from fuzzyarm.envs.physics.dynamics import Payload
 from fuzzyarm.envs.physics.rigid_body import tip_position
@@ -142,20 +139,3 @@ def test_loads_are_drawn_where_they_act():
     assert count > 50 and np.hypot(*(at - place(bare, TRACE)[0])) < 4.0
     weightless = Robot("weightless", robot.joints, robot.tip, (0.0, 0.0, 0.0))
     assert place(picture(weightless, Disturbance()), TRACE)[1] > 50
-
-
-@pytest.mark.slow
-def test_an_environment_of_a_robot_draws_copies_and_rewinds():
-    env = FuzzyArmEnv(robot="planar-3r", render_mode="rgb_array")
-    env.reset(seed=0)
-    first = env.render()
-    for _ in range(30):
-        env.step(np.zeros(3))
-    later = env.render()
-    assert (later != first).any()
-    twin = copy.deepcopy(env)
-    np.testing.assert_array_equal(twin.render(), later)
-    env.reset(seed=0)
-    np.testing.assert_array_equal(env.render(), first)
-    assert isinstance(env._film._canvas, Canvas)
-    env.close()

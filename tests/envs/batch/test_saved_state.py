@@ -65,9 +65,8 @@ def test_a_bad_state_is_refused_and_changes_nothing(envs, change, message):
     assert np.array_equal(envs.step(action)[0], expected)
 
 
-@pytest.mark.parametrize("tries", [60, pytest.param(1000, marks=pytest.mark.slow)])
-def test_random_changes_are_refused_or_harmless(envs, tries):
-    generator = np.random.default_rng(0)
+def test_random_changes_are_refused_or_harmless(envs):
+    tries, generator = 100, np.random.default_rng(0)
     good = envs.get_state()
     own_state = columns(LAYOUT.Lane).state
     refused = 0

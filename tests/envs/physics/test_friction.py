@@ -111,16 +111,3 @@ def test_hanging_arm_sticks_bit_for_bit_up_to_the_static_torque_and_breaks_away_
         assert np.array_equal(hold_arm(np.zeros(8), fraction * torque), np.zeros(8))
     state = hold_arm(np.zeros(8), (1.0 + 1e-9) * torque, substeps=1)
     assert state[joint] * direction > 0.0 and state[4 + joint] * direction > 0.0
-
-
-def test_stuck_motors_do_not_move_a_bit_while_the_links_vibrate():
-    constants = arm_constants(ArmParameters())
-    state = np.array([0.3, -0.2, 0.3, -0.2, 0.0, 0.0, 0.004, -0.004])
-    gravity2 = constants.c5 * np.sin(0.1)
-    torque = np.array([constants.c4 * np.sin(0.3) + gravity2, gravity2])
-    state[2:4] -= torque / np.array(ArmParameters().stiffness)
-    for _ in range(1000):
-        after = hold_arm(state, torque, substeps=1)
-        assert np.array_equal(after[[0, 1, 4, 5]], [0.3, -0.2, 0.0, 0.0])
-        assert not np.array_equal(after[2:4], state[2:4])
-        state = after

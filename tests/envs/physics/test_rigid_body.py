@@ -37,18 +37,6 @@ def test_jacobian_and_gravity_are_gradients(robot):
     np.testing.assert_allclose(rigid_body.gravity(robot, q), potential, atol=1e-6)
 
 
-def test_velocity_torque_is_that_of_the_christoffel_symbols(robot):
-    # C_ij = Σ_k (∂_k M_ij + ∂_j M_ik - ∂_i M_jk) q̇_k / 2: with this C, Ṁ - 2 C is skew.
-    q, dq, _ = motion(robot)
-    change = derivative(lambda at: rigid_body.mass_matrix(robot, at), q)
-    symbols = 0.5 * (change + np.swapaxes(change, -1, -2) - np.moveaxis(change, -1, -3))
-    coriolis = np.einsum("...ijk,...k->...ij", symbols, dq)
-    wanted = rigid_body.bias(robot, q, dq) - rigid_body.gravity(robot, q)
-    np.testing.assert_allclose(np.einsum("...ij,...j->...i", coriolis, dq), wanted, atol=1e-6)
-    skew = np.einsum("...ijk,...k->...ij", change, dq) - 2.0 * coriolis
-    np.testing.assert_allclose(skew, -np.swapaxes(skew, -1, -2), atol=1e-10)
-
-
 def test_mujoco_agrees(robot):
     with pytest.raises(ValueError, match=r"angles.* need shape \(\.\.\., \d\).*\(9,\)"):
         rigid_body.tip_position(robot, np.zeros(9))

@@ -7,13 +7,10 @@ from slow_twins import slow_but
 from support.robots import ROBOTS, with_drives, without_losses
 
 from fuzzyarm.envs.physics import rigid_body
-from fuzzyarm.envs.physics.dynamics import Payload, arm_constants
 from fuzzyarm.envs.physics.hold import hold_of
-from fuzzyarm.envs.physics.parameters import ArmParameters
 from fuzzyarm.envs.physics.records import filled, flat
-from fuzzyarm.envs.physics.robot import Robot, robot_named
+from fuzzyarm.envs.physics.robot import robot_named
 from fuzzyarm.envs.physics.serial import physics_of
-from fuzzyarm.envs.physics.two_joints import two_joints
 
 LANES = 7
 
@@ -71,20 +68,6 @@ def test_accelerations_of_a_step_solve_the_equation_of_motion(robot):
     outer = np.einsum("...ji,...j->...i", rigid_body.tip_jacobian(robot, q), space)
     torque = rigid_body.inverse_dynamics(robot, q, dq, acceleration)
     np.testing.assert_allclose(torque, spring + outer, atol=2e-4 * np.abs(torque).max())
-
-
-def test_the_paper_s_arm_moves_as_by_the_hand_written_equations():
-    parameters = ArmParameters(inertia=(0.5, 0.1))
-    robot, by_hand, generator = Robot.of(parameters), two_joints(), np.random.default_rng(0)
-    physics, arm, old = physics_of(robot), arm_of(robot, 0.0, 0.0, 5.0), arm_constants(parameters, Payload(5.0))
-    rows = generator.uniform(-1.0, 1.0, (4, 2, LANES))
-    rows[0] = rows[1]
-    state = other = physics.State(*(physics.PerJoint(*row) for row in rows))
-    torque = physics.PerJoint(*generator.uniform(-100.0, 100.0, (2, LANES)))
-    force = physics.Point(*generator.uniform(-50.0, 50.0, (2, LANES)))
-    for _ in range(50):
-        state, other = physics.step(state, torque, force, arm, 2e-4), by_hand.step(other, torque, force, old, 2e-4)
-    np.testing.assert_allclose(np.array(state), np.array(other), atol=1e-12)
 
 
 def test_numpy_machine_code_and_torch_agree_and_a_lane_is_the_single_arm_bit_for_bit():

@@ -82,15 +82,6 @@ def test_joint_velocity_gives_the_tip_velocity_and_starts_and_ends_at_rest(refer
         np.testing.assert_array_equal(grid, many.reshape(19, 79, 2))
 
 
-@pytest.mark.parametrize("elbow_sign", [1, -1])
-def test_joint_angles_are_continuous_where_the_tip_crosses_the_negative_x_axis(elbow_sign):
-    reference = JointReference(PATHS["across the negative x axis"], elbow_sign=elbow_sign)
-    angle = np.arctan2(*reference.tip(GRID).position.T[::-1])
-    assert np.abs(np.diff(angle)).max() > 6.0  # the polar angle of the tip does jump
-    q, dq, _ = reference.sample(GRID)
-    assert (np.abs(np.diff(q, axis=0)) <= 1.001e-3 * np.abs(dq).max(axis=0) + 1e-9).all()
-
-
 def test_quintic_time_law_is_the_printed_polynomial_and_rests_outside():
     x = np.linspace(0.0, 1.0, 101)
     s, ds, dds = quintic_time_law(2.0 * x, 2.0)
