@@ -1,24 +1,20 @@
-"""The control step: what it measures and rewards, and the lanes of a batch against each lane alone."""
+"""What a control step measures: errors, domain, reasons to end and friction."""
 
-import dataclasses
 import functools
 import itertools
 
 import numpy as np
 import pytest
-from support.two_joints import Target, advance, assess, hold, named, state_of
+from support.two_joints import Target, assess, state_of
 
-from fuzzyarm.envs.batch.layout import SCALARS, by_rows, in_blocks
 from fuzzyarm.envs.physics.dynamics import (
-    Arm,
-    Payload,
     arm_constants,
     joint_torque,
     tip_position,
 )
 from fuzzyarm.envs.physics.friction import DryFriction, stribeck_magnitude
 from fuzzyarm.envs.physics.parameters import ArmParameters
-from fuzzyarm.envs.physics.records import PerJoint, filled, flat
+from fuzzyarm.envs.physics.records import PerJoint, filled
 from fuzzyarm.envs.physics.two_joints import Limits
 from fuzzyarm.envs.task import Termination, finite, reason_of
 
@@ -28,7 +24,6 @@ STATIC = np.array(TABLE_1.static_friction)
 LIMITS = np.array([*TABLE_1.joint_limit, *TABLE_1.velocity_limit, *TABLE_1.torque_limit])
 RESTING = np.array([0.7, 0.9, 0.7, 0.9, 0.0, 0.0, 0.0, 0.0])
 NOTHING = (0.0, 0.0)
-PERIOD, SUBSTEPS = 1e-3, 10
 
 
 def measure(state, torque=NOTHING, bias=NOTHING, target=None, limits=LIMITS):
@@ -43,64 +38,6 @@ def circle_target(state, distance=0.0):
     found = measure(state, target=np.zeros(7))
     radius = np.hypot(found.tip.x - 0.1, found.tip.y - 0.2)
     return np.array([found.tip.x + distance, found.tip.y, 1.0, 0.0, 0.1, 0.2, radius])
-
-
-def random_arm(rng):
-    """Constants of an arm with its masses, stiffness and friction scaled, and a payload."""
-    scaled = {
-        name: tuple(rng.uniform(0.7, 1.3) * x for x in getattr(TABLE_1, name))
-        for name in ("length", "mass", "stiffness", "damping", "motor_inertia")
-    }
-    scaled["mass_center"] = tuple(0.5 * x for x in scaled["length"])
-    return arm_constants(dataclasses.replace(TABLE_1, **scaled), Payload(float(rng.uniform(0.0, 5.0))))
-
-
-def batch(lanes, seed=0):
-    """Different states, torques, biases, forces, arms, limits and references; a third of the motors at rest."""
-    rng = np.random.default_rng(seed)
-    state = rng.uniform(-1.0, 1.0, (8, lanes)) * np.array([2, 2, 0, 0, 1, 1, 1, 1])[:, None]
-    state[2:4] = state[:2] + 1e-3 * rng.uniform(-1.0, 1.0, (2, lanes))
-    state[4:6, ::3] = 0.0
-    torque, bias = (scale * rng.normal(size=(2, lanes)) for scale in (50.0, 5.0))
-    force = 100.0 * rng.normal(size=(4, lanes))
-    arms = np.array([flat(random_arm(rng)) for _ in range(lanes)]).T.copy()
-    limits = LIMITS[:, None] * rng.uniform(0.1, 1.0, (6, lanes))
-    target = rng.uniform(-0.7, 0.7, (7, lanes))  # a radius below zero is no circle either
-    return state, torque, bias, force, arms, limits, target
-
-
-def lanes_of(state, torque, bias, force, arm, limits, target, rows=2):
-    """The arguments of `advance` for lanes that hold the same torque, bias and force in every row of their table."""
-    lanes = state.shape[1]
-    values = np.concatenate([state, arm, limits, np.ones((1, lanes)), np.zeros((2, lanes))])
-    reference = 0.01 * np.arange(6.0 * lanes).reshape(6, lanes)
-    table = np.repeat(np.concatenate([reference, target, force, bias]).T, rows, axis=0)
-    first = rows * np.arange(lanes)
-    clock = np.stack([first, first, first + rows - 1, np.zeros(lanes, dtype=np.int64)])
-    return in_blocks(values), clock, table, np.ascontiguousarray(torque.T)
-
-
-def step(values, clock, table, action):
-    """Advance every lane by one control step; returns observations, vectors and scalars by name."""
-    observations, vectors, scalars = advance(values, clock, table, PERIOD, SUBSTEPS, action)
-    return observations, named(vectors), dict(zip(SCALARS, scalars, strict=True))
-
-
-def test_each_result_is_reported_under_its_name():
-    """Every quantity that is simply passed on, from distinct numbers."""
-    state, torque, bias, force, arm, limits, target = batch(5)
-    values, clock, table, action = lanes_of(state, torque, bias, force, arm, 10.0 * limits, target)
-    factors = values[0, 35, :5] = np.linspace(0.5, 1.5, 5)
-    observations, vectors, scalars = step(values, clock, table, action)
-    assert all(np.isfinite(part).all() for part in (observations, *vectors.values(), *scalars.values()))
-    after = values[0, :8, :5].T
-    assert np.array_equal(vectors["q_motor"], after[:, :2]) and np.array_equal(vectors["q_link"], after[:, 2:4])
-    assert np.array_equal(vectors["dq_motor"], after[:, 4:6]) and np.array_equal(vectors["dq_link"], after[:, 6:])
-    assert np.array_equal(vectors["tip_reference"], target[:2].T)
-    assert np.array_equal(vectors["torque"], torque.T)  # the controller's, without the bias
-    assert np.array_equal(vectors["external_force"], (factors * force[:2]).T)
-    assert np.array_equal(observations, np.hstack([after[:, [0, 1, 4, 5]], table[::2, :6]]))
-    assert (scalars["time"] == PERIOD).all() and (scalars["truncated"] == 1.0).all()
 
 
 @pytest.mark.parametrize(
@@ -178,23 +115,3 @@ def test_friction_of_slipping_joints_is_the_stribeck_curve_against_the_motion():
     coulomb, speed = np.array(TABLE_1.coulomb_friction), TABLE_1.stribeck_velocity
     expected = -stribeck_magnitude(velocity, DryFriction(coulomb, STATIC, speed)) * np.sign(velocity)
     np.testing.assert_allclose(friction(found), expected, rtol=1e-15)
-
-
-def test_advance_is_hold_under_clipped_torque_and_bias_then_measured():
-    state, torque, bias, force, arm, limits, target = batch(20)
-    torque[:, 5:10] *= 20.0
-    applied = np.clip(torque, -limits[4:], limits[4:])
-    values, clock, table, action = lanes_of(state, torque, bias, force, arm, limits, target)
-    _, vectors, scalars = step(values, clock, table, action)
-    hold(state, applied + bias, force, arm, PERIOD / SUBSTEPS, SUBSTEPS)
-    known = limits_of(limits), target_of(target)
-    expected = assess(state_of(state), PerJoint(*applied), PerJoint(*bias), filled(Arm, arm), *known)
-    assert np.array_equal(by_rows(values, 20)[:8], state) and np.array_equal(vectors["torque"], applied.T)
-    assert np.array_equal(vectors["tip"], np.stack(expected.tip, axis=-1))
-    assert np.array_equal(vectors["friction_torque"], friction(expected).T)
-    for name in SCALARS[1:7]:
-        assert np.array_equal(scalars[name], getattr(expected, name)), name
-    assert np.array_equal(scalars["torque_clipped"], np.any(applied != torque, axis=0))
-    assert 0 < scalars["torque_clipped"].sum() < 20
-    inside = (expected.angles_inside == 1.0) & (expected.velocities_inside == 1.0)
-    assert np.array_equal(scalars["reason"] == 0.0, inside) and 0 < inside.sum() < 20
