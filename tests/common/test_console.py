@@ -60,18 +60,6 @@ def test_a_table_that_is_too_wide_is_split_and_keeps_its_first_column_and_its_di
     assert text.count("Errors") == 1  # the title stands above the first
 
 
-def test_text_may_be_folded_where_a_table_says_so():
-    screen = a_screen(True, 44)
-    rows = [
-        ("6.1", "the largest circumferential speed of the reference", "1.5, 2.5"),
-        ("6.2, Fig. 7", "the largest torque", "228"),
-    ]
-    text = shown(console.Sheet(["where", "what", "value"], rows, left=(0, 1), fold=True), screen)
-    assert max(map(len, text.splitlines())) <= 44
-    assert all(word in text for word in ("circumferential", "reference", "1.5, 2.5"))
-    assert text.count("value") == 1
-
-
 @pytest.mark.parametrize("width", [1, 39])
 def test_no_terminal_is_narrower_than_what_is_laid_out_for_it(monkeypatch, width):
     """Rich took minutes and gigabytes to lay out a help text in one column."""

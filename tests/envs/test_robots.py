@@ -8,7 +8,9 @@ import gymnasium as gym
 import numpy as np
 import pytest
 from gymnasium.utils.env_checker import check_env
+from gymnasium.vector import AutoresetMode
 from support.plain import hold_numpy
+from support.results import assert_identical, identical
 
 from fuzzyarm.envs.batch.layout import VECTORS
 from fuzzyarm.envs.fuzzy_arm import FuzzyArmEnv
@@ -118,69 +120,45 @@ def test_a_step_is_the_numpy_arm_under_the_schedule(robot):
     assert schedule.forces[10].any() and schedule.biases[10].all()
 
 
-def test_lane_i_is_the_single_arm_bit_for_bit(robot):
+def test_a_batch_equals_gymnasiums_loop_over_single_arms(robot):
     setting = {"robot": robot, "reference": short(robot), "disturbance": disturbed(len(robot)), "randomisation": VARIED}
-    lanes = 35
-    envs, actions = FuzzyArmVectorEnv(lanes, **setting), torques(robot, 55)
-    results = [envs.reset(seed=7), *(envs.step(np.tile(action, (lanes, 1))) for action in actions)]
-    for lane in (0, 31, 32, 34):
-        env = FuzzyArmEnv(**setting)
-        assert np.array_equal(env.reset(seed=7 + lane)[0], results[0][0][lane])
-        for action, (expected, rewards, _, truncated, infos) in zip(actions, results[1:], strict=True):
-            observation, reward, _, ended, info = env.step(action)
-            assert ended == truncated[lane]
-            if ended:
-                final = infos["final_info"]
-                assert np.array_equal(infos["final_obs"][lane], observation)
-                assert all(np.array_equal(info[name], final[name][lane]) for name in VECTORS)
-                observation, info = env.reset()
-            else:
-                assert reward == rewards[lane]
-            assert np.array_equal(observation, expected[lane])
-            assert all(np.array_equal(info[name], infos[name][lane]) for name in VECTORS)
-        assert np.array_equal(info["randomisation"]["mass"], infos["randomisation"]["mass"][lane])
+    same_step = {"vectorization_mode": "sync", "vector_kwargs": {"autoreset_mode": AutoresetMode.SAME_STEP}}
+    envs, expected = (gym.make_vec("FuzzyArm-v0", num_envs=18, **setting, **mode) for mode in ({}, same_step))
+    assert_identical(envs.reset(seed=7), expected.reset(seed=7))
+    for step, action in enumerate(torques(robot, 55)):
+        actions = np.tile(action, (18, 1))
+        assert_identical(envs.step(actions), expected.step(actions), step)
 
 
-@pytest.mark.parametrize("way", ["state", "copy", "pickle"])
-def test_a_batch_is_taken_up_again_bit_for_bit(robot, way):
+def test_a_batch_is_taken_up_again_bit_for_bit(robot):
     setting = {"robot": robot, "randomisation": VARIED, "disturbance": disturbed(len(robot))}
-    envs, twin, actions = FuzzyArmVectorEnv(4, **setting), FuzzyArmVectorEnv(4, **setting), torques(robot, 20)
+    envs, other = FuzzyArmVectorEnv(4, **setting), FuzzyArmVectorEnv(4, **setting)
     envs.reset(seed=1)
-    for action in actions[:10]:
+    for action in torques(robot, 10):
         envs.step(np.tile(action, (4, 1)))
-    if way == "state":
-        twin.set_state(envs.get_state())
-    else:
-        twin = copy.deepcopy(envs) if way == "copy" else pickle.loads(pickle.dumps(envs))
-    for action in actions[10:]:
-        first, second = envs.step(np.tile(action, (4, 1))), twin.step(np.tile(action, (4, 1)))
-        assert np.array_equal(first[0], second[0]) and np.array_equal(first[4]["tip"], second[4]["tip"])
+    other.set_state(envs.get_state())
+    twins = copy.deepcopy(envs), pickle.loads(pickle.dumps(envs)), other
+    for action in torques(robot, 10, seed=1):
+        expected, *found = (one.step(np.tile(action, (4, 1))) for one in (envs, *twins))
+        assert all(identical(expected, one) for one in found)
     with pytest.raises(ValueError, match="other plants"):
         FuzzyArmVectorEnv(4).set_state(envs.get_state())
 
 
-def test_the_batch_in_tensors_is_the_batch(robot):
+@pytest.mark.parametrize(("dtype", "close"), [("float64", 1e-9), ("float32", 1e-4)])
+def test_the_batch_in_tensors_is_the_batch(robot, dtype, close):
     torch = pytest.importorskip("torch")
     from fuzzyarm.rl_baselines.torch_env import TorchFuzzyArm
 
     setting = {"robot": robot, "reference": short(robot), "disturbance": disturbed(len(robot)), "randomisation": VARIED}
-    lanes, n = 3, len(robot)
-    envs = FuzzyArmVectorEnv(lanes, **setting)
-    tensors = TorchFuzzyArm(lanes, dtype=torch.float64, compiled=False, **setting)
-    found, (expected, _) = tensors.reset(seed=3), envs.reset(seed=3)
-    assert found.shape == (lanes, 5 * n)
-    np.testing.assert_allclose(found.numpy(), expected, rtol=0.0, atol=1e-12)
+    kind, envs = getattr(torch, dtype), FuzzyArmVectorEnv(3, **setting)
+    tensors = TorchFuzzyArm(3, dtype=kind, compiled=False, **setting)
+    np.testing.assert_allclose(tensors.reset(seed=3).numpy(), envs.reset(seed=3)[0], rtol=0.0, atol=close)
     for action in torques(robot, 10):
-        actions = np.tile(action, (lanes, 1))
-        found, (expected, reward, *_, info) = tensors.step(torch.tensor(actions)), envs.step(actions)
-        np.testing.assert_allclose(found[0].numpy(), expected, rtol=0.0, atol=1e-9)
-        np.testing.assert_allclose(found[1].numpy(), reward, rtol=0.0, atol=1e-9)
-        np.testing.assert_allclose(found[-1]["tip"].numpy(), info["tip"], rtol=0.0, atol=1e-10)
-    single = TorchFuzzyArm(lanes, dtype=torch.float32, compiled=False, **setting)
-    single.reset(seed=3)
-    for action in torques(robot, 10):
-        last = single.step(torch.tensor(np.tile(action, (lanes, 1)), dtype=torch.float32))
-    np.testing.assert_allclose(last[-1]["tip"].numpy(), info["tip"], rtol=0.0, atol=1e-5)
+        actions = np.tile(action, (3, 1))
+        found, (_, reward, *_, info) = tensors.step(torch.tensor(actions, dtype=kind)), envs.step(actions)
+        np.testing.assert_allclose(found[1].numpy(), reward, rtol=0.0, atol=10.0 * close)
+        np.testing.assert_allclose(found[-1]["tip"].numpy(), info["tip"], rtol=0.0, atol=close)
 
 
 def test_a_payload_at_the_tip_is_a_heavier_last_link():

@@ -87,15 +87,6 @@ def test_stick_slip_is_the_exact_solution(v, a, f, h):
     assert stick_slip(-v, -a, f, h) == (-velocity, -moved)
 
 
-def test_stick_slip_is_elementwise():
-    rng = np.random.default_rng(0)
-    lanes = rng.normal(size=(2, 200)), np.abs(rng.normal(size=(2, 200)))
-    v, a, f, h = *lanes[0], *lanes[1]
-    v[::3] = 0.0
-    alone = np.array([stick_slip(*lane) for lane in zip(v, a, f, h, strict=True)]).T
-    assert np.array_equal(np.array(stick_slip(v, a, f, h)), alone)
-
-
 def hold_arm(state, torque, substeps=1000):
     """One lane of Table 1 after `substeps` of 0.1 ms."""
     lanes, constants = np.array(state, dtype=float)[:, None], np.array(flat(arm_constants(ArmParameters())))[:, None]

@@ -5,19 +5,17 @@ import dataclasses
 import numpy as np
 import pytest
 from support.plain import hold_numpy
-from support.two_joints import PHYSICS, hold, state_of
+from support.two_joints import PHYSICS, hold
 
 from fuzzyarm.envs.physics.dynamics import (
-    Arm,
     Payload,
     arm_constants,
     mass_matrix,
     tip_position,
 )
 from fuzzyarm.envs.physics.event_integrator import integrate
-from fuzzyarm.envs.physics.hold import held_of
 from fuzzyarm.envs.physics.parameters import ArmParameters
-from fuzzyarm.envs.physics.records import PerJoint, filled, flat
+from fuzzyarm.envs.physics.records import flat
 
 TABLE_1 = ArmParameters()
 FRICTIONLESS = dataclasses.replace(
@@ -149,17 +147,6 @@ def test_machine_code_is_numpy_bit_for_bit_and_each_lane_the_lane_alone(lanes):
     assert np.array_equal(state[:, -1:], alone)
     with pytest.raises(ValueError, match="needed: 4 numbers of an arm in columns"):
         hold(state, torque, force[:2], arms, 1e-4, 10)
-
-
-def test_torch_is_numpy_to_the_last_digits():
-    """Tensors run through the same lines, with torch's own sine, cosine and exponential."""
-    torch = pytest.importorskip("torch")
-    state, torque, force, arms = random_lanes(50)
-    lanes, constants = state_of(torch.tensor(state)), filled(Arm, torch.tensor(arms))
-    parts = PerJoint(*torch.tensor(torque)), torch.tensor(force[:2]), torch.tensor(force[2:])
-    lanes = held_of(PHYSICS)(lanes, *parts, constants, 1e-4, 10)
-    hold(state, torque, force, arms, 1e-4, 10)
-    np.testing.assert_allclose(torch.stack(flat(lanes)).numpy(), state, rtol=0.0, atol=1e-12)
 
 
 def test_the_force_is_the_line_through_the_step():

@@ -1,9 +1,9 @@
 """Robots as data: what is refused and how, files, digests, payloads, and models with an overlay."""
 
-import builtins
 import dataclasses
 import importlib.resources
 import re
+import sys
 
 import numpy as np
 import pytest
@@ -118,24 +118,26 @@ def test_payload_adds_its_weight_and_inertia():
     np.testing.assert_allclose(weight, -2.0 * jacobian.T @ robot.gravity, atol=1e-12)
 
 
-def test_errors_of_a_file_name_file_joint_and_field(tmp_path):
-    folder = importlib.resources.files("fuzzyarm.envs.physics") / "robots"
-    text = (folder / "planar-3r.toml").read_text(encoding="utf-8")
-    file = tmp_path / "robot.toml"
-    for old, new, message in (
+@pytest.mark.parametrize(
+    ("old", "new", "message"),
+    [
         (
             "inertia = [[0.01, 0, 0], [0, 0.11, 0], [0, 0, 0.11]]",
             "",
-            "joint 'joint2': .*missing required field `inertia`",
+            "'joint2': .*missing required field `inertia`",
         ),
         ("motor_inertia = 0.58", "motor_inertia = 0.0", "joint 'joint2': motor_inertia = 0.0"),
         ("[[joints]]", "[[joints]]\ntype = 'prismatic'", "unknown field type"),
-    ):
-        assert old in text
-        file.write_text(text.replace(old, new, 1), encoding="utf-8")
-        with pytest.raises(ValueError, match=rf"{re.escape(str(file))}: .*{message}") as caught:
-            read_robot(file)
-        assert "\n" not in str(caught.value)
+    ],
+)
+def test_errors_of_a_file_name_file_joint_and_field(tmp_path, old, new, message):
+    folder, file = importlib.resources.files("fuzzyarm.envs.physics") / "robots", tmp_path / "robot.toml"
+    text = (folder / "planar-3r.toml").read_text(encoding="utf-8")
+    assert old in text
+    file.write_text(text.replace(old, new, 1), encoding="utf-8")
+    with pytest.raises(ValueError, match=rf"{re.escape(str(file))}: .*{message}") as caught:
+        read_robot(file)
+    assert "\n" not in str(caught.value)
 
 
 URDF_LINK = """<link name="{}"><inertial><mass value="2"/><origin xyz="0 0 0.1"/>
@@ -215,13 +217,6 @@ def test_mjcf_with_an_overlay_and_without_rotor(tmp_path):
 
 
 def test_without_mujoco_the_extra_is_named(tmp_path, monkeypatch):
-    real = builtins.__import__
-
-    def without(name, *arguments, **options):
-        if name == "mujoco":
-            raise ModuleNotFoundError(name)
-        return real(name, *arguments, **options)
-
-    monkeypatch.setattr(builtins, "__import__", without)
+    monkeypatch.setitem(sys.modules, "mujoco", None)
     with pytest.raises(ModuleNotFoundError, match=r"fuzzyarm\[robots\]"):
         read_robot(files(tmp_path, SECOND))

@@ -185,15 +185,6 @@ def test_the_same_seed_draws_the_same_and_info_shows_it_to_the_end_of_the_episod
             later["mass"][:] = np.nan  # reaches nobody else
 
 
-def test_narrower_ranges_draw_the_same_shares():
-    """A draw depends on its own range only: what else varies does not shift it."""
-    alone = lanes_with(DomainRandomisation(payload=EVERYTHING.payload), 50)[0].randomisation_info()
-    together = lanes_with(EVERYTHING, 50)[0].randomisation_info()
-    assert np.array_equal(alone["payload"], together["payload"])
-    assert all((alone[name] == 1.0).all() for name in ALLOWED if name not in ("payload", "angle"))
-    assert not alone["angle"].any() and not alone["reference"].any()
-
-
 @pytest.mark.parametrize("own", [Payload(), Payload(2.0), Payload(2.0, at="link")], ids=["none", "tip", "link"])
 def test_the_arm_of_each_lane_is_the_one_with_the_fields_it_drew(own):
     """Masses, motors, joints and friction scaled; the case's payload as it is and the drawn one at the tip."""

@@ -121,13 +121,6 @@ def test_redundant_joints_share_as_at_the_start():
     assert np.abs(q - q[0]).max() > 0.1
 
 
-def test_a_value_depends_on_its_own_time_alone(reference):
-    whole = reference.sample(T.reshape(3, 67))
-    for single, grid in zip(reference.sample(T[100]), whole, strict=True):
-        assert grid.shape == (3, 67, reference.joints)
-        np.testing.assert_allclose(single, grid[1, 33], rtol=0, atol=1e-13)
-
-
 PLANE = Circle(), Lemniscate((0.4, 0.4), 0.2, angle=0.5)
 
 
