@@ -375,6 +375,7 @@ BAD_OPTIONS = [
         "unknown reset option inital_state, wind; known: initial_state, reference, case, disturbance",
     ),
     ({"case": "payload", "disturbance": NOISY}, "either case = 'payload' or a disturbance"),
+    ({"reference": Circle()}, r"reference = Circle.* must be a .*[.]Reference"),
     (
         {"reference": JointReference(parameters=dataclasses.replace(TABLE_1, length=(0.6, 0.5)))},
         r"links of \(0\.6, 0\.5\) m, the plant has \(0\.5, 0\.5\) m",
@@ -388,7 +389,7 @@ BAD_OPTIONS = [
 
 @pytest.mark.parametrize(("options", "message"), BAD_OPTIONS)
 def test_a_bad_option_is_named_with_what_is_allowed(options, message):
-    with pytest.raises(ValueError, match=message):
+    with pytest.raises((TypeError, ValueError), match=message):
         FuzzyArmEnv().reset(options=options)
 
 
@@ -397,7 +398,5 @@ def test_reference_is_that_of_the_episode_under_way():
     assert env.reference == JointReference()  # before the first episode
     env.reset(options={"reference": OTHER_PATH})
     assert env.reference is OTHER_PATH
-    with pytest.raises(TypeError, match="must be a"):
-        env.reset(options={"reference": Circle()})
     env.reset()
     assert env.reference == JointReference()

@@ -68,27 +68,20 @@ def test_cicese_has_the_identified_inertia_and_gravity():
 def test_manutec_r3_is_its_source_through_the_gears():
     robot, ratio = robot_named("manutec-r3"), np.array([210.0, 60.0])
     of_motor = {
-        "motor_inertia": ([0.0013, 0.0013], 2),
-        "stiffness": ([8.0, 58.0], 2),
-        "damping": ([0.01, 0.04], 2),
-        "viscous_friction": ([0.1 / 130.0, 0.2 / 130.0], 2),
-        "coulomb_friction": ([0.5, 0.7], 1),
-        "torque_limit": ([1.1616 * 9.0] * 2, 1),
+        "motor_inertia": 0.0013 * ratio**2,
+        "stiffness": [8.0, 58.0] * ratio**2,
+        "damping": [0.01, 0.04] * ratio**2,
+        "viscous_friction": [0.1 / 130.0, 0.2 / 130.0] * ratio**2,
+        "coulomb_friction": [0.5, 0.7] * ratio,
+        "torque_limit": 1.1616 * 9.0 * ratio,
     }
-    for name, (values, power) in of_motor.items():
-        np.testing.assert_allclose(robot.drive(name), np.array(values) * ratio**power, rtol=1e-12)
+    for name, values in of_motor.items():
+        np.testing.assert_allclose(robot.drive(name), values, rtol=1e-12)
     np.testing.assert_allclose([joint.velocity_limit for joint in robot.joints], 315.0 / ratio)
-    bodies = (
-        (26.4, -0.034, 0.0, 0.279),
-        (28.7, 0.414, -0.155, 1.67),
-        (5.2, 0.6, -0.155, 1.25),
-        (0.5, 0.775, -0.105, 0.0),
-    )
-    mass, x, y, inertia = np.array(bodies).T
-    link = robot.joints[-1].link
-    np.testing.assert_allclose(
-        [link.mass, *link.center], [mass.sum(), mass @ x / 60.8, mass @ y / 60.8, 0.0], atol=1e-8
-    )
+    mass, x = np.array([26.4, 28.7, 5.2, 0.5]), np.array([-0.034, 0.414, 0.6, 0.775])
+    y, inertia = np.array([0.0, -0.155, -0.155, -0.105]), np.array([0.279, 1.67, 1.25, 0.0])
+    link, total = robot.joints[-1].link, mass.sum()
+    np.testing.assert_allclose([link.mass, *link.center], [total, mass @ x / total, mass @ y / total, 0.0], atol=1e-8)
     about_axis = link.inertia[-1][-1] + link.mass * np.dot(link.center, link.center)
     assert about_axis == pytest.approx(np.sum(inertia + mass * (x * x + y * y)), rel=1e-7)
 

@@ -54,11 +54,8 @@ def run(disturbance, torques=TORQUES, seed=0):
 
 def plant(start, torques, forces=NO_FORCES, payload=None):
     """States of the plant itself from `start`, without the environment."""
-    arm, state, states = (
-        np.array(flat(arm_constants(ArmParameters(), payload)))[:, None],
-        start[:, None].copy(),
-        [start],
-    )
+    arm = np.array(flat(arm_constants(ArmParameters(), payload)))[:, None]
+    state, states = start[:, None].copy(), [start]
     for torque, force in zip(torques, forces, strict=True):
         line = np.array([*force, 0.0, 0.0])[:4, None]  # a constant force, or a line given with its change
         hold(state, torque[:, None], line, arm, 2e-4, 5)

@@ -76,14 +76,7 @@ def scaled(parameters, **factors):
 def episode(env, torques, **reset):
     """Observations, rewards and infos of an open-loop episode."""
     observation, info = env.reset(**reset)
-    results = [(observation, 0.0, False, False, info)]
-    results += [env.step(torque) for torque in torques]
-    return results
-
-
-def same(first, second):
-    """Whether two episodes are the same, bit for bit."""
-    return all(map(identical, first, second))
+    return [(observation, 0.0, False, False, info), *(env.step(torque) for torque in torques)]
 
 
 TORQUES = np.array([110.0, 30.0]) + np.random.default_rng(0).normal(scale=10.0, size=(30, 2))
@@ -144,7 +137,7 @@ def test_a_variation_of_nothing_changes_no_bit_and_shows_nothing(nothing):
     plain, unvaried = FuzzyArmEnv(disturbance=NOISY), FuzzyArmEnv(disturbance=NOISY, randomisation=nothing)
     for seed in (1, None):
         first, second = (episode(env, TORQUES, seed=seed) for env in (plain, unvaried))
-        assert same(first, second) and not any("randomisation" in step[-1] for step in second)
+        assert identical(first, second) and not any("randomisation" in step[-1] for step in second)
 
 
 @pytest.mark.parametrize("name", ALLOWED)
