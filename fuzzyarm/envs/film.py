@@ -24,7 +24,6 @@ class Film:
     """
 
     def __init__(self, in_window: bool, fps: int, control_period: float, arm: AnyArm) -> None:
-        """Begin without a trace; nothing is loaded yet."""
         self._in_window, self._fps, self._arm = in_window, fps, arm
         self._steps_per_frame = max(1, round(1.0 / (fps * control_period)))
         self._trace: list[np.ndarray] = []
@@ -51,11 +50,7 @@ class Film:
             self.picture(schedule)
 
     def picture(self, schedule: Schedule) -> np.ndarray | None:
-        """Return the picture (720, 720, 3) of the last instant, or show it in the window; a closed one stays closed.
-
-        Raises:
-            gymnasium.error.ResetNeeded: no episode has begun.
-        """
+        """Return the picture (720, 720, 3) of the last instant, or show it in the window; a closed one stays closed."""
         if not self._trace:
             raise ResetNeeded("nothing to draw before the first env.reset()")
         import pygame  # here, as a training run never loads it

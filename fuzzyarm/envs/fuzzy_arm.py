@@ -138,7 +138,6 @@ class FuzzyArmEnv(gym.Env[np.ndarray, np.ndarray]):
         randomisation: str | DomainRandomisation = "nominal",
         render_mode: str | None = None,
     ) -> None:
-        """Build the environment; arguments as in the class docstring."""
         if render_mode is not None:
             checks.choice("render_mode", render_mode, self.metadata["render_modes"])
         self.parameters: Any = chosen_arm(robot, parameters)

@@ -16,10 +16,7 @@ from fuzzyarm.envs.physics.elementwise import root
 from fuzzyarm.envs.physics.physics import Physics
 from fuzzyarm.envs.physics.records import point, record_type
 
-__all__ = [
-    "EFFORT_WEIGHT", "TRACKING_LENGTH", "Assessment", "Termination", "assess_of", "clipped", "finite", "reason_of",
-    "target_record",
-]  # fmt: skip
+__all__ = ["EFFORT_WEIGHT", "Termination", "assess_of", "clipped", "finite", "reason_of", "target_record"]
 
 
 class Termination(enum.IntEnum):
@@ -65,8 +62,8 @@ def reason_of(finite: Any, angles_inside: Any, velocities_inside: Any) -> Any:
     return finite * inside + (1.0 - finite) * _NOT_FINITE
 
 
-TRACKING_LENGTH = 0.005  # m; the tip error at which the tracking reward is one half [a choice, no source]
-BEYOND_MEASURE = 1e13  # rad, rad/s; beyond about this, `sine_cosine` is meaningless and products overflow
+_TRACKING_LENGTH = 0.005  # m; the tip error at which the tracking reward is one half [a choice, no source]
+_BEYOND_MEASURE = 1e13  # rad, rad/s; beyond about this, `sine_cosine` is meaningless and products overflow
 EFFORT_WEIGHT = 0.1  # share of the reward that full torque takes away [a choice, no source]
 
 
@@ -80,7 +77,7 @@ def target_record(axes: int) -> Any:
     return record_type("Target", position=kind, normal=kind, center=kind, radius=Any)
 
 
-class Assessment(NamedTuple):
+class _Assessment(NamedTuple):
     """What `assess_of` finds; lengths in m, torques in N m, the flags 0.0 or 1.0."""
 
     tip: Any
@@ -112,9 +109,9 @@ def assess_of(physics: Physics) -> Any:
         error = _distance(tip, target.position)
         shares = (u / most for u, most in zip(torque, limits.torque, strict=True))
         effort = share * _total(one * one for one in shares)
-        tracking = 1.0 / (1.0 + error / TRACKING_LENGTH)
+        tracking = 1.0 / (1.0 + error / _TRACKING_LENGTH)
         low, high = angle_range(limits)
-        return Assessment(
+        return _Assessment(
             tip,
             motor_friction(state, torque, bias, arm),
             error,
@@ -139,7 +136,7 @@ def finite(state: Any) -> Any:
     """Return 1.0 if a state is finite and small enough that everything computed from it is finite, else 0.0."""
     sizes = [_total(map(abs, part)) for part in state]
     motors, links = sizes[0] + sizes[2], sizes[1] + sizes[3]
-    return 1.0 * (motors + links < BEYOND_MEASURE)
+    return 1.0 * (motors + links < _BEYOND_MEASURE)
 
 
 def _distance(a: Any, b: Any) -> Any:

@@ -52,30 +52,15 @@ from fuzzyarm.envs.scenario.reference import Reference
 from fuzzyarm.envs.spec import made_from_json
 from fuzzyarm.envs.task import Termination
 
-__all__ = [
-    "RESET_MASK",
-    "FuzzyArmVectorEnv",
-    "final_info",
-    "flags",
-    "masked",
-    "masked_lanes",
-    "partial_info",
-    "reasons",
-    "values",
-]  # fmt: skip
+__all__ = ["FuzzyArmVectorEnv", "final_info", "flags", "masked", "partial_info", "reasons", "values"]
 
 
-RESET_MASK = "reset_mask"
+_RESET_MASK = "reset_mask"
 """The reset option that holds which lanes (num_envs,) to reset, as booleans."""
 
 
-def masked_lanes(name: str, mask: Any, lanes: int) -> np.ndarray:
-    """Return the numbers (n,) of the lanes that a mask (lanes,) of booleans names, in ascending order.
-
-    Raises:
-        TypeError: the mask is no array of booleans.
-        ValueError: it has not one entry per lane, or names no lane.
-    """
+def _masked_lanes(name: str, mask: Any, lanes: int) -> np.ndarray:
+    """Return the numbers (n,) of the lanes that a mask (lanes,) of booleans names, in ascending order."""
     if not isinstance(mask, np.ndarray) or mask.dtype != np.bool_:
         kind = f"an array of {mask.dtype}" if isinstance(mask, np.ndarray) else type(mask).__name__
         raise TypeError(f"{name} is {kind}; it must be a numpy array of {lanes} booleans: which lanes to reset")
@@ -176,7 +161,7 @@ def final_info(
     return masked({"final_obs": final_obs, "final_info": info}, ended)
 
 
-MOST_LANES, MOST_THREADS = 2**22, 1024  # a lane takes 600 bytes
+_MOST_LANES, _MOST_THREADS = 2**22, 1024  # a lane takes 600 bytes
 _OVER = "over"  # in a state: which lanes have ended and wait for a reset
 
 
@@ -228,17 +213,16 @@ class FuzzyArmVectorEnv(VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
         autoreset_mode: AutoresetMode | str = AutoresetMode.SAME_STEP,
         render_mode: None = None,
     ) -> None:
-        """Build the environment; arguments as in the class docstring."""
         if not isinstance(autoreset_mode, AutoresetMode):
             known = [mode.value for mode in AutoresetMode]
             autoreset_mode = AutoresetMode(checks.choice("autoreset_mode", autoreset_mode, known))
         self._mode = autoreset_mode
         self.metadata = {**self.metadata, "autoreset_mode": self._mode}
         if threads is not None:
-            checks.whole("threads", threads, low=1, high=MOST_THREADS)
+            checks.whole("threads", threads, low=1, high=_MOST_THREADS)
         if render_mode is not None:
             raise ValueError(f"render_mode = {checks.shown(render_mode)}: a batch draws nothing; use gymnasium.make")
-        self.num_envs = checks.whole("num_envs", num_envs, low=1, high=MOST_LANES)
+        self.num_envs = checks.whole("num_envs", num_envs, low=1, high=_MOST_LANES)
         plants = arms_of(robot, parameters, self.num_envs)
         drawn = self._randomisation = find_randomisation(randomisation, plants[0])
         self.control_period, self.substeps = checked_periods(control_period, substep, fastest_rate(plants, drawn))
@@ -272,8 +256,8 @@ class FuzzyArmVectorEnv(VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
         begun, self._begun = self._begun, False  # until the end: after a reset that raises, step must raise too
         options = {} if options is None else dict(checks.instance("options", options, dict))
         which = None
-        if RESET_MASK in options:
-            which = masked_lanes(RESET_MASK, options.pop(RESET_MASK), self.num_envs)
+        if _RESET_MASK in options:
+            which = _masked_lanes(_RESET_MASK, options.pop(_RESET_MASK), self.num_envs)
         if which is not None and not begun and len(which) < self.num_envs:
             raise ResetNeeded("no episode has begun: call envs.reset() for all lanes before one with a reset_mask")
         check_options(options)
@@ -352,7 +336,7 @@ class FuzzyArmVectorEnv(VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
             raise ValueError(
                 "lanes of this state wait for a reset; make the environment with the autoreset_mode that it had"
             )
-        over = None if mask is None else masked_lanes(_OVER, mask, self.num_envs)
+        over = None if mask is None else _masked_lanes(_OVER, mask, self.num_envs)
         self.lanes.set_state(state, over)
         self._begun, self._over = True, over
 
@@ -385,7 +369,7 @@ class FuzzyArmVectorEnv(VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
         if self._mode is AutoresetMode.DISABLED:
             lanes = ", ".join(map(str, over[:8])) + (", ..." if len(over) > 8 else "")
             raise ResetNeeded(
-                f"the episode is over in lanes {lanes}: call envs.reset(options={{{RESET_MASK!r}: terminated | "
+                f"the episode is over in lanes {lanes}: call envs.reset(options={{{_RESET_MASK!r}: terminated | "
                 "truncated}) before envs.step()"
             )
         observation, vectors, scalars = self.lanes.step_or_restart(torque, over)

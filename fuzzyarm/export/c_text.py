@@ -25,8 +25,7 @@ from fuzzyarm.fuzzy_policy.law import law_of, seen_by, within_limits
 from fuzzyarm.fuzzy_policy.policy import Policy
 from fuzzyarm.numbers.functions import flat, like
 from fuzzyarm.numbers.program import Program
-from fuzzyarm.numbers.regions import Branch, For, Loop, Region, Store
-from fuzzyarm.numbers.symbols import Symbol
+from fuzzyarm.numbers.symbols import Branch, For, Loop, Region, Store, Symbol
 
 __all__ = [
     "HELPERS", "LARGEST", "LAW", "MODEL", "Function", "Recorded", "TooLarge", "Unsupported", "Writer",

@@ -23,7 +23,6 @@ class Folded:
     __slots__ = ("negative", "value")
 
     def __init__(self, value: Any, negative: bool = False) -> None:
-        """Take a number."""
         self.value, self.negative = value, negative
 
     def __neg__(self) -> Folded:

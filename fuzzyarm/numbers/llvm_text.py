@@ -13,8 +13,7 @@ from collections.abc import Callable, Iterable, Sequence
 from typing import Any
 
 from fuzzyarm.numbers.program import Program
-from fuzzyarm.numbers.regions import Branch, For, Loop, Store
-from fuzzyarm.numbers.symbols import Symbol, Word
+from fuzzyarm.numbers.symbols import Branch, For, Loop, Store, Symbol, Word
 
 __all__ = ["CALLED", "EIGHT", "WIDE", "Layout", "Operations", "Writer", "kernel_text"]
 
@@ -46,7 +45,6 @@ class Operations:
     """Writes operations of a program; each method puts lines, or returns the name of what they compute."""
 
     def __init__(self, program: Program, width: int) -> None:
-        """Begin with no line."""
         self.program, self.width = program, width
         self.masks = list[str]()
         self.places: list[dict[Any, str]] = [{}]

@@ -46,7 +46,6 @@ class Call:
     __slots__ = ("_code", "_held", "_job", "arms")
 
     def __init__(self, known: _Known, given: tuple[np.ndarray, ...], steps: int) -> None:
-        """Note where everything is."""
         self._code, self._held, self.arms = known.code, given, known.arms
         self._job = known.job(steps, map(_address, given))
 
@@ -92,7 +91,6 @@ class _Known:
         apart: list[int],
         code: _Code,
     ) -> None:
-        """Keep the shapes."""
         self.constants, self.tables = rest
         self.arms, self.code, self._apart = arms, code, apart
         self._arrays, self._rest = _shapes(arrays), _shapes((self.constants, *self.tables))
@@ -135,7 +133,6 @@ class Kernel:
     """
 
     def __init__(self, program: Program, layouts: Sequence[Layout] = (), *, repeated: bool = False) -> None:
-        """Keep the program."""
         self.program, self.repeated = program, repeated
         self.layouts = tuple(layouts) or (Layout.ROWS,) * len(program.ports)
         # The port that says how many arms there are: blocks may have room for more.
@@ -162,9 +159,6 @@ class Kernel:
             constants: (k,) float64.
             tables: float64, in the shapes that the program knows; any number of rows is at least one.
             steps: at least 1.
-
-        Raises:
-            ValueError: an array has another shape, type or layout.
         """
         return Call(self._fitting(arrays, constants, tables), (*arrays, constants, *tables), steps)
 

@@ -12,8 +12,7 @@ from collections.abc import Callable, Iterable, Iterator, Sequence
 from typing import Any
 
 from fuzzyarm.numbers.functions import KINDS, RECORDERS, Cells, flat, like
-from fuzzyarm.numbers.regions import Branch, For, Loop, Region, Store
-from fuzzyarm.numbers.symbols import Array, Index, Symbol, Table, Word
+from fuzzyarm.numbers.symbols import Array, Branch, For, Index, Loop, Region, Store, Symbol, Table, Word
 
 __all__ = ["Program"]
 

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from fuzzyarm.common.slices import consecutive
+from fuzzyarm.common.arithmetic import consecutive
 
 
 def test_they_divide_an_array_without_gap_or_overlap():

@@ -16,10 +16,10 @@ from fuzzyarm.envs.physics.dynamics import (
     rigid_inverse_dynamics,
     tip_position,
 )
+from fuzzyarm.envs.physics.equations import Limits
 from fuzzyarm.envs.physics.friction import DryFriction, stribeck_magnitude
 from fuzzyarm.envs.physics.parameters import ArmParameters
 from fuzzyarm.envs.physics.records import PerJoint, filled, flat, size
-from fuzzyarm.envs.physics.two_joints import Limits
 from fuzzyarm.envs.task import clipped, finite
 from fuzzyarm.numbers.machine import WIDE
 

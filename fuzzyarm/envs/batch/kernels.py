@@ -12,10 +12,9 @@ from typing import Any
 
 import numpy as np
 
-from fuzzyarm.envs.batch.beginning import Given, begun_of
 from fuzzyarm.envs.batch.layout import Clock, Flags, Results, Scalars, Start, Totals, Vectors, layout_of
 from fuzzyarm.envs.batch.schedule import row_record
-from fuzzyarm.envs.control_step import Moved, assessed_of, control_step_of, reading_of
+from fuzzyarm.envs.control_step import Given, Moved, assessed_of, begun_of, control_step_of, reading_of
 from fuzzyarm.envs.observation import Observation
 from fuzzyarm.envs.physics.physics import Physics
 from fuzzyarm.envs.physics.records import places, size
@@ -54,7 +53,6 @@ class Kernels:
     """
 
     def __init__(self, physics: Physics) -> None:
-        """Keep the equations."""
         self.layout = layout_of(physics)
         self._row = row_record(physics.joints, physics.axes)
         self._nothing = physics.PerJoint(*[0.0] * physics.joints)

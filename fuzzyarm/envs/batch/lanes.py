@@ -26,22 +26,17 @@ from fuzzyarm.envs.scenario.randomisation import DomainRandomisation, by_quantit
 from fuzzyarm.envs.scenario.reference import Reference
 from fuzzyarm.numbers.machine import WIDE, Call
 
-__all__ = ["Lanes", "Outcome", "SavedArrays", "checked_arrays"]
+__all__ = ["Lanes", "checked_arrays"]
 
 
-SavedArrays = dict[str, np.ndarray]
+_SavedArrays = dict[str, np.ndarray]
 """Arrays of a state by name: ``values``, ``clock`` and ``drawn`` of the lanes, and ``made_of``; see `Lanes`."""
 
 
-def checked_arrays(state: Any, like: SavedArrays) -> SavedArrays:
-    """Return copies of the arrays of a state that are as those of `like`; what else the state holds is left out.
-
-    Raises:
-        TypeError: the state is no dictionary.
-        ValueError: an array is missing, of another type or shape, or holds numbers that are not finite.
-    """
+def checked_arrays(state: Any, like: _SavedArrays) -> _SavedArrays:
+    """Return copies of the arrays of a state that are as those of `like`; what else the state holds is left out."""
     checks.instance("state", state, dict)
-    arrays: SavedArrays = {}
+    arrays: _SavedArrays = {}
     for name, own in like.items():
         given = state.get(name)
         if not isinstance(given, np.ndarray) or given.dtype != own.dtype or given.shape != own.shape:
@@ -53,7 +48,7 @@ def checked_arrays(state: Any, like: SavedArrays) -> SavedArrays:
     return arrays
 
 
-Outcome: TypeAlias = tuple[np.ndarray, np.ndarray, np.ndarray]
+_Outcome: TypeAlias = tuple[np.ndarray, np.ndarray, np.ndarray]
 """Observations, vectors and scalars of lanes, see `Layout.split`."""
 
 _ACTION = 2  # port of the control step, see `Kernels.step`
@@ -86,7 +81,6 @@ class Lanes:
         randomisation: DomainRandomisation,
         threads: int | None = None,
     ) -> None:
-        """Lay out the lanes; no episode begins before `reset`."""
         self.period, self.substeps = float(control_period), substeps
         self._periods = np.array([control_period, control_period / substeps, substeps], dtype=np.float64)
         self.count, self.randomisation = count, randomisation
@@ -112,7 +106,7 @@ class Lanes:
         scenarios: Sequence[Scenario] | None = None,
         initial: np.ndarray | None = None,
         which: np.ndarray | None = None,
-    ) -> Outcome:
+    ) -> _Outcome:
         """Begin an episode in n lanes and return their observations, vectors and scalars, see `Layout.split`.
 
         Args:
@@ -144,13 +138,8 @@ class Lanes:
         self.kernels.prepare(self.count)
         return self._begin(lanes, initial)
 
-    def restart(self, which: np.ndarray) -> Outcome:
-        """Begin an episode in the lanes `which` (n,), each in its own scenario; return what `reset` does.
-
-        Raises:
-            IndexError: there is no such lane.
-            ValueError: `which` is no row of whole numbers.
-        """
+    def restart(self, which: np.ndarray) -> _Outcome:
+        """Begin an episode in the lanes `which` (n,), each in its own scenario; return what `reset` does."""
         if which.dtype != np.int64 or which.ndim != 1:
             raise ValueError(f"lanes of {which.dtype} {which.shape}; needed: a row of whole numbers")
         self._assigned.back(which)
@@ -195,7 +184,7 @@ class Lanes:
         """End the threads; a later step starts new ones."""
         self._workers.close()
 
-    def _begin(self, which: np.ndarray, initial: np.ndarray | None = None) -> Outcome:
+    def _begin(self, which: np.ndarray, initial: np.ndarray | None = None) -> _Outcome:
         self.drawn = self.drawn.copy()  # infos returned earlier keep the old array
         places, arrays = self._assigned.places(which), (self.values, self.clock, self.drawn)
         results = self._begin_in(which, self._assigned.tables, places, arrays, initial)
@@ -210,7 +199,7 @@ class Lanes:
         places: tuple[np.ndarray, np.ndarray],
         arrays: tuple[np.ndarray, np.ndarray, np.ndarray],
         initial: np.ndarray | None = None,
-    ) -> Outcome:
+    ) -> _Outcome:
         """Begin episodes in these arrays, see `beginning.begun_of`; `places` are schedules and payloads' places."""
         count, all_values, clock, drawn = len(which), *arrays
         results, given = np.empty(self.layout.size(count)), np.stack([self._plant_of[which], *places], axis=1) + 0.0
@@ -228,7 +217,7 @@ class Lanes:
             drawn[:, which] = draws
         return self.layout.split(results, count)
 
-    def step(self, action: np.ndarray) -> Outcome:
+    def step(self, action: np.ndarray) -> _Outcome:
         """Hold torques for one control period and return observations, vectors and scalars, see `Layout.split`.
 
         Args:
@@ -258,7 +247,7 @@ class Lanes:
         call.on(_ACTION, action)
         return call
 
-    def step_or_restart(self, action: np.ndarray, over: np.ndarray) -> Outcome:
+    def step_or_restart(self, action: np.ndarray, over: np.ndarray) -> _Outcome:
         """Do what `step` does, except in the lanes `over` (n,): there the next episode begins, whatever the action."""
         action[over] = 0.0
         # The kernel moves every lane, and a lane must be before its last row for that; here it moves in vain.
@@ -335,7 +324,7 @@ class Lanes:
         if self.randomisation.varies:
             self._drawn_info = by_quantity(self.drawn, self.physics.joints)
 
-    def _check_contents(self, arrays: SavedArrays, over: np.ndarray | None) -> None:
+    def _check_contents(self, arrays: _SavedArrays, over: np.ndarray | None) -> None:
         """Raise ValueError unless a state is one that the lanes can come to, only the lanes `over` (n,) at their end.
 
         All but the state of the arm and the present instant follows from the key of the episode.

@@ -28,25 +28,8 @@ from fuzzyarm.envs.physics.records import places, record_type
 from fuzzyarm.numbers.machine import WIDE
 
 __all__ = [
-    "CLOCK",
-    "INFO",
-    "SCALARS",
-    "START",
-    "VECTORS",
-    "Clock",
-    "Flags",
-    "Layout",
-    "Noise",
-    "Results",
-    "ResultsMemory",
-    "Room",
-    "Scalars",
-    "Start",
-    "Totals",
-    "Vectors",
-    "by_rows",
-    "in_blocks",
-    "layout_of",
+    "CLOCK", "INFO", "SCALARS", "START", "VECTORS", "Clock", "Flags", "Layout", "Noise", "Results", "ResultsMemory",
+    "Room", "Scalars", "Start", "Totals", "Vectors", "by_rows", "in_blocks", "layout_of",
 ]  # fmt: skip
 
 
@@ -175,7 +158,6 @@ class Layout:
     """
 
     def __init__(self, physics: Physics) -> None:
-        """Make the records."""
         state, arm, limits = physics.State, physics.Arm, physics.Limits
         self.physics = physics
         self.Lane = record_type("Lane", state=state, arm=arm, limits=limits, force_factor=Any, noise=Noise)
@@ -274,7 +256,6 @@ class ResultsMemory:
     """
 
     def __init__(self, size: int) -> None:
-        """Begin without rooms."""
         self._size, self._rooms = size, list[Room]()
 
     def room(self) -> Room:

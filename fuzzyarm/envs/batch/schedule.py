@@ -14,7 +14,7 @@ import numpy as np
 
 from fuzzyarm.common import checks
 from fuzzyarm.envs.periods import MOST_STEPS
-from fuzzyarm.envs.physics.hold import force_line
+from fuzzyarm.envs.physics.integrator import force_line
 from fuzzyarm.envs.physics.records import columns, per_joint, record_type, size
 from fuzzyarm.envs.scenario.disturbances import Disturbance, TipForce
 from fuzzyarm.envs.scenario.reference import Reference
@@ -22,7 +22,7 @@ from fuzzyarm.envs.task import target_record
 
 __all__ = ["Schedule", "reference_record", "row_record"]
 
-FORCE_SAMPLES = 8  # inside a control step; a kink of the force within a step then costs less than 0.1 µm at the tip
+_FORCE_SAMPLES = 8  # inside a control step; a kink of the force within a step then costs less than 0.1 µm at the tip
 
 
 @functools.cache
@@ -130,7 +130,7 @@ def _force_lines(tip_force: TipForce, reference: Reference, starts: np.ndarray, 
 
     From samples inside the step.
     """
-    shares = (np.arange(FORCE_SAMPLES) + 0.5) / FORCE_SAMPLES
+    shares = (np.arange(_FORCE_SAMPLES) + 0.5) / _FORCE_SAMPLES
     times = (starts[:, np.newaxis] + shares * period).ravel()
     force = checks.array_of("tip_force.at", tip_force.at(times, reference.tip(times).velocity[..., :axes]))
     if force.shape != (len(times), axes):
@@ -139,7 +139,7 @@ def _force_lines(tip_force: TipForce, reference: Reference, starts: np.ndarray, 
             f"tip_force.at gave shape {force.shape} for {len(times)} times; it must be ({len(times)}, {axes})"
         )
     force = checks.finite_array("tip_force.at", force, (len(times), axes), "N")
-    samples, lever = np.reshape(force, (len(starts), FORCE_SAMPLES, axes)), shares - 0.5
+    samples, lever = np.reshape(force, (len(starts), _FORCE_SAMPLES, axes)), shares - 0.5
     return np.concatenate([samples.mean(axis=1), np.einsum("j,kja->ka", lever, samples) / (lever @ lever)], axis=-1)
 
 

@@ -28,7 +28,6 @@ class Workers:
     """
 
     def __init__(self, count: int, threads: int | None) -> None:
-        """Divide the lanes into pieces of whole blocks."""
         self.threads = threads or _most(count // LANES_PER_THREAD)
         pieces = 1 if self.threads == 1 else _PIECES * self.threads
         size = max(-(-count // (pieces * WIDE)) * WIDE, LANES_PER_THREAD)

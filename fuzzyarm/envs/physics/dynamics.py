@@ -25,7 +25,7 @@ __all__ = [
     "tip_position",
 ]  # fmt: skip
 
-PLACES = ("tip", "link")
+_PLACES = ("tip", "link")
 
 
 @dataclasses.dataclass(frozen=True)
@@ -44,9 +44,8 @@ class Payload:
     at: Literal["tip", "link"] = "tip"
 
     def __post_init__(self) -> None:
-        """Check the mass and the place."""
         object.__setattr__(self, "mass", checks.real("payload mass", self.mass, "kg", low=0.0, high=LARGEST))
-        checks.choice("payload at", self.at, PLACES)
+        checks.choice("payload at", self.at, _PLACES)
 
     def radius(self, parameters: ArmParameters) -> float:
         """Return the distance of the mass from joint 2 [m] on a given arm."""
@@ -94,8 +93,7 @@ _UNLOADED = Arm._fields.index("motor_inertia1")  # from this field on a payload 
 
 
 Plant: Any = record_type(
-    "Plant",
-    **{f.name: PerJoint if isinstance(f.default, tuple) else Any for f in dataclasses.fields(ArmParameters)},
+    "Plant", **{f.name: PerJoint if isinstance(f.default, tuple) else Any for f in dataclasses.fields(ArmParameters)}
 )
 """The fields of `ArmParameters` in their order; every number a scalar, or an array with one value per lane."""
 

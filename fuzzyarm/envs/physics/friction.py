@@ -13,8 +13,7 @@ from fuzzyarm.envs.physics.elementwise import gaussian, positive_part, sign, sma
 from fuzzyarm.numbers.functions import apart
 
 __all__ = [
-    "DRY_TORQUES", "STRIBECK", "DryFriction", "FrictionCurve", "dry_friction_of", "friction_torque", "stick_slip",
-    "stribeck_magnitude",
+    "DRY_TORQUES", "STRIBECK", "DryFriction", "dry_friction_of", "friction_torque", "stick_slip", "stribeck_magnitude",
 ]  # fmt: skip
 
 
@@ -42,7 +41,7 @@ def stribeck_magnitude(velocity: Any, dry: DryFriction) -> Any:
     return coulomb + (static - coulomb) * gaussian(velocity * (1.0 / stribeck_velocity))
 
 
-class FrictionCurve(NamedTuple):
+class _FrictionCurve(NamedTuple):
     """A curve F(v) of dry friction that falls from F(0) = Γ_fs, and what a proof takes from it and checks in balls."""
 
     magnitude: Callable[[Any, DryFriction], Any]  # F(v) [N m], of the speed and the numbers of the curve, of any type
@@ -50,7 +49,7 @@ class FrictionCurve(NamedTuple):
     inflection: Callable[[DryFriction], Any]  # v [rad/s] at which -F' is largest: F' falls below it and rises above it
 
 
-STRIBECK = FrictionCurve(
+STRIBECK = _FrictionCurve(
     stribeck_magnitude,
     steepest=lambda dry: (dry.static_friction - dry.coulomb_friction) / dry.stribeck_velocity * 0.858,  # √2 e^(-1/2)
     inflection=lambda dry: 0.5**0.5 * dry.stribeck_velocity,

@@ -16,9 +16,8 @@ from collections.abc import Sequence
 from typing import Any, NamedTuple
 
 __all__ = [
-    "NOTHING", "Body", "Chain", "Inertia", "Turn", "Vector", "composite_bodies", "factors", "in_last_frame",
-    "joined", "moved",
-    "newton_euler", "point_of_tip", "regrouped", "rotated", "rotated_inertia", "solution", "transposed",
+    "NOTHING", "Body", "Chain", "Inertia", "Turn", "Vector", "composite_bodies", "factors", "in_last_frame", "joined",
+    "moved", "newton_euler", "point_of_tip", "regrouped", "rotated", "rotated_inertia", "solution", "transposed",
     "velocity_of_tip",
 ]  # fmt: skip
 
@@ -121,16 +120,12 @@ def newton_euler(
         force: F [N] on the tip, in the last frame, see `in_last_frame`.
     """
     turning, rising, origin = NOTHING, NOTHING, tuple(-g for g in gravity)
-    motion: Matrix = (NOTHING, NOTHING, NOTHING)
+    motion: _Matrix = (NOTHING, NOTHING, NOTHING)
     forces, moments = [], []
     for j, body in enumerate(bodies):
         origin = _back(chain, j, turns, _sum(origin, rotated(motion, chain.positions[j])))
         turning, rising = (_back(chain, j, turns, vector) for vector in (turning, rising))
-        rising = (
-            rising[0] + turning[1] * rates[j],
-            rising[1] - turning[0] * rates[j],
-            rising[2] + accelerations[j],
-        )
+        rising = (rising[0] + turning[1] * rates[j], rising[1] - turning[0] * rates[j], rising[2] + accelerations[j])
         turning = (turning[0], turning[1], turning[2] + rates[j])
         square = _square(turning)
         motion = _motion(square, rising)
@@ -201,7 +196,7 @@ def solution(below: Sequence[Sequence[Any]], inverse: Sequence[Any], right: Sequ
     return x
 
 
-Matrix = tuple[Vector, Vector, Vector]
+_Matrix = tuple[Vector, Vector, Vector]
 
 
 def _square(turning: Vector) -> Inertia:
@@ -210,13 +205,13 @@ def _square(turning: Vector) -> Inertia:
     return Inertia(x * x, x * y, x * z, y * y, y * z, z * z)
 
 
-def _motion(square: Inertia, rising: Vector) -> Matrix:
+def _motion(square: Inertia, rising: Vector) -> _Matrix:
     """Return U = [α]× + [ω]×² of ω ωᵀ and α."""
     (xx, xy, xz, yy, yz, zz), (ax, ay, az) = square, rising
     return (-(yy + zz), xy - az, xz + ay), (xy + az, -(xx + zz), yz - ax), (xz - ay, yz + ax, -(xx + yy))
 
 
-def _euler(inertia: Inertia, square: Inertia, motion: Matrix, rising: Vector) -> Vector:
+def _euler(inertia: Inertia, square: Inertia, motion: _Matrix, rising: Vector) -> Vector:
     """Return L α + ω × L ω [N m], written out with ω ωᵀ and U."""
     (ax, ay, az), L, U, w = rising, inertia, motion, square
     return (

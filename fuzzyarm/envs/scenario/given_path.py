@@ -52,7 +52,6 @@ class GivenPath:
     duration: float | None = None
 
     def __post_init__(self) -> None:
-        """Check the values."""
         object.__setattr__(self, "points", self._curve.waypoints)
         if self.duration is not None:
             object.__setattr__(self, "duration", checks.real("duration", self.duration, "s", low=1e-3, high=1e3))

@@ -1,7 +1,7 @@
 """Geometric paths of the tip; the time law along a path is in `reference`.
 
-Every curve p(s), s in [0, 1], is twice differentiable. Points of two numbers lie in the plane of the two-joint arm, in
-the frame of (26): the base at the origin, x down along gravity, y to the side. Points of three numbers are in the base
+Every curve p(s), s in [0, 1], is twice differentiable. _Points of two numbers lie in the plane of the two-joint arm, in
+the frame of (26): the base at the origin, x down along gravity, y to the side. _Points of three numbers are in the base
 frame of a robot in space; lines and splines take either, and `Placed` brings any plane curve into space.
 
 Circle, lemniscate, line and square have a name, on the paper's arm and in a plane of any other. A square has round
@@ -26,34 +26,22 @@ if TYPE_CHECKING:
     from scipy.interpolate import CubicSpline
 
 __all__ = [
-    "PAPER_PATHS",
-    "SHAPES",
-    "AnyPoint",
-    "Circle",
-    "Lemniscate",
-    "Line",
-    "Placed",
-    "Point",
-    "Points",
-    "Spline",
-    "Square",
-    "TipPath",
-    "any_point",
-    "chord_spline",
+    "PAPER_PATHS", "SHAPES", "Circle", "Lemniscate", "Line", "Placed", "Point", "Spline", "Square", "TipPath",
+    "any_point", "chord_spline",
 ]  # fmt: skip
 
 
 # A point (x, y) [m], one of (x, y) or (x, y, z) [m], and p, dp/ds and d²p/ds² of a curve.
 Point = tuple[float, float]
-AnyPoint = Point | tuple[float, float, float]
-Points = tuple[np.ndarray, np.ndarray, np.ndarray]
+_AnyPoint = Point | tuple[float, float, float]
+_Points = tuple[np.ndarray, np.ndarray, np.ndarray]
 
 # Neighbouring points of a line or spline closer than this [m] give a curve without a direction.
-MINIMUM_SPACING = 1e-6
+_MINIMUM_SPACING = 1e-6
 
 MOST_WAYPOINTS = 10_000
-FEWEST_TURNS = 1e-6  # of a circle, below which it has no direction
-LARGEST = 1e6  # m, rad or turns: far above need, and squares do not overflow
+_FEWEST_TURNS = 1e-6  # of a circle, below which it has no direction
+_LARGEST = 1e6  # m, rad or turns: far above need, and squares do not overflow
 
 
 @runtime_checkable
@@ -64,7 +52,7 @@ class TipPath(Protocol):
     that differentiates further (`elastic_reference`) is then exact at them too.
     """
 
-    def points(self, s: ArrayLike) -> Points:
+    def points(self, s: ArrayLike) -> _Points:
         """Return p [m], dp/ds [m] and d²p/ds² [m], each of shape (..., 2) or (..., 3), for s (...,) in [0, 1]."""
         ...
 
@@ -98,20 +86,19 @@ class Circle:
     turns: float = -1.0
 
     def __post_init__(self) -> None:
-        """Check the values."""
         checks.keep(self, "center", any_point("center", self.center, 2))
         checks.keep(self, "radius", _size("radius", self.radius))
         checks.keep(self, "start_angle", _number("start_angle", self.start_angle, "rad"))
         checks.keep(self, "turns", _number("turns", self.turns, "turns"))
-        if abs(self.turns) < FEWEST_TURNS:
-            raise ValueError(f"turns = {self.turns} is out of range; allowed: ±[{FEWEST_TURNS:g}, {LARGEST:g}]")
+        if abs(self.turns) < _FEWEST_TURNS:
+            raise ValueError(f"turns = {self.turns} is out of range; allowed: ±[{_FEWEST_TURNS:g}, {_LARGEST:g}]")
 
     @property
     def circle(self) -> tuple[np.ndarray, float]:
         """Center (2,) [m] and radius [m]."""
         return np.array(self.center), self.radius
 
-    def points(self, s: ArrayLike) -> Points:
+    def points(self, s: ArrayLike) -> _Points:
         """Return p, dp/ds, d²p/ds² as in `TipPath`."""
         rate = 2.0 * math.pi * self.turns
         psi = self.start_angle + rate * np.asarray(s, dtype=float)
@@ -126,23 +113,22 @@ class Line:
 
     Attributes:
         start: (x, y) or (x, y, z) [m] at s = 0.
-        end: likewise [m] at s = 1, at least `MINIMUM_SPACING` from start.
+        end: likewise [m] at s = 1, at least `_MINIMUM_SPACING` from start.
 
     Raises:
         TypeError: a value is no real number.
         ValueError: one is not finite, or start and end coincide.
     """
 
-    start: AnyPoint
-    end: AnyPoint
+    start: _AnyPoint
+    end: _AnyPoint
 
     def __post_init__(self) -> None:
-        """Check the values."""
         checks.keep(self, "start", any_point("start", self.start))
         checks.keep(self, "end", any_point("end", self.end, len(self.start)))
         _require_apart("start", self.start, "end", self.end)
 
-    def points(self, s: ArrayLike) -> Points:
+    def points(self, s: ArrayLike) -> _Points:
         """Return p, dp/ds, d²p/ds² as in `TipPath`."""
         s = np.asarray(s, dtype=float)[..., np.newaxis]
         start, direction = np.array(self.start), np.array(self.end) - np.array(self.start)
@@ -170,12 +156,11 @@ class Lemniscate:
     angle: float = 0.0
 
     def __post_init__(self) -> None:
-        """Check the values."""
         checks.keep(self, "center", any_point("center", self.center, 2))
         checks.keep(self, "half_width", _size("half_width", self.half_width))
         checks.keep(self, "angle", _number("angle", self.angle, "rad"))
 
-    def points(self, s: ArrayLike) -> Points:
+    def points(self, s: ArrayLike) -> _Points:
         """Return p, dp/ds, d²p/ds² as in `TipPath`."""
         rate = 2.0 * math.pi
         theta = rate * np.asarray(s, dtype=float)
@@ -197,7 +182,7 @@ class Spline:
 
     Attributes:
         waypoints: two or more points (x, y) or (x, y, z) [m] (any sequence or array of pairs or triples), neighbours
-            at least `MINIMUM_SPACING` apart. A closed spline adds the way back itself: do not repeat the first point.
+            at least `_MINIMUM_SPACING` apart. A closed spline adds the way back itself: do not repeat the first point.
         closed: whether the curve returns to its start.
 
     Raises:
@@ -205,11 +190,10 @@ class Spline:
         ValueError: too few points, a value that is not finite, or neighbours that coincide.
     """
 
-    waypoints: tuple[AnyPoint, ...]
+    waypoints: tuple[_AnyPoint, ...]
     closed: bool = False
 
     def __post_init__(self) -> None:
-        """Check the values."""
         try:
             given = list(itertools.islice(self.waypoints, MOST_WAYPOINTS + 1))
         except TypeError:
@@ -245,7 +229,7 @@ class Spline:
         """Return the knots (k + 1,) over s and the coefficients (4, k, 2 or 3) [m] of p in s - knot, highest first."""
         return self._interpolant.x, self._interpolant.c
 
-    def points(self, s: ArrayLike) -> Points:
+    def points(self, s: ArrayLike) -> _Points:
         """Return p, dp/ds, d²p/ds² as in `TipPath`."""
         s, spline = np.asarray(s, dtype=float), self._interpolant
         return spline(s), spline(s, 1), spline(s, 2)
@@ -264,25 +248,25 @@ def chord_spline(points: np.ndarray, *, closed: bool = False) -> CubicSpline:
 
 
 def _number(name: str, value: Any, unit: str) -> float:
-    return checks.real(name, value, unit, low=-LARGEST, high=LARGEST)
+    return checks.real(name, value, unit, low=-_LARGEST, high=_LARGEST)
 
 
 def _size(name: str, value: Any) -> float:
-    return checks.real(name, value, "m", low=MINIMUM_SPACING, high=LARGEST)
+    return checks.real(name, value, "m", low=_MINIMUM_SPACING, high=_LARGEST)
 
 
 def any_point(name: str, value: Any, size: int | None = None) -> Any:
     """Return a point of two or three finite numbers [m]; of `size` numbers, if that is given."""
     count = size or (3 if checks.is_sequence(value, 3) else 2)
-    return checks.reals(name, value, count, "m", low=-LARGEST, high=LARGEST)
+    return checks.reals(name, value, count, "m", low=-_LARGEST, high=_LARGEST)
 
 
-def _require_apart(first_name: str, first: AnyPoint, second_name: str, second: AnyPoint) -> None:
+def _require_apart(first_name: str, first: _AnyPoint, second_name: str, second: _AnyPoint) -> None:
     spacing = math.dist(first, second)
-    if spacing < MINIMUM_SPACING:
+    if spacing < _MINIMUM_SPACING:
         raise ValueError(
             f"{first_name} = {first} and {second_name} = {second} are {spacing:g} m apart; "
-            f"allowed: [{MINIMUM_SPACING:g}, inf) m"
+            f"allowed: [{_MINIMUM_SPACING:g}, inf) m"
         )
 
 
@@ -305,11 +289,10 @@ class Square:
     half_side: float
 
     def __post_init__(self) -> None:
-        """Check the values."""
         checks.keep(self, "center", any_point("center", self.center, 2))
         checks.keep(self, "half_side", _size("half_side", self.half_side))
 
-    def points(self, s: ArrayLike) -> Points:
+    def points(self, s: ArrayLike) -> _Points:
         """Return p [m], dp/ds and d²p/ds² [m], each (..., 2), as in `TipPath`."""
         rate = 2.0 * math.pi
         psi = math.pi + rate * np.asarray(s, dtype=float)
@@ -342,7 +325,7 @@ SHAPES: dict[str, Callable[[float], TipPath]] = {
 """By name, the path of a size [m], the half of its width, in a plane whose x points upwards, about or beside (0, 0)."""
 
 
-SQUARE = 1e-6  # by which the axes may miss unit length and a right angle; they are then made exact
+_SQUARE = 1e-6  # by which the axes may miss unit length and a right angle; they are then made exact
 
 
 @dataclasses.dataclass(frozen=True)
@@ -366,18 +349,17 @@ class Placed:
     """
 
     path: TipPath
-    origin: AnyPoint
-    first: AnyPoint
-    second: AnyPoint
+    origin: _AnyPoint
+    first: _AnyPoint
+    second: _AnyPoint
 
     def __post_init__(self) -> None:
-        """Check the values."""
         if not isinstance(self.path, TipPath):
             raise TypeError(f"path = {checks.shown(self.path)} must have a method points(s) with points (..., 2)")
         size = 2 if checks.is_sequence(self.origin, 2) else 3
         checks.keep(self, "origin", any_point("origin", self.origin, size))
         axes = np.array([any_point(name, getattr(self, name), size) for name in ("first", "second")])
-        if not np.abs(axes @ axes.T - np.eye(2)).max() <= SQUARE:
+        if not np.abs(axes @ axes.T - np.eye(2)).max() <= _SQUARE:
             raise ValueError(
                 f"first = {self.first} and second = {self.second} must be unit vectors at right angles; their lengths "
                 f"are {np.linalg.norm(axes[0]):.6g} and {np.linalg.norm(axes[1]):.6g}, their product "
@@ -404,7 +386,7 @@ class Placed:
             return None
         return np.array(self.origin) + np.array(self.path.center) @ self.axes, self.path.radius
 
-    def points(self, s: ArrayLike) -> Points:
+    def points(self, s: ArrayLike) -> _Points:
         """Return p, dp/ds, d²p/ds² as in `TipPath`."""
         p, dp, ddp = self.path.points(s)
         axes = self.axes

@@ -32,7 +32,7 @@ __all__ = [
 Range = tuple[float, float]
 """Low and high end of what is drawn."""
 
-HEAVIEST = 5.0 / 24.0  # of "robust": payload over the mass of the links; 5 kg for the paper's arm
+_HEAVIEST = 5.0 / 24.0  # of "robust": payload over the mass of the links; 5 kg for the paper's arm
 
 
 @functools.cache
@@ -88,7 +88,6 @@ class DomainRandomisation:
     references: tuple[Reference, ...] = ()
 
     def __post_init__(self) -> None:
-        """Check every range."""
         for name, (low, high, unit) in ALLOWED.items():
             given = checks.interval(f"DomainRandomisation.{name}", getattr(self, name), unit, low=low, high=high)
             object.__setattr__(self, name, given)
@@ -154,7 +153,7 @@ _PLANTS = DomainRandomisation(
 def _robust(arm: AnyArm) -> DomainRandomisation:
     return dataclasses.replace(
         _PLANTS,
-        payload=(0.0, HEAVIEST * float(np.sum(robot_of(arm).arrays.mass))),
+        payload=(0.0, _HEAVIEST * float(np.sum(robot_of(arm).arrays.mass))),
         force=(0.0, 1.0),
         angle=(-0.01, 0.01),
         references=reference_family(arm),

@@ -29,22 +29,9 @@ from fuzzyarm.envs.scenario.kinematics import solved
 from fuzzyarm.envs.scenario.paths import Circle, Placed, TipPath
 
 __all__ = [
-    "CHECKED_INSTANTS",
-    "LONGEST",
-    "SHORTEST",
-    "SINGULARITY_MARGIN",
-    "JointReference",
-    "PathReference",
-    "Reference",
-    "ReferenceSample",
-    "TipSample",
-    "along",
-    "check_limits",
-    "check_points",
-    "corner_times",
-    "joint_angles",
-    "quintic_time_law",
-    "time_at",
+    "CHECKED_INSTANTS", "LONGEST", "SHORTEST", "SINGULARITY_MARGIN", "JointReference", "PathReference", "Reference",
+    "ReferenceSample", "TipSample", "along", "check_limits", "check_points", "corner_times", "joint_angles",
+    "quintic_time_law", "time_at",
 ]  # fmt: skip
 
 
@@ -200,7 +187,6 @@ class JointReference(PathReference):
     parameters: ArmParameters = dataclasses.field(default_factory=ArmParameters)
 
     def __post_init__(self) -> None:
-        """Check the values, then the whole motion at `CHECKED_INSTANTS` instants."""
         if not isinstance(self.path, TipPath):
             raise TypeError(
                 f"path = {checks.shown(self.path)} must have a method points(s), see "

@@ -8,12 +8,12 @@ from support.robots import ROBOTS, with_drives, without_losses
 
 from fuzzyarm.envs.physics import rigid_body
 from fuzzyarm.envs.physics.dynamics import Payload, arm_constants
-from fuzzyarm.envs.physics.hold import hold_of
+from fuzzyarm.envs.physics.equations import two_joints
+from fuzzyarm.envs.physics.integrator import hold_of
 from fuzzyarm.envs.physics.parameters import ArmParameters
 from fuzzyarm.envs.physics.records import filled, flat
 from fuzzyarm.envs.physics.robot import Robot, robot_named
 from fuzzyarm.envs.physics.serial import physics_of, structure_of
-from fuzzyarm.envs.physics.two_joints import two_joints
 
 LANES = 7
 
