@@ -160,14 +160,9 @@ _TIP, _TIP_REFERENCE, _LINK, _FORCE_ROW = map(VECTORS.index, ("tip", "tip_refere
 
 
 def paint(canvas: Canvas, schedule: Schedule, trace: np.ndarray, time: float, arm: AnyArm) -> None:
-    """Paint the whole picture.
+    """Paint the whole picture of an arm at a time [s] of the episode with this schedule.
 
-    Args:
-        canvas: on which.
-        schedule: of the episode under way.
-        trace: (k + 1, 9, 2), or as many columns as the `Layout` of the arm has, the `VECTORS` at t_0..t_k.
-        time: t_k [s].
-        arm: the one that is drawn.
+    The trace (k + 1, 9, 2), or as many columns as the `Layout` of the arm has, are the `VECTORS` up to then.
     """
     canvas.surface.fill(_PAPER)
     if isinstance(arm, ArmParameters):

@@ -52,11 +52,6 @@ def reason_of(finite: Any, angles_inside: Any, velocities_inside: Any) -> Any:
     """Return the number of the `Termination` as a float, from flags that are 0.0 or 1.0.
 
     Elementwise: scalars, arrays and tensors alike. The products and sums of such flags are exact.
-
-    Args:
-        finite: whether the state is finite.
-        angles_inside: whether every joint angle is within its limit.
-        velocities_inside: whether every joint velocity is within its limit.
     """
     inside = angles_inside * (1.0 - velocities_inside) * _VELOCITY + (1.0 - angles_inside) * _ANGLE
     return finite * inside + (1.0 - finite) * _NOT_FINITE

@@ -84,13 +84,7 @@ def flags(scalars: np.ndarray) -> np.ndarray:
 
 
 def values(vectors: Iterable[np.ndarray], scalars: np.ndarray, flagged: np.ndarray | None = None) -> dict[str, Any]:
-    """Return the numbers of `info` by name.
-
-    Args:
-        vectors: (lanes, numbers of the vector) each, as `Layout.each` gives them.
-        scalars: (10, lanes) of the results.
-        flagged: their `flags`, where they are known.
-    """
+    """Return `info` by name, in the kernels' units, from the vectors of `Layout.each` and scalars (10, lanes)."""
     clipped, _, terminated = flags(scalars) if flagged is None else flagged
     return dict(zip(INFO, (*vectors, *scalars[:_REWARD], ~terminated, clipped), strict=True))
 
@@ -103,13 +97,9 @@ def masked(entries: dict[str, Any], mask: np.ndarray) -> dict[str, Any]:
 def partial_info(
     vectors: Iterable[np.ndarray], scalars: np.ndarray, drawn: dict[str, np.ndarray], mask: np.ndarray
 ) -> dict[str, Any]:
-    """Return the info of some lanes; the rows of the others are zero.
+    """Return the info of the lanes of a mask (lanes,), in the units of the kernels; the rows of the others are zero.
 
-    Args:
-        vectors: (lanes, numbers of the vector) each, as `Layout.each` gives them.
-        scalars: (10, lanes).
-        drawn: what the episodes drew, by quantity: (lanes,) or (lanes, joints); empty if nothing is drawn.
-        mask: (lanes,) of booleans.
+    Vectors are as `Layout.each` gives them, scalars (10, lanes); `drawn` is what the episodes drew, by quantity.
     """
     which = np.flatnonzero(mask)
     info: dict[str, Any] = {name: _rows_of(which, rows) for name, rows in values(vectors, scalars).items()}
@@ -145,14 +135,9 @@ def final_info(
     drawn: dict[str, np.ndarray],
     ended: np.ndarray,
 ) -> dict[str, Any]:
-    """Return the last observation and info of the episodes that ended, for the step in which the next ones begin.
+    """Return the last observations (lanes, 5 joints) and info of the episodes that `ended` (lanes,), masked.
 
-    Args:
-        observation: (lanes, 5 joints), as in the results.
-        vectors: as in `partial_info`, and so are the next two.
-        scalars: with a column per lane.
-        drawn: by quantity.
-        ended: (lanes,) of booleans.
+    The other arguments are those of `partial_info`.
     """
     final_obs = np.empty(len(ended), dtype=object)  # of None
     for lane in np.flatnonzero(ended):

@@ -13,12 +13,7 @@ __all__ = ["Folded", "unfolded"]
 
 
 class Folded:
-    """A number that is not known beforehand, or its negative; arithmetic takes others of its class, and floats.
-
-    Attributes:
-        value: of any kind.
-        negative: whether the number is -value.
-    """
+    """A number that is not known beforehand, or its negative; arithmetic takes others of its class, and floats."""
 
     __slots__ = ("negative", "value")
 

@@ -36,17 +36,10 @@ _BLOCK = 64  # threads; one may need 255 of a processor's 65,536 registers
 
 
 class Gpu:
-    """A GPU in its primary context, which torch uses, too.
+    """A GPU, by its number as torch counts, in its primary context, which torch uses, too.
 
-    Args:
-        number: of the GPU, as torch counts them.
-        driver: the library `libcuda.so.1`, loaded by `ctypes`.
-
-    Attributes:
-        processor: what kernels are written for, as LLVM names it.
-
-    Raises:
-        RuntimeError: a function of the driver fails; the message names it and its code.
+    `driver` is the library `libcuda.so.1`, loaded by `ctypes`; `processor` names the GPU for LLVM. RuntimeError if a
+    function of the driver fails; the message names it and its code.
     """
 
     def __init__(self, number: int, driver: Any) -> None:
@@ -62,16 +55,10 @@ class Gpu:
     def launch(
         self, kernel: Kernel, arrays: Sequence[Any], constants: Any, tables: Sequence[Any], steps: int, stream: int
     ) -> None:
-        """Begin to run a kernel for every arm, `steps` times; this does not wait for its end.
+        """Begin to run a kernel for every arm, `steps` times, in a stream of this GPU; this does not wait for its end.
 
-        Args:
-            kernel: it becomes a module of the GPU at its first launch.
-            arrays: as for `Kernel.bound`, objects with `__cuda_array_interface__`, such as tensors of torch. Whoever
-                calls keeps them and what follows alive until the stream has come to the end.
-            constants: likewise.
-            tables: likewise.
-            steps: at least 1.
-            stream: the handle of a stream of this GPU.
+        Arguments are as for `Kernel.bound`, objects with `__cuda_array_interface__`, such as tensors of torch. Whoever
+        calls keeps them alive until the stream has come to the end.
         """
         held = [_placed(one) for one in (*arrays, constants, *tables)]
         count = len(arrays)
@@ -118,15 +105,11 @@ def gpu(number: int) -> Gpu:
 
 
 class _Ptx(NamedTuple):
-    """A kernel in PTX.
+    """A kernel in PTX: the module, the kernel's name in it, and the names of its parameters.
 
-    Attributes:
-        text: the module, which `ptxas` and the driver's `cuModuleLoadData` take.
-        name: of the kernel in it.
-        parameters: their names in order, 8 bytes each: `stop`, the number of arms, and `steps`, both int64; the address
-            of each array `port0`, ..., of the constants `c` and of each table `table0`, ...; how far the rows of each
-            array lie apart, `stride0`, ..., in numbers; and the rows of each table, `rows0`, .... Constants and tables
-            lie apart from all arrays.
+    These are 8 bytes each: `stop`, the number of arms, and `steps`, both int64; the address of each array `port0`, ...,
+    of the constants `c` and of each table `table0`, ...; how far the rows of each array lie apart, `stride0`, ..., in
+    numbers; and the rows of each table, `rows0`, .... Constants and tables lie apart from all arrays.
     """
 
     text: str
@@ -246,7 +229,7 @@ def _function(name: str) -> str:
 
 
 def gpu_text(kernel: Kernel, name: str = "kernel") -> tuple[str, tuple[str, ...]]:
-    """Return a kernel as LLVM's text, and its parameters as in `_Ptx`.
+    """Return a kernel as LLVM's text, and its parameters as in `_Ptx`; ValueError for an operation that no GPU has.
 
     The text calls two functions that it does not have: `i64 @thread()`, the number of the thread, and `i64 @threads()`,
     how many there are.
@@ -257,13 +240,7 @@ def gpu_text(kernel: Kernel, name: str = "kernel") -> tuple[str, tuple[str, ...]
 
 
 def ptx_of(kernel: Kernel, name: str = "kernel", processor: str = "sm_90") -> _Ptx:
-    """Return a kernel as PTX.
-
-    Args:
-        kernel: what is written.
-        name: of the kernel in PTX.
-        processor: the GPU's, as LLVM names it.
-    """
+    """Return a kernel as PTX with a name, for a GPU as LLVM names it; ValueError for an operation that no GPU has."""
     _initialise()
     text, parameters = gpu_text(kernel, name)
     machine = llvm.Target.from_triple(_TRIPLE).create_target_machine(cpu=processor, opt=3)

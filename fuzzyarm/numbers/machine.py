@@ -37,11 +37,7 @@ LONG = 2500  # operations; of a program of more, the numbers of `WIDE` arms woul
 
 
 class Call:
-    """A kernel with what it works on; it keeps the arrays alive.
-
-    Attributes:
-        arms: how many there are.
-    """
+    """A kernel with what it works on, so many `arms`; it keeps the arrays alive."""
 
     __slots__ = ("_code", "_held", "_job", "arms")
 
@@ -75,12 +71,7 @@ class Call:
 class _Known:
     """What follows from the shapes of arrays, constants and tables.
 
-    Args:
-        arrays: of each port.
-        rest: constants and tables.
-        arms: how many.
-        apart: how far the rows of each array lie apart, and how many each table has.
-        code: the machine code.
+    `apart`: how far the rows of each array lie apart, and how many each table has.
     """
 
     def __init__(
@@ -121,15 +112,10 @@ def _shapes(arrays: Iterable[np.ndarray]) -> list[Any]:
 
 
 class Kernel:
-    """A program that runs on arrays in place.
+    """A program that runs on arrays in place, by default all in rows; in several steps of a call if it is `repeated`.
 
     One arm, or a few, are run one after the other, and many in groups of `WIDE`, or of `EIGHT` where the program is
     long; machine code is made when it is first needed.
-
-    Args:
-        program: what is run.
-        layouts: of the arrays of its ports; by default all in rows.
-        repeated: whether it may take more than one step in a call.
     """
 
     def __init__(self, program: Program, layouts: Sequence[Layout] = (), *, repeated: bool = False) -> None:
@@ -154,11 +140,8 @@ class Kernel:
     ) -> Call:
         """Return the kernel with what it works on.
 
-        Args:
-            arrays: of each port, float64, see `Layout`.
-            constants: (k,) float64.
-            tables: float64, in the shapes that the program knows; any number of rows is at least one.
-            steps: at least 1.
+        Arrays of each port are float64, see `Layout`, constants (k,) float64, tables float64 in the shapes that the
+        program knows, where any number of rows is at least one. ValueError for another shape, type or layout.
         """
         return Call(self._fitting(arrays, constants, tables), (*arrays, constants, *tables), steps)
 

@@ -25,11 +25,8 @@ class Symbol:
     """A number, a truth value or a word of 64 bits that a program computes.
 
     Attributes:
-        program: that it belongs to.
         number: its own, from 1 in the order of recording.
-        operation: "+", "select", "input", "row", ...
-        operands: symbols and floats.
-        region: where it is computed.
+        operation: "+", "select", "input", "row", ..., on `operands`, symbols and floats, in a region.
         kind: "real", "truth" or "word".
         uniform: whether it is the same for all arms.
         detail: of an input or a row, where it is found.
@@ -107,12 +104,7 @@ for _name, _operation in {
 
 
 class Index:
-    """A whole number that depends on the rounds of loops: the sum of `constant` and a factor for each of them.
-
-    Attributes:
-        terms: factors by the number of the loop.
-        constant: what is added.
-    """
+    """A whole number that depends on the rounds of loops: `constant`, and `terms` with a factor for each loop."""
 
     __slots__ = ("constant", "terms")
 
@@ -148,12 +140,8 @@ class Index:
 class Array:
     """Numbers of an arm, or of a table, that are read and written by indices while a function is recorded.
 
-    Attributes:
-        program: that it belongs to.
-        memory: where it lies: "room" (numbers of ports), "table0", ..., or "array0", ... of its own.
-        first: place of its first number there, an `Index`.
-        shape: as in NumPy.
-        steps: how far numbers lie apart along each axis.
+    They lie in a memory, "room" (numbers of ports), "table0", ..., or "array0", ... of its own, from the place `first`,
+    an `Index`, on, `steps` apart along each axis of the shape, by default rows side by side.
     """
 
     __slots__ = ("first", "memory", "program", "shape", "steps")
@@ -203,12 +191,7 @@ class Array:
 
 
 class Table(Array):
-    """A table of a program; how many rows it has is said to a kernel where `shape` begins with 0.
-
-    Attributes:
-        number: which one.
-        columns: numbers of a row.
-    """
+    """A table of a program; a kernel is given the number of its rows where `shape` begins with 0."""
 
     __slots__ = ("columns", "number")
 
@@ -218,14 +201,7 @@ class Table(Array):
 
 
 class Region:
-    """A sequence of operations, loops and branches.
-
-    Attributes:
-        parent: the region that it stands in; None for the top.
-        loop: whether it is the body of a loop.
-        items: what it holds, in order.
-        known: its operations by what they compute.
-    """
+    """A sequence of `items`: operations, loops and branches; `known` has its operations by what they compute."""
 
     def __init__(self, parent: Region | None, *, loop: bool = False) -> None:
         self.parent, self.loop, self.items, self.known = parent, loop, [], {}  # type: ignore[var-annotated]

@@ -46,11 +46,7 @@ _ROWS, _COLUMNS, _BLOCKS = machine.Layout
 
 
 class Kernels:
-    """The kernels for arms with the same equations, each recorded when it is first used.
-
-    Attributes:
-        layout: of the arrays that they work on.
-    """
+    """Kernels for arms with the same equations, each recorded when it is first used, on arrays with a `layout`."""
 
     def __init__(self, physics: Physics) -> None:
         self.layout = layout_of(physics)
@@ -217,7 +213,7 @@ class Kernels:
         return Observation(*reading(lane.state, lane.limits, lane.noise, word(clock.key), steps), *now.reference)
 
     def prepare(self, lanes: int) -> None:
-        """Make the machine code that steps so many lanes: the first step need not wait for it."""
+        """Make the machine code that steps so many lanes."""
         self.step.code(lanes)
 
     def __reduce__(self) -> tuple[Any, tuple[Physics]]:

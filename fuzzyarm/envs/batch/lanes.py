@@ -57,17 +57,9 @@ _ACTION = 2  # port of the control step, see `Kernels.step`
 class Lanes:
     """A batch of arms, each with its own plant, scenario and random stream.
 
-    Args:
-        plants: one arm for all lanes, or one per lane.
-        scenarios: one for all lanes, or one per lane. Lanes with the same scenario share its table.
-        count: number of lanes.
-        control_period: [s].
-        substeps: in a control period.
-        randomisation: what each episode draws.
-        threads: how many a step may use; None: one per 1,024 lanes, at most one per core.
-
-    Raises:
-        ValueError: a reference does not fit the plant of its lane.
+    `plants` and `scenarios` are one for all lanes or one per lane; lanes with the same scenario share its table. The
+    control period is in s and has so many sub-steps. A step uses so many `threads`; None: one per 1,024 lanes, at most
+    one per core. ValueError for a reference that does not fit the plant of its lane.
     """
 
     def __init__(
@@ -109,14 +101,9 @@ class Lanes:
     ) -> _Outcome:
         """Begin an episode in n lanes and return their observations, vectors and scalars, see `Layout.split`.
 
-        Args:
-            seeds: of each of these lanes' random streams; None: the stream continues.
-            scenarios: what to do this time in place of the lanes' own scenarios; one for all n lanes, or one per lane.
-            initial: states (n, 4 joints) to start from; None: at rest on the reference.
-            which: (n,) the lanes, in ascending order; None: all of them.
-
-        Raises:
-            ValueError: a reference does not fit the plant of its lane, or there is not one entry per lane.
+        Of the lanes `which` (n,), ascending, or of all: seeds, None where the random stream continues; scenarios in
+        place of the lanes' own for this episode, one for all or one per lane; initial states (n, 4 joints), else at
+        rest on the reference.
         """
         lanes = np.arange(self.count) if which is None else which
         if seeds is not None and len(seeds) != len(lanes):
@@ -146,12 +133,7 @@ class Lanes:
         return self._begin(which)
 
     def bound(self, action: np.ndarray, out: np.ndarray) -> Call:
-        """Return the control step of all lanes.
-
-        Args:
-            action: (lanes, joints) motor torques [N m], all finite.
-            out: the results (`Layout.size`,), see `Layout.split`; written.
-        """
+        """Return the step of all lanes under torques (lanes, joints) [N m]; it writes results (`Layout.size`,)."""
         arrays = self.values, self.clock.view(np.float64), action, *self.layout.arrays(out, self.count)
         return self.kernels.step.bound(arrays, self._periods, (self._assigned.tables.table,))
 
@@ -220,11 +202,8 @@ class Lanes:
     def step(self, action: np.ndarray) -> _Outcome:
         """Hold torques for one control period and return observations, vectors and scalars, see `Layout.split`.
 
-        Args:
-            action: (count, joints) [N m], an array that the caller does not reuse; clipped to the plants' limits.
-
-        Raises:
-            ValueError: a torque is not finite; no lane has moved then.
+        The action (count, joints) [N m] is clipped to the plants' limits, and its array is not used again by the
+        caller. ValueError for a torque that is not finite; no lane has moved then.
         """
         if action.shape != self.action_shape:
             raise ValueError(f"action has shape {action.shape}; needed: {self.action_shape}")
@@ -299,16 +278,10 @@ class Lanes:
         }
 
     def set_state(self, state: dict[str, np.ndarray], over: np.ndarray | None = None) -> None:
-        """Restore a state that `get_state` returned for these lanes or for lanes with the same configuration.
+        """Restore a state that `get_state` returned for lanes with the same configuration.
 
-        Args:
-            state: arrays by name.
-            over: (n,) the lanes whose episode has ended, which `restart` must begin again before a step moves them.
-
-        Raises:
-            TypeError: the state is no dictionary.
-            ValueError: the state is of other plants, scenarios, randomisations, periods, or number of lanes; or an
-                array is of another type or shape, or not such as an episode of these lanes has. Nothing has changed.
+        The episodes of the lanes `over` (n,) have ended: `restart` must begin them again before a step. ValueError if
+        the state is of another configuration, or not one that these lanes can have; nothing has changed then.
         """
         values = by_rows(self.values, self.count)
         own = {"values": values, "clock": self.clock, "drawn": self.drawn, "made_of": self._digest()}

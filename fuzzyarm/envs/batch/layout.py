@@ -7,10 +7,6 @@ starts (schedules, numbers of `Start`)    where each schedule begins, and what i
 out                                       observations and `Results` of a step, one array, see `Layout.split`
 
 What depends on the equations, on how many joints and axes there are, is in the `Layout` of a `Physics`.
-
-The numbers of lanes in blocks, as the kernels have them, and in rows, as states and readers have them.
-
-Memory for the results of steps, used again where nobody holds them any longer.
 """
 
 from __future__ import annotations
@@ -118,11 +114,7 @@ class Flags(NamedTuple):
 
 
 class Totals(NamedTuple):
-    """What many steps leave behind.
-
-    How many there were; the sum of their rewards; the largest tip error [m] and the sum of the squares [m²]; and how
-    many episodes were terminated and truncated.
-    """
+    """Of many steps: number, sum of rewards, largest tip error [m], sum of its squares [m²], and numbers of ends."""
 
     steps: Any
     reward: Any
@@ -148,13 +140,10 @@ class Layout:
     """Records of an arm's equations, and where each number of them lies in its array.
 
     Attributes:
-        physics: the equations.
         Lane: what a lane carries through its episode: state, constants, limits, the factor of its tip force, `Noise`.
         LANE: places in `Lane`.
-        observed: numbers in an observation.
-        longest: numbers of the longest of the vectors.
+        observed: numbers in an observation; `longest`: in the longest of the vectors; `reported`: in `Results`.
         parts: where the numbers of each of the vectors lie among those of all, as slices.
-        reported: numbers in the `Results` of one lane.
     """
 
     def __init__(self, physics: Physics) -> None:
@@ -185,8 +174,7 @@ class Layout:
     def split(self, out: np.ndarray, lanes: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """Return observations (lanes, `observed`), vectors and scalars (10, lanes), views of one array (`size`,).
 
-        Vectors have a row for each number of each of `Vectors`, see `each`. A plain tuple: a small batch would notice
-        the time that making a record takes.
+        Vectors have a row for each number, see `each`. A plain tuple: a small batch would notice the time of a record.
         """
         observations, numbers = self.arrays(out, lanes)
         return observations, numbers[:-_SCALAR_COUNT], numbers[-_SCALAR_COUNT:]
@@ -219,11 +207,7 @@ _OWN = 2  # references to an array that nobody else holds: the room's, and the a
 
 
 class Room:
-    """Memory for the results of one step.
-
-    Attributes:
-        kept: what its user notes about it, as long as it is used again; None at first.
-    """
+    """Memory for the results of one step; `kept` is what its user notes about it, as long as it is used again."""
 
     __slots__ = ("_array", "_first", "_stop", "kept")
 
@@ -247,12 +231,8 @@ class Room:
 class ResultsMemory:
     """Rooms of one size.
 
-    Memory that the system has just given is zeroed page by page when it is first written, which takes as long as a
-    third of the step of a large batch. Every view of an array holds a reference to it, so that an array without further
-    references is not read by anyone any longer.
-
-    Args:
-        size: numbers of an array.
+    The system zeroes new memory page by page at its first use, which takes a third of the step of a large batch. Every
+    view of an array holds a reference to it: nobody reads an array without further references.
     """
 
     def __init__(self, size: int) -> None:

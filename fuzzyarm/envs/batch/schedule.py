@@ -46,12 +46,8 @@ def row_record(joints: int, axes: int) -> Any:
 class Schedule:
     """A table over the control steps k = 0..steps; the torque of step k acts from t_k to t_(k+1).
 
-    Attributes:
-        disturbance: what acts in this episode.
-        table: (steps + 1, numbers of `row_record`); the properties below are its `columns`. No force or bias acts in
-            the last row, where the episode is over.
-        joints: of the arm.
-        axes: of the tip's space.
+    `table` (steps + 1, numbers of `row_record`) has units as there; the properties are its columns. No force or bias
+    acts in the last row, where the episode is over.
     """
 
     disturbance: Disturbance

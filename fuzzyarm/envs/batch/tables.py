@@ -39,14 +39,10 @@ class _Episode(NamedTuple):
 
 
 class Tables:
-    """Scenarios and their schedules.
-
-    Args:
-        scenarios: the episodes of each: one for a scenario with a reference, one per member of the family for others.
+    """Schedules of scenarios, each with one episode, or one per member of a family of references.
 
     Attributes:
-        scenarios: those.
-        episodes: of all scenarios, one after the other.
+        scenarios: the episodes of each; `episodes`: of all, one after the other.
         firsts: (scenarios,) the number of the first episode of each scenario.
         starts: (episodes, numbers of `Start`).
         table: (rows, numbers of `Row`), the schedules below each other.
@@ -66,15 +62,10 @@ class Tables:
 
 
 class Assignment:
-    """The scenario of each lane: its own, or for an episode one that a reset asked for.
+    """The scenario of each lane: its own, or for an episode one that a reset asked for; by number.
 
-    Args:
-        own: tables of the lanes' own scenarios, and by lane the number (lanes,) of its scenario among them and its
-            payload's place (lanes,), see `tabulated`.
-
-    Attributes:
-        own: those tables.
-        tables: those of all scenarios that a lane is in; the lanes' own come first.
+    It is made from what `tabulated` returns for the lanes' own scenarios, `own`; `tables` has these first, and then the
+    others that a lane is in.
     """
 
     def __init__(self, own: tuple[Tables, np.ndarray, np.ndarray]) -> None:
@@ -136,14 +127,10 @@ def tabulated(
     family: tuple[Reference, ...],
     control_period: float,
 ) -> tuple[Tables, np.ndarray, np.ndarray]:
-    """Return tables of scenarios, and by lane the number (n,) of its scenario and its payload's place (n,).
+    """Return tables of scenarios every `control_period` [s], and of each lane scenario (n,) and payload's place (n,).
 
-    Args:
-        scenarios: one for all n lanes, or one per lane.
-        plants: the arms.
-        plant_of: (n,) the number of each lane's among them.
-        family: the references that episodes are drawn from where the scenario has none.
-        control_period: [s].
+    Scenarios are one for all n lanes, or one per lane, whose plant is number `plant_of` (n,). Episodes without a
+    reference are drawn from the family.
     """
     kinds, scenario_of = distinct(scenarios, len(plant_of))
     pairs, pair_of = np.unique(np.stack([scenario_of, plant_of]), axis=1, return_inverse=True)

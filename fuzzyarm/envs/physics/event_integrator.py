@@ -61,18 +61,10 @@ def integrate(
     rtol: float = 1e-11,
     atol: float = 1e-13,
 ) -> np.ndarray:
-    """Return the state at `stop` under held motor torques and a tip force that follows time.
+    """Return the state (8,) at `stop` under held motor torques (2,) [N m] and a tip force F(t) [N], continuous in time.
 
-    Args:
-        state: shape (8,), the entries of `records.State` [rad, rad/s]; a velocity of exactly 0 may be stick.
-        torque: Γ [N m], shape (2,), held over the whole interval.
-        force: F(t) [N] on the tip, continuous in time.
-        parameters: the arm.
-        payload: what it carries.
-        start: time of `state` [s].
-        stop: time of the result [s], not before `start`.
-        rtol: relative tolerance of DOP853.
-        atol: absolute tolerance of DOP853.
+    The entries of `records.State` [rad, rad/s] at the time `start` [s] are given; a velocity of exactly 0 may be stick.
+    `rtol` and `atol` are DOP853's.
 
     Raises:
         ValueError: an entry of `state` or `torque` is not finite, or `stop` lies before `start`.

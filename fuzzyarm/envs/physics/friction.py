@@ -60,10 +60,7 @@ STRIBECK = _FrictionCurve(
 def friction_torque(velocity: Any, net_torque: Any, dry: DryFriction) -> Any:
     """Return Γ_f [N m] of section 2: -F(v) sign v when slipping, else minus the net torque up to the static one.
 
-    Args:
-        velocity: motor velocity q̇_a [rad/s].
-        net_torque: Γ - Γ_t [N m], what the friction has to hold at rest.
-        dry: numbers of F, with F(0) = Γ_fs.
+    v = q̇_a [rad/s]; the net torque Γ - Γ_t [N m] is what the friction has to hold at rest; F(0) = Γ_fs.
     """
     slip = -stribeck_magnitude(velocity, dry) * sign(velocity)
     stick = -smaller(abs(net_torque), dry.static_friction) * sign(net_torque)
@@ -72,19 +69,11 @@ def friction_torque(velocity: Any, net_torque: Any, dry: DryFriction) -> Any:
 
 @apart
 def stick_slip(velocity: Any, acceleration: Any, deceleration: Any, duration: Any) -> tuple[Any, Any]:
-    """Solve v̇ ∈ a - f Sgn(v) exactly over `duration` with constant a and f.
+    """Solve v̇ ∈ a - f Sgn(v) exactly over a duration [s]; return the velocity [rad/s] and the angle travelled [rad].
 
-    The velocity falls or rises linearly; when it reaches zero it stays there if |a| <= f and leaves on the other
-    side otherwise. No smoothing: a stuck joint has velocity exactly 0.
-
-    Args:
-        velocity: v at the start [rad/s].
-        acceleration: a, all torques but friction over inertia [rad/s²].
-        deceleration: f >= 0, friction magnitude over inertia [rad/s²].
-        duration: time to advance [s].
-
-    Returns:
-        Velocity at the end [rad/s] and the angle travelled [rad].
+    The velocity v [rad/s] falls or rises linearly under constant a and f >= 0 [rad/s²], all other torques and the
+    friction's magnitude over the inertia. When it reaches zero it stays there if |a| <= f and leaves on the other side
+    otherwise. No smoothing: a stuck joint has velocity exactly 0.
     """
     speed, direction = abs(velocity), sign(velocity)
     along = speed + duration * (direction * acceleration - deceleration)

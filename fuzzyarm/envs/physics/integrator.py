@@ -44,14 +44,9 @@ Accelerations = Callable[[Any, Any], Any]
 
 
 def advanced(state: Any, torque: Any, at: Callable[[Any], Accelerations], arm: Any, h: Any) -> Any:
-    """Return the state a sub-step h [s] later, see the module.
+    """Return the state of n joints a sub-step h [s] later under motor torques [N m], see the module.
 
-    Args:
-        state: of n joints.
-        torque: of the motors [N m].
-        at: the accelerations of the links by their angles [rad].
-        arm: the constants; it has the fields of `Motor`.
-        h: [s].
+    `at` returns the accelerations of the links by their angles [rad]; `arm` has the fields of `Motor`.
     """
     half = 0.5 * h
     motor, link = _drifted(state.motor, state.motor_velocity, half), _drifted(state.link, state.link_velocity, half)
@@ -72,12 +67,10 @@ def _drifted(angles: Any, velocities: Any, duration: Any) -> Any:
 def _kick(
     start: Any, middle: Any, torque: Any, accelerations: Accelerations, driven: Any, arm: Any, duration: Any
 ) -> tuple[Any, Any, Any]:
-    """Advance the velocities of `start` over `duration` with the accelerations at `middle`.
+    """Return the velocities of motors and links [rad/s] after a duration [s] at the accelerations of `middle`.
 
-    `driven` are the motors, each with the inverse of its inertia: products cost less than quotients.
-
-    Returns:
-        The velocities of motors and links [rad/s], and the angles the motors travelled [rad].
+    Third, the angles [rad] that the motors travelled. `driven` are the motors, each with the inverse of its inertia:
+    products cost less than quotients.
     """
     per_joint, joint = type(start.motor), joint_torque(middle, arm)
     links = accelerations(joint, middle.link_velocity)

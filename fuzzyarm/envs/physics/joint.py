@@ -1,4 +1,7 @@
-"""The parts of a serial robot, as data: links, drives, and the joints that join them; see `robot`."""
+"""The parts of a serial robot, as data: links, drives, and the joints that join them; see `robot`.
+
+A value out of range raises ValueError, in a joint with its name.
+"""
 
 from __future__ import annotations
 
@@ -35,9 +38,6 @@ class Link:
         center: mass center c [m], shape (3,).
         inertia: about the mass center, in axes parallel to the joint frame [kg m²], shape (3, 3): symmetric, positive
             definite, and no principal moment above the sum of the other two.
-
-    Raises:
-        ValueError: a value is out of range.
     """
 
     mass: float
@@ -80,9 +80,6 @@ class Drive:
         coulomb_friction: Γ_fc of the motor [N m].
         stribeck_velocity: v_s [rad/s], above 0.
         torque_limit: largest torque of the motor [N m], above 0.
-
-    Raises:
-        ValueError: a value is out of range.
     """
 
     motor_inertia: float
@@ -136,9 +133,6 @@ class Joint:
         drive: motor, gear and spring.
         angle_range: (lowest, highest) link angle [rad].
         velocity_limit: largest speed [rad/s], above 0.
-
-    Raises:
-        ValueError: a value is out of range; the message names the joint.
     """
 
     name: str

@@ -110,14 +110,7 @@ def newton_euler(
 
     Inwards: f_j = U h and n_j = L α + ω × L ω + h × a at the origin of frame j, and those of the links beyond.
 
-    Args:
-        chain: the frames.
-        bodies: of the links, see `regrouped`.
-        turns: sine and cosine of q.
-        rates: q̇ [rad/s].
-        accelerations: q̈ [rad/s²].
-        gravity: g [m/s²] in the base frame.
-        force: F [N] on the tip, in the last frame, see `in_last_frame`.
+    Gravity g [m/s²] is in the base frame, F [N] on the tip in the last one, see `in_last_frame`.
     """
     turning, rising, origin = NOTHING, NOTHING, tuple(-g for g in gravity)
     motion: _Matrix = (NOTHING, NOTHING, NOTHING)

@@ -68,14 +68,7 @@ def mass_matrix(robot: Robot, q: Any) -> np.ndarray:
 
 
 def inverse_dynamics(robot: Robot, q: Any, dq: Any, ddq: Any) -> np.ndarray:
-    """Return the link torques M(q) q̈ + C(q, q̇) q̇ + g(q) [N m], shape (..., n).
-
-    Args:
-        robot: the robot.
-        q: angles [rad], shape (..., n).
-        dq: q̇ [rad/s], shape (..., n).
-        ddq: q̈ [rad/s²], shape (..., n).
-    """
+    """Return M(q) q̈ + C(q, q̇) q̇ + g(q) [N m], (..., n), at q [rad], q̇ [rad/s] and q̈ [rad/s²] of that shape."""
     links, rate, change = frames(robot, q), _motion(robot, dq), _motion(robot, ddq)
     axes, inertia = _axes(robot, links), _inertias(robot, links)
     turning = axes * rate[..., np.newaxis]

@@ -124,12 +124,7 @@ class _Tree(NamedTuple):
 
 
 def _read_model(path: Path, fixed: Collection[str]) -> _Tree:
-    """Return the model in a URDF or MJCF file.
-
-    Args:
-        path: of the file.
-        fixed: names of joints that stay as the model has them.
-    """
+    """Return the model in a URDF or MJCF file, with the joints of these names fixed; ValueError if it is none."""
     try:
         import mujoco
     except ModuleNotFoundError:

@@ -17,6 +17,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from fuzzyarm.envs.physics import recursion
 from fuzzyarm.envs.physics.dynamics import Motor, motor_friction
 from fuzzyarm.envs.physics.elementwise import sine_cosine
 from fuzzyarm.envs.physics.friction import DryFriction
@@ -24,27 +25,7 @@ from fuzzyarm.envs.physics.integrator import advanced
 from fuzzyarm.envs.physics.joint import DIMENSIONS, DRIVE_UNITS, as_rows
 from fuzzyarm.envs.physics.physics import VARIED, Physics
 from fuzzyarm.envs.physics.records import flat, per_joint, places, point, record_type, state_record
-from fuzzyarm.envs.physics.recursion import (
-    NOTHING,
-    Body,
-    Chain,
-    Inertia,
-    Turn,
-    Vector,
-    composite_bodies,
-    factors,
-    in_last_frame,
-    joined,
-    moved,
-    newton_euler,
-    point_of_tip,
-    regrouped,
-    rotated,
-    rotated_inertia,
-    solution,
-    transposed,
-    velocity_of_tip,
-)
+from fuzzyarm.envs.physics.recursion import NOTHING, Body, Chain, Inertia, Turn, Vector, rotated, transposed
 from fuzzyarm.envs.physics.robot import Robot
 from fuzzyarm.numbers.folded import Folded, unfolded
 from fuzzyarm.numbers.functions import zeros
@@ -112,11 +93,7 @@ def _named(name: str, numbers: Iterable[Any], parts: Iterable[str] = _AXES) -> I
 
 
 class _Serial:
-    """The functions of `Physics` for robots of one structure.
-
-    Args:
-        structure: their structure.
-    """
+    """The functions of `Physics` for robots of one structure."""
 
     def __init__(self, structure: Structure) -> None:
         self.structure, self.joints = structure, len(structure.rotations)
@@ -161,7 +138,6 @@ class _Serial:
         return found
 
     def plant_of(self, robot: Robot) -> Any:
-        """Return the `Plant` of a robot."""
         numbers = _numbers_of(robot)
         return self.Plant(*(numbers[name] for name in self.structure.numbers))
 
@@ -178,7 +154,7 @@ class _Serial:
         positions = [rotated(transposed(frame), _vector(plant, f"position{k}")) for k, frame in before]
         tip = rotated(transposed(frames[-1]), _vector(plant, "tip"))
         chain = Chain(self.structure.rotations, positions, tip)
-        bodies = regrouped(chain, self._bodies(plant, *map(Folded, (payload, place, tip_payload))))
+        bodies = recursion.regrouped(chain, self._bodies(plant, *map(Folded, (payload, place, tip_payload))))
         found = dict(_named("tip", tip)) | dict(_named("gravity", _vector(plant, "gravity")))
         for k, (position, body) in enumerate(zip(positions, bodies, strict=True), start=1):
             found |= _named(f"position{k}", position)
@@ -187,24 +163,20 @@ class _Serial:
         return {name: unfolded(number) for name, number in found.items() if isinstance(number, Folded)}
 
     def _bodies(self, plant: Any, payload: Any, place: Any, tip_payload: Any) -> list[Body]:
-        """Return the links about the origins of their turned frames, the last with two point masses.
+        """Return the links about the origins of their turned frames, the last with two point masses [kg].
 
-        Args:
-            plant: the numbers of the robot.
-            payload: mass [kg] between the last link's mass center (place 0) and the tip (place 1).
-            place: where it is.
-            tip_payload: mass [kg] at the tip.
+        `payload` is between the last link's mass center (place 0) and the tip (place 1), `tip_payload` at the tip.
         """
         bodies = []
         for k, frame in enumerate(self.structure.frames, start=1):
             back, center = transposed(frame), _vector(plant, f"center{k}")
-            at_center = Body(_number(plant, f"mass{k}"), NOTHING, rotated_inertia(back, _inertia(plant, k)))
-            bodies.append(moved(at_center, _UNTURNED, rotated(back, center)))
+            at_center = Body(_number(plant, f"mass{k}"), NOTHING, recursion.rotated_inertia(back, _inertia(plant, k)))
+            bodies.append(recursion.moved(at_center, _UNTURNED, rotated(back, center)))
         tip = rotated(back, _vector(plant, "tip"))
         between = tuple(c + place * (t - c) for c, t in zip(rotated(back, center), tip, strict=True))
         for mass, at in ((payload, between), (tip_payload, tip)):
             carried = Body(mass, NOTHING, Inertia(*[0.0] * len(_ENTRIES)))
-            bodies[-1] = joined(bodies[-1], moved(carried, _UNTURNED, at))
+            bodies[-1] = recursion.joined(bodies[-1], recursion.moved(carried, _UNTURNED, at))
         return bodies
 
     def _links(self, arm: Any) -> tuple[Chain, list[Body]]:
@@ -219,12 +191,10 @@ class _Serial:
         return x, y, z
 
     def step(self, state: Any, torque: Any, force: Any, arm: Any, h: Any) -> Any:
-        """Advance by one sub-step h [s] under motor torques [N m] and a tip force [N]."""
         at = self._accelerations(self._in_space(force), [0.0] * self.joints, arm)
         return advanced(state, torque, at, arm, h)
 
     def loaded_step(self, state: Any, torque: Any, load: Any, arm: Any, h: Any) -> Any:
-        """Do what `step` does, with torques `load` [N m] on the links in place of a tip force."""
         return advanced(state, torque, self._accelerations(NOTHING, _folded(load), arm), arm, h)
 
     def _accelerations(self, force: Vector, load: Sequence[Any], arm: Any) -> Callable[[Any], Any]:
@@ -234,26 +204,24 @@ class _Serial:
 
         def at(link: Any) -> Callable[[Any, Any], Any]:
             turns = _turns(link)
-            below, inverse = factors(composite_bodies(chain, bodies, turns))
-            outside = in_last_frame(chain, turns, force)
+            below, inverse = recursion.factors(recursion.composite_bodies(chain, bodies, turns))
+            outside = recursion.in_last_frame(chain, turns, force)
 
             def accelerations(joint: Any, rates: Any) -> Any:
-                outer = newton_euler(chain, bodies, turns, _folded(rates), still, gravity, outside)
+                outer = recursion.newton_euler(chain, bodies, turns, _folded(rates), still, gravity, outside)
                 right = [Folded(a) - b + c for a, b, c in zip(joint, outer, load, strict=True)]
-                return self.PerJoint(*map(unfolded, solution(below, inverse, right)))
+                return self.PerJoint(*map(unfolded, recursion.solution(below, inverse, right)))
 
             return accelerations
 
         return at
 
     def tip(self, angles: Any, arm: Any) -> Any:
-        """Return the tip [m]."""
-        found = point_of_tip(self._links(arm)[0], _turns(angles))
+        found = recursion.point_of_tip(self._links(arm)[0], _turns(angles))
         return self._vector(found, angles)
 
     def tip_velocity(self, angles: Any, rates: Any, arm: Any) -> Any:
-        """Return the velocity of the tip [m/s]."""
-        found = velocity_of_tip(self._links(arm)[0], _turns(angles), _folded(rates))
+        found = recursion.velocity_of_tip(self._links(arm)[0], _turns(angles), _folded(rates))
         return self._vector(found, angles)
 
     def _vector(self, vector: Vector, angles: Any) -> Any:
@@ -263,40 +231,34 @@ class _Serial:
         """Return J(q)ᵀ F: less the torque that holds an arm at rest, without gravity, under the force."""
         still, (chain, bodies) = [0.0] * self.joints, self._links(arm)
         turns = _turns(angles)
-        outside = in_last_frame(chain, turns, self._in_space(force))
-        held = newton_euler(chain, bodies, turns, still, still, NOTHING, outside)
+        outside = recursion.in_last_frame(chain, turns, self._in_space(force))
+        held = recursion.newton_euler(chain, bodies, turns, still, still, NOTHING, outside)
         return self.PerJoint(*_like([-torque for torque in held], angles))
 
     def gravity(self, angles: Any, arm: Any) -> Any:
-        """Return g(q) [N m]."""
         still, (chain, bodies) = [0.0] * self.joints, self._links(arm)
-        found = newton_euler(chain, bodies, _turns(angles), still, still, _vector(arm, "gravity"))
+        found = recursion.newton_euler(chain, bodies, _turns(angles), still, still, _vector(arm, "gravity"))
         return self.PerJoint(*_like(found, angles))
 
     def inverse_dynamics(self, angles: Any, rates: Any, accelerations: Any, arm: Any) -> Any:
-        """Return M(q) q̈ + C(q, q̇) q̇ + g(q) [N m]."""
         (chain, bodies), rates, accelerations = self._links(arm), _folded(rates), _folded(accelerations)
-        found = newton_euler(chain, bodies, _turns(angles), rates, accelerations, _vector(arm, "gravity"))
+        found = recursion.newton_euler(chain, bodies, _turns(angles), rates, accelerations, _vector(arm, "gravity"))
         return self.PerJoint(*map(unfolded, found))
 
     def mass_matrix(self, angles: Any, arm: Any) -> Any:
-        """Return the rows of M(q) [kg m²]."""
-        lower, joints = composite_bodies(*self._links(arm), _turns(angles)), range(self.joints)
+        lower, joints = recursion.composite_bodies(*self._links(arm), _turns(angles)), range(self.joints)
         return tuple(tuple(_like([lower[max(i, j)][min(i, j)] for j in joints], angles)) for i in joints)
 
     def stiffness(self, plant: Any) -> Any:
-        """Return the joints' stiffness [N m/rad]."""
         return self._per_joint(plant, "stiffness")
 
     def limits(self, plant: Any) -> Any:
-        """Return the limits."""
         return self.Limits(*(self._per_joint(plant, name) for name in (*_LIMITS, "torque_limit")))
 
     def _per_joint(self, plant: Any, name: str) -> Any:
         return self.PerJoint(*(getattr(plant, f"{name}{k}") for k in range(1, self.joints + 1)))
 
     def varied(self, plant: Any, draw: Any) -> Any:
-        """Return the plant with the factors of a draw."""
         factors = (getattr(getattr(draw, name), joint) if name else None for name, joint in self._factors)
         varied = (number if one is None else number * one for number, one in zip(plant, factors, strict=True))
         return self.Plant(*varied)

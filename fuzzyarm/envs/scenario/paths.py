@@ -1,11 +1,15 @@
 """Geometric paths of the tip; the time law along a path is in `reference`.
 
-Every curve p(s), s in [0, 1], is twice differentiable. _Points of two numbers lie in the plane of the two-joint arm, in
-the frame of (26): the base at the origin, x down along gravity, y to the side. _Points of three numbers are in the base
+Every curve p(s), s in [0, 1], is twice differentiable. Points of two numbers lie in the plane of the two-joint arm, in
+the frame of (26): the base at the origin, x down along gravity, y to the side. Points of three numbers are in the base
 frame of a robot in space; lines and splines take either, and `Placed` brings any plane curve into space.
 
 Circle, lemniscate, line and square have a name, on the paper's arm and in a plane of any other. A square has round
 corners, because a reference is twice differentiable: it is the curve with x⁸ + y⁸ = a⁸.
+
+Each class raises TypeError for a value that is not a real number, or a path without a method ``points``; and ValueError
+for one that is not finite or out of range, too few points, points that coincide, or axes that are not unit vectors at a
+right angle.
 """
 
 from __future__ import annotations
@@ -70,10 +74,6 @@ class Circle:
         start_angle: ψ_0 [rad].
         turns: n, signed number of full turns, not zero; negative turns from +y towards +x. A fraction gives an arc.
 
-    Raises:
-        TypeError: a value is no real number.
-        ValueError: one is not finite or out of range.
-
     Examples:
         >>> position, first, second = Circle().points([0.0, 0.5])
         >>> position.round(6).tolist()
@@ -114,10 +114,6 @@ class Line:
     Attributes:
         start: (x, y) or (x, y, z) [m] at s = 0.
         end: likewise [m] at s = 1, at least `_MINIMUM_SPACING` from start.
-
-    Raises:
-        TypeError: a value is no real number.
-        ValueError: one is not finite, or start and end coincide.
     """
 
     start: _AnyPoint
@@ -145,10 +141,6 @@ class Lemniscate:
         center: the crossing (x, y) [m].
         half_width: a [m], > 0.
         angle: α [rad], turns the long axis from x towards y.
-
-    Raises:
-        TypeError: a value is no real number.
-        ValueError: one is not finite or out of range.
     """
 
     center: Point
@@ -184,10 +176,6 @@ class Spline:
         waypoints: two or more points (x, y) or (x, y, z) [m] (any sequence or array of pairs or triples), neighbours
             at least `_MINIMUM_SPACING` apart. A closed spline adds the way back itself: do not repeat the first point.
         closed: whether the curve returns to its start.
-
-    Raises:
-        TypeError: a value is no real number.
-        ValueError: too few points, a value that is not finite, or neighbours that coincide.
     """
 
     waypoints: tuple[_AnyPoint, ...]
@@ -279,10 +267,6 @@ class Square:
     Attributes:
         center: (x, y) [m].
         half_side: a [m], > 0.
-
-    Raises:
-        TypeError: a value is no real number.
-        ValueError: one is not finite or out of range.
     """
 
     center: Point
@@ -337,10 +321,6 @@ class Placed:
         origin: where (0, 0) of the plane lies, (x, y, z) [m]; (x, y) for a curve in the plane of the two-joint arm.
         first: e_1, direction of the plane's x, a unit vector.
         second: e_2, direction of the plane's y, likewise; the plane faces e_1 × e_2.
-
-    Raises:
-        TypeError: `path` has no method ``points``, or a value is no real number.
-        ValueError: one is not finite, or the axes are no unit vectors at right angles.
 
     Examples:
         >>> facing_x = Placed(Circle(center=(0.0, 0.0), radius=0.1), (0.5, 0.0, 0.4), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0))

@@ -235,11 +235,9 @@ class JointReference(PathReference):
 def joint_angles(position: np.ndarray, length: tuple[float, float], elbow_sign: int) -> np.ndarray:
     """Return the joint angles [rad] that put the tip at `position` [m], both of shape (..., 2): the inverse of (26).
 
-    With r = |p|: q2 = ±2 atan sqrt(((L1 + L2)² - r²) / (r² - (L1 - L2)²)), and q1 is the angle of p in the frame of
-    the bent arm, in [-π, π]. A joint limit is at most π, so within the limits q1 never meets the branch cut.
-
-    Returns:
-        Angles with q2 of sign `elbow_sign`; nan where |p| is outside [|L1 - L2|, L1 + L2].
+    With r = |p|: q2 = ±2 atan sqrt(((L1 + L2)² - r²) / (r² - (L1 - L2)²)), of the sign `elbow_sign`, and q1 is the
+    angle of p in the frame of the bent arm, in [-π, π]: within the limits it never meets the branch cut. They are nan
+    where r is outside [|L1 - L2|, L1 + L2].
     """
     x, y = position[..., 0], position[..., 1]
     r, outer, inner = np.hypot(x, y), length[0] + length[1], abs(length[0] - length[1])
@@ -289,14 +287,10 @@ def check_limits(
     motion: ReferenceSample,
     advice: str,
 ) -> None:
-    """Raise ValueError if an angle leaves its joint's range or a velocity passes its limit; the message has a way out.
+    """Raise ValueError if an angle [rad] leaves its joint's range or a velocity [rad/s] passes its limit.
 
-    Args:
-        names: of the joints.
-        limits: lowest and highest angles [rad], and largest velocities [rad/s], each (n,).
-        t: times (k,) [s], the last one the duration, with which velocities go inversely.
-        motion: angles and velocities (k, n) at these times.
-        advice: the way out where an angle leaves its range.
+    `limits` are lowest and highest angles and largest velocities, each (n,), the motion is (k, n) at times t (k,) [s],
+    the last one the duration. The message has a way out, the advice where an angle leaves its range.
     """
     (low, high, speed), duration = limits, float(t[-1])
     beyond = np.maximum(motion.q - high, low - motion.q)
