@@ -40,10 +40,7 @@ def real(
     high: float = math.inf,
     below: float = math.inf,
 ) -> float:
-    """Return a finite real number as float: above < value < below and low <= value <= high, in a unit.
-
-    `name` is the argument's, as the user knows it.
-    """
+    """Return a finite real number as float: above < value < below and low <= value <= high, in a unit."""
     allowed = _allowed(unit, above, low, high, below)
     if not is_real(value):
         raise TypeError(f"{name} = {shown(value)} must be a real number{_bracketed(unit)}; {allowed}")

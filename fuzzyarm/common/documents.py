@@ -199,10 +199,7 @@ def _check_dotted_keys(text: str) -> None:
 
 
 def _check_values(content: Any, *, finite: bool) -> None:
-    """Raise ValueError for content deeper than `DEEPEST`, texts that are no Unicode, and numbers that are not finite.
-
-    Level by level, without recursion.
-    """
+    """Raise ValueError for content deeper than `DEEPEST`, texts that are not Unicode, and numbers that are infinite."""
     level = [content]
     for depth in range(DEEPEST + 1):
         below: list[Any] = []

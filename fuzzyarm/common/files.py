@@ -82,10 +82,7 @@ def write_folder_atomically(folder: Path, files: Mapping[str, bytes | str]) -> N
 
 @contextlib.contextmanager
 def locked_folder(folder: Path) -> Iterator[None]:
-    """Keep a folder locked while the block runs; the lock of a process that dies goes with it, and leaves no file.
-
-    File systems and operating systems that lock no folders are taken as they are.
-    """
+    """Lock a folder while the block runs, where the system can; ValueError if another process has locked it."""
     if sys.platform == "win32":
         yield
         return

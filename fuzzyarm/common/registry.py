@@ -11,7 +11,6 @@ from typing import Any, TypeVar
 
 __all__ = ["Registry", "additions", "adopt", "lazily"]
 
-
 _Thing = TypeVar("_Thing")
 
 _REGISTRIES: dict[str, Registry[Any]] = {}  # by the module that each is in

@@ -28,9 +28,7 @@ __all__ = [
     "each_lane", "initial_state", "initial_states", "observation_space", "per_lane", "real_numbers", "seeds_of",
 ]  # fmt: skip
 
-
-_RESET_OPTIONS = ("initial_state", "reference", "case", "disturbance")
-"""What the `options` of `reset` may hold."""
+_RESET_OPTIONS = ("initial_state", "reference", "case", "disturbance")  # what the `options` of `reset` may hold
 
 
 def chosen_disturbance(case: str, disturbance: Disturbance | None, arm: AnyArm) -> Disturbance:
@@ -136,10 +134,7 @@ def per_lane(name: str, value: Any, lanes: int) -> list[Any]:
 
 
 def each_lane(make: Callable[..., Any], *columns: Sequence[Any]) -> list[Any]:
-    """Return make(*row) for each lane's row of the columns; a column of one entry is for all lanes.
-
-    An error names its lane, if there are several.
-    """
+    """Return make(*row) for each lane's row of the columns, of which one entry is for all; an error names its lane."""
     count = max(map(len, columns))
     rows = zip(*(list(column) * count if len(column) == 1 else column for column in columns), strict=True)
     made = []

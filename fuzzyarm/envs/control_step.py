@@ -138,12 +138,10 @@ class Given(NamedTuple):
 
 @functools.cache
 def begun_of(layout: Layout) -> Callable[..., tuple[Any, Any, Any, Any]]:
-    """Return ``begun(clock, given, initial, ranges, plants, starts, schedule)``.
+    """Return ``begun(clock, given, initial, ranges, plants, starts, schedule)``: lane, clock, draws, first row.
 
-    `clock` holds the key of the lane's last episode, `given` is a `Given`, `initial` the state to begin with, at rest
-    on the reference where its first number is nan; `ranges` are pairs (low, high) as in a `draw_record`. The tables
-    have rows of the physics' `Plant`, of `Start` and of `row_record`. It returns what the lane carries, its clock, what
-    was drawn, and the schedule's first row.
+    `clock` has the key of the last episode; `initial` is a state, or at rest on the reference if its first number is
+    nan; `ranges` are pairs (low, high) of a `draw_record`. The tables have rows of `Plant`, `Start` and `row_record`.
     """
     physics, Lane = layout.physics, layout.Lane
     Row, Plant, PerJoint = row_record(physics.joints, physics.axes), physics.Plant, physics.PerJoint
@@ -190,10 +188,9 @@ def drawn_of(joints: int) -> Callable[[Any, Any], Any]:
 
 @functools.cache
 def resting_of(physics: Physics) -> Callable[..., Any]:
-    """Return ``resting(nominal, link, zero)``: the arm at rest with the links at these angles [rad].
+    """Return ``resting(nominal, link, zero)``: the arm at rest at link angles [rad]; `zero` is a velocity.
 
     The motors hold the gravity torque of the nominal arm: the drawn plant and the payload move the arm from the start.
-    `zero` is the velocity 0 in the number type of the state.
     """
     PerJoint, State = physics.PerJoint, physics.State
 

@@ -39,10 +39,7 @@ class Film:
             self.picture(schedule)
 
     def picture(self, schedule: Schedule) -> np.ndarray | None:
-        """Return the picture (720, 720, 3), numbers to 255, of the last instant, or show it in an open window.
-
-        ResetNeeded if no episode has begun.
-        """
+        """Return the picture (720, 720, 3), numbers to 255, or show it in an open window; ResetNeeded at first."""
         if not self._trace:
             raise ResetNeeded("nothing to draw before the first env.reset()")
         import pygame  # here, as a training run never loads it

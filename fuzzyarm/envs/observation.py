@@ -1,10 +1,6 @@
 """The observation that every policy receives: motor angles and velocities, then the reference at the same instant.
 
 An observation is an array (..., 5 n) for an arm of n joints; only this module defines the order of its parts.
-`observed` gives them as views, in NumPy, in compiled code and for tensors alike:
-
-    o = observed(observation)
-    error = o.q_motor - o.q_reference
 """
 
 from __future__ import annotations

@@ -39,10 +39,7 @@ def checked_periods(control_period: Any, substep: Any, rate: float = 0.0) -> tup
 
 
 def default_substeps(duration: float, rate: float = 0.0) -> int:
-    """Return the default number of sub-steps of a duration [s] for an arm with a fastest rate [rad/s].
-
-    They are not longer than `MAX_DEFAULT_SUBSTEP`, and `RESOLVED` over the rate.
-    """
+    """Return the default number of sub-steps of a duration [s] for an arm with a fastest rate [rad/s]."""
     needed = duration * rate / RESOLVED
     if needed > MOST_SUBSTEPS:
         raise ValueError(
@@ -54,10 +51,7 @@ def default_substeps(duration: float, rate: float = 0.0) -> int:
 
 
 def whole_substeps(control_period: Any, substep: Any, rate: float = 0.0) -> int:
-    """Return how many sub-steps [s] make a control period [s]; without a sub-step the default number.
-
-    `rate` [rad/s] is the fastest of the arm, see `fastest_mode`.
-    """
+    """Return how many sub-steps [s], else the default number, make a control period [s]; rate [rad/s] as above."""
     period = checked_period("control_period", control_period)
     if substep is None:
         return default_substeps(period, rate)

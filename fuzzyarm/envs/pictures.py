@@ -1,7 +1,6 @@
 """Pictures of arms, drawn in software with pygame: the two-joint arm in its plane, any other robot in perspective.
 
-The plane has the frame of (26), turned so that gravity points down the picture: right = y, down = x. In perspective
-gravity points down as well, and shadows fall along it on a floor.
+The plane has the frame of (26), turned so that gravity points down the picture: right = y, down = x.
 """
 
 from __future__ import annotations
@@ -26,7 +25,6 @@ from fuzzyarm.envs.scenario.disturbances import Disturbance
 from fuzzyarm.envs.scenario.kinematics import reach
 
 __all__ = ["Canvas", "View", "case_title", "magnified", "paint", "thinned"]
-
 
 MAGNIFICATION = 25  # factor by which the trace magnifies the tip error: a millimetre would be less than a pixel
 

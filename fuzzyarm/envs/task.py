@@ -49,10 +49,7 @@ _ANGLE, _VELOCITY, _NOT_FINITE = map(float, (Termination.ANGLE, Termination.VELO
 
 
 def reason_of(finite: Any, angles_inside: Any, velocities_inside: Any) -> Any:
-    """Return the number of the `Termination` as a float, from flags that are 0.0 or 1.0.
-
-    Elementwise: scalars, arrays and tensors alike. The products and sums of such flags are exact.
-    """
+    """Return the `Termination` as a float from flags that are 0.0 or 1.0, elementwise: sums of such flags are exact."""
     inside = angles_inside * (1.0 - velocities_inside) * _VELOCITY + (1.0 - angles_inside) * _ANGLE
     return finite * inside + (1.0 - finite) * _NOT_FINITE
 
@@ -64,10 +61,7 @@ EFFORT_WEIGHT = 0.1  # share of the reward that full torque takes away [a choice
 
 @functools.cache
 def target_record(axes: int) -> Any:
-    """Return the record of the tip's target: its reference [m], a unit normal to the curve, a circle [m].
-
-    The radius is 0 for a curve that is no circle.
-    """
+    """Return the record of the target: tip [m], unit normal of the curve, circle [m], whose radius may be 0."""
     kind = point(axes)
     return record_type("Target", position=kind, normal=kind, center=kind, radius=Any)
 
@@ -89,12 +83,9 @@ class _Assessment(NamedTuple):
 
 @functools.cache
 def assess_of(physics: Physics) -> Any:
-    """Return the compiled ``assess(state, torque, bias, arm, limits, target)``.
+    """Return ``assess(state, torque, bias, arm, limits, target)`` for clipped torques and biases beside them [N m].
 
-    It assesses an arm under the controller's (clipped) torques and the biases that act beside them [N m]:
-
-    reward = tracking (1 - 0.1 effort), tracking = 1 / (1 + |tip - reference| / 5 mm),
-    effort = mean over the joints of (Γ/Γ_max)².
+    reward = tracking (1 - 0.1 effort), tracking = 1 / (1 + |tip - reference| / 5 mm), effort = mean of (Γ/Γ_max)².
     """
     tip_point, motor_friction, angle_range = physics.tip, physics.motor_friction, physics.angle_range
     share = 1.0 / physics.joints
@@ -140,10 +131,7 @@ def _distance(a: Any, b: Any) -> Any:
 
 
 def _deviation(tip: Any, target: Any) -> Any:
-    """Return the signed distance of a tip [m] from the curve.
-
-    Outwards positive for a circle, else the component along the curve's normal.
-    """
+    """Return the signed distance [m] of a tip from the curve: outwards positive for a circle, else along the normal."""
     is_circle = 1.0 * (target.radius > 0.0)
     outwards = _distance(tip, target.center) - target.radius
     sideways = _total((x - y) * n for x, y, n in zip(tip, target.position, target.normal, strict=True))

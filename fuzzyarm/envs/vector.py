@@ -2,12 +2,6 @@
 
 `info` has for each key an array with a row per lane, and a mask ``_key`` of the lanes that have it. Quantities are in
 SI units [m, rad, rad/s, N m, N, s], as the kernels leave them.
-
-When a lane of a batch begins its next episode, as Gymnasium's vector environments have it.
-
-SAME_STEP, the default: within the step that ends the last one, of which `info` then has the last instant.
-NEXT_STEP: in the step after, which ignores that lane's action.
-DISABLED: when ``reset(options={"reset_mask": ...})`` names the lane.
 """
 
 from __future__ import annotations
@@ -54,9 +48,7 @@ from fuzzyarm.envs.task import Termination
 
 __all__ = ["FuzzyArmVectorEnv", "final_info", "flags", "masked", "partial_info", "reasons", "values"]
 
-
-_RESET_MASK = "reset_mask"
-"""The reset option that holds which lanes (num_envs,) to reset, as booleans."""
+_RESET_MASK = "reset_mask"  # the reset option that holds which lanes (num_envs,) to reset, as booleans
 
 
 def _masked_lanes(name: str, mask: Any, lanes: int) -> np.ndarray:
@@ -135,10 +127,7 @@ def final_info(
     drawn: dict[str, np.ndarray],
     ended: np.ndarray,
 ) -> dict[str, Any]:
-    """Return the last observations (lanes, 5 joints) and info of the episodes that `ended` (lanes,), masked.
-
-    The other arguments are those of `partial_info`.
-    """
+    """Return last observations (lanes, 5 joints) and `partial_info` of the episodes that `ended` (lanes,), masked."""
     final_obs = np.empty(len(ended), dtype=object)  # of None
     for lane in np.flatnonzero(ended):
         final_obs[lane] = observation[lane].copy()

@@ -118,12 +118,9 @@ class _Ptx(NamedTuple):
 
 
 def logarithm(x: Any) -> Any:
-    """Return ln x within one unit in the last place; -inf for 0, and nan below.
+    """Return ln x within one unit in the last place; -inf for 0, and nan below (`e_log.c` of fdlibm).
 
-    With x = 2^k (1 + f) and √½ ≤ 1 + f < √2, s = f / (2 + f), and R a polynomial of degree 14 in s:
-    ln(1 + f) = f - (f²/2 - s (f²/2 + R)).
-
-    Source: `e_log.c` of fdlibm, whose coefficients these are.
+    x = 2^k (1 + f), √½ ≤ 1 + f < √2, s = f / (2 + f), R of degree 14 in s: ln(1 + f) = f - (f²/2 - s (f²/2 + R)).
     """
     # Copyright (C) 1993 by Sun Microsystems, Inc. All rights reserved. Permission to use, copy, modify, and distribute
     # this software is freely granted, provided that this notice is preserved.
@@ -231,8 +228,7 @@ def _function(name: str) -> str:
 def gpu_text(kernel: Kernel, name: str = "kernel") -> tuple[str, tuple[str, ...]]:
     """Return a kernel as LLVM's text, and its parameters as in `_Ptx`; ValueError for an operation that no GPU has.
 
-    The text calls two functions that it does not have: `i64 @thread()`, the number of the thread, and `i64 @threads()`,
-    how many there are.
+    The text calls `i64 @thread()`, the number of the thread, and `i64 @threads()`, their number, without defining them.
     """
     writer = _GpuWriter(kernel, name)
     text = writer.whole_text()

@@ -589,10 +589,7 @@ class Writer(Operations):
         return "define void @kernel(ptr noalias readonly %job) #0 {"
 
     def arguments(self, held: Sequence[str], apart: Sequence[str]) -> tuple[str, str]:
-        """Take %stop, %steps, and the pointers and whole numbers with these names.
-
-        Returns the first arm, and how far the first arm of the next group is from it.
-        """
+        """Take %stop, %steps and these names; return the first arm, and how far the next group's is from it."""
         for k, name in enumerate(["first", "stop", "steps", *held, *apart]):
             self.put(f"%to.{name} = getelementptr i64, ptr %job, i64 {k}")
             self.put(f"%{name} = load {'ptr' if name in held else 'i64'}, ptr %to.{name}, align 8")

@@ -32,7 +32,6 @@ __all__ = ["CACHE", "WIDE", "Call", "Kernel", "Layout", "kernel_text"]
 CACHE = "FUZZYARM_CACHE"
 """Environment variable with the folder for machine code; by default that of the user's caches."""
 
-
 LONG = 2500  # operations; of a program of more, the numbers of `WIDE` arms would not stay in registers
 
 
@@ -129,10 +128,7 @@ class Kernel:
     def __call__(
         self, arrays: Sequence[np.ndarray], constants: np.ndarray, tables: Sequence[np.ndarray] = (), steps: int = 1
     ) -> None:
-        """Run the program for every arm, `steps` times, what it returns in the place of what it is given.
-
-        Arguments, their shapes and errors as for `bound`; `steps` at least 1.
-        """
+        """Run the program for every arm, `steps` times, in place; other arguments as for `bound`."""
         self._fitting(arrays, constants, tables).run(arrays, constants, tables, steps)
 
     def bound(
@@ -159,10 +155,7 @@ class Kernel:
     def shapes(
         self, arrays: Sequence[np.ndarray], constants: np.ndarray, tables: Sequence[np.ndarray]
     ) -> tuple[int, list[int]]:
-        """Return how many arms there are, how far the rows of each array lie apart, and how many each table has.
-
-        Only shapes, strides and types are looked at. Arguments and errors as for `bound`.
-        """
+        """Return the number of arms, numbers between rows of each array, and rows of each table, from shapes alone."""
         program = self.program
         if (len(tables), len(arrays)) != (len(program.tables), len(program.ports)):
             raise ValueError(f"needed: {len(program.ports)} arrays and {len(program.tables)} tables")

@@ -191,10 +191,7 @@ class Kernels:
 
     @functools.cached_property
     def observe(self) -> Kernel:
-        """Write what the last step, or the beginning of the episode, let be observed; nothing moves.
-
-        On values, clock and observations; the table is the schedule.
-        """
+        """Write what can be observed now; nothing moves. On values, clock, observations and, as table, the schedule."""
 
         def observe(lane: Any, clock: Clock, _: Any, __: Any, schedule: Any) -> tuple[Any, ...]:
             return lane, clock, self._seen_at(lane, clock, schedule)

@@ -28,7 +28,6 @@ from fuzzyarm.numbers.machine import WIDE, Call
 
 __all__ = ["Lanes", "checked_arrays"]
 
-
 _SavedArrays = dict[str, np.ndarray]
 """Arrays of a state by name: ``values``, ``clock`` and ``drawn`` of the lanes, and ``made_of``; see `Lanes`."""
 

@@ -189,10 +189,7 @@ _LINE = 8  # numbers of a line of the cache
 
 
 def _apart(lanes: int) -> int:
-    """Return how far the rows of `Results` lie apart: whole lines, an odd number of them.
-
-    An even number would bring many rows to the same places of the cache, most of all a power of two.
-    """
+    """Return how far rows of `Results` lie apart: an odd number of lines, so that the cache keeps many rows at once."""
     return lanes if lanes == 1 else _LINE * (-(-lanes // _LINE) | 1)
 
 

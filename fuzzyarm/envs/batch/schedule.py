@@ -33,10 +33,9 @@ def reference_record(joints: int) -> Any:
 
 @functools.cache
 def row_record(joints: int, axes: int) -> Any:
-    """Return the record of one row of a schedule.
+    """Return the record of a row: `reference` of the joints and `target` of the tip at t_k, what acts until t_(k+1).
 
-    `reference` of the joints at t_k; `target`, what the tip is compared with at t_k; `force` on the tip from t_k to
-    t_(k+1); `bias`, the torque from t_k to t_(k+1) [N m] beside what the motors apply.
+    `force` is on the tip, `bias` a torque [N m] beside those of the motors.
     """
     reference, target = reference_record(joints), target_record(axes)
     return record_type("Row", reference=reference, target=target, force=force_line(axes), bias=per_joint(joints))
@@ -77,10 +76,7 @@ class Schedule:
 
     @property
     def forces(self) -> np.ndarray:
-        """(steps, 4 or 6), the mean tip force of step k and the change over the step of the line that fits it best [N].
-
-        Impulse and first moment are kept, and a force that sets in at t_k does not leak.
-        """
+        """(steps, 4 or 6), mean tip force [N] of step k and change of the line with its impulse and first moment."""
         return self.table[:-1, self.columns.force]
 
     @property
@@ -92,10 +88,7 @@ class Schedule:
     def build(
         cls, reference: Reference, disturbance: Disturbance, control_period: float, axes: int | None = None
     ) -> Schedule:
-        """Sample a reference and a disturbance every `control_period` [s].
-
-        The tip has so many coordinates, None: those that the reference gives.
-        """
+        """Sample a reference and a disturbance every `control_period` [s]; `axes` None: those of the reference."""
         axes = reference.tip(0.0).position.shape[-1] if axes is None else axes
         # The last step may pass the end of the reference, which rests there.
         steps = math.ceil(reference.duration / control_period - 1e-9)
@@ -122,10 +115,7 @@ class Schedule:
 
 
 def _force_lines(tip_force: TipForce, reference: Reference, starts: np.ndarray, period: float, axes: int) -> np.ndarray:
-    """Return (len(starts), 2 axes): mean force over each step and change of its least-squares line.
-
-    From samples inside the step.
-    """
+    """Return (len(starts), 2 axes): mean force over each step and change of its least-squares line, from samples."""
     shares = (np.arange(_FORCE_SAMPLES) + 0.5) / _FORCE_SAMPLES
     times = (starts[:, np.newaxis] + shares * period).ravel()
     force = checks.array_of("tip_force.at", tip_force.at(times, reference.tip(times).velocity[..., :axes]))
@@ -140,10 +130,7 @@ def _force_lines(tip_force: TipForce, reference: Reference, starts: np.ndarray, 
 
 
 def _targets(reference: Reference, times: np.ndarray, axes: int) -> np.ndarray:
-    """Return (len(times), numbers of a target): reference tip, normal of the curve, circle's center and radius.
-
-    Without a circle these are 0.
-    """
+    """Return (len(times), numbers of a target): reference tip, normal of the curve, circle or zeros."""
     position, normal = reference.tip(times).position[..., :axes], reference.normals(times)[..., :axes]
     circle = np.zeros(axes + 1)
     if reference.circle is not None:

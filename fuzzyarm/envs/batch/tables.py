@@ -23,7 +23,6 @@ from fuzzyarm.envs.scenario.reference import Reference
 
 __all__ = ["MAX_ACCELERATION", "Assignment", "Tables", "check_reference", "distinct", "tabulated"]
 
-
 MAX_ACCELERATION = 1e4  # rad/s², bound of the observation space for the reference's acceleration
 _CHECKED_INSTANTS = 501  # evenly spaced, at which a reference is checked against a plant
 
@@ -88,10 +87,7 @@ class Assignment:
         self._scenario_of[lanes], self._place_of[lanes] = (part[lanes] for part in self._own)
 
     def leave(self, lanes: np.ndarray, clock: np.ndarray) -> None:
-        """Put these lanes (n,) into their own scenarios, and drop the tables that no lane is in any longer.
-
-        The rows in `clock` (numbers of `Clock`, lanes) move with the tables.
-        """
+        """Put lanes (n,) into their own scenarios and drop unused tables; rows in `clock` (numbers, lanes) move too."""
         if len(lanes) == len(self._scenario_of):
             self.all_return()
             return
@@ -163,10 +159,7 @@ def _episodes(
 
 
 def distinct(items: Sequence[_Item], count: int) -> tuple[list[_Item], np.ndarray]:
-    """Return the distinct items, by identity, and the number (count,) of each lane's among them.
-
-    A single item is for all lanes.
-    """
+    """Return the distinct items, by identity, and the number (count,) of each lane's; a single item is for all."""
     if len(items) not in (1, count):
         raise ValueError(f"{len(items)} entries for {count} lanes; give one, or one per lane")
     if len(items) == 1:

@@ -91,7 +91,6 @@ class Arm(NamedTuple):
 
 _UNLOADED = Arm._fields.index("motor_inertia1")  # from this field on a payload changes nothing
 
-
 Plant: Any = record_type(
     "Plant", **{f.name: PerJoint if isinstance(f.default, tuple) else Any for f in dataclasses.fields(ArmParameters)}
 )
@@ -125,10 +124,7 @@ def lump(plant: Any) -> Arm:
 
 
 def loaded(arm: Arm, mass: Any, radius: Any, gravity: Any) -> Arm:
-    """Return the constants with a point mass m [kg] at a distance r [m] from joint 2.
-
-    It adds m (L1² + r²), m L1 r, m r², m g L1 and m g r to c1..c5.
-    """
+    """Return constants with m [kg] at r [m] from joint 2: m (L1² + r²), m L1 r, m r², m g L1 and m g r are added."""
     length = arm.length1
     return Arm(
         arm.c1 + mass * (length * length + radius * radius),

@@ -46,7 +46,6 @@ AnyArm = ArmParameters | Robot
 PAPER = "paper"
 """The robot that is the two-joint arm of Table 1."""
 
-
 IN_FOLDER = "robot.toml"
 """The file of the arm in a folder of `fuzzyarm tune`."""
 

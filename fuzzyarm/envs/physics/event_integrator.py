@@ -30,8 +30,7 @@ from fuzzyarm.envs.physics.parameters import ArmParameters
 
 __all__ = ["integrate"]
 
-_TipForce = Callable[[float], Sequence[float]]
-"""Force on the tip (F_x, F_y) [N] at a time [s]."""
+_TipForce = Callable[[float], Sequence[float]]  # force on the tip (F_x, F_y) [N] at a time [s]
 
 _MOTOR, _LINK, _MOTOR_VELOCITY, _LINK_VELOCITY = range(0, 8, 2)
 """Where each pair of entries begins in a state: angles of motors and links, then their velocities."""

@@ -159,10 +159,8 @@ def held_of(physics: Physics) -> Callable[..., Any]:
 def hold_of(physics: Physics) -> Callable[..., None]:
     """Return ``hold(state, torque, force, arm, h, substeps)`` that advances lanes over one control step.
 
-    Of its arguments `state` (numbers of the state, lanes) changes in place; `torque` (joints, lanes) [N m] is held;
-    `force` has the rows of `force_line` [N], and in between the force is linear, each sub-step takes it at its own
-    middle; `arm` has the rows of the constants; then the sub-step [s] and the number of sub-steps. It raises ValueError
-    if an array has another shape.
+    State (numbers of it, lanes), which changes, torque (joints, lanes) [N m], rows of `force_line` [N] and of the
+    constants, sub-step [s]. ValueError if an array has another shape.
     """
     ForceLine, advance = force_line(physics.axes), held_of(physics)
     kinds = physics.State, physics.PerJoint, ForceLine, physics.Arm

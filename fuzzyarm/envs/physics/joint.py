@@ -18,8 +18,7 @@ __all__ = ["DIMENSIONS", "DRIVE_UNITS", "Drive", "Joint", "Link", "Vector", "as_
 Vector = tuple[float, float, float]
 """Three coordinates."""
 
-_Matrix = tuple[Vector, Vector, Vector]
-"""Three rows of three numbers."""
+_Matrix = tuple[Vector, Vector, Vector]  # three rows of three numbers
 
 DIMENSIONS = 3
 """Of space."""

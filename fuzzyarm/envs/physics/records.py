@@ -1,18 +1,14 @@
 """Records: those with an entry for each joint, and where their numbers stand in arrays.
 
 A record is a NamedTuple whose fields are numbers or further records. In an array its numbers stand one after the
-other in the order of the fields, so every offset follows from the declaration of the record, here and nowhere else:
+other in the order of the fields:
 
     class Load(NamedTuple):
         torque: PerJoint
         mass: Any
 
-    size(Load)                         # 3
-    places(Load).mass                  # 2
-    columns(Load).torque               # slice(0, 2)
-    filled(Load, table[k])             # Load(PerJoint(table[k, 0], table[k, 1]), table[k, 2])
-
-How many joints an arm has is said once, to `per_joint` and `point`.
+    size(Load) = 3      places(Load).mass = 2      columns(Load).torque = slice(0, 2)
+    filled(Load, table[k]) = Load(PerJoint(table[k, 0], table[k, 1]), table[k, 2])
 """
 
 from __future__ import annotations

@@ -160,10 +160,7 @@ def velocity_of_tip(chain: Chain, turns: Sequence[Turn], rates: Sequence[Any]) -
 
 
 def factors(matrix: Sequence[Sequence[Any]]) -> tuple[list[list[Any]], list[Any]]:
-    """Return unit lower triangular L (rows below the diagonal) and the inverse of diagonal D with M = Lᵀ D L.
-
-    From the last joint to the first: M_nn does not depend on the angles, so its inverse is one of the constants.
-    """
+    """Return unit lower triangular L and the inverse of diagonal D with M = Lᵀ D L; the last entry of D is constant."""
     rest = [list(row) for row in matrix]
     inverse: list[Any] = [0.0] * len(rest)
     below: list[list[Any]] = [[] for _ in rest]

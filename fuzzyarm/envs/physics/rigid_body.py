@@ -161,10 +161,7 @@ def _axes(robot: Robot, links: _Frames) -> np.ndarray:
 
 
 def _inertias(robot: Robot, links: _Frames) -> np.ndarray:
-    """Return the inertia [[R I Rᵀ + m [c]×ᵀ [c]×, m [c]×], [m [c]×ᵀ, m 1]] of each link, shape (..., n, 6, 6).
-
-    c is the mass center in the base.
-    """
+    """Return [[R I Rᵀ + m [c]×ᵀ [c]×, m [c]×], [m [c]×ᵀ, m 1]], c the mass center in the base, shape (..., n, 6, 6)."""
     now, turn = robot.arrays, links.rotation
     mass = now.mass[:, np.newaxis, np.newaxis]
     across = _skew(links.origin + np.einsum("...kij,kj->...ki", turn, now.center))

@@ -145,10 +145,7 @@ class Robot:
 
     @classmethod
     def of(cls, parameters: ArmParameters) -> Robot:
-        """Return the two-joint arm: x down, y to the right, both axes along z, gravity along +x.
-
-        Only the moments about z move the arm; the other two are made equal to them.
-        """
+        """Return the two-joint arm: x and gravity down, y to the right, axes along z; equal moments about all axes."""
         p, frame = parameters, ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0))
         joints = []
         for j in range(len(p.length)):

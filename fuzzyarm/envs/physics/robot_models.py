@@ -1,19 +1,16 @@
 """Robots from URDF and MJCF files, with a TOML overlay for what these formats lack.
 
-The overlay is a robot file that names the model, its tip, and a drive for each joint:
-
     model = "ur5.urdf"                     # beside this file
     tip = "tool0"                          # a link or site of the model, or [x, y, z] in the last link's frame [m]
     fixed = ["finger_joint1"]              # joints that stay as the model has them; optional
     [joints.shoulder_pan_joint]
     motor_inertia = 0.6                    # the fields of `Drive`, and `velocity_limit`
-    ...
 
 A quantity that the model has may be left out: gravity, angle ranges (`range`), URDF's `velocity` and `effort` (torque
 limit), MJCF's `actuatorfrcrange` (torque limit), and `damping`, `friction` and MJCF's `armature`, which are read as
 viscous friction, Coulomb friction (static alike) and motor inertia.
 
-MuJoCo parses both formats (extra `robots`) and computes the _inertias; meshes are not opened. What else would move the
+MuJoCo parses both formats (extra `robots`) and computes the inertias; meshes are not opened. What else would move the
 arm in MuJoCo is refused by name, see `_unknown_forces`.
 """
 
@@ -36,7 +33,6 @@ from fuzzyarm.envs.physics.joint import DIMENSIONS, Drive, Joint, Link, Vector, 
 from fuzzyarm.envs.physics.robot import Robot
 
 __all__ = ["read_robot"]
-
 
 _MASSLESS = 1e-9  # kg
 _SWITCHES = ("CONSTRAINT", "FRICTIONLOSS", "LIMIT", "DAMPER", "ACTUATION")  # of numbers that are read
@@ -73,10 +69,7 @@ def _unknown_forces(
 
 
 def _inertias(spec: Any, mujoco: Any, parts: dict[str, list[Any]]) -> Iterator[str]:
-    """Yield complaints about links without inertia, and give these one, so that the model can be compiled.
-
-    `parts` has, by the joint's name, the bodies that it turns up to the next joint.
-    """
+    """Yield complaints about links without inertia, and give them one; `parts` has the bodies of each joint."""
     always = spec.compiler.inertiafromgeom == mujoco.mjtInertiaFromGeom.mjINERTIAFROMGEOM_TRUE
     low, high = spec.compiler.inertiagrouprange
     for joint, bodies in parts.items():
@@ -286,7 +279,6 @@ _ROUNDING = 1e-9  # of rotations and axes in models: 1.570796327 is meant to be 
 _NEGLIGIBLE = 1e-9  # m, and share of the largest moment of inertia: what such angles leave of a zero
 
 _Part = tuple[float, np.ndarray, np.ndarray]  # mass [kg], mass center [m] and inertia [kg m²]
-
 
 _GIVEN = [field.name for field in dataclasses.fields(Drive)] + ["velocity_limit"]
 _JointOverlay: Any = dataclasses.make_dataclass(

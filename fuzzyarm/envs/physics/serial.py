@@ -163,10 +163,7 @@ class _Serial:
         return {name: unfolded(number) for name, number in found.items() if isinstance(number, Folded)}
 
     def _bodies(self, plant: Any, payload: Any, place: Any, tip_payload: Any) -> list[Body]:
-        """Return the links about the origins of their turned frames, the last with two point masses [kg].
-
-        `payload` is between the last link's mass center (place 0) and the tip (place 1), `tip_payload` at the tip.
-        """
+        """Return the links, the last with masses [kg] between its center (place 0) and tip (1), and at the tip."""
         bodies = []
         for k, frame in enumerate(self.structure.frames, start=1):
             back, center = transposed(frame), _vector(plant, f"center{k}")

@@ -164,10 +164,7 @@ def _factors(robot: Robot) -> tuple[float, float]:
 
 
 def _leverages(robot: Robot) -> tuple[float, float, float]:
-    """Return the largest shares of a torque limit that 1 N at the tip takes along the default reference [1/N].
-
-    The force points along the curve, along gravity (downwards if there is none), and where it takes most.
-    """
+    """Return the largest torque-limit shares of 1 N at the tip [1/N]: along curve, gravity, and any direction."""
     reference, gravity = default_reference(robot), robot.arrays.gravity
     t = np.linspace(0.0, reference.duration, INSTANTS)
     down = np.broadcast_to(gravity if gravity.any() else np.array([0.0, 0.0, -1.0]), (len(t), 3))

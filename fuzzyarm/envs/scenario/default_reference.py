@@ -39,7 +39,6 @@ from fuzzyarm.envs.scenario.robot_reference import EXACT, SplineReference, TipRe
 
 __all__ = ["LONGEST", "default_reference", "flattened", "is_placed", "reference_family", "timed"]
 
-
 SIZES = (0.2, 0.15, 0.1, 0.07, 0.05, 0.03, 0.02, 0.01)  # half of the width, share of the robot's reach
 _SHORTEST, _STEP = 1.5, 0.1  # s
 LONGEST = 60.0
@@ -214,10 +213,7 @@ def _splines(robot: Robot, count: int) -> tuple[Reference, ...]:
 
 
 def _timed(robot: Robot, postures: np.ndarray, speed: float) -> SplineReference:
-    """Return the reference through postures (k, n) [rad] whose fastest joint reaches a share of its velocity limit.
-
-    It is slower if the motors ask for it.
-    """
+    """Return the reference through postures (k, n) [rad] at a share of the velocity limits, slower for the motors."""
     slow = SplineReference(tuple(map(tuple, postures.tolist())), LONGEST, robot)
     q, dq, ddq = slow.sample(np.linspace(0.0, LONGEST, 501))
     weight, moving = _torques(robot, q, dq, ddq)

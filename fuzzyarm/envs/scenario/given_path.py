@@ -135,11 +135,7 @@ class GivenPath:
 
 
 def _check_reach(curve: Spline, robot: Robot) -> None:
-    """Raise if the curve leaves the reach of the robot, with the point that is farthest outside.
-
-    The tip stays within the summed lengths of the links from the first joint, and outside what the longest link has
-    more than all others together.
-    """
+    """Raise if a point is beyond the summed lengths of links, or within what the longest has more than all others."""
     points = curve.points(np.linspace(0.0, 1.0, CHECKED_INSTANTS))[0]
     base, links = robot.arrays.position[0][: points.shape[-1]], link_lengths(robot)
     high, low = float(links.sum()), max(0.0, float(2.0 * links.max() - links.sum()))

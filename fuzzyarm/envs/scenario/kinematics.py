@@ -1,12 +1,10 @@
-"""Where the tip of a robot is and how its last link is turned, and how both change with the joints.
+"""Where the tip of a robot is and how its last link is turned, how both change with the joints, and the inverse.
 
 With the axis z_i and the origin p_i of joint i, and the tip p, in the base frame:
 
     J = [z_i × (p - p_i); z_i],      (v, ω) = J q̇,      (v̇, ω̇) = J q̈ + J̇ q̇
 
-J̇ q̇ is found by passing velocities and accelerations from link to link with q̈ = 0.
-
-Inverse kinematics of any robot: the posture that puts the tip on a point, as one square system of equations.
+The posture that puts the tip on a point p solves one square system of equations:
 
     f(q, p) = (P (x(q) - p), O log(R(q) R_0ᵀ), Nᵀ (q - q_0)) = 0,        A = ∂f/∂q = (P J_v, O J_ω, Nᵀ)
 
@@ -14,19 +12,17 @@ x and R are position of the tip and rotation of the last link. P projects on wha
 robot, else space), O on the directions about which the last link can turn (one for a planar robot, else three).
 
 - Orientation: where there are joints enough, the last link keeps the rotation R_0 of the start; otherwise, or where it
-  is told to be free, O has no rows.
+  may turn freely, O has no rows.
 - Redundancy: the columns of N span the motions that change neither at the start posture q_0. Those stay zero, so that a
   closed path brings all joints back.
 - Branch: q follows the solution continuously from q_0; on its way A stays away from singular matrices.
 
-The posture in which the motions of a robot begin, if none is given: dexterous, at ease, far from its limits.
+The default first posture is dexterous (Yoshikawa, 1985, with lengths in reaches), at ease, and far from its limits:
 
-    home = argmax of  log √det(J Jᵀ) - |g(q)/Γ_max|² - mean(((q - middle)/half range)²)
+    home = argmax of  log √det(J Jᵀ) - |g(q)/Γ_max|² - mean(((q - middle)/half range)²),   half ranges at most π
 
-The first term is Yoshikawa's manipulability (International Journal of Robotics Research, 1985) of all that the last
-link can do, with lengths in reaches of the robot; half ranges are at most π. The `_IMPROVED` best of `_POSTURES` random
-postures are improved by a local search. The best is rounded to `_ROUNDED` decimals, so that it is the same on every
-machine.
+The `_IMPROVED` best of `_POSTURES` random postures are improved by a local search, and the best is rounded to
+`_ROUNDED` decimals, so that it is the same on every machine.
 """
 
 from __future__ import annotations
@@ -44,7 +40,6 @@ __all__ = [
     "ANGULAR", "LINEAR", "Chain", "TipTask", "angle_ranges", "chain", "drift", "freedom", "home_posture", "jacobian",
     "link_lengths", "reach", "rotation_vector", "solved", "start_posture", "upwards", "velocity_limits",
 ]  # fmt: skip
-
 
 LINEAR, ANGULAR = slice(0, 3), slice(3, 6)  # rows of the Jacobian: velocity of the tip, angular velocity
 

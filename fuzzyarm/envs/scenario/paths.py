@@ -34,7 +34,6 @@ __all__ = [
     "any_point", "chord_spline",
 ]  # fmt: skip
 
-
 # A point (x, y) [m], one of (x, y) or (x, y, z) [m], and p, dp/ds and d²p/ds² of a curve.
 Point = tuple[float, float]
 _AnyPoint = Point | tuple[float, float, float]
@@ -224,10 +223,7 @@ class Spline:
 
 
 def chord_spline(points: np.ndarray, *, closed: bool = False) -> CubicSpline:
-    """Return the cubic spline over [0, 1] through points (k, d), whose parameter goes with the summed chords.
-
-    Its ends are "not-a-knot", or periodic if it is closed; the first point then stands at the end, too.
-    """
+    """Return the cubic spline over [0, 1] by chords through points (k, d), the last one the first if closed."""
     from scipy.interpolate import CubicSpline  # SciPy is only needed here
 
     chords = np.linalg.norm(np.diff(points, axis=0), axis=1)
@@ -307,7 +303,6 @@ SHAPES: dict[str, Callable[[float], TipPath]] = {
     "square": lambda size: Square((size, 0.0), size),
 }
 """By name, the path of a size [m], the half of its width, in a plane whose x points upwards, about or beside (0, 0)."""
-
 
 _SQUARE = 1e-6  # by which the axes may miss unit length and a right angle; they are then made exact
 

@@ -103,10 +103,7 @@ class DomainRandomisation:
         return bool(self.references) or any(low < high for low, high in map(self.__getattribute__, ALLOWED))
 
     def ranges(self, joints: int) -> np.ndarray:
-        """Return low and high of every number of `draw_record`, one row each.
-
-        The reference's are [0, number of references).
-        """
+        """Return low and high of every number of `draw_record`, a row each; a reference is one of [0, their number)."""
         kind = draw_record(joints)
         table = np.empty((size(kind), 2))
         for name, where in columns(kind)._asdict().items():
@@ -129,10 +126,7 @@ ALLOWED = {
 
 
 def by_quantity(drawn: np.ndarray, joints: int) -> dict[str, np.ndarray]:
-    """Return views of draws (numbers of `draw_record`, lanes) by quantity, read-only.
-
-    (lanes, joints) where there is one number per joint, else (lanes,).
-    """
+    """Return views, read-only, of draws (numbers of `draw_record`, lanes) by quantity: (lanes, joints) or (lanes,)."""
     quantities = {}
     for name, place in places(draw_record(joints))._asdict().items():
         quantities[name] = drawn[slice(place[0], place[-1] + 1)].T if isinstance(place, tuple) else drawn[place]

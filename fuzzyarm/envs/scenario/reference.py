@@ -34,7 +34,6 @@ __all__ = [
     "quintic_time_law", "time_at",
 ]  # fmt: skip
 
-
 SHORTEST, LONGEST = 1e-6, 1e6  # s, allowed durations
 
 
@@ -51,10 +50,7 @@ def quintic_time_law(t: ArrayLike, duration: float) -> tuple[np.ndarray, np.ndar
 
 
 def along(curve: TipPath, t: ArrayLike, duration: float) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Return p, ṗ = p' ṡ and p̈ = p'' ṡ² + p' s̈, shapes (..., d), at times t [s] of shape (...,).
-
-    The curve is a path of the tip or, with d joints, one in the space of the joint angles.
-    """
+    """Return p, ṗ = p' ṡ, p̈ = p'' ṡ² + p' s̈, (..., d), at times t [s] (...,), of a curve of tip or joints."""
     s, ds, dds = quintic_time_law(t, duration)
     p, dp, ddp = curve.points(s)
     ds, dds = ds[..., np.newaxis], dds[..., np.newaxis]

@@ -1,20 +1,14 @@
 """References of any robot: along a path of its tip in space, or along a spline of its joint angles.
 
-Along a path of the tip, by inverse kinematics,
+Along a path of the tip, by inverse kinematics, with f and A of `kinematics`,
 
     f(q, p(s(t))) = 0,      A q̇ = (P ṗ, 0, 0),      A q̈ = (P p̈, 0, 0) - Ȧ q̇
 
-with f and A of `kinematics`. The branch is followed once, in steps of s; after that, Newton's method corrects
-an interpolation to the last digit, so that every value depends on its own t alone.
-
-Along a spline of the joint angles,
+The branch is followed once, in steps of s; then Newton's method corrects an interpolation to the last digit, so that
+every value depends on its own t alone. Along a spline c of the joint angles through given postures, twice continuously
+differentiable, from rest to rest,
 
     q(t) = c(s(t)),  q̇ = c' ṡ,  q̈ = c'' ṡ² + c' s̈
-
-c is the cubic spline through given postures (`paths.Spline` in the space of the joints): twice continuously
-differentiable, and s(t) of `reference` lets it begin and end at rest.
-
-A motion that passes a limit of a joint is refused: the error says where, at which joint, and by how much.
 """
 
 from __future__ import annotations
@@ -270,10 +264,7 @@ class TipReference(PathReference):
 
 
 def _upward_normals(tangents: np.ndarray, robot: Robot) -> np.ndarray:
-    """Return unit normals (..., 3) of a curve with these tangents (..., 3): the upward ones, against gravity.
-
-    Where the curve is vertical, the normal is the one closest to the base's x; without gravity, z is up.
-    """
+    """Return upward unit normals (..., 3) of a curve with these tangents (..., 3); where it is vertical, towards x."""
     up = upwards(robot)
     aside = np.eye(3)[0] if abs(up[0]) < 0.9 else np.eye(3)[1]
     along_curve = tangents / np.linalg.norm(tangents, axis=-1, keepdims=True)
