@@ -177,7 +177,7 @@ class MujocoArm:
 
 
 def our_advance(parameters: ArmParameters, substeps: int) -> Advance:
-    """Return the control step of `hold.hold_of`."""
+    """Return the control step of `integrator.hold_of`."""
     arm, no_force = np.array(flat(arm_constants(parameters)))[:, np.newaxis], np.zeros((4, 1))
     hold = hold_of(two_joints())
 

@@ -31,8 +31,7 @@ from fuzzyarm.envs.physics.dynamics import arm_constants
 from fuzzyarm.envs.physics.equations import two_joints
 from fuzzyarm.envs.physics.integrator import held_of, hold_of
 from fuzzyarm.envs.physics.parameters import ArmParameters
-from fuzzyarm.envs.physics.physics import Physics
-from fuzzyarm.envs.physics.records import filled, flat
+from fuzzyarm.envs.physics.records import Physics, filled, flat
 from fuzzyarm.envs.physics.robot import Robot, robot_named
 from fuzzyarm.envs.physics.serial import physics_of
 from fuzzyarm.eval.provenance import current_provenance

@@ -13,8 +13,7 @@ from fuzzyarm.envs.batch.layout import Clock, Layout, Noise, Start
 from fuzzyarm.envs.batch.randomness import NEXT_KEY, RANDOMISATION, draw, noise_counter, normal_pair, uniform
 from fuzzyarm.envs.batch.schedule import row_record
 from fuzzyarm.envs.physics.integrator import held_of
-from fuzzyarm.envs.physics.physics import Physics
-from fuzzyarm.envs.physics.records import places
+from fuzzyarm.envs.physics.records import Physics, places
 from fuzzyarm.envs.scenario.randomisation import draw_record
 from fuzzyarm.envs.task import assess_of, clipped, finite, reason_of
 from fuzzyarm.numbers.functions import bits, flat, floor, like, maximum, minimum, row, select, when, whole, word

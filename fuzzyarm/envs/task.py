@@ -13,8 +13,7 @@ from collections.abc import Iterable
 from typing import Any, NamedTuple
 
 from fuzzyarm.envs.physics.elementwise import root
-from fuzzyarm.envs.physics.physics import Physics
-from fuzzyarm.envs.physics.records import point, record_type
+from fuzzyarm.envs.physics.records import Physics, point, record_type
 
 __all__ = ["EFFORT_WEIGHT", "Termination", "assess_of", "clipped", "finite", "reason_of", "target_record"]
 

@@ -17,20 +17,7 @@ from gymnasium.vector import AutoresetMode, VectorEnv
 from gymnasium.vector.utils import batch_space
 
 from fuzzyarm.common import checks
-from fuzzyarm.envs.arguments import (
-    action_space,
-    arms_of,
-    check_options,
-    chosen_disturbance,
-    chosen_reference,
-    chosen_scenario,
-    each_lane,
-    initial_states,
-    observation_space,
-    per_lane,
-    real_numbers,
-    seeds_of,
-)
+from fuzzyarm.envs import arguments
 from fuzzyarm.envs.batch.lanes import Lanes
 from fuzzyarm.envs.batch.layout import INFO, SCALARS
 from fuzzyarm.envs.fastest_mode import fastest_rate
@@ -197,16 +184,19 @@ class FuzzyArmVectorEnv(VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
         if render_mode is not None:
             raise ValueError(f"render_mode = {checks.shown(render_mode)}: a batch draws nothing; use gymnasium.make")
         self.num_envs = checks.whole("num_envs", num_envs, low=1, high=_MOST_LANES)
-        plants = arms_of(robot, parameters, self.num_envs)
+        plants = arguments.arms_of(robot, parameters, self.num_envs)
         drawn = self._randomisation = find_randomisation(randomisation, plants[0])
         self.control_period, self.substeps = checked_periods(control_period, substep, fastest_rate(plants, drawn))
-        self._disturbances = each_lane(
-            chosen_disturbance, per_lane("case", case, num_envs), per_lane("disturbance", disturbance, num_envs), plants
+        self._disturbances = arguments.each_lane(
+            arguments.chosen_disturbance,
+            arguments.per_lane("case", case, num_envs),
+            arguments.per_lane("disturbance", disturbance, num_envs),
+            plants,
         )
         self._references = self._own_references(reference, plants)
         self.lanes = Lanes(
             plants,
-            each_lane(Scenario, self._disturbances, self._references),
+            arguments.each_lane(Scenario, self._disturbances, self._references),
             self.num_envs,
             control_period=self.control_period,
             substeps=self.substeps,
@@ -214,8 +204,8 @@ class FuzzyArmVectorEnv(VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
             threads=threads,
         )
         self._plants = plants
-        self.single_action_space = action_space(plants)
-        self.single_observation_space = observation_space(plants)
+        self.single_action_space = arguments.action_space(plants)
+        self.single_observation_space = arguments.observation_space(plants)
         self.action_space = batch_space(self.single_action_space, self.num_envs)
         self.observation_space = batch_space(self.single_observation_space, self.num_envs)
         self._everywhere = np.ones(self.num_envs, dtype=bool)
@@ -234,10 +224,10 @@ class FuzzyArmVectorEnv(VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
             which = _masked_lanes(_RESET_MASK, options.pop(_RESET_MASK), self.num_envs)
         if which is not None and not begun and len(which) < self.num_envs:
             raise ResetNeeded("no episode has begun: call envs.reset() for all lanes before one with a reset_mask")
-        check_options(options)
+        arguments.check_options(options)
         given = options.pop("initial_state", None)
-        initial = None if given is None else initial_states(given, self._plants, self.num_envs)
-        seeds, scenarios = seeds_of(seed, self.num_envs), self._scenarios(options)
+        initial = None if given is None else arguments.initial_states(given, self._plants, self.num_envs)
+        seeds, scenarios = arguments.seeds_of(seed, self.num_envs), self._scenarios(options)
         if seeds is not None and not isinstance(seed, Sequence | np.ndarray):
             super().reset(seed=seeds[0])
         if which is None:
@@ -265,7 +255,7 @@ class FuzzyArmVectorEnv(VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
         needed = self.lanes.action_shape
         if given.shape != needed:
             raise ValueError(f"actions have shape {given.shape}; needed: {needed}, motor torques [N m]")
-        torque = real_numbers("actions", given)
+        torque = arguments.real_numbers("actions", given)
         if self._over is not None:
             return self._step_after_ends(torque, self._over)
         observation, vectors, scalars = self.lanes.step(torque)
@@ -362,13 +352,13 @@ class FuzzyArmVectorEnv(VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
 
         def chosen(one: Any, arm: AnyArm) -> Reference | None:
             if one is not None or self._randomisation.references:
-                return chosen_reference(one, self._randomisation, arm)
+                return arguments.chosen_reference(one, self._randomisation, arm)
             links = (arm.length, arm.joint_limit, arm.velocity_limit) if isinstance(arm, ArmParameters) else arm.digest
             if links not in circles or is_placed(circles[links]):  # for one arm alone
                 circles[links] = default_reference(arm)
             return circles[links]
 
-        return each_lane(chosen, per_lane("reference", given, self.num_envs), plants)
+        return arguments.each_lane(chosen, arguments.per_lane("reference", given, self.num_envs), plants)
 
     def _scenarios(self, options: dict[str, Any]) -> list[Scenario] | None:
         """Return the scenarios that reset options ask for, None if they ask for none."""
@@ -376,7 +366,9 @@ class FuzzyArmVectorEnv(VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
             return None
 
         def chosen(arm: AnyArm, disturbance: Disturbance, reference: Reference | None, *values: Any) -> Scenario:
-            return chosen_scenario(dict(zip(options, values, strict=True)), Scenario(disturbance, reference), arm)
+            return arguments.chosen_scenario(
+                dict(zip(options, values, strict=True)), Scenario(disturbance, reference), arm
+            )
 
-        given = [per_lane(name, value, self.num_envs) for name, value in options.items()]
-        return each_lane(chosen, self._plants, self._disturbances, self._references, *given)
+        given = [arguments.per_lane(name, value, self.num_envs) for name, value in options.items()]
+        return arguments.each_lane(chosen, self._plants, self._disturbances, self._references, *given)

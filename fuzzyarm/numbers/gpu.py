@@ -209,7 +209,7 @@ class _GpuWriter(Writer):
             self.own[name] = _function(name)
             self.put(f"{self.of(one)} = call double @own.{name}(double {self.of(one.operands[0])})")
         elif name in CALLED and name not in _NATIVE:
-            raise ValueError(f"{name} has no instruction in PTX; write it in `numbers.ptx` as `logarithm` is written")
+            raise ValueError(f"{name} has no instruction in PTX; write it in `numbers.gpu` as `logarithm` is written")
         else:
             super().operation(one)
 

@@ -144,13 +144,9 @@ class Kernel:
     def _fitting(self, arrays: Sequence[np.ndarray], constants: np.ndarray, tables: Sequence[np.ndarray]) -> _Known:
         known = self._known
         if known is None or not known.fits(arrays, constants, tables):
-            known = self._known = self._checked(arrays, constants, tables)
+            arms, lengths = self.shapes(arrays, constants, tables)
+            known = self._known = _Known(arrays, (constants, tables), arms, lengths, self.code(arms))
         return known
-
-    def _checked(self, arrays: Sequence[np.ndarray], constants: np.ndarray, tables: Sequence[np.ndarray]) -> _Known:
-        """Return what follows from the shapes of the arguments of `bound`."""
-        arms, lengths = self.shapes(arrays, constants, tables)
-        return _Known(arrays, (constants, tables), arms, lengths, self.code(arms))
 
     def shapes(
         self, arrays: Sequence[np.ndarray], constants: np.ndarray, tables: Sequence[np.ndarray]
@@ -229,10 +225,12 @@ class _Code:
 def _machine_code(text: str, width: int) -> _Code:
     """Return the machine code of a text, from the file of its digest if there is one."""
     level = 1 if width > 1 else 2  # of LLVM's optimisation
-    machine = _machine(level)
-    features = llvm.get_host_cpu_features().flatten()
+    _initialise()
+    processor, features = llvm.get_host_cpu_name(), llvm.get_host_cpu_features().flatten()
+    # A new one each time, since an engine keeps it.
+    machine = llvm.Target.from_default_triple().create_target_machine(cpu=processor, features=features, opt=level)
     version = ".".join(map(str, llvm.llvm_version_info))
-    key = "\n".join([text, llvm.get_host_cpu_name(), features, str(level), version])
+    key = "\n".join([text, processor, features, str(level), version])
     path = _folder() / f"{hashlib.sha256(key.encode()).hexdigest()}.o"
     binary = _stored(path)
     if binary is None:
@@ -264,14 +262,6 @@ def _folder() -> Path:
         return Path(named)
     home = os.environ.get("XDG_CACHE_HOME") or os.path.join(os.path.expanduser("~"), ".cache")
     return Path(home) / "fuzzyarm"
-
-
-def _machine(level: int) -> Any:
-    """Return LLVM's machine for this processor; a new one each time, since an engine keeps it."""
-    _initialise()
-    return llvm.Target.from_default_triple().create_target_machine(
-        cpu=llvm.get_host_cpu_name(), features=llvm.get_host_cpu_features().flatten(), opt=level
-    )
 
 
 @functools.cache

@@ -1,6 +1,6 @@
 """The kernels of the environments: a control step of every lane, the beginning of episodes, and observations.
 
-One arm and a quarter of a million run the same functions, `control_step.control_step_of`, `beginning.begun_of` and
+One arm and a quarter of a million run the same functions, `control_step.control_step_of`, `control_step.begun_of` and
 `control_step.reading_of`, recorded once and run as machine code on the arrays that `layout` describes.
 """
 
@@ -16,8 +16,7 @@ from fuzzyarm.envs.batch.layout import Clock, Flags, Results, Scalars, Start, To
 from fuzzyarm.envs.batch.schedule import row_record
 from fuzzyarm.envs.control_step import Given, Moved, assessed_of, begun_of, control_step_of, reading_of
 from fuzzyarm.envs.observation import Observation
-from fuzzyarm.envs.physics.physics import Physics
-from fuzzyarm.envs.physics.records import places, size
+from fuzzyarm.envs.physics.records import Physics, places, size
 from fuzzyarm.envs.scenario.randomisation import draw_record
 from fuzzyarm.numbers import machine
 from fuzzyarm.numbers.functions import (

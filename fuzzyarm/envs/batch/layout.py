@@ -19,8 +19,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from fuzzyarm.envs.observation import PARTS
-from fuzzyarm.envs.physics.physics import Physics
-from fuzzyarm.envs.physics.records import places, record_type
+from fuzzyarm.envs.physics.records import Physics, places, record_type
 from fuzzyarm.numbers.machine import WIDE
 
 __all__ = [

@@ -20,8 +20,7 @@ from fuzzyarm.envs.physics.dynamics import Arm, Payload, Plant
 from fuzzyarm.envs.physics.elementwise import sine_cosine
 from fuzzyarm.envs.physics.integrator import loaded_step, step
 from fuzzyarm.envs.physics.parameters import LARGEST, ArmParameters
-from fuzzyarm.envs.physics.physics import VARIED, Physics
-from fuzzyarm.envs.physics.records import PerJoint, Point
+from fuzzyarm.envs.physics.records import VARIED, PerJoint, Physics, Point
 from fuzzyarm.envs.physics.robot import Robot, robot_named, shipped_robots
 
 __all__ = [

@@ -11,7 +11,7 @@ the equations are smooth, so DOP853 solves them to the tolerance asked for.
 
 This module shares only `ArmParameters` and `Payload` with `dynamics`, `friction` and `integrator`: its right-hand
 side is written independently, and its steps never cross a sign change of a velocity. It measures the errors of
-`hold.hold_of`, including that of the force approximated over a control step, and is too slow for other uses.
+`integrator.hold_of`, including that of the force approximated over a control step, and is too slow for other uses.
 """
 
 from __future__ import annotations

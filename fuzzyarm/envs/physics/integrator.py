@@ -31,8 +31,7 @@ from fuzzyarm.envs.physics.dynamics import (
 )
 from fuzzyarm.envs.physics.elementwise import sine_cosine
 from fuzzyarm.envs.physics.friction import stick_slip, stribeck_magnitude
-from fuzzyarm.envs.physics.physics import Physics
-from fuzzyarm.envs.physics.records import PerJoint, Point, State, places, point, record_type
+from fuzzyarm.envs.physics.records import PerJoint, Physics, Point, State, places, point, record_type
 from fuzzyarm.numbers.functions import apart, repeat, zeros
 from fuzzyarm.numbers.machine import Kernel, Layout
 from fuzzyarm.numbers.program import Program

@@ -1,8 +1,8 @@
 """The recursive algorithms of rigid-body dynamics in the frames of the links, on numbers of any kind.
 
-The constant rotations and what is zero for a robot are floats, its other numbers and its motion are `Folded`. Link j
-turns about the z axis of its frame: a vector x of frame j is A_j Z(q_j) x in frame j - 1, with A_j constant and Z the
-turn about z.
+The constant rotations and what is zero for a robot are floats, its other numbers and its motion are `Folded`: 0 x is 0,
+0 + x and 1 x are x, and (-x) y, x + (-y) and -(x - y) are -(x y), x - y and y - x, which is exact. Link j turns about
+the z axis of its frame: a vector x of frame j is A_j Z(q_j) x in frame j - 1, with A_j constant and Z the turn about z.
 
 The mass of a link, the part of its first moment along z, and an inertia diag(I_yy, I_yy, 0) make a body that is
 symmetric about the joint's axis: turning it about that axis changes nothing but for I_zz, which this part lacks. It
@@ -16,10 +16,28 @@ from collections.abc import Sequence
 from typing import Any, NamedTuple
 
 __all__ = [
-    "NOTHING", "Body", "Chain", "Inertia", "Turn", "Vector", "composite_bodies", "factors", "in_last_frame", "joined",
-    "moved", "newton_euler", "point_of_tip", "regrouped", "rotated", "rotated_inertia", "solution", "transposed",
+    "NOTHING",
+    "Body",
+    "Chain",
+    "Folded",
+    "Inertia",
+    "Turn",
+    "Vector",
+    "composite_bodies",
+    "factors",
+    "in_last_frame",
+    "joined",
+    "moved",
+    "newton_euler",
+    "point_of_tip",
+    "regrouped",
+    "rotated",
+    "rotated_inertia",
+    "solution",
+    "transposed",
+    "unfolded",
     "velocity_of_tip",
-]  # fmt: skip
+]
 
 Vector = tuple[Any, Any, Any]
 """Coordinates in a frame."""
@@ -291,3 +309,47 @@ def _sum(a: Vector, b: Vector) -> Vector:
 
 def _difference(a: Vector, b: Vector) -> Vector:
     return a[0] - b[0], a[1] - b[1], a[2] - b[2]
+
+
+class Folded:
+    """A number that is not known beforehand, or its negative; arithmetic takes others of its class, and floats."""
+
+    __slots__ = ("negative", "value")
+
+    def __init__(self, value: Any, negative: bool = False) -> None:
+        self.value, self.negative = value, negative
+
+    def __neg__(self) -> Folded:
+        return Folded(self.value, not self.negative)
+
+    def __add__(self, other: Any) -> Folded:
+        if not isinstance(other, Folded):
+            return self if other == 0.0 else Folded(unfolded(self) + other)
+        if self.negative == other.negative:
+            return Folded(self.value + other.value, self.negative)
+        return Folded(other.value - self.value if self.negative else self.value - other.value)
+
+    def __sub__(self, other: Any) -> Folded:
+        return self.__add__(-other)
+
+    def __rsub__(self, other: float) -> Folded:
+        return -self + other
+
+    def __mul__(self, other: Any) -> Any:
+        if isinstance(other, Folded):
+            return Folded(self.value * other.value, self.negative != other.negative)
+        if other in (0.0, 1.0, -1.0):
+            return 0.0 if other == 0.0 else Folded(self.value, self.negative != (other < 0.0))
+        return Folded(self.value * other, self.negative)
+
+    def __rtruediv__(self, other: float) -> Folded:
+        return Folded(other / self.value, self.negative)
+
+    __radd__, __rmul__ = __add__, __mul__
+
+
+def unfolded(number: Any) -> Any:
+    """Return a number of `Folded` as it was before; a float as it is."""
+    if isinstance(number, Folded):
+        return -number.value if number.negative else number.value
+    return number

@@ -23,11 +23,20 @@ from fuzzyarm.envs.physics.elementwise import sine_cosine
 from fuzzyarm.envs.physics.friction import DryFriction
 from fuzzyarm.envs.physics.integrator import advanced
 from fuzzyarm.envs.physics.joint import DIMENSIONS, DRIVE_UNITS, as_rows
-from fuzzyarm.envs.physics.physics import VARIED, Physics
-from fuzzyarm.envs.physics.records import flat, per_joint, places, point, record_type, state_record
-from fuzzyarm.envs.physics.recursion import NOTHING, Body, Chain, Inertia, Turn, Vector, rotated, transposed
+from fuzzyarm.envs.physics.records import VARIED, Physics, flat, per_joint, places, point, record_type, state_record
+from fuzzyarm.envs.physics.recursion import (
+    NOTHING,
+    Body,
+    Chain,
+    Folded,
+    Inertia,
+    Turn,
+    Vector,
+    rotated,
+    transposed,
+    unfolded,
+)
 from fuzzyarm.envs.physics.robot import Robot
-from fuzzyarm.numbers.folded import Folded, unfolded
 from fuzzyarm.numbers.functions import zeros
 from fuzzyarm.numbers.program import Program
 from fuzzyarm.numbers.symbols import Symbol

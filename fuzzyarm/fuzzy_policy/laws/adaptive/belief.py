@@ -30,8 +30,7 @@ from fuzzyarm.envs.physics import records
 from fuzzyarm.envs.physics.elementwise import root, select
 from fuzzyarm.envs.physics.equations import AnyArm, equations_of, two_joints
 from fuzzyarm.envs.physics.integrator import held_of
-from fuzzyarm.envs.physics.physics import Physics
-from fuzzyarm.envs.physics.records import filled, size
+from fuzzyarm.envs.physics.records import Physics, filled, size
 from fuzzyarm.envs.physics.robot import Robot
 from fuzzyarm.envs.scenario.kinematics import reach
 from fuzzyarm.fuzzy_policy.known_arm import QUANTITIES, Drives, per_joint_of

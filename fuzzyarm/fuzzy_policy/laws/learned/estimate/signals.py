@@ -41,7 +41,7 @@ from fuzzyarm.envs.observation import Observation
 from fuzzyarm.envs.physics.elementwise import root, select, sine_cosine
 from fuzzyarm.envs.physics.equations import AnyArm, equations_of, robot_of, two_joints
 from fuzzyarm.envs.physics.parameters import ArmParameters
-from fuzzyarm.envs.physics.physics import Physics
+from fuzzyarm.envs.physics.records import Physics
 from fuzzyarm.envs.physics.robot import Robot
 from fuzzyarm.envs.scenario.cases import load_scale
 from fuzzyarm.envs.scenario.kinematics import reach, velocity_limits
