@@ -41,8 +41,7 @@ _OBEYED = re.compile(r"[\x00-\x09\x0b-\x1f\x7f-\x9f\u061c\u200e\u200f\u2028-\u20
 _SPELLING = {"µ": "u", "×": "x", "·": "*", "²": "^2", "≤": "<=", "≥": ">=", "…": "...", "\N{NO-BREAK SPACE}": " "}
 SPELLED_OUT = "fuzzyarm.spelled-out"
 """Handler of encoding errors, for `str.encode`: µ becomes u where the encoding has no µ, and so on."""
-STANDARD_OUTPUT = "standard output"
-"""What an `OSError` of writing to it names as its file."""
+STANDARD_OUTPUT = "standard output"  # what an `OSError` of writing to it names as its file
 
 
 def open_streams() -> bool:

@@ -22,11 +22,8 @@ class Observation(NamedTuple):
     ddq_reference: Any  # reference accelerations [rad/s²]
 
 
-PARTS = len(Observation._fields)
-"""Parts of an observation: an arm of n joints has `PARTS` n numbers in its."""
-
-SIZE = JOINTS * PARTS
-"""Numbers in an observation of the paper's arm; so for the three below."""
+PARTS = len(Observation._fields)  # an arm of n joints has `PARTS` n numbers in its observation
+SIZE = JOINTS * PARTS  # numbers in an observation of the paper's arm, as are the three below
 
 
 def starts(joints: int) -> Observation:
@@ -34,14 +31,9 @@ def starts(joints: int) -> Observation:
     return Observation(*range(0, joints * PARTS, joints))
 
 
-START = starts(JOINTS)
-"""Where each part begins."""
-
-MEASURED = slice(START.q_motor, START.q_reference)
-"""What sensors say: `q_motor` and `dq_motor`."""
-
-REFERENCE = slice(START.q_reference, SIZE)
-"""What is asked for: `q_reference`, `dq_reference` and `ddq_reference`."""
+START = starts(JOINTS)  # where each part begins
+MEASURED = slice(START.q_motor, START.q_reference)  # what sensors say: `q_motor` and `dq_motor`
+REFERENCE = slice(START.q_reference, SIZE)  # what is asked for: `q_reference`, `dq_reference` and `ddq_reference`
 
 
 def observed(array: Any) -> Observation:

@@ -12,17 +12,10 @@ __all__ = [
     "default_substeps", "whole_substeps",
 ]  # fmt: skip
 
-SHORTEST_PERIOD, _LONGEST_PERIOD = 1e-6, 0.1
-"""Allowed control periods [s]."""
-
-MOST_SUBSTEPS = 10_000
-"""Sub-steps that a control period may have: a step then takes about a millisecond."""
-
-MOST_STEPS = 1_000_000
-"""Control steps that a reference may have: its table then takes 170 MB."""
-
-MAX_DEFAULT_SUBSTEP = 2e-4
-"""Largest sub-step [s] if none is asked for; `benchmarks/accuracy.py` has the error it costs."""
+SHORTEST_PERIOD, _LONGEST_PERIOD = 1e-6, 0.1  # allowed control periods [s]
+MOST_SUBSTEPS = 10_000  # sub-steps that a control period may have: a step then takes about a millisecond
+MOST_STEPS = 1_000_000  # control steps that a reference may have: its table then takes 170 MB
+MAX_DEFAULT_SUBSTEP = 2e-4  # largest sub-step [s] if none is asked for; `benchmarks/accuracy.py` has the error it costs
 
 RESOLVED, STABLE = 1.0, 2.0
 """Largest sub-step times the fastest rate of the arm: by default, and below which no mode grows; see `fastest_mode`."""

@@ -19,8 +19,7 @@ __all__ = [
     "minimum", "number", "only", "repeat", "row", "select", "when", "whole", "word", "zeros",
 ]  # fmt: skip
 
-KINDS: dict[type, Any] = {}
-"""By type of number, the class of what it does in place of a float."""
+KINDS: dict[type, Any] = {}  # by type of number, the class of what it does in place of a float
 
 
 def select(condition: Any, first: Any, second: Any) -> Any:
@@ -115,8 +114,7 @@ def number(of: Any) -> Any:
     return kind.number(of) if kind else of * 1.0
 
 
-RECORDERS: list[Any] = []
-"""What records at this moment, the innermost last; see `program.Program`."""
+RECORDERS: list[Any] = []  # what records at this moment, the innermost last; see `program.Program`
 
 
 @dataclasses.dataclass(frozen=True)

@@ -366,8 +366,7 @@ class Operations:
             self.put(f"%v{after.number} = phi {self.real} {pair}")
 
 
-WIDE = 16
-"""Arms at once where there are many."""
+WIDE = 16  # arms at once where there are many
 
 
 class Layout(enum.Enum):

@@ -29,9 +29,7 @@ from fuzzyarm.numbers.program import Program
 
 __all__ = ["CACHE", "WIDE", "Call", "Kernel", "Layout", "kernel_text"]
 
-CACHE = "FUZZYARM_CACHE"
-"""Environment variable with the folder for machine code; by default that of the user's caches."""
-
+CACHE = "FUZZYARM_CACHE"  # environment variable with the folder for machine code; by default that of the user's caches
 LONG = 2500  # operations; of a program of more, the numbers of `WIDE` arms would not stay in registers
 
 
@@ -144,9 +142,12 @@ class Kernel:
     def _fitting(self, arrays: Sequence[np.ndarray], constants: np.ndarray, tables: Sequence[np.ndarray]) -> _Known:
         known = self._known
         if known is None or not known.fits(arrays, constants, tables):
-            arms, lengths = self.shapes(arrays, constants, tables)
-            known = self._known = _Known(arrays, (constants, tables), arms, lengths, self.code(arms))
+            known = self._known = self._checked(arrays, constants, tables)
         return known
+
+    def _checked(self, arrays: Sequence[np.ndarray], constants: np.ndarray, tables: Sequence[np.ndarray]) -> _Known:
+        arms, lengths = self.shapes(arrays, constants, tables)
+        return _Known(arrays, (constants, tables), arms, lengths, self.code(arms))
 
     def shapes(
         self, arrays: Sequence[np.ndarray], constants: np.ndarray, tables: Sequence[np.ndarray]

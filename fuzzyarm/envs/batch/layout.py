@@ -123,11 +123,8 @@ class Totals(NamedTuple):
     truncated: Any
 
 
-CLOCK, START = places(Clock), places(Start)
-"""Where each number of the records `Clock` and `Start` lies in its array."""
-
-VECTORS, SCALARS = Vectors._fields, Scalars._fields
-"""Names of the results."""
+CLOCK, START = places(Clock), places(Start)  # where each number of the records `Clock` and `Start` lies in its array
+VECTORS, SCALARS = Vectors._fields, Scalars._fields  # names of the results
 
 INFO = (*VECTORS, *SCALARS[: SCALARS.index("reward")], "in_domain", "torque_clipped")
 """The keys of `info`, the last two as flags; reward, truncated and reason have their own places."""

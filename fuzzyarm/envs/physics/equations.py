@@ -39,14 +39,9 @@ __all__ = [
     "two_joints",
 ]
 
-AnyArm = ArmParameters | Robot
-"""The two-joint arm by its parameters, or any serial robot."""
-
-PAPER = "paper"
-"""The robot that is the two-joint arm of Table 1."""
-
-IN_FOLDER = "robot.toml"
-"""The file of the arm in a folder of `fuzzyarm tune`."""
+AnyArm = ArmParameters | Robot  # the two-joint arm by its parameters, or any serial robot
+PAPER = "paper"  # the robot that is the two-joint arm of Table 1
+IN_FOLDER = "robot.toml"  # the file of the arm in a folder of `fuzzyarm tune`
 
 
 class Bounds(NamedTuple):

@@ -15,14 +15,11 @@ from fuzzyarm.envs.physics.parameters import LARGEST
 
 __all__ = ["DIMENSIONS", "DRIVE_UNITS", "Drive", "Joint", "Link", "Vector", "as_rows", "as_vector"]
 
-Vector = tuple[float, float, float]
-"""Three coordinates."""
+Vector = tuple[float, float, float]  # three coordinates
 
 _Matrix = tuple[Vector, Vector, Vector]  # three rows of three numbers
 
-DIMENSIONS = 3
-"""Of space."""
-
+DIMENSIONS = 3  # of space
 _LARGEST_ANGLE = 100.0  # rad, of a joint's range
 _ROUNDING = 1e-9  # of a unit vector or a rotation in a file with ten digits
 _TRIANGLE_ROUNDING = 1e-6  # share of the largest principal moment; published moments are rounded

@@ -48,8 +48,7 @@ class PerJoint(NamedTuple):
     joint2: Any
 
 
-JOINTS = len(PerJoint._fields)
-"""How many joints the paper's arm has."""
+JOINTS = len(PerJoint._fields)  # how many joints the paper's arm has
 
 
 class Point(NamedTuple):

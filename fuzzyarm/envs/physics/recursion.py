@@ -39,14 +39,10 @@ __all__ = [
     "velocity_of_tip",
 ]
 
-Vector = tuple[Any, Any, Any]
-"""Coordinates in a frame."""
+Vector = tuple[Any, Any, Any]  # coordinates in a frame
 
-Turn = tuple[Any, Any]
-"""Sine and cosine of a joint's angle."""
-
-NOTHING = (0.0, 0.0, 0.0)
-"""A vector of zeros."""
+Turn = tuple[Any, Any]  # sine and cosine of a joint's angle
+NOTHING = (0.0, 0.0, 0.0)  # a vector of zeros
 
 
 class Inertia(NamedTuple):

@@ -43,7 +43,9 @@ class _Frames(NamedTuple):
 def frames(robot: Robot, q: Any) -> _Frames:
     """Return R_i = R_{i-1} A_i exp([u_i]× q_i) and p_i = p_{i-1} + R_{i-1} d_i of all links."""
     angles, now = _motion(robot, q), robot.arrays
-    rotation, origin, turns = np.eye(DIMENSIONS), np.zeros(DIMENSIONS), _turn(now.axis, angles)
+    rotation, origin, across = np.eye(DIMENSIONS), np.zeros(DIMENSIONS), _skew(now.axis)
+    sine, cosine = (function(angles)[..., np.newaxis, np.newaxis] for function in (np.sin, np.cos))
+    turns = rotation + sine * across + (1.0 - cosine) * (across @ across)  # Rodrigues
     rotations, origins = [], []
     for i in range(len(robot)):
         origin = origin + rotation @ now.position[i]
@@ -125,13 +127,6 @@ def _motion(robot: Robot, values: Any) -> np.ndarray:
             f"this one has {array.shape}"
         )
     return array
-
-
-def _turn(axis: np.ndarray, angle: np.ndarray) -> np.ndarray:
-    """Return exp([u]× q) = 1 + sin q [u]× + (1 - cos q) [u]×² (Rodrigues) of axes (n, 3), shape (..., n, 3, 3)."""
-    across = _skew(axis)
-    sine, cosine = np.sin(angle)[..., np.newaxis, np.newaxis], np.cos(angle)[..., np.newaxis, np.newaxis]
-    return np.asarray(np.eye(DIMENSIONS) + sine * across + (1.0 - cosine) * (across @ across))
 
 
 def _skew(vectors: np.ndarray) -> np.ndarray:

@@ -29,9 +29,7 @@ from fuzzyarm.envs.physics.parameters import LARGEST, ArmParameters
 
 __all__ = ["MOST_JOINTS", "Robot", "robot_named", "shipped_robots"]
 
-MOST_JOINTS = 12
-"""Most joints of a robot: the machine code of its equations grows with the square of their number."""
-
+MOST_JOINTS = 12  # most joints of a robot: the machine code of its equations grows with the square of their number
 _POINT_LIKE = 1e-12  # kg m², stands for the inertia 0 that `ArmParameters` allows
 
 _SHIPPED = Path(__file__).parent / "robots"

@@ -41,8 +41,7 @@ __all__ = ["LONGEST", "default_reference", "flattened", "is_placed", "reference_
 
 SIZES = (0.2, 0.15, 0.1, 0.07, 0.05, 0.03, 0.02, 0.01)  # half of the width, share of the robot's reach
 _SHORTEST, _STEP = 1.5, 0.1  # s
-LONGEST = 60.0
-"""The longest duration of the rule [s]."""
+LONGEST = 60.0  # the longest duration of the rule [s]
 SHARE = 0.5  # of the limits
 
 

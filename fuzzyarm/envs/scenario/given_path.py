@@ -24,9 +24,7 @@ from fuzzyarm.envs.scenario.robot_reference import TipReference
 
 __all__ = ["ENDINGS", "GivenPath"]
 
-ENDINGS = (".csv", ".toml")
-"""Endings of the names of files with points."""
-
+ENDINGS = (".csv", ".toml")  # endings of the names of files with points
 _PLANE = ((0.0, 0.0, 0.0), (1.0, 0.0, 0.0), (0.0, 1.0, 0.0))  # of the two-joint arm: origin and axes
 _HEADINGS = ("x,y", "x,y,z")
 _NUMBER = re.compile(r"[+-]?(\d+\.?\d*|\.\d+)([eE][+-]?\d+)?", re.ASCII)

@@ -29,9 +29,7 @@ __all__ = [
     "find_randomisation",
 ]
 
-Range = tuple[float, float]
-"""Low and high end of what is drawn."""
-
+Range = tuple[float, float]  # low and high end of what is drawn
 _HEAVIEST = 5.0 / 24.0  # of "robust": payload over the mass of the links; 5 kg for the paper's arm
 
 
