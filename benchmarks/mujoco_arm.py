@@ -40,11 +40,11 @@ from rich.table import Table
 from fuzzyarm import load_policy
 from fuzzyarm.common.files import write_atomically
 from fuzzyarm.envs.physics.dynamics import Payload, arm_constants, gravity_torque, tip_jacobian, tip_position
+from fuzzyarm.envs.physics.equations import two_joints
 from fuzzyarm.envs.physics.event_integrator import integrate
-from fuzzyarm.envs.physics.hold import hold_of
+from fuzzyarm.envs.physics.integrator import hold_of
 from fuzzyarm.envs.physics.parameters import ArmParameters
 from fuzzyarm.envs.physics.records import flat
-from fuzzyarm.envs.physics.two_joints import two_joints
 from fuzzyarm.envs.scenario.reference import JointReference
 from fuzzyarm.eval.provenance import current_provenance
 
@@ -177,7 +177,7 @@ class MujocoArm:
 
 
 def our_advance(parameters: ArmParameters, substeps: int) -> Advance:
-    """Return the control step of `hold.hold_of`."""
+    """Return the control step of `integrator.hold_of`."""
     arm, no_force = np.array(flat(arm_constants(parameters)))[:, np.newaxis], np.zeros((4, 1))
     hold = hold_of(two_joints())
 

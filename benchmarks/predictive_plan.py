@@ -28,7 +28,7 @@ from fuzzyarm.envs.physics.dynamics import (
 )
 from fuzzyarm.envs.physics.equations import equations_of
 from fuzzyarm.envs.physics.friction import DryFriction, stribeck_magnitude
-from fuzzyarm.envs.physics.hold import held_of
+from fuzzyarm.envs.physics.integrator import held_of
 from fuzzyarm.envs.physics.parameters import ArmParameters
 from fuzzyarm.envs.physics.records import PerJoint, State, filled, flat
 from fuzzyarm.envs.scenario.reference import JointReference

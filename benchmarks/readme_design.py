@@ -6,7 +6,7 @@ from typing import Any
 
 from readme_markdown import made_with, table
 
-from fuzzyarm.common.rounding import at_least, at_most
+from fuzzyarm.common.arithmetic import at_least, at_most
 from fuzzyarm.envs.scenario.cases import PAPER_CASES
 from fuzzyarm.eval.stability.margins import margin_cells, margin_notes
 

@@ -11,7 +11,7 @@ from typing import Any
 from learned_tables import training_cells
 from readme_markdown import made_with, table
 
-from fuzzyarm.common.rounding import at_most
+from fuzzyarm.common.arithmetic import at_most
 from fuzzyarm.envs.scenario.cases import CASES, PAPER_CASES
 from fuzzyarm.eval.episodes.metrics import columns, millimetres
 from fuzzyarm.eval.evaluation.ranking import markdown, rank_policies

@@ -28,13 +28,12 @@ import torch
 
 from fuzzyarm.common.files import write_atomically
 from fuzzyarm.envs.physics.dynamics import arm_constants
-from fuzzyarm.envs.physics.hold import held_of, hold_of
+from fuzzyarm.envs.physics.equations import two_joints
+from fuzzyarm.envs.physics.integrator import held_of, hold_of
 from fuzzyarm.envs.physics.parameters import ArmParameters
-from fuzzyarm.envs.physics.physics import Physics
-from fuzzyarm.envs.physics.records import filled, flat
+from fuzzyarm.envs.physics.records import Physics, filled, flat
 from fuzzyarm.envs.physics.robot import Robot, robot_named
 from fuzzyarm.envs.physics.serial import physics_of
-from fuzzyarm.envs.physics.two_joints import two_joints
 from fuzzyarm.eval.provenance import current_provenance
 
 H = 2e-4  # s, a sub-step

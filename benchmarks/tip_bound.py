@@ -31,10 +31,10 @@ from tip_plants import Plants, random_genes
 from fuzzyarm import load_policy
 from fuzzyarm.common.files import write_atomically
 from fuzzyarm.envs.physics.dynamics import Payload
+from fuzzyarm.envs.physics.equations import tip_point
 from fuzzyarm.envs.physics.event_integrator import integrate
 from fuzzyarm.envs.physics.parameters import ArmParameters
 from fuzzyarm.envs.physics.records import PerJoint
-from fuzzyarm.envs.physics.two_joints import tip_point
 from fuzzyarm.envs.scenario.cases import find_case
 from fuzzyarm.envs.scenario.reference import JointReference, quintic_time_law
 from fuzzyarm.eval.provenance import current_provenance

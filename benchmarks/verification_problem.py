@@ -18,8 +18,8 @@ from typing import Any
 
 import numpy as np
 
+from fuzzyarm.common.arithmetic import at_most
 from fuzzyarm.common.files import write_atomically
-from fuzzyarm.common.rounding import at_most
 from fuzzyarm.envs.physics.dynamics import arm_constants, dry_frictions
 from fuzzyarm.envs.physics.parameters import ArmParameters
 from fuzzyarm.policies import load_policy

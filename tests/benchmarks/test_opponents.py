@@ -11,7 +11,7 @@ import pytest
 from fuzzyarm import load_policy
 from fuzzyarm.envs.physics.dynamics import arm_constants, frictionless
 from fuzzyarm.envs.physics.equations import equations_of
-from fuzzyarm.envs.physics.hold import held_of
+from fuzzyarm.envs.physics.integrator import held_of
 from fuzzyarm.envs.physics.records import State, filled, flat
 from fuzzyarm.envs.scenario.reference import JointReference
 from fuzzyarm.fuzzy_policy.known_arm import travel_of, without_dry_friction

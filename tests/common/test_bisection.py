@@ -6,7 +6,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from fuzzyarm.common.bisection import last_that_works
+from fuzzyarm.common.arithmetic import last_that_works
 
 POSITIVE = st.floats(1e-6, 1e6)
 

@@ -10,12 +10,11 @@ from fuzzyarm.envs.fastest_mode import fastest_rate
 from fuzzyarm.envs.fuzzy_arm import FuzzyArmEnv
 from fuzzyarm.envs.periods import MOST_SUBSTEPS, RESOLVED, STABLE, default_substeps, whole_substeps
 from fuzzyarm.envs.physics.dynamics import arm_constants, mass_matrix
-from fuzzyarm.envs.physics.equations import chosen_arm, robot_of
-from fuzzyarm.envs.physics.hold import hold_of
+from fuzzyarm.envs.physics.equations import chosen_arm, robot_of, two_joints
+from fuzzyarm.envs.physics.integrator import hold_of
 from fuzzyarm.envs.physics.parameters import ArmParameters
 from fuzzyarm.envs.physics.records import flat
 from fuzzyarm.envs.physics.robot import shipped_robots
-from fuzzyarm.envs.physics.two_joints import two_joints
 from fuzzyarm.envs.scenario.cases import PAPER_CASES
 from fuzzyarm.envs.scenario.randomisation import DomainRandomisation, find_randomisation
 from fuzzyarm.envs.vector import FuzzyArmVectorEnv

@@ -12,10 +12,10 @@ from fuzzyarm.envs.physics.dynamics import (
     joint_torque,
     tip_position,
 )
+from fuzzyarm.envs.physics.equations import Limits
 from fuzzyarm.envs.physics.friction import DryFriction, stribeck_magnitude
 from fuzzyarm.envs.physics.parameters import ArmParameters
 from fuzzyarm.envs.physics.records import PerJoint, filled
-from fuzzyarm.envs.physics.two_joints import Limits
 from fuzzyarm.envs.task import Termination, finite, reason_of
 
 limits_of, target_of = functools.partial(filled, Limits), functools.partial(filled, Target)

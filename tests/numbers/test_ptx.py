@@ -26,12 +26,11 @@ from fuzzyarm.envs.physics.robot import robot_named
 from fuzzyarm.eval.sweep.config import SweepConfig
 from fuzzyarm.eval.sweep.episodes import errors_in_one_kernel
 from fuzzyarm.eval.sweep.plants import Plants
-from fuzzyarm.numbers import llvm_text, machine, ptx
+from fuzzyarm.numbers import gpu, llvm_text, machine
 from fuzzyarm.numbers.functions import Cells
-from fuzzyarm.numbers.gpu import Gpu
+from fuzzyarm.numbers.gpu import Gpu, gpu_text, logarithm, ptx_of
 from fuzzyarm.numbers.machine import WIDE, Kernel, Layout
 from fuzzyarm.numbers.program import Program
-from fuzzyarm.numbers.ptx import gpu_text, logarithm, ptx_of
 from fuzzyarm.numbers.symbols import Symbol
 
 LANES = 40
@@ -152,7 +151,7 @@ FUSED = Kernel(Program(lambda x, _: ((x[0] * x[1] + x[0], x[1]),), ((0.0, 0.0),)
 def test_what_an_assembler_may_fuse_or_has_no_instruction_for_is_refused(monkeypatch):
     free = gpu_text(FUSED)[0].replace("fadd", "fadd contract").replace("fmul", "fmul contract")
     ptx_of(FUSED)
-    monkeypatch.setattr(ptx, "gpu_text", lambda *_: (free, ()))
+    monkeypatch.setattr(gpu, "gpu_text", lambda *_: (free, ()))
     with pytest.raises(RuntimeError, match="does not round twice"):
         ptx_of(FUSED)
     monkeypatch.undo()

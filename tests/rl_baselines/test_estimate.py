@@ -12,9 +12,9 @@ torch = pytest.importorskip("torch")
 
 from fuzzyarm.envs.batch.lanes import Lanes  # noqa: E402
 from fuzzyarm.envs.physics.dynamics import Payload  # noqa: E402
+from fuzzyarm.envs.physics.equations import two_joints  # noqa: E402
 from fuzzyarm.envs.physics.parameters import ArmParameters  # noqa: E402
 from fuzzyarm.envs.physics.records import columns  # noqa: E402
-from fuzzyarm.envs.physics.two_joints import two_joints  # noqa: E402
 from fuzzyarm.envs.scenario.cases import Scenario  # noqa: E402
 from fuzzyarm.envs.scenario.default_reference import reference_family  # noqa: E402
 from fuzzyarm.envs.scenario.disturbances import Disturbance, MachiningForce  # noqa: E402

@@ -19,7 +19,7 @@ from support.two_joints import PHYSICS, state_of
 from fuzzyarm import load_policy
 from fuzzyarm.envs.batch import randomness
 from fuzzyarm.envs.physics.dynamics import Arm, Payload, arm_constants
-from fuzzyarm.envs.physics.hold import held_of
+from fuzzyarm.envs.physics.integrator import held_of
 from fuzzyarm.envs.physics.parameters import ArmParameters
 from fuzzyarm.envs.physics.records import PerJoint, filled, flat
 from fuzzyarm.envs.scenario.cases import CASES

@@ -19,8 +19,7 @@ from fuzzyarm.envs.scenario.randomisation import DomainRandomisation
 from fuzzyarm.envs.scenario.reference import JointReference
 from fuzzyarm.envs.vector import FuzzyArmVectorEnv
 from fuzzyarm.fuzzy_policy.policy import Policy
-from fuzzyarm.numbers.gpu import gpu
-from fuzzyarm.numbers.ptx import logarithm
+from fuzzyarm.numbers.gpu import gpu, logarithm
 from fuzzyarm.numbers.symbols import Symbol
 from fuzzyarm.rl_baselines import torch_env, torch_kernels
 from fuzzyarm.rl_baselines.torch_env import TorchFuzzyArm

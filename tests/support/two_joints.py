@@ -2,9 +2,9 @@
 
 from fuzzyarm.envs.batch.layout import VECTORS, layout_of
 from fuzzyarm.envs.batch.schedule import row_record
-from fuzzyarm.envs.physics.hold import hold_of
+from fuzzyarm.envs.physics.equations import two_joints
+from fuzzyarm.envs.physics.integrator import hold_of
 from fuzzyarm.envs.physics.records import State, filled
-from fuzzyarm.envs.physics.two_joints import two_joints
 from fuzzyarm.envs.scenario.randomisation import draw_record
 from fuzzyarm.envs.task import assess_of, target_record
 

@@ -17,7 +17,7 @@ from typing import Any
 
 import numpy as np
 
-from fuzzyarm.common.bisection import last_that_works
+from fuzzyarm.common.arithmetic import last_that_works
 from fuzzyarm.envs.fuzzy_arm import FuzzyArmEnv
 from fuzzyarm.envs.scenario.cases import PAPER_CASES
 from fuzzyarm.envs.scenario.reference import JointReference

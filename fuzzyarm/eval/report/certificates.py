@@ -16,7 +16,7 @@ from typing import Any, cast
 
 import numpy as np
 
-from fuzzyarm.common.rounding import at_least, at_most
+from fuzzyarm.common.arithmetic import at_least, at_most
 from fuzzyarm.envs.scenario.reference import Reference
 from fuzzyarm.eval.episodes.rollout import Rollout
 from fuzzyarm.eval.evaluation.run import Evaluation, EvaluationConfig

@@ -35,14 +35,14 @@ from typing import NamedTuple, Protocol
 
 import numpy as np
 
-from fuzzyarm.common.bisection import last_that_works
+from fuzzyarm.common.arithmetic import last_that_works
 from fuzzyarm.common.checks import real
 from fuzzyarm.envs.fastest_mode import fastest_rate
 from fuzzyarm.envs.observation import PARTS, starts
 from fuzzyarm.envs.periods import default_substeps
 from fuzzyarm.envs.physics.dynamics import Payload
 from fuzzyarm.envs.physics.equations import AnyArm, equations_of
-from fuzzyarm.envs.physics.hold import force_line, hold_of
+from fuzzyarm.envs.physics.integrator import force_line, hold_of
 from fuzzyarm.envs.physics.records import columns, flat, size
 from fuzzyarm.envs.scenario.default_reference import default_reference
 from fuzzyarm.fuzzy_policy.known_arm import per_joint_of, without_dry_friction

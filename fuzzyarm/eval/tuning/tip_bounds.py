@@ -17,7 +17,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from fuzzyarm.common.rounding import at_most
+from fuzzyarm.common.arithmetic import at_most
 from fuzzyarm.envs.physics.dynamics import tip_jacobian
 from fuzzyarm.envs.physics.parameters import ArmParameters
 from fuzzyarm.envs.physics.records import State, columns

@@ -17,7 +17,7 @@ from fuzzyarm.common.checks import real
 from fuzzyarm.envs.observation import Observation
 from fuzzyarm.envs.physics.equations import AnyArm, equations_of
 from fuzzyarm.envs.physics.parameters import ArmParameters
-from fuzzyarm.envs.physics.physics import Physics
+from fuzzyarm.envs.physics.records import Physics
 from fuzzyarm.envs.physics.robot import Robot
 from fuzzyarm.fuzzy_policy.known_arm import Drives, numbers_of
 from fuzzyarm.fuzzy_policy.law import Law, LawPolicy

@@ -32,8 +32,8 @@ from typing import Any, NamedTuple, TypeVar
 import numpy as np
 from scipy.linalg import expm, solve_discrete_are
 
+from fuzzyarm.common.arithmetic import consecutive
 from fuzzyarm.common.checks import real
-from fuzzyarm.common.slices import consecutive
 from fuzzyarm.envs.physics.equations import AnyArm
 from fuzzyarm.envs.physics.rigid_body import mass_matrix
 from fuzzyarm.envs.physics.robot import Robot

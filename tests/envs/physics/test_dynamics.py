@@ -18,8 +18,8 @@ from fuzzyarm.envs.physics.dynamics import (
     tip_jacobian,
     tip_position,
 )
+from fuzzyarm.envs.physics.equations import two_joints
 from fuzzyarm.envs.physics.parameters import ArmParameters
-from fuzzyarm.envs.physics.two_joints import two_joints
 
 SEEDS = range(6)
 STATES = 20

@@ -10,10 +10,10 @@ from scipy.integrate import solve_ivp
 from scipy.linalg import expm
 
 from fuzzyarm.envs.physics.dynamics import Arm, arm_constants, rigid_inverse_dynamics
+from fuzzyarm.envs.physics.equations import tip_point
 from fuzzyarm.envs.physics.friction import stribeck_magnitude
 from fuzzyarm.envs.physics.parameters import ArmParameters
 from fuzzyarm.envs.physics.records import PerJoint, filled, flat
-from fuzzyarm.envs.physics.two_joints import tip_point
 from fuzzyarm.envs.scenario.disturbances import Disturbance
 from fuzzyarm.proof.tip.defects import (
     Forces,

@@ -9,10 +9,10 @@ import pytest
 from fuzzyarm import load_policy
 from fuzzyarm.envs.fuzzy_arm import FuzzyArmEnv
 from fuzzyarm.envs.physics.dynamics import Payload, arm_constants
+from fuzzyarm.envs.physics.equations import two_joints
 from fuzzyarm.envs.physics.parameters import ArmParameters
 from fuzzyarm.envs.physics.records import flat
 from fuzzyarm.envs.physics.robot import robot_named
-from fuzzyarm.envs.physics.two_joints import two_joints
 from fuzzyarm.envs.scenario.disturbances import ConstantForce, Disturbance, EncoderNoise, MachiningForce
 from fuzzyarm.eval.episodes.rollout import record_passes, record_rollout
 from fuzzyarm.eval.stability.linearisation import spectral_radius

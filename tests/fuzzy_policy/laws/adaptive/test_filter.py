@@ -5,11 +5,10 @@ import pytest
 
 from fuzzyarm.envs.physics import rigid_body
 from fuzzyarm.envs.physics.dynamics import arm_constants, rigid_inverse_dynamics, tip_jacobian
-from fuzzyarm.envs.physics.equations import equations_of
+from fuzzyarm.envs.physics.equations import equations_of, two_joints
 from fuzzyarm.envs.physics.parameters import ArmParameters
 from fuzzyarm.envs.physics.records import flat
 from fuzzyarm.envs.physics.robot import robot_named
-from fuzzyarm.envs.physics.two_joints import two_joints
 from fuzzyarm.fuzzy_policy.known_arm import drives_of
 from fuzzyarm.fuzzy_policy.laws.adaptive.belief import (
     FLAG,

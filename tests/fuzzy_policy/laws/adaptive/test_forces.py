@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from fuzzyarm.envs.physics.two_joints import two_joints
+from fuzzyarm.envs.physics.equations import two_joints
 from fuzzyarm.fuzzy_policy.laws.adaptive.belief import FLAG, remembered
 from fuzzyarm.fuzzy_policy.laws.adaptive.filter import (
     LARGEST_SCALE,

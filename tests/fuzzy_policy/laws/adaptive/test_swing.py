@@ -7,7 +7,7 @@ from slow_twins import slow_but
 
 from fuzzyarm import load_policy
 from fuzzyarm.envs.fuzzy_arm import FuzzyArmEnv
-from fuzzyarm.envs.physics.two_joints import two_joints
+from fuzzyarm.envs.physics.equations import two_joints
 from fuzzyarm.eval.episodes.rollout import record_rollout
 from fuzzyarm.fuzzy_policy.laws.adaptive.belief import FLAG, AdaptiveWeights, remembered
 from fuzzyarm.fuzzy_policy.laws.adaptive.filter import SWING_SHARE, note_swing

@@ -11,9 +11,9 @@ from fuzzyarm import load_policy
 from fuzzyarm.envs.fuzzy_arm import FuzzyArmEnv
 from fuzzyarm.envs.observation import observed
 from fuzzyarm.envs.physics.dynamics import arm_constants, tip_jacobian
+from fuzzyarm.envs.physics.equations import two_joints
 from fuzzyarm.envs.physics.parameters import ArmParameters
 from fuzzyarm.envs.physics.records import PerJoint, State
-from fuzzyarm.envs.physics.two_joints import two_joints
 from fuzzyarm.fuzzy_policy.laws.adaptive.belief import FLAG, AdaptiveWeights, remembered
 from fuzzyarm.fuzzy_policy.laws.adaptive.filter import Room, correct, predict
 from fuzzyarm.fuzzy_policy.laws.adaptive.law import act
