@@ -84,8 +84,3 @@ def test_robots_get_the_largest_gains_with_margins(name):
     chosen = weights_for(robot, PERIOD)
     (number,) = [k for k, factor in enumerate(FACTORS) if softened(ObserverWeights(), factor) == chosen]
     assert observer_radius(chosen) < 1.0 <= observer_radius(softened(ObserverWeights(), FACTORS[number - 1]))
-
-
-def test_slower_control_asks_for_a_smaller_bandwidth():
-    robot = robot_named("planar-3r")
-    assert 5.0 <= bandwidth_for(robot, 4e-3) < bandwidth_for(robot, PERIOD)

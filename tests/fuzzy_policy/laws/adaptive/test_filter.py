@@ -4,7 +4,6 @@ import numpy as np
 import pytest
 
 from fuzzyarm.envs.physics import rigid_body
-from fuzzyarm.envs.physics.dynamics import arm_constants, rigid_inverse_dynamics, tip_jacobian
 from fuzzyarm.envs.physics.equations import equations_of
 from fuzzyarm.envs.physics.parameters import ArmParameters
 from fuzzyarm.envs.physics.records import flat
@@ -35,7 +34,7 @@ from fuzzyarm.fuzzy_policy.laws.adaptive.policy import AdaptiveObserverPolicy
 
 ARM = ArmParameters()
 BELIEF, FUNCTIONS = belief_of(two_joints()), ArmFunctions(two_joints())
-hold, link_torque, constants_in = FUNCTIONS.hold, FUNCTIONS.link_torque, FUNCTIONS.constants_in
+hold = FUNCTIONS.hold
 BELIEFS, FORCES = BELIEF.lateness.stop, BELIEF.force.stop
 SETTINGS, GUESS = AdaptiveObserverPolicy().settings, prior(ARM, AdaptiveWeights()).guess
 STATES, SIZE = 8, 8 + BELIEFS
@@ -154,15 +153,6 @@ def test_noise_that_is_read_is_blind_to_what_held_torques_do():
     assert np.diff(angle, 3, axis=0).std() > 1e-5  # a third difference would take them for noise
 
 
-def test_noise_read_from_a_vibration_falls_with_the_third_power_of_its_frequency():
-    def share(omega):
-        time = 1e-3 * np.arange(2000)[:, np.newaxis] * np.ones(2)
-        return np.sqrt(read_from(np.sin(omega * time), omega * np.cos(omega * time))[-500:].mean())
-
-    assert share(200.0) < (0.2**3) / 12.0
-    assert share(200.0) / share(100.0) > 8.0
-
-
 def moved(z, torque, directions, base, slopes):
     """x after a control period by the compiled plant, for one z."""
     state = z[:STATES, np.newaxis].copy()
@@ -203,20 +193,6 @@ def test_prediction_is_the_plants_own_and_the_covariance_f_p_ft_plus_q():
     np.testing.assert_array_equal(found[:STATES], moved(z, torque, directions, base, slopes))
     np.testing.assert_array_equal(found[STATES:], z[STATES:])
     np.testing.assert_allclose(left, expected, rtol=1e-4, atol=1e-5 * np.abs(expected).max())
-
-
-@pytest.mark.slow
-def test_link_torque_is_the_rigid_arms_less_the_forces():
-    rng = np.random.default_rng(8)
-    q, dq, ddq, force = rng.normal(size=(4, 2))
-    torque, direction, constants = np.empty(2), np.empty(2), np.array(flat(arm_constants(ARM)))
-    torque = np.array(link_torque(q, dq, ddq, force, constants_in(constants)))
-    J = tip_jacobian(q, ARM.length)
-    np.testing.assert_allclose(torque, rigid_inverse_dynamics(q, dq, ddq, arm_constants(ARM)) - J.T @ force, rtol=1e-12)
-    direction = np.array(FUNCTIONS.tip_direction(q, dq, constants_in(constants)))
-    np.testing.assert_allclose(direction, J @ dq / np.linalg.norm(J @ dq), rtol=1e-12)
-    direction = np.array(FUNCTIONS.tip_direction(q, np.zeros(2), constants_in(constants)))
-    np.testing.assert_array_equal(direction, 0.0)
 
 
 def test_functions_of_six_joints_are_those_of_the_robot_with_its_payload():

@@ -47,19 +47,11 @@ def test_zero_stays_zero_and_what_is_no_number_stays_none():
     assert area_sine(np.inf) == area_sine(LARGEST)
 
 
-def test_products_are_those_of_the_matrix():
-    matrix, x, y = RANDOM.normal(size=(4, 3)), RANDOM.normal(size=3), RANDOM.normal(size=4)
-    expected = y + matrix @ x
-    add_product(x, matrix.T.copy(), y)
-    np.testing.assert_allclose(y, expected, rtol=1e-14)
-
-
 @pytest.mark.parametrize("columns", [1, 4, 5, 12, 63])
 def test_products_on_the_machine_have_the_same_bits(columns):
-    """That order counts shows in the sum taken backwards."""
     transposed, x = RANDOM.normal(size=(columns, 7)), RANDOM.normal(size=columns)
     start = RANDOM.normal(size=7)
-    plain, backwards, found = start.copy(), start.copy(), start.copy()[np.newaxis]
+    plain, found = start.copy(), start.copy()[np.newaxis]
 
     def product(x, y, _, transposed):
         add_product(x, transposed, y)
@@ -69,6 +61,5 @@ def test_products_on_the_machine_have_the_same_bits(columns):
     Kernel(Program(product, (Cells((columns,)), Cells((7,))), (), [transposed.shape]))(
         (x[np.newaxis].copy(), found), np.empty(0), (transposed,)
     )
-    add_product(x[::-1], transposed[::-1], backwards)
     np.testing.assert_array_equal(found[0], plain)
-    assert columns < 12 or (backwards != plain).any()
+    np.testing.assert_allclose(plain, start + x @ transposed, rtol=1e-13)
