@@ -79,18 +79,9 @@ def test_lanes_of_a_batch_that_restart():
     assert policy.control_period == 2e-3 and action.shape == (2, 2)
 
 
-@pytest.mark.parametrize(
-    "made",
-    [
-        lambda: ComputedTorquePolicy(chosen_arm("paper", None)),
-        pytest.param(lambda: load_policy("learned-observer"), marks=pytest.mark.slow),
-    ],
-)
-def test_a_policy_that_stays_as_it_is_names_both_periods(made):
-    policy = made()
-    with pytest.warns(
-        RuntimeWarning, match=r"a control period of 1 ms, but .* 2 ms apart; give load_policy contr"
-    ) as said:
+def test_a_policy_that_stays_as_it_is_names_both_periods():
+    policy = ComputedTorquePolicy(chosen_arm("paper", None))
+    with pytest.warns(RuntimeWarning, match=r"a control period of 1 ms, but .* 2 ms apart; give load_policy") as said:
         errors(policy, 2e-3)
     assert len(said) == 1 and policy.control_period == 1e-3
 
@@ -112,14 +103,6 @@ def test_the_right_period_and_a_sample_that_is_left_out_change_nothing():
         for one in left_out:
             _, state = adapting.predict(one, state)
         assert adapting.control_period == 1e-3
-
-
-def test_interleaved_episodes_of_one_policy_are_kept_apart():
-    policy, states = load_policy("computed-torque"), [None, None]
-    for one, other in zip(observations("paper", 1e-3, 9), observations("paper", 1e-3, 9, 1e-3 / 3), strict=True):
-        for lane, observation in enumerate((one, other)):
-            _, states[lane] = policy.predict(observation, states[lane])
-    assert policy.control_period == 1e-3
 
 
 def test_copies_adapt_as_well():

@@ -14,7 +14,6 @@ from fuzzyarm.envs.scenario.paths import Circle, Lemniscate, Line, Spline
 from fuzzyarm.envs.scenario.reference import JointReference
 from fuzzyarm.fuzzy_policy.states import VELOCITY
 from fuzzyarm.fuzzy_policy.ts_model import NAMED_RULES, TSModel, descriptor_terms
-from fuzzyarm.proof import residual
 from fuzzyarm.proof.residual import Residual, feedforward_residual
 from fuzzyarm.proof.verification import residual_statement
 
@@ -125,12 +124,3 @@ def test_what_is_not_known_is_not_bounded(reference):
     text = residual_statement(Residual(np.array([158.484, 98.3]), None))
     assert "at most" not in text
     assert "reaches (159, 98.3) N m" in text and "sampled at 2001 instants, not bounded between them" in text
-
-
-def test_a_path_that_leaves_the_reach_between_the_instants_is_not_bounded():
-    reference = JointReference()
-    sampled = reference.sample(0.0)
-    object.__setattr__(reference, "path", Line((0.35, 0.85), (0.0, 1.2)))
-    object.__setattr__(reference, "sample", lambda t: [np.tile(part, (2001, 1)) for part in sampled])
-    found = residual._Bound(TSModel(ArmParameters(), ()), reference, np.ones(2)).largest()
-    assert np.isinf(found).all()

@@ -7,7 +7,6 @@ import functools
 
 import numpy as np
 import pytest
-from scipy.integrate import cumulative_simpson
 from slow_twins import slow_but
 from support.shipped import CONTROLLERS
 
@@ -17,7 +16,6 @@ from fuzzyarm.fuzzy_policy.controller import Controller
 from fuzzyarm.fuzzy_policy.ts_model import premises
 from fuzzyarm.policies import load_policy
 from fuzzyarm.proof import rigid_loop as frozen
-from fuzzyarm.proof.residual import feedforward_residual
 from fuzzyarm.proof.rigid_loop import (
     HELD,
     Motion,
@@ -130,19 +128,6 @@ def test_error_dynamics_are_the_frozen_loop_exactly(name: str, total: bool) -> N
     assert np.array_equal(w, torque) == total or name == "fuzzy-32"
 
 
-def test_residual_of_dropped_premises() -> None:
-    """Zero if none is dropped, within the published bound along the circle otherwise, and zero at the hanging rest."""
-    motion = CIRCLE.sample(np.linspace(0.0, 1.5, 301))
-    nothing = np.zeros((301, 6)), motion, np.zeros((301, 2))
-    assert np.abs(shipped("fuzzy-32").error_rate(*nothing, total=False)[1]).max() < 1e-11
-    for name in NAMES:
-        loop = shipped(name)
-        rho = np.abs(loop.error_rate(*nothing, total=False)[1]).max(axis=0)
-        assert np.all(rho > 10.0) and np.all(rho <= feedforward_residual(loop.controller.model, CIRCLE).bound)
-        hanging = ReferenceSample(*np.zeros((3, 1, 2)))
-        assert not loop.error_rate(errors(loop, 8, 5, 0.5), hanging, np.zeros((5, 2)), total=False)[1].any()
-
-
 # (d) the integrator
 
 
@@ -160,22 +145,6 @@ def test_runge_kutta_converges_with_order_four() -> None:
     deviations = [np.abs(end(step) / exact - 1.0).max() for step in steps]
     assert 3.8 < np.polyfit(np.log(steps), np.log(deviations), 1)[0] < 4.6
     assert np.abs(end(5e-4) / exact - 1.0).max() < 2e-6
-
-
-def test_integrals_agree_with_a_quadrature_of_the_trajectory() -> None:
-    """Every term of the dissipation, from ē and w alone."""
-    loop, start = shipped("fuzzy-4"), errors(shipped("fuzzy-4"), 18, 6, 0.1)
-    P, alpha, gamma = loop.controller.P, loop.controller.alpha, loop.controller.gamma
-
-    def w(t: np.ndarray) -> np.ndarray:
-        return AMPLITUDE * np.sin(70.0 * t)[:, np.newaxis, np.newaxis] * np.ones((6, 2))
-
-    run = simulate(loop, CIRCLE, start, w, 0.05, step=2.5e-4)
-    V = np.einsum("kla,ab,klb->kl", run.error, np.linalg.inv(P), run.error)
-    supply = np.sum(run.error[..., :2] ** 2 - gamma**2 * w(run.t) ** 2, axis=-1) + 2.0 * alpha * V
-    dissipation = V - V[0] + cumulative_simpson(supply, x=run.t, axis=0, initial=0.0)
-    np.testing.assert_allclose(run.V, V, rtol=1e-8)
-    np.testing.assert_allclose(run.dissipation, dissipation, atol=2e-5 * np.abs(dissipation).max())
 
 
 def test_the_worst_torque_is_the_first_singular_vector() -> None:

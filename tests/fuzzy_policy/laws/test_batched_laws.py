@@ -1,7 +1,5 @@
 """Model-based policies on the batched environment: one call evaluates a thousand independent controllers."""
 
-import sys
-
 import gymnasium as gym
 import numpy as np
 import pytest
@@ -21,52 +19,6 @@ NOISY = Disturbance(encoder_noise=EncoderNoise(position=1e-5, velocity=1e-3))
 def load(name):
     """A policy without the proof that loading it repeats; that has its own tests."""
     return load_policy(name, allow_unproven=True)
-
-
-def steps_of_the_interpreter(function):
-    """How many bytecode instructions Python runs in a call."""
-    count = 0
-
-    def trace(frame, event, _):
-        nonlocal count
-        frame.f_trace_opcodes = True
-        count += event == "opcode"
-        return trace
-
-    before = sys.gettrace()
-    sys.settrace(trace)
-    try:
-        function()
-    finally:
-        sys.settrace(before)
-    return count
-
-
-@pytest.mark.parametrize("name", HERE)
-def test_python_does_for_a_thousand_controllers_what_it_does_for_a_hundred(name):
-    policy = load(name)
-
-    def work(lanes):
-        batch = np.tile([0.1, 0.2, 0.0, 0.0, 0.1, 0.2, 0.0, 0.0, 0.0, 0.0], (lanes, 1))
-        states = np.zeros((lanes, policy.memory_size))
-        starts = np.zeros(lanes, dtype=bool)
-        policy.predict(batch, state=states, episode_start=starts)  # compiled before it is counted
-        return steps_of_the_interpreter(lambda: policy.predict(batch, state=states, episode_start=starts))
-
-    assert 0 < work(LANES) == work(100)
-
-
-def test_python_does_for_a_step_of_a_thousand_arms_what_it_does_for_two():
-    def work(lanes):
-        envs = gym.make_vec("FuzzyArm-v0", num_envs=lanes, randomisation="plants", threads=1)
-        envs.reset(seed=0)
-        action = np.zeros((lanes, 2))
-        envs.step(action)
-        return steps_of_the_interpreter(lambda: envs.step(action))
-
-    assert 0 < work(LANES) == work(100)
-    in_python = steps_of_the_interpreter(lambda: [-x for x in range(LANES)])  # a loop over lanes would show
-    assert in_python > LANES + steps_of_the_interpreter(lambda: list(range(LANES)))
 
 
 @pytest.mark.parametrize("name", slow_but(["fuzzy-4"], ["fuzzy-4", "fuzzy-32", "computed-torque"]))

@@ -14,7 +14,7 @@ from fuzzyarm.envs.physics.records import flat
 from fuzzyarm.envs.scenario.cases import CASES
 from fuzzyarm.envs.scenario.disturbances import Disturbance, EncoderNoise
 from fuzzyarm.envs.scenario.reference import JointReference
-from fuzzyarm.eval.stability.linearisation import gain_margin, spectral_radius
+from fuzzyarm.eval.stability.linearisation import spectral_radius
 from fuzzyarm.fuzzy_policy.laws.elastic_observer import ElasticObserverPolicy
 from fuzzyarm.fuzzy_policy.laws.elastic_target import ElasticTarget, memory_size
 from fuzzyarm.fuzzy_policy.laws.gain_schedule import GRID
@@ -126,11 +126,6 @@ def test_of_a_small_deviation_an_episode_leaves_a_hundredth(plant, arguments):
     assert spectral_radius(ElasticObserverPolicy(), plant, control_period=PERIOD, **arguments) < 0.9971
 
 
-def test_gain_margin():
-    lower, upper = gain_margin(ElasticObserverPolicy(), ARM, control_period=PERIOD)
-    assert lower < 0.6 and upper > 3.5
-
-
 @pytest.mark.parametrize("cos2", [-1.0, -0.3, 0.6, 1.0])
 def test_the_sampled_arm_is_the_slope_of_the_compiled_plant(cos2):
     """Without gravity and dry friction, at rest; the load enters as the tip force that causes it."""
@@ -168,17 +163,6 @@ def test_gains_are_the_limits_of_the_riccati_recursions():
         L = P @ C.T @ np.linalg.inv(C @ P @ C.T + measured)
         P = A @ (P - L @ C @ P) @ A.T + noise
     np.testing.assert_allclose(observer[place], L, rtol=1e-7, atol=1e-9 * np.abs(L).max())
-
-
-@pytest.mark.parametrize(("parameters", "period"), [(ARM, 1e-3), (ARM, 5e-3), (LIGHT, 5e-4)])
-def test_interpolated_gains_are_stable_between_the_grid_points(parameters, period):
-    _, feedback, observer = gain_tables(parameters, period, WEIGHTS)
-    C = np.eye(10)[MEASURED]
-    for cos2 in np.linspace(-1.0, 1.0, 49):
-        A, B = sampled_arm(parameters, period, inertia_at(cos2, parameters))
-        K, L = interpolated(feedback, cos2), interpolated(observer, cos2)
-        for matrix in (A[STATE, STATE] - B[STATE] @ K, A @ (np.eye(10) - L @ C)):
-            assert np.abs(np.linalg.eigvals(matrix)).max() < 1.0
 
 
 def test_estimates_and_arm_settle_where_a_constant_force_and_the_reference_want_them():
@@ -219,32 +203,6 @@ def test_another_arm_and_another_period(parameters, period, limit):
     envs = gym.make_vec("FuzzyArm-v0", num_envs=1, parameters=parameters, control_period=period)
     assert 1e3 * follow(envs, policy)[4].max() < limit
     assert spectral_radius(policy, parameters, control_period=period) < 1.0
-
-
-def test_the_prediction_is_under_the_clipped_torque():
-    """One step of the compiled plant from the estimate, under what `predict` returns."""
-    policy = ElasticObserverPolicy()
-    _, state = policy.predict(np.concatenate([POSTURE, np.zeros(2), POSTURE, np.zeros(4)]))
-    before, load = policy.estimate(state)
-    np.testing.assert_array_equal(load, 0.0)
-    # The measurement is as predicted, so there is no correction.
-    far = np.concatenate([before[MEASURED], POSTURE + np.array([0.3, -0.4]), np.zeros(4)])
-    torque, state = policy.predict(far, state)
-    np.testing.assert_array_equal(np.abs(torque), ARM.torque_limit)
-    expected = move(before[np.newaxis], torque[np.newaxis], np.zeros((1, 2)), ARM)
-    np.testing.assert_allclose(policy.estimate(state)[0], expected[0], atol=1e-13)
-
-
-def test_the_policy_without_dry_friction_is_the_same_but_for_the_friction():
-    policy = ElasticObserverPolicy()
-    smooth, same = policy.without_dry_friction(), ElasticObserverPolicy(SMOOTH)
-    observation, _, states, _, _ = follow(gym.make("FuzzyArm-v0", case="machining"), policy)
-    friction = []
-    for o, state in zip(observation[1::10], states[::10], strict=False):
-        ours, theirs, original = (p.predict(o, state) for p in (smooth, same, policy))
-        assert all(map(np.array_equal, ours, theirs))
-        friction.append(np.abs(original[0] - ours[0]))
-    np.testing.assert_allclose(np.median(friction, axis=0), ARM.coulomb_friction, rtol=1e-6)  # fed forward
 
 
 def test_the_law_in_plain_numpy():

@@ -11,7 +11,6 @@ from fuzzyarm.envs.scenario.elastic_reference import ElasticReference
 from fuzzyarm.envs.scenario.paths import Lemniscate
 from fuzzyarm.envs.scenario.reference import JointReference
 from fuzzyarm.fuzzy_policy.laws.elastic_target import ElasticTarget, memory_size
-from fuzzyarm.fuzzy_policy.laws.tip import TipPolicy
 from fuzzyarm.policies import load_policy
 
 ARM = ArmParameters()
@@ -85,34 +84,6 @@ def test_the_feedforward_is_that_of_the_exact_reference():
     np.testing.assert_allclose(rubbing[moving], exact[moving], rtol=0.0, atol=0.01)
 
 
-def test_averaging_takes_the_middle_of_the_hold():
-    reference = JointReference()
-    elastic = ElasticReference(reference)
-    t, _, ahead = follow(ElasticTarget(ARM, PERIOD, friction=False), reference)
-    _, _, behind = follow(ElasticTarget(ARM, PERIOD, friction=False, average=False), reference)
-    late = (t > 4e-3) & (t < reference.duration - 2 * PERIOD)
-    middle = exact_feedforward(elastic, t[late] + 0.5 * PERIOD, friction=False)
-    assert np.abs(ahead[late] - middle).max() < 0.03
-    assert np.abs(behind[late] - middle).max() > 0.3  # the torque moves by up to 1 N m in a period
-
-
-def test_lanes_do_not_meet():
-    """Two lanes with different references, and one that begins later, give the same results as each alone."""
-    target, first, second = ElasticTarget(ARM, PERIOD), JointReference(), JointReference(duration=2.0)
-    alone = [follow(target, reference)[1] for reference in (first, second)]
-    t = np.arange(0.0, 0.2, PERIOD)
-    rows = [np.hstack([np.zeros((len(t), 4)), *reference.sample(t)]) for reference in (first, second)]
-    memory, out, torque = np.zeros((2, MEMORY_SIZE)), np.zeros((2, 6)), np.zeros((2, 2))
-    for k in range(len(t)):
-        second_begins = k == 50
-        if second_begins:
-            memory[1] = 0.0
-        late = rows[1][k - 50] if k >= 50 else rows[1][k]
-        target.advance(np.stack([rows[0][k], late]), memory, out, torque)
-        np.testing.assert_array_equal(out[0], alone[0][k])
-        np.testing.assert_array_equal(out[1], alone[1][k - 50 if k >= 50 else k])
-
-
 @pytest.mark.parametrize("name", ["fuzzy-4", "fuzzy-1", "computed-torque"])
 class TestTipPolicy:
     def test_on_the_target_the_torque_is_the_feedforward(self, name):
@@ -152,11 +123,3 @@ class TestTipPolicy:
         assert np.abs(feedforward).max() > 600.0
         torque, _ = policy.predict(np.concatenate([target[0, :4], motion]))
         np.testing.assert_array_equal(torque, np.clip(feedforward[0], -500.0, 500.0) * [1, 0] + torque * [0, 1])
-
-
-def test_for_an_arm_without_dry_friction_it_feeds_none_forward():
-    tip = TipPolicy(load_policy("computed-torque"), average=False)
-    observation = np.array([0.4, 1.1, 0.7, -1.2, 0.4, 1.1, 0.7, -1.2, 0.0, 0.0])
-    expected = TipPolicy(tip.law, friction=False, average=False).predict(observation)[0]
-    np.testing.assert_array_equal(tip.without_dry_friction().predict(observation)[0], expected)
-    assert np.abs(tip.predict(observation)[0] - expected).min() > 1.0

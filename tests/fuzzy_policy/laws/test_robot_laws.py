@@ -8,13 +8,13 @@ import pytest
 from slow_twins import slow_but
 
 from fuzzyarm import load_policy
-from fuzzyarm.envs.physics.rigid_body import gravity, inverse_dynamics, mass_matrix
+from fuzzyarm.envs.physics.rigid_body import inverse_dynamics, mass_matrix
 from fuzzyarm.envs.physics.robot import robot_named
 from fuzzyarm.envs.scenario.default_reference import default_reference
 from fuzzyarm.envs.scenario.elastic_reference import ElasticReference
 from fuzzyarm.envs.scenario.kinematics import home_posture
 from fuzzyarm.fuzzy_policy.laws.elastic_target import ElasticTarget
-from fuzzyarm.fuzzy_policy.laws.gain_schedule import corners_of, kept_joints, schedule_of
+from fuzzyarm.fuzzy_policy.laws.gain_schedule import schedule_of
 
 NAMES = ("planar-3r", "ur5")
 POLICIES = ("computed-torque", "computed-torque-tip", "elastic-observer")
@@ -80,31 +80,6 @@ def test_the_compensation_and_the_observer_bring_the_tip_onto_the_path(name):
     assert plain.max() > 0.3
     assert tip.max() < 0.1 * plain.max()
     assert observed.max() < 0.2 * plain.max()
-
-
-@pytest.mark.slow
-def test_the_observer_rests_under_gravity_without_correction():
-    robot, law = robot_named("ur5"), policy_of("elastic-observer", "ur5").without_dry_friction()
-    q, still = np.array(home_posture(robot)), np.zeros(6)
-    motors = q + gravity(robot, q) / robot.drive("stiffness")
-    torque, state = law.predict(np.concatenate([motors, still, q, still, still]))
-    np.testing.assert_allclose(torque, gravity(robot, q), rtol=0, atol=1e-8)
-    x, load = law.estimate(state)
-    np.testing.assert_allclose(x[:12], np.concatenate([motors, q]), atol=1e-12)
-    np.testing.assert_allclose(load, 0.0, atol=1e-8)
-
-
-def test_the_schedule_keeps_the_angles_that_the_mass_matrix_depends_on():
-    assert kept_joints(robot_named("planar-3r")) == (1, 2)
-    robot = robot_named("ur5")
-    kept = kept_joints(robot)
-    assert 0 not in kept and len(kept) == 2
-    q = np.zeros(6)
-    q[list(kept)] = 2.0 * np.pi * np.array([3.25, -1.5]) / 8
-    corners = corners_of(q.tolist(), kept, False, 8)
-    assert sum(weight for _, weight in corners) == pytest.approx(1.0)
-    found = {divmod(int(place), 8): weight for place, weight in corners}
-    assert found == pytest.approx({(3, 6): 0.375, (4, 6): 0.125, (3, 7): 0.375, (4, 7): 0.125})
 
 
 def test_of_three_joints_in_a_plane_the_table_holds_the_mass_matrix_itself():

@@ -47,15 +47,6 @@ def test_the_integral_is_held_exactly_where_it_would_drive_a_torque_further_beyo
     np.testing.assert_array_equal(torque, np.clip(wanted, -LIMIT, LIMIT))
 
 
-@pytest.mark.parametrize("name", LAWS)
-def test_within_the_limits_nothing_is_changed(name):
-    policy, seen = load_policy(name), observations(1e-3, 500)
-    seen[:, [2, 3, 6, 7]] *= 0.1
-    seen[:, 6:8] = seen[:, 2:4]
-    for one, other in zip(policy.predict(seen), free(policy).predict(seen), strict=True):
-        np.testing.assert_array_equal(one, other)
-
-
 def test_a_push_that_the_motors_cannot_hold_is_survived():
     """1000 N for 0.2 s: without the hold the integral winds up and the arm leaves its domain."""
     push = Disturbance(tip_force=ConstantForce((0.0, 1000.0), 0.4, 0.6))

@@ -86,15 +86,3 @@ def test_what_is_no_state_is_refused_by_name():
         assert "\n" not in str(caught.value)
     with pytest.raises(ValueError, match=r"^observation\[3\] = nan, dq_motor of joint 2, is not finite"):
         ADAPTIVE.predict(np.where(np.arange(10) == 3, np.nan, SEEN[0, 0]))
-
-
-def test_beliefs_say_which_lanes_have_left_the_path_of_the_pass_before():
-    path = SEEN[:, :, 4:6].copy()
-    path[2, 1, 0] += 2e-6
-    begun = dataclasses.replace(PASSES._first(np.zeros((2, SIZE))), path=path, expected=np.ones((4, 2, 2)))
-    state, left = begun, []
-    for seen in SEEN:
-        _, state = PASSES.predict(seen, state)
-        left.append(PASSES.beliefs(state).other_path)
-    np.testing.assert_array_equal(left, [[False, False], [False, False], [False, True], [False, True]])
-    assert not ADAPTIVE.beliefs(state.memory).other_path.any()

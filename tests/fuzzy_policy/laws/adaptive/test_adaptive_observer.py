@@ -15,7 +15,6 @@ from fuzzyarm.envs.physics.robot import robot_named
 from fuzzyarm.envs.physics.two_joints import two_joints
 from fuzzyarm.envs.scenario.disturbances import ConstantForce, Disturbance, EncoderNoise, MachiningForce
 from fuzzyarm.eval.episodes.rollout import record_passes, record_rollout
-from fuzzyarm.eval.stability.linearisation import spectral_radius
 from fuzzyarm.fuzzy_policy.laws.adaptive.belief import FLAG, AdaptiveWeights, ArmFunctions, remembered
 from fuzzyarm.fuzzy_policy.laws.adaptive.filter import numbers_at
 from fuzzyarm.fuzzy_policy.laws.adaptive.law import adaptive_weights_for, gain_share, largest_radius, softened
@@ -117,17 +116,6 @@ def test_single_and_batch_are_equal_bit_for_bit():
         observation = observation + 1e-4 * rng.normal(size=observation.shape)
 
 
-def test_a_soft_start_takes_its_share_of_the_feedback_and_nothing_of_the_feedforward():
-    observation = FuzzyArmEnv().reset(seed=0)[0]
-    observation[:2] += (2e-3, -1e-3)  # a control error
-    torques = [
-        AdaptiveObserverPolicy(weights=AdaptiveWeights(first_gain=share)).predict(observation)[0]
-        for share in (0.2, 0.6, 1.0)
-    ]
-    np.testing.assert_allclose(torques[1], 0.5 * (torques[0] + torques[2]), rtol=1e-12)
-    assert np.all(np.abs(torques[2] - torques[0]) > 1.0)
-
-
 @pytest.mark.parametrize("taught", [0.0, 1.0])  # 1: after a pass
 def test_the_gain_waits_then_grows_in_as_long_again(taught):
     policy = AdaptiveObserverPolicy(weights=AdaptiveWeights(first_gain=0.4, soft_start=0.02))
@@ -137,11 +125,6 @@ def test_the_gain_waits_then_grows_in_as_long_again(taught):
         found.append(gain_share(memory, policy.settings))
     growing = np.concatenate([np.full(20, 0.4), np.linspace(0.4, 1.0, 21), np.ones(59)])
     np.testing.assert_allclose(found, np.maximum(growing, taught), rtol=1e-12)
-
-
-@pytest.mark.slow
-def test_the_frozen_loop_has_a_spectral_radius_found_by_differences_over_all_that_it_remembers():
-    assert 0.98 < spectral_radius(POLICY, ARM, control_period=1e-3) < 1.0
 
 
 def test_a_diverged_filter_says_so_and_the_certified_law_acts():

@@ -7,7 +7,6 @@ from slow_twins import slow_but
 
 from fuzzyarm import load_policy
 from fuzzyarm.envs.physics.dynamics import Payload
-from fuzzyarm.envs.physics.parameters import ArmParameters
 from fuzzyarm.envs.scenario.disturbances import ConstantForce, Disturbance
 from fuzzyarm.envs.scenario.paths import Circle
 from fuzzyarm.envs.scenario.reference import JointReference
@@ -77,30 +76,6 @@ def test_with_the_true_constants_the_true_force_explains_a_pass():
     assert np.abs(force - truth)[away].max() < 4.0
     found = POLICY.beliefs(repeated.begin_pass(state).memory).payload
     np.testing.assert_allclose(found, payload, atol=0.4)
-
-
-@pytest.mark.slow
-def test_links_that_are_lighter_than_known_are_no_negative_payload():
-    repeated, every = POLICY.repeated(), np.ones(len(LOADS), dtype=bool)
-    _, state = run(repeated, None, parameters=ArmParameters(mass=(12.0, 7.2)))
-    heavier = state.memory.copy()
-    heavier[:, repeated._payload] += 1.0
-    force, heavy = (Smoother(POLICY).force(state, every, memory) for memory in (state.memory, heavier))
-    steadiest = state.memory[:, repeated._payload] + _steadiest(force, heavy - force)
-    assert steadiest[0] < -0.1 and steadiest[1] > 1.0
-    found = POLICY.beliefs(repeated.begin_pass(state).memory).payload
-    np.testing.assert_allclose(found, np.maximum(steadiest, 0.0), atol=1e-9)
-
-
-@pytest.mark.slow
-def test_the_expected_force_is_the_mean_of_what_explained_the_passes():
-    repeated = POLICY.repeated()
-    _, state = run(repeated, None)
-    state = repeated.begin_pass(state)
-    expected = state.expected.copy()
-    _, state = run(repeated, state)
-    explained = Smoother(POLICY).force(state, np.ones(len(LOADS), dtype=bool), state.memory)
-    np.testing.assert_allclose(repeated.begin_pass(state).expected, 0.5 * (expected + explained), atol=1e-9)
 
 
 def test_the_steadiest_force_varies_least_in_total():

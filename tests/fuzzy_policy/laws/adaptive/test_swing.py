@@ -7,37 +7,13 @@ from slow_twins import slow_but
 
 from fuzzyarm import load_policy
 from fuzzyarm.envs.fuzzy_arm import FuzzyArmEnv
-from fuzzyarm.envs.physics.two_joints import two_joints
 from fuzzyarm.eval.episodes.rollout import record_rollout
-from fuzzyarm.fuzzy_policy.laws.adaptive.belief import FLAG, AdaptiveWeights, remembered
-from fuzzyarm.fuzzy_policy.laws.adaptive.filter import SWING_SHARE, note_swing
+from fuzzyarm.fuzzy_policy.laws.adaptive.belief import AdaptiveWeights
 from fuzzyarm.fuzzy_policy.laws.adaptive.policy import AdaptiveObserverPolicy
 
 POLICY = AdaptiveObserverPolicy()
 STRONG = 1.5  # times the commanded torque
 LOST = [9000335, 9000061, 9000649, 9000976]  # seeds of plants whose loops swing with such motors; of no table
-
-
-def swings(commands):
-    """Return the mean of jumps after each of the commands (samples, n)."""
-    memory = remembered(np.zeros(POLICY.memory.noise.stop), two_joints())
-    found = []
-    for sample, command in enumerate(commands):
-        memory.flags[FLAG.samples] = sample + 1.0
-        memory.commands[:] = np.vstack([command, memory.commands[:-1] if sample else np.repeat([command], 4, axis=0)])
-        note_swing(memory, POLICY.settings)
-        found.append(memory.flags[FLAG.swing])
-    return np.array(found)
-
-
-def test_from_limit_to_limit_it_comes_near_two_and_a_single_jump_is_forgotten():
-    limit = POLICY.settings.limit
-    back_and_forth = np.where(np.arange(60)[:, np.newaxis] % 2, 1.0, -1.0) * limit
-    k = np.arange(60)
-    np.testing.assert_allclose(swings(back_and_forth), 2.0 * (1.0 - (1.0 - SWING_SHARE) ** k), rtol=1e-12)
-    once = np.where(k[:, np.newaxis] < 10, 0.0, (0.2, 0.7)) * limit  # the larger of both joints counts
-    expected = np.where(k < 10, 0.0, 0.7 * SWING_SHARE * (1.0 - SWING_SHARE) ** (k - 10.0))
-    np.testing.assert_allclose(swings(once), expected, rtol=1e-12, atol=1e-15)
 
 
 def followed(policy):

@@ -56,18 +56,6 @@ def test_an_action_is_held_and_what_is_seen_between_does_not_matter():
     assert not np.array_equal(fourth[0], fourth[1])
 
 
-def test_lanes_that_begin_at_different_calls_hold_their_own():
-    shown, calls = observations(11), 11
-    policy = LearnedPolicy(bundle(ActionDefinition(period=3e-3)))
-    starts = np.random.default_rng(1).random((calls, LANES)) < 0.2
-    together = torques(policy, shown, starts)
-    for lane in range(0, LANES, 7):
-        state = None
-        for k in range(calls):
-            action, state = policy.predict(shown[k, lane], None if starts[k, lane] else state)
-            assert action.tobytes() == together[k, lane].tobytes()
-
-
 def test_the_base_is_evaluated_at_every_call_and_told_that_the_motors_stand_elsewhere():
     envs = gym.make_vec("FuzzyArm-v0", num_envs=4, randomisation="plants")
     shown, _ = envs.reset(seed=0)
@@ -106,12 +94,6 @@ def test_a_smoothed_action_is_a_first_order_lag_of_what_the_network_says():
     for k, answer in enumerate(smoothed):
         expected = keep * expected + (1.0 - keep) * told[k]
         np.testing.assert_allclose(answer, expected, rtol=1e-12, atol=1e-15)
-
-
-def test_the_torque_stays_within_the_robots_limits():
-    arm = ArmParameters(torque_limit=(5.0, 3.0))
-    answers = torques(LearnedPolicy(bundle(), parameters=arm), observations(4))
-    assert np.abs(answers).max(axis=(0, 1)).tolist() == [5.0, 3.0]
 
 
 def test_periods_and_bases_that_do_not_fit_are_named():
