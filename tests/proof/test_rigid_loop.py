@@ -8,11 +8,8 @@ import functools
 import numpy as np
 import pytest
 from slow_twins import slow_but
-from support.shipped import CONTROLLERS
 
-from fuzzyarm.envs.physics.dynamics import rigid_inverse_dynamics
 from fuzzyarm.envs.scenario.reference import JointReference, ReferenceSample
-from fuzzyarm.fuzzy_policy.controller import Controller
 from fuzzyarm.fuzzy_policy.ts_model import premises
 from fuzzyarm.policies import load_policy
 from fuzzyarm.proof import rigid_loop as frozen
@@ -88,16 +85,6 @@ def disturbed(loop: RigidLoop, motion: Motion, duration: float, *, total: bool =
 
 
 # (e) the model
-
-
-def test_acceleration_is_the_inverse_of_the_inverse_dynamics() -> None:
-    loop, (q, dq), p = shipped("fuzzy-4"), states(0, 200), shipped("fuzzy-4").controller.model.parameters
-    ddq = np.random.default_rng(1).uniform(-500.0, 500.0, (200, 2))
-    motors = np.array(p.motor_inertia) * ddq + np.array(p.viscous_friction) * dq
-    torque = rigid_inverse_dynamics(q, dq, ddq, loop.arm) + motors
-    np.testing.assert_allclose(loop.acceleration(q, dq, torque), ddq, rtol=0.0, atol=1e-9)
-    with pytest.raises(ValueError, match="consistent form"):
-        RigidLoop(Controller.load(CONTROLLERS["paper-1"]))
 
 
 @pytest.mark.parametrize("name", [*NAMES, "fuzzy-2", "fuzzy-32"])

@@ -11,9 +11,11 @@ import functools
 import numpy as np
 import pytest
 from slow_twins import slow_but
+from support.shipped import CONTROLLERS
 
 from fuzzyarm.envs.physics.dynamics import arm_constants, mass_matrix, rigid_inverse_dynamics
 from fuzzyarm.envs.physics.parameters import ArmParameters
+from fuzzyarm.fuzzy_policy.controller import Controller
 from fuzzyarm.fuzzy_policy.ts_model import NAMED_RULES
 from fuzzyarm.synthesis import Specification, design
 
@@ -31,6 +33,8 @@ FORMS = {
 
 @functools.cache
 def designed(rules, form):
+    if form == "shipped":
+        return Controller.load(CONTROLLERS[f"fuzzy-{rules}"])
     return design(Specification(NAMED_RULES[rules], **FORMS[form])).controller
 
 
@@ -123,8 +127,13 @@ def draw(rng, count):
 every_design = pytest.mark.parametrize(
     "which",
     slow_but(
-        [(1, "consistent"), (4, "with a fastest pole"), (4, "paper, free L"), (1, "paper")],
-        [(rules, form) for rules in (1, 2, 4, 8) for form in FORMS if "z1" in NAMED_RULES[rules] or "pole" not in form],
+        [(1, "consistent"), (4, "shipped"), (4, "paper, free L"), (1, "paper")],
+        [
+            (rules, form)
+            for rules in (1, 2, 4, 8)
+            for form in ("shipped", *FORMS)
+            if "z1" in NAMED_RULES[rules] or "pole" not in form
+        ],
     ),
     ids=str,
 )

@@ -160,10 +160,3 @@ def test_bad_names_and_numbers_are_refused():
     ):
         with pytest.raises((ValueError, FileNotFoundError), match=message):
             made()
-
-
-def test_a_copy_of_the_shipped_file_is_the_same_policy(tmp_path):
-    policy = load_policy("fuzzy-4")
-    policy.controller.save(tmp_path / "mine.json")
-    batch = observations(10)
-    np.testing.assert_array_equal(policy.predict(batch)[0], load_policy(tmp_path / "mine.json").predict(batch)[0])

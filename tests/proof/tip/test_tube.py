@@ -19,8 +19,9 @@ from fuzzyarm.policies.tip_bound import TipClaim, arm_in_words, find_bound, plai
 from fuzzyarm.policies.tip_files import check_bound, save_bound
 from fuzzyarm.proof.tip.centre import Mode
 from fuzzyarm.proof.tip.friction import Plan
+from fuzzyarm.proof.tip.period import Period
 from fuzzyarm.proof.tip.plant import PlantSet
-from fuzzyarm.proof.tip.transition import STATES
+from fuzzyarm.proof.tip.transition import ROWS, STATES
 from fuzzyarm.proof.tip.tube import Tube
 
 STEPS = 24
@@ -121,6 +122,20 @@ def test_the_column_of_a_constant_holds_what_its_corners_do_where_a_velocity_is_
         for sign, states in zip((-1.0, 1.0), runs, strict=True):
             assert (np.abs(states[k] - step.segments[-1].end - sign * own) <= others + 1e-12).all()
     assert Plan.MONOTONE in plans
+
+
+def test_uncertain_constants_act_on_a_motor_whose_velocity_is_bounded_by_itself(monkeypatch):
+    """A file may choose the plan MONOTONE where the search gives it up: the inertia's own torque counts there, too."""
+    monkeypatch.setattr(Period, "_check_monotone", lambda *_: None)
+    plants = PlantSet(motor_inertia=(0.5, 1.5), dry_friction=(0.0, 0.0))
+    (step,) = find_bound(claim(plants, policy="computed-torque-tip", steps=1)).steps
+    assert [closed.plans for closed in step.closed] == [(Plan.MONOTONE, Plan.MONOTONE)]
+    table, speeds = ArmParameters(), slice(4, 6)
+    light = tuple(0.5 * x for x in table.motor_inertia)
+    arm = dataclasses.replace(table, motor_inertia=light, static_friction=(0.0, 0.0), coulomb_friction=(0.0, 0.0))
+    states, _ = simulated(claim(plants, policy="computed-torque-tip", steps=1), arm)
+    mean = (states[1] - step.segments[0].end)[speeds] / 1e-3  # of the deviation, both start at rest
+    assert (np.abs(mean) <= step.closed[0].tube[ROWS.motor_acceleration]).all()
 
 
 def test_any_friction_has_a_wider_tube(exact):

@@ -103,19 +103,6 @@ def test_no_plant_with_wrong_torque_constants_is_lost(factor):
     assert largest.max() < 50.0 and np.median(largest) < 1.5
 
 
-def test_single_and_batch_are_equal_bit_for_bit():
-    rng = np.random.default_rng(0)
-    observation = np.hstack([rng.uniform(0.2, 1.2, (5, 2)), 0.1 * rng.normal(size=(5, 8))])
-    state, states = None, [None] * 5
-    for _ in range(3):
-        torque, state = POLICY.predict(observation, state)
-        for lane in range(5):
-            alone, states[lane] = POLICY.predict(observation[lane], states[lane])
-            np.testing.assert_array_equal(torque[lane], alone)
-            np.testing.assert_array_equal(state[lane], states[lane])
-        observation = observation + 1e-4 * rng.normal(size=observation.shape)
-
-
 @pytest.mark.parametrize("taught", [0.0, 1.0])  # 1: after a pass
 def test_the_gain_waits_then_grows_in_as_long_again(taught):
     policy = AdaptiveObserverPolicy(weights=AdaptiveWeights(first_gain=0.4, soft_start=0.02))
