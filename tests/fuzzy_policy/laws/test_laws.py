@@ -1,5 +1,6 @@
-"""The fixed policies: their laws against plain NumPy, and the predict protocol."""
+"""The fixed policies: their laws against plain NumPy, the predict protocol, and the integral at the torque limits."""
 
+import copy
 import warnings
 
 import gymnasium as gym
@@ -9,10 +10,13 @@ from slow_twins import slow_but
 from support.policies import loaded
 
 from fuzzyarm import load_policy
+from fuzzyarm.envs.fuzzy_arm import FuzzyArmEnv
 from fuzzyarm.envs.physics.dynamics import arm_constants, rigid_inverse_dynamics
 from fuzzyarm.envs.physics.parameters import ArmParameters
+from fuzzyarm.envs.scenario.disturbances import ConstantForce, Disturbance
 from fuzzyarm.envs.scenario.paths import Line
 from fuzzyarm.envs.scenario.reference import JointReference
+from fuzzyarm.eval.episodes.rollout import record_rollout
 from fuzzyarm.fuzzy_policy.laws.computed_torque import ComputedTorquePolicy
 from fuzzyarm.fuzzy_policy.ts_model import premises
 from fuzzyarm.policies import NAMES
@@ -160,3 +164,51 @@ def test_bad_names_and_numbers_are_refused():
     ):
         with pytest.raises((ValueError, FileNotFoundError), match=message):
             made()
+
+
+WITH_INTEGRAL = ("fuzzy-4", "computed-torque", "fuzzy-4-tip", "computed-torque-tip")
+LIMIT = np.array(ArmParameters().torque_limit)
+
+
+def free(policy):
+    """The same policy, whose integral is not held at the limits."""
+    other = copy.copy(policy)
+    other.integral_at = None
+    return other
+
+
+def far_observations(error, count=4000):
+    """Random far_observations (count, 10) with errors of the angles up to `error` [rad]."""
+    rng = np.random.default_rng(1)
+    seen = rng.uniform(-1.0, 1.0, (count, 10))
+    seen[:, 4:6] = seen[:, :2] - error * rng.uniform(-1.0, 1.0, (count, 2))
+    return seen
+
+
+@pytest.mark.parametrize("name", WITH_INTEGRAL)
+def test_the_integral_is_held_exactly_where_it_would_drive_a_torque_further_beyond_its_limit(name):
+    policy, seen = load_policy(name), far_observations(0.3)
+    start = np.zeros((len(seen), policy.memory_size))
+    start[:, :2] = np.random.default_rng(2).normal(scale=0.02, size=(len(seen), 2))
+    torque, state = policy.predict(seen, start)
+    wanted, unlimited = np.empty_like(torque), start.copy()
+    policy.act(seen, unlimited, wanted)
+    change = unlimited[:, :2] - start[:, :2]
+    held = (np.abs(wanted) > LIMIT) & (np.sign(change) == -np.sign(wanted))
+    assert 100 < held.sum() < held.size - 100
+    assert (np.abs(wanted) > LIMIT)[~held].sum() > 100  # beyond a limit, and the integral brings the torque back
+    np.testing.assert_array_equal(state[:, :2], np.where(held, start[:, :2], unlimited[:, :2]))
+    np.testing.assert_array_equal(state[:, 2:], unlimited[:, 2:])
+    np.testing.assert_array_equal(torque, np.clip(wanted, -LIMIT, LIMIT))
+
+
+def test_a_push_that_the_motors_cannot_hold_is_survived():
+    """1000 N for 0.2 s: without the hold the integral winds up and the arm leaves its domain."""
+    push = Disturbance(tip_force=ConstantForce((0.0, 1000.0), 0.4, 0.6))
+    policy = load_policy("fuzzy-4")
+    held, wound = (
+        record_rollout(FuzzyArmEnv(disturbance=push), one, policy_name="", case="", seed=0)
+        for one in (policy, free(policy))
+    )
+    assert held.completed and not wound.completed
+    assert held.tip_error.max() < 0.1
