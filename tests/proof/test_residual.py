@@ -14,6 +14,7 @@ from fuzzyarm.envs.scenario.paths import Circle, Lemniscate, Line, Spline
 from fuzzyarm.envs.scenario.reference import JointReference
 from fuzzyarm.fuzzy_policy.states import VELOCITY
 from fuzzyarm.fuzzy_policy.ts_model import NAMED_RULES, TSModel, descriptor_terms
+from fuzzyarm.proof import residual
 from fuzzyarm.proof.residual import Residual, feedforward_residual
 from fuzzyarm.proof.verification import residual_statement
 
@@ -124,3 +125,11 @@ def test_what_is_not_known_is_not_bounded(reference):
     text = residual_statement(Residual(np.array([158.484, 98.3]), None))
     assert "at most" not in text
     assert "reaches (159, 98.3) N m" in text and "sampled at 2001 instants, not bounded between them" in text
+
+
+def test_a_search_cut_short_gives_a_looser_bound(monkeypatch):
+    model, reference = TSModel(ArmParameters(), NAMED_RULES[4]), JointReference()
+    close = feedforward_residual(model, reference).bound
+    monkeypatch.setattr(residual, "MOST", 8)
+    loose = feedforward_residual(model, reference).bound
+    assert np.all(loose > close)

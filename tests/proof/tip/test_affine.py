@@ -227,3 +227,11 @@ def test_condensed_columns_hold_all_and_not_much_more():
         exact, found = np.abs(along @ base.columns).sum(), np.abs(along @ columns).sum() + np.abs(along) @ box
         assert exact <= found <= 1.2 * exact
     assert isinstance(Space(base).number(1.0), Affine)
+
+
+def test_a_motion_of_unknown_duration_or_of_negative_friction_has_no_bound():
+    space = space_of(0.1, 0.1)
+    x, y = space.variables(np.array([1.0, 2.0]))
+    for arguments in ((x, x, 1.0, y), (x, x, y - 3.0, 0.1)):
+        with recording(space), pytest.raises(NoBound, match="motion"):
+            stick_slip(*arguments)
