@@ -32,10 +32,6 @@ def run(monkeypatch, tmp_path, capsys):
     torch.set_num_threads(threads)
 
 
-def test_there_are_four():
-    assert SCRIPTS == ["train_batched.py", "train_gradients.py", "train_sb3.py", "train_torch.py"]
-
-
 @pytest.mark.parametrize(
     "script", slow_but(["train_batched.py"], ["train_batched.py", "train_sb3.py", "train_torch.py"])
 )

@@ -12,11 +12,9 @@ import numpy as np
 import pytest
 from slow_twins import slow_but
 from support.command_line import one_line_error
-from support.processes import running
 from support.shipped import CONTROLLERS
 
 from fuzzyarm.cli import main
-from fuzzyarm.envs.physics.parameters import ArmParameters
 from fuzzyarm.eval.evaluation import figures
 from fuzzyarm.eval.evaluation.run import evaluate
 from fuzzyarm.fuzzy_policy.controller import Controller, consistent_feedforward
@@ -71,14 +69,6 @@ def test_what_a_file_leaves_to_table_1_is_named_once_and_in_the_results(tmp_path
     assert "as in Table 1 of the paper: mass, inertia, viscous_friction" in (tmp_path / "page.html").read_text()
 
 
-@pytest.mark.parametrize("change", ["", "[mass]\n", "name = 'robot'\n"])
-def test_a_whole_file_and_a_bad_one_leave_nothing_to_table_1(tmp_path, capsys, change):
-    file = tmp_path / "arm.toml"
-    file.write_text(change or dataclasses.replace(ArmParameters(), length=(0.5, 0.4)).to_toml())
-    assert main(["show", "computed-torque", "--robot", str(file)]) == (2 if change else 0)
-    assert "Table 1" not in capsys.readouterr().err
-
-
 @pytest.mark.parametrize(
     ("arguments", "expected"),
     [
@@ -103,14 +93,6 @@ def test_evaluate_bad_usage_is_one_line_and_exit_code_2(tmp_path, capsys, argume
     assert main(["evaluate", *arguments, "--out", str(tmp_path)]) == 2
     assert expected in one_line_error(capsys)
     assert list(tmp_path.iterdir()) == []
-
-
-@pytest.mark.parametrize(
-    "arguments", [[], ["fly"], ["evaluate", "--seeds", "x"], ["design"], ["evaluate", "--nope"], ["bench", "x"]]
-)
-def test_argument_errors_exit_with_2(arguments, capsys):
-    assert main(arguments) == 2
-    assert one_line_error(capsys).startswith("fuzzyarm")
 
 
 def test_an_unwritable_folder_is_named_before_anything_runs(tmp_path, capsys):
@@ -140,36 +122,6 @@ def test_an_interrupt_leaves_whole_files_and_one_line(tmp_path, capsys, monkeypa
     assert "interrupted" in one_line_error(capsys)
     assert {path.name for path in tmp_path.iterdir()} == {"results.json", "results.csv"}
     json.loads((tmp_path / "results.json").read_text())
-
-
-@pytest.mark.usefixtures("undrawn")
-def test_another_arm_runs_computed_torque_and_refuses_the_shipped_controller(tmp_path, capsys):
-    robot = tmp_path / "arm.toml"
-    robot.write_text("mass = [12, 8]\n")
-    out = tmp_path / "out"
-    common = ["--case", "nominal", "--robot", str(robot), "--out", str(out)]
-    assert main(["evaluate", "--policy", "computed-torque", *common]) == 0
-    capsys.readouterr()
-    assert main(["evaluate", "--policy", "fuzzy-4", *common]) == 2
-    assert "designed for another robot (mass differ)" in one_line_error(capsys)
-
-
-@pytest.mark.usefixtures("undrawn")
-def test_an_episode_that_fails_gives_exit_code_1(tmp_path, capsys):
-    robot = tmp_path / "arm.toml"
-    robot.write_text("velocity_limit = [3.4, 4.42]\n")  # the reference just fits, the payload rings
-    arguments = [
-        "--policy",
-        "computed-torque",
-        "--case",
-        "payload",
-        "--robot",
-        str(robot),
-        "--out",
-        str(tmp_path / "o"),
-    ]
-    assert main(["evaluate", *arguments]) == 1
-    assert "left the domain (25)" in capsys.readouterr().err
 
 
 @pytest.mark.usefixtures("undrawn")
@@ -215,33 +167,6 @@ def test_design_bad_usage_is_one_line(tmp_path, capsys, monkeypatch, arguments, 
     assert list(tmp_path.iterdir()) == []
 
 
-INTERRUPTED = """
-import os, sys
-from fuzzyarm.cli import main  # noqa: E402
-from fuzzyarm.envs.physics.parameters import ArmParameters  # noqa: E402
-replace = os.replace
-
-def interrupted(source, target):
-    if str(target).endswith(".svg"):
-        signal.raise_signal(signal.SIGINT)
-    replace(source, target)
-
-os.replace = interrupted
-sys.exit(main(sys.argv[1:]))
-"""
-
-
-@pytest.mark.slow
-def test_a_real_interrupt_leaves_no_part_files(tmp_path):
-    """SIGINT while the first figure is written: exit code 130, one line, nothing half-written."""
-    with running(INTERRUPTED, *QUICK, "--out", str(tmp_path), stderr=subprocess.PIPE) as process:
-        _, err = process.communicate()
-    assert process.returncode == 130
-    assert "interrupted" in err and "Traceback" not in err
-    assert {"results.json", "results.csv"} <= {path.name for path in tmp_path.iterdir()}
-    assert not list(tmp_path.glob(".*"))
-
-
 @pytest.mark.parametrize(
     "words", slow_but([["--help"]], [["--help"], ["train", "ppo", "--help"], ["verify", "--json", "fuzzy-1.json"]])
 )
@@ -253,11 +178,6 @@ def test_a_reader_that_leaves_is_no_error(words):
     done = subprocess.run([sys.executable, "-m", "fuzzyarm", *words], stdout=write, stderr=subprocess.PIPE, text=True)
     os.close(write)
     assert (done.returncode, done.stderr) == (141, "")
-
-
-def test_the_installed_command_works():
-    done = subprocess.run([sys.executable, "-m", "fuzzyarm", "--version"], capture_output=True, text=True, check=True)
-    assert done.stdout.startswith("fuzzyarm ")
 
 
 def shipped(name):
@@ -286,13 +206,6 @@ def test_verify_names_what_fails_and_exits_with_1(tmp_path, capsys):
     assert "Not covered" not in out  # no statement without a proof
 
 
-def test_verify_json(capsys):
-    assert main(["verify", "--json", shipped("fuzzy-4.json")]) == 0
-    report = json.loads(capsys.readouterr().out)[0]
-    assert report["proven"]
-    assert all(claim["proven"] for claim in report["claims"])
-
-
 @pytest.mark.parametrize("content", ["", "{}", "[1]", "no json"])
 def test_verify_bad_files_are_one_line_and_exit_code_2(tmp_path, capsys, content):
     path = tmp_path / "bad.json"
@@ -315,15 +228,6 @@ def test_design_in_the_form_of_the_paper(tmp_path, capsys):
     np.testing.assert_allclose(half.feedforward, 0.5 * consistent_feedforward(half.model), rtol=1e-12)
     assert main(["design", "--rules", "2", "--feedforward", "0.5", "--out", str(path)]) == 2
     assert "--theorem paper" in one_line_error(capsys)
-
-
-@pytest.mark.usefixtures("unmeasured")
-def test_design_objectives(tmp_path, capsys):
-    common = ["--rules", "1", "--no-integral", "--out", str(tmp_path / "c.json")]
-    assert main(["design", "--gamma", "min", "--gain-bound", "1e5", *common]) == 0
-    assert "smallest L2 gain" in capsys.readouterr().out
-    assert main(["design", "--alpha", "max", "--gain-bound", "2e5", *common]) == 0
-    assert "largest decay rate" in capsys.readouterr().out
 
 
 @pytest.fixture

@@ -12,7 +12,6 @@ import sys
 from importlib import metadata
 
 import pytest
-from slow_twins import slow_but
 
 from fuzzyarm import __version__
 from fuzzyarm.cli import main
@@ -73,12 +72,6 @@ def test_help_fits_80_columns(words, capsys, monkeypatch):
     assert lines[0].startswith(" ".join(["Usage: fuzzyarm", *words]))
     assert max(map(len, lines)) <= 80
     assert not any("…" in line for line in lines)
-
-
-@pytest.mark.parametrize("words", slow_but([[], ["train", "ppo"]], [[], *COMMANDS]), ids=" ".join)
-def test_the_short_flag_gives_the_same_help(words, capsys, monkeypatch):
-    monkeypatch.setenv("COLUMNS", "80")
-    assert printed(capsys, *words, "-h") == help_at_80_columns(*words)
 
 
 @pytest.fixture(scope="module")
@@ -163,15 +156,6 @@ def assert_complete(script):
     for word in ("evaluate", "leaderboard", "encoder-noise", "no-integral", "ent-coef", "lanes-sweep"):
         assert word in script
     assert "--no-json" not in script and "--policies" not in script
-
-
-@pytest.mark.slow  # the test below does the same with what is installed for bash
-@pytest.mark.parametrize("shell", ["bash", "zsh", "fish"])
-def test_completion_knows_commands_and_options(shell, application):
-    script = application.generate_completion(shell=shell)
-    assert_complete(script)
-    if shutil.which(shell):
-        subprocess.run([shell, "-n"], input=script, text=True, check=True)
 
 
 def test_completion_is_installed_and_completes(tmp_path, monkeypatch, capsys):

@@ -3,7 +3,6 @@
 import functools
 import json
 import os
-import tempfile
 
 import pytest
 from support.command_line import one_line_error
@@ -73,26 +72,6 @@ def test_json_is_the_file(tmp_path, capsys):
     assert list(tmp_path.iterdir()) == [path]
 
 
-@pytest.mark.usefixtures("measured")
-def test_the_table_says_where_the_file_is(tmp_path, capsys):
-    path = tmp_path / "margins.json"
-    path.write_text("an old one")
-    assert main([*QUICK, "--out", str(path)]) == 0
-    assert capsys.readouterr().out.endswith(f"written to {path}\n")
-    assert json.loads(path.read_text())["schema"] == "fuzzyarm-margins/1"
-
-
-@pytest.mark.usefixtures("computed_torque_once")
-def test_by_default_all_policies_there_are(capsys, monkeypatch, few_postures):
-    for module in ("fuzzyarm.policies", "fuzzyarm.eval.stability.margins"):
-        monkeypatch.setattr(f"{module}.NAMES", ("fuzzy-1", "computed-torque"))
-    assert main(["margins", "--json"]) == 0
-    document = json.loads(capsys.readouterr().out)
-    assert [row["policy"] for row in document["rows"]] == ["fuzzy-1", "computed-torque"]
-    assert document["rows"][0] != document["rows"][1] | {"policy": "fuzzy-1"}
-    assert document["command"] == "fuzzyarm margins"
-
-
 def test_another_arm_is_that_of_plant_and_policy(tmp_path, capsys):
     """An unstable loop is a result: the word in the table, exit code 0."""
     robot = tmp_path / "arm.toml"
@@ -140,21 +119,6 @@ def test_bad_usage_is_one_line_before_anything_runs(tmp_path, capsys, monkeypatc
     assert sorted(tmp_path.iterdir()) == before
 
 
-@pytest.mark.parametrize("arguments", [["now"], ["--nope"], ["--policy"], ["--robot"], ["--out"], ["--json=maybe"]])
-def test_argument_errors_exit_with_2(arguments, capsys):
-    assert main(["margins", *arguments]) == 2
-    assert one_line_error(capsys).startswith("fuzzyarm margins: ")
-
-
-def test_a_folder_that_cannot_be_written_to_is_named_before_anything_runs(tmp_path, capsys, monkeypatch, never):
-    def refused(*_, **__):
-        raise PermissionError(13, "Permission denied")
-
-    monkeypatch.setattr(tempfile, "TemporaryFile", refused)
-    assert main([*QUICK, "--out", str(tmp_path / "m.json")]) == 2
-    assert f"cannot write to {tmp_path}: Permission denied" in one_line_error(capsys)
-
-
 @pytest.mark.usefixtures("measured")
 def test_a_full_disk_leaves_the_old_file_and_no_half_one(tmp_path, capsys, monkeypatch):
     def full(*_):
@@ -165,16 +129,4 @@ def test_a_full_disk_leaves_the_old_file_and_no_half_one(tmp_path, capsys, monke
     monkeypatch.setattr(os, "replace", full)
     assert main([*QUICK, "--out", str(path)]) == 2
     assert "No space left" in one_line_error(capsys)
-    assert list(tmp_path.iterdir()) == [path] and path.read_text() == "the old one"
-
-
-def test_an_interrupt_leaves_the_old_file_and_one_line(tmp_path, capsys, monkeypatch):
-    def interrupt(*_):
-        raise KeyboardInterrupt
-
-    path = tmp_path / "margins.json"
-    path.write_text("the old one")
-    monkeypatch.setattr("fuzzyarm.eval.stability.margins.policy_margins", interrupt)
-    assert main([*QUICK, "--out", str(path)]) == 130
-    assert "interrupted" in one_line_error(capsys)
     assert list(tmp_path.iterdir()) == [path] and path.read_text() == "the old one"

@@ -3,11 +3,10 @@
 import dataclasses
 from typing import Literal, NamedTuple
 
-import pytest
 from cyclopts import App
 
 from fuzzyarm.cli.application import command_line
-from fuzzyarm.cli.options import chosen, given, option_name, with_fields_of
+from fuzzyarm.cli.options import chosen, given, with_fields_of
 
 
 class Axis(NamedTuple):
@@ -74,12 +73,6 @@ def help_of_options():
     return {a.name: a.parameter for a in App(default_command=Options).assemble_argument_collection()}
 
 
-def test_an_option_for_each_field_then_those_of_the_command():
-    names = [field.name for field in dataclasses.fields(Options)]
-    assert names == ["policies", "smooth", "count", "axes", "kind", "out"]
-    assert Options.__doc__ == "Do it." and Options.__module__ == __name__
-
-
 def test_help_default_and_placeholder_come_from_the_field():
     parameters = help_of_options()
     assert parameters["--policies"].help == "Names of policies, in two lines"
@@ -101,17 +94,5 @@ def test_what_is_not_given_stays_as_it_was():
     assert options.out == "here"
 
 
-def test_values_are_checked_by_the_configuration():
-    with pytest.raises(ValueError, match="count = 0"):
-        chosen(parsed("--count", "0"), Settings())
-
-
 def test_a_list_may_be_emptied_where_it_is_not_empty_by_default():
     assert chosen(parsed("--policy"), Settings()).policies == ()
-
-
-@pytest.mark.parametrize(
-    ("field", "option"), [("policies", "policy"), ("cases", "case"), ("max_grad_norm", "max-grad-norm")]
-)
-def test_names_of_options(field, option):
-    assert option_name(field) == option

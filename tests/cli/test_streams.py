@@ -13,7 +13,7 @@ from support.shipped import CONTROLLERS
 
 from fuzzyarm.cli import main
 from fuzzyarm.cli.application import GROUPS
-from fuzzyarm.common.console import SPELLED_OUT, escaped, output, say
+from fuzzyarm.common.console import escaped, output, say
 
 CONTROLLER = str(CONTROLLERS["paper-1-common"])
 NAMES = [name for commands in GROUPS.values() for name in commands]
@@ -115,18 +115,6 @@ def test_a_locale_without_our_letters_is_no_obstacle(folder, words):
     code, out, err = shell(folder, words, LC_ALL="C", PYTHONIOENCODING="ascii", PYTHONUTF8="0", COLUMNS="80")
     assert code == 0, err
     assert out and out.isascii() and err.isascii()
-
-
-def test_micro_is_spelled_out():
-    assert "predict [µs], 3 × 2 m²".encode("ascii", SPELLED_OUT) == b"predict [us], 3 x 2 m^2"
-    assert "γ \udcff".encode("latin-1", SPELLED_OUT) == rb"\u03b3 \udcff"
-
-
-@pytest.mark.slow  # the help loads no Matplotlib, see test_help.py
-@pytest.mark.parametrize("words", [HELP[0], RUNS["evaluate"]])
-def test_the_drawing_back_end_of_the_user_is_not_asked(folder, words):
-    code, _, err = shell(folder, words, MPLBACKEND="nope")
-    assert code == 0, err
 
 
 HOSTILE = "\x1b[31mred\x1b[0m\x07\x9b2J\u202e.json"

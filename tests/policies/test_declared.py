@@ -12,7 +12,6 @@ from fuzzyarm.envs.physics.parameters import ArmParameters
 from fuzzyarm.envs.physics.robot import robot_named
 from fuzzyarm.eval.declarations import print_declared, read_declarations, written_declarations
 from fuzzyarm.eval.evaluation.result_table import DECLARED, declared_rows
-from fuzzyarm.eval.report.summary import declared_table
 from fuzzyarm.fuzzy_policy.controller import Controller
 from fuzzyarm.fuzzy_policy.laws.learned.bundle import PolicyBundle
 from fuzzyarm.policies import NAMES, load_policy, resolve
@@ -31,12 +30,6 @@ def test_policies_of_the_package_declare_all(name):
     assert "preview" in own.sees
 
 
-def test_a_tip_policy_knows_the_elastic_arm_and_its_law_does_not():
-    law, tip = declared("fuzzy-4"), declared("fuzzy-4-tip")
-    assert "elastic" in tip.knows and "elastic" not in law.knows
-    assert tip.tuned_on == law.tuned_on
-
-
 @pytest.mark.parametrize("name", ["computed-torque-tip", "elastic-observer", "adaptive-observer"])
 def test_on_another_arm_a_named_law_says_on_which_arm_its_numbers_were_chosen(name):
     of_table, lighter = declared(name), ArmParameters(mass=(12.0, 8.0))
@@ -45,14 +38,6 @@ def test_on_another_arm_a_named_law_says_on_which_arm_its_numbers_were_chosen(na
     own = declared(name, arm=robot_named("ur5"))
     assert "ur5" in own.tuned_on and own[2:] == of_table[2:]
     assert own.objective.split(", ")[0] in ("bandwidth of Table 1", "weights of Table 1")
-
-
-def test_a_file_says_itself_for_which_arm_it_is():
-    assert declared(str(CONTROLLER), arm=robot_named("ur5")) == declared(str(CONTROLLER))
-
-
-def test_what_adaptive_observer_was_tuned_on_names_the_circle():
-    assert "paper's circle without load" in declared("adaptive-observer").tuned_on
 
 
 @pytest.mark.parametrize("name", ["fuzzy-4-tip", "fuzzy-4", "adaptive-observer", "elastic-observer"])
@@ -140,13 +125,6 @@ def test_a_wrong_declaration_is_refused_by_its_field(given, message):
     assert message in str(refused.value) and "\n" not in str(refused.value)
 
 
-def test_mappings_and_objects_state_the_same():
-    class Own:
-        objective, tuned_on, knows, sees, remembers, more = *OWN.values(), "m"
-
-    assert stated(OWN) == stated(Own) == Declared(*OWN.values())
-
-
 def test_files_hold_declarations_and_older_ones_have_those_of_known_names():
     found = {"fuzzy-4": declared("fuzzy-4"), "mine": stated(OWN), "silent": None}
     names = ("fuzzy-4", "mine.json", "silent")
@@ -155,20 +133,6 @@ def test_files_hold_declarations_and_older_ones_have_those_of_known_names():
     assert read_declarations(None, names) == {"fuzzy-4": declared("fuzzy-4"), "mine": None, "silent": None}
     with pytest.raises(ValueError, match="not of the policies"):
         read_declarations({"fuzzy-4": None}, names)
-
-
-def test_rows_stand_in_order_with_the_certificate():
-    found = {"ppo-robust": declared("ppo-robust"), "mine": None}
-    rows = declared_rows(found, {"ppo-robust": None, "mine": "proven"})
-    assert [row[0] for row in rows] == ["ppo-robust", "mine"]
-    assert [row[-1] for row in rows] == ["nothing", "decay and L2 gain in the box"]
-    assert rows[0][1:-1] == declared("ppo-robust") and set(rows[1][1:-1]) == {"not declared"}
-
-
-def test_the_reports_table_has_a_row_for_each_policy():
-    drawn = declared_table({"fuzzy-4": declared("fuzzy-4"), "<b>": None}, {"fuzzy-4": "proven", "<b>": None})
-    assert drawn.count("<tr>") == 3 and "&lt;b&gt;" in drawn and "<b>" not in drawn
-    assert all(heading in drawn for heading in HEADINGS)
 
 
 def test_on_a_terminal_each_field_is_a_line_of_its_own(monkeypatch, capsys):

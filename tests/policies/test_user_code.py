@@ -13,7 +13,7 @@ from fuzzyarm.eval.episodes.beliefs import Believing
 from fuzzyarm.eval.evaluation.run import EvaluationConfig, evaluate
 from fuzzyarm.eval.stability.linearisation import spectral_radius
 from fuzzyarm.eval.stability.margins import MarginsConfig, measure_margins
-from fuzzyarm.policies import Kind, resolve
+from fuzzyarm.policies import resolve
 
 ROOT = Path(__file__).parent.parent.parent
 ARM = ArmParameters()
@@ -148,23 +148,6 @@ def test_load_policy_runs_no_code(module, tmp_path):
     assert (tmp_path / "ran").exists()
 
 
-@pytest.mark.parametrize("name", ["a:b", "a.b:c", "a.b:c.d"])
-def test_names_that_are_code(name):
-    assert resolve(name).kind is Kind.CODE
-
-
-@pytest.mark.parametrize("name", ["a", "a.b", "a:", ":b", "a:b:c", "a-b:c", "a:b.json-tip", "../a:b", "C:\\a", ".a:b"])
-def test_names_that_are_none(name):
-    assert resolve(name).kind is not Kind.CODE
-
-
-@pytest.mark.skipif(sys.platform == "win32", reason="no colon in file names")
-def test_a_folder_of_that_name_is_meant_first(tmp_path, monkeypatch):
-    monkeypatch.chdir(tmp_path)
-    (tmp_path / "a:b").mkdir()
-    assert resolve("a:b").kind is Kind.LEARNED
-
-
 @pytest.mark.usefixtures("few_postures")
 def test_margins_take_a_law_that_acts_on_batches(module):
     policy = loaded(f"{module(TORQUE)}:factory")
@@ -195,14 +178,6 @@ def test_margins_name_a_law_that_does_not(module):
     row = measure_margins(MarginsConfig((name,)))["rows"][0]
     assert set(row["spectral_radius"].values()) == {None}
     assert f"{name}: predict returned an action of shape (2,)" in row["reasons"]["nominal"]
-
-
-@pytest.mark.usefixtures("few_postures")
-def test_margins_heed_the_time_an_action_is_held(module):
-    source = TORQUE.replace("return", "law =") + "    law.action_period = 4e-3\n    return law\n"
-    assert loaded(f"{module(source)}:factory").action_period == 4e-3
-    row = measure_margins(MarginsConfig((f"{module(source)}:factory",)))["rows"][0]
-    assert row["control_period"] == 4e-3
 
 
 LEARNING = """
@@ -258,13 +233,6 @@ class Law:
                 torques.append(torque)
             state = repeated.begin_pass(state)
     np.testing.assert_array_equal(torques[:10], torques[10:])
-
-
-def test_code_that_learns_and_believes_nothing_says_so(module):
-    policy = loaded(f"{module(PREDICT.format('return np.zeros(2), None'))}:Law")
-    assert policy.repeated() is None and policy.beliefs is None and policy.declared is None
-    silent = LEARNING.replace("return self\n", "return None\n")
-    assert loaded(f"{module(silent, 'my_silent')}:Law").repeated() is None
 
 
 @pytest.mark.parametrize(

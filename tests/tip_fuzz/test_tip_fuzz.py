@@ -10,9 +10,9 @@ import sys
 import numpy as np
 import pytest
 
+from fuzzyarm.policies import tip_bound as bound_module
 from fuzzyarm.policies.tip_bound import TipClaim
 from fuzzyarm.policies.tip_files import check_bound
-from fuzzyarm.policies import tip_bound as bound_module
 from fuzzyarm.proof.tip.friction import Friction
 from fuzzyarm.proof.tip.plant import BallPlant, PlantSet
 

@@ -60,10 +60,6 @@ def test_every_estimate_is_kept_with_its_deviation_by_name():
     assert all(name.startswith("force_") for name in kept) and len(kept) == 4
 
 
-def test_a_policy_without_beliefs_has_none(runs):
-    assert runs[1].beliefs.size == 0 and runs[1].belief_names == () and runs[1].believed == {}
-
-
 def test_beliefs_come_back_from_the_file_and_are_checked(runs, tmp_path):
     noted = dataclasses.replace(runs[0], note="its filter diverged, or its torques swung, at 0.002 s")
     path = write_rollouts([noted, runs[1]], tmp_path)
@@ -115,18 +111,6 @@ def test_the_page_shows_what_is_believed_beside_the_truth(runs):
     assert "<svg" not in drawn  # no force is believed
 
 
-@pytest.mark.parametrize("spread", [1.0, 30.0])
-def test_the_band_fits_into_the_chart_but_for_its_peaks(runs, spread):
-    """Estimate 10 N with 1 or 30 N, in one sample in fifty 1 kN: the axis ends at the band, not at the peak."""
-    samples = len(runs[0].time)
-    numbers = np.column_stack([np.full(samples, 10.0), np.full(samples, spread)])
-    numbers[::50, 1] = 1000.0
-    names = "force_x", "force_x_deviation"
-    quiet = np.zeros_like(runs[0].external_force)
-    drawn = belief_figures([dataclasses.replace(runs[0], external_force=quiet, beliefs=numbers, belief_names=names)])
-    assert f">{10.0 + spread:.0f} N<" in drawn
-
-
 class Diverging:
     """A policy at rest whose filter diverges at the sixth sample; before that an estimate stands at its end twice."""
 
@@ -168,7 +152,3 @@ def test_a_filter_that_has_diverged_believes_nothing():
     assert "offset_1" not in run.believed
     np.testing.assert_array_equal(run.believed["payload"][:7], [0.0, 1.0, 2.0, 3.0, 4.0, np.nan, np.nan])
     np.testing.assert_array_equal(run.believed["payload_deviation"][:4], [1.0, 1.0, np.nan, 1.0])
-
-
-def test_estimates_within_their_range_are_not_named(runs):
-    assert all(run.note == "" for run in runs)

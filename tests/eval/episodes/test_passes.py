@@ -8,7 +8,6 @@ from fuzzyarm.eval.episodes.rollout import record_passes
 from fuzzyarm.eval.evaluation.recheck import recheck_results
 from fuzzyarm.eval.evaluation.results_file import read_results
 from fuzzyarm.eval.evaluation.run import EvaluationConfig, evaluate, write_results
-from fuzzyarm.policies import load_policy
 
 
 class Counting:
@@ -36,12 +35,6 @@ def test_each_pass_begins_with_what_begin_pass_returned(short):
     assert policy.looked_back == 2  # nothing is learned from the last one
 
 
-def test_a_policy_that_learns_nothing_repeats_itself(short):
-    policy = load_policy("computed-torque")
-    first, second = record_passes(FuzzyArmEnv(), policy, 2, policy_name="x", case="nominal", seed=0)
-    np.testing.assert_array_equal(first.tip_error, second.tip_error)
-
-
 def test_rows_hold_the_errors_of_every_pass_and_the_file_is_read_back(tmp_path, short):
     config = EvaluationConfig(policies=("fuzzy-4-tip",), cases=("machining",), passes=2)
     done = evaluate(config)
@@ -51,8 +44,3 @@ def test_rows_hold_the_errors_of_every_pass_and_the_file_is_read_back(tmp_path, 
     assert config.command() == "fuzzyarm evaluate --policy fuzzy-4-tip --case machining --passes 2"
     write_results(done, tmp_path)
     assert not recheck_results(read_results(tmp_path)).differences
-
-
-def test_passes_are_checked():
-    with pytest.raises(ValueError, match="passes"):
-        EvaluationConfig(passes=0)

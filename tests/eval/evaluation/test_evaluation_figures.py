@@ -1,17 +1,11 @@
 """The figures: what is in them, and the files they become."""
 
 import dataclasses
-import os
-import pickle
-import subprocess
-import sys
-import xml.etree.ElementTree as ElementTree
 
 import matplotlib
 import numpy as np
 import pytest
 from PIL import Image
-from slow_twins import slow_but
 
 from fuzzyarm.eval.episodes.rollout import Rollout
 from fuzzyarm.eval.evaluation.figures import FOCUS, draw_figures, time_figures, write_figures
@@ -104,20 +98,8 @@ def test_every_figure_is_written_in_both_formats(written):
     assert {path.name for path in paths} == {f"{name}.{kind}" for name in names for kind in ("png", "svg")}
     assert set(folder.iterdir()) == set(paths)
     assert len(calls) == len(names)
-
-
-@pytest.mark.slow
-def test_files_are_pictures(written):
-    for path in written[0]:
-        if path.suffix == ".svg":
-            assert ElementTree.parse(path).getroot().tag == "{http://www.w3.org/2000/svg}svg"
-            continue
-        with Image.open(path) as picture:
-            picture.load()
-            assert picture.format == "PNG"
-            assert picture.width >= 800
-            assert picture.info["dpi"] == pytest.approx((150, 150), abs=0.1)
-            assert min(picture.convert("L").getextrema()) < 128
+    with Image.open(folder / "overview.png") as picture:
+        assert picture.width >= 800 and picture.info["dpi"] == pytest.approx((150, 150), abs=0.1)
 
 
 @pytest.mark.slow
@@ -147,21 +129,16 @@ def test_axes_have_labels_with_units_and_legends_name_every_policy(curve):
         assert "ended early" not in legend(figure)
 
 
-def test_the_path_is_drawn_with_x_down_and_magnified_deviations(keep):
+@pytest.mark.parametrize(("error", "magnified"), [(1e-3, 20), (30e-3, 2)])
+def test_the_path_is_drawn_with_x_down_and_magnified_deviations(keep, error, magnified):
     keep()
-    axes = draw_figures([episode(error=1e-3)])["nominal-path"].axes[0]
-    assert axes.get_title("left").endswith("× 20")
-    assert axes.get_aspect() == 1.0
+    axes = draw_figures([episode(error=error)])["nominal-path"].axes[0]
+    assert axes.get_title("left").endswith(f"× {magnified}") and axes.get_aspect() == 1.0
     bottom, top = axes.get_ylim()
     assert bottom > top
     reference, drawn = episode().tip_reference, curves(axes, 60)[0].get_xydata()
-    np.testing.assert_allclose(drawn[:, ::-1], reference + 20 * (episode().tip - reference), atol=1e-12)
-
-
-def test_the_magnification_falls_for_large_deviations(keep):
-    keep()
-    axes = draw_figures([episode(error=30e-3)])["nominal-path"].axes[0]
-    assert axes.get_title("left").endswith("× 2")
+    expected = reference + magnified * (episode(error=error).tip - reference)
+    np.testing.assert_allclose(drawn[:, ::-1], expected, atol=1e-12)
 
 
 def test_circularity_is_that_of_the_tip_and_below_it_that_of_the_motors_on_the_same_scale(keep):
@@ -224,10 +201,9 @@ def test_a_policy_far_off_does_not_flatten_the_others(completed, keep):
     assert not figures["nominal-torque"].axes[0].texts
 
 
-@pytest.mark.parametrize("samples", slow_but([1], [1, 2, 30]))
-def test_one_policy_that_never_finishes(samples, keep):
+def test_one_policy_that_never_finishes(keep):
     keep("velocity")
-    figures = draw_figures([episode("sac", samples=samples, completed=False)])
+    figures = draw_figures([episode("sac", samples=1, completed=False)])
     for name in ("nominal-path", "nominal-velocity", "overview"):
         figures[name].draw_without_rendering()
         assert figures[name].axes[0].lines
@@ -244,16 +220,6 @@ def test_many_policies_look_different_and_the_same_in_every_case(keep):
     assert curves(figures["payload-torque"].axes[0], 60)[0].get_color() == looks[7][0]
 
 
-def test_the_legend_fits_below_the_axes(keep):
-    keep("velocity")
-    figure = draw_figures([episode(f"a policy with a long name {k}") for k in range(8)])["nominal-velocity"]
-    figure.draw_without_rendering()
-    box = figure.legends[0].get_window_extent()
-    assert box.x0 >= 0.0
-    assert box.x1 <= figure.bbox.width
-    assert box.y1 <= min(axes.get_tightbbox().y0 for axes in figure.axes)
-
-
 def test_of_several_seeds_the_first_is_drawn(keep):
     keep("circularity")
     figure = draw_figures([episode(seed=0, error=1e-3), episode(seed=1, error=2e-3)])["nominal-circularity"]
@@ -261,41 +227,10 @@ def test_of_several_seeds_the_first_is_drawn(keep):
     np.testing.assert_allclose(line.get_ydata(), 1e3 * episode(error=1e-3).circularity_error)
 
 
-def test_no_rollouts_is_an_error(tmp_path):
-    with pytest.raises(ValueError, match="rollouts is empty; give at least one"):
-        write_figures([], tmp_path)
-
-
 def test_a_missing_folder_is_an_error_and_stays_missing(tmp_path, keep):
     keep()
     with pytest.raises(FileNotFoundError):
         write_figures(TWO, tmp_path / "missing")
     assert not list(tmp_path.iterdir())
-
-
-def test_a_failed_write_leaves_nothing_behind(tmp_path, monkeypatch, keep):
-    keep()
-    old = tmp_path / "nominal-path.png"
-    old.write_bytes(b"old")
-
-    def fail(*_):
-        raise OSError("disk full")
-
-    monkeypatch.setattr(os, "replace", fail)
-    with pytest.raises(OSError, match="disk full"):
-        write_figures(TWO, tmp_path)
-    assert list(tmp_path.iterdir()) == [old]
-    assert old.read_bytes() == b"old"
-
-
-@pytest.mark.slow
-def test_pyplot_is_not_imported(tmp_path):
-    code = (
-        "import pathlib, pickle, sys; from fuzzyarm.eval.evaluation.figures import write_figures; "
-        "write_figures(pickle.load(sys.stdin.buffer), pathlib.Path(sys.argv[1])); "
-        "sys.exit('matplotlib.pyplot' in sys.modules)"
-    )
-    command = [sys.executable, "-W", "error", "-c", code, str(tmp_path)]
-    result = subprocess.run(command, input=pickle.dumps([episode()]), capture_output=True, check=False)
-    assert result.returncode == 0, result.stderr.decode()
-    assert (tmp_path / "overview.png").exists()
+    with pytest.raises(ValueError, match="rollouts is empty; give at least one"):
+        write_figures([], tmp_path)

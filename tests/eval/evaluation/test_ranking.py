@@ -5,6 +5,7 @@ import json
 
 import numpy as np
 import pytest
+from support.command_line import one_line_error
 
 from fuzzyarm.cli import main
 from fuzzyarm.envs.physics.parameters import ArmParameters
@@ -71,14 +72,6 @@ def ranked(*paths):
     return [(rank, standing.policy) for rank, standing in zip(board.ranks, board.standings, strict=True)]
 
 
-def one_line_error(capsys):
-    out, err = capsys.readouterr()
-    assert out == ""
-    assert err.count("\n") == 1
-    assert "Traceback" not in err
-    return err
-
-
 def test_the_score_is_the_largest_error_of_all_cases(write):
     """However small an error is without load, it makes up for nothing under load."""
     board = rank_policies([write("a", document({"a": [[1e-6], [8.0], [7.0]], "b": [[1.0], [5.0], [6.0]]}))])
@@ -134,12 +127,8 @@ def test_who_lost_the_path_ranks_last_by_how_often(write):
 FINE = {"a": [[1.0], [2.0], [3.0]]}
 OTHERS = {
     "version": (document(FINE, version="0.2.0"), "version of fuzzyarm is 0.1.0 in the first and 0.2.0 in the second"),
-    "cases": (document({"a": [[1.0]]}, cases=("nominal",)), "cases is nominal, machining, payload in the first and no"),
     "seeds": (document({"a": [[1.0, 2.0]] * 3}), "number of seeds is 1 in the first and 2 in the second"),
-    "noise": (document(FINE, encoder_noise=[0.0, 0.0]), "encoder noise is (1e-05, 0.001) in the first and (0.0, 0.0)"),
-    "period": (document(FINE, control_period=2e-3), "control period is 0.001 in the first and 0.002"),
     "arm": (document(FINE, parameters={"mass": [12.0, 9.0]}), "mass of the arm is [15.0, 9.0] in the first and [12.0"),
-    "passes": (document(FINE, passes=2), "passes is 1 in the first and 2 in the second"),
 }
 OTHER_FIELDS = {
     "cases": ("nominal",),
@@ -170,13 +159,6 @@ def test_every_field_of_an_evaluation_is_a_condition_or_exempt():
     assert conditions_of(other) != conditions_of(dataclasses.replace(noisy, points=OTHER_FIELDS["points"]))
 
 
-def test_what_is_not_the_default_is_said():
-    config = EvaluationConfig(path="square", force=(100.0, 200.0), payload=3.0, passes=2)
-    usual, said = conditions_in_words(EvaluationConfig()), conditions_in_words(config)
-    assert usual == "control period 1 ms, 1 seed, no noise"
-    assert said == f"{usual}, path square, force 100 to 200 N, payload 3 kg, the last of 2 passes"
-
-
 @pytest.mark.parametrize(("other", "expected"), OTHERS.values(), ids=OTHERS)
 def test_unlike_results_are_refused_with_the_difference(write, capsys, other, expected):
     paths = [write("one", document(FINE)), write("two", document({"b": FINE["a"]})), write("three", other)]
@@ -186,23 +168,23 @@ def test_unlike_results_are_refused_with_the_difference(write, capsys, other, ex
     assert str(paths[0]) in error and str(paths[2]) in error
 
 
+@pytest.mark.parametrize("wrong", [{}, {"a": {"objective": "o"}}, {"a": 3}])
+def test_what_cannot_be_ranked_is_one_line(write, tmp_path, capsys, wrong):
+    damaged, path = write("damaged", document(FINE) | {"declared": wrong}), write("a", document(FINE))
+    for words, message in (
+        ([damaged], "declared"),
+        ([path, path.parent], "is given twice"),
+        ([tmp_path], f"{tmp_path / 'results.json'} is not there"),
+    ):
+        assert main(["leaderboard", *map(str, words)]) == 2
+        assert message in one_line_error(capsys)
+
+
 def test_the_order_of_the_cases_is_no_difference(write):
     turned = document({"b": [[30.0], [2.0], [1.0]]}, cases=CASES[::-1])
     standings = rank_policies([write("a", document(FINE)), write("b", turned)]).standings
     assert [list(standing.rms) for standing in standings] == [list(CASES)] * 2
     assert standings[1].rms["payload"] == 30.0
-
-
-def test_a_file_given_twice_is_refused(write, capsys):
-    path = write("a", document(FINE))
-    assert main(["leaderboard", str(path), str(path.parent)]) == 2
-    assert "is given twice" in one_line_error(capsys)
-
-
-def test_an_empty_folder_is_one_line(tmp_path, capsys):
-    assert main(["leaderboard", str(tmp_path)]) == 2
-    assert f"{tmp_path / 'results.json'} is not there" in one_line_error(capsys)
-    assert list(tmp_path.iterdir()) == []
 
 
 def test_the_table_of_real_results(tmp_path, capsys, short):
@@ -272,10 +254,3 @@ def test_an_older_file_declares_by_known_names_and_policies_of_one_name_are_told
     lines = capsys.readouterr().out.splitlines()[-2:]
     assert lines[0].startswith(f"| fuzzy-4 ({old}) | {declared('fuzzy-4').objective} |")
     assert lines[1].startswith(f"| fuzzy-4 ({new}) | other words |")
-
-
-@pytest.mark.parametrize("wrong", [{}, {"a": {"objective": "o"}}, {"a": 3}])
-def test_a_damaged_declaration_is_one_line(write, capsys, wrong):
-    path = write("a", document(FINE) | {"declared": wrong})
-    assert main(["leaderboard", str(path)]) == 2
-    assert "declared" in one_line_error(capsys)

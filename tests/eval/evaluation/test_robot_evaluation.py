@@ -11,7 +11,6 @@ from fuzzyarm.eval.episodes.rollout_file import read_rollouts, write_rollouts
 from fuzzyarm.eval.evaluation import run
 from fuzzyarm.eval.evaluation.figures import draw_figures
 from fuzzyarm.eval.evaluation.result_table import table_rows
-from fuzzyarm.eval.evaluation.results_file import read_evaluation
 from fuzzyarm.eval.evaluation.run import EvaluationConfig, evaluate, write_results
 
 ROBOT = robot_named("planar-3r")
@@ -73,13 +72,6 @@ def test_results_and_rollouts_come_back_from_their_files(evaluation, tmp_path):
     first = read_rollouts(write_rollouts(evaluation.rollouts, tmp_path))[0]
     assert first.torque.shape == (len(first.time), 3) and first.tip.shape == (len(first.time), 3)
     assert np.array_equal(first.q_link, evaluation.rollouts[0].q_link)
-
-
-def test_a_report_reads_it(evaluation, tmp_path):
-    write_results(evaluation, tmp_path)
-    write_rollouts(evaluation.rollouts, tmp_path)
-    stored = read_evaluation(tmp_path)
-    assert stored.config == evaluation.config and stored.rows == evaluation.rows
 
 
 def test_there_is_a_panel_for_every_joint(evaluation):

@@ -2,10 +2,8 @@
 
 import numpy as np
 import pytest
-from matplotlib.colors import to_hex
-from PIL import Image
 
-from fuzzyarm.eval.paper.figures import BANDS, BY_RULES, COLUMN_TITLES, draw_figures, write_figures
+from fuzzyarm.eval.paper.figures import COLUMN_TITLES, draw_figures
 
 pytestmark = pytest.mark.slow
 
@@ -98,24 +96,3 @@ def test_paths_are_to_scale_and_the_inset_holds_the_worst_place(figures, evidenc
         x, y = run.tip[np.argmax(np.abs(run.circularity_error))]
         assert inset.get_xlim()[0] < x < inset.get_xlim()[1] and inset.get_ylim()[0] < y < inset.get_ylim()[1]
     np.testing.assert_array_equal(curves(printed)["solid"], evidence.rollouts["printed-4", "nominal"].tip)
-
-
-def test_curves_and_bands_are_told_apart_without_colour():
-    strokes = [look["linestyle"] for look in BY_RULES.values()]
-    assert len({str(stroke) for stroke in strokes}) == 2
-    assert [to_hex(band) for band in BANDS] == [band.lower() for band in BANDS]
-    assert all(len(set(band[1:3] + band[3:5] + band[5:7])) <= 2 for band in BANDS)  # grey
-
-
-@pytest.mark.slow
-def test_files(evidence, tmp_path):
-    drawn = []
-    paths = write_figures(evidence, tmp_path, lambda: drawn.append(None))
-    assert [path.name for path in paths] == [f"figure-{number:02}.png" for number in range(2, 11)]
-    assert len(drawn) == len(paths)
-    for path in paths:
-        with Image.open(path) as image:
-            pixels = np.asarray(image.convert("L"))
-        border = np.concatenate([pixels[0], pixels[-1], pixels[:, 0], pixels[:, -1]])
-        assert border.min() == 255  # nothing is cut off
-        assert len(np.unique(pixels)) > 20

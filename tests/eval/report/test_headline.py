@@ -3,7 +3,6 @@
 import re
 
 import pytest
-from support.altered_evaluations import NASTY
 
 from fuzzyarm.envs.scenario.cases import CASES
 from fuzzyarm.eval.evaluation.ranking import Standing, rank_policies, standings_of
@@ -82,10 +81,6 @@ def test_scores_that_the_seeds_do_not_tell_apart_are_told(low, told):
     a = standing("a", score=Estimate(2.0, 1.8, 2.2), nominal=2.0)
     b = standing("b", score=Estimate(2.4, low, 2.7), nominal=2.4)
     assert ("the 95 % interval of the score of a overlaps that of b." in words(a, b)) is told
-
-
-def test_names_are_escaped():
-    assert "<img" not in headline([standing(NASTY, nominal=1.0), standing("b", nominal=2.0)], TITLES)
 
 
 @pytest.mark.slow

@@ -48,12 +48,6 @@ def test_it_is_what_the_benchmark_finds_and_within_the_certificate(controller):
     assert_within_the_certificate(controller, seen)
 
 
-def test_the_bounds_are_those_of_the_controller(controller):
-    assert (CLAIMED["alpha"], CLAIMED["gamma"], CLAIMED["form"]) == (controller.alpha, controller.gamma, "consistent")
-    assert certificate_of(load_policy("fuzzy-4-tip"), JointReference()).bounds == CLAIMED
-    assert certificate_of(load_policy("computed-torque"), JointReference()) is None
-
-
 @pytest.fixture
 def quick(monkeypatch):
     """Count the calls of `observe`, which returns at once."""
@@ -82,8 +76,3 @@ def test_a_changed_or_lost_file_is_told_and_not_observed(quick, controller, tmp_
     controller.save(path)
     assert observe_policies(config, {"mine": CLAIMED}) == {"mine": "seen"}
     assert len(quick) == 1
-
-
-def test_bounds_of_the_papers_form_are_of_other_quantities(quick):
-    text = observe_policies(EvaluationConfig(policies=("x",)), {"x": CLAIMED | {"form": "paper"}})["x"]
-    assert "of other quantities" in text and not quick

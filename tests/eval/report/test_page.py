@@ -12,14 +12,12 @@ import numpy as np
 import pytest
 from support.altered_evaluations import NASTY, wild, with_runs
 
-from fuzzyarm.envs.physics.parameters import ArmParameters
 from fuzzyarm.eval.evaluation.result_table import table_rows
 from fuzzyarm.eval.evaluation.results_file import read_evaluation
-from fuzzyarm.eval.evaluation.run import EvaluationConfig
 from fuzzyarm.eval.report.certificates import Observed
-from fuzzyarm.eval.report.page import command, render_page
-from fuzzyarm.eval.report.payload import _shown, _within, replay_data
-from fuzzyarm.eval.report.summary import Axis, Bound, Errors, best, digits, draw_chart, error_charts, metrics_table
+from fuzzyarm.eval.report.page import render_page
+from fuzzyarm.eval.report.payload import replay_data
+from fuzzyarm.eval.report.summary import Axis, Bound, Errors, best, draw_chart, error_charts, metrics_table
 from fuzzyarm.proof.statement import NOT_COVERED
 
 SEEN = {"fuzzy-4": Observed(20.5, 7e-5, "step"), "fuzzy-4-tip": "not observed: for a reason"}
@@ -111,16 +109,6 @@ def test_many_policies_are_thinned_to_fit_and_the_page_says_so(evaluation):
     np.testing.assert_allclose(numbers(last["torque"])[-2:], many[-1].torque[-1], rtol=1e-6)
 
 
-@pytest.mark.parametrize(("samples", "stride"), [(1, 1), (1, 7), (10, 3), (11, 3), (1500, 4)])
-def test_thinning_keeps_the_first_and_the_last_sample(samples, stride):
-    shown = _shown(samples, stride)
-    assert shown[0] == 0 and shown[-1] == samples - 1 and np.diff(shown).max(initial=0) <= stride
-    for shorter in range(1, samples, max(1, samples // 7)):
-        kept = _within(shown, shorter)
-        assert kept[-1] == shorter - 1 and np.all(np.diff(kept) >= 0)
-        assert np.array_equal(kept[:-1], shown[: len(kept) - 1])
-
-
 def test_the_table_has_the_cells_of_the_terminal(evaluation, text):
     for _, policy, cells in table_rows(evaluation.rows):
         row = re.search(rf'<th scope="row"><span class="swatch"></span>{policy}</th>(.*?)</tr>', text).group(1)
@@ -192,21 +180,8 @@ def test_below_a_micrometre_the_chart_gives_no_number_and_all_share_the_star(eva
     assert charts.count("★ </tspan>&lt; 0.001<") == 2 and ">0.00110<" in charts
 
 
-def test_digits():
-    assert [digits(v) for v in (0.000419, 1.0, 67.44, 526.0, 1040.2)] == ["0.000419", "1.00", "67.4", "526", "1040"]
-
-
 def test_errors_are_drawn_from_rms_to_maximum():
     axis = Axis("", 0.1, 100.0, log=True)
     svg = draw_chart(axis, [("a", Errors(1.0, 10.0, best=True)), (NASTY, Errors(2.0, 3.0, best=False))], "x < y")
     assert f'd="M{axis.x(1.0):.1f} 18.5H{axis.x(10.0):.1f}"' in svg
     assert svg.count("★") == 1 and "<img" not in svg and "x &lt; y" in svg
-
-
-def test_the_command_makes_the_same_evaluation():
-    assert command(EvaluationConfig()) == "fuzzyarm evaluate"
-    config = EvaluationConfig(policies=("a b.json",), cases=("nominal",), seeds=3, encoder_noise=(1e-5, 1e-3))
-    given = "fuzzyarm evaluate --policy 'a b.json' --case nominal --seeds 3 --encoder-noise 1e-05 0.001"
-    assert command(config) == given
-    other = dataclasses.replace(config, parameters=ArmParameters(gravity=1.62))
-    assert command(other) == f"{given} --robot FILE"

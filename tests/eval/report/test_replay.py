@@ -51,15 +51,6 @@ def shown(page):
     return result
 
 
-def test_it_loads_and_shows_every_policy_in_every_case(page):
-    assert page.run("document.querySelectorAll('#arms figure:not([hidden])').length") == 3
-    assert page.run("[...document.querySelectorAll('[role=tab]')].map((tab) => tab.textContent)") == [
-        "Case 1: nominal",
-        "Case 2: machining force",
-    ]
-    assert page.run(TIME) != "0.001 s"  # see test_screen.py for where it opens
-
-
 def test_playing_moves_the_arms_and_the_cursors_and_stops_at_the_end(page):
     before = page.run(PICTURES)
     page.run("document.getElementById('play').click()")
@@ -156,14 +147,6 @@ def test_tab_reaches_every_control_and_each_has_a_name(page):
     assert {role for role, _ in named} >= {"button", "slider", "combobox", "checkbox", "tab", "image"}
 
 
-def test_the_case_tabs_turn_with_arrow_keys(page):
-    page.run("document.querySelector('[role=tab]').focus()")
-    page.press("ArrowRight")
-    assert page.run("document.activeElement.textContent") == "Case 2: machining force"
-    assert page.run("document.activeElement.ariaSelected") == "true"
-    assert page.run(SAMPLE) == page.run("worstSample()")  # the arrow turned the tabs and did not move the time
-
-
 def test_policies_can_be_left_out(page):
     before = page.run(PICTURES)[-1]
     for policy, left in ((0, 2), (1, 1), (2, 0)):
@@ -173,13 +156,6 @@ def test_policies_can_be_left_out(page):
     page.press("ArrowRight")  # without policies nothing is drawn, and nothing fails
 
 
-def test_space_on_a_checkbox_ticks_it_and_plays_nothing(page):
-    page.run("document.querySelector('.chip input').focus()")
-    page.press(" ")
-    assert page.run("document.querySelectorAll('#arms figure:not([hidden])').length") == 2
-    assert page.run("state.playing") is False
-
-
 def test_a_click_in_a_plot_moves_the_time(page):
     page.run("document.querySelector('#plots canvas').scrollIntoView({ behavior: 'instant', block: 'center' })")
     box = page.run("document.querySelector('#plots canvas').getBoundingClientRect().toJSON()")
@@ -187,16 +163,6 @@ def test_a_click_in_a_plot_moves_the_time(page):
     width = box["width"] - plot["left"] - plot["right"]
     page.click(box["left"] + plot["left"] + width / 3.0, box["top"] + 0.5 * box["height"])
     assert page.run("state.clock") == pytest.approx(0.5, abs=0.01)
-
-
-def test_magnification_is_said_and_drawn(page):
-    before = page.run(PICTURES)
-    automatic = page.run("document.getElementById('magnified').textContent")
-    assert automatic == "× 25"  # 3.9 mm becomes a tenth of a metre
-    page.run("(() => { const m = document.getElementById('magnification'); m.value = '1';"
-             "m.dispatchEvent(new Event('change')); })()")  # fmt: skip
-    assert page.run("document.getElementById('magnified').textContent") == "to scale"
-    assert page.run(PICTURES)[0] != before[0]
 
 
 def brightness(page):
@@ -217,16 +183,6 @@ def test_dark_and_light(page, folder):
     assert brightness(page) < 40
 
 
-def test_reduced_motion_plays_in_steps(page):
-    page.prefer("light", motion="reduce")
-    count = (
-        "new Promise((resolve) => { const times = new Set(), begin = performance.now(); requestAnimationFrame("
-        f"function look(now) {{ times.add({TIME}); if (now - begin > 700) resolve(times.size);"
-        "else requestAnimationFrame(look); }); document.getElementById('play').click(); })"
-    )
-    assert 2 <= page.run(count) <= 4
-
-
 def test_nothing_can_be_fetched(chromium, folder):
     """The page's own policy refuses: the violation is reported by the browser."""
     chromium.open(folder / "report.html")
@@ -239,14 +195,6 @@ def test_nothing_can_be_fetched(chromium, folder):
                              "document.createElement('script'), { textContent: 'window.intruder = 1' }))")  # fmt: skip
     assert chromium.run(inline) == "script-src-elem"
     assert chromium.run("window.intruder") is None
-
-
-@pytest.mark.parametrize("width", [360, 1280])
-def test_no_sideways_scrolling(chromium, folder, nasty_folder, width):
-    for path in (folder / "report.html", nasty_folder / "report.html"):
-        chromium.open(path, width=width, height=740)
-        assert chromium.run("document.documentElement.scrollWidth") <= width
-        assert chromium.run("document.querySelector('#scrubber').clientWidth") >= 60
 
 
 def test_nasty_names_and_early_ends(chromium, nasty_folder):

@@ -1,8 +1,5 @@
 """The report of a robot: its chain and camera in the page are those of the package, and it is a page like any other."""
 
-import dataclasses
-import json
-
 import numpy as np
 import pytest
 from support.altered_evaluations import write
@@ -17,7 +14,6 @@ from fuzzyarm.eval.episodes.rollout import Rollout
 from fuzzyarm.eval.evaluation.results_file import read_evaluation
 from fuzzyarm.eval.evaluation.run import Evaluation, EvaluationConfig
 from fuzzyarm.eval.provenance import current_provenance
-from fuzzyarm.eval.report.page import command
 from fuzzyarm.eval.report.payload import replay_data
 
 ROBOT = robot_named("ur5")
@@ -97,13 +93,6 @@ def test_the_data_are_those_of_the_robot_and_its_loads(robot_folder):
     assert "2 kg payload" in text and "5 kg payload" not in text and f"digest {ROBOT.digest}" in text
 
 
-def test_the_command_names_the_robot_or_a_file():
-    config = EvaluationConfig(policies=POLICIES, robot=ROBOT)
-    assert "--robot ur5" in command(config)
-    mine = dataclasses.replace(config, robot=dataclasses.replace(ROBOT, name="mine"))
-    assert command(mine).endswith("--robot FILE") and "None" not in command(mine)
-
-
 def test_the_page_moves_the_robot_as_the_package_does(page):
     """Places of the joints, and where the camera sees them: scaled, (right, down) of `Camera` is [down, right] here."""
     camera = looking_at(ROBOT, default_reference(ROBOT).tip(np.linspace(0.0, 1.0, 500)).position)
@@ -138,16 +127,3 @@ def test_arms_and_a_row_of_charts_for_each_joint(page):
         for k in (0, 700, 1400):
             places = np.array(page.run(f"shape.points(jointsAt(state.scene.runs[0].link, {k})).map(arms[0].pixel)"))
             assert (places > 0.0).all() and (places < [box["width"], box["height"]]).all()
-
-
-def test_curves_are_those_of_the_joints(page, robot_folder):
-    run = read_evaluation(robot_folder).rollouts[0]
-    stride = json.loads(page.run("document.getElementById('data').textContent"))["stride"]
-    for joint in (0, 5):
-        found = page.run(f"plots[{2 + 2 * joint}].curve(0).values.slice(0, 50)")
-        np.testing.assert_allclose(found, run.torque[::stride, joint][:50], rtol=1e-6)
-
-
-def test_it_fits_a_phone(chromium, robot_folder):
-    chromium.open(robot_folder / "report.html", width=390, height=844)
-    assert chromium.run("document.documentElement.scrollWidth") <= 390

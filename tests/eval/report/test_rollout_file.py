@@ -1,7 +1,6 @@
 """Rollouts on disk: bit for bit, tied to their results, and nothing is executed."""
 
 import dataclasses
-import zipfile
 
 import numpy as np
 import pytest
@@ -60,15 +59,4 @@ def test_a_damaged_file_is_told(evaluation, tmp_path, damage):
     path = write_rollouts(evaluation.rollouts[:1], tmp_path)
     path.write_bytes(path.read_bytes()[:-200] if damage is None else damage)
     with pytest.raises(ValueError, match=r"rollouts\.npz is damaged"):
-        read_rollouts(path)
-
-
-def test_a_flipped_bit_is_told(evaluation, tmp_path):
-    path = write_rollouts(evaluation.rollouts[:1], tmp_path)
-    with zipfile.ZipFile(path) as archive:
-        start = archive.getinfo("0.torque.npy").header_offset + 200
-    content = bytearray(path.read_bytes())
-    content[start] ^= 1
-    path.write_bytes(content)
-    with pytest.raises(ValueError, match="is damaged"):
         read_rollouts(path)

@@ -7,7 +7,6 @@ import pytest
 from support.altered_evaluations import wild, with_runs, write
 
 from fuzzyarm.cli import main
-from fuzzyarm.eval.episodes.rollout_file import write_rollouts
 from fuzzyarm.eval.evaluation.results_file import read_evaluation
 
 KEPT = "a page made before"
@@ -57,11 +56,6 @@ def test_a_bad_place_for_the_page(folder, tmp_path, capsys, name):
     assert list(tmp_path.iterdir()) == []
 
 
-def test_an_interrupted_evaluation(copy, capsys):
-    (copy / "rollouts.npz").unlink()
-    assert "the evaluation was interrupted; run fuzzyarm evaluate --out" in refusal(copy, capsys)
-
-
 @pytest.mark.parametrize(
     "content", ["", "{", "[1]", "{}", "null", "[" * 100_000, '{"schema": "fuzzyarm-evaluation/2"}']
 )
@@ -69,28 +63,6 @@ def test_broken_or_foreign_results(copy, capsys, content):
     (copy / "results.json").write_text(content)
     message = refusal(copy, capsys)
     assert "results.json" in message and ("not a JSON document" in message or "'fuzzyarm-evaluation/1'" in message)
-
-
-def test_another_version(copy, stored, capsys):
-    change(copy, versions=stored["versions"] | {"fuzzyarm": "0.0.1"})
-    assert "was made by fuzzyarm 0.0.1, this is " in refusal(copy, capsys)
-
-
-def test_rollouts_of_another_evaluation(evaluation, copy, capsys):
-    write_rollouts(evaluation.rollouts[::-1], copy)
-    assert "rollouts.npz and results.json are of different evaluations" in refusal(copy, capsys)
-
-
-def test_truncated_rollouts(copy, capsys):
-    path = copy / "rollouts.npz"
-    path.write_bytes(path.read_bytes()[:10_000])
-    assert "rollouts.npz is damaged" in refusal(copy, capsys)
-
-
-def test_a_number_that_was_touched(copy, stored, capsys):
-    stored["results"][3]["tip_error_max_mm"] *= 0.5
-    change(copy, results=stored["results"])
-    assert "tip_error_max_mm of fuzzy-4 in case machining is " in refusal(copy, capsys)
 
 
 @pytest.mark.parametrize(
@@ -112,13 +84,6 @@ def test_a_number_that_was_touched(copy, stored, capsys):
 def test_damaged_fields(copy, capsys, key, value):
     change(copy, **{key: value})
     assert "fuzzyarm evaluate --out" in refusal(copy, capsys)
-
-
-@pytest.mark.parametrize("key", ["policies", "cases", "seeds", "encoder_noise", "control_period", "parameters"])
-def test_damaged_configuration(copy, stored, capsys, key):
-    for value in (None, [], "x", {"a": 1}, [3]):
-        change(copy, config=stored["config"] | {key: value})
-        refusal(copy, capsys)
 
 
 def test_episodes_that_were_not_asked_for(evaluation, tmp_path, capsys):

@@ -37,10 +37,6 @@ def test_the_simulated_tip_is_drawn_within_the_tube(evaluation, path):
     assert half.max() > 10.0 and np.hypot(*(drawn["tip"] - drawn["path"]).T).max() > 5.0
 
 
-def test_nothing_is_drawn_without_bounds(evaluation):
-    assert tube_section([], evaluation.rollouts) == ""
-
-
 def test_a_bound_that_is_not_proven_or_of_another_episode_is_refused(evaluation, path, tmp_path):
     (check,) = checked_bounds([path])
     other = dataclasses.replace(check, claim=dataclasses.replace(check.claim, path="lemniscate"))

@@ -150,12 +150,6 @@ def test_work_travels_with_what_was_added_by_name(pushed):
         assert _call(content, (), 3) == (3, 30.0)
 
 
-@pytest.mark.slow
-@pytest.mark.usefixtures("pushed")
-def test_processes_know_what_was_added_by_name():
-    assert dict(Engine(jobs=2).run(loads, range(3))) == dict.fromkeys(range(3), 30.0)
-
-
 def test_the_modules_that_work_refers_to_are_sent_to_a_cluster(tmp_path, monkeypatch):
     """Those of a policy and of a case alike, not what every machine has, nor what is run."""
     (tmp_path / "pushes").mkdir()

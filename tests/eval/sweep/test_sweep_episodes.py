@@ -18,7 +18,7 @@ from fuzzyarm.envs.scenario.randomisation import DomainRandomisation
 from fuzzyarm.envs.scenario.reference import JointReference
 from fuzzyarm.eval.sweep.config import Axis, SweepConfig
 from fuzzyarm.eval.sweep.distributions import DISTRIBUTIONS, NOISE, columns_of
-from fuzzyarm.eval.sweep.episodes import SweepResults, replay, run_plants, steps
+from fuzzyarm.eval.sweep.episodes import SweepResults, replay, run_plants
 from fuzzyarm.eval.sweep.plants import Plants
 from fuzzyarm.policies import load_policy
 
@@ -71,17 +71,6 @@ def test_the_numbers_are_those_of_single_environments(whole, where):
         assert whole.seconds[p, c, i] == pytest.approx(1e-3 * len(errors))
 
 
-def test_what_is_drawn_is_what_the_environment_draws_from_the_same_seed():
-    plants = Plants.draw(CONFIG, range(6))
-    env = FuzzyArmEnv(randomisation=DISTRIBUTIONS["all"])
-    for i in range(6):
-        drawn = env.reset(seed=40 + i)[1]["randomisation"]
-        for name, column in columns_of(2).items():
-            if column.joint is not None:
-                assert plants.values[name][i] == drawn[column.quantity][column.joint]
-        assert (plants.values["payload"][i], plants.values["force"][i]) == (drawn["payload"], drawn["force"])
-
-
 def test_noise_and_delay_cover_their_ranges_and_depend_on_nothing_else_drawn():
     plants = Plants.draw(SweepConfig(plants=3000, distribution="all"), range(3000))
     noise, delay = plants.values["noise"], plants.values["delay"]
@@ -101,12 +90,6 @@ def test_no_number_depends_on_the_chunk_it_was_computed_in(whole, size):
     joined = SweepResults.joined(parts).arrays
     for name, array in whole.arrays.items():
         assert np.array_equal(joined[name], array), name
-
-
-def test_no_number_depends_on_the_other_policies_and_cases(whole):
-    alone = SweepConfig(policies=("elastic-observer",), cases=("payload",), plants=6, distribution="all", seed=40)
-    found = run_plants(alone, {"elastic-observer": POLICIES["elastic-observer"]}, range(6))
-    assert np.array_equal(found.metrics["max_mm"][0, 0], whole.metrics["max_mm"][1, 2])
 
 
 def test_a_replay_is_the_episode_of_the_sweep_bit_for_bit(whole):
@@ -184,16 +167,6 @@ def test_a_grid_sets_what_the_environment_would_draw_from_a_range_of_one_point(g
         assert found[i] == (1e3 * errors.max() if exact else pytest.approx(1e3 * errors.max(), rel=1e-9))
 
 
-def test_a_lane_that_ended_does_not_disturb_its_neighbours():
-    plants = Plants.draw(SOFT, range(4))
-    seen = [step.running.copy() for step in steps(plants, plants.environment(["payload"]), WINDING)]
-    lengths = np.sum(seen, axis=0)
-    assert len(seen) == lengths.max() == 1500 and lengths.min() < 1500
-    alone = run_plants(SOFT, {"fuzzy-4": WINDING}, [0])
-    together = run_plants(SOFT, {"fuzzy-4": WINDING}, range(4))
-    assert np.array_equal(together.metrics["max_mm"][..., :1], alone.metrics["max_mm"])
-
-
 def test_plants_are_drawn_around_the_robot(short):
     """Each plant is the robot with the factors of its record, and starts where the robot does."""
     robot = ArmParameters(length=(0.45, 0.55), mass_center=(0.22, 0.27), stiffness=(5e4, 1e4))
@@ -213,21 +186,6 @@ def test_plants_are_drawn_around_the_robot(short):
         assert found.metrics["max_mm"][0, 0, i] == 1e3 * errors.max()
     run = replay(config, policies, 1, "computed-torque", "machining")
     assert 1e3 * run.tip_error.max() == found.metrics["max_mm"][0, 0, 1]
-
-
-def test_a_grid_scales_the_robot(short):
-    robot = ArmParameters(stiffness=(5e4, 1e4))
-    grid = Axis("stiffness", 0.8, 1.2, 2), Axis("mass", 0.9, 1.1, 2)
-    config = SweepConfig(
-        policies=("computed-torque",), cases=("nominal",), grid=grid, distribution="nominal", plants=1, parameters=robot
-    )
-    policies = {"computed-torque": load_policy("computed-torque", robot=robot)}
-    found = run_plants(config, policies, range(4)).metrics["max_mm"][0, 0]
-    for i, (stiffness, mass) in enumerate((a, b) for a in grid[0].values for b in grid[1].values):
-        drawn = DomainRandomisation(stiffness=(stiffness,) * 2, mass=(mass,) * 2)
-        env = FuzzyArmEnv(parameters=robot, randomisation=drawn)
-        errors, _ = tip_errors(env, policies["computed-torque"], 0, most=short)
-        assert found[i] == 1e3 * errors.max()
 
 
 def test_a_policy_that_fails_is_named():

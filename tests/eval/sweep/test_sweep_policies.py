@@ -2,10 +2,8 @@
 
 import json
 import os
-import shutil
 import subprocess
 import sys
-from importlib import resources
 
 import numpy as np
 import pytest
@@ -165,17 +163,6 @@ def test_code_that_changed_is_not_mixed_in(imported, tmp_path, capsys, short):
     assert "than there are now (policies: swept_twice.law:make: swept_twice/gains.py" in error
 
 
-@pytest.mark.slow
-def test_what_code_of_ones_own_does_wrong_is_one_line(imported, tmp_path, capsys):
-    (tmp_path / "swept_badly.py").write_text(
-        "class Bad:\n    def predict(self, observation, **_):\n        return [1.0], None\n"
-    )
-    assert main(["sweep", "--policy", "swept_badly:Bad", *QUICK, "--jobs", "2", "--out", "sweep"]) == 2
-    error = capsys.readouterr().err
-    assert error.count("\n") == 1 and "swept_badly:Bad: predict returned an action of shape (1,)" in error
-    assert not (tmp_path / "sweep" / "run.json").exists()
-
-
 @pytest.fixture(scope="module")
 def arm(tmp_path_factory):
     """Return a folder with an arm and a controller that was designed for it."""
@@ -221,15 +208,6 @@ def test_a_sweep_goes_on_only_with_the_same_arm(arm, tmp_path, capsys, short):
         "holds a sweep with other settings (parameters: mass [14.0, 8.0] and [13.0, 8.0], stiffness"
         in capsys.readouterr().err
     )
-
-
-def test_a_learned_policys_folder_is_the_policy_of_its_name(tmp_path, short):
-    shipped = resources.files("fuzzyarm.fuzzy_policy.laws.learned.policies") / "ppo-nominal"
-    with resources.as_file(shipped) as folder:
-        shutil.copytree(folder, tmp_path / "mine")
-    for policy, out in ((str(tmp_path / "mine"), "by-folder"), ("ppo-nominal", "by-name")):
-        assert main(["sweep", "--policy", policy, *ONE_CHUNK, "--out", str(tmp_path / out)]) == 0
-    assert_equal(episodes(tmp_path / "by-folder"), episodes(tmp_path / "by-name"))
 
 
 @pytest.mark.parametrize("policy", ["fuzzy-4", "ppo-nominal"])

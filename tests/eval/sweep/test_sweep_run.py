@@ -115,12 +115,6 @@ def test_ray_gives_the_same_numbers_and_one_of_its_workers_may_die(tmp_path, exp
     assert not found["left"]
 
 
-@pytest.mark.slow
-def test_another_chunk_size_gives_the_same_numbers(tmp_path, expected):
-    config = SweepConfig(**vars(CONFIG) | {"chunk": 24})
-    assert equal(swept(tmp_path, Engine(jobs=1), config=config), expected)
-
-
 def test_a_worker_with_other_versions_is_refused(tmp_path, monkeypatch):
     def newer(config, policies, needed, number):
         return run_chunk(config, policies, needed | {"numpy": "1.0"}, number)

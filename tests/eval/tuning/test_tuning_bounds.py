@@ -61,7 +61,3 @@ def test_of_a_robot_with_other_joints_the_page_says_that_nothing_is_proven_of_th
     said = "Of the tip nothing is proven"
     assert said in summary(chosen_arm("planar-3r", None), "my-arm", [], margins)
     assert said not in summary(SOFT, "my-arm", [], margins)
-
-
-def test_without_any_bound_nothing_is_said():
-    assert tip_bounds.bounds_in_words("fuzzy-4-tip", "my-arm", {"tip_bound_mm": None}) == ""

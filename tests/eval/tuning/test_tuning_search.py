@@ -9,11 +9,9 @@ import pytest
 from fuzzyarm.envs.physics.parameters import ArmParameters
 from fuzzyarm.envs.scenario.cases import case_for
 from fuzzyarm.eval.engine import Engine
-from fuzzyarm.eval.tuning import adaptive_search, observer_search
+from fuzzyarm.eval.tuning import observer_search
 from fuzzyarm.eval.tuning.finding import PERIODS, force_factor, heaviest, periods_of, radius_within
 from fuzzyarm.eval.tuning.search import WORTH, Budget, Descent, best_of, descend, found_weights, sobol_points
-from fuzzyarm.fuzzy_policy.laws.adaptive.belief import AdaptiveWeights
-from fuzzyarm.fuzzy_policy.laws.observer_gains import ObserverWeights
 
 MINIMUM = np.log([0.02, 3.0])
 BOX = [(1e-3, 1.0), (0.1, 100.0)]
@@ -59,11 +57,6 @@ def test_no_more_is_evaluated_than_the_budget_says():
     assert 5 < len(calls) <= budget.total
     descents = descend(bowl(0.0), MINIMUM + 1.0, 0.5, 10)
     assert descents.cost < 2.0
-
-
-def test_weights_and_logarithms_are_each_others_inverse():
-    assert observer_search.weights_of(observer_search.logarithms_of(ObserverWeights())) == ObserverWeights()
-    assert adaptive_search.weights_of(adaptive_search.logarithms_of(AdaptiveWeights())) == AdaptiveWeights()
 
 
 def test_table_1_is_tuned_under_the_papers_loads_and_another_arm_under_its_own():
