@@ -10,7 +10,6 @@ from types import SimpleNamespace
 
 import gymnasium as gym
 import pytest
-from PIL import Image
 from rich.console import Console
 from slow_twins import slow_but
 
@@ -98,19 +97,14 @@ def test_a_ratio_is_the_median_of_the_ratios_of_the_rounds():
             ModuleNotFoundError("No module", name="envpool"),
             'envpool is not installed: pip install -c constraints.txt -e ".[bench]" in the repository',
         ),
-        (ImportError("libGL.so is missing"), "libGL.so is missing"),
         (gym.error.DependencyNotInstalled("mujoco wanted"), "mujoco wanted"),
-        (RuntimeError(), "RuntimeError"),
     ],
 )
 def test_what_cannot_run_is_a_row_with_the_reason(error, reason):
     own, peer = entry("own", FIVE), absent("peer", error, peer="Peer", extra="bench")
     ours, theirs = (row.to_dict() for row in race("group", [own, peer], 5, 0.5, silent))
-    assert theirs["reason"] == reason
-    assert theirs["steps_per_s"] is None
-    assert ours["reason"] is None
-    assert ours["steps_per_s"]["median"] == 300.0
-    assert ours["ratios"] == {}
+    assert (theirs["reason"], theirs["steps_per_s"]) == (reason, None)
+    assert ours["reason"] is None and ours["steps_per_s"]["median"] == 300.0 and ours["ratios"] == {}
 
 
 def test_a_mistake_is_no_reason_and_closes_what_was_open():
@@ -156,16 +150,12 @@ def small(monkeypatch):
     return SimpleNamespace(config=BenchConfig(threads=1, lanes_sweep=True), tip_errors=calls)
 
 
-def test_the_document(small):
+def test_the_document_and_the_figure(small, tmp_path):
     steps = []
     document = run_bench(small.config, steps.append)
     assert len(steps) == small.config.turns()
-    assert document == json.loads(json.dumps(document))
     assert {"schema", "command", "date", "commit", "versions", "machine", "method"} < set(document)
-    assert {"numpy", "envpool", "mujoco", "torch"} < set(document["versions"])
-    assert (
-        document["command"] == "fuzzyarm bench --seconds 0.5 --rounds 5 --lanes 64 1024 65536 --threads 1 --lanes-sweep"
-    )
+    assert document["command"].endswith("--seconds 0.5 --rounds 5 --lanes 64 1024 65536 --threads 1 --lanes-sweep")
     assert document["rows"][0] == {
         "group": "one environment",
         "name": "own",
@@ -181,7 +171,15 @@ def test_the_document(small):
     assert [row["tip_error_um"] for row in document["rows"]] == [2.0, None, 2.0, None]
     assert len(small.tip_errors) == 1  # one back end, one closed loop
     assert [row["lanes"] for row in document["sweep"]] == [1, 1, 1, 4, 4, 4, 16, 16, 16]
-    assert document["memory_per_lane"] == {"bytes": 321.4, "reason": None}
+    written = write_document(document, tmp_path)
+    assert [path.name for path in written] == ["bench.json", "throughput.png"]
+    assert json.loads(written[0].read_text()) == document
+    (axes,) = draw_throughput(document).axes
+    assert (axes.get_xscale(), axes.get_yscale(), axes.get_ylabel()) == ("log", "log", "throughput [steps/s]")
+    own, torch = axes.lines
+    assert own.get_xydata().tolist() == [[1, 300], [4, 1200], [16, 4800]]
+    assert torch.get_xydata()[:, 1].tolist() == [600, 2400, 9600]
+    assert axes.collections[0].get_datalim(axes.transData).intervaly.tolist() == [200, 400 * 16]  # the quartiles
 
 
 def test_the_table(small):
@@ -193,53 +191,18 @@ def test_the_table(small):
     out = io.StringIO()
     print_speeds(document, Console(file=out, width=200))
     text = out.getvalue()
-    assert text.count("one environment") == 1
     assert "steps/s [thousand]" in text  # rich would take the unit for markup
-    assert "Not measured: torch: no torch." in text
+    assert "Not measured: torch: no torch." in text and text.count("not measured") == 1
     assert "Not measured: GPU: no GPU." in text  # named once, and no row of the sweep
-    assert text.count("not measured") == 1
-    assert "Memory: 321 bytes for each further lane" in text
-    assert "5 rounds of 0.5 s" in text
-    assert document["machine"]["cpu"] in text
-
-
-def test_the_figure_shows_each_back_end_over_the_lanes(small):
-    figure = draw_throughput(run_bench(small.config))
-    (axes,) = figure.axes
-    assert (axes.get_xscale(), axes.get_yscale()) == ("log", "log")
-    assert "lanes" in axes.get_xlabel()
-    assert axes.get_ylabel() == "throughput [steps/s]"
-    own, torch = axes.lines
-    assert own.get_xydata().tolist() == [[1, 300], [4, 1200], [16, 4800]]
-    assert torch.get_xydata()[:, 1].tolist() == [600, 2400, 9600]
-    assert [text.get_text() for text in figure.legends[0].get_texts()] == ["own, float64", "torch, float32"]
-    assert own.get_color() != torch.get_color()
-    assert own.get_marker() != torch.get_marker()  # in grey
-    assert len(axes.collections) == 2  # the quartiles
-    low, high = axes.collections[0].get_datalim(axes.transData).intervaly
-    assert (low, high) == (200, 400 * 16)
-
-
-def test_the_figure_is_written_beside_the_document(small, tmp_path):
-    written = write_document(run_bench(small.config), tmp_path)
-    assert [path.name for path in written] == ["bench.json", "throughput.png"]
-    with Image.open(tmp_path / "throughput.png") as picture:
-        assert picture.size[0] > 600
-    assert not list(tmp_path.glob(".*"))
+    assert "Memory: 321 bytes for each further lane" in text and "5 rounds of 0.5 s" in text
 
 
 @pytest.mark.parametrize(
     ("fields", "message"),
     [
-        ({"seconds": 0.0}, "seconds = 0.0"),
-        ({"seconds": -1.0}, "seconds = -1.0"),
         ({"seconds": float("nan")}, "seconds = nan"),
-        ({"seconds": float("inf")}, "seconds = inf"),
-        ({"rounds": 3}, "rounds = 3 must be odd and at least 5"),
-        ({"rounds": 6}, "rounds = 6 must be odd"),
-        ({"threads": 0}, "threads = 0"),
+        ({"rounds": 6}, "rounds = 6 must be odd and at least 5"),
         ({"threads": 100_000}, "threads = 100000"),
-        ({"lanes": ()}, "lanes = []"),
         ({"lanes": (0,)}, "lanes = 0 is out of range"),
         ({"lanes": (64, 64)}, "lanes = [64, 64]"),
     ],
@@ -255,19 +218,13 @@ def test_the_default_table():
     assert list(groups)[:4] == ["one environment", "64 lanes", "1024 lanes", "65536 lanes"]
     assert [entry.peer for entry in groups["sweep of elastic-observer"]] == ["", "step by step"]
     assert [entry.peer for entry in groups["one environment"]] == ["", "Pendulum", "Reacher"]
-    batch = groups["1024 lanes"]
-    assert {entry.lanes for entry in batch} == {1024}
-    assert [entry.peer for entry in batch if entry.peer] == ["Pendulum", "Reacher", *MUJOCO_METHODS]
-    assert not any("torch" in entry.name for entry in batch)
-    large = groups["65536 lanes"]
-    assert {entry.dtype for entry in large if "torch" in entry.name} == {"float64", "float32"}
-    assert not any(entry.peer for entry in large)
+    assert [entry.peer for entry in groups["1024 lanes"] if entry.peer] == ["Pendulum", "Reacher", *MUJOCO_METHODS]
+    in_torch = [entry for entry in groups["65536 lanes"] if "torch" in entry.name]
+    assert {entry.dtype for entry in in_torch} == {"float64", "float32"}
     assert BenchConfig(threads=1).sweep_groups() == {}
     sweep = BenchConfig(threads=1, lanes_sweep=True).sweep_groups()
     assert [group[0].lanes for group in sweep.values()] == [4**power for power in range(10)]
-    assert not any(entry.peer for group in sweep.values() for entry in group)
     in_torch = [entry for group in sweep.values() for entry in group if "torch" in entry.name]
-    assert {entry.dtype for entry in in_torch} == {"float32"}
     assert min(entry.lanes for entry in in_torch) == entries.TORCH_LANES
 
 

@@ -1,8 +1,5 @@
 """An evaluation along a path and with loads of one's own: it is recorded, and read back the same."""
 
-import pytest
-
-from fuzzyarm.cli import main
 from fuzzyarm.common.documents import read_json, record
 from fuzzyarm.envs.scenario.given_path import GivenPath
 from fuzzyarm.eval.evaluation.run import EvaluationConfig, evaluate, write_results
@@ -24,18 +21,3 @@ def test_the_configuration_comes_back_from_its_file_with_points_and_loads(tmp_pa
 def test_names_and_loads_are_words_of_the_command():
     config = EvaluationConfig(path="line", force=(1.0, 2.0), payload=0.5)
     assert config.command() == "fuzzyarm evaluate --path line --force 1.0 2.0 --payload 0.5"
-
-
-@pytest.mark.parametrize(
-    ("words", "message"),
-    [
-        (["--path", "triangle"], "choose from: circle, lemniscate, line, square, or give a file"),
-        (["--path", "missing.csv"], "missing.csv"),
-        (["--force", "3", "1"], "--force (3.0, 1.0) N must be a range (low, high)"),
-        (["--payload", "-1"], "--payload -1.0 kg is out of range"),
-    ],
-)
-def test_bad_usage_is_one_line(words, message, tmp_path, capsys):
-    assert main(["evaluate", "--out", str(tmp_path / "new"), *words]) == 2
-    _, err = capsys.readouterr()
-    assert message in err and err.count("\n") == 1 and not (tmp_path / "new").exists()

@@ -3,6 +3,7 @@
 import re
 
 import pytest
+from support.altered_evaluations import NASTY
 
 from fuzzyarm.envs.scenario.cases import CASES
 from fuzzyarm.eval.evaluation.ranking import Standing, rank_policies, standings_of
@@ -32,22 +33,14 @@ def test_one_policy_wins_overall_and_others_their_cases():
     assert headline((a, b), TITLES).startswith("<strong>a</strong> wins")
 
 
-def test_one_case_has_no_overall_winner():
-    text = words(standing("a", machining=3.0), standing("b", machining=2.0))
-    assert text == "b wins in Case 2 (machining force) with 2.00 mm rms."
-    assert "Score" not in rule([standing("a", machining=3.0)])
-
-
 def test_values_that_read_the_same_tie():
     a, b, c = (standing(name, nominal=error) for name, error in (("a", 2.0), ("b", 2.0004), ("c", 2.01)))
     assert words(a, b, c) == "a and b tie in Case 1 (nominal) with 2.00 mm rms."
-    many = [standing(f"p{k}", nominal=1.0) for k in range(9)]
-    assert words(*many).startswith("p0, p1, p2 and 6 others tie in ")
-
-
-def test_below_a_micrometre_all_tie():
     a, b, c = (standing(name, nominal=error) for name, error in (("a", 0.00016), ("b", 0.00048), ("c", 0.0011)))
     assert words(a, b, c) == "a and b tie in Case 1 (nominal) with &lt; 0.001 mm rms."
+    many = [standing(NASTY, nominal=1.0), *(standing(f"p{k}", nominal=1.0) for k in range(8))]
+    assert words(*many).endswith("p0, p1 and 6 others tie in Case 1 (nominal) with 1.00 mm rms.")
+    assert "<img" not in words(*many)
 
 
 def test_who_lost_the_path_wins_neither_that_case_nor_overall():
@@ -64,9 +57,6 @@ def test_nobody_may_be_left():
         "b wins in Case 1 (nominal) with 1.00 mm rms; nobody held the path in Case 2 (machining force); "
         "b (in 1 of 2 episodes) and a (in 2 of 2 episodes) lost the path and are not ranked overall."
     )
-    all_lost = [standing(f"p{k}", lost=1, nominal=None) for k in range(5)]
-    assert words(*all_lost).startswith("nobody held the path in Case 1 (nominal); p0 (in 1 of 1 episode), ")
-    assert words(*all_lost).endswith("and 2 others lost the path and are not ranked.")
 
 
 def test_a_policy_alone_wins_nothing():

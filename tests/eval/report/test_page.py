@@ -17,7 +17,7 @@ from fuzzyarm.eval.evaluation.results_file import read_evaluation
 from fuzzyarm.eval.report.certificates import Observed
 from fuzzyarm.eval.report.page import render_page
 from fuzzyarm.eval.report.payload import replay_data
-from fuzzyarm.eval.report.summary import Axis, Bound, Errors, best, draw_chart, error_charts, metrics_table
+from fuzzyarm.eval.report.summary import Axis, Bound, best, draw_chart, metrics_table
 from fuzzyarm.proof.statement import NOT_COVERED
 
 SEEN = {"fuzzy-4": Observed(20.5, 7e-5, "step"), "fuzzy-4-tip": "not observed: for a reason"}
@@ -169,19 +169,3 @@ def test_a_bound_lies_between_what_it_rules_out_and_what_was_seen():
         seen = float(re.search(r'circle class="dot" cx="([\d.]+)"', svg).group(1))
         assert seen == pytest.approx(axis.x(bound.observed), abs=0.06)
         assert not left < seen < left + width
-
-
-def test_below_a_micrometre_the_chart_gives_no_number_and_all_share_the_star(evaluation):
-    rows = [
-        dict(evaluation.rows[0], policy=name, tip_error_rms_mm=rms)
-        for name, rms in (("a", 0.00016), ("b", 0.00048), ("c", 0.0011))
-    ]
-    charts = error_charts(rows, evaluation.config.titles)
-    assert charts.count("★ </tspan>&lt; 0.001<") == 2 and ">0.00110<" in charts
-
-
-def test_errors_are_drawn_from_rms_to_maximum():
-    axis = Axis("", 0.1, 100.0, log=True)
-    svg = draw_chart(axis, [("a", Errors(1.0, 10.0, best=True)), (NASTY, Errors(2.0, 3.0, best=False))], "x < y")
-    assert f'd="M{axis.x(1.0):.1f} 18.5H{axis.x(10.0):.1f}"' in svg
-    assert svg.count("★") == 1 and "<img" not in svg and "x &lt; y" in svg

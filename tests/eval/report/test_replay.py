@@ -70,17 +70,6 @@ def test_playing_moves_the_arms_and_the_cursors_and_stops_at_the_end(page):
     page.wait_for(f"{SAMPLE} > 0 && {SAMPLE} < 1400")
 
 
-def test_speed_is_that_of_the_clock(page):
-    """× 0.1: simulated over wall time, both at the same picture, after the page has drawn it."""
-    page.run("document.getElementById('speed').value = '0.1', document.getElementById('play').click()")
-    page.wait_for(f"{SAMPLE} > 5")
-    instant = "new Promise((resolve) => requestAnimationFrame((now) => resolve([now, state.clock])))"
-    wall, clock = page.run(instant)
-    page.run("new Promise((resolve) => setTimeout(resolve, 300))")
-    wall_later, clock_later = page.run(instant)
-    assert (clock_later - clock) / (1e-3 * (wall_later - wall)) == pytest.approx(0.1, rel=0.02)
-
-
 @pytest.mark.parametrize("sample", [0, 1, 620, 1499])
 def test_the_scrubber_shows_the_sample_of_the_file(page, rollouts, sample):
     for index, case in enumerate(("nominal", "machining")):
@@ -154,15 +143,6 @@ def test_policies_can_be_left_out(page):
         assert page.run("document.querySelectorAll('#arms figure:not([hidden])').length") == left
     assert page.run(PICTURES)[-1] != before
     page.press("ArrowRight")  # without policies nothing is drawn, and nothing fails
-
-
-def test_a_click_in_a_plot_moves_the_time(page):
-    page.run("document.querySelector('#plots canvas').scrollIntoView({ behavior: 'instant', block: 'center' })")
-    box = page.run("document.querySelector('#plots canvas').getBoundingClientRect().toJSON()")
-    plot = page.run("EDGE")
-    width = box["width"] - plot["left"] - plot["right"]
-    page.click(box["left"] + plot["left"] + width / 3.0, box["top"] + 0.5 * box["height"])
-    assert page.run("state.clock") == pytest.approx(0.5, abs=0.01)
 
 
 def brightness(page):

@@ -163,20 +163,6 @@ def test_values_at_the_pointer(eight, eight_folder):
     assert 600 < pointed < 900 and pointed != opened
     check_values(eight, runs, pointed)
     assert eight.run("state.sample") == opened and eight.run(TIME) == f"{runs[0].time[opened]:.3f} s"
-    eight.call("Input.dispatchMouseEvent", type="mouseMoved", x=5, y=5)
-    eight.wait_for("state.pointed === null")
-    check_values(eight, runs, opened)
-
-
-def test_a_cursor_leaves_nothing_behind(eight):
-    """Only strips around the cursors are drawn again; the picture is the same as one drawn as a whole."""
-    picture = "plots.map(({ canvas }) => canvas.toDataURL())"
-    for sample in (3, 700, 705, 1499, 40):
-        eight.run(f"goTo({sample}), pointAt({(sample * 7) % 1500})")
-    eight.run("pointAt(null)")
-    moved = eight.run(picture)
-    eight.run("refresh()")
-    assert eight.run(picture) == moved
 
 
 def test_all_columns_of_the_table_are_reachable_on_a_phone(any_page):

@@ -10,6 +10,7 @@ from fuzzyarm.cli import main
 from fuzzyarm.eval.evaluation.results_file import read_evaluation
 
 KEPT = "a page made before"
+NO_BOUNDS = dict.fromkeys(("fuzzy-4", "computed-torque", "fuzzy-4-tip"))
 
 
 def refusal(folder, capsys):
@@ -49,41 +50,43 @@ def test_no_folder_and_an_empty_one(tmp_path, capsys):
     assert "holds no results.json; make an evaluation with fuzzyarm evaluate" in refusal(tmp_path, capsys)
 
 
+def half_a_number(folder):
+    results = json.loads((folder / "results.json").read_text())["results"]
+    results[3]["tip_error_max_mm"] *= 0.5
+    change(folder, results=results)
+
+
+def truncated(folder):
+    path = folder / "rollouts.npz"
+    path.write_bytes(path.read_bytes()[:10_000])
+
+
+@pytest.mark.parametrize(
+    ("damage", "message"),
+    [
+        (lambda folder: (folder / "rollouts.npz").unlink(), "the evaluation was interrupted; run fuzzyarm evaluate -"),
+        (truncated, "rollouts.npz is damaged"),
+        (half_a_number, "tip_error_max_mm of fuzzy-4 in case machining is "),
+        (lambda folder: change(folder, rollouts_sha256="0" * 64), "results.json are of different evaluations"),
+        (lambda folder: change(folder, rollouts_sha256=0), "fuzzyarm evaluate --out"),
+        (lambda folder: change(folder, certificates={}), "fuzzyarm evaluate --out"),
+        (lambda folder: change(folder, machine={}), "fuzzyarm evaluate --out"),
+        (lambda folder: change(folder, certified_bounds={**NO_BOUNDS, "fuzzy-4": {}}), "fuzzyarm evaluate --out"),
+        (lambda folder: (folder / "results.json").write_text("{"), "not a JSON document"),
+        (lambda folder: change(folder, schema="fuzzyarm-evaluation/2"), "'fuzzyarm-evaluation/1'"),
+        (lambda folder: change(folder, versions={"fuzzyarm": "0.0.1"}), "was made by fuzzyarm 0.0.1, this is "),
+    ],
+)
+def test_what_is_not_whole_is_refused(copy, capsys, damage, message):
+    damage(copy)
+    assert message in refusal(copy, capsys)
+
+
 @pytest.mark.parametrize("name", ["report.txt", "no/such/report.html"])
 def test_a_bad_place_for_the_page(folder, tmp_path, capsys, name):
     assert main(["report", str(folder), "--out", str(tmp_path / name)]) == 2
     assert "must be a file ending in .html" in (err := capsys.readouterr().err) or "does not exist" in err
     assert list(tmp_path.iterdir()) == []
-
-
-@pytest.mark.parametrize(
-    "content", ["", "{", "[1]", "{}", "null", "[" * 100_000, '{"schema": "fuzzyarm-evaluation/2"}']
-)
-def test_broken_or_foreign_results(copy, capsys, content):
-    (copy / "results.json").write_text(content)
-    message = refusal(copy, capsys)
-    assert "results.json" in message and ("not a JSON document" in message or "'fuzzyarm-evaluation/1'" in message)
-
-
-@pytest.mark.parametrize(
-    ("key", "value"),
-    [
-        ("config", {}),
-        ("config", None),
-        ("results", []),
-        ("results", None),
-        ("certificates", {}),
-        ("certificates", {"fuzzy-4": 1, "computed-torque": None, "fuzzy-4-tip": None}),
-        ("certified_bounds", None),
-        ("certified_bounds", {"fuzzy-4": {}, "computed-torque": None, "fuzzy-4-tip": None}),
-        ("certified_bounds", {"fuzzy-4": {"alpha": -1, "gamma": 1}, "computed-torque": None, "fuzzy-4-tip": None}),
-        ("machine", {}),
-        ("rollouts_sha256", 0),
-    ],
-)
-def test_damaged_fields(copy, capsys, key, value):
-    change(copy, **{key: value})
-    assert "fuzzyarm evaluate --out" in refusal(copy, capsys)
 
 
 def test_episodes_that_were_not_asked_for(evaluation, tmp_path, capsys):

@@ -9,7 +9,6 @@ from pathlib import Path
 import numpy as np
 import pytest
 from matplotlib.figure import Figure
-from slow_twins import slow_but
 
 from fuzzyarm.cli import main
 from fuzzyarm.eval.sweep import run
@@ -113,19 +112,11 @@ def test_a_replay_gives_the_number_of_the_sweep(folder, capsys, monkeypatch):
         (["--policy", "nobody"], "unknown policy 'nobody'; choose from: fuzzy-32"),
         (["--policy", "missing.json"], "missing.json"),
         (["--policy", "fuzzy-4.json", "--policy", "fuzzy-4"], "fuzzy-4.json"),
-        (["--case", "nowhere"], "choose from: nominal, machining, payload"),
-        (["--plants", "0"], "plants = 0"),
         (["--distribution", "x"], "choose from: nominal, plants, loads, all"),
         (["--range", "mass", "a", "1"], "--range a must be a number"),
-        (["--range", "mass", "2", "1"], "mass"),
         (["--grid", "mass", "0.9", "1.1", "3"], "two different quantities"),
         (["--grid", "mass", "1", "2", "2.5", "--grid", "delay", "0", "1", "2"], "--grid 2.5 must be a whole number"),
         (["--backend", "dask"], "choose from: local, ray"),
-        (["--address", "auto"], "--backend ray"),
-        (["--jobs", "0"], "jobs = 0"),
-        pytest.param(  # a second to import Ray; that it is refused is also tested of the engine
-            ["--backend", "ray", "--address", "127.0.0.1:9"], "no Ray cluster at", marks=pytest.mark.slow
-        ),
         (["--resume"], "holds no sweep to go on with"),
         (["--replay", "fuzzy-4", "nominal", "0"], "holds no sweep to go on with"),
     ],
@@ -136,26 +127,48 @@ def test_bad_usage_is_one_line_and_makes_nothing(tmp_path, capsys, arguments, ex
     assert not out.exists() or not any(out.iterdir())
 
 
-@pytest.mark.parametrize("keep", slow_but([400], [0, 10, 400]))
-def test_a_broken_chunk_is_named(folder, capsys, keep, undrawn, short):
-    path = folder / "chunks" / "000001.npz"
-    path.write_bytes(path.read_bytes()[:keep])
-    refused(capsys, folder, ["--resume", "--out", str(folder)], "000001.npz is damaged")
-    path.unlink()
+def test_chunks_that_are_gone_are_run_and_those_of_another_sweep_are_named(folder, capsys, tmp_path, undrawn, short):
+    (folder / "chunks" / "000001.npz").unlink()
     assert main(["sweep", "--resume", "--jobs", "1", "--out", str(folder)]) == 0
+    other = tmp_path / "other"
+    assert main(["sweep", *QUICK, "--seed", "1", "--out", str(other)]) == 0
+    capsys.readouterr()
+    (folder / "chunks" / "000000.npz").write_bytes((other / "chunks" / "000000.npz").read_bytes())
+    refused(capsys, folder, ["--resume", "--out", str(folder)], "is of another sweep")
 
 
-@pytest.mark.parametrize("text", ["", "{", "[]", "{}", '{"schema": "x"}'])
-def test_a_broken_run_file_is_named(folder, capsys, text):
-    (folder / "run.json").write_text(text)
-    refused(capsys, folder, ["--resume", "--out", str(folder)], "begin again in another folder")
+def run_file(change):
+    """Return a change of the file that says what is run."""
+    return lambda folder: (folder / "run.json").write_text(change((folder / "run.json").read_text()))
 
 
-@pytest.mark.parametrize("name", ["numpy", "code"])
-def test_versions_are_not_mixed(folder, capsys, monkeypatch, name):
-    newer = run.made_with() | {name: "another"}
+def cut(folder):
+    path = folder / "chunks" / "000001.npz"
+    path.write_bytes(path.read_bytes()[:400])
+
+
+@pytest.mark.parametrize(
+    ("change", "words", "expected"),
+    [
+        (lambda folder: None, QUICK, "holds a sweep already"),
+        (lambda folder: None, ["--resume", "--plants", "7"], "choose another --out"),
+        (lambda folder: None, ["--resume", "--policy", "fuzzy-2"], "choose another --out"),
+        (lambda folder: (folder / "run.json").unlink(), QUICK, "remove chunks, or choose another --out"),
+        (run_file(lambda text: "{"), ["--resume"], "begin again in another folder"),
+        (run_file(lambda text: text.replace('"plants": 6', '"plants": 5')), ["--resume"], "was changed"),
+        (run_file(lambda text: text.replace("sweep/3", "sweep/1")), ["--resume"], "'fuzzyarm-sweep/1', this version"),
+        (cut, ["--resume"], "000001.npz is damaged"),
+    ],
+)
+def test_what_does_not_belong_to_a_sweep_is_not_mixed_in(folder, capsys, change, words, expected):
+    change(folder)
+    refused(capsys, folder, [*words, "--out", str(folder)], expected)
+
+
+def test_versions_are_not_mixed(folder, capsys, monkeypatch):
+    newer = run.made_with() | {"code": "another"}
     monkeypatch.setattr(run, "made_with", lambda: newer)
-    refused(capsys, folder, ["--resume", "--out", str(folder)], f"than there are now (made_with: {name} ")
+    refused(capsys, folder, ["--resume", "--out", str(folder)], "than there are now (made_with: code ")
 
 
 def test_what_a_run_leaves_that_is_killed_at_its_beginning_is_no_obstacle(tmp_path, capsys, undrawn, short):

@@ -40,10 +40,6 @@ def failing(number):
     raise ArithmeticError(f"no {number}")
 
 
-def test_one_local_worker_is_this_process():
-    assert dict(Engine(jobs=1).run(slow, [4, 7])) == {4: os.getpid(), 7: os.getpid()}
-
-
 @pytest.mark.slow
 def test_a_killed_process_loses_no_work():
     reports, found = [], {}
@@ -87,8 +83,6 @@ def test_an_error_of_the_work_itself_is_raised(jobs):
 @pytest.mark.parametrize(
     ("arguments", "expected"),
     [
-        ({"backend": "dask"}, "choose from: local, ray"),
-        ({"jobs": 0}, "jobs = 0"),
         ({"jobs": 1.5}, "jobs = 1.5 must be a whole number"),
         ({"address": "auto"}, "--backend ray"),
         ({"backend": "ray", "address": "ray://host:10001"}, "auto or HOST:PORT"),

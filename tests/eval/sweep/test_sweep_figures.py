@@ -43,23 +43,6 @@ def test_the_cells_of_a_grid_hold_the_medians_of_their_plants():
     assert np.allclose(cells.edges[1], [-0.5, 0.5, 1.5, 2.5, 3.5])
 
 
-def test_the_bins_of_drawn_plants_hold_the_lower_medians_and_leave_nobody_out():
-    config = SweepConfig(**vars(DRAWN) | {"map": ("mass_1", "delay")})
-    results = made(config)
-    cells = Cells.of(config, results.plants)
-    errors = results.errors[0, 0]
-    across, up = cells.edges
-    assert len(up) == 4  # a row for each delay
-    mass, delay = results.plants["mass_1"], results.plants["delay"]
-    found = cells.medians(errors)
-    for j in range(3):
-        for i in range(len(across) - 1):
-            last = i == len(across) - 2
-            inside = (delay == j) & (mass >= across[i]) & ((mass <= across[i + 1]) if last else (mass < across[i + 1]))
-            values = np.sort(errors[inside])
-            assert found[j, i] == values[(len(values) - 1) // 2] if len(values) else np.isnan(found[j, i])
-
-
 @pytest.mark.parametrize("config", [GRID, DRAWN])
 def test_every_axis_has_its_unit(config):
     results = made(config)

@@ -12,7 +12,7 @@ from fuzzyarm.envs.physics.robot import robot_named
 from fuzzyarm.envs.scenario.cases import CASES, Case, add_case
 from fuzzyarm.envs.scenario.disturbances import ConstantForce, Disturbance
 from fuzzyarm.eval.sweep.config import SweepConfig
-from fuzzyarm.eval.sweep.run import SOURCES, Sweep, difference, digest_of, identity_of
+from fuzzyarm.eval.sweep.run import SOURCES, Sweep, digest_of, identity_of
 from fuzzyarm.policies import resolve_all
 
 ROOT = Path(fuzzyarm.__file__).parent
@@ -48,13 +48,6 @@ def test_the_identity_holds_the_digest_of_every_file_of_a_policy():
     assert found["numbers"]["parameters"] == config.parameters.to_dict()
     assert "bound" not in found["numbers"]  # decides only how results are shown
     assert digest_of(found) == digest_of(json.loads(json.dumps(found)))
-
-
-def test_a_difference_names_the_entries_down_to_the_file():
-    then = {"mine": {"a.py": "0" * 64, "b.py": "1"}, "fuzzy-4": {}}
-    now = {"mine": {"a.py": "2" * 64, "b.py": "1"}, "fuzzy-4": {}}
-    assert difference(then, now) == f"mine: a.py {20 * '0'} and {20 * '2'}"
-    assert difference(then, then) == ""
 
 
 def test_the_sweep_of_a_robot_is_opened_again_and_another_robot_is_refused(tmp_path):

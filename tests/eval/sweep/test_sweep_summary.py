@@ -39,10 +39,6 @@ def test_a_quantile_among_episodes_that_ended_early_is_beyond_every_bound():
     assert found["0.99"]["value"] is None and found["0.99"]["high"] is None
 
 
-def test_of_a_single_plant_there_is_no_interval():
-    assert quantiles(np.array([3.0]))["0.5"] == {"value": 3.0, "low": None, "high": None}
-
-
 def made(count=200):
     generator = np.random.default_rng(3)
     config = SweepConfig(policies=("fuzzy-4",), cases=("nominal", "payload"), plants=count, bound=10.0, worst=3, seed=7)
