@@ -6,12 +6,10 @@ import json
 import numpy as np
 import pytest
 
-from fuzzyarm.common.console import output
 from fuzzyarm.envs.physics.equations import robot_of
 from fuzzyarm.envs.physics.parameters import ArmParameters
 from fuzzyarm.envs.physics.robot import robot_named
-from fuzzyarm.eval.declarations import print_declared, read_declarations, written_declarations
-from fuzzyarm.eval.evaluation.result_table import DECLARED, declared_rows
+from fuzzyarm.eval.declarations import read_declarations, written_declarations
 from fuzzyarm.fuzzy_policy.controller import Controller
 from fuzzyarm.fuzzy_policy.laws.learned.bundle import PolicyBundle
 from fuzzyarm.policies import NAMES, load_policy, resolve
@@ -30,7 +28,7 @@ def test_policies_of_the_package_declare_all(name):
     assert "preview" in own.sees
 
 
-@pytest.mark.parametrize("name", ["computed-torque-tip", "elastic-observer", "adaptive-observer"])
+@pytest.mark.parametrize("name", ["computed-torque-tip", "adaptive-observer"])
 def test_on_another_arm_a_named_law_says_on_which_arm_its_numbers_were_chosen(name):
     of_table, lighter = declared(name), ArmParameters(mass=(12.0, 8.0))
     assert declared(name, arm=ArmParameters()) == of_table
@@ -78,14 +76,11 @@ def test_a_tuned_folder_declares_as_its_law_but_for_the_arm(tuned, name):
     assert own._replace(tuned_on="") == law._replace(tuned_on="")
     assert declared(str(tuned / "other.json")) == declared(str(CONTROLLER))
     assert own.tuned_on.startswith(law.tuned_on.split(" on ")[0]) and own.tuned_on.endswith("of the arm of mine")
-
-
-@pytest.mark.parametrize("name", ["computed-torque", "elastic-observer", "fuzzy-4"])
-def test_a_tuned_folder_of_a_serial_robot_was_tuned_on_margins_alone(tuned, name):
-    (tuned / "robot.toml").write_text(robot_named("planar-3r").to_toml())
-    own, law = declared(str(tuned / name)), declared(name)
-    assert own[2:] == law[2:] and own.objective != law.objective
-    assert own.tuned_on == "margins at random postures and along the default path of the arm of mine"
+    if "tip" not in name:  # of a serial robot, whose policies are tuned on margins alone
+        (tuned / "robot.toml").write_text(robot_named("planar-3r").to_toml())
+        own = declared(str(tuned / name))
+        assert own[2:] == law[2:] and own.objective != law.objective
+        assert own.tuned_on == "margins at random postures and along the default path of the arm of mine"
 
 
 @pytest.mark.parametrize("name", ["ppo-nominal", "ppo-robust", "ppo-residual", "learned-observer"])
@@ -113,8 +108,6 @@ def test_a_record_of_training_that_says_nothing_is_not_made_up(tmp_path):
     ("given", "message"),
     [
         ({**OWN, "preview": "p"}, "declared has the unknown field preview; needed: objective, tuned_on, knows, sees"),
-        ({"objective": "o"}, "declared lacks tuned_on, knows, sees, remembers; needed"),
-        ({**OWN, "sees": 3}, "declared: sees = 3 is none; needed"),
         ({**OWN, "sees": "two\nlines"}, "sees = 'two\\nlines' is none"),
         ("all", "declared lacks objective"),
     ],
@@ -133,19 +126,6 @@ def test_files_hold_declarations_and_older_ones_have_those_of_known_names():
     assert read_declarations(None, names) == {"fuzzy-4": declared("fuzzy-4"), "mine": None, "silent": None}
     with pytest.raises(ValueError, match="not of the policies"):
         read_declarations({"fuzzy-4": None}, names)
-
-
-def test_on_a_terminal_each_field_is_a_line_of_its_own(monkeypatch, capsys):
-    monkeypatch.setenv("COLUMNS", "80")
-    monkeypatch.setenv("FORCE_COLOR", "1")
-    monkeypatch.setenv("NO_COLOR", "1")
-    monkeypatch.setenv("TERM", "dumb")
-    print_declared(declared_rows({"fuzzy-4": declared("fuzzy-4")}, {"fuzzy-4": None}), DECLARED, output())
-    lines = capsys.readouterr().out.splitlines()
-    assert max(map(len, lines)) <= 80
-    for heading, cell in zip(HEADINGS, declared("fuzzy-4"), strict=True):
-        (line,) = [line for line in lines if line.strip().startswith(heading)]
-        assert cell.split()[0] in line
 
 
 def test_code_declares_by_an_attribute(tmp_path, monkeypatch):

@@ -28,16 +28,16 @@ SHIPPED, TRAINED = PACKAGE / "fuzzy_policy" / "controllers", PACKAGE / "fuzzy_po
         ("computed-torque", Kind.LAW, False, True, "computed-torque"),
         ("computed-torque-tip", Kind.LAW, True, True, "computed-torque-tip"),
         ("elastic-observer", Kind.LAW, False, True, "elastic-observer"),
-        ("fuzzy-4", Kind.CONTROLLER, False, True, "fuzzy-4"),
         ("fuzzy-4-tip", Kind.CONTROLLER, True, True, "fuzzy-4-tip"),
         ("runs/mine.json", Kind.CONTROLLER, False, False, "mine"),
         ("runs/mine.json-tip", Kind.CONTROLLER, True, False, "mine-tip"),
         ("ppo-robust", Kind.LEARNED, False, True, "ppo-robust"),
         ("runs/ppo-1", Kind.LEARNED, False, False, "ppo-1"),
         ("package.module:factory", Kind.CODE, False, False, "package.module:factory"),
-        # Nothing to wrap: read as folders, which do not exist.
+        ("a.b:c.d", Kind.CODE, False, False, "a.b:c.d"),
+        # Neither a wrapper nor code: read as folders, which do not exist.
         ("elastic-observer-tip", Kind.LEARNED, False, False, "elastic-observer-tip"),
-        ("ppo-robust-tip", Kind.LEARNED, False, False, "ppo-robust-tip"),
+        *((name, Kind.LEARNED, False, False, name) for name in (":b", "a:b:c", "a-b:c", ".a:b")),
     ],
 )
 def test_every_kind_of_name(name, kind, tip, named, label):
@@ -45,7 +45,7 @@ def test_every_kind_of_name(name, kind, tip, named, label):
     assert (spec.name, spec.kind, spec.tip, spec.named, spec.label) == (name, kind, tip, named, label)
 
 
-@pytest.mark.parametrize("name", ["nobody", "ppo-robust-tip", "elastic-observer-tip", "runs/nothing", "a b:c"])
+@pytest.mark.parametrize("name", ["nobody", "elastic-observer-tip", "runs/nothing"])
 def test_an_unknown_name_fails_when_it_is_loaded_and_names_the_choices(name):
     with pytest.raises(ValueError, match=r"unknown policy .*choose from: fuzzy-32, .*controller file.*folder"):
         resolve(name).load()
