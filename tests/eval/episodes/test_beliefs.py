@@ -28,16 +28,6 @@ def runs():
     return [record_rollout(env, load_policy(name), policy_name=name, case="machining", seed=0) for name in names]
 
 
-def test_estimated_force_follows_the_true_one(runs):
-    believed = runs[0].believed
-    assert len(runs[0].beliefs) == len(runs[0].time)
-    estimate = np.column_stack([believed["force_x"], believed["force_y"]])
-    # The belief after sample k is that of the force at sample k, the record that of sample k + 1.
-    error = np.linalg.norm(estimate[1:] - runs[0].external_force[:-1], axis=1)
-    assert np.median(error[100:-100]) < 0.3 * np.median(np.linalg.norm(runs[0].external_force, axis=1))
-    assert np.all(believed["payload_deviation"] > 0.0)
-
-
 def test_every_estimate_is_kept_with_its_deviation_by_name():
     policy = load_policy("adaptive-observer")
     observation, _ = FuzzyArmEnv().reset(seed=0)
@@ -74,15 +64,6 @@ def test_beliefs_come_back_from_the_file_and_are_checked(runs, tmp_path):
     ):
         with pytest.raises(ValueError, match=r"rollouts\.npz is damaged \(belief"):
             read_rollouts(write_rollouts([dataclasses.replace(runs[0], **damaged)], tmp_path))
-
-
-def test_a_file_from_before_beliefs_had_names_is_told(runs, tmp_path):
-    path = write_rollouts(runs[1:], tmp_path)
-    with np.load(path) as file:
-        older = {name: file[name] for name in file if name not in ("0.belief_names", "0.note")}
-    np.savez_compressed(path, **older)
-    with pytest.raises(ValueError, match=r"of another version of fuzzyarm \(its rollouts have no belief_names\)$"):
-        read_rollouts(path)
 
 
 def test_the_page_shows_what_is_believed_beside_the_truth(runs):

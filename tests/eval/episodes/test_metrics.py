@@ -5,8 +5,7 @@ import dataclasses
 import numpy as np
 import pytest
 
-from fuzzyarm.eval.episodes import metrics as registry
-from fuzzyarm.eval.episodes.metrics import METRICS, Metric, add_metric, metrics_of
+from fuzzyarm.eval.episodes.metrics import METRICS, add_metric, metrics_of
 from fuzzyarm.eval.episodes.rollout import Rollout
 
 N = 1000
@@ -92,22 +91,11 @@ def test_an_episode_of_one_step_has_metrics():
     assert np.isfinite(list(metrics_of(signals(**one)).values())).all()
 
 
-class TestRegistry:
-    def test_every_metric_says_what_it_is(self):
-        for name, metric in METRICS.items():
-            assert metric.name == name
-            assert metric.description.endswith(".")
-            unit = {"mm": "_mm", "mrad": "_mrad", "µs": "_us"}.get(metric.unit, "")
-            assert name.endswith(unit)
-        assert [name for name, metric in METRICS.items() if not metric.reproducible] == ["predict_us"]
-
-    def test_an_added_metric_is_computed_after_the_others(self, monkeypatch):
-        monkeypatch.setattr(registry, "METRICS", METRICS.copy())
-        add_metric(Metric("tip_error_end_mm", "mm", "Tip error after the last step.", lambda r: 1e3 * r.tip_error[-1]))
-        values = metrics_of(signals(tip_error=np.linspace(0.0, 1e-3, N)))
-        assert list(values) == [*METRICS, "tip_error_end_mm"]
-        assert values["tip_error_end_mm"] == 1.0
-
-    def test_a_name_that_is_taken_is_refused(self):
-        with pytest.raises(ValueError, match="there is a metric 'energy' already"):
-            add_metric(dataclasses.replace(METRICS["energy"], unit="kJ"))
+def test_every_metric_says_what_it_is_and_a_name_that_is_taken_is_refused():
+    for name, metric in METRICS.items():
+        assert metric.name == name
+        assert metric.description.endswith(".")
+        assert name.endswith({"mm": "_mm", "mrad": "_mrad", "µs": "_us"}.get(metric.unit, ""))
+    assert [name for name, metric in METRICS.items() if not metric.reproducible] == ["predict_us"]
+    with pytest.raises(ValueError, match="there is a metric 'energy' already"):
+        add_metric(dataclasses.replace(METRICS["energy"], unit="kJ"))

