@@ -101,17 +101,6 @@ def test_evaluate_bad_usage_is_one_line_and_exit_code_2(tmp_path, capsys, argume
 
 
 @pytest.mark.usefixtures("evaluated_once")
-def test_a_full_disk_leaves_no_half_file(tmp_path, capsys, monkeypatch):
-    def full(*_):
-        raise OSError(28, "No space left on device")
-
-    monkeypatch.setattr(os, "replace", full)
-    assert main([*QUICK, "--out", str(tmp_path)]) == 2
-    assert "No space left" in one_line_error(capsys)
-    assert list(tmp_path.iterdir()) == []
-
-
-@pytest.mark.usefixtures("evaluated_once")
 def test_an_interrupt_leaves_whole_files_and_one_line(tmp_path, capsys, monkeypatch):
     def interrupt(*_, **__):
         raise KeyboardInterrupt

@@ -98,14 +98,6 @@ def test_a_file_never_gets_the_number_of_a_closed_stream(folder, closed):
     assert code == 0 and (folder / "page.html").read_bytes().startswith(b"<!doctype html>")
 
 
-@pytest.mark.slow
-@pytest.mark.parametrize("words", EVERY_RUN)
-def test_a_locale_without_our_letters_is_no_obstacle(folder, words):
-    code, out, err = shell(folder, words, LC_ALL="C", PYTHONIOENCODING="ascii", PYTHONUTF8="0", COLUMNS="80")
-    assert code == 0, err
-    assert out and out.isascii() and err.isascii()
-
-
 HOSTILE = "\x1b[31mred\x1b[0m\x07\x9b2J\u202e.json"
 
 
@@ -152,19 +144,6 @@ def test_a_refused_run_leaves_no_folder(tmp_path, monkeypatch, capsys, words, wr
     (tmp_path / "mine").mkdir()
     assert main([*words, *wrong, "--out", "mine"]) == 2
     assert list(tmp_path.iterdir()) == [tmp_path / "mine"]  # it was there before
-
-
-def test_two_evaluations_into_one_folder_at_once(tmp_path, capsys):
-    """The second is refused; the first that dies blocks nobody."""
-    from fuzzyarm.common.files import locked_folder
-
-    words = ["--policy", "fuzzy-4", "--case", "nominal", "--json", "--out", str(tmp_path)]
-    with locked_folder(tmp_path):
-        for command in (["evaluate", *words], ["sweep", "--out", str(tmp_path)], ["paper", "--out", str(tmp_path)]):
-            assert main(command) == 2
-            err = capsys.readouterr().err
-            assert err.count("\n") == 1 and f"another process is writing to {tmp_path}; wait until" in err
-    assert not list(tmp_path.iterdir())
 
 
 def test_what_is_printed_as_json_is_json_in_ascii(tmp_path, monkeypatch):

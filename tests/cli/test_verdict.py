@@ -1,14 +1,6 @@
 """The end of `fuzzyarm evaluate`: five lines, and on a narrow terminal fewer columns but all digits."""
 
-import fcntl
 import io
-import os
-import pty
-import re
-import struct
-import subprocess
-import sys
-import termios
 from pathlib import Path
 
 import pytest
@@ -64,35 +56,3 @@ def test_a_narrow_terminal_has_fewer_columns_and_every_digit_of_the_others(width
     assert ("Left out on" in text) == bool(left_out)
     for number in left_out:
         assert list(columns())[number] in note
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize("width", [80, 60])
-def test_a_real_terminal_ends_with_the_verdict(tmp_path, width):
-    out = on_a_terminal(tmp_path, width, "evaluate", "--policy", "fuzzy-4", "--case", "nominal", "--out", "x")
-    lines = re.sub(r"\x1b\[[0-9;?]*[A-Za-z]", "", out).replace("\r", "").rstrip().splitlines()
-    assert max(map(len, lines)) <= width
-    assert lines[-1].startswith("17 files in x; next: fuzzyarm report x")
-    assert any(line.startswith("Case 1: nominal: fuzzy-4 followed, rms tip error 1.75 mm") for line in lines)
-    (numbers,) = [line.split() for line in lines if line.startswith(" fuzzy-4 ")]
-    assert {"3.90", "1.75"} <= set(numbers)
-
-
-def on_a_terminal(folder, width, *words):
-    """Run the command on a terminal of its own; return what it shows."""
-    master, slave = pty.openpty()
-    fcntl.ioctl(slave, termios.TIOCSWINSZ, struct.pack("HHHH", 40, width, 0, 0))
-    environment = {key: value for key, value in os.environ.items() if key not in ("COLUMNS", "LINES")}
-    environment |= {"PYTHONPATH": os.pathsep.join(filter(None, sys.path)), "TERM": "xterm"}
-    command = [sys.executable, "-m", "fuzzyarm", *words]
-    with subprocess.Popen(command, cwd=folder, env=environment, stdout=slave, stderr=subprocess.DEVNULL) as process:
-        os.close(slave)
-        shown = b""
-        try:
-            while chunk := os.read(master, 65536):
-                shown += chunk
-        except OSError:  # how Linux says that the other end is closed
-            pass
-        assert process.wait() == 0
-    os.close(master)
-    return shown.decode()

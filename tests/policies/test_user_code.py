@@ -128,23 +128,6 @@ def test_margins_take_a_law_that_acts_on_batches(module):
     assert spectral_radius(policy, ARM, control_period=1e-3) == named
 
 
-def test_lists_are_torques_too(module):
-    source = (
-        TORQUE.replace("return", "law =")
-        + """
-    class Listed:
-        def predict(self, *given, **named):
-            torque, state = law.predict(*given, **named)
-            return torque.tolist(), state
-
-    return Listed()
-"""
-    )
-    policy, batch = loaded(f"{module(source)}:factory"), np.random.default_rng(0).normal(size=(3, 10))
-    np.testing.assert_array_equal(policy.predict(batch)[0], load_policy("computed-torque").predict(batch)[0])
-    assert policy.predict(batch)[0].dtype == np.float64
-
-
 LEARNING = """
 from types import SimpleNamespace
 

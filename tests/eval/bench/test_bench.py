@@ -2,7 +2,6 @@
 
 import contextlib
 import dataclasses
-import importlib.util
 import io
 import itertools
 import json
@@ -15,7 +14,7 @@ from slow_twins import slow_but
 
 from fuzzyarm.eval.bench import accuracy, entries
 from fuzzyarm.eval.bench import run as bench_module
-from fuzzyarm.eval.bench.entries import MUJOCO_METHODS, Entry, NotMeasured, timed
+from fuzzyarm.eval.bench.entries import Entry, NotMeasured, timed
 from fuzzyarm.eval.bench.run import BenchConfig, race, run_bench, write_document
 from fuzzyarm.eval.bench.speed_table import draw_throughput, print_speeds, speed_cells
 from fuzzyarm.eval.sweep.config import SweepConfig
@@ -213,34 +212,12 @@ def test_numbers_are_checked_before_anything_runs(fields, message):
     assert message in str(caught.value)
 
 
-def test_the_default_table():
-    groups = BenchConfig(threads=1).groups()
-    assert list(groups)[:4] == ["one environment", "64 lanes", "1024 lanes", "65536 lanes"]
-    assert [entry.peer for entry in groups["sweep of elastic-observer"]] == ["", "step by step"]
-    assert [entry.peer for entry in groups["one environment"]] == ["", "Pendulum", "Reacher"]
-    assert [entry.peer for entry in groups["1024 lanes"] if entry.peer] == ["Pendulum", "Reacher", *MUJOCO_METHODS]
-    in_torch = [entry for entry in groups["65536 lanes"] if "torch" in entry.name]
-    assert {entry.dtype for entry in in_torch} == {"float64", "float32"}
-    assert BenchConfig(threads=1).sweep_groups() == {}
-    sweep = BenchConfig(threads=1, lanes_sweep=True).sweep_groups()
-    assert [group[0].lanes for group in sweep.values()] == [4**power for power in range(10)]
-    in_torch = [entry for group in sweep.values() for entry in group if "torch" in entry.name]
-    assert min(entry.lanes for entry in in_torch) == entries.TORCH_LANES
-
-
 @pytest.mark.parametrize("how", slow_but(["step by step"], entries.RUN))
 def test_a_sweep_counts_the_steps_of_its_episodes(monkeypatch, how):
     monkeypatch.setattr(entries, "timed", lambda advance: advance)
     config = SweepConfig(policies=("fuzzy-4",), cases=("nominal", "payload"), plants=1)
     with entries._swept(config, how) as advance:
         assert advance() == 2 * 1500
-
-
-@pytest.mark.parametrize("number", range(3))
-def test_what_needs_no_optional_package_runs(number):
-    runnable = (entries.own_single(), entries.gymnasium_peers()[0], entries.own_batches(4, 1)[0])
-    with runnable[number].open() as measure:
-        assert measure(0.0) > 0.0
 
 
 @pytest.mark.parametrize("steps", slow_but([200], [200, None]))
@@ -257,21 +234,6 @@ def test_the_batch_is_as_accurate_as_the_one_environment(monkeypatch, steps):
     error = entries.own_single().tip_error()
     assert 0.0 < error < 1e-6
     assert entries.own_batches(4, 1)[0].tip_error() == pytest.approx(error, rel=1e-6)
-
-
-@pytest.mark.parametrize(("lanes", "used"), [(1, 1), (1024, 1), (2047, 1), (2048, 2), (100_000, 3)])
-def test_the_batch_uses_as_many_threads_as_help(lanes, used):
-    compiled, *in_torch = entries.own_batches(lanes, 3)
-    assert compiled.threads == used
-    assert {torch.threads for torch in in_torch} == ({3} if lanes >= entries.TORCH_LANES else set())
-
-
-def test_mujoco_methods_are_those_that_its_benchmark_chose():
-    spec = importlib.util.spec_from_file_location("mujoco_arm", entries.MUJOCO_ARM)
-    module = importlib.util.module_from_spec(spec)
-    spec.loader.exec_module(module)
-    chosen = [module.EQUAL_ACCURACY["Coulomb"], module.FASTEST]
-    assert list(MUJOCO_METHODS.values()) == [(*method, round(1e-3 / h)) for method, h in chosen]
 
 
 def test_the_arm_in_mujoco_runs():

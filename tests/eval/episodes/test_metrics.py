@@ -75,13 +75,6 @@ def test_energy_counts_braking_as_work_too():
     assert values["energy"] == pytest.approx(10.0 * 2.0 / np.pi, rel=1e-5)
 
 
-def test_domain_margin_and_return():
-    use, reward = np.linspace(0.1, 0.7, N), np.full(N, 0.5)
-    values = metrics_of(signals(domain_use=use, reward=reward))
-    assert values["domain_margin"] == pytest.approx(0.3)
-    assert values["return"] == pytest.approx(0.5 * N)
-
-
 def test_an_episode_of_one_step_has_metrics():
     one = {
         field.name: getattr(signals(), field.name)[:1]

@@ -164,19 +164,6 @@ def test_tip_errors_decades_apart_are_all_seen(keep):
     assert not tip.texts
 
 
-def test_each_case_has_the_decades_of_its_own_errors(keep):
-    keep()
-    figure = draw_figures([episode(error=1e-7), episode(case="payload", error=5e-3)])["overview"]
-    nominal, payload, *below = figure.axes
-    assert nominal.get_ylim()[0] == 1e-5 and payload.get_ylim()[0] >= 1e-2  # mm
-    for axes in (nominal, payload):
-        (line,) = curves(axes, 60)
-        assert np.mean(line.get_ydata() > axes.get_ylim()[0]) >= 0.95
-        assert axes.yaxis.get_tick_params()["labelleft"]
-    assert below[0].get_ylim() == below[1].get_ylim()
-    assert nominal.get_position().height > 1.3 * below[0].get_position().height
-
-
 def test_an_episode_that_ended_early_is_marked():
     short = episode("b", samples=20, completed=False)
     for name, figure in draw_figures([episode("a"), short]).items():
@@ -218,13 +205,6 @@ def test_many_policies_look_different_and_the_same_in_every_case(keep):
     assert len(set(looks)) == 12
     assert len({color for color, _ in looks[:8]}) == len({dashes for _, dashes in looks[:8]}) == 8
     assert curves(figures["payload-torque"].axes[0], 60)[0].get_color() == looks[7][0]
-
-
-def test_of_several_seeds_the_first_is_drawn(keep):
-    keep("circularity")
-    figure = draw_figures([episode(seed=0, error=1e-3), episode(seed=1, error=2e-3)])["nominal-circularity"]
-    (line,) = curves(figure.axes[0], 60)
-    np.testing.assert_allclose(line.get_ydata(), 1e3 * episode(error=1e-3).circularity_error)
 
 
 def test_a_missing_folder_is_an_error_and_stays_missing(tmp_path, keep):

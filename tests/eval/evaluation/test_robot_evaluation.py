@@ -9,7 +9,6 @@ from fuzzyarm.envs.physics.rigid_body import inverse_dynamics
 from fuzzyarm.envs.physics.robot import robot_named
 from fuzzyarm.eval.episodes.rollout_file import read_rollouts, write_rollouts
 from fuzzyarm.eval.evaluation import run
-from fuzzyarm.eval.evaluation.figures import draw_figures
 from fuzzyarm.eval.evaluation.result_table import table_rows
 from fuzzyarm.eval.evaluation.run import EvaluationConfig, evaluate, write_results
 
@@ -72,14 +71,6 @@ def test_results_and_rollouts_come_back_from_their_files(evaluation, tmp_path):
     first = read_rollouts(write_rollouts(evaluation.rollouts, tmp_path))[0]
     assert first.torque.shape == (len(first.time), 3) and first.tip.shape == (len(first.time), 3)
     assert np.array_equal(first.q_link, evaluation.rollouts[0].q_link)
-
-
-def test_there_is_a_panel_for_every_joint(evaluation):
-    figures = draw_figures(evaluation.rollouts, evaluation.config.titles)
-    assert [len(figures[f"nominal-{name}"].axes) for name in ("torque", "velocity", "friction")] == [3, 3, 3]
-    assert (
-        "2.7 kg" in figures["payload-path"].axes[0].get_title(loc="left") + figures["payload-path"].axes[0].get_title()
-    )
 
 
 def test_a_robot_without_a_name_of_its_own_has_no_command():

@@ -41,12 +41,6 @@ def test_a_policy_that_saturates_is_named_once_with_what_its_loop_does(radius, w
     assert line.startswith(f"hard: a motor is at its torque limit in 20 % of the steps; {words}")
 
 
-def test_a_held_action_and_an_object_without_a_period_are_no_loop_of_a_control_period():
-    policies = {"held": SimpleNamespace(action_period=5e-3), "own": object()}
-    lines = saturation([rollout("held", 500), rollout("own", 500)], policies, ArmParameters(), PERIOD)
-    assert len(lines) == 2 and all("was not found" in line for line in lines)
-
-
 def test_a_law_whose_loop_is_unstable_on_a_light_arm_is_said_to_be_so():
     """Light rotors on soft joints, for which the law's bandwidth is too large; it follows the path all the same."""
     arm = ArmParameters(

@@ -8,7 +8,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from fuzzyarm.envs.physics.dynamics import arm_constants, tip_position
+from fuzzyarm.envs.physics.dynamics import arm_constants
 from fuzzyarm.eval.paper.claims import CLAIMS, Claim
 from fuzzyarm.eval.paper.evidence import (
     FORMS,
@@ -18,7 +18,6 @@ from fuzzyarm.eval.paper.evidence import (
     PAPERS_OWN,
     RULES,
     SWAPPED,
-    TITLES,
     WITNESSES,
     prove_witnesses,
 )
@@ -85,17 +84,6 @@ def test_agreement(comparison, decimals, value, expected):
     claim = Claim("key", "here", "1.3", "q", "-", 1.3, dict, comparison=comparison, decimals=decimals)
     assert claim.agrees("any", value) is expected
     assert Claim("key", "here", "", "q", "-", {"other": 1.3}, dict).agrees("any", value) is None
-
-
-def test_circularity_is_the_distance_from_the_center_less_the_radius(evidence, comparison):
-    center, radius = np.array([0.35, 0.65]), 0.2
-    for key in TITLES:
-        run = evidence.rollouts[key, "machining"]
-        tip = 1e3 * (np.linalg.norm(run.tip - center, axis=1) - radius)
-        rigid = 1e3 * (np.linalg.norm(tip_position(run.q_motor, (0.5, 0.5)) - center, axis=1) - radius)
-        for side, error in (("tip", tip), ("motors", rigid)):
-            ends = [comparison.measured[f"case-2-{end}-{side}"][key] for end in ("inmost", "outmost")]
-            np.testing.assert_allclose(ends, [error.min(), error.max()], atol=1e-9)
 
 
 def test_feedforward_at_rest(evidence, comparison):

@@ -43,27 +43,12 @@ def test_values_that_read_the_same_tie():
     assert "<img" not in words(*many)
 
 
-def test_who_lost_the_path_wins_neither_that_case_nor_overall():
-    a, b = standing("a", nominal=4.0, machining=1.0), standing("b", lost=1, nominal=0.5, machining=None)
-    assert words(a, b) == (
-        "a wins overall with a score of 4.00 mm and in Case 2 (machining force) with 1.00 mm rms; b wins in Case 1 "
-        "(nominal) with 0.500 mm rms; b lost the path in 1 of 2 episodes and is not ranked overall."
-    )
-
-
 def test_nobody_may_be_left():
     a, b = standing("a", lost=2, nominal=None, machining=None), standing("b", lost=1, nominal=1.0, machining=None)
     assert words(a, b) == (
         "b wins in Case 1 (nominal) with 1.00 mm rms; nobody held the path in Case 2 (machining force); "
         "b (in 1 of 2 episodes) and a (in 2 of 2 episodes) lost the path and are not ranked overall."
     )
-
-
-def test_a_policy_alone_wins_nothing():
-    assert words(standing("a", nominal=4.0, machining=1.0)) == (
-        "a ran alone; its rms tip error is 4.00 mm in Case 1 (nominal) and 1.00 mm in Case 2 (machining force)."
-    )
-    assert words(standing("a", lost=1, nominal=None)) == "a ran alone and lost the path in 1 of 1 episode."
 
 
 @pytest.mark.parametrize(("low", "told"), [(2.1, True), (2.3, False)])

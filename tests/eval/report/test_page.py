@@ -148,15 +148,6 @@ def test_certificates_stand_beside_what_was_observed(evaluation):
     assert text.count(">nothing proven<") == 2 and "Nothing is proven of the rigid arm: computed-torque." in text
 
 
-def test_an_axis_is_linear_or_logarithmic():
-    line, decades = Axis("", 0.0, 10.0), Axis("", 1e-2, 1e2, log=True)
-    assert line.x(5.0) == pytest.approx(0.5 * (line.x(0.0) + line.x(10.0)))
-    assert decades.x(1.0) == pytest.approx(0.5 * (decades.x(0.01) + decades.x(100.0)))
-    assert decades.x(0.0) == decades.x(0.01) and line.x(99.0) == line.x(10.0)
-    assert decades.ticks() == pytest.approx([0.01, 0.1, 1.0, 10.0, 100.0])
-    assert line.ticks() == [0.0, 2.0, 4.0, 6.0, 8.0, 10.0]
-
-
 def test_a_bound_lies_between_what_it_rules_out_and_what_was_seen():
     axis = Axis("", 0.0, 25.0)
     for bound, hatched in (

@@ -123,28 +123,6 @@ def test_keys(page):
         assert after("Home") == 0
 
 
-def test_tab_reaches_every_control_and_each_has_a_name(page):
-    reached = set()
-    for _ in range(20):
-        page.press("Tab")
-        reached.add(page.run("(document.activeElement.id || document.activeElement.tagName)"))
-    assert {"theme", "play", "scrubber", "speed", "magnification", "loop", "INPUT"} <= reached
-    roles = {"button", "slider", "combobox", "checkbox", "tab", "image", "region", "tabpanel"}
-    nodes = page.call("Accessibility.getFullAXTree")["nodes"]
-    named = [(n["role"]["value"], n["name"].get("value")) for n in nodes if n.get("role", {}).get("value") in roles]
-    assert all(name for _, name in named), named
-    assert {role for role, _ in named} >= {"button", "slider", "combobox", "checkbox", "tab", "image"}
-
-
-def test_policies_can_be_left_out(page):
-    before = page.run(PICTURES)[-1]
-    for policy, left in ((0, 2), (1, 1), (2, 0)):
-        page.run(f"document.querySelectorAll('.chip input')[{policy}].click()")
-        assert page.run("document.querySelectorAll('#arms figure:not([hidden])').length") == left
-    assert page.run(PICTURES)[-1] != before
-    page.press("ArrowRight")  # without policies nothing is drawn, and nothing fails
-
-
 def brightness(page):
     colour = page.run("getComputedStyle(document.body).backgroundColor")
     return float(np.mean(json.loads(f"[{colour[colour.index('(') + 1 : -1]}]")[:3]))

@@ -106,13 +106,6 @@ def test_the_page_moves_the_robot_as_the_package_does(page):
         np.testing.assert_allclose(seen[:, ::-1], distance * own.pixels(points), atol=1e-9)
 
 
-def test_a_force_along_the_line_of_sight_is_not_seen_and_one_across_it_is_seen_whole(page):
-    ahead, across = "report.robot.axes[2]", "report.robot.axes[0]"
-    point = f"plus(report.robot.eye, {ahead}, report.robot.distance)"
-    assert np.hypot(*page.run(f"space.across({point}, {ahead})")) < 1e-3
-    np.testing.assert_allclose(page.run(f"space.across({point}, {across})"), [1.0, 0.0], atol=1e-3)
-
-
 def test_arms_and_a_row_of_charts_for_each_joint(page):
     assert page.run("plots.length") == 2 + 2 * 6
     titles = page.run("[...document.querySelectorAll('#plots figcaption')].map((e) => e.textContent)")

@@ -219,16 +219,6 @@ def test_equilibrium_of_a_loop_with_integral() -> None:
     np.testing.assert_allclose(loop.equilibrium[4:8], 0.0, atol=1e-9)
 
 
-def test_a_computed_torque_that_is_far_too_fast_diverges() -> None:
-    """400 rad/s: radius above 1, and the arm agrees."""
-    policy = ComputedTorquePolicy(ARM, PERIOD, 400.0)
-    assert spectral_radius(policy, ARM, control_period=PERIOD) > 1.0
-    assert np.isnan(gain_margin(policy, ARM, control_period=PERIOD)).all()
-    loop = linearise(policy, ARM, POSTURE, PERIOD)
-    path = simulate(policy, POSTURE, loop, np.full(8, 1e-9), 100)
-    assert np.abs(path[-20:]).max() > 1e5 * np.abs(path[0]).max()
-
-
 @pytest.mark.parametrize(("name", "delay"), [("fuzzy-4", 0), ("fuzzy-4", 0.5), ("computed-torque", 1)])
 def test_the_arm_settles_below_the_upper_margin_and_diverges_above(name: str, delay: float, few_postures: None) -> None:
     """At the posture that is the first to go, 3 % to either side."""
@@ -240,16 +230,6 @@ def test_the_arm_settles_below_the_upper_margin_and_diverges_above(name: str, de
     below, above = (simulate(policy, posture, loop, deviation, 1500, k * upper, delay) for k in (0.97, 1.03))
     assert np.abs(below[-50:]).max() < 1e-2 * np.abs(below).max()
     assert np.abs(above[-50:]).max() > 1e3 * np.abs(above[:50]).max()
-
-
-def test_delay_costs_margin(few_postures: None) -> None:
-    """Delay does not increase the margins of these loops; the radius at the upper limit is 1."""
-    policy, delays = POLICIES["fuzzy-4"], (0, 0.5, 1, 1.5, 2)
-    uppers = [gain_margin(policy, ARM, control_period=PERIOD, delay=delay)[1] for delay in delays]
-    assert uppers == sorted(uppers, reverse=True)
-    for delay, upper in zip(delays, uppers, strict=True):
-        at_the_edge = spectral_radius(policy, ARM, control_period=PERIOD, loop_gain=upper, delay=delay)
-        assert at_the_edge == pytest.approx(1.0, abs=2e-4)
 
 
 def test_memory_that_the_torque_does_not_read_is_left_out() -> None:

@@ -18,15 +18,12 @@ from support.springs import Springs
 from fuzzyarm.cli import main
 from fuzzyarm.envs.physics.dynamics import Payload
 from fuzzyarm.envs.physics.parameters import ArmParameters
-from fuzzyarm.envs.physics.robot import robot_named
-from fuzzyarm.envs.scenario.cases import case_for
 from fuzzyarm.eval.stability import margins as margins_table
 from fuzzyarm.eval.stability.linearisation import gain_margin, spectral_radius
 from fuzzyarm.eval.stability.margins import (
     CONDITIONS,
     LIMITS,
     MarginsConfig,
-    conditions_for,
     margin_cells,
     margin_notes,
     margins_in_words,
@@ -142,15 +139,6 @@ def test_an_unstable_loop_is_marked_by_a_word() -> None:
         assert "unstable" in shown(with_rows(("fast", row)), **console)
 
 
-@pytest.mark.parametrize(("radius", "cell"), [(0.99996, "1.0000"), (1.0, "1.0000 unstable"), (None, "-")])
-def test_radius_cells(radius: float | None, cell: str) -> None:
-    """ "unstable" depends on the number, not on its rounded digits."""
-    row = json.loads(json.dumps(nominal()["rows"][0]))
-    row["spectral_radius"]["one sample later"] = radius
-    headings, (cells,) = margin_cells([row])
-    assert cells[headings.index("one sample later")] == cell
-
-
 def test_a_gain_without_limit_is_none() -> None:
     """Springs without integral bear any smaller gain."""
     row = policy_margins(Springs(), ARM, 1e-3)
@@ -175,15 +163,6 @@ def test_an_arm_that_cannot_hold_its_weight_along_the_path_is_refused(tmp_path: 
     (tmp_path / "short.toml").write_text("length = [0.3, 0.3]\ntorque_limit = [10.0, 5.0]\n")
     with pytest.raises(ValueError, match="to hold its weight"):
         measure_margins(MarginsConfig(("computed-torque",), str(tmp_path / "short.toml")))
-
-
-def test_a_robot_carries_the_payload_of_its_case() -> None:
-    """Its name is in the heading; the other conditions are those of every arm."""
-    robot = robot_named("planar-3r")
-    payload = case_for("payload", robot).disturbance.payload
-    *others, loaded = conditions_for(robot)
-    assert tuple(others) == CONDITIONS[:-1] and conditions_for(ARM) == CONDITIONS
-    assert loaded.payload == payload and loaded.name == f"{payload.mass:g} kg payload" and payload.mass != 5.0
 
 
 @pytest.mark.slow
@@ -218,17 +197,6 @@ def test_every_policy_there_is(policies: tuple[str, ...] | None, monkeypatch: py
         else:
             assert radius is not None, row["reasons"]
             assert 0.5 < radius < 1.0
-
-
-def test_piped_a_policy_is_one_line() -> None:
-    """Plain columns, headings in full."""
-    lines = shown(nominal(), width=400).splitlines()
-    assert lines[0].split()[:4] == ["policy", "nominal", "loop", "gain"]
-    assert "stiffness - 20 %" in lines[0] and "to, one sample later" in lines[0]
-    for line, row in zip(lines[1:3], nominal()["rows"], strict=True):
-        numbers = [f"{radius:.4f}" for radius in row["spectral_radius"].values()]
-        assert line.split() == [row["policy"], *numbers, *(f"{gain:.2f}" for gain in row["loop_gain"].values())]
-    assert "A local measurement and not a proof" in "\n".join(lines)
 
 
 @pytest.mark.parametrize("width", [60, 80, 120])

@@ -171,24 +171,6 @@ def test_versions_are_not_mixed(folder, capsys, monkeypatch):
     refused(capsys, folder, ["--resume", "--out", str(folder)], "than there are now (made_with: code ")
 
 
-def test_what_a_run_leaves_that_is_killed_at_its_beginning_is_no_obstacle(tmp_path, capsys, undrawn, short):
-    """The folder of the chunks is made before the file that says what is run."""
-    out = tmp_path / "sweep"
-    (out / "chunks").mkdir(parents=True)
-    (out / "chunks" / ".000000.npz.1a2b.part").write_text("half")
-    refused(capsys, out, ["--resume", "--out", str(out)], "begin one without --resume")
-    assert main(["sweep", *QUICK, "--out", str(out)]) == 0
-
-
-def test_a_disk_that_is_full_at_the_beginning_leaves_nothing(tmp_path, capsys, monkeypatch):
-    def full(*_):
-        raise OSError(28, "No space left on device")
-
-    monkeypatch.setattr("os.replace", full)
-    refused(capsys, tmp_path, [*QUICK, "--out", str(tmp_path / "sweep")], "run.json: No space left on device")
-    assert list(tmp_path.iterdir()) == []
-
-
 @pytest.mark.slow
 def test_a_sweep_holds_no_absolute_path_and_finds_its_policy_again(tmp_path, capsys, undrawn):
     file, out = tmp_path / "there" / "mine.json", tmp_path / "sweep"
@@ -208,18 +190,6 @@ def test_a_sweep_holds_no_absolute_path_and_finds_its_policy_again(tmp_path, cap
     capsys.readouterr()
     (out / "mine.json").write_bytes(shipped.with_name("fuzzy-2.json").read_bytes())
     refused(capsys, out, ["--resume", "--out", str(out)], "than there are now (policies: mine: mine.json ")
-
-
-def test_workers_that_die_again_and_again_end_the_sweep_with_one_line(tmp_path, capsys, monkeypatch):
-    from fuzzyarm.eval.engine import Engine, WorkersLost
-
-    def lost(*_):
-        raise WorkersLost("workers died 3 times in a row")
-        yield
-
-    monkeypatch.setattr(Engine, "run", lost)
-    assert main(["sweep", *QUICK, "--out", str(tmp_path / "sweep")]) == 1
-    assert "workers died 3 times in a row; what is done is kept: --resume" in capsys.readouterr().err
 
 
 def test_without_ray_the_extra_is_named(tmp_path, capsys, monkeypatch):

@@ -52,11 +52,6 @@ def test_what_a_grid_sets_is_not_drawn():
     assert drawn.mass == DISTRIBUTIONS["loads"].mass
 
 
-def test_the_members_of_the_chunks_are_all_plants_once():
-    config = SweepConfig(plants=1003, chunk=100)
-    assert [i for number in range(config.chunks) for i in config.members(number)] == list(range(1003))
-
-
 @pytest.mark.parametrize(
     ("arguments", "expected"),
     [

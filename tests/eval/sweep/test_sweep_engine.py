@@ -27,15 +27,6 @@ def poison(number):
     return number * number
 
 
-KEPT = []
-
-
-def growing(number):
-    KEPT.append(b"x" * 350_000_000)
-    time.sleep(1.2)
-    return os.getpid()
-
-
 def failing(number):
     raise ArithmeticError(f"no {number}")
 
@@ -63,15 +54,6 @@ def test_work_that_always_kills_its_worker_is_given_up():
     with pytest.raises(WorkersLost, match="died 3 times"):
         run()
     assert 3 not in done and len(done) == len(set(done)) and len(reports) >= 2
-
-
-@pytest.mark.slow
-@pytest.mark.timeout(60)
-def test_a_process_whose_memory_grows_is_replaced_also_where_warnings_are_errors():
-    """joblib does so if psutil is installed, and warns: an error would end the thread that starts new processes."""
-    pytest.importorskip("psutil")
-    found = dict(Engine(jobs=2).run(growing, range(8)))
-    assert sorted(found) == list(range(8)) and len(set(found.values())) > 2
 
 
 @pytest.mark.parametrize("jobs", [1, 2])

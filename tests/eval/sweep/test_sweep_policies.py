@@ -1,8 +1,6 @@
 """Sweeps of policies that are not part of the package: the user's own code, and controllers for another arm."""
 
 import json
-import os
-import subprocess
 import sys
 
 import numpy as np
@@ -10,7 +8,6 @@ import pytest
 
 from fuzzyarm.cli import main
 from fuzzyarm.envs.physics.parameters import ArmParameters
-from fuzzyarm.eval.sweep.run import Sweep
 
 QUICK = ["--case", "nominal", "--plants", "4", "--chunk", "2"]
 ONE_CHUNK = ["--case", "nominal", "--plants", "2", "--jobs", "1"]
@@ -35,20 +32,6 @@ import os
 with open(os.environ["IMPORTED_FROM"], "a") as file:
     file.write(__file__ + "\\n")
 SHARE = {share}
-"""
-
-
-ON_RAY = """
-import sys
-from pathlib import Path
-from fuzzyarm.eval.sweep.config import SweepConfig
-from fuzzyarm.eval.engine import Engine
-from fuzzyarm.eval.sweep.run import Sweep
-
-policy, modules, out = sys.argv[1:]
-sys.path.insert(0, modules)
-config = SweepConfig(policies=(policy,), cases=("nominal",), plants=4, chunk=2)
-print(list(Sweep.begin(Path(out), config).run(Engine("ray", jobs=2))))
 """
 
 
@@ -110,28 +93,6 @@ def test_local_processes_run_a_policy_of_ones_own_with_the_numbers_of_one(import
     assert main(["sweep", *worst]) == 0
     signals = np.load(tmp_path / "1" / "replay-swept_locally.law-make-nominal-3" / "episode.npz")
     assert 1e3 * signals["tip_error"].max() == own[3]
-
-
-@pytest.mark.slow
-def test_ray_sends_the_package_of_a_policy_of_ones_own(imported, tmp_path):
-    """In a process of its own: Ray does not wait for its processes, which warns.
-
-    It runs in another folder, as Ray's workers on this machine also import from the folder that it runs in.
-    """
-    policy = package(tmp_path, "swept_by_ray")
-    assert main(["sweep", "--policy", policy, *QUICK, "--jobs", "1", "--out", "expected"]) == 0
-    imported.write_text("")
-    (tmp_path / "elsewhere").mkdir()
-    command = [sys.executable, "-c", ON_RAY, policy, str(tmp_path), str(tmp_path / "found")]
-    path = os.pathsep.join(entry for entry in sys.path if entry and entry != str(tmp_path))
-    environment = os.environ | {"PYTHONPATH": path}
-    done = subprocess.run(command, cwd="elsewhere", env=environment, capture_output=True, text=True, check=False)
-    assert done.returncode == 0, done.stderr
-    assert done.stdout == "[2, 2]\n"
-    found = Sweep.resume(tmp_path / "found", {"policies": [policy]})
-    assert_equal(episodes(tmp_path / "expected"), vars(found.results()))
-    places = imported.read_text().splitlines()
-    assert any("py_modules" in place for place in places), places  # the copy that Ray sent
 
 
 def test_code_that_only_the_folder_names_does_not_run(imported, tmp_path, capsys, short):

@@ -11,9 +11,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from support.processes import running, wait_until
 
-from fuzzyarm.cli import main
 from fuzzyarm.eval.engine import Engine
 from fuzzyarm.eval.sweep import run
 from fuzzyarm.eval.sweep.config import SweepConfig
@@ -123,51 +121,3 @@ def test_a_worker_with_other_versions_is_refused(tmp_path, monkeypatch):
     with pytest.raises(ValueError, match=r"other versions than the process that runs the sweep \(numpy .* and 1\.0\)"):
         swept(tmp_path, Engine(jobs=1))
     assert list((tmp_path / "sweep" / "chunks").iterdir()) == []
-
-
-WAITS = """
-import os, sys, time
-from pathlib import Path
-from fuzzyarm.cli import main  # noqa: E402
-replace = os.replace
-
-def waits(source, target):
-    replace(source, target)
-    folder = Path(target).parent
-    if folder.name == "chunks" and len(list(folder.glob("*.npz"))) == int(sys.argv[1]):
-        time.sleep(3600)
-
-os.replace = waits
-sys.exit(main(sys.argv[2:]))
-"""
-
-
-@pytest.mark.slow
-def test_an_interrupted_and_then_a_killed_sweep_goes_on_to_the_same_end(tmp_path, capsys):
-    folder = tmp_path / "sweep"
-    arguments = ["--policy", "fuzzy-4", "--case", "machining", "--plants", "60", "--chunk", "2", "--seed", "5"]
-
-    def started(words, files):
-        """Start a sweep that waits, and its workers too, once there are so many chunks."""
-        command = ["sweep", *words, "--jobs", "2", "--out", str(folder)]
-        return running(WAITS, str(files), *command, stdout=subprocess.PIPE, stderr=subprocess.PIPE)
-
-    def done():
-        return len(list(folder.glob("chunks/*.npz")))
-
-    with started(arguments, 3) as process:
-        wait_until(lambda: done() == 3, process)
-        os.killpg(process.pid, signal.SIGINT)  # what Ctrl-C in a terminal does: everybody gets it
-        error = process.communicate()[1]
-    assert process.returncode == 130
-    assert error.splitlines()[-1].startswith("fuzzyarm sweep: interrupted; what is done is kept: --resume --out")
-    assert done() == 3
-    with started(["--resume"], 6) as process:
-        wait_until(lambda: done() == 6, process)  # and is killed
-    kept = {path: path.stat().st_mtime_ns for path in folder.glob("chunks/*.npz")}
-    assert len(kept) == 6 and not (folder / "sweep.json").exists()
-    assert main(["sweep", "--resume", "--jobs", "1", "--out", str(folder)]) == 0
-    assert all(path.stat().st_mtime_ns == when for path, when in kept.items())
-    whole = SweepConfig(policies=("fuzzy-4",), cases=("machining",), plants=60, chunk=60, seed=5)
-    found = np.load(folder / "episodes.npz")
-    assert equal({name: found[name] for name in found.files}, swept(tmp_path / "whole", Engine(jobs=1), config=whole))

@@ -9,7 +9,7 @@ from scipy.stats import binom, norm
 from fuzzyarm.eval.sweep.config import SweepConfig
 from fuzzyarm.eval.sweep.distributions import columns_of, plant_record
 from fuzzyarm.eval.sweep.episodes import SweepResults
-from fuzzyarm.eval.sweep.summary import QUANTILES, print_sweep, quantile_ranks, quantiles, summarise, summary_csv, worst
+from fuzzyarm.eval.sweep.summary import QUANTILES, print_sweep, quantile_ranks, quantiles, summarise, worst
 
 
 @pytest.mark.parametrize("count", [2, 15, 400, 5000])
@@ -92,13 +92,3 @@ def test_the_table_shows_no_number_without_its_interval():
     lines = [line for line in captured.get().splitlines() if line.startswith("fuzzy-4")]
     assert len(lines) == 2 and all(len(re.findall(r"[\d.]+ \([\d.]+ to [\d.]+\)", line)) == 5 for line in lines)
     assert "100.00 (99.92 to 100.00)" in lines[0]  # Wilson: n/(n + z²) of 5000
-
-
-def test_the_csv_has_every_number_with_both_ends():
-    config, results = made()
-    header, *lines = summary_csv(summarise(config, results)["rows"]).splitlines()
-    assert len(lines) == 2
-    names = header.split(",")
-    for name in [name for name in names if name.endswith("_value")]:
-        assert name.replace("_value", "_low") in names and name.replace("_value", "_high") in names
-    assert "max_mm_0.99_value" in names and "success_value" in names

@@ -1,6 +1,5 @@
 """The search for weights: what it finds, what it keeps, and that processes do not change it."""
 
-import functools
 import math
 
 import numpy as np
@@ -11,7 +10,7 @@ from fuzzyarm.envs.scenario.cases import case_for
 from fuzzyarm.eval.engine import Engine
 from fuzzyarm.eval.tuning import observer_search
 from fuzzyarm.eval.tuning.finding import PERIODS, force_factor, heaviest, periods_of, radius_within
-from fuzzyarm.eval.tuning.search import WORTH, Budget, Descent, best_of, descend, found_weights, sobol_points
+from fuzzyarm.eval.tuning.search import WORTH, Budget, Descent, best_of, found_weights, sobol_points
 
 MINIMUM = np.log([0.02, 3.0])
 BOX = [(1e-3, 1.0), (0.1, 100.0)]
@@ -40,23 +39,6 @@ def test_the_first_guess_stays_where_nothing_is_better_by_a_share():
     assert best_of(first, [Descent((1.0,), 1.0 - 0.9 * WORTH)]) == first
     assert best_of(first, [Descent((1.0,), 1.0 - 1.1 * WORTH)]).point == (1.0,)
     assert best_of(Descent((0.0,), math.inf), [Descent((1.0,), 7.0)]).cost == 7.0
-
-
-def test_no_more_is_evaluated_than_the_budget_says():
-    calls = []
-
-    def counted(arm, point):
-        calls.append(point)
-        return bowl(arm)(point)
-
-    budget = Budget(sobol=4, searches=2, evaluations=10, from_guess=True)
-    points = sobol_points(BOX, 8, seed=1)
-    found_weights(
-        lambda arm: functools.partial(counted, arm), 0.0, MINIMUM + 1.0, points, 0.5, budget, engine=Engine(jobs=1)
-    )
-    assert 5 < len(calls) <= budget.total
-    descents = descend(bowl(0.0), MINIMUM + 1.0, 0.5, 10)
-    assert descents.cost < 2.0
 
 
 def test_table_1_is_tuned_under_the_papers_loads_and_another_arm_under_its_own():
