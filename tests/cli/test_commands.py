@@ -69,37 +69,6 @@ def test_what_a_file_leaves_to_table_1_is_named_once_and_in_the_results(tmp_path
     assert "as in Table 1 of the paper: mass, inertia, viscous_friction" in (tmp_path / "page.html").read_text()
 
 
-@pytest.mark.parametrize(
-    ("arguments", "expected"),
-    [
-        (["--policy", "nobody"], "choose from: fuzzy-32, fuzzy-16"),
-        (["--case", "nowhere"], "choose from: nominal, machining, payload"),
-        (["--policy", "missing.json"], "missing.json"),
-        (["--seeds", "0"], "--seeds 0 is out of range; allowed: 1, 2, 3"),
-        (["--passes", "1001"], "--passes 1001 is out of range; allowed: 1 to 1000"),
-        (["--passes", "x"], "--passes x must be a whole number; allowed: 1 to 1000"),
-        (["--payload", "0"], "--payload 0.0 kg is out of range; allowed: (0,"),
-        (["--force", "3", "2"], "--force (3.0, 2.0) N must be a range (low, high)"),
-        (["--force", "-1", "2"], "--force[0] -1.0 N is out of range"),
-        (["--case", "nominal", "--case", "nominal"], "--case ['nominal', 'nominal'] must be one or more different"),
-        (["--seeds", "5"], "encoder noise"),
-        (["--encoder-noise", "-1", "0"], "EncoderNoise.position = -1.0"),
-        (["--robot", "missing.toml"], "missing.toml"),
-        (["--policy", "fuzzy-4", "--robot", "ARM"], "designed for another robot (mass differ)"),
-        (["--path", "triangle"], "choose from: circle, lemniscate, line, square, or give a file"),
-        (["--path", "missing.csv"], "missing.csv"),
-        (["--out", "ARM/sub"], "arm.toml/sub"),
-    ],
-)
-def test_evaluate_bad_usage_is_one_line_and_exit_code_2(tmp_path, capsys, arguments, expected):
-    arm = tmp_path / "arm.toml"
-    arm.write_text("mass = [12, 8]\n")
-    out = [] if "--out" in arguments else ["--out", str(tmp_path / "new")]
-    assert main(["evaluate", *(word.replace("ARM", str(arm)) for word in arguments), *out]) == 2
-    assert expected in one_line_error(capsys)
-    assert list(tmp_path.iterdir()) == [arm]
-
-
 @pytest.mark.usefixtures("evaluated_once")
 def test_an_interrupt_leaves_whole_files_and_one_line(tmp_path, capsys, monkeypatch):
     def interrupt(*_, **__):
@@ -134,27 +103,6 @@ def test_an_infeasible_design_writes_nothing_and_exits_with_1(tmp_path, capsys):
 
 
 @pytest.mark.parametrize(
-    ("arguments", "expected"),
-    [
-        (["--rules", "5"], "choose from: 32, 16, 8, 4, 2, 1"),
-        (["--keep", "z1,z7"], "z1, z2, z3, z4, z5"),
-        (["--alpha", "fast"], '--alpha fast must be a number or "max"'),
-        (["--gamma", "min"], "gamma and gain_bound are left open"),
-        (["--gain-bound", "0"], "gain_bound = 0.0"),
-        (["--gamma", "nan"], "gamma = nan"),
-        (["--out", "controller.txt"], "must be a file ending in .json"),
-        (["--out", "no/such/folder/c.json"], "does not exist"),
-    ],
-)
-def test_design_bad_usage_is_one_line(tmp_path, capsys, monkeypatch, arguments, expected):
-    monkeypatch.chdir(tmp_path)
-    out = [] if "--out" in arguments else ["--out", "c.json"]
-    assert main(["design", *out, *arguments]) == 2
-    assert expected in one_line_error(capsys)
-    assert list(tmp_path.iterdir()) == []
-
-
-@pytest.mark.parametrize(
     "words", slow_but([["--help"]], [["--help"], ["train", "ppo", "--help"], ["verify", "--json", "fuzzy-1.json"]])
 )
 def test_a_reader_that_leaves_is_no_error(words):
@@ -171,7 +119,7 @@ def shipped(name):
     return str(CONTROLLERS[name.removesuffix(".json")])
 
 
-def test_verify_proves_files_and_says_what_for(tmp_path, capsys):
+def test_verify_proves_files_and_says_what_for(capsys):
     files = [shipped("fuzzy-4.json"), shipped("paper-1-common.json")]
     assert main(["verify", *files]) == 0
     out = capsys.readouterr().out
@@ -185,9 +133,6 @@ def test_verify_proves_files_and_says_what_for(tmp_path, capsys):
     assert main(["verify", "--json", files[0]]) == 0
     (report,) = json.loads(capsys.readouterr().out)
     assert report["proven"] and all(claim["proven"] for claim in report["claims"])
-    (tmp_path / "bad.json").write_text("{}")
-    assert main(["verify", str(tmp_path / "bad.json")]) == 2
-    assert str(tmp_path / "bad.json") in one_line_error(capsys)
 
 
 def test_verify_names_what_fails_and_exits_with_1(tmp_path, capsys):
@@ -212,8 +157,6 @@ def test_design_in_the_form_of_the_paper(tmp_path, capsys):
     assert main(["design", *arguments, "--feedforward", "0.5"]) == 0
     half = Controller.load(path)
     np.testing.assert_allclose(half.feedforward, 0.5 * consistent_feedforward(half.model), rtol=1e-12)
-    assert main(["design", "--rules", "2", "--feedforward", "0.5", "--out", str(path)]) == 2
-    assert "--theorem paper" in one_line_error(capsys)
 
 
 @pytest.fixture
@@ -242,20 +185,3 @@ def test_bench_prints_a_table_and_writes_a_file_where_it_is_asked_to(tmp_path, c
     assert printed == json.loads((tmp_path / "new" / "bench.json").read_text())
     assert printed["rows"][0]["steps_per_s"]["median"] > 0.0
     assert {path.name for path in (tmp_path / "new").iterdir()} == {"bench.json", "throughput.png"}
-
-
-@pytest.mark.parametrize(
-    ("arguments", "expected"),
-    [
-        (["--rounds", "6"], "rounds = 6 must be odd"),
-        (["--lanes", "64", "0"], "lanes = 0"),
-        (["--lanes-sweep"], "say where with --out DIR"),
-        (["--out", "file/sub"], "file/sub"),
-    ],
-)
-def test_bench_bad_usage_is_one_line_before_anything_runs(tmp_path, capsys, monkeypatch, arguments, expected):
-    monkeypatch.setattr("fuzzyarm.eval.bench.run.run_bench", None)
-    monkeypatch.chdir(tmp_path)
-    (tmp_path / "file").write_text("")
-    assert main(["bench", *arguments]) == 2
-    assert expected in one_line_error(capsys)

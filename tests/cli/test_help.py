@@ -105,38 +105,6 @@ def test_help_loads_nothing_that_computes():
     assert loaded_after("--help", "--version", "evaluate --help", "design --help") == ["loaded []"] * 4
 
 
-@pytest.mark.parametrize(
-    ("words", "value", "way_out"),
-    [
-        ([], "a command is missing", "choose from: evaluate, report,"),
-        (["evalute"], "unknown command evalute", "did you mean evaluate? See fuzzyarm --help"),
-        (["fly"], "unknown command fly", "choose from: evaluate, report,"),
-        (["evaluate", "--sedes", "4"], "--sedes", "Did you mean --seeds? See fuzzyarm evaluate --help"),
-        (["evaluate", "--seeds", "1.5"], "--seeds 1.5", "must be a whole number"),
-        (["evaluate", "--encoder-noise", "1e-5"], "--encoder-noise 1e-5", "needs 2 values"),
-        (["evaluate", "--json=maybe"], "--json maybe", "must be yes or no"),
-        (["evaluate", "--policy"], "--policy", "needs a value; see fuzzyarm evaluate --help"),
-        (["evaluate", "now"], "now", "belongs to no option; see fuzzyarm evaluate --help"),
-        (["leaderboard", "--markdown"], "FILE... is missing", "see fuzzyarm leaderboard --help"),
-        (["design", "--out", "a.json", "--out", "b.json"], "--out b.json is given twice", "leave out one"),
-        (["design", "--out", "c.json", "--theorem", "papr"], '"papr" for --theorem', '"consistent", "paper"'),
-        (["design", "--out", "c.json", "--rules", "4", "--keep", "z1"], "--keep z1", "leave out one"),
-        (["train"], "a command is missing", "see fuzzyarm train --help"),
-        (["train", "pp"], "unknown command pp", "did you mean ppo? See fuzzyarm train --help"),
-        (["train", "ppo", "--out", "x", "--hidden", "64", "6.4"], "--hidden 6.4", "must be a whole number"),
-        (["sweep", "--range", "mass", "0.9"], "--range mass 0.9", "needs 3 values"),
-    ],
-)
-def test_a_mistake_is_one_line_with_the_value_and_a_way_out(tmp_path, capsys, monkeypatch, words, value, way_out):
-    monkeypatch.chdir(tmp_path)
-    assert main(words) == 2
-    out, err = capsys.readouterr()
-    assert out == "" and err.count("\n") == 1
-    name = " ".join(["fuzzyarm", *(words[:1] if words[:1] in COMMANDS else [])])
-    assert err.startswith(f"{name}: ") and value in err and way_out in err
-    assert list(tmp_path.iterdir()) == []
-
-
 def test_completion_is_installed_and_completes(tmp_path, monkeypatch, capsys):
     monkeypatch.setenv("HOME", str(tmp_path))
     script = tmp_path / "completion"

@@ -69,32 +69,6 @@ def test_a_controller_file(tmp_path, capsys, few_postures):
     assert "mine, no 'loop gain from': stable down to 0.01 times its loop gain" in out
 
 
-@pytest.mark.parametrize(
-    ("arguments", "expected"),
-    [
-        (["--policy", "nobody"], "choose from: fuzzy-32, fuzzy-16"),
-        (["--policy", "broken.json"], "broken.json"),
-        (["--policy", "computed-torque"], "must be one or more different names"),
-        (["--robot", "missing.toml"], "missing.toml"),
-        (["--robot", "bad.toml"], "mass[0] = -1 kg is out of range"),
-        (["--policy", "fuzzy-4", "--robot", "arm.toml"], "designed for another robot (mass differ)"),
-        (["--out", "folder.json"], "folder.json must be a file ending in .json"),
-        (["--out", "no/such/folder/m.json"], "the folder no/such/folder does not exist"),
-    ],
-)
-def test_bad_usage_is_one_line_before_anything_runs(tmp_path, capsys, monkeypatch, arguments, expected):
-    monkeypatch.setattr("fuzzyarm.eval.stability.margins.policy_margins", None)
-    monkeypatch.chdir(tmp_path)
-    (tmp_path / "folder.json").mkdir()
-    (tmp_path / "broken.json").write_text("{}")
-    (tmp_path / "bad.toml").write_text("mass = [-1, 8]\n")
-    (tmp_path / "arm.toml").write_text("mass = [12, 8]\n")
-    before = sorted(tmp_path.iterdir())
-    assert main([*QUICK, *arguments]) == 2
-    assert expected in one_line_error(capsys)
-    assert sorted(tmp_path.iterdir()) == before
-
-
 @pytest.mark.usefixtures("measured")
 def test_a_full_disk_leaves_the_old_file_and_no_half_one(tmp_path, capsys, monkeypatch):
     def full(*_):

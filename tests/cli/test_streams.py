@@ -134,18 +134,6 @@ def test_a_name_that_exists_is_escaped_too(tmp_path, capsys):
     assert "cannot be printed; rename the file" in capsys.readouterr().err
 
 
-@pytest.mark.parametrize("words", [["evaluate"], ["sweep"]])
-@pytest.mark.parametrize("wrong", [["--policy", "nobody"], ["--case", "nowhere"], ["--policy", "missing.json"]])
-def test_a_refused_run_leaves_no_folder(tmp_path, monkeypatch, capsys, words, wrong):
-    monkeypatch.chdir(tmp_path)
-    assert main([*words, *wrong]) == 2
-    assert main([*words, *wrong, "--out", "a/b/c"]) == 2
-    assert list(tmp_path.iterdir()) == []
-    (tmp_path / "mine").mkdir()
-    assert main([*words, *wrong, "--out", "mine"]) == 2
-    assert list(tmp_path.iterdir()) == [tmp_path / "mine"]  # it was there before
-
-
 def test_what_is_printed_as_json_is_json_in_ascii(tmp_path, monkeypatch):
     path, out = tmp_path / "γ.json", io.BytesIO()
     path.write_bytes(Path(CONTROLLER).read_bytes())

@@ -267,26 +267,6 @@ def test_a_policy_without_a_law_is_refused():
         program_of(Own())
 
 
-@pytest.mark.parametrize(
-    ("words", "message"),
-    [
-        (["java", "fuzzy-4", "--out", "OUT"], "java is no language of an export; choose from: c"),
-        (["c", "fuzzy-4"], "--out is missing"),
-        (["c", "fuzzy-4", "--out", "OUT", "--number", "half"], 'invalid value "half" for --number'),
-        (["c", "fuzzy-9", "--out", "OUT"], "unknown policy 'fuzzy-9'"),
-        (["c", "plant", "--out", "OUT"], "unknown policy 'plant'"),
-        (["c", "adaptive-observer", "--number", "float", "--out", "OUT"], "adaptive-observer needs double"),
-        (["fmu", "plant", "--robot", "nobody", "--out", "OUT"], "unknown robot 'nobody'"),
-        (["fmu", "plant", "--number", "float", "--out", "OUT"], "--number float is for C source; an FMU computes in"),
-    ],
-)
-def test_bad_usage_is_one_line(words, message, tmp_path, capsys):
-    assert main(["export", *(word.replace("OUT", str(tmp_path / "new")) for word in words)]) == 2
-    out, err = capsys.readouterr()
-    assert out == "" and message in err and err.count("\n") == 1
-    assert not (tmp_path / "new").exists()
-
-
 @needs_compiler
 @pytest.mark.parametrize(("real", "kind"), [("double", np.float64), ("float", np.float32)])
 def test_the_square_root_is_rounded_correctly(real, kind, tmp_path):

@@ -8,7 +8,7 @@ import pytest
 from PIL import Image
 
 from fuzzyarm.eval.episodes.rollout import Rollout
-from fuzzyarm.eval.evaluation.figures import FOCUS, draw_figures, time_figures, write_figures
+from fuzzyarm.eval.evaluation.figures import FOCUS, draw_figures, time_figures, view_of, write_figures
 
 WITHOUT_FORCE = ("path", *time_figures(2))
 WITH_FORCE = (*WITHOUT_FORCE, "force")
@@ -214,3 +214,37 @@ def test_a_missing_folder_is_an_error_and_stays_missing(tmp_path, keep):
     assert not list(tmp_path.iterdir())
     with pytest.raises(ValueError, match="rollouts is empty; give at least one"):
         write_figures([], tmp_path)
+
+
+ANGLES = np.linspace(0.0, 2.0 * np.pi, 50)
+
+
+def circle_in_space(first, second):
+    return np.array([0.3, -0.2, 0.5]) + 0.2 * (
+        np.cos(ANGLES)[:, np.newaxis] * np.array(first) + np.sin(ANGLES)[:, np.newaxis] * np.array(second)
+    )
+
+
+@pytest.mark.parametrize(
+    ("first", "second", "up"),
+    [
+        ((0.0, 0.0, 1.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0)),
+        ((0.6, 0.8, 0.0), (0.0, 0.0, 1.0), (0.0, 0.0, 1.0)),
+        ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (-1.0, 0.0, 0.0)),
+        ((1.0, 0.0, 0.0), (0.0, 0.6, 0.8), (0.0, 0.6, 0.8)),
+    ],
+)
+def test_a_circle_in_space_is_seen_face_on_and_upright(first, second, up):
+    points = circle_in_space(first, second)
+    view = view_of(points)
+    np.testing.assert_allclose(view.rows @ view.rows.T, np.eye(2), atol=1e-12)
+    np.testing.assert_allclose(view.rows[0], -np.array(up), atol=1e-9)
+    seen = view.of(points)
+    np.testing.assert_allclose(np.linalg.norm(seen - seen[:-1].mean(axis=0), axis=-1), 0.2, rtol=1e-9)
+    assert view.upwards
+
+
+def test_the_plane_of_the_two_joint_arm_is_taken_as_it_is():
+    points = circle_in_space((1.0, 0.0, 0.0), (0.0, 1.0, 0.0))[:, :2]
+    view = view_of(points)
+    assert np.array_equal(view.of(points), points) and not view.upwards

@@ -44,12 +44,6 @@ def test_what_is_read_is_what_was_evaluated(evaluation, folder):
     assert (stored.certificates, stored.bounds) == (evaluation.certificates, evaluation.bounds)
 
 
-def test_no_folder_and_an_empty_one(tmp_path, capsys):
-    assert main(["report", str(tmp_path / "none")]) == 2
-    assert "is not a folder; make an evaluation with fuzzyarm evaluate" in capsys.readouterr().err
-    assert "holds no results.json; make an evaluation with fuzzyarm evaluate" in refusal(tmp_path, capsys)
-
-
 def half_a_number(folder):
     results = json.loads((folder / "results.json").read_text())["results"]
     results[3]["tip_error_max_mm"] *= 0.5

@@ -106,27 +106,6 @@ def test_a_replay_gives_the_number_of_the_sweep(folder, capsys, monkeypatch):
     assert 1e3 * episode["tip_error"].max() == worst["max_mm"] and (replayed / "overview.png").exists()
 
 
-@pytest.mark.parametrize(
-    ("arguments", "expected"),
-    [
-        (["--policy", "nobody"], "unknown policy 'nobody'; choose from: fuzzy-32"),
-        (["--policy", "missing.json"], "missing.json"),
-        (["--policy", "fuzzy-4.json", "--policy", "fuzzy-4"], "fuzzy-4.json"),
-        (["--distribution", "x"], "choose from: nominal, plants, loads, all"),
-        (["--range", "mass", "a", "1"], "--range a must be a number"),
-        (["--grid", "mass", "0.9", "1.1", "3"], "two different quantities"),
-        (["--grid", "mass", "1", "2", "2.5", "--grid", "delay", "0", "1", "2"], "--grid 2.5 must be a whole number"),
-        (["--backend", "dask"], "choose from: local, ray"),
-        (["--resume"], "holds no sweep to go on with"),
-        (["--replay", "fuzzy-4", "nominal", "0"], "holds no sweep to go on with"),
-    ],
-)
-def test_bad_usage_is_one_line_and_makes_nothing(tmp_path, capsys, arguments, expected):
-    out = tmp_path / "sweep"
-    refused(capsys, tmp_path, [*arguments, "--out", str(out)], expected)
-    assert not out.exists() or not any(out.iterdir())
-
-
 def test_chunks_that_are_gone_are_run_and_those_of_another_sweep_are_named(folder, capsys, tmp_path, undrawn, short):
     (folder / "chunks" / "000001.npz").unlink()
     assert main(["sweep", "--resume", "--jobs", "1", "--out", str(folder)]) == 0

@@ -141,12 +141,3 @@ def test_a_sweep_goes_on_only_with_the_same_arm(arm, tmp_path, capsys, short):
     assert main(["sweep", "--resume", "--robot", str(other), "--out", str(out)]) == 2
     expected = "holds a sweep with other settings (parameters: mass [14.0, 8.0] and [13.0, 8.0], stiffness"
     assert expected in capsys.readouterr().err
-
-
-@pytest.mark.parametrize("policy", ["fuzzy-4", "ppo-nominal"])
-def test_a_policy_for_another_arm_is_refused(arm, tmp_path, capsys, policy):
-    out = tmp_path / "sweep"
-    assert main(["sweep", "--policy", policy, "--robot", arm, *QUICK, "--out", str(out)]) == 2
-    error = capsys.readouterr().err
-    assert error.count("\n") == 1 and ("another robot" in error or "knows no other" in error)
-    assert not (out / "run.json").exists()
