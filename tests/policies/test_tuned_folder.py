@@ -17,7 +17,7 @@ from fuzzyarm.fuzzy_policy.laws.adaptive.belief import AdaptiveWeights
 from fuzzyarm.fuzzy_policy.laws.fuzzy import FuzzyPolicy
 from fuzzyarm.fuzzy_policy.laws.observer_gains import ObserverWeights
 from fuzzyarm.fuzzy_policy.laws.tip import TipPolicy
-from fuzzyarm.policies import Kind, policies_of, recorded, resolve
+from fuzzyarm.policies import policies_of, resolve
 from fuzzyarm.policies.registry import POLICIES
 from fuzzyarm.policies.tuned import NAME, SCHEMA, TunedLaws, read_laws
 
@@ -63,12 +63,6 @@ def test_the_folder_names_its_arm_and_its_policies(folder, monkeypatch):
     assert _config(EvaluateOptions(robot="my-arm")).policies == expected
     assert [resolve(name).label for name in expected] == list(NAMES)
     assert policies_of("ur5") is policies_of(None) is policies_of("nowhere") is None
-
-
-def test_a_name_in_results_still_says_which_policy_it_was(folder):
-    assert recorded(f"{folder}/computed-torque") == "my-arm/computed-torque"
-    spec = resolve(f"{folder}/elastic-observer")
-    assert spec.kind is Kind.TUNED and list(spec.files()) == [NAME]
 
 
 def test_the_folder_of_another_arm_is_refused(folder):

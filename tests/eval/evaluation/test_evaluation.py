@@ -1,21 +1,32 @@
 """Evaluation as a library: records, reproducibility, and the results the project claims."""
 
 import dataclasses
+import json
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
 from slow_twins import slow_but
 from support.shipped import CONTROLLERS
 
+from fuzzyarm.common.documents import read_json, record
 from fuzzyarm.envs.fuzzy_arm import FuzzyArmEnv
 from fuzzyarm.envs.observation import REFERENCE
 from fuzzyarm.envs.physics.parameters import ArmParameters
+from fuzzyarm.envs.scenario.given_path import GivenPath
 from fuzzyarm.envs.scenario.reference import JointReference
 from fuzzyarm.eval.episodes.loop import episodes
-from fuzzyarm.eval.episodes.metrics import metrics_of
+from fuzzyarm.eval.episodes.metrics import METRICS, Metric, add_metric, metrics_of
 from fuzzyarm.eval.episodes.rollout import Signals, record_rollout
-from fuzzyarm.eval.evaluation.result_table import table_rows
-from fuzzyarm.eval.evaluation.run import EvaluationConfig, evaluate
+from fuzzyarm.eval.evaluation import result_table as module
+from fuzzyarm.eval.evaluation.ranking import document, markdown, rank_policies
+from fuzzyarm.eval.evaluation.result_table import saturation, table_rows
+from fuzzyarm.eval.evaluation.run import EvaluationConfig, evaluate, write_results
+from fuzzyarm.eval.report.summary import metrics_table
+from fuzzyarm.eval.sweep.config import SweepConfig
+from fuzzyarm.eval.sweep.episodes import run_plants
+from fuzzyarm.eval.sweep.ranking import rank_sweeps
+from fuzzyarm.eval.sweep.summary import summarise, summary_csv
 from fuzzyarm.fuzzy_policy.laws.computed_torque import ComputedTorquePolicy
 from fuzzyarm.policies import COMPARED, load_policy
 from fuzzyarm.proof.policy_certificate import tip_statement
@@ -150,3 +161,122 @@ def test_link_side_measurement_is_unstable_where_motor_side_is_not():
     motor_side, link_side = (metrics_of(run) for run in runs)
     assert motor_side["torque_rate_rms"] < 1e3
     assert link_side["torque_rate_rms"] > 1e4
+
+
+def test_the_configuration_comes_back_from_its_file_with_points_and_loads(tmp_path):
+    points = GivenPath(((0.4, 0.5), (0.5, 0.4)), duration=0.4)
+    config = EvaluationConfig(
+        policies=("computed-torque",), cases=("machining", "payload"), points=points, force=(1.0, 2.0), payload=0.5
+    )
+    evaluation = evaluate(config)
+    assert evaluation.complete and config.titles["payload"] == "Case 3: 0.5 kg payload"
+    assert evaluation.rollouts[0].external_force.max() <= 2.0 and len(evaluation.rollouts[0].time) == 400
+    write_results(evaluation, tmp_path)
+    assert record(read_json(tmp_path / "results.json")["config"], EvaluationConfig) == config
+    assert config.command() is None  # points are no words of a command line
+
+
+def test_names_and_loads_are_words_of_the_command():
+    config = EvaluationConfig(path="line", force=(1.0, 2.0), payload=0.5)
+    assert config.command() == "fuzzyarm evaluate --path line --force 1.0 2.0 --payload 0.5"
+
+
+PERIOD = 1e-3
+
+
+def rollout(policy, clipped, steps=1000):
+    torque = np.tile([499.9, -249.9], (steps, 1))
+    torque[:clipped, 1] = -250.0
+    return SimpleNamespace(policy=policy, torque=torque)
+
+
+@pytest.mark.parametrize(
+    ("radius", "words"),
+    [
+        (1.7, "its loop is unstable on this arm (spectral radius 1.7 at rest, see fuzzyarm margins)"),
+        (0.98, "its loop is stable (spectral radius 0.98 at rest, see fuzzyarm margins), the motion asks for more"),
+        (ValueError("no\nequilibrium"), "whether its loop is stable on this arm was not found: no equilibrium"),
+    ],
+)
+def test_a_policy_that_saturates_is_named_once_with_what_its_loop_does(radius, words, monkeypatch):
+    def found(policy, arm, *, control_period):
+        if isinstance(radius, ValueError):
+            raise radius
+        return radius
+
+    monkeypatch.setattr(module, "spectral_radius", found)
+    policies = dict.fromkeys(("soft", "hard"), SimpleNamespace(action_period=PERIOD))
+    runs = [rollout("soft", 10), rollout("hard", 400), rollout("soft", 10), rollout("hard", 0)]
+    (line,) = saturation(runs, policies, ArmParameters(), PERIOD)
+    assert line.startswith(f"hard: a motor is at its torque limit in 20 % of the steps; {words}")
+
+
+def test_a_law_whose_loop_is_unstable_on_a_light_arm_is_said_to_be_so():
+    """Light rotors on soft joints, for which the law's bandwidth is too large; it follows the path all the same."""
+    arm = ArmParameters(
+        length=(0.3, 0.2),
+        mass=(0.5594, 0.6043),
+        mass_center=(0.3, 0.18378),
+        inertia=(0.00313, 0.00351),
+        motor_inertia=(0.00276, 0.00276),
+        coulomb_friction=(0.093, 0.078),
+        static_friction=(0.12, 0.1),
+        stiffness=(500.0, 100.0),
+        damping=(0.1, 0.05),
+        torque_limit=(10.0, 10.0),
+        velocity_limit=(20.0, 20.0),
+    )
+    found = evaluate(
+        EvaluationConfig(policies=("computed-torque", "elastic-observer"), cases=("nominal",), parameters=arm)
+    )
+    (line,) = found.remarks
+    assert line.startswith("computed-torque: ") and "its loop is unstable on this arm (spectral radius" in line
+    assert load_policy("computed-torque").action_period == PERIOD
+
+
+@pytest.fixture
+def added():
+    add_metric(
+        Metric(
+            "tip_mean_square",
+            "mm^2",
+            "Mean square of the tip error.",
+            lambda run: 1e6 * np.mean(run.tip_error**2),
+            column="mean square",
+            form="{:.5e}",
+            swept=lambda errors: 1e6 * errors.squares / errors.steps,
+            key="mean_square",
+            words="mean square of the tip error",
+            ranked=True,
+        )
+    )
+    yield
+    del METRICS["tip_mean_square"]
+
+
+def test_an_added_metric_is_in_evaluations(tmp_path, short, added):
+    done = evaluate(EvaluationConfig(policies=("fuzzy-4",), cases=("nominal",)))
+    (row,) = done.rows
+    assert row["tip_mean_square"] == pytest.approx(row["tip_error_rms_mm"] ** 2)
+    text = f"{row['tip_mean_square']:.5e}"
+    assert table_rows(done.rows)[0][2][-1] == text
+    table = metrics_table(done.rows, done.config.titles)
+    assert "mean square [mm^2]" in table and text in table
+    write_results(done, tmp_path)
+    assert "tip_mean_square" in (tmp_path / "results.csv").read_text()
+    board = rank_policies([tmp_path])
+    assert "mean square, nominal [mm^2]" in markdown(board) and text in markdown(board)
+    assert document(board)["standings"][0]["mean square"] == {"nominal": row["tip_mean_square"]}
+
+
+def test_an_added_metric_is_in_sweeps(tmp_path, added):
+    config = SweepConfig(policies=("fuzzy-4",), cases=("nominal",), plants=3)
+    results = run_plants(config, {"fuzzy-4": load_policy("fuzzy-4")}, range(3))
+    summary = summarise(config, results)
+    (row,) = summary["rows"]
+    assert row["mean_square"]["0.5"]["value"] == pytest.approx(row["rms_mm"]["0.5"]["value"] ** 2)
+    assert row["worst"][0]["mean_square"] > 0.0 and "mean_square_0.99_value" in summary_csv(summary["rows"])
+    (tmp_path / "sweep.json").write_text(json.dumps(summary))
+    table = markdown(rank_sweeps([tmp_path]))
+    assert "99 % of plants, mean square, nominal [mm^2]" in table
+    assert f"{row['mean_square']['0.99']['value']:.5e}" in table

@@ -16,10 +16,13 @@ from fuzzyarm.envs.scenario.cases import CASES, case_for
 from fuzzyarm.envs.scenario.disturbances import EncoderNoise
 from fuzzyarm.envs.scenario.randomisation import DomainRandomisation
 from fuzzyarm.envs.scenario.reference import JointReference
+from fuzzyarm.eval.sweep import episodes
 from fuzzyarm.eval.sweep.config import Axis, SweepConfig
 from fuzzyarm.eval.sweep.distributions import DISTRIBUTIONS, NOISE, columns_of
 from fuzzyarm.eval.sweep.episodes import SweepResults, replay, run_plants
 from fuzzyarm.eval.sweep.plants import Plants
+from fuzzyarm.fuzzy_policy.law import law_of
+from fuzzyarm.fuzzy_policy.laws.fuzzy import FuzzyPolicy
 from fuzzyarm.policies import load_policy
 
 POLICIES = {name: load_policy(name) for name in ("fuzzy-4", "elastic-observer")}
@@ -210,3 +213,35 @@ def test_the_two_joint_arm_as_a_robot_has_the_errors_of_the_two_joint_arm(grid):
     assert result.plants.dtype == expected.plants.dtype and (result.plants == expected.plants).all()
     np.testing.assert_allclose(result.metrics["max_mm"], expected.metrics["max_mm"], rtol=1e-4)
     np.testing.assert_allclose(result.metrics["rms_mm"], expected.metrics["rms_mm"], rtol=1e-4)
+
+
+LAWS = "fuzzy-4", "fuzzy-1-tip", "computed-torque", "computed-torque-tip", "elastic-observer"
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", LAWS)
+@pytest.mark.parametrize("distribution", ["loads", "all"])
+def test_a_kernel_of_law_and_plant_has_the_bits_of_the_loop(name, distribution, monkeypatch):
+    # 65 plants in three cases are more than one group of lanes, and no whole number of blocks; some end early.
+    config = SweepConfig(policies=(name,), plants=65, distribution=distribution, seed=3)
+    ranges = (("payload", 0.0, 60.0),)
+    heavy = SweepConfig(policies=(name,), plants=40, distribution=distribution, ranges=ranges, cases=("machining",))
+    for one in (config, heavy):
+        results = []
+        for threshold in (1, 10**9):
+            monkeypatch.setattr(episodes, "WORTHWHILE", threshold)
+            results.append(run_plants(one, {name: load_policy(name)}, one.members(0)))
+        for name, array in results[0].arrays.items():
+            assert np.array_equal(array, results[1].arrays[name]), name
+
+
+def test_a_law_that_a_subclass_changes_is_not_compiled():
+    class Gentle(FuzzyPolicy):
+        def act(self, observation, memory, torque):
+            super().act(observation, memory, torque)
+            torque *= 0.5
+
+    policy = load_policy("fuzzy-4")
+    assert law_of(policy).memory == (0.0, 0.0)
+    assert law_of(Gentle(policy.controller)) is None
+    assert law_of(load_policy("ppo-robust")) is not None

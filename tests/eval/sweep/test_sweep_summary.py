@@ -1,3 +1,4 @@
+import json
 import math
 import re
 
@@ -6,9 +7,13 @@ import pytest
 from rich.console import Console
 from scipy.stats import binom, norm
 
-from fuzzyarm.eval.sweep.config import SweepConfig
+from fuzzyarm.cli import main
+from fuzzyarm.eval.evaluation.ranking import markdown
+from fuzzyarm.eval.sweep.config import Axis, SweepConfig
 from fuzzyarm.eval.sweep.distributions import columns_of, plant_record
 from fuzzyarm.eval.sweep.episodes import SweepResults
+from fuzzyarm.eval.sweep.figures import Cells, draw_sweep, write_sweep_figures
+from fuzzyarm.eval.sweep.ranking import rank_sweeps
 from fuzzyarm.eval.sweep.summary import QUANTILES, print_sweep, quantile_ranks, quantiles, summarise, worst
 
 
@@ -92,3 +97,138 @@ def test_the_table_shows_no_number_without_its_interval():
     lines = [line for line in captured.get().splitlines() if line.startswith("fuzzy-4")]
     assert len(lines) == 2 and all(len(re.findall(r"[\d.]+ \([\d.]+ to [\d.]+\)", line)) == 5 for line in lines)
     assert "100.00 (99.92 to 100.00)" in lines[0]  # Wilson: n/(n + z²) of 5000
+
+
+GRID = SweepConfig(
+    policies=("fuzzy-4", "a"), cases=("nominal", "payload"), distribution="plants", plants=3,
+    grid=(Axis("stiffness", 0.5, 1.5, 5), Axis("delay", 0, 3, 4)),
+)  # fmt: skip
+DRAWN = SweepConfig(policies=("fuzzy-4",), cases=("nominal",), plants=500, distribution="all")
+
+
+def made_for(config, ended=True):
+    generator = np.random.default_rng(0)
+    plants = np.empty(config.total, dtype=plant_record(2))
+    for name in columns_of(2):
+        plants[name] = generator.uniform(size=config.total)
+    plants["delay"] = generator.integers(0, 3, config.total)
+    if config.grid:
+        cell = np.arange(config.total) // config.plants
+        first, second = config.grid
+        plants["stiffness_1"] = first.values[cell // second.number]
+        plants["delay"] = second.values[cell % second.number]
+    shape = len(config.policies), len(config.cases), config.total
+    completed = np.ones(shape, dtype=bool)
+    if ended:
+        completed[..., :3] = False
+    largest = generator.lognormal(2.5, 1.0, shape)
+    return SweepResults(plants, {"max_mm": largest, "rms_mm": largest / 3}, seconds=largest, completed=completed)
+
+
+def test_the_cells_of_a_grid_hold_the_medians_of_their_plants():
+    results = made_for(GRID)
+    cells = Cells.of(GRID, results.plants)
+    errors = results.metrics["max_mm"][0, 0]
+    expected = np.median(errors.reshape(5, 4, 3), axis=-1).T
+    assert np.array_equal(cells.medians(errors), expected)
+    assert np.allclose(cells.edges[0], [0.375, 0.625, 0.875, 1.125, 1.375, 1.625])
+    assert np.allclose(cells.edges[1], [-0.5, 0.5, 1.5, 2.5, 3.5])
+
+
+@pytest.mark.parametrize("config", [GRID, DRAWN])
+def test_every_axis_has_its_unit(config):
+    results = made_for(config)
+    rows = summarise(config, results)["rows"]
+    figures = draw_sweep(config, results, rows)
+    assert set(figures) == {"spread", *(f"map-{name}" for name in config.policies)}
+    for figure in figures.values():
+        panels = [axes for axes in figure.axes if axes.get_title(loc="left") or axes.get_title()]
+        labels = [axes.get_xlabel() for axes in figure.axes if axes.get_xlabel()]
+        labels += [axes.get_ylabel() for axes in figure.axes if axes.get_ylabel()]
+        assert len(panels) == len(config.cases) and len(labels) >= 2
+        assert all("[" in label and "]" in label for label in labels)
+
+
+def test_the_label_of_code_makes_a_file_name_for_every_system(tmp_path):
+    config = SweepConfig(policies=("lab.mine:make",), cases=("nominal",), plants=30)
+    results = made_for(config)
+    paths = write_sweep_figures(config, results, summarise(config, results)["rows"], tmp_path)
+    assert {path.name for path in paths} >= {"map-lab.mine-make.png", "map-lab.mine-make.svg"}
+
+
+PLANTS = 200
+
+
+def document(errors, completed=None, **config):
+    """What a sweep writes for largest errors (policies, cases, plants) [mm] of fuzzy-1, fuzzy-2, ..."""
+    policies = tuple(f"fuzzy-{k}" for k in (1, 2, 4)[: len(errors)])
+    whole = SweepConfig(policies=policies, cases=("nominal", "payload"), plants=errors.shape[-1], **config)
+    completed = np.ones(errors.shape, bool) if completed is None else completed
+    plants = np.zeros(errors.shape[-1], plant_record(2))
+    return summarise(
+        whole, SweepResults(plants, {"max_mm": errors, "rms_mm": 0.5 * errors}, np.ones(errors.shape), completed)
+    )
+
+
+@pytest.fixture
+def write(tmp_path):
+    def file(name, content):
+        (tmp_path / name).mkdir()
+        path = tmp_path / name / "sweep.json"
+        path.write_text(json.dumps(content), encoding="utf-8")
+        return path
+
+    return file
+
+
+def drawn(policies, seed=0):
+    return np.random.default_rng(seed).uniform(1.0, 2.0, (policies, 2, PLANTS))
+
+
+def test_the_score_is_the_worst_case_s_quantile_over_the_plants(write):
+    errors = drawn(2)
+    errors[0, 0], errors[1, 0] = errors[0, 0] * 1e-3, errors[1, 0] * 3.0
+    errors[0, 1] *= 2.0
+    board = rank_sweeps([write("a", document(errors))])
+    assert [standing.policy for standing in board.standings] == ["fuzzy-1", "fuzzy-2"]
+    for standing, own, case in zip(board.standings, errors, (1, 0), strict=True):
+        assert standing.score.mean == np.sort(own[case])[int(0.99 * PLANTS) - 1]
+        assert standing.score.low <= standing.score.mean <= standing.score.high <= own.max()
+
+
+def test_losing_more_than_one_in_a_hundred_ranks_last_and_losing_fewer_does_not(write):
+    errors, completed = drawn(3), np.ones((3, 2, PLANTS), bool)
+    completed[0, 1, :3], completed[1, 0, :1] = False, False
+    errors[1:] *= 10.0
+    errors[2] *= 2.0
+    table = markdown(rank_sweeps([write("a", document(errors, completed)).parent]))
+    ranks = [[cell.strip() for cell in line.split("|")[1:4]] for line in table.splitlines()[2:5]]
+    assert [rank[:2] for rank in ranks] == [["1", "fuzzy-2"], ["2", "fuzzy-4"], ["3", "fuzzy-1"]]
+    assert ranks[2][2] == "ended early" and "3 of 400" in table and "lost" not in table.lower()
+
+
+def test_sweeps_of_other_plants_are_ranked_together_and_of_another_distribution_are_not(write, capsys):
+    one, more = write("a", document(drawn(2))), write("b", document(3.0 * drawn(1, 1), seed=500))
+    assert main(["leaderboard", str(one.parent), str(more), "--markdown"]) == 0
+    assert capsys.readouterr().out.count("fuzzy-1") == 2
+    other = write("c", document(drawn(1), distribution="all"))
+    assert main(["leaderboard", str(one), str(other)]) == 2
+    assert "not comparable: distribution" in capsys.readouterr().err
+
+
+def test_what_cannot_be_ranked_is_refused_in_one_line(write, tmp_path, capsys):
+    path = write("a", document(drawn(1)))
+    damaged = json.loads(path.read_text())
+    del damaged["rows"][0]["max_mm"]
+    results = tmp_path / "results.json"
+    results.write_text("{}")
+    for words, message in (
+        ([str(path), str(path.parent)], "given twice"),
+        ([str(path), str(results)], "rank sweeps with sweeps"),
+        ([str(path), "--bound", str(results)], "leave it out"),
+        ([str(write("b", damaged))], "damaged ('max_mm' is missing)"),
+        ([str(write("c", damaged | {"schema": "fuzzyarm-sweep/1"}))], "fuzzyarm-sweep/1"),
+    ):
+        assert main(["leaderboard", *words]) == 2
+        error = capsys.readouterr().err
+        assert message in error and error.count("\n") == 1
