@@ -10,7 +10,7 @@ from fuzzyarm.envs.physics.parameters import ArmParameters
 from fuzzyarm.envs.physics.robot import robot_named
 from fuzzyarm.eval.declarations import read_declarations, written_declarations
 from fuzzyarm.fuzzy_policy.controller import Controller
-from fuzzyarm.policies import NAMES, load_policy, resolve
+from fuzzyarm.policies import NAMES, resolve
 from fuzzyarm.policies.declared import ELASTIC, HEADINGS, Declared, declared, declared_by_name, stated
 from fuzzyarm.policies.registry import POLICIES
 from fuzzyarm.policies.tuned import SCHEMA, TunedLaws
@@ -34,14 +34,6 @@ def test_on_another_arm_a_named_law_says_on_which_arm_its_numbers_were_chosen(na
     own = declared(name, arm=robot_named("ur5"))
     assert "ur5" in own.tuned_on and own[2:] == of_table[2:]
     assert own.objective.split(", ")[0] in ("bandwidth of Table 1", "weights of Table 1")
-
-
-@pytest.mark.parametrize("name", ["fuzzy-4-tip", "fuzzy-4", "adaptive-observer", "elastic-observer"])
-def test_with_passes_a_policy_that_learns_from_them_remembers_them(name):
-    one, two = declared(name), declared(name, passes=2)
-    learns = load_policy(name).repeated() is not None
-    assert two.remembers == one.remembers + (", and the passes before" if learns else "")
-    assert two._replace(remembers="") == one._replace(remembers="")
 
 
 def test_a_controller_file_declares_what_is_in_it_and_not_what_the_policy_of_its_name_does(tmp_path):

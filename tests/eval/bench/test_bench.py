@@ -10,15 +10,12 @@ from types import SimpleNamespace
 import gymnasium as gym
 import pytest
 from rich.console import Console
-from slow_twins import slow_but
 
-from fuzzyarm.eval.bench import accuracy, entries
+from fuzzyarm.eval.bench import entries
 from fuzzyarm.eval.bench import run as bench_module
 from fuzzyarm.eval.bench.entries import Entry, NotMeasured, timed
 from fuzzyarm.eval.bench.run import BenchConfig, race, run_bench, write_document
 from fuzzyarm.eval.bench.speed_table import draw_throughput, print_speeds, speed_cells
-from fuzzyarm.eval.sweep.config import SweepConfig
-from fuzzyarm.policies import load_policy
 
 
 def silent(_):
@@ -187,30 +184,6 @@ def test_the_table(small):
     assert "Not measured: torch: no torch." in text and text.count("not measured") == 1
     assert "Not measured: GPU: no GPU." in text  # named once, and no row of the sweep
     assert "Memory: 321 bytes for each further lane" in text and "5 rounds of 0.5 s" in text
-
-
-@pytest.mark.parametrize("how", slow_but(["step by step"], entries.RUN))
-def test_a_sweep_counts_the_steps_of_its_episodes(monkeypatch, how):
-    monkeypatch.setattr(entries, "timed", lambda advance: advance)
-    config = SweepConfig(policies=("fuzzy-4",), cases=("nominal", "payload"), plants=1)
-    with entries._swept(config, how) as advance:
-        assert advance() == 2 * 1500
-
-
-@pytest.mark.parametrize("steps", slow_but([200], [200, None]))
-def test_the_batch_is_as_accurate_as_the_one_environment(monkeypatch, steps):
-    """The error of the time step, as benchmarks/accuracy.py has it: a fraction of a micrometre."""
-    exact = accuracy.exact_tips(load_policy("computed-torque"), "nominal", steps)
-
-    def difference(stepped, exact):
-        assert len(stepped) >= len(exact)
-        return accuracy.max_tip_difference(stepped[: len(exact)], exact)
-
-    monkeypatch.setattr(entries, "_exact_tips", lambda: exact)
-    monkeypatch.setattr(entries, "max_tip_difference", difference)
-    error = entries.own_single().tip_error()
-    assert 0.0 < error < 1e-6
-    assert entries.own_batches(4, 1)[0].tip_error() == pytest.approx(error, rel=1e-6)
 
 
 def test_the_arm_in_mujoco_runs():

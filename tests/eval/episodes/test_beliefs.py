@@ -11,7 +11,6 @@ from fuzzyarm.cli.evaluate import _remarkable
 from fuzzyarm.envs.fuzzy_arm import FuzzyArmEnv
 from fuzzyarm.envs.physics.dynamics import Payload
 from fuzzyarm.envs.scenario.disturbances import Disturbance, TorqueBias
-from fuzzyarm.eval.episodes.beliefs import Believing
 from fuzzyarm.eval.episodes.rollout import record_rollout
 from fuzzyarm.eval.episodes.rollout_file import read_rollouts, write_rollouts
 from fuzzyarm.eval.evaluation.results_file import _check_rollout as _check_stored
@@ -26,28 +25,6 @@ def runs():
     env = FuzzyArmEnv(case="machining")
     names = ("adaptive-observer", "elastic-observer")
     return [record_rollout(env, load_policy(name), policy_name=name, case="machining", seed=0) for name in names]
-
-
-def test_every_estimate_is_kept_with_its_deviation_by_name():
-    policy = load_policy("adaptive-observer")
-    observation, _ = FuzzyArmEnv().reset(seed=0)
-    believing, state = Believing(policy), None
-    for _ in range(3):
-        _, state = policy.predict(observation + 1e-4, state)
-        believing.add(state)
-    found, kept = policy.beliefs(state), dict(zip(believing.names, believing.rows()[-1], strict=True))
-    assert believing.names[:4] == ("force_x", "force_y", "force_x_deviation", "force_y_deviation")
-    for name in ("payload", "lateness"):
-        assert kept.pop(name) == getattr(found, name)
-        assert kept.pop(f"{name}_deviation") == getattr(found, f"{name}_deviation") > 0.0
-    parts = {"offset": (found.offset, found.offset_deviation)}
-    parts |= {name: (found.factors[name], found.factors_deviation[name]) for name in found.factors}
-    assert set(parts) == {"offset", "stiffness", "damping", "friction", "mass", "motor_inertia"}
-    for name, (value, deviation) in parts.items():
-        for joint in range(2):
-            assert kept.pop(f"{name}_{joint + 1}") == value[joint]
-            assert kept.pop(f"{name}_{joint + 1}_deviation") == deviation[joint] > 0.0
-    assert all(name.startswith("force_") for name in kept) and len(kept) == 4
 
 
 def test_beliefs_come_back_from_the_file_and_are_checked(runs, tmp_path):

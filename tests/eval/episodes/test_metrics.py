@@ -4,23 +4,16 @@ import dataclasses
 
 import numpy as np
 import pytest
+from support.rollouts import made_rollout
 
 from fuzzyarm.eval.episodes.metrics import METRICS, add_metric, metrics_of
-from fuzzyarm.eval.episodes.rollout import Rollout
 
 N = 1000
 T = 1e-3
 
 
 def signals(**changes):
-    zeros, pairs = np.zeros(N), np.zeros((N, 2))
-    base = Rollout(
-        policy="p", case="nominal", seed=0, control_period=T, completed=True, reason="", step_time=4e-6,
-        time=T * np.arange(1, N + 1), tip=pairs, tip_reference=pairs, tip_error=zeros, circularity_error=zeros,
-        circularity_error_motor=zeros, q_motor=pairs, dq_motor=pairs, q_link=pairs, dq_link=pairs, q_reference=pairs,
-        dq_reference=pairs, torque=pairs, friction_torque=pairs, external_force=pairs, reward=zeros, domain_use=zeros,
-    )  # fmt: skip
-    return dataclasses.replace(base, **changes)
+    return made_rollout(T * np.arange(1, N + 1), **changes)
 
 
 def test_all_zero_signals_give_zero_but_for_the_margin_and_the_time():
@@ -76,12 +69,7 @@ def test_energy_counts_braking_as_work_too():
 
 
 def test_an_episode_of_one_step_has_metrics():
-    one = {
-        field.name: getattr(signals(), field.name)[:1]
-        for field in dataclasses.fields(Rollout)
-        if isinstance(getattr(signals(), field.name), np.ndarray)
-    }
-    assert np.isfinite(list(metrics_of(signals(**one)).values())).all()
+    assert np.isfinite(list(metrics_of(made_rollout(np.array([T]))).values())).all()
 
 
 def test_every_metric_says_what_it_is_and_a_name_that_is_taken_is_refused():

@@ -18,9 +18,8 @@ from fuzzyarm.envs.scenario.reference import JointReference
 from fuzzyarm.eval.episodes.loop import episodes
 from fuzzyarm.eval.episodes.metrics import METRICS, Metric, add_metric, metrics_of
 from fuzzyarm.eval.episodes.rollout import Signals, record_rollout
-from fuzzyarm.eval.evaluation import result_table as module
 from fuzzyarm.eval.evaluation.ranking import document, markdown, rank_policies
-from fuzzyarm.eval.evaluation.result_table import saturation, table_rows
+from fuzzyarm.eval.evaluation.result_table import table_rows
 from fuzzyarm.eval.evaluation.run import EvaluationConfig, evaluate, write_results
 from fuzzyarm.eval.report.summary import metrics_table
 from fuzzyarm.eval.sweep.config import SweepConfig
@@ -188,27 +187,6 @@ def rollout(policy, clipped, steps=1000):
     torque = np.tile([499.9, -249.9], (steps, 1))
     torque[:clipped, 1] = -250.0
     return SimpleNamespace(policy=policy, torque=torque)
-
-
-@pytest.mark.parametrize(
-    ("radius", "words"),
-    [
-        (1.7, "its loop is unstable on this arm (spectral radius 1.7 at rest, see fuzzyarm margins)"),
-        (0.98, "its loop is stable (spectral radius 0.98 at rest, see fuzzyarm margins), the motion asks for more"),
-        (ValueError("no\nequilibrium"), "whether its loop is stable on this arm was not found: no equilibrium"),
-    ],
-)
-def test_a_policy_that_saturates_is_named_once_with_what_its_loop_does(radius, words, monkeypatch):
-    def found(policy, arm, *, control_period):
-        if isinstance(radius, ValueError):
-            raise radius
-        return radius
-
-    monkeypatch.setattr(module, "spectral_radius", found)
-    policies = dict.fromkeys(("soft", "hard"), SimpleNamespace(action_period=PERIOD))
-    runs = [rollout("soft", 10), rollout("hard", 400), rollout("soft", 10), rollout("hard", 0)]
-    (line,) = saturation(runs, policies, ArmParameters(), PERIOD)
-    assert line.startswith(f"hard: a motor is at its torque limit in 20 % of the steps; {words}")
 
 
 def test_a_law_whose_loop_is_unstable_on_a_light_arm_is_said_to_be_so():

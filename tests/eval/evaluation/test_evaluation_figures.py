@@ -6,8 +6,8 @@ import matplotlib
 import numpy as np
 import pytest
 from PIL import Image
+from support.rollouts import made_rollout
 
-from fuzzyarm.eval.episodes.rollout import Rollout
 from fuzzyarm.eval.evaluation.figures import FOCUS, draw_figures, time_figures, view_of, write_figures
 
 WITHOUT_FORCE = ("path", *time_figures(2))
@@ -18,37 +18,28 @@ def circle(phase):
     return np.column_stack([0.35 + 0.2 * np.cos(phase), 0.65 + 0.2 * np.sin(phase)])
 
 
-def episode(policy="a", case="nominal", *, samples=60, seed=0, error=1e-3, completed=True, curve=circle):
+def episode(policy="a", case="nominal", *, samples=60, error=1e-3, completed=True, curve=circle):
     """Return a made-up rollout whose tip goes round `curve` with deviations of size `error` [m]."""
     phase = np.linspace(0.0, 2.0 * np.pi, 60)[:samples]
     wave = np.column_stack([np.sin(3.0 * phase), np.cos(5.0 * phase)])
-    force = wave * (150.0 if case == "machining" else 0.0)
-    reference = curve(phase)
-    return Rollout(
+    return made_rollout(
+        0.025 * np.arange(1, samples + 1),
         policy=policy,
         case=case,
-        seed=seed,
         control_period=0.025,
         completed=completed,
         reason="" if completed else "left the joint domain",
-        step_time=1e-5,
-        time=0.025 * np.arange(1, samples + 1),
-        tip=reference + error * wave,
-        tip_reference=reference,
+        tip=curve(phase) + error * wave,
+        tip_reference=curve(phase),
         tip_error=error * np.hypot(*wave.T),
         circularity_error=error * wave[:, 0],
         circularity_error_motor=0.1 * error * wave[:, 1],
         q_motor=wave + error,
-        dq_motor=3.0 * wave,
-        q_link=wave,
-        dq_link=3.0 * wave,
-        q_reference=wave,
-        dq_reference=3.0 * wave,
+        **dict.fromkeys(("q_link", "q_reference"), wave),
+        **dict.fromkeys(("dq_motor", "dq_link", "dq_reference"), 3.0 * wave),
         torque=100.0 * wave,
         friction_torque=np.sign(wave),
-        external_force=force,
-        reward=np.ones(samples),
-        domain_use=np.full(samples, 0.3),
+        external_force=wave * (150.0 if case == "machining" else 0.0),
     )
 
 

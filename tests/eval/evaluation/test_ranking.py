@@ -208,9 +208,7 @@ def test_the_file_declares_and_not_the_name(write, capsys):
     content["declared"] = {"mine": mine, "fuzzy-4": mine | {"objective": "another"}, "silent": None}
     path = write("a", content)
     assert main(["leaderboard", str(path), "--declared", "--markdown"]) == 0
-    assert [line for line in capsys.readouterr().out.splitlines() if line.startswith("| ")][-5:] == [
-        "| policy | objective | tuned on | knows of the arm | sees | remembers |",
-        f"|{6 * ' --- |'}",
+    assert [line for line in capsys.readouterr().out.splitlines() if line.startswith("| ")][-3:] == [
         "| mine | small&#124;error | cases | nothing | all | one |",
         "| fuzzy-4 | another | cases | nothing | all | one |",
         f"| silent |{5 * ' not declared |'}",
@@ -218,14 +216,9 @@ def test_the_file_declares_and_not_the_name(write, capsys):
     assert main(["leaderboard", str(path), "--json"]) == 0
     found = json.loads(capsys.readouterr().out)
     assert [one["declared"] for one in found["standings"]] == list(content["declared"].values())
-    assert [(one["rank"], one["policy"], one["score"]["mean"]) for one in found["standings"]] == [
-        (1, "mine", 2.0),
-        (2, "fuzzy-4", 4.0),
-        (3, "silent", 6.0),
-    ]
+    ranks = [(one["rank"], one["policy"], one["score"]["mean"]) for one in found["standings"]]
+    assert ranks == [(1, "mine", 2.0), (2, "fuzzy-4", 4.0), (3, "silent", 6.0)]
     assert found["conditions"] == "fuzzyarm 0.1.0, control period 1 ms, 1 seed, encoder noise 1e-05 rad and 0.001 rad/s"
-    assert main(["leaderboard", str(path), "--json", "--markdown"]) == 2
-    assert "leave out one" in one_line_error(capsys)
 
 
 @pytest.mark.parametrize(

@@ -1,9 +1,7 @@
 """Running an evaluation again from its results: what agrees, what differs, and what is refused."""
 
 import copy
-import dataclasses
 import json
-import shlex
 import shutil
 import sys
 from importlib import resources
@@ -112,15 +110,6 @@ def test_what_differs_is_shown_with_both_values(folder, document, capsys, repeat
     assert lines[1][:6] == ["fuzzy-4,", "nominal,", "seed", "0", "energy", "100"]
     assert lines[2][:6] == ["computed-torque,", "nominal,", "seed", "1", "return", "1"]
     assert lines[3] == ["2", "values", "of", "4", "rows", "differ"]
-
-
-def test_other_versions_are_a_note(folder, document, capsys, repeated):
-    document["versions"]["numpy"], document["commit"] = "1.0", "abc"
-    assert main(["evaluate", "--check", str(write(folder, document))]) == 0
-    out = capsys.readouterr().out
-    assert "note: numpy: 1.0 when measured, " in out
-    assert "note: commit: abc when measured, " in out
-    assert out.count("note:") == 2
 
 
 def test_another_file_of_the_same_name_is_noticed(folder, capsys, short):
@@ -268,24 +257,3 @@ def test_an_unknown_policy_is_named(folder, document, capsys):
 
 def test_the_published_file_reads():
     read_results(ROOT / "benchmarks" / "results" / "evaluate.json")
-
-
-@pytest.mark.parametrize(
-    "config",
-    [
-        EvaluationConfig(policies=("fuzzy-4", "my file.json"), cases=("payload", "nominal")),
-        EvaluationConfig(seeds=3, encoder_noise=(1e-5, 0.001)),
-    ],
-)
-def test_the_recorded_command_is_that_of_the_configuration(config, monkeypatch):
-    class Seen(Exception):
-        pass
-
-    def seen(given, *_):
-        assert given == config
-        raise Seen
-
-    monkeypatch.setattr("fuzzyarm.eval.evaluation.run.evaluate", seen)
-    with pytest.raises(Seen):
-        main(shlex.split(config.command())[1:])
-    assert dataclasses.replace(config, control_period=2e-3).command() is None  # no option names it

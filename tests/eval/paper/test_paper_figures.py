@@ -13,10 +13,6 @@ def figures(evidence):
     return draw_figures(evidence)
 
 
-def bands(axes):
-    return [tuple(patch.get_extents().transformed(axes.transData.inverted()).intervaly) for patch in axes.patches]
-
-
 def curves(axes):
     """Return the curves by their stroke: dotted and solid."""
     return {"solid" if line.get_linestyle() == "-" else "dotted": line.get_xydata() for line in axes.lines}
@@ -43,20 +39,6 @@ def test_circularity_is_drawn_on_both_sides_in_millimetres(figures, evidence, nu
             run = evidence.rollouts[f"{form}-{rules}", case]
             for row, error in enumerate((run.circularity_error, run.circularity_error_motor)):
                 np.testing.assert_array_equal(curves(grid[row, column])[stroke], np.c_[run.time, 1e3 * error])
-
-
-@pytest.mark.parametrize(
-    ("number", "stated"),
-    [(4, [(-1.3, 1.3)]), (5, [(-2.3, 4.4)]), (6, []), (7, [(-228, 228), (-47, 47)]), (8, []), (9, []), (10, [])],
-)
-def test_what_the_paper_states_is_a_band_within_the_limits(figures, number, stated):
-    for axes in figures[number].axes:
-        found = bands(axes)
-        assert len(found) == len(stated)
-        low, high = axes.get_ylim()
-        for band, expected in zip(found, stated, strict=True):
-            assert band == pytest.approx(expected)
-            assert low < band[0] and band[1] < high
 
 
 @pytest.mark.parametrize(

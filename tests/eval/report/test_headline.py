@@ -51,13 +51,6 @@ def test_nobody_may_be_left():
     )
 
 
-@pytest.mark.parametrize(("low", "told"), [(2.1, True), (2.3, False)])
-def test_scores_that_the_seeds_do_not_tell_apart_are_told(low, told):
-    a = standing("a", score=Estimate(2.0, 1.8, 2.2), nominal=2.0)
-    b = standing("b", score=Estimate(2.4, low, 2.7), nominal=2.4)
-    assert ("the 95 % interval of the score of a overlaps that of b." in words(a, b)) is told
-
-
 @pytest.mark.slow
 def test_the_winner_leads_the_leaderboard_and_stands_on_the_page(folder):
     stored = read_evaluation(folder)

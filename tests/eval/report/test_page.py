@@ -17,7 +17,7 @@ from fuzzyarm.eval.evaluation.results_file import read_evaluation
 from fuzzyarm.eval.report.certificates import Observed
 from fuzzyarm.eval.report.page import render_page
 from fuzzyarm.eval.report.payload import replay_data
-from fuzzyarm.eval.report.summary import Axis, Bound, best, draw_chart, metrics_table
+from fuzzyarm.eval.report.summary import best, metrics_table
 from fuzzyarm.proof.statement import NOT_COVERED
 
 SEEN = {"fuzzy-4": Observed(20.5, 7e-5, "step"), "fuzzy-4-tip": "not observed: for a reason"}
@@ -146,17 +146,3 @@ def test_certificates_stand_beside_what_was_observed(evaluation):
     assert "> ≥ 20<" not in text and ">≥ 20<" in text  # the bound alone where nothing was observed
     assert "fuzzy-4-tip: not observed: for a reason." in text
     assert text.count(">nothing proven<") == 2 and "Nothing is proven of the rigid arm: computed-torque." in text
-
-
-def test_a_bound_lies_between_what_it_rules_out_and_what_was_seen():
-    axis = Axis("", 0.0, 25.0)
-    for bound, hatched in (
-        (Bound(20.0, 21.0, at_least=True), (0.0, 20.0)),
-        (Bound(20.0, 15.0, at_least=False), (20.0, 25.0)),
-    ):
-        svg = draw_chart(axis, [("a", bound)], "")
-        left, width = map(float, re.search(r'ruled-out" x="([\d.]+)" y="[\d.]+" width="([\d.]+)"', svg).groups())
-        assert (left, left + width) == pytest.approx((axis.x(hatched[0]), axis.x(hatched[1])), abs=0.11)
-        seen = float(re.search(r'circle class="dot" cx="([\d.]+)"', svg).group(1))
-        assert seen == pytest.approx(axis.x(bound.observed), abs=0.06)
-        assert not left < seen < left + width

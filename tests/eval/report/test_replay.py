@@ -155,9 +155,7 @@ def test_nasty_names_and_early_ends(chromium, nasty_folder):
     assert chromium.problems == [] and chromium.requests == [path.as_uri()]
 
 
-RESULTS = "[aria-label='Table of results']"
 DESK, PHONE = {"width": 1400, "height": 900}, {"width": 390, "height": 844}
-CHATTERING = 7  # the policy that does, the last one
 
 
 def boxes(page, selector):
@@ -187,14 +185,6 @@ def eight_folder(evaluation, tmp_path_factory):
     return folder
 
 
-@pytest.fixture(params=["folder", "eight_folder", "nasty_folder"])
-def any_page(request, chromium):
-    """A function that opens the report of three, eight and two policies in a window of a size."""
-    path = request.getfixturevalue(request.param) / "report.html"
-    yield lambda size, **options: chromium.open(path, **size, **options) or chromium
-    assert chromium.problems == [] and chromium.requests == [path.as_uri()]
-
-
 @pytest.fixture
 def eight(chromium, eight_folder):
     chromium.open(eight_folder / "report.html", **DESK)
@@ -221,34 +211,6 @@ def test_a_case_opens_at_the_largest_error_of_any_policy(chromium, folder):
         assert chromium.run("state.sample") == sample
     chromium.run("document.querySelectorAll('.chip input')[2].click()")  # the worst of those that are shown
     assert "fuzzy-4-tip" not in chromium.run("document.getElementById('worst').textContent")
-
-
-@pytest.mark.parametrize("plot", [2, 3])
-def test_a_chattering_torque_is_a_band_behind_the_others(eight, plot):
-    assert eight.run(f"chosen().map((policy) => plots[{plot}].banded(policy))") == [*7 * [False], True]
-    assert eight.run(f"plots[{plot}].order()[0]") == CHATTERING
-    assert "band: chattering" in eight.run(f"plots[{plot}].remark.textContent")
-    inside = (
-        f"(() => {{ const {{ values, band }} = plots[{plot}].curve({CHATTERING});"
-        "return values.every((value, k) => band.low[k] <= value && value <= band.high[k]); })()"
-    )
-    assert eight.run(inside) is True
-    # The smooth curves, which are all the same, cover the band: the pixels on them are of the one that is drawn last.
-    seen = (
-        f"(() => {{ const plot = plots[{plot}], top = plot.order().at(-1), {{ width, height }} = plot.still;"
-        "const data = plot.still.getContext('2d').getImageData(0, 0, width, height).data;"
-        "const want = colourOf(top).match(/\\d+/g).map(Number);"
-        "const at = (x, y) => want.every((part, c) =>"
-        "  Math.abs(data[4 * (Math.floor(y) * width + Math.floor(x)) + c] - part) < 60);"
-        "const hits = plot.points(plot.curve(top).values).filter(([x, y]) => at(x, y - 1) || at(x, y) || at(x, y + 1));"
-        "return hits.length / plot.curve(top).values.length; })()"
-    )
-    assert eight.run(seen) > 0.9
-    eight.run(f"(() => {{ state.highlighted = {CHATTERING}; plots[{plot}].prepare(); }})()")
-    assert (
-        eight.run(f"plots[{plot}].banded({CHATTERING})") is False
-        and eight.run(f"plots[{plot}].order().at(-1)") == CHATTERING
-    )
 
 
 def number(text):
@@ -283,21 +245,3 @@ def test_values_at_the_cursor_are_those_of_the_rollouts(eight, eight_folder, sam
     runs = read_rollouts(eight_folder / "rollouts.npz")
     eight.run(f"goTo({sample})")
     check_values(eight, runs, sample)
-
-
-def test_all_columns_of_the_table_are_reachable_on_a_phone(any_page):
-    page = any_page(PHONE)
-    assert page.run("document.documentElement.scrollWidth") <= PHONE["width"]
-    assert "sideways" in page.run("document.querySelector('.sideways').textContent") and visible(page, ".sideways")
-    (region,) = boxes(page, RESULTS)
-    assert boxes(page, f"{RESULTS} thead th")[-1, 2] > region[2]
-    assert "linear-gradient" in page.run(f"getComputedStyle(document.querySelector(`{RESULTS}`)).backgroundImage")
-    reached, headings = set(), len(boxes(page, f"{RESULTS} thead th"))
-    for left in range(0, 800, 10):
-        page.run(f"document.querySelector(`{RESULTS}`).scrollLeft = {left}")
-        heads = boxes(page, f"{RESULTS} thead th")
-        assert heads[0, 0] == pytest.approx(region[0], abs=1)  # the names of the policies stay
-        names = heads[0, 2]
-        reached |= {k for k in range(1, headings) if names <= heads[k, 0] + 1 and heads[k, 2] <= region[2] + 1}
-    assert reached == set(range(1, headings))
-    assert boxes(page, f"{RESULTS} tbody th[scope=row]")[:, 0] == pytest.approx(region[0], abs=1)

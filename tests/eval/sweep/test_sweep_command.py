@@ -3,8 +3,6 @@
 import importlib
 import json
 import sys
-from importlib import resources
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -148,27 +146,6 @@ def test_versions_are_not_mixed(folder, capsys, monkeypatch):
     newer = run.made_with() | {"code": "another"}
     monkeypatch.setattr(run, "made_with", lambda: newer)
     refused(capsys, folder, ["--resume", "--out", str(folder)], "than there are now (made_with: code ")
-
-
-@pytest.mark.slow
-def test_a_sweep_holds_no_absolute_path_and_finds_its_policy_again(tmp_path, capsys, undrawn):
-    file, out = tmp_path / "there" / "mine.json", tmp_path / "sweep"
-    file.parent.mkdir()
-    shipped = Path(str(resources.files("fuzzyarm.fuzzy_policy.controllers"))) / "fuzzy-1.json"
-    file.write_bytes(shipped.read_bytes())
-    begun = ["--policy", str(file), *QUICK[2:], "--out", str(out)]
-    assert main(["sweep", *begun]) == 0
-    capsys.readouterr()
-    for name in ("run.json", "sweep.json", "sweep.csv"):
-        assert str(tmp_path) not in (out / name).read_text()
-    assert json.loads((out / "run.json").read_text())["config"]["policies"] == ["mine.json"]
-    refused(capsys, out, ["--resume", "--out", str(out)], "add --policy PATH/mine.json")
-    assert main(["sweep", "--resume", "--out", str(out), "--policy", str(file)]) == 0
-    (out / "mine.json").write_bytes(file.read_bytes())
-    assert main(["sweep", "--resume", "--out", str(out)]) == 0
-    capsys.readouterr()
-    (out / "mine.json").write_bytes(shipped.with_name("fuzzy-2.json").read_bytes())
-    refused(capsys, out, ["--resume", "--out", str(out)], "than there are now (policies: mine: mine.json ")
 
 
 def test_without_ray_the_extra_is_named(tmp_path, capsys, monkeypatch):
