@@ -258,3 +258,12 @@ def test_a_full_disk_leaves_the_old_file_and_no_half_one(tmp_path, capsys, monke
     assert main([*MARGINS, "--out", str(path)]) == 2
     assert "No space left" in one_line_error(capsys)
     assert list(tmp_path.iterdir()) == [path] and path.read_text() == "the old one"
+
+
+@pytest.mark.usefixtures("unmeasured")
+def test_design_objectives(tmp_path, capsys):
+    common = ["--rules", "1", "--no-integral", "--out", str(tmp_path / "c.json")]
+    assert main(["design", "--gamma", "min", "--gain-bound", "1e5", *common]) == 0
+    assert "smallest L2 gain" in capsys.readouterr().out
+    assert main(["design", "--alpha", "max", "--gain-bound", "2e5", *common]) == 0
+    assert "largest decay rate" in capsys.readouterr().out

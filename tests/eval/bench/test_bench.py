@@ -112,19 +112,10 @@ def small(monkeypatch):
         calls.append(None)
         return 2e-6
 
-    def never():
-        raise AssertionError("the accuracy of what was not measured")
-
-    groups = {
-        "one environment": [
-            entry("own", FIVE, tip_error=tip_error),
-            entry("Pendulum-v1", [50.0, 50.0, 50.0, 50.0, 50.0], peer="Pendulum"),
-        ],
-        "64 lanes": [
-            entry("own", [2.0 * speed for speed in FIVE], tip_error=tip_error),
-            absent("torch", NotMeasured("no torch"), tip_error=never, dtype="float32"),
-        ],
-    }
+    pendulum = entry("Pendulum-v1", [50.0] * 5, peer="Pendulum")
+    missing = absent("torch", NotMeasured("no torch"), tip_error=None, dtype="float32")
+    groups = {"one environment": [entry("own", FIVE, tip_error=tip_error), pendulum]}
+    groups["64 lanes"] = [entry("own", [2.0 * speed for speed in FIVE], tip_error=tip_error), missing]
     sweep = {
         f"sweep, {lanes} lanes": [
             entry("own", [lanes * speed for speed in FIVE], lanes=lanes),
@@ -186,7 +177,8 @@ def test_the_table(small):
     assert "Memory: 321 bytes for each further lane" in text and "5 rounds of 0.5 s" in text
 
 
-def test_the_arm_in_mujoco_runs():
-    entry = entries.batch_peers(4, 1)[-1]
-    with entry.open() as measure:
+@pytest.mark.parametrize("number", range(4))
+def test_what_is_installed_runs(number):
+    runnable = entries.own_single(), entries.gymnasium_peers()[0], entries.own_batches(4, 1)[0]
+    with (*runnable, entries.batch_peers(4, 1)[-1])[number].open() as measure:
         assert measure(0.001) > 0.0

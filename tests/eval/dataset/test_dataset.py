@@ -119,3 +119,10 @@ def test_the_examples_learn_from_a_data_set(script, minari, tmp_path):
             assert re.search(r"score \S+, mean tip error \S+ mm, [01] of 1 episodes to the end", done.stdout)
         else:
             assert done.stderr == f"{script}: {path} is no data set; fuzzyarm dataset --out DIR writes one\n"
+
+
+def test_the_metadata_say_how_many_episodes_are_behind_a_reference_score(minari, monkeypatch, tmp_path):
+    counts = set()
+    monkeypatch.setattr(store, "mean_return", lambda policy, condition, count, seed: float(counts.add(count) is None))
+    folder = store.write_dataset(DatasetConfig(level="medium", episodes=1), tmp_path)
+    assert {open_dataset(folder).storage.metadata["num_episodes_average_score"]} == counts
