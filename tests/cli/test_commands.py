@@ -21,7 +21,6 @@ from fuzzyarm.eval.evaluation import figures
 from fuzzyarm.eval.evaluation.run import evaluate
 from fuzzyarm.eval.stability.margins import policy_margins
 from fuzzyarm.fuzzy_policy.controller import Controller, consistent_feedforward
-from fuzzyarm.synthesis import Specification, design
 
 QUICK = ["evaluate", "--policy", "fuzzy-4", "--case", "nominal"]
 evaluate_once = functools.cache(evaluate)
@@ -236,28 +235,6 @@ def test_another_arm_is_that_of_plant_and_policy(tmp_path, capsys):
     out = capsys.readouterr().out
     assert out.splitlines()[1].split().count("unstable") == 8
     assert "computed-torque, no 'loop gain from' or 'to' or 'to, one sample later': unstable with its own" in out
-
-
-def test_a_controller_file(tmp_path, capsys, few_postures):
-    path = tmp_path / "mine.json"
-    design(Specification(kept=(), integral=False)).controller.save(path)
-    assert main(["margins", "--policy", str(path)]) == 0
-    out = capsys.readouterr().out
-    assert out.splitlines()[1].startswith("mine  ")
-    assert "mine, no 'loop gain from': stable down to 0.01 times its loop gain" in out
-
-
-@pytest.mark.usefixtures("measured")
-def test_a_full_disk_leaves_the_old_file_and_no_half_one(tmp_path, capsys, monkeypatch):
-    def full(*_):
-        raise OSError(28, "No space left on device")
-
-    path = tmp_path / "margins.json"
-    path.write_text("the old one")
-    monkeypatch.setattr(os, "replace", full)
-    assert main([*MARGINS, "--out", str(path)]) == 2
-    assert "No space left" in one_line_error(capsys)
-    assert list(tmp_path.iterdir()) == [path] and path.read_text() == "the old one"
 
 
 @pytest.mark.usefixtures("unmeasured")

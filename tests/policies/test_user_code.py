@@ -12,7 +12,6 @@ from fuzzyarm.cli import main
 from fuzzyarm.envs.physics.parameters import ArmParameters
 from fuzzyarm.eval.episodes.beliefs import Believing
 from fuzzyarm.eval.evaluation.run import EvaluationConfig, evaluate
-from fuzzyarm.eval.stability.linearisation import spectral_radius
 from fuzzyarm.policies import resolve
 
 ROOT = Path(__file__).parent.parent.parent
@@ -119,13 +118,6 @@ def test_load_policy_runs_no_code(module, tmp_path):
     assert not (tmp_path / "ran").exists()
     loaded(name)
     assert (tmp_path / "ran").exists()
-
-
-@pytest.mark.usefixtures("few_postures")
-def test_margins_take_a_law_that_acts_on_batches(module):
-    policy = loaded(f"{module(TORQUE)}:factory")
-    named = spectral_radius(load_policy("computed-torque"), ARM, control_period=1e-3)
-    assert spectral_radius(policy, ARM, control_period=1e-3) == named
 
 
 LEARNING = """

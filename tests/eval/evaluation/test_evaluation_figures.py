@@ -187,17 +187,6 @@ def test_one_policy_that_never_finishes(keep):
         assert figures[name].axes[0].lines
 
 
-def test_many_policies_look_different_and_the_same_in_every_case(keep):
-    keep("torque")
-    rollouts = [episode(f"policy {k}") for k in range(12)] + [episode("policy 7", "payload")]
-    figures = draw_figures(rollouts)
-    lines = curves(figures["nominal-torque"].axes[0], 60)
-    looks = [(line.get_color(), str(line._unscaled_dash_pattern)) for line in lines]
-    assert len(set(looks)) == 12
-    assert len({color for color, _ in looks[:8]}) == len({dashes for _, dashes in looks[:8]}) == 8
-    assert curves(figures["payload-torque"].axes[0], 60)[0].get_color() == looks[7][0]
-
-
 def test_a_missing_folder_is_an_error_and_stays_missing(tmp_path, keep):
     keep()
     with pytest.raises(FileNotFoundError):

@@ -1,4 +1,4 @@
-"""The leaderboard: scores by hand, ranks, and files that must not be mixed."""
+"""The leaderboard: scores by hand, ranks, intervals, and files that must not be mixed."""
 
 import dataclasses
 import itertools

@@ -1,4 +1,4 @@
-"""The report of `fuzzyarm paper` and its exit codes."""
+"""The report of `fuzzyarm paper`, its exit codes, and which differences are drift."""
 
 import json
 import math

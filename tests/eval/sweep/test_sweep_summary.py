@@ -1,3 +1,5 @@
+"""Quantiles and intervals over plants, the table, the cells of a map, and the ranking of policies."""
+
 import json
 import math
 import re
@@ -12,7 +14,7 @@ from fuzzyarm.eval.evaluation.ranking import markdown
 from fuzzyarm.eval.sweep.config import Axis, SweepConfig
 from fuzzyarm.eval.sweep.distributions import columns_of, plant_record
 from fuzzyarm.eval.sweep.episodes import SweepResults
-from fuzzyarm.eval.sweep.figures import Cells, write_sweep_figures
+from fuzzyarm.eval.sweep.figures import Cells
 from fuzzyarm.eval.sweep.ranking import rank_sweeps
 from fuzzyarm.eval.sweep.summary import QUANTILES, print_sweep, quantile_ranks, quantiles, summarise, worst
 
@@ -132,13 +134,6 @@ def test_the_cells_of_a_grid_hold_the_medians_of_their_plants():
     assert np.array_equal(cells.medians(errors), expected)
     assert np.allclose(cells.edges[0], [0.375, 0.625, 0.875, 1.125, 1.375, 1.625])
     assert np.allclose(cells.edges[1], [-0.5, 0.5, 1.5, 2.5, 3.5])
-
-
-def test_the_label_of_code_makes_a_file_name_for_every_system(tmp_path):
-    config = SweepConfig(policies=("lab.mine:make",), cases=("nominal",), plants=30)
-    results = made_for(config)
-    paths = write_sweep_figures(config, results, summarise(config, results)["rows"], tmp_path)
-    assert {path.name for path in paths} >= {"map-lab.mine-make.png", "map-lab.mine-make.svg"}
 
 
 PLANTS = 200

@@ -1,4 +1,4 @@
-"""The rules that choose gains from rows that were measured."""
+"""The rules that choose gains from rows that were measured, and the search for weights."""
 
 import math
 
