@@ -227,8 +227,8 @@ def test_a_kernel_of_law_and_plant_has_the_bits_of_the_loop(name, distribution, 
         for threshold in (1, 10**9):
             monkeypatch.setattr(episodes, "WORTHWHILE", threshold)
             results.append(run_plants(one, {name: load_policy(name)}, one.members(0)))
-        for name, array in results[0].arrays.items():
-            assert np.array_equal(array, results[1].arrays[name]), name
+        for key, array in results[0].arrays.items():
+            assert np.array_equal(array, results[1].arrays[key]), key
 
 
 def test_a_law_that_a_subclass_changes_is_not_compiled():

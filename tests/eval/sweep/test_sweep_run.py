@@ -38,7 +38,7 @@ def swept(folder, engine, progress=lambda: None, report=lambda text: None, confi
     sweep = Sweep.begin(folder / "sweep", config)
     for _ in sweep.run(engine, report):
         progress()
-    return vars(sweep.results())
+    return sweep.results().arrays
 
 
 def equal(one, other):
@@ -113,7 +113,7 @@ def test_ray_gives_the_same_numbers_and_one_of_its_workers_may_die(tmp_path, exp
     done = subprocess.run(command, env=environment, capture_output=True, text=True, check=False)
     assert done.returncode == 0, done.stderr
     assert done.stdout == ""  # is for results
-    assert equal(vars(Sweep.resume(tmp_path / "sweep").results()), expected)
+    assert equal(Sweep.resume(tmp_path / "sweep").results().arrays, expected)
     found = json.loads((tmp_path / "found.json").read_text())
     assert len(found["workers"]) > 1 and found["own"] not in found["workers"]
     assert len(found["reports"]) == 1 and "a worker died" in found["reports"][0]
