@@ -43,6 +43,7 @@ def test_the_figure_of_a_finished_study_is_refused_when_its_result_has_changed(p
     picture = module("figures").FIGURES[name]
     assert picture.draw is None
     monkeypatch.setattr(published, "figure_record", lambda *_: {"sha256": "another"})
+    monkeypatch.setattr(published, "write_atomically", lambda *_: None)
     with pytest.raises(ValueError, match=f"{name} is older than what it shows; its study is finished"):
         published.publish({name: picture})
 
