@@ -2,13 +2,14 @@
 
 import dataclasses
 import inspect
-import sys
 
 import numpy as np
 import pytest
 
 torch = pytest.importorskip("torch")
 sb3 = pytest.importorskip("stable_baselines3")
+from support.trainings import resumed_to_the_bit  # noqa: E402
+
 from fuzzyarm.cli import main  # noqa: E402
 from fuzzyarm.fuzzy_policy.laws.learned.bundle import PolicyBundle  # noqa: E402
 from fuzzyarm.rl_baselines.algorithms import ALGORITHMS  # noqa: E402
@@ -37,29 +38,8 @@ SMALL = {
 KINDS = [SACConfig(**SMALL), SACConfig(**SMALL, activation="tanh", ent_coef=0.01)]
 
 
-class Stopped(Exception):
-    pass
-
-
-def run_and_resume(config, folder):
-    """Train once through, and once with a stop and a resume; return what each of them wrote and the first training."""
-
-    def stop(row):
-        if row["steps"] >= 84:
-            raise Stopped
-
-    whole = Training(config, folder / "whole")
-    whole.run()
-    with pytest.raises(Stopped):
-        Training(config, folder / "stopped", stop).run()
-    Training.resume(folder / "stopped").run()
-    names = ("curve.csv", "policy/policy.json", "policy/weights.safetensors")
-    return whole, *({name: (folder / run / name).read_bytes() for name in names} for run in ("whole", "stopped"))
-
-
 def check(config, folder):
-    whole, once, twice = run_and_resume(config, folder)
-    assert once == twice
+    whole = resumed_to_the_bit(config, folder, 84)
     network = PolicyBundle.load(folder / "whole" / "policy").network
     assert (network.activation, network.output) == (config.activation, "tanh")
     features = 3.0 * np.random.default_rng(0).normal(size=(50, network.sizes[0]))
@@ -68,7 +48,7 @@ def check(config, folder):
     expected, _ = model.model.predict(model.normaliser.normalize_obs(features), deterministic=True)
     np.testing.assert_allclose(action, expected, atol=2e-6)
     assert np.ptp(action) > 0.1
-    rows = once["curve.csv"].decode().splitlines()
+    rows = (folder / "whole" / "curve.csv").read_text().splitlines()
     assert "critic_loss" in rows[0] and rows[-1].startswith("120,")
 
 
@@ -133,13 +113,6 @@ def test_a_run_resumes_with_its_own_algorithm_and_settings_only(begun, tmp_path,
     assert "leave out --tau" in refused(capsys, "sac", "--resume", "--out", begun, "--tau", 0.1)
     Training(PPOConfig(total_timesteps=128, lanes=2, batch_size=64, tensorboard=False), tmp_path)._write_checkpoint()
     assert "with ppo, not tqc" in refused(capsys, "tqc", "--resume", "--out", tmp_path)
-
-
-def test_what_is_not_installed_names_its_extra(tmp_path, capsys, monkeypatch):
-    monkeypatch.setitem(sys.modules, "sb3_contrib", None)
-    error = refused(capsys, "tqc", "--out", tmp_path / "run")
-    assert "sb3_contrib is not installed" in error and '".[rl]"' in error
-    assert not (tmp_path / "run").exists()
 
 
 @pytest.mark.parametrize(

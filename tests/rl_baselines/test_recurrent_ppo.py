@@ -8,6 +8,8 @@ import pytest
 
 torch = pytest.importorskip("torch")
 sb3_contrib = pytest.importorskip("sb3_contrib")
+from support.trainings import resumed_to_the_bit  # noqa: E402
+
 from fuzzyarm.fuzzy_policy.laws.learned.bundle import PolicyBundle  # noqa: E402
 from fuzzyarm.rl_baselines.algorithm import OnPolicyConfig  # noqa: E402
 from fuzzyarm.rl_baselines.algorithms.recurrent_ppo import PRESETS, RecurrentPPOConfig  # noqa: E402
@@ -34,38 +36,15 @@ SMALL = RecurrentPPOConfig(
 )
 
 
-class Stopped(Exception):
-    pass
-
-
 @pytest.fixture(scope="module")
 def trained(tmp_path_factory):
-    """A training run through, and the folder of one that was stopped."""
-    folder = tmp_path_factory.mktemp("recurrent")
-
-    def stop(row):
-        if row["steps"] >= 48:
-            raise Stopped
-
-    whole = Training(SMALL, folder / "whole")
-    whole.run()
-    with pytest.raises(Stopped):
-        Training(SMALL, folder / "stopped", stop).run()
-    return whole, folder / "stopped"
-
-
-@pytest.mark.slow
-def test_it_resumes_to_the_bit(trained):
-    whole, stopped = trained
-    Training.resume(stopped).run()
-    for name in ("curve.csv", "policy/policy.json", "policy/weights.safetensors"):
-        assert (stopped / name).read_bytes() == (whole.folder / name).read_bytes()
+    """A training run through, which one that was stopped and resumed equals to the bit."""
+    return resumed_to_the_bit(SMALL, tmp_path_factory.mktemp("recurrent"), 48)
 
 
 @pytest.mark.slow
 def test_the_bundle_acts_as_the_model_does_step_by_step_and_from_zero_when_an_episode_begins(trained):
-    whole, _ = trained
-    network, algorithm = PolicyBundle.load(whole.folder / "policy").network, whole.algorithm
+    network, algorithm = PolicyBundle.load(trained.folder / "policy").network, trained.algorithm
     rng, state, memory = np.random.default_rng(0), None, np.zeros((4, network.memory_size))
     actions = []
     for k in range(12):
@@ -83,7 +62,7 @@ def test_the_bundle_acts_as_the_model_does_step_by_step_and_from_zero_when_an_ep
 
 @pytest.mark.slow
 def test_a_crafted_memory_is_refused(trained, tmp_path):
-    content = read_checkpoint(trained[0].folder / CHECKPOINT)
+    content = read_checkpoint(trained.folder / CHECKPOINT)
     for value, message in ((torch.zeros(1, 3, 6), "policy_h is"), (torch.full((1, 3, 5), torch.nan), "not finite")):
         content["learner"]["memories"]["policy_h"] = value
         write_checkpoint(tmp_path / CHECKPOINT, content)
