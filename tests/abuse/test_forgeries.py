@@ -8,6 +8,7 @@ from __future__ import annotations
 import dataclasses
 import functools
 import json
+import math
 import shutil
 import warnings
 from pathlib import Path
@@ -15,6 +16,8 @@ from pathlib import Path
 import cvxpy as cp
 import numpy as np
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
 from support.shipped import CONTROLLERS
 
 from fuzzyarm.cli import main
@@ -32,11 +35,14 @@ from fuzzyarm.synthesis.expressions import half
 from fuzzyarm.synthesis.inequalities import MARGIN
 
 from .dissipation import excess, scheduled_excess
+from .judged import examples
 from .samples import bounds, of_robot, signed
 
 pytestmark = pytest.mark.slow
 
 BASES = ("fuzzy-1", "fuzzy-2", "fuzzy-4", "paper-1", "paper-2-integral", "paper-4-common")
+SLACK = ("P", "Q", "X", "tau", "pole_Q", "pole_X", "pole_tau")
+NEAR = st.floats(-0.5, 0.5).map(math.exp)
 
 
 @functools.cache
@@ -93,6 +99,42 @@ def test_a_claim_that_is_false_is_not_proven(name, forgery, tmp_path, capsys):
     if name == "fuzzy-1":
         assert main(["verify", str(tmp_path / "forged.json")]) == 1
         assert "NOT PROVEN" in capsys.readouterr().out
+
+
+@examples(150)
+@given(data=st.data(), name=st.sampled_from(BASES))
+def test_whatever_is_forged_is_true_or_not_proven(data, name, tmp_path_factory):
+    """Claims, gains, arm and slack are scaled or pushed, one to three of them; some stay true, most do not."""
+    forged = shipped(name)
+    for what in data.draw(
+        st.lists(st.sampled_from(["claim", "claim", "gains", "arm", "slack", "entry"]), min_size=1, max_size=3)
+    ):
+        factor = data.draw(NEAR)
+        if what == "claim":
+            field = data.draw(
+                st.sampled_from(["alpha", "gamma", *["fastest_pole"] * (forged.fastest_pole is not None)])
+            )
+            forged = dataclasses.replace(forged, **{field: getattr(forged, field) * factor})
+        elif what == "gains":
+            forged = dataclasses.replace(forged, gains=forged.gains * factor)
+        elif what == "arm":
+            field = data.draw(
+                st.sampled_from(["mass", "inertia", "motor_inertia", "viscous_friction", "velocity_limit"])
+            )
+            forged = other_arm(forged, **{field: factor})
+        else:
+            field = data.draw(st.sampled_from([one for one in SLACK if getattr(forged, one) is not None]))
+            array = np.array(getattr(forged, field))
+            if what == "slack" or not array.size:
+                array = array * factor
+            else:
+                array.flat[data.draw(st.integers(0, array.size - 1))] *= data.draw(st.sampled_from([0.0, -1.0, factor]))
+                array = 0.5 * (array + array.T) if field == "P" else array
+            try:
+                forged = dataclasses.replace(forged, **{field: array})
+            except ControllerFileError:
+                return  # P is no longer of blocks
+    judged(forged, tmp_path_factory.mktemp("forged"))
 
 
 @pytest.mark.parametrize("kept", [(), ("z1",), ("z3",)])
@@ -211,6 +253,21 @@ def test_a_cell_that_is_not_confirmed_leaves_the_whole_unproven(tmp_path):
 def test_the_true_twin_of_a_robot_is_proven_and_holds():
     assert certify_scheduled(of_robot()).proven
     assert scheduled_excess(of_robot()) < 0.0
+
+
+@examples(40)
+@given(data=st.data())
+def test_whatever_is_forged_for_a_robot_is_true_or_not_proven(data):
+    fields = ("alpha", "gamma", "kappa", "rates", "feedback", "inertia", "fastest_pole", "floor", "lyapunov")
+    forged = of_robot()
+    for field in data.draw(st.lists(st.sampled_from(fields), min_size=1, max_size=2, unique=True)):
+        factor = data.draw(st.one_of(NEAR, st.sampled_from([0.0, 1.05, 0.95]) if field == "rates" else NEAR))
+        try:
+            forged = dataclasses.replace(forged, **{field: factor * getattr(forged, field)})
+        except ControllerFileError:
+            return
+    if certify_scheduled(forged).proven:
+        assert scheduled_excess(forged) < 0.0
 
 
 @pytest.mark.parametrize(
