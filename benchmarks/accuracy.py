@@ -7,33 +7,25 @@ Computed torque closes the loop at 1 kHz in each of the three cases. About a min
 
 from __future__ import annotations
 
-import argparse
-import json
-from pathlib import Path
+from measuring import options_of, write
 
 from fuzzyarm import load_policy
-from fuzzyarm.common.files import write_atomically
 from fuzzyarm.envs.scenario.cases import PAPER_CASES
 from fuzzyarm.eval.bench.accuracy import exact_tips, max_tip_difference, stepped_tips
-from fuzzyarm.eval.provenance import current_provenance
 
 SUBSTEPS = (1e-3, 5e-4, 2e-4, 1e-4, 5e-5)
 
 
 def main() -> None:
     """Measure, print and optionally write."""
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--json", type=Path, metavar="FILE", help="also write the result here")
-    options = parser.parse_args()
+    options = options_of(__doc__).parse_args()
     policy, result = load_policy("computed-torque"), {}
     for case in PAPER_CASES:
         exact = exact_tips(policy, case)
         result[case] = {f"{h:g}": 1e6 * max_tip_difference(stepped_tips(policy, case, h), exact) for h in SUBSTEPS}
         cells = "  ".join(f"h = {h} s: {error:8.4f} µm" for h, error in result[case].items())
         print(f"{case:10}  {cells}", flush=True)
-    if options.json:
-        document = {"command": "python benchmarks/accuracy.py", **current_provenance(), "max_tip_difference_um": result}
-        write_atomically(options.json, json.dumps(document, indent=1) + "\n")
+    write(options.json, "accuracy.py", max_tip_difference_um=result)
 
 
 if __name__ == "__main__":

@@ -16,26 +16,22 @@ off, counts as that; "lost" in the file says how many.
 
 from __future__ import annotations
 
-import argparse
 import dataclasses
 import itertools
-import json
-from pathlib import Path
 from typing import Any
 
 import gymnasium as gym
 import numpy as np
 from matplotlib.figure import Figure
+from measuring import options_of, write
 
 from fuzzyarm import load_policy
-from fuzzyarm.common.files import write_atomically
 from fuzzyarm.envs.fuzzy_arm import FuzzyArmEnv
 from fuzzyarm.envs.scenario.cases import PAPER_CASES, find_case
 from fuzzyarm.envs.scenario.disturbances import EncoderNoise
 from fuzzyarm.envs.scenario.randomisation import DomainRandomisation
 from fuzzyarm.eval.episodes.metrics import metrics_of
 from fuzzyarm.eval.episodes.rollout import record_passes, record_rollout
-from fuzzyarm.eval.provenance import current_provenance
 from fuzzyarm.eval.sweep.distributions import DISTRIBUTIONS
 
 NAME, BASELINE, NOISE = "adaptive-observer", "fuzzy-4-tip", EncoderNoise(position=1e-5, velocity=1e-3)
@@ -131,18 +127,10 @@ def passes_of_plants(count: int) -> list[dict[str, Any]]:
             largest, state = episode(repeated, envs, SEED, np.zeros(count, dtype=int), 1.0, state)
             state = repeated.begin_pass(state)
             errors.append(largest)
-        grown = [int((after > before + NOTICED).sum()) for before, after in itertools.pairwise(errors)]
-        quantiles = [float(np.quantile(largest, 0.99)) for largest in errors]
-        medians = [float(np.median(largest)) for largest in errors]
-        rows.append(
-            {
-                "case": case,
-                "plants": count,
-                "median_mm": medians,
-                "quantile_99_mm": quantiles,
-                "larger_than_before": grown,
-            }
-        )
+        row = {"case": case, "plants": count, "median_mm": [float(np.median(largest)) for largest in errors]}
+        row["quantile_99_mm"] = [float(np.quantile(largest, 0.99)) for largest in errors]
+        row["larger_than_before"] = [int((b > a + NOTICED).sum()) for a, b in itertools.pairwise(errors)]
+        rows.append(row)
         print(rows[-1], flush=True)
     return rows
 
@@ -153,14 +141,8 @@ def draw(document: dict[str, Any]) -> Figure:
     axes = figure.subplots()
     for row in document["passes"]:
         title = find_case(row["case"]).title
-        axes.semilogy(
-            range(1, PASSES + 1),
-            row["max_mm"],
-            "o-",
-            markersize=4,
-            markeredgewidth=0.0,
-            label=f"{row['policy']}, {title}",
-        )
+        look = {"markersize": 4, "markeredgewidth": 0.0, "label": f"{row['policy']}, {title}"}
+        axes.semilogy(range(1, PASSES + 1), row["max_mm"], "o-", **look)
     axes.margins(x=0.03)
     axes.set_xticks(range(1, PASSES + 1))
     axes.set_xlabel("pass over the same path")
@@ -171,8 +153,7 @@ def draw(document: dict[str, Any]) -> Figure:
 
 def main() -> None:
     """Measure, print and optionally write."""
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--json", type=Path, metavar="FILE", help="also write the result here")
+    parser = options_of(__doc__)
     parser.add_argument("--plants", type=int, default=PLANTS, metavar="N", help=f"of each kind (default: {PLANTS})")
     parser.add_argument(
         "--pass-plants", type=int, default=PASS_PLANTS, metavar="M", help=f"in passes (default: {PASS_PLANTS})"
@@ -181,9 +162,7 @@ def main() -> None:
     found: dict[str, Any] = {"seed": SEED, "lost_mm": CAP_MM, "cases": paper_cases(), "passes": passes()}
     found["passes_of_plants"] = passes_of_plants(options.pass_plants)
     found["populations"] = populations(options.plants)
-    if options.json:
-        document = {"command": "python benchmarks/adaptive_cases.py", **current_provenance(), **found}
-        write_atomically(options.json, json.dumps(document, indent=1, allow_nan=False) + "\n")
+    write(options.json, "adaptive_cases.py", **found)
 
 
 if __name__ == "__main__":

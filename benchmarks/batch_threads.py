@@ -9,18 +9,13 @@ reward, `info` and the resets that are due included.
 
 from __future__ import annotations
 
-import argparse
-import json
 import os
 import time
-from pathlib import Path
 from typing import Any
 
 import gymnasium as gym
 import numpy as np
-
-from fuzzyarm.common.files import write_atomically
-from fuzzyarm.eval.provenance import current_provenance
+from measuring import options_of, write
 
 LANES, PAUSES = (256, 512, 1024, 4096, 16384), (0.0, 1e-4, 3e-4, 1e-3)  # arms; s
 ROUNDS, STEPS, THREADS = 6, 150, (1, 2)
@@ -68,15 +63,10 @@ def measured(lanes: int) -> list[dict[str, Any]]:
 
 def main() -> None:
     """Measure, print and optionally write."""
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--json", type=Path, metavar="FILE", help="also write the result here")
-    options = parser.parse_args()
+    options = options_of(__doc__).parse_args()
     load = os.getloadavg()[0]
     rows = [row for lanes in LANES for row in measured(lanes)]
-    if options.json:
-        document = {"command": "python benchmarks/batch_threads.py", **current_provenance()}
-        document |= {"load_average": load, "rounds": ROUNDS, "steps": STEPS, "rows": rows}
-        write_atomically(options.json, json.dumps(document, indent=1, allow_nan=False) + "\n")
+    write(options.json, "batch_threads.py", load_average=load, rounds=ROUNDS, steps=STEPS, rows=rows)
 
 
 if __name__ == "__main__":

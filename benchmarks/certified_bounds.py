@@ -11,15 +11,12 @@ same norm shifted by α, and that no rollout uses up the supply γ² ∫ wᵀw. 
 
 from __future__ import annotations
 
-import argparse
-import json
-from pathlib import Path
 from typing import Any
 
+from measuring import options_of, printed, write
+
 from fuzzyarm import load_policy
-from fuzzyarm.common.files import write_atomically
 from fuzzyarm.envs.scenario.reference import JointReference
-from fuzzyarm.eval.provenance import current_provenance
 from fuzzyarm.proof.rigid_loop import (
     Motion,
     RigidLoop,
@@ -87,34 +84,11 @@ def assess(name: str) -> dict[str, Any]:
     return {"decay_per_s": {"certified": loop.controller.alpha, **decay(loop)}, "gain_rad_per_Nm": gain(loop)}
 
 
-COLUMNS = {
-    "α 1/s": lambda a, g: f"{a['certified']:.3g}",
-    "/ V in rollout": lambda a, g: f"{a['certified'] / a['observed']:.4f}",
-    "/ V in box": lambda a, g: f"{a['certified'] / a['lyapunov']:.4f}",
-    "/ pole": lambda a, g: f"{a['certified'] / a['pole']:.3f}",
-    "γ rad/(N m)": lambda a, g: f"{g['certified']:.3g}",
-    "rollout / γ": lambda a, g: f"{g['observed'] / g['certified']:.3f}",
-    "frozen / γ": lambda a, g: f"{g['frozen'] / g['certified']:.3f}",
-    "shifted by α / γ": lambda a, g: f"{g['frozen_shifted'] / g['certified']:.3f}",
-    "supply used": lambda a, g: f"{g['supply_used']:.3f}",
-}
-"""Each ratio is at most 1 if the claim holds, and 1 if the bound is met exactly."""
-
-
 def main() -> None:
     """Assess, print and optionally write."""
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--json", type=Path, metavar="FILE", help="also write the result here")
-    options = parser.parse_args()
-    print(f"{'policy':15}  " + "  ".join(COLUMNS))
-    result = {}
-    for policy in NAMES:
-        row = result[policy] = assess(policy)
-        cells = (cell(*row.values()).rjust(len(name)) for name, cell in COLUMNS.items())
-        print(f"{policy:15}  " + "  ".join(cells), flush=True)
-    if options.json:
-        document = {"command": "python benchmarks/certified_bounds.py", **current_provenance(), "bounds": result}
-        write_atomically(options.json, json.dumps(document, indent=1) + "\n")
+    options = options_of(__doc__).parse_args()
+    rows = printed({"policy": name, **assess(name)} for name in NAMES)
+    write(options.json, "certified_bounds.py", bounds={row.pop("policy"): row for row in rows})
 
 
 if __name__ == "__main__":

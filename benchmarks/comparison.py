@@ -3,7 +3,7 @@
     python benchmarks/comparison.py [--plants N] [--seed-plants N] [--jobs N] [--errors FOLDER] [--json FILE]
 
 The policies are those of `compared_policies`, the tasks those of `learned_tasks`. The plants are those of
-`comparison_plants`, in the paper's cases and under two forces that no training has drawn; each plant meets all
+`plant_errors`, in the paper's cases and under two forces that no training has drawn; each plant meets all
 policies. Of a policy that was trained with several seeds, each of which is stored, all seeds run the tasks and the
 first `--seed-plants` plants, and the shipped one all plants.
 
@@ -21,31 +21,25 @@ each. Delete the files of a policy that has changed.
 
 from __future__ import annotations
 
-import argparse
-import functools
-import json
 import math
-import sys
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 from compared_policies import POLICIES
-from comparison_plants import COMPARED, COMPARED_CASES
 from comparison_statistics import improvements, ranks_of, score
 from learned_tasks import assess
-from plant_errors import measured
+from measuring import options_of, printed, write
+from plant_errors import COMPARED_CASES, FIRST_SEED, measured
 
 from fuzzyarm import load_policy
 from fuzzyarm.common.console import progress
-from fuzzyarm.common.files import write_atomically
 from fuzzyarm.eval.evaluation.statistics import LEVEL, estimate
-from fuzzyarm.eval.provenance import current_provenance
 
 SCHEMA = "fuzzyarm-comparison/3"
 BENCHMARKS = Path(__file__).resolve().parent
-SEED_PLANTS = 1000
+SEED_PLANTS, QUANTILES = 1000, (0.01, 0.5, 0.99)
 
 
 def compare(plants: int, seed_plants: int, jobs: int | None, folder: Path | None) -> dict[str, Any]:
@@ -67,7 +61,7 @@ def compare(plants: int, seed_plants: int, jobs: int | None, folder: Path | None
         for label, policy, count in runs:
             path = None if folder is None else folder / f"{label}-{count}.npz"
             errors[label] = measured(
-                path, policy, COMPARED, count, jobs, functools.partial(_report, advance, label, done)
+                path, policy, count, jobs, lambda k, label=label, done=done: advance(label, completed=done + k)
             )
             done += count
             advance(label, completed=done)
@@ -84,9 +78,7 @@ def compare(plants: int, seed_plants: int, jobs: int | None, folder: Path | None
         {
             "name": name,
             "seeds": len(group),
-            "commits": sorted(
-                {errors[label].commit or "" for label in (name, *(f"{name}-{k}" for k in range(len(group))))}
-            ),
+            "commits": sorted({errors[label].commit for label in (name, *(f"{name}-{k}" for k in range(len(group))))}),
             "tasks": tasks[name],
             "plants": {
                 case: {
@@ -102,21 +94,12 @@ def compare(plants: int, seed_plants: int, jobs: int | None, folder: Path | None
     ]
     return {
         "schema": SCHEMA,
-        "command": f"python benchmarks/comparison.py --plants {plants} --seed-plants {seed_plants}",
-        **current_provenance(),
-        "method": {"plants": plants, "seed_plants": seed_plants, "first_seed": COMPARED.first_seed, "level": LEVEL},
+        "method": {"plants": plants, "seed_plants": seed_plants, "first_seed": FIRST_SEED, "level": LEVEL},
         "cases": COMPARED_CASES,
         "quantiles": list(QUANTILES),
         "rows": rows,
         "improvement": improvements(list(shipped), np.stack([errors[name].rms_mm for name in shipped])),
     }
-
-
-def _report(advance: Callable[..., None], label: str, before: int, done: int) -> None:
-    advance(label, completed=before + done)
-
-
-QUANTILES = (0.01, 0.5, 0.99)
 
 
 def _seeds(pattern: str | None) -> list[Any]:
@@ -140,29 +123,22 @@ def _finite(value: float) -> float | None:
     return float(value) if math.isfinite(value) else None
 
 
-def main() -> int:
+def main() -> None:
     """Run all, print and optionally write."""
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser = options_of(__doc__)
     parser.add_argument("--plants", type=int, default=10_000, help="for each shipped policy (default: %(default)s)")
     parser.add_argument("--seed-plants", type=int, default=SEED_PLANTS, help="for each seed (default: %(default)s)")
     parser.add_argument("--jobs", type=int, help="processes (default: one per core)")
     parser.add_argument("--errors", type=Path, metavar="FOLDER", help="keep errors here, and use those that are here")
-    parser.add_argument("--json", type=Path, metavar="FILE", help="also write the result here")
     options = parser.parse_args()
     if options.plants < 1 or options.seed_plants < 1:
         parser.error("--plants and --seed-plants must be 1 or more")
-    try:
-        if options.errors is not None:
-            options.errors.mkdir(parents=True, exist_ok=True)
-        document = compare(options.plants, options.seed_plants, options.jobs, options.errors)
-    except (OSError, ValueError) as error:
-        parser.error(f"--errors: {error}" if isinstance(error, OSError) else str(error))
-    if options.json:
-        write_atomically(options.json, json.dumps(document, indent=1, allow_nan=False) + "\n")
-    for row in document["rows"]:
-        print(row["name"], {case: (found["score_mm"], found["rank"]) for case, found in row["plants"].items()})
-    return 0
+    if options.errors is not None:
+        options.errors.mkdir(parents=True, exist_ok=True)
+    document = compare(options.plants, options.seed_plants, options.jobs, options.errors)
+    write(options.json, f"comparison.py --plants {options.plants} --seed-plants {options.seed_plants}", **document)
+    printed(document["rows"])
 
 
 if __name__ == "__main__":
-    sys.exit(main())
+    main()

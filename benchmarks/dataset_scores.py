@@ -1,15 +1,13 @@
 """Scores of behaviour cloning and of TD3+BC on the data sets of `fuzzyarm dataset`.
 
-python benchmarks/dataset_scores.py [--seconds 60] [--levels expert mixed] [--conditions nominal loads]
+python benchmarks/dataset_scores.py [--seconds 60] [--levels expert mixed] [--conditions nominal loads] [--json FILE]
 
 Writes the data sets to a temporary folder, runs examples/clone_policy.py and examples/offline_td3_bc.py on each for the
-same processor time of learning, and writes benchmarks/results/dataset_scores.json after every run.
+same processor time of learning, and writes FILE after every run.
 """
 
 from __future__ import annotations
 
-import argparse
-import json
 import re
 import subprocess
 import sys
@@ -18,14 +16,12 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from measuring import options_of, write
 
-from fuzzyarm.common.files import write_atomically
 from fuzzyarm.eval.dataset.config import CONDITIONS, LEVELS, DatasetConfig
 from fuzzyarm.eval.dataset.store import open_dataset, provenance_of, write_dataset
-from fuzzyarm.eval.provenance import current_provenance
 
 ROOT = Path(__file__).parent.parent
-RESULT = ROOT / "benchmarks" / "results" / "dataset_scores.json"
 LEARNERS = {"behaviour cloning": "clone_policy.py", "TD3+BC": "offline_td3_bc.py"}
 FOUND = r"score (\S+), mean tip error (\S+) mm, (\d+) of (\d+) episodes"
 
@@ -37,14 +33,8 @@ def scored(script: str, folder: Path, seconds: float, seed: int) -> dict[str, An
     found = re.search(FOUND, done.stdout)
     if found is None:
         raise ValueError(f"{script} printed no score: {done.stdout[-300:]}")
-    score, error, completed, episodes = found.groups()
-    return {
-        "seed": seed,
-        "score": float(score),
-        "tip_error_mm": float(error),
-        "completed": int(completed),
-        "of": int(episodes),
-    }
+    score, error, completed, episodes = map(float, found.groups())
+    return {"seed": seed, "score": score, "tip_error_mm": error, "completed": int(completed), "of": int(episodes)}
 
 
 def of_data(folder: Path) -> dict[str, Any]:
@@ -62,7 +52,7 @@ def of_data(folder: Path) -> dict[str, Any]:
 
 def main() -> None:
     """Measure and write."""
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser = options_of(__doc__)
     parser.add_argument("--seconds", type=float, default=60.0)
     parser.add_argument("--seeds", type=int, nargs="+", default=[0])
     parser.add_argument("--levels", nargs="+", default=list(LEVELS), choices=list(LEVELS))
@@ -70,7 +60,7 @@ def main() -> None:
     arguments = parser.parse_args()
     lists = {name: " ".join(map(str, getattr(arguments, name))) for name in ("seeds", "levels", "conditions")}
     words = " ".join(f"--{name} {values}" for name, values in lists.items())
-    command = f"python benchmarks/dataset_scores.py --seconds {arguments.seconds:g} {words}"
+    command = f"dataset_scores.py --seconds {arguments.seconds:g} {words}"
     rows: dict[str, Any] = {}
     with tempfile.TemporaryDirectory() as work:
         for level in arguments.levels:
@@ -83,8 +73,7 @@ def main() -> None:
                     for name, script in LEARNERS.items():
                         row["learners"][name].append(scored(script, folder, arguments.seconds, seed))
                         print(config.name, name, row["learners"][name][-1], flush=True)
-                        content = {"command": command, "seconds": arguments.seconds, "rows": rows}
-                        write_atomically(RESULT, json.dumps(content | current_provenance(), indent=1) + "\n")
+                        write(arguments.json, command, seconds=arguments.seconds, rows=rows)
 
 
 if __name__ == "__main__":

@@ -14,17 +14,16 @@ replaced; each row says at which commit it was measured.
 
 from __future__ import annotations
 
-import argparse
-import json
+import subprocess
 import tempfile
 import time
 from pathlib import Path
 from typing import Any
 
 import numpy as np
+from measuring import options_of, printed, write_rows
 
 from fuzzyarm import load_policy
-from fuzzyarm.common.files import write_atomically
 from fuzzyarm.envs.fuzzy_arm import FuzzyArmEnv
 from fuzzyarm.envs.vector import FuzzyArmVectorEnv
 from fuzzyarm.eval.episodes.metrics import metrics_of
@@ -116,13 +115,8 @@ def assess(name: str, ticks: int) -> dict[str, Any]:
                 found = law.run(*pair)
                 row["differing"][compiler] += sum(map(differing, found, expected[key]))
             times = 1e9 * np.array(seconds_per_tick(law, loop[0]))
-            row["nanoseconds"][compiler] = dict(
-                zip(
-                    ("p5", "median", "p95", "max"),
-                    [*np.percentile(times, (5, 50, 95)).tolist(), float(times.max())],
-                    strict=True,
-                )
-            )
+            p5, median, p95, most = np.percentile(times, (5, 50, 95, 100)).tolist()
+            row["nanoseconds"][compiler] = {"p5": p5, "median": median, "p95": p95, "max": most}
         row["ticks"] = sum(starts.size for _, starts in sets.values())
         row["at_limit"] = float(np.mean([(np.abs(t) >= [500.0, 250.0]).any(-1).mean() for t, _ in expected.values()]))
         row["python_nanoseconds"] = 1e9 * python_seconds(policy, loop[0])
@@ -153,38 +147,18 @@ def float_errors(policy: Policy, single: CompiledLaw, seen: np.ndarray, starts: 
 
 def main() -> None:
     """Assess all laws, print and optionally write."""
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser = options_of(__doc__)
     parser.add_argument("--ticks", type=int, default=1_000_000, metavar="N", help="ticks of each law")
     parser.add_argument("--laws", nargs="+", choices=LAWS, default=LAWS, help="which (default: all)")
-    parser.add_argument("--json", type=Path, metavar="FILE", help="also write the result here")
     options = parser.parse_args()
     if not compilers():
         parser.error("there is no C compiler: install gcc or clang")
-    rows = []
-    for name in options.laws:
-        rows.append(row := assess(name, options.ticks))
-        times = ", ".join(
-            f"{compiler} {t['median']:.0f} ({t['p5']:.0f} to {t['p95']:.0f}, at most {t['max']:.0f}) ns"
-            for compiler, t in row["nanoseconds"].items()
-        )
-        print(
-            f"{name}: {row['ticks']} ticks, numbers that differ: {row['differing']}, {100 * row['at_limit']:.0f} % "
-            f"at a limit; {times}, predict {row['python_nanoseconds']:.0f} ns; float: {row['float']}",
-            flush=True,
-        )
-    if options.json:
-        document = {"command": "python benchmarks/exported_c.py", **current_provenance(), "compilers": versions()}
-        if len(rows) < len(LAWS) and options.json.is_file():
-            document = json.loads(options.json.read_text(encoding="utf-8"))
-        found = {row["law"]: row for row in [*document.get("rows", ()), *rows]}
-        document["rows"] = [found[name] for name in LAWS if name in found]
-        write_atomically(options.json, json.dumps(document, indent=1) + "\n")
+    rows = printed(assess(name, options.ticks) for name in options.laws)
+    write_rows(options.json, "exported_c.py", rows, LAWS, lambda row: row["law"], compilers=versions())
 
 
 def versions() -> dict[str, str]:
     """Return the first line of what each compiler says of itself."""
-    import subprocess
-
     return {
         name: subprocess.run([name, "--version"], capture_output=True, text=True, check=True).stdout.splitlines()[0]
         for name in compilers()

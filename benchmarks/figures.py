@@ -9,7 +9,7 @@ from __future__ import annotations
 import dataclasses
 import functools
 import importlib
-import json
+import io
 import math
 import subprocess
 import sys
@@ -18,9 +18,10 @@ from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
+import matplotlib.style
 from learned_comparison import MODEL_BASED
-from learned_figures import png
 from matplotlib.figure import Figure
+from measuring import stored
 
 from fuzzyarm.eval.evaluation.run import Evaluation, EvaluationConfig, evaluate, write_results
 from fuzzyarm.policies import ANY_ROBOT, COMPARED
@@ -28,7 +29,6 @@ from fuzzyarm.policies import ANY_ROBOT, COMPARED
 __all__ = ["FIGURES", "Picture"]
 
 ROOT = Path(__file__).resolve().parents[1]
-RESULTS = ROOT / "benchmarks" / "results"
 MOVING = ("fuzzy-4", "learned-observer", "adaptive-observer")
 """Policies of the moving picture, from left to right."""
 
@@ -38,21 +38,24 @@ class Picture:
     """A figure of the documentation.
 
     Attributes:
-        draw: returns the content of the file.
+        draw: returns the content of the file; None for the figure of a finished study, which is kept.
         results: names of the stored results that it shows.
         policies: names of the shipped policies that are run to draw it.
         browser: whether it is a picture of a page in Chromium.
     """
 
-    draw: Callable[[], bytes]
+    draw: Callable[[], bytes] | None = None
     results: tuple[str, ...] = ()
     policies: tuple[str, ...] = ()
     browser: bool = False
 
 
-def _stored(name: str) -> dict[str, Any]:
-    document: dict[str, Any] = json.loads((RESULTS / f"{name}.json").read_text(encoding="utf-8"))
-    return document
+def png(draw: Callable[[], Figure]) -> bytes:
+    """Return the figure that `draw` makes as PNG, drawn in the project's style."""
+    content = io.BytesIO()
+    with matplotlib.style.context("fuzzyarm.eval.fuzzyarm", after_reset=True):
+        draw().savefig(content, format="png")
+    return content.getvalue()
 
 
 def _from_result(name: str, module: str | None = None, function: str = "draw") -> Picture:
@@ -60,7 +63,7 @@ def _from_result(name: str, module: str | None = None, function: str = "draw") -
 
     def draw() -> bytes:
         drawing: Callable[[dict[str, Any]], Figure] = getattr(importlib.import_module(module or name), function)
-        return png(lambda: drawing(_stored(name)))
+        return png(lambda: drawing(stored(name)))
 
     return Picture(draw, (name,))
 
@@ -81,13 +84,13 @@ def _arm(*arguments: str) -> bytes:
 
 @functools.cache
 def _evaluation() -> Evaluation:
-    stored = _stored("evaluate")
-    return _repeated(EvaluationConfig(), stored["results"], stored["date"])
+    document = stored("evaluate")
+    return _repeated(EvaluationConfig(), document["results"], document["date"])
 
 
 def _on_robot() -> Evaluation:
-    stored = _stored("robot_comparison_ur5")
-    return _repeated(EvaluationConfig(ANY_ROBOT, robot="ur5"), stored["cases"], stored["date"])
+    document = stored("robot_comparison_ur5")
+    return _repeated(EvaluationConfig(ANY_ROBOT, robot="ur5"), document["cases"], document["date"])
 
 
 def _repeated(config: EvaluationConfig, rows: Sequence[Mapping[str, Any]], date: str) -> Evaluation:
@@ -95,10 +98,10 @@ def _repeated(config: EvaluationConfig, rows: Sequence[Mapping[str, Any]], date:
     fresh, then = evaluate(config), {(row["policy"], row["case"]): row for row in rows}
     for row in fresh.rows:
         for key in ("tip_error_rms_mm", "tip_error_max_mm"):
-            stored = then[row["policy"], row["case"]][key]
-            if not math.isclose(row[key], stored, rel_tol=1e-4, abs_tol=1e-9):
+            before = then[row["policy"], row["case"]][key]
+            if not math.isclose(row[key], before, rel_tol=1e-4, abs_tol=1e-9):
                 where = f"{row['policy']} in {row['case']}"
-                raise ValueError(f"{key} of {where} is {row[key]:g}, the stored result has {stored:g}: measure again")
+                raise ValueError(f"{key} of {where} is {row[key]:g}, the stored result has {before:g}: measure again")
     return dataclasses.replace(fresh, made_with=fresh.made_with | {"date": date})
 
 
@@ -134,17 +137,6 @@ def _paper() -> bytes:
     return png(lambda: draw_figures(gather())[4])
 
 
-def _learned(kind: str) -> bytes:
-    import learned_comparison as comparison
-    from learned_figures import draw_learning_curves, draw_worst_tasks
-
-    document, learned = _stored("learned_comparison"), comparison.chosen_trainings()
-    if kind == "tasks":
-        return png(lambda: draw_worst_tasks(comparison.worst_tasks(document, learned)))
-    rows, levels = comparison.trainings(document, learned), comparison.orientation(document)
-    return png(lambda: draw_learning_curves(rows, levels))
-
-
 FIGURES: dict[str, Picture] = {
     "animation.gif": Picture(_animation, policies=MOVING),
     "arm.png": Picture(_arm, policies=("fuzzy-4",)),
@@ -154,17 +146,17 @@ FIGURES: dict[str, Picture] = {
     "robot_report.png": Picture(lambda: _page(_on_robot()), ("robot_comparison_ur5",), ANY_ROBOT, browser=True),
     "comparison.png": _from_result("comparison", "comparison_figure", "draw_comparison"),
     "comparison_pairs.png": _from_result("comparison", "comparison_figure", "draw_pairs"),
-    "learned.png": Picture(functools.partial(_learned, "tasks"), ("learned_comparison",), MODEL_BASED),
-    "learning_curves.png": Picture(functools.partial(_learned, "curves"), ("learned_comparison",)),
+    "learned.png": Picture(results=("learned_comparison",), policies=MODEL_BASED),
+    "learning_curves.png": Picture(results=("learned_comparison",)),
     "sweep.png": _from_result("sweep", "sweep_figure"),
     "adaptive_passes.png": _from_result("adaptive_cases"),
-    "adaptive_front.png": _from_result("adaptive_margins"),
-    "estimate_front.png": _from_result("estimate_front"),
-    "ppo_observer.png": _from_result("ppo_observer"),
-    "complexity.png": _from_result("complexity"),
+    "adaptive_front.png": Picture(results=("adaptive_margins",)),
+    "estimate_front.png": Picture(results=("estimate_front",)),
+    "ppo_observer.png": Picture(results=("ppo_observer",)),
+    "complexity.png": Picture(results=("complexity",)),
     "tip_bound.png": _from_result("tip_bound"),
     "throughput.png": _from_result("bench", "fuzzyarm.eval.bench.speed_table", "draw_throughput"),
     "paper-figure-04.png": Picture(_paper, policies=("fuzzy-32", "fuzzy-4")),
-    "paper_feedforward.png": _from_result("paper_feedforward"),
+    "paper_feedforward.png": Picture(results=("paper_feedforward",)),
 }
 """By file name in `docs/figures`."""

@@ -9,19 +9,14 @@ rad and 1e-3 rad/s, 1 kHz. Once the velocities are in the log, once they are lef
 
 from __future__ import annotations
 
-import argparse
 import dataclasses
-import datetime
-import json
 import time
-from pathlib import Path
 from typing import Any
 
 import numpy as np
+from measuring import options_of, printed, write
 
-from fuzzyarm.common.files import write_atomically
 from fuzzyarm.envs.physics.parameters import ArmParameters
-from fuzzyarm.eval.provenance import current_provenance
 from fuzzyarm.identification.excitation import NOISE, condition_of, rehearsed, suggested, use_of
 from fuzzyarm.identification.fit import DEVIATIONS
 from fuzzyarm.identification.log import Log
@@ -84,9 +79,6 @@ def measure(seeds: int, duration: float) -> dict[str, Any]:
             runs["angles alone"].append(found(dataclasses.replace(log, velocity=None), start, truth))
         print(f"seed {seed}: {runs['angles and velocities'][-1]['seconds']:.1f} s", flush=True)
     return {
-        "command": f"python benchmarks/identification.py --seeds {seeds} --duration {duration:g}",
-        "date": datetime.datetime.now(datetime.UTC).isoformat(timespec="seconds"),
-        **current_provenance(),
         "duration": duration,
         "noise": dataclasses.asdict(NOISE),
         "motion": {
@@ -106,16 +98,12 @@ def measure(seeds: int, duration: float) -> dict[str, Any]:
 
 def main() -> None:
     """Measure, and write the result."""
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser = options_of(__doc__)
     parser.add_argument("--seeds", type=int, default=40)
     parser.add_argument("--duration", type=float, default=10.0)
-    parser.add_argument("--json", type=Path)
     given = parser.parse_args()
-    text = json.dumps(measure(given.seeds, given.duration), indent=1) + "\n"
-    if given.json is None:
-        print(text, end="")
-    else:
-        write_atomically(given.json, text)
+    (document,) = printed([measure(given.seeds, given.duration)])
+    write(given.json, f"identification.py --seeds {given.seeds} --duration {given.duration:g}", **document)
 
 
 if __name__ == "__main__":

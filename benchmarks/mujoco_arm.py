@@ -19,32 +19,26 @@ recorded, no observation and no reward. That flatters MuJoCo. About two minutes.
 
 from __future__ import annotations
 
-import argparse
 import dataclasses
 import functools
 import itertools
-import json
 import math
 import time
 from collections.abc import Callable, Sequence
-from pathlib import Path
 from statistics import median
 from typing import Any, NamedTuple
 
 import mujoco
 import numpy as np
 from mujoco.rollout import Rollout
-from rich.console import Console
-from rich.table import Table
 
 from fuzzyarm import load_policy
-from fuzzyarm.common.files import write_atomically
 from fuzzyarm.envs.physics.dynamics import Payload, arm_constants, gravity_torque, tip_jacobian, tip_position
+from fuzzyarm.envs.physics.equations import two_joints
 from fuzzyarm.envs.physics.event_integrator import integrate
-from fuzzyarm.envs.physics.hold import hold_of
+from fuzzyarm.envs.physics.integrator import hold_of
 from fuzzyarm.envs.physics.parameters import ArmParameters
 from fuzzyarm.envs.physics.records import flat
-from fuzzyarm.envs.physics.two_joints import two_joints
 from fuzzyarm.envs.scenario.reference import JointReference
 from fuzzyarm.eval.provenance import current_provenance
 
@@ -177,7 +171,7 @@ class MujocoArm:
 
 
 def our_advance(parameters: ArmParameters, substeps: int) -> Advance:
-    """Return the control step of `hold.hold_of`."""
+    """Return the control step of `integrator.hold_of`."""
     arm, no_force = np.array(flat(arm_constants(parameters)))[:, np.newaxis], np.zeros((4, 1))
     hold = hold_of(two_joints())
 
@@ -314,29 +308,17 @@ def peer_speeds() -> list[dict[str, Any]]:
     ]
 
 
-def print_rows(console: Console, title: str, rows: list[dict[str, Any]]) -> None:
-    """Print rows of equal keys as one table."""
-    table = Table(*(key.replace("_", " ") for key in rows[0]), title=title)
-    for row in rows:
-        table.add_row(*(f"{value:.3g}" if isinstance(value, float) else str(value) for value in row.values()))
-    console.print(table)
-
-
 def main() -> None:
     """Measure, print and write."""
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    default = Path(__file__).parent / "results" / "mujoco_arm.json"
-    parser.add_argument("--json", type=Path, default=default, metavar="FILE", help="where to write the result")
-    options, console = parser.parse_args(), Console()
-    result = {"command": "python benchmarks/mujoco_arm.py", **current_provenance()}
-    result["versions"]["mujoco"] = mujoco.__version__
-    for name, parameters in ARMS.items():
-        ours, rows = 1e6 * tip_error(our_advance(parameters, OURS), parameters), measure(parameters)
-        result[name] = {"our_tip_error_um": ours, "mujoco": rows}
-        print_rows(console, f"{name} arm, 64 lanes on one thread; the tip error of our step is {ours:.3g} µm", rows)
-    result["speed"] = peer_speeds()
-    print_rows(console, "control steps per second", result["speed"])
-    write_atomically(options.json, json.dumps(result, indent=1) + "\n")
+    from measuring import options_of, printed, write  # the package's own benchmark loads this file from elsewhere
+
+    options = options_of(__doc__).parse_args()
+    versions = current_provenance()["versions"] | {"mujoco": mujoco.__version__}
+    arms = {
+        name: {"our_tip_error_um": 1e6 * tip_error(our_advance(arm, OURS), arm), "mujoco": printed(measure(arm))}
+        for name, arm in ARMS.items()
+    }
+    write(options.json, "mujoco_arm.py", versions=versions, **arms, speed=printed(peer_speeds()))
 
 
 if __name__ == "__main__":

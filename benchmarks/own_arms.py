@@ -8,19 +8,17 @@ folders are kept, and what is finished there is not done again. Two minutes an a
 
 from __future__ import annotations
 
-import argparse
-import json
 import tempfile
 from pathlib import Path
 from typing import Any
 
+from measuring import options_of, printed, write
+
 from fuzzyarm.common.console import progress
-from fuzzyarm.common.files import write_atomically
 from fuzzyarm.envs.physics.equations import AnyArm, chosen_arm
 from fuzzyarm.envs.physics.parameters import ArmParameters
 from fuzzyarm.eval.engine import Engine
 from fuzzyarm.eval.evaluation.run import EvaluationConfig, evaluate
-from fuzzyarm.eval.provenance import current_provenance
 from fuzzyarm.eval.tuning.run import begin, resumed_arm, tune
 from fuzzyarm.policies import policies_of
 
@@ -60,19 +58,15 @@ def tuned(name: str, folder: Path, jobs: int | None) -> dict[str, Any]:
 
 def main() -> None:
     """Tune, evaluate, print and optionally write."""
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--json", type=Path, metavar="FILE", help="also write the result here")
+    parser = options_of(__doc__)
     parser.add_argument("--folder", type=Path, metavar="DIR", help="keep the folders of the arms here")
     parser.add_argument("--jobs", type=int, metavar="N", help="number of processes (default: one per core)")
     parser.add_argument("--arms", nargs="+", choices=ARMS, default=list(ARMS), help="which (default: all)")
     options = parser.parse_args()
     with tempfile.TemporaryDirectory() as name:
-        rows = [tuned(arm, (options.folder or Path(name)) / arm, options.jobs) for arm in options.arms]
+        rows = printed(tuned(arm, (options.folder or Path(name)) / arm, options.jobs) for arm in options.arms)
     chosen = "" if options.arms == list(ARMS) else f" --arms {' '.join(options.arms)}"
-    document = {"command": f"python benchmarks/own_arms.py{chosen}", **current_provenance(), "rows": rows}
-    print(json.dumps(rows, indent=1))
-    if options.json:
-        write_atomically(options.json, json.dumps(document, indent=1, allow_nan=False) + "\n")
+    write(options.json, f"own_arms.py{chosen}", rows=rows)
 
 
 if __name__ == "__main__":

@@ -92,20 +92,23 @@ def figure_record(content: bytes, results: Iterable[str], policies: Iterable[str
 
 
 def publish(pictures: Mapping[str, Picture]) -> None:
-    """Draw all figures, and write them and the record.
+    """Draw all figures but those of finished studies, and write them and the record.
 
     Raises:
-        ValueError: a figure shows a page and is not as in the record, and Chromium is not installed to draw it again.
+        ValueError: a figure is not as in the record and cannot be drawn again: it is of a finished study, or shows a
+            page, and Chromium is not installed.
     """
     before = json.loads(RECORD.read_text(encoding="utf-8"))["figures"] if RECORD.exists() else {}
     figures = {}
     for name, picture in pictures.items():
         path = FIGURES / name
-        kept = picture.browser and not (shutil.which("chromium") or shutil.which("chromium-browser"))
-        content = path.read_bytes() if kept else picture.draw()
+        browser = shutil.which("chromium") or shutil.which("chromium-browser")
+        kept = picture.draw is None or (picture.browser and not browser)
+        content = picture.draw() if picture.draw and not kept else path.read_bytes()
         figures[name] = figure_record(content, picture.results, picture.policies)
         if kept and figures[name] != before.get(name):
-            raise ValueError(f"{name} is a picture of a page and older than what it shows; install Chromium")
+            how = "install Chromium" if picture.draw else "its study is finished: remove the figure or repeat the study"
+            raise ValueError(f"{name} is older than what it shows; {how}")
         write_atomically(path, content)
         print(f"docs/figures/{name}", flush=True)
     results = {path.stem: result_record(path) for path in sorted(RESULTS.glob("*.json"))}

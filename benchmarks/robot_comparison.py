@@ -14,20 +14,17 @@ With --friction the policies for any robot run in the cases alone: on the robot 
 
 from __future__ import annotations
 
-import argparse
 import dataclasses
-import datetime
-import json
 import tempfile
 import time
 from pathlib import Path
 from typing import Any
 
-from fuzzyarm.common.files import write_atomically
+from measuring import options_of, printed, write
+
 from fuzzyarm.envs.physics.robot import Robot, robot_named
 from fuzzyarm.eval.engine import Engine
 from fuzzyarm.eval.evaluation.run import EvaluationConfig, evaluate
-from fuzzyarm.eval.provenance import current_provenance
 from fuzzyarm.eval.stability.margins import MarginsConfig, measure_margins, policy_margins
 from fuzzyarm.eval.sweep.config import SweepConfig
 from fuzzyarm.eval.sweep.run import Sweep
@@ -55,7 +52,6 @@ def designed(robot: Robot, rules: int) -> tuple[ScheduledController, dict[str, A
     begin = time.perf_counter()
     found = design_scheduled(ScheduledSpecification(rules=rules), robot)
     seconds, c = time.perf_counter() - begin, found.controller
-    k_p, k_d, k_i = c.feedback.tolist()
     row = {
         "rules": c.rules,
         "premises": [premise.name for premise in c.premises],
@@ -63,9 +59,7 @@ def designed(robot: Robot, rules: int) -> tuple[ScheduledController, dict[str, A
         "alpha": c.alpha,
         "fastest_pole": c.fastest_pole,
         "gamma": c.gamma / c.floor,
-        "k_p": k_p,
-        "k_d": k_d,
-        "k_i": k_i,
+        **dict(zip(("k_p", "k_d", "k_i"), c.feedback.tolist(), strict=True)),
         "seconds": seconds,
         **policy_margins(ScheduledPolicy(c, PERIOD), robot, PERIOD),
     }
@@ -93,9 +87,6 @@ def compare(name: str, rules: list[int] | None, plants: int) -> dict[str, Any]:
             pass
         swept, _ = sweep.summarise()
     return {
-        "command": f"python benchmarks/robot_comparison.py {name} --plants {plants}",
-        "date": datetime.datetime.now(datetime.UTC).isoformat(timespec="seconds"),
-        **current_provenance(),
         "robot": name,
         "plants": plants,
         "titles": evaluation.config.titles,
@@ -124,9 +115,6 @@ def compare_friction(name: str, factor: float) -> dict[str, Any]:
         found = evaluate(EvaluationConfig(policies=ANY_ROBOT, robot=with_friction(robot_named(name), times)))
         rows += [{"friction": times, **{key: row[key] for key in ("case", "policy", *METRICS)}} for row in found.rows]
     return {
-        "command": f"python benchmarks/robot_comparison.py {name} --friction {factor:g}",
-        "date": datetime.datetime.now(datetime.UTC).isoformat(timespec="seconds"),
-        **current_provenance(),
         "robot": name,
         "titles": found.config.titles,
         "rows": rows,
@@ -135,22 +123,17 @@ def compare_friction(name: str, factor: float) -> dict[str, Any]:
 
 def main() -> None:
     """Compare, and write the result."""
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser = options_of(__doc__)
     parser.add_argument("robot")
     parser.add_argument("--rules", type=int, nargs="+", help="default: 1 2 4; two joints: 1 2")
     parser.add_argument("--plants", type=int, default=1000)
     parser.add_argument("--friction", type=float, help="a multiple of the robot's friction")
-    parser.add_argument("--json", type=Path)
     given = parser.parse_args()
     if given.friction is None:
-        document = compare(given.robot, given.rules, given.plants)
+        words, document = f"--plants {given.plants}", compare(given.robot, given.rules, given.plants)
     else:
-        document = compare_friction(given.robot, given.friction)
-    text = json.dumps(document, indent=1) + "\n"
-    if given.json is None:
-        print(text, end="")
-    else:
-        write_atomically(given.json, text)
+        words, document = f"--friction {given.friction:g}", compare_friction(given.robot, given.friction)
+    write(given.json, f"robot_comparison.py {given.robot} {words}", **printed([document])[0])
 
 
 if __name__ == "__main__":

@@ -8,15 +8,13 @@ seeds are told apart by the seed. Nothing is chosen here: the last policy of eac
 
 from __future__ import annotations
 
-import argparse
-import datetime
 import json
 from pathlib import Path
 from typing import Any
 
-from fuzzyarm.common.files import write_atomically
+from measuring import options_of, printed, write
+
 from fuzzyarm.envs.physics.robot import robot_named
-from fuzzyarm.eval.provenance import current_provenance
 from fuzzyarm.eval.stability.margins import policy_margins
 from fuzzyarm.fuzzy_policy.laws.learned.policy import LearnedPolicy
 from fuzzyarm.policies import load_policy
@@ -53,9 +51,6 @@ def compared(name: str, folders: list[Path]) -> dict[str, Any]:
     for base in sorted(base for base in bases if base is not None):
         rows.insert(0, {"policy": base, **evaluate_cases(load_policy(base, robot=name), robot)})
     return {
-        "command": f"python benchmarks/robot_learned.py {name} {' '.join(map(str, folders))}",
-        "date": datetime.datetime.now(datetime.UTC).isoformat(timespec="seconds"),
-        **current_provenance(),
         "robot": name,
         "training": trainings[0],
         "rows": rows,
@@ -64,16 +59,12 @@ def compared(name: str, folders: list[Path]) -> dict[str, Any]:
 
 def main() -> None:
     """Compare, and write the result."""
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser = options_of(__doc__)
     parser.add_argument("robot")
     parser.add_argument("folders", type=Path, nargs="+")
-    parser.add_argument("--json", type=Path)
     given = parser.parse_args()
-    text = json.dumps(compared(given.robot, given.folders), indent=1) + "\n"
-    if given.json is None:
-        print(text, end="")
-    else:
-        write_atomically(given.json, text)
+    (document,) = printed([compared(given.robot, given.folders)])
+    write(given.json, f"robot_learned.py {given.robot} {' '.join(map(str, given.folders))}", **document)
 
 
 if __name__ == "__main__":

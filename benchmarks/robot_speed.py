@@ -14,28 +14,23 @@ plain NumPy and torch on the 1,024 lanes: the ratio of the times, and the larges
 
 from __future__ import annotations
 
-import argparse
-import json
 import time
 from collections.abc import Callable
-from pathlib import Path
 from statistics import median
 from typing import Any
 
 import mujoco
 import numpy as np
 import torch
+from measuring import options_of, printed, write
 
-from fuzzyarm.common.files import write_atomically
 from fuzzyarm.envs.physics.dynamics import arm_constants
-from fuzzyarm.envs.physics.hold import held_of, hold_of
+from fuzzyarm.envs.physics.equations import two_joints
+from fuzzyarm.envs.physics.integrator import held_of, hold_of
 from fuzzyarm.envs.physics.parameters import ArmParameters
-from fuzzyarm.envs.physics.physics import Physics
-from fuzzyarm.envs.physics.records import filled, flat
+from fuzzyarm.envs.physics.records import Physics, filled, flat
 from fuzzyarm.envs.physics.robot import Robot, robot_named
 from fuzzyarm.envs.physics.serial import physics_of
-from fuzzyarm.envs.physics.two_joints import two_joints
-from fuzzyarm.eval.provenance import current_provenance
 
 H = 2e-4  # s, a sub-step
 LANES, SUBSTEPS, PEER_STEPS, ROUNDS = 1024, 50, 2000, 7
@@ -159,9 +154,7 @@ def peer(robot: Robot) -> Callable[[], float]:
 
 def main() -> None:
     """Measure, print the table, and write it with `--json`."""
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--json", type=Path, help="write the results to this file")
-    options = parser.parse_args()
+    options = options_of(__doc__).parse_args()
     entries = {"hand-written": ours(two_joints(), np.array(flat(arm_constants(ArmParameters()))), robot_named("paper"))}
     for name in ROBOTS:
         robot, physics = robot_named(name), physics_of(robot_named(name))
@@ -182,22 +175,9 @@ def main() -> None:
         }
         for name in ROBOTS
     ]
-    print(f"hand-written two joints: {found['hand-written']:.1f} ns a sub-step and lane")
-    for row in rows:
-        print(
-            f"{row['robot']} ({row['joints']} joints): {row['ns']:.1f} ns; "
-            f"MuJoCo {row['mujoco_ns']:.0f} ns, {row['ratio']:.0f} times that"
-        )
-    generated = against_hand_written()
-    for name, compared in generated.items():
-        print(
-            f"recursion over hand-written, {name}: {compared['ratio']:.3f}; largest difference of the states "
-            f"{compared['difference']:.1e}"
-        )
-    if options.json:
-        result = {"command": "python benchmarks/robot_speed.py", **current_provenance()}
-        result |= {"hand_written_ns": found["hand-written"], "generated_over_hand_written": generated, "rows": rows}
-        write_atomically(options.json, json.dumps(result, indent=1) + "\n")
+    result = {"hand_written_ns": found["hand-written"], "generated_over_hand_written": against_hand_written()}
+    printed([*rows, result])
+    write(options.json, "robot_speed.py", rows=rows, **result)
 
 
 if __name__ == "__main__":

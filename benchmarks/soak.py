@@ -1,13 +1,11 @@
 """Soak: 1e8 env-steps of random and as many of controlled actions, without a number that is not finite.
 
 Every episode draws its plant, load, start and reference (randomisation "robust", machining force). Sensors are noisy,
-and lanes reset themselves. The memory in use is recorded and must not grow. `python benchmarks/soak.py`
+and lanes reset themselves. The memory in use is recorded and must not grow. `python benchmarks/soak.py [--json FILE]`
 """
 
 from __future__ import annotations
 
-import argparse
-import json
 import time
 from collections.abc import Callable
 from pathlib import Path
@@ -15,30 +13,27 @@ from typing import Any
 
 import gymnasium as gym
 import numpy as np
+from measuring import options_of, printed, write
 from rich.console import Console
 from rich.progress import track
 
 from fuzzyarm import load_policy
-from fuzzyarm.common.files import write_atomically
 from fuzzyarm.envs.scenario.disturbances import Disturbance, EncoderNoise, MachiningForce
-from fuzzyarm.eval.provenance import current_provenance
 
 LANES = 4096
-STORED = Path(__file__).parent / "results" / "soak.json"
 NOISY_MACHINING = Disturbance(tip_force=MachiningForce(), encoder_noise=EncoderNoise(1e-5, 1e-3))
 
 
 def main() -> None:
-    """Run both kinds and store what was seen."""
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    """Run both kinds, print and optionally write."""
+    parser = options_of(__doc__)
     parser.add_argument("--steps", type=float, default=1e8, help="env-steps of each kind (default: 1e8)")
     options = parser.parse_args()
     if not options.steps >= 10 * LANES:
         parser.error(f"--steps {options.steps:g} is out of range; allowed: {10 * LANES} or more")
-    rows = [soak("random torques", random_torques(), options.steps), soak("fuzzy-4", controlled(), options.steps)]
-    document = {"lanes": LANES, "seed": 0, "rows": rows, "provenance": current_provenance()}
-    write_atomically(STORED, json.dumps(document, indent=2) + "\n")
-    Console().print_json(json.dumps(rows))
+    kinds = {"random torques": random_torques(), "fuzzy-4": controlled()}
+    rows = printed(soak(name, act, options.steps) for name, act in kinds.items())
+    write(options.json, "soak.py", lanes=LANES, seed=0, rows=rows)
 
 
 def random_torques() -> Callable[[np.ndarray, np.ndarray], np.ndarray]:

@@ -7,41 +7,28 @@ gamma = 1000), smallest gains. Both are the proof's text on cvxpy's expressions,
 and tolerance. The peer has all slack and one constraint for each (Psi_ijk + Psi_jik)/2, with cvxpy's default backend;
 ours is one constraint for all of them, without the slack of rows that no vertex changes, compiled again for each run.
 The two alternate; medians of 5, with 16 and 32 rules (--large) once. The ratio is (compile + solve) of the peer over
-ours; our proof is not in it, the peer has none. Sizes count the bound of the gains in both. Where `sdpa` or `csdp`
-(Debian's sdpa and coinor-csdp) is on the PATH, it solves our cone program once, in 30 s or not; SDPT3 under Octave is
-left out. Half a minute, with --large three.
+ours; our proof is not in it, the peer has none. Sizes count the bound of the gains in both. Half a minute, with --large
+three.
 """
 
 from __future__ import annotations
 
-import argparse
 import contextlib
 import dataclasses
 import itertools
-import json
 import os
-import re
-import shutil
-import subprocess
 import sys
-import tempfile
 import time
 import warnings
-from collections.abc import Sequence
-from pathlib import Path
 from statistics import median
 from typing import Any
 
 import cvxpy as cp
 import numpy as np
-from rich.console import Console
-from rich.markup import escape
-from rich.table import Table
+from measuring import options_of, printed, write
 
-from fuzzyarm.common.files import write_atomically
 from fuzzyarm.envs.observation import JOINTS
 from fuzzyarm.envs.physics.parameters import ArmParameters
-from fuzzyarm.eval.provenance import current_provenance
 from fuzzyarm.fuzzy_policy.ts_model import NAMED_RULES
 from fuzzyarm.proof import consistent_reference, theorems
 from fuzzyarm.proof.certificate import certify
@@ -56,8 +43,6 @@ LARGE = [("consistent", 16), ("consistent", 32), ("paper", 32)]
 TITLE = {"consistent": "consistent, integral", "paper": "Theorem 2"}
 REPEATS = 5
 AGREEMENT = 0.01  # of the two optima
-PATIENCE = 30.0  # s, with the other solvers
-OTHER_SOLVERS = {"sdpa": r"objValPrimal = (\S+)", "csdp": r"Dual objective value: (\S+)"}
 
 
 def specification(form: str, rules: int) -> Specification:
@@ -146,24 +131,14 @@ def run_plain(asked: Specification) -> dict[str, Any]:
     }
 
 
-# Stacked and reduced, and other solvers on that cone program ----------------------------------------------------------
+# Stacked and reduced --------------------------------------------------------------------------------------------------
 
 
-@dataclasses.dataclass(frozen=True)
-class Program:
-    """Minimise qᵀx subject to b - A x in semidefinite cones of these orders."""
-
-    q: np.ndarray
-    A: Any
-    b: np.ndarray
-    orders: list[int]
-
-
-def program(asked: Specification) -> Program:
-    """Return the cone program that `design` solves."""
+def reduced_size(asked: Specification) -> dict[str, int]:
+    """Return the variables and rows of the cone program that `design` solves."""
     compiled = Inequalities(asked, ArmParameters())._problem()
     data = compiled.get_problem_data(cp.CLARABEL, canon_backend="SCIPY")[0]
-    return Program(data["c"], data["A"], data["b"], list(data["dims"].psd))
+    return {"variables": len(data["c"]), "rows": sum(data["dims"].psd)}
 
 
 def run_ours(asked: Specification) -> dict[str, Any]:
@@ -185,40 +160,6 @@ def run_ours(asked: Specification) -> dict[str, Any]:
     }
 
 
-def run_other(name: str, cone: Program) -> dict[str, Any] | None:
-    """Return wall time [s] and optimum, if found, of a solver that reads SDPA files; None if not installed."""
-    binary = shutil.which(name)
-    if binary is None:
-        return None
-    environment, output = {**os.environ, "OMP_NUM_THREADS": "1", "OPENBLAS_NUM_THREADS": "1"}, ""
-    with tempfile.TemporaryDirectory() as folder:
-        source, target = Path(folder, "design.dat-s"), Path(folder, "answer")
-        write_sdpa(cone, source)
-        begin = time.perf_counter()
-        with contextlib.suppress(subprocess.TimeoutExpired):
-            command = [binary, str(source), str(target)]
-            output = subprocess.run(command, env=environment, capture_output=True, text=True, timeout=PATIENCE).stdout
-        seconds = time.perf_counter() - begin
-        found = re.search(OTHER_SOLVERS[name], output)
-    return {"seconds": seconds, "objective": float(found[1]) if found else None}
-
-
-def write_sdpa(cone: Program, path: Path) -> None:
-    """Write minimise qᵀx subject to Σ F_l x_l - F_0 >= 0, F_l = -A_l, F_0 = -b, in SDPA's sparse format."""
-    places = []
-    for block, order in enumerate(cone.orders, start=1):
-        column, row = np.tril_indices(order)
-        places.append(np.stack([np.full(len(row), block), row + 1, column + 1], axis=1))
-    place, entries = np.vstack(places), cone.A.tocoo()
-    number = np.concatenate([np.zeros(len(cone.b), dtype=int), entries.col + 1])
-    at = place[np.concatenate([np.arange(len(cone.b)), entries.row])]
-    value = -np.concatenate([cone.b, entries.data]) * np.where(at[:, 1] == at[:, 2], 1.0, np.sqrt(0.5))
-    by_number = np.argsort(number, kind="stable")
-    lines = [f"{number[e]} {at[e, 0]} {at[e, 1]} {at[e, 2]} {value[e]:.17g}" for e in by_number if value[e]]
-    head = [len(cone.q), len(cone.orders), " ".join(map(str, cone.orders)), " ".join(map(repr, cone.q.tolist()))]
-    path.write_text("\n".join([*map(str, head), *lines, ""]), encoding="ascii")
-
-
 # Report --------------------------------------------------------------------------------------------------------------
 
 
@@ -230,17 +171,16 @@ def measure(form: str, rules: int, repeats: int) -> dict[str, Any]:
         run["ratio"] = (run["cvxpy_compile_s"] + run["cvxpy_solve_s"]) / (run["build_s"] + run["solve_s"])
     columns = {key: [run[key] for run in runs] for key in runs[0]}
     middle = {key: _middle(values) for key, values in columns.items()}
-    cone, data = program(asked), Inequalities(asked, ArmParameters())._data
+    data = Inequalities(asked, ArmParameters())._data
     return {
         "rules": rules,
         "form": TITLE[form],
         "repeats": repeats,
         "paper_formula": dataclasses.asdict(paper_formula(len(data.A), len(data.E))),
         "full": dataclasses.asdict(full_size(data, gains_bounded=True)),
-        "reduced": {"variables": len(cone.q), "rows": sum(cone.orders)},
+        "reduced": reduced_size(asked),
         **middle,
         "agree": abs(middle["cvxpy_objective"] / middle["objective"] - 1.0) < AGREEMENT,
-        "other_solvers": {name: run_other(name, cone) for name in OTHER_SOLVERS},
     }
 
 
@@ -251,62 +191,15 @@ def _middle(values: list[Any]) -> Any:
     return None if None in values else median(values)
 
 
-def print_tables(rows: Sequence[dict[str, Any]]) -> None:
-    """Print the sizes, then the times."""
-    console = Console(width=120, highlight=False)
-    sizes, times = (Table(box=None, padding=(0, 1, 0, 0)) for _ in range(2))
-    sizes.title = "Variables / rows"
-    times.title = escape("Time [s] on one thread; bound g and margin μ of the scaled problem")
-    for table in (sizes, times):
-        table.add_column("rules", justify="right")
-        table.add_column("form", no_wrap=True)
-    for heading in ("paper's formula", "full", "reduced (ours)"):
-        sizes.add_column(heading, justify="right")
-    headings = "pairs compile,pairs solve,our build,our solve,our proof,ratio,our g,pairs g,our μ,pairs μ"
-    for heading in (*headings.split(","), *OTHER_SOLVERS):
-        times.add_column(heading.replace(" ", "\n"), justify="right")
-    for row in rows:
-        head = (str(row["rules"]), row["form"])
-        counts = [row[key] for key in ("paper_formula", "full", "reduced")]
-        sizes.add_row(*head, *(f"{count['variables']} / {count['rows']}" for count in counts))
-        keys = ("cvxpy_compile_s", "cvxpy_solve_s", "build_s", "solve_s", "proof_s")
-        cells = [*(f"{row[key]:.3f}" for key in keys), f"{row['ratio']:.1f}"]
-        cells += [f"{row[key]:.5g}" for key in ("objective", "cvxpy_objective")]
-        cells += [f"{row[key]:.1e}" if row[key] is not None else "none" for key in ("margin", "cvxpy_margin")]
-        times.add_row(*head, *cells, *map(_other_cell, row["other_solvers"].values()))
-    console.print(sizes, "", times, sep="\n")
-
-
-def _other_cell(other: dict[str, Any] | None) -> str:
-    if other is None:
-        return "not\ninstalled"
-    if other["objective"] is None:
-        return f"> {PATIENCE:g}" if other["seconds"] >= PATIENCE else "failed"
-    return f"{other['seconds']:.2f}"
-
-
 def main() -> int:
     """Measure, print and optionally write; 1 if the two optima differ anywhere."""
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser = options_of(__doc__)
     parser.add_argument("--large", action="store_true", help="16 and 32 rules too")
-    parser.add_argument("--json", type=Path, metavar="FILE", help="also write the result here")
     options = parser.parse_args()
     cases = [(case, REPEATS) for case in SMALL] + [(case, 1) for case in LARGE if options.large]
-    load, rows = os.getloadavg(), []
-    for (form, rules), repeats in cases:
-        rows.append(measure(form, rules, repeats))
-        print(f"{rules} rules, {TITLE[form]}: done", file=sys.stderr, flush=True)
-    print_tables(rows)
-    made_on = {**current_provenance(), "threads": 1, "load_average_before": load, "load_average_after": os.getloadavg()}
-    machine = made_on["machine"]
-    for row in rows:
-        if (row["status"], row["cvxpy_status"]) != ("Solved", "Solved"):
-            print(f"{row['rules']} rules, {row['form']}: ours ended {row['status']}, the peer {row['cvxpy_status']}")
-    print(f"\n{machine['cpu']}, {machine['cores']} cores, 1 thread used; load average before {load[0]:.1f}")
-    if options.json:
-        command = "python benchmarks/synthesis.py" + " --large" * options.large
-        document = {"command": command, **made_on, "rows": rows}
-        write_atomically(options.json, json.dumps(document, indent=1) + "\n")
+    load, rows = os.getloadavg(), printed(measure(*case, repeats) for case, repeats in cases)
+    loads = {"load_average_before": load, "load_average_after": os.getloadavg()}
+    write(options.json, "synthesis.py" + " --large" * options.large, threads=1, **loads, rows=rows)
     return 0 if all(row["agree"] for row in rows) else 1
 
 

@@ -16,9 +16,7 @@ bound is not the stored one.
 
 from __future__ import annotations
 
-import argparse
 import dataclasses
-import json
 import math
 import time
 from pathlib import Path
@@ -26,30 +24,27 @@ from typing import Any
 
 import numpy as np
 from matplotlib.figure import Figure
+from measuring import made_now, options_of, printed, stored, write_rows
 from tip_plants import Plants, random_genes
 
 from fuzzyarm import load_policy
-from fuzzyarm.common.files import write_atomically
 from fuzzyarm.envs.physics.dynamics import Payload
+from fuzzyarm.envs.physics.equations import tip_point
 from fuzzyarm.envs.physics.event_integrator import integrate
 from fuzzyarm.envs.physics.parameters import ArmParameters
 from fuzzyarm.envs.physics.records import PerJoint
-from fuzzyarm.envs.physics.two_joints import tip_point
 from fuzzyarm.envs.scenario.cases import find_case
 from fuzzyarm.envs.scenario.reference import JointReference, quintic_time_law
-from fuzzyarm.eval.provenance import current_provenance
 from fuzzyarm.policies.tip_bound import PERIOD, TipBound, TipClaim, find_bound, problem_of
 from fuzzyarm.policies.tip_cells import Division, bounds_of_cell, bounds_of_cells, cells
 from fuzzyarm.policies.tip_files import save_bound, save_cells
 from fuzzyarm.proof.tip.enclosures import NoBound
 from fuzzyarm.proof.tip.plant import SETS, PlantSet
 
-COMMAND = "python benchmarks/tip_bound.py"
 COUNTED = 1e-6  # [m], smallest bound that a ratio counts for
 WIDE = "stiffness ± 10 %, masses ± 5 %, dry friction ± 50 %"
 MAGNIFIED = 25  # errors in the picture
 AGREES = 1e-6  # relative: bounds of the same proof, whose solvers and sums may round otherwise
-STORED = Path(__file__).parent / "results" / "tip_bound.json"
 EVERY = 10  # samples of the curves that are stored
 
 
@@ -91,12 +86,7 @@ CLAIMS = (
     _own("masses ± 2 %", mass=(0.98, 1.02)),
     _own("masses ± 5 %", mass=(0.95, 1.05)),
     _own("dry friction ± 50 %", dry_friction=(0.5, 1.5)),
-    _own(
-        WIDE,
-        stiffness=(0.9, 1.1),
-        mass=(0.95, 1.05),
-        dry_friction=(0.5, 1.5),
-    ),
+    _own(WIDE, stiffness=(0.9, 1.1), mass=(0.95, 1.05), dry_friction=(0.5, 1.5)),
     _own(
         "stiffness ± 5 %, masses ± 1 %, dry friction ± 50 %",
         stiffness=(0.95, 1.05),
@@ -191,9 +181,7 @@ def exact_errors(
 def measured(claim: TipClaim, lanes: int) -> dict[str, Any]:
     """Return the row of a claim."""
     row = {"policy": claim.policy, "case": claim.case, "set": set_of(claim), "path": claim.path}
-    made = current_provenance()
-    row |= {"duration": claim.duration, "plants": claim.plants.to_dict()}
-    row |= {"commit": made["commit"], "cpu": made["machine"]["cpu"]}
+    row |= {"duration": claim.duration, "plants": claim.plants.to_dict(), **made_now()}
     begin = time.process_time()
     try:
         bound, tip, count = bounded(claim)
@@ -269,6 +257,11 @@ def draw(document: dict[str, Any]) -> Figure:
     return figure
 
 
+def text_of(claim: TipClaim) -> str:
+    """Return the text of a claim by which `--only` chooses."""
+    return f"{claim.policy} {claim.case} {set_of(claim)} {claim.path} {claim.duration:g}"
+
+
 def _key(row: dict[str, Any]) -> tuple[Any, ...]:
     return row["policy"], row["case"], row["set"], row["path"], row["duration"]
 
@@ -279,42 +272,23 @@ def _key_of(claim: TipClaim) -> tuple[Any, ...]:
 
 def main() -> None:
     """Measure and print a line for each claim; write them all, or with --only put those measured into the file."""
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--json", type=Path)
+    parser = options_of(__doc__)
     parser.add_argument("--files", type=Path, metavar="DIR")
     parser.add_argument("--only", default="", help="measure the claims whose text contains this")
     parser.add_argument("--plants", type=int, default=400)
     options = parser.parse_args()
+    chosen = {f"{number:02}.json": claim for number, claim in enumerate(CLAIMS) if options.only in text_of(claim)}
     if options.files:
         options.files.mkdir(parents=True, exist_ok=True)
-        stored = {_key(row): row["bound_mm"] for row in json.loads(STORED.read_text(encoding="utf-8"))["rows"]}
-        moved = 0
-        for number, claim in enumerate(CLAIMS):
-            text = f"{claim.policy} {claim.case} {set_of(claim)} {claim.path} {claim.duration:g}"
-            if options.only in text:
-                bound, known = write_files(claim, options.files / f"{number:02}.json"), stored[_key_of(claim)]
-                moved += not math.isclose(bound, known, rel_tol=AGREES)
-                print(f"{number:02}.json  {text}: {bound:.9g} mm, stored {known:.9g} mm", flush=True)
+        known, moved = {_key(row): row["bound_mm"] for row in stored("tip_bound")["rows"]}, 0
+        for name, claim in chosen.items():
+            bound, before = write_files(claim, options.files / name), known[_key_of(claim)]
+            moved += not math.isclose(bound, before, rel_tol=AGREES)
+            print(f"{name}  {text_of(claim)}: {bound:.9g} mm, stored {before:.9g} mm", flush=True)
         raise SystemExit(bool(moved))
-    rows = []
-    for claim in CLAIMS:
-        text = f"{claim.policy} {claim.case} {set_of(claim)} {claim.path} {claim.duration:g}"
-        if options.only in text:
-            row = measured(claim, options.plants)
-            shown = {
-                k: v
-                for k, v in row.items()
-                if k in ("bound_mm", "simulated_mm", "largest_ratio", "cpu_seconds", "reason")
-            }
-            print(text, json.dumps(shown), flush=True)
-            rows.append(row)
-    document = {"rows": rows, "plants": options.plants, "command": COMMAND, **current_provenance()}
-    if options.json and options.only and options.json.exists():
-        document = json.loads(options.json.read_text(encoding="utf-8"))
-        fresh = {_key(row): row for row in [*document["rows"], *rows]}
-        document["rows"] = [fresh[key] for key in map(_key_of, CLAIMS) if key in fresh]
-    if options.json:
-        write_atomically(options.json, json.dumps(document, indent=1) + "\n")
+    rows = printed(measured(claim, options.plants) for claim in chosen.values())
+    keys = [*map(_key_of, CLAIMS)]
+    write_rows(options.json, "tip_bound.py", rows, keys, _key, plants=options.plants)
 
 
 if __name__ == "__main__":

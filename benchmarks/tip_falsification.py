@@ -12,23 +12,18 @@ The exit code is 1 if an error exceeds its bound. Ten minutes.
 
 from __future__ import annotations
 
-import argparse
 import dataclasses
-import json
-from pathlib import Path
 from typing import Any
 
 import numpy as np
+from measuring import made_now, options_of, printed, write_rows
 from tip_bound import CLAIMS, COUNTED, exact_errors, set_of
 from tip_plants import Plants, random_genes
 
-from fuzzyarm.common.files import write_atomically
 from fuzzyarm.envs.physics.parameters import ArmParameters
-from fuzzyarm.eval.provenance import current_provenance
 from fuzzyarm.policies.tip_bound import TipBound, TipClaim, find_bound
 from fuzzyarm.proof.tip.plant import PlantSet
 
-COMMAND = "python benchmarks/tip_falsification.py"
 GENERATIONS = 4
 PARENTS = 0.1  # share of the plants that are bred from
 MUTATED = 0.1  # share of the genes that are new
@@ -103,30 +98,25 @@ def tried(claim: TipClaim, lanes: int) -> dict[str, Any]:
         "largest_ratio": largest,
         "by_generation": by_generation,
         "event_by_event": exactly(bound, worst),
+        **made_now(),
     }
 
 
 def main() -> None:
     """Try every claim; print a line for each and optionally write them."""
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--json", type=Path)
+    parser = options_of(__doc__)
     parser.add_argument(
         "--only", default="", help="try the claims with this in policy and set, and put them into the file"
     )
     parser.add_argument("--lanes", type=int, default=100)
     options = parser.parse_args()
-    rows = []
-    for claim in claims():
-        if options.only in f"{claim.policy} {set_of(claim)}":
-            rows.append(tried(claim, options.lanes))
-            print(json.dumps(rows[-1]), flush=True)
-    if options.json and options.only and options.json.exists():
-        before = json.loads(options.json.read_text(encoding="utf-8"))["rows"]
-        fresh = {(row["policy"], row["set"]): row for row in [*before, *rows]}
-        rows = [fresh[c.policy, set_of(c)] for c in claims() if (c.policy, set_of(c)) in fresh]
-    if options.json:
-        document = {"command": COMMAND, "rows": rows, **current_provenance()}
-        write_atomically(options.json, json.dumps(document, indent=1) + "\n")
+    names = [(claim.policy, set_of(claim)) for claim in claims()]
+    rows = printed(
+        tried(claim, options.lanes)
+        for claim, name in zip(claims(), names, strict=True)
+        if options.only in " ".join(name)
+    )
+    write_rows(options.json, "tip_falsification.py", rows, names, lambda row: (row["policy"], row["set"]))
     exceeded = [row for row in rows if max(row["largest_ratio"], row["event_by_event"] or 0.0) > 1.0]
     raise SystemExit(1 if exceeded else 0)
 

@@ -9,20 +9,17 @@ case on plants whose stiffness is five percent off what the policy believes. A f
 
 from __future__ import annotations
 
-import argparse
 import dataclasses
-import json
-from pathlib import Path
 from typing import Any
 
+from measuring import options_of, printed, write
+
 from fuzzyarm import load_policy
-from fuzzyarm.common.files import write_atomically
 from fuzzyarm.envs.fuzzy_arm import FuzzyArmEnv
 from fuzzyarm.envs.physics.parameters import ArmParameters
 from fuzzyarm.envs.scenario.cases import PAPER_CASES
 from fuzzyarm.eval.episodes.metrics import metrics_of
 from fuzzyarm.eval.episodes.rollout import record_rollout
-from fuzzyarm.eval.provenance import current_provenance
 from fuzzyarm.fuzzy_policy.laws.tip import TipPolicy
 from fuzzyarm.fuzzy_policy.policy import Predictor
 
@@ -61,26 +58,9 @@ def assess(law: str, variant: str) -> dict[str, Any]:
 
 def main() -> None:
     """Assess all variants, print and optionally write."""
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--json", type=Path, metavar="FILE", help="also write the result here")
-    options = parser.parse_args()
-    rows = []
-    for law in LAWS:
-        for variant in VARIANTS:
-            rows.append(row := assess(law, variant))
-            cells = [
-                f"{key} {row[key]['max_mm']:.3g} / {row[key]['rms_mm']:.3g}"
-                for key in (*PAPER_CASES, "stiffness_wrong")
-            ]
-            print(f"{law:16} {variant:18} max / rms [mm]: {', '.join(cells)}", flush=True)
-    if options.json:
-        document = {
-            "command": "python benchmarks/tip_feedforward.py",
-            **current_provenance(),
-            "wrong": WRONG,
-            "rows": rows,
-        }
-        write_atomically(options.json, json.dumps(document, indent=1) + "\n")
+    options = options_of(__doc__).parse_args()
+    rows = printed(assess(law, variant) for law in LAWS for variant in VARIANTS)
+    write(options.json, "tip_feedforward.py", wrong=WRONG, rows=rows)
 
 
 if __name__ == "__main__":

@@ -12,9 +12,9 @@ import numpy as np
 from fuzzyarm import load_policy
 from fuzzyarm.envs.observation import JOINTS
 from fuzzyarm.envs.physics.dynamics import Arm, dry_frictions, frictionless, loaded, lump, plant_of
-from fuzzyarm.envs.physics.hold import hold_of
+from fuzzyarm.envs.physics.equations import tip_point, two_joints
+from fuzzyarm.envs.physics.integrator import hold_of
 from fuzzyarm.envs.physics.records import PerJoint, filled, flat
-from fuzzyarm.envs.physics.two_joints import tip_point, two_joints
 from fuzzyarm.envs.scenario.cases import find_case
 from fuzzyarm.envs.scenario.randomisation import draw_record
 from fuzzyarm.policies.tip_bound import PERIOD, TipClaim, problem_of

@@ -11,12 +11,10 @@ Beside that, the time for which an evaluation with its checkpoints interrupts a 
 
 from __future__ import annotations
 
-import argparse
 import contextlib
 import dataclasses
 import functools
 import inspect
-import json
 import tempfile
 import time
 from collections.abc import Callable, Iterator
@@ -27,10 +25,10 @@ from typing import Any
 import gymnasium as gym
 import numpy as np
 from gymnasium.wrappers import RescaleAction
+from measuring import options_of, printed, write
 from stable_baselines3.common.env_util import make_vec_env
 from stable_baselines3.common.vec_env import VecNormalize
 
-from fuzzyarm.common.files import write_atomically
 from fuzzyarm.envs.periods import whole_substeps
 from fuzzyarm.eval.bench.entries import Entry, Measure, timed
 from fuzzyarm.eval.bench.run import race
@@ -120,41 +118,32 @@ def _learning(update: Callable[[], int], config: TrainingConfig) -> Measure:
     return timed(update)
 
 
+def measured(name: str) -> dict[str, Any]:
+    """Return the row of an algorithm."""
+    spec = ALGORITHMS[name]
+    preset, config = next(iter(spec.presets.items()))
+    pause(config)  # may compile
+    substeps = whole_substeps(config.action_period, None)
+    own = Entry(name, config.lanes, config.threads, substeps, "float64", functools.partial(trainer, config))
+    plain = dataclasses.replace(own, name=spec.title, open=functools.partial(library, config), peer=PEER)
+    ours, theirs = (row.to_dict() for row in race(name, [own, plain], ROUNDS, SECONDS, lambda _: None))
+    return {
+        **{"algorithm": name, "preset": preset, "lanes": config.lanes, "features": config.features.size},
+        "steps_per_s": ours["steps_per_s"],
+        "library_steps_per_s": theirs["steps_per_s"],
+        "ratio": ours["ratios"][PEER],
+        "pause_s": pause(config),
+        "evaluation_interval": config.evaluation_interval,
+    }
+
+
 def main() -> None:
     """Measure, print, and write the result with `--json`."""
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--json", type=Path, help="write the result to this file")
-    options = parser.parse_args()
-    rows = []
-    for name, spec in ALGORITHMS.items():
-        preset, config = next(iter(spec.presets.items()))
-        pause(config)  # may compile
-        own = Entry(
-            name,
-            config.lanes,
-            config.threads,
-            whole_substeps(config.action_period, None),
-            "float64",
-            functools.partial(trainer, config),
-        )
-        plain = dataclasses.replace(own, name=spec.title, open=functools.partial(library, config), peer=PEER)
-        ours, theirs = (row.to_dict() for row in race(name, [own, plain], ROUNDS, SECONDS, lambda _: None))
-        rows.append(
-            {
-                **{"algorithm": name, "preset": preset, "lanes": config.lanes, "features": config.features.size},
-                "steps_per_s": ours["steps_per_s"],
-                "library_steps_per_s": theirs["steps_per_s"],
-                "ratio": ours["ratios"][PEER],
-                "pause_s": pause(config),
-                "evaluation_interval": config.evaluation_interval,
-            }
-        )
-        print(rows[-1], flush=True)
-    if options.json:
-        made_with = current_provenance()
-        made_with["versions"] |= {name: version(name) for name in ("torch", "stable-baselines3", "sb3-contrib")}
-        method = {"command": "python benchmarks/training_speed.py", "rounds": ROUNDS, "seconds": SECONDS}
-        write_atomically(options.json, json.dumps({**method, **made_with, "rows": rows}, indent=1) + "\n")
+    options = options_of(__doc__).parse_args()
+    rows = printed(map(measured, ALGORITHMS))
+    versions = current_provenance()["versions"]
+    versions |= {name: version(name) for name in ("torch", "stable-baselines3", "sb3-contrib")}
+    write(options.json, "training_speed.py", versions=versions, rounds=ROUNDS, seconds=SECONDS, rows=rows)
 
 
 if __name__ == "__main__":

@@ -37,6 +37,7 @@ class Normaliser:
         self.mean, self.var, self.count = np.zeros(size), np.ones(size), 1e-4
 
     def add(self, rows: np.ndarray) -> None:
+        """Take rows into account."""
         mean, var, count = rows.mean(0), rows.var(0), len(rows)
         step, total = mean - self.mean, self.count + len(rows)
         self.var = (self.var * self.count + var * count + step**2 * self.count * count / total) / total
@@ -44,16 +45,20 @@ class Normaliser:
 
     @property
     def std(self) -> np.ndarray:
+        """Standard deviation."""
         return np.sqrt(self.var + 1e-8)
 
     def __call__(self, rows: np.ndarray) -> torch.Tensor:
+        """Return rows with mean 0 and variance 1."""
         return torch.from_numpy(np.clip((rows - self.mean) / self.std, -10.0, 10.0).astype(np.float32))
 
 
 def bundle_of(envs: FuzzyArmLearnVectorEnv, actor: nn.Sequential, seen: Normaliser, seed: int) -> PolicyBundle:
     """The actor as the package's own kind of policy, which needs no torch."""
     layers = [layer for layer in actor if isinstance(layer, nn.Linear)]
-    weights, biases = (tuple(getattr(one, name).detach().numpy().copy() for one in layers) for name in ("weight", "bias"))
+    weights, biases = (
+        tuple(getattr(one, name).detach().numpy().copy() for one in layers) for name in ("weight", "bias")
+    )
     return PolicyBundle(envs.features, envs.action, Network(seen.mean, seen.std, 10.0, weights, biases), seed=seed)
 
 

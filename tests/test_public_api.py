@@ -138,16 +138,3 @@ WITH_EXAMPLES = [path.relative_to(ROOT) for path in ROOT.glob("fuzzyarm/**/*.py"
 def test_examples_run(path):
     name = ".".join(path.with_suffix("").parts).removesuffix(".__init__")
     assert doctest.testmod(imported(name), optionflags=doctest.ELLIPSIS | doctest.NORMALIZE_WHITESPACE).failed == 0
-
-
-def test_main_objects_have_examples():
-    from fuzzyarm import load_policy
-    from fuzzyarm.envs.fuzzy_arm import FuzzyArmEnv
-    from fuzzyarm.envs.physics.parameters import ArmParameters
-    from fuzzyarm.envs.scenario.disturbances import Disturbance
-    from fuzzyarm.envs.scenario.paths import Circle
-    from fuzzyarm.envs.scenario.randomisation import DomainRandomisation
-    from fuzzyarm.envs.scenario.reference import JointReference
-
-    for found in (load_policy, FuzzyArmEnv, ArmParameters, Disturbance, Circle, DomainRandomisation, JointReference):
-        assert ">>>" in (found.__doc__ or ""), found

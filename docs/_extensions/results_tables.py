@@ -23,7 +23,7 @@ class Results(SphinxDirective):
         """Return the parsed table and the line that says how it was made."""
         from readme import RESULTS
 
-        for path in RESULTS.glob("*.json"):
+        for path in (*RESULTS.glob("*.json"), *RESULTS.parent.glob("studies/*.md")):
             self.env.note_dependency(str(path))
         return self.parse_text_to_nodes(_sections()[self.arguments[0]])
 

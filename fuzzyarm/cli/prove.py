@@ -88,8 +88,8 @@ def run(options: Options) -> int:
 
 def _by_cells(options: Options, claim: TipClaim) -> tuple[dict[str, Any], str]:
     """Return the result by cells as plain data and as text; `NoBound` names the first cell without one."""
+    from fuzzyarm.common.arithmetic import at_most
     from fuzzyarm.common.checks import whole
-    from fuzzyarm.common.rounding import at_most
     from fuzzyarm.policies.tip_bound import arm_in_words, plain, problem_of
     from fuzzyarm.policies.tip_cells import bounds_of_cells, cells
     from fuzzyarm.policies.tip_files import save_cells

@@ -1,6 +1,6 @@
-"""Reading of NumPy's archives of arrays, ``.npz``, from files that nobody vouches for.
+"""Reading of NumPy's archives of arrays, ``.npz``, from untrusted files.
 
-Before memory is taken, the sizes that the archive states are compared with a limit, and those of each array with its
+Before memory is allocated, the sizes that the archive states are compared with a limit, and each array's size with its
 header. Arrays hold truth values, whole and real numbers, texts, or records of these; nothing is unpickled.
 """
 
@@ -9,8 +9,10 @@ from __future__ import annotations
 import errno
 import math
 import struct
+import tokenize
 import warnings
 import zipfile
+import zlib
 from pathlib import Path
 from typing import BinaryIO
 
@@ -19,10 +21,12 @@ import numpy as np
 from fuzzyarm.common.console import escaped
 from fuzzyarm.common.documents import DocumentError, open_regular
 
-__all__ = ["LARGEST_ARRAYS", "MOST_COMPRESSED", "read_arrays"]
+__all__ = ["read_arrays"]
 
-LARGEST_ARRAYS = 4 * 2**30  # bytes of all arrays of a file together, if not said otherwise
-MOST_COMPRESSED = 100  # times smaller than its arrays a file may be; 20 times is seen where a signal is zero throughout
+_LARGEST_ARRAYS = 4 * 2**30  # bytes of all arrays of a file together, if not said otherwise
+_MOST_COMPRESSED = (
+    100  # times smaller than its arrays a file may be; 20 times is seen where a signal is zero throughout
+)
 
 _ENDING = ".npy"
 _KINDS = "biufU"  # truth values, numbers, texts
@@ -31,14 +35,18 @@ _END, _END64 = struct.Struct("<4s4H2LH"), struct.Struct("<4sQ2H2L4Q")  # the las
 _LOCATOR = 20  # bytes of the record between the two
 _ENCRYPTED = 0x1
 _SLACK = 2**20  # bytes that a file may always unpack to
+_OF_DAMAGE = (  # what zipfile, zlib, struct and NumPy's reading of a header raise for a damaged file
+    ArithmeticError, EOFError, LookupError, MemoryError, OSError, RuntimeError, SyntaxError, TypeError, ValueError,
+    Warning, struct.error, tokenize.TokenError, zipfile.BadZipFile, zlib.error,
+)  # fmt: skip
 
 
-def read_arrays(path: Path, *, largest: int = LARGEST_ARRAYS) -> dict[str, np.ndarray]:
+def read_arrays(path: Path, *, largest: int = _LARGEST_ARRAYS) -> dict[str, np.ndarray]:
     """Return the arrays of a file by name.
 
     Raises:
-        DocumentError: no regular file, no archive of arrays, damaged, or of more than `largest` bytes unpacked; the
-            message is one line and names the file.
+        DocumentError: the file is not regular, not an archive of arrays, damaged, or unpacks to more than `largest`
+            bytes; one line that names the file.
         OSError: the file cannot be read.
     """
     with open_regular(path) as file:
@@ -47,9 +55,9 @@ def read_arrays(path: Path, *, largest: int = LARGEST_ARRAYS) -> dict[str, np.nd
             _check_directory(file, size)
             with zipfile.ZipFile(file) as archive:
                 members = archive.infolist()
-                _check_members(members, min(largest, MOST_COMPRESSED * size) + _SLACK)
+                _check_members(members, min(largest, _MOST_COMPRESSED * size) + _SLACK)
                 return {member.filename.removesuffix(_ENDING): _array(archive, member) for member in members}
-        except Exception as error:  # zipfile, zlib, struct, tokenize and NumPy each have their own
+        except _OF_DAMAGE as error:
             if isinstance(error, OSError) and error.errno != errno.EINVAL:  # of a place before the beginning
                 raise
             reason = escaped(" ".join(str(error).split())[:160]) or type(error).__name__

@@ -22,11 +22,11 @@ __all__ = [
     "keep", "listed", "path_of", "real", "real_entries", "reals", "sequence_of", "shown", "texts", "truth", "whole",
 ]  # fmt: skip
 
-Choice = TypeVar("Choice")
+_Choice = TypeVar("_Choice")
 
 _NO_NUMBERS = (bool, np.bool_, np.timedelta64)  # although classes of numbers are among their bases
-SHOWN = 80  # characters of a value in a message
-MESSAGE = 300  # characters of a message that quotes a type
+_SHOWN = 80  # characters of a value in a message
+_MESSAGE = 300  # characters of a message that quotes a type
 _FEW = 64  # numbers
 
 
@@ -40,21 +40,7 @@ def real(
     high: float = math.inf,
     below: float = math.inf,
 ) -> float:
-    """Return a finite real number as float.
-
-    Args:
-        name: of the argument, as the user knows it.
-        value: what was given.
-        unit: of the value; empty for a pure number.
-        above: open lower bound.
-        low: closed lower bound.
-        high: closed upper bound.
-        below: open upper bound.
-
-    Raises:
-        TypeError: the value is no real number.
-        ValueError: it is not finite or out of range.
-    """
+    """Return a finite real number as float: above < value < below and low <= value <= high, in a unit."""
     allowed = _allowed(unit, above, low, high, below)
     if not is_real(value):
         raise TypeError(f"{name} = {shown(value)} must be a real number{_bracketed(unit)}; {allowed}")
@@ -68,12 +54,7 @@ def real(
 
 
 def whole(name: str, value: Any, *, low: int = 0, high: int | None = None) -> int:
-    """Return a whole number from `low` to `high` (None: without end) as int.
-
-    Raises:
-        TypeError: the value is no whole number.
-        ValueError: it is out of range.
-    """
+    """Return a whole number from `low` to `high` (None: without end) as int."""
     allowed = f"allowed: {low}, {low + 1}, {low + 2}, ..." if high is None else f"allowed: {low} to {high}"
     if isinstance(value, _NO_NUMBERS) or not isinstance(value, numbers.Integral):
         raise TypeError(f"{name} = {shown(value)} must be a whole number; {allowed}")
@@ -84,35 +65,26 @@ def whole(name: str, value: Any, *, low: int = 0, high: int | None = None) -> in
 
 
 def reals(name: str, values: Any, count: int, unit: str = "", **bounds: float) -> tuple[float, ...]:
-    """Return `count` finite real numbers as a tuple of floats; `bounds` as for `real`.
-
-    Raises:
-        TypeError: the values are no sequence, or one of them is no real number.
-        ValueError: there are more or fewer of them, or one is out of range.
-    """
-    needed = f"must be {count} real numbers{_bracketed(unit)}; {_allowed(unit, **bounds)}"
-    if isinstance(values, str | bytes) or not isinstance(values, Sequence | np.ndarray):
-        raise TypeError(f"{name} = {shown(values)} {needed}")
+    """Return `count` finite real numbers as a tuple of floats; `bounds` as for `real`."""
     if not is_sequence(values, count):
-        raise ValueError(f"{name} = {shown(values)} {needed}")
+        kind = ValueError if _is_sequence(values) else TypeError
+        needed = f"must be {count} real numbers{_bracketed(unit)}; {_allowed(unit, **bounds)}"
+        raise kind(f"{name} = {shown(values)} {needed}")
     return tuple(real(f"{name}[{k}]", value, unit, **bounds) for k, value in enumerate(values))
 
 
 def is_sequence(values: Any, count: int) -> bool:
     """Return whether values are a sequence, or an array of one axis, of `count` entries; a text is none."""
-    if isinstance(values, str | bytes) or not isinstance(values, Sequence | np.ndarray):
-        return False
     flat = not isinstance(values, np.ndarray | memoryview) or values.ndim == 1
-    return flat and len(values) == count
+    return _is_sequence(values) and flat and len(values) == count
+
+
+def _is_sequence(values: Any) -> bool:
+    return isinstance(values, Sequence | np.ndarray) and not isinstance(values, str | bytes)
 
 
 def interval(name: str, values: Any, unit: str = "", *, low: float, high: float) -> tuple[float, float]:
-    """Return a range (first, last) with low <= first <= last <= high as floats.
-
-    Raises:
-        TypeError: the values are no sequence of real numbers.
-        ValueError: they are not two, out of range, or in the wrong order.
-    """
+    """Return a range (first, last) with low <= first <= last <= high as floats."""
     first, last = reals(name, values, 2, unit, low=low, high=high)
     if first > last:
         raise ValueError(f"{name} = {shown(values)}{_spaced(unit)} must be a range (low, high) with low <= high")
@@ -126,7 +98,7 @@ def truth(name: str, value: Any) -> bool:
     return bool(value)
 
 
-def choice(name: str, value: Any, choices: Collection[Choice]) -> Choice:
+def choice(name: str, value: Any, choices: Collection[_Choice]) -> _Choice:
     """Return the value if it is one of the choices; ValueError with all of them otherwise."""
     for one in choices:
         if type(one) is type(value) and one == value:
@@ -149,7 +121,7 @@ def texts(name: str, values: Any) -> Sequence[str]:
     return values
 
 
-def instance(name: str, value: Any, kind: type[Choice]) -> Choice:
+def instance(name: str, value: Any, kind: type[_Choice]) -> _Choice:
     """Return the value if it is of a class; TypeError that names the class otherwise."""
     if not isinstance(value, kind):
         raise TypeError(f"{name} = {shown(value)} must be a {kind.__module__}.{kind.__qualname__}")
@@ -182,12 +154,7 @@ def sequence_of(name: str, values: Any) -> Sequence[Any]:
 def finite_array(
     name: str, values: Any, shape: tuple[int, ...], unit: str = "", *, largest: float = math.inf
 ) -> np.ndarray:
-    """Return a new array of float64 with a shape, no entry beyond ±`largest`.
-
-    Raises:
-        TypeError: the entries are no real numbers (complex numbers, texts, dates, objects).
-        ValueError: the shape differs, or an entry is not finite or beyond `largest`.
-    """
+    """Return a new array of float64 with a shape, no entry beyond ±`largest`."""
     array = array_of(name, values)
     real_entries(name, array, unit)
     if array.shape != shape:
@@ -202,11 +169,7 @@ def finite_array(
 
 
 def array_of(name: str, values: Any) -> np.ndarray:
-    """Return values as an array of any type and shape.
-
-    Raises:
-        ValueError: rows differ in length, or there are more numbers or levels than an array holds.
-    """
+    """Return values as an array of any type and shape; ValueError for rows that differ in length."""
     try:
         return np.asarray(values)
     except (ValueError, MemoryError, OverflowError) as error:
@@ -217,7 +180,7 @@ def array_of(name: str, values: Any) -> np.ndarray:
 def real_entries(name: str, array: np.ndarray, unit: str = "") -> None:
     """Raise TypeError for an array of truth values, complex numbers, texts, dates or objects."""
     if array.dtype.kind not in "fiu":
-        raise TypeError(f"{name} must hold real numbers{_bracketed(unit)}; it holds {array.dtype}"[:MESSAGE])
+        raise TypeError(f"{name} must hold real numbers{_bracketed(unit)}; it holds {array.dtype}"[:_MESSAGE])
 
 
 def all_finite(array: np.ndarray) -> bool:
@@ -240,22 +203,21 @@ def shown(value: Any) -> str:
     except Exception:  # a class of the user's own
         text = object.__repr__(value)
     text = " ".join(text.split()) if "\n" in text else text
-    return text if len(text) <= SHOWN else f"{text[: SHOWN - 3]}..."
+    return _cut(text)
 
 
 def listed(names: Iterable[Any]) -> str:
     """Return names as they stand in a message: in order, cut where they are long, nothing in them but plain text."""
     texts = [name if isinstance(name, str) and name.isprintable() else shown(name) for name in names]
-    text = ", ".join(sorted(texts))
-    return text if len(text) <= SHOWN else f"{text[: SHOWN - 3]}..."
+    return _cut(", ".join(sorted(texts)))
+
+
+def _cut(text: str) -> str:
+    return text if len(text) <= _SHOWN else f"{text[: _SHOWN - 3]}..."
 
 
 def _allowed(
-    unit: str,
-    above: float = -math.inf,
-    low: float = -math.inf,
-    high: float = math.inf,
-    below: float = math.inf,
+    unit: str, above: float = -math.inf, low: float = -math.inf, high: float = math.inf, below: float = math.inf
 ) -> str:
     lower = f"({above:g}" if above >= low else f"[{low:g}"
     upper = f"{below:g})" if below <= high else f"{high:g}]"

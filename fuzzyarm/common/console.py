@@ -1,11 +1,11 @@
-"""Output to the terminal: width, tables and progress bars are defined here for all commands.
+"""Output to the terminal: width, tables and progress bars of all commands.
 
 On a terminal a table has lines, and each word of a heading has a line of its own. Digits are never cut: a table that is
 too wide is printed as several tables below each other that repeat the first columns. In a pipe a table is plain columns
 of text, neither folded nor split. Progress is shown on the standard error of a terminal only.
 
-A name of a file or a policy is text of somebody else. What a terminal would obey in it is escaped, here and nowhere
-else: everything is printed through `output` or `say`.
+Names of files and policies are untrusted: `output` and `say`, through which everything is printed, escape what a
+terminal would obey.
 """
 
 from __future__ import annotations
@@ -36,23 +36,26 @@ PIPED_WIDTH = 1000  # columns; wide enough for every table
 NARROWEST = 40  # columns; rich takes minutes and gigabytes to fold a help text to one
 _BETWEEN_WORDS = re.compile(r" (?![^\[]*\])")  # spaces, but for those within the brackets of a unit such as [N m]
 
-
 # Control characters but the line feed, marks of writing direction, line separators, and what no encoding has.
 _OBEYED = re.compile(r"[\x00-\x09\x0b-\x1f\x7f-\x9f\u061c\u200e\u200f\u2028-\u202e\u2066-\u2069\ud800-\udfff]")
 _SPELLING = {"µ": "u", "×": "x", "·": "*", "²": "^2", "≤": "<=", "≥": ">=", "…": "...", "\N{NO-BREAK SPACE}": " "}
 SPELLED_OUT = "fuzzyarm.spelled-out"
 """Handler of encoding errors, for `str.encode`: µ becomes u where the encoding has no µ, and so on."""
-STANDARD_OUTPUT = "standard output"
-"""What an `OSError` of writing to it names as its file."""
+STANDARD_OUTPUT = "standard output"  # what an `OSError` of writing to it names as its file
 
 
 def open_streams() -> bool:
     """Let every standard stream take whatever is printed; return whether standard output is open.
 
-    A closed one is opened on the null device, since otherwise the next file that is opened would get its number, and
-    what is printed would go into that file. A letter that the encoding of a stream lacks is spelled out.
+    A closed stream is opened on the null device: otherwise the next file would get its number, and what is printed.
+    A letter that the encoding of a stream lacks is spelled out.
     """
-    closed = [number for number in (0, 1, 2) if not _is_open(number)]
+    closed = []
+    for number in (0, 1, 2):
+        try:
+            os.fstat(number)
+        except OSError:
+            closed.append(number)
     for _ in closed:
         os.open(os.devnull, os.O_RDWR)  # gets the smallest free number
     if sys.stderr is None:
@@ -63,16 +66,8 @@ def open_streams() -> bool:
     return sys.stdout is not None and 1 not in closed
 
 
-def _is_open(number: int) -> bool:
-    try:
-        os.fstat(number)
-    except OSError:
-        return False
-    return True
-
-
 def finish_output() -> None:
-    """Write what is still buffered; OSError if standard output does not take it, which Python itself tells too late."""
+    """Write what is still buffered; OSError if standard output does not take it."""
     with _naming_output():
         sys.stdout.flush()
 
@@ -95,22 +90,13 @@ codecs.register_error(SPELLED_OUT, _spelled_out)
 
 
 def escaped(text: str, *, lines: bool = False) -> str:
-    r"""Return text without characters that a terminal obeys: an escape becomes ``\x1b``, written in four letters.
-
-    Args:
-        text: any text.
-        lines: whether line feeds are kept; otherwise they are escaped too.
-    """
+    r"""Return text without characters that a terminal obeys: an escape becomes ``\x1b``; `lines` keeps line feeds."""
     visible = _OBEYED.sub(lambda found: found[0].encode("unicode_escape").decode(), text)
     return visible if lines else visible.replace("\n", "\\n")
 
 
 def say(text: str, *, error: bool = False) -> None:
-    """Print text that may have several lines, to standard output or to standard error.
-
-    Raises:
-        OSError: standard output cannot be written; standard error is not worth an error.
-    """
+    """Print text that may have several lines, to standard output or to standard error."""
     if error:
         with contextlib.suppress(OSError):
             print(escaped(text, lines=True), file=sys.stderr)
@@ -136,11 +122,7 @@ def _naming_output() -> Iterator[None]:
 
 
 def output(piped_width: int | None = PIPED_WIDTH) -> Console:
-    """Return the console of standard output.
-
-    Args:
-        piped_width: width where that is no terminal; None: the width of a terminal.
-    """
+    """Return the console of standard output; in a pipe it has another width, unless that is None."""
     console = _console()
     return console if console.is_terminal or piped_width is None else _console(width=piped_width)
 
@@ -172,29 +154,17 @@ def _console(**settings: Any) -> Console:
 
 @dataclasses.dataclass(frozen=True)
 class Sheet:
-    """A table of texts, for a terminal, a pipe or Markdown.
+    """A table of texts, for a terminal, a pipe or Markdown."""
 
-    Attributes:
-        headings: of the columns.
-        rows: of cells.
-        left: indices of the columns that are aligned left; the others are aligned right.
-        groups: of each row the title that it stands below on a console; none: no titles.
-        title: stands above the table on a console.
-        fold: whether the columns in `left` are text that may be folded on a terminal.
-        keys: columns on the left that each part of a table repeats that is wider than the terminal.
-        dispensable: indices of columns that are rather left out than printed in a part below, the first one first.
-        alarm: cells with this word are red.
-    """
-
-    headings: Sequence[str]
-    rows: Sequence[Sequence[str]]
-    left: Sequence[int] = (0,)
-    groups: Sequence[str] = ()
-    title: str | None = None
-    fold: bool = False
-    keys: int = 1
-    dispensable: Sequence[int] = ()
-    alarm: str = ""
+    headings: Sequence[str]  # of the columns
+    rows: Sequence[Sequence[str]]  # of cells
+    left: Sequence[int] = (0,)  # indices of the columns that are aligned left; the others are aligned right
+    groups: Sequence[str] = ()  # of each row the title above it on a console; empty: no titles
+    title: str | None = None  # above the table on a console
+    fold: bool = False  # whether the columns in `left` are text that may be folded on a terminal
+    keys: int = 1  # columns on the left that each part repeats of a table that is wider than the terminal
+    dispensable: Sequence[int] = ()  # indices of columns that are left out before a table is split, the first one first
+    alarm: str = ""  # cells with this word are red
 
     def print(self, console: Console) -> tuple[int, ...]:
         """Print the table, on a terminal that is too narrow as several below each other; return what was left out."""
@@ -302,13 +272,9 @@ def print_paragraphs(console: Console, paragraphs: Sequence[str]) -> None:
 def progress(description: str, total: int | None, *, between_steps: bool = False) -> Iterator[Callable[..., None]]:
     """Show a progress bar with the remaining time while the block runs; call the yielded function after each step.
 
-    The arguments of that function are all optional: ``next_description`` replaces the description, ``completed`` says
-    how much is done in place of one more, and ``line`` is printed above the bar, without a terminal too.
-
-    Args:
-        description: stands in front of the bar.
-        total: number of steps; None: unknown.
-        between_steps: draw only when the bar advances, so that nothing else runs while a step is timed.
+    All its arguments are optional: ``next_description`` replaces the description, ``completed`` is how much is done, if
+    not one step more, and ``line`` is printed above the bar, without a terminal too. With `between_steps` the bar is
+    drawn only when it advances, so that nothing else runs while a step is timed.
     """
     from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
 

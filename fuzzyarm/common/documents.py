@@ -3,7 +3,7 @@
 A record is a dataclass; its fields and their types are the schema. A file holds data only: it is parsed and checked
 against the types, and nothing in it is run or imported.
 
-Only regular files are read, no larger than a limit, with at most `MOST_VALUES` values, without duplicate keys, and no
+Only regular files are read, no larger than a limit, with at most `_MOST_VALUES` values, without duplicate keys, and no
 deeper than `DEEPEST`. `read_bytes` and `open_regular` are for files of other formats.
 """
 
@@ -26,16 +26,16 @@ import msgspec
 from fuzzyarm.common.checks import listed
 
 __all__ = [
-    "DEEPEST", "LARGEST", "MOST_VALUES", "DocumentError", "check_schema", "open_regular", "parse_json", "read_bytes",
-    "read_checked", "read_json", "read_toml", "record",
+    "DEEPEST", "DocumentError", "check_schema", "open_regular", "parse_json", "read_bytes", "read_checked", "read_json",
+    "read_toml", "record",
 ]  # fmt: skip
 
-Built = TypeVar("Built")
-Record = TypeVar("Record")
+_Built = TypeVar("_Built")
+_Record = TypeVar("_Record")
 
-LARGEST = 16 * 2**20  # bytes of a document, if not said otherwise
-LARGEST_TOML = 2**18  # bytes; the parser of TOML is slow
-MOST_VALUES = 500_000  # in a JSON document: an empty list takes fifty times the memory of its two brackets
+_LARGEST = 16 * 2**20  # bytes of a document, if not said otherwise
+_LARGEST_TOML = 2**18  # bytes; the parser of TOML is slow
+_MOST_VALUES = 500_000  # in a JSON document: an empty list takes fifty times the memory of its two brackets
 DEEPEST = 40  # levels of lists and mappings
 
 
@@ -43,11 +43,11 @@ class DocumentError(ValueError):
     """A document is missing, too large, damaged or of another schema; one line that names the file and the problem."""
 
 
-def read_json(path: Path, *, largest: int = LARGEST) -> Any:
+def read_json(path: Path, *, largest: int = _LARGEST) -> Any:
     """Return the content of a JSON file: mappings, lists, texts, finite numbers, truth values and None.
 
     Raises:
-        DocumentError: no regular file, larger than `largest` bytes, or no JSON; or it holds more than `MOST_VALUES`
+        DocumentError: no regular file, larger than `largest` bytes, or no JSON; or it holds more than `_MOST_VALUES`
             values, a key twice, a number that is not finite or a text that is no Unicode, or is deeper than `DEEPEST`.
         OSError: the file cannot be read.
     """
@@ -58,7 +58,7 @@ def read_json(path: Path, *, largest: int = LARGEST) -> Any:
         raise DocumentError(f"{path}: {error}") from None
 
 
-def read_toml(path: Path, *, largest: int = LARGEST_TOML) -> dict[str, Any]:
+def read_toml(path: Path, *, largest: int = _LARGEST_TOML) -> dict[str, Any]:
     """Return the content of a TOML file; errors as for `read_json`."""
     text = read_bytes(path, largest=largest)
     try:
@@ -71,13 +71,8 @@ def read_toml(path: Path, *, largest: int = LARGEST_TOML) -> dict[str, Any]:
     return content
 
 
-def read_bytes(path: Path, *, largest: int = LARGEST) -> bytes:
-    """Return the content of a regular file.
-
-    Raises:
-        DocumentError: it is no regular file, or larger than `largest` bytes.
-        OSError: the file cannot be read.
-    """
+def read_bytes(path: Path, *, largest: int = _LARGEST) -> bytes:
+    """Return the content of a regular file."""
     with open_regular(path) as file:
         content = file.read(largest + 1)
     if len(content) > largest:
@@ -86,12 +81,7 @@ def read_bytes(path: Path, *, largest: int = LARGEST) -> bytes:
 
 
 def open_regular(path: Path) -> BinaryIO:
-    """Return a regular file, opened for reading; the caller closes it.
-
-    Raises:
-        DocumentError: it is a pipe, a device or a socket.
-        OSError: it is a folder, or the file cannot be opened.
-    """
+    """Return a regular file, opened for reading; the caller closes it."""
     mode = os.stat(path).st_mode
     if stat.S_ISDIR(mode):
         raise IsADirectoryError(errno.EISDIR, os.strerror(errno.EISDIR), str(path))
@@ -110,8 +100,8 @@ def parse_json(text: bytes | str) -> Any:
     """Return the content of a JSON text; ValueError as for `read_json`, without the file."""
     try:
         text = text.decode("utf-8") if isinstance(text, bytes) else text
-        if text.count(",") + text.count("[") + text.count("{") > MOST_VALUES:
-            raise ValueError(f"more than {MOST_VALUES} values, the most that is read")
+        if text.count(",") + text.count("[") + text.count("{") > _MOST_VALUES:
+            raise ValueError(f"more than {_MOST_VALUES} values, the most that is read")
         content = json.loads(text, object_pairs_hook=_without_duplicates, parse_constant=_no_constant)
         _check_values(content, finite=True)
     except (ValueError, RecursionError) as error:
@@ -119,7 +109,7 @@ def parse_json(text: bytes | str) -> Any:
     return content
 
 
-def record(content: Any, kind: type[Record]) -> Record:
+def record(content: Any, kind: type[_Record]) -> _Record:
     """Return plain content as a record, a dataclass: every field of its type, none missing, none unknown.
 
     Raises:
@@ -159,14 +149,10 @@ def check_schema(content: Any, schema: str) -> dict[str, Any]:
     return content
 
 
-def read_checked(path: Path, schema: str, again: str, build: Callable[[dict[str, Any]], Built]) -> Built:
-    """Return what `build` makes of the content of a JSON file of a schema.
+def read_checked(path: Path, schema: str, again: str, build: Callable[[dict[str, Any]], _Built]) -> _Built:
+    """Return what `build` makes of the content of a JSON file of a schema; `again` ends every message: the way out.
 
-    Args:
-        path: of the file.
-        schema: the one this version reads.
-        again: how the file is made again, the end of every message.
-        build: makes the result; a mapping or list that lacks something may fail in it as it likes.
+    `build` may raise what it likes of a mapping or list that lacks something.
 
     Raises:
         ValueError: the file is not there, of another schema or damaged; one line that names it and the way out.
@@ -213,10 +199,7 @@ def _check_dotted_keys(text: str) -> None:
 
 
 def _check_values(content: Any, *, finite: bool) -> None:
-    """Raise ValueError for content deeper than `DEEPEST`, texts that are no Unicode, and numbers that are not finite.
-
-    Level by level, without recursion.
-    """
+    """Raise ValueError for content deeper than `DEEPEST`, texts that are not Unicode, and numbers that are infinite."""
     level = [content]
     for depth in range(DEEPEST + 1):
         below: list[Any] = []

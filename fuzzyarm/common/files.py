@@ -27,11 +27,7 @@ _FORMULA = ("=", "+", "-", "@", "\t", "\r")  # a spreadsheet computes a cell tha
 
 
 def write_atomically(path: Path, content: bytes | str) -> None:
-    """Write `content` beside `path`, flush it to the disk, then rename it: nobody ever sees a partial file.
-
-    Raises:
-        OSError: the folder is missing or not writable; nothing is left behind.
-    """
+    """Write `content` beside `path`, flush it to the disk, then rename it: a reader never sees a partial file."""
     data = content.encode("utf-8") if isinstance(content, str) else content
     part = path.with_name(f".{path.name}.{secrets.token_hex(4)}.part")
     try:
@@ -53,12 +49,7 @@ def write_atomically(path: Path, content: bytes | str) -> None:
 
 
 def write_once(folder: Path, files: Mapping[str, bytes | str]) -> list[Path]:
-    """Write files by name into a folder that has none of these names, or the same files; return their paths.
-
-    Raises:
-        ValueError: a file that is there has another content; nothing is written.
-        OSError: the folder is missing or not writable.
-    """
+    """Write files by name into a folder that has none of these names, or the same files; return their paths."""
     contents = {folder / name: text.encode() if isinstance(text, str) else text for name, text in files.items()}
     for path, content in contents.items():
         if path.exists() and (path.stat().st_size != len(content) or path.read_bytes() != content):
@@ -69,11 +60,7 @@ def write_once(folder: Path, files: Mapping[str, bytes | str]) -> list[Path]:
 
 
 def write_folder_atomically(folder: Path, files: Mapping[str, bytes | str]) -> None:
-    """Write a folder with `files` by name beside `folder`, then rename it; a folder that is there is replaced.
-
-    Raises:
-        OSError: the parent folder is missing or not writable; what was there stays as it was.
-    """
+    """Write a folder with `files` by name beside `folder`, then rename it; a folder that is there is replaced."""
     aside = Path(tempfile.mkdtemp(dir=folder.parent, prefix=f".{folder.name}."))
     try:
         new = aside / "new"
@@ -95,14 +82,7 @@ def write_folder_atomically(folder: Path, files: Mapping[str, bytes | str]) -> N
 
 @contextlib.contextmanager
 def locked_folder(folder: Path) -> Iterator[None]:
-    """Keep a folder locked while the block runs; the lock of a process that dies goes with it, and leaves no file.
-
-    File systems and operating systems that lock no folders are taken as they are.
-
-    Raises:
-        ValueError: another process has locked it.
-        OSError: the folder cannot be opened.
-    """
+    """Lock a folder while the block runs, where the system can; ValueError if another process has locked it."""
     if sys.platform == "win32":
         yield
         return
@@ -122,15 +102,9 @@ def locked_folder(folder: Path) -> Iterator[None]:
 
 
 def csv_text(rows: Sequence[Mapping[str, Any]], columns: Sequence[str] | None = None, *, header: bool = True) -> str:
-    """Return rows as CSV; a column that a row lacks stays empty.
+    """Return rows by column as CSV, by default with the columns of the first row; a missing entry stays empty.
 
-    A text that a spreadsheet would compute, as it begins with = + - @, a tab or a carriage return, gets an apostrophe
-    in front, which spreadsheets take for the mark of a text. Numbers stay as they are.
-
-    Args:
-        rows: by column; at least one if `columns` is None.
-        columns: None: those of the first row.
-        header: whether the names of the columns come first.
+    A text that a spreadsheet would compute gets an apostrophe in front, the spreadsheets' mark of a text.
     """
     names = list(rows[0] if columns is None else columns)
     text = io.StringIO()

@@ -11,22 +11,20 @@ from typing import Any, TypeVar
 
 __all__ = ["Registry", "additions", "adopt", "lazily"]
 
-
-Thing = TypeVar("Thing")
+_Thing = TypeVar("_Thing")
 
 _REGISTRIES: dict[str, Registry[Any]] = {}  # by the module that each is in
 
 
-class Registry(dict[str, Thing]):
+class Registry(dict[str, _Thing]):
     """Things by name; what is added to those that it is made with belongs to the `additions` of this process."""
 
-    def __init__(self, home: str, shipped: Mapping[str, Thing]) -> None:
-        """Begin with what the package ships; `home` is the name of the module that holds the registry."""
+    def __init__(self, home: str, shipped: Mapping[str, _Thing]) -> None:
         super().__init__(shipped)
         self.shipped = frozenset(shipped)
         _REGISTRIES[home] = self
 
-    def added(self) -> dict[str, Thing]:
+    def added(self) -> dict[str, _Thing]:
         """Return what was added, by name."""
         return {name: thing for name, thing in self.items() if name not in self.shipped}
 
@@ -44,12 +42,7 @@ def adopt(added: Mapping[str, Mapping[str, Any]]) -> None:
 
 
 def lazily(package: str, homes: Mapping[str, str]) -> Callable[[str], Any]:
-    """Return the `__getattr__` of a package.
-
-    Args:
-        package: its name.
-        homes: the module of each public name, seen from the package.
-    """
+    """Return the `__getattr__` of a package: `homes` has the module of each public name, seen from the package."""
 
     def find(name: str) -> Any:
         if name not in homes:

@@ -24,14 +24,11 @@ from fuzzyarm.envs.scenario.randomisation import DomainRandomisation
 from fuzzyarm.envs.scenario.reference import Reference
 
 __all__ = [
-    "RESET_OPTIONS", "action_space", "arms_of", "check_options", "chosen_disturbance", "chosen_reference",
-    "chosen_scenario", "each_lane", "initial_state", "initial_states", "observation_space", "per_lane",
-    "real_numbers", "seeds_of",
+    "action_space", "arms_of", "check_options", "chosen_disturbance", "chosen_reference", "chosen_scenario",
+    "each_lane", "initial_state", "initial_states", "observation_space", "per_lane", "real_numbers", "seeds_of",
 ]  # fmt: skip
 
-
-RESET_OPTIONS = ("initial_state", "reference", "case", "disturbance")
-"""What the `options` of `reset` may hold."""
+_RESET_OPTIONS = ("initial_state", "reference", "case", "disturbance")  # what the `options` of `reset` may hold
 
 
 def chosen_disturbance(case: str, disturbance: Disturbance | None, arm: AnyArm) -> Disturbance:
@@ -56,9 +53,9 @@ def chosen_reference(reference: Reference | None, randomisation: DomainRandomisa
 
 def check_options(options: dict[str, Any]) -> None:
     """Raise ValueError for a reset option that does not exist, TypeError for options that are no mapping."""
-    unknown = sorted(set(map(str, checks.instance("options", options, dict))) - set(RESET_OPTIONS))
+    unknown = sorted(set(map(str, checks.instance("options", options, dict))) - set(_RESET_OPTIONS))
     if unknown:
-        raise ValueError(f"unknown reset option {checks.listed(unknown)}; known: {', '.join(RESET_OPTIONS)}")
+        raise ValueError(f"unknown reset option {checks.listed(unknown)}; known: {', '.join(_RESET_OPTIONS)}")
 
 
 def chosen_scenario(options: dict[str, Any], own: Scenario, arm: AnyArm) -> Scenario:
@@ -87,12 +84,7 @@ def initial_state(given: Any, arm: AnyArm) -> np.ndarray:
 
 
 def real_numbers(name: str, given: Any) -> np.ndarray:
-    """Return a new array of float64, of any shape and unit.
-
-    Raises:
-        TypeError: an entry is no real number.
-        ValueError: rows differ in length, or a number is too large.
-    """
+    """Return a new array of float64, of any shape and unit."""
     array = checks.array_of(name, given)
     if array.dtype.kind == "O":
         entries = [checks.real(name, entry) if checks.is_real(entry) else entry for entry in array.ravel()]
@@ -133,11 +125,7 @@ def _range(name: str, low: np.ndarray, high: np.ndarray) -> str:
 
 
 def per_lane(name: str, value: Any, lanes: int) -> list[Any]:
-    """Return a list of one entry for all lanes, or of one per lane.
-
-    Raises:
-        ValueError: a sequence has another number of entries.
-    """
+    """Return a list of one entry for all lanes, or of one per lane."""
     if isinstance(value, str) or not isinstance(value, Sequence):
         return [value]
     if len(value) != lanes:
@@ -146,10 +134,7 @@ def per_lane(name: str, value: Any, lanes: int) -> list[Any]:
 
 
 def each_lane(make: Callable[..., Any], *columns: Sequence[Any]) -> list[Any]:
-    """Return make(*row) for each lane's row of the columns; a column of one entry is for all lanes.
-
-    An error names its lane, if there are several.
-    """
+    """Return make(*row) for each lane's row of the columns, of which one entry is for all; an error names its lane."""
     count = max(map(len, columns))
     rows = zip(*(list(column) * count if len(column) == 1 else column for column in columns), strict=True)
     made = []
@@ -170,11 +155,7 @@ def arms_of(robot: Any, parameters: Any, lanes: int) -> list[AnyArm]:
 
 
 def initial_states(given: Any, plants: Sequence[AnyArm], lanes: int) -> np.ndarray:
-    """Return checked starts (lanes, 4 joints), see `arguments.initial_state`, from one (4 joints,) or one per lane.
-
-    Raises:
-        ValueError: a start has another shape or is out of the box of its plant.
-    """
+    """Return starts (lanes, 4 joints) [rad, rad/s] from one (4 joints,) or one per lane, see `initial_state`."""
     states = real_numbers("initial_state", given)
     numbers = size(equations_of(plants[0]).State)
     one, all_lanes = (numbers,), (lanes, numbers)
@@ -186,12 +167,7 @@ def initial_states(given: Any, plants: Sequence[AnyArm], lanes: int) -> np.ndarr
 
 
 def seeds_of(given: Any, lanes: int) -> list[int | None] | None:
-    """Return a seed per lane: seed, seed + 1, ... from one, or those given; None lets the random stream go on.
-
-    Raises:
-        TypeError: a seed is no whole number.
-        ValueError: a seed is negative, or there is not one per lane.
-    """
+    """Return a seed per lane: seed, seed + 1, ... from one, or those given; None lets the random stream go on."""
     if given is None:
         return None
     if isinstance(given, Sequence | np.ndarray):

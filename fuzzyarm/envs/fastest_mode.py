@@ -33,7 +33,7 @@ from fuzzyarm.envs.scenario.randomisation import DomainRandomisation
 
 __all__ = ["fastest_rate"]
 
-POSTURES = 64
+_POSTURES = 64
 """Drawn in the ranges of the angles, beside the posture 0; what they miss is within the margin of `periods`."""
 
 
@@ -51,7 +51,7 @@ def _rate(
     """Return max(ω, β) [rad/s] of an arm with these factors of its quantities; infinite where M_b is singular."""
     robot = robot_of(arm)
     low, high = angle_ranges(robot)
-    postures = np.random.default_rng(0).uniform(low, high, (POSTURES, len(robot)))
+    postures = np.random.default_rng(0).uniform(low, high, (_POSTURES, len(robot)))
     postures = np.concatenate([np.zeros((1, len(robot))), postures])
     rotor = motor_inertia * robot.drive("motor_inertia")
     with np.errstate(all="ignore"):

@@ -14,17 +14,12 @@ __all__ = ["Film"]
 
 
 class Film:
-    """The trace of an episode; what draws it is made for the first picture, and left behind by copies and pickles.
+    """The trace of an episode of an arm, and its pictures, in a window or not, so many per second of wall-clock time.
 
-    Args:
-        in_window: whether pictures are shown in a window, as they become due.
-        fps: how many per second of wall-clock time.
-        control_period: [s].
-        arm: the one that is drawn.
+    What draws is made for the first picture, and left behind by copies and pickles. The control period is in s.
     """
 
     def __init__(self, in_window: bool, fps: int, control_period: float, arm: AnyArm) -> None:
-        """Begin without a trace; nothing is loaded yet."""
         self._in_window, self._fps, self._arm = in_window, fps, arm
         self._steps_per_frame = max(1, round(1.0 / (fps * control_period)))
         self._trace: list[np.ndarray] = []
@@ -37,25 +32,14 @@ class Film:
         self._trace.clear()
 
     def follow(self, time: float, vectors: np.ndarray, schedule: Schedule, ended: bool) -> None:
-        """Add an instant to the trace, and draw if a frame of the window is due.
-
-        Args:
-            time: of the episode [s].
-            vectors: (9, 2) or as the `Layout` of the arm has them, the `VECTORS` at that time.
-            schedule: of the episode.
-            ended: whether the episode ends there.
-        """
+        """Add the `VECTORS` (9, longest) at a time [s] to the trace, and draw if a frame of the window is due."""
         self._time = time
         self._trace.append(vectors)
         if self._in_window and (ended or (len(self._trace) - 1) % self._steps_per_frame == 0):
             self.picture(schedule)
 
     def picture(self, schedule: Schedule) -> np.ndarray | None:
-        """Return the picture (720, 720, 3) of the last instant, or show it in the window; a closed one stays closed.
-
-        Raises:
-            gymnasium.error.ResetNeeded: no episode has begun.
-        """
+        """Return the picture (720, 720, 3), numbers to 255, or show it in an open window; ResetNeeded at first."""
         if not self._trace:
             raise ResetNeeded("nothing to draw before the first env.reset()")
         import pygame  # here, as a training run never loads it

@@ -19,15 +19,7 @@ from gymnasium.envs.registration import EnvSpec
 from gymnasium.error import ResetNeeded
 
 from fuzzyarm.common import checks
-from fuzzyarm.envs.arguments import (
-    action_space,
-    chosen_disturbance,
-    chosen_reference,
-    chosen_scenario,
-    initial_state,
-    observation_space,
-    real_numbers,
-)
+from fuzzyarm.envs import arguments
 from fuzzyarm.envs.batch.lanes import Lanes
 from fuzzyarm.envs.batch.layout import CLOCK, INFO, SCALARS, VECTORS
 from fuzzyarm.envs.fastest_mode import fastest_rate
@@ -138,7 +130,6 @@ class FuzzyArmEnv(gym.Env[np.ndarray, np.ndarray]):
         randomisation: str | DomainRandomisation = "nominal",
         render_mode: str | None = None,
     ) -> None:
-        """Build the environment; arguments as in the class docstring."""
         if render_mode is not None:
             checks.choice("render_mode", render_mode, self.metadata["render_modes"])
         self.parameters: Any = chosen_arm(robot, parameters)
@@ -147,8 +138,8 @@ class FuzzyArmEnv(gym.Env[np.ndarray, np.ndarray]):
         self.control_period, self.substeps = checked_periods(control_period, substep, rate)
         self.substep = self.control_period / self.substeps
         self.render_mode = render_mode
-        self._disturbance = chosen_disturbance(case, disturbance, self.parameters)
-        self._reference = chosen_reference(reference, drawn, self.parameters)
+        self._disturbance = arguments.chosen_disturbance(case, disturbance, self.parameters)
+        self._reference = arguments.chosen_reference(reference, drawn, self.parameters)
         self._lanes = Lanes(
             [self.parameters],
             [Scenario(self._disturbance, self._reference)],
@@ -163,8 +154,8 @@ class FuzzyArmEnv(gym.Env[np.ndarray, np.ndarray]):
         self._parts = tuple(layout.parts)
         self._places: tuple[Any, ...] = tuple(range(len(VECTORS))) if self._even else self._parts  # numbers are faster
         self._extras = drawn.varies or render_mode is not None
-        self.action_space = action_space([self.parameters])
-        self.observation_space = observation_space([self.parameters])
+        self.action_space = arguments.action_space([self.parameters])
+        self.observation_space = arguments.observation_space([self.parameters])
         self._spec: EnvSpec | None = None
         self._ended, self._begun = True, False
         self._drawn: dict[str, Any] = {}
@@ -202,9 +193,9 @@ class FuzzyArmEnv(gym.Env[np.ndarray, np.ndarray]):
         self._ended = True  # until the end of this method: after a reset that raises, step must raise too
         self._film.rewind()
         own = Scenario(self._disturbance, self._reference)
-        scenario, initial = chosen_scenario({} if options is None else options, own, self.parameters), None
+        scenario, initial = arguments.chosen_scenario({} if options is None else options, own, self.parameters), None
         if options and options.get("initial_state") is not None:
-            initial = initial_state(options["initial_state"], self.parameters)[np.newaxis]
+            initial = arguments.initial_state(options["initial_state"], self.parameters)[np.newaxis]
         # `np_random` belongs to the user; the episodes draw from a stream of their own with the same seed. Gymnasium
         # reports the seed -1 for a generator that the user has put in its place.
         seeds = None if self._begun and seed is None else [self.np_random_seed]
@@ -314,7 +305,7 @@ class FuzzyArmEnv(gym.Env[np.ndarray, np.ndarray]):
         if array.shape != (joints,):
             raise ValueError(f"action has shape {array.shape}; it must be ({joints},): the {words} motor torques [N m]")
         try:
-            numbers = tuple(real_numbers("action", array).tolist())
+            numbers = tuple(arguments.real_numbers("action", array).tolist())
         except TypeError as error:
             raise ValueError(f"action = {checks.shown(action)} must be {words} real numbers [N m]: {error}") from None
         return numbers

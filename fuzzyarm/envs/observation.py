@@ -1,10 +1,6 @@
 """The observation that every policy receives: motor angles and velocities, then the reference at the same instant.
 
 An observation is an array (..., 5 n) for an arm of n joints; only this module defines the order of its parts.
-`observed` gives them as views, in NumPy, in compiled code and for tensors alike:
-
-    o = observed(observation)
-    error = o.q_motor - o.q_reference
 """
 
 from __future__ import annotations
@@ -26,11 +22,8 @@ class Observation(NamedTuple):
     ddq_reference: Any  # reference accelerations [rad/s²]
 
 
-PARTS = len(Observation._fields)
-"""Parts of an observation: an arm of n joints has `PARTS` n numbers in its."""
-
-SIZE = JOINTS * PARTS
-"""Numbers in an observation of the paper's arm; so for the three below."""
+PARTS = len(Observation._fields)  # an arm of n joints has `PARTS` n numbers in its observation
+SIZE = JOINTS * PARTS  # numbers in an observation of the paper's arm, as are the three below
 
 
 def starts(joints: int) -> Observation:
@@ -38,23 +31,14 @@ def starts(joints: int) -> Observation:
     return Observation(*range(0, joints * PARTS, joints))
 
 
-START = starts(JOINTS)
-"""Where each part begins."""
-
-MEASURED = slice(START.q_motor, START.q_reference)
-"""What sensors say: `q_motor` and `dq_motor`."""
-
-REFERENCE = slice(START.q_reference, SIZE)
-"""What is asked for: `q_reference`, `dq_reference` and `ddq_reference`."""
+START = starts(JOINTS)  # where each part begins
+MEASURED = slice(START.q_motor, START.q_reference)  # what sensors say: `q_motor` and `dq_motor`
+REFERENCE = slice(START.q_reference, SIZE)  # what is asked for: `q_reference`, `dq_reference` and `ddq_reference`
 
 
 def observed(array: Any) -> Observation:
     """Return the parts of observations (..., `PARTS` n) as views (..., n) of them."""
     n = array.shape[-1] // PARTS
     return Observation(
-        array[..., :n],
-        array[..., n : 2 * n],
-        array[..., 2 * n : 3 * n],
-        array[..., 3 * n : 4 * n],
-        array[..., 4 * n :],
+        array[..., :n], array[..., n : 2 * n], array[..., 2 * n : 3 * n], array[..., 3 * n : 4 * n], array[..., 4 * n :]
     )

@@ -8,34 +8,22 @@ from typing import Any
 from fuzzyarm.common import checks
 
 __all__ = [
-    "LONGEST_PERIOD", "MAX_DEFAULT_SUBSTEP", "MOST_STEPS", "MOST_SUBSTEPS", "SHORTEST_PERIOD", "checked_period",
-    "checked_periods", "default_substeps", "whole_substeps",
+    "MAX_DEFAULT_SUBSTEP", "MOST_STEPS", "MOST_SUBSTEPS", "SHORTEST_PERIOD", "checked_period", "checked_periods",
+    "default_substeps", "whole_substeps",
 ]  # fmt: skip
 
-SHORTEST_PERIOD, LONGEST_PERIOD = 1e-6, 0.1
-"""Allowed control periods [s]."""
-
-MOST_SUBSTEPS = 10_000
-"""Sub-steps that a control period may have: a step then takes about a millisecond."""
-
-MOST_STEPS = 1_000_000
-"""Control steps that a reference may have: its table then takes 170 MB."""
-
-MAX_DEFAULT_SUBSTEP = 2e-4
-"""Largest sub-step [s] if none is asked for; `benchmarks/accuracy.py` has the error it costs."""
+SHORTEST_PERIOD, _LONGEST_PERIOD = 1e-6, 0.1  # allowed control periods [s]
+MOST_SUBSTEPS = 10_000  # sub-steps that a control period may have: a step then takes about a millisecond
+MOST_STEPS = 1_000_000  # control steps that a reference may have: its table then takes 170 MB
+MAX_DEFAULT_SUBSTEP = 2e-4  # largest sub-step [s] if none is asked for; `benchmarks/accuracy.py` has the error it costs
 
 RESOLVED, STABLE = 1.0, 2.0
 """Largest sub-step times the fastest rate of the arm: by default, and below which no mode grows; see `fastest_mode`."""
 
 
 def checked_period(name: str, period: Any) -> float:
-    """Return a control period [s] as float.
-
-    Raises:
-        TypeError: it is no real number.
-        ValueError: it is not from `SHORTEST_PERIOD` to `LONGEST_PERIOD`.
-    """
-    return checks.real(name, period, "s", low=SHORTEST_PERIOD, high=LONGEST_PERIOD)
+    """Return a control period [s] as float."""
+    return checks.real(name, period, "s", low=SHORTEST_PERIOD, high=_LONGEST_PERIOD)
 
 
 def checked_periods(control_period: Any, substep: Any, rate: float = 0.0) -> tuple[float, int]:
@@ -44,13 +32,7 @@ def checked_periods(control_period: Any, substep: Any, rate: float = 0.0) -> tup
 
 
 def default_substeps(duration: float, rate: float = 0.0) -> int:
-    """Return the default number of sub-steps of a duration [s] for an arm with a fastest rate [rad/s].
-
-    They are not longer than `MAX_DEFAULT_SUBSTEP`, and `RESOLVED` over the rate.
-
-    Raises:
-        ValueError: that takes more than `MOST_SUBSTEPS`; the message has the sub-step that would do.
-    """
+    """Return the default number of sub-steps of a duration [s] for an arm with a fastest rate [rad/s]."""
     needed = duration * rate / RESOLVED
     if needed > MOST_SUBSTEPS:
         raise ValueError(
@@ -62,15 +44,7 @@ def default_substeps(duration: float, rate: float = 0.0) -> int:
 
 
 def whole_substeps(control_period: Any, substep: Any, rate: float = 0.0) -> int:
-    """Return how many sub-steps [s] make a control period [s]; without a sub-step the default number.
-
-    `rate` [rad/s] is the fastest of the arm, see `fastest_mode`.
-
-    Raises:
-        TypeError: one of them is no real number.
-        ValueError: one of them is out of range, the control period is no multiple of the sub-step, or the arm would be
-            unstable with it.
-    """
+    """Return how many sub-steps [s], else the default number, make a control period [s]; rate [rad/s] as above."""
     period = checked_period("control_period", control_period)
     if substep is None:
         return default_substeps(period, rate)

@@ -17,11 +17,11 @@ import numpy as np
 from fuzzyarm.envs.physics.robot import Robot
 from fuzzyarm.envs.scenario.kinematics import chain, reach, upwards
 
-__all__ = ["Camera", "Floor", "Poses", "across", "floor_of", "in_space", "looking_at", "poses_of"]
+__all__ = ["Camera", "Poses", "across", "floor_of", "in_space", "looking_at", "poses_of"]
 
-ELEVATION = 0.35  # tangent of the angle from which the camera looks down on planes that stand upright
-DISTANCE = 4.0  # of the eye from the middle of what is seen, in reaches of the robot
-LEVEL = 1e-6  # share below which a direction counts as none
+_ELEVATION = 0.35  # tangent of the angle from which the camera looks down on planes that stand upright
+_DISTANCE = 4.0  # of the eye from the middle of what is seen, in reaches of the robot
+_LEVEL = 1e-6  # share below which a direction counts as none
 
 
 class Poses(NamedTuple):
@@ -56,7 +56,7 @@ class Camera(NamedTuple):
         return self._replace(focal=focal, center=0.5 * (low + high) - 0.5 * focal * (least + most))
 
 
-class Floor(NamedTuple):
+class _Floor(NamedTuple):
     """A level plane below a robot, or at its base if it does not hang."""
 
     up: np.ndarray  # unit normal (3,)
@@ -69,7 +69,7 @@ class Floor(NamedTuple):
         return np.asarray(points - (points @ self.up - self.height)[..., np.newaxis] * self.up)
 
 
-def floor_of(robot: Robot, points: np.ndarray) -> Floor:
+def floor_of(robot: Robot, points: np.ndarray) -> _Floor:
     """Return the floor below points (..., 3) [m], with squares of 10^n m: several of them, and few in number."""
     up, length = upwards(robot), reach(robot)
     height = min(0.0, float((points @ up).min()))
@@ -83,7 +83,7 @@ def floor_of(robot: Robot, points: np.ndarray) -> Floor:
         for along, beside, a, b in ((first, second, 0, 1), (second, first, 1, 0))
         for place in np.arange(low[b], high[b] + 1.0)
     ]
-    return Floor(up, height, float(square), np.array(lines))
+    return _Floor(up, height, float(square), np.array(lines))
 
 
 def poses_of(robot: Robot, q: np.ndarray) -> Poses:
@@ -113,17 +113,17 @@ def looking_at(robot: Robot, path: np.ndarray) -> Camera:
     normal = _normal(path, reach(robot))
     normal = normal * np.sign(normal @ (forwards + 2.0 * side + 3.0 * up))
     normal = normal - min(float(normal @ up), 0.0) * up  # never from below
-    towards = _unit(_unit(side + normal) + ELEVATION * up)
+    towards = _unit(_unit(side + normal) + _ELEVATION * up)
     right = _unit(np.cross(up, towards))
     down = np.cross(-towards, right)
-    eye = 0.5 * middle + DISTANCE * reach(robot) * towards
+    eye = 0.5 * middle + _DISTANCE * reach(robot) * towards
     return Camera(eye, np.stack([right, down, -towards]))
 
 
 def _normal(path: np.ndarray, length: float) -> np.ndarray:
     """Return the unit normal (3,) of the plane of a path, zero for a path in a straight line or in no plane."""
     _, sizes, rows = np.linalg.svd(path - path.mean(axis=0), full_matrices=False)
-    if len(sizes) < 3 or sizes[1] < LEVEL * np.sqrt(len(path)) * length or sizes[2] > 0.5 * sizes[1]:
+    if len(sizes) < 3 or sizes[1] < _LEVEL * np.sqrt(len(path)) * length or sizes[2] > 0.5 * sizes[1]:
         return np.zeros(3)
     return np.asarray(rows[-1])
 
@@ -131,4 +131,4 @@ def _normal(path: np.ndarray, length: float) -> np.ndarray:
 def _unit(vector: np.ndarray) -> np.ndarray:
     """Return a vector (3,) at length 1; zero for one that is zero but for rounding."""
     length = np.linalg.norm(vector)
-    return np.asarray(vector / length if length > LEVEL else np.zeros_like(vector))
+    return np.asarray(vector / length if length > _LEVEL else np.zeros_like(vector))

@@ -1,7 +1,6 @@
 """Pictures of arms, drawn in software with pygame: the two-joint arm in its plane, any other robot in perspective.
 
-The plane has the frame of (26), turned so that gravity points down the picture: right = y, down = x. In perspective
-gravity points down as well, and shadows fall along it on a floor.
+The plane has the frame of (26), turned so that gravity points down the picture: right = y, down = x.
 """
 
 from __future__ import annotations
@@ -25,36 +24,31 @@ from fuzzyarm.envs.scenario.cases import CASES, Case, case_for
 from fuzzyarm.envs.scenario.disturbances import Disturbance
 from fuzzyarm.envs.scenario.kinematics import reach
 
-__all__ = [
-    "Canvas", "Colour", "View", "case_title", "magnified", "paint", "paint_error", "paint_footer", "paint_force",
-    "paint_header", "paint_in_plane", "paint_in_space", "paint_payload", "thinned",
-]  # fmt: skip
-
+__all__ = ["Canvas", "View", "case_title", "magnified", "paint", "thinned"]
 
 MAGNIFICATION = 25  # factor by which the trace magnifies the tip error: a millimetre would be less than a pixel
 
-# Layout [px]. The arm stays in the field between header and footer, `MARGIN` away from its edges: room for the
+# Layout [px]. The arm stays in the field between header and footer, `_MARGIN` away from its edges: room for the
 # thickness of the links, the force arrow and its label.
-WIDTH, HEIGHT, HEADER, FOOTER, MARGIN = 720, 720, 80, 56, 90
-LONGEST_ARROW = 60  # at the largest force of the episode
-SUPERSAMPLING = 2
+WIDTH, HEIGHT, HEADER, FOOTER, _MARGIN = 720, 720, 80, 56, 90
+_LONGEST_ARROW = 60  # at the largest force of the episode
+_SUPERSAMPLING = 2
 
 # Okabe and Ito's palette and greys, all of different lightness.
-Colour = tuple[int, int, int]
-PAPER, REACH, FRAME = (255, 255, 255), (240, 243, 246), (214, 220, 226)
-INK, STEEL, REFERENCE = (38, 50, 62), (178, 194, 208), (156, 166, 176)
+_Colour = tuple[int, int, int]
+_PAPER, _REACH, _FRAME = (255, 255, 255), (240, 243, 246), (214, 220, 226)
+INK, _STEEL, REFERENCE = (38, 50, 62), (178, 194, 208), (156, 166, 176)
 TRACE, FORCE, PAYLOAD = (213, 94, 0), (0, 114, 178), (240, 228, 66)
-SMALL, LARGE = 22, 34  # font heights
+_SMALL, _LARGE = 22, 34  # font heights
 
 
 class Canvas:
     """Antialiased discs, lines, arrows and text; places (2,) and lengths in units of pixels of the finished picture."""
 
     def __init__(self) -> None:
-        """Make a surface in memory and load pygame's own font."""
         pygame.font.init()
-        self.surface = pygame.Surface((SUPERSAMPLING * WIDTH, SUPERSAMPLING * HEIGHT), depth=32)
-        self._fonts = {size: pygame.font.Font(None, SUPERSAMPLING * size) for size in (SMALL, LARGE)}
+        self.surface = pygame.Surface((_SUPERSAMPLING * WIDTH, _SUPERSAMPLING * HEIGHT), depth=32)
+        self._fonts = {size: pygame.font.Font(None, _SUPERSAMPLING * size) for size in (_SMALL, _LARGE)}
 
     def picture(self) -> pygame.Surface:
         """Return what was drawn, scaled down to the size of the picture."""
@@ -64,15 +58,15 @@ class Canvas:
         """Return the picture as a new array (720, 720, 3) of uint8."""
         return np.ascontiguousarray(pygame.surfarray.array3d(self.picture()).transpose(1, 0, 2))
 
-    def disc(self, center: np.ndarray, radius: float, colour: Colour) -> None:
+    def disc(self, center: np.ndarray, radius: float, colour: _Colour) -> None:
         """Fill a disc."""
-        pygame.draw.circle(self.surface, colour, np.rint(SUPERSAMPLING * center), SUPERSAMPLING * radius)
+        pygame.draw.circle(self.surface, colour, np.rint(_SUPERSAMPLING * center), _SUPERSAMPLING * radius)
 
-    def polygon(self, points: np.ndarray, colour: Colour) -> None:
+    def polygon(self, points: np.ndarray, colour: _Colour) -> None:
         """Fill a polygon with corners (n, 2)."""
-        pygame.draw.polygon(self.surface, colour, np.rint(SUPERSAMPLING * points))
+        pygame.draw.polygon(self.surface, colour, np.rint(_SUPERSAMPLING * points))
 
-    def line(self, points: np.ndarray, width: float, colour: Colour) -> None:
+    def line(self, points: np.ndarray, width: float, colour: _Colour) -> None:
         """Draw a polyline through (n, 2) with round ends and corners; a single point gives a dot."""
         points = thinned(points)
         start, end = points[:-1], points[1:]
@@ -83,7 +77,7 @@ class Canvas:
         for point in points:
             self.disc(point, 0.5 * width, colour)
 
-    def arrow(self, start: np.ndarray, end: np.ndarray, width: float, colour: Colour) -> None:
+    def arrow(self, start: np.ndarray, end: np.ndarray, width: float, colour: _Colour) -> None:
         """Draw an arrow with a head 3 widths long; a shorter arrow is thinner in proportion."""
         length = np.hypot(*(end - start))
         width, along = min(width, length / 3.0), (end - start) / length
@@ -91,10 +85,10 @@ class Canvas:
         self.line(np.stack([start, neck]), width, colour)
         self.polygon(np.stack([end, neck + 1.6 * width * across, neck - 1.6 * width * across]), colour)
 
-    def text(self, text: str, anchor: str, at: ArrayLike, size: int = SMALL, colour: Colour = INK) -> None:
+    def text(self, text: str, anchor: str, at: ArrayLike, size: int = _SMALL, colour: _Colour = INK) -> None:
         """Write `text` with a white rim; `anchor` names the point of its box that lies `at`, such as "midleft"."""
-        font, position = self._fonts[size], SUPERSAMPLING * np.array(at)
-        rim, glyphs = font.render(text, True, PAPER), font.render(text, True, colour)
+        font, position = self._fonts[size], _SUPERSAMPLING * np.array(at)
+        rim, glyphs = font.render(text, True, _PAPER), font.render(text, True, colour)
         for angle in np.arange(8) * np.pi / 4.0:
             self.surface.blit(rim, rim.get_rect(**{anchor: position + 3.0 * np.array([np.cos(angle), np.sin(angle)])}))
         self.surface.blit(glyphs, glyphs.get_rect(**{anchor: position}))
@@ -113,14 +107,14 @@ def magnified(tip: np.ndarray, reference: np.ndarray) -> np.ndarray:
     return np.asarray(reference + MAGNIFICATION * (tip - reference))
 
 
-def paint_error(canvas: Canvas, errors: np.ndarray) -> None:
+def _paint_error(canvas: Canvas, errors: np.ndarray) -> None:
     """Paint the trace of the magnified tip (n, 2) [px], and where it is now."""
-    for rim, colour in ((1.5, PAPER), (0.0, TRACE)):
+    for rim, colour in ((1.5, _PAPER), (0.0, TRACE)):
         canvas.line(errors, 3.0 + 2.0 * rim, colour)
         canvas.disc(errors[-1], 6.0 + rim, colour)
 
 
-def paint_payload(canvas: Canvas, center: np.ndarray, mass: float) -> None:
+def _paint_payload(canvas: Canvas, center: np.ndarray, mass: float) -> None:
     """Paint a disc at `center` (2,) [px] whose volume grows with the mass [kg]."""
     radius = min(max(9.0 * mass ** (1.0 / 3.0), 8.0), 28.0)
     canvas.disc(center, radius + 2.5, INK)
@@ -128,7 +122,7 @@ def paint_payload(canvas: Canvas, center: np.ndarray, mass: float) -> None:
     canvas.text(f"{mass:g} kg", "midleft", center + np.array([radius + 8.0, 0.0]))
 
 
-def paint_force(canvas: Canvas, start: np.ndarray, tip: np.ndarray, magnitude: float) -> None:
+def _paint_force(canvas: Canvas, start: np.ndarray, tip: np.ndarray, magnitude: float) -> None:
     """Paint the arrow of a force of this magnitude [N] that pushes the tip, from start (2,) to tip (2,) [px]."""
     canvas.arrow(start, tip, 7.0, FORCE)
     label = start + 26.0 * (start - tip) / np.hypot(*(start - tip))
@@ -136,22 +130,22 @@ def paint_force(canvas: Canvas, start: np.ndarray, tip: np.ndarray, magnitude: f
     canvas.text(f"{magnitude:.0f} N", "center", inside, colour=FORCE)
 
 
-def paint_header(canvas: Canvas, title: str, time: float, tip_error: float) -> None:
+def _paint_header(canvas: Canvas, title: str, time: float, tip_error: float) -> None:
     """Paint title, time [s] and tip error [m], on top of parts of the arm that leave the field."""
-    canvas.line(np.array([[0.0, 0.5 * HEADER], [WIDTH, 0.5 * HEADER]]), HEADER, PAPER)
-    canvas.line(np.array([[0.0, HEADER], [WIDTH, HEADER]]), 1.0, FRAME)
-    canvas.text(title, "midleft", (28.0, 41.0), LARGE)
+    canvas.line(np.array([[0.0, 0.5 * HEADER], [WIDTH, 0.5 * HEADER]]), HEADER, _PAPER)
+    canvas.line(np.array([[0.0, HEADER], [WIDTH, HEADER]]), 1.0, _FRAME)
+    canvas.text(title, "midleft", (28.0, 41.0), _LARGE)
     canvas.text(f"t = {time:.3f} s", "midright", (WIDTH - 28.0, 29.0))
     canvas.text(f"tip error {1e3 * tip_error:.2f} mm", "midright", (WIDTH - 28.0, 53.0))
 
 
-def paint_footer(canvas: Canvas, ground: str, falls: bool = True) -> None:
+def _paint_footer(canvas: Canvas, ground: str, falls: bool = True) -> None:
     """Paint the legend, with what grey `ground` is, and the direction of gravity if there is any, on top of the arm."""
     top, middle = HEIGHT - FOOTER, HEIGHT - 0.5 * FOOTER
-    canvas.line(np.array([[0.0, middle], [WIDTH, middle]]), FOOTER, PAPER)
-    canvas.line(np.array([[0.0, top], [WIDTH, top]]), 1.0, FRAME)
+    canvas.line(np.array([[0.0, middle], [WIDTH, middle]]), FOOTER, _PAPER)
+    canvas.line(np.array([[0.0, top], [WIDTH, top]]), 1.0, _FRAME)
     legend = ((28.0, REFERENCE, 4.0, "reference"), (150.0, TRACE, 4.0, f"tip error × {MAGNIFICATION}"))
-    for left, colour, width, label in (*legend, (304.0, REACH, 14.0, ground)):
+    for left, colour, width, label in (*legend, (304.0, _REACH, 14.0, ground)):
         canvas.line(np.array([[left, middle], [left + 20.0, middle]]), width, colour)
         canvas.text(label, "midleft", (left + 34.0, middle))
     if falls:
@@ -160,27 +154,22 @@ def paint_footer(canvas: Canvas, ground: str, falls: bool = True) -> None:
 
 
 # Rows of the trace.
-TIP, TIP_REFERENCE, LINK, FORCE_ROW = map(VECTORS.index, ("tip", "tip_reference", "q_link", "external_force"))
+_TIP, _TIP_REFERENCE, _LINK, _FORCE_ROW = map(VECTORS.index, ("tip", "tip_reference", "q_link", "external_force"))
 
 
 def paint(canvas: Canvas, schedule: Schedule, trace: np.ndarray, time: float, arm: AnyArm) -> None:
-    """Paint the whole picture.
+    """Paint the whole picture of an arm at a time [s] of the episode with this schedule.
 
-    Args:
-        canvas: on which.
-        schedule: of the episode under way.
-        trace: (k + 1, 9, 2), or as many columns as the `Layout` of the arm has, the `VECTORS` at t_0..t_k.
-        time: t_k [s].
-        arm: the one that is drawn.
+    The trace (k + 1, 9, 2), or as many columns as the `Layout` of the arm has, are the `VECTORS` up to then.
     """
-    canvas.surface.fill(PAPER)
+    canvas.surface.fill(_PAPER)
     if isinstance(arm, ArmParameters):
-        paint_in_plane(canvas, schedule, trace, arm)
+        _paint_in_plane(canvas, schedule, trace, arm)
     else:
-        paint_in_space(canvas, schedule, trace, arm)
-    deviation = trace[-1, TIP] - trace[-1, TIP_REFERENCE]
+        _paint_in_space(canvas, schedule, trace, arm)
+    deviation = trace[-1, _TIP] - trace[-1, _TIP_REFERENCE]
     error = float(np.linalg.norm(deviation[: schedule.axes]))
-    paint_header(canvas, case_title(schedule.disturbance, arm), time, error)
+    _paint_header(canvas, case_title(schedule.disturbance, arm), time, error)
 
 
 def case_title(disturbance: Disturbance, arm: AnyArm) -> str:
@@ -208,7 +197,7 @@ class View(NamedTuple):
     def fit(cls, points: np.ndarray) -> View:
         """Return the view that shows all points (n, 2) [m] as large as the field allows, in its middle."""
         low, high = points.min(axis=0)[::-1], points.max(axis=0)[::-1]
-        room = np.array([WIDTH, HEIGHT - HEADER - FOOTER]) - 2.0 * MARGIN
+        room = np.array([WIDTH, HEIGHT - HEADER - FOOTER]) - 2.0 * _MARGIN
         scale = float(np.min(room / np.maximum(high - low, 1e-6)))
         return cls(scale, 0.5 * (np.array([WIDTH, HEIGHT + HEADER - FOOTER]) - scale * (low + high)))
 
@@ -217,27 +206,27 @@ class View(NamedTuple):
         return self.base + self.scale * points[..., ::-1]
 
 
-def paint_in_plane(canvas: Canvas, schedule: Schedule, trace: np.ndarray, parameters: ArmParameters) -> None:
+def _paint_in_plane(canvas: Canvas, schedule: Schedule, trace: np.ndarray, parameters: ArmParameters) -> None:
     """Paint the field and the footer; arguments in the shapes and units of `paint`."""
     length = parameters.length
-    q = np.concatenate([schedule.references[:, :2], trace[:, LINK]])
+    q = np.concatenate([schedule.references[:, :2], trace[:, _LINK]])
     elbow, tip = tip_position(q, (length[0], 0.0)), tip_position(q, length)
     # The view contains the base, the reference and all poses so far, so it widens only if the arm leaves it.
     view = View.fit(np.concatenate([np.zeros((1, 2)), elbow, tip]))
     joints = view.pixels(np.stack([np.zeros(2), elbow[-1], tip[-1]]))
-    canvas.disc(view.base, view.scale * sum(length), REACH)
-    canvas.disc(view.base, view.scale * abs(length[0] - length[1]), PAPER)
+    canvas.disc(view.base, view.scale * sum(length), _REACH)
+    canvas.disc(view.base, view.scale * abs(length[0] - length[1]), _PAPER)
     canvas.line(view.pixels(schedule.targets[:, :2]), 5.0, REFERENCE)
     _paint_arm(canvas, joints, 0.032 * view.scale * sum(length))
-    payload, force = schedule.disturbance.payload, trace[-1, FORCE_ROW]
+    payload, force = schedule.disturbance.payload, trace[-1, _FORCE_ROW]
     if payload.mass > 0.0:
         along = payload.radius(parameters) / length[1]
-        paint_payload(canvas, joints[1] + along * (joints[2] - joints[1]), payload.mass)
+        _paint_payload(canvas, joints[1] + along * (joints[2] - joints[1]), payload.mass)
     if force.any():
-        back = LONGEST_ARROW * force[::-1] / np.linalg.norm(schedule.forces, axis=1).max()
-        paint_force(canvas, joints[2] - back, joints[2], float(np.hypot(*force)))
-    paint_error(canvas, view.pixels(magnified(trace[:, TIP], trace[:, TIP_REFERENCE])))
-    paint_footer(canvas, "reach")
+        back = _LONGEST_ARROW * force[::-1] / np.linalg.norm(schedule.forces, axis=1).max()
+        _paint_force(canvas, joints[2] - back, joints[2], float(np.hypot(*force)))
+    _paint_error(canvas, view.pixels(magnified(trace[:, _TIP], trace[:, _TIP_REFERENCE])))
+    _paint_footer(canvas, "reach")
     middle, right = HEIGHT - 0.5 * FOOTER, WIDTH - 28.0
     bar = 10.0 ** np.floor(np.log10(120.0 / view.scale))  # m, a scale bar of at most 120 px
     canvas.line(np.array([[right - bar * view.scale, middle], [right, middle]]), 4.0, INK)
@@ -251,65 +240,65 @@ def _paint_arm(canvas: Canvas, joints: np.ndarray, thickness: float) -> None:
     canvas.line(base + thickness * np.array([[-1.7, -1.9], [1.7, -1.9]]), 6.0, INK)
     for start, end, width in ((base, elbow, thickness), (elbow, tip, 0.75 * thickness)):
         canvas.line(np.stack([start, end]), width + 4.0, INK)
-        canvas.line(np.stack([start, end]), width, STEEL)
+        canvas.line(np.stack([start, end]), width, _STEEL)
     for joint, radius in ((base, 0.6 * thickness), (elbow, 0.55 * thickness)):
         canvas.disc(joint, radius, INK)
-        canvas.disc(joint, 0.45 * radius, PAPER)
+        canvas.disc(joint, 0.45 * radius, _PAPER)
 
 
-EVERY = 10  # instants between the poses that the view is made for
-THICKNESS, THINNEST = 0.055, 0.6  # of the first link, share of the reach; of the last link, share of the first
+_EVERY = 10  # instants between the poses that the view is made for
+_THICKNESS, _THINNEST = 0.055, 0.6  # of the first link, share of the reach; of the last link, share of the first
 
 
-def paint_in_space(canvas: Canvas, schedule: Schedule, trace: np.ndarray, robot: Robot) -> None:
+def _paint_in_space(canvas: Canvas, schedule: Schedule, trace: np.ndarray, robot: Robot) -> None:
     """Paint the field and the footer; arguments in the shapes and units of `paint`."""
     joints, axes = len(robot), schedule.axes
-    path, force = in_space(schedule.targets[:, :axes]), in_space(trace[-1, FORCE_ROW, :axes])
-    asked = poses_of(robot, schedule.references[::EVERY, :joints])
-    been = poses_of(robot, np.concatenate([trace[::EVERY, LINK, :joints], trace[-1:, LINK, :joints]]))
+    path, force = in_space(schedule.targets[:, :axes]), in_space(trace[-1, _FORCE_ROW, :axes])
+    asked = poses_of(robot, schedule.references[::_EVERY, :joints])
+    been = poses_of(robot, np.concatenate([trace[::_EVERY, _LINK, :joints], trace[-1:, _LINK, :joints]]))
     floor, now = floor_of(robot, asked.points), Poses(been.points[-1], been.axes[-1])
     # The view contains the base, the reference and the poses so far, so it widens only if the arm leaves it.
     seen = np.concatenate([poses.points.reshape(-1, path.shape[-1]) for poses in (asked, been)])
-    corners = np.array([[MARGIN, HEADER + MARGIN], [WIDTH - MARGIN, HEIGHT - FOOTER - MARGIN]], dtype=float)
+    corners = np.array([[_MARGIN, HEADER + _MARGIN], [WIDTH - _MARGIN, HEIGHT - FOOTER - _MARGIN]], dtype=float)
     camera = looking_at(robot, path).fitted(np.concatenate([seen, floor.below(asked.points[0])]), *corners)
     for line in floor.grid:
-        canvas.line(camera.pixels(line), 1.0, FRAME)
-    thickness = THICKNESS * reach(robot)
-    canvas.line(camera.pixels(floor.below(now.points)), 0.6 * _pixels(camera, now.points, thickness).mean(), REACH)
-    canvas.line(camera.pixels(floor.below(path)), 2.0, REACH)
+        canvas.line(camera.pixels(line), 1.0, _FRAME)
+    thickness = _THICKNESS * reach(robot)
+    canvas.line(camera.pixels(floor.below(now.points)), 0.6 * _pixels(camera, now.points, thickness).mean(), _REACH)
+    canvas.line(camera.pixels(floor.below(path)), 2.0, _REACH)
     canvas.line(camera.pixels(path), 5.0, REFERENCE)
     _paint_links(canvas, camera, now, thickness)
     payload = schedule.disturbance.payload
     if payload.mass > 0.0:
-        paint_payload(canvas, camera.pixels(_carried(robot, payload.at, trace[-1, LINK, :joints])), payload.mass)
+        _paint_payload(canvas, camera.pixels(_carried(robot, payload.at, trace[-1, _LINK, :joints])), payload.mass)
     if force.any():
         largest = np.linalg.norm(schedule.forces[:, :axes], axis=1).max()
-        back = LONGEST_ARROW / _pixels(camera, now.points[-1], 1.0) * force / largest
+        back = _LONGEST_ARROW / _pixels(camera, now.points[-1], 1.0) * force / largest
         start, tip = camera.pixels(np.stack([now.points[-1] - back, now.points[-1]]))
         if np.hypot(*(tip - start)) > 1.0:
-            paint_force(canvas, start, tip, float(np.linalg.norm(force)))
-    errors = magnified(*(in_space(trace[:, row, :axes]) for row in (TIP, TIP_REFERENCE)))
-    paint_error(canvas, camera.pixels(errors))
-    paint_footer(canvas, "shadow", bool(robot.arrays.gravity.any()))
+            _paint_force(canvas, start, tip, float(np.linalg.norm(force)))
+    errors = magnified(*(in_space(trace[:, row, :axes]) for row in (_TIP, _TIP_REFERENCE)))
+    _paint_error(canvas, camera.pixels(errors))
+    _paint_footer(canvas, "shadow", bool(robot.arrays.gravity.any()))
     canvas.text(f"squares of {1e3 * floor.square:g} mm", "midright", (WIDTH - 28.0, HEIGHT - 0.5 * FOOTER))
 
 
 def _paint_links(canvas: Canvas, camera: Camera, now: Poses, thickness: float) -> None:
     """Paint links and joints of a pose, far ones first."""
     places, widths = camera.pixels(now.points), _pixels(camera, now.points, thickness)
-    widths = widths * np.linspace(1.0, THINNEST, len(widths))
+    widths = widths * np.linspace(1.0, _THINNEST, len(widths))
     depth = camera.depth(now.points)
     canvas.polygon(camera.pixels(now.points[0] + 1.3 * thickness * _circle(now.axes[0])), INK)
     for k in np.argsort(-0.5 * (depth[1:] + depth[:-1])):
         width = 0.5 * (widths[k] + widths[k + 1])
         canvas.line(places[k : k + 2], width + 4.0, INK)
-        canvas.line(places[k : k + 2], width, STEEL)
+        canvas.line(places[k : k + 2], width, _STEEL)
     for joint in np.argsort(-depth[1:-1]):
         end = 0.6 * thickness * now.axes[joint]
         ends = np.stack([now.points[joint + 1] - end, now.points[joint + 1] + end])
         near = camera.pixels(ends[np.argmin(camera.depth(ends))])
         canvas.line(camera.pixels(ends), 0.95 * widths[joint + 1], INK)
-        canvas.disc(near, 0.25 * widths[joint + 1], PAPER)
+        canvas.disc(near, 0.25 * widths[joint + 1], _PAPER)
 
 
 def _circle(axis: np.ndarray) -> np.ndarray:

@@ -18,7 +18,7 @@ from fuzzyarm.common.checks import shown
 
 __all__ = ["Spec", "made_from_json"]
 
-Arguments = ParamSpec("Arguments")
+_Arguments = ParamSpec("_Arguments")
 _KIND, _HOME = "record", "fuzzyarm.envs."  # as data, a record of the package names its class under this key
 
 
@@ -30,11 +30,11 @@ class Spec(EnvSpec):
         return json.dumps(_fields(self), default=_plain)
 
 
-def made_from_json(init: Callable[Arguments, None]) -> Callable[Arguments, None]:
+def made_from_json(init: Callable[_Arguments, None]) -> Callable[_Arguments, None]:
     """Let an environment take arguments as `Spec.to_json` writes them."""
 
     @functools.wraps(init)
-    def made(*given: Arguments.args, **named: Arguments.kwargs) -> None:
+    def made(*given: _Arguments.args, **named: _Arguments.kwargs) -> None:
         init(*given, **{name: _made(value) for name, value in named.items()})
 
     return made

@@ -13,13 +13,9 @@ from collections.abc import Iterable
 from typing import Any, NamedTuple
 
 from fuzzyarm.envs.physics.elementwise import root
-from fuzzyarm.envs.physics.physics import Physics
-from fuzzyarm.envs.physics.records import point, record_type
+from fuzzyarm.envs.physics.records import Physics, point, record_type
 
-__all__ = [
-    "EFFORT_WEIGHT", "TRACKING_LENGTH", "Assessment", "Termination", "assess_of", "clipped", "finite", "reason_of",
-    "target_record",
-]  # fmt: skip
+__all__ = ["EFFORT_WEIGHT", "Termination", "assess_of", "clipped", "finite", "reason_of", "target_record"]
 
 
 class Termination(enum.IntEnum):
@@ -52,35 +48,24 @@ _ANGLE, _VELOCITY, _NOT_FINITE = map(float, (Termination.ANGLE, Termination.VELO
 
 
 def reason_of(finite: Any, angles_inside: Any, velocities_inside: Any) -> Any:
-    """Return the number of the `Termination` as a float, from flags that are 0.0 or 1.0.
-
-    Elementwise: scalars, arrays and tensors alike. The products and sums of such flags are exact.
-
-    Args:
-        finite: whether the state is finite.
-        angles_inside: whether every joint angle is within its limit.
-        velocities_inside: whether every joint velocity is within its limit.
-    """
+    """Return the `Termination` as a float from flags that are 0.0 or 1.0, elementwise: sums of such flags are exact."""
     inside = angles_inside * (1.0 - velocities_inside) * _VELOCITY + (1.0 - angles_inside) * _ANGLE
     return finite * inside + (1.0 - finite) * _NOT_FINITE
 
 
-TRACKING_LENGTH = 0.005  # m; the tip error at which the tracking reward is one half [a choice, no source]
-BEYOND_MEASURE = 1e13  # rad, rad/s; beyond about this, `sine_cosine` is meaningless and products overflow
+_TRACKING_LENGTH = 0.005  # m; the tip error at which the tracking reward is one half [a choice, no source]
+_BEYOND_MEASURE = 1e13  # rad, rad/s; beyond about this, `sine_cosine` is meaningless and products overflow
 EFFORT_WEIGHT = 0.1  # share of the reward that full torque takes away [a choice, no source]
 
 
 @functools.cache
 def target_record(axes: int) -> Any:
-    """Return the record of the tip's target: its reference [m], a unit normal to the curve, a circle [m].
-
-    The radius is 0 for a curve that is no circle.
-    """
+    """Return the record of the target: tip [m], unit normal of the curve, circle [m], whose radius may be 0."""
     kind = point(axes)
     return record_type("Target", position=kind, normal=kind, center=kind, radius=Any)
 
 
-class Assessment(NamedTuple):
+class _Assessment(NamedTuple):
     """What `assess_of` finds; lengths in m, torques in N m, the flags 0.0 or 1.0."""
 
     tip: Any
@@ -97,12 +82,9 @@ class Assessment(NamedTuple):
 
 @functools.cache
 def assess_of(physics: Physics) -> Any:
-    """Return the compiled ``assess(state, torque, bias, arm, limits, target)``.
+    """Return ``assess(state, torque, bias, arm, limits, target)`` for clipped torques and biases beside them [N m].
 
-    It assesses an arm under the controller's (clipped) torques and the biases that act beside them [N m]:
-
-    reward = tracking (1 - 0.1 effort), tracking = 1 / (1 + |tip - reference| / 5 mm),
-    effort = mean over the joints of (Γ/Γ_max)².
+    reward = tracking (1 - 0.1 effort), tracking = 1 / (1 + |tip - reference| / 5 mm), effort = mean of (Γ/Γ_max)².
     """
     tip_point, motor_friction, angle_range = physics.tip, physics.motor_friction, physics.angle_range
     share = 1.0 / physics.joints
@@ -112,9 +94,9 @@ def assess_of(physics: Physics) -> Any:
         error = _distance(tip, target.position)
         shares = (u / most for u, most in zip(torque, limits.torque, strict=True))
         effort = share * _total(one * one for one in shares)
-        tracking = 1.0 / (1.0 + error / TRACKING_LENGTH)
+        tracking = 1.0 / (1.0 + error / _TRACKING_LENGTH)
         low, high = angle_range(limits)
-        return Assessment(
+        return _Assessment(
             tip,
             motor_friction(state, torque, bias, arm),
             error,
@@ -139,7 +121,7 @@ def finite(state: Any) -> Any:
     """Return 1.0 if a state is finite and small enough that everything computed from it is finite, else 0.0."""
     sizes = [_total(map(abs, part)) for part in state]
     motors, links = sizes[0] + sizes[2], sizes[1] + sizes[3]
-    return 1.0 * (motors + links < BEYOND_MEASURE)
+    return 1.0 * (motors + links < _BEYOND_MEASURE)
 
 
 def _distance(a: Any, b: Any) -> Any:
@@ -148,10 +130,7 @@ def _distance(a: Any, b: Any) -> Any:
 
 
 def _deviation(tip: Any, target: Any) -> Any:
-    """Return the signed distance of a tip [m] from the curve.
-
-    Outwards positive for a circle, else the component along the curve's normal.
-    """
+    """Return the signed distance [m] of a tip from the curve: outwards positive for a circle, else along the normal."""
     is_circle = 1.0 * (target.radius > 0.0)
     outwards = _distance(tip, target.center) - target.radius
     sideways = _total((x - y) * n for x, y, n in zip(tip, target.position, target.normal, strict=True))

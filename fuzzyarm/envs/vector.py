@@ -2,12 +2,6 @@
 
 `info` has for each key an array with a row per lane, and a mask ``_key`` of the lanes that have it. Quantities are in
 SI units [m, rad, rad/s, N m, N, s], as the kernels leave them.
-
-When a lane of a batch begins its next episode, as Gymnasium's vector environments have it.
-
-SAME_STEP, the default: within the step that ends the last one, of which `info` then has the last instant.
-NEXT_STEP: in the step after, which ignores that lane's action.
-DISABLED: when ``reset(options={"reset_mask": ...})`` names the lane.
 """
 
 from __future__ import annotations
@@ -23,20 +17,7 @@ from gymnasium.vector import AutoresetMode, VectorEnv
 from gymnasium.vector.utils import batch_space
 
 from fuzzyarm.common import checks
-from fuzzyarm.envs.arguments import (
-    action_space,
-    arms_of,
-    check_options,
-    chosen_disturbance,
-    chosen_reference,
-    chosen_scenario,
-    each_lane,
-    initial_states,
-    observation_space,
-    per_lane,
-    real_numbers,
-    seeds_of,
-)
+from fuzzyarm.envs import arguments
 from fuzzyarm.envs.batch.lanes import Lanes
 from fuzzyarm.envs.batch.layout import INFO, SCALARS
 from fuzzyarm.envs.fastest_mode import fastest_rate
@@ -62,20 +43,13 @@ __all__ = [
     "partial_info",
     "reasons",
     "values",
-]  # fmt: skip
+]
 
-
-RESET_MASK = "reset_mask"
-"""The reset option that holds which lanes (num_envs,) to reset, as booleans."""
+RESET_MASK = "reset_mask"  # the reset option that holds which lanes (num_envs,) to reset, as booleans
 
 
 def masked_lanes(name: str, mask: Any, lanes: int) -> np.ndarray:
-    """Return the numbers (n,) of the lanes that a mask (lanes,) of booleans names, in ascending order.
-
-    Raises:
-        TypeError: the mask is no array of booleans.
-        ValueError: it has not one entry per lane, or names no lane.
-    """
+    """Return the numbers (n,) of the lanes that a mask (lanes,) of booleans names, in ascending order."""
     if not isinstance(mask, np.ndarray) or mask.dtype != np.bool_:
         kind = f"an array of {mask.dtype}" if isinstance(mask, np.ndarray) else type(mask).__name__
         raise TypeError(f"{name} is {kind}; it must be a numpy array of {lanes} booleans: which lanes to reset")
@@ -99,13 +73,7 @@ def flags(scalars: np.ndarray) -> np.ndarray:
 
 
 def values(vectors: Iterable[np.ndarray], scalars: np.ndarray, flagged: np.ndarray | None = None) -> dict[str, Any]:
-    """Return the numbers of `info` by name.
-
-    Args:
-        vectors: (lanes, numbers of the vector) each, as `Layout.each` gives them.
-        scalars: (10, lanes) of the results.
-        flagged: their `flags`, where they are known.
-    """
+    """Return `info` by name, in the kernels' units, from the vectors of `Layout.each` and scalars (10, lanes)."""
     clipped, _, terminated = flags(scalars) if flagged is None else flagged
     return dict(zip(INFO, (*vectors, *scalars[:_REWARD], ~terminated, clipped), strict=True))
 
@@ -118,13 +86,9 @@ def masked(entries: dict[str, Any], mask: np.ndarray) -> dict[str, Any]:
 def partial_info(
     vectors: Iterable[np.ndarray], scalars: np.ndarray, drawn: dict[str, np.ndarray], mask: np.ndarray
 ) -> dict[str, Any]:
-    """Return the info of some lanes; the rows of the others are zero.
+    """Return the info of the lanes of a mask (lanes,), in the units of the kernels; the rows of the others are zero.
 
-    Args:
-        vectors: (lanes, numbers of the vector) each, as `Layout.each` gives them.
-        scalars: (10, lanes).
-        drawn: what the episodes drew, by quantity: (lanes,) or (lanes, joints); empty if nothing is drawn.
-        mask: (lanes,) of booleans.
+    Vectors are as `Layout.each` gives them, scalars (10, lanes); `drawn` is what the episodes drew, by quantity.
     """
     which = np.flatnonzero(mask)
     info: dict[str, Any] = {name: _rows_of(which, rows) for name, rows in values(vectors, scalars).items()}
@@ -160,15 +124,7 @@ def final_info(
     drawn: dict[str, np.ndarray],
     ended: np.ndarray,
 ) -> dict[str, Any]:
-    """Return the last observation and info of the episodes that ended, for the step in which the next ones begin.
-
-    Args:
-        observation: (lanes, 5 joints), as in the results.
-        vectors: as in `partial_info`, and so are the next two.
-        scalars: with a column per lane.
-        drawn: by quantity.
-        ended: (lanes,) of booleans.
-    """
+    """Return last observations (lanes, 5 joints) and `partial_info` of the episodes that `ended` (lanes,), masked."""
     final_obs = np.empty(len(ended), dtype=object)  # of None
     for lane in np.flatnonzero(ended):
         final_obs[lane] = observation[lane].copy()
@@ -176,7 +132,7 @@ def final_info(
     return masked({"final_obs": final_obs, "final_info": info}, ended)
 
 
-MOST_LANES, MOST_THREADS = 2**22, 1024  # a lane takes 600 bytes
+_MOST_LANES, _MOST_THREADS = 2**22, 1024  # a lane takes 600 bytes
 _OVER = "over"  # in a state: which lanes have ended and wait for a reset
 
 
@@ -228,27 +184,29 @@ class FuzzyArmVectorEnv(VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
         autoreset_mode: AutoresetMode | str = AutoresetMode.SAME_STEP,
         render_mode: None = None,
     ) -> None:
-        """Build the environment; arguments as in the class docstring."""
         if not isinstance(autoreset_mode, AutoresetMode):
             known = [mode.value for mode in AutoresetMode]
             autoreset_mode = AutoresetMode(checks.choice("autoreset_mode", autoreset_mode, known))
         self._mode = autoreset_mode
         self.metadata = {**self.metadata, "autoreset_mode": self._mode}
         if threads is not None:
-            checks.whole("threads", threads, low=1, high=MOST_THREADS)
+            checks.whole("threads", threads, low=1, high=_MOST_THREADS)
         if render_mode is not None:
             raise ValueError(f"render_mode = {checks.shown(render_mode)}: a batch draws nothing; use gymnasium.make")
-        self.num_envs = checks.whole("num_envs", num_envs, low=1, high=MOST_LANES)
-        plants = arms_of(robot, parameters, self.num_envs)
+        self.num_envs = checks.whole("num_envs", num_envs, low=1, high=_MOST_LANES)
+        plants = arguments.arms_of(robot, parameters, self.num_envs)
         drawn = self._randomisation = find_randomisation(randomisation, plants[0])
         self.control_period, self.substeps = checked_periods(control_period, substep, fastest_rate(plants, drawn))
-        self._disturbances = each_lane(
-            chosen_disturbance, per_lane("case", case, num_envs), per_lane("disturbance", disturbance, num_envs), plants
+        self._disturbances = arguments.each_lane(
+            arguments.chosen_disturbance,
+            arguments.per_lane("case", case, num_envs),
+            arguments.per_lane("disturbance", disturbance, num_envs),
+            plants,
         )
         self._references = self._own_references(reference, plants)
         self.lanes = Lanes(
             plants,
-            each_lane(Scenario, self._disturbances, self._references),
+            arguments.each_lane(Scenario, self._disturbances, self._references),
             self.num_envs,
             control_period=self.control_period,
             substeps=self.substeps,
@@ -256,8 +214,8 @@ class FuzzyArmVectorEnv(VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
             threads=threads,
         )
         self._plants = plants
-        self.single_action_space = action_space(plants)
-        self.single_observation_space = observation_space(plants)
+        self.single_action_space = arguments.action_space(plants)
+        self.single_observation_space = arguments.observation_space(plants)
         self.action_space = batch_space(self.single_action_space, self.num_envs)
         self.observation_space = batch_space(self.single_observation_space, self.num_envs)
         self._everywhere = np.ones(self.num_envs, dtype=bool)
@@ -276,10 +234,10 @@ class FuzzyArmVectorEnv(VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
             which = masked_lanes(RESET_MASK, options.pop(RESET_MASK), self.num_envs)
         if which is not None and not begun and len(which) < self.num_envs:
             raise ResetNeeded("no episode has begun: call envs.reset() for all lanes before one with a reset_mask")
-        check_options(options)
+        arguments.check_options(options)
         given = options.pop("initial_state", None)
-        initial = None if given is None else initial_states(given, self._plants, self.num_envs)
-        seeds, scenarios = seeds_of(seed, self.num_envs), self._scenarios(options)
+        initial = None if given is None else arguments.initial_states(given, self._plants, self.num_envs)
+        seeds, scenarios = arguments.seeds_of(seed, self.num_envs), self._scenarios(options)
         if seeds is not None and not isinstance(seed, Sequence | np.ndarray):
             super().reset(seed=seeds[0])
         if which is None:
@@ -307,7 +265,7 @@ class FuzzyArmVectorEnv(VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
         needed = self.lanes.action_shape
         if given.shape != needed:
             raise ValueError(f"actions have shape {given.shape}; needed: {needed}, motor torques [N m]")
-        torque = real_numbers("actions", given)
+        torque = arguments.real_numbers("actions", given)
         if self._over is not None:
             return self._step_after_ends(torque, self._over)
         observation, vectors, scalars = self.lanes.step(torque)
@@ -404,13 +362,13 @@ class FuzzyArmVectorEnv(VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
 
         def chosen(one: Any, arm: AnyArm) -> Reference | None:
             if one is not None or self._randomisation.references:
-                return chosen_reference(one, self._randomisation, arm)
+                return arguments.chosen_reference(one, self._randomisation, arm)
             links = (arm.length, arm.joint_limit, arm.velocity_limit) if isinstance(arm, ArmParameters) else arm.digest
             if links not in circles or is_placed(circles[links]):  # for one arm alone
                 circles[links] = default_reference(arm)
             return circles[links]
 
-        return each_lane(chosen, per_lane("reference", given, self.num_envs), plants)
+        return arguments.each_lane(chosen, arguments.per_lane("reference", given, self.num_envs), plants)
 
     def _scenarios(self, options: dict[str, Any]) -> list[Scenario] | None:
         """Return the scenarios that reset options ask for, None if they ask for none."""
@@ -418,7 +376,9 @@ class FuzzyArmVectorEnv(VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
             return None
 
         def chosen(arm: AnyArm, disturbance: Disturbance, reference: Reference | None, *values: Any) -> Scenario:
-            return chosen_scenario(dict(zip(options, values, strict=True)), Scenario(disturbance, reference), arm)
+            return arguments.chosen_scenario(
+                dict(zip(options, values, strict=True)), Scenario(disturbance, reference), arm
+            )
 
-        given = [per_lane(name, value, self.num_envs) for name, value in options.items()]
-        return each_lane(chosen, self._plants, self._disturbances, self._references, *given)
+        given = [arguments.per_lane(name, value, self.num_envs) for name, value in options.items()]
+        return arguments.each_lane(chosen, self._plants, self._disturbances, self._references, *given)

@@ -1,4 +1,4 @@
-"""What policies declare, see `policies.declared`, in files of results and as text; one form for all commands."""
+"""What policies of files of results declare, see `policies.declared`, and which of them are code that may run."""
 
 from __future__ import annotations
 
@@ -9,11 +9,14 @@ from rich.console import Console
 
 from fuzzyarm.common.console import Sheet
 from fuzzyarm.envs.physics.equations import AnyArm
-from fuzzyarm.policies import resolve
+from fuzzyarm.policies import Kind, resolve
 from fuzzyarm.policies.declared import HEADINGS, Declared, declared, declared_by_name, stated
 from fuzzyarm.policies.spec import PolicySpec
 
-__all__ = ["ROW", "declarations_of", "declared_cells", "print_declared", "read_declarations", "written_declarations"]
+__all__ = [
+    "ROW", "declarations_of", "declared_cells", "permitted_code", "print_declared", "read_declarations",
+    "written_declarations",
+]  # fmt: skip
 
 ROW = ("policy", *HEADINGS)
 """Headings of `declared_cells` with the policy in front."""
@@ -22,7 +25,7 @@ ROW = ("policy", *HEADINGS)
 def declarations_of(
     specs: Mapping[str, PolicySpec], policies: Mapping[str, Any], arm: AnyArm, passes: int = 1
 ) -> dict[str, Declared | None]:
-    """Return the declarations of policies by label, given what each refers to and the loaded policy; see `declared`."""
+    """Return the declarations of loaded policies by label; see `declared`."""
     return {label: declared(spec, policies[label], passes, arm) for label, spec in specs.items()}
 
 
@@ -32,15 +35,7 @@ def written_declarations(found: Mapping[str, Declared | None]) -> dict[str, dict
 
 
 def read_declarations(written: Mapping[str, Any] | None, names: Sequence[str]) -> dict[str, Declared | None]:
-    """Return declarations by label out of a file of results; those of an older file by the names of its policies.
-
-    Args:
-        written: what `written_declarations` returned; None in an older file.
-        names: of the policies, as the file has them.
-
-    Raises:
-        ValueError: a policy is missing, or its declaration is none.
-    """
+    """Return what `written_declarations` wrote (None in older files) for policies of these names; else ValueError."""
     labels = {resolve(name).label: name for name in names}
     if written is None:
         return {label: declared_by_name(name) for label, name in labels.items()}
@@ -49,16 +44,23 @@ def read_declarations(written: Mapping[str, Any] | None, names: Sequence[str]) -
     return {label: None if written[label] is None else stated(written[label]) for label in labels}
 
 
+def permitted_code(place: str, policies: Sequence[str], named: Sequence[str]) -> list[str]:
+    """Return the policies that are the user's code; ValueError unless all are `named`, as files alone run no code."""
+    code = [name for name in policies if resolve(name).kind is Kind.CODE]
+    if flags := " ".join(f"--policy {name}" for name in code if name not in named):
+        raise ValueError(
+            f"{place} that is not part of fuzzyarm, which a file alone does not get run; if you trust it, add {flags}"
+        )
+    return code
+
+
 def declared_cells(own: Declared | None) -> tuple[str, ...]:
     """Return the cells of a declaration below `HEADINGS`."""
     return ("not declared",) * len(HEADINGS) if own is None else own
 
 
 def print_declared(rows: Sequence[Sequence[str]], headings: Sequence[str], console: Console) -> None:
-    """Print rows of a table as a block for each: its first cell, and below it a line for each of the others.
-
-    Six columns of sentences would be a word wide on a terminal.
-    """
+    """Print rows as blocks, with a line for each cell: six columns of sentences would be a word wide on a terminal."""
     console.print()
     fields = list(headings[1:])
     cells = [(f"  {heading}", cell) for _, *own in rows for heading, cell in zip(fields, own, strict=True)]

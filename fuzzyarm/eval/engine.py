@@ -22,13 +22,10 @@ from typing import Any, TypeVar
 from fuzzyarm.common.checks import choice, whole
 from fuzzyarm.common.registry import additions, adopt
 
-__all__ = ["BACKENDS", "TRIES", "Engine", "WorkersLost", "module_sources", "source_of"]
+__all__ = ["Engine", "WorkersLost", "module_sources", "source_of"]
 
-Result = TypeVar("Result")
-BACKENDS = ("local", "ray")
-"""Where work can be done: processes of this machine, or workers of Ray."""
-TRIES = 3
-"""How often workers may be lost without anything done in between, until the work is given up."""
+_Result = TypeVar("_Result")
+_TRIES = 3  # how often workers may be lost without anything done in between, until the work is given up
 _INSTALLED = {"site-packages", "dist-packages"}  # names of the folders that Python packages are installed in
 
 
@@ -57,7 +54,7 @@ class Engine:
 
     def __post_init__(self) -> None:
         """Check the values."""
-        choice("backend", self.backend, BACKENDS)
+        choice("backend", self.backend, ("local", "ray"))
         if self.jobs is not None:
             whole("jobs", self.jobs, low=1)
         if self.address is not None and self.backend != "ray":
@@ -69,8 +66,8 @@ class Engine:
             )
 
     def run(
-        self, work: Callable[[int], Result], numbers: Sequence[int], report: Callable[[str], None] = lambda _: None
-    ) -> Generator[tuple[int, Result]]:
+        self, work: Callable[[int], _Result], numbers: Sequence[int], report: Callable[[str], None] = lambda _: None
+    ) -> Generator[tuple[int, _Result]]:
         """Yield (number, work(number)) for all numbers, in the order in which they are done.
 
         Workers know what was added by name to this process. Those of this machine import the user's modules that `work`
@@ -82,7 +79,7 @@ class Engine:
             report: called with a line whenever a worker was lost.
 
         Raises:
-            WorkersLost: nothing was done between `TRIES` losses of workers.
+            WorkersLost: nothing was done between three losses of workers.
             ValueError: Ray is not installed, its cluster is not found, or `work` cannot be pickled.
         """
         if self.jobs == 1:
@@ -91,9 +88,8 @@ class Engine:
             return
         from joblib import Parallel, delayed  # here, as the command line needs no more of this module than its options
 
-        # loky replaces a worker whose memory has grown, and warns of it in a thread of its own: where warnings are
-        # errors, that would end the thread, and the work would never be done. The other warning is of results that were
-        # computed but not consumed.
+        # loky replaces a worker whose memory has grown, and warns in a thread of its own, which the warning as an error
+        # would end with the work undone. The other warning is of results that were computed but not consumed.
         warnings.filterwarnings("ignore", r"A worker stopped|\d+ tasks ", UserWarning)
         content, paths = _pickled(work), tuple(sys.path) if self.backend == "local" else ()
         missing, losses = dict.fromkeys(numbers), 0
@@ -102,21 +98,18 @@ class Engine:
                 pieces = (delayed(_call)(content, paths, number) for number in list(missing))
                 try:
                     # Workers that die early break the executor while work is still being submitted.
-                    results = Parallel(n_jobs=jobs, return_as="generator_unordered", batch_size=1, max_nbytes=None)(
-                        pieces
-                    )
-                    with contextlib.closing(results):
+                    run = Parallel(n_jobs=jobs, return_as="generator_unordered", batch_size=1, max_nbytes=None)
+                    with contextlib.closing(run(pieces)) as results:
                         for number, result in results:
                             losses = 0
                             yield number, result
                             del missing[number]
                 except lost:
                     losses += 1
-                    if losses == TRIES:
-                        raise WorkersLost(
-                            f"workers died {TRIES} times in a row; {len(missing)} chunks are left"
-                        ) from None
-                    report(f"a worker died; {len(missing)} chunks that are not done yet are run again")
+                    left = f"{len(missing)} chunks"
+                    if losses == _TRIES:
+                        raise WorkersLost(f"workers died {_TRIES} times in a row; {left} are left") from None
+                    report(f"a worker died; {left} that are not done yet are run again")
 
     @contextlib.contextmanager
     def _workers(self, modules: Sequence[Path]) -> Iterator[tuple[int, Any]]:
@@ -178,9 +171,6 @@ def _cluster(ray: Any, address: str | None, jobs: int | None, modules: Sequence[
     """Connect to a Ray cluster, or start one on this machine, for the duration of the block, and send it modules.
 
     A cluster that this process is connected to already is used as it is, and stays connected.
-
-    Raises:
-        ValueError: no cluster answers at the address.
     """
     if ray.is_initialized():
         yield

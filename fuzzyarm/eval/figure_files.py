@@ -1,10 +1,12 @@
-"""A figure of Matplotlib as a PNG and an SVG file."""
+"""The style of Matplotlib's figures, and a figure as a PNG and an SVG file."""
 
 from __future__ import annotations
 
 import io
+from contextlib import AbstractContextManager
 from pathlib import Path
 
+import matplotlib.style
 from matplotlib import rcParams
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.backends.backend_svg import FigureCanvasSVG
@@ -12,20 +14,21 @@ from matplotlib.figure import Figure
 
 from fuzzyarm.common.files import write_atomically
 
-__all__ = ["MARKERS", "write_figure"]
+__all__ = ["MARKERS", "figure_style", "write_figure"]
 
 MARKERS = "os^Dv"
 """Of the curves of a figure, one after the other."""
 
 
+def figure_style() -> AbstractContextManager[None]:
+    """Return the context in which figures are drawn: Matplotlib's defaults and ``fuzzyarm.mplstyle``."""
+    return matplotlib.style.context("fuzzyarm.eval.fuzzyarm", after_reset=True)
+
+
 def write_figure(figure: Figure, folder: Path, name: str) -> list[Path]:
     """Write ``<name>.png`` and ``<name>.svg``, each atomically, and return their paths.
 
-    The figure is laid out once, and drawn once for each format: `Figure.savefig` would draw it twice. The PNG
-    file has Matplotlib's ``savefig.dpi``.
-
-    Raises:
-        OSError: the folder is missing or not writable; no file is left half written.
+    The figure is laid out once and drawn once for each format: `Figure.savefig` would draw it twice.
     """
     layout = figure.get_layout_engine()
     if layout is not None and figure.axes:

@@ -1,15 +1,18 @@
-"""What a result was made with, so that it can be reproduced."""
+"""What a result was made with, so that it can be reproduced, and documents of results as text."""
 
 from __future__ import annotations
 
+import datetime
+import json
 import os
 import platform
 import subprocess
+from collections.abc import Mapping
 from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 from typing import Any
 
-__all__ = ["current_provenance", "installed", "version_of"]
+__all__ = ["current_provenance", "installed", "json_text", "made_now", "version_of"]
 
 _LIBRARIES = ("fuzzyarm", "numpy", "llvmlite", "gymnasium", "scipy", "clarabel", "python-flint")
 
@@ -26,11 +29,19 @@ def current_provenance() -> dict[str, Any]:
     }
 
 
-def installed() -> dict[str, str]:
-    """Return what a report of a bug names beside the version of fuzzyarm: Python, libraries and system.
+def made_now(command: str | None) -> dict[str, Any]:
+    """Return command, date and `current_provenance`, with which documents of results begin."""
+    now = datetime.datetime.now(datetime.UTC).isoformat(timespec="seconds")
+    return {"command": command, "date": now, **current_provenance()}
 
-    Nothing of it is imported; torch and stable-baselines3 are named if they are installed.
-    """
+
+def json_text(document: Mapping[str, Any]) -> str:
+    """Return a document as the text of a file."""
+    return json.dumps(document, indent=1) + "\n"
+
+
+def installed() -> dict[str, str]:
+    """Return what a report of a bug names beside the version of fuzzyarm: Python, libraries and system."""
     versions = {name: version_of(name) for name in (*_LIBRARIES[1:], "torch", "stable-baselines3")}
     return {
         "Python": platform.python_version(),

@@ -24,8 +24,7 @@ from fuzzyarm.fuzzy_policy.law import law_of, seen_by, within_limits
 from fuzzyarm.fuzzy_policy.policy import Policy
 from fuzzyarm.numbers.functions import flat, like
 from fuzzyarm.numbers.program import Program
-from fuzzyarm.numbers.regions import Branch, For, Loop, Region, Store
-from fuzzyarm.numbers.symbols import Symbol
+from fuzzyarm.numbers.symbols import Branch, For, Loop, Region, Store, Symbol
 
 __all__ = [
     "LARGEST", "LAW", "MODEL", "Function", "Recorded", "Unsupported", "Writer", "arguments_text", "helper_text",

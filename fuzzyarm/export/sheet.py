@@ -10,8 +10,8 @@ from typing import Any
 
 import numpy as np
 
+from fuzzyarm.common.arithmetic import at_least, at_most
 from fuzzyarm.common.checks import instance, listed
-from fuzzyarm.common.rounding import at_least, at_most
 from fuzzyarm.envs.physics.dynamics import arm_constants
 from fuzzyarm.envs.physics.equations import robot_of
 from fuzzyarm.envs.physics.joint import DRIVE_UNITS

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from fuzzyarm.common.slices import consecutive
+from fuzzyarm.common.arithmetic import consecutive
 from fuzzyarm.envs.observation import JOINTS
 
 __all__ = ["ERROR_STATES", "INTEGRAL", "PLANT", "PLANT_STATES", "POSITION", "SCALAR_STATES", "VELOCITY"]

@@ -34,10 +34,10 @@ from scipy.optimize import least_squares
 from fuzzyarm.envs.fastest_mode import fastest_rate
 from fuzzyarm.envs.periods import default_substeps
 from fuzzyarm.envs.physics.dynamics import Arm, rigid_inverse_dynamics
-from fuzzyarm.envs.physics.hold import force_line, hold_of
+from fuzzyarm.envs.physics.equations import two_joints
+from fuzzyarm.envs.physics.integrator import force_line, hold_of
 from fuzzyarm.envs.physics.parameters import ArmParameters
 from fuzzyarm.envs.physics.records import filled, size
-from fuzzyarm.envs.physics.two_joints import two_joints
 from fuzzyarm.identification.log import Log, Motion
 from fuzzyarm.identification.rigid import UNKNOWNS, bounds_of, constants_of, start_of
 

@@ -19,8 +19,7 @@ __all__ = [
     "minimum", "number", "only", "repeat", "row", "select", "when", "whole", "word", "zeros",
 ]  # fmt: skip
 
-KINDS: dict[type, Any] = {}
-"""By type of number, the class of what it does in place of a float."""
+KINDS: dict[type, Any] = {}  # by type of number, the class of what it does in place of a float
 
 
 def select(condition: Any, first: Any, second: Any) -> Any:
@@ -84,10 +83,7 @@ def repeat(count: Any, function: Callable[[Any], Any], carried: Any) -> Any:
 
 
 def when(condition: Any, function: Callable[[], Any], otherwise: Any) -> Any:
-    """Return function() where the condition holds, else `otherwise`, a tree of as many numbers.
-
-    Many arms at once compute function() only if the condition holds for one of them.
-    """
+    """Return function() where the condition holds for one of the arms, else `otherwise`, a tree of as many numbers."""
     kind = KINDS.get(type(condition))
     if kind:
         return kind.when(condition, function, otherwise)
@@ -118,8 +114,7 @@ def number(of: Any) -> Any:
     return kind.number(of) if kind else of * 1.0
 
 
-RECORDERS: list[Any] = []
-"""What records at this moment, the innermost last; see `program.Program`."""
+RECORDERS: list[Any] = []  # what records at this moment, the innermost last; see `program.Program`
 
 
 @dataclasses.dataclass(frozen=True)
@@ -142,8 +137,7 @@ def array(*shape: int) -> Any:
 def each(count: Any) -> Iterable[Any]:
     """Return 0, 1, ..., count - 1, for a loop whose body reads and writes arrays.
 
-    While it is recorded, such a loop runs once, with an index that stands for all of them: what a number becomes in one
-    round is known in the next only in an array.
+    While it is recorded, it runs once: what a number becomes in one round is known in the next only in an array.
     """
     return RECORDERS[-1].each(count) if RECORDERS else range(count)
 

@@ -13,16 +13,17 @@ from collections.abc import Callable, Iterable, Sequence
 from typing import Any
 
 from fuzzyarm.numbers.program import Program
-from fuzzyarm.numbers.regions import Branch, For, Loop, Store
-from fuzzyarm.numbers.symbols import Symbol, Word
+from fuzzyarm.numbers.symbols import Branch, For, Loop, Region, Store, Symbol, Word
 
 __all__ = ["CALLED", "EIGHT", "WIDE", "Layout", "Operations", "Writer", "kernel_text"]
 
-
-_COMPARED = {"<": "olt", "<=": "ole", ">": "ogt", ">=": "oge", "==": "oeq", "!=": "une"}
+_Number = tuple[int, int, int, str]  # port, place in it, place among all numbers, and name of a number
 EIGHT = 8  # numbers that are exchanged between vectors together
 _EXCHANGED = {1: (0, 8, 2, 10, 4, 12, 6, 14), 2: (0, 1, 8, 9, 4, 5, 12, 13), 4: (0, 1, 2, 3, 8, 9, 10, 11)}
-_ARITHMETIC = {"+": "fadd", "-": "fsub", "*": "fmul", "/": "fdiv"}
+_BINARY = {
+    "+": "fadd", "-": "fsub", "*": "fmul", "/": "fdiv", "<": "fcmp olt", "<=": "fcmp ole", ">": "fcmp ogt",
+    ">=": "fcmp oge", "==": "fcmp oeq", "!=": "fcmp une", "&": "and", "|": "or",
+}  # fmt: skip
 CALLED = {"abs": "fabs", "rint": "rint", "floor": "floor", "sqrt": "sqrt", "log": "log"}
 """LLVM's functions, by operation."""
 
@@ -46,7 +47,6 @@ class Operations:
     """Writes operations of a program; each method puts lines, or returns the name of what they compute."""
 
     def __init__(self, program: Program, width: int) -> None:
-        """Begin with no line."""
         self.program, self.width = program, width
         self.masks = list[str]()
         self.places: list[dict[Any, str]] = [{}]
@@ -117,12 +117,8 @@ class Operations:
         elif name in _CONVERTED:
             source, target = (real, word) if one.kind == "word" else (word, real)
             self.put(f"{out} = {_CONVERTED[name]} {source} {a[0]} to {target}")
-        elif name in _ARITHMETIC:
-            self.put(f"{out} = {_ARITHMETIC[name]} {real} {a[0]}, {a[1]}")
-        elif name in _COMPARED:
-            self.put(f"{out} = fcmp {_COMPARED[name]} {real} {a[0]}, {a[1]}")
-        elif name in ("&", "|"):
-            self.put(f"{out} = {'and' if name == '&' else 'or'} {truth} {a[0]}, {a[1]}")
+        elif name in _BINARY:
+            self.put(f"{out} = {_BINARY[name]} {truth if name in '&|' else real} {a[0]}, {a[1]}")
         elif name == "not":
             self.put(f"{out} = xor {truth} {a[0]}, {splat('i1', 'true')}")
         elif name == "neg":
@@ -287,18 +283,13 @@ class Operations:
 
     def items(self, items: Sequence[Any]) -> None:
         """Write what a region holds, in order."""
+        writers: Any = {Loop: self.loop, Branch: self.branch, For: self.rounds, Store: self.store}
         for source, run in itertools.groupby(items, lambda item: _row_of(item) or id(item)):
             item, *others = run
             if isinstance(source, tuple):
                 self.rows([item, *others])
-            elif isinstance(item, Loop):
-                self.loop(item)
-            elif isinstance(item, Branch):
-                self.branch(item)
-            elif isinstance(item, For):
-                self.rounds(item)
-            elif isinstance(item, Store):
-                self.store(item)
+            elif type(item) in writers:
+                writers[type(item)](item)
             elif not item.uniform:
                 self.operation(item)
 
@@ -375,8 +366,7 @@ class Operations:
             self.put(f"%v{after.number} = phi {self.real} {pair}")
 
 
-WIDE = 16
-"""Arms at once where there are many."""
+WIDE = 16  # arms at once where there are many
 
 
 class Layout(enum.Enum):
@@ -456,7 +446,7 @@ class Writer(Operations):
         self.put(f"%{name}.pointer = getelementptr double, ptr %port{port}, {whole} %{name}.at")
         return f"%{name}.pointer"
 
-    def take(self, out: str, port: int, k: int, place: int) -> None:
+    def take(self, port: int, k: int, place: int, out: str) -> None:
         """Load number k of a port."""
         self.take_at(out, self.pointer(port, k, f"take{place}"), self.layouts[port])
 
@@ -472,7 +462,7 @@ class Writer(Operations):
             rest = f"i32 8, {self.truth} %mask, {self.real} zeroinitializer"
             self.put(f"{out} = call {self.real} {name}(ptr {pointer}, {rest})")
 
-    def give(self, value: str, port: int, k: int, place: int) -> None:
+    def give(self, port: int, k: int, place: int, value: str) -> None:
         """Store number k of a port."""
         self.put_at(value, self.pointer(port, k, f"give{place}"), self.layouts[port])
 
@@ -487,42 +477,63 @@ class Writer(Operations):
             self.declared.add(f"declare void {name}({self.real}, ptr, i32, {self.truth})")
             self.put(f"call void {name}({self.real} {value}, ptr {pointer}, i32 8, {self.truth} %mask)")
 
-    def take_rows(self, wanted: Sequence[tuple[int, int, int, str]]) -> None:
-        """Load numbers (port, which, place, name) of ports in rows: of a whole group by whole rows, else one by one."""
-        few, whole, out = self.block(), self.block(), self.block()
-        self.put(f"br i1 %full, label %{whole}, label %{few}")
-        self.label(few)
-        for port, k, place, name in wanted:
-            self.take(f"{name}.few", port, k, place)
-        self.put(f"br label %{out}")
-        self.label(whole)
-        found = {}
-        for port in dict.fromkeys(port for port, *_ in wanted):
-            for k, name in enumerate(self.load_rows(self.lane_pointers(port), self.program.ports[port])):
-                found[port, k] = name
-        self.put(f"br label %{out}")
+    def exchange(
+        self, numbers: Sequence[_Number], one: Callable[..., None], rows: Callable[[Sequence[_Number]], None]
+    ) -> None:
+        """Take or give numbers, those of ports in rows by `rows`."""
+        in_rows = [self.width > 1 and self.layouts[port] is Layout.ROWS for port, *_ in numbers]
+        for number, is_in_rows in zip(numbers, in_rows, strict=True):
+            if not is_in_rows:
+                one(*number)
+        if any(in_rows):
+            rows(list(itertools.compress(numbers, in_rows)))
+
+    def if_full(self, few: Callable[[], None], whole: Callable[[], None]) -> tuple[str, str]:
+        """Write both ways, for a group that lacks arms and for a whole one; return their blocks."""
+        blocks = self.block(), self.block()
+        out = self.block()
+        self.put(f"br i1 %full, label %{blocks[1]}, label %{blocks[0]}")
+        for block, write in zip(blocks, (few, whole), strict=True):
+            self.label(block)
+            write()
+            self.put(f"br label %{out}")
         self.label(out)
+        return blocks
+
+    def take_rows(self, wanted: Sequence[_Number]) -> None:
+        """Load numbers of ports in rows: of a whole group by whole rows, else one by one."""
+        found = {}
+
+        def one_by_one() -> None:
+            for port, k, place, name in wanted:
+                self.take(port, k, place, f"{name}.few")
+
+        def by_rows() -> None:
+            for port in dict.fromkeys(port for port, *_ in wanted):
+                for k, name in enumerate(self.load_rows(self.lane_pointers(port), self.program.ports[port])):
+                    found[port, k] = name
+
+        few, whole = self.if_full(one_by_one, by_rows)
         for port, k, _, name in wanted:
             self.put(f"{name} = phi {self.real} [ {name}.few, %{few} ], [ {found[port, k]}, %{whole} ]")
 
-    def give_rows(self, given: Sequence[tuple[int, int, int, str]]) -> None:
-        """Store numbers (port, which, place, value) of ports in rows, likewise where all numbers of a port change."""
-        few, whole, out = self.block(), self.block(), self.block()
-        self.put(f"br i1 %full, label %{whole}, label %{few}")
-        self.label(few)
-        for port, k, place, value in given:
-            self.give(value, port, k, place)
-        self.put(f"br label %{out}")
-        self.label(whole)
-        for port in dict.fromkeys(port for port, *_ in given):
-            own = [(k, place, value) for at, k, place, value in given if at == port]
-            if len(own) == self.program.ports[port]:
-                self.store_rows(self.lane_pointers(port), [value for _, _, value in own])
-            else:
-                for k, place, value in own:
-                    self.scatter(value, self.pointer(port, k, f"some{place}"))
-        self.put(f"br label %{out}")
-        self.label(out)
+    def give_rows(self, given: Sequence[_Number]) -> None:
+        """Store numbers of ports in rows, likewise where all numbers of a port change."""
+
+        def one_by_one() -> None:
+            for number in given:
+                self.give(*number)
+
+        def by_rows() -> None:
+            for port, run in itertools.groupby(given, lambda number: number[0]):
+                own = list(run)
+                if len(own) == self.program.ports[port]:
+                    self.store_rows(self.lane_pointers(port), [value for *_, value in own])
+                else:
+                    for _, k, place, value in own:
+                        self.scatter(value, self.pointer(port, k, f"some{place}"))
+
+        self.if_full(one_by_one, by_rows)
 
     def runs(self) -> list[tuple[int, int, int, int]]:
         """Return port, first number, place of that among all, and length of each stretch of numbers of arrays."""
@@ -577,10 +588,7 @@ class Writer(Operations):
         return "define void @kernel(ptr noalias readonly %job) #0 {"
 
     def arguments(self, held: Sequence[str], apart: Sequence[str]) -> tuple[str, str]:
-        """Take %stop, %steps, and the pointers and whole numbers with these names.
-
-        Returns the first arm, and how far the first arm of the next group is from it.
-        """
+        """Take %stop, %steps and these names; return the first arm, and how far the next group's is from it."""
         for k, name in enumerate(["first", "stop", "steps", *held, *apart]):
             self.put(f"%to.{name} = getelementptr i64, ptr %job, i64 {k}")
             self.put(f"%{name} = load {'ptr' if name in held else 'i64'}, ptr %to.{name}, align 8")
@@ -594,8 +602,10 @@ class Writer(Operations):
         """Return the text."""
         p, width = self.program, self.width
         numbers = [(port, k) for port, count in enumerate(p.ports) for k in range(count)]
-        used, pairs = self._used(), zip(p.outputs, p.inputs, strict=True)
-        changed = [out is not own or place in p.cells for place, (out, own) in enumerate(pairs)]
+        places, needed = [place for place in range(len(numbers)) if place not in p.cells], self._needed()
+        names = [f"%in{place}" if self.repeated else f"%v{own.number}" for place, own in enumerate(p.inputs)]
+        taken = [(*numbers[place], place, names[place]) for place in places if id(p.inputs[place]) in needed]
+        changed = [(*numbers[place], place) for place in places if p.outputs[place] is not p.inputs[place]]
         self.label("entry")
         if self.repeated:
             self.put(f"%room = alloca double, i64 {max(1, len(p.inputs)) * width}, align 64")
@@ -609,11 +619,9 @@ class Writer(Operations):
             self.put(f"%{'only' if width > 1 else 'last'}{k} = sitofp i64 %before{k} to double")
             if width > 1:
                 self.spread(f"last{k}", "double", f"%only{k}")
-        for constant in p.constants:
-            self.operation(constant)
-        for item in p.top.items:
-            if isinstance(item, Symbol) and item.uniform:
-                self.operation(item)
+        for one in (*p.constants, *p.top.items):
+            if isinstance(one, Symbol) and one.uniform:
+                self.operation(one)
         self.put("br label %groups")
         self.label("groups")
         self.put(f"%g = phi i64 [ {first}, %entry ], [ %g1, %next ]")
@@ -631,51 +639,19 @@ class Writer(Operations):
         self.beginnings()
         for run in self.runs():
             self.copy(*run, back=False)
-        names = [f"%in{place}" if self.repeated else f"%v{own.number}" for place, own in enumerate(p.inputs)]
-        in_rows = [width > 1 and self.layouts[port] is Layout.ROWS for port, _ in numbers]
-        for place, name in enumerate(names):
-            if used[place] and not in_rows[place] and place not in p.cells:
-                self.take(name, *numbers[place], place)
-        taken = [
-            (*numbers[place], place, name)
-            for place, name in enumerate(names)
-            if used[place] and in_rows[place] and place not in p.cells
-        ]
-        if taken:
-            self.take_rows(taken)
-        for place, name in enumerate(names):
-            if used[place] and self.repeated and place not in p.cells:
-                self.put(f"store {self.real} {name}, ptr {self.room(place, 'take')}, align 8")
+        self.exchange(taken, self.take, self.take_rows)
         if self.repeated:
-            before, at = self.here, len(self.lines) + 2
-            self.put("br label %time")
-            self.label("time")
-            self.lines.append("")
-            for symbol, wanted in zip(p.inputs, used, strict=True):
-                if wanted and symbol.detail not in p.cells:
-                    room = self.room(symbol.detail, "now")
-                    self.put(f"%v{symbol.number} = load {self.real}, ptr {room}, align 8")
-        self.items(p.top.items)
-        if self.repeated:
-            for place, out in enumerate(p.outputs):
-                if changed[place] and place not in p.cells:
-                    self.put(f"store {self.real} {self.of(out)}, ptr {self.room(place, 'then')}, align 8")
-            self.put("%t1 = add i64 %t, 1")
-            self.put("%again = icmp slt i64 %t1, %steps")
-            self.put("br i1 %again, label %time, label %back")
-            self.lines[at] = f"  %t = phi i64 [ 0, %{before} ], [ %t1, %{self.here} ]"
-            self.label("back")
+            self.several_times(taken, changed)
+        else:
+            self.items(p.top.items)
         given = []
-        for place, out in enumerate(p.outputs):
-            if changed[place] and self.repeated and place not in p.cells:
-                self.put(f"%out{place} = load {self.real}, ptr {self.room(place, 'give')}, align 8")
-            if changed[place] and place not in p.cells:
-                given.append((*numbers[place], place, f"%out{place}" if self.repeated else self.of(out)))
-        for port, k, place, value in given:
-            if not in_rows[place]:
-                self.give(value, port, k, place)
-        if any(in_rows[place] for *_, place, _ in given):
-            self.give_rows([one for one in given if in_rows[one[2]]])
+        for port, k, place in changed:
+            value = self.of(p.outputs[place])
+            if self.repeated:
+                value = f"%out{place}"
+                self.put(f"{value} = load {self.real}, ptr {self.room(place, 'give')}, align 8")
+            given.append((port, k, place, value))
+        self.exchange(given, self.give, self.give_rows)
         for run in self.runs():
             self.copy(*run, back=True)
         self.put("br label %next")
@@ -686,28 +662,40 @@ class Writer(Operations):
         self.put("ret void")
         return "\n".join([*sorted(self.declared), self.head(held, apart), *self.lines, "}", self.tail(), ""])
 
-    def _used(self) -> list[bool]:
-        """Return of each input whether something is computed from it, or another number becomes it."""
+    def several_times(self, taken: Sequence[_Number], changed: Sequence[tuple[int, int, int]]) -> None:
+        """Write a loop over steps, between which the numbers stay in the group's own memory."""
+        for _, _, place, name in taken:
+            self.put(f"store {self.real} {name}, ptr {self.room(place, 'take')}, align 8")
+        before, at = self.here, len(self.lines) + 2
+        self.put("br label %time")
+        self.label("time")
+        self.lines.append("")
+        for _, _, place, _ in taken:
+            room = self.room(place, "now")
+            self.put(f"%v{self.program.inputs[place].number} = load {self.real}, ptr {room}, align 8")
+        self.items(self.program.top.items)
+        for _, _, place in changed:
+            value = self.of(self.program.outputs[place])
+            self.put(f"store {self.real} {value}, ptr {self.room(place, 'then')}, align 8")
+        self.put("%t1 = add i64 %t, 1")
+        self.put("%again = icmp slt i64 %t1, %steps")
+        self.put("br i1 %again, label %time, label %back")
+        self.lines[at] = f"  %t = phi i64 [ 0, %{before} ], [ %t1, %{self.here} ]"
+        self.label("back")
+
+    def _needed(self) -> set[int]:
+        """Return by `id` what something is computed from, and what another number becomes."""
         pairs = zip(self.program.outputs, self.program.inputs, strict=True)
         needed = {id(out) for out, own in pairs if out is not own}
-
-        def visit(items: Sequence[Any]) -> None:
-            for item in items:
-                if isinstance(item, Loop):
-                    needed.update(map(id, (item.count, *item.start, *item.end)))
-                    visit(item.region.items)
-                elif isinstance(item, Branch):
-                    needed.update(map(id, (item.condition, *item.then, *item.otherwise)))
-                    visit(item.region.items)
-                elif isinstance(item, For):
-                    visit(item.region.items)
-                elif isinstance(item, Store):
-                    needed.add(id(item.value))
-                else:
-                    needed.update(map(id, item.operands))
-
-        visit(self.program.top.items)
-        return [id(own) in needed or own.detail in self.program.cells for own in self.program.inputs]
+        regions = [self.program.top]
+        for region in regions:
+            for item in region.items:
+                for part in item.operands if isinstance(item, Symbol) else item:  # of a loop, a branch or a store
+                    if isinstance(part, Region):
+                        regions.append(part)
+                    else:
+                        needed.update(map(id, part if isinstance(part, list) else [part]))
+        return needed
 
 
 def kernel_text(program: Program, layouts: Sequence[Layout], width: int, *, repeated: bool = True) -> str:

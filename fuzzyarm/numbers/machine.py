@@ -29,24 +29,16 @@ from fuzzyarm.numbers.program import Program
 
 __all__ = ["CACHE", "WIDE", "Call", "Kernel", "Layout", "kernel_text"]
 
-CACHE = "FUZZYARM_CACHE"
-"""Environment variable with the folder for machine code; by default that of the user's caches."""
-
-
+CACHE = "FUZZYARM_CACHE"  # environment variable with the folder for machine code; by default that of the user's caches
 LONG = 2500  # operations; of a program of more, the numbers of `WIDE` arms would not stay in registers
 
 
 class Call:
-    """A kernel with what it works on; it keeps the arrays alive.
-
-    Attributes:
-        arms: how many there are.
-    """
+    """A kernel with what it works on, so many `arms`; it keeps the arrays alive."""
 
     __slots__ = ("_code", "_held", "_job", "arms")
 
     def __init__(self, known: _Known, given: tuple[np.ndarray, ...], steps: int) -> None:
-        """Note where everything is."""
         self._code, self._held, self.arms = known.code, given, known.arms
         self._job = known.job(steps, map(_address, given))
 
@@ -76,12 +68,7 @@ class Call:
 class _Known:
     """What follows from the shapes of arrays, constants and tables.
 
-    Args:
-        arrays: of each port.
-        rest: constants and tables.
-        arms: how many.
-        apart: how far the rows of each array lie apart, and how many each table has.
-        code: the machine code.
+    `apart`: how far the rows of each array lie apart, and how many each table has.
     """
 
     def __init__(
@@ -92,7 +79,6 @@ class _Known:
         apart: list[int],
         code: _Code,
     ) -> None:
-        """Keep the shapes."""
         self.constants, self.tables = rest
         self.arms, self.code, self._apart = arms, code, apart
         self._arrays, self._rest = _shapes(arrays), _shapes((self.constants, *self.tables))
@@ -123,19 +109,13 @@ def _shapes(arrays: Iterable[np.ndarray]) -> list[Any]:
 
 
 class Kernel:
-    """A program that runs on arrays in place.
+    """A program that runs on arrays in place, by default all in rows; in several steps of a call if it is `repeated`.
 
     One arm, or a few, are run one after the other, and many in groups of `WIDE`, or of `EIGHT` where the program is
     long; machine code is made when it is first needed.
-
-    Args:
-        program: what is run.
-        layouts: of the arrays of its ports; by default all in rows.
-        repeated: whether it may take more than one step in a call.
     """
 
     def __init__(self, program: Program, layouts: Sequence[Layout] = (), *, repeated: bool = False) -> None:
-        """Keep the program."""
         self.program, self.repeated = program, repeated
         self.layouts = tuple(layouts) or (Layout.ROWS,) * len(program.ports)
         # The port that says how many arms there are: blocks may have room for more.
@@ -146,10 +126,7 @@ class Kernel:
     def __call__(
         self, arrays: Sequence[np.ndarray], constants: np.ndarray, tables: Sequence[np.ndarray] = (), steps: int = 1
     ) -> None:
-        """Run the program for every arm, `steps` times, what it returns in the place of what it is given.
-
-        Arguments, their shapes and errors as for `bound`; `steps` at least 1.
-        """
+        """Run the program for every arm, `steps` times, in place; other arguments as for `bound`."""
         self._fitting(arrays, constants, tables).run(arrays, constants, tables, steps)
 
     def bound(
@@ -157,14 +134,8 @@ class Kernel:
     ) -> Call:
         """Return the kernel with what it works on.
 
-        Args:
-            arrays: of each port, float64, see `Layout`.
-            constants: (k,) float64.
-            tables: float64, in the shapes that the program knows; any number of rows is at least one.
-            steps: at least 1.
-
-        Raises:
-            ValueError: an array has another shape, type or layout.
+        Arrays of each port are float64, see `Layout`, constants (k,) float64, tables float64 in the shapes that the
+        program knows, where any number of rows is at least one. ValueError for another shape, type or layout.
         """
         return Call(self._fitting(arrays, constants, tables), (*arrays, constants, *tables), steps)
 
@@ -175,17 +146,13 @@ class Kernel:
         return known
 
     def _checked(self, arrays: Sequence[np.ndarray], constants: np.ndarray, tables: Sequence[np.ndarray]) -> _Known:
-        """Return what follows from the shapes of the arguments of `bound`."""
         arms, lengths = self.shapes(arrays, constants, tables)
         return _Known(arrays, (constants, tables), arms, lengths, self.code(arms))
 
     def shapes(
         self, arrays: Sequence[np.ndarray], constants: np.ndarray, tables: Sequence[np.ndarray]
     ) -> tuple[int, list[int]]:
-        """Return how many arms there are, how far the rows of each array lie apart, and how many each table has.
-
-        Only shapes, strides and types are looked at. Arguments and errors as for `bound`.
-        """
+        """Return the number of arms, numbers between rows of each array, and rows of each table, from shapes alone."""
         program = self.program
         if (len(tables), len(arrays)) != (len(program.tables), len(program.ports)):
             raise ValueError(f"needed: {len(program.ports)} arrays and {len(program.tables)} tables")
@@ -259,10 +226,12 @@ class _Code:
 def _machine_code(text: str, width: int) -> _Code:
     """Return the machine code of a text, from the file of its digest if there is one."""
     level = 1 if width > 1 else 2  # of LLVM's optimisation
-    machine = _machine(level)
-    features = llvm.get_host_cpu_features().flatten()
+    _initialise()
+    processor, features = llvm.get_host_cpu_name(), llvm.get_host_cpu_features().flatten()
+    # A new one each time, since an engine keeps it.
+    machine = llvm.Target.from_default_triple().create_target_machine(cpu=processor, features=features, opt=level)
     version = ".".join(map(str, llvm.llvm_version_info))
-    key = "\n".join([text, llvm.get_host_cpu_name(), features, str(level), version])
+    key = "\n".join([text, processor, features, str(level), version])
     path = _folder() / f"{hashlib.sha256(key.encode()).hexdigest()}.o"
     binary = _stored(path)
     if binary is None:
@@ -294,14 +263,6 @@ def _folder() -> Path:
         return Path(named)
     home = os.environ.get("XDG_CACHE_HOME") or os.path.join(os.path.expanduser("~"), ".cache")
     return Path(home) / "fuzzyarm"
-
-
-def _machine(level: int) -> Any:
-    """Return LLVM's machine for this processor; a new one each time, since an engine keeps it."""
-    _initialise()
-    return llvm.Target.from_default_triple().create_target_machine(
-        cpu=llvm.get_host_cpu_name(), features=llvm.get_host_cpu_features().flatten(), opt=level
-    )
 
 
 @functools.cache

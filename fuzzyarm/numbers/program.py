@@ -6,14 +6,14 @@ put before the loop; one in a branch stays there. What depends on constants alon
 
 from __future__ import annotations
 
+import contextlib
 import itertools
 import struct
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from typing import Any
 
 from fuzzyarm.numbers.functions import KINDS, RECORDERS, Cells, flat, like
-from fuzzyarm.numbers.regions import Branch, For, Loop, Region, Store
-from fuzzyarm.numbers.symbols import Array, Index, Symbol, Table, Word
+from fuzzyarm.numbers.symbols import Array, Branch, For, Index, Loop, Region, Store, Symbol, Table, Word
 
 __all__ = ["Program"]
 
@@ -25,16 +25,12 @@ class Program:
     number by number; a number that comes back as it was given is not.
 
     Attributes:
-        ports: how many numbers each port has.
+        ports: how many numbers each port has; `arrays`: each array of its own.
         constants: the symbols of the constants, which are the same for all arms.
-        tables: the shape of each table; it begins with 0 where the number of rows is said to a kernel.
-        arrays: numbers of each array of its own.
+        tables: the shape of each table; it begins with 0 where a kernel is given the number of rows.
         cells: the places among all numbers of ports that belong to arrays.
-        top: the region of all operations.
-        inputs: the symbols of all ports, in order.
-        outputs: what becomes of them, likewise.
-        now: the region that is recorded into.
-        count: symbols so far.
+        top: the region of all operations; `now`: the one that is recorded into.
+        inputs: the symbols of all ports, in order; `outputs`: what becomes of them.
     """
 
     def __init__(
@@ -46,14 +42,9 @@ class Program:
     ) -> None:
         """Record.
 
-        Args:
-            function: see the class.
-            ports: trees of anything, for their shapes; `Cells` become arrays, which are changed in place.
-            constants: a tree of anything, likewise, without `Cells`.
-            tables: the shape of each table; 0 for any number of rows.
-
-        Raises:
-            ValueError: the function returns ports with other counts of numbers than it takes.
+        Ports are trees of anything, for their shapes; `Cells` become arrays, which are changed in place. So are
+        constants, without `Cells`. Tables are given by their shapes, 0 for any number of rows. ValueError if the
+        function returns ports with other counts of numbers than it takes.
         """
         self.count, self.top, self.tables = 0, Region(None), tuple(tables)
         self.now, self.ports = self.top, tuple(len(flat(port)) for port in ports)
@@ -105,13 +96,19 @@ class Program:
     def each(self, count: Any) -> Iterator[Index]:
         """Record a loop, see `functions.each`."""
         self.loops += 1
-        outside, number = self.now, self.loops
-        self.now = region = Region(outside, loop=True)
-        try:
+        number = self.loops
+        with self.within(loop=True) as region:
             yield Index({number: 1}, 0)
+        self.now.items.append(For(number, Index.of(count), region))  # behind what was moved out of it
+
+    @contextlib.contextmanager
+    def within(self, *, loop: bool = False) -> Iterator[Region]:
+        """Record into a new region of the present one, which the caller puts there afterwards."""
+        outside, self.now = self.now, Region(self.now, loop=loop)
+        try:
+            yield self.now
         finally:
             self.now = outside
-            outside.items.append(For(number, Index.of(count), region))  # behind what was moved out of it
 
     def load(self, memory: str, place: Index) -> Symbol:
         """Return a number of an array."""
@@ -206,10 +203,6 @@ class _Symbols:
         return condition.program.operation("select", condition, first, second, kind=kind)
 
     @staticmethod
-    def floor(x: Symbol) -> Symbol:
-        return x.program.operation("floor", x)
-
-    @staticmethod
     def row(table: Table, place: Symbol) -> list[Symbol]:
         return [place.program.operation("row", place, detail=(table, k)) for k in range(table.columns)]
 
@@ -219,56 +212,36 @@ class _Symbols:
         detail = table, index.constant, tuple(sorted(index.terms.items()))
         return place.program.operation("entry", place, detail=detail)
 
-    @staticmethod
-    def word(x: Symbol) -> Symbol:
-        return x.program.operation("word", x, kind="word")
-
-    @staticmethod
-    def whole(x: Symbol) -> Symbol:
-        return x.program.operation("whole", x, kind="word")
-
-    @staticmethod
-    def number(word: Symbol) -> Symbol:
-        return word.program.operation("number", word)
-
-    @staticmethod
-    def bits(word: Symbol) -> Symbol:
-        return word.program.operation("bits", word)
+    floor = staticmethod(lambda x: x.program.operation("floor", x))
+    word = staticmethod(lambda x: x.program.operation("word", x, kind="word"))
+    whole = staticmethod(lambda x: x.program.operation("whole", x, kind="word"))
+    number = staticmethod(lambda word: word.program.operation("number", word))
+    bits = staticmethod(lambda word: word.program.operation("bits", word))
 
     @staticmethod
     def repeat(count: Any, function: Callable[[Any], Any], carried: Any) -> Any:
         start = flat(carried)
         program = next(one.program for one in start if isinstance(one, Symbol))
-        outside = program.now
-        region = Region(outside, loop=True)
-        inside = [Symbol(program, "carried", region=region) for _ in start]
-        program.now = region
-        end = flat(function(like(carried, iter(inside))))
-        program.now = outside
-        after = [Symbol(program, "after", region=outside) for _ in start]
-        outside.items.append(Loop(count, region, start, inside, end, after))
+        with program.within(loop=True) as region:
+            inside = [Symbol(program, "carried", region=region) for _ in start]
+            end = flat(function(like(carried, iter(inside))))
+        after = [Symbol(program, "after", region=program.now) for _ in start]
+        program.now.items.append(Loop(count, region, start, inside, end, after))
         return like(carried, iter(after))
 
     @staticmethod
     def only(condition: Symbol) -> Iterator[None]:
-        program = condition.program
-        outside = program.now
-        program.now = region = Region(outside)
-        try:
+        with condition.program.within() as region:
             yield None
-        finally:
-            program.now = outside
-            outside.items.append(Branch(condition, region, [], [], []))
+        condition.program.now.items.append(Branch(condition, region, [], [], []))
 
     @staticmethod
     def when(condition: Symbol, function: Callable[[], Any], otherwise: Any) -> Any:
         program, other = condition.program, flat(otherwise)
-        outside = program.now
-        program.now = region = Region(outside)
-        then = flat(function())
-        program.now = outside
-        after = [Symbol(program, "after", region=outside) for _ in other]
-        outside.items.append(Branch(condition, region, then, other, after))
+        with program.within() as region:
+            then = flat(function())
+        after = [Symbol(program, "after", region=program.now) for _ in other]
+        program.now.items.append(Branch(condition, region, then, other, after))
         return like(otherwise, iter(after))
 
 

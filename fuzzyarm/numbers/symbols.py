@@ -1,6 +1,7 @@
-"""Symbols: numbers that are not known while a function is recorded, and the operations on them.
+"""Symbols: numbers that are not known while a function is recorded, and what a program makes of them.
 
-There are arrays and tables of symbols, and places in them, which may depend on the rounds of loops.
+There are arrays and tables of symbols with places that may depend on the rounds of loops, and regions, loops, branches
+and stores.
 """
 
 from __future__ import annotations
@@ -8,13 +9,12 @@ from __future__ import annotations
 import itertools
 import operator
 from collections.abc import Callable, Iterator
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 if TYPE_CHECKING:
     from fuzzyarm.numbers.program import Program
-    from fuzzyarm.numbers.regions import Region
 
-__all__ = ["Array", "Index", "Symbol", "Table", "Word"]
+__all__ = ["Array", "Branch", "For", "Index", "Loop", "Region", "Store", "Symbol", "Table", "Word"]
 
 
 class Word(int):
@@ -25,11 +25,8 @@ class Symbol:
     """A number, a truth value or a word of 64 bits that a program computes.
 
     Attributes:
-        program: that it belongs to.
         number: its own, from 1 in the order of recording.
-        operation: "+", "select", "input", "row", ...
-        operands: symbols and floats.
-        region: where it is computed.
+        operation: "+", "select", "input", "row", ..., on `operands`, symbols and floats, in a region.
         kind: "real", "truth" or "word".
         uniform: whether it is the same for all arms.
         detail: of an input or a row, where it is found.
@@ -49,7 +46,6 @@ class Symbol:
         uniform: bool = False,
         detail: Any = None,
     ) -> None:
-        """Give it the next number."""
         self.program, self.operation, self.operands = program, operation, operands
         self.region, self.kind, self.uniform, self.detail = region or program.top, kind, uniform, detail
         program.count += 1
@@ -108,17 +104,11 @@ for _name, _operation in {
 
 
 class Index:
-    """A whole number that depends on the rounds of loops: the sum of `constant` and a factor for each of them.
-
-    Attributes:
-        terms: factors by the number of the loop.
-        constant: what is added.
-    """
+    """A whole number that depends on the rounds of loops: `constant`, and `terms` with a factor for each loop."""
 
     __slots__ = ("constant", "terms")
 
     def __init__(self, terms: dict[int, int], constant: int) -> None:
-        """Keep them."""
         self.terms, self.constant = terms, constant
 
     @classmethod
@@ -150,12 +140,8 @@ class Index:
 class Array:
     """Numbers of an arm, or of a table, that are read and written by indices while a function is recorded.
 
-    Attributes:
-        program: that it belongs to.
-        memory: where it lies: "room" (numbers of ports), "table0", ..., or "array0", ... of its own.
-        first: place of its first number there, an `Index`.
-        shape: as in NumPy.
-        steps: how far numbers lie apart along each axis.
+    They lie in a memory, "room" (numbers of ports), "table0", ..., or "array0", ... of its own, from the place `first`,
+    an `Index`, on, `steps` apart along each axis of the shape, by default rows side by side.
     """
 
     __slots__ = ("first", "memory", "program", "shape", "steps")
@@ -163,7 +149,6 @@ class Array:
     def __init__(
         self, program: Program, memory: str, first: Any, shape: tuple[int, ...], steps: tuple[int, ...] | None = None
     ) -> None:
-        """Describe it; rows side by side, if not said otherwise."""
         self.program, self.memory, self.first, self.shape = program, memory, Index.of(first), shape
         if steps is None:
             steps = tuple(itertools.accumulate((1, *shape[:0:-1]), operator.mul))[::-1]
@@ -206,16 +191,61 @@ class Array:
 
 
 class Table(Array):
-    """A table of a program; how many rows it has is said to a kernel where `shape` begins with 0.
-
-    Attributes:
-        number: which one.
-        columns: numbers of a row.
-    """
+    """A table of a program; a kernel is given the number of its rows where `shape` begins with 0."""
 
     __slots__ = ("columns", "number")
 
     def __init__(self, program: Program, number: int, shape: tuple[int, ...]) -> None:
-        """Describe it."""
         super().__init__(program, f"table{number}", 0, shape)
         self.number, self.columns = number, shape[-1]
+
+
+class Region:
+    """A sequence of `items`: operations, loops and branches; `known` has its operations by what they compute."""
+
+    def __init__(self, parent: Region | None, *, loop: bool = False) -> None:
+        self.parent, self.loop, self.items, self.known = parent, loop, [], {}  # type: ignore[var-annotated]
+
+    def within(self, other: Region) -> bool:
+        """Return whether this region is `other` or stands in it."""
+        at: Region | None = self
+        while at is not None and at is not other:
+            at = at.parent
+        return at is not None
+
+
+class For(NamedTuple):
+    """A region that is run for each round of a loop, the loop's number, and how many rounds there are."""
+
+    number: int
+    rounds: Index
+    region: Region
+
+
+class Store(NamedTuple):
+    """A number that is written into memory at a place."""
+
+    memory: str
+    place: Index
+    value: Any
+
+
+class Loop(NamedTuple):
+    """A region that is run `count` times with carried numbers: at its start, inside, at its end, and after all."""
+
+    count: Any
+    region: Region
+    start: list[Any]
+    inside: list[Symbol]
+    end: list[Any]
+    after: list[Symbol]
+
+
+class Branch(NamedTuple):
+    """A region that is run if the condition holds, and what numbers are after it in either case."""
+
+    condition: Any
+    region: Region
+    then: list[Any]
+    otherwise: list[Any]
+    after: list[Symbol]

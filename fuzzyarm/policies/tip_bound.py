@@ -10,8 +10,8 @@ from typing import Any
 
 import numpy as np
 
+from fuzzyarm.common.arithmetic import at_most
 from fuzzyarm.common.checks import choice, instance, real, whole
-from fuzzyarm.common.rounding import at_most
 from fuzzyarm.envs.batch.schedule import Schedule
 from fuzzyarm.envs.fuzzy_arm import FuzzyArmEnv
 from fuzzyarm.envs.physics.parameters import ArmParameters

@@ -16,11 +16,11 @@ from typing import Any
 
 import numpy as np
 
+from fuzzyarm.common.arithmetic import at_most
 from fuzzyarm.common.checks import finite_array, instance, path_of, real
 from fuzzyarm.common.console import escaped
 from fuzzyarm.common.documents import DocumentError, check_schema, open_regular, read_json, record
 from fuzzyarm.common.files import write_atomically
-from fuzzyarm.common.rounding import at_most
 from fuzzyarm.envs.observation import JOINTS
 from fuzzyarm.envs.physics.parameters import ArmParameters
 from fuzzyarm.envs.scenario.reference import JointReference

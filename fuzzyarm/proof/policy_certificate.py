@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from fuzzyarm.common.rounding import at_most
+from fuzzyarm.common.arithmetic import at_most
 from fuzzyarm.envs.scenario.elastic_reference import CHECKED_INSTANTS, ElasticReference
 from fuzzyarm.envs.scenario.reference import Reference
 from fuzzyarm.fuzzy_policy.controller import Controller

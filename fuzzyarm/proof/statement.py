@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 
-from fuzzyarm.common.rounding import at_least, at_most
+from fuzzyarm.common.arithmetic import at_least, at_most
 from fuzzyarm.envs.observation import JOINTS
 from fuzzyarm.fuzzy_policy.controller import Controller
 from fuzzyarm.proof.definiteness import largest_growth

@@ -8,9 +8,9 @@ import time
 from pathlib import Path
 from typing import Any
 
+from fuzzyarm.common.arithmetic import at_least, at_most
 from fuzzyarm.common.checks import path_of
 from fuzzyarm.common.console import escaped
-from fuzzyarm.common.rounding import at_least, at_most
 from fuzzyarm.envs.scenario.reference import CHECKED_INSTANTS, JointReference
 from fuzzyarm.fuzzy_policy.controller import Controller
 from fuzzyarm.fuzzy_policy.controller_files import load_controller

@@ -2,7 +2,7 @@
 
 A reset, a step with the resets that are due, and any number of steps under a law are one launch each. The memory is
 laid out as that of `FuzzyArmVectorEnv`, and a lane has the same bits, but for the last bit of encoder noise, see
-`numbers.ptx`.
+`numbers.gpu`.
 """
 
 from __future__ import annotations

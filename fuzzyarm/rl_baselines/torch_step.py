@@ -13,14 +13,12 @@ import numpy as np
 import torch
 from torch import Tensor
 
-from fuzzyarm.envs.batch.beginning import drawn_of, resting_of
 from fuzzyarm.envs.batch.layout import Noise
 from fuzzyarm.envs.batch.randomness import NEXT_KEY, draw
 from fuzzyarm.envs.batch.schedule import Schedule, reference_record, row_record
-from fuzzyarm.envs.control_step import assessed_of, reading_of
-from fuzzyarm.envs.physics.hold import held_of
-from fuzzyarm.envs.physics.physics import Physics
-from fuzzyarm.envs.physics.records import flat, places, size
+from fuzzyarm.envs.control_step import assessed_of, drawn_of, reading_of, resting_of
+from fuzzyarm.envs.physics.integrator import held_of
+from fuzzyarm.envs.physics.records import Physics, flat, places, size
 from fuzzyarm.envs.task import clipped
 from fuzzyarm.numbers.functions import like, select
 from fuzzyarm.rl_baselines.torch_numbers import Angle, Table, Word

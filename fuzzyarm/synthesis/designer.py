@@ -9,8 +9,8 @@ from typing import Any
 
 import numpy as np
 
+from fuzzyarm.common.arithmetic import at_least, at_most
 from fuzzyarm.common.checks import instance
-from fuzzyarm.common.rounding import at_least, at_most
 from fuzzyarm.envs.observation import JOINTS
 from fuzzyarm.envs.physics.parameters import ArmParameters
 from fuzzyarm.fuzzy_policy.controller import Controller

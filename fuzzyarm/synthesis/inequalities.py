@@ -28,8 +28,7 @@ from typing import Any, NamedTuple
 import cvxpy as cp
 import numpy as np
 
-from fuzzyarm.common.bisection import last_that_works
-from fuzzyarm.common.slices import consecutive
+from fuzzyarm.common.arithmetic import consecutive, last_that_works
 from fuzzyarm.envs.observation import JOINTS
 from fuzzyarm.envs.physics.parameters import ArmParameters
 from fuzzyarm.fuzzy_policy.controller import RATES, consistent_feedforward

@@ -14,7 +14,7 @@ import warnings
 import cvxpy as cp
 import numpy as np
 
-from fuzzyarm.common.bisection import last_that_works
+from fuzzyarm.common.arithmetic import last_that_works
 from fuzzyarm.fuzzy_policy.states import SCALAR_STATES
 from fuzzyarm.proof.scheduled_certificate import decay, fastest
 from fuzzyarm.synthesis.expressions import half, negative, positive

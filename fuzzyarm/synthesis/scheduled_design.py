@@ -10,8 +10,8 @@ from importlib.metadata import version
 
 import numpy as np
 
+from fuzzyarm.common.arithmetic import at_least, at_most
 from fuzzyarm.common.checks import instance, real, whole
-from fuzzyarm.common.rounding import at_least, at_most
 from fuzzyarm.envs.physics.robot import Robot
 from fuzzyarm.fuzzy_policy.controller import GAINS, RATES
 from fuzzyarm.fuzzy_policy.laws.observer_gains import ONE_AT_A_TIME, places_of, worst_radius

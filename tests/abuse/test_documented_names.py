@@ -45,7 +45,6 @@ from .values import plausible, spoiled
 pytestmark = pytest.mark.slow
 
 LANES = 3
-START = np.array([0.3, 0.5, 0.3, 0.5, 0.0, 0.0, 0.0, 0.0])
 ENVIRONMENT = {
     "case": "nominal",
     "disturbance": Disturbance(),
@@ -55,7 +54,7 @@ ENVIRONMENT = {
     "substep": 2e-4,
     "randomisation": "nominal",
 }
-OPTIONAL = (
+OPTIONAL = [
     "disturbance",
     "reference",
     "parameters",
@@ -66,7 +65,7 @@ OPTIONAL = (
     "start",
     "scale",
     "jobs",
-)
+]
 
 
 class Name(NamedTuple):
@@ -328,13 +327,5 @@ def _names_of(field: str, value: Any) -> tuple[str, ...]:
     """What a message about a field may name: it, its option, a number in it, or the value."""
     described = _described(value).partition(" ")[2].strip("\"'")[:12]
     camel, effect = field.title().replace("_", ""), EFFECTS.get(field, ())
-    return (
-        field,
-        field.replace("_", " "),
-        option_name(field),
-        field.rstrip("s"),
-        camel,
-        described,
-        _text(value),
-        *effect,
-    )
+    own = (field, field.replace("_", " "), option_name(field), field.rstrip("s"))
+    return (*own, camel, described, _text(value), *effect)

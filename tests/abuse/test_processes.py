@@ -16,7 +16,6 @@ import os
 import resource
 import shutil
 import signal
-import subprocess
 import sys
 import zipfile
 from collections.abc import Sequence
@@ -28,7 +27,7 @@ import pytest
 
 from . import samples
 from .judged import Broken
-from .samples import SMALL_TRAINING, room, scratch
+from .samples import SMALL_TRAINING, scratch
 
 pytestmark = pytest.mark.slow
 
@@ -330,27 +329,3 @@ def test_two_processes_in_one_folder_make_what_one_makes_or_one_says_so(name):
     check_whole(folder)
     assert {one for one in names(whole / "out") if not one.startswith(".")} <= names(folder / "out")
     assert results(folder / "out") == results(whole / "out")
-
-
-SURROUNDINGS = {
-    "no home": {"HOME": "/nowhere", "XDG_CACHE_HOME": "/nowhere", "XDG_CONFIG_HOME": "/nowhere"},
-    "a plain locale": {"LC_ALL": "C", "PYTHONIOENCODING": "ascii", "PYTHONUTF8": "0", "COLUMNS": "1", "TERM": "dumb"},
-    "no assertions": {"PYTHONOPTIMIZE": "2", "COLUMNS": "x", "LINES": "-1", "MPLBACKEND": "nope"},
-}
-
-
-@pytest.mark.parametrize("name", SURROUNDINGS)
-def test_other_surroundings_change_nothing(name):
-    folder = begun("evaluate")
-    done = subprocess.run(
-        [sys.executable, "-m", "fuzzyarm", *COMMANDS["evaluate"]],
-        cwd=folder,
-        env={**os.environ, "PYTHONPATH": str(ROOT), **SURROUNDINGS[name]},
-        capture_output=True,
-        text=True,
-        timeout=PATIENCE,
-    )
-    assert done.returncode in ((0, 2) if name == "no assertions" else (0,)), done.stderr[-300:]
-    check_errors(done.returncode, done.stderr)
-    check_whole(folder)
-    room()

@@ -1,6 +1,5 @@
 """The comparison's table and figure show what is stored, every policy on the same terms."""
 
-import dataclasses
 import json
 from pathlib import Path
 
@@ -14,6 +13,11 @@ STORED, MARGINS = (
     json.loads((BENCHMARKS / "results" / f"{name}.json").read_text(encoding="utf-8"))
     for name in ("comparison", "margins")
 )
+
+
+def table(module, document):
+    """Return the section of a comparison."""
+    return module("tables_comparison").COMPARISON["comparison"].text({"comparison": document, "margins": MARGINS}.get)
 
 
 def test_everything_that_is_drawn_is_in_sight_and_what_has_no_mean_says_so(module):
@@ -32,14 +36,14 @@ def test_everything_that_is_drawn_is_in_sight_and_what_has_no_mean_says_so(modul
 def test_scores_show_three_digits(module):
     found = {"score_mm": {"mean": 1.2854, "low": 1.2726, "high": None}, "rank": 2}
     other = {"score_mm": {"mean": 159.43, "low": 33.711, "high": 469.25}, "rank": 11}
-    assert [module("readme_comparison")._score(one) for one in (found, other)] == [
+    assert [module("tables_comparison").score_of(one) for one in (found, other)] == [
         "1.29, 1.27 to ∞ (2)",
         "159, 33.7 to 469 (11)",
     ]
 
 
 def test_a_search_without_a_stored_time_is_not_measured(module):
-    lines = module("readme_comparison").comparison_table(STORED, MARGINS).splitlines()
+    lines = table(module, STORED).splitlines()
     unmeasured = [line.split("`")[1] for line in lines if " not measured " in line]
     assert unmeasured == [
         *("fuzzy-4-sampled", "computed-torque", "fuzzy-4-sampled-tip", "computed-torque-tip"),
@@ -58,7 +62,7 @@ def test_what_a_policy_knows_includes_what_is_known_within_it_and_all_seeds_are_
 
 
 def test_stable_conditions_are_counted_and_a_policy_without_margins_says_so(module):
-    stable = module("readme_comparison")._stable
+    stable = module("tables_comparison").stable_of
     assert (stable([0.99, 1.0, 1.2, None]), stable(None)) == ("1 of 4", "not measured")
     found = {row["policy"]: stable(row["spectral_radius"].values()) for row in MARGINS["rows"]}
     assert (found["elastic-observer"], found["adaptive-observer"]) == ("8 of 8", "2 of 8")
@@ -67,7 +71,7 @@ def test_stable_conditions_are_counted_and_a_policy_without_margins_says_so(modu
 @pytest.mark.parametrize("seeds", [0, 5])
 def test_the_table_says_of_which_learned_policy_no_other_seed_ran(seeds, module):
     rows = [row | ({"seeds": seeds} if row["name"] == "learned-observer" else {}) for row in STORED["rows"]]
-    text = module("readme_comparison").comparison_table(STORED | {"rows": rows}, MARGINS)
+    text = table(module, STORED | {"rows": rows})
     assert ("Of `learned-observer` the shipped seed alone ran." in text) == (seeds == 0)
 
 
@@ -82,9 +86,9 @@ def comparison(module, monkeypatch):
     task = {"task": "nominal", "tip_error_rms_mm": 1.0, "failed": None}
     tasks = [task | {"task": name} for name in STORED["rows"][0]["tasks"]]
 
-    def errors_of(policy, population, plants, jobs, report):
+    def errors_of(policy, plants, jobs, report):
         measured.append(policy)
-        errors = np.full((len(population.cases), plants), float(len(measured)))
+        errors = np.full((len(plant_errors.COMPARED_CASES), plants), float(len(measured)))
         errors[:, 0] = np.inf
         return plant_errors.Errors(errors, 2.0 * errors, COMMIT)
 
@@ -92,7 +96,6 @@ def comparison(module, monkeypatch):
     monkeypatch.setattr(script, "load_policy", lambda name: name)
     monkeypatch.setattr(script, "assess", lambda policy, name, arm: tasks)
     monkeypatch.setattr(plant_errors, "errors_of", errors_of)
-    monkeypatch.setattr(script, "measured", plant_errors.measured)
     return script, measured
 
 
@@ -101,15 +104,16 @@ COMMIT = "0123456789abcdef"
 
 def test_a_run_takes_every_stored_seed_and_fills_table_and_figures(comparison, module):
     script, measured = comparison
-    document = json.loads(json.dumps(script.compare(8, 4, None, None)))
+    made = {"command": "a command", "commit": "f" * 40}
+    document = json.loads(json.dumps(made | script.compare(8, 4, None, None)))
     seeds = {row["name"]: row["seeds"] for row in document["rows"]}
     assert seeds == {name: 5 if one.learned else 0 for name, one in script.POLICIES.items()}
     assert len(measured) == len(seeds) + sum(seeds.values())
     assert {row["plants"]["blows"]["ended_early"] for row in document["rows"]} == {1}
-    text = module("readme_comparison").comparison_table(document, MARGINS)
+    text = table(module, document)
     assert "`learned-observer`, 5 seeds" in text
     assert "measured at other commits" in text and "`fuzzy-1` at 0123456789;" in text
-    assert "other commits" not in module("readme_comparison").comparison_table(document | {"commit": COMMIT}, MARGINS)
+    assert "other commits" not in table(module, document | {"commit": COMMIT})
     module("comparison_figure").draw_comparison(document)
 
 
@@ -127,26 +131,21 @@ def test_errors_that_a_folder_holds_are_not_measured_again(comparison, tmp_path)
     assert len(measured) == runs + 1 + len(script.POLICIES)
 
 
-def test_errors_on_other_plants_or_cases_are_not_taken_for_these(module, tmp_path):
-    plant_errors, population = module("plant_errors"), module("comparison_plants").COMPARED
-    shape, path = (len(population.cases), 3), tmp_path / "a.npz"
-    errors = plant_errors.Errors(np.arange(15.0).reshape(shape), np.full(shape, np.inf), None)
-    plant_errors.keep(path, population, errors)
-    found = plant_errors.kept(path, population, 3)
-    assert found.commit is None
-    assert np.array_equal(found.rms_mm, errors.rms_mm) and np.array_equal(found.largest_mm, errors.largest_mm)
-    assert plant_errors.kept(path, population, 2) is None
-    for change in (
-        {"first_seed": population.first_seed + 1},
-        {"distribution": "all"},
-        {"cases": population.cases[:3] + population.cases[:2]},
-    ):
-        assert plant_errors.kept(path, dataclasses.replace(population, **change), 3) is None
-    content = path.read_bytes()
-    for damaged in (content[:200], b"", b"no file of arrays"):
-        path.write_bytes(damaged)
-        with pytest.raises(ValueError, match=r"a\.npz is damaged; delete it"):
-            plant_errors.kept(path, population, 3)
+def test_errors_on_other_plants_or_cases_are_not_taken_for_these(module, tmp_path, monkeypatch):
+    script, runs = module("plant_errors"), []
+
+    def errors_of(policy, plants, jobs, report):
+        runs.append(plants)
+        return script.Errors(np.arange(5.0 * plants).reshape(5, plants), np.full((5, plants), np.inf), "")
+
+    monkeypatch.setattr(script, "errors_of", errors_of)
+    first, again = (script.measured(tmp_path / "a.npz", None, 3, None, None) for _ in range(2))
+    assert runs == [3] and again.commit == ""
+    assert np.array_equal(first.rms_mm, again.rms_mm) and np.array_equal(first.largest_mm, again.largest_mm)
+    script.measured(tmp_path / "a.npz", None, 2, None, None)
+    monkeypatch.setattr(script, "FIRST_SEED", script.FIRST_SEED + 1)
+    script.measured(tmp_path / "a.npz", None, 2, None, None)
+    assert runs == [3, 2, 2]
 
 
 def test_the_figure_of_the_pairs_has_a_share_for_each_and_its_rest_for_the_other_way_round(module):

@@ -38,6 +38,16 @@ def test_the_command_draws_every_figure_and_the_gallery_shows_each(module, recor
         assert picture.results or picture.policies
 
 
+def test_the_figure_of_a_finished_study_is_refused_when_its_result_has_changed(published, module, monkeypatch):
+    name = "adaptive_front.png"
+    picture = module("figures").FIGURES[name]
+    assert picture.draw is None
+    monkeypatch.setattr(published, "figure_record", lambda *_: {"sha256": "another"})
+    monkeypatch.setattr(published, "write_atomically", lambda *_: None)
+    with pytest.raises(ValueError, match=f"{name} is older than what it shows; its study is finished"):
+        published.publish({name: picture})
+
+
 def test_a_changed_file_of_a_policy_is_found_wherever_the_policy_is_shown(published, record, tmp_path, monkeypatch):
     own = registry.POLICIES["ppo-robust"]
     shutil.copytree(own.path, tmp_path / "policy")

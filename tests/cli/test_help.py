@@ -1,4 +1,4 @@
-"""What the command line says of itself: help at 80 columns, groups, completion, and one line for each mistake."""
+"""Mistakes of a user, each one line with a way out; help at 80 columns, completion, and the end of an evaluation."""
 
 import contextlib
 import functools
@@ -6,17 +6,119 @@ import importlib.util
 import io
 import os
 import platform
+import shlex
 import shutil
 import subprocess
 import sys
 from importlib import metadata
+from pathlib import Path
 
 import pytest
-from slow_twins import slow_but
+import rich.console
+from support.command_line import one_line_error
 
 from fuzzyarm import __version__
 from fuzzyarm.cli import main
 from fuzzyarm.cli.application import GROUPS, command_line
+from fuzzyarm.eval.episodes.metrics import columns
+from fuzzyarm.eval.evaluation.result_table import print_results, verdict
+
+MISTAKES = [
+    ("", "fuzzyarm: a command is missing", "choose from: evaluate, report,"),
+    ("evalute", "unknown command evalute", "did you mean evaluate? See fuzzyarm --help"),
+    ("fly", "unknown command fly", "choose from: evaluate, report,"),
+    ("train", "a command is missing", "see fuzzyarm train --help"),
+    ("train pp", "unknown command pp", "did you mean ppo? See fuzzyarm train --help"),
+    ("train ppo --out x --hidden 64 6.4", "--hidden 6.4", "must be a whole number"),
+    ("evaluate --sedes 4", "--sedes", "Did you mean --seeds? See fuzzyarm evaluate --help"),
+    ("evaluate --seeds 1.5", "--seeds 1.5", "must be a whole number"),
+    ("evaluate --encoder-noise 1e-5", "--encoder-noise 1e-5", "needs 2 values"),
+    ("evaluate --json=maybe", "--json maybe", "must be yes or no"),
+    ("evaluate --policy", "--policy", "needs a value; see fuzzyarm evaluate --help"),
+    ("evaluate now", "now", "belongs to no option; see fuzzyarm evaluate --help"),
+    ("evaluate --policy nobody", "choose from: fuzzy-32, fuzzy-16"),
+    ("evaluate --policy missing.json", "missing.json"),
+    ("evaluate --policy fuzzy-4 --robot arm.toml", "designed for another robot (mass differ)"),
+    ("evaluate --case nowhere --out a/b/c", "choose from: nominal, machining, payload"),
+    ("evaluate --case nominal --case nominal", "--case ['nominal', 'nominal'] must be one or more different"),
+    ("evaluate --seeds 0", "--seeds 0 is out of range; allowed: 1, 2, 3"),
+    ("evaluate --seeds 5", "encoder noise"),
+    ("evaluate --passes 1001", "--passes 1001 is out of range; allowed: 1 to 1000"),
+    ("evaluate --payload 0", "--payload 0.0 kg is out of range; allowed: (0,"),
+    ("evaluate --force 3 2", "--force (3.0, 2.0) N must be a range (low, high)"),
+    ("evaluate --force -1 2", "--force[0] -1.0 N is out of range"),
+    ("evaluate --encoder-noise -1 0", "EncoderNoise.position = -1.0"),
+    ("evaluate --robot missing.toml", "missing.toml"),
+    ("evaluate --path triangle", "choose from: circle, lemniscate, line, square, or give a file"),
+    ("evaluate --path missing.csv", "missing.csv"),
+    ("evaluate --out arm.toml/sub", "arm.toml/sub"),
+    ("leaderboard --markdown", "FILE... is missing", "see fuzzyarm leaderboard --help"),
+    ("verify broken.json", "broken.json"),
+    ("design --out a.json --out b.json", "--out b.json is given twice", "leave out one"),
+    ("design --out c.json --theorem papr", '"papr" for --theorem', '"consistent", "paper"'),
+    ("design --out c.json --rules 4 --keep z1", "--keep z1", "leave out one"),
+    ("design --out c.json --rules 5", "choose from: 32, 16, 8, 4, 2, 1"),
+    ("design --out c.json --keep z1,z7", "z1, z2, z3, z4, z5"),
+    ("design --out c.json --alpha fast", '--alpha fast must be a number or "max"'),
+    ("design --out c.json --gamma min", "gamma and gain_bound are left open"),
+    ("design --out c.json --gain-bound 0", "gain_bound = 0.0"),
+    ("design --out c.json --gamma nan", "gamma = nan"),
+    ("design --out c.json --rules 2 --feedforward 0.5", "--theorem paper"),
+    ("design --out controller.txt", "must be a file ending in .json"),
+    ("design --out no/such/folder/c.json", "does not exist"),
+    ("bench --rounds 6", "rounds = 6 must be odd"),
+    ("bench --lanes 64 0", "lanes = 0"),
+    ("bench --lanes-sweep", "say where with --out DIR"),
+    ("bench --out arm.toml/sub", "arm.toml/sub"),
+    ("margins --policy nobody", "choose from: fuzzy-32, fuzzy-16"),
+    ("margins --policy broken.json", "broken.json"),
+    ("margins --policy fuzzy-1 --policy fuzzy-1", "must be one or more different names"),
+    ("margins --robot bad.toml", "mass[0] = -1 kg is out of range"),
+    ("margins --policy fuzzy-4 --robot arm.toml", "designed for another robot (mass differ)"),
+    ("margins --out folder.json", "folder.json must be a file ending in .json"),
+    ("sweep --policy nobody", "unknown policy 'nobody'; choose from: fuzzy-32"),
+    ("sweep --policy fuzzy-4.json --policy fuzzy-4 --out a/b/c", "fuzzy-4.json"),
+    ("sweep --distribution x", "choose from: nominal, plants, loads, all"),
+    ("sweep --range mass 0.9", "--range mass 0.9", "needs 3 values"),
+    ("sweep --range mass a 1", "--range a must be a number"),
+    ("sweep --grid mass 0.9 1.1 3", "two different quantities"),
+    ("sweep --grid mass 1 2 2.5 --grid delay 0 1 2", "--grid 2.5 must be a whole number"),
+    ("sweep --backend dask", "choose from: local, ray"),
+    ("sweep --resume --out new", "holds no sweep to go on with"),
+    ("sweep --replay fuzzy-4 nominal 0 --out new", "holds no sweep to go on with"),
+    ("sweep --policy ppo-nominal --robot arm.toml", "knows no other"),
+    ("export java fuzzy-4 --out new", "java is no language of an export; choose from: c"),
+    ("export c fuzzy-4", "--out is missing"),
+    ("export c fuzzy-4 --out new --number half", 'invalid value "half" for --number'),
+    ("export c fuzzy-9 --out new", "unknown policy 'fuzzy-9'"),
+    ("export c plant --out new", "unknown policy 'plant'"),
+    ("export c adaptive-observer --number float --out new", "adaptive-observer needs double"),
+    ("export fmu plant --robot nobody --out new", "unknown robot 'nobody'"),
+    ("export fmu plant --number float --out new", "--number float is for C source; an FMU computes in"),
+    ("show", "NAME|FILE is missing"),
+    ("show fuzzy-5", "unknown policy 'fuzzy-5'; choose from"),
+    ("show fuzzy-4 --csv --json", "--csv and --json both choose the form; leave out one"),
+    ("show ppo-robust", "LearnedPolicy has no sheet of equations and matrices; there is one of"),
+    ("show fuzzy-4 --robot ur5", "was designed for the two-joint arm"),
+    ("report none", "is not a folder; make an evaluation with fuzzyarm evaluate"),
+    ("report folder.json", "holds no results.json; make an evaluation with fuzzyarm evaluate"),
+    ("leaderboard folder.json", "results.json is not there"),
+]
+
+
+@pytest.mark.parametrize(("line", "parts"), [(line, parts) for line, *parts in MISTAKES], ids=lambda one: str(one)[:60])
+def test_a_mistake_is_one_line_with_the_value_and_a_way_out(line, parts, tmp_path, capsys, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "folder.json").mkdir()
+    (tmp_path / "broken.json").write_text("{}")
+    (tmp_path / "bad.toml").write_text("mass = [-1, 8]\n")
+    (tmp_path / "arm.toml").write_text("mass = [12, 8]\n")
+    before = sorted(tmp_path.rglob("*"))
+    assert main(shlex.split(line)) == 2
+    error = one_line_error(capsys)
+    assert error.startswith("fuzzyarm") and all(part in error for part in parts), error
+    assert sorted(tmp_path.rglob("*")) == before
+
 
 COMMANDS = [[name] for commands in GROUPS.values() for name in commands] + [["train", "ppo"]]
 COMPUTING = [words for words in COMMANDS if words != ["train"]]
@@ -75,12 +177,6 @@ def test_help_fits_80_columns(words, capsys, monkeypatch):
     assert not any("…" in line for line in lines)
 
 
-@pytest.mark.parametrize("words", slow_but([[], ["train", "ppo"]], [[], *COMMANDS]), ids=" ".join)
-def test_the_short_flag_gives_the_same_help(words, capsys, monkeypatch):
-    monkeypatch.setenv("COLUMNS", "80")
-    assert printed(capsys, *words, "-h") == help_at_80_columns(*words)
-
-
 @pytest.fixture(scope="module")
 def application():
     """The whole command line."""
@@ -112,74 +208,11 @@ def test_help_loads_nothing_that_computes():
     assert loaded_after("--help", "--version", "evaluate --help", "design --help") == ["loaded []"] * 4
 
 
-@pytest.mark.parametrize(
-    ("words", "value", "way_out"),
-    [
-        ([], "a command is missing", "choose from: evaluate, report,"),
-        (["evalute"], "unknown command evalute", "did you mean evaluate? See fuzzyarm --help"),
-        (["fly"], "unknown command fly", "choose from: evaluate, report,"),
-        (["evaluate", "--sedes", "4"], "--sedes", "Did you mean --seeds? See fuzzyarm evaluate --help"),
-        (["evaluate", "--seeds", "1.5"], "--seeds 1.5", "must be a whole number"),
-        (["evaluate", "--encoder-noise", "1e-5"], "--encoder-noise 1e-5", "needs 2 values"),
-        (["evaluate", "--json=maybe"], "--json maybe", "must be yes or no"),
-        (["evaluate", "--policy"], "--policy", "needs a value; see fuzzyarm evaluate --help"),
-        (["evaluate", "now"], "now", "belongs to no option; see fuzzyarm evaluate --help"),
-        (["report"], "DIR is missing", "see fuzzyarm report --help"),
-        (["leaderboard", "--markdown"], "FILE... is missing", "see fuzzyarm leaderboard --help"),
-        (["design"], "--out is missing", "see fuzzyarm design --help"),
-        (["design", "--out", "a.json", "--out", "b.json"], "--out b.json is given twice", "leave out one"),
-        (["design", "--out", "c.json", "--theorem", "papr"], '"papr" for --theorem', '"consistent", "paper"'),
-        (["design", "--out", "c.json", "--rules", "4", "--keep", "z1"], "--keep z1", "leave out one"),
-        (["verify"], "FILE... is missing", "see fuzzyarm verify --help"),
-        (["margins", "--nope"], "--nope", "see fuzzyarm margins --help"),
-        (["train"], "a command is missing", "see fuzzyarm train --help"),
-        (["train", "pp"], "unknown command pp", "did you mean ppo? See fuzzyarm train --help"),
-        (["train", "ppo"], "--out is missing", "see fuzzyarm train ppo --help"),
-        (["train", "ppo", "--out", "x", "--hidden", "64", "6.4"], "--hidden 6.4", "must be a whole number"),
-        (["sweep", "--jobs", "two"], "--jobs two", "must be a whole number"),
-        (["sweep", "--range", "mass", "0.9"], "--range mass 0.9", "needs 3 values"),
-        (["paper"], "--out is missing", "see fuzzyarm paper --help"),
-        (["bench", "--lanes", "64", "many"], "--lanes many", "must be a whole number"),
-    ],
-)
-def test_a_mistake_is_one_line_with_the_value_and_a_way_out(tmp_path, capsys, monkeypatch, words, value, way_out):
-    monkeypatch.chdir(tmp_path)
-    assert main(words) == 2
-    out, err = capsys.readouterr()
-    assert out == "" and err.count("\n") == 1
-    name = " ".join(["fuzzyarm", *(words[:1] if words[:1] in COMMANDS else [])])
-    assert err.startswith(f"{name}: ") and value in err and way_out in err
-    assert list(tmp_path.iterdir()) == []
-
-
-@pytest.mark.parametrize(("word", "number"), [("4e6", 4_000_000), ("4_000", 4000), ("12", 12)])
-def test_whole_numbers_may_be_written_in_powers_of_ten(word, number):
-    _, bound, _ = command_line(["evaluate"]).parse_args(["evaluate", "--seeds", word])
-    assert bound.arguments == {"seeds": number}
-
-
-def assert_complete(script):
-    """Check that a script knows commands and options."""
-    for word in ("evaluate", "leaderboard", "encoder-noise", "no-integral", "ent-coef", "lanes-sweep"):
-        assert word in script
-    assert "--no-json" not in script and "--policies" not in script
-
-
-@pytest.mark.slow  # the test below does the same with what is installed for bash
-@pytest.mark.parametrize("shell", ["bash", "zsh", "fish"])
-def test_completion_knows_commands_and_options(shell, application):
-    script = application.generate_completion(shell=shell)
-    assert_complete(script)
-    if shutil.which(shell):
-        subprocess.run([shell, "-n"], input=script, text=True, check=True)
-
-
 def test_completion_is_installed_and_completes(tmp_path, monkeypatch, capsys):
     monkeypatch.setenv("HOME", str(tmp_path))
     script = tmp_path / "completion"
     assert main(["--install-completion", "--shell", "bash", "--output", str(script)]) == 0
     assert str(script) in capsys.readouterr().out
-    assert_complete(script.read_text(encoding="utf-8"))
     if shutil.which("bash") is None:
         pytest.skip("bash is not installed")
 
@@ -193,3 +226,51 @@ def test_completion_is_installed_and_completes(tmp_path, monkeypatch, capsys):
     assert completed("fuzzyarm", "evaluate", "--enc") == ["--encoder-noise"]
     assert completed("fuzzyarm", "train", "p") == ["ppo"]
     assert "paper" in completed("fuzzyarm", "design", "--theorem", "p")
+
+
+def row(policy, case, rms, *, seed=0, completed=True, largest=1.0):
+    """A row of results; its numbers have as many digits as there can be."""
+    metrics = dict.fromkeys((one.name for metrics in columns().values() for one in metrics), -123456.789)
+    own = {"tip_error_rms_mm": rms, "tip_error_max_mm": largest}
+    return {"case": case, "policy": policy, "seed": seed, "completed": completed, **metrics, **own}
+
+
+THREE = [
+    *(row(name, "nominal", rms) for name, rms in (("a", 1.0), ("b", 0.000419), ("c", 2.0))),
+    *(row(name, "machining", rms) for name, rms in (("a", 1.0), ("b", 1.0), ("c", 2.0))),
+    *(row(name, "payload", 1.0, completed=False) for name in "abc"),
+]
+
+
+def test_the_verdict_of_three_cases_has_five_lines():
+    assert verdict(THREE, {"a": "For the ...", "b": None, "c": None}, Path("my folder"), 43) == [
+        "Case 1: nominal: b won, rms tip error < 0.001 mm",
+        "Case 2: machining force: a, b tie, rms tip error 1.00 mm",
+        "Case 3: 5 kg payload: no policy followed the path to its end",
+        "Proven of the rigid arm: a; nothing of 2 others",
+        "43 files in 'my folder'; next: fuzzyarm report 'my folder'",
+    ]
+
+
+def test_who_lost_the_path_once_cannot_win():
+    rows = [row("a", "nominal", 1e-3, seed=seed, completed=seed != 1) for seed in range(3)]
+    rows += [row("far", "nominal", 1e-3, largest=101.0)]
+    rows += [row("b", "nominal", rms, seed=seed) for seed, rms in enumerate((5.0, 1.0, 2.0))]
+    assert verdict(rows, {"a": None}, Path("x"), 3)[:2] == [
+        "Case 1: nominal: b followed, rms tip error 2.00 mm; a, far lost the path",
+        "Proven of the rigid arm: nothing",
+    ]
+
+
+@pytest.mark.parametrize(("width", "left_out"), [(200, ()), (80, (6,)), (60, (3, 4, 5, 6)), (34, (1, 3, 4, 5, 6))])
+def test_a_narrow_terminal_has_fewer_columns_and_every_digit_of_the_others(width, left_out):
+    rows = [row("computed-torque-tip", "nominal", 1234.5, largest=0.0412)]
+    screen = rich.console.Console(file=io.StringIO(), force_terminal=True, width=width, color_system=None)
+    print_results(rows, screen)
+    text = screen.file.getvalue()
+    assert max(map(len, text.splitlines())) <= width and "…" not in text
+    assert "1.23e+03" in text and "0.0412" in text  # rms and the largest error are always there
+    note = " ".join(text.split("Left out on")[1].split()) if left_out else ""
+    assert ("Left out on" in text) == bool(left_out)
+    for number in left_out:
+        assert list(columns())[number] in note

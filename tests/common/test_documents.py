@@ -40,11 +40,12 @@ class Robot:
             raise ValueError("joints = 0 is out of range")
 
 
-@settings(max_examples=40)
+@settings(max_examples=20)
 @given(CONTENTS)
 def test_what_json_writes_is_read_back(content):
-    assert parse_json(json.dumps(content)) == content
-    assert parse_json(json.dumps(content).encode()) == content
+    assert parse_json(json.dumps(content)) == content == parse_json(json.dumps(content).encode())
+    deepest = "[" * DEEPEST + "]" * DEEPEST
+    assert json.dumps(parse_json(deepest)) == deepest
 
 
 @given(st.binary(max_size=60) | st.text(max_size=60))
@@ -80,67 +81,39 @@ def test_bad_documents_say_what_is_wrong(tmp_path, text, problem):
     assert isinstance(caught.value, ValueError)
 
 
-def test_the_deepest_document_is_read():
-    content = parse_json("[" * DEEPEST + "]" * DEEPEST)
-    for _ in range(DEEPEST - 1):
-        (content,) = content
-    assert content == []
-
-
 @pytest.mark.parametrize("read", [read_json, read_toml])
-class TestFiles:
-    def test_only_regular_files_are_read(self, read, tmp_path):
-        os.mkfifo(tmp_path / "pipe")
-        with pytest.raises(DocumentError, match="not a regular file"):  # and it does not wait for a writer
-            read(tmp_path / "pipe")
+def test_only_regular_files_of_a_limited_size_are_read(read, tmp_path):
+    os.mkfifo(tmp_path / "pipe")
+    with pytest.raises(DocumentError, match="not a regular file"):  # and it does not wait for a writer
+        read(tmp_path / "pipe")
+    for path in (tmp_path, tmp_path / "nothing"):
         with pytest.raises(OSError):
-            read(tmp_path)
-        with pytest.raises(FileNotFoundError):
-            read(tmp_path / "nothing")
-
-    def test_the_limit_is_the_last_size_that_is_read(self, read, tmp_path):
-        path = tmp_path / "file"
-        path.write_text("{}" if read is read_json else "# ")
-        assert read(path, largest=2) == {}
-        with pytest.raises(DocumentError, match="larger than 1 bytes"):
-            read(path, largest=1)
-
-
-def test_toml_is_a_mapping(tmp_path):
-    path = tmp_path / "arm.toml"
-    path.write_text("mass = [10, 5]\n[friction]\nlevel = 2.5\n")
-    assert read_toml(path) == {"mass": [10, 5], "friction": {"level": 2.5}}
+            read(path)
+    path = tmp_path / "file"
+    path.write_text("{}" if read is read_json else "# ")
+    assert read(path, largest=2) == {}
+    with pytest.raises(DocumentError, match="larger than 1 bytes"):
+        read(path, largest=1)
 
 
 @pytest.mark.parametrize(
-    "text",
-    ["mass = ", "a = 1\na = 2", "x = " + "[" * 60 + "]" * 60, "x = " + "[" * 9**5, ".".join("a" * 9**5) + " = 1"],
+    ("text", "problem"),
+    [
+        (b"mass = ", r"arm\.toml is not a TOML file: "),
+        (b"a = 1\na = 2", r"arm\.toml is not a TOML file: "),
+        (b'name = "\xff"', r"arm\.toml is not a TOML file: "),
+        (b"x = " + b"[" * 9**5, r"arm\.toml is not a TOML file: "),
+        # Python would take a time that grows with the square of the parts.
+        (b".".join([b"a"] * (DEEPEST + 2)) + b" = 1", f"a key has more than {DEEPEST} parts"),
+        (b".".join([b"a"] * 9**5) + b" = 1", r"arm\.toml is not a TOML file: "),
+    ],
 )
-def test_bad_toml_says_so(tmp_path, text):
+def test_bad_toml_says_so(tmp_path, text, problem):
     path = tmp_path / "arm.toml"
-    path.write_text(text)
-    with pytest.raises(DocumentError, match=r"arm\.toml is not a TOML file: ") as caught:
+    path.write_bytes(text)
+    with pytest.raises(DocumentError, match=problem) as caught:
         read_toml(path)
     assert not isinstance(caught.value, tomllib.TOMLDecodeError) and "\n" not in str(caught.value)
-
-
-def test_a_dotted_key_is_refused_before_it_is_parsed(tmp_path):
-    """Python takes a time that grows with the square of its parts: minutes for a file of the largest size."""
-    path = tmp_path / "arm.toml"
-    path.write_text(".".join("a" * (DEEPEST + 2)) + " = 1")
-    with pytest.raises(DocumentError, match=f"a key has more than {DEEPEST} parts"):
-        read_toml(path)
-
-
-def test_text_that_is_not_utf8_is_no_toml(tmp_path):
-    (tmp_path / "arm.toml").write_bytes(b'name = "\xff"')
-    with pytest.raises(DocumentError, match="is not a TOML file"):
-        read_toml(tmp_path / "arm.toml")
-
-
-def test_a_record_takes_its_fields():
-    content = {"link": {"mass": 3, "names": ["upper"]}, "payload": 1.5}
-    assert record(content, Robot) == Robot(Link(3.0, ("upper",)), 2, 1.5)
 
 
 @pytest.mark.parametrize(
@@ -149,20 +122,20 @@ def test_a_record_takes_its_fields():
         ({}, "link"),
         ({"link": {"mass": "3"}}, r"`link\.mass`"),
         ({"link": {"mass": True}}, r"`link\.mass`"),
-        ({"link": {"mass": 1.0}, "joints": 2.5}, "`joints`"),
         ({"link": {"mass": 1.0, "names": ["a", 1]}}, r"`link\.names\[1\]`"),
         ({"link": {"mass": 1.0}, "joints": 0}, "joints = 0 is out of range"),
         ({"link": {"mass": 1.0}, "color": "red"}, "unknown field color; known: joints, link, payload"),
-        ([], "object"),
         (None, "object"),
     ],
 )
 def test_what_does_not_fit_a_record_is_named_by_its_place(content, problem):
+    fitting = {"link": {"mass": 3, "names": ["upper"]}, "payload": 1.5}
+    assert record(fitting, Robot) == Robot(Link(3.0, ("upper",)), 2, 1.5)
     with pytest.raises(ValueError, match=problem):
         record(content, Robot)
 
 
-@pytest.mark.parametrize("content", [None, [], "fuzzyarm/1", {}, {"schema": None}, {"schema": "fuzzyarm/2"}])
+@pytest.mark.parametrize("content", [None, "fuzzyarm/1", {}, {"schema": "fuzzyarm/2"}])
 def test_another_schema_is_refused_with_both(content):
     assert check_schema({"schema": "fuzzyarm/1", "a": 1}, "fuzzyarm/1") == {"schema": "fuzzyarm/1", "a": 1}
     with pytest.raises(ValueError, match=r"the schema is .*, this version reads 'fuzzyarm/1'"):

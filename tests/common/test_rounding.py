@@ -7,8 +7,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from fuzzyarm.common import rounding
-from fuzzyarm.common.rounding import at_least, at_most
+from fuzzyarm.common import arithmetic
+from fuzzyarm.common.arithmetic import at_least, at_most
 
 FINITE = st.floats(allow_nan=False, allow_infinity=False)
 
@@ -34,4 +34,4 @@ def test_what_is_not_finite_is_no_bound(value):
 
 
 def test_examples():
-    assert doctest.testmod(rounding).failed == 0
+    assert doctest.testmod(arithmetic).failed == 0

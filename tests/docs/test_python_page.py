@@ -91,14 +91,6 @@ def test_lines_and_commands_print_the_same_numbers(done, monkeypatch, capsys):
 
 
 @pytest.mark.slow
-def test_every_line_that_imports_runs():
-    for block in code(TEXT):
-        for node in ast.parse(block).body:
-            if isinstance(node, ast.Import | ast.ImportFrom):
-                exec(compile(ast.unparse(node), "python.md", "exec"), {})
-
-
-@pytest.mark.slow
 @pytest.mark.parametrize("name", ["sweep", "train", "bench", "paper"])
 def test_what_the_page_does_not_execute_runs_as_well(name, tmp_path, monkeypatch):
     folders, names = [tmp_path / "lines", tmp_path / "commands"], {}

@@ -9,7 +9,6 @@ import pytest
 from gymnasium.error import ResetNeeded
 from gymnasium.vector import AutoresetMode
 from gymnasium.wrappers import vector as wrappers
-from slow_twins import slow_but
 from support.randomisation import ROBUST
 from support.results import assert_identical, identical
 
@@ -26,10 +25,8 @@ LONGER = JointReference(path=Lemniscate((0.4, 0.5), 0.02), duration=0.1)
 LEAVING = np.r_[3.14, 0.0, 3.14, 0.0, 2.0, 0.0, 2.0, 0.0]  # out of the box within a few steps
 LANES = 4
 SETTINGS = {
-    "nominal": {},
     "short": {"reference": SHORT, "disturbance": NOISY},
     "robust": {"disturbance": NOISY, "randomisation": ROBUST},
-    "plants": {"case": "machining", "randomisation": "plants"},
 }
 
 
@@ -49,18 +46,9 @@ def torques(seed, steps, lanes=LANES):
     return signs * generator.uniform(0.2, 1.0, signs.shape) * LIMIT
 
 
-def random_mask(generator, ended):
-    """Lanes that have ended, and sometimes others."""
-    return ended | (generator.random(len(ended)) < 0.2)
-
-
-# --- equal to Gymnasium's loop -----------------------------------------------------------------------------------
-
-
-@pytest.mark.parametrize("setting", slow_but(["short", "robust"], SETTINGS))
+@pytest.mark.parametrize("setting", SETTINGS)
 def test_next_step_equals_gymnasiums_loop(setting):
     envs, expected = batch("NextStep", **SETTINGS[setting]), loop("NextStep", **SETTINGS[setting])
-    assert envs.metadata["autoreset_mode"] is AutoresetMode.NEXT_STEP
     assert_identical(envs.reset(seed=3), expected.reset(seed=3))
     ends, resets = 0, 0
     for step, action in enumerate(torques(5, 400)):
@@ -72,9 +60,11 @@ def test_next_step_equals_gymnasiums_loop(setting):
     assert_identical(envs.reset(seed=4), expected.reset(seed=4))  # with lanes that wait
 
 
-@pytest.mark.parametrize("setting", SETTINGS)
-def test_disabled_equals_gymnasiums_loop_with_masks_seeds_and_options(setting):
-    envs, expected = batch("Disabled", **SETTINGS[setting]), loop("Disabled", **SETTINGS[setting])
+@pytest.mark.parametrize(
+    ("mode", "setting"), [("Disabled", "short"), ("Disabled", "robust"), ("NextStep", "short"), ("SameStep", "short")]
+)
+def test_masks_seeds_and_options_equal_gymnasiums_loop_in_every_mode(mode, setting):
+    envs, expected = batch(mode, **SETTINGS[setting]), loop(mode, **SETTINGS[setting])
     generator, resets = np.random.default_rng(0), 0
     assert_identical(envs.reset(seed=3), expected.reset(seed=3))
     for step, action in enumerate(torques(6, 250)):
@@ -82,7 +72,8 @@ def test_disabled_equals_gymnasiums_loop_with_masks_seeds_and_options(setting):
         assert_identical(results, expected.step(action), step)
         ended = results[2] | results[3]
         if ended.any() or step % 37 == 0:
-            mask = random_mask(generator, ended) if ended.any() else np.arange(LANES) == step % LANES
+            others = generator.random(LANES) < 0.2
+            mask = ended | others if ended.any() else np.arange(LANES) == step % LANES
             options = [{}, {"case": "payload"}, {"reference": LONGER}, {"initial_state": LEAVING}][resets % 4]
             seed = [None, 17, [None, 5, 6, None]][resets % 3]
             masks = {"reset_mask": mask} | options
@@ -90,23 +81,8 @@ def test_disabled_equals_gymnasiums_loop_with_masks_seeds_and_options(setting):
             assert masks["reset_mask"] is mask  # the caller's options stay as they are
             resets += 1
     assert resets > 9
-
-
-@pytest.mark.parametrize("mode", list(AutoresetMode))
-def test_a_mask_works_in_every_mode(mode):
-    setting = SETTINGS["short"]
-    envs, expected, generator = batch(mode, **setting), loop(mode, **setting), np.random.default_rng(1)
-    envs.reset(seed=0)
-    expected.reset(seed=0)
-    for step, action in enumerate(torques(8, 120)):
-        results = envs.step(action)
-        assert_identical(results, expected.step(action), step)
-        ended = results[2] | results[3]
-        if ended.any() and (mode is AutoresetMode.DISABLED or step % 2):
-            mask = random_mask(generator, ended)
-            assert_identical(
-                envs.reset(options={"reset_mask": mask}), expected.reset(options={"reset_mask": mask}), step
-            )
+    if setting == "short":  # tables that no lane is in are dropped
+        assert len(envs.lanes.table) <= (1 + LANES) * 102
 
 
 def test_the_default_is_same_step_and_each_instance_says_its_own_mode():
@@ -120,13 +96,10 @@ def test_the_default_is_same_step_and_each_instance_says_its_own_mode():
         gym.make_vec("FuzzyArm-v0", num_envs=2, vector_kwargs={"autoreset_mode": "NextStep"})
 
 
-@pytest.mark.parametrize("wrong", ["next-step", "", None, 1, True, "NEXT_STEP", np.array(["SameStep"])])
+@pytest.mark.parametrize("wrong", ["next-step", None, 1])
 def test_an_unknown_mode_names_the_choices(wrong):
     with pytest.raises((TypeError, ValueError), match=r"autoreset_mode.*NextStep.*SameStep.*Disabled"):
         FuzzyArmVectorEnv(2, autoreset_mode=wrong)
-
-
-# --- what a user can do wrong ------------------------------------------------------------------------------------
 
 
 def test_disabled_refuses_to_step_a_lane_that_is_over_and_names_it():
@@ -168,21 +141,6 @@ def test_a_mask_before_the_first_reset_is_refused_unless_it_names_all():
     )
 
 
-# --- tables, states and copies -----------------------------------------------------------------------------------
-
-
-def test_tables_of_scenarios_that_no_lane_is_in_are_dropped():
-    envs, sizes = batch("Disabled", reference=SHORT), []
-    envs.reset(seed=0)
-    generator = np.random.default_rng(2)
-    for _ in range(60):
-        mask = generator.random(LANES) < 0.5
-        mask[generator.integers(LANES)] = True
-        envs.reset(options={"reset_mask": mask, "case": "machining"})
-        sizes.append(len(envs.lanes.table))
-    assert max(sizes) <= (1 + LANES) * 51
-
-
 @pytest.mark.parametrize("mode", ["NextStep", "Disabled"])
 def test_states_and_copies_remember_which_lanes_wait(mode):
     envs = batch(mode, reference=[SHORT, LONGER, LONGER, SHORT], disturbance=NOISY)
@@ -207,13 +165,8 @@ def test_states_and_copies_remember_which_lanes_wait(mode):
         same.set_state(state)
 
 
-# --- Gymnasium's wrappers ----------------------------------------------------------------------------------------
-
 WRAPPED = {
-    "NormalizeObservation": wrappers.NormalizeObservation,
-    "NormalizeReward": wrappers.NormalizeReward,
     "TransformObservation": lambda envs: wrappers.RescaleObservation(envs, -1, 1),
-    "FlattenObservation": wrappers.FlattenObservation,
     "DictInfoToList": wrappers.DictInfoToList,
     "ClipReward": lambda envs: wrappers.ClipReward(envs, 0.25, 0.75),
     "learning stack": lambda envs: wrappers.NormalizeReward(
@@ -230,10 +183,10 @@ def without_clock(results):
     return results
 
 
-@pytest.mark.parametrize("name", WRAPPED)
-def test_wrappers_show_the_same_around_the_batch_and_around_the_loop(name):
+@pytest.mark.parametrize(("mode", "name"), [*(("NextStep", name) for name in WRAPPED), ("SameStep", "DictInfoToList")])
+def test_wrappers_show_the_same_around_the_batch_and_around_the_loop(mode, name):
     setting = SETTINGS["short"]
-    envs, expected = WRAPPED[name](batch("NextStep", **setting)), WRAPPED[name](loop("NextStep", **setting))
+    envs, expected = WRAPPED[name](batch(mode, **setting)), WRAPPED[name](loop(mode, **setting))
     assert identical(envs.reset(seed=0), expected.reset(seed=0))
     ends = 0
     for step, action in enumerate(torques(4, 170) / LIMIT):
@@ -242,22 +195,3 @@ def test_wrappers_show_the_same_around_the_batch_and_around_the_loop(name):
         assert identical(results, without_clock(expected.step(scaled))), step
         ends += int((results[2] | results[3]).sum())
     assert ends > LANES
-
-
-def test_normalised_observations_have_mean_0_and_deviation_1():
-    envs = wrappers.NormalizeObservation(batch("NextStep", lanes=16, **SETTINGS["robust"]))
-    envs.reset(seed=0)
-    seen = np.array([envs.step(action)[0] for action in torques(4, 1500, 16)])[500:]
-    assert np.abs(seen.mean(axis=(0, 1))).max() < 0.5 and np.abs(np.log(seen.std(axis=(0, 1)))).max() < 0.7
-
-
-def test_episode_statistics_go_on_in_the_lanes_that_a_mask_leaves():
-    envs = wrappers.RecordEpisodeStatistics(batch("Disabled", reference=[SHORT, LONGER, LONGER, LONGER]))
-    envs.reset(seed=0)
-    lengths = []
-    for _ in range(220):
-        *_, terminated, truncated, info = envs.step(np.zeros((LANES, 2)))
-        if "episode" in info:
-            lengths.extend(info["episode"]["l"][info["_episode"]].tolist())
-            envs.reset(options={"reset_mask": terminated | truncated})
-    assert lengths[:1] == [50] and set(lengths[1:]) - {50}  # lane 0 was over first, the others went on

@@ -10,12 +10,11 @@ from fuzzyarm.envs.fastest_mode import fastest_rate
 from fuzzyarm.envs.fuzzy_arm import FuzzyArmEnv
 from fuzzyarm.envs.periods import MOST_SUBSTEPS, RESOLVED, STABLE, default_substeps, whole_substeps
 from fuzzyarm.envs.physics.dynamics import arm_constants, mass_matrix
-from fuzzyarm.envs.physics.equations import chosen_arm, robot_of
-from fuzzyarm.envs.physics.hold import hold_of
+from fuzzyarm.envs.physics.equations import chosen_arm, robot_of, two_joints
+from fuzzyarm.envs.physics.integrator import hold_of
 from fuzzyarm.envs.physics.parameters import ArmParameters
 from fuzzyarm.envs.physics.records import flat
 from fuzzyarm.envs.physics.robot import shipped_robots
-from fuzzyarm.envs.physics.two_joints import two_joints
 from fuzzyarm.envs.scenario.cases import PAPER_CASES
 from fuzzyarm.envs.scenario.randomisation import DomainRandomisation, find_randomisation
 from fuzzyarm.envs.vector import FuzzyArmVectorEnv
@@ -57,30 +56,19 @@ def test_the_rate_bounds_every_eigenvalue_of_the_arm_closely(arm):
 
 
 def test_the_worst_corner_of_what_is_drawn_is_the_stiffest_and_lightest_plant():
-    drawn = DomainRandomisation(
-        mass=(0.5, 2.0),
-        motor_inertia=(0.2, 3.0),
-        stiffness=(0.1, 4.0),
-        damping=(0.0, 5.0),
-        viscous_friction=(0.0, 6.0),
-        payload=(0.0, 9.0),
-    )
-
-    def times(factor, pair):
-        return tuple(factor * number for number in pair)
-
-    p = TABLE_1
-    corner = dataclasses.replace(
-        p,
-        mass=times(0.5, p.mass),
-        inertia=times(0.5, p.inertia),
-        motor_inertia=times(0.2, p.motor_inertia),
-        stiffness=times(4.0, p.stiffness),
-        damping=times(5.0, p.damping),
-        viscous_friction=times(6.0, p.viscous_friction),
-    )
-    assert_allclose(fastest_rate([p], drawn), fastest_rate([corner]), rtol=1e-12)
-    assert fastest_rate([p], drawn) > 3.0 * fastest_rate([p])
+    ends = {
+        "mass": (0.5, 2.0),
+        "motor_inertia": (0.2, 3.0),
+        "stiffness": (0.1, 4.0),
+        "damping": (0.0, 5.0),
+        "viscous_friction": (0.0, 6.0),
+    }
+    worst = {name: end[0] if name in ("mass", "motor_inertia") else end[1] for name, end in ends.items()}
+    worst["inertia"] = worst["mass"]
+    corner = {name: tuple(factor * number for number in getattr(TABLE_1, name)) for name, factor in worst.items()}
+    drawn = fastest_rate([TABLE_1], DomainRandomisation(**ends, payload=(0.0, 9.0)))
+    assert_allclose(drawn, fastest_rate([dataclasses.replace(TABLE_1, **corner)]), rtol=1e-12)
+    assert drawn > 3.0 * fastest_rate([TABLE_1])
 
 
 @pytest.mark.parametrize("arm", FAST.values(), ids=FAST)
@@ -126,16 +114,9 @@ def test_every_loop_of_one_arm_has_the_same_sub_steps():
     assert AdaptiveObserverPolicy(light).settings.substeps == FuzzyArmEnv(parameters=light).substeps == 21
     drawn = DomainRandomisation(stiffness=(1.0, 4.0))
     assert FuzzyArmEnv(parameters=STIFF, randomisation=drawn).substeps == pytest.approx(2 * count, abs=1)
-
-
-def test_the_plants_of_a_sweep_have_one_sub_step_whatever_their_chunk():
-    config = SweepConfig.of(
-        {"grid": (("stiffness", 1.0, 100.0, 2), ("mass", 1.0, 2.0, 2)), "parameters": STIFF, "chunk": 1}
-    )
+    grid = ("stiffness", 1.0, 100.0, 2), ("mass", 1.0, 2.0, 2)
+    config = SweepConfig.of({"grid": grid, "parameters": STIFF, "chunk": 1})
     assert {Plants.draw(config, [member]).environment(["nominal"]).substeps for member in range(4)} == {266}
-
-
-def test_the_margins_of_a_stiff_arm_see_no_mode_that_grows():
     assert spectral_radius(ComputedTorquePolicy(STIFF), STIFF, control_period=1e-3) < 1.0
 
 
@@ -147,9 +128,6 @@ def test_an_arm_that_no_sub_step_can_do_is_refused_with_the_one_it_needs():
     with pytest.raises(ValueError, match="needs a sub-step of 0 s"):
         default_substeps(1e-3, np.inf)
     assert default_substeps(1e-3, MOST_SUBSTEPS / 1e-3) == MOST_SUBSTEPS
-
-
-def test_a_sub_step_with_which_a_mode_grows_is_refused():
     with pytest.raises(ValueError, match=r"substep = 0\.0002 s is too long .* use substep = 3\.7037e-05 s"):
         FuzzyArmEnv(parameters=STIFF, substep=2e-4)
     assert FuzzyArmEnv(parameters=STIFF, substep=5e-5).substeps == 20

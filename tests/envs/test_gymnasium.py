@@ -16,6 +16,7 @@ from fuzzyarm.envs.fuzzy_arm import FuzzyArmEnv
 from fuzzyarm.envs.physics.dynamics import Payload
 from fuzzyarm.envs.physics.parameters import ArmParameters
 from fuzzyarm.envs.physics.robot import robot_named
+from fuzzyarm.envs.scenario.cases import CASES
 from fuzzyarm.envs.scenario.disturbances import ConstantForce, Disturbance, EncoderNoise
 from fuzzyarm.envs.scenario.paths import Line, Spline
 from fuzzyarm.envs.scenario.randomisation import DomainRandomisation
@@ -39,201 +40,83 @@ def steps_until_the_end(env, **reset):
     raise AssertionError("the episode does not end")
 
 
-# --- steps of an episode -----------------------------------------------------------------------------------------
-
-
 @pytest.mark.parametrize(
     ("arguments", "steps"),
-    [
-        ({}, 1500),
-        ({"control_period": 2e-3}, 750),
-        ({"reference": SHORT}, 50),
-        ({"reference": LONG}, 1600),
-        ({"case": "payload", "reference": LONG, "control_period": 5e-3}, 320),
-    ],
+    [({}, 1500), ({"reference": SHORT}, 50), ({"case": "payload", "reference": LONG, "control_period": 5e-3}, 320)],
     ids=str,
 )
 def test_the_spec_states_the_steps_of_an_episode_and_no_wrapper_counts_them(arguments, steps):
+    assert gym.spec("FuzzyArm-v0").max_episode_steps is None and FuzzyArmEnv().spec is None
     env = gym.make("FuzzyArm-v0", **arguments)
-    assert type(env) is FuzzyArmEnv
-    assert env.spec.max_episode_steps == steps
+    assert type(env) is FuzzyArmEnv and env.spec.max_episode_steps == steps
     assert steps_until_the_end(env, seed=0) == (steps, True)
-
-
-def test_a_longer_reference_for_one_episode_is_not_cut_short():
-    assert steps_until_the_end(gym.make("FuzzyArm-v0"), options={"reference": LONG}) == (1600, True)
-
-
-def test_of_drawn_references_the_longest_counts():
-    env = gym.make("FuzzyArm-v0", randomisation="robust")
-    lengths = []
-    for seed in range(6):
-        env.reset(seed=seed)
-        lengths.append(env.unwrapped._lanes.schedule(0)[1].steps)
-    assert len(set(lengths)) > 1 and max(lengths) <= env.spec.max_episode_steps
+    again = gym.make(env.spec, max_episode_steps=-1)
+    assert type(again) is FuzzyArmEnv and steps_until_the_end(gym.make(env.spec)) == (steps, True)
+    assert steps_until_the_end(again, options={"reference": LONG}) == (round(1.6 / again.control_period), True)
 
 
 def test_a_time_limit_of_the_users_own_truncates():
-    for env in (
-        gym.make("FuzzyArm-v0", max_episode_steps=100),
-        wrappers.TimeLimit(gym.make("FuzzyArm-v0"), 100),
-        wrappers.TimeLimit(FuzzyArmEnv(), 100),
+    made = gym.make("FuzzyArm-v0", max_episode_steps=100)
+    assert made.spec.max_episode_steps == 100
+    for env, steps in (
+        (made, 100),
+        (wrappers.TimeLimit(FuzzyArmEnv(), 100), 100),
+        (wrappers.TimeLimit(made.env, 5000), 1500),
     ):
-        assert isinstance(env, wrappers.TimeLimit) and steps_until_the_end(env) == (100, True)
-    assert gym.make("FuzzyArm-v0", max_episode_steps=100).spec.max_episode_steps == 100
-    later = wrappers.TimeLimit(gym.make("FuzzyArm-v0"), 5000)  # the reference ends first
-    assert steps_until_the_end(later) == (1500, True)
-
-
-def test_an_environment_made_from_the_spec_ends_at_the_same_step():
-    spec = gym.make("FuzzyArm-v0", reference=SHORT).spec
-    assert steps_until_the_end(gym.make(spec)) == (50, True)
-    assert type(gym.make(spec, max_episode_steps=-1)) is FuzzyArmEnv
-
-
-def test_no_time_limit_is_registered():
-    """A registered one would go around every arm of `gym.make`, whatever the duration of its reference."""
-    assert gym.spec("FuzzyArm-v0").max_episode_steps is None
-    assert FuzzyArmEnv().spec is None
-
-
-# --- wrappers ----------------------------------------------------------------------------------------------------
-
-
-def test_time_aware_observations_count_the_steps():
-    env = wrappers.TimeAwareObservation(gym.make("FuzzyArm-v0", reference=SHORT), normalize_time=True)
-    assert env.reset(seed=0)[0].shape == (11,) and env.max_timesteps == 50
-    times = [env.step(HOLDING)[0][-1] for _ in range(50)]
-    np.testing.assert_allclose(times, np.arange(1, 51) / 50)
-
-
-WRAPPED = {
-    "TimeAwareObservation": wrappers.TimeAwareObservation,
-    "TimeLimit": lambda env: wrappers.TimeLimit(env, 30),
-    "RecordEpisodeStatistics": wrappers.RecordEpisodeStatistics,
-    "NormalizeObservation": wrappers.NormalizeObservation,
-    "NormalizeReward": wrappers.NormalizeReward,
-    "FrameStackObservation": lambda env: wrappers.FrameStackObservation(env, 3),
-    "DelayObservation": lambda env: wrappers.DelayObservation(env, 2),
-    "FlattenObservation": wrappers.FlattenObservation,
-    "RescaleObservation": lambda env: wrappers.RescaleObservation(env, -1.0, 1.0),
-    "ClipAction": wrappers.ClipAction,
-    "RescaleAction": lambda env: wrappers.RescaleAction(env, -1, 1),
-    "StickyAction": lambda env: wrappers.StickyAction(env, 0.3),
-    "Autoreset": wrappers.Autoreset,
-    "OrderEnforcing": wrappers.OrderEnforcing,
-    "PassiveEnvChecker": wrappers.PassiveEnvChecker,
-}
-
-
-@pytest.mark.filterwarnings("ignore:.*We recommend you to use a symmetric and normalized space.*:UserWarning")
-@pytest.mark.parametrize("name", WRAPPED)
-def test_a_wrapper_of_gymnasium_goes_around_it(name):
-    env = WRAPPED[name](gym.make("FuzzyArm-v0", reference=SHORT))
-    observation, _ = env.reset(seed=0)
-    assert observation in env.observation_space
-    for _ in range(30):
-        observation, reward, terminated, truncated, info = env.step(env.action_space.sample())
-        assert observation in env.observation_space and np.isfinite(reward) and isinstance(info, dict)
-        if terminated or truncated:
-            break
-
-
-def test_episode_statistics_are_those_of_the_episode():
-    env, total = wrappers.RecordEpisodeStatistics(gym.make("FuzzyArm-v0", reference=SHORT)), 0.0
-    env.reset(seed=0)
-    for _ in range(50):
-        _, reward, _, truncated, info = env.step(HOLDING)
-        total += reward
-    assert truncated and info["episode"]["l"] == 50 and info["episode"]["r"] == pytest.approx(total, rel=1e-12)
-
-
-def test_tensors_go_in_and_come_out():
-    pytest.importorskip("array_api_compat")  # Gymnasium's wrapper needs it
-    torch = pytest.importorskip("torch")
-    from gymnasium.wrappers.numpy_to_torch import NumpyToTorch
-
-    env, plain = NumpyToTorch(gym.make("FuzzyArm-v0")), gym.make("FuzzyArm-v0")
-    np.testing.assert_array_equal(env.reset(seed=0)[0].numpy(), plain.reset(seed=0)[0])
-    observation, reward, _, _, info = env.step(torch.tensor([20.0, 5.0]))
-    expected = plain.step(np.array([20.0, 5.0]))
-    assert isinstance(observation, torch.Tensor) and isinstance(info["tip"], torch.Tensor)
-    np.testing.assert_array_equal(observation.numpy(), expected[0])
-    assert float(reward) == pytest.approx(expected[1])
+        assert isinstance(env, wrappers.TimeLimit) and steps_until_the_end(env) == (steps, True)
+    env = gym.make("FuzzyArm-v0", randomisation="robust")  # of drawn references, the longest counts
+    lengths = set()
+    for seed in range(6):
+        env.reset(seed=seed)
+        lengths.add(env.unwrapped._lanes.schedule(0)[1].steps)
+    assert len(lengths) > 1 and max(lengths) <= env.spec.max_episode_steps
 
 
 @pytest.mark.slow
-def test_videos_are_recorded(tmp_path):
+@pytest.mark.parametrize("arguments", [{"reference": SHORT}, {"robot": "planar-3r"}], ids=["paper", "robot"])
+def test_videos_are_recorded(arguments, tmp_path):
     pytest.importorskip("moviepy")
-    env = wrappers.RecordVideo(
-        gym.make("FuzzyArm-v0", reference=SHORT, render_mode="rgb_array"), str(tmp_path / "videos"), disable_logger=True
-    )
-    env.reset(seed=0)
-    for _ in range(50):
-        *_, truncated, _ = env.step(HOLDING)
-    env.close()
-    (video,) = (tmp_path / "videos").glob("*.mp4")
-    assert truncated and video.stat().st_size > 10_000
-
-
-@pytest.mark.slow
-def test_videos_of_a_robot_are_recorded(tmp_path):
-    pytest.importorskip("moviepy")
-    made = gym.make("FuzzyArm-v0", robot="planar-3r", render_mode="rgb_array")
+    made = gym.make("FuzzyArm-v0", render_mode="rgb_array", **arguments)
     env = wrappers.RecordVideo(made, str(tmp_path / "videos"), video_length=30, disable_logger=True)
     env.reset(seed=0)
     for _ in range(31):
-        env.step(np.zeros(3))
+        env.step(np.zeros(env.action_space.shape))
     env.close()
     (video,) = (tmp_path / "videos").glob("*.mp4")
     assert video.stat().st_size > 10_000
 
 
-# --- registry, checker and seeds ---------------------------------------------------------------------------------
-
-
-@pytest.mark.parametrize(
-    "statement",
-    [
-        pytest.param("import fuzzyarm, gymnasium; env = gymnasium.make('FuzzyArm-v0')", marks=pytest.mark.slow),
-        "import gymnasium; env = gymnasium.make('fuzzyarm:FuzzyArm-v0', case='payload')",
-        pytest.param("import fuzzyarm.envs.fuzzy_arm as module; env = module.FuzzyArmEnv()", marks=pytest.mark.slow),
-    ],
-)
-def test_a_fresh_interpreter_makes_it(statement):
-    code = f"{statement}; env.reset(seed=0); print(env.step(env.action_space.sample())[0].shape)"
+def test_a_fresh_interpreter_makes_it():
+    code = (
+        "import gymnasium; env = gymnasium.make('fuzzyarm:FuzzyArm-v0', case='payload'); env.reset(seed=0); "
+        "print(env.step(env.action_space.sample())[0].shape)"
+    )
     done = subprocess.run([sys.executable, "-W", "error", "-c", code], capture_output=True, text=True, check=False)
     assert (done.stdout, done.stderr) == ("(10,)\n", "")
 
 
-def test_the_checker_of_gymnasium_has_no_wish_beyond_scaled_actions(monkeypatch):
+@pytest.mark.parametrize("case", CASES)
+def test_the_checker_of_gymnasium_has_no_wish_beyond_scaled_actions(case, monkeypatch):
+    monkeypatch.setenv("SDL_VIDEODRIVER", "dummy")
     said = []
     monkeypatch.setattr(gym.logger, "warn", lambda message, *args, **kwargs: said.append(message))
-    check_env(gym.make("FuzzyArm-v0").unwrapped)
+    check_env(gym.make("FuzzyArm-v0", case=case).unwrapped)
     assert len(said) == 1 and "symmetric and normalized" in said[0]
     said.clear()
     check_env(wrappers.RescaleAction(gym.make("FuzzyArm-v0"), np.float32(-1), np.float32(1)))
     assert [text for text in said if "different from the unwrapped version" not in text] == []
 
 
-@pytest.mark.parametrize("seed", [3, 2**31, 2**63, 2**70])
-def test_seeds_of_any_size_and_numpys_integers(seed):
+def test_seeds_of_any_size_and_numpys_integers():
     env, batch = (make("FuzzyArm-v0", randomisation=ROBUST) for make in (gym.make, gym.make_vec))
-    observation, _ = env.reset(seed=seed)
-    np.testing.assert_array_equal(batch.reset(seed=seed)[0][0], observation)
-    if seed < 2**63:
-        for kind in (np.int64, np.uint32, np.uint64):
-            np.testing.assert_array_equal(env.reset(seed=kind(seed))[0], observation)
-            np.testing.assert_array_equal(batch.reset(seed=kind(seed))[0][0], observation)
+    for seed in (3, 2**31, np.int64(2**31), np.uint64(2**63), 2**70):
+        observation, _ = env.reset(seed=int(seed))
+        np.testing.assert_array_equal(env.reset(seed=seed)[0], observation)
+        np.testing.assert_array_equal(batch.reset(seed=seed)[0][0], observation)
+    for wrong in (-1, np.int64(-1), 1.0, "1"):
+        with pytest.raises((gym.error.Error, TypeError, ValueError), match=r"[Ss]eed"):
+            env.reset(seed=wrong)
 
-
-@pytest.mark.parametrize("wrong", [-1, np.int64(-1), 1.0, "1", np.float64(1.0)])
-def test_other_seeds_are_refused(wrong):
-    with pytest.raises((gym.error.Error, TypeError, ValueError), match=r"[Ss]eed"):
-        gym.make("FuzzyArm-v0").reset(seed=wrong)
-
-
-# --- the spec as JSON --------------------------------------------------------------------------------------------
 
 LIGHT = ArmParameters(stiffness=(8e4, 1.6e4))
 
@@ -302,9 +185,7 @@ def test_what_cannot_be_made_again_is_not_written(arguments):
         spec.to_json()
 
 
-@pytest.mark.parametrize(
-    "name", ["physics.robot.os", "physics.robot.DIMENSIONS", "nowhere.Robot", "Robot", "..cli.main", 3]
-)
+@pytest.mark.parametrize("name", ["physics.robot.os", "physics.robot.DIMENSIONS", "nowhere.Robot", "..cli.main", 3])
 def test_data_name_records_of_the_package_alone(name):
     with pytest.raises(ValueError, match=rf"the package has no record {name!r}"):
         gym.make("FuzzyArm-v0", robot={"record": name})

@@ -9,7 +9,6 @@ from numpy.testing import assert_allclose
 from fuzzyarm import load_policy
 from fuzzyarm.cli import main
 from fuzzyarm.envs.fuzzy_arm import FuzzyArmEnv
-from fuzzyarm.envs.perspective import in_space
 from fuzzyarm.envs.physics.parameters import ArmParameters
 from fuzzyarm.envs.physics.robot import Robot, robot_named
 from fuzzyarm.envs.scenario.cases import case_for, load_scale
@@ -44,18 +43,8 @@ MARKS = dict.fromkeys(("none", "along the axes"), pytest.mark.slow)
 def test_a_payload_that_no_motor_holds_is_the_papers_share_of_the_links(arm):
     """5 kg of 24 kg; 12 kg of links then carry 2.5 kg."""
     assert case_for("payload", arm).disturbance.payload.mass == 2.5
-    assert case_for("payload", arm).title == "Case 3: 2.5 kg payload"
     assert load_scale(arm if isinstance(arm, Robot) else Robot.of(arm))[1] == 0.5
-
-
-def test_gravity_that_has_a_leverage_keeps_its_loads():
-    assert {name: load_scale(robot_named(name)) for name in ("cicese", "manutec-r3", "panda", "planar-3r", "ur5")} == {
-        "cicese": (0.067, 0.067),
-        "manutec-r3": (1.7, 1.7),
-        "panda": (0.18, 0.27),
-        "planar-3r": (0.32, 0.54),
-        "ur5": (0.39, 0.4),
-    }
+    assert load_scale(robot_named("planar-3r")) == (0.32, 0.54)  # of a leverage
 
 
 @pytest.mark.parametrize("arm", [pytest.param(arm, id=name, marks=MARKS.get(name, ())) for name, arm in ARMS.items()])
@@ -72,12 +61,7 @@ def test_every_case_runs_and_is_drawn(arm, case):
     assert env.render().shape == (720, 720, 3)
 
 
-def test_vectors_of_the_plane_lie_in_space():
-    flat, whole = np.arange(6.0).reshape(3, 2), np.arange(9.0).reshape(3, 3)
-    assert np.array_equal(in_space(flat), np.c_[flat, np.zeros(3)]) and np.array_equal(in_space(whole), whole)
-
-
-@pytest.mark.parametrize("kept", [(), ("z1", "z3"), ("z1", "z2", "z3", "z4", "z5")])
+@pytest.mark.parametrize("kept", [(), ("z1", "z3")])
 def test_a_fuzzy_controller_is_designed_and_acts_without_gravity(kept):
     made = design(Specification(kept, alpha=20.0, gamma=2e-3), FLAT)
     assert made.certificate.proven

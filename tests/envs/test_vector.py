@@ -1,14 +1,13 @@
-"""The batched environment: each lane equals the single environment, and it meets Gymnasium's contract."""
+"""The batched environment: each lane equals the single environment, and what it returns and refuses."""
 
 import copy
 import dataclasses
+import functools
 import gc
 import hashlib
 import multiprocessing
 import pickle
 import re
-import subprocess
-import sys
 import threading
 import tracemalloc
 
@@ -16,18 +15,14 @@ import gymnasium as gym
 import numpy as np
 import pytest
 from gymnasium.error import ResetNeeded
-from gymnasium.utils.env_checker import data_equivalence
-from gymnasium.vector import AsyncVectorEnv, AutoresetMode, VectorEnv
-from gymnasium.vector.utils import batch_space
-from gymnasium.wrappers import vector as wrappers
+from gymnasium.vector import AutoresetMode, SyncVectorEnv, VectorEnv
 from slow_twins import slow_but
 from support.randomisation import ROBUST
 from support.results import assert_identical, identical
 
 from fuzzyarm import load_policy
-from fuzzyarm.envs.fastest_mode import fastest_rate
+from fuzzyarm.envs.batch.workers import LANES_PER_THREAD
 from fuzzyarm.envs.fuzzy_arm import FuzzyArmEnv
-from fuzzyarm.envs.periods import default_substeps
 from fuzzyarm.envs.physics.parameters import ArmParameters
 from fuzzyarm.envs.scenario.disturbances import ConstantForce, Disturbance, EncoderNoise, TorqueBias
 from fuzzyarm.envs.scenario.paths import Circle, Lemniscate, Line
@@ -45,6 +40,8 @@ LEAVING = np.r_[3.14, 0.0, 3.14, 0.0, 2.0, 0.0, 2.0, 0.0]  # out of the box with
 SHORT = JointReference(path=Line((0.4, 0.5), (0.42, 0.5)), duration=0.05)  # 50 steps
 LONGER = JointReference(path=Lemniscate((0.4, 0.5), 0.02), duration=0.1)
 SAME_STEP = {"autoreset_mode": AutoresetMode.SAME_STEP}
+RANDOM = {"disturbance": NOISY, "randomisation": ROBUST}
+LONG = dataclasses.replace(TABLE_1, length=(0.6, 0.5))
 
 
 def batch(num_envs, **arguments):
@@ -52,9 +49,11 @@ def batch(num_envs, **arguments):
     return gym.make_vec("FuzzyArm-v0", num_envs=num_envs, **arguments)
 
 
-def loop(num_envs, mode="sync", **arguments):
+def loop(num_envs, **arguments):
     """What it must equal: Gymnasium's loop over single environments."""
-    return gym.make_vec("FuzzyArm-v0", num_envs=num_envs, vectorization_mode=mode, vector_kwargs=SAME_STEP, **arguments)
+    return gym.make_vec(
+        "FuzzyArm-v0", num_envs=num_envs, vectorization_mode="sync", vector_kwargs=SAME_STEP, **arguments
+    )
 
 
 def torques(seed, steps, lanes, scale=1.0):
@@ -64,58 +63,43 @@ def torques(seed, steps, lanes, scale=1.0):
     return signs * generator.uniform(0.5, 1.0, signs.shape) * scale * LIMIT
 
 
-def lanes_of(info, count):
-    """Info of a batch as one dictionary a lane, by its masks."""
-    lanes = [{} for _ in range(count)]
-    for key, values in info.items():
-        if key.startswith("_"):
-            continue
-        rows = lanes_of(values, count) if isinstance(values, dict) else values
-        for lane in np.flatnonzero(info[f"_{key}"]):
-            lanes[lane][key] = rows[lane]
-    return lanes
+def played(envs, actions, **reset):
+    """Everything that comes back."""
+    return [envs.reset(**reset), *(envs.step(action) for action in actions)]
 
 
-def digest(envs, actions, **reset):
-    """sha256 of everything numeric that comes back, and the number of episodes that ended."""
-    sha, ends = hashlib.sha256(), 0
+class Given(gym.Wrapper):
+    """A single environment with options of its own for the first reset."""
 
-    def add(value):
-        if isinstance(value, dict):
-            for key in sorted(value):
-                add(value[key])
-        elif value.dtype == object:
-            sha.update(repr(value.tolist()).encode())
-        else:
-            sha.update(value.tobytes())
+    def __init__(self, env, options):
+        super().__init__(env)
+        self.given = options
 
-    def add_all(results):
-        for result in results:
-            add(result)
+    def reset(self, *, seed=None, options=None):
+        given, self.given = self.given, None
+        return self.env.reset(seed=seed, options=given)
 
-    add_all(envs.reset(**reset))
-    for action in actions:
+
+def equals_singles(arguments, options=None):
+    """Compare a batch with four single environments made, and first reset, with what is given for their lanes."""
+    envs, lanes = batch(4, **arguments), []
+    for lane in range(4):
+        own = {name: value[lane] if isinstance(value, list) else value for name, value in arguments.items()}
+        env = gym.make("FuzzyArm-v0", **own)
+        env.action_space, env.observation_space = envs.single_action_space, envs.single_observation_space
+        env = Given(env, {name: value[lane] for name, value in options.items()} if options else None)
+        lanes.append(functools.partial(lambda env: env, env))
+    expected = SyncVectorEnv(lanes, **SAME_STEP)
+    assert_identical(envs.reset(seed=5, options=options), expected.reset(seed=5))
+    ends = np.zeros(4, dtype=int)
+    for step, action in enumerate(torques(3, 230, 4, scale=0.9)):
         results = envs.step(action)
-        add_all(results)
-        ends += int((results[2] | results[3]).sum())
-    return sha.hexdigest(), ends
+        assert_identical(results, expected.step(action), step)
+        ends += results[2] | results[3]
+    assert ends.min() > 0
 
-
-def python(code, **options):
-    """Standard output of a fresh interpreter under the same strict warnings."""
-    command = [sys.executable, "-W", "error", "-c", code]
-    done = subprocess.run(command, capture_output=True, check=False, **options)
-    assert done.returncode == 0, done.stderr.decode()
-    return done.stdout.decode().strip()
-
-
-# --- lane i is the single environment ----------------------------------------------------------------------------
 
 SETTINGS = {
-    "nominal": {},
-    "machining": {"case": "machining"},
-    "payload": {"case": "payload"},
-    "noise": {"disturbance": NOISY},
     "machining, plants": {"case": "machining", "randomisation": "plants"},
     "noise and force, robust": {
         "disturbance": dataclasses.replace(NOISY, tip_force=ConstantForce((30.0, 9.0))),
@@ -129,6 +113,8 @@ SETTINGS = {
 def test_a_batch_equals_gymnasiums_loop_over_single_environments(setting):
     lanes, seconds = 5, 0.65 if "robust" in setting else 1.56  # past the ends of the references
     envs, expected = batch(lanes, **SETTINGS[setting]), loop(lanes, **SETTINGS[setting])
+    spaces = ("observation_space", "single_observation_space", "action_space", "single_action_space")
+    assert all(getattr(envs, name) == getattr(expected, name) for name in spaces)
     steps = round(seconds / envs.control_period)
     policy, wild = load_policy("computed-torque", control_period=envs.control_period), torques(1, steps, lanes)
     before, after = envs.reset(seed=11), expected.reset(seed=11)
@@ -139,22 +125,11 @@ def test_a_batch_equals_gymnasiums_loop_over_single_environments(setting):
         action[:3] = controlled[:3]  # the other two lanes are thrown about
         before, after = envs.step(action), expected.step(action)
         assert_identical(before, after, step)
+        assert before[0] in envs.observation_space
         done = after[2] | after[3]
         ends["terminated"] += after[2].sum()
         ends["truncated"] += after[3].sum()
     assert ends["terminated"] > 5 and ends["truncated"] >= 3
-
-
-def test_gymnasiums_own_comparison_agrees():
-    envs, expected = batch(3, reference=SHORT), loop(3, reference=SHORT)
-    spaces = ("observation_space", "single_observation_space", "action_space", "single_action_space")
-    assert all(getattr(envs, name) == getattr(expected, name) for name in spaces)
-    assert data_equivalence(envs.reset(seed=0), expected.reset(seed=0))
-    envs.action_space.seed(0)
-    for _ in range(60):
-        action = envs.action_space.sample()
-        assert action in expected.action_space
-        assert data_equivalence(envs.step(action), expected.step(action))
 
 
 PLANTS = [
@@ -168,97 +143,38 @@ DISTURBANCES = [Disturbance(), NOISY, Disturbance(torque_bias=TorqueBias((5.0, 2
 STATES = [STILL, LEAVING, STILL + 0.1, 0.9 * LEAVING]
 BY_LANE = {
     "cases": {"case": ["nominal", "machining", "payload", "machining"]},
-    "disturbances": {"disturbance": DISTURBANCES},
-    "references": {"reference": [SHORT, JointReference(), LONGER, SHORT]},
-    "plants": {"parameters": PLANTS},
     "plants with references": {"parameters": PLANTS, "reference": REFERENCES, "disturbance": DISTURBANCES},
     "plants of a randomisation": {
         "parameters": [TABLE_1, TABLE_1, PLANTS[1], PLANTS[3]],
         "randomisation": "plants",
-        "case": ("payload",) * 4,
+        "case": ["payload"] * 4,
         "reference": [SHORT, LONGER, SHORT, dataclasses.replace(SHORT, parameters=PLANTS[3])],
     },
     "some references": {"parameters": PLANTS, "reference": [SHORT, None, None, None]},
 }
 
 
-SHARED = str, JointReference, DomainRandomisation  # what all lanes of a batch have, not one of each
-
-
-def singles_of(arguments):
-    """Four single environments, each with what the arguments of a batch say for its lane."""
-    by_lane = [
-        {name: value if isinstance(value, SHARED) else value[lane] for name, value in arguments.items()}
-        for lane in range(4)
-    ]
-    return [gym.make("FuzzyArm-v0", **lane) for lane in by_lane]
-
-
-def check_lanes(envs, singles, seeds, options=None, steps=230):
-    """Compare a batch with single environments stepped and reset one by one; return how often lanes ended."""
-    lanes, ends = len(singles), np.zeros(len(singles), dtype=int)
-    options = options or [None] * lanes
-    joint = {name: [lane[name] for lane in options] for name in options[0]} if options[0] else None
-    observation, info = envs.reset(seed=seeds, options=joint)
-    starts = [env.reset(seed=seed, options=lane) for env, seed, lane in zip(singles, seeds, options, strict=True)]
-    for lane, (first, start) in enumerate(starts):
-        assert identical(observation[lane], first) and same_info(lanes_of(info, lanes)[lane], start)
-    for step, action in enumerate(torques(3, steps, lanes, scale=0.9)):
-        observation, reward, terminated, truncated, info = envs.step(action)
-        by_lane = lanes_of(info, lanes)
-        for lane, env in enumerate(singles):
-            expected = env.step(action[lane])
-            last, shown = observation[lane], by_lane[lane]
-            if expected[2] or expected[3]:
-                ends[lane] += 1
-                last, ended = shown.pop("final_obs"), shown.pop("final_info")
-                first, start = env.reset()
-                assert identical(observation[lane], first) and same_info(shown, start), (lane, step)
-                shown = ended
-            assert identical(last, expected[0]) and same_info(shown, expected[4]), (lane, step)
-            assert (reward[lane], terminated[lane], truncated[lane]) == expected[1:4], (lane, step)
-    return ends
-
-
-def same_info(shown, expected):
-    """Whether a lane's info holds the single environment's keys and bits, its numbers as arrays' entries are."""
-    if not (isinstance(expected, dict) and shown.keys() == expected.keys()):
-        return False
-    for key, value in expected.items():
-        if not (same_info(shown[key], value) if isinstance(value, dict) else np.array_equal(shown[key], value)):
-            return False
-    return True
-
-
 @pytest.mark.parametrize("arguments", BY_LANE.values(), ids=BY_LANE)
 def test_arguments_that_differ_by_lane_equal_single_environments_made_with_them(arguments):
-    ends = check_lanes(batch(4, **arguments), singles_of(arguments), [5, 6, 7, 8])
-    assert ends.min() > 0
+    equals_singles(arguments)
 
 
 @pytest.mark.parametrize(
     ("arguments", "option"),
     [
-        ({"reference": SHORT}, {"initial_state": STATES}),
         ({"reference": [SHORT, LONGER] * 2}, {"case": ["payload", "nominal", "machining", "payload"]}),
-        ({"case": ["payload", "nominal"] * 2}, {"reference": [LONGER, SHORT, JointReference(), SHORT]}),
         ({"randomisation": "plants"}, {"disturbance": DISTURBANCES, "initial_state": STATES}),
         ({"randomisation": ROBUST}, {"reference": [LONGER, SHORT, LONGER, SHORT], "case": ["payload"] * 4}),
     ],
     ids=lambda given: " and ".join(given),
 )
 def test_options_that_differ_by_lane_equal_those_of_single_environments_and_end_with_the_episode(arguments, option):
-    arguments = {"case": "machining", **arguments}
-    by_lane = [{name: values[lane] for name, values in option.items()} for lane in range(4)]
-    assert check_lanes(batch(4, **arguments), singles_of(arguments), [1, 2, 3, 4], by_lane).min() > 0
+    equals_singles({"case": "machining", **arguments}, option)
 
 
 @pytest.mark.parametrize(
     "option",
     [
-        {"initial_state": STILL},
-        {"reference": SHORT},
-        {"case": "payload"},
         {"disturbance": Disturbance(tip_force=ConstantForce((50.0, 0.0)))},
         {"initial_state": STILL.tolist(), "case": "machining", "reference": LONGER},
     ],
@@ -273,253 +189,42 @@ def test_an_option_for_all_lanes_equals_gymnasiums_loop_and_holds_for_one_episod
             assert_identical(envs.step(action), expected.step(action), step)
 
 
-def test_a_lane_does_not_depend_on_how_many_others_there_are():
-    lanes, actions = 2 * WIDE + 3, torques(6, 40, 2 * WIDE + 3)
-    setting = {"disturbance": NOISY, "randomisation": ROBUST}
-    together = batch(lanes, **setting)
-    alone = {lane: batch(1, **setting) for lane in (0, 1, WIDE - 1, WIDE, lanes - 1)}
-    all_lanes = together.reset(seed=100)
-    for lane, env in alone.items():
-        assert identical(env.reset(seed=100 + lane)[0][0], all_lanes[0][lane])
-    for action in actions:
-        observation, reward, *_ = together.step(action)
-        for lane, env in alone.items():
-            one = env.step(action[lane : lane + 1])
-            assert identical(one[0][0], observation[lane]) and one[1][0] == reward[lane]
-
-
-# --- a vector environment as Gymnasium means it ------------------------------------------------------------------
-
-
 def test_make_vec_gives_it_by_name_and_by_mode():
     for arguments in ({}, {"vectorization_mode": "vector_entry_point"}):
         envs = gym.make_vec("FuzzyArm-v0", num_envs=3, **arguments)
-        assert type(envs) is FuzzyArmVectorEnv and isinstance(envs, VectorEnv) and envs.num_envs == 3
+        assert type(envs) is FuzzyArmVectorEnv and isinstance(envs, VectorEnv)
         assert repr(envs) == "FuzzyArmVectorEnv(FuzzyArm-v0, num_envs=3)"
-    assert type(gym.make_vec("FuzzyArm-v0")) is FuzzyArmVectorEnv and gym.make_vec("FuzzyArm-v0").num_envs == 1
-    assert FuzzyArmVectorEnv(np.int64(2)).num_envs == 2
-
-
-def test_its_spec_makes_it_again():
-    envs = batch(2, case="payload", randomisation="plants", control_period=2e-3)
-    again = gym.make_vec(envs.spec)
-    actions = torques(0, 5, 2)
-    assert again.spec == envs.spec and digest(again, actions, seed=1) == digest(envs, actions, seed=1)
-
-
-@pytest.mark.slow
-def test_the_module_prefix_makes_it_and_nothing_heavy_is_loaded():
-    code = (
-        "import sys, gymnasium; envs = gymnasium.make_vec('fuzzyarm:FuzzyArm-v0', num_envs=2); envs.reset(seed=0); "
-        "envs.step(envs.action_space.sample()); "
-        "print(*[name for name in ('torch', 'stable_baselines3', 'pygame', 'matplotlib') if name in sys.modules])"
-    )
-    assert python(code) == ""
-
-
-def test_autoreset_mode_is_declared_and_rendering_is_not():
-    envs = batch(2)
+    assert gym.make_vec("FuzzyArm-v0").num_envs == 1 and FuzzyArmVectorEnv(np.int64(2)).num_envs == 2
     assert envs.metadata == {"autoreset_mode": AutoresetMode.SAME_STEP, "render_modes": []}
-    assert envs.render_mode is None
     with pytest.raises(NotImplementedError, match="render"):
         envs.render()
 
 
-@pytest.mark.parametrize("num_envs", [1, 3])
-def test_spaces_are_the_single_ones_batched_and_hold_what_comes_back(num_envs):
-    envs, single = batch(num_envs, reference=SHORT, disturbance=NOISY), FuzzyArmEnv()
-    assert envs.single_action_space == single.action_space
-    assert envs.single_observation_space == single.observation_space
-    assert envs.action_space == batch_space(single.action_space, num_envs)
-    assert envs.observation_space == batch_space(single.observation_space, num_envs)
-    envs.action_space.seed(3)
-    observation, _ = envs.reset(seed=3)
-    assert observation in envs.observation_space
-    for _ in range(120):
-        observation, reward, terminated, truncated, info = envs.step(envs.action_space.sample())
-        assert observation in envs.observation_space and observation.dtype == np.float64
-        assert (reward.dtype, terminated.dtype, truncated.dtype) == (np.float64, np.bool_, np.bool_)
-        assert reward.shape == terminated.shape == truncated.shape == (num_envs,)
-        assert all(last in envs.single_observation_space for last in info.get("final_obs", []) if last is not None)
+def test_spaces_of_different_arms_hold_them_all():
+    for first in range(4):
+        envs = batch(4, parameters=PLANTS[first:] + PLANTS[:first])
+        assert envs.single_action_space.high.tolist() == [500.0, 250.0]
+        assert envs.single_observation_space.high[4:8].tolist() == [np.pi, np.pi, 15.0, 15.0]
+        assert envs.reset(seed=0)[0] in envs.observation_space
 
 
-@pytest.mark.parametrize("first", range(4))
-def test_spaces_of_different_arms_hold_them_all(first):
-    envs = batch(4, parameters=PLANTS[first:] + PLANTS[:first])
-    assert envs.single_action_space.high.tolist() == [500.0, 250.0]
-    assert envs.single_observation_space.high[4:8].tolist() == [np.pi, np.pi, 15.0, 15.0]
-    assert envs.reset(seed=0)[0] in envs.observation_space
-
-
-def test_two_batches_sample_the_same_actions_from_the_same_seed():
-    first, second = batch(3), batch(3)
-    for envs in (first, second):
-        envs.action_space.seed(7)
-    assert all(np.array_equal(first.action_space.sample(), second.action_space.sample()) for _ in range(10))
-
-
-@pytest.mark.parametrize("together", [1, 2, 3])
-def test_only_lanes_that_end_show_a_last_instant(together):
-    envs, still = batch(3, reference=[SHORT] * together + [LONGER] * (3 - together)), np.zeros((3, 2))
-    envs.reset(seed=0)
-    assert not any("final_obs" in envs.step(still)[-1] or "final_info" in envs.step(still)[-1] for _ in range(24))
-    assert "final_obs" not in envs.step(still)[-1]
-    *_, info = envs.step(still)
-    ended = [lane < together for lane in range(3)]
-    assert info["_final_obs"].tolist() == info["_final_info"].tolist() == ended
-    assert info["final_obs"].dtype == object and [last is not None for last in info["final_obs"]] == ended
-    assert all(mask.tolist() == ended for key, mask in info["final_info"].items() if key.startswith("_"))
-
-
-def test_ends_of_both_kinds_begin_the_next_episode_within_the_step():
-    def make():
-        return batch(3, reference=[SHORT, LONGER, LONGER])
-
-    envs, first = make(), make().reset(seed=0)[0]
-    envs.reset(seed=0, options={"initial_state": [STILL, STILL, LEAVING]})
-    ends = {}
-    for step in range(1, 51):
-        observation, _, terminated, truncated, info = envs.step(np.zeros((3, 2)))
-        for lane in np.flatnonzero(terminated | truncated).tolist():
-            final = lanes_of(info, 3)[lane]["final_info"]
-            ends[lane] = (step, bool(terminated[lane]), bool(truncated[lane]), final.get("reason"), final["in_domain"])
-            assert final["time"] == pytest.approx(step * 1e-3) and info["time"][lane] == 0.0
-            assert info["final_obs"][lane][:4].tolist() == [*final["q_motor"], *final["dq_motor"]]
-            assert identical(observation[lane], first[lane]) and info["in_domain"][lane]
-    thrown = ends.pop(2)
-    assert ends == {0: (50, False, True, None, True)} and thrown[1:] == (True, False, Termination.ANGLE.text, False)
-
-
-def test_only_lanes_that_left_the_box_have_a_reason():
-    last_step = JointReference(path=SHORT.path, duration=0.1)
-    envs = batch(3, reference=[last_step, last_step, JointReference()], control_period=0.1)
-    envs.reset(options={"initial_state": [LEAVING, STILL, STILL]})
-    _, reward, terminated, truncated, info = envs.step(np.zeros((3, 2)))
-    assert terminated.tolist() == [True, False, False] and truncated.tolist() == [False, True, False]
-    assert info["final_info"]["reason"].tolist() == [Termination.ANGLE.text, None, None]
-    assert info["final_info"]["_reason"].tolist() == [True, False, False]
-    assert info["_final_info"].tolist() == [True, True, False] and "reason" not in info and (reward > 0.0).all()
-
-
-# --- Gymnasium's wrappers ----------------------------------------------------------------------------------------
-
-BOTH_WAYS = {
-    "RescaleAction": (-1, 1),
-    "ClipAction": (),
-    "ClipReward": (0.25, 0.75),
-}
-
-
-@pytest.mark.parametrize("name", BOTH_WAYS)
-def test_wrapping_the_batch_is_wrapping_every_lane(name):
-    def wrap(env):
-        return getattr(gym.wrappers, name)(env, *BOTH_WAYS[name])
-
-    outside = getattr(wrappers, name)(batch(3, reference=SHORT), *BOTH_WAYS[name])
-    inside = loop(3, reference=SHORT, wrappers=[wrap])
-    assert outside.action_space == inside.action_space and outside.observation_space == inside.observation_space
-    assert_identical(outside.reset(seed=0), inside.reset(seed=0))
-    outside.action_space.seed(0)
-    for step in range(60):
-        action = 2.0 * outside.action_space.sample() if name == "ClipAction" else outside.action_space.sample()
-        assert_identical(outside.step(action), inside.step(action), step)
-
-
-def test_episode_statistics_are_those_of_every_single_environment():
-    setting = {"randomisation": ROBUST}
-    envs = wrappers.RecordEpisodeStatistics(batch(4, **setting))
-    expected = loop(4, **setting, wrappers=[gym.wrappers.RecordEpisodeStatistics])
-    envs.reset(seed=0)
-    expected.reset(seed=0)
-    ends = 0
-    for action in torques(8, 300, 4):
-        *_, info = envs.step(action)
-        *_, other = expected.step(action)
-        assert ("episode" in info) == ("final_info" in other)
-        if "episode" in info:
-            done = info["_episode"]
-            ends += done.sum()
-            assert np.array_equal(done, other["final_info"]["_episode"])
-            assert np.array_equal(info["episode"]["l"], other["final_info"]["episode"]["l"])
-            np.testing.assert_allclose(info["episode"]["r"], other["final_info"]["episode"]["r"], rtol=1e-12)
-    assert ends > 4 and envs.episode_count == ends
-
-
-@pytest.mark.parametrize(
-    "wrap",
-    [
-        wrappers.NormalizeReward,
-        wrappers.DictInfoToList,
-        lambda envs: wrappers.TransformReward(envs, lambda reward: 2.0 * reward),
-        lambda envs: wrappers.DictInfoToList(wrappers.RescaleAction(envs, -1, 1)),
-    ],
-    ids=["NormalizeReward", "DictInfoToList", "TransformReward", "two"],
-)
-def test_a_wrapper_shows_the_same_around_the_batch_and_around_the_loop(wrap):
-    envs, expected = (wrap(make(3, disturbance=NOISY, reference=LONGER)) for make in (batch, loop))
-    assert data_equivalence(envs.reset(seed=0), expected.reset(seed=0))
-    ends = 0
-    for action in torques(1, 120, 3):
-        scaled = action * envs.single_action_space.high / LIMIT
-        results, others = envs.step(scaled), expected.step(scaled)
-        assert data_equivalence(results, others)
-        ends += (results[2] | results[3]).sum()
-    assert ends > 2
-
-
-def test_tensors_go_in_and_come_out():
-    pytest.importorskip("array_api_compat")  # Gymnasium's wrapper needs it
-    torch = pytest.importorskip("torch")
-    envs, plain = wrappers.NumpyToTorch(batch(3)), batch(3)
-    assert isinstance(envs.reset(seed=0)[0], torch.Tensor)
-    plain.reset(seed=0)
-    for action in torques(2, 10, 3):
-        results, others = envs.step(torch.tensor(action)), plain.step(action)
-        assert all(isinstance(result, torch.Tensor) for result in results[:4])
-        assert data_equivalence([result.numpy() for result in results[:4]], list(others[:4]))
-
-
-def test_observation_wrappers_refuse_same_step_autoreset_here_as_around_the_loop():
-    for envs in (batch(2), loop(2)):
-        with pytest.raises(ValueError, match=r"autoreset_mode.*NEXT_STEP.*SAME_STEP"):
-            wrappers.NormalizeObservation(envs)
-
-
-@pytest.mark.filterwarnings("ignore:.*fork:DeprecationWarning")
-def test_processes_of_single_environments_equal_the_batch():
-    envs, expected = (
-        batch(3, randomisation="plants", reference=SHORT),
-        loop(3, mode="async", randomisation="plants", reference=SHORT),
-    )
-    try:
-        assert isinstance(expected, AsyncVectorEnv) and data_equivalence(envs.reset(seed=4), expected.reset(seed=4))
-        for action in torques(9, 60, 3):
-            assert data_equivalence(envs.step(action), expected.step(action))
-    finally:
-        expected.close()
-
-
-# --- threads, processes, copies ----------------------------------------------------------------------------------
-
-
-@pytest.mark.parametrize("lanes", slow_but([WIDE - 1], [1, WIDE - 1, 3 * WIDE + 5]))
-def test_results_do_not_depend_on_the_threads(lanes):
-    steps = 150 if lanes > 1 else 250  # an episode has to end
-    setting, actions = {"disturbance": NOISY, "randomisation": ROBUST}, torques(5, steps, lanes)
-    results = [digest(batch(lanes, threads=threads, **setting), actions, seed=1) for threads in (1, 2, 3, 5, 64)]
-    assert set(results) == {results[0]} and results[0][1] > 0
+def test_results_do_not_depend_on_the_threads():
+    lanes = 3 * LANES_PER_THREAD + 5
+    actions = torques(5, 60, lanes)
+    first, *others = (played(batch(lanes, threads=threads, **RANDOM), actions, seed=1) for threads in (1, 2, 5))
+    assert all(identical(first, other) for other in others) and any(result[-3].any() for result in first[1:])
 
 
 @pytest.mark.filterwarnings("ignore:.*fork:DeprecationWarning")
 def test_threads_survive_a_fork():
-    lanes = 3 * WIDE
-    envs, actions = batch(lanes, threads=3), torques(1, 200, lanes)
+    lanes = 3 * LANES_PER_THREAD
+    envs, actions = batch(lanes, threads=3), torques(1, 10, lanes)
     envs.reset(seed=0)
-    for action in actions[:50]:
+    for action in actions[:5]:
         envs.step(action)
 
     def goes_on():
-        return [hashlib.sha256(envs.step(action)[0].tobytes()).hexdigest() for action in actions[50:]]
+        return [hashlib.sha256(envs.step(action)[0].tobytes()).hexdigest() for action in actions[5:]]
 
     context = multiprocessing.get_context("fork")
     receiver, sender = context.Pipe(duplex=False)
@@ -535,50 +240,32 @@ def test_threads_survive_a_fork():
         envs.close()
 
 
-COPIES = {"pickle": lambda envs: pickle.loads(pickle.dumps(envs)), "deepcopy": copy.deepcopy}
-
-
-@pytest.mark.parametrize("way", COPIES)
-@pytest.mark.parametrize("threads", [1, 2])
-def test_a_copy_goes_on_where_the_original_was(way, threads):
+@pytest.mark.parametrize("copied", [copy.deepcopy, lambda envs: pickle.loads(pickle.dumps(envs))])
+def test_a_copy_goes_on_where_the_original_was(copied):
     lanes = 2 * WIDE
-    envs = batch(lanes, threads=threads, disturbance=NOISY, randomisation=ROBUST)
+    envs = batch(lanes, threads=2, **RANDOM)
     actions = torques(2, 200, lanes)
     envs.reset(seed=0, options={"case": "payload"})
     for action in actions[:60]:
         envs.step(action)
-    twin, ends = COPIES[way](envs), 0
+    twin, ends = copied(envs), 0
     for step, action in enumerate(actions[60:]):
         results = envs.step(action)
         assert_identical(twin.step(action), results, step)
         ends += results[2].sum()
     assert_identical(twin.reset(), envs.reset())
-    assert ends > 0 and not twin.reset()[1]["_tip"].flags.writeable
-    envs.close()
-
-
-@pytest.mark.slow
-def test_a_pickle_goes_on_in_another_process():
-    envs, actions = batch(WIDE + 1, threads=2, disturbance=NOISY), torques(2, 30, WIDE + 1)
-    envs.reset(seed=0)
-    code = (
-        "import hashlib, pickle, sys; envs, actions = pickle.load(sys.stdin.buffer); "
-        "results = [envs.step(action)[0].tobytes() for action in actions]; envs.close(); "
-        "print(hashlib.sha256(b''.join(results)).hexdigest())"
-    )
-    there = python(code, input=pickle.dumps((envs, actions)))
-    assert there == hashlib.sha256(b"".join(envs.step(action)[0].tobytes() for action in actions)).hexdigest()
+    assert ends > 0 and not twin.reset()[1]["_tip"].flags.writeable  # the mask that all keys share
 
 
 @pytest.mark.parametrize("end", ["close", "forget"])
 def test_threads_end_with_the_environment(end):
     before = set(threading.enumerate())
-    lanes = 2 * 2048  # so many are worth waking a thread for a single step
-    envs = batch(lanes, threads=2)
-    envs.reset()
-    envs.step(np.zeros((lanes, 2)))
-    started = set(threading.enumerate()) - before
-    assert started
+    for lanes in (200, 2 * 2048):  # so many are worth waking a thread for a single step
+        envs = batch(lanes, threads=2)
+        envs.reset()
+        envs.step(np.zeros((lanes, 2)))
+        started = set(threading.enumerate()) - before
+        assert bool(started) == (lanes > 200)
     if end == "close":
         envs.close()
         envs.close()
@@ -591,35 +278,16 @@ def test_threads_end_with_the_environment(end):
     assert not any(thread.is_alive() for thread in started)
 
 
-def test_no_threads_are_started_for_few_lanes():
-    before = set(threading.enumerate())
-    envs = batch(200)
-    envs.reset()
-    envs.step(np.zeros((200, 2)))
-    assert not set(threading.enumerate()) - before
-
-
-# --- seeds -------------------------------------------------------------------------------------------------------
-
-RANDOM = {"disturbance": NOISY, "randomisation": ROBUST}
-
-
 def test_one_seed_seeds_lane_i_with_seed_plus_i():
     actions = torques(0, 20, 3)
-    seeds = (5, np.int64(5), [5, 6, 7], (5, 6, 7), np.array([5, 6, 7]))
-    digests = {digest(batch(3, **RANDOM), actions, seed=seed) for seed in seeds}
-    assert len(digests) == 1
-    assert digest(batch(3, **RANDOM), actions, seed=6) not in digests
+    seeds = (5, np.int64(5), [5, 6, 7], (5, 6, 7), np.array([5, 6, 7]), 6)
+    first, *others, another = (played(batch(3, **RANDOM), actions, seed=seed) for seed in seeds)
+    assert all(identical(first, other) for other in others) and not identical(first, another)
     envs = batch(3)
     envs.reset(seed=5)
     assert envs.np_random_seed == 5
-
-
-def test_resets_with_the_same_seed_are_the_same_and_lanes_differ():
-    envs, actions = batch(4, **RANDOM), torques(0, 300, 4)
-    first = digest(envs, actions, seed=9)
-    assert first[1] > 0 and digest(envs, actions, seed=9) == first
-    assert len(np.unique(envs.reset(seed=9)[0], axis=0)) == 4
+    unseeded = np.concatenate([batch(5, **RANDOM).reset()[0] for _ in range(3)])
+    assert len(np.unique(unseeded[:, :4], axis=0)) == 15
 
 
 def test_without_a_seed_the_streams_go_on_as_those_of_single_environments_do():
@@ -633,181 +301,80 @@ def test_without_a_seed_the_streams_go_on_as_those_of_single_environments_do():
     assert len(np.unique([start[0][1] for start in starts], axis=0)) == len(starts)  # no episode of lane 1 twice
 
 
-def test_environments_never_seeded_differ():
-    observations = np.concatenate([batch(5, **RANDOM).reset()[0] for _ in range(3)])
-    assert len(np.unique(observations[:, :4], axis=0)) == 15
-
-
-def test_without_noise_and_variation_seeds_change_nothing():
-    actions = torques(0, 300, 2)
-    assert len({digest(batch(2, case="machining"), actions, seed=seed) for seed in (1, 2, None)}) == 1
-
-
-def test_no_global_generator_is_read_or_written():
-    kept, digests = np.random.get_state(), []  # noqa: NPY002  the generator to leave alone
-    for global_seed in (1, 2):
-        np.random.seed(global_seed)  # noqa: NPY002
-        before = np.random.get_state()  # noqa: NPY002
-        digests.append(digest(batch(3, **RANDOM), torques(0, 200, 3), seed=0))
-        assert all(map(np.array_equal, before, np.random.get_state()))  # noqa: NPY002
-    np.random.set_state(kept)  # noqa: NPY002
-    assert digests[0] == digests[1]
-
-
-BAD_SEEDS = {
-    "negative": (-1, r"seed = -1 is out of range; allowed: 0, 1, 2, \.\.\."),
-    "a boolean": (True, "seed = True must be a whole number"),
-    "a fraction": (1.5, r"seed = 1\.5 must be a whole number"),
-    "too few": ([1, 2], "2 seeds for 3 lanes; give one, or one per lane"),
-    "too many": (range(4), "4 seeds for 3 lanes; give one, or one per lane"),
-    "one of several": ([1, 2, -3], r"lane 2: seed = -3 is out of range; allowed: 0, 1, 2, \.\.\."),
-    "one boolean": ([1, False, 3], "lane 1: seed = False must be a whole number"),
-}
-
-
-@pytest.mark.parametrize(("seed", "message"), BAD_SEEDS.values(), ids=BAD_SEEDS)
-def test_a_bad_seed_is_named_and_the_streams_stay_where_they_were(seed, message):
-    envs, untouched = batch(3, **RANDOM), batch(3, **RANDOM)
-    assert_identical(envs.reset(seed=0), untouched.reset(seed=0))
-    with pytest.raises((TypeError, ValueError), match=message):
-        envs.reset(seed=seed)
-    with pytest.raises(ResetNeeded):
-        envs.step(np.zeros((3, 2)))
-    assert_identical(envs.reset(), untouched.reset())
-
-
-def test_variation_is_shown_by_lane_and_absent_where_nothing_varies():
-    assert not any("randomisation" in key for key in batch(2).reset()[1])
-    envs = batch(64, randomisation="robust")
-    _, info = envs.reset(seed=0)
-    drawn, next_drawn = info["randomisation"], envs.reset()[1]["randomisation"]
-    assert all(len(np.unique([drawn[name][0], next_drawn[name][0]])) > 1 for name in ("mass", "payload", "angle"))
-    assert info["_randomisation"].all() and all(drawn[f"_{key}"].all() for key in drawn if not key.startswith("_"))
-    assert drawn["mass"].shape == (64, 2) and drawn["payload"].shape == (64,)
-    assert 0.9 <= drawn["mass"].min() < 0.95 and 1.05 < drawn["mass"].max() <= 1.1
-    assert 0.0 <= drawn["payload"].min() < 1.0 and 4.0 < drawn["payload"].max() <= 5.0
-    assert len(np.unique(drawn["reference"])) > 10
-
-
-# --- what is refused ---------------------------------------------------------------------------------------------
-
-LONG = dataclasses.replace(TABLE_1, length=(0.6, 0.5))
-ONE_PER_LANE = "2 entries for 3 lanes; give one, or one per lane"
-CHOICES = "choose from: nominal, machining, payload"
-BAD_ARGUMENTS = {
-    "no lanes": ({"num_envs": 0}, r"num_envs = 0 is out of range; allowed: 1 to 4194304"),
-    "fewer than none": ({"num_envs": -1}, "num_envs = -1 is out of range"),
-    "a boolean of lanes": ({"num_envs": True}, "num_envs = True must be a whole number"),
-    "half a lane": ({"num_envs": 2.5}, r"num_envs = 2\.5 must be a whole number"),
-    "no threads": ({"threads": 0}, r"threads = 0 is out of range; allowed: 1 to 1024"),
-    "fewer threads": ({"threads": -2}, "threads = -2 is out of range"),
-    "boolean threads": ({"threads": True}, "threads = True must be a whole number"),
-    "half threads": ({"threads": 1.5}, r"threads = 1\.5 must be a whole number"),
-    "pictures": (
-        {"render_mode": "rgb_array"},
-        r"render_mode = 'rgb_array': a batch draws nothing; use gymnasium\.make",
-    ),
-    "case": ({"case": "drilling"}, f"^unknown case 'drilling'; {CHOICES}"),
-    "one case": ({"case": ["nominal", "nominal", "drilling"]}, f"^lane 2: unknown case 'drilling'; {CHOICES}"),
-    "cases": ({"case": ["nominal", "payload"]}, f"case has {ONE_PER_LANE}"),
-    "disturbance": ({"disturbance": "payload"}, "^disturbance = 'payload' must be a .*Disturbance"),
-    "one disturbance": ({"disturbance": [NOISY, NOISY, 3]}, "^lane 2: disturbance = 3 must be a .*Disturbance"),
-    "disturbances": ({"disturbance": [NOISY, NOISY]}, f"disturbance has {ONE_PER_LANE}"),
-    "both": (
+BAD_ARGUMENTS = [
+    ({"num_envs": 0}, r"num_envs = 0 is out of range; allowed: 1 to 4194304"),
+    ({"threads": 0}, r"threads = 0 is out of range; allowed: 1 to 1024"),
+    ({"threads": True}, "threads = True must be a whole number"),
+    ({"render_mode": "rgb_array"}, r"render_mode = 'rgb_array': a batch draws nothing; use gymnasium\.make"),
+    ({"case": ["nominal", "nominal", "drilling"]}, "^lane 2: unknown case 'drilling'; choose from: nominal, mach"),
+    ({"case": ["nominal", "payload"]}, "case has 2 entries for 3 lanes; give one, or one per lane"),
+    ({"disturbance": [NOISY, NOISY, 3]}, "^lane 2: disturbance = 3 must be a .*Disturbance"),
+    (
         {"case": ["nominal", "payload", "nominal"], "disturbance": NOISY},
         "^lane 1: give either case = 'payload' or a disturbance, not both",
     ),
-    "reference": ({"reference": Circle()}, "^reference = Circle.* must be a .*[.]Reference"),
-    "one reference": ({"reference": [SHORT, Circle(), SHORT]}, "^lane 1: reference = Circle.* must be a .*[.]Ref"),
-    "references": ({"reference": (SHORT, SHORT)}, f"reference has {ONE_PER_LANE}"),
-    "two sources": (
-        {"reference": SHORT, "randomisation": "robust"},
-        "either a reference or a randomisation that draws ref",
-    ),
-    "another arm's reference": (
-        {"reference": JointReference(parameters=LONG)},
-        r"links of \(0\.6, 0\.5\) m, the plant",
-    ),
-    "plant": ({"parameters": {"mass": (1.0, 1.0)}}, "^parameters = {'mass'.* must be a .*ArmParameters"),
-    "one plant": ({"parameters": [TABLE_1, None, TABLE_1]}, "^lane 1: parameters = None must be a .*ArmParameters"),
-    "plants": ({"parameters": [TABLE_1, TABLE_1]}, f"parameters has {ONE_PER_LANE}"),
-    "randomisation": ({"randomisation": "wild"}, "unknown randomisation 'wild'; choose from: nominal, plants, robust"),
-    "time": ({"substep": 3e-4}, r"control_period = 0\.001 s is no multiple of substep = 0\.0003 s"),
-}
+    ({"reference": [SHORT, Circle(), SHORT]}, "^lane 1: reference = Circle.* must be a .*[.]Ref"),
+    ({"reference": SHORT, "randomisation": "robust"}, "either a reference or a randomisation that draws ref"),
+    ({"parameters": [TABLE_1, None, TABLE_1]}, "^lane 1: parameters = None must be a .*ArmParameters"),
+    ({"randomisation": "wild"}, "unknown randomisation 'wild'; choose from: nominal, plants, robust"),
+    ({"substep": 3e-4}, r"control_period = 0\.001 s is no multiple of substep = 0\.0003 s"),
+]
 
 
-@pytest.mark.parametrize(("arguments", "message"), BAD_ARGUMENTS.values(), ids=BAD_ARGUMENTS)
+@pytest.mark.parametrize(("arguments", "message"), BAD_ARGUMENTS)
 def test_a_bad_argument_is_named_with_its_lane_and_what_is_allowed(arguments, message):
     with pytest.raises((TypeError, ValueError), match=message):
         FuzzyArmVectorEnv(**{"num_envs": 3, **arguments})
 
 
-BAD_OPTIONS = {
-    "unknown": (
+BAD_OPTIONS = [
+    (
         {"wind": 1.0, "inital_state": STILL},
         "unknown reset option inital_state, wind; known: initial_state, reference, case, disturbance",
     ),
-    "unknown list": ({"wind": [1.0, 2.0]}, "^unknown reset option wind; known: "),
-    "no mask": ({"reset_mask": None}, "reset_mask is NoneType; it must be a numpy array of 3 booleans"),
-    "mask of numbers": ({"reset_mask": np.array([1, 0, 0])}, "reset_mask is an array of int64; it must be a numpy"),
-    "short mask": ({"reset_mask": np.ones(2, dtype=bool)}, r"reset_mask has shape \(2,\); needed: \(3,\)"),
-    "empty mask": ({"reset_mask": np.zeros(3, dtype=bool)}, "reset_mask names no lane; at least one"),
-    "mask and unknown": (
-        {"reset_mask": np.array([True, False, False]), "wind": 1.0},
-        "unknown reset option wind; known: ",
-    ),
-    "case": ({"case": "drilling"}, f"^unknown case 'drilling'; {CHOICES}"),
-    "one case": ({"case": ["nominal", "drilling", "nominal"]}, f"^lane 1: unknown case 'drilling'; {CHOICES}"),
-    "cases": ({"case": ["nominal"] * 4}, "case has 4 entries for 3 lanes; give one, or one per lane"),
-    "disturbance": ({"disturbance": "noise"}, "disturbance = 'noise' must be a .*Disturbance"),
-    "both": ({"case": "payload", "disturbance": NOISY}, "give either case = 'payload' or a disturbance, not both"),
-    "reference": ({"reference": Circle()}, "^reference = Circle.* must be a .*[.]Reference"),
-    "no reference": ({"reference": None}, "^reference = None must be a .*[.]Reference"),
-    "one reference": ({"reference": [SHORT, SHORT, None]}, "^lane 2: reference = None must be a .*[.]Reference"),
-    "another arm's reference": (
-        {"reference": JointReference(parameters=LONG)},
-        r"links of \(0\.6, 0\.5\) m, the plant",
-    ),
-    "short state": ({"initial_state": STILL[:7]}, r"initial_state has shape \(7,\); allowed: \(8,\) or \(3, 8\)"),
-    "states": ({"initial_state": np.tile(STILL, (2, 1))}, r"initial_state has shape \(2, 8\); allowed: \(8,\) or"),
-    "state": ({"initial_state": 9.0 * STILL}, r"^initial_state = .* must be 8 finite numbers.*3\.14.*15\.0"),
-    "one state": ({"initial_state": [STILL, STILL, 9.0 * STILL]}, r"^lane 2: initial_state = \[4\.5, .*8 finite"),
-    "nan": ({"initial_state": np.full(8, np.nan)}, "must be 8 finite numbers"),
-}
+    ({"reset_mask": None}, "reset_mask is NoneType; it must be a numpy array of 3 booleans"),
+    ({"reset_mask": np.array([1, 0, 0])}, "reset_mask is an array of int64; it must be a numpy"),
+    ({"reset_mask": np.ones(2, dtype=bool)}, r"reset_mask has shape \(2,\); needed: \(3,\)"),
+    ({"reset_mask": np.zeros(3, dtype=bool)}, "reset_mask names no lane; at least one"),
+    ({"reset_mask": np.array([True, False, False]), "wind": 1.0}, "unknown reset option wind; known: "),
+    ({"case": ["nominal", "drilling", "nominal"]}, "^lane 1: unknown case 'drilling'; choose from: nominal, mach"),
+    ({"case": ["nominal"] * 4}, "case has 4 entries for 3 lanes; give one, or one per lane"),
+    ({"case": "payload", "disturbance": NOISY}, "give either case = 'payload' or a disturbance, not both"),
+    ({"reference": [SHORT, SHORT, None]}, "^lane 2: reference = None must be a .*[.]Reference"),
+    ({"reference": JointReference(parameters=LONG)}, r"links of \(0\.6, 0\.5\) m, the plant"),
+    ({"initial_state": np.tile(STILL, (2, 1))}, r"initial_state has shape \(2, 8\); allowed: \(8,\) or \(3, 8\)"),
+    ({"initial_state": [STILL, STILL, 9.0 * STILL]}, r"^lane 2: initial_state = \[4\.5, .*8 finite.*3\.14.*15\.0"),
+]
 
 
-@pytest.mark.parametrize(("options", "message"), BAD_OPTIONS.values(), ids=BAD_OPTIONS)
-def test_a_bad_option_is_named_and_leaves_nothing_to_step(options, message):
-    envs, untouched, actions = batch(3, **{"disturbance": NOISY}), batch(3, disturbance=NOISY), torques(0, 5, 3)
+BAD_RESETS = [
+    *(({"options": options}, message) for options, message in BAD_OPTIONS),
+    ({"seed": -1}, r"seed = -1 is out of range; allowed: 0, 1, 2, \.\.\."),
+    ({"seed": True}, "seed = True must be a whole number"),
+    ({"seed": range(4)}, "4 seeds for 3 lanes; give one, or one per lane"),
+    ({"seed": [1, 2, -3]}, r"lane 2: seed = -3 is out of range; allowed: 0, 1, 2, \.\.\."),
+]
+
+
+@pytest.mark.parametrize(("given", "message"), BAD_RESETS)
+def test_a_bad_reset_is_named_and_leaves_nothing_to_step_and_the_streams_where_they_were(given, message):
+    envs, untouched, actions = batch(3, **RANDOM), batch(3, **RANDOM), torques(0, 5, 3)
+    with pytest.raises(ResetNeeded, match=r"call envs\.reset\(\) before envs\.step\(\)"):
+        envs.step(actions[0])
     for made in (envs, untouched):
         made.reset(seed=0)
     with pytest.raises((TypeError, ValueError), match=message):
-        envs.reset(options=options)
+        envs.reset(**given)
     with pytest.raises(ResetNeeded, match=r"call envs\.reset\(\) before envs\.step\(\)"):
         envs.step(actions[0])
-    assert digest(envs, actions) == digest(untouched, actions)
+    assert identical(played(envs, actions), played(untouched, actions))
 
 
-def test_step_before_reset_is_refused():
-    with pytest.raises(ResetNeeded, match=r"call envs\.reset\(\) before envs\.step\(\)"):
-        batch(2).step(np.zeros((2, 2)))
-
-
-# --- actions -----------------------------------------------------------------------------------------------------
-
-
-@pytest.mark.parametrize("action", [0.0, np.zeros(2), np.zeros((2, 3)), np.zeros((4, 2)), np.zeros((3, 2, 1)), None])
-def test_actions_of_the_wrong_shape_are_named(action):
-    envs = batch(3)
-    envs.reset()
-    message = rf"actions have shape {re.escape(str(np.shape(action)))}; needed: \(3, 2\), motor torques \[N m\]"
-    with pytest.raises(ValueError, match=message):
-        envs.step(action)
-
-
-@pytest.mark.parametrize(("lanes", "bad", "threads"), [(1, 0, 1), (3, 2, 1), (5 * WIDE, WIDE + 1, 4)])
-@pytest.mark.parametrize("value", [np.nan, np.inf, -np.inf])
-def test_an_action_that_is_not_finite_names_its_lane_and_moves_none(lanes, bad, threads, value):
+@pytest.mark.parametrize(
+    ("lanes", "bad", "threads", "value"),
+    [(1, 0, 1, np.nan), (3, 2, 1, -np.inf), (2 * LANES_PER_THREAD, LANES_PER_THREAD + 1, 2, np.inf)],
+)
+def test_a_bad_action_is_named_with_its_lane_and_moves_none(lanes, bad, threads, value):
     envs, untouched = (batch(lanes, threads=threads, disturbance=NOISY) for _ in range(2))
     envs.reset(seed=0)
     untouched.reset(seed=0)
@@ -817,55 +384,38 @@ def test_an_action_that_is_not_finite_names_its_lane_and_moves_none(lanes, bad, 
     given = rf"action \[{re.escape(str(wrong[bad, 0]))}, {value}\] N m of lane {bad} is not finite"
     with pytest.raises(ValueError, match=given + r"; allowed: ±\[500\.0, 250\.0\] N m"):
         envs.step(wrong)
+    for shaped in (np.zeros(2), np.zeros((lanes + 1, 2)), None):
+        with pytest.raises(ValueError, match=rf"actions have shape .*; needed: \({lanes}, 2\), motor torques \[N m\]"):
+            envs.step(shaped)
     for action in good:
         assert_identical(envs.step(action), untouched.step(action))
-    envs.close()
-    untouched.close()
-
-
-def as_read_only(action):
-    action = action.copy()
-    action.flags.writeable = False
-    return action
 
 
 FORMS = {
     "list": lambda a: a.tolist(),
-    "float32": lambda a: a.astype(np.float32),
+    "float16": lambda a: a.astype(np.float16),
     "int32": lambda a: a.astype(np.int32),
     "big endian": lambda a: a.astype(">f8"),
     "columns": np.asfortranarray,
     "every other": lambda a: np.repeat(a, 2, axis=0)[::2],
     "backwards": lambda a: a[::-1].copy()[::-1],
-    "read only": as_read_only,
+    "read only": lambda a: np.broadcast_to(a, (2, *a.shape))[1],
+    "misaligned": lambda a: np.frombuffer(b"x" + a.tobytes(), dtype=np.float64, offset=1).reshape(a.shape),
     "objects": lambda a: a.astype(object),
 }
 
 
-def test_actions_of_any_form_are_torques():
-    reference, envs, single = batch(3), batch(3), FuzzyArmEnv()
-    whole = np.trunc(torques(0, 1, 3)[0])
-    reference.reset(seed=0)
-    expected = reference.step(whole)
-    single.reset(seed=0)
-    for name, form in FORMS.items():
+def test_actions_of_any_form_are_torques_of_a_batch_and_of_one_arm():
+    whole = np.array([[80.0, 20.0], [-300.0, 7.0], [600.0, 1.0]])  # exact in every form
+    for envs, given in ((batch(3), whole), (FuzzyArmEnv(), whole[0])):
         envs.reset(seed=0)
-        action = form(whole)
-        kept = copy.deepcopy(action)
-        assert_identical(envs.step(action), expected, name)
-        assert np.array_equal(action, kept)  # the caller's array is left alone
-        single.step(np.asarray(action)[0])
-
-
-def test_actions_may_be_overwritten_after_the_step():
-    envs, untouched, buffer = batch(2), batch(2), np.empty((2, 2))
-    envs.reset(seed=0)
-    untouched.reset(seed=0)
-    for action in torques(1, 10, 2):
-        buffer[:] = action
-        results = envs.step(buffer)
-        buffer[:] = np.nan
-        assert_identical(results, untouched.step(action))
+        expected = envs.step(given)
+        for name, form in FORMS.items():
+            envs.reset(seed=0)
+            action = form(given)
+            kept = copy.deepcopy(action)
+            assert_identical(envs.step(action), expected, name)
+            assert np.array_equal(action, kept)  # the caller's array is left alone
 
 
 def test_torques_are_clipped_to_the_limits_of_each_lanes_arm_and_info_says_so():
@@ -874,9 +424,6 @@ def test_torques_are_clipped_to_the_limits_of_each_lanes_arm_and_info_says_so():
     *_, info = envs.step([[400.0, -140.0], [600.0, 0.0], [400.0, -140.0], [0.0, -300.0]])
     assert info["torque"].tolist() == [[400.0, -140.0], [500.0, 0.0], [300.0, -140.0], [0.0, -250.0]]
     assert info["torque_clipped"].tolist() == [False, True, True, True]
-
-
-# --- what was returned stays as it is ----------------------------------------------------------------------------
 
 
 def arrays_of(value):
@@ -890,29 +437,25 @@ def arrays_of(value):
             yield from (entry for entry in value if isinstance(entry, np.ndarray))
 
 
-def test_later_steps_do_not_touch_what_was_returned_before():
-    envs = batch(3, **RANDOM)
-    kept = [envs.reset(seed=0), *(envs.step(action) for action in torques(1, 250, 3))]
-    copies = copy.deepcopy(kept)
-    for action in torques(2, 250, 3):
-        envs.step(action)
-    envs.reset(options={"initial_state": STILL})
-    assert any("final_obs" in result[-1] for result in kept)
-    for one, other in zip(kept, copies, strict=True):
-        assert_identical(one, other)
-
-
-def test_writing_into_what_was_returned_does_not_reach_the_plant():
+def test_the_plant_shares_no_memory_with_what_it_returned_or_was_given():
     envs, untouched, written = batch(3, **RANDOM), batch(3, **RANDOM), 0
     results, others = envs.reset(seed=0), untouched.reset(seed=0)
+    kept, buffer = [others], np.empty((3, 2))
+    copies = copy.deepcopy(kept)
     for action in torques(1, 250, 3):
         assert_identical(results, others)
         for array in arrays_of(results):
             if array.flags.writeable and array.dtype != object:
                 array[:] = True if array.dtype == bool else np.nan
                 written += 1
-        results, others = envs.step(action), untouched.step(action)
-    assert written > 250 * 20
+        buffer[:] = action
+        results, others = envs.step(buffer), untouched.step(action)
+        buffer[:] = np.nan
+        kept.append(others)
+        copies.append(copy.deepcopy(others))
+    assert written > 250 * 20 and any("final_obs" in result[-1] for result in kept)
+    for one, other in zip(kept, copies, strict=True):  # later steps did not touch them
+        assert_identical(one, other)
 
 
 def test_arrays_of_one_result_do_not_overlap():
@@ -926,16 +469,6 @@ def test_arrays_of_one_result_do_not_overlap():
     assert len(arrays) > 50
     for place, array in enumerate(arrays):
         assert not any(np.shares_memory(array, other) for other in arrays[:place])
-
-
-def test_the_mask_all_keys_share_is_read_only():
-    envs = batch(2, randomisation="plants")
-    for info in (envs.reset()[1], envs.step(np.zeros((2, 2)))[-1]):
-        masks = [value for part in (info, info["randomisation"]) for key, value in part.items() if key.startswith("_")]
-        assert len(masks) > 20 and not any(mask.flags.writeable for mask in masks)
-
-
-# --- scale -------------------------------------------------------------------------------------------------------
 
 
 @pytest.mark.slow
@@ -957,86 +490,39 @@ def test_a_lane_needs_less_than_a_thousand_bytes():
     assert 400 < per_lane < 1000  # 37 numbers of state and constants alone are 296
 
 
-@pytest.mark.parametrize("setting", [{}, {**RANDOM, "threads": 3}], ids=["nominal", "robust"])
-def test_a_long_run_of_random_torques_stays_finite_and_within_the_spaces(setting):
+def test_a_long_run_of_random_torques_stays_finite_and_within_the_spaces():
     lanes, steps, ends = 500, 200, 0
-    envs = batch(lanes, **setting)
+    envs = batch(lanes, **RANDOM)
     envs.reset(seed=0)
     for action in torques(3, steps, lanes, scale=1.5):
         observation, reward, terminated, truncated, info = envs.step(action)
         ends += (terminated | truncated).sum()
-        assert observation in envs.observation_space
-        assert np.isfinite(reward).all() and ((reward >= 0.0) & (reward <= 1.0)).all()
+        assert observation in envs.observation_space and ((reward >= 0.0) & (reward <= 1.0)).all()
         assert all(np.isfinite(info[key]).all() for key in ("tip", "q_link", "dq_link", "friction_torque", "tip_error"))
         assert info["in_domain"].all()  # of the current episodes: lanes that left the box have been reset
     assert ends > lanes / 2
-    envs.close()
 
 
-def extreme_arms(count, seed=0, period=1e-3):
-    """Arms with constants up to a million times larger or smaller than those of Table 1, as far as they are legal."""
-    generator, arms = np.random.default_rng(seed), []
-    fixed = ("length", "joint_limit", "velocity_limit", "gravity")  # so that the reference stays possible
-    while len(arms) < count:
-        values = {name: value for name, value in TABLE_1.to_dict().items() if name not in fixed}
-        factor = 10.0 ** (generator.uniform(-6.0, 6.0, 20) * generator.integers(0, 2, 20))
-        given = {
-            name: tuple(np.atleast_1d(value) * f) for (name, value), f in zip(values.items(), factor, strict=False)
-        }
-        given["stribeck_velocity"] = given["stribeck_velocity"][0]
-        given["mass_center"] = values["mass_center"]
-        try:
-            arm = dataclasses.replace(TABLE_1, **given)
-            default_substeps(period, fastest_rate([arm]))
-        except ValueError:
-            continue  # a singular mass matrix, static friction below Coulomb's, or too fast for any sub-step
-        arms.append(arm)
-    return arms
-
-
-HEAVY = DomainRandomisation(
-    mass=(1.0, 100.0),
-    motor_inertia=(1.0, 100.0),
+WILD = DomainRandomisation(
+    **dict.fromkeys(("mass", "motor_inertia"), (0.01, 2.0)),
+    **dict.fromkeys(("damping", "dry_friction", "viscous_friction", "force"), (0.0, 10.0)),
     stiffness=(0.01, 100.0),
-    damping=(0.0, 100.0),
-    dry_friction=(0.0, 100.0),
-    viscous_friction=(0.0, 100.0),
-    payload=(0.0, 1000.0),
-    force=(0.0, 100.0),
+    payload=(0.0, 100.0),
     angle=(-0.5, 0.5),
 )
-LIGHT = DomainRandomisation(
-    mass=(0.01, 0.1),
-    motor_inertia=(0.01, 1.0),
-    stiffness=(0.01, 100.0),
-    damping=(0.0, 1.0),
-    dry_friction=(0.0, 0.1),
-    viscous_friction=(0.0, 100.0),
-)
-EXTREME = {
-    "arms": {"parameters": extreme_arms(32)},
-    "arms with long steps": {
-        "parameters": extreme_arms(32, seed=1, period=0.05),
-        "control_period": 0.05,
-        "substep": None,
-    },
-    "heavy": {"randomisation": HEAVY},
-    "light": {"randomisation": LIGHT},
-}
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("name", slow_but(["arms", "heavy"], EXTREME))
-def test_extreme_arms_move_or_end_with_a_reason(name):
-    lanes = 32
-    envs, ends, moved = batch(lanes, case="machining", **EXTREME[name]), 0, np.zeros(lanes, dtype=bool)
+def test_extreme_arms_move_or_end_with_a_reason():
+    lanes, ends, moved = 32, 0, np.zeros(32, dtype=bool)
+    envs = batch(lanes, case="machining", randomisation=WILD)
     envs.reset(seed=0)
     for action in torques(3, 200, lanes):
-        observation, reward, terminated, truncated, info = envs.step(action * envs.single_action_space.high / LIMIT)
+        observation, reward, terminated, truncated, info = envs.step(action)
         assert observation in envs.observation_space and np.isfinite(reward).all()
         assert all(np.isfinite(array).all() for array in arrays_of(info) if array.dtype == float)
         moved |= ~(terminated | truncated)
         if terminated.any():
             ends += terminated.sum()
             assert set(info["final_info"]["reason"][terminated]) <= {reason.text for reason in Termination if reason}
-    assert moved.mean() > 0.2 and (ends > lanes or name == "heavy")
+    assert moved.mean() > 0.2 and ends > 0

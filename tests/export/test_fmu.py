@@ -8,14 +8,13 @@ import zipfile
 
 import numpy as np
 import pytest
+from support.exported import COMPILERS, needs_compiler
 
 from fuzzyarm import load_policy
 from fuzzyarm.cli import main
 from fuzzyarm.envs.fuzzy_arm import FuzzyArmEnv
-from fuzzyarm.export.c_files import FLAGS, compilers
+from fuzzyarm.export.c_files import FLAGS
 
-COMPILERS = compilers()
-needs_compiler = pytest.mark.skipif(not COMPILERS, reason="no C compiler (gcc, clang) on this machine")
 CO_SIMULATION, MODEL_EXCHANGE, OK, ERROR = 1, 0, 0, 3
 PERIOD = 1e-3
 LOG = ctypes.CFUNCTYPE(
@@ -246,11 +245,6 @@ def test_a_host_may_have_any_clock_and_reuse_its_texts(tmp_path):
     assert set(plant.names) == {"arm of the left cell"} and len(plant.names) == 5
 
 
-def test_the_same_export_gives_the_same_bytes(tmp_path):
-    first, second = exported(tmp_path / "one", "fuzzy-1"), exported(tmp_path / "two", "fuzzy-1")
-    assert first.read_bytes() == second.read_bytes()
-
-
 @pytest.mark.slow
 def test_fmpy_finds_nothing_wrong_and_runs_the_loop(tmp_path):
     """Another host, which compiles with options of its own: torques and tip of 300 periods are those of Python."""
@@ -290,17 +284,3 @@ def test_fmpy_finds_nothing_wrong_and_runs_the_loop(tmp_path):
     for model in models:
         model.terminate()
         model.freeInstance()
-
-
-@pytest.mark.parametrize(
-    ("words", "message"),
-    [
-        (["fmu", "plant", "--robot", "nobody"], "unknown robot 'nobody'"),
-        (["fmu", "plant", "--number", "float"], "--number float is for C source; an FMU computes in double"),
-        (["c", "plant"], "unknown policy 'plant'"),
-    ],
-)
-def test_bad_usage_of_fmus_is_one_line(words, message, tmp_path, capsys):
-    assert main(["export", *words, "--out", str(tmp_path / "new")]) == 2
-    out, err = capsys.readouterr()
-    assert out == "" and message in err and err.count("\n") == 1 and not (tmp_path / "new").exists()

@@ -67,19 +67,3 @@ def test_every_model_based_law_has_a_sheet(name):
     assert (sheet.certificate is None) == (not name.startswith("fuzzy"))
     assert len({quantity.name for quantity in sheet.quantities}) == len(sheet.quantities)
     assert "u = " in sheet.to_text()
-
-
-@pytest.mark.parametrize(
-    ("words", "message"),
-    [
-        (["fuzzy-5"], "unknown policy 'fuzzy-5'; choose from"),
-        (["fuzzy-4", "--csv", "--json"], "--csv and --json both choose the form; leave out one"),
-        (["ppo-robust"], "LearnedPolicy has no sheet of equations and matrices; there is one of"),
-        (["missing.json"], "missing.json"),
-        (["fuzzy-4", "--robot", "ur5"], "was designed for the two-joint arm"),
-        ([], "NAME|FILE is missing"),
-    ],
-)
-def test_bad_usage_is_one_line(words, message, capsys):
-    line = printed(capsys, *words, code=2)
-    assert message in line and line.count("\n") == 1

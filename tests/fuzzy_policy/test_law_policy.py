@@ -11,11 +11,6 @@ from fuzzyarm import load_policy
 STEPS = 200
 
 
-def observations(seed):
-    """Motions that no two threads share, (steps, 10)."""
-    return np.random.default_rng(seed).normal(0.0, 0.1, (STEPS, 10))
-
-
 def run(policy, rows):
     """Torques and memories of `command` along observations (steps, lanes, 10), as copies."""
     memory, found = np.zeros((rows.shape[1], policy.memory_size)), []
@@ -29,7 +24,7 @@ def run(policy, rows):
 @pytest.mark.parametrize("name", ["fuzzy-4", "elastic-observer"])
 def test_threads_and_batches_give_what_one_arm_gives(name):
     policy = load_policy(name)
-    rows = np.stack([observations(seed) for seed in range(24)], axis=1)
+    rows = np.random.default_rng(0).normal(0.0, 0.1, (STEPS, 24, 10))  # motions that no two threads share
     batch = run(policy, rows)
     usual = sys.getswitchinterval()
     sys.setswitchinterval(1e-6)  # s; threads take turns within a call
@@ -43,7 +38,7 @@ def test_threads_and_batches_give_what_one_arm_gives(name):
 
 def test_command_refuses_arrays_of_other_shapes_and_types():
     policy = load_policy("fuzzy-4")
-    seen, memory, torque = observations(0)[:1], np.zeros((1, policy.memory_size)), np.empty((1, 2))
+    seen, memory, torque = np.zeros((1, 10)), np.zeros((1, policy.memory_size)), np.empty((1, 2))
     wrong = [
         (seen[:, :9], memory, torque),
         (seen, memory[:, :1], torque),

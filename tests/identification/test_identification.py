@@ -2,7 +2,6 @@
 
 import dataclasses
 import json
-from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -24,8 +23,7 @@ from fuzzyarm.identification.excitation import (
     suggested,
     use_of,
 )
-from fuzzyarm.identification.fit import DEVIATIONS, _lost, noise_of
-from fuzzyarm.identification.log import COLUMNS, Log, Motion, read_log, smoothed, write_log
+from fuzzyarm.identification.log import COLUMNS, Log, Motion, read_log, write_log
 from fuzzyarm.identification.result import identify
 from fuzzyarm.identification.rigid import (
     UNKNOWNS,
@@ -84,19 +82,14 @@ def test_the_regressor_is_linear_in_what_the_equations_say():
 def test_theta_and_the_arm_are_the_same_numbers():
     arm = wrong(1.2)
     assert arm_of(start_of(arm), TRUTH) == arm
-    np.testing.assert_array_equal(
-        constants_of(start_of(arm)[:, np.newaxis], TRUTH)[:, 0], np.array(flat(arm_constants(arm)))
-    )
-    low, high = bounds_of(TRUTH, start_of(TRUTH))
-    assert (low < start_of(TRUTH)).all() and (start_of(TRUTH) < high).all()
-
-
-def test_a_mass_center_beyond_the_link_is_kept_where_the_start_has_one():
-    """A published fit of a double pendulum: joint and center 0.3 and 0.47 m from each other."""
-    arm = dataclasses.replace(TRUTH, mass_center=(TRUTH.length[0], 1.5 * TRUTH.length[1]))
-    low, high = bounds_of(arm, start_of(arm))
-    assert (low < start_of(arm)).all() and (start_of(arm) <= high).all()
-    np.testing.assert_allclose(start_of(rigid_arm(base_of(arm), arm)), start_of(arm), rtol=1e-9)
+    constants = constants_of(start_of(arm)[:, np.newaxis], TRUTH)[:, 0]
+    np.testing.assert_array_equal(constants, np.array(flat(arm_constants(arm))))
+    # A published fit of a double pendulum has joint and center 0.3 and 0.47 m from each other.
+    beyond = dataclasses.replace(TRUTH, mass_center=(TRUTH.length[0], 1.5 * TRUTH.length[1]))
+    for one in (TRUTH, beyond):
+        low, high = bounds_of(one, start_of(one))
+        assert (low < start_of(one)).all() and (start_of(one) <= high).all()
+    np.testing.assert_allclose(start_of(rigid_arm(base_of(beyond), beyond)), start_of(beyond), rtol=1e-9)
 
 
 def test_least_squares_find_a_rigid_arm_exactly():
@@ -110,24 +103,7 @@ def test_least_squares_find_a_rigid_arm_exactly():
     np.testing.assert_allclose(base_of(rigid_arm(found.base, wrong())), found.base, rtol=1e-9)
 
 
-def test_the_filter_shifts_nothing_and_derives():
-    time = np.arange(4000) * 1e-3
-    angle = np.stack([np.sin(3.0 * time), np.cos(2.0 * time)], axis=-1)
-    motion = smoothed(Log(1e-3, angle, np.ones((4000, 2))))
-    inner = slice(1000, 3000)
-    assert motion.settled == slice(300, 3700)
-    np.testing.assert_allclose(motion.q[inner], angle[inner], atol=1e-5)
-    np.testing.assert_allclose(motion.dq[inner, 0], 3.0 * np.cos(3.0 * time[inner]), atol=2e-4)
-    np.testing.assert_allclose(motion.ddq[inner, 0], -9.0 * np.sin(3.0 * time[inner]), atol=2e-3)
-
-
-def test_the_noise_is_read_off_a_moving_signal():
-    rng = np.random.default_rng(3)
-    angle = np.sin(np.arange(5000)[:, np.newaxis] * 2e-3) + rng.normal(scale=1e-5, size=(5000, 2))
-    assert noise_of(Log(1e-3, angle, angle)) == pytest.approx([1e-5, 1e-5], rel=0.1)
-
-
-def check_quiet(found):
+def test_a_quiet_log_gives_the_arm_back(found):
     np.testing.assert_allclose(found.fit.theta, start_of(TRUTH), rtol=2e-3)
     assert found.fit.told.all() and not found.fit.at_bound.any()
     assert abs(found.fit.correlation) < 0.1
@@ -135,17 +111,9 @@ def check_quiet(found):
     assert found.fit.noise == pytest.approx([1e-8, 1e-8, 1e-6, 1e-6], rel=0.2)
 
 
-def test_a_quiet_log_gives_the_arm_back(found):
-    check_quiet(found)
-
-
-@pytest.mark.slow
-def test_a_quiet_log_gives_the_arm_back_after_all_searches(log):
-    check_quiet(identify(log, wrong()))
-
-
 @pytest.mark.slow
 def test_velocities_may_be_missing(log, tmp_path):
+    """By all four searches, from a file."""
     path = tmp_path / "log.csv"
     path.write_text(write_log(dataclasses.replace(log, velocity=None)))
     found = identify(read_log(path), wrong())
@@ -153,18 +121,24 @@ def test_velocities_may_be_missing(log, tmp_path):
     assert len(found.fit.noise) == 2
 
 
-def test_a_log_that_does_not_move_names_what_it_does_not_tell():
+def test_a_log_that_tells_no_arm_says_why(log):
     angle = np.full((1000, 2), 0.3) + np.random.default_rng(0).normal(scale=1e-5, size=(1000, 2))
-    with pytest.raises(ValueError, match=r"does not tell inertia\[0\], .*coulomb_friction\[1\] .*--suggest"):
-        identify(Log(1e-3, angle, np.full((1000, 2), 3.0)), TRUTH)
-
-
-def test_one_joint_at_rest_is_named(log):
-    still = dataclasses.replace(
-        log, angle=log.angle * [1.0, 0.0] + [0.0, 0.5], velocity=np.array(log.velocity) * [1.0, 0.0]
-    )
-    with pytest.raises(ValueError, match=r"motor_inertia\[1\]"):
-        identify(still, TRUTH)
+    still = {"angle": log.angle * [1.0, 0.0] + [0.0, 0.5], "velocity": np.array(log.velocity) * [1.0, 0.0]}
+    weak = dataclasses.replace(TRUTH, torque_limit=(10.0, 5.0))
+    for call, message in (
+        (
+            lambda: identify(Log(1e-3, angle, np.full((1000, 2), 3.0)), TRUTH),
+            r"does not tell inertia\[0\], .*coulomb_friction\[1\] .*--suggest",
+        ),
+        (lambda: identify(dataclasses.replace(log, **still), TRUTH), r"motor_inertia\[1\]"),
+        (
+            lambda: identify(dataclasses.replace(log, torque=-log.torque), TRUTH),
+            r"no arm: least squares give inertia\[0\], .* below 0; check signs and units",
+        ),
+        (lambda: suggested(weak), r"to hold itself .*allowed: 0.6 times torque_limit"),
+    ):
+        with pytest.raises(ValueError, match=message):
+            call()
 
 
 def test_a_motion_is_smooth_and_rests_at_its_ends():
@@ -196,16 +170,6 @@ def test_a_suggestion_stays_within_the_limits_and_is_better_than_chance(monkeypa
     assert text[0].startswith("time,q1,q2,dq1") and len(text) == 10_002
 
 
-def test_an_arm_that_cannot_hold_itself_is_refused():
-    weak = dataclasses.replace(TRUTH, torque_limit=(10.0, 5.0))
-    with pytest.raises(ValueError, match=r"to hold itself .*allowed: 0.6 times torque_limit"):
-        suggested(weak)
-
-
-def lines(log):
-    return write_log(log).splitlines()
-
-
 @pytest.mark.parametrize(
     ("change", "message"),
     [
@@ -218,32 +182,20 @@ def lines(log):
         (lambda rows: rows[:700] + rows[702:], "from line 700 to line 701 is 0.003 s, the others 0.001 s"),
         (lambda rows: [*rows[:9], rows[9].replace(rows[9].split(",")[2], "nan"), *rows[10:]], "line 10 has q_motor2"),
         (lambda rows: [rows[0], *(row.replace(".", ",") for row in rows[1:])], "line 2 has 14 cells, the heading 7"),
-        (lambda rows: [*rows[:9], "", rows[9][:9], *rows[10:]], "line 10 has "),
         (lambda rows: [*rows[:9], rows[9] + "\x00", *rows[10:]], "line 10 has torque2"),
     ],
 )
 def test_a_bad_log_is_refused_in_one_line(log, tmp_path, capsys, change, message):
     path = tmp_path / "log.csv"
-    path.write_text("\n".join(change(lines(log))))
+    path.write_text("\n".join(change(write_log(log).splitlines())))
     assert main(["identify", str(path)]) == 2
     out, err = capsys.readouterr()
     assert out == "" and err.count("\n") == 1 and err.startswith(f"fuzzyarm identify: {path}: ") and message in err
 
 
-def test_a_log_comes_back_from_its_file(log, tmp_path):
-    path = tmp_path / "log.csv"
-    path.write_text(write_log(log))
-    again = read_log(path)
-    assert path.read_text().splitlines()[0] == ",".join(COLUMNS)
-    np.testing.assert_array_equal(again.angle, log.angle)
-    np.testing.assert_array_equal(again.torque, log.torque)
-    assert again.period == pytest.approx(1e-3)
-
-
 @pytest.mark.parametrize(
     ("words", "message"),
     [
-        ([], "give either a LOG or --suggest FILE"),
         (["log.csv", "--suggest", "motion.csv"], "give either a LOG or --suggest FILE"),
         (["log.csv", "--duration", "9"], "--duration is that of --suggest"),
         (["log.csv", "--out", "arm.json"], "--out arm.json must be a file ending in .toml"),
@@ -266,6 +218,9 @@ def test_the_command_writes_the_arm_the_picture_and_the_numbers(found, log, tmp_
     monkeypatch.setattr("fuzzyarm.identification.result.identify", lambda *_: found)
     path, out, figure = (tmp_path / name for name in ("log.csv", "arm.toml", "residuals.png"))
     path.write_text(write_log(log))
+    again = read_log(path)
+    assert path.read_text().splitlines()[0] == ",".join(COLUMNS) and again.period == pytest.approx(1e-3)
+    assert np.array_equal(again.angle, log.angle) and np.array_equal(again.torque, log.torque)
     assert main(["identify", str(path), "--out", str(out), "--figure", str(figure)]) == 0
     printed = capsys.readouterr().out
     assert all(name in printed for name in NAMES) and "Motors alone never tell length, mass" in printed
@@ -277,18 +232,11 @@ def test_the_command_writes_the_arm_the_picture_and_the_numbers(found, log, tmp_
     assert document["arm"] == found.arm.to_dict() and document["kept"][0] == "length"
 
 
-def test_torques_of_the_wrong_sign_are_not_believed(log):
-    with pytest.raises(ValueError, match=r"no arm: least squares give inertia\[0\], .* below 0; check signs and units"):
-        identify(dataclasses.replace(log, torque=-log.torque), TRUTH)
-
-
 @pytest.mark.parametrize(
     ("factor", "lag", "words"),
     [
         (1e3, 0, r"its torques are (1|9\.\d)e\+0[23] times those of the start: check their unit"),
-        (0.01, 0, r"its torques are 0\.0(1|0\d+) times those of the start: check their unit"),
         (1.0, 1, r"the simulated arm does not follow it; its torque seems to be 1 ms late: shift it by 1 sample"),
-        (1.0, 3, r"its torque seems to be 3 ms late: shift it by 3 sample"),
         (1.0, -2, r"its torque seems to be 2 ms early: shift it by 2 sample"),
         (2.5, 0, r"does not follow it; its torques are 2\.\d times those of the start: check their unit"),
     ],
@@ -318,26 +266,6 @@ def test_what_noise_hides_is_named_and_kept():
     assert {name for name, untold in zip(NAMES, hidden, strict=True) if untold} == {"damping[0]", "damping[1]"}
     np.testing.assert_array_equal(found.fit.theta[hidden], start_of(start)[hidden])
     assert "This log does not tell damping[0], damping[1]: the values of the start are kept." in found.remarks()
-
-
-@pytest.mark.parametrize(("worse", "lost"), [((1.02, 1.41), (False, True)), ((1.4, 1.4), (False, False))])
-def test_one_segment_with_a_wrong_stick_is_left_out_and_more_are_the_equations_fault(worse, lost):
-    residual = np.ones((3200, 7))
-    residual[:, 5:] = np.sqrt(worse)
-    line = SimpleNamespace(residual=residual)
-    np.testing.assert_array_equal(_lost(line), [False] * 5 + list(lost))
-
-
-@pytest.mark.slow
-def test_intervals_cover_the_truth():
-    """Ten logs with noise: that a 95 % interval misses in more than three of ten happens once in a thousand."""
-    logs = [rehearsed(motion_of(6.0), TRUTH, wrong(), seed, NOISE) for seed in range(10)]
-    fits = [identify(log, wrong()).fit for log in logs]
-    deviation = np.array([(fit.theta - start_of(TRUTH)) / fit.error for fit in fits])
-    covered = np.abs(deviation) <= DEVIATIONS
-    assert all(fit.told.all() for fit in fits)
-    assert covered.mean() >= 0.9 and covered.sum(axis=0).min() >= 7
-    assert 0.8 < np.sqrt(np.mean(deviation**2)) < 1.2
 
 
 def test_the_stored_intervals_cover_the_truth():

@@ -1,11 +1,12 @@
 """Numbers among which some are known beforehand: exact in every kind of number, and nothing is computed in vain."""
 
 import itertools
+import operator
 
 import numpy as np
 import pytest
 
-from fuzzyarm.numbers.folded import Folded, unfolded
+from fuzzyarm.envs.physics.recursion import Folded, unfolded
 from fuzzyarm.numbers.program import Program
 
 KNOWN = (0.0, 1.0, -1.0, 2.5)
@@ -28,11 +29,9 @@ def test_it_is_the_same_number(expression, known):
 
 @pytest.mark.parametrize("signs", list(itertools.product([False, True], repeat=2)))
 def test_signs_are_kept_apart(signs):
-    (x, y), (a, b) = (3.0, 7.0), signs
-    first, second = Folded(x, a), Folded(y, b)
-    x, y = unfolded(first), unfolded(second)
-    for found, wanted in ((first + second, x + y), (first - second, x - y), (first * second, x * y)):
-        assert unfolded(found) == wanted
+    first, second = (Folded(x, sign) for x, sign in zip((3.0, 7.0), signs, strict=True))
+    for operation in (operator.add, operator.sub, operator.mul):
+        assert unfolded(operation(first, second)) == operation(unfolded(first), unfolded(second))
 
 
 def test_what_is_known_leaves_no_operation():

@@ -26,12 +26,11 @@ from fuzzyarm.envs.physics.robot import robot_named
 from fuzzyarm.eval.sweep.config import SweepConfig
 from fuzzyarm.eval.sweep.episodes import errors_in_one_kernel
 from fuzzyarm.eval.sweep.plants import Plants
-from fuzzyarm.numbers import llvm_text, machine, ptx
+from fuzzyarm.numbers import gpu, llvm_text, machine
 from fuzzyarm.numbers.functions import Cells
-from fuzzyarm.numbers.gpu import Gpu
+from fuzzyarm.numbers.gpu import Gpu, gpu_text, logarithm, ptx_of
 from fuzzyarm.numbers.machine import WIDE, Kernel, Layout
 from fuzzyarm.numbers.program import Program
-from fuzzyarm.numbers.ptx import gpu_text, logarithm, ptx_of
 from fuzzyarm.numbers.symbols import Symbol
 
 LANES = 40
@@ -135,9 +134,6 @@ def with_own_logarithm(physics, monkeypatch):
         return {own.step.program.ports: own.step, own.begin.program.ports: own.begin}
 
 
-# --- structure ----------------------------------------------------------------------------------------------------
-
-
 def test_a_kernel_has_its_parameters_and_rounds_after_each_operation():
     written = ptx_of(recorded(), "named")
     assert written.name == "named" and ".visible .entry named(" in written.text and ".target sm_90" in written.text
@@ -149,41 +145,29 @@ def test_a_kernel_has_its_parameters_and_rounds_after_each_operation():
     assert ".extern" not in written.text and "approx" not in written.text
 
 
-def test_an_operation_without_an_instruction_is_refused(monkeypatch):
+FUSED = Kernel(Program(lambda x, _: ((x[0] * x[1] + x[0], x[1]),), ((0.0, 0.0),)))
+
+
+def test_what_an_assembler_may_fuse_or_has_no_instruction_for_is_refused(monkeypatch):
+    free = gpu_text(FUSED)[0].replace("fadd", "fadd contract").replace("fmul", "fmul contract")
+    ptx_of(FUSED)
+    monkeypatch.setattr(gpu, "gpu_text", lambda *_: (free, ()))
+    with pytest.raises(RuntimeError, match="does not round twice"):
+        ptx_of(FUSED)
+    monkeypatch.undo()
     monkeypatch.setitem(llvm_text.CALLED, "cosine", "cos")
     kernel = Kernel(Program(lambda x, _: ((x[0].program.operation("cosine", x[0]),),), ((0.0,),)))
     with pytest.raises(ValueError, match="cosine has no instruction in PTX"):
         ptx_of(kernel)
 
 
-def test_what_an_assembler_may_fuse_is_refused(monkeypatch):
-    whole = Kernel(Program(lambda x, _: ((x[0] * x[1] + x[0], x[1]),), ((0.0, 0.0),)))
-    free = gpu_text(whole)[0].replace("fadd", "fadd contract").replace("fmul", "fmul contract")
-    ptx_of(whole)
-    monkeypatch.setattr(ptx, "gpu_text", lambda *_: (free, ()))
-    with pytest.raises(RuntimeError, match="does not round twice"):
-        ptx_of(whole)
-
-
-# --- meaning ------------------------------------------------------------------------------------------------------
-
-
 @pytest.mark.parametrize("steps", [0, 3])
-@pytest.mark.parametrize("arms", [1, 6, 7, 100])
+@pytest.mark.parametrize("arms", [1, 7, 100])
 @pytest.mark.parametrize("layout", Layout)
 def test_the_text_has_the_bits_of_machine_code(layout, arms, steps):
     kernel = recorded([layout, Layout.ROWS], repeated=steps > 0)
     arrays = [laid_out(numbers(arms), layout), np.zeros((arms, 4))]
     assert has_the_bits(kernel, arrays, np.array(SHARED), (TABLE,), max(steps, 1))
-
-
-def test_rows_may_lie_apart_and_neighbours_stay():
-    wide = np.full((3, 64), 7.0)
-    wide[:, :LANES] = numbers(LANES).T
-    wanted, seen, kernel = wide[:, :LANES].T.copy(), np.zeros((LANES, 4)), recorded([Layout.COLUMNS, Layout.ROWS])
-    recorded()((wanted, np.zeros((LANES, 4))), np.array(SHARED), (TABLE,))
-    on_host(kernel, (wide[:, :LANES], seen), np.array(SHARED), (TABLE,), threads=64)  # more threads than arms
-    assert same(wide[:, :LANES], wanted.T) and (wide[:, LANES:] == 7.0).all()
 
 
 def test_arrays_have_the_bits_of_machine_code():
@@ -220,9 +204,6 @@ def test_an_environment_has_the_bits_of_machine_code(monkeypatch):
         assert has_the_bits(kernel, *given, expected=own[kernel.program.ports])
 
 
-# --- a launch ------------------------------------------------------------------------------------------------------
-
-
 def there(array):
     """Return an array as one of the pretended driver's device."""
     return SimpleNamespace(__cuda_array_interface__=array.__array_interface__)
@@ -257,19 +238,11 @@ def test_an_error_of_the_driver_has_its_name_and_code(name, code):
         launched(own, *given)
     driver.failing = {}
     launched(own, *given)  # the context of the thread is what it was
+    with pytest.raises(ValueError, match="array 1 of 2 arms has shape"):
+        launched(own, recorded(), [numbers(2), np.zeros((3, 4))], *given[2:])
     driver.failing = {"cuInit": 100}
     with pytest.raises(RuntimeError, match="cuInit failed with code 100"):
         Gpu(0, driver)
-
-
-def test_arrays_that_do_not_fit_are_not_launched():
-    driver = PretendedDriver()
-    with pytest.raises(ValueError, match="array 1 of 2 arms has shape"):
-        launched(Gpu(0, driver), recorded(), [numbers(2), np.zeros((3, 4))], np.array(SHARED), (TABLE,))
-    assert not driver.launched
-
-
-# --- an assembler -------------------------------------------------------------------------------------------------
 
 
 def assembler():
@@ -301,7 +274,7 @@ def assembled(text, folder, *, fused):
 
 @pytest.mark.slow
 def test_an_assembler_fuses_where_it_may(tmp_path):
-    text = ptx_of(Kernel(Program(lambda x, _: ((x[0] * x[1] + x[0], x[1]),), ((0.0, 0.0),)))).text
+    text = ptx_of(FUSED).text
     free = re.sub(r"\b(add|mul)\.rn\.f64", r"\1.f64", text)
     assert assembled(text, tmp_path, fused=True) == assembled(text, tmp_path, fused=False)
     assert assembled(free, tmp_path, fused=True) != assembled(free, tmp_path, fused=False)

@@ -1,24 +1,30 @@
-"""Policies declare what they optimise, know and see: by their names, out of their files, and by code of one's own."""
+"""What policies declare, by name, by file and by code; and a folder of `fuzzyarm tune`, its arm and its policies."""
 
 import dataclasses
 import json
+import shutil
 
 import numpy as np
 import pytest
 
-from fuzzyarm.common.console import output
-from fuzzyarm.envs.physics.equations import robot_of
+from fuzzyarm import load_policy
+from fuzzyarm.cli.evaluate import Options as EvaluateOptions
+from fuzzyarm.cli.evaluate import _config
+from fuzzyarm.envs.fuzzy_arm import FuzzyArmEnv
+from fuzzyarm.envs.physics.equations import chosen_arm, robot_of
 from fuzzyarm.envs.physics.parameters import ArmParameters
 from fuzzyarm.envs.physics.robot import robot_named
-from fuzzyarm.eval.declarations import print_declared, read_declarations, written_declarations
-from fuzzyarm.eval.evaluation.result_table import DECLARED, declared_rows
-from fuzzyarm.eval.report.summary import declared_table
+from fuzzyarm.eval.declarations import read_declarations, written_declarations
+from fuzzyarm.eval.stability.margins import MarginsConfig
 from fuzzyarm.fuzzy_policy.controller import Controller
-from fuzzyarm.fuzzy_policy.laws.learned.bundle import PolicyBundle
-from fuzzyarm.policies import NAMES, load_policy, resolve
+from fuzzyarm.fuzzy_policy.laws.adaptive.belief import AdaptiveWeights
+from fuzzyarm.fuzzy_policy.laws.fuzzy import FuzzyPolicy
+from fuzzyarm.fuzzy_policy.laws.observer_gains import ObserverWeights
+from fuzzyarm.fuzzy_policy.laws.tip import TipPolicy
+from fuzzyarm.policies import NAMES, policies_of, resolve
 from fuzzyarm.policies.declared import ELASTIC, HEADINGS, Declared, declared, declared_by_name, stated
 from fuzzyarm.policies.registry import POLICIES
-from fuzzyarm.policies.tuned import SCHEMA, TunedLaws
+from fuzzyarm.policies.tuned import NAME, SCHEMA, TunedLaws, read_laws
 
 OWN = {"objective": "o", "tuned_on": "t", "knows": "k", "sees": "s", "remembers": "r"}
 CONTROLLER = POLICIES["fuzzy-4"].path
@@ -31,13 +37,7 @@ def test_policies_of_the_package_declare_all(name):
     assert "preview" in own.sees
 
 
-def test_a_tip_policy_knows_the_elastic_arm_and_its_law_does_not():
-    law, tip = declared("fuzzy-4"), declared("fuzzy-4-tip")
-    assert "elastic" in tip.knows and "elastic" not in law.knows
-    assert tip.tuned_on == law.tuned_on
-
-
-@pytest.mark.parametrize("name", ["computed-torque-tip", "elastic-observer", "adaptive-observer"])
+@pytest.mark.parametrize("name", ["computed-torque-tip", "adaptive-observer"])
 def test_on_another_arm_a_named_law_says_on_which_arm_its_numbers_were_chosen(name):
     of_table, lighter = declared(name), ArmParameters(mass=(12.0, 8.0))
     assert declared(name, arm=ArmParameters()) == of_table
@@ -45,22 +45,6 @@ def test_on_another_arm_a_named_law_says_on_which_arm_its_numbers_were_chosen(na
     own = declared(name, arm=robot_named("ur5"))
     assert "ur5" in own.tuned_on and own[2:] == of_table[2:]
     assert own.objective.split(", ")[0] in ("bandwidth of Table 1", "weights of Table 1")
-
-
-def test_a_file_says_itself_for_which_arm_it_is():
-    assert declared(str(CONTROLLER), arm=robot_named("ur5")) == declared(str(CONTROLLER))
-
-
-def test_what_adaptive_observer_was_tuned_on_names_the_circle():
-    assert "paper's circle without load" in declared("adaptive-observer").tuned_on
-
-
-@pytest.mark.parametrize("name", ["fuzzy-4-tip", "fuzzy-4", "adaptive-observer", "elastic-observer"])
-def test_with_passes_a_policy_that_learns_from_them_remembers_them(name):
-    one, two = declared(name), declared(name, passes=2)
-    learns = load_policy(name).repeated() is not None
-    assert two.remembers == one.remembers + (", and the passes before" if learns else "")
-    assert two._replace(remembers="") == one._replace(remembers="")
 
 
 def test_a_controller_file_declares_what_is_in_it_and_not_what_the_policy_of_its_name_does(tmp_path):
@@ -93,14 +77,11 @@ def test_a_tuned_folder_declares_as_its_law_but_for_the_arm(tuned, name):
     assert own._replace(tuned_on="") == law._replace(tuned_on="")
     assert declared(str(tuned / "other.json")) == declared(str(CONTROLLER))
     assert own.tuned_on.startswith(law.tuned_on.split(" on ")[0]) and own.tuned_on.endswith("of the arm of mine")
-
-
-@pytest.mark.parametrize("name", ["computed-torque", "elastic-observer", "fuzzy-4"])
-def test_a_tuned_folder_of_a_serial_robot_was_tuned_on_margins_alone(tuned, name):
-    (tuned / "robot.toml").write_text(robot_named("planar-3r").to_toml())
-    own, law = declared(str(tuned / name)), declared(name)
-    assert own[2:] == law[2:] and own.objective != law.objective
-    assert own.tuned_on == "margins at random postures and along the default path of the arm of mine"
+    if "tip" not in name:  # of a serial robot, whose policies are tuned on margins alone
+        (tuned / "robot.toml").write_text(robot_named("planar-3r").to_toml())
+        own = declared(str(tuned / name))
+        assert own[2:] == law[2:] and own.objective != law.objective
+        assert own.tuned_on == "margins at random postures and along the default path of the arm of mine"
 
 
 @pytest.mark.parametrize("name", ["ppo-nominal", "ppo-robust", "ppo-residual", "learned-observer"])
@@ -114,22 +95,10 @@ def test_a_learned_folder_declares_what_its_bundle_records(name):
         assert (kept in own.remembers) == (kept in shipped.remembers)
 
 
-def test_a_record_of_training_that_says_nothing_is_not_made_up(tmp_path):
-    bundle = PolicyBundle.load(POLICIES["ppo-robust"].path)
-    kept = dataclasses.replace(bundle, training={"algorithm": "\x1b[31m", "distribution": ["robust"]})
-    kept.save(tmp_path / "mine")
-    own = declared(str(tmp_path / "mine"))
-    assert own.tuned_on.startswith("not recorded") and "not recorded" in own.objective
-    assert all(text.isprintable() for text in own)
-    assert declared(str(tmp_path / "missing")) is None
-
-
 @pytest.mark.parametrize(
     ("given", "message"),
     [
         ({**OWN, "preview": "p"}, "declared has the unknown field preview; needed: objective, tuned_on, knows, sees"),
-        ({"objective": "o"}, "declared lacks tuned_on, knows, sees, remembers; needed"),
-        ({**OWN, "sees": 3}, "declared: sees = 3 is none; needed"),
         ({**OWN, "sees": "two\nlines"}, "sees = 'two\\nlines' is none"),
         ("all", "declared lacks objective"),
     ],
@@ -140,13 +109,6 @@ def test_a_wrong_declaration_is_refused_by_its_field(given, message):
     assert message in str(refused.value) and "\n" not in str(refused.value)
 
 
-def test_mappings_and_objects_state_the_same():
-    class Own:
-        objective, tuned_on, knows, sees, remembers, more = *OWN.values(), "m"
-
-    assert stated(OWN) == stated(Own) == Declared(*OWN.values())
-
-
 def test_files_hold_declarations_and_older_ones_have_those_of_known_names():
     found = {"fuzzy-4": declared("fuzzy-4"), "mine": stated(OWN), "silent": None}
     names = ("fuzzy-4", "mine.json", "silent")
@@ -155,33 +117,6 @@ def test_files_hold_declarations_and_older_ones_have_those_of_known_names():
     assert read_declarations(None, names) == {"fuzzy-4": declared("fuzzy-4"), "mine": None, "silent": None}
     with pytest.raises(ValueError, match="not of the policies"):
         read_declarations({"fuzzy-4": None}, names)
-
-
-def test_rows_stand_in_order_with_the_certificate():
-    found = {"ppo-robust": declared("ppo-robust"), "mine": None}
-    rows = declared_rows(found, {"ppo-robust": None, "mine": "proven"})
-    assert [row[0] for row in rows] == ["ppo-robust", "mine"]
-    assert [row[-1] for row in rows] == ["nothing", "decay and L2 gain in the box"]
-    assert rows[0][1:-1] == declared("ppo-robust") and set(rows[1][1:-1]) == {"not declared"}
-
-
-def test_the_reports_table_has_a_row_for_each_policy():
-    drawn = declared_table({"fuzzy-4": declared("fuzzy-4"), "<b>": None}, {"fuzzy-4": "proven", "<b>": None})
-    assert drawn.count("<tr>") == 3 and "&lt;b&gt;" in drawn and "<b>" not in drawn
-    assert all(heading in drawn for heading in HEADINGS)
-
-
-def test_on_a_terminal_each_field_is_a_line_of_its_own(monkeypatch, capsys):
-    monkeypatch.setenv("COLUMNS", "80")
-    monkeypatch.setenv("FORCE_COLOR", "1")
-    monkeypatch.setenv("NO_COLOR", "1")
-    monkeypatch.setenv("TERM", "dumb")
-    print_declared(declared_rows({"fuzzy-4": declared("fuzzy-4")}, {"fuzzy-4": None}), DECLARED, output())
-    lines = capsys.readouterr().out.splitlines()
-    assert max(map(len, lines)) <= 80
-    for heading, cell in zip(HEADINGS, declared("fuzzy-4"), strict=True):
-        (line,) = [line for line in lines if line.strip().startswith(heading)]
-        assert cell.split()[0] in line
 
 
 def test_code_declares_by_an_attribute(tmp_path, monkeypatch):
@@ -197,3 +132,75 @@ def test_code_declares_by_an_attribute(tmp_path, monkeypatch):
     assert np.all(policy.predict(np.zeros(10))[0] == 0.0)
     with pytest.raises(ValueError, match="stating_law:Wrong: declared lacks tuned_on"):
         resolve("stating_law:Wrong", run_code=True).load()
+
+
+ARM = ArmParameters()
+NAMES = ("fuzzy-4", "computed-torque", "fuzzy-4-tip", "computed-torque-tip", "elastic-observer", "adaptive-observer")
+OBSERVER = dataclasses.replace(ObserverWeights(), link_angle=0.03)
+LAWS = TunedLaws(
+    schema=SCHEMA,
+    arm_sha256=robot_of(ARM).digest,
+    control_period=1e-3,
+    policies=NAMES,
+    bandwidth=55.0,
+    observer=dataclasses.asdict(OBSERVER),
+    adaptive=dataclasses.asdict(AdaptiveWeights()),
+)
+
+
+@pytest.fixture
+def folder(tmp_path):
+    made = tmp_path / "my-arm"
+    made.mkdir()
+    ARM.write_toml(made / "robot.toml")
+    shutil.copy(POLICIES["fuzzy-4"].path, made)
+    (made / NAME).write_text(LAWS.to_json(), encoding="utf-8")
+    return made
+
+
+def test_its_policies_have_its_numbers(folder):
+    assert load_policy(folder / "computed-torque").bandwidth == 55.0
+    assert load_policy(f"{folder}/computed-torque-tip").law.bandwidth == 55.0
+    assert load_policy(f"{folder}/elastic-observer").weights == OBSERVER
+    assert isinstance(load_policy(f"{folder}/fuzzy-4"), FuzzyPolicy)
+    adaptive = load_policy(f"{folder}/adaptive-observer")
+    assert isinstance(adaptive.fallback, TipPolicy) and isinstance(adaptive.fallback.law, FuzzyPolicy)
+
+
+def test_the_folder_names_its_arm_and_its_policies(folder, monkeypatch):
+    assert chosen_arm(folder, None) == ARM
+    assert FuzzyArmEnv(robot=folder).unwrapped.reset(seed=0)[0].shape == (10,)
+    monkeypatch.chdir(folder.parent)
+    expected = tuple(f"my-arm/{name}" for name in NAMES)
+    assert policies_of("my-arm") == MarginsConfig(robot="my-arm").names() == expected
+    assert _config(EvaluateOptions(robot="my-arm")).policies == expected
+    assert [resolve(name).label for name in expected] == list(NAMES)
+    assert policies_of("ur5") is policies_of(None) is policies_of("nowhere") is None
+
+
+def test_the_folder_of_another_arm_is_refused(folder):
+    softer = dataclasses.replace(ARM, stiffness=(6e4, 1e4))
+    with pytest.raises(ValueError, match="tuned for another arm"):
+        load_policy(f"{folder}/computed-torque", robot=softer)
+    softer.write_toml(folder / "robot.toml")
+    with pytest.raises(ValueError, match=r"robot\.toml was changed"):
+        policies_of(str(folder))
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        ({"bandwidth": None}, "numbers of computed-torque are not"),
+        ({"bandwidth": -1.0}, "bandwidth"),
+        ({"observer": {"a\nb": 1.0}}, "missing or unknown"),
+        ({"adaptive": {**LAWS.adaptive, "gate": 0.0}}, "gate"),
+        ({"policies": ["../fuzzy-4"]}, "no name of a policy"),
+        ({"schema": "fuzzyarm-tuned/0"}, "this version reads"),
+    ],
+)
+def test_damaged_laws_are_refused_in_one_line(folder, change, message):
+    document = json.loads((folder / NAME).read_text(encoding="utf-8")) | change
+    (folder / NAME).write_text(json.dumps(document), encoding="utf-8")
+    with pytest.raises(ValueError, match=message) as refused:
+        read_laws(folder, ARM)
+    assert "\n" not in str(refused.value) and str(folder) in str(refused.value)

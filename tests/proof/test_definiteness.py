@@ -1,5 +1,6 @@
 """Proof of definiteness: right on both sides of the boundary, however close."""
 
+import contextlib
 from fractions import Fraction
 
 import numpy as np
@@ -29,23 +30,13 @@ def test_rational_is_exact(value):
     assert Fraction(int(number.p), int(number.q)) == Fraction(value)
 
 
-def test_sums_and_products_of_exact_arrays_are_exact():
-    a, b = exact([[0.1, 0.2]]), exact([[0.3], [0.7]])
-    expected = Fraction(0.1) * Fraction(0.3) + Fraction(0.2) * Fraction(0.7)
-    product = (a @ b)[0, 0]
-    assert Fraction(int(product.p), int(product.q)) == expected
-
-
 @pytest.mark.parametrize("smallest", [1.0, 1e-4, 1e-8, 1e-11])
 @pytest.mark.parametrize("size", [1, 5, 30])
 def test_definite_matrices_are_proven_indefinite_ones_are_not(size, smallest):
-    assert is_positive_definite(exact(random_definite(size, smallest)))
-    assert not is_positive_definite(exact(random_definite(size, -smallest)))
-
-
-def test_badly_scaled_matrices_are_proven_too():
-    scale = 10.0 ** np.linspace(-8, 8, 20)
-    assert is_positive_definite(exact(random_definite(20, 1e-3) * np.outer(scale, scale)))
+    scale = 10.0 ** np.linspace(-8, 8, size)
+    for units in (1.0, np.outer(scale, scale)) if smallest > 1e-9 else (1.0,):
+        assert is_positive_definite(exact(random_definite(size, smallest) * units))
+        assert not is_positive_definite(exact(random_definite(size, -smallest) * units))
 
 
 def test_a_matrix_that_is_singular_by_one_part_in_1e30_is_told_apart():
@@ -62,18 +53,12 @@ def test_what_passes_for_definite_in_floats_alone_is_not_proven():
     for _ in range(40):
         V = rng.integers(-9, 10, (3, 4))
         floats = np.array(V.T @ V, dtype=float)
-        taken += smallest_eigenvalue(floats) > -1e-14 and _has_factor(floats)
+        root = np.sqrt(np.diag(floats))
+        with contextlib.suppress(np.linalg.LinAlgError):
+            np.linalg.cholesky(floats / np.outer(root, root))
+            taken += smallest_eigenvalue(floats) > -1e-14
         assert not is_positive_definite(exact(V.T @ V) - exact(np.eye(4)) * fmpq(1, 10**25))
     assert taken >= 10
-
-
-def _has_factor(matrix):
-    root = np.sqrt(np.diag(matrix))
-    try:
-        np.linalg.cholesky(matrix / np.outer(root, root))
-    except np.linalg.LinAlgError:
-        return False
-    return True
 
 
 @pytest.mark.parametrize(
@@ -92,16 +77,11 @@ def test_margin_is_free_of_units():
 
 @pytest.mark.parametrize("entry", [fmpq(10) ** 400, -(fmpq(10) ** 400), fmpq(1, 10) ** 400])
 def test_numbers_beyond_floating_point_are_not_proven_and_raise_nothing(entry):
-    one, nil = fmpq(1), fmpq(0)
-    for matrix in ([[entry, nil], [nil, one]], [[one, entry], [entry, entry]], [[entry, entry], [entry, entry]]):
+    one, nil, inverse = fmpq(1), fmpq(0), 1 / entry
+    for matrix in ([[entry, nil], [nil, one]], [[one, entry], [entry, entry]], [[inverse, entry], [entry, inverse]]):
         array = np.array(matrix, dtype=object)
         assert not is_positive_definite(array)
         assert smallest_eigenvalue(array) == -np.inf
-
-
-def test_a_scale_that_overflows_is_not_proven():
-    tiny, large = fmpq(1, 10) ** 300, fmpq(10) ** 200
-    assert not is_positive_definite(np.array([[tiny, large], [large, tiny]], dtype=object))
 
 
 @pytest.mark.parametrize("smallest", [1.0, 1e-4, 1e-9])
@@ -110,6 +90,7 @@ def test_the_growth_of_everything_is_the_condition_number_rounded_up(smallest):
     values = np.linalg.eigvalsh(matrix)
     found = largest_growth(matrix, 6)
     assert values[-1] / values[0] * (1.0 - 1e-6) <= found <= values[-1] / values[0] * (1.0 + 1e-2)
+    assert largest_growth(random_definite(4, -1e-3), 4) == np.inf
 
 
 def test_the_growth_of_a_part_is_of_the_worst_start_and_the_worst_end_at_the_same_value():
@@ -125,7 +106,3 @@ def test_the_growth_of_a_part_is_of_the_worst_start_and_the_worst_end_at_the_sam
         a, x = rng.normal(size=2), rng.normal(size=5)
         x *= np.sqrt(a @ matrix[:2, :2] @ a / (x @ matrix @ x))
         assert np.linalg.norm(x[:2]) <= c * np.linalg.norm(a)
-
-
-def test_an_indefinite_matrix_bounds_no_growth():
-    assert largest_growth(random_definite(4, -1e-3), 4) == np.inf

@@ -7,15 +7,12 @@ import functools
 
 import numpy as np
 import pytest
-from scipy.integrate import cumulative_simpson
 from slow_twins import slow_but
 
-from fuzzyarm.envs.physics.dynamics import rigid_inverse_dynamics
 from fuzzyarm.envs.scenario.reference import JointReference, ReferenceSample
 from fuzzyarm.fuzzy_policy.ts_model import premises
 from fuzzyarm.policies import load_policy
 from fuzzyarm.proof import rigid_loop as frozen
-from fuzzyarm.proof.residual import feedforward_residual
 from fuzzyarm.proof.rigid_loop import (
     HELD,
     Motion,
@@ -29,7 +26,6 @@ from fuzzyarm.proof.rigid_loop import (
     joined,
     library,
     lyapunov_rate,
-    pole_rate,
     simulate,
     slowest_error,
     worst_posture,
@@ -59,12 +55,6 @@ def lasting(fast: float, slow: float) -> pytest.MarkDecorator:
     """Run one controller for a shorter time [s] in the fast suite, and each for the longer in the slow one."""
     longer = [pytest.param(name, slow, marks=pytest.mark.slow) for name in NAMES]
     return pytest.mark.parametrize(("name", "duration"), [("fuzzy-4", fast), *longer])
-
-
-def changed(loop: RigidLoop, **factors: float) -> RigidLoop:
-    """The same loop with fields of its controller multiplied."""
-    fields = {name: factor * getattr(loop.controller, name) for name, factor in factors.items()}
-    return RigidLoop(dataclasses.replace(loop.controller, **fields))
 
 
 def states(seed: int, lanes: int) -> tuple[np.ndarray, np.ndarray]:
@@ -97,24 +87,6 @@ def disturbed(loop: RigidLoop, motion: Motion, duration: float, *, total: bool =
 # (e) the model
 
 
-def test_acceleration_is_the_inverse_of_the_inverse_dynamics() -> None:
-    loop, (q, dq), p = shipped("fuzzy-4"), states(0, 200), shipped("fuzzy-4").controller.model.parameters
-    ddq = np.random.default_rng(1).uniform(-500.0, 500.0, (200, 2))
-    motors = np.array(p.motor_inertia) * ddq + np.array(p.viscous_friction) * dq
-    torque = rigid_inverse_dynamics(q, dq, ddq, loop.arm) + motors
-    np.testing.assert_allclose(loop.acceleration(q, dq, torque), ddq, rtol=0.0, atol=1e-9)
-
-
-def test_acceleration_agrees_with_the_descriptor_form() -> None:
-    loop, (q, dq) = shipped("fuzzy-4"), states(2, 50)
-    model, torque = loop.controller.model, np.random.default_rng(3).uniform(-500.0, 500.0, (50, 2))
-    for lane, z in enumerate(premises(q, dq, model.parameters)):
-        ddq = loop.acceleration(q[lane : lane + 1], dq[lane : lane + 1], torque[lane : lane + 1])[0]
-        left = model.E(z) @ np.append(dq[lane], ddq)
-        right = model.A(z) @ np.append(q[lane], dq[lane]) + model.B @ torque[lane]
-        np.testing.assert_allclose(left, right, atol=1e-9)
-
-
 @pytest.mark.parametrize("name", [*NAMES, "fuzzy-2", "fuzzy-32"])
 def test_the_law_is_that_of_the_policy(name: str) -> None:
     """At random states, targets and integrals, where the policy's torque is not at its limit."""
@@ -143,29 +115,6 @@ def test_error_dynamics_are_the_frozen_loop_exactly(name: str, total: bool) -> N
     assert np.array_equal(w, torque) == total or name == "fuzzy-32"
 
 
-def test_residual_of_dropped_premises() -> None:
-    """Zero if none is dropped, within the published bound along the circle otherwise, and zero at the hanging rest."""
-    motion = CIRCLE.sample(np.linspace(0.0, 1.5, 301))
-    nothing = np.zeros((301, 6)), motion, np.zeros((301, 2))
-    assert np.abs(shipped("fuzzy-32").error_rate(*nothing, total=False)[1]).max() < 1e-11
-    for name in NAMES:
-        loop = shipped(name)
-        rho = np.abs(loop.error_rate(*nothing, total=False)[1]).max(axis=0)
-        assert np.all(rho > 10.0) and np.all(rho <= feedforward_residual(loop.controller.model, CIRCLE).bound)
-        hanging = ReferenceSample(*np.zeros((3, 1, 2)))
-        assert not loop.error_rate(errors(loop, 8, 5, 0.5), hanging, np.zeros((5, 2)), total=False)[1].any()
-
-
-def test_the_paper_form_is_refused() -> None:
-    controller = shipped("fuzzy-4").controller
-    other = dataclasses.replace(
-        controller, form="paper", weight=np.ones(4), feedforward=np.zeros((2, 2, 2, 6)), P=np.eye(10),
-        Q=np.zeros((3, 10, 10)), X=np.zeros((3, 10, 10)), fastest_pole=None, pole_Q=None, pole_X=None, pole_tau=None,
-    )  # fmt: skip
-    with pytest.raises(ValueError, match="consistent form"):
-        RigidLoop(other)
-
-
 # (d) the integrator
 
 
@@ -183,45 +132,6 @@ def test_runge_kutta_converges_with_order_four() -> None:
     deviations = [np.abs(end(step) / exact - 1.0).max() for step in steps]
     assert 3.8 < np.polyfit(np.log(steps), np.log(deviations), 1)[0] < 4.6
     assert np.abs(end(5e-4) / exact - 1.0).max() < 2e-6
-
-
-def test_disturbances_are_joined_by_straight_lines() -> None:
-    torques = np.random.default_rng(10).normal(size=(5, 3, 2))
-    at = joined(torques, 0.1)(np.array([0.0, 0.1, 0.15, 0.4, 0.7]))
-    expected = np.stack([torques[0], torques[1], 0.5 * (torques[1] + torques[2]), torques[4], torques[4]])
-    np.testing.assert_allclose(at, expected, atol=1e-12)
-
-
-def test_uniform_motion_moves_at_its_velocity() -> None:
-    (q, dq), t = states(17, 4), np.linspace(0.0, 0.2, 5)
-    motion = Uniform(q, dq).sample(t)
-    np.testing.assert_allclose(np.diff(motion.q, axis=0), 0.05 * motion.dq[1:], atol=1e-12)
-    assert np.array_equal(motion.dq[3], dq) and not motion.ddq.any()
-
-
-def test_integrals_agree_with_a_quadrature_of_the_trajectory() -> None:
-    """Every term of the dissipation, from ē and w alone."""
-    loop, start = shipped("fuzzy-4"), errors(shipped("fuzzy-4"), 18, 6, 0.1)
-    P, alpha, gamma = loop.controller.P, loop.controller.alpha, loop.controller.gamma
-
-    def w(t: np.ndarray) -> np.ndarray:
-        return AMPLITUDE * np.sin(70.0 * t)[:, np.newaxis, np.newaxis] * np.ones((6, 2))
-
-    run = simulate(loop, CIRCLE, start, w, 0.05, step=2.5e-4)
-    V = np.einsum("kla,ab,klb->kl", run.error, np.linalg.inv(P), run.error)
-    supply = np.sum(run.error[..., :2] ** 2 - gamma**2 * w(run.t) ** 2, axis=-1) + 2.0 * alpha * V
-    dissipation = V - V[0] + cumulative_simpson(supply, x=run.t, axis=0, initial=0.0)
-    np.testing.assert_allclose(run.V, V, rtol=1e-8)
-    np.testing.assert_allclose(run.dissipation, dissipation, atol=2e-5 * np.abs(dissipation).max())
-
-
-def test_a_run_that_was_out_of_the_box_stays_out() -> None:
-    """The arm comes back from 3.3 rad; the certificate does not cover its motion from then on."""
-    loop = shipped("fuzzy-4")
-    start = np.array([[3.3, 0, 0, 0, 0, 0], [1e-3, 0, 0, 0, 0, 0]])
-    run = simulate(loop, Uniform(np.zeros((1, 2)), np.zeros((1, 2))), start, NOTHING, 0.3, step=2.0 * STEP)
-    assert np.abs(run.error[-1, :, :2]).max() < 0.01
-    assert not run.in_box[:, 0].any() and run.in_box[:, 1].all()
 
 
 def test_the_worst_torque_is_the_first_singular_vector() -> None:
@@ -254,6 +164,8 @@ def test_without_disturbance_the_error_decays_as_certified(name: str, duration: 
     q, dq = states(12, 60)
     run = simulate(loop, Uniform(0.6 * q, 0.3 * dq), errors(loop, 13, 60, 0.2), NOTHING, 0.25 * duration, step=STEP)
     assert run.in_box[50].mean() > 0.4 and decays(run, alpha)
+    weak = RigidLoop(dataclasses.replace(loop.controller, gains=0.3 * loop.controller.gains))  # the check can fail
+    assert not decays(simulate(weak, CIRCLE, errors(weak, 14, 10, 0.05), NOTHING, 0.15, step=STEP), alpha)
 
 
 @pytest.mark.parametrize("name", slow_but(["fuzzy-4"], NAMES))
@@ -271,12 +183,6 @@ def test_the_slowest_start_shows_the_rate_and_no_less(name: str) -> None:
     assert run.in_box.all() and decays(run, alpha) and not decays(run, 1.03 * alpha)
     assert alpha < run.rate.min() < 1.03 * alpha
     assert run.rate[0, 0] == pytest.approx(-found.value, rel=0.01)
-
-
-def test_weaker_gains_lose_the_rate() -> None:
-    weak = changed(shipped("fuzzy-4"), gains=0.3)
-    run = simulate(weak, CIRCLE, errors(weak, 14, 10, 0.05), NOTHING, 0.15, step=STEP)
-    assert not decays(run, weak.controller.alpha)
 
 
 # (b) gain
@@ -307,42 +213,6 @@ def test_the_worst_torque_at_the_worst_posture(name: str, duration: float) -> No
     frozen_gain = max(gain_at(F, G, np.array([1j * omega]))[0] for omega in np.arange(30.0, 120.0))
     assert best.argmax() == len(best) - 2
     assert 0.96 * frozen_gain < best.max() < frozen_gain
-
-
-def test_dissipation_holds_from_any_start() -> None:
-    """Error and disturbance together."""
-    loop, lanes = shipped("fuzzy-4"), list(library(0.2, STEP).values())
-    start = errors(loop, 15, len(lanes), 0.1)
-    run = simulate(loop, CIRCLE, start, joined(AMPLITUDE * np.stack(lanes, axis=1), STEP), 0.2, step=STEP)
-    assert np.all((run.dissipation <= 0.0) | ~run.in_box) and run.in_box[-1].mean() > 0.2
-
-
-# (c) the checks can fail
-
-
-def test_a_twentieth_of_gamma_is_refuted() -> None:
-    sharp = changed(shipped("fuzzy-4"), gamma=1.0 / 20.0)
-    run = disturbed(sharp, CIRCLE, 0.15)
-    assert run.gain.max() > 5.0 * sharp.controller.gamma and run.dissipation.max() > 0.0
-
-
-def test_weaker_gains_exceed_gamma() -> None:
-    weak = changed(shipped("fuzzy-4"), gains=0.3)
-    run = disturbed(weak, worst_posture(weak), 0.25)
-    assert run.gain[:, run.in_box[-1]].max() > weak.controller.gamma
-    assert run.dissipation.max() > 0.0
-
-
-# The frozen loops
-
-
-@pytest.mark.parametrize("name", slow_but(["fuzzy-4"], NAMES))
-def test_every_frozen_loop_keeps_the_claims(name: str) -> None:
-    """Poles left of -α, V at least as fast, ‖C (jω - α - F)⁻¹ G‖ <= γ; with 1.03 α and 0.6 γ somewhere not."""
-    loop = shipped(name)
-    P, alpha, gamma = loop.controller.P, loop.controller.alpha, loop.controller.gamma
-    F, _ = freeze(loop, *states(16, 5000))
-    assert 1.5 * alpha > pole_rate(F).min() > lyapunov_rate(F, P).min() > alpha
-    assert find_worst_point(loop, lambda F, G, omega: -lyapunov_rate(F, P)).value > -1.03 * alpha
-    shifted = find_worst_point(loop, lambda F, G, omega: gain_at(F, G, 1j * omega - alpha)).value
-    assert 0.6 * gamma < shifted < gamma
+    weak = RigidLoop(dataclasses.replace(loop.controller, gains=0.3 * loop.controller.gains))  # the check can fail
+    run = disturbed(weak, worst_posture(weak), duration)
+    assert run.gain[:, run.in_box[-1]].max() > gamma and run.dissipation.max() > 0.0

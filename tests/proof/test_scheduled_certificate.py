@@ -14,19 +14,18 @@ from fuzzyarm.envs.physics.rigid_body import bias, mass_matrix
 from fuzzyarm.envs.physics.robot import robot_named
 from fuzzyarm.fuzzy_policy.controller import Controller
 from fuzzyarm.fuzzy_policy.controller_files import load_controller
-from fuzzyarm.fuzzy_policy.scheduled import Premise, ScheduledController, rule_weights
+from fuzzyarm.fuzzy_policy.scheduled import Premise, ScheduledController
 from fuzzyarm.fuzzy_policy.signed_files import ControllerFileError, digest_of
 from fuzzyarm.proof.box_cover import TrigMatrix
 from fuzzyarm.proof.inertia_bounds import scheduled_polynomial
 from fuzzyarm.proof.scheduled_certificate import (
     certify_scheduled,
-    decay,
     schedule_rate,
     scheduled_statement,
 )
 from fuzzyarm.proof.verification import verify_file
 from fuzzyarm.synthesis import DesignFailed, ScheduledSpecification, design_scheduled, scheduled_design
-from fuzzyarm.synthesis.inertia_metric import InertiaSamples, MetricSearch, relative
+from fuzzyarm.synthesis.inertia_metric import relative
 from fuzzyarm.synthesis.scalar_design import best_feedback
 
 COS_2, COS_3 = Premise(1, "cos q"), Premise(2, "cos q")
@@ -87,57 +86,27 @@ def test_more_rules_bring_the_fastest_pole_down(schedules):
     assert gains == sorted(gains, reverse=True)
 
 
-def test_a_search_with_more_rules_begins_with_what_fewer_have():
-    """The smaller schedule is one of the larger ones, at no angle worth keeping too."""
-    samples = InertiaSamples.of(robot_named("panda"), 7, 100, seed=0)
-    search = MetricSearch(samples)
-    search.run()
-    more = search.copy()
-    more.schedule(rule_weights((Premise(2, "sin q"),), samples.q))
-    more.run(rounds=1)
-    assert 1.0 < more.kappa <= search.kappa
-    hat = np.tensordot(more.weights, more.inertia, axes=1) / (more.row[:, np.newaxis] * more.row)
-    shares = relative(samples.inertia(), hat)
-    assert shares.min() == pytest.approx(1.0, rel=1e-9) and shares.max() == pytest.approx(more.kappa, rel=1e-9)
-
-
-@pytest.mark.slow
-def test_the_best_premise_is_found():
-    found = design_scheduled(ScheduledSpecification(rules=2), robot_named("planar-3r")).controller
-    assert found.premises == (COS_2,)
-
-
 def test_every_claim_is_proven_in_floats_and_in_balls(controller):
     certificate = certify_scheduled(controller, in_balls=True)
     assert certificate.proven
+    rate = schedule_rate(controller)  # by the speed limits of the angles of the premises
+    assert int(rate.p) / int(rate.q) == pytest.approx(15.0 * controller.rates.sum(), rel=1e-12)
     assert sum("also in balls" in claim.name for claim in certificate.claims) == 3 + 2 * len(controller.premises)
 
 
-@pytest.mark.parametrize(
-    ("name", "factor"),
-    [
-        ("kappa", 0.98),
-        ("floor", 1.04),
-        ("alpha", 1.02),
-        ("gamma", 0.98),
-        ("fastest_pole", 0.98),
-        ("inertia", 1.02),
-        ("rates", 0.97),
-        ("feedback", 1.05),
-        ("lyapunov", 1.1),
-    ],
-)
-def test_no_number_of_a_controller_may_be_better_than_it_is(name, factor):
+NUMBERS = ("kappa", "floor", "alpha", "gamma", "fastest_pole", "inertia", "rates", "feedback", "lyapunov", "robot")
+BETTER = (0.98, 1.04, 1.02, 0.98, 0.98, 1.02, 0.97, 1.05, 1.1, None)
+
+
+@pytest.mark.parametrize(("name", "factor"), [*zip(NUMBERS, BETTER, strict=True)])
+def test_no_number_of_a_controller_may_be_better_than_it_is(tmp_path, name, factor):
     controller = designed(COS_2, COS_3).controller
-    changed = dataclasses.replace(controller, **{name: factor * getattr(controller, name)})
-    assert not certify_scheduled(changed).proven
-
-
-def test_a_heavier_robot_is_not_covered():
-    controller = designed().controller
-    changed = dataclasses.replace(controller, robot=controller.robot.with_payload(1.0))
-    failed = [claim.name for claim in certify_scheduled(changed).claims if not claim.proven]
-    assert len(failed) == 1 and failed[0].startswith("kappa M_hat - M - R > 0") and "not at" in failed[0]
+    value = getattr(controller, name)
+    better = value.with_payload(1.0) if factor is None else factor * value
+    dataclasses.replace(controller, **{name: better}).save(tmp_path / "forged.json")
+    report = verify_file(tmp_path / "forged.json")
+    assert not report.certificate.proven and "NOT PROVEN" in report.to_text()
+    assert report.to_dict()["statement"] is None
 
 
 def test_the_inequality_of_size_three_is_that_of_all_joints(controller):
@@ -164,18 +133,6 @@ def test_the_inequality_of_size_three_is_that_of_all_joints(controller):
         "bi,bi->b", d, np.linalg.solve(scheduled, d[..., np.newaxis])[..., 0]
     )
     assert (slope + 2.0 * controller.alpha * V + supply).max() < 0.0
-
-
-def test_the_inequality_is_the_one_of_the_closed_loop():
-    """The scalar matrix against the derivative of V along the scalar loop, by its quadratic form."""
-    rng = np.random.default_rng(0)
-    X, k = rng.normal(size=(3, 3)), rng.normal(size=(1, 3))
-    X, share, rate, gamma = X + X.T, 0.3, 2.0, 0.7
-    x, d = rng.normal(size=3), rng.normal()
-    dx = np.array([x[1], share * (d - (k @ x).item()), x[0]])
-    expected = 2 * x @ X @ dx + 2 * rate * x @ X @ x + x[0] ** 2 - gamma**2 * d**2
-    P, y = np.linalg.inv(X), np.concatenate([X @ x, [d], x[:1]])
-    assert y @ decay(share, rate=rate, gamma2=gamma**2, P=P, m=k @ P) @ y == pytest.approx(expected, rel=1e-9)
 
 
 def test_the_stated_constants_hold_between_any_two_errors_at_any_two_postures(controller):
@@ -217,12 +174,10 @@ def test_the_nonlinear_loop_decays_at_least_as_fast_as_certified(controller):
         x = np.stack([q - target(t)[0], dq - target(t)[1], x_I], axis=1)
         return np.einsum("bai,ac,bij,bcj->b", x, controller.lyapunov, controller.inertia_at(q), x)
 
-    lanes, h, steps = 40, 2.5e-4, 200
-    start = np.concatenate([np.tile(np.concatenate(target(0.0)[:2]), (lanes, 1)), np.zeros((lanes, n))], axis=1)
-    state = start + rng.normal(size=start.shape) * np.repeat([0.05, 1.0, 0.002], n)
-    before, t = lyapunov(0.0, state), 0.0
-    first = before
-    for _ in range(steps):
+    h, t, start = 2.5e-4, 0.0, np.concatenate([*target(0.0)[:2], np.zeros(n)])
+    state = start + rng.normal(size=(40, 3 * n)) * np.repeat([0.05, 1.0, 0.002], n)
+    before = lyapunov(t, state)
+    for _ in range(200):
         k1 = slope(t, state)
         k2 = slope(t + h / 2, state + h / 2 * k1)
         k3 = slope(t + h / 2, state + h / 2 * k2)
@@ -230,8 +185,6 @@ def test_the_nonlinear_loop_decays_at_least_as_fast_as_certified(controller):
         now = lyapunov(t, state)
         assert np.all(now <= before * np.exp(-2.0 * controller.alpha * h) * (1.0 + 1e-6))
         before = now
-    observed = -0.5 * np.log(before / first) / t
-    assert observed.min() > controller.alpha
 
 
 def test_files_round_trip_and_know_their_form(tmp_path, controller):
@@ -241,7 +194,7 @@ def test_files_round_trip_and_know_their_form(tmp_path, controller):
     assert isinstance(again, ScheduledController) and again.digest == controller.digest
     assert again.robot.digest == controller.robot.digest
     report = verify_file(path)
-    assert report.certificate.proven and "PROVEN" in report.to_text() and report.to_dict()["proven"]
+    assert report.certificate.proven and "NOT PROVEN" not in report.to_text() and report.to_dict()["proven"]
     with pytest.raises(ControllerFileError, match="schema"):
         Controller.load(path)
 
@@ -249,7 +202,7 @@ def test_files_round_trip_and_know_their_form(tmp_path, controller):
 @pytest.mark.parametrize(
     ("change", "message"),
     [
-        (lambda c: c.update(kappa=(2.0).hex()), "digest does not match"),
+        (lambda c: c.update(kappa=(2.0).hex(), digest=designed().controller.digest), "digest does not match"),
         (lambda c: c.update(split=7), "split"),
         (lambda c: c.update(lyapunov=[["0x1p0"]]), "lyapunov"),
         (lambda c: c["premises"].append({"joint": 0, "function": "cos q"}), "joint"),
@@ -265,57 +218,10 @@ def test_damaged_and_forged_files_are_refused_in_one_line(tmp_path, change, mess
     content = json.loads(path.read_text())
     del content["digest"]
     change(content)
-    if message != "digest does not match":
-        content["digest"] = digest_of(content)
-    else:
-        content["digest"] = designed().controller.digest
-    path.write_text(json.dumps(content))
+    path.write_text(json.dumps({"digest": digest_of(content)} | content))
     with pytest.raises(ControllerFileError, match=message) as refused:
         load_controller(path)
     assert "\n" not in str(refused.value)
-
-
-def test_a_forged_claim_with_a_right_digest_is_not_proven(tmp_path):
-    path = tmp_path / "forged.json"
-    dataclasses.replace(designed().controller, kappa=4.5).save(path)
-    report = verify_file(path)
-    assert not report.certificate.proven and "NOT PROVEN" in report.to_text()
-    assert report.to_dict()["statement"] is None
-
-
-def test_mu_counts_the_speed_limits_of_kept_angles():
-    controller = designed(COS_2, COS_3).controller
-    rate = schedule_rate(controller)
-    assert int(rate.p) / int(rate.q) == pytest.approx(15.0 * controller.rates.sum(), rel=1e-12)
-    assert int(schedule_rate(designed().controller).p) == 0
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize(
-    ("asked", "message"),
-    [({"fastest_pole": 100.0}, "kappa"), ({"gamma": 1e-12}, "gamma"), ({"rules": 8}, "no angle is left")],
-)
-def test_what_cannot_be_had_is_said(asked, message):
-    specification = ScheduledSpecification(
-        **({"premises": (), "alpha": 20.0} | asked if "rules" not in asked else asked)
-    )
-    with pytest.raises(DesignFailed, match=message):
-        design_scheduled(specification, robot_named("planar-3r"))
-
-
-def test_a_given_gain_is_met():
-    asked = ScheduledSpecification(premises=(), gamma=5e-3)
-    controller = quickly(asked, robot_named("paper")).controller
-    assert controller.gamma / controller.floor <= 5e-3 * 1.001
-    assert controller.gamma / controller.floor > 4.5e-3
-
-
-@pytest.mark.parametrize(
-    "asked", [{"rules": 3}, {"alpha": -1.0}, {"gamma": 0.0}, {"gamma": 1e-3, "fastest_pole": 300.0}]
-)
-def test_bad_specifications_are_refused(asked):
-    with pytest.raises(ValueError):
-        ScheduledSpecification(**asked)
 
 
 def test_two_joints_agree_with_the_closed_form():
@@ -330,6 +236,8 @@ def test_two_joints_agree_with_the_closed_form():
     assert np.abs((inertia - scheduled) / scale).max() < 0.02
     one = quickly(ScheduledSpecification(premises=()), two).controller
     assert (3.0 * one.kappa - 2.0) * one.alpha == pytest.approx(153.0, rel=0.2)
+    asked = quickly(ScheduledSpecification(premises=(), gamma=5e-3), two).controller
+    assert 4.5e-3 < asked.gamma / asked.floor <= 5e-3 * 1.001
 
 
 @pytest.mark.slow
@@ -340,3 +248,17 @@ def test_six_and_seven_joints_are_proven(name, kappa):
     _, inertia, scheduled = inertias(found.controller, 1000)
     shares = relative(inertia, scheduled)
     assert shares.min() > 1.0 and shares.max() < found.controller.kappa
+
+
+@pytest.mark.slow
+def test_the_best_premise_is_found_and_what_cannot_be_had_is_said():
+    robot = robot_named("planar-3r")
+    assert design_scheduled(ScheduledSpecification(rules=2), robot).controller.premises == (COS_2,)
+    plain = {"premises": (), "alpha": 20.0}
+    for asked, message in (
+        (plain | {"fastest_pole": 100.0}, "kappa"),
+        (plain | {"gamma": 1e-12}, "gamma"),
+        ({"rules": 8}, "no angle is left"),
+    ):
+        with pytest.raises(DesignFailed, match=message):
+            design_scheduled(ScheduledSpecification(**asked), robot)

@@ -1,7 +1,6 @@
 """An algorithm from outside the package: one file, and the trainer trains, ships and resumes it."""
 
 import dataclasses
-import pkgutil
 
 import numpy as np
 import pytest
@@ -9,16 +8,15 @@ import pytest
 pytest.importorskip("torch")
 pytest.importorskip("stable_baselines3")
 import torch
+from support.trainings import resumed_to_the_bit
 
 from fuzzyarm import load_policy
 from fuzzyarm.fuzzy_policy.laws.learned.bundle import PolicyBundle
 from fuzzyarm.fuzzy_policy.laws.learned.network import Network
-from fuzzyarm.rl_baselines import algorithms
 from fuzzyarm.rl_baselines.algorithm import AlgorithmSpec
 from fuzzyarm.rl_baselines.algorithms import ALGORITHMS, add_algorithm, algorithm_of, find_algorithm
 from fuzzyarm.rl_baselines.algorithms.ppo import SPEC, PPOConfig
 from fuzzyarm.rl_baselines.config import TrainingConfig
-from fuzzyarm.rl_baselines.training import Training
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
@@ -81,14 +79,9 @@ def added():
     del ALGORITHMS[SEARCH.name]
 
 
-def contents(folder):
-    names = ("curve.csv", "policy/policy.json", "policy/weights.safetensors")
-    return {name: (folder / name).read_bytes() for name in names}
-
-
 @pytest.mark.usefixtures("brief_evaluations")
 def test_an_algorithm_from_outside_is_trained_shipped_and_resumed(added, tmp_path):
-    Training(added, tmp_path / "whole").run()
+    resumed_to_the_bit(added, tmp_path, 400)
     lines = (tmp_path / "whole" / "curve.csv").read_text().splitlines()
     assert lines[0].startswith("steps,episode_reward,episode_length,tip_error_mm,mean_reward,nominal_max_mm,")
     assert len(lines) == 11
@@ -97,18 +90,6 @@ def test_an_algorithm_from_outside_is_trained_shipped_and_resumed(added, tmp_pat
     assert set(bundle.versions) == {"fuzzyarm", "numpy", "gymnasium", "llvmlite"}
     action, _ = load_policy(tmp_path / "whole" / "policy").predict(np.ones(10))
     assert np.abs(action).max() > 1.0
-
-    class Stop(Exception):
-        pass
-
-    def stop(row):
-        if row["steps"] == 400:
-            raise Stop
-
-    with pytest.raises(Stop):
-        Training(added, tmp_path / "stopped", stop).run()
-    Training.resume(tmp_path / "stopped").run()
-    assert contents(tmp_path / "stopped") == contents(tmp_path / "whole")
 
 
 def test_names_and_classes_of_settings_are_unique(added):
@@ -125,8 +106,3 @@ def test_what_is_not_registered_is_named():
         find_algorithm("a2c")
     with pytest.raises(ValueError, match="SearchConfig holds the settings of no known algorithm; call add_algorithm"):
         algorithm_of(SearchConfig())
-
-
-def test_every_module_of_the_folder_is_an_algorithm():
-    modules = {module.name.replace("_", "-") for module in pkgutil.iter_modules(algorithms.__path__)}
-    assert modules <= set(ALGORITHMS) and "ppo" in modules

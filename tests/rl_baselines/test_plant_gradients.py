@@ -177,19 +177,6 @@ def test_a_bad_lane_spoils_no_other():
     assert (gradient[0] != 0.0).all() and (gradient[2] == 0.0).all()
 
 
-def test_without_grad_nothing_is_kept():
-    envs, action = arms(2), torch.ones(2, 2, dtype=torch.float64, requires_grad=True)
-    envs.reset(seed=0)
-    with torch.no_grad():
-        assert not envs.step(action)[1].requires_grad
-    assert not envs.state.requires_grad
-    with torch.inference_mode():
-        envs.step(action)
-    assert envs.step(200.0 * action)[1].requires_grad
-    with pytest.raises(TypeError, match="differentiable = 1 "):
-        arms(2, differentiable=1)
-
-
 @pytest.mark.slow
 @needs_compiler
 @pytest.mark.parametrize("dtype", [torch.float32, torch.float64])

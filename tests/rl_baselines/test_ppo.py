@@ -1,22 +1,15 @@
 """The settings of a training with PPO: presets, what is refused, and the names of stable-baselines3."""
 
-import ast
 import dataclasses
 import inspect
 import math
 import re
 import subprocess
 import sys
-from pathlib import Path
 
 import pytest
-from slow_twins import slow_but
 
 from fuzzyarm.cli import main, train
-from fuzzyarm.rl_baselines import algorithm
-from fuzzyarm.rl_baselines import config as common_settings
-from fuzzyarm.rl_baselines.algorithm import OnPolicyConfig
-from fuzzyarm.rl_baselines.algorithms import ppo
 from fuzzyarm.rl_baselines.algorithms.ppo import PRESETS, PPOConfig
 from fuzzyarm.rl_baselines.config import TrainingConfig
 
@@ -33,19 +26,6 @@ def test_settings_have_the_names_of_stable_baselines3():
     theirs = {*inspect.signature(sb3.PPO.__init__).parameters, "log_std_init"}  # the last is of its policies
     assert OWN - theirs == {"final_learning_rate", "asymmetric_critic", "smoothness"}
     assert {"n_steps", "n_epochs", "ent_coef", "vf_coef", "max_grad_norm"} <= OWN
-
-
-@pytest.mark.parametrize(
-    ("module", "kind"), [(common_settings, TrainingConfig), (algorithm, OnPolicyConfig), (ppo, PPOConfig)]
-)
-def test_every_setting_is_typed_and_followed_by_its_help(module, kind):
-    tree = ast.parse(Path(module.__file__).read_text(encoding="utf-8"))
-    (body,) = (node.body for node in ast.walk(tree) if isinstance(node, ast.ClassDef) and node.name == kind.__name__)
-    fields = [k for k, node in enumerate(body) if isinstance(node, ast.AnnAssign)]
-    assert {body[k].target.id for k in fields} == set(kind.__annotations__)
-    for k in fields:
-        help_text = ast.literal_eval(body[k + 1].value)
-        assert len(help_text) > 20 and help_text.endswith(".")
 
 
 def test_settings_and_presets_can_be_read_without_torch():
@@ -98,30 +78,6 @@ def test_what_is_wrong_is_named_with_what_is_allowed(values, message):
         PPOConfig(**values)
 
 
-FIELDS = {field.name: field for field in dataclasses.fields(PPOConfig)}
-
-
-def texts(value):
-    """A value as words of a command line."""
-    return [str(one) for one in (value if isinstance(value, tuple) else (value,))]
-
-
-def other(field):
-    """A value of a field that is not its default, and that fits the others."""
-    value = field.default
-    if field.name == "robot":
-        return "paper"
-    if isinstance(value, bool):
-        return not value
-    if isinstance(value, str):
-        return {"distribution": "robust", "base": "fuzzy-4"}[field.name]
-    if isinstance(value, tuple):
-        return tuple(2 * one for one in value) or (0.01,)
-    if isinstance(value, int):
-        return 2 * value or 1
-    return value + 1.0 if value == 0.0 else value / 2.0
-
-
 @pytest.fixture
 def chosen(monkeypatch, tmp_path):
     """What a command line asks for; nothing is trained."""
@@ -139,24 +95,6 @@ def test_without_options_a_training_has_the_first_preset(chosen):
     assert chosen() == PRESETS["nominal"]
     assert {name: chosen("--preset", name) for name in PRESETS} == PRESETS
     assert chosen("--resume") is None
-
-
-ANGLES = {"scale": (0.01, 0.02)}  # actions are angles with a base
-OBSERVER = ANGLES | {"base": "elastic-observer"}
-NEEDED = {"base": ANGLES, "gate": OBSERVER, "innovation_times": OBSERVER, "smoothness": {}}  # not with ent_coef
-TOGETHER = tuple(name for name in FIELDS if name not in NEEDED)
-ALL_AT_ONCE = [TOGETHER, *((name,) for name in NEEDED)]
-
-
-@pytest.mark.parametrize(
-    "names", slow_but(ALL_AT_ONCE, [*ALL_AT_ONCE, *((name,) for name in TOGETHER)]), ids=lambda names: names[-1]
-)
-def test_every_setting_is_an_option(names, chosen):
-    values, words = {name: other(FIELDS[name]) for name in names} | NEEDED.get(names[0], {}), []
-    for name, value in values.items():
-        flag = name.replace("_", "-")
-        words += [f"--no-{flag}"] if value is False else [f"--{flag}", *([] if value is True else texts(value))]
-    assert chosen(*words) == dataclasses.replace(PPOConfig(), **values)
 
 
 def test_an_option_changes_that_of_the_preset_alone(chosen):

@@ -7,6 +7,8 @@ import pytest
 
 torch = pytest.importorskip("torch")
 pytest.importorskip("stable_baselines3")
+from support.trainings import resumed_to_the_bit  # noqa: E402
+
 from fuzzyarm.fuzzy_policy.laws.learned.bundle import PolicyBundle  # noqa: E402
 from fuzzyarm.rl_baselines.algorithms.ppo import PRESETS, PPOConfig  # noqa: E402
 from fuzzyarm.rl_baselines.case_evaluation import evaluate_cases  # noqa: E402
@@ -29,24 +31,9 @@ SMALL = dataclasses.replace(
 )
 
 
-class Stopped(Exception):
-    pass
-
-
-def stop(row):
-    if row["steps"] >= 48:
-        raise Stopped
-
-
 @pytest.mark.slow
 def test_it_resumes_to_the_bit_and_ships_only_what_sensors_tell(tmp_path):
-    whole = Training(SMALL, tmp_path / "whole")
-    whole.run()
-    with pytest.raises(Stopped):
-        Training(SMALL, tmp_path / "stopped", stop).run()
-    Training.resume(tmp_path / "stopped").run()
-    for name in ("curve.csv", "policy/policy.json", "policy/weights.safetensors"):
-        assert (tmp_path / "stopped" / name).read_bytes() == (tmp_path / "whole" / name).read_bytes()
+    whole = resumed_to_the_bit(SMALL, tmp_path, 48)
     network, model = PolicyBundle.load(tmp_path / "whole" / "policy").network, whole.algorithm
     seen = SMALL.features.size
     assert network.sizes[0] == seen < model.model.observation_space.shape[0]

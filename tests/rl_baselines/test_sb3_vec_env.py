@@ -1,7 +1,6 @@
 """The adapter for stable-baselines3 gives the same results as its loop over monitored single environments."""
 
 import sys
-import warnings
 
 import gymnasium as gym
 import numpy as np
@@ -10,23 +9,18 @@ from gymnasium.vector import AutoresetMode
 from gymnasium.wrappers.vector import RescaleAction
 from slow_twins import slow_but
 
-from fuzzyarm import load_policy
 from fuzzyarm.envs.scenario.disturbances import Disturbance, EncoderNoise
 from fuzzyarm.envs.scenario.paths import Lemniscate, Line
 from fuzzyarm.envs.scenario.reference import JointReference
 from fuzzyarm.envs.task import Termination
 
 sb3 = pytest.importorskip("stable_baselines3")
-from stable_baselines3.common.evaluation import evaluate_policy  # noqa: E402
 from stable_baselines3.common.monitor import Monitor  # noqa: E402
 from stable_baselines3.common.vec_env import (  # noqa: E402
     DummyVecEnv,
     VecCheckNan,
-    VecEnv,
     VecFrameStack,
-    VecMonitor,
     VecNormalize,
-    is_vecenv_wrapped,
 )
 
 from fuzzyarm.rl_baselines.sb3_vec_env import StableBaselinesVecEnv, training_envs  # noqa: E402
@@ -144,16 +138,6 @@ def test_both_kinds_of_end_are_told_apart():
     assert ends == {0: (True, None, True), 2: (False, Termination.ANGLE.text, True)}
 
 
-def test_an_end_of_both_kinds_at_once_is_no_truncation():
-    last = JointReference(path=Line((0.4, 0.5), (0.42, 0.5)), duration=0.1)
-    venv = adapted(1, reference=last, control_period=0.1)
-    for start, out_of_time in ((None, True), (LEAVING, False)):
-        venv.set_options({} if start is None else {"initial_state": start})
-        venv.reset()
-        _, _, dones, infos = venv.step(np.zeros((1, 2)))
-        assert dones.all() and infos[0]["TimeLimit.truncated"] is out_of_time
-
-
 def test_a_reset_counts_return_and_length_from_zero():
     venv, loop = both(reference=SHORT)
     for _ in range(20):
@@ -163,19 +147,6 @@ def test_a_reset_counts_return_and_length_from_zero():
         venv.step(np.zeros((LANES, 2)))
     *_, infos = venv.step(np.zeros((LANES, 2)))
     assert [info["episode"]["l"] for info in infos] == [50] * LANES
-
-
-def test_running_lanes_share_one_empty_info_and_only_ended_ones_are_looked_at(monkeypatch):
-    venv, asked = adapted(3, reference=[SHORT, LONGER, SHORT]), []
-    look = venv._final_info
-    monkeypatch.setattr(venv, "_final_info", lambda lane, *rest: asked.append(lane) or look(lane, *rest))
-    venv.reset()
-    for step in range(1, 51):
-        *_, infos = venv.step(np.zeros((3, 2)))
-        assert asked == ([] if step < 50 else [0, 2])
-        running = infos if step < 50 else infos[1:2]
-        assert all(info is running[0] and info == {} for info in running)
-    assert infos[0] is not infos[2] and infos[0] and infos[2]
 
 
 @pytest.mark.parametrize("make", [adapted, training_envs])
@@ -230,25 +201,6 @@ def test_what_came_back_stays_as_it_is():
     assert finals == [{}] * LANES
 
 
-def test_step_async_and_step_wait_are_a_step():
-    venv, twin = adapted(), adapted()
-    venv.reset(), twin.reset()
-    venv.step_async(np.full((LANES, 2), 50.0))
-    observation, rewards, dones, infos = venv.step_wait()
-    assert same_array(observation, twin.step(np.full((LANES, 2), 50.0))[0])
-    assert (observation.dtype, rewards.dtype, dones.dtype, type(infos)) == (np.float64, np.float32, np.bool_, list)
-    assert observation.shape == (LANES, 10) and rewards.shape == dones.shape == (LANES,) and len(infos) == LANES
-
-
-def test_the_info_of_the_batch_is_at_hand():
-    venv = adapted(randomisation="plants")
-    venv.reset()
-    assert venv.vector_info["randomisation"]["mass"].shape == (LANES, 2) and not venv.vector_info["time"].any()
-    venv.step(np.zeros((LANES, 2)))
-    assert venv.vector_info["time"].tolist() == [1e-3] * LANES
-    assert venv.reset_infos == [{}] * LANES
-
-
 def test_an_environment_that_resets_itself_a_step_later_is_refused_and_any_other_is_taken():
     later = gym.make_vec("FuzzyArm-v0", num_envs=2, vectorization_mode="sync")
     with pytest.raises(ValueError, match=r"NEXT_STEP; stable-baselines3 needs .*SAME_STEP"):
@@ -280,13 +232,6 @@ def test_seeds_hold_for_the_next_reset_and_the_streams_go_on_after_it():
     assert same_array(venv.reset(), starts[0])
 
 
-def test_a_seed_left_to_chance_is_told_and_can_be_used_again():
-    venv, twin = (adapted(disturbance=NOISY, randomisation="plants") for _ in range(2))
-    seeds = venv.seed()
-    twin.seed(seeds[0])
-    assert same_array(venv.reset(), twin.reset()) and len(set(seeds)) == LANES
-
-
 OPTIONS = {
     "one for all": {"case": "payload", "initial_state": STILL},
     "one per lane": [{"case": case} for case in ("payload", "nominal", "machining", "payload")],
@@ -305,18 +250,6 @@ def test_options_hold_for_one_episode_of_each_lane(options):
             assert_same_step(venv.step(action), loop.step(action))
 
 
-def test_options_that_differ_in_kind_between_lanes_are_refused():
-    venv = adapted(2)
-    venv.set_options([{"case": "payload"}, {}])
-    with pytest.raises(ValueError, match="must name the same things in every lane"):
-        venv.reset()
-    venv.set_options([{"case": "payload"}, {"case": "drilling"}])
-    with pytest.raises(ValueError, match="lane 1: unknown case 'drilling'"):
-        venv.reset()
-    venv.set_options()
-    venv.reset()
-
-
 # --- the rest of the interface -----------------------------------------------------------------------------------
 
 
@@ -331,34 +264,6 @@ def test_attributes_are_found_through_wrappers_and_by_lane():
         venv.get_attr("gravity")
     with pytest.raises(IndexError):
         venv.get_attr("substeps", indices=[LANES])
-
-
-def test_what_has_no_meaning_for_a_batch_is_refused_by_name():
-    venv = VecNormalize(adapted())
-    with pytest.raises(NotImplementedError, match="cannot set 'parameters': lanes differ by the arguments of"):
-        venv.set_attr("parameters", 1, indices=0)
-    with pytest.raises(NotImplementedError, match="cannot call 'reset': there is no environment object per lane"):
-        venv.env_method("reset", indices=[0])
-
-
-def test_it_counts_as_monitored_and_as_nothing_else():
-    class Special(Monitor):
-        pass
-
-    venv, loop = adapted(), monitored()
-    for kind in (Monitor, gym.Wrapper, Special, gym.wrappers.RescaleAction, gym.wrappers.TimeLimit):
-        assert venv.env_is_wrapped(kind) == loop.env_is_wrapped(kind), kind
-        assert venv.env_is_wrapped(kind, indices=[1, 2]) == loop.env_is_wrapped(kind, indices=[1, 2])
-    assert isinstance(venv, VecEnv) and venv.unwrapped is venv and not is_vecenv_wrapped(venv, VecMonitor)
-
-
-def test_it_draws_nothing_and_closes_its_environment():
-    venv = adapted()
-    with pytest.warns(UserWarning, match="no `render_mode`"):
-        assert venv.render() is None
-    assert list(venv.get_images()) == [None] * LANES
-    venv.close()
-    assert venv.envs.closed
 
 
 # --- wrappers, training and evaluation ---------------------------------------------------------------------------
@@ -378,19 +283,6 @@ def test_wrappers_of_stable_baselines_work_as_around_their_own_loop(name):
     for action in torques(130):
         ends += assert_same_step(venv.step(action), loop.step(action))
     assert len(ends) == 2 * LANES
-
-
-def test_a_second_monitor_is_warned_of_and_agrees():
-    with pytest.warns(UserWarning, match="already wrapped with a `Monitor`"):
-        venv = VecMonitor(adapted(reference=SHORT), info_keywords=("TimeLimit.truncated",))
-    venv.reset()
-    returns = np.zeros(LANES)
-    for _ in range(50):
-        _, rewards, _, infos = venv.step(np.zeros((LANES, 2)))
-        returns += rewards
-    for lane, info in enumerate(infos):
-        assert info["episode"]["r"] == pytest.approx(returns[lane], rel=1e-5)
-        assert info["episode"]["l"] == 50 and info["episode"]["TimeLimit.truncated"] is True
 
 
 def test_ppo_learns_the_same_as_from_the_loop():
@@ -422,28 +314,3 @@ def test_a_replay_buffer_fills_as_from_the_loop():
     for name in ("observations", "next_observations", "actions", "rewards", "dones", "timeouts"):
         assert same_array(getattr(buffer, name)[:420], getattr(expected, name)[:420]), name
     assert buffer.timeouts.sum() >= 2 and (buffer.dones - buffer.timeouts).sum() >= 2  # ends of both kinds
-
-
-@pytest.mark.parametrize("episodes", slow_but([LANES + 2], [LANES, LANES + 2]))
-def test_evaluate_policy_finds_the_returns_of_single_episodes(episodes):
-    def alone(lane):
-        env = gym.make("FuzzyArm-v0", disturbance=NOISY, reference=LONGER)
-        (observation, _), state, total, over, returns = env.reset(seed=5 + lane), None, 0.0, False, []
-        while len(returns) < 2:
-            action, state = policy.predict(observation, state=state)
-            observation, reward, terminated, truncated, _ = env.step(action)
-            total, over = total + reward, terminated or truncated
-            if over:
-                returns.append(total)
-                (observation, _), state, total = env.reset(), None, 0.0
-        return returns
-
-    policy, venv = load_policy("fuzzy-4"), adapted(disturbance=NOISY, reference=LONGER)
-    venv.seed(5)
-    with warnings.catch_warnings():
-        warnings.simplefilter("error")
-        returns, lengths = evaluate_policy(policy, venv, n_eval_episodes=episodes, return_episode_rewards=True)
-    first, second = zip(*(alone(lane) for lane in range(LANES)), strict=True)
-    surplus = second[2 * LANES - episodes :]  # the episodes beyond one per lane go to the last lanes
-    assert lengths == [400] * episodes and returns == pytest.approx([*first, *surplus], rel=1e-12)
-    assert len(set(returns)) == episodes and np.mean(returns) > 100.0

@@ -1,7 +1,5 @@
 """Kernels on torch's memory against the NumPy batch, bit for bit: on a GPU if there is one, else on the processor."""
 
-import dataclasses
-
 import numpy as np
 import pytest
 import torch
@@ -19,8 +17,7 @@ from fuzzyarm.envs.scenario.randomisation import DomainRandomisation
 from fuzzyarm.envs.scenario.reference import JointReference
 from fuzzyarm.envs.vector import FuzzyArmVectorEnv
 from fuzzyarm.fuzzy_policy.policy import Policy
-from fuzzyarm.numbers.gpu import gpu
-from fuzzyarm.numbers.ptx import logarithm
+from fuzzyarm.numbers.gpu import gpu, logarithm
 from fuzzyarm.numbers.symbols import Symbol
 from fuzzyarm.rl_baselines import torch_env, torch_kernels
 from fuzzyarm.rl_baselines.torch_env import TorchFuzzyArm
@@ -152,54 +149,6 @@ def test_laws_of_all_policies_have_the_bits_of_predict_and_step(name, monkeypatc
     assert same(seen, observation) and same(after, state) and found["truncated"].tolist() == [2.0] * lanes
 
 
-def test_an_action_that_is_not_finite_ends_only_its_lane(driver):
-    ours, twin = tensors(driver, 4), tensors(driver, 4)
-    ours.reset(seed=0)
-    twin.reset(seed=0)
-    action = on(ours, np.full((4, 2), 40.0))
-    ours.step(action)
-    twin.step(action)
-    before, bad = ours.state, action.clone()
-    bad[1, 0], bad[2, 1] = float("nan"), float("inf")
-    observation, reward, terminated, truncated, info = ours.step(bad)
-    expected, their_reward, *_ = twin.step(action)
-    assert terminated.tolist() == [False, True, True, False] and not truncated.any()
-    assert info["reason"].tolist() == [0, 3, 3, 0] and reward[1:3].tolist() == [0.0, 0.0]
-    assert torch.equal(observation[::3], expected[::3]) and torch.equal(reward[::3], their_reward[::3])
-    assert torch.equal(info["final_obs"][1:3, :2], before[1:3, :2])  # their states stayed
-    assert all(part.isfinite().all() for part in (observation, *info.values()))
-    assert torch.equal(observation[1:3], ours.reset(seed=0)[1:3])
-
-
-def test_each_call_is_one_launch_on_memory_that_stays(driver):
-    ours, policy = tensors(driver, 2), load_policy("fuzzy-4")
-    lanes = ours._kernels
-    places = [one.data_ptr() for one in (*lanes._lane(), lanes._given, lanes._constants, *lanes._tables)]
-    first = ours.reset(seed=0)
-    kept, action = first.clone(), on(ours, np.full((2, 2), 10.0))
-    results = ours.step(action)
-    if driver is not None:
-        (given, _) = driver.launched[-1]
-        mine = [*places[:2], action.data_ptr(), places[2], results[4]["final_obs"].data_ptr(), results[0].data_ptr()]
-        assert given[2:8] == mine and given[10:14] == places[3:]
-    for _ in range(2):
-        ours.step(action)
-        ours.run(policy, 2)
-    after = [one.data_ptr() for one in (*lanes._lane(), lanes._given, lanes._constants, *lanes._tables)]
-    assert places == after and torch.equal(first, kept)
-    if driver is not None:
-        assert len(driver.launched) == 6 and driver.calls["cuModuleLoadData"] == 3
-
-
-def test_actions_that_are_not_laid_out_so_are_copied(driver):
-    ours, twin = tensors(driver, 3), tensors(driver, 3)
-    ours.reset(seed=0)
-    twin.reset(seed=0)
-    action = on(ours, np.arange(6.0).reshape(3, 2))
-    expected = ours.step(action)[0]
-    assert torch.equal(twin.step(action.t().contiguous().t().requires_grad_())[0], expected)
-
-
 @pytest.mark.parametrize("other", [{"dtype": torch.float32}, {"compiled": False}, {"differentiable": True}])
 def test_else_torch_runs_the_equations(other, driver):
     arguments = {"dtype": torch.float64, "compiled": True} | other
@@ -229,19 +178,6 @@ def test_wrong_runs_are_named(driver):
     }.items():
         with pytest.raises(ValueError, match=message):
             ours.run(*given)
-
-
-def test_the_stream_is_that_of_torch(monkeypatch):
-    calls = []
-    stream = dataclasses.make_dataclass("Stream", ["cuda_stream"])(5)
-    own = dataclasses.make_dataclass("Gpu", ["launch"])(lambda *given: calls.append(given))
-    monkeypatch.setattr(torch_kernels, "gpu", lambda number: calls.append(number) or own)
-    monkeypatch.setattr(torch.cuda, "current_device", lambda: 1)
-    monkeypatch.setattr(torch.cuda, "current_stream", lambda device: stream)
-    torch_kernels.launcher(torch.device("cuda"))("kernel", "arrays", "constants", "tables", 3)
-    torch_kernels.launcher(torch.device("cuda", 2))
-    assert calls == [1, ("kernel", "arrays", "constants", "tables", 3, 5), 2]
-    assert torch_kernels.launcher(torch.device("cpu")) is None
 
 
 @pytest.mark.skipif(torch.cuda.is_available(), reason="there is a GPU")

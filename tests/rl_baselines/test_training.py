@@ -7,8 +7,6 @@ import re
 import shutil
 import signal
 import subprocess
-import sys
-import types
 from dataclasses import replace
 
 import numpy as np
@@ -25,7 +23,7 @@ from fuzzyarm.fuzzy_policy.laws.learned.policy import LearnedPolicy  # noqa: E40
 from fuzzyarm.rl_baselines import training as trainer  # noqa: E402
 from fuzzyarm.rl_baselines.algorithms.ppo import PRESETS, PPOConfig  # noqa: E402
 from fuzzyarm.rl_baselines.case_evaluation import COLUMNS  # noqa: E402
-from fuzzyarm.rl_baselines.checkpoint import CheckpointError, read_checkpoint, write_checkpoint  # noqa: E402
+from fuzzyarm.rl_baselines.checkpoint import read_checkpoint  # noqa: E402
 from fuzzyarm.rl_baselines.training import Training  # noqa: E402
 
 pytestmark = pytest.mark.usefixtures("brief_evaluations")
@@ -133,14 +131,6 @@ def test_a_finished_run_goes_on_to_a_larger_total(whole, tmp_path):
     assert PolicyBundle.load(folder / "policy").training["steps_done"] == 9216
 
 
-@pytest.mark.slow
-def test_a_finished_run_goes_on_to_the_same_end_each_time(whole, tmp_path):
-    folders = [shutil.copytree(whole, tmp_path / name) for name in ("once", "twice")]
-    for folder in folders:
-        assert main(["train", "ppo", "--resume", "--out", str(folder), "--total-timesteps", "9216"]) == 0
-    assert results(folders[0]) == results(folders[1])
-
-
 def test_a_run_cannot_be_made_shorter_than_it_is(whole, capsys):
     before = results(whole)
     assert main(["train", "ppo", "--resume", "--out", str(whole), "--total-timesteps", "512"]) == 2
@@ -186,23 +176,6 @@ def test_a_training_shorter_than_an_update_has_no_negative_rate_and_can_be_exten
     assert extended.algorithm.steps == 512
 
 
-@pytest.mark.usefixtures("unevaluated")
-def test_the_very_beginning_can_be_resumed(tmp_path):
-    Training(SMALL, tmp_path / "a").run()
-
-    class Stop(Exception):
-        pass
-
-    def stop(_):
-        raise Stop
-
-    with pytest.raises(Stop):
-        Training(SMALL, tmp_path / "b", stop).run()
-    assert read_checkpoint(tmp_path / "b" / "checkpoint.pt")["steps"] == 0
-    Training.resume(tmp_path / "b").run()
-    assert results(tmp_path / "a") == results(tmp_path / "b")
-
-
 def normalised(training, features):
     """The normaliser of stable-baselines3 without its rounding to float32."""
     normaliser = training.algorithm.normaliser
@@ -228,20 +201,6 @@ def test_the_shipped_policy_is_the_trained_one(whole):
     assert np.abs(action - expected).max() < 1e-6
     assert np.abs(action - exact).max() < 1e-12
     assert np.ptp(action) > 0.1
-
-
-def test_the_bundle_says_where_it_comes_from(whole):
-    bundle = PolicyBundle.load(whole / "policy")
-    assert (bundle.seed, bundle.action.base, bundle.action.scale) == (11, "fuzzy-4-tip", PRESETS["residual"].scale)
-    assert bundle.training["total_timesteps"] == bundle.training["steps_done"] == 6144
-    assert [row["steps"] for row in bundle.curve] == [3072, 6144]
-    assert {"numpy", "torch", "stable-baselines3"} <= set(bundle.versions)
-    rows = (whole / "curve.csv").read_text().splitlines()
-    assert (
-        len(rows) == 13
-        and rows[0].startswith("steps,")
-        and [int(r.split(",")[0]) for r in rows[1:]] == [512 * k for k in range(1, 13)]
-    )
 
 
 def test_the_evaluation_is_that_of_the_bundle_as_it_is_shipped(whole):
@@ -297,55 +256,10 @@ def test_a_disk_that_fills_up_leaves_the_last_checkpoint_whole(tmp_path, monkeyp
     assert results(tmp_path / "run") == results(tmp_path / "whole")
 
 
-@pytest.mark.usefixtures("unevaluated")
-def test_a_disk_that_fills_up_beside_the_checkpoint_says_that_it_is_whole(tmp_path, monkeypatch):
-    def full(*_):
-        raise OSError(28, "No space left on device")
-
-    message = r"No space left on device; checkpoint\.pt is intact: free some space and resume"
-    with monkeypatch.context() as patch:
-        patch.setattr(PolicyBundle, "save", full)
-        with pytest.raises(OSError, match=message):
-            Training(SMALL, tmp_path / "run").run()
-    Training.resume(tmp_path / "run").run()
-    PolicyBundle.load(tmp_path / "run" / "policy")
-
-
-@pytest.mark.usefixtures("whole")  # everything is compiled
-def test_a_real_limit_of_the_file_size_stops_with_one_line(tmp_path, capsys):
-    resource = pytest.importorskip("resource")
-    soft, hard = resource.getrlimit(resource.RLIMIT_FSIZE)
-    resource.setrlimit(resource.RLIMIT_FSIZE, (20_000, hard))
-    try:
-        code = main(["train", "ppo", "--no-tensorboard", "--out", str(tmp_path / "run")])
-    finally:
-        resource.setrlimit(resource.RLIMIT_FSIZE, (soft, hard))
-    message = capsys.readouterr().err.strip()
-    assert code == 2 and len(message.splitlines()) == 1
-    assert message.endswith("checkpoint.pt: File too large; there is no checkpoint yet")
-    assert [path.name for path in (tmp_path / "run").iterdir()] == ["curve.csv"]
-
-
-@pytest.mark.skipif(not hasattr(os, "geteuid") or os.geteuid() == 0, reason="root may write everywhere")
-def test_a_folder_that_cannot_be_written_is_named_before_anything_runs(tmp_path, capsys):
-    tmp_path.chmod(0o500)
-    assert main(["train", "ppo", "--out", str(tmp_path / "run")]) == 2
-    assert "cannot write to" in capsys.readouterr().err
-
-
 def test_a_file_in_the_place_of_the_folder_is_named(tmp_path, capsys):
     (tmp_path / "file").write_text("")
     assert main(["train", "ppo", "--out", str(tmp_path / "file" / "run")]) == 2
     assert "cannot write to" in capsys.readouterr().err
-
-
-@pytest.mark.slow
-def test_a_checkpoint_of_other_arms_is_refused(whole, tmp_path):
-    found = read_checkpoint(whole / "checkpoint.pt")
-    found["config"]["circles"] = 3
-    write_checkpoint(tmp_path / "checkpoint.pt", found)
-    with pytest.raises(CheckpointError, match=r"does not fit this training .*other plants, scenarios"):
-        Training.resume(tmp_path)
 
 
 # --- beside the result ---------------------------------------------------------------------------------------------
@@ -356,77 +270,3 @@ def test_progress_is_a_line_for_every_evaluation(tmp_path, capsys):
     shown = capsys.readouterr().err
     assert re.search(r"512 steps, [\d,]+/s; largest tip error \[mm\]: nominal \d", shown)
     assert ("no TensorBoard logs: tensorboard is not installed" in shown) == (not trainer.tensorboard_installed())
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize("missing", ["torch", "stable_baselines3"])
-def test_without_the_extra_it_is_named(missing, tmp_path):
-    code = f"""
-import sys
-sys.modules[{missing!r}] = None  # an import of it fails
-from fuzzyarm.rl_baselines.algorithms.ppo import PRESETS
-from fuzzyarm.cli.train import train_with_progress  # noqa: E402
-from pathlib import Path
-try:
-    train_with_progress(PRESETS["nominal"], Path({str(tmp_path / "run")!r}))
-except ValueError as error:
-    print(error)
-"""
-    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
-    assert re.fullmatch(
-        rf"{missing}(\.\S+)? is not installed; .* pip install -c constraints\.txt -e \"\.\[rl\]\"\n", done.stdout
-    )
-    assert not (tmp_path / "run").exists()
-
-
-@pytest.mark.usefixtures("unevaluated")
-def test_tensorboard_gets_every_row_if_it_is_installed(tmp_path, monkeypatch):
-    logged = []
-
-    class SummaryWriter:
-        def __init__(self, folder, purge_step):
-            logged.append((folder, purge_step))
-
-        def add_scalar(self, name, value, step):
-            logged.append((name, value, step))
-
-        def close(self):
-            logged.append("closed")
-
-    writer = types.ModuleType("torch.utils.tensorboard.writer")
-    writer.SummaryWriter = SummaryWriter
-    monkeypatch.setitem(sys.modules, "torch.utils.tensorboard", types.ModuleType("torch.utils.tensorboard"))
-    monkeypatch.setitem(sys.modules, "torch.utils.tensorboard.writer", writer)
-    monkeypatch.setattr(trainer, "tensorboard_installed", lambda: True)
-    training = Training(replace(SMALL, tensorboard=True), tmp_path / "run")
-    training.run()
-    assert logged[0] == (str(tmp_path / "run" / "tensorboard"), 1) and logged[-1] == "closed"
-    assert logged[1:-1] == [(name, value, row["steps"]) for row in training.rows for name, value in row.items()]
-
-
-def test_wrappers_cost_no_loop_over_lanes():
-    """The number of instructions that Python runs for a step does not depend on the number of lanes."""
-    from fuzzyarm.rl_baselines.learning_env import learning_envs
-
-    def instructions(lanes):
-        envs = learning_envs(PPOConfig(lanes=lanes, batch_size=lanes), None)
-        envs.seed(0)
-        envs.reset()
-        action, count = np.zeros((lanes, 2), dtype=np.float32), 0
-        envs.step(action)
-
-        def trace(frame, event, _):
-            nonlocal count
-            frame.f_trace_opcodes = True
-            count += event == "opcode"
-            return trace
-
-        before = sys.gettrace()
-        sys.settrace(trace)
-        try:
-            envs.step(action)
-        finally:
-            sys.settrace(before)
-        return count
-
-    assert 0 < instructions(64) == instructions(4)

@@ -6,6 +6,7 @@ import numpy as np
 
 from fuzzyarm.fuzzy_policy.laws.learned.bundle import PolicyBundle
 from fuzzyarm.fuzzy_policy.laws.learned.definition import ActionDefinition, FeatureDefinition
+from fuzzyarm.fuzzy_policy.laws.learned.estimate.network import EstimateNetwork, shapes_of
 from fuzzyarm.fuzzy_policy.laws.learned.network import Network
 
 
@@ -33,4 +34,15 @@ def bundle(action=None, seed=0, **values):
         seed=3,
         curve=[{"steps": 7, "nominal_max_mm": 1.5}],
         versions={"numpy": "2"},
+    )
+
+
+def estimate_network(joints=2, axes=2, seed=0):
+    """A network of a learned observer in single precision; a weak one, because a strong one amplifies rounding."""
+    rng = np.random.default_rng(seed)
+    return EstimateNetwork(
+        **{
+            name: ((0.0015 if name in "VGD" else 0.3) * rng.normal(size=shape)).astype(np.float32)
+            for name, shape in shapes_of(7, 3, joints, axes).items()
+        }
     )

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from fuzzyarm.envs.physics.hold import held_of
+from fuzzyarm.envs.physics.integrator import held_of
 from fuzzyarm.envs.physics.records import filled, flat
 from fuzzyarm.envs.physics.rigid_body import inverse_dynamics
 

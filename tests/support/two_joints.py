@@ -1,28 +1,17 @@
 """What is made for the equations of the two-joint arm, under the names that its tests use."""
 
-import numpy as np
-
-from fuzzyarm.envs.batch.kernels import kernels_of
 from fuzzyarm.envs.batch.layout import VECTORS, layout_of
 from fuzzyarm.envs.batch.schedule import row_record
-from fuzzyarm.envs.physics.hold import hold_of
+from fuzzyarm.envs.physics.equations import two_joints
+from fuzzyarm.envs.physics.integrator import hold_of
 from fuzzyarm.envs.physics.records import State, filled
-from fuzzyarm.envs.physics.two_joints import two_joints
 from fuzzyarm.envs.scenario.randomisation import draw_record
 from fuzzyarm.envs.task import assess_of, target_record
 
 PHYSICS = two_joints()
-KERNELS, LAYOUT = kernels_of(PHYSICS), layout_of(PHYSICS)
+LAYOUT = layout_of(PHYSICS)
 Draw, Row, Target = draw_record(2), row_record(2, 2), target_record(2)
 hold, assess = hold_of(PHYSICS), assess_of(PHYSICS)
-
-
-def advance(values, clock, table, period, substeps, action):
-    """One control step of all lanes; returns observations, vectors and scalars."""
-    out = np.full(LAYOUT.size(len(action)), np.nan)
-    arrays = values, clock.view(np.float64), action, *LAYOUT.arrays(out, len(action))
-    KERNELS.step(arrays, np.array([period, period / substeps, substeps]), (table,))
-    return LAYOUT.split(out, len(action))
 
 
 def named(vectors):

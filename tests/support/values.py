@@ -4,11 +4,10 @@ import datetime
 import fractions
 import math
 import pathlib
-import random
 
 import numpy as np
 
-__all__ = ["anything", "strange_values"]
+__all__ = ["strange_values"]
 
 
 class _Hostile:
@@ -61,12 +60,3 @@ def strange_values():
     ]
     others = [range(2), iter([1.0, 2.0]), _Hostile(), _Hostile, len, object(), pathlib.Path("nowhere"), slice(2), ...]
     return [*numbers, *special, *scalars, *texts, *dates, *arrays, *containers, *others]
-
-
-def anything(generator: random.Random):
-    """Return a strange value, or now and then several of them in a list or a tuple."""
-    value = generator.choice(strange_values())
-    if generator.random() < 0.2:
-        values = [generator.choice(strange_values()) for _ in range(generator.randrange(4))]
-        return generator.choice([list, tuple])(values)
-    return value

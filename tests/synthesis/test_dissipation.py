@@ -11,9 +11,11 @@ import functools
 import numpy as np
 import pytest
 from slow_twins import slow_but
+from support.shipped import CONTROLLERS
 
 from fuzzyarm.envs.physics.dynamics import arm_constants, mass_matrix, rigid_inverse_dynamics
 from fuzzyarm.envs.physics.parameters import ArmParameters
+from fuzzyarm.fuzzy_policy.controller import Controller
 from fuzzyarm.fuzzy_policy.ts_model import NAMED_RULES
 from fuzzyarm.synthesis import Specification, design
 
@@ -31,6 +33,8 @@ FORMS = {
 
 @functools.cache
 def designed(rules, form):
+    if form == "shipped":
+        return Controller.load(CONTROLLERS[f"fuzzy-{rules}"])
     return design(Specification(NAMED_RULES[rules], **FORMS[form])).controller
 
 
@@ -53,38 +57,26 @@ def A(z):
 def bounds():
     """Return what z1..z5 may be in the box of the joints (25): |q| <= π and the largest speeds."""
     low_sinc, (fast1, fast2) = -0.2172336282112217, ARM.velocity_limit
-    return np.array(
-        [
-            (-1.0, 1.0),
-            (-C.c4 - C.c5, -C.c5 * low_sinc),
-            (-C.c5, -C.c5 * low_sinc),
-            (-C.c2 * fast2, C.c2 * fast2),
-            (-C.c2 * fast1, C.c2 * fast1),
-        ]
-    )
+    high = np.array([1.0, -C.c5 * low_sinc, -C.c5 * low_sinc, C.c2 * fast2, C.c2 * fast1])
+    return np.stack([[-1.0, -C.c4 - C.c5, -C.c5, *-high[3:]], high], axis=1)
 
 
 def weights(controller, z):
     """Return h and v: products of the ratios of the kept premises, the first one fastest, the minimum first."""
-    ratio = (z - bounds()[:, 0]) / np.diff(bounds(), axis=1)[:, 0]
-
-    def products(names):
-        one = np.ones(1)
-        for name in names:
-            x = ratio[int(name[1]) - 1]
-            one = np.concatenate([one * (1.0 - x), one * x])
-        return one
-
-    kept = controller.model.kept
-    return products([name for name in kept if name != "z1"]), products([name for name in kept if name == "z1"])
+    ratio, h, v = (z - bounds()[:, 0]) / np.diff(bounds(), axis=1)[:, 0], np.ones(1), np.ones(1)
+    for name in controller.model.kept:
+        x = ratio[int(name[1]) - 1]
+        if name == "z1":
+            v = np.array([1.0 - x, x])
+        else:
+            h = np.concatenate([h * (1.0 - x), h * x])
+    return h, v
 
 
 def premises_at(q, dq):
-    sinc = [np.sinc(x / np.pi) for x in (q[0], q[0] + q[1])]
+    first, both = np.sinc(q[0] / np.pi), np.sinc((q[0] + q[1]) / np.pi)
     turning = C.c2 * np.sin(q[1])
-    return np.array(
-        [np.cos(q[1]), -C.c4 * sinc[0] - C.c5 * sinc[1], -C.c5 * sinc[1], turning * dq[1], -turning * dq[0]]
-    )
+    return np.array([np.cos(q[1]), -C.c4 * first - C.c5 * both, -C.c5 * both, turning * dq[1], -turning * dq[0]])
 
 
 def closed_loop(controller, z):
@@ -135,33 +127,30 @@ def draw(rng, count):
 every_design = pytest.mark.parametrize(
     "which",
     slow_but(
-        [(1, "consistent"), (4, "with a fastest pole"), (4, "paper, free L"), (1, "paper")],
-        [(rules, form) for rules in (1, 2, 4, 8) for form in FORMS if "z1" in NAMED_RULES[rules] or "pole" not in form],
+        [(1, "consistent"), (4, "shipped"), (4, "paper, free L"), (1, "paper")],
+        [
+            (rules, form)
+            for rules in (1, 2, 4, 8)
+            for form in ("shipped", *FORMS)
+            if "z1" in NAMED_RULES[rules] or "pole" not in form
+        ],
     ),
     ids=str,
 )
 
 
 @every_design
-def test_v_decays_and_the_disturbance_is_attenuated_as_claimed(which):
+def test_v_decays_and_the_disturbance_is_attenuated_as_claimed_and_not_much_more(which):
+    """Four times the decay rate, or a tenth of γ, is refuted at some premises: the inequalities are nearly tight."""
     controller = designed(*which)
-    assert max(largest(controller, z)[0] for z in draw(np.random.default_rng(0), 150)) < 0.0
 
+    def worst(claimed):
+        return max(largest(claimed, z)[0] for z in draw(np.random.default_rng(0), 150))
 
-@every_design
-def test_the_claim_is_no_weaker_than_it_has_to_be(which):
-    """Twice the decay rate, or a tenth of γ, is refuted at some premises: the inequalities are not far from tight."""
-    controller = designed(*which)
-    for other in ({"alpha": 4.0 * controller.alpha}, {"gamma": 0.1 * controller.gamma}):
-        if controller.fastest_pole is not None and other.get("alpha", 0.0) > controller.fastest_pole:
-            continue
-        claimed = dataclasses.replace(controller, **other)
-        assert max(largest(claimed, z)[0] for z in draw(np.random.default_rng(1), 100)) > 0.0
-
-
-@pytest.mark.parametrize("rules", slow_but([4], [4, 8]))
-def test_v_falls_no_faster_than_the_fastest_pole_allows(rules):
-    controller = designed(rules, "with a fastest pole")
+    assert worst(controller) < 0.0 < worst(dataclasses.replace(controller, gamma=0.1 * controller.gamma))
+    if controller.fastest_pole is None:
+        assert worst(dataclasses.replace(controller, alpha=4.0 * controller.alpha)) > 0.0
+        return
     slowest = min(largest(controller, z)[1] for z in draw(np.random.default_rng(2), 150))
     assert -2.0 * controller.fastest_pole < slowest < -4.0 * controller.alpha
 

@@ -12,11 +12,15 @@ import traceback
 from pathlib import Path
 from typing import Any
 
+from fuzzyarm.common.files import write_atomically
+from fuzzyarm.eval.provenance import current_provenance
+
 from .judge import Outcome, row, tried, written
 
 ROOT = Path(__file__).parents[2]
 WRITTEN_EVERY = 100  # tries
 RATIOS = ("tip", "tube", "column")
+NOTHING = {"tries": 0, "accepted": 0, "control_steps": 0, **dict.fromkeys(RATIOS, 0.0)}
 
 
 def main() -> int:
@@ -31,106 +35,63 @@ def main() -> int:
     parser.add_argument("--json", type=Path, default=ROOT / "benchmarks" / "results" / "tip_fuzz.json")
     options = parser.parse_args()
     if options.only is not None:
-        return _once(options)
-    tally, begun, number = Tally(), time.monotonic(), options.first
-    while time.monotonic() - begun < 60.0 * options.minutes:
-        found = _try(options, number, tally)
+        outcome = tried(options.seed, options.only)
+        print(json.dumps(row(outcome), indent=1))
+        return 1 if _said(outcome, options) else 0
+    whole, parts, findings = dict(NOTHING), {}, []
+    begun, number = time.monotonic(), options.first
+    while time.monotonic() - begun < 60.0 * options.minutes and not (findings and options.until_found):
+        try:
+            outcome = tried(options.seed, number)
+            _count(outcome, whole, parts)
+            findings += [row(outcome)] if _said(outcome, options) else []
+        except Exception as error:
+            traceback.print_exc()
+            findings.append({"seed": options.seed, "number": number, "finding": f"the try ends in {error!r}"})
         number += 1
         if number % WRITTEN_EVERY == 0:
-            _keep(tally, options, time.monotonic() - begun)
-        if found and options.until_found:
-            break
-    _keep(tally, options, time.monotonic() - begun)
-    largest = ", ".join(f"{name} {tally.whole[name]:.4f}" for name in RATIOS)
-    print(f"{tally.whole['tries']} tries, {tally.whole['accepted']} accepted in {time.monotonic() - begun:.0f} s")
-    print(f"{len(tally.findings)} findings; largest ratios to what is claimed: {largest}")
-    return 1 if tally.findings else 0
+            _keep(options, time.monotonic() - begun, {**whole, "by": parts, "findings": findings})
+    _keep(options, time.monotonic() - begun, {**whole, "by": parts, "findings": findings})
+    largest = ", ".join(f"{name} {whole[name]:.4f}" for name in RATIOS)
+    print(f"{whole['tries']} tries, {whole['accepted']} accepted in {time.monotonic() - begun:.0f} s")
+    print(f"{len(findings)} findings; largest ratios to what is claimed: {largest}")
+    return 1 if findings else 0
 
 
-@dataclasses.dataclass
-class Tally:
-    """What came of all tries: in all, by how tubes were made, and by what was attacked."""
-
-    whole: dict[str, Any] = dataclasses.field(default_factory=lambda: _nothing())
-    parts: dict[str, dict[str, dict[str, Any]]] = dataclasses.field(default_factory=dict)
-    findings: list[dict[str, Any]] = dataclasses.field(default_factory=list)
-
-    def add(self, outcome: Outcome) -> None:
-        """Count a try."""
-        claim, attack = outcome.claim, outcome.attack
-        kinds = {
-            **{name: str(value) for name, value in dataclasses.asdict(attack).items()},
-            "policy": claim.policy,
-            "case": claim.case,
-            "friction": claim.plants.friction,
-            "late": str(claim.plants.late),
-        }
-        counted = [self.whole]
-        for name, value in kinds.items():
-            counted.append(self.parts.setdefault(name, {}).setdefault(value, _nothing()))
-        for one in counted:
-            one["tries"] += 1
-            one["accepted"] += outcome.accepted > 0
-            one["control_steps"] += outcome.accepted
-            for name in RATIOS:
-                one[name] = max(one[name], outcome.ratios[name])
-        if outcome.finding:
-            self.findings.append(row(outcome))
+def _count(outcome: Outcome, whole: dict[str, Any], parts: dict[str, dict[str, dict[str, Any]]]) -> None:
+    """Count a try: in all, by how its tube was made, and by what was attacked."""
+    claim = outcome.claim
+    kinds = {name: str(value) for name, value in dataclasses.asdict(outcome.attack).items()}
+    kinds |= {"policy": claim.policy, "case": claim.case}
+    kinds |= {"friction": claim.plants.friction, "late": str(claim.plants.late)}
+    counted = (parts.setdefault(name, {}).setdefault(value, dict(NOTHING)) for name, value in kinds.items())
+    for one in (whole, *counted):
+        one["tries"] += 1
+        one["accepted"] += outcome.accepted > 0
+        one["control_steps"] += outcome.accepted
+        for name in RATIOS:
+            one[name] = max(one[name], outcome.ratios[name])
 
 
-def _nothing() -> dict[str, Any]:
-    return {"tries": 0, "accepted": 0, "control_steps": 0, **dict.fromkeys(RATIOS, 0.0)}
-
-
-def _try(options: argparse.Namespace, number: int, tally: Tally) -> bool:
-    """Make one try; return whether anything was found."""
-    try:
-        outcome = tried(options.seed, number)
-    except Exception as error:
-        traceback.print_exc()
-        tally.findings.append({"seed": options.seed, "number": number, "finding": f"the try ends in {error!r}"})
-        return True
-    tally.add(outcome)
+def _said(outcome: Outcome, options: argparse.Namespace) -> bool:
+    """Return whether anything was found, and say it."""
     if outcome.finding:
-        _print(outcome, options)
-    return bool(outcome.finding)
-
-
-def _once(options: argparse.Namespace) -> int:
-    outcome = tried(options.seed, options.only)
-    print(json.dumps(row(outcome), indent=1))
-    if outcome.finding:
-        _print(outcome, options)
-    return 1 if outcome.finding else 0
-
-
-def _print(outcome: Outcome, options: argparse.Namespace) -> None:
-    print(f"seed {outcome.seed}, try {outcome.number}: {outcome.finding}", flush=True)
-    if options.files and outcome.bound:
+        print(f"seed {outcome.seed}, try {outcome.number}: {outcome.finding}", flush=True)
+    if outcome.finding and options.files and outcome.bound:
         options.files.mkdir(parents=True, exist_ok=True)
         path = options.files / f"bound-{outcome.seed}-{outcome.number}.json"
         written(outcome, path)
         print(f"  the file: {path}", flush=True)
+    return bool(outcome.finding)
 
 
-def _keep(tally: Tally, options: argparse.Namespace, seconds: float) -> None:
+def _keep(options: argparse.Namespace, seconds: float, counted: dict[str, Any]) -> None:
     """Write the figures."""
-    from fuzzyarm.common.files import write_atomically
-    from fuzzyarm.eval.provenance import current_provenance
-
     words = ["--minutes", f"{options.minutes:g}", "--seed", str(options.seed)]
     words += ["--first", str(options.first)] if options.first else []
-    document = {
-        "schema": "fuzzyarm-tip-fuzz/1",
-        "command": shlex.join(["python", "-m", "tests.tip_fuzz", *words]),
-        **current_provenance(),
-        "seed": options.seed,
-        "first": options.first,
-        "seconds": round(seconds),
-        **tally.whole,
-        "by": tally.parts,
-        "findings": tally.findings,
-    }
+    command = shlex.join(["python", "-m", "tests.tip_fuzz", *words])
+    document = {"schema": "fuzzyarm-tip-fuzz/1", "command": command, **current_provenance(), "seed": options.seed}
+    document |= {"first": options.first, "seconds": round(seconds), **counted}
     write_atomically(options.json, json.dumps(document, indent=1) + "\n")
 
 

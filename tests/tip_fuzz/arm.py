@@ -31,35 +31,20 @@ class Body(NamedTuple):
 
 
 class ElasticArm(NamedTuple):
-    """A plant; per joint where there are two numbers.
+    """A plant; per joint where there are two numbers."""
 
-    Attributes:
-        length: L_1, L_2 [m].
-        first: link 1, about joint 1.
-        second: link 2 and all that it carries, about joint 2.
-        gravity: g [m/s²].
-        motor_inertia: I_a [kg m²].
-        viscous: f_v [N m s/rad].
-        stiffness: K [N m/rad].
-        damping: B [N m s/rad].
-        static: F(0) [N m].
-        coulomb: F(∞) [N m].
-        stribeck: v_s [rad/s].
-        any_friction: whether friction is a torque that is given, rather than that of the law.
-    """
-
-    length: Pair
-    first: Body
-    second: tuple[Body, ...]
-    gravity: float
-    motor_inertia: Pair
-    viscous: Pair
-    stiffness: Pair
-    damping: Pair
-    static: Pair
-    coulomb: Pair
-    stribeck: float
-    any_friction: bool = False
+    length: Pair  # L_1, L_2 [m]
+    first: Body  # link 1, about joint 1
+    second: tuple[Body, ...]  # link 2 and all that it carries, about joint 2
+    gravity: float  # g [m/s²]
+    motor_inertia: Pair  # I_a [kg m²]
+    viscous: Pair  # f_v [N m s/rad]
+    stiffness: Pair  # K [N m/rad]
+    damping: Pair  # B [N m s/rad]
+    static: Pair  # F(0) [N m]
+    coulomb: Pair  # F(∞) [N m]
+    stribeck: float  # v_s [rad/s]
+    any_friction: bool = False  # whether friction is a torque that is given, rather than that of the law
 
     def tip(self, q1: float, q2: float) -> Pair:
         """Return the tip [m]; x points down, along gravity."""
@@ -106,19 +91,13 @@ def hold(
     refined: int = 1,
     given: Sequence[float] = (0.0, 0.0),
 ) -> Iterator[Node]:
-    """Yield the motion under a held torque [N m] at given times; the first node is the start.
+    """Yield the motion under a held torque [N m], from the start, at each of `stops` (rising times [s] since then).
 
-    Args:
-        arm: the plant.
-        state: at the beginning.
-        torque: of the motors [N m].
-        force: at the tip.
-        stops: times since the beginning at which there is a node [s], rising; the last one ends the hold.
-        refined: steps of RK4 between two of them, without those that end at an event.
-        given: friction torques [N m] of an arm with any friction.
+    There are `refined` steps of RK4 between two of them, without those that end at an event. `given` are the friction
+    torques [N m] of an arm with any friction.
     """
     field = _field(arm, torque, force, given)
-    modes = _modes(arm, field, 0.0, state)
+    modes = tuple(_mode(arm, field, 0.0, state, j) for j in range(2))
     yield Node(0.0, state, field(0.0, state, modes))
     now, events = 0.0, 0
     for last, stop in zip([0.0, *stops], stops, strict=False):
@@ -131,10 +110,14 @@ def hold(
                     now, state = target, after
                     break
                 after = _rk4(field, now, state, modes, part)
-                if modes[who]:
+                slipped = bool(modes[who])
+                if slipped:
                     after = (*after[: 4 + who], 0.0, *after[5 + who :])
                 now, state = now + part, after
-                modes = _changed(arm, field, now, state, modes, who)
+                # A motor that breaks away has |N| = F(0) but for the last digits.
+                away = 1 if _net(arm, field, now, state, who) > 0.0 else -1
+                mode = _mode(arm, field, now, state, who) if slipped else away
+                modes = (mode, modes[1]) if who == 0 else (modes[0], mode)
                 events += 1
                 if events > MOST_EVENTS:
                     raise RuntimeError(f"more than {MOST_EVENTS} events in {stop} s; the motors chatter")
@@ -206,31 +189,14 @@ def _net(arm: ElasticArm, field: Field, t: float, x: Vector, j: int) -> float:
     return field(t, x, modes)[4 + j] * arm.motor_inertia[j] + arm.slip_friction(j, x[4 + j])
 
 
-def _margin(arm: ElasticArm, field: Field, t: float, x: Vector, modes: tuple[int, ...], j: int) -> float:
-    """Return how far a motor is from an event: a positive number as long as its mode lasts."""
-    return modes[j] * x[4 + j] if modes[j] else arm.static[j] - abs(_net(arm, field, t, x, j))
-
-
-def _modes(arm: ElasticArm, field: Field, t: float, x: Vector) -> tuple[int, ...]:
-    """Return the modes of motors, those that begin at a state or go on from it."""
-    if arm.any_friction:
-        return 0, 0
-    return tuple(_mode(arm, field, t, x, j) for j in range(2))
-
-
 def _mode(arm: ElasticArm, field: Field, t: float, x: Vector, j: int) -> int:
+    """Return the mode of a motor, that begins at a state or goes on from it."""
+    if arm.any_friction:
+        return 0
     if x[4 + j]:
         return 1 if x[4 + j] > 0.0 else -1
     net = _net(arm, field, t, x, j)
     return 0 if abs(net) <= arm.static[j] else (1 if net > 0.0 else -1)
-
-
-def _changed(arm: ElasticArm, field: Field, t: float, x: Vector, modes: tuple[int, ...], who: int) -> tuple[int, ...]:
-    """Return the modes after an event of one motor."""
-    # A motor that breaks away has |N| = F(0) but for the last digits.
-    away = 1 if _net(arm, field, t, x, who) > 0.0 else -1
-    mode = _mode(arm, field, t, x, who) if modes[who] else away
-    return tuple(mode if j == who else modes[j] for j in range(2))
 
 
 def _first_event(
@@ -238,10 +204,15 @@ def _first_event(
 ) -> tuple[float, int | None]:
     """Return when within a step a mode ends first [s], and whose; None if all last."""
     first, who = h, None
+
+    def margin(part: float, at: Vector, j: int) -> float:
+        """Return how far a motor is from an event: a positive number as long as its mode lasts."""
+        return modes[j] * at[4 + j] if modes[j] else arm.static[j] - abs(_net(arm, field, t + part, at, j))
+
     for j in range(2):
-        if arm.any_friction or _margin(arm, field, t + h, after, modes, j) >= 0.0:
+        if arm.any_friction or margin(h, after, j) >= 0.0:
             continue
-        at = _root(lambda part, j=j: _margin(arm, field, t + part, _rk4(field, t, x, modes, part), modes, j), h)
+        at = _root(lambda part, j=j: margin(part, _rk4(field, t, x, modes, part), j), h)
         if who is None or at < first:
             first, who = at, j
     return first, who

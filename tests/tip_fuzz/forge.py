@@ -42,19 +42,16 @@ Claims = list[list[tuple[Segment, TubeClaim]]]
 class Attack:
     """How a tube is made.
 
-    Attributes:
-        plans: of the frictions; "own": those of the search.
-        centre: "own": of the search; "corner": of another plant of the set; "modes": with modes at random;
-            "shaken": with other coefficients; "aside": a little on the wrong side of zero velocity; "resting": with
-            motors that rest; "dragged": with a constant friction.
-        tube: "least": the smallest that closes; "narrowed": cut until it is left; "swollen": wider in some rows.
-        division: how many parts at random a control step has.
+    A centre is "own": of the search; "corner": of another plant of the set; "modes": with modes at random; "shaken":
+    with other coefficients; "aside": a little on the wrong side of zero velocity; "resting": with motors that rest;
+    "dragged": with a constant friction. A tube is "least": the smallest that closes; "narrowed": cut until it is left;
+    "swollen": wider in some rows.
     """
 
-    plans: str
+    plans: str  # of the frictions; "own": those of the search
     centre: str
     tube: str
-    division: int
+    division: int  # how many parts at random a control step has
 
 
 def drawn_attack(rng: np.random.Generator) -> Attack:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import dataclasses
 import tempfile
 from pathlib import Path
@@ -30,30 +31,18 @@ RELATIVE = 1e-6
 
 @dataclasses.dataclass
 class Outcome:
-    """What came of a try.
-
-    Attributes:
-        seed, number: of the try.
-        claim: what was claimed, for the steps that were accepted.
-        attack: how the tube was made.
-        accepted: control steps that the checker accepts.
-        tip: largest ratio of a simulated tip error to its bound.
-        tube: largest ratio of a simulated deviation to the tube, over all rows.
-        column: the same for what the columns of the constants leave, at the samples.
-        finding: what is wrong; empty if nothing is.
-        bound: of a finding.
-    """
+    """What came of a try; the ratios are the largest ones of simulated plants to what is claimed."""
 
     seed: int
     number: int
-    claim: TipClaim
+    claim: TipClaim  # for the steps that were accepted
     attack: Attack
-    accepted: int = 0
-    tip: float = 0.0
-    tube: float = 0.0
-    column: float = 0.0
-    finding: str = ""
-    bound: TipBound | None = None
+    accepted: int = 0  # control steps that the checker accepts
+    tip: float = 0.0  # of tip errors to their bounds
+    tube: float = 0.0  # of deviations to the tube, over all rows
+    column: float = 0.0  # the same for what the columns of the constants leave, at the samples
+    finding: str = ""  # what is wrong
+    bound: TipBound | None = None  # of a finding
 
     @property
     def ratios(self) -> dict[str, float]:
@@ -91,7 +80,10 @@ def attacked(outcome: Outcome, rng: np.random.Generator) -> Outcome:
     outcome.accepted = len(accepted)
     if not accepted:
         return outcome
-    samples = drawn_samples(claim.plants, len(accepted), SAMPLES if _several(problem) else 1, rng)
+    plants = problem.plants
+    courses = plants.force_swing or plants.force_course or any(plants.noise) or plants.friction == "any"
+    several = problem.plant.parameters or courses  # whether the set has more than one motion
+    samples = drawn_samples(claim.plants, len(accepted), SAMPLES if several else 1, rng)
     closest = _judge(outcome, problem, accepted, samples)
     for sample in closest if problem.plant.parameters else []:
         places = np.array([0.5 + 0.5 * sample.share(claim.plants, *constant) for constant in CONSTANTS])
@@ -101,25 +93,15 @@ def attacked(outcome: Outcome, rng: np.random.Generator) -> Outcome:
     return outcome
 
 
-def _several(problem: Problem) -> bool:
-    """Return whether a set has more than one motion."""
-    plants = problem.plants
-    courses = plants.force_swing or plants.force_course or any(plants.noise) or plants.friction == "any"
-    return bool(problem.plant.parameters or courses)
-
-
 def _accepted(problem: Problem, claims: Claims) -> list[_Accepted]:
     """Return the steps that the checker accepts."""
     found: list[_Accepted] = []
-    tube = Tube(problem, claims)
-    count = len(problem.plant.parameters)
-    try:
+    tube, count = Tube(problem, claims), len(problem.plant.parameters)
+    with contextlib.suppress(NoBound):  # what closed in the search may be left by a digit when it is confirmed
         for step in tube:
             columns, box = tube._set.columns[:8], tube._set.box[:8]
             others = np.abs(columns[:, count:]).sum(axis=1) + box
             found.append(_Accepted(step, columns[:, :count].copy(), others))
-    except NoBound:  # what closed in the search may be left by a digit when it is confirmed
-        pass
     return found
 
 
@@ -142,7 +124,9 @@ def _judge(outcome: Outcome, problem: Problem, accepted: list[_Accepted], sample
             said = [name for name, ratio in found[i].items() if ratio > 1.0 + RELATIVE + abs(ratio - finer[name])]
             if said and (not outcome.finding or found[i]["tip"] > max(1.0, outcome.tip)):
                 numbers = ", ".join(f"{name} {found[i][name]:.6g}" for name in said)
-                outcome.finding = f"exceeded: {numbers}, by {_described(sample)}"
+                factors = {name: value for name, value in sample.factors.items() if value != (1.0, 1.0)}
+                plant = f"plant {factors}, payload {sample.payload:.6g} kg, force {sample.force:.6g}"
+                outcome.finding = f"exceeded: {numbers}, by {plant}"
         for name, ratio in found[i].items():
             setattr(outcome, name, max(getattr(outcome, name), ratio))
     return [samples[int(np.argmax([ratios[name] for ratios in found]))] for name in ("tip", "tube")]
@@ -158,11 +142,6 @@ def _stops(accepted: list[_Accepted]) -> list[list[float]]:
             begun += segment.duration
         found.append(sorted(t for t in times if t <= PERIOD))
     return found
-
-
-def _described(sample: Sample) -> str:
-    factors = {name: value for name, value in sample.factors.items() if value != (1.0, 1.0)}
-    return f"plant {factors}, payload {sample.payload:.6g} kg, force {sample.force:.6g}"
 
 
 def _ratios(problem: Problem, accepted: list[_Accepted], sample: Sample, motion: Motion) -> dict[str, float]:
@@ -230,14 +209,7 @@ def written(outcome: Outcome, path: Path) -> BoundCheck:
 
 def row(outcome: Outcome) -> dict[str, Any]:
     """Return an outcome as plain data."""
-    return {
-        "seed": outcome.seed,
-        "number": outcome.number,
-        "policy": outcome.claim.policy,
-        "case": outcome.claim.case,
-        "plants": outcome.claim.plants.to_dict(),
-        "attack": dataclasses.asdict(outcome.attack),
-        "accepted": outcome.accepted,
-        **outcome.ratios,
-        "finding": outcome.finding,
-    }
+    claim = outcome.claim
+    of_try = {"seed": outcome.seed, "number": outcome.number, "policy": claim.policy, "case": claim.case}
+    of_set = {"plants": claim.plants.to_dict(), "attack": dataclasses.asdict(outcome.attack)}
+    return {**of_try, **of_set, "accepted": outcome.accepted, **outcome.ratios, "finding": outcome.finding}

@@ -16,17 +16,11 @@ SUBSTEPS = 12  # of a control step
 
 
 class Motion(NamedTuple):
-    """The motion of one plant.
+    """The motion of one plant."""
 
-    Attributes:
-        nodes: of every control step.
-        torques: held in each control step (steps, 2) [N m].
-        tip_errors: at the end of each control step (steps,) [m].
-    """
-
-    nodes: list[list[Node]]
-    torques: np.ndarray
-    tip_errors: np.ndarray
+    nodes: list[list[Node]]  # of every control step
+    torques: np.ndarray  # held in each control step (steps, 2) [N m]
+    tip_errors: np.ndarray  # at the end of each control step (steps,) [m]
 
 
 def even_stops(steps: int, count: int = SUBSTEPS) -> list[list[float]]:
@@ -40,13 +34,8 @@ def simulated(
     """Return the motions of plants for the first control steps of a claim.
 
     The policy is the package's own: the proof states the laws again, so that the shipped policy is the right one to
-    compare with. Reference and tip force are read from the package's schedule, as the claim is about these.
-
-    Args:
-        claim: whose policy, motion and case these are.
-        samples: the plants.
-        stops: of each control step, the times at which there is a node, see `hold`.
-        refined: steps between two of them.
+    compare with. Reference and tip force are read from the package's schedule, as the claim is about these. `stops` are
+    the times in each control step at which there is a node, with `refined` steps between two of them, see `hold`.
     """
     problem, plants, policy = schedule_of(claim), claim.plants, policy_of(claim.policy)
     table, lanes = problem.schedule, range(len(samples))

@@ -99,25 +99,15 @@ def schedule_of(claim: TipClaim) -> Problem:
 
 @dataclasses.dataclass(frozen=True)
 class Sample:
-    """One plant of a set, and what varies with time beside it.
+    """One plant of a set, and what varies with time beside it, as shares of what is allowed, in each control step."""
 
-    Attributes:
-        factors: of `BY_JOINT`, one per joint.
-        payload: beside the case's own [kg].
-        force: factor of the case's tip force.
-        friction: torque of a set with any friction, as a share of the static one, in each control step (steps, 2).
-        swing: of the case's force, as a share of the allowed one (steps,).
-        course: of the further force, as a share of the allowed one (steps, 2).
-        noise: errors of the encoders, as a share of the allowed one (steps, 4).
-    """
-
-    factors: dict[str, tuple[float, float]]
-    payload: float
-    force: float
-    friction: np.ndarray
-    swing: np.ndarray
-    course: np.ndarray
-    noise: np.ndarray
+    factors: dict[str, tuple[float, float]]  # of `BY_JOINT`, one per joint
+    payload: float  # beside the case's own [kg]
+    force: float  # factor of the case's tip force
+    friction: np.ndarray  # torque of a set with any friction, of the static one (steps, 2)
+    swing: np.ndarray  # of the case's force (steps,)
+    course: np.ndarray  # of the further force (steps, 2)
+    noise: np.ndarray  # errors of the encoders (steps, 4)
 
     def share(self, plants: PlantSet, kind: str, joint: int) -> float:
         """Return where a constant lies in its range, -1 to 1."""
@@ -130,13 +120,9 @@ def drawn_samples(plants: PlantSet, steps: int, count: int, rng: np.random.Gener
     """Return plants of a set: the corners with all ends low and all high, other ones, and every fifth from within."""
     found = []
     for i in range(count):
-        ends = (
-            np.array([0.0, 1.0])[i] * np.ones(len(CONSTANTS))
-            if i < 2
-            else rng.integers(0, 2, len(CONSTANTS)).astype(float)
-        )
-        if i % 5 == 4:
-            ends = rng.uniform(size=len(CONSTANTS))
+        size = len(CONSTANTS)
+        ends = np.full(size, float(i)) if i < 2 else rng.integers(0, 2, size).astype(float)
+        ends = rng.uniform(size=size) if i % 5 == 4 else ends
         found.append(sample_at(plants, ends, steps, rng))
     return found
 

@@ -1,6 +1,5 @@
 """The simulator of the fuzzer, by mathematics and against the package's environment."""
 
-import dataclasses
 import math
 
 import gymnasium as gym
@@ -8,14 +7,12 @@ import numpy as np
 import pytest
 
 from fuzzyarm import load_policy
-from fuzzyarm.envs.physics.dynamics import Payload
-from fuzzyarm.envs.physics.event_integrator import integrate
-from fuzzyarm.policies.tip_bound import PERIOD, TipClaim
+from fuzzyarm.policies.tip_bound import TipClaim
 from fuzzyarm.proof.tip.plant import PlantSet
 
 from .arm import hold
 from .motions import even_stops, simulated
-from .sets import CONSTANTS, arm_of, policy_of, sample_at, schedule_of
+from .sets import CONSTANTS, arm_of, sample_at, schedule_of
 
 MIDDLE = np.full(len(CONSTANTS), 0.5)
 START = (0.7, 0.8, 0.699, 0.802, 0.3, -0.02, 0.25, 0.0)
@@ -64,18 +61,6 @@ def test_energy_is_what_motors_and_the_tip_force_do_less_what_friction_and_dampi
     assert arm.energy(nodes[-1].state) - arm.energy(nodes[0].state) == pytest.approx(work, rel=1e-5)
 
 
-def test_a_motor_rests_as_long_as_static_friction_holds_it():
-    arm = exact()
-    still = (0.7, 0.8, 0.7, 0.8, 0.0, 0.0, 0.0, 0.0)
-    weak, strong = (
-        next(iter(hold(arm, still, (share * arm.static[0], 0.0), (0.0,) * 4, [1e-6]))) for share in (0.99, 1.01)
-    )
-    assert weak.rates[4] == 0.0 and strong.rates[4] == pytest.approx(0.01 * arm.static[0] / arm.motor_inertia[0])
-    free = arm._replace(any_friction=True)
-    pushed = next(iter(hold(free, still, (0.0, 0.0), (0.0,) * 4, [1e-6], given=(1.0, -2.0))))
-    assert pushed.rates[4:6] == pytest.approx((1.0 / arm.motor_inertia[0], -2.0 / arm.motor_inertia[1]))
-
-
 @pytest.mark.parametrize("case", ["nominal", "machining", "payload"])
 def test_it_agrees_with_the_environment(case):
     """The tip differs by what the environment's own time step leaves, 0.2 µm in the whole motion."""
@@ -90,24 +75,3 @@ def test_it_agrees_with_the_environment(case):
         state = np.array(motion.nodes[k][-1].state)
         assert np.abs(state[2:4] - info["q_link"]).max() < 3e-7
     assert np.abs(state[:2] - schedule_of(claim).start[:2]).max() > 1e-3  # it moves
-
-
-def test_it_agrees_with_events_that_are_located_by_the_package():
-    """A plant at a corner, one period late: to what the tolerance of that integrator leaves."""
-    plants = PlantSet(motor_inertia=(0.6, 1.4), stiffness=(0.8, 1.2), dry_friction=(0.1, 0.5), late=1)
-    claim, steps = TipClaim("computed-torque-tip", plants=plants, steps=12), 12
-    sample = sample_at(plants, np.tile([0.0, 1.0], len(CONSTANTS) // 2), steps, np.random.default_rng(0))
-    motion = simulated(claim, [sample], even_stops(steps))[0]
-    parameters, problem = policy_of(claim.policy).parameters, schedule_of(claim)
-    fields = {"motor_inertia": ["motor_inertia"], "stiffness": ["stiffness"],
-              "dry_friction": ["static_friction", "coulomb_friction"]}  # fmt: skip
-    changed = {
-        field: tuple(np.multiply(getattr(parameters, field), sample.factors[name]).tolist())
-        for name, of in fields.items()
-        for field in of
-    }
-    arm, state = dataclasses.replace(parameters, **changed), problem.start
-    assert motion.torques[0].tolist() == motion.torques[1].tolist()  # the first one acts until the late ones do
-    for k in range(steps):
-        state = integrate(state, motion.torques[k], lambda t: np.zeros(2), arm, Payload(), 0.0, PERIOD)
-        assert np.abs(state - motion.nodes[k][-1].state).max() < 1e-8

@@ -1,6 +1,6 @@
 """The kernels of the environments: a control step of every lane, the beginning of episodes, and observations.
 
-One arm and a quarter of a million run the same functions, `control_step.control_step_of`, `beginning.begun_of` and
+One arm and a quarter of a million run the same functions, `control_step.control_step_of`, `control_step.begun_of` and
 `control_step.reading_of`, recorded once and run as machine code on the arrays that `layout` describes.
 """
 
@@ -12,13 +12,11 @@ from typing import Any
 
 import numpy as np
 
-from fuzzyarm.envs.batch.beginning import Given, begun_of
 from fuzzyarm.envs.batch.layout import Clock, Flags, Results, Scalars, Start, Totals, Vectors, layout_of
 from fuzzyarm.envs.batch.schedule import row_record
-from fuzzyarm.envs.control_step import Moved, assessed_of, control_step_of, reading_of
+from fuzzyarm.envs.control_step import Given, Moved, assessed_of, begun_of, control_step_of, reading_of
 from fuzzyarm.envs.observation import Observation
-from fuzzyarm.envs.physics.physics import Physics
-from fuzzyarm.envs.physics.records import places, size
+from fuzzyarm.envs.physics.records import Physics, places, size
 from fuzzyarm.envs.scenario.randomisation import draw_record
 from fuzzyarm.numbers import machine
 from fuzzyarm.numbers.functions import (
@@ -47,14 +45,9 @@ _ROWS, _COLUMNS, _BLOCKS = machine.Layout
 
 
 class Kernels:
-    """The kernels for arms with the same equations, each recorded when it is first used.
-
-    Attributes:
-        layout: of the arrays that they work on.
-    """
+    """Kernels for arms with the same equations, each recorded when it is first used, on arrays with a `layout`."""
 
     def __init__(self, physics: Physics) -> None:
-        """Keep the equations."""
         self.layout = layout_of(physics)
         self._row = row_record(physics.joints, physics.axes)
         self._nothing = physics.PerJoint(*[0.0] * physics.joints)
@@ -197,10 +190,7 @@ class Kernels:
 
     @functools.cached_property
     def observe(self) -> Kernel:
-        """Write what the last step, or the beginning of the episode, let be observed; nothing moves.
-
-        On values, clock and observations; the table is the schedule.
-        """
+        """Write what can be observed now; nothing moves. On values, clock, observations and, as table, the schedule."""
 
         def observe(lane: Any, clock: Clock, _: Any, __: Any, schedule: Any) -> tuple[Any, ...]:
             return lane, clock, self._seen_at(lane, clock, schedule)
@@ -219,7 +209,7 @@ class Kernels:
         return Observation(*reading(lane.state, lane.limits, lane.noise, word(clock.key), steps), *now.reference)
 
     def prepare(self, lanes: int) -> None:
-        """Make the machine code that steps so many lanes: the first step need not wait for it."""
+        """Make the machine code that steps so many lanes."""
         self.step.code(lanes)
 
     def __reduce__(self) -> tuple[Any, tuple[Physics]]:

@@ -26,22 +26,16 @@ from fuzzyarm.envs.scenario.randomisation import DomainRandomisation, by_quantit
 from fuzzyarm.envs.scenario.reference import Reference
 from fuzzyarm.numbers.machine import WIDE, Call
 
-__all__ = ["Lanes", "Outcome", "SavedArrays", "checked_arrays"]
+__all__ = ["Lanes", "checked_arrays"]
 
-
-SavedArrays = dict[str, np.ndarray]
+_SavedArrays = dict[str, np.ndarray]
 """Arrays of a state by name: ``values``, ``clock`` and ``drawn`` of the lanes, and ``made_of``; see `Lanes`."""
 
 
-def checked_arrays(state: Any, like: SavedArrays) -> SavedArrays:
-    """Return copies of the arrays of a state that are as those of `like`; what else the state holds is left out.
-
-    Raises:
-        TypeError: the state is no dictionary.
-        ValueError: an array is missing, of another type or shape, or holds numbers that are not finite.
-    """
+def checked_arrays(state: Any, like: _SavedArrays) -> _SavedArrays:
+    """Return copies of the arrays of a state that are as those of `like`; what else the state holds is left out."""
     checks.instance("state", state, dict)
-    arrays: SavedArrays = {}
+    arrays: _SavedArrays = {}
     for name, own in like.items():
         given = state.get(name)
         if not isinstance(given, np.ndarray) or given.dtype != own.dtype or given.shape != own.shape:
@@ -53,7 +47,7 @@ def checked_arrays(state: Any, like: SavedArrays) -> SavedArrays:
     return arrays
 
 
-Outcome: TypeAlias = tuple[np.ndarray, np.ndarray, np.ndarray]
+_Outcome: TypeAlias = tuple[np.ndarray, np.ndarray, np.ndarray]
 """Observations, vectors and scalars of lanes, see `Layout.split`."""
 
 _ACTION = 2  # port of the control step, see `Kernels.step`
@@ -62,17 +56,9 @@ _ACTION = 2  # port of the control step, see `Kernels.step`
 class Lanes:
     """A batch of arms, each with its own plant, scenario and random stream.
 
-    Args:
-        plants: one arm for all lanes, or one per lane.
-        scenarios: one for all lanes, or one per lane. Lanes with the same scenario share its table.
-        count: number of lanes.
-        control_period: [s].
-        substeps: in a control period.
-        randomisation: what each episode draws.
-        threads: how many a step may use; None: one per 1,024 lanes, at most one per core.
-
-    Raises:
-        ValueError: a reference does not fit the plant of its lane.
+    `plants` and `scenarios` are one for all lanes or one per lane; lanes with the same scenario share its table. The
+    control period is in s and has so many sub-steps. A step uses so many `threads`; None: one per 1,024 lanes, at most
+    one per core. ValueError for a reference that does not fit the plant of its lane.
     """
 
     def __init__(
@@ -86,7 +72,6 @@ class Lanes:
         randomisation: DomainRandomisation,
         threads: int | None = None,
     ) -> None:
-        """Lay out the lanes; no episode begins before `reset`."""
         self.period, self.substeps = float(control_period), substeps
         self._periods = np.array([control_period, control_period / substeps, substeps], dtype=np.float64)
         self.count, self.randomisation = count, randomisation
@@ -112,17 +97,12 @@ class Lanes:
         scenarios: Sequence[Scenario] | None = None,
         initial: np.ndarray | None = None,
         which: np.ndarray | None = None,
-    ) -> Outcome:
+    ) -> _Outcome:
         """Begin an episode in n lanes and return their observations, vectors and scalars, see `Layout.split`.
 
-        Args:
-            seeds: of each of these lanes' random streams; None: the stream continues.
-            scenarios: what to do this time in place of the lanes' own scenarios; one for all n lanes, or one per lane.
-            initial: states (n, 4 joints) to start from; None: at rest on the reference.
-            which: (n,) the lanes, in ascending order; None: all of them.
-
-        Raises:
-            ValueError: a reference does not fit the plant of its lane, or there is not one entry per lane.
+        Of the lanes `which` (n,), ascending, or of all: seeds, None where the random stream continues; scenarios in
+        place of the lanes' own for this episode, one for all or one per lane; initial states (n, 4 joints), else at
+        rest on the reference.
         """
         lanes = np.arange(self.count) if which is None else which
         if seeds is not None and len(seeds) != len(lanes):
@@ -144,25 +124,15 @@ class Lanes:
         self.kernels.prepare(self.count)
         return self._begin(lanes, initial)
 
-    def restart(self, which: np.ndarray) -> Outcome:
-        """Begin an episode in the lanes `which` (n,), each in its own scenario; return what `reset` does.
-
-        Raises:
-            IndexError: there is no such lane.
-            ValueError: `which` is no row of whole numbers.
-        """
+    def restart(self, which: np.ndarray) -> _Outcome:
+        """Begin an episode in the lanes `which` (n,), each in its own scenario; return what `reset` does."""
         if which.dtype != np.int64 or which.ndim != 1:
             raise ValueError(f"lanes of {which.dtype} {which.shape}; needed: a row of whole numbers")
         self._assigned.back(which)
         return self._begin(which)
 
     def bound(self, action: np.ndarray, out: np.ndarray) -> Call:
-        """Return the control step of all lanes.
-
-        Args:
-            action: (lanes, joints) motor torques [N m], all finite.
-            out: the results (`Layout.size`,), see `Layout.split`; written.
-        """
+        """Return the step of all lanes under torques (lanes, joints) [N m]; it writes results (`Layout.size`,)."""
         arrays = self.values, self.clock.view(np.float64), action, *self.layout.arrays(out, self.count)
         return self.kernels.step.bound(arrays, self._periods, (self._assigned.tables.table,))
 
@@ -195,7 +165,7 @@ class Lanes:
         """End the threads; a later step starts new ones."""
         self._workers.close()
 
-    def _begin(self, which: np.ndarray, initial: np.ndarray | None = None) -> Outcome:
+    def _begin(self, which: np.ndarray, initial: np.ndarray | None = None) -> _Outcome:
         self.drawn = self.drawn.copy()  # infos returned earlier keep the old array
         places, arrays = self._assigned.places(which), (self.values, self.clock, self.drawn)
         results = self._begin_in(which, self._assigned.tables, places, arrays, initial)
@@ -210,8 +180,8 @@ class Lanes:
         places: tuple[np.ndarray, np.ndarray],
         arrays: tuple[np.ndarray, np.ndarray, np.ndarray],
         initial: np.ndarray | None = None,
-    ) -> Outcome:
-        """Begin episodes in these arrays, see `beginning.begun_of`; `places` are schedules and payloads' places."""
+    ) -> _Outcome:
+        """Begin episodes in these arrays, see `control_step.begun_of`; `places` are schedules and payloads' places."""
         count, all_values, clock, drawn = len(which), *arrays
         results, given = np.empty(self.layout.size(count)), np.stack([self._plant_of[which], *places], axis=1) + 0.0
         if initial is None:
@@ -228,14 +198,11 @@ class Lanes:
             drawn[:, which] = draws
         return self.layout.split(results, count)
 
-    def step(self, action: np.ndarray) -> Outcome:
+    def step(self, action: np.ndarray) -> _Outcome:
         """Hold torques for one control period and return observations, vectors and scalars, see `Layout.split`.
 
-        Args:
-            action: (count, joints) [N m], an array that the caller does not reuse; clipped to the plants' limits.
-
-        Raises:
-            ValueError: a torque is not finite; no lane has moved then.
+        The action (count, joints) [N m] is clipped to the plants' limits, and its array is not used again by the
+        caller. ValueError for a torque that is not finite; no lane has moved then.
         """
         if action.shape != self.action_shape:
             raise ValueError(f"action has shape {action.shape}; needed: {self.action_shape}")
@@ -258,7 +225,7 @@ class Lanes:
         call.on(_ACTION, action)
         return call
 
-    def step_or_restart(self, action: np.ndarray, over: np.ndarray) -> Outcome:
+    def step_or_restart(self, action: np.ndarray, over: np.ndarray) -> _Outcome:
         """Do what `step` does, except in the lanes `over` (n,): there the next episode begins, whatever the action."""
         action[over] = 0.0
         # The kernel moves every lane, and a lane must be before its last row for that; here it moves in vain.
@@ -310,16 +277,10 @@ class Lanes:
         }
 
     def set_state(self, state: dict[str, np.ndarray], over: np.ndarray | None = None) -> None:
-        """Restore a state that `get_state` returned for these lanes or for lanes with the same configuration.
+        """Restore a state that `get_state` returned for lanes with the same configuration.
 
-        Args:
-            state: arrays by name.
-            over: (n,) the lanes whose episode has ended, which `restart` must begin again before a step moves them.
-
-        Raises:
-            TypeError: the state is no dictionary.
-            ValueError: the state is of other plants, scenarios, randomisations, periods, or number of lanes; or an
-                array is of another type or shape, or not such as an episode of these lanes has. Nothing has changed.
+        The episodes of the lanes `over` (n,) have ended: `restart` must begin them again before a step. ValueError if
+        the state is of another configuration, or not one that these lanes can have; nothing has changed then.
         """
         values = by_rows(self.values, self.count)
         own = {"values": values, "clock": self.clock, "drawn": self.drawn, "made_of": self._digest()}
@@ -335,7 +296,7 @@ class Lanes:
         if self.randomisation.varies:
             self._drawn_info = by_quantity(self.drawn, self.physics.joints)
 
-    def _check_contents(self, arrays: SavedArrays, over: np.ndarray | None) -> None:
+    def _check_contents(self, arrays: _SavedArrays, over: np.ndarray | None) -> None:
         """Raise ValueError unless a state is one that the lanes can come to, only the lanes `over` (n,) at their end.
 
         All but the state of the arm and the present instant follows from the key of the episode.

@@ -7,10 +7,6 @@ starts (schedules, numbers of `Start`)    where each schedule begins, and what i
 out                                       observations and `Results` of a step, one array, see `Layout.split`
 
 What depends on the equations, on how many joints and axes there are, is in the `Layout` of a `Physics`.
-
-The numbers of lanes in blocks, as the kernels have them, and in rows, as states and readers have them.
-
-Memory for the results of steps, used again where nobody holds them any longer.
 """
 
 from __future__ import annotations
@@ -23,30 +19,12 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from fuzzyarm.envs.observation import PARTS
-from fuzzyarm.envs.physics.physics import Physics
-from fuzzyarm.envs.physics.records import places, record_type
+from fuzzyarm.envs.physics.records import Physics, places, record_type
 from fuzzyarm.numbers.machine import WIDE
 
 __all__ = [
-    "CLOCK",
-    "INFO",
-    "SCALARS",
-    "START",
-    "VECTORS",
-    "Clock",
-    "Flags",
-    "Layout",
-    "Noise",
-    "Results",
-    "ResultsMemory",
-    "Room",
-    "Scalars",
-    "Start",
-    "Totals",
-    "Vectors",
-    "by_rows",
-    "in_blocks",
-    "layout_of",
+    "CLOCK", "INFO", "SCALARS", "START", "VECTORS", "Clock", "Flags", "Layout", "Noise", "Results", "ResultsMemory",
+    "Room", "Scalars", "Start", "Totals", "Vectors", "by_rows", "in_blocks", "layout_of",
 ]  # fmt: skip
 
 
@@ -135,11 +113,7 @@ class Flags(NamedTuple):
 
 
 class Totals(NamedTuple):
-    """What many steps leave behind.
-
-    How many there were; the sum of their rewards; the largest tip error [m] and the sum of the squares [m²]; and how
-    many episodes were terminated and truncated.
-    """
+    """Of many steps: number, sum of rewards, largest tip error [m], sum of its squares [m²], and numbers of ends."""
 
     steps: Any
     reward: Any
@@ -149,11 +123,8 @@ class Totals(NamedTuple):
     truncated: Any
 
 
-CLOCK, START = places(Clock), places(Start)
-"""Where each number of the records `Clock` and `Start` lies in its array."""
-
-VECTORS, SCALARS = Vectors._fields, Scalars._fields
-"""Names of the results."""
+CLOCK, START = places(Clock), places(Start)  # where each number of the records `Clock` and `Start` lies in its array
+VECTORS, SCALARS = Vectors._fields, Scalars._fields  # names of the results
 
 INFO = (*VECTORS, *SCALARS[: SCALARS.index("reward")], "in_domain", "torque_clipped")
 """The keys of `info`, the last two as flags; reward, truncated and reason have their own places."""
@@ -165,17 +136,13 @@ class Layout:
     """Records of an arm's equations, and where each number of them lies in its array.
 
     Attributes:
-        physics: the equations.
         Lane: what a lane carries through its episode: state, constants, limits, the factor of its tip force, `Noise`.
         LANE: places in `Lane`.
-        observed: numbers in an observation.
-        longest: numbers of the longest of the vectors.
+        observed: numbers in an observation; `longest`: in the longest of the vectors; `reported`: in `Results`.
         parts: where the numbers of each of the vectors lie among those of all, as slices.
-        reported: numbers in the `Results` of one lane.
     """
 
     def __init__(self, physics: Physics) -> None:
-        """Make the records."""
         state, arm, limits = physics.State, physics.Arm, physics.Limits
         self.physics = physics
         self.Lane = record_type("Lane", state=state, arm=arm, limits=limits, force_factor=Any, noise=Noise)
@@ -203,8 +170,7 @@ class Layout:
     def split(self, out: np.ndarray, lanes: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """Return observations (lanes, `observed`), vectors and scalars (10, lanes), views of one array (`size`,).
 
-        Vectors have a row for each number of each of `Vectors`, see `each`. A plain tuple: a small batch would notice
-        the time that making a record takes.
+        Vectors have a row for each number, see `each`. A plain tuple: a small batch would notice the time of a record.
         """
         observations, numbers = self.arrays(out, lanes)
         return observations, numbers[:-_SCALAR_COUNT], numbers[-_SCALAR_COUNT:]
@@ -219,10 +185,7 @@ _LINE = 8  # numbers of a line of the cache
 
 
 def _apart(lanes: int) -> int:
-    """Return how far the rows of `Results` lie apart: whole lines, an odd number of them.
-
-    An even number would bring many rows to the same places of the cache, most of all a power of two.
-    """
+    """Return how far rows of `Results` lie apart: an odd number of lines, so that the cache keeps many rows at once."""
     return lanes if lanes == 1 else _LINE * (-(-lanes // _LINE) | 1)
 
 
@@ -237,11 +200,7 @@ _OWN = 2  # references to an array that nobody else holds: the room's, and the a
 
 
 class Room:
-    """Memory for the results of one step.
-
-    Attributes:
-        kept: what its user notes about it, as long as it is used again; None at first.
-    """
+    """Memory for the results of one step; `kept` is what its user notes about it, as long as it is used again."""
 
     __slots__ = ("_array", "_first", "_stop", "kept")
 
@@ -265,16 +224,11 @@ class Room:
 class ResultsMemory:
     """Rooms of one size.
 
-    Memory that the system has just given is zeroed page by page when it is first written, which takes as long as a
-    third of the step of a large batch. Every view of an array holds a reference to it, so that an array without further
-    references is not read by anyone any longer.
-
-    Args:
-        size: numbers of an array.
+    The system zeroes new memory page by page at its first use, which takes a third of the step of a large batch. Every
+    view of an array holds a reference to it: nobody reads an array without further references.
     """
 
     def __init__(self, size: int) -> None:
-        """Begin without rooms."""
         self._size, self._rooms = size, list[Room]()
 
     def room(self) -> Room:

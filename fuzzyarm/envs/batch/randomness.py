@@ -25,23 +25,23 @@ __all__ = [
 ]  # fmt: skip
 
 GAMMA = 0x9E3779B97F4A7C15
-FIRST, SECOND = 0xBF58476D1CE4E5B9, 0x94D049BB133111EB
-FIRST_INVERSE, SECOND_INVERSE = (pow(factor, -1, 2**64) for factor in (FIRST, SECOND))
-RESOLUTION = 2.0**-53
+_FIRST, _SECOND = 0xBF58476D1CE4E5B9, 0x94D049BB133111EB
+_FIRST_INVERSE, _SECOND_INVERSE = (pow(factor, -1, 2**64) for factor in (_FIRST, _SECOND))
+_RESOLUTION = 2.0**-53
 NEXT_KEY, RANDOMISATION = 0, 1  # counters, see above
-FIRST_NOISE = 32  # counter, for as many joints as leave room for it
-TWO_PI = 2.0 * np.pi
+_FIRST_NOISE = 32  # counter, for as many joints as leave room for it
+_TWO_PI = 2.0 * np.pi
 
 
 def noise_counter(joints: int) -> int:
     """Return the counter from which the encoder noise of an episode is drawn."""
-    return max(FIRST_NOISE, RANDOMISATION + size(draw_record(joints)))
+    return max(_FIRST_NOISE, RANDOMISATION + size(draw_record(joints)))
 
 
 def mix(word: Any) -> Any:
     """Scramble 64-bit words (uint64); a bijection."""
-    word = (word ^ (word >> 30)) * FIRST
-    word = (word ^ (word >> 27)) * SECOND
+    word = (word ^ (word >> 30)) * _FIRST
+    word = (word ^ (word >> 27)) * _SECOND
     return word ^ (word >> 31)
 
 
@@ -54,21 +54,21 @@ def draw(key: Any, counter: Any) -> Any:
 def key_before(key: np.ndarray) -> np.ndarray:
     """Return the keys (lanes,) uint64 whose streams have `key` (lanes,) as number `NEXT_KEY`: the inverse of `draw`."""
     word = key ^ (key >> 31) ^ (key >> 62)
-    word = word * SECOND_INVERSE
-    word = (word ^ (word >> 27) ^ (word >> 54)) * FIRST_INVERSE
+    word = word * _SECOND_INVERSE
+    word = (word ^ (word >> 27) ^ (word >> 54)) * _FIRST_INVERSE
     word = word ^ (word >> 30) ^ (word >> 60)
     return np.asarray(word - (NEXT_KEY + 1) * GAMMA)
 
 
 def uniform(key: Any, counter: Any) -> Any:
     """Return number `counter` of the stream as a float in [0, 1), a multiple of 2^-53."""
-    return number(draw(key, counter) >> 11) * RESOLUTION
+    return number(draw(key, counter) >> 11) * _RESOLUTION
 
 
 def normal_pair(key: Any, counter: Any) -> tuple[Any, Any]:
     """Return two independent standard normal numbers from numbers `counter` and `counter` + 1 (Box and Muller)."""
     radius = root(-2.0 * logarithm(1.0 - uniform(key, counter)))
-    sine, cosine = sine_cosine(TWO_PI * uniform(key, counter + 1))
+    sine, cosine = sine_cosine(_TWO_PI * uniform(key, counter + 1))
     return radius * cosine, radius * sine
 
 

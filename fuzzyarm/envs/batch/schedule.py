@@ -14,7 +14,7 @@ import numpy as np
 
 from fuzzyarm.common import checks
 from fuzzyarm.envs.periods import MOST_STEPS
-from fuzzyarm.envs.physics.hold import force_line
+from fuzzyarm.envs.physics.integrator import force_line
 from fuzzyarm.envs.physics.records import columns, per_joint, record_type, size
 from fuzzyarm.envs.scenario.disturbances import Disturbance, TipForce
 from fuzzyarm.envs.scenario.reference import Reference
@@ -22,7 +22,7 @@ from fuzzyarm.envs.task import target_record
 
 __all__ = ["Schedule", "reference_record", "row_record"]
 
-FORCE_SAMPLES = 8  # inside a control step; a kink of the force within a step then costs less than 0.1 µm at the tip
+_FORCE_SAMPLES = 8  # inside a control step; a kink of the force within a step then costs less than 0.1 µm at the tip
 
 
 @functools.cache
@@ -33,10 +33,9 @@ def reference_record(joints: int) -> Any:
 
 @functools.cache
 def row_record(joints: int, axes: int) -> Any:
-    """Return the record of one row of a schedule.
+    """Return the record of a row: `reference` of the joints and `target` of the tip at t_k, what acts until t_(k+1).
 
-    `reference` of the joints at t_k; `target`, what the tip is compared with at t_k; `force` on the tip from t_k to
-    t_(k+1); `bias`, the torque from t_k to t_(k+1) [N m] beside what the motors apply.
+    `force` is on the tip, `bias` a torque [N m] beside those of the motors.
     """
     reference, target = reference_record(joints), target_record(axes)
     return record_type("Row", reference=reference, target=target, force=force_line(axes), bias=per_joint(joints))
@@ -46,12 +45,8 @@ def row_record(joints: int, axes: int) -> Any:
 class Schedule:
     """A table over the control steps k = 0..steps; the torque of step k acts from t_k to t_(k+1).
 
-    Attributes:
-        disturbance: what acts in this episode.
-        table: (steps + 1, numbers of `row_record`); the properties below are its `columns`. No force or bias acts in
-            the last row, where the episode is over.
-        joints: of the arm.
-        axes: of the tip's space.
+    `table` (steps + 1, numbers of `row_record`) has units as there; the properties are its columns. No force or bias
+    acts in the last row, where the episode is over.
     """
 
     disturbance: Disturbance
@@ -81,10 +76,7 @@ class Schedule:
 
     @property
     def forces(self) -> np.ndarray:
-        """(steps, 4 or 6), the mean tip force of step k and the change over the step of the line that fits it best [N].
-
-        Impulse and first moment are kept, and a force that sets in at t_k does not leak.
-        """
+        """(steps, 4 or 6), mean tip force [N] of step k and change of the line with its impulse and first moment."""
         return self.table[:-1, self.columns.force]
 
     @property
@@ -96,10 +88,7 @@ class Schedule:
     def build(
         cls, reference: Reference, disturbance: Disturbance, control_period: float, axes: int | None = None
     ) -> Schedule:
-        """Sample a reference and a disturbance every `control_period` [s].
-
-        The tip has so many coordinates, None: those that the reference gives.
-        """
+        """Sample a reference and a disturbance every `control_period` [s]; `axes` None: those of the reference."""
         axes = reference.tip(0.0).position.shape[-1] if axes is None else axes
         # The last step may pass the end of the reference, which rests there.
         steps = math.ceil(reference.duration / control_period - 1e-9)
@@ -126,11 +115,8 @@ class Schedule:
 
 
 def _force_lines(tip_force: TipForce, reference: Reference, starts: np.ndarray, period: float, axes: int) -> np.ndarray:
-    """Return (len(starts), 2 axes): mean force over each step and change of its least-squares line.
-
-    From samples inside the step.
-    """
-    shares = (np.arange(FORCE_SAMPLES) + 0.5) / FORCE_SAMPLES
+    """Return (len(starts), 2 axes): mean force over each step and change of its least-squares line, from samples."""
+    shares = (np.arange(_FORCE_SAMPLES) + 0.5) / _FORCE_SAMPLES
     times = (starts[:, np.newaxis] + shares * period).ravel()
     force = checks.array_of("tip_force.at", tip_force.at(times, reference.tip(times).velocity[..., :axes]))
     if force.shape != (len(times), axes):
@@ -139,15 +125,12 @@ def _force_lines(tip_force: TipForce, reference: Reference, starts: np.ndarray, 
             f"tip_force.at gave shape {force.shape} for {len(times)} times; it must be ({len(times)}, {axes})"
         )
     force = checks.finite_array("tip_force.at", force, (len(times), axes), "N")
-    samples, lever = np.reshape(force, (len(starts), FORCE_SAMPLES, axes)), shares - 0.5
+    samples, lever = np.reshape(force, (len(starts), _FORCE_SAMPLES, axes)), shares - 0.5
     return np.concatenate([samples.mean(axis=1), np.einsum("j,kja->ka", lever, samples) / (lever @ lever)], axis=-1)
 
 
 def _targets(reference: Reference, times: np.ndarray, axes: int) -> np.ndarray:
-    """Return (len(times), numbers of a target): reference tip, normal of the curve, circle's center and radius.
-
-    Without a circle these are 0.
-    """
+    """Return (len(times), numbers of a target): reference tip, normal of the curve, circle or zeros."""
     position, normal = reference.tip(times).position[..., :axes], reference.normals(times)[..., :axes]
     circle = np.zeros(axes + 1)
     if reference.circle is not None:

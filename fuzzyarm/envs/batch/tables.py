@@ -23,14 +23,13 @@ from fuzzyarm.envs.scenario.reference import Reference
 
 __all__ = ["MAX_ACCELERATION", "Assignment", "Tables", "check_reference", "distinct", "tabulated"]
 
-
 MAX_ACCELERATION = 1e4  # rad/s², bound of the observation space for the reference's acceleration
-CHECKED_INSTANTS = 501  # evenly spaced, at which a reference is checked against a plant
+_CHECKED_INSTANTS = 501  # evenly spaced, at which a reference is checked against a plant
 
-Item = TypeVar("Item")
+_Item = TypeVar("_Item")
 
 
-class Episode(NamedTuple):
+class _Episode(NamedTuple):
     """A reference, its schedule, and what its episode starts with, whose rows depend on where the schedule lies."""
 
     reference: Reference
@@ -39,21 +38,16 @@ class Episode(NamedTuple):
 
 
 class Tables:
-    """Scenarios and their schedules.
-
-    Args:
-        scenarios: the episodes of each: one for a scenario with a reference, one per member of the family for others.
+    """Schedules of scenarios, each with one episode, or one per member of a family of references.
 
     Attributes:
-        scenarios: those.
-        episodes: of all scenarios, one after the other.
+        scenarios: the episodes of each; `episodes`: of all, one after the other.
         firsts: (scenarios,) the number of the first episode of each scenario.
         starts: (episodes, numbers of `Start`).
         table: (rows, numbers of `Row`), the schedules below each other.
     """
 
-    def __init__(self, scenarios: Sequence[list[Episode]]) -> None:
-        """Put the schedules below each other."""
+    def __init__(self, scenarios: Sequence[list[_Episode]]) -> None:
         self.scenarios, self.episodes = list(scenarios), list(itertools.chain(*scenarios))
         self.firsts = np.cumsum([0, *map(len, scenarios[:-1])])
         self.table = np.concatenate([episode.schedule.table for episode in self.episodes])
@@ -67,19 +61,13 @@ class Tables:
 
 
 class Assignment:
-    """The scenario of each lane: its own, or for an episode one that a reset asked for.
+    """The scenario of each lane: its own, or for an episode one that a reset asked for; by number.
 
-    Args:
-        own: tables of the lanes' own scenarios, and by lane the number (lanes,) of its scenario among them and its
-            payload's place (lanes,), see `tabulated`.
-
-    Attributes:
-        own: those tables.
-        tables: those of all scenarios that a lane is in; the lanes' own come first.
+    It is made from what `tabulated` returns for the lanes' own scenarios, `own`; `tables` has these first, and then the
+    others that a lane is in.
     """
 
     def __init__(self, own: tuple[Tables, np.ndarray, np.ndarray]) -> None:
-        """Begin with every lane in its own scenario."""
         self.own, *self._own = own
         self.all_return()
 
@@ -99,10 +87,7 @@ class Assignment:
         self._scenario_of[lanes], self._place_of[lanes] = (part[lanes] for part in self._own)
 
     def leave(self, lanes: np.ndarray, clock: np.ndarray) -> None:
-        """Put these lanes (n,) into their own scenarios, and drop the tables that no lane is in any longer.
-
-        The rows in `clock` (numbers of `Clock`, lanes) move with the tables.
-        """
+        """Put lanes (n,) into their own scenarios and drop unused tables; rows in `clock` (numbers, lanes) move too."""
         if len(lanes) == len(self._scenario_of):
             self.all_return()
             return
@@ -138,17 +123,10 @@ def tabulated(
     family: tuple[Reference, ...],
     control_period: float,
 ) -> tuple[Tables, np.ndarray, np.ndarray]:
-    """Return tables of scenarios, and by lane the number (n,) of its scenario and its payload's place (n,).
+    """Return tables of scenarios every `control_period` [s], and of each lane scenario (n,) and payload's place (n,).
 
-    Args:
-        scenarios: one for all n lanes, or one per lane.
-        plants: the arms.
-        plant_of: (n,) the number of each lane's among them.
-        family: the references that episodes are drawn from where the scenario has none.
-        control_period: [s].
-
-    Raises:
-        ValueError: a reference does not fit the plant of its lane, or a payload has no place on it.
+    Scenarios are one for all n lanes, or one per lane, whose plant is number `plant_of` (n,). Episodes without a
+    reference are drawn from the family.
     """
     kinds, scenario_of = distinct(scenarios, len(plant_of))
     pairs, pair_of = np.unique(np.stack([scenario_of, plant_of]), axis=1, return_inverse=True)
@@ -170,30 +148,24 @@ def _episodes(
     family: tuple[Reference, ...],
     control_period: float,
     axes: int,
-) -> list[Episode]:
+) -> list[_Episode]:
     """Return the episodes of a scenario, tabulated every `control_period` [s] in so many coordinates of the tip."""
     mass = checks.real("payload mass", disturbance.payload.mass, "kg", low=0.0, high=LARGEST)
     given = disturbance.encoder_noise
     noise = Noise(0.0, 0.0) if given is None else Noise(given.position, given.velocity)
     start = Start(0, 0, mass, noise, float(reference is None))
     members = family if reference is None else (reference,)
-    return [Episode(one, Schedule.build(one, disturbance, control_period, axes), start) for one in members]
+    return [_Episode(one, Schedule.build(one, disturbance, control_period, axes), start) for one in members]
 
 
-def distinct(items: Sequence[Item], count: int) -> tuple[list[Item], np.ndarray]:
-    """Return the distinct items, by identity, and the number (count,) of each lane's among them.
-
-    A single item is for all lanes.
-
-    Raises:
-        ValueError: there are neither one nor `count` items.
-    """
+def distinct(items: Sequence[_Item], count: int) -> tuple[list[_Item], np.ndarray]:
+    """Return the distinct items, by identity, and the number (count,) of each lane's; a single item is for all."""
     if len(items) not in (1, count):
         raise ValueError(f"{len(items)} entries for {count} lanes; give one, or one per lane")
     if len(items) == 1:
         return list(items), np.zeros(count, dtype=np.int64)
     places: dict[object, int] = {}
-    kinds: list[Item] = []
+    kinds: list[_Item] = []
     place_of = np.empty(count, dtype=np.int64)
     for lane, item in enumerate(items):
         key = tuple(map(id, item)) if isinstance(item, tuple) else id(item)
@@ -221,7 +193,7 @@ def check_reference(reference: Reference, arm: AnyArm) -> None:
             f"reference was made for {robot_of(made_for).name}, the plant is {robot_of(arm).name}, whose joints or tip "
             "are elsewhere: build it with robot=..."
         )
-    motion = reference.sample(np.linspace(0.0, reference.duration, CHECKED_INSTANTS))
+    motion = reference.sample(np.linspace(0.0, reference.duration, _CHECKED_INSTANTS))
     fastest = np.full_like(bounds.low, MAX_ACCELERATION)
     for name, unit, values, low, high in (
         ("angle", "rad", motion.q, bounds.low, bounds.high),

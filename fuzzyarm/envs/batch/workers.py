@@ -20,15 +20,11 @@ class Workers:
     """Threads that are started when they are needed, and left behind by copies and pickles.
 
     The thread that calls takes part: it does all that the others do not come to, and never waits for one that has not
-    begun. So a step is no slower than with one thread where a machine has no second core to spare.
-
-    Args:
-        count: number of lanes.
-        threads: how many may share a step; None: one per `LANES_PER_THREAD` lanes, at most one per core.
+    begun. So a step is no slower than with one thread where a machine has no second core to spare. Without a number of
+    threads there is one per `LANES_PER_THREAD` lanes, at most one per core.
     """
 
     def __init__(self, count: int, threads: int | None) -> None:
-        """Divide the lanes into pieces of whole blocks."""
         self.threads = threads or _most(count // LANES_PER_THREAD)
         pieces = 1 if self.threads == 1 else _PIECES * self.threads
         size = max(-(-count // (pieces * WIDE)) * WIDE, LANES_PER_THREAD)

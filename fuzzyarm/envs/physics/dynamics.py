@@ -25,7 +25,7 @@ __all__ = [
     "tip_position",
 ]  # fmt: skip
 
-PLACES = ("tip", "link")
+_PLACES = ("tip", "link")
 
 
 @dataclasses.dataclass(frozen=True)
@@ -44,9 +44,8 @@ class Payload:
     at: Literal["tip", "link"] = "tip"
 
     def __post_init__(self) -> None:
-        """Check the mass and the place."""
         object.__setattr__(self, "mass", checks.real("payload mass", self.mass, "kg", low=0.0, high=LARGEST))
-        checks.choice("payload at", self.at, PLACES)
+        checks.choice("payload at", self.at, _PLACES)
 
     def radius(self, parameters: ArmParameters) -> float:
         """Return the distance of the mass from joint 2 [m] on a given arm."""
@@ -92,10 +91,8 @@ class Arm(NamedTuple):
 
 _UNLOADED = Arm._fields.index("motor_inertia1")  # from this field on a payload changes nothing
 
-
 Plant: Any = record_type(
-    "Plant",
-    **{f.name: PerJoint if isinstance(f.default, tuple) else Any for f in dataclasses.fields(ArmParameters)},
+    "Plant", **{f.name: PerJoint if isinstance(f.default, tuple) else Any for f in dataclasses.fields(ArmParameters)}
 )
 """The fields of `ArmParameters` in their order; every number a scalar, or an array with one value per lane."""
 
@@ -127,10 +124,7 @@ def lump(plant: Any) -> Arm:
 
 
 def loaded(arm: Arm, mass: Any, radius: Any, gravity: Any) -> Arm:
-    """Return the constants with a point mass m [kg] at a distance r [m] from joint 2.
-
-    It adds m (L1² + r²), m L1 r, m r², m g L1 and m g r to c1..c5.
-    """
+    """Return constants with m [kg] at r [m] from joint 2: m (L1² + r²), m L1 r, m r², m g L1 and m g r are added."""
     length = arm.length1
     return Arm(
         arm.c1 + mass * (length * length + radius * radius),

@@ -19,9 +19,9 @@ from fuzzyarm.numbers.functions import apart
 __all__ = ["gaussian", "logarithm", "positive_part", "root", "select", "sign", "sinc", "sine_cosine", "smaller"]
 
 # π/2 = sum of the three; the first two have 33 bits, so k times them is exact for |k| < 2^20 (Cody and Waite).
-HALF_PI = (float.fromhex("0x1.921fb544p+0"), float.fromhex("0x1.0b4611a6p-34"), float.fromhex("0x1.3198a2e037073p-69"))
-TWO_BY_PI = 2.0 / math.pi
-NEGLIGIBLE = 40.0  # exp(-40) = 4e-18 is lost when it is added to 1
+_HALF_PI = (float.fromhex("0x1.921fb544p+0"), float.fromhex("0x1.0b4611a6p-34"), float.fromhex("0x1.3198a2e037073p-69"))
+_TWO_BY_PI = 2.0 / math.pi
+_NEGLIGIBLE = 40.0  # exp(-40) = 4e-18 is lost when it is added to 1
 
 
 def select(condition: Any, first: Any, second: Any) -> Any:
@@ -34,8 +34,8 @@ def select(condition: Any, first: Any, second: Any) -> Any:
 @apart
 def _sine_cosine(angle: Any) -> tuple[Any, Any]:
     """Reduce to |x| <= π/4, Taylor polynomials of degree 15 and 16, then the quadrant. Good for |angle| < 1e6 rad."""
-    turns = np.rint(angle * TWO_BY_PI)
-    x = ((angle - turns * HALF_PI[0]) - turns * HALF_PI[1]) - turns * HALF_PI[2]
+    turns = np.rint(angle * _TWO_BY_PI)
+    x = ((angle - turns * _HALF_PI[0]) - turns * _HALF_PI[1]) - turns * _HALF_PI[2]
     # Estrin's scheme: its chain of dependent operations is half as long as that of Horner's scheme.
     z = x * x
     z2 = z * z
@@ -53,7 +53,7 @@ def _sine_cosine(angle: Any) -> tuple[Any, Any]:
 def _gaussian(x: Any) -> Any:
     """Raise the Taylor polynomial of exp(-x²/128), degree 10, to the 128th power."""
     square = x * x
-    y = select(square < NEGLIGIBLE, square, NEGLIGIBLE) * (-1 / 128)
+    y = select(square < _NEGLIGIBLE, square, _NEGLIGIBLE) * (-1 / 128)
     y2 = y * y
     low = (1.0 + y) + y2 * (1 / 2 + y * (1 / 6))
     middle = (1 / 24 + y * (1 / 120)) + y2 * (1 / 720 + y * (1 / 5040))

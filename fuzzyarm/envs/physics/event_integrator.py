@@ -11,7 +11,7 @@ the equations are smooth, so DOP853 solves them to the tolerance asked for.
 
 This module shares only `ArmParameters` and `Payload` with `dynamics`, `friction` and `integrator`: its right-hand
 side is written independently, and its steps never cross a sign change of a velocity. It measures the errors of
-`hold.hold_of`, including that of the force approximated over a control step, and is too slow for other uses.
+`integrator.hold_of`, including that of the force approximated over a control step, and is too slow for other uses.
 """
 
 from __future__ import annotations
@@ -30,10 +30,9 @@ from fuzzyarm.envs.physics.parameters import ArmParameters
 
 __all__ = ["integrate"]
 
-TipForce = Callable[[float], Sequence[float]]
-"""Force on the tip (F_x, F_y) [N] at a time [s]."""
+_TipForce = Callable[[float], Sequence[float]]  # force on the tip (F_x, F_y) [N] at a time [s]
 
-MOTOR, LINK, MOTOR_VELOCITY, LINK_VELOCITY = range(0, 8, 2)
+_MOTOR, _LINK, _MOTOR_VELOCITY, _LINK_VELOCITY = range(0, 8, 2)
 """Where each pair of entries begins in a state: angles of motors and links, then their velocities."""
 
 MAX_EVENTS = 1000
@@ -45,14 +44,14 @@ MAX_STEP = 2.5e-4
 At Table 1 it binds before the default tolerances do; halving it moves the result by less than 1e-14.
 """
 
-BREAK_AWAY_MARGIN = 1e-12
+_BREAK_AWAY_MARGIN = 1e-12
 """Relative excess over Γ_fs at which stick ends, so that a net torque of exactly Γ_fs holds for ever."""
 
 
 def integrate(
     state: np.ndarray,
     torque: np.ndarray,
-    force: TipForce,
+    force: _TipForce,
     parameters: ArmParameters,
     payload: Payload,
     start: float,
@@ -61,18 +60,10 @@ def integrate(
     rtol: float = 1e-11,
     atol: float = 1e-13,
 ) -> np.ndarray:
-    """Return the state at `stop` under held motor torques and a tip force that follows time.
+    """Return the state (8,) at `stop` under held motor torques (2,) [N m] and a tip force F(t) [N], continuous in time.
 
-    Args:
-        state: shape (8,), the entries of `records.State` [rad, rad/s]; a velocity of exactly 0 may be stick.
-        torque: Γ [N m], shape (2,), held over the whole interval.
-        force: F(t) [N] on the tip, continuous in time.
-        parameters: the arm.
-        payload: what it carries.
-        start: time of `state` [s].
-        stop: time of the result [s], not before `start`.
-        rtol: relative tolerance of DOP853.
-        atol: absolute tolerance of DOP853.
+    The entries of `records.State` [rad, rad/s] at the time `start` [s] are given; a velocity of exactly 0 may be stick.
+    `rtol` and `atol` are DOP853's.
 
     Raises:
         ValueError: an entry of `state` or `torque` is not finite, or `stop` lies before `start`.
@@ -129,7 +120,7 @@ class _Plant:
     A mode is the sign of the motor's velocity, 0 for stick.
     """
 
-    def __init__(self, parameters: ArmParameters, payload: Payload, torque: np.ndarray, force: TipForce) -> None:
+    def __init__(self, parameters: ArmParameters, payload: Payload, torque: np.ndarray, force: _TipForce) -> None:
         (m1, m2), (r1, r2), (i1, i2) = parameters.mass, parameters.mass_center, parameters.inertia
         l1, l2 = parameters.length
         carried = (payload.mass, payload.radius(parameters))
@@ -146,13 +137,13 @@ class _Plant:
     def joint_torque(self, joint: int, y: Sequence[float] | np.ndarray) -> float:
         """Return Γ_t [N m] of one joint, (2)."""
         p = self.parameters
-        bending, rate = y[MOTOR + joint] - y[LINK + joint], y[MOTOR_VELOCITY + joint] - y[LINK_VELOCITY + joint]
+        bending, rate = y[_MOTOR + joint] - y[_LINK + joint], y[_MOTOR_VELOCITY + joint] - y[_LINK_VELOCITY + joint]
         return p.stiffness[joint] * bending + p.damping[joint] * rate
 
     def mode(self, joint: int, y: np.ndarray) -> int:
         """Return the mode at a state: the sign of the velocity, at rest that of the net torque if it exceeds Γ_fs."""
-        if y[MOTOR_VELOCITY + joint] != 0.0:
-            return int(np.sign(y[MOTOR_VELOCITY + joint]))
+        if y[_MOTOR_VELOCITY + joint] != 0.0:
+            return int(np.sign(y[_MOTOR_VELOCITY + joint]))
         net = self.torque[joint] - self.joint_torque(joint, y)
         return int(np.sign(net)) if abs(net) > self.parameters.static_friction[joint] else 0
 
@@ -161,7 +152,7 @@ class _Plant:
         # The joint has broken away; testing |net| > Γ_fs again would depend on rounding of the event's time
         if mode == 0:
             return int(np.sign(self.torque[joint] - self.joint_torque(joint, y)))
-        y[MOTOR_VELOCITY + joint] = 0.0
+        y[_MOTOR_VELOCITY + joint] = 0.0
         return self.mode(joint, y)
 
     def margin(self, joint: int, mode: int, y: np.ndarray) -> float:
@@ -170,8 +161,8 @@ class _Plant:
         if static == 0.0:
             return 1.0  # without friction all modes have the same equations, so there is nothing to switch
         if mode != 0:
-            return float(mode * y[MOTOR_VELOCITY + joint])
-        return (1.0 + BREAK_AWAY_MARGIN) * static - abs(self.torque[joint] - self.joint_torque(joint, y))
+            return float(mode * y[_MOTOR_VELOCITY + joint])
+        return (1.0 + _BREAK_AWAY_MARGIN) * static - abs(self.torque[joint] - self.joint_torque(joint, y))
 
     def derivative(self, modes: tuple[int, ...], time: float, state: np.ndarray) -> list[float]:
         """Return the time derivative of the state, with the friction of the modes; plain floats for speed."""

@@ -13,8 +13,7 @@ from fuzzyarm.envs.physics.elementwise import gaussian, positive_part, sign, sma
 from fuzzyarm.numbers.functions import apart
 
 __all__ = [
-    "DRY_TORQUES", "STRIBECK", "DryFriction", "FrictionCurve", "dry_friction_of", "friction_torque", "stick_slip",
-    "stribeck_magnitude",
+    "DRY_TORQUES", "STRIBECK", "DryFriction", "dry_friction_of", "friction_torque", "stick_slip", "stribeck_magnitude",
 ]  # fmt: skip
 
 
@@ -42,7 +41,7 @@ def stribeck_magnitude(velocity: Any, dry: DryFriction) -> Any:
     return coulomb + (static - coulomb) * gaussian(velocity * (1.0 / stribeck_velocity))
 
 
-class FrictionCurve(NamedTuple):
+class _FrictionCurve(NamedTuple):
     """A curve F(v) of dry friction that falls from F(0) = Γ_fs, and what a proof takes from it and checks in balls."""
 
     magnitude: Callable[[Any, DryFriction], Any]  # F(v) [N m], of the speed and the numbers of the curve, of any type
@@ -50,7 +49,7 @@ class FrictionCurve(NamedTuple):
     inflection: Callable[[DryFriction], Any]  # v [rad/s] at which -F' is largest: F' falls below it and rises above it
 
 
-STRIBECK = FrictionCurve(
+STRIBECK = _FrictionCurve(
     stribeck_magnitude,
     steepest=lambda dry: (dry.static_friction - dry.coulomb_friction) / dry.stribeck_velocity * 0.858,  # √2 e^(-1/2)
     inflection=lambda dry: 0.5**0.5 * dry.stribeck_velocity,
@@ -61,10 +60,7 @@ STRIBECK = FrictionCurve(
 def friction_torque(velocity: Any, net_torque: Any, dry: DryFriction) -> Any:
     """Return Γ_f [N m] of section 2: -F(v) sign v when slipping, else minus the net torque up to the static one.
 
-    Args:
-        velocity: motor velocity q̇_a [rad/s].
-        net_torque: Γ - Γ_t [N m], what the friction has to hold at rest.
-        dry: numbers of F, with F(0) = Γ_fs.
+    v = q̇_a [rad/s]; the net torque Γ - Γ_t [N m] is what the friction has to hold at rest; F(0) = Γ_fs.
     """
     slip = -stribeck_magnitude(velocity, dry) * sign(velocity)
     stick = -smaller(abs(net_torque), dry.static_friction) * sign(net_torque)
@@ -73,19 +69,11 @@ def friction_torque(velocity: Any, net_torque: Any, dry: DryFriction) -> Any:
 
 @apart
 def stick_slip(velocity: Any, acceleration: Any, deceleration: Any, duration: Any) -> tuple[Any, Any]:
-    """Solve v̇ ∈ a - f Sgn(v) exactly over `duration` with constant a and f.
+    """Solve v̇ ∈ a - f Sgn(v) exactly over a duration [s]; return the velocity [rad/s] and the angle travelled [rad].
 
-    The velocity falls or rises linearly; when it reaches zero it stays there if |a| <= f and leaves on the other
-    side otherwise. No smoothing: a stuck joint has velocity exactly 0.
-
-    Args:
-        velocity: v at the start [rad/s].
-        acceleration: a, all torques but friction over inertia [rad/s²].
-        deceleration: f >= 0, friction magnitude over inertia [rad/s²].
-        duration: time to advance [s].
-
-    Returns:
-        Velocity at the end [rad/s] and the angle travelled [rad].
+    The velocity v [rad/s] falls or rises linearly under constant a and f >= 0 [rad/s²], all other torques and the
+    friction's magnitude over the inertia. When it reaches zero it stays there if |a| <= f and leaves on the other side
+    otherwise. No smoothing: a stuck joint has velocity exactly 0.
     """
     speed, direction = abs(velocity), sign(velocity)
     along = speed + duration * (direction * acceleration - deceleration)

@@ -6,15 +6,19 @@ Over a sub-step h the positions move half-way, the accelerations are taken there
 
 The configuration-dependent terms (sines, mass matrix, gravity, tip force) are computed once a sub-step, at x_m;
 only the velocity-dependent ones are computed twice. The motors' velocities are advanced by `stick_slip`, so
-stick is exact. The torque is held over the control step; the tip force is linear in it.
+stick is exact.
 
-`advanced` is this step for any number of joints; `step` and `loaded_step` are that of the two-joint arm.
+`advanced` is this step for any number of joints; `step` and `loaded_step` are that of the two-joint arm. Over a control
+step, `held_of`, the torque is held and the tip force is a line in time.
 """
 
 from __future__ import annotations
 
+import functools
 from collections.abc import Callable
 from typing import Any
+
+import numpy as np
 
 from fuzzyarm.envs.physics.dynamics import (
     Arm,
@@ -27,24 +31,21 @@ from fuzzyarm.envs.physics.dynamics import (
 )
 from fuzzyarm.envs.physics.elementwise import sine_cosine
 from fuzzyarm.envs.physics.friction import stick_slip, stribeck_magnitude
-from fuzzyarm.envs.physics.records import PerJoint, Point, State
-from fuzzyarm.numbers.functions import apart
+from fuzzyarm.envs.physics.records import PerJoint, Physics, Point, State, places, point, record_type
+from fuzzyarm.numbers.functions import apart, repeat, zeros
+from fuzzyarm.numbers.machine import Kernel, Layout
+from fuzzyarm.numbers.program import Program
 
-__all__ = ["Accelerations", "advanced", "loaded_step", "step"]
+__all__ = ["Accelerations", "advanced", "force_line", "held_of", "hold_of", "loaded_step", "step"]
 
 Accelerations = Callable[[Any, Any], Any]
 """Gives the links' accelerations [rad/s²] at certain angles from the joint torques [N m] and the links' velocities."""
 
 
 def advanced(state: Any, torque: Any, at: Callable[[Any], Accelerations], arm: Any, h: Any) -> Any:
-    """Return the state a sub-step h [s] later, see the module.
+    """Return the state of n joints a sub-step h [s] later under motor torques [N m], see the module.
 
-    Args:
-        state: of n joints.
-        torque: of the motors [N m].
-        at: the accelerations of the links by their angles [rad].
-        arm: the constants; it has the fields of `Motor`.
-        h: [s].
+    `at` returns the accelerations of the links by their angles [rad]; `arm` has the fields of `Motor`.
     """
     half = 0.5 * h
     motor, link = _drifted(state.motor, state.motor_velocity, half), _drifted(state.link, state.link_velocity, half)
@@ -65,12 +66,10 @@ def _drifted(angles: Any, velocities: Any, duration: Any) -> Any:
 def _kick(
     start: Any, middle: Any, torque: Any, accelerations: Accelerations, driven: Any, arm: Any, duration: Any
 ) -> tuple[Any, Any, Any]:
-    """Advance the velocities of `start` over `duration` with the accelerations at `middle`.
+    """Return the velocities of motors and links [rad/s] after a duration [s] at the accelerations of `middle`.
 
-    `driven` are the motors, each with the inverse of its inertia: products cost less than quotients.
-
-    Returns:
-        The velocities of motors and links [rad/s], and the angles the motors travelled [rad].
+    Third, the angles [rad] that the motors travelled. `driven` are the motors, each with the inverse of its inertia:
+    products cost less than quotients.
     """
     per_joint, joint = type(start.motor), joint_torque(middle, arm)
     links = accelerations(joint, middle.link_velocity)
@@ -126,3 +125,54 @@ def _two_links(outer: PerJoint, sin2: Any, cos2: Any, arm: Arm) -> Accelerations
         return solve_mass_matrix(cos2, torque1, torque2, arm)
 
     return accelerations
+
+
+@functools.cache
+def force_line(axes: int) -> Any:
+    """Return the record of a tip force that is linear in time over a control step: mean and change over it [N]."""
+    return record_type("ForceLine", mean=point(axes), change=point(axes))
+
+
+@functools.cache
+def held_of(physics: Physics) -> Callable[..., Any]:
+    """Return ``held(state, torque, mean, change, arm, h, substeps)``, the state one control step later.
+
+    Torques [N m], a record, are held. The tip force is a line in time with a mean and a change over the step [N]; each
+    of the `substeps` sub-steps of h [s] takes it at its own middle.
+    """
+    Point = physics.Point
+
+    def held(state: Any, torque: Any, mean: Any, change: Any, arm: Any, h: Any, substeps: Any) -> Any:
+        def sub_step(carried: Any) -> Any:
+            number, state = carried
+            share = (number + 0.5) / substeps - 0.5
+            force = Point(*(m + share * c for m, c in zip(mean, change, strict=True)))
+            return number + 1.0, physics.step(state, torque, force, arm, h)
+
+        return repeat(substeps, sub_step, (0.0, state))[1]
+
+    return held
+
+
+@functools.cache
+def hold_of(physics: Physics) -> Callable[..., None]:
+    """Return ``hold(state, torque, force, arm, h, substeps)`` that advances lanes over one control step.
+
+    State (numbers of it, lanes), which changes, torque (joints, lanes) [N m], rows of `force_line` [N] and of the
+    constants, sub-step [s]. ValueError if an array has another shape.
+    """
+    ForceLine, advance = force_line(physics.axes), held_of(physics)
+    kinds = physics.State, physics.PerJoint, ForceLine, physics.Arm
+
+    def step(state: Any, torque: Any, force: Any, arm: Any, given: Any) -> tuple[Any, ...]:
+        return advance(state, torque, *force, arm, *given), torque, force, arm
+
+    program = Program(step, [zeros(places(kind)) for kind in kinds], (0.0, 0.0))
+    kernel = Kernel(program, [Layout.COLUMNS] * len(kinds))
+
+    def hold(
+        state: np.ndarray, torque: np.ndarray, force: np.ndarray, arm: np.ndarray, h: float, substeps: int
+    ) -> None:
+        kernel((state, torque, force, arm), np.array([h, substeps], dtype=np.float64))
+
+    return hold

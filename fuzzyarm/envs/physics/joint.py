@@ -1,4 +1,7 @@
-"""The parts of a serial robot, as data: links, drives, and the joints that join them; see `robot`."""
+"""The parts of a serial robot, as data: links, drives, and the joints that join them; see `robot`.
+
+A value out of range raises ValueError, in a joint with its name.
+"""
 
 from __future__ import annotations
 
@@ -10,20 +13,16 @@ import numpy as np
 from fuzzyarm.common import checks
 from fuzzyarm.envs.physics.parameters import LARGEST
 
-__all__ = ["DIMENSIONS", "DRIVE_UNITS", "Drive", "Joint", "Link", "Matrix", "Vector", "as_rows", "as_vector"]
+__all__ = ["DIMENSIONS", "DRIVE_UNITS", "Drive", "Joint", "Link", "Vector", "as_rows", "as_vector"]
 
-Vector = tuple[float, float, float]
-"""Three coordinates."""
+Vector = tuple[float, float, float]  # three coordinates
 
-Matrix = tuple[Vector, Vector, Vector]
-"""Three rows of three numbers."""
+_Matrix = tuple[Vector, Vector, Vector]  # three rows of three numbers
 
-DIMENSIONS = 3
-"""Of space."""
-
-LARGEST_ANGLE = 100.0  # rad, of a joint's range
-ROUNDING = 1e-9  # of a unit vector or a rotation in a file with ten digits
-TRIANGLE_ROUNDING = 1e-6  # share of the largest principal moment; published moments are rounded
+DIMENSIONS = 3  # of space
+_LARGEST_ANGLE = 100.0  # rad, of a joint's range
+_ROUNDING = 1e-9  # of a unit vector or a rotation in a file with ten digits
+_TRIANGLE_ROUNDING = 1e-6  # share of the largest principal moment; published moments are rounded
 
 
 @dataclasses.dataclass(frozen=True)
@@ -35,24 +34,20 @@ class Link:
         center: mass center c [m], shape (3,).
         inertia: about the mass center, in axes parallel to the joint frame [kg m²], shape (3, 3): symmetric, positive
             definite, and no principal moment above the sum of the other two.
-
-    Raises:
-        ValueError: a value is out of range.
     """
 
     mass: float
     center: Vector
-    inertia: Matrix
+    inertia: _Matrix
 
     def __post_init__(self) -> None:
-        """Check mass, center and inertia."""
         checks.keep(self, "mass", _real("mass", self.mass, "kg", above=0.0))
         checks.keep(self, "center", as_vector("center", self.center, "m"))
         inertia = _matrix("inertia", self.inertia, "kg m^2")
         checks.keep(self, "inertia", inertia)
         tensor = np.array(inertia)
         _require(
-            bool(np.abs(tensor - tensor.T).max() <= ROUNDING * np.abs(tensor).max()),
+            bool(np.abs(tensor - tensor.T).max() <= _ROUNDING * np.abs(tensor).max()),
             f"inertia = {checks.shown(inertia)} kg m^2 is not symmetric; it must be [[xx, xy, xz], [xy, yy, yz], ...]",
         )
         low, middle, high = np.linalg.eigvalsh(tensor).tolist()
@@ -62,7 +57,7 @@ class Link:
             "give the small moment that it has)",
         )
         _require(
-            low + middle >= (1.0 - TRIANGLE_ROUNDING) * high,
+            low + middle >= (1.0 - _TRIANGLE_ROUNDING) * high,
             f"inertia has the principal moments {low:.6g}, {middle:.6g} and {high:.6g} kg m^2, the last above the sum "
             "of the others, which no body has; it must be taken about the mass center, in axes of the joint frame",
         )
@@ -81,9 +76,6 @@ class Drive:
         coulomb_friction: Γ_fc of the motor [N m].
         stribeck_velocity: v_s [rad/s], above 0.
         torque_limit: largest torque of the motor [N m], above 0.
-
-    Raises:
-        ValueError: a value is out of range.
     """
 
     motor_inertia: float
@@ -96,7 +88,6 @@ class Drive:
     torque_limit: float
 
     def __post_init__(self) -> None:
-        """Check the range of every value."""
         if checks.is_real(self.motor_inertia) and self.motor_inertia == 0.0:
             raise ValueError(
                 "motor_inertia = 0.0 kg m^2: without a rotor's inertia the motor has no motion of its own; give the "
@@ -138,14 +129,11 @@ class Joint:
         drive: motor, gear and spring.
         angle_range: (lowest, highest) link angle [rad].
         velocity_limit: largest speed [rad/s], above 0.
-
-    Raises:
-        ValueError: a value is out of range; the message names the joint.
     """
 
     name: str
     position: Vector
-    rotation: Matrix
+    rotation: _Matrix
     axis: Vector
     link: Link
     drive: Drive
@@ -153,7 +141,6 @@ class Joint:
     velocity_limit: float
 
     def __post_init__(self) -> None:
-        """Check name, frame, axis and limits."""
         _require(
             isinstance(self.name, str) and self.name != "" and self.name.isprintable(),
             f"name = {checks.shown(self.name)} must be a text of one line",
@@ -169,18 +156,18 @@ class Joint:
         checks.keep(self, "position", as_vector("position", self.position, "m"))
         axis = np.array(as_vector("axis", self.axis))
         _require(
-            bool(abs(np.linalg.norm(axis) - 1.0) <= ROUNDING),
+            bool(abs(np.linalg.norm(axis) - 1.0) <= _ROUNDING),
             f"axis = {checks.shown(self.axis)} has length {np.linalg.norm(axis):.10g}; it must be a unit vector",
         )
         checks.keep(self, "axis", tuple((axis / np.linalg.norm(axis)).tolist()))
         rotation = np.array(_matrix("rotation", self.rotation))
         _require(
-            bool(np.abs(rotation.T @ rotation - np.eye(DIMENSIONS)).max() <= ROUNDING and np.linalg.det(rotation) > 0),
+            bool(np.abs(rotation.T @ rotation - np.eye(DIMENSIONS)).max() <= _ROUNDING and np.linalg.det(rotation) > 0),
             f"rotation = {checks.shown(self.rotation)} is no rotation: its columns must be orthogonal unit vectors, "
             "right-handed",
         )
         checks.keep(self, "rotation", as_rows(rotation))
-        low, high = checks.interval("angle_range", self.angle_range, "rad", low=-LARGEST_ANGLE, high=LARGEST_ANGLE)
+        low, high = checks.interval("angle_range", self.angle_range, "rad", low=-_LARGEST_ANGLE, high=_LARGEST_ANGLE)
         _require(low < high, f"angle_range = {checks.shown(self.angle_range)} rad is empty; low < high is needed")
         checks.keep(self, "angle_range", (low, high))
         checks.keep(self, "velocity_limit", _real("velocity_limit", self.velocity_limit, "rad/s", above=0.0))
@@ -200,14 +187,14 @@ def as_vector(name: str, values: Any, unit: str = "") -> Vector:
     return x, y, z
 
 
-def _matrix(name: str, values: Any, unit: str = "") -> Matrix:
+def _matrix(name: str, values: Any, unit: str = "") -> _Matrix:
     try:
         return as_rows(checks.finite_array(name, values, (DIMENSIONS, DIMENSIONS), unit, largest=LARGEST))
     except TypeError as error:
         raise ValueError(str(error)) from None
 
 
-def as_rows(matrix: np.ndarray) -> Matrix:
+def as_rows(matrix: np.ndarray) -> _Matrix:
     """Return an array (3, 3) as rows of numbers."""
     x, y, z = (tuple(row) for row in matrix.tolist())
     return x, y, z

@@ -13,13 +13,13 @@ from fuzzyarm.common.files import write_atomically
 
 __all__ = ["LARGEST", "ArmParameters"]
 
-Pair = tuple[float, float]
+_Pair = tuple[float, float]
 
 LARGEST = 1e12
 """Largest value of any constant in its unit: far above real arms, and products of constants do not overflow."""
 
 # The mass matrix counts as singular if its determinant is below this share of the product of its diagonal
-SINGULAR_SHARE = 1e-6
+_SINGULAR_SHARE = 1e-6
 
 
 def _constant(
@@ -48,24 +48,23 @@ class ArmParameters:
         (12.0, 8.0)
     """
 
-    length: Pair = _constant((0.5, 0.5), "L_1, L_2", "m", 0.0)
-    mass: Pair = _constant((15.0, 9.0), "m_1, m_2", "kg", 0.0)
-    inertia: Pair = _constant((0.31, 0.19), "I_1, I_2", "kg m^2", 0.0, open_low=False)
-    mass_center: Pair = _constant((0.25, 0.25), "r_1, r_2", "m", 0.0)
-    viscous_friction: Pair = _constant((0.14, 0.14), "f_v1, f_v2", "N m s/rad", 0.0, open_low=False)
+    length: _Pair = _constant((0.5, 0.5), "L_1, L_2", "m", 0.0)
+    mass: _Pair = _constant((15.0, 9.0), "m_1, m_2", "kg", 0.0)
+    inertia: _Pair = _constant((0.31, 0.19), "I_1, I_2", "kg m^2", 0.0, open_low=False)
+    mass_center: _Pair = _constant((0.25, 0.25), "r_1, r_2", "m", 0.0)
+    viscous_friction: _Pair = _constant((0.14, 0.14), "f_v1, f_v2", "N m s/rad", 0.0, open_low=False)
     gravity: float = _constant(9.81, "g", "m/s^2", 0.0, open_low=False)
-    motor_inertia: Pair = _constant((2.71, 0.50), "I_a1, I_a2", "kg m^2", 0.0)
-    stiffness: Pair = _constant((6.4e4, 1.2e4), "k_t1, k_t2", "N m/rad", 0.0)
-    damping: Pair = _constant((20.4, 3.8), "b_t1, b_t2", "N m s/rad", 0.0, open_low=False)
-    static_friction: Pair = _constant((6.0, 3.0), "Gamma_fs1, Gamma_fs2", "N m", 0.0, open_low=False)
-    coulomb_friction: Pair = _constant((4.0, 2.0), "Gamma_fc1, Gamma_fc2", "N m", 0.0, open_low=False)
+    motor_inertia: _Pair = _constant((2.71, 0.50), "I_a1, I_a2", "kg m^2", 0.0)
+    stiffness: _Pair = _constant((6.4e4, 1.2e4), "k_t1, k_t2", "N m/rad", 0.0)
+    damping: _Pair = _constant((20.4, 3.8), "b_t1, b_t2", "N m s/rad", 0.0, open_low=False)
+    static_friction: _Pair = _constant((6.0, 3.0), "Gamma_fs1, Gamma_fs2", "N m", 0.0, open_low=False)
+    coulomb_friction: _Pair = _constant((4.0, 2.0), "Gamma_fc1, Gamma_fc2", "N m", 0.0, open_low=False)
     stribeck_velocity: float = _constant(0.1, "v_s", "rad/s", 0.0)
-    torque_limit: Pair = _constant((500.0, 250.0), "Gamma_max", "N m", 0.0)
-    joint_limit: Pair = _constant((math.pi, math.pi), "|q| <=", "rad", 0.0, high=math.pi)
-    velocity_limit: Pair = _constant((15.0, 15.0), "|dq/dt| <=", "rad/s", 0.0)
+    torque_limit: _Pair = _constant((500.0, 250.0), "Gamma_max", "N m", 0.0)
+    joint_limit: _Pair = _constant((math.pi, math.pi), "|q| <=", "rad", 0.0, high=math.pi)
+    velocity_limit: _Pair = _constant((15.0, 15.0), "|dq/dt| <=", "rad/s", 0.0)
 
     def __post_init__(self) -> None:
-        """Check the range of every field, then the conditions that involve several fields."""
         for field in dataclasses.fields(self):
             object.__setattr__(self, field.name, _checked(field, getattr(self, field.name)))
         for joint in range(2):
@@ -79,11 +78,11 @@ class ArmParameters:
         (m1, m2), (r1, r2), (i1, i2), length1 = self.mass, self.mass_center, self.inertia, self.length[0]
         diagonal = (m1 * r1 * r1 + i1 + m2 * length1 * length1) * (m2 * r2 * r2 + i2)
         share = 1.0 - (m2 * length1 * r2) * (m2 * length1 * r2) / diagonal if diagonal > 0.0 else 0.0
-        if not share > SINGULAR_SHARE:
+        if not share > _SINGULAR_SHARE:
             raise ValueError(
                 f"inertia = {self.inertia} kg m^2 with mass_center = {self.mass_center} m makes the mass matrix "
                 f"singular at q2 = 0: its determinant is {share:.3g} of its diagonal's product; allowed: above "
-                f"{SINGULAR_SHARE:g}"
+                f"{_SINGULAR_SHARE:g}"
             )
 
     @classmethod
@@ -133,7 +132,7 @@ class ArmParameters:
         return "\n".join(lines) + "\n"
 
 
-def _checked(field: dataclasses.Field[Any], value: Any) -> float | Pair:
+def _checked(field: dataclasses.Field[Any], value: Any) -> float | _Pair:
     """Return `value` as float or pair of floats; ValueError with the field, the value and its range."""
     meta = field.metadata
     lowest = {"above" if meta["open_low"] else "low": meta["low"]}

@@ -1,8 +1,8 @@
 """The recursive algorithms of rigid-body dynamics in the frames of the links, on numbers of any kind.
 
-The constant rotations and what is zero for a robot are floats, its other numbers and its motion are `Folded`. Link j
-turns about the z axis of its frame: a vector x of frame j is A_j Z(q_j) x in frame j - 1, with A_j constant and Z the
-turn about z.
+The constant rotations and what is zero for a robot are floats, its other numbers and its motion are `Folded`: 0 x is 0,
+0 + x and 1 x are x, and (-x) y, x + (-y) and -(x - y) are -(x y), x - y and y - x, which is exact. Link j turns about
+the z axis of its frame: a vector x of frame j is A_j Z(q_j) x in frame j - 1, with A_j constant and Z the turn about z.
 
 The mass of a link, the part of its first moment along z, and an inertia diag(I_yy, I_yy, 0) make a body that is
 symmetric about the joint's axis: turning it about that axis changes nothing but for I_zz, which this part lacks. It
@@ -16,20 +16,33 @@ from collections.abc import Sequence
 from typing import Any, NamedTuple
 
 __all__ = [
-    "NOTHING", "Body", "Chain", "Inertia", "Turn", "Vector", "composite_bodies", "factors", "in_last_frame",
-    "joined", "moved",
-    "newton_euler", "point_of_tip", "regrouped", "rotated", "rotated_inertia", "solution", "transposed",
+    "NOTHING",
+    "Body",
+    "Chain",
+    "Folded",
+    "Inertia",
+    "Turn",
+    "Vector",
+    "composite_bodies",
+    "factors",
+    "in_last_frame",
+    "joined",
+    "moved",
+    "newton_euler",
+    "point_of_tip",
+    "regrouped",
+    "rotated",
+    "rotated_inertia",
+    "solution",
+    "transposed",
+    "unfolded",
     "velocity_of_tip",
-]  # fmt: skip
+]
 
-Vector = tuple[Any, Any, Any]
-"""Coordinates in a frame."""
+Vector = tuple[Any, Any, Any]  # coordinates in a frame
 
-Turn = tuple[Any, Any]
-"""Sine and cosine of a joint's angle."""
-
-NOTHING = (0.0, 0.0, 0.0)
-"""A vector of zeros."""
+Turn = tuple[Any, Any]  # sine and cosine of a joint's angle
+NOTHING = (0.0, 0.0, 0.0)  # a vector of zeros
 
 
 class Inertia(NamedTuple):
@@ -111,26 +124,15 @@ def newton_euler(
 
     Inwards: f_j = U h and n_j = L α + ω × L ω + h × a at the origin of frame j, and those of the links beyond.
 
-    Args:
-        chain: the frames.
-        bodies: of the links, see `regrouped`.
-        turns: sine and cosine of q.
-        rates: q̇ [rad/s].
-        accelerations: q̈ [rad/s²].
-        gravity: g [m/s²] in the base frame.
-        force: F [N] on the tip, in the last frame, see `in_last_frame`.
+    Gravity g [m/s²] is in the base frame, F [N] on the tip in the last one, see `in_last_frame`.
     """
     turning, rising, origin = NOTHING, NOTHING, tuple(-g for g in gravity)
-    motion: Matrix = (NOTHING, NOTHING, NOTHING)
+    motion: _Matrix = (NOTHING, NOTHING, NOTHING)
     forces, moments = [], []
     for j, body in enumerate(bodies):
         origin = _back(chain, j, turns, _sum(origin, rotated(motion, chain.positions[j])))
         turning, rising = (_back(chain, j, turns, vector) for vector in (turning, rising))
-        rising = (
-            rising[0] + turning[1] * rates[j],
-            rising[1] - turning[0] * rates[j],
-            rising[2] + accelerations[j],
-        )
+        rising = (rising[0] + turning[1] * rates[j], rising[1] - turning[0] * rates[j], rising[2] + accelerations[j])
         turning = (turning[0], turning[1], turning[2] + rates[j])
         square = _square(turning)
         motion = _motion(square, rising)
@@ -172,10 +174,7 @@ def velocity_of_tip(chain: Chain, turns: Sequence[Turn], rates: Sequence[Any]) -
 
 
 def factors(matrix: Sequence[Sequence[Any]]) -> tuple[list[list[Any]], list[Any]]:
-    """Return unit lower triangular L (rows below the diagonal) and the inverse of diagonal D with M = Lᵀ D L.
-
-    From the last joint to the first: M_nn does not depend on the angles, so its inverse is one of the constants.
-    """
+    """Return unit lower triangular L and the inverse of diagonal D with M = Lᵀ D L; the last entry of D is constant."""
     rest = [list(row) for row in matrix]
     inverse: list[Any] = [0.0] * len(rest)
     below: list[list[Any]] = [[] for _ in rest]
@@ -201,7 +200,7 @@ def solution(below: Sequence[Sequence[Any]], inverse: Sequence[Any], right: Sequ
     return x
 
 
-Matrix = tuple[Vector, Vector, Vector]
+_Matrix = tuple[Vector, Vector, Vector]
 
 
 def _square(turning: Vector) -> Inertia:
@@ -210,13 +209,13 @@ def _square(turning: Vector) -> Inertia:
     return Inertia(x * x, x * y, x * z, y * y, y * z, z * z)
 
 
-def _motion(square: Inertia, rising: Vector) -> Matrix:
+def _motion(square: Inertia, rising: Vector) -> _Matrix:
     """Return U = [α]× + [ω]×² of ω ωᵀ and α."""
     (xx, xy, xz, yy, yz, zz), (ax, ay, az) = square, rising
     return (-(yy + zz), xy - az, xz + ay), (xy + az, -(xx + zz), yz - ax), (xz - ay, yz + ax, -(xx + yy))
 
 
-def _euler(inertia: Inertia, square: Inertia, motion: Matrix, rising: Vector) -> Vector:
+def _euler(inertia: Inertia, square: Inertia, motion: _Matrix, rising: Vector) -> Vector:
     """Return L α + ω × L ω [N m], written out with ω ωᵀ and U."""
     (ax, ay, az), L, U, w = rising, inertia, motion, square
     return (
@@ -306,3 +305,47 @@ def _sum(a: Vector, b: Vector) -> Vector:
 
 def _difference(a: Vector, b: Vector) -> Vector:
     return a[0] - b[0], a[1] - b[1], a[2] - b[2]
+
+
+class Folded:
+    """A number that is not known beforehand, or its negative; arithmetic takes others of its class, and floats."""
+
+    __slots__ = ("negative", "value")
+
+    def __init__(self, value: Any, negative: bool = False) -> None:
+        self.value, self.negative = value, negative
+
+    def __neg__(self) -> Folded:
+        return Folded(self.value, not self.negative)
+
+    def __add__(self, other: Any) -> Folded:
+        if not isinstance(other, Folded):
+            return self if other == 0.0 else Folded(unfolded(self) + other)
+        if self.negative == other.negative:
+            return Folded(self.value + other.value, self.negative)
+        return Folded(other.value - self.value if self.negative else self.value - other.value)
+
+    def __sub__(self, other: Any) -> Folded:
+        return self.__add__(-other)
+
+    def __rsub__(self, other: float) -> Folded:
+        return -self + other
+
+    def __mul__(self, other: Any) -> Any:
+        if isinstance(other, Folded):
+            return Folded(self.value * other.value, self.negative != other.negative)
+        if other in (0.0, 1.0, -1.0):
+            return 0.0 if other == 0.0 else Folded(self.value, self.negative != (other < 0.0))
+        return Folded(self.value * other, self.negative)
+
+    def __rtruediv__(self, other: float) -> Folded:
+        return Folded(other / self.value, self.negative)
+
+    __radd__, __rmul__ = __add__, __mul__
+
+
+def unfolded(number: Any) -> Any:
+    """Return a number of `Folded` as it was before; a float as it is."""
+    if isinstance(number, Folded):
+        return -number.value if number.negative else number.value
+    return number

@@ -26,34 +26,36 @@ from fuzzyarm.envs.physics.joint import DIMENSIONS
 from fuzzyarm.envs.physics.robot import Robot
 
 __all__ = [
-    "Frames", "bias", "directions", "frames", "gravity", "inverse_dynamics", "kinetic_energy", "mass_matrix",
-    "potential_energy", "tip_jacobian", "tip_position",
+    "bias", "directions", "frames", "gravity", "inverse_dynamics", "kinetic_energy", "mass_matrix", "potential_energy",
+    "tip_jacobian", "tip_position",
 ]  # fmt: skip
 
 _ANGULAR, _LINEAR = slice(0, DIMENSIONS), slice(DIMENSIONS, 2 * DIMENSIONS)
 
 
-class Frames(NamedTuple):
+class _Frames(NamedTuple):
     """Rotation R_i and origin p_i of each link's frame in the base."""
 
     rotation: np.ndarray  # (..., n, 3, 3)
     origin: np.ndarray  # (..., n, 3) [m]
 
 
-def frames(robot: Robot, q: Any) -> Frames:
+def frames(robot: Robot, q: Any) -> _Frames:
     """Return R_i = R_{i-1} A_i exp([u_i]× q_i) and p_i = p_{i-1} + R_{i-1} d_i of all links."""
     angles, now = _motion(robot, q), robot.arrays
-    rotation, origin, turns = np.eye(DIMENSIONS), np.zeros(DIMENSIONS), _turn(now.axis, angles)
+    rotation, origin, across = np.eye(DIMENSIONS), np.zeros(DIMENSIONS), _skew(now.axis)
+    sine, cosine = (function(angles)[..., np.newaxis, np.newaxis] for function in (np.sin, np.cos))
+    turns = rotation + sine * across + (1.0 - cosine) * (across @ across)  # Rodrigues
     rotations, origins = [], []
     for i in range(len(robot)):
         origin = origin + rotation @ now.position[i]
         rotation = rotation @ now.rotation[i] @ turns[..., i, :, :]
         rotations.append(rotation)
         origins.append(np.broadcast_to(origin, (*angles.shape[:-1], DIMENSIONS)))
-    return Frames(np.stack(rotations, axis=-3), np.stack(origins, axis=-2))
+    return _Frames(np.stack(rotations, axis=-3), np.stack(origins, axis=-2))
 
 
-def directions(robot: Robot, links: Frames) -> np.ndarray:
+def directions(robot: Robot, links: _Frames) -> np.ndarray:
     """Return the direction z_i = R_i u_i of each axis in the base, shape (..., n, 3)."""
     return np.asarray(np.einsum("...kij,kj->...ki", links.rotation, robot.arrays.axis))
 
@@ -68,14 +70,7 @@ def mass_matrix(robot: Robot, q: Any) -> np.ndarray:
 
 
 def inverse_dynamics(robot: Robot, q: Any, dq: Any, ddq: Any) -> np.ndarray:
-    """Return the link torques M(q) q̈ + C(q, q̇) q̇ + g(q) [N m], shape (..., n).
-
-    Args:
-        robot: the robot.
-        q: angles [rad], shape (..., n).
-        dq: q̇ [rad/s], shape (..., n).
-        ddq: q̈ [rad/s²], shape (..., n).
-    """
+    """Return M(q) q̈ + C(q, q̇) q̇ + g(q) [N m], (..., n), at q [rad], q̇ [rad/s] and q̈ [rad/s²] of that shape."""
     links, rate, change = frames(robot, q), _motion(robot, dq), _motion(robot, ddq)
     axes, inertia = _axes(robot, links), _inertias(robot, links)
     turning = axes * rate[..., np.newaxis]
@@ -134,13 +129,6 @@ def _motion(robot: Robot, values: Any) -> np.ndarray:
     return array
 
 
-def _turn(axis: np.ndarray, angle: np.ndarray) -> np.ndarray:
-    """Return exp([u]× q) = 1 + sin q [u]× + (1 - cos q) [u]×² (Rodrigues) of axes (n, 3), shape (..., n, 3, 3)."""
-    across = _skew(axis)
-    sine, cosine = np.sin(angle)[..., np.newaxis, np.newaxis], np.cos(angle)[..., np.newaxis, np.newaxis]
-    return np.asarray(np.eye(DIMENSIONS) + sine * across + (1.0 - cosine) * (across @ across))
-
-
 def _skew(vectors: np.ndarray) -> np.ndarray:
     """Return [a]×, shape (..., 3, 3), with [a]× b = a × b."""
     x, y, z = np.moveaxis(vectors, -1, 0)
@@ -156,22 +144,19 @@ def _times(matrices: np.ndarray, vectors: np.ndarray) -> np.ndarray:
     return np.asarray((matrices @ vectors[..., np.newaxis])[..., 0])
 
 
-def _tip(robot: Robot, links: Frames) -> np.ndarray:
+def _tip(robot: Robot, links: _Frames) -> np.ndarray:
     """Return p_n + R_n tip [m], shape (..., 3)."""
     return np.asarray(links.origin[..., -1, :] + links.rotation[..., -1, :, :] @ robot.arrays.tip)
 
 
-def _axes(robot: Robot, links: Frames) -> np.ndarray:
+def _axes(robot: Robot, links: _Frames) -> np.ndarray:
     """Return s_i = (z_i, p_i × z_i), shape (..., n, 6)."""
     along = directions(robot, links)
     return np.concatenate([along, _cross(links.origin, along)], axis=-1)
 
 
-def _inertias(robot: Robot, links: Frames) -> np.ndarray:
-    """Return the inertia [[R I Rᵀ + m [c]×ᵀ [c]×, m [c]×], [m [c]×ᵀ, m 1]] of each link, shape (..., n, 6, 6).
-
-    c is the mass center in the base.
-    """
+def _inertias(robot: Robot, links: _Frames) -> np.ndarray:
+    """Return [[R I Rᵀ + m [c]×ᵀ [c]×, m [c]×], [m [c]×ᵀ, m 1]], c the mass center in the base, shape (..., n, 6, 6)."""
     now, turn = robot.arrays, links.rotation
     mass = now.mass[:, np.newaxis, np.newaxis]
     across = _skew(links.origin + np.einsum("...kij,kj->...ki", turn, now.center))

@@ -27,17 +27,15 @@ from fuzzyarm.envs.physics.friction import DryFriction, dry_friction_of
 from fuzzyarm.envs.physics.joint import DIMENSIONS, DRIVE_UNITS, Drive, Joint, Link, Vector, as_rows, as_vector
 from fuzzyarm.envs.physics.parameters import LARGEST, ArmParameters
 
-__all__ = ["MOST_JOINTS", "Arrays", "Robot", "robot_named", "shipped_robots"]
+__all__ = ["MOST_JOINTS", "Robot", "robot_named", "shipped_robots"]
 
-MOST_JOINTS = 12
-"""Most joints of a robot: the machine code of its equations grows with the square of their number."""
-
-POINT_LIKE = 1e-12  # kg m², stands for the inertia 0 that `ArmParameters` allows
+MOST_JOINTS = 12  # most joints of a robot: the machine code of its equations grows with the square of their number
+_POINT_LIKE = 1e-12  # kg m², stands for the inertia 0 that `ArmParameters` allows
 
 _SHIPPED = Path(__file__).parent / "robots"
 
 
-class Arrays(NamedTuple):
+class _Arrays(NamedTuple):
     """The numbers of a robot of n joints as arrays, read-only; quantities and units as in `Joint` and `Link`."""
 
     position: np.ndarray  # (n, 3)
@@ -79,7 +77,6 @@ class Robot:
     assumptions: tuple[str, ...] = ()
 
     def __post_init__(self) -> None:
-        """Check the texts, the number and names of the joints, tip and gravity."""
         checks.instance("name", self.name, str)
         joints = tuple(checks.instance("joints", joint, Joint) for joint in checks.sequence_of("joints", self.joints))
         checks.keep(self, "joints", joints)
@@ -105,10 +102,10 @@ class Robot:
         return hashlib.sha256(json.dumps(numbers, sort_keys=True).encode()).hexdigest()
 
     @functools.cached_property
-    def arrays(self) -> Arrays:
+    def arrays(self) -> _Arrays:
         """The numbers of frames and links as read-only arrays."""
         joints, links = self.joints, [joint.link for joint in self.joints]
-        values = Arrays(
+        values = _Arrays(
             position=np.array([joint.position for joint in joints]),
             rotation=np.array([joint.rotation for joint in joints]),
             axis=np.array([joint.axis for joint in joints]),
@@ -146,10 +143,7 @@ class Robot:
 
     @classmethod
     def of(cls, parameters: ArmParameters) -> Robot:
-        """Return the two-joint arm: x down, y to the right, both axes along z, gravity along +x.
-
-        Only the moments about z move the arm; the other two are made equal to them.
-        """
+        """Return the two-joint arm: x and gravity down, y to the right, axes along z; equal moments about all axes."""
         p, frame = parameters, ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0))
         joints = []
         for j in range(len(p.length)):
@@ -163,7 +157,7 @@ class Robot:
                     link=Link(
                         p.mass[j],
                         (p.mass_center[j], 0.0, 0.0),
-                        as_rows(max(p.inertia[j], POINT_LIKE) * np.eye(DIMENSIONS)),
+                        as_rows(max(p.inertia[j], _POINT_LIKE) * np.eye(DIMENSIONS)),
                     ),
                     drive=Drive(**drive, **dry_friction_of(p, j)._asdict()),
                     angle_range=(-p.joint_limit[j], p.joint_limit[j]),

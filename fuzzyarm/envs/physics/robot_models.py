@@ -1,20 +1,17 @@
 """Robots from URDF and MJCF files, with a TOML overlay for what these formats lack.
 
-The overlay is a robot file that names the model, its tip, and a drive for each joint:
-
     model = "ur5.urdf"                     # beside this file
     tip = "tool0"                          # a link or site of the model, or [x, y, z] in the last link's frame [m]
     fixed = ["finger_joint1"]              # joints that stay as the model has them; optional
     [joints.shoulder_pan_joint]
     motor_inertia = 0.6                    # the fields of `Drive`, and `velocity_limit`
-    ...
 
 A quantity that the model has may be left out: gravity, angle ranges (`range`), URDF's `velocity` and `effort` (torque
 limit), MJCF's `actuatorfrcrange` (torque limit), and `damping`, `friction` and MJCF's `armature`, which are read as
 viscous friction, Coulomb friction (static alike) and motor inertia.
 
 MuJoCo parses both formats (extra `robots`) and computes the inertias; meshes are not opened. What else would move the
-arm in MuJoCo is refused by name, see `unknown_forces`.
+arm in MuJoCo is refused by name, see `_unknown_forces`.
 """
 
 from __future__ import annotations
@@ -37,21 +34,20 @@ from fuzzyarm.envs.physics.robot import Robot
 
 __all__ = ["read_robot"]
 
-
-MASSLESS = 1e-9  # kg
-SWITCHES = ("CONSTRAINT", "FRICTIONLOSS", "LIMIT", "DAMPER", "ACTUATION")  # of numbers that are read
-GAZEBO = re.compile(
+_MASSLESS = 1e-9  # kg
+_SWITCHES = ("CONSTRAINT", "FRICTIONLOSS", "LIMIT", "DAMPER", "ACTUATION")  # of numbers that are read
+_GAZEBO = re.compile(
     r"<((?:springStiffness|dampingFactor|turnGravityOff)(?!\s*>\s*(?:[0.]+|false)\s*<)|gravity(?=\s*>\s*(?:0|false)))\s*>"
 )
-WAY_OUT = "give the link an <inertial> element with mass and moments in the model"
+_WAY_OUT = "give the link an <inertial> element with mass and moments in the model"
 
 
-def unknown_forces(
+def _unknown_forces(
     spec: Any, mujoco: Any, chain: list[Any], moving: list[Any], fixed: Collection[str], text: str
 ) -> list[str]:
     """Return a complaint for each thing that moves the arm in MuJoCo or Gazebo, and has no equation here."""
     option, bit, trn, wrap = spec.option, mujoco.mjtDisableBit, mujoco.mjtTrn, mujoco.mjtWrap.mjWRAP_JOINT
-    off = [one for one in SWITCHES if option.disableflags & getattr(bit, f"mjDSBL_{one}")]
+    off = [one for one in _SWITCHES if option.disableflags & getattr(bit, f"mjDSBL_{one}")]
     pulling = [one for one in spec.tendons if any(k.type != wrap or k.target.name not in fixed for k in one.path)]
     elsewhere = [one for one in spec.actuators if one.trntype in (trn.mjTRN_SITE, trn.mjTRN_SLIDERCRANK)]
     rotors = [one for one in spec.actuators if np.any([one.armature, *one.damping])]
@@ -67,16 +63,13 @@ def unknown_forces(
         *(f"tendon {shown(one.name)}" for one in pulling),
         *(f"actuator {shown(one.name)}" for one in elsewhere),
         *(f"armature or damping of actuator {shown(one.name)}" for one in rotors),
-        *(f"{name} of <gazebo>" for name in GAZEBO.findall(text)),
+        *(f"{name} of <gazebo>" for name in _GAZEBO.findall(text)),
     ]
     return [f"{one} has no equation here: take it out of the model" for one in found]
 
 
-def inertias(spec: Any, mujoco: Any, parts: dict[str, list[Any]]) -> Iterator[str]:
-    """Yield complaints about links without inertia, and give these one, so that the model can be compiled.
-
-    `parts` has, by the joint's name, the bodies that it turns up to the next joint.
-    """
+def _inertias(spec: Any, mujoco: Any, parts: dict[str, list[Any]]) -> Iterator[str]:
+    """Yield complaints about links without inertia, and give them one; `parts` has the bodies of each joint."""
     always = spec.compiler.inertiafromgeom == mujoco.mjtInertiaFromGeom.mjINERTIAFROMGEOM_TRUE
     low, high = spec.compiler.inertiagrouprange
     for joint, bodies in parts.items():
@@ -84,16 +77,16 @@ def inertias(spec: Any, mujoco: Any, parts: dict[str, list[Any]]) -> Iterator[st
         for body in bodies:
             given = body.explicitinertial and not always
             shapes = [one for one in body.geoms if not given and low <= one.group <= high and _has_mass(one)]
-            heavy = heavy or bool(shapes) or (given and body.mass > MASSLESS)
-            if any(map(is_opened, shapes)):
-                yield f"link {shown(body.name)} takes its inertia from a mesh, and meshes are not opened: {WAY_OUT}"
+            heavy = heavy or bool(shapes) or (given and body.mass > _MASSLESS)
+            if any(map(_is_opened, shapes)):
+                yield f"link {shown(body.name)} takes its inertia from a mesh, and meshes are not opened: {_WAY_OUT}"
                 _put_inertia(spec, mujoco, body)
         if not heavy:
-            yield f"joint {shown(joint)} turns link {shown(bodies[0].name)}, which has no inertia: {WAY_OUT}"
+            yield f"joint {shown(joint)} turns link {shown(bodies[0].name)}, which has no inertia: {_WAY_OUT}"
             _put_inertia(spec, mujoco, bodies[0])
 
 
-def is_opened(geom: Any) -> bool:
+def _is_opened(geom: Any) -> bool:
     """Return whether the shape of a geom is in a file."""
     return bool(geom.meshname) or geom.type.name in ("mjGEOM_MESH", "mjGEOM_HFIELD", "mjGEOM_SDF")
 
@@ -107,11 +100,11 @@ def _put_inertia(spec: Any, mujoco: Any, body: Any) -> None:
     spec.compiler.inertiafromgeom = mujoco.mjtInertiaFromGeom.mjINERTIAFROMGEOM_AUTO
 
 
-LARGEST_MODEL = 2**22  # bytes
-SPEED = re.compile(r"<limit\s[^>]*\bvelocity\s*=\s*[\"']\s*([\d.][\d.eE+-]*)\s*[\"']")
+_LARGEST_MODEL = 2**22  # bytes
+_SPEED = re.compile(r"<limit\s[^>]*\bvelocity\s*=\s*[\"']\s*([\d.][\d.eE+-]*)\s*[\"']")
 
 
-class Tree(NamedTuple):
+class _Tree(NamedTuple):
     """A compiled model, the names of the joints that move, from the base to the tip, and what is wrong with them."""
 
     mujoco: Any
@@ -123,18 +116,8 @@ class Tree(NamedTuple):
     complaints: tuple[str, ...]
 
 
-def read_model(path: Path, fixed: Collection[str]) -> Tree:
-    """Return the model in a URDF or MJCF file.
-
-    Args:
-        path: of the file.
-        fixed: names of joints that stay as the model has them.
-
-    Raises:
-        ModuleNotFoundError: MuJoCo is not installed; the message names the extra.
-        ValueError: it is no such file, no joint moves, or one that moves has no name.
-        OSError: the file cannot be read.
-    """
+def _read_model(path: Path, fixed: Collection[str]) -> _Tree:
+    """Return the model in a URDF or MJCF file, with the joints of these names fixed; ValueError if it is none."""
     try:
         import mujoco
     except ModuleNotFoundError:
@@ -151,7 +134,7 @@ def read_model(path: Path, fixed: Collection[str]) -> Tree:
         mujoco.set_mju_user_warning(warn)
 
 
-def _tree(mujoco: Any, text: str, fixed: Collection[str]) -> Tree:
+def _tree(mujoco: Any, text: str, fixed: Collection[str]) -> _Tree:
     try:
         spec = mujoco.MjSpec.from_string(text)
     except ValueError as error:
@@ -171,17 +154,17 @@ def _tree(mujoco: Any, text: str, fixed: Collection[str]) -> Tree:
         *_couplings(spec, mujoco, fixed),
         *_misplaced(chain, fixed),
         *_unlike(chain, mujoco),
-        *inertias(spec, mujoco, parts),
-        *unknown_forces(spec, mujoco, chain, moving, fixed, text),
+        *_inertias(spec, mujoco, parts),
+        *_unknown_forces(spec, mujoco, chain, moving, fixed, text),
     ]
     at_joint = (mujoco.mjtTrn.mjTRN_JOINT, mujoco.mjtTrn.mjTRN_JOINTINPARENT)
     acting = {one.target: one.name for one in spec.actuators if one.trntype in at_joint}
-    speeds = {name: float(found[1]) for name, joint in _joints(text) if (found := SPEED.search(joint))}
+    speeds = {name: float(found[1]) for name, joint in _joints(text) if (found := _SPEED.search(joint))}
     try:
         model = _compiled(spec, fixed)
     except ValueError as error:
         raise ValueError("; ".join((*complaints, " ".join(str(error).split())))) from None
-    return Tree(mujoco, model, tuple(parts), spec.modelname, acting, speeds, tuple(complaints))
+    return _Tree(mujoco, model, tuple(parts), spec.modelname, acting, speeds, tuple(complaints))
 
 
 def _carried(body: Any, fixed: Collection[str]) -> Iterator[Any]:
@@ -240,7 +223,7 @@ def _compiled(spec: Any, fixed: Collection[str]) -> Any:
     """Return the model of bodies, primitive shapes and joints that move, all orientations resolved."""
     for parts in (
         *(spec.keys, spec.sensors, spec.actuators, spec.tendons, spec.equalities, spec.excludes, spec.pairs),
-        *(spec.skins, spec.flexes, [geom for geom in spec.geoms if is_opened(geom)], spec.meshes, spec.hfields),
+        *(spec.skins, spec.flexes, [geom for geom in spec.geoms if _is_opened(geom)], spec.meshes, spec.hfields),
         *(spec.materials, spec.textures, [joint for joint in spec.joints if joint.name in fixed]),
     ):
         for part in list(parts):
@@ -254,7 +237,7 @@ def _compiled(spec: Any, fixed: Collection[str]) -> Any:
 def _text(path: Path) -> str:
     """Return the text of a model without comments; ValueError if it is not Unicode, or MuJoCo would open more files."""
     try:
-        text = read_bytes(path, largest=LARGEST_MODEL).decode("utf-8")
+        text = read_bytes(path, largest=_LARGEST_MODEL).decode("utf-8")
     except UnicodeDecodeError:
         raise ValueError("not a URDF or MJCF file: it is not UTF-8") from None
     text = re.sub("<!--.*?-->", lambda found: "\n" * found[0].count("\n"), text, flags=re.DOTALL)
@@ -292,30 +275,29 @@ def _closing_joint(text: str) -> str:
     return ""
 
 
-ROUNDING = 1e-9  # of rotations and axes in models: 1.570796327 is meant to be a right angle
-NEGLIGIBLE = 1e-9  # m, and share of the largest moment of inertia: what such angles leave of a zero
+_ROUNDING = 1e-9  # of rotations and axes in models: 1.570796327 is meant to be a right angle
+_NEGLIGIBLE = 1e-9  # m, and share of the largest moment of inertia: what such angles leave of a zero
 
-Part = tuple[float, np.ndarray, np.ndarray]  # mass [kg], mass center [m] and inertia [kg m²]
-
+_Part = tuple[float, np.ndarray, np.ndarray]  # mass [kg], mass center [m] and inertia [kg m²]
 
 _GIVEN = [field.name for field in dataclasses.fields(Drive)] + ["velocity_limit"]
-JointOverlay: Any = dataclasses.make_dataclass(
-    "JointOverlay",
+_JointOverlay: Any = dataclasses.make_dataclass(
+    "_JointOverlay",
     [*((name, float | None, None) for name in _GIVEN), ("angle_range", tuple[float, float] | None, None)],
     frozen=True, kw_only=True, namespace={"__module__": __name__},
 )  # fmt: skip
 """What a model lacks of one joint; None: take it from the model. Fields and units are those of `Drive` and `Joint`."""
 
-DRIVEN = [field.name for field in dataclasses.fields(JointOverlay)]
+_DRIVEN = [field.name for field in dataclasses.fields(_JointOverlay)]
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
-class Overlay:
+class _Overlay:
     """A robot file that refers to a model."""
 
     model: str  # path of the URDF or MJCF file, from the folder of the robot file
     tip: str | Vector  # name of a link or site of the model, or a point [m], shape (3,), in the last link's frame
-    joints: dict[str, JointOverlay]  # by the joint's name in the model
+    joints: dict[str, _JointOverlay]  # by the joint's name in the model
     name: str = ""  # of the robot; empty: the model's
     fixed: tuple[str, ...] = ()  # names of joints that stay as the model has them
     gravity: Vector | None = None  # [m/s²], shape (3,), in the base frame; None: the model's
@@ -337,14 +319,14 @@ def read_robot(path: str | Path) -> Robot:
     if "model" not in content:
         return Robot.from_toml(path)
     try:
-        overlay = record(content, Overlay)
-        tree = read_model(path.parent / overlay.model, overlay.fixed)
+        overlay = record(content, _Overlay)
+        tree = _read_model(path.parent / overlay.model, overlay.fixed)
         return _robot(tree, overlay)
     except ValueError as error:
         raise ValueError(f"{path}: {error}") from None
 
 
-def _robot(tree: Tree, overlay: Overlay) -> Robot:
+def _robot(tree: _Tree, overlay: _Overlay) -> Robot:
     """Return the robot; all frames are those of the model with every joint at angle 0."""
     model, data = tree.model, tree.mujoco.MjData(tree.model)
     tree.mujoco.mj_kinematics(model, data)
@@ -377,14 +359,14 @@ def _robot(tree: Tree, overlay: Overlay) -> Robot:
     return Robot(name, tuple(joints), point, gravity, overlay.sources, overlay.assumptions)
 
 
-def _carrier(tree: Tree, body: int, links: list[int]) -> int:
+def _carrier(tree: _Tree, body: int, links: list[int]) -> int:
     """Return the link of the chain that a body is fixed to, or 0, the base."""
     while body and body not in links:
         body = int(tree.model.body_parentid[body])
     return body
 
 
-def _moving_with(tree: Tree, data: Any, link: int, links: list[int]) -> list[Part]:
+def _moving_with(tree: _Tree, data: Any, link: int, links: list[int]) -> list[_Part]:
     """Return the bodies that are fixed to a link, in the base frame."""
     parts = []
     for k in range(1, tree.model.nbody):
@@ -395,7 +377,7 @@ def _moving_with(tree: Tree, data: Any, link: int, links: list[int]) -> list[Par
     return parts
 
 
-def _place(tree: Tree, data: Any, name: str, links: list[int]) -> np.ndarray:
+def _place(tree: _Tree, data: Any, name: str, links: list[int]) -> np.ndarray:
     """Return the point of a link or site in the base frame; ValueError unless it moves with the last joint."""
     kinds = tree.mujoco.mjtObj
     site = tree.mujoco.mj_name2id(tree.model, kinds.mjOBJ_SITE, name)
@@ -410,7 +392,7 @@ def _place(tree: Tree, data: Any, name: str, links: list[int]) -> np.ndarray:
     return point
 
 
-def _stated(tree: Tree, name: str, joint: int) -> tuple[dict[str, Any], dict[str, str]]:
+def _stated(tree: _Tree, name: str, joint: int) -> tuple[dict[str, Any], dict[str, str]]:
     """Return what a model has of a joint by the overlay's names (None: nothing), and what it has of another kind."""
     model, k, differs = tree.model, int(tree.model.jnt_dofadr[joint]), {}
     low, high = model.jnt_actfrcrange[joint].tolist()
@@ -431,7 +413,7 @@ def _stated(tree: Tree, name: str, joint: int) -> tuple[dict[str, Any], dict[str
     return values, differs
 
 
-def _values(tree: Tree, name: str, number: int, overlay: Overlay) -> dict[str, Any]:
+def _values(tree: _Tree, name: str, number: int, overlay: _Overlay) -> dict[str, Any]:
     """Return the numbers of a joint, the overlay's before the model's; ValueError with all that neither has."""
     if name not in overlay.joints:
         raise ValueError(
@@ -442,7 +424,7 @@ def _values(tree: Tree, name: str, number: int, overlay: Overlay) -> dict[str, A
     values |= dict.fromkeys(differs) | given
     if "static_friction" not in given:  # then this velocity has no effect
         values |= {"static_friction": values["coulomb_friction"], "stribeck_velocity": 0.1} | given
-    lacking = [field for field in DRIVEN if values.get(field) is None]
+    lacking = [field for field in _DRIVEN if values.get(field) is None]
     absent = ", ".join(field for field in lacking if field not in differs)
     reasons = [differs[field] for field in lacking if field in differs] + [f"the model has no {absent}"] * bool(absent)
     if lacking:
@@ -450,7 +432,7 @@ def _values(tree: Tree, name: str, number: int, overlay: Overlay) -> dict[str, A
     return values
 
 
-def _link(parts: list[Part], rotation: np.ndarray, origin: Any) -> Link:
+def _link(parts: list[_Part], rotation: np.ndarray, origin: Any) -> Link:
     """Return parts that move together, given in the base frame, as one link in its joint's frame."""
     mass = sum(part[0] for part in parts)
     center = sum(m * at for m, at, _ in parts) / mass
@@ -459,17 +441,17 @@ def _link(parts: list[Part], rotation: np.ndarray, origin: Any) -> Link:
         arm = at - center
         total += inertia + m * (arm @ arm * np.eye(DIMENSIONS) - np.outer(arm, arm))
     turned = rotation.T @ total @ rotation
-    turned = np.where(np.abs(turned) > NEGLIGIBLE * np.abs(turned).max(), 0.5 * (turned + turned.T), 0.0)
+    turned = np.where(np.abs(turned) > _NEGLIGIBLE * np.abs(turned).max(), 0.5 * (turned + turned.T), 0.0)
     return Link(mass, _vector(rotation.T @ (center - origin)), as_rows(turned))
 
 
 def _neat(values: np.ndarray) -> np.ndarray:
     """Return entries of rotations and axes within rounding of 0, 1 or -1 as exactly that."""
     near = np.rint(values)
-    return np.where(np.abs(values - near) <= ROUNDING, near, values) + 0.0
+    return np.where(np.abs(values - near) <= _ROUNDING, near, values) + 0.0
 
 
 def _vector(values: np.ndarray) -> Vector:
     """Return three numbers, negligible ones as 0."""
-    x, y, z = np.where(np.abs(values) > NEGLIGIBLE, values, 0.0).tolist()
+    x, y, z = np.where(np.abs(values) > _NEGLIGIBLE, values, 0.0).tolist()
     return x, y, z

@@ -17,58 +17,48 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from fuzzyarm.envs.physics import recursion
 from fuzzyarm.envs.physics.dynamics import Motor, motor_friction
 from fuzzyarm.envs.physics.elementwise import sine_cosine
 from fuzzyarm.envs.physics.friction import DryFriction
 from fuzzyarm.envs.physics.integrator import advanced
 from fuzzyarm.envs.physics.joint import DIMENSIONS, DRIVE_UNITS, as_rows
-from fuzzyarm.envs.physics.physics import VARIED, Physics
-from fuzzyarm.envs.physics.records import flat, per_joint, places, point, record_type, state_record
+from fuzzyarm.envs.physics.records import VARIED, Physics, flat, per_joint, places, point, record_type, state_record
 from fuzzyarm.envs.physics.recursion import (
     NOTHING,
     Body,
     Chain,
+    Folded,
     Inertia,
     Turn,
     Vector,
-    composite_bodies,
-    factors,
-    in_last_frame,
-    joined,
-    moved,
-    newton_euler,
-    point_of_tip,
-    regrouped,
     rotated,
-    rotated_inertia,
-    solution,
     transposed,
-    velocity_of_tip,
+    unfolded,
 )
 from fuzzyarm.envs.physics.robot import Robot
-from fuzzyarm.numbers.folded import Folded, unfolded
 from fuzzyarm.numbers.functions import zeros
 from fuzzyarm.numbers.program import Program
 from fuzzyarm.numbers.symbols import Symbol
 
-__all__ = ["Structure", "numbers_of", "physics_of", "structure_of"]
+__all__ = ["physics_of", "structure_of"]
 
-Rows = tuple[tuple[float, ...], ...]
+_Rows = tuple[tuple[float, ...], ...]
 
-LIMITS = ("angle_low", "angle_high", "velocity_limit")
-AXES = "xyz"
-ENTRIES = Inertia._fields
-PLANAR_JOINTS = 2  # of the arm whose tip has two coordinates, the paper's
-UNTURNED = as_rows(np.eye(DIMENSIONS))
-ROUNDING = 1e-15  # of products of rotations
+_LIMITS = ("angle_low", "angle_high", "velocity_limit")
+_AXES = "xyz"
+_ENTRIES = Inertia._fields
+_PLANAR_JOINTS = 2  # of the arm whose tip has two coordinates, the paper's
+_UNTURNED = as_rows(np.eye(DIMENSIONS))
+_ROUNDING = 1e-15  # of products of rotations
 
 
-class Structure(NamedTuple):
+class Structure(NamedTuple):  # its name is part of the digests of states
     """What robots with the same equations have in common, see the module."""
 
     # of each joint frame in the one before, once each frame is turned so that its axis is z
-    rotations: tuple[Rows, ...]
-    frames: tuple[Rows, ...]  # that turn, for each joint: the columns are the new axes in the old frame
+    rotations: tuple[_Rows, ...]
+    frames: tuple[_Rows, ...]  # that turn, for each joint: the columns are the new axes in the old frame
     planar: bool  # whether it is an arm of two joints in a plane, whose tip has two coordinates
     numbers: tuple[str, ...]  # names of the numbers of a `Plant`, in order; the others are zero
 
@@ -84,42 +74,37 @@ def structure_of(robot: Robot) -> Structure:
     frames = [_frame(axis) for axis in now.axis]
     before = [np.eye(DIMENSIONS), *frames[:-1]]
     rotations = [a.T @ r @ b for a, r, b in zip(before, now.rotation, frames, strict=True)]
-    numbers = numbers_of(robot)
+    numbers = _numbers_of(robot)
     heights = np.concatenate([now.position[:, -1], now.tip[-1:], now.gravity[-1:]])
     upright = bool((now.axis[:, -1] == 1.0).all() and (now.rotation[:, -1, -1] == 1.0).all())
-    planar = len(robot) == PLANAR_JOINTS and upright and not heights.any()
-    kept = (*(name for name, _, _ in DRIVE_UNITS), *LIMITS, "mass")  # zero or not
+    planar = len(robot) == _PLANAR_JOINTS and upright and not heights.any()
+    kept = (*(name for name, _, _ in DRIVE_UNITS), *_LIMITS, "mass")  # zero or not
     names = [name for name, value in numbers.items() if value != 0.0 or name.rstrip("0123456789") in kept]
     return Structure(tuple(map(_exact, rotations)), tuple(map(_exact, frames)), planar, tuple(names))
 
 
-def numbers_of(robot: Robot) -> dict[str, float]:
+def _numbers_of(robot: Robot) -> dict[str, float]:
     """Return every number of a robot by name: mass1, center1x, inertia1xy, stiffness1, ..., tipx, gravityz."""
     found: dict[str, float] = {}
     for k, joint in enumerate(robot.joints, start=1):
         found[f"mass{k}"] = joint.link.mass
         found |= _named(f"center{k}", joint.link.center)
-        found |= _named(f"inertia{k}", np.array(joint.link.inertia)[np.triu_indices(DIMENSIONS)].tolist(), ENTRIES)
+        found |= _named(f"inertia{k}", np.array(joint.link.inertia)[np.triu_indices(DIMENSIONS)].tolist(), _ENTRIES)
         found |= _named(f"position{k}", joint.position)
         found |= {f"{name}{k}": getattr(joint.drive, name) for name, _, _ in DRIVE_UNITS}
-        found |= zip((f"{name}{k}" for name in LIMITS), (*joint.angle_range, joint.velocity_limit), strict=True)
+        found |= zip((f"{name}{k}" for name in _LIMITS), (*joint.angle_range, joint.velocity_limit), strict=True)
     return found | dict(_named("tip", robot.tip)) | dict(_named("gravity", robot.gravity))
 
 
-def _named(name: str, numbers: Iterable[Any], parts: Iterable[str] = AXES) -> Iterator[tuple[str, Any]]:
+def _named(name: str, numbers: Iterable[Any], parts: Iterable[str] = _AXES) -> Iterator[tuple[str, Any]]:
     """Yield numbers with their names."""
     return ((name + part, number) for part, number in zip(parts, numbers, strict=True))
 
 
-class Serial:
-    """The functions of `Physics` for robots of one structure.
-
-    Args:
-        structure: their structure.
-    """
+class _Serial:
+    """The functions of `Physics` for robots of one structure."""
 
     def __init__(self, structure: Structure) -> None:
-        """Make the records."""
         self.structure, self.joints = structure, len(structure.rotations)
         self.PerJoint, self.Point = per_joint(self.joints), point(2 if structure.planar else DIMENSIONS)
         self.State = state_record(self.joints)
@@ -162,8 +147,7 @@ class Serial:
         return found
 
     def plant_of(self, robot: Robot) -> Any:
-        """Return the `Plant` of a robot."""
-        numbers = numbers_of(robot)
+        numbers = _numbers_of(robot)
         return self.Plant(*(numbers[name] for name in self.structure.numbers))
 
     def constants(self, plant: Any, payload: Any, place: Any, tip_payload: Any) -> Any:
@@ -175,37 +159,30 @@ class Serial:
     def _constants(self, plant: Any, payload: Any, place: Any, tip_payload: Any) -> dict[str, Any]:
         """Return the constants but for those of motors by name; those that are zero for the structure are left out."""
         frames = self.structure.frames
-        before = enumerate([UNTURNED, *frames[:-1]], start=1)
+        before = enumerate([_UNTURNED, *frames[:-1]], start=1)
         positions = [rotated(transposed(frame), _vector(plant, f"position{k}")) for k, frame in before]
         tip = rotated(transposed(frames[-1]), _vector(plant, "tip"))
         chain = Chain(self.structure.rotations, positions, tip)
-        bodies = regrouped(chain, self._bodies(plant, *map(Folded, (payload, place, tip_payload))))
+        bodies = recursion.regrouped(chain, self._bodies(plant, *map(Folded, (payload, place, tip_payload))))
         found = dict(_named("tip", tip)) | dict(_named("gravity", _vector(plant, "gravity")))
         for k, (position, body) in enumerate(zip(positions, bodies, strict=True), start=1):
             found |= _named(f"position{k}", position)
             found |= _named(f"moment{k}", body.moment)
-            found |= _named(f"inertia{k}", body.inertia, ENTRIES)
+            found |= _named(f"inertia{k}", body.inertia, _ENTRIES)
         return {name: unfolded(number) for name, number in found.items() if isinstance(number, Folded)}
 
     def _bodies(self, plant: Any, payload: Any, place: Any, tip_payload: Any) -> list[Body]:
-        """Return the links about the origins of their turned frames, the last with two point masses.
-
-        Args:
-            plant: the numbers of the robot.
-            payload: mass [kg] between the last link's mass center (place 0) and the tip (place 1).
-            place: where it is.
-            tip_payload: mass [kg] at the tip.
-        """
+        """Return the links, the last with masses [kg] between its center (place 0) and tip (1), and at the tip."""
         bodies = []
         for k, frame in enumerate(self.structure.frames, start=1):
             back, center = transposed(frame), _vector(plant, f"center{k}")
-            at_center = Body(_number(plant, f"mass{k}"), NOTHING, rotated_inertia(back, _inertia(plant, k)))
-            bodies.append(moved(at_center, UNTURNED, rotated(back, center)))
+            at_center = Body(_number(plant, f"mass{k}"), NOTHING, recursion.rotated_inertia(back, _inertia(plant, k)))
+            bodies.append(recursion.moved(at_center, _UNTURNED, rotated(back, center)))
         tip = rotated(back, _vector(plant, "tip"))
         between = tuple(c + place * (t - c) for c, t in zip(rotated(back, center), tip, strict=True))
         for mass, at in ((payload, between), (tip_payload, tip)):
-            carried = Body(mass, NOTHING, Inertia(*[0.0] * len(ENTRIES)))
-            bodies[-1] = joined(bodies[-1], moved(carried, UNTURNED, at))
+            carried = Body(mass, NOTHING, Inertia(*[0.0] * len(_ENTRIES)))
+            bodies[-1] = recursion.joined(bodies[-1], recursion.moved(carried, _UNTURNED, at))
         return bodies
 
     def _links(self, arm: Any) -> tuple[Chain, list[Body]]:
@@ -220,12 +197,10 @@ class Serial:
         return x, y, z
 
     def step(self, state: Any, torque: Any, force: Any, arm: Any, h: Any) -> Any:
-        """Advance by one sub-step h [s] under motor torques [N m] and a tip force [N]."""
         at = self._accelerations(self._in_space(force), [0.0] * self.joints, arm)
         return advanced(state, torque, at, arm, h)
 
     def loaded_step(self, state: Any, torque: Any, load: Any, arm: Any, h: Any) -> Any:
-        """Do what `step` does, with torques `load` [N m] on the links in place of a tip force."""
         return advanced(state, torque, self._accelerations(NOTHING, _folded(load), arm), arm, h)
 
     def _accelerations(self, force: Vector, load: Sequence[Any], arm: Any) -> Callable[[Any], Any]:
@@ -235,26 +210,24 @@ class Serial:
 
         def at(link: Any) -> Callable[[Any, Any], Any]:
             turns = _turns(link)
-            below, inverse = factors(composite_bodies(chain, bodies, turns))
-            outside = in_last_frame(chain, turns, force)
+            below, inverse = recursion.factors(recursion.composite_bodies(chain, bodies, turns))
+            outside = recursion.in_last_frame(chain, turns, force)
 
             def accelerations(joint: Any, rates: Any) -> Any:
-                outer = newton_euler(chain, bodies, turns, _folded(rates), still, gravity, outside)
+                outer = recursion.newton_euler(chain, bodies, turns, _folded(rates), still, gravity, outside)
                 right = [Folded(a) - b + c for a, b, c in zip(joint, outer, load, strict=True)]
-                return self.PerJoint(*map(unfolded, solution(below, inverse, right)))
+                return self.PerJoint(*map(unfolded, recursion.solution(below, inverse, right)))
 
             return accelerations
 
         return at
 
     def tip(self, angles: Any, arm: Any) -> Any:
-        """Return the tip [m]."""
-        found = point_of_tip(self._links(arm)[0], _turns(angles))
+        found = recursion.point_of_tip(self._links(arm)[0], _turns(angles))
         return self._vector(found, angles)
 
     def tip_velocity(self, angles: Any, rates: Any, arm: Any) -> Any:
-        """Return the velocity of the tip [m/s]."""
-        found = velocity_of_tip(self._links(arm)[0], _turns(angles), _folded(rates))
+        found = recursion.velocity_of_tip(self._links(arm)[0], _turns(angles), _folded(rates))
         return self._vector(found, angles)
 
     def _vector(self, vector: Vector, angles: Any) -> Any:
@@ -264,40 +237,34 @@ class Serial:
         """Return J(q)ᵀ F: less the torque that holds an arm at rest, without gravity, under the force."""
         still, (chain, bodies) = [0.0] * self.joints, self._links(arm)
         turns = _turns(angles)
-        outside = in_last_frame(chain, turns, self._in_space(force))
-        held = newton_euler(chain, bodies, turns, still, still, NOTHING, outside)
+        outside = recursion.in_last_frame(chain, turns, self._in_space(force))
+        held = recursion.newton_euler(chain, bodies, turns, still, still, NOTHING, outside)
         return self.PerJoint(*_like([-torque for torque in held], angles))
 
     def gravity(self, angles: Any, arm: Any) -> Any:
-        """Return g(q) [N m]."""
         still, (chain, bodies) = [0.0] * self.joints, self._links(arm)
-        found = newton_euler(chain, bodies, _turns(angles), still, still, _vector(arm, "gravity"))
+        found = recursion.newton_euler(chain, bodies, _turns(angles), still, still, _vector(arm, "gravity"))
         return self.PerJoint(*_like(found, angles))
 
     def inverse_dynamics(self, angles: Any, rates: Any, accelerations: Any, arm: Any) -> Any:
-        """Return M(q) q̈ + C(q, q̇) q̇ + g(q) [N m]."""
         (chain, bodies), rates, accelerations = self._links(arm), _folded(rates), _folded(accelerations)
-        found = newton_euler(chain, bodies, _turns(angles), rates, accelerations, _vector(arm, "gravity"))
+        found = recursion.newton_euler(chain, bodies, _turns(angles), rates, accelerations, _vector(arm, "gravity"))
         return self.PerJoint(*map(unfolded, found))
 
     def mass_matrix(self, angles: Any, arm: Any) -> Any:
-        """Return the rows of M(q) [kg m²]."""
-        lower, joints = composite_bodies(*self._links(arm), _turns(angles)), range(self.joints)
+        lower, joints = recursion.composite_bodies(*self._links(arm), _turns(angles)), range(self.joints)
         return tuple(tuple(_like([lower[max(i, j)][min(i, j)] for j in joints], angles)) for i in joints)
 
     def stiffness(self, plant: Any) -> Any:
-        """Return the joints' stiffness [N m/rad]."""
         return self._per_joint(plant, "stiffness")
 
     def limits(self, plant: Any) -> Any:
-        """Return the limits."""
-        return self.Limits(*(self._per_joint(plant, name) for name in (*LIMITS, "torque_limit")))
+        return self.Limits(*(self._per_joint(plant, name) for name in (*_LIMITS, "torque_limit")))
 
     def _per_joint(self, plant: Any, name: str) -> Any:
         return self.PerJoint(*(getattr(plant, f"{name}{k}") for k in range(1, self.joints + 1)))
 
     def varied(self, plant: Any, draw: Any) -> Any:
-        """Return the plant with the factors of a draw."""
         factors = (getattr(getattr(draw, name), joint) if name else None for name, joint in self._factors)
         varied = (number if one is None else number * one for number, one in zip(plant, factors, strict=True))
         return self.Plant(*varied)
@@ -309,7 +276,7 @@ _MOTOR = dict.fromkeys(Motor._fields, Any) | {"dry_friction": DryFriction}
 
 @functools.cache
 def _physics(structure: Structure) -> Physics:
-    own = Serial(structure)
+    own = _Serial(structure)
     return Physics(
         joints=own.joints, axes=len(own.Point._fields),
         digest=hashlib.sha256(repr((structure, own.Arm._fields)).encode()).hexdigest()[:16],
@@ -338,12 +305,12 @@ def _number(record: Any, name: str) -> Any:
 
 
 def _vector(record: Any, name: str) -> Vector:
-    x, y, z = (_number(record, name + axis) for axis in AXES)
+    x, y, z = (_number(record, name + axis) for axis in _AXES)
     return x, y, z
 
 
 def _inertia(record: Any, k: int) -> Inertia:
-    return Inertia(*(_number(record, f"inertia{k}{entry}") for entry in ENTRIES))
+    return Inertia(*(_number(record, f"inertia{k}{entry}") for entry in _ENTRIES))
 
 
 def _turns(angles: Any) -> list[Turn]:
@@ -365,7 +332,7 @@ def _frame(axis: np.ndarray) -> np.ndarray:
     return np.stack([first, np.cross(axis, first), axis], axis=-1)
 
 
-def _exact(rotation: np.ndarray) -> Rows:
+def _exact(rotation: np.ndarray) -> _Rows:
     """Return a rotation whose entries within rounding of 0, 1 or -1 are exactly that."""
     near = np.rint(rotation)
-    return as_rows(np.where(np.abs(rotation - near) <= ROUNDING, near, rotation) + 0.0)
+    return as_rows(np.where(np.abs(rotation - near) <= _ROUNDING, near, rotation) + 0.0)

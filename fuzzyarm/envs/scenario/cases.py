@@ -57,7 +57,6 @@ class Case:
     scales: bool = False
 
     def __post_init__(self) -> None:
-        """Check the type of each part; TypeError otherwise."""
         instance("name", self.name, str)
         instance("title", self.title, str)
         instance("disturbance", self.disturbance, Disturbance)
@@ -65,8 +64,8 @@ class Case:
 
 
 INSTANTS = 501  # of a reference, at which the torques of a load are compared
-WEIGHTLESS = 1e-2  # share of the leverage of any force below which that of gravity counts as 0
-SAME = 1e-6  # by which a factor of loads may miss 1
+_WEIGHTLESS = 1e-2  # share of the leverage of any force below which that of gravity counts as 0
+_SAME = 1e-6  # by which a factor of loads may miss 1
 
 _PAPER = (
     Case("nominal", "Case 1: nominal", Disturbance()),
@@ -107,11 +106,7 @@ def case_for(name: str, arm: AnyArm) -> Case:
 
 
 def with_loads(
-    case: Case,
-    *,
-    force: tuple[float, float] | None = None,
-    payload: float | None = None,
-    duration: float | None = None,
+    case: Case, *, force: tuple[float, float] | None = None, payload: float | None = None, duration: float | None = None
 ) -> Case:
     """Return a case with other loads where it has such loads; its title says the mass.
 
@@ -163,16 +158,13 @@ def _factors(robot: Robot) -> tuple[float, float]:
     """Return the exact factors of the paper's tip forces and of its payloads for a robot."""
     paper = robot_of(ArmParameters())
     (along, down, _), (own_along, own_down, own_any) = _leverages(paper), _leverages(robot)
-    has_weight = own_down > WEIGHTLESS * own_any
+    has_weight = own_down > _WEIGHTLESS * own_any
     heavier = down / own_down if has_weight else float(np.sum(robot.arrays.mass) / np.sum(paper.arrays.mass))
     return along / own_along, heavier
 
 
 def _leverages(robot: Robot) -> tuple[float, float, float]:
-    """Return the largest shares of a torque limit that 1 N at the tip takes along the default reference [1/N].
-
-    The force points along the curve, along gravity (downwards if there is none), and where it takes most.
-    """
+    """Return the largest torque-limit shares of 1 N at the tip [1/N]: along curve, gravity, and any direction."""
     reference, gravity = default_reference(robot), robot.arrays.gravity
     t = np.linspace(0.0, reference.duration, INSTANTS)
     down = np.broadcast_to(gravity if gravity.any() else np.array([0.0, 0.0, -1.0]), (len(t), 3))
@@ -186,4 +178,4 @@ def _leverages(robot: Robot) -> tuple[float, float, float]:
 
 def _scaled_number(factor: float, number: float) -> float:
     """Return a load times a factor, to two digits; the load itself where the factor is 1 but for rounding."""
-    return number if abs(factor - 1.0) < SAME else float(f"{factor * number:.2g}")
+    return number if abs(factor - 1.0) < _SAME else float(f"{factor * number:.2g}")

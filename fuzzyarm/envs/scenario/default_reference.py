@@ -39,11 +39,9 @@ from fuzzyarm.envs.scenario.robot_reference import EXACT, SplineReference, TipRe
 
 __all__ = ["LONGEST", "default_reference", "flattened", "is_placed", "reference_family", "timed"]
 
-
 SIZES = (0.2, 0.15, 0.1, 0.07, 0.05, 0.03, 0.02, 0.01)  # half of the width, share of the robot's reach
-SHORTEST, STEP = 1.5, 0.1  # s
-LONGEST = 60.0
-"""The longest duration of the rule [s]."""
+_SHORTEST, _STEP = 1.5, 0.1  # s
+LONGEST = 60.0  # the longest duration of the rule [s]
 SHARE = 0.5  # of the limits
 
 
@@ -77,11 +75,7 @@ def is_placed(reference: Reference) -> bool:
 
 
 def flattened(reference: TipReference, arm: ArmParameters) -> JointReference:
-    """Return the reference of a two-joint arm, as a robot in space, as one of the arm in its plane.
-
-    Raises:
-        ValueError: the arm cannot follow it.
-    """
+    """Return the reference of a two-joint arm, as a robot in space, as one of the arm in its plane."""
     placed = reference.path
     assert isinstance(placed, Placed)
     parts = (tuple(getattr(placed, name)[:2]) for name in ("origin", "first", "second"))
@@ -147,11 +141,7 @@ def _plane(robot: Robot, tip: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
 
 
 def timed(slow: TipReference) -> TipReference:
-    """Return a reference of the duration `LONGEST` with the duration of the rule.
-
-    Raises:
-        ValueError: a motor is too weak, or the robot too slow.
-    """
+    """Return a reference of the duration `LONGEST` with the duration of the rule."""
     return TipReference(slow.path, _shortest(slow, slow.robot), slow.robot, slow.posture)
 
 
@@ -174,8 +164,8 @@ def _shortest(slow: Reference, robot: Robot) -> float:
             f"{robot.name} needs {100.0 * held.max():.3g} % of the torque limit of {joint} "
             f"to hold its weight; allowed: {100.0 * SHARE:g} %. Raise the torque_limit, or give a reference="
         )
-    for number in range(round(SHORTEST / STEP), round(LONGEST / STEP) + 1):
-        duration = number * STEP
+    for number in range(round(_SHORTEST / _STEP), round(LONGEST / _STEP) + 1):
+        duration = number * _STEP
         faster = slow.duration / duration  # velocities grow with it, inertial and centrifugal torques with its square
         torque = np.abs(weight + faster**2 * moving) / torque_limit
         if faster * speed <= SHARE and torque.max() <= SHARE:
@@ -186,16 +176,16 @@ def _shortest(slow: Reference, robot: Robot) -> float:
     )
 
 
-FAMILY = 32  # references
-FAMILY_SEED = 2022
-TURN = 0.6  # rad, by which the postures of a robot's references differ from its home at most
-INSIDE = 0.95  # share of a joint's range, about its middle, that the postures keep to
-SPEED = (0.1, 0.5)  # share of the velocity limits that the fastest joint of a reference reaches
-TORQUE = 0.6  # share of the torque limits that the rigid robot may need
-SLOWER = 1.25  # factor on the duration of a reference that needs more
+_FAMILY = 32  # references
+_FAMILY_SEED = 2022
+_TURN = 0.6  # rad, by which the postures of a robot's references differ from its home at most
+_INSIDE = 0.95  # share of a joint's range, about its middle, that the postures keep to
+_SPEED = (0.1, 0.5)  # share of the velocity limits that the fastest joint of a reference reaches
+_TORQUE = 0.6  # share of the torque limits that the rigid robot may need
+_SLOWER = 1.25  # factor on the duration of a reference that needs more
 
 
-def reference_family(arm: AnyArm, count: int = FAMILY, seed: int = FAMILY_SEED) -> tuple[Reference, ...]:
+def reference_family(arm: AnyArm, count: int = _FAMILY, seed: int = _FAMILY_SEED) -> tuple[Reference, ...]:
     """Return `count` references that always come out the same for an arm and a seed.
 
     For the two-joint arm circles, lemniscates and lines of the tip; for a robot splines of the joint angles that begin
@@ -212,29 +202,26 @@ def _splines(robot: Robot, count: int, seed: int) -> tuple[Reference, ...]:
     """Return references of a robot through random postures."""
     generator = np.random.default_rng(seed)
     home, (low, high) = np.array(home_posture(robot)), angle_ranges(robot)
-    middle, half = 0.5 * (low + high), 0.5 * INSIDE * (high - low)
+    middle, half = 0.5 * (low + high), 0.5 * _INSIDE * (high - low)
     family: list[Reference] = []
     while len(family) < count:
-        turns = generator.uniform(-TURN, TURN, (2, len(robot)))
+        turns = generator.uniform(-_TURN, _TURN, (2, len(robot)))
         between = np.clip(home + turns, middle - half, middle + half)
-        family.append(_timed(robot, np.stack([home, *between, home]), generator.uniform(*SPEED)))
+        family.append(_timed(robot, np.stack([home, *between, home]), generator.uniform(*_SPEED)))
     return tuple(family)
 
 
 def _timed(robot: Robot, postures: np.ndarray, speed: float) -> SplineReference:
-    """Return the reference through postures (k, n) [rad] whose fastest joint reaches a share of its velocity limit.
-
-    It is slower if the motors ask for it.
-    """
+    """Return the reference through postures (k, n) [rad] at a share of the velocity limits, slower for the motors."""
     slow = SplineReference(tuple(map(tuple, postures.tolist())), LONGEST, robot)
     q, dq, ddq = slow.sample(np.linspace(0.0, LONGEST, 501))
     weight, moving = _torques(robot, q, dq, ddq)
     duration = LONGEST * float(np.max(np.abs(dq) / velocity_limits(robot))) / speed
     while duration < LONGEST:
         torque = weight + (LONGEST / duration) ** 2 * moving
-        if np.max(np.abs(torque) / robot.drive("torque_limit")) <= TORQUE:
+        if np.max(np.abs(torque) / robot.drive("torque_limit")) <= _TORQUE:
             return SplineReference(slow.waypoints, duration, robot)
-        duration *= SLOWER
+        duration *= _SLOWER
     raise ValueError(
         f"the motors of {robot.name} are too weak to move it about its home: raise torque_limit, or give a reference="
     )

@@ -16,14 +16,7 @@ from fuzzyarm.envs.physics.parameters import LARGEST
 from fuzzyarm.envs.physics.records import JOINTS
 from fuzzyarm.envs.physics.robot import MOST_JOINTS
 
-__all__ = [
-    "ConstantForce",
-    "Disturbance",
-    "EncoderNoise",
-    "MachiningForce",
-    "TipForce",
-    "TorqueBias",
-]
+__all__ = ["ConstantForce", "Disturbance", "EncoderNoise", "MachiningForce", "TipForce", "TorqueBias"]
 
 
 class TipForce(Protocol):
@@ -59,7 +52,6 @@ class MachiningForce:
     fade_speed: float = 0.01
 
     def __post_init__(self) -> None:
-        """Check the numbers."""
         for name in ("base", "swing"):
             number = checks.real(f"MachiningForce.{name}", getattr(self, name), "N", low=-LARGEST, high=LARGEST)
             checks.keep(self, name, number)
@@ -89,7 +81,6 @@ class ConstantForce:
     stop: float = math.inf
 
     def __post_init__(self) -> None:
-        """Check the numbers."""
         checks.keep(self, "force", _numbers("ConstantForce.force", self.force, (2, 3), "N"))
         _keep_interval(self)
 
@@ -110,7 +101,6 @@ class TorqueBias:
     stop: float = math.inf
 
     def __post_init__(self) -> None:
-        """Check the numbers."""
         checks.keep(self, "torque", _numbers("TorqueBias.torque", self.torque, range(1, MOST_JOINTS + 1), "N m"))
         _keep_interval(self)
 
@@ -127,7 +117,6 @@ class EncoderNoise:
     velocity: float = 0.0
 
     def __post_init__(self) -> None:
-        """Check the numbers."""
         for name, unit in (("position", "rad"), ("velocity", "rad/s")):
             number = checks.real(f"EncoderNoise.{name}", getattr(self, name), unit, low=0.0)
             checks.keep(self, name, number)
@@ -148,7 +137,6 @@ class Disturbance:
     encoder_noise: EncoderNoise | None = None
 
     def __post_init__(self) -> None:
-        """Check the type of each part."""
         for name, kind in (("torque_bias", TorqueBias), ("encoder_noise", EncoderNoise)):
             part = getattr(self, name)
             if not isinstance(part, kind | None):

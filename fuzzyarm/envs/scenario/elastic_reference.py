@@ -31,10 +31,10 @@ from fuzzyarm.envs.scenario.reference import JointReference, Reference, Referenc
 __all__ = ["CHECKED_INSTANTS", "ElasticReference"]
 
 CHECKED_INSTANTS = 501  # evenly spaced instants at which a new reference is checked against the box
-PANELS = np.linspace(0.0, 36.0, 19)  # end of the integral over x; e⁻³⁶ is at the level of rounding errors
-NODES = 10  # of each panel, and of the Gauss-Laguerre quadrature of a smooth torque
-SMOOTH = 1e-3  # time constants up to this share of the duration see a smooth torque between its corners
-STENCIL, REACH = 9, 2e-3  # Chebyshev points within ± this share of the duration, for τ̇_d and τ̈_d
+_PANELS = np.linspace(0.0, 36.0, 19)  # end of the integral over x; e⁻³⁶ is at the level of rounding errors
+_NODES = 10  # of each panel, and of the Gauss-Laguerre quadrature of a smooth torque
+_SMOOTH = 1e-3  # time constants up to this share of the duration see a smooth torque between its corners
+_STENCIL, _REACH = 9, 2e-3  # Chebyshev points within ± this share of the duration, for τ̇_d and τ̈_d
 
 
 @dataclasses.dataclass(frozen=True)
@@ -51,7 +51,6 @@ class ElasticReference:
     reference: Reference  # the motion of the links of an arm or a robot
 
     def __post_init__(self) -> None:
-        """Check θ_d against the box at `CHECKED_INSTANTS` instants."""
         instance("reference", self.reference, Reference)  # type: ignore[type-abstract]
         t = np.linspace(0.0, self.duration, CHECKED_INSTANTS)
         motion = self.sample(t)
@@ -113,21 +112,21 @@ class ElasticReference:
     def _relaxed(self, t: np.ndarray, time_constant: float) -> np.ndarray:
         """Return ∫_0^∞ e⁻ˣ τ_d(t - b x) dx [N m], (times, n)."""
         corners = (t[:, np.newaxis] - self._corners) / time_constant
-        near = ((corners > PANELS[0]) & (corners < PANELS[-1])).any(axis=1)
-        if time_constant > SMOOTH * self.duration:
+        near = ((corners > _PANELS[0]) & (corners < _PANELS[-1])).any(axis=1)
+        if time_constant > _SMOOTH * self.duration:
             near[:] = True
         relaxed = np.empty((len(t), self.reference.joints))
         relaxed[near] = self._by_panels(t[near], corners[near], time_constant)
-        nodes, weights = laguerre.laggauss(NODES)
+        nodes, weights = laguerre.laggauss(_NODES)
         torque = self.torque(t[~near, np.newaxis] - time_constant * nodes)
         relaxed[~near] = np.einsum("n,tnj->tj", weights, torque)
         return relaxed
 
     def _by_panels(self, t: np.ndarray, corners: np.ndarray, time_constant: float) -> np.ndarray:
         """Return the integral (times, n) for times whose corners, as values of x, are (times, corners)."""
-        inside = np.clip(corners, PANELS[0], PANELS[-1])  # a corner out of reach makes an empty panel
-        edges = np.sort(np.concatenate([np.tile(PANELS, (len(t), 1)), inside], axis=1), axis=1)
-        nodes, weights = legendre.leggauss(NODES)
+        inside = np.clip(corners, _PANELS[0], _PANELS[-1])  # a corner out of reach makes an empty panel
+        edges = np.sort(np.concatenate([np.tile(_PANELS, (len(t), 1)), inside], axis=1), axis=1)
+        nodes, weights = legendre.leggauss(_NODES)
         half = 0.5 * np.diff(edges, axis=1)[..., np.newaxis]
         x = edges[:, :-1, np.newaxis] + half * (1.0 + nodes)
         torque = self.torque(t[:, np.newaxis, np.newaxis] - time_constant * x)
@@ -139,12 +138,12 @@ class ElasticReference:
         """Return τ̇_d [N m/s] and τ̈_d [N m/s²], (times, n), from a polynomial through points between two corners."""
         corners = np.concatenate([[-np.inf], self._corners, [np.inf]])
         piece = np.searchsorted(corners, t, side="right")
-        reach = REACH * self.duration
+        reach = _REACH * self.duration
         low, high = np.maximum(t - reach, corners[piece - 1]), np.minimum(t + reach, corners[piece])
-        points = chebyshev.chebpts1(STENCIL)
+        points = chebyshev.chebpts1(_STENCIL)
         middle, half = 0.5 * (low + high), 0.5 * (high - low)
         torque = self.torque(middle[:, np.newaxis] + half[:, np.newaxis] * points)
-        fit = np.linalg.inv(chebyshev.chebvander(points, STENCIL - 1))
+        fit = np.linalg.inv(chebyshev.chebvander(points, _STENCIL - 1))
         coefficients = np.einsum("ij,tjk->itk", fit, torque)
         place = ((t - middle) / half)[:, np.newaxis]
         first, second = (

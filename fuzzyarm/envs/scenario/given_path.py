@@ -24,9 +24,7 @@ from fuzzyarm.envs.scenario.robot_reference import TipReference
 
 __all__ = ["ENDINGS", "GivenPath"]
 
-ENDINGS = (".csv", ".toml")
-"""Endings of the names of files with points."""
-
+ENDINGS = (".csv", ".toml")  # endings of the names of files with points
 _PLANE = ((0.0, 0.0, 0.0), (1.0, 0.0, 0.0), (0.0, 1.0, 0.0))  # of the two-joint arm: origin and axes
 _HEADINGS = ("x,y", "x,y,z")
 _NUMBER = re.compile(r"[+-]?(\d+\.?\d*|\.\d+)([eE][+-]?\d+)?", re.ASCII)
@@ -52,7 +50,6 @@ class GivenPath:
     duration: float | None = None
 
     def __post_init__(self) -> None:
-        """Check the values."""
         object.__setattr__(self, "points", self._curve.waypoints)
         if self.duration is not None:
             object.__setattr__(self, "duration", checks.real("duration", self.duration, "s", low=1e-3, high=1e3))
@@ -136,11 +133,7 @@ class GivenPath:
 
 
 def _check_reach(curve: Spline, robot: Robot) -> None:
-    """Raise if the curve leaves the reach of the robot, with the point that is farthest outside.
-
-    The tip stays within the summed lengths of the links from the first joint, and outside what the longest link has
-    more than all others together.
-    """
+    """Raise if a point is beyond the summed lengths of links, or within what the longest has more than all others."""
     points = curve.points(np.linspace(0.0, 1.0, CHECKED_INSTANTS))[0]
     base, links = robot.arrays.position[0][: points.shape[-1]], link_lengths(robot)
     high, low = float(links.sum()), max(0.0, float(2.0 * links.max() - links.sum()))

@@ -1,12 +1,10 @@
-"""Where the tip of a robot is and how its last link is turned, and how both change with the joints.
+"""Where the tip of a robot is and how its last link is turned, how both change with the joints, and the inverse.
 
 With the axis z_i and the origin p_i of joint i, and the tip p, in the base frame:
 
     J = [z_i × (p - p_i); z_i],      (v, ω) = J q̇,      (v̇, ω̇) = J q̈ + J̇ q̇
 
-J̇ q̇ is found by passing velocities and accelerations from link to link with q̈ = 0.
-
-Inverse kinematics of any robot: the posture that puts the tip on a point, as one square system of equations.
+The posture that puts the tip on a point p solves one square system of equations:
 
     f(q, p) = (P (x(q) - p), O log(R(q) R_0ᵀ), Nᵀ (q - q_0)) = 0,        A = ∂f/∂q = (P J_v, O J_ω, Nᵀ)
 
@@ -14,19 +12,17 @@ x and R are position of the tip and rotation of the last link. P projects on wha
 robot, else space), O on the directions about which the last link can turn (one for a planar robot, else three).
 
 - Orientation: where there are joints enough, the last link keeps the rotation R_0 of the start; otherwise, or where it
-  is told to be free, O has no rows.
+  may turn freely, O has no rows.
 - Redundancy: the columns of N span the motions that change neither at the start posture q_0. Those stay zero, so that a
   closed path brings all joints back.
 - Branch: q follows the solution continuously from q_0; on its way A stays away from singular matrices.
 
-The posture in which the motions of a robot begin, if none is given: dexterous, at ease, far from its limits.
+The default first posture is dexterous (Yoshikawa, 1985, with lengths in reaches), at ease, and far from its limits:
 
-    home = argmax of  log √det(J Jᵀ) - |g(q)/Γ_max|² - mean(((q - middle)/half range)²)
+    home = argmax of  log √det(J Jᵀ) - |g(q)/Γ_max|² - mean(((q - middle)/half range)²),   half ranges at most π
 
-The first term is Yoshikawa's manipulability (International Journal of Robotics Research, 1985) of all that the last
-link can do, with lengths in reaches of the robot; half ranges are at most π. The `IMPROVED` best of `POSTURES` random
-postures are improved by a local search. The best is rounded to `ROUNDED` decimals, so that it is the same on every
-machine.
+The `_IMPROVED` best of `_POSTURES` random postures are improved by a local search, and the best is rounded to
+`_ROUNDED` decimals, so that it is the same on every machine.
 """
 
 from __future__ import annotations
@@ -41,26 +37,9 @@ from fuzzyarm.envs.physics.rigid_body import directions, frames, gravity
 from fuzzyarm.envs.physics.robot import Robot
 
 __all__ = [
-    "ANGULAR",
-    "LINEAR",
-    "Chain",
-    "Freedom",
-    "TipTask",
-    "angle_ranges",
-    "chain",
-    "drift",
-    "freedom",
-    "home_posture",
-    "jacobian",
-    "link_lengths",
-    "reach",
-    "rotation_vector",
-    "solved",
-    "start_posture",
-    "upwards",
-    "velocity_limits",
+    "ANGULAR", "LINEAR", "Chain", "TipTask", "angle_ranges", "chain", "drift", "freedom", "home_posture", "jacobian",
+    "link_lengths", "reach", "rotation_vector", "solved", "start_posture", "upwards", "velocity_limits",
 ]  # fmt: skip
-
 
 LINEAR, ANGULAR = slice(0, 3), slice(3, 6)  # rows of the Jacobian: velocity of the tip, angular velocity
 
@@ -144,12 +123,12 @@ def velocity_limits(robot: Robot) -> np.ndarray:
     return np.array([joint.velocity_limit for joint in robot.joints])
 
 
-SPAN_POSTURES, SPAN_SEED = 8, 2022  # postures at which it is seen what the tip can do
-NEGLIGIBLE = 1e-9  # share of the largest singular value that counts as zero
-NEAR = 1e-4  # [m, rad], what least squares may miss where Newton's steps go on
+_SPAN_POSTURES, _SPAN_SEED = 8, 2022  # postures at which it is seen what the tip can do
+_NEGLIGIBLE = 1e-9  # share of the largest singular value that counts as zero
+_NEAR = 1e-4  # [m, rad], what least squares may miss where Newton's steps go on
 
 
-class Freedom(NamedTuple):
+class _Freedom(NamedTuple):
     """What the last link of a robot can do: orthonormal directions of motion of the tip, and of turning."""
 
     motion: np.ndarray  # P (2 or 3, 3)
@@ -157,12 +136,12 @@ class Freedom(NamedTuple):
 
 
 @functools.lru_cache(maxsize=64)
-def freedom(robot: Robot) -> Freedom:
+def freedom(robot: Robot) -> _Freedom:
     """Return along which directions the tip of a robot can move, and about which its last link can turn."""
     low, high = angle_ranges(robot)
-    q = np.random.default_rng(SPAN_SEED).uniform(low, high, (SPAN_POSTURES, len(robot)))
+    q = np.random.default_rng(_SPAN_SEED).uniform(low, high, (_SPAN_POSTURES, len(robot)))
     rows = jacobian(chain(robot, q))
-    return Freedom(_span(rows[:, LINEAR]), _span(rows[:, ANGULAR]))
+    return _Freedom(_span(rows[:, LINEAR]), _span(rows[:, ANGULAR]))
 
 
 @dataclasses.dataclass(frozen=True)
@@ -259,7 +238,7 @@ def start_posture(
 
     found = least_squares(missed, near, slope, bounds=(low, high), xtol=1e-15, ftol=1e-15, gtol=1e-15, x_scale=1.0)
     q = np.array(found.x)
-    if np.abs(missed(q)).max() > NEAR:
+    if np.abs(missed(q)).max() > _NEAR:
         return q, missed(q)  # out of reach: Newton's steps would leave the closest posture
     for _ in range(3):  # to the last digit
         q = q - np.linalg.lstsq(slope(q), missed(q), rcond=None)[0]
@@ -274,17 +253,17 @@ def solved(matrix: np.ndarray, right: np.ndarray) -> np.ndarray:
 def _span(columns: np.ndarray) -> np.ndarray:
     """Return orthonormal rows (d, 3) that span all columns of matrices (k, 3, n)."""
     left, sizes, _ = np.linalg.svd(np.concatenate(list(columns), axis=-1))
-    kept = left.T[: int(np.sum(sizes > NEGLIGIBLE * sizes[0]))]
+    kept = left.T[: int(np.sum(sizes > _NEGLIGIBLE * sizes[0]))]
     # The axes themselves where they span the same, so that planar robots compute with zeros and ones.
-    axes = np.eye(3)[np.abs(kept.T @ kept @ np.eye(3) - np.eye(3)).max(axis=0) < NEGLIGIBLE]
+    axes = np.eye(3)[np.abs(kept.T @ kept @ np.eye(3) - np.eye(3)).max(axis=0) < _NEGLIGIBLE]
     return axes if len(axes) == len(kept) else kept
 
 
-POSTURES, IMPROVED, SEED = 2000, 5, 2022
-INSIDE = 0.9  # share of the half ranges that is searched
-DIFFERENCE = 1e-6  # of a share
-ROUNDED = 2  # decimals
-SINGULAR = 1e-300  # stands for a determinant of zero
+_POSTURES, _IMPROVED, _SEED = 2000, 5, 2022
+_INSIDE = 0.9  # share of the half ranges that is searched
+_DIFFERENCE = 1e-6  # of a share
+_ROUNDED = 2  # decimals
+_SINGULAR = 1e-300  # stands for a determinant of zero
 
 
 @functools.lru_cache(maxsize=64)
@@ -304,20 +283,20 @@ def home_posture(robot: Robot) -> tuple[float, ...]:
         parts = [can.motion @ rows[..., LINEAR, :] / length, *([can.turning @ rows[..., ANGULAR, :]] if turns else [])]
         moving = np.concatenate(parts, axis=-2)
         sizes = np.linalg.det(moving @ np.swapaxes(moving, -1, -2))
-        dexterity = 0.5 * np.log(np.maximum(sizes, SINGULAR))
+        dexterity = 0.5 * np.log(np.maximum(sizes, _SINGULAR))
         strain = np.sum((gravity(robot, q) / limit) ** 2, axis=-1)
         return np.asarray(strain + np.mean(shares**2, axis=-1) - dexterity)
 
     def slope(shares: np.ndarray) -> np.ndarray:
         """Return the derivative (n,) of the cost at shares (n,), by central differences."""
-        steps = DIFFERENCE * np.eye(len(shares))
-        return np.asarray((cost(shares + steps) - cost(shares - steps)) / (2.0 * DIFFERENCE))
+        steps = _DIFFERENCE * np.eye(len(shares))
+        return np.asarray((cost(shares + steps) - cost(shares - steps)) / (2.0 * _DIFFERENCE))
 
-    tried = np.random.default_rng(SEED).uniform(-INSIDE, INSIDE, (POSTURES, len(robot)))
-    bounds = [(-INSIDE, INSIDE)] * len(robot)
+    tried = np.random.default_rng(_SEED).uniform(-_INSIDE, _INSIDE, (_POSTURES, len(robot)))
+    bounds = [(-_INSIDE, _INSIDE)] * len(robot)
     best = [
         minimize(cost, tried[number], jac=slope, method="L-BFGS-B", bounds=bounds)
-        for number in np.argsort(cost(tried))[:IMPROVED]
+        for number in np.argsort(cost(tried))[:_IMPROVED]
     ]
     shares = min(best, key=lambda found: float(found.fun)).x
-    return tuple((np.round(middle + half * shares, ROUNDED) + 0.0).tolist())
+    return tuple((np.round(middle + half * shares, _ROUNDED) + 0.0).tolist())

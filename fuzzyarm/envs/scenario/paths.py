@@ -6,6 +6,10 @@ frame of a robot in space; lines and splines take either, and `Placed` brings an
 
 Circle, lemniscate, line and square have a name, on the paper's arm and in a plane of any other. A square has round
 corners, because a reference is twice differentiable: it is the curve with x⁸ + y⁸ = a⁸.
+
+Each class raises TypeError for a value that is not a real number, or a path without a method ``points``; and ValueError
+for one that is not finite or out of range, too few points, points that coincide, or axes that are not unit vectors at a
+right angle.
 """
 
 from __future__ import annotations
@@ -26,34 +30,21 @@ if TYPE_CHECKING:
     from scipy.interpolate import CubicSpline
 
 __all__ = [
-    "PAPER_PATHS",
-    "SHAPES",
-    "AnyPoint",
-    "Circle",
-    "Lemniscate",
-    "Line",
-    "Placed",
-    "Point",
-    "Points",
-    "Spline",
-    "Square",
-    "TipPath",
-    "any_point",
-    "chord_spline",
+    "PAPER_PATHS", "SHAPES", "Circle", "Lemniscate", "Line", "Placed", "Point", "Spline", "Square", "TipPath",
+    "any_point", "chord_spline",
 ]  # fmt: skip
-
 
 # A point (x, y) [m], one of (x, y) or (x, y, z) [m], and p, dp/ds and d²p/ds² of a curve.
 Point = tuple[float, float]
-AnyPoint = Point | tuple[float, float, float]
-Points = tuple[np.ndarray, np.ndarray, np.ndarray]
+_AnyPoint = Point | tuple[float, float, float]
+_Points = tuple[np.ndarray, np.ndarray, np.ndarray]
 
 # Neighbouring points of a line or spline closer than this [m] give a curve without a direction.
-MINIMUM_SPACING = 1e-6
+_MINIMUM_SPACING = 1e-6
 
 MOST_WAYPOINTS = 10_000
-FEWEST_TURNS = 1e-6  # of a circle, below which it has no direction
-LARGEST = 1e6  # m, rad or turns: far above need, and squares do not overflow
+_FEWEST_TURNS = 1e-6  # of a circle, below which it has no direction
+_LARGEST = 1e6  # m, rad or turns: far above need, and squares do not overflow
 
 
 @runtime_checkable
@@ -64,7 +55,7 @@ class TipPath(Protocol):
     that differentiates further (`elastic_reference`) is then exact at them too.
     """
 
-    def points(self, s: ArrayLike) -> Points:
+    def points(self, s: ArrayLike) -> _Points:
         """Return p [m], dp/ds [m] and d²p/ds² [m], each of shape (..., 2) or (..., 3), for s (...,) in [0, 1]."""
         ...
 
@@ -82,10 +73,6 @@ class Circle:
         start_angle: ψ_0 [rad].
         turns: n, signed number of full turns, not zero; negative turns from +y towards +x. A fraction gives an arc.
 
-    Raises:
-        TypeError: a value is no real number.
-        ValueError: one is not finite or out of range.
-
     Examples:
         >>> position, first, second = Circle().points([0.0, 0.5])
         >>> position.round(6).tolist()
@@ -98,20 +85,19 @@ class Circle:
     turns: float = -1.0
 
     def __post_init__(self) -> None:
-        """Check the values."""
         checks.keep(self, "center", any_point("center", self.center, 2))
         checks.keep(self, "radius", _size("radius", self.radius))
         checks.keep(self, "start_angle", _number("start_angle", self.start_angle, "rad"))
         checks.keep(self, "turns", _number("turns", self.turns, "turns"))
-        if abs(self.turns) < FEWEST_TURNS:
-            raise ValueError(f"turns = {self.turns} is out of range; allowed: ±[{FEWEST_TURNS:g}, {LARGEST:g}]")
+        if abs(self.turns) < _FEWEST_TURNS:
+            raise ValueError(f"turns = {self.turns} is out of range; allowed: ±[{_FEWEST_TURNS:g}, {_LARGEST:g}]")
 
     @property
     def circle(self) -> tuple[np.ndarray, float]:
         """Center (2,) [m] and radius [m]."""
         return np.array(self.center), self.radius
 
-    def points(self, s: ArrayLike) -> Points:
+    def points(self, s: ArrayLike) -> _Points:
         """Return p, dp/ds, d²p/ds² as in `TipPath`."""
         rate = 2.0 * math.pi * self.turns
         psi = self.start_angle + rate * np.asarray(s, dtype=float)
@@ -126,23 +112,18 @@ class Line:
 
     Attributes:
         start: (x, y) or (x, y, z) [m] at s = 0.
-        end: likewise [m] at s = 1, at least `MINIMUM_SPACING` from start.
-
-    Raises:
-        TypeError: a value is no real number.
-        ValueError: one is not finite, or start and end coincide.
+        end: likewise [m] at s = 1, at least `_MINIMUM_SPACING` from start.
     """
 
-    start: AnyPoint
-    end: AnyPoint
+    start: _AnyPoint
+    end: _AnyPoint
 
     def __post_init__(self) -> None:
-        """Check the values."""
         checks.keep(self, "start", any_point("start", self.start))
         checks.keep(self, "end", any_point("end", self.end, len(self.start)))
         _require_apart("start", self.start, "end", self.end)
 
-    def points(self, s: ArrayLike) -> Points:
+    def points(self, s: ArrayLike) -> _Points:
         """Return p, dp/ds, d²p/ds² as in `TipPath`."""
         s = np.asarray(s, dtype=float)[..., np.newaxis]
         start, direction = np.array(self.start), np.array(self.end) - np.array(self.start)
@@ -159,10 +140,6 @@ class Lemniscate:
         center: the crossing (x, y) [m].
         half_width: a [m], > 0.
         angle: α [rad], turns the long axis from x towards y.
-
-    Raises:
-        TypeError: a value is no real number.
-        ValueError: one is not finite or out of range.
     """
 
     center: Point
@@ -170,12 +147,11 @@ class Lemniscate:
     angle: float = 0.0
 
     def __post_init__(self) -> None:
-        """Check the values."""
         checks.keep(self, "center", any_point("center", self.center, 2))
         checks.keep(self, "half_width", _size("half_width", self.half_width))
         checks.keep(self, "angle", _number("angle", self.angle, "rad"))
 
-    def points(self, s: ArrayLike) -> Points:
+    def points(self, s: ArrayLike) -> _Points:
         """Return p, dp/ds, d²p/ds² as in `TipPath`."""
         rate = 2.0 * math.pi
         theta = rate * np.asarray(s, dtype=float)
@@ -197,19 +173,14 @@ class Spline:
 
     Attributes:
         waypoints: two or more points (x, y) or (x, y, z) [m] (any sequence or array of pairs or triples), neighbours
-            at least `MINIMUM_SPACING` apart. A closed spline adds the way back itself: do not repeat the first point.
+            at least `_MINIMUM_SPACING` apart. A closed spline adds the way back itself: do not repeat the first point.
         closed: whether the curve returns to its start.
-
-    Raises:
-        TypeError: a value is no real number.
-        ValueError: too few points, a value that is not finite, or neighbours that coincide.
     """
 
-    waypoints: tuple[AnyPoint, ...]
+    waypoints: tuple[_AnyPoint, ...]
     closed: bool = False
 
     def __post_init__(self) -> None:
-        """Check the values."""
         try:
             given = list(itertools.islice(self.waypoints, MOST_WAYPOINTS + 1))
         except TypeError:
@@ -245,17 +216,14 @@ class Spline:
         """Return the knots (k + 1,) over s and the coefficients (4, k, 2 or 3) [m] of p in s - knot, highest first."""
         return self._interpolant.x, self._interpolant.c
 
-    def points(self, s: ArrayLike) -> Points:
+    def points(self, s: ArrayLike) -> _Points:
         """Return p, dp/ds, d²p/ds² as in `TipPath`."""
         s, spline = np.asarray(s, dtype=float), self._interpolant
         return spline(s), spline(s, 1), spline(s, 2)
 
 
 def chord_spline(points: np.ndarray, *, closed: bool = False) -> CubicSpline:
-    """Return the cubic spline over [0, 1] through points (k, d), whose parameter goes with the summed chords.
-
-    Its ends are "not-a-knot", or periodic if it is closed; the first point then stands at the end, too.
-    """
+    """Return the cubic spline over [0, 1] by chords through points (k, d), the last one the first if closed."""
     from scipy.interpolate import CubicSpline  # SciPy is only needed here
 
     chords = np.linalg.norm(np.diff(points, axis=0), axis=1)
@@ -264,25 +232,25 @@ def chord_spline(points: np.ndarray, *, closed: bool = False) -> CubicSpline:
 
 
 def _number(name: str, value: Any, unit: str) -> float:
-    return checks.real(name, value, unit, low=-LARGEST, high=LARGEST)
+    return checks.real(name, value, unit, low=-_LARGEST, high=_LARGEST)
 
 
 def _size(name: str, value: Any) -> float:
-    return checks.real(name, value, "m", low=MINIMUM_SPACING, high=LARGEST)
+    return checks.real(name, value, "m", low=_MINIMUM_SPACING, high=_LARGEST)
 
 
 def any_point(name: str, value: Any, size: int | None = None) -> Any:
     """Return a point of two or three finite numbers [m]; of `size` numbers, if that is given."""
     count = size or (3 if checks.is_sequence(value, 3) else 2)
-    return checks.reals(name, value, count, "m", low=-LARGEST, high=LARGEST)
+    return checks.reals(name, value, count, "m", low=-_LARGEST, high=_LARGEST)
 
 
-def _require_apart(first_name: str, first: AnyPoint, second_name: str, second: AnyPoint) -> None:
+def _require_apart(first_name: str, first: _AnyPoint, second_name: str, second: _AnyPoint) -> None:
     spacing = math.dist(first, second)
-    if spacing < MINIMUM_SPACING:
+    if spacing < _MINIMUM_SPACING:
         raise ValueError(
             f"{first_name} = {first} and {second_name} = {second} are {spacing:g} m apart; "
-            f"allowed: [{MINIMUM_SPACING:g}, inf) m"
+            f"allowed: [{_MINIMUM_SPACING:g}, inf) m"
         )
 
 
@@ -295,21 +263,16 @@ class Square:
     Attributes:
         center: (x, y) [m].
         half_side: a [m], > 0.
-
-    Raises:
-        TypeError: a value is no real number.
-        ValueError: one is not finite or out of range.
     """
 
     center: Point
     half_side: float
 
     def __post_init__(self) -> None:
-        """Check the values."""
         checks.keep(self, "center", any_point("center", self.center, 2))
         checks.keep(self, "half_side", _size("half_side", self.half_side))
 
-    def points(self, s: ArrayLike) -> Points:
+    def points(self, s: ArrayLike) -> _Points:
         """Return p [m], dp/ds and d²p/ds² [m], each (..., 2), as in `TipPath`."""
         rate = 2.0 * math.pi
         psi = math.pi + rate * np.asarray(s, dtype=float)
@@ -341,8 +304,7 @@ SHAPES: dict[str, Callable[[float], TipPath]] = {
 }
 """By name, the path of a size [m], the half of its width, in a plane whose x points upwards, about or beside (0, 0)."""
 
-
-SQUARE = 1e-6  # by which the axes may miss unit length and a right angle; they are then made exact
+_SQUARE = 1e-6  # by which the axes may miss unit length and a right angle; they are then made exact
 
 
 @dataclasses.dataclass(frozen=True)
@@ -355,10 +317,6 @@ class Placed:
         first: e_1, direction of the plane's x, a unit vector.
         second: e_2, direction of the plane's y, likewise; the plane faces e_1 × e_2.
 
-    Raises:
-        TypeError: `path` has no method ``points``, or a value is no real number.
-        ValueError: one is not finite, or the axes are no unit vectors at right angles.
-
     Examples:
         >>> facing_x = Placed(Circle(center=(0.0, 0.0), radius=0.1), (0.5, 0.0, 0.4), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0))
         >>> facing_x.points(0.0)[0].round(6).tolist()
@@ -366,18 +324,17 @@ class Placed:
     """
 
     path: TipPath
-    origin: AnyPoint
-    first: AnyPoint
-    second: AnyPoint
+    origin: _AnyPoint
+    first: _AnyPoint
+    second: _AnyPoint
 
     def __post_init__(self) -> None:
-        """Check the values."""
         if not isinstance(self.path, TipPath):
             raise TypeError(f"path = {checks.shown(self.path)} must have a method points(s) with points (..., 2)")
         size = 2 if checks.is_sequence(self.origin, 2) else 3
         checks.keep(self, "origin", any_point("origin", self.origin, size))
         axes = np.array([any_point(name, getattr(self, name), size) for name in ("first", "second")])
-        if not np.abs(axes @ axes.T - np.eye(2)).max() <= SQUARE:
+        if not np.abs(axes @ axes.T - np.eye(2)).max() <= _SQUARE:
             raise ValueError(
                 f"first = {self.first} and second = {self.second} must be unit vectors at right angles; their lengths "
                 f"are {np.linalg.norm(axes[0]):.6g} and {np.linalg.norm(axes[1]):.6g}, their product "
@@ -404,7 +361,7 @@ class Placed:
             return None
         return np.array(self.origin) + np.array(self.path.center) @ self.axes, self.path.radius
 
-    def points(self, s: ArrayLike) -> Points:
+    def points(self, s: ArrayLike) -> _Points:
         """Return p, dp/ds, d²p/ds² as in `TipPath`."""
         p, dp, ddp = self.path.points(s)
         axes = self.axes

@@ -29,10 +29,8 @@ __all__ = [
     "find_randomisation",
 ]
 
-Range = tuple[float, float]
-"""Low and high end of what is drawn."""
-
-HEAVIEST = 5.0 / 24.0  # of "robust": payload over the mass of the links; 5 kg for the paper's arm
+Range = tuple[float, float]  # low and high end of what is drawn
+_HEAVIEST = 5.0 / 24.0  # of "robust": payload over the mass of the links; 5 kg for the paper's arm
 
 
 @functools.cache
@@ -88,7 +86,6 @@ class DomainRandomisation:
     references: tuple[Reference, ...] = ()
 
     def __post_init__(self) -> None:
-        """Check every range."""
         for name, (low, high, unit) in ALLOWED.items():
             given = checks.interval(f"DomainRandomisation.{name}", getattr(self, name), unit, low=low, high=high)
             object.__setattr__(self, name, given)
@@ -104,10 +101,7 @@ class DomainRandomisation:
         return bool(self.references) or any(low < high for low, high in map(self.__getattribute__, ALLOWED))
 
     def ranges(self, joints: int) -> np.ndarray:
-        """Return low and high of every number of `draw_record`, one row each.
-
-        The reference's are [0, number of references).
-        """
+        """Return low and high of every number of `draw_record`, a row each; a reference is one of [0, their number)."""
         kind = draw_record(joints)
         table = np.empty((size(kind), 2))
         for name, where in columns(kind)._asdict().items():
@@ -130,10 +124,7 @@ ALLOWED = {
 
 
 def by_quantity(drawn: np.ndarray, joints: int) -> dict[str, np.ndarray]:
-    """Return views of draws (numbers of `draw_record`, lanes) by quantity, read-only.
-
-    (lanes, joints) where there is one number per joint, else (lanes,).
-    """
+    """Return views, read-only, of draws (numbers of `draw_record`, lanes) by quantity: (lanes, joints) or (lanes,)."""
     quantities = {}
     for name, place in places(draw_record(joints))._asdict().items():
         quantities[name] = drawn[slice(place[0], place[-1] + 1)].T if isinstance(place, tuple) else drawn[place]
@@ -154,7 +145,7 @@ _PLANTS = DomainRandomisation(
 def _robust(arm: AnyArm) -> DomainRandomisation:
     return dataclasses.replace(
         _PLANTS,
-        payload=(0.0, HEAVIEST * float(np.sum(robot_of(arm).arrays.mass))),
+        payload=(0.0, _HEAVIEST * float(np.sum(robot_of(arm).arrays.mass))),
         force=(0.0, 1.0),
         angle=(-0.01, 0.01),
         references=reference_family(arm),

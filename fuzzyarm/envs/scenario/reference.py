@@ -29,24 +29,10 @@ from fuzzyarm.envs.scenario.kinematics import solved
 from fuzzyarm.envs.scenario.paths import Circle, Placed, TipPath
 
 __all__ = [
-    "CHECKED_INSTANTS",
-    "LONGEST",
-    "SHORTEST",
-    "SINGULARITY_MARGIN",
-    "JointReference",
-    "PathReference",
-    "Reference",
-    "ReferenceSample",
-    "TipSample",
-    "along",
-    "check_limits",
-    "check_points",
-    "corner_times",
-    "joint_angles",
-    "quintic_time_law",
-    "time_at",
+    "CHECKED_INSTANTS", "LONGEST", "SHORTEST", "SINGULARITY_MARGIN", "JointReference", "PathReference", "Reference",
+    "ReferenceSample", "TipSample", "along", "check_limits", "check_points", "corner_times", "joint_angles",
+    "quintic_time_law", "time_at",
 ]  # fmt: skip
-
 
 SHORTEST, LONGEST = 1e-6, 1e6  # s, allowed durations
 
@@ -64,10 +50,7 @@ def quintic_time_law(t: ArrayLike, duration: float) -> tuple[np.ndarray, np.ndar
 
 
 def along(curve: TipPath, t: ArrayLike, duration: float) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Return p, ṗ = p' ṡ and p̈ = p'' ṡ² + p' s̈, shapes (..., d), at times t [s] of shape (...,).
-
-    The curve is a path of the tip or, with d joints, one in the space of the joint angles.
-    """
+    """Return p, ṗ = p' ṡ, p̈ = p'' ṡ² + p' s̈, (..., d), at times t [s] (...,), of a curve of tip or joints."""
     s, ds, dds = quintic_time_law(t, duration)
     p, dp, ddp = curve.points(s)
     ds, dds = ds[..., np.newaxis], dds[..., np.newaxis]
@@ -200,7 +183,6 @@ class JointReference(PathReference):
     parameters: ArmParameters = dataclasses.field(default_factory=ArmParameters)
 
     def __post_init__(self) -> None:
-        """Check the values, then the whole motion at `CHECKED_INSTANTS` instants."""
         if not isinstance(self.path, TipPath):
             raise TypeError(
                 f"path = {checks.shown(self.path)} must have a method points(s), see "
@@ -249,11 +231,9 @@ class JointReference(PathReference):
 def joint_angles(position: np.ndarray, length: tuple[float, float], elbow_sign: int) -> np.ndarray:
     """Return the joint angles [rad] that put the tip at `position` [m], both of shape (..., 2): the inverse of (26).
 
-    With r = |p|: q2 = ±2 atan sqrt(((L1 + L2)² - r²) / (r² - (L1 - L2)²)), and q1 is the angle of p in the frame of
-    the bent arm, in [-π, π]. A joint limit is at most π, so within the limits q1 never meets the branch cut.
-
-    Returns:
-        Angles with q2 of sign `elbow_sign`; nan where |p| is outside [|L1 - L2|, L1 + L2].
+    With r = |p|: q2 = ±2 atan sqrt(((L1 + L2)² - r²) / (r² - (L1 - L2)²)), of the sign `elbow_sign`, and q1 is the
+    angle of p in the frame of the bent arm, in [-π, π]: within the limits it never meets the branch cut. They are nan
+    where r is outside [|L1 - L2|, L1 + L2].
     """
     x, y = position[..., 0], position[..., 1]
     r, outer, inner = np.hypot(x, y), length[0] + length[1], abs(length[0] - length[1])
@@ -303,14 +283,10 @@ def check_limits(
     motion: ReferenceSample,
     advice: str,
 ) -> None:
-    """Raise ValueError if an angle leaves its joint's range or a velocity passes its limit; the message has a way out.
+    """Raise ValueError if an angle [rad] leaves its joint's range or a velocity [rad/s] passes its limit.
 
-    Args:
-        names: of the joints.
-        limits: lowest and highest angles [rad], and largest velocities [rad/s], each (n,).
-        t: times (k,) [s], the last one the duration, with which velocities go inversely.
-        motion: angles and velocities (k, n) at these times.
-        advice: the way out where an angle leaves its range.
+    `limits` are lowest and highest angles and largest velocities, each (n,), the motion is (k, n) at times t (k,) [s],
+    the last one the duration. The message has a way out, the advice where an angle leaves its range.
     """
     (low, high, speed), duration = limits, float(t[-1])
     beyond = np.maximum(motion.q - high, low - motion.q)

@@ -1,20 +1,14 @@
 """References of any robot: along a path of its tip in space, or along a spline of its joint angles.
 
-Along a path of the tip, by inverse kinematics,
+Along a path of the tip, by inverse kinematics, with f and A of `kinematics`,
 
     f(q, p(s(t))) = 0,      A q̇ = (P ṗ, 0, 0),      A q̈ = (P p̈, 0, 0) - Ȧ q̇
 
-with f and A of `kinematics`. The branch is followed once, in steps of s; after that, Newton's method corrects
-an interpolation to the last digit, so that every value depends on its own t alone.
-
-Along a spline of the joint angles,
+The branch is followed once, in steps of s; then Newton's method corrects an interpolation to the last digit, so that
+every value depends on its own t alone. Along a spline c of the joint angles through given postures, twice continuously
+differentiable, from rest to rest,
 
     q(t) = c(s(t)),  q̇ = c' ṡ,  q̈ = c'' ṡ² + c' s̈
-
-c is the cubic spline through given postures (`paths.Spline` in the space of the joints): twice continuously
-differentiable, and s(t) of `reference` lets it begin and end at rest.
-
-A motion that passes a limit of a joint is refused: the error says where, at which joint, and by how much.
 """
 
 from __future__ import annotations
@@ -64,18 +58,11 @@ from fuzzyarm.envs.scenario.reference import (
 if TYPE_CHECKING:
     from scipy.interpolate import CubicHermiteSpline, CubicSpline
 
-__all__ = [
-    "EXACT", "MINIMUM_TURN", "SHARPEST", "SplineReference", "TipReference", "checked_angles", "upward_normals",
-]  # fmt: skip
+__all__ = ["EXACT", "SHARPEST", "SplineReference", "TipReference"]
 
 
-def checked_angles(name: str, values: object, robot: Robot) -> tuple[float, ...]:
-    """Return one angle [rad] for each joint, each within the joint's range.
-
-    Raises:
-        TypeError: they are no sequence of real numbers.
-        ValueError: there are more or fewer than joints, or one leaves its range.
-    """
+def _checked_angles(name: str, values: object, robot: Robot) -> tuple[float, ...]:
+    """Return one angle [rad] for each joint, each within the joint's range."""
     angles = checks.reals(name, values, len(robot), "rad")
     for angle, joint in zip(angles, robot.joints, strict=True):
         low, high = joint.angle_range
@@ -91,12 +78,12 @@ def _check_limits(robot: Robot, t: np.ndarray, motion: ReferenceSample, advice: 
     check_limits([joint.name for joint in robot.joints], (low, high, velocity_limits(robot)), t, motion, advice)
 
 
-STEPS = np.linspace(0.0, 1.0, 81)  # of s, from one to the next of which the branch is followed
-NODES = np.linspace(0.0, 1.0, 321)  # of s, between which the posture is interpolated before it is corrected
-ROUNDS = 2  # of Newton's method between nodes
-TRIES = 8  # rounds from one step to the next, before the path counts as lost
+_STEPS = np.linspace(0.0, 1.0, 81)  # of s, from one to the next of which the branch is followed
+_NODES = np.linspace(0.0, 1.0, 321)  # of s, between which the posture is interpolated before it is corrected
+_ROUNDS = 2  # of Newton's method between nodes
+_TRIES = 8  # rounds from one step to the next, before the path counts as lost
 EXACT = 1e-10  # m or rad that an inverse may miss
-LONGEST_STEP = 0.5  # rad that a joint may move in a step
+_LONGEST_STEP = 0.5  # rad that a joint may move in a step
 
 SHARPEST = 0.01
 """Smallest singular value that A may have along a path, lengths in reaches of the robot; it is 0 where A is singular.
@@ -132,14 +119,13 @@ class TipReference(PathReference):
     orientation: Literal["constant", "free"] = "constant"
 
     def __post_init__(self) -> None:
-        """Check the values, follow the path, then check the whole motion at `CHECKED_INSTANTS` instants."""
         if not isinstance(self.path, TipPath):
             raise TypeError(f"path = {checks.shown(self.path)} must have a method points(s) with points (..., 3)")
         checks.instance("robot", self.robot, Robot)
         checks.keep(self, "duration", checks.real("duration", self.duration, "s", low=SHORTEST, high=LONGEST))
         checks.choice("orientation", self.orientation, ("constant", "free"))
         posture = home_posture(self.robot) if self.posture is None else self.posture
-        checks.keep(self, "posture", checked_angles("posture", posture, self.robot))
+        checks.keep(self, "posture", _checked_angles("posture", posture, self.robot))
         t = np.linspace(0.0, self.duration, CHECKED_INSTANTS)
         s = quintic_time_law(t, self.duration)[0]
         check_points(self.path, s, 3)
@@ -164,18 +150,18 @@ class TipReference(PathReference):
         """Return q, q̇ = A⁻¹ (P ṗ, 0, 0) and q̈, shapes (..., n), at times t [s] of shape (...,)."""
         position, velocity, acceleration = along(self.path, t, self.duration)
         task, s = self._task, quintic_time_law(t, self.duration)[0]
-        q = task.refined(self._followed(s), position, ROUNDS)
+        q = task.refined(self._followed(s), position, _ROUNDS)
         now = chain(self.robot, q)
         matrix = task.matrix(now)
         dq = solved(matrix, task.moved(velocity))
         return ReferenceSample(q, dq, solved(matrix, task.moved(acceleration) - task.drifting(now, dq)))
 
     def normals(self, t: ArrayLike) -> np.ndarray:
-        """Return the left normals of a plane curve that is `Placed`, else `upward_normals`; (..., 3)."""
+        """Return the left normals of a plane curve that is `Placed`, else `_upward_normals`; (..., 3)."""
         s = quintic_time_law(t, self.duration)[0]
         if isinstance(self.path, Placed):
             return self.path.normals(s)
-        return upward_normals(self.path.points(s)[1], self.robot)
+        return _upward_normals(self.path.points(s)[1], self.robot)
 
     @functools.cached_property
     def _task(self) -> TipTask:
@@ -196,21 +182,21 @@ class TipReference(PathReference):
 
     @functools.cached_property
     def _followed(self) -> CubicHermiteSpline:
-        """The posture over s, exact at `NODES`: followed over `STEPS`, then made fine."""
+        """The posture over s, exact at `_NODES`: followed over `_STEPS`, then made fine."""
         from scipy.interpolate import CubicHermiteSpline  # SciPy is only needed here
 
-        points, tangents, _ = self.path.points(STEPS)
+        points, tangents, _ = self.path.points(_STEPS)
         postures, slopes = [self._task.start], [self._slope(self._task.start, tangents[0])]
-        for k in range(1, len(STEPS)):
-            step = (STEPS[k] - STEPS[k - 1]) * slopes[-1]
-            if not np.abs(step).max() <= LONGEST_STEP:
+        for k in range(1, len(_STEPS)):
+            step = (_STEPS[k] - _STEPS[k - 1]) * slopes[-1]
+            if not np.abs(step).max() <= _LONGEST_STEP:
                 self._refuse(k - 1, postures[-1], f"there {self._joint(step)} would have to turn without end")
             postures.append(self._corrected(k, postures[-1], step, points[k]))
             slopes.append(self._slope(postures[-1], tangents[k]))
-        coarse = CubicHermiteSpline(STEPS, np.array(postures), np.array(slopes))
-        points, tangents, _ = self.path.points(NODES)
-        nodes = self._task.refined(coarse(NODES), points, ROUNDS)
-        return CubicHermiteSpline(NODES, nodes, self._slope(nodes, tangents))
+        coarse = CubicHermiteSpline(_STEPS, np.array(postures), np.array(slopes))
+        points, tangents, _ = self.path.points(_NODES)
+        nodes = self._task.refined(coarse(_NODES), points, _ROUNDS)
+        return CubicHermiteSpline(_NODES, nodes, self._slope(nodes, tangents))
 
     def _slope(self, q: np.ndarray, tangent: np.ndarray) -> np.ndarray:
         """Return dq/ds (..., n) at postures (..., n) where dp/ds is the tangent (..., 3)."""
@@ -219,13 +205,13 @@ class TipReference(PathReference):
     def _corrected(self, k: int, before: np.ndarray, step: np.ndarray, point: np.ndarray) -> np.ndarray:
         """Return the posture (n,) for the point (3,) of step k, from the one before (n,) and the step to it (n,)."""
         q = before + step
-        for _ in range(TRIES):
+        for _ in range(_TRIES):
             with np.errstate(all="ignore"):
                 try:
                     after = self._task.refined(q, point, 1)
                 except np.linalg.LinAlgError:
                     break
-            if not np.abs(after - before).max() <= 2.0 * LONGEST_STEP:
+            if not np.abs(after - before).max() <= 2.0 * _LONGEST_STEP:
                 break
             if np.abs(after - q).max() <= EXACT:
                 return after
@@ -235,7 +221,7 @@ class TipReference(PathReference):
 
     def _refuse(self, k: int, q: np.ndarray, reason: str) -> None:
         """Raise the error of a path that cannot be followed to or beyond step k, the last posture being q (n,)."""
-        time, point = float(time_at(STEPS[k], self.duration)), self.path.points(STEPS[k])[0]
+        time, point = float(time_at(_STEPS[k], self.duration)), self.path.points(_STEPS[k])[0]
         sharp = float(self._task.sharpness(chain(self.robot, q)))
         raise ValueError(
             f"the path cannot be followed at t = {time:.4g} s, point {_shown(point)} m: {reason} (smallest singular "
@@ -277,11 +263,8 @@ class TipReference(PathReference):
         return self.robot.joints[int(np.argmax(np.abs(motion)))].name
 
 
-def upward_normals(tangents: np.ndarray, robot: Robot) -> np.ndarray:
-    """Return unit normals (..., 3) of a curve with these tangents (..., 3): the upward ones, against gravity.
-
-    Where the curve is vertical, the normal is the one closest to the base's x; without gravity, z is up.
-    """
+def _upward_normals(tangents: np.ndarray, robot: Robot) -> np.ndarray:
+    """Return upward unit normals (..., 3) of a curve with these tangents (..., 3); where it is vertical, towards x."""
     up = upwards(robot)
     aside = np.eye(3)[0] if abs(up[0]) < 0.9 else np.eye(3)[1]
     along_curve = tangents / np.linalg.norm(tangents, axis=-1, keepdims=True)
@@ -297,7 +280,7 @@ def _shown(values: Any) -> str:
     return "(" + ", ".join(f"{value:.6g}" for value in values) + ")"
 
 
-MINIMUM_TURN = 1e-6  # rad by which neighbouring postures must differ
+_MINIMUM_TURN = 1e-6  # rad by which neighbouring postures must differ
 
 
 @dataclasses.dataclass(frozen=True)
@@ -321,20 +304,19 @@ class SplineReference(Reference):
     robot: Robot
 
     def __post_init__(self) -> None:
-        """Check the values, then the whole motion at `CHECKED_INSTANTS` instants."""
         checks.instance("robot", self.robot, Robot)
         checks.keep(self, "duration", checks.real("duration", self.duration, "s", low=SHORTEST, high=LONGEST))
         if not isinstance(self.waypoints, Sequence | np.ndarray) or isinstance(self.waypoints, str):
             raise TypeError(f"waypoints = {checks.shown(self.waypoints)} must be a sequence of postures [rad]")
         if not 2 <= len(self.waypoints) <= MOST_WAYPOINTS:
             raise ValueError(f"waypoints holds {len(self.waypoints)} postures; allowed: 2 to {MOST_WAYPOINTS}")
-        postures = tuple(checked_angles(f"waypoints[{k}]", q, self.robot) for k, q in enumerate(self.waypoints))
+        postures = tuple(_checked_angles(f"waypoints[{k}]", q, self.robot) for k, q in enumerate(self.waypoints))
         checks.keep(self, "waypoints", postures)
         for k, turn in enumerate(np.linalg.norm(np.diff(postures, axis=0), axis=1)):
-            if turn < MINIMUM_TURN:
+            if turn < _MINIMUM_TURN:
                 raise ValueError(
-                    f"waypoints[{k}] and waypoints[{k + 1}] are {turn:.3g} rad apart; allowed: {MINIMUM_TURN:g} rad or "
-                    "more. Leave one of them out"
+                    f"waypoints[{k}] and waypoints[{k + 1}] are {turn:.3g} rad apart; allowed: {_MINIMUM_TURN:g} rad "
+                    "or more. Leave one of them out"
                 )
         t = np.linspace(0.0, self.duration, CHECKED_INSTANTS)
         motion = self.sample(t)
@@ -357,9 +339,9 @@ class SplineReference(Reference):
         return TipSample(now.tip, _tip_rate(jacobian(now), dq))
 
     def normals(self, t: ArrayLike) -> np.ndarray:
-        """Return `upward_normals` (..., 3) of the curve of the tip."""
+        """Return `_upward_normals` (..., 3) of the curve of the tip."""
         q, dq, _ = self.points(quintic_time_law(t, self.duration)[0])
-        return upward_normals(_tip_rate(jacobian(chain(self.robot, q)), dq), self.robot)
+        return _upward_normals(_tip_rate(jacobian(chain(self.robot, q)), dq), self.robot)
 
     def points(self, s: ArrayLike) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """Return c, dc/ds and d²c/ds² [rad], each of shape (..., n), for s of shape (...,) in [0, 1]."""

@@ -1,11 +1,8 @@
-"""Entries of the speed table, and those of this project: one environment, the batch, the torch batch.
+"""Entries of the speed table: this project's environments, sweeps with and without a kernel, and their peers.
 
 Opening an entry gives a function that runs for a wall time and returns environment steps per second. A step is a
-control step with observation, reward and the resets that are due, under actions drawn beforehand.
-
-The peers of the speed table: Gymnasium's and EnvPool's nearest environments, and the same arm in MuJoCo.
-
-Entries of the speed table: a sweep's episodes with law and plant in one kernel, and the same step by step.
+control step with observation, reward and the resets that are due, under actions drawn beforehand. The peers are
+Gymnasium's and EnvPool's nearest environments, and the same arm in MuJoCo.
 """
 
 from __future__ import annotations
@@ -38,8 +35,8 @@ from fuzzyarm.eval.sweep.plants import Plants
 from fuzzyarm.policies import load_policy
 
 __all__ = [
-    "MUJOCO_ARM", "MUJOCO_METHODS", "SWEPT", "TORCH_LANES", "UNAVAILABLE", "Entry", "Measure", "NotMeasured",
-    "batch_peers", "compiled_batch", "draw_actions", "gymnasium_peers", "own_batches", "own_single",
+    "MUJOCO_ARM", "MUJOCO_METHODS", "SUBSTEPS", "SWEPT", "TORCH_LANES", "UNAVAILABLE", "Entry", "Measure",
+    "NotMeasured", "batch_peers", "compiled_batch", "draw_actions", "gymnasium_peers", "own_batches", "own_single",
     "single_environment", "sweep_entries", "timed", "timed_batch",
 ]  # fmt: skip
 
@@ -47,8 +44,8 @@ __all__ = [
 Measure = Callable[[float], float]
 """Wall time to spend [s] -> environment steps per second."""
 
-TORQUE_SCALE = 0.1  # of the torque limits: the arm moves and slips, but does not leave the joint domain
-SUBSTEPS = whole_substeps(1e-3, None)
+_TORQUE_SCALE = 0.1  # of the torque limits: the arm moves and slips, but does not leave the joint domain
+SUBSTEPS = whole_substeps(1e-3, None)  # of the physics per control step of 1 ms
 
 
 class NotMeasured(Exception):
@@ -63,34 +60,25 @@ UNAVAILABLE = (NotMeasured, ImportError, gym.error.Error, RuntimeError)
 class Entry:
     """A line of the speed table.
 
-    Attributes:
-        name: in the table.
-        lanes: environments stepped by one call.
-        threads: CPU threads it may use.
-        substeps: sub-steps of the physics per control step.
-        dtype: of the physics.
-        open: returns a context manager around the function that measures. Entering it builds the environment, leaving
-            it frees the environment; entering raises one of `UNAVAILABLE` where the entry cannot run.
-        peer: heading of the ratio to this entry; empty for the entries of this project.
-        tip_error: returns the largest distance [m] of the tip from the event integrator's in the nominal case, with
-            computed torque in the loop; None where it is not defined.
-        extra: the package's optional dependencies that the entry needs.
+    `open` returns a context around the function that measures, which builds and frees the environment; entering raises
+    one of `UNAVAILABLE` where the entry cannot run. `tip_error` returns the largest distance [m] of the tip from the
+    event integrator's in the nominal case, with computed torque in the loop; None where it is not defined.
     """
 
     name: str
-    lanes: int
-    threads: int
-    substeps: int
-    dtype: str
+    lanes: int  # environments stepped by one call
+    threads: int  # CPU threads it may use
+    substeps: int  # of the physics per control step
+    dtype: str  # of the physics
     open: Callable[[], contextlib.AbstractContextManager[Measure]]
-    peer: str = ""
+    peer: str = ""  # heading of the ratio to this entry; empty for the entries of this project
     tip_error: Callable[[], float] | None = None
-    extra: str = ""
+    extra: str = ""  # the package's optional dependencies that it needs
 
 
 def own_single() -> Entry:
     """Return one environment as `gymnasium.make` gives it."""
-    opened = functools.partial(single_environment, "FuzzyArm-v0", TORQUE_SCALE)
+    opened = functools.partial(single_environment, "FuzzyArm-v0", _TORQUE_SCALE)
     return Entry("FuzzyArm-v0, machine code", 1, 1, SUBSTEPS, "float64", opened, tip_error=_single_tip_error)
 
 
@@ -103,13 +91,13 @@ def own_batches(lanes: int, threads: int) -> list[Entry]:
     used = min(threads, max(1, lanes // LANES_PER_THREAD))  # the environment's own default: as many as help
     opened = functools.partial(_batch, lanes, used)
     compiled = Entry("FuzzyArm-v0, machine code", lanes, used, SUBSTEPS, "float64", opened, tip_error=_own_tip_error)
-    in_torch = TORCH_TIP_ERRORS if lanes >= TORCH_LANES else ()
+    in_torch = _TORCH_TIP_ERRORS if lanes >= TORCH_LANES else ()
     return [compiled, *(_torch_entry(lanes, threads, *key) for key in in_torch)]
 
 
 def _torch_entry(lanes: int, threads: int, device: str, dtype: str) -> Entry:
     name = "PTX kernel, GPU" if _is_kernel(device, dtype) else f"torch.compile, {'GPU' if device == 'cuda' else 'CPU'}"
-    opened, tip_error = functools.partial(_torch, lanes, threads, device, dtype), TORCH_TIP_ERRORS[device, dtype]
+    opened, tip_error = functools.partial(_torch, lanes, threads, device, dtype), _TORCH_TIP_ERRORS[device, dtype]
     return Entry(f"FuzzyArm, {name}", lanes, threads, SUBSTEPS, dtype, opened, tip_error=tip_error, extra="rl")
 
 
@@ -119,10 +107,7 @@ def _is_kernel(device: str, dtype: str) -> bool:
 
 
 def timed(advance: Callable[[], int], clock: Callable[[], float] = time.perf_counter) -> Measure:
-    """Return a function that calls `advance`, which returns its number of steps, until the time is up by `clock` [s].
-
-    It calls it at least once.
-    """
+    """Return a function that calls `advance`, which returns its number of steps, once or more until the time is up."""
 
     def measure(seconds: float) -> float:
         begin, steps = clock(), 0
@@ -180,7 +165,7 @@ def compiled_batch(lanes: int, threads: int) -> gym.vector.VectorEnv:
 def _batch(lanes: int, threads: int) -> Iterator[Measure]:
     with contextlib.closing(compiled_batch(lanes, threads)) as envs:
         envs.reset(seed=0)
-        yield timed_batch(envs.step, draw_actions(envs.single_action_space, 4, (lanes,), TORQUE_SCALE), lanes)
+        yield timed_batch(envs.step, draw_actions(envs.single_action_space, 4, (lanes,), _TORQUE_SCALE), lanes)
 
 
 @contextlib.contextmanager
@@ -193,7 +178,7 @@ def _torch(lanes: int, threads: int, device: str, dtype: str) -> Iterator[Measur
         observation = arm.reset(seed=0)
         limit = np.array(ArmParameters().torque_limit)
         space = gym.spaces.Box(-limit, limit, dtype=np.float64)
-        actions = observation.new_tensor(draw_actions(space, 4, (lanes,), TORQUE_SCALE))
+        actions = observation.new_tensor(draw_actions(space, 4, (lanes,), _TORQUE_SCALE))
 
         def advance() -> int:
             for action in actions:
@@ -244,11 +229,10 @@ def _torch_tip_error(device: str, dtype: str) -> float:
     return _batch_tip_error(first, lambda action: arm.step(first.new_tensor(action)))
 
 
-TORCH_TIP_ERRORS = {
-    key: functools.partial(_torch_tip_error, *key)
-    for key in (("cpu", "float64"), ("cpu", "float32"), ("cuda", "float64"), ("cuda", "float32"))
+# By device and dtype. Batches of all sizes share one function, so that the error is computed once.
+_TORCH_TIP_ERRORS = {
+    key: functools.partial(_torch_tip_error, *key) for key in itertools.product(("cpu", "cuda"), ("float64", "float32"))
 }
-"""By device and dtype. Batches of all sizes share one function, so that the error is computed once."""
 
 
 def _batch_tip_error(observation: Any, step: Callable[[np.ndarray], tuple[Any, ...]]) -> float:
@@ -281,11 +265,11 @@ them, where they are EQUAL_ACCURACY and FASTEST.
 
 def gymnasium_peers() -> list[Entry]:
     """Return the peers of one environment."""
-    return [
-        Entry(f"Gymnasium {name}", 1, 1, substeps, "float64", opened, heading, extra="bench")
-        for heading, name, substeps in (("Pendulum", "Pendulum-v1", 1), ("Reacher", "Reacher-v5", 2))
-        for opened in [functools.partial(single_environment, name, 1.0)]
-    ]
+    peers = []
+    for heading, name, substeps in (("Pendulum", "Pendulum-v1", 1), ("Reacher", "Reacher-v5", 2)):
+        opened = functools.partial(single_environment, name, 1.0)
+        peers.append(Entry(f"Gymnasium {name}", 1, 1, substeps, "float64", opened, heading, extra="bench"))
+    return peers
 
 
 def batch_peers(lanes: int, threads: int) -> list[Entry]:
@@ -296,7 +280,7 @@ def batch_peers(lanes: int, threads: int) -> list[Entry]:
         peers.append(Entry(f"EnvPool {name}", lanes, threads, 1, "float64", opened, heading, extra="bench"))
     for heading, (*_, substeps) in MUJOCO_METHODS.items():
         name = f"same arm in MuJoCo, 1{f'/{substeps}' if substeps > 1 else ''} ms"
-        opened, tip_error = functools.partial(_mujoco, heading, lanes, threads), MUJOCO_TIP_ERRORS[heading]
+        opened, tip_error = functools.partial(_mujoco, heading, lanes, threads), _MUJOCO_TIP_ERRORS[heading]
         peers.append(Entry(name, lanes, threads, substeps, "float64", opened, heading, tip_error, "bench"))
     return peers
 
@@ -321,15 +305,12 @@ def _mujoco(heading: str, lanes: int, threads: int) -> Iterator[Measure]:
 
 
 def _mujoco_tip_error(heading: str) -> float:
-    integrator, half_step_back, substeps = MUJOCO_METHODS[heading]
-    module = _mujoco_arm()
+    (integrator, half_step_back, substeps), module = MUJOCO_METHODS[heading], _mujoco_arm()
     arm = module.MujocoArm(module.COULOMB, module.Method(integrator, half_step_back), 1e-3 / substeps)
-    error: float = module.tip_error(arm.advance, module.COULOMB)
-    return error
+    return float(module.tip_error(arm.advance, module.COULOMB))
 
 
-MUJOCO_TIP_ERRORS = {heading: functools.partial(_mujoco_tip_error, heading) for heading in MUJOCO_METHODS}
-"""By heading. Batches of all sizes share one function, so that the error is computed once."""
+_MUJOCO_TIP_ERRORS = {heading: functools.partial(_mujoco_tip_error, heading) for heading in MUJOCO_METHODS}
 
 
 @functools.cache
@@ -345,7 +326,7 @@ def _mujoco_arm() -> ModuleType:
 
 
 SWEPT = ("fuzzy-4-tip", "elastic-observer")
-"""Policies that are measured."""
+"""Policies whose sweeps are measured."""
 
 RUN = {"in one kernel": errors_in_one_kernel, "step by step": errors_step_by_step}
 """How the episodes of a chunk are run, by name; the second is the peer of the first."""
@@ -353,14 +334,12 @@ RUN = {"in one kernel": errors_in_one_kernel, "step by step": errors_step_by_ste
 
 def sweep_entries(policy: str) -> list[Entry]:
     """Return the two entries of a policy: a chunk of a sweep as `fuzzyarm sweep` cuts it, on one thread."""
-    config = SweepConfig(policies=(policy,))
-    config = SweepConfig(policies=(policy,), plants=config.chunk)
-    lanes = config.plants * len(config.cases)
-    first, second = RUN
-    return [
-        Entry(f"sweep of {policy}, {how}", lanes, 1, SUBSTEPS, "float64", functools.partial(_swept, config, how), peer)
-        for how, peer in ((first, ""), (second, second))
-    ]
+    config = SweepConfig(policies=(policy,), plants=SweepConfig.chunk)
+    lanes, entries = config.plants * len(config.cases), []
+    for how, peer in zip(RUN, ("", *list(RUN)[1:]), strict=True):
+        opened = functools.partial(_swept, config, how)
+        entries.append(Entry(f"sweep of {policy}, {how}", lanes, 1, SUBSTEPS, "float64", opened, peer))
+    return entries
 
 
 @contextlib.contextmanager

@@ -1,17 +1,12 @@
-"""The speed table: entries take turns; a speed is a median over rounds, and a ratio is taken within each round.
-
-The configuration of the speed table: what is measured, and for how long.
-"""
+"""The speed table: entries take turns; a speed is a median over rounds, and a ratio is taken within each round."""
 
 from __future__ import annotations
 
 import contextlib
 import dataclasses
-import datetime
 import gc
 import io
 import itertools
-import json
 import os
 import statistics
 import tracemalloc
@@ -23,28 +18,16 @@ import numpy as np
 
 from fuzzyarm.common.checks import instance, real, shown, truth, whole
 from fuzzyarm.common.files import write_atomically
-from fuzzyarm.eval.bench.entries import (
-    SWEPT,
-    UNAVAILABLE,
-    Entry,
-    Measure,
-    batch_peers,
-    compiled_batch,
-    gymnasium_peers,
-    own_batches,
-    own_single,
-    sweep_entries,
-)
-from fuzzyarm.eval.provenance import current_provenance, version_of
+from fuzzyarm.eval.bench import entries
+from fuzzyarm.eval.bench.entries import UNAVAILABLE, Entry, Measure, compiled_batch, own_batches
+from fuzzyarm.eval.provenance import json_text, made_now, version_of
 
 __all__ = ["BenchConfig", "Row", "memory_per_lane", "race", "run_bench", "spread", "write_document"]
 
 
-SWEEP_LANES = tuple(4**power for power in range(10))
-"""Sizes of the batches that throughput is drawn over."""
-
-FEWEST_ROUNDS = 5  # quartiles of fewer rounds say little
-MOST_PEER_LANES = 4096  # EnvPool takes a minute to open a thousand environments of one kind
+_SWEEP_LANES = tuple(4**power for power in range(10))  # sizes of the batches that throughput is drawn over
+_FEWEST_ROUNDS = 5  # quartiles of fewer rounds say little
+_MOST_PEER_LANES = 4096  # EnvPool takes a minute to open a thousand environments of one kind
 
 
 @dataclasses.dataclass(frozen=True)
@@ -73,9 +56,9 @@ class BenchConfig:
     def __post_init__(self) -> None:
         """Check the numbers before anything runs."""
         real("seconds", self.seconds, "s", above=0.0)
-        if whole("rounds", self.rounds) < FEWEST_ROUNDS or self.rounds % 2 == 0:
+        if whole("rounds", self.rounds) < _FEWEST_ROUNDS or self.rounds % 2 == 0:
             raise ValueError(
-                f"rounds = {self.rounds} must be odd and at least {FEWEST_ROUNDS}: the median is one of the rounds"
+                f"rounds = {self.rounds} must be odd and at least {_FEWEST_ROUNDS}: the median is one of the rounds"
             )
         whole("threads", self.threads, low=1, high=os.cpu_count() or 1)
         for lanes in instance("lanes", self.lanes, tuple):
@@ -86,11 +69,11 @@ class BenchConfig:
 
     def groups(self) -> dict[str, list[Entry]]:
         """Return the entries of the table by heading; those under one heading take turns."""
-        groups = {"one environment": [own_single(), *gymnasium_peers()]}
+        groups = {"one environment": [entries.own_single(), *entries.gymnasium_peers()]}
         for lanes in self.lanes:
-            peers = batch_peers(lanes, self.threads) if lanes <= MOST_PEER_LANES else []
+            peers = entries.batch_peers(lanes, self.threads) if lanes <= _MOST_PEER_LANES else []
             groups[f"{lanes} lanes"] = own_batches(lanes, self.threads) + peers
-        return groups | {f"sweep of {policy}": sweep_entries(policy) for policy in SWEPT}
+        return groups | {f"sweep of {policy}": entries.sweep_entries(policy) for policy in entries.SWEPT}
 
     def sweep_groups(self) -> dict[str, list[Entry]]:
         """Return this project's batches by number of lanes; empty unless `lanes_sweep`."""
@@ -101,7 +84,7 @@ class BenchConfig:
             f"sweep, {lanes} lanes": [
                 one for one in own_batches(lanes, self.threads) if one.dtype == "float32" or "torch" not in one.name
             ]
-            for lanes in SWEEP_LANES
+            for lanes in _SWEEP_LANES
         }
 
     def turns(self) -> int:
@@ -117,10 +100,8 @@ class BenchConfig:
 
 
 SCHEMA = "fuzzyarm-bench/1"
-PEER_LIBRARIES = ("envpool", "mujoco", "torch")
 WARM_UP = 0.1  # s, after the first step, which may compile
-MEMORY_LANES = (1024, 5120)
-"""Two sizes of the batch; the memory of a lane is the difference between them."""
+_MEMORY_LANES = (1024, 5120)  # two sizes of the batch; the memory of a lane is the difference between them
 
 
 def run_bench(config: BenchConfig, progress: Callable[[str], None] = lambda _: None) -> dict[str, Any]:
@@ -146,12 +127,10 @@ def run_bench(config: BenchConfig, progress: Callable[[str], None] = lambda _: N
     for row in measured:
         row.tip_error_um = known[row.entry.tip_error] if row.entry.tip_error else None
     progress("memory")
-    made_with = current_provenance()
-    made_with["versions"] |= {name: version_of(name) for name in PEER_LIBRARIES}
+    made_with = made_now(config.command())
+    made_with["versions"] |= {name: version_of(name) for name in ("envpool", "mujoco", "torch")}
     return {
         "schema": SCHEMA,
-        "command": config.command(),
-        "date": datetime.datetime.now(datetime.UTC).isoformat(timespec="seconds"),
         **made_with,
         "method": {
             "rounds": config.rounds,
@@ -167,23 +146,14 @@ def run_bench(config: BenchConfig, progress: Callable[[str], None] = lambda _: N
 
 @dataclasses.dataclass
 class Row:
-    """What was measured of an entry.
+    """What was measured of an entry."""
 
-    Attributes:
-        group: heading under which it took turns with others.
-        entry: what was measured.
-        speeds: environment steps per second in each round; empty if it was not measured.
-        ratios: speed over that of each peer, by the peer's heading, in each round.
-        tip_error_um: largest distance of the tip from the event integrator's [µm]; None if it was not measured.
-        reason: why it was not measured, None if it was.
-    """
-
-    group: str
+    group: str  # heading under which it took turns with others
     entry: Entry
-    speeds: list[float] = dataclasses.field(default_factory=list)
-    ratios: dict[str, list[float]] = dataclasses.field(default_factory=dict)
-    tip_error_um: float | None = None
-    reason: str | None = None
+    speeds: list[float] = dataclasses.field(default_factory=list)  # steps per second in each round; empty: not measured
+    ratios: dict[str, list[float]] = dataclasses.field(default_factory=dict)  # by the peer's heading, in each round
+    tip_error_um: float | None = None  # largest distance of the tip from the event integrator's [µm]
+    reason: str | None = None  # why it was not measured
 
     def to_dict(self) -> dict[str, Any]:
         """Return what goes into the document."""
@@ -222,12 +192,9 @@ def race(name: str, group: Sequence[Entry], rounds: int, seconds: float, progres
                 if index in measures:
                     row.speeds.append(measures[index](seconds))
     peers = [row for row in rows if row.entry.peer and row.speeds]
-    for row in rows:
-        if row.speeds and not row.entry.peer:
-            row.ratios = {
-                peer.entry.peer: [own / other for own, other in zip(row.speeds, peer.speeds, strict=True)]
-                for peer in peers
-            }
+    for row in (row for row in rows if row.speeds and not row.entry.peer):
+        for peer in peers:
+            row.ratios[peer.entry.peer] = [own / other for own, other in zip(row.speeds, peer.speeds, strict=True)]
     return rows
 
 
@@ -255,7 +222,7 @@ def memory_per_lane() -> dict[str, Any]:
         finally:
             tracemalloc.stop()
 
-    few, many = MEMORY_LANES
+    few, many = _MEMORY_LANES
     try:
         traced(few)  # makes what is made once and kept, which does not count
         return {"bytes": (traced(many) - traced(few)) / (many - few), "reason": None}
@@ -273,11 +240,11 @@ def _reason(error: Exception, extra: str = "") -> str:
 def write_document(document: dict[str, Any], folder: Path) -> list[Path]:
     """Write ``bench.json``, and ``throughput.png`` if there was a sweep; return the paths."""
     written = [folder / "bench.json"]
-    write_atomically(written[0], json.dumps(document, indent=1) + "\n")
+    write_atomically(written[0], json_text(document))
     if document["sweep"]:
         # Imported here, as Matplotlib takes a second to load.
         from fuzzyarm.eval.bench.speed_table import draw_throughput
-        from fuzzyarm.eval.evaluation.figures import figure_style
+        from fuzzyarm.eval.figure_files import figure_style
 
         content = io.BytesIO()
         with figure_style():

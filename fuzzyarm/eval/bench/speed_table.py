@@ -1,7 +1,4 @@
-"""The table of `fuzzyarm bench`: cells for a terminal or the README, and the lines below it.
-
-The figure of `fuzzyarm bench --lanes-sweep`: throughput against the number of lanes.
-"""
+"""The table of `fuzzyarm bench` and its notes, and the figure of --lanes-sweep: throughput over the number of lanes."""
 
 from __future__ import annotations
 
@@ -49,12 +46,10 @@ def speed_cells(rows: Sequence[dict[str, Any]]) -> tuple[list[str], list[list[st
 def speed_notes(document: dict[str, Any]) -> list[str]:
     """Return the notes below the table, a paragraph each."""
     method, machine, versions = document["method"], document["machine"], document["versions"]
-    memory = (
-        "not measured, {reason}"
-        if (found := document["memory_per_lane"])["bytes"] is None
-        else ("{bytes:.0f} bytes for each further lane of the vector environment")
-    )
-    memory = memory.format(**found)
+    found = document["memory_per_lane"]
+    memory = f"not measured, {found['reason']}"
+    if found["bytes"] is not None:
+        memory = f"{found['bytes']:.0f} bytes for each further lane of the vector environment"
     notes = [
         f"Median (quartiles) of {method['rounds']} rounds of {method['seconds']:g} s in which the entries take "
         "turns; a ratio is FuzzyArm's speed over the peer's in the same round. A step is a control step of 1 ms with "

@@ -12,13 +12,10 @@ __all__ = ["CONDITIONS", "EXPERT", "LEVELS", "VERSION", "Condition", "DatasetCon
 
 VERSION = 0
 """The number at the end of a data set's name; another one means other contents."""
-
 Level = Literal["expert", "medium", "mixed"]
 """How good the policies are."""
-
 Condition = Literal["nominal", "loads"]
 """What they act on."""
-
 EXPERT = "learned-observer"
 """The policy whose score is 100."""
 

@@ -20,25 +20,15 @@ _LANES = 64  # episodes at once
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class Episode:
-    """One episode of T steps.
+    """One episode of T steps."""
 
-    Attributes:
-        seed: that the environment was reset with.
-        observations: (T + 1, 10), the last one after the last step.
-        actions: (T, 2) torques of the step, with noise [N m].
-        intended: (T, 2) what the policy chose, without noise, within the limits [N m].
-        rewards: (T,).
-        tip_errors: (T,) after each step [m].
-        completed: whether it ended because the reference was followed to its end.
-    """
-
-    seed: int
-    observations: np.ndarray
-    actions: np.ndarray
-    intended: np.ndarray
-    rewards: np.ndarray
-    tip_errors: np.ndarray
-    completed: bool
+    seed: int  # that the environment was reset with
+    observations: np.ndarray  # (T + 1, 10), the last one after the last step
+    actions: np.ndarray  # (T, 2) torques of the step, with noise [N m]
+    intended: np.ndarray  # (T, 2) what the policy chose, without noise, within the limits [N m]
+    rewards: np.ndarray  # (T,)
+    tip_errors: np.ndarray  # (T,) after each step [m]
+    completed: bool  # whether the reference was followed to its end
 
 
 class RandomTorques:

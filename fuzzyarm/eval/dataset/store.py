@@ -28,8 +28,7 @@ from fuzzyarm.policies.spec import resolve
 
 __all__ = ["DatasetError", "check_installed", "open_dataset", "provenance_of", "write_dataset"]
 
-_SCHEMA, _KEY = f"fuzzyarm-dataset/{VERSION}", "fuzzyarm"
-_DATA = "data"
+_SCHEMA, _KEY, _DATA = f"fuzzyarm-dataset/{VERSION}", "fuzzyarm", "data"
 _SCORED, _SCORED_SEED = 64, 1_000_000_000  # episodes behind a reference score, of seeds that no data set begins with
 
 
@@ -50,19 +49,10 @@ def check_installed() -> None:
 
 
 def write_dataset(config: DatasetConfig, root: Path, advance: Callable[..., None] = lambda **_: None) -> Path:
-    """Record a data set and write it; a data set is whole or not there.
+    """Record a data set, write it into an existing folder of data sets, whole or not at all, and return its folder.
 
-    Args:
-        config: what it holds.
-        root: folder of data sets, which exists.
-        advance: called with ``completed``, the number of episodes so far.
-
-    Returns:
-        The folder of the data set.
-
-    Raises:
-        ValueError: there is one of that name, Minari is not installed, or a policy cannot be loaded.
-        OSError: the folder cannot be written.
+    `advance` is called with ``completed``, the number of episodes so far. ValueError: there is one of that name, Minari
+    is not installed, or a policy cannot be loaded.
     """
     check_installed()
     import gymnasium as gym
@@ -71,10 +61,11 @@ def write_dataset(config: DatasetConfig, root: Path, advance: Callable[..., None
     folder = root / config.name
     if folder.exists():
         raise ValueError(f"{folder} is there already; choose another folder, or remove it")
-    buffers, provenance = [], _provenance(config)
-    for number, episode in enumerate(_recorded(config)):
-        buffers.append(_buffer(number, episode))
-        advance(completed=number + 1)
+    buffers, provenance = list[Any](), _provenance(config)
+    for policy, count in config.shares.items():
+        for episode in record(load_policy(policy), config.condition, count, config.seed + len(buffers), config.noise):
+            buffers.append(_buffer(len(buffers), episode))
+            advance(completed=len(buffers))
     low, high = provenance["reference_scores"].values()
     with tempfile.TemporaryDirectory(prefix=".dataset.", dir=root.absolute()) as work, _writing(Path(work)):
         dataset = minari.create_dataset_from_buffers(
@@ -143,13 +134,6 @@ def provenance_of(dataset: Any) -> dict[str, Any]:
     return found
 
 
-def _recorded(config: DatasetConfig) -> Iterator[Episode]:
-    first = config.seed
-    for policy, count in config.shares.items():
-        yield from record(load_policy(policy), config.condition, count, first, config.noise)
-        first += count
-
-
 def _buffer(number: int, episode: Episode) -> Any:
     """Return an episode as Minari takes it; its lists may be arrays."""
     from minari.data_collector import EpisodeBuffer
@@ -170,8 +154,8 @@ def _buffer(number: int, episode: Episode) -> Any:
 
 def _provenance(config: DatasetConfig) -> dict[str, Any]:
     limit = np.array(ArmParameters().torque_limit)
-    random = mean_return(RandomTorques(limit, _SCORED_SEED), config.condition, _SCORED, _SCORED_SEED)
-    expert = mean_return(load_policy(EXPERT), config.condition, _SCORED, _SCORED_SEED)
+    scored = RandomTorques(limit, _SCORED_SEED), load_policy(EXPERT)
+    random, expert = (mean_return(policy, config.condition, _SCORED, _SCORED_SEED) for policy in scored)
     return {
         "schema": _SCHEMA,
         "settings": {name: getattr(config, name) for name in ("level", "condition", "episodes", "noise", "seed")},

@@ -16,17 +16,15 @@ import numpy as np
 
 from fuzzyarm.fuzzy_policy.policy import Predictor
 
-__all__ = ["DEVIATION", "NO_BELIEFS", "Believing", "columns_of"]
+__all__ = ["DEVIATION", "NO_BELIEFS", "Believing"]
 
-NO_BELIEFS = np.empty((0, 0))
-"""Those of a policy that says nothing."""
-DEVIATION = "_deviation"
-"""Ending of the name of a standard deviation."""
+NO_BELIEFS = np.empty((0, 0))  # those of a policy that says nothing
+DEVIATION = "_deviation"  # ending of the name of a standard deviation
 _KEPT = ("force", "payload", "offset", "lateness")
 _SINGLE = ("payload", "lateness")  # of the tip or the arm; the others are of axes or joints
 
 
-def columns_of(part: str, count: int) -> list[str]:
+def _columns_of(part: str, count: int) -> list[str]:
     """Return the names of the `count` numbers of a part: ``payload``, ``force_x``, ``stiffness_1``, ..."""
     if part in _SINGLE:
         return [part]
@@ -34,16 +32,11 @@ def columns_of(part: str, count: int) -> list[str]:
 
 
 class Believing:
-    """Notes what a policy believes after each of its actions.
-
-    Attributes:
-        names: of the columns of `rows`, a deviation's with the ending `DEVIATION`; none before the first action, nor
-            of a policy that says nothing.
-    """
+    """Notes what a policy believes after each of its actions."""
 
     def __init__(self, policy: Predictor) -> None:
         """Look for the policy's beliefs."""
-        self.names: tuple[str, ...] = ()
+        self.names: tuple[str, ...] = ()  # of the columns of `rows`; empty before the first action, or without beliefs
         self._beliefs = getattr(policy, "beliefs", None)
         self._rows: list[np.ndarray] = []
         self._diverged: int | None = None
@@ -52,24 +45,24 @@ class Believing:
         self._at_last: list[str] = []
 
     def note(self, control_period: float) -> str:
-        """Return in words: another path than before, estimates at an end of their range, divergence; or nothing.
-
-        `control_period` [s] gives the times.
-        """
+        """Return in words: another path than before, estimates at an end of their range, divergence; or nothing."""
         said = []
+
+        def at(sample: int) -> str:
+            return f"{sample * control_period:.3f} s"
+
         if self._other_path is not None:
-            time = f"{self._other_path * control_period:.3f} s"
             said.append(
-                f"its path differs from that of the pass before from {time} on, "
+                f"its path differs from that of the pass before from {at(self._other_path)} on, "
                 "and it no longer expects the forces of that"
             )
         if self._diverged is not None:
-            time = f"{self._diverged * control_period:.3f} s"
-            said.append(f"its filter diverged, or its torques swung, at {time}, and its fallback acted since")
+            said.append(
+                f"its filter diverged, or its torques swung, at {at(self._diverged)}, and its fallback acted since"
+            )
         if self._ends:
             ends = [
-                f"{name.replace('_', ' ')} (first at {sample * control_period:.3f} s"
-                f"{', and at last' if name in self._at_last else ''})"
+                f"{name.replace('_', ' ')} (first at {at(sample)}{', and at last' if name in self._at_last else ''})"
                 for name, sample in self._ends.items()
             ]
             said.append(f"estimates that stood at an end of their range: {', '.join(ends)}")
@@ -89,7 +82,7 @@ class Believing:
         beliefs = self._beliefs(memory)
         sample, parts = len(self._rows), _parts(beliefs)
         if not self._rows:
-            columns = [columns_of(name, value.size) for name, value, _ in parts]
+            columns = [_columns_of(name, value.size) for name, value, _ in parts]
             self.names = tuple(name for part in columns for name in (*part, *(one + DEVIATION for one in part)))
         if self._other_path is None and np.any(getattr(beliefs, "other_path", False)):
             self._other_path = sample

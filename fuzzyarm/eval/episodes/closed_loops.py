@@ -34,44 +34,31 @@ _ROWS, _COLUMNS, _BLOCKS = machine.Layout
 class Channel(NamedTuple):
     """What is between plant and policy in each lane.
 
-    Attributes:
-        noise: f (lanes,): the policy reads q + f (y - q), y the reading of the environment and q the truth; None: y.
-        delay: by how many control periods (lanes,) the torques are late, whole numbers.
+    The policy reads q + f (y - q), y the reading of the environment, q the truth and f = `noise` (lanes,); None: y.
     """
 
     noise: np.ndarray | None
-    delay: np.ndarray
+    delay: np.ndarray  # (lanes,), whole control periods by which the torques are late
 
 
 class _Episode(NamedTuple):
-    """What has been found of a lane.
+    """What has been found of a lane."""
 
-    1 while it runs, the noise's factor, and by how many steps its torques are late; the largest tip error [m], the sum
-    of their squares, the steps, 1 if it came to its end, and 1 if a torque was no finite number.
-    """
-
-    running: Any
-    noise: Any
-    late: Any
-    largest: Any
-    squares: Any
+    running: Any  # 1 while it runs
+    noise: Any  # factor
+    late: Any  # steps by which its torques are late
+    largest: Any  # tip error [m]
+    squares: Any  # sum, [m²]
     steps: Any
-    completed: Any
-    failed: Any
+    completed: Any  # 1 if it came to its end
+    failed: Any  # 1 if a torque was no finite number
 
 
 def closed_loops(lanes: Lanes, observation: np.ndarray, policy: Policy, law: Law, channel: Channel) -> TipErrors | None:
-    """Run the episodes that have begun in all lanes to their ends, and return their tip errors; the lanes stay there.
+    """Run the episodes that have just begun in all lanes to their ends; return their tip errors and keep the lanes.
 
-    Args:
-        lanes: whose episodes have just begun.
-        observation: what the policy sees of their beginning, (lanes, 5 n).
-        policy: what acts.
-        law: its law.
-        channel: between both.
-
-    Returns:
-        The errors; None where a torque was no finite number, which the ordinary loop refuses with a message.
+    `observation` (lanes, 5 n) is what the policy, of this law, sees of their beginning. None where a torque was no
+    finite number, which the ordinary loop refuses with a message.
     """
     layout, count, joints = lanes.layout, lanes.count, lanes.physics.joints
     depth, scaled = int(channel.delay.max()) + 1, channel.noise is not None
@@ -118,14 +105,7 @@ def _kernel_of(
     control_step, reading_at = control_step_of(physics), reading_of(physics)
 
     def step(
-        remembered: Any,
-        lane: Any,
-        clock: Clock,
-        reading: Any,
-        sent: Any,
-        episode: _Episode,
-        given: Any,
-        *others: Any,
+        remembered: Any, lane: Any, clock: Clock, reading: Any, sent: Any, episode: _Episode, given: Any, *others: Any
     ) -> tuple[Any, ...]:
         of_law, limit, h, substeps = given
         *own, schedule = others
@@ -161,14 +141,8 @@ def _kernel_of(
         return remembered, lane._replace(state=state), clock, (q, dq), sent, episode
 
     nothing = PerJoint(*[0.0] * joints)
-    ports = (
-        memory,
-        places(layout.Lane),
-        Clock(0.0, 0.0, 0.0, 0.0),
-        (nothing, nothing),
-        (nothing,) * depth,
-        _Episode(*[0.0] * len(_Episode._fields)),
-    )
+    clock, episode = Clock(0.0, 0.0, 0.0, 0.0), _Episode(*[0.0] * len(_Episode._fields))
+    ports = (memory, places(layout.Lane), clock, (nothing, nothing), (nothing,) * depth, episode)
     program = Program(step, ports, (constants, tuple(nothing), 0.0, 0.0), (*tables, (0, size(Row))))
     return Kernel(program, (_ROWS, _BLOCKS, _COLUMNS, _ROWS, _ROWS, _ROWS), repeated=True)
 

@@ -34,26 +34,16 @@ class Step(NamedTuple):
     """One control step. Of a batch every array has a row per lane; of a single arm there is no such axis.
 
     Where an episode `ended`, all values are those after its last step, also in a batch whose lanes begin again at once.
-
-    Attributes:
-        observation: (10,) or (lanes, 10), after the step.
-        info: as the environment gives it, see `FuzzyArmEnv`; of a terminated episode also ``"reason"``.
-        reward: () or (lanes,).
-        running: booleans () or (lanes,): the episode had not ended before this step. Other rows mean nothing.
-        ended: booleans: the episode ends with this step.
-        completed: booleans: it ends because the reference was followed to its end.
-        memory: the policy's state after it acted.
-        seconds: wall time of `predict` [s].
     """
 
-    observation: np.ndarray
-    info: dict[str, Any]
-    reward: np.ndarray
-    running: np.ndarray
-    ended: np.ndarray
-    completed: np.ndarray
-    memory: Any
-    seconds: float
+    observation: np.ndarray  # (10,) or (lanes, 10), after the step
+    info: dict[str, Any]  # as the environment gives it, see `FuzzyArmEnv`; of a terminated episode also ``"reason"``
+    reward: np.ndarray  # () or (lanes,)
+    running: np.ndarray  # booleans () or (lanes,): the episode had not ended before; other rows mean nothing
+    ended: np.ndarray  # booleans: the episode ends with this step
+    completed: np.ndarray  # booleans: it ends because the reference was followed to its end
+    memory: Any  # the policy's state after it acted
+    seconds: float  # wall time of `predict` [s]
 
 
 def episodes(
@@ -108,20 +98,13 @@ def _last(observation: np.ndarray, info: dict[str, Any], ended: np.ndarray) -> t
 
 
 class TipErrors:
-    """The tip errors of every lane's episode, kept without its signals.
-
-    Attributes:
-        largest: largest tip error [m], (lanes,).
-        steps: number of control steps, (lanes,).
-        completed: whether the reference was followed to its end, booleans (lanes,).
-        squares: sum of the squares of the tip errors [m²], (lanes,).
-    """
+    """The tip errors of every lane's episode, kept without its signals."""
 
     def __init__(self, lanes: int) -> None:
         """Begin with no steps."""
-        self.largest, self.steps = np.zeros(lanes), np.zeros(lanes)
-        self.completed = np.zeros(lanes, dtype=bool)
-        self.squares = np.zeros(lanes)
+        self.largest, self.squares = np.zeros(lanes), np.zeros(lanes)  # tip error [m], and the sum of squares [m²]
+        self.steps = np.zeros(lanes)  # number of control steps
+        self.completed = np.zeros(lanes, dtype=bool)  # whether the reference was followed to its end
 
     def add(self, step: Step) -> None:
         """Take a step into account."""

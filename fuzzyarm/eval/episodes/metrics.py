@@ -34,35 +34,20 @@ _FRINGE = 0.1  # s, at both ends of an episode
 
 @dataclasses.dataclass(frozen=True)
 class Metric:
-    """A number that a rollout is judged by.
+    """A number that a rollout is judged by."""
 
-    Attributes:
-        name: key in results and heading of the CSV column.
-        unit: empty for a pure number.
-        description: what is computed, in one or more sentences.
-        compute: the metric of a rollout [unit].
-        reproducible: whether it is the same in every run; a wall time is not.
-        joint: number of the joint that it is about, counted from 1; 0 if of none.
-        column: heading in the table of results, without the unit; metrics of one heading share a cell; empty: none.
-        form: of the number in that table.
-        swept: the metric of each episode of a batch, (lanes,) [unit], from its tip errors; None: sweeps lack it.
-        key: name in a sweep's files.
-        words: heading in a sweep's table, without the unit.
-        ranked: whether leaderboards show it for each case; they show what the score is made of anyway.
-    """
-
-    name: str
-    unit: str
-    description: str
-    compute: Callable[[Rollout], float]
-    reproducible: bool = True
-    joint: int = 0
-    column: str = ""
-    form: str = "{:#.3g}"
-    swept: Callable[[TipErrors], np.ndarray] | None = None
-    key: str = ""
-    words: str = ""
-    ranked: bool = False
+    name: str  # key in results and heading of the CSV column
+    unit: str  # empty for a pure number
+    description: str  # what is computed, in one or more sentences
+    compute: Callable[[Rollout], float]  # [unit]
+    reproducible: bool = True  # whether it is the same in every run; a wall time is not
+    joint: int = 0  # that it is about, counted from 1; 0: no joint
+    column: str = ""  # heading in the table of results, without the unit; metrics of one heading share a cell
+    form: str = "{:#.3g}"  # of the number in that table
+    swept: Callable[[TipErrors], np.ndarray] | None = None  # of each episode of a batch, (lanes,) [unit]
+    key: str = ""  # name in a sweep's files
+    words: str = ""  # heading in a sweep's table, without the unit
+    ranked: bool = False  # whether leaderboards show it for each case, beside what the score is made of
 
     def text(self, value: float) -> str:
         """Return a value [unit] as the table of results shows it."""
@@ -84,11 +69,11 @@ def _of_joint(joint: int) -> tuple[Metric, Metric]:
     def rms(rollout: Rollout) -> float:
         return float(np.sqrt(np.mean(rollout.torque**2, axis=0))[joint - 1])
 
-    described = f"Largest motor torque of joint {joint}.", f"Root mean square motor torque of joint {joint}."
-    return (
-        Metric(f"torque_peak_{joint}", "N m", described[0], peak, joint=joint, column="peak torque", form="{:.0f}"),
-        Metric(f"torque_rms_{joint}", "N m", described[1], rms, joint=joint),
+    of = f"motor torque of joint {joint}."
+    largest = Metric(
+        f"torque_peak_{joint}", "N m", f"Largest {of}", peak, joint=joint, column="peak torque", form="{:.0f}"
     )
+    return largest, Metric(f"torque_rms_{joint}", "N m", f"Root mean square {of}", rms, joint=joint)
 
 
 (_PEAK_1, _RMS_1), (_PEAK_2, _RMS_2) = map(_of_joint, (1, 2))

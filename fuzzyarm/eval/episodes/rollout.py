@@ -22,7 +22,7 @@ from fuzzyarm.fuzzy_policy.policy import Predictor
 from fuzzyarm.fuzzy_policy.scheduled import ScheduledController
 from fuzzyarm.policies import load_policy, resolve
 
-__all__ = ["SIGNALS", "Rollout", "Signals", "record_passes", "record_rollout", "run_episode"]
+__all__ = ["Rollout", "Signals", "record_passes", "record_rollout", "run_episode"]
 
 
 @dataclasses.dataclass(frozen=True)
@@ -88,7 +88,7 @@ class Rollout:
         return dict(zip(self.belief_names, self.beliefs.T, strict=True))
 
 
-SIGNALS = tuple(field.name for field in dataclasses.fields(Rollout) if field.name in INFO)
+_SIGNALS = tuple(field.name for field in dataclasses.fields(Rollout) if field.name in INFO)
 """The fields of a `Rollout` that the environment's info has by the same name."""
 
 
@@ -109,7 +109,7 @@ class Signals:
         """Return the episode of an arm, for its joints' limits, with `step_time` [s] and other fields of `Rollout`."""
         lane, last = self._lane, self._steps[-1]
         signals: dict[str, Any] = {
-            name: np.array([step.info[name] for step in self._steps])[:, lane] for name in SIGNALS
+            name: np.array([step.info[name] for step in self._steps])[:, lane] for name in _SIGNALS
         }
         reference = observed(np.array([step.observation for step in self._steps])[:, lane])
         completed = bool(last.completed[lane])
@@ -134,10 +134,9 @@ def record_rollout(env: FuzzyArmEnv, policy: Predictor, *, policy_name: str, cas
 def record_passes(
     env: FuzzyArmEnv, policy: Predictor, passes: int, *, policy_name: str, case: str, seed: int
 ) -> list[Rollout]:
-    """Run an episode of `env` again and again from ``reset(seed=seed)`` and record each pass.
+    """Run an episode of `env` again and again and record each pass; pass j, from 0, begins at ``reset(seed=seed + j)``.
 
-    Encoder noise differs from pass to pass: pass j has the seed plus the number of passes before it. A policy without
-    `repeated`, or whose `repeated` returns None, runs every pass alike. Arguments as for `record_rollout`.
+    A policy without `repeated`, or whose `repeated` returns None, runs every pass alike.
     """
     repeated = getattr(policy, "repeated", lambda: None)()
     acting, runs, memory = repeated or policy, list[Rollout](), None

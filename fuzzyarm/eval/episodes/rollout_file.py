@@ -5,7 +5,7 @@ from __future__ import annotations
 import dataclasses
 import hashlib
 import io
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -17,7 +17,7 @@ from fuzzyarm.common.files import write_atomically
 from fuzzyarm.eval.episodes.beliefs import NO_BELIEFS
 from fuzzyarm.eval.episodes.rollout import Rollout
 
-__all__ = ["NAME", "digest", "read_rollouts", "write_rollouts"]
+__all__ = ["NAME", "digest", "npz_bytes", "read_rollouts", "write_rollouts"]
 
 NAME = "rollouts.npz"
 """Name of the file in an evaluation's folder."""
@@ -45,12 +45,18 @@ def write_rollouts(rollouts: Sequence[Rollout], folder: Path) -> Path:
 
     The array of field ``torque`` of the third rollout is called ``2.torque``; names and flags are arrays as well.
     """
-    content, folder = io.BytesIO(), path_of("folder", folder)
+    folder = path_of("folder", folder)
     runs = [instance("rollouts", run, Rollout) for run in sequence_of("rollouts", rollouts)]
     arrays = {f"{k}.{name}": _array(run, name) for k, run in enumerate(runs) for name in _FIELDS}
-    np.savez_compressed(content, **arrays)  # type: ignore[arg-type]
-    write_atomically(folder / NAME, content.getvalue())
+    write_atomically(folder / NAME, npz_bytes(arrays))
     return folder / NAME
+
+
+def npz_bytes(arrays: Mapping[str, Any], *, compressed: bool = True) -> bytes:
+    """Return arrays by name as the content of a NPZ file; nothing is pickled."""
+    content, save = io.BytesIO(), np.savez_compressed if compressed else np.savez
+    save(content, allow_pickle=False, **arrays)
+    return content.getvalue()
 
 
 def read_rollouts(path: Path) -> list[Rollout]:

@@ -1,11 +1,7 @@
 """Figures 2-10 of the paper for any policies, and the overview: all are drawn, then written.
 
-Every figure over time is a grid with a row per `Panel` and a column per case. What a figure shows is data
-in `panels`. Matplotlib is used without pyplot, which keeps global state.
-
-How the path of the tip is seen in a figure: in the plane of the two-joint arm, or face-on where it lies in space.
-
-What the figures over time show: one `Panel` for each row of a figure.
+Every figure over time is a grid with a row per `Panel` and a column per case. The path of the tip is seen in the plane
+of the two-joint arm, or face-on where it lies in space. Matplotlib is used without pyplot, which keeps global state.
 """
 
 from __future__ import annotations
@@ -14,7 +10,6 @@ import dataclasses
 import functools
 import itertools
 from collections.abc import Callable, Mapping, Sequence
-from contextlib import AbstractContextManager
 from pathlib import Path
 from typing import Any
 
@@ -27,11 +22,11 @@ from matplotlib.lines import Line2D
 from fuzzyarm.common.checks import instance, path_of, sequence_of
 from fuzzyarm.envs.scenario.cases import CASES
 from fuzzyarm.eval.episodes.rollout import Rollout
-from fuzzyarm.eval.figure_files import write_figure
+from fuzzyarm.eval.figure_files import figure_style, write_figure
 
 __all__ = [
-    "BAND", "DASHES", "DIPS", "FOCUS", "LOWEST", "MAGNIFICATIONS", "OVERVIEW", "REFERENCE", "ROOM", "SMALL", "TALLER",
-    "Panel", "View", "draw_figures", "figure_style", "policy_styles", "time_figures", "view_of", "write_figures",
+    "BAND", "DASHES", "FOCUS", "LOWEST", "MAGNIFICATIONS", "OVERVIEW", "REFERENCE", "ROOM", "draw_figures",
+    "policy_styles", "time_figures", "view_of", "write_figures",
 ]  # fmt: skip
 
 
@@ -39,32 +34,22 @@ _PLANE, _SPACE = 2, 3
 
 
 @dataclasses.dataclass(frozen=True)
-class View:
-    """Two directions in which points are drawn.
+class _View:
+    """Two directions in which points are drawn."""
 
-    Attributes:
-        rows: (2, axes), of the unit vectors that point down and to the side in the picture.
-        labels: of the vertical and the horizontal axis.
-        upwards: whether the vertical axis counts upwards.
-    """
-
-    rows: np.ndarray
-    labels: tuple[str, str]
-    upwards: bool
+    rows: np.ndarray  # (2, axes): unit vectors that point down and to the side in the picture
+    labels: tuple[str, str]  # of the vertical and the horizontal axis
+    upwards: bool  # whether the vertical axis counts upwards
 
     def of(self, points: np.ndarray) -> np.ndarray:
         """Return the points (..., axes) [m] as (..., 2): down and to the side [m]."""
         return np.asarray(points @ self.rows.T)
 
 
-def view_of(reference: np.ndarray) -> View:
-    """Return the view of a path with these points (n, 2 or 3) [m].
-
-    In space it is the plane that the path lies in, or comes closest to, with the base's z axis pointing as far up as it
-    can.
-    """
+def view_of(reference: np.ndarray) -> _View:
+    """Return the view of a path (n, 2 or 3) [m]; in space of the plane closest to it, with z as far up as possible."""
     if reference.shape[-1] == _PLANE:
-        return View(np.eye(_PLANE), ("x, down [m]", "y, to the side [m]"), upwards=False)
+        return _View(np.eye(_PLANE), ("x, down [m]", "y, to the side [m]"), upwards=False)
     _, _, directions = np.linalg.svd(reference - reference.mean(axis=0), full_matrices=True)
     normal = directions[-1] * (1.0 if directions[-1].sum() >= 0.0 else -1.0)
     up = np.eye(_SPACE)[-1] - normal[-1] * normal
@@ -72,7 +57,7 @@ def view_of(reference: np.ndarray) -> View:
         up = normal[0] * normal - np.eye(_SPACE)[0]
     up /= np.linalg.norm(up)
     side = np.cross(up, normal)
-    return View(np.stack([-up, side]), (f"along {_named(up)} [m]", f"along {_named(side)} [m]"), upwards=True)
+    return _View(np.stack([-up, side]), (f"along {_named(up)} [m]", f"along {_named(side)} [m]"), upwards=True)
 
 
 def _named(direction: np.ndarray) -> str:
@@ -80,29 +65,23 @@ def _named(direction: np.ndarray) -> str:
     return "(" + ", ".join(f"{part + 0.0:.2g}" for part in np.round(direction, 2)) + ")"
 
 
-Signal = Callable[[Rollout], np.ndarray]
+_Signal = Callable[[Rollout], np.ndarray]  # (n,) [unit of the panel]
 
 
 @dataclasses.dataclass(frozen=True)
 class Panel:
     """One quantity over time, a row of a figure.
 
-    Attributes:
-        quantity, unit: label of the vertical axis.
-        signal: what is drawn of a rollout, (n,) [unit].
-        scale: panels of a figure with the same scale share their limits.
-        target: what the signal should follow, (n,) [unit]; None without a target.
-        log: whether the axis is logarithmic; each case has limits of its own then,
-            and values below its lowest decade are drawn at its edge.
-        is_error: whether the scale leaves out policies far worse than the best (see `figures.FOCUS`), which are then
-            named in the panel; they would flatten the other curves.
+    Panels of a figure with the same `scale` share their limits. On a logarithmic axis each case has limits of its own,
+    and values below its lowest decade are drawn at its edge. The scale of an error leaves out policies far worse than
+    the best, see `FOCUS`, which would flatten the other curves; they are named in the panel.
     """
 
     quantity: str
     unit: str
-    signal: Signal
+    signal: _Signal
     scale: str = ""
-    target: Signal | None = None
+    target: _Signal | None = None  # what the signal should follow
     log: bool = False
     is_error: bool = False
 
@@ -115,9 +94,9 @@ _MOTOR_CIRCULARITY = Panel("motors' circularity,\nas if rigid", "mm", lambda r: 
 @functools.cache
 def time_figures(joints: int) -> dict[str, tuple[Panel, ...]]:
     """Return the panels of each figure over time, by its name, for an arm of so many joints."""
-    each = [_of_joint(joint) for joint in range(joints)]
+    each = zip(*map(_of_joint, range(joints)), strict=True)
     names = ("torque", "velocity", "motor-position", "friction")
-    return {"circularity": (_CIRCULARITY, _MOTOR_CIRCULARITY)} | dict(zip(names, zip(*each, strict=True), strict=True))
+    return {"circularity": (_CIRCULARITY, _MOTOR_CIRCULARITY)} | dict(zip(names, each, strict=True))
 
 
 def _of_joint(k: int) -> tuple[Panel, Panel, Panel, Panel]:
@@ -140,14 +119,13 @@ MAGNIFICATIONS = (20, 10, 5, 2, 1)
 stays within `ROOM`."""
 ROOM = 0.5
 """Space for magnified deviations, as a share of the curve's size; deviations beyond it are cut off."""
-FOCUS, SMALL = 5.0, 2.0
+FOCUS, _SMALL = 5.0, 2.0
 """An error panel is scaled to the policies whose peak is at most `FOCUS` times that of the best policy. A best peak
-below `SMALL` [mm] counts as `SMALL`: otherwise a nearly perfect policy would push all others off the scale."""
-LOWEST, DIPS = 1e-5, 0.05
-"""A logarithmic axis begins with the decade above which every policy is that reaches the end, but for a share `DIPS` of
+below 2 mm counts as 2 mm: otherwise a nearly perfect policy would push all others off the scale."""
+LOWEST, _DIPS = 1e-5, 0.05
+"""A logarithmic axis begins with the decade above which every policy is that reaches the end, but for a share 0.05 of
 the time, when its error passes through zero. It begins at `LOWEST` at least, which in mm is ten nanometres."""
-TALLER = 1.6
-"""Height of a row with a logarithmic axis, where decades need room, beside that of the others."""
+_TALLER = 1.6  # height of a row with a logarithmic axis, where decades need room, beside that of the others
 # Strokes and gaps, in line widths; the first is solid. There are nine beside the style's eight colours: up to eight
 # policies differ in both, and up to 72 differ in one of them.
 _STROKES = ((), (4, 1.5), (1, 1.2), (6, 1.5, 1, 1.5), (9, 2), (2, 2), (3, 1, 1, 1, 1, 1), (9, 1.5, 3, 1.5), (1, 3))
@@ -159,9 +137,9 @@ BAND: Mapping[str, Any] = {"label": "reference", "color": "#CCCCCC", "linewidth"
 
 _IN_PLANE = ("x, down", "y, to the side")
 
-Styles = Mapping[str, Mapping[str, Any]]
-Columns = Mapping[str, Sequence[Rollout]]
-Limits = tuple[float, float]
+_Styles = Mapping[str, Mapping[str, Any]]
+_Columns = Mapping[str, Sequence[Rollout]]
+_Limits = tuple[float, float]
 
 
 def write_figures(
@@ -170,16 +148,13 @@ def write_figures(
     progress: Callable[[], None] | None = None,
     titles: Mapping[str, str] | None = None,
 ) -> list[Path]:
-    """Write every figure of `draw_figures` as ``<name>.png`` and ``<name>.svg``.
+    """Write every figure of `draw_figures` as ``<name>.png`` and ``<name>.svg``; return the paths in that order.
 
     Args:
         rollouts: episodes of any cases and policies.
         folder: where to, an existing folder; files of the same names are replaced.
         progress: called after each figure.
         titles: by name of the case; None: those of the two-joint arm.
-
-    Returns:
-        the paths, in the order of writing.
 
     Raises:
         ValueError: there are no rollouts.
@@ -222,22 +197,17 @@ def draw_figures(rollouts: Sequence[Rollout], titles: Mapping[str, str] | None =
     return figures
 
 
-def figure_style() -> AbstractContextManager[None]:
-    """Return the context in which figures are drawn: Matplotlib's defaults and ``fuzzyarm.mplstyle``."""
-    return matplotlib.style.context("fuzzyarm.eval.fuzzyarm", after_reset=True)
-
-
-def policy_styles(labels: Sequence[str]) -> Styles:
+def policy_styles(labels: Sequence[str]) -> _Styles:
     """Return colour and dashes by policy, the same in every figure; within `figure_style`."""
     colors = itertools.cycle(matplotlib.rcParams["axes.prop_cycle"].by_key()["color"])
     looks = zip(dict.fromkeys(labels), colors, itertools.cycle(DASHES), strict=False)
     return {policy: {"color": color, "linestyle": dashes} for policy, color, dashes in looks}
 
 
-def _time_figure(columns: Columns, panels: Sequence[Panel], styles: Styles) -> Figure:
+def _time_figure(columns: _Columns, panels: Sequence[Panel], styles: _Styles) -> Figure:
     """Return the grid of `panels` (rows) over the cases (columns)."""
     width = 6.6 if len(columns) == 1 else 1.0 + 3.0 * len(columns)
-    heights = [TALLER if panel.log else 1.0 for panel in panels]
+    heights = [_TALLER if panel.log else 1.0 for panel in panels]
     figure = Figure(figsize=(width, 0.9 + 1.75 * sum(heights)))
     grid = figure.subplots(len(panels), len(columns), sharex="col", squeeze=False, height_ratios=heights)
     on_circle = all(_is_circle(_longest(episodes).tip_reference) for episodes in columns.values())
@@ -261,24 +231,24 @@ def _time_figure(columns: Columns, panels: Sequence[Panel], styles: Styles) -> F
     return figure
 
 
-def _limits(columns: Columns, panels: Sequence[Panel]) -> Limits:
+def _limits(columns: _Columns, panels: Sequence[Panel]) -> _Limits:
     """Return limits with a margin for `panels` in all columns, leaving out errors that are off the scale."""
     low, high = 0.0, 0.0
     for panel, episodes in itertools.product(panels, columns.values()):
-        best = max(SMALL, min(float(np.abs(panel.signal(episode)).max()) for episode in _finished(episodes)))
+        best = max(_SMALL, min(float(np.abs(panel.signal(episode)).max()) for episode in _finished(episodes)))
         for curve in (panel.signal(episode) for episode in episodes):
             if not panel.is_error or np.abs(curve).max() <= FOCUS * best:
                 low, high = min(low, float(curve.min())), max(high, float(curve.max()))
     if panels[0].log:
         finished = [e for episodes in columns.values() for e in _finished(episodes)]
-        lowest = min(float(np.quantile(panels[0].signal(e), DIPS)) for e in finished)
+        lowest = min(float(np.quantile(panels[0].signal(e), _DIPS)) for e in finished)
         first = float(10.0 ** np.floor(np.log10(max(lowest, LOWEST))))
         return first, max(10.0 * first, 1.5 * high)
     margin = 0.06 * (high - low) or 1.0
     return (low - margin if low < 0.0 else 0.0), (high + margin if high > 0.0 or low == 0.0 else 0.0)
 
 
-def _draw_panel(axes: Axes, panel: Panel, episodes: Sequence[Rollout], styles: Styles, limits: Limits) -> None:
+def _draw_panel(axes: Axes, panel: Panel, episodes: Sequence[Rollout], styles: _Styles, limits: _Limits) -> None:
     if panel.target is not None:
         axes.plot(_longest(episodes).time, panel.target(_longest(episodes)), **BAND)
     outside = []
@@ -298,7 +268,7 @@ def _draw_panel(axes: Axes, panel: Panel, episodes: Sequence[Rollout], styles: S
         axes.text(0.99, 0.97, text, transform=axes.transAxes, ha="right", va="top", fontsize=8, bbox=box, zorder=6)
 
 
-def _path_figure(title: str, episodes: Sequence[Rollout], styles: Styles) -> Figure:
+def _path_figure(title: str, episodes: Sequence[Rollout], styles: _Styles) -> Figure:
     """Return the path of the tip, see `views`: r and, for each policy, r + factor (p - r)."""
     figure = Figure(figsize=(6.0, 6.0))
     axes = figure.subplots()
@@ -345,7 +315,7 @@ def _force_figure(title: str, episode: Rollout) -> Figure:
     return figure
 
 
-def _legend(figure: Figure, episodes: Sequence[Rollout], styles: Styles, others: Sequence[Line2D]) -> None:
+def _legend(figure: Figure, episodes: Sequence[Rollout], styles: _Styles, others: Sequence[Line2D]) -> None:
     """Put a legend below the axes: `others`, every policy, and the meaning of the cross if there is one."""
     policies = dict.fromkeys(episode.policy for episode in episodes)
     handles = [*others, *(Line2D([], [], label=policy, **styles[policy]) for policy in policies)]

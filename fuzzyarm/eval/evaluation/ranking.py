@@ -6,8 +6,8 @@ Over several seeds it is their interquartile mean with a bootstrap interval of 9
 policy that lost the path in any episode, see `metrics.is_lost`, has no score and ranks after all that have one, by the
 number of such episodes.
 
-Only comparable files are ranked together: the same version of fuzzyarm, and the same `conditions`, which are all that
-an evaluation has except its policies. `eval.sweep.ranking` ranks over plants.
+Only comparable files are ranked together: the same version of fuzzyarm and the same conditions, see `results_file`.
+`eval.sweep.ranking` ranks over plants.
 """
 
 from __future__ import annotations
@@ -16,7 +16,7 @@ import dataclasses
 import math
 from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import Any, NamedTuple, Protocol
+from typing import Any, NamedTuple
 
 import numpy as np
 from rich.console import Console
@@ -33,11 +33,9 @@ from fuzzyarm.policies import resolve
 from fuzzyarm.policies.declared import Declared
 
 __all__ = [
-    "Leaderboard", "Ranking", "Standing", "Table", "check_comparable", "document", "markdown", "other_cells",
-    "other_headings", "print_leaderboard", "rank_policies", "ranks_of", "shown", "standings_of",
+    "Leaderboard", "Standing", "Table", "check_comparable", "document", "markdown", "other_cells", "other_headings",
+    "print_leaderboard", "rank_policies", "shown", "standings_of",
 ]  # fmt: skip
-
-_LEFT = ("policy", "proven", "from")  # headings of the columns that are aligned left
 
 
 class Table(NamedTuple):
@@ -46,109 +44,77 @@ class Table(NamedTuple):
     sheet: Sheet
     notes: str
 
-    @classmethod
-    def of(cls, headings: Sequence[str], cells: Sequence[Sequence[str]], notes: str) -> Table:
-        """Return the table of these headings and rows of cells."""
-        left = [column for column, heading in enumerate(headings) if heading in _LEFT]
-        return cls(Sheet(headings, cells, left, fold=True, keys=2), notes)
-
-
-class Ranking(Protocol):
-    """What can be printed as a table of ranks: standings, best first, and the conditions that all of them share."""
-
-    @property
-    def standings(self) -> Sequence[Any]:
-        """Records with policy, source, order and declared, see `Standing`."""
-        ...
-
-    @property
-    def conditions(self) -> str:
-        """The conditions in words."""
-        ...
-
-    def table(self) -> Table:
-        """Return the table and its notes."""
-        ...
-
 
 @dataclasses.dataclass(frozen=True)
 class Standing:
-    """One policy of one file.
+    """One policy of one file."""
 
-    Attributes:
-        policy: its label.
-        source: the file it is from.
-        score: see the module [mm]; None if the path was lost.
-        rms: interquartile mean over seeds of the rms tip error by case [mm]; None where the path was lost.
-        lost: number of episodes in which the path was lost.
-        episodes: number of episodes.
-        certified: whether it has a certificate.
-        tip: what is proven of its tip, in words; empty where no bound was given.
-        declared: what it declares, see `policies.declared`; None if it does not.
-        others: interquartile mean of each metric of `metrics.ranked` by case; None where the path was lost.
-    """
-
-    policy: str
-    source: str
-    score: Estimate | None
-    rms: dict[str, float | None]
-    lost: int
-    episodes: int
-    certified: bool
-    tip: str = ""
-    declared: Declared | None = None
-    others: dict[str, dict[str, float | None]] = dataclasses.field(default_factory=dict)
+    policy: str  # its label
+    source: str  # the file it is from
+    score: Estimate | None  # see the module [mm]; None if the path was lost
+    rms: dict[str, float | None]  # interquartile mean over seeds of the rms tip error by case [mm]; None where lost
+    lost: int  # number of episodes in which the path was lost
+    episodes: int  # number of episodes
+    certified: bool  # whether it has a certificate
+    tip: str = ""  # what is proven of its tip, in words; empty where no bound was given
+    declared: Declared | None = None  # what it declares; None if it does not
+    others: dict[str, dict[str, float | None]] = dataclasses.field(default_factory=dict)  # of `metrics.ranked`, as rms
 
     @property
     def order(self) -> tuple[int, float]:
         """Sort key, the best policy first."""
         return self.lost, math.inf if self.score is None else max(self.score.mean, RESOLUTION)
 
+    @property
+    def headings(self) -> list[str]:
+        """Headings of the table after the score."""
+        return [*(f"rms, {case} [mm]" for case in self.rms), *other_headings(list(self.rms)), "proven", "from"]
+
+    @property
+    def cells(self) -> list[str]:
+        """The score, and the cells below `headings`."""
+        return [
+            f"lost in {self.lost} of {self.episodes}" if self.score is None else shown(self.score),
+            *("lost" if value is None else millimetres(value) for value in self.rms.values()),
+            *other_cells(self.others, "lost"),
+            "; ".join(filter(None, ["rigid arm" if self.certified else "", self.tip])) or "-",
+            self.source,
+        ]
+
+    @staticmethod
+    def notes(standings: Sequence[Any]) -> str:
+        """Return what has to be known to read the table of these standings."""
+        interval = any(standing.score and standing.score.low is not None for standing in standings)
+        return (
+            "Score: largest tip error of all cases"
+            + (", interquartile mean over seeds with a bootstrap interval of 95 %" if interval else "")
+            + f". Lost: an episode that ended early or a tip more than {LOST:g} mm off; such policies rank last. "
+            + "Proven: of the rigid arm, decay and L2 gain in its box; of the tip, what the files of --bound say."
+        )
+
 
 @dataclasses.dataclass(frozen=True)
 class Leaderboard:
-    """Standings, best first, and the conditions that all of them share, in words."""
+    """Standings of one kind (`Standing`, or `PlantStanding` of sweeps), best first, and their conditions in words."""
 
-    standings: list[Standing]
+    standings: list[Any]
     conditions: str
 
     @property
     def ranks(self) -> list[int]:
         """Rank of each standing, from 1; policies of equal `order` share a rank."""
-        return ranks_of(self)
+        orders = [standing.order for standing in self.standings]
+        return [1 + orders.index(order) for order in orders]
 
     def table(self) -> Table:
         """Return the table and its notes."""
-        cases = list(self.standings[0].rms)
-        headings = ["rank", "policy", "score [mm]", *(f"rms, {case} [mm]" for case in cases)]
-        headings += [*other_headings(cases), "proven", "from"]
-        cells = [
-            [
-                str(rank),
-                standing.policy,
-                f"lost in {standing.lost} of {standing.episodes}" if standing.score is None else shown(standing.score),
-                *("lost" if value is None else millimetres(value) for value in standing.rms.values()),
-                *other_cells(standing.others, "lost"),
-                "; ".join(filter(None, ["rigid arm" if standing.certified else "", standing.tip])) or "-",
-                standing.source,
-            ]
-            for rank, standing in zip(self.ranks, self.standings, strict=True)
-        ]
-        interval = any(standing.score and standing.score.low is not None for standing in self.standings)
-        notes = (
-            "Score: largest tip error of all cases"
-            + (", interquartile mean over seeds with a bootstrap interval of 95 %" if interval else "")
-            + f". Lost: an episode that ended early or a tip more than {LOST:g} mm off; such policies rank last. "
-            + "Proven: of the rigid arm, decay and L2 gain in its box; of the tip, what the files of --bound say. All: "
-            + f"{self.conditions}."
-        )
-        return Table.of(headings, cells, notes)
-
-
-def ranks_of(board: Ranking) -> list[int]:
-    """Return the rank of each standing, from 1; policies of equal `order` share a rank."""
-    orders = [standing.order for standing in board.standings]
-    return [1 + orders.index(order) for order in orders]
+        first = self.standings[0]
+        headings = ["rank", "policy", "score [mm]", *first.headings]
+        rows = zip(self.ranks, self.standings, strict=True)
+        cells = [[str(rank), standing.policy, *standing.cells] for rank, standing in rows]
+        left = [column for column, heading in enumerate(headings) if heading in ("policy", "proven", "from")]
+        notes = f"{first.notes(self.standings)} All: {self.conditions}."
+        return Table(Sheet(headings, cells, left, fold=True, keys=2), notes)
 
 
 def rank_policies(paths: Sequence[str | Path], tips: Mapping[str, str] | None = None) -> Leaderboard:
@@ -190,10 +156,7 @@ def _conditions(results: Results) -> dict[str, Any]:
 def standings_of(
     config: EvaluationConfig, rows: Sequence[dict[str, Any]], certificates: Mapping[str, str | None], source: str = ""
 ) -> list[Standing]:
-    """Return the standing of each policy of an evaluation, in the order of its configuration.
-
-    `certificates` are in words by policy, None where there is none; `source` is the file.
-    """
+    """Return the standing of each policy of an evaluation, in the order of its configuration."""
     standings = []
     for policy in (resolve(name).label for name in config.policies):
         own = [row for row in rows if row["policy"] == policy]
@@ -241,7 +204,7 @@ def shown(score: Estimate) -> str:
     return millimetres(mean) + ("" if low is None or high is None else f" ({millimetres(low)} to {millimetres(high)})")
 
 
-def print_leaderboard(board: Ranking, console: Console, *, declared: bool = False) -> None:
+def print_leaderboard(board: Leaderboard, console: Console, *, declared: bool = False) -> None:
     """Print the table and its notes, and with `declared` what the policies declare."""
     sheet, notes = board.table()
     sheet.print(console)
@@ -250,24 +213,24 @@ def print_leaderboard(board: Ranking, console: Console, *, declared: bool = Fals
         print_declared(_declared_rows(board), ROW, console)
 
 
-def markdown(board: Ranking, *, declared: bool = False) -> str:
+def markdown(board: Leaderboard, *, declared: bool = False) -> str:
     """Return the table and its notes as Markdown, and with `declared` a table of what the policies declare."""
     sheet, notes = board.table()
     text = f"{sheet.markdown()}\n\n{notes}"
     return f"{text}\n\n{Sheet(ROW, _declared_rows(board), range(len(ROW))).markdown()}" if declared else text
 
 
-def document(board: Ranking) -> dict[str, Any]:
+def document(board: Leaderboard) -> dict[str, Any]:
     """Return the ranking ready for JSON: conditions, notes, and each standing with its rank and its declaration."""
     standings = []
-    for rank, standing in zip(ranks_of(board), board.standings, strict=True):
+    for rank, standing in zip(board.ranks, board.standings, strict=True):
         plain = _plain(standing)
         others = plain.pop("others")
         standings.append({"rank": rank, **plain, **others})
     return {"conditions": board.conditions, "notes": board.table().notes, "standings": standings}
 
 
-def _declared_rows(board: Ranking) -> list[tuple[str, ...]]:
+def _declared_rows(board: Leaderboard) -> list[tuple[str, ...]]:
     """Return the cells below `ROW` of each policy once; with its file where policies of one name declare otherwise."""
     sources = {(one.policy, declared_cells(one.declared)): one.source for one in reversed(board.standings)}
     names = [policy for policy, _ in sources]

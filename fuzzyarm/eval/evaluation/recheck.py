@@ -12,15 +12,13 @@ from rich.text import Text
 
 from fuzzyarm.common.checks import listed
 from fuzzyarm.common.console import Sheet
+from fuzzyarm.eval.declarations import permitted_code
 from fuzzyarm.eval.episodes.metrics import METRICS
 from fuzzyarm.eval.evaluation.results_file import Results
 from fuzzyarm.eval.evaluation.run import Evaluation, evaluate
 from fuzzyarm.policies import Kind, PolicySpec, found_again, resolve, resolve_all
 
 __all__ = ["Comparison", "Difference", "print_comparison", "recheck_results"]
-
-_RELATIVE, _ABSOLUTE = 1e-6, 1e-9
-"""Numbers agree if they differ by at most the larger of 1e-6 of the larger one and 1e-9, in the unit of the number."""
 
 _SHOWN = 20  # differences in the table
 _WIDEST = 40  # characters of a text in the table
@@ -29,48 +27,31 @@ _IDENTITY = ("case", "policy", "seed")
 
 @dataclasses.dataclass(frozen=True)
 class Difference:
-    """A value that differs from the recorded one; None where a value is missing.
+    """A value that differs from the recorded one; None where a value is missing."""
 
-    Attributes:
-        place: the episode, or the policy whose certificate it is.
-        name: of the metric.
-        recorded: in the file.
-        measured: now.
-    """
-
-    place: str
-    name: str
-    recorded: Any
-    measured: Any
+    place: str  # the episode, or the policy whose certificate it is
+    name: str  # of the metric
+    recorded: Any  # in the file
+    measured: Any  # now
 
 
 @dataclasses.dataclass(frozen=True)
 class Comparison:
-    """The outcome of a recheck.
+    """The outcome of a recheck."""
 
-    Attributes:
-        numbers: how many numbers were compared.
-        rows: of how many episodes.
-        differences: the values that differ.
-        notes: what the file was made with that is different now, in words; that alone is no difference.
-    """
-
-    numbers: int
-    rows: int
+    numbers: int  # how many were compared
+    rows: int  # of how many episodes
     differences: list[Difference]
-    notes: list[str]
+    notes: list[str]  # what the file was made with that is different now, in words; that alone is no difference
 
 
 def recheck_results(
     results: Results, code: Sequence[str] = (), progress: Callable[[], None] | None = None
 ) -> Comparison:
-    """Run an evaluation again and compare.
+    """Run an evaluation again and compare; `progress` is called after each episode.
 
-    Args:
-        results: as `read_results` returns them.
-        code: policies of the form ``package.module:factory`` that the user wants to be imported and run, as a results
-            file alone never makes that happen; and paths of policies whose files are no longer where they were.
-        progress: called after each episode.
+    A results file alone runs no code: `code` names the policies ``package.module:factory`` that the user permits, and
+    the paths of policies whose files are no longer where they were.
 
     Raises:
         ValueError: the results name code that is not in `code` or the other way round, an unknown policy, or one whose
@@ -96,14 +77,7 @@ def recheck_results(
 
 def _check_consent(results: Results, code: Sequence[str]) -> None:
     """Check that the user has named exactly the code that would be run."""
-    needed = [name for name in results.config.policies if resolve(name).kind is Kind.CODE]
-    unasked = [name for name in needed if name not in code]
-    if unasked:
-        flags = " ".join(f"--policy {name}" for name in unasked)
-        raise ValueError(
-            f"{results.path} holds results of code that is not part of fuzzyarm, which a file alone does not get run; "
-            f"if you trust it, add {flags}"
-        )
+    needed = permitted_code(f"{results.path} holds results of code", results.config.policies, code)
     labels = [resolve(name).label for name in results.config.policies]
     others = [name for name in code if name not in needed and not _moved(resolve(name), labels)]
     if others:
@@ -146,7 +120,7 @@ def _flat(evaluation: Evaluation) -> dict[tuple[str, str], Any]:
 
 def _same(then: Any, now: Any) -> bool:
     if isinstance(then, int | float) and isinstance(now, int | float):
-        return math.isclose(then, now, rel_tol=_RELATIVE, abs_tol=_ABSOLUTE)
+        return math.isclose(then, now, rel_tol=1e-6, abs_tol=1e-9)
     return bool(then == now)
 
 

@@ -1,9 +1,4 @@
-"""The table of results, for the terminal and as Markdown for the README.
-
-Which policies are at a torque limit for long, and whether that is since they are unstable on the arm.
-
-The last lines of `fuzzyarm evaluate`: who won each case, which policies are proven, and what to type next.
-"""
+"""The table of results, remarks on policies at a torque limit, and the last lines of `fuzzyarm evaluate`."""
 
 from __future__ import annotations
 
@@ -25,14 +20,10 @@ from fuzzyarm.eval.episodes.rollout import Rollout
 from fuzzyarm.eval.stability.linearisation import spectral_radius
 from fuzzyarm.policies.declared import Declared
 
-__all__ = [
-    "DECLARED", "by_case_and_policy", "declared_rows", "print_passes", "print_results", "saturation",
-    "table_rows", "verdict",
-]  # fmt: skip
+__all__ = ["DECLARED", "declared_rows", "print_passes", "print_results", "saturation", "table_rows", "verdict"]
 
 
-LONG = 0.01
-"""Share of an evaluation's steps with a motor at its limit, from which on it is said."""
+_LONG = 0.01  # share of an evaluation's steps with a motor at its limit, from which on it is said
 
 
 def saturation(rollouts: Sequence[Rollout], policies: Mapping[str, Any], arm: AnyArm, period: float) -> tuple[str, ...]:
@@ -44,7 +35,7 @@ def saturation(rollouts: Sequence[Rollout], policies: Mapping[str, Any], arm: An
     for name, policy in policies.items():
         reached = [(np.abs(run.torque) >= limit).any(axis=1) for run in rollouts if run.policy == name]
         share = float(np.concatenate(reached).mean())
-        if share > LONG:
+        if share > _LONG:
             text = f"{name}: a motor is at its torque limit in {100.0 * share:.0f} % of the steps; "
             lines.append(text + _stability(policy, arm, period))
     return tuple(lines)
@@ -76,14 +67,7 @@ def verdict(
     """Return a line for each case, one about certificates and one about the next command.
 
     A case is won by the smallest rms tip error, over several seeds the smallest median, among the policies that never
-    lost the path, see `metrics.is_lost`.
-
-    Args:
-        rows: of metrics, as in `Evaluation.rows`.
-        certificates: by policy, in words; None without one.
-        folder: that the evaluation was written to.
-        files: how many files.
-        titles: by name of the case; None: those of the two-joint arm.
+    lost the path, see `metrics.is_lost`. The evaluation was written to so many files in the folder.
     """
     known = {name: case.title for name, case in CASES.items()} if titles is None else titles
     cases = dict.fromkeys(row["case"] for row in rows)
@@ -124,7 +108,7 @@ DECLARED = (*ROW, "proven of the rigid arm")
 """Headings of the table of what policies declare."""
 
 
-def by_case_and_policy(rows: Sequence[dict[str, Any]]) -> dict[tuple[str, str], list[dict[str, Any]]]:
+def _by_case_and_policy(rows: Sequence[dict[str, Any]]) -> dict[tuple[str, str], list[dict[str, Any]]]:
     """Return the rows of metrics of each policy in each case, one for each seed."""
     groups: dict[tuple[str, str], list[dict[str, Any]]] = {}
     for row in rows:
@@ -141,7 +125,7 @@ def table_rows(
     """
     known = {name: case.title for name, case in CASES.items()} if titles is None else titles
     result = []
-    for (case, policy), runs in by_case_and_policy(rows).items():
+    for (case, policy), runs in _by_case_and_policy(rows).items():
         ended = sum(not run["completed"] for run in runs)
         note = f" (ended early in {ended} of {len(runs)})" if ended else ""
         result.append((known[case], policy + note, [_cell(runs, metrics) for metrics in columns().values()]))
@@ -180,7 +164,7 @@ def print_results(rows: Sequence[dict[str, Any]], console: Console, titles: Mapp
 def print_passes(rows: Sequence[dict[str, Any]], passes: int, console: Console) -> None:
     """Print the largest tip error of each pass, a line for each case and policy; over several seeds the median."""
     numbers, cells = range(1, passes + 1), []
-    for (case, policy), runs in by_case_and_policy(rows).items():
+    for (case, policy), runs in _by_case_and_policy(rows).items():
         errors = (millimetres(median(run[f"pass_{number}_max_mm"] for run in runs)) for number in numbers)
         cells.append([f"{case}, {policy}", *errors])
     headings = ["largest tip error [mm], pass", *map(str, numbers)]

@@ -1,8 +1,7 @@
 """An evaluation read back from its folder, checked: ``results.json``, and with it the rollouts.
 
-The conditions of an evaluation: all that has to be the same where policies are ranked together.
-
-Each field of `EvaluationConfig` is one, except `EXEMPT`: a field that is added is a condition without further ado.
+All fields of `EvaluationConfig` except `EXEMPT` are conditions, which have to be the same where policies are ranked
+together.
 """
 
 from __future__ import annotations
@@ -113,15 +112,10 @@ _NEEDED = (*_IDENTITY, "completed", "reason", "tip_error_max_mm", "tip_error_rms
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
 class Results(Evaluation):
-    """An evaluation whose ``results.json`` was read and checked; it has no rollouts yet.
+    """An evaluation whose ``results.json`` was read and checked; it has no rollouts yet."""
 
-    Attributes:
-        path: of the file.
-        rollouts_sha256: digest of the rollouts that belong to it.
-    """
-
-    path: Path
-    rollouts_sha256: str
+    path: Path  # of the file
+    rollouts_sha256: str  # of the rollouts that belong to it
 
 
 @dataclasses.dataclass(frozen=True)
@@ -169,12 +163,7 @@ class _Document:
 
 
 def read_results(path: Path) -> Results:
-    """Return the results of a file, or of the folder that `fuzzyarm evaluate --out` wrote it to. Nothing is imported.
-
-    Raises:
-        ValueError: there are none, they are damaged, or of another schema; the message names the file and the way out.
-        OSError: the file cannot be read.
-    """
+    """Return the results of a file, or of the folder that `fuzzyarm evaluate --out` wrote; nothing is imported."""
     path = path / NAME if path.is_dir() else path
     again = f"make it again with fuzzyarm evaluate --out {path.parent}"
     return read_checked(path, SCHEMA, again, lambda document: _from_document(path, document))
@@ -225,13 +214,7 @@ def _check_row(row: dict[str, Any], episode: tuple[str, str, int]) -> None:
 
 
 def read_evaluation(folder: Path) -> Results:
-    """Return the evaluation of a folder, with its rollouts.
-
-    Raises:
-        ValueError: there is none, its files are damaged, or they are of different evaluations or versions; the message
-            names the file and the way out.
-        OSError: a file cannot be read.
-    """
+    """Return the evaluation of a folder, with its rollouts; ValueError names what is missing or does not fit."""
     again = f"run fuzzyarm evaluate --out {folder} again"
     if not folder.is_dir():
         raise ValueError(f"{folder} is not a folder; make an evaluation with fuzzyarm evaluate --out {folder}")
@@ -267,10 +250,8 @@ def _joined(results: Results, rollouts: list[Rollout]) -> Results:
 
 def _check_rollout(run: Rollout, row: dict[str, Any]) -> None:
     """Raise ValueError unless a row of results is that of a rollout; its metrics are computed again."""
-    expected = {name: getattr(run, name) for name in ("case", "policy", "seed", "completed", "reason")} | metrics_of(
-        run
-    )
-    for key, value in expected.items():
+    named = {name: getattr(run, name) for name in (*_IDENTITY, "completed", "reason")}
+    for key, value in (named | metrics_of(run)).items():
         stored: Any = row.get(key)
         both_real = isinstance(value, float) and isinstance(stored, float | int)
         if not (math.isclose(value, stored, rel_tol=1e-9) if both_real else value == stored):

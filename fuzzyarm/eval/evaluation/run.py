@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import dataclasses
-import datetime
 import json
 import shlex
 from collections.abc import Callable, Sequence
@@ -30,7 +29,7 @@ from fuzzyarm.eval.episodes.metrics import metrics_of
 from fuzzyarm.eval.episodes.rollout import Rollout, record_passes
 from fuzzyarm.eval.episodes.rollout_file import digest
 from fuzzyarm.eval.evaluation.result_table import saturation
-from fuzzyarm.eval.provenance import current_provenance
+from fuzzyarm.eval.provenance import json_text, made_now
 from fuzzyarm.policies import COMPARED, PolicySpec, recorded, resolve_all
 from fuzzyarm.policies.declared import Declared
 from fuzzyarm.proof.policy_certificate import certificate_of
@@ -38,9 +37,6 @@ from fuzzyarm.proof.policy_certificate import certificate_of
 __all__ = ["SCHEMA", "Evaluation", "EvaluationConfig", "evaluate", "write_results"]
 
 SCHEMA = "fuzzyarm-evaluation/1"  # of results.json
-
-MOST_PASSES = 1000
-"""Passes that an evaluation may have."""
 
 
 @dataclasses.dataclass(frozen=True)
@@ -83,7 +79,7 @@ class EvaluationConfig:
         for case in self.cases:
             find_case(case)
         whole("seeds", self.seeds, low=1)
-        whole("passes", self.passes, low=1, high=MOST_PASSES)
+        whole("passes", self.passes, low=1, high=1000)
         EncoderNoise(*reals("encoder_noise", self.encoder_noise, 2))
         checked_period("control_period", self.control_period)
         instance("parameters", self.parameters, ArmParameters)
@@ -154,37 +150,29 @@ class EvaluationConfig:
             if self.robot.name not in shipped_robots() or self.robot != robot_named(self.robot.name):
                 return None
             words += ["--robot", self.robot.name]
-        for name in ("policies", "cases", "seeds", "encoder_noise", "path", "force", "payload", "passes"):
+        if self.policies != default.policies:
+            words += [word for policy in self.policies for word in ("--policy", recorded(policy))]
+        if self.cases != default.cases:
+            words += [word for case in self.cases for word in ("--case", case)]
+        for name in ("seeds", "encoder_noise", "path", "force", "payload", "passes"):
             value = getattr(self, name)
             if value != getattr(default, name):
-                values = [str(one) for one in (value if isinstance(value, tuple) else [value])]
-                match name:
-                    case "policies":
-                        words += [word for policy in values for word in ("--policy", recorded(policy))]
-                    case "cases":
-                        words += [word for case in values for word in ("--case", case)]
-                    case _:
-                        words += [f"--{name.replace('_', '-')}", *values]
+                words += [f"--{name.replace('_', '-')}", *map(str, value if isinstance(value, tuple) else [value])]
         return shlex.join(words)
 
 
 @dataclasses.dataclass(frozen=True)
 class Evaluation:
-    """The outcome: rollouts, one row of metrics for each, certificates by policy, and what it was made with.
-
-    `certificates` are in words, `bounds` in numbers: `text` and `bounds` of `PolicyCertificate`. `declared` says what
-    each policy was chosen for, knows, sees and remembers; None of one that does not say it. `remarks` are lines about
-    policies that are at a torque limit for long.
-    """
+    """The outcome: rollouts, one row of metrics for each, certificates by policy, and what it was made with."""
 
     config: EvaluationConfig
     rollouts: list[Rollout]
     rows: list[dict[str, Any]]
-    certificates: dict[str, str | None]
-    bounds: dict[str, dict[str, Any] | None]
+    certificates: dict[str, str | None]  # in words, `PolicyCertificate.text`
+    bounds: dict[str, dict[str, Any] | None]  # in numbers, `PolicyCertificate.bounds`
     made_with: dict[str, Any]
-    declared: dict[str, Declared | None]
-    remarks: tuple[str, ...] = ()
+    declared: dict[str, Declared | None]  # what each was chosen for, knows, sees and remembers; None: it does not say
+    remarks: tuple[str, ...] = ()  # lines about policies that are at a torque limit for long
 
     @property
     def complete(self) -> bool:
@@ -197,13 +185,9 @@ class Evaluation:
             "policies": tuple(map(recorded, self.config.policies)),
             "parameters": self.config.parameters.to_dict(),
         }
-        if self.config.robot is None:
-            del config["robot"]
-        for name in ("points", "force", "payload"):
-            if config[name] is None:
+        for name, default in {"robot": None, "points": None, "force": None, "payload": None, "passes": 1}.items():
+            if config[name] == default:
                 del config[name]
-        if self.config.passes == 1:
-            del config["passes"]
         return {
             "schema": SCHEMA,
             "config": config,
@@ -251,12 +235,7 @@ def evaluate(config: EvaluationConfig, progress: Callable[[], None] | None = Non
     proofs = {name: certificate_of(policy, reference) for name, policy in policies.items()}
     certificates = {name: None if proof is None else proof.text for name, proof in proofs.items()}
     bounds = {name: None if proof is None else proof.bounds for name, proof in proofs.items()}
-    made_with = {
-        "command": config.command(),
-        "date": datetime.datetime.now(datetime.UTC).isoformat(timespec="seconds"),
-        **current_provenance(),
-        "policy_files": {label: spec.files() for label, spec in specs.items()},
-    }
+    made_with = made_now(config.command()) | {"policy_files": {label: spec.files() for label, spec in specs.items()}}
     remarks = saturation(rollouts, policies, config.arm, config.control_period)
     return Evaluation(config, rollouts, rows, certificates, bounds, made_with, declarations, remarks)
 
@@ -289,7 +268,7 @@ def _loaded(spec: PolicySpec, config: EvaluationConfig, label: str) -> Any:
 def write_results(evaluation: Evaluation, folder: str | Path) -> list[Path]:
     """Write ``results.json`` and ``results.csv`` into a folder, each whole or not at all; return their paths."""
     document, folder = instance("evaluation", evaluation, Evaluation).to_dict(), path_of("folder", folder)
-    json_path, csv_path = folder / "results.json", folder / "results.csv"
-    write_atomically(json_path, json.dumps(document, indent=1) + "\n")
-    write_atomically(csv_path, csv_text(evaluation.rows))
-    return [json_path, csv_path]
+    texts = {folder / "results.json": json_text(document), folder / "results.csv": csv_text(evaluation.rows)}
+    for path, text in texts.items():
+        write_atomically(path, text)
+    return list(texts)

@@ -14,10 +14,8 @@ from scipy.stats import bootstrap, trim_mean
 
 __all__ = ["LEVEL", "RESAMPLES", "SEED", "Estimate", "estimate", "interquartile_mean"]
 
-LEVEL = 0.95
-"""Confidence level of the interval."""
-RESAMPLES = 9999
-"""Number of bootstrap samples."""
+LEVEL, RESAMPLES = 0.95, 9999
+"""Confidence level of the interval, and number of bootstrap samples."""
 SEED = 0
 """Seed of the resampling, fixed: the same values give the same interval."""
 
@@ -31,10 +29,7 @@ class Estimate(NamedTuple):
 
 
 def interquartile_mean(values: np.ndarray, axis: int = -1) -> np.ndarray:
-    """Return the mean along an axis without the ⌊n/4⌋ smallest and the ⌊n/4⌋ largest of n values.
-
-    The result has the unit of the values, and their shape without the axis.
-    """
+    """Return the mean, of the shape without the axis, without the ⌊n/4⌋ smallest and the ⌊n/4⌋ largest of n values."""
     return np.asarray(trim_mean(values, 0.25, axis=axis))
 
 
@@ -45,11 +40,8 @@ def estimate(values: Sequence[float]) -> Estimate:
     estimates where the interquartile mean of all possible runs lies. With five runs it is somewhat narrow: for normal
     or log-normal values it covers the true interquartile mean in about nine cases of ten.
 
-    Args:
-        values: one number per run.
-
     Raises:
-        ValueError: there are no values, or one is not finite; the message says what to do.
+        ValueError: there are no values, one for each run, or one is not finite.
     """
     numbers = np.asarray(values, dtype=float)
     if numbers.ndim != 1 or not len(numbers) or not np.isfinite(numbers).all():

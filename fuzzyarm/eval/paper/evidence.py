@@ -1,7 +1,6 @@
 """The rollouts and proofs from which both the numbers and the figures are made; they are run once.
 
-The controllers of section 6.2, and two more that explain why our numbers differ from the paper's.
-
+The controllers are those of section 6.2, and two more that explain why our numbers differ from the paper's.
 "Printed form" is Theorem 1 or 2 with integral action, the paper's α and Q, one multiplier for all dropped premises of A
 and the bound (24), with the smallest L that the inequalities allow, 0. "Consistent form" is the form of this project,
 see `proof.consistent_reference`.
@@ -13,12 +12,12 @@ import dataclasses
 import itertools
 import math
 from collections.abc import Callable, Mapping
-from importlib import resources
-from typing import Any, cast
+from pathlib import Path
+from typing import Any
 
 import numpy as np
 
-from fuzzyarm.common.bisection import last_that_works
+from fuzzyarm.common.arithmetic import last_that_works
 from fuzzyarm.envs.fuzzy_arm import FuzzyArmEnv
 from fuzzyarm.envs.scenario.cases import PAPER_CASES
 from fuzzyarm.envs.scenario.reference import JointReference
@@ -29,8 +28,8 @@ from fuzzyarm.policies import load_policy
 from fuzzyarm.proof.certificate import certify
 
 __all__ = [
-    "FEW", "FORMS", "HIGH_GAIN", "MANY", "PAPERS_OWN", "PAPER_H", "PAPER_K", "PAPER_L", "RULES", "STEPS", "SWAPPED",
-    "TITLES", "WITNESSES", "Evidence", "compared_policies", "gather", "key_of", "prove_witnesses", "smallest_gamma",
+    "FEW", "FORMS", "HIGH_GAIN", "MANY", "PAPERS_OWN", "PAPER_K", "PAPER_L", "RULES", "STEPS", "SWAPPED", "TITLES",
+    "WITNESSES", "Evidence", "gather", "key_of", "prove_witnesses",
 ]  # fmt: skip
 
 
@@ -38,6 +37,7 @@ MANY, FEW = RULES = (32, 4)
 """Numbers of rules of the controllers that the paper compares."""
 FORMS = ("printed", "consistent")
 """Forms of Theorem 2: as the paper prints it, and with a consistent feedforward."""
+_CONTROLLERS = Path(__file__).with_name("controllers")
 _FILES = {"printed-32": "paper-32-integral.json", "printed-4": "paper-4-integral-common.json"}
 _POLICIES = {"consistent-32": "fuzzy-32", "consistent-4": "fuzzy-4"}
 SWAPPED = "printed-4-swapped"
@@ -61,7 +61,7 @@ PAPER_K = np.array(
         [[-9.73e3, -1.74e3, -469.0, -89.6], [-1.89e3, -3.76e3, -96.8, -162.0]],
     ]
 )
-PAPER_H = -np.array([[[0.720e4, 0.939e4], [0.939e4, 4.62e4]], [[312.0, 159.0], [152.0, 30.2]]])
+_PAPER_H = -np.array([[[0.720e4, 0.939e4], [0.939e4, 4.62e4]], [[312.0, 159.0], [152.0, 30.2]]])
 PAPER_L = np.array(
     [
         [[14.7, -1.13, 0.47, -0.04, 0.004, -3e-4], [-6.37, 15.2, -0.21, 0.49, -0.002, 3.9e-4]],
@@ -75,14 +75,10 @@ def key_of(form: str, rules: int) -> str:
     return f"{form}-{rules}"
 
 
-def compared_policies() -> dict[str, FuzzyPolicy]:
+def _compared_policies() -> dict[str, FuzzyPolicy]:
     """Return the policies by their key in `TITLES`; the first four are proven while they are loaded."""
-    found: dict[str, Any] = {}
-    for key, name in _FILES.items():
-        with resources.as_file(resources.files("fuzzyarm.eval.paper.controllers") / name) as path:
-            found[key] = load_policy(path)
-    found |= {key: load_policy(name) for key, name in _POLICIES.items()}
-    policies = cast(dict[str, FuzzyPolicy], found)
+    policies: dict[str, Any] = {key: load_policy(_CONTROLLERS / name) for key, name in _FILES.items()}
+    policies |= {key: load_policy(name) for key, name in _POLICIES.items()}
     printed, consistent = (policies[key_of(form, FEW)].controller for form in FORMS)
     # Theorem 2 also proves this law, with P, Q and X of the printed form's file but a larger γ, see `evidence`.
     swapped = dataclasses.replace(printed, feedforward=consistent.feedforward_gains)
@@ -90,7 +86,7 @@ def compared_policies() -> dict[str, FuzzyPolicy]:
     # the vertex of the smallest z1, as is ours.
     papers = dataclasses.replace(
         printed,
-        gains=np.stack([np.concatenate([PAPER_K, PAPER_H], axis=-1)] * 2),
+        gains=np.stack([np.concatenate([PAPER_K, _PAPER_H], axis=-1)] * 2),
         feedforward=np.stack([PAPER_L] * 2),
     )
     policies |= {SWAPPED: FuzzyPolicy(swapped), PAPERS_OWN: FuzzyPolicy(papers)}
@@ -119,28 +115,22 @@ STEPS = 1 + len(PAPER_CASES) * len(TITLES) + len((*WITNESSES, HIGH_GAIN)) + len(
 class Evidence:
     """What the claims are measured from.
 
-    Attributes:
-        reference: the paper's motion.
-        controllers: by key of `evidence.TITLES`.
-        rollouts: of each controller, by its key and the case.
-        witnesses: controllers of the paper's form by the name of their file.
-        proven: names of the witnesses whose inequalities have all been proven, in exact arithmetic, in this run.
-        gamma_with: smallest γ, to 1 %, at which the printed form with 4 rules is proven if its L is replaced by another
-            one, by whose L it is; P, Q, X, τ and M stay those of its file. With its own L it is proven at γ = 1000.
+    `gamma_with` is the smallest γ, to 1 %, at which the printed form with 4 rules is proven with another L, by whose L
+    it is; P, Q, X, τ and M stay those of its file. With its own L it is proven at γ = 1000.
     """
 
-    reference: JointReference
-    controllers: Mapping[str, Controller]
-    rollouts: Mapping[tuple[str, str], Rollout]
-    witnesses: Mapping[str, Controller]
-    proven: frozenset[str]
+    reference: JointReference  # the paper's motion
+    controllers: Mapping[str, Controller]  # by key of `TITLES`
+    rollouts: Mapping[tuple[str, str], Rollout]  # by key of the controller and case
+    witnesses: Mapping[str, Controller]  # controllers of the paper's form by the name of their file
+    proven: frozenset[str]  # witnesses whose inequalities have all been proven, in exact arithmetic, in this run
     gamma_with: Mapping[str, float]
 
 
 def gather(progress: Callable[[], None] | None = None) -> Evidence:
     """Run every controller in the paper's cases and prove the witnesses; `progress` is called `STEPS` times."""
     step = progress or (lambda: None)
-    policies, reference, rollouts = compared_policies(), JointReference(), {}
+    policies, reference, rollouts = _compared_policies(), JointReference(), {}
     step()
     for case in PAPER_CASES:
         env = FuzzyArmEnv(case=case, reference=reference)
@@ -152,33 +142,30 @@ def gather(progress: Callable[[], None] | None = None) -> Evidence:
     gamma_with = {}
     for label, key in _OTHER_FEEDFORWARDS.items():
         law = dataclasses.replace(controllers[key_of("printed", FEW)], feedforward=controllers[key].feedforward)
-        gamma_with[label] = smallest_gamma(law)
+        gamma_with[label] = _smallest_gamma(law)
         step()
     return Evidence(reference, controllers, rollouts, witnesses, proven, gamma_with)
 
 
 def prove_witnesses(step: Callable[[], None]) -> tuple[dict[str, Controller], frozenset[str]]:
     """Return the witnesses by name, and the names of those that are proven; `step` is called after each."""
-    folder = resources.files("fuzzyarm.eval.paper.controllers")
     witnesses, proven = {}, set()
     for name in (*WITNESSES, HIGH_GAIN):
-        with resources.as_file(folder / f"{name}.json") as path:
-            witnesses[name] = Controller.load(path)
+        witnesses[name] = Controller.load(_CONTROLLERS / f"{name}.json")
         if certify(witnesses[name]).proven:
             proven.add(name)
         step()
     return witnesses, frozenset(proven)
 
 
-def smallest_gamma(controller: Controller) -> float:
+def _smallest_gamma(controller: Controller) -> float:
     """Return the smallest γ in [1e2, 1e5] at which a controller is proven, to 1 %; infinite if not even 1e5 is."""
-    low, high = 1e2, 1e5
 
     def proven(gamma: float) -> bool:
         return certify(dataclasses.replace(controller, gamma=gamma)).proven
 
-    if not proven(high):
+    if not proven(1e5):
         return math.inf
-    found = last_that_works(proven, good=high, bad=low, resolution=0.01)
+    found = last_that_works(proven, good=1e5, bad=1e2, resolution=0.01)
     assert found is not None  # without a limit there always is one
     return found

@@ -7,14 +7,11 @@ means 32 rules or joint 1, and solid red means 4 rules or joint 2; all else is t
 
 from __future__ import annotations
 
-import dataclasses
 import io
 from collections.abc import Callable, Mapping, Sequence
-from contextlib import AbstractContextManager
 from pathlib import Path
 from typing import Any
 
-import matplotlib.style
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
@@ -23,80 +20,41 @@ from matplotlib.patches import Patch
 
 from fuzzyarm.common.files import write_atomically
 from fuzzyarm.eval.episodes.rollout import Rollout
+from fuzzyarm.eval.figure_files import figure_style
 from fuzzyarm.eval.paper.claims import circularity_of
 from fuzzyarm.eval.paper.evidence import FEW, FORMS, MANY, RULES, Evidence, key_of
 
-__all__ = ["BANDS", "BY_JOINT", "BY_RULES", "COLUMN_TITLES", "draw_figures", "write_figures"]
+__all__ = ["BANDS", "BY_RULES", "COLUMN_TITLES", "draw_figures", "write_figures"]
 
-Look = Mapping[str, Any]
-BLUE: Look = {"color": "#0072B2", "linestyle": (0, (1, 1.2)), "linewidth": 2.0, "zorder": 2.6}
-RED: Look = {"color": "#D55E00", "linestyle": "-", "linewidth": 1.4, "zorder": 2.5}
-# How curves are drawn, and what columns are called.
-BY_RULES: Mapping[int, Look] = {MANY: BLUE, FEW: RED}
-BY_JOINT: Sequence[Look] = (BLUE, RED)  # joints 1 and 2
-REFERENCE: Look = {"color": "black", "linewidth": 0.9, "zorder": 3.0, "label": "reference"}
+_Look = Mapping[str, Any]
+_BLUE: _Look = {"color": "#0072B2", "linestyle": (0, (1, 1.2)), "linewidth": 2.0, "zorder": 2.6}
+_RED: _Look = {"color": "#D55E00", "linestyle": "-", "linewidth": 1.4, "zorder": 2.5}
+BY_RULES: Mapping[int, _Look] = {MANY: _BLUE, FEW: _RED}
+"""How curves are drawn."""
+_REFERENCE: _Look = {"color": "black", "linewidth": 0.9, "zorder": 3.0, "label": "reference"}
 BANDS = ("#E6E6E6", "#CFCFCF")  # of ranges that the paper's text states, the wider range first
 COLUMN_TITLES = {"printed": "printed form, gains bounded by (24)", "consistent": "consistent form"}  # by form
-ZOOM = 0.012  # [m], side of the magnified square of Fig. 2
-SIDES = ("tip", "motors")
-
-Signal = Callable[[Rollout], np.ndarray]
+_ZOOM = 0.012  # [m], side of the magnified square of Fig. 2
+_SIDES = ("tip", "motors")
 
 
-@dataclasses.dataclass(frozen=True)
-class JointFigure:
-    """One of Figs. 7-10: a quantity of both joints in Case 1, with a row for each number of rules.
-
-    Attributes:
-        number: of the figure.
-        title: what the figure shows.
-        quantity: label of the vertical axis with its unit.
-        signal: function from a rollout to what is drawn, (n, joints).
-        shared: whether both forms have the same scale.
-        stated: largest values of the joints by the paper's text, drawn as bands of both signs; empty: it states none.
-    """
-
-    number: int
-    title: str
-    quantity: str
-    signal: Signal
-    shared: bool = True
-    stated: Sequence[float] = ()
-
-
-CIRCULARITY: Mapping[str, tuple[float, float] | None] = {
-    "nominal": (-1.3, 1.3),
-    "machining": (-2.3, 4.4),
-    "payload": None,
-}
-"""Figs. 4-6: the range [mm] of the circularity error in each case by the paper's text; None: it states none."""
-JOINTS = (
-    JointFigure(7, "actuator torques in Case 1", "Γ [N m]", lambda r: r.torque, stated=(228.0, 47.0)),
-    JointFigure(8, "joint velocities in Case 1 (motors)", "q̇ [rad/s]", lambda r: r.dq_motor),
-    JointFigure(
-        9,
-        "joint position errors in Case 1 (motors)",
-        "q − q_d [mrad]",
-        lambda r: 1e3 * (r.q_motor - r.q_reference),
-        shared=False,
-    ),
-    JointFigure(10, "friction torques in Case 1", "Γ_f [N m]", lambda r: r.friction_torque),
+# Figs. 4-6: the range [mm] of the circularity error in each case by the paper's text; None: it states none.
+_CIRCULARITY: Mapping[str, Any] = {"nominal": (-1.3, 1.3), "machining": (-2.3, 4.4), "payload": None}
+# Figs. 7-10, a quantity of both joints in Case 1: number, title, label with unit, and signal (n, joints) of a rollout.
+_JOINTS: Sequence[tuple[int, str, str, Callable[[Rollout], np.ndarray]]] = (
+    (7, "actuator torques in Case 1", "Γ [N m]", lambda r: r.torque),
+    (8, "joint velocities in Case 1 (motors)", "q̇ [rad/s]", lambda r: r.dq_motor),
+    (9, "joint position errors in Case 1 (motors)", "q − q_d [mrad]", lambda r: 1e3 * (r.q_motor - r.q_reference)),
+    (10, "friction torques in Case 1", "Γ_f [N m]", lambda r: r.friction_torque),
 )
+_OWN_SCALES = 9  # the figure whose columns differ in scale
+_STATED = {7: (228.0, 47.0)}  # largest values of the joints by the paper's text, drawn as bands of both signs
 
 
 def write_figures(evidence: Evidence, folder: Path, progress: Callable[[], None] | None = None) -> list[Path]:
-    """Write ``figure-02.png`` to ``figure-10.png``, each atomically; return their paths.
-
-    Args:
-        evidence: what is drawn.
-        folder: where the files go.
-        progress: called after each file.
-
-    Raises:
-        OSError: the folder is missing or not writable.
-    """
+    """Write ``figure-02.png`` to ``figure-10.png``, each atomically, with `progress` after each; return their paths."""
     paths = []
-    with _style():
+    with figure_style():
         for number, figure in draw_figures(evidence).items():
             content, path = io.BytesIO(), folder / f"figure-{number:02}.png"
             figure.savefig(content, format="png")
@@ -109,14 +67,10 @@ def write_figures(evidence: Evidence, folder: Path, progress: Callable[[], None]
 
 def draw_figures(evidence: Evidence) -> dict[int, Figure]:
     """Return Figs. 2-10 by their number."""
-    with _style():
+    with figure_style():
         figures = {2: _paths(evidence), 3: _force(evidence)}
-        figures |= {number: _circularity_figure(evidence, number, case) for number, case in enumerate(CIRCULARITY, 4)}
-        return figures | {spec.number: _joint_figure(evidence, spec) for spec in JOINTS}
-
-
-def _style() -> AbstractContextManager[None]:
-    return matplotlib.style.context("fuzzyarm.eval.fuzzyarm", after_reset=True)
+        figures |= {number: _circularity_figure(evidence, number, case) for number, case in enumerate(_CIRCULARITY, 4)}
+        return figures | {row[0]: _joint_figure(evidence, *row) for row in _JOINTS}
 
 
 def _paths(evidence: Evidence) -> Figure:
@@ -128,7 +82,7 @@ def _paths(evidence: Evidence) -> Figure:
         axes.set(aspect="equal", xlabel="x [m]")
         _magnify_worst(axes, runs)
     grid[0, 0].set_ylabel("y [m]")
-    _legend(figure, [Line2D([], [], **REFERENCE), *_rule_handles()])
+    _legend(figure, [Line2D([], [], **_REFERENCE), *_rule_handles()])
     return figure
 
 
@@ -139,15 +93,15 @@ def _magnify_worst(axes: Axes, runs: Mapping[int, Rollout]) -> None:
     inset = axes.inset_axes((0.35, 0.34, 0.32, 0.32))
     _draw_paths(inset, runs)
     x, y = few.tip_reference[worst]
-    inset.set(xlim=(x - ZOOM / 2, x + ZOOM / 2), ylim=(y - ZOOM / 2, y + ZOOM / 2), aspect="equal")
+    inset.set(xlim=(x - _ZOOM / 2, x + _ZOOM / 2), ylim=(y - _ZOOM / 2, y + _ZOOM / 2), aspect="equal")
     inset.set(xticks=[], yticks=[])
     inset.spines[:].set_visible(True)
-    inset.set_title(f"{1e3 * ZOOM:.0f} mm wide", fontsize=8.5, loc="center", fontweight="normal")
+    inset.set_title(f"{1e3 * _ZOOM:.0f} mm wide", fontsize=8.5, loc="center", fontweight="normal")
     axes.indicate_inset_zoom(inset, edgecolor="#333333")
 
 
 def _draw_paths(axes: Axes, runs: Mapping[int, Rollout]) -> None:
-    axes.plot(*runs[FEW].tip_reference.T, **REFERENCE)
+    axes.plot(*runs[FEW].tip_reference.T, **_REFERENCE)
     for rules, run in runs.items():
         axes.plot(*run.tip.T, **BY_RULES[rules])
 
@@ -158,38 +112,33 @@ def _force(evidence: Evidence) -> Figure:
     figure.suptitle("Fig. 3: external force in Case 2", x=0.01, ha="left", fontweight="bold")
     axes, run = figure.subplots(), evidence.rollouts[key_of("consistent", FEW), "machining"]
     size = np.linalg.norm(run.external_force, axis=1)
+    dashed: _Look = {"color": "#666666", "linewidth": 0.9, "linestyle": (0, (6, 2))}
     for sign in (1.0, -1.0):
         axes.axhspan(sign * 138.0, sign * 218.0, color=BANDS[0], zorder=0.5)
-        axes.plot(run.time, sign * size, color="#666666", linewidth=0.9, linestyle=(0, (6, 2)))
-    for look, component in zip((BLUE, RED), run.external_force.T, strict=True):
+        axes.plot(run.time, sign * size, **dashed)
+    for look, component in zip((_BLUE, _RED), run.external_force.T, strict=True):
         axes.plot(run.time, component, **look)
     axes.set(xlabel="time [s]", ylabel="external force [N]")
-    _legend(
-        figure,
-        [
-            Line2D([], [], label="vertical (x, down)", **BLUE),
-            Line2D([], [], label="horizontal (y)", **RED),
-            Line2D([], [], label="±|F_e|", color="#666666", linewidth=0.9, linestyle=(0, (6, 2))),
-            Patch(color=BANDS[0], label="stated: 138 to 218 N"),
-        ],
-    )
+    looks = {"vertical (x, down)": _BLUE, "horizontal (y)": _RED, "±|F_e|": dashed}
+    lines = [Line2D([], [], label=label, **look) for label, look in looks.items()]
+    _legend(figure, [*lines, Patch(color=BANDS[0], label="stated: 138 to 218 N")])
     return figure
 
 
 def _circularity_figure(evidence: Evidence, number: int, case: str) -> Figure:
     """Return one of Figs. 4-6, with a row for the tip and one for the motors; each column has its own scale."""
-    stated, title = CIRCULARITY[case], f"circularity error in Case {number - 3}"
-    figure, grid = _grid(number, title, (9.2, 5.0), len(SIDES), sharey="col")
+    stated, title = _CIRCULARITY[case], f"circularity error in Case {number - 3}"
+    figure, grid = _grid(number, title, (9.2, 5.0), len(_SIDES), sharey="col")
     for column, form in zip(grid.T, FORMS, strict=True):
         runs = [evidence.rollouts[key_of(form, rules), case] for rules in RULES]
-        for axes, side in zip(column, SIDES, strict=True):
+        for axes, side in zip(column, _SIDES, strict=True):
             if stated is not None:
                 axes.axhspan(*stated, color=BANDS[0], zorder=0.5)
             for rules, run in zip(RULES, runs, strict=True):
                 axes.plot(run.time, 1e3 * circularity_of(run, side), **BY_RULES[rules])
             label = "tip" if side == "tip" else "motors, as if rigid"
             axes.set_ylabel(f"{label} [mm]")
-        values = [1e3 * circularity_of(run, side) for run in runs for side in SIDES]  # one scale holds all of a column
+        values = [1e3 * circularity_of(run, side) for run in runs for side in _SIDES]  # one scale holds all of a column
         low = min([*(float(errors.min()) for errors in values), *(stated or ())])
         high = max([*(float(errors.max()) for errors in values), *(stated or ())])
         margin = 0.06 * (high - low)
@@ -200,24 +149,22 @@ def _circularity_figure(evidence: Evidence, number: int, case: str) -> Figure:
     return figure
 
 
-def _joint_figure(evidence: Evidence, spec: JointFigure) -> Figure:
-    """Return one of Figs. 7-10."""
-    figure, grid = _grid(spec.number, spec.title, (9.2, 5.0), len(RULES), sharey="all" if spec.shared else "col")
+def _joint_figure(evidence: Evidence, number: int, title: str, label: str, signal: Callable[..., Any]) -> Figure:
+    """Return one of Figs. 7-10, with a row for each number of rules."""
+    stated = tuple(zip(BANDS, _STATED.get(number, ()), strict=False))
+    figure, grid = _grid(number, title, (9.2, 5.0), len(RULES), sharey="col" if number == _OWN_SCALES else "all")
     for row, rules in zip(grid, RULES, strict=True):
         for axes, form in zip(row, FORMS, strict=True):
             run = evidence.rollouts[key_of(form, rules), "nominal"]
-            for color, size in zip(BANDS, spec.stated, strict=False):
+            for color, size in stated:
                 axes.axhspan(-size, size, color=color, zorder=0.5)
-            for look, values in zip(BY_JOINT, spec.signal(run).T, strict=True):
+            for look, values in zip((_BLUE, _RED), signal(run).T, strict=True):
                 axes.plot(run.time, values, **look)
-        row[0].set_ylabel(f"{rules} rules\n{spec.quantity}")
+        row[0].set_ylabel(f"{rules} rules\n{label}")
     for axes in grid[-1]:
         axes.set_xlabel("time [s]")
-    joints = [Line2D([], [], label=f"joint {number}", **look) for number, look in enumerate(BY_JOINT, start=1)]
-    bands = [
-        Patch(color=color, label=f"stated peak: {size:.0f} N m")
-        for color, size in zip(BANDS, spec.stated, strict=False)
-    ]
+    joints = [Line2D([], [], label=f"joint {number}", **look) for number, look in enumerate((_BLUE, _RED), start=1)]
+    bands = [Patch(color=color, label=f"stated peak: {size:.0f} N m") for color, size in stated]
     _legend(figure, [*joints, *bands])
     return figure
 

@@ -1,15 +1,12 @@
-"""What the paper says beside what we measure: tables in the terminal, Markdown and JSON.
+"""What the paper says beside what we measure, and the drift from the stored numbers: tables, Markdown and JSON.
 
-Drift: what is measured now against the stored numbers of `expected.json`.
-
-``fuzzyarm paper --renew FILE`` writes such a file; nothing is written into the installed package. A maintainer who has
-changed a number on purpose names this folder's ``expected.json`` in a checkout.
+``fuzzyarm paper --renew FILE`` writes such numbers; a maintainer who has changed one on purpose names this folder's
+``expected.json`` in a checkout.
 """
 
 from __future__ import annotations
 
 import dataclasses
-import json
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
@@ -21,7 +18,7 @@ from fuzzyarm.common.console import Sheet
 from fuzzyarm.common.files import write_atomically
 from fuzzyarm.eval.paper.claims import CLAIMS, ROLLOUTS, STATEMENTS, TABLE_2, Claim
 from fuzzyarm.eval.paper.evidence import TITLES, Evidence
-from fuzzyarm.eval.provenance import current_provenance
+from fuzzyarm.eval.provenance import current_provenance, json_text
 
 __all__ = [
     "EXPECTED", "Comparison", "Drift", "Numbers", "compare", "find_drift", "load_expected", "print_report", "renewed",
@@ -31,7 +28,7 @@ __all__ = [
 
 EXPECTED = Path(__file__).with_name("expected.json")
 """The stored numbers that come with the package."""
-EXPECTED_SCHEMA = "fuzzyarm-paper-expected/1"
+_EXPECTED_SCHEMA = "fuzzyarm-paper-expected/1"
 
 Numbers = Mapping[str, Mapping[str, float]]
 """Values by the key of their claim and their label."""
@@ -39,23 +36,14 @@ Numbers = Mapping[str, Mapping[str, float]]
 
 @dataclasses.dataclass(frozen=True)
 class Drift:
-    """A number that differs from its stored value by more than `allowed`, that is new, or that no longer exists.
+    """A number that differs from its stored value by more than `allowed`, that is new, or that no longer exists."""
 
-    Attributes:
-        key: of the claim.
-        label: of the value.
-        unit: of both values; "-" for none.
-        stored: the stored value; None for a new number.
-        measured: the value measured now; None for a number that no longer exists.
-        allowed: largest allowed difference.
-    """
-
-    key: str
-    label: str
-    unit: str
-    stored: float | None
-    measured: float | None
-    allowed: float
+    key: str  # of the claim
+    label: str  # of the value
+    unit: str  # of both values; "-" for a pure number
+    stored: float | None  # None for a new number
+    measured: float | None  # now; None for a number that no longer exists
+    allowed: float  # largest difference
 
     def __str__(self) -> str:
         """Return the name of the number, both values and the allowed difference."""
@@ -92,14 +80,9 @@ def find_drift(claims: Sequence[Claim], measured: Numbers, stored: Numbers) -> l
 
 
 def load_expected(path: Path = EXPECTED) -> Numbers:
-    """Return the numbers stored in a file.
-
-    Raises:
-        ValueError: the file is damaged or of another schema.
-        OSError: it cannot be read.
-    """
+    """Return the numbers stored in a file; ValueError if it is damaged or of another schema."""
     try:
-        content = documents.check_schema(documents.read_json(path), EXPECTED_SCHEMA)
+        content = documents.check_schema(documents.read_json(path), _EXPECTED_SCHEMA)
         return documents.record(content, _ExpectedFile).measured
     except ValueError as error:
         raise documents.DocumentError(
@@ -108,17 +91,12 @@ def load_expected(path: Path = EXPECTED) -> Numbers:
 
 
 def store_expected(measured: Numbers, made_with: Mapping[str, Any], path: Path) -> None:
-    """Write measured numbers, and what they were measured with, to a file that `load_expected` reads.
-
-    Raises:
-        OSError: the folder is missing or not writable.
-    """
-    document = {"schema": EXPECTED_SCHEMA, **made_with, "measured": measured}
-    write_atomically(path, json.dumps(document, indent=1) + "\n")
+    """Write measured numbers, and what they were measured with, to a file that `load_expected` reads."""
+    write_atomically(path, json_text({"schema": _EXPECTED_SCHEMA, **made_with, "measured": measured}))
 
 
-SCHEMA = "fuzzyarm-paper/1"
-COLUMNS: Mapping[str, str] = {
+# Headings of the controllers' columns by their key.
+_COLUMNS: Mapping[str, str] = {
     "printed-32": "printed form, 32",
     "printed-4": "printed form, 4",
     "consistent-32": "consistent form, 32",
@@ -126,11 +104,9 @@ COLUMNS: Mapping[str, str] = {
     "printed-4-swapped": "printed K, H, consistent L, 4",
     "papers-gains": "the paper's own gains, 4",
 }
-"""Headings of the controllers' columns by their key."""
-WHERE, SAYS, MEASURE, RULES = "where", "the paper says", "we measure", "Number of rules"
-TEXT_COLUMNS = (WHERE, SAYS, MEASURE, RULES)  # aligned left
-SIGN = {"equal": "", "order": "~ ", "at most": "<= ", "more than": "> "}
-LEGEND = (
+_WHERE, _SAYS, _MEASURE, _RULES = _TEXTS = "where", "the paper says", "we measure", "Number of rules"  # aligned left
+_SIGN = {"equal": "", "order": "~ ", "at most": "<= ", "more than": "> "}
+_LEGEND = (
     "* agrees with the paper: in all printed digits; sizes of gains: within a factor of ten; a bound: it is kept; a "
     "comparison: it has the same order. Where the paper gives no number, nothing is marked."
 )
@@ -138,23 +114,16 @@ LEGEND = (
 
 @dataclasses.dataclass(frozen=True)
 class Comparison:
-    """Our value of every claim, the stored one, and how they differ.
-
-    Attributes:
-        measured: what was measured now.
-        stored: what had been stored.
-        drifted: the numbers that have drifted from the stored ones.
-        made_with: commit, versions and machine of this measurement.
-    """
+    """Our value of every claim, the stored one, and how they differ."""
 
     measured: Numbers
     stored: Numbers
     drifted: Sequence[Drift]
-    made_with: Mapping[str, Any]
+    made_with: Mapping[str, Any]  # commit, versions and machine of this measurement
 
     def to_dict(self) -> dict[str, Any]:
         """Return everything as plain data for JSON."""
-        return {"schema": SCHEMA, **self.made_with, "claims": [self._entry(claim) for claim in CLAIMS]}
+        return {"schema": "fuzzyarm-paper/1", **self.made_with, "claims": [self._entry(claim) for claim in CLAIMS]}
 
     def _entry(self, claim: Claim) -> dict[str, Any]:
         values = self.measured[claim.key]
@@ -192,7 +161,7 @@ def write_report(comparison: Comparison, figures: Sequence[Path], folder: Path) 
     """Write ``paper.md``, with the figures if there are any, and ``paper.json``; return their paths."""
     text, data = folder / "paper.md", folder / "paper.json"
     write_atomically(text, _markdown(comparison, figures))
-    write_atomically(data, json.dumps(comparison.to_dict(), indent=1) + "\n")
+    write_atomically(data, json_text(comparison.to_dict()))
     return [text, data]
 
 
@@ -219,26 +188,26 @@ def print_report(comparison: Comparison, console: Console) -> None:
     for sheet in _tables(comparison, narrow):
         sheet.print(console)
     reasons = (f"({number}) {reason}" for reason, number in _reason_numbers().items())
-    for line in (LEGEND, *reasons, *_outcome(comparison)):
+    for line in (_LEGEND, *reasons, *_outcome(comparison)):
         console.print(line, highlight=False, markup=False)
 
 
 def _tables(comparison: Comparison, narrow: bool) -> list[Sheet]:
     """Return the three tables; `narrow` ones have no keys of claims, and each value on a line of its own."""
-    texts = [WHERE, MEASURE] if narrow else [WHERE, SAYS, MEASURE]
+    texts = [_WHERE, _MEASURE] if narrow else [_WHERE, _SAYS, _MEASURE]
     tables = {
         "Statements and settings": (
-            [WHERE, SAYS, MEASURE, "paper", "ours", "why"],
+            [_WHERE, _SAYS, _MEASURE, "paper", "ours", "why"],
             [_statement_row(claim, comparison, narrow) for claim in STATEMENTS],
         ),
-        "Table 2": ([RULES, *comparison.measured[TABLE_2[0].key], "why"], _table_2_rows(comparison)),
+        "Table 2": ([_RULES, *comparison.measured[TABLE_2[0].key], "why"], _table_2_rows(comparison)),
         "On the arm": (
-            [*texts, "paper", *COLUMNS.values(), "why"],
+            [*texts, "paper", *_COLUMNS.values(), "why"],
             [_rollout_row(claim, comparison, narrow) for claim in ROLLOUTS],
         ),
     }
     return [
-        Sheet(headings, rows, [at for at, one in enumerate(headings) if one in TEXT_COLUMNS], title=title, fold=narrow)
+        Sheet(headings, rows, [at for at, one in enumerate(headings) if one in _TEXTS], title=title, fold=narrow)
         for title, (headings, rows) in tables.items()
     ]
 
@@ -246,10 +215,8 @@ def _tables(comparison: Comparison, narrow: bool) -> list[Sheet]:
 def _statement_row(claim: Claim, comparison: Comparison, narrow: bool) -> list[str]:
     values = comparison.measured[claim.key]
     marked = {label: _marked(claim, label, value) for label, value in values.items()}
-    if len(values) == 1:
-        ours = list(marked.values())
-    else:
-        ours = [f"{TITLES.get(label, label)}: {text}" for label, text in marked.items()]
+    named = [f"{TITLES.get(label, label)}: {text}" for label, text in marked.items()]
+    ours = named if len(values) > 1 else list(marked.values())
     papers = [text for text in dict.fromkeys(_papers(claim, label) for label in values) if text != "-"]
     between = "\n" if narrow else ", "
     cells = [", ".join(papers) or "-", between.join(ours), _note(claim)]
@@ -272,10 +239,9 @@ def _table_2_rows(comparison: Comparison) -> list[list[str]]:
 
 def _rollout_row(claim: Claim, comparison: Comparison, narrow: bool) -> list[str]:
     values = comparison.measured[claim.key]
-    quantity = _quantity(claim, narrow)
-    texts = [claim.where, quantity] if narrow else [claim.where, claim.says, quantity]
+    texts = [claim.where, *([] if narrow else [claim.says]), _quantity(claim, narrow)]
     # The paper's number is the same for all controllers.
-    return [*texts, _papers(claim, ""), *(_marked(claim, key, values[key]) for key in COLUMNS), _note(claim)]
+    return [*texts, _papers(claim, ""), *(_marked(claim, key, values[key]) for key in _COLUMNS), _note(claim)]
 
 
 def _quantity(claim: Claim, narrow: bool) -> str:
@@ -285,7 +251,7 @@ def _quantity(claim: Claim, narrow: bool) -> str:
 
 def _papers(claim: Claim, label: str) -> str:
     number = claim.papers_number(label)
-    return "-" if number is None else SIGN[claim.comparison] + _number(number)
+    return "-" if number is None else _SIGN[claim.comparison] + _number(number)
 
 
 def _marked(claim: Claim, label: str, value: float) -> str:
@@ -313,7 +279,7 @@ def _markdown(comparison: Comparison, figures: Sequence[Path]) -> str:
     for sheet in _tables(comparison, narrow=False):
         escaped = dataclasses.replace(sheet, rows=[[cell.replace("*", "\\*") for cell in row] for row in sheet.rows])
         lines += [f"## {sheet.title}", "", escaped.markdown(), ""]
-    lines += [LEGEND.replace("*", "\\*"), "", "## Why", ""]
+    lines += [_LEGEND.replace("*", "\\*"), "", "## Why", ""]
     lines += [f"{number}. {reason}" for reason, number in _reason_numbers().items()]
     groups: dict[str, list[str]] = {}
     for claim in CLAIMS:

@@ -25,28 +25,28 @@ WARNING = (
     "simulated, so the true factors are 1. What the motion does not excite stays near the first guess."
 )
 """What has to be known to read them."""
-WIDTH, HEIGHT, LEFT, BOTTOM = 390, 150, 40, 24  # [px]: of the chart, and the margins of its labels
-POINTS = 300  # of a curve
-BAND = 90.0  # percentile of the upper edge of the band that the chart shows; where it is wider still, it is cut
-UNITS = {"payload": ("kg", 1.0), "offset": ("N m", 1.0), "lateness": ("ms", 1e3)}  # and the factor to it; else none
+_WIDTH, _HEIGHT, _LEFT, _BOTTOM = 390, 150, 40, 24  # [px]: of the chart, and the margins of its labels
+_POINTS = 300  # of a curve
+_BAND = 90.0  # percentile of the upper edge of the band that the chart shows; where it is wider still, it is cut
+_UNITS = {"payload": ("kg", 1.0), "offset": ("N m", 1.0), "lateness": ("ms", 1e3)}  # and the factor to it; else none
 
 
 def belief_figures(rollouts: list[Rollout], cases: Mapping[str, Case] = CASES) -> str:
     """Return a figure of every first episode of a policy with beliefs; an empty text if no policy has any.
 
-    Below it stand the notes on all episodes of this policy in this case. `cases` by name, with the loads that were
-    carried.
+    Below it stand the notes on all episodes of this policy in this case. `cases` have the loads that were carried.
     """
-    seen: set[tuple[str, str]] = set()
-    figures = []
+    groups: dict[tuple[str, str], list[Rollout]] = {}
     for run in rollouts:
-        if run.beliefs.size and (run.case, run.policy) not in seen:
-            seen.add((run.case, run.policy))
-            case = cases[run.case]
-            alike = [other for other in rollouts if (other.case, other.policy) == (run.case, run.policy)]
-            content = _chart(run) + _table(run, case.disturbance) + _notes(alike)
-            figures.append(figure(f"{case.title}, {run.policy}", content))
-    return "".join(figures)
+        groups.setdefault((run.case, run.policy), []).append(run)
+    return "".join(
+        figure(
+            f"{cases[case].title}, {policy}",
+            _chart(first) + _table(first, cases[case].disturbance) + _notes(runs),
+        )
+        for (case, policy), runs in groups.items()
+        if (first := next((run for run in runs if run.beliefs.size), None))
+    )
 
 
 def _chart(run: Rollout) -> str:
@@ -60,29 +60,26 @@ def _chart(run: Rollout) -> str:
     known = np.flatnonzero(np.isfinite(size + deviation))
     if not known.size:
         return ""
-    truth, lower, upper = (
-        np.linalg.norm(run.external_force, axis=1),
-        np.maximum(size - deviation, 0.0),
-        size + deviation,
-    )
-    highest = max(1.0, truth.max(), size[known].max(), float(np.percentile(upper[known], BAND)))
-    thinned, samples = known[:: max(len(known) // POINTS, 1)], np.arange(0, len(truth), max(len(truth) // POINTS, 1))
+    truth = np.linalg.norm(run.external_force, axis=1)
+    lower, upper = np.maximum(size - deviation, 0.0), size + deviation
+    highest = max(1.0, truth.max(), size[known].max(), float(np.percentile(upper[known], _BAND)))
+    thinned, samples = known[:: max(len(known) // _POINTS, 1)], np.arange(0, len(truth), max(len(truth) // _POINTS, 1))
 
     def curve(force: np.ndarray, at: np.ndarray) -> str:
-        x = LEFT + (WIDTH - LEFT) * run.time[at] / run.time[-1]
-        y = (HEIGHT - BOTTOM) * (1.0 - np.clip(force[at] / highest, 0.0, 1.0)) + 2.0
+        x = _LEFT + (_WIDTH - _LEFT) * run.time[at] / run.time[-1]
+        y = (_HEIGHT - _BOTTOM) * (1.0 - np.clip(force[at] / highest, 0.0, 1.0)) + 2.0
         return "L".join(f"{a:.1f} {b:.1f}" for a, b in zip(x, y, strict=True))
 
     words = f"force at the tip, believed and true, over {run.time[-1]:.2f} s"
     return (
-        f'<svg class="chart" role="img" viewBox="0 0 {WIDTH} {HEIGHT}" width="{WIDTH}" height="{HEIGHT}">'
+        f'<svg class="chart" role="img" viewBox="0 0 {_WIDTH} {_HEIGHT}" width="{_WIDTH}" height="{_HEIGHT}">'
         f"<title>{escape(words)}</title>"
         f'<text class="tick" x="18" y="12">{highest:.0f} N</text>'
-        f'<text class="tick" x="18" y="{HEIGHT - BOTTOM + 4}">0</text>'
-        f'<path class="grid" d="M{LEFT} {HEIGHT - BOTTOM + 2}H{WIDTH}"/>'
+        f'<text class="tick" x="18" y="{_HEIGHT - _BOTTOM + 4}">0</text>'
+        f'<path class="grid" d="M{_LEFT} {_HEIGHT - _BOTTOM + 2}H{_WIDTH}"/>'
         f'<g class="p0"><path class="belief-band" d="M{curve(upper, thinned)}L{curve(lower, thinned[::-1])}Z"/>'
         f'<path class="belief" d="M{curve(size, thinned)}"/></g><path class="truth" d="M{curve(truth, samples)}"/>'
-        f'<text class="axis" x="{(LEFT + WIDTH) / 2}" y="{HEIGHT - 6}">{escape(words)}</text></svg>'
+        f'<text class="axis" x="{(_LEFT + _WIDTH) / 2}" y="{_HEIGHT - 6}">{escape(words)}</text></svg>'
     )
 
 
@@ -99,7 +96,7 @@ def _table(run: Rollout, loads: Disturbance) -> str:
     order = sorted(parts, key=["payload", "lateness", "offset"].__contains__)
     rows = []
     for part, names in ((part, parts[part]) for part in order):
-        unit, factor = UNITS.get(part, ("", 1.0))
+        unit, factor = _UNITS.get(part, ("", 1.0))
         cells = [
             _with_deviation(*(factor * believed[name + end][known[-1]] for end in ("", DEVIATION))) for name in names
         ]
@@ -122,7 +119,7 @@ def _truth(part: str, loads: Disturbance, time: float) -> str:
         return f"{loads.payload.mass:g}"
     if part == "offset" and loads.torque_bias is not None:
         return ", ".join(f"{number:g}" for number in loads.torque_bias.at(np.array(time)))
-    return "0" if part in UNITS else "1"
+    return "0" if part in _UNITS else "1"
 
 
 def _with_deviation(value: float, deviation: float) -> str:

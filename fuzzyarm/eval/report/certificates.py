@@ -1,13 +1,7 @@
-"""The section of certificates: certified bounds beside the worst observed values, and the certificates in words.
+"""The section of certificates: certified bounds beside the worst observed on the rigid arm, and certificates in words.
 
-The worst that is observed on the rigid arm, to stand beside the certified bounds of a controller file.
-
-It takes a few seconds a file: the searches and rollouts of ``benchmarks/certified_bounds.py`` with twice its time step.
-
-The section of tubes: what is proven of the tip on the elastic, sampled arm, drawn around its path.
-
-Errors are magnified around the path: the tube is the bound of the tip error at each sample to either side of the path,
-and the curve in it the tip of the stored episode.
+To observe takes a few seconds a controller file: the searches and rollouts of ``benchmarks/certified_bounds.py`` with
+twice its time step. The section of tubes draws what is proven of the tip on the elastic, sampled arm around its path.
 """
 
 from __future__ import annotations
@@ -22,7 +16,7 @@ from typing import Any, cast
 
 import numpy as np
 
-from fuzzyarm.common.rounding import at_least, at_most
+from fuzzyarm.common.arithmetic import at_least, at_most
 from fuzzyarm.envs.scenario.reference import Reference
 from fuzzyarm.eval.episodes.rollout import Rollout
 from fuzzyarm.eval.evaluation.run import Evaluation, EvaluationConfig
@@ -31,15 +25,9 @@ from fuzzyarm.fuzzy_policy.controller import Controller
 from fuzzyarm.policies.spec import PolicySpec, resolve
 from fuzzyarm.policies.tip_bound import plain
 from fuzzyarm.policies.tip_files import BoundCheck, check_bound, check_cells, is_cells
+from fuzzyarm.proof import rigid_loop
 from fuzzyarm.proof.policy_certificate import certificate_of
-from fuzzyarm.proof.rigid_loop import (
-    RigidLoop,
-    decay_rates,
-    disturbed_run,
-    library,
-    worst_posture,
-    worst_torque,
-)
+from fuzzyarm.proof.rigid_loop import RigidLoop
 from fuzzyarm.proof.statement import NOT_COVERED
 
 __all__ = [
@@ -48,64 +36,49 @@ __all__ = [
 ]  # fmt: skip
 
 
-STEP = 1e-3  # [s] of the rollouts; the fastest time constant of the shipped loops is about 4e-3 s
+_STEP = 1e-3  # [s] of the rollouts; the fastest time constant of the shipped loops is about 4e-3 s
 
 
 @dataclasses.dataclass(frozen=True)
 class Observed:
-    """The worst that was observed on the rigid arm in continuous time.
+    """The worst that was observed on the rigid arm in continuous time."""
 
-    Attributes:
-        decay: smallest decay rate -V'/2V of undisturbed rollouts [1/s].
-        gain: largest ‖q - q_d‖₂ / ‖w‖₂ of disturbed rollouts from zero error [rad/(N m)].
-        probe: name of the disturbance with that largest gain.
-    """
-
-    decay: float
-    gain: float
-    probe: str
+    decay: float  # smallest decay rate -V'/2V of undisturbed rollouts [1/s]
+    gain: float  # largest ‖q - q_d‖₂ / ‖w‖₂ of disturbed rollouts from zero error [rad/(N m)]
+    probe: str  # name of the disturbance with that largest gain
 
 
 def observe(loop: RigidLoop, reference: Reference) -> Observed:
-    """Return the slowest decay and the largest gain of rollouts of a loop.
+    """Return the slowest decay of rollouts, from random states and where V decays slowest, and the largest gain.
 
-    The decay is that of rollouts from random states and from the state at which V decays slowest. The gain is that
-    under a library of torques and the worst torque found by power iteration, along the reference and at the held
-    posture of largest frozen gain.
+    The gain is that under a library of torques and the worst torque found by power iteration, along the reference and
+    at the held posture of largest frozen gain.
     """
     gains, duration = list[tuple[float, str]](), reference.duration
-    for motion in (reference, worst_posture(loop)):
-        worst = worst_torque(loop, motion, duration, step=STEP)
-        probes = library(duration, STEP) | {"worst torque found": worst}
-        run = disturbed_run(loop, motion, probes, duration, STEP)
+    for motion in (reference, rigid_loop.worst_posture(loop)):
+        worst = rigid_loop.worst_torque(loop, motion, duration, step=_STEP)
+        probes = rigid_loop.library(duration, _STEP) | {"worst torque found": worst}
+        run = rigid_loop.disturbed_run(loop, motion, probes, duration, _STEP)
         # The certificate claims nothing outside the box, so gains count only until a rollout leaves it.
         found = np.where(run.in_box, run.gain, 0.0).max(axis=0)
         gains += zip(found.tolist(), probes, strict=True)
-    return Observed(decay_rates(loop, STEP).observed, *max(gains))
+    return Observed(rigid_loop.decay_rates(loop, _STEP).observed, *max(gains))
 
 
 def observe_policies(
     config: EvaluationConfig, bounds: Mapping[str, Mapping[str, Any] | None]
 ) -> dict[str, Observed | str]:
-    """Return what is observed of every certified policy by its name, or in words why nothing is observed.
-
-    Policies that use the same controller file share its result. `bounds` are certified, as `evaluate` stored them.
-    """
+    """Return what is observed of every policy with certified bounds by its name, or in words why nothing is."""
     reference = config.reference()
-    by_file: dict[str, Observed] = {}
+    by_file: dict[str, Observed] = {}  # which policies of one controller file share
     result: dict[str, Observed | str] = {}
     for spec in map(resolve, config.policies):
-        claimed = bounds[spec.label]
-        if claimed is None:
+        if (claimed := bounds[spec.label]) is None:
             continue
-        controller = _controller(spec, claimed, config, reference)
-        if isinstance(controller, str):
-            result[spec.label] = f"not observed: {controller}"
-            continue
-        digest = claimed["controller_digest"]
-        if digest not in by_file:
+        controller, digest = _controller(spec, claimed, config, reference), claimed["controller_digest"]
+        if not isinstance(controller, str) and digest not in by_file:
             by_file[digest] = observe(RigidLoop(controller), reference)
-        result[spec.label] = by_file[digest]
+        result[spec.label] = f"not observed: {controller}" if isinstance(controller, str) else by_file[digest]
     return result
 
 
@@ -125,9 +98,9 @@ def _controller(
     return cast("Controller", certificate.controller)  # as the form says
 
 
-SIZE, EDGE = 440.0, 26.0  # of the drawing and around it [px]
-WIDEST = 0.12  # share of the path's extent that the widest half of a tube may take
-TUBE_NOTE = (
+_SIZE, _EDGE = 440.0, 26.0  # of the drawing and around it [px]
+_WIDEST = 0.12  # share of the path's extent that the widest half of a tube may take
+_TUBE_NOTE = (
     "Band: the tip error that is proven at every sample, for every plant of the set, to either side of the path; line "
     "in it: the tip of the replayed episode. Both are magnified around the path. The files were checked again when "
     "this report was made."
@@ -151,7 +124,7 @@ def tube_section(checks: Sequence[BoundCheck], rollouts: Sequence[Rollout]) -> s
     sentences = "".join(f"<li>{escape(plain(check.claim.policy))}: {escape(check.sentence)}.</li>" for check in checks)
     return (
         '<section aria-labelledby="tubes"><h2 id="tubes">Proven of the tip</h2>'
-        f'<ul>{sentences}</ul><div class="charts">{drawn}</div><p class="note">{escape(TUBE_NOTE)}</p></section>'
+        f'<ul>{sentences}</ul><div class="charts">{drawn}</div><p class="note">{escape(_TUBE_NOTE)}</p></section>'
     )
 
 
@@ -176,21 +149,21 @@ def _tube(check: BoundCheck, run: Rollout) -> str:
     along = np.gradient(path, axis=0)
     across = np.stack([-along[:, 1], along[:, 0]], axis=1) / np.maximum(np.hypot(*along.T), 1e-12)[:, np.newaxis]
     extent = float(np.ptp(path, axis=0).max())
-    most = WIDEST * extent / max(float(check.tip.max()), 1e-12)
+    most = _WIDEST * extent / max(float(check.tip.max()), 1e-12)
     power = 10.0 ** math.floor(math.log10(most))
     times = max(step * power for step in (1.0, 2.0, 5.0) if step * power <= most * (1 + 1e-12))
     middle = 0.5 * (path.min(axis=0) + path.max(axis=0))
-    scale = (SIZE - 2.0 * EDGE) / (extent * (1.0 + 2.0 * WIDEST))
+    scale = (_SIZE - 2.0 * _EDGE) / (extent * (1.0 + 2.0 * _WIDEST))
 
     def points(places: np.ndarray) -> str:
-        pixels = 0.5 * SIZE + scale * (places - middle) * [1.0, -1.0]
+        pixels = 0.5 * _SIZE + scale * (places - middle) * [1.0, -1.0]
         return " ".join(f"{x:.1f},{y:.1f}" for x, y in pixels)
 
     half = times * check.tip[:, np.newaxis] * across
     band = np.concatenate([path + half, (path - half)[::-1]])
     title = f"{plain(check.claim.policy)}, set {check.claim.named_set(check.arm)}: errors {times:g} times"
     svg = (
-        f'<svg class="chart tube" role="img" viewBox="0 0 {SIZE:g} {SIZE:g}"><title>{escape(title)}</title>'
+        f'<svg class="chart tube" role="img" viewBox="0 0 {_SIZE:g} {_SIZE:g}"><title>{escape(title)}</title>'
         f'<polygon class="band" points="{points(band)}"/><polyline class="path" points="{points(path)}"/>'
         f'<polyline class="tip" points="{points(path + times * (tip - path))}"/></svg>'
     )
@@ -201,7 +174,7 @@ SCOPE = (
     "A certificate is proven for the rigid arm in continuous time, as long as it stays inside the box, and not for the "
     "sampled elastic arm of the replay. " + NOT_COVERED
 )
-NOTE = (
+_NOTE = (
     "❘ certified bound; the hatched range is what it rules out. ● and digits: the worst observed on the rigid arm when "
     "this report was made, that is the slowest decay of the Lyapunov function in undisturbed rollouts, and the largest "
     "gain over a library of torques and the worst torque found by power iteration, along the reference and at the "
@@ -214,13 +187,9 @@ Observations = Mapping[str, Observed | str]
 
 def bound_charts(stored: Evaluation, observed: Observations) -> str:
     """Return a chart of each kind of bound; a policy without comparable bounds has a text in its row."""
-    decay = _bound_chart(
-        stored, observed, "Decay rate", "decay rate of the root of V [1/s]", "alpha", 0, ("consistent", "semidefinite")
-    )
-    gain = _bound_chart(
-        stored, observed, "L2 gain, disturbance to error", "L2 gain [µrad/(N m)]", "gamma", 6, ("consistent",)
-    )
-    return decay + gain
+    alpha = "Decay rate", "decay rate of the root of V [1/s]", "alpha", 0, ("consistent", "semidefinite")
+    gamma = "L2 gain, disturbance to error", "L2 gain [µrad/(N m)]", "gamma", 6, ("consistent",)
+    return _bound_chart(stored, observed, *alpha) + _bound_chart(stored, observed, *gamma)
 
 
 def _bound_chart(
@@ -252,7 +221,7 @@ def _bound_chart(
 def bound_note(observed: Observations) -> str:
     """Return the note below the charts: what they show, and why a policy was not observed."""
     reasons = [f" {name}: {text}." for name, text in observed.items() if isinstance(text, str)]
-    return escape(NOTE + "".join(reasons))
+    return escape(_NOTE + "".join(reasons))
 
 
 def statements(certificates: Mapping[str, str | None]) -> str:

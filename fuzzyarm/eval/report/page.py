@@ -1,9 +1,8 @@
 """The HTML page of an evaluation: one file that fetches nothing and in which all text is escaped.
 
 ``page.html`` holds the structure and ``page.css`` the style; the scripts, which are joined into one, run the replay. A
-content security policy names the digests of script and style, so that a browser runs and loads nothing else.
-
-The sentence at the head of the page: who won overall and in each case, by the rule of the leaderboard.
+content security policy names the digests of script and style, so that a browser runs and loads nothing else. At the
+head stands a sentence: who won overall and in each case, by the rule of the leaderboard.
 """
 
 from __future__ import annotations
@@ -12,6 +11,7 @@ import base64
 import dataclasses
 import hashlib
 import json
+import math
 import re
 from collections.abc import Mapping, Sequence
 from html import escape
@@ -27,17 +27,8 @@ from fuzzyarm.eval.episodes.metrics import LOST, millimetres
 from fuzzyarm.eval.evaluation.ranking import Standing, standings_of
 from fuzzyarm.eval.evaluation.results_file import read_evaluation
 from fuzzyarm.eval.evaluation.run import Evaluation, EvaluationConfig
+from fuzzyarm.eval.report import certificates
 from fuzzyarm.eval.report.beliefs import WARNING, belief_figures
-from fuzzyarm.eval.report.certificates import (
-    SCOPE,
-    Observations,
-    bound_charts,
-    bound_note,
-    checked_bounds,
-    observe_policies,
-    statements,
-    tube_section,
-)
 from fuzzyarm.eval.report.payload import replay_data
 from fuzzyarm.eval.report.summary import declared_table, digits, error_charts, finished, metrics_table
 from fuzzyarm.policies import resolve
@@ -45,15 +36,14 @@ from fuzzyarm.policies import resolve
 __all__ = ["command", "headline", "render_page", "rule", "write_report"]
 
 
-NAMED = 3  # policies that are named one after the other; of more, only their number is told
+_NAMED = 3  # policies that are named one after the other; of more, only the number
 
 
 def headline(standings: Sequence[Standing], titles: Mapping[str, str]) -> str:
-    """Return the sentence as HTML.
+    """Return the sentence as HTML, given all standings of one evaluation and the titles of its cases by name.
 
     A value is that of the leaderboard: the score overall, the rms tip error in a case. Policies whose values read the
-    same win together. A policy that lost the path in a case cannot win it, nor overall. The standings are those of all
-    policies of one evaluation, see `standings_of`, and the titles those of the cases by name.
+    same win together. A policy that lost the path in a case cannot win it, nor overall.
     """
     if len(standings) == 1:
         return _alone(standings[0], titles)
@@ -110,28 +100,24 @@ def _winners(values: Mapping[str, float]) -> tuple[str, ...]:
 def _lost(standings: Sequence[Standing]) -> list[str]:
     """Return the policies that lost the path, the one that lost it most often last, and in how many episodes."""
     lost = sorted((standing for standing in standings if standing.lost), key=lambda standing: standing.lost)
-    if not lost:
-        return []
     overall = " overall" if len(standings[0].rms) > 1 else ""
-    if len(lost) == 1:
-        often = f"{lost[0].lost} of {_counted(lost[0].episodes, 'episode')}"
-        return [f"{_names([lost[0].policy])} lost the path in {often} and is not ranked{overall}"]
-    named = [f"{_names([one.policy])} (in {one.lost} of {_counted(one.episodes, 'episode')})" for one in lost[:NAMED]]
-    if len(lost) > NAMED:
-        named.append(_counted(len(lost) - NAMED, "other"))
+    often = [f"in {one.lost} of {_counted(one.episodes, 'episode')}" for one in lost]
+    if len(lost) < 2:
+        return [f"{_names([lost[0].policy])} lost the path {often[0]} and is not ranked{overall}"] if lost else []
+    named = [f"{_names([one.policy])} ({where})" for one, where in zip(lost[:_NAMED], often, strict=False)]
+    if len(lost) > _NAMED:
+        named.append(_counted(len(lost) - _NAMED, "other"))
     return [f"{_series(named)} lost the path and are not ranked{overall}"]
 
 
 def _overlap(standings: Sequence[Standing]) -> list[str]:
-    """Return the policies whose scores the seeds do not tell apart from the best one."""
+    """Return the policies whose scores the seeds do not separate from the best one."""
     scores = [(standing.policy, standing.score) for standing in standings if standing.score is not None]
-    scores.sort(key=lambda pair: pair[1].mean)
     if len(scores) < 2:
         return []
-    (first, best), *others = scores
-    alike = [
-        policy for policy, score in others if best.high is not None and score.low is not None and score.low <= best.high
-    ]
+    (first, best), *others = sorted(scores, key=lambda pair: pair[1].mean)
+    high = -math.inf if best.high is None else best.high
+    alike = [policy for policy, score in others if score.low is not None and score.low <= high]
     return [f"the 95 % interval of the score of {_names([first])} overlaps that of {_names(alike)}"] if alike else []
 
 
@@ -150,7 +136,7 @@ def _counted(count: int, noun: str) -> str:
 
 def _names(policies: Sequence[str]) -> str:
     names = [f"<strong>{escape(policy)}</strong>" for policy in policies]
-    return _series(names if len(names) <= NAMED + 1 else [*names[:NAMED], _counted(len(names) - NAMED, "other")])
+    return _series(names if len(names) <= _NAMED + 1 else [*names[:_NAMED], _counted(len(names) - _NAMED, "other")])
 
 
 def _series(parts: Sequence[str]) -> str:
@@ -158,7 +144,7 @@ def _series(parts: Sequence[str]) -> str:
     return parts[0] if len(parts) == 1 else f"{', '.join(parts[:-1])} and {parts[-1]}"
 
 
-SCRIPTS = ("data.js", "canvas.js", "plane.js", "space.js", "arms.js", "curves.js", "plots.js", "page.js")
+_SCRIPTS = ("data.js", "canvas.js", "plane.js", "space.js", "arms.js", "curves.js", "plots.js", "page.js")
 
 
 def write_report(folder: str | Path, out: str | Path, bounds: Sequence[str | Path] = ()) -> None:
@@ -170,13 +156,13 @@ def write_report(folder: str | Path, out: str | Path, bounds: Sequence[str | Pat
         OSError: a file cannot be read or written.
     """
     out, stored = path_of("out", out), read_evaluation(path_of("folder", folder))
-    tubes = tube_section(checked_bounds([Path(one) for one in bounds]), stored.rollouts)
-    write_atomically(out, render_page(stored, observe_policies(stored.config, stored.bounds), tubes))
+    tubes = certificates.tube_section(certificates.checked_bounds([Path(one) for one in bounds]), stored.rollouts)
+    write_atomically(out, render_page(stored, certificates.observe_policies(stored.config, stored.bounds), tubes))
 
 
-def render_page(stored: Evaluation, observed: Observations, tubes: str = "") -> str:
+def render_page(stored: Evaluation, observed: certificates.Observations, tubes: str = "") -> str:
     """Return the HTML of the page; it shows what was `observed` beside the certified bounds, then `tubes`."""
-    structure, style, script = _part("page.html"), _part("page.css"), "\n".join(map(_part, SCRIPTS))
+    structure, style, script = _part("page.html"), _part("page.css"), "\n".join(map(_part, _SCRIPTS))
     config, data, early = stored.config, replay_data(stored), not finished(stored.rows)
     standings = standings_of(config, stored.rows, stored.certificates)
     return Template(structure).substitute(
@@ -193,10 +179,10 @@ def render_page(stored: Evaluation, observed: Observations, tubes: str = "") -> 
         table_note=escape(_table_note(config, early)),
         declared=declared_table(stored.declared, stored.certificates),
         beliefs=_beliefs(stored),
-        scope=escape(SCOPE),
-        bounds=bound_charts(stored, observed),
-        bounds_note=bound_note(observed),
-        statements=statements(stored.certificates),
+        scope=escape(certificates.SCOPE),
+        bounds=certificates.bound_charts(stored, observed),
+        bounds_note=certificates.bound_note(observed),
+        statements=certificates.statements(stored.certificates),
         tubes=tubes,
         made="".join(f"<dt>{escape(key)}</dt><dd>{escape(value)}</dd>" for key, value in _made(stored).items()),
         data=_script_data(data),
@@ -233,11 +219,9 @@ def _beliefs(stored: Evaluation) -> str:
 
 def _security_policy(style: str, script: str) -> str:
     """Return a content security policy that allows this style, this script and the empty icon, and nothing else."""
-    style_digest, script_digest = (
-        base64.b64encode(hashlib.sha256(text.encode("utf-8")).digest()).decode("ascii") for text in (style, script)
-    )
+    of_style, of_script = (base64.b64encode(hashlib.sha256(one.encode()).digest()).decode() for one in (style, script))
     return (
-        f"default-src 'none'; style-src 'sha256-{style_digest}'; script-src 'sha256-{script_digest}'; img-src data:; "
+        f"default-src 'none'; style-src 'sha256-{of_style}'; script-src 'sha256-{of_script}'; img-src data:; "
         "base-uri 'none'; form-action 'none'"
     )
 
@@ -250,14 +234,11 @@ def _script_data(data: dict[str, Any]) -> str:
 
 def _subtitle(stored: Evaluation) -> str:
     config, made = stored.config, stored.made_with
-    parts = [
-        made["date"][:16].replace("T", " ") + " UTC",
-        f"FuzzyArm {made['versions']['fuzzyarm']}",
-        f"seeds {_seeds(config)}" if config.seeds > 1 else "seed 0",
-        f"control period {1e3 * config.control_period:g} ms",
-        f"policies: {len(config.policies)}, cases: {len(config.cases)}",
-    ]
-    return " · ".join(parts)
+    return (
+        f"{made['date'][:16].replace('T', ' ')} UTC · FuzzyArm {made['versions']['fuzzyarm']} · "
+        f"{f'seeds {_seeds(config)}' if config.seeds > 1 else 'seed 0'} · control period "
+        f"{1e3 * config.control_period:g} ms · policies: {len(config.policies)}, cases: {len(config.cases)}"
+    )
 
 
 def _seeds(config: EvaluationConfig) -> str:

@@ -17,7 +17,7 @@ from fuzzyarm.eval.evaluation.run import Evaluation, EvaluationConfig
 
 __all__ = ["replay_data"]
 
-LARGEST = 2_300_000  # bytes of base64 for all signals together, with which the page stays below 3 MB
+_LARGEST = 2_300_000  # bytes of base64 for all signals together, with which the page stays below 3 MB
 POSES = 200  # of a motion, for which the floor is made
 _FLOAT = np.dtype("<f4")  # of embedded numbers
 _BASE64 = 4 / 3  # bytes of base64 for a byte of data
@@ -58,18 +58,14 @@ def _robot(robot: Robot, run: Rollout) -> dict[str, Any]:
 
 
 def _stride(runs: Sequence[Rollout]) -> int:
-    """Return the smallest stride with which the signals fit into `LARGEST`."""
+    """Return the smallest stride with which the signals fit into `_LARGEST`."""
     numbers = sum(signal.size for run in runs for signal in _signals(run).values())
-    return max(1, math.ceil(_BASE64 * _FLOAT.itemsize * numbers / LARGEST))
+    return max(1, math.ceil(_BASE64 * _FLOAT.itemsize * numbers / _LARGEST))
 
 
 def _signals(run: Rollout) -> dict[str, np.ndarray]:
-    """Return the embedded signals of a run.
-
-    They include the deviation of the tip and the bending of the joints, because differences of positions in float32
-    would not resolve micrometres.
-    """
-    return {
+    """Return the embedded signals of a run."""
+    return {  # deviation and bending, because differences of positions in float32 would not resolve micrometres
         "deviation": run.tip - run.tip_reference,
         "link": run.q_link,
         "bending": run.q_motor - run.q_link,
@@ -105,10 +101,7 @@ def _shown(samples: int, stride: int) -> np.ndarray:
 
 
 def _within(shown: np.ndarray, samples: int) -> np.ndarray:
-    """Return the embedded samples of a run that may be shorter than the longest one.
-
-    These are the samples in `shown` that the run has; its own last sample stands in the place of the next one.
-    """
+    """Return the samples in `shown` that a run has; its own last sample stands in the place of the next one."""
     return np.asarray(np.minimum(shown[: np.searchsorted(shown, samples - 1) + 1], samples - 1))
 
 

@@ -1,8 +1,6 @@
 """The summary of a report: a chart of the tip errors of each case, and a table of all metrics.
 
-Small charts as SVG with a row for each policy.
-
-Colours are classes of the page's style, so that a chart fits the dark and the light theme.
+Charts are small SVGs with a row for each policy; colours are classes of the page's style, dark or light.
 """
 
 from __future__ import annotations
@@ -20,14 +18,14 @@ from fuzzyarm.eval.evaluation.result_table import DECLARED, declared_rows, table
 from fuzzyarm.policies.declared import Declared
 
 __all__ = [
-    "PALETTE", "Axis", "Bound", "Errors", "best", "declared_table", "digits", "draw_chart", "error_charts", "figure",
-    "finished", "metrics_table",
+    "Axis", "Bound", "Errors", "best", "declared_table", "digits", "draw_chart", "error_charts", "figure", "finished",
+    "metrics_table",
 ]  # fmt: skip
 
 
-WIDTH, LEFT, RIGHT, TOP, ROW, BOTTOM = 390, 150, 76, 6, 25, 40  # [px]: of the chart, its margins, and a row
-LONGEST_NAME = 19  # characters; a longer name is cut, and its tooltip shows all of it
-PALETTE = 8  # number of policy colours in page.css; further policies start again with the first
+_WIDTH, _LEFT, _RIGHT, _TOP, _ROW, _BOTTOM = 390, 150, 76, 6, 25, 40  # [px]: of the chart, its margins, and a row
+_LONGEST_NAME = 19  # characters; a longer name is cut, and its tooltip shows all of it
+_PALETTE = 8  # number of policy colours in page.css; further policies start again with the first
 
 
 @dataclasses.dataclass(frozen=True)
@@ -43,7 +41,7 @@ class Axis:
         """Return the position of a value [px]; a value beyond the axis is drawn at its end."""
         low, high = (math.log10(self.low), math.log10(self.high)) if self.log else (self.low, self.high)
         place = math.log10(max(value, 1e-300)) if self.log else value
-        return LEFT + (WIDTH - LEFT - RIGHT) * min(max((place - low) / (high - low), 0.0), 1.0)
+        return _LEFT + (_WIDTH - _LEFT - _RIGHT) * min(max((place - low) / (high - low), 0.0), 1.0)
 
     def ticks(self) -> list[float]:
         """Return the labelled values: decades, or at most six round numbers."""
@@ -68,37 +66,25 @@ class Errors:
 
 @dataclasses.dataclass(frozen=True)
 class Bound:
-    """A certified bound and the worst observed value.
-
-    Attributes:
-        certified: the bound.
-        observed: the worst value that was observed; None if nothing was.
-        at_least: whether the bound is a lower one.
-    """
+    """A certified bound and the worst observed value."""
 
     certified: float
-    observed: float | None
-    at_least: bool
+    observed: float | None  # None if nothing was
+    at_least: bool  # whether the bound is a lower one
 
 
 def draw_chart(axis: Axis, rows: Sequence[tuple[str, Errors | Bound | str]], description: str) -> str:
-    """Return the SVG of a chart.
-
-    Args:
-        axis: the common axis.
-        rows: name of each policy, and what is drawn of it: errors, a bound, or a text where there is neither.
-        description: for screen readers and the tooltip.
-    """
-    bottom = TOP + ROW * len(rows)
+    """Return the SVG of a chart: a row for each policy, with a text where there are neither errors nor a bound."""
+    bottom = _TOP + _ROW * len(rows)
     parts = [
-        f'<svg class="chart" role="img" viewBox="0 0 {WIDTH} {bottom + BOTTOM}" width="{WIDTH}" '
-        f'height="{bottom + BOTTOM}"><title>{escape(description)}</title>'
+        f'<svg class="chart" role="img" viewBox="0 0 {_WIDTH} {bottom + _BOTTOM}" width="{_WIDTH}" '
+        f'height="{bottom + _BOTTOM}"><title>{escape(description)}</title>'
     ]
     for tick in axis.ticks():
         x = axis.x(tick)
-        parts.append(f'<path class="grid" d="M{x:.1f} {TOP}V{bottom}"/>')
+        parts.append(f'<path class="grid" d="M{x:.1f} {_TOP}V{bottom}"/>')
         parts.append(f'<text class="tick" x="{x:.1f}" y="{bottom + 15}">{_number(tick)}</text>')
-    middle = 0.5 * (LEFT + WIDTH - RIGHT)
+    middle = 0.5 * (_LEFT + _WIDTH - _RIGHT)
     parts.append(f'<text class="axis" x="{middle}" y="{bottom + 33}">{escape(axis.label)}</text>')
     for index, (name, content) in enumerate(rows):
         parts.append(_row(axis, name, index, content))
@@ -106,14 +92,14 @@ def draw_chart(axis: Axis, rows: Sequence[tuple[str, Errors | Bound | str]], des
 
 
 def _row(axis: Axis, name: str, index: int, content: Errors | Bound | str) -> str:
-    y = TOP + ROW * (index + 0.5)
-    short = name if len(name) <= LONGEST_NAME else name[: LONGEST_NAME - 1] + "…"
+    y = _TOP + _ROW * (index + 0.5)
+    short = name if len(name) <= _LONGEST_NAME else name[: _LONGEST_NAME - 1] + "…"
     label = (
-        f'<g class="p{index % PALETTE}"><title>{escape(name)}</title><rect class="key" x="0" y="{y - 5}" width="9" '
+        f'<g class="p{index % _PALETTE}"><title>{escape(name)}</title><rect class="key" x="0" y="{y - 5}" width="9" '
         f'height="10" rx="2"/><text class="name" x="16" y="{y + 4}">{escape(short)}</text>'
     )
     if isinstance(content, str):
-        return label + f'<text class="none" x="{LEFT + 4}" y="{y + 4}">{escape(content)}</text></g>'
+        return label + f'<text class="none" x="{_LEFT + 4}" y="{y + 4}">{escape(content)}</text></g>'
     drawn = _errors(axis, y, content) if isinstance(content, Errors) else _bound(axis, y, content)
     return label + drawn + "</g>"
 
@@ -125,7 +111,7 @@ def _errors(axis: Axis, y: float, errors: Errors) -> str:
     return (
         f'<path class="span" d="M{rms:.1f} {y}H{maximum:.1f}"/><path class="end" d="M{maximum:.1f} {y - 6}v12"/>'
         f'<circle class="dot" cx="{rms:.1f}" cy="{y}" r="5"/>'
-        f'<text class="value" x="{WIDTH - 2}" y="{y + 4}">{text}{errors.note}</text>'
+        f'<text class="value" x="{_WIDTH - 2}" y="{y + 4}">{text}{errors.note}</text>'
     )
 
 
@@ -138,12 +124,11 @@ def _bound(axis: Axis, y: float, bound: Bound) -> str:
         f'<rect class="ruled-out" x="{start:.1f}" y="{y - 7}" width="{end - start:.1f}" height="14"/>'
         f'<path class="limit" d="M{limit:.1f} {y - 10}v20"/>'
     )
-    if bound.observed is None:
-        return drawn + f'<text class="value" x="{WIDTH - 2}" y="{y + 4}">{sign} {bound.certified:.3g}</text>'
-    return (
-        drawn + f'<circle class="dot" cx="{axis.x(bound.observed):.1f}" cy="{y}" r="5"/>'
-        f'<text class="value" x="{WIDTH - 2}" y="{y + 4}">{digits(bound.observed)} {sign} {bound.certified:.3g}</text>'
-    )
+    seen = ""
+    if bound.observed is not None:
+        drawn += f'<circle class="dot" cx="{axis.x(bound.observed):.1f}" cy="{y}" r="5"/>'
+        seen = f"{digits(bound.observed)} "
+    return drawn + f'<text class="value" x="{_WIDTH - 2}" y="{y + 4}">{seen}{sign} {bound.certified:.3g}</text>'
 
 
 def digits(value: float) -> str:
@@ -164,17 +149,12 @@ def figure(title: str, content: str) -> str:
     return f"<figure><figcaption>{escape(title)}</figcaption>{content}</figure>"
 
 
-Row = dict[str, Any]
-"""The metrics of one episode, a row of an `Evaluation`."""
-Group = dict[str, list[Row]]
-"""The rows of one case by policy, with one row for each seed."""
+_Row = dict[str, Any]  # the metrics of one episode, a row of an `Evaluation`
+_Group = dict[str, list[_Row]]  # the rows of one case by policy, with one row for each seed
 
 
-def error_charts(rows: Sequence[Row], titles: Mapping[str, str]) -> str:
-    """Return a chart of the tip errors for each case, all with the same axis; over several seeds medians.
-
-    `titles` of the cases by name.
-    """
+def error_charts(rows: Sequence[_Row], titles: Mapping[str, str]) -> str:
+    """Return a chart of the tip errors for each case, all with the same axis; over several seeds medians."""
     groups = _groups(rows)
     keys = ("tip_error_rms_mm", "tip_error_max_mm")
     errors = {
@@ -199,11 +179,8 @@ def error_charts(rows: Sequence[Row], titles: Mapping[str, str]) -> str:
     return "".join(figures)
 
 
-def metrics_table(rows: Sequence[Row], titles: Mapping[str, str]) -> str:
-    """Return the table of all metrics: a body for each case, with the best cells of each column marked, see `best`.
-
-    `titles` as for `error_charts`.
-    """
+def metrics_table(rows: Sequence[_Row], titles: Mapping[str, str]) -> str:
+    """Return the table of all metrics: a body for each case, with the best cells of each column marked, see `best`."""
     cells = iter(table_rows(rows))  # in the order of the groups
     headings = [escape(heading).replace("N m", "N&nbsp;m") for heading in columns()]
     heads = "".join(f'<th scope="col">{heading}</th>' for heading in headings)
@@ -215,7 +192,7 @@ def metrics_table(rows: Sequence[Row], titles: Mapping[str, str]) -> str:
     return "".join([*parts, "</table>"])
 
 
-def _table_body(title: str, group: Group, texts: dict[str, list[str]]) -> str:
+def _table_body(title: str, group: _Group, texts: dict[str, list[str]]) -> str:
     """Return the rows of a case; `texts` are the cells of each policy."""
     marked = [
         best(group, [metric.name for metric in metrics], {policy: cells[column] for policy, cells in texts.items()})
@@ -229,7 +206,7 @@ def _table_body(title: str, group: Group, texts: dict[str, list[str]]) -> str:
             f'<td class="best">{escape(text)}</td>' if policy in stars else f"<td>{escape(text)}</td>"
             for text, stars in zip(texts[policy], marked, strict=True)
         ]
-        parts.append(f'<tr class="p{index % PALETTE}"><th scope="row">{name}</th>{"".join(row)}</tr>')
+        parts.append(f'<tr class="p{index % _PALETTE}"><th scope="row">{name}</th>{"".join(row)}</tr>')
     return "".join([*parts, "</tbody>"])
 
 
@@ -243,16 +220,13 @@ def declared_table(declared: Mapping[str, Declared | None], certificates: Mappin
     return f"<table><thead><tr>{heads}</tr></thead><tbody>{''.join(rows)}</tbody></table>"
 
 
-def best(group: Group, keys: Sequence[str], texts: dict[str, str]) -> set[str]:
+def best(group: _Group, keys: Sequence[str], texts: dict[str, str]) -> set[str]:
     """Return the policies that are marked as best in a column: the smallest value, and cells that read the same.
 
     The value of a cell is the largest absolute value of its metrics; over several seeds, their median. Only policies
     that finished all episodes compete. No policy is marked if only one finished, or if more than half of them would be.
 
-    Args:
-        group: the rows of a case.
-        keys: the metrics in the cell.
-        texts: the text of the cell by policy.
+    `keys` are the metrics in the cell, `texts` the cells by policy.
     """
     sizes = {
         policy: max(median(abs(run[key]) for run in runs) for key in keys)
@@ -266,18 +240,18 @@ def best(group: Group, keys: Sequence[str], texts: dict[str, str]) -> set[str]:
     return alike if len(alike) <= len(sizes) / 2 else set()
 
 
-def finished(runs: Sequence[Row]) -> bool:
+def finished(runs: Sequence[_Row]) -> bool:
     """Return whether every episode followed the reference to its end."""
     return all(run["completed"] for run in runs)
 
 
-def _groups(rows: Sequence[Row]) -> dict[str, Group]:
-    groups: dict[str, Group] = {}
+def _groups(rows: Sequence[_Row]) -> dict[str, _Group]:
+    groups: dict[str, _Group] = {}
     for row in rows:
         groups.setdefault(row["case"], {}).setdefault(row["policy"], []).append(row)
     return groups
 
 
-def _badge(runs: Sequence[Row]) -> str:
+def _badge(runs: Sequence[_Row]) -> str:
     ended = sum(not run["completed"] for run in runs)
     return f' <span class="badge">ended early in {ended} of {len(runs)}</span>' if ended else ""

@@ -10,8 +10,6 @@ here either.
 The result is local, at frozen postures and without dry friction. It serves to compare policies and proves nothing of
 the moving arm; what is proven is in the certificates (`fuzzyarm.proof`), whose margins are proof margins.
 
-The linear loop of a policy with the sampled arm, its spectral radius and the limits of its loop gain.
-
 With the deviations x of the plant's states [rad, rad/s], s of the policy's memory and u of the torques [N m], one
 control period is
 
@@ -37,14 +35,14 @@ from typing import NamedTuple, Protocol
 
 import numpy as np
 
-from fuzzyarm.common.bisection import last_that_works
+from fuzzyarm.common.arithmetic import last_that_works
 from fuzzyarm.common.checks import real
 from fuzzyarm.envs.fastest_mode import fastest_rate
 from fuzzyarm.envs.observation import PARTS, starts
 from fuzzyarm.envs.periods import default_substeps
 from fuzzyarm.envs.physics.dynamics import Payload
 from fuzzyarm.envs.physics.equations import AnyArm, equations_of
-from fuzzyarm.envs.physics.hold import force_line, hold_of
+from fuzzyarm.envs.physics.integrator import force_line, hold_of
 from fuzzyarm.envs.physics.records import columns, flat, size
 from fuzzyarm.envs.scenario.default_reference import default_reference
 from fuzzyarm.fuzzy_policy.known_arm import per_joint_of, without_dry_friction
@@ -58,44 +56,30 @@ __all__ = [
 
 GAIN_SPAN = 100.0
 """A gain margin is searched from κ = 1 up to this factor and down to its inverse."""
-
-
 _GAIN_RATIO = 1.1  # of that search
 _GAIN_TOLERANCE = 1e-4  # of a gain margin, relative
 
 
 class GainLimits(NamedTuple):
-    """Factors on the loop gain below 1 and above 1 between which a loop is stable.
+    """Factors on the loop gain below and above 1 between which a loop is stable; nan if unstable with its own gain."""
 
-    Attributes:
-        lower: 0 where there is no limit within `GAIN_SPAN`, nan if the loop is unstable with its own gain.
-        upper: inf where there is no limit, nan likewise.
-    """
-
-    lower: float
-    upper: float
+    lower: float  # 0 where there is no limit within `GAIN_SPAN`
+    upper: float  # inf likewise
 
 
 @dataclasses.dataclass(frozen=True)
 class LocalLoop:
-    """The loop of the module's equation at one posture; n plant states, r torques, m numbers of memory.
+    """The loop of the module's equation at one posture: arrays of shapes by n plant states, r torques, m of memory.
 
     Memory that the torque never reads is left out: an integral without a gain would add an eigenvalue of exactly 1,
     which says nothing about the arm. An integral that is fed back has its eigenvalues elsewhere.
-
-    Attributes:
-        plant: [A B], (n, n + r).
-        half_plant: [A_h B_h], (n, n + r).
-        law: [D C; G F], (r + m, n + m).
-        equilibrium: plant state and whole memory, (n + m or more,).
-        torque: at the equilibrium [N m], (r,).
     """
 
-    plant: np.ndarray
-    half_plant: np.ndarray
-    law: np.ndarray
-    equilibrium: np.ndarray
-    torque: np.ndarray
+    plant: np.ndarray  # [A B], (n, n + r)
+    half_plant: np.ndarray  # [A_h B_h], (n, n + r)
+    law: np.ndarray  # [D C; G F], (r + m, n + m)
+    equilibrium: np.ndarray  # plant state and whole memory, (n + m or more,)
+    torque: np.ndarray  # at the equilibrium [N m], (r,)
 
     def matrix(self, loop_gain: float = 1.0, delay: float = 0.0) -> np.ndarray:
         """Return the map of (x, s, u_(k-1), u_(k-2), ...) over one control period, for κ = `loop_gain`, d = `delay`."""
@@ -247,21 +231,15 @@ def _equilibrium(arm: _FrozenArm, point: np.ndarray, posture: np.ndarray) -> Loc
         matrix, change = loop.matrix(), (arm.advance(point) - point)[kept]
         if not (np.isfinite(matrix).all() and np.isfinite(change).all()):
             raise ValueError(f"the numbers overflow at posture {posture} rad: is a joint too stiff, damped or light?")
-        if np.all(np.abs(change) <= _NEWTON_TOLERANCE) and np.all(
-            np.abs(point[arm.q_motor] - posture) <= _NEWTON_REACH
-        ):
-            half_plant = arm.plant_over(0.5 * arm.period, point, loop.torque)
-            return dataclasses.replace(loop, half_plant=half_plant)
+        near = np.all(np.abs(point[arm.q_motor] - posture) <= _NEWTON_REACH)
+        if np.all(np.abs(change) <= _NEWTON_TOLERANCE) and near:
+            return dataclasses.replace(loop, half_plant=arm.plant_over(0.5 * arm.period, point, loop.torque))
         point = _nearer(arm, point, kept, np.linalg.lstsq(np.eye(len(change)) - matrix, change)[0])
     return None
 
 
 def _nearer(arm: _FrozenArm, point: np.ndarray, kept: np.ndarray, step: np.ndarray) -> np.ndarray:
-    """Return the point after a Newton step, shortened until the residual is smaller there than at `point`.
-
-    Full steps do for laws that are nearly linear; a network's may need shorter ones. If no step improves, the shortest
-    one is taken.
-    """
+    """Return the point after a Newton step, shortened, as a network may need, until the residual falls."""
 
     def unrest(at: np.ndarray) -> float:
         return float(np.linalg.norm((arm.advance(at) - at)[kept]))
@@ -283,12 +261,7 @@ class _FrozenArm:
     """
 
     def __init__(
-        self,
-        policy: Predictor,
-        parameters: AnyArm,
-        posture: np.ndarray,
-        control_period: float,
-        payload: Payload | None,
+        self, policy: Predictor, parameters: AnyArm, posture: np.ndarray, control_period: float, payload: Payload | None
     ) -> None:
         physics, smooth = equations_of(parameters), without_dry_friction(parameters)
         carried = payload or Payload()

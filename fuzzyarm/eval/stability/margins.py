@@ -1,13 +1,8 @@
-"""The stability margins of `fuzzyarm margins`, also of arms that differ from the one that the policies know.
-
-The margins themselves are computed in `fuzzyarm.eval.stability.linearisation`; this module has the conditions in which
-they are measured, the document and the printed table.
-"""
+"""The stability margins of `fuzzyarm margins`: the conditions, the document and the table."""
 
 from __future__ import annotations
 
 import dataclasses
-import datetime
 import math
 import os
 import shlex
@@ -24,41 +19,26 @@ from fuzzyarm.envs.physics.equations import AnyArm, chosen_arm
 from fuzzyarm.envs.physics.parameters import ArmParameters
 from fuzzyarm.envs.scenario.cases import case_for
 from fuzzyarm.envs.scenario.default_reference import default_reference
-from fuzzyarm.eval.provenance import current_provenance
-from fuzzyarm.eval.stability.linearisation import (
-    GAIN_SPAN,
-    POSTURES,
-    Linearisable,
-    LocalLoop,
-    gain_limits,
-    largest_radius,
-    linearise_path,
-)
+from fuzzyarm.eval.provenance import made_now
+from fuzzyarm.eval.stability import linearisation
+from fuzzyarm.eval.stability.linearisation import GAIN_SPAN, Linearisable, LocalLoop, gain_limits, largest_radius
 from fuzzyarm.fuzzy_policy.known_arm import per_joint_of, with_drives
 from fuzzyarm.policies import ANY_ROBOT, NAMES, policies_of, recorded, resolve_all
 
 __all__ = [
-    "CONDITIONS", "LIMITS", "Condition", "Limit", "MarginsConfig", "conditions_for", "margin_cells", "margin_notes",
+    "CONDITIONS", "LIMITS", "Condition", "MarginsConfig", "conditions_for", "margin_cells", "margin_notes",
     "margins_in_words", "measure_margins", "policy_margins", "print_margins",
 ]  # fmt: skip
 
 
 @dataclasses.dataclass(frozen=True)
 class Condition:
-    """How the loop differs from the one that the policy was designed for; the policy does not know.
+    """How the loop differs from the one that the policy was designed for; the policy does not know."""
 
-    Attributes:
-        name: heading in the table and key in the document.
-        loop_gain: factor on the torque's deviation from equilibrium.
-        delay: extra samples of delay, a multiple of 0.5.
-        stiffness: factor on the stiffness of both joints.
-        payload: what the arm carries.
-    """
-
-    name: str
-    loop_gain: float = 1.0
-    delay: float = 0.0
-    stiffness: float = 1.0
+    name: str  # heading in the table and key in the document
+    loop_gain: float = 1.0  # factor on the torque's deviation from equilibrium
+    delay: float = 0.0  # extra samples, a multiple of 0.5
+    stiffness: float = 1.0  # factor, of all joints
     payload: Payload | None = None
 
 
@@ -75,7 +55,7 @@ CONDITIONS = (
 """The conditions of the columns for the two-joint arm, in their order; `conditions_for` has those of any arm."""
 
 
-class Limit(NamedTuple):
+class _Limit(NamedTuple):
     """A limit of the loop gain on the nominal arm: heading, which of the `GainLimits`, and extra samples of delay."""
 
     heading: str
@@ -84,9 +64,9 @@ class Limit(NamedTuple):
 
 
 LIMITS = {
-    "lower": Limit("loop gain from", "lower"),
-    "upper": Limit("to", "upper"),
-    "upper_one_sample_later": Limit("to, one sample later", "upper", delay=1.0),
+    "lower": _Limit("loop gain from", "lower"),
+    "upper": _Limit("to", "upper"),
+    "upper_one_sample_later": _Limit("to, one sample later", "upper", delay=1.0),
 }
 """By key in the document."""
 
@@ -175,10 +155,8 @@ def measure_margins(config: MarginsConfig, progress: Callable[[], None] = lambda
     described = {"parameters": arm.to_dict()} if isinstance(arm, ArmParameters) else {"robot": dataclasses.asdict(arm)}
     return {
         "schema": SCHEMA,
-        "command": config.command(),
-        "date": datetime.datetime.now(datetime.UTC).isoformat(timespec="seconds"),
-        **current_provenance(),
-        "method": {"control_period": CONTROL_PERIOD, "postures": POSTURES, "gain_span": GAIN_SPAN},
+        **made_now(config.command()),
+        "method": {"control_period": CONTROL_PERIOD, "postures": linearisation.POSTURES, "gain_span": GAIN_SPAN},
         **described,
         "conditions": [dataclasses.asdict(condition) for condition in conditions_for(arm)],
         "rows": rows,
@@ -188,15 +166,14 @@ def measure_margins(config: MarginsConfig, progress: Callable[[], None] = lambda
 def policy_margins(policy: Linearisable, parameters: AnyArm, control_period: float) -> dict[str, Any]:
     """Return the stability margins of a policy that knows the arm `parameters` and acts every `control_period` [s].
 
-    Returns:
-        ``control_period`` [s], ``spectral_radius`` by name of condition and ``loop_gain`` by key of `LIMITS`; None
-        where there is no such number, and then under the same name in ``reasons`` why.
+    They are ``control_period`` [s], ``spectral_radius`` by name of condition and ``loop_gain`` by key of `LIMITS`; None
+    where there is no such number, and then under the same name in ``reasons`` why.
     """
 
     @cache
     def loops(stiffness: float, payload: Payload | None) -> list[LocalLoop]:
         plant = with_drives(parameters, stiffness=stiffness * per_joint_of(parameters, "stiffness"))
-        return linearise_path(policy, plant, control_period, payload)
+        return linearisation.linearise_path(policy, plant, control_period, payload)
 
     reasons: dict[str, str] = {}
 
@@ -207,11 +184,10 @@ def policy_margins(policy: Linearisable, parameters: AnyArm, control_period: flo
             reasons[name] = " ".join(str(error).split())
             return None
 
-    def radius(condition: Condition) -> float:
-        plant = loops(condition.stiffness, condition.payload)
-        return largest_radius(plant, condition.loop_gain, condition.delay)
+    def radius(c: Condition) -> float:
+        return largest_radius(loops(c.stiffness, c.payload), c.loop_gain, c.delay)
 
-    def limit(wanted: Limit) -> float:
+    def limit(wanted: _Limit) -> float:
         found = float(getattr(gain_limits(loops(1.0, None), wanted.delay), wanted.side))
         if math.isnan(found):
             raise ValueError("unstable with its own loop gain")
@@ -238,8 +214,8 @@ def margins_in_words(policy: Linearisable, arm: AnyArm, control_period: float) -
         for key, ways in zip(LIMITS, ("down", "up", "up"), strict=True)
     )
     text = (
-        f"On the elastic arm, sampled every {1e3 * control_period:g} ms, linearised at {POSTURES} postures of its "
-        f"default path (measured, not proven), spectral radius: {', '.join(radii)}; "
+        f"On the elastic arm, sampled every {1e3 * control_period:g} ms, linearised at {linearisation.POSTURES} "
+        f"postures of its default path (measured, not proven), spectral radius: {', '.join(radii)}; "
         f"{' and '.join(dict.fromkeys((lower, upper)))}, one sample later {later}"
     )
     unstable = [name for name, radius in found["spectral_radius"].items() if radius is None or radius >= 1.0]

@@ -25,7 +25,6 @@ __all__ = ["SHOWN", "Axis", "QuantityRange", "SweepConfig"]
 
 SHOWN = ("bound", "worst", "map")
 """Fields that decide only how results are shown: they change no episode."""
-_MAP = ("stiffness_1", "payload")  # the plane of the heat maps where both vary and no other is asked for
 _OPTIONS = {"policies": "policy", "cases": "case", "ranges": "range"}  # fields whose option has another name
 
 
@@ -186,13 +185,13 @@ class SweepConfig:
             return tuple(
                 next(name for name in columns if columns[name].quantity == axis.quantity) for axis in self.grid
             )
-        varying = self.drawn().varying(self.joints)
-        return self.map or (_MAP if set(_MAP) <= set(varying) else varying[:2])
+        varying, usual = self.drawn().varying(self.joints), ("stiffness_1", "payload")
+        return self.map or (usual if set(usual) <= set(varying) else varying[:2])
 
     def to_dict(self) -> dict[str, Any]:
         """Return all fields as JSON has them; of a policy's absolute path the last part, see `policies.recorded`."""
-        plain = {field.name: getattr(self, field.name) for field in dataclasses.fields(self)}
-        return {name: _as_lists(value) for name, value in plain.items()} | {
+        plain = {field.name: _as_lists(getattr(self, field.name)) for field in dataclasses.fields(self)}
+        return plain | {
             "policies": list(map(recorded, self.policies)),
             "parameters": self.parameters.to_dict(),
             "robot": None if self.robot is None else dataclasses.asdict(self.robot),

@@ -18,44 +18,39 @@ from fuzzyarm.envs.scenario.disturbances import EncoderNoise
 from fuzzyarm.envs.scenario.randomisation import DomainRandomisation, Range, find_randomisation
 
 __all__ = [
-    "DISTRIBUTIONS", "NOISE", "QUANTITIES", "Column", "Distribution", "Quantity", "column_label", "columns_of",
-    "distribution_for", "plant_record",
+    "DISTRIBUTIONS", "NOISE", "QUANTITIES", "Distribution", "column_label", "columns_of", "distribution_for",
+    "plant_record",
 ]  # fmt: skip
 
 NOISE = EncoderNoise(position=1e-5, velocity=1e-3)
 """The encoder noise that the quantity ``noise`` is a factor of [rad, rad/s]."""
-LARGEST_NOISE, LONGEST_DELAY = 1e6, 100.0  # times `NOISE`; control periods
-HEAVIEST = 5.0  # kg, the payload of the paper's case
+_HEAVIEST = 5.0  # kg, the payload of the paper's case
 
 
-class Quantity(NamedTuple):
-    """A quantity that differs between plants, as axes name it.
-
-    `arm_fields` are the fields of `ArmParameters`, or of a robot's links and drives, that it is a factor of, with a
-    value for each joint; there are none for a quantity that is no property of the arm.
-    """
+class _Quantity(NamedTuple):
+    """A quantity that differs between plants, as axes name it."""
 
     label: str
     unit: str = "× nominal"
-    arm_fields: tuple[str, ...] = ()
+    arm_fields: tuple[str, ...] = ()  # fields of `ArmParameters`, or of a robot, that it is a factor of for each joint
 
 
 QUANTITIES = {
-    "mass": Quantity("link mass and inertia", arm_fields=("mass", "inertia")),
-    "motor_inertia": Quantity("motor inertia", arm_fields=("motor_inertia",)),
-    "stiffness": Quantity("joint stiffness", arm_fields=("stiffness",)),
-    "damping": Quantity("joint damping", arm_fields=("damping",)),
-    "dry_friction": Quantity("dry friction", arm_fields=("static_friction", "coulomb_friction")),
-    "viscous_friction": Quantity("viscous friction", arm_fields=("viscous_friction",)),
-    "payload": Quantity("payload beside the case's", "kg"),
-    "force": Quantity("tip force", "× the case's"),
-    "noise": Quantity("encoder noise", f"× ({NOISE.position:g} rad, {NOISE.velocity:g} rad/s)"),
-    "delay": Quantity("control delay", "control periods"),
+    "mass": _Quantity("link mass and inertia", arm_fields=("mass", "inertia")),
+    "motor_inertia": _Quantity("motor inertia", arm_fields=("motor_inertia",)),
+    "stiffness": _Quantity("joint stiffness", arm_fields=("stiffness",)),
+    "damping": _Quantity("joint damping", arm_fields=("damping",)),
+    "dry_friction": _Quantity("dry friction", arm_fields=("static_friction", "coulomb_friction")),
+    "viscous_friction": _Quantity("viscous friction", arm_fields=("viscous_friction",)),
+    "payload": _Quantity("payload beside the case's", "kg"),
+    "force": _Quantity("tip force", "× the case's"),
+    "noise": _Quantity("encoder noise", f"× ({NOISE.position:g} rad, {NOISE.velocity:g} rad/s)"),
+    "delay": _Quantity("control delay", "control periods"),
 }
 """All quantities by name."""
 
 
-class Column(NamedTuple):
+class _Column(NamedTuple):
     """One number of a plant: a quantity, and the joint, from 0, that it is of; None for a quantity of no joint."""
 
     quantity: str
@@ -63,14 +58,14 @@ class Column(NamedTuple):
 
 
 @functools.cache
-def columns_of(joints: int) -> dict[str, Column]:
+def columns_of(joints: int) -> dict[str, _Column]:
     """Return the numbers that make a plant of so many joints by name: ``stiffness_1``, ``stiffness_2``, ``payload``."""
-    columns = dict[str, Column]()
+    columns = dict[str, _Column]()
     for name, quantity in QUANTITIES.items():
         if quantity.arm_fields:
-            columns |= {f"{name}_{joint + 1}": Column(name, joint) for joint in range(joints)}
+            columns |= {f"{name}_{joint + 1}": _Column(name, joint) for joint in range(joints)}
         else:
-            columns[name] = Column(name, None)
+            columns[name] = _Column(name, None)
     return columns
 
 
@@ -108,8 +103,8 @@ class Distribution(DomainRandomisation):
     def __post_init__(self) -> None:
         """Check every range."""
         super().__post_init__()
-        interval("noise", self.noise, low=0.0, high=LARGEST_NOISE)
-        first, last = interval("delay", self.delay, low=0.0, high=LONGEST_DELAY)
+        interval("noise", self.noise, low=0.0, high=1e6)
+        first, last = interval("delay", self.delay, low=0.0, high=100.0)
         if not (first.is_integer() and last.is_integer()):
             raise ValueError(f"delay from {first:g} to {last:g} must be whole control periods")
 
@@ -127,12 +122,12 @@ def distribution_for(name: str, arm: AnyArm) -> Distribution:
     """Return the distribution called `name` for an arm: payloads up to that of its case ``payload`` [kg]."""
     found = DISTRIBUTIONS[name]
     low, high = found.payload
-    scale = case_for("payload", arm).disturbance.payload.mass / HEAVIEST
+    scale = case_for("payload", arm).disturbance.payload.mass / _HEAVIEST
     return dataclasses.replace(found, payload=(scale * low, scale * high))
 
 
 _PLANTS = Distribution(**vars(find_randomisation("plants", ArmParameters())))
-_LOADS = dataclasses.replace(_PLANTS, payload=(0.0, HEAVIEST), force=(0.5, 1.5))
+_LOADS = dataclasses.replace(_PLANTS, payload=(0.0, _HEAVIEST), force=(0.5, 1.5))
 DISTRIBUTIONS = {
     "nominal": Distribution(),
     "plants": _PLANTS,

@@ -15,7 +15,6 @@ from fuzzyarm.eval.episodes.loop import Step, TipErrors, episodes
 from fuzzyarm.eval.episodes.metrics import swept
 from fuzzyarm.eval.episodes.rollout import Rollout, Signals
 from fuzzyarm.eval.sweep.config import SweepConfig
-from fuzzyarm.eval.sweep.distributions import plant_record
 from fuzzyarm.eval.sweep.plants import CONTROL_PERIOD, Plants
 from fuzzyarm.fuzzy_policy.law import law_of
 from fuzzyarm.fuzzy_policy.policy import Policy, Predictor
@@ -31,19 +30,12 @@ WORTHWHILE = 1000
 
 @dataclasses.dataclass(frozen=True)
 class SweepResults:
-    """Some plants of a sweep, or all, and the metrics of their episodes.
+    """Some plants of a sweep, or all, and the metrics of their episodes."""
 
-    Attributes:
-        plants: (n,) records of `distributions.plant_record`.
-        metrics: by `Metric.key`, (policies, cases, n) [its unit].
-        seconds: (policies, cases, n) duration of the episode [s].
-        completed: (policies, cases, n) whether the episode lasted to the end of the reference.
-    """
-
-    plants: np.ndarray
-    metrics: dict[str, np.ndarray]
-    seconds: np.ndarray
-    completed: np.ndarray
+    plants: np.ndarray  # (n,) records of `distributions.plant_record`
+    metrics: dict[str, np.ndarray]  # by `Metric.key`, (policies, cases, n) [its unit]
+    seconds: np.ndarray  # (policies, cases, n), duration of the episode [s]
+    completed: np.ndarray  # (policies, cases, n), whether the episode lasted to the end of the reference
 
     @property
     def arrays(self) -> dict[str, np.ndarray]:
@@ -67,15 +59,8 @@ class SweepResults:
         own = {name: array if name == "plants" else array[policy, case] for name, array in self.arrays.items()}
         return SweepResults.of(own)
 
-    def fits(self, config: SweepConfig, plants: int) -> bool:
-        """Return whether the arrays have the shapes and types of so many plants of a sweep."""
-        shape, special = (len(config.policies), len(config.cases), plants), {"completed": np.dtype(bool)}
-        needed: dict[str, Any] = {name: (shape, special.get(name, np.dtype(float))) for name in self.arrays}
-        needed["plants"] = (plants,), plant_record(config.joints)
-        return {name: (array.shape, array.dtype) for name, array in self.arrays.items()} == needed
-
     def finished(self, key: str) -> np.ndarray:
-        """Return a metric; inf where the episode ended early."""
+        """Return a metric (..., n) [its unit]; inf where the episode ended early."""
         return np.where(self.completed, self.metrics[key], np.inf)
 
     @property
@@ -127,11 +112,7 @@ def _channel(plants: Plants, envs: FuzzyArmVectorEnv) -> Channel:
 
 
 def run_plants(config: SweepConfig, policies: Mapping[str, Predictor], members: Sequence[int]) -> SweepResults:
-    """Run the plants with these numbers under all policies, by label, in all cases.
-
-    Raises:
-        ValueError: a policy fails; the message names it.
-    """
+    """Run the plants with these numbers under all policies, by label, in all cases; ValueError: a policy fails."""
     plants, found = Plants.draw(config, members), []
     envs = plants.environment(config.cases)
     for label, policy in policies.items():
@@ -170,11 +151,7 @@ def errors_in_one_kernel(plants: Plants, envs: FuzzyArmVectorEnv, policy: Predic
 
 
 def replay(config: SweepConfig, policies: Mapping[str, Predictor], member: int, policy: str, case: str) -> Rollout:
-    """Run plant `member` of a sweep again, with all signals; its metrics are those of the sweep, bit for bit.
-
-    Raises:
-        ValueError: the sweep has no such plant, policy (by its label) or case.
-    """
+    """Run plant `member` of a sweep again, with all signals; its metrics are those of the sweep, bit for bit."""
     if not 0 <= member < config.total:
         raise ValueError(f"plant {member} is not in the sweep; allowed: 0 to {config.total - 1}")
     if policy not in policies or case not in config.cases:

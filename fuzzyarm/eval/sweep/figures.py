@@ -2,11 +2,10 @@
 
 from __future__ import annotations
 
-import dataclasses
 import itertools
 from collections.abc import Callable, Sequence
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from matplotlib.axes import Axes
@@ -15,41 +14,31 @@ from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.patches import Patch
 
-from fuzzyarm.eval.evaluation.figures import figure_style, policy_styles
-from fuzzyarm.eval.figure_files import MARKERS, write_figure
+from fuzzyarm.eval.evaluation.figures import policy_styles
+from fuzzyarm.eval.figure_files import MARKERS, figure_style, write_figure
 from fuzzyarm.eval.sweep.config import SweepConfig
 from fuzzyarm.eval.sweep.distributions import column_label
 from fuzzyarm.eval.sweep.episodes import SweepResults
 
 __all__ = ["COLORS", "Cells", "draw_sweep", "write_sweep_figures"]
 
-PLANTS_PER_BIN, MOST_BINS = 12, 20
 COLORS = "viridis_r"  # ordered by lightness for any colour vision, and in grey: dark is bad
-EARLY: dict[str, Any] = {"facecolor": "#BBBBBB", "hatch": "////", "edgecolor": "black"}
-"""Of cells where half or more of the plants ended early."""
-FINE, COARSE = 1.0 / 40.0, 5.0
-"""Ends of the colour scale, as shares of the bound of success."""
-LEFT = 1.0 / 200.0  # left end of the curves, as a share of the bound
+# Of cells where half or more of the plants ended early.
+_EARLY: dict[str, Any] = {"facecolor": "#BBBBBB", "hatch": "////", "edgecolor": "black"}
+_FINE, _COARSE = 1.0 / 40.0, 5.0  # ends of the colour scale, as shares of the bound of success
+_LEFT = 1.0 / 200.0  # left end of the curves, as a share of the bound
 
 
-@dataclasses.dataclass(frozen=True)
-class Cells:
-    """A plane cut into cells.
+class Cells(NamedTuple):
+    """The plane of a sweep, cut into cells (across, up)."""
 
-    Attributes:
-        columns: the two columns of the plants that span it, across and up.
-        edges: of the cells along each, (across + 1,) and (up + 1,).
-        places: (n, 2) the cell of each plant, a number across and one up.
-    """
-
-    columns: tuple[str, ...]
-    edges: tuple[np.ndarray, ...]
-    places: np.ndarray
+    edges: tuple[np.ndarray, ...]  # of the cells along each column of the plane, (across + 1,) and (up + 1,)
+    places: np.ndarray  # (n, 2) the cell of each plant, a number across and one up
 
     @classmethod
     def of(cls, config: SweepConfig, plants: np.ndarray) -> Cells:
-        """Cut the plane of a sweep: a grid into its own cells, otherwise into bins of about `PLANTS_PER_BIN` plants."""
-        bins = int(np.clip(np.sqrt(len(plants) / PLANTS_PER_BIN), 2, MOST_BINS))
+        """Cut the plane of a sweep: a grid into its own cells, otherwise into bins of a number of about 12 plants."""
+        bins = int(np.clip(np.sqrt(len(plants) / 12), 2, 20))
         edges, places = [], []
         for column in config.plane:
             values = plants[column]
@@ -61,7 +50,7 @@ class Cells:
                 edge = np.concatenate([ends[:1], middles, ends[1:]])
             edges.append(edge)
             places.append(np.clip(np.searchsorted(edge, values, side="right") - 1, 0, len(edge) - 2))
-        return cls(config.plane, tuple(edges), np.stack(places, axis=1))
+        return cls(tuple(edges), np.stack(places, axis=1))
 
     def medians(self, errors: np.ndarray) -> np.ndarray:
         """Return the median error [mm] of each cell (up, across); inf where half ended early, nan in an empty cell."""
@@ -81,11 +70,7 @@ def write_sweep_figures(
     folder: Path,
     progress: Callable[[], None] = lambda: None,
 ) -> list[Path]:
-    """Write every figure of `draw_sweep` as ``<name>.png`` and ``<name>.svg``, and return the paths.
-
-    Raises:
-        OSError: the folder is missing or not writable; no file is left half written.
-    """
+    """Write every figure of `draw_sweep` as ``<name>.png`` and ``<name>.svg``, and return the paths."""
     paths = list[Path]()
     with figure_style():
         for name, figure in draw_sweep(config, results, rows).items():
@@ -102,8 +87,8 @@ def draw_sweep(config: SweepConfig, results: SweepResults, rows: Sequence[dict[s
     if len(config.plane) == 2:
         cells = Cells.of(config, results.plants)
         maps = np.array([[cells.medians(one) for one in by_case] for by_case in errors])
-        shown = np.clip(maps[np.isfinite(maps)], FINE * config.bound, COARSE * config.bound)
-        low, high = (shown.min(), shown.max()) if len(shown) else (FINE, COARSE)
+        shown = np.clip(maps[np.isfinite(maps)], _FINE * config.bound, _COARSE * config.bound)
+        low, high = (shown.min(), shown.max()) if len(shown) else (_FINE, _COARSE)
         norm = LogNorm(low, max(high, 1.01 * low))
         for policy, by_case in zip(config.labels, maps, strict=True):
             figures[f"map-{policy}"] = _map(config, policy, cells, by_case, norm)
@@ -111,10 +96,7 @@ def draw_sweep(config: SweepConfig, results: SweepResults, rows: Sequence[dict[s
 
 
 def _spread(config: SweepConfig, errors: np.ndarray, rows: Sequence[dict[str, Any]]) -> Figure:
-    """Return the empirical distribution of the error: the share of plants at or below it, a panel for each case.
-
-    Each quantile has a bar for its confidence interval where all three are numbers.
-    """
+    """Return the share of plants at or below each error, a panel for each case; bars are intervals of quantiles."""
     figure = Figure(figsize=(1.0 + 3.1 * max(2, len(config.cases)), 3.7))
     panels = figure.subplots(1, len(config.cases), sharey=True, sharex=True, squeeze=False)[0]
     share = 100.0 * np.arange(1, errors.shape[-1] + 1) / errors.shape[-1]
@@ -138,7 +120,7 @@ def _spread(config: SweepConfig, errors: np.ndarray, rows: Sequence[dict[str, An
         axes.xaxis.set_major_formatter(lambda value, _: f"{value:g}")
         axes.set(title=config.titles[case], xlabel="largest tip error [mm]", ylim=(0.0, 102.0))
     panels[0].set_ylabel("share of plants at or below [%]")
-    panels[0].set_xlim(left=max(LEFT * config.bound, panels[0].get_xlim()[0]))
+    panels[0].set_xlim(left=max(_LEFT * config.bound, panels[0].get_xlim()[0]))
     handles.append(Line2D([], [], **bound, label=f"bound of success, {config.bound:g} mm"))
     title = "bars: 95 % intervals at 50, 90 and 99 %; none where episodes that ended early are among them"
     figure.legend(handles=handles, loc="outside lower center", ncols=3, title=title)
@@ -146,14 +128,11 @@ def _spread(config: SweepConfig, errors: np.ndarray, rows: Sequence[dict[str, An
 
 
 def _map(config: SweepConfig, policy: str, cells: Cells, medians: np.ndarray, norm: LogNorm) -> Figure:
-    """Return the heat map of a policy, a panel for each case; all policies share one scale of colours.
-
-    Its legend has only what appears in it.
-    """
+    """Return the heat map of a policy, a panel for each case; all policies share one scale of colours."""
     figure = Figure(figsize=(1.6 + 2.9 * max(2, len(config.cases)), 3.9))
     panels = figure.subplots(1, len(config.cases), sharey=True, squeeze=False)[0]
     together = config.joints if config.grid else None
-    across, up = (column_label(column, together=together).replace(" [", "\n[") for column in cells.columns)
+    across, up = (column_label(column, together=together).replace(" [", "\n[") for column in config.plane)
     for axes, case, errors in zip(panels, config.cases, medians, strict=True):
         mesh = axes.pcolormesh(*cells.edges, np.where(np.isfinite(errors), errors, np.nan), norm=norm, cmap=COLORS)
         _draw_borders(axes, cells, errors, config.bound)
@@ -172,7 +151,7 @@ def _map(config: SweepConfig, policy: str, cells: Cells, medians: np.ndarray, no
     if (medians < config.bound).any() and (medians > config.bound).any():
         handles.append(Line2D([], [], color="black", linewidth=1.6, label=f"{config.bound:g} mm, the bound of success"))
     if np.isinf(medians).any():
-        handles.append(Patch(**EARLY, label="half or more ended early"))
+        handles.append(Patch(**_EARLY, label="half or more ended early"))
     if np.isnan(medians).any():
         handles.append(Patch(facecolor="#FFFFFF", edgecolor="#999999", label="no plant"))
     if handles:
@@ -181,13 +160,10 @@ def _map(config: SweepConfig, policy: str, cells: Cells, medians: np.ndarray, no
 
 
 def _draw_borders(axes: Axes, cells: Cells, errors: np.ndarray, bound: float) -> None:
-    """Hatch the cells where half of the plants ended early, and draw the border of those below the bound.
-
-    The border is visible on light and dark cells.
-    """
+    """Hatch the cells where half of the plants ended early, and draw the border of those below the bound."""
     above, (across, up) = errors >= bound, cells.edges
     for j, i in np.argwhere(np.isinf(errors)):
-        axes.fill_between(across[i : i + 2], up[j], up[j + 1], **EARLY, linewidth=0.0)
+        axes.fill_between(across[i : i + 2], up[j], up[j + 1], **_EARLY, linewidth=0.0)
     sides: list[Any] = [([across[i + 1]] * 2, up[j : j + 2]) for j, i in np.argwhere(above[:, 1:] != above[:, :-1])]
     sides += [(across[i : i + 2], [up[j + 1]] * 2) for j, i in np.argwhere(above[1:] != above[:-1])]
     for color, width in (("white", 3.2), ("black", 1.6)):

@@ -31,23 +31,16 @@ from fuzzyarm.fuzzy_policy.known_arm import per_joint_of, with_drives, with_mass
 __all__ = ["CONTROL_PERIOD", "Plants"]
 
 CONTROL_PERIOD = 1e-3  # s
-_EXTRAS = 1  # names the stream of noise and delay among those of a plant's seed
-_NOISE_WORD, _DELAY_WORD = np.zeros(1, np.uint64), np.ones(1, np.uint64)  # their places in that stream
+_EXTRAS = 1  # names the stream of noise and delay, at places 0 and 1, among those of a plant's seed
 
 
 @dataclasses.dataclass(frozen=True)
 class Plants:
-    """Some plants of a sweep.
-
-    Attributes:
-        config: the sweep.
-        members: (n,) their numbers in it.
-        values: (n,) what they are made of, records of `distributions.plant_record`; read-only.
-    """
+    """Some plants of a sweep."""
 
     config: SweepConfig
-    members: Sequence[int]
-    values: np.ndarray
+    members: Sequence[int]  # (n,) their numbers in the sweep
+    values: np.ndarray  # (n,) records of `distributions.plant_record`; read-only
 
     @classmethod
     def draw(cls, config: SweepConfig, members: Sequence[int]) -> Plants:
@@ -81,7 +74,8 @@ class Plants:
         drawn, arm = config.drawn(), config.arm
         noisy = drawn.noise[1] > 0.0 or "noise" in cells
         factors = [name for name in cells if QUANTITIES[name].arm_fields]
-        columns = [cells.get("payload", np.zeros(len(self.members))), cells.get("force", np.ones(len(self.members)))]
+        ones = np.ones(len(self.members))
+        columns = [cells.get("payload", 0.0 * ones), cells.get("force", ones)]
         # Lanes with equal arms or loads share the object: the environment prepares each object once.
         varied = functools.cache(lambda *values: _varied(arm, dict(zip(factors, values, strict=True))))
         loaded = functools.cache(lambda case, payload, force: _disturbance(arm, case, payload, force, noisy))
@@ -102,7 +96,7 @@ class Plants:
         )
 
     def begin(self, envs: FuzzyArmVectorEnv) -> tuple[np.ndarray, dict[str, np.ndarray]]:
-        """Begin the plants' episodes in their `environment`; every arm starts where the nominal one does."""
+        """Begin the episodes and return observations (lanes, 5 n) and info; arms start where the nominal one does."""
         arm = self.config.arm
         nominal = FuzzyArmVectorEnv(1, **_arm_argument(arm), reference=default_reference(arm), threads=1)
         _, at_rest = nominal.reset(seed=0)
@@ -116,10 +110,8 @@ class Plants:
             [np.random.SeedSequence((seed, _EXTRAS)).generate_state(1, np.uint64) for seed in self.seeds]
         )
         (low, high), (first, last) = ranges.noise, ranges.delay
-        return {
-            "noise": low + (high - low) * uniform(keys, _NOISE_WORD),
-            "delay": first + np.floor((last - first + 1.0) * uniform(keys, _DELAY_WORD)),
-        }
+        noise, delay = (uniform(keys, np.array([place], np.uint64)) for place in (0, 1))
+        return {"noise": low + (high - low) * noise, "delay": first + np.floor((last - first + 1.0) * delay)}
 
     def _cells(self) -> dict[str, np.ndarray]:
         """Return what the grid sets, by quantity (n,); the second axis varies fastest."""
@@ -131,7 +123,7 @@ class Plants:
 
 
 @dataclasses.dataclass(frozen=True)
-class ScaledForce:
+class _ScaledForce:
     """A tip force times a factor."""
 
     force: TipForce
@@ -160,7 +152,7 @@ def _varied(arm: AnyArm, factors: Mapping[str, float]) -> AnyArm:
 def _disturbance(arm: AnyArm, case: str, payload: float, force: float, noisy: bool) -> Disturbance:
     """Return what acts on the arm in a case with `payload` [kg] more at the tip and `force` times the tip force."""
     own = case_for(case, arm).disturbance
-    tip_force = own.tip_force if own.tip_force is None or force == 1.0 else ScaledForce(own.tip_force, force)
+    tip_force = own.tip_force if own.tip_force is None or force == 1.0 else _ScaledForce(own.tip_force, force)
     # A payload of the case itself stays where the case puts it, and what is added joins it there.
     place = own.payload.at if own.payload.mass > 0.0 else "tip"
     load = own.payload if payload == 0.0 else Payload(own.payload.mass + payload, place)

@@ -24,78 +24,60 @@ from fuzzyarm.common.documents import DocumentError, read_checked, read_json
 from fuzzyarm.envs.scenario.cases import find_case
 from fuzzyarm.eval.declarations import read_declarations
 from fuzzyarm.eval.episodes.metrics import RESOLUTION, millimetres, ranked
-from fuzzyarm.eval.evaluation.ranking import Table, check_comparable, other_cells, other_headings, ranks_of, shown
+from fuzzyarm.eval.evaluation.ranking import Leaderboard, check_comparable, other_cells, other_headings, shown
 from fuzzyarm.eval.evaluation.statistics import Estimate
 from fuzzyarm.eval.sweep.summary import SCHEMA, SUMMARY
 from fuzzyarm.policies.declared import Declared
 
-__all__ = ["LEVEL", "PlantBoard", "PlantStanding", "is_sweep", "rank_sweeps"]
+__all__ = ["PlantStanding", "is_sweep", "rank_sweeps"]
 
-LEVEL = "0.99"
-"""The quantile over the plants, as a sweep's file names it."""
+_LEVEL = "0.99"  # the quantile over the plants, as a sweep's file names it
 
 
 @dataclasses.dataclass(frozen=True)
 class PlantStanding:
-    """One policy of one sweep.
+    """One policy of one sweep."""
 
-    Attributes:
-        policy: its label.
-        source: the file it is from.
-        score: see the module [mm]; None if too many episodes ended early.
-        cases: the 99 % quantile of each case [mm], by its name; None likewise.
-        ended_early: number of episodes that ended early.
-        plants: number of plants in each case.
-        declared: what it declares, see `policies.declared`; None if it does not.
-        others: the 99 % quantile of each metric of `metrics.ranked` that sweeps have, by case; None likewise.
-    """
-
-    policy: str
-    source: str
-    score: Estimate | None
-    cases: dict[str, float | None]
-    ended_early: int
-    plants: int
-    declared: Declared | None = None
-    others: dict[str, dict[str, float | None]] = dataclasses.field(default_factory=dict)
+    policy: str  # its label
+    source: str  # the file it is from
+    score: Estimate | None  # see the module [mm]; None if too many episodes ended early
+    cases: dict[str, float | None]  # the 99 % quantile of each case [mm], by its name; None likewise
+    ended_early: int  # number of episodes
+    plants: int  # number in each case
+    declared: Declared | None
+    others: dict[str, dict[str, float | None]]  # the quantiles of the metrics of `metrics.ranked` that sweeps have
 
     @property
     def order(self) -> tuple[int, float]:
         """Sort key, the best policy first."""
         return (1, self.ended_early / self.plants) if self.score is None else (0, max(self.score.mean, RESOLUTION))
 
+    @property
+    def headings(self) -> list[str]:
+        """Headings of the table after the score."""
+        what, cases = "99 % of plants, ", list(self.cases)
+        found = [f"{what}{case} [mm]" for case in cases] + (other_headings(cases, what) if self.others else [])
+        return [*found, "ended early", "plants", "from"]
 
-@dataclasses.dataclass(frozen=True)
-class PlantBoard:
-    """Standings, best first, and the conditions that all of them share, in words."""
-
-    standings: list[PlantStanding]
-    conditions: str
-
-    def table(self) -> Table:
-        """Return the table and its notes."""
-        cases = list(self.standings[0].cases)
-        headings = ["rank", "policy", "score [mm]", *(f"99 % of plants, {case} [mm]" for case in cases)]
-        headings += other_headings(cases, "99 % of plants, ") if self.standings[0].others else []
-        cells = [
-            [
-                str(rank),
-                standing.policy,
-                "ended early" if standing.score is None else shown(standing.score),
-                *("ended early" if value is None else millimetres(value) for value in standing.cases.values()),
-                *other_cells(standing.others, "ended early"),
-                f"{standing.ended_early} of {standing.plants * len(cases)}",
-                str(standing.plants),
-                standing.source,
-            ]
-            for rank, standing in zip(ranks_of(self), self.standings, strict=True)
+    @property
+    def cells(self) -> list[str]:
+        """The score, and the cells below `headings`."""
+        return [
+            "ended early" if self.score is None else shown(self.score),
+            *("ended early" if value is None else millimetres(value) for value in self.cases.values()),
+            *other_cells(self.others, "ended early"),
+            f"{self.ended_early} of {self.plants * len(self.cases)}",
+            str(self.plants),
+            self.source,
         ]
-        notes = (
+
+    @staticmethod
+    def notes(standings: Sequence[Any]) -> str:
+        """Return what has to be known to read the table of these standings."""
+        return (
             "Score: largest of the cases' 99 % quantiles of the largest tip error over the plants, with an interval of "
-            f"95 %. Ended early: more than 1 % of a case's episodes did; such policies rank last. All: "
-            f"{self.conditions}."
+            "95 %. Ended early: more than 1 % of a case's episodes did; such policies rank last."
         )
-        return Table.of([*headings, "ended early", "plants", "from"], cells, notes)
 
 
 def is_sweep(path: Path) -> bool:
@@ -109,7 +91,7 @@ def is_sweep(path: Path) -> bool:
     return isinstance(document, dict) and str(document.get("schema")).startswith(SCHEMA.partition("/")[0])
 
 
-def rank_sweeps(paths: Sequence[str | Path]) -> PlantBoard:
+def rank_sweeps(paths: Sequence[str | Path]) -> Leaderboard:
     """Rank the policies of sweeps: files `SUMMARY` of `fuzzyarm sweep`, or the folders that hold them.
 
     Raises:
@@ -126,7 +108,7 @@ def rank_sweeps(paths: Sequence[str | Path]) -> PlantBoard:
     ]
     check_comparable(files, [conditions for _, conditions, _ in read], "sweep")
     standings = [standing for own, _, _ in read for standing in own]
-    return PlantBoard(sorted(standings, key=lambda standing: standing.order), read[0][2])
+    return Leaderboard(sorted(standings, key=lambda standing: standing.order), read[0][2])
 
 
 def _read(file: Path, document: dict[str, Any]) -> tuple[list[PlantStanding], dict[str, Any], str]:
@@ -142,11 +124,11 @@ def _read(file: Path, document: dict[str, Any]) -> tuple[list[PlantStanding], di
     declared = read_declarations(document.get("declared"), config["policies"])
     for policy in map(str, policies):
         own = [row for row in rows if row["policy"] == policy]
-        found = {row["case"]: _estimate(row["max_mm"][LEVEL]) for row in own}
+        found = {row["case"]: _estimate(row["max_mm"][_LEVEL]) for row in own}
         ended = sum(whole("ended_early", row["ended_early"], low=0, high=plants) for row in own)
         quantiles = {case: estimate.mean if estimate else None for case, estimate in found.items()}
         others = {
-            words: {row["case"]: row[metric.key][LEVEL]["value"] for row in own}
+            words: {row["case"]: row[metric.key][_LEVEL]["value"] for row in own}
             for words, metric in ranked().items()
             if metric.swept
         }
@@ -170,9 +152,8 @@ def _estimate(given: dict[str, Any]) -> Estimate | None:
     if given["value"] is None:
         return None
     low, high = (None if given[end] is None else real(end, given[end], "mm", low=0.0) for end in ("low", "high"))
-    if high is None and low is not None:
-        high = math.inf
-    return Estimate(real("value", given["value"], "mm", low=0.0), low, high)
+    beyond = math.inf if low is not None else None  # an upper end larger than any error
+    return Estimate(real("value", given["value"], "mm", low=0.0), low, beyond if high is None else high)
 
 
 def _largest(found: Sequence[Estimate | None]) -> Estimate | None:

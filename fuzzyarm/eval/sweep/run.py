@@ -1,9 +1,9 @@
 """A sweep in its folder: begun, run chunk by chunk, resumed after an end of any kind, summarised, and replayed.
 
-``run.json`` is written first, then ``chunks/NNNNNN.npz`` one by one, each whole or not at all; resuming is running what
-has no file. ``run.json`` holds everything that the numbers of the sweep depend on, its identity: the configuration, the
-versions and the code, added cases, and the files of the policies. Every file carries the digest of the identity, and
-results of different identities are never mixed in one folder.
+``run.json`` is written first, then ``chunks/NNNNNN.npz`` one by one, each whole or not at all; to resume is to run the
+missing ones. ``run.json`` holds the identity of the sweep, everything that its numbers depend on: configuration,
+versions and code, added cases, and files of policies. Every file carries the digest of the identity, and results of
+different identities are never mixed in one folder.
 """
 
 from __future__ import annotations
@@ -12,7 +12,6 @@ import contextlib
 import dataclasses
 import functools
 import hashlib
-import io
 import json
 import platform
 import re
@@ -29,11 +28,14 @@ from fuzzyarm.common.checks import instance, listed, path_of
 from fuzzyarm.common.documents import read_bytes, read_checked
 from fuzzyarm.common.files import write_atomically
 from fuzzyarm.envs.scenario.cases import CASES, INSTANTS, Case
-from fuzzyarm.eval.declarations import declarations_of
+from fuzzyarm.eval.declarations import declarations_of, permitted_code
 from fuzzyarm.eval.engine import Engine, source_of
 from fuzzyarm.eval.episodes.metrics import swept
 from fuzzyarm.eval.episodes.rollout import Rollout
+from fuzzyarm.eval.episodes.rollout_file import npz_bytes
+from fuzzyarm.eval.provenance import json_text
 from fuzzyarm.eval.sweep.config import SHOWN, SweepConfig
+from fuzzyarm.eval.sweep.distributions import plant_record
 from fuzzyarm.eval.sweep.episodes import SweepResults, replay, run_plants
 from fuzzyarm.eval.sweep.plants import CONTROL_PERIOD
 from fuzzyarm.eval.sweep.summary import SCHEMA, SUMMARY, summarise, summary_csv
@@ -57,7 +59,7 @@ class Sweep:
     Attributes:
         folder: where it is.
         config: of the sweep.
-        specs: what its policies are made from, by label; those that are the user's code may run it.
+        specs: what its policies are made from, by label; the user's code among them may run.
         policies: by label, loaded for its robot.
         digest: of its identity.
     """
@@ -89,12 +91,12 @@ class Sweep:
             )
         specs = resolve_all(config.policies, run_code=True)
         identity = identity_of(config, specs)
-        sweep = cls(folder, config, specs, _loaded(specs, config), digest_of(identity))
+        sweep = cls._loaded(folder, config, specs, digest_of(identity))
         document = {"schema": SCHEMA, "command": config.command(), "config": config.to_dict()} | identity
         # A run that is killed after this line leaves an empty folder of chunks, which is no obstacle to the next.
         (folder / "chunks").mkdir(parents=True, exist_ok=True)
         try:
-            write_atomically(folder / RUN, _json({**document, "digest": sweep.digest}))
+            write_atomically(folder / RUN, json_text({**document, "digest": sweep.digest}))
         except BaseException:
             sweep.take_back()
             raise
@@ -134,7 +136,12 @@ class Sweep:
                 f"{folder} was begun with other versions, code, cases or policy files than there are now ({changed}), "
                 "and results are not mixed: begin again in another folder"
             )
-        return cls(Path(folder), config, specs, _loaded(specs, config), digest)
+        return cls._loaded(Path(folder), config, specs, digest)
+
+    @classmethod
+    def _loaded(cls, folder: Path, config: SweepConfig, specs: dict[str, PolicySpec], digest: str) -> Sweep:
+        policies: dict[str, Predictor] = {label: spec.load(CONTROL_PERIOD, config.arm) for label, spec in specs.items()}
+        return cls(folder, config, specs, policies, digest)
 
     def take_back(self) -> None:
         """Undo `begin` if there are no chunks yet."""
@@ -148,15 +155,14 @@ class Sweep:
 
     @property
     def remaining(self) -> int:
-        """Number of plants that are still to be run; ValueError if a chunk in the folder is broken."""
+        """Number of plants that are still to be run; ValueError as for `missing`."""
         return sum(len(self.config.members(number)) for number in self.missing())
 
     def run(self, engine: Engine, report: Callable[[str], None] = lambda text: None) -> Iterator[int]:
         """Run the chunks that are missing, each kept as soon as it is done, and yield the number of its plants.
 
-        Args:
-            engine: what runs them; the policies travel to the workers, which need none of their files.
-            report: called with a line when a worker was lost, whose chunk is repeated.
+        The policies travel to the workers of the engine, which need none of their files. `report` is called with a line
+        when a worker was lost, whose chunk is repeated.
 
         Raises:
             ValueError: a chunk in the folder is broken, a policy fails, or a worker has other versions than this
@@ -167,27 +173,22 @@ class Sweep:
         work = functools.partial(run_chunk, self.config, self.policies, made_with())
         with contextlib.closing(engine.run(work, self.missing(), report)) as chunks:
             for number, results in chunks:
-                content = io.BytesIO()
-                np.savez(content, allow_pickle=False, digest=np.array(self.digest), **results.arrays)
-                write_atomically(self._path(number), content.getvalue())
+                content = npz_bytes({"digest": np.array(self.digest), **results.arrays}, compressed=False)
+                write_atomically(self._path(number), content)
                 yield len(results.plants)
 
     def results(self) -> SweepResults:
         """Return the results of the whole sweep; ValueError if a chunk is missing or broken."""
-        chunks = [self._load(number) for number in range(self.config.chunks)]
-        done = [chunk for chunk in chunks if chunk is not None]
-        if len(done) < len(chunks):
-            raise ValueError(f"{self.folder} lacks {len(chunks) - len(done)} chunks: --resume runs them")
+        done = [chunk for number in range(self.config.chunks) if (chunk := self._load(number)) is not None]
+        if missing := self.config.chunks - len(done):
+            raise ValueError(f"{self.folder} lacks {missing} chunks: --resume runs them")
         return SweepResults.joined(done)
 
     def summarise(self, progress: Callable[[], None] = lambda: None) -> tuple[dict[str, Any], list[Path]]:
-        """Write the summary, the table, all episodes and the figures, calling `progress` after each of these.
+        """Write summary, table, all episodes and figures, calling `progress` after each figure.
 
-        Return what ``sweep.json`` holds, see `summary.summarise`, and all files that were written.
-
-        Raises:
-            ValueError: a chunk is missing or broken.
-            OSError: a file cannot be written.
+        Return what ``sweep.json`` holds, see `summary.summarise`, and all files that were written. ValueError: a chunk
+        is missing or broken; OSError: a file cannot be written.
         """
         # Imported here, as in `replay_plant`: Matplotlib takes a second to load.
         from fuzzyarm.eval.sweep.figures import write_sweep_figures
@@ -195,9 +196,9 @@ class Sweep:
         config, folder, results = self.config, self.folder, self.results()
         document = summarise(config, results, declarations_of(self.specs, self.policies, config.arm))
         contents: dict[str, str | bytes] = {
-            SUMMARY: _json(document),
+            SUMMARY: json_text(document),
             "sweep.csv": summary_csv(document["rows"]),
-            "episodes.npz": _compressed(results.arrays),
+            "episodes.npz": npz_bytes(results.arrays),
         }
         for name, content in contents.items():
             write_atomically(folder / name, content)
@@ -207,18 +208,15 @@ class Sweep:
     def replay_plant(self, policy: str, case: str, plant: int) -> tuple[Rollout, Path]:
         """Run a plant, by its number, again under a policy, by its label, in a case.
 
-        Return its signals, and the folder that they and their figures were written to.
-
-        Raises:
-            ValueError: the sweep has no such plant, policy or case.
-            OSError: a file cannot be written.
+        Return its signals, and the folder that they and their figures were written to. ValueError: the sweep has no
+        such plant, policy or case; OSError: a file cannot be written.
         """
         from fuzzyarm.eval.evaluation.figures import write_figures
 
         rollout = replay(self.config, self.policies, plant, policy, case)
         folder = self.folder / f"replay-{policy.replace(':', '-')}-{case}-{plant}"
         folder.mkdir(exist_ok=True)
-        write_atomically(folder / "episode.npz", _compressed(dataclasses.asdict(rollout)))
+        write_atomically(folder / "episode.npz", npz_bytes(dataclasses.asdict(rollout)))
         write_figures([rollout], folder, titles=self.config.titles)
         return rollout, folder
 
@@ -236,11 +234,19 @@ class Sweep:
             raise ValueError(f"{error}: {again}") from None
         if str(arrays.pop("digest", "")) != self.digest:
             raise ValueError(f"{path} is of another sweep than {self.folder / RUN}: {again}")
-        if set(arrays) == {"plants", *swept(), "seconds", "completed"}:
-            results = SweepResults.of(arrays)
-            if results.fits(self.config, len(self.config.members(number))):
-                return results
-        raise ValueError(f"{path} is damaged (its arrays are not those of the sweep): {again}")
+        if {name: (array.shape, array.dtype) for name, array in arrays.items()} != self._layout(number):
+            raise ValueError(f"{path} is damaged (its arrays are not those of the sweep): {again}")
+        return SweepResults.of(arrays)
+
+    def _layout(self, number: int) -> dict[str, Any]:
+        """Return shape and type of each array of a chunk."""
+        plants = len(self.config.members(number))
+        shape = (len(self.config.policies), len(self.config.cases), plants)
+        return {
+            "plants": ((plants,), plant_record(self.config.joints)),
+            **dict.fromkeys([*swept(), "seconds"], (shape, np.dtype(float))),
+            "completed": (shape, np.dtype(bool)),
+        }
 
 
 def run_chunk(
@@ -253,13 +259,6 @@ def run_chunk(
             "and change no source while it runs"
         )
     return run_plants(config, policies, config.members(number))
-
-
-def _loaded(specs: Mapping[str, PolicySpec], config: SweepConfig) -> dict[str, Predictor]:
-    return {label: spec.load(CONTROL_PERIOD, config.arm) for label, spec in specs.items()}
-
-
-# The identity.
 
 
 @functools.cache
@@ -277,14 +276,7 @@ def made_with() -> dict[str, str]:
 
 
 def identity_of(config: SweepConfig, specs: Mapping[str, PolicySpec]) -> dict[str, dict[str, Any]]:
-    """Return everything that the numbers of a sweep depend on, ready for JSON.
-
-    The policies by label must be allowed to run code, see `policies.resolve`.
-
-    Raises:
-        ValueError: a policy is damaged.
-        OSError: a policy's file cannot be read.
-    """
+    """Return everything that the numbers of a sweep depend on, ready for JSON; the policies may run code."""
     axes = 2 if config.robot is None else 3
     return {
         "numbers": _numbers(config.to_dict()),
@@ -312,10 +304,7 @@ def _numbers(config: Mapping[str, Any]) -> dict[str, Any]:
 
 
 def _module_files(spec: PolicySpec) -> dict[str, str]:
-    """Return the SHA-256 of the Python files that a policy of the user's code may be made from, by path.
-
-    A module stands for its whole top-level package, as its modules may import each other. Empty for other policies.
-    """
+    """Return the SHA-256 of the Python files of the user's top-level package that a policy is code of, by path."""
     source = source_of(spec.name.partition(":")[0].partition(".")[0]) if spec.kind is Kind.CODE else None
     if source is None:
         return {}
@@ -347,14 +336,7 @@ def difference(one: Mapping[str, Any], other: Mapping[str, Any]) -> str:
 
 def _check_named(path: Path, config: SweepConfig, named: Sequence[str]) -> None:
     """Check that the user has named all code that would be run, and no policy that is not in the sweep."""
-    code = [name for name in config.policies if resolve(name).kind is Kind.CODE]
-    unnamed = [name for name in code if name not in named]
-    if unnamed:
-        flags = " ".join(f"--policy {name}" for name in unnamed)
-        raise ValueError(
-            f"{path} names code that is not part of fuzzyarm, which a file alone does not get run; if you trust it, "
-            f"add {flags}"
-        )
+    code = permitted_code(f"{path} names code", config.policies, named)
     labels = [resolve(name).label for name in named]
     moved = [name for name in named if (spec := resolve(name)).path and not spec.named and spec.label in config.labels]
     if labels != config.labels and set(named) - set(moved) - set(code):
@@ -362,13 +344,3 @@ def _check_named(path: Path, config: SweepConfig, named: Sequence[str]) -> None:
             f"{path.parent} holds a sweep with policies = {', '.join(config.policies)}, not {', '.join(named)}: "
             "choose another --out"
         )
-
-
-def _json(document: Mapping[str, Any]) -> str:
-    return json.dumps(document, indent=1) + "\n"
-
-
-def _compressed(arrays: Mapping[str, Any]) -> bytes:
-    content = io.BytesIO()
-    np.savez_compressed(content, allow_pickle=False, **arrays)
-    return content.getvalue()

@@ -14,7 +14,6 @@ rate has Wilson's interval: where all plants succeed, every resample does too, a
 
 from __future__ import annotations
 
-import datetime
 import functools
 import itertools
 import math
@@ -30,7 +29,7 @@ from fuzzyarm.common.files import csv_text
 from fuzzyarm.eval.declarations import read_declarations, written_declarations
 from fuzzyarm.eval.episodes.metrics import swept
 from fuzzyarm.eval.evaluation.statistics import LEVEL, SEED
-from fuzzyarm.eval.provenance import current_provenance
+from fuzzyarm.eval.provenance import made_now
 from fuzzyarm.eval.sweep.config import SweepConfig
 from fuzzyarm.eval.sweep.distributions import NOISE
 from fuzzyarm.eval.sweep.episodes import SweepResults
@@ -40,16 +39,12 @@ __all__ = [
     "QUANTILES", "SCHEMA", "SUMMARY", "print_sweep", "quantile_ranks", "quantiles", "summarise", "summary_csv", "worst",
 ]  # fmt: skip
 
-SCHEMA = "fuzzyarm-sweep/3"
-"""Format of the files of a sweep."""
-
-SUMMARY = "sweep.json"
-"""File of the summary."""
+SCHEMA, SUMMARY = "fuzzyarm-sweep/3", "sweep.json"
+"""Format of the files of a sweep, and the file of the summary."""
 QUANTILES = (0.5, 0.9, 0.99)  # of the errors over the plants
-RESAMPLES = 2000
+_RESAMPLES = 2000
 _ENDED_EARLY = "ended early"
-Number = float | None
-"""A number of the summary; None stands for an error larger than any bound, or for a missing interval."""
+_Number = float | None  # None: an error larger than any bound, or a missing interval
 
 
 def summarise(
@@ -57,22 +52,14 @@ def summarise(
 ) -> dict[str, Any]:
     """Return the document that `fuzzyarm sweep --json` prints.
 
-    Args:
-        config: what was run.
-        results: of all plants.
-        declared: what the policies declare, by label; None: what those of the package do.
-
-    Returns:
-        Provenance, the configuration, the declarations, and ``rows``: for each policy in each case ``success``, the
-        quantiles of ``max_mm`` and ``rms_mm`` by level, all as value and interval, and ``worst``. A value of None is
-        larger than any bound; an interval of a single plant is None.
+    It has provenance, the configuration, what the policies declare (None: what those of the package do), and ``rows``:
+    for each policy in each case ``success``, the quantiles of ``max_mm`` and ``rms_mm`` by level, all as value and
+    interval, and ``worst``. A value of None is larger than any bound; an interval of a single plant is None.
     """
     pairs = itertools.product(enumerate(config.labels), enumerate(config.cases))
     return {
         "schema": SCHEMA,
-        "command": config.command(),
-        "date": datetime.datetime.now(datetime.UTC).isoformat(timespec="seconds"),
-        **current_provenance(),
+        **made_now(config.command()),
         "config": config.to_dict(),
         "titles": config.titles,
         "declared": written_declarations(read_declarations(None, config.policies) if declared is None else declared),
@@ -81,7 +68,7 @@ def summarise(
             "distribution": {name: list(value) for name, value in config.drawn().quantities().items()},
             "noise_unit": [NOISE.position, NOISE.velocity],
             "level": LEVEL,
-            "resamples": RESAMPLES,
+            "resamples": _RESAMPLES,
         },
         "rows": [
             {"policy": policy, "case": case, **_row(config, results.episodes(p, c))} for (p, policy), (c, case) in pairs
@@ -107,15 +94,12 @@ def _row(config: SweepConfig, episodes: SweepResults) -> dict[str, Any]:
 
 
 def worst(episodes: SweepResults, count: int) -> np.ndarray:
-    """Return the numbers (count,) of the worst plants of one policy in one case.
-
-    Plants whose episode ended early come first, the earliest end first; then the others by falling error.
-    """
+    """Return the numbers (count,) of the worst plants: the earliest ends first, then the others by falling error."""
     ended = np.where(episodes.completed, np.inf, episodes.seconds)
     return np.lexsort((-episodes.metrics["max_mm"], ended))[:count]
 
 
-def quantiles(values: np.ndarray) -> dict[str, dict[str, Number]]:
+def quantiles(values: np.ndarray) -> dict[str, dict[str, _Number]]:
     """Return `QUANTILES` of values (n,), of which some may be inf, with their confidence intervals."""
     ordered = [value if math.isfinite(value) else None for value in np.sort(values).tolist()]
     ranks, *ends = quantile_ranks(len(ordered))
@@ -128,10 +112,7 @@ def quantiles(values: np.ndarray) -> dict[str, dict[str, Number]]:
 
 @functools.cache
 def quantile_ranks(count: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Return the ranks of `QUANTILES` among `count` values, and of both ends of their intervals; 0 is the smallest.
-
-    Each is an array of the shape of `QUANTILES`.
-    """
+    """Return the ranks (3,) of `QUANTILES` among `count` values, and (3,) of each end of their intervals, from 0."""
     ranks = np.array([math.ceil(p * count - 1e-9) - 1 for p in QUANTILES])
     if count == 1:
         return ranks, ranks, ranks
@@ -143,7 +124,7 @@ def quantile_ranks(count: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     interval = bootstrap(
         (np.arange(count, dtype=float),),
         of_sample,
-        n_resamples=RESAMPLES,
+        n_resamples=_RESAMPLES,
         batch=max(1, 1_000_000 // count),
         vectorized=True,
         confidence_level=LEVEL,
@@ -178,7 +159,7 @@ def print_sweep(document: dict[str, Any], console: Console) -> None:
     print_paragraphs(console, [note])
 
 
-def _cell(found: dict[str, Number], form: Callable[[float], str], terminal: bool) -> str:
+def _cell(found: dict[str, _Number], form: Callable[[float], str], terminal: bool) -> str:
     """Return a value and its interval, on two lines of a terminal."""
     value, low, high = (
         _ENDED_EARLY if number is None else form(number) for number in map(found.get, ("value", "low", "high"))

@@ -3,9 +3,9 @@
 Objective: the largest tip error, on average over the arms of each of `GROUPS` plus `TAIL` times that of the worst of
 them, summed over the groups, plus that of the nominal arm without load and with encoder noise, all in mm; an arm whose
 episode ends early, or that errs more, counts as `CAP`. Arms follow random circles, lemniscates and lines that take at
-most `FEASIBLE` of the torque limits under the heaviest load, with a payload of up to the arm's (Table 1: 5 kg), half of
-them under a force in a random direction from a random instant on, half under one against the direction of travel, both
-up to the arm's (250 N). The arms of the first group are the known one. Those of the second have masses and motor
+most 95 % of the torque limits under the heaviest load, with a payload of up to the arm's (Table 1: 5 kg), half of them
+under a force in a random direction from a random instant on, half under one against the direction of travel, both up to
+the arm's (250 N). The arms of the first group are the known one. Those of the second have masses and motor
 inertias within 10 % of it, stiffness within 20 %, damping and friction within 50 %, torque constants within 10 %. Those
 of the third have that, encoder noise of up to twice the README's, and commands of up to two periods late. The default
 reference is that of the last error alone, and the cases with loads play no part.
@@ -41,7 +41,7 @@ from fuzzyarm.fuzzy_policy.laws.adaptive.belief import AdaptiveWeights
 from fuzzyarm.fuzzy_policy.laws.adaptive.policy import AdaptiveObserverPolicy
 
 __all__ = [
-    "BOX", "CAP", "FIRST_STEP", "FULL", "GROUPS", "LANES", "SEED", "SHORT", "UNFIT", "RandomArms",
+    "BOX", "CAP", "FIRST_STEP", "FULL", "GROUPS", "LANES", "NOISE", "SEED", "SHORT", "TAIL", "UNFIT", "RandomArms",
     "feasible_references", "logarithms_of", "noisy_nominal", "objective_for", "weights_of",
 ]  # fmt: skip
 
@@ -61,25 +61,20 @@ FULL = Budget(sobol=8, searches=2, evaluations=24, from_guess=True)
 """The search that chose the shipped weights."""
 SHORT = Budget(sobol=8, searches=0, evaluations=0)
 """The search of `fuzzyarm tune`: the first guess and eight others."""
-FIRST_STEP = math.log(1.4)
-"""Of Nelder-Mead, in the logarithm of a weight."""
-DIGITS = 2
-LANES = 40
-"""Arms of a group."""
-SEED = 11
-"""Of the arms that are tuned on."""
+FIRST_STEP = math.log(1.4)  # of Nelder-Mead, in the logarithm of a weight
+_DIGITS = 2  # of a weight
+LANES, SEED = 40, 11  # of the arms that are tuned on, in each group
 CAP = 50.0
 """The largest error that an arm counts with [mm], and what it counts if its episode ends early. It is no definition of
 a lost path, see `metrics.is_lost`: one arm far off shall not decide for all."""
-UNFIT = math.inf
-"""The cost of weights for which there is no regulator."""
+UNFIT = math.inf  # the cost of weights for which there is no regulator
 TAIL = 0.1  # weight of the worst arm beside the mean
-FEASIBLE = 0.95  # of the torque limits
-LARGEST_FORCE, LATEST_ONSET = 250.0, 0.5  # N, on the arm of Table 1; s
-LONGEST_DELAY, TORQUE_CONSTANT = 2, 0.1  # periods; share
+_FEASIBLE = 0.95  # of the torque limits
+_LARGEST_FORCE, _LATEST_ONSET = 250.0, 0.5  # N, on the arm of Table 1; s
+_LONGEST_DELAY, _TORQUE_CONSTANT = 2, 0.1  # periods; share
 GROUPS = {"known": (0, 0), "unknown": (1, 0), "unknown, late and noisy": (1, 1)}
 """By name: whether the arm is another than the known one, and whether it is late and its encoders noisy."""
-NOISE = EncoderNoise(position=1e-5, velocity=1e-3)
+NOISE = EncoderNoise(position=1e-5, velocity=1e-3)  # rad, rad/s
 
 
 class RandomArms:
@@ -93,10 +88,10 @@ class RandomArms:
         arm = ArmParameters() if arm is None else arm
         unknown, late = GROUPS[group]
         generator, disturbances = np.random.default_rng((seed, list(GROUPS).index(group))), []
-        largest = LARGEST_FORCE * force_factor(arm)
+        largest = _LARGEST_FORCE * force_factor(arm)
         for lane in range(lanes):
             size, angle = generator.uniform(0.0, largest), generator.uniform(-math.pi, math.pi)
-            start, fade = generator.uniform(0.0, LATEST_ONSET), generator.uniform(0.005, 0.05)
+            start, fade = generator.uniform(0.0, _LATEST_ONSET), generator.uniform(0.005, 0.05)
             factor = late * generator.uniform(0.0, 2.0)
             noise = EncoderNoise(factor * NOISE.position, factor * NOISE.velocity)
             push = ConstantForce((size * math.cos(angle), size * math.sin(angle)), start)
@@ -107,8 +102,8 @@ class RandomArms:
         self.envs = gym.make_vec(
             "FuzzyArm-v0", num_envs=lanes, disturbance=disturbances, randomisation=drawn, parameters=arm
         )
-        self.delay = late * generator.integers(0, LONGEST_DELAY + 1, lanes)
-        self.factor = 1.0 + unknown * generator.uniform(-TORQUE_CONSTANT, TORQUE_CONSTANT, lanes)[:, np.newaxis]
+        self.delay = late * generator.integers(0, _LONGEST_DELAY + 1, lanes)
+        self.factor = 1.0 + unknown * generator.uniform(-_TORQUE_CONSTANT, _TORQUE_CONSTANT, lanes)[:, np.newaxis]
         self.seed = seed
 
     def largest_errors(self, policy: AdaptiveObserverPolicy) -> np.ndarray:
@@ -124,17 +119,13 @@ class RandomArms:
 
 @functools.lru_cache(maxsize=4)
 def feasible_references(arm: ArmParameters) -> tuple[Reference, ...]:
-    """Return the references of the environment's family that the arm can follow under the heaviest load.
-
-    Raises:
-        ValueError: there is none.
-    """
+    """Return the references of the environment's family that the arm can follow under the heaviest load."""
     kept, loaded = [], arm_constants(arm, Payload(heaviest(arm)))
     for reference in reference_family(arm):
         motion = reference.sample(np.linspace(0.0, reference.duration, 400))
         torque = rigid_inverse_dynamics(*motion, loaded) + np.array(arm.motor_inertia) * motion.ddq
-        push = LARGEST_FORCE * force_factor(arm) * np.linalg.norm(tip_jacobian(motion.q, arm.length), axis=-2)
-        if np.all(np.abs(torque) + push <= FEASIBLE * np.array(arm.torque_limit)):
+        push = _LARGEST_FORCE * force_factor(arm) * np.linalg.norm(tip_jacobian(motion.q, arm.length), axis=-2)
+        if np.all(np.abs(torque) + push <= _FEASIBLE * np.array(arm.torque_limit)):
             kept.append(reference)
     if not kept:
         raise ValueError("the motors are too weak for every path of the family under the heaviest load")
@@ -174,7 +165,7 @@ def objective_for(arm: ArmParameters, bandwidth: float | None = None) -> Costs:
 
 def weights_of(logarithms: Sequence[float] | np.ndarray) -> AdaptiveWeights:
     """Return the weights of logarithms (n,) in the order of `BOX`, rounded to what says something."""
-    return AdaptiveWeights(**dict(zip(BOX, rounded(np.exp(np.asarray(logarithms)), DIGITS), strict=True)))
+    return AdaptiveWeights(**dict(zip(BOX, rounded(np.exp(np.asarray(logarithms)), _DIGITS), strict=True)))
 
 
 def logarithms_of(weights: AdaptiveWeights) -> np.ndarray:

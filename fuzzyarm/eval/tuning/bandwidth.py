@@ -19,7 +19,7 @@ from fuzzyarm.envs.physics.equations import AnyArm
 from fuzzyarm.envs.physics.parameters import ArmParameters
 from fuzzyarm.eval.episodes.metrics import metrics_of
 from fuzzyarm.eval.episodes.rollout import record_rollout
-from fuzzyarm.eval.stability.linearisation import Linearisable, gain_margin, spectral_radius
+from fuzzyarm.eval.stability.linearisation import Linearisable, gain_limits, largest_radius, linearise_path
 from fuzzyarm.eval.stability.margins import policy_margins
 from fuzzyarm.eval.tuning.finding import PERIOD, finite, periods_of, radius_within
 from fuzzyarm.fuzzy_policy.laws.computed_torque import ComputedTorquePolicy
@@ -28,18 +28,11 @@ __all__ = ["BANDWIDTHS", "LEAST_GAIN_MARGIN", "assess", "assess_policy", "choice
 
 BANDWIDTHS = [float(omega) for omega in range(5, 161, 5)]
 """The grid [rad/s]."""
-LEFT = 0.5  # of a small deviation after the movement
+_LEFT = 0.5  # of a small deviation after the movement
 LEAST_GAIN_MARGIN = 2.0
 """Factor on the loop gain that a loop has to bear."""
-MEASURED = (
-    "tip_error_max_mm",
-    "tip_error_rms_mm",
-    "joint_error_rms_mrad",
-    "torque_peak_1",
-    "torque_peak_2",
-    "torque_rate_rms",
-)
-"""Metrics of the nominal rollout in a row."""
+_MEASURED = ("tip_error_max_mm", "tip_error_rms_mm", "joint_error_rms_mrad", "torque_peak_1", "torque_peak_2")
+_MARGINS = ("radius", "radius_delayed", "gain_margin_lower", "gain_margin_upper", "gain_margin_upper_delayed")
 
 
 def assess(arm: ArmParameters, bandwidth: float) -> dict[str, Any]:
@@ -53,26 +46,20 @@ def assess_policy(arm: ArmParameters, policy: Any, name: str) -> dict[str, Any]:
     env = FuzzyArmEnv("nominal", parameters=arm)
     run = record_rollout(env, policy, policy_name=name, case="nominal", seed=0)
     measured = metrics_of(run) if run.completed else {}
-    row: dict[str, Any] = {key: measured.get(key, math.nan) for key in MEASURED}
+    row: dict[str, Any] = {key: measured.get(key, math.nan) for key in (*_MEASURED, "torque_rate_rms")}
     try:
-        lower, upper = gain_margin(policy, arm, control_period=PERIOD)
-        row |= {
-            "radius": spectral_radius(policy, arm, control_period=PERIOD),
-            "radius_delayed": spectral_radius(policy, arm, control_period=PERIOD, delay=1),
-            "gain_margin_lower": lower,
-            "gain_margin_upper": upper,
-            "gain_margin_upper_delayed": gain_margin(policy, arm, control_period=PERIOD, delay=1)[1],
-        }
+        loops = linearise_path(policy, arm, PERIOD)
+        radii = largest_radius(loops), largest_radius(loops, delay=1)
+        row |= zip(_MARGINS, (*radii, *gain_limits(loops), gain_limits(loops, 1).upper), strict=True)
     except ValueError:  # no equilibrium within the torque limits
-        missing = ("radius", "radius_delayed", "gain_margin_lower", "gain_margin_upper", "gain_margin_upper_delayed")
-        row |= dict.fromkeys(missing, math.nan)
+        row |= dict.fromkeys(_MARGINS, math.nan)
     return {"policy": name} | finite(row) | {"decays_throughout": decays_throughout(arm, policy)}
 
 
 def decays_throughout(arm: AnyArm, policy: Linearisable) -> bool:
     """Return whether deviations at least halve within the movement in every condition of `fuzzyarm margins`."""
     radii = policy_margins(policy, arm, PERIOD)["spectral_radius"].values()
-    allowed = radius_within(LEFT, periods_of(arm))
+    allowed = radius_within(_LEFT, periods_of(arm))
     return all(radius is not None and radius <= allowed for radius in radii)
 
 

@@ -1,6 +1,4 @@
-"""What a step of a tuning found: the numbers of one policy, and why; kept in the folder, so that a run can go on.
-
-What an arm is tuned under: its motion, its loads and how fast small deviations must decay; Table 1's, scaled.
+"""What a step of a tuning found, kept in the folder so that a run can go on, and what an arm is tuned under.
 
 The motion is the arm's default reference. Loads are scaled as those of the cases are, see `envs.scenario.cases`; the
 cases with loads themselves play no part in any search.
@@ -62,42 +60,24 @@ def with_stiffness(arm: AnyArm, factor: float) -> AnyArm:
     return with_drives(arm, stiffness=factor * per_joint_of(arm, "stiffness"))
 
 
-SCHEMA = "fuzzyarm-tuning-step/1"
-"""Of the file of a step."""
-STEPS = "steps"
-"""The folder, in that of the tuning, with a file for each step."""
+SCHEMA, STEPS = "fuzzyarm-tuning-step/1", "steps"
+"""Of the file of a step, and the folder in that of the tuning with these files."""
 _LARGEST = 2**18  # bytes of such a file
 
 
 @dataclasses.dataclass(frozen=True)
 class Finding:
-    """The outcome of one step.
-
-    Attributes:
-        schema: `SCHEMA`.
-        arm_sha256: digest of the arm, `Robot.digest`.
-        policy: name of the policy, which is that of the step.
-        chosen: its numbers by name, SI units; None: nothing was found.
-        measured: what decided, by name.
-        radii: spectral radius by condition of `fuzzyarm margins`; None where there is none.
-        tried: candidates that were assessed.
-        rule: how was chosen.
-        notes: what else is to be said, a sentence each.
-
-    Raises:
-        TypeError: a value is of the wrong type.
-        ValueError: a number is not finite or out of range.
-    """
+    """The outcome of one step; ValueError or TypeError where a value is not what its field says."""
 
     schema: str
-    arm_sha256: str
+    arm_sha256: str  # `Robot.digest`
     policy: str
-    chosen: dict[str, float | None] | None
-    measured: dict[str, float | None]
-    radii: dict[str, float | None]
-    tried: int
+    chosen: dict[str, float | None] | None  # the numbers by name, SI units; None: nothing was found
+    measured: dict[str, float | None]  # what decided, by name
+    radii: dict[str, float | None]  # spectral radius by condition of `fuzzyarm margins`; None where there is no loop
+    tried: int  # candidates that were assessed
     rule: str
-    notes: tuple[str, ...] = ()
+    notes: tuple[str, ...] = ()  # a sentence each
 
     def __post_init__(self) -> None:
         """Check the numbers and texts."""

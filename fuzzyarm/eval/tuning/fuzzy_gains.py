@@ -6,7 +6,7 @@ delay, and in which small deviations at least halve within the movement under ev
 delay or none; joints 20 % softer or stiffer or as they are; and nothing else, loop gain x 0.67, loop gain x 1.5 or the
 arm's payload at the tip. The policy knows the nominal arm throughout. Designs whose motor error is within `WORTH` of
 the smallest are equally good, and of those the one with the smallest float part of the tip's bound is taken, see
-`tip_deviation`.
+`tip_bounds`.
 
 The decay rate is the first of `ALPHAS` for which there is such a design. γ is that of Table 1 times the ratio of the
 inertias and (20 1/s)/α; the poles are those of Table 1, because they are limited by the control period. A decay rate is
@@ -37,8 +37,8 @@ from fuzzyarm.proof.rigid_loop import RigidLoop, freeze
 from fuzzyarm.synthesis import Design, Specification, find_design
 
 __all__ = [
-    "ALPHAS", "GAMMAS", "POLES", "assess", "bears", "choice_of", "equals_in_words", "equals_of", "gammas_for",
-    "points_of", "specification_of",
+    "ALPHAS", "GAMMAS", "POLES", "assess", "bears", "choice_of", "equals_in_words", "gammas_for", "points_of",
+    "specification_of",
 ]  # fmt: skip
 
 ALPHAS = (20.0, 15.0, 10.0, 7.0, 5.0, 3.0, 2.0)
@@ -51,9 +51,7 @@ LEAST_GAIN_MARGINS = (4.0, 1.5)  # without extra delay and with one sample of it
 LEFT = 0.5  # of a small deviation after the movement
 STIFFNESS = (0.8, 1.0, 1.2)  # factors on both joints
 LOOP_GAINS = (1.0, 0.67, 1.5)
-DIGITS = 2  # of γ
-CASES = {"case_1": "nominal"}
-"""The cases in which errors are measured, by the beginning of their keys in a row."""
+_CASES = {"case_1": "nominal"}  # in which errors are measured, by the beginning of their keys in a row
 _ERROR = "case_1_joint_error_rms_mrad"
 _METRICS = ("joint_error_rms_mrad", "circularity_motor_min_mm", "circularity_motor_max_mm")
 
@@ -61,7 +59,7 @@ _METRICS = ("joint_error_rms_mrad", "circularity_motor_min_mm", "circularity_mot
 def gammas_for(arm: ArmParameters, alpha: float) -> tuple[float, ...]:
     """Return γ [rad/(N m)] of the grid for an arm and a decay rate [1/s], ascending."""
     factor = _inertia(ArmParameters()) / _inertia(arm) * ALPHAS[0] / alpha
-    return tuple(float(f"{factor * gamma:.{DIGITS}g}") for gamma in GAMMAS)
+    return tuple(float(f"{factor * gamma:.2g}") for gamma in GAMMAS)
 
 
 def _inertia(arm: ArmParameters) -> float:
@@ -84,7 +82,7 @@ def specification_of(rules: int, alpha: float, gamma: float, pole: float | None)
 
 
 def assess(
-    arm: ArmParameters, wanted: Specification, rules: int, cases: dict[str, str] = CASES
+    arm: ArmParameters, wanted: Specification, rules: int, cases: dict[str, str] = _CASES
 ) -> dict[str, Any] | None:
     """Design for one point of the grid and return the row of `judged`; None without a design."""
     made = find_design(wanted, arm)
@@ -95,10 +93,10 @@ def assess(
     return {**row, "bears": bears(arm, row)}
 
 
-def judged(arm: ArmParameters, controller: Controller, cases: dict[str, str] = CASES) -> dict[str, Any]:
+def judged(arm: ArmParameters, controller: Controller, cases: dict[str, str] = _CASES) -> dict[str, Any]:
     """Return gains, poles, margins, errors and the tip's deviation under any friction, of a controller for the arm.
 
-    The controller knows the arm, to which conditions are applied; `cases` as in `CASES`.
+    The controller knows the arm, to which conditions are applied; `cases` by the beginning of their keys in the row.
     """
     policy, mass = FuzzyPolicy(controller), heaviest(arm)
     loops = {
@@ -151,7 +149,7 @@ def bears(arm: ArmParameters, row: dict[str, Any]) -> bool:
     return enough and row["radius_worst_condition"] <= radius_within(LEFT, periods_of(arm))
 
 
-def equals_of(rows: list[dict[str, Any]], share: float = WORTH) -> list[dict[str, Any]]:
+def _equals_of(rows: list[dict[str, Any]], share: float = WORTH) -> list[dict[str, Any]]:
     """Return the rows that bear what is asked and whose motor error is within a share of the smallest."""
     fit = [row for row in rows if row["bears"]]
     least = min((row[_ERROR] for row in fit), default=math.nan)
@@ -160,12 +158,12 @@ def equals_of(rows: list[dict[str, Any]], share: float = WORTH) -> list[dict[str
 
 def choice_of(rows: list[dict[str, Any]], share: float = WORTH) -> dict[str, Any] | None:
     """Return the row that the rule picks, with `share` in place of `WORTH`; None if no design bears what is asked."""
-    return min(equals_of(rows, share), key=lambda row: (row["tip_deviation_mm"], row[_ERROR]), default=None)
+    return min(_equals_of(rows, share), key=lambda row: (row["tip_deviation_mm"], row[_ERROR]), default=None)
 
 
 def equals_in_words(rows: list[dict[str, Any]], chosen: dict[str, Any]) -> str:
     """Return in a sentence what the float part of the bound decided between equally good designs."""
-    equal = equals_of(rows)
+    equal = _equals_of(rows)
     if len(equal) == 1:
         return f"No other design has a motor error within {100 * WORTH:g} % of it, so the bound had nothing to decide."
     worst = max(row["tip_deviation_mm"] for row in equal)

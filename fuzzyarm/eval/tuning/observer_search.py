@@ -12,11 +12,11 @@ hundredth in the movement: 0.997 for the 1500 periods of the paper's. It is acti
 
 from __future__ import annotations
 
-import dataclasses
 import functools
 import itertools
 import math
 from collections.abc import Sequence
+from typing import Any
 
 import gymnasium as gym
 import numpy as np
@@ -33,11 +33,11 @@ from fuzzyarm.fuzzy_policy.laws.elastic_observer import ElasticObserverPolicy
 from fuzzyarm.fuzzy_policy.laws.observer_gains import ObserverWeights
 
 __all__ = [
-    "BOX", "FIRST_STEP", "FULL", "NOISE", "SEED", "SHORT", "UNFIT", "follow", "largest_allowed",
-    "logarithms_of", "objective_for", "radii", "random_arms", "rms", "weights_of",
+    "BOX", "FIRST_STEP", "FULL", "NOISE", "SEED", "SHORT", "UNFIT", "follow", "largest_allowed", "logarithms_of",
+    "objective_for", "radii", "random_arms", "rms", "weights_of",
 ]  # fmt: skip
 
-LARGEST_RADIUS = 0.997  # per period, over `PERIODS` periods
+_LARGEST_RADIUS = 0.997  # per period, over `PERIODS` periods
 BOX = {
     "link_angle [rad]": (5e-3, 5e-2),
     "link_velocity / link_angle [1/s]": (20.0, 200.0),
@@ -49,29 +49,21 @@ FULL = Budget(sobol=64, searches=3, evaluations=150)
 """The search that chose the shipped weights."""
 SHORT = Budget(sobol=48, searches=2, evaluations=60)
 """The search of `fuzzyarm tune`."""
-FIRST_STEP = math.log(1.6)
-"""Of Nelder-Mead, in the logarithm of a weight."""
-DIGITS = 3  # of a weight; a finer one says nothing
+FIRST_STEP = math.log(1.6)  # of Nelder-Mead, in the logarithm of a weight
+_DIGITS = 3  # of a weight; a finer one says nothing
 UNFIT = 100.0
 """Costs [mm] from this on are of weights that do not meet the constraint."""
 
-LANES = 48
-SEED = 1
-"""Of the arms that are tuned on."""
-NOISE = EncoderNoise(position=1e-5, velocity=1e-3)
-"""Standard deviations, rad and rad/s."""
-PLANTS = DomainRandomisation(
-    mass=(0.9, 1.1),
-    motor_inertia=(0.9, 1.1),
-    stiffness=(0.9, 1.1),
-    damping=(0.5, 1.5),
-    dry_friction=(0.5, 1.5),
-    viscous_friction=(0.5, 1.5),
-)
-LARGEST_FORCE = 200.0  # N, on the arm of Table 1
+_LANES, SEED = 48, 1  # of the arms that are tuned on
+NOISE = EncoderNoise(position=1e-5, velocity=1e-3)  # rad and rad/s
+_WITHIN: dict[str, Any] = {
+    **dict.fromkeys(("mass", "motor_inertia", "stiffness"), (0.9, 1.1)),
+    **dict.fromkeys(("damping", "dry_friction", "viscous_friction"), (0.5, 1.5)),
+}
+_LARGEST_FORCE = 200.0  # N, on the arm of Table 1
 
-STIFFNESS = {"stiffness x0.8": 0.8, "stiffness x1.2": 1.2}
-SAMPLED = {
+_STIFFNESS = {"stiffness x0.8": 0.8, "stiffness x1.2": 1.2}
+_SAMPLED = {  # factor on the loop gain and extra delay [samples], on the nominal arm
     "nominal": (1.0, 0.0),
     "loop gain x0.67": (0.67, 0.0),
     "loop gain x1.5": (1.5, 0.0),
@@ -80,21 +72,17 @@ SAMPLED = {
     "loop gain x0.67, one sample later": (0.67, 1.0),
     "loop gain x1.5, one sample later": (1.5, 1.0),
 }
-"""Factor on the loop gain and extra delay [samples], on the nominal arm."""
 
 
 def largest_allowed(arm: ArmParameters) -> float:
     """Return the largest spectral radius that the constraint allows for an arm."""
-    return float(LARGEST_RADIUS ** (PERIODS / periods_of(arm)))
+    return float(_LARGEST_RADIUS ** (PERIODS / periods_of(arm)))
 
 
 def radii(policy: ElasticObserverPolicy, arm: ArmParameters, nominal: list[LocalLoop]) -> dict[str, float]:
-    """Return the spectral radius by condition: those of `SAMPLED` and `STIFFNESS`, and the arm's payload.
-
-    `nominal` are the policy's loops on its own arm.
-    """
-    found = {name: largest_radius(nominal, gain, delay) for name, (gain, delay) in SAMPLED.items()}
-    for name, factor in STIFFNESS.items():
+    """Return the spectral radius by condition; `nominal` are the policy's loops on its own arm."""
+    found = {name: largest_radius(nominal, gain, delay) for name, (gain, delay) in _SAMPLED.items()}
+    for name, factor in _STIFFNESS.items():
         found[name] = largest_radius(linearise_path(policy, with_stiffness(arm, factor), PERIOD))
     mass = heaviest(arm)
     found[f"{mass:g} kg payload"] = largest_radius(linearise_path(policy, arm, PERIOD, Payload(mass)))
@@ -102,17 +90,17 @@ def radii(policy: ElasticObserverPolicy, arm: ArmParameters, nominal: list[Local
 
 
 def random_arms(arm: ArmParameters, seed: int) -> gym.vector.VectorEnv:
-    """Return `LANES` arms with random tip forces; the plants are drawn by a reset with the same seed."""
-    generator, largest = np.random.default_rng(seed), LARGEST_FORCE * force_factor(arm)
+    """Return arms with random tip forces; the plants are drawn by a reset with the same seed."""
+    generator, largest = np.random.default_rng(seed), _LARGEST_FORCE * force_factor(arm)
     latest = 0.5 * periods_of(arm) * PERIOD
     disturbances = []
-    for _ in range(LANES):
+    for _ in range(_LANES):
         force, angle = generator.uniform(0.0, largest), generator.uniform(-math.pi, math.pi)
         start = generator.uniform(0.0, latest)
         push = ConstantForce((force * math.cos(angle), force * math.sin(angle)), start)
         disturbances.append(Disturbance(tip_force=push, encoder_noise=NOISE))
-    plants = dataclasses.replace(PLANTS, payload=(0.0, heaviest(arm)))
-    return gym.make_vec("FuzzyArm-v0", num_envs=LANES, disturbance=disturbances, randomisation=plants, parameters=arm)
+    plants = DomainRandomisation(**_WITHIN, payload=(0.0, heaviest(arm)))
+    return gym.make_vec("FuzzyArm-v0", num_envs=_LANES, disturbance=disturbances, randomisation=plants, parameters=arm)
 
 
 def follow(envs: gym.vector.VectorEnv, policy: ElasticObserverPolicy, seed: int = 0) -> tuple[np.ndarray, np.ndarray]:
@@ -158,7 +146,7 @@ def weights_of(logarithms: Sequence[float] | np.ndarray) -> ObserverWeights:
     """Return the weights of logarithms (4,) of `BOX`, rounded; the encoder's are those of `ObserverWeights`."""
     link_angle, link_rate, load_walk, motor_share = np.exp(np.asarray(logarithms))
     values = (link_angle, link_angle * link_rate, load_walk, load_walk * motor_share)
-    return ObserverWeights(*rounded(values, DIGITS))
+    return ObserverWeights(*rounded(values, _DIGITS))
 
 
 def logarithms_of(weights: ObserverWeights) -> np.ndarray:

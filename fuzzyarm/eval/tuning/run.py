@@ -15,7 +15,7 @@ from __future__ import annotations
 
 import contextlib
 import dataclasses
-import json
+import functools
 import os
 from collections.abc import Callable, Iterator
 from contextlib import AbstractContextManager
@@ -33,7 +33,7 @@ from fuzzyarm.envs.physics.rigid_body import inverse_dynamics
 from fuzzyarm.envs.physics.robot import shipped_robots
 from fuzzyarm.envs.scenario.default_reference import default_reference
 from fuzzyarm.eval.engine import Engine
-from fuzzyarm.eval.provenance import current_provenance
+from fuzzyarm.eval.provenance import current_provenance, json_text
 from fuzzyarm.eval.stability.margins import MarginsConfig, measure_margins
 from fuzzyarm.eval.tuning.finding import PERIOD, STEPS, Finding, read_finding, write_finding
 from fuzzyarm.eval.tuning.steps import FUZZY, ROBOT_STEPS, TWO_JOINT_STEPS, Context, Step
@@ -41,15 +41,12 @@ from fuzzyarm.eval.tuning.summary import README, summary
 from fuzzyarm.policies.registry import TIP
 from fuzzyarm.policies.tuned import ADAPTIVE_OBSERVER, COMPUTED_TORQUE, ELASTIC_OBSERVER, NAME, SCHEMA, TunedLaws
 
-__all__ = [
-    "NothingFound", "Tuned", "begin", "check_strength", "laws_of", "resumed_arm", "steps_for", "tune", "tune_arm",
-]  # fmt: skip
+__all__ = ["NothingFound", "Tuned", "begin", "laws_of", "resumed_arm", "steps_for", "tune", "tune_arm"]
 
-MARGINS = "margins.json"
-INSTANTS = 501  # of the path, at which the weight is held
+_MARGINS = "margins.json"
+_INSTANTS = 501  # of the path, at which the weight is held
 
-Bar = Callable[[str, int], AbstractContextManager[Callable[..., None]]]
-"""Opens a progress bar of a description and a total, as `common.console.progress` does."""
+_Bar = Callable[[str, int], AbstractContextManager[Callable[..., None]]]  # see `common.console.progress`
 
 
 class NothingFound(Exception):
@@ -58,17 +55,11 @@ class NothingFound(Exception):
 
 @dataclasses.dataclass(frozen=True)
 class Tuned:
-    """The outcome.
+    """The outcome."""
 
-    Attributes:
-        laws: of the folder.
-        findings: of the steps, in their order.
-        margins: the document of `measure_margins`.
-    """
-
-    laws: TunedLaws
-    findings: tuple[Finding, ...]
-    margins: dict[str, Any]
+    laws: TunedLaws  # of the folder
+    findings: tuple[Finding, ...]  # of the steps, in their order
+    margins: dict[str, Any]  # the document of `measure_margins`
 
 
 def steps_for(arm: AnyArm) -> tuple[Step, ...]:
@@ -77,30 +68,21 @@ def steps_for(arm: AnyArm) -> tuple[Step, ...]:
 
 
 def begin(arm: AnyArm, folder: Path) -> None:
-    """Write the arm into a folder that has nothing of a tuning yet.
-
-    Raises:
-        ValueError: the folder is not empty or has the name of a robot, or the arm cannot follow its path.
-        OSError: the file cannot be written.
-    """
+    """Write the arm into an empty folder; ValueError if it is not, or if the arm cannot follow its path."""
     if str(folder) in shipped_robots():
         raise ValueError(f"{folder} is also the name of a robot, which --robot would take; choose another name")
     if any(folder.iterdir()):
         tuned = (folder / IN_FOLDER).is_file() and ((folder / STEPS).is_dir() or (folder / NAME).is_file())
         way = "add --resume to go on with its tuning, or choose another" if tuned else "choose another"
         raise ValueError(f"{escaped(str(folder))} exists and is not empty; {way}")
-    check_strength(arm)
+    _check_strength(arm)
     write_atomically(folder / IN_FOLDER, arm.to_toml())
 
 
-def check_strength(arm: AnyArm) -> None:
-    """Check that the motors can hold the arm anywhere on its path.
-
-    Raises:
-        ValueError: one cannot, or the arm cannot follow the path.
-    """
+def _check_strength(arm: AnyArm) -> None:
+    """Raise ValueError unless the motors can hold the arm anywhere on its path."""
     robot, reference = robot_of(arm), default_reference(arm)
-    q = reference.sample(np.linspace(0.0, reference.duration, INSTANTS)).q
+    q = reference.sample(np.linspace(0.0, reference.duration, _INSTANTS)).q
     weight, limit = inverse_dynamics(robot, q, np.zeros_like(q), np.zeros_like(q)), robot.drive("torque_limit")
     share = np.max(np.abs(weight) / limit, axis=0)
     joint = int(np.argmax(share))
@@ -112,12 +94,7 @@ def check_strength(arm: AnyArm) -> None:
 
 
 def resumed_arm(folder: Path, arm: AnyArm | None) -> AnyArm:
-    """Return the arm of a folder whose tuning goes on; `arm` is the one that was asked for, None any.
-
-    Raises:
-        ValueError: there is no tuning in the folder, or it is of another arm.
-        OSError: the file of the arm cannot be read.
-    """
+    """Return the arm of a folder whose tuning goes on; ValueError if there is none, or not for `arm` (None: any)."""
     if not (folder / IN_FOLDER).is_file():
         raise ValueError(f"{folder} holds no tuning to resume; leave out --resume")
     own = chosen_arm(str(folder / IN_FOLDER), None)
@@ -160,22 +137,20 @@ def tune(
     folder: Path,
     *,
     engine: Engine,
-    bar: Bar = _no_bar,
+    bar: _Bar = _no_bar,
     finished: Callable[[Finding], None] = lambda finding: None,
 ) -> Tuned:
     """Find what is missing in a folder of `begin` for its arm, and complete it; call `finished` with each finding.
 
-    Raises:
-        NothingFound: no policy has stable gains.
-        ValueError: a step's file is damaged or of another arm.
-        OSError: a file cannot be read or written.
+    NothingFound: no policy has stable gains; ValueError: a step's file is damaged or of another arm.
     """
     findings: dict[str, Finding] = {}
     for step in steps_for(arm):
         finding = _kept(folder, step.policy, robot_of(arm).digest)
         if finding is None:
             with bar(step.policy, step.total) as advance:
-                finding = step.find(Context(arm, folder, engine, _counting(advance), findings))
+                count = functools.partial(_repeat, advance)
+                finding = step.find(Context(arm, folder, engine, count, findings))
             write_finding(folder, finding)
         findings[step.policy] = finding
         finished(finding)
@@ -184,10 +159,9 @@ def tune(
         raise NothingFound(f"no policy has stable gains for this arm ({reasons})")
     laws = laws_of(arm, findings)
     write_atomically(folder / NAME, laws.to_json())
-    config = MarginsConfig(robot=str(folder))
     with bar("margins", len(laws.policies)) as advance:
-        margins = measure_margins(config, advance)
-    write_atomically(folder / MARGINS, json.dumps(margins, indent=1) + "\n")
+        margins = measure_margins(MarginsConfig(robot=str(folder)), advance)
+    write_atomically(folder / _MARGINS, json_text(margins))
     tuned = Tuned(laws, tuple(findings.values()), margins)
     write_atomically(folder / README, summary(arm, folder.name, tuned.findings, margins))
     return tuned
@@ -200,12 +174,9 @@ def _kept(folder: Path, policy: str, digest: str) -> Finding | None:
     return None if lost else finding
 
 
-def _counting(advance: Callable[..., None]) -> Callable[[int], None]:
-    def count(done: int) -> None:
-        for _ in range(done):
-            advance()
-
-    return count
+def _repeat(advance: Callable[..., None], done: int) -> None:
+    for _ in range(done):
+        advance()
 
 
 def laws_of(arm: AnyArm, findings: dict[str, Finding]) -> TunedLaws:

@@ -9,7 +9,7 @@ from __future__ import annotations
 import dataclasses
 import math
 from collections.abc import Callable, Sequence
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from scipy.optimize import minimize
@@ -31,19 +31,12 @@ Costs = Callable[[np.ndarray], float]
 
 @dataclasses.dataclass(frozen=True)
 class Budget:
-    """How much is tried.
+    """How much is tried."""
 
-    Attributes:
-        sobol: points of the Sobol set.
-        searches: runs of Nelder-Mead, from the best of these points.
-        evaluations: of the objective in each of them.
-        from_guess: whether the last of them begins at the first guess instead.
-    """
-
-    sobol: int
-    searches: int
-    evaluations: int
-    from_guess: bool = False
+    sobol: int  # points of the Sobol set
+    searches: int  # runs of Nelder-Mead, from the best of these points
+    evaluations: int  # of the objective in each of them
+    from_guess: bool = False  # whether the last of them begins at the first guess instead
 
     @property
     def total(self) -> int:
@@ -51,8 +44,7 @@ class Budget:
         return self.sobol + 1 + self.searches * self.evaluations
 
 
-@dataclasses.dataclass(frozen=True)
-class Descent:
+class Descent(NamedTuple):
     """The best point of a search: logarithms of the weights, and the objective there."""
 
     point: tuple[float, ...]
@@ -66,10 +58,7 @@ def sobol_points(box: Sequence[tuple[float, float]], count: int, seed: int) -> n
 
 
 def descend(objective: Costs, start: np.ndarray, first_step: float, evaluations: int) -> Descent:
-    """Return the best point that Nelder-Mead meets from `start` (n,) in so many evaluations of the objective.
-
-    The first simplex has the edge `first_step` in each logarithm.
-    """
+    """Return the best point that Nelder-Mead meets from `start` (n,); `first_step` is the edge of the first simplex."""
     best = Descent(tuple(start.tolist()), math.inf)
 
     def watched(point: np.ndarray) -> float:
@@ -108,16 +97,11 @@ def found_weights(
 ) -> tuple[Descent, Descent]:
     """Return the best point and the first guess; both, like the Sobol set `points` (points, n), are of logarithms.
 
-    `objective_for` returns the objective of an arm; it is called in each worker, and cached there. The Sobol points of
-    the budget are the first of `points`, `first_step` is as in `descend`, and `advance` is called with the number of
-    evaluations that were done.
+    `objective_for` returns the objective of an arm; it is called in each worker, and cached there. `advance` is called
+    with the number of evaluations that were done.
     """
     starts = np.vstack([guess, points[: budget.sobol]])
-
-    def cost(number: int) -> float:
-        return objective_for(arm)(starts[number])
-
-    costs = run_in_order(engine, cost, len(starts), advance)
+    costs = run_in_order(engine, lambda number: objective_for(arm)(starts[number]), len(starts), advance)
     known = [Descent(tuple(start.tolist()), cost) for start, cost in zip(starts, costs, strict=True)]
     best = sorted(known[1:], key=lambda descent: descent.cost)[: budget.searches - budget.from_guess]
     begins = [np.array(descent.point) for descent in (*best, *known[: int(budget.from_guess)])]

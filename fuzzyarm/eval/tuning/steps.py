@@ -1,21 +1,22 @@
-"""The steps of tuning the two-joint arm: one for each policy, each by the rule of its module.
+"""The steps of tuning an arm: one for each policy, each by its rule in ``rules.json``.
 
-The steps of tuning a serial robot of any number of joints: what the mathematics allows of those of two joints.
-
-The fuzzy controller is of the form "semidefinite", whose decay rate follows from margins at random postures. It,
-computed torque and the elastic observer begin at what random postures allow (`computed_torque.bandwidth_for`,
-`observer_weights.weights_for`) and are slowed down further until they are stable in every condition of
-`fuzzyarm margins` along the default reference. What a softer joint destabilises in the elastic observer is its estimate
-of the load, so that is slowed down. The adaptive observer is tuned for two-joint arms alone.
+Those of a serial robot of any number of joints are what the mathematics allows of those of two joints. Its fuzzy
+controller is of the form "semidefinite", whose decay rate follows from margins at random postures. It, computed torque
+and the elastic observer begin at what random postures allow (`computed_torque.bandwidth_for`,
+`observer_gains.weights_for`) and are slowed down further until they are stable in every condition of `fuzzyarm margins`
+along the default reference. What a softer joint destabilises in the elastic observer is its estimate of the load, so
+that is slowed down. The adaptive observer is tuned for two-joint arms alone.
 """
 
 from __future__ import annotations
 
 import dataclasses
 import functools
+import json
 from collections.abc import Callable, Mapping, Sequence
+from importlib import resources
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 from fuzzyarm.envs.physics.equations import AnyArm, robot_of
 from fuzzyarm.envs.physics.parameters import ArmParameters
@@ -25,7 +26,7 @@ from fuzzyarm.eval.stability.linearisation import Linearisable
 from fuzzyarm.eval.stability.margins import policy_margins
 from fuzzyarm.eval.tuning import adaptive_search, bandwidth, fuzzy_gains, observer_search
 from fuzzyarm.eval.tuning.finding import PERIOD, SCHEMA, Finding, finite
-from fuzzyarm.eval.tuning.search import WORTH, found_weights, run_in_order, sobol_points
+from fuzzyarm.eval.tuning.search import found_weights, run_in_order, sobol_points
 from fuzzyarm.eval.tuning.tip_bounds import measured_bounds
 from fuzzyarm.fuzzy_policy.laws.adaptive.belief import AdaptiveWeights
 from fuzzyarm.fuzzy_policy.laws.adaptive.policy import AdaptiveObserverPolicy
@@ -39,56 +40,40 @@ from fuzzyarm.policies.tuned import ADAPTIVE_OBSERVER, COMPUTED_TORQUE, ELASTIC_
 from fuzzyarm.synthesis import DesignFailed, ScheduledSpecification, design, design_scheduled
 from fuzzyarm.synthesis.scheduled_design import ALPHAS
 
-__all__ = [
-    "FUZZY", "ROBOT_STEPS", "RULES", "TWO_JOINT_STEPS", "Context", "Step", "found", "measured_radii", "nothing_found",
-]  # fmt: skip
+__all__ = ["FUZZY", "ROBOT_STEPS", "RULES", "TWO_JOINT_STEPS", "Context", "Step", "found", "nothing_found"]
 
 
 RULES = 4
 """Rules of the fuzzy controller."""
 FUZZY = f"fuzzy-{RULES}"
 """The name of the fuzzy controller; models that keep more premises are alike, and have its γ and fastest pole."""
+_RULES: dict[str, dict[str, str]] = json.loads(resources.files(__package__).joinpath("rules.json").read_text("utf-8"))
 
 
 @dataclasses.dataclass(frozen=True)
 class Context:
-    """What a step works with.
-
-    Attributes:
-        arm: which is tuned.
-        folder: of the tuning; a step may write its controller file there.
-        engine: runs candidates on several processes.
-        advance: called with the number of candidates that were done.
-        earlier: findings of the steps before, by policy.
-    """
+    """What a step works with."""
 
     arm: Any
-    folder: Path
-    engine: Engine
-    advance: Callable[[int], None]
-    earlier: dict[str, Finding]
+    folder: Path  # of the tuning; a step may write its controller file there
+    engine: Engine  # runs candidates on several processes
+    advance: Callable[[int], None]  # called with the number of candidates that were done
+    earlier: dict[str, Finding]  # findings of the steps before, by policy
 
     def run(self, work: Callable[[Any], Any], candidates: Sequence[Any]) -> list[Any]:
         """Return what `work` makes of each candidate, done on the engine."""
         return run_in_order(self.engine, lambda number: work(candidates[number]), len(candidates), self.advance)
 
 
-@dataclasses.dataclass(frozen=True)
-class Step:
-    """A step.
-
-    Attributes:
-        policy: which it finds.
-        total: candidates, as far as is known before.
-        find: does it.
-    """
+class Step(NamedTuple):
+    """A step finds the numbers of a policy; `total` candidates are known before."""
 
     policy: str
     total: int
     find: Callable[[Context], Finding]
 
 
-def measured_radii(policy: Linearisable, arm: AnyArm) -> dict[str, float | None]:
+def _measured_radii(policy: Linearisable, arm: AnyArm) -> dict[str, float | None]:
     """Return the spectral radius by condition of `fuzzyarm margins`."""
     return finite(policy_margins(policy, arm, PERIOD)["spectral_radius"])
 
@@ -119,20 +104,14 @@ def found(
 def _fuzzy(context: Context) -> Finding:
     """Choose α, γ and the fastest pole; write the controller file."""
     arm: ArmParameters = context.arm
-    rule = (
-        "Largest decay rate, then smallest motor error in the nominal case, among the designs that bear four times "
-        "their gain, 1.5 times with a sample of delay, and in which deviations halve within the movement under "
-        "every combination of delay, softer or stiffer joints, another loop gain or the payload. Of designs whose "
-        f"motor errors are within {100 * WORTH:g} % of the smallest, the one whose tip any friction (set any-friction) "
-        "deflects least, by the float part of the bound of the tip error."
-    )
-    row, tried, notes = None, 0, []
+    rule = _RULES["two joints"][FUZZY]
+    row, tried, notes, assess = None, 0, [], functools.partial(fuzzy_gains.assess, arm, rules=RULES)
     for alpha in fuzzy_gains.ALPHAS:
         points = fuzzy_gains.points_of(arm, RULES, alpha)
         gentle, others = points[-len(fuzzy_gains.POLES) :], points[: -len(fuzzy_gains.POLES)]
-        rows = context.run(functools.partial(fuzzy_gains.assess, arm, rules=RULES), gentle)
+        rows = context.run(assess, gentle)
         if any(one is not None and one["bears"] for one in rows):
-            rows = [*context.run(functools.partial(fuzzy_gains.assess, arm, rules=RULES), others), *rows]
+            rows = [*context.run(assess, others), *rows]
         tried += len(rows)
         made = [one for one in rows if one is not None]
         row = fuzzy_gains.choice_of(made)
@@ -149,7 +128,7 @@ def _fuzzy(context: Context) -> Finding:
     notes.append(fuzzy_gains.equals_in_words(made, row))
     policy = FuzzyPolicy(controller, PERIOD)
     bounds, without = measured_bounds(TipPolicy(policy), arm)
-    radii = measured_radii(policy, arm)
+    radii = _measured_radii(policy, arm)
     measured |= bounds
     return found(arm, FUZZY, chosen, measured, radii, tried=tried, rule=rule, notes=(*notes, *without))
 
@@ -157,18 +136,14 @@ def _fuzzy(context: Context) -> Finding:
 def _bandwidth(context: Context) -> Finding:
     """Choose ω."""
     arm = context.arm
-    rule = (
-        "Smallest motor error in the nominal case among the bandwidths whose loop bears twice its gain, and in which "
-        "deviations halve within the movement with a sample of delay, softer or stiffer joints, another loop gain or "
-        "the payload."
-    )
+    rule = _RULES["two joints"][COMPUTED_TORQUE]
     omegas = bandwidth.BANDWIDTHS
     row = bandwidth.choice_of(context.run(functools.partial(bandwidth.assess, arm), omegas))
     if row is None:
         reason = f"No bandwidth from {omegas[0]:g} to {omegas[-1]:g} rad/s has these margins."
         return nothing_found(arm, COMPUTED_TORQUE, rule, len(omegas), reason)
     measured = {name: row[name] for name in ("joint_error_rms_mrad", "gain_margin_upper", "gain_margin_upper_delayed")}
-    radii = measured_radii(ComputedTorquePolicy(arm, PERIOD, row["bandwidth"]), arm)
+    radii = _measured_radii(ComputedTorquePolicy(arm, PERIOD, row["bandwidth"]), arm)
     chosen = {"bandwidth": row["bandwidth"]}
     return found(arm, COMPUTED_TORQUE, chosen, measured, radii, tried=len(omegas), rule=rule)
 
@@ -183,17 +158,14 @@ def _searched(
     objective_for: Any,
     notes: tuple[str, ...] = (),
 ) -> Finding:
-    """Return the weights that the `search` of a module finds, `usual` being the first guess.
-
-    `law` makes the policy of weights, and `objective_for` is that of `found_weights`.
-    """
+    """Return the weights that the `search` of a module finds from the guess `usual`, for the policy `law(weights)`."""
     points = sobol_points(list(search.BOX.values()), search.FULL.sobol, search.SEED)
     budget = search.SHORT
     begin = search.logarithms_of(usual), points, search.FIRST_STEP, budget
     best, guess = found_weights(objective_for, context.arm, *begin, engine=context.engine, advance=context.advance)
     weights = usual if best == guess else search.weights_of(best.point)
     try:
-        radii = measured_radii(law(weights), context.arm)
+        radii = _measured_radii(law(weights), context.arm)
     except ValueError as error:
         return nothing_found(context.arm, policy, rule, budget.total, f"There are no gains: {error}.")
     if best.cost >= search.UNFIT:
@@ -206,24 +178,15 @@ def _searched(
 
 def _observer(context: Context) -> Finding:
     """Choose the weights of the elastic observer."""
-    rule = (
-        "Smallest tip error over random plants, forces and payloads, among the weights with which deviations shrink to "
-        "a hundredth within the movement in every condition; those of Table 1 unless others are "
-        f"{100 * WORTH:g} % better."
-    )
-    law = functools.partial(ElasticObserverPolicy, context.arm, PERIOD)
-    return _searched(
-        context, ELASTIC_OBSERVER, rule, observer_search, ObserverWeights(), law, observer_search.objective_for
-    )
+    rule = _RULES["two joints"][ELASTIC_OBSERVER]
+    law, objective_for = functools.partial(ElasticObserverPolicy, context.arm, PERIOD), observer_search.objective_for
+    return _searched(context, ELASTIC_OBSERVER, rule, observer_search, ObserverWeights(), law, objective_for)
 
 
 def _adaptive(context: Context) -> Finding:
     """Choose the weights of the adaptive observer."""
     arm = context.arm
-    rule = (
-        "Smallest sum of the mean and a tenth of the worst largest tip error over random arms, loads and paths; those "
-        f"of Table 1 unless others are {100 * WORTH:g} % better. The search is a short one: these and a few others."
-    )
+    rule = _RULES["two joints"][ADAPTIVE_OBSERVER]
     lawful = context.earlier.get(COMPUTED_TORQUE)
     omega = None if lawful is None or lawful.chosen is None else lawful.chosen["bandwidth"]
     try:
@@ -254,41 +217,30 @@ TWO_JOINT_STEPS = (
 def _robot_fuzzy(context: Context) -> Finding:
     """Design a controller of the form "semidefinite"; write its file."""
     robot: Robot = context.arm
-    rule = (
-        "Semidefinite form: the largest decay rate of 20, 15, 10, ... 1/s with which the loop bears twice its gain and "
-        "a sample of delay at random postures and is stable in every condition along the default path, the fastest "
-        "pole 1.5 times the smallest possible one."
-    )
+    rule = _RULES["robots"][FUZZY]
     rules, tried, alpha = min(RULES, 2 ** (len(robot) - 1)), 0, None
     while True:
         try:
             controller = design_scheduled(ScheduledSpecification(rules=rules, alpha=alpha), robot).controller
         except (DesignFailed, ValueError) as error:
             return nothing_found(robot, FUZZY, rule, tried + 1, f"There is no proven controller: {error}.")
-        radii, tried = measured_radii(ScheduledPolicy(controller, PERIOD), robot), tried + 1
+        radii, tried = _measured_radii(ScheduledPolicy(controller, PERIOD), robot), tried + 1
         context.advance(1)
         alpha = next((slower for slower in ALPHAS if slower < controller.alpha), None)
         if alpha is None or _worst(radii) < 1.0:
             break
     controller.save(context.folder / f"{FUZZY}.json")
-    chosen: dict[str, float | None] = {
-        "alpha": controller.alpha,
-        "gamma": controller.gamma,
-        "fastest_pole": controller.fastest_pole,
-    }
+    chosen: dict[str, float | None] = {key: getattr(controller, key) for key in ("alpha", "gamma", "fastest_pole")}
     return found(robot, FUZZY, chosen, {}, radii, tried=tried, rule=rule)
 
 
 def _robot_bandwidth(context: Context) -> Finding:
     """Choose ω."""
     robot: Robot = context.arm
-    rule = (
-        "Largest bandwidth of 70, 65, ... rad/s that bears twice the loop gain and a sample of delay at random "
-        "postures, lowered until the loop is stable in every condition along the default path."
-    )
+    rule = _RULES["robots"][COMPUTED_TORQUE]
     omega, tried = bandwidth_for(robot, PERIOD), 1
     while True:
-        radii = measured_radii(ComputedTorquePolicy(robot, PERIOD, omega), robot)
+        radii = _measured_radii(ComputedTorquePolicy(robot, PERIOD, omega), robot)
         if omega <= STEP or _worst(radii) < 1.0:
             break
         omega, tried = omega - STEP, tried + 1
@@ -299,18 +251,14 @@ def _robot_bandwidth(context: Context) -> Finding:
 def _robot_observer(context: Context) -> Finding:
     """Choose the weights of the elastic observer."""
     robot: Robot = context.arm
-    rule = (
-        "The weights of Table 1, softened until the loop is stable at random postures with another loop gain, a sample "
-        "of delay and stiffness 10 % off; then with a slower walk of the load, a half, a quarter, ..., until it is "
-        "stable in every condition along the default path."
-    )
+    rule = _RULES["robots"][ELASTIC_OBSERVER]
     first = weights_for(robot, PERIOD)
-    weights, radii, tried = first, measured_radii(ElasticObserverPolicy(robot, PERIOD, first), robot), 1
+    weights, radii, tried = first, _measured_radii(ElasticObserverPolicy(robot, PERIOD, first), robot), 1
     for factor in SOFTENINGS[1:]:
         if _worst(radii) < 1.0:
             break
         slower = dataclasses.replace(first, load_walk=first.load_walk / factor)
-        slower_radii = measured_radii(ElasticObserverPolicy(robot, PERIOD, slower), robot)
+        slower_radii = _measured_radii(ElasticObserverPolicy(robot, PERIOD, slower), robot)
         tried += 1
         context.advance(1)
         if _worst(slower_radii) < _worst(radii):
@@ -323,7 +271,7 @@ def _worst(radii: dict[str, float | None]) -> float:
 
 
 def _robot_adaptive(context: Context) -> Finding:
-    rule = "None: its weights are searched for two-joint arms alone."
+    rule = _RULES["robots"][ADAPTIVE_OBSERVER]
     return nothing_found(context.arm, ADAPTIVE_OBSERVER, rule, 0, "By its name it has those of Table 1, softened.")
 
 

@@ -25,33 +25,24 @@ README = "README.md"
 
 _USUAL: dict[str, Any] = {ELASTIC_OBSERVER: ObserverWeights(), ADAPTIVE_OBSERVER: AdaptiveWeights()}
 
-_UNITS = {
-    "alpha": "1/s",
-    "gamma": "rad/(N m)",
-    "fastest_pole": "1/s",
-    "bandwidth": "rad/s",
-    "link_angle": "rad",
-    "link_velocity": "rad/s",
-    "joint_error_rms_mrad": "mrad",
-    "case_1_joint_error_rms_mrad": "mrad",
-    "objective_mm": "mm",
-    "tip_deviation_mm": "mm",
-    "tip_bound_mm": "mm",
-    "tip_bound_near_mm": "mm",
-    "objective_of_table_1_weights_mm": "mm",
-}
-_WORDS = {
-    "case_1_joint_error_rms_mrad": "motor error, rms",
-    "joint_error_rms_mrad": "motor error, rms",
-    "gain_margin_upper": "loop gain up to",
-    "gain_margin_upper_1_sample_later": "one sample later up to",
-    "gain_margin_upper_delayed": "one sample later up to",
-    "radius_worst_condition": "largest spectral radius of all combinations",
-    "objective_mm": "objective",
-    "tip_deviation_mm": "tip deflected by any friction, linear",
-    "tip_bound_mm": "proven bound of the tip error with -tip",
-    "tip_bound_near_mm": "for plants near the arm",
-    "objective_of_table_1_weights_mm": "with the weights of Table 1",
+_WORDS = {  # and unit, by the name of a number
+    "alpha": ("alpha", "1/s"),
+    "gamma": ("gamma", "rad/(N m)"),
+    "fastest_pole": ("fastest pole", "1/s"),
+    "bandwidth": ("bandwidth", "rad/s"),
+    "link_angle": ("link angle", "rad"),
+    "link_velocity": ("link velocity", "rad/s"),
+    "case_1_joint_error_rms_mrad": ("motor error, rms", "mrad"),
+    "joint_error_rms_mrad": ("motor error, rms", "mrad"),
+    "gain_margin_upper": ("loop gain up to", ""),
+    "gain_margin_upper_1_sample_later": ("one sample later up to", ""),
+    "gain_margin_upper_delayed": ("one sample later up to", ""),
+    "radius_worst_condition": ("largest spectral radius of all combinations", ""),
+    "objective_mm": ("objective", "mm"),
+    "tip_deviation_mm": ("tip deflected by any friction, linear", "mm"),
+    "tip_bound_mm": ("proven bound of the tip error with -tip", "mm"),
+    "tip_bound_near_mm": ("for plants near the arm", "mm"),
+    "objective_of_table_1_weights_mm": ("with the weights of Table 1", "mm"),
 }
 
 
@@ -68,8 +59,8 @@ def decision(finding: Finding) -> str:
 
 
 def _with_unit(name: str, value: float | None) -> str:
-    shown = "none" if value is None else f"{value:.4g} {_UNITS.get(name, '')}".rstrip()
-    return f"{_WORDS.get(name, name.replace('_', ' '))} {shown}"
+    words, unit = _WORDS.get(name, (name.replace("_", " "), ""))
+    return f"{words} none" if value is None else f"{words} {value:.4g} {unit}".rstrip()
 
 
 def summary(arm: AnyArm, folder: str, findings: Sequence[Finding], margins: dict[str, Any]) -> str:

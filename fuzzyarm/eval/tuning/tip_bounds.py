@@ -1,19 +1,14 @@
 """The proven bound of the tip error of a policy that was tuned, for the arm itself and for plants near it.
 
-It is that of `fuzzyarm prove` along the arm's default circle. Margins and the motor error choose the gains, and between
-equally good ones the float part of the bound, see `tip_deviation`; the bound says what they are worth on the elastic,
-sampled arm. It is not searched for all designs, since each takes ten seconds.
-
-The float part of the bound of the tip error for any friction: what the linear sampled loop makes of such a friction.
-
-With the closed loop x⁺ = Φ x + B w at a posture, w the friction of the motors held over a control period, |w| <= F_s,
-and J the Jacobian of the tip,
+It is that of `fuzzyarm prove` along the arm's default circle, and takes ten seconds. Margins and the motor error choose
+the gains, and between equally good ones the float part of the bound for any friction, `largest_deviation`. With the
+closed loop x⁺ = Φ x + B w at a posture, w the friction of the motors held over a control period, |w| <= F_s, and J the
+Jacobian of the tip,
 
     max over directions d of Σ_k |dᵀ J Φ^k B| F_s
 
-is the largest deviation of the tip that friction of any such course can cause. It is what the proven bound of the set
-``any-friction`` is mostly made of, at frozen postures and in floats; it proves nothing, and takes some hundredths of a
-second in place of ten.
+is the largest deviation of the tip that friction of any such course can cause: most of the proven bound of the set
+``any-friction``, at frozen postures and in floats.
 """
 
 from __future__ import annotations
@@ -22,7 +17,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from fuzzyarm.common.rounding import at_most
+from fuzzyarm.common.arithmetic import at_most
 from fuzzyarm.envs.physics.dynamics import tip_jacobian
 from fuzzyarm.envs.physics.parameters import ArmParameters
 from fuzzyarm.envs.physics.records import State, columns
@@ -33,45 +28,41 @@ from fuzzyarm.policies.tip_bound import TipClaim, find_bound
 from fuzzyarm.proof.tip.enclosures import NoBound
 from fuzzyarm.proof.tip.plant import SETS
 
-__all__ = ["PROVEN", "bounds_in_words", "largest_deviation", "measured_bounds"]
+__all__ = ["bounds_in_words", "largest_deviation", "measured_bounds"]
 
 
-DIRECTIONS = 16
-"""Of the tip; the largest deviation along them is at most 0.5 % below the largest one."""
+_DIRECTIONS = 16  # of the tip; the largest deviation along them is at most 0.5 % below the largest one
 
 
 def largest_deviation(loops: Sequence[LocalLoop], arm: ArmParameters, periods: int) -> float:
     """Return the largest deviation of the tip [m] that friction of any course up to the static one can cause.
 
-    Args:
-        loops: at postures; stable, and of a policy whose torque reads all of its memory at each of them.
-        arm: of the loops, with its static friction [N m] and its lengths [m].
-        periods: control periods of the sum.
+    The loops, at postures of the arm, are stable, and the torque reads all of the policy's memory at each of them.
     """
     at = columns(State)
-    turns = np.pi * np.arange(DIRECTIONS) / DIRECTIONS
+    turns = np.pi * np.arange(_DIRECTIONS) / _DIRECTIONS
     postures = np.array([loop.equilibrium[at.link] for loop in loops])
     rows = np.stack([np.cos(turns), np.sin(turns)], axis=1) @ tip_jacobian(postures, arm.length)
     matrices = np.array([loop.matrix() for loop in loops])
     states = len(loops[0].plant)
     moved = np.zeros((*matrices.shape[:2], len(arm.static_friction)))
     moved[:, :states] = [loop.plant[:, states:] for loop in loops]
-    total = np.zeros((len(loops), DIRECTIONS))
+    total = np.zeros((len(loops), _DIRECTIONS))
     for _ in range(periods):
         total += np.abs(rows @ moved[:, at.link]) @ np.array(arm.static_friction)
         moved = matrices @ moved
     return float(total.max())
 
 
-PROVEN = {"table-1": "tip_bound_mm", "near": "tip_bound_near_mm"}
+_PROVEN = {"table-1": "tip_bound_mm", "near": "tip_bound_near_mm"}
 """Sets of plants around the arm, and the name of the bound in a finding [mm]."""
 
 
 def measured_bounds(policy: Policy, arm: ArmParameters) -> tuple[dict[str, float | None], tuple[str, ...]]:
-    """Return the bounds of a policy for an arm by the names of `PROVEN`, None where there is none, with a sentence."""
+    """Return the bounds of a policy for an arm by the names of `_PROVEN`, None where there is none, with a sentence."""
     found: dict[str, float | None] = {}
     notes = []
-    for name, key in PROVEN.items():
+    for name, key in _PROVEN.items():
         claim = TipClaim("the policy", "nominal", name, SETS[name], duration=default_reference(arm).duration)
         try:
             found[key] = 1e3 * find_bound(claim, policy=policy).largest
@@ -89,7 +80,7 @@ def bounds_in_words(policy: str, folder: str, measured: dict[str, float | None])
 
     The policy has this name in the folder of the tuning; `measured` is of its finding.
     """
-    bounds = {name: measured.get(key) for name, key in PROVEN.items()}
+    bounds = {name: measured.get(key) for name, key in _PROVEN.items()}
     known = {name: bound for name, bound in bounds.items() if bound is not None}
     if not known:
         return ""

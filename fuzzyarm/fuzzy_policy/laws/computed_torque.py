@@ -17,7 +17,7 @@ from fuzzyarm.common.checks import real
 from fuzzyarm.envs.observation import Observation
 from fuzzyarm.envs.physics.equations import AnyArm, equations_of
 from fuzzyarm.envs.physics.parameters import ArmParameters
-from fuzzyarm.envs.physics.physics import Physics
+from fuzzyarm.envs.physics.records import Physics
 from fuzzyarm.envs.physics.robot import Robot
 from fuzzyarm.fuzzy_policy.known_arm import Drives, numbers_of
 from fuzzyarm.fuzzy_policy.law import Law, LawPolicy
@@ -61,9 +61,9 @@ class ComputedTorquePolicy(LawPolicy):
 def bandwidth_for(arm: AnyArm, control_period: float) -> float:
     """Return the default ω [rad/s] for an arm and a control period [s].
 
-    That of the two-joint arm was chosen by ``python benchmarks/computed_torque_tuning.py``: the largest that stays
-    stable with twice the loop gain and with one sample of delay. So it is for a robot, at random postures of its range:
-    the largest of 70, 65, ..., 5 rad/s, and 5 rad/s if there is none.
+    That of the two-joint arm was chosen by ``python benchmarks/computed_torque_tuning.py`` (commit 2839bc83): the
+    largest that stays stable with twice the loop gain and with one sample of delay. So it is for a robot, at random
+    postures of its range: the largest of 70, 65, ..., 5 rad/s, and 5 rad/s if there is none.
     """
     if not isinstance(arm, Robot):
         return BANDWIDTH

@@ -27,7 +27,7 @@ from fuzzyarm.envs.observation import Observation
 from fuzzyarm.envs.physics.elementwise import sign
 from fuzzyarm.envs.physics.equations import AnyArm, equations_of
 from fuzzyarm.envs.physics.friction import dry_friction_of, stribeck_magnitude
-from fuzzyarm.envs.physics.physics import Physics
+from fuzzyarm.envs.physics.records import Physics
 from fuzzyarm.fuzzy_policy.known_arm import Drives, numbers_of
 from fuzzyarm.fuzzy_policy.law import seen_by
 from fuzzyarm.numbers.functions import flat, select

@@ -32,8 +32,8 @@ from typing import Any, NamedTuple, TypeVar
 import numpy as np
 from scipy.linalg import expm, solve_discrete_are
 
+from fuzzyarm.common.arithmetic import consecutive
 from fuzzyarm.common.checks import real
-from fuzzyarm.common.slices import consecutive
 from fuzzyarm.envs.physics.equations import AnyArm
 from fuzzyarm.envs.physics.rigid_body import mass_matrix
 from fuzzyarm.envs.physics.robot import Robot
@@ -99,8 +99,8 @@ def state_part(joints: int) -> slice:
 class ObserverWeights:
     """The weights of both Riccati equations.
 
-    The first four defaults were chosen by ``python benchmarks/observer_tuning.py`` for the smallest tip error
-    over random arms within stability margins. The last two are the encoder noise of the README's examples.
+    The first four defaults were chosen by ``python benchmarks/observer_tuning.py`` (commit 2839bc83) for the smallest
+    tip error over random arms within stability margins. The last two are the encoder noise of the README's examples.
 
     Torques are shares of the arm's `torque_limit`, joint by joint, so that the same weights fit arms of another size.
 

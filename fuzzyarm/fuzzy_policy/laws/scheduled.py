@@ -13,7 +13,7 @@ from fuzzyarm.common.checks import instance
 from fuzzyarm.envs.observation import Observation
 from fuzzyarm.envs.physics.elementwise import sine_cosine
 from fuzzyarm.envs.physics.equations import equations_of
-from fuzzyarm.envs.physics.physics import Physics
+from fuzzyarm.envs.physics.records import Physics
 from fuzzyarm.fuzzy_policy.known_arm import Drives, numbers_of
 from fuzzyarm.fuzzy_policy.law import Law, LawPolicy
 from fuzzyarm.fuzzy_policy.laws.observer_gains import LinearLaw, Place, linear_pid

@@ -20,7 +20,7 @@ import numpy as np
 
 from fuzzyarm.envs.observation import PARTS, Observation, starts
 from fuzzyarm.envs.physics.equations import equations_of
-from fuzzyarm.envs.physics.physics import Physics
+from fuzzyarm.envs.physics.records import Physics
 from fuzzyarm.fuzzy_policy.law import Law, LawPolicy, law_of
 from fuzzyarm.fuzzy_policy.laws.elastic_target import ElasticTarget, Past, past_of, target_of
 from fuzzyarm.fuzzy_policy.laws.iterative_learning import TorqueLearning

@@ -12,9 +12,9 @@ from flint import arb, ctx
 from fuzzyarm.envs.batch.schedule import Schedule
 from fuzzyarm.envs.observation import JOINTS
 from fuzzyarm.envs.physics.dynamics import Arm
+from fuzzyarm.envs.physics.equations import tip_point
 from fuzzyarm.envs.physics.parameters import ArmParameters
 from fuzzyarm.envs.physics.records import PerJoint
-from fuzzyarm.envs.physics.two_joints import tip_point
 from fuzzyarm.proof.tip.centre import Centre, Segment
 from fuzzyarm.proof.tip.defects import Forces, TipForces, combined, signal_size
 from fuzzyarm.proof.tip.enclosures import BITS, ROUND_UP, SLACK, NoBound, centre, largest, radius_of

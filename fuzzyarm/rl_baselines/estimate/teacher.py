@@ -15,9 +15,8 @@ import numpy as np
 from fuzzyarm.envs.batch.layout import CLOCK
 from fuzzyarm.envs.batch.schedule import row_record
 from fuzzyarm.envs.observation import Observation
-from fuzzyarm.envs.physics.equations import equations_of
+from fuzzyarm.envs.physics.equations import equations_of, two_joints
 from fuzzyarm.envs.physics.records import columns, filled, flat, size
-from fuzzyarm.envs.physics.two_joints import two_joints
 from fuzzyarm.envs.scenario.randomisation import draw_record
 from fuzzyarm.fuzzy_policy.law import seen_by
 from fuzzyarm.fuzzy_policy.laws.adaptive.belief import KEPT, Memory, places

@@ -6,7 +6,6 @@ import pytest
 from support.two_joints import state_of
 
 from fuzzyarm.envs.physics.dynamics import (
-    Arm,
     Payload,
     arm_constants,
     coriolis_torque,
@@ -19,9 +18,8 @@ from fuzzyarm.envs.physics.dynamics import (
     tip_jacobian,
     tip_position,
 )
+from fuzzyarm.envs.physics.equations import two_joints
 from fuzzyarm.envs.physics.parameters import ArmParameters
-from fuzzyarm.envs.physics.records import filled, flat
-from fuzzyarm.envs.physics.two_joints import two_joints
 
 SEEDS = range(6)
 STATES = 20
@@ -84,65 +82,27 @@ def gravity(q, constants):
     return np.array(gravity_torque(np.sin(q[0]), np.sin(q[0] + q[1]), constants))
 
 
-def christoffel_matrix(q, dq, constants):
-    """C_ij = sum_k (dM_ij/dq_k + dM_ik/dq_j - dM_kj/dq_i) dq_k / 2, the derivatives by complex step."""
-    step = 1e-20
-    by_joint = np.stack([np.zeros((2, 2)), full_mass_matrix(q[1] + 1j * step, constants).imag / step])  # [k, i, j]
-    symbols = by_joint.transpose(1, 2, 0) + by_joint.transpose(1, 0, 2) - by_joint
-    return 0.5 * symbols @ dq, by_joint[1] * dq[1]
-
-
 @pytest.mark.parametrize("seed", SEEDS)
-def test_mass_matrix_is_mujocos(seed):
+def test_the_equations_of_motion_and_the_tip_are_mujocos(seed):
     rng, arm, payload = random_case(seed)
     model, constants = mujoco_model(arm, payload), arm_constants(arm, payload)
     for _ in range(STATES):
-        q, dq, _ = random_motion(rng)
-        expected = np.zeros((2, 2))
-        mujoco.mj_fullM(model, mujoco_at(model, q, dq), expected)
-        np.testing.assert_allclose(full_mass_matrix(q[1], constants), expected, rtol=1e-10, atol=1e-11)
-
-
-@pytest.mark.parametrize("seed", SEEDS)
-def test_coriolis_and_gravity_are_mujocos(seed):
-    rng, arm, payload = random_case(seed)
-    model, constants = mujoco_model(arm, payload), arm_constants(arm, payload)
-    for _ in range(STATES):
-        q, dq, _ = random_motion(rng)
-        expected = mujoco_at(model, q, dq).qfrc_bias
-        bias = coriolis_torque(np.sin(q[1]), dq[0], dq[1], constants) + gravity(q, constants)
-        np.testing.assert_allclose(bias, expected, rtol=1e-10, atol=1e-10 * np.abs(expected).max())
+        q, dq, ddq = random_motion(rng)
+        data, mass, jacobian = mujoco_at(model, q, dq, ddq), np.zeros((2, 2)), np.zeros((3, 2))
+        mujoco.mj_fullM(model, data, mass)
+        np.testing.assert_allclose(full_mass_matrix(q[1], constants), mass, rtol=1e-10, atol=1e-11)
         at_rest = mujoco_at(model, q, np.zeros(2)).qfrc_bias
-        np.testing.assert_allclose(gravity(q, constants), at_rest, rtol=1e-10, atol=1e-10 * np.abs(at_rest).max())
-
-
-@pytest.mark.parametrize("seed", SEEDS)
-def test_inverse_dynamics_are_mujocos(seed):
-    rng, arm, payload = random_case(seed)
-    model, constants = mujoco_model(arm, payload), arm_constants(arm, payload)
-    q, dq, ddq = (np.array(rows) for rows in zip(*(random_motion(rng) for _ in range(STATES)), strict=True))
-    expected = np.array([mujoco_at(model, *motion).qfrc_inverse for motion in zip(q, dq, ddq, strict=True)])
-    torque = rigid_inverse_dynamics(q, dq, ddq, constants)
-    np.testing.assert_allclose(torque, expected, rtol=1e-10, atol=1e-10 * np.abs(expected).max())
-
-
-@pytest.mark.parametrize("seed", SEEDS)
-def test_tip_and_its_jacobian_are_mujocos(seed):
-    rng, arm, payload = random_case(seed)
-    model = mujoco_model(arm, payload)
-    for _ in range(STATES):
-        q, dq, _ = random_motion(rng)
-        data, jacobian = mujoco_at(model, q, dq), np.zeros((3, 2))
+        bias = coriolis_torque(np.sin(q[1]), dq[0], dq[1], constants) + gravity(q, constants)
+        torque = rigid_inverse_dynamics(q, dq, ddq, constants)
+        for found, expected in (
+            (bias, data.qfrc_bias),
+            (gravity(q, constants), at_rest),
+            (torque, data.qfrc_inverse),
+        ):
+            np.testing.assert_allclose(found, expected, rtol=1e-10, atol=1e-10 * np.abs(expected).max())
         mujoco.mj_jacSite(model, data, jacobian, None, 0)
         np.testing.assert_allclose(tip_position(q, arm.length), data.site_xpos[0, :2], rtol=0, atol=1e-12)
         np.testing.assert_allclose(tip_jacobian(q, arm.length), jacobian[:2], rtol=0, atol=1e-12)
-
-
-def test_tip_jacobian_is_the_complex_step_derivative():
-    rng = np.random.default_rng(0)
-    q, length, step = rng.uniform(-np.pi, np.pi, (STATES, 2)), (0.4, 0.7), 1e-20
-    columns = [tip_position(q + 1j * step * np.eye(2)[joint], length).imag / step for joint in range(2)]
-    np.testing.assert_allclose(tip_jacobian(q, length), np.stack(columns, axis=-1), rtol=0, atol=1e-15)
 
 
 def test_tip_force_does_the_same_work_at_the_tip_and_at_the_joints():
@@ -157,42 +117,6 @@ def test_tip_force_does_the_same_work_at_the_tip_and_at_the_joints():
         assert np.dot(torque, dq) == pytest.approx(np.dot(force, jacobian @ dq), rel=1e-9, abs=1e-9)
 
 
-def test_coriolis_torque_is_the_christoffel_one():
-    rng, arm, payload = random_case(3)
-    constants = arm_constants(arm, payload)
-    for _ in range(STATES):
-        q, dq, _ = random_motion(rng)
-        expected = christoffel_matrix(q, dq, constants)[0] @ dq
-        torque = coriolis_torque(np.sin(q[1]), dq[0], dq[1], constants)
-        np.testing.assert_allclose(torque, expected, rtol=1e-12, atol=1e-12 * np.abs(expected).max())
-
-
-def test_mass_rate_minus_twice_coriolis_is_skew():
-    rng, arm, payload = random_case(4)
-    for _ in range(STATES):
-        q, dq, _ = random_motion(rng)
-        coriolis, mass_rate = christoffel_matrix(q, dq, arm_constants(arm, payload))
-        skew = mass_rate - 2.0 * coriolis
-        np.testing.assert_allclose(skew, -skew.T, rtol=0, atol=1e-12 * np.abs(coriolis).max())
-
-
-@pytest.mark.parametrize("seed", SEEDS)
-def test_coriolis_torque_does_only_the_work_of_the_changing_mass(seed):
-    rng, arm, payload = random_case(seed)
-    constants = arm_constants(arm, payload)
-    q, dq, _ = random_motion(rng)
-    _, mass_rate = christoffel_matrix(q, dq, constants)
-    power = np.dot(coriolis_torque(np.sin(q[1]), dq[0], dq[1], constants), dq)
-    assert power == pytest.approx(0.5 * dq @ mass_rate @ dq, rel=1e-11)
-
-
-@pytest.mark.parametrize("seed", SEEDS)
-def test_mass_matrix_is_positive_definite_over_the_joint_range(seed):
-    _, arm, payload = random_case(seed)
-    for q2 in np.linspace(-np.pi, np.pi, 101):
-        assert np.linalg.eigvalsh(full_mass_matrix(q2, arm_constants(arm, payload))).min() > 0.0
-
-
 def test_solve_mass_matrix_inverts_the_mass_matrix():
     rng, arm, payload = random_case(5)
     constants = arm_constants(arm, payload)
@@ -202,57 +126,11 @@ def test_solve_mass_matrix_inverts_the_mass_matrix():
         np.testing.assert_allclose(full_mass_matrix(q2, constants) @ acceleration, torque, rtol=0, atol=1e-10)
 
 
-@pytest.mark.parametrize("seed", SEEDS)
-def test_hanging_is_a_stable_equilibrium(seed):
-    _, arm, payload = random_case(seed)
-    constants, step = arm_constants(arm, payload), 1e-20
-    assert np.array_equal(gravity(np.zeros(2), constants), np.zeros(2))
-    stiffness = np.stack([gravity(1j * step * np.eye(2)[joint], constants).imag / step for joint in range(2)])
-    np.testing.assert_allclose(stiffness, stiffness.T, rtol=1e-14)
-    assert np.linalg.eigvalsh(stiffness).min() > 0.0
-
-
-def test_x_points_down_and_angles_turn_from_x_to_y():
-    length = (0.5, 0.3)
-    np.testing.assert_allclose(tip_position(np.zeros(2), length), [0.8, 0.0])
-    np.testing.assert_allclose(tip_position(np.array([np.pi / 2, 0.0]), length), [0.0, 0.8], atol=1e-15)
-    np.testing.assert_allclose(tip_position(np.array([0.0, np.pi / 2]), length), [0.5, 0.3], atol=1e-15)
-
-
-def test_carried_point_mass_weighs_m_g_along_x_at_the_tip():
-    rng, arm, _ = random_case(1)
-    q, _, _ = random_motion(rng)
-    added = gravity(q, arm_constants(arm, Payload(5.0))) - gravity(q, arm_constants(arm))
-    np.testing.assert_allclose(added, -5.0 * arm.gravity * tip_jacobian(q, arm.length)[0], rtol=1e-11)
-
-
 def test_joint_torque_is_a_spring_and_a_damper():
     arm = ArmParameters()
     state = state_of([0.3, -0.2, 0.1, 0.5, 1.0, 2.0, -3.0, 4.0])
     expected = (6.4e4 * (0.3 - 0.1) + 20.4 * (1.0 + 3.0), 1.2e4 * (-0.2 - 0.5) + 3.8 * (2.0 - 4.0))
     np.testing.assert_allclose(joint_torque(state, arm_constants(arm)), expected, rtol=1e-15)
-
-
-def test_constants_broadcast_over_lanes():
-    rng = np.random.default_rng(7)
-    arms = [arm_constants(random_arm(rng), Payload(float(rng.uniform(0.0, 5.0)))) for _ in range(5)]
-    motions = [random_motion(rng) for _ in arms]
-    lanes = filled(Arm, np.array([flat(arm) for arm in arms]).T)
-    q, dq, ddq = (np.array(rows) for rows in zip(*motions, strict=True))
-    together = rigid_inverse_dynamics(q, dq, ddq, lanes)
-    alone = [rigid_inverse_dynamics(*motion, arm) for motion, arm in zip(motions, arms, strict=True)]
-    np.testing.assert_allclose(together, alone, rtol=1e-13)
-
-
-@pytest.mark.parametrize("mass", [-1.0, np.nan, np.inf])
-def test_bad_payload_mass_is_named(mass):
-    with pytest.raises(ValueError, match=rf"payload mass = {mass} kg is out of range; allowed: \[0, 1e\+12\] kg"):
-        Payload(mass)
-
-
-def test_bad_payload_place_is_named():
-    with pytest.raises(ValueError, match="payload at = 'elbow' is unknown; choose from: tip, link"):
-        Payload(1.0, "elbow")
 
 
 def test_inverse_dynamics_and_mass_matrix_elementwise_are_those_of_arrays():

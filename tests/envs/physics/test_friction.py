@@ -28,34 +28,26 @@ decelerations, durations = signed(1e3).map(abs), signed(1e-2).map(abs)
 
 
 def exact_stick_slip(velocity, acceleration, deceleration, duration):
-    """Solve v' in a - f Sgn(v) from event to event; returns velocity, displacement and path length, all exact."""
+    """Solve v' in a - f Sgn(v) from event to event; returns velocity and displacement, both exact."""
     v, a, f, left = (Fraction(x) for x in (velocity, acceleration, deceleration, duration))
     moved = Fraction(0)
     if v:
         slope = a - f if v > 0 else a + f
         if (v + slope * left) * v >= 0:
-            moved = left * (v + slope * left / 2)
-            return v + slope * left, moved, abs(moved)
+            return v + slope * left, left * (v + slope * left / 2)
         stop = -v / slope
         moved, left = v * stop / 2, left - stop
     slope = max(abs(a) - f, Fraction(0)) * (1 if a > 0 else -1)
-    second = slope * left**2 / 2
-    return slope * left, moved + second, abs(moved) + abs(second)
+    return slope * left, moved + slope * left**2 / 2
 
 
-def test_magnitude_is_static_at_rest_and_coulomb_at_speed():
-    assert stribeck_magnitude(0.0, DRY) == STATIC
-    assert stribeck_magnitude(1e3, DRY) == COULOMB
-    assert stribeck_magnitude(np.inf, DRY) == COULOMB
-
-
-def test_magnitude_falls_with_speed_and_is_even():
+def test_magnitude_falls_from_static_to_coulomb_and_is_even():
+    assert [stribeck_magnitude(v, DRY) for v in (0.0, 1e3, np.inf)] == [STATIC, COULOMB, COULOMB]
     speed = np.linspace(0.0, 0.5, 200)
     magnitude = stribeck_magnitude(speed, DRY)
     assert (np.diff(magnitude) < 0.0).all()
     assert np.array_equal(magnitude, stribeck_magnitude(-speed, DRY))
-    at_stribeck = stribeck_magnitude(STRIBECK, DRY)
-    assert at_stribeck == pytest.approx(COULOMB + (STATIC - COULOMB) / np.e)
+    assert stribeck_magnitude(STRIBECK, DRY) == pytest.approx(COULOMB + (STATIC - COULOMB) / np.e)
 
 
 @settings(deadline=None)
@@ -83,53 +75,16 @@ def test_friction_at_rest_balances_the_net_torque_up_to_the_static_one(net):
 @example(v=1.0, a=0.0, f=1e3, h=1e-2)  # stops and sticks
 @example(v=1.0, a=-1e3, f=1.0, h=1e-2)  # reverses
 @example(v=0.0, a=1.0, f=1.0, h=1e-2)  # just holds
-@example(v=0.0, a=1.0, f=0.0, h=1e-2)
+@example(v=1e-31, a=2.0, f=1.0, h=1.0)
 def test_stick_slip_is_the_exact_solution(v, a, f, h):
     velocity, moved = stick_slip(v, a, f, h)
-    exact_velocity, exact_moved, _ = exact_stick_slip(v, a, f, h)
+    exact_velocity, exact_moved = exact_stick_slip(v, a, f, h)
     scale = abs(v) + h * (abs(a) + f)
     assert abs(velocity - float(exact_velocity)) <= 1e-14 * scale
     assert abs(moved - float(exact_moved)) <= 1e-14 * scale * h
-
-
-def test_stick_slip_from_a_tiny_velocity():
-    assert stick_slip(1e-31, 2.0, 1.0, 1.0)[0] == pytest.approx(1.0)
-
-
-@settings(deadline=None)
-@given(v=velocities, a=accelerations, f=decelerations, h=durations)
-def test_kinetic_energy_is_work_minus_friction_times_path(v, a, f, h):
-    velocity, moved = stick_slip(v, a, f, h)
-    lost = a * moved - 0.5 * (velocity**2 - v**2)
-    scale = (abs(v) + h * (abs(a) + f)) ** 2
-    assert lost >= -1e-14 * scale
-    assert lost == pytest.approx(float(f * exact_stick_slip(v, a, f, h)[2]), rel=0, abs=1e-14 * scale + 1e-300)
-
-
-@settings(deadline=None)
-@given(a=accelerations, f=decelerations, h=durations)
-def test_rest_stays_exactly_at_rest_while_friction_suffices(a, f, h):
-    velocity, moved = stick_slip(0.0, a, f, h)
-    if abs(a) <= f:
+    if v == 0.0 and abs(a) <= f:
         assert velocity == 0.0 and moved == 0.0
-    else:
-        assert velocity * a > 0.0 or h == 0.0
-
-
-@settings(deadline=None)
-@given(v=velocities, a=accelerations, f=decelerations, h=durations)
-def test_mirror_image(v, a, f, h):
-    velocity, moved = stick_slip(v, a, f, h)
     assert stick_slip(-v, -a, f, h) == (-velocity, -moved)
-
-
-def test_stick_slip_is_elementwise():
-    rng = np.random.default_rng(0)
-    lanes = rng.normal(size=(2, 200)), np.abs(rng.normal(size=(2, 200)))
-    v, a, f, h = *lanes[0], *lanes[1]
-    v[::3] = 0.0
-    alone = np.array([stick_slip(*lane) for lane in zip(v, a, f, h, strict=True)]).T
-    assert np.array_equal(np.array(stick_slip(v, a, f, h)), alone)
 
 
 def hold_arm(state, torque, substeps=1000):
@@ -141,30 +96,9 @@ def hold_arm(state, torque, substeps=1000):
 
 @pytest.mark.parametrize("direction", [1.0, -1.0])
 @pytest.mark.parametrize("joint", [0, 1])
-def test_hanging_arm_sticks_bit_for_bit_up_to_the_static_torque(joint, direction):
-    static, torque = ArmParameters().static_friction[joint], np.zeros(2)
-    for fraction in (0.5, 1.0 - 1e-15, 1.0):
-        torque[joint] = direction * fraction * static
-        assert np.array_equal(hold_arm(np.zeros(8), torque), np.zeros(8))
-
-
-@pytest.mark.parametrize("direction", [1.0, -1.0])
-@pytest.mark.parametrize("joint", [0, 1])
-def test_hanging_arm_breaks_away_just_above_the_static_torque(joint, direction):
-    torque = np.zeros(2)
-    torque[joint] = direction * ArmParameters().static_friction[joint] * (1.0 + 1e-9)
-    state = hold_arm(np.zeros(8), torque, substeps=1)
+def test_hanging_arm_sticks_bit_for_bit_up_to_the_static_torque_and_breaks_away_above(joint, direction):
+    torque = direction * ArmParameters().static_friction[joint] * np.eye(2)[joint]
+    for fraction in (1.0 - 1e-15, 1.0):
+        assert np.array_equal(hold_arm(np.zeros(8), fraction * torque), np.zeros(8))
+    state = hold_arm(np.zeros(8), (1.0 + 1e-9) * torque, substeps=1)
     assert state[joint] * direction > 0.0 and state[4 + joint] * direction > 0.0
-
-
-def test_stuck_motors_do_not_move_a_bit_while_the_links_vibrate():
-    constants = arm_constants(ArmParameters())
-    state = np.array([0.3, -0.2, 0.3, -0.2, 0.0, 0.0, 0.004, -0.004])
-    gravity2 = constants.c5 * np.sin(0.1)
-    torque = np.array([constants.c4 * np.sin(0.3) + gravity2, gravity2])
-    state[2:4] -= torque / np.array(ArmParameters().stiffness)
-    for _ in range(1000):
-        after = hold_arm(state, torque, substeps=1)
-        assert np.array_equal(after[[0, 1, 4, 5]], [0.3, -0.2, 0.0, 0.0])
-        assert not np.array_equal(after[2:4], state[2:4])
-        state = after

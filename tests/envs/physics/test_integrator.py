@@ -5,22 +5,17 @@ import dataclasses
 import numpy as np
 import pytest
 from support.plain import hold_numpy
-from support.two_joints import PHYSICS, hold, state_of
+from support.two_joints import PHYSICS, hold
 
 from fuzzyarm.envs.physics.dynamics import (
-    Arm,
     Payload,
     arm_constants,
-    coriolis_torque,
-    gravity_torque,
     mass_matrix,
-    rigid_inverse_dynamics,
     tip_position,
 )
 from fuzzyarm.envs.physics.event_integrator import integrate
-from fuzzyarm.envs.physics.hold import held_of
 from fuzzyarm.envs.physics.parameters import ArmParameters
-from fuzzyarm.envs.physics.records import PerJoint, filled, flat
+from fuzzyarm.envs.physics.records import flat
 
 TABLE_1 = ArmParameters()
 FRICTIONLESS = dataclasses.replace(
@@ -80,30 +75,16 @@ def test_energy_never_rises_without_input(arm):
     assert np.diff(levels).max() < 1e-8 * (levels[0] - levels[-1])
 
 
-def test_arm_with_friction_comes_to_rest_exactly():
-    heavy = dataclasses.replace(TABLE_1, damping=(200.0, 100.0), static_friction=(300.0, 200.0))
-    heavy = dataclasses.replace(heavy, coulomb_friction=(300.0, 200.0))
-    state = trajectory(SWINGING, heavy, 1e-4, 1.0)[-1]
-    assert np.array_equal(state[4:6], np.zeros(2))
-
-
-def test_constant_tip_force_does_the_work_force_times_way():
-    force, steps, errors = np.array([30.0, -80.0]), np.array([5e-4, 2.5e-4, 1.25e-4]), []
+def test_constant_force_and_torque_do_their_work():
+    force, torque = np.array([30.0, -80.0]), np.array([40.0, -20.0])
+    steps, errors = np.array([5e-4, 2.5e-4, 1.25e-4]), []
     for h in steps:
-        after = advance(SWINGING, (0.0, 0.0), force, CONSERVATIVE, h, round(0.2 / h))
+        after = advance(SWINGING, torque, force, CONSERVATIVE, h, round(0.2 / h))
         tips = [tip_position(state[2:4], CONSERVATIVE.length) for state in (SWINGING, after)]
-        work = force @ (tips[1] - tips[0])
+        work = force @ (tips[1] - tips[0]) + torque @ (after[:2] - SWINGING[:2])
         errors.append(abs(energy(after, CONSERVATIVE) - energy(SWINGING, CONSERVATIVE) - work))
-    assert abs(work) > 10.0 and errors[-1] < 1e-4 * abs(work)
-    assert 1.8 < order(steps, errors) < 2.3
-
-
-def test_constant_motor_torque_does_the_work_torque_times_angle():
-    torque = np.array([40.0, -20.0])
-    after = advance(SWINGING, torque, (0.0, 0.0), CONSERVATIVE, 1e-5, 20_000)
-    work = torque @ (after[:2] - SWINGING[:2])
-    gained = energy(after, CONSERVATIVE) - energy(SWINGING, CONSERVATIVE)
-    assert abs(work) > 10.0 and gained == pytest.approx(work, abs=1e-6 * abs(work))
+    assert abs(work) > 10.0 and errors[-1] < 1e-6 * abs(work)
+    assert 1.8 < order(steps, errors) < 2.4
 
 
 CASES = {
@@ -154,43 +135,16 @@ def random_lanes(lanes, seed=0):
     return state, rng.normal(size=(2, lanes)) * 50.0, rng.normal(size=(4, lanes)) * 100.0, np.array(arms).T.copy()
 
 
-@pytest.mark.parametrize("lanes", [1, 31, 32, 33, 200])
-def test_machine_code_is_numpy_bit_for_bit(lanes):
+@pytest.mark.parametrize("lanes", [1, 31, 33, 200])
+def test_machine_code_is_numpy_bit_for_bit_and_each_lane_the_lane_alone(lanes):
     state, torque, force, arms = random_lanes(lanes)
-    expected = hold_numpy(PHYSICS, state, torque, force, arms, 1e-4, 10)
+    before, expected = state.copy(), hold_numpy(PHYSICS, state, torque, force, arms, 1e-4, 10)
+    assert np.array_equal(state, before)
+    alone = state[:, -1:].copy()
+    hold(alone, *(np.ascontiguousarray(x[:, -1:]) for x in (torque, force, arms)), 1e-4, 10)
     hold(state, torque, force, arms, 1e-4, 10)
     assert np.array_equal(state, expected) and np.array_equal(np.signbit(state), np.signbit(expected))
-
-
-def test_torch_is_numpy_to_the_last_digits():
-    """Tensors run through the same lines, with torch's own sine, cosine and exponential."""
-    torch = pytest.importorskip("torch")
-    state, torque, force, arms = random_lanes(50)
-    lanes, constants = state_of(torch.tensor(state)), filled(Arm, torch.tensor(arms))
-    parts = PerJoint(*torch.tensor(torque)), torch.tensor(force[:2]), torch.tensor(force[2:])
-    lanes = held_of(PHYSICS)(lanes, *parts, constants, 1e-4, 10)
-    hold(state, torque, force, arms, 1e-4, 10)
-    np.testing.assert_allclose(torch.stack(flat(lanes)).numpy(), state, rtol=0.0, atol=1e-12)
-
-
-def test_numpy_back_end_leaves_its_arguments_alone():
-    state, torque, force, arms = random_lanes(5)
-    before = state.copy()
-    hold_numpy(PHYSICS, state, torque, force, arms, 1e-4, 10)
-    assert np.array_equal(state, before)
-
-
-def test_each_lane_is_the_lane_alone_bit_for_bit():
-    state, torque, force, arms = random_lanes(37)
-    alone = [np.ascontiguousarray(state[:, k : k + 1]) for k in range(37)]
-    for k, lane in enumerate(alone):
-        hold(lane, *(np.ascontiguousarray(x[:, k : k + 1]) for x in (torque, force, arms)), 1e-4, 50)
-    hold(state, torque, force, arms, 1e-4, 50)
-    assert np.array_equal(state, np.hstack(alone))
-
-
-def test_a_force_of_the_wrong_shape_is_refused():
-    state, torque, force, arms = random_lanes(5)
+    assert np.array_equal(state[:, -1:], alone)
     with pytest.raises(ValueError, match="needed: 4 numbers of an arm in columns"):
         hold(state, torque, force[:2], arms, 1e-4, 10)
 
@@ -204,22 +158,3 @@ def test_the_force_is_the_line_through_the_step():
         hold(expected, torque, constant, arms, 1e-4, 1)
     hold(state, torque, force, arms, 1e-4, n)
     assert np.array_equal(state, expected)
-
-
-def test_no_substeps_change_nothing():
-    state, torque, force, arms = random_lanes(5)
-    before = state.copy()
-    hold(state, torque, force, arms, 1e-4, 0)
-    assert np.array_equal(state, before)
-
-
-def test_first_step_from_rest_is_newtons_law():
-    rng = np.random.default_rng(3)
-    q, torque, h = rng.uniform(-1.0, 1.0, 2), np.array([150.0, -60.0]), 1e-6
-    after = advance(np.r_[q, q, np.zeros(4)], torque, (0.0, 0.0), FRICTIONLESS, h, 1)
-    c = arm_constants(FRICTIONLESS)
-    np.testing.assert_allclose(after[4:6] / h, torque / np.array(FRICTIONLESS.motor_inertia), rtol=1e-4)
-    link = rigid_inverse_dynamics(q, np.zeros(2), after[6:8] / h, c)
-    np.testing.assert_allclose(link, np.zeros(2), atol=1e-2)
-    assert np.abs(gravity_torque(np.sin(q[0]), np.sin(q.sum()), c)).max() > 10.0
-    assert coriolis_torque(np.sin(q[1]), 0.0, 0.0, c) == (0.0, 0.0)

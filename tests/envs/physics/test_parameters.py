@@ -1,12 +1,9 @@
 """Every constant of the arm: Table 1, the range of each field, and exact files."""
 
-import dataclasses
 import math
 import re
 
 import pytest
-from hypothesis import given, settings
-from hypothesis import strategies as st
 
 from fuzzyarm.envs.physics.parameters import ArmParameters
 
@@ -42,41 +39,39 @@ ALLOWED = {
     "velocity_limit": "(0, 1e+12] rad/s",
 }
 SCALARS = ("gravity", "stribeck_velocity")
-PAIRS = tuple(name for name in ALLOWED if name not in SCALARS)
 
 
 def bad_numbers(name):
-    yield from (math.nan, math.inf, -math.inf, -1.0, -5e-324, 1e13, 10**400, "1.0", True, None, 1j)
+    """Numbers outside of the range of a field; zero is inside where it is closed."""
+    yield from (math.nan, -math.inf, -5e-324, 1e13, 10**400, "1.0", True, None)
     if ALLOWED[name].startswith("("):
-        yield from (0.0, -0.0)
+        yield 0.0
     if name == "joint_limit":
         yield math.nextafter(math.pi, 4.0)
 
 
-def bad_values():
-    for name in SCALARS:
-        yield from ((name, value) for value in (*bad_numbers(name), (1.0, 1.0), [1.0]))
-    for name in PAIRS:
-        good = getattr(ArmParameters(), name)
-        for value in bad_numbers(name):
-            yield from ((name, (value, good[1])), (name, (good[0], value)))
-        yield from ((name, value) for value in ((), (good[0],), (*good, good[0]), good[0], "ab", None, {1, 2}))
+def bad_values(name):
+    good = getattr(ArmParameters(), name)
+    if name in SCALARS:
+        return [*bad_numbers(name), (1.0, 1.0)]
+    pairs = [pair for value in bad_numbers(name) for pair in ((value, good[1]), (good[0], value))]
+    return [*pairs, (), (*good, good[0]), good[0], "ab", None]
 
 
-def test_the_fields_are_those_listed_here():
-    assert [field.name for field in dataclasses.fields(ArmParameters)] == list(ALLOWED)
-
-
-@pytest.mark.parametrize("name", TABLE_1)
-def test_default_is_table_1(name):
-    assert getattr(ArmParameters(), name) == TABLE_1[name]
+def test_default_is_table_1():
+    assert list(ArmParameters().to_dict()) == list(ALLOWED)
+    assert {name: getattr(ArmParameters(), name) for name in TABLE_1} == TABLE_1
+    arm = ArmParameters(length=[1, 2], gravity=0)
+    assert repr(arm.length) == "(1.0, 2.0)" and hash(arm) == hash(ArmParameters(length=(1.0, 2.0), gravity=0.0))
+    still = {
+        name: (0.0, 0.0) for name in ALLOWED if ALLOWED[name].startswith("[") and name not in ("gravity", "inertia")
+    }
+    assert ArmParameters(**still).static_friction == (0.0, 0.0)
 
 
 @pytest.mark.parametrize("name", ALLOWED)
 def test_bad_value_is_named_with_its_range(name):
-    values = [value for field, value in bad_values() if field == name]
-    assert len(values) > 4
-    for value in values:
+    for value in bad_values(name):
         with pytest.raises(ValueError) as caught:
             ArmParameters(**{name: value})
         message = str(caught.value)
@@ -84,73 +79,27 @@ def test_bad_value_is_named_with_its_range(name):
         assert message.endswith(f"allowed: {ALLOWED[name]}"), value
 
 
-@pytest.mark.parametrize("name", [name for name in ALLOWED if ALLOWED[name].startswith("[")])
-def test_zero_is_allowed_where_the_range_is_closed(name):
-    zeros = {"static_friction": (0.0, 0.0), "coulomb_friction": (0.0, 0.0)} if "friction" in name else {}
-    nothing = 0.0 if name in SCALARS else (0.0, 0.0)
-    assert getattr(ArmParameters(**{**zeros, name: nothing}), name) == nothing
-
-
-@pytest.mark.parametrize("joint", [0, 1])
-def test_static_friction_below_coulomb_raises(joint):
-    static = tuple(1.5 if j == joint else 6.0 for j in range(2))
-    with pytest.raises(ValueError, match=rf"static_friction\[{joint}\] = 1.5 N m .* coulomb_friction\[{joint}\]"):
-        ArmParameters(static_friction=static)
-
-
-def test_singular_mass_matrix_raises():
+def test_fields_that_do_not_fit_each_other_raise():
     with pytest.raises(ValueError, match="mass matrix singular at q2 = 0"):
         ArmParameters(inertia=(0.0, 0.0), mass_center=(1e-5, 0.25))
+    for joint in (0, 1):
+        static = tuple(1.5 if j == joint else 6.0 for j in range(2))
+        with pytest.raises(ValueError, match=rf"static_friction\[{joint}\] = 1.5 N m .* coulomb_friction\[{joint}\]"):
+            ArmParameters(static_friction=static)
 
 
-@pytest.mark.parametrize("name", ALLOWED)
-def test_frozen(name):
-    with pytest.raises(dataclasses.FrozenInstanceError):
-        setattr(ArmParameters(), name, getattr(ArmParameters(), name))
-
-
-def test_integers_and_lists_become_pairs_of_floats():
-    arm = ArmParameters(length=[1, 2], gravity=10)
-    assert arm.length == (1.0, 2.0) and arm.gravity == 10.0
-    assert all(type(number) is float for number in (*arm.length, arm.gravity))
-    assert hash(arm) == hash(ArmParameters(length=(1.0, 2.0), gravity=10.0))
-
-
-def pairs(low, high=1e12):
-    number = st.floats(low, high, exclude_min=low == 0.0, allow_nan=False, allow_infinity=False)
-    return st.tuples(number, number)
-
-
-@st.composite
-def arms(draw):
-    frictions = [sorted(draw(pairs(0.0))) for _ in range(2)]
-    return ArmParameters(
-        length=draw(pairs(0.3, 3.0)),
-        mass=draw(pairs(0.1, 100.0)),
-        inertia=draw(pairs(1e-3, 10.0)),
-        mass_center=draw(pairs(0.1, 0.3)),
-        gravity=draw(pairs(0.0))[0],
-        coulomb_friction=(frictions[0][0], frictions[1][0]),
-        static_friction=(frictions[0][1], frictions[1][1]),
-        stribeck_velocity=draw(pairs(0.0))[0],
-        joint_limit=draw(pairs(0.0, math.pi)),
-        **{name: draw(pairs(0.0)) for name in ("viscous_friction", "stiffness", "damping", "motor_inertia")},
-        **{name: draw(pairs(0.0)) for name in ("torque_limit", "velocity_limit")},
-    )
-
-
-@settings(deadline=None, max_examples=40)
-@given(arm=arms())
-def test_toml_round_trip_is_exact(arm, tmp_path_factory):
-    path = tmp_path_factory.getbasetemp() / "arm.toml"
+@pytest.mark.parametrize("factor", [1.0 / 3.0, 1e-9 / 7.0, 1e7 / 7.0])
+def test_toml_round_trip_is_exact(factor, tmp_path):
+    path, fixed = tmp_path / "arm.toml", ("length", "mass", "inertia", "mass_center", "joint_limit")
+    scaled = {
+        name: value * factor if name in SCALARS else tuple(factor * x for x in value)
+        for name, value in ArmParameters().to_dict().items()
+        if name not in fixed
+    }
+    arm = ArmParameters(joint_limit=(1.0 / 3.0, 1e-300), **scaled)
     arm.write_toml(path)
-    assert ArmParameters.from_toml(path) == arm
-    assert ArmParameters.from_dict(arm.to_dict()) == arm
-
-
-def test_toml_keeps_table_1_for_what_it_leaves_out(tmp_path):
-    path = tmp_path / "arm.toml"
-    path.write_text("mass = [15, 14]\n")
+    assert ArmParameters.from_toml(path) == arm == ArmParameters.from_dict(arm.to_dict())
+    path.write_text("mass = [15, 14]\n")  # the rest is of Table 1
     assert ArmParameters.from_toml(path) == ArmParameters(mass=(15.0, 14.0))
 
 
@@ -159,7 +108,7 @@ def test_toml_keeps_table_1_for_what_it_leaves_out(tmp_path):
     [
         ("weight = 3.0\n", "unknown arm field weight; known: length, mass"),
         ("[arm]\nmass = [1, 2]\n", "unknown arm field arm"),
-        ("mass = [1.0\n", "is not a TOML file"),
+        ("mass = [1.0\n", r"arm\.toml is not a TOML file"),
         ("mass = [1.0, -2.0]\n", "mass.* = .* out of range; allowed: .0, 1e\\+12. kg"),
         ("mass = [nan, 2.0]\n", "mass.* = nan kg is out of range"),
     ],
@@ -170,15 +119,3 @@ def test_bad_file_is_named(tmp_path, text, message):
     with pytest.raises(ValueError, match=message) as caught:
         ArmParameters.from_toml(path)
     assert str(path) in str(caught.value)
-
-
-def test_file_that_is_not_text_is_named(tmp_path):
-    path = tmp_path / "arm.toml"
-    path.write_bytes(b"\xff\xfe\x00")
-    with pytest.raises(ValueError, match=r"arm\.toml is not a TOML file"):
-        ArmParameters.from_toml(path)
-
-
-def test_missing_file_is_an_os_error(tmp_path):
-    with pytest.raises(FileNotFoundError):
-        ArmParameters.from_toml(tmp_path / "none.toml")

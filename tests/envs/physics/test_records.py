@@ -40,21 +40,12 @@ def test_places_and_columns_of_a_nested_record():
 
 
 @pytest.mark.parametrize("record", RECORDS)
-def test_places_count_through_the_record(record):
-    assert flat(places(record)) == list(range(size(record)))
+def test_places_count_through_the_record_and_fill_it(record):
+    numbers = list(range(size(record)))
+    assert flat(places(record)) == numbers
+    assert filled(record, numbers) == places(record) and flat(filled(record, numbers)) == numbers
     starts = [part.start for part in columns(record)]
     assert starts == [flat((part,))[0] for part in places(record)] and columns(record)[-1].stop == size(record)
-
-
-@pytest.mark.parametrize("record", RECORDS)
-def test_a_record_is_filled_in_the_order_of_its_places(record):
-    numbers = [float(number) for number in range(size(record))]
-    assert filled(record, numbers) == places(record) and flat(filled(record, numbers)) == numbers
-
-
-def test_the_schedule_has_its_columns_side_by_side():
-    at = columns(Row)
-    assert at.reference.stop == at.target.start and at.bias.stop == size(Row)
 
 
 @pytest.mark.parametrize("joints", [1, 2, 3, 7])

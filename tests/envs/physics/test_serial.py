@@ -7,13 +7,10 @@ from slow_twins import slow_but
 from support.robots import ROBOTS, with_drives, without_losses
 
 from fuzzyarm.envs.physics import rigid_body
-from fuzzyarm.envs.physics.dynamics import Payload, arm_constants
-from fuzzyarm.envs.physics.hold import hold_of
-from fuzzyarm.envs.physics.parameters import ArmParameters
+from fuzzyarm.envs.physics.integrator import hold_of
 from fuzzyarm.envs.physics.records import filled, flat
-from fuzzyarm.envs.physics.robot import Robot, robot_named
-from fuzzyarm.envs.physics.serial import physics_of, structure_of
-from fuzzyarm.envs.physics.two_joints import two_joints
+from fuzzyarm.envs.physics.robot import robot_named
+from fuzzyarm.envs.physics.serial import physics_of
 
 LANES = 7
 
@@ -73,45 +70,23 @@ def test_accelerations_of_a_step_solve_the_equation_of_motion(robot):
     np.testing.assert_allclose(torque, spring + outer, atol=2e-4 * np.abs(torque).max())
 
 
-def test_the_paper_s_arm_moves_as_by_the_hand_written_equations():
-    parameters = ArmParameters(inertia=(0.5, 0.1))
-    robot, by_hand, generator = Robot.of(parameters), two_joints(), np.random.default_rng(0)
-    physics, arm, old = physics_of(robot), arm_of(robot, 0.0, 0.0, 5.0), arm_constants(parameters, Payload(5.0))
-    rows = generator.uniform(-1.0, 1.0, (4, 2, LANES))
-    rows[0] = rows[1]
-    state = other = physics.State(*(physics.PerJoint(*row) for row in rows))
-    torque = physics.PerJoint(*generator.uniform(-100.0, 100.0, (2, LANES)))
-    force = physics.Point(*generator.uniform(-50.0, 50.0, (2, LANES)))
-    for _ in range(50):
-        state, other = physics.step(state, torque, force, arm, 2e-4), by_hand.step(other, torque, force, old, 2e-4)
-    np.testing.assert_allclose(np.array(state), np.array(other), atol=1e-12)
-
-
 def test_numpy_machine_code_and_torch_agree_and_a_lane_is_the_single_arm_bit_for_bit():
     robot = robot_named("planar-3r")
-    physics, arm = physics_of(robot), arm_of(robot)
-    hold, generator = hold_of(physics), np.random.default_rng(1)
+    physics, generator = physics_of(robot), np.random.default_rng(1)
+    hold = hold_of(physics)
     state = generator.uniform(-1.0, 1.0, (4 * len(robot), LANES))
     state[: len(robot)] = state[len(robot) : 2 * len(robot)]
     torque, force = generator.uniform(-20.0, 20.0, (3, LANES)), generator.uniform(-9.0, 9.0, (6, LANES))
-    constants = np.repeat(np.array(flat(arm))[:, np.newaxis], LANES, axis=1)
-    lanes = state.copy()
+    constants = np.repeat(np.array(flat(arm_of(robot)))[:, np.newaxis], LANES, axis=1)
+    lanes, single = state.copy(), state[:, 3:4].copy()
     hold(lanes, torque, force, constants, 2e-4, 1)
-    single = state[:, 3:4].copy()
-    hold(single, torque[:, 3:4].copy(), force[:, 3:4].copy(), constants[:, 3:4].copy(), 2e-4, 1)
+    hold(single, *(given[:, 3:4].copy() for given in (torque, force, constants)), 2e-4, 1)
     np.testing.assert_array_equal(single[:, 0], lanes[:, 3])
-
-    def step(kind):
-        rows = [physics.PerJoint(*(kind(row) for row in part)) for part in state.reshape(4, 3, LANES)]
-        load = physics.Point(*(kind(row) for row in force[:3]))
-        numbers = filled(physics.Arm, (kind(row) for row in constants))
-        after = physics.step(
-            physics.State(*rows), physics.PerJoint(*(kind(row) for row in torque)), load, numbers, 2e-4
-        )
-        return np.concatenate([np.stack([np.asarray(row) for row in part]) for part in after])
-
-    np.testing.assert_allclose(step(np.array), lanes, atol=1e-15, rtol=1e-14)
-    np.testing.assert_allclose(step(torch.tensor), lanes, atol=1e-13, rtol=1e-12)
+    for kind, close in ((np.array, 1e-15), (torch.tensor, 1e-13)):
+        before, arm = filled(physics.State, map(kind, state)), filled(physics.Arm, map(kind, constants))
+        given = physics.PerJoint(*map(kind, torque)), physics.Point(*map(kind, force[:3]))
+        after = np.stack([np.asarray(row) for row in flat(physics.step(before, *given, arm, 2e-4))])
+        np.testing.assert_allclose(after, lanes, atol=close, rtol=10.0 * close)
 
 
 def swing(robot, h, seconds, velocity=1.0):
@@ -127,7 +102,7 @@ def swing(robot, h, seconds, velocity=1.0):
 
 
 @pytest.mark.parametrize("name", ["planar-3r", "skewed"])
-def test_energy_is_kept_to_second_order_without_losses(name):
+def test_energy_is_kept_to_second_order_without_losses_and_the_step_has_order_two(name):
     robot = without_losses(ROBOTS[name])
 
     def drift(h):
@@ -137,14 +112,9 @@ def test_energy_is_kept_to_second_order_without_losses(name):
         links = rigid_body.kinetic_energy(robot, link, rate) + rigid_body.potential_energy(robot, link)
         return np.ptp(springs + motors + links)
 
-    coarse, fine = drift(4e-4), drift(2e-4)
-    assert 3.0 < coarse / fine < 5.5
-
-
-@pytest.mark.parametrize("name", ["planar-3r", "skewed"])
-def test_step_has_order_two_with_damping_and_viscous_friction(name):
-    robot = with_drives(ROBOTS[name], static_friction=0.0, coulomb_friction=0.0)
-    ends = [list(swing(robot, h, 0.012))[-1] for h in (4e-4, 2e-4, 5e-5)]
+    assert 3.0 < drift(4e-4) / drift(2e-4) < 5.5
+    damped = with_drives(ROBOTS[name], static_friction=0.0, coulomb_friction=0.0)
+    ends = [list(swing(damped, h, 0.012))[-1] for h in (4e-4, 2e-4, 5e-5)]
     errors = [np.abs(end - ends[-1]).max() for end in ends[:-1]]
     assert 3.0 < errors[0] / errors[1] < 5.5
 
@@ -156,17 +126,10 @@ def test_a_motor_below_its_static_friction_sticks_exactly():
         np.testing.assert_array_equal(motor, np.linspace(0.3, 0.9, 6))
 
 
-def test_robots_of_one_structure_share_their_equations_and_no_text_of_a_robot_is_part_of_it():
-    robot = robot_named("ur5")
-    heavier = robot.with_payload(0.0)
-    assert physics_of(heavier) is physics_of(robot)
-    text = repr((structure_of(robot), physics_of(robot).Arm._fields))
-    assert robot.name not in text and not any(joint.name in text for joint in robot.joints)
-
-
-def test_what_is_zero_for_a_robot_or_moves_nothing_is_no_constant():
+def test_constants_are_what_moves_and_robots_of_one_structure_share_their_equations():
     planar, space = (physics_of(robot_named(name)).Arm._fields for name in ("planar-3r", "ur5"))
     assert not {name for name in planar if name.endswith(("xx", "xy", "xz", "yy", "yz"))}
     assert {"inertia3zz", "moment3x", "position2x", "tipx", "gravityx"} <= set(planar)
     assert {"inertia6xx", "moment2x", "gravityz"} <= set(space)
     assert not {"inertia1xx", "moment1x", "gravityx"} & set(space)  # its first axis is upright
+    assert physics_of(robot_named("ur5").with_payload(0.0)) is physics_of(robot_named("ur5"))

@@ -10,7 +10,7 @@ from support.two_joints import hold
 
 from fuzzyarm.envs.batch.schedule import Schedule
 from fuzzyarm.envs.fuzzy_arm import FuzzyArmEnv
-from fuzzyarm.envs.physics.dynamics import Payload, arm_constants, solve_mass_matrix, tip_jacobian
+from fuzzyarm.envs.physics.dynamics import Payload, arm_constants
 from fuzzyarm.envs.physics.parameters import ArmParameters
 from fuzzyarm.envs.physics.records import flat
 from fuzzyarm.envs.scenario.cases import CASES, find_case
@@ -54,11 +54,8 @@ def run(disturbance, torques=TORQUES, seed=0):
 
 def plant(start, torques, forces=NO_FORCES, payload=None):
     """States of the plant itself from `start`, without the environment."""
-    arm, state, states = (
-        np.array(flat(arm_constants(ArmParameters(), payload)))[:, None],
-        start[:, None].copy(),
-        [start],
-    )
+    arm = np.array(flat(arm_constants(ArmParameters(), payload)))[:, None]
+    state, states = start[:, None].copy(), [start]
     for torque, force in zip(torques, forces, strict=True):
         line = np.array([*force, 0.0, 0.0])[:4, None]  # a constant force, or a line given with its change
         hold(state, torque[:, None], line, arm, 2e-4, 5)
@@ -86,54 +83,15 @@ def undisturbed():
     return run(Disturbance())
 
 
-def test_without_disturbance_the_environment_is_the_plant(undisturbed):
+def test_tip_force_acts_on_the_plant_from_its_onset_to_its_end_at_its_size(undisturbed):
     assert np.array_equal(undisturbed.states, plant(undisturbed.states[0], TORQUES))
     assert not undisturbed.signal("external_force").any()
-
-
-# --- tip force ---------------------------------------------------------------------------------------------------
-
-
-def test_tip_force_acts_from_its_onset_to_its_end_at_its_size(undisturbed):
     disturbed = run(Disturbance(tip_force=PARTS["tip_force"]))
-    assert np.array_equal(disturbed.signal("external_force")[1:], ACTING * np.array(FORCE))
-    assert np.array_equal(disturbed.states[: ONSET + 1], undisturbed.states[: ONSET + 1])
-    assert (disturbed.states[ONSET + 1] != undisturbed.states[ONSET + 1]).all()
-
-
-def test_tip_force_enters_the_plant_as_the_force_of_hold(undisturbed):
-    disturbed = run(Disturbance(tip_force=PARTS["tip_force"]))
-    expected = plant(undisturbed.states[0], TORQUES, ACTING * np.array(FORCE))
-    assert np.array_equal(disturbed.states, expected)
+    forces = ACTING * np.array(FORCE)
+    assert np.array_equal(disturbed.signal("external_force")[1:], forces)
+    assert np.array_equal(disturbed.states, plant(undisturbed.states[0], TORQUES, forces))
     assert np.array_equal(disturbed.signal("torque")[1:], TORQUES)
-
-
-def test_tip_force_accelerates_the_links_alone():
-    state, h = np.array([0.7, 0.9, 0.7, 0.9, 0.5, -0.4, 0.5, -0.4]), 1e-7
-    arm, free, forced = (
-        np.array(flat(arm_constants(ArmParameters())))[:, None],
-        state[:, None].copy(),
-        state[:, None].copy(),
-    )
-    hold(free, np.zeros((2, 1)), np.zeros((4, 1)), arm, h, 1)
-    hold(forced, np.zeros((2, 1)), np.array([*FORCE, 0.0, 0.0])[:, None], arm, h, 1)
-    acceleration = (forced - free)[:, 0] / h
-    joint_torques = tip_jacobian(state[2:4], (0.5, 0.5)).T @ FORCE
-    expected = solve_mass_matrix(np.cos(state[3]), *joint_torques, arm_constants(ArmParameters()))
-    np.testing.assert_allclose(acceleration[6:], expected, rtol=1e-4)
-    assert np.abs(acceleration[:6]).max() < 1e-4 * np.abs(expected).min()
-
-
-class Ramp:
-    """A force of the user's own: any object with the method `at` will do."""
-
-    def at(self, time, tip_velocity):
-        return np.stack([1000.0 * time, np.zeros_like(time)], axis=-1)
-
-
-def test_forces_are_taken_at_the_middle_of_the_step():
-    forces = run(Disturbance(tip_force=Ramp())).signal("external_force")[1:, 0]
-    np.testing.assert_allclose(forces, np.arange(STEPS) + 0.5, rtol=1e-12)
+    assert (disturbed.states[ONSET + 1] != undisturbed.states[ONSET + 1]).all()
 
 
 class OneColumn:
@@ -141,49 +99,26 @@ class OneColumn:
         return np.ones((len(time), 1))
 
 
-class Uneven:
-    def at(self, time, tip_velocity):
-        return [1.0, [2.0]]
-
-
-def test_a_force_of_the_wrong_shape_never_reaches_the_kernel():
-    with pytest.raises(ValueError, match=r"tip_force\.at = \[1\.0, \[2\.0\]\] is no array"):
-        sampled(Disturbance(tip_force=Uneven()))
+def test_loads_of_the_wrong_shape_never_reach_the_kernel():
     with pytest.raises(ValueError, match=r"tip_force\.at gave shape \(12000, 1\).*\(12000, 2\)"):
         sampled(Disturbance(tip_force=OneColumn()))
-
-
-def test_a_bias_of_another_robot_never_reaches_the_kernel():
     with pytest.raises(ValueError, match=r"TorqueBias\.torque has 3 numbers; needed: 2, one for each joint"):
         sampled(Disturbance(torque_bias=TorqueBias((1.0, 2.0, 3.0))))
+    with pytest.raises(ValueError, match=r"payload = 3\.0 must have mass and radius"):
+        Disturbance(payload=3.0)
 
 
-# --- machining ---------------------------------------------------------------------------------------------------
-
-
-def machining():
-    """Middles of the control steps, reference tip velocity there, and mean force."""
+def test_machining_force_opposes_the_travel_with_a_half_sine_of_138_to_218_newton():
     middles, reference = (np.arange(1500) + 0.5) * 1e-3, JointReference()
-    forces = sampled(CASES["machining"].disturbance, reference).forces[:, :2]
-    return middles, reference.tip(middles).velocity, forces
-
-
-def test_machining_force_opposes_the_travel_at_138_to_218_newton():
-    _, velocity, forces = machining()
-    speed, size = np.linalg.norm(velocity, axis=-1), np.linalg.norm(forces, axis=-1)
-    moving = speed >= MachiningForce().fade_speed
-    assert moving.mean() > 0.9
-    np.testing.assert_allclose(np.sum(forces * velocity, axis=-1)[moving], -(size * speed)[moving], rtol=1e-5)
-    assert size[moving].min() >= 138.0 - 0.5  # the step in which the fade ends
-    assert 217.99 < size.max() <= 218.0
-    assert size[~moving].max() < 138.0 + 80.0 * np.sin(np.pi * 0.1)  # slow only near both ends
-
-
-def test_machining_force_follows_a_half_sine_while_moving():
-    time, velocity, forces = machining()
-    expected = 138.0 + 80.0 * np.sin(np.pi * time / 1.5)
-    steady = np.linalg.norm(velocity, axis=-1) >= 0.011  # past the step in which the fade ends
-    np.testing.assert_allclose(np.linalg.norm(forces, axis=-1)[steady], expected[steady], rtol=1e-5)
+    velocity, lines = reference.tip(middles).velocity, sampled(CASES["machining"].disturbance, reference).forces
+    speed, size = np.linalg.norm(velocity, axis=-1), np.linalg.norm(lines[:, :2], axis=-1)
+    steady = speed >= 0.011  # past the step in which the fade ends
+    assert steady.mean() > 0.9 and 217.99 < size.max() <= 218.0
+    np.testing.assert_allclose(np.sum(lines[:, :2] * velocity, axis=-1)[steady], -(size * speed)[steady], rtol=1e-5)
+    np.testing.assert_allclose(size[steady], 138.0 + 80.0 * np.sin(np.pi * middles[steady] / 1.5), rtol=1e-5)
+    disturbed = run(CASES["machining"].disturbance)
+    assert np.array_equal(disturbed.signal("external_force")[1:], lines[:STEPS, :2])
+    assert np.array_equal(disturbed.states, plant(disturbed.states[0], TORQUES, lines[:STEPS]))
 
 
 def test_machining_force_fades_out_towards_rest_without_a_jump():
@@ -192,18 +127,6 @@ def test_machining_force_fades_out_towards_rest_without_a_jump():
     size = np.linalg.norm(force.at(np.zeros(201), speeds[:, None] * [0.6, 0.8]), axis=-1)
     np.testing.assert_allclose(size, 138.0 * np.minimum(speeds / 0.01, 1.0), atol=1e-9)
     assert not force.at(np.array([0.0, 0.75, 9.0]), np.zeros((3, 2))).any()
-
-
-def test_machining_force_takes_one_instant_like_many():
-    force, time, velocity = MachiningForce(), np.array([0.2, 0.9]), np.array([[0.3, 0.4], [-0.1, 0.2]])
-    alone = [force.at(t, v) for t, v in zip(time, velocity, strict=True)]
-    assert np.array_equal(force.at(time, velocity), alone)
-
-
-def test_machining_case_reports_the_mean_force_it_applies():
-    disturbed, lines = run(CASES["machining"].disturbance), sampled(CASES["machining"].disturbance).forces[:STEPS]
-    assert np.array_equal(disturbed.signal("external_force")[1:], lines[:, :2])
-    assert np.array_equal(disturbed.states, plant(disturbed.states[0], TORQUES, lines))
 
 
 def test_force_lines_keep_the_impulse_and_the_trend_of_a_smooth_force():
@@ -221,9 +144,6 @@ def test_force_lines_keep_the_impulse_and_the_trend_of_a_smooth_force():
     assert not lines[:, [1, 3]].any()
 
 
-# --- torque bias -------------------------------------------------------------------------------------------------
-
-
 def test_torque_bias_is_a_torque_the_action_does_not_hold(undisturbed):
     biased = run(Disturbance(torque_bias=PARTS["torque_bias"]))
     same_by_action = run(Disturbance(), TORQUES + ACTING * np.array(BIAS))
@@ -233,26 +153,23 @@ def test_torque_bias_is_a_torque_the_action_does_not_hold(undisturbed):
     assert np.array_equal(biased.signal("reward_effort"), undisturbed.signal("reward_effort"))
 
 
-def test_torque_bias_changes_nothing_before_its_onset(undisturbed):
-    biased = run(Disturbance(torque_bias=PARTS["torque_bias"]))
-    assert np.array_equal(biased.states[: ONSET + 1], undisturbed.states[: ONSET + 1])
-    assert (biased.states[ONSET + 1, 4:6] != undisturbed.states[ONSET + 1, 4:6]).all()
-    assert not biased.signal("external_force").any()
+class HalfWay:
+    """A payload that this package does not know, with a mass and a radius: in the middle of link 2."""
+
+    mass = 5.0
+
+    def radius(self, parameters):
+        return 0.5 * parameters.length[1]
 
 
-# --- payload -----------------------------------------------------------------------------------------------------
-
-
-@pytest.mark.parametrize("payload", [Payload(5.0), Payload(5.0, at="link")], ids=["tip", "link"])
+@pytest.mark.parametrize("payload", [Payload(5.0), Payload(5.0, at="link"), HalfWay()], ids=["tip", "link", "own"])
 def test_payload_changes_the_constants_of_the_plant_alone(undisturbed, payload):
     loaded = run(Disturbance(payload=payload))
     assert np.array_equal(loaded.states[0], undisturbed.states[0])  # the motors do not know the payload
-    assert np.array_equal(loaded.states, plant(undisturbed.states[0], TORQUES, payload=payload))
+    known = Payload(5.0, at="link") if isinstance(payload, HalfWay) else payload  # whose center is in its middle
+    assert np.array_equal(loaded.states, plant(undisturbed.states[0], TORQUES, payload=known))
     assert not np.array_equal(loaded.states[1], undisturbed.states[1])
     assert not loaded.signal("external_force").any()
-
-
-# --- encoder noise -----------------------------------------------------------------------------------------------
 
 
 def test_encoder_noise_reaches_the_motor_readings_alone(undisturbed):
@@ -261,10 +178,6 @@ def test_encoder_noise_reaches_the_motor_readings_alone(undisturbed):
     assert (noisy.observations[:, :4] != undisturbed.observations[:, :4]).all()
     for seen, true in zip(noisy.infos, undisturbed.infos, strict=True):
         assert all(np.array_equal(seen[name], true[name]) for name in true)
-
-
-def test_encoder_noise_of_zero_is_no_noise(undisturbed):
-    assert np.array_equal(run(Disturbance(encoder_noise=EncoderNoise())).observations, undisturbed.observations)
 
 
 def test_encoder_noise_has_the_set_deviation_and_is_white():
@@ -280,27 +193,12 @@ def test_encoder_noise_has_the_set_deviation_and_is_white():
     assert (np.abs(white[1:].T @ white[:-1] / n) < 5.0 / math.sqrt(n)).all()
 
 
-def test_readings_stay_in_the_observation_space_however_large_the_noise():
-    boundless = EncoderNoise(position=1e308, velocity=1e308)
-    readings = encoder_noise(Disturbance(encoder_noise=boundless), 200, seed=2)
-    assert (np.abs(readings) == np.array([2.0 * np.pi] * 2 + [150.0] * 2)).all()
-
-
 def test_encoder_noise_of_angles_leaves_velocities_alone_and_the_other_way_round():
     both, position, velocity = (
         encoder_noise(Disturbance(encoder_noise=EncoderNoise(*deviations)), 20, seed=6)
         for deviations in ((2e-4, 3e-2), (2e-4, 0.0), (0.0, 3e-2))
     )
     assert np.array_equal(position, both * [1, 1, 0, 0]) and np.array_equal(velocity, both * [0, 0, 1, 1])
-
-
-def test_encoder_noise_is_the_seeds():
-    first, again, other = (run(Disturbance(encoder_noise=NOISE), seed=seed).observations for seed in (4, 4, 5))
-    assert np.array_equal(first, again)
-    assert (first[:, :4] != other[:, :4]).all()
-
-
-# --- together ----------------------------------------------------------------------------------------------------
 
 
 def test_all_parts_together_are_each_part_in_its_channel(undisturbed):
@@ -321,9 +219,6 @@ def test_a_part_does_not_shift_the_noise_of_the_same_seed(part):
     assert np.array_equal(with_part, encoder_noise(Disturbance(encoder_noise=NOISE), STEPS, seed=3))
 
 
-# --- the paper's cases -------------------------------------------------------------------------------------------
-
-
 def test_the_cases_are_the_papers():
     assert {name: case.disturbance for name, case in CASES.items()} == {
         "nominal": Disturbance(None, Payload(0.0), None, None),
@@ -334,48 +229,14 @@ def test_the_cases_are_the_papers():
     assert all(name == case.name and case.title for name, case in CASES.items())
 
 
-def test_the_payload_is_55_6_percent_of_the_second_link():
-    assert CASES["payload"].disturbance.payload.mass / ArmParameters().mass[1] == pytest.approx(0.556, abs=5e-4)
-
-
-def test_an_unknown_case_names_the_choices():
-    with pytest.raises(ValueError, match="unknown case 'drilling'; choose from: nominal, machining, payload"):
-        find_case("drilling")
-
-
-# --- the tables of an episode ------------------------------------------------------------------------------------
-
-
-def test_targets_carry_the_reference_tip_and_the_unit_normal_on_the_left():
+def test_targets_carry_the_reference_tip_the_unit_normal_on_the_left_and_the_circle():
     reference = JointReference(path=Line((0.4, 0.5), (0.5, 0.4)))
     targets, times = sampled(Disturbance(), reference).targets, np.arange(1501) * 1e-3
     assert np.array_equal(targets[:, :2], reference.tip(times).position)
     np.testing.assert_allclose(targets[:, 2:4], np.full((1501, 2), math.sqrt(0.5)), rtol=1e-14)
     assert not targets[:, 4:].any()  # no circle
-
-
-def test_targets_of_a_circle_carry_center_and_radius():
-    circle = Circle(center=(0.35, 0.6), radius=0.15)
-    targets = sampled(Disturbance(), JointReference(path=circle)).targets
-    assert (targets[:, 4:] == [0.35, 0.6, 0.15]).all()
-
-
-@pytest.mark.parametrize(("period", "steps"), [(1e-3, 1500), (5e-4, 3000), (2e-3, 750), (7e-4, 2143), (0.1, 15)])
-def test_an_episode_covers_the_reference(period, steps):
-    episode = Schedule.build(JointReference(), Disturbance(), period)
-    last = JointReference().sample(1.5)
-    assert episode.steps == steps and len(episode.references) == len(episode.targets) == steps + 1
-    assert len(episode.forces) == len(episode.biases) == steps
-    assert np.array_equal(episode.references[-1], np.concatenate(last))
-
-
-def test_the_tables_of_an_episode_are_one_table_side_by_side():
-    bias = TorqueBias(BIAS, start=1.0)
-    episode = sampled(Disturbance(tip_force=MachiningForce(), torque_bias=bias))
-    table = np.hstack([episode.references[:-1], episode.targets[:-1], episode.forces, episode.biases])
-    assert np.array_equal(table, episode.table[:-1]) and table.shape == (1500, 19)
-    assert not episode.table[-1, 13:].any()  # nothing acts once the reference has ended
-    assert np.array_equal(episode.biases, (np.arange(1500)[:, None] >= 1000) * np.array(BIAS))
+    circle = JointReference(path=Circle(center=(0.35, 0.6), radius=0.15))
+    assert (sampled(Disturbance(), circle).targets[:, 4:] == [0.35, 0.6, 0.15]).all()
 
 
 @pytest.mark.parametrize(("start", "first"), [(0.9996, 1000), (1.0004, 1000), (1.0006, 1001)])
@@ -384,29 +245,16 @@ def test_a_bias_holds_over_the_steps_whose_middle_it_covers(start, first):
     assert np.flatnonzero(biases[:, 0])[0] == first
 
 
-# --- messages ----------------------------------------------------------------------------------------------------
-
 WRONG = [
     (MachiningForce, {"base": math.nan}, r"MachiningForce\.base = nan .*\[-1e\+12, 1e\+12\] N"),
-    (MachiningForce, {"swing": math.inf}, r"MachiningForce\.swing = inf .*\[-1e\+12, 1e\+12\] N"),
-    (MachiningForce, {"duration": 0.0}, r"MachiningForce\.duration = 0\.0 .*\[1e-12, 1e\+12\] s"),
     (MachiningForce, {"fade_speed": -0.1}, r"MachiningForce\.fade_speed = -0\.1 .*\[1e-12, 1e\+12\]"),
     (ConstantForce, {"force": (1.0, math.nan)}, r"ConstantForce\.force\[1\] = nan .*\[-1e\+12, 1e\+12\] N"),
-    (
-        ConstantForce,
-        {"force": (1.0,)},
-        r"ConstantForce\.force = \(1\.0,\) must be 2 real numbers.*\[-1e\+12, 1e\+12\] N",
-    ),
-    (ConstantForce, {"force": 5.0}, r"ConstantForce\.force = 5\.0 must be 2 real numbers.*\[-1e\+12, 1e\+12\] N"),
+    (ConstantForce, {"force": (1.0,) * 4}, r"ConstantForce\.force = .* must be 2 real numbers"),
     (ConstantForce, {"force": FORCE, "start": -1.0}, r"ConstantForce\.start = -1\.0 .*\[0, inf\)"),
     (ConstantForce, {"force": FORCE, "start": 1.0, "stop": 1.0}, r"ConstantForce: .*stop = 1\.0.*0 <= start < stop"),
-    (TorqueBias, {"torque": (math.inf, 0.0)}, r"TorqueBias\.torque\[0\] = inf .*\[-1e\+12, 1e\+12\] N m"),
     (TorqueBias, {"torque": (1.0,) * 13}, r"TorqueBias\.torque = .* must be 2 real numbers"),
-    (ConstantForce, {"force": (1.0,) * 4}, r"ConstantForce\.force = .* must be 2 real numbers"),
-    (TorqueBias, {"torque": BIAS, "start": math.nan}, r"TorqueBias\.start = nan .*\[0, inf\)"),
     (TorqueBias, {"torque": BIAS, "stop": math.nan}, r"TorqueBias: .*stop = nan.*0 <= start < stop"),
     (EncoderNoise, {"position": -1e-4}, r"EncoderNoise\.position = -0\.0001 .*\[0, inf\)"),
-    (EncoderNoise, {"velocity": "1"}, r"EncoderNoise\.velocity = '1' .*\[0, inf\)"),
     (Payload, {"mass": -1.0}, r"payload mass = -1\.0 kg .*\[0, 1e\+12\] kg"),
     (Payload, {"mass": 1.0, "at": "elbow"}, "payload at = 'elbow' .*choose from: tip, link"),
 ]
@@ -416,8 +264,3 @@ WRONG = [
 def test_a_value_out_of_range_is_named_with_its_range(part, values, message):
     with pytest.raises((TypeError, ValueError), match=message):
         part(**values)
-
-
-def test_lists_arrays_and_integers_are_numbers_too():
-    forces = [ConstantForce(force).at(np.array([1.0]), None) for force in ([1, 2], np.array([1.0, 2.0]), (1, 2.0))]
-    assert all(force.tolist() == [[1.0, 2.0]] for force in forces)

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import dataclasses
-import itertools
 
 import numpy as np
 import pytest
@@ -20,6 +19,7 @@ from fuzzyarm.envs.physics.dynamics import (
     solve_mass_matrix,
     tip_position,
 )
+from fuzzyarm.envs.physics.equations import robot_of
 from fuzzyarm.envs.physics.parameters import ArmParameters
 from fuzzyarm.envs.physics.rigid_body import inverse_dynamics
 from fuzzyarm.envs.physics.robot import robot_named
@@ -27,6 +27,7 @@ from fuzzyarm.envs.scenario.default_reference import default_reference
 from fuzzyarm.envs.scenario.elastic_reference import ElasticReference
 from fuzzyarm.envs.scenario.paths import Lemniscate, Line, Spline
 from fuzzyarm.envs.scenario.reference import JointReference
+from fuzzyarm.envs.scenario.robot_reference import TipReference
 
 ARM = ArmParameters()
 SOFT = dataclasses.replace(ARM, stiffness=(2e4, 5e3), damping=(400.0, 100.0))  # time constants of 20 ms
@@ -41,6 +42,7 @@ REFERENCES = {
     "soft arm": JointReference(parameters=SOFT),
     "one joint hardly damped": JointReference(parameters=STIFFLY_DAMPED),
     "one joint undamped": JointReference(parameters=UNDAMPED),
+    "planar-3r": default_reference(robot_named("planar-3r")),
 }
 
 
@@ -56,31 +58,20 @@ def instants(reference, count=300):
     return np.sort(np.concatenate([inner, reference.corners()]))
 
 
+def drives_of(reference, *names):
+    """Numbers of the drives along a reference, of the two-joint arm or of a robot."""
+    robot = reference.robot if isinstance(reference, TipReference) else robot_of(reference.parameters)
+    return robot, *(robot.drive(name) for name in names)
+
+
 def test_the_link_equation_holds(elastic):
-    """M q̈_d + C q̇_d + g = K_t (θ_d - q_d) + B_t (θ̇_d - q̇_d), all terms written out, to 1e-9 N m."""
-    reference, arm = elastic.reference, arm_constants(elastic.reference.parameters)
-    t = instants(reference)
-    (q, dq, ddq), motor = reference.sample(t), elastic.sample(t)
-    c2 = np.cos(q[:, 1])
-    m12 = arm.c3 + arm.c2 * c2
-    sin2 = np.sin(q[:, 1])
-    second = arm.c5 * np.sin(q[:, 0] + q[:, 1])
-    needed = np.stack(
-        [
-            (arm.c1 + 2 * arm.c2 * c2) * ddq[:, 0]
-            + m12 * ddq[:, 1]
-            - arm.c2 * sin2 * dq[:, 1] * (2 * dq[:, 0] + dq[:, 1])
-            + arm.c4 * np.sin(q[:, 0])
-            + second,
-            m12 * ddq[:, 0] + arm.c3 * ddq[:, 1] + arm.c2 * sin2 * dq[:, 0] ** 2 + second,
-        ],
-        axis=1,
-    )
-    given = np.stack(
-        joint_torque(state_of([*motor.q.T, *q.T, *motor.dq.T, *dq.T]), arm),
-        axis=1,
-    )
-    np.testing.assert_allclose(given, needed, rtol=0.0, atol=1e-9)
+    """M q̈_d + C q̇_d + g = K_t (θ_d - q_d) + B_t (θ̇_d - q̇_d), to 1e-9 N m."""
+    t = instants(elastic.reference)
+    links, motor = elastic.reference.sample(t), elastic.sample(t)
+    robot, stiffness, damping = drives_of(elastic.reference, "stiffness", "damping")
+    given = stiffness * (motor.q - links.q) + damping * (motor.dq - links.dq)
+    np.testing.assert_allclose(given, inverse_dynamics(robot, *links), rtol=0.0, atol=1e-9)
+    assert np.abs(motor.q - links.q).max() > 1e-4 and 0.0 < elastic.box_use < 1.0
 
 
 def test_velocities_and_accelerations_are_the_derivatives(elastic):
@@ -99,36 +90,10 @@ def test_velocities_and_accelerations_are_the_derivatives(elastic):
 
     np.testing.assert_allclose(change(inside.dq), np.diff(at_ends.q, axis=0), rtol=0.0, atol=1e-12)
     # Without damping θ̇_d jumps at corners: a piece that ends in one is left out.
-    whole = ~np.isin(ends[1:], reference.corners()) | (min(reference.parameters.damping) > 0.0)
+    _, damping = drives_of(reference, "damping")
+    whole = ~np.isin(ends[1:], reference.corners()) | (damping.min() > 0.0)
     assert whole.sum() > 300
     np.testing.assert_allclose(change(inside.ddq)[whole], np.diff(at_ends.dq, axis=0)[whole], rtol=0.0, atol=1e-8)
-
-
-@pytest.mark.parametrize(
-    "name",
-    slow_but(["waypoints, other elbow"], ["the paper's circle", "soft arm", "waypoints, other elbow"]),
-)
-def test_an_integrator_finds_the_same_bending(name):
-    """B_t δ̇ = τ_d - K_t δ from rest, by an implicit Runge-Kutta method, corner to corner."""
-    reference = REFERENCES[name]
-    elastic = ElasticReference(reference)
-    stiffness, damping = np.array(reference.parameters.stiffness), np.array(reference.parameters.damping)
-    delta = elastic.torque(0.0) / stiffness
-    corners = reference.corners()
-    for start, end in itertools.pairwise(corners):
-        asked = np.linspace(start, end, 8)
-        found = solve_ivp(
-            lambda t, x: (elastic.torque(t) - stiffness * x) / damping,
-            (start, end),
-            delta,
-            method="Radau",
-            t_eval=asked,
-            rtol=1e-7,
-            atol=1e-12,
-        )
-        delta = found.y[:, -1]
-        bending = elastic.sample(asked).q - reference.sample(asked).q
-        np.testing.assert_allclose(found.y.T, bending, rtol=0.0, atol=1e-9)
 
 
 def test_the_elastic_arm_without_friction_follows_open_loop():
@@ -161,31 +126,19 @@ def test_the_elastic_arm_without_friction_follows_open_loop():
     assert np.abs(bending).max() > 1e-3  # there was something to compensate
 
 
-def test_at_rest_the_bending_is_static():
+def test_at_rest_the_bending_is_static_and_shapes_follow_the_times():
     elastic = ElasticReference(JointReference())
     for t in (-1.0, 0.0, 5.0):
         motion, rest = elastic.sample(t), elastic.reference.sample(t)
         static = np.stack(gravity_torque(np.sin(rest.q[0]), np.sin(rest.q.sum()), arm_constants(ARM)))
         np.testing.assert_allclose(motion.q - rest.q, static / np.array(ARM.stiffness), rtol=0.0, atol=1e-15)
         np.testing.assert_allclose(motion.dq, 0.0, atol=1e-12)
-
-
-def test_shapes_follow_the_times():
-    elastic = ElasticReference(JointReference())
-    t = np.linspace(0.0, 1.5, 6)
-    many, grid = elastic.sample(t), elastic.sample(t.reshape(2, 3))
-    assert elastic.sample(0.3).q.shape == (2,) and many.q.shape == (6, 2)
-    for flat, shaped in zip(many, grid, strict=True):
-        np.testing.assert_array_equal(shaped, flat.reshape(2, 3, 2))
+    t = np.linspace(0.0, 1.5, 501)
+    many, grid = elastic.sample(t), elastic.sample(t[:6].reshape(2, 3))
+    np.testing.assert_array_equal(grid.q, many.q[:6].reshape(2, 3, 2))
     np.testing.assert_array_equal(many.q[2], elastic.sample(t[2]).q)
-
-
-def test_box_use_is_the_largest_share():
-    elastic = ElasticReference(JointReference())
-    motion = elastic.sample(np.linspace(0.0, 1.5, 501))
-    share = max(np.abs(motion.q).max() / np.pi, np.abs(motion.dq).max() / 15.0)
+    share = max(np.abs(many.q).max() / np.pi, np.abs(many.dq).max() / 15.0)
     assert elastic.box_use == pytest.approx(share, rel=1e-12)
-    assert 0.6 < elastic.box_use < 0.7
 
 
 @pytest.mark.parametrize(
@@ -200,49 +153,3 @@ def test_leaving_the_box_is_refused(message, duration, change):
     reference = JointReference(duration=duration, parameters=dataclasses.replace(ARM, **change))
     with pytest.raises(ValueError, match="^" + message + r".*allowed: \[-.*stiffen the joints"):
         ElasticReference(reference)
-
-
-def test_corners_of_a_reference_are_those_of_its_path_in_time():
-    reference = JointReference(Spline(WAYPOINTS), duration=1.2)
-    corners = reference.corners()
-    assert len(corners) == 4
-    np.testing.assert_allclose(reference.tip(corners).position, WAYPOINTS, rtol=0.0, atol=1e-12)
-    np.testing.assert_array_equal(JointReference().corners(), [0.0, 1.5])
-
-
-@pytest.mark.parametrize("name", slow_but(["planar-3r"], ["planar-3r", "ur5"]))
-def test_the_springs_of_a_robot_carry_what_its_links_need(name):
-    """B_t δ̇ + K_t δ = M q̈_d + C q̇_d + g, with derivatives that belong to the values."""
-    robot = robot_named(name)
-    reference = default_reference(robot)
-    elastic = ElasticReference(reference)
-    t = np.random.default_rng(0).uniform(0.05, reference.duration - 0.05, 20)
-    motion, links, h = elastic.sample(t), reference.sample(t), 1e-4
-    needed = inverse_dynamics(robot, *links)
-    bending, rate = motion.q - links.q, motion.dq - links.dq
-    given = robot.drive("damping") * rate + robot.drive("stiffness") * bending
-    np.testing.assert_allclose(given, needed, rtol=0, atol=1e-10)
-    differences = [
-        (after - before) / (2.0 * h) for after, before in zip(elastic.sample(t + h), elastic.sample(t - h), strict=True)
-    ]
-    np.testing.assert_allclose(differences[0], motion.dq, rtol=0, atol=1e-5)
-    np.testing.assert_allclose(differences[1], motion.ddq, rtol=0, atol=1e-4)
-    assert np.abs(bending).max() > 1e-3
-    assert 0.0 < elastic.box_use < 1.0
-
-
-@pytest.mark.slow
-def test_a_robot_whose_motors_leave_their_range_says_so():
-    robot = robot_named("planar-3r")
-    reference = default_reference(robot)
-    motors = ElasticReference(reference).sample(np.linspace(0.0, reference.duration, 501)).q
-    links = reference.sample(np.linspace(0.0, reference.duration, 501)).q
-    k = int(np.argmax(motors.max(axis=0) - links.max(axis=0)))
-    highest, beyond = links[:, k].max(), motors[:, k].max()
-    assert beyond > highest + 1e-4
-    joints = list(robot.joints)
-    joints[k] = dataclasses.replace(robot.joints[k], angle_range=(-3.0, 0.5 * (highest + beyond)))
-    narrow = dataclasses.replace(robot, joints=tuple(joints))
-    same = dataclasses.replace(reference, robot=narrow)
-    with pytest.raises(ValueError, match=rf"theta_d{k + 1} = .* leaves the box; allowed: \[-3, "):
-        ElasticReference(same)

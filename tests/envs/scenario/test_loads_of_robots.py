@@ -44,21 +44,17 @@ def test_loads_take_the_share_of_the_motors_that_they_take_of_the_papers(name):
     assert case_for("machining", robot).disturbance.tip_force.duration == default_reference(robot).duration
 
 
-def test_titles_say_the_load_and_the_paper_keeps_its_own():
+def test_titles_say_the_load_and_the_paper_and_ones_own_cases_keep_theirs(monkeypatch):
     robot = robot_named("planar-3r")
     mass = case_for("payload", robot).disturbance.payload.mass
     assert case_for("payload", robot).title == f"Case 3: {mass:g} kg payload" and mass < 5.0
-    assert case_for("nominal", robot) is find_case("nominal")
+    mine = Case("mine", "Mine", Disturbance(payload=Payload(3.0), tip_force=ConstantForce((1.0, 2.0, 3.0))))
+    monkeypatch.setitem(cases.CASES, "mine", mine)
+    assert case_for("nominal", robot) is find_case("nominal") and case_for("mine", robot) is mine
     for name in cases.PAPER_CASES:
         assert case_for(name, ArmParameters()) is find_case(name)
     with pytest.raises(ValueError, match="unknown case 'other'; choose from: nominal"):
         case_for("other", robot)
-
-
-def test_a_case_of_your_own_is_taken_as_it_is(monkeypatch):
-    mine = Case("mine", "Mine", Disturbance(payload=Payload(3.0), tip_force=ConstantForce((1.0, 2.0, 3.0))))
-    monkeypatch.setitem(cases.CASES, "mine", mine)
-    assert case_for("mine", robot_named("planar-3r")) is mine
 
 
 def test_the_references_of_a_robots_family_begin_and_end_at_home_within_the_motors():

@@ -12,7 +12,6 @@ from fuzzyarm.envs.physics.robot import robot_named
 from fuzzyarm.envs.scenario.cases import case_for, find_case, with_loads
 from fuzzyarm.envs.scenario.default_reference import SHARE, default_reference
 from fuzzyarm.envs.scenario.given_path import GivenPath
-from fuzzyarm.envs.scenario.paths import Square
 from fuzzyarm.envs.scenario.reference import JointReference
 
 SHORT = dataclasses.replace(ArmParameters(), length=(0.5, 0.4), mass_center=(0.25, 0.2), stiffness=(8e3, 5e3))
@@ -35,14 +34,10 @@ def test_an_arm_too_short_for_the_papers_circle_follows_every_path_within_half_o
     assert max(shares(reference, SHORT)) <= SHARE + 1e-3
     tip = reference.tip(np.linspace(0.0, reference.duration, 200)).position
     assert np.ptp(tip, axis=0).max() > 0.1 and np.hypot(*tip.T).max() < sum(SHORT.length)
-
-
-def test_a_circle_that_was_placed_tells_its_center_and_radius():
-    reference = default_reference(SHORT)
-    center, radius = reference.circle
-    tip = reference.tip(np.linspace(0.0, reference.duration, 50)).position
-    np.testing.assert_allclose(np.linalg.norm(tip - center, axis=1), radius, rtol=1e-12)
-    assert radius == pytest.approx(0.2 * sum(SHORT.length))
+    if name == "circle":
+        center, radius = reference.circle
+        np.testing.assert_allclose(np.linalg.norm(tip - center, axis=1), radius, rtol=1e-12)
+        assert radius == pytest.approx(0.2 * sum(SHORT.length))
 
 
 def test_weak_motors_take_longer_for_the_same_path():
@@ -51,16 +46,6 @@ def test_weak_motors_take_longer_for_the_same_path():
     assert slower.path == paper.path and slower.duration > paper.duration
     assert max(shares(slower, weak)) <= SHARE + 1e-3
     assert default_reference(weak).duration == 1.5  # the paper's circle stays the paper's
-
-
-def test_a_square_is_twice_differentiable_and_square():
-    square, s = Square((0.1, -0.2), 0.3), np.linspace(0.0, 1.0, 401)
-    p, dp, ddp = square.points(s)
-    step = 1e-5
-    after, before = square.points(s + step), square.points(s - step)
-    np.testing.assert_allclose((after[0] - before[0]) / (2 * step), dp, atol=1e-6)
-    np.testing.assert_allclose((after[1] - before[1]) / (2 * step), ddp, atol=1e-4)
-    np.testing.assert_allclose(np.sum((p - (0.1, -0.2)) ** 8, axis=1), 0.3**8, rtol=1e-10)
 
 
 def test_loads_are_the_papers_for_its_lengths_and_limits_and_scaled_otherwise():
@@ -97,9 +82,7 @@ def test_points_of_a_file_are_followed(tmp_path):
     [
         ("a.csv", "\n0.4,0.5\n0.5,x\n", "line 3, cell 2 is 'x'; needed: x,y or x,y,z in metres"),
         ("a.csv", "O.4,0.5\n0.5,0.4\n0.5,0.6\n", "line 1, cell 1 is 'O.4'"),
-        ("a.csv", "O,l\n0.5,0.4\n0.5,0.6\n", "line 1, cell 1 is 'O'"),
         ("a.csv", "x,0.5\n0.5,0.4\n0.5,0.6\n", "line 1, cell 1 is 'x'"),
-        ("a.csv", "0.4;0.5\n0.5,0.4\n0.5,0.6\n", "line 1, cell 1 is '0.4;0.5'"),
         ("a.csv", "x;y\n0.4;0.5\n0.5;0.6\n", "line 1, cell 1 is 'x;y'"),
         ("a.csv", "x,y\n0.4,0.5\nx,y\n0.5,0.4\n", "line 3, cell 1 is 'x'"),
         ("a.csv", "0.4,nan\n0.5,0.4\n0.5,0.6\n", "line 1, cell 2 is 'nan'"),
@@ -117,13 +100,23 @@ def test_a_bad_file_is_named(name, text, message, tmp_path):
     assert str(caught.value).startswith(str(tmp_path))
 
 
-def test_a_path_out_of_reach_says_by_how_much():
-    with pytest.raises(ValueError, match=r"--path: .* 1.5 m from .*: 0 to 1 m, the reach of the arm: .* 0.5 m"):
-        GivenPath(((1.5, 0.0), (0.5, 0.5))).reference(ArmParameters())
-    uneven = ArmParameters(length=(0.5, 0.2), mass_center=(0.25, 0.1))
-    with pytest.raises(ValueError, match=r"allowed: 0.3 to 0.7 m, the reach of the arm: move the points by 0.3 m"):
-        GivenPath(((0.5, -0.2), (0.0, 0.0), (0.5, 0.2))).reference(uneven)
-    with pytest.raises(ValueError, match=r"--path: point \(2, 0, 0\) m is 2\.\d* m from the base"):
-        GivenPath(((0.5, 0.0, 0.2), (2.0, 0.0, 0.0))).reference(robot_named("ur5"))
-    with pytest.raises(ValueError, match="the points have 2 coordinates; needed: x, y, z for ur5"):
-        GivenPath(((0.5, 0.0), (0.5, 0.5))).reference(robot_named("ur5"))
+@pytest.mark.parametrize(
+    ("points", "arm", "message"),
+    [
+        (
+            ((1.5, 0.0), (0.5, 0.5)),
+            ArmParameters(),
+            r"--path: .* 1.5 m from .*: 0 to 1 m, the reach of the arm: .* 0.5 m",
+        ),
+        (
+            ((0.5, -0.2), (0.0, 0.0), (0.5, 0.2)),
+            ArmParameters(length=(0.5, 0.2), mass_center=(0.25, 0.1)),
+            r"allowed: 0.3 to 0.7 m, the reach of the arm: move the points by 0.3 m",
+        ),
+        (((0.5, 0.0, 0.2), (2.0, 0.0, 0.0)), "ur5", r"--path: point \(2, 0, 0\) m is 2\.\d* m from the base"),
+        (((0.5, 0.0), (0.5, 0.5)), "ur5", "the points have 2 coordinates; needed: x, y, z for ur5"),
+    ],
+)
+def test_a_path_out_of_reach_says_by_how_much(points, arm, message):
+    with pytest.raises(ValueError, match=message):
+        GivenPath(points).reference(robot_named(arm) if arm == "ur5" else arm)

@@ -5,13 +5,14 @@ import dataclasses
 import numpy as np
 import pytest
 from scipy import stats
-from support.two_joints import PHYSICS, Draw, named
+from support.results import identical
+from support.two_joints import named
 
 from fuzzyarm.envs.batch.lanes import Lanes
 from fuzzyarm.envs.fuzzy_arm import FuzzyArmEnv
-from fuzzyarm.envs.physics.dynamics import Payload, arm_constants, plant_of, rigid_inverse_dynamics
+from fuzzyarm.envs.physics.dynamics import Payload, arm_constants, rigid_inverse_dynamics
 from fuzzyarm.envs.physics.parameters import ArmParameters
-from fuzzyarm.envs.physics.records import PerJoint, filled, flat
+from fuzzyarm.envs.physics.records import flat
 from fuzzyarm.envs.scenario.cases import CASES
 from fuzzyarm.envs.scenario.default_reference import reference_family
 from fuzzyarm.envs.scenario.disturbances import Disturbance, EncoderNoise
@@ -72,30 +73,10 @@ def scaled(parameters, **factors):
     return dataclasses.replace(parameters, **fields)
 
 
-def a_draw(**given):
-    """The draw that changes nothing, but for the given entries."""
-    ones, zeros = PerJoint(1.0, 1.0), PerJoint(0.0, 0.0)
-    nothing = dict.fromkeys(Draw._fields, ones) | {"payload": 0.0, "force": 1.0, "angle": zeros, "reference": 0.0}
-    return Draw(**(nothing | given))
-
-
 def episode(env, torques, **reset):
     """Observations, rewards and infos of an open-loop episode."""
     observation, info = env.reset(**reset)
-    results = [(observation, 0.0, False, False, info)]
-    results += [env.step(torque) for torque in torques]
-    return results
-
-
-def same(first, second):
-    """Whether two episodes are the same, bit for bit."""
-    return all(
-        np.array_equal(a[0], b[0])
-        and a[1:4] == b[1:4]
-        and a[4].keys() == b[4].keys()
-        and all(np.array_equal(a[4][key], b[4][key]) for key in a[4])
-        for a, b in zip(first, second, strict=True)
-    )
+    return [(observation, 0.0, False, False, info), *(env.step(torque) for torque in torques)]
 
 
 TORQUES = np.array([110.0, 30.0]) + np.random.default_rng(0).normal(scale=10.0, size=(30, 2))
@@ -107,79 +88,36 @@ def many():
     return lanes_with(EVERYTHING, 4000)[0].randomisation_info()
 
 
-@pytest.fixture(scope="module")
-def family():
-    """The family of the arm of Table 1."""
-    return reference_family(TABLE_1)
-
-
-# --- ranges and messages -----------------------------------------------------------------------------------------
-
-
-@pytest.mark.parametrize("name", ALLOWED)
 @pytest.mark.parametrize(
-    "wrong",
-    [
-        1.0,
-        (1.0,),
-        (1.0, 1.0, 1.0),
-        "ab",
-        (1.2, 0.8),
-        (np.nan, 1.0),
-        (0.1, np.nan),
-        (-np.inf, 0.1),
-        (0.1, np.inf),
-        ("1", "2"),
-        (True, True),
-        None,
-        (0.1, 2000.0),
-        (-1.0, 0.1),
-    ],
+    "wrong", [1.0, (1.0, 1.0, 1.0), "ab", (1.2, 0.8), (0.1, np.nan), (True, True), None, (0.1, 2000.0), (-1.0, 0.1)]
 )
-def test_a_wrong_range_is_named_with_what_is_allowed(name, wrong):
-    low, high, unit = ALLOWED[name]
-    allowed = f"{low:g}, {high:g}"
-    with pytest.raises((TypeError, ValueError), match=rf"^DomainRandomisation\.{name}") as caught:
-        DomainRandomisation(**{name: wrong})
-    is_interval = isinstance(wrong, tuple) and len(wrong) == 2
-    assert not is_interval or allowed in str(caught.value) or "low <= high" in str(caught.value)
-    assert unit in str(caught.value)
+def test_a_wrong_range_is_named_with_what_is_allowed(wrong):
+    for name, (low, high, unit) in ALLOWED.items():
+        with pytest.raises((TypeError, ValueError), match=rf"^DomainRandomisation\.{name}") as caught:
+            DomainRandomisation(**{name: wrong})
+        is_interval = isinstance(wrong, tuple) and len(wrong) == 2
+        assert not is_interval or f"{low:g}, {high:g}" in str(caught.value) or "low <= high" in str(caught.value)
+        assert unit in str(caught.value)
 
 
 @pytest.mark.parametrize("name", ALLOWED)
 def test_the_ends_of_what_is_allowed_are_allowed(name):
     low, high, _ = ALLOWED[name]
-    for given in ((low, high), [low, high], (low, low), (high, high), (np.float64(low), high)):
-        randomisation = DomainRandomisation(**{name: given})
-        assert randomisation.varies == (given[0] < given[1])
+    for given in ([low, high], (low, low), (np.float64(low), high)):
+        assert DomainRandomisation(**{name: given}).varies == (given[0] < given[1])
     for given in ((np.nextafter(low, -9.0), high), (low, np.nextafter(high, 9e9))):
         with pytest.raises(ValueError, match=rf"DomainRandomisation\.{name}\[[01]\] = "):
             DomainRandomisation(**{name: given})
 
 
-def test_a_family_holds_references_only():
+def test_references_that_do_not_fit_are_refused():
     with pytest.raises(TypeError, match=r"references: entry = Circle.* must be a .*[.]Reference"):
         DomainRandomisation(references=(REFERENCE, Circle()))
-
-
-def test_a_family_for_another_arm_is_refused():
     other = DomainRandomisation(references=(REFERENCE, JointReference(parameters=LONG)))
     with pytest.raises(ValueError, match=r"links of \(0\.6, 0\.5\) m, the plant has \(0\.5, 0\.5\) m"):
         FuzzyArmEnv(randomisation=other)
-
-
-def test_a_reference_and_a_variation_that_draws_references_exclude_each_other():
-    for randomisation in ("robust", EVERYTHING):
-        with pytest.raises(ValueError, match="either a reference or a randomisation that draws references, not both"):
-            FuzzyArmEnv(reference=REFERENCE, randomisation=randomisation)
-    FuzzyArmEnv(reference=REFERENCE, randomisation="plants")
-
-
-def test_an_unknown_variation_names_the_choices():
-    with pytest.raises(
-        ValueError, match="unknown randomisation 'wild'; choose from: nominal, plants, robust, or give a"
-    ):
-        FuzzyArmEnv(randomisation="wild")
+    with pytest.raises(ValueError, match="either a reference or a randomisation that draws references, not both"):
+        FuzzyArmEnv(reference=REFERENCE, randomisation=EVERYTHING)
 
 
 def test_the_named_variations():
@@ -194,147 +132,50 @@ def test_the_named_variations():
     assert find_randomisation(EVERYTHING, TABLE_1) is EVERYTHING
 
 
-def test_ranges_are_the_fields_in_the_order_of_a_draw():
-    ranges = filled(Draw, EVERYTHING.ranges(2).tolist())
-    for name in ALLOWED:
-        for entry in getattr(ranges, name) if name in PER_JOINT else (getattr(ranges, name),):
-            assert entry == list(getattr(EVERYTHING, name)), name
-    assert ranges.reference == [0.0, 5.0]
-
-
-# --- nothing varied ----------------------------------------------------------------------------------------------
-
-
-@pytest.mark.parametrize(
-    "nothing", ["nominal", DomainRandomisation(), DomainRandomisation(mass=[1, 1], payload=(0, 0))]
-)
-def test_a_variation_of_nothing_changes_no_bit(nothing):
+@pytest.mark.parametrize("nothing", ["nominal", DomainRandomisation(mass=[1, 1], payload=(0, 0))])
+def test_a_variation_of_nothing_changes_no_bit_and_shows_nothing(nothing):
     plain, unvaried = FuzzyArmEnv(disturbance=NOISY), FuzzyArmEnv(disturbance=NOISY, randomisation=nothing)
-    assert same(episode(plain, TORQUES, seed=1), episode(unvaried, TORQUES, seed=1))
-    assert same(episode(plain, TORQUES), episode(unvaried, TORQUES))
-
-
-def test_info_has_no_variation_unless_something_is_drawn():
-    for randomisation in ("nominal", DomainRandomisation(mass=(1.1, 1.1))):
-        assert all(
-            "randomisation" not in step[-1] for step in episode(FuzzyArmEnv(randomisation=randomisation), TORQUES[:3])
-        )
-
-
-def test_a_range_of_one_point_is_that_arm():
-    """A draw without choice: the arm with heavier links, and the same motors' guess of the lighter one's weight."""
-    env = FuzzyArmEnv(randomisation=DomainRandomisation(mass=(1.25, 1.25), dry_friction=(0.5, 0.5)))
-    fields = {"mass": 1.25, "inertia": 1.25, "static_friction": 0.5, "coulomb_friction": 0.5}
-    heavy = scaled(TABLE_1, **{name: (factor, factor) for name, factor in fields.items()})
-    drawn = episode(env, TORQUES)
-    start = drawn[0][-1]
-    state = np.concatenate([start[key] for key in ("q_motor", "q_link", "dq_motor", "dq_link")])
-    built = episode(FuzzyArmEnv(parameters=heavy), TORQUES, options={"initial_state": state})
-    assert same(drawn, built)
-
-
-# --- what is drawn -----------------------------------------------------------------------------------------------
-
-
-@pytest.mark.parametrize("name", [*ALLOWED, "reference"])
-def test_info_holds_every_quantity_in_its_shape(name, many):
-    joints = () if name in ("payload", "force", "reference") else (2,)
-    assert many[name].shape == (4000, *joints)
-    for step in episode(FuzzyArmEnv(randomisation=EVERYTHING), TORQUES[:2]):
-        assert list(step[-1]["randomisation"]) == [*ALLOWED, "reference"]
-        assert np.shape(step[-1]["randomisation"][name]) == joints
+    for seed in (1, None):
+        first, second = (episode(env, TORQUES, seed=seed) for env in (plain, unvaried))
+        assert identical(first, second) and not any("randomisation" in step[-1] for step in second)
 
 
 @pytest.mark.parametrize("name", ALLOWED)
 def test_draws_are_uniform_in_their_range(name, many):
     low, high = getattr(EVERYTHING, name)
+    assert many[name].shape == ((4000, 2) if name in PER_JOINT else (4000,))
     for sample in many[name].reshape(4000, -1).T:
         assert low <= sample.min() and sample.max() <= high
         assert stats.kstest((sample - low) / (high - low), "uniform").pvalue > 1e-4
 
 
-def test_each_reference_is_drawn_equally_often(many):
+def test_draws_of_quantities_joints_lanes_and_episodes_are_independent(many):
     numbers, counts = np.unique(many["reference"], return_counts=True)
     assert numbers.tolist() == [0.0, 1.0, 2.0, 3.0, 4.0]
     assert stats.chisquare(counts).pvalue > 1e-4
+    lanes, _ = lanes_with(EVERYTHING, 1)
+    episodes = np.concatenate([lanes.restart(np.array([0])) is not None and lanes.drawn.T for _ in range(1000)])
+    for drawn in (np.hstack([many[name].reshape(4000, -1) for name in (*ALLOWED, "reference")]), episodes):
+        assert drawn.shape[1] == 17
+        standard, limit = (drawn - drawn.mean(axis=0)) / drawn.std(axis=0), 5.0 / np.sqrt(len(drawn))
+        between = standard.T @ standard / len(drawn) - np.eye(17)
+        lagged = standard[1:].T @ standard[:-1] / (len(drawn) - 1)
+        assert np.abs(between).max() < limit and np.abs(lagged).max() < limit
 
 
-def test_draws_of_quantities_joints_and_lanes_are_independent(many):
-    drawn = np.concatenate([many[name].reshape(4000, -1) for name in (*ALLOWED, "reference")], axis=1)
-    assert drawn.shape == (4000, 17)
-    standard = (drawn - drawn.mean(axis=0)) / drawn.std(axis=0)
-    limit = 5.0 / np.sqrt(4000)
-    between = standard.T @ standard / 4000 - np.eye(17)
-    lagged = standard[1:].T @ standard[:-1] / 3999
-    assert np.abs(between).max() < limit and np.abs(lagged).max() < limit
-
-
-def test_the_same_seed_draws_the_same_and_each_episode_anew():
+def test_the_same_seed_draws_the_same_and_info_shows_it_to_the_end_of_the_episode():
     env, again = FuzzyArmEnv(randomisation=EVERYTHING), FuzzyArmEnv(randomisation=EVERYTHING)
     first = [env.reset(seed=seed)[1]["randomisation"] for seed in (5, None, None, 5, 6)]
-    second = [again.reset(seed=seed)[1]["randomisation"] for seed in (5, None, None)]
-    for name in first[0]:
-        assert all(np.array_equal(a[name], b[name]) for a, b in zip(first, second, strict=False))
-        assert np.array_equal(first[3][name], first[0][name])
+    assert all(identical(again.reset(seed=seed)[1]["randomisation"], first[k]) for k, seed in enumerate((5, None)))
+    assert identical(first[3], first[0]) and list(first[0]) == [*ALLOWED, "reference"]
     for name in ALLOWED:
         values = np.array([np.ravel(first[k][name]) for k in (0, 1, 2, 4)])
         assert all(len(set(column)) == 4 for column in values.T.tolist())
-
-
-def test_draws_of_successive_episodes_are_uniform_and_uncorrelated():
-    lanes, _ = lanes_with(EVERYTHING, 1)
-    payloads = np.array([lanes.restart(np.array([0])) is not None and lanes.drawn[12, 0] for _ in range(3000)])
-    share = (payloads - 1.0) / 4.0
-    assert stats.kstest(share, "uniform").pvalue > 1e-4
-    assert abs(np.corrcoef(share[1:], share[:-1])[0, 1]) < 5.0 / np.sqrt(3000)
-
-
-def test_info_tells_the_draws_of_this_episode_to_its_end():
-    env = FuzzyArmEnv(randomisation=EVERYTHING)
-    for _ in range(2):
-        start, *rest = (step[-1]["randomisation"] for step in episode(env, TORQUES[:5]))
-        for later in rest:
-            assert all(np.array_equal(start[name], later[name]) for name in start)
-            if later["mass"].flags.writeable:
-                later["mass"][:] = np.nan  # reaches nobody else
-
-
-def test_narrower_ranges_draw_the_same_shares():
-    """A draw depends on its own range only: what else varies does not shift it."""
-    alone = lanes_with(DomainRandomisation(payload=EVERYTHING.payload), 50)[0].randomisation_info()
-    together = lanes_with(EVERYTHING, 50)[0].randomisation_info()
-    assert np.array_equal(alone["payload"], together["payload"])
-    assert all((alone[name] == 1.0).all() for name in ALLOWED if name not in ("payload", "angle"))
-    assert not alone["angle"].any() and not alone["reference"].any()
-
-
-def test_draws_do_not_shift_the_noise_of_the_same_seed():
-    clamped = dataclasses.replace(TABLE_1, static_friction=(1e6, 1e6), coulomb_friction=(1e6, 1e6))
-    options = {"initial_state": np.zeros(8)}
-    varied_env = FuzzyArmEnv(
-        disturbance=NOISY, parameters=clamped, randomisation=DomainRandomisation(payload=(0.0, 5.0))
-    )
-    plain = FuzzyArmEnv(disturbance=NOISY, parameters=clamped)
-    readings = [
-        [step[0][:4] for step in episode(env, np.zeros((20, 2)), seed=3, options=options)]
-        for env in (plain, varied_env)
-    ]
-    assert np.array_equal(*readings) and np.all(readings[0])
-
-
-# --- what the draws do -------------------------------------------------------------------------------------------
-
-
-@pytest.mark.parametrize("quantity", SCALES)
-def test_each_factor_scales_its_fields_of_its_joint_and_no_other(quantity):
-    given = a_draw(**{quantity: PerJoint(1.25, 0.75)})
-    expected = scaled(TABLE_1, **dict.fromkeys(SCALES[quantity], (1.25, 0.75)))
-    assert PHYSICS.varied(plant_of(TABLE_1), given) == plant_of(expected) != plant_of(TABLE_1)
-
-
-def test_loads_angles_and_references_leave_the_plant_alone():
-    given = a_draw(payload=3.0, force=0.5, angle=PerJoint(0.1, 0.2), reference=4.0)
-    assert PHYSICS.varied(plant_of(TABLE_1), given) == plant_of(TABLE_1)
+    for torque in TORQUES[:5]:
+        later = env.step(torque)[-1]["randomisation"]
+        assert identical(later, first[-1])
+        if later["mass"].flags.writeable:
+            later["mass"][:] = np.nan  # reaches nobody else
 
 
 @pytest.mark.parametrize("own", [Payload(), Payload(2.0), Payload(2.0, at="link")], ids=["none", "tip", "link"])
@@ -356,15 +197,10 @@ def test_the_drawn_force_scales_that_of_the_case():
     env = FuzzyArmEnv("machining", randomisation=DomainRandomisation(force=(0.2, 0.8)))
     drawn, nominal = (episode(e, TORQUES, seed=2) for e in (env, FuzzyArmEnv("machining")))
     factor = drawn[0][-1]["randomisation"]["force"]
-    assert 0.2 <= factor <= 0.8
+    assert 0.2 <= factor <= 0.8 and nominal[-1][-1]["external_force"].any()
     for first, second in zip(drawn, nominal, strict=True):
         assert np.array_equal(first[-1]["external_force"], factor * second[-1]["external_force"])
-    assert nominal[-1][-1]["external_force"].any()
-
-
-def test_the_drawn_force_is_what_moves_the_arm():
-    """A factor of 0 is no force, and one of 1 that of the case, to the bit."""
-    for factor, case in ((0.0, "nominal"), (1.0, "machining")):
+    for factor, case in ((0.0, "nominal"), (1.0, "machining")):  # no force, and that of the case, to the bit
         env = FuzzyArmEnv("machining", randomisation=DomainRandomisation(force=(factor, factor)))
         for first, second in zip(episode(env, TORQUES), episode(FuzzyArmEnv(case), TORQUES), strict=True):
             assert np.array_equal(first[0], second[0])
@@ -382,41 +218,20 @@ def test_an_episode_starts_at_rest_beside_the_reference_with_the_motors_holding_
     assert not start["dq_link"].any() and not start["dq_motor"].any()
 
 
-def test_a_given_start_is_taken_as_given():
-    state = np.array([0.1, 0.2, 0.3, 0.4, 0.5, 0.6, 0.7, 0.8])
-    _, start = lanes_with(EVERYTHING, 3, initial=np.tile(state, (3, 1)))
-    for name, entries in (("q_motor", state[:2]), ("q_link", state[2:4]), ("dq_link", state[6:])):
-        assert np.array_equal(start[name], np.tile(entries, (3, 1)))
-
-
-def test_the_drawn_reference_is_the_one_followed():
+def test_the_drawn_reference_is_followed_unless_another_is_given_for_an_episode():
     env, seen = FuzzyArmEnv(randomisation=EVERYTHING), set()
     for seed in range(20):
-        start, *steps = episode(env, TORQUES[:3], seed=seed)
+        options = {"reference": REFERENCE} if seed == 3 else None
+        start, *steps = episode(env, TORQUES[:3], seed=seed, options=options)
         number = int(start[-1]["randomisation"]["reference"])
-        assert env.reference is SHORT[number]
+        reference = REFERENCE if options else SHORT[number]
+        assert env.reference is reference
         for observation, *_, info in (start, *steps):
-            sample = SHORT[number].sample(info["time"])
+            sample = reference.sample(info["time"])
             np.testing.assert_allclose(observation[4:], np.concatenate(sample), rtol=0.0, atol=1e-12)
-            np.testing.assert_allclose(info["tip_reference"], SHORT[number].tip(info["time"]).position, atol=1e-15)
+            np.testing.assert_allclose(info["tip_reference"], reference.tip(info["time"]).position, atol=1e-15)
         seen.add(number)
     assert seen == set(range(5))
-
-
-def test_references_of_different_lengths_end_with_their_episode():
-    family = tuple(JointReference(Line((0.4, 0.5), (0.42, 0.5)), duration=0.1 * k) for k in (1, 2, 3))
-    env, lengths = FuzzyArmEnv(randomisation=DomainRandomisation(references=family), control_period=0.02), set()
-    for seed in range(12):
-        env.reset(seed=seed)
-        steps = 0
-        truncated = terminated = False
-        while not (truncated or terminated):
-            _, _, terminated, truncated, _ = env.step((100.0, 30.0))
-            steps += 1
-        if truncated:
-            assert steps == round(env.reference.duration / 0.02)
-            lengths.add(steps)
-    assert lengths == {5, 10, 15}
 
 
 def test_a_drawing_environment_has_no_reference_before_its_first_episode():
@@ -428,16 +243,6 @@ def test_a_drawing_environment_has_no_reference_before_its_first_episode():
             env.reset(options={"reference": wrong})
 
 
-def test_a_reference_given_for_one_episode_is_followed_in_it_alone():
-    env = FuzzyArmEnv(randomisation=EVERYTHING)
-    own = episode(env, TORQUES[:3], seed=0, options={"reference": REFERENCE})
-    assert env.reference is REFERENCE
-    for observation, *_, info in own:
-        np.testing.assert_allclose(observation[4:], np.concatenate(REFERENCE.sample(info["time"])), atol=1e-12)
-    env.reset()
-    assert env.reference in SHORT
-
-
 def test_a_case_given_for_one_episode_keeps_the_drawn_reference():
     env, other = (FuzzyArmEnv(randomisation=EVERYTHING) for _ in range(2))
     env.reset(seed=1, options={"case": "payload"})
@@ -447,14 +252,15 @@ def test_a_case_given_for_one_episode_keeps_the_drawn_reference():
     assert c4 - expected == pytest.approx(5.0 * 9.81 * 0.5, rel=1e-12)
 
 
-# --- the family --------------------------------------------------------------------------------------------------
-
-
 @pytest.mark.parametrize("arm", [TABLE_1, LONG, dataclasses.replace(TABLE_1, length=(0.3, 0.5))], ids="ABC")
 def test_every_reference_of_the_family_can_be_tracked(arm):
     references = reference_family(arm)
+    assert reference_family(arm, 5) == references[:5] and len(set(references)) == 32
+    shapes = [type(reference.path) for reference in references]
+    assert [shapes.count(shape) for shape in (Circle, Lemniscate, Line)] == [24, 4, 4]
+    turns = [reference.path.turns for reference in references if isinstance(reference.path, Circle)]
+    assert set(turns) == {-1.0, 1.0} and 4 < turns.count(1.0) < 20
     reach = sum(arm.length)
-    assert len(references) == 32 and all(reference.parameters == arm for reference in references)
     FuzzyArmEnv(parameters=arm, randomisation=DomainRandomisation(references=references))  # fits the observation space
     for reference in references:
         times = np.linspace(0.0, reference.duration, 1001)
@@ -465,26 +271,3 @@ def test_every_reference_of_the_family_can_be_tracked(arm):
         fastest = 2.2 * (1.46 if isinstance(reference.path, Lemniscate) else 1.0)
         speed = np.linalg.norm(reference.tip(times).velocity, axis=-1).max() / reach
         assert 0.4 - 1e-6 < speed < fastest + 1e-6
-
-
-def test_the_family_has_circles_lemniscates_and_lines_in_both_directions(family):
-    shapes = [type(reference.path) for reference in family]
-    assert [shapes.count(shape) for shape in (Circle, Lemniscate, Line)] == [24, 4, 4]
-    turns = [reference.path.turns for reference in family if isinstance(reference.path, Circle)]
-    assert set(turns) == {-1.0, 1.0} and 4 < turns.count(1.0) < 20
-    radii = np.array([reference.path.radius for reference in family if isinstance(reference.path, Circle)])
-    assert radii.min() >= 0.05 and radii.max() <= 0.2 and np.ptp(radii) > 0.1
-    assert len({reference.path for reference in family}) == 32
-
-
-def test_the_family_is_always_the_same(family):
-    assert reference_family(TABLE_1) == family
-    assert reference_family(TABLE_1, 5) == family[:5]
-    first = family[0].path
-    assert isinstance(first, Circle) and 0.4 <= np.hypot(*first.center) <= 0.8
-
-
-def test_robust_episodes_follow_the_family():
-    env = FuzzyArmEnv(randomisation="robust")
-    env.reset(seed=0)
-    assert env.reference in reference_family(TABLE_1)

@@ -67,11 +67,28 @@ def central_difference(function, t, h=1e-5):
     return (function(t + h) - function(t - h)) / (2.0 * h)
 
 
-def test_the_tip_is_on_the_path_at_every_time(reference):
+def test_the_tip_is_on_the_path_at_every_time_and_at_rest_outside(reference):
     q = reference.sample(T).q
     expected = reference.path.points(quintic_time_law(T, DURATION)[0])[0]
     np.testing.assert_allclose(tip_position(reference.robot, q), expected, rtol=0, atol=1e-13)
     np.testing.assert_allclose(reference.tip(T).position, expected, rtol=0, atol=1e-15)
+    normals = reference.normals(T)
+    np.testing.assert_allclose(np.linalg.norm(normals, axis=-1), 1.0, atol=1e-14)
+    np.testing.assert_allclose(np.sum(normals * reference.tip(T).velocity, axis=-1), 0.0, atol=1e-14)
+    rest = reference.sample([-1.0, 0.0, DURATION, DURATION + 1.0])
+    np.testing.assert_array_equal(rest.q[[0, 3]], rest.q[[1, 2]])
+    assert not rest.dq.any() and not rest.ddq.any()
+    if isinstance(reference.path, Placed):  # a closed path brings every joint back, also the redundant ones
+        np.testing.assert_allclose(rest.q[0], rest.q[3], rtol=0, atol=1e-13)
+    corners = reference.corners()
+    inner = quintic_time_law(corners[1:-1], DURATION)[0]
+    np.testing.assert_allclose(inner, getattr(reference.path, "corners", ()), atol=1e-14)
+    if isinstance(getattr(reference.path, "path", None), Circle):
+        center, radius = reference.circle
+        distance = np.linalg.norm(reference.tip(T).position - center, axis=-1)
+        np.testing.assert_allclose(distance, radius, rtol=1e-14)
+    else:
+        assert reference.circle is None
 
 
 def test_velocities_and_accelerations_are_consistent(reference):
@@ -93,21 +110,6 @@ def test_the_orientation_is_kept_where_it_is_asked_for_and_the_joints_allow_it(r
         assert turned > 1e-3
 
 
-def test_it_begins_and_ends_at_rest_and_rests_outside(reference):
-    sample = reference.sample([-1.0, 0.0, DURATION, DURATION + 1.0])
-    np.testing.assert_array_equal(sample.q[[0, 3]], sample.q[[1, 2]])
-    assert not sample.dq.any()
-    assert not sample.ddq.any()
-
-
-@pytest.mark.parametrize("name", slow_but(["planar-3r", "panda"], ROBOTS))
-def test_a_closed_path_brings_every_joint_back(name):
-    """Also the redundant ones: seven joints in space, or three in a plane with the orientation free."""
-    for kind in ("circle", "circle, free"):
-        q = reference_of(name, kind).sample([0.0, DURATION]).q
-        np.testing.assert_allclose(q[0], q[1], rtol=0, atol=1e-13)
-
-
 def test_redundant_joints_share_as_at_the_start():
     """Nᵀ (q - q_0) = 0 with N the null space of the Jacobian at q_0."""
     reference = reference_of("panda", "circle")
@@ -117,13 +119,6 @@ def test_redundant_joints_share_as_at_the_start():
     np.testing.assert_allclose(rows @ free, 0.0, atol=1e-14)
     np.testing.assert_allclose((q - q[0]) @ free, 0.0, atol=1e-13)
     assert np.abs(q - q[0]).max() > 0.1
-
-
-def test_a_value_depends_on_its_own_time_alone(reference):
-    whole = reference.sample(T.reshape(3, 67))
-    for single, grid in zip(reference.sample(T[100]), whole, strict=True):
-        assert grid.shape == (3, 67, reference.joints)
-        np.testing.assert_allclose(single, grid[1, 33], rtol=0, atol=1e-13)
 
 
 PLANE = Circle(), Lemniscate((0.4, 0.4), 0.2, angle=0.5)
@@ -156,36 +151,6 @@ def test_the_posture_chooses_the_branch():
     below = TipReference(above.path, DURATION, robot, tuple(turned))
     np.testing.assert_array_equal(below.tip(T).position, above.tip(T).position)
     assert above.sample(T).q[:, 2].max() < 0.0 < below.sample(T).q[:, 2].min()
-
-
-def test_normals_are_unit_vectors_across_the_path(reference):
-    normals, velocity = reference.normals(T), reference.tip(T).velocity
-    np.testing.assert_allclose(np.linalg.norm(normals, axis=-1), 1.0, atol=1e-14)
-    np.testing.assert_allclose(np.sum(normals * velocity, axis=-1), 0.0, atol=1e-14)
-
-
-def test_a_placed_circle_tells_its_center_and_radius():
-    reference = reference_of("ur5", "circle")
-    center, radius = reference.circle
-    distance = np.linalg.norm(reference.tip(T).position - center, axis=-1)
-    np.testing.assert_allclose(distance, radius, rtol=1e-14)
-    assert reference_of("ur5", "line").circle is None
-
-
-def test_corners_are_those_of_the_path_in_time():
-    for kind, inner in (("spline", 2), ("circle", 0)):
-        corners = reference_of("ur5", kind).corners()
-        assert len(corners) == 2 + inner
-        s = quintic_time_law(corners, DURATION)[0]
-        np.testing.assert_allclose(s[1:-1], getattr(reference_of("ur5", kind).path, "corners", ()), atol=1e-14)
-
-
-def test_a_path_that_starts_out_of_reach_says_by_how_much():
-    robot = ROBOTS["ur5"]
-    with pytest.raises(
-        ValueError, match=r"starts out of reach: point \(2, 0, 0\) m is 2\.00\d* m .* comes within 1\.\d+"
-    ):
-        TipReference(Line((2.0, 0.0, 0.0), (1.0, 0.0, 0.0)), DURATION, robot)
 
 
 def test_a_path_that_leaves_the_reach_says_where():
@@ -229,34 +194,30 @@ def test_joint_ranges_and_velocities_name_joint_and_excess():
         TipReference(reference.path, needed - 0.003, robot)
 
 
-def test_a_planar_robot_stays_in_its_plane():
-    robot = ROBOTS["planar-3r"]
-    place = start_of(robot)
-    with pytest.raises(ValueError, match=r"planar-3r is planar: its tip cannot reach .* 0\.05 m beside its plane"):
-        TipReference(Line(tuple(place), tuple(place + np.array([0.0, 0.1, 0.05]))), DURATION, robot)
+UR5, PLANAR = ROBOTS["ur5"], ROBOTS["planar-3r"]
+BAD = [
+    ({"path": 3.0}, TypeError, r"path = 3\.0 must have a method points"),
+    ({"path": Circle()}, ValueError, r"gave shape .* allowed: \(2001, 3\)"),
+    ({"robot": "ur5"}, TypeError, r"robot = 'ur5' must be a .*Robot"),
+    ({"duration": 0.0}, ValueError, r"duration = 0\.0 s is out of range"),
+    ({"posture": (0.0,) * 5}, ValueError, r"posture = .* must be 6 real numbers"),
+    ({"posture": (0.0, 0.0, 9.0, 0.0, 0.0, 0.0)}, ValueError, r"posture: elbow\w* = 9 rad is out of range"),
+    ({"orientation": "fixed"}, ValueError, r"orientation = 'fixed' is unknown; choose from: constant, free"),
+    (
+        {"path": Line((2.0, 0.0, 0.0), (1.0, 0.0, 0.0))},
+        ValueError,
+        r"starts out of reach: point \(2, 0, 0\) m is 2\.00\d* m .* comes within 1\.\d+",
+    ),
+    (
+        {"robot": PLANAR, "path": Line(tuple(start_of(PLANAR)), tuple(np.add(start_of(PLANAR), (0.0, 0.1, 0.05))))},
+        ValueError,
+        r"planar-3r is planar: its tip cannot reach .* 0\.05 m beside its plane",
+    ),
+]
 
 
-@pytest.mark.parametrize(
-    ("arguments", "error", "message"),
-    [
-        ({"path": 3.0}, TypeError, r"path = 3\.0 must have a method points"),
-        ({"path": Circle()}, ValueError, r"gave shape .* allowed: \(2001, 3\)"),
-        ({"robot": "ur5"}, TypeError, r"robot = 'ur5' must be a .*Robot"),
-        ({"duration": 0.0}, ValueError, r"duration = 0\.0 s is out of range"),
-        ({"posture": (0.0,) * 5}, ValueError, r"posture = .* must be 6 real numbers"),
-        ({"posture": (0.0, 0.0, 9.0, 0.0, 0.0, 0.0)}, ValueError, r"posture: elbow\w* = 9 rad is out of range"),
-        ({"orientation": "fixed"}, ValueError, r"orientation = 'fixed' is unknown; choose from: constant, free"),
-    ],
-)
+@pytest.mark.parametrize(("arguments", "error", "message"), BAD)
 def test_bad_arguments_are_named(arguments, error, message):
-    robot = ROBOTS["ur5"]
-    place = start_of(robot)
-    good = {"path": Line(tuple(place), tuple(place + 0.05)), "duration": DURATION, "robot": robot}
+    good = {"path": Line(tuple(start_of(UR5)), tuple(start_of(UR5) + 0.05)), "duration": DURATION, "robot": UR5}
     with pytest.raises(error, match=message):
         TipReference(**(good | arguments))
-
-
-def test_a_reference_is_a_value():
-    first = reference_of("planar-3r", "lemniscate")
-    assert first == TipReference(first.path, DURATION, first.robot, first.posture)
-    assert hash(first) == hash(dataclasses.replace(first))

@@ -1,6 +1,5 @@
 """Data sets: what is recorded is what the arm does under it, and Minari reads what was written."""
 
-import json
 import re
 import subprocess
 import sys
@@ -16,7 +15,7 @@ from fuzzyarm.cli import main
 from fuzzyarm.eval.dataset import store
 from fuzzyarm.eval.dataset.config import CONDITIONS, EXPERT, LEVELS, DatasetConfig
 from fuzzyarm.eval.dataset.recording import RandomTorques, mean_return, record
-from fuzzyarm.eval.dataset.store import DatasetError, open_dataset, provenance_of
+from fuzzyarm.eval.dataset.store import open_dataset, provenance_of
 
 EXAMPLES = Path(__file__).parents[3] / "examples"
 LIMIT = np.array([500.0, 250.0])
@@ -50,10 +49,8 @@ def test_random_torques_are_far_from_the_path_and_without_noise_intended_is_done
     ("settings", "message"),
     [
         ({"level": "good"}, "level = 'good' is unknown"),
-        ({"condition": "machining"}, "condition = 'machining' is unknown"),
         ({"level": "mixed", "episodes": 2}, "episodes = 2 is out of range"),
         ({"noise": 1.5}, "noise = 1.5 is out of range"),
-        ({"seed": -1}, "seed = -1 is out of range"),
     ],
 )
 def test_wrong_settings_are_named(settings, message):
@@ -80,13 +77,6 @@ def test_without_minari_the_extra_is_named(monkeypatch, tmp_path, capsys):
 def minari(monkeypatch):
     pytest.importorskip("h5py")
     return pytest.importorskip("minari")
-
-
-def test_the_metadata_say_how_many_episodes_are_behind_a_reference_score(minari, monkeypatch, tmp_path):
-    counts = set()
-    monkeypatch.setattr(store, "mean_return", lambda policy, condition, count, seed: float(counts.add(count) is None))
-    folder = store.write_dataset(DatasetConfig(level="medium", episodes=1), tmp_path)
-    assert {open_dataset(folder).storage.metadata["num_episodes_average_score"]} == counts
 
 
 @pytest.mark.slow
@@ -118,29 +108,6 @@ def test_minari_loads_what_the_command_wrote(minari, monkeypatch, tmp_path, caps
 
 
 @pytest.mark.slow
-def test_a_data_set_that_does_not_fit_is_refused_in_one_line(minari, tmp_path):
-    with pytest.raises(DatasetError, match="is no data set"):
-        open_dataset(tmp_path)
-    folder = store.write_dataset(DatasetConfig(level="medium", episodes=1), tmp_path)
-    path = folder / "data" / "metadata.json"
-    metadata = json.loads(path.read_text())
-    own = json.loads(metadata["fuzzyarm"])
-    for content, message in (
-        (metadata | {"fuzzyarm": json.dumps(own | {"schema": "fuzzyarm-dataset/9"})}, "of another version, "),
-        (metadata | {"fuzzyarm": "[1]"}, "does not say where it comes from"),
-        (metadata | {"minari_version": "9.9"}, "no data set that Minari can read"),
-        ({name: value for name, value in metadata.items() if name != "fuzzyarm"}, "not written by fuzzyarm dataset"),
-    ):
-        path.write_text(json.dumps(content))
-        with pytest.raises(DatasetError, match=message) as caught:
-            open_dataset(folder)
-        assert "\n" not in str(caught.value)
-    path.write_text("{")
-    with pytest.raises(DatasetError, match="no data set that Minari can read"):
-        open_dataset(folder)
-
-
-@pytest.mark.slow
 @pytest.mark.parametrize("script", ["clone_policy.py", "offline_td3_bc.py"])
 def test_the_examples_learn_from_a_data_set(script, minari, tmp_path):
     folder = store.write_dataset(DatasetConfig(level="medium", episodes=1), tmp_path)
@@ -152,3 +119,10 @@ def test_the_examples_learn_from_a_data_set(script, minari, tmp_path):
             assert re.search(r"score \S+, mean tip error \S+ mm, [01] of 1 episodes to the end", done.stdout)
         else:
             assert done.stderr == f"{script}: {path} is no data set; fuzzyarm dataset --out DIR writes one\n"
+
+
+def test_the_metadata_say_how_many_episodes_are_behind_a_reference_score(minari, monkeypatch, tmp_path):
+    counts = set()
+    monkeypatch.setattr(store, "mean_return", lambda policy, condition, count, seed: float(counts.add(count) is None))
+    folder = store.write_dataset(DatasetConfig(level="medium", episodes=1), tmp_path)
+    assert {open_dataset(folder).storage.metadata["num_episodes_average_score"]} == counts

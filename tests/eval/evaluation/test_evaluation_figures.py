@@ -1,20 +1,14 @@
 """The figures: what is in them, and the files they become."""
 
 import dataclasses
-import os
-import pickle
-import subprocess
-import sys
-import xml.etree.ElementTree as ElementTree
 
 import matplotlib
 import numpy as np
 import pytest
 from PIL import Image
-from slow_twins import slow_but
+from support.rollouts import made_rollout
 
-from fuzzyarm.eval.episodes.rollout import Rollout
-from fuzzyarm.eval.evaluation.figures import FOCUS, draw_figures, time_figures, write_figures
+from fuzzyarm.eval.evaluation.figures import FOCUS, draw_figures, time_figures, view_of, write_figures
 
 WITHOUT_FORCE = ("path", *time_figures(2))
 WITH_FORCE = (*WITHOUT_FORCE, "force")
@@ -24,37 +18,28 @@ def circle(phase):
     return np.column_stack([0.35 + 0.2 * np.cos(phase), 0.65 + 0.2 * np.sin(phase)])
 
 
-def episode(policy="a", case="nominal", *, samples=60, seed=0, error=1e-3, completed=True, curve=circle):
+def episode(policy="a", case="nominal", *, samples=60, error=1e-3, completed=True, curve=circle):
     """Return a made-up rollout whose tip goes round `curve` with deviations of size `error` [m]."""
     phase = np.linspace(0.0, 2.0 * np.pi, 60)[:samples]
     wave = np.column_stack([np.sin(3.0 * phase), np.cos(5.0 * phase)])
-    force = wave * (150.0 if case == "machining" else 0.0)
-    reference = curve(phase)
-    return Rollout(
+    return made_rollout(
+        0.025 * np.arange(1, samples + 1),
         policy=policy,
         case=case,
-        seed=seed,
         control_period=0.025,
         completed=completed,
         reason="" if completed else "left the joint domain",
-        step_time=1e-5,
-        time=0.025 * np.arange(1, samples + 1),
-        tip=reference + error * wave,
-        tip_reference=reference,
+        tip=curve(phase) + error * wave,
+        tip_reference=curve(phase),
         tip_error=error * np.hypot(*wave.T),
         circularity_error=error * wave[:, 0],
         circularity_error_motor=0.1 * error * wave[:, 1],
         q_motor=wave + error,
-        dq_motor=3.0 * wave,
-        q_link=wave,
-        dq_link=3.0 * wave,
-        q_reference=wave,
-        dq_reference=3.0 * wave,
+        **dict.fromkeys(("q_link", "q_reference"), wave),
+        **dict.fromkeys(("dq_motor", "dq_link", "dq_reference"), 3.0 * wave),
         torque=100.0 * wave,
         friction_torque=np.sign(wave),
-        external_force=force,
-        reward=np.ones(samples),
-        domain_use=np.full(samples, 0.3),
+        external_force=wave * (150.0 if case == "machining" else 0.0),
     )
 
 
@@ -104,20 +89,8 @@ def test_every_figure_is_written_in_both_formats(written):
     assert {path.name for path in paths} == {f"{name}.{kind}" for name in names for kind in ("png", "svg")}
     assert set(folder.iterdir()) == set(paths)
     assert len(calls) == len(names)
-
-
-@pytest.mark.slow
-def test_files_are_pictures(written):
-    for path in written[0]:
-        if path.suffix == ".svg":
-            assert ElementTree.parse(path).getroot().tag == "{http://www.w3.org/2000/svg}svg"
-            continue
-        with Image.open(path) as picture:
-            picture.load()
-            assert picture.format == "PNG"
-            assert picture.width >= 800
-            assert picture.info["dpi"] == pytest.approx((150, 150), abs=0.1)
-            assert min(picture.convert("L").getextrema()) < 128
+    with Image.open(folder / "overview.png") as picture:
+        assert picture.width >= 800 and picture.info["dpi"] == pytest.approx((150, 150), abs=0.1)
 
 
 @pytest.mark.slow
@@ -147,21 +120,16 @@ def test_axes_have_labels_with_units_and_legends_name_every_policy(curve):
         assert "ended early" not in legend(figure)
 
 
-def test_the_path_is_drawn_with_x_down_and_magnified_deviations(keep):
+@pytest.mark.parametrize(("error", "magnified"), [(1e-3, 20), (30e-3, 2)])
+def test_the_path_is_drawn_with_x_down_and_magnified_deviations(keep, error, magnified):
     keep()
-    axes = draw_figures([episode(error=1e-3)])["nominal-path"].axes[0]
-    assert axes.get_title("left").endswith("× 20")
-    assert axes.get_aspect() == 1.0
+    axes = draw_figures([episode(error=error)])["nominal-path"].axes[0]
+    assert axes.get_title("left").endswith(f"× {magnified}") and axes.get_aspect() == 1.0
     bottom, top = axes.get_ylim()
     assert bottom > top
     reference, drawn = episode().tip_reference, curves(axes, 60)[0].get_xydata()
-    np.testing.assert_allclose(drawn[:, ::-1], reference + 20 * (episode().tip - reference), atol=1e-12)
-
-
-def test_the_magnification_falls_for_large_deviations(keep):
-    keep()
-    axes = draw_figures([episode(error=30e-3)])["nominal-path"].axes[0]
-    assert axes.get_title("left").endswith("× 2")
+    expected = reference + magnified * (episode(error=error).tip - reference)
+    np.testing.assert_allclose(drawn[:, ::-1], expected, atol=1e-12)
 
 
 def test_circularity_is_that_of_the_tip_and_below_it_that_of_the_motors_on_the_same_scale(keep):
@@ -185,19 +153,6 @@ def test_tip_errors_decades_apart_are_all_seen(keep):
         np.testing.assert_allclose(line.get_ydata(), np.maximum(1e3 * drawn.tip_error, lowest))
         assert np.mean(line.get_ydata() > lowest) >= 0.95
     assert not tip.texts
-
-
-def test_each_case_has_the_decades_of_its_own_errors(keep):
-    keep()
-    figure = draw_figures([episode(error=1e-7), episode(case="payload", error=5e-3)])["overview"]
-    nominal, payload, *below = figure.axes
-    assert nominal.get_ylim()[0] == 1e-5 and payload.get_ylim()[0] >= 1e-2  # mm
-    for axes in (nominal, payload):
-        (line,) = curves(axes, 60)
-        assert np.mean(line.get_ydata() > axes.get_ylim()[0]) >= 0.95
-        assert axes.yaxis.get_tick_params()["labelleft"]
-    assert below[0].get_ylim() == below[1].get_ylim()
-    assert nominal.get_position().height > 1.3 * below[0].get_position().height
 
 
 def test_an_episode_that_ended_early_is_marked():
@@ -224,46 +179,12 @@ def test_a_policy_far_off_does_not_flatten_the_others(completed, keep):
     assert not figures["nominal-torque"].axes[0].texts
 
 
-@pytest.mark.parametrize("samples", slow_but([1], [1, 2, 30]))
-def test_one_policy_that_never_finishes(samples, keep):
+def test_one_policy_that_never_finishes(keep):
     keep("velocity")
-    figures = draw_figures([episode("sac", samples=samples, completed=False)])
+    figures = draw_figures([episode("sac", samples=1, completed=False)])
     for name in ("nominal-path", "nominal-velocity", "overview"):
         figures[name].draw_without_rendering()
         assert figures[name].axes[0].lines
-
-
-def test_many_policies_look_different_and_the_same_in_every_case(keep):
-    keep("torque")
-    rollouts = [episode(f"policy {k}") for k in range(12)] + [episode("policy 7", "payload")]
-    figures = draw_figures(rollouts)
-    lines = curves(figures["nominal-torque"].axes[0], 60)
-    looks = [(line.get_color(), str(line._unscaled_dash_pattern)) for line in lines]
-    assert len(set(looks)) == 12
-    assert len({color for color, _ in looks[:8]}) == len({dashes for _, dashes in looks[:8]}) == 8
-    assert curves(figures["payload-torque"].axes[0], 60)[0].get_color() == looks[7][0]
-
-
-def test_the_legend_fits_below_the_axes(keep):
-    keep("velocity")
-    figure = draw_figures([episode(f"a policy with a long name {k}") for k in range(8)])["nominal-velocity"]
-    figure.draw_without_rendering()
-    box = figure.legends[0].get_window_extent()
-    assert box.x0 >= 0.0
-    assert box.x1 <= figure.bbox.width
-    assert box.y1 <= min(axes.get_tightbbox().y0 for axes in figure.axes)
-
-
-def test_of_several_seeds_the_first_is_drawn(keep):
-    keep("circularity")
-    figure = draw_figures([episode(seed=0, error=1e-3), episode(seed=1, error=2e-3)])["nominal-circularity"]
-    (line,) = curves(figure.axes[0], 60)
-    np.testing.assert_allclose(line.get_ydata(), 1e3 * episode(error=1e-3).circularity_error)
-
-
-def test_no_rollouts_is_an_error(tmp_path):
-    with pytest.raises(ValueError, match="rollouts is empty; give at least one"):
-        write_figures([], tmp_path)
 
 
 def test_a_missing_folder_is_an_error_and_stays_missing(tmp_path, keep):
@@ -271,31 +192,39 @@ def test_a_missing_folder_is_an_error_and_stays_missing(tmp_path, keep):
     with pytest.raises(FileNotFoundError):
         write_figures(TWO, tmp_path / "missing")
     assert not list(tmp_path.iterdir())
+    with pytest.raises(ValueError, match="rollouts is empty; give at least one"):
+        write_figures([], tmp_path)
 
 
-def test_a_failed_write_leaves_nothing_behind(tmp_path, monkeypatch, keep):
-    keep()
-    old = tmp_path / "nominal-path.png"
-    old.write_bytes(b"old")
-
-    def fail(*_):
-        raise OSError("disk full")
-
-    monkeypatch.setattr(os, "replace", fail)
-    with pytest.raises(OSError, match="disk full"):
-        write_figures(TWO, tmp_path)
-    assert list(tmp_path.iterdir()) == [old]
-    assert old.read_bytes() == b"old"
+ANGLES = np.linspace(0.0, 2.0 * np.pi, 50)
 
 
-@pytest.mark.slow
-def test_pyplot_is_not_imported(tmp_path):
-    code = (
-        "import pathlib, pickle, sys; from fuzzyarm.eval.evaluation.figures import write_figures; "
-        "write_figures(pickle.load(sys.stdin.buffer), pathlib.Path(sys.argv[1])); "
-        "sys.exit('matplotlib.pyplot' in sys.modules)"
+def circle_in_space(first, second):
+    return np.array([0.3, -0.2, 0.5]) + 0.2 * (
+        np.cos(ANGLES)[:, np.newaxis] * np.array(first) + np.sin(ANGLES)[:, np.newaxis] * np.array(second)
     )
-    command = [sys.executable, "-W", "error", "-c", code, str(tmp_path)]
-    result = subprocess.run(command, input=pickle.dumps([episode()]), capture_output=True, check=False)
-    assert result.returncode == 0, result.stderr.decode()
-    assert (tmp_path / "overview.png").exists()
+
+
+@pytest.mark.parametrize(
+    ("first", "second", "up"),
+    [
+        ((0.0, 0.0, 1.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0)),
+        ((0.6, 0.8, 0.0), (0.0, 0.0, 1.0), (0.0, 0.0, 1.0)),
+        ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (-1.0, 0.0, 0.0)),
+        ((1.0, 0.0, 0.0), (0.0, 0.6, 0.8), (0.0, 0.6, 0.8)),
+    ],
+)
+def test_a_circle_in_space_is_seen_face_on_and_upright(first, second, up):
+    points = circle_in_space(first, second)
+    view = view_of(points)
+    np.testing.assert_allclose(view.rows @ view.rows.T, np.eye(2), atol=1e-12)
+    np.testing.assert_allclose(view.rows[0], -np.array(up), atol=1e-9)
+    seen = view.of(points)
+    np.testing.assert_allclose(np.linalg.norm(seen - seen[:-1].mean(axis=0), axis=-1), 0.2, rtol=1e-9)
+    assert view.upwards
+
+
+def test_the_plane_of_the_two_joint_arm_is_taken_as_it_is():
+    points = circle_in_space((1.0, 0.0, 0.0), (0.0, 1.0, 0.0))[:, :2]
+    view = view_of(points)
+    assert np.array_equal(view.of(points), points) and not view.upwards

@@ -1,4 +1,4 @@
-"""The page as text: complete, escaped, and with the numbers of the evaluation."""
+"""The page as text: complete, escaped, with the numbers of the evaluation and a sentence on who won."""
 
 import base64
 import dataclasses
@@ -12,14 +12,15 @@ import numpy as np
 import pytest
 from support.altered_evaluations import NASTY, wild, with_runs
 
-from fuzzyarm.envs.physics.parameters import ArmParameters
+from fuzzyarm.envs.scenario.cases import CASES
+from fuzzyarm.eval.evaluation.ranking import Standing, rank_policies, standings_of
 from fuzzyarm.eval.evaluation.result_table import table_rows
 from fuzzyarm.eval.evaluation.results_file import read_evaluation
-from fuzzyarm.eval.evaluation.run import EvaluationConfig
+from fuzzyarm.eval.evaluation.statistics import Estimate
 from fuzzyarm.eval.report.certificates import Observed
-from fuzzyarm.eval.report.page import command, render_page
-from fuzzyarm.eval.report.payload import _shown, _within, replay_data
-from fuzzyarm.eval.report.summary import Axis, Bound, Errors, best, digits, draw_chart, error_charts, metrics_table
+from fuzzyarm.eval.report.page import headline, render_page, rule
+from fuzzyarm.eval.report.payload import replay_data
+from fuzzyarm.eval.report.summary import best, metrics_table
 from fuzzyarm.proof.statement import NOT_COVERED
 
 SEEN = {"fuzzy-4": Observed(20.5, 7e-5, "step"), "fuzzy-4-tip": "not observed: for a reason"}
@@ -111,16 +112,6 @@ def test_many_policies_are_thinned_to_fit_and_the_page_says_so(evaluation):
     np.testing.assert_allclose(numbers(last["torque"])[-2:], many[-1].torque[-1], rtol=1e-6)
 
 
-@pytest.mark.parametrize(("samples", "stride"), [(1, 1), (1, 7), (10, 3), (11, 3), (1500, 4)])
-def test_thinning_keeps_the_first_and_the_last_sample(samples, stride):
-    shown = _shown(samples, stride)
-    assert shown[0] == 0 and shown[-1] == samples - 1 and np.diff(shown).max(initial=0) <= stride
-    for shorter in range(1, samples, max(1, samples // 7)):
-        kept = _within(shown, shorter)
-        assert kept[-1] == shorter - 1 and np.all(np.diff(kept) >= 0)
-        assert np.array_equal(kept[:-1], shown[: len(kept) - 1])
-
-
 def test_the_table_has_the_cells_of_the_terminal(evaluation, text):
     for _, policy, cells in table_rows(evaluation.rows):
         row = re.search(rf'<th scope="row"><span class="swatch"></span>{policy}</th>(.*?)</tr>', text).group(1)
@@ -160,53 +151,54 @@ def test_certificates_stand_beside_what_was_observed(evaluation):
     assert text.count(">nothing proven<") == 2 and "Nothing is proven of the rigid arm: computed-torque." in text
 
 
-def test_an_axis_is_linear_or_logarithmic():
-    line, decades = Axis("", 0.0, 10.0), Axis("", 1e-2, 1e2, log=True)
-    assert line.x(5.0) == pytest.approx(0.5 * (line.x(0.0) + line.x(10.0)))
-    assert decades.x(1.0) == pytest.approx(0.5 * (decades.x(0.01) + decades.x(100.0)))
-    assert decades.x(0.0) == decades.x(0.01) and line.x(99.0) == line.x(10.0)
-    assert decades.ticks() == pytest.approx([0.01, 0.1, 1.0, 10.0, 100.0])
-    assert line.ticks() == [0.0, 2.0, 4.0, 6.0, 8.0, 10.0]
+TITLES = {name: case.title for name, case in CASES.items()}
 
 
-def test_a_bound_lies_between_what_it_rules_out_and_what_was_seen():
-    axis = Axis("", 0.0, 25.0)
-    for bound, hatched in (
-        (Bound(20.0, 21.0, at_least=True), (0.0, 20.0)),
-        (Bound(20.0, 15.0, at_least=False), (20.0, 25.0)),
-    ):
-        svg = draw_chart(axis, [("a", bound)], "")
-        left, width = map(float, re.search(r'ruled-out" x="([\d.]+)" y="[\d.]+" width="([\d.]+)"', svg).groups())
-        assert (left, left + width) == pytest.approx((axis.x(hatched[0]), axis.x(hatched[1])), abs=0.11)
-        seen = float(re.search(r'circle class="dot" cx="([\d.]+)"', svg).group(1))
-        assert seen == pytest.approx(axis.x(bound.observed), abs=0.06)
-        assert not left < seen < left + width
+def standing(policy, lost=0, score=None, **rms):
+    """A standing with these rms tip errors [mm], None where the path was lost."""
+    largest = Estimate(max(error or 0.0 for error in rms.values()), None, None)
+    return Standing(policy, "", None if lost else score or largest, rms, lost, len(rms), certified=False)
 
 
-def test_below_a_micrometre_the_chart_gives_no_number_and_all_share_the_star(evaluation):
-    rows = [
-        dict(evaluation.rows[0], policy=name, tip_error_rms_mm=rms)
-        for name, rms in (("a", 0.00016), ("b", 0.00048), ("c", 0.0011))
-    ]
-    charts = error_charts(rows, evaluation.config.titles)
-    assert charts.count("★ </tspan>&lt; 0.001<") == 2 and ">0.00110<" in charts
+def words(*standings):
+    return re.sub(r"</?strong>", "", headline(standings, TITLES)).replace("\u00a0", " ")
 
 
-def test_digits():
-    assert [digits(v) for v in (0.000419, 1.0, 67.44, 526.0, 1040.2)] == ["0.000419", "1.00", "67.4", "526", "1040"]
+def test_one_policy_wins_overall_and_others_their_cases():
+    a, b = standing("a", nominal=4.0, machining=1.0), standing("b", nominal=0.5, machining=9.0)
+    assert words(a, b) == (
+        "a wins overall with a score of 4.00 mm and in Case 2 (machining force) with 1.00 mm rms; "
+        "b wins in Case 1 (nominal) with 0.500 mm rms."
+    )
+    assert headline((a, b), TITLES).startswith("<strong>a</strong> wins")
 
 
-def test_errors_are_drawn_from_rms_to_maximum():
-    axis = Axis("", 0.1, 100.0, log=True)
-    svg = draw_chart(axis, [("a", Errors(1.0, 10.0, best=True)), (NASTY, Errors(2.0, 3.0, best=False))], "x < y")
-    assert f'd="M{axis.x(1.0):.1f} 18.5H{axis.x(10.0):.1f}"' in svg
-    assert svg.count("★") == 1 and "<img" not in svg and "x &lt; y" in svg
+def test_values_that_read_the_same_tie():
+    a, b, c = (standing(name, nominal=error) for name, error in (("a", 2.0), ("b", 2.0004), ("c", 2.01)))
+    assert words(a, b, c) == "a and b tie in Case 1 (nominal) with 2.00 mm rms."
+    a, b, c = (standing(name, nominal=error) for name, error in (("a", 0.00016), ("b", 0.00048), ("c", 0.0011)))
+    assert words(a, b, c) == "a and b tie in Case 1 (nominal) with &lt; 0.001 mm rms."
+    many = [standing(NASTY, nominal=1.0), *(standing(f"p{k}", nominal=1.0) for k in range(8))]
+    assert words(*many).endswith("p0, p1 and 6 others tie in Case 1 (nominal) with 1.00 mm rms.")
+    assert "<img" not in words(*many)
 
 
-def test_the_command_makes_the_same_evaluation():
-    assert command(EvaluationConfig()) == "fuzzyarm evaluate"
-    config = EvaluationConfig(policies=("a b.json",), cases=("nominal",), seeds=3, encoder_noise=(1e-5, 1e-3))
-    given = "fuzzyarm evaluate --policy 'a b.json' --case nominal --seeds 3 --encoder-noise 1e-05 0.001"
-    assert command(config) == given
-    other = dataclasses.replace(config, parameters=ArmParameters(gravity=1.62))
-    assert command(other) == f"{given} --robot FILE"
+def test_nobody_may_be_left():
+    a, b = standing("a", lost=2, nominal=None, machining=None), standing("b", lost=1, nominal=1.0, machining=None)
+    assert words(a, b) == (
+        "b wins in Case 1 (nominal) with 1.00 mm rms; nobody held the path in Case 2 (machining force); "
+        "b (in 1 of 2 episodes) and a (in 2 of 2 episodes) lost the path and are not ranked overall."
+    )
+
+
+@pytest.mark.slow
+def test_the_winner_leads_the_leaderboard_and_stands_on_the_page(folder):
+    stored = read_evaluation(folder)
+    standings = standings_of(stored.config, stored.rows, stored.certificates)
+    first = rank_policies([folder]).standings[0]
+    text = headline(standings, TITLES)
+    assert text.startswith(
+        f"<strong>{first.policy}</strong> wins overall with a score of {first.score.mean:#.3g}\u00a0mm"
+    )
+    page = (folder / "report.html").read_text()
+    assert f'<p id="headline">{text}</p>' in page and rule(standings) in page

@@ -1,11 +1,9 @@
 """The report of a robot: its chain and camera in the page are those of the package, and it is a page like any other."""
 
-import dataclasses
-import json
-
 import numpy as np
 import pytest
 from support.altered_evaluations import write
+from support.rollouts import made_rollout
 
 from fuzzyarm.cli import main
 from fuzzyarm.envs.perspective import looking_at, poses_of
@@ -13,11 +11,9 @@ from fuzzyarm.envs.physics.rigid_body import tip_position
 from fuzzyarm.envs.physics.robot import robot_named
 from fuzzyarm.envs.scenario.default_reference import default_reference
 from fuzzyarm.eval.episodes.metrics import metrics_of
-from fuzzyarm.eval.episodes.rollout import Rollout
 from fuzzyarm.eval.evaluation.results_file import read_evaluation
 from fuzzyarm.eval.evaluation.run import Evaluation, EvaluationConfig
 from fuzzyarm.eval.provenance import current_provenance
-from fuzzyarm.eval.report.page import command
 from fuzzyarm.eval.report.payload import replay_data
 
 ROBOT = robot_named("ur5")
@@ -28,37 +24,24 @@ POLICIES = ("computed-torque", "elastic-observer")
 
 def rollout(case, policy, offset):
     """A run of the reference with the joints off by `offset` [rad], and bent; nothing is simulated."""
-    reference = REFERENCE
-    time = 1e-3 * np.arange(1, round(1e3 * reference.duration) + 1)
-    sample, asked = reference.sample(time), reference.tip(time).position
+    time = 1e-3 * np.arange(1, round(1e3 * REFERENCE.duration) + 1)
+    sample, asked = REFERENCE.sample(time), REFERENCE.tip(time).position
     q = sample.q + offset * np.sin(3.0 * time)[:, np.newaxis]
-    tip, still = tip_position(ROBOT, q), np.zeros(len(time))
-    force = 30.0 * (case == "machining") * np.ones((len(time), 3)) * [1.0, 0.0, -1.0]
-    return Rollout(
+    tip = tip_position(ROBOT, q)
+    return made_rollout(
+        time,
+        joints=len(ROBOT),
         policy=policy,
         case=case,
-        seed=0,
-        control_period=1e-3,
-        completed=True,
-        reason="",
-        step_time=1e-5,
-        time=time,
         tip=tip,
         tip_reference=asked,
         tip_error=np.linalg.norm(tip - asked, axis=1),
-        circularity_error=still + offset,
-        circularity_error_motor=still,
         q_motor=q + 1e-3,
-        dq_motor=sample.dq,
         q_link=q,
-        dq_link=sample.dq,
         q_reference=sample.q,
-        dq_reference=sample.dq,
+        **dict.fromkeys(("dq_motor", "dq_link", "dq_reference"), sample.dq),
         torque=0.5 * ROBOT.drive("torque_limit") * np.cos(2.0 * time)[:, np.newaxis],
-        friction_torque=0.0 * q,
-        external_force=force,
-        reward=still,
-        domain_use=still + 0.5,
+        external_force=30.0 * (case == "machining") * np.ones((len(time), 3)) * [1.0, 0.0, -1.0],
     )
 
 
@@ -97,13 +80,6 @@ def test_the_data_are_those_of_the_robot_and_its_loads(robot_folder):
     assert "2 kg payload" in text and "5 kg payload" not in text and f"digest {ROBOT.digest}" in text
 
 
-def test_the_command_names_the_robot_or_a_file():
-    config = EvaluationConfig(policies=POLICIES, robot=ROBOT)
-    assert "--robot ur5" in command(config)
-    mine = dataclasses.replace(config, robot=dataclasses.replace(ROBOT, name="mine"))
-    assert command(mine).endswith("--robot FILE") and "None" not in command(mine)
-
-
 def test_the_page_moves_the_robot_as_the_package_does(page):
     """Places of the joints, and where the camera sees them: scaled, (right, down) of `Camera` is [down, right] here."""
     camera = looking_at(ROBOT, default_reference(ROBOT).tip(np.linspace(0.0, 1.0, 500)).position)
@@ -115,39 +91,3 @@ def test_the_page_moves_the_robot_as_the_package_does(page):
         axes, eye = np.array(page.run("report.robot.axes")), np.array(page.run("report.robot.eye"))
         own = camera._replace(axes=axes, eye=eye)
         np.testing.assert_allclose(seen[:, ::-1], distance * own.pixels(points), atol=1e-9)
-
-
-def test_a_force_along_the_line_of_sight_is_not_seen_and_one_across_it_is_seen_whole(page):
-    ahead, across = "report.robot.axes[2]", "report.robot.axes[0]"
-    point = f"plus(report.robot.eye, {ahead}, report.robot.distance)"
-    assert np.hypot(*page.run(f"space.across({point}, {ahead})")) < 1e-3
-    np.testing.assert_allclose(page.run(f"space.across({point}, {across})"), [1.0, 0.0], atol=1e-3)
-
-
-def test_arms_and_a_row_of_charts_for_each_joint(page):
-    assert page.run("plots.length") == 2 + 2 * 6
-    titles = page.run("[...document.querySelectorAll('#plots figcaption')].map((e) => e.textContent)")
-    assert titles[-1].startswith("Bending, joint 6")
-    before = page.run("document.querySelector('#arms canvas').toDataURL()")
-    page.press("Home")
-    assert page.run("document.querySelector('#arms canvas').toDataURL()") != before
-    assert page.run("document.querySelector('.readout').textContent").endswith("%")
-    for number in range(3):
-        page.press(str(number + 1))
-        box = page.run("arms[0].canvas.box")
-        for k in (0, 700, 1400):
-            places = np.array(page.run(f"shape.points(jointsAt(state.scene.runs[0].link, {k})).map(arms[0].pixel)"))
-            assert (places > 0.0).all() and (places < [box["width"], box["height"]]).all()
-
-
-def test_curves_are_those_of_the_joints(page, robot_folder):
-    run = read_evaluation(robot_folder).rollouts[0]
-    stride = json.loads(page.run("document.getElementById('data').textContent"))["stride"]
-    for joint in (0, 5):
-        found = page.run(f"plots[{2 + 2 * joint}].curve(0).values.slice(0, 50)")
-        np.testing.assert_allclose(found, run.torque[::stride, joint][:50], rtol=1e-6)
-
-
-def test_it_fits_a_phone(chromium, robot_folder):
-    chromium.open(robot_folder / "report.html", width=390, height=844)
-    assert chromium.run("document.documentElement.scrollWidth") <= 390

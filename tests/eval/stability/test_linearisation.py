@@ -4,14 +4,14 @@ from __future__ import annotations
 
 import dataclasses
 import math
-from collections.abc import Callable
 from typing import Any
 
 import numpy as np
 import pytest
+from support.springs import Springs
 from support.two_joints import hold
 
-from fuzzyarm.envs.physics.dynamics import Arm, Payload, arm_constants, gravity_torque
+from fuzzyarm.envs.physics.dynamics import Payload, arm_constants, gravity_torque
 from fuzzyarm.envs.physics.parameters import ArmParameters
 from fuzzyarm.envs.physics.records import flat
 from fuzzyarm.envs.physics.robot import Robot
@@ -29,38 +29,12 @@ PLANT = slice(0, 8)
 POLICIES = {"fuzzy-4": load_policy("fuzzy-4"), "computed-torque": ComputedTorquePolicy(ARM, PERIOD, 50.0)}
 
 
-class Springs:
-    """u = (60, 20) N m - 2e4 e - 400 ė, with a memory and a precision given by the test."""
-
-    def __init__(self, memory: Callable[..., Any] | None = None, dtype: type = np.float64) -> None:
-        self.memory, self.dtype = memory, dtype
-
-    def predict(self, observation: np.ndarray, state: Any = None, *_: Any, **__: Any) -> tuple[np.ndarray, Any]:
-        """Evaluate the law, which does not read the memory."""
-        e = observation[..., :4] - observation[..., 4:8]
-        torque = np.array([60.0, 20.0]) - 2e4 * e[..., :2] - 400.0 * e[..., 2:]
-        return torque.astype(self.dtype), self.memory(observation, state) if self.memory else None
-
-    def without_dry_friction(self) -> Predictor:
-        """Return the springs, which have no model of friction."""
-        return self
-
-
 def count_calls(observation: np.ndarray, state: Any) -> Any:
     """A memory that grows by one a call."""
     return np.zeros((len(observation), 1)) if state is None else state + 1.0
 
 
-def simulate(
-    policy: Predictor,
-    posture: np.ndarray,
-    loop: LocalLoop,
-    deviation: np.ndarray,
-    steps: int,
-    gain: float = 1.0,
-    delay: float = 0.0,
-    arm: Arm | None = None,
-) -> np.ndarray:
+def simulate(policy, posture, loop, deviation, steps, gain=1.0, delay=0.0, arm=None) -> np.ndarray:
     """Plant states (steps + 1, 8) less equilibrium, of the friction-free arm started `deviation` away from it."""
     state = (loop.equilibrium[PLANT] + deviation)[:, np.newaxis]
     memory, pending = loop.equilibrium[8:], [loop.torque] * int(2 * delay)  # torques of half periods, oldest first
@@ -92,17 +66,6 @@ def stiffer(factor: float) -> ArmParameters:
     return dataclasses.replace(ARM, stiffness=(factor * ARM.stiffness[0], factor * ARM.stiffness[1]))
 
 
-def friction_free(plant: ArmParameters, payload: Payload | None = None) -> Arm:
-    """The constants of a plant without dry friction."""
-    return arm_constants(dataclasses.replace(plant, static_friction=(0, 0), coulomb_friction=(0, 0)), payload)
-
-
-@pytest.fixture
-def few_postures(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Linearise at 4 postures of the path, not 16."""
-    monkeypatch.setattr(margins, "POSTURES", 4)
-
-
 # x⁺ = x + u, u = -x/2, and the same with an integral: u = -x/2 - s/10, s⁺ = s + x.
 INTEGRATOR = toy([[1, 1]], [[-0.5]], [[1, 0.5]])
 WITH_INTEGRAL = toy([[1, 1]], [[-0.5, -0.1], [1, 1]])
@@ -119,14 +82,6 @@ def test_characteristic_polynomials(gain: float, delay: int) -> None:
     np.testing.assert_allclose(np.poly(WITH_INTEGRAL.matrix(gain, delay)), with_integral, atol=1e-12)
 
 
-@pytest.mark.parametrize("delay", [0.5, 1.5, 2])
-def test_two_inputs_keep_their_places_in_the_delay(delay: float) -> None:
-    """The characteristic polynomial of two unlike integrators side by side is the product of theirs."""
-    both = toy([[1, 0, 1, 0], [0, 1, 0, 2]], [[-0.5, 0], [0, -0.1]], [[1, 0, 0.5, 0], [0, 1, 0, 1]])
-    alone = [toy([[1, b]], [[k]], [[1, b / 2]]).matrix(1.3, delay) for b, k in ((1, -0.5), (2, -0.1))]
-    np.testing.assert_allclose(np.poly(both.matrix(1.3, delay)), np.polymul(*map(np.poly, alone)), atol=1e-12)
-
-
 @pytest.mark.parametrize("gain", [0.3, 1.0, 2.5])
 @pytest.mark.parametrize("whole", [0, 1, 2])
 def test_characteristic_polynomial_between_samples(gain: float, whole: int) -> None:
@@ -137,21 +92,6 @@ def test_characteristic_polynomial_between_samples(gain: float, whole: int) -> N
     loop = toy([[0.25, 1.5]], [[-0.5]], [[0.5, 1]])
     expected = np.polyadd([1.0, -0.25] + [0.0] * (whole + 1), [0.5 * gain, 0.25 * gain])
     np.testing.assert_allclose(np.poly(loop.matrix(gain, whole + 0.5)), expected, atol=1e-12)
-
-
-def test_memory_stays_sampled_between_samples() -> None:
-    """With an integral, x⁺ = x + u_(k-1)/2 + u/2: z (z - 1)² + κ (z + 1)/2 (z/2 - 1/2 + 1/10)."""
-    loop = dataclasses.replace(WITH_INTEGRAL, half_plant=INTEGRATOR.half_plant)
-    expected = np.polyadd([1, -2, 1, 0], 0.5 * 1.3 * np.polymul([1, 1], [0.5, -0.4]))
-    np.testing.assert_allclose(np.poly(loop.matrix(1.3, 0.5)), expected, atol=1e-12)
-
-
-@pytest.mark.parametrize("delay", [0, 1, 2])
-def test_a_whole_delay_is_the_same_number_of_any_type(delay: int) -> None:
-    """1.0 is 1, and only the map of the whole period enters: without one of half a period nothing changes."""
-    np.testing.assert_array_equal(WITH_INTEGRAL.matrix(1.3, float(delay)), WITH_INTEGRAL.matrix(1.3, delay))
-    assert np.isfinite(WITH_INTEGRAL.matrix(1.3, delay)).all()
-    assert np.isnan(WITH_INTEGRAL.matrix(1.3, delay + 0.5)).any()
 
 
 @pytest.mark.parametrize(
@@ -172,15 +112,14 @@ def test_margins_of_a_conditionally_stable_loop(monkeypatch: pytest.MonkeyPatch)
     assert gain_margin(Springs(), ARM, control_period=PERIOD) == (0.0, math.inf)
 
 
-@pytest.mark.parametrize(
-    ("gain", "delay"),
-    [(-1.0, 0), (math.nan, 0), (math.inf, 0), (1.0, -1), (1.0, -0.5), (1.0, math.nan), (1.0, math.inf)],
-)
+@pytest.mark.parametrize(("gain", "delay"), [(-1.0, 0), (math.inf, 0), (1.0, -0.5), (1.0, math.nan)])
 def test_matrix_refuses_gain_and_delay_out_of_range(gain: float, delay: float) -> None:
     """The message names the one that is wrong."""
     wrong = rf"loop_gain = {gain}" if delay == 0 else rf"delay = {delay}"
     with pytest.raises(ValueError, match=rf"^{wrong}.* is out of range; allowed: \[0, inf\)"):
         INTEGRATOR.matrix(gain, delay)
+    with pytest.raises(ValueError, match=r"delay = 0.25 is no multiple of half a sample; allowed: 0, 0.5, 1"):
+        spectral_radius(Springs(), ARM, control_period=PERIOD, delay=0.25)
 
 
 def test_other_parts_of_a_sample_are_refused() -> None:
@@ -189,71 +128,48 @@ def test_other_parts_of_a_sample_are_refused() -> None:
         spectral_radius(Springs(), ARM, control_period=PERIOD, delay=0.25)
 
 
-def test_two_halves_of_a_period_make_one() -> None:
-    """A_h² = A and A_h B_h + B_h = B, up to the integrator's error of second order in its sub-step."""
-    loop = linearise(Springs(), ARM, POSTURE, PERIOD)
-    (whole, acting), (half, acting_half) = (np.split(each, [8], axis=1) for each in (loop.plant, loop.half_plant))
-    for ours, of_halves in ((whole, half @ half), (acting, half @ acting_half + acting_half)):
-        assert np.abs(of_halves - ours).max() < 3e-4 * np.abs(ours).max()
-
-
-@pytest.mark.parametrize(("gain", "delay"), [(1.0, 0), (1.5, 0), (1.0, 0.5), (1.0, 1), (0.7, 1.5), (0.7, 2)])
+@pytest.mark.parametrize(
+    ("plant", "payload", "gain", "delay"),
+    [
+        (ARM, None, 1.0, 0),
+        (ARM, None, 1.5, 0),
+        (ARM, None, 1.0, 0.5),
+        (ARM, None, 1.0, 1),
+        (ARM, None, 0.7, 1.5),
+        (ARM, None, 0.7, 2),
+        (stiffer(0.8), None, 1.0, 0),
+        (dataclasses.replace(ARM, viscous_friction=(50.0, 20.0)), None, 1.0, 0),
+        (ARM, Payload(5.0), 1.0, 0.5),
+    ],
+)
 @pytest.mark.parametrize("name", POLICIES)
-def test_the_matrix_power_predicts_the_nonlinear_arm(name: str, gain: float, delay: float) -> None:
-    """A deviation of about 0.01 mrad over 200 periods, in units in which angles and velocities weigh alike."""
-    loop, policy = linearise(POLICIES[name], ARM, POSTURE, PERIOD), POLICIES[name]
+def test_the_matrix_power_predicts_the_nonlinear_arm(name, plant, payload, gain, delay) -> None:
+    """A deviation of about 0.01 mrad over 200 periods, in units in which angles and velocities weigh alike.
+
+    The policy knows the nominal arm only.
+    """
+    loop, policy = linearise(POLICIES[name], plant, POSTURE, PERIOD, payload), POLICIES[name]
     deviation = np.array([10.0, -5.0, 8.0, -7.0, 30.0, 200.0, -100.0, 50.0]) * 1e-6
     matrix = loop.matrix(gain, delay)
     start = np.concatenate([deviation, np.zeros(len(matrix) - 8)])
     predicted = np.array([np.linalg.matrix_power(matrix, k)[PLANT] @ start for k in range(201)])
-    simulated = simulate(policy, POSTURE, loop, deviation, 200, gain, delay)
+    arm = arm_constants(dataclasses.replace(plant, static_friction=(0, 0), coulomb_friction=(0, 0)), payload)
+    simulated = simulate(policy, POSTURE, loop, deviation, 200, gain, delay, arm)
     weights = np.repeat([1.0, 0.02], 4)
     size = np.linalg.norm(predicted * weights, axis=1)
-    assert size[200] < 0.2 * size.max()
+    assert size[200] < 0.3 * size.max()
     assert np.all(np.linalg.norm((simulated - predicted) * weights, axis=1) <= 0.02 * size + 1e-11)
 
 
-@pytest.mark.parametrize(
-    ("plant", "payload", "delay"),
-    [
-        (ARM, None, 0),
-        (ARM, None, 0.5),
-        (stiffer(0.8), None, 0),
-        (stiffer(1.2), None, 0),
-        (dataclasses.replace(ARM, viscous_friction=(50.0, 20.0)), None, 0),
-        (ARM, Payload(5.0), 0),
-        (ARM, Payload(5.0), 1.5),
-    ],
-)
-@pytest.mark.parametrize("name", POLICIES)
-def test_a_simulated_deviation_decays_as_the_radius_says(
-    name: str, plant: ArmParameters, payload: Payload | None, delay: float
-) -> None:
-    """Prony: what is left after 250 periods is two oscillations, y⁺⁺⁺⁺ = a y + b y⁺ + c y⁺⁺ + d y⁺⁺⁺ fits motor 1.
-
-    The policy knows the nominal arm only. The rate is compared, 1 - max |z|.
-    """
-    loop, arm = linearise(POLICIES[name], plant, POSTURE, PERIOD, payload), friction_free(plant, payload)
-    path = simulate(POLICIES[name], POSTURE, loop, np.repeat([1e-5, 0.0], 4), 600, delay=delay, arm=arm)
-    windows = np.lib.stride_tricks.sliding_window_view(path[250:, 0], 5)
-    factors = np.linalg.lstsq(windows[:, :4], windows[:, 4], rcond=None)[0]
-    simulated = np.abs(np.roots([1.0, *-factors[::-1]])).max()
-    assert 1.0 - simulated == pytest.approx(1.0 - radius(loop.matrix(delay=delay)), rel=5e-3)
-
-
 def test_payload_and_stiffness_change_the_radius_and_the_margin(few_postures: None) -> None:
-    """Each has to arrive at the plant: the nominal numbers differ from these by far more than the tolerances above."""
-    policy = POLICIES["fuzzy-4"]
+    """Each has to arrive at the plant."""
+    policy, loaded = POLICIES["fuzzy-4"], {"control_period": PERIOD, "payload": Payload(5.0)}
     nominal = spectral_radius(policy, ARM, control_period=PERIOD)
-    loaded = spectral_radius(policy, ARM, control_period=PERIOD, payload=Payload(5.0))
-    assert loaded > nominal + 0.005
-    assert loaded == max(radius(loop.matrix()) for loop in linearise_path(policy, ARM, PERIOD, Payload(5.0)))
+    assert spectral_radius(policy, ARM, **loaded) > nominal + 0.005
     assert spectral_radius(policy, ARM, control_period=PERIOD, payload=Payload(0.0)) == nominal
     assert spectral_radius(policy, stiffer(0.8), control_period=PERIOD) > nominal + 0.003
-    lower, upper = gain_margin(policy, ARM, control_period=PERIOD, payload=Payload(5.0))
-    for edge in (lower, upper):
-        at_the_edge = spectral_radius(policy, ARM, control_period=PERIOD, loop_gain=edge, payload=Payload(5.0))
-        assert at_the_edge == pytest.approx(1.0, abs=2e-4)
+    for edge in gain_margin(policy, ARM, **loaded):
+        assert spectral_radius(policy, ARM, loop_gain=edge, **loaded) == pytest.approx(1.0, abs=2e-4)
 
 
 @pytest.mark.slow
@@ -268,49 +184,28 @@ def test_a_robot_has_the_loops_of_the_two_joint_arm_that_it_is() -> None:
         assert radius(found.matrix(delay=delay)) == pytest.approx(radius(expected.matrix(delay=delay)), abs=1e-6)
 
 
-def test_the_motors_carry_the_payload() -> None:
-    """Gravity torque of arm and payload at the equilibrium, though the policy does not know of it."""
-    loop = linearise(POLICIES["fuzzy-4"], ARM, POSTURE, PERIOD, Payload(5.0))
-    link = loop.equilibrium[2:4]
-    carried = 5.0 * 9.81 * 0.5 * np.array([np.sin(link[0]) + np.sin(link.sum()), np.sin(link.sum())])
-    alone = gravity_torque(np.sin(link[0]), np.sin(link.sum()), arm_constants(ARM))
-    np.testing.assert_allclose(loop.torque, alone + carried, atol=1e-6)
-
-
 class FrictionModel(Springs):
     """`Springs` that add the friction they expect, 4 and 2 N m against the motors' velocity; steep at rest."""
 
     designs = 0
 
     def predict(self, observation: np.ndarray, state: Any = None, *_: Any, **__: Any) -> tuple[np.ndarray, Any]:
-        """Evaluate the law."""
         torque, memory = super().predict(observation, state)
         return torque + np.array([4.0, 2.0]) * np.tanh(observation[..., 2:4] / 1e-3), memory
 
     def without_dry_friction(self) -> Predictor:
-        """Return plain springs."""
         self.designs += 1
         return Springs()
 
 
-class StubbornFrictionModel(FrictionModel):
-    """The same, which keeps its model."""
-
-    def without_dry_friction(self) -> Predictor:
-        """Return itself."""
-        return self
-
-
 def test_a_model_of_dry_friction_is_removed_with_the_friction() -> None:
-    """The loop is that of the policy without friction model, designed once; with the model it would be unstable."""
+    """The loop is that of the policy without friction model, designed once."""
     policy = FrictionModel()
     plain, modelled = (linearise_path(each, ARM, PERIOD) for each in (Springs(), policy))
     assert policy.designs == 1
     np.testing.assert_array_equal([loop.matrix() for loop in modelled], [loop.matrix() for loop in plain])
     one, other = (linearise(each, ARM, POSTURE, PERIOD) for each in (Springs(), policy))
     np.testing.assert_array_equal(other.matrix(), one.matrix())
-    assert spectral_radius(policy, ARM, control_period=PERIOD) < 1.0
-    assert spectral_radius(StubbornFrictionModel(), ARM, control_period=PERIOD) > 1.5
 
 
 def test_equilibrium_of_a_loop_with_integral() -> None:
@@ -324,27 +219,7 @@ def test_equilibrium_of_a_loop_with_integral() -> None:
     np.testing.assert_allclose(loop.equilibrium[4:8], 0.0, atol=1e-9)
 
 
-def test_a_computed_torque_that_is_far_too_fast_diverges() -> None:
-    """400 rad/s: radius above 1, and the arm agrees."""
-    policy = ComputedTorquePolicy(ARM, PERIOD, 400.0)
-    assert spectral_radius(policy, ARM, control_period=PERIOD) > 1.0
-    assert np.isnan(gain_margin(policy, ARM, control_period=PERIOD)).all()
-    loop = linearise(policy, ARM, POSTURE, PERIOD)
-    path = simulate(policy, POSTURE, loop, np.full(8, 1e-9), 100)
-    assert np.abs(path[-20:]).max() > 1e5 * np.abs(path[0]).max()
-
-
-@pytest.mark.parametrize(
-    ("name", "delay"),
-    [
-        ("fuzzy-4", 0),
-        ("fuzzy-4", 0.5),
-        ("computed-torque", 1),
-        pytest.param("fuzzy-4", 1, marks=pytest.mark.slow),
-        pytest.param("computed-torque", 0, marks=pytest.mark.slow),
-        pytest.param("computed-torque", 0.5, marks=pytest.mark.slow),
-    ],
-)
+@pytest.mark.parametrize(("name", "delay"), [("fuzzy-4", 0), ("fuzzy-4", 0.5), ("computed-torque", 1)])
 def test_the_arm_settles_below_the_upper_margin_and_diverges_above(name: str, delay: float, few_postures: None) -> None:
     """At the posture that is the first to go, 3 % to either side."""
     policy = POLICIES[name]
@@ -355,16 +230,6 @@ def test_the_arm_settles_below_the_upper_margin_and_diverges_above(name: str, de
     below, above = (simulate(policy, posture, loop, deviation, 1500, k * upper, delay) for k in (0.97, 1.03))
     assert np.abs(below[-50:]).max() < 1e-2 * np.abs(below).max()
     assert np.abs(above[-50:]).max() > 1e3 * np.abs(above[:50]).max()
-
-
-def test_delay_costs_margin(few_postures: None) -> None:
-    """Delay does not increase the margins of these loops; the radius at the upper limit is 1."""
-    policy, delays = POLICIES["fuzzy-4"], (0, 0.5, 1, 1.5, 2)
-    uppers = [gain_margin(policy, ARM, control_period=PERIOD, delay=delay)[1] for delay in delays]
-    assert uppers == sorted(uppers, reverse=True)
-    for delay, upper in zip(delays, uppers, strict=True):
-        at_the_edge = spectral_radius(policy, ARM, control_period=PERIOD, loop_gain=upper, delay=delay)
-        assert at_the_edge == pytest.approx(1.0, abs=2e-4)
 
 
 def test_memory_that_the_torque_does_not_read_is_left_out() -> None:

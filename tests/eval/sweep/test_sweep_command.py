@@ -2,16 +2,11 @@
 
 import importlib
 import json
-import os
-import subprocess
 import sys
-from importlib import resources
-from pathlib import Path
 
 import numpy as np
 import pytest
 from matplotlib.figure import Figure
-from slow_twins import slow_but
 
 from fuzzyarm.cli import main
 from fuzzyarm.eval.sweep import run
@@ -109,63 +104,9 @@ def test_a_replay_gives_the_number_of_the_sweep(folder, capsys, monkeypatch):
     assert 1e3 * episode["tip_error"].max() == worst["max_mm"] and (replayed / "overview.png").exists()
 
 
-@pytest.mark.parametrize(
-    ("arguments", "expected"),
-    [
-        (["--policy", "nobody"], "unknown policy 'nobody'; choose from: fuzzy-32"),
-        (["--policy", "missing.json"], "missing.json"),
-        (["--policy", "fuzzy-4.json", "--policy", "fuzzy-4"], "fuzzy-4.json"),
-        (["--case", "nowhere"], "choose from: nominal, machining, payload"),
-        (["--plants", "0"], "plants = 0"),
-        (["--distribution", "x"], "choose from: nominal, plants, loads, all"),
-        (["--range", "mass", "a", "1"], "--range a must be a number"),
-        (["--range", "mass", "2", "1"], "mass"),
-        (["--grid", "mass", "0.9", "1.1", "3"], "two different quantities"),
-        (["--grid", "mass", "1", "2", "2.5", "--grid", "delay", "0", "1", "2"], "--grid 2.5 must be a whole number"),
-        (["--backend", "dask"], "choose from: local, ray"),
-        (["--address", "auto"], "--backend ray"),
-        (["--jobs", "0"], "jobs = 0"),
-        pytest.param(  # a second to import Ray; that it is refused is also tested of the engine
-            ["--backend", "ray", "--address", "127.0.0.1:9"], "no Ray cluster at", marks=pytest.mark.slow
-        ),
-        (["--resume"], "holds no sweep to go on with"),
-        (["--replay", "fuzzy-4", "nominal", "0"], "holds no sweep to go on with"),
-    ],
-)
-def test_bad_usage_is_one_line_and_makes_nothing(tmp_path, capsys, arguments, expected):
-    out = tmp_path / "sweep"
-    refused(capsys, tmp_path, [*arguments, "--out", str(out)], expected)
-    assert not out.exists() or not any(out.iterdir())
-
-
-def test_an_empty_folder_is_nothing_to_go_on_with(tmp_path, capsys):
-    refused(capsys, tmp_path, ["--resume", "--out", str(tmp_path)], "run.json is missing")
-
-
-def test_a_folder_that_is_a_file_is_named(tmp_path, capsys):
-    (tmp_path / "file").write_text("")
-    refused(capsys, tmp_path, [*QUICK, "--out", str(tmp_path / "file" / "sweep")], str(tmp_path / "file"))
-
-
-def test_a_finished_sweep_is_not_overwritten(folder, capsys):
-    refused(capsys, folder, [*QUICK, "--out", str(folder)], "holds a sweep already")
-
-
-@pytest.mark.parametrize("option", [["--plants", "7"], ["--seed", "1"], ["--policy", "fuzzy-2"], ["--chunk", "2"]])
-def test_another_sweep_is_not_mixed_in(folder, capsys, option):
-    refused(capsys, folder, ["--resume", *option, "--out", str(folder)], "choose another --out")
-
-
-@pytest.mark.parametrize("keep", slow_but([400], [0, 10, 400]))
-def test_a_broken_chunk_is_named(folder, capsys, keep, undrawn, short):
-    path = folder / "chunks" / "000001.npz"
-    path.write_bytes(path.read_bytes()[:keep])
-    refused(capsys, folder, ["--resume", "--out", str(folder)], "000001.npz is damaged")
-    path.unlink()
+def test_chunks_that_are_gone_are_run_and_those_of_another_sweep_are_named(folder, capsys, tmp_path, undrawn, short):
+    (folder / "chunks" / "000001.npz").unlink()
     assert main(["sweep", "--resume", "--jobs", "1", "--out", str(folder)]) == 0
-
-
-def test_a_chunk_of_another_sweep_is_named(folder, capsys, tmp_path, undrawn, short):
     other = tmp_path / "other"
     assert main(["sweep", *QUICK, "--seed", "1", "--out", str(other)]) == 0
     capsys.readouterr()
@@ -173,111 +114,41 @@ def test_a_chunk_of_another_sweep_is_named(folder, capsys, tmp_path, undrawn, sh
     refused(capsys, folder, ["--resume", "--out", str(folder)], "is of another sweep")
 
 
-@pytest.mark.parametrize("text", ["", "{", "[]", "{}", '{"schema": "x"}'])
-def test_a_broken_run_file_is_named(folder, capsys, text):
-    (folder / "run.json").write_text(text)
-    refused(capsys, folder, ["--resume", "--out", str(folder)], "begin again in another folder")
+def run_file(change):
+    """Return a change of the file that says what is run."""
+    return lambda folder: (folder / "run.json").write_text(change((folder / "run.json").read_text()))
 
 
-def test_a_changed_run_file_is_named(folder, capsys):
-    path = folder / "run.json"
-    path.write_text(path.read_text().replace('"plants": 6', '"plants": 5'))
-    refused(capsys, folder, ["--resume", "--out", str(folder)], "was changed")
+def cut(folder):
+    path = folder / "chunks" / "000001.npz"
+    path.write_bytes(path.read_bytes()[:400])
 
 
-@pytest.mark.parametrize("name", ["numpy", "code"])
-def test_versions_are_not_mixed(folder, capsys, monkeypatch, name):
-    newer = run.made_with() | {name: "another"}
+@pytest.mark.parametrize(
+    ("change", "words", "expected"),
+    [
+        (lambda folder: None, QUICK, "holds a sweep already"),
+        (lambda folder: None, ["--resume", "--plants", "7"], "choose another --out"),
+        (lambda folder: None, ["--resume", "--policy", "fuzzy-2"], "choose another --out"),
+        (lambda folder: (folder / "run.json").unlink(), QUICK, "remove chunks, or choose another --out"),
+        (run_file(lambda text: "{"), ["--resume"], "begin again in another folder"),
+        (run_file(lambda text: text.replace('"plants": 6', '"plants": 5')), ["--resume"], "was changed"),
+        (run_file(lambda text: text.replace("sweep/3", "sweep/1")), ["--resume"], "'fuzzyarm-sweep/1', this version"),
+        (cut, ["--resume"], "000001.npz is damaged"),
+    ],
+)
+def test_what_does_not_belong_to_a_sweep_is_not_mixed_in(folder, capsys, change, words, expected):
+    change(folder)
+    refused(capsys, folder, [*words, "--out", str(folder)], expected)
+
+
+def test_versions_are_not_mixed(folder, capsys, monkeypatch):
+    newer = run.made_with() | {"code": "another"}
     monkeypatch.setattr(run, "made_with", lambda: newer)
-    refused(capsys, folder, ["--resume", "--out", str(folder)], f"than there are now (made_with: {name} ")
-
-
-@pytest.mark.slow
-def test_a_policy_file_that_changed_is_not_mixed_in(tmp_path, capsys, undrawn):
-    file, out = tmp_path / "mine.json", tmp_path / "sweep"
-    shipped = resources.files("fuzzyarm.fuzzy_policy.controllers")
-    file.write_bytes((shipped / "fuzzy-1.json").read_bytes())
-    assert main(["sweep", *QUICK, "--policy", str(file), "--out", str(out)]) == 0
-    capsys.readouterr()
-    file.write_bytes((shipped / "fuzzy-2.json").read_bytes())
-    resumed = ["--resume", "--out", str(out), "--policy", str(file)]
-    refused(capsys, out, resumed, "than there are now (policies: mine: mine.json ")
-
-
-def test_what_a_run_leaves_that_is_killed_at_its_beginning_is_no_obstacle(tmp_path, capsys, undrawn, short):
-    """The folder of the chunks is made before the file that says what is run."""
-    out = tmp_path / "sweep"
-    (out / "chunks").mkdir(parents=True)
-    (out / "chunks" / ".000000.npz.1a2b.part").write_text("half")
-    refused(capsys, out, ["--resume", "--out", str(out)], "begin one without --resume")
-    assert main(["sweep", *QUICK, "--out", str(out)]) == 0
-
-
-def test_results_without_the_file_that_says_of_what_are_not_overwritten(folder, capsys):
-    (folder / "run.json").unlink()
-    refused(capsys, folder, [*QUICK, "--out", str(folder)], "remove chunks, or choose another --out")
-
-
-def test_a_disk_that_is_full_at_the_beginning_leaves_nothing(tmp_path, capsys, monkeypatch):
-    def full(*_):
-        raise OSError(28, "No space left on device")
-
-    monkeypatch.setattr("os.replace", full)
-    refused(capsys, tmp_path, [*QUICK, "--out", str(tmp_path / "sweep")], "run.json: No space left on device")
-    assert list(tmp_path.iterdir()) == []
-
-
-@pytest.mark.slow
-def test_a_sweep_holds_no_absolute_path_and_finds_its_policy_again(tmp_path, capsys, undrawn):
-    file, out = tmp_path / "there" / "mine.json", tmp_path / "sweep"
-    file.parent.mkdir()
-    shipped = Path(str(resources.files("fuzzyarm.fuzzy_policy.controllers"))) / "fuzzy-1.json"
-    file.write_bytes(shipped.read_bytes())
-    begun = ["--policy", str(file), *QUICK[2:], "--out", str(out)]
-    assert main(["sweep", *begun]) == 0
-    capsys.readouterr()
-    for name in ("run.json", "sweep.json", "sweep.csv"):
-        assert str(tmp_path) not in (out / name).read_text()
-    assert json.loads((out / "run.json").read_text())["config"]["policies"] == ["mine.json"]
-    refused(capsys, out, ["--resume", "--out", str(out)], "add --policy PATH/mine.json")
-    assert main(["sweep", "--resume", "--out", str(out), "--policy", str(file)]) == 0
-    (out / "mine.json").write_bytes(file.read_bytes())
-    assert main(["sweep", "--resume", "--out", str(out)]) == 0
-    capsys.readouterr()
-    (out / "mine.json").write_bytes(shipped.with_name("fuzzy-2.json").read_bytes())
-    refused(capsys, out, ["--resume", "--out", str(out)], "than there are now (policies: mine: mine.json ")
-
-
-def test_workers_that_die_again_and_again_end_the_sweep_with_one_line(tmp_path, capsys, monkeypatch):
-    from fuzzyarm.eval.engine import Engine, WorkersLost
-
-    def lost(*_):
-        raise WorkersLost("workers died 3 times in a row")
-        yield
-
-    monkeypatch.setattr(Engine, "run", lost)
-    assert main(["sweep", *QUICK, "--out", str(tmp_path / "sweep")]) == 1
-    assert "workers died 3 times in a row; what is done is kept: --resume" in capsys.readouterr().err
+    refused(capsys, folder, ["--resume", "--out", str(folder)], "than there are now (made_with: code ")
 
 
 def test_without_ray_the_extra_is_named(tmp_path, capsys, monkeypatch):
     monkeypatch.setitem(sys.modules, "ray", None)
     refused(capsys, tmp_path, [*QUICK, "--backend", "ray", "--out", str(tmp_path)], '-e ".[cluster]"')
     assert not list(tmp_path.iterdir())
-
-
-def test_a_folder_of_an_older_format_is_refused(folder, capsys):
-    path = folder / "run.json"
-    path.write_text(path.read_text().replace("fuzzyarm-sweep/3", "fuzzyarm-sweep/1"))
-    refused(capsys, folder, ["--resume", "--out", str(folder)], "'fuzzyarm-sweep/1', this version reads")
-
-
-def test_the_help_loads_neither_joblib_nor_ray_nor_what_draws():
-    code = (
-        "import sys; from fuzzyarm.cli.application import main\n"
-        "try: main(['sweep', '--help'])\n"
-        "except SystemExit: pass\n"
-        "print([name for name in ('joblib', 'ray', 'matplotlib') if name in sys.modules])"
-    )
-    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True, env=os.environ)
-    assert done.stdout.splitlines()[-1] == "[]"

@@ -1,6 +1,8 @@
-"""A whole sweep on every backend, with workers and the driver killed: always the same numbers."""
+"""A sweep on every backend, with workers killed: always the same numbers; and what its identity depends on."""
 
+import dataclasses
 import functools
+import importlib
 import json
 import os
 import signal
@@ -9,15 +11,19 @@ import sys
 import time
 from pathlib import Path
 
+import cloudpickle
 import numpy as np
 import pytest
-from support.processes import running, wait_until
 
-from fuzzyarm.cli import main
-from fuzzyarm.eval.engine import Engine
+import fuzzyarm
+from fuzzyarm.envs.physics.robot import robot_named
+from fuzzyarm.envs.scenario.cases import CASES, Case, add_case, find_case
+from fuzzyarm.envs.scenario.disturbances import ConstantForce, Disturbance
+from fuzzyarm.eval.engine import Engine, WorkersLost, _call, _pickled, module_sources
 from fuzzyarm.eval.sweep import run
 from fuzzyarm.eval.sweep.config import SweepConfig
-from fuzzyarm.eval.sweep.run import Sweep, run_chunk
+from fuzzyarm.eval.sweep.run import SOURCES, Sweep, digest_of, identity_of, run_chunk
+from fuzzyarm.policies import resolve_all
 
 HERE = Path(__file__).parent
 CONFIG = SweepConfig(policies=("fuzzy-4", "computed-torque-tip"), cases=("machining",), plants=24, chunk=2, seed=5)
@@ -32,7 +38,7 @@ def swept(folder, engine, progress=lambda: None, report=lambda text: None, confi
     sweep = Sweep.begin(folder / "sweep", config)
     for _ in sweep.run(engine, report):
         progress()
-    return vars(sweep.results())
+    return sweep.results().arrays
 
 
 def equal(one, other):
@@ -107,18 +113,12 @@ def test_ray_gives_the_same_numbers_and_one_of_its_workers_may_die(tmp_path, exp
     done = subprocess.run(command, env=environment, capture_output=True, text=True, check=False)
     assert done.returncode == 0, done.stderr
     assert done.stdout == ""  # is for results
-    assert equal(vars(Sweep.resume(tmp_path / "sweep").results()), expected)
+    assert equal(Sweep.resume(tmp_path / "sweep").results().arrays, expected)
     found = json.loads((tmp_path / "found.json").read_text())
     assert len(found["workers"]) > 1 and found["own"] not in found["workers"]
     assert len(found["reports"]) == 1 and "a worker died" in found["reports"][0]
     assert found["addresses"] == ["127.0.0.1"]  # nobody else can reach it
     assert not found["left"]
-
-
-@pytest.mark.slow
-def test_another_chunk_size_gives_the_same_numbers(tmp_path, expected):
-    config = SweepConfig(**vars(CONFIG) | {"chunk": 24})
-    assert equal(swept(tmp_path, Engine(jobs=1), config=config), expected)
 
 
 def test_a_worker_with_other_versions_is_refused(tmp_path, monkeypatch):
@@ -131,49 +131,173 @@ def test_a_worker_with_other_versions_is_refused(tmp_path, monkeypatch):
     assert list((tmp_path / "sweep" / "chunks").iterdir()) == []
 
 
-WAITS = """
-import os, sys, time
-from pathlib import Path
-from fuzzyarm.cli import main  # noqa: E402
-replace = os.replace
+ROOT = Path(fuzzyarm.__file__).parent
 
-def waits(source, target):
-    replace(source, target)
-    folder = Path(target).parent
-    if folder.name == "chunks" and len(list(folder.glob("*.npz"))) == int(sys.argv[1]):
-        time.sleep(3600)
+IMPORTED = """
+import itertools, json, sys
+from fuzzyarm.eval.sweep import episodes
+from fuzzyarm.eval.sweep.config import SweepConfig
+from fuzzyarm.policies import load_policy
 
-os.replace = waits
-sys.exit(main(sys.argv[2:]))
+names = ("fuzzy-4-tip", "elastic-observer", "ppo-residual")
+whole = episodes.episodes
+episodes.episodes = lambda *given, **more: itertools.islice(whole(*given, **more), 100)  # of 1500 steps
+episodes.run_plants(SweepConfig(cases=("machining",)), {name: load_policy(name) for name in names}, range(1))
+print(json.dumps([module.__file__ for name, module in sys.modules.items() if name.startswith("fuzzyarm.")]))
 """
 
 
+def test_the_digest_covers_every_module_that_runs_an_episode():
+    done = subprocess.run([sys.executable, "-c", IMPORTED], capture_output=True, text=True, check=True)
+    used = {Path(file).relative_to(ROOT) for file in json.loads(done.stdout)}
+    covered = {Path(source) for source in SOURCES}
+    missing = {path for path in used if path.name != "__init__.py" and not covered.intersection([path, *path.parents])}
+    assert missing == set()
+
+
+def test_the_identity_holds_the_digest_of_every_file_of_a_policy():
+    config = SweepConfig(policies=("fuzzy-4-tip", "ppo-residual", "computed-torque"))
+    found = identity_of(config, resolve_all(config.policies))
+    assert list(found["policies"]["fuzzy-4-tip"]) == ["fuzzy-4.json"]
+    assert "policy.json" in found["policies"]["ppo-residual"]  # which holds the digest of the weights
+    assert found["policies"]["computed-torque"] == {}
+    assert found["numbers"]["parameters"] == config.parameters.to_dict()
+    assert "bound" not in found["numbers"]  # decides only how results are shown
+    assert digest_of(found) == digest_of(json.loads(json.dumps(found)))
+
+
+def test_the_sweep_of_a_robot_is_opened_again_and_another_robot_is_refused(tmp_path):
+    robot = robot_named("planar-3r")
+    config = SweepConfig(robot=robot, policies=("computed-torque",), plants=2)
+    Sweep.begin(tmp_path, config)
+    assert Sweep.resume(tmp_path, {"robot": robot}).config == config
+    with pytest.raises(ValueError, match="choose another --out"):
+        Sweep.resume(tmp_path, {"robot": robot.with_payload(0.1)})
+
+
+def test_a_sweep_of_an_added_case_goes_on_only_where_the_case_is_known_and_the_same(tmp_path):
+    pushes = [
+        Case("pushed", "Case 4: pushed", Disturbance(tip_force=ConstantForce((0.0, force)))) for force in (30.0, 31.0)
+    ]
+    add_case(pushes[0])
+    try:
+        config = SweepConfig(policies=("computed-torque",), cases=("pushed", "nominal"), plants=2)
+        Sweep.begin(tmp_path, config)
+        assert Sweep.resume(tmp_path).config == config
+        CASES["pushed"] = pushes[1]
+        with pytest.raises(ValueError, match=r"begun with other .*\(cases: pushed"):
+            Sweep.resume(tmp_path)
+        del CASES["pushed"]
+        with pytest.raises(ValueError, match=r"unknown case 'pushed'.*add_case adds another"):
+            Sweep.resume(tmp_path)
+    finally:
+        CASES.pop("pushed", None)
+
+
+def slow(number):
+    time.sleep(0.2)
+    return os.getpid()
+
+
+def poison(number):
+    if number == 3:
+        os.kill(os.getpid(), signal.SIGKILL)
+    return number * number
+
+
+def failing(number):
+    raise ArithmeticError(f"no {number}")
+
+
 @pytest.mark.slow
-def test_an_interrupted_and_then_a_killed_sweep_goes_on_to_the_same_end(tmp_path, capsys):
-    folder = tmp_path / "sweep"
-    arguments = ["--policy", "fuzzy-4", "--case", "machining", "--plants", "60", "--chunk", "2", "--seed", "5"]
+def test_a_killed_process_loses_no_work():
+    reports, found = [], {}
+    for number, process in Engine(jobs=2).run(slow, range(8), reports.append):
+        found[number] = process
+        if len(found) == 2:
+            os.kill(process, signal.SIGKILL)
+    assert sorted(found) == list(range(8)) and os.getpid() not in found.values()
+    assert len(reports) == 1 and "run again" in reports[0]
 
-    def started(words, files):
-        """Start a sweep that waits, and its workers too, once there are so many chunks."""
-        command = ["sweep", *words, "--jobs", "2", "--out", str(folder)]
-        return running(WAITS, str(files), *command, stdout=subprocess.PIPE, stderr=subprocess.PIPE)
 
-    def done():
-        return len(list(folder.glob("chunks/*.npz")))
+@pytest.mark.slow
+def test_work_that_always_kills_its_worker_is_given_up():
+    reports, done = [], []
 
-    with started(arguments, 3) as process:
-        wait_until(lambda: done() == 3, process)
-        os.killpg(process.pid, signal.SIGINT)  # what Ctrl-C in a terminal does: everybody gets it
-        error = process.communicate()[1]
-    assert process.returncode == 130
-    assert error.splitlines()[-1].startswith("fuzzyarm sweep: interrupted; what is done is kept: --resume --out")
-    assert done() == 3
-    with started(["--resume"], 6) as process:
-        wait_until(lambda: done() == 6, process)  # and is killed
-    kept = {path: path.stat().st_mtime_ns for path in folder.glob("chunks/*.npz")}
-    assert len(kept) == 6 and not (folder / "sweep.json").exists()
-    assert main(["sweep", "--resume", "--jobs", "1", "--out", str(folder)]) == 0
-    assert all(path.stat().st_mtime_ns == when for path, when in kept.items())
-    whole = SweepConfig(policies=("fuzzy-4",), cases=("machining",), plants=60, chunk=60, seed=5)
-    found = np.load(folder / "episodes.npz")
-    assert equal({name: found[name] for name in found.files}, swept(tmp_path / "whole", Engine(jobs=1), config=whole))
+    def run():
+        for number, square in Engine(jobs=2).run(poison, range(6), reports.append):
+            assert square == number * number
+            done.append(number)
+
+    with pytest.raises(WorkersLost, match="died 3 times"):
+        run()
+    assert 3 not in done and len(done) == len(set(done)) and len(reports) >= 2
+
+
+@pytest.mark.parametrize("jobs", [1, 2])
+def test_an_error_of_the_work_itself_is_raised(jobs):
+    with pytest.raises(ArithmeticError, match="no "):
+        list(Engine(jobs=jobs).run(failing, range(4)))
+
+
+@pytest.mark.parametrize(
+    ("arguments", "expected"),
+    [
+        ({"jobs": 1.5}, "jobs = 1.5 must be a whole number"),
+        ({"address": "auto"}, "--backend ray"),
+        ({"backend": "ray", "address": "ray://host:10001"}, "auto or HOST:PORT"),
+    ],
+)
+def test_bad_values_are_named(arguments, expected):
+    with pytest.raises((TypeError, ValueError), match=expected):
+        Engine(**arguments)
+
+
+def test_a_cluster_that_is_not_there_is_named_before_ray_looks_for_it(monkeypatch):
+    """Ray itself would try for minutes."""
+    monkeypatch.setattr("ray.init", lambda **_: pytest.fail("Ray was asked"))
+    with pytest.raises(ValueError, match=r"no Ray cluster at '127\.0\.0\.1:9'"):
+        list(Engine("ray", address="127.0.0.1:9").run(slow, [0]))
+
+
+@dataclasses.dataclass(frozen=True)
+class Push:
+    force: float
+
+    def at(self, time, tip_velocity):
+        return np.full((*np.shape(time), 2), self.force)
+
+
+PUSHED = Case("pushed", "Case 4: pushed", Disturbance(tip_force=Push(30.0)))
+
+
+@pytest.fixture
+def pushed():
+    """The case, which is forgotten at the end."""
+    add_case(PUSHED)
+    yield
+    CASES.pop("pushed", None)
+
+
+def loads(number):
+    return find_case("pushed").disturbance.tip_force.force
+
+
+def test_work_travels_with_what_was_added_by_name(pushed):
+    """As to a process that knows nothing of it, and to one where the name means something else."""
+    content = _pickled(loads)
+    for known in ({}, {"pushed": dataclasses.replace(PUSHED, disturbance=Disturbance())}):
+        del CASES["pushed"]
+        CASES.update(known)
+        assert _call(content, (), 3) == (3, 30.0)
+
+
+def test_the_modules_that_work_refers_to_are_sent_to_a_cluster(tmp_path, monkeypatch):
+    """Those of a policy and of a case alike, not what every machine has, nor what is run."""
+    (tmp_path / "pushes").mkdir()
+    (tmp_path / "pushes" / "__init__.py").touch()
+    (tmp_path / "pushes" / "side.py").write_text("class Side:\n    pass\n")
+    monkeypatch.syspath_prepend(str(tmp_path))
+    side = importlib.import_module("pushes.side")
+    work = [side.Side(), dataclasses.fields, np.float64, Engine, "__main__"]
+    assert module_sources(cloudpickle.dumps(work)) == (tmp_path / "pushes",)

@@ -1,4 +1,6 @@
-import io
+"""Quantiles and intervals over plants, the table, the cells of a map, and the ranking of policies."""
+
+import json
 import math
 import re
 
@@ -7,10 +9,14 @@ import pytest
 from rich.console import Console
 from scipy.stats import binom, norm
 
-from fuzzyarm.eval.sweep.config import SweepConfig
+from fuzzyarm.cli import main
+from fuzzyarm.eval.evaluation.ranking import markdown
+from fuzzyarm.eval.sweep.config import Axis, SweepConfig
 from fuzzyarm.eval.sweep.distributions import columns_of, plant_record
 from fuzzyarm.eval.sweep.episodes import SweepResults
-from fuzzyarm.eval.sweep.summary import QUANTILES, print_sweep, quantile_ranks, quantiles, summarise, summary_csv, worst
+from fuzzyarm.eval.sweep.figures import Cells
+from fuzzyarm.eval.sweep.ranking import rank_sweeps
+from fuzzyarm.eval.sweep.summary import QUANTILES, print_sweep, quantile_ranks, quantiles, summarise, worst
 
 
 @pytest.mark.parametrize("count", [2, 15, 400, 5000])
@@ -23,18 +29,6 @@ def test_the_intervals_of_quantiles_are_those_of_infinitely_many_resamples(count
         slack = 4 * math.sqrt(0.025 * 0.975 / 2000)  # four standard errors of a share of 2000 resamples
         assert tail[first] > 0.025 - slack and (first == 0 or tail[first - 1] < 0.025 + slack)
         assert tail[last] > 0.975 - slack and (last == 0 or tail[last - 1] < 0.975 + slack)
-
-
-@pytest.mark.parametrize(
-    ("count", "least"),
-    [(300, 0.79), (1000, 0.91), (3000, 0.94), pytest.param(10000, 0.94, marks=pytest.mark.slow)],
-)
-def test_how_often_the_intervals_cover_the_quantiles_of_a_continuous_distribution(count, least):
-    """Of n values a binomial number lies at or below the quantile: it must be above the low rank, not the high one."""
-    _, low, high = quantile_ranks(count)
-    cover = binom.cdf(high, count, QUANTILES) - binom.cdf(low, count, QUANTILES)
-    assert np.all(cover[:2] > 0.94) and np.all(cover < 0.965)
-    assert cover[2] > least  # few plants say little of the 99 % quantile, as the module's words have it
 
 
 def test_the_quantiles_of_values_are_values_of_that_rank_in_any_order():
@@ -50,10 +44,6 @@ def test_a_quantile_among_episodes_that_ended_early_is_beyond_every_bound():
     assert found["0.5"]["value"] == 49.0
     assert found["0.9"]["value"] == 89.0 and found["0.9"]["high"] is None
     assert found["0.99"]["value"] is None and found["0.99"]["high"] is None
-
-
-def test_of_a_single_plant_there_is_no_interval():
-    assert quantiles(np.array([3.0]))["0.5"] == {"value": 3.0, "low": None, "high": None}
 
 
 def made(count=200):
@@ -111,22 +101,114 @@ def test_the_table_shows_no_number_without_its_interval():
     assert "100.00 (99.92 to 100.00)" in lines[0]  # Wilson: n/(n + z²) of 5000
 
 
-def test_a_terminal_of_eighty_columns_shows_every_number():
-    document, out = summarise(*made()), io.StringIO()
-    print_sweep(document, Console(file=out, width=80, force_terminal=True, color_system=None))
-    lines = out.getvalue().splitlines()
-    assert max(map(len, lines)) <= 80 and not any("…" in line for line in lines)
-    for row in document["rows"]:
-        for level in ("0.5", "0.9", "0.99"):
-            value = row["max_mm"][level]["value"]
-            assert value is None or any(f"{value:#.3g}" in line for line in lines)
+GRID = SweepConfig(
+    policies=("fuzzy-4", "a"), cases=("nominal", "payload"), distribution="plants", plants=3,
+    grid=(Axis("stiffness", 0.5, 1.5, 5), Axis("delay", 0, 3, 4)),
+)  # fmt: skip
 
 
-def test_the_csv_has_every_number_with_both_ends():
-    config, results = made()
-    header, *lines = summary_csv(summarise(config, results)["rows"]).splitlines()
-    assert len(lines) == 2
-    names = header.split(",")
-    for name in [name for name in names if name.endswith("_value")]:
-        assert name.replace("_value", "_low") in names and name.replace("_value", "_high") in names
-    assert "max_mm_0.99_value" in names and "success_value" in names
+def made_for(config, ended=True):
+    generator = np.random.default_rng(0)
+    plants = np.empty(config.total, dtype=plant_record(2))
+    for name in columns_of(2):
+        plants[name] = generator.uniform(size=config.total)
+    plants["delay"] = generator.integers(0, 3, config.total)
+    if config.grid:
+        cell = np.arange(config.total) // config.plants
+        first, second = config.grid
+        plants["stiffness_1"] = first.values[cell // second.number]
+        plants["delay"] = second.values[cell % second.number]
+    shape = len(config.policies), len(config.cases), config.total
+    completed = np.ones(shape, dtype=bool)
+    if ended:
+        completed[..., :3] = False
+    largest = generator.lognormal(2.5, 1.0, shape)
+    return SweepResults(plants, {"max_mm": largest, "rms_mm": largest / 3}, seconds=largest, completed=completed)
+
+
+def test_the_cells_of_a_grid_hold_the_medians_of_their_plants():
+    results = made_for(GRID)
+    cells = Cells.of(GRID, results.plants)
+    errors = results.metrics["max_mm"][0, 0]
+    expected = np.median(errors.reshape(5, 4, 3), axis=-1).T
+    assert np.array_equal(cells.medians(errors), expected)
+    assert np.allclose(cells.edges[0], [0.375, 0.625, 0.875, 1.125, 1.375, 1.625])
+    assert np.allclose(cells.edges[1], [-0.5, 0.5, 1.5, 2.5, 3.5])
+
+
+PLANTS = 200
+
+
+def document(errors, completed=None, **config):
+    """What a sweep writes for largest errors (policies, cases, plants) [mm] of fuzzy-1, fuzzy-2, ..."""
+    policies = tuple(f"fuzzy-{k}" for k in (1, 2, 4)[: len(errors)])
+    whole = SweepConfig(policies=policies, cases=("nominal", "payload"), plants=errors.shape[-1], **config)
+    completed = np.ones(errors.shape, bool) if completed is None else completed
+    plants = np.zeros(errors.shape[-1], plant_record(2))
+    return summarise(
+        whole, SweepResults(plants, {"max_mm": errors, "rms_mm": 0.5 * errors}, np.ones(errors.shape), completed)
+    )
+
+
+@pytest.fixture
+def write(tmp_path):
+    def file(name, content):
+        (tmp_path / name).mkdir()
+        path = tmp_path / name / "sweep.json"
+        path.write_text(json.dumps(content), encoding="utf-8")
+        return path
+
+    return file
+
+
+def drawn(policies, seed=0):
+    return np.random.default_rng(seed).uniform(1.0, 2.0, (policies, 2, PLANTS))
+
+
+def test_the_score_is_the_worst_case_s_quantile_over_the_plants(write):
+    errors = drawn(2)
+    errors[0, 0], errors[1, 0] = errors[0, 0] * 1e-3, errors[1, 0] * 3.0
+    errors[0, 1] *= 2.0
+    board = rank_sweeps([write("a", document(errors))])
+    assert [standing.policy for standing in board.standings] == ["fuzzy-1", "fuzzy-2"]
+    for standing, own, case in zip(board.standings, errors, (1, 0), strict=True):
+        assert standing.score.mean == np.sort(own[case])[int(0.99 * PLANTS) - 1]
+        assert standing.score.low <= standing.score.mean <= standing.score.high <= own.max()
+
+
+def test_losing_more_than_one_in_a_hundred_ranks_last_and_losing_fewer_does_not(write):
+    errors, completed = drawn(3), np.ones((3, 2, PLANTS), bool)
+    completed[0, 1, :3], completed[1, 0, :1] = False, False
+    errors[1:] *= 10.0
+    errors[2] *= 2.0
+    table = markdown(rank_sweeps([write("a", document(errors, completed)).parent]))
+    ranks = [[cell.strip() for cell in line.split("|")[1:4]] for line in table.splitlines()[2:5]]
+    assert [rank[:2] for rank in ranks] == [["1", "fuzzy-2"], ["2", "fuzzy-4"], ["3", "fuzzy-1"]]
+    assert ranks[2][2] == "ended early" and "3 of 400" in table and "lost" not in table.lower()
+
+
+def test_sweeps_of_other_plants_are_ranked_together_and_of_another_distribution_are_not(write, capsys):
+    one, more = write("a", document(drawn(2))), write("b", document(3.0 * drawn(1, 1), seed=500))
+    assert main(["leaderboard", str(one.parent), str(more), "--markdown"]) == 0
+    assert capsys.readouterr().out.count("fuzzy-1") == 2
+    other = write("c", document(drawn(1), distribution="all"))
+    assert main(["leaderboard", str(one), str(other)]) == 2
+    assert "not comparable: distribution" in capsys.readouterr().err
+
+
+def test_what_cannot_be_ranked_is_refused_in_one_line(write, tmp_path, capsys):
+    path = write("a", document(drawn(1)))
+    damaged = json.loads(path.read_text())
+    del damaged["rows"][0]["max_mm"]
+    results = tmp_path / "results.json"
+    results.write_text("{}")
+    for words, message in (
+        ([str(path), str(path.parent)], "given twice"),
+        ([str(path), str(results)], "rank sweeps with sweeps"),
+        ([str(path), "--bound", str(results)], "leave it out"),
+        ([str(write("b", damaged))], "damaged ('max_mm' is missing)"),
+        ([str(write("c", damaged | {"schema": "fuzzyarm-sweep/1"}))], "fuzzyarm-sweep/1"),
+    ):
+        assert main(["leaderboard", *words]) == 2
+        error = capsys.readouterr().err
+        assert message in error and error.count("\n") == 1

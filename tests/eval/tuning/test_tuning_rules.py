@@ -1,4 +1,4 @@
-"""The rules that choose gains from rows that were measured."""
+"""The rules that choose gains from rows that were measured, and the search for weights."""
 
 import math
 
@@ -7,10 +7,16 @@ import pytest
 
 from fuzzyarm.envs.physics.dynamics import tip_jacobian
 from fuzzyarm.envs.physics.parameters import ArmParameters
+from fuzzyarm.envs.scenario.cases import case_for
+from fuzzyarm.eval.engine import Engine
 from fuzzyarm.eval.stability.linearisation import LocalLoop
-from fuzzyarm.eval.tuning import bandwidth, fuzzy_gains
-from fuzzyarm.eval.tuning.finding import radius_within
+from fuzzyarm.eval.tuning import bandwidth, fuzzy_gains, observer_search
+from fuzzyarm.eval.tuning.finding import PERIODS, force_factor, heaviest, periods_of, radius_within
+from fuzzyarm.eval.tuning.search import WORTH, Budget, Descent, best_of, found_weights, sobol_points
 from fuzzyarm.eval.tuning.tip_bounds import largest_deviation
+from fuzzyarm.fuzzy_policy.laws.computed_torque import ComputedTorquePolicy
+from fuzzyarm.fuzzy_policy.laws.tip import TipPolicy
+from fuzzyarm.policies.tip_bound import TipClaim, find_bound
 
 PAPER = ArmParameters()
 
@@ -108,3 +114,57 @@ def test_the_bandwidth_with_the_smallest_error_within_margins_is_chosen():
     ]
     assert bandwidth.choice_of(rows) is rows[-1]
     assert bandwidth.choice_of(rows[:4]) is None
+
+
+MINIMUM = np.log([0.02, 3.0])
+BOX = [(1e-3, 1.0), (0.1, 100.0)]
+
+
+def bowl(arm):
+    return lambda point: arm + float(((np.asarray(point) - MINIMUM) ** 2).sum())
+
+
+def searched(guess, budget):
+    points = sobol_points(BOX, 8, seed=1)
+    return found_weights(bowl, 1.0, np.asarray(guess), points, 0.5, budget, engine=Engine(jobs=1))
+
+
+def test_the_minimum_of_a_bowl_is_found():
+    best, guess = searched(MINIMUM + 1.0, Budget(sobol=8, searches=2, evaluations=60))
+    assert guess.cost == pytest.approx(3.0) and best.cost == pytest.approx(1.0, abs=1e-4)
+    assert best.point == pytest.approx(MINIMUM, abs=1e-2)
+
+
+def test_the_first_guess_stays_where_nothing_is_better_by_a_share():
+    nearly = MINIMUM + math.sqrt(0.9 * WORTH / 2)
+    best, guess = searched(nearly, Budget(sobol=8, searches=2, evaluations=60))
+    assert best == guess
+    first = Descent((0.0,), 1.0)
+    assert best_of(first, [Descent((1.0,), 1.0 - 0.9 * WORTH)]) == first
+    assert best_of(first, [Descent((1.0,), 1.0 - 1.1 * WORTH)]).point == (1.0,)
+    assert best_of(Descent((0.0,), math.inf), [Descent((1.0,), 7.0)]).cost == 7.0
+
+
+def test_table_1_is_tuned_under_the_papers_loads_and_another_arm_under_its_own():
+    paper, other = ArmParameters(), ArmParameters(length=(0.6, 0.45))
+    assert (periods_of(paper), heaviest(paper), force_factor(paper)) == (PERIODS, 5.0, 1.0)
+    assert observer_search.largest_allowed(paper) == 0.997
+    assert radius_within(0.5, PERIODS) == 0.5 ** (1.0 / 1500.0)
+    loads = case_for("machining", other).disturbance.tip_force, case_for("payload", other).disturbance.payload
+    assert heaviest(other) == loads[1].mass != 5.0
+    assert force_factor(other) == loads[0].base / 138.0 != 1.0
+
+
+SOFT = ArmParameters(length=(0.5, 0.4), stiffness=(8e3, 5e3))
+
+
+def policy():
+    return TipPolicy(ComputedTorquePolicy(SOFT, 1e-3, 40.0))
+
+
+def test_the_arm_of_a_bound_is_that_of_the_policy():
+    """The soft arm follows the circle closely with the policy that knows it; its start has other motors' angles."""
+    own = find_bound(TipClaim("it", steps=3), policy=policy())
+    papers = find_bound(TipClaim("computed-torque-tip", steps=3))
+    assert own.largest < 1e-6
+    assert abs(own.steps[0].segments[0].end[0] - papers.steps[0].segments[0].end[0]) > 1e-3

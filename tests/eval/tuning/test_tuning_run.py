@@ -1,12 +1,10 @@
 """The run of a tuning: kept steps, resuming, and what is refused. The searches themselves are stood in for."""
 
-import dataclasses
 import json
 
 import pytest
 
 from fuzzyarm.cli import main
-from fuzzyarm.envs.physics.parameters import ArmParameters
 from fuzzyarm.eval.stability.margins import LIMITS
 from fuzzyarm.eval.tuning import run as tuning
 from fuzzyarm.eval.tuning import steps
@@ -127,15 +125,3 @@ def test_a_damaged_step_is_refused(tmp_path, calls, quick_margins, capsys):
         assert main(["tune", "--out", str(out), "--resume"]) == 2
         assert capsys.readouterr().err.count("\n") == 1
     assert read_finding(out, "fuzzy-4", good["arm_sha256"]) is None
-
-
-def test_every_law_of_a_finding_reaches_the_file(calls):
-    arm = ArmParameters()
-    findings = {
-        name: dataclasses.replace(
-            steps.nothing_found(arm, name, "", 0, ""), chosen=chosen, radii={"nominal": 0.9}, notes=()
-        )
-        for name, chosen in ((steps.FUZZY, {"alpha": 20.0}), (COMPUTED_TORQUE, {"bandwidth": 70.0}))
-    }
-    laws = tuning.laws_of(arm, findings)
-    assert laws.policies == ("fuzzy-4", "computed-torque", "fuzzy-4-tip", "computed-torque-tip")

@@ -14,7 +14,7 @@ from fuzzyarm.envs.physics.records import flat
 from fuzzyarm.envs.scenario.cases import CASES
 from fuzzyarm.envs.scenario.disturbances import Disturbance, EncoderNoise
 from fuzzyarm.envs.scenario.reference import JointReference
-from fuzzyarm.eval.stability.linearisation import gain_margin, spectral_radius
+from fuzzyarm.eval.stability.linearisation import spectral_radius
 from fuzzyarm.fuzzy_policy.laws.elastic_observer import ElasticObserverPolicy
 from fuzzyarm.fuzzy_policy.laws.elastic_target import ElasticTarget, memory_size
 from fuzzyarm.fuzzy_policy.laws.gain_schedule import GRID
@@ -27,8 +27,7 @@ from fuzzyarm.fuzzy_policy.laws.observer_gains import (
 )
 
 ARM = ArmParameters()
-NO_FRICTION = {"static_friction": (0.0, 0.0), "coulomb_friction": (0.0, 0.0)}
-SMOOTH = dataclasses.replace(ARM, **NO_FRICTION)
+SMOOTH = dataclasses.replace(ARM, static_friction=(0.0, 0.0), coulomb_friction=(0.0, 0.0))
 LIGHT = ArmParameters(
     mass=(3.0, 1.5),
     inertia=(0.03, 0.01),
@@ -45,6 +44,7 @@ MEMORY_SIZE, STATE, LOAD = memory_size(2), state_part(2), estimate_parts(2).load
 MEASURED = [0, 1, 4, 5]  # motor angles and velocities, of x
 WEIGHTS = ObserverWeights()
 NOISE = EncoderNoise(position=1e-5, velocity=1e-3)
+NONE = ObserverWeights(link_angle=1e-6, link_velocity=1e-6, motor_torque=1e6)  # have no gains
 POSTURE = np.array([0.4, 1.1])
 
 
@@ -102,22 +102,11 @@ def errors():
     return dict(zip(tasks, 1e3 * follow(envs, ElasticObserverPolicy())[4].T, strict=True))
 
 
-@pytest.mark.parametrize("task", ["nominal", "noisy"])
-def test_tip_error_with_perfect_knowledge(errors, task):
-    assert errors[task].max() < {"nominal": 0.01, "noisy": 0.1}[task]
-
-
-@pytest.mark.parametrize("task", ["soft", "stiff"])
-def test_tip_error_with_stiffness_wrong_by_5_percent(errors, task):
-    assert 0.05 < errors[task].max() < 0.25
-
-
-def test_tip_error_under_the_machining_force(errors):
-    error = errors["machining"]
-    assert np.sqrt(np.mean(error**2)) < 2.2 and error[100:1400].max() < 3.7
-
-
-def test_tip_error_with_an_unknown_payload(errors):
+def test_tip_errors(errors):
+    largest = {task: error.max() for task, error in errors.items()}
+    assert largest["nominal"] < 0.01 and largest["noisy"] < 0.1
+    assert 0.05 < largest["soft"] < 0.25 and 0.05 < largest["stiff"] < 0.25
+    assert np.sqrt(np.mean(errors["machining"] ** 2)) < 2.2 and errors["machining"][100:1400].max() < 3.7
     assert np.sqrt(np.mean(errors["payload"] ** 2)) < 1.0
 
 
@@ -125,10 +114,6 @@ def test_tip_error_with_an_unknown_payload(errors):
     ("plant", "arguments"),
     [
         (ARM, {}),
-        pytest.param(ARM, {"loop_gain": 0.67}, marks=pytest.mark.slow),
-        pytest.param(ARM, {"loop_gain": 1.5}, marks=pytest.mark.slow),
-        pytest.param(ARM, {"delay": 0.5}, marks=pytest.mark.slow),
-        pytest.param(ARM, {"delay": 1.0}, marks=pytest.mark.slow),
         (ARM, {"loop_gain": 0.67, "delay": 1.0}),
         (ARM, {"loop_gain": 1.5, "delay": 1.0}),
         (stiffer(0.8), {}),
@@ -139,11 +124,6 @@ def test_tip_error_with_an_unknown_payload(errors):
 def test_of_a_small_deviation_an_episode_leaves_a_hundredth(plant, arguments):
     """The constraint of the tuning, up to rounding."""
     assert spectral_radius(ElasticObserverPolicy(), plant, control_period=PERIOD, **arguments) < 0.9971
-
-
-def test_gain_margin():
-    lower, upper = gain_margin(ElasticObserverPolicy(), ARM, control_period=PERIOD)
-    assert lower < 0.6 and upper > 3.5
 
 
 @pytest.mark.parametrize("cos2", [-1.0, -0.3, 0.6, 1.0])
@@ -185,17 +165,6 @@ def test_gains_are_the_limits_of_the_riccati_recursions():
     np.testing.assert_allclose(observer[place], L, rtol=1e-7, atol=1e-9 * np.abs(L).max())
 
 
-@pytest.mark.parametrize(("parameters", "period"), [(ARM, 1e-3), (ARM, 5e-3), (LIGHT, 5e-4)])
-def test_interpolated_gains_are_stable_between_the_grid_points(parameters, period):
-    _, feedback, observer = gain_tables(parameters, period, WEIGHTS)
-    C = np.eye(10)[MEASURED]
-    for cos2 in np.linspace(-1.0, 1.0, 49):
-        A, B = sampled_arm(parameters, period, inertia_at(cos2, parameters))
-        K, L = interpolated(feedback, cos2), interpolated(observer, cos2)
-        for matrix in (A[STATE, STATE] - B[STATE] @ K, A @ (np.eye(10) - L @ C)):
-            assert np.abs(np.linalg.eigvals(matrix)).max() < 1.0
-
-
 def test_estimates_and_arm_settle_where_a_constant_force_and_the_reference_want_them():
     """d̂ = Jᵀ F, the links' estimate is the links, and the links are on the reference."""
     policy, force = ElasticObserverPolicy(SMOOTH), np.array([[60.0, -40.0]])
@@ -228,21 +197,7 @@ def test_the_hidden_link_side_is_found_on_the_moving_arm():
     assert np.max(wrong[-1][:4]) < 1e-9 and np.max(wrong[-1][4:]) < 1e-7
 
 
-def test_with_perfect_knowledge_the_torque_is_the_feedforward():
-    observation, torque, _, _, _ = follow(gym.make_vec("FuzzyArm-v0", num_envs=1), ElasticObserverPolicy())
-    target, memory = ElasticTarget(ARM, PERIOD), np.zeros((1, MEMORY_SIZE))
-    wanted, unused = np.empty_like(torque), np.empty((1, 6))
-    for o, u in zip(observation, wanted, strict=True):
-        target.advance(o, memory, unused, u)
-    difference = np.abs(torque - wanted)[:, 0]
-    assert np.abs(torque).max() > 200.0
-    assert np.sqrt(np.mean(difference**2)) < 0.05 and difference.max() < 1.0  # N m; largest at start and reversals
-
-
-@pytest.mark.parametrize(
-    ("parameters", "period", "limit"),
-    [(LIGHT, 1e-3, 0.02), pytest.param(ARM, 5e-4, 0.02, marks=pytest.mark.slow), (ARM, 2e-3, 0.1)],
-)
+@pytest.mark.parametrize(("parameters", "period", "limit"), [(LIGHT, 1e-3, 0.02), (ARM, 2e-3, 0.1)])
 def test_another_arm_and_another_period(parameters, period, limit):
     policy = ElasticObserverPolicy(parameters, period)
     envs = gym.make_vec("FuzzyArm-v0", num_envs=1, parameters=parameters, control_period=period)
@@ -250,51 +205,14 @@ def test_another_arm_and_another_period(parameters, period, limit):
     assert spectral_radius(policy, parameters, control_period=period) < 1.0
 
 
-def test_the_prediction_is_under_the_clipped_torque():
-    """One step of the compiled plant from the estimate, under what `predict` returns."""
-    policy = ElasticObserverPolicy()
-    _, state = policy.predict(np.concatenate([POSTURE, np.zeros(2), POSTURE, np.zeros(4)]))
-    before, load = policy.estimate(state)
-    np.testing.assert_array_equal(load, 0.0)
-    far = np.concatenate(
-        [before[MEASURED], POSTURE + np.array([0.3, -0.4]), np.zeros(4)]
-    )  # the measurement is as predicted, so there is no correction
-    torque, state = policy.predict(far, state)
-    np.testing.assert_array_equal(np.abs(torque), ARM.torque_limit)
-    expected = move(before[np.newaxis], torque[np.newaxis], np.zeros((1, 2)), ARM)
-    np.testing.assert_allclose(policy.estimate(state)[0], expected[0], atol=1e-13)
-
-
-def test_the_policy_without_dry_friction_is_the_same_but_for_the_friction():
-    policy = ElasticObserverPolicy()
-    smooth, same = policy.without_dry_friction(), ElasticObserverPolicy(SMOOTH)
-    observation, _, states, _, _ = follow(gym.make("FuzzyArm-v0", case="machining"), policy)
-    friction, predicted = [], []
-    for o, state in zip(observation[1::10], states[::10], strict=False):
-        ours, theirs, original = (p.predict(o, state) for p in (smooth, same, policy))
-        assert all(map(np.array_equal, ours, theirs))
-        friction.append(np.abs(original[0] - ours[0]))
-        predicted.append(np.abs(original[1] - ours[1]).max())
-    assert np.max(predicted) > 1e-5
-    np.testing.assert_allclose(np.median(friction, axis=0), ARM.coulomb_friction, rtol=1e-6)  # fed forward
-    assert policy.parameters == ARM
-
-
-@pytest.fixture(scope="module")
-def batch():
-    """Observations and policy states of different noisy arms, some way into their episodes."""
+def test_the_law_in_plain_numpy():
+    """Correct and act, with gains interpolated lane by lane; different noisy arms, some way into their episodes."""
     calm = dataclasses.replace(ROBUST, references=(JointReference(), JointReference(duration=2.0)))
     envs = gym.make_vec("FuzzyArm-v0", num_envs=64, disturbance=Disturbance(encoder_noise=NOISE), randomisation=calm)
-    (observation, _), policy, state = envs.reset(seed=0), ElasticObserverPolicy(), None
+    (observations, _), policy, states = envs.reset(seed=0), ElasticObserverPolicy(), None
     for _ in range(50):
-        action, state = policy.predict(observation, state)
-        observation, *_ = envs.step(action)
-    return observation, state
-
-
-def test_the_law_in_plain_numpy(batch):
-    """Correct and act, with gains interpolated lane by lane."""
-    policy, (observations, states) = ElasticObserverPolicy(), batch
+        action, states = policy.predict(observations, states)
+        observations, *_ = envs.step(action)
     target, expected = np.empty((len(states), 6)), np.empty((len(states), 2))
     ElasticTarget(ARM, PERIOD).advance(observations, states[:, :MEMORY_SIZE].copy(), target, expected)
     prediction = np.hstack(policy.estimate(states))
@@ -305,39 +223,20 @@ def test_the_law_in_plain_numpy(batch):
         u -= x[8:] + K @ (x[:8] - wanted)
     limit = np.array(ARM.torque_limit)
     assert np.mean(np.abs(expected) < limit) > 0.9
-    np.testing.assert_allclose(policy.predict(*batch)[0], np.clip(expected, -limit, limit), rtol=1e-9, atol=1e-8)
-
-
-def test_a_batch_equals_its_lanes_bit_for_bit(batch):
-    policy, (observations, states) = ElasticObserverPolicy(), batch
-    starts = np.arange(64) % 3 == 0
-    actions, after = policy.predict(observations, state=states, episode_start=starts)
-    assert len(np.unique(actions, axis=0)) == 64
-    for lane in range(64):
-        action, state = policy.predict(observations[lane], state=None if starts[lane] else states[lane])
-        assert action.tobytes() == actions[lane].tobytes() and state.tobytes() == after[lane].tobytes()
-
-
-def test_a_call_leaves_its_arguments_alone(batch):
-    policy, kept = ElasticObserverPolicy(), [array.copy() for array in batch]
-    first = policy.predict(*batch)
-    assert all(map(np.array_equal, batch, kept)) and all(map(np.array_equal, first, policy.predict(*batch)))
+    np.testing.assert_allclose(
+        policy.predict(observations, states)[0], np.clip(expected, -limit, limit), rtol=1e-9, atol=1e-8
+    )
 
 
 @pytest.mark.parametrize(
-    ("name", "value"), [("link_angle", 0.0), ("load_walk", -1.0), ("motor_torque", np.inf), ("encoder_angle", True)]
+    ("made", "message"),
+    [
+        (lambda: ObserverWeights(link_angle=0.0), r"ObserverWeights\.link_angle = .* allowed: \[1e-06, 1e\+06\]"),
+        (lambda: ObserverWeights(encoder_angle=True), r"ObserverWeights\.encoder_angle = True"),
+        (lambda: ElasticObserverPolicy(control_period=0.2), r"control_period = .* allowed"),
+        (lambda: ElasticObserverPolicy(weights=NONE), r"no gains at cos q2 = -1 for control_period = 0\.001 s"),
+    ],
 )
-def test_bad_weights_are_refused(name, value):
-    with pytest.raises((TypeError, ValueError), match=rf"ObserverWeights\.{name} = .* allowed: \[1e-06, 1e\+06\]"):
-        ObserverWeights(**{name: value})
-
-
-@pytest.mark.parametrize("period", [0.0, -1e-3, np.nan, 0.2])
-def test_bad_control_periods_are_refused(period):
-    with pytest.raises(ValueError, match=r"control_period = .* allowed"):
-        ElasticObserverPolicy(control_period=period)
-
-
-def test_gains_that_do_not_exist_are_named():
-    with pytest.raises(ValueError, match=r"no gains at cos q2 = -1 for control_period = 0\.001 s"):
-        ElasticObserverPolicy(weights=ObserverWeights(link_angle=1e-6, link_velocity=1e-6, motor_torque=1e6))
+def test_what_is_out_of_range_is_refused(made, message):
+    with pytest.raises((TypeError, ValueError), match=message):
+        made()

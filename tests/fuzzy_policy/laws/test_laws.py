@@ -1,5 +1,6 @@
-"""The fixed policies: their laws against plain NumPy, and the predict protocol."""
+"""The fixed policies: their laws against plain NumPy, the predict protocol, and the integral at the torque limits."""
 
+import copy
 import warnings
 
 import gymnasium as gym
@@ -9,12 +10,14 @@ from slow_twins import slow_but
 from support.policies import loaded
 
 from fuzzyarm import load_policy
+from fuzzyarm.envs.fuzzy_arm import FuzzyArmEnv
 from fuzzyarm.envs.physics.dynamics import arm_constants, rigid_inverse_dynamics
 from fuzzyarm.envs.physics.parameters import ArmParameters
+from fuzzyarm.envs.scenario.disturbances import ConstantForce, Disturbance
 from fuzzyarm.envs.scenario.paths import Line
 from fuzzyarm.envs.scenario.reference import JointReference
+from fuzzyarm.eval.episodes.rollout import record_rollout
 from fuzzyarm.fuzzy_policy.laws.computed_torque import ComputedTorquePolicy
-from fuzzyarm.fuzzy_policy.policy import Policy
 from fuzzyarm.fuzzy_policy.ts_model import premises
 from fuzzyarm.policies import NAMES
 
@@ -103,10 +106,11 @@ class TestProtocol:
     def test_the_layout_of_what_is_given_changes_nothing(self, name, laid_out):
         policy, batch = loaded(name), observations(3)
         states = some_state(policy, batch)
-        for given, wanted in zip(
-            policy.predict(laid_out(batch), state=laid_out(states)), policy.predict(batch, state=states), strict=True
-        ):
-            np.testing.assert_array_equal(given, wanted)
+        before = batch.copy(), states.copy()
+        wanted = policy.predict(batch, state=states)
+        for one, other in zip(policy.predict(laid_out(batch), state=laid_out(states)), wanted, strict=True):
+            np.testing.assert_array_equal(one, other)
+        assert all(map(np.array_equal, before, (batch, states)))
 
     def test_episode_start_resets_only_its_lanes(self, name):
         policy, batch = loaded(name), observations(3)
@@ -118,14 +122,6 @@ class TestProtocol:
         np.testing.assert_array_equal(actions[1], fresh[1])
         assert not np.array_equal(fresh[1], kept[1])
 
-    def test_arguments_are_left_alone(self, name):
-        policy, batch = loaded(name), observations(3)
-        states = some_state(policy, batch)
-        before = batch.copy(), states.copy()
-        policy.predict(batch, state=states, episode_start=np.ones(3, bool))
-        np.testing.assert_array_equal(batch, before[0])
-        np.testing.assert_array_equal(states, before[1])
-
     def test_torques_are_clipped_to_the_limits(self, name):
         policy = loaded(name)
         action, _ = policy.predict(np.array([3.0, -3.0, 0, 0, -3.0, 3.0, 0, 0, 0, 0]))
@@ -134,13 +130,11 @@ class TestProtocol:
         else:
             assert np.all(np.abs(action) == ARM.torque_limit)
 
-    @pytest.mark.parametrize("shape", [(9,), (2, 11), (1, 2, 10), ()])
-    def test_a_wrong_observation_shape_is_named(self, name, shape):
-        with pytest.raises(ValueError, match=r"allowed: \(10,\) or \(lanes, 10\)"):
-            loaded(name).predict(np.zeros(shape))
-
-    def test_wrong_state_and_episode_start_are_named(self, name):
+    def test_wrong_shapes_are_named(self, name):
         policy = loaded(name)
+        for shape in ((9,), (2, 11), (1, 2, 10), ()):
+            with pytest.raises(ValueError, match=r"allowed: \(10,\) or \(lanes, 10\)"):
+                policy.predict(np.zeros(shape))
         with pytest.raises(ValueError, match="state has shape"):
             policy.predict(np.zeros((3, 10)), state=np.zeros((2, policy.memory_size)))
         with pytest.raises(ValueError, match="episode_start has shape"):
@@ -160,43 +154,61 @@ class TestProtocol:
         assert lengths == [300, 300]
         assert returns[0] == returns[1] > 200.0
 
-    def test_bad_control_period_is_refused(self, name):
-        with pytest.raises(ValueError, match="control_period"):
-            load_policy(name, control_period=0.0)
+
+def test_bad_names_and_numbers_are_refused():
+    for made, message in (
+        (lambda: ComputedTorquePolicy(bandwidth=-1.0), "bandwidth = -1"),
+        (lambda: load_policy("fuzzy-4", control_period=0.0), "control_period"),
+        (lambda: load_policy("fuzzy-5"), "fuzzy-4, fuzzy-2, fuzzy-1, fuzzy-4-sampled, computed-torque"),
+        (lambda: load_policy("nowhere.json"), r"nowhere\.json"),
+    ):
+        with pytest.raises((ValueError, FileNotFoundError), match=message):
+            made()
 
 
-class Layouts(Policy):
-    """Sees how the arrays are laid out that a law is given."""
-
-    def act(self, observation, memory, torque):
-        self.seen = [array.flags.carray for array in (observation, memory, torque)]
-        torque[:] = 0.0
+WITH_INTEGRAL = ("fuzzy-4", "computed-torque", "fuzzy-4-tip", "computed-torque-tip")
+LIMIT = np.array(ArmParameters().torque_limit)
 
 
-@pytest.mark.parametrize("laid_out", [np.array, np.asfortranarray, read_only, unaligned])
-def test_a_law_is_given_the_one_layout_it_was_compiled_for(laid_out):
-    policy = Layouts(ARM, 1e-3)
-    policy.predict(laid_out(np.ones((3, 10))), state=laid_out(np.ones((3, 2))))
-    assert all(policy.seen)
+def free(policy):
+    """The same policy, whose integral is not held at the limits."""
+    other = copy.copy(policy)
+    other.integral_at = None
+    return other
 
 
-def test_bad_bandwidth_is_refused():
-    with pytest.raises(ValueError, match="bandwidth = -1"):
-        ComputedTorquePolicy(bandwidth=-1.0)
+def far_observations(error, count=4000):
+    """Random far_observations (count, 10) with errors of the angles up to `error` [rad]."""
+    rng = np.random.default_rng(1)
+    seen = rng.uniform(-1.0, 1.0, (count, 10))
+    seen[:, 4:6] = seen[:, :2] - error * rng.uniform(-1.0, 1.0, (count, 2))
+    return seen
 
 
-def test_unknown_policy_names_the_choices():
-    with pytest.raises(ValueError, match="fuzzy-4, fuzzy-2, fuzzy-1, fuzzy-4-sampled, computed-torque"):
-        load_policy("fuzzy-5")
+@pytest.mark.parametrize("name", WITH_INTEGRAL)
+def test_the_integral_is_held_exactly_where_it_would_drive_a_torque_further_beyond_its_limit(name):
+    policy, seen = load_policy(name), far_observations(0.3)
+    start = np.zeros((len(seen), policy.memory_size))
+    start[:, :2] = np.random.default_rng(2).normal(scale=0.02, size=(len(seen), 2))
+    torque, state = policy.predict(seen, start)
+    wanted, unlimited = np.empty_like(torque), start.copy()
+    policy.act(seen, unlimited, wanted)
+    change = unlimited[:, :2] - start[:, :2]
+    held = (np.abs(wanted) > LIMIT) & (np.sign(change) == -np.sign(wanted))
+    assert 100 < held.sum() < held.size - 100
+    assert (np.abs(wanted) > LIMIT)[~held].sum() > 100  # beyond a limit, and the integral brings the torque back
+    np.testing.assert_array_equal(state[:, :2], np.where(held, start[:, :2], unlimited[:, :2]))
+    np.testing.assert_array_equal(state[:, 2:], unlimited[:, 2:])
+    np.testing.assert_array_equal(torque, np.clip(wanted, -LIMIT, LIMIT))
 
 
-def test_a_missing_file_is_named():
-    with pytest.raises(FileNotFoundError, match=r"nowhere\.json"):
-        load_policy("nowhere.json")
-
-
-def test_a_copy_of_the_shipped_file_is_the_same_policy(tmp_path):
+def test_a_push_that_the_motors_cannot_hold_is_survived():
+    """1000 N for 0.2 s: without the hold the integral winds up and the arm leaves its domain."""
+    push = Disturbance(tip_force=ConstantForce((0.0, 1000.0), 0.4, 0.6))
     policy = load_policy("fuzzy-4")
-    policy.controller.save(tmp_path / "mine.json")
-    batch = observations(10)
-    np.testing.assert_array_equal(policy.predict(batch)[0], load_policy(tmp_path / "mine.json").predict(batch)[0])
+    held, wound = (
+        record_rollout(FuzzyArmEnv(disturbance=push), one, policy_name="", case="", seed=0)
+        for one in (policy, free(policy))
+    )
+    assert held.completed and not wound.completed
+    assert held.tip_error.max() < 0.1

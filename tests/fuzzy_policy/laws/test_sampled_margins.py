@@ -36,28 +36,21 @@ TWO = dataclasses.replace(Robot.of(ArmParameters()), gravity=(0.0, 0.0, 0.0))
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("condition", [Condition(), Condition(1.5), Condition(delay=1), Condition(stiffness=0.8)])
-def test_computed_torque_has_the_loop_of_its_policy(condition):
-    policy = ComputedTorquePolicy(TWO, PERIOD, 50.0)
-    plant = with_drives(TWO, stiffness=condition.stiffness * TWO.drive("stiffness"))
-    for place in places_of(TWO, PERIOD, 2):
-        matrix = linearise(policy, plant, place.q, PERIOD).matrix(condition.loop_gain, condition.delay)
-        found = worst_radius(place, linear_computed_torque(place, 50.0), (condition,))
-        # the policy's plant moves by a symplectic step, and the rule's by its exponential
-        assert 1.0 - found == pytest.approx(1.0 - np.abs(np.linalg.eigvals(matrix)).max(), rel=2e-2)
-
-
-@pytest.mark.slow
 @pytest.mark.parametrize("condition", [Condition(), Condition(1.5, 1), Condition(stiffness=1.2)])
-def test_the_observer_has_the_loop_of_its_policy_at_a_point_of_its_table(condition):
+def test_linear_loops_are_those_of_the_policies(condition):
     weights = softened(ObserverWeights(), 2.0)
     policy, schedule = ElasticObserverPolicy(TWO, PERIOD, weights), schedule_of(TWO)
     plant = with_drives(TWO, stiffness=condition.stiffness * TWO.drive("stiffness"))
     place = dataclasses.replace(places_of(TWO, PERIOD, 1)[0], q=np.array([0.4, 0.25 * np.pi]))
     place = dataclasses.replace(place, inertia=nearest_inertia(schedule, place.q))  # at a point, M is that of the table
-    matrix = linearise(policy, plant, place.q, PERIOD).matrix(condition.loop_gain, condition.delay)
-    found = worst_radius(place, linear_observer(place, place.inertia, weights), (condition,))
-    assert 1.0 - found == pytest.approx(1.0 - np.abs(np.linalg.eigvals(matrix)).max(), rel=2e-2)
+    for law, linear in (
+        (policy, linear_observer(place, place.inertia, weights)),
+        (ComputedTorquePolicy(TWO, PERIOD, 50.0), linear_computed_torque(place, 50.0)),
+    ):
+        matrix = linearise(law, plant, place.q, PERIOD).matrix(condition.loop_gain, condition.delay)
+        # the policy's plant moves by a symplectic step, and the rule's by its exponential
+        radius = np.abs(np.linalg.eigvals(matrix)).max()
+        assert 1.0 - worst_radius(place, linear, (condition,)) == pytest.approx(1.0 - radius, rel=2e-2)
 
 
 def test_the_two_joint_arm_keeps_its_gains_as_a_robot():
@@ -84,8 +77,3 @@ def test_robots_get_the_largest_gains_with_margins(name):
     chosen = weights_for(robot, PERIOD)
     (number,) = [k for k, factor in enumerate(SOFTENINGS) if softened(ObserverWeights(), factor) == chosen]
     assert observer_radius(chosen) < 1.0 <= observer_radius(softened(ObserverWeights(), SOFTENINGS[number - 1]))
-
-
-def test_slower_control_asks_for_a_smaller_bandwidth():
-    robot = robot_named("planar-3r")
-    assert 5.0 <= bandwidth_for(robot, 4e-3) < bandwidth_for(robot, PERIOD)

@@ -13,6 +13,7 @@ from fuzzyarm.envs.physics.parameters import ArmParameters
 from fuzzyarm.envs.physics.robot import Robot, robot_named
 from fuzzyarm.envs.scenario.default_reference import default_reference
 from fuzzyarm.eval.evaluation.run import EvaluationConfig, evaluate
+from fuzzyarm.fuzzy_policy.known_arm import with_drives
 from fuzzyarm.fuzzy_policy.laws.scheduled import ScheduledPolicy
 from fuzzyarm.fuzzy_policy.laws.tip import TipPolicy
 from fuzzyarm.fuzzy_policy.scheduled import FUNCTIONS, Premise
@@ -93,13 +94,8 @@ def test_the_elastic_robot_follows_its_default_reference(file):
     assert error[plain.time > 0.2].max() < 0.25 * error[0]
     plain_error, tip_error = (row["tip_error_rms_mm"] for row in outcome.rows)
     assert tip_error < 1e-2 * plain_error
-    assert outcome.bounds["p3"] == {
-        "form": "semidefinite",
-        "alpha": designed().alpha,
-        "gamma": designed().gamma,
-        "controller_digest": designed().digest,
-    }
-    assert outcome.bounds["p3-tip"] == outcome.bounds["p3"]
+    claimed = {"alpha": designed().alpha, "gamma": designed().gamma, "controller_digest": designed().digest}
+    assert outcome.bounds["p3-tip"] == outcome.bounds["p3"] == {"form": "semidefinite"} | claimed
     for text in outcome.certificates.values():
         assert text.startswith("For the rigid arm of 3 joints in continuous time")
 
@@ -114,20 +110,15 @@ def test_the_certificate_holds_for_every_reference(file):
     assert not tip.any_reference and "theta_d" in tip.text
 
 
-@pytest.mark.parametrize("robot", ["ur5", None, ArmParameters(mass=(1.0, 2.0))])
+STIFF = 1.1 * robot_named(ROBOT).drive("stiffness")
+
+
+@pytest.mark.parametrize(
+    "robot", ["ur5", None, ArmParameters(mass=(1.0, 2.0)), with_drives(robot_named(ROBOT), stiffness=STIFF)]
+)
 def test_another_robot_is_refused(file, robot):
-    with pytest.raises(
-        ControllerFileError, match=r"for the robot 'planar-3r' \(\w{12}\), not for '.+' \(\w{12}\): give the"
-    ):
+    with pytest.raises(ControllerFileError, match=r"for the robot 'planar-3r' \(\w{12}\), not for '.+' \(\w{12}\)"):
         load_policy(file, robot=robot)
-
-
-def test_a_changed_robot_is_refused(file):
-    robot = robot_named(ROBOT)
-    first, *others = robot.joints
-    stiffer = dataclasses.replace(first, drive=dataclasses.replace(first.drive, stiffness=1.1 * first.drive.stiffness))
-    with pytest.raises(ControllerFileError, match="not for 'planar-3r'"):
-        load_policy(file, robot=dataclasses.replace(robot, joints=(stiffer, *others)))
 
 
 def test_a_file_that_was_changed_or_is_not_proven_is_refused(tmp_path, file):
@@ -141,11 +132,6 @@ def test_a_file_that_was_changed_or_is_not_proven_is_refused(tmp_path, file):
     with pytest.raises(ControllerFileError, match=r"is not proven .* first: decay and gain"):
         load_policy(forged, robot=ROBOT)
     assert load_policy(forged, robot=ROBOT, allow_unproven=True).controller.alpha == 2.0 * designed().alpha
-
-
-def test_a_controller_of_another_form_is_none_of_this_policy():
-    with pytest.raises(TypeError, match="ScheduledController"):
-        ScheduledPolicy(load_policy("fuzzy-1").controller)
 
 
 def test_a_file_of_the_paper_arm_acts_on_the_paper_arm(tmp_path):

@@ -60,65 +60,29 @@ def test_so_does_a_pass_and_after_a_number_from_which_no_torque_follows(policy):
     np.testing.assert_array_equal(torques(policy.repeated(), both), torques(policy.repeated()))
 
 
-def test_a_single_observation_is_named_by_its_entry_alone():
-    with pytest.raises(ValueError, match=r"^observation\[3\] = nan, dq_motor of joint 2, is not finite"):
-        ADAPTIVE.predict(np.where(np.arange(10) == 3, np.nan, SEEN[0, 0]))
-
-
 SIZE = ADAPTIVE.memory_size
 PASSES, LEARNING = ADAPTIVE.repeated(), load_policy("fuzzy-4-tip").repeated()
 
 
-@pytest.fixture(scope="module")
-def passes():
-    """Return a state of PASSES."""
-    return PASSES.predict(SEEN[0])[1]
-
-
-@pytest.fixture(scope="module")
-def learning():
-    """Return a state of LEARNING."""
-    return LEARNING.predict(SEEN[0])[1]
-
-
-def refused_state(use, state, kind, message):
-    """Expect an error of a kind, in one line that begins with the state and contains a message."""
-    with pytest.raises(kind, match=f"^state .*{message}") as caught:
-        use(state)
-    assert "\n" not in str(caught.value)
-
-
-def test_what_are_no_beliefs_is_refused_by_name():
-    shape = rf"must be an array \(..., {SIZE}\)"
-    refused_state(ADAPTIVE.beliefs, None, TypeError, f"= None {shape}")
-    refused_state(ADAPTIVE.beliefs, ["a"], TypeError, rf"= \['a'\] {shape}")
-    refused_state(ADAPTIVE.beliefs, np.zeros(3), ValueError, rf"has shape \(3,\); allowed: \(..., {SIZE}")
-    refused_state(ADAPTIVE.beliefs, 1.0, ValueError, r"has shape \(\)")
-    refused_state(PASSES.beliefs, None, TypeError, "= None must be the PassState")
-
-
-def test_what_is_no_state_of_a_pass_is_refused_by_name(passes, learning):
-    other_arm = dataclasses.replace(passes, memory=np.zeros((2, 7)))
-    refused_state(PASSES.begin_pass, None, TypeError, "= None must be the PassState that predict or begin_pass")
-    refused_state(PASSES.begin_pass, np.zeros(3), TypeError, r"= array\(\[0., 0., 0.\]\) must be the PassState")
-    refused_state(PASSES.begin_pass, learning, TypeError, "must be the PassState")
-    refused_state(PASSES.begin_pass, other_arm, ValueError, f"has a memory of 7 numbers; needed: {SIZE}")
-    refused_state(lambda state: PASSES.predict(SEEN[0], state), np.zeros((2, SIZE)), TypeError, "must be the PassState")
-
-
-def test_what_is_no_state_of_iterative_learning_is_refused_by_name(learning):
-    refused_state(lambda state: LEARNING.predict(SEEN[0], state), np.zeros(3), TypeError, "must be the LearnedTorque")
-    refused_state(LEARNING.begin_pass, None, TypeError, "= None must be the LearnedTorque that predict")
-    refused_state(lambda state: LEARNING.predict(SEEN[0, 0], state), learning, ValueError, "has a memory of")
-
-
-def test_beliefs_say_which_lanes_have_left_the_path_of_the_pass_before():
-    path = SEEN[:, :, 4:6].copy()
-    path[2, 1, 0] += 2e-6
-    begun = dataclasses.replace(PASSES._first(np.zeros((2, SIZE))), path=path, expected=np.ones((4, 2, 2)))
-    state, left = begun, []
-    for seen in SEEN:
-        _, state = PASSES.predict(seen, state)
-        left.append(PASSES.beliefs(state).other_path)
-    np.testing.assert_array_equal(left, [[False, False], [False, False], [False, True], [False, True]])
-    assert not ADAPTIVE.beliefs(state.memory).other_path.any()
+def test_what_is_no_state_is_refused_by_name():
+    passes, learning = PASSES.predict(SEEN[0])[1], LEARNING.predict(SEEN[0])[1]
+    for use, state, message in (
+        (ADAPTIVE.beliefs, ["a"], rf"= \['a'\] must be an array \(..., {SIZE}\)"),
+        (ADAPTIVE.beliefs, np.zeros(3), rf"has shape \(3,\); allowed: \(..., {SIZE}"),
+        (PASSES.beliefs, None, "= None must be the PassState"),
+        (PASSES.begin_pass, np.zeros(3), r"= array\(\[0., 0., 0.\]\) must be the PassState that predict or begin_pass"),
+        (PASSES.begin_pass, learning, "must be the PassState"),
+        (
+            PASSES.begin_pass,
+            dataclasses.replace(passes, memory=np.zeros((2, 7))),
+            f"has a memory of 7 numbers; needed: {SIZE}",
+        ),
+        (lambda state: PASSES.predict(SEEN[0], state), np.zeros((2, SIZE)), "must be the PassState"),
+        (LEARNING.begin_pass, None, "= None must be the LearnedTorque that predict"),
+        (lambda state: LEARNING.predict(SEEN[0, 0], state), learning, "has a memory of"),
+    ):
+        with pytest.raises((TypeError, ValueError), match=f"^state .*{message}") as caught:
+            use(state)
+        assert "\n" not in str(caught.value)
+    with pytest.raises(ValueError, match=r"^observation\[3\] = nan, dq_motor of joint 2, is not finite"):
+        ADAPTIVE.predict(np.where(np.arange(10) == 3, np.nan, SEEN[0, 0]))

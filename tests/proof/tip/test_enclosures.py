@@ -10,10 +10,10 @@ from scipy.integrate import solve_ivp
 from scipy.linalg import expm
 
 from fuzzyarm.envs.physics.dynamics import Arm, arm_constants, rigid_inverse_dynamics
+from fuzzyarm.envs.physics.equations import tip_point
 from fuzzyarm.envs.physics.friction import stribeck_magnitude
 from fuzzyarm.envs.physics.parameters import ArmParameters
 from fuzzyarm.envs.physics.records import PerJoint, filled, flat
-from fuzzyarm.envs.physics.two_joints import tip_point
 from fuzzyarm.envs.scenario.disturbances import Disturbance
 from fuzzyarm.proof.tip.defects import (
     Forces,
@@ -28,7 +28,7 @@ from fuzzyarm.proof.tip.defects import (
 )
 from fuzzyarm.proof.tip.enclosures import BITS, Jet, low_high
 from fuzzyarm.proof.tip.plant import PlantSet, ball_plant
-from fuzzyarm.proof.tip.remainders import LinkRemainder, LinkSlopes, link_remainder, tube_slopes
+from fuzzyarm.proof.tip.remainders import LinkRemainder, link_remainder, tube_slopes
 from fuzzyarm.proof.tip.transition import CHANNELS, OBSERVED, PARTS, ROWS, linear, transition
 from fuzzyarm.proof.tip.tube import _reach, tip_bound
 from fuzzyarm.proof.tip.zonotope import Zonotope
@@ -87,14 +87,6 @@ def test_signals_enclose_their_values():
         assert rest_size(signal) >= np.abs(values - at(signal[:2], np.linspace(-1.0, 1.0, 101))).max()
     slope = (at(motion.angle[0], 0.3 + 1e-6) - at(motion.angle[0], 0.3 - 1e-6)) / 2e-6 * 2.0 / 1e-3
     assert at(motion.velocity[0], 0.3) == pytest.approx(slope, rel=1e-6)
-
-
-def test_bernstein_is_sharp_for_what_leaves_zero():
-    """A velocity that grows from zero is bounded by zero, which its middle and radius miss."""
-    signal = [arb(x) for x in (0.25, 0.5, 0.25)]  # (1 + s)²/4
-    low, high = signal_ends(signal)
-    assert abs(low) < 1e-11 and high == pytest.approx(1.0, abs=1e-11)
-    assert low_high(signal_range(signal))[0] == pytest.approx(-0.5)
 
 
 def test_link_series_enclose_the_torque_and_their_remainder_is_needed():
@@ -274,10 +266,6 @@ def test_the_totals_of_a_zonotope_hold_its_box_too():
     z = Zonotope(2, 1)
     z.columns[:], z.box = [[1.0], [-2.0]], np.array([0.5, 0.25])
     assert (z.totals() >= [1.5, 2.25]).all() and (z.totals() <= np.array([1.5, 2.25]) * (1.0 + 1e-9)).all()
-
-
-def test_slopes_are_a_record_of_nested_lists():
-    assert LinkSlopes._fields == ("mass", "angle", "velocity")
 
 
 def test_the_tip_is_within_its_bound_to_second_order():

@@ -18,7 +18,7 @@ from fuzzyarm.fuzzy_policy.laws.learned.policy import LearnedPolicy
 from fuzzyarm.numbers.functions import floor, select
 from fuzzyarm.policies.tip_bound import TipClaim, find_bound
 from fuzzyarm.proof.tip.enclosures import BITS, NoBound
-from fuzzyarm.proof.tip.plant import SETS, PlantSet
+from fuzzyarm.proof.tip.plant import SETS
 from fuzzyarm.proof.tip.sampled_law import sampled_law
 from fuzzyarm.proof.tip.zonotope import Zonotope
 
@@ -156,15 +156,6 @@ def test_a_law_that_jumps_has_no_bound(step):
         law.respond(0, np.array([0.3, 0.0, 0.0, 0.0]), seen)
 
 
-def test_where_a_membership_function_is_clipped_the_law_is_the_policys_and_at_the_corner_it_is_held():
-    policy, law = known("fuzzy-16-tip")
-    point, units = near(law, 300)
-    point[3] = 40.0  # q̇2 is far beyond its bound, so that z4 is
-    shares(policy, law, 300, point, 1e-3 * units)
-    units[3] = 39.9  # from within the bounds to beyond them
-    shares(policy, law, 300, point, units)
-
-
 @pytest.mark.parametrize(("name", "reason"), [("adaptive-observer", "covariance"), ("learned-observer", "multiply")])
 def test_other_policies_have_none_and_say_why(name, reason):
     with pytest.raises(NoBound, match=rf"no bound for .*{reason}.*; choose elastic-observer"):
@@ -180,16 +171,10 @@ def test_a_law_of_ones_own_has_a_tube():
     assert 1e-6 < bound.largest < 1e-4
 
 
-def test_the_observer_has_a_tube():
+def test_laws_that_remember_have_a_tube():
     """Known plants: what is simulated, nearly; any friction: far wider."""
     exact = find_bound(TipClaim("elastic-observer", "nominal", "table-1", SETS["table-1"], steps=8))
     wide = find_bound(TipClaim("elastic-observer", "nominal", "any-friction", SETS["any-friction"], steps=8))
     assert exact.largest < 2e-7
     assert (wide.tip[1:] > exact.tip[1:]).all() and 1e-6 < wide.largest < 1e-3
-
-
-def test_learned_policies_have_a_tube():
-    bound = find_bound(TipClaim("ppo-residual", "nominal", "table-1", SETS["table-1"], steps=8))
-    assert bound.largest < 1e-5
-    with pytest.raises(NoBound, match="no bound beyond t = 0"):
-        find_bound(TipClaim("ppo-residual", "nominal", "wide", PlantSet(stiffness=(0.7, 1.3)), steps=60))
+    assert find_bound(TipClaim("ppo-residual", "nominal", "table-1", SETS["table-1"], steps=8)).largest < 1e-5

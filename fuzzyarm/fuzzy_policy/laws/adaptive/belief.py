@@ -24,16 +24,14 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from fuzzyarm.common.arithmetic import consecutive
 from fuzzyarm.common.checks import real
-from fuzzyarm.common.slices import consecutive
 from fuzzyarm.envs.physics import records
 from fuzzyarm.envs.physics.elementwise import root, select
-from fuzzyarm.envs.physics.equations import AnyArm, equations_of
-from fuzzyarm.envs.physics.hold import held_of
-from fuzzyarm.envs.physics.physics import Physics
-from fuzzyarm.envs.physics.records import filled, size
+from fuzzyarm.envs.physics.equations import AnyArm, equations_of, two_joints
+from fuzzyarm.envs.physics.integrator import held_of
+from fuzzyarm.envs.physics.records import Physics, filled, size
 from fuzzyarm.envs.physics.robot import Robot
-from fuzzyarm.envs.physics.two_joints import two_joints
 from fuzzyarm.envs.scenario.kinematics import reach
 from fuzzyarm.fuzzy_policy.known_arm import QUANTITIES, Drives, per_joint_of
 from fuzzyarm.fuzzy_policy.laws.observer_gains import WEIGHT_RANGE

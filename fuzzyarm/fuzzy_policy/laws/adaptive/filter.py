@@ -63,7 +63,7 @@ from fuzzyarm.envs.observation import Observation
 from fuzzyarm.envs.periods import default_substeps
 from fuzzyarm.envs.physics.elementwise import root
 from fuzzyarm.envs.physics.equations import AnyArm, equations_of
-from fuzzyarm.envs.physics.physics import Physics
+from fuzzyarm.envs.physics.records import Physics
 from fuzzyarm.envs.physics.robot import Robot
 from fuzzyarm.fuzzy_policy.known_arm import per_joint_of
 from fuzzyarm.fuzzy_policy.laws.adaptive.belief import (

@@ -28,44 +28,11 @@ _LONGEST_ACTION, _LONGEST_MEMORY = 1.0, 1e6  # s
 class FeatureDefinition:
     """Which features there are, and their scales, in the letters of `laws.learned.features`; stated in every bundle."""
 
-<<<<<<< HEAD
-    The letters are those of the equations in `laws.learned.features`.
-
-    Attributes:
-        past_errors: n, how many past errors are remembered, 0 to 100.
-        past_actions: m, how many past actions, 0 to 100.
-        integral_time: τ, time constant of the leak [s]; 0: no integral.
-        elastic_target: whether errors count from θ_d instead of q_d, and as many past excess torques as past actions
-            are among the features.
-        error_scale: E [rad].
-        rate_scale: V [rad/s].
-        velocity_scale: D [rad/s].
-        acceleration_scale: A [rad/s²].
-        integral_scale: X [rad s].
-        excess_scale: U [N m].
-        joints: of the arm, 1 to 12.
-        innovation_times: τ_i [s], 4 at most; with any of them the base is an observer, and its innovation, leaky means
-            of it with these time constants and its estimate of the load are among the features.
-        innovation_scale: N of angles [rad].
-        innovation_rate_scale: N of velocities [rad/s].
-        load_scale: Z [N m].
-        compression: c.
-
-    Raises:
-        TypeError: a value is of the wrong type.
-        ValueError: a number is out of range.
-    """
-
-    past_errors: int = 2
-    past_actions: int = 2
-    integral_time: float = 0.1
-=======
     past_errors: int = 2  # n, how many past errors are remembered, 0 to 100
     past_actions: int = 2  # m, how many past actions, 0 to 100
     integral_time: float = 0.1  # τ, time constant of the leak [s]; 0: no integral
     # whether errors count from θ_d instead of q_d, and as many past excess torques as past actions are among the
     # features
->>>>>>> main
     elastic_target: bool = False
     error_scale: float = 1e-3  # E [rad]
     rate_scale: float = 0.02  # V [rad/s]
@@ -77,16 +44,10 @@ class FeatureDefinition:
     # τ_i [s], 4 at most; with any of them the base is an observer, and its innovation, leaky means of it with these
     # time constants and its estimate of the load are among the features
     innovation_times: tuple[float, ...] = ()
-<<<<<<< HEAD
-    innovation_scale: float = INNOVATION_UNITS[0]
-    innovation_rate_scale: float = INNOVATION_UNITS[-1]
-    load_scale: float = 100.0
-    compression: float = 1.0
-=======
     innovation_scale: float = INNOVATION_UNITS[0]  # N of angles [rad]
     innovation_rate_scale: float = INNOVATION_UNITS[-1]  # N of velocities [rad/s]
     load_scale: float = 100.0  # Z [N m]
->>>>>>> main
+    compression: float = 1.0  # c, of errors
 
     def __post_init__(self) -> None:
         whole("the number of innovation_times", len(instance("innovation_times", self.innovation_times, tuple)), high=4)

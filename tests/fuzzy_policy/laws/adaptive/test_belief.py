@@ -6,17 +6,15 @@ import numpy as np
 import pytest
 
 from fuzzyarm.envs.physics.dynamics import Payload, arm_constants
-from fuzzyarm.envs.physics.equations import equations_of
+from fuzzyarm.envs.physics.equations import equations_of, two_joints
 from fuzzyarm.envs.physics.parameters import ArmParameters
 from fuzzyarm.envs.physics.records import flat
 from fuzzyarm.envs.physics.robot import robot_named
-from fuzzyarm.envs.physics.two_joints import two_joints
 from fuzzyarm.fuzzy_policy.known_arm import with_drives
 from fuzzyarm.fuzzy_policy.laws.adaptive.belief import AdaptiveWeights, affine_numbers, belief_of, prior, unit_force
 
 ARM, ROBOT = ArmParameters(), robot_named("planar-3r")
 BELIEF, PRIOR = belief_of(two_joints()), prior(ARM, AdaptiveWeights())
-BELIEFS, FORCES = BELIEF.lateness.stop, BELIEF.force.stop
 FIELDS = {
     "stiffness": ("stiffness",),
     "damping": ("damping",),
@@ -61,24 +59,9 @@ def test_numbers_of_any_belief_are_those_of_the_robot_with_these_drives_masses_a
     np.testing.assert_allclose(base + slopes @ (p - prior(ROBOT, AdaptiveWeights()).guess), expected, rtol=1e-12)
 
 
-def test_forces_come_first_and_change_no_constant():
-    assert BELIEF.force.stop == FORCES
-    assert np.all(affine_numbers(ARM)[1][:, :FORCES] == 0.0)
-    assert np.all(affine_numbers(ARM)[1][:, BELIEF.lateness] == 0.0)
-
-
-def test_first_guess_lies_within_what_is_allowed_and_only_loads_walk():
+def test_the_first_guess_is_allowed_and_weights_out_of_range_are_refused_by_name():
     assert np.all(PRIOR.low <= PRIOR.guess) and np.all(PRIOR.guess <= PRIOR.high)
-    assert np.all(PRIOR.spread > 0.0)
-    assert np.all(PRIOR.walk[:FORCES] > 0.0) and np.all(PRIOR.walk[FORCES:] == 0.0)
-    assert len(PRIOR.walk) == BELIEFS
-
-
-def test_unit_force_at_the_stretched_arm_takes_the_first_motor_to_its_limit():
     assert unit_force(ARM) * sum(ARM.length) == ARM.torque_limit[0]
-
-
-def test_weights_out_of_range_are_refused_by_name():
     with pytest.raises(ValueError, match=r"AdaptiveWeights.gate = 0.*allowed"):
         AdaptiveWeights(gate=0.0)
     with pytest.raises(TypeError, match=r"AdaptiveWeights.dead_zone"):

@@ -3,14 +3,8 @@
 import numpy as np
 import pytest
 
-from fuzzyarm.envs.physics import rigid_body
-from fuzzyarm.envs.physics.dynamics import arm_constants, rigid_inverse_dynamics, tip_jacobian
-from fuzzyarm.envs.physics.equations import equations_of
+from fuzzyarm.envs.physics.equations import two_joints
 from fuzzyarm.envs.physics.parameters import ArmParameters
-from fuzzyarm.envs.physics.records import flat
-from fuzzyarm.envs.physics.robot import robot_named
-from fuzzyarm.envs.physics.two_joints import two_joints
-from fuzzyarm.fuzzy_policy.known_arm import drives_of
 from fuzzyarm.fuzzy_policy.laws.adaptive.belief import (
     FLAG,
     AdaptiveWeights,
@@ -18,7 +12,6 @@ from fuzzyarm.fuzzy_policy.laws.adaptive.belief import (
     affine_numbers,
     belief_of,
     layout,
-    numbers_of,
     prior,
     remembered,
 )
@@ -35,7 +28,7 @@ from fuzzyarm.fuzzy_policy.laws.adaptive.policy import AdaptiveObserverPolicy
 
 ARM = ArmParameters()
 BELIEF, FUNCTIONS = belief_of(two_joints()), ArmFunctions(two_joints())
-hold, link_torque, constants_in = FUNCTIONS.hold, FUNCTIONS.link_torque, FUNCTIONS.constants_in
+hold = FUNCTIONS.hold
 BELIEFS, FORCES = BELIEF.lateness.stop, BELIEF.force.stop
 SETTINGS, GUESS = AdaptiveObserverPolicy().settings, prior(ARM, AdaptiveWeights()).guess
 STATES, SIZE = 8, 8 + BELIEFS
@@ -88,31 +81,6 @@ def test_constants_do_not_learn_within_the_dead_zone_and_states_do():
     assert np.trace(smaller) < np.trace(left) < np.trace(P)
 
 
-def test_partial_correction_lies_between_none_and_a_whole_one():
-    rng = np.random.default_rng(3)
-    z, P, cautious = rng.normal(size=SIZE), covariance(rng), np.arange(SIZE) >= STATES
-    measured, silent = z[MEASURED].copy(), np.full(4, 0.5)
-    measured[0] += 1.0  # the dead zone takes half of this correction
-    silent[1:] = 0.0
-    only_first = np.array([0.1, 1e30, 1e30, 1e30])
-    found, left, _ = corrected(z, P, measured, only_first, silent, cautious)
-    whole, smaller, _ = corrected(z, P, measured, only_first)
-    np.testing.assert_allclose(found[STATES:] - z[STATES:], 0.5 * (whole - z)[STATES:], rtol=1e-9)
-    shrunk, shrink = (P - left)[STATES:, STATES:], (P - smaller)[STATES:, STATES:]
-    np.testing.assert_allclose(shrunk, 0.75 * shrink, rtol=1e-9)
-    assert np.all(np.linalg.eigvalsh(left) > -1e-12)
-
-
-def test_gate_bounds_what_a_sample_may_do():
-    rng = np.random.default_rng(4)
-    z, P = rng.normal(size=SIZE), covariance(rng)
-    near, far = z[MEASURED].copy(), z[MEASURED].copy()
-    near[0], far[0] = near[0] + 100.0, far[0] + 200.0
-    variances = np.array([0.1, 1e30, 1e30, 1e30])
-    moved, moved_more = (corrected(z, P, y, variances, gate=4.0)[0] - z for y in (near, far))
-    np.testing.assert_allclose(moved_more, 0.5 * moved, rtol=1e-6)  # 4/ν instead of ν/s
-
-
 def test_confining_a_number_moves_the_others_as_their_covariance_says():
     rng = np.random.default_rng(5)
     P = covariance(rng)
@@ -143,24 +111,6 @@ def test_noise_that_is_read_converges_to_the_variance_and_ignores_a_smooth_motio
         noise = sigma * rng.normal(size=(2, *time.shape))
         found = read_from(angle + noise[0], velocity + 100.0 * noise[1])
         assert np.mean(found[500:]) == pytest.approx(sigma**2, rel=0.1)
-
-
-def test_noise_that_is_read_is_blind_to_what_held_torques_do():
-    period, steps = 1e-3, 400
-    jolts = 200.0 * np.random.default_rng(8).normal(size=(steps, 2))  # rad/s², another one every period
-    velocity = np.cumsum(np.vstack([np.zeros((1, 2)), period * jolts]), axis=0)
-    angle = np.cumsum(np.vstack([np.zeros((1, 2)), period * velocity[:-1] + 0.5 * period**2 * jolts]), axis=0)
-    assert np.sqrt(read_from(angle, velocity)[-1]).max() < 1e-12
-    assert np.diff(angle, 3, axis=0).std() > 1e-5  # a third difference would take them for noise
-
-
-def test_noise_read_from_a_vibration_falls_with_the_third_power_of_its_frequency():
-    def share(omega):
-        time = 1e-3 * np.arange(2000)[:, np.newaxis] * np.ones(2)
-        return np.sqrt(read_from(np.sin(omega * time), omega * np.cos(omega * time))[-500:].mean())
-
-    assert share(200.0) < (0.2**3) / 12.0
-    assert share(200.0) / share(100.0) > 8.0
 
 
 def moved(z, torque, directions, base, slopes):
@@ -203,31 +153,3 @@ def test_prediction_is_the_plants_own_and_the_covariance_f_p_ft_plus_q():
     np.testing.assert_array_equal(found[:STATES], moved(z, torque, directions, base, slopes))
     np.testing.assert_array_equal(found[STATES:], z[STATES:])
     np.testing.assert_allclose(left, expected, rtol=1e-4, atol=1e-5 * np.abs(expected).max())
-
-
-@pytest.mark.slow
-def test_link_torque_is_the_rigid_arms_less_the_forces():
-    rng = np.random.default_rng(8)
-    q, dq, ddq, force = rng.normal(size=(4, 2))
-    torque, direction, constants = np.empty(2), np.empty(2), np.array(flat(arm_constants(ARM)))
-    torque = np.array(link_torque(q, dq, ddq, force, constants_in(constants)))
-    J = tip_jacobian(q, ARM.length)
-    np.testing.assert_allclose(torque, rigid_inverse_dynamics(q, dq, ddq, arm_constants(ARM)) - J.T @ force, rtol=1e-12)
-    direction = np.array(FUNCTIONS.tip_direction(q, dq, constants_in(constants)))
-    np.testing.assert_allclose(direction, J @ dq / np.linalg.norm(J @ dq), rtol=1e-12)
-    direction = np.array(FUNCTIONS.tip_direction(q, np.zeros(2), constants_in(constants)))
-    np.testing.assert_array_equal(direction, 0.0)
-
-
-def test_functions_of_six_joints_are_those_of_the_robot_with_its_payload():
-    rng, robot = np.random.default_rng(9), robot_named("ur5")
-    physics, loaded = equations_of(robot), robot.with_payload(2.0)
-    functions, numbers = ArmFunctions(physics), numbers_of(robot, 2.0)
-    (q, dq, ddq), force, torque, direction = rng.normal(size=(3, 6)), rng.normal(size=3), np.empty(6), np.empty(3)
-    torque = np.array(functions.link_torque(q, dq, ddq, force, functions.constants_in(numbers)))
-    J = rigid_body.tip_jacobian(robot, q)
-    np.testing.assert_allclose(torque, rigid_body.inverse_dynamics(loaded, q, dq, ddq) - J.T @ force, atol=1e-10)
-    direction = np.array(functions.tip_direction(q, dq, functions.constants_in(numbers)))
-    np.testing.assert_allclose(direction, J @ dq / np.linalg.norm(J @ dq), atol=1e-12)
-    drives = np.array([flat(functions.drive(numbers, j)) for j in range(6)])
-    np.testing.assert_array_equal(drives.T, drives_of(robot))

@@ -1,17 +1,20 @@
-"""Forces are calm under corrections without a direction, of any size, and open up under those that have one."""
+"""When the filter is calm, what load the law acts on, and when its loop is handed to the certified law."""
 
+import gymnasium as gym
 import numpy as np
 import pytest
+from slow_twins import slow_but
 
-from fuzzyarm.envs.physics.two_joints import two_joints
-from fuzzyarm.fuzzy_policy.laws.adaptive.belief import FLAG, remembered
+from fuzzyarm import load_policy
+from fuzzyarm.envs.fuzzy_arm import FuzzyArmEnv
+from fuzzyarm.envs.physics.equations import two_joints
+from fuzzyarm.eval.episodes.rollout import record_rollout
+from fuzzyarm.fuzzy_policy.laws.adaptive.belief import FLAG, AdaptiveWeights, remembered
 from fuzzyarm.fuzzy_policy.laws.adaptive.filter import (
-    LARGEST_SCALE,
-    LATENESS_DOUBT,
-    doubt_lateness,
-    doubt_scale,
+    INSIGNIFICANT,
+    Room,
     note_moves,
-    spread_out,
+    significant,
 )
 from fuzzyarm.fuzzy_policy.laws.adaptive.policy import AdaptiveObserverPolicy
 
@@ -48,38 +51,53 @@ def test_a_direction_ends_the_calm_within_samples_and_opens_the_variance(memory,
     np.testing.assert_allclose(variances, SETTINGS.reopening, rtol=0.05)  # the whole of it, in parts
 
 
-def test_calm_forces_walk_less_and_jumping_torques_are_doubted(memory):
-    memory.flags[FLAG.calm] = 1.0
-    memory.P[FORCE, FORCE] = np.diag(SETTINGS.noise[FORCE])  # what a prediction adds
-    memory.commands[0, 1] = 0.5 * SETTINGS.limit[1]
-    spread_out(memory, SETTINGS)
-    np.testing.assert_allclose(np.diagonal(memory.P)[FORCE], POLICY.weights.calm_walk**2 * SETTINGS.noise[FORCE])
-    added = np.sqrt(np.diagonal(memory.P)[4:6])  # of the motor velocities
-    inertia, weights = POLICY.arm.motor_inertia[1], POLICY.weights
-    np.testing.assert_allclose(added, [0.0, 1e-3 * weights.torque_doubt * 0.25 * SETTINGS.limit[1] / inertia])
+@pytest.mark.parametrize("beyond", [0.5, 4.0, 1e4])
+@pytest.mark.parametrize("what", ["calm and noise", "no noise", "a direction"])
+def test_a_load_within_the_noise_shrinks_by_its_length_and_the_state_is_the_mean_given_it(memory, beyond, what):
+    """Without noise, and where corrections have a direction, nothing shrinks."""
+    rng, room, load = np.random.default_rng(0), Room(two_joints(), SETTINGS), slice(8, 8 + POLICY.belief.payload.stop)
+    root, guess = rng.normal(size=memory.P.shape), SETTINGS.guess[: load.stop - 8]
+    memory.P[:], memory.z[:] = root @ root.T, rng.normal(size=len(memory.z))
+    memory.flags[FLAG.calm], memory.noise[:] = float(what != "a direction"), 0.0 if what == "no noise" else 1e-10
+    room.variances[:] = 8e-10  # an eighth is noise
+    off = memory.z[load] - guess
+    off *= np.sqrt(beyond * INSIGNIFICANT**2 / 8.0 / (off @ np.linalg.solve(memory.P[load, load], off)))
+    memory.z[load] = guess + off
+    before = memory.z.copy()
+    significant(memory, SETTINGS, room)
+    share = max(0.0, 1.0 - 1.0 / beyond) if what == "calm and noise" else 1.0
+    np.testing.assert_allclose(room.acted[load] - guess, share * off, atol=1e-12)
+    gain = memory.P[:8, load] @ np.linalg.inv(memory.P[load, load])
+    np.testing.assert_allclose(room.acted[:8], before[:8] + gain @ (room.acted - before)[load], rtol=1e-9)
+    np.testing.assert_array_equal(memory.z, before)  # the filter goes on with what it believes
 
 
-def test_surprise_opens_the_lateness_up_to_its_first_variance(memory):
-    first = SETTINGS.spread[-1] ** 2
-    memory.P[-1, -1] = 0.01
-    doubt_lateness(memory, SETTINGS, 1.0)
-    assert memory.P[-1, -1] == 0.01
-    doubt_lateness(memory, SETTINGS, 11.0)
-    assert memory.P[-1, -1] == pytest.approx(0.01 + 10.0 * LATENESS_DOUBT)
-    doubt_lateness(memory, SETTINGS, 1e9)
-    assert memory.P[-1, -1] == first
+STRONG = 1.5  # times the commanded torque
+LOST = [9000335, 9000061, 9000649, 9000976]  # seeds of plants whose loops swing with such motors; of no table
 
 
-def test_surprise_opens_the_factor_that_the_constants_share(memory):
-    shared = SETTINGS.shared > 0.0
-    first = memory.P[:] = np.diag(SETTINGS.spread**2)
-    first = first.copy()
-    doubt_scale(memory, SETTINGS, 1.0)
-    np.testing.assert_array_equal(memory.P, first)
-    doubt_scale(memory, SETTINGS, 3.0)
-    expected = 2.0 * POLICY.weights.scale_doubt * np.outer(shared, shared)
-    np.testing.assert_allclose(memory.P - first, expected, atol=1e-15)
-    assert np.count_nonzero(shared) == 10  # five factors of two joints
-    for _ in range(2):
-        doubt_scale(memory, SETTINGS, 1e9)
-        assert np.diagonal(memory.P)[shared].min() == pytest.approx(LARGEST_SCALE)
+def followed(policy):
+    """Return the largest tip errors [mm] where the motors give more than is commanded, and what is believed then."""
+    envs = gym.make_vec("FuzzyArm-v0", num_envs=len(LOST), randomisation="plants")
+    observation, _ = envs.reset(seed=LOST)
+    state, running, largest = None, np.ones(len(LOST), dtype=bool), np.zeros(len(LOST))
+    while running.any():
+        torque, state = policy.predict(observation, state)
+        observation, _, terminated, truncated, info = envs.step(STRONG * torque)
+        largest[running] = np.maximum(largest, 1e3 * info["tip_error"])[running]
+        running &= ~(terminated | truncated)
+    return largest, policy.beliefs(state)
+
+
+def test_a_loop_that_swings_is_handed_to_the_certified_law():
+    saved, beliefs = followed(load_policy("adaptive-observer"))
+    # Which of these plants swings is decided by the last digits of the gains, which differ between processors.
+    assert beliefs.diverged.any() and saved.max() < 20.0
+    alone, _ = followed(AdaptiveObserverPolicy(weights=AdaptiveWeights(largest_swing=3.0)))  # no mean is that large
+    assert alone.max() > 20.0
+
+
+@pytest.mark.parametrize("case", slow_but(["machining"], ["nominal", "machining", "payload"]))
+def test_the_loads_of_the_cases_are_no_swing(case):
+    run = record_rollout(FuzzyArmEnv(case=case), POLICY, policy_name="own", case=case, seed=0)
+    assert "swung" not in run.note

@@ -1,7 +1,5 @@
 """Actions beside the elastic observer: the gate, what the observer knows, its innovation as features, refusals."""
 
-import dataclasses
-
 import numpy as np
 import pytest
 from support.bundles import bundle
@@ -16,11 +14,9 @@ BESIDE = ActionDefinition(scale=(30.0, 20.0), period=1e-3, base="elastic-observe
 TIMES = (0.002, 0.01)
 
 
-def beside(**layers):
+def beside():
     """A policy beside the observer, with a random network."""
-    made = bundle(BESIDE, innovation_times=TIMES)
-    made = dataclasses.replace(made, network=dataclasses.replace(made.network, **layers))
-    return LearnedPolicy(made, 1e-3, base=load_policy("elastic-observer"))
+    return LearnedPolicy(bundle(BESIDE, innovation_times=TIMES), 1e-3, base=load_policy("elastic-observer"))
 
 
 def observations(calls=5, lanes=3):
@@ -35,17 +31,6 @@ def observations(calls=5, lanes=3):
 def test_the_gate_is_the_mean_square_of_the_innovation_in_its_units_over_one_more():
     innovation = np.array([[0.0, 0.0, 0.0, 0.0], [2e-6, -2e-6, 4e-3, -4e-3], [4e-9, 0.0, 0.0, 0.0]])
     np.testing.assert_allclose(gate(innovation.T, 2.0), [0.0, 0.5, 1e-6], rtol=1e-5)
-
-
-@pytest.mark.slow
-def test_an_action_of_zero_leaves_the_observer_as_it_is_bit_for_bit():
-    made = bundle(BESIDE, innovation_times=TIMES).network
-    silent = beside(biases=(*made.biases[:-1], np.zeros(2)), weights=(*made.weights[:-1], np.zeros((2, 8))))
-    alone, state, own = load_policy("elastic-observer"), None, None
-    for observation in observations():
-        torque, state = silent.predict(observation, state)
-        expected, own = alone.predict(observation, own)
-        assert np.array_equal(torque, expected)
 
 
 def test_the_action_is_a_torque_of_which_the_observer_knows():

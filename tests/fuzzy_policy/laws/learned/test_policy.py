@@ -1,21 +1,23 @@
-"""A learned policy in use: the protocol of every policy, the hold, the base, and what it does not see."""
+"""A learned policy in use: the protocol of every policy, the hold, the base, and the robot that it is for."""
 
 import dataclasses
+import json
 import math
 
 import gymnasium as gym
 import numpy as np
 import pytest
-from support.bundles import bundle
+from support.bundles import bundle, network
 
 from fuzzyarm import load_policy
 from fuzzyarm.envs.physics.parameters import ArmParameters
+from fuzzyarm.envs.physics.robot import Robot, robot_named
 from fuzzyarm.envs.scenario.paths import Line
 from fuzzyarm.envs.scenario.reference import JointReference
 from fuzzyarm.eval.stability.linearisation import spectral_radius
 from fuzzyarm.eval.stability.margins import MarginsConfig, margin_notes, measure_margins
-from fuzzyarm.fuzzy_policy.laws.learned.bundle import BundleError
-from fuzzyarm.fuzzy_policy.laws.learned.definition import ActionDefinition
+from fuzzyarm.fuzzy_policy.laws.learned.bundle import BundleError, PolicyBundle
+from fuzzyarm.fuzzy_policy.laws.learned.definition import ActionDefinition, ArmDefinition, FeatureDefinition
 from fuzzyarm.fuzzy_policy.laws.learned.features import Features, Lanes
 from fuzzyarm.fuzzy_policy.laws.learned.policy import LearnedPolicy
 
@@ -56,18 +58,6 @@ def test_an_action_is_held_and_what_is_seen_between_does_not_matter():
     assert not np.array_equal(fourth[0], fourth[1])
 
 
-def test_lanes_that_begin_at_different_calls_hold_their_own():
-    shown, calls = observations(11), 11
-    policy = LearnedPolicy(bundle(ActionDefinition(period=3e-3)))
-    starts = np.random.default_rng(1).random((calls, LANES)) < 0.2
-    together = torques(policy, shown, starts)
-    for lane in range(0, LANES, 7):
-        state = None
-        for k in range(calls):
-            action, state = policy.predict(shown[k, lane], None if starts[k, lane] else state)
-            assert action.tobytes() == together[k, lane].tobytes()
-
-
 def test_the_base_is_evaluated_at_every_call_and_told_that_the_motors_stand_elsewhere():
     envs = gym.make_vec("FuzzyArm-v0", num_envs=4, randomisation="plants")
     shown, _ = envs.reset(seed=0)
@@ -85,13 +75,7 @@ def test_the_base_is_evaluated_at_every_call_and_told_that_the_motors_stand_else
 
 def test_a_shifted_base_brings_the_motors_to_its_target_plus_the_shift():
     """At rest, by the base's integral: no correction of torques could do that."""
-    action = ActionDefinition((0.004, 0.006), base="fuzzy-4")
-    made = bundle(action)
-    silent = [np.zeros_like(part) for part in made.network.weights]
-    biases = (*(np.zeros_like(part) for part in made.network.biases[:-1]), np.array([0.5, -0.5], dtype=np.float32))
-    constant = dataclasses.replace(
-        made, network=dataclasses.replace(made.network, weights=tuple(silent), biases=biases)
-    )
+    constant = silent(bundle(ActionDefinition((0.004, 0.006), base="fuzzy-4")), 0.5, -0.5)
     policy = LearnedPolicy(constant, base=load_policy("fuzzy-4"))
     env = gym.make("FuzzyArm-v0", reference=JointReference(Line((0.4, 0.5), (0.4, 0.501)), duration=3.0)).unwrapped
     (observation, _), state, ended = env.reset(seed=0), None, False
@@ -114,80 +98,44 @@ def test_a_smoothed_action_is_a_first_order_lag_of_what_the_network_says():
         np.testing.assert_allclose(answer, expected, rtol=1e-12, atol=1e-15)
 
 
-def test_the_torque_stays_within_the_robots_limits():
-    arm = ArmParameters(torque_limit=(5.0, 3.0))
-    answers = torques(LearnedPolicy(bundle(), parameters=arm), observations(4))
-    assert np.abs(answers).max(axis=(0, 1)).tolist() == [5.0, 3.0]
-
-
-def test_nothing_of_the_links_enters():
-    """The same motors above other links: no torque differs. The links differ, and so does the tip."""
-    made = bundle()
-    envs = gym.make_vec("FuzzyArm-v0", num_envs=1)
-    (observation, info), rng = envs.reset(seed=0), np.random.default_rng(0)
-    start = np.r_[info["q_motor"][0], info["q_link"][0], np.zeros(4)]
-    answers, tips = [], []
-    for _ in range(5):
-        moved = start.copy()
-        moved[[2, 3, 6, 7]] += rng.normal(size=4) * [0.01, 0.01, 0.1, 0.1]
-        observation, info = envs.reset(options={"initial_state": moved})
-        answers.append(LearnedPolicy(made).predict(observation)[0])
-        tips.append(info["tip"])
-    assert all(answer.tobytes() == answers[0].tobytes() for answer in answers)
-    assert np.ptp(tips, axis=0).max() > 1e-3
-
-
 def test_periods_and_bases_that_do_not_fit_are_named():
-    with pytest.raises(ValueError, match=r"acts every 0.002 s.*control_period = 0.0015 s; allowed: 0.002 s divided"):
-        LearnedPolicy(bundle(), 1.5e-3)
-    with pytest.raises(ValueError, match=r"control_period = 0.004 s"):
-        LearnedPolicy(bundle(), 4e-3)
     residual, base = bundle(ActionDefinition((0.01, 0.01), base="fuzzy-4")), load_policy("fuzzy-4", allow_unproven=True)
-    with pytest.raises(ValueError, match="trained on the base fuzzy-4; base = none"):
-        LearnedPolicy(residual)
-    with pytest.raises(ValueError, match="trained on the base None; base = FuzzyPolicy"):
-        LearnedPolicy(bundle(), base=base)
-    with pytest.raises(ValueError, match=r"control period of 0.001 s, not 0.002 s"):
-        LearnedPolicy(residual, 2e-3, base=base)
+    for made, message in (
+        (lambda: LearnedPolicy(bundle(), 1.5e-3), r"acts every 0.002 s.* = 0.0015 s; allowed: 0.002 s divided"),
+        (lambda: LearnedPolicy(bundle(), 4e-3), r"control_period = 0.004 s"),
+        (lambda: LearnedPolicy(residual), "trained on the base fuzzy-4; base = none"),
+        (lambda: LearnedPolicy(bundle(), base=base), "trained on the base None; base = FuzzyPolicy"),
+        (lambda: LearnedPolicy(residual, 2e-3, base=base), r"control period of 0.001 s, not 0.002 s"),
+    ):
+        with pytest.raises(ValueError, match=message):
+            made()
 
 
-class TestRegistry:
-    """`load_policy` on a folder."""
+@pytest.mark.parametrize("action", [ActionDefinition(), ActionDefinition((0.02, 0.01), base="fuzzy-4-tip")], ids=str)
+def test_a_folder_is_the_policy_it_holds_and_its_base_comes_with_it(tmp_path, action):
+    mine, shown = bundle(action), observations(6)
+    mine.save(tmp_path / "mine")
+    expected = torques(LearnedPolicy(mine, base=load_policy(action.base) if action.base else None), shown)
+    np.testing.assert_array_equal(torques(load_policy(tmp_path / "mine"), shown), expected)
+    np.testing.assert_array_equal(torques(load_policy(str(tmp_path / "mine")), shown), expected)
+    bundle(ActionDefinition((0.01, 0.01), base="/somewhere/else.json")).save(tmp_path / "strange")
+    with pytest.raises(ValueError, match="which is none of: fuzzy-32"):
+        load_policy(tmp_path / "strange")
+    with pytest.raises(BundleError, match=r"a policy bundle is a folder with policy\.json and weights"):
+        load_policy(tmp_path)
 
-    def test_a_folder_is_the_policy_it_holds(self, tmp_path):
-        mine = bundle()
-        mine.save(tmp_path / "mine")
-        shown = observations(6)
-        expected = torques(LearnedPolicy(mine), shown)
-        np.testing.assert_array_equal(torques(load_policy(tmp_path / "mine"), shown), expected)
-        np.testing.assert_array_equal(torques(load_policy(str(tmp_path / "mine")), shown), expected)
 
-    def test_its_base_comes_with_it(self, tmp_path):
-        mine = bundle(action=ActionDefinition(scale=(0.02, 0.01), base="fuzzy-4-tip"))
-        mine.save(tmp_path / "mine")
-        shown = observations(6)
-        expected = torques(LearnedPolicy(mine, base=load_policy("fuzzy-4-tip")), shown)
-        np.testing.assert_array_equal(torques(load_policy(tmp_path / "mine"), shown), expected)
-
-    def test_a_base_that_is_no_shipped_policy_is_refused(self, tmp_path):
-        mine = bundle(action=ActionDefinition((0.01, 0.01), base="/somewhere/else.json"))
-        mine.save(tmp_path / "mine")
-        with pytest.raises(ValueError, match="which is none of: fuzzy-32"):
-            load_policy(tmp_path / "mine")
-
-    def test_a_folder_without_a_policy_gets_one_clear_line(self, tmp_path):
-        with pytest.raises(BundleError, match=r"a policy bundle is a folder with policy\.json and weights") as caught:
-            load_policy(tmp_path)
-        assert "\n" not in str(caught.value)
+def silent(made, *answer):
+    """The bundle with a network that always gives the same answer."""
+    parts = [[np.zeros_like(part) for part in kind] for kind in (made.network.weights, made.network.biases)]
+    parts[1][-1][:] = answer
+    network = dataclasses.replace(made.network, weights=tuple(parts[0]), biases=tuple(parts[1]))
+    return dataclasses.replace(made, network=network)
 
 
 def test_margins_are_taken_over_the_action_period(tmp_path, few_postures):
     """A network that always answers zero leaves the base alone, at the period of the network."""
-    mine = bundle(action=ActionDefinition(scale=(0.02, 0.01), base="fuzzy-4", period=2e-3))
-    silent = [np.zeros_like(part) for part in (*mine.network.weights, *mine.network.biases)]
-    half = len(silent) // 2
-    network = dataclasses.replace(mine.network, weights=tuple(silent[:half]), biases=tuple(silent[half:]))
-    dataclasses.replace(mine, network=network).save(tmp_path / "silent")
+    silent(bundle(ActionDefinition((0.02, 0.01), base="fuzzy-4", period=2e-3)), 0.0, 0.0).save(tmp_path / "silent")
     document = measure_margins(MarginsConfig((str(tmp_path / "silent"), "fuzzy-4")))
     row, other = document["rows"]
     base = load_policy("fuzzy-4", control_period=2e-3)
@@ -197,6 +145,72 @@ def test_margins_are_taken_over_the_action_period(tmp_path, few_postures):
     assert "silent acts every 2 ms" in " ".join(margin_notes(document))
 
 
-@pytest.mark.filterwarnings("error")
-def test_the_shortest_smoothing_time_smooths_nothing():
-    assert ActionDefinition(smoothing_time=np.float64(5e-324)).smoothing == 0.0
+ROBOT, ROBOT_PERIOD = robot_named("planar-3r"), 2e-3
+OTHER_ARM = ArmParameters(mass=(20.0, 10.0))
+
+
+def robot_bundle(robot=ROBOT, name=None):
+    """A bundle for a robot, or for another two-joint arm, with a random network."""
+    joints, features = len(robot), FeatureDefinition(joints=len(robot), past_errors=1, past_actions=2)
+    return PolicyBundle(
+        features,
+        ActionDefinition(scale=tuple(10.0 + k for k in range(joints)), period=ROBOT_PERIOD),
+        network((features.size, 8, joints)),
+        arm=ArmDefinition(name or robot.name, robot.digest),
+    )
+
+
+def test_a_bundle_of_a_robot_comes_back_and_acts_in_a_batch_as_alone(tmp_path):
+    robot_bundle().save(tmp_path / "mine")
+    policy = load_policy(tmp_path / "mine", robot="planar-3r")
+    assert isinstance(policy, LearnedPolicy) and policy.bundle.arm == ArmDefinition("planar-3r", ROBOT.digest)
+    observations = np.random.default_rng(0).normal(size=(5, 7, 15))
+    state, alone = None, [None] * 7
+    for observation in observations:
+        torque, state = policy.predict(observation, state)
+        for lane in range(7):
+            own, alone[lane] = policy.predict(observation[lane], alone[lane])
+            np.testing.assert_array_equal(own, torque[lane])
+    assert torque.shape == (7, 3) and (np.abs(torque) <= [10.0, 11.0, 12.0]).all()
+
+
+def test_a_bundle_is_for_its_arm_alone(tmp_path):
+    mine = tmp_path / "mine" / "policy"  # as fuzzyarm train names it
+    mine.parent.mkdir()
+    robot_bundle().save(mine)
+    load_policy(mine, robot=dataclasses.replace(ROBOT, name="the same numbers"))
+    robot_bundle(name="\x1b[31mred\nline").save(tmp_path / "red")
+    robot_bundle(Robot.of(OTHER_ARM)).save(tmp_path / "other")
+    assert load_policy(tmp_path / "other", robot=OTHER_ARM).parameters == OTHER_ARM
+    for policy, robot, message in (
+        (mine, "ur5", r"^mine was trained on planar-3r and knows no other"),
+        (mine, "paper", r"^mine was trained on planar-3r and knows no other"),
+        (mine, dataclasses.replace(ROBOT, gravity=(9.8, 0.0, 0.0)), "^mine was trained on planar-3r"),
+        (tmp_path / "red", "ur5", r"red was trained on \\x1b"),
+        (tmp_path / "other", None, "other was trained on two-joint arm"),
+        ("ppo-nominal", "ur5", "ppo-nominal was trained on the arm of Table 1"),
+    ):
+        with pytest.raises(ValueError, match=message) as refused:
+            load_policy(policy, robot=robot)
+        assert "\n" not in str(refused.value)
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        (lambda d: d.pop("arm"), "it is for 3 joints and does not say of which arm"),
+        (lambda d: d["features"].update(joints=2), "the features are for 2 joints, the action has 3 scales"),
+        (lambda d: d["features"].update(joints=13), "joints = 13 is out of range"),
+        (lambda d: d["arm"].update(digest=7), r"at `arm.digest`"),
+        (lambda d: d["arm"].update(more=7), "unknown field more"),
+        (lambda d: d["action"].update(scale=[1.0] * 13), "number of scales = 13"),
+    ],
+)
+def test_a_damaged_bundle_is_refused(tmp_path, change, message):
+    folder = tmp_path / "mine"
+    robot_bundle().save(folder)
+    content = json.loads((folder / "policy.json").read_text())
+    change(content)
+    (folder / "policy.json").write_text(json.dumps(content))
+    with pytest.raises(BundleError, match=message):
+        PolicyBundle.load(folder)

@@ -24,11 +24,11 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from fuzzyarm.common.slices import consecutive
+from fuzzyarm.common.arithmetic import consecutive
 from fuzzyarm.envs.observation import Observation
 from fuzzyarm.envs.physics.equations import AnyArm, equations_of
 from fuzzyarm.envs.physics.parameters import ArmParameters
-from fuzzyarm.envs.physics.physics import Physics
+from fuzzyarm.envs.physics.records import Physics
 from fuzzyarm.fuzzy_policy.law import Law, LawPolicy, seen_by
 from fuzzyarm.fuzzy_policy.laws.adaptive.belief import FLAG, Memory, places
 from fuzzyarm.fuzzy_policy.laws.adaptive.filter import Room, tables_of, with_tables

@@ -34,14 +34,13 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from fuzzyarm.common.slices import consecutive
+from fuzzyarm.common.arithmetic import consecutive
 from fuzzyarm.envs.observation import Observation
 from fuzzyarm.envs.physics.elementwise import root, select, sine_cosine
-from fuzzyarm.envs.physics.equations import AnyArm, equations_of, robot_of
+from fuzzyarm.envs.physics.equations import AnyArm, equations_of, robot_of, two_joints
 from fuzzyarm.envs.physics.parameters import ArmParameters
-from fuzzyarm.envs.physics.physics import Physics
+from fuzzyarm.envs.physics.records import Physics
 from fuzzyarm.envs.physics.robot import Robot
-from fuzzyarm.envs.physics.two_joints import two_joints
 from fuzzyarm.envs.scenario.cases import load_scale
 from fuzzyarm.envs.scenario.kinematics import reach, velocity_limits
 from fuzzyarm.fuzzy_policy.known_arm import per_joint_of

@@ -1,0 +1,225 @@
+"""Tables of speeds, accuracy, exported C, identification, data sets and mutants."""
+
+from __future__ import annotations
+
+from typing import Any
+
+from tables import Section, Table, made_with, markdown, number
+
+__all__ = ["TOOLS"]
+
+_RATIO = "{ratio[median]:.2f}, {ratio[q1]:.2f} to {ratio[q3]:.2f}"
+MUTATED = {
+    "common": "checks of arguments, documents, archives, writing of files",
+    "fuzzy_policy": "controller files, and the proofs of their claims",
+    "proof": "bounds of the tip",
+    "": "checkpoints, learned policies, sweeps, data sets",
+}
+"""What is mutated, by the beginning of a file's name; the first that fits counts."""
+
+
+def _mutants(document: dict[str, Any]) -> str:
+    """Return a row for each part of the package: mutants, and what came of them."""
+    rows, left, ends = [], list(document["rows"]), ("died", "equivalent", "lived")
+    for start, text in MUTATED.items():
+        members = [row for row in left if row["file"].startswith(start)]
+        left = [row for row in left if row not in members]
+        rows.append([text, str(len(members)), *(str(sum(row["outcome"] == end for row in members)) for end in ends)])
+    rows.append(["all", *(str(sum(int(row[column]) for row in rows)) for column in range(1, 5))])
+    return markdown(["mutants of", "made", "noticed", "equivalent", "not noticed"], rows)
+
+
+def _misra(document: dict[str, Any]) -> str:
+    """Return what the MISRA addon finds in the exported C, a column for each rule."""
+    found = {rule for row in document["rows"] for rule in row["violations"]}
+    rules = sorted(found, key=lambda rule: [int(part) for part in rule.split(".")])
+    rows = [
+        [row["source"], f"{row['lines']:,}", *(str(row["violations"].get(rule, "")) for rule in rules)]
+        for row in document["rows"]
+    ]
+    return markdown(["source", "lines", *rules], rows)
+
+
+def _identified(document: dict[str, Any]) -> str:
+    """Return a row for each parameter: the truth, the interval, coverage and deviation, for both kinds of logs."""
+    logs, headings, rows = list(document["logs"].values()), ["parameter", "unit", "truth"], []
+    for name, log in document["logs"].items():
+        headings += [f"{name}: 95 % interval, ±", f"covered, of {log['runs']} logs", "deviation"]
+    for found in zip(*(log["rows"] for log in logs), strict=True):
+        cells = [f"`{found[0]['name']}`", found[0]["unit"], f"{found[0]['truth']:g}"]
+        for row, log in zip(found, logs, strict=True):
+            covered = f"{row['covered']}" + (f" of {row['told']} that tell it" if row["told"] != log["runs"] else "")
+            told = [f"{row['half_width']:.2g}", covered, f"{row['deviation_rms']:.2f}"] if row["told"] else ["-"] * 3
+            cells += told
+        rows.append(cells)
+    return markdown(headings, rows, left=2)
+
+
+def _of_identified(document: dict[str, Any]) -> str:
+    first = next(iter(document["logs"].values()))
+    covered, told = (sum(row[what] for row in first["rows"]) for what in ("covered", "told"))
+    return (
+        f"With velocities, {covered} of {told} intervals cover the truth ({100.0 * covered / told:.1f} %). Logs of "
+        f"{document['duration']:g} s at 1 kHz, {first['seconds']:.0f} s of processor time each to identify; "
+        f"`{document['command']}`"
+    )
+
+
+def _in_float(row: dict[str, Any], form: str, otherwise: str) -> str:
+    return form.format(**row["float"]) if row["float"] else otherwise
+
+
+def _exported(document: dict[str, Any]) -> dict[str, Any]:
+    """Return the columns of the exported C: bits, times and what float costs."""
+    return {
+        "law": "{law}",
+        "ticks": "{ticks:,}",
+        "numbers that differ": lambda row: ", ".join(str(row["differing"][name]) for name in document["compilers"]),
+        **{
+            f"{name}, ns a tick: median (5 to 95 %)": lambda row, name=name: (
+                "{median:.0f} ({p5:.0f} to {p95:.0f})".format(**row["nanoseconds"][name])
+            )
+            for name in document["compilers"]
+        },
+        "`predict` [ns]": "{python_nanoseconds:.0f}",
+        "float: torque off, rms / max [N m]": lambda row: _in_float(
+            row, "{torque_rms:.2g} / {torque_max:.2g}", "refused"
+        ),
+        "float: largest tip error, not double's [mm]": lambda row: _in_float(
+            row, "{tip_float_mm:.3g}, not {tip_double_mm:.3g}", ""
+        ),
+    }
+
+
+def _of_speed(bench: dict[str, Any], mujoco: dict[str, Any], soak: dict[str, Any]) -> str:
+    """Return how the speeds were measured, the agreement with MuJoCo, and the results of the soak test."""
+    method = bench["method"]
+    missing = sorted({f"{row['name']}: {row['reason']}" for row in bench["rows"] if row["reason"]})
+    errors = [mujoco[arm]["our_tip_error_um"] for arm in ("frictionless", "Coulomb")]
+    finest = [min(row["tip_error_um"] for row in mujoco[arm]["mujoco"]) for arm in ("frictionless", "Coulomb")]
+    parts = []
+    for row in soak["rows"]:
+        memory = [value for value in row["resident_MB"] if value is not None]
+        growth = memory[-1] - memory[len(memory) // 4] if memory else float("nan")
+        parts.append(
+            f"{row['actions']}: {row['env_steps']:.3g} env-steps, {row['episodes']} episodes, {row['seconds']:.0f} s, "
+            f"memory {growth:+.1f} MB over the last three quarters"
+        )
+    return (
+        f"Medians of {method['rounds']} rounds of {method['seconds']:g} s in which everyone takes turns. "
+        f"{' '.join(f'Not measured: {line}.' for line in missing)} A further lane takes "
+        f"{bench['memory_per_lane']['bytes']:.0f} bytes. `{bench['command']}`; {made_with(bench)}\n\n"
+        "Against the event integrator, without friction / with Coulomb friction alone, our tip error is "
+        f"{errors[0]:.2f} / {errors[1]:.2f} µm, and MuJoCo's goes down to {finest[0]:.1g} / {finest[1]:.2g} µm as its "
+        f"step shrinks (`{mujoco['command']}`; {made_with(mujoco).removesuffix('.')}). Soak, without a number that is "
+        f"not finite: {'; '.join(parts)} (`python benchmarks/soak.py`; {made_with(soak).removesuffix('.')})."
+    )
+
+
+def _accuracy(document: dict[str, Any]) -> list[dict[str, Any]]:
+    return [{"case": case, "of": row} for case, row in document["max_tip_difference_um"].items()]
+
+
+def _data(document: dict[str, Any]) -> list[dict[str, Any]]:
+    return [{"name": name, **row} for name, row in document["rows"].items()]
+
+
+def _scores(learner: str) -> Any:
+    form = "{score:.1f} / {tip_error_mm:.1f} / {completed} of {of}"
+    return lambda row: ", ".join(form.format(**run) for run in row["learners"][learner])
+
+
+TOOLS = {
+    "exported-c": Section(
+        "exported_c",
+        Table(_exported),
+        lambda document: f"`{document['command']}`; {', '.join(document['compilers'].values())}",
+    ),
+    "misra": Section("misra", _misra, "`{command}`; {cppcheck}"),
+    "identification": Section("identification", _identified, _of_identified),
+    "mutants": Section("mutants", _mutants),
+    "batch-threads": Section(
+        "batch_threads",
+        Table(
+            {
+                "arms": "{lanes:,}",
+                "pause before a step [µs]": "{pause_us:g}",
+                "one thread [µs]": "{one_us:.0f}",
+                "two threads [µs]": "{two_us:.0f}",
+                "times as fast": "{ratio:.2f}",
+            }
+        ),
+        lambda document: (
+            f"Medians of {document['rounds'] * document['steps']} steps each, in turns. `{document['command']}`"
+        ),
+    ),
+    "training-speed": Section(
+        "training_speed",
+        Table(
+            {
+                "": "`fuzzyarm train {algorithm}`",
+                "lanes": "{lanes}",
+                "steps/s": "{steps_per_s[median]:,.0f}",
+                "the library's": "{library_steps_per_s[median]:,.0f}",
+                "ratio: median, quartiles": _RATIO,
+                "an evaluation [s]": "{pause_s:.1f}",
+                "every steps": "{evaluation_interval:,}",
+            }
+        ),
+        "Medians of {rounds} rounds of {seconds:g} s or one update, in turns, of one thread each. `{command}`; torch "
+        "{versions[torch]}, stable-baselines3 {versions[stable-baselines3]}, sb3-contrib {versions[sb3-contrib]}",
+    ),
+    "dataset-scores": Section(
+        "dataset_scores",
+        Table(
+            lambda document: {
+                "data set": "`{name}`",
+                "steps": "{data[steps]:,}",
+                "data": "{data[score]:.1f}",
+                **{
+                    f"{learner}: score / mean tip error [mm] / episodes completed": _scores(learner)
+                    for learner in next(iter(document["rows"].values()))["learners"]
+                },
+            },
+            _data,
+        ),
+        "`{command}`: {seconds:g} s of processor time of learning each, one thread",
+    ),
+    "speed": Section(
+        ("bench", "mujoco_arm", "soak"),
+        (
+            Table(
+                {
+                    "": "{name}",
+                    "lanes": "{lanes}",
+                    "threads": "{threads}",
+                    "numbers": "{dtype}",
+                    "thousand steps/s": lambda row: (
+                        "not measured" if row["steps_per_s"] is None else f"{1e-3 * row['steps_per_s']['median']:.0f}"
+                    ),
+                    "tip error [µm]": number("tip_error_um", ".2g", ""),
+                    "times as fast as": lambda row: ", ".join(
+                        f"{peer} {ratio['median']:.3g}" for peer, ratio in row["ratios"].items()
+                    ),
+                }
+            ),
+            _of_speed,
+        ),
+        None,
+    ),
+    "accuracy": Section(
+        "accuracy",
+        Table(
+            lambda document: {
+                "case": "{case}",
+                **{
+                    f"h = {1e3 * float(h):g} ms [µm]": f"{{of[{h}]:.3f}}"
+                    for h in next(iter(document["max_tip_difference_um"].values()))
+                },
+            },
+            _accuracy,
+        ),
+        "The default is h = 0.2 ms. `{command}`",
+    ),
+}
+"""Sections by name."""

@@ -1,0 +1,79 @@
+"""Bisection, decimal numbers that state a bound, and consecutive slices.
+
+A float is read as the shortest decimal number that identifies it, its `repr`, which is also what a certificate proves
+(`proof.certificate`). Rounding that decimal up or down is exact.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from decimal import ROUND_CEILING, ROUND_FLOOR, Decimal
+from typing import SupportsFloat
+
+__all__ = ["at_least", "at_most", "consecutive", "last_that_works"]
+
+
+def last_that_works(
+    works: Callable[[float], bool], good: float, bad: float, *, resolution: float, limit: float | None = None
+) -> float | None:
+    """Return a number that works, within a relative `resolution` of the first that does not.
+
+    From `good` towards `bad`, both positive, in geometric steps: first by the factor bad/good until something fails,
+    then by bisection between the last that works and the first that fails.
+    `works` is never evaluated at `good`, which is assumed to work. The search gives up beyond `limit` and returns None;
+    without a limit, `bad` is known to fail and is not tried.
+    """
+    ratio = bad / good
+    if limit is not None:
+        while works(bad):
+            good, bad = bad, bad * ratio
+            if (bad - limit) * (ratio - 1.0) > 0.0:
+                return None
+    while max(good, bad) > min(good, bad) * (1.0 + resolution):
+        middle = math.sqrt(good * bad)
+        good, bad = (middle, bad) if works(middle) else (good, middle)
+    return good
+
+
+def at_most(value: SupportsFloat, digits: int) -> str:
+    """Return a number of `digits` significant digits that is not below `value`: what "at most" is followed by.
+
+    Examples:
+        >>> at_most(158.484, 3), at_most(20.0, 3), at_most(2.0049e-4, 3)
+        ('159', '20', '0.000201')
+    """
+    return _rounded(value, digits, ROUND_CEILING)
+
+
+def at_least(value: SupportsFloat, digits: int) -> str:
+    """Return a number of `digits` significant digits that is not above `value`: what "at least" is followed by.
+
+    Examples:
+        >>> at_least(19.999, 3), at_least(-1.2345, 3)
+        ('19.9', '-1.24')
+    """
+    return _rounded(value, digits, ROUND_FLOOR)
+
+
+def _rounded(value: SupportsFloat, digits: int, rounding: str) -> str:
+    exact = Decimal(repr(float(value)))
+    if not exact.is_finite():
+        raise ValueError(f"{value} is not finite: there is no bound to state")
+    if not exact:
+        return "0"
+    rounded = exact.quantize(Decimal((0, (1,), exact.adjusted() - digits + 1)), rounding=rounding).normalize()
+    return f"{rounded:f}" if -5 < rounded.adjusted() < 16 else f"{rounded:e}"
+
+
+def consecutive(*sizes: int) -> list[slice]:
+    """Return adjacent slices of these lengths, the first of which begins at 0.
+
+    >>> consecutive(2, 1)
+    [slice(0, 2, None), slice(2, 3, None)]
+    """
+    slices, start = [], 0
+    for size in sizes:
+        slices.append(slice(start, start + size))
+        start += size
+    return slices

@@ -1,0 +1,107 @@
+"""Tables show what is stored: the commits that they come from, which bounds are proven, and how many digits count."""
+
+import re
+from pathlib import Path
+
+import pytest
+
+ROOT = Path(__file__).parents[2]
+VERSIONS = dict.fromkeys(("python", "numpy", "llvmlite", "clarabel"), "1")
+MADE = {"commit": "a" * 40, "versions": VERSIONS, "machine": {"cpu": "one", "cores": 2}}
+ONE = "one, 2 cores, Python 1, numpy 1, llvmlite 1, clarabel 1"
+CIRCLE = {"case": "nominal", "path": "circle", "duration": 1.5, "proven": True}
+ROWS = [{"commit": "b" * 40, "cpu": "two"}, {"x": 1.0}, {"provenance": MADE | {"commit": "c" * 40}}]
+
+
+@pytest.mark.parametrize(
+    ("parts", "line"),
+    [
+        (
+            (MADE, MADE | {"commit": "b" * 40 + "+changes"}, MADE),
+            f"{ONE}, commits aaaaaaaaaa, bbbbbbbbbb with changes.",
+        ),
+        (({**MADE, "rows": ROWS},), f"{ONE}, commits aaaaaaaaaa, cccccccccc; two, commit bbbbbbbbbb."),
+        ((MADE, [{"commit": "a" * 40}]), f"{ONE}, commit aaaaaaaaaa."),
+        ((MADE, [{"commit": "b" * 40}]), f"{ONE}, commit aaaaaaaaaa; machine not stored, commit bbbbbbbbbb."),
+    ],
+)
+def test_the_line_below_a_table_names_every_commit_and_machine(module, parts, line):
+    assert module("tables").made_with(*parts) == line
+
+
+def test_readme_names_the_commits_of_its_bounds(module):
+    """The column of proofs has rows of another commit than the comparison."""
+    script = module("readme")
+    text, evaluation = script.readme_sections()["results"], script.stored("evaluate")
+    tips = module("tables_results").tips(evaluation, script.stored("tip_bound"))
+    shown = [row for rows in tips.values() for row in rows]
+    assert {row["commit"] for row in shown} - {evaluation["commit"]}
+    assert all(f"{row['commit'][:10]}" in text and row["cpu"] in text for row in shown)
+
+
+def test_every_table_of_the_pages_is_made_and_every_one_that_is_made_is_shown(module):
+    pages = [path.read_text(encoding="utf-8") for path in (ROOT / "docs").rglob("*.md")]
+    asked = {name for page in pages for name in re.findall(r"^```\{results\} (\S+)$", page, re.MULTILINE)}
+    sections = module("readme").sections()
+    assert asked == sections.keys()
+    assert all(text.strip() and "commit" in text for name, text in sections.items() if name != "robots")
+
+
+def bound(policy, name, millimetres, payload=0.0, **others):
+    row = {"policy": policy, "set": name, "bound_mm": millimetres, "plants": {"payload": [0.0, payload]}}
+    return {**CIRCLE, **row, **MADE, **others}
+
+
+@pytest.fixture
+def overview(module):
+    """Return the README's line of a policy, given rows of bounds, errors by case, and the certificate."""
+
+    def overview(*rows, errors=(), certificate=None):
+        results = [
+            {"policy": "a", "case": case, "tip_error_rms_mm": rms, "tip_error_max_mm": largest}
+            for case, (rms, largest) in dict(errors).items()
+        ]
+        documents = {
+            "evaluate": {"results": results, "certificates": {"a": certificate}, **MADE},
+            "tip_bound": {"rows": rows, "command": "y"},
+        }
+        text = module("tables_results").README["results"].text(documents.__getitem__)
+        return next(line for line in text.splitlines() if line.startswith("| a |"))
+
+    return overview
+
+
+EXACT, NEAR = bound("a", "table-1", 0.00226), bound("a", "near", 0.6747)
+LOADS = [bound("a", f"payload 0 to {load:g} kg", load, load) for load in (5.0, 0.2)]
+
+
+@pytest.mark.parametrize(
+    ("rows", "words"),
+    [
+        ((EXACT,), "tip within 0.0023 mm (exact)"),
+        ((EXACT, NEAR), "tip within 0.68 mm (near)"),
+        ((NEAR, EXACT), "tip within 0.68 mm (near)"),
+        (
+            (EXACT, *LOADS, NEAR, bound("a", "any-friction", 0.97)),
+            "tip within 0.68 mm (near), 0.97 mm (any friction), 5 mm (payload 0 to 5 kg)",
+        ),
+        ((NEAR | {"proven": False},), "no"),
+        ((NEAR | {"case": "payload"},), "no"),
+        ((NEAR | {"path": "lemniscate"},), "no"),
+        ((NEAR | {"duration": 1.2},), "no"),
+        ((NEAR | {"policy": "b"},), "no"),
+    ],
+)
+def test_only_what_is_proven_of_the_circle_is_shown_and_the_bound_of_one_arm_is_labelled_or_left_out(
+    overview, rows, words
+):
+    assert overview(*rows) == f"| a | {words} |"
+
+
+def test_the_rigid_arm_is_named_apart(overview):
+    assert overview(NEAR, certificate="For the rigid arm ...") == "| a | rigid arm; tip within 0.68 mm (near) |"
+
+
+def test_below_a_micrometre_the_table_gives_no_number_and_above_it_two_digits(overview):
+    errors = {"nominal": (0.00042, 0.00226), "machining": (4.98, 10.8), "payload": (0.00101, 0.000999)}
+    assert overview(errors=errors) == "| a | < 0.001 / 0.0023 | 5.0 / 11 | 0.0010 / < 0.001 | no |"
