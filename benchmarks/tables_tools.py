@@ -167,7 +167,7 @@ TOOLS = {
             }
         ),
         "Medians of {rounds} rounds of {seconds:g} s or one update, in turns, of one thread each. `{command}`; torch "
-        "{versions[torch]}, stable-baselines3 {versions[stable-baselines3]}, sb3-contrib {versions[sb3-contrib]}",
+        "{versions[torch]}, stable-baselines3 {versions[stable-baselines3]}",
     ),
     "dataset-scores": Section(
         "dataset_scores",

@@ -142,7 +142,7 @@ def main() -> None:
     options = options_of(__doc__).parse_args()
     rows = printed(map(measured, ALGORITHMS))
     versions = current_provenance()["versions"]
-    versions |= {name: version(name) for name in ("torch", "stable-baselines3", "sb3-contrib")}
+    versions |= {name: version(name) for name in ("torch", "stable-baselines3")}
     write(options.json, "training_speed.py", versions=versions, rounds=ROUNDS, seconds=SECONDS, rows=rows)
 
 

@@ -6,11 +6,13 @@ import runpy
 import sys
 from pathlib import Path
 
+import numpy as np
 import pytest
-from slow_twins import slow_but
 
 pytest.importorskip("stable_baselines3")
 import torch
+
+from fuzzyarm.policies import resolve
 
 EXAMPLES = Path(__file__).parent.parent / "examples"
 SCRIPTS = sorted(path.name for path in EXAMPLES.glob("train_*.py"))
@@ -32,11 +34,9 @@ def run(monkeypatch, tmp_path, capsys):
     torch.set_num_threads(threads)
 
 
-@pytest.mark.parametrize(
-    "script", slow_but(["train_batched.py"], ["train_batched.py", "train_sb3.py", "train_torch.py"])
-)
-def test_a_few_steps(script, run, tmp_path):
-    errors = run(script, "1100")  # two rollouts of train_sb3.py, one of the others
+@pytest.mark.slow
+def test_a_few_steps(run, tmp_path):
+    errors = run("train_torch.py", "1100")
     assert len(errors) == 2
     assert all(math.isfinite(error) and 0.0 < error < 4000.0 for error in errors)
     assert len(set(errors)) == len(errors)  # the policy changes
@@ -77,7 +77,6 @@ def test_a_data_set_that_does_not_fit_is_refused_in_one_line(script, run, monkey
 @pytest.mark.parametrize(
     ("script", "words", "first", "last"),
     [
-        ("train_batched.py", (), 500.0, 100.0),
         ("train_torch.py", (), 500.0, 30.0),
         ("train_gradients.py", ("12000", "--eager"), 100.0, 50.0),
     ],
@@ -87,3 +86,17 @@ def test_they_learn(script, words, first, last, run, tmp_path):
     errors = run(script, *words)
     assert errors[0] > first and errors[-1] < last
     assert not list(tmp_path.iterdir())
+
+
+@pytest.mark.parametrize(
+    ("script", "words", "name"),
+    [
+        ("train_sb3.py", ("2048", "--out"), "sb3:model.zip"),
+        ("ppo_one_file.py", ("--minutes", "0.01", "--out"), "model"),
+    ],
+)
+def test_what_the_learning_examples_write_is_a_policy(script, words, name, run, tmp_path):
+    run(script, *words, str(tmp_path / name))
+    spec = resolve(f"sb3:{tmp_path / name}" if name.endswith(".zip") else str(tmp_path / name), run_code=True)
+    torque, _ = spec.load().predict(np.zeros((3, 10)))
+    assert torque.shape == (3, 2) and np.isfinite(torque).all()

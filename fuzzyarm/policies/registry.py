@@ -14,7 +14,10 @@ if TYPE_CHECKING:
     from fuzzyarm.envs.physics.equations import AnyArm
     from fuzzyarm.fuzzy_policy.policy import Policy
 
-__all__ = ["ANY_ROBOT", "COMPARED", "LEARNED", "NAMES", "POLICIES", "TIP", "Kind", "add_policy", "known_names"]
+__all__ = ["ANY_ROBOT", "COMPARED", "LEARNED", "NAMES", "POLICIES", "SB3", "TIP", "Kind", "add_policy", "known_names"]
+
+SB3 = "sb3:"
+"""In front of the path of a model that stable-baselines3 has saved."""
 
 TIP = "-tip"
 """Ending of a policy's name that wraps its law in `fuzzy_policy.laws.tip.TipPolicy`, which leads the tip along the
@@ -31,7 +34,7 @@ class Kind(enum.StrEnum):
     CONTROLLER = "controller"  # a controller file
     LEARNED = "learned"  # the folder of a learned policy
     TUNED = "tuned"  # a law with the numbers of a folder of `fuzzyarm tune`
-    CODE = "code"  # the user's own code, ``package.module:factory``
+    CODE = "code"  # the user's own code, ``package.module:factory``, or a foreign model, ``sb3:model.zip``
 
 
 @dataclasses.dataclass(frozen=True)

@@ -25,10 +25,8 @@ from fuzzyarm.fuzzy_policy.laws.learned.features import learning_action, learnin
 from fuzzyarm.fuzzy_policy.laws.learned.network import Cell, Network
 from fuzzyarm.fuzzy_policy.laws.learned.policy import LearnedPolicy
 
-__all__ = ["PREFIX", "sb3_policy"]
+__all__ = ["sb3_policy"]
 
-PREFIX = "sb3:"
-"""In front of the path of a zip."""
 _LARGEST = 64 * 2**20  # bytes, of the zip and of each part that is read
 _UNREAD = ("activation_fn", "features_extractor_class", "features_extractor_kwargs", "squash_output")
 
@@ -85,9 +83,11 @@ def _read(path: Path) -> tuple[dict[str, Any], dict[str, np.ndarray]]:
                 raise ValueError(f"a part is larger than {_LARGEST} bytes")
             data = json.loads(archive.read("data"))
             found = torch.load(io.BytesIO(archive.read("policy.pth")), map_location="cpu", weights_only=True)
-        return data, {name: np.array(tensor, dtype=np.float32) for name, tensor in found.items()}
+        tensors = {name: tensor.numpy().astype(np.float32) for name, tensor in found.items()}
     except Exception as error:  # torch raises what it likes
-        raise ValueError(f"{path} is no model that stable-baselines3 saved: {str(error).splitlines()[0]}") from None
+        reason = (str(error) or type(error).__name__).splitlines()[0]
+        raise ValueError(f"{path} is no model that stable-baselines3 saved: {reason}") from None
+    return data, tensors
 
 
 def _layers(path: Path, tensors: dict[str, np.ndarray]) -> tuple[Any, Any, Cell | None, str, str]:

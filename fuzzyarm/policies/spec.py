@@ -25,7 +25,7 @@ from collections.abc import Collection, Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from fuzzyarm.policies.registry import POLICIES, TIP, Factory, Kind, known_names
+from fuzzyarm.policies.registry import POLICIES, SB3, TIP, Factory, Kind, known_names
 
 if TYPE_CHECKING:
     from fuzzyarm.envs.physics.equations import AnyArm
@@ -64,7 +64,7 @@ class PolicySpec:
         path = Path(self.name)
         if self.kind is Kind.LEARNED and path.name in (LAST, BEST) and path.parent.name:
             return path.parent.name if path.name == LAST else f"{path.parent.name}-{BEST}"
-        return path.name.replace(".json", "")
+        return path.name.removeprefix(SB3).replace(".zip" if self.name.startswith(SB3) else ".json", "")
 
     def files(self) -> dict[str, str]:
         """Return the SHA-256, by file name, of the files the policy is made from.
@@ -244,7 +244,9 @@ def load_policy(
 
 
 def _is_code(name: str) -> bool:
-    """Return whether a name is of the form ``package.module:factory``, and no file or folder is called so."""
+    """Return whether a name is a foreign model's, or of the form ``package.module:factory`` and no file's."""
+    if name.startswith(SB3):
+        return True
     module, _, factory = name.partition(":")
     parts = (*module.split("."), *factory.split("."))
     return all(part.isidentifier() for part in parts) and not Path(name).exists()

@@ -43,7 +43,9 @@ import numpy as np
 
 from fuzzyarm.envs.observation import JOINTS
 from fuzzyarm.envs.physics.equations import AnyArm
+from fuzzyarm.fuzzy_policy.policy import Policy
 from fuzzyarm.policies.declared import Declared, stated
+from fuzzyarm.policies.registry import SB3
 
 __all__ = ["UserPolicy", "load_code", "source_file"]
 
@@ -51,12 +53,16 @@ _BELIEFS = ("force", "force_deviation", "payload", "payload_deviation")
 _PASSED_BY_NAME = (inspect.Parameter.POSITIONAL_OR_KEYWORD, inspect.Parameter.KEYWORD_ONLY)
 
 
-def load_code(name: str, control_period: float, robot: AnyArm) -> UserPolicy:
-    """Import the module of ``package.module:factory``, call the factory in it, and return the policy for T [s].
+def load_code(name: str, control_period: float, robot: AnyArm) -> Policy | UserPolicy:
+    """Return the policy of ``package.module:factory`` for T [s], or that of a foreign model (`SB3`).
 
     The current folder is searched, too, as with ``python -m``. ValueError if the module is not found or fails, it has
     no such factory, the factory fails, or what it returns has no `predict` or a wrong `declared`.
     """
+    if name.startswith(SB3):
+        from fuzzyarm.policies.sb3 import sb3_policy
+
+        return sb3_policy(Path(name.removeprefix(SB3)), robot, control_period)
     module = _imported(name)
     attribute = name.partition(":")[2]
     try:
@@ -77,7 +83,12 @@ def load_code(name: str, control_period: float, robot: AnyArm) -> UserPolicy:
 
 
 def source_file(name: str) -> Path | None:
-    """Return the source file of the module of ``package.module:factory``, imported for it; ValueError if that fails."""
+    """Return the file of a foreign model, or the source of the module of ``package.module:factory``, imported for it.
+
+    ValueError if that fails.
+    """
+    if name.startswith(SB3):
+        return Path(name.removeprefix(SB3))
     source = _imported(name).__file__
     return None if source is None else Path(source)
 

@@ -87,20 +87,6 @@ def test_a_run_of_a_changed_robot_is_not_resumed(tmp_path, capsys):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("algorithm", ["sac", "tqc"])
-def test_replay_learners_ship_a_policy_of_the_robot_and_go_on(algorithm, tmp_path):
-    sizes = ["--lanes", "4", "--learning-starts", "64", "--buffer-size", "500", "--hidden", "8", "--batch-size", "16"]
-    words = ["--robot", "ur5", *sizes, "--gradient-steps", "2"]
-    folder = tmp_path / "run"
-    assert main(["train", algorithm, *words, "--total-timesteps", "256", "--out", str(folder)]) == 0
-    assert main(["train", algorithm, "--resume", "--total-timesteps", "384", "--out", str(folder)]) == 0
-    bundle = PolicyBundle.load(folder / "policy")
-    assert bundle.arm == ArmDefinition("ur5", robot_named("ur5").digest) and bundle.training["steps_done"] == 384
-    torque, _ = load_policy(folder / "policy", robot="ur5").predict(np.zeros((5, 30)))
-    assert torque.shape == (5, 6) and np.isfinite(torque).all()
-
-
-@pytest.mark.slow
 def test_a_training_ships_a_policy_of_the_robot_and_goes_on(tmp_path):
     words = ["train", "ppo", "--robot", "planar-3r", "--base", "computed-torque-tip", "--elastic-target"]
     assert main([*words, *SHORT, "--out", str(tmp_path / "whole")]) == 0

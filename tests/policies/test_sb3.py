@@ -1,0 +1,74 @@
+"""Models that stable-baselines3 has saved: their own `predict`, the normaliser beside, and what is refused."""
+
+import zipfile
+
+import gymnasium as gym
+import numpy as np
+import pytest
+
+from fuzzyarm import load_policy
+from fuzzyarm.cli import main
+from fuzzyarm.policies import resolve
+
+sb3 = pytest.importorskip("stable_baselines3")
+from stable_baselines3.common.vec_env import DummyVecEnv, VecNormalize  # noqa: E402
+
+from fuzzyarm.rl_baselines.learning_task import FuzzyArmLearnEnv  # noqa: E402
+
+
+def saved(folder, kind="PPO", history=0, policy="MlpPolicy", **settings):
+    """A model with random weights and moments of its observations, and the environment that it is for."""
+    venv = VecNormalize(DummyVecEnv([lambda: FuzzyArmLearnEnv(case="payload", history=history)]))
+    few = {"n_steps": 16, "batch_size": 16} if kind == "PPO" else {"learning_starts": 16, "buffer_size": 64}
+    model = getattr(sb3, kind)(policy, venv, seed=0, device="cpu", **few, **settings)
+    model.learn(16)
+    model.save(folder / "model.zip")
+    moments = venv.obs_rms
+    np.savez(folder / "model.npz", mean=moments.mean, var=moments.var, clip=venv.clip_obs)
+    return model, venv
+
+
+@pytest.mark.parametrize(("kind", "history"), [("PPO", 0), ("PPO", 3), ("SAC", 0), ("TD3", 1)])
+def test_a_saved_model_acts_as_it_does_in_its_own_library(kind, history, tmp_path):
+    model, venv = saved(tmp_path, kind, history)
+    spec = resolve(f"sb3:{tmp_path / 'model.zip'}", run_code=True)
+    assert spec.label == "model" and set(spec.files()) == {"model.zip"}
+    policy, state = spec.load(control_period=2e-3), None
+    env = FuzzyArmLearnEnv(case="payload", history=history)
+    seen, _ = env.reset(seed=0)
+    for _ in range(30):
+        action, _ = model.predict(venv.normalize_obs(seen), deterministic=True)
+        torque, state = policy.predict(env._lane._seen[0], state)
+        np.testing.assert_allclose(torque / [400.0, 200.0], np.clip(action, -1, 1), atol=2e-5)
+        seen, *_ = env.step(action)
+
+
+def test_a_name_from_a_file_loads_no_zip(tmp_path):
+    saved(tmp_path)
+    with pytest.raises(ValueError, match="does not run"):
+        load_policy(f"sb3:{tmp_path / 'model.zip'}")
+
+
+def test_what_is_no_model_of_the_task_is_refused(tmp_path, capsys):
+    text = tmp_path / "text.zip"
+    text.write_text("no zip")
+    other = tmp_path / "other.zip"
+    sb3.PPO("MlpPolicy", gym.make("Pendulum-v1"), n_steps=16, batch_size=16).save(other)
+    relu = tmp_path / "relu.zip"
+    import torch
+
+    kwargs = {"activation_fn": torch.nn.ReLU}
+    sb3.PPO("MlpPolicy", FuzzyArmLearnEnv(case="nominal"), n_steps=16, batch_size=16, policy_kwargs=kwargs).save(relu)
+    empty = tmp_path / "empty.zip"
+    with zipfile.ZipFile(empty, "w") as archive:
+        archive.writestr("data", "{}")
+    for path, words in (
+        (text, "no model that stable-baselines3 saved"),
+        (empty, "no model that stable-baselines3 saved"),
+        (other, "not in [-1, 1]"),
+        (relu, "activation_fn"),
+        (tmp_path / "none.zip", "No such file"),
+    ):
+        assert main(["score", "--policy", f"sb3:{path}"]) == 2
+        error = capsys.readouterr().err
+        assert words in error and path.name in error and error.count("\n") == 1
