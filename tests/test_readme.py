@@ -84,7 +84,7 @@ def test_linked_files_exist():
 
 
 # Those that learn, and the one that loads what was learned, have tests of their own.
-LEARNING = ("train_", "sb3_", "clone_", "offline_")
+LEARNING = ("train_", "ppo_", "sb3_", "clone_", "offline_")
 EXAMPLES = [path for path in sorted((ROOT / "examples").glob("*.py")) if not path.name.startswith(LEARNING)]
 
 

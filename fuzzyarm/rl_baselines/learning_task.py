@@ -217,7 +217,7 @@ class FuzzyArmLearnVectorEnv(FuzzyArmVectorEnv):
 
 
 def tracking_reward(error: np.ndarray, lost: float = EARLY_END) -> np.ndarray:
-    """Return 1 - ln(1 + d/s)/ln(1 + R/s) for tip errors d (...) [m] and R = `lost` [m], with s = 0.1 mm."""
+    """Return 1 - ln(1 + d/s)/ln(1 + R/s) for tip errors d (lanes,) [m] and R = `lost` [m], with s = 0.1 mm."""
     reward: np.ndarray = 1.0 - np.log1p(error / RESOLUTION) / math.log1p(lost / RESOLUTION)
     return reward
 
