@@ -17,7 +17,7 @@ from fuzzyarm.fuzzy_policy.laws.learned.network import Network
 from fuzzyarm.rl_baselines.learning_task import FuzzyArmLearnVectorEnv
 
 LANES, STEPS, BATCH, EPOCHS = 256, 32, 2048, 5
-RATE, GAMMA, LAMBDA, CLIP, WIDTH, HISTORY = 1e-3, 0.98, 0.95, 0.2, 64, 3
+RATE, GAMMA, LAMBDA, CLIP, WIDTH, HISTORY = 1e-3, 0.98, 0.95, 0.2, 64, 0
 LOG_STD = -1.0  # of the actions, at first
 
 

@@ -1,7 +1,7 @@
 """``FuzzyArmLearn-v0``: the arm of ``FuzzyArm-v0`` as a task for learners, single and as a batch.
 
 An observation holds the features of `laws.learned.features`, which a trained policy computes by the same code where it
-acts on a robot; an action a in [-1, 1]ⁿ is a torque u = 0.8 Γ a, Γ the limits of the motors; and the reward is
+acts on a robot; an action a in [-1, 1]ⁿ is a torque u = Γ a, Γ the limits of the motors; and the reward is
 
     1 - ln(1 + d/s) / ln(1 + R/s),    d the distance of the tip from its reference, s = 0.1 mm, R = 0.2 m.
 
@@ -250,7 +250,7 @@ class FuzzyArmLearnEnv(gym.Env[np.ndarray, np.ndarray]):
     heart is of no use.
 
     ## Action space
-    `Box(-1, 1, (2,))`: u = (400, 200) a N m, 0.8 of each motor's limit; larger numbers are clipped.
+    `Box(-1, 1, (2,))`: u = (500, 250) a N m, the limits of the motors; larger numbers are clipped.
 
     ## Observation space
     `Box(-10, 10, (10,))`, with e = q_d - q of the motors and f(x) = asinh(x)/3:

@@ -39,7 +39,7 @@ def test_a_saved_model_acts_as_it_does_in_its_own_library(kind, history, tmp_pat
     for _ in range(30):
         action, _ = model.predict(venv.normalize_obs(seen), deterministic=True)
         torque, state = policy.predict(env._lane._seen[0], state)
-        np.testing.assert_allclose(torque / [400.0, 200.0], np.clip(action, -1, 1), atol=2e-5)
+        np.testing.assert_allclose(torque / [500.0, 250.0], np.clip(action, -1, 1), atol=2e-5)
         seen, *_ = env.step(action)
 
 

@@ -76,7 +76,7 @@ def test_observation_reward_and_torque_are_what_the_page_says():
     arm.reset(options=start)
     action = np.array([0.1, -0.2])
     seen, reward, *_ = env.step(action)
-    o, *_, info = arm.step(np.array([400.0, 200.0]) * action)
+    o, *_, info = arm.step(np.array([500.0, 250.0]) * action)
     e, de = o[4:6] - o[:2], o[6:8] - o[2:4]
     expected = [*np.arcsinh(e / 1e-3) / 3, *np.arcsinh(de / 0.02) / 3, *o[4:6], *o[6:8] / 5.0, *o[8:] / 50.0]
     np.testing.assert_allclose(seen, np.clip(expected, -10, 10), rtol=1e-6)
@@ -114,7 +114,7 @@ def test_computed_torque_as_an_action_earns_what_its_tip_error_says():
     rewards, state = [], None
     for _ in range(750):
         torque, state = policy.predict(env.unwrapped._lane._seen[0], state)
-        _, reward, terminated, truncated, _ = env.step(torque / [400.0, 200.0])
+        _, reward, terminated, truncated, _ = env.step(torque / [500.0, 250.0])
         rewards.append(reward)
     assert truncated and not terminated
     assert 0.5 < np.mean(rewards) < 0.8

@@ -264,7 +264,6 @@ def gate(innovation: Any, width: float) -> Any:
 
 _HOLD = 2e-3  # s; computed torque held for 2, 5 and 10 ms errs by 1.7, 4.7 and 26 mm
 _COMPRESSION = 3.0  # of the errors: asinh of what the box allows is 9, and networks like inputs of the size of one
-_SHARE = 0.8  # of the torque limits, at the action 1: what the default references need, with room for a load
 _LEAK = 0.1  # s
 
 
@@ -274,5 +273,5 @@ def learning_features(joints: int, history: int = 0) -> FeatureDefinition:
 
 
 def learning_action(arm: AnyArm) -> ActionDefinition:
-    """Return what an action of ``FuzzyArmLearn-v0`` means: the torque 0.8 Γ a, Γ the limits, held for 2 ms."""
-    return ActionDefinition(tuple(_SHARE * limit for limit in per_joint_of(arm, "torque_limit").tolist()), _HOLD)
+    """Return what an action of ``FuzzyArmLearn-v0`` means: the torque Γ a, Γ the limits, held for 2 ms."""
+    return ActionDefinition(tuple(per_joint_of(arm, "torque_limit").tolist()), _HOLD)
