@@ -220,7 +220,7 @@ class Kernels:
 _CLOCK, _GIVEN, _PERIODS = Clock(0.0, 0.0, 0.0, 0.0), Given(0.0, 0.0, 0.0), (0.0, 0.0, 0.0)
 
 
-def _over(scalars: Scalars) -> Any:
+def _over(scalars: Any) -> Any:
     """Return whether an episode has ended."""
     return (scalars.reason > 0.0) | (scalars.truncated > 0.0)
 

@@ -67,40 +67,27 @@ class Start(NamedTuple):
     family: Any  # 1 if the schedule is the first one of a family, of which each episode draws one; else 0
 
 
-class Vectors(NamedTuple):
-    """A number for each joint, or for each axis of the tip's space; named as in the environment's `info`."""
+VECTORS = (
+    *("tip", "tip_reference", "q_motor", "dq_motor", "q_link", "dq_link"),
+    *("torque", "friction_torque", "external_force"),
+)
+"""Results with a number for each joint, or for each axis of the tip's space; named as in the environment's `info`."""
 
-    tip: Any
-    tip_reference: Any
-    q_motor: Any
-    dq_motor: Any
-    q_link: Any
-    dq_link: Any
-    torque: Any
-    friction_torque: Any
-    external_force: Any
+SCALARS = (
+    *("time", "tip_error", "circularity_error", "circularity_error_motor", "reward_tracking", "reward_effort"),
+    *("reward", "torque_clipped", "truncated", "reason"),
+)
+"""Results of one number each; flags are 0.0 or 1.0, the reason is a `Termination`."""
 
-
-class Scalars(NamedTuple):
-    """One number each; flags are 0.0 or 1.0, the reason is a `Termination`."""
-
-    time: Any
-    tip_error: Any
-    circularity_error: Any
-    circularity_error_motor: Any
-    reward_tracking: Any
-    reward_effort: Any
-    reward: Any
-    torque_clipped: Any
-    truncated: Any
-    reason: Any
+Vectors: Any = record_type("Vectors", **dict.fromkeys(VECTORS, Any))
+Scalars: Any = record_type("Scalars", **dict.fromkeys(SCALARS, Any))
 
 
 class Results(NamedTuple):
     """What a control step leaves behind beside the observation."""
 
-    vectors: Vectors
-    scalars: Scalars
+    vectors: Any  # `Vectors`
+    scalars: Any  # `Scalars`
 
 
 class Flags(NamedTuple):
@@ -124,7 +111,6 @@ class Totals(NamedTuple):
 
 
 CLOCK, START = places(Clock), places(Start)  # where each number of the records `Clock` and `Start` lies in its array
-VECTORS, SCALARS = Vectors._fields, Scalars._fields  # names of the results
 
 INFO = (*VECTORS, *SCALARS[: SCALARS.index("reward")], "in_domain", "torque_clipped")
 """The keys of `info`, the last two as flags; reward, truncated and reason have their own places."""

@@ -133,7 +133,6 @@ def with_loads(
     )
 
 
-@functools.lru_cache(maxsize=64)
 def load_scale(robot: Robot) -> tuple[float, float]:
     """Return the factors of the paper's tip forces and of its payloads for a robot, see the module; to two digits."""
     force, mass = (_scaled_number(factor, 1.0) for factor in _factors(robot))
