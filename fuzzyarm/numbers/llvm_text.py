@@ -69,6 +69,11 @@ class Operations:
         self.put(f"%w{self.names} = {expression}")
         return f"%w{self.names}"
 
+    def call(self, kind: str, name: str, *arguments: tuple[str, str]) -> str:
+        """Declare a function of LLVM; return a call of it with arguments (type, value)."""
+        self.declared.add(f"declare {kind} @llvm.{name}({', '.join(of for of, _ in arguments)})")
+        return f"call {kind} @llvm.{name}({', '.join(map(' '.join, arguments))})"
+
     def label(self, name: str) -> None:
         """Begin a block."""
         self.lines.append(f"{name}:")
@@ -129,8 +134,7 @@ class Operations:
         elif name == "neg":
             self.put(f"{out} = fneg {real} {a[0]}")
         elif name in CALLED:
-            self.declared.add(f"declare {real} @llvm.{CALLED[name]}{suffix}({real})")
-            self.put(f"{out} = call {real} @llvm.{CALLED[name]}{suffix}({real} {a[0]})")
+            self.put(f"{out} = {self.call(real, CALLED[name] + suffix, (real, a[0]))}")
         elif name == "real":
             yes, no = splat("double", "1.0"), splat("double", "0.0")
             self.put(f"{out} = select {truth} {a[0]}, {real} {yes}, {real} {no}")
@@ -256,16 +260,14 @@ class Operations:
 
     def gather(self, out: str, places: str, mask: str) -> None:
         """Load a number of each arm from its own place."""
-        name = f"@llvm.masked.gather{self.suffix}.v{self.width}p0"
-        self.declared.add(f"declare {self.real} {name}({self.pointers}, i32, {self.truth}, {self.real})")
-        rest = f"i32 8, {self.truth} {mask}, {self.real} zeroinitializer"
-        self.put(f"{out} = call {self.real} {name}({self.pointers} {places}, {rest})")
+        rest = ("i32", "8"), (self.truth, mask), (self.real, "zeroinitializer")
+        name = f"masked.gather{self.suffix}.v{self.width}p0"
+        self.put(f"{out} = {self.call(self.real, name, (self.pointers, places), *rest)}")
 
     def scatter(self, value: str, places: str) -> None:
         """Store a number of each arm at its own place."""
-        name = f"@llvm.masked.scatter{self.suffix}.v{self.width}p0"
-        self.declared.add(f"declare void {name}({self.real}, {self.pointers}, i32, {self.truth})")
-        self.put(f"call void {name}({self.real} {value}, {self.pointers} {places}, i32 8, {self.truth} %mask)")
+        given = (self.real, value), (self.pointers, places), ("i32", "8"), (self.truth, "%mask")
+        self.put(self.call("void", f"masked.scatter{self.suffix}.v{self.width}p0", *given))
 
     def items(self, items: Sequence[Any]) -> None:
         """Write what a region holds, in order."""
@@ -324,9 +326,7 @@ class Operations:
         """Write a branch, which is taken if the condition holds for one of the arms."""
         then, out, test = self.block(), self.block(), self.of(one.condition)
         if self.width > 1:
-            name = f"@llvm.vector.reduce.or.v{self.width}i1"
-            self.declared.add(f"declare i1 {name}({self.truth})")
-            test = self.new(f"call i1 {name}({self.truth} {test})")
+            test = self.new(self.call("i1", f"vector.reduce.or.v{self.width}i1", (self.truth, test)))
         before = self.here
         self.put(f"br i1 {test}, label %{then}, label %{out}")
         self.label(then)
@@ -429,10 +429,8 @@ class Writer(Operations):
         elif layout is Layout.ROWS:
             self.gather(out, pointer, "%mask")
         else:
-            name = f"@llvm.masked.load{self.suffix}.p0"
-            self.declared.add(f"declare {self.real} {name}(ptr, i32, {self.truth}, {self.real})")
-            rest = f"i32 8, {self.truth} %mask, {self.real} zeroinitializer"
-            self.put(f"{out} = call {self.real} {name}(ptr {pointer}, {rest})")
+            given = ("ptr", pointer), ("i32", "8"), (self.truth, "%mask"), (self.real, "zeroinitializer")
+            self.put(f"{out} = {self.call(self.real, f'masked.load{self.suffix}.p0', *given)}")
 
     def give(self, port: int, k: Any, _: Any, value: str) -> None:
         """Store number k of a port."""
@@ -442,9 +440,8 @@ class Writer(Operations):
         elif layout is Layout.ROWS:
             self.scatter(value, pointer)
         else:
-            name = f"@llvm.masked.store{self.suffix}.p0"
-            self.declared.add(f"declare void {name}({self.real}, ptr, i32, {self.truth})")
-            self.put(f"call void {name}({self.real} {value}, ptr {pointer}, i32 8, {self.truth} %mask)")
+            given = (self.real, value), ("ptr", pointer), ("i32", "8"), (self.truth, "%mask")
+            self.put(self.call("void", f"masked.store{self.suffix}.p0", *given))
 
     def exchange(
         self, numbers: Sequence[_Number], one: Callable[..., None], rows: Callable[[Sequence[_Number]], None]

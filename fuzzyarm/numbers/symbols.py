@@ -56,10 +56,11 @@ class Symbol:
         raise TypeError("a branch on a number that is not known while it is recorded; use select or when")
 
 
-def _recorded(operation: str, *, swapped: bool = False, kind: str = "real") -> Callable[..., Symbol]:
+def _recorded(operation: str, *, swapped: bool = False, kind: str = "real", text: str = "") -> Callable[..., Symbol]:
     def method(self: Symbol, *other: Any) -> Symbol:
         return self.program.operation(operation, *((*other, self) if swapped else (self, *other)), kind=kind)
 
+    method.__doc__ = text
     return method
 
 
@@ -74,8 +75,9 @@ for _name, _operation in {
     "lt": "<", "le": "<=", "gt": ">", "ge": ">=", "eq": "==", "ne": "!=", "and": "&", "or": "|", "invert": "not",
 }.items():  # fmt: skip
     setattr(Symbol, f"__{_name}__", _recorded(_operation, kind="truth"))
-for _name in ("rint", "sqrt", "log"):  # `numpy.rint` and so on ask for them
-    setattr(Symbol, _name, _recorded(_name))
+_FUNCTIONS = {"rint": "nearest whole number, the even one of two", "sqrt": "square root", "log": "natural logarithm"}
+for _name, _result in _FUNCTIONS.items():
+    setattr(Symbol, _name, _recorded(_name, text=f"Return the {_result}; `numpy.{_name}` asks for it."))
 
 
 class Index:

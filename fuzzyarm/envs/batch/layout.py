@@ -197,11 +197,6 @@ class Room:
         self._stop = self._first + size
         self.kept: Any = None
 
-    @property
-    def free(self) -> bool:
-        """Whether nobody holds its numbers."""
-        return sys.getrefcount(self._array) == _OWN
-
     def array(self) -> np.ndarray:
         """Return its numbers (size,), whatever they are."""
         return self._array[self._first : self._stop]
@@ -220,7 +215,7 @@ class ResultsMemory:
     def room(self) -> Room:
         """Return a room whose numbers nobody else holds."""
         for room in self._rooms:
-            if room.free:
+            if sys.getrefcount(room._array) == _OWN:
                 return room
         room = Room(self._size)
         if len(self._rooms) < _KEPT:

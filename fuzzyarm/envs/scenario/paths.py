@@ -182,12 +182,11 @@ class Spline:
             raise ValueError(
                 f"waypoints = {checks.shown(self.waypoints)} must be a sequence of points (x, y) [m]"
             ) from None
-        points = tuple(any_point(f"waypoints[{k}]", point) for k, point in enumerate(given))
+        size = len(any_point("waypoints[0]", given[0])) if given else None
+        points = tuple(any_point(f"waypoints[{k}]", point, size) for k, point in enumerate(given))
         if not 2 <= len(points) <= MOST_WAYPOINTS:
             found = f"{len(points)} point(s)" if len(points) < 2 else f"more than {MOST_WAYPOINTS} points"
             raise ValueError(f"waypoints holds {found}; allowed: 2 or more distinct points, at most {MOST_WAYPOINTS}")
-        for k, point in enumerate(points):
-            any_point(f"waypoints[{k}]", point, len(points[0]))
         checks.keep(self, "waypoints", points)
         checks.truth("closed", self.closed)
         last = len(points) if self.closed else len(points) - 1
