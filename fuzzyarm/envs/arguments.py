@@ -108,10 +108,8 @@ def observation_space(arms: Sequence[AnyArm]) -> spaces.Box:
     low, high = np.min([each.low for each in bounds], axis=0), np.max([each.high for each in bounds], axis=0)
     dq = np.max([each.velocity for each in bounds], axis=0)
     # Motor readings get room beyond the limits: the observation that ends an episode lies outside of them.
-    room, ddq = (
-        ANGLE_ROOM * np.max([each.high - each.low for each in bounds], axis=0),
-        np.full_like(dq, MAX_ACCELERATION),
-    )
+    room = ANGLE_ROOM * np.max([each.high - each.low for each in bounds], axis=0)
+    ddq = np.full_like(dq, MAX_ACCELERATION)
     lowest = np.concatenate([low - room, -VELOCITY_ROOM * dq, low, -dq, -ddq])
     highest = np.concatenate([high + room, VELOCITY_ROOM * dq, high, dq, ddq])
     return spaces.Box(lowest, highest, dtype=np.float64)

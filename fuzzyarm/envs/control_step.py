@@ -13,7 +13,7 @@ from fuzzyarm.envs.batch.layout import Clock, Layout, Noise, Start
 from fuzzyarm.envs.batch.randomness import NEXT_KEY, RANDOMISATION, draw, noise_counter, normal_pair, uniform
 from fuzzyarm.envs.batch.schedule import row_record
 from fuzzyarm.envs.physics.integrator import held_of
-from fuzzyarm.envs.physics.records import Physics, places
+from fuzzyarm.envs.physics.records import Physics, filled
 from fuzzyarm.envs.scenario.randomisation import draw_record
 from fuzzyarm.envs.task import assess_of, clipped, finite, reason_of
 from fuzzyarm.numbers.functions import bits, flat, floor, like, maximum, minimum, row, select, when, whole, word
@@ -151,9 +151,9 @@ def begun_of(layout: Layout) -> Callable[..., tuple[Any, Any, Any, Any]]:
     ) -> tuple[Any, Any, Any, Any]:
         key = draw(word(clock.key), NEXT_KEY)
         drawn = drawn_by(key, ranges)
-        family = _record(Start, row(starts, given.start)).family > 0.0
-        start = _record(Start, row(starts, select(family, given.start + drawn.reference, given.start)))
-        nominal, now = _record(Plant, row(plants, given.plant)), _record(Row, row(schedule, start.first))
+        family = filled(Start, row(starts, given.start)).family > 0.0
+        start = filled(Start, row(starts, select(family, given.start + drawn.reference, given.start)))
+        nominal, now = filled(Plant, row(plants, given.plant)), filled(Row, row(schedule, start.first))
         arm = physics.constants(physics.varied(nominal, drawn), start.payload, given.place, drawn.payload)
         rest = resting(nominal, PerJoint(*(q + a for q, a in zip(now.reference.q, drawn.angle, strict=True))), 0.0)
         free = flat(initial)[0] != flat(initial)[0]
@@ -166,20 +166,16 @@ def begun_of(layout: Layout) -> Callable[..., tuple[Any, Any, Any, Any]]:
     return begun
 
 
-def _record(kind: Any, numbers: Any) -> Any:
-    return like(places(kind), iter(numbers))
-
-
 @functools.cache
 def drawn_of(joints: int) -> Callable[[Any, Any], Any]:
     """Return ``drawn(key, ranges)``, a `draw_record`: low + (high - low) u, rounded down for the reference."""
-    Draw = places(draw_record(joints))
+    Draw = draw_record(joints)
 
     def drawn(key: Any, ranges: Any) -> Any:
         def number(low: Any, high: Any, counter: int) -> Any:
             return when(low < high, lambda: (low + (high - low) * uniform(key, counter),), (low,))[0]
 
-        draws = like(Draw, (number(low, high, RANDOMISATION + k) for k, (low, high) in enumerate(ranges)))
+        draws = filled(Draw, (number(low, high, RANDOMISATION + k) for k, (low, high) in enumerate(ranges)))
         return draws._replace(reference=floor(draws.reference))
 
     return drawn

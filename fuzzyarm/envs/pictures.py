@@ -6,7 +6,6 @@ The plane has the frame of (26), turned so that gravity points down the picture:
 from __future__ import annotations
 
 import functools
-from typing import NamedTuple
 
 import numpy as np
 import pygame
@@ -24,7 +23,7 @@ from fuzzyarm.envs.scenario.cases import CASES, Case, case_for
 from fuzzyarm.envs.scenario.disturbances import Disturbance
 from fuzzyarm.envs.scenario.kinematics import reach
 
-__all__ = ["Canvas", "View", "case_title", "magnified", "paint", "thinned"]
+__all__ = ["Canvas", "case_title", "magnified", "paint", "thinned"]
 
 MAGNIFICATION = 25  # factor by which the trace magnifies the tip error: a millimetre would be less than a pixel
 
@@ -187,37 +186,27 @@ def _case(arm: AnyArm, name: str) -> Case | None:
         return None
 
 
-class View(NamedTuple):
-    """Where the plane of the arm lies in the picture: the scale [px/m] and the base (right, down) [px]."""
-
-    scale: float
-    base: np.ndarray
-
-    @classmethod
-    def fit(cls, points: np.ndarray) -> View:
-        """Return the view that shows all points (n, 2) [m] as large as the field allows, in its middle."""
-        low, high = points.min(axis=0)[::-1], points.max(axis=0)[::-1]
-        room = np.array([WIDTH, HEIGHT - HEADER - FOOTER]) - 2.0 * _MARGIN
-        scale = float(np.min(room / np.maximum(high - low, 1e-6)))
-        return cls(scale, 0.5 * (np.array([WIDTH, HEIGHT + HEADER - FOOTER]) - scale * (low + high)))
-
-    def pixels(self, points: np.ndarray) -> np.ndarray:
-        """Return (right, down) = base + scale (y, x) [px] of points (..., 2) [m]."""
-        return self.base + self.scale * points[..., ::-1]
-
-
 def _paint_in_plane(canvas: Canvas, schedule: Schedule, trace: np.ndarray, parameters: ArmParameters) -> None:
     """Paint the field and the footer; arguments in the shapes and units of `paint`."""
     length = parameters.length
     q = np.concatenate([schedule.references[:, :2], trace[:, _LINK]])
     elbow, tip = tip_position(q, (length[0], 0.0)), tip_position(q, length)
     # The view contains the base, the reference and all poses so far, so it widens only if the arm leaves it.
-    view = View.fit(np.concatenate([np.zeros((1, 2)), elbow, tip]))
-    joints = view.pixels(np.stack([np.zeros(2), elbow[-1], tip[-1]]))
-    canvas.disc(view.base, view.scale * sum(length), _REACH)
-    canvas.disc(view.base, view.scale * abs(length[0] - length[1]), _PAPER)
-    canvas.line(view.pixels(schedule.targets[:, :2]), 5.0, REFERENCE)
-    _paint_arm(canvas, joints, 0.032 * view.scale * sum(length))
+    seen = np.concatenate([np.zeros((1, 2)), elbow, tip])[:, ::-1]
+    low, high = seen.min(axis=0), seen.max(axis=0)
+    room = np.array([WIDTH, HEIGHT - HEADER - FOOTER]) - 2.0 * _MARGIN
+    scale = float(np.min(room / np.maximum(high - low, 1e-6)))  # px/m, as large as the field allows
+    base = 0.5 * (np.array([WIDTH, HEIGHT + HEADER - FOOTER]) - scale * (low + high))
+
+    def pixels(points: np.ndarray) -> np.ndarray:
+        """Return (right, down) = base + scale (y, x) [px] of points (..., 2) [m]."""
+        return np.asarray(base + scale * points[..., ::-1])
+
+    joints = pixels(np.stack([np.zeros(2), elbow[-1], tip[-1]]))
+    canvas.disc(base, scale * sum(length), _REACH)
+    canvas.disc(base, scale * abs(length[0] - length[1]), _PAPER)
+    canvas.line(pixels(schedule.targets[:, :2]), 5.0, REFERENCE)
+    _paint_arm(canvas, joints, 0.032 * scale * sum(length))
     payload, force = schedule.disturbance.payload, trace[-1, _FORCE_ROW]
     if payload.mass > 0.0:
         along = payload.radius(parameters) / length[1]
@@ -225,12 +214,12 @@ def _paint_in_plane(canvas: Canvas, schedule: Schedule, trace: np.ndarray, param
     if force.any():
         back = _LONGEST_ARROW * force[::-1] / np.linalg.norm(schedule.forces, axis=1).max()
         _paint_force(canvas, joints[2] - back, joints[2], float(np.hypot(*force)))
-    _paint_error(canvas, view.pixels(magnified(trace[:, _TIP], trace[:, _TIP_REFERENCE])))
+    _paint_error(canvas, pixels(magnified(trace[:, _TIP], trace[:, _TIP_REFERENCE])))
     _paint_footer(canvas, "reach")
     middle, right = HEIGHT - 0.5 * FOOTER, WIDTH - 28.0
-    bar = 10.0 ** np.floor(np.log10(120.0 / view.scale))  # m, a scale bar of at most 120 px
-    canvas.line(np.array([[right - bar * view.scale, middle], [right, middle]]), 4.0, INK)
-    canvas.text(f"{1e3 * bar:g} mm", "midright", (right - bar * view.scale - 12.0, middle))
+    bar = 10.0 ** np.floor(np.log10(120.0 / scale))  # m, a scale bar of at most 120 px
+    canvas.line(np.array([[right - bar * scale, middle], [right, middle]]), 4.0, INK)
+    canvas.text(f"{1e3 * bar:g} mm", "midright", (right - bar * scale - 12.0, middle))
 
 
 def _paint_arm(canvas: Canvas, joints: np.ndarray, thickness: float) -> None:

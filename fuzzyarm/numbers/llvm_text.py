@@ -6,10 +6,11 @@ reordered: there are no flags that would allow it.
 
 from __future__ import annotations
 
+import contextlib
 import enum
 import itertools
 import struct
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from typing import Any
 
 from fuzzyarm.numbers.program import Program
@@ -62,6 +63,17 @@ class Operations:
         """Add a line."""
         self.lines.append("  " + line)
 
+    def new(self, expression: str) -> str:
+        """Compute something; return its new name."""
+        self.names += 1
+        self.put(f"%w{self.names} = {expression}")
+        return f"%w{self.names}"
+
+    def call(self, kind: str, name: str, *arguments: tuple[str, str]) -> str:
+        """Declare a function of LLVM; return a call of it with arguments (type, value)."""
+        self.declared.add(f"declare {kind} @llvm.{name}({', '.join(of for of, _ in arguments)})")
+        return f"call {kind} @llvm.{name}({', '.join(map(' '.join, arguments))})"
+
     def label(self, name: str) -> None:
         """Begin a block."""
         self.lines.append(f"{name}:")
@@ -76,12 +88,11 @@ class Operations:
         """Return a constant, once for each arm."""
         return f"splat ({kind} {text})" if self.width > 1 else text
 
-    def spread(self, name: str, kind: str, one: str) -> None:
+    def spread(self, out: str, kind: str, one: str) -> None:
         """Put one number into each place of a vector."""
         vector = f"<{self.width} x {kind}>"
-        self.put(f"%one.{name} = insertelement {vector} poison, {kind} {one}, i64 0")
-        zeros = f"<{self.width} x i32> zeroinitializer"
-        self.put(f"%{name} = shufflevector {vector} %one.{name}, {vector} poison, {zeros}")
+        first = self.new(f"insertelement {vector} poison, {kind} {one}, i64 0")
+        self.put(f"{out} = shufflevector {vector} {first}, {vector} poison, <{self.width} x i32> zeroinitializer")
 
     def of(self, operand: Any, *, uniform: bool = False) -> str:
         """Return the text of an operand, as one number or as one for each arm."""
@@ -99,17 +110,16 @@ class Operations:
         out = f"%s{one.number}" if uniform else f"%v{one.number}"
         splat: Callable[[str, str], str] = (lambda kind, text: text) if uniform else self.splat
         if name == "shared":
-            self.put(f"%p{one.number} = getelementptr double, ptr %c, i64 {one.detail}")
-            self.put(f"{out} = load double, ptr %p{one.number}, align 8")
+            pointer = self.new(f"getelementptr double, ptr %c, i64 {one.detail}")
+            self.put(f"{out} = load double, ptr {pointer}, align 8")
         elif name == "load":
             self.load(one, out)
         elif name == "entry":
             self.entry(one, out)
         elif name == "index":
-            whole = self.fresh()
-            self.put(f"{whole} = sitofp i64 {self.place(*one.detail)} to double")
+            whole = self.new(f"sitofp i64 {self.place(*one.detail)} to double")
             if self.width > 1:
-                self.spread(out[1:], "double", whole)
+                self.spread(out, "double", whole)
             else:
                 self.put(f"{out} = bitcast double {whole} to double")
         elif one.kind == "word" and name in _OF_WORDS:
@@ -124,8 +134,7 @@ class Operations:
         elif name == "neg":
             self.put(f"{out} = fneg {real} {a[0]}")
         elif name in CALLED:
-            self.declared.add(f"declare {real} @llvm.{CALLED[name]}{suffix}({real})")
-            self.put(f"{out} = call {real} @llvm.{CALLED[name]}{suffix}({real} {a[0]})")
+            self.put(f"{out} = {self.call(real, CALLED[name] + suffix, (real, a[0]))}")
         elif name == "real":
             yes, no = splat("double", "1.0"), splat("double", "0.0")
             self.put(f"{out} = select {truth} {a[0]}, {real} {yes}, {real} {no}")
@@ -134,16 +143,14 @@ class Operations:
         else:
             raise ValueError(f"operation {name} has no machine code")
         if uniform and self.width > 1:
-            self.spread(f"v{one.number}", _KINDS[one.kind], out)
+            self.spread(f"%v{one.number}", _KINDS[one.kind], out)
 
     def place(self, constant: int, terms: Iterable[tuple[int, int]]) -> str:
         """Return the text of an index."""
         text = str(constant)
         for loop, factor in terms:
-            product, total = self.fresh(), self.fresh()
-            self.put(f"{product} = mul nsw i64 %i{loop}, {factor}")
-            self.put(f"{total} = add nsw i64 {product}, {text}")
-            text = total
+            product = self.new(f"mul nsw i64 %i{loop}, {factor}")
+            text = self.new(f"add nsw i64 {product}, {text}")
         return text
 
     def memory(self, memory: str, constant: int, terms: Iterable[tuple[int, int]]) -> str:
@@ -152,10 +159,9 @@ class Operations:
         for held in reversed(self.places):
             if key in held:
                 return str(held[key])
-        apart, pointer = 1 if memory.startswith("table") else self.width, self.fresh()
+        apart = 1 if memory.startswith("table") else self.width
         at = self.place(apart * constant, [(loop, apart * factor) for loop, factor in key[2]])
-        self.put(f"{pointer} = getelementptr double, ptr %{memory}, i64 {at}")
-        self.places[-1][key] = pointer
+        pointer = self.places[-1][key] = self.new(f"getelementptr double, ptr %{memory}, i64 {at}")
         return pointer
 
     def inside(self, items: Sequence[Any]) -> None:
@@ -168,9 +174,7 @@ class Operations:
         """Load a number of an array or of a table."""
         pointer, spread = self.memory(*one.detail), one.detail[0].startswith("table") and not one.uniform
         if spread and self.width > 1:
-            single = self.fresh()
-            self.put(f"{single} = load double, ptr {pointer}, align 8")
-            self.spread(out[1:], "double", single)
+            self.spread(out, "double", self.new(f"load double, ptr {pointer}, align 8"))
         else:
             self.put(f"{out} = load {'double' if one.uniform else self.real}, ptr {pointer}, align 8")
 
@@ -178,69 +182,56 @@ class Operations:
         """Store a number in an array, where the branches around hold."""
         pointer, value = self.memory(one.memory, one.place.constant, one.place.terms.items()), self.of(one.value)
         if self.masks:
-            old, new = self.fresh(), self.fresh()
-            self.put(f"{old} = load {self.real}, ptr {pointer}, align 8")
-            self.put(f"{new} = select {self.truth} {self.masks[-1]}, {self.real} {value}, {self.real} {old}")
-            value = new
+            old = self.new(f"load {self.real}, ptr {pointer}, align 8")
+            value = self.new(f"select {self.truth} {self.masks[-1]}, {self.real} {value}, {self.real} {old}")
         self.put(f"store {self.real} {value}, ptr {pointer}, align 8")
 
-    def first_of_row(self, n: int, table: Any, of: Any) -> str:
+    def first_of_row(self, table: Any, of: Any) -> str:
         """Return where a row begins in its table, whatever is asked for."""
         place, last, zero = self.of(of), f"%last{table.number}", self.splat("double", "0.0")
-        self.put(f"%a{n} = fcmp ogt {self.real} {place}, {zero}")  # not for nan
-        self.put(f"%b{n} = select {self.truth} %a{n}, {self.real} {place}, {self.real} {zero}")
-        self.put(f"%d{n} = fcmp olt {self.real} %b{n}, {last}")
-        self.put(f"%e{n} = select {self.truth} %d{n}, {self.real} %b{n}, {self.real} {last}")
-        self.put(f"%x{n} = fptosi {self.real} %e{n} to {self.word}")
-        self.put(f"%y{n} = mul nsw {self.word} %x{n}, {self.splat('i64', str(table.columns))}")
-        return f"%y{n}"
+        positive = self.new(f"fcmp ogt {self.real} {place}, {zero}")  # not for nan
+        place = self.new(f"select {self.truth} {positive}, {self.real} {place}, {self.real} {zero}")
+        inside = self.new(f"fcmp olt {self.real} {place}, {last}")
+        place = self.new(f"select {self.truth} {inside}, {self.real} {place}, {self.real} {last}")
+        row = self.new(f"fptosi {self.real} {place} to {self.word}")
+        return self.new(f"mul nsw {self.word} {row}, {self.splat('i64', str(table.columns))}")
 
     def entry(self, one: Symbol, out: str) -> None:
         """Look up a number of a row in a column that may be the index of a loop."""
-        (table, constant, terms), n = one.detail, one.number
-        first, column = self.first_of_row(n, table, one.operands[0]), self.place(constant, terms)
+        table, constant, terms = one.detail
+        first, column = self.first_of_row(table, one.operands[0]), self.place(constant, terms)
         if self.width > 1:
-            self.spread(f"f{n}", "i64", column)
-            column = f"%f{n}"
-        self.put(f"%z{n} = add nsw {self.word} {first}, {column}")
-        pointers = "ptr" if self.width == 1 else self.pointers
-        self.put(f"%p{n} = getelementptr double, ptr %table{table.number}, {self.word} %z{n}")
+            self.spread(f"%column{one.number}", "i64", column)
+            column = f"%column{one.number}"
+        at = self.new(f"add nsw {self.word} {first}, {column}")
+        pointers = self.new(f"getelementptr double, ptr %table{table.number}, {self.word} {at}")
         if self.width == 1:
-            self.put(f"{out} = load double, {pointers} %p{n}, align 8")
+            self.put(f"{out} = load double, ptr {pointers}, align 8")
         else:
-            self.gather(out, f"%p{n}", "splat (i1 true)")
+            self.gather(out, pointers, "splat (i1 true)")
 
     def rows(self, group: Sequence[Symbol]) -> None:
         """Look up numbers of a row, whose place is within the table whatever is asked for."""
         table, _ = group[0].detail
-        n = group[0].number
-        first = self.first_of_row(n, table, group[0].operands[0])
+        first = self.first_of_row(table, group[0].operands[0])
         if self.width == 1:
             for one in group:
-                self.put(f"%p{one.number} = getelementptr double, ptr %table{table.number}, i64 {first}")
-                self.put(f"%q{one.number} = getelementptr double, ptr %p{one.number}, i64 {one.detail[1]}")
-                self.put(f"%v{one.number} = load double, ptr %q{one.number}, align 8")
+                row = self.new(f"getelementptr double, ptr %table{table.number}, i64 {first}")
+                pointer = self.new(f"getelementptr double, ptr {row}, i64 {one.detail[1]}")
+                self.put(f"%v{one.number} = load double, ptr {pointer}, align 8")
             return
         pointers = []
         for lane in range(self.width):
-            self.put(f"%l{n}.{lane} = extractelement {self.word} {first}, i64 {lane}")
-            self.put(f"%r{n}.{lane} = getelementptr double, ptr %table{table.number}, i64 %l{n}.{lane}")
-            pointers.append(f"%r{n}.{lane}")
+            at = self.new(f"extractelement {self.word} {first}, i64 {lane}")
+            pointers.append(self.new(f"getelementptr double, ptr %table{table.number}, i64 {at}"))
         loaded = self.load_rows(pointers, table.columns)
         for one in group:
             self.put(f"%v{one.number} = bitcast {self.real} {loaded[one.detail[1]]} to {self.real}")
 
-    def fresh(self) -> str:
-        """Return a new name."""
-        self.names += 1
-        return f"%w{self.names}"
-
     def shuffle(self, size: int, a: str, b: str, mask: Sequence[int]) -> str:
         """Return the numbers of two vectors at some places."""
-        out, places = self.fresh(), ", ".join(f"i32 {k}" for k in mask)
-        vector = f"<{size} x double>"
-        self.put(f"{out} = shufflevector {vector} {a}, {vector} {b}, <{len(mask)} x i32> <{places}>")
-        return out
+        vector, places = f"<{size} x double>", ", ".join(f"i32 {k}" for k in mask)
+        return self.new(f"shufflevector {vector} {a}, {vector} {b}, <{len(mask)} x i32> <{places}>")
 
     def transposed(self, v: Sequence[str]) -> list[str]:
         """Return the eight columns of eight rows of eight numbers, in three rounds of exchanges."""
@@ -258,9 +249,8 @@ class Operations:
         for first in range(0, count, EIGHT):
             size, lanes = min(EIGHT, count - first), []
             for pointer in pointers:
-                at, one = self.fresh(), self.fresh()
-                self.put(f"{at} = getelementptr double, ptr {pointer}, i64 {first}")
-                self.put(f"{one} = load <{size} x double>, ptr {at}, align 8")
+                at = self.new(f"getelementptr double, ptr {pointer}, i64 {first}")
+                one = self.new(f"load <{size} x double>, ptr {at}, align 8")
                 filled = [min(k, size - 1) for k in range(EIGHT)]  # what is beyond is not used
                 lanes.append(one if size == EIGHT else self.shuffle(size, one, "poison", filled))
             parts = [self.transposed(lanes[k : k + EIGHT])[:size] for k in range(0, self.width, EIGHT)]
@@ -270,16 +260,14 @@ class Operations:
 
     def gather(self, out: str, places: str, mask: str) -> None:
         """Load a number of each arm from its own place."""
-        name = f"@llvm.masked.gather{self.suffix}.v{self.width}p0"
-        self.declared.add(f"declare {self.real} {name}({self.pointers}, i32, {self.truth}, {self.real})")
-        rest = f"i32 8, {self.truth} {mask}, {self.real} zeroinitializer"
-        self.put(f"{out} = call {self.real} {name}({self.pointers} {places}, {rest})")
+        rest = ("i32", "8"), (self.truth, mask), (self.real, "zeroinitializer")
+        name = f"masked.gather{self.suffix}.v{self.width}p0"
+        self.put(f"{out} = {self.call(self.real, name, (self.pointers, places), *rest)}")
 
     def scatter(self, value: str, places: str) -> None:
         """Store a number of each arm at its own place."""
-        name = f"@llvm.masked.scatter{self.suffix}.v{self.width}p0"
-        self.declared.add(f"declare void {name}({self.real}, {self.pointers}, i32, {self.truth})")
-        self.put(f"call void {name}({self.real} {value}, {self.pointers} {places}, i32 8, {self.truth} %mask)")
+        given = (self.real, value), (self.pointers, places), ("i32", "8"), (self.truth, "%mask")
+        self.put(self.call("void", f"masked.scatter{self.suffix}.v{self.width}p0", *given))
 
     def items(self, items: Sequence[Any]) -> None:
         """Write what a region holds, in order."""
@@ -293,65 +281,58 @@ class Operations:
             elif not item.uniform:
                 self.operation(item)
 
-    def loop(self, one: Loop) -> None:
-        """Write a loop with carried numbers."""
+    @contextlib.contextmanager
+    def counted(self, k: str, count: str) -> Iterator[list[tuple[str, str, str, str]]]:
+        """Write a loop over k = 0, ..., count - 1 about what is written within; yield a list for the carried numbers.
+
+        Of each number it takes the kind, the name inside, the text before and the text at the end of a round.
+        """
+        carried: list[tuple[str, str, str, str]] = []
         head, body, out, before = self.block(), self.block(), self.block(), self.here
-        count = str(one.count)
-        if isinstance(one.count, Symbol):
-            self.put(f"%n{head} = fptosi double %s{one.count.number} to i64")
-            count = f"%n{head}"
         self.put(f"br label %{head}")
         self.label(head)
         at = len(self.lines)
         self.lines.append("")
-        self.put(f"%t{head} = icmp slt i64 %k{head}, {count}")
-        self.put(f"br i1 %t{head}, label %{body}, label %{out}")
+        self.put(f"{k}.on = icmp slt i64 {k}, {count}")
+        self.put(f"br i1 {k}.on, label %{body}, label %{out}")
         self.label(body)
-        self.inside(one.region.items)
-        self.put(f"%m{head} = add i64 %k{head}, 1")
+        yield carried
+        self.put(f"{k}.next = add nsw i64 {k}, 1")
         self.put(f"br label %{head}")
-        phis = [f"  %k{head} = phi i64 [ 0, %{before} ], [ %m{head}, %{self.here} ]"]
-        for inside, start, end in zip(one.inside, one.start, one.end, strict=True):
-            pairs = f"[ {self.of(start)}, %{before} ], [ {self.of(end)}, %{self.here} ]"
-            phis.append(f"  %v{inside.number} = phi {self.real} {pairs}")
-        self.lines[at] = "\n".join(phis)
+        self.lines[at] = "\n".join(
+            f"  {name} = phi {kind} [ {start}, %{before} ], [ {end}, %{self.here} ]"
+            for kind, name, start, end in [("i64", k, "0", f"{k}.next"), *carried]
+        )
         self.label(out)
+
+    def loop(self, one: Loop) -> None:
+        """Write a loop with carried numbers."""
+        count = str(one.count)
+        if isinstance(one.count, Symbol):
+            count = self.new(f"fptosi double %s{one.count.number} to i64")
+        with self.counted(f"%k{self.blocks}", count) as carried:
+            self.inside(one.region.items)
+            for inside, start, end in zip(one.inside, one.start, one.end, strict=True):
+                carried.append((self.real, f"%v{inside.number}", self.of(start), self.of(end)))
         for inside, after in zip(one.inside, one.after, strict=True):  # another name for the same number
             self.put(f"%v{after.number} = bitcast {self.real} %v{inside.number} to {self.real}")
 
     def rounds(self, one: For) -> None:
         """Write a loop over arrays."""
-        head, body, out, before = self.block(), self.block(), self.block(), self.here
-        count, i = self.place(one.rounds.constant, one.rounds.terms.items()), f"%i{one.number}"
-        self.put(f"br label %{head}")
-        self.label(head)
-        at = len(self.lines)
-        self.lines.append("")
-        self.put(f"{i}.on = icmp slt i64 {i}, {count}")
-        self.put(f"br i1 {i}.on, label %{body}, label %{out}")
-        self.label(body)
-        self.inside(one.region.items)
-        self.put(f"{i}.next = add nsw i64 {i}, 1")
-        self.put(f"br label %{head}")
-        self.lines[at] = f"  {i} = phi i64 [ 0, %{before} ], [ {i}.next, %{self.here} ]"
-        self.label(out)
+        with self.counted(f"%i{one.number}", self.place(one.rounds.constant, one.rounds.terms.items())):
+            self.inside(one.region.items)
 
     def branch(self, one: Branch) -> None:
         """Write a branch, which is taken if the condition holds for one of the arms."""
         then, out, test = self.block(), self.block(), self.of(one.condition)
         if self.width > 1:
-            name = f"@llvm.vector.reduce.or.v{self.width}i1"
-            self.declared.add(f"declare i1 {name}({self.truth})")
-            self.put(f"%t{then} = call i1 {name}({self.truth} {test})")
-            test = f"%t{then}"
+            test = self.new(self.call("i1", f"vector.reduce.or.v{self.width}i1", (self.truth, test)))
         before = self.here
         self.put(f"br i1 {test}, label %{then}, label %{out}")
         self.label(then)
         if self.width > 1:
-            mask = self.fresh()
             outer = self.masks[-1] if self.masks else "splat (i1 true)"
-            self.put(f"{mask} = and {self.truth} {self.of(one.condition)}, {outer}")
-            self.masks.append(mask)
+            self.masks.append(self.new(f"and {self.truth} {self.of(one.condition)}, {outer}"))
         self.inside(one.region.items)
         if self.width > 1:
             self.masks.pop()
@@ -400,8 +381,7 @@ class Writer(Operations):
                 columns = [self.shuffle(self.width, one, "poison", range(half, half + EIGHT)) for one in numbers]
                 lanes = self.transposed([*columns, *["poison"] * (EIGHT - len(columns))])
                 for pointer, lane in zip(pointers[half:], lanes, strict=False):
-                    at, size = self.fresh(), len(numbers)
-                    self.put(f"{at} = getelementptr double, ptr {pointer}, i64 {first}")
+                    size, at = len(numbers), self.new(f"getelementptr double, ptr {pointer}, i64 {first}")
                     one = lane if size == EIGHT else self.shuffle(EIGHT, lane, "poison", range(size))
                     self.put(f"store <{size} x double> {one}, ptr {at}, align 8")
 
@@ -409,73 +389,59 @@ class Writer(Operations):
         """Return the pointers to the numbers of a port of each of the group's arms."""
         pointers = []
         for lane in range(self.width):
-            row, at, pointer = self.fresh(), self.fresh(), self.fresh()
-            self.put(f"{row} = add i64 %g, {lane}")
-            self.put(f"{at} = mul i64 {row}, %stride{port}")
-            self.put(f"{pointer} = getelementptr double, ptr %port{port}, i64 {at}")
-            pointers.append(pointer)
+            row = self.new(f"add i64 %g, {lane}")
+            at = self.new(f"mul i64 {row}, %stride{port}")
+            pointers.append(self.new(f"getelementptr double, ptr %port{port}, i64 {at}"))
         return pointers
 
     def beginnings(self) -> None:
-        """Say where the group's arms begin in each port, %off, and how far their numbers lie apart, %step."""
+        """Say where the group's arms begin in each port, %off."""
         for port, (layout, numbers) in enumerate(zip(self.layouts, self.program.ports, strict=True)):
             if layout is Layout.BLOCKS:
-                self.put(f"%base{port} = and i64 %g, {-WIDE}")
-                self.put(f"%of{port} = mul i64 %base{port}, {numbers}")
-                self.put(f"%inner{port} = and i64 %g, {WIDE - 1}")
-                self.put(f"%off{port} = add i64 %of{port}, %inner{port}")
+                block = self.new(f"and i64 %g, {-WIDE}")
+                first = self.new(f"mul i64 {block}, {numbers}")
+                inner = self.new(f"and i64 %g, {WIDE - 1}")
+                self.put(f"%off{port} = add i64 {first}, {inner}")
             elif layout is Layout.COLUMNS:
                 self.put(f"%off{port} = add i64 %g, 0")
             elif self.width == 1:
                 self.put(f"%off{port} = mul i64 %g, %stride{port}")
             else:
-                self.spread(f"apart{port}", "i64", f"%stride{port}")
+                self.spread(f"%apart{port}", "i64", f"%stride{port}")
                 self.put(f"%off{port} = mul {self.word} %own, %apart{port}")
 
-    def pointer(self, port: int, k: int, name: str) -> str:
+    def pointer(self, port: int, k: str) -> str:
         """Return the pointer to number k of the group's first arm, or those of all of them in rows."""
-        layout, whole, step = self.layouts[port], "i64", str(k)
-        if layout is Layout.ROWS:
-            whole, step = self.word, self.splat("i64", step)
-        elif layout is Layout.BLOCKS:
-            step = str(WIDE * k)
-        else:
-            self.put(f"%{name}.step = mul i64 %stride{port}, {k}")
-            step = f"%{name}.step"
-        self.put(f"%{name}.at = add {whole} %off{port}, {step}")
-        self.put(f"%{name}.pointer = getelementptr double, ptr %port{port}, {whole} %{name}.at")
-        return f"%{name}.pointer"
+        layout, kind = self.layouts[port], "i64"
+        apart = {Layout.ROWS: "1", Layout.BLOCKS: str(WIDE), Layout.COLUMNS: f"%stride{port}"}[layout]
+        step = self.new(f"mul i64 {k}, {apart}")
+        if layout is Layout.ROWS and self.width > 1:
+            kind, single, step = self.word, step, f"{step}.wide"
+            self.spread(step, "i64", single)
+        at = self.new(f"add {kind} %off{port}, {step}")
+        return self.new(f"getelementptr double, ptr %port{port}, {kind} {at}")
 
-    def take(self, port: int, k: int, place: int, out: str) -> None:
+    def take(self, port: int, k: Any, _: Any, out: str) -> None:
         """Load number k of a port."""
-        self.take_at(out, self.pointer(port, k, f"take{place}"), self.layouts[port])
-
-    def take_at(self, out: str, pointer: str, layout: Layout) -> None:
-        """Load a number from where the group's arms have theirs."""
+        layout, pointer = self.layouts[port], self.pointer(port, str(k))
         if self.width == 1 or layout is Layout.BLOCKS:
             self.put(f"{out} = load {self.real}, ptr {pointer}, align 8")
         elif layout is Layout.ROWS:
             self.gather(out, pointer, "%mask")
         else:
-            name = f"@llvm.masked.load{self.suffix}.p0"
-            self.declared.add(f"declare {self.real} {name}(ptr, i32, {self.truth}, {self.real})")
-            rest = f"i32 8, {self.truth} %mask, {self.real} zeroinitializer"
-            self.put(f"{out} = call {self.real} {name}(ptr {pointer}, {rest})")
+            given = ("ptr", pointer), ("i32", "8"), (self.truth, "%mask"), (self.real, "zeroinitializer")
+            self.put(f"{out} = {self.call(self.real, f'masked.load{self.suffix}.p0', *given)}")
 
-    def give(self, port: int, k: int, place: int, value: str) -> None:
+    def give(self, port: int, k: Any, _: Any, value: str) -> None:
         """Store number k of a port."""
-        self.put_at(value, self.pointer(port, k, f"give{place}"), self.layouts[port])
-
-    def put_at(self, value: str, pointer: str, layout: Layout) -> None:
-        """Store a number there."""
+        layout, pointer = self.layouts[port], self.pointer(port, str(k))
         if self.width == 1 or layout is Layout.BLOCKS:
             self.put(f"store {self.real} {value}, ptr {pointer}, align 8")
         elif layout is Layout.ROWS:
             self.scatter(value, pointer)
         else:
-            name = f"@llvm.masked.store{self.suffix}.p0"
-            self.declared.add(f"declare void {name}({self.real}, ptr, i32, {self.truth})")
-            self.put(f"call void {name}({self.real} {value}, ptr {pointer}, i32 8, {self.truth} %mask)")
+            given = (self.real, value), ("ptr", pointer), ("i32", "8"), (self.truth, "%mask")
+            self.put(self.call("void", f"masked.store{self.suffix}.p0", *given))
 
     def exchange(
         self, numbers: Sequence[_Number], one: Callable[..., None], rows: Callable[[Sequence[_Number]], None]
@@ -530,8 +496,8 @@ class Writer(Operations):
                 if len(own) == self.program.ports[port]:
                     self.store_rows(self.lane_pointers(port), [value for *_, value in own])
                 else:
-                    for _, k, place, value in own:
-                        self.scatter(value, self.pointer(port, k, f"some{place}"))
+                    for number in own:
+                        self.give(*number)
 
         self.if_full(one_by_one, by_rows)
 
@@ -548,40 +514,18 @@ class Writer(Operations):
 
     def copy(self, port: int, first: int, place: int, count: int, *, back: bool) -> None:
         """Copy numbers of arrays from their port into the group's own memory, or back, one after the other."""
-        head, body, out, before = self.block(), self.block(), self.block(), self.here
-        layout, whole, k, own = self.layouts[port], "i64", f"%k{head}", self.fresh()
-        self.put(f"br label %{head}")
-        self.label(head)
-        self.put(f"{k} = phi i64 [ 0, %{before} ], [ {k}.next, %{body} ]")
-        self.put(f"{k}.on = icmp slt i64 {k}, {count}")
-        self.put(f"br i1 {k}.on, label %{body}, label %{out}")
-        self.label(body)
-        self.put(f"{k}.at = add i64 {k}, {place}")
-        self.put(f"{k}.room = mul i64 {k}.at, {self.width}")
-        self.put(f"{own} = getelementptr double, ptr %room, i64 {k}.room")
-        self.put(f"{k}.number = add i64 {k}, {first}")
-        apart = {Layout.ROWS: "1", Layout.BLOCKS: str(WIDE), Layout.COLUMNS: f"%stride{port}"}[layout]
-        self.put(f"{k}.step = mul i64 {k}.number, {apart}")
-        step = f"{k}.step"
-        if layout is Layout.ROWS and self.width > 1:
-            self.spread(f"{k[1:]}.steps", "i64", step)
-            whole, step = self.word, f"{k}.steps"
-        self.put(f"{k}.to = add {whole} %off{port}, {step}")
-        self.put(f"{k}.pointer = getelementptr double, ptr %port{port}, {whole} {k}.to")
-        if back:
-            self.put(f"{k}.held = load {self.real}, ptr {own}, align 8")
-            self.put_at(f"{k}.held", f"{k}.pointer", layout)
-        else:
-            self.take_at(f"{k}.held", f"{k}.pointer", layout)
-            self.put(f"store {self.real} {k}.held, ptr {own}, align 8")
-        self.put(f"{k}.next = add i64 {k}, 1")
-        self.put(f"br label %{head}")
-        self.label(out)
+        with self.counted(k := f"%k{self.blocks}", str(count)):
+            own = self.room(self.new(f"add i64 {k}, {place}"))
+            number = self.new(f"add i64 {k}, {first}")
+            if back:
+                self.give(port, number, None, self.new(f"load {self.real}, ptr {own}, align 8"))
+            else:
+                self.take(port, number, None, f"{k}.held")
+                self.put(f"store {self.real} {k}.held, ptr {own}, align 8")
 
-    def room(self, place: int, name: str) -> str:
+    def room(self, place: Any) -> str:
         """Return the pointer to a number in the group's own memory."""
-        self.put(f"%{name}.room{place} = getelementptr double, ptr %room, i64 {place * self.width}")
-        return f"%{name}.room{place}"
+        return self.new(f"getelementptr double, ptr %room, i64 {self.new(f'mul i64 {place}, {self.width}')}")
 
     def head(self, held: Sequence[str], apart: Sequence[str]) -> str:
         """Return how the function begins; arguments as for `arguments`."""
@@ -590,8 +534,8 @@ class Writer(Operations):
     def arguments(self, held: Sequence[str], apart: Sequence[str]) -> tuple[str, str]:
         """Take %stop, %steps and these names; return the first arm, and how far the next group's is from it."""
         for k, name in enumerate(["first", "stop", "steps", *held, *apart]):
-            self.put(f"%to.{name} = getelementptr i64, ptr %job, i64 {k}")
-            self.put(f"%{name} = load {'ptr' if name in held else 'i64'}, ptr %to.{name}, align 8")
+            pointer = self.new(f"getelementptr i64, ptr %job, i64 {k}")
+            self.put(f"%{name} = load {'ptr' if name in held else 'i64'}, ptr {pointer}, align 8")
         return "%first", str(self.width)
 
     def tail(self) -> str:
@@ -615,10 +559,11 @@ class Writer(Operations):
         apart = [name.replace("port", "stride").replace("table", "rows") for name in held if name != "c"]
         first, further = self.arguments(held, apart)
         for k in range(len(p.tables)):
-            self.put(f"%before{k} = sub i64 %rows{k}, 1")
-            self.put(f"%{'only' if width > 1 else 'last'}{k} = sitofp i64 %before{k} to double")
+            row = self.new(f"sub i64 %rows{k}, 1")
             if width > 1:
-                self.spread(f"last{k}", "double", f"%only{k}")
+                self.spread(f"%last{k}", "double", self.new(f"sitofp i64 {row} to double"))
+            else:
+                self.put(f"%last{k} = sitofp i64 {row} to double")
         for one in (*p.constants, *p.top.items):
             if isinstance(one, Symbol) and one.uniform:
                 self.operation(one)
@@ -630,8 +575,8 @@ class Writer(Operations):
         self.label("group")
         if width > 1:
             iota = ", ".join(f"i64 {k}" for k in range(width))
-            self.spread("gs", "i64", "%g")
-            self.spread("stops", "i64", "%stop")
+            self.spread("%gs", "i64", "%g")
+            self.spread("%stops", "i64", "%stop")
             self.put(f"%own = add {self.word} %gs, <{iota}>")
             self.put(f"%mask = icmp slt {self.word} %own, %stops")
             self.put(f"%after = add i64 %g, {width}")
@@ -648,8 +593,7 @@ class Writer(Operations):
         for port, k, place in changed:
             value = self.of(p.outputs[place])
             if self.repeated:
-                value = f"%out{place}"
-                self.put(f"{value} = load {self.real}, ptr {self.room(place, 'give')}, align 8")
+                value = self.new(f"load {self.real}, ptr {self.room(place)}, align 8")
             given.append((port, k, place, value))
         self.exchange(given, self.give, self.give_rows)
         for run in self.runs():
@@ -665,18 +609,18 @@ class Writer(Operations):
     def several_times(self, taken: Sequence[_Number], changed: Sequence[tuple[int, int, int]]) -> None:
         """Write a loop over steps, between which the numbers stay in the group's own memory."""
         for _, _, place, name in taken:
-            self.put(f"store {self.real} {name}, ptr {self.room(place, 'take')}, align 8")
+            self.put(f"store {self.real} {name}, ptr {self.room(place)}, align 8")
         before, at = self.here, len(self.lines) + 2
         self.put("br label %time")
         self.label("time")
         self.lines.append("")
         for _, _, place, _ in taken:
-            room = self.room(place, "now")
-            self.put(f"%v{self.program.inputs[place].number} = load {self.real}, ptr {room}, align 8")
+            room, name = self.room(place), f"%v{self.program.inputs[place].number}"
+            self.put(f"{name} = load {self.real}, ptr {room}, align 8")
         self.items(self.program.top.items)
         for _, _, place in changed:
             value = self.of(self.program.outputs[place])
-            self.put(f"store {self.real} {value}, ptr {self.room(place, 'then')}, align 8")
+            self.put(f"store {self.real} {value}, ptr {self.room(place)}, align 8")
         self.put("%t1 = add i64 %t, 1")
         self.put("%again = icmp slt i64 %t1, %steps")
         self.put("br i1 %again, label %time, label %back")

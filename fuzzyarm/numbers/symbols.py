@@ -55,52 +55,29 @@ class Symbol:
         """Refuse to branch."""
         raise TypeError("a branch on a number that is not known while it is recorded; use select or when")
 
-    def __neg__(self) -> Symbol:
-        return self.program.operation("neg", self)
 
-    def __abs__(self) -> Symbol:
-        return self.program.operation("abs", self)
+def _recorded(operation: str, *, swapped: bool = False, kind: str = "real", text: str = "") -> Callable[..., Symbol]:
+    def method(self: Symbol, *other: Any) -> Symbol:
+        return self.program.operation(operation, *((*other, self) if swapped else (self, *other)), kind=kind)
 
-    def __invert__(self) -> Symbol:
-        return self.program.operation("not", self, kind="truth")
-
-    def __floor__(self) -> Symbol:
-        return self.program.operation("floor", self)
-
-    def rint(self) -> Symbol:
-        """Return the nearest whole number, the even one of two; `numpy.rint` asks for it."""
-        return self.program.operation("rint", self)
-
-    def sqrt(self) -> Symbol:
-        """Return the square root."""
-        return self.program.operation("sqrt", self)
-
-    def log(self) -> Symbol:
-        """Return the natural logarithm, by the C library."""
-        return self.program.operation("log", self)
-
-    def __xor__(self, other: Any) -> Symbol:
-        return self.program.operation("xor", self, other, kind="word")
-
-    def __rshift__(self, bits: Any) -> Symbol:
-        return self.program.operation("shift", self, bits, kind="word")
-
-
-def _recorded(operation: str, *, swapped: bool = False, kind: str = "real") -> Callable[[Symbol, Any], Symbol]:
-    def method(self: Symbol, other: Any) -> Symbol:
-        pair = (other, self) if swapped else (self, other)
-        return self.program.operation(operation, *pair, kind=kind)
-
+    method.__doc__ = text
     return method
 
 
+for _name in ("neg", "abs", "floor"):
+    setattr(Symbol, f"__{_name}__", _recorded(_name))
+for _name, _operation in {"xor": "xor", "rshift": "shift"}.items():
+    setattr(Symbol, f"__{_name}__", _recorded(_operation, kind="word"))
 for _name, _operation in {"add": "+", "sub": "-", "mul": "*", "truediv": "/"}.items():
     setattr(Symbol, f"__{_name}__", _recorded(_operation))
     setattr(Symbol, f"__r{_name}__", _recorded(_operation, swapped=True))
 for _name, _operation in {
-    "lt": "<", "le": "<=", "gt": ">", "ge": ">=", "eq": "==", "ne": "!=", "and": "&", "or": "|",
+    "lt": "<", "le": "<=", "gt": ">", "ge": ">=", "eq": "==", "ne": "!=", "and": "&", "or": "|", "invert": "not",
 }.items():  # fmt: skip
     setattr(Symbol, f"__{_name}__", _recorded(_operation, kind="truth"))
+_FUNCTIONS = {"rint": "nearest whole number, the even one of two", "sqrt": "square root", "log": "natural logarithm"}
+for _name, _result in _FUNCTIONS.items():
+    setattr(Symbol, _name, _recorded(_name, text=f"Return the {_result}; `numpy.{_name}` asks for it."))
 
 
 class Index:

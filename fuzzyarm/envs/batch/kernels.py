@@ -16,9 +16,8 @@ from fuzzyarm.envs.batch.layout import Clock, Flags, Results, Scalars, Start, To
 from fuzzyarm.envs.batch.schedule import row_record
 from fuzzyarm.envs.control_step import Given, Moved, assessed_of, begun_of, control_step_of, reading_of
 from fuzzyarm.envs.observation import Observation
-from fuzzyarm.envs.physics.records import Physics, places, size
+from fuzzyarm.envs.physics.records import Physics, filled, places, size
 from fuzzyarm.envs.scenario.randomisation import draw_record
-from fuzzyarm.numbers import machine
 from fuzzyarm.numbers.functions import (
     bits,
     each,
@@ -35,13 +34,11 @@ from fuzzyarm.numbers.functions import (
     word,
     zeros,
 )
-from fuzzyarm.numbers.machine import Kernel
+from fuzzyarm.numbers.machine import Kernel, Layout
 from fuzzyarm.numbers.program import Program
 from fuzzyarm.numbers.symbols import Array
 
 __all__ = ["Kernels", "kernels_of"]
-
-_ROWS, _COLUMNS, _BLOCKS = machine.Layout
 
 
 class Kernels:
@@ -69,8 +66,7 @@ class Kernels:
             return lane, clock, command, seen, results
 
         ports = self._lane, _CLOCK, self._nothing, self._seen, self._results
-        program = Program(step, ports, _PERIODS, [(0, size(self._row))])
-        return Kernel(program, (_BLOCKS, _COLUMNS, _ROWS, _ROWS, _COLUMNS))
+        return _kernel(step, ports, _PERIODS, self._tables[2:], "BCRRC")
 
     def _stepped(self, lane: Any, clock: Clock, command: Any, periods: Any, schedule: Any) -> tuple[Any, ...]:
         """Return lane, clock, observation and `Results` after a control step; constants and table as for `step`."""
@@ -78,7 +74,7 @@ class Kernels:
         period, h, substeps = periods
         at, first, last = (number(word(one)) for one in (clock.row, clock.first, clock.last))
         reached = minimum(at + 1.0, last)  # two threads may step an episode that is over: it stays at its end
-        now, after = (like(places(Row), iter(row(schedule, place))) for place in (at, reached))
+        now, after = (filled(Row, row(schedule, place)) for place in (at, reached))
         moved = control_step_of(physics)(
             lane.state, command, now, after.target, lane.arm, lane.limits, lane.force_factor, h, substeps
         )
@@ -110,9 +106,7 @@ class Kernels:
 
         state = zeros(places(physics.State))
         ports = self._lane, _CLOCK, places(Draw), _GIVEN, state, self._seen, self._results
-        with np.errstate(over="ignore"):
-            program = Program(begin, ports, self._ranges, self._tables)
-        return Kernel(program, (_BLOCKS, _COLUMNS, _COLUMNS, _ROWS, _ROWS, _ROWS, _COLUMNS))
+        return _kernel(begin, ports, self._ranges, self._tables, "BCCRRRC")
 
     @functools.cached_property
     def advance(self) -> Kernel:
@@ -132,9 +126,7 @@ class Kernels:
             return lane, clock, command, given, final, seen, results, flags
 
         ports = self._lane, _CLOCK, self._nothing, _GIVEN, self._seen, self._seen, self._results, zeros(places(Flags))
-        with np.errstate(over="ignore"):
-            program = Program(advance, ports, (_PERIODS, self._ranges), self._tables)
-        return Kernel(program, (_BLOCKS, _COLUMNS, _ROWS, _ROWS, _ROWS, _ROWS, _COLUMNS, _COLUMNS))
+        return _kernel(advance, ports, (_PERIODS, self._ranges), self._tables, "BCRRRRCC")
 
     def run(self, command: Any, memory: Any, constants: Any, tables: Sequence[tuple[int, ...]]) -> Kernel:
         """Take many steps of `advance` under a law ``command(memory, seen, constants, *tables)``.
@@ -163,9 +155,8 @@ class Kernels:
             return lane, clock, _cleared(remembered, _over(scalars)), given, seen, totals
 
         ports = self._lane, _CLOCK, memory, _GIVEN, self._seen, zeros(places(Totals))
-        with np.errstate(over="ignore"):
-            program = Program(run, ports, (_PERIODS, self._ranges, constants), (*self._tables, *tables))
-        return Kernel(program, (_BLOCKS, _COLUMNS, _COLUMNS, _ROWS, _ROWS, _COLUMNS), repeated=True)
+        shared = _PERIODS, self._ranges, constants
+        return _kernel(run, ports, shared, [*self._tables, *tables], "BCCRRC", repeated=True)
 
     def _advanced(
         self, lane: Any, clock: Clock, command: Any, given: Given, shared: Any, plants: Any, starts: Any, schedule: Any
@@ -179,7 +170,7 @@ class Kernels:
         force_factor = select(sound, lane.force_factor, float("nan"))
         lane = lane._replace(force_factor=force_factor)
         lane, clock, final, results = self._stepped(lane, clock, asked, periods, schedule)
-        at_rest = like(places(physics.State), iter([float("nan")] * size(physics.State)))
+        at_rest = filled(physics.State, [float("nan")] * size(physics.State))
 
         def begun() -> tuple[Any, ...]:
             new, anew, _, now = begun_of(self.layout)(clock, given, at_rest, ranges, plants, starts, schedule)
@@ -195,13 +186,11 @@ class Kernels:
         def observe(lane: Any, clock: Clock, _: Any, __: Any, schedule: Any) -> tuple[Any, ...]:
             return lane, clock, self._seen_at(lane, clock, schedule)
 
-        program = Program(observe, (self._lane, _CLOCK, self._seen), (), [(0, size(self._row))])
-        return Kernel(program, (_BLOCKS, _COLUMNS, _ROWS))
+        return _kernel(observe, (self._lane, _CLOCK, self._seen), (), self._tables[2:], "BCR")
 
     def _seen_at(self, lane: Any, clock: Clock, schedule: Any) -> Observation:
         at, first = number(word(clock.row)), number(word(clock.first))
-        now = like(places(self._row), iter(row(schedule, at)))
-        return self._observed(lane, clock, at - first, now)
+        return self._observed(lane, clock, at - first, filled(self._row, row(schedule, at)))
 
     def _observed(self, lane: Any, clock: Clock, steps: Any, now: Any) -> Observation:
         """Return what is observed so many steps after the beginning, at a row of the schedule."""
@@ -220,7 +209,25 @@ class Kernels:
 _CLOCK, _GIVEN, _PERIODS = Clock(0.0, 0.0, 0.0, 0.0), Given(0.0, 0.0, 0.0), (0.0, 0.0, 0.0)
 
 
-def _over(scalars: Scalars) -> Any:
+_LAYOUTS = {"R": Layout.ROWS, "C": Layout.COLUMNS, "B": Layout.BLOCKS}
+
+
+def _kernel(
+    function: Any,
+    ports: Any,
+    constants: Any,
+    tables: Sequence[tuple[int, ...]],
+    layouts: str,
+    *,
+    repeated: bool = False,
+) -> Kernel:
+    """Return the kernel of a function whose ports lie in rows (R), columns (C) or blocks (B)."""
+    with np.errstate(over="ignore"):  # of words
+        program = Program(function, ports, constants, tables)
+    return Kernel(program, [_LAYOUTS[one] for one in layouts], repeated=repeated)
+
+
+def _over(scalars: Any) -> Any:
     """Return whether an episode has ended."""
     return (scalars.reason > 0.0) | (scalars.truncated > 0.0)
 

@@ -67,40 +67,27 @@ class Start(NamedTuple):
     family: Any  # 1 if the schedule is the first one of a family, of which each episode draws one; else 0
 
 
-class Vectors(NamedTuple):
-    """A number for each joint, or for each axis of the tip's space; named as in the environment's `info`."""
+VECTORS = (
+    *("tip", "tip_reference", "q_motor", "dq_motor", "q_link", "dq_link"),
+    *("torque", "friction_torque", "external_force"),
+)
+"""Results with a number for each joint, or for each axis of the tip's space; named as in the environment's `info`."""
 
-    tip: Any
-    tip_reference: Any
-    q_motor: Any
-    dq_motor: Any
-    q_link: Any
-    dq_link: Any
-    torque: Any
-    friction_torque: Any
-    external_force: Any
+SCALARS = (
+    *("time", "tip_error", "circularity_error", "circularity_error_motor", "reward_tracking", "reward_effort"),
+    *("reward", "torque_clipped", "truncated", "reason"),
+)
+"""Results of one number each; flags are 0.0 or 1.0, the reason is a `Termination`."""
 
-
-class Scalars(NamedTuple):
-    """One number each; flags are 0.0 or 1.0, the reason is a `Termination`."""
-
-    time: Any
-    tip_error: Any
-    circularity_error: Any
-    circularity_error_motor: Any
-    reward_tracking: Any
-    reward_effort: Any
-    reward: Any
-    torque_clipped: Any
-    truncated: Any
-    reason: Any
+Vectors: Any = record_type("Vectors", **dict.fromkeys(VECTORS, Any))
+Scalars: Any = record_type("Scalars", **dict.fromkeys(SCALARS, Any))
 
 
 class Results(NamedTuple):
     """What a control step leaves behind beside the observation."""
 
-    vectors: Vectors
-    scalars: Scalars
+    vectors: Any  # `Vectors`
+    scalars: Any  # `Scalars`
 
 
 class Flags(NamedTuple):
@@ -124,7 +111,6 @@ class Totals(NamedTuple):
 
 
 CLOCK, START = places(Clock), places(Start)  # where each number of the records `Clock` and `Start` lies in its array
-VECTORS, SCALARS = Vectors._fields, Scalars._fields  # names of the results
 
 INFO = (*VECTORS, *SCALARS[: SCALARS.index("reward")], "in_domain", "torque_clipped")
 """The keys of `info`, the last two as flags; reward, truncated and reason have their own places."""
@@ -211,11 +197,6 @@ class Room:
         self._stop = self._first + size
         self.kept: Any = None
 
-    @property
-    def free(self) -> bool:
-        """Whether nobody holds its numbers."""
-        return sys.getrefcount(self._array) == _OWN
-
     def array(self) -> np.ndarray:
         """Return its numbers (size,), whatever they are."""
         return self._array[self._first : self._stop]
@@ -234,7 +215,7 @@ class ResultsMemory:
     def room(self) -> Room:
         """Return a room whose numbers nobody else holds."""
         for room in self._rooms:
-            if room.free:
+            if sys.getrefcount(room._array) == _OWN:
                 return room
         room = Room(self._size)
         if len(self._rooms) < _KEPT:

@@ -18,7 +18,6 @@ from fuzzyarm.envs.physics.equations import AnyArm, bounds_of, equations_of, rob
 from fuzzyarm.envs.physics.parameters import LARGEST, ArmParameters
 from fuzzyarm.envs.physics.robot import Robot
 from fuzzyarm.envs.scenario.cases import Scenario
-from fuzzyarm.envs.scenario.disturbances import Disturbance
 from fuzzyarm.envs.scenario.reference import Reference
 
 __all__ = ["MAX_ACCELERATION", "Assignment", "Tables", "check_reference", "distinct", "tabulated"]
@@ -135,23 +134,17 @@ def tabulated(
         for member in family if reference is None else (reference,):
             check_reference(member, plants[plant])
     axes = equations_of(plants[0]).axes
-    tables = Tables([_episodes(*one, family, control_period, axes) for one in kinds])
+    tables = Tables([_episodes(one, family, control_period, axes) for one in kinds])
     place_of = [
         equations_of(plants[plant]).payload_place(kinds[number][0].payload, plants[plant]) for number, plant in pairs.T
     ]
     return tables, scenario_of, np.array(place_of)[pair_of.ravel()]
 
 
-def _episodes(
-    disturbance: Disturbance,
-    reference: Reference | None,
-    family: tuple[Reference, ...],
-    control_period: float,
-    axes: int,
-) -> list[_Episode]:
+def _episodes(scenario: Scenario, family: Sequence[Reference], control_period: float, axes: int) -> list[_Episode]:
     """Return the episodes of a scenario, tabulated every `control_period` [s] in so many coordinates of the tip."""
+    (disturbance, reference), given = scenario, scenario[0].encoder_noise
     mass = checks.real("payload mass", disturbance.payload.mass, "kg", low=0.0, high=LARGEST)
-    given = disturbance.encoder_noise
     noise = Noise(0.0, 0.0) if given is None else Noise(given.position, given.velocity)
     start = Start(0, 0, mass, noise, float(reference is None))
     members = family if reference is None else (reference,)

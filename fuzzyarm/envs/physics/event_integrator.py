@@ -88,7 +88,7 @@ def integrate(
             atol=atol,
             first_step=min(MAX_STEP, stop - time),
             max_step=MAX_STEP,
-            events=[_end_of_mode(plant, joint, modes[joint], time) for joint in range(2)],
+            events=[plant.end_of_mode(joint, modes[joint], time) for joint in range(2)],
         )
         time, y = float(solution.t[-1]), solution.y[:, -1]
         if not solution.success:
@@ -98,20 +98,6 @@ def integrate(
                 events += 1
                 modes[joint] = plant.next_mode(joint, modes[joint], y)
     return y
-
-
-def _end_of_mode(plant: _Plant, joint: int, mode: int, start: float) -> Any:
-    """Return the event of `solve_ivp` that ends this mode: a margin that falls through zero.
-
-    The margin counts as positive at `start`. Otherwise a slip that has just left v = 0 would end at once, and an
-    event of the other joint at the same instant could hide this one.
-    """
-
-    def event(time: float, y: np.ndarray) -> float:
-        return 1.0 if time == start else plant.margin(joint, mode, y)
-
-    event.terminal, event.direction = True, -1.0  # type: ignore[attr-defined]
-    return event
 
 
 class _Plant:
@@ -155,14 +141,23 @@ class _Plant:
         y[_MOTOR_VELOCITY + joint] = 0.0
         return self.mode(joint, y)
 
-    def margin(self, joint: int, mode: int, y: np.ndarray) -> float:
-        """Return how far the state is from the end of the mode: a speed [rad/s], or a torque [N m] in stick."""
+    def end_of_mode(self, joint: int, mode: int, start: float) -> Any:
+        """Return the event of `solve_ivp` that ends this mode: a speed [rad/s], in stick a torque [N m], reaches zero.
+
+        It counts as positive at `start`. Otherwise a slip that has just left v = 0 would end at once, and an event of
+        the other joint at the same instant could hide this one.
+        """
         static = self.parameters.static_friction[joint]
-        if static == 0.0:
-            return 1.0  # without friction all modes have the same equations, so there is nothing to switch
-        if mode != 0:
-            return float(mode * y[_MOTOR_VELOCITY + joint])
-        return (1.0 + _BREAK_AWAY_MARGIN) * static - abs(self.torque[joint] - self.joint_torque(joint, y))
+
+        def event(time: float, y: np.ndarray) -> float:
+            if time == start or static == 0.0:  # without friction all modes have the same equations
+                return 1.0
+            if mode != 0:
+                return float(mode * y[_MOTOR_VELOCITY + joint])
+            return (1.0 + _BREAK_AWAY_MARGIN) * static - abs(self.torque[joint] - self.joint_torque(joint, y))
+
+        event.terminal, event.direction = True, -1.0  # type: ignore[attr-defined]
+        return event
 
     def derivative(self, modes: tuple[int, ...], time: float, state: np.ndarray) -> list[float]:
         """Return the time derivative of the state, with the friction of the modes; plain floats for speed."""

@@ -23,7 +23,7 @@ import re
 import warnings
 from collections.abc import Collection, Iterator
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 
@@ -40,50 +40,234 @@ _GAZEBO = re.compile(
     r"<((?:springStiffness|dampingFactor|turnGravityOff)(?!\s*>\s*(?:[0.]+|false)\s*<)|gravity(?=\s*>\s*(?:0|false)))\s*>"
 )
 _WAY_OUT = "give the link an <inertial> element with mass and moments in the model"
+_LARGEST_MODEL = 2**22  # bytes
+_SPEED = re.compile(r"<limit\s[^>]*\bvelocity\s*=\s*[\"']\s*([\d.][\d.eE+-]*)\s*[\"']")
+
+_Part = tuple[float, np.ndarray, np.ndarray]  # mass [kg], mass center [m] and inertia [kg m²]
 
 
-def _unknown_forces(
-    spec: Any, mujoco: Any, chain: list[Any], moving: list[Any], fixed: Collection[str], text: str
-) -> list[str]:
-    """Return a complaint for each thing that moves the arm in MuJoCo or Gazebo, and has no equation here."""
-    option, bit, trn, wrap = spec.option, mujoco.mjtDisableBit, mujoco.mjtTrn, mujoco.mjtWrap.mjWRAP_JOINT
-    off = [one for one in _SWITCHES if option.disableflags & getattr(bit, f"mjDSBL_{one}")]
-    pulling = [one for one in spec.tendons if any(k.type != wrap or k.target.name not in fixed for k in one.path)]
-    elsewhere = [one for one in spec.actuators if one.trntype in (trn.mjTRN_SITE, trn.mjTRN_SLIDERCRANK)]
-    rotors = [one for one in spec.actuators if np.any([one.armature, *one.damping])]
-    found = [
-        *(f"option {name}" for name in ("density", "viscosity", "disableactuator") if getattr(option, name)),
-        *(f"the disabled flag {one.lower()}" for one in off),
-        *(["compiler settotalmass"] if spec.compiler.settotalmass > 0.0 else []),
-        *(["flex"] if spec.flexes else []),
-        *(f"gravcomp of link {shown(body.name)}" for body in moving if body.gravcomp),
-        *(f"stiffness of joint {shown(one.name)}" for one in chain if np.any(one.stiffness)),
-        *(f"springdamper of joint {shown(one.name)}" for one in chain if np.all(one.springdamper)),
-        *(f"margin of joint {shown(one.name)}" for one in chain if one.margin),
-        *(f"tendon {shown(one.name)}" for one in pulling),
-        *(f"actuator {shown(one.name)}" for one in elsewhere),
-        *(f"armature or damping of actuator {shown(one.name)}" for one in rotors),
-        *(f"{name} of <gazebo>" for name in _GAZEBO.findall(text)),
-    ]
-    return [f"{one} has no equation here: take it out of the model" for one in found]
+class _Model:
+    """A model of a chain of joints; `complaints` say what is wrong with it, by joint where there is one."""
 
+    def __init__(self, mujoco: Any, text: str, fixed: Collection[str]) -> None:
+        """Compile the text of a URDF or MJCF file with the joints of these names fixed; ValueError if it is none."""
+        self.mujoco, self.text, self.fixed = mujoco, text, fixed
+        try:
+            self.spec = mujoco.MjSpec.from_string(text)
+        except ValueError as error:
+            raise ValueError(_explained(str(error), text)) from None
+        spec, known = self.spec, {joint.name for joint in self.spec.joints}
+        if unknown := set(fixed) - known:
+            raise ValueError(f"`fixed` names {listed(unknown)}; the joints of the model are: {listed(known)}")
+        self.chain = [joint for joint in spec.joints if joint.name not in fixed]
+        if not self.chain:
+            raise ValueError("the model has no joint that moves")
+        if not all(joint.name for joint in self.chain):
+            raise ValueError("a joint has no name; give each joint of the model one")
+        self.parts = {joint.name: list(self._carried(joint.parent)) for joint in self.chain}  # bodies of each joint
+        self.joints, self.name = tuple(self.parts), spec.modelname
+        self.complaints = [
+            *(*self._couplings(), *self._misplaced(), *self._unlike()),
+            *(*self._inertias(), *self._unknown_forces()),
+        ]
+        at_joint = (mujoco.mjtTrn.mjTRN_JOINT, mujoco.mjtTrn.mjTRN_JOINTINPARENT)
+        self.acting = {one.target: one.name for one in spec.actuators if one.trntype in at_joint}
+        self.speeds = {name: float(found[1]) for name, joint in _joints(text) if (found := _SPEED.search(joint))}
+        try:
+            self.model = self._compiled()
+        except ValueError as error:
+            raise ValueError("; ".join((*self.complaints, " ".join(str(error).split())))) from None
+        self.data = mujoco.MjData(self.model)
+        mujoco.mj_kinematics(self.model, self.data)
+        self.numbers = [self._number("mjOBJ_JOINT", name) for name in self.joints]
+        self.links = [int(self.model.jnt_bodyid[k]) for k in self.numbers]
 
-def _inertias(spec: Any, mujoco: Any, parts: dict[str, list[Any]]) -> Iterator[str]:
-    """Yield complaints about links without inertia, and give them one; `parts` has the bodies of each joint."""
-    always = spec.compiler.inertiafromgeom == mujoco.mjtInertiaFromGeom.mjINERTIAFROMGEOM_TRUE
-    low, high = spec.compiler.inertiagrouprange
-    for joint, bodies in parts.items():
-        heavy = False
-        for body in bodies:
-            given = body.explicitinertial and not always
-            shapes = [one for one in body.geoms if not given and low <= one.group <= high and _has_mass(one)]
-            heavy = heavy or bool(shapes) or (given and body.mass > _MASSLESS)
-            if any(map(_is_opened, shapes)):
-                yield f"link {shown(body.name)} takes its inertia from a mesh, and meshes are not opened: {_WAY_OUT}"
-                _put_inertia(spec, mujoco, body)
-        if not heavy:
-            yield f"joint {shown(joint)} turns link {shown(bodies[0].name)}, which has no inertia: {_WAY_OUT}"
-            _put_inertia(spec, mujoco, bodies[0])
+    def _number(self, kind: str, name: str) -> int:
+        return int(self.mujoco.mj_name2id(self.model, getattr(self.mujoco.mjtObj, kind), name))
+
+    def _carried(self, body: Any) -> Iterator[Any]:
+        """Yield a body, and those that move as one with it."""
+        yield body
+        for child in body.bodies:
+            if all(joint.name in self.fixed for joint in child.joints):
+                yield from self._carried(child)
+
+    def _couplings(self) -> Iterator[str]:
+        """Yield complaints about mimic joints and closed chains."""
+        for equality in self.spec.equalities:
+            names = [name for name in (equality.name1, equality.name2) if name]
+            if equality.type == self.mujoco.mjtEq.mjEQ_JOINT:
+                free = [name for name in names if name not in self.fixed]
+                if free:
+                    yield (
+                        f"joint {shown(names[0])} mimics {shown(names[-1])}; each joint needs a drive of its own: put "
+                        f"{listed(map(repr, free))} under `fixed` in the overlay, or take the coupling out of the model"
+                    )
+            else:
+                yield (
+                    f"a constraint between {listed(map(repr, names))} closes the chain; a serial robot has none: take "
+                    "it out of the model"
+                )
+
+    def _misplaced(self) -> Iterator[str]:
+        """Yield complaints about joints that do not follow the one before."""
+        for before, after in itertools.pairwise(self.chain):
+            above = after.parent.parent
+            while above is not None and not any(joint.name not in self.fixed for joint in above.joints):
+                above = above.parent
+            if after.parent == before.parent or above is None or above != before.parent:
+                yield (
+                    f"joint {shown(after.name)} does not follow joint {shown(before.name)} in a chain; put what is not "
+                    "part of the arm under `fixed` in the overlay, and give each joint a body of its own"
+                )
+
+    def _unlike(self) -> Iterator[str]:
+        """Yield complaints about joints that are not revolute, or whose angle is not that of this package."""
+        for joint in self.chain:
+            if joint.type != self.mujoco.mjtJoint.mjJNT_HINGE:
+                kind = (
+                    "prismatic" if joint.type == self.mujoco.mjtJoint.mjJNT_SLIDE else "neither revolute nor prismatic"
+                )
+                yield (
+                    f"joint {shown(joint.name)} is {kind}; all joints must be revolute: put it under `fixed` in the "
+                    "overlay, or take a model without it"
+                )
+            if joint.ref != 0.0:
+                yield f"joint {shown(joint.name)} has ref = {joint.ref}; give its frame at angle 0, with ref 0"
+
+    def _inertias(self) -> Iterator[str]:
+        """Yield complaints about links without inertia, and give them one."""
+        compiler, rule = self.spec.compiler, self.mujoco.mjtInertiaFromGeom
+        always, (low, high) = compiler.inertiafromgeom == rule.mjINERTIAFROMGEOM_TRUE, compiler.inertiagrouprange
+        for joint, bodies in self.parts.items():
+            heavy, without = False, list[Any]()
+            for body in bodies:
+                given = body.explicitinertial and not always
+                shapes = [one for one in body.geoms if not given and low <= one.group <= high and _has_mass(one)]
+                heavy = heavy or bool(shapes) or (given and body.mass > _MASSLESS)
+                if any(map(_is_opened, shapes)):
+                    link = f"link {shown(body.name)}"
+                    yield f"{link} takes its inertia from a mesh, and meshes are not opened: {_WAY_OUT}"
+                    without.append(body)
+            if not heavy:
+                yield f"joint {shown(joint)} turns link {shown(bodies[0].name)}, which has no inertia: {_WAY_OUT}"
+                without.append(bodies[0])
+            for body in without:
+                body.explicitinertial, body.mass, body.inertia = True, 1.0, (1.0, 1.0, 1.0)
+                compiler.inertiafromgeom = rule.mjINERTIAFROMGEOM_AUTO
+
+    def _unknown_forces(self) -> list[str]:
+        """Return a complaint for each thing that moves the arm in MuJoCo or Gazebo, and has no equation here."""
+        spec, chain, moving = self.spec, self.chain, itertools.chain(*self.parts.values())
+        option, bit, trn, wrap = (
+            spec.option,
+            self.mujoco.mjtDisableBit,
+            self.mujoco.mjtTrn,
+            self.mujoco.mjtWrap.mjWRAP_JOINT,
+        )
+        off = [one for one in _SWITCHES if option.disableflags & getattr(bit, f"mjDSBL_{one}")]
+        pulling = [
+            one for one in spec.tendons if any(k.type != wrap or k.target.name not in self.fixed for k in one.path)
+        ]
+        elsewhere = [one for one in spec.actuators if one.trntype in (trn.mjTRN_SITE, trn.mjTRN_SLIDERCRANK)]
+        rotors = [one for one in spec.actuators if np.any([one.armature, *one.damping])]
+        found = [
+            *(f"option {name}" for name in ("density", "viscosity", "disableactuator") if getattr(option, name)),
+            *(f"the disabled flag {one.lower()}" for one in off),
+            *(["compiler settotalmass"] if spec.compiler.settotalmass > 0.0 else []),
+            *(["flex"] if spec.flexes else []),
+            *(f"gravcomp of link {shown(body.name)}" for body in moving if body.gravcomp),
+            *(f"stiffness of joint {shown(one.name)}" for one in chain if np.any(one.stiffness)),
+            *(f"springdamper of joint {shown(one.name)}" for one in chain if np.all(one.springdamper)),
+            *(f"margin of joint {shown(one.name)}" for one in chain if one.margin),
+            *(f"tendon {shown(one.name)}" for one in pulling),
+            *(f"actuator {shown(one.name)}" for one in elsewhere),
+            *(f"armature or damping of actuator {shown(one.name)}" for one in rotors),
+            *(f"{name} of <gazebo>" for name in _GAZEBO.findall(self.text)),
+        ]
+        return [f"{one} has no equation here: take it out of the model" for one in found]
+
+    def _compiled(self) -> Any:
+        """Return the model of bodies, primitive shapes and joints that move, all orientations resolved."""
+        spec = self.spec
+        for parts in (
+            *(spec.keys, spec.sensors, spec.actuators, spec.tendons, spec.equalities, spec.excludes, spec.pairs),
+            *(spec.skins, spec.flexes, [geom for geom in spec.geoms if _is_opened(geom)], spec.meshes, spec.hfields),
+            *(spec.materials, spec.textures, [joint for joint in spec.joints if joint.name in self.fixed]),
+        ):
+            for part in list(parts):
+                spec.delete(part)
+        for part in (*spec.geoms, *spec.sites):
+            part.material = ""
+        spec.compiler.fusestatic = False
+        return spec.compile()
+
+    def _carrier(self, body: int) -> int:
+        """Return the link of the chain that a body is fixed to, or 0, the base."""
+        while body and body not in self.links:
+            body = int(self.model.body_parentid[body])
+        return body
+
+    def moving_with(self, link: int) -> list[_Part]:
+        """Return the bodies that are fixed to a link, in the base frame."""
+        parts, model, data = list[_Part](), self.model, self.data
+        for k in range(1, model.nbody):
+            mass = float(model.body_mass[k])
+            if mass > 0.0 and self._carrier(k) == link:
+                turn = data.ximat[k].reshape(DIMENSIONS, DIMENSIONS)
+                parts.append((mass, data.xipos[k], turn @ np.diag(model.body_inertia[k]) @ turn.T))
+        return parts
+
+    def place(self, name: str) -> np.ndarray:
+        """Return the point of a link or site in the base frame; ValueError unless it moves with the last joint."""
+        site = self._number("mjOBJ_SITE", name)
+        body = int(self.model.site_bodyid[site]) if site >= 0 else self._number("mjOBJ_BODY", name)
+        if body < 0:
+            raise ValueError(f"tip = {shown(name)} is no link or site of the model; give one, or a point [x, y, z]")
+        if self._carrier(body) != self.links[-1]:
+            raise ValueError(f"tip = {shown(name)} does not move with the last joint, {self.joints[-1]}")
+        point: np.ndarray = self.data.site_xpos[site] if site >= 0 else self.data.xpos[body]
+        return point
+
+    def _stated(self, name: str, joint: int) -> tuple[dict[str, Any], dict[str, str]]:
+        """Return the quantities of a joint in the model (None: absent), and why others of them cannot be read."""
+        model, k, differs = self.model, int(self.model.jnt_dofadr[joint]), {}
+        low, high = model.jnt_actfrcrange[joint].tolist()
+        values = {
+            "motor_inertia": float(model.dof_armature[k]) or None,
+            "viscous_friction": float(model.dof_damping[k]),
+            "coulomb_friction": float(model.dof_frictionloss[k]),
+            "torque_limit": (high or None) if model.jnt_actfrclimited[joint] else None,
+            "angle_range": tuple(model.jnt_range[joint].tolist()) if model.jnt_limited[joint] else None,
+            "velocity_limit": self.speeds.get(name) or None,
+        }
+        if np.any(model.dof_dampingpoly[k]):
+            differs["viscous_friction"] = "its damping is a polynomial"
+        if name in self.acting:
+            differs["torque_limit"] = f"law and limits of its actuator {shown(self.acting[name])} are not read"
+        elif values["torque_limit"] and low != -high:
+            differs["torque_limit"] = f"its torques, {low:g} to {high:g} N m, differ in the two directions"
+        return values, differs
+
+    def values(self, name: str, number: int, given: Any) -> dict[str, Any]:
+        """Return the numbers of a joint, the overlay's before the model's; ValueError with all that neither has."""
+        if given is None:
+            raise ValueError(
+                f"it has no drive, and the format knows no joint stiffness: add [joints.{name}] to the overlay"
+            )
+        values, differs = self._stated(name, number)
+        given = {field: value for field, value in dataclasses.asdict(given).items() if value is not None}
+        values |= dict.fromkeys(differs) | given
+        if "static_friction" not in given:  # then this velocity has no effect
+            values |= {"static_friction": values["coulomb_friction"], "stribeck_velocity": 0.1} | given
+        lacking = [field for field in _DRIVEN if values.get(field) is None]
+        absent = ", ".join(field for field in lacking if field not in differs)
+        reasons = [differs[field] for field in lacking if field in differs] + [f"the model has no {absent}"] * bool(
+            absent
+        )
+        if lacking:
+            raise ValueError(f"{', '.join(reasons)}; add {', '.join(lacking)} to [joints.{name}] in the overlay")
+        return values
 
 
 def _is_opened(geom: Any) -> bool:
@@ -95,29 +279,8 @@ def _has_mass(geom: Any) -> bool:
     return bool(geom.density != 0.0 if math.isnan(geom.mass) else geom.mass != 0.0)
 
 
-def _put_inertia(spec: Any, mujoco: Any, body: Any) -> None:
-    body.explicitinertial, body.mass, body.inertia = True, 1.0, (1.0, 1.0, 1.0)
-    spec.compiler.inertiafromgeom = mujoco.mjtInertiaFromGeom.mjINERTIAFROMGEOM_AUTO
-
-
-_LARGEST_MODEL = 2**22  # bytes
-_SPEED = re.compile(r"<limit\s[^>]*\bvelocity\s*=\s*[\"']\s*([\d.][\d.eE+-]*)\s*[\"']")
-
-
-class _Tree(NamedTuple):
-    """A compiled model, the names of the joints that move, from the base to the tip, and what is wrong with them."""
-
-    mujoco: Any
-    model: Any
-    joints: tuple[str, ...]
-    name: str
-    acting: dict[str, str]  # by joint, the name of an actuator
-    speeds: dict[str, float]  # by joint, the largest of a URDF [rad/s]
-    complaints: tuple[str, ...]
-
-
-def _read_model(path: Path, fixed: Collection[str]) -> _Tree:
-    """Return the model in a URDF or MJCF file, with the joints of these names fixed; ValueError if it is none."""
+def _read_model(path: Path, fixed: Collection[str]) -> _Model:
+    """Return the model in a URDF or MJCF file, with the joints of these names fixed."""
     try:
         import mujoco
     except ModuleNotFoundError:
@@ -129,109 +292,9 @@ def _read_model(path: Path, fixed: Collection[str]) -> _Tree:
     mujoco.set_mju_user_warning(lambda _: None)  # or MuJoCo writes its log into the working folder
     try:
         with warnings.catch_warnings(action="ignore"):
-            return _tree(mujoco, text, fixed)
+            return _Model(mujoco, text, fixed)
     finally:
         mujoco.set_mju_user_warning(warn)
-
-
-def _tree(mujoco: Any, text: str, fixed: Collection[str]) -> _Tree:
-    try:
-        spec = mujoco.MjSpec.from_string(text)
-    except ValueError as error:
-        raise ValueError(_explained(str(error), text)) from None
-    unknown = set(fixed) - {joint.name for joint in spec.joints}
-    if unknown:
-        known = listed(joint.name for joint in spec.joints)
-        raise ValueError(f"`fixed` names {listed(unknown)}; the joints of the model are: {known}")
-    chain = [joint for joint in spec.joints if joint.name not in fixed]
-    if not chain:
-        raise ValueError("the model has no joint that moves")
-    if not all(joint.name for joint in chain):
-        raise ValueError("a joint has no name; give each joint of the model one")
-    parts = {joint.name: list(_carried(joint.parent, fixed)) for joint in chain}
-    moving = [body for bodies in parts.values() for body in bodies]
-    complaints = [
-        *_couplings(spec, mujoco, fixed),
-        *_misplaced(chain, fixed),
-        *_unlike(chain, mujoco),
-        *_inertias(spec, mujoco, parts),
-        *_unknown_forces(spec, mujoco, chain, moving, fixed, text),
-    ]
-    at_joint = (mujoco.mjtTrn.mjTRN_JOINT, mujoco.mjtTrn.mjTRN_JOINTINPARENT)
-    acting = {one.target: one.name for one in spec.actuators if one.trntype in at_joint}
-    speeds = {name: float(found[1]) for name, joint in _joints(text) if (found := _SPEED.search(joint))}
-    try:
-        model = _compiled(spec, fixed)
-    except ValueError as error:
-        raise ValueError("; ".join((*complaints, " ".join(str(error).split())))) from None
-    return _Tree(mujoco, model, tuple(parts), spec.modelname, acting, speeds, tuple(complaints))
-
-
-def _carried(body: Any, fixed: Collection[str]) -> Iterator[Any]:
-    """Yield a body, and those that move as one with it."""
-    yield body
-    for child in body.bodies:
-        if all(joint.name in fixed for joint in child.joints):
-            yield from _carried(child, fixed)
-
-
-def _couplings(spec: Any, mujoco: Any, fixed: Collection[str]) -> Iterator[str]:
-    """Yield complaints about mimic joints and closed chains."""
-    for equality in spec.equalities:
-        names = [name for name in (equality.name1, equality.name2) if name]
-        if equality.type == mujoco.mjtEq.mjEQ_JOINT:
-            free = [name for name in names if name not in fixed]
-            if free:
-                yield (
-                    f"joint {shown(names[0])} mimics {shown(names[-1])}; each joint needs a drive of its own: put "
-                    f"{listed(map(repr, free))} under `fixed` in the overlay, or take the coupling out of the model"
-                )
-        else:
-            yield (
-                f"a constraint between {listed(map(repr, names))} closes the chain; a serial robot has none: take "
-                "it out of the model"
-            )
-
-
-def _misplaced(chain: list[Any], fixed: Collection[str]) -> Iterator[str]:
-    """Yield complaints about joints that do not follow the one before."""
-    for before, after in itertools.pairwise(chain):
-        above = after.parent.parent
-        while above is not None and not any(joint.name not in fixed for joint in above.joints):
-            above = above.parent
-        if after.parent == before.parent or above is None or above != before.parent:
-            yield (
-                f"joint {shown(after.name)} does not follow joint {shown(before.name)} in a chain; put what is not "
-                "part of the arm under `fixed` in the overlay, and give each joint a body of its own"
-            )
-
-
-def _unlike(chain: list[Any], mujoco: Any) -> Iterator[str]:
-    """Yield complaints about joints that are not revolute, or whose angle is not that of this package."""
-    for joint in chain:
-        if joint.type != mujoco.mjtJoint.mjJNT_HINGE:
-            kind = "prismatic" if joint.type == mujoco.mjtJoint.mjJNT_SLIDE else "neither revolute nor prismatic"
-            yield (
-                f"joint {shown(joint.name)} is {kind}; all joints must be revolute: put it under `fixed` in the "
-                "overlay, or take a model without it"
-            )
-        if joint.ref != 0.0:
-            yield f"joint {shown(joint.name)} has ref = {joint.ref}; give its frame at angle 0, with ref 0"
-
-
-def _compiled(spec: Any, fixed: Collection[str]) -> Any:
-    """Return the model of bodies, primitive shapes and joints that move, all orientations resolved."""
-    for parts in (
-        *(spec.keys, spec.sensors, spec.actuators, spec.tendons, spec.equalities, spec.excludes, spec.pairs),
-        *(spec.skins, spec.flexes, [geom for geom in spec.geoms if _is_opened(geom)], spec.meshes, spec.hfields),
-        *(spec.materials, spec.textures, [joint for joint in spec.joints if joint.name in fixed]),
-    ):
-        for part in list(parts):
-            spec.delete(part)
-    for part in (*spec.geoms, *spec.sites):
-        part.material = ""
-    spec.compiler.fusestatic = False
-    return spec.compile()
 
 
 def _text(path: Path) -> str:
@@ -278,8 +341,6 @@ def _closing_joint(text: str) -> str:
 _ROUNDING = 1e-9  # of rotations and axes in models: 1.570796327 is meant to be a right angle
 _NEGLIGIBLE = 1e-9  # m, and share of the largest moment of inertia: what such angles leave of a zero
 
-_Part = tuple[float, np.ndarray, np.ndarray]  # mass [kg], mass center [m] and inertia [kg m²]
-
 _GIVEN = [field.name for field in dataclasses.fields(Drive)] + ["velocity_limit"]
 _JointOverlay: Any = dataclasses.make_dataclass(
     "_JointOverlay",
@@ -320,116 +381,38 @@ def read_robot(path: str | Path) -> Robot:
         return Robot.from_toml(path)
     try:
         overlay = record(content, _Overlay)
-        tree = _read_model(path.parent / overlay.model, overlay.fixed)
-        return _robot(tree, overlay)
+        return _robot(_read_model(path.parent / overlay.model, overlay.fixed), overlay)
     except ValueError as error:
         raise ValueError(f"{path}: {error}") from None
 
 
-def _robot(tree: _Tree, overlay: _Overlay) -> Robot:
+def _robot(tree: _Model, overlay: _Overlay) -> Robot:
     """Return the robot; all frames are those of the model with every joint at angle 0."""
-    model, data = tree.model, tree.mujoco.MjData(tree.model)
-    tree.mujoco.mj_kinematics(model, data)
-    numbers = [tree.mujoco.mj_name2id(model, tree.mujoco.mjtObj.mjOBJ_JOINT, name) for name in tree.joints]
-    links = [int(model.jnt_bodyid[k]) for k in numbers]
-    complaints, unknown = [*tree.complaints], set(overlay.joints) - set(tree.joints)
-    if unknown:
+    model, data, complaints = tree.model, tree.data, tree.complaints
+    known = " ".join(complaints)
+    if unknown := set(overlay.joints) - set(tree.joints):
         complaints.append(f"[joints] names {listed(unknown)}; the joints that move are: {', '.join(tree.joints)}")
     rotation, origin, joints = np.eye(DIMENSIONS), np.zeros(DIMENSIONS), []
-    for name, k, body in zip(tree.joints, numbers, links, strict=True):
+    for name, k, body in zip(tree.joints, tree.numbers, tree.links, strict=True):
         turned = _neat(data.xmat[body].reshape(DIMENSIONS, DIMENSIONS))
         at = data.xpos[body] + turned @ model.jnt_pos[k]
         try:
-            values = _values(tree, name, k, overlay)
+            values = tree.values(name, k, overlay.joints.get(name))
             limits = {field: values.pop(field) for field in ("angle_range", "velocity_limit")}
             place = _vector(rotation.T @ (at - origin)), as_rows(_neat(rotation.T @ turned))
-            link = _link(_moving_with(tree, data, body, links), turned, at)
+            link = _link(tree.moving_with(body), turned, at)
             joints.append(Joint(name, *place, _vector(_neat(model.jnt_axis[k])), link, Drive(**values), **limits))
         except ValueError as error:
-            if name in overlay.joints or f"joint {shown(name)}" not in " ".join(tree.complaints):
+            if name in overlay.joints or f"joint {shown(name)}" not in known:
                 complaints.append(f"joint {shown(name)}: {str(error).removeprefix(f'joint {shown(name)}: ')}")
         rotation, origin = turned, at
     if complaints:
         raise ValueError("; ".join(complaints))
     tip = overlay.tip
-    point = _vector(rotation.T @ (_place(tree, data, tip, links) - origin)) if isinstance(tip, str) else tip
+    point = _vector(rotation.T @ (tree.place(tip) - origin)) if isinstance(tip, str) else tip
     is_off = bool(model.opt.disableflags & tree.mujoco.mjtDisableBit.mjDSBL_GRAVITY)
     gravity = overlay.gravity or _vector(model.opt.gravity * (not is_off))
-    name = overlay.name or tree.name
-    return Robot(name, tuple(joints), point, gravity, overlay.sources, overlay.assumptions)
-
-
-def _carrier(tree: _Tree, body: int, links: list[int]) -> int:
-    """Return the link of the chain that a body is fixed to, or 0, the base."""
-    while body and body not in links:
-        body = int(tree.model.body_parentid[body])
-    return body
-
-
-def _moving_with(tree: _Tree, data: Any, link: int, links: list[int]) -> list[_Part]:
-    """Return the bodies that are fixed to a link, in the base frame."""
-    parts = []
-    for k in range(1, tree.model.nbody):
-        mass = float(tree.model.body_mass[k])
-        if mass > 0.0 and _carrier(tree, k, links) == link:
-            turn = data.ximat[k].reshape(DIMENSIONS, DIMENSIONS)
-            parts.append((mass, data.xipos[k], turn @ np.diag(tree.model.body_inertia[k]) @ turn.T))
-    return parts
-
-
-def _place(tree: _Tree, data: Any, name: str, links: list[int]) -> np.ndarray:
-    """Return the point of a link or site in the base frame; ValueError unless it moves with the last joint."""
-    kinds = tree.mujoco.mjtObj
-    site = tree.mujoco.mj_name2id(tree.model, kinds.mjOBJ_SITE, name)
-    body = (
-        int(tree.model.site_bodyid[site]) if site >= 0 else tree.mujoco.mj_name2id(tree.model, kinds.mjOBJ_BODY, name)
-    )
-    if body < 0:
-        raise ValueError(f"tip = {shown(name)} is no link or site of the model; give one, or a point [x, y, z]")
-    if _carrier(tree, body, links) != links[-1]:
-        raise ValueError(f"tip = {shown(name)} does not move with the last joint, {tree.joints[-1]}")
-    point: np.ndarray = data.site_xpos[site] if site >= 0 else data.xpos[body]
-    return point
-
-
-def _stated(tree: _Tree, name: str, joint: int) -> tuple[dict[str, Any], dict[str, str]]:
-    """Return what a model has of a joint by the overlay's names (None: nothing), and what it has of another kind."""
-    model, k, differs = tree.model, int(tree.model.jnt_dofadr[joint]), {}
-    low, high = model.jnt_actfrcrange[joint].tolist()
-    values = {
-        "motor_inertia": float(model.dof_armature[k]) or None,
-        "viscous_friction": float(model.dof_damping[k]),
-        "coulomb_friction": float(model.dof_frictionloss[k]),
-        "torque_limit": (high or None) if model.jnt_actfrclimited[joint] else None,
-        "angle_range": tuple(model.jnt_range[joint].tolist()) if model.jnt_limited[joint] else None,
-        "velocity_limit": tree.speeds.get(name) or None,
-    }
-    if np.any(model.dof_dampingpoly[k]):
-        differs["viscous_friction"] = "its damping is a polynomial"
-    if name in tree.acting:
-        differs["torque_limit"] = f"law and limits of its actuator {shown(tree.acting[name])} are not read"
-    elif values["torque_limit"] and low != -high:
-        differs["torque_limit"] = f"its torques, {low:g} to {high:g} N m, differ in the two directions"
-    return values, differs
-
-
-def _values(tree: _Tree, name: str, number: int, overlay: _Overlay) -> dict[str, Any]:
-    """Return the numbers of a joint, the overlay's before the model's; ValueError with all that neither has."""
-    if name not in overlay.joints:
-        raise ValueError(
-            f"it has no drive, and the format knows no joint stiffness: add [joints.{name}] to the overlay"
-        )
-    values, differs = _stated(tree, name, number)
-    given = {field: value for field, value in dataclasses.asdict(overlay.joints[name]).items() if value is not None}
-    values |= dict.fromkeys(differs) | given
-    if "static_friction" not in given:  # then this velocity has no effect
-        values |= {"static_friction": values["coulomb_friction"], "stribeck_velocity": 0.1} | given
-    lacking = [field for field in _DRIVEN if values.get(field) is None]
-    absent = ", ".join(field for field in lacking if field not in differs)
-    reasons = [differs[field] for field in lacking if field in differs] + [f"the model has no {absent}"] * bool(absent)
-    if lacking:
-        raise ValueError(f"{', '.join(reasons)}; add {', '.join(lacking)} to [joints.{name}] in the overlay")
-    return values
+    return Robot(overlay.name or tree.name, tuple(joints), point, gravity, overlay.sources, overlay.assumptions)
 
 
 def _link(parts: list[_Part], rotation: np.ndarray, origin: Any) -> Link:

@@ -8,6 +8,7 @@ moment1x, moment1y, inertia1xx, ..., position1x, ..., tipx, ..., gravityx, ..., 
 
 from __future__ import annotations
 
+import dataclasses
 import functools
 import hashlib
 import itertools
@@ -277,15 +278,16 @@ _MOTOR = dict.fromkeys(Motor._fields, Any) | {"dry_friction": DryFriction}
 @functools.cache
 def _physics(structure: Structure) -> Physics:
     own = _Serial(structure)
+    same = {
+        field.name: getattr(own, field.name)
+        for field in dataclasses.fields(Physics)
+        if field.init and hasattr(own, field.name)
+    }
     return Physics(
-        joints=own.joints, axes=len(own.Point._fields),
+        **same, axes=len(own.Point._fields), made_by=(_physics, (structure,)), motor_friction=motor_friction,
         digest=hashlib.sha256(repr((structure, own.Arm._fields)).encode()).hexdigest()[:16],
-        made_by=(_physics, (structure,)), Plant=own.Plant, Arm=own.Arm, Limits=own.Limits, plant_of=own.plant_of,
-        step=own.step, loaded_step=own.loaded_step, tip=own.tip, tip_velocity=own.tip_velocity, tip_load=own.tip_load,
-        gravity=own.gravity, motor_friction=motor_friction, inverse_dynamics=own.inverse_dynamics,
-        mass_matrix=own.mass_matrix, payload_place=lambda payload, robot: float(payload.at == "tip"),
-        constants=own.constants, stiffness=own.stiffness, limits=own.limits,
-        angle_range=lambda limits: (limits.low, limits.high), varied=own.varied,
+        payload_place=lambda payload, robot: float(payload.at == "tip"),
+        angle_range=lambda limits: (limits.low, limits.high),
     )  # fmt: skip
 
 

@@ -133,7 +133,6 @@ def with_loads(
     )
 
 
-@functools.lru_cache(maxsize=64)
 def load_scale(robot: Robot) -> tuple[float, float]:
     """Return the factors of the paper's tip forces and of its payloads for a robot, see the module; to two digits."""
     force, mass = (_scaled_number(factor, 1.0) for factor in _factors(robot))
@@ -143,14 +142,10 @@ def load_scale(robot: Robot) -> tuple[float, float]:
 @functools.lru_cache(maxsize=64)
 def _scaled(case: Case, robot: Robot) -> Case:
     """Return a case with its loads scaled to a robot."""
-    loads, (of_force, of_mass) = case.disturbance, _factors(robot)
-    force, mass = None, None
-    if isinstance(loads.tip_force, MachiningForce):
-        base, swing = (_scaled_number(of_force, part) for part in (loads.tip_force.base, loads.tip_force.swing))
-        force = (base, base + swing)
-    if loads.payload.mass > 0.0:
-        mass = _scaled_number(of_mass, loads.payload.mass)
-    return with_loads(case, force=force, payload=mass, duration=default_reference(robot).duration)
+    own, mass, (of_force, of_mass) = case.disturbance.tip_force, case.disturbance.payload.mass, _factors(robot)
+    base, swing = (_scaled_number(of_force, getattr(own, part, 0.0)) for part in ("base", "swing"))
+    duration = default_reference(robot).duration
+    return with_loads(case, force=(base, base + swing), payload=_scaled_number(of_mass, mass), duration=duration)
 
 
 @functools.lru_cache(maxsize=64)

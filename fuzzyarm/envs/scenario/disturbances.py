@@ -52,12 +52,15 @@ class MachiningForce:
     fade_speed: float = 0.01
 
     def __post_init__(self) -> None:
-        for name in ("base", "swing"):
-            number = checks.real(f"MachiningForce.{name}", getattr(self, name), "N", low=-LARGEST, high=LARGEST)
-            checks.keep(self, name, number)
-        for name, unit in (("duration", "s"), ("fade_speed", "m/s")):
-            shortest = 1.0 / LARGEST
-            number = checks.real(f"MachiningForce.{name}", getattr(self, name), unit, low=shortest, high=LARGEST)
+        least = 1.0 / LARGEST
+        bounds = (
+            ("base", "N", -LARGEST),
+            ("swing", "N", -LARGEST),
+            ("duration", "s", least),
+            ("fade_speed", "m/s", least),
+        )
+        for name, unit, low in bounds:
+            number = checks.real(f"MachiningForce.{name}", getattr(self, name), unit, low=low, high=LARGEST)
             checks.keep(self, name, number)
 
     def at(self, time: np.ndarray, tip_velocity: np.ndarray) -> np.ndarray:

@@ -13,9 +13,7 @@ Gauss quadratures over panels that end at the corners.
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Callable
 from functools import cached_property
-from typing import NamedTuple
 
 import numpy as np
 from numpy.polynomial import chebyshev, laguerre, legendre
@@ -23,6 +21,7 @@ from numpy.typing import ArrayLike
 
 from fuzzyarm.common.checks import instance
 from fuzzyarm.envs.physics.dynamics import arm_constants, rigid_inverse_dynamics
+from fuzzyarm.envs.physics.equations import robot_of
 from fuzzyarm.envs.physics.rigid_body import inverse_dynamics
 from fuzzyarm.envs.physics.robot import Robot
 from fuzzyarm.envs.scenario.kinematics import angle_ranges, velocity_limits
@@ -55,8 +54,8 @@ class ElasticReference:
         t = np.linspace(0.0, self.duration, CHECKED_INSTANTS)
         motion = self.sample(t)
         for name, unit, values, (low, high) in (
-            ("theta", "rad", np.unwrap(motion.q, axis=0), self._arm.angles),
-            ("dtheta", "rad/s", motion.dq, self._arm.velocities),
+            ("theta", "rad", np.unwrap(motion.q, axis=0), self._box[0]),
+            ("dtheta", "rad/s", motion.dq, self._box[1]),
         ):
             share = _box_share(values, low, high)
             k, joint = np.unravel_index(np.argmax(share), values.shape)
@@ -76,7 +75,7 @@ class ElasticReference:
     def box_use(self) -> float:
         """Largest share of the box (25) that θ_d and θ̇_d use; 1 is at its border."""
         motion = self.sample(np.linspace(0.0, self.duration, CHECKED_INSTANTS))
-        return float(np.max([_box_share(motion.q, *self._arm.angles), _box_share(motion.dq, *self._arm.velocities)]))
+        return float(np.max([_box_share(*one) for one in zip(motion[:2], *np.swapaxes(self._box, 0, 1), strict=True)]))
 
     def torque(self, t: ArrayLike) -> np.ndarray:
         """Return τ_d [N m], shape (..., n), at times t [s] of shape (...,)."""
@@ -84,7 +83,9 @@ class ElasticReference:
 
     def links_torque(self, motion: ReferenceSample) -> np.ndarray:
         """Return M_b q̈ + C q̇ + g [N m], shape (..., n), that the links need for a motion with shapes (..., n)."""
-        return self._arm.torque(motion)
+        if isinstance(self.reference, JointReference):
+            return rigid_inverse_dynamics(*motion, arm_constants(self.reference.parameters))
+        return inverse_dynamics(self._robot, *motion)
 
     def sample(self, t: ArrayLike) -> ReferenceSample:
         """Return θ_d [rad], θ̇_d [rad/s] and θ̈_d [rad/s²], shapes (..., n), at times t [s] of shape (...,).
@@ -95,7 +96,7 @@ class ElasticReference:
         flat = times.ravel()
         motion, torque = self.reference.sample(flat), self.torque(flat)
         rate, curvature = self._torque_rates(flat)
-        stiffness, damping = self._arm.stiffness, self._arm.damping
+        stiffness, damping = self._robot.drive("stiffness"), self._robot.drive("damping")
         delta, velocity, acceleration = torque / stiffness, rate / stiffness, curvature / stiffness
         time_constants = damping / stiffness
         for time_constant in np.unique(time_constants[damping > 0.0]):  # joints that share one are relaxed together
@@ -163,28 +164,17 @@ class ElasticReference:
         return self.reference.corners()
 
     @cached_property
-    def _arm(self) -> _Arm:
-        reference = self.reference
-        if isinstance(reference, JointReference):
-            p, arm = reference.parameters, arm_constants(reference.parameters)
-            limits = ((-np.array(limit), np.array(limit)) for limit in (p.joint_limit, p.velocity_limit))
-            springs = np.array(p.stiffness), np.array(p.damping)
-            return _Arm(lambda motion: rigid_inverse_dynamics(*motion, arm), *springs, *limits)
-        robot = instance("reference.robot", getattr(reference, "robot", None), Robot)
-        low, high = angle_ranges(robot)
-        fastest = velocity_limits(robot)
-        springs = robot.drive("stiffness"), robot.drive("damping")
-        return _Arm(lambda motion: inverse_dynamics(robot, *motion), *springs, (low, high), (-fastest, fastest))
+    def _robot(self) -> Robot:
+        """The robot, or the two-joint arm as one."""
+        if isinstance(self.reference, JointReference):
+            return robot_of(self.reference.parameters)
+        return instance("reference.robot", getattr(self.reference, "robot", None), Robot)
 
-
-class _Arm(NamedTuple):
-    """What is asked of an arm or a robot: the torque that its links need, its springs, its limits, each (n,)."""
-
-    torque: Callable[[ReferenceSample], np.ndarray]
-    stiffness: np.ndarray  # [N m/rad]
-    damping: np.ndarray  # [N m s/rad]
-    angles: tuple[np.ndarray, np.ndarray]  # [rad]
-    velocities: tuple[np.ndarray, np.ndarray]  # [rad/s]
+    @cached_property
+    def _box(self) -> np.ndarray:
+        """Lowest and highest angles [rad], then velocities [rad/s], (2, 2, n)."""
+        fastest = velocity_limits(self._robot)
+        return np.array([angle_ranges(self._robot), [-fastest, fastest]])
 
 
 def _box_share(values: np.ndarray, low: np.ndarray, high: np.ndarray) -> np.ndarray:

@@ -27,7 +27,6 @@ The `_IMPROVED` best of `_POSTURES` random postures are improved by a local sear
 
 from __future__ import annotations
 
-import dataclasses
 import functools
 from typing import NamedTuple
 
@@ -144,35 +143,19 @@ def freedom(robot: Robot) -> _Freedom:
     return _Freedom(_span(rows[:, LINEAR]), _span(rows[:, ANGULAR]))
 
 
-@dataclasses.dataclass(frozen=True)
 class TipTask:
-    """The system f(q, p) = 0 of the module, for a robot and a start."""
+    """The system f(q, p) = 0 of the module, for a robot and a start q_0 (n,) [rad].
 
-    robot: Robot  # the robot
-    start: np.ndarray  # q_0 (n,) [rad]
-    keeps_orientation: bool  # whether the last link keeps its rotation
+    Attributes:
+        motion: P (2 or 3, 3); `turning`: O (0, 1 or 3, 3), without rows where the orientation is free.
+        rotation: R_0 (3, 3), of the last link at the start; `frozen`: Nᵀ (n - rows of P and O, n).
+    """
 
-    @functools.cached_property
-    def motion(self) -> np.ndarray:
-        """P (2 or 3, 3)."""
-        return freedom(self.robot).motion
-
-    @functools.cached_property
-    def turning(self) -> np.ndarray:
-        """O (0, 1 or 3, 3)."""
-        turning = freedom(self.robot).turning
-        return turning if self.keeps_orientation else turning[:0]
-
-    @functools.cached_property
-    def rotation(self) -> np.ndarray:
-        """R_0 (3, 3), of the last link at the start."""
-        return chain(self.robot, self.start).rotation
-
-    @functools.cached_property
-    def frozen(self) -> np.ndarray:
-        """Nᵀ (n - rows of P and O, n)."""
-        rows = self._moving(chain(self.robot, self.start))
-        return np.linalg.svd(rows)[2][len(rows) :]
+    def __init__(self, robot: Robot, start: np.ndarray, keeps_orientation: bool) -> None:
+        self.robot, self.start, can, now = robot, start, freedom(robot), chain(robot, start)
+        self.motion, self.turning = can.motion, can.turning if keeps_orientation else can.turning[:0]
+        self.rotation, rows = now.rotation, self._moving(now)
+        self.frozen: np.ndarray = np.linalg.svd(rows)[2][len(rows) :]
 
     def residual(self, now: Chain, q: np.ndarray, point: np.ndarray) -> np.ndarray:
         """Return f (..., n), in m and rad, at angles (..., n) for points (..., 3) [m]."""

@@ -85,10 +85,7 @@ class Circle:
     turns: float = -1.0
 
     def __post_init__(self) -> None:
-        checks.keep(self, "center", any_point("center", self.center, 2))
-        checks.keep(self, "radius", _size("radius", self.radius))
-        checks.keep(self, "start_angle", _number("start_angle", self.start_angle, "rad"))
-        checks.keep(self, "turns", _number("turns", self.turns, "turns"))
+        _keep_plane(self, {"start_angle": "rad", "turns": "turns"}, "radius")
         if abs(self.turns) < _FEWEST_TURNS:
             raise ValueError(f"turns = {self.turns} is out of range; allowed: ±[{_FEWEST_TURNS:g}, {_LARGEST:g}]")
 
@@ -147,9 +144,7 @@ class Lemniscate:
     angle: float = 0.0
 
     def __post_init__(self) -> None:
-        checks.keep(self, "center", any_point("center", self.center, 2))
-        checks.keep(self, "half_width", _size("half_width", self.half_width))
-        checks.keep(self, "angle", _number("angle", self.angle, "rad"))
+        _keep_plane(self, {"angle": "rad"}, "half_width")
 
     def points(self, s: ArrayLike) -> _Points:
         """Return p, dp/ds, d²p/ds² as in `TipPath`."""
@@ -187,12 +182,11 @@ class Spline:
             raise ValueError(
                 f"waypoints = {checks.shown(self.waypoints)} must be a sequence of points (x, y) [m]"
             ) from None
-        points = tuple(any_point(f"waypoints[{k}]", point) for k, point in enumerate(given))
+        size = len(any_point("waypoints[0]", given[0])) if given else None
+        points = tuple(any_point(f"waypoints[{k}]", point, size) for k, point in enumerate(given))
         if not 2 <= len(points) <= MOST_WAYPOINTS:
             found = f"{len(points)} point(s)" if len(points) < 2 else f"more than {MOST_WAYPOINTS} points"
             raise ValueError(f"waypoints holds {found}; allowed: 2 or more distinct points, at most {MOST_WAYPOINTS}")
-        for k, point in enumerate(points):
-            any_point(f"waypoints[{k}]", point, len(points[0]))
         checks.keep(self, "waypoints", points)
         checks.truth("closed", self.closed)
         last = len(points) if self.closed else len(points) - 1
@@ -231,12 +225,11 @@ def chord_spline(points: np.ndarray, *, closed: bool = False) -> CubicSpline:
     return CubicSpline(knots / knots[-1], points, bc_type="periodic" if closed else "not-a-knot")
 
 
-def _number(name: str, value: Any, unit: str) -> float:
-    return checks.real(name, value, unit, low=-_LARGEST, high=_LARGEST)
-
-
-def _size(name: str, value: Any) -> float:
-    return checks.real(name, value, "m", low=_MINIMUM_SPACING, high=_LARGEST)
+def _keep_plane(curve: Any, numbers: dict[str, str], size: str) -> None:
+    """Check and keep the center of a plane curve, its size [m], and other numbers by unit."""
+    checks.keep(curve, "center", any_point("center", curve.center, 2))
+    for name, unit, low in ((size, "m", _MINIMUM_SPACING), *((*one, -_LARGEST) for one in numbers.items())):
+        checks.keep(curve, name, checks.real(name, getattr(curve, name), unit, low=low, high=_LARGEST))
 
 
 def any_point(name: str, value: Any, size: int | None = None) -> Any:
@@ -269,8 +262,7 @@ class Square:
     half_side: float
 
     def __post_init__(self) -> None:
-        checks.keep(self, "center", any_point("center", self.center, 2))
-        checks.keep(self, "half_side", _size("half_side", self.half_side))
+        _keep_plane(self, {}, "half_side")
 
     def points(self, s: ArrayLike) -> _Points:
         """Return p [m], dp/ds and d²p/ds² [m], each (..., 2), as in `TipPath`."""

@@ -30,7 +30,7 @@ from fuzzyarm.envs.scenario.paths import Circle, Placed, TipPath
 
 __all__ = [
     "CHECKED_INSTANTS", "LONGEST", "SHORTEST", "SINGULARITY_MARGIN", "JointReference", "PathReference", "Reference",
-    "ReferenceSample", "TipSample", "along", "check_limits", "check_points", "corner_times", "joint_angles",
+    "ReferenceSample", "TipSample", "along", "check_limits", "corner_times", "joint_angles",
     "quintic_time_law", "time_at",
 ]  # fmt: skip
 
@@ -104,9 +104,9 @@ class Reference(abc.ABC):
     duration: float
 
     @property
-    @abc.abstractmethod
     def joints(self) -> int:
         """How many joints move: n."""
+        return int(self.sample(0.0).q.shape[-1])
 
     @property
     def circle(self) -> tuple[np.ndarray, float] | None:
@@ -138,6 +138,18 @@ class PathReference(Reference):
     """
 
     path: TipPath
+
+    def checked_instants(self, size: int) -> np.ndarray:
+        """Check a path of `size` coordinates and the duration; return instants (k,) [s] at which to check it."""
+        if not isinstance(self.path, TipPath):
+            raise TypeError(
+                f"path = {checks.shown(self.path)} must have a method points(s) with points (..., {size}), see "
+                "fuzzyarm.envs.scenario.paths.TipPath"
+            )
+        checks.keep(self, "duration", checks.real("duration", self.duration, "s", low=SHORTEST, high=LONGEST))
+        t = np.linspace(0.0, self.duration, CHECKED_INSTANTS)
+        _check_points(self.path, quintic_time_law(t, self.duration)[0], size)
+        return t
 
     @property
     def circle(self) -> tuple[np.ndarray, float] | None:
@@ -183,19 +195,12 @@ class JointReference(PathReference):
     parameters: ArmParameters = dataclasses.field(default_factory=ArmParameters)
 
     def __post_init__(self) -> None:
-        if not isinstance(self.path, TipPath):
-            raise TypeError(
-                f"path = {checks.shown(self.path)} must have a method points(s), see "
-                "fuzzyarm.envs.scenario.paths.TipPath"
-            )
-        checks.keep(self, "duration", checks.real("duration", self.duration, "s", low=SHORTEST, high=LONGEST))
         checks.instance("parameters", self.parameters, ArmParameters)
         if not checks.is_real(self.elbow_sign) or self.elbow_sign not in (1, -1):
             raise ValueError(
                 f"elbow_sign = {checks.shown(self.elbow_sign)} is out of range; allowed: 1 (q2 > 0) or -1 (q2 < 0)"
             )
-        t = np.linspace(0.0, self.duration, CHECKED_INSTANTS)
-        check_points(self.path, quintic_time_law(t, self.duration)[0], 2)
+        t = self.checked_instants(2)
         _check_reach(t, self.tip(t).position, self.parameters.length)
         motion = self.sample(t)
         low, high, speed, _ = bounds_of(self.parameters)
@@ -215,11 +220,6 @@ class JointReference(PathReference):
         pull = np.array(length) * omega**2
         centripetal = -np.stack([np.sum(pull * np.cos(phi), axis=-1), np.sum(pull * np.sin(phi), axis=-1)], axis=-1)
         return ReferenceSample(q, dq, solved(jacobian, acceleration - centripetal))
-
-    @property
-    def joints(self) -> int:
-        """Two."""
-        return len(self.parameters.length)
 
     def normals(self, t: ArrayLike) -> np.ndarray:
         """Return the left unit normals of the path, (..., 2)."""
@@ -245,7 +245,7 @@ def joint_angles(position: np.ndarray, length: tuple[float, float], elbow_sign: 
     return np.stack([np.arctan2(y * x0 - x * y0, x * x0 + y * y0), q2], axis=-1)
 
 
-def check_points(path: TipPath, s: np.ndarray, size: int) -> None:
+def _check_points(path: TipPath, s: np.ndarray, size: int) -> None:
     """Raise unless a path gives three arrays of points of `size` numbers, as `TipPath` says."""
     parts = path.points(s)
     if not isinstance(parts, tuple | list) or len(parts) != 3 or not all(isinstance(one, np.ndarray) for one in parts):

@@ -49,7 +49,6 @@ from fuzzyarm.envs.scenario.reference import (
     TipSample,
     along,
     check_limits,
-    check_points,
     corner_times,
     quintic_time_law,
     time_at,
@@ -119,32 +118,21 @@ class TipReference(PathReference):
     orientation: Literal["constant", "free"] = "constant"
 
     def __post_init__(self) -> None:
-        if not isinstance(self.path, TipPath):
-            raise TypeError(f"path = {checks.shown(self.path)} must have a method points(s) with points (..., 3)")
         checks.instance("robot", self.robot, Robot)
-        checks.keep(self, "duration", checks.real("duration", self.duration, "s", low=SHORTEST, high=LONGEST))
         checks.choice("orientation", self.orientation, ("constant", "free"))
         posture = home_posture(self.robot) if self.posture is None else self.posture
         checks.keep(self, "posture", _checked_angles("posture", posture, self.robot))
-        t = np.linspace(0.0, self.duration, CHECKED_INSTANTS)
-        s = quintic_time_law(t, self.duration)[0]
-        check_points(self.path, s, 3)
-        self._check_plane(t, self.path.points(s)[0])
+        t = self.checked_instants(3)
+        self._check_plane(t, self.tip(t).position)
         motion = self.sample(t)
         self._check_sharpness(t, motion.q)
-        advice = "Move or shrink the path, or start from another posture="
-        _check_limits(self.robot, t, motion, advice)
-
-    @property
-    def joints(self) -> int:
-        """The joints of the robot."""
-        return len(self.robot)
+        _check_limits(self.robot, t, motion, "Move or shrink the path, or start from another posture=")
 
     @property
     def keeps_orientation(self) -> bool:
         """Whether the last link keeps its rotation along the path."""
         can = freedom(self.robot)
-        return self.orientation == "constant" and self.joints >= len(can.motion) + len(can.turning)
+        return self.orientation == "constant" and len(self.robot) >= len(can.motion) + len(can.turning)
 
     def sample(self, t: ArrayLike) -> ReferenceSample:
         """Return q, q̇ = A⁻¹ (P ṗ, 0, 0) and q̈, shapes (..., n), at times t [s] of shape (...,)."""
@@ -319,14 +307,8 @@ class SplineReference(Reference):
                     "or more. Leave one of them out"
                 )
         t = np.linspace(0.0, self.duration, CHECKED_INSTANTS)
-        motion = self.sample(t)
         advice = "Add waypoints where the spline swings too far, or move them inwards"
-        _check_limits(self.robot, t, motion, advice)
-
-    @property
-    def joints(self) -> int:
-        """The joints of the robot."""
-        return len(self.robot)
+        _check_limits(self.robot, t, self.sample(t), advice)
 
     def sample(self, t: ArrayLike) -> ReferenceSample:
         """Return q, q̇ and q̈, shapes (..., n), at times t [s] of shape (...,)."""
