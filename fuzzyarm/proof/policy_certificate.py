@@ -16,8 +16,8 @@ from fuzzyarm.fuzzy_policy.laws.fuzzy import FuzzyPolicy
 from fuzzyarm.fuzzy_policy.laws.scheduled import ScheduledPolicy
 from fuzzyarm.fuzzy_policy.laws.tip import TipPolicy
 from fuzzyarm.fuzzy_policy.scheduled import FORM, ScheduledController
+from fuzzyarm.proof.certificate import controller_statement
 from fuzzyarm.proof.scheduled_certificate import scheduled_statement
-from fuzzyarm.proof.statement import statement
 
 __all__ = ["PolicyCertificate", "certificate_of", "tip_statement"]
 
@@ -51,7 +51,7 @@ def certificate_of(policy: object, reference: Reference) -> PolicyCertificate | 
         text = f"{law.text} {tip_statement(reference)}"
         return dataclasses.replace(law, text=text, bounds=bounds, any_reference=False)
     if isinstance(policy, FuzzyPolicy):
-        form, text = policy.controller.form, statement(policy.controller)
+        form, text = policy.controller.form, controller_statement(policy.controller)
     elif isinstance(policy, ScheduledPolicy):
         form, text = FORM, scheduled_statement(policy.controller)
     else:

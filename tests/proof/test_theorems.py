@@ -15,7 +15,7 @@ from slow_twins import slow_but
 from fuzzyarm.envs.physics.dynamics import arm_constants, mass_matrix, rigid_inverse_dynamics
 from fuzzyarm.envs.physics.parameters import ArmParameters
 from fuzzyarm.fuzzy_policy.ts_model import NAMED_RULES, PREMISES, TSModel, premises
-from fuzzyarm.proof import consistent_reference, theorems, vertices
+from fuzzyarm.proof import theorems, vertices
 from fuzzyarm.proof.vertices import error_vertices, tracking_vertices
 from fuzzyarm.synthesis.expressions import half
 
@@ -48,14 +48,14 @@ def positive(rng, n):
 
 def vertices_of(form, model, integral, common=False):
     if form == "theorem2":
-        return tracking_vertices(model, integral, WEIGHT, common_multiplier=common), theorems.psi
-    psi = {"consistent": consistent_reference.psi, "fastest pole": fastest_pole}[form]
+        return tracking_vertices(model, integral, WEIGHT, common_multiplier=common), theorems.tracking_psi
+    psi = {"consistent": theorems.error_psi, "fastest pole": fastest_pole}[form]
     return error_vertices(model, integral, common_multiplier=common), psi
 
 
 def fastest_pole(data, i, k, *, alpha, gamma2, **values):
     """Return Φ_ijk for β = `alpha`, by the signature of Ψ; there is no γ in it."""
-    return consistent_reference.phi(data, i, k, fastest_pole=alpha, **values)
+    return theorems.error_phi(data, i, k, fastest_pole=alpha, **values)
 
 
 def draw(rng, data, form):
@@ -84,7 +84,7 @@ def draw(rng, data, form):
 def test_theorem_2_without_uncertainty_has_the_rows_of_theorem_1(integral):
     data = tracking_vertices(TSModel(ARM, NAMED_RULES[32]), integral, WEIGHT)
     values = draw(np.random.default_rng(1), data, "theorem2")
-    Psi = theorems.psi(data, 5, 1, alpha=ALPHA, **values)
+    Psi = theorems.tracking_psi(data, 5, 1, alpha=ALPHA, **values)
     assert Psi.shape == (2 * (data.n_e + 4) + 2 + 6 + 4,) * 2
 
 
@@ -383,7 +383,9 @@ def solve_theorem_2(data, alpha):
         for k in range(N_e):
             common = {"alpha": alpha, "gamma2": gamma2, "P": P, "Q": Q, "X": X, "put": half}
             common["tau"] = cp.Variable(len(data.uncertainties))
-            one, other = (theorems.psi(data, a, k, M=M[b][k], L=L[b][k], **common) for a, b in ((i, j), (j, i)))
+            one, other = (
+                theorems.tracking_psi(data, a, k, M=M[b][k], L=L[b][k], **common) for a, b in ((i, j), (j, i))
+            )
             sums.append((one + other) + (one + other).T)
     negative = [total << -1e-3 * np.eye(total.shape[0]) for total in sums]
     cp.Problem(cp.Minimize(gamma2), bounded + negative + [cp.norm(m) <= 100.0 for row in M for m in row]).solve(

@@ -12,7 +12,7 @@ from slow_twins import slow_but
 from fuzzyarm.envs.physics.parameters import ArmParameters
 from fuzzyarm.fuzzy_policy.states import VELOCITY
 from fuzzyarm.fuzzy_policy.ts_model import NAMED_RULES, TSModel
-from fuzzyarm.proof import consistent_reference, theorems
+from fuzzyarm.proof import theorems
 from fuzzyarm.proof.block_matrix import symmetric
 from fuzzyarm.proof.vertices import error_vertices, tracking_vertices
 from fuzzyarm.synthesis import Specification, inequalities, search
@@ -71,7 +71,7 @@ def test_midpoints_of_the_vertices_are_the_mean_of_both_orders(which):
     P, M, L = rng.normal(size=(n, n)), rng.normal(size=(N, K, 2, data.n_e)), rng.normal(size=(N, K, 2, 6))
     P, pairs = P + P.T, list(itertools.product(enumerate(data.pairs), range(K)))
     Q, X, tau = rng.normal(size=(len(pairs), n, n)), rng.normal(size=(len(pairs), n, n)), rng.random((len(pairs), m))
-    psi = theorems.psi if form == "paper" else consistent_reference.psi
+    psi = theorems.tracking_psi if form == "paper" else theorems.error_psi
 
     def at(i, j, k, row, vertices=data, gains=M, feedforward=L):
         free = {"L": feedforward[j, k]} if form == "paper" else {}
@@ -104,9 +104,9 @@ def test_the_reduction_asks_for_no_more(which):
     S_b, S_a = np.eye(n)[:, VELOCITY], np.delete(np.eye(n), VELOCITY, axis=1)
     P, (Q, X) = rng.normal(size=(n, n)), rng.normal(size=(2, n, n))
     values = {"P": P + P.T, "M": rng.normal(size=(2, data.n_e)), "tau": rng.random(len(data.uncertainties))}
-    psi = consistent_reference.psi
+    psi = theorems.error_psi
     if which[0] == "paper":
-        psi, values["P"], values["L"] = theorems.psi, np.zeros((n, n)), rng.normal(size=(2, 6))
+        psi, values["P"], values["L"] = theorems.tracking_psi, np.zeros((n, n)), rng.normal(size=(2, 6))
         for block in (slice(data.n_e), slice(data.n_e, n)):
             values["P"][block, block] = (P + P.T)[block, block]
     U = problem._reduction("Psi")
@@ -127,11 +127,11 @@ def full_margin(problem, point):
             def one(i, j, k=k, values=values, phi=number == 1):
                 if phi:
                     beta = problem.specification.fastest_pole
-                    return consistent_reference.phi(data, i, k, fastest_pole=beta, M=point.M[j, k], **values)
+                    return theorems.error_phi(data, i, k, fastest_pole=beta, M=point.M[j, k], **values)
                 claim = {"alpha": point.alpha, "gamma2": point.gamma**2, "M": point.M[j, k], **values}
                 if problem.specification.form == "paper":
-                    return theorems.psi(data, i, k, L=point.L[j, k], **claim)
-                return consistent_reference.psi(data, i, k, **claim)
+                    return theorems.tracking_psi(data, i, k, L=point.L[j, k], **claim)
+                return theorems.error_psi(data, i, k, **claim)
 
             whole = -one(i, j) - one(j, i)
             unit = 1.0 / np.sqrt(np.diag(whole))
@@ -171,7 +171,7 @@ def test_same_optimum_as_with_all_slack(rules):
         for k in range(len(data.E)):
             tau = cp.multiply(unit["tau"], cp.Variable(len(s.uncertainty))) if len(s.uncertainty) else np.zeros(0)
             both = [
-                consistent_reference.psi(
+                theorems.error_psi(
                     data, a, k, alpha=20.0, gamma2=c * 4e-8, output=c**0.5, P=cp.multiply(unit["P"], P),
                     M=cp.multiply(unit["M"], M[b, k]), Q=Q, X=X, tau=tau, put=half,
                 )

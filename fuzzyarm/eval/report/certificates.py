@@ -31,6 +31,7 @@ from fuzzyarm.fuzzy_policy.controller import Controller
 from fuzzyarm.policies.spec import PolicySpec, resolve
 from fuzzyarm.policies.tip_bound import plain
 from fuzzyarm.policies.tip_files import BoundCheck, check_bound, check_cells, is_cells
+from fuzzyarm.proof.certificate import NOT_COVERED
 from fuzzyarm.proof.policy_certificate import certificate_of
 from fuzzyarm.proof.rigid_loop import (
     RigidLoop,
@@ -40,7 +41,6 @@ from fuzzyarm.proof.rigid_loop import (
     worst_posture,
     worst_torque,
 )
-from fuzzyarm.proof.statement import NOT_COVERED
 
 __all__ = [
     "SCOPE", "Observations", "Observed", "bound_charts", "bound_note", "checked_bounds", "observe", "observe_policies",

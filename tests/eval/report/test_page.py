@@ -20,7 +20,7 @@ from fuzzyarm.eval.report.certificates import Observed
 from fuzzyarm.eval.report.page import command, render_page
 from fuzzyarm.eval.report.payload import _shown, _within, replay_data
 from fuzzyarm.eval.report.summary import Axis, Bound, Errors, best, digits, draw_chart, error_charts, metrics_table
-from fuzzyarm.proof.statement import NOT_COVERED
+from fuzzyarm.proof.certificate import NOT_COVERED
 
 SEEN = {"fuzzy-4": Observed(20.5, 7e-5, "step"), "fuzzy-4-tip": "not observed: for a reason"}
 
