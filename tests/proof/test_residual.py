@@ -128,7 +128,7 @@ def test_a_peak_between_the_instants_is_bounded_too():
 def test_a_search_cut_short_gives_a_looser_bound(monkeypatch):
     model, reference = TSModel(ArmParameters(), NAMED_RULES[4]), JointReference()
     close = feedforward_residual(model, reference).bound
-    monkeypatch.setattr(residual, "MOST", 8)
+    monkeypatch.setattr(residual, "MOST_HALVED", 8)
     loose = feedforward_residual(model, reference).bound
     assert np.all(loose > close)
 
