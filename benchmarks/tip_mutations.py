@@ -106,12 +106,12 @@ MUTATIONS = (
         "columns[:, :constants] += 0.0", "test_tube.py", "corners",
     ),
     Mutation(
-        "constants where a velocity is bounded by itself", "constants.py",
-        "frictions[torque.channel].plan is Plan.MONOTONE:", "False:", "test_tube.py", "column_of_a_constant",
+        "constants where a velocity is bounded by itself", "remainders.py",
+        "if friction.plan is Plan.MONOTONE:", "if False:", "test_tube.py", "column_of_a_constant",
     ),
     Mutation(
-        "what the constants' columns leave", "constants.py", "rest[torque.channel] += torque.rest",
-        "rest[torque.channel] += 0.0", "test_tip_segment.py",
+        "what the constants' columns leave", "remainders.py", "self.rest[channel] += rest_size(torque) +",
+        "self.rest[channel] += 0.0 * rest_size(torque) + 0.0 *", "test_tip_segment.py",
     ),
     Mutation(
         "products of constants and the deviation", "period.py",

@@ -21,24 +21,12 @@ import numpy as np
 from fuzzyarm.envs.observation import JOINTS
 from fuzzyarm.envs.physics.dynamics import dry_frictions
 from fuzzyarm.proof.tip.centre import Mode, Segment
-from fuzzyarm.proof.tip.constants import Drive, constant_torques, drive
 from fuzzyarm.proof.tip.defects import PeriodMotion, TipForces, signal_range, signal_size
 from fuzzyarm.proof.tip.enclosures import ROUND_UP, SLACK, NoBound, low_high
 from fuzzyarm.proof.tip.friction import Friction, Plan, PlanFails, Speed
 from fuzzyarm.proof.tip.plant import BallPlant
-from fuzzyarm.proof.tip.remainders import LinkRemainder, lever_arms
-from fuzzyarm.proof.tip.transition import (
-    CHANNELS,
-    COUNT,
-    D_THETA,
-    ROW_COUNT,
-    ROWS,
-    STATES,
-    Linear,
-    Transition,
-    linear,
-    transition,
-)
+from fuzzyarm.proof.tip.remainders import Drive, LinkRemainder, lever_arms
+from fuzzyarm.proof.tip.transition import CHANNELS, ROW_COUNT, ROWS, STATES, Linear, Transition, linear, transition
 from fuzzyarm.proof.tip.zonotope import Zonotope, product
 
 __all__ = ["Closed", "Period", "TubeClaim"]
@@ -81,7 +69,7 @@ class Period:
         self._lever, self._lever_spread = lever_arms(self.motion, tip.direction, plant.exact)
         torques = self.motion.link_torques(force, plant.exact)
         self._defect = np.array([signal_size(d) for d in self.motion.link_defects(torques, plant.exact)])
-        self._constants = constant_torques(self.motion, force, plant)
+        self._constants = Drive.of(self.motion, force, plant)
         self._frictions: dict[tuple[int, Plan, Speed], Friction] = {}
         halves = {kind: np.array(plant.half(kind)) for kind in _PRODUCTS}
         self._within = [(halves["stiffness"], ROWS.bending), (halves["damping"], ROWS.bending_rate)]
@@ -114,7 +102,7 @@ class Period:
         if mode == Mode.REST and known == (0.0, 0.0):
             return Plan.HELD
         low, high = low_high(signal_range(self.motion.velocity[joint]))
-        spread = float(start.totals()[D_THETA][joint])
+        spread = float(start.totals()[ROWS.d_theta][joint])
         slips = mode in (Mode.FORWARD, Mode.BACKWARD) and min(abs(low), abs(high)) > 1.05 * spread and low * high > 0.0
         return Plan.SLIP if slips else Plan.MONOTONE
 
@@ -126,7 +114,7 @@ class Period:
             self.plant.middle, *self._links.at, self._lever, np.array([f.slope for f in frictions]),
             [p is Plan.HELD for p in plans], [p is Plan.MONOTONE for p in plans], self._links.products,
         )  # fmt: skip
-        driven, before = drive(self._constants, self.plant, frictions), start.totals()[D_THETA]
+        driven, before = self._constants.with_friction(self.plant, frictions), start.totals()[ROWS.d_theta]
         if claimed is None:
             self._check_monotone(self._least(start, system, frictions, driven, before), before, frictions)
         solution = transition(system, self._period)
@@ -270,5 +258,4 @@ class Period:
 
 
 _PRODUCTS = ("stiffness", "damping", "motor_inertia", "viscous_friction")
-_NAMES = [f"{kind} {axis}" for kind in ("motor", "link", "joint", "tip axis") for axis in (1, 2)]
-assert len(_NAMES) == COUNT
+_NAMES = [f"{kind} {axis}" for kind in ("motor", "link", "joint", "tip axis") for axis in (1, 2)]  # of the channels

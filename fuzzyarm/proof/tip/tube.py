@@ -22,7 +22,7 @@ from fuzzyarm.proof.tip.friction import Plan, Speed, check_curve
 from fuzzyarm.proof.tip.period import Closed, Period, TubeClaim
 from fuzzyarm.proof.tip.plant import BallPlant, PlantSet
 from fuzzyarm.proof.tip.sampled_law import PolicyLaw, Response
-from fuzzyarm.proof.tip.transition import CHANNELS, D_THETA, LINK, STATES, THETA
+from fuzzyarm.proof.tip.transition import CHANNELS, ROWS, STATES
 from fuzzyarm.proof.tip.zonotope import SOURCES, Zonotope
 
 __all__ = ["Problem", "Step", "Tube", "tip_bound"]
@@ -39,7 +39,7 @@ def tip_bound(state: np.ndarray, deviations: Zonotope, arm: Arm, wanted: list[fl
     |p(q) - p_r| <= |p(q_y) - p_r + J δq| + (L_1 δq_1² + L_2 (δq_1 + δq_2)²)/2. The zonotope J δq lies in the polygon
     that touches it in `DIRECTIONS` directions, and so does it with the centre's own error.
     """
-    angles = PerJoint(*(arb(x) for x in state[LINK].tolist()))
+    angles = PerJoint(*(arb(x) for x in state[ROWS.link].tolist()))
     tip = tip_point(angles, arm)
     x, y = largest(tip.x - wanted[0]), largest(tip.y - wanted[1])
     offset = math.hypot(x, y) * ROUND_UP
@@ -49,7 +49,7 @@ def tip_bound(state: np.ndarray, deviations: Zonotope, arm: Arm, wanted: list[fl
     jacobian = np.array([[centre(first[i]), centre(second[i])] for i in range(2)])
     turns = np.pi * np.arange(DIRECTIONS) / DIRECTIONS
     units = np.stack([np.cos(turns), np.sin(turns)], axis=1)
-    rows, links = units @ jacobian, deviations.part(LINK)
+    rows, links = units @ jacobian, deviations.part(ROWS.link)
     aside = np.abs(units @ [centre(tip.x) - wanted[0], centre(tip.y) - wanted[1]])
     reach, reached = _reach(links, rows, aside)
     direction = int(np.argmax(np.where(reached, reach + aside, 0.0)))
@@ -127,7 +127,7 @@ class Tube:
         self._state = problem.start
         memory = problem.law.memory
         self._memory = np.zeros(memory)
-        self._seen = [*range(STATES)[THETA], *range(STATES)[D_THETA], *range(STATES, STATES + memory)]
+        self._seen = [*range(STATES)[ROWS.theta], *range(STATES)[ROWS.d_theta], *range(STATES, STATES + memory)]
         numbers = STATES + memory + JOINTS * problem.plants.late  # the torque that acts one period late is the last
         self._set = Zonotope(numbers, len(plant.parameters))
         self._known: tuple[Speed, ...] = (Speed(0.0, 0.0),) * JOINTS
@@ -174,8 +174,8 @@ class Tube:
         """Return the constant friction of motors of whose velocity even the sign is not known for long."""
         if self.problem.plants.friction == "any":
             return [0.0] * JOINTS
-        spread = self._set.totals()[D_THETA]
-        slow = np.abs(self._state[D_THETA]) <= 1.05 * spread
+        spread = self._set.totals()[ROWS.d_theta]
+        slow = np.abs(self._state[ROWS.d_theta]) <= 1.05 * spread
         return [drag if slow[j] else None for j, drag in enumerate(self._drags)]
 
     def _force(self, k: int, begun: float, duration: float) -> TipForces:
@@ -228,7 +228,7 @@ class Tube:
         noise = noise[:, errors > 0.0]
         seen = Zonotope(len(self._seen), len(problem.plant.parameters))
         seen.columns, seen.box = np.hstack([z.columns[self._seen], noise]), z.box[self._seen]
-        point = np.concatenate([self._state[THETA], self._state[D_THETA], self._memory])
+        point = np.concatenate([self._state[ROWS.theta], self._state[ROWS.d_theta], self._memory])
         return self._held(problem.law.respond(k, point, seen))
 
     def _held(self, answer: Response) -> np.ndarray:
@@ -275,7 +275,7 @@ class Tube:
                 sources.append(_CHANNEL_SOURCE["motor"])
         sizes = z.totals()[:STATES] + sum(fresh, np.zeros(STATES))
         z.box[:STATES] += solution.beyond[:STATES] @ closed.torques
-        for name, channels in CHANNELS._asdict().items():
+        for name, channels in vars(CHANNELS).items():
             for channel in range(channels.start, channels.stop):
                 made = solution.moments[..., channel].reshape(-1, xi)[:, :STATES] * closed.torques[channel]
                 total = np.abs(made).sum(axis=0)
