@@ -85,7 +85,7 @@ MUTATIONS = (
     ),
     Mutation(
         "any friction", "friction.py",
-        "return (signal_size(self._needed) + self.share[1] * self.static[1]) * (1 + SLACK) + products",
+        "return (self._needed_size + self.share[1] * self.static[1]) * (1 + SLACK) + products",
         "return products", "test_tube.py", "any_friction",
     ),
     Mutation(

@@ -16,7 +16,7 @@ of the inverse kinematics, about m and about the ball I. The excess of the bound
 I, so the intervals with the largest bounds are halved until these are close to values that are attained. If that takes
 too long, the bound at that time is looser, but as valid.
 
-A spline is a polynomial on each piece; an interval gets the largest bound of all pieces that it may touch.
+Circles are bounded so; along any other path the residual is only sampled.
 """
 
 from __future__ import annotations
@@ -30,7 +30,7 @@ import numpy as np
 from flint import arb, arb_series
 
 from fuzzyarm.envs.observation import JOINTS
-from fuzzyarm.envs.scenario.paths import Circle, Lemniscate, Line, Spline
+from fuzzyarm.envs.scenario.paths import Circle
 from fuzzyarm.envs.scenario.reference import CHECKED_INSTANTS, JointReference
 from fuzzyarm.fuzzy_policy.states import VELOCITY
 from fuzzyarm.fuzzy_policy.ts_model import TSModel
@@ -48,7 +48,7 @@ class Residual(NamedTuple):
     """What the feedforward misses along a reference, for any state in the box."""
 
     sampled: np.ndarray  # largest ρ̄ (2,) [N m] at `reference.CHECKED_INSTANTS` instants
-    # bound (2,) [N m] of ρ̄ at every instant; None for a path of the user's own, and where none was found
+    # bound (2,) [N m] of ρ̄ at every instant; None for a path that is no circle, and where none was found
     bound: np.ndarray | None
 
 
@@ -56,8 +56,7 @@ def feedforward_residual(model: TSModel, reference: JointReference) -> Residual:
     """Return the feedforward residual of a model along a reference, sampled and bounded, see the module's docstring."""
     sampled = _sampled(model, reference)
     # A class derived from one of these may move otherwise.
-    known = type(reference) is JointReference and type(reference.path) in (Circle, Lemniscate, Line, Spline)
-    if not known:
+    if not (type(reference) is JointReference and type(reference.path) is Circle):
         return Residual(sampled, None)
     bound = _Bound(model, reference, sampled).largest()
     return Residual(sampled, bound if np.isfinite(bound).all() else None)
@@ -107,19 +106,12 @@ class _Bound:
 
     def _on(self, middle: float, half: float) -> list[arb]:
         """Return bounds of ρ̄_1 and ρ̄_2 on an interval; nan where the motion cannot be enclosed on it."""
-        start, ball = _time_law(middle, 0.0), _time_law(middle, half)
-        worst = [arb(0), arb(0)]
-        pieces = _pieces(self.reference.path, ball[0])
-        for piece in pieces:
-            at_middle, around = self._motion(piece, start), self._motion(piece, ball)
-            if at_middle is None or around is None:
-                return [arb.nan(), arb.nan()]
-            for joint in range(JOINTS):
-                value, bound = self._residual(joint, at_middle, around, half)
-                worst[joint] = worst[joint].max(bound)
-                if len(pieces) == 1:  # otherwise the piece may be another one at the midpoint
-                    self.attained[joint] = self.attained[joint].max(value.lower())
-        return worst
+        start, ball = self._motion(_time_law(middle, 0.0)), self._motion(_time_law(middle, half))
+        if start is None or ball is None:
+            return [arb.nan(), arb.nan()]
+        values, bounds = zip(*(self._residual(joint, start, ball, half) for joint in range(JOINTS)), strict=True)
+        self.attained = [old.max(value.lower()) for old, value in zip(self.attained, values, strict=True)]
+        return list(bounds)
 
     def _residual(self, joint: int, start: list[list[arb]], ball: list[list[arb]], half: float) -> tuple[arb, arb]:
         """Return ρ̄_j at the midpoint, and its bound on the interval; motions as `_motion` returns them."""
@@ -134,11 +126,14 @@ class _Bound:
             bound += (g + slope * reach).abs_upper()
         return value, bound
 
-    def _motion(self, piece: Any, s: arb_series) -> list[list[arb]] | None:
+    def _motion(self, s: arb_series) -> list[list[arb]] | None:
         """Return the derivatives 0 to 3 of (q_1, q_2) by time, for s as a series in x; None if they are not finite."""
-        path, length = self.reference.path, self.reference.parameters.length
+        path: Any = self.reference.path  # a `Circle`
+        psi = arb(path.start_angle) + 2 * arb.pi() * arb(path.turns) * s
+        away = arb(path.radius) * psi.cos(), arb(path.radius) * psi.sin()
+        point = [arb(center) + part for center, part in zip(path.center, away, strict=True)]
         try:
-            angles = _joint_angles(_point(path, piece, s), length, int(self.reference.elbow_sign))
+            angles = _joint_angles(point, self.reference.parameters.length, int(self.reference.elbow_sign))
         except (ValueError, ZeroDivisionError):
             return None
         result = [
@@ -159,37 +154,6 @@ def _time_law(middle: float, half: float) -> arb_series:
 
 
 _series = functools.partial(arb_series, prec=_ORDER)
-
-
-def _pieces(path: Any, s: arb) -> list[int]:
-    """Return the pieces of a path that a ball of s may touch; all paths but a spline have one."""
-    if not isinstance(path, Spline):
-        return [0]
-    knots = path.polynomials[0]
-    low, high = float(s.lower()) - 1e-12, float(s.upper()) + 1e-12
-    first, last = np.searchsorted(knots, [low, high], side="right") - 1
-    return list(range(max(int(first), 0), min(int(last), len(knots) - 2) + 1))
-
-
-def _point(path: Any, piece: int, s: arb_series) -> list[arb_series]:
-    """Return x and y of a path at s."""
-    if isinstance(path, Line):
-        return [arb(start) + (arb(end) - arb(start)) * s for start, end in zip(path.start, path.end, strict=True)]
-    if isinstance(path, Spline):
-        knots, coefficients = path.polynomials
-        along, point = s - arb(float(knots[piece])), [_series([0])] * 2
-        for both in coefficients[:, piece, :2].tolist():
-            point = [total * along + arb(coefficient) for total, coefficient in zip(point, both, strict=True)]
-        return point
-    if isinstance(path, Circle):
-        psi = arb(path.start_angle) + 2 * arb.pi() * arb(path.turns) * s
-        away = arb(path.radius) * psi.cos(), arb(path.radius) * psi.sin()
-    else:
-        theta = 2 * arb.pi() * s
-        long, short = arb(path.half_width) * theta.sin(), arb(path.half_width) * theta.sin() * theta.cos()
-        cos, sin = arb(path.angle).cos(), arb(path.angle).sin()
-        away = cos * long - sin * short, sin * long + cos * short
-    return [arb(center) + part for center, part in zip(path.center, away, strict=True)]
 
 
 def _joint_angles(point: list[arb_series], length: tuple[float, float], elbow_sign: int) -> list[arb_series]:

@@ -53,7 +53,7 @@ class Space:
     def variables(self, point: np.ndarray) -> list[Affine]:
         """Return the numbers of the zonotope, which are counted from a point."""
         parts = zip(point.tolist(), np.eye(len(point)), self._totals.tolist(), strict=True)
-        return [Affine(self, x, row, size, 0.0).within(size) for x, row, size in parts]
+        return [Affine(self, x, row, size, 0.0, size) for x, row, size in parts]
 
     def number(self, x: Any) -> Affine:
         """Return a number as one of this space."""
@@ -138,8 +138,8 @@ class Space:
         terms = np.abs(middle) + size + positive @ (np.abs(middles) + sizes)
         middle, size = middle + G @ middles, (size + positive @ sizes) * ROUND_UP
         rest = (rest + positive @ rests + (len(given) + 2) * 0.5 * ROUND * terms) * ROUND_UP + TINY
-        numbers = map(Affine, [self] * len(rows), middle.tolist(), rows, size.tolist(), rest.tolist())
-        return [one.within(far) for one, far in zip(numbers, self.reach(rows).tolist(), strict=True)]
+        known = (part.tolist() for part in (size, rest, self.reach(rows)))
+        return list(map(Affine, [self] * len(rows), middle.tolist(), rows, *known))
 
 
 class Affine:
@@ -149,10 +149,12 @@ class Affine:
     __array_ufunc__ = None
     __hash__ = None  # type: ignore[assignment]
 
-    def __init__(self, space: Space, middle: float, row: np.ndarray, size: float, rest: float) -> None:
+    def __init__(
+        self, space: Space, middle: float, row: np.ndarray, size: float, rest: float, reach: float | None = None
+    ) -> None:
         # c; r over the deviations and the first unknowns; a bound of |r (ξ, g)| that is quick and wide; one of |β|
         self.space, self.middle, self.row, self.size, self.rest = space, middle, row, size, rest
-        self._reach: float | None = None
+        self._reach = None if reach is None else reach * UP  # the bound that is asked for, where it is known already
         self.parts: tuple[Any, Any] | None = None  # of a maximum that is not decided, the two numbers
 
     def reach(self) -> float:
@@ -160,11 +162,6 @@ class Affine:
         if self._reach is None:
             self._reach = float(self.space.reach(self.row[np.newaxis])[0])
         return self._reach
-
-    def within(self, reach: float | None) -> Affine:
-        """Return this number, whose `reach` is known already; None where it is not."""
-        self._reach = None if reach is None else reach * UP
-        return self
 
     def range(self) -> tuple[float, float]:
         """Return floats that enclose the number from both sides; `NoBound` where it may be anything."""
@@ -186,16 +183,16 @@ class Affine:
             row[: len(self.row)], row[-1] = self.row, left
             self.space.unknowns += 1
             return Affine(self.space, self.middle, row, (self.size + left) * UP, self.rest)
-        return Affine(self.space, self.middle, self.row, self.size, (self.rest + left) * UP).within(self._reach)
+        return Affine(self.space, self.middle, self.row, self.size, (self.rest + left) * UP, self._reach)
 
     def __neg__(self) -> Affine:
-        return Affine(self.space, -self.middle, -self.row, self.size, self.rest).within(self._reach)
+        return Affine(self.space, -self.middle, -self.row, self.size, self.rest, self._reach)
 
     def __add__(self, other: Any) -> Any:
         if isinstance(other, Places):
             return NotImplemented
         if not isinstance(other, Affine):
-            return _rounded(self, self.middle + float(other), self.row, self.size, self.rest).within(self._reach)
+            return _rounded(self, self.middle + float(other), self.row, self.size, self.rest, self._reach)
         row, size = _sum(self.row, other.row), self.size + other.size
         return _rounded(self, self.middle + other.middle, row, size, self.rest + other.rest)
 
@@ -215,8 +212,8 @@ class Affine:
             if factor == 0.0 and self.range():
                 return 0.0
             size, rest = abs(factor) * self.size, abs(factor) * self.rest
-            made = _rounded(self, factor * self.middle, factor * self.row, size, rest)
-            return made.within(None if self._reach is None else abs(factor) * self._reach)
+            reach = None if self._reach is None else abs(factor) * self._reach
+            return _rounded(self, factor * self.middle, factor * self.row, size, rest, reach)
         a, b = self.middle, other.middle
         row, size = _sum(a * other.row, b * self.row), abs(a) * other.size + abs(b) * self.size
         rest = abs(a) * other.rest + abs(b) * self.rest
@@ -294,9 +291,11 @@ def _sum(a: np.ndarray, b: np.ndarray) -> np.ndarray:
     return total
 
 
-def _rounded(of: Affine, middle: float, row: np.ndarray, size: float, rest: float) -> Affine:
+def _rounded(
+    of: Affine, middle: float, row: np.ndarray, size: float, rest: float, reach: float | None = None
+) -> Affine:
     """Return the result of an operation, with what floats round in it."""
-    return Affine(of.space, middle, row, size * UP, (rest + ROUND * (abs(middle) + size)) * UP + TINY)
+    return Affine(of.space, middle, row, size * UP, (rest + ROUND * (abs(middle) + size)) * UP + TINY, reach)
 
 
 # Choices ---------------------------------------------------------------------------------------------------------
