@@ -123,7 +123,7 @@ MUTATIONS = (
         "test_tip_segment.py", "between",
     ),
     Mutation(
-        "change of the centre's end", "tube.py", "        deviations.box[:STATES] += moved", "        pass",
+        "change of the centre's end", "tube.py", "        deviations.box[:STATES] += list(map(radius_of, before, after.tolist()))", "        pass",
         "test_tip_segment.py",
     ),
     Mutation(
