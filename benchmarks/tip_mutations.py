@@ -52,10 +52,10 @@ MUTATIONS = (
         "test_enclosures.py", "masses",
     ),
     Mutation(
-        "what the series of the links leave", "defects.py", "q[ORDER]]", "arb(0)]", "test_enclosures.py", "series",
+        "what the series of the links leave", "defects.py", "q[_ORDER]]", "arb(0)]", "test_enclosures.py", "series",
     ),
     Mutation(
-        "what the series of the friction leave", "defects.py", "far[ORDER]]\n", "arb(0)]\n", "test_enclosures.py",
+        "what the series of the friction leave", "defects.py", "far[_ORDER]]\n", "arb(0)]\n", "test_enclosures.py",
         "series",
     ),
     Mutation(
@@ -123,7 +123,8 @@ MUTATIONS = (
         "test_tip_segment.py", "between",
     ),
     Mutation(
-        "change of the centre's end", "tube.py", "        deviations.box[:STATES] += list(map(radius_of, before, after.tolist()))", "        pass",
+        "change of the centre's end", "tube.py",
+        "        deviations.box[:STATES] += list(map(radius_of, before, after.tolist()))", "        pass",
         "test_tip_segment.py",
     ),
     Mutation(

@@ -36,6 +36,8 @@ from typing import Any, NamedTuple
 import numpy as np
 from flint import arb, arb_mat
 
+from fuzzyarm.proof.definiteness import is_dominant
+
 __all__ = ["BASIS", "TrigMatrix", "control_weights", "cover", "first_boxes", "proven_in_balls", "widened"]
 
 BASIS = 5  # functions of one angle: 1, cos q, sin q, cos 2q, sin 2q
@@ -286,12 +288,10 @@ def _proven(matrix: TrigMatrix, coefficients: list[arb], box: np.ndarray) -> boo
         factors = np.linalg.inv(np.linalg.cholesky(numbers))
     except np.linalg.LinAlgError:
         return False
-    return all(_dominant(control, T, matrix.size) for control, T in zip(controls, factors, strict=True))
-
-
-def _dominant(control: list[arb], T: np.ndarray, size: int) -> bool:
-    """Return whether T A Tᵀ is strictly diagonally dominant with a positive diagonal, for A _packed in `control`."""
-    A = [[control[max(i, j) * (max(i, j) + 1) // 2 + min(i, j)] for j in range(size)] for i in range(size)]
-    left = arb_mat(T.tolist())
-    rows = (left * arb_mat(A) * left.transpose()).tolist()
-    return all(row[i] > sum((abs(row[j]) for j in range(size) if j != i), arb(0)) for i, row in enumerate(rows))
+    # The place of each entry of a matrix in its lower triangle.
+    places = _unpacked(np.arange(triangle), matrix.size).tolist()
+    for control, T in zip(controls, factors.tolist(), strict=True):
+        left = arb_mat(T)
+        if not is_dominant(left * arb_mat([[control[at] for at in row] for row in places]) * left.transpose()):
+            return False
+    return True

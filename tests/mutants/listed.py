@@ -72,7 +72,7 @@ MUTANTS = (
     Mutant("controller-gamma", CONTROLLER, 'real("gamma", self.gamma, low=GAINS[0], high=GAINS[1])', 'real("gamma", self.gamma)', BADLY),
     Mutant("controller-pole", CONTROLLER, "above=alpha, high=RATES[1])", "above=0.0, high=RATES[1])", BADLY),
     # Proofs of the rigid arm.
-    Mutant("definite-dominance", f"{PROOF}/definiteness.py", "sum((abs(product[i, j])", "sum((product[i, j]", "tests/proof/test_definiteness.py"),
+    Mutant("definite-dominance", f"{PROOF}/definiteness.py", "sum((abs(x)", "sum((x", "tests/proof/test_definiteness.py"),
     Mutant("definite-symmetric", f"{PROOF}/definiteness.py", "    if not np.array_equal(matrix, matrix.T):", "    if False:", "tests/proof/test_definiteness.py"),
     Mutant("definite-stated", f"{PROOF}/definiteness.py", "rational(Fraction(repr(float(value))))", "rational(float(value))", "tests/proof/test_stated_numbers.py"),
     Mutant("certify-P", f"{PROOF}/certificate.py", 'claims = [Claim.of("P > 0", P)]', "claims: list[Claim] = []", FORGED),

@@ -20,9 +20,9 @@ What the proof takes from the friction curve of the physics, checked on balls.
     F(0) = Γ_fs,      -s <= dF/dv <= 0,      d²F/dv² <= 0 below the inflection,      d²F/dv² >= 0 above it.
 
 At the inflection itself, in a range of relative width 2e-9, -s <= dF/dv and d³F/dv³ >= 0. Beyond `_FAR` inflections no
-ball tells the sign of what is left of the fall: there |dF/dv| <= 2^-40 s and |F - F(∞)| <= 2^-40 Γ_fs, which `_strength`
-and `_slopes` add. All are coefficients of the power series of the curve itself, `STRIBECK.magnitude`, about balls that
-cover the speeds up to 2^100 inflections; a ball that decides nothing is halved.
+ball tells the sign of what is left of the fall: there |dF/dv| <= 2^-40 s and |F - F(∞)| <= 2^-40 Γ_fs, which
+`_slopes` and `_strength` add. All are coefficients of the power series of the curve itself, `STRIBECK.magnitude`, about
+balls that cover the speeds up to 2^100 inflections; a ball that decides nothing is halved.
 """
 
 from __future__ import annotations

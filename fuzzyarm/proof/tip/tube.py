@@ -21,7 +21,7 @@ from fuzzyarm.proof.tip.enclosures import BITS, ROUND_UP, SLACK, NoBound, centre
 from fuzzyarm.proof.tip.friction import Plan, Speed, check_curve
 from fuzzyarm.proof.tip.period import Closed, Period, TubeClaim
 from fuzzyarm.proof.tip.plant import BallPlant, PlantSet
-from fuzzyarm.proof.tip.sampled_law import PolicyLaw, Response
+from fuzzyarm.proof.tip.sampled_law import Response, SampledLaw
 from fuzzyarm.proof.tip.transition import CHANNELS, ROWS, STATES
 from fuzzyarm.proof.tip.zonotope import SOURCES, Zonotope
 
@@ -70,8 +70,8 @@ def _reach(links: Zonotope, rows: np.ndarray, aside: np.ndarray) -> tuple[np.nda
     """Return the reach in the directions that count, zero in the others, and which these are.
 
     The farthest point v of a symmetric set with reach h is seen from the nearest of the `_COARSE` directions c under an
-    angle of at most α = π _COARSE/(2 _DIRECTIONS), so h(c) >= |v| cos α >= h(c') cos α for all c'. Only around such c are
-    the others needed. The two sets are that of the deviations and the one that the centre's own error makes of it.
+    angle of at most α = π _COARSE/(2 _DIRECTIONS), so h(c) >= |v| cos α >= h(c') cos α for all c'. Only around such c
+    are the others needed. The two sets are that of the deviations and the one that the centre's own error makes of it.
     """
     coarse = np.arange(0, _DIRECTIONS, _COARSE)
     reach, reached = np.zeros(_DIRECTIONS), np.zeros(_DIRECTIONS, dtype=bool)
@@ -95,7 +95,7 @@ class Problem:
     start: np.ndarray  # state (8,) in which the environment begins: at rest, the links on the reference
     schedule: Schedule  # reference, tip force and target of every control step
     period: float  # T [s]
-    law: PolicyLaw  # the policy, sample by sample
+    law: SampledLaw  # the policy, sample by sample
     plants: PlantSet  # the set
     plant: BallPlant  # its arms
 
