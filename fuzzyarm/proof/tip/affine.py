@@ -142,6 +142,91 @@ class Space:
         return list(map(Affine, [self] * len(rows), middle.tolist(), rows, *known))
 
 
+class Line(NamedTuple):
+    """f(z), a ball, or what stands in its place; λ; and the rest."""
+
+    value: Any
+    slope: float
+    rest: float
+
+
+@dataclasses.dataclass(frozen=True)
+class _Bend:
+    """A function of one number."""
+
+    # value, rate, curvature: f, f' and f'' on balls
+    value: Callable[[Any], Any]
+    rate: Callable[[Any], Any]
+    curvature: Callable[[Any], Any]
+    floats: float = 0.0  # by how much the law's floats may err; of |f| if `relative`
+    relative: bool = False
+    even: bool = False  # f is even and falls with |x|, so that its values at both ends are known on a range
+    rising: bool = False  # f rises, and f' is even and falls with |x|
+
+    def line(self, z: float, r: float) -> Line:
+        """Return the best known line for |x - z| <= r."""
+        at, around = arb(z), arb(z, r)
+        f, slope = self.value(at), self.rate(at)
+        tangent = centre(slope)
+        low, high = low_high(self.curvature(around))
+        low, high = 0.25 * min(low, 0.0) * r * r, 0.25 * max(high, 0.0) * r * r
+        best = Line(f + (low + high), tangent, ((high - low) + radius_of(slope, tangent) * r) * ROUND_UP)
+        far, close = abs(z) + r, max(abs(z) - r, 0.0)
+        if self.rising:  # f - λ x does not fall for the least f', and is between its values at both ends
+            least = low_high(self.rate(arb(far * ROUND_UP)))[0]
+            first, last = (self.value(end) - least * (end - at) for end in (at - r, at + r))
+            best = min(best, _flat(first.union(last), least), key=lambda line: line.rest)
+        if self.even:
+            ends = self.value(arb(far * ROUND_UP)).union(self.value(arb(close / ROUND_UP)))
+            best = min(best, _flat(ends, 0.0), key=lambda line: line.rest)
+        return best
+
+
+def _flat(values: Any, slope: float) -> Line:
+    """Return the line of a function less λ (x - z), which has these values."""
+    middle = centre(values)
+    return Line(arb(middle), slope, radius_of(values, middle))
+
+
+def _sinc_rate(x: Any) -> Any:
+    """Return (cos x - sinc x)/x, at most |x|/3."""
+    return (x.cos() - x.sinc()) / x if float(x.abs_lower()) > 1e-6 else between(-1.0, 1.0) * x / 3
+
+
+def _square(x: Any) -> Any:
+    """Return x², which is nowhere negative on a ball."""
+    least, most = x.abs_lower(), x.abs_upper()
+    return (least * least).union(most * most)
+
+
+def _one_by(x: Any) -> Any:
+    """Return 1/x, which falls where it has one sign."""
+    return (1 / x.lower()).union(1 / x.upper())
+
+
+def _tanh(x: Any) -> Any:
+    """Return tanh x, which rises."""
+    return x.lower().tanh().union(x.upper().tanh())
+
+
+_SINE = _Bend(arb.sin, arb.cos, lambda x: -x.sin(), 2.0**-46)
+_COSINE = _Bend(arb.cos, lambda x: -x.sin(), lambda x: -x.cos(), 2.0**-46)
+_SINC = _Bend(arb.sinc, _sinc_rate, lambda x: between(-1.0, 1.0) / 3, 2.0**-46)
+_INVERSE = _Bend(_one_by, lambda x: -_square(_one_by(x)), lambda x: 2 * _one_by(x) * _square(_one_by(x)))
+_GAUSSIAN = _Bend(
+    lambda x: (-_square(x)).exp(), lambda x: -2 * x * (-_square(x)).exp(),
+    lambda x: (4 * _square(x) - 2) * (-_square(x)).exp(), 2.0**-44, even=True,
+)  # fmt: skip
+_TANH = _Bend(
+    arb.tanh, lambda x: 1 - _square(_tanh(x)), lambda x: 2 * _tanh(x) * (_square(_tanh(x)) - 1), 2.0**-48,
+    relative=True, rising=True,
+)  # fmt: skip
+_ASINH = _Bend(
+    arb.asinh, lambda x: (1 + _square(x)).rsqrt(), lambda x: -x * (1 + _square(x)).rsqrt() / (1 + _square(x)), 2.0**-48,
+    relative=True, rising=True,
+)  # fmt: skip
+
+
 class Affine:
     """An affine number."""
 
@@ -240,22 +325,14 @@ class Affine:
             raise NoBound("the law divides by a number that may be zero")
         return _bent(_INVERSE, self)
 
-    def sin(self) -> Affine:
-        """Return the sine."""
-        return self._turned(_SINE)
-
-    def cos(self) -> Affine:
-        """Return the cosine."""
-        return self._turned(_COSINE)
-
-    def sinc(self) -> Affine:
-        """Return sin(x)/x."""
-        return self._turned(_SINC)
-
     def _turned(self, function: _Bend) -> Affine:
         if not self.largest() < _FARTHEST:
             raise NoBound(f"the law asks for the sine of an angle beyond {_FARTHEST:g} rad")
         return _bent(function, self)
+
+    sin = functools.partialmethod(_turned, _SINE)
+    cos = functools.partialmethod(_turned, _COSINE)
+    sinc = functools.partialmethod(_turned, _SINC)
 
     def __bool__(self) -> bool:
         return bool(self != 0.0)
@@ -445,52 +522,6 @@ KINDS[Affine], KINDS[Places], KINDS[_Undecided] = _Numbers, _Places, _Choices
 # Functions -------------------------------------------------------------------------------------------------------
 
 
-class Line(NamedTuple):
-    """f(z), a ball, or what stands in its place; λ; and the rest."""
-
-    value: Any
-    slope: float
-    rest: float
-
-
-@dataclasses.dataclass(frozen=True)
-class _Bend:
-    """A function of one number."""
-
-    # value, rate, curvature: f, f' and f'' on balls
-    value: Callable[[Any], Any]
-    rate: Callable[[Any], Any]
-    curvature: Callable[[Any], Any]
-    floats: float = 0.0  # by how much the law's floats may err; of |f| if `relative`
-    relative: bool = False
-    even: bool = False  # f is even and falls with |x|, so that its values at both ends are known on a range
-    rising: bool = False  # f rises, and f' is even and falls with |x|
-
-    def line(self, z: float, r: float) -> Line:
-        """Return the best known line for |x - z| <= r."""
-        at, around = arb(z), arb(z, r)
-        f, slope = self.value(at), self.rate(at)
-        tangent = centre(slope)
-        low, high = low_high(self.curvature(around))
-        low, high = 0.25 * min(low, 0.0) * r * r, 0.25 * max(high, 0.0) * r * r
-        best = Line(f + (low + high), tangent, ((high - low) + radius_of(slope, tangent) * r) * ROUND_UP)
-        far, close = abs(z) + r, max(abs(z) - r, 0.0)
-        if self.rising:  # f - λ x does not fall for the least f', and is between its values at both ends
-            least = low_high(self.rate(arb(far * ROUND_UP)))[0]
-            first, last = (self.value(end) - least * (end - at) for end in (at - r, at + r))
-            best = min(best, _flat(first.union(last), least), key=lambda line: line.rest)
-        if self.even:
-            ends = self.value(arb(far * ROUND_UP)).union(self.value(arb(close / ROUND_UP)))
-            best = min(best, _flat(ends, 0.0), key=lambda line: line.rest)
-        return best
-
-
-def _flat(values: Any, slope: float) -> Line:
-    """Return the line of a function less λ (x - z), which has these values."""
-    middle = centre(values)
-    return Line(arb(middle), slope, radius_of(values, middle))
-
-
 def _bent(function: _Bend, x: Affine) -> Affine:
     x.range()
     line = function.line(x.middle, (x.reach() + x.rest) * UP)
@@ -498,45 +529,6 @@ def _bent(function: _Bend, x: Affine) -> Affine:
     rest = slope * x.rest + radius_of(line.value, middle)
     rest += function.floats * (abs(middle) + slope * (x.size + x.rest) + line.rest if function.relative else 1.0)
     return _rounded(x, middle, line.slope * x.row, slope * x.size, rest).widened(line.rest, fresh=True)
-
-
-def _sinc_rate(x: Any) -> Any:
-    """Return (cos x - sinc x)/x, at most |x|/3."""
-    return (x.cos() - x.sinc()) / x if float(x.abs_lower()) > 1e-6 else between(-1.0, 1.0) * x / 3
-
-
-def _square(x: Any) -> Any:
-    """Return x², which is nowhere negative on a ball."""
-    least, most = x.abs_lower(), x.abs_upper()
-    return (least * least).union(most * most)
-
-
-def _one_by(x: Any) -> Any:
-    """Return 1/x, which falls where it has one sign."""
-    return (1 / x.lower()).union(1 / x.upper())
-
-
-def _tanh(x: Any) -> Any:
-    """Return tanh x, which rises."""
-    return x.lower().tanh().union(x.upper().tanh())
-
-
-_SINE = _Bend(arb.sin, arb.cos, lambda x: -x.sin(), 2.0**-46)
-_COSINE = _Bend(arb.cos, lambda x: -x.sin(), lambda x: -x.cos(), 2.0**-46)
-_SINC = _Bend(arb.sinc, _sinc_rate, lambda x: between(-1.0, 1.0) / 3, 2.0**-46)
-_INVERSE = _Bend(_one_by, lambda x: -_square(_one_by(x)), lambda x: 2 * _one_by(x) * _square(_one_by(x)))
-_GAUSSIAN = _Bend(
-    lambda x: (-_square(x)).exp(), lambda x: -2 * x * (-_square(x)).exp(),
-    lambda x: (4 * _square(x) - 2) * (-_square(x)).exp(), 2.0**-44, even=True,
-)  # fmt: skip
-_TANH = _Bend(
-    arb.tanh, lambda x: 1 - _square(_tanh(x)), lambda x: 2 * _tanh(x) * (_square(_tanh(x)) - 1), 2.0**-48,
-    relative=True, rising=True,
-)  # fmt: skip
-_ASINH = _Bend(
-    arb.asinh, lambda x: (1 + _square(x)).rsqrt(), lambda x: -x * (1 + _square(x)).rsqrt() / (1 + _square(x)), 2.0**-48,
-    relative=True, rising=True,
-)  # fmt: skip
 
 
 def _stick_slip(velocity: Affine, acceleration: Affine, deceleration: Affine, duration: Affine) -> tuple[Any, Any]:

@@ -48,8 +48,8 @@ Axis = tuple[str, int]  # a field of `RANGES` and a joint; 0 where the range is 
 AXES: list[Axis] = [(name, joint) for name in RANGES for joint in range(JOINTS if name in BY_JOINT else 1)]
 """All ranges of a set, joint by joint."""
 
-LIMITS = {"force_swing": ("", 10.0), "force_course": ("N", 1e6)}
-NOISIEST = 1e3  # rad, rad/s
+_LIMITS = {"force_swing": ("", 10.0), "force_course": ("N", 1e6)}
+_NOISIEST = 1e3  # rad, rad/s
 _LONGEST_LABEL = 60  # characters
 
 
@@ -82,18 +82,17 @@ class PlantSet:
             for name in RANGES:
                 object.__setattr__(self, name, _checked(name, getattr(self, name)))
             checks.choice("friction", self.friction, ("law", "any"))
-            for name, (unit, high) in LIMITS.items():
+            for name, (unit, high) in _LIMITS.items():
                 object.__setattr__(self, name, checks.real(name, getattr(self, name), unit, low=0.0, high=high))
-            object.__setattr__(self, "noise", checks.reals("noise", self.noise, 2, low=0.0, high=NOISIEST))
+            object.__setattr__(self, "noise", checks.reals("noise", self.noise, 2, low=0.0, high=_NOISIEST))
             object.__setattr__(self, "late", checks.whole("late", self.late, high=1))
         except TypeError as error:
             raise ValueError(str(error)) from None
 
     def of_joint(self, name: str, joint: int) -> Range:
         """Return the range of a factor of `BY_JOINT` for a joint; any other range as it is."""
-        given = getattr(self, name)
-        chosen: Range = given[joint] if isinstance(given[0], tuple) else given
-        return chosen
+        given: Any = getattr(self, name)
+        return given[joint] if isinstance(given[0], tuple) else given  # type: ignore[no-any-return]
 
     def to_dict(self) -> dict[str, Any]:
         """Return the fields as plain numbers and lists."""
@@ -156,19 +155,14 @@ def ranges_in_words(plants: PlantSet, others: PlantSet | None = None) -> str:
     for name, joint in AXES:
         low, high = plants.of_joint(name, joint)
         if (low, high) != others.of_joint(name, joint):
-            unit = " kg" if name == "payload" else " times"
-            words.append(
-                f"{name}{f' {joint + 1}' if name in BY_JOINT else ''} from {exactly(low)} to {exactly(high)}{unit}"
-            )
-    if plants.friction != others.friction:
-        words.append(f"friction {plants.friction}")
-    words += [
-        f"{name} {exactly(getattr(plants, name))}" for name in LIMITS if getattr(plants, name) != getattr(others, name)
-    ]
-    if plants.noise != others.noise:
-        words.append(f"encoder errors up to {exactly(plants.noise[0])} rad and {exactly(plants.noise[1])} rad/s")
-    if plants.late != others.late:
-        words.append(f"torques {plants.late} control period late")
+            whose, unit = f" {joint + 1}" if name in BY_JOINT else "", " kg" if name == "payload" else " times"
+            words.append(f"{name}{whose} from {exactly(low)} to {exactly(high)}{unit}")
+    angle, speed = map(exactly, plants.noise)
+    said = {"friction": f"friction {plants.friction}"}
+    said |= {name: f"{name} {exactly(getattr(plants, name))}" for name in _LIMITS}
+    said["noise"] = f"encoder errors up to {angle} rad and {speed} rad/s"
+    said["late"] = f"torques {plants.late} control period late"
+    words += [text for name, text in said.items() if getattr(plants, name) != getattr(others, name)]
     return ", ".join(words) or "the whole set"
 
 
