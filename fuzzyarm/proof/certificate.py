@@ -153,7 +153,7 @@ def controller_statement(controller: Controller) -> str:
 
 
 def decay_words(alpha: str, *growth: float, x: str = _ERROR) -> str:
-    """Return how x decays, given α and the bounds c² of `largest_growth` of all of it and, if given, of e."""
+    """Return how x decays, given α [1/s] and the bounds c² of `largest_growth` of all of it and, if given, of e."""
     c = [at_most(math.sqrt(one) * (1.0 + 1e-12), 4) if math.isfinite(one) else "C" for one in growth]
     words = f"{x} decays at least as exp(-{alpha} t) up to a constant, |x(t)| <= {c[0]} exp(-{alpha} t) |x(0)|"
     return words + f", and |e(t)| <= {c[-1]} exp(-{alpha} t) |e(0)| where at first only e is not zero" * (len(c) > 1)

@@ -33,7 +33,8 @@ CHANNELS = _slices("motor link joint tip")
 """Where disturbing torques act: on the motors, on the links, within the joints, and at the tip along x and y."""
 ROWS = _slices("theta link d_theta d_link bending bending_rate net motor_acceleration link_acceleration")
 """What is observed of the deviation: δθ, δq, δθ̇, δq̇ as in ξ, then φ, φ̇, the net torque N, θ̈ and q̈."""
-CHANNEL_COUNT, ROW_COUNT = JOINTS * len(vars(CHANNELS)), JOINTS * len(vars(ROWS))
+CHANNEL_COUNT = JOINTS * len(vars(CHANNELS))  # numbers of all channels
+ROW_COUNT = JOINTS * len(vars(ROWS))  # numbers of these rows
 STATES = ROWS.d_link.stop  # numbers of δθ, δq, δθ̇, δq̇
 _SIZE = STATES + JOINTS  # of ξ
 OBSERVED = np.r_[ROWS.link_acceleration, ROWS.link, ROWS.d_link]
