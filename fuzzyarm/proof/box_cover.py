@@ -154,17 +154,13 @@ def widened(ranges: np.ndarray) -> np.ndarray:
 
 def first_boxes(ranges: np.ndarray) -> np.ndarray:
     """Return boxes (B, d, 2) that together are the box `ranges` (d, 2), none wider than 2 `_WIDEST`."""
-    boxes = ranges[np.newaxis]
-    for k, (low, high) in enumerate(ranges):
+    spans = []
+    for low, high in ranges[::-1]:
         ends = np.linspace(low, high, int(np.ceil((high - low) / (1.9 * _WIDEST))) + 1)
         ends[0], ends[-1] = low, high
-        parts = []
-        for left, right in itertools.pairwise(ends):
-            part = boxes.copy()
-            part[:, k] = left, right
-            parts.append(part)
-        boxes = np.concatenate(parts)
-    return boxes
+        spans.append([*itertools.pairwise(ends)])
+    boxes = [*itertools.product(*spans)]
+    return np.array(boxes).reshape(len(boxes), len(ranges), 2)[:, ::-1]
 
 
 def cover(matrix: TrigMatrix, ranges: np.ndarray, most: int = _MOST_BOXES) -> Cover:

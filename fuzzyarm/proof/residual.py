@@ -41,7 +41,7 @@ __all__ = ["Residual", "feedforward_residual"]
 _ORDER = 4  # coefficients of a power series: q, q̇, q̈ and the derivative of q̈
 _TOLERANCE = 1e-4  # a bound this close to an attained value, relative to it, is close enough
 _FIRST, MOST_HALVED = 32, 2000  # intervals to begin with, and the most that are halved
-_SHORTEST = 2.0**-40  # half of an interval that is not halved again: its ends are still exact
+_SHORTEST_HALF = 2.0**-40  # half of an interval that is not halved again: its ends are still exact
 
 
 class Residual(NamedTuple):
@@ -91,7 +91,7 @@ class _Bound:
         heapq.heapify(heap)
         for _ in range(MOST_HALVED):
             excess, middle, half, _ = heap[0]
-            if -excess <= 1.0 + _TOLERANCE or half < _SHORTEST:
+            if -excess <= 1.0 + _TOLERANCE or half < _SHORTEST_HALF:
                 break
             heapq.heapreplace(heap, self._entry(middle - 0.5 * half, 0.5 * half))
             heapq.heappush(heap, self._entry(middle + 0.5 * half, 0.5 * half))

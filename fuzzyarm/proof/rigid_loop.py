@@ -279,7 +279,7 @@ def simulate(
 
 
 _FREQUENCIES = (1.0, 3.0, 10.0, 20.0, 40.0, 60.0, 80.0, 120.0, 200.0, 400.0)  # [rad/s]
-_DIRECTIONS = {"joint 1": (1.0, 0.0), "joint 2": (0.0, 1.0), "in phase": (0.7, 0.7), "antiphase": (0.7, -0.7)}
+_WAYS = {"joint 1": (1.0, 0.0), "joint 2": (0.0, 1.0), "in phase": (0.7, 0.7), "antiphase": (0.7, -0.7)}
 _PULSE = 0.02  # [s]
 HELD = 2e-3  # [s], one torque of the power iteration
 _POWER_STEPS = 40  # of the power iteration; twice as many raise the gains by 0.5 % at most
@@ -305,7 +305,7 @@ def library(duration: float, step: float = STEP) -> dict[str, np.ndarray]:
     probes = {
         f"{name}, {way}": shape[:, np.newaxis] * np.array(direction)
         for name, shape in shapes.items()
-        for way, direction in _DIRECTIONS.items()
+        for way, direction in _WAYS.items()
     }
     return probes | {f"noise {k}": rng.normal(size=(len(t), JOINTS)) for k in range(4)}
 

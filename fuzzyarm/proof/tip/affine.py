@@ -31,7 +31,7 @@ from flint import arb
 from fuzzyarm.envs.physics import elementwise, friction
 from fuzzyarm.fuzzy_policy.laws.learned import network
 from fuzzyarm.numbers.functions import KINDS, row, select
-from fuzzyarm.proof.tip.enclosures import ROUND_UP, NoBound, between, centre, low_high, radius_of
+from fuzzyarm.proof.tip.enclosures import ROUND_UP, NoBound, between, low_high, middle_of, radius_of
 from fuzzyarm.proof.tip.zonotope import Zonotope, condensed, reach
 
 __all__ = ["WORTH", "Affine", "Places", "Space"]
@@ -167,7 +167,7 @@ class _Bend:
         """Return the best known line for |x - z| <= r."""
         at, around = arb(z), arb(z, r)
         f, slope = self.value(at), self.rate(at)
-        tangent = centre(slope)
+        tangent = middle_of(slope)
         low, high = low_high(self.curvature(around))
         low, high = 0.25 * min(low, 0.0) * r * r, 0.25 * max(high, 0.0) * r * r
         best = Line(f + (low + high), tangent, ((high - low) + radius_of(slope, tangent) * r) * ROUND_UP)
@@ -184,7 +184,7 @@ class _Bend:
 
 def _flat(values: Any, slope: float) -> Line:
     """Return the line of a function less λ (x - z), which has these values."""
-    middle = centre(values)
+    middle = middle_of(values)
     return Line(arb(middle), slope, radius_of(values, middle))
 
 
@@ -525,7 +525,7 @@ KINDS[Affine], KINDS[Places], KINDS[_Undecided] = _Numbers, _Places, _Choices
 def _bent(function: _Bend, x: Affine) -> Affine:
     x.range()
     line = function.line(x.middle, (x.reach() + x.rest) * UP)
-    middle, slope = centre(line.value), abs(line.slope)
+    middle, slope = middle_of(line.value), abs(line.slope)
     rest = slope * x.rest + radius_of(line.value, middle)
     rest += function.floats * (abs(middle) + slope * (x.size + x.rest) + line.rest if function.relative else 1.0)
     return _rounded(x, middle, line.slope * x.row, slope * x.size, rest).widened(line.rest, fresh=True)

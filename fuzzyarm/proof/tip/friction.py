@@ -49,7 +49,7 @@ from fuzzyarm.proof.tip.defects import (
     signal_range,
     signal_size,
 )
-from fuzzyarm.proof.tip.enclosures import ROUND_UP, SLACK, Jet, NoBound, ball, between, centre, largest, low_high
+from fuzzyarm.proof.tip.enclosures import ROUND_UP, SLACK, Jet, NoBound, between, largest, low_high, middle_of
 from fuzzyarm.proof.tip.plant import BallPlant
 
 __all__ = ["Friction", "Plan", "PlanFails", "Speed", "check_curve"]
@@ -60,13 +60,13 @@ _HALVINGS = 40  # of a range of speeds
 
 def _steepest_fall(joint: int, arm: Arm) -> float:
     """Return a bound of -dF/dv [N m s/rad] of a motor."""
-    return largest(STRIBECK.steepest(_in_balls(joint, arm))) * ROUND_UP
+    return largest(STRIBECK.steepest(_curve_in_balls(joint, arm))) * ROUND_UP
 
 
 def _strength(slowest: float, fastest: float, joint: int, arm: Arm) -> tuple[float, float]:
     """Return the lowest and the highest F(v) [N m] in a range of speeds [rad/s]."""
-    weak, strong = (low_high(dry_friction(ball(v), joint, arm)) for v in (fastest, slowest))
-    left = SLACK * largest(_in_balls(joint, arm).static_friction)
+    weak, strong = (low_high(dry_friction(arb(v), joint, arm)) for v in (fastest, slowest))
+    left = SLACK * largest(_curve_in_balls(joint, arm).static_friction)
     return weak[0] - left, strong[1] + left
 
 
@@ -75,25 +75,25 @@ def _slopes(slowest: float, fastest: float, joint: int, arm: Arm) -> tuple[float
     (before, after), steepest = _inflection(joint, arm), _steepest_fall(joint, arm)
     inside = slowest <= after and before <= fastest
     ends = (min(slowest, before), max(fastest, after)) if inside else (slowest, fastest)
-    lows, highs = zip(*(low_high(_series(ball(v), joint, arm)[1]) for v in ends), strict=True)
+    lows, highs = zip(*(low_high(_series(arb(v), joint, arm)[1]) for v in ends), strict=True)
     return (-steepest if inside else min(lows)) - SLACK * steepest, max(highs) + SLACK * steepest
 
 
-def _in_balls(joint: int, arm: Arm) -> DryFriction:
+def _curve_in_balls(joint: int, arm: Arm) -> DryFriction:
     """Return the numbers of a motor's curve, in balls."""
     return DryFriction(*map(arb, dry_frictions(arm)[joint]))
 
 
 def _inflection(joint: int, arm: Arm) -> tuple[float, float]:
     """Return speeds [rad/s] just below and just above the inflection."""
-    turn = centre(STRIBECK.inflection(_in_balls(joint, arm)))
+    turn = middle_of(STRIBECK.inflection(_curve_in_balls(joint, arm)))
     return turn * (1.0 - 1e-9), turn * (1.0 + 1e-9)
 
 
 def check_curve(arm: Arm) -> None:
     """Raise `NoBound` where the friction of a motor is not as the module says, in the caller's precision."""
     for joint in range(JOINTS):
-        static, rest = _in_balls(joint, arm).static_friction, _series(arb(0), joint, arm)
+        static, rest = _curve_in_balls(joint, arm).static_friction, _series(arb(0), joint, arm)
         fits = rest[0].overlaps(static) and rest[1] <= 0
         if not (fits and all(_covered(span, holds, joint, arm) for span, holds in _conditions(joint, arm, static))):
             raise NoBound(f"the friction of motor {joint + 1} is not as its curve's own numbers say: {STRIBECK}")
@@ -164,7 +164,7 @@ class Friction:
         self._net, self._needed_size = between(*signal_ends(net)), signal_size(self._needed)
         inertia = (arm.motor_inertia1, arm.motor_inertia2)[joint]
         self._inertia, self._inertial = low_high(inertia)[0], largest(inertia * signal_range(acceleration))
-        self.static, self._steepest = low_high(dry_friction(ball(0.0), joint, arm)), _steepest_fall(joint, arm)
+        self.static, self._steepest = low_high(dry_friction(arb(0.0), joint, arm)), _steepest_fall(joint, arm)
         self._rests = all(a.is_zero() for a in velocity)
         self.side = int(mode) if mode in (Mode.FORWARD, Mode.BACKWARD) else 0
         self.drag = 0.0  # middle of the friction torques that are possible by the plan MIXED [N m], see `bound`
@@ -172,12 +172,12 @@ class Friction:
         self._missed = 0.0
         if self.side:
             self._slip = motion.slip(joint, self.side, arm)
-            parts = [(ball(1.0), self._needed), (ball(-float(self.side)), self._slip)]
+            parts = [(arb(1.0), self._needed), (arb(-float(self.side)), self._slip)]
             self._missed = signal_size(combined(parts))
         self.slope = 0.0  # change of the friction with the velocity that is part of the linear equation [N m s/rad]
         if plan is Plan.SLIP:
-            slope = dry_friction(Jet.variable(ball(abs(centre(self._speed))), 0), joint, arm).slope(0)
-            self.slope = -centre(slope)
+            slope = dry_friction(Jet.variable(arb(abs(middle_of(self._speed))), 0), joint, arm).slope(0)
+            self.slope = -middle_of(slope)
 
     def torque(self) -> Signal | None:
         """Return the friction torque of the centre in the plan SLIP, which the uncertain friction factor multiplies."""
@@ -221,7 +221,7 @@ class Friction:
         of the uncertain constants on this motor along the centre, `products` those of the constants times the
         deviation.
         """
-        low, high = low_high(self._speed + ball(0.0, tube_speed))
+        low, high = low_high(self._speed + arb(0.0, tube_speed))
         if self.plan is Plan.ANY:
             return (self._needed_size + self.share[1] * self.static[1]) * (1 + SLACK) + products
         if self.plan is Plan.MONOTONE:
@@ -263,7 +263,7 @@ class Friction:
         if low <= 0.0 <= high:
             static = self.share[1] * self.static[1]
             rest = (tube_net + self._inertial + constants + products) * (1 + SLACK)
-            net_low, net_high = low_high(self._net + ball(0.0, (tube_net + constants + products) * (1 + SLACK)))
+            net_low, net_high = low_high(self._net + arb(0.0, (tube_net + constants + products) * (1 + SLACK)))
             if max(net_low, -static) <= min(net_high, static):  # otherwise the motor cannot rest
                 ends += [max(-rest, needed_low - min(net_high, static)), min(rest, needed_high - max(net_low, -static))]
         if ends:
@@ -294,7 +294,7 @@ class Friction:
             return Speed(-math.inf, math.inf)
         if self.plan is Plan.HELD:
             return Speed(0.0, 0.0)
-        low, high = low_high(self._speed + ball(0.0, tube_speed))
+        low, high = low_high(self._speed + arb(0.0, tube_speed))
         falling, rising = self._rates(low, high, spread)
         least = min(0.0, min(self.known.low, 0.0) + falling * self._duration * (1.0 - SLACK * np.sign(falling)))
         most = max(0.0, max(self.known.high, 0.0) + rising * self._duration * (1.0 + SLACK * np.sign(rising)))

@@ -31,8 +31,8 @@ from fuzzyarm.proof.tip.zonotope import Zonotope, product
 
 __all__ = ["Closed", "Period", "TubeClaim"]
 
-_ITERATIONS = 60
-_WORTH = 0.15  # share of the static friction that may drive a velocity by the plan MONOTONE
+_MOST_ROUNDS = 60
+_MOST_DRIVEN = 0.15  # share of the static friction that may drive a velocity by the plan MONOTONE
 _LARGEST = 0.5  # of the tube's angles [rad]: beyond it no iteration has ever closed
 
 
@@ -123,7 +123,7 @@ class Period:
         solution = transition(system, self._period)
         columns, free = self._free(start, system, solution, driven)
         tube = free[:ROW_COUNT] * 1.01 + 1e-15 if claimed is None else claimed
-        for _ in range(_ITERATIONS if claimed is None else 1):
+        for _ in range(_MOST_ROUNDS if claimed is None else 1):
             torques = self._torques(tube, frictions, driven, before, (free, solution.push))
             reached = ((free + solution.push @ torques) * ROUND_UP)[:ROW_COUNT]
             for j, (friction, *torque) in enumerate(zip(frictions, *self._on_motors(tube, driven), strict=True)):
@@ -166,7 +166,7 @@ class Period:
         static = [dry.static_friction for dry in dry_frictions(self.plant.middle)]
         for j, friction in enumerate(frictions):
             grown = after[j] - before[j]
-            if friction.plan is Plan.MONOTONE and grown * self._inertia[j] > _WORTH * static[j] * self._period:
+            if friction.plan is Plan.MONOTONE and grown * self._inertia[j] > _MOST_DRIVEN * static[j] * self._period:
                 raise PlanFails(j)
 
     def _free(

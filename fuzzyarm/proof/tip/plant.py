@@ -32,7 +32,7 @@ from fuzzyarm.envs.physics.parameters import ArmParameters
 from fuzzyarm.envs.physics.records import PerJoint, filled, flat
 from fuzzyarm.envs.scenario.disturbances import Disturbance
 from fuzzyarm.envs.scenario.randomisation import ALLOWED
-from fuzzyarm.proof.tip.enclosures import between, centre
+from fuzzyarm.proof.tip.enclosures import between, middle_of
 
 __all__ = [
     "AXES", "BY_JOINT", "RANGES", "SETS", "Axis", "BallPlant", "Parameter", "PlantSet", "ball_plant", "check_set_name",
@@ -241,7 +241,7 @@ def ball_plant(parameters: ArmParameters, disturbance: Disturbance, plants: Plan
     rounded = between(1.0 - _ROUNDED, 1.0 + _ROUNDED)
     exact = arm._replace(**{name: getattr(arm, name) * rounded for name in _LUMPED})
     return BallPlant(
-        filled(Arm, (centre(x) for x in flat(exact))),
+        filled(Arm, (middle_of(x) for x in flat(exact))),
         exact,
         (*uncertain, *_mass_units(_in_balls(nominal), plants, parameters, disturbance)),
         share,

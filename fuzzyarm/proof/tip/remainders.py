@@ -40,7 +40,7 @@ from fuzzyarm.proof.tip.defects import (
     signal_range,
     signal_size,
 )
-from fuzzyarm.proof.tip.enclosures import ROUND_UP, SLACK, Jet, ball, centre, radius_of
+from fuzzyarm.proof.tip.enclosures import ROUND_UP, SLACK, Jet, middle_of, radius_of
 from fuzzyarm.proof.tip.friction import Friction, Plan
 from fuzzyarm.proof.tip.plant import BallPlant
 from fuzzyarm.proof.tip.transition import CHANNEL_COUNT, CHANNELS, OBSERVED, ROWS
@@ -75,7 +75,7 @@ def _at_middle(motion: PeriodMotion, force: Forces, arm: Arm) -> tuple[np.ndarra
     """Return M_k [kg m²], G_k [N m/rad] and D_k [N m s/rad] (2, 2) at the middle of the period, in floats."""
     at = [[signal[0] for signal in kind[JOINTS:]] for kind in (motion.angle, motion.velocity, motion.acceleration)]
     slopes = _link_slopes(at, (force.x[0], force.y[0]), arm)
-    mass, angle, velocity = (np.array([[centre(x) for x in row] for row in part]) for part in slopes)
+    mass, angle, velocity = (np.array([[middle_of(x) for x in row] for row in part]) for part in slopes)
     return mass, angle, velocity
 
 
@@ -83,10 +83,10 @@ def tube_slopes(motion: PeriodMotion, tube: np.ndarray, force: TipForces, arm: A
     """Return the slopes (2, 2) each [kg m², N m/rad, N m s/rad] on the tube (18,) around the centre, for every arm."""
     rows = ROWS.link, ROWS.d_link, ROWS.link_acceleration
     boxes = [
-        [x + ball(0.0, r) for x, r in zip(along, tube[of].tolist(), strict=True)]
+        [x + arb(0.0, r) for x, r in zip(along, tube[of].tolist(), strict=True)]
         for along, of in zip(motion.links, rows, strict=True)
     ]
-    x, y = (signal_range(s) + ball(0.0, r) for s, r in zip(force.middle, force.radii, strict=True))
+    x, y = (signal_range(s) + arb(0.0, r) for s, r in zip(force.middle, force.radii, strict=True))
     return _link_slopes(boxes, (x, y), arm)
 
 
@@ -152,7 +152,7 @@ def lever_arms(motion: PeriodMotion, direction: tuple[float, float], arm: Arm) -
     for axis in range(2):
         unit = direction if axis == 0 else (-direction[1], direction[0])
         for joint, (near, wide) in enumerate(zip(_lever(m1, m2, unit, arm), _lever(q1, q2, unit, arm), strict=True)):
-            lever[joint, axis] = centre(near)
+            lever[joint, axis] = middle_of(near)
             spread[joint, axis] = radius_of(wide, lever[joint, axis])
     return lever, spread + SLACK * np.abs(lever).sum()
 
@@ -210,7 +210,7 @@ class Drive(NamedTuple):
         """Add the torque of a constant, a factor times a signal: its column, what that leaves, and all of it."""
         torque = [factor * a for a in signal]
         a_0, a_1, *_ = [*torque, arb(0), arb(0)]
-        level, slope = centre(a_0), centre(a_1)
+        level, slope = middle_of(a_0), middle_of(a_1)
         self.level[channel, constant], self.slope[channel, constant] = level, slope
         self.rest[channel] += rest_size(torque) + radius_of(a_0, level) + radius_of(a_1, slope)
         if channel not in range(CHANNEL_COUNT)[CHANNELS.link]:

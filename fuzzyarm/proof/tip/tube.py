@@ -17,7 +17,7 @@ from fuzzyarm.envs.physics.records import PerJoint
 from fuzzyarm.envs.physics.two_joints import tip_point
 from fuzzyarm.proof.tip.centre import Centre, Segment
 from fuzzyarm.proof.tip.defects import Forces, TipForces, combined, signal_size
-from fuzzyarm.proof.tip.enclosures import BITS, ROUND_UP, SLACK, NoBound, centre, largest, radius_of
+from fuzzyarm.proof.tip.enclosures import BITS, ROUND_UP, SLACK, NoBound, largest, middle_of, radius_of
 from fuzzyarm.proof.tip.friction import Plan, Speed, check_curve
 from fuzzyarm.proof.tip.period import Closed, Period, TubeClaim
 from fuzzyarm.proof.tip.plant import BallPlant, PlantSet
@@ -46,11 +46,11 @@ def tip_bound(state: np.ndarray, deviations: Zonotope, arm: Arm, wanted: list[fl
     q12 = angles.joint1 + angles.joint2
     second = [-arm.length2 * q12.sin(), arm.length2 * q12.cos()]
     first = [-arm.length1 * angles.joint1.sin() + second[0], arm.length1 * angles.joint1.cos() + second[1]]
-    jacobian = np.array([[centre(first[i]), centre(second[i])] for i in range(2)])
+    jacobian = np.array([[middle_of(first[i]), middle_of(second[i])] for i in range(2)])
     turns = np.pi * np.arange(_DIRECTIONS) / _DIRECTIONS
     units = np.stack([np.cos(turns), np.sin(turns)], axis=1)
     rows, links = units @ jacobian, deviations.part(ROWS.link)
-    aside = np.abs(units @ [centre(tip.x) - wanted[0], centre(tip.y) - wanted[1]])
+    aside = np.abs(units @ [middle_of(tip.x) - wanted[0], middle_of(tip.y) - wanted[1]])
     reach, reached = _reach(links, rows, aside)
     direction = int(np.argmax(np.where(reached, reach + aside, 0.0)))
     corner = (1.0 + 1e-12) / math.cos(0.5 * math.pi / _DIRECTIONS)
@@ -183,9 +183,9 @@ class Tube:
         varies = largest(arb(high) - factor) + plants.force_swing
         radii = [varies * signal_size(signal) + plants.force_course for signal in case]
         along, courses = (1.0, 0.0), [plants.force_course] * 2
-        size = math.hypot(centre(case.x[0]), centre(case.y[0]))
+        size = math.hypot(middle_of(case.x[0]), middle_of(case.y[0]))
         if plants.force_swing and size:
-            along = centre(case.x[0]) / size, centre(case.y[0]) / size
+            along = middle_of(case.x[0]) / size, middle_of(case.y[0]) / size
             across = combined([(arb(-along[1]), case.x), (arb(along[0]), case.y)])
             parts = [combined([(arb(along[0]), case.x), (arb(along[1]), case.y)]), across]
             # The direction is a unit vector up to rounding; a box along the axes is wider along others.
