@@ -30,7 +30,7 @@ from measuring import options_of, printed, write
 from fuzzyarm.envs.observation import JOINTS
 from fuzzyarm.envs.physics.parameters import ArmParameters
 from fuzzyarm.fuzzy_policy.ts_model import NAMED_RULES
-from fuzzyarm.proof import consistent_reference, theorems
+from fuzzyarm.proof import theorems
 from fuzzyarm.proof.certificate import certify
 from fuzzyarm.proof.vertices import TrackingVertices
 from fuzzyarm.synthesis.complexity import full_size, paper_formula
@@ -70,7 +70,7 @@ def plain(problem: Inequalities) -> tuple[cp.Problem, list[cp.Expression]]:
     M = {at: cp.Variable((JOINTS, n_e)) for at in vertices}
     L = {at: cp.Variable((JOINTS, 3 * JOINTS)) for at in vertices}
     unit_L = s.torque[:, np.newaxis] / s.disturbance[-3 * JOINTS :] if paper else None
-    psi, matrices = theorems.psi if paper else consistent_reference.psi, []
+    psi, matrices = theorems.tracking_psi if paper else theorems.error_psi, []
     for pair, (i, j) in enumerate(problem.pairs):
         Q, X = (cp.multiply(unit[name], cp.Variable((n, n))) for name in "QX")
         for k in range(len(data.E)):

@@ -45,7 +45,7 @@ class Controller(SignedController):
 
     Attributes:
         model: the T-S model, which holds the robot and the kept premises.
-        form: "consistent" (`consistent_reference`) or "paper" (`theorems`: Theorem 2, or 1 if all premises are kept).
+        form: "consistent" or "paper" (Theorem 2, or 1 if all premises are kept), see `proof.theorems`.
         integral: whether x_I = ∫ (q - q_d) dt is fed back.
         alpha: guaranteed decay rate [1/s], in `RATES`.
         gamma: guaranteed L2 gain, in `GAINS`; consistent form: from d [N m] to the position error [rad]; paper's

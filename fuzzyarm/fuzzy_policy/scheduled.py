@@ -27,7 +27,8 @@ from fuzzyarm.fuzzy_policy.states import SCALAR_STATES
 from fuzzyarm.fuzzy_policy.ts_model import rule_products
 
 __all__ = [
-    "FORM", "FUNCTIONS", "MOST_PREMISES", "SCHEMA", "Premise", "ScheduledController", "rule_weights", "speeds_of",
+    "FORM", "FUNCTIONS", "MOST_PREMISES", "SCHEMA", "TWIST", "Premise", "ScheduledController", "rule_weights",
+    "speeds_of",
 ]  # fmt: skip
 
 # Name of the form, schema of its files, and the premises that there are
@@ -35,7 +36,7 @@ FORM = "semidefinite"
 SCHEMA = "fuzzyarm-semidefinite/1"
 FUNCTIONS = ("cos q", "sin q", "cos 2q", "sin 2q")
 MOST_PREMISES = 4
-TWIST = 6
+TWIST = 6  # numbers of a base's twist, linear before angular velocity
 ARRAYS = ("inertia", "rates", "distal_low", "distal_high", "feedback", "lyapunov")
 NUMBERS = ("kappa", "floor", "alpha", "gamma", "fastest_pole")
 

@@ -24,7 +24,7 @@ from fuzzyarm.proof.tip.centre import Segment
 from fuzzyarm.proof.tip.enclosures import NoBound
 from fuzzyarm.proof.tip.period import TubeClaim
 from fuzzyarm.proof.tip.plant import SETS, PlantSet, ball_plant, check_set_name, exactly, ranges_in_words
-from fuzzyarm.proof.tip.sampled_law import sampled_law
+from fuzzyarm.proof.tip.sampled_law import SampledLaw
 from fuzzyarm.proof.tip.tube import Problem, Step, Tube
 from fuzzyarm.proof.tip.zonotope import SOURCES
 
@@ -186,7 +186,7 @@ def problem_of(claim: TipClaim, policy: Policy | None = None) -> Problem:
     if case.disturbance.torque_bias is not None or case.disturbance.encoder_noise is not None:
         raise NoBound(f"case {claim.case}: a torque bias or Gaussian noise of the encoders has no bound here")
     plant = ball_plant(parameters, case.disturbance, claim.plants)
-    law = sampled_law(policy, schedule.references)
+    law = SampledLaw(policy, schedule.references)
     _, info = FuzzyArmEnv(claim.case, parameters=parameters, reference=reference).reset()
     start = np.concatenate([info[name] for name in ("q_motor", "q_link", "dq_motor", "dq_link")])
     return Problem(parameters, start, schedule, PERIOD, law, claim.plants, plant)

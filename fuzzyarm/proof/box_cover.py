@@ -11,7 +11,7 @@ f is a form of degree four in (a, b), and 1 = (a² + 2 cos h ab + b²)² = Σ κ
 f_i. Taken for each angle in turn this holds for a matrix of d angles and its 5^d control matrices: if all of them are
 positive definite, so is the matrix everywhere in the box. The excess of the hull falls with h².
 
-*_Cover.* The box is cut into smaller ones until all control matrices of each are positive definite. Boxes are taken by
+*Cover.* The box is cut into smaller ones until all control matrices of each are positive definite. Boxes are taken by
 the hundred, in floating point with a bound of every rounding error:
 
 - the control matrices are sums of products of coefficients and weights, whose error is below a multiple of the sum of
@@ -31,15 +31,17 @@ from __future__ import annotations
 import dataclasses
 import functools
 import itertools
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from flint import arb, arb_mat
 
+from fuzzyarm.proof.definiteness import is_dominant
+
 __all__ = ["BASIS", "TrigMatrix", "control_weights", "cover", "first_boxes", "proven_in_balls", "widened"]
 
 BASIS = 5  # functions of one angle: 1, cos q, sin q, cos 2q, sin 2q
-WIDEST = 0.8  # largest h [rad]: half the width of a box
+_WIDEST = 0.8  # largest h [rad]: half the width of a box
 
 
 @dataclasses.dataclass(frozen=True)
@@ -63,14 +65,8 @@ class TrigMatrix:
         """The nearest floats, _packed as (5, ..., 5, s(s + 1)/2)."""
         return _packed(self.exact).astype(np.float64)
 
-    @functools.cached_property
-    def magnitude(self) -> np.ndarray:
-        """Σ |coefficient| of each _packed entry: no value, control value or sum on the way exceeds a few of it."""
-        return np.asarray(np.abs(self.coefficients).sum(axis=tuple(range(self.angles))))
-
     def at(self, q: np.ndarray) -> np.ndarray:
         """Return the matrices (..., s, s) at angles (..., d) [rad], in floating point."""
-        lanes = q.shape[:-1]
         values = self.coefficients.reshape(1, -1)
         for k in range(self.angles):
             c, s = np.cos(q[..., k]).ravel(), np.sin(q[..., k]).ravel()
@@ -78,10 +74,8 @@ class TrigMatrix:
             rows = values.reshape(len(values), BASIS, -1)
             # The first angle is the same matrix for all: it is not copied for each of them.
             values = functions @ rows[0] if k == 0 else (functions[:, np.newaxis] @ rows)[:, 0]
-        triangle = (self.coefficients.shape[-1],)
-        if self.angles == 0:
-            return unpacked(np.broadcast_to(self.coefficients, lanes + triangle), self.size)
-        return unpacked(values.reshape(lanes + triangle), self.size)
+        shape = (*q.shape[:-1], self.coefficients.shape[-1])
+        return _unpacked(values.reshape(shape) if self.angles else np.broadcast_to(values[0], shape), self.size)
 
     def derivative(self, angle: int) -> TrigMatrix:
         """Return the derivative by one angle."""
@@ -106,7 +100,7 @@ def _packed(matrices: np.ndarray) -> np.ndarray:
     return matrices[..., row, column]
 
 
-def unpacked(triangles: np.ndarray, size: int) -> np.ndarray:
+def _unpacked(triangles: np.ndarray, size: int) -> np.ndarray:
     """Return the symmetric matrices (..., s, s) whose lower triangles hold the given numbers, see `_packed`."""
     result = np.empty((*triangles.shape[:-1], size, size), dtype=triangles.dtype)
     row, column = np.tril_indices(size)
@@ -139,20 +133,17 @@ def control_weights(cos_m: Any, sin_m: Any, cos_h: Any, sin_h: Any) -> list[list
 
 
 _MOST_BOXES = 400_000  # boxes after which a proof is given up
-CHUNK = 256  # boxes at a time
-UNIT = 2.0**-53
+_CHUNK = 256  # boxes at a time
+_UNIT = 2.0**-53
 _LIBRARY = 4
 _WIDENING = 2.0**-44  # rad, above the rounding of an interval's middle and half width up to 100 rad
 
 
-@dataclasses.dataclass(frozen=True)
-class _Cover:
+class Cover(NamedTuple):
     """The outcome of a proof."""
 
-    proven: bool  # whether the matrix is positive definite in the whole box
-    # of the cover, (B, d, 2), lowest and highest angle [rad]; those proven so far, if the proof fails
-    boxes: np.ndarray
-    witness: np.ndarray | None = None  # angles (d,) [rad] where the proof fails; None if it does not
+    boxes: np.ndarray  # (B, d, 2), lowest and highest angle [rad]; those proven so far, if the proof fails
+    witness: np.ndarray | None = None  # angles (d,) [rad] where the proof fails; None if the matrix is proven
 
 
 def widened(ranges: np.ndarray) -> np.ndarray:
@@ -162,32 +153,28 @@ def widened(ranges: np.ndarray) -> np.ndarray:
 
 
 def first_boxes(ranges: np.ndarray) -> np.ndarray:
-    """Return boxes (B, d, 2) that together are the box `ranges` (d, 2), none wider than 2 `WIDEST`."""
-    boxes = ranges[np.newaxis]
-    for k, (low, high) in enumerate(ranges):
-        ends = np.linspace(low, high, int(np.ceil((high - low) / (1.9 * WIDEST))) + 1)
+    """Return boxes (B, d, 2) that together are the box `ranges` (d, 2), none wider than 2 `_WIDEST`."""
+    spans = []
+    for low, high in ranges[::-1]:
+        ends = np.linspace(low, high, int(np.ceil((high - low) / (1.9 * _WIDEST))) + 1)
         ends[0], ends[-1] = low, high
-        parts = []
-        for left, right in itertools.pairwise(ends):
-            part = boxes.copy()
-            part[:, k] = left, right
-            parts.append(part)
-        boxes = np.concatenate(parts)
-    return boxes
+        spans.append([*itertools.pairwise(ends)])
+    boxes = [*itertools.product(*spans)]
+    return np.array(boxes).reshape(len(boxes), len(ranges), 2)[:, ::-1]
 
 
-def cover(matrix: TrigMatrix, ranges: np.ndarray, most: int = _MOST_BOXES) -> _Cover:
+def cover(matrix: TrigMatrix, ranges: np.ndarray, most: int = _MOST_BOXES) -> Cover:
     """Prove a matrix positive definite for all angles in `ranges` (d, 2), within ±100 rad, in at most so many boxes."""
     scale = _scale(matrix, ranges)
     if scale is None:
-        return _Cover(False, np.empty((0, len(ranges), 2)), ranges.mean(axis=1))
-    task = _Task.of(matrix, scale)
+        return Cover(np.empty((0, len(ranges), 2)), ranges.mean(axis=1))
+    task = _Task(matrix, scale)
     waiting, done, tried = [first_boxes(ranges)], [], 0
     while waiting:
         boxes = waiting.pop()
-        if len(boxes) > CHUNK:
-            waiting.append(boxes[CHUNK:])
-            boxes = boxes[:CHUNK]
+        if len(boxes) > _CHUNK:
+            waiting.append(boxes[_CHUNK:])
+            boxes = boxes[:_CHUNK]
         tried += len(boxes)
         good = _definite(task.controls(boxes), matrix.size, task.shift)
         done.append(boxes[good])
@@ -197,9 +184,9 @@ def cover(matrix: TrigMatrix, ranges: np.ndarray, most: int = _MOST_BOXES) -> _C
         points = bad.mean(axis=2)
         fails = ~_definite(_packed(matrix.at(points))[:, np.newaxis] * task.scale, matrix.size, task.shift)
         if fails.any() or tried > most:
-            return _Cover(False, np.concatenate(done), points[fails][0] if fails.any() else points[0])
+            return Cover(np.concatenate(done), points[fails][0] if fails.any() else points[0])
         waiting.append(_halved(bad, task.weight))
-    return _Cover(True, np.concatenate(done))
+    return Cover(np.concatenate(done))
 
 
 def _scale(matrix: TrigMatrix, ranges: np.ndarray) -> np.ndarray | None:
@@ -210,32 +197,22 @@ def _scale(matrix: TrigMatrix, ranges: np.ndarray) -> np.ndarray | None:
     return np.asarray(2.0 ** -np.round(0.5 * np.log2(diagonal)))
 
 
-@dataclasses.dataclass(frozen=True)
 class _Task:
     """A matrix in scaled entries: coefficients (5, ..., 5, t), the diagonal's shift, how each angle bends it (d,)."""
 
-    coefficients: np.ndarray
-    scale: np.ndarray
-    shift: float
-    weight: np.ndarray
-
-    @classmethod
-    def of(cls, matrix: TrigMatrix, scale: np.ndarray) -> _Task:
-        both = _packed(scale[:, np.newaxis] * scale)
-        coefficients, d = matrix.coefficients * both, matrix.angles
-        magnitude = matrix.magnitude * both
-        weight = np.empty(d)
+    def __init__(self, matrix: TrigMatrix, scale: np.ndarray) -> None:
+        self.scale, d = _packed(scale[:, np.newaxis] * scale), matrix.angles
+        self.coefficients = matrix.coefficients * self.scale
+        # No value, control value or sum on the way exceeds a few of Σ |coefficient|.
+        magnitude = np.abs(matrix.coefficients).sum(axis=tuple(range(d))) * self.scale
+        self.weight = np.empty(d)
         for k in range(d):
-            along = np.abs(np.moveaxis(coefficients, k, 0)).reshape(BASIS, -1).sum(axis=1)
-            weight[k] = along[1] + along[2] + 4.0 * (along[3] + along[4])
+            along = np.abs(np.moveaxis(self.coefficients, k, 0)).reshape(BASIS, -1).sum(axis=1)
+            self.weight[k] = along[1] + along[2] + 4.0 * (along[3] + along[4])
         # Weights are below 8 in a row and wrong by less than 64 _LIBRARY units each; sums of five add as much again.
-        error = 100.0 * _LIBRARY * max(d, 1) * 8.0**d * UNIT * magnitude
-        whole = np.zeros((matrix.size, matrix.size))
-        row, column = np.tril_indices(matrix.size)
-        whole[row, column] = whole[column, row] = error
+        error = _unpacked(100.0 * _LIBRARY * max(d, 1) * 8.0**d * _UNIT * magnitude, matrix.size)
         trace = 4.0 * magnitude.sum()
-        shift = 1.01 * whole.sum(axis=1).max() + 4.0 * (matrix.size + 2) * UNIT * trace
-        return cls(coefficients, both, float(shift), weight)
+        self.shift = float(1.01 * error.sum(axis=1).max() + 4.0 * (matrix.size + 2) * _UNIT * trace)
 
     def controls(self, boxes: np.ndarray) -> np.ndarray:
         """Return the control matrices (B, 5^d, t) of boxes (B, d, 2)."""
@@ -293,14 +270,13 @@ def _proven(matrix: TrigMatrix, coefficients: list[arb], box: np.ndarray) -> boo
     for low, high in box.tolist():
         middle, half = (arb(low) + arb(high)) / 2, (arb(high) - arb(low)) / 2
         weights = arb_mat(control_weights(middle.cos(), middle.sin(), half.cos(), half.sin()))
-        columns = len(values) // BASIS
-        product = weights * arb_mat(BASIS, columns, values)
+        product = weights * arb_mat(BASIS, len(values) // BASIS, values)
         # The angle in front has become control values; they go to the back.
         values = [row for column in zip(*product.tolist(), strict=True) for row in column]
     triangle = matrix.size * (matrix.size + 1) // 2
     count = BASIS**matrix.angles
     controls = [[values[entry * count + index] for entry in range(triangle)] for index in range(count)]
-    numbers = unpacked(np.array([[float(entry.mid()) for entry in control] for control in controls]), matrix.size)
+    numbers = _unpacked(np.array([[float(entry.mid()) for entry in control] for control in controls]), matrix.size)
     diagonal = np.diagonal(numbers, axis1=1, axis2=2)
     if not (np.isfinite(numbers).all() and (diagonal > 0.0).all()):
         return False
@@ -308,12 +284,10 @@ def _proven(matrix: TrigMatrix, coefficients: list[arb], box: np.ndarray) -> boo
         factors = np.linalg.inv(np.linalg.cholesky(numbers))
     except np.linalg.LinAlgError:
         return False
-    return all(_dominant(control, T, matrix.size) for control, T in zip(controls, factors, strict=True))
-
-
-def _dominant(control: list[arb], T: np.ndarray, size: int) -> bool:
-    """Return whether T A Tᵀ is strictly diagonally dominant with a positive diagonal, for A _packed in `control`."""
-    A = [[control[max(i, j) * (max(i, j) + 1) // 2 + min(i, j)] for j in range(size)] for i in range(size)]
-    left = arb_mat(T.tolist())
-    rows = (left * arb_mat(A) * left.transpose()).tolist()
-    return all(row[i] > sum((abs(row[j]) for j in range(size) if j != i), arb(0)) for i, row in enumerate(rows))
+    # The place of each entry of a matrix in its lower triangle.
+    places = _unpacked(np.arange(triangle), matrix.size).tolist()
+    for control, T in zip(controls, factors.tolist(), strict=True):
+        left = arb_mat(T)
+        if not is_dominant(left * arb_mat([[control[at] for at in row] for row in places]) * left.transpose()):
+            return False
+    return True

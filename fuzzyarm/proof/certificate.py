@@ -3,18 +3,34 @@
 from __future__ import annotations
 
 import dataclasses
+import math
 from collections.abc import Callable
+from typing import Any
 
 import numpy as np
 
+from fuzzyarm.common.arithmetic import at_least, at_most
 from fuzzyarm.common.checks import instance
+from fuzzyarm.envs.observation import JOINTS
 from fuzzyarm.fuzzy_policy.controller import POLE_ARRAYS, Controller
-from fuzzyarm.proof import consistent_reference, theorems
-from fuzzyarm.proof.definiteness import exact, is_positive_definite, smallest_eigenvalue, stated
-from fuzzyarm.proof.statement import statement
+from fuzzyarm.proof.definiteness import exact, is_positive_definite, largest_growth, smallest_eigenvalue, stated
+from fuzzyarm.proof.theorems import error_phi, error_psi, tracking_psi
 from fuzzyarm.proof.vertices import TrackingVertices, error_vertices, tracking_vertices
 
-__all__ = ["Certificate", "Claim", "certify", "claim", "inequality_name"]
+__all__ = [
+    "NOT_COVERED", "Certificate", "Claim", "certify", "controller_statement", "decay_words", "inequality_name",
+]  # fmt: skip
+
+# What every certificate says of its limits.
+NOT_COVERED = (
+    "Not covered: the elastic joints, sampling and hold, measurement noise, torque limits, and any motion that leaves "
+    "the box; those are measured, not proven."
+)
+_ERROR = "the tracking error x = (e, de/dt, integral of e if it is fed back) in rad and s"
+_OF_THE_TIP = (
+    " Of the tip of the elastic, sampled arm a bound can be proven along one motion and for a set of plants: fuzzyarm "
+    "prove."
+)
 
 
 @dataclasses.dataclass(frozen=True)
@@ -26,6 +42,11 @@ class Claim:
     # smallest eigenvalue of the matrix that has to be positive definite, scaled to unit diagonal, in floating point. It
     # tells how far the inequality is from failing and is no part of the proof.
     proof_margin: float
+
+    @classmethod
+    def of(cls, name: str, matrix: np.ndarray) -> Claim:
+        """Return the claim that a matrix (s, s) of exact rational numbers is positive definite, and its outcome."""
+        return cls(name, is_positive_definite(matrix), smallest_eigenvalue(matrix))
 
 
 @dataclasses.dataclass(frozen=True)
@@ -42,14 +63,14 @@ class Certificate:
 
     @property
     def proof_margin(self) -> float:
-        """The smallest proof margin of all inequalities, a number without unit."""
+        """The smallest proof margin of all inequalities, without unit."""
         return min(claim.proof_margin for claim in self.claims)
 
 
 def certify(controller: Controller, progress: Callable[[], None] | None = None) -> Certificate:
     """Prove P > 0 and every inequality of the controller's form, from the stored gains (M := K P).
 
-    Those are Ψ of its theorem and, for a bound of the fastest pole, Φ of `consistent_reference`.
+    Those are Ψ of its theorem and, for a bound of the fastest pole, Φ (`theorems`).
     The vertices are computed from the robot parameters; all arithmetic is exact and rational (`exact`). α, γ and the
     bound of the fastest pole are the decimal numbers that are printed (`stated`), every other float is what it is.
     `progress` is called after each inequality.
@@ -61,39 +82,33 @@ def certify(controller: Controller, progress: Callable[[], None] | None = None) 
         if given.weight is None
         else tracking_vertices(given.model, given.integral, given.weight, **shape)
     )
-    P, Q, X, tau = exact(controller.P), exact(controller.Q), exact(controller.X), exact(controller.tau)
-    gains, L = exact(controller.gains), exact(controller.feedforward_gains)
-    alpha, gamma = stated(controller.alpha), stated(controller.gamma)
+    P, gains, L = exact(controller.P), exact(controller.gains), exact(controller.feedforward_gains)
+    alpha, gamma, pole = stated(controller.alpha), stated(controller.gamma), controller.fastest_pole
     M = gains @ P[: data.n_e, : data.n_e]
+    slack = {"Psi": ("Q", "X", "tau")} | ({} if pole is None else {"Phi": POLE_ARRAYS})
+    arrays = {letter: [exact(getattr(controller, name)) for name in names] for letter, names in slack.items()}
 
-    def psi(i: int, j: int, k: int, position: int) -> np.ndarray:
-        common = {"alpha": alpha, "gamma2": gamma * gamma, "P": P, "M": M[j, k], "Q": Q[position], "X": X[position]}
+    def inequality(letter: str, i: int, j: int, k: int, position: int) -> np.ndarray:
+        Q, X, tau = arrays[letter]
+        given: dict[str, Any] = {"P": P, "M": M[j, k], "Q": Q[position], "X": X[position], "tau": tau[position, k]}
+        if letter == "Phi" and pole is not None:
+            return np.asarray(error_phi(data, i, k, fastest_pole=stated(pole), **given))
+        given |= {"alpha": alpha, "gamma2": gamma * gamma}
         if isinstance(data, TrackingVertices):
-            return np.asarray(theorems.psi(data, i, k, **common, L=L[j, k], tau=tau[position, k]))
-        return np.asarray(consistent_reference.psi(data, i, k, **common, tau=tau[position, k]))
+            return np.asarray(tracking_psi(data, i, k, L=L[j, k], **given))
+        return np.asarray(error_psi(data, i, k, **given))
 
-    families = {"Psi": psi}
-    if controller.fastest_pole is not None:
-        fastest_pole = stated(controller.fastest_pole)
-        pole_Q, pole_X, pole_tau = (exact(getattr(controller, name)) for name in POLE_ARRAYS)
-
-        def phi(i: int, j: int, k: int, position: int) -> np.ndarray:
-            slack = {"Q": pole_Q[position], "X": pole_X[position], "tau": pole_tau[position, k]}
-            return np.asarray(consistent_reference.phi(data, i, k, fastest_pole=fastest_pole, P=P, M=M[j, k], **slack))
-
-        families["Phi"] = phi
-
-    claims = [claim("P > 0", P)]
-    for letter, inequality in families.items():
+    claims = [Claim.of("P > 0", P)]
+    for letter in arrays:
         for position, (i, j) in enumerate(data.pairs):
             for k in range(len(data.E)):
-                matrix = -inequality(i, j, k, position)
+                matrix = -inequality(letter, i, j, k, position)
                 if i != j:
-                    matrix = matrix - inequality(j, i, k, position)
-                claims.append(claim(inequality_name(letter, i, j, k), matrix))
+                    matrix = matrix - inequality(letter, j, i, k, position)
+                claims.append(Claim.of(inequality_name(letter, i, j, k), matrix))
                 if progress:
                     progress()
-    return Certificate(tuple(claims), statement(controller))
+    return Certificate(tuple(claims), controller_statement(controller))
 
 
 def inequality_name(letter: str, i: int, j: int, k: int) -> str:
@@ -102,6 +117,43 @@ def inequality_name(letter: str, i: int, j: int, k: int) -> str:
     return f"{first} < 0" if i == j else f"{first} + {second} < 0"
 
 
-def claim(name: str, matrix: np.ndarray) -> Claim:
-    """Return the claim that a matrix (s, s) of exact rational numbers is positive definite, and its outcome."""
-    return Claim(name, is_positive_definite(matrix), smallest_eigenvalue(matrix))
+def controller_statement(controller: Controller) -> str:
+    """Return what the certificate proves and what it does not, with the numbers of this controller."""
+    p, model = controller.model.parameters, controller.model
+    # A smaller box, decay rate or strip than proven is proven as well, and so is a larger gain.
+    angles, speeds = (", ".join(at_least(x, 6) for x in limit) for limit in (p.joint_limit, p.velocity_limit))
+    alpha, gamma, strip = at_least(controller.alpha, 6), at_most(controller.gamma, 3), ""
+    box = (
+        f"For the rigid arm in continuous time, as long as it stays in the box |q| <= ({angles}) rad, |dq/dt| <= "
+        f"({speeds}) rad/s, and for every twice differentiable reference: "
+    )
+    if controller.form == "paper":
+        both = decay_words(alpha, largest_growth(controller.P, len(controller.P)), x="x = (error, x_r)")
+        claim = (
+            "with V over error and reference model, dV/dt + e'Qe - gamma^2 w'w + 2 alpha V < 0, w = (d, r): where w "
+            f"vanishes {both}, and from zero initial conditions the L2 gain from w to Q^(1/2) e is at most {gamma}. "
+            "d is friction, tip forces and payload as joint torques. "
+        )
+        return box + claim + NOT_COVERED + _OF_THE_TIP
+    dropped = [name for u in model.uncertainties for name in u.premises]
+    residual = f", and the feedforward residual of the dropped premises {', '.join(dropped)}" if dropped else ""
+    if controller.fastest_pole is not None:
+        beta = at_most(controller.fastest_pole, 6)
+        strip = (
+            f"; the root of V = x'P^-1 x decays no faster than exp(-{beta} t), so that the poles of the loop frozen at "
+            f"any such state have real parts between -{beta} and -{alpha} 1/s"
+        )
+    growth = (largest_growth(controller.P, size) for size in (len(controller.P), JOINTS))
+    claim = (
+        f"without disturbance {decay_words(alpha, *growth)}{strip}; and from zero error the L2 gain from the "
+        f"disturbance torque d to the position error is at most {gamma} rad/(N m). d "
+        f"holds friction, tip forces and payload as joint torques{residual}. "
+    )
+    return box + claim + NOT_COVERED + _OF_THE_TIP
+
+
+def decay_words(alpha: str, *growth: float, x: str = _ERROR) -> str:
+    """Return how x decays, given α [1/s] and the bounds c² of `largest_growth` of all of it and, if given, of e."""
+    c = [at_most(math.sqrt(one) * (1.0 + 1e-12), 4) if math.isfinite(one) else "C" for one in growth]
+    words = f"{x} decays at least as exp(-{alpha} t) up to a constant, |x(t)| <= {c[0]} exp(-{alpha} t) |x(0)|"
+    return words + f", and |e(t)| <= {c[-1]} exp(-{alpha} t) |e(0)| where at first only e is not zero" * (len(c) > 1)

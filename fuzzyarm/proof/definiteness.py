@@ -16,7 +16,10 @@ from typing import Any
 import numpy as np
 from flint import fmpq, fmpq_mat
 
-__all__ = ["exact", "inverse", "is_positive_definite", "largest_growth", "rational", "smallest_eigenvalue", "stated"]
+__all__ = [
+    "exact", "inverse", "is_dominant", "is_positive_definite", "largest_growth", "rational", "smallest_eigenvalue",
+    "stated",
+]  # fmt: skip
 
 
 def rational(value: Any) -> fmpq:
@@ -77,12 +80,13 @@ def is_positive_definite(matrix: np.ndarray) -> bool:
         return False
     n = len(T)
     left = fmpq_mat(n, n, list(exact(T).ravel()))
-    product = left * fmpq_mat(n, n, list(matrix.ravel())) * left.transpose()
-    for i in range(n):
-        others = sum((abs(product[i, j]) for j in range(n) if j != i), fmpq(0))
-        if not product[i, i] > others:
-            return False
-    return True
+    return is_dominant(left * fmpq_mat(n, n, list(matrix.ravel())) * left.transpose())
+
+
+def is_dominant(matrix: Any) -> bool:
+    """Return whether a matrix of FLINT is strictly diagonally dominant with a positive diagonal, row by row."""
+    rows = enumerate(matrix.tolist())
+    return all(bool(row[i] > sum((abs(x) for j, x in enumerate(row) if j != i), 0 * row[i])) for i, row in rows)
 
 
 def largest_growth(matrix: np.ndarray, size: int) -> float:

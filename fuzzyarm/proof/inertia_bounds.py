@@ -29,7 +29,6 @@ has D_high. Both steps are matrices of few angles. Nothing of this is sampled.
 
 from __future__ import annotations
 
-import dataclasses
 import itertools
 from collections.abc import Iterator, Sequence
 from typing import Any
@@ -38,13 +37,12 @@ import numpy as np
 from flint import fmpq, fmpq_mat
 
 from fuzzyarm.envs.physics.robot import Robot
-from fuzzyarm.fuzzy_policy.scheduled import Premise, ScheduledController
+from fuzzyarm.fuzzy_policy.scheduled import TWIST, Premise, ScheduledController
 from fuzzyarm.proof.box_cover import BASIS, TrigMatrix, widened
 from fuzzyarm.proof.definiteness import exact, stated
 
-__all__ = ["TWIST", "Bound", "angle_ranges", "bounds", "inertia_at", "inertia_polynomial", "scheduled_polynomial"]
+__all__ = ["angle_ranges", "inertia_bounds", "inertia_polynomial", "plus", "scheduled_polynomial"]
 
-TWIST = 6  # numbers of a base's twist, linear before angular velocity
 _NODES = tuple((fmpq(c, 5), fmpq(s, 5)) for c, s in ((5, 0), (0, 5), (-5, 0), (0, -5), (3, 4)))
 # From the values at the nodes to the coefficients in the basis, (5, 5).
 _TO_BASIS = np.array(
@@ -52,7 +50,7 @@ _TO_BASIS = np.array(
 )
 
 
-def inertia_at(
+def _inertia_at(
     robot: Robot, cosines: Sequence[fmpq], sines: Sequence[fmpq], *, first: int, last: int, tail: np.ndarray | None
 ) -> np.ndarray:
     """Return D of links `first` + 1 to `last`, exact rationals (s, s), at exact cosines and sines of their angles.
@@ -84,7 +82,7 @@ def inertia_at(
 
 
 def inertia_polynomial(robot: Robot, first: int, last: int, tail: np.ndarray | None = None) -> np.ndarray:
-    """Return the coefficients of D, see `inertia_at`, in the basis of each angle that it may depend on.
+    """Return the coefficients of D, see `_inertia_at`, in the basis of each angle that it may depend on.
 
     They are exact rationals (5, ..., 5, s, s): one axis for each of the angles `first` + 1 to `last`, without that of
     joint 1, each in the order of `BASIS`.
@@ -94,7 +92,7 @@ def inertia_polynomial(robot: Robot, first: int, last: int, tail: np.ndarray | N
     values = []
     for nodes in itertools.product(_NODES, repeat=angles):
         cosines, sines = zip(*([(fmpq(1), fmpq(0))] * fixed), *nodes, strict=True)
-        values.append(inertia_at(robot, cosines, sines, first=first, last=last, tail=tail))
+        values.append(_inertia_at(robot, cosines, sines, first=first, last=last, tail=tail))
     result = np.array(values, dtype=object).reshape((BASIS,) * angles + values[0].shape)
     for axis in range(angles):
         result = np.moveaxis(np.tensordot(_TO_BASIS, result, axes=(1, axis)), 0, axis)
@@ -118,17 +116,12 @@ def _rotation(axis: Sequence[float], c: fmpq, s: fmpq) -> fmpq_mat:
     return along + (unit - along) * c + _cross(axis) * s
 
 
-@dataclasses.dataclass(frozen=True)
-class Bound:
-    """A matrix that a controller claims to be positive definite in a box."""
+def inertia_bounds(controller: ScheduledController) -> Iterator[tuple[str, np.ndarray, np.ndarray]]:
+    """Yield every bound that a controller claims, in exact rationals of its robot and its stored numbers.
 
-    name: str  # the claim
-    matrix: TrigMatrix  # of the angles that it depends on
-    ranges: np.ndarray  # lowest and highest of these angles, (d, 2) [rad]
-
-
-def bounds(controller: ScheduledController) -> Iterator[Bound]:
-    """Yield every bound that a controller claims, formed in exact rationals from its robot and its stored numbers."""
+    Each is a name, the polynomial of a matrix that has to be positive definite, and the ranges (d, 2) of its angles
+    [rad].
+    """
     robot, split = controller.robot, controller.split
     ranges = angle_ranges(robot)
     near, far = ranges[1:split], ranges[split:]
@@ -136,22 +129,22 @@ def bounds(controller: ScheduledController) -> Iterator[Bound]:
     n = len(robot)
     if split < n:
         distal = inertia_polynomial(robot, split, n)
-        yield _bound(f"D - D_low > 0 beyond joint {split}", plus(distal, -low), far)
-        yield _bound(f"D_high - D > 0 beyond joint {split}", plus(-distal, high), far)
+        yield f"D - D_low > 0 beyond joint {split}", plus(distal, -low), far
+        yield f"D_high - D > 0 beyond joint {split}", plus(-distal, high), far
         lowest, highest = (inertia_polynomial(robot, 0, split, tail) for tail in (low, high))
     else:
         lowest = highest = inertia_polynomial(robot, 0, n)
     rotors = exact(np.diag(robot.drive("motor_inertia")))
     scheduled = scheduled_polynomial(controller.premises, controller.inertia, split)
     kappa = stated(controller.kappa)
-    yield _bound("M + R - M_hat > 0", plus(lowest - scheduled, rotors), near)
-    yield _bound("kappa M_hat - M - R > 0", plus(kappa * scheduled - highest, -rotors), near)
-    yield _bound("M_hat - sigma I > 0", plus(scheduled, -stated(controller.floor) * exact(np.eye(n))), near)
+    yield "M + R - M_hat > 0", plus(lowest - scheduled, rotors), near
+    yield "kappa M_hat - M - R > 0", plus(kappa * scheduled - highest, -rotors), near
+    yield "M_hat - sigma I > 0", plus(scheduled, -stated(controller.floor) * exact(np.eye(n))), near
     for premise, rate in zip(controller.premises, controller.rates, strict=True):
         slope = TrigMatrix(scheduled).derivative(premise.joint - 1).exact
         for sign, mark in ((1, "-"), (-1, "+")):
             name = f"2 mu M_hat {mark} dM_hat/dq{premise.joint + 1} > 0"
-            yield _bound(name, 2 * stated(rate) * scheduled - sign * slope, near)
+            yield name, 2 * stated(rate) * scheduled - sign * slope, near
 
 
 def angle_ranges(robot: Robot) -> np.ndarray:
@@ -183,8 +176,3 @@ def plus(polynomial: np.ndarray, constant: np.ndarray) -> np.ndarray:
     result, place = polynomial.copy(), (0,) * (polynomial.ndim - 2)
     result[place] = result[place] + constant
     return result
-
-
-def _bound(name: str, polynomial: np.ndarray, ranges: np.ndarray) -> Bound:
-    whole = TrigMatrix(polynomial)
-    return Bound(name, whole.of_needed(), ranges[whole.needed()])

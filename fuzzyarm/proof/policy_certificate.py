@@ -16,8 +16,8 @@ from fuzzyarm.fuzzy_policy.laws.fuzzy import FuzzyPolicy
 from fuzzyarm.fuzzy_policy.laws.scheduled import ScheduledPolicy
 from fuzzyarm.fuzzy_policy.laws.tip import TipPolicy
 from fuzzyarm.fuzzy_policy.scheduled import FORM, ScheduledController
+from fuzzyarm.proof.certificate import controller_statement
 from fuzzyarm.proof.scheduled_certificate import scheduled_statement
-from fuzzyarm.proof.statement import statement
 
 __all__ = ["PolicyCertificate", "certificate_of", "tip_statement"]
 
@@ -47,11 +47,11 @@ def certificate_of(policy: object, reference: Reference) -> PolicyCertificate | 
         law = certificate_of(policy.law, reference)
         if law is None or not law.any_reference:
             return None
-        bounds = law.bounds if isinstance(_elastic(reference), ElasticReference) else None
-        text = f"{law.text} {tip_statement(reference)}"
-        return dataclasses.replace(law, text=text, bounds=bounds, any_reference=False)
+        elastic, text = _along_the_tip(reference)
+        bounds = None if elastic is None else law.bounds
+        return dataclasses.replace(law, text=f"{law.text} {text}", bounds=bounds, any_reference=False)
     if isinstance(policy, FuzzyPolicy):
-        form, text = policy.controller.form, statement(policy.controller)
+        form, text = policy.controller.form, controller_statement(policy.controller)
     elif isinstance(policy, ScheduledPolicy):
         form, text = FORM, scheduled_statement(policy.controller)
     else:
@@ -62,14 +62,6 @@ def certificate_of(policy: object, reference: Reference) -> PolicyCertificate | 
     return PolicyCertificate(text, {"form": form, **numbers}, controller, any_reference=form != "paper")
 
 
-def _elastic(reference: Reference) -> ElasticReference | ValueError:
-    """Return θ_d of a reference, or why it has none in the box; the certificate is then void."""
-    try:
-        return ElasticReference(reference)
-    except ValueError as error:
-        return error
-
-
 def tip_statement(reference: Reference) -> str:
     """Return what a controller's certificate says of the law that tracks θ_d of `reference`, with the box re-checked.
 
@@ -78,12 +70,18 @@ def tip_statement(reference: Reference) -> str:
     the torque that the links would need at θ_d, known beforehand. Its largest value, and the share of the box, are
     those of `CHECKED_INSTANTS` instants.
     """
-    elastic = _elastic(reference)
-    if isinstance(elastic, ValueError):
-        return f"Told to bring the tip to this reference it has no certificate: {elastic}."
+    return _along_the_tip(reference)[1]
+
+
+def _along_the_tip(reference: Reference) -> tuple[ElasticReference | None, str]:
+    """Return θ_d of a reference, None if the box holds none, which voids the certificate, and `tip_statement`."""
+    try:
+        elastic = ElasticReference(reference)
+    except ValueError as error:
+        return None, f"Told to bring the tip to this reference it has no certificate: {error}."
     t = np.linspace(0.0, reference.duration, CHECKED_INSTANTS)
     known = np.abs(elastic.torque(t) - elastic.links_torque(elastic.sample(t))).max(axis=0)
-    return (
+    return elastic, (
         "Told to bring the tip to the reference, it tracks theta_d = q_d + delta, where the motors must be for the "
         "bent joints to put the links on q_d. theta_d is a twice differentiable reference like any other (its second "
         "derivative jumps where that of q_d has a corner), so the same inequalities hold for the error from theta_d; d "

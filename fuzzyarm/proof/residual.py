@@ -16,21 +16,21 @@ of the inverse kinematics, about m and about the ball I. The excess of the bound
 I, so the intervals with the largest bounds are halved until these are close to values that are attained. If that takes
 too long, the bound at that time is looser, but as valid.
 
-A spline is a polynomial on each piece; an interval gets the largest bound of all pieces that it may touch.
+Circles are bounded so; along any other path the residual is only sampled.
 """
 
 from __future__ import annotations
 
-import dataclasses
+import functools
 import heapq
 import math
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from flint import arb, arb_series
 
 from fuzzyarm.envs.observation import JOINTS
-from fuzzyarm.envs.scenario.paths import Circle, Lemniscate, Line, Spline
+from fuzzyarm.envs.scenario.paths import Circle
 from fuzzyarm.envs.scenario.reference import CHECKED_INSTANTS, JointReference
 from fuzzyarm.fuzzy_policy.states import VELOCITY
 from fuzzyarm.fuzzy_policy.ts_model import TSModel
@@ -38,18 +38,17 @@ from fuzzyarm.proof.definiteness import exact, rational
 
 __all__ = ["Residual", "feedforward_residual"]
 
-ORDER = 4  # coefficients of a power series: q, q̇, q̈ and the derivative of q̈
-TOLERANCE = 1e-4  # a bound this close to an attained value, relative to it, is close enough
-FIRST, MOST = 32, 2000  # intervals to begin with, and the most that are halved
-SHORTEST = 2.0**-40  # half of an interval that is not halved again: its ends are still exact
+_ORDER = 4  # coefficients of a power series: q, q̇, q̈ and the derivative of q̈
+_TOLERANCE = 1e-4  # a bound this close to an attained value, relative to it, is close enough
+_FIRST, MOST_HALVED = 32, 2000  # intervals to begin with, and the most that are halved
+_SHORTEST_HALF = 2.0**-40  # half of an interval that is not halved again: its ends are still exact
 
 
-@dataclasses.dataclass(frozen=True)
-class Residual:
+class Residual(NamedTuple):
     """What the feedforward misses along a reference, for any state in the box."""
 
     sampled: np.ndarray  # largest ρ̄ (2,) [N m] at `reference.CHECKED_INSTANTS` instants
-    # bound (2,) [N m] of ρ̄ at every instant; None for a path of the user's own, and where none was found
+    # bound (2,) [N m] of ρ̄ at every instant; None for a path that is no circle, and where none was found
     bound: np.ndarray | None
 
 
@@ -57,8 +56,7 @@ def feedforward_residual(model: TSModel, reference: JointReference) -> Residual:
     """Return the feedforward residual of a model along a reference, sampled and bounded, see the module's docstring."""
     sampled = _sampled(model, reference)
     # A class derived from one of these may move otherwise.
-    known = type(reference) is JointReference and type(reference.path) in (Circle, Lemniscate, Line, Spline)
-    if not known:
+    if not (type(reference) is JointReference and type(reference.path) is Circle):
         return Residual(sampled, None)
     bound = _Bound(model, reference, sampled).largest()
     return Residual(sampled, bound if np.isfinite(bound).all() else None)
@@ -88,12 +86,12 @@ class _Bound:
 
     def largest(self) -> np.ndarray:
         """Return a bound (2,) [N m] of ρ̄ at all instants, inf where none was found."""
-        size = 1.0 / FIRST
-        heap = [self._entry((k + 0.5) * size, 0.5 * size) for k in range(FIRST)]
+        size = 1.0 / _FIRST
+        heap = [self._entry((k + 0.5) * size, 0.5 * size) for k in range(_FIRST)]
         heapq.heapify(heap)
-        for _ in range(MOST):
+        for _ in range(MOST_HALVED):
             excess, middle, half, _ = heap[0]
-            if -excess <= 1.0 + TOLERANCE or half < SHORTEST:
+            if -excess <= 1.0 + _TOLERANCE or half < _SHORTEST_HALF:
                 break
             heapq.heapreplace(heap, self._entry(middle - 0.5 * half, 0.5 * half))
             heapq.heappush(heap, self._entry(middle + 0.5 * half, 0.5 * half))
@@ -101,26 +99,19 @@ class _Bound:
 
     def _entry(self, middle: float, half: float) -> tuple[float, float, float, tuple[float, ...]]:
         """Return an interval and the bounds on it, led by -(the largest bound, relative to an attained value)."""
-        bounds = [_rounded_up(bound) for bound in self._on(middle, half)]
-        attained = [max(float(value), 1e-9 * float(max(self.attained)), 1e-300) for value in self.attained]
-        excess = max(bound / value for bound, value in zip(bounds, attained, strict=True))
-        return -excess, middle, half, tuple(bounds)
+        bounds = tuple(_rounded_up(bound) for bound in self._on(middle, half))
+        least = max(1e-9 * float(max(self.attained)), 1e-300)
+        excess = max(bound / max(float(value), least) for bound, value in zip(bounds, self.attained, strict=True))
+        return -excess, middle, half, bounds
 
     def _on(self, middle: float, half: float) -> list[arb]:
         """Return bounds of ρ̄_1 and ρ̄_2 on an interval; nan where the motion cannot be enclosed on it."""
-        start, ball = _time_law(middle, 0.0), _time_law(middle, half)
-        worst = [arb(0), arb(0)]
-        pieces = _pieces(self.reference.path, ball[0])
-        for piece in pieces:
-            at_middle, around = self._motion(piece, start), self._motion(piece, ball)
-            if at_middle is None or around is None:
-                return [arb.nan(), arb.nan()]
-            for joint in range(JOINTS):
-                value, bound = self._residual(joint, at_middle, around, half)
-                worst[joint] = worst[joint].max(bound)
-                if len(pieces) == 1:  # otherwise the piece may be another one at the midpoint
-                    self.attained[joint] = self.attained[joint].max(value.lower())
-        return worst
+        start, ball = self._motion(_time_law(middle, 0.0)), self._motion(_time_law(middle, half))
+        if start is None or ball is None:
+            return [arb.nan(), arb.nan()]
+        values, bounds = zip(*(self._residual(joint, start, ball, half) for joint in range(JOINTS)), strict=True)
+        self.attained = [old.max(value.lower()) for old, value in zip(self.attained, values, strict=True)]
+        return list(bounds)
 
     def _residual(self, joint: int, start: list[list[arb]], ball: list[list[arb]], half: float) -> tuple[arb, arb]:
         """Return ρ̄_j at the midpoint, and its bound on the interval; motions as `_motion` returns them."""
@@ -135,15 +126,18 @@ class _Bound:
             bound += (g + slope * reach).abs_upper()
         return value, bound
 
-    def _motion(self, piece: Any, s: arb_series) -> list[list[arb]] | None:
+    def _motion(self, s: arb_series) -> list[list[arb]] | None:
         """Return the derivatives 0 to 3 of (q_1, q_2) by time, for s as a series in x; None if they are not finite."""
-        path, length = self.reference.path, self.reference.parameters.length
+        path: Any = self.reference.path  # a `Circle`
+        psi = arb(path.start_angle) + 2 * arb.pi() * arb(path.turns) * s
+        away = arb(path.radius) * psi.cos(), arb(path.radius) * psi.sin()
+        point = [arb(center) + part for center, part in zip(path.center, away, strict=True)]
         try:
-            angles = _joint_angles(*_point(path, piece, s), length, int(self.reference.elbow_sign))
+            angles = _joint_angles(point, self.reference.parameters.length, int(self.reference.elbow_sign))
         except (ValueError, ZeroDivisionError):
             return None
         result = [
-            [math.factorial(order) * angle[order] / self.duration**order for angle in angles] for order in range(ORDER)
+            [math.factorial(order) * angle[order] / self.duration**order for angle in angles] for order in range(_ORDER)
         ]
         return result if all(value.is_finite() for row in result for value in row) else None
 
@@ -159,54 +153,12 @@ def _time_law(middle: float, half: float) -> arb_series:
     return _series([both, 30 * (x * (1 - x)) ** 2, 30 * x * (1 - x) * (1 - 2 * x), 10 - 60 * x * (1 - x)])
 
 
-def _series(coefficients: list[Any]) -> arb_series:
-    return arb_series(coefficients, prec=ORDER)
+_series = functools.partial(arb_series, prec=_ORDER)
 
 
-def _pieces(path: Any, s: arb) -> list[int]:
-    """Return the pieces of a path that a ball of s may touch; all paths but a spline have one."""
-    if not isinstance(path, Spline):
-        return [0]
-    knots = path.polynomials[0]
-    low, high = float(s.lower()) - 1e-12, float(s.upper()) + 1e-12
-    first, last = np.searchsorted(knots, [low, high], side="right") - 1
-    return list(range(max(int(first), 0), min(int(last), len(knots) - 2) + 1))
-
-
-def _point(path: Any, piece: int, s: arb_series) -> tuple[arb_series, arb_series]:
-    """Return x and y of a path at s."""
-    if isinstance(path, Circle):
-        psi = arb(path.start_angle) + 2 * arb.pi() * arb(path.turns) * s
-        return _placed(path.center, arb(path.radius) * psi.cos(), arb(path.radius) * psi.sin())
-    if isinstance(path, Line):
-        ends = zip(path.start, path.end, strict=True)
-        x, y = (arb(start) + (arb(end) - arb(start)) * s for start, end in ends)
-        return x, y
-    if isinstance(path, Lemniscate):
-        theta = 2 * arb.pi() * s
-        long, short = arb(path.half_width) * theta.sin(), arb(path.half_width) * theta.sin() * theta.cos()
-        cos, sin = arb(path.angle).cos(), arb(path.angle).sin()
-        return _placed(path.center, cos * long - sin * short, sin * long + cos * short)
-    knots, coefficients = path.polynomials
-    along = s - arb(float(knots[piece]))
-    x, y = (_horner(coefficients[:, piece, axis].tolist(), along) for axis in range(2))
-    return x, y
-
-
-def _placed(center: tuple[float, float], x: arb_series, y: arb_series) -> tuple[arb_series, arb_series]:
-    return arb(center[0]) + x, arb(center[1]) + y
-
-
-def _horner(coefficients: list[float], x: arb_series) -> arb_series:
-    total = _series([0])
-    for coefficient in coefficients:
-        total = total * x + arb(coefficient)
-    return total
-
-
-def _joint_angles(x: arb_series, y: arb_series, length: tuple[float, float], elbow_sign: int) -> list[arb_series]:
+def _joint_angles(point: list[arb_series], length: tuple[float, float], elbow_sign: int) -> list[arb_series]:
     """Return q_1 and q_2, as `reference.joint_angles`; nan or ZeroDivisionError where the balls are too wide for it."""
-    l1, l2 = arb(length[0]), arb(length[1])
+    (x, y), (l1, l2) = point, map(arb, length)
     r2 = x * x + y * y
     outer, inner = (l1 + l2) ** 2 - r2, r2 - (l1 - l2) ** 2
     q2 = 2 * elbow_sign * (outer / inner).sqrt().atan()

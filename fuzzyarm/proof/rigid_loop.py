@@ -31,45 +31,38 @@ from __future__ import annotations
 
 import dataclasses
 from collections.abc import Callable, Mapping
-from functools import cached_property
 from typing import Any, NamedTuple, Protocol
 
 import numpy as np
 from scipy.optimize import Bounds, differential_evolution
 
 from fuzzyarm.envs.observation import JOINTS
-from fuzzyarm.envs.physics.dynamics import Arm, arm_constants, coriolis_torque, gravity_torque, mass_matrix
+from fuzzyarm.envs.physics.dynamics import arm_constants, coriolis_torque, gravity_torque, mass_matrix
 from fuzzyarm.envs.scenario.reference import ReferenceSample
 from fuzzyarm.fuzzy_policy.controller import Controller
 from fuzzyarm.fuzzy_policy.states import INTEGRAL, PLANT, PLANT_STATES, POSITION, VELOCITY
 from fuzzyarm.fuzzy_policy.ts_model import descriptor_terms, premises, rule_products
 
 __all__ = [
-    "STEP", "Disturbance", "Motion", "Objective", "RigidLoop", "Run", "Uniform", "decay_rates", "disturbed_run",
+    "STEP", "Motion", "RigidLoop", "Run", "Uniform", "decay_rates", "disturbed_run",
     "find_worst_point", "freeze", "gain_at", "joined", "library", "lyapunov_rate", "pole_rate", "simulate",
     "slowest_error", "worst_posture", "worst_torque",
 ]  # fmt: skip
 
 
-@dataclasses.dataclass(frozen=True)
 class RigidLoop:
-    """The closed loop of the module's docstring, for states in lanes; the form is the consistent one."""
+    """The closed loop of the module's docstring, for states in lanes."""
 
-    controller: Controller  # a controller of the consistent form
-
-    def __post_init__(self) -> None:
-        if self.controller.form != "consistent":
-            raise ValueError(f"a controller of the {self.controller.form} form; needed: the consistent form")
-
-    @cached_property
-    def arm(self) -> Arm:
-        """The constants of (3)."""
-        return arm_constants(self.controller.model.parameters)
-
-    @property
-    def states(self) -> int:
-        """Size n_e of ē: 6 with the integral, 4 without."""
-        return int(self.controller.gains.shape[-1])
+    def __init__(self, controller: Controller) -> None:
+        """Take a controller of the consistent form."""
+        if controller.form != "consistent":
+            raise ValueError(f"a controller of the {controller.form} form; needed: the consistent form")
+        self.controller, parameters = controller, controller.model.parameters
+        self.states = int(controller.gains.shape[-1])  # n_e of ē: 6 with the integral, 4 without
+        self.arm, self._terms = arm_constants(parameters), descriptor_terms(parameters)
+        both = np.concatenate([controller.gains, controller.feedforward_gains], axis=-1)
+        self._vertices = both.reshape(-1, JOINTS * both.shape[-1])  # [K̄_ik L_ik] as rows, i slow and k fast
+        self._root = np.linalg.inv(np.linalg.cholesky(controller.P)).T  # S with S Sᵀ = P⁻¹
 
     def law(self, z: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Return K̄_hv (lanes, 2, n_e) and L_hv (lanes, 2, 6), the convex sums at premises z (lanes, 5)."""
@@ -80,20 +73,10 @@ class RigidLoop:
         blended = (weights @ self._vertices).reshape(len(z), JOINTS, -1)
         return blended[..., : self.states], blended[..., self.states :]
 
-    @cached_property
-    def _vertices(self) -> np.ndarray:
-        """[K̄_ik L_ik] as rows, i slow and k fast."""
-        both = np.concatenate([self.controller.gains, self.controller.feedforward_gains], axis=-1)
-        return both.reshape(-1, JOINTS * both.shape[-1])
-
     def descriptor(self, z: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Return E(z) and A(z) of (5), (lanes, 4, 4) each, at premises z (lanes, 5)."""
         (E, E_slopes), (A, A_slopes) = self._terms["E"], self._terms["A"]
         return np.asarray(E + np.tensordot(z, E_slopes, axes=1)), np.asarray(A + np.tensordot(z, A_slopes, axes=1))
-
-    @cached_property
-    def _terms(self) -> dict[str, tuple[np.ndarray, np.ndarray]]:
-        return descriptor_terms(self.controller.model.parameters)
 
     def acceleration(self, q: np.ndarray, dq: np.ndarray, torque: np.ndarray) -> np.ndarray:
         """Return q̈ = (M_b + I_a)⁻¹ (τ - C q̇ - f_v q̇ - g) [rad/s²] for torques τ = u + d [N m], (lanes, 2) each."""
@@ -129,11 +112,6 @@ class RigidLoop:
     def lyapunov(self, error: np.ndarray) -> np.ndarray:
         """Return V = ēᵀ P⁻¹ ē for errors (..., n_e)."""
         return np.asarray(np.sum((error @ self._root) ** 2, axis=-1))
-
-    @cached_property
-    def _root(self) -> np.ndarray:
-        """S with S Sᵀ = P⁻¹."""
-        return np.linalg.inv(np.linalg.cholesky(self.controller.P)).T
 
 
 _LARGEST_FREQUENCY = 500.0  # [rad/s]; the gains fall beyond 100 rad/s
@@ -182,8 +160,7 @@ def gain_at(F: np.ndarray, G: np.ndarray, s: np.ndarray) -> np.ndarray:
     return np.asarray(np.linalg.norm(response, ord=2, axis=(1, 2)))
 
 
-@dataclasses.dataclass(frozen=True)
-class _WorstPoint:
+class _WorstPoint(NamedTuple):
     """Where in the box a `value` is largest: q [rad] and q̇ [rad/s] (2,), and the frequency ω [rad/s] if it has one."""
 
     value: float
@@ -192,15 +169,10 @@ class _WorstPoint:
     omega: float
 
 
-Objective = Callable[[np.ndarray, np.ndarray, np.ndarray], np.ndarray]
-"""F, G and ω, with lanes, to what is to be largest (lanes,)."""
-
-
-def find_worst_point(loop: RigidLoop, objective: Objective, *, moving: bool = True, seed: int = 0) -> _WorstPoint:
+def find_worst_point(loop: RigidLoop, objective: Callable[..., np.ndarray], *, moving: bool = True) -> _WorstPoint:
     """Return where `objective` is largest over the box (25) and ω in [0, 500] rad/s, by differential evolution.
 
-    It takes F, G and ω, with lanes, to a number for each lane. Without `moving` the arm is at rest; `seed` is that of
-    the search.
+    It takes F, G and ω, with lanes, to a number for each lane. Without `moving` the arm is at rest.
     """
     limits = loop.controller.model.parameters
     scale = np.array([*limits.joint_limit, *(float(moving) * np.array(limits.velocity_limit)), 1.0])
@@ -215,7 +187,7 @@ def find_worst_point(loop: RigidLoop, objective: Objective, *, moving: bool = Tr
 
     found = differential_evolution(
         loss, Bounds([-1.0] * len(scale), [1.0] * len(scale)), vectorized=True, updating="deferred", polish=False,
-        rng=seed, init="sobol", maxiter=GENERATIONS, popsize=_POPULATION, tol=0.0,
+        rng=0, init="sobol", maxiter=GENERATIONS, popsize=_POPULATION, tol=0.0,
     )  # fmt: skip
     q, dq, omega = split(found.x[:, np.newaxis])
     return _WorstPoint(-float(found.fun), q[0], dq[0], float(omega[0]))
@@ -225,8 +197,7 @@ STEP = 5e-4  # [s]; the fastest poles of the shipped loops lie near -250 rad/s
 _FLOOR = 1e-20  # share of V(0) below which a rate of decay is not read: there rounding shows
 _INTEGRALS = 3  # of zᵀz, wᵀw and V, integrated along with the error
 
-Disturbance = Callable[[np.ndarray], np.ndarray]
-"""Times (k,) [s] to torques (k, lanes or 1, 2) [N m]; smooth, or with kinks at multiples of the step only."""
+_Disturbance = Callable[[np.ndarray], np.ndarray]  # times (k,) [s] to torques (k, lanes or 1, 2) [N m]
 
 
 class Motion(Protocol):
@@ -266,7 +237,7 @@ def simulate(
     loop: RigidLoop,
     motion: Motion,
     start: np.ndarray,
-    disturbance: Disturbance,
+    disturbance: _Disturbance,
     duration: float,
     *,
     total: bool = True,
@@ -276,7 +247,7 @@ def simulate(
 
     The unknown is the error, not the angle: an error of 1e-12 rad decays as accurately as one of 0.1 rad. The reference
     is twice differentiable, ē starts at `start` (lanes, n_e), the disturbance is w of the certificate or, unless
-    `total`, d, and the duration [s] is rounded to whole steps.
+    `total`, d, and the duration [s] is rounded to whole steps. A disturbance is smooth, or has kinks at steps only.
     """
     steps, n = round(duration / step), loop.states
     half = 0.5 * step * np.arange(2 * steps + 1)
@@ -307,15 +278,14 @@ def simulate(
     return Run(half[::2], error, V, output, taken, V - V[0] + supply, in_box)
 
 
-FREQUENCIES = (1.0, 3.0, 10.0, 20.0, 40.0, 60.0, 80.0, 120.0, 200.0, 400.0)  # [rad/s]
-DIRECTIONS = {"joint 1": (1.0, 0.0), "joint 2": (0.0, 1.0), "in phase": (0.7, 0.7), "antiphase": (0.7, -0.7)}
+_FREQUENCIES = (1.0, 3.0, 10.0, 20.0, 40.0, 60.0, 80.0, 120.0, 200.0, 400.0)  # [rad/s]
+_WAYS = {"joint 1": (1.0, 0.0), "joint 2": (0.0, 1.0), "in phase": (0.7, 0.7), "antiphase": (0.7, -0.7)}
 _PULSE = 0.02  # [s]
 HELD = 2e-3  # [s], one torque of the power iteration
 _POWER_STEPS = 40  # of the power iteration; twice as many raise the gains by 0.5 % at most
 
 
-@dataclasses.dataclass(frozen=True)
-class Uniform:
+class Uniform(NamedTuple):
     """q_d = q + q̇ t: postures held, or passed at constant velocity; q [rad] and q̇ [rad/s] are (lanes, 2)."""
 
     q: np.ndarray
@@ -327,20 +297,20 @@ class Uniform:
         return ReferenceSample(q, np.broadcast_to(self.dq, q.shape), np.zeros(q.shape))
 
 
-def library(duration: float, step: float = STEP, seed: int = 0) -> dict[str, np.ndarray]:
+def library(duration: float, step: float = STEP) -> dict[str, np.ndarray]:
     """Return torques (k, 2) [N m] of size 1 at the instants 0, step, ..., duration, to be joined by `joined`."""
-    t, rng = np.arange(round(duration / step) + 1) * step, np.random.default_rng(seed)
+    t, rng = np.arange(round(duration / step) + 1) * step, np.random.default_rng(0)
     shapes = {"step": np.ones_like(t), "pulse": (t <= _PULSE).astype(float)}
-    shapes |= {f"sine {omega:g} rad/s": np.sin(omega * t) for omega in FREQUENCIES}
+    shapes |= {f"sine {omega:g} rad/s": np.sin(omega * t) for omega in _FREQUENCIES}
     probes = {
         f"{name}, {way}": shape[:, np.newaxis] * np.array(direction)
         for name, shape in shapes.items()
-        for way, direction in DIRECTIONS.items()
+        for way, direction in _WAYS.items()
     }
     return probes | {f"noise {k}": rng.normal(size=(len(t), JOINTS)) for k in range(4)}
 
 
-def joined(torques: np.ndarray, step: float = STEP) -> Disturbance:
+def joined(torques: np.ndarray, step: float = STEP) -> _Disturbance:
     """Return the disturbance that joins torques (k, lanes, 2) [N m], `step` [s] apart, by straight lines."""
 
     def disturbance(t: np.ndarray) -> np.ndarray:
@@ -392,7 +362,7 @@ def _discrete(loop: RigidLoop, motion: Motion, middles: np.ndarray) -> tuple[np.
     return maps[..., :n], maps[..., n:]
 
 
-LANES, _DECAY_DURATION = 200, 0.2  # number of undisturbed rollouts from random states, and their duration [s]
+_LANES, _DECAY_DURATION = 200, 0.2  # number of undisturbed rollouts from random states, and their duration [s]
 _SLOWEST_DURATION, SLOWEST_STEP = 0.02, 2e-5  # [s], of the rollout from where V decays slowest
 AMPLITUDE = 100.0  # [N m], of the largest disturbance torque
 _UNDISTURBED = joined(np.zeros((2, 1, 2)))
@@ -441,8 +411,8 @@ def disturbed_run(
 def _random_decay(loop: RigidLoop, step: float) -> float:
     """Return the smallest rate of rollouts whose errors are spread like the ellipsoid V = 1 and then scaled."""
     P, arm, rng = loop.controller.P, loop.controller.model.parameters, np.random.default_rng(0)
-    q, dq = (rng.uniform(-0.6, 0.6, (LANES, 2)) * limit for limit in (arm.joint_limit, arm.velocity_limit))
-    errors = rng.normal(size=(LANES, loop.states)) @ np.linalg.cholesky(P).T
-    largest_angle = rng.uniform(0.01, 0.3, LANES)  # [rad]
+    q, dq = (rng.uniform(-0.6, 0.6, (_LANES, 2)) * limit for limit in (arm.joint_limit, arm.velocity_limit))
+    errors = rng.normal(size=(_LANES, loop.states)) @ np.linalg.cholesky(P).T
+    largest_angle = rng.uniform(0.01, 0.3, _LANES)  # [rad]
     errors *= (largest_angle / np.abs(errors[:, POSITION]).max(axis=1))[:, np.newaxis]
     return float(simulate(loop, Uniform(q, dq), errors, _UNDISTURBED, _DECAY_DURATION, step=step).rate.min())

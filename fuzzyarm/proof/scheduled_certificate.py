@@ -41,21 +41,18 @@ from fuzzyarm.common.arithmetic import at_least, at_most
 from fuzzyarm.fuzzy_policy.scheduled import ScheduledController
 from fuzzyarm.fuzzy_policy.states import SCALAR_STATES
 from fuzzyarm.proof.block_matrix import Assembly, he, identity, symmetric
-from fuzzyarm.proof.box_cover import cover, proven_in_balls
-from fuzzyarm.proof.certificate import Certificate, Claim, claim
+from fuzzyarm.proof.box_cover import TrigMatrix, cover, proven_in_balls
+from fuzzyarm.proof.certificate import NOT_COVERED, Certificate, Claim, decay_words
 from fuzzyarm.proof.definiteness import exact, inverse, largest_growth, smallest_eigenvalue, stated
-from fuzzyarm.proof.inertia_bounds import Bound, bounds
-from fuzzyarm.proof.statement import NOT_COVERED, decay_words
+from fuzzyarm.proof.inertia_bounds import inertia_bounds
 
-__all__ = ["certify_scheduled", "decay", "fastest", "loop", "schedule_rate", "scheduled_statement"]
+__all__ = ["certify_scheduled", "decay", "fastest", "scalar_loop", "schedule_rate", "scheduled_statement"]
 
 
-def loop() -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+def scalar_loop() -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Return A (3, 3), b (3, 1) and c (1, 3) as whole numbers."""
-    A = np.zeros((SCALAR_STATES, SCALAR_STATES), dtype=int)
-    A[0, 1] = A[2, 0] = 1
     unit = identity(SCALAR_STATES)
-    return A, unit[:, 1:2], unit[:1]
+    return np.array([unit[1], 0 * unit[0], unit[0]]), unit[:, 1:2], unit[:1]
 
 
 def decay(share: Any, *, rate: Any, gamma2: Any, P: Any, m: Any, put: Assembly = symmetric) -> Any:
@@ -64,14 +61,14 @@ def decay(share: Any, *, rate: Any, gamma2: Any, P: Any, m: Any, put: Assembly =
     λ is the share, `rate` α + μ [1/s], `gamma2` γ² [s⁴], P is (3, 3), m = k P is (1, 3), and `put` makes a matrix of
     the block rows.
     """
-    A, b, c = loop()
+    A, b, c = scalar_loop()
     state = he(A @ P - b @ (share * m)) + 2 * rate * P
     return put([[state], [share * b.T, -gamma2 * identity(1)], [c @ P, 0, -identity(1)]])
 
 
 def fastest(share: Any, *, pole: Any, P: Any, m: Any, put: Assembly = symmetric) -> Any:
     """Return the matrix of the fastest pole β [1/s], (6, 6), which has to be positive definite; see `decay`."""
-    A, b, _ = loop()
+    A, b, _ = scalar_loop()
     return put([[pole * P], [A @ P - b @ (share * m), pole * P]])
 
 
@@ -86,8 +83,8 @@ def certify_scheduled(
     claims = _loop_claims(controller)
     # The cheap claims come first: a file whose gains do not fit is refused at once.
     if all(one.proven for one in claims):
-        for bound in bounds(controller):
-            claims.append(_covered(bound, in_balls))
+        for name, polynomial, ranges in inertia_bounds(controller):
+            claims.append(_inertia_claim(name, polynomial, ranges, in_balls))
             if progress:
                 progress()
             if not claims[-1].proven:
@@ -104,32 +101,28 @@ def schedule_rate(controller: ScheduledController) -> fmpq:
 def _loop_claims(controller: ScheduledController) -> list[Claim]:
     X, k = exact(controller.lyapunov), exact(controller.feedback[np.newaxis])
     rate, gamma = stated(controller.alpha) + schedule_rate(controller), stated(controller.gamma)
-    claims = [claim("X > 0", X)]
-    P = inverse(X)
+    claims, P = [Claim.of("X > 0", X)], inverse(X)
     if P is None:
         P = 0 * X  # of which nothing is proven
-    m = k @ P
+    m, pole = k @ P, stated(controller.fastest_pole)
     for name, share in (("1/kappa", 1 / stated(controller.kappa)), ("1", fmpq(1))):
         matrix = -np.asarray(decay(share, rate=rate, gamma2=gamma * gamma, P=P, m=m))
-        claims.append(claim(f"decay and gain at lambda = {name}", matrix))
-        pole = stated(controller.fastest_pole)
-        claims.append(claim(f"fastest pole at lambda = {name}", np.asarray(fastest(share, pole=pole, P=P, m=m))))
+        claims.append(Claim.of(f"decay and gain at lambda = {name}", matrix))
+        claims.append(Claim.of(f"fastest pole at lambda = {name}", np.asarray(fastest(share, pole=pole, P=P, m=m))))
     return claims
 
 
-def _covered(bound: Bound, in_balls: bool) -> Claim:
-    outcome = cover(bound.matrix, bound.ranges)
-    name = f"{bound.name}, {len(outcome.boxes)} boxes of {bound.matrix.angles} angles"
-    if outcome.witness is not None:
-        return Claim(f"{name}; not at {outcome.witness.round(4).tolist()} rad", False, _margin(bound, outcome.witness))
-    proven = proven_in_balls(bound.matrix, outcome.boxes) if in_balls else True
-    centers = outcome.boxes.mean(axis=2)
-    return Claim(name + (", also in balls" if in_balls and proven else ""), proven, _margin(bound, centers))
-
-
-def _margin(bound: Bound, angles: np.ndarray) -> float:
-    matrices = bound.matrix.at(np.atleast_2d(angles))
-    return min(smallest_eigenvalue(matrix) for matrix in matrices)
+def _inertia_claim(name: str, polynomial: np.ndarray, ranges: np.ndarray, in_balls: bool) -> Claim:
+    whole = TrigMatrix(polynomial)
+    matrix = whole.of_needed()
+    boxes, witness = cover(matrix, ranges[whole.needed()])
+    name = f"{name}, {len(boxes)} boxes of {matrix.angles} angles"
+    where = boxes.mean(axis=2) if witness is None else witness[np.newaxis]
+    margin = min(map(smallest_eigenvalue, matrix.at(where)))
+    if witness is not None:
+        return Claim(f"{name}; not at {witness.round(4).tolist()} rad", False, margin)
+    proven = proven_in_balls(matrix, boxes) if in_balls else True
+    return Claim(name + (", also in balls" if in_balls and proven else ""), proven, margin)
 
 
 def scheduled_statement(controller: ScheduledController) -> str:

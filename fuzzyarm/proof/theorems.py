@@ -1,4 +1,4 @@
-"""Theorems 1 and 2 of the paper, for floats, exact rationals and the expressions of cvxpy (`block_matrix`).
+"""The matrix inequalities of a controller, for floats, exact rationals and the expressions of cvxpy (`block_matrix`).
 
 Theorem 1: the matrix Ξ_ijk of (15), for the tracking error and the reference model together.
 
@@ -26,7 +26,7 @@ The paper prints an eighth column of ⋆ in (15), Ξ_ik for Ξ_iik in (14), and 
 A_i - E_k A_r is [A_pi - E_pk A_r; 0] (printed there with B_r for A_r), E_k B_r is [E_pk B_r; 0], and the last
 row is [I 0] P_11: z weights e only.
 
-Theorem 2: the matrix Ψ_ijk, Theorem 1 for a model with norm-bounded uncertainty.
+Theorem 2: the matrix Ψ_ijk (`tracking_psi`), Theorem 1 for a model with norm-bounded uncertainty.
 
     Ψ_ijk = | Ξ_ijk + H̄ᵀ τ H̄   ⋆       |        Ψ_2 = | T_11  T_12  0     0     0  0     0 |   ΔA = H_aᵀ Δ_a W_a
             | Ψ_2              -τ I    |              | T_31  T_32  T_33  T_34  0  T_36  0 |   ΔE = H_eᵀ Δ_e W_e
@@ -45,23 +45,54 @@ The paper prints T_32 with -Q_12; both terms of S_32 that carry E_k have a minus
 T_21 and T_26 of ΔB are left out: the torques of this arm enter with certainty, B_p is constant. With the
 integral H and W act on e and leave x_I alone. `data.uncertainties` has one term for A and one for E as printed, or
 one term for each dropped premise: every term is a row of Ψ_2 with its own multiplier.
+
+Consistent-reference form: the matrix Ψ_ijk of Theorem 2 without the reference model (`error_psi`).
+
+With x_r ≡ (q_d, q̇_d) and the feedforward L of `controller`, what remains of (9) is, for ē = (e, x_I), ẋ_I = C_p e,
+
+    Ē_v ē' = (Ā_h + ΔĀ) ē + B̄ K̄ ē + B̄ d,      Ē_v = diag(E_pv + ΔE, I),    Ā_h = [[A_ph, 0], [C_p, 0]],
+
+and V = ēᵀ P⁻¹ ē obeys V' + zᵀz - γ² dᵀd + 2αV < 0, z = C ē the position error, if P > 0 and for all i, j, k (paper
+(15) and Theorem 2 without the x_r blocks) Ψ_iik < 0 and Ψ_ijk + Ψ_jik < 0 for i < j, where
+
+            | He(Q_ij + αP)                      ⋆                               ⋆      ⋆    ⋆     |   ē
+            | A_i P + B M_jk - E_k Q_ij + X_ijᵀ  -He(E_k X_ij) + Σ τ_l H_lᵀH_l   ⋆      ⋆    ⋆     |   ē'
+    Ψ_ijk = | 0                                  Bᵀ                              -γ²I   ⋆    ⋆     |   d
+            | C P                                0                               0      -I   ⋆     |   z
+            | W_l P  or  -W_l Q_ij               0  or  -W_l X_ij                0      0    -τ_l I|
+
+with one row block and one multiplier τ_l for each dropped premise (on A, or on E). K_jk = M_jk P⁻¹. Without
+the integral ē = e. The paper has one multiplier for all uncertainties of A and one for E; one each is less
+conservative. Bars are left out in Ψ.
+
+*Fastest pole.* Run backwards the error obeys Ē dē/d(-t) = -(Ā + B̄ K̄) ē, so V falls no faster than exp(-2βt),
+V' + 2βV > 0 where d = 0, if the inequality of a decay rate of -β holds for -A and -B, with the same P and M_jk and
+slack of its own (`error_phi`): Φ_iik < 0 and Φ_ijk + Φ_jik < 0 for i < j, where
+
+            | He(Q_ij - βP)                        ⋆                               ⋆    |   ē
+    Φ_ijk = | -A_i P - B M_jk - E_k Q_ij + X_ijᵀ  -He(E_k X_ij) + Σ τ_l H_lᵀH_l   ⋆    |   ē' backwards
+            | W_l P  or  -W_l Q_ij                 0  or  -W_l X_ij               -τ_l I|
+
+At a frozen state -2βV < V' < -2αV puts the real part of every pole between -β and -α.
 """
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from typing import Any
 
 import numpy as np
 
-from fuzzyarm.fuzzy_policy.states import PLANT
+from fuzzyarm.envs.observation import JOINTS
+from fuzzyarm.fuzzy_policy.states import PLANT, POSITION
 from fuzzyarm.fuzzy_policy.ts_model import Uncertainty
 from fuzzyarm.proof.block_matrix import Assembly, he, identity, symmetric, times, transposed
-from fuzzyarm.proof.vertices import Index, TrackingVertices
+from fuzzyarm.proof.vertices import Index, TrackingVertices, Vertices
 
-__all__ = ["psi"]
+__all__ = ["error_phi", "error_psi", "tracking_psi"]
 
 
-def psi(
+def tracking_psi(
     data: TrackingVertices,
     i: Index,
     k: Index,
@@ -103,6 +134,15 @@ def psi(
     S_43 = -X_21 - transposed(X_12) @ transposed(E)
     S_44 = -he(X_22)
     S_63 = transposed(B @ L) - transposed(E_B_r)
+
+    def uncertain(term: Uncertainty) -> list[Any]:
+        W = term.W  # reads the plant's rows, not x_I
+        if term.on == "A":
+            return [W @ P_11[PLANT], W @ P_22, 0, 0, 0, 0, 0]
+        W_Q_11, W_X_11, W_X_12 = (-W @ block[..., PLANT, :] for block in (Q_11, X_11, X_12))
+        return [W_Q_11, -W @ (data.A_r @ P_22 + Q_12[..., PLANT, :]), W_X_11, W_X_12, 0, -W @ B_r, 0]
+
+    S_33, below = _with_uncertainty(data, tau, S_33, uncertain)
     rows: list[list[Any]] = [
         [S_11],
         [S_21, S_22],
@@ -112,20 +152,83 @@ def psi(
         [0, 0, S_63, B_r.T, 0, -gamma2 * identity(B_r.shape[1])],
         [output * P_11[PLANT], 0, 0, 0, 0, 0, -data.Q_inverse],
     ]
+    return put([*rows, *below])
+
+
+def error_psi(
+    data: Vertices,
+    i: Index,
+    k: Index,
+    *,
+    alpha: Any,
+    gamma2: Any,
+    output: Any = 1,
+    P: Any,
+    M: Any,
+    Q: Any,
+    X: Any,
+    tau: Any,
+    put: Assembly = symmetric,
+) -> Any:
+    """Return Ψ_ijk, symmetric and affine in P, M, Q, X, τ and γ².
+
+    Vertices i of A and k of E count from 0; α is in 1/s, γ² in rad²/(N m)², z has the factor `output`. P, Q_ij and X_ij
+    are (n, n), n = 4 or, with the integral, 6; M_jk is (2, n), τ (..., m) has an entry for each of
+    `data.uncertainties`, and `put` makes a matrix of the block rows. With arrays of i and k the result is a stack: M,
+    Q, X and τ are stacks then, and P is one matrix.
+    """
+    E, A, B = data.error_E(k), data.error_A(i), data.error_rows(data.B)
+    corner, below = _error_uncertainty(data, tau, P, Q, X, [0, 0])
+    rows: list[list[Any]] = [
+        [he(Q + alpha * P)],
+        [A @ P + B @ M - E @ Q + transposed(X), corner - he(E @ X)],
+        [0, B.T, -gamma2 * identity(JOINTS)],
+        [output * P[POSITION], 0, 0, -identity(JOINTS)],
+    ]
+    return put([*rows, *below])
+
+
+def error_phi(
+    data: Vertices,
+    i: Index,
+    k: Index,
+    *,
+    fastest_pole: Any,
+    P: Any,
+    M: Any,
+    Q: Any,
+    X: Any,
+    tau: Any,
+    put: Assembly = symmetric,
+) -> Any:
+    """Return Φ_ijk, symmetric and affine in P, M, Q, X and τ, for the bound β [1/s] of the decay rate from above.
+
+    P (n, n) and M are those of Ψ; Q, X and τ are not. The other arguments are as for `error_psi`.
+    """
+    E, A, B = data.error_E(k), data.error_A(i), data.error_rows(data.B)
+    corner, below = _error_uncertainty(data, tau, P, Q, X, [])
+    return put([[he(Q - fastest_pole * P)], [transposed(X) - A @ P - B @ M - E @ Q, corner - he(E @ X)], *below])
+
+
+def _error_uncertainty(
+    data: Vertices, tau: Any, P: Any, Q: Any, X: Any, between: list[int]
+) -> tuple[Any, list[list[Any]]]:
+    """Return Σ τ_l H_lᵀH_l and the rows of the dropped premises, with the zeros `between` after ē and ē'."""
+
+    def uncertain(term: Uncertainty) -> list[Any]:
+        W_P, W_Q, W_X = (term.W @ matrix[..., PLANT, :] for matrix in (P, Q, X))
+        return [W_P, 0, *between] if term.on == "A" else [-W_Q, -W_X, *between]
+
+    return _with_uncertainty(data, tau, np.zeros((data.n_e, data.n_e), dtype=int), uncertain)
+
+
+def _with_uncertainty(
+    data: Vertices, tau: Any, corner: Any, uncertain: Callable[[Uncertainty], list[Any]]
+) -> tuple[Any, list[list[Any]]]:
+    """Return `corner` + Σ τ_l H_lᵀH_l and the row of each dropped premise, of which `uncertain` gives the beginning."""
+    rows = list[list[Any]]()
     for scale, term in zip(data.multipliers(tau), data.uncertainties, strict=True):
         H = data.error_rows(term.H.T).T
-        rows[2][2] = rows[2][2] + times(scale, H.T @ H)
-        before = [0] * (len(rows) - 7)  # columns of the terms so far, behind the seven of Ξ
-        rows.append([*_uncertain_row(data, term, P=P, Q=Q, X=X), *before, -times(scale, identity(len(term.W)))])
-    return put(rows)
-
-
-def _uncertain_row(data: TrackingVertices, term: Uncertainty, *, P: Any, Q: Any, X: Any) -> list[Any]:
-    """Return the row [T_11 T_12 0 ...] or [T_31 T_32 T_33 T_34 0 T_36 0] of Ψ_2; W reads the plant's rows, not x_I."""
-    W, e, r = term.W, slice(data.n_e), slice(data.n_e, None)
-    P_11, P_22 = P[PLANT, e], P[r, r]
-    Q_11, Q_12 = Q[..., PLANT, e], Q[..., PLANT, r]
-    X_11, X_12 = X[..., PLANT, e], X[..., PLANT, r]
-    if term.on == "A":
-        return [W @ P_11, W @ P_22, 0, 0, 0, 0, 0]
-    return [-W @ Q_11, -W @ (data.A_r @ P_22 + Q_12), -W @ X_11, -W @ X_12, 0, -W @ data.B_r, 0]
+        corner = corner + times(scale, H.T @ H)
+        rows.append([*uncertain(term), *[0] * len(rows), -times(scale, identity(len(H)))])
+    return corner, rows

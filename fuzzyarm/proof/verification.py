@@ -50,70 +50,56 @@ class Verification:
         else:
             bound = None if self.residual is None or self.residual.bound is None else self.residual.bound.tolist()
             own = {"residual_bound": bound, **own, "tip_statement": self.tip if self.proven else None}
-        return {
-            "file": str(self.path),
-            "proven": self.proven,
-            "margin": self.certificate.proof_margin,
-            "seconds": self.seconds,
-            **own,
-            "claims": [
-                {"name": claim.name, "proven": claim.proven, "margin": claim.proof_margin}
-                for claim in self.certificate.claims
-            ],
-        }
+        claims = [{"name": c.name, "proven": c.proven, "margin": c.proof_margin} for c in self.certificate.claims]
+        margin = self.certificate.proof_margin
+        head = {"file": str(self.path), "proven": self.proven, "margin": margin, "seconds": self.seconds}
+        return {**head, **own, "claims": claims}
 
     def to_text(self) -> str:
         """Return the report as text: verdict, content of the file, proof, the claims that say most, certificate."""
         c, every = self.controller, self.certificate.claims
-        margin_and_time = f"smallest margin {self.certificate.proof_margin:.2g}, {self.seconds:.2f} s"
+        proven = sum(claim.proven for claim in every)
         if isinstance(c, ScheduledController):
-            about, claims = _about_scheduled(c), every
+            claims, what = every, "claims proven"
             how = (
-                f"claims proven, {margin_and_time}: the inequalities of the loop in exact rational arithmetic, the "
-                "bounds of the inertia on covers of boxes, in floating point with a bound of all rounding errors and "
-                "again in balls with outward rounding"
+                ": the inequalities of the loop in exact rational arithmetic, the bounds of the inertia on covers of "
+                "boxes, in floating point with a bound of all rounding errors and again in balls with outward rounding"
+            )
+            about = (
+                f"semidefinite form, {escaped(c.robot.name)} of {len(c.robot)} joints (digest {c.robot.digest[:12]}), "
+                f"{c.rules} rules (kept: {', '.join(premise.name for premise in c.premises) or 'none'}), with "
+                f"integral; kappa = {at_most(c.kappa, 6)}, alpha = {at_least(c.alpha, 6)} 1/s, gamma = "
+                f"{at_most(c.gamma, 6)} s^2, fastest pole = {at_most(c.fastest_pole, 6)} 1/s"
             )
         else:
             # What fails first, then the smallest margins; a large model has hundreds of claims.
-            ranked = sorted(every, key=lambda claim: (claim.proven, claim.proof_margin))
-            about, claims = _about(c), tuple(ranked[:_LISTED])
-            how = f"inequalities proven in exact rational arithmetic, {margin_and_time}"
+            claims = tuple(sorted(every, key=lambda claim: (claim.proven, claim.proof_margin))[:_LISTED])
+            what, how = "inequalities proven in exact rational arithmetic", ""
+            pole = "" if c.fastest_pole is None else f", fastest pole = {at_most(c.fastest_pole, 6)} 1/s"
+            about = (
+                f"{c.form} form, {c.model.rules} rules (kept: {', '.join(c.model.kept) or 'none'}), one multiplier for "
+                f"{'all of A' if c.common_multiplier else 'each dropped premise'}, "
+                f"{'with' if c.integral else 'without'} integral; alpha = {at_least(c.alpha, 6)} 1/s, "
+                f"gamma = {at_most(c.gamma, 6)}{pole}"
+            )
+        margin = f"smallest margin {self.certificate.proof_margin:.2g}, {self.seconds:.2f} s"
         lines = [
             f"{escaped(str(self.path))}: {'PROVEN' if self.proven else 'NOT PROVEN'}",
             f"  {about}",
-            f"  {sum(claim.proven for claim in every)} of {len(every)} {how}",
+            f"  {proven} of {len(every)} {what}, {margin}{how}",
         ]
-        lines += [
-            f"  {'proven    ' if claim.proven else 'not proven'} {claim.name}, margin {claim.proof_margin:.2g}"
-            for claim in claims
-        ]
+        for claim in claims:
+            verdict = "proven    " if claim.proven else "not proven"
+            lines.append(f"  {verdict} {claim.name}, margin {claim.proof_margin:.2g}")
         if len(every) > len(claims):
             lines.append(f"  and {len(every) - len(claims)} more with larger margins, all of them with --json")
-        lines += [f"  {self.certificate.statement}"] if self.proven else []
+        if self.proven:
+            lines.append(f"  {self.certificate.statement}")
         if self.residual is not None and self.residual.sampled.any():
             lines.append(f"  {residual_statement(self.residual)}")
         if self.tip is not None and self.proven:
             lines.append(f"  {self.tip} (Reference: the paper's circle; the policy: this file with the ending -tip.)")
         return "\n".join(lines)
-
-
-def _about(c: Controller) -> str:
-    multipliers = "one multiplier for all of A" if c.common_multiplier else "one multiplier for each dropped premise"
-    pole = "" if c.fastest_pole is None else f", fastest pole = {at_most(c.fastest_pole, 6)} 1/s"
-    return (
-        f"{c.form} form, {c.model.rules} rules (kept: {', '.join(c.model.kept) or 'none'}), {multipliers}, "
-        f"{'with' if c.integral else 'without'} integral; alpha = {at_least(c.alpha, 6)} 1/s, "
-        f"gamma = {at_most(c.gamma, 6)}{pole}"
-    )
-
-
-def _about_scheduled(c: ScheduledController) -> str:
-    return (
-        f"semidefinite form, {escaped(c.robot.name)} of {len(c.robot)} joints (digest {c.robot.digest[:12]}), "
-        f"{c.rules} rules (kept: {', '.join(premise.name for premise in c.premises) or 'none'}), with integral; "
-        f"kappa = {at_most(c.kappa, 6)}, alpha = {at_least(c.alpha, 6)} 1/s, gamma = {at_most(c.gamma, 6)} s^2, "
-        f"fastest pole = {at_most(c.fastest_pole, 6)} 1/s"
-    )
 
 
 def residual_statement(residual: Residual) -> str:

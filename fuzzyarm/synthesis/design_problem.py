@@ -10,7 +10,7 @@ every pole of every frozen loop lies in it if Π_iik < 0 and Π_ijk + Π_jik < 0
     Π_ijk = | I⊗F_ijk - (I⊗E_k) Q_ij + X_ijᵀ (S⊗I)ᵀ    -He((I⊗E_k) X_ij) + Σ Θ_l⊗H_lᵀH_l  ⋆    |
             | I⊗W_l P  or  -(I⊗W_l) Q_ij               0  or  -(I⊗W_l) X_ij               -Θ_l⊗I|
 
-For s = 1 this is the inequality of the decay rate in `consistent_reference` without its rows d and z. Multiplied by
+For s = 1 this is the inequality of the decay rate, `error_psi`, without its rows d and z. Multiplied by
 [I, (S⊗I)(I⊗E)⁻¹, ...] from the left and its transpose from the right, X drops out and R⊗P + He(S⊗(E⁻¹F)) is left:
 the condition of Chilali and Gahinet (1996) for E⁻¹F P⁻¹.
 """
@@ -58,7 +58,7 @@ def pi(
     """Return Π_ijk (..., rows, rows), symmetric and affine in P, M, Q, X and Θ, of numbers or of cvxpy's expressions.
 
     The vertices are of the consistent form, n = 4 or, with the integral, 6; with arrays of i and k, from 0, the result
-    is a stack, as in `consistent_reference.psi`. R [1/s] and S are (s, s), P is (n, n), M_jk (..., 2, n), Q_ij and X_ij
+    is a stack, as in `theorems.error_psi`. R [1/s] and S are (s, s), P is (n, n), M_jk (..., 2, n), Q_ij and X_ij
     are (..., s n, s n), and Θ (..., m, s, s) has an entry for each of `data.uncertainties`.
     """
     one, n = identity(len(S)), data.n_e

@@ -34,7 +34,7 @@ from fuzzyarm.envs.physics.parameters import ArmParameters
 from fuzzyarm.fuzzy_policy.controller import RATES, consistent_feedforward
 from fuzzyarm.fuzzy_policy.states import VELOCITY
 from fuzzyarm.fuzzy_policy.ts_model import TSModel
-from fuzzyarm.proof import consistent_reference, theorems
+from fuzzyarm.proof import theorems
 from fuzzyarm.proof.block_matrix import Assembly, symmetric, transposed
 from fuzzyarm.proof.vertices import TrackingVertices, error_vertices, tracking_vertices
 from fuzzyarm.synthesis.expressions import half, negative, positive
@@ -284,11 +284,11 @@ class Inequalities:
             "put": put,
         }
         if letter == "Phi":
-            return consistent_reference.phi(data, pair, k, fastest_pole=of(self._fastest_pole), **values)
+            return theorems.error_phi(data, pair, k, fastest_pole=of(self._fastest_pole), **values)
         values |= {"alpha": of(self.alpha), "gamma2": of(self._gamma2), "output": of(self._root_c)}
         if isinstance(data, TrackingVertices):
-            return theorems.psi(data, pair, k, L=self._mean_of(of(self.L)), **values)
-        return consistent_reference.psi(data, pair, k, **values)
+            return theorems.tracking_psi(data, pair, k, L=self._mean_of(of(self.L)), **values)
+        return theorems.error_psi(data, pair, k, **values)
 
     def _row_units(self, letter: str) -> np.ndarray:
         """Return factors of the rows of Ψ or Φ, which bring a large γ² of the rows w down to one.

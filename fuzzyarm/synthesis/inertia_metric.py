@@ -22,10 +22,10 @@ from scipy import sparse
 
 from fuzzyarm.envs.physics.rigid_body import frames, mass_matrix
 from fuzzyarm.envs.physics.robot import Robot
-from fuzzyarm.fuzzy_policy.scheduled import Premise, rule_weights, speeds_of
+from fuzzyarm.fuzzy_policy.scheduled import TWIST, Premise, rule_weights, speeds_of
 from fuzzyarm.proof.box_cover import TrigMatrix
 from fuzzyarm.proof.definiteness import exact
-from fuzzyarm.proof.inertia_bounds import TWIST, angle_ranges, inertia_polynomial, plus, scheduled_polynomial
+from fuzzyarm.proof.inertia_bounds import angle_ranges, inertia_polynomial, plus, scheduled_polynomial
 from fuzzyarm.synthesis.scalar_design import smallest_pole
 
 __all__ = [

@@ -26,7 +26,7 @@ from fuzzyarm.fuzzy_policy.controller_files import load_controller
 from fuzzyarm.fuzzy_policy.signed_files import ControllerFileError
 from fuzzyarm.fuzzy_policy.ts_model import TSModel
 from fuzzyarm.policies.tip_files import check_cells
-from fuzzyarm.proof import consistent_reference
+from fuzzyarm.proof import theorems
 from fuzzyarm.proof.certificate import Certificate, certify, inequality_name
 from fuzzyarm.proof.scheduled_certificate import certify_scheduled
 from fuzzyarm.synthesis import DesignProblem, Specification, design
@@ -180,7 +180,7 @@ def test_each_inequality_is_needed(kept, name, tmp_path):
             multipliers.append(tau)
 
             def matrix(a, b, k=k, Q=Q, X=X, tau=tau):
-                half_of = consistent_reference.psi(
+                half_of = theorems.error_psi(
                     data, a, k, alpha=asked.alpha, gamma2=problem._c * asked.gamma**2, output=problem._c**0.5,
                     P=cp.multiply(unit["P"], P), M=cp.multiply(unit["M"], M[b, k]), Q=cp.multiply(unit["Q"], Q),
                     X=cp.multiply(unit["X"], X), tau=cp.multiply(unit["tau"], tau), put=half,

@@ -9,8 +9,8 @@ from fuzzyarm import load_policy
 from fuzzyarm.envs.physics.parameters import ArmParameters
 from fuzzyarm.envs.scenario.reference import JointReference
 from fuzzyarm.fuzzy_policy.laws.tip import TipPolicy
+from fuzzyarm.proof.certificate import controller_statement
 from fuzzyarm.proof.policy_certificate import certificate_of, tip_statement
-from fuzzyarm.proof.statement import statement
 
 CIRCLE = JointReference()
 
@@ -22,7 +22,7 @@ def fuzzy():
 
 def test_the_fuzzy_policy_has_the_claim_of_its_controller_file(fuzzy):
     certificate, controller = certificate_of(fuzzy, CIRCLE), fuzzy.controller
-    assert certificate.controller is controller and certificate.text == statement(controller)
+    assert certificate.controller is controller and certificate.text == controller_statement(controller)
     claimed = {"form": "consistent", "alpha": controller.alpha, "gamma": controller.gamma}
     assert certificate.bounds == claimed | {"controller_digest": json.loads(controller.to_json())["digest"]}
 

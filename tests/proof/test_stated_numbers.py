@@ -17,9 +17,8 @@ from fuzzyarm.envs.physics.parameters import ArmParameters
 from fuzzyarm.eval.report.certificates import bound_charts
 from fuzzyarm.fuzzy_policy.controller import GAINS, RATES, Controller
 from fuzzyarm.fuzzy_policy.ts_model import TSModel
-from fuzzyarm.proof.certificate import certify
+from fuzzyarm.proof.certificate import certify, controller_statement
 from fuzzyarm.proof.definiteness import stated
-from fuzzyarm.proof.statement import statement
 from fuzzyarm.proof.verification import Verification, verify_file
 from fuzzyarm.synthesis import Specification, describe, design
 
@@ -56,7 +55,7 @@ def test_every_number_of_the_words_is_rounded_to_the_side_that_holds(alpha, stri
     controller = dataclasses.replace(
         shipped("fuzzy-4"), model=TSModel(arm), alpha=alpha, gamma=gamma, fastest_pole=pole
     )
-    text = statement(controller)
+    text = controller_statement(controller)
     angle, _ = numbers(r"\|q\| <= \((\S+), (\S+)\) rad", text)
     speed, _ = numbers(r"\|dq/dt\| <= \((\S+), (\S+)\) rad/s", text)
     slowest, fastest = numbers(r"at least as exp\(-(\S+) t\) .* no faster than exp\(-(\S+) t\)", text)
@@ -89,7 +88,7 @@ def test_what_the_words_of_a_shipped_file_say_is_proven_itself(name):
 
 
 def test_the_constants_of_the_shipped_four_rules_are_those_of_the_page():
-    text = statement(shipped("fuzzy-4"))
+    text = controller_statement(shipped("fuzzy-4"))
     page = (Path(__file__).parents[2] / "docs" / "theory" / "certificate.md").read_text(encoding="utf-8")
     whole, of_position = re.findall(r"<= (\S+) exp\(-20 t\) \|[xe]\(0\)\|", text)
     assert (whole, of_position) == ("9154", "3.119") and "9154" in page and "3.119" in page

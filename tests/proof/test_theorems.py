@@ -15,7 +15,7 @@ from slow_twins import slow_but
 from fuzzyarm.envs.physics.dynamics import arm_constants, mass_matrix, rigid_inverse_dynamics
 from fuzzyarm.envs.physics.parameters import ArmParameters
 from fuzzyarm.fuzzy_policy.ts_model import NAMED_RULES, PREMISES, TSModel, premises
-from fuzzyarm.proof import consistent_reference, theorems, vertices
+from fuzzyarm.proof import theorems, vertices
 from fuzzyarm.proof.vertices import error_vertices, tracking_vertices
 from fuzzyarm.synthesis.expressions import half
 
@@ -43,14 +43,14 @@ def positive(rng, n):
 
 def vertices_of(form, model, integral, common=False):
     if form == "theorem2":
-        return tracking_vertices(model, integral, WEIGHT, common_multiplier=common), theorems.psi
-    psi = {"consistent": consistent_reference.psi, "fastest pole": fastest_pole}[form]
+        return tracking_vertices(model, integral, WEIGHT, common_multiplier=common), theorems.tracking_psi
+    psi = {"consistent": theorems.error_psi, "fastest pole": fastest_pole}[form]
     return error_vertices(model, integral, common_multiplier=common), psi
 
 
 def fastest_pole(data, i, k, *, alpha, gamma2, **values):
     """Return Φ_ijk for β = `alpha`, by the signature of Ψ; there is no γ in it."""
-    return consistent_reference.phi(data, i, k, fastest_pole=alpha, **values)
+    return theorems.error_phi(data, i, k, fastest_pole=alpha, **values)
 
 
 def draw(rng, data, form):

@@ -5,7 +5,7 @@ import pytest
 
 from fuzzyarm.envs.physics.parameters import ArmParameters
 from fuzzyarm.fuzzy_policy.ts_model import NAMED_RULES, TSModel
-from fuzzyarm.proof import consistent_reference, theorems
+from fuzzyarm.proof import theorems
 from fuzzyarm.proof.vertices import error_vertices, tracking_vertices
 from fuzzyarm.synthesis.complexity import Size, full_size, paper_formula
 from fuzzyarm.synthesis.inequalities import Inequalities
@@ -29,11 +29,11 @@ def vertices(rules, form, integral, common):
 )
 def test_full_size_is_that_of_the_theorem_written_out(form, integral, common):
     """Every entry of P, M, L, Q, X, τ and γ², and the rows of each Ψ_ijk + Ψ_jik."""
-    data, psi = vertices(4, form, integral, common), consistent_reference.psi
+    data, psi = vertices(4, form, integral, common), theorems.error_psi
     n_e, m, size = data.n_e, len(data.uncertainties), [data.n_e]
     slack, L = {"Q": np.zeros((n_e, n_e)), "X": np.zeros((n_e, n_e))}, {}
     if form == "paper":
-        psi, size, L = theorems.psi, [n_e, 4], {"L": np.zeros((2, 6))}
+        psi, size, L = theorems.tracking_psi, [n_e, 4], {"L": np.zeros((2, 6))}
         slack = {name: np.zeros((n_e + 4, n_e + 4)) for name in slack}
     P, M, tau = np.eye(sum(size)), np.zeros((2, n_e)), np.zeros(m)
     variables, rows = 1 + sum(one * (one + 1) // 2 for one in size), len(P)

@@ -11,7 +11,7 @@ from slow_twins import slow_but
 from fuzzyarm.envs.physics.parameters import ArmParameters
 from fuzzyarm.fuzzy_policy.states import VELOCITY
 from fuzzyarm.fuzzy_policy.ts_model import NAMED_RULES, TSModel
-from fuzzyarm.proof import consistent_reference, theorems
+from fuzzyarm.proof import theorems
 from fuzzyarm.proof.block_matrix import symmetric
 from fuzzyarm.proof.vertices import error_vertices, tracking_vertices
 from fuzzyarm.synthesis import Specification, inequalities
@@ -62,7 +62,7 @@ def test_midpoints_of_the_vertices_are_the_mean_of_both_orders(which):
 
     def psi(vertices, a, k, gain, feedforward, row):
         free = {"L": feedforward} if paper else {}
-        whole = theorems.psi if paper else consistent_reference.psi
+        whole = theorems.tracking_psi if paper else theorems.error_psi
         return whole(vertices, a, k, alpha=3.0, gamma2=0.7, P=P + P.T, M=gain, Q=Q[row], X=X[row], tau=tau[row], **free)
 
     pair, i, j, k = np.transpose(rows)
@@ -80,9 +80,9 @@ def test_the_reduction_asks_for_no_more(which):
     S_b, S_a = np.eye(n)[:, VELOCITY], np.delete(np.eye(n), VELOCITY, axis=1)
     P, (Q, X) = rng.normal(size=(n, n)), rng.normal(size=(2, n, n))
     values = {"P": P + P.T, "M": rng.normal(size=(2, data.n_e)), "tau": rng.random(len(data.uncertainties))}
-    psi = consistent_reference.psi
+    psi = theorems.error_psi
     if which[0] == "paper":
-        psi, values["P"], values["L"] = theorems.psi, np.zeros((n, n)), rng.normal(size=(2, 6))
+        psi, values["P"], values["L"] = theorems.tracking_psi, np.zeros((n, n)), rng.normal(size=(2, 6))
         for block in (slice(data.n_e), slice(data.n_e, n)):
             values["P"][block, block] = (P + P.T)[block, block]
     U = problem._reduction("Psi")
@@ -103,11 +103,11 @@ def full_margin(problem, point):
             def one(i, j, k=k, values=values, phi=number == 1):
                 if phi:
                     beta = problem.specification.fastest_pole
-                    return consistent_reference.phi(data, i, k, fastest_pole=beta, M=point.M[j, k], **values)
+                    return theorems.error_phi(data, i, k, fastest_pole=beta, M=point.M[j, k], **values)
                 claim = {"alpha": point.alpha, "gamma2": point.gamma**2, "M": point.M[j, k], **values}
                 if problem.specification.form == "paper":
-                    return theorems.psi(data, i, k, L=point.L[j, k], **claim)
-                return consistent_reference.psi(data, i, k, **claim)
+                    return theorems.tracking_psi(data, i, k, L=point.L[j, k], **claim)
+                return theorems.error_psi(data, i, k, **claim)
 
             whole = -one(i, j) - one(j, i)
             unit = 1.0 / np.sqrt(np.diag(whole))

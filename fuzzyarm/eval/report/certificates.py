@@ -26,9 +26,9 @@ from fuzzyarm.policies.spec import PolicySpec, resolve
 from fuzzyarm.policies.tip_bound import plain
 from fuzzyarm.policies.tip_files import BoundCheck, check_bound, check_cells, is_cells
 from fuzzyarm.proof import rigid_loop
+from fuzzyarm.proof.certificate import NOT_COVERED
 from fuzzyarm.proof.policy_certificate import certificate_of
 from fuzzyarm.proof.rigid_loop import RigidLoop
-from fuzzyarm.proof.statement import NOT_COVERED
 
 __all__ = [
     "SCOPE", "Observations", "Observed", "bound_charts", "bound_note", "checked_bounds", "observe", "observe_policies",

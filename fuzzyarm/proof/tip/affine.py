@@ -31,7 +31,7 @@ from flint import arb
 from fuzzyarm.envs.physics import elementwise, friction
 from fuzzyarm.fuzzy_policy.laws.learned import network
 from fuzzyarm.numbers.functions import KINDS, row, select
-from fuzzyarm.proof.tip.enclosures import ROUND_UP, NoBound, between, centre, low_high, radius_of
+from fuzzyarm.proof.tip.enclosures import ROUND_UP, NoBound, between, low_high, middle_of, radius_of
 from fuzzyarm.proof.tip.zonotope import Zonotope, condensed, reach
 
 __all__ = ["WORTH", "Affine", "Places", "Space"]
@@ -53,7 +53,7 @@ class Space:
     def variables(self, point: np.ndarray) -> list[Affine]:
         """Return the numbers of the zonotope, which are counted from a point."""
         parts = zip(point.tolist(), np.eye(len(point)), self._totals.tolist(), strict=True)
-        return [Affine(self, x, row, size, 0.0).within(size) for x, row, size in parts]
+        return [Affine(self, x, row, size, 0.0, size) for x, row, size in parts]
 
     def number(self, x: Any) -> Affine:
         """Return a number as one of this space."""
@@ -138,8 +138,93 @@ class Space:
         terms = np.abs(middle) + size + positive @ (np.abs(middles) + sizes)
         middle, size = middle + G @ middles, (size + positive @ sizes) * ROUND_UP
         rest = (rest + positive @ rests + (len(given) + 2) * 0.5 * ROUND * terms) * ROUND_UP + TINY
-        numbers = map(Affine, [self] * len(rows), middle.tolist(), rows, size.tolist(), rest.tolist())
-        return [one.within(far) for one, far in zip(numbers, self.reach(rows).tolist(), strict=True)]
+        known = (part.tolist() for part in (size, rest, self.reach(rows)))
+        return list(map(Affine, [self] * len(rows), middle.tolist(), rows, *known))
+
+
+class Line(NamedTuple):
+    """f(z), a ball, or what stands in its place; λ; and the rest."""
+
+    value: Any
+    slope: float
+    rest: float
+
+
+@dataclasses.dataclass(frozen=True)
+class _Bend:
+    """A function of one number."""
+
+    # value, rate, curvature: f, f' and f'' on balls
+    value: Callable[[Any], Any]
+    rate: Callable[[Any], Any]
+    curvature: Callable[[Any], Any]
+    floats: float = 0.0  # by how much the law's floats may err; of |f| if `relative`
+    relative: bool = False
+    even: bool = False  # f is even and falls with |x|, so that its values at both ends are known on a range
+    rising: bool = False  # f rises, and f' is even and falls with |x|
+
+    def line(self, z: float, r: float) -> Line:
+        """Return the best known line for |x - z| <= r."""
+        at, around = arb(z), arb(z, r)
+        f, slope = self.value(at), self.rate(at)
+        tangent = middle_of(slope)
+        low, high = low_high(self.curvature(around))
+        low, high = 0.25 * min(low, 0.0) * r * r, 0.25 * max(high, 0.0) * r * r
+        best = Line(f + (low + high), tangent, ((high - low) + radius_of(slope, tangent) * r) * ROUND_UP)
+        far, close = abs(z) + r, max(abs(z) - r, 0.0)
+        if self.rising:  # f - λ x does not fall for the least f', and is between its values at both ends
+            least = low_high(self.rate(arb(far * ROUND_UP)))[0]
+            first, last = (self.value(end) - least * (end - at) for end in (at - r, at + r))
+            best = min(best, _flat(first.union(last), least), key=lambda line: line.rest)
+        if self.even:
+            ends = self.value(arb(far * ROUND_UP)).union(self.value(arb(close / ROUND_UP)))
+            best = min(best, _flat(ends, 0.0), key=lambda line: line.rest)
+        return best
+
+
+def _flat(values: Any, slope: float) -> Line:
+    """Return the line of a function less λ (x - z), which has these values."""
+    middle = middle_of(values)
+    return Line(arb(middle), slope, radius_of(values, middle))
+
+
+def _sinc_rate(x: Any) -> Any:
+    """Return (cos x - sinc x)/x, at most |x|/3."""
+    return (x.cos() - x.sinc()) / x if float(x.abs_lower()) > 1e-6 else between(-1.0, 1.0) * x / 3
+
+
+def _square(x: Any) -> Any:
+    """Return x², which is nowhere negative on a ball."""
+    least, most = x.abs_lower(), x.abs_upper()
+    return (least * least).union(most * most)
+
+
+def _one_by(x: Any) -> Any:
+    """Return 1/x, which falls where it has one sign."""
+    return (1 / x.lower()).union(1 / x.upper())
+
+
+def _tanh(x: Any) -> Any:
+    """Return tanh x, which rises."""
+    return x.lower().tanh().union(x.upper().tanh())
+
+
+_SINE = _Bend(arb.sin, arb.cos, lambda x: -x.sin(), 2.0**-46)
+_COSINE = _Bend(arb.cos, lambda x: -x.sin(), lambda x: -x.cos(), 2.0**-46)
+_SINC = _Bend(arb.sinc, _sinc_rate, lambda x: between(-1.0, 1.0) / 3, 2.0**-46)
+_INVERSE = _Bend(_one_by, lambda x: -_square(_one_by(x)), lambda x: 2 * _one_by(x) * _square(_one_by(x)))
+_GAUSSIAN = _Bend(
+    lambda x: (-_square(x)).exp(), lambda x: -2 * x * (-_square(x)).exp(),
+    lambda x: (4 * _square(x) - 2) * (-_square(x)).exp(), 2.0**-44, even=True,
+)  # fmt: skip
+_TANH = _Bend(
+    arb.tanh, lambda x: 1 - _square(_tanh(x)), lambda x: 2 * _tanh(x) * (_square(_tanh(x)) - 1), 2.0**-48,
+    relative=True, rising=True,
+)  # fmt: skip
+_ASINH = _Bend(
+    arb.asinh, lambda x: (1 + _square(x)).rsqrt(), lambda x: -x * (1 + _square(x)).rsqrt() / (1 + _square(x)), 2.0**-48,
+    relative=True, rising=True,
+)  # fmt: skip
 
 
 class Affine:
@@ -149,10 +234,12 @@ class Affine:
     __array_ufunc__ = None
     __hash__ = None  # type: ignore[assignment]
 
-    def __init__(self, space: Space, middle: float, row: np.ndarray, size: float, rest: float) -> None:
+    def __init__(
+        self, space: Space, middle: float, row: np.ndarray, size: float, rest: float, reach: float | None = None
+    ) -> None:
         # c; r over the deviations and the first unknowns; a bound of |r (ξ, g)| that is quick and wide; one of |β|
         self.space, self.middle, self.row, self.size, self.rest = space, middle, row, size, rest
-        self._reach: float | None = None
+        self._reach = None if reach is None else reach * UP  # the bound that is asked for, where it is known already
         self.parts: tuple[Any, Any] | None = None  # of a maximum that is not decided, the two numbers
 
     def reach(self) -> float:
@@ -160,11 +247,6 @@ class Affine:
         if self._reach is None:
             self._reach = float(self.space.reach(self.row[np.newaxis])[0])
         return self._reach
-
-    def within(self, reach: float | None) -> Affine:
-        """Return this number, whose `reach` is known already; None where it is not."""
-        self._reach = None if reach is None else reach * UP
-        return self
 
     def range(self) -> tuple[float, float]:
         """Return floats that enclose the number from both sides; `NoBound` where it may be anything."""
@@ -186,16 +268,16 @@ class Affine:
             row[: len(self.row)], row[-1] = self.row, left
             self.space.unknowns += 1
             return Affine(self.space, self.middle, row, (self.size + left) * UP, self.rest)
-        return Affine(self.space, self.middle, self.row, self.size, (self.rest + left) * UP).within(self._reach)
+        return Affine(self.space, self.middle, self.row, self.size, (self.rest + left) * UP, self._reach)
 
     def __neg__(self) -> Affine:
-        return Affine(self.space, -self.middle, -self.row, self.size, self.rest).within(self._reach)
+        return Affine(self.space, -self.middle, -self.row, self.size, self.rest, self._reach)
 
     def __add__(self, other: Any) -> Any:
         if isinstance(other, Places):
             return NotImplemented
         if not isinstance(other, Affine):
-            return _rounded(self, self.middle + float(other), self.row, self.size, self.rest).within(self._reach)
+            return _rounded(self, self.middle + float(other), self.row, self.size, self.rest, self._reach)
         row, size = _sum(self.row, other.row), self.size + other.size
         return _rounded(self, self.middle + other.middle, row, size, self.rest + other.rest)
 
@@ -215,8 +297,8 @@ class Affine:
             if factor == 0.0 and self.range():
                 return 0.0
             size, rest = abs(factor) * self.size, abs(factor) * self.rest
-            made = _rounded(self, factor * self.middle, factor * self.row, size, rest)
-            return made.within(None if self._reach is None else abs(factor) * self._reach)
+            reach = None if self._reach is None else abs(factor) * self._reach
+            return _rounded(self, factor * self.middle, factor * self.row, size, rest, reach)
         a, b = self.middle, other.middle
         row, size = _sum(a * other.row, b * self.row), abs(a) * other.size + abs(b) * self.size
         rest = abs(a) * other.rest + abs(b) * self.rest
@@ -243,22 +325,14 @@ class Affine:
             raise NoBound("the law divides by a number that may be zero")
         return _bent(_INVERSE, self)
 
-    def sin(self) -> Affine:
-        """Return the sine."""
-        return self._turned(_SINE)
-
-    def cos(self) -> Affine:
-        """Return the cosine."""
-        return self._turned(_COSINE)
-
-    def sinc(self) -> Affine:
-        """Return sin(x)/x."""
-        return self._turned(_SINC)
-
     def _turned(self, function: _Bend) -> Affine:
         if not self.largest() < _FARTHEST:
             raise NoBound(f"the law asks for the sine of an angle beyond {_FARTHEST:g} rad")
         return _bent(function, self)
+
+    sin = functools.partialmethod(_turned, _SINE)
+    cos = functools.partialmethod(_turned, _COSINE)
+    sinc = functools.partialmethod(_turned, _SINC)
 
     def __bool__(self) -> bool:
         return bool(self != 0.0)
@@ -294,9 +368,11 @@ def _sum(a: np.ndarray, b: np.ndarray) -> np.ndarray:
     return total
 
 
-def _rounded(of: Affine, middle: float, row: np.ndarray, size: float, rest: float) -> Affine:
+def _rounded(
+    of: Affine, middle: float, row: np.ndarray, size: float, rest: float, reach: float | None = None
+) -> Affine:
     """Return the result of an operation, with what floats round in it."""
-    return Affine(of.space, middle, row, size * UP, (rest + ROUND * (abs(middle) + size)) * UP + TINY)
+    return Affine(of.space, middle, row, size * UP, (rest + ROUND * (abs(middle) + size)) * UP + TINY, reach)
 
 
 # Choices ---------------------------------------------------------------------------------------------------------
@@ -446,98 +522,13 @@ KINDS[Affine], KINDS[Places], KINDS[_Undecided] = _Numbers, _Places, _Choices
 # Functions -------------------------------------------------------------------------------------------------------
 
 
-class Line(NamedTuple):
-    """f(z), a ball, or what stands in its place; λ; and the rest."""
-
-    value: Any
-    slope: float
-    rest: float
-
-
-@dataclasses.dataclass(frozen=True)
-class _Bend:
-    """A function of one number."""
-
-    # value, rate, curvature: f, f' and f'' on balls
-    value: Callable[[Any], Any]
-    rate: Callable[[Any], Any]
-    curvature: Callable[[Any], Any]
-    floats: float = 0.0  # by how much the law's floats may err; of |f| if `relative`
-    relative: bool = False
-    even: bool = False  # f is even and falls with |x|, so that its values at both ends are known on a range
-    rising: bool = False  # f rises, and f' is even and falls with |x|
-
-    def line(self, z: float, r: float) -> Line:
-        """Return the best known line for |x - z| <= r."""
-        at, around = arb(z), arb(z, r)
-        f, slope = self.value(at), self.rate(at)
-        tangent = centre(slope)
-        low, high = low_high(self.curvature(around))
-        low, high = 0.25 * min(low, 0.0) * r * r, 0.25 * max(high, 0.0) * r * r
-        best = Line(f + (low + high), tangent, ((high - low) + radius_of(slope, tangent) * r) * ROUND_UP)
-        far, close = abs(z) + r, max(abs(z) - r, 0.0)
-        if self.rising:  # f - λ x does not fall for the least f', and is between its values at both ends
-            least = low_high(self.rate(arb(far * ROUND_UP)))[0]
-            first, last = (self.value(end) - least * (end - at) for end in (at - r, at + r))
-            best = min(best, _flat(first.union(last), least), key=lambda line: line.rest)
-        if self.even:
-            ends = self.value(arb(far * ROUND_UP)).union(self.value(arb(close / ROUND_UP)))
-            best = min(best, _flat(ends, 0.0), key=lambda line: line.rest)
-        return best
-
-
-def _flat(values: Any, slope: float) -> Line:
-    """Return the line of a function less λ (x - z), which has these values."""
-    middle = centre(values)
-    return Line(arb(middle), slope, radius_of(values, middle))
-
-
 def _bent(function: _Bend, x: Affine) -> Affine:
     x.range()
     line = function.line(x.middle, (x.reach() + x.rest) * UP)
-    middle, slope = centre(line.value), abs(line.slope)
+    middle, slope = middle_of(line.value), abs(line.slope)
     rest = slope * x.rest + radius_of(line.value, middle)
     rest += function.floats * (abs(middle) + slope * (x.size + x.rest) + line.rest if function.relative else 1.0)
     return _rounded(x, middle, line.slope * x.row, slope * x.size, rest).widened(line.rest, fresh=True)
-
-
-def _sinc_rate(x: Any) -> Any:
-    """Return (cos x - sinc x)/x, at most |x|/3."""
-    return (x.cos() - x.sinc()) / x if float(x.abs_lower()) > 1e-6 else between(-1.0, 1.0) * x / 3
-
-
-def _square(x: Any) -> Any:
-    """Return x², which is nowhere negative on a ball."""
-    least, most = x.abs_lower(), x.abs_upper()
-    return (least * least).union(most * most)
-
-
-def _one_by(x: Any) -> Any:
-    """Return 1/x, which falls where it has one sign."""
-    return (1 / x.lower()).union(1 / x.upper())
-
-
-def _tanh(x: Any) -> Any:
-    """Return tanh x, which rises."""
-    return x.lower().tanh().union(x.upper().tanh())
-
-
-_SINE = _Bend(arb.sin, arb.cos, lambda x: -x.sin(), 2.0**-46)
-_COSINE = _Bend(arb.cos, lambda x: -x.sin(), lambda x: -x.cos(), 2.0**-46)
-_SINC = _Bend(arb.sinc, _sinc_rate, lambda x: between(-1.0, 1.0) / 3, 2.0**-46)
-_INVERSE = _Bend(_one_by, lambda x: -_square(_one_by(x)), lambda x: 2 * _one_by(x) * _square(_one_by(x)))
-_GAUSSIAN = _Bend(
-    lambda x: (-_square(x)).exp(), lambda x: -2 * x * (-_square(x)).exp(),
-    lambda x: (4 * _square(x) - 2) * (-_square(x)).exp(), 2.0**-44, even=True,
-)  # fmt: skip
-_TANH = _Bend(
-    arb.tanh, lambda x: 1 - _square(_tanh(x)), lambda x: 2 * _tanh(x) * (_square(_tanh(x)) - 1), 2.0**-48,
-    relative=True, rising=True,
-)  # fmt: skip
-_ASINH = _Bend(
-    arb.asinh, lambda x: (1 + _square(x)).rsqrt(), lambda x: -x * (1 + _square(x)).rsqrt() / (1 + _square(x)), 2.0**-48,
-    relative=True, rising=True,
-)  # fmt: skip
 
 
 def _stick_slip(velocity: Affine, acceleration: Affine, deceleration: Affine, duration: Affine) -> tuple[Any, Any]:

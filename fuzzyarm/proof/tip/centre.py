@@ -17,27 +17,20 @@ import numpy as np
 from numpy.polynomial import polynomial
 
 from fuzzyarm.envs.observation import JOINTS
-from fuzzyarm.envs.physics.dynamics import (
-    Arm,
-    coriolis_torque,
-    dry_frictions,
-    gravity_torque,
-    solve_mass_matrix,
-    tip_force_torque,
-)
+from fuzzyarm.envs.physics import dynamics
+from fuzzyarm.envs.physics.dynamics import Arm
 from fuzzyarm.envs.physics.friction import STRIBECK
 
 __all__ = ["DEGREE", "Centre", "Mode", "Segment"]
 
 DEGREE = 7  # of the polynomials of the angles
-NODES = DEGREE - 1
-ITERATIONS = 14  # of the collocation; each gains a digit or two
-SAMPLES = 33  # of a segment, at which changes of mode are looked for
+_NODES = DEGREE - 1
+_ITERATIONS = 14  # of the collocation; each gains a digit or two
+_SAMPLES = 33  # of a segment, at which changes of mode are looked for
 _MOST_SEGMENTS = 8  # in a period
-SHORTEST = 1e-6  # share of the rest of a period, below which a change of mode is passed over
+_SHORTEST = 1e-6  # share of the rest of a period, below which a change of mode is passed over
 
-# Where the parts of a state begin: angles of motors and links, then their velocities.
-_LINK, _MOTOR_VELOCITY, _LINK_VELOCITY = JOINTS, 2 * JOINTS, 3 * JOINTS
+_MOTOR_VELOCITY = 2 * JOINTS  # where the velocities of the motors begin in a state (θ, q, θ̇, q̇)
 
 
 class Mode(enum.IntEnum):
@@ -64,18 +57,21 @@ class Centre:
     def __init__(self, arm: Arm, period: float) -> None:
         """Prepare the collocation for the constants of an arm and T [s]."""
         self._arm, self._period = arm, period
-        self._static, self._grain = tuple(dry.static_friction for dry in dry_frictions(arm)), math.ulp(period)
-        nodes, _ = np.polynomial.legendre.leggauss(NODES)
-        vandermonde = np.linalg.inv(np.vander(nodes, NODES, increasing=True))
-        once, twice = np.zeros((NODES + 1, NODES)), np.zeros((DEGREE + 1, NODES))
-        for i in range(NODES):
+        self._dry, self._grain = dynamics.dry_frictions(arm), math.ulp(period)
+        self._static = tuple(dry.static_friction for dry in self._dry)
+        self._stiffness, self._damping = (arm.stiffness1, arm.stiffness2), (arm.damping1, arm.damping2)
+        self._viscous, self._inertia = (arm.viscous1, arm.viscous2), (arm.motor_inertia1, arm.motor_inertia2)
+        nodes, _ = np.polynomial.legendre.leggauss(_NODES)
+        vandermonde = np.linalg.inv(np.vander(nodes, _NODES, increasing=True))
+        once, twice = np.zeros((_NODES + 1, _NODES)), np.zeros((DEGREE + 1, _NODES))
+        for i in range(_NODES):
             once[i + 1, i], once[0, i] = 1.0 / (i + 1), (-1.0) ** i / (i + 1)  # ∫ from s = -1
-        for i in range(NODES + 1):
+        for i in range(_NODES + 1):
             twice[i + 1] += once[i] / (i + 1)
             twice[0] -= once[i] * (-1.0) ** (i + 1) / (i + 1)
         self._nodes = nodes
         self._velocity, self._angle = once @ vandermonde, twice @ vandermonde  # accelerations to coefficients
-        self._velocity_at = np.vander(nodes, NODES + 1, increasing=True) @ self._velocity
+        self._velocity_at = np.vander(nodes, _NODES + 1, increasing=True) @ self._velocity
         self._angle_at = np.vander(nodes, DEGREE + 1, increasing=True) @ self._angle
 
     def segments(
@@ -94,12 +90,12 @@ class Centre:
             left = self._period - begun
             found = self._solved(state, torques, _part(force, begun, left, self._period), modes, left)
             at, who = self._first_change(found, torque) if count < _MOST_SEGMENTS - 1 else (1.0, 0)
-            if at <= SHORTEST and state[_MOTOR_VELOCITY + who]:
+            if at <= _SHORTEST and state[_MOTOR_VELOCITY + who]:
                 # A velocity that is zero but for rounding, and on the wrong side, is set to zero.
                 state = state.copy()
                 state[_MOTOR_VELOCITY + who] = 0.0
                 continue
-            if SHORTEST < at < 1.0 - SHORTEST:
+            if _SHORTEST < at < 1.0 - _SHORTEST:
                 part = round(at * left / self._grain) * self._grain  # so that all durations add up exactly
                 found = self._solved(state, torques, _part(force, begun, part, self._period), modes, part)
                 for j in range(JOINTS):  # who has come to rest rests exactly
@@ -117,25 +113,21 @@ class Centre:
     def _modes(self, state: np.ndarray, torque: np.ndarray, drags: Sequence[float | None]) -> tuple[Mode, ...]:
         modes = []
         for j in range(JOINTS):
-            if drags[j] is not None:
-                modes.append(Mode.FREE)
-                continue
-            link, velocity, link_velocity = (state[at + j] for at in (_LINK, _MOTOR_VELOCITY, _LINK_VELOCITY))
-            net = self._net(state[j], link, velocity, link_velocity, torque[j], j)
+            motor, link, velocity, link_velocity = state[j::JOINTS]
+            net = self._net(motor, link, velocity, link_velocity, torque[j], j)
             moving = velocity or (net if abs(net) > self._static[j] else 0.0)
-            modes.append(Mode(int(np.sign(moving))) if moving else Mode.REST)
+            own = Mode(int(np.sign(moving))) if moving else Mode.REST
+            modes.append(own if drags[j] is None else Mode.FREE)
         return tuple(modes)
 
     def _net(self, theta: Any, q: Any, dtheta: Any, dq: Any, torque: Any, j: int) -> Any:
         """Return N [N m] of a motor."""
-        arm = self._arm
-        stiffness, damping = (arm.stiffness1, arm.stiffness2)[j], (arm.damping1, arm.damping2)[j]
-        viscous = (arm.viscous1, arm.viscous2)[j]
-        return torque - stiffness * (theta - q) - damping * (dtheta - dq) - viscous * dtheta
+        bent = torque - self._stiffness[j] * (theta - q) - self._damping[j] * (dtheta - dq)
+        return bent - self._viscous[j] * dtheta
 
     def _first_change(self, found: Segment, torque: np.ndarray) -> tuple[float, int]:
         """Return the share of a segment after which a motor changes its mode first, 1 if none does, and which one."""
-        s = np.linspace(-1.0, 1.0, SAMPLES)
+        s = np.linspace(-1.0, 1.0, _SAMPLES)
         first = 1.0, 0
         values = polynomial.polyval(s, found.angles.T)
         rates = polynomial.polyval(s, polynomial.polyder(found.angles, axis=1).T) * (2.0 / found.duration)
@@ -166,9 +158,9 @@ class Centre:
         half = 0.5 * duration
         angle, velocity = state[:_MOTOR_VELOCITY, np.newaxis], state[_MOTOR_VELOCITY:, np.newaxis]
         start = angle + velocity * (half * (self._nodes + 1.0))
-        acceleration = np.zeros((4, NODES))
+        acceleration = np.zeros((4, _NODES))
         push = [force[i] + force[2 + i] * 0.5 * self._nodes for i in range(2)]
-        for _ in range(ITERATIONS):
+        for _ in range(_ITERATIONS):
             v = velocity + half * acceleration @ self._velocity_at.T
             x = start + half**2 * acceleration @ self._angle_at.T
             before, acceleration = acceleration, self._accelerations(x, v, torque, push, modes)
@@ -190,21 +182,23 @@ class Centre:
         self, x: np.ndarray, v: np.ndarray, torque: np.ndarray, force: list[np.ndarray], modes: tuple[Mode, ...]
     ) -> np.ndarray:
         arm, (q1, q2) = self._arm, x[2:]
-        stiffness, damping = (arm.stiffness1, arm.stiffness2), (arm.damping1, arm.damping2)
         sin1, cos1, sin12, cos12 = np.sin(q1), np.cos(q1), np.sin(q1 + q2), np.cos(q1 + q2)
-        joint = [stiffness[j] * (x[j] - x[2 + j]) + damping[j] * (v[j] - v[2 + j]) for j in range(JOINTS)]
-        outer = tip_force_torque(sin1, cos1, sin12, cos12, force[0], force[1], arm)
-        coriolis, gravity = coriolis_torque(np.sin(q2), v[2], v[3], arm), gravity_torque(sin1, sin12, arm)
+        joint = [self._stiffness[j] * (x[j] - x[2 + j]) + self._damping[j] * (v[j] - v[2 + j]) for j in range(JOINTS)]
+        outer = dynamics.tip_force_torque(sin1, cos1, sin12, cos12, force[0], force[1], arm)
+        coriolis, gravity = (
+            dynamics.coriolis_torque(np.sin(q2), v[2], v[3], arm),
+            dynamics.gravity_torque(sin1, sin12, arm),
+        )
         first, second = (joint[j] + outer[j] - coriolis[j] - gravity[j] for j in (0, 1))
-        links = solve_mass_matrix(np.cos(q2), first, second, arm)
+        links = dynamics.solve_mass_matrix(np.cos(q2), first, second, arm)
         motors = []
         for j, mode in enumerate(modes):
             if mode == Mode.REST:
                 motors.append(np.zeros_like(q1))
                 continue
-            slip = STRIBECK.magnitude(v[j], dry_frictions(arm)[j])
+            slip = STRIBECK.magnitude(v[j], self._dry[j])
             net = self._net(x[j], x[2 + j], v[j], v[2 + j], torque[j], j)
-            motors.append((net - int(mode) * slip) / (arm.motor_inertia1, arm.motor_inertia2)[j])
+            motors.append((net - int(mode) * slip) / self._inertia[j])
         return np.stack([*motors, *links])
 
 

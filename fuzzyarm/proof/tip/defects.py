@@ -20,14 +20,8 @@ import numpy as np
 from flint import arb, arb_mat, arb_series, ctx
 
 from fuzzyarm.envs.observation import JOINTS
-from fuzzyarm.envs.physics.dynamics import (
-    Arm,
-    coriolis_torque,
-    dry_frictions,
-    gravity_torque,
-    mass_matrix,
-    tip_force_torque,
-)
+from fuzzyarm.envs.physics import dynamics
+from fuzzyarm.envs.physics.dynamics import Arm
 from fuzzyarm.envs.physics.elementwise import sine_cosine
 from fuzzyarm.envs.physics.friction import STRIBECK
 from fuzzyarm.proof.tip.centre import DEGREE
@@ -38,7 +32,7 @@ __all__ = [
     "signal_ends", "signal_range", "signal_size",
 ]  # fmt: skip
 
-ORDER = DEGREE + 1  # coefficients of a power series, without the one of its remainder
+_ORDER = DEGREE + 1  # coefficients of a power series, without the one of its remainder
 Signal = list[Any]  # coefficients in s in [-1, 1]
 
 
@@ -159,7 +153,7 @@ class PeriodMotion:
     def link_torques(self, force: Forces, arm: Arm) -> list[Signal]:
         """Return R of both links, with the remainder as the last coefficient."""
         near, far = self._series(force, arm, shifted=False), self._series(force, arm, shifted=True)
-        return [[*(p[i] for i in range(ORDER)), q[ORDER]] for p, q in zip(near, far, strict=True)]
+        return [[*(p[i] for i in range(_ORDER)), q[_ORDER]] for p, q in zip(near, far, strict=True)]
 
     def link_defects(self, torques: list[Signal], arm: Arm) -> list[Signal]:
         """Return d of both links."""
@@ -173,7 +167,7 @@ class PeriodMotion:
 
     def _series(self, force: Forces, arm: Arm, *, shifted: bool) -> tuple[Any, Any]:
         """Return R as power series about s = 0, or about the ball [-1, 1]."""
-        ctx.cap = ORDER + 1
+        ctx.cap = _ORDER + 1
 
         def series(signal: Signal) -> arb_series:
             return arb_series((self._shift * _column(signal, DEGREE + 1)).entries() if shifted else signal)
@@ -184,15 +178,15 @@ class PeriodMotion:
     def slip(self, joint: int, side: int, arm: Arm) -> Signal:
         """Return F(v) [N m] of a motor that turns to one side, with its remainder."""
         signal = [side * a for a in self.velocity[joint]]
-        ctx.cap = ORDER + 1
+        ctx.cap = _ORDER + 1
         shifted = (self._shift * _column(signal, DEGREE + 1)).entries()
         near, far = (dry_friction(arb_series(about), joint, arm) for about in (signal, shifted))
-        return [*(near[i] for i in range(ORDER)), far[ORDER]]
+        return [*(near[i] for i in range(_ORDER)), far[_ORDER]]
 
 
 def dry_friction(speed: Any, joint: int, arm: Arm) -> Any:
     """Return F(v) [N m] of a motor for a number type of one's own, as the environment has it."""
-    return STRIBECK.magnitude(speed, dry_frictions(arm)[joint])
+    return STRIBECK.magnitude(speed, dynamics.dry_frictions(arm)[joint])
 
 
 def combined(parts: list[tuple[Any, Signal]]) -> Signal:
@@ -216,10 +210,10 @@ def link_torque(motion: LinkMotion, force: Any, arm: Arm) -> tuple[Any, Any]:
     """
     (q1, q2), (dq1, dq2), (ddq1, ddq2) = motion
     (sin1, cos1), (sin2, cos2), (sin12, cos12) = sine_cosine(q1), sine_cosine(q2), sine_cosine(q1 + q2)
-    m11, m12, m22 = mass_matrix(cos2, arm)
-    coriolis1, coriolis2 = coriolis_torque(sin2, dq1, dq2, arm)
-    gravity1, gravity2 = gravity_torque(sin1, sin12, arm)
-    force1, force2 = tip_force_torque(sin1, cos1, sin12, cos12, force[0], force[1], arm)
+    m11, m12, m22 = dynamics.mass_matrix(cos2, arm)
+    coriolis1, coriolis2 = dynamics.coriolis_torque(sin2, dq1, dq2, arm)
+    gravity1, gravity2 = dynamics.gravity_torque(sin1, sin12, arm)
+    force1, force2 = dynamics.tip_force_torque(sin1, cos1, sin12, cos12, force[0], force[1], arm)
     return (
         m11 * ddq1 + m12 * ddq2 + coriolis1 + gravity1 - force1,
         m12 * ddq1 + m22 * ddq2 + coriolis2 + gravity2 - force2,

@@ -15,7 +15,7 @@ from typing import Any
 from flint import arb
 
 __all__ = [
-    "BITS", "ROUND_UP", "SLACK", "Jet", "NoBound", "ball", "between", "centre", "largest", "low_high", "radius_of",
+    "BITS", "ROUND_UP", "SLACK", "Jet", "NoBound", "between", "largest", "low_high", "middle_of", "radius_of",
 ]  # fmt: skip
 
 BITS = 80  # precision of the balls: K (θ - q) loses seven digits of a double
@@ -30,18 +30,13 @@ class NoBound(ValueError):
     """There is no bound; the message says in one line what stands in its way."""
 
 
-def ball(middle: float, radius: float = 0.0) -> arb:
-    """Return the ball of a middle and a radius, both floats."""
-    return arb(middle, radius) if radius else arb(middle)
-
-
 def between(low: float, high: float) -> arb:
     """Return a ball that holds [low, high]."""
     middle = 0.5 * (low + high)
     return arb(middle, (max(high - middle, middle - low)) * ROUND_UP + _TINY)
 
 
-def centre(x: Any) -> float:
+def middle_of(x: Any) -> float:
     """Return a float near the middle of a ball; ValueError where the ball is not finite."""
     value = float(x.mid())
     if not math.isfinite(value) or not x.is_finite():
@@ -61,7 +56,7 @@ def largest(x: Any) -> float:
 
 def low_high(x: Any) -> tuple[float, float]:
     """Return floats that enclose a ball from both sides."""
-    middle = centre(x)
+    middle = middle_of(x)
     radius = radius_of(x, middle)
     return middle - radius * ROUND_UP - SLACK * abs(middle), middle + radius * ROUND_UP + SLACK * abs(middle)
 

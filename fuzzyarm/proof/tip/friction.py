@@ -19,10 +19,10 @@ What the proof takes from the friction curve of the physics, checked on balls.
 
     F(0) = Γ_fs,      -s <= dF/dv <= 0,      d²F/dv² <= 0 below the inflection,      d²F/dv² >= 0 above it.
 
-At the inflection itself, in a range of relative width 2e-9, -s <= dF/dv and d³F/dv³ >= 0. Beyond `FAR` inflections no
-ball tells the sign of what is left of the fall: there |dF/dv| <= 2^-40 s and |F - F(∞)| <= 2^-40 Γ_fs, which `strength`
-and `rates` add. All are coefficients of the power series of the curve itself, `STRIBECK.magnitude`, about balls that
-cover the speeds up to 2^100 inflections; a ball that decides nothing is halved.
+At the inflection itself, in a range of relative width 2e-9, -s <= dF/dv and d³F/dv³ >= 0. Beyond `_FAR` inflections no
+ball tells the sign of what is left of the fall: there |dF/dv| <= 2^-40 s and |F - F(∞)| <= 2^-40 Γ_fs, which
+`_slopes` and `_strength` add. All are coefficients of the power series of the curve itself, `STRIBECK.magnitude`, about
+balls that cover the speeds up to 2^100 inflections; a ball that decides nothing is halved.
 """
 
 from __future__ import annotations
@@ -49,52 +49,51 @@ from fuzzyarm.proof.tip.defects import (
     signal_range,
     signal_size,
 )
-from fuzzyarm.proof.tip.enclosures import ROUND_UP, SLACK, Jet, NoBound, ball, between, centre, largest, low_high
+from fuzzyarm.proof.tip.enclosures import ROUND_UP, SLACK, Jet, NoBound, between, largest, low_high, middle_of
 from fuzzyarm.proof.tip.plant import BallPlant
 
-__all__ = ["Friction", "Plan", "PlanFails", "Speed", "check_curve", "rates", "strength"]
+__all__ = ["Friction", "Plan", "PlanFails", "Speed", "check_curve"]
 
-
-FAR, DOUBLINGS = 8.0, 100  # inflections, and how often they are doubled
-HALVINGS = 40  # of a range of speeds
+_FAR, _DOUBLINGS = 8.0, 100  # inflections, and how often they are doubled
+_HALVINGS = 40  # of a range of speeds
 
 
 def _steepest_fall(joint: int, arm: Arm) -> float:
     """Return a bound of -dF/dv [N m s/rad] of a motor."""
-    return largest(STRIBECK.steepest(_in_balls(joint, arm))) * ROUND_UP
+    return largest(STRIBECK.steepest(_curve_in_balls(joint, arm))) * ROUND_UP
 
 
-def strength(slowest: float, fastest: float, joint: int, arm: Arm) -> tuple[float, float]:
+def _strength(slowest: float, fastest: float, joint: int, arm: Arm) -> tuple[float, float]:
     """Return the lowest and the highest F(v) [N m] in a range of speeds [rad/s]."""
-    weak, strong = (low_high(dry_friction(ball(v), joint, arm)) for v in (fastest, slowest))
-    left = SLACK * largest(_in_balls(joint, arm).static_friction)
+    weak, strong = (low_high(dry_friction(arb(v), joint, arm)) for v in (fastest, slowest))
+    left = SLACK * largest(_curve_in_balls(joint, arm).static_friction)
     return weak[0] - left, strong[1] + left
 
 
-def rates(slowest: float, fastest: float, joint: int, arm: Arm) -> tuple[float, float]:
+def _slopes(slowest: float, fastest: float, joint: int, arm: Arm) -> tuple[float, float]:
     """Return the lowest and the highest dF/dv [N m s/rad] in a range of speeds [rad/s]: it falls, then rises."""
     (before, after), steepest = _inflection(joint, arm), _steepest_fall(joint, arm)
     inside = slowest <= after and before <= fastest
     ends = (min(slowest, before), max(fastest, after)) if inside else (slowest, fastest)
-    lows, highs = zip(*(low_high(_series(ball(v), joint, arm)[1]) for v in ends), strict=True)
+    lows, highs = zip(*(low_high(_series(arb(v), joint, arm)[1]) for v in ends), strict=True)
     return (-steepest if inside else min(lows)) - SLACK * steepest, max(highs) + SLACK * steepest
 
 
-def _in_balls(joint: int, arm: Arm) -> DryFriction:
+def _curve_in_balls(joint: int, arm: Arm) -> DryFriction:
     """Return the numbers of a motor's curve, in balls."""
     return DryFriction(*map(arb, dry_frictions(arm)[joint]))
 
 
 def _inflection(joint: int, arm: Arm) -> tuple[float, float]:
     """Return speeds [rad/s] just below and just above the inflection."""
-    turn = centre(STRIBECK.inflection(_in_balls(joint, arm)))
+    turn = middle_of(STRIBECK.inflection(_curve_in_balls(joint, arm)))
     return turn * (1.0 - 1e-9), turn * (1.0 + 1e-9)
 
 
 def check_curve(arm: Arm) -> None:
     """Raise `NoBound` where the friction of a motor is not as the module says, in the caller's precision."""
     for joint in range(JOINTS):
-        static, rest = _in_balls(joint, arm).static_friction, _series(arb(0), joint, arm)
+        static, rest = _curve_in_balls(joint, arm).static_friction, _series(arb(0), joint, arm)
         fits = rest[0].overlaps(static) and rest[1] <= 0
         if not (fits and all(_covered(span, holds, joint, arm) for span, holds in _conditions(joint, arm, static))):
             raise NoBound(f"the friction of motor {joint + 1} is not as its curve's own numbers say: {STRIBECK}")
@@ -103,7 +102,7 @@ def check_curve(arm: Arm) -> None:
 def _conditions(joint: int, arm: Arm, static: arb) -> Iterator[tuple[tuple[float, float], Callable[[Any], bool]]]:
     """Yield ranges of speeds [rad/s], and what the series of F has to be on balls in them."""
     (before, after), steepest = _inflection(joint, arm), arb(_steepest_fall(joint, arm))
-    far = [FAR * after * 2.0**k for k in range(DOUBLINGS + 1)]
+    far = [_FAR * after * 2.0**k for k in range(_DOUBLINGS + 1)]
     limit = _series(arb(far[-1]), joint, arm)[0]
     yield (0.0, before), lambda f: f[2] <= 0
     yield (before, after), lambda f: -steepest <= f[1] <= 0 and f[3] >= 0
@@ -114,7 +113,7 @@ def _conditions(joint: int, arm: Arm, static: arb) -> Iterator[tuple[tuple[float
 
 def _covered(span: tuple[float, float], holds: Callable[[Any], bool], joint: int, arm: Arm) -> bool:
     """Return whether a condition on the series of F holds on balls that cover a range of speeds."""
-    waiting = [(*span, HALVINGS)]
+    waiting = [(*span, _HALVINGS)]
     while waiting:
         low, high, left = waiting.pop()
         if holds(_series(between(low, high), joint, arm)):
@@ -156,30 +155,29 @@ class Friction:
         self, joint: int, plan: Plan, mode: Mode, motion: PeriodMotion, torque: float, plant: BallPlant, known: Speed
     ) -> None:
         """Take the centre's motion and mode, the held torque [N m], the plant and what is known of v."""
-        self.joint, self.plan, self.known, self._arm, self.share = joint, plan, known, plant.exact, plant.share[joint]
+        arm, velocity, acceleration = plant.exact, motion.velocity[joint], motion.acceleration[joint]
+        self.joint, self.plan, self.known, self._arm, self.share = joint, plan, known, arm, plant.share[joint]
         self._uncertain = max(self.share[1] - 1.0, 1.0 - self.share[0])  # largest change of the friction factor
-        self.speed = signal_ends(motion.velocity[joint])
+        self.speed, self._duration = signal_ends(velocity), motion.duration
         self._speed = between(*self.speed)
-        net, self._needed = motion.net_torque(joint, torque, plant.exact)
-        self._net = between(*signal_ends(net))
-        inertia = (plant.exact.motor_inertia1, plant.exact.motor_inertia2)[joint]
-        self._inertia = low_high(inertia)[0]
-        self._inertial = largest(inertia * signal_range(motion.acceleration[joint]))
+        net, self._needed = motion.net_torque(joint, torque, arm)
+        self._net, self._needed_size = between(*signal_ends(net)), signal_size(self._needed)
+        inertia = (arm.motor_inertia1, arm.motor_inertia2)[joint]
+        self._inertia, self._inertial = low_high(inertia)[0], largest(inertia * signal_range(acceleration))
+        self.static, self._steepest = low_high(dry_friction(arb(0.0), joint, arm)), _steepest_fall(joint, arm)
+        self._rests = all(a.is_zero() for a in velocity)
         self.side = int(mode) if mode in (Mode.FORWARD, Mode.BACKWARD) else 0
-        self._slip: Signal | None = None
-        self._missed, self._duration = 0.0, motion.duration
-        self.static = low_high(dry_friction(ball(0.0), joint, plant.exact))
-        self._rests = all(a.is_zero() for a in motion.velocity[joint])
-        self.slope = 0.0  # change of the friction with the velocity that is part of the linear equation [N m s/rad]
         self.drag = 0.0  # middle of the friction torques that are possible by the plan MIXED [N m], see `bound`
+        self._slip: Signal | None = None
+        self._missed = 0.0
         if self.side:
-            self._slip = motion.slip(joint, self.side, plant.exact)
-            parts = [(ball(1.0), self._needed), (ball(-float(self.side)), self._slip)]
+            self._slip = motion.slip(joint, self.side, arm)
+            parts = [(arb(1.0), self._needed), (arb(-float(self.side)), self._slip)]
             self._missed = signal_size(combined(parts))
-        self._steepest = _steepest_fall(joint, plant.exact)
+        self.slope = 0.0  # change of the friction with the velocity that is part of the linear equation [N m s/rad]
         if plan is Plan.SLIP:
-            slope = dry_friction(Jet.variable(ball(abs(centre(self._speed))), 0), joint, self._arm).slope(0)
-            self.slope = -centre(slope)
+            slope = dry_friction(Jet.variable(arb(abs(middle_of(self._speed))), 0), joint, arm).slope(0)
+            self.slope = -middle_of(slope)
 
     def torque(self) -> Signal | None:
         """Return the friction torque of the centre in the plan SLIP, which the uncertain friction factor multiplies."""
@@ -207,14 +205,14 @@ class Friction:
         static = self.static[1]
         eta = self._missed
         if not self.side:
-            eta = max(0.0, signal_size(self._needed) - static) if self._rests else signal_size(self._needed) + static
+            eta = max(0.0, self._needed_size - static) if self._rests else self._needed_size + static
         eta += self._uncertain * static
         return (tube_net + eta + constants + products) * (1.0 + SLACK)
 
     def pull(self, tube_net: float, constants: float, products: float) -> float:
         """Return a bound of |I_a δθ̈| [N m] whatever the friction does; arguments as for `bound`."""
         static = self.static[1]
-        return (tube_net + signal_size(self._needed) + self.share[1] * static + constants + products) * (1.0 + SLACK)
+        return (tube_net + self._needed_size + self.share[1] * static + constants + products) * (1.0 + SLACK)
 
     def bound(self, tube_speed: float, tube_net: float, constants: float, products: float) -> float:
         """Return a bound of |w| [N m], without the signal of `torque`; `PlanFails` if the tube contradicts the plan.
@@ -223,9 +221,9 @@ class Friction:
         of the uncertain constants on this motor along the centre, `products` those of the constants times the
         deviation.
         """
-        low, high = low_high(self._speed + ball(0.0, tube_speed))
+        low, high = low_high(self._speed + arb(0.0, tube_speed))
         if self.plan is Plan.ANY:
-            return (signal_size(self._needed) + self.share[1] * self.static[1]) * (1 + SLACK) + products
+            return (self._needed_size + self.share[1] * self.static[1]) * (1 + SLACK) + products
         if self.plan is Plan.MONOTONE:
             return 0.0
         if self.plan is Plan.HELD:
@@ -238,7 +236,7 @@ class Friction:
             if not (self.side * (low if self.side > 0 else high) > 0.0):
                 raise PlanFails(self.joint)
             slowest, fastest = sorted((abs(low), abs(high)))
-            falling, rising = rates(slowest, fastest, self.joint, self._arm)
+            falling, rising = _slopes(slowest, fastest, self.joint, self._arm)
             uncertain = self._uncertain * max(-falling, rising)
             rest = max(abs(falling + self.slope), abs(rising + self.slope)) + uncertain
             return (self._missed + rest * tube_speed) * (1.0 + SLACK) + products
@@ -255,17 +253,17 @@ class Friction:
                 continue
             slowest = max(0.0, low if side > 0 else -high)
             if side == self.side and self._slip is not None:
-                uncertain = self._uncertain * strength(slowest, fastest, self.joint, self._arm)[1]
+                uncertain = self._uncertain * _strength(slowest, fastest, self.joint, self._arm)[1]
                 reach = self._missed + (self._steepest * tube_speed + uncertain) * (1 + SLACK)
                 ends += [-reach, reach]
                 continue
-            weak, strong = strength(slowest, fastest, self.joint, self._arm)
+            weak, strong = _strength(slowest, fastest, self.joint, self._arm)
             pull = [side * self.share[0] * weak, side * self.share[1] * strong]
             ends += [needed_low - max(pull), needed_high - min(pull)]
         if low <= 0.0 <= high:
             static = self.share[1] * self.static[1]
             rest = (tube_net + self._inertial + constants + products) * (1 + SLACK)
-            net_low, net_high = low_high(self._net + ball(0.0, (tube_net + constants + products) * (1 + SLACK)))
+            net_low, net_high = low_high(self._net + arb(0.0, (tube_net + constants + products) * (1 + SLACK)))
             if max(net_low, -static) <= min(net_high, static):  # otherwise the motor cannot rest
                 ends += [max(-rest, needed_low - min(net_high, static)), min(rest, needed_high - max(net_low, -static))]
         if ends:
@@ -275,8 +273,8 @@ class Friction:
     def _rates(self, low: float, high: float, spread: float) -> tuple[float, float]:
         """Return how fast v may fall at most where v < 0 and rise where v > 0 [rad/s²], N within `spread`."""
         net_low, net_high = low_high(self._net)
-        backward = self.share[0] * strength(0.0, max(-low, 0.0), self.joint, self._arm)[0]
-        forward = self.share[0] * strength(0.0, max(high, 0.0), self.joint, self._arm)[0]
+        backward = self.share[0] * _strength(0.0, max(-low, 0.0), self.joint, self._arm)[0]
+        forward = self.share[0] * _strength(0.0, max(high, 0.0), self.joint, self._arm)[0]
         slack = SLACK * (abs(net_low) + abs(net_high) + spread + backward + forward)
         return (
             (net_low - spread + backward - slack) / self._inertia,
@@ -296,7 +294,7 @@ class Friction:
             return Speed(-math.inf, math.inf)
         if self.plan is Plan.HELD:
             return Speed(0.0, 0.0)
-        low, high = low_high(self._speed + ball(0.0, tube_speed))
+        low, high = low_high(self._speed + arb(0.0, tube_speed))
         falling, rising = self._rates(low, high, spread)
         least = min(0.0, min(self.known.low, 0.0) + falling * self._duration * (1.0 - SLACK * np.sign(falling)))
         most = max(0.0, max(self.known.high, 0.0) + rising * self._duration * (1.0 + SLACK * np.sign(rising)))

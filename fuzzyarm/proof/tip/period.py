@@ -21,31 +21,19 @@ import numpy as np
 from fuzzyarm.envs.observation import JOINTS
 from fuzzyarm.envs.physics.dynamics import dry_frictions
 from fuzzyarm.proof.tip.centre import Mode, Segment
-from fuzzyarm.proof.tip.constants import Drive, constant_torques, drive
 from fuzzyarm.proof.tip.defects import PeriodMotion, TipForces, signal_range, signal_size
 from fuzzyarm.proof.tip.enclosures import ROUND_UP, SLACK, NoBound, low_high
 from fuzzyarm.proof.tip.friction import Friction, Plan, PlanFails, Speed
 from fuzzyarm.proof.tip.plant import BallPlant
-from fuzzyarm.proof.tip.remainders import LinkRemainder, lever_arms
-from fuzzyarm.proof.tip.transition import (
-    CHANNELS,
-    COUNT,
-    D_THETA,
-    ROW_COUNT,
-    ROWS,
-    STATES,
-    Linear,
-    Transition,
-    linear,
-    transition,
-)
+from fuzzyarm.proof.tip.remainders import Drive, LinkRemainder, lever_arms
+from fuzzyarm.proof.tip.transition import CHANNELS, ROW_COUNT, ROWS, STATES, Linear, Transition, linear, transition
 from fuzzyarm.proof.tip.zonotope import Zonotope, product
 
 __all__ = ["Closed", "Period", "TubeClaim"]
 
-ITERATIONS = 60
-WORTH = 0.15  # share of the static friction that may drive a velocity by the plan MONOTONE
-LARGEST = 0.5  # of the tube's angles [rad]: beyond it no iteration has ever closed
+_MOST_ROUNDS = 60
+_MOST_DRIVEN = 0.15  # share of the static friction that may drive a velocity by the plan MONOTONE
+_LARGEST = 0.5  # of the tube's angles [rad]: beyond it no iteration has ever closed
 
 
 @dataclasses.dataclass(frozen=True)
@@ -81,8 +69,9 @@ class Period:
         self._lever, self._lever_spread = lever_arms(self.motion, tip.direction, plant.exact)
         torques = self.motion.link_torques(force, plant.exact)
         self._defect = np.array([signal_size(d) for d in self.motion.link_defects(torques, plant.exact)])
-        self._constants = constant_torques(self.motion, force, plant)
+        self._constants = Drive.of(self.motion, force, plant)
         self._frictions: dict[tuple[int, Plan, Speed], Friction] = {}
+        self._inertia = plant.middle.motor_inertia1, plant.middle.motor_inertia2
         halves = {kind: np.array(plant.half(kind)) for kind in _PRODUCTS}
         self._within = [(halves["stiffness"], ROWS.bending), (halves["damping"], ROWS.bending_rate)]
         self._own = [(halves["motor_inertia"], ROWS.motor_acceleration), (halves["viscous_friction"], ROWS.d_theta)]
@@ -114,7 +103,7 @@ class Period:
         if mode == Mode.REST and known == (0.0, 0.0):
             return Plan.HELD
         low, high = low_high(signal_range(self.motion.velocity[joint]))
-        spread = float(start.totals()[D_THETA][joint])
+        spread = float(start.totals()[ROWS.d_theta][joint])
         slips = mode in (Mode.FORWARD, Mode.BACKWARD) and min(abs(low), abs(high)) > 1.05 * spread and low * high > 0.0
         return Plan.SLIP if slips else Plan.MONOTONE
 
@@ -126,16 +115,21 @@ class Period:
             self.plant.middle, *self._links.at, self._lever, np.array([f.slope for f in frictions]),
             [p is Plan.HELD for p in plans], [p is Plan.MONOTONE for p in plans], self._links.products,
         )  # fmt: skip
-        driven, before = drive(self._constants, self.plant, frictions), start.totals()[D_THETA]
-        if claimed is None:
-            self._check_monotone(self._least(start, system, frictions, driven, before), before, frictions)
+        driven, before = self._constants.with_friction(self.plant, frictions), start.totals()[ROWS.d_theta]
+        if claimed is None and Plan.MONOTONE in plans:  # no tube is below this, as it holds the start
+            motors = zip(frictions, before, start.size(system.S[ROWS.net]), driven.motor, strict=True)
+            least = [f.parted(v, self._period, f.driving(net, constants, 0.0)) for f, v, net, constants in motors]
+            self._check_monotone(np.array(least), before, frictions)
         solution = transition(system, self._period)
         columns, free = self._free(start, system, solution, driven)
         tube = free[:ROW_COUNT] * 1.01 + 1e-15 if claimed is None else claimed
-        for _ in range(ITERATIONS if claimed is None else 1):
+        for _ in range(_MOST_ROUNDS if claimed is None else 1):
             torques = self._torques(tube, frictions, driven, before, (free, solution.push))
             reached = ((free + solution.push @ torques) * ROUND_UP)[:ROW_COUNT]
-            self._given_accelerations(reached, tube, frictions, driven)
+            for j, (friction, *torque) in enumerate(zip(frictions, *self._on_motors(tube, driven), strict=True)):
+                if friction.plan is Plan.MONOTONE:  # its velocity is no state, so that its acceleration is given
+                    pull = friction.pull(float(tube[ROWS.net][j]), *torque) / self._inertia[j]
+                    reached[ROWS.motor_acceleration.start + j] = pull * ROUND_UP
             if (reached < tube).all():
                 if claimed is None:
                     self._check_monotone(torques[CHANNELS.motor], before, frictions)
@@ -144,22 +138,11 @@ class Period:
                 return Closed(tube, torques, solution, driven, columns, after, tuple(plans), drags)
             if claimed is not None:
                 raise NoBound(f"the claimed tube is left in row {int(np.argmax(reached - tube))}")
-            if not (reached[ROWS.theta].max() < LARGEST and reached[ROWS.link].max() < LARGEST):
+            if not (reached[ROWS.theta].max() < _LARGEST and reached[ROWS.link].max() < _LARGEST):
                 break
             tube = np.maximum(tube, reached * 1.02 + 1e-15)
         worst = int(np.argmax(solution.push[ROWS.link].sum(axis=0) * torques))
         raise NoBound(f"the tube does not close: the torque {torques[worst]:.3g} on {_NAMES[worst]} grows with it")
-
-    def _given_accelerations(
-        self, reached: np.ndarray, tube: np.ndarray, frictions: list[Friction], driven: Drive
-    ) -> None:
-        """Fill in the accelerations of motors whose velocity is no state."""
-        inertia = self.plant.middle.motor_inertia1, self.plant.middle.motor_inertia2
-        constants, products = self._on_motors(tube, driven)
-        for j, friction in enumerate(frictions):
-            if friction.plan is Plan.MONOTONE:
-                pull = friction.pull(float(tube[ROWS.net][j]), constants[j], products[j]) / inertia[j]
-                reached[ROWS.motor_acceleration.start + j] = pull * ROUND_UP
 
     def _on_motors(self, tube: np.ndarray, driven: Drive) -> tuple[np.ndarray, np.ndarray]:
         """Return bounds (2,) [N m] of what uncertain constants do on each motor, for a claimed tube.
@@ -178,24 +161,12 @@ class Period:
             self._frictions[key] = Friction(joint, plan, mode, self.motion, torque, self.plant, known)
         return self._frictions[key]
 
-    def _least(
-        self, start: Zonotope, system: Linear, frictions: list[Friction], driven: Drive, before: np.ndarray
-    ) -> np.ndarray:
-        """Return velocities (2,) of the plan MONOTONE that no tube can be below, as it holds the start."""
-        least = before.copy()
-        if Plan.MONOTONE in {friction.plan for friction in frictions}:
-            nets = start.size(system.S[ROWS.net])
-            for j, friction in enumerate(frictions):
-                least[j] = friction.parted(before[j], self._period, friction.driving(nets[j], driven.motor[j], 0.0))
-        return least
-
     def _check_monotone(self, after: np.ndarray, before: np.ndarray, frictions: list[Friction]) -> None:
         """Give up a plan that lets a velocity (2,) grow by much of what the friction itself could."""
-        inertia = self.plant.middle.motor_inertia1, self.plant.middle.motor_inertia2
         static = [dry.static_friction for dry in dry_frictions(self.plant.middle)]
         for j, friction in enumerate(frictions):
             grown = after[j] - before[j]
-            if friction.plan is Plan.MONOTONE and grown * inertia[j] > WORTH * static[j] * self._period:
+            if friction.plan is Plan.MONOTONE and grown * self._inertia[j] > _MOST_DRIVEN * static[j] * self._period:
                 raise PlanFails(j)
 
     def _free(
@@ -241,34 +212,28 @@ class Period:
         torques = driven.rest.copy()
         torques[CHANNELS.link] += self._defect
         torques[CHANNELS.link] += self._lever_spread @ self._tip.courses
-        constants, products = self._on_motors(tube, driven)
         torques[CHANNELS.joint] += sum(half * tube[rows] for half, rows in self._within)
         torques[CHANNELS.tip] += self._tip.courses
-        for j, friction in enumerate(frictions):
+        for j, (friction, *torque) in enumerate(zip(frictions, *self._on_motors(tube, driven), strict=True)):
+            channel, net = CHANNELS.motor.start + j, tube[ROWS.net][j]
             if friction.plan is Plan.MONOTONE:
-                driving = friction.driving(tube[ROWS.net][j], constants[j], products[j])
-                torques[CHANNELS.motor.start + j] = friction.parted(before[j], self._period, driving)
-                continue
-            # The products within the joint have a channel of their own; a motor that sticks feels them, too.
-            torques[CHANNELS.motor][j] += friction.bound(
-                tube[ROWS.d_theta][j], tube[ROWS.net][j], constants[j], products[j]
-            )
+                torques[channel] = friction.parted(before[j], self._period, friction.driving(net, *torque))
+            else:  # the products within the joint have a channel of their own; a motor that sticks feels them, too
+                torques[channel] += friction.bound(tube[ROWS.d_theta][j], net, *torque)
         torques[CHANNELS.link] += self._links.bound(tube, torques * ROUND_UP, *observed)
         return torques * ROUND_UP
 
     def _speeds(self, tube: np.ndarray, frictions: list[Friction], driven: Drive) -> tuple[Speed, ...]:
         """Return what is known of the motors' velocities at the end."""
-        constants, products = self._on_motors(tube, driven)
-        ends = self.motion.at(1)
-        found = []
-        for j, friction in enumerate(frictions):
-            radius = float(tube[ROWS.d_theta][j])
-            low, high = low_high(ends[STATES // 2 + j])
-            spread = float(tube[ROWS.net][j] + constants[j] + products[j])
+        found, ends = list[Speed](), self.motion.at(1)[ROWS.d_theta]
+        for j, (friction, constants, products) in enumerate(
+            zip(frictions, *self._on_motors(tube, driven), strict=True)
+        ):
+            radius, (low, high) = float(tube[ROWS.d_theta][j]), low_high(ends[j])
+            spread = float(tube[ROWS.net][j] + constants + products)
             found.append(friction.after(radius, spread, (low - radius, high + radius)))
         return tuple(found)
 
 
 _PRODUCTS = ("stiffness", "damping", "motor_inertia", "viscous_friction")
-_NAMES = [f"{kind} {axis}" for kind in ("motor", "link", "joint", "tip axis") for axis in (1, 2)]
-assert len(_NAMES) == COUNT
+_NAMES = [f"{kind} {axis}" for kind in ("motor", "link", "joint", "tip axis") for axis in (1, 2)]  # of the channels

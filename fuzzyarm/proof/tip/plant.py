@@ -15,7 +15,8 @@ measurable way: the friction torque of a set with ``any`` friction, and the tip 
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Sequence
+import operator
+from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import Any, Literal
 
@@ -31,7 +32,7 @@ from fuzzyarm.envs.physics.parameters import ArmParameters
 from fuzzyarm.envs.physics.records import PerJoint, filled, flat
 from fuzzyarm.envs.scenario.disturbances import Disturbance
 from fuzzyarm.envs.scenario.randomisation import ALLOWED
-from fuzzyarm.proof.tip.enclosures import ball, between, centre
+from fuzzyarm.proof.tip.enclosures import between, middle_of
 
 __all__ = [
     "AXES", "BY_JOINT", "RANGES", "SETS", "Axis", "BallPlant", "Parameter", "PlantSet", "ball_plant", "check_set_name",
@@ -47,8 +48,8 @@ Axis = tuple[str, int]  # a field of `RANGES` and a joint; 0 where the range is 
 AXES: list[Axis] = [(name, joint) for name in RANGES for joint in range(JOINTS if name in BY_JOINT else 1)]
 """All ranges of a set, joint by joint."""
 
-LIMITS = {"force_swing": ("", 10.0), "force_course": ("N", 1e6)}
-NOISIEST = 1e3  # rad, rad/s
+_LIMITS = {"force_swing": ("", 10.0), "force_course": ("N", 1e6)}
+_NOISIEST = 1e3  # rad, rad/s
 _LONGEST_LABEL = 60  # characters
 
 
@@ -81,18 +82,17 @@ class PlantSet:
             for name in RANGES:
                 object.__setattr__(self, name, _checked(name, getattr(self, name)))
             checks.choice("friction", self.friction, ("law", "any"))
-            for name, (unit, high) in LIMITS.items():
+            for name, (unit, high) in _LIMITS.items():
                 object.__setattr__(self, name, checks.real(name, getattr(self, name), unit, low=0.0, high=high))
-            object.__setattr__(self, "noise", checks.reals("noise", self.noise, 2, low=0.0, high=NOISIEST))
+            object.__setattr__(self, "noise", checks.reals("noise", self.noise, 2, low=0.0, high=_NOISIEST))
             object.__setattr__(self, "late", checks.whole("late", self.late, high=1))
         except TypeError as error:
             raise ValueError(str(error)) from None
 
     def of_joint(self, name: str, joint: int) -> Range:
         """Return the range of a factor of `BY_JOINT` for a joint; any other range as it is."""
-        given = getattr(self, name)
-        chosen: Range = given[joint] if isinstance(given[0], tuple) else given
-        return chosen
+        given: Any = getattr(self, name)
+        return given[joint] if isinstance(given[0], tuple) else given  # type: ignore[no-any-return]
 
     def to_dict(self) -> dict[str, Any]:
         """Return the fields as plain numbers and lists."""
@@ -155,19 +155,14 @@ def ranges_in_words(plants: PlantSet, others: PlantSet | None = None) -> str:
     for name, joint in AXES:
         low, high = plants.of_joint(name, joint)
         if (low, high) != others.of_joint(name, joint):
-            unit = " kg" if name == "payload" else " times"
-            words.append(
-                f"{name}{f' {joint + 1}' if name in BY_JOINT else ''} from {exactly(low)} to {exactly(high)}{unit}"
-            )
-    if plants.friction != others.friction:
-        words.append(f"friction {plants.friction}")
-    words += [
-        f"{name} {exactly(getattr(plants, name))}" for name in LIMITS if getattr(plants, name) != getattr(others, name)
-    ]
-    if plants.noise != others.noise:
-        words.append(f"encoder errors up to {exactly(plants.noise[0])} rad and {exactly(plants.noise[1])} rad/s")
-    if plants.late != others.late:
-        words.append(f"torques {plants.late} control period late")
+            whose, unit = f" {joint + 1}" if name in BY_JOINT else "", " kg" if name == "payload" else " times"
+            words.append(f"{name}{whose} from {exactly(low)} to {exactly(high)}{unit}")
+    angle, speed = map(exactly, plants.noise)
+    said = {"friction": f"friction {plants.friction}"}
+    said |= {name: f"{name} {exactly(getattr(plants, name))}" for name in _LIMITS}
+    said["noise"] = f"encoder errors up to {angle} rad and {speed} rad/s"
+    said["late"] = f"torques {plants.late} control period late"
+    words += [text for name, text in said.items() if getattr(plants, name) != getattr(others, name)]
     return ", ".join(words) or "the whole set"
 
 
@@ -204,11 +199,6 @@ class Parameter:
     half: float  # half the width of its range, in its unit; relative to the middle for dry friction and the force
     arm: Arm | None = None  # constants ∂c/∂p times `half`, for a mass or the payload
 
-    @property
-    def name(self) -> str:
-        """What it is called in a table."""
-        return self.kind if self.kind in ("payload", "force") else f"{self.kind} {self.joint + 1}"
-
 
 @dataclasses.dataclass(frozen=True)
 class BallPlant:
@@ -231,36 +221,31 @@ class BallPlant:
 
 def ball_plant(parameters: ArmParameters, disturbance: Disturbance, plants: PlantSet) -> BallPlant:
     """Return the arms of a set of plants around the given parameters, with the payload of a disturbance."""
-    nominal = plant_of(parameters)
-    middles = {name: [0.5 * sum(plants.of_joint(name, joint)) for joint in range(JOINTS)] for name in BY_JOINT}
-    scaled: dict[str, Any] = {
-        field: PerJoint(*(middle * x for middle, x in zip(middles[name], getattr(nominal, field), strict=True)))
-        for name, fields in _FACTORS.items()
-        for field in fields
-    }
-    plant = nominal._replace(**scaled)
-    payload = disturbance.payload.mass, disturbance.payload.radius(parameters)
-    extra = 0.5 * sum(plants.payload)
-    uncertain = [
-        Parameter(name, joint, half * getattr(nominal, fields[0])[joint])
-        for name, fields in _FACTORS.items() if name not in ("mass", "dry_friction")
-        for joint in range(JOINTS) if (half := _half(plants.of_joint(name, joint)))
-    ]  # fmt: skip
+    nominal, scaled, uncertain = plant_of(parameters), dict[str, Any](), list[Parameter]()
+    for name, fields in _FACTORS.items():
+        ranges = [plants.of_joint(name, joint) for joint in range(JOINTS)]
+        for field in fields:
+            scaled[field] = PerJoint(*(0.5 * sum(b) * x for b, x in zip(ranges, getattr(nominal, field), strict=True)))
+        if name not in ("mass", "dry_friction"):
+            for joint, middle in enumerate(getattr(nominal, fields[0])):
+                if half := _half(ranges[joint]):
+                    uncertain.append(Parameter(name, joint, half * middle))
     share = tuple(_share(plants.of_joint("dry_friction", joint)) for joint in range(JOINTS))
-    uncertain += [
-        Parameter("dry_friction", joint, max(1.0 - low, high - 1.0))
-        for joint, (low, high) in enumerate(share)
-        if low < high
-    ]
-    exact = _arm(_in_balls(plant), [payload, (extra, parameters.length[0 + 1])], ball(parameters.gravity))
-    units = _mass_units(_in_balls(nominal), plants, parameters)
-    if _half(plants.force) and disturbance.tip_force is not None:
-        nothing = PerJoint(arb(0), arb(0))
-        massless = lump(_in_balls(nominal)._replace(mass=nothing, inertia=nothing))
-        units.append(Parameter("force", 0, _half(plants.force) / (0.5 * sum(plants.force)), massless))
-    uncertain += units
-    middle = filled(Arm, (centre(x) for x in flat(exact)))
-    return BallPlant(middle, exact, tuple(uncertain), share)
+    for joint, (low, high) in enumerate(share):
+        if low < high:
+            uncertain.append(Parameter("dry_friction", joint, max(1.0 - low, high - 1.0)))
+    arm: Arm = lump(_in_balls(nominal._replace(**scaled)))
+    payload = disturbance.payload.mass, disturbance.payload.radius(parameters)
+    for mass, radius in (payload, (0.5 * sum(plants.payload), parameters.length[-1])):
+        arm = loaded(arm, arb(mass), arb(radius), arb(parameters.gravity))
+    rounded = between(1.0 - _ROUNDED, 1.0 + _ROUNDED)
+    exact = arm._replace(**{name: getattr(arm, name) * rounded for name in _LUMPED})
+    return BallPlant(
+        filled(Arm, (middle_of(x) for x in flat(exact))),
+        exact,
+        (*uncertain, *_mass_units(_in_balls(nominal), plants, parameters, disturbance)),
+        share,
+    )
 
 
 _FACTORS = {
@@ -286,37 +271,27 @@ def _half(bounds: tuple[float, float]) -> float:
 
 
 def _in_balls(plant: Any) -> Any:
-    balls: list[Any] = [PerJoint(*map(arb, x)) if isinstance(x, tuple) else arb(x) for x in plant]
-    return Plant(*balls)
+    return Plant(*(PerJoint(*map(arb, x)) if isinstance(x, tuple) else arb(x) for x in plant))
 
 
-def _arm(plant: Any, payloads: list[tuple[float, float]], gravity: Any) -> Arm:
-    """Return the constants of a plant with payloads (mass [kg], distance from joint 2 [m]), in balls."""
-    arm: Arm = lump(plant)
-    for mass, radius in payloads:
-        arm = loaded(arm, arb(mass), arb(radius), gravity)
-    return arm._replace(**{name: getattr(arm, name) * between(1.0 - _ROUNDED, 1.0 + _ROUNDED) for name in _LUMPED})
+def _mass_units(
+    plant: Any, plants: PlantSet, parameters: ArmParameters, disturbance: Disturbance
+) -> Iterator[Parameter]:
+    """Yield the masses, the payload and the tip force, where uncertain, with the constants that half a range makes."""
 
+    def weighing(share: list[Any]) -> Any:
+        parts = {f: PerJoint(*map(operator.mul, getattr(plant, f), share)) for f in _FACTORS["mass"]}
+        return lump(plant._replace(**parts))
 
-def _mass_units(plant: Any, plants: PlantSet, parameters: ArmParameters) -> list[Parameter]:
-    """Return the masses and the payload, where they are uncertain, with the constants that half their range makes."""
-    found = []
     for joint in range(JOINTS):
-        half = _half(plants.of_joint("mass", joint))
-        if not half:
-            continue
-        scale = [arb(half) if j == joint else arb(0) for j in range(JOINTS)]
-        part = plant._replace(
-            mass=PerJoint(*(m * x for m, x in zip(plant.mass, scale, strict=True))),
-            inertia=PerJoint(*(i * x for i, x in zip(plant.inertia, scale, strict=True))),
-        )
-        found.append(Parameter("mass", joint, half, lump(part)))
-    if _half(plants.payload):
-        nothing = PerJoint(arb(0), arb(0))
-        empty = lump(plant._replace(mass=nothing, inertia=nothing))
-        arm = loaded(empty, arb(_half(plants.payload)), arb(parameters.length[-1]), plant.gravity)
-        found.append(Parameter("payload", 0, _half(plants.payload), arm))
-    return found
+        if half := _half(plants.of_joint("mass", joint)):
+            yield Parameter("mass", joint, half, weighing([arb(half if j == joint else 0.0) for j in range(JOINTS)]))
+    massless = weighing([arb(0)] * JOINTS)
+    if half := _half(plants.payload):
+        tip = arb(parameters.length[-1])
+        yield Parameter("payload", 0, half, loaded(massless, arb(half), tip, plant.gravity))
+    if (half := _half(plants.force)) and disturbance.tip_force is not None:
+        yield Parameter("force", 0, half / (0.5 * sum(plants.force)), massless)
 
 
 def narrowed(plants: PlantSet, axis: Axis, part: tuple[float, float]) -> PlantSet:

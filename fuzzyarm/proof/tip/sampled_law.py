@@ -10,13 +10,14 @@ run, and kept as floats.
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from typing import Any, NamedTuple
 
 import numpy as np
 
 from fuzzyarm.common.checks import shown
 from fuzzyarm.envs.observation import JOINTS
-from fuzzyarm.fuzzy_policy.law import Law, law_of, seen_by
+from fuzzyarm.fuzzy_policy.law import law_of, seen_by
 from fuzzyarm.fuzzy_policy.laws.adaptive.policy import AdaptiveObserverPolicy
 from fuzzyarm.fuzzy_policy.laws.learned.estimate.policy import LearnedObserverPolicy
 from fuzzyarm.fuzzy_policy.policy import Policy
@@ -25,12 +26,12 @@ from fuzzyarm.proof.tip.affine import WORTH, Affine, Space
 from fuzzyarm.proof.tip.enclosures import ROUND_UP, SLACK, NoBound
 from fuzzyarm.proof.tip.zonotope import Zonotope, merged, product
 
-__all__ = ["MEASURED", "PolicyLaw", "Response", "sampled_law"]
+__all__ = ["Response", "SampledLaw"]
 
-MEASURED = 2 * JOINTS  # numbers of θ, θ̇, which come before those of the memory
-KEPT = 1e-3  # share of a number from which an unknown keeps its column
-MOST = 6  # unknowns for each number, beyond which they are merged
-RUNS = 6  # that tell what a law remembers of what is measured
+_MEASURED = 2 * JOINTS  # numbers of θ, θ̇, which come before those of the memory
+_WORTH_A_COLUMN = 1e-3  # share of a number from which an unknown keeps its column
+_MOST_UNKNOWNS = 6  # unknowns for each number, beyond which they are merged
+_RUNS = 6  # that tell what a law remembers of what is measured
 
 _UNKNOWN: dict[type[Policy], str] = {
     AdaptiveObserverPolicy: "there is no bound for the adaptive observer: the corrections of its Kalman filter divide "
@@ -49,30 +50,27 @@ class Response(NamedTuple):
     box: np.ndarray  # (2 + m,)
 
 
-def sampled_law(policy: Policy, references: np.ndarray) -> PolicyLaw:
-    """Return a policy of the two-joint arm, sample by sample, for `references` (steps + 1, 6) [rad, rad/s, rad/s²]."""
-    if type(policy) in _UNKNOWN:
-        raise NoBound(f"{_UNKNOWN[type(policy)]}; choose elastic-observer, which has one")
-    law = law_of(policy)
-    if law is None:
-        raise NoBound(
-            f"there is no bound for {shown(type(policy).__name__)}, which is no law; choose a fuzzy policy or computed "
-            "torque, with or without the ending -tip, elastic-observer or a learned policy"
-        )
-    return PolicyLaw(policy, law, references)
+class SampledLaw:
+    """The law of a policy of the two-joint arm, sample by sample."""
 
-
-class PolicyLaw:
-    """The law of a policy, sample by sample."""
-
-    def __init__(self, policy: Policy, law: Law, references: np.ndarray) -> None:
-        """Take the policy, its law and the references (samples, 6) in its observations."""
+    def __init__(self, policy: Policy, references: np.ndarray) -> None:
+        """Take a policy and the references (samples, 6) [rad, rad/s, rad/s²] in its observations; else `NoBound`."""
+        if type(policy) in _UNKNOWN:
+            raise NoBound(f"{_UNKNOWN[type(policy)]}; choose elastic-observer, which has one")
+        law = law_of(policy)
+        if law is None:
+            raise NoBound(
+                f"there is no bound for {shown(type(policy).__name__)}, which is no law; choose a fuzzy policy or "
+                "computed torque, with or without the ending -tip, elastic-observer or a learned policy"
+            )
         self._law, self._references = law, references
         # Of some runs that measure otherwise: what differs. `_answer` checks that all else is as it was here.
-        asked = np.repeat(references[:, np.newaxis], RUNS, axis=1)
-        apart = 0.1 ** np.arange(RUNS)[:, np.newaxis] * np.random.default_rng(0).normal(size=(len(asked), 1, MEASURED))
-        observations = np.concatenate([asked[:, :, :MEASURED] + apart, asked], axis=2)
-        memory, torque, held = np.zeros((RUNS, policy.memory_size)), np.empty((RUNS, JOINTS)), []
+        asked = np.repeat(references[:, np.newaxis], _RUNS, axis=1)
+        apart = 0.1 ** np.arange(_RUNS)[:, np.newaxis] * np.random.default_rng(0).normal(
+            size=(len(asked), 1, _MEASURED)
+        )
+        observations = np.concatenate([asked[:, :, :_MEASURED] + apart, asked], axis=2)
+        memory, torque, held = np.zeros((_RUNS, policy.memory_size)), np.empty((_RUNS, JOINTS)), []
         for observation in observations:
             held.append(memory.copy())
             policy.act(observation, memory, torque)
@@ -99,23 +97,22 @@ class PolicyLaw:
     def _answer(self, k: int, space: Space, point: np.ndarray) -> list[Affine]:
         """Return (u, m⁺) of a space."""
         variables, memory = space.variables(point), self._held[k, 0].tolist()
-        for place, number in zip(self.remembered.tolist(), variables[MEASURED:], strict=True):
+        for place, number in zip(self.remembered.tolist(), variables[_MEASURED:], strict=True):
             memory[place] = number
-        seen = like(seen_by(JOINTS), iter([*variables[:MEASURED], *self._references[k].tolist()]))
+        seen = like(seen_by(JOINTS), iter([*variables[:_MEASURED], *self._references[k].tolist()]))
         law = self._law
         after, torque = law.act(like(law.memory, iter(memory)), seen, law.constants, *law.tables)
-        numbers, own = _numbers(after), set(self.remembered.tolist())
+        numbers, own = [*_numbers((after,))], set(self.remembered.tolist())
         for place, (number, held) in enumerate(zip(numbers, self._held[k + 1, 0].tolist(), strict=True)):
             if place not in own and (isinstance(number, Affine) or number != held):
                 raise NoBound("the law remembers otherwise than in a run of its own")
         return [space.number(x) for x in [*torque, *(numbers[place] for place in sorted(own))]]
 
 
-def _numbers(tree: Any) -> list[Any]:
-    """Return the numbers of nested tuples and arrays, in order."""
-    if isinstance(tree, tuple | np.ndarray):
-        return [number for part in tree for number in _numbers(part)]
-    return [tree]
+def _numbers(tree: Any) -> Iterator[Any]:
+    """Yield the numbers of nested tuples and arrays, in order."""
+    for part in tree:
+        yield from _numbers(part) if isinstance(part, tuple | np.ndarray) else (part,)
 
 
 def _spelt_out(space: Space, numbers: list[Affine]) -> Response:
@@ -125,10 +122,10 @@ def _spelt_out(space: Space, numbers: list[Affine]) -> Response:
     inner, own = rows[:, :known], rows[:, known:]
     rest = rest + np.abs(inner) @ space.base.box + SLACK * size
     total = space.reach(rows) + rest
-    small = (np.abs(own) <= KEPT * total[:, np.newaxis]).all(axis=0)
+    small = (np.abs(own) <= _WORTH_A_COLUMN * total[:, np.newaxis]).all(axis=0)
     rest += np.abs(own[:, small]).sum(axis=1)
     own = own[:, ~small]
-    if own.shape[1] > MOST * len(own):
+    if own.shape[1] > _MOST_UNKNOWNS * len(own):
         own, missed = merged(own)
         rest += missed
     rest *= ROUND_UP

@@ -9,6 +9,7 @@ exponential is cut after `_TERMS` terms; |A| T is below one in the units that ba
 
 from __future__ import annotations
 
+from types import SimpleNamespace
 from typing import NamedTuple
 
 import numpy as np
@@ -17,49 +18,27 @@ from fuzzyarm.envs.observation import JOINTS
 from fuzzyarm.envs.physics.dynamics import Arm
 from fuzzyarm.proof.tip.enclosures import SLACK
 
-__all__ = [
-    "CHANNELS", "OBSERVED", "PARTS", "ROWS", "ROW_COUNT", "STATES", "Linear", "Transition", "linear", "transition",
-]  # fmt: skip
+__all__ = ["CHANNELS", "CHANNEL_COUNT", "OBSERVED", "PARTS", "ROWS", "ROW_COUNT", "STATES", "linear", "transition"]
 
-STATES = 4 * JOINTS  # numbers of δθ, δq, δθ̇, δq̇
-SIZE = STATES + JOINTS  # of ξ
 _TERMS = 24
 PARTS = 2  # of a period, in each of which the first two moments of a disturbance are kept
 
-THETA, LINK, D_THETA, _D_LINK, HELD = (slice(i * JOINTS, (i + 1) * JOINTS) for i in range(5))
+
+def _slices(names: str) -> SimpleNamespace:
+    """Return slices by name, each of `JOINTS` numbers, one after the other."""
+    return SimpleNamespace(**{name: slice(i * JOINTS, (i + 1) * JOINTS) for i, name in enumerate(names.split())})
 
 
-class _Channels(NamedTuple):
-    """Where disturbing torques act: on the motors, on the links, within the joints, and at the tip along x and y."""
-
-    motor: slice
-    link: slice
-    joint: slice
-    tip: slice
-
-
-CHANNELS = _Channels(*(slice(i * JOINTS, (i + 1) * JOINTS) for i in range(4)))  # where the channels lie
-COUNT = 4 * JOINTS
-
-
-class Rows(NamedTuple):
-    """What is observed of the deviation: ξ without δu, then φ, φ̇, the net torque N, θ̈ and q̈."""
-
-    theta: slice
-    link: slice
-    d_theta: slice
-    d_link: slice
-    bending: slice
-    bending_rate: slice
-    net: slice
-    motor_acceleration: slice
-    link_acceleration: slice
-
-
-ROWS = Rows(*(slice(i * JOINTS, (i + 1) * JOINTS) for i in range(9)))  # where the rows lie
-ROW_COUNT = 9 * JOINTS  # numbers of these rows; those that are made of `OBSERVED` follow
+CHANNELS = _slices("motor link joint tip")
+"""Where disturbing torques act: on the motors, on the links, within the joints, and at the tip along x and y."""
+ROWS = _slices("theta link d_theta d_link bending bending_rate net motor_acceleration link_acceleration")
+"""What is observed of the deviation: δθ, δq, δθ̇, δq̇ as in ξ, then φ, φ̇, the net torque N, θ̈ and q̈."""
+CHANNEL_COUNT = JOINTS * len(vars(CHANNELS))  # numbers of all channels
+ROW_COUNT = JOINTS * len(vars(ROWS))  # numbers of these rows
+STATES = ROWS.d_link.stop  # numbers of δθ, δq, δθ̇, δq̇
+_SIZE = STATES + JOINTS  # of ξ
 OBSERVED = np.r_[ROWS.link_acceleration, ROWS.link, ROWS.d_link]
-"""Rows of δq̈, δq and δq̇, of which further rows can be made."""
+"""Rows of δq̈, δq and δq̇, of which further rows can be made: they follow the others."""
 
 
 class Linear(NamedTuple):
@@ -114,52 +93,45 @@ def linear(
     inertia, viscous = np.array([arm.motor_inertia1, arm.motor_inertia2]), np.array([arm.viscous1, arm.viscous2])
     inverse = np.linalg.inv(mass)
     free = np.where(still, 0.0, 1.0 / inertia)
-    A, b = np.zeros((SIZE, SIZE)), np.zeros((SIZE, COUNT))
-    A[THETA, D_THETA] = np.diag(np.where(still, 0.0, 1.0))
-    A[LINK, _D_LINK] = np.eye(JOINTS)
+    A, b = np.zeros((_SIZE, _SIZE)), np.zeros((_SIZE, CHANNEL_COUNT))
+    A[ROWS.theta, ROWS.d_theta] = np.diag(np.where(still, 0.0, 1.0))
+    A[ROWS.link, ROWS.d_link] = np.eye(JOINTS)
     size = A.copy()
     joint = np.hstack([-K, K, -B, B, np.eye(JOINTS)])  # δu - K φ - B φ̇
     motor = joint.copy()
-    motor[:, D_THETA] += np.diag(slip - viscous)
-    A[D_THETA], size[D_THETA] = free[:, np.newaxis] * motor, free[:, np.newaxis] * np.abs(motor)
+    motor[:, ROWS.d_theta] += np.diag(slip - viscous)
+    A[ROWS.d_theta], size[ROWS.d_theta] = free[:, np.newaxis] * motor, free[:, np.newaxis] * np.abs(motor)
     link = np.hstack([K, -K - stiff, B, -B - damp, np.zeros((JOINTS, JOINTS))])
-    A[_D_LINK], size[_D_LINK] = inverse @ link, np.abs(inverse) @ np.abs(link)
-    b[D_THETA, CHANNELS.motor] = np.diag(free)
-    b[_D_LINK, CHANNELS.link] = inverse
-    b[D_THETA, CHANNELS.joint], b[_D_LINK, CHANNELS.joint] = -np.diag(free), inverse
-    b[_D_LINK, CHANNELS.tip] = inverse @ lever
-    S, D = np.zeros((ROW_COUNT, SIZE)), np.zeros((ROW_COUNT, COUNT))
+    A[ROWS.d_link], size[ROWS.d_link] = inverse @ link, np.abs(inverse) @ np.abs(link)
+    b[ROWS.d_theta, CHANNELS.motor] = np.diag(free)
+    b[ROWS.d_link, CHANNELS.link] = inverse
+    b[ROWS.d_theta, CHANNELS.joint], b[ROWS.d_link, CHANNELS.joint] = -np.diag(free), inverse
+    b[ROWS.d_link, CHANNELS.tip] = inverse @ lever
+    S, D = np.zeros((ROW_COUNT, _SIZE)), np.zeros((ROW_COUNT, CHANNEL_COUNT))
     S[:STATES, :STATES] = np.eye(STATES)
-    one = np.eye(JOINTS)
-    S[ROWS.bending, THETA], S[ROWS.bending, LINK] = one, -one
-    S[ROWS.bending_rate, D_THETA], S[ROWS.bending_rate, _D_LINK] = one, -one
+    S[ROWS.bending] = np.eye(JOINTS, _SIZE) - np.eye(JOINTS, _SIZE, JOINTS)
+    S[ROWS.bending_rate] = np.eye(JOINTS, _SIZE, 2 * JOINTS) - np.eye(JOINTS, _SIZE, 3 * JOINTS)
     S[ROWS.net] = joint
-    S[ROWS.net, D_THETA] -= np.diag(viscous)
-    S[ROWS.motor_acceleration], S[ROWS.link_acceleration] = A[D_THETA], A[_D_LINK]
-    D[ROWS.motor_acceleration], D[ROWS.link_acceleration] = b[D_THETA], b[_D_LINK]
-    for j in np.flatnonzero(given):
-        _velocity_as_channel(int(j), A, size, b, S, D)
+    S[ROWS.net, ROWS.d_theta] -= np.diag(viscous)
+    S[ROWS.motor_acceleration], S[ROWS.link_acceleration] = A[ROWS.d_theta], A[ROWS.d_link]
+    D[ROWS.motor_acceleration], D[ROWS.link_acceleration] = b[ROWS.d_theta], b[ROWS.d_link]
+    for j in np.flatnonzero(given).tolist():  # the motor's channel stands for its velocity
+        velocity, channel, row = ROWS.d_theta.start + j, CHANNELS.motor.start + j, ROWS.motor_acceleration.start + j
+        A[velocity], size[velocity], b[velocity], S[row], D[row] = 0.0, 0.0, 0.0, 0.0, 0.0
+        b[:, channel], D[:, channel] = A[:, velocity], S[:, velocity]
+        A[:, velocity], size[:, velocity], S[:, velocity] = 0.0, 0.0, 0.0
     size_of_rows = np.abs(S)
-    size_of_rows[ROWS.motor_acceleration], size_of_rows[ROWS.link_acceleration] = size[D_THETA], size[_D_LINK]
+    size_of_rows[ROWS.motor_acceleration], size_of_rows[ROWS.link_acceleration] = size[ROWS.d_theta], size[ROWS.d_link]
     S, D = np.vstack([S, products @ S[OBSERVED]]), np.vstack([D, products @ D[OBSERVED]])
     size_of_rows = np.vstack([size_of_rows, np.abs(products) @ size_of_rows[OBSERVED]])
     return Linear(A, size, b, S, size_of_rows, D)
 
 
-def _velocity_as_channel(j: int, A: np.ndarray, size: np.ndarray, b: np.ndarray, S: np.ndarray, D: np.ndarray) -> None:
-    """Let the channel of motor j stand for its velocity in all matrices of `Linear`, in place."""
-    velocity, channel = STATES // 2 + j, CHANNELS.motor.start + j
-    A[velocity], size[velocity], b[velocity] = 0.0, 0.0, 0.0
-    S[ROWS.motor_acceleration.start + j], D[ROWS.motor_acceleration.start + j] = 0.0, 0.0
-    b[:, channel], D[:, channel] = A[:, velocity], S[:, velocity]
-    A[:, velocity], size[:, velocity], S[:, velocity] = 0.0, 0.0, 0.0
-
-
 def transition(system: Linear, period: float) -> Transition:
     """Return the solution of a linear equation over T [s]."""
     A, size, b, S = system.A, system.size, system.b, system.S
-    powers, bounds = [np.eye(SIZE)], np.eye(SIZE)
-    growth = np.eye(SIZE)
+    powers, bounds = [np.eye(_SIZE)], np.eye(_SIZE)
+    growth = np.eye(_SIZE)
     for i in range(1, _TERMS):
         powers.append(powers[-1] @ A / i)
         bounds = bounds @ size * (period / i)

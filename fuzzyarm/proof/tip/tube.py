@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import math
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 
 import numpy as np
 from flint import arb, ctx
@@ -17,18 +17,18 @@ from fuzzyarm.envs.physics.parameters import ArmParameters
 from fuzzyarm.envs.physics.records import PerJoint
 from fuzzyarm.proof.tip.centre import Centre, Segment
 from fuzzyarm.proof.tip.defects import Forces, TipForces, combined, signal_size
-from fuzzyarm.proof.tip.enclosures import BITS, ROUND_UP, SLACK, NoBound, centre, largest, radius_of
+from fuzzyarm.proof.tip.enclosures import BITS, ROUND_UP, SLACK, NoBound, largest, middle_of, radius_of
 from fuzzyarm.proof.tip.friction import Plan, Speed, check_curve
 from fuzzyarm.proof.tip.period import Closed, Period, TubeClaim
 from fuzzyarm.proof.tip.plant import BallPlant, PlantSet
-from fuzzyarm.proof.tip.sampled_law import PolicyLaw, Response
-from fuzzyarm.proof.tip.transition import CHANNELS, D_THETA, LINK, STATES, THETA
+from fuzzyarm.proof.tip.sampled_law import Response, SampledLaw
+from fuzzyarm.proof.tip.transition import CHANNELS, ROWS, STATES
 from fuzzyarm.proof.tip.zonotope import SOURCES, Zonotope
 
 __all__ = ["Problem", "Step", "Tube", "tip_bound"]
 
-DIRECTIONS = 48  # of the polygon around the tip's deviations; it is at most 0.06 % larger than they are
-COARSE = 6  # every how many of them are looked at first
+_DIRECTIONS = 48  # of the polygon around the tip's deviations; it is at most 0.06 % larger than they are
+_COARSE = 6  # every how many of them are looked at first
 
 
 def tip_bound(state: np.ndarray, deviations: Zonotope, arm: Arm, wanted: list[float]) -> tuple[float, np.ndarray]:
@@ -37,23 +37,23 @@ def tip_bound(state: np.ndarray, deviations: Zonotope, arm: Arm, wanted: list[fl
     For the centre's state (8,), the deviations from it, the arm and the point (x, y) [m] that is asked for:
 
     |p(q) - p_r| <= |p(q_y) - p_r + J δq| + (L_1 δq_1² + L_2 (δq_1 + δq_2)²)/2. The zonotope J δq lies in the polygon
-    that touches it in `DIRECTIONS` directions, and so does it with the centre's own error.
+    that touches it in `_DIRECTIONS` directions, and so does it with the centre's own error.
     """
-    angles = PerJoint(*(arb(x) for x in state[LINK].tolist()))
+    angles = PerJoint(*(arb(x) for x in state[ROWS.link].tolist()))
     tip = tip_point(angles, arm)
     x, y = largest(tip.x - wanted[0]), largest(tip.y - wanted[1])
     offset = math.hypot(x, y) * ROUND_UP
     q12 = angles.joint1 + angles.joint2
     second = [-arm.length2 * q12.sin(), arm.length2 * q12.cos()]
     first = [-arm.length1 * angles.joint1.sin() + second[0], arm.length1 * angles.joint1.cos() + second[1]]
-    jacobian = np.array([[centre(first[i]), centre(second[i])] for i in range(2)])
-    turns = np.pi * np.arange(DIRECTIONS) / DIRECTIONS
+    jacobian = np.array([[middle_of(first[i]), middle_of(second[i])] for i in range(2)])
+    turns = np.pi * np.arange(_DIRECTIONS) / _DIRECTIONS
     units = np.stack([np.cos(turns), np.sin(turns)], axis=1)
-    rows, links = units @ jacobian, deviations.part(LINK)
-    aside = np.abs(units @ [centre(tip.x) - wanted[0], centre(tip.y) - wanted[1]])
+    rows, links = units @ jacobian, deviations.part(ROWS.link)
+    aside = np.abs(units @ [middle_of(tip.x) - wanted[0], middle_of(tip.y) - wanted[1]])
     reach, reached = _reach(links, rows, aside)
     direction = int(np.argmax(np.where(reached, reach + aside, 0.0)))
-    corner = (1.0 + 1e-12) / math.cos(0.5 * math.pi / DIRECTIONS)
+    corner = (1.0 + 1e-12) / math.cos(0.5 * math.pi / _DIRECTIONS)
     farthest = float((reach + aside)[direction])
     widest = min(offset + float(reach.max()) * corner, (farthest + SLACK * offset + 1e-15) * corner)
     radius = links.totals()
@@ -69,22 +69,21 @@ def tip_bound(state: np.ndarray, deviations: Zonotope, arm: Arm, wanted: list[fl
 def _reach(links: Zonotope, rows: np.ndarray, aside: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Return the reach in the directions that count, zero in the others, and which these are.
 
-    The farthest point v of a symmetric set with reach h is seen from the nearest of the `COARSE` directions c under an
-    angle of at most α = π COARSE/(2 DIRECTIONS), so h(c) >= |v| cos α >= h(c') cos α for all c'. Only around such c are
-    the others needed. The two sets are that of the deviations and the one that the centre's own error makes of it.
+    The farthest point v of a symmetric set with reach h is seen from the nearest of the `_COARSE` directions c under an
+    angle of at most α = π _COARSE/(2 _DIRECTIONS), so h(c) >= |v| cos α >= h(c') cos α for all c'. Only around such c
+    are the others needed. The two sets are that of the deviations and the one that the centre's own error makes of it.
     """
-    coarse = np.arange(0, DIRECTIONS, COARSE)
-    reach, reached = np.zeros(DIRECTIONS), np.zeros(DIRECTIONS, dtype=bool)
+    coarse = np.arange(0, _DIRECTIONS, _COARSE)
+    reach, reached = np.zeros(_DIRECTIONS), np.zeros(_DIRECTIONS, dtype=bool)
     reach[coarse], reached[coarse] = links.size(rows[coarse]), True
-    least = (1.0 - 1e-9) * math.cos(0.5 * math.pi * COARSE / DIRECTIONS)
+    least = (1.0 - 1e-9) * math.cos(0.5 * math.pi * _COARSE / _DIRECTIONS)
     far = [h >= least * h.max() for h in (reach[coarse], (reach + aside)[coarse])]
-    around = np.add.outer(coarse[far[0] | far[1]], np.arange(-(COARSE // 2), COARSE // 2 + 1)) % DIRECTIONS
+    around = np.add.outer(coarse[far[0] | far[1]], np.arange(-(_COARSE // 2), _COARSE // 2 + 1)) % _DIRECTIONS
     fine = np.setdiff1d(around, coarse)
     reach[fine], reached[fine] = links.size(rows[fine]), True
     return reach, reached
 
 
-_CHANNEL_SOURCE = {"motor": 0, "link": 1, "joint": 2, "tip": 3}
 _LAW, _ROUNDING = SOURCES.index("law and noise"), SOURCES.index("rounding")
 
 
@@ -96,7 +95,7 @@ class Problem:
     start: np.ndarray  # state (8,) in which the environment begins: at rest, the links on the reference
     schedule: Schedule  # reference, tip force and target of every control step
     period: float  # T [s]
-    law: PolicyLaw  # the policy, sample by sample
+    law: SampledLaw  # the policy, sample by sample
     plants: PlantSet  # the set
     plant: BallPlant  # its arms
 
@@ -123,11 +122,9 @@ class Tube:
         without any search; None: they are searched.
         """
         self.problem, self._claims = problem, claims
-        plant = problem.plant
-        self._state = problem.start
-        memory = problem.law.memory
-        self._memory = np.zeros(memory)
-        self._seen = [*range(STATES)[THETA], *range(STATES)[D_THETA], *range(STATES, STATES + memory)]
+        plant, memory = problem.plant, problem.law.memory
+        self._state, self._memory = problem.start, np.zeros(memory)
+        self._seen = [*range(STATES)[ROWS.theta], *range(STATES)[ROWS.d_theta], *range(STATES, STATES + memory)]
         numbers = STATES + memory + JOINTS * problem.plants.late  # the torque that acts one period late is the last
         self._set = Zonotope(numbers, len(plant.parameters))
         self._known: tuple[Speed, ...] = (Speed(0.0, 0.0),) * JOINTS
@@ -146,8 +143,15 @@ class Tube:
     def _step(self, k: int) -> Step:
         problem = self.problem
         torque = self._sample(k)
+        parts: Iterable[tuple[Segment, TubeClaim | None]]
+        if self._claims is None:
+            force = 0.5 * sum(problem.plants.force) * problem.schedule.forces[k]
+            made = self._centre.segments(self._state, torque, force, self._next_drags())
+            parts = ((segment, None) for segment in made)
+        else:
+            parts = self._claims[k]
         segments, closed, begun = list[Segment](), list[Closed](), 0.0
-        for segment, claim in self._segments(k, torque):
+        for segment, claim in parts:
             segments.append(segment)
             closed.append(self._cross(segment, torque, self._force(k, begun, segment.duration), claim))
             begun += segment.duration
@@ -158,24 +162,14 @@ class Tube:
         z.columns, z.box = z.columns[keep], z.box[keep]
         z.tidy(_ROUNDING)
         wanted = problem.schedule.targets[k + 1, :2].tolist()
-        tip, sources = tip_bound(self._state, self._set, problem.plant.exact, wanted)
-        return Step(torque, tuple(segments), tuple(closed), tip, sources)
-
-    def _segments(self, k: int, torque: np.ndarray) -> Iterator[tuple[Segment, TubeClaim | None]]:
-        """Yield the segments of a control step, with what is claimed of them."""
-        if self._claims is None:
-            force = 0.5 * sum(self.problem.plants.force) * self.problem.schedule.forces[k]
-            for segment in self._centre.segments(self._state, torque, force, self._next_drags()):
-                yield segment, None
-        else:
-            yield from self._claims[k]
+        return Step(torque, tuple(segments), tuple(closed), *tip_bound(self._state, z, problem.plant.exact, wanted))
 
     def _next_drags(self) -> list[float | None]:
         """Return the constant friction of motors of whose velocity even the sign is not known for long."""
         if self.problem.plants.friction == "any":
             return [0.0] * JOINTS
-        spread = self._set.totals()[D_THETA]
-        slow = np.abs(self._state[D_THETA]) <= 1.05 * spread
+        spread = self._set.totals()[ROWS.d_theta]
+        slow = np.abs(self._state[ROWS.d_theta]) <= 1.05 * spread
         return [drag if slow[j] else None for j, drag in enumerate(self._drags)]
 
     def _force(self, k: int, begun: float, duration: float) -> TipForces:
@@ -189,9 +183,9 @@ class Tube:
         varies = largest(arb(high) - factor) + plants.force_swing
         radii = [varies * signal_size(signal) + plants.force_course for signal in case]
         along, courses = (1.0, 0.0), [plants.force_course] * 2
-        size = math.hypot(centre(case.x[0]), centre(case.y[0]))
+        size = math.hypot(middle_of(case.x[0]), middle_of(case.y[0]))
         if plants.force_swing and size:
-            along = centre(case.x[0]) / size, centre(case.y[0]) / size
+            along = middle_of(case.x[0]) / size, middle_of(case.y[0]) / size
             across = combined([(arb(-along[1]), case.x), (arb(along[0]), case.y)])
             parts = [combined([(arb(along[0]), case.x), (arb(along[1]), case.y)]), across]
             # The direction is a unit vector up to rounding; a box along the axes is wider along others.
@@ -200,14 +194,13 @@ class Tube:
 
     def _cross(self, segment: Segment, torque: np.ndarray, force: TipForces, claim: TubeClaim | None) -> Closed:
         """Close the tube on a segment and take the zonotope over it."""
-        problem, xi = self.problem, slice(0, STATES + JOINTS)
-        period = Period(segment, torque, force, problem.plant)
+        period, friction = Period(segment, torque, force, self.problem.plant), self.problem.plants.friction
         self._shift(self._set, period.motion.at(-1), self._state)
-        start = self._set.part(xi)
+        start = self._set.part(slice(0, STATES + JOINTS))
         if claim is None:
-            closed = period.close(start, self._known, friction=problem.plants.friction)
+            closed = period.close(start, self._known, friction=friction)
         else:
-            closed = period.confirm(start, self._known, claim, friction=problem.plants.friction)
+            closed = period.confirm(start, self._known, claim, friction=friction)
         self._advance(start, closed)
         self._state, self._known, self._drags = segment.end, closed.known, closed.drags
         self._shift(self._set, period.motion.at(1), self._state)
@@ -216,8 +209,7 @@ class Tube:
     @staticmethod
     def _shift(deviations: Zonotope, before: list[arb], after: np.ndarray) -> None:
         """Let the deviations count from `after` (8,) rather than from `before`, up to rounding the same."""
-        moved = [radius_of(x, c) for x, c in zip(before, after.tolist(), strict=True)]
-        deviations.box[:STATES] += moved
+        deviations.box[:STATES] += list(map(radius_of, before, after.tolist()))
 
     def _sample(self, k: int) -> np.ndarray:
         """Let the policy answer at t_k: append the held torque to the zonotope, renew the memory; return the torque."""
@@ -228,7 +220,7 @@ class Tube:
         noise = noise[:, errors > 0.0]
         seen = Zonotope(len(self._seen), len(problem.plant.parameters))
         seen.columns, seen.box = np.hstack([z.columns[self._seen], noise]), z.box[self._seen]
-        point = np.concatenate([self._state[THETA], self._state[D_THETA], self._memory])
+        point = np.concatenate([self._state[ROWS.theta], self._state[ROWS.d_theta], self._memory])
         return self._held(problem.law.respond(k, point, seen))
 
     def _held(self, answer: Response) -> np.ndarray:
@@ -272,18 +264,17 @@ class Tube:
                 velocity[STATES // 2 + j] = closed.torques[CHANNELS.motor][j]
                 z.columns[STATES // 2 + j], z.box[STATES // 2 + j] = 0.0, 0.0
                 fresh.append(velocity)
-                sources.append(_CHANNEL_SOURCE["motor"])
+                sources.append(SOURCES.index("friction"))
         sizes = z.totals()[:STATES] + sum(fresh, np.zeros(STATES))
         z.box[:STATES] += solution.beyond[:STATES] @ closed.torques
-        for name, channels in CHANNELS._asdict().items():
-            for channel in range(channels.start, channels.stop):
-                made = solution.moments[..., channel].reshape(-1, xi)[:, :STATES] * closed.torques[channel]
-                total = np.abs(made).sum(axis=0)
-                if (total <= 1e-4 * sizes).all():  # what is small beside the rest is not worth columns
-                    z.box[:STATES] += total * ROUND_UP
-                else:
-                    fresh += [*made]
-                    sources += [_CHANNEL_SOURCE[name]] * len(made)
+        for channel, torque in enumerate(closed.torques):
+            made = solution.moments[..., channel].reshape(-1, xi)[:, :STATES] * torque
+            total = np.abs(made).sum(axis=0)
+            if (total <= 1e-4 * sizes).all():  # what is small beside the rest is not worth columns
+                z.box[:STATES] += total * ROUND_UP
+            else:
+                fresh += [*made]
+                sources += [channel // JOINTS] * len(made)  # the first sources are those of the channels, in order
         if fresh:
             columns = np.zeros((len(z.box), len(fresh)))
             columns[:STATES] = np.array(fresh).T

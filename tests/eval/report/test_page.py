@@ -21,7 +21,7 @@ from fuzzyarm.eval.report.certificates import Observed
 from fuzzyarm.eval.report.page import headline, render_page, rule
 from fuzzyarm.eval.report.payload import replay_data
 from fuzzyarm.eval.report.summary import best, metrics_table
-from fuzzyarm.proof.statement import NOT_COVERED
+from fuzzyarm.proof.certificate import NOT_COVERED
 
 SEEN = {"fuzzy-4": Observed(20.5, 7e-5, "step"), "fuzzy-4-tip": "not observed: for a reason"}
 

@@ -19,7 +19,7 @@ from fuzzyarm.numbers.functions import floor, select
 from fuzzyarm.policies.tip_bound import TipClaim, find_bound
 from fuzzyarm.proof.tip.enclosures import BITS, NoBound
 from fuzzyarm.proof.tip.plant import SETS
-from fuzzyarm.proof.tip.sampled_law import sampled_law
+from fuzzyarm.proof.tip.sampled_law import SampledLaw
 from fuzzyarm.proof.tip.zonotope import Zonotope
 
 REFERENCES = Schedule.build(JointReference(), Disturbance(), 1e-3, 2).references[:321]
@@ -36,7 +36,7 @@ def precision():
 @functools.cache
 def known(name):
     policy = load_policy(name)
-    return policy, sampled_law(policy, REFERENCES)
+    return policy, SampledLaw(policy, REFERENCES)
 
 
 def near(law, k):
@@ -124,7 +124,7 @@ def test_layers_of_every_kind_are_held(kind):
     if "weights" in kind:
         kind = {"weights": tuple(30.0 * weight for weight in made.network.weights)}
     policy = LearnedPolicy(dataclasses.replace(made, network=dataclasses.replace(made.network, **kind)))
-    law = sampled_law(policy, REFERENCES[:20])
+    law = SampledLaw(policy, REFERENCES[:20])
     point, units = near(law, 10)
     worst, *_ = shares(policy, law, 10, point, units)
     assert worst.max() > 1e-3
@@ -150,7 +150,7 @@ def test_a_law_that_jumps_has_no_bound(step):
     def jumps(memory, seen, _):
         return memory, (step(seen.dq_motor.joint1), seen.q_motor.joint2)
 
-    law = sampled_law(Own(jumps), REFERENCES[:3])
+    law = SampledLaw(Own(jumps), REFERENCES[:3])
     assert law.respond(0, np.array([0.3, 0.0, 0.5, 0.0]), seen).middle[1] == 0.0
     with pytest.raises(NoBound, match="where the arm may be"):
         law.respond(0, np.array([0.3, 0.0, 0.0, 0.0]), seen)
@@ -159,7 +159,7 @@ def test_a_law_that_jumps_has_no_bound(step):
 @pytest.mark.parametrize(("name", "reason"), [("adaptive-observer", "covariance"), ("learned-observer", "multiply")])
 def test_other_policies_have_none_and_say_why(name, reason):
     with pytest.raises(NoBound, match=rf"no bound for .*{reason}.*; choose elastic-observer"):
-        sampled_law(load_policy(name), REFERENCES[:1])
+        SampledLaw(load_policy(name), REFERENCES[:1])
 
 
 def test_a_law_of_ones_own_has_a_tube():

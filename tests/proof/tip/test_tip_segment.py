@@ -9,12 +9,12 @@ from fuzzyarm.envs.physics.parameters import ArmParameters
 from fuzzyarm.envs.scenario.disturbances import Disturbance
 from fuzzyarm.policies.tip_bound import TipClaim, problem_of
 from fuzzyarm.proof.tip.centre import DEGREE, Mode
-from fuzzyarm.proof.tip.constants import constant_torques, drive
 from fuzzyarm.proof.tip.defects import Forces, PeriodMotion, TipForces
 from fuzzyarm.proof.tip.enclosures import BITS
 from fuzzyarm.proof.tip.friction import Friction, Plan, Speed
 from fuzzyarm.proof.tip.period import Period
 from fuzzyarm.proof.tip.plant import PlantSet, ball_plant
+from fuzzyarm.proof.tip.remainders import Drive
 from fuzzyarm.proof.tip.transition import CHANNELS, linear, transition
 from fuzzyarm.proof.tip.tube import Tube
 from fuzzyarm.proof.tip.zonotope import Zonotope
@@ -30,7 +30,7 @@ def test_what_is_not_linear_in_time_is_within_the_rest_and_the_rest_is_needed(na
         motion = PeriodMotion(angles, PERIOD)
         plant = ball_plant(ArmParameters(), Disturbance(), PlantSet(**{name: (0.9, 1.1)}))
         frictions = [Friction(j, Plan.ANY, Mode.FORWARD, motion, 0.0, plant, Speed(-np.inf, np.inf)) for j in range(2)]
-        found = drive(constant_torques(motion, Forces([arb(0)], [arb(0)]), plant), plant, frictions)
+        found = Drive.of(motion, Forces([arb(0)], [arb(0)]), plant).with_friction(plant, frictions)
     half = plant.half(name)
     channels = CHANNELS.joint if name in ("stiffness", "damping") else CHANNELS.motor
     gaps = []
@@ -73,7 +73,7 @@ def test_between_its_ends_a_segment_is_bounded_and_the_curvature_is_needed():
             [False] * 2,
             np.zeros((0, 6)),
         )
-        driven = drive([], problem.plant, frictions)
+        driven = period._constants.with_friction(problem.plant, frictions)
         solution = transition(system, duration)
         instants = [expm(system.A * t) for t in np.linspace(0.0, duration, 40)]
         for _ in range(30):
