@@ -55,7 +55,7 @@ LAWS = {
     "adaptive-observer": "adaptive.policy:AdaptiveObserverPolicy",
 }
 """Laws that need no controller file; each is imported when it is made, so that `import fuzzyarm` compiles nothing."""
-COMPUTED_TORQUE, ELASTIC_OBSERVER, ADAPTIVE_OBSERVER = LAWS
+COMPUTED_TORQUE, ELASTIC_OBSERVER, ADAPTIVE_OBSERVER = LAWS  # their names
 
 
 def make_law(name: str, robot: AnyArm, control_period: float, *given: Any) -> Policy:
