@@ -31,13 +31,13 @@ class Options:
 
 def run(options: Options) -> int:
     """Print the claims; return 1 if one is not proven."""
-    from fuzzyarm.policies.tip_files import BoundCheck, CellsCheck, check_bound, check_cells, is_bound, is_cells
+    from fuzzyarm.policies.tip_files import BoundCheck, check_bound, is_bound
     from fuzzyarm.proof.verification import Verification, verify_file
 
-    reports: list[Verification | BoundCheck | CellsCheck] = []
+    reports: list[Verification | BoundCheck] = []
     with progress("verifying", len(options.files)) as advance:
         for path in options.files:
-            check = check_cells if is_cells(path) else check_bound if is_bound(path) else verify_file
+            check = check_bound if is_bound(path) else verify_file
             reports.append(check(path))
             advance()
     if options.json:

@@ -2,9 +2,7 @@
 
 from __future__ import annotations
 
-import csv
 import ctypes
-import io
 import re
 import shutil
 import subprocess
@@ -12,6 +10,7 @@ import tempfile
 import textwrap
 from collections.abc import Sequence
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -28,14 +27,9 @@ from fuzzyarm.fuzzy_policy.laws.learned.estimate.policy import LearnedObserverPo
 from fuzzyarm.fuzzy_policy.policy import Policy
 
 __all__ = [
-    "CALLS", "FLAGS", "NUMBERS", "UNITS", "CompiledLaw", "c_name", "compilers", "export_c", "header_text",
-    "random_observations", "sources_of",
+    "FLAGS", "UNITS", "CompiledLaw", "c_name", "compilers", "export_c", "header_text", "random_observations",
+    "sources_of",
 ]  # fmt: skip
-
-CALLS = 200  # consecutive calls in a file of test vectors
-SHARE = 0.2  # of the calls, the last ones, that see any state
-FREQUENCIES = (2.0, 10.0)  # rad/s
-SMALLEST, LARGEST = -8.0, -0.5  # errors, powers of ten of the limits
 
 
 def random_observations(policy: Policy, calls: int, seed: int) -> np.ndarray:
@@ -47,22 +41,17 @@ def random_observations(policy: Policy, calls: int, seed: int) -> np.ndarray:
     rng, joints, bounds = np.random.default_rng(seed), policy.joints, bounds_of(policy.parameters)
     at, seen = starts(joints), np.empty((calls, PARTS * joints))
     middle, half = 0.5 * (bounds.low + bounds.high), 0.5 * (bounds.high - bounds.low)
-    frequency, begin = rng.uniform(*FREQUENCIES, joints), rng.uniform(0.0, 2.0 * np.pi, joints)
+    frequency, begin = rng.uniform(2.0, 10.0, joints), rng.uniform(0.0, 2.0 * np.pi, joints)  # rad/s, rad
     phase = begin + frequency * policy.control_period * np.arange(calls)[:, np.newaxis]
     radius = 0.3 * half
-    motion = [
-        middle + radius * np.sin(phase),
-        radius * frequency * np.cos(phase),
-        -radius * frequency**2 * np.sin(phase),
-    ]
-    size = 10.0 ** rng.uniform(SMALLEST, LARGEST, (calls, 1))
+    sine = middle + radius * np.sin(phase), radius * frequency * np.cos(phase), -radius * frequency**2 * np.sin(phase)
+    size = 10.0 ** rng.uniform(-8.0, -0.5, (calls, 1))
     error = size * rng.uniform(-1.0, 1.0, (calls, 2 * joints)) * np.concatenate([half, bounds.velocity])
-    seen[:, at.q_reference :] = np.concatenate(motion, axis=1)
+    seen[:, at.q_reference :] = np.concatenate(sine, axis=1)
     seen[:, : at.q_reference] = seen[:, at.q_reference : at.ddq_reference] + error
-    last = slice(round((1.0 - SHARE) * calls), calls)
-    scales = (half, bounds.velocity, half, bounds.velocity, np.full(joints, 50.0))
-    for part, scale in zip(at, scales, strict=True):
-        seen[last, part : part + joints] = scale * rng.uniform(-1.0, 1.0, (len(seen[last]), joints))
+    last = seen[round(0.8 * calls) :]  # which are of any state
+    for part, scale in zip(at, (half, bounds.velocity, half, bounds.velocity, np.full(joints, 50.0)), strict=True):
+        last[:, part : part + joints] = scale * rng.uniform(-1.0, 1.0, (len(last), joints))
     return seen
 
 
@@ -104,8 +93,8 @@ class CompiledLaw:
         self.number = np.dtype({"double": np.float64, "float": np.float32}[number])
         self.joints, self.memory_size, name = joints, memory_size, source.stem
         loop, library = source.with_name(f"{name}_loop.c"), source.with_name(f"{name}_{compiler}_{number}.so")
-        sizes = {"size": memory_size, "inputs": PARTS * joints, "joints": joints}
-        loop.write_text(_LOOP.format(name=name, real=number, **sizes), encoding="utf-8")
+        text = _LOOP.format(name=name, real=number, size=memory_size, inputs=PARTS * joints, joints=joints)
+        loop.write_text(text, encoding="utf-8")
         words = [compiler, *FLAGS, "-shared", "-fPIC", str(loop), str(source), "-o", str(library)]
         subprocess.run(words, check=True, capture_output=True, text=True)
         self._run = ctypes.CDLL(str(library)).run
@@ -119,12 +108,10 @@ class CompiledLaw:
         memory (lanes, memory_size) is that before the first call, by default zeros.
         """
         calls, lanes, _ = observations.shape
-        seen = np.ascontiguousarray(observations, dtype=self.number)
-        begins = np.ascontiguousarray(starts, dtype=np.uint8)
-        torque = np.empty((calls, lanes, self.joints), dtype=self.number)
-        kept = np.zeros((lanes, self.memory_size), dtype=self.number)
-        if memory is not None:
-            kept[:] = memory
+        seen, begins = np.ascontiguousarray(observations, self.number), np.ascontiguousarray(starts, np.uint8)
+        torque = np.empty((calls, lanes, self.joints), self.number)
+        kept = np.zeros((lanes, self.memory_size), self.number)
+        kept[:] = 0.0 if memory is None else memory
         arrays = [array.ctypes.data_as(ctypes.c_void_p) for array in (begins, seen, torque, kept)]
         self._run(ctypes.c_long(lanes), ctypes.c_long(calls), *arrays)
         return torque, kept
@@ -133,19 +120,15 @@ class CompiledLaw:
         self,
         observation: np.ndarray,
         state: np.ndarray | None = None,
-        episode_start: np.ndarray | None = None,
-        deterministic: bool = True,
+        episode_start: Any = None,
+        deterministic: Any = True,
     ) -> tuple[np.ndarray, np.ndarray]:
         """Return torques (n,) [N m] and the next state for an observation (5 n,): the protocol of all policies."""
-        begins = np.array([[state is None]])
-        torque, memory = self.run(observation[np.newaxis, np.newaxis], begins, state)
+        torque, memory = self.run(observation[np.newaxis, np.newaxis], np.array([[state is None]]), state)
         return torque[0, 0].astype(np.float64), memory
 
 
-NUMBERS = ("double", "float")  # number types of the C source
 UNITS = ("rad", "rad/s", "rad", "rad/s", "rad/s^2")  # of the parts of an observation
-_WIDTH = 110
-SEED = 2022  # of the test vectors
 
 
 def export_c(label: str, policy: Policy, folder: str | Path, number: str = "double") -> list[Path]:
@@ -154,14 +137,14 @@ def export_c(label: str, policy: Policy, folder: str | Path, number: str = "doub
     They are NAME.h, NAME.c and NAME_vectors.csv, whose torques [N m] are those of the policy in Python; of float those
     of the C itself, and only where there is a compiler. Files of these names are not replaced by those of another law.
 
-    The label of the policy gives files and functions their name, and `number` is a type of `NUMBERS`.
+    The label of the policy gives files and functions their name, and `number`, "double" or "float", is their type.
 
     Raises:
         ValueError: the policy's source has something that cannot be written in C, the law is of no use in float, or
             the folder holds another export of the same name.
         OSError: a file cannot be written.
     """
-    choice("number", number, NUMBERS)
+    choice("number", number, ("double", "float"))
     folder, _ = path_of("folder", folder), instance("policy", policy, Policy)  # type: ignore[type-abstract]
     if number == "float" and isinstance(policy, AdaptiveObserverPolicy | LearnedObserverPolicy):
         raise Unsupported(
@@ -200,7 +183,7 @@ def c_name(label: str) -> str:
 
 def header_text(name: str, about: Sequence[str], program: Recorded, number: str) -> str:
     """Return the C header of a program; its first lines are the paragraphs `about`. The others as for `source_text`."""
-    form = textwrap.TextWrapper(_WIDTH, initial_indent=" * ", subsequent_indent=" *   ", break_on_hyphens=False)
+    form = textwrap.TextWrapper(110, initial_indent=" * ", subsequent_indent=" *   ", break_on_hyphens=False)
     comment, guard = "\n".join(map(form.fill, about)), f"{name.upper()}_H"
     return f"""/*
 {comment}
@@ -236,40 +219,35 @@ void {name}_step({arguments_text(program, name, number)});
 
 def _about_policy(name: str, label: str, policy: Policy, program: Recorded) -> list[str]:
     """Return what the header of a policy says: use, units, limits, and what is proven."""
-    joints = policy.joints
     parts = ", ".join(f"{part} [{unit}]" for part, unit in zip(Observation._fields, UNITS, strict=True))
     limits = ", ".join(f"{limit:g}" for limit in per_joint_of(policy.parameters, "torque_limit"))
     certificate, proven = default_certificate(policy), ["Certificate: none."]
     if certificate is not None:
         numbers = ", ".join(f"{key} = {value}" for key, value in certified_numbers(certificate).items())
         scope = "The certificate is of the law in exact arithmetic; rounding is not covered."
-        proven = [f"Certificate: {numbers}.", _plain(certificate.text), scope]
-    return [
-        f"Policy {_plain(label)} of {joints} joints as C99, written by fuzzyarm {__version__} from its Python source.",
+        proven = [f"Certificate: {numbers}.", certificate.text, scope]
+    lines = [
+        f"Policy {label} of {policy.joints} joints as C99, written by fuzzyarm {__version__} from its Python source.",
         f"Call {name}_init when an episode begins, then {name}_step every {policy.control_period!r} s, and hold the "
         "torques in between.",
-        f"observation: {parts}; {joints} numbers each, in this order, measured and asked for at the same instant.",
+        f"observation: {parts}; {policy.joints} numbers each, in this order, measured and asked for at the same "
+        "instant.",
         f"torque [N m], within the limits ({limits}). The observation and the torques are different arrays.",
         "Not a number in, not a number out: check the sensors before. Angles may be up to 1e6 rad.",
         *proven,
         f"Made from: {program.source}.",
     ]
-
-
-def _plain(text: str) -> str:
-    """Return text that ends no comment and holds no letters beyond ASCII."""
-    return text.replace("*/", "* /").encode("ascii", "replace").decode()
+    # No text ends the comment, or holds letters beyond ASCII.
+    return [line.replace("*/", "* /").encode("ascii", "replace").decode() for line in lines]
 
 
 def _vectors(policy: Policy, law: Policy | CompiledLaw) -> str:
     """Return the observations and a law's torques of consecutive calls as CSV, with all digits."""
-    text = io.StringIO()
-    writer, joints = csv.writer(text, lineterminator="\n"), range(policy.joints)
-    inputs = [f"{part}{joint + 1}" for part in Observation._fields for joint in joints]
-    writer.writerow(["call", *inputs, *(f"torque{joint + 1}" for joint in joints)])
-    state = None
-    for call, seen in enumerate(random_observations(policy, CALLS, SEED)):
+    joints, state = range(1, policy.joints + 1), None
+    names = [f"{part}{joint}" for part in (*Observation._fields, "torque") for joint in joints]
+    rows: list[list[Any]] = [["call", *names]]
+    for call, seen in enumerate(random_observations(policy, calls=200, seed=2022)):
         observation = seen.astype(getattr(law, "number", np.float64))
         torque, state = law.predict(observation, state)
-        writer.writerow([call, *map(repr, observation.tolist()), *map(repr, torque.tolist())])
-    return text.getvalue()
+        rows.append([call, *observation.tolist(), *torque.tolist()])
+    return "".join(",".join(map(str, row)) + "\n" for row in rows)

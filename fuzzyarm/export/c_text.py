@@ -26,28 +26,20 @@ from fuzzyarm.numbers.functions import flat, like
 from fuzzyarm.numbers.program import Program
 from fuzzyarm.numbers.symbols import Branch, For, Loop, Region, Store, Symbol
 
-__all__ = [
-    "LARGEST", "LAW", "MODEL", "Function", "Recorded", "Unsupported", "Writer", "arguments_text", "helper_text",
-    "literal_of", "program_of", "source_text",
-]  # fmt: skip
+__all__ = ["LAW", "MODEL", "Recorded", "Unsupported", "arguments_text", "program_of", "source_text"]
 
 
 class Unsupported(ValueError):
     """A law is written with something that cannot be exported; the message says what, and where."""
 
 
-class _TooLarge(Unsupported):
-    """A program has more numbers in its tables than is allowed."""
-
-
-LARGEST = 2**18  # numbers that all tables of a program may have: 2 MiB in double precision
-
+_LARGEST = 2**18  # numbers that all tables of a program may have: 2 MiB in double precision
 
 LAW, MODEL = ("observation", "torque"), ("input", "output")
 """What the arrays that a step is given and fills are called in C: of a law, and of a model of a co-simulation."""
 
 
-class Function(NamedTuple):
+class _Function(NamedTuple):
     """A function of the exported program: numbers in, numbers out."""
 
     name: str  # in the program
@@ -59,7 +51,7 @@ class Function(NamedTuple):
 class _Program(Program):
     """A program in which functions marked `apart` are functions, kept in `functions` in the order of definition."""
 
-    def __init__(self, functions: dict[Callable[..., Any], Function], *given: Any) -> None:
+    def __init__(self, functions: dict[Callable[..., Any], _Function], *given: Any) -> None:
         self.functions = functions
         super().__init__(*given)
 
@@ -68,14 +60,12 @@ class _Program(Program):
         numbers = [self._real(one) for one in flat(arguments)]
         if not any(isinstance(one, Symbol) for one in numbers):
             return function(*arguments)
-        if function not in self.functions:
-            self.functions[function] = self._function(function, arguments)
-        own = self.functions[function]
+        own = self.functions.get(function) or self._function(function, arguments)
         operands = [numbers[place] for place, _ in own.parameters]
         results = (self.operation("call", *operands, detail=(own, k)) for k in range(own.program.ports[1]))
         return like(own.result, results)
 
-    def _function(self, function: Callable[..., Any], arguments: tuple[Any, ...]) -> Function:
+    def _function(self, function: Callable[..., Any], arguments: tuple[Any, ...]) -> _Function:
         """Record a function; what it returns for numbers that are none has the shape of what it returns."""
         result = function(*like(arguments, itertools.repeat(math.nan)))
 
@@ -89,7 +79,9 @@ class _Program(Program):
         texts = ((k, name if name.isascii() else f"given{k}_") for k, name in named)
         parameters = tuple((k, name) for k, name in texts if program.inputs[k] in needed)
         own = re.sub(r"\W", "", function.__name__, flags=re.ASCII).strip("_")
-        return Function(f"{own}{len(self.functions) + 1}", program, parameters, result)
+        made = _Function(f"{own}{len(self.functions) + 1}", program, parameters, result)
+        self.functions[function] = made
+        return made
 
 
 def _named(name: str, tree: Any) -> list[str]:
@@ -142,8 +134,8 @@ def program_of(policy: Policy) -> Recorded:
             f"{type(policy).__name__} has no law that can be written as C; make it a `LawPolicy` (docs: add a policy)"
         )
     numbers = sum(table.size for table in law.tables)
-    if numbers > LARGEST:
-        raise _TooLarge(f"it has {numbers} numbers in its tables or layers; allowed: {LARGEST}")
+    if numbers > _LARGEST:
+        raise Unsupported(f"it has {numbers} numbers in its tables or layers; allowed: {_LARGEST}")
     names = [f"{part}{joint + 1}" for part in Observation._fields for joint in range(joints)]
     command, constants = within_limits(law, joints, policy.integral_at), law.constants
     limit = tuple(policy.torque_limit.tolist())
@@ -249,27 +241,29 @@ static int place_({real} x, int last)
 def helper_text(operation: str, real: str) -> str:
     """Return the C function of an operation, a key of `_HELPERS`; `real` is "double" or "float"."""
     literal = functools.partial(literal_of, real=real)
-    digits, steps = {"double": (53, 9), "float": (24, 6)}[real]
+    digits, steps, epsilon = {"double": (53, 9, "DBL"), "float": (24, 6, "FLT")}[real]
     exponents = [2**step for step in range(steps, 0, -1)]
     lift = 2 * (digits // 2 + 1)
     numbers = {
-        **{"zero": 0.0, "half": 0.5, "one": 1.0, "two": 2.0, "four": 4.0},
-        **{"large": 2.0 ** (digits - 1), "split": 2.0 ** (digits - digits // 2) + 1.0},
-        **{"lift": 2.0**lift, "drop": 2.0 ** (-lift // 2)},
+        **{"zero": 0.0, "half": 0.5, "one": 1.0, "two": 2.0, "four": 4.0, "large": 2.0 ** (digits - 1)},
+        **{"split": 2.0 ** (digits - digits // 2) + 1.0, "lift": 2.0**lift, "drop": 2.0 ** (-lift // 2)},
     }
+    lists = {"powers": [2.0**one for one in exponents], "roots": [2.0 ** (one // 2) for one in exponents]}
     form = textwrap.TextWrapper(100, initial_indent=" " * 8, subsequent_indent=" " * 8, break_on_hyphens=False)
-    lists = {
-        "powers": form.fill(", ".join(literal(2.0**exponent) for exponent in exponents)),
-        "roots": form.fill(", ".join(literal(2.0 ** (exponent // 2)) for exponent in exponents)),
-    }
-    words = {"real": real, "steps": str(steps), "epsilon": {"double": "DBL", "float": "FLT"}[real]}
-    return _HELPERS[operation].format(**words, **lists, **{name: literal(number) for name, number in numbers.items()})
+    return _HELPERS[operation].format(
+        **{"real": real, "steps": steps, "epsilon": epsilon},
+        **{name: form.fill(", ".join(map(literal, those))) for name, those in lists.items()},
+        **{name: literal(number) for name, number in numbers.items()},
+    )
 
 
-LONGEST = 70  # characters of an operation that stands where it is used
+_LONGEST = 70  # characters of an operation that stands where it is used
 _INDENT, _WIDTH = "    ", 110
-_INFIX = {**{name: name for name in ("+", "-", "*", "/", "<", "<=", ">", ">=", "==", "!=")}, "&": "&&", "|": "||"}
-_LOOSE = {*_INFIX, "select", "real", "neg"}  # operations whose text needs brackets as an operand
+_FORMS = {
+    **{name: f"{{}} {name} {{}}" for name in ("+", "-", "*", "/", "<", "<=", ">", ">=", "==", "!=")},
+    **{"&": "{} && {}", "|": "{} || {}", "select": "{} ? {} : {}", "neg": "-{}", "not": "!{}"},
+}
+_LOOSE = {*_FORMS, "real"} - {"not"}  # operations whose text needs brackets as an operand
 
 
 def literal_of(number: float, real: str) -> str:
@@ -296,17 +290,16 @@ class _Uses:
         self._stored: dict[str, list[tuple[Any, Region]]] = defaultdict(list)
         self._conditions: dict[Region, Any] = {}
         self._items(program.top)
-        found: set[Symbol] = set()
         todo: list[tuple[Any, Region | None]] = [(one, program.top) for one in outputs]
         todo += self._writes("room")
         while todo:
             one, where = todo.pop()
             if not isinstance(one, Symbol):
                 continue
+            seen = one in self.regions
             self.regions[one].append(where)
-            if one in found:
+            if seen:
                 continue
-            found.add(one)
             todo += self._from.get(one, [(operand, one.region) for operand in one.operands])
             todo += self._decided(one.region)
             if one.operation == "load" and one.detail[0] not in self.read:
@@ -332,15 +325,13 @@ class _Uses:
 
     def _decided(self, region: Region | None) -> list[tuple[Any, Region | None]]:
         """Return the conditions under which a region is run."""
-        found: list[tuple[Any, Region | None]] = []
-        while region is not None:
-            if region in self._conditions:
-                found.append((self._conditions[region], None))
-            region = region.parent
-        return found
+        if region is None:
+            return []
+        own: list[tuple[Any, Region | None]] = [(self._conditions[region], None)] if region in self._conditions else []
+        return own + self._decided(region.parent)
 
 
-class Writer:
+class _Writer:
     """Writes functions of a program."""
 
     def __init__(self, of: Recorded, real: str) -> None:
@@ -365,7 +356,7 @@ class Writer:
         ]
         return self._lines(program, inputs, changed)
 
-    def function(self, one: Function) -> str:
+    def function(self, one: _Function) -> str:
         """Return the definition of a function."""
         given, results = one.program.ports
         inputs = {one.program.inputs[k]: (name, "") for k, name in one.parameters}
@@ -374,7 +365,7 @@ class Writer:
         targets = [f"*result{k} = {{}};" for k in range(results)] if results > 1 else ["return {};"]
         lines = self._lines(one.program, inputs, list(zip(targets, one.program.outputs[given:], strict=True)))
         kind = "void" if results > 1 else self._real
-        head = wrapped([f"static {kind} {one.name}({names[0]}", *names[1:]], "", _INDENT)
+        head = _wrapped([f"static {kind} {one.name}({names[0]}", *names[1:]], "", _INDENT)
         return "\n".join([*head[:-1], f"{head[-1]})", "{", *lines, "}", ""])
 
     def _lines(
@@ -419,11 +410,11 @@ class Writer:
         if one.operation == "call" and one.detail[0].program.ports[1] > 1:
             return self._call(one, indent)
         text = self._expression(one)
-        if self._uses.regions[one] == [one.region] and len(text) <= LONGEST and one.operation != "load":
+        if self._uses.regions[one] == [one.region] and len(text) <= _LONGEST and one.operation != "load":
             self._texts[one] = f"({text})" if one.operation in _LOOSE else text
             return []
         name = self._named(one)
-        return [f"{indent}const {self._type(one)} {name} = {text};"]
+        return [f"{indent}const {self._kind(one)} {name} = {text};"]
 
     def _call(self, one: Symbol, indent: str) -> list[str]:
         """Return the call of a function with several results, once for all of them."""
@@ -433,10 +424,13 @@ class Writer:
         if key not in self._called:
             self.used.add(function.name)
             self._called[key] = names = [self._name("v") for _ in range(function.program.ports[1])]
-            call = wrapped([*texts, *(f"&{name}" for name in names)], f"{indent}{function.name}(", indent + _INDENT)
+            call = _wrapped([*texts, *(f"&{name}" for name in names)], f"{indent}{function.name}(", indent + _INDENT)
             lines = [*(f"{indent}{self._real} {name};" for name in names), *call[:-1], f"{call[-1]});"]
         self._texts[one] = self._called[key][number]
         return lines
+
+    def _kind(self, one: Symbol) -> str:
+        return "_Bool" if one.kind == "truth" else self._real
 
     def _named(self, one: Symbol) -> str:
         """Return a new name, which means the symbol from now on."""
@@ -445,9 +439,6 @@ class Writer:
     def _name(self, letter: str) -> str:
         self._names += 1
         return f"{letter}{self._names}"
-
-    def _type(self, one: Symbol) -> str:
-        return "_Bool" if one.kind == "truth" else self._real
 
     def _loop(self, loop: Loop, indent: str) -> list[str]:
         """Return a loop whose carried numbers are variables: assigned once all of their next values are known."""
@@ -483,7 +474,7 @@ class Writer:
         if not inside:
             condition = self._text(branch.condition) if merged else ""
             return [
-                f"{indent}const {self._type(after)} {self._named(after)} = "
+                f"{indent}const {self._kind(after)} {self._named(after)} = "
                 f"{condition} ? {self._text(then)} : {self._text(otherwise)};"
                 for then, otherwise, after in merged
             ]
@@ -497,8 +488,8 @@ class Writer:
 
     def _expression(self, one: Symbol) -> str:
         name, texts = one.operation, [self._text(operand, one) for operand in one.operands]
-        if name in _INFIX:
-            return f"{texts[0]} {_INFIX[name]} {texts[1]}"
+        if name in _FORMS:
+            return _FORMS[name].format(*texts)
         if name == "load":
             memory, constant, terms = one.detail
             return self._place(memory, constant, terms)
@@ -513,12 +504,8 @@ class Writer:
             return f"table{table.number}[({row}) + {_index(constant, terms)}]"
         if name == "index":
             return f"({self._real})({_index(*one.detail)})"
-        if name == "select":
-            return f"{texts[0]} ? {texts[1]} : {texts[2]}"
         if name == "real":
-            return f"{texts[0]} ? {self._literal(1.0)} : {self._literal(0.0)}"
-        if name in ("neg", "not"):
-            return f"{'-' if name == 'neg' else '!'}{texts[0]}"
+            return f"{texts[0]} ? {literal_of(1.0, self._real)} : {literal_of(0.0, self._real)}"
         if name not in _HELPERS:
             raise Unsupported(f"{self._of.source} computes a {name}, which has no C function here")
         self.used |= {name, "rint"} if name == "floor" else {name}
@@ -529,7 +516,7 @@ class Writer:
         if memory.startswith("table"):
             number = int(memory.removeprefix("table"))
             if not terms:
-                return self._literal(self._of.contents[number].flat[constant])
+                return literal_of(float(self._of.contents[number].flat[constant]), self._real)
             self.tables.add(number)
         return f"{'state->memory' if memory == 'room' else memory}[{_index(constant, terms)}]"
 
@@ -538,10 +525,7 @@ class Writer:
             return self._texts[operand]
         if user is not None and user.operation in ("&", "|", "not"):
             return str(int(operand))
-        return self._literal(operand)
-
-    def _literal(self, number: float) -> str:
-        return literal_of(float(number), self._real)
+        return literal_of(float(operand), self._real)
 
 
 def _index(constant: int, terms: Iterable[tuple[int, int]]) -> str:
@@ -551,22 +535,16 @@ def _index(constant: int, terms: Iterable[tuple[int, int]]) -> str:
     return " + ".join([*parts, *rest]) + (f" - {-constant}" if constant < 0 and parts else "")
 
 
-def wrapped(texts: Iterable[str], indent: str, further: str | None = None) -> list[str]:
-    """Return lines with these texts and commas between them; the second and later ones may have another indent."""
-    then = indent if further is None else further
-    form = textwrap.TextWrapper(
-        _WIDTH, initial_indent=indent, subsequent_indent=then, break_long_words=False, break_on_hyphens=False
-    )
+def _wrapped(texts: Iterable[str], indent: str, further: str) -> list[str]:
+    """Return lines with these texts and commas between them; the second and later ones have the `further` indent."""
+    form = textwrap.TextWrapper(_WIDTH, indent, further, break_long_words=False, break_on_hyphens=False)
     return [line.replace("\0", " ") for line in form.wrap(", ".join(text.replace(" ", "\0") for text in texts))]
 
 
 def _bare(text: str) -> str:
-    inner = text[1:-1]
-    balanced, depth = text.startswith("(") and text.endswith(")"), 0
-    for mark in inner:
-        depth += {"(": 1, ")": -1}.get(mark, 0)
-        balanced = balanced and depth >= 0
-    return inner if balanced else text
+    """Return a text without the brackets around all of it."""
+    depths = itertools.accumulate({"(": 1, ")": -1}.get(mark, 0) for mark in text[1:-1])
+    return text[1:-1] if text.startswith("(") and text.endswith(")") and min(depths, default=0) >= 0 else text
 
 
 def source_text(of: Recorded, name: str, real: str) -> str:
@@ -574,26 +552,23 @@ def source_text(of: Recorded, name: str, real: str) -> str:
 
     Functions, struct and header begin with `name`. `Unsupported` if an operation cannot be written in C.
     """
-    writer = Writer(of, real)
-    lines, arguments, functions = writer.step(), arguments_text(of, name, real), list[str]()
+    writer, zero = _Writer(of, real), literal_of(0.0, real)
+    lines, functions = writer.step(), list[str]()
     for function in reversed(of.functions.values()):  # a function calls only those before it
         if function.name in writer.used:
             functions.insert(0, writer.function(function))
     helpers = [helper_text(operation, real) for operation in _HELPERS if operation in writer.used]
     tables = [_table(number, of.contents[number], real) for number in sorted(writer.tables)]
-    unused = [
-        f"{_INDENT}(void){word};"
-        for word in ("state", of.words[0])
-        if not any(f"{word}[" in line or f"{word}->" in line for line in lines)
-    ]
+    words = [word for word in ("state", of.words[0]) if not re.search(rf"\b{word}(\[|->)", "\n".join(lines))]
+    unused = [f"{_INDENT}(void){word};" for word in words]
     start = f"""void {name}_init({name}_state *state)
 {{
     for (int k = 0; k < {max(of.ports[0], 1)}; k++) {{
-        state->memory[k] = {literal_of(0.0, real)};
+        state->memory[k] = {zero};
     }}
 }}
 """
-    step = "\n".join([f"void {name}_step({arguments})", "{", *tables, *unused, *lines, "}", ""])
+    step = "\n".join([f"void {name}_step({arguments_text(of, name, real)})", "{", *tables, *unused, *lines, "}", ""])
     text = "\n".join([f'#include "{name}.h"', "", start, *helpers, *functions, step])
     own = "|".join(re.findall(r"^static \w+ (\w+)\(", text, re.MULTILINE))
     return re.sub(rf"\b({own})\(", rf"{name}_part_\1(", text) if own else text  # several programs go into one file
@@ -609,5 +584,5 @@ def _table(number: int, array: np.ndarray, real: str) -> str:
     lines = [f"{_INDENT}static const {real} table{number}[{array.size}] = {{"]
     for row in array.reshape(len(array), -1) if array.ndim > 1 else [array]:
         texts = (literal_of(one, real).strip("()") for one in row.tolist())
-        lines += wrapped((*texts, ""), _INDENT * 2)
+        lines += _wrapped((*texts, ""), _INDENT * 2, _INDENT * 2)
     return "\n".join([*lines[:-1], lines[-1].rstrip(", "), f"{_INDENT}}};"])

@@ -7,7 +7,6 @@ passes the torques on and then steps the plant does what the environment's loop 
 
 from __future__ import annotations
 
-import dataclasses
 import io
 import re
 import sys
@@ -15,9 +14,8 @@ import uuid
 import zipfile
 from collections.abc import Mapping, Sequence
 from pathlib import Path
+from typing import NamedTuple
 from xml.sax.saxutils import quoteattr
-
-import numpy as np
 
 from fuzzyarm import __version__
 from fuzzyarm.common.files import write_once
@@ -334,8 +332,7 @@ _UNITS = {
 _TIME = (1980, 1, 1, 0, 0, 0)  # of the files in the archive: the same export gives the same bytes
 
 
-@dataclasses.dataclass(frozen=True)
-class _Variable:
+class _Variable(NamedTuple):
     """A real number of a model: name, unit, "input", "output" or "parameter", its value at the start or None.
 
     What a host may set has the range `low` to `high` of the environment, any finite number if nothing else is said.
@@ -365,12 +362,11 @@ def export_controller_fmu(label: str, policy: Policy, folder: Path) -> Path:
     lines = [f"    own->given[{k}] = {one.start!r};" for k, one in enumerate(variables) if one.start]
     variables += [_Variable(f"torque{joint}", "N.m", "output", 0.0) for joint in joints]
     code = {
-        "show": "    (void)own;",
-        **{"shown": "0", "given": str(len(variables) - len(joints)), "results": str(len(joints))},
+        **{"show": "    (void)own;", "shown": "0", "given": str(len(names)), "results": str(len(joints))},
         **{"include": "", "started": "\n".join(lines), "single": " || (steps != 1)"},
         **{"period": repr(policy.control_period), "allowed": f"the control period, {policy.control_period!r} s"},
     }
-    return _write(name, sources_of(label, policy, "double"), variables, code, policy.control_period, folder)
+    return _write(name, sources_of(label, policy, "double"), variables, code, folder)
 
 
 def export_plant_fmu(arm: AnyArm, folder: Path, control_period: float = 1e-3) -> Path:
@@ -386,21 +382,29 @@ def export_plant_fmu(arm: AnyArm, folder: Path, control_period: float = 1e-3) ->
     joints, axes = range(1, plant.joints + 1), "xyz"[: plant.axes]
     inputs = [_Variable(f"torque{joint}", "N.m", "input", 0.0) for joint in joints]
     inputs += [_Variable(f"force_{axis}", "N", "input", 0.0, -LARGEST, LARGEST) for axis in axes]
-    names = [(f"{part}{joint}", unit) for part, unit in _PARTS for joint in joints]
+    states = [(f"{part}{joint}", unit) for part, unit in _PARTS for joint in joints]
     low, high, speed, _ = bounds_of(arm)
     ends = zip((*low, *low, *-speed, *-speed), (*high, *high, *speed, *speed), strict=True)
     shown = [
         _Variable(*named, "output", value, float(least), float(most))
-        for named, value, (least, most) in zip(names, start, ends, strict=True)
+        for named, value, (least, most) in zip(states, start, ends, strict=True)
     ]
     shown.append(_Variable("payload", "kg", "parameter", 0.0, 0.0, LARGEST))
     results = [_Variable(f"tip_{axis}", "m", "output", None) for axis in axes]
-    given = [one.name for one in inputs], (0.0,) * len(inputs)
-    step = Recorded(plant.step, given, plant.memory, plant.axes, MODEL, "export.plant.Plant.step")
-    given = [f"q_link{joint}" for joint in joints], (0.0,) * plant.joints
-    tip = Recorded(plant.place, given, (), plant.axes, MODEL, "export.plant.Plant.place")
-    sources = _model_sources(PLANT, step, "Arm", control_period)
-    sources |= _model_sources("tip", tip, "Place of the tip of an arm", control_period)
+    sources: dict[str, str] = {}
+    for name, what, function, names, memory in (
+        (PLANT, "Arm", plant.step, [one.name for one in inputs], plant.memory),
+        ("tip", "Place of the tip of an arm", plant.place, [f"q_link{joint}" for joint in joints], ()),
+    ):
+        made_from, given = f"export.plant.Plant.{function.__name__}", (names, (0.0,) * len(names))
+        program = Recorded(function, given, memory, plant.axes, MODEL, made_from)
+        about = [
+            f"{what} as C99, written by fuzzyarm {__version__} from the functions that its environment steps.",
+            f"{name}_step is a control period of {control_period!r} s.",
+            f"Made from: {made_from}.",
+        ]
+        sources[f"{name}.h"] = header_text(name, about, program, "double")
+        sources[f"{name}.c"] = source_text(program, name, "double")
     lines = [f"    own->state.memory[{k}] = {value!r};" for k, value in enumerate(start)]
     code = {
         "show": "    tip_state none;\n    tip_init(&none);\n"
@@ -409,7 +413,7 @@ def export_plant_fmu(arm: AnyArm, folder: Path, control_period: float = 1e-3) ->
         **{"include": '#include "tip.h"', "started": "\n".join(lines), "single": ""},
         **{"period": repr(control_period), "allowed": f"a whole number of control periods of {control_period!r} s"},
     }
-    return _write(PLANT, sources, [*inputs, *shown, *results], code, control_period, folder)
+    return _write(PLANT, sources, [*inputs, *shown, *results], code, folder)
 
 
 def _start(arm: AnyArm) -> list[float]:
@@ -422,24 +426,14 @@ def _start(arm: AnyArm) -> list[float]:
     return [float(number) for part, _ in _PARTS for number in info[part]]
 
 
-def _model_sources(name: str, program: Recorded, what: str, period: float) -> dict[str, str]:
-    about = [
-        f"{what} as C99, written by fuzzyarm {__version__} from the functions that its environment steps.",
-        f"{name}_step is a control period of {period!r} s.",
-        f"Made from: {program.source}.",
-    ]
-    return {f"{name}.h": header_text(name, about, program, "double"), f"{name}.c": source_text(program, name, "double")}
-
-
 def _write(
     name: str,
     sources: dict[str, str],
     variables: Sequence[_Variable],
     code: dict[str, str],
-    period: float,
     folder: Path,
 ) -> Path:
-    """Write the archive, whose GUID follows from its content."""
+    """Write the archive, whose GUID follows from its content; `code` as for `_fmu_source`."""
     settable = variables[: int(code["given"]) + int(code["shown"])]
     ranges = [f'    {{"{one.name} [{one.unit}]", {one.low!r}, {one.high!r}}}' for one in settable]
     code = {**code, "ranges": ",\n".join(ranges)}
@@ -448,7 +442,7 @@ def _write(
     files = {f"sources/{file}": text for file, text in sources.items()}
     files["sources/fmu.c"] = _fmu_source(name, {**code, "guid": guid})
     compiled = [file.removeprefix("sources/") for file in files if file.endswith(".c")]
-    files["modelDescription.xml"] = _description(name, guid, variables, compiled, period, bool(code["single"]))
+    files["modelDescription.xml"] = _description(name, guid, variables, compiled, code["period"], bool(code["single"]))
     content = io.BytesIO()
     with zipfile.ZipFile(content, "w", zipfile.ZIP_DEFLATED) as archive:
         for file in sorted(files):
@@ -457,13 +451,13 @@ def _write(
 
 
 def _description(
-    name: str, guid: str, variables: Sequence[_Variable], files: Sequence[str], period: float, fixed: bool
+    name: str, guid: str, variables: Sequence[_Variable], files: Sequence[str], period: str, fixed: bool
 ) -> str:
     """Return modelDescription.xml; a step is the period [s] if it is `fixed`."""
     used = {variable.unit for variable in variables}
     units = [f'    <Unit name="{unit}"><BaseUnit {base}/></Unit>' for unit, base in _UNITS.items() if unit in used]
-    outputs = [k for k, variable in enumerate(variables, start=1) if variable.causality == "output"]
-    unknown = [k for k in outputs if variables[k - 1].start is None]
+    outputs = [(k, one) for k, one in enumerate(variables, start=1) if one.causality == "output"]
+    unknown = [f'      <Unknown index="{k}"/>' for k, one in outputs if one.start is None]
     lines = [
         '<?xml version="1.0" encoding="UTF-8"?>',
         f'<fmiModelDescription fmiVersion="2.0" modelName={quoteattr(name)} guid="{guid}" '
@@ -476,17 +470,15 @@ def _description(
         "  <UnitDefinitions>",
         *units,
         "  </UnitDefinitions>",
-        f'  <DefaultExperiment startTime="0" stepSize="{period!r}"/>',
+        f'  <DefaultExperiment startTime="0" stepSize="{period}"/>',
         "  <ModelVariables>",
         *(_variable(k, variable) for k, variable in enumerate(variables)),
         "  </ModelVariables>",
         "  <ModelStructure>",
         "    <Outputs>",
-        *(f'      <Unknown index="{k}"/>' for k in outputs),
+        *(f'      <Unknown index="{k}"/>' for k, _ in outputs),
         "    </Outputs>",
-        *(["    <InitialUnknowns>"] if unknown else []),
-        *(f'      <Unknown index="{k}"/>' for k in unknown),
-        *(["    </InitialUnknowns>"] if unknown else []),
+        *(["    <InitialUnknowns>", *unknown, "    </InitialUnknowns>"] if unknown else []),
         "  </ModelStructure>",
         "</fmiModelDescription>",
     ]
@@ -494,7 +486,7 @@ def _description(
 
 
 def _variable(reference: int, one: _Variable) -> str:
-    start = "" if one.start is None else f' start="{np.float64(one.start).item()!r}"'
+    start = "" if one.start is None else f' start="{one.start!r}"'
     if one.causality != "output" and one.high < sys.float_info.max:  # an output may leave the range of its start
         start = f' min="{one.low!r}" max="{one.high!r}"{start}'
     initial = {"input": "", "output": "exact" if start else "calculated", "parameter": "exact"}[one.causality]

@@ -5,7 +5,7 @@ from __future__ import annotations
 import csv
 import dataclasses
 import io
-import itertools
+from collections.abc import Callable
 from typing import Any
 
 import numpy as np
@@ -18,7 +18,6 @@ from fuzzyarm.envs.physics.joint import DRIVE_UNITS
 from fuzzyarm.envs.physics.parameters import ArmParameters
 from fuzzyarm.envs.scenario.default_reference import default_reference
 from fuzzyarm.envs.scenario.reference import Reference
-from fuzzyarm.fuzzy_policy.controller import Controller
 from fuzzyarm.fuzzy_policy.known_arm import QUANTITIES, per_joint_of
 from fuzzyarm.fuzzy_policy.laws.computed_torque import ComputedTorquePolicy
 from fuzzyarm.fuzzy_policy.laws.elastic_observer import ElasticObserverPolicy
@@ -31,18 +30,7 @@ from fuzzyarm.fuzzy_policy.states import INTEGRAL, PLANT
 from fuzzyarm.fuzzy_policy.ts_model import PREMISES
 from fuzzyarm.proof.policy_certificate import PolicyCertificate, certificate_of
 
-__all__ = [
-    "LawSheet",
-    "Quantity",
-    "certified_numbers",
-    "check_observation",
-    "default_certificate",
-    "fuzzy_law",
-    "sheet_of",
-]
-
-_COLUMNS = ("quantity", "index", "unit", "value")
-_DIGITS = 10  # of a number in the text; JSON and CSV have the shortest one that identifies it
+__all__ = ["LawSheet", "Quantity", "certified_numbers", "check_observation", "default_certificate", "sheet_of"]
 
 
 @dataclasses.dataclass(frozen=True)
@@ -74,44 +62,28 @@ class LawSheet:
             for quantity in quantities:
                 unit = "" if quantity.unit == "-" else f" [{quantity.unit}]"
                 lines += ["", f"  {quantity.name}{unit}: {quantity.meaning}", *_rows(quantity.values)]
-        lines += ["", "proven of the rigid arm:", ""]
-        if self.certificate is None:
-            lines.append("  nothing")
-        else:
-            numbers = certified_numbers(self.certificate)
-            lines += [f"  {name} = {value}" for name, value in numbers.items()]
-            lines.append(f"  {self.certificate.text}")
-        return "\n".join(lines)
+        certificate = self.certificate
+        numbers = {} if certificate is None else certified_numbers(certificate)
+        lines += ["", "proven of the rigid arm:", "", *(f"  {name} = {value}" for name, value in numbers.items())]
+        return "\n".join([*lines, f"  {'nothing' if certificate is None else certificate.text}"])
 
     def to_csv(self) -> str:
         """Return every number as a row of CSV: quantity, index from 1, unit, value."""
         text = io.StringIO()
         writer = csv.writer(text, lineterminator="\n")
-        writer.writerow(_COLUMNS)
-        for quantity in (*self.quantities, *self.check):
-            for index in np.ndindex(quantity.values.shape):
-                place = " ".join(str(k + 1) for k in index)
-                writer.writerow([quantity.name, place, quantity.unit, repr(float(quantity.values[index]))])
+        writer.writerow(("quantity", "index", "unit", "value"))
+        for one in (*self.quantities, *self.check):
+            for index, value in np.ndenumerate(one.values):
+                writer.writerow([one.name, " ".join(str(k + 1) for k in index), one.unit, repr(float(value))])
         return text.getvalue().rstrip("\n")
 
     def to_dict(self) -> dict[str, Any]:
         """Return the sheet as plain data for JSON."""
-        certificate = None
-        if self.certificate is not None:
-            certificate = {**certified_numbers(self.certificate), "scope": self.certificate.text}
-        return {
-            "policy": self.policy,
-            "law": self.law,
-            "equations": list(self.equations),
-            **{
-                part: {
-                    one.name: {"unit": one.unit, "meaning": one.meaning, "values": one.values.tolist()}
-                    for one in getattr(self, part)
-                }
-                for part in ("quantities", "check")
-            },
-            "certificate": certificate,
-        }
+        sheet: dict[str, Any] = {"policy": self.policy, "law": self.law, "equations": list(self.equations)}
+        for part, those in (("quantities", self.quantities), ("check", self.check)):
+            sheet[part] = {q.name: {"unit": q.unit, "meaning": q.meaning, "values": q.values.tolist()} for q in those}
+        found = self.certificate
+        return sheet | {"certificate": found and {**certified_numbers(found), "scope": found.text}}
 
 
 _Law = tuple[str, tuple[str, ...], tuple[Quantity, ...]]  # in words, its equations and its numbers
@@ -133,24 +105,29 @@ def certified_numbers(certificate: PolicyCertificate) -> dict[str, str]:
 
 def _rows(values: np.ndarray) -> list[str]:
     """Return the lines of an array: a row each, with the other indices, from 1, in front."""
-    table = np.atleast_2d(values)
-    leading = table.shape[:-2]
-    lines = []
-    for index in itertools.product(*map(range, leading)):
-        head = "(" + ", ".join(str(k + 1) for k in index) + ")" if index else ""
-        for number, row in enumerate(table[index]):
-            first = head if number == 0 else " " * len(head)
-            lines.append(f"    {first} " + " ".join(f"{value:>17.{_DIGITS}g}" for value in row))
+    table, lines = np.atleast_2d(values), []
+    for *leading, row in np.ndindex(table.shape[:-1]):
+        head = f"({', '.join(str(k + 1) for k in leading)})" if leading else ""
+        first = head if row == 0 else " " * len(head)
+        # Ten digits; JSON and CSV have the shortest number that identifies the value.
+        lines.append(f"    {first} " + " ".join(f"{value:>17.10g}" for value in table[*leading, row]))
     return lines
 
 
-def fuzzy_law(controller: Controller) -> _Law:
-    """Return a fuzzy law in words, its equations from the errors to u, and its numbers."""
-    model = controller.model
+_ERRORS = "e = q - q_d,   de = dq - dq_d,   x_I = 0 when an episode begins"
+_LIMITS = (
+    "tau_j = min(max(u_j, -Gamma_j), Gamma_j)",
+    "x_I,j := x_I,j + T e_j, unless u_j > Gamma_j and e_j < 0, or u_j < -Gamma_j and e_j > 0",
+)
+
+
+def _fuzzy(policy: FuzzyPolicy) -> _Law:
+    controller, model = policy.controller, policy.controller.model
     in_A = ", ".join(PREMISES[index] for index in model.kept_in_A) or "none"
     in_E = ", ".join(PREMISES[index] for index in model.kept_in_E) or "none"
     integral = " + H_ik x_I" if controller.integral else ""
     equations = (
+        _ERRORS,
         "r = (q_d, dq_d, ddq_d)",
         "z1 = cos q2,   z2 = -c4 sinc(q1) - c5 sinc(q1 + q2),   z3 = -c5 sinc(q1 + q2)",
         "z4 = c2 dq2 sin q2,   z5 = -c2 dq1 sin q2,   sinc(x) = sin(x)/x, 1 at 0, with the measured q, dq",
@@ -158,6 +135,7 @@ def fuzzy_law(controller: Controller) -> _Law:
         f"h_i = product over the kept premises of A ({in_A}) of w_k (bit of i-1 is 1: maximum) or 1 - w_k (0: minimum)",
         f"v_k likewise for E ({in_E}); the first premise is the lowest bit; an empty product is 1",
         f"u = sum over i, k of h_i v_k (K_ik (e, de){integral} + L_ik r)",
+        *_LIMITS,
     )
     c = arm_constants(model.parameters)
     gains, low, high = controller.gains, model.bounds[:, 0], model.bounds[:, 1]
@@ -178,16 +156,6 @@ def fuzzy_law(controller: Controller) -> _Law:
     return f"fuzzy law of {model.rules} rules, {controller.form} form", equations, tuple(quantities)
 
 
-_UNITS = {name: unit for name, unit, _ in DRIVE_UNITS}
-
-_ERRORS = "e = q - q_d,   de = dq - dq_d,   x_I = 0 when an episode begins"
-_LIMITS = (
-    "tau_j = min(max(u_j, -Gamma_j), Gamma_j)",
-    "x_I,j := x_I,j + T e_j, unless u_j > Gamma_j and e_j < 0, or u_j < -Gamma_j and e_j > 0",
-)
-_CHECKED_TICKS = 3
-
-
 def sheet_of(name: str, policy: Policy) -> LawSheet:
     """Return the sheet of a policy, whose name stands in the heading; ValueError if no few equations describe it."""
     law, equations, quantities = _law(instance("policy", policy, Policy))  # type: ignore[type-abstract]
@@ -195,14 +163,17 @@ def sheet_of(name: str, policy: Policy) -> LawSheet:
         Quantity("T", "s", "control period, the time between two calls", np.array(policy.control_period)),
         Quantity("Gamma", "N m", "torque limits", per_joint_of(policy.parameters, "torque_limit")),
     )
-    return LawSheet(
-        instance("name", name, str),
-        law,
-        equations,
-        (*common, *quantities),
-        _checked(policy),
-        default_certificate(policy),
+    seen, state, torques = check_observation(policy.joints), None, []
+    for _ in range(3):
+        torque, state = policy.predict(seen, state)
+        torques.append(torque)
+    check = (
+        Quantity("observation", "rad, rad/s, rad/s^2", "q, dq, q_d, dq_d, ddq_d", seen),
+        Quantity("torque", "N m", "tau in the first three calls, each with this observation", np.array(torques)),
+        Quantity("memory", "SI", "what is remembered after them", np.asarray(state)),
     )
+    certificate = default_certificate(policy)
+    return LawSheet(instance("name", name, str), law, equations, (*common, *quantities), check, certificate)
 
 
 def default_certificate(policy: Policy) -> PolicyCertificate | None:
@@ -220,33 +191,10 @@ def check_observation(joints: int) -> np.ndarray:
     return np.concatenate([0.3 + 0.5 * k, 0.5 - 0.9 * k, 0.31 + 0.48 * k, 0.45 - 0.8 * k, 1.0 - 3.0 * k])
 
 
-def _checked(policy: Policy) -> tuple[Quantity, ...]:
-    """Return what the policy answers at a state: the same observation, three times from the start."""
-    seen, state, torques = check_observation(policy.joints), None, []
-    for _ in range(_CHECKED_TICKS):
-        torque, state = policy.predict(seen, state)
-        torques.append(torque)
-    assert state is not None
-    return (
-        Quantity("observation", "rad, rad/s, rad/s^2", "q, dq, q_d, dq_d, ddq_d", seen),
-        Quantity("torque", "N m", "tau in the first three calls, each with this observation", np.array(torques)),
-        Quantity("memory", "SI", "what is remembered after them", state),
-    )
-
-
 def _law(policy: Policy) -> _Law:
-    match policy:
-        case FuzzyPolicy():
-            title, equations, quantities = fuzzy_law(policy.controller)
-            return title, (_ERRORS, *equations, *_LIMITS), quantities
-        case TipPolicy():
-            return _tip(policy)
-        case ScheduledPolicy():
-            return _scheduled(policy)
-        case ComputedTorquePolicy():
-            return _computed_torque(policy)
-        case ElasticObserverPolicy():
-            return _observer(policy)
+    for kind, law in _LAWS.items():
+        if isinstance(policy, kind):
+            return law(policy)
     kinds = "fuzzy, computed-torque and -tip policies, elastic-observer, controller files"
     raise ValueError(f"{type(policy).__name__} has no sheet of equations and matrices; there is one of: {kinds}")
 
@@ -324,8 +272,18 @@ def _observer(policy: ElasticObserverPolicy) -> _Law:
 def _arm(policy: Policy) -> tuple[Quantity, ...]:
     """Return the numbers of the arm that M, C, g and the drives take."""
     arm, arrays = policy.parameters, robot_of(policy.parameters).arrays
-    drives = tuple(Quantity(name, _UNITS[name], "of each joint", per_joint_of(arm, name)) for name in QUANTITIES)
+    units = {name: unit for name, unit, _ in DRIVE_UNITS}
+    drives = tuple(Quantity(name, units[name], "of each joint", per_joint_of(arm, name)) for name in QUANTITIES)
     if isinstance(arm, ArmParameters):
         c = np.array(arm_constants(arm)[:5])
         return (Quantity("c1..c5", "kg m^2 (3), N m (2)", "of M, C and g of the two-joint arm", c), *drives)
     return (Quantity("mass", "kg", "of each link; the robot's file has the rest", np.array(arrays.mass)), *drives)
+
+
+_LAWS: dict[type[Policy], Callable[[Any], _Law]] = {
+    FuzzyPolicy: _fuzzy,
+    TipPolicy: _tip,
+    ScheduledPolicy: _scheduled,
+    ComputedTorquePolicy: _computed_torque,
+    ElasticObserverPolicy: _observer,
+}

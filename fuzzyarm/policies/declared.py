@@ -12,19 +12,15 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 from fuzzyarm.common.checks import listed, shown
-from fuzzyarm.envs.physics.equations import AnyArm
-from fuzzyarm.policies.registry import TIP, Kind
+from fuzzyarm.envs.physics.equations import AnyArm, chosen_arm
+from fuzzyarm.envs.physics.parameters import ArmParameters
+from fuzzyarm.policies.registry import ADAPTIVE_OBSERVER, COMPUTED_TORQUE, ELASTIC_OBSERVER, TIP, Kind
 from fuzzyarm.policies.spec import PolicySpec, resolve
-from fuzzyarm.policies.tuned import ADAPTIVE_OBSERVER, COMPUTED_TORQUE, ELASTIC_OBSERVER
 
 __all__ = ["ELASTIC", "HEADINGS", "Declared", "declared", "declared_by_name", "stated"]
 
 HEADINGS = ("objective", "tuned on", "knows of the arm", "sees", "remembers")
 """Of the columns, one for each field of `Declared`."""
-
-_SEES = "motor angles and velocities; reference with two derivatives, no preview"
-INTEGRAL = "integral of the joint error"
-RIGID, ELASTIC = "rigid model, no friction", "elastic model with friction"
 
 
 class Declared(NamedTuple):
@@ -35,16 +31,6 @@ class Declared(NamedTuple):
     knows: str  # what it knows of the arm beforehand
     sees: str  # what its observation holds
     remembers: str  # what it keeps from one sample to the next
-
-
-_LEARNED_OBSERVER = Declared(
-    "distance to the torque of a teacher who knows plant, load and lateness",
-    "random plants, forces, payloads, delays, noise and references",
-    f"{ELASTIC}, as a first guess; how far it may be off",
-    _SEES,
-    "what elastic-observer and adaptive-observer remember; the state of a network",
-)
-"""Of every learned observer: its training has no other tasks."""
 
 
 def stated(given: Any) -> Declared:
@@ -64,54 +50,94 @@ def stated(given: Any) -> Declared:
     return Declared(**{name: str(found[name]) for name in fields})
 
 
-_FUZZY = Declared(
-    "smallest gains at a proven bound; the bound by motor error and margins", "nominal case", RIGID, _SEES, INTEGRAL
-)
-_REWARD = "discounted reward: logarithm of the tip error, effort"
+_SEES = "motor angles and velocities; reference with two derivatives, no preview"
+_INTEGRAL = "integral of the joint error"
+_RIGID, ELASTIC = "rigid model, no friction", "elastic model with friction"
+_GUESS = f"{ELASTIC}, as a first guess; how far it may be off"
 _HAND = "; settings by hand on Cases 1 to 3"
-_RANDOM = "random plants, forces, payloads and references" + _HAND
+_REWARD = "discounted reward: logarithm of the tip error, effort"
+_RANDOM = "random plants, forces, payloads and references"
 _LEARNED = "two errors and actions, leaky integral of the error"
-_ADAPTIVE = "adaptive-observer"
+_FUZZY, _LEARNED_OBSERVER = "fuzzy-4", "learned-observer"
+
 _NAMED = {
-    **{f"fuzzy-{rules}": _FUZZY for rules in (32, 16, 8, 4, 2, 1)},
-    "fuzzy-4-sampled": Declared(
-        "deviation of the tip by any friction on the sampled elastic arm, within margins and at a proven bound",
-        "nominal case, stiffness ± 10 %",
-        RIGID,
-        _SEES,
-        INTEGRAL,
-    ),
-    "computed-torque": Declared("smallest motor error within margins", "nominal case", RIGID, _SEES, INTEGRAL),
-    "elastic-observer": Declared(
-        "mean rms tip error, and noise in Case 1, within margins",
-        "random plants, constant forces and payloads on the paper's circle",
-        ELASTIC,
-        _SEES,
-        "estimate of state and load",
-    ),
-    _ADAPTIVE: Declared(
-        "mean and worst largest tip error, and noise in Case 1",
-        "random plants, forces, payloads, delays, noise and references; the paper's circle without load",
-        f"{ELASTIC}, as a first guess; how far it may be off",
-        _SEES,
-        "estimate of state, load, constants and lateness, with covariance",
-    ),
-    "learned-observer": _LEARNED_OBSERVER,
-    "ppo-nominal": Declared(_REWARD, "nominal case" + _HAND, "nothing", _SEES, _LEARNED),
-    "ppo-robust": Declared(f"{_REWARD}; smooth actions", _RANDOM, "nothing", _SEES, _LEARNED),
-    "ppo-residual": Declared(_REWARD, _RANDOM, "what fuzzy-4-tip knows", _SEES, f"as fuzzy-4-tip; {_LEARNED}"),
+    name: Declared(objective, tuned_on, knows, _SEES, remembers)
+    for name, objective, tuned_on, knows, remembers in (
+        *(
+            (
+                f"fuzzy-{rules}",
+                "smallest gains at a proven bound; the bound by motor error and margins",
+                "nominal case",
+                _RIGID,
+                _INTEGRAL,
+            )
+            for rules in (32, 16, 8, 4, 2, 1)
+        ),
+        (
+            "fuzzy-4-sampled",
+            "deviation of the tip by any friction on the sampled elastic arm, within margins and at a proven bound",
+            "nominal case, stiffness ± 10 %",
+            _RIGID,
+            _INTEGRAL,
+        ),
+        (COMPUTED_TORQUE, "smallest motor error within margins", "nominal case", _RIGID, _INTEGRAL),
+        (
+            ELASTIC_OBSERVER,
+            "mean rms tip error, and noise in Case 1, within margins",
+            "random plants, constant forces and payloads on the paper's circle",
+            ELASTIC,
+            "estimate of state and load",
+        ),
+        (
+            ADAPTIVE_OBSERVER,
+            "mean and worst largest tip error, and noise in Case 1",
+            "random plants, forces, payloads, delays, noise and references; the paper's circle without load",
+            _GUESS,
+            "estimate of state, load, constants and lateness, with covariance",
+        ),
+        (
+            _LEARNED_OBSERVER,
+            "distance to the torque of a teacher who knows plant, load and lateness",
+            "random plants, forces, payloads, delays, noise and references",
+            _GUESS,
+            "what elastic-observer and adaptive-observer remember; the state of a network",
+        ),
+        ("ppo-nominal", _REWARD, "nominal case" + _HAND, "nothing", _LEARNED),
+        ("ppo-robust", f"{_REWARD}; smooth actions", _RANDOM + _HAND, "nothing", _LEARNED),
+        ("ppo-residual", _REWARD, _RANDOM + _HAND, "what fuzzy-4-tip knows", f"as fuzzy-4-tip; {_LEARNED}"),
+    )
 }
 
-# On a robot the laws take their numbers from those of Table 1: objective and tuned on; {} is the robot.
+_MARGINS = "margins at random postures and along the default path of the arm of {}"
 _POSTURES = "random postures of {}; all else of the arm of Table 1"
-_ON_ROBOTS = {
-    "computed-torque": ("bandwidth of Table 1, lowered until there are margins", _POSTURES),
-    "elastic-observer": ("weights of Table 1, softened until there are margins", _POSTURES),
-    _ADAPTIVE: (
+# What a law of another arm has instead, its objective (empty: the same) and what it is tuned on; {} names the arm.
+_ON_ROBOTS = {  # which takes its numbers from those of Table 1
+    COMPUTED_TORQUE: ("bandwidth of Table 1, lowered until there are margins", _POSTURES),
+    ELASTIC_OBSERVER: ("weights of Table 1, softened until there are margins", _POSTURES),
+    ADAPTIVE_OBSERVER: (
         "weights of Table 1, softened until the regulator is stable",
         f"{_POSTURES}; two numbers for all robots on passes of the UR5 in Case 2",
     ),
 }
+_TUNED = {  # from a tuned folder, by the rules of the shipped policies
+    _FUZZY: ("", "nominal case of the arm of {}"),
+    COMPUTED_TORQUE: ("", "nominal case of the arm of {}"),
+    ELASTIC_OBSERVER: ("", "random plants, constant forces and payloads on the default path of the arm of {}"),
+    ADAPTIVE_OBSERVER: (
+        "",
+        "random plants, forces, payloads, delays, noise and references of the arm of {}; its default path without load",
+    ),
+}
+_TUNED_SERIAL = _TUNED | {  # from that of a serial robot
+    _FUZZY: ("largest decay rate within margins, at a proven bound", _MARGINS),
+    COMPUTED_TORQUE: ("largest bandwidth within margins", _MARGINS),
+    ELASTIC_OBSERVER: ("weights of Table 1, softened to have margins", _MARGINS),
+}
+
+
+def _instead(own: Declared, table: Mapping[str, tuple[str, str]], law: str, arm: str) -> Declared:
+    objective, tuned_on = table[law]
+    return own._replace(objective=objective or own.objective, tuned_on=tuned_on.format(arm))
 
 
 def declared(name: str | PolicySpec, policy: Any = None, passes: int = 1, arm: AnyArm | None = None) -> Declared | None:
@@ -123,14 +149,21 @@ def declared(name: str | PolicySpec, policy: Any = None, passes: int = 1, arm: A
     cannot be read.
     """
     spec = name if isinstance(name, PolicySpec) else resolve(name)
-    own = _own(spec, policy)
+    own, law = _own(spec, policy), spec.name.removesuffix(TIP)
     if own is None:
         return None
-    if spec.named and arm is not None:
-        own = _on_arm(arm, spec.name.removesuffix(TIP), own)
+    if spec.named and arm is not None and arm != ArmParameters():
+        if isinstance(arm, ArmParameters) or law not in _ON_ROBOTS:
+            own = own._replace(tuned_on=f"{own.tuned_on}; all of the arm of Table 1")
+        else:
+            own = _instead(own, _ON_ROBOTS, law, arm.name)
     if spec.tip:
         own = own._replace(knows=ELASTIC, remembers=f"{own.remembers}; three samples of the reference")
-    if passes > 1 and _learns_from_passes(spec, policy):
+    if spec.kind is Kind.CODE:
+        learns = policy is not None and policy.repeated() is not None
+    else:
+        learns = spec.tip or (spec.kind in (Kind.LAW, Kind.TUNED) and spec.label == ADAPTIVE_OBSERVER)
+    if passes > 1 and learns:
         own = own._replace(remembers=f"{own.remembers}, and the passes before")
     return own
 
@@ -141,60 +174,24 @@ def declared_by_name(name: str) -> Declared | None:
     return declared(spec) if spec.named else None
 
 
-def _on_arm(arm: AnyArm, law: str, own: Declared) -> Declared:
-    from fuzzyarm.envs.physics.parameters import ArmParameters
-
-    if arm == ArmParameters():
-        return own
-    if isinstance(arm, ArmParameters) or law not in _ON_ROBOTS:
-        return own._replace(tuned_on=f"{own.tuned_on}; all of the arm of Table 1")
-    objective, tuned_on = _ON_ROBOTS[law]
-    return own._replace(objective=objective, tuned_on=tuned_on.format(arm.name))
-
-
 def _own(spec: PolicySpec, policy: Any) -> Declared | None:
     """Return the declaration of a law, without what the ending `TIP` and passes add."""
+    path = spec.path
     if spec.named:
         return _NAMED.get(spec.name.removesuffix(TIP))
     if spec.kind is Kind.CODE:
         own: Declared | None = getattr(policy, "declared", None)
         return own
-    if spec.path is None:
+    if path is None:
         return None
-    if spec.tuned:
-        return _of_tuned(spec.path)
-    return (_of_controller if spec.kind is Kind.CONTROLLER else _of_learned)(spec.path)
+    law = path.stem if path.stem == _FUZZY else path.name  # the controller file that a tuning writes, or a law
+    if spec.tuned and law in _TUNED:
+        two_joints = isinstance(chosen_arm(path.parent, None), ArmParameters)
+        return _instead(_NAMED[law], _TUNED if two_joints else _TUNED_SERIAL, law, path.parent.name)
+    return (_of_controller if spec.kind is Kind.CONTROLLER else _of_learned)(path)
 
 
-def _learns_from_passes(spec: PolicySpec, policy: Any) -> bool:
-    """Return whether a policy has `repeated`, see `Policy`."""
-    if spec.kind is Kind.CODE:
-        return policy is not None and policy.repeated() is not None
-    return spec.tip or (spec.kind in (Kind.LAW, Kind.TUNED) and spec.label == _ADAPTIVE)
-
-
-_TUNED_FUZZY = "fuzzy-4"  # the controller file that a tuning writes; others may lie beside it
 _UNKNOWN = "not recorded"
-_LONGEST = 80  # characters that are shown of a text out of a file
-
-# Of a tuned folder for two joints, by the rules of the shipped policies: what each law is tuned on; {} is the folder.
-_TWO_JOINTS = {
-    COMPUTED_TORQUE: "nominal case of the arm of {}",
-    ELASTIC_OBSERVER: "random plants, constant forces and payloads on the default path of the arm of {}",
-    ADAPTIVE_OBSERVER: (
-        "random plants, forces, payloads, delays, noise and references of the arm of {}; its default path without load"
-    ),
-}
-_DISTRIBUTIONS = {
-    "nominal": "nominal case of its arm",
-    "robust": "random plants, forces, payloads and references of its arm",
-}
-# For a serial robot: objective and tuned on.
-_MARGINS = "margins at random postures and along the default path of the arm of {}"
-_ROBOT = {
-    COMPUTED_TORQUE: ("largest bandwidth within margins", _MARGINS),
-    ELASTIC_OBSERVER: ("weights of Table 1, softened to have margins", _MARGINS),
-}
 
 
 def _of_controller(path: Path) -> Declared:
@@ -206,30 +203,10 @@ def _of_controller(path: Path) -> Declared:
     return Declared(
         f"{_text(controller.origin.get('objective'))}, by linear matrix inequalities at proven bounds",
         f"the rigid model of its arm, no motion; who chose the bounds, and how, is {_UNKNOWN}",
-        RIGID,
+        _RIGID,
         _SEES,
-        INTEGRAL if integral else "nothing",
+        _INTEGRAL if integral else "nothing",
     )
-
-
-def _of_tuned(path: Path) -> Declared:
-    """Return the declaration of a law of a tuned folder, by its path in it, or that of its controller file."""
-    from fuzzyarm.envs.physics.equations import chosen_arm
-    from fuzzyarm.envs.physics.parameters import ArmParameters
-
-    folder, law = path.parent.name, path.name.removesuffix(".json")
-    if law != path.name and law != _TUNED_FUZZY:
-        return _of_controller(path)
-    two_joints = isinstance(chosen_arm(path.parent, None), ArmParameters)
-    if law == _TUNED_FUZZY:
-        own = _NAMED[_TUNED_FUZZY]
-        if not two_joints:
-            own = own._replace(objective="largest decay rate within margins, at a proven bound")
-        return own._replace(tuned_on=(_TWO_JOINTS[COMPUTED_TORQUE] if two_joints else _MARGINS).format(folder))
-    if two_joints or law not in _ROBOT:
-        return _NAMED[law]._replace(tuned_on=_TWO_JOINTS[law].format(folder))
-    objective, tuned_on = _ROBOT[law]
-    return _NAMED[law]._replace(objective=objective, tuned_on=tuned_on.format(folder))
 
 
 def _of_learned(folder: Path) -> Declared | None:
@@ -239,7 +216,7 @@ def _of_learned(folder: Path) -> Declared | None:
     if not folder.is_dir():
         return None
     if is_observer(folder):
-        return _LEARNED_OBSERVER
+        return _NAMED[_LEARNED_OBSERVER]
     bundle = PolicyBundle.load(folder)
     training, base = bundle.training, bundle.action.base
     scale, smoothness, drawn = (training.get(name) for name in ("tip_error_scale", "smoothness", "distribution"))
@@ -247,33 +224,33 @@ def _of_learned(folder: Path) -> Declared | None:
     if isinstance(scale, int | float):
         reward = f": {'logarithm of the tip error, effort' if scale > 0.0 else 'that of the environment'}"
     smooth = "; smooth actions" if isinstance(smoothness, int | float) and smoothness > 0.0 else ""
-    elastic = [ELASTIC] if bundle.features.elastic_target else []
+    drawn = {"nominal": "nominal case of its arm", "robust": f"{_RANDOM} of its arm"}.get(str(drawn), _UNKNOWN)
+    knows = f"what {base} knows" if base else ELASTIC if bundle.features.elastic_target else "nothing"
     return Declared(
         f"discounted reward{reward}{smooth}, by {_text(training.get('algorithm'))}",
-        f"{_DISTRIBUTIONS.get(str(drawn), _UNKNOWN)}; how its settings were chosen is {_UNKNOWN}",
-        "; ".join([f"what {base} knows"] if base else elastic) or "nothing",
+        f"{drawn}; how its settings were chosen is {_UNKNOWN}",
+        knows,
         _SEES,
-        "; ".join([*([f"as {base}"] if base else []), _memory(bundle)]),
+        (f"as {base}; " if base else "") + _memory(bundle),
     )
 
 
 def _memory(bundle: Any) -> str:
     """Return what the network of a bundle remembers."""
     features = bundle.features
-    kept = [
-        f"{number} {word}{'' if number == 1 else 's'}"
-        for number, word in ((features.past_errors, "error"), (features.past_actions, "action"))
-        if number
-    ]
-    kept += ["leaky integral of the error"] if features.integral_time > 0.0 else []
-    kept += ["filtered action"] if bundle.action.smoothing_time > 0.0 else []
-    kept += ["means of the innovation"] if features.innovation_times else []
-    kept += ["the state of a network"] if bundle.network.cell is not None else []
-    return ", ".join(kept) or "nothing"
+    counts = ((features.past_errors, "error"), (features.past_actions, "action"))
+    kept = [f"{number} {word}{'' if number == 1 else 's'}" for number, word in counts if number]
+    more = {
+        "leaky integral of the error": features.integral_time > 0.0,
+        "filtered action": bundle.action.smoothing_time > 0.0,
+        "means of the innovation": bool(features.innovation_times),
+        "the state of a network": bundle.network.cell is not None,
+    }
+    return ", ".join([*kept, *(words for words, is_kept in more.items() if is_kept)]) or "nothing"
 
 
 def _text(text: Any) -> str:
     """Return a text out of a file as it may be shown."""
     if not isinstance(text, str) or not text.strip():
         return _UNKNOWN
-    return text if text.isprintable() and len(text) <= _LONGEST else shown(text)
+    return text if text.isprintable() and len(text) <= 80 else shown(text)

@@ -14,21 +14,25 @@ from fuzzyarm.policies.registry import known_names
 from fuzzyarm.policies.spec import file_digest, load_policy, resolve
 
 if TYPE_CHECKING:
-    from fuzzyarm.fuzzy_policy.laws.learned.estimate.policy import LearnedObserverPolicy
+    from fuzzyarm.fuzzy_policy.laws.learned.estimate.bundle import EstimateBundle
     from fuzzyarm.fuzzy_policy.policy import Policy
 
 __all__ = ["learned_files", "learned_policy"]
 
 
+def _bundle(folder: Path) -> PolicyBundle | EstimateBundle:
+    if not is_observer(folder):
+        return PolicyBundle.load(folder)
+    # Imported here: the network of a learned torque needs no Riccati equations.
+    from fuzzyarm.fuzzy_policy.laws.learned.estimate.bundle import EstimateBundle
+
+    return EstimateBundle.load(folder)
+
+
 def learned_files(folder: Path) -> dict[str, str]:
     """Return the SHA-256, by name, of ``policy.json`` and of the files of the policy's base."""
-    own = {DESCRIPTION: file_digest(folder / DESCRIPTION)}
-    if is_observer(folder):
-        from fuzzyarm.fuzzy_policy.laws.learned.estimate.bundle import EstimateBundle
-
-        EstimateBundle.load(folder)
-        return own
-    base = PolicyBundle.load(folder).action.base
+    own, bundle = {DESCRIPTION: file_digest(folder / DESCRIPTION)}, _bundle(folder)
+    base = bundle.action.base if isinstance(bundle, PolicyBundle) else None
     # A base that is no known name is refused when the policy is loaded.
     return own | resolve(base).files() if base is not None and resolve(base).named else own
 
@@ -38,50 +42,34 @@ def learned_policy(folder: Path, control_period: float, robot: AnyArm) -> Policy
 
     ValueError if the folder is damaged, the arm is not the one it was trained for, or the period does not fit.
     """
-    if is_observer(folder):
-        return _learned_observer(folder, control_period, robot)
-    bundle = PolicyBundle.load(folder)
-    if bundle.arm is None:
-        _check_arm(folder, robot == ArmParameters(), "the arm of Table 1")
+    bundle, label = _bundle(folder), resolve(str(folder)).label
+    if not isinstance(bundle, PolicyBundle):
+        serves, train = (
+            bundle.serves(robot),
+            "adaptive-observer, or train one for this arm with fuzzyarm train estimate",
+        )
     else:
-        _check_arm(folder, robot_of(robot).digest == bundle.arm.digest, escaped(bundle.arm.name))
+        train = (
+            "computed-torque, design a controller with fuzzyarm design --robot NAME|FILE, or train a policy for this "
+        )
+        train += "arm with fuzzyarm train ppo"
+        serves = robot == ArmParameters() if bundle.arm is None else robot_of(robot).digest == bundle.arm.digest
+    if not serves:
+        arm = bundle.arm or ArmParameters()
+        known = "the arm of Table 1" if arm == ArmParameters() else "another arm"
+        trained = known if isinstance(arm, ArmParameters) else escaped(arm.name)
+        raise ValueError(f"{label} was trained on {trained} and knows no other; take {train} --robot NAME|FILE")
+    if not isinstance(bundle, PolicyBundle):
+        from fuzzyarm.fuzzy_policy.laws.learned.estimate.policy import LearnedObserverPolicy
+
+        if control_period != bundle.control_period:
+            raise ValueError(
+                f"{label} was trained for control_period = {bundle.control_period:g} s, not {control_period:g} s: take "
+                "that period, or elastic-observer"
+            )
+        return LearnedObserverPolicy(bundle.network, robot, control_period)
     base = bundle.action.base
     if base is not None and not resolve(base).named:
         raise ValueError(f"{folder} was trained on the base {base!r}, which is none of: {', '.join(known_names())}")
     added = None if base is None else load_policy(base, control_period=control_period, robot=robot)
     return LearnedPolicy(bundle, control_period, robot, added)
-
-
-def _learned_observer(folder: Path, control_period: float, robot: AnyArm) -> LearnedObserverPolicy:
-    # Imported here: the network of a learned torque needs no Riccati equations.
-    from fuzzyarm.fuzzy_policy.laws.learned.estimate.bundle import EstimateBundle
-    from fuzzyarm.fuzzy_policy.laws.learned.estimate.policy import LearnedObserverPolicy
-
-    bundle = EstimateBundle.load(folder)
-    if isinstance(bundle.arm, ArmParameters):
-        trained = "the arm of Table 1" if bundle.arm == ArmParameters() else "another arm"
-    else:
-        trained = escaped(bundle.arm.name)
-    _check_arm(
-        folder,
-        bundle.serves(robot),
-        trained,
-        "adaptive-observer, or train one for this arm with fuzzyarm train estimate --robot NAME|FILE",
-    )
-    if control_period != bundle.control_period:
-        raise ValueError(
-            f"{resolve(str(folder)).label} was trained for control_period = {bundle.control_period:g} s, not "
-            f"{control_period:g} s: take that period, or elastic-observer"
-        )
-    return LearnedObserverPolicy(bundle.network, robot, control_period)
-
-
-_OTHERS = (
-    "computed-torque, design a controller with fuzzyarm design --robot NAME|FILE, or train a policy for this arm with "
-    "fuzzyarm train ppo --robot NAME|FILE"
-)
-
-
-def _check_arm(folder: Path, same: bool, name: str, instead: str = _OTHERS) -> None:
-    if not same:
-        raise ValueError(f"{resolve(str(folder)).label} was trained on {name} and knows no other; take {instead}")

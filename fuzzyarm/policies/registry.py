@@ -4,9 +4,11 @@ from __future__ import annotations
 
 import dataclasses
 import enum
+import pkgutil
 from collections.abc import Callable
+from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING, TypeAlias
+from typing import TYPE_CHECKING, Any, TypeAlias
 
 from fuzzyarm.common.registry import Registry
 
@@ -14,7 +16,10 @@ if TYPE_CHECKING:
     from fuzzyarm.envs.physics.equations import AnyArm
     from fuzzyarm.fuzzy_policy.policy import Policy
 
-__all__ = ["ANY_ROBOT", "COMPARED", "LEARNED", "NAMES", "POLICIES", "SB3", "TIP", "Kind", "add_policy", "known_names"]
+__all__ = [
+    "ADAPTIVE_OBSERVER", "ANY_ROBOT", "COMPARED", "COMPUTED_TORQUE", "ELASTIC_OBSERVER", "LAWS", "LEARNED", "NAMES",
+    "POLICIES", "SB3", "TIP", "Kind", "add_policy", "known_names", "make_law",
+]  # fmt: skip
 
 SB3 = "sb3:"
 """In front of the path of a model that stable-baselines3 has saved."""
@@ -47,23 +52,24 @@ class _NamedPolicy:
     has_tip: bool = False  # whether the name with the ending `TIP` is known as well
 
 
-def _computed_torque(robot: AnyArm, control_period: float) -> Policy:
-    # The laws are imported when one is made: `import fuzzyarm` compiles and loads nothing.
-    from fuzzyarm.fuzzy_policy.laws.computed_torque import ComputedTorquePolicy
+LAWS = {
+    "computed-torque": "computed_torque:ComputedTorquePolicy",
+    "elastic-observer": "elastic_observer:ElasticObserverPolicy",
+    "adaptive-observer": "adaptive.policy:AdaptiveObserverPolicy",
+}
+"""Laws that need no controller file; each is imported when it is made, so that `import fuzzyarm` compiles nothing."""
+COMPUTED_TORQUE, ELASTIC_OBSERVER, ADAPTIVE_OBSERVER = LAWS  # their names
 
-    return ComputedTorquePolicy(robot, control_period)
 
-
-def _elastic_observer(robot: AnyArm, control_period: float) -> Policy:
-    from fuzzyarm.fuzzy_policy.laws.elastic_observer import ElasticObserverPolicy
-
-    return ElasticObserverPolicy(robot, control_period)
+def make_law(name: str, robot: AnyArm, control_period: float, *given: Any) -> Policy:
+    """Return a law of `LAWS` for an arm and T [s]; `given`: bandwidth or weights, then the adaptive one's fallback."""
+    made: Policy = pkgutil.resolve_name(f"fuzzyarm.fuzzy_policy.laws.{LAWS[name]}")(robot, control_period, *given)
+    return made
 
 
 def _adaptive_observer(robot: AnyArm, control_period: float) -> Policy:
     from fuzzyarm.envs.physics.parameters import ArmParameters
     from fuzzyarm.fuzzy_policy.controller import Controller
-    from fuzzyarm.fuzzy_policy.laws.adaptive.policy import AdaptiveObserverPolicy
     from fuzzyarm.fuzzy_policy.laws.fuzzy import FuzzyPolicy
     from fuzzyarm.fuzzy_policy.laws.tip import TipPolicy
 
@@ -71,13 +77,12 @@ def _adaptive_observer(robot: AnyArm, control_period: float) -> Policy:
     certified = None
     if robot == ArmParameters():
         certified = TipPolicy(FuzzyPolicy(Controller.load(_CONTROLLERS / "fuzzy-4.json"), control_period))
-    return AdaptiveObserverPolicy(robot, control_period, fallback=certified)
+    return make_law(ADAPTIVE_OBSERVER, robot, control_period, None, certified)
 
 
-_PACKAGE = Path(__file__).parent.parent
 _FUZZY = ("fuzzy-32", "fuzzy-16", "fuzzy-8", "fuzzy-4", "fuzzy-2", "fuzzy-1", "fuzzy-4-sampled")
-_CONTROLLERS = _PACKAGE / "fuzzy_policy" / "controllers"
-_TRAINED = _PACKAGE / "fuzzy_policy" / "laws" / "learned" / "policies"
+_HOME = Path(__file__).parent.parent / "fuzzy_policy"
+_CONTROLLERS, _TRAINED = _HOME / "controllers", _HOME / "laws" / "learned" / "policies"
 
 LEARNED = ("ppo-nominal", "ppo-robust", "ppo-residual")
 """Policies trained with PPO, of each the median seed; their ``policy.json`` says what they were trained on."""
@@ -86,9 +91,9 @@ POLICIES = Registry[_NamedPolicy](
     __name__,
     {
         **{name: _NamedPolicy(Kind.CONTROLLER, path=_CONTROLLERS / f"{name}.json", has_tip=True) for name in _FUZZY},
-        "computed-torque": _NamedPolicy(Kind.LAW, factory=_computed_torque, has_tip=True),
-        "elastic-observer": _NamedPolicy(Kind.LAW, factory=_elastic_observer),
-        "adaptive-observer": _NamedPolicy(Kind.LAW, factory=_adaptive_observer),
+        COMPUTED_TORQUE: _NamedPolicy(Kind.LAW, partial(make_law, COMPUTED_TORQUE), has_tip=True),
+        ELASTIC_OBSERVER: _NamedPolicy(Kind.LAW, partial(make_law, ELASTIC_OBSERVER)),
+        ADAPTIVE_OBSERVER: _NamedPolicy(Kind.LAW, _adaptive_observer),
         **{name: _NamedPolicy(Kind.LEARNED, path=_TRAINED / name) for name in (*LEARNED, "learned-observer")},
     },
 )
@@ -99,15 +104,8 @@ NAMES = (*_TIPS, *(name + TIP for name in _TIPS), *(name for name in POLICIES if
 """Names of the policies that come with the package, those with the ending `TIP` included."""
 
 COMPARED = (
-    "fuzzy-4",
-    "computed-torque",
-    "fuzzy-4-tip",
-    "computed-torque-tip",
-    "elastic-observer",
-    "adaptive-observer",
-    "learned-observer",
-    "ppo-robust",
-    "ppo-residual",
+    *("fuzzy-4", COMPUTED_TORQUE, "fuzzy-4-tip", "computed-torque-tip"),
+    *(ELASTIC_OBSERVER, ADAPTIVE_OBSERVER, "learned-observer", "ppo-robust", "ppo-residual"),
 )
 """What `fuzzyarm evaluate` runs by default. `ppo-nominal` is left out: it leaves the domain on conditions absent from
 its training."""
@@ -133,7 +131,7 @@ def add_policy(name: str, factory: Factory, *, has_tip: bool = False) -> None:
         raise TypeError(f"factory = {factory!r:.80} must be a function of the arm and the control period")
     if name in POLICIES:
         raise ValueError(f"there is a policy {name!r} already; choose another name")
-    POLICIES[name] = _NamedPolicy(Kind.LAW, factory=factory, has_tip=has_tip)
+    POLICIES[name] = _NamedPolicy(Kind.LAW, factory, has_tip=has_tip)
 
 
 def known_names() -> tuple[str, ...]:

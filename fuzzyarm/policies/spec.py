@@ -25,7 +25,7 @@ from collections.abc import Collection, Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from fuzzyarm.policies.registry import POLICIES, SB3, TIP, Factory, Kind, known_names
+from fuzzyarm.policies.registry import LAWS, POLICIES, SB3, TIP, Factory, Kind, known_names
 
 if TYPE_CHECKING:
     from fuzzyarm.envs.physics.equations import AnyArm
@@ -74,23 +74,22 @@ class PolicySpec:
         imported for it. A law that is part of the package has none, nor has a policy that does not exist. ValueError if
         a learned policy is damaged, a module fails, or it may not be run; OSError if a file cannot be read.
         """
+        path = self.path or Path()
         if self.kind is Kind.CODE:
             from fuzzyarm.policies.user_code import source_file
 
             self._check_code()
             source = source_file(self.name)
             return {} if source is None else {source.name: file_digest(source)}
-        if self.kind is Kind.CONTROLLER:
-            return {self._location.name: file_digest(self._location)}
+        if self.kind is Kind.LEARNED and path.is_dir():
+            from fuzzyarm.policies.learned import learned_files
+
+            return learned_files(path)
         if self.kind is Kind.TUNED:
             from fuzzyarm.policies.tuned import NAME
 
-            return {NAME: file_digest(self._location.parent / NAME)}
-        if self.kind is Kind.LEARNED and self._location.is_dir():
-            from fuzzyarm.policies.learned import learned_files
-
-            return learned_files(self._location)
-        return {}
+            path = path.with_name(NAME)
+        return {path.name: file_digest(path)} if self.kind in (Kind.CONTROLLER, Kind.TUNED) else {}
 
     def load(
         self,
@@ -99,28 +98,42 @@ class PolicySpec:
         allow_unproven: bool = False,
     ) -> Policy | UserPolicy:
         """Return the policy; arguments and errors as of `load_policy`. ValueError, too: code may not run, or fails."""
-        from fuzzyarm.common import checks
+        from fuzzyarm.common.checks import truth
         from fuzzyarm.envs.physics.equations import chosen_arm
 
-        arm = chosen_arm(self._location.parent if robot is None and self.tuned else robot, None)
-        checks.truth("allow_unproven", allow_unproven)
+        path = self.path or Path()
+        arm = chosen_arm(path.parent if robot is None and self.tuned else robot, None)
+        truth("allow_unproven", allow_unproven)
         if self.kind is Kind.CODE:
             from fuzzyarm.policies.user_code import load_code
 
             self._check_code()
             return load_code(self.name, control_period, arm)
-        law = self._law(control_period, arm, allow_unproven)
-        if self.tip:
-            from fuzzyarm.fuzzy_policy.laws.tip import TipPolicy
+        if self._factory is not None:
+            law = self._factory(arm, control_period)
+        elif self.kind is Kind.CONTROLLER:
+            from fuzzyarm.policies.controller_policy import controller_policy
 
-            return TipPolicy(law)
-        return law
+            law = controller_policy(path, arm, control_period, allow_unproven)
+        elif self.kind is Kind.TUNED:
+            from fuzzyarm.policies.tuned import tuned_policy
 
-    @property
-    def _location(self) -> Path:
-        if self.path is None:
-            raise ValueError(f"{self.name} is made from no file")
-        return self.path
+            law = tuned_policy(path.parent, path.name, arm, control_period)
+        elif path.is_dir():
+            from fuzzyarm.policies.learned import learned_policy
+
+            law = learned_policy(path, control_period, arm)
+        else:
+            raise ValueError(
+                f"unknown policy {self.name!r}; choose from: {', '.join(known_names())}, or the path of a controller "
+                f"file (.json, .json{TIP}), or of a learned policy's folder, on the command line also "
+                "package.module:factory"
+            )
+        if not self.tip:
+            return law
+        from fuzzyarm.fuzzy_policy.laws.tip import TipPolicy
+
+        return TipPolicy(law)
 
     def _check_code(self) -> None:
         if not self.run_code:
@@ -128,27 +141,6 @@ class PolicySpec:
                 f"{self.name} names code, which load_policy does not run: import it, or give it to fuzzyarm evaluate "
                 "--policy"
             )
-
-    def _law(self, control_period: float, robot: AnyArm, allow_unproven: bool) -> Policy:
-        """Return the policy without the wrapping of `tip`."""
-        if self._factory is not None:
-            return self._factory(robot, control_period)
-        if self.kind is Kind.CONTROLLER:
-            from fuzzyarm.policies.controller_policy import file_policy
-
-            return file_policy(self._location, robot, control_period, allow_unproven)
-        if self.kind is Kind.TUNED:
-            from fuzzyarm.policies.tuned import tuned_policy
-
-            return tuned_policy(self._location.parent, self._location.name, robot, control_period)
-        if self._location.is_dir():
-            from fuzzyarm.policies.learned import learned_policy
-
-            return learned_policy(self._location, control_period, robot)
-        raise ValueError(
-            f"unknown policy {self.name!r}; choose from: {', '.join(known_names())}, or the path of a controller file "
-            f"(.json, .json{TIP}), or of a learned policy's folder, on the command line also package.module:factory"
-        )
 
 
 def resolve(name: str | os.PathLike[str], *, run_code: bool = False) -> PolicySpec:
@@ -177,11 +169,11 @@ def resolve(name: str | os.PathLike[str], *, run_code: bool = False) -> PolicySp
 
 def _in_tuned_folder(name: str, path: Path, tip: bool) -> PolicySpec | None:
     """Return the spec of a policy in a folder of `fuzzyarm tune`; None if the name is of something else."""
-    from fuzzyarm.policies.tuned import ADAPTIVE_OBSERVER, COMPUTED_TORQUE, ELASTIC_OBSERVER, is_tuned
+    from fuzzyarm.policies.tuned import is_tuned
 
     if path.parent == Path() or not is_tuned(path.parent):
         return None
-    if path.name == COMPUTED_TORQUE or (path.name in (ELASTIC_OBSERVER, ADAPTIVE_OBSERVER) and not tip):
+    if path.name in LAWS and (POLICIES[path.name].has_tip or not tip):
         return PolicySpec(name, Kind.TUNED, tip, path, tuned=True)
     file = path.with_name(f"{path.name.removesuffix('.json')}.json")
     return PolicySpec(name, Kind.CONTROLLER, tip, file, tuned=True) if os.path.isfile(file) else None
@@ -259,9 +251,6 @@ def file_digest(file: Path) -> str:
     return hashlib.sha256(read_bytes(file).replace(b"\r\n", b"\n")).hexdigest()
 
 
-_LEARNED = "policy.json"  # a file of every learned policy
-
-
 def recorded(name: str) -> str:
     """Return the name of a policy as files of results hold it."""
     path = Path(name)
@@ -280,20 +269,19 @@ def found_again(
     `PolicySpec.files`. ValueError if a file or folder is in none of these places.
     """
     typed = {resolve(name).label: name for name in given}
-    return tuple(typed.get(resolve(name).label) or _found(name, files, folder) for name in names)
-
-
-def _found(name: str, files: Mapping[str, Collection[str]], folder: Path) -> str:
-    """Return a name under which a recorded policy can be loaded."""
-    spec = resolve(name)
-    if spec.named or spec.path is None or spec.path.exists():
-        return name
-    beside = resolve(str(folder / name))
-    if beside.path is not None and beside.path.exists():
-        return beside.name
-    if not {spec.path.name, _LEARNED} & set(files.get(spec.label, ())):
-        return name  # loading it says that it is unknown
-    raise ValueError(
-        f"policy {name} is neither in the current folder nor beside the results in {folder}: put it there, or add "
-        f"--policy PATH/{Path(name).name}"
-    )
+    found = []
+    for name in names:
+        spec, beside = resolve(name), resolve(str(folder / name))
+        if spec.label in typed:
+            name = typed[spec.label]
+        elif not (spec.named or spec.path is None or spec.path.exists()):
+            if beside.path is not None and beside.path.exists():
+                name = beside.name
+            # The file of every learned policy is policy.json; loading a law without files says that it is unknown.
+            elif {spec.path.name, "policy.json"} & set(files.get(spec.label, ())):
+                raise ValueError(
+                    f"policy {name} is neither in the current folder nor beside the results in {folder}: put it there, "
+                    f"or add --policy PATH/{Path(name).name}"
+                )
+        found.append(name)
+    return tuple(found)

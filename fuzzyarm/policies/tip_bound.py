@@ -34,10 +34,7 @@ __all__ = [
 ]  # fmt: skip
 
 PATHS = ("circle", "lemniscate")  # paths of the tip by name: the paper's circle, and an eight of the same width
-PLANAR = 2  # coordinates of the tip
 PERIOD = 1e-3  # control period [s], the environment's own
-
-Claims = Sequence[Sequence[tuple[Segment, TubeClaim]]]
 
 
 @dataclasses.dataclass(frozen=True)
@@ -66,30 +63,29 @@ class TipClaim:
         """Check every field but the names of policy and case; ValueError names it and what is allowed."""
         for name, kind in (("policy", str), ("case", str), ("set_name", str), ("plants", PlantSet)):
             instance(name, getattr(self, name), kind)
-        known = next((name for name, plants in SETS.items() if plants == self.plants), "own")
-        object.__setattr__(self, "set_name", self.set_name or known)
+        object.__setattr__(self, "set_name", self.set_name or _known(self.plants) or "own")
         check_set_name(self.set_name, self.plants)
         choice("path", self.path, PATHS)
         real("duration", self.duration, "s", low=PERIOD, high=LONGEST)
         if self.steps is not None:
             whole("steps", self.steps, low=1, high=math.ceil(self.duration / PERIOD - 1e-9))
 
-    def samples(self, count: int) -> str:
-        """Return in words which samples of the motion `count` ones are."""
-        total = math.ceil(self.duration / PERIOD - 1e-9)
-        return f"every one of {total} samples" if count == total else f"the first {count} of {total} samples"
-
     def motion(self, count: int) -> str:
         """Return start, samples, path and case in words, of a bound of `count` samples."""
-        at = f"{self.samples(count)} of the {self.path} in {exactly(self.duration)} s, case {self.case}"
-        return f"at {at}, from rest with the links on the path"
+        total = math.ceil(self.duration / PERIOD - 1e-9)
+        samples = f"every one of {total} samples" if count == total else f"the first {count} of {total} samples"
+        along = f"of the {self.path} in {exactly(self.duration)} s, case {self.case}"
+        return f"at {samples} {along}, from rest with the links on the path"
 
     def named_set(self, arm: ArmParameters) -> str:
         """Return the set by the name of `SETS` whose plants these are, else by its ranges; `arm`: in its middle."""
         if self.plants == PlantSet() and arm != ArmParameters():
             return "of one plant"
-        name = next((name for name, plants in SETS.items() if plants == self.plants), None)
-        return name or f"with {ranges_in_words(self.plants)}"
+        return _known(self.plants) or f"with {ranges_in_words(self.plants)}"
+
+
+def _known(plants: PlantSet) -> str | None:
+    return next((name for name, known in SETS.items() if known == plants), None)
 
 
 @dataclasses.dataclass(frozen=True)
@@ -116,30 +112,20 @@ class TipBound:
 
     def to_dict(self) -> dict[str, Any]:
         """Return the result as plain data for JSON."""
-        return {
-            "policy": self.claim.policy,
-            "case": self.claim.case,
-            "set": self.claim.named_set(self.arm),
-            "path": self.claim.path,
-            "duration": self.claim.duration,
-            "proven": True,
-            "bound": self.largest,
-            "sample": int(self.tip.argmax()) + 1,
-            "samples": len(self.tip),
-            "spent": self.spent(),
-            "seconds": self.seconds,
-        }
+        c, sample = self.claim, int(self.tip.argmax()) + 1
+        about = {"policy": c.policy, "case": c.case, "set": c.named_set(self.arm), "path": c.path}
+        found = {"duration": c.duration, "proven": True, "bound": self.largest, "sample": sample}
+        return {**about, **found, "samples": len(self.tip), "spent": self.spent(), "seconds": self.seconds}
 
     def to_text(self) -> str:
         """Return the result as text."""
-        c, spent = self.claim, self.spent()
-        parts = ", ".join(f"{name} {at_most(1e3 * x, 4)}" for name, x in spent.items() if x > 1e-3 * self.largest)
-        at = PERIOD * (int(self.tip.argmax()) + 1)
-        plants = f"set {c.named_set(self.arm)} ({arm_in_words(self.arm)})"
+        c, found = self.claim, self.to_dict()
+        small = 1e-3 * self.largest
+        parts = ", ".join(f"{name} {at_most(1e3 * x, 4)}" for name, x in found["spent"].items() if x > small)
         return (
-            f"{plain(c.policy)}: the tip error is at most {at_most(1e3 * self.largest, 4)} mm for {plants}\n"
-            f"  {c.motion(len(self.tip))}: PROVEN in {self.seconds:.0f} s\n"
-            f"  largest at t = {at:.3f} s; made of, in mm: {parts}"
+            f"{plain(c.policy)}: the tip error is at most {at_most(1e3 * self.largest, 4)} mm for set {found['set']} "
+            f"({arm_in_words(self.arm)})\n  {c.motion(len(self.tip))}: PROVEN in {self.seconds:.0f} s\n"
+            f"  largest at t = {PERIOD * found['sample']:.3f} s; made of, in mm: {parts}"
         )
 
 
@@ -180,7 +166,7 @@ def problem_of(claim: TipClaim, policy: Policy | None = None) -> Problem:
     policy = load_policy(claim.policy, control_period=PERIOD) if policy is None else policy
     parameters = two_joint_arm(policy)
     case, reference = case_for(claim.case, parameters), reference_of(claim, parameters)
-    schedule = Schedule.build(reference, case.disturbance, PERIOD, PLANAR)
+    schedule = Schedule.build(reference, case.disturbance, PERIOD, axes=2)
     if claim.steps is not None:
         schedule = dataclasses.replace(schedule, table=schedule.table[: claim.steps + 1])
     if case.disturbance.torque_bias is not None or case.disturbance.encoder_noise is not None:
@@ -195,7 +181,7 @@ def problem_of(claim: TipClaim, policy: Policy | None = None) -> Problem:
 def find_bound(
     claim: TipClaim,
     advance: Callable[[], object] = lambda: None,
-    claims: Claims | None = None,
+    claims: Sequence[Sequence[tuple[Segment, TubeClaim]]] | None = None,
     policy: Policy | None = None,
 ) -> TipBound:
     """Return a proven bound for a claim.

@@ -23,8 +23,6 @@ from fuzzyarm.proof.tip.plant import AXES, BY_JOINT, RANGES, Axis, PlantSet, nar
 
 __all__ = ["Division", "bounds_of_cell", "bounds_of_cells", "cells"]
 
-MOST = 10_000  # cells of a set
-HALVINGS = 6  # how often a cell is halved before it is given up
 Division = tuple[str, int]  # a name of `_DIVISIBLE`, and into how many equal parts its range is divided
 
 _DIVISIBLE: dict[str, list[Axis]] = {
@@ -47,8 +45,8 @@ def cells(plants: PlantSet, divisions: Sequence[Division]) -> Iterator[PlantSet]
             low, high = plants.of_joint(*axis)
             ends = [low + (high - low) * k / count for k in range(count)] + [high]
             axes.append([(axis, pair) for pair in itertools.pairwise(ends)])
-    if math.prod(map(len, axes)) > MOST:
-        raise ValueError(f"cells: {math.prod(map(len, axes))} cells; allowed: at most {MOST}, take fewer parts")
+    if (count := math.prod(map(len, axes))) > 10_000:
+        raise ValueError(f"cells: {count} cells; allowed: at most 10000, take fewer parts")
     for chosen in itertools.product(*axes):
         cell = plants
         for axis, part in chosen:
@@ -66,25 +64,22 @@ def bounds_of_cells(
     """
     tasks = [dataclasses.replace(claim, plants=cell, set_name="cell") for cell in cells(claim.plants, divisions)]
     names = [name for name, _ in divisions]
-    paths = [out and out.with_name(f"{out.stem}-{number:03}") for number in range(1, len(tasks) + 1)]
-    work = (delayed(_saved)(task, claim.plants, names, path) for task, path in zip(tasks, paths, strict=True))
+    stems = [out and f"{out.stem}-{number:03}" for number in range(1, len(tasks) + 1)]
+
+    def saved(task: TipClaim, stem: str | None) -> list[CellBound]:
+        found = []
+        for number, bound in enumerate(bounds_of_cell(task, claim.plants, names)):
+            path = out and out.with_name(f"{stem}{chr(ord('a') + number) if number else ''}.json")
+            if path is not None:
+                save_bound(bound, path)
+            found.append(CellBound(bound.claim.plants, bound.largest, len(bound.tip), path))
+        return found
+
+    work = (delayed(saved)(task, stem) for task, stem in zip(tasks, stems, strict=True))
     yield from Parallel(n_jobs=jobs, return_as="generator")(work)
 
 
-def _saved(claim: TipClaim, plants: PlantSet, names: Sequence[str], stem: Path | None) -> list[CellBound]:
-    found = []
-    for number, bound in enumerate(bounds_of_cell(claim, plants, names)):
-        path = None
-        if stem is not None:
-            path = stem.with_name(f"{stem.name}{chr(ord('a') + number) if number else ''}.json")
-            save_bound(bound, path)
-        found.append(CellBound(bound.claim.plants, bound.largest, len(bound.tip), path))
-    return found
-
-
-def bounds_of_cell(
-    claim: TipClaim, plants: PlantSet, names: Sequence[str], halvings: int = HALVINGS
-) -> Iterator[TipBound]:
+def bounds_of_cell(claim: TipClaim, plants: PlantSet, names: Sequence[str], halvings: int = 6) -> Iterator[TipBound]:
     """Yield the bound of the claim's cell of a set, or those of its parts, halved up to so many times.
 
     `names`, of `_DIVISIBLE`, are the ranges that may be halved. `NoBound` if a part has none after that.

@@ -12,7 +12,7 @@ import math
 import time
 from collections.abc import Sequence
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -27,7 +27,6 @@ from fuzzyarm.envs.scenario.reference import JointReference
 from fuzzyarm.policies.spec import load_policy, resolve
 from fuzzyarm.policies.tip_bound import (
     PERIOD,
-    Claims,
     TipBound,
     TipClaim,
     arm_in_words,
@@ -43,14 +42,11 @@ from fuzzyarm.proof.tip.period import TubeClaim
 from fuzzyarm.proof.tip.plant import RANGES, PlantSet, missed, plants_of, ranges_in_words
 from fuzzyarm.proof.tip.transition import ROW_COUNT, STATES
 
-__all__ = [
-    "LARGEST", "SCHEMA", "BoundCheck", "CellBound", "CellsCheck", "check_bound", "check_cells", "is_bound", "is_cells",
-    "save_bound", "save_cells",
-]  # fmt: skip
+__all__ = ["BoundCheck", "CellBound", "check_bound", "is_bound", "save_bound", "save_cells"]
 
-SCHEMA = "fuzzyarm-tip-bound/1"  # of the file of a bound
-MAX_BYTES = 16 * 2**20
-LARGEST = 1e6  # of any number of a tube or a bound
+_SCHEMA, _CELLS_SCHEMA = "fuzzyarm-tip-bound/1", "fuzzyarm-tip-cells/2"  # of the file of a bound, and of one by cells
+_LARGEST = 1e6  # of any number of a tube or a bound
+_ROUNDING = 1 + 1e-9  # by which a number that is found again may differ
 
 
 @dataclasses.dataclass(frozen=True)
@@ -67,7 +63,7 @@ class _Part:
 
 @dataclasses.dataclass(frozen=True)
 class _Document:
-    """The content of a file."""
+    """The content of the file of a bound."""
 
     schema: str
     policy: str
@@ -83,6 +79,22 @@ class _Document:
 
 
 @dataclasses.dataclass(frozen=True)
+class _CellsDocument:
+    """The content of the file of a bound by cells."""
+
+    schema: str
+    policy: str
+    case: str
+    set_name: str
+    plants: dict[str, Any]
+    path: str
+    duration: float
+    samples: int
+    bound: float
+    cells: list[str]
+
+
+@dataclasses.dataclass(frozen=True)
 class BoundCheck:
     """What the check of a file found."""
 
@@ -92,11 +104,14 @@ class BoundCheck:
     bound: float  # that it claims [m], or what was found now where that is larger by rounding
     reason: str  # why it is not proven; empty if it is
     seconds: float  # that the check took
-    tip: np.ndarray  # bound of the tip error at the end of each control step [m], as the file has it
+    tip: (
+        np.ndarray
+    )  # bound of the tip error at the end of each control step [m], as the file has it: by cells, the largest
+    cells: int | None = None  # how many there are in the file of a bound by cells, of which each has to be proven
 
     @property
     def proven(self) -> bool:
-        """Whether every period of the tube was confirmed."""
+        """Whether every period of each tube was confirmed, and the cells cover the set."""
         return not self.reason
 
     @property
@@ -116,7 +131,8 @@ class BoundCheck:
         """Return the result as plain data for JSON."""
         c = self.claim
         named = {"file": str(self.path), "policy": c.policy, "case": c.case, "set": c.named_set(self.arm)}
-        return {**named, "proven": self.proven, "bound": self.bound, "reason": self.reason, "seconds": self.seconds}
+        found = {"proven": self.proven, "bound": self.bound, "reason": self.reason, "seconds": self.seconds}
+        return named | found | ({} if self.cells is None else {"cells": self.cells})
 
     def to_text(self) -> str:
         """Return the result as text."""
@@ -139,110 +155,13 @@ def save_bound(bound: TipBound, path: Path) -> None:
         for step in bound.steps
     ]  # fmt: skip
     document = _Document(
-        SCHEMA, c.policy, resolve(c.policy).files(), c.case, c.set_name, c.plants.to_dict(), c.path, c.duration,
+        _SCHEMA, c.policy, resolve(c.policy).files(), c.case, c.set_name, c.plants.to_dict(), c.path, c.duration,
         bound.largest, bound.tip.tolist(), steps,
     )  # fmt: skip
     write_atomically(path, json.dumps(dataclasses.asdict(document)) + "\n")
 
 
-def is_bound(path: Path) -> bool:
-    """Return whether a file begins as the file of a bound does; OSError if it cannot be read."""
-    return _begins(path, SCHEMA)
-
-
-def _begins(path: Path, schema: str) -> bool:
-    with open_regular(path) as file:
-        return schema.encode() in file.read(64)
-
-
-def _claim_of(given: _Document | _CellsDocument, samples: int) -> TipClaim:
-    """Return the claim of a file for so many samples, once its bound is checked."""
-    real("bound", given.bound, "m", low=0.0, high=LARGEST)
-    plants = plants_of(given.set_name, given.plants)
-    return TipClaim(given.policy, given.case, plants=plants, path=given.path, duration=given.duration, steps=samples)
-
-
-def _read_bound(path: Path) -> tuple[TipClaim, _Document, Claims]:
-    content = read_json(path, largest=MAX_BYTES)
-    try:
-        document = record(check_schema(content, SCHEMA), _Document)
-        claim = _claim_of(document, len(document.tip))
-        finite_array("tip", document.tip, (len(document.tip),), largest=LARGEST)
-        if resolve(document.policy).files() != document.files:
-            raise ValueError(f"policy {document.policy} is made from other files than when the bound was found")
-        return claim, document, [[_claimed(part) for part in step] for step in document.steps]
-    except (TypeError, ValueError) as error:
-        raise DocumentError(f"{path}: {error}") from None
-
-
-def _claimed(part: _Part) -> tuple[Segment, TubeClaim]:
-    modes = tuple(Mode(m) for m in part.modes)
-    plans = tuple(Plan(p) for p in part.plans)
-    if len(modes) != JOINTS or len(plans) != JOINTS:
-        raise ValueError(f"a segment has {len(modes)} modes and {len(plans)} plans; needed: {JOINTS}")
-    angles = finite_array("angles", part.angles, (2 * JOINTS, DEGREE + 1), largest=LARGEST)
-    end = finite_array("end", part.end, (STATES,), largest=LARGEST)
-    tube = finite_array("tube", part.tube, (ROW_COUNT,), largest=LARGEST)
-    duration = real("duration", part.duration, "s", low=math.ulp(PERIOD), high=PERIOD)
-    return Segment(angles, modes, duration, end), TubeClaim(tube, plans)
-
-
-def check_bound(path: Path) -> BoundCheck:
-    """Check a file again: every period of the claimed tube is confirmed, without any search.
-
-    ValueError if there is no such file, or it is damaged, or its policy has changed; OSError if it cannot be read.
-    """
-    claim, document, claims = _read_bound(path)
-    policy = load_policy(claim.policy, control_period=PERIOD)
-    arm = two_joint_arm(policy)
-    begin, reason, bound = time.perf_counter(), "", document.bound
-    try:
-        found = find_bound(claim, claims=claims, policy=policy)
-        bound = max(bound, found.largest)
-        if found.tip.shape != (len(document.tip),) or not (found.tip <= np.array(document.tip) * (1 + 1e-9)).all():
-            reason = "a bound of the tip is larger than the file says"
-        elif not document.bound * (1 + 1e-9) >= found.largest:
-            reason = f"the tip may err by {at_most(1e3 * found.largest, 4)} mm"
-    except NoBound as error:
-        reason = str(error)
-    except IndexError:
-        reason = "the file ends before the motion does"
-    tip = np.array(document.tip) * (1 + 1e-9)
-    return BoundCheck(path, claim, arm, document.bound if reason else bound, reason, time.perf_counter() - begin, tip)
-
-
-_CELLS_SCHEMA = "fuzzyarm-tip-cells/2"  # of the file of a bound by cells
-
-
-@dataclasses.dataclass(frozen=True)
-class _CellsDocument:
-    """The content of a file."""
-
-    schema: str
-    policy: str
-    case: str
-    set_name: str
-    plants: dict[str, Any]
-    path: str
-    duration: float
-    samples: int
-    bound: float
-    cells: list[str]
-
-
-@dataclasses.dataclass(frozen=True)
-class CellsCheck(BoundCheck):
-    """The check of all cells of a file: proven if every cell is and they cover the set; `tip` is the largest."""
-
-    cells: int = 0  # how many there are
-
-    def to_dict(self) -> dict[str, Any]:
-        """Return the result as plain data for JSON."""
-        return {**super().to_dict(), "cells": self.cells}
-
-
-@dataclasses.dataclass(frozen=True)
-class CellBound:
+class CellBound(NamedTuple):
     """What was found of one cell."""
 
     plants: PlantSet  # the cell
@@ -261,14 +180,70 @@ def save_cells(claim: TipClaim, found: Sequence[CellBound], path: Path) -> None:
     write_atomically(path, json.dumps(dataclasses.asdict(document), indent=1) + "\n")
 
 
-def is_cells(path: Path) -> bool:
-    """Return whether a file begins as the file of a bound by cells does; OSError if it cannot be read."""
-    return _begins(path, _CELLS_SCHEMA)
+def is_bound(path: Path) -> bool:
+    """Return whether a file begins as the file of a bound does, also by cells; OSError if it cannot be read."""
+    with open_regular(path) as file:
+        begin = file.read(64)
+    return any(schema.encode() in begin for schema in (_SCHEMA, _CELLS_SCHEMA))
 
 
-def check_cells(path: Path) -> CellsCheck:
-    """Check every cell again, and that the cells cover the set; errors as of `check_bound`."""
+def check_bound(path: Path) -> BoundCheck:
+    """Check a file again: confirm every period of each claimed tube, without any search, and that cells cover the set.
+
+    ValueError if there is no such file, or it is damaged, or its policy has changed; OSError if it cannot be read.
+    """
     content = read_json(path)
+    by_cells = isinstance(content, dict) and content.get("schema") == _CELLS_SCHEMA
+    return (_check_cells if by_cells else _check_tube)(path, content)
+
+
+def _claim_of(given: _Document | _CellsDocument, samples: int) -> TipClaim:
+    """Return the claim of a file for so many samples, once its bound is checked."""
+    real("bound", given.bound, "m", low=0.0, high=_LARGEST)
+    plants = plants_of(given.set_name, given.plants)
+    return TipClaim(given.policy, given.case, plants=plants, path=given.path, duration=given.duration, steps=samples)
+
+
+def _claimed(part: _Part) -> tuple[Segment, TubeClaim]:
+    modes = tuple(Mode(m) for m in part.modes)
+    plans = tuple(Plan(p) for p in part.plans)
+    if len(modes) != JOINTS or len(plans) != JOINTS:
+        raise ValueError(f"a segment has {len(modes)} modes and {len(plans)} plans; needed: {JOINTS}")
+    angles = finite_array("angles", part.angles, (2 * JOINTS, DEGREE + 1), largest=_LARGEST)
+    end = finite_array("end", part.end, (STATES,), largest=_LARGEST)
+    tube = finite_array("tube", part.tube, (ROW_COUNT,), largest=_LARGEST)
+    duration = real("duration", part.duration, "s", low=math.ulp(PERIOD), high=PERIOD)
+    return Segment(angles, modes, duration, end), TubeClaim(tube, plans)
+
+
+def _check_tube(path: Path, content: Any) -> BoundCheck:
+    try:
+        document = record(check_schema(content, _SCHEMA), _Document)
+        claim = _claim_of(document, len(document.tip))
+        tip = finite_array("tip", document.tip, (len(document.tip),), largest=_LARGEST) * _ROUNDING
+        if resolve(document.policy).files() != document.files:
+            raise ValueError(f"policy {document.policy} is made from other files than when the bound was found")
+        claims = [[_claimed(part) for part in step] for step in document.steps]
+    except (TypeError, ValueError) as error:
+        raise DocumentError(f"{path}: {error}") from None
+    policy = load_policy(claim.policy, control_period=PERIOD)
+    arm = two_joint_arm(policy)
+    begin, reason, bound = time.perf_counter(), "", document.bound
+    try:
+        found = find_bound(claim, claims=claims, policy=policy)
+        bound = max(bound, found.largest)
+        if found.tip.shape != tip.shape or not (found.tip <= tip).all():
+            reason = "a bound of the tip is larger than the file says"
+        elif not document.bound * _ROUNDING >= found.largest:
+            reason = f"the tip may err by {at_most(1e3 * found.largest, 4)} mm"
+    except NoBound as error:
+        reason = str(error)
+    except IndexError:
+        reason = "the file ends before the motion does"
+    return BoundCheck(path, claim, arm, document.bound if reason else bound, reason, time.perf_counter() - begin, tip)
+
+
+def _check_cells(path: Path, content: Any) -> BoundCheck:
     try:
         document = record(check_schema(content, _CELLS_SCHEMA), _CellsDocument)
         claim = _claim_of(document, document.samples)
@@ -277,25 +252,26 @@ def check_cells(path: Path) -> CellsCheck:
     except (TypeError, ValueError) as error:
         raise DocumentError(f"{path}: {error}") from None
     begin = time.perf_counter()
-    found = [check_bound(path.with_name(name)) for name in document.cells]
-    reason = _why_not(claim, document, found)
+    parts = [path.with_name(name) for name in document.cells]
+    found = [_check_tube(part, read_json(part)) for part in parts]
+    reason = _why_not(claim, document.bound, found)
     bound = document.bound if reason else max(document.bound, *(cell.bound for cell in found))
-    samples = min(len(cell.tip) for cell in found)
-    tip = np.max([cell.tip[:samples] for cell in found], axis=0)
-    return CellsCheck(path, claim, found[0].arm, bound, reason, time.perf_counter() - begin, tip, len(found))
+    tip = np.max([cell.tip[: min(len(cell.tip) for cell in found)] for cell in found], axis=0)
+    return BoundCheck(path, claim, found[0].arm, bound, reason, time.perf_counter() - begin, tip, len(found))
 
 
-def _why_not(claim: TipClaim, document: _CellsDocument, found: Sequence[BoundCheck]) -> str:
+def _why_not(claim: TipClaim, bound: float, found: Sequence[BoundCheck]) -> str:
     """Return what a bound by cells lacks; empty if it is proven."""
+    ranges: dict[str, Any] = {name: getattr(claim.plants, name) for name in RANGES}
     for cell in found:
-        ranges: dict[str, Any] = {name: getattr(claim.plants, name) for name in RANGES}
-        parts = dataclasses.replace(cell.claim.plants, **ranges)
-        whole = dataclasses.replace(cell.claim, plants=parts, set_name=claim.set_name)
+        whole = dataclasses.replace(
+            cell.claim, plants=dataclasses.replace(cell.claim.plants, **ranges), set_name=claim.set_name
+        )
         if not cell.proven:
             return f"{cell.path.name}: {cell.reason}"
         if whole != claim or cell.arm != found[0].arm:
             return f"{cell.path.name} is about something else"
-        if cell.bound > document.bound * (1 + 1e-9):
+        if cell.bound > bound * _ROUNDING:
             return f"{cell.path.name}: the tip may err by {at_most(1e3 * cell.bound, 4)} mm"
     hole = missed(claim.plants, [cell.claim.plants for cell in found])
     return "" if hole is None else f"no cell holds {ranges_in_words(hole, claim.plants)}"

@@ -14,32 +14,19 @@ import dataclasses
 import json
 import os
 from pathlib import Path
-from typing import TYPE_CHECKING, TypeVar
+from typing import TYPE_CHECKING, Any
 
 from fuzzyarm.common.checks import choice, distinct, listed, real
-from fuzzyarm.policies.registry import TIP
+from fuzzyarm.policies.registry import ADAPTIVE_OBSERVER, COMPUTED_TORQUE, LAWS, TIP, make_law
 
 if TYPE_CHECKING:
     from fuzzyarm.envs.physics.equations import AnyArm
-    from fuzzyarm.fuzzy_policy.laws.adaptive.belief import AdaptiveWeights
-    from fuzzyarm.fuzzy_policy.laws.observer_gains import ObserverWeights
     from fuzzyarm.fuzzy_policy.policy import Policy
 
-__all__ = ["LAWS", "NAME", "SCHEMA", "TunedLaws", "is_tuned", "policies_of", "read_laws", "tuned_policy"]
+__all__ = ["NAME", "SCHEMA", "TunedLaws", "is_tuned", "policies_of", "read_laws", "tuned_policy"]
 
 SCHEMA = "fuzzyarm-tuned/1"  # of the file of the laws
 NAME = "laws.json"  # the file of the laws in the folder
-
-COMPUTED_TORQUE, ELASTIC_OBSERVER, ADAPTIVE_OBSERVER = LAWS = (
-    "computed-torque",
-    "elastic-observer",
-    "adaptive-observer",
-)
-"""The laws that need no controller file."""
-
-Weights = TypeVar("Weights")
-_LARGEST = 2**16  # bytes of the file
-_FASTEST, _LONGEST = 1e6, 0.1  # rad/s, s
 
 
 @dataclasses.dataclass(frozen=True)
@@ -63,46 +50,34 @@ class TunedLaws:
 
     def __post_init__(self) -> None:
         choice("schema", self.schema, (SCHEMA,))
-        real("control_period", self.control_period, "s", above=0.0, high=_LONGEST)
+        real("control_period", self.control_period, "s", above=0.0, high=0.1)
         distinct("policies", self.policies)
         if self.bandwidth is not None:
-            real("bandwidth", self.bandwidth, "rad/s", above=0.0, high=_FASTEST)
-        given = {
-            COMPUTED_TORQUE: self.bandwidth,
-            ELASTIC_OBSERVER: self.observer and self.observer_weights(),
-            ADAPTIVE_OBSERVER: self.adaptive and self.adaptive_weights(),
-        }
+            real("bandwidth", self.bandwidth, "rad/s", above=0.0, high=1e6)
+        given = self.numbers()
         for name in self.policies:
-            law = name.removesuffix(TIP)
+            inner = name.removesuffix(TIP)
             if not name.isprintable() or any(mark in name for mark in "/\\:"):
                 raise ValueError(f"policies: {name!a} is no name of a policy in the folder")
-            if law in given and given[law] is None:
-                raise ValueError(f"policies: {name} is there, but the numbers of {law} are not")
+            if inner in LAWS and given[inner] is None:
+                raise ValueError(f"policies: {name} is there, but the numbers of {inner} are not")
 
-    def observer_weights(self) -> ObserverWeights:
-        """Return the weights of the elastic observer; ValueError if one is unknown, missing or out of range."""
+    def numbers(self) -> dict[str, Any]:
+        """Return the bandwidth or weights of each law, None without; ValueError if one is unknown or out of range."""
+        from fuzzyarm.fuzzy_policy.laws.adaptive.belief import AdaptiveWeights
         from fuzzyarm.fuzzy_policy.laws.observer_gains import ObserverWeights
 
-        return _whole("observer", ObserverWeights, self.observer)
-
-    def adaptive_weights(self) -> AdaptiveWeights:
-        """Return the weights of the adaptive observer; ValueError if one is unknown, missing or out of range."""
-        from fuzzyarm.fuzzy_policy.laws.adaptive.belief import AdaptiveWeights
-
-        return _whole("adaptive", AdaptiveWeights, self.adaptive)
+        weights = []
+        for name, kind in (("observer", ObserverWeights), ("adaptive", AdaptiveWeights)):
+            values = getattr(self, name)
+            if values and (odd := set(values) ^ {field.name for field in dataclasses.fields(kind)}):
+                raise ValueError(f"{name}: {listed(odd)} missing or unknown")
+            weights.append(kind(**values) if values else None)
+        return dict(zip(LAWS, (self.bandwidth, *weights), strict=True))
 
     def to_json(self) -> str:
         """Return the text of the file."""
         return json.dumps(dataclasses.asdict(self), indent=1, allow_nan=False) + "\n"
-
-
-def _whole(name: str, kind: type[Weights], values: dict[str, float] | None) -> Weights:
-    """Return weights of which the file gives each; ValueError if one is missing or unknown."""
-    wanted = {field.name for field in dataclasses.fields(kind)}  # type: ignore[arg-type]
-    found = set(values or {})
-    if found != wanted:
-        raise ValueError(f"{name}: {listed(found ^ wanted)} missing or unknown")
-    return kind(**(values or {}))
 
 
 def is_tuned(folder: Path) -> bool:
@@ -116,7 +91,7 @@ def read_laws(folder: Path, arm: AnyArm) -> TunedLaws:
     from fuzzyarm.envs.physics.equations import robot_of
 
     path = folder / NAME
-    content = read_json(path, largest=_LARGEST)
+    content = read_json(path, largest=2**16)
     try:
         laws = record(check_schema(content, SCHEMA), TunedLaws)
     except (TypeError, ValueError) as error:
@@ -140,30 +115,25 @@ def policies_of(robot: object) -> tuple[str, ...] | None:
     return tuple(str(folder / name) for name in read_laws(folder, chosen_arm(folder, None)).policies)
 
 
-def tuned_policy(folder: Path, law: str, arm: AnyArm, control_period: float) -> Policy:
+def tuned_policy(folder: Path, name: str, arm: AnyArm, control_period: float) -> Policy:
     """Return a law of `LAWS`, by name, with the numbers of a folder, for its arm and its control period [s]."""
     laws = read_laws(folder, arm)
-    if law not in {name.removesuffix(TIP) for name in laws.policies}:
-        raise ValueError(f"{folder} has no {law}; it has {', '.join(laws.policies)}")
+    if name not in {policy.removesuffix(TIP) for policy in laws.policies}:
+        raise ValueError(f"{folder} has no {name}; it has {', '.join(laws.policies)}")
     if control_period != laws.control_period:
         raise ValueError(
-            f"{folder / law} was tuned for control_period = {laws.control_period:g} s, not {control_period:g} s"
+            f"{folder / name} was tuned for control_period = {laws.control_period:g} s, not {control_period:g} s"
         )
-    from fuzzyarm.fuzzy_policy.laws.computed_torque import ComputedTorquePolicy
+    numbers, period = laws.numbers(), laws.control_period
+    if name != ADAPTIVE_OBSERVER:
+        return make_law(name, arm, period, numbers[name])
     from fuzzyarm.fuzzy_policy.laws.tip import TipPolicy
+    from fuzzyarm.policies.controller_policy import controller_policy
 
-    if law == COMPUTED_TORQUE:
-        return ComputedTorquePolicy(arm, laws.control_period, laws.bandwidth)
-    if law == ELASTIC_OBSERVER:
-        from fuzzyarm.fuzzy_policy.laws.elastic_observer import ElasticObserverPolicy
-
-        return ElasticObserverPolicy(arm, laws.control_period, laws.observer_weights())
-    from fuzzyarm.fuzzy_policy.laws.adaptive.policy import AdaptiveObserverPolicy
-    from fuzzyarm.policies.controller_policy import file_policy
-
-    certified = [name for name in laws.policies if name.removesuffix(TIP) not in LAWS]
-    fallback = ComputedTorquePolicy(arm, laws.control_period, laws.bandwidth)
-    if certified:
-        path = folder / f"{certified[0].removesuffix(TIP)}.json"
-        fallback = file_policy(path, arm, laws.control_period)  # type: ignore[assignment]
-    return AdaptiveObserverPolicy(arm, laws.control_period, laws.adaptive_weights(), TipPolicy(fallback))
+    certified = [policy.removesuffix(TIP) for policy in laws.policies if policy.removesuffix(TIP) not in LAWS]
+    fallback = (
+        controller_policy(folder / f"{certified[0]}.json", arm, period)
+        if certified
+        else make_law(COMPUTED_TORQUE, arm, period, laws.bandwidth)
+    )
+    return make_law(name, arm, period, numbers[name], TipPolicy(fallback))

@@ -49,9 +49,6 @@ from fuzzyarm.policies.registry import SB3
 
 __all__ = ["UserPolicy", "load_code", "source_file"]
 
-_BELIEFS = ("force", "force_deviation", "payload", "payload_deviation")
-_PASSED_BY_NAME = (inspect.Parameter.POSITIONAL_OR_KEYWORD, inspect.Parameter.KEYWORD_ONLY)
-
 
 def load_code(name: str, control_period: float, robot: AnyArm) -> Policy | UserPolicy:
     """Return the policy of ``package.module:factory`` for T [s], or that of a foreign model (`SB3`).
@@ -138,8 +135,7 @@ class UserPolicy:
 
     def repeated(self) -> UserPolicy | None:
         """Return the object's policy for passes over one path, None if it has none; ValueError if it fails."""
-        method = getattr(self._policy, "repeated", None)
-        found = None if method is None else self._called("repeated", method)
+        found = self._called("repeated") if hasattr(self._policy, "repeated") else None
         if found is None:
             return None
         for needed in ("predict", "begin_pass"):
@@ -149,21 +145,21 @@ class UserPolicy:
 
     def begin_pass(self, state: Any) -> Any:
         """Return the state that the next pass begins with; ValueError if the object's `begin_pass` fails."""
-        return self._called("begin_pass", self._policy.begin_pass, state)
+        return self._called("begin_pass", state)
 
     def _believed(self, state: Any) -> Any:
-        found = self._called("beliefs", self._policy.beliefs, state)
-        missing = [name for name in _BELIEFS if not hasattr(found, name)]
-        if missing:
+        found = self._called("beliefs", state)
+        names = ("force", "force_deviation", "payload", "payload_deviation")
+        if missing := [name for name in names if not hasattr(found, name)]:
             raise ValueError(f"{self.name}: beliefs returned {type(found).__name__} without {', '.join(missing)}")
         return found
 
-    def _called(self, what: str, method: Callable[..., Any], *arguments: Any) -> Any:
+    def _called(self, method: str, *arguments: Any) -> Any:
         """Return what a method of the object returns; ValueError that names it if it fails."""
         try:
-            return method(*arguments)
+            return getattr(self._policy, method)(*arguments)
         except Exception as error:
-            raise ValueError(f"{self.name}: {what} failed: {_described(error)}") from error
+            raise ValueError(f"{self.name}: {method} failed: {_described(error)}") from error
 
     def predict(
         self,
@@ -179,9 +175,8 @@ class UserPolicy:
             )
             torque = np.asarray(action)
         except Exception as error:
-            raise ValueError(
-                f"{self.name}: predict failed, or returned no (action, state): {_described(error)}"
-            ) from error
+            failed = f"{self.name}: predict failed, or returned no (action, state)"
+            raise ValueError(f"{failed}: {_described(error)}") from error
         needed = (*observation.shape[:-1], JOINTS)
         if torque.shape != needed:
             raise ValueError(
@@ -198,12 +193,13 @@ class UserPolicy:
 def _accepted(factory: Any, offered: dict[str, Any]) -> dict[str, Any]:
     """Return those of the offered arguments that a factory has parameters for."""
     try:
-        parameters = inspect.signature(factory).parameters
+        parameters = inspect.signature(factory).parameters.values()
     except ValueError:  # a built-in without a signature
         return {}
-    if any(parameter.kind == inspect.Parameter.VAR_KEYWORD for parameter in parameters.values()):
+    if any(one.kind == one.VAR_KEYWORD for one in parameters):
         return offered
-    return {k: v for k, v in offered.items() if k in parameters and parameters[k].kind in _PASSED_BY_NAME}
+    by_name = {one.name for one in parameters if one.kind in (one.POSITIONAL_OR_KEYWORD, one.KEYWORD_ONLY)}
+    return {name: value for name, value in offered.items() if name in by_name}
 
 
 def _described(error: BaseException) -> str:

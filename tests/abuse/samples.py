@@ -42,10 +42,11 @@ from fuzzyarm.fuzzy_policy.scheduled import Premise, ScheduledController
 from fuzzyarm.fuzzy_policy.signed_files import digest_of
 from fuzzyarm.identification.excitation import Excitation, rehearsed
 from fuzzyarm.identification.log import Log, write_log
+from fuzzyarm.policies.registry import LAWS
 from fuzzyarm.policies.tip_bound import TipClaim, find_bound
 from fuzzyarm.policies.tip_cells import bounds_of_cells
 from fuzzyarm.policies.tip_files import save_bound, save_cells
-from fuzzyarm.policies.tuned import LAWS, NAME, SCHEMA, TunedLaws
+from fuzzyarm.policies.tuned import NAME, SCHEMA, TunedLaws
 from fuzzyarm.proof.tip.plant import PlantSet
 from fuzzyarm.rl_baselines.algorithms.ppo import PPOConfig
 from fuzzyarm.rl_baselines.training import Training
@@ -184,7 +185,9 @@ def tuned(folder: Path) -> None:
     weights = {"observer": dataclasses.asdict(ObserverWeights()), "adaptive": dataclasses.asdict(AdaptiveWeights())}
     laws = TunedLaws(SCHEMA, robot_of(arm).digest, 1e-3, ("fuzzy-1", *LAWS), bandwidth=70.0, **weights)
     (folder / NAME).write_text(laws.to_json())
-    write_finding(folder, found(arm, LAWS[0], {"bandwidth": 70.0}, {}, {"nominal": 0.9}, tried=1, rule="One."))
+    write_finding(
+        folder, found(arm, "computed-torque", {"bandwidth": 70.0}, {}, {"nominal": 0.9}, tried=1, rule="One.")
+    )
 
 
 @_made

@@ -25,7 +25,7 @@ from fuzzyarm.fuzzy_policy.controller import Controller
 from fuzzyarm.fuzzy_policy.controller_files import load_controller
 from fuzzyarm.fuzzy_policy.signed_files import ControllerFileError
 from fuzzyarm.fuzzy_policy.ts_model import TSModel
-from fuzzyarm.policies.tip_files import check_cells
+from fuzzyarm.policies.tip_files import check_bound
 from fuzzyarm.proof import theorems
 from fuzzyarm.proof.certificate import Certificate, certify, inequality_name
 from fuzzyarm.proof.scheduled_certificate import certify_scheduled
@@ -239,11 +239,11 @@ def test_a_cell_that_is_not_confirmed_leaves_the_whole_unproven(tmp_path):
     """A cell's tube is half as wide as it is; the other cell, what both cover and the claimed bound stay."""
     folder = tmp_path / "bounds"
     shutil.copytree(bounds(), folder)
-    assert check_cells(folder / "cells.json").proven
+    assert check_bound(folder / "cells.json").proven
     cell = json.loads((folder / "cells-001.json").read_text())
     cell["steps"][-1][-1]["tube"] = [0.5 * radius for radius in cell["steps"][-1][-1]["tube"]]
     (folder / "cells-001.json").write_text(json.dumps(cell))
-    found = check_cells(folder / "cells.json")
+    found = check_bound(folder / "cells.json")
     assert not found.proven and found.reason.startswith("cells-001.json: ") and "tube is left" in found.reason
 
 

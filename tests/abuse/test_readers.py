@@ -41,8 +41,9 @@ from fuzzyarm.eval.sweep.run import Sweep, digest_of
 from fuzzyarm.eval.tuning.finding import read_finding
 from fuzzyarm.fuzzy_policy.controller_files import load_controller
 from fuzzyarm.identification.log import read_log
-from fuzzyarm.policies.tip_files import check_bound, check_cells
-from fuzzyarm.policies.tuned import LAWS, read_laws
+from fuzzyarm.policies.registry import LAWS
+from fuzzyarm.policies.tip_files import check_bound
+from fuzzyarm.policies.tuned import read_laws
 from fuzzyarm.proof.tip.plant import find_set
 from fuzzyarm.rl_baselines.training import Training
 
@@ -184,12 +185,12 @@ READERS = {
     "path as CSV": Reader(samples.tables, "path.csv", lambda f: follow(f / "path.csv")),
     "log": Reader(samples.tables, "log.csv", lambda f: log(f / "log.csv")),
     "bound": Reader(samples.bounds, "bound.json", tube),
-    "cells": Reader(samples.bounds, "cells.json", lambda f: check_cells(f / "cells.json")),
+    "cells": Reader(samples.bounds, "cells.json", lambda f: check_bound(f / "cells.json")),
     "laws": Reader(samples.tuned, "laws.json", laws),
     "step": Reader(
         samples.tuned,
         "steps/computed-torque.json",
-        lambda f: read_finding(f, LAWS[0], robot_of(ArmParameters()).digest),
+        lambda f: read_finding(f, "computed-torque", robot_of(ArmParameters()).digest),
     ),
     "bundle": Reader(samples.bundle, "policy.json", act),
     "weights": Reader(samples.bundle, "weights.safetensors", act, guarded=True),

@@ -24,7 +24,7 @@ from fuzzyarm.eval.report.summary import Axis, Bound, draw_chart, figure
 from fuzzyarm.fuzzy_policy.controller import Controller
 from fuzzyarm.policies.spec import PolicySpec, resolve
 from fuzzyarm.policies.tip_bound import plain
-from fuzzyarm.policies.tip_files import BoundCheck, check_bound, check_cells, is_cells
+from fuzzyarm.policies.tip_files import BoundCheck, check_bound
 from fuzzyarm.proof import rigid_loop
 from fuzzyarm.proof.certificate import NOT_COVERED
 from fuzzyarm.proof.policy_certificate import certificate_of
@@ -109,7 +109,7 @@ _TUBE_NOTE = (
 
 def checked_bounds(paths: Sequence[Path]) -> list[BoundCheck]:
     """Return what the check of each file of a bound found; ValueError names the first that is not proven."""
-    found = [check_cells(path) if is_cells(path) else check_bound(path) for path in paths]
+    found = [check_bound(path) for path in paths]
     for check in found:
         if not check.proven:
             raise ValueError(f"{check.path} is not proven: {check.reason}")

@@ -38,8 +38,8 @@ from fuzzyarm.eval.stability.margins import MarginsConfig, measure_margins
 from fuzzyarm.eval.tuning.finding import PERIOD, STEPS, Finding, read_finding, write_finding
 from fuzzyarm.eval.tuning.steps import FUZZY, ROBOT_STEPS, TWO_JOINT_STEPS, Context, Step
 from fuzzyarm.eval.tuning.summary import README, summary
-from fuzzyarm.policies.registry import TIP
-from fuzzyarm.policies.tuned import ADAPTIVE_OBSERVER, COMPUTED_TORQUE, ELASTIC_OBSERVER, NAME, SCHEMA, TunedLaws
+from fuzzyarm.policies.registry import ADAPTIVE_OBSERVER, COMPUTED_TORQUE, ELASTIC_OBSERVER, TIP
+from fuzzyarm.policies.tuned import NAME, SCHEMA, TunedLaws
 
 __all__ = ["NothingFound", "Tuned", "begin", "laws_of", "resumed_arm", "steps_for", "tune", "tune_arm"]
 

@@ -36,7 +36,7 @@ from fuzzyarm.fuzzy_policy.laws.fuzzy import FuzzyPolicy
 from fuzzyarm.fuzzy_policy.laws.observer_gains import SOFTENINGS, ObserverWeights, weights_for
 from fuzzyarm.fuzzy_policy.laws.scheduled import ScheduledPolicy
 from fuzzyarm.fuzzy_policy.laws.tip import TipPolicy
-from fuzzyarm.policies.tuned import ADAPTIVE_OBSERVER, COMPUTED_TORQUE, ELASTIC_OBSERVER
+from fuzzyarm.policies.registry import ADAPTIVE_OBSERVER, COMPUTED_TORQUE, ELASTIC_OBSERVER
 from fuzzyarm.synthesis import DesignFailed, ScheduledSpecification, design, design_scheduled
 from fuzzyarm.synthesis.scheduled_design import ALPHAS
 

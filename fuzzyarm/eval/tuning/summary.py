@@ -15,8 +15,7 @@ from fuzzyarm.eval.tuning.finding import PERIOD, Finding, heaviest
 from fuzzyarm.eval.tuning.tip_bounds import bounds_in_words
 from fuzzyarm.fuzzy_policy.laws.adaptive.belief import AdaptiveWeights
 from fuzzyarm.fuzzy_policy.laws.observer_gains import ObserverWeights
-from fuzzyarm.policies.registry import TIP
-from fuzzyarm.policies.tuned import ADAPTIVE_OBSERVER, ELASTIC_OBSERVER
+from fuzzyarm.policies.registry import ADAPTIVE_OBSERVER, ELASTIC_OBSERVER, TIP
 
 __all__ = ["README", "decision", "summary"]
 

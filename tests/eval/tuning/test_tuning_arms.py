@@ -43,8 +43,8 @@ def test_table_1_gives_the_shipped_numbers_back(tmp_path):
     laws = tuned(ArmParameters(), folder).laws
     assert content(folder / "fuzzy-4.json") == content(POLICIES["fuzzy-4"].path)
     assert laws.bandwidth == BANDWIDTH
-    assert laws.observer_weights() == ObserverWeights()
-    assert laws.adaptive_weights() == AdaptiveWeights()
+    assert laws.numbers()["elastic-observer"] == ObserverWeights()
+    assert laws.numbers()["adaptive-observer"] == AdaptiveWeights()
 
 
 @pytest.mark.parametrize("arm", [SOFT, LONG, chosen_arm("planar-3r", None)], ids=["soft", "long", "planar-3r"])

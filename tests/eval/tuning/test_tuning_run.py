@@ -9,7 +9,8 @@ from fuzzyarm.eval.stability.margins import LIMITS
 from fuzzyarm.eval.tuning import run as tuning
 from fuzzyarm.eval.tuning import steps
 from fuzzyarm.eval.tuning.finding import read_finding
-from fuzzyarm.policies.tuned import COMPUTED_TORQUE, ELASTIC_OBSERVER, NAME
+from fuzzyarm.policies.registry import COMPUTED_TORQUE, ELASTIC_OBSERVER
+from fuzzyarm.policies.tuned import NAME
 
 RADII = {"nominal": 0.99, "5 kg payload": 1.01}
 
