@@ -26,8 +26,7 @@ from fuzzyarm.envs.scenario.cases import PAPER_CASES
 from fuzzyarm.eval.provenance import current_provenance
 from fuzzyarm.eval.sweep.config import SweepConfig
 from fuzzyarm.eval.sweep.episodes import run_plants
-from fuzzyarm.fuzzy_policy.laws.learned.estimate.bundle import EstimateBundle
-from fuzzyarm.fuzzy_policy.laws.learned.estimate.network import EstimateNetwork, shapes_of
+from fuzzyarm.fuzzy_policy.laws.learned.estimate.network import EstimateBundle, EstimateNetwork, shapes_of
 from fuzzyarm.fuzzy_policy.laws.learned.estimate.policy import LearnedObserverPolicy
 from fuzzyarm.fuzzy_policy.policy import Policy
 

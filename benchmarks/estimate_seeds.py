@@ -40,7 +40,7 @@ from fuzzyarm.envs.scenario.disturbances import ConstantForce, Disturbance
 from fuzzyarm.envs.vector import FuzzyArmVectorEnv
 from fuzzyarm.eval.episodes.loop import TipErrors, episodes
 from fuzzyarm.eval.provenance import current_provenance
-from fuzzyarm.fuzzy_policy.laws.learned.estimate.bundle import EstimateBundle
+from fuzzyarm.fuzzy_policy.laws.learned.estimate.network import EstimateBundle
 from fuzzyarm.fuzzy_policy.policy import Policy
 
 QUANTILES = (0.01, 0.05, 0.1, 0.25, 0.5, 0.75, 0.9, 0.95, 0.99, 1.0)

@@ -15,19 +15,21 @@ from __future__ import annotations
 import dataclasses
 import functools
 from collections.abc import Sequence
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from fuzzyarm.common.checks import choice, instance, real, whole
 from fuzzyarm.envs.physics.robot import Robot
-from fuzzyarm.fuzzy_policy.controller import GAINS, RATES
-from fuzzyarm.fuzzy_policy.signed_files import SignedController, checked_fields, decoded, encoded
+from fuzzyarm.fuzzy_policy.controller import GAINS, RATES, Controller
+from fuzzyarm.fuzzy_policy.signed_files import SignedController, checked_fields, controller_in, decoded, encoded
 from fuzzyarm.fuzzy_policy.states import SCALAR_STATES
 from fuzzyarm.fuzzy_policy.ts_model import rule_products
 
 __all__ = [
-    "FORM", "FUNCTIONS", "MOST_PREMISES", "SCHEMA", "Premise", "ScheduledController", "rule_weights", "speeds_of",
+    "FORM", "FUNCTIONS", "MOST_PREMISES", "Premise", "ScheduledController", "load_controller", "rule_weights",
+    "speeds_of",
 ]  # fmt: skip
 
 # Name of the form, schema of its files, and the premises that there are
@@ -184,6 +186,16 @@ class ScheduledController(SignedController):
             arrays |= {name: np.zeros((0, 0)) for name in ("distal_low", "distal_high")}
         numbers = {name: decoded(document[name]) for name in NUMBERS}
         return cls(**{name: document[name] for name in ("robot", "premises", "split", "origin")}, **arrays, **numbers)
+
+
+def load_controller(path: str | Path) -> Controller | ScheduledController:
+    """Read a controller file of any form; ControllerFileError if it is damaged, OSError if it is unreadable."""
+
+    def build(content: Any) -> Controller | ScheduledController:
+        form = ScheduledController if isinstance(content, dict) and content.get("schema") == SCHEMA else Controller
+        return form.from_document(content)
+
+    return controller_in(path, build)
 
 
 def speeds_of(robot: Robot, premises: Sequence[Premise]) -> np.ndarray:

@@ -229,26 +229,21 @@ def descriptor_terms(
 ) -> dict[str, tuple[np.ndarray, np.ndarray]]:
     """Return E_p and A_p of (5) as base (4, 4) and slopes (5, 4, 4) over z1..z5, in a number type."""
     c1, c2, c3, _, _ = _constants(parameters, number)
-    (motor1, motor2), (viscous1, viscous2) = (
-        map(number, parameters.motor_inertia),
-        map(number, parameters.viscous_friction),
-    )
-    one, nil = number(1.0), number(0.0)
-    none, unit = [[nil, nil], [nil, nil]], [[one, nil], [nil, one]]
+    motor1, motor2, viscous1, viscous2 = map(number, (*parameters.motor_inertia, *parameters.viscous_friction))
+    one, two = number(1.0), number(2.0)
 
-    def matrix(upper_left: Any, upper_right: Any, lower_left: Any, lower_right: Any) -> np.ndarray:
-        rows = [*zip(upper_left, upper_right, strict=True), *zip(lower_left, lower_right, strict=True)]
-        return np.array([[*left, *right] for left, right in rows])
+    def matrix(entries: dict[tuple[int, int], Any]) -> list[list[Any]]:
+        return [[entries.get((row, column), number(0.0)) for column in range(4)] for row in range(4)]
 
-    nothing = matrix(none, none, none, none)
-    E = matrix(unit, none, none, [[motor1 + c1, c3], [c3, motor2 + c3]])
-    E1 = matrix(none, none, none, [[2 * c2, c2], [c2, nil]])
-    A = matrix(none, unit, none, [[-viscous1, nil], [nil, -viscous2]])
-    A2 = matrix(none, none, [[one, nil], [nil, nil]], none)
-    A3 = matrix(none, none, [[nil, one], [one, one]], none)
-    A4 = matrix(none, none, none, [[2 * one, one], [nil, nil]])
-    A5 = matrix(none, none, none, [[nil, nil], [one, nil]])
-    return {"E": (E, np.array([E1, *[nothing] * 4])), "A": (A, np.array([nothing, A2, A3, A4, A5]))}
+    E = matrix({(0, 0): one, (1, 1): one, (2, 2): motor1 + c1, (2, 3): c3, (3, 2): c3, (3, 3): motor2 + c3})
+    E1 = matrix({(2, 2): 2 * c2, (2, 3): c2, (3, 2): c2})
+    A = matrix({(0, 2): one, (1, 3): one, (2, 2): -viscous1, (3, 3): -viscous2})
+    A2, A3 = matrix({(2, 0): one}), matrix({(2, 1): one, (3, 0): one, (3, 1): one})
+    A4, A5 = matrix({(2, 2): two, (2, 3): one}), matrix({(3, 2): one})
+    return {
+        "E": (np.array(E), np.array([E1, *[matrix({})] * 4])),
+        "A": (np.array(A), np.array([matrix({}), A2, A3, A4, A5])),
+    }
 
 
 def _constants(parameters: ArmParameters, number: Callable[[float], Any]) -> tuple[Any, ...]:

@@ -24,7 +24,7 @@ def learned_files(folder: Path) -> dict[str, str]:
     """Return the SHA-256, by name, of ``policy.json`` and of the files of the policy's base."""
     own = {DESCRIPTION: file_digest(folder / DESCRIPTION)}
     if is_observer(folder):
-        from fuzzyarm.fuzzy_policy.laws.learned.estimate.bundle import EstimateBundle
+        from fuzzyarm.fuzzy_policy.laws.learned.estimate.network import EstimateBundle
 
         EstimateBundle.load(folder)
         return own
@@ -54,7 +54,7 @@ def learned_policy(folder: Path, control_period: float, robot: AnyArm) -> Policy
 
 def _learned_observer(folder: Path, control_period: float, robot: AnyArm) -> LearnedObserverPolicy:
     # Imported here: the network of a learned torque needs no Riccati equations.
-    from fuzzyarm.fuzzy_policy.laws.learned.estimate.bundle import EstimateBundle
+    from fuzzyarm.fuzzy_policy.laws.learned.estimate.network import EstimateBundle
     from fuzzyarm.fuzzy_policy.laws.learned.estimate.policy import LearnedObserverPolicy
 
     bundle = EstimateBundle.load(folder)

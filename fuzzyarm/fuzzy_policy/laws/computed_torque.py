@@ -9,7 +9,7 @@ information, integral action and torque limits as the fuzzy policy.
 from __future__ import annotations
 
 import functools
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 
@@ -19,7 +19,7 @@ from fuzzyarm.envs.physics.equations import AnyArm, equations_of
 from fuzzyarm.envs.physics.parameters import ArmParameters
 from fuzzyarm.envs.physics.physics import Physics
 from fuzzyarm.envs.physics.robot import Robot
-from fuzzyarm.fuzzy_policy.known_arm import Drives, numbers_of
+from fuzzyarm.fuzzy_policy.known_arm import numbers_of
 from fuzzyarm.fuzzy_policy.law import Law, LawPolicy
 from fuzzyarm.fuzzy_policy.laws.observer_gains import (
     ONE_AT_A_TIME,
@@ -53,7 +53,7 @@ class ComputedTorquePolicy(LawPolicy):
     def control_law(self) -> Law:
         """The law of the module's docstring."""
         arm, drives = numbers_of(self.parameters)
-        constants = _Constants(self.bandwidth, self.control_period, arm, drives)
+        constants = self.bandwidth, self.control_period, arm, drives
         return Law(_law_of(equations_of(self.parameters)), (0.0,) * self.joints, constants)
 
 
@@ -81,26 +81,18 @@ def linear_computed_torque(place: Place, bandwidth: float) -> LinearLaw:
     return linear_pid(place, inertia, 3.0 * bandwidth**2, 3.0 * bandwidth, bandwidth**3)
 
 
-class _Constants(NamedTuple):
-    """ω [rad/s], T [s], the constants of the links, and the motors'."""
-
-    bandwidth: Any
-    period: Any
-    arm: Any
-    drives: Drives
-
-
 @functools.cache
 def _law_of(physics: Physics) -> Any:
+    """Return the law for arms with these equations; its constants are ω [rad/s], T [s], the links and the motors."""
 
-    def computed_torque(x_I: Any, seen: Observation, c: _Constants) -> tuple[Any, Any]:
-        w, asked, after = c.bandwidth, [], []
+    def computed_torque(x_I: Any, seen: Observation, constants: Any) -> tuple[Any, Any]:
+        (w, period, arm, drives), asked, after = constants, [], []
         for q, dq, q_d, dq_d, ddq_d, x in zip(*seen, x_I, strict=True):
             e, de = q - q_d, dq - dq_d
             asked.append(ddq_d - w * (3.0 * de + w * (3.0 * e + w * x)))
-            after.append(x + c.period * e)
-        links = physics.inverse_dynamics(seen.q_motor, seen.dq_motor, physics.PerJoint(*asked), c.arm)
-        I_a, f_v = c.drives.motor_inertia, c.drives.viscous_friction
+            after.append(x + period * e)
+        links = physics.inverse_dynamics(seen.q_motor, seen.dq_motor, physics.PerJoint(*asked), arm)
+        I_a, f_v = drives.motor_inertia, drives.viscous_friction
         torque = (u + i * a + f * v for u, i, a, f, v in zip(links, I_a, asked, f_v, seen.dq_motor, strict=True))
         return tuple(after), tuple(torque)
 

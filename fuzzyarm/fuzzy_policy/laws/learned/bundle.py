@@ -37,7 +37,7 @@ WEIGHTS = "weights.safetensors"  # file with the arrays of the network
 LAST, BEST = "policy", "best"
 """What the folder is called in that of a training: the policy at its end, and that of its best evaluation."""
 
-OBSERVER = "fuzzyarm-learned-observer/4"  # schema of a learned observer, see `estimate.bundle`
+OBSERVER = "fuzzyarm-learned-observer/4"  # schema of a learned observer, see `estimate.network`
 _ANY_OBSERVER = OBSERVER[: OBSERVER.index("/") + 1]
 
 _LARGEST_DESCRIPTION, _LARGEST_WEIGHTS = 16 * 2**20, 64 * 2**20  # bytes

@@ -163,9 +163,6 @@ class LearnedObserverPolicy(LawPolicy):
         ports = law.memory, seen_by(joints), (0.0,) * joints, Cells((self.seen.base.stop,))
         return Kernel(Program(observe, ports, law.constants, [table.shape for table in law.tables]))
 
-    def __getstate__(self) -> dict[str, Any]:
-        return {name: value for name, value in super().__getstate__().items() if name != "_observing"}
-
     def _act_of(self) -> Any:
         """Return the law that tells z, c and u_b [N m], too."""
         arm, settings, joints, physics = self.parameters, self.adaptive.settings, self.joints, self.elastic.where[0]
