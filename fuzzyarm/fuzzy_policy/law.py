@@ -133,7 +133,7 @@ class LawPolicy(Policy):
 
     @functools.cached_property
     def _limited_constants(self) -> np.ndarray:
-        return constants_array(self.control_law, tuple(map(float, self._torque_limit)))
+        return constants_array(self.control_law, tuple(map(float, self.torque_limit)))
 
 
 class _Alone:

@@ -146,18 +146,9 @@ class ScheduledController(SignedController):
         """Largest speeds (premises,) [rad/s] of the kept angles in the box."""
         return speeds_of(self.robot, self.premises)
 
-    @property
-    def gains(self) -> np.ndarray:
-        """K_r = [k_p S_r, k_d S_r, k_i S_r] (N, n, 3n): the feedback is u = -Σ h_r K_r (e, ė, x_I)."""
-        return np.concatenate([gain * self.inertia for gain in self.feedback.tolist()], axis=-1)
-
-    def weights(self, q: np.ndarray) -> np.ndarray:
-        """Return h (..., N) at angles (..., n) [rad]."""
-        return rule_weights(self.premises, q)
-
     def inertia_at(self, q: np.ndarray) -> np.ndarray:
         """Return M̂ (..., n, n) [kg m²] at angles (..., n) [rad]."""
-        return np.asarray(np.tensordot(self.weights(q), self.inertia, axes=1))
+        return np.asarray(np.tensordot(rule_weights(self.premises, q), self.inertia, axes=1))
 
     @functools.cached_property
     def _encoded(self) -> dict[str, Any]:
@@ -165,7 +156,7 @@ class ScheduledController(SignedController):
         return {
             "schema": SCHEMA,
             "form": FORM,
-            "robot": _plain(dataclasses.asdict(self.robot)),
+            "robot": dataclasses.asdict(self.robot),
             "robot_digest": self.robot.digest,
             "premises": [dataclasses.asdict(premise) for premise in self.premises],
             "split": self.split,
@@ -206,9 +197,3 @@ def speeds_of(robot: Robot, premises: Sequence[Premise]) -> np.ndarray:
 def rule_weights(premises: Sequence[Premise], q: np.ndarray) -> np.ndarray:
     """Return the weights h (..., 2^premises) of the rules at angles (..., n) [rad]: >= 0, with the sum 1."""
     return rule_products((0.5 * (1.0 + premise.at(q)) for premise in premises), q.shape[:-1])
-
-
-def _plain(value: Any) -> Any:
-    if isinstance(value, dict):
-        return {key: _plain(entry) for key, entry in value.items()}
-    return [_plain(entry) for entry in value] if isinstance(value, tuple | list) else value

@@ -36,7 +36,7 @@ class LearnedTorque:
     added: list[np.ndarray]  # w + v of each sample so far, (lanes, n)
 
 
-class TorqueLearning(PassLearner[LearnedTorque]):
+class TorqueLearning(PassLearner):
     """A `-tip` policy over one path again and again; the law is in the module's docstring."""
 
     policy: TipPolicy

@@ -135,19 +135,18 @@ def feedback_gain(A: np.ndarray, B: np.ndarray, torque_limit: np.ndarray, weight
     return gain
 
 
-def _observer_gain(
-    A: np.ndarray, B: np.ndarray, control_period: float, torque_limit: np.ndarray, weights: ObserverWeights
-) -> np.ndarray:
-    """Return L (5 n, 2 n), the stationary Kalman gain of `sampled_arm`; limits [N m] and T [s] scale the weights."""
-    joints = len(torque_limit)
-    part = estimate_parts(joints)
+def _both_gains(
+    arm: AnyArm, control_period: float, weights: ObserverWeights, inertia: np.ndarray
+) -> tuple[np.ndarray, np.ndarray]:
+    """Return K (n, 4 n) and L (5 n, 2 n), the stationary Kalman gain, of `sampled_arm`."""
+    (A, B), limit = sampled_arm(arm, control_period, inertia), per_joint_of(arm, "torque_limit")
+    joints, part = len(limit), estimate_parts(len(limit))
     C = np.concatenate([np.eye(len(A))[part.q_motor], np.eye(len(A))[part.dq_motor]])
-    Q = B @ np.diag((weights.motor_torque * torque_limit) ** 2) @ B.T / control_period
-    Q[part.load, part.load] += np.diag((weights.load_walk * torque_limit) ** 2) * control_period
+    Q = B @ np.diag((weights.motor_torque * limit) ** 2) @ B.T / control_period
+    Q[part.load, part.load] += np.diag((weights.load_walk * limit) ** 2) * control_period
     R = np.diag(np.repeat([weights.encoder_angle**2, weights.encoder_velocity**2], joints))
     P = solve_discrete_are(A.T, C.T, Q, R)
-    gain: np.ndarray = np.linalg.solve(C @ P @ C.T + R, C @ P).T
-    return gain
+    return feedback_gain(A, B, limit, weights), np.linalg.solve(C @ P @ C.T + R, C @ P).T
 
 
 @functools.lru_cache(maxsize=32)
@@ -155,12 +154,7 @@ def gain_tables(
     arm: AnyArm, control_period: float, weights: ObserverWeights
 ) -> tuple[GainSchedule, np.ndarray, np.ndarray]:
     """Return the schedule, K (points, n, 4 n) and L (points, 5 n, 2 n) for T [s]; ValueError where there are none."""
-    limit, schedule = per_joint_of(arm, "torque_limit"), schedule_of(arm)
-
-    def both(inertia: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        A, B = sampled_arm(arm, control_period, inertia)
-        return feedback_gain(A, B, limit, weights), _observer_gain(A, B, control_period, limit, weights)
-
+    schedule, both = schedule_of(arm), functools.partial(_both_gains, arm, control_period, weights)
     gains = at_points(both, schedule.places, schedule.inertia, f"control_period = {control_period!r} s, {weights}")
     feedback, observer = zip(*gains, strict=True)
     return schedule, np.array(feedback), np.array(observer)
@@ -305,16 +299,14 @@ def softened(weights: Any, factor: float) -> Any:
 
 def linear_observer(place: Place, designed_for: np.ndarray, weights: ObserverWeights) -> LinearLaw:
     """Return the elastic observer near rest, with gains designed for an inertia (n, n) [kg m²]; s is (x̂, d̂)⁻."""
-    robot, period = place.robot, place.control_period
-    joints, limit = len(robot), per_joint_of(robot, "torque_limit")
+    robot, joints = place.robot, len(place.robot)
     part, state = estimate_parts(joints), state_part(joints)
-    A, B = sampled_arm(robot, period, designed_for)
-    K, L = feedback_gain(A, B, limit, weights), _observer_gain(A, B, period, limit, weights)
+    K, L = _both_gains(robot, place.control_period, weights, designed_for)
+    A, B = place.plant()  # what the observer predicts with
     measured = np.eye(len(A))[np.r_[part.q_motor, part.dq_motor]]
     acts = np.zeros((joints, len(A)))  # u = acts (x̂, d̂)
     acts[:, state] = -K
     acts[:, part.load] = -np.eye(joints) - K[:, part.q_motor] / per_joint_of(robot, "stiffness")
-    A, B = place.plant()  # what the observer predicts with
     from_plant, from_memory = L @ measured[:, state], np.eye(len(A)) - L @ measured
     predicts = A + B @ acts
     return LinearLaw(acts @ from_plant, acts @ from_memory, predicts @ from_plant, predicts @ from_memory)

@@ -70,7 +70,7 @@ class PassState:
     other_path: np.ndarray  # whether a lane has left the path of the pass before: it expects nothing any more
 
 
-class AdaptivePasses(PassLearner[PassState]):
+class AdaptivePasses(PassLearner):
     """The adaptive observer over one path again and again."""
 
     policy: AdaptiveObserverPolicy

@@ -215,12 +215,9 @@ class EstimateBundle(Trained):
     def save(self, folder: Path) -> None:
         """Write the bundle, see `write_folder`."""
         arm = self.arm
-        described = (
-            {"parameters": arm.to_dict()} if isinstance(arm, ArmParameters) else {"arm": dataclasses.asdict(arm)}
-        )
-        record = {"training": self.training, "seed": self.seed, "versions": self.versions, "weights_sha256": ""}
-        description = {"schema": OBSERVER, **described, "control_period": self.control_period, **record}
-        write_folder(folder, {**description, "curve": self.curve}, dataclasses.asdict(self.network))
+        described = {"parameters": arm.to_dict()} if isinstance(arm, ArmParameters) else {"arm": vars(arm)}
+        description = {"schema": OBSERVER, **described, "control_period": self.control_period, **self._record}
+        write_folder(folder, description, dataclasses.asdict(self.network))
 
     @classmethod
     def load(cls, folder: str | Path) -> EstimateBundle:
