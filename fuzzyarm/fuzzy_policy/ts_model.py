@@ -58,13 +58,8 @@ def premise_bounds(parameters: ArmParameters) -> np.ndarray:
     """
     _, c2, _, c4, c5 = _constants(parameters, Fraction)
     dq1, dq2 = map(Fraction, parameters.velocity_limit)
-    exact = [
-        (Fraction(-1), Fraction(1)),
-        (-(c4 + c5), -c5 * SINC_MINIMUM),
-        (-c5, -c5 * SINC_MINIMUM),
-        (-c2 * dq2, c2 * dq2),
-        (-c2 * dq1, c2 * dq1),
-    ]
+    gravity = (-(c4 + c5), -c5 * SINC_MINIMUM), (-c5, -c5 * SINC_MINIMUM)
+    exact = [(Fraction(-1), Fraction(1)), *gravity, (-c2 * dq2, c2 * dq2), (-c2 * dq1, c2 * dq1)]
     return np.array([[_outwards(low, high, -1), _outwards(low, high, 1)] for low, high in exact])
 
 
@@ -80,16 +75,9 @@ def premises(q: np.ndarray, dq: np.ndarray, parameters: ArmParameters) -> np.nda
     arm = arm_constants(parameters)
     sinc1, sinc12 = np.sinc(q[..., 0] / np.pi), np.sinc((q[..., 0] + q[..., 1]) / np.pi)
     sin2 = np.sin(q[..., 1])
-    return np.stack(
-        [
-            np.cos(q[..., 1]),
-            -arm.c4 * sinc1 - arm.c5 * sinc12,
-            -arm.c5 * sinc12,
-            arm.c2 * dq[..., 1] * sin2,
-            -arm.c2 * dq[..., 0] * sin2,
-        ],
-        axis=-1,
-    )
+    gravity = -arm.c4 * sinc1 - arm.c5 * sinc12, -arm.c5 * sinc12
+    coriolis = arm.c2 * dq[..., 1] * sin2, -arm.c2 * dq[..., 0] * sin2
+    return np.stack([np.cos(q[..., 1]), *gravity, *coriolis], axis=-1)
 
 
 @dataclasses.dataclass(frozen=True)
@@ -208,9 +196,8 @@ class TSModel:
                 slope, (low, high) = terms[side][1][index], bounds[index]
                 # H picks the dynamic rows the premise acts on, W holds those rows: Hᵀ W is the slope, exactly.
                 rows = [row for row in range(PLANT_STATES) if any(entry != 0 for entry in slope[row])]
-                uncertainties.append(
-                    Uncertainty((name,), side, np.eye(PLANT_STATES)[rows], (high - low) / 2 * slope[rows])
-                )
+                H, W = np.eye(PLANT_STATES)[rows], (high - low) / 2 * slope[rows]
+                uncertainties.append(Uncertainty((name,), side, H, W))
         return _Polytope(corners("E", self.kept_in_E), corners("A", self.kept_in_A), uncertainties)
 
     def weights(self, z: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

@@ -21,14 +21,8 @@ from fuzzyarm.envs.physics.physics import Physics
 from fuzzyarm.envs.physics.robot import Robot
 from fuzzyarm.fuzzy_policy.known_arm import numbers_of
 from fuzzyarm.fuzzy_policy.law import Law, LawPolicy
-from fuzzyarm.fuzzy_policy.laws.observer_gains import (
-    ONE_AT_A_TIME,
-    LinearLaw,
-    Place,
-    linear_pid,
-    places_of,
-    worst_radius,
-)
+from fuzzyarm.fuzzy_policy.laws import observer_gains
+from fuzzyarm.fuzzy_policy.laws.observer_gains import ONE_AT_A_TIME, LinearLaw, Place, worst_radius
 
 __all__ = ["BANDWIDTH", "ComputedTorquePolicy", "bandwidth_for", "linear_computed_torque"]
 
@@ -67,7 +61,7 @@ def bandwidth_for(arm: AnyArm, control_period: float) -> float:
     """
     if not isinstance(arm, Robot):
         return BANDWIDTH
-    places, bandwidth = places_of(arm, control_period), BANDWIDTH
+    places, bandwidth = observer_gains.places_of(arm, control_period), BANDWIDTH
     while bandwidth > STEP and any(
         worst_radius(place, linear_computed_torque(place, bandwidth), ONE_AT_A_TIME) >= 1.0 for place in places
     ):
@@ -78,7 +72,7 @@ def bandwidth_for(arm: AnyArm, control_period: float) -> float:
 def linear_computed_torque(place: Place, bandwidth: float) -> LinearLaw:
     """Return the law of a bandwidth [rad/s] near rest, at a posture of a robot; its memory is x_I."""
     inertia = place.inertia + np.diag(place.robot.drive("motor_inertia"))
-    return linear_pid(place, inertia, 3.0 * bandwidth**2, 3.0 * bandwidth, bandwidth**3)
+    return observer_gains.linear_pid(place, inertia, 3.0 * bandwidth**2, 3.0 * bandwidth, bandwidth**3)
 
 
 @functools.cache

@@ -63,7 +63,10 @@ def _law_of(kept_in_A: tuple[int, ...], of_E: int) -> Any:
         rules, low, high, of_arm, period = constants
         e = [a - b for a, b in zip(seen.q_motor, seen.q_reference, strict=True)]
         de = [a - b for a, b in zip(seen.dq_motor, seen.dq_reference, strict=True)]
-        premises = _premises(seen.q_motor, seen.dq_motor, *of_arm)
+        (q, dq), (c2, c4, c5) = seen[:2], of_arm
+        sinc12, (sin2, cos2) = sinc(q.joint1 + q.joint2), sine_cosine(q.joint2)
+        gravity = -c4 * sinc(q.joint1) - c5 * sinc12
+        premises = cos2, gravity, -c5 * sinc12, c2 * dq.joint2 * sin2, -c2 * dq.joint1 * sin2
         # 0 at the lower bound of a premise, 1 at the upper one, and no further
         omega = {k: minimum(maximum((premises[k] - low[k]) / (high[k] - low[k]), 0.0), 1.0) for k in blending}
         error, wanted = (*e, *de, *x_I), (*seen.q_reference, *seen.dq_reference, *seen.ddq_reference)
@@ -81,9 +84,3 @@ def _law_of(kept_in_A: tuple[int, ...], of_E: int) -> Any:
         return tuple(x + period * a for x, a in zip(x_I, e, strict=True)), tuple(torque)
 
     return fuzzy
-
-
-def _premises(q: Any, dq: Any, c2: Any, c4: Any, c5: Any) -> tuple[Any, ...]:
-    """Return the premises (6) at the measured motor angles, as `premises` has them."""
-    sinc12, (sin2, cos2) = sinc(q.joint1 + q.joint2), sine_cosine(q.joint2)
-    return cos2, -c4 * sinc(q.joint1) - c5 * sinc12, -c5 * sinc12, c2 * dq.joint2 * sin2, -c2 * dq.joint1 * sin2

@@ -268,11 +268,8 @@ def places(physics: Physics) -> Memory:
     """Return the parts as places of arrays in a law's memory."""
     joints, belief = physics.joints, belief_of(physics)
     N = 4 * joints + belief.lateness.stop
-    shapes = (
-        (len(FLAG),), (N,), (N, N), (LONGEST_LATENESS + 2, joints), (KEPT, 3, joints), (3, joints),
-        (belief.force.stop + 1,), (joints,),
-    )  # fmt: skip
-    return Memory(*map(Cells, shapes))
+    lists = (LONGEST_LATENESS + 2, joints), (KEPT, 3, joints), (3, joints)
+    return Memory(*map(Cells, ((len(FLAG),), (N,), (N, N), *lists, (belief.force.stop + 1,), (joints,))))
 
 
 def layout(physics: Physics) -> Memory:

@@ -66,20 +66,8 @@ from fuzzyarm.envs.physics.equations import AnyArm, equations_of
 from fuzzyarm.envs.physics.physics import Physics
 from fuzzyarm.envs.physics.robot import Robot
 from fuzzyarm.fuzzy_policy.known_arm import per_joint_of
-from fuzzyarm.fuzzy_policy.laws.adaptive.belief import (
-    FACTORS,
-    FLAG,
-    KEPT,
-    LONGEST_LATENESS,
-    AdaptiveWeights,
-    ArmFunctions,
-    Memory,
-    affine_numbers,
-    belief_of,
-    mass_of,
-    prior,
-    unit_force,
-)
+from fuzzyarm.fuzzy_policy.laws.adaptive import belief as believed
+from fuzzyarm.fuzzy_policy.laws.adaptive.belief import FACTORS, FLAG, KEPT, LONGEST_LATENESS, AdaptiveWeights, Memory
 from fuzzyarm.fuzzy_policy.laws.gain_schedule import schedule_of
 from fuzzyarm.numbers.functions import array, each, floor, maximum, minimum, only, select
 
@@ -115,7 +103,7 @@ class Settings:
 
     def __init__(self, arm: AnyArm, control_period: float, weights: AdaptiveWeights, feedback: np.ndarray) -> None:
         """Take the known arm, T [s] and K, a row for each payload and point (payloads · points, n · 4 n)."""
-        belief, p, schedule = belief_of(equations_of(arm)), prior(arm, weights), schedule_of(arm)
+        belief, p, schedule = believed.belief_of(equations_of(arm)), believed.prior(arm, weights), schedule_of(arm)
         limit, inertia = per_joint_of(arm, "torque_limit"), per_joint_of(arm, "motor_inertia")
         n, loads, period, still = len(limit), belief.payload.stop, control_period, np.zeros(len(limit))
         encoder, unknown = np.repeat([weights.encoder_angle, weights.encoder_velocity], n), isinstance(arm, Robot)
@@ -130,7 +118,7 @@ class Settings:
         # Over the angles of which joints it is tabulated, whether at even cosines, and at how many points of each.
         self.schedule = tuple(schedule.kept.tolist()), schedule.cosine, schedule.points
         self.soft_samples = weights.soft_start / period
-        self.base, self.slopes = affine_numbers(arm)  # a_0 and S
+        self.base, self.slopes = believed.affine_numbers(arm)  # a_0 and S
         self.guess = p.guess  # p_0
         self.spread = np.concatenate([np.repeat(first_state, n), p.spread])  # deviations of z as an episode begins (N,)
         self.shared = shared  # what numbers of z share then, times its standard deviation (N,)
@@ -141,7 +129,7 @@ class Settings:
         self.doubt = weights.torque_doubt * period / (inertia * limit)
         # Variance of the forces after `AdaptiveWeights.reopening` seconds of walk [N²], (forces,).
         self.reopening = p.walk[: belief.force.stop] ** 2 * weights.reopening
-        self.still = (STILL * unit_force(arm)) ** 2  # square of a correction of the forces that counts as none [N²]
+        self.still = (STILL * believed.unit_force(arm)) ** 2  # of a correction of the forces that counts as none [N²]
         self.steps = np.repeat(STEPS, [2 * n, 2 * n, loads, len(p.guess) - loads])  # of the differences that make F
         self.variances = encoder**2  # of the measured numbers (2 n,)
         self.cautious = cautious  # 1 where a number of z learns only beyond the dead zone, else 0 (N,)
@@ -151,7 +139,7 @@ class Settings:
         self.first_share = NOISE_SHARE if unknown else 1.0  # largest share of a sample in the noise that is read
         self.insignificant = 0.0 if unknown else INSIGNIFICANT**2  # c² of `significant`
         self.limit = limit  # torque limits [N m]
-        self.mass = mass_of(arm)  # of all links [kg]
+        self.mass = believed.mass_of(arm)  # of all links [kg]
         self.substeps = default_substeps(period, fastest_rate([arm]))  # in a control period
         self.substep = period / self.substeps  # h [s]
 
@@ -205,7 +193,7 @@ class Room:
         def copies(count: int) -> Copies:
             return Copies(array(4 * n, count), array(n, count), array(2 * axes, count), array(len(s.base), count))
 
-        self.arm = ArmFunctions(physics)
+        self.arm = believed.ArmFunctions(physics)
         self.copies = copies(1 + N + n)  # which differ in one number each: their differences are the columns of F
         self.F, self.FP = array(4 * n, N), array(4 * n, N)  # the rows of x
         self.wide = array(n)  # steps of the motor velocities

@@ -237,10 +237,9 @@ class Smoother:
         spread[: 4 * n], spread[4 * n : self._used] = settings.spread[: 4 * n], _FIRST_FORCE * unit_force(policy.arm)
         sure, bold = np.zeros(n), np.zeros(N)
         self._settings = settings.replaced(spread=spread, doubt=sure, cautious=bold, gate=math.inf)
-        two, line = Cells((2 * n,)), Cells((2 * self._physics.axes,))
-        columns, slopes, forces = Cells((2 * n, N)), Cells((4 * n, N)), Cells((self._forces,))
-        self._notes = Notes(two, two, columns, slopes, forces, Cells((self._forces, self._used)))
-        self._seen = Seen(two, two, line, line, Cells((n,)))
+        two, line, notes = (2 * n,), (2 * self._physics.axes,), ((2 * n, N), (4 * n, N), (self._forces,))
+        self._notes = Notes(*map(Cells, (two, two, *notes, (self._forces, self._used))))
+        self._seen = Seen(*map(Cells, (two, two, line, line, (n,))))
         self._forward, self._backward = self._forward_kernel(), self._backward_kernel()
 
     def force(self, state: PassState, lanes: np.ndarray, memory: np.ndarray) -> np.ndarray:

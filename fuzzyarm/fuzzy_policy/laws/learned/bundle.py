@@ -242,16 +242,10 @@ def _network(description: _NetworkDescription, tensors: dict[str, np.ndarray]) -
     if set(tensors) != names or not layers:
         needed = ", ".join((*gated, "layer0.weight, layer0.bias, ..."))
         raise ValueError(f"{WEIGHTS} holds {listed(tensors)}; needed: {needed}")
-    network = Network(
-        mean=np.array(description.mean, dtype=np.float64),
-        std=np.array(description.std, dtype=np.float64),
-        clip=description.clip,
-        weights=tuple(tensors[f"layer{number}.weight"] for number in layers),
-        biases=tuple(tensors[f"layer{number}.bias"] for number in layers),
-        activation=description.activation,
-        output=description.output,
-        cell=Cell(*(tensors[name] for name in gated)) if gated else None,
-    )
+    mean, std = np.array(description.mean, dtype=np.float64), np.array(description.std, dtype=np.float64)
+    weights, biases = (tuple(tensors[f"layer{n}.{part}"] for n in layers) for part in ("weight", "bias"))
+    cell = Cell(*(tensors[name] for name in gated)) if gated else None
+    network = Network(mean, std, description.clip, weights, biases, description.activation, description.output, cell)
     if list(network.sizes) != description.sizes:
         raise ValueError(f"the layers have sizes {list(network.sizes)}, {DESCRIPTION} says {description.sizes}")
     return network

@@ -212,17 +212,17 @@ class Network:
             raise ValueError(
                 f"{len(self.weights)} weights and {len(self.biases)} biases; allowed: 1 to {_MOST_LAYERS} layers"
             )
-        width, shapes = len(self.mean), [np.shape(self.mean), np.shape(self.std)]
-        expected: list[tuple[int, ...]] = [(width,), (width,)]
+        inputs, *widths = self.sizes
+        expected: list[tuple[int, ...]] = [(inputs,), (inputs,)]
+        shapes = [self.mean.shape, self.std.shape]
         if self.cell is not None:
             shapes.append(self.cell.weight_x.shape)
-            expected.append((self.cell.weight_x.shape[0], width))
-            width = self.cell.hidden
-        for weight, bias in zip(self.weights, self.biases, strict=True):
-            outputs = len(bias)
+            expected.append((len(self.cell.weight_x), inputs))
+            inputs, *widths = widths
+        for weight, bias, outputs in zip(self.weights, self.biases, widths, strict=True):
             shapes += [weight.shape, bias.shape]
-            expected += [(outputs, width), (outputs,)]
-            width = outputs
+            expected += [(outputs, inputs), (outputs,)]
+            inputs = outputs
         if shapes != expected:
             raise ValueError(f"shapes of mean, std, weights and biases are {shapes}; they must be {expected}")
         if not 1 <= max(self.sizes) <= _LARGEST_LAYER:

@@ -115,18 +115,9 @@ def units_of(arm: AnyArm) -> Units:
         fine, coarse = (np.concatenate([unit[0] * quickness, unit[2] * quickness]) for unit in (_FINE, _COARSE))
         length, speed = scale.length, velocity_limits(arm) / paper.velocity_limit[0]
         axes = equations_of(arm).axes
-    return Units(
-        torque=_BEYOND * limit,
-        load=np.array([*[_FORCE * scale.force] * (axes + 1), _MASS * scale.mass]),
-        fine=fine,
-        coarse=coarse,
-        velocity=_FASTEST * speed,
-        acceleration=_JERKIEST * speed,
-        slow=_SLOW * speed,
-        slow_tip=_SLOW_TIP * length,
-        rest=_REST * length,
-        length=length,
-    )
+    load = np.array([*[_FORCE * scale.force] * (axes + 1), _MASS * scale.mass])
+    of_joints = _FASTEST * speed, _JERKIEST * speed, _SLOW * speed
+    return Units(_BEYOND * limit, load, fine, coarse, *of_joints, _SLOW_TIP * length, _REST * length, length)
 
 
 def turns_of(arm: AnyArm) -> np.ndarray:
