@@ -38,7 +38,7 @@ SCHEMA = "fuzzyarm-semidefinite/1"
 FUNCTIONS = ("cos q", "sin q", "cos 2q", "sin 2q")
 MOST_PREMISES = 4
 TWIST = 6
-ARRAYS = ("inertia", "rates", "distal_low", "distal_high", "feedback", "lyapunov")
+_ARRAYS = ("inertia", "rates", "distal_low", "distal_high", "feedback", "lyapunov")
 NUMBERS = ("kappa", "floor", "alpha", "gamma", "fastest_pole")
 
 
@@ -75,9 +75,9 @@ class Premise:
 
 
 # Of the file, where numbers are still texts, except those of the robot, whose JSON is exact.
-FIELDS = {
+_FIELDS = {
     "form": str, "robot": Robot, "robot_digest": str, "premises": tuple[Premise, ...], "split": int,
-    "origin": dict[str, str], **dict.fromkeys((*ARRAYS, *NUMBERS), Any),
+    "origin": dict[str, str], **dict.fromkeys((*_ARRAYS, *NUMBERS), Any),
 }  # fmt: skip
 
 
@@ -152,7 +152,7 @@ class ScheduledController(SignedController):
 
     @functools.cached_property
     def _encoded(self) -> dict[str, Any]:
-        numbers = {name: getattr(self, name) for name in (*ARRAYS, *NUMBERS)}
+        numbers = {name: getattr(self, name) for name in (*_ARRAYS, *NUMBERS)}
         return {
             "schema": SCHEMA,
             "form": FORM,
@@ -167,12 +167,12 @@ class ScheduledController(SignedController):
     @classmethod
     def from_document(cls, content: Any) -> ScheduledController:
         """Return the controller of a file's content; ValueError if it is not of this form, damaged or inconsistent."""
-        document = checked_fields(content, SCHEMA, FIELDS)
+        document = checked_fields(content, SCHEMA, _FIELDS)
         robot = document["robot"]
         choice("form", document["form"], (FORM,))
         if document["robot_digest"] != robot.digest:
             raise ValueError("the robot's digest does not match: the file was changed")
-        arrays: dict[str, Any] = {name: np.array(decoded(document[name]), dtype=np.float64) for name in ARRAYS}
+        arrays: dict[str, Any] = {name: np.array(decoded(document[name]), dtype=np.float64) for name in _ARRAYS}
         if document["split"] == len(robot):  # JSON keeps no shape of an empty array
             arrays |= {name: np.zeros((0, 0)) for name in ("distal_low", "distal_high")}
         numbers = {name: decoded(document[name]) for name in NUMBERS}

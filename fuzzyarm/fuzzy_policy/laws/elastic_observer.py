@@ -37,9 +37,9 @@ from fuzzyarm.fuzzy_policy.laws.gain_schedule import corners_of, on_table
 from fuzzyarm.fuzzy_policy.laws.observer_gains import Estimate, ObserverWeights, estimate_parts, state_part
 from fuzzyarm.numbers.functions import flat, like, repeat, when
 
-__all__ = ["Constants", "Corrected", "ElasticObserverPolicy", "Observed", "steps_of"]
+__all__ = ["Constants", "ElasticObserverPolicy", "Observed", "steps_of"]
 
-STATICS_STEPS = 20  # iterations of the fixed point for the first estimate; for Table 1 each gains three digits
+_STATICS_STEPS = 20  # iterations of the fixed point for the first estimate; for Table 1 each gains three digits
 
 
 class ElasticObserverPolicy(LawPolicy):
@@ -148,7 +148,7 @@ def steps_of(physics: Physics, kept: tuple[int, ...], cosine: bool, points: int)
                 weight = physics.gravity(PerJoint(*link), arm)
                 return tuple(q - g / k for q, g, k in zip(seen.q_motor, weight, stiffness, strict=True))
 
-            link = repeat(STATICS_STEPS, nearer, tuple(seen.q_motor))
+            link = repeat(_STATICS_STEPS, nearer, tuple(seen.q_motor))
             q, dq = tuple(seen.q_motor), tuple(seen.dq_motor)
             return Estimate(q, link, dq, dq, (0.0,) * n)
 

@@ -192,7 +192,7 @@ CONDITIONS = (
 )
 """The margins of the observer's weights."""
 
-COUNT = 16  # postures
+_COUNT = 16  # postures
 
 
 @dataclasses.dataclass(frozen=True)
@@ -230,7 +230,7 @@ def linear_pid(place: Place, inertia: np.ndarray, k_p: float, k_d: float, k_i: f
     return LinearLaw(D, -k_i * inertia, G, np.eye(joints))
 
 
-def places_of(robot: Robot, control_period: float, count: int = COUNT) -> list[Place]:
+def places_of(robot: Robot, control_period: float, count: int = _COUNT) -> list[Place]:
     """Return random postures, always the same, for a control period [s]."""
     angles = random_angles(robot)[:count]
     return [Place(q, M, robot, control_period) for q, M in zip(angles, mass_matrix(robot, angles), strict=True)]

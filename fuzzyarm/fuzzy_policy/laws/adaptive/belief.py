@@ -240,7 +240,7 @@ class ArmFunctions:
 class Flags(NamedTuple):
     """Single numbers of a memory, or where they stand among them."""
 
-    samples: Any  # how many there have been, up to `filter.ENOUGH`
+    samples: Any  # how many there have been, up to 1e6
     surprise: Any  # ν²/s of the last samples, on average; about 1 where the filter is right
     lost: Any  # 1 once the filter has diverged or the torques swing, else 0
     calm: Any  # 1 where the corrections of the forces look like noise, 0 where they have a direction

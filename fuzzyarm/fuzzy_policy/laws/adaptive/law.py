@@ -44,8 +44,8 @@ from fuzzyarm.numbers.functions import each, entry, floor, maximum, minimum, num
 
 __all__ = ["act", "adaptive_weights_for", "feedback_table", "gain_share", "largest_radius", "softened"]
 
-STIFFNESS = tuple(Condition(stiffness=factor) for factor in (0.8, 1.0, 1.2))  # where a regulator has to be stable
-HEAVIEST = 0.5  # payload of the table's end, share of the mass of all links
+_STIFFNESS = tuple(Condition(stiffness=factor) for factor in (0.8, 1.0, 1.2))  # where a regulator has to be stable
+_HEAVIEST = 0.5  # payload of the table's end, share of the mass of all links
 _PAYLOADS = 6
 
 
@@ -74,7 +74,7 @@ def largest_radius(robot: Robot, control_period: float, weights: AdaptiveWeights
         K = _gain(robot, control_period, nearest_inertia(schedule, place.q), weights)
         return LinearLaw(-K, np.empty((joints, 0)), np.empty((0, 4 * joints)), np.empty((0, 0)))
 
-    return observer_gains.largest_radius(places_of(robot, control_period), regulator, STIFFNESS)
+    return observer_gains.largest_radius(places_of(robot, control_period), regulator, _STIFFNESS)
 
 
 def _gain(arm: AnyArm, control_period: float, inertia: np.ndarray, weights: AdaptiveWeights) -> np.ndarray:
@@ -88,7 +88,7 @@ def _gain(arm: AnyArm, control_period: float, inertia: np.ndarray, weights: Adap
 def feedback_table(arm: AnyArm, control_period: float, weights: AdaptiveWeights) -> np.ndarray:
     """Return K (payloads · points, n · 4 n) [N m/rad, N m s/rad], the points of a payload one after the other."""
     schedule, gains = schedule_of(arm), []
-    for mass in np.linspace(0.0, HEAVIEST * mass_of(arm), _PAYLOADS):
+    for mass in np.linspace(0.0, _HEAVIEST * mass_of(arm), _PAYLOADS):
         gains += observer_gains.at_points(
             lambda inertia: _gain(arm, control_period, inertia, weights).ravel(),
             schedule.places,
@@ -102,7 +102,7 @@ def feedback_table(arm: AnyArm, control_period: float, weights: AdaptiveWeights)
 
 def _feedback_at(s: Settings, q: Any, payload: Any, gain: Any) -> None:
     """Fill K (n, 4 n) at angles q (n,) [rad] and a payload in masses of the links, between the table's entries."""
-    place = minimum(maximum(payload / HEAVIEST, 0.0), 1.0) * (_PAYLOADS - 1.0)
+    place = minimum(maximum(payload / _HEAVIEST, 0.0), 1.0) * (_PAYLOADS - 1.0)
     lower = minimum(_PAYLOADS - 2.0, maximum(0.0, floor(place)))  # a share that is nan is mapped into the table, too
     low, corners, points = place - lower, corners_of(q, *s.schedule), s.feedback.shape[0] / _PAYLOADS
     for i in each(len(gain)):

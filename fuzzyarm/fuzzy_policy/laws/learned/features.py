@@ -46,7 +46,7 @@ from fuzzyarm.numbers.program import Program
 
 __all__ = ["Base", "Features", "Lanes", "gate"]
 
-COARSE = 20.0  # of the unit in which large innovations are seen
+_COARSE = 20.0  # of the unit in which large innovations are seen
 
 
 class _Remembered(NamedTuple):
@@ -122,7 +122,7 @@ class Features:
         if d.innovation_times and innovation:
             units = [d.innovation_scale] * d.joints + [d.innovation_rate_scale] * d.joints
             pairs = list(zip(innovation, units, strict=True))
-            seen_in = [v / unit for v, unit in pairs] + [v / (COARSE * unit) for v, unit in pairs]
+            seen_in = [v / unit for v, unit in pairs] + [v / (_COARSE * unit) for v, unit in pairs]
             for mean, share in zip(memory.means, self._shares, strict=True):
                 seen_in += [(m + share * (v - m)) / unit for m, (v, unit) in zip(mean, pairs, strict=True)]
             at = _put(out, at, seen_in, squashed=True)
