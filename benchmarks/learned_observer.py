@@ -31,8 +31,7 @@ from fuzzyarm.eval.stability.margins import policy_margins
 from fuzzyarm.eval.sweep.config import SweepConfig
 from fuzzyarm.eval.sweep.episodes import run_plants
 from fuzzyarm.fuzzy_policy.known_arm import joints_of
-from fuzzyarm.fuzzy_policy.laws.learned.estimate.bundle import EstimateBundle
-from fuzzyarm.fuzzy_policy.laws.learned.estimate.network import EstimateNetwork, shapes_of
+from fuzzyarm.fuzzy_policy.laws.learned.estimate.network import EstimateBundle, EstimateNetwork, shapes_of
 from fuzzyarm.fuzzy_policy.laws.learned.estimate.policy import LearnedObserverPolicy
 from fuzzyarm.rl_baselines.case_evaluation import evaluate_cases
 

@@ -56,7 +56,7 @@ def run(options: Options) -> int:
 def loaded(name: str, robot: str | None) -> Policy:
     """Return a policy by name for a robot; a controller file without one for the arm that it was designed for."""
     from fuzzyarm.fuzzy_policy.controller import Controller
-    from fuzzyarm.fuzzy_policy.controller_files import load_controller
+    from fuzzyarm.fuzzy_policy.scheduled import load_controller
     from fuzzyarm.policies import Kind, load_policy, resolve
 
     spec = resolve(name)

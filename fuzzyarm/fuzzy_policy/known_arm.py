@@ -11,7 +11,7 @@ from fuzzyarm.common.checks import shown
 from fuzzyarm.envs.physics import dynamics, rigid_body
 from fuzzyarm.envs.physics.equations import AnyArm, equations_of
 from fuzzyarm.envs.physics.friction import DRY_TORQUES, DryFriction
-from fuzzyarm.envs.physics.joint import Link, as_rows
+from fuzzyarm.envs.physics.joint import as_rows
 from fuzzyarm.envs.physics.records import filled, flat
 from fuzzyarm.envs.physics.robot import Robot
 
@@ -88,12 +88,10 @@ def travel_of(arm: AnyArm, q: np.ndarray, dq: np.ndarray) -> np.ndarray:
 def with_drives(arm: AnyArm, **quantities: np.ndarray) -> AnyArm:
     """Return the same arm with other quantities of its drives, each (n,) by name, SI units as in `Drive`."""
     if isinstance(arm, Robot):
-        joints = (
-            dataclasses.replace(
-                joint, drive=dataclasses.replace(joint.drive, **{name: float(q[k]) for name, q in quantities.items()})
-            )
-            for k, joint in enumerate(arm.joints)
-        )
+        joints = []
+        for k, joint in enumerate(arm.joints):
+            drive = dataclasses.replace(joint.drive, **{name: float(q[k]) for name, q in quantities.items()})
+            joints.append(dataclasses.replace(joint, drive=drive))
         return dataclasses.replace(arm, joints=tuple(joints))
     parts: dict[str, Any] = {name: tuple(q.tolist()) for name, q in quantities.items()}
     return dataclasses.replace(arm, **parts)
@@ -101,11 +99,10 @@ def with_drives(arm: AnyArm, **quantities: np.ndarray) -> AnyArm:
 
 def with_mass(robot: Robot, factor: float) -> Robot:
     """Return a robot whose links have `factor` times their mass and inertia."""
-
-    def times(link: Link) -> Link:
-        return dataclasses.replace(link, mass=factor * link.mass, inertia=as_rows(factor * np.array(link.inertia)))
-
-    joints = (dataclasses.replace(joint, link=times(joint.link)) for joint in robot.joints)
+    joints = []
+    for joint in robot.joints:
+        mass, inertia = factor * joint.link.mass, as_rows(factor * np.array(joint.link.inertia))
+        joints.append(dataclasses.replace(joint, link=dataclasses.replace(joint.link, mass=mass, inertia=inertia)))
     return dataclasses.replace(robot, joints=tuple(joints))
 
 

@@ -97,7 +97,8 @@ class LawPolicy(Policy):
 
     def __getstate__(self) -> dict[str, Any]:
         """Leave out what is made when it is needed."""
-        made = {name for name, part in vars(LawPolicy).items() if isinstance(part, functools.cached_property)}
+        parts = [part for kind in type(self).__mro__ if issubclass(kind, LawPolicy) for part in vars(kind).items()]
+        made = {name for name, part in parts if isinstance(part, functools.cached_property)}
         return {name: value for name, value in super().__getstate__().items() if name not in made}
 
     @functools.cached_property
@@ -132,7 +133,7 @@ class LawPolicy(Policy):
 
     @functools.cached_property
     def _limited_constants(self) -> np.ndarray:
-        return constants_array(self.control_law, tuple(map(float, self._torque_limit)))
+        return constants_array(self.control_law, tuple(map(float, self.torque_limit)))
 
 
 class _Alone:

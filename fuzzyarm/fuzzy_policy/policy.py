@@ -6,7 +6,7 @@ import abc
 import functools
 import warnings
 from collections.abc import Callable
-from typing import Any, Generic, Protocol, TypeVar
+from typing import Any, Protocol
 
 import numpy as np
 
@@ -56,6 +56,7 @@ class Policy(abc.ABC):
         control_period: T, time between two calls of `predict` [s].
         memory_size: numbers that a lane remembers, all zero when an episode begins. By default one for each joint: the
             integral of the position error, x_I(t_(k+1)) = x_I(t_k) + T (q - q_d)(t_k).
+        torque_limit: largest torques (n,) [N m].
         action_period: time for which an action is held [s]; the control period, if not said otherwise.
         remake: returns this policy for another control period [s]; None where its own was asked for.
         integral_at: where in a lane's memory the n numbers x_I begin that are held at the torque limits; None: nowhere.
@@ -71,7 +72,7 @@ class Policy(abc.ABC):
         self.joints = joints_of(parameters)
         self.control_period = checked_period("control_period", control_period)
         self.action_period = self.control_period
-        self._torque_limit = per_joint_of(parameters, "torque_limit")
+        self.torque_limit = per_joint_of(parameters, "torque_limit")
 
     @functools.cached_property
     def memory_size(self) -> int:
@@ -96,7 +97,7 @@ class Policy(abc.ABC):
         drive the torque further: u_j > Γ_j and Δx_I,j < 0, or u_j < -Γ_j and Δx_I,j > 0. Arguments and shapes as for
         `act`: observation (lanes, 5 n), memory (lanes, memory_size), torque (lanes, n).
         """
-        at, largest = self.integral_at, self._torque_limit
+        at, largest = self.integral_at, self.torque_limit
         held = memory[:, :0] if at is None else memory[:, at : at + self.joints]
         before = held.copy()
         self.act(observation, memory, torque)
@@ -107,15 +108,6 @@ class Policy(abc.ABC):
         numbers = not np.isnan(torque).any()
         np.clip(torque, -largest, largest, out=torque)
         return numbers
-
-    @property
-    def torque_limit(self) -> np.ndarray:
-        """Largest torques (n,) [N m] of the robot."""
-        return self._torque_limit
-
-    def clipped(self, torque: np.ndarray) -> np.ndarray:
-        """Return torques (..., n) [N m] within the robot's limits."""
-        return np.asarray(np.clip(torque, -self._torque_limit, self._torque_limit))
 
     def checked_state(self, state: Any) -> np.ndarray:
         """Return a state (..., memory_size) that `predict` gave as an array; TypeError or ValueError if it is none."""
@@ -245,26 +237,22 @@ def _no_torque(observation: np.ndarray) -> ValueError:
     return ValueError(f"no finite torque follows from an observation with a number of size {largest:g}")
 
 
-class _Remembering(Protocol):
-    memory: np.ndarray
+class PassLearner(abc.ABC):
+    """A policy over one path again and again; a pass is an episode along it, and what is learned is in the state.
 
-
-State = TypeVar("State", bound=_Remembering)
-
-
-class PassLearner(abc.ABC, Generic[State]):
-    """A policy over one path again and again; a pass is an episode along it, and what is learned is in the state."""
+    A state is of the `kind` of a subclass; its `memory` is that of the `policy`, (lanes, memory_size).
+    """
 
     policy: Policy
-    kind: type[State]
+    kind: type[Any]
 
     def predict(
         self,
         observation: np.ndarray,
-        state: State | None = None,
+        state: Any = None,
         episode_start: np.ndarray | None = None,
         deterministic: bool = True,
-    ) -> tuple[np.ndarray, State]:
+    ) -> tuple[np.ndarray, Any]:
         """Return the torques [N m] and the next state for an observation (5 n,) or (lanes, 5 n).
 
         The state is None for a first pass, else what the last call or `begin_pass` returned; it changes in place,
@@ -279,23 +267,22 @@ class PassLearner(abc.ABC, Generic[State]):
         return (torque[0] if np.ndim(observation) == 1 else torque), state
 
     @abc.abstractmethod
-    def begin_pass(self, state: State) -> State:
+    def begin_pass(self, state: Any) -> Any:
         """Return the state with which the next pass over the same path begins; ValueError if it has seen no sample."""
 
     @abc.abstractmethod
-    def _first(self, memory: np.ndarray) -> State:
+    def _first(self, memory: np.ndarray) -> Any:
         """Return the state before a first pass, with a memory of the policy."""
 
     @abc.abstractmethod
-    def _go_on(self, seen: np.ndarray, state: State) -> np.ndarray:
+    def _go_on(self, seen: np.ndarray, state: Any) -> np.ndarray:
         """Return the torques (lanes, n) [N m] of a sample, `_clipped`, and advance the state after that."""
 
-    def _checked(self, state: Any) -> State:
+    def _checked(self, state: Any) -> Any:
         """Return a state, once it is one of this policy."""
         if not isinstance(state, self.kind):
-            raise TypeError(
-                f"state = {shown(state)} must be the {self.kind.__name__} that predict or begin_pass returned"
-            )
+            needed = f"the {self.kind.__name__} that predict or begin_pass returned"
+            raise TypeError(f"state = {shown(state)} must be {needed}")
         size, own = state.memory.shape[1], self.policy.memory_size
         if size != own:
             raise ValueError(f"state has a memory of {size} numbers; needed: {own}, that of this arm")
@@ -304,7 +291,7 @@ class PassLearner(abc.ABC, Generic[State]):
     def _clipped(self, seen: np.ndarray, torque: np.ndarray) -> np.ndarray:
         if np.isnan(torque).any():
             raise _no_torque(seen)
-        return self.policy.clipped(torque)
+        return np.asarray(np.clip(torque, -self.policy.torque_limit, self.policy.torque_limit))
 
 
 NOTHING_LEARNED = "there is no pass to learn from: call predict along the path before begin_pass"

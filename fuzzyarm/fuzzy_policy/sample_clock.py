@@ -21,7 +21,7 @@ from fuzzyarm.envs.observation import PARTS
 
 __all__ = ["SampleClock", "period_between"]
 
-TOLERANCE = 1e-3  # share by which two intervals in a row may differ where both tell the same T
+_TOLERANCE = 1e-3  # share by which two intervals in a row may differ where both tell the same T
 
 # Shares by which the first and the second relation may miss: samples far apart, and their jerk; and of a turn that
 # rounding may take.
@@ -64,7 +64,7 @@ class SampleClock:
         copied = self.returned is not None and np.any(self.returned) and np.array_equal(state, self.returned)
         if self.samples and (state is self.returned or copied):
             period = period_between(self.samples[-1][0], seen[0])
-        self.sure = period > 0.0 and abs(period - self._found) <= TOLERANCE * period
+        self.sure = period > 0.0 and abs(period - self._found) <= _TOLERANCE * period
         self._found = period
         self.samples = [*self.samples, seen] if period else [seen]
         return float(f"{period:.4g}") if self.sure or seen.shape[1] > PARTS else 0.0

@@ -15,19 +15,21 @@ from __future__ import annotations
 import dataclasses
 import functools
 from collections.abc import Sequence
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from fuzzyarm.common.checks import choice, instance, real, whole
 from fuzzyarm.envs.physics.robot import Robot
-from fuzzyarm.fuzzy_policy.controller import GAINS, RATES
-from fuzzyarm.fuzzy_policy.signed_files import SignedController, checked_fields, decoded, encoded
+from fuzzyarm.fuzzy_policy.controller import GAINS, RATES, Controller
+from fuzzyarm.fuzzy_policy.signed_files import SignedController, checked_fields, controller_in, decoded, encoded
 from fuzzyarm.fuzzy_policy.states import SCALAR_STATES
 from fuzzyarm.fuzzy_policy.ts_model import rule_products
 
 __all__ = [
-    "FORM", "FUNCTIONS", "MOST_PREMISES", "SCHEMA", "TWIST", "Premise", "ScheduledController", "rule_weights",
+    "FORM", "FUNCTIONS", "MOST_PREMISES", "SCHEMA", "TWIST", "Premise", "ScheduledController", "load_controller",
+    "rule_weights",
     "speeds_of",
 ]  # fmt: skip
 
@@ -37,7 +39,7 @@ SCHEMA = "fuzzyarm-semidefinite/1"
 FUNCTIONS = ("cos q", "sin q", "cos 2q", "sin 2q")
 MOST_PREMISES = 4
 TWIST = 6  # numbers of a base's twist, linear before angular velocity
-ARRAYS = ("inertia", "rates", "distal_low", "distal_high", "feedback", "lyapunov")
+_ARRAYS = ("inertia", "rates", "distal_low", "distal_high", "feedback", "lyapunov")
 NUMBERS = ("kappa", "floor", "alpha", "gamma", "fastest_pole")
 
 
@@ -74,9 +76,9 @@ class Premise:
 
 
 # Of the file, where numbers are still texts, except those of the robot, whose JSON is exact.
-FIELDS = {
+_FIELDS = {
     "form": str, "robot": Robot, "robot_digest": str, "premises": tuple[Premise, ...], "split": int,
-    "origin": dict[str, str], **dict.fromkeys((*ARRAYS, *NUMBERS), Any),
+    "origin": dict[str, str], **dict.fromkeys((*_ARRAYS, *NUMBERS), Any),
 }  # fmt: skip
 
 
@@ -145,26 +147,17 @@ class ScheduledController(SignedController):
         """Largest speeds (premises,) [rad/s] of the kept angles in the box."""
         return speeds_of(self.robot, self.premises)
 
-    @property
-    def gains(self) -> np.ndarray:
-        """K_r = [k_p S_r, k_d S_r, k_i S_r] (N, n, 3n): the feedback is u = -Σ h_r K_r (e, ė, x_I)."""
-        return np.concatenate([gain * self.inertia for gain in self.feedback.tolist()], axis=-1)
-
-    def weights(self, q: np.ndarray) -> np.ndarray:
-        """Return h (..., N) at angles (..., n) [rad]."""
-        return rule_weights(self.premises, q)
-
     def inertia_at(self, q: np.ndarray) -> np.ndarray:
         """Return M̂ (..., n, n) [kg m²] at angles (..., n) [rad]."""
-        return np.asarray(np.tensordot(self.weights(q), self.inertia, axes=1))
+        return np.asarray(np.tensordot(rule_weights(self.premises, q), self.inertia, axes=1))
 
     @functools.cached_property
     def _encoded(self) -> dict[str, Any]:
-        numbers = {name: getattr(self, name) for name in (*ARRAYS, *NUMBERS)}
+        numbers = {name: getattr(self, name) for name in (*_ARRAYS, *NUMBERS)}
         return {
             "schema": SCHEMA,
             "form": FORM,
-            "robot": _plain(dataclasses.asdict(self.robot)),
+            "robot": dataclasses.asdict(self.robot),
             "robot_digest": self.robot.digest,
             "premises": [dataclasses.asdict(premise) for premise in self.premises],
             "split": self.split,
@@ -175,16 +168,26 @@ class ScheduledController(SignedController):
     @classmethod
     def from_document(cls, content: Any) -> ScheduledController:
         """Return the controller of a file's content; ValueError if it is not of this form, damaged or inconsistent."""
-        document = checked_fields(content, SCHEMA, FIELDS)
+        document = checked_fields(content, SCHEMA, _FIELDS)
         robot = document["robot"]
         choice("form", document["form"], (FORM,))
         if document["robot_digest"] != robot.digest:
             raise ValueError("the robot's digest does not match: the file was changed")
-        arrays: dict[str, Any] = {name: np.array(decoded(document[name]), dtype=np.float64) for name in ARRAYS}
+        arrays: dict[str, Any] = {name: np.array(decoded(document[name]), dtype=np.float64) for name in _ARRAYS}
         if document["split"] == len(robot):  # JSON keeps no shape of an empty array
             arrays |= {name: np.zeros((0, 0)) for name in ("distal_low", "distal_high")}
         numbers = {name: decoded(document[name]) for name in NUMBERS}
         return cls(**{name: document[name] for name in ("robot", "premises", "split", "origin")}, **arrays, **numbers)
+
+
+def load_controller(path: str | Path) -> Controller | ScheduledController:
+    """Read a controller file of any form; ControllerFileError if it is damaged, OSError if it is unreadable."""
+
+    def build(content: Any) -> Controller | ScheduledController:
+        form = ScheduledController if isinstance(content, dict) and content.get("schema") == SCHEMA else Controller
+        return form.from_document(content)
+
+    return controller_in(path, build)
 
 
 def speeds_of(robot: Robot, premises: Sequence[Premise]) -> np.ndarray:
@@ -195,9 +198,3 @@ def speeds_of(robot: Robot, premises: Sequence[Premise]) -> np.ndarray:
 def rule_weights(premises: Sequence[Premise], q: np.ndarray) -> np.ndarray:
     """Return the weights h (..., 2^premises) of the rules at angles (..., n) [rad]: >= 0, with the sum 1."""
     return rule_products((0.5 * (1.0 + premise.at(q)) for premise in premises), q.shape[:-1])
-
-
-def _plain(value: Any) -> Any:
-    if isinstance(value, dict):
-        return {key: _plain(entry) for key, entry in value.items()}
-    return [_plain(entry) for entry in value] if isinstance(value, tuple | list) else value

@@ -58,13 +58,8 @@ def premise_bounds(parameters: ArmParameters) -> np.ndarray:
     """
     _, c2, _, c4, c5 = _constants(parameters, Fraction)
     dq1, dq2 = map(Fraction, parameters.velocity_limit)
-    exact = [
-        (Fraction(-1), Fraction(1)),
-        (-(c4 + c5), -c5 * SINC_MINIMUM),
-        (-c5, -c5 * SINC_MINIMUM),
-        (-c2 * dq2, c2 * dq2),
-        (-c2 * dq1, c2 * dq1),
-    ]
+    gravity = (-(c4 + c5), -c5 * SINC_MINIMUM), (-c5, -c5 * SINC_MINIMUM)
+    exact = [(Fraction(-1), Fraction(1)), *gravity, (-c2 * dq2, c2 * dq2), (-c2 * dq1, c2 * dq1)]
     return np.array([[_outwards(low, high, -1), _outwards(low, high, 1)] for low, high in exact])
 
 
@@ -80,16 +75,9 @@ def premises(q: np.ndarray, dq: np.ndarray, parameters: ArmParameters) -> np.nda
     arm = arm_constants(parameters)
     sinc1, sinc12 = np.sinc(q[..., 0] / np.pi), np.sinc((q[..., 0] + q[..., 1]) / np.pi)
     sin2 = np.sin(q[..., 1])
-    return np.stack(
-        [
-            np.cos(q[..., 1]),
-            -arm.c4 * sinc1 - arm.c5 * sinc12,
-            -arm.c5 * sinc12,
-            arm.c2 * dq[..., 1] * sin2,
-            -arm.c2 * dq[..., 0] * sin2,
-        ],
-        axis=-1,
-    )
+    gravity = -arm.c4 * sinc1 - arm.c5 * sinc12, -arm.c5 * sinc12
+    coriolis = arm.c2 * dq[..., 1] * sin2, -arm.c2 * dq[..., 0] * sin2
+    return np.stack([np.cos(q[..., 1]), *gravity, *coriolis], axis=-1)
 
 
 @dataclasses.dataclass(frozen=True)
@@ -208,9 +196,8 @@ class TSModel:
                 slope, (low, high) = terms[side][1][index], bounds[index]
                 # H picks the dynamic rows the premise acts on, W holds those rows: Hᵀ W is the slope, exactly.
                 rows = [row for row in range(PLANT_STATES) if any(entry != 0 for entry in slope[row])]
-                uncertainties.append(
-                    Uncertainty((name,), side, np.eye(PLANT_STATES)[rows], (high - low) / 2 * slope[rows])
-                )
+                H, W = np.eye(PLANT_STATES)[rows], (high - low) / 2 * slope[rows]
+                uncertainties.append(Uncertainty((name,), side, H, W))
         return _Polytope(corners("E", self.kept_in_E), corners("A", self.kept_in_A), uncertainties)
 
     def weights(self, z: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -229,26 +216,21 @@ def descriptor_terms(
 ) -> dict[str, tuple[np.ndarray, np.ndarray]]:
     """Return E_p and A_p of (5) as base (4, 4) and slopes (5, 4, 4) over z1..z5, in a number type."""
     c1, c2, c3, _, _ = _constants(parameters, number)
-    (motor1, motor2), (viscous1, viscous2) = (
-        map(number, parameters.motor_inertia),
-        map(number, parameters.viscous_friction),
-    )
-    one, nil = number(1.0), number(0.0)
-    none, unit = [[nil, nil], [nil, nil]], [[one, nil], [nil, one]]
+    motor1, motor2, viscous1, viscous2 = map(number, (*parameters.motor_inertia, *parameters.viscous_friction))
+    one, two = number(1.0), number(2.0)
 
-    def matrix(upper_left: Any, upper_right: Any, lower_left: Any, lower_right: Any) -> np.ndarray:
-        rows = [*zip(upper_left, upper_right, strict=True), *zip(lower_left, lower_right, strict=True)]
-        return np.array([[*left, *right] for left, right in rows])
+    def matrix(entries: dict[tuple[int, int], Any]) -> list[list[Any]]:
+        return [[entries.get((row, column), number(0.0)) for column in range(4)] for row in range(4)]
 
-    nothing = matrix(none, none, none, none)
-    E = matrix(unit, none, none, [[motor1 + c1, c3], [c3, motor2 + c3]])
-    E1 = matrix(none, none, none, [[2 * c2, c2], [c2, nil]])
-    A = matrix(none, unit, none, [[-viscous1, nil], [nil, -viscous2]])
-    A2 = matrix(none, none, [[one, nil], [nil, nil]], none)
-    A3 = matrix(none, none, [[nil, one], [one, one]], none)
-    A4 = matrix(none, none, none, [[2 * one, one], [nil, nil]])
-    A5 = matrix(none, none, none, [[nil, nil], [one, nil]])
-    return {"E": (E, np.array([E1, *[nothing] * 4])), "A": (A, np.array([nothing, A2, A3, A4, A5]))}
+    E = matrix({(0, 0): one, (1, 1): one, (2, 2): motor1 + c1, (2, 3): c3, (3, 2): c3, (3, 3): motor2 + c3})
+    E1 = matrix({(2, 2): 2 * c2, (2, 3): c2, (3, 2): c2})
+    A = matrix({(0, 2): one, (1, 3): one, (2, 2): -viscous1, (3, 3): -viscous2})
+    A2, A3 = matrix({(2, 0): one}), matrix({(2, 1): one, (3, 0): one, (3, 1): one})
+    A4, A5 = matrix({(2, 2): two, (2, 3): one}), matrix({(3, 2): one})
+    return {
+        "E": (np.array(E), np.array([E1, *[matrix({})] * 4])),
+        "A": (np.array(A), np.array([matrix({}), A2, A3, A4, A5])),
+    }
 
 
 def _constants(parameters: ArmParameters, number: Callable[[float], Any]) -> tuple[Any, ...]:

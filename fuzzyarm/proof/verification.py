@@ -13,8 +13,7 @@ from fuzzyarm.common.checks import path_of
 from fuzzyarm.common.console import escaped
 from fuzzyarm.envs.scenario.reference import CHECKED_INSTANTS, JointReference
 from fuzzyarm.fuzzy_policy.controller import Controller
-from fuzzyarm.fuzzy_policy.controller_files import load_controller
-from fuzzyarm.fuzzy_policy.scheduled import ScheduledController
+from fuzzyarm.fuzzy_policy.scheduled import ScheduledController, load_controller
 from fuzzyarm.proof.certificate import Certificate, certify
 from fuzzyarm.proof.policy_certificate import tip_statement
 from fuzzyarm.proof.residual import Residual, feedforward_residual

@@ -13,8 +13,7 @@ from support.plain import scheduled_torque
 from fuzzyarm.envs.physics.rigid_body import bias, mass_matrix
 from fuzzyarm.envs.physics.robot import robot_named
 from fuzzyarm.fuzzy_policy.controller import Controller
-from fuzzyarm.fuzzy_policy.controller_files import load_controller
-from fuzzyarm.fuzzy_policy.scheduled import Premise, ScheduledController
+from fuzzyarm.fuzzy_policy.scheduled import Premise, ScheduledController, load_controller
 from fuzzyarm.fuzzy_policy.signed_files import ControllerFileError, digest_of
 from fuzzyarm.proof.box_cover import TrigMatrix
 from fuzzyarm.proof.inertia_bounds import scheduled_polynomial

@@ -14,7 +14,7 @@ from fuzzyarm.envs.scenario.disturbances import ConstantForce
 from fuzzyarm.envs.scenario.kinematics import freedom
 from fuzzyarm.fuzzy_policy.laws.adaptive.policy import AdaptiveObserverPolicy
 from fuzzyarm.fuzzy_policy.laws.learned.definition import ArmDefinition
-from fuzzyarm.fuzzy_policy.laws.learned.estimate.bundle import EstimateBundle
+from fuzzyarm.fuzzy_policy.laws.learned.estimate.network import EstimateBundle
 from fuzzyarm.fuzzy_policy.laws.learned.estimate.signals import scale_of
 from fuzzyarm.rl_baselines.estimate.courses import HEAVIEST, TravelForce, _direction, _rotation, draw_courses
 from fuzzyarm.rl_baselines.estimate.teacher import Teacher

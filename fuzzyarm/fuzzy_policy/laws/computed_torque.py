@@ -9,7 +9,7 @@ information, integral action and torque limits as the fuzzy policy.
 from __future__ import annotations
 
 import functools
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 
@@ -19,16 +19,10 @@ from fuzzyarm.envs.physics.equations import AnyArm, equations_of
 from fuzzyarm.envs.physics.parameters import ArmParameters
 from fuzzyarm.envs.physics.records import Physics
 from fuzzyarm.envs.physics.robot import Robot
-from fuzzyarm.fuzzy_policy.known_arm import Drives, numbers_of
+from fuzzyarm.fuzzy_policy.known_arm import numbers_of
 from fuzzyarm.fuzzy_policy.law import Law, LawPolicy
-from fuzzyarm.fuzzy_policy.laws.observer_gains import (
-    ONE_AT_A_TIME,
-    LinearLaw,
-    Place,
-    linear_pid,
-    places_of,
-    worst_radius,
-)
+from fuzzyarm.fuzzy_policy.laws import observer_gains
+from fuzzyarm.fuzzy_policy.laws.observer_gains import ONE_AT_A_TIME, LinearLaw, Place, worst_radius
 
 __all__ = ["BANDWIDTH", "ComputedTorquePolicy", "bandwidth_for", "linear_computed_torque"]
 
@@ -53,7 +47,7 @@ class ComputedTorquePolicy(LawPolicy):
     def control_law(self) -> Law:
         """The law of the module's docstring."""
         arm, drives = numbers_of(self.parameters)
-        constants = _Constants(self.bandwidth, self.control_period, arm, drives)
+        constants = self.bandwidth, self.control_period, arm, drives
         return Law(_law_of(equations_of(self.parameters)), (0.0,) * self.joints, constants)
 
 
@@ -67,7 +61,7 @@ def bandwidth_for(arm: AnyArm, control_period: float) -> float:
     """
     if not isinstance(arm, Robot):
         return BANDWIDTH
-    places, bandwidth = places_of(arm, control_period), BANDWIDTH
+    places, bandwidth = observer_gains.places_of(arm, control_period), BANDWIDTH
     while bandwidth > STEP and any(
         worst_radius(place, linear_computed_torque(place, bandwidth), ONE_AT_A_TIME) >= 1.0 for place in places
     ):
@@ -78,29 +72,21 @@ def bandwidth_for(arm: AnyArm, control_period: float) -> float:
 def linear_computed_torque(place: Place, bandwidth: float) -> LinearLaw:
     """Return the law of a bandwidth [rad/s] near rest, at a posture of a robot; its memory is x_I."""
     inertia = place.inertia + np.diag(place.robot.drive("motor_inertia"))
-    return linear_pid(place, inertia, 3.0 * bandwidth**2, 3.0 * bandwidth, bandwidth**3)
-
-
-class _Constants(NamedTuple):
-    """ω [rad/s], T [s], the constants of the links, and the motors'."""
-
-    bandwidth: Any
-    period: Any
-    arm: Any
-    drives: Drives
+    return observer_gains.linear_pid(place, inertia, 3.0 * bandwidth**2, 3.0 * bandwidth, bandwidth**3)
 
 
 @functools.cache
 def _law_of(physics: Physics) -> Any:
+    """Return the law for arms with these equations; its constants are ω [rad/s], T [s], the links and the motors."""
 
-    def computed_torque(x_I: Any, seen: Observation, c: _Constants) -> tuple[Any, Any]:
-        w, asked, after = c.bandwidth, [], []
+    def computed_torque(x_I: Any, seen: Observation, constants: Any) -> tuple[Any, Any]:
+        (w, period, arm, drives), asked, after = constants, [], []
         for q, dq, q_d, dq_d, ddq_d, x in zip(*seen, x_I, strict=True):
             e, de = q - q_d, dq - dq_d
             asked.append(ddq_d - w * (3.0 * de + w * (3.0 * e + w * x)))
-            after.append(x + c.period * e)
-        links = physics.inverse_dynamics(seen.q_motor, seen.dq_motor, physics.PerJoint(*asked), c.arm)
-        I_a, f_v = c.drives.motor_inertia, c.drives.viscous_friction
+            after.append(x + period * e)
+        links = physics.inverse_dynamics(seen.q_motor, seen.dq_motor, physics.PerJoint(*asked), arm)
+        I_a, f_v = drives.motor_inertia, drives.viscous_friction
         torque = (u + i * a + f * v for u, i, a, f, v in zip(links, I_a, asked, f_v, seen.dq_motor, strict=True))
         return tuple(after), tuple(torque)
 

@@ -23,7 +23,6 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from fuzzyarm.common.arithmetic import consecutive
 from fuzzyarm.envs.fastest_mode import fastest_rate
 from fuzzyarm.envs.observation import Observation
 from fuzzyarm.envs.periods import default_substeps
@@ -32,28 +31,15 @@ from fuzzyarm.envs.physics.parameters import ArmParameters
 from fuzzyarm.envs.physics.records import Physics
 from fuzzyarm.fuzzy_policy.known_arm import without_dry_friction
 from fuzzyarm.fuzzy_policy.law import Law, LawPolicy, within
-from fuzzyarm.fuzzy_policy.laws.elastic_target import (
-    ElasticTarget,
-    Past,
-    TargetConstants,
-    memory_size,
-    past_of,
-    target_of,
-)
+from fuzzyarm.fuzzy_policy.laws import observer_gains
+from fuzzyarm.fuzzy_policy.laws.elastic_target import ElasticTarget, Past, TargetConstants, past_of, target_of
 from fuzzyarm.fuzzy_policy.laws.gain_schedule import corners_of, on_table
-from fuzzyarm.fuzzy_policy.laws.observer_gains import (
-    Estimate,
-    ObserverWeights,
-    estimate_parts,
-    gain_tables,
-    state_part,
-    weights_for,
-)
+from fuzzyarm.fuzzy_policy.laws.observer_gains import Estimate, ObserverWeights, estimate_parts, state_part
 from fuzzyarm.numbers.functions import flat, like, repeat, when
 
-__all__ = ["Constants", "Corrected", "ElasticObserverPolicy", "Observed", "steps_of"]
+__all__ = ["Constants", "ElasticObserverPolicy", "Observed", "steps_of"]
 
-STATICS_STEPS = 20  # iterations of the fixed point for the first estimate; for Table 1 each gains three digits
+_STATICS_STEPS = 20  # iterations of the fixed point for the first estimate; for Table 1 each gains three digits
 
 
 class ElasticObserverPolicy(LawPolicy):
@@ -72,13 +58,13 @@ class ElasticObserverPolicy(LawPolicy):
         period is out of range, or there are no gains for these arguments.
         """
         super().__init__(ArmParameters() if parameters is None else parameters, control_period)
-        self.weights = weights or weights_for(self.parameters, self.control_period)
+        self.weights = weights or observer_gains.weights_for(self.parameters, self.control_period)
         self._substeps = default_substeps(self.control_period, fastest_rate([self.parameters]))
-        self._schedule, self.feedback, self.observer = gain_tables(self.parameters, self.control_period, self.weights)
-        parts = consecutive(memory_size(self.joints), 1, estimate_parts(self.joints).load.stop)
-        _, self._started, self._predicted = parts  # in a lane's memory, behind the target's
+        tables = observer_gains.gain_tables(self.parameters, self.control_period, self.weights)
+        self._schedule, self.feedback, self.observer = tables
+        before = len(flat(past_of(self.joints))) + 1  # what the target remembers, and whether there was a sample
+        self._predicted = slice(before, before + estimate_parts(self.joints).load.stop)
         self.memory_size = self._predicted.stop
-        self.load = slice(self._predicted.stop - self.joints, self._predicted.stop)
         self._know(self.parameters)
 
     def without_dry_friction(self) -> ElasticObserverPolicy:
@@ -105,18 +91,11 @@ class ElasticObserverPolicy(LawPolicy):
         schedule = self._schedule
         return equations_of(self.parameters), tuple(schedule.kept.tolist()), schedule.cosine, schedule.points
 
-    def innovation(self, observation: np.ndarray, memory: np.ndarray) -> np.ndarray:
-        """Return ν = y - (θ̂, θ̂̇)⁻ (lanes, 2 n) [rad, rad/s] before `act`; 0 where an episode begins."""
-        predicted, measured = memory[:, self._predicted], observation[:, : 2 * self.joints]
-        parts = estimate_parts(self.joints)
-        motors = np.concatenate([predicted[:, parts.q_motor], predicted[:, parts.dq_motor]], axis=1)
-        return np.where(memory[:, self._started] == 0.0, 0.0, measured - motors)
-
     def _know(self, parameters: AnyArm) -> None:
         """Take `parameters` for the arm that is predicted; the gains stay."""
         self.parameters = parameters
         self._target = ElasticTarget(parameters, self.control_period)
-        limit, substep = tuple(map(float, self._torque_limit)), self.control_period / self._substeps
+        limit, substep = tuple(map(float, self.torque_limit)), self.control_period / self._substeps
         self._numbers = Constants(self._target.constants, limit, substep, float(self._substeps))
 
 
@@ -169,7 +148,7 @@ def steps_of(physics: Physics, kept: tuple[int, ...], cosine: bool, points: int)
                 weight = physics.gravity(PerJoint(*link), arm)
                 return tuple(q - g / k for q, g, k in zip(seen.q_motor, weight, stiffness, strict=True))
 
-            link = repeat(STATICS_STEPS, nearer, tuple(seen.q_motor))
+            link = repeat(_STATICS_STEPS, nearer, tuple(seen.q_motor))
             q, dq = tuple(seen.q_motor), tuple(seen.dq_motor)
             return Estimate(q, link, dq, dq, (0.0,) * n)
 

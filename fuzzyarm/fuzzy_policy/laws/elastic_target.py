@@ -127,11 +127,15 @@ class ElasticTarget:
         `friction` says whether u_ff holds the dry friction, `average` whether it is that of the middle of the coming
         hold rather than that of its start.
         """
-        period, self._parameters = real("control_period", control_period, "s", above=0.0), parameters
-        joints = equations_of(parameters).joints
-        self.memory_size, self.size = memory_size(joints), 3 * joints
+        period, physics = real("control_period", control_period, "s", above=0.0), equations_of(parameters)
+        self._parameters, self._joints, self.memory_size = parameters, physics.joints, memory_size(physics.joints)
         self.constants = TargetConstants(*numbers_of(parameters), period, float(friction), 0.5 * float(average))
         self._numbers = np.array(flat(self.constants))
+
+    @property
+    def of(self) -> Any:
+        """The function of `target_of` for the arm."""
+        return target_of(equations_of(self._parameters))
 
     def advance(self, observation: np.ndarray, memory: np.ndarray, target: np.ndarray, feedforward: np.ndarray) -> None:
         """Fill θ_d, θ̇_d, θ̈_d (lanes, 3 n) [rad, s] and u_ff (lanes, n) [N m], not clipped; advance the memory.
@@ -146,13 +150,10 @@ class ElasticTarget:
 
     @functools.cached_property
     def _kernel(self) -> Kernel:
-        physics = equations_of(self._parameters)
-        target = target_of(physics)
-
         def advance(past: Past, seen: Observation, _aim: Aim, _u_ff: Any, c: TargetConstants) -> tuple[Any, ...]:
-            past, aim, u_ff = target(past, seen, c)
+            past, aim, u_ff = self.of(past, seen, c)
             return past, seen, aim, u_ff
 
-        nothing = (0.0,) * physics.joints
-        ports = past_of(physics.joints), seen_by(physics.joints), Aim(nothing, nothing, nothing), nothing
+        nothing = (0.0,) * self._joints
+        ports = past_of(self._joints), seen_by(self._joints), Aim(nothing, nothing, nothing), nothing
         return Kernel(Program(advance, ports, self.constants))

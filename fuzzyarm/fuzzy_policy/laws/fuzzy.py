@@ -9,7 +9,7 @@ L_ik r = -A_pi[3:4, :] (q_d, q̇_d) + E_pk[3:4, 3:4] q̈_d, which cancels A_ph x
 from __future__ import annotations
 
 import functools
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 
@@ -43,38 +43,35 @@ class FuzzyPolicy(LawPolicy):
         gains[..., :n_e] = self.controller.gains
         rules = np.concatenate([gains, self.controller.feedforward_gains], axis=-1)
         low, high = (tuple(map(float, bound)) for bound in model.bounds.T)
-        constants = _Constants(
-            tuple(tuple(tuple(map(float, joint)) for joint in rule) for rule in rules.reshape(-1, *rules.shape[-2:])),
-            *(low, high, arm.c2, arm.c4, arm.c5, self.control_period),
+        by_rule = tuple(
+            tuple(tuple(map(float, joint)) for joint in rule) for rule in rules.reshape(-1, *rules.shape[-2:])
         )
+        constants = by_rule, low, high, (arm.c2, arm.c4, arm.c5), self.control_period
         return Law(_law_of(tuple(map(int, model.kept_in_A)), gains.shape[1]), (0.0,) * JOINTS, constants)
-
-
-class _Constants(NamedTuple):
-    """Gains [K H | L] of each rule and joint, bounds of the premises, c2 [kg m²], c4 and c5 [N m] of (3), T [s]."""
-
-    rules: Any
-    low: Any
-    high: Any
-    c2: Any
-    c4: Any
-    c5: Any
-    period: Any
 
 
 @functools.cache
 def _law_of(kept_in_A: tuple[int, ...], of_E: int) -> Any:
-    """Return the law of controllers whose A is blended by these premises, and whose E has so many vertices."""
+    """Return the law of controllers whose A is blended by these premises, and whose E has so many vertices.
+
+    Its constants are the gains [K H | L] of each rule and joint, the bounds of the premises, c2 [kg m²], c4 and c5
+    [N m] of (3), and T [s].
+    """
     blending = {*kept_in_A, *range(of_E - 1)}  # z1 alone blends E
 
-    def fuzzy(x_I: Any, seen: Observation, c: _Constants) -> tuple[Any, Any]:
+    def fuzzy(x_I: Any, seen: Observation, constants: Any) -> tuple[Any, Any]:
+        rules, low, high, of_arm, period = constants
         e = [a - b for a, b in zip(seen.q_motor, seen.q_reference, strict=True)]
         de = [a - b for a, b in zip(seen.dq_motor, seen.dq_reference, strict=True)]
-        premises = _premises(seen.q_motor, seen.dq_motor, c)
-        omega = {k: _membership(premises[k], c.low[k], c.high[k]) for k in blending}
+        (q, dq), (c2, c4, c5) = seen[:2], of_arm
+        sinc12, (sin2, cos2) = sinc(q.joint1 + q.joint2), sine_cosine(q.joint2)
+        gravity = -c4 * sinc(q.joint1) - c5 * sinc12
+        premises = cos2, gravity, -c5 * sinc12, c2 * dq.joint2 * sin2, -c2 * dq.joint1 * sin2
+        # 0 at the lower bound of a premise, 1 at the upper one, and no further
+        omega = {k: minimum(maximum((premises[k] - low[k]) / (high[k] - low[k]), 0.0), 1.0) for k in blending}
         error, wanted = (*e, *de, *x_I), (*seen.q_reference, *seen.dq_reference, *seen.ddq_reference)
         torque = [0.0] * JOINTS
-        for number, rule in enumerate(c.rules):
+        for number, rule in enumerate(rules):
             i, k = divmod(number, of_E)
             h = 1.0
             for position, premise in enumerate(kept_in_A):
@@ -84,18 +81,6 @@ def _law_of(kept_in_A: tuple[int, ...], of_E: int) -> Any:
                 back, forward = gains[: len(error)], gains[len(error) :]
                 for K, x, L, r in zip(back, error, forward, wanted, strict=True):
                     torque[joint] = torque[joint] + h * (K * x + L * r)
-        return tuple(x + c.period * a for x, a in zip(x_I, e, strict=True)), tuple(torque)
+        return tuple(x + period * a for x, a in zip(x_I, e, strict=True)), tuple(torque)
 
     return fuzzy
-
-
-def _membership(premise: Any, low: Any, high: Any) -> Any:
-    """Return how much a premise is at its upper bound: 0 at the lower, 1 at the upper, and no further."""
-    return minimum(maximum((premise - low) / (high - low), 0.0), 1.0)
-
-
-def _premises(q: Any, dq: Any, c: _Constants) -> tuple[Any, ...]:
-    """Return the premises (6) at the measured motor angles, as `premises` has them."""
-    sinc12, (sin2, cos2) = sinc(q.joint1 + q.joint2), sine_cosine(q.joint2)
-    gravity = -c.c4 * sinc(q.joint1) - c.c5 * sinc12
-    return cos2, gravity, -c.c5 * sinc12, c.c2 * dq.joint2 * sin2, -c.c2 * dq.joint1 * sin2

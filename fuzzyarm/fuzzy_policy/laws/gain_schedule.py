@@ -45,14 +45,19 @@ class GainSchedule(NamedTuple):
 
 def schedule_of(arm: AnyArm) -> GainSchedule:
     """Return the schedule of the two-joint arm or of a robot."""
-    return _of_robot(arm) if isinstance(arm, Robot) else _of_cosine(arm)
+    if isinstance(arm, Robot):
+        return _of_robot(arm)
+    schedule = GainSchedule(np.array([1]), True, len(GRID), tuple(f"cos q2 = {cos2:g}" for cos2 in GRID), np.empty(0))
+    return schedule._replace(inertia=loaded_inertia(arm, schedule, 0.0))
 
 
 def loaded_inertia(arm: AnyArm, schedule: GainSchedule, payload: float) -> np.ndarray:
     """Return M (points, n, n) [kg m²] at the points of an arm's schedule with a payload [kg] at the tip."""
     if isinstance(arm, Robot):
-        return _inertia_at_points(arm.with_payload(payload), tuple(schedule.kept.tolist()))
-    return _inertia_at_cosines(arm, payload)
+        return _inertia_at(arm.with_payload(payload), _turned_to(random_angles(arm), schedule.kept.tolist()))
+    constants = arm_constants(arm, Payload(payload))
+    entries = [two_joint_mass_matrix(float(cos2), constants) for cos2 in GRID]
+    return np.array([[[m11, m12], [m12, m22]] for m11, m12, m22 in entries])
 
 
 def kept_joints(robot: Robot) -> tuple[int, ...]:
@@ -63,36 +68,26 @@ def kept_joints(robot: Robot) -> tuple[int, ...]:
     size = np.sqrt(np.diagonal(whole))
     spread = []
     for joint in range(1, len(robot)):
-        means = np.array([np.mean(mass_matrix(robot, q), axis=0) for q in _turned_to(others, (joint,))])
+        means = _inertia_at(robot, _turned_to(others, [joint]))
         spread.append(float(np.mean(((means - whole) / np.outer(size, size)) ** 2)))
     return tuple(sorted(1 + int(number) for number in np.argsort(spread)[::-1][:count]))
 
 
 @functools.lru_cache(maxsize=32)
 def _of_robot(robot: Robot) -> GainSchedule:
-    kept = kept_joints(robot)
+    kept = list(kept_joints(robot))
     points = _turned_to(random_angles(robot), kept)
     names = [robot.joints[joint].name for joint in kept]
     places = tuple(
         ", ".join(f"{name} = {q[0, joint]:.3g} rad" for name, joint in zip(names, kept, strict=True)) or "any angles"
         for q in points
     )
-    return GainSchedule(np.array(kept, dtype=np.int64), False, POINTS, places, _inertia_at_points(robot, kept))
+    return GainSchedule(np.array(kept, dtype=np.int64), False, POINTS, places, _inertia_at(robot, points))
 
 
-def _inertia_at_points(robot: Robot, kept: tuple[int, ...]) -> np.ndarray:
-    return np.array([np.mean(mass_matrix(robot, q), axis=0) for q in _turned_to(random_angles(robot), kept)])
-
-
-def _of_cosine(arm: Any) -> GainSchedule:
-    places = tuple(f"cos q2 = {cos2:g}" for cos2 in GRID)
-    return GainSchedule(np.array([1], dtype=np.int64), True, len(GRID), places, _inertia_at_cosines(arm, 0.0))
-
-
-def _inertia_at_cosines(arm: Any, payload: float) -> np.ndarray:
-    constants = arm_constants(arm, Payload(payload))
-    entries = [two_joint_mass_matrix(float(cos2), constants) for cos2 in GRID]
-    return np.array([[[m11, m12], [m12, m22]] for m11, m12, m22 in entries])
+def _inertia_at(robot: Robot, angles: list[np.ndarray]) -> np.ndarray:
+    """Return the mean M (points, n, n) [kg m²] over angles (samples, n) [rad] of each point."""
+    return np.array([np.mean(mass_matrix(robot, q), axis=0) for q in angles])
 
 
 def random_angles(robot: Robot) -> np.ndarray:
@@ -109,12 +104,12 @@ def nearest_inertia(schedule: GainSchedule, q: np.ndarray) -> np.ndarray:
     return inertia
 
 
-def _turned_to(angles: np.ndarray, kept: tuple[int, ...]) -> list[np.ndarray]:
+def _turned_to(angles: np.ndarray, kept: list[int]) -> list[np.ndarray]:
     """Return copies of angles (k, n) with the kept ones at each combination of points, the last one fastest."""
     turned = []
     for place in itertools.product(2.0 * np.pi * np.arange(POINTS) / POINTS, repeat=len(kept)):
         q = angles.copy()
-        q[:, list(kept)] = place
+        q[:, kept] = place
         turned.append(q)
     return turned
 

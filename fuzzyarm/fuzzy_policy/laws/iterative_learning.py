@@ -22,8 +22,8 @@ if TYPE_CHECKING:
 
 __all__ = ["LearnedTorque", "TorqueLearning", "low_passed"]
 
-CUT_OFF = 5.0  # Hz, of Q; with 10 Hz and more the payload case diverges
-ORDER = 2
+_CUT_OFF = 5.0  # Hz, of Q; with 10 Hz and more the payload case diverges
+_ORDER = 2
 _PADDING = 60  # samples
 
 
@@ -36,7 +36,7 @@ class LearnedTorque:
     added: list[np.ndarray]  # w + v of each sample so far, (lanes, n)
 
 
-class TorqueLearning(PassLearner[LearnedTorque]):
+class TorqueLearning(PassLearner):
     """A `-tip` policy over one path again and again; the law is in the module's docstring."""
 
     policy: TipPolicy
@@ -49,7 +49,7 @@ class TorqueLearning(PassLearner[LearnedTorque]):
         """Return the state with which the next pass begins, see `PassLearner`; it keeps the learned torques alone."""
         if not self._checked(state).added:
             raise ValueError(NOTHING_LEARNED)
-        learned = low_passed(np.array(state.added), CUT_OFF, self.policy.control_period)
+        learned = low_passed(np.array(state.added), _CUT_OFF, self.policy.control_period)
         return dataclasses.replace(self._first(np.zeros_like(state.memory)), learned=learned)
 
     def _first(self, memory: np.ndarray) -> LearnedTorque:
@@ -70,5 +70,5 @@ def low_passed(signal: np.ndarray, cut_off: float, control_period: float) -> np.
     """Return samples (samples, ...) through a Butterworth filter of no phase, with a cut-off frequency [Hz]."""
     from scipy.signal import butter, sosfiltfilt  # slow to import, and looks for torch
 
-    sections = butter(ORDER, min(cut_off / (0.5 / control_period), 0.99), output="sos")
+    sections = butter(_ORDER, min(cut_off / (0.5 / control_period), 0.99), output="sos")
     return np.asarray(sosfiltfilt(sections, signal, axis=0, padlen=min(len(signal) - 1, _PADDING)))

@@ -41,26 +41,9 @@ from fuzzyarm.fuzzy_policy.known_arm import joints_of, per_joint_of, with_drives
 from fuzzyarm.fuzzy_policy.laws.gain_schedule import GainSchedule, nearest_inertia, random_angles, schedule_of
 
 __all__ = [
-    "CONDITIONS",
-    "ONE_AT_A_TIME",
-    "SOFTENINGS",
-    "Condition",
-    "Estimate",
-    "LinearLaw",
-    "ObserverWeights",
-    "Place",
-    "at_points",
-    "estimate_parts",
-    "feedback_gain",
-    "gain_tables",
-    "linear_observer",
-    "linear_pid",
-    "places_of",
-    "sampled_arm",
-    "softened",
-    "state_part",
-    "weights_for",
-    "worst_radius",
+    "CONDITIONS", "ONE_AT_A_TIME", "SOFTENINGS", "Condition", "Estimate", "LinearLaw", "ObserverWeights", "Place",
+    "at_points", "estimate_parts", "feedback_gain", "gain_tables", "largest_radius", "linear_observer", "linear_pid",
+    "places_of", "sampled_arm", "softened", "state_part", "weights_for", "worst_radius",
 ]  # fmt: skip
 
 Gains = TypeVar("Gains")
@@ -75,14 +58,6 @@ class Estimate(NamedTuple):
     dq_motor: Any  # θ̇ [rad/s]
     dq_link: Any  # q̇ [rad/s]
     load: Any  # d, unknown torques on the links [N m]
-
-
-class _GainTables(NamedTuple):
-    """The gains at the points of a schedule."""
-
-    schedule: GainSchedule  # over which angles, and at which points
-    feedback: np.ndarray  # K (points, n, 4 n)
-    observer: np.ndarray  # L (points, 5 n, 2 n)
 
 
 def estimate_parts(joints: int) -> Estimate:
@@ -160,33 +135,29 @@ def feedback_gain(A: np.ndarray, B: np.ndarray, torque_limit: np.ndarray, weight
     return gain
 
 
-def _observer_gain(
-    A: np.ndarray, B: np.ndarray, control_period: float, torque_limit: np.ndarray, weights: ObserverWeights
-) -> np.ndarray:
-    """Return L (5 n, 2 n), the stationary Kalman gain of `sampled_arm`; limits [N m] and T [s] scale the weights."""
-    joints = len(torque_limit)
-    part = estimate_parts(joints)
+def _both_gains(
+    arm: AnyArm, control_period: float, weights: ObserverWeights, inertia: np.ndarray
+) -> tuple[np.ndarray, np.ndarray]:
+    """Return K (n, 4 n) and L (5 n, 2 n), the stationary Kalman gain, of `sampled_arm`."""
+    (A, B), limit = sampled_arm(arm, control_period, inertia), per_joint_of(arm, "torque_limit")
+    joints, part = len(limit), estimate_parts(len(limit))
     C = np.concatenate([np.eye(len(A))[part.q_motor], np.eye(len(A))[part.dq_motor]])
-    Q = B @ np.diag((weights.motor_torque * torque_limit) ** 2) @ B.T / control_period
-    Q[part.load, part.load] += np.diag((weights.load_walk * torque_limit) ** 2) * control_period
+    Q = B @ np.diag((weights.motor_torque * limit) ** 2) @ B.T / control_period
+    Q[part.load, part.load] += np.diag((weights.load_walk * limit) ** 2) * control_period
     R = np.diag(np.repeat([weights.encoder_angle**2, weights.encoder_velocity**2], joints))
     P = solve_discrete_are(A.T, C.T, Q, R)
-    gain: np.ndarray = np.linalg.solve(C @ P @ C.T + R, C @ P).T
-    return gain
+    return feedback_gain(A, B, limit, weights), np.linalg.solve(C @ P @ C.T + R, C @ P).T
 
 
 @functools.lru_cache(maxsize=32)
-def gain_tables(arm: AnyArm, control_period: float, weights: ObserverWeights) -> _GainTables:
-    """Return K and L at the points of the arm's schedule, for T [s]; ValueError where there are none."""
-    limit, schedule = per_joint_of(arm, "torque_limit"), schedule_of(arm)
-
-    def both(inertia: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        A, B = sampled_arm(arm, control_period, inertia)
-        return feedback_gain(A, B, limit, weights), _observer_gain(A, B, control_period, limit, weights)
-
+def gain_tables(
+    arm: AnyArm, control_period: float, weights: ObserverWeights
+) -> tuple[GainSchedule, np.ndarray, np.ndarray]:
+    """Return the schedule, K (points, n, 4 n) and L (points, 5 n, 2 n) for T [s]; ValueError where there are none."""
+    schedule, both = schedule_of(arm), functools.partial(_both_gains, arm, control_period, weights)
     gains = at_points(both, schedule.places, schedule.inertia, f"control_period = {control_period!r} s, {weights}")
     feedback, observer = zip(*gains, strict=True)
-    return _GainTables(schedule, np.array(feedback), np.array(observer))
+    return schedule, np.array(feedback), np.array(observer)
 
 
 def at_points(
@@ -221,7 +192,7 @@ CONDITIONS = (
 )
 """The margins of the observer's weights."""
 
-COUNT = 16  # postures
+_COUNT = 16  # postures
 
 
 @dataclasses.dataclass(frozen=True)
@@ -259,7 +230,7 @@ def linear_pid(place: Place, inertia: np.ndarray, k_p: float, k_d: float, k_i: f
     return LinearLaw(D, -k_i * inertia, G, np.eye(joints))
 
 
-def places_of(robot: Robot, control_period: float, count: int = COUNT) -> list[Place]:
+def places_of(robot: Robot, control_period: float, count: int = _COUNT) -> list[Place]:
     """Return random postures, always the same, for a control period [s]."""
     angles = random_angles(robot)[:count]
     return [Place(q, M, robot, control_period) for q, M in zip(angles, mass_matrix(robot, angles), strict=True)]
@@ -271,6 +242,16 @@ def worst_radius(place: Place, law: LinearLaw, conditions: tuple[Condition, ...]
     return max(float(np.abs(np.linalg.eigvals(_matrix(plants[c.stiffness], law, c))).max()) for c in conditions)
 
 
+def largest_radius(
+    places: Sequence[Place], law_at: Callable[[Place], LinearLaw], conditions: tuple[Condition, ...]
+) -> float:
+    """Return the largest radius over postures and conditions; inf where a Riccati equation has no solution."""
+    try:
+        return max(worst_radius(place, law_at(place), conditions) for place in places)
+    except (np.linalg.LinAlgError, ValueError):  # scipy raises either
+        return math.inf
+
+
 def _matrix(plant: tuple[np.ndarray, np.ndarray], law: LinearLaw, condition: Condition) -> np.ndarray:
     """Return the map of (x, s), or of (x, s, u) if u acts one period late."""
     joints, states = law.D.shape
@@ -279,13 +260,8 @@ def _matrix(plant: tuple[np.ndarray, np.ndarray], law: LinearLaw, condition: Con
     D, C, memory = condition.loop_gain * law.D, condition.loop_gain * law.C, len(law.F)
     if not condition.delay:
         return np.block([[A + B @ D, B @ C], [law.G, law.F]])
-    return np.block(
-        [
-            [A, np.zeros((states, memory)), B],
-            [law.G, law.F, np.zeros((memory, joints))],
-            [D, C, np.zeros((joints, joints))],
-        ]
-    )
+    of_state, of_memory = [A, np.zeros((states, memory)), B], [law.G, law.F, np.zeros((memory, joints))]
+    return np.block([of_state, of_memory, [D, C, np.zeros((joints, joints))]])
 
 
 SOFTENINGS = (1.0, 2.0, 4.0, 8.0, 16.0, 32.0, 64.0)  # factors s that are tried, one after the other
@@ -300,46 +276,37 @@ def weights_for(arm: AnyArm, control_period: float) -> ObserverWeights:
     weights = ObserverWeights()
     if not isinstance(arm, Robot):
         return weights
-    places, schedule = places_of(arm, control_period), schedule_of(arm)
-    best, smallest = weights, math.inf
+    places, schedule, smallest = places_of(arm, control_period), schedule_of(arm), math.inf
     for factor in SOFTENINGS:
-        trial = softened(weights, factor)
-        radius = _largest_radius(places, schedule, trial)
+        trial: ObserverWeights = softened(ObserverWeights(), factor)
+
+        def observer(place: Place, trial: ObserverWeights = trial) -> LinearLaw:
+            return linear_observer(place, nearest_inertia(schedule, place.q), trial)
+
+        radius = largest_radius(places, observer, CONDITIONS)
         if radius < 1.0:
             return trial
         if radius < smallest:
-            best, smallest = trial, radius
-    return best
+            weights, smallest = trial, radius
+    return weights
 
 
-def softened(weights: ObserverWeights, factor: float) -> ObserverWeights:
-    """Return weights softened by s = `factor`."""
-    return dataclasses.replace(
-        weights, link_angle=factor * weights.link_angle, link_velocity=math.sqrt(factor) * weights.link_velocity
-    )
-
-
-def _largest_radius(places: list[Place], schedule: GainSchedule, weights: ObserverWeights) -> float:
-    """Return the largest radius over postures and conditions; inf where a Riccati equation has no solution."""
-    try:
-        laws = [linear_observer(place, nearest_inertia(schedule, place.q), weights) for place in places]
-    except (np.linalg.LinAlgError, ValueError):  # scipy raises either
-        return math.inf
-    return max(worst_radius(place, law, CONDITIONS) for place, law in zip(places, laws, strict=True))
+def softened(weights: Any, factor: float) -> Any:
+    """Return `ObserverWeights` or the `AdaptiveWeights` of `adaptive.belief` softened by s = `factor`."""
+    link_angle, link_velocity = factor * weights.link_angle, math.sqrt(factor) * weights.link_velocity
+    return dataclasses.replace(weights, link_angle=link_angle, link_velocity=link_velocity)
 
 
 def linear_observer(place: Place, designed_for: np.ndarray, weights: ObserverWeights) -> LinearLaw:
     """Return the elastic observer near rest, with gains designed for an inertia (n, n) [kg m²]; s is (x̂, d̂)⁻."""
-    robot, period = place.robot, place.control_period
-    joints, limit = len(robot), per_joint_of(robot, "torque_limit")
+    robot, joints = place.robot, len(place.robot)
     part, state = estimate_parts(joints), state_part(joints)
-    A, B = sampled_arm(robot, period, designed_for)
-    K, L = feedback_gain(A, B, limit, weights), _observer_gain(A, B, period, limit, weights)
+    K, L = _both_gains(robot, place.control_period, weights, designed_for)
+    A, B = place.plant()  # what the observer predicts with
     measured = np.eye(len(A))[np.r_[part.q_motor, part.dq_motor]]
     acts = np.zeros((joints, len(A)))  # u = acts (x̂, d̂)
     acts[:, state] = -K
     acts[:, part.load] = -np.eye(joints) - K[:, part.q_motor] / per_joint_of(robot, "stiffness")
-    A, B = place.plant()  # what the observer predicts with
     from_plant, from_memory = L @ measured[:, state], np.eye(len(A)) - L @ measured
     predicts = A + B @ acts
     return LinearLaw(acts @ from_plant, acts @ from_memory, predicts @ from_plant, predicts @ from_memory)

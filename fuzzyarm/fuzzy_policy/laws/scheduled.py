@@ -7,14 +7,14 @@ measures q and q̇ at the motors.
 from __future__ import annotations
 
 import functools
-from typing import Any, NamedTuple
+from typing import Any
 
 from fuzzyarm.common.checks import instance
 from fuzzyarm.envs.observation import Observation
 from fuzzyarm.envs.physics.elementwise import sine_cosine
 from fuzzyarm.envs.physics.equations import equations_of
 from fuzzyarm.envs.physics.records import Physics
-from fuzzyarm.fuzzy_policy.known_arm import Drives, numbers_of
+from fuzzyarm.fuzzy_policy.known_arm import numbers_of
 from fuzzyarm.fuzzy_policy.law import Law, LawPolicy
 from fuzzyarm.fuzzy_policy.laws.observer_gains import LinearLaw, Place, linear_pid
 from fuzzyarm.fuzzy_policy.scheduled import ScheduledController
@@ -38,39 +38,33 @@ class ScheduledPolicy(LawPolicy):
         own, (arm, drives) = self.controller, numbers_of(self.controller.robot)
         premises = tuple((one.joint, float(one.turns), one.function.startswith("sin")) for one in own.premises)
         inertia = tuple(tuple(tuple(map(float, row)) for row in rule) for rule in own.inertia)
-        constants = _Constants(arm, drives, inertia, tuple(map(float, own.feedback)), self.control_period)
+        constants = arm, drives, inertia, tuple(map(float, own.feedback)), self.control_period
         return Law(_law_of(equations_of(own.robot), premises), (0.0,) * self.joints, constants)
-
-
-class _Constants(NamedTuple):
-    """The links, the motors, M̂ of each rule [kg m²], (k_p, k_d, k_i), T [s]."""
-
-    arm: Any
-    drives: Drives
-    inertia: Any
-    feedback: Any
-    period: Any
 
 
 @functools.cache
 def _law_of(physics: Physics, premises: tuple[tuple[int, float, bool], ...]) -> Any:
-    """Return the law for robots with these equations; premise l is a sine or cosine of turns times q_joint."""
+    """Return the law for robots with these equations; premise l is a sine or cosine of turns times q_joint.
 
-    def scheduled(x_I: Any, seen: Observation, c: _Constants) -> tuple[Any, Any]:
-        (k_p, k_d, k_i), wanted, after = c.feedback, [], []
+    Its constants are the links, the motors, M̂ of each rule [kg m²], (k_p, k_d, k_i), and T [s].
+    """
+
+    def scheduled(x_I: Any, seen: Observation, constants: Any) -> tuple[Any, Any]:
+        arm, drives, rules, (k_p, k_d, k_i), period = constants
+        wanted, after = [], []
         for q, dq, q_d, dq_d, _, x in zip(*seen, x_I, strict=True):
             e, de = q - q_d, dq - dq_d
             wanted.append(k_p * e + k_d * de + k_i * x)
-            after.append(x + c.period * e)
-        links = physics.inverse_dynamics(seen.q_motor, seen.dq_motor, seen.ddq_reference, c.arm)
-        I_a, f_v = c.drives.motor_inertia, c.drives.viscous_friction
+            after.append(x + period * e)
+        links = physics.inverse_dynamics(seen.q_motor, seen.dq_motor, seen.ddq_reference, arm)
+        I_a, f_v = drives.motor_inertia, drives.viscous_friction
         motors = zip(links, I_a, seen.ddq_reference, f_v, seen.dq_motor, strict=True)
         torque = [u + i * a + f * v for u, i, a, f, v in motors]
         ratio = []
         for joint, turns, is_sine in premises:
             sine, cosine = sine_cosine(turns * seen.q_motor[joint])
             ratio.append(0.5 * (1.0 + (sine if is_sine else cosine)))
-        for rule, inertia in enumerate(c.inertia):
+        for rule, inertia in enumerate(rules):
             h = 1.0
             for place, share in enumerate(ratio):  # the first premise changes fastest with the rule
                 h = h * (share if (rule >> place) & 1 else 1.0 - share)

@@ -18,7 +18,7 @@ from typing import Any
 
 import numpy as np
 
-from fuzzyarm.envs.observation import PARTS, Observation, starts
+from fuzzyarm.envs.observation import Observation
 from fuzzyarm.envs.physics.equations import equations_of
 from fuzzyarm.envs.physics.records import Physics
 from fuzzyarm.fuzzy_policy.law import Law, LawPolicy, law_of
@@ -40,10 +40,6 @@ class TipPolicy(LawPolicy):
         self._target = ElasticTarget(law.parameters, law.control_period, friction=friction, average=average)
         self.memory_size = law.memory_size + self._target.memory_size
         self.integral_at = law.integral_at
-        start, end = starts(law.joints), PARTS * law.joints
-        self._measured = slice(start.q_motor, start.q_reference)  # (q, q̇) in an observation
-        self._desired = slice(start.q_reference, start.ddq_reference)  # (q_d, q̇_d)
-        self._reference = slice(start.q_reference, end)
 
     def without_dry_friction(self) -> TipPolicy:
         """Return this policy for an arm without dry friction, which needs no friction feedforward."""
@@ -69,7 +65,7 @@ class TipPolicy(LawPolicy):
 
     def feedback_and_feedforward(self, observation: np.ndarray, memory: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Return the two parts of the torque, (lanes, 2) each [N m], not clipped, and advance the memory in place."""
-        torque = np.empty((len(observation), observation.shape[1] // PARTS))
+        torque = np.empty((len(observation), self.joints))
         own_feedforward, feedforward = self._act(observation, memory, torque)
         return torque - own_feedforward, feedforward
 
@@ -80,15 +76,13 @@ class TipPolicy(LawPolicy):
     def _act(self, observation: np.ndarray, memory: np.ndarray, torque: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Fill the law's torque; return its own feedforward and u_ff."""
         law_memory, target_memory = memory[:, : self.law.memory_size], memory[:, self.law.memory_size :]
-        seen, resting = np.empty_like(observation), np.empty_like(observation)
         own_feedforward, feedforward = np.empty_like(torque), np.empty_like(torque)
-        self._target.advance(observation, target_memory, seen[:, self._reference], feedforward)
-        seen[:, self._measured] = observation[:, self._measured]
+        target, measured = np.empty((len(observation), 3 * self.joints)), slice(2 * self.joints)
+        self._target.advance(observation, target_memory, target, feedforward)
         # What the law answers where the motors are on θ_d and its memory is empty: its own feedforward.
-        resting[:, self._reference] = seen[:, self._reference]
-        resting[:, self._measured] = seen[:, self._desired]
+        resting = np.concatenate([target[:, measured], target], axis=1)
         self.law.act(resting, np.zeros(law_memory.shape), own_feedforward)
-        self.law.act(seen, law_memory, torque)
+        self.law.act(np.concatenate([observation[:, measured], target], axis=1), law_memory, torque)
         return own_feedforward, feedforward
 
 

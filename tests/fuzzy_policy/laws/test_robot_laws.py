@@ -64,7 +64,7 @@ def test_the_elastic_target_is_the_exact_reference(name):
     n, target = len(robot), ElasticTarget(robot, 1e-3)
     t = np.arange(0.0, 0.3, 1e-3)
     observations = np.hstack([np.full((len(t), 2 * n), np.nan), *reference.sample(t)])
-    memory, found, torque = np.zeros((1, target.memory_size)), np.zeros((len(t), target.size)), np.zeros((1, n))
+    memory, found, torque = np.zeros((1, target.memory_size)), np.zeros((len(t), 3 * n)), np.zeros((1, n))
     for k in range(len(t)):
         target.advance(observations[k : k + 1], memory, found[k : k + 1], torque)
     late = t > 0.02

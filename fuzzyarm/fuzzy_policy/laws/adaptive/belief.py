@@ -238,7 +238,7 @@ class ArmFunctions:
 class Flags(NamedTuple):
     """Single numbers of a memory, or where they stand among them."""
 
-    samples: Any  # how many there have been, up to `filter.ENOUGH`
+    samples: Any  # how many there have been, up to 1e6
     surprise: Any  # ν²/s of the last samples, on average; about 1 where the filter is right
     lost: Any  # 1 once the filter has diverged or the torques swing, else 0
     calm: Any  # 1 where the corrections of the forces look like noise, 0 where they have a direction
@@ -266,11 +266,8 @@ def places(physics: Physics) -> Memory:
     """Return the parts as places of arrays in a law's memory."""
     joints, belief = physics.joints, belief_of(physics)
     N = 4 * joints + belief.lateness.stop
-    shapes = (
-        (len(FLAG),), (N,), (N, N), (LONGEST_LATENESS + 2, joints), (KEPT, 3, joints), (3, joints),
-        (belief.force.stop + 1,), (joints,),
-    )  # fmt: skip
-    return Memory(*map(Cells, shapes))
+    lists = (LONGEST_LATENESS + 2, joints), (KEPT, 3, joints), (3, joints)
+    return Memory(*map(Cells, ((len(FLAG),), (N,), (N, N), *lists, (belief.force.stop + 1,), (joints,))))
 
 
 def layout(physics: Physics) -> Memory:

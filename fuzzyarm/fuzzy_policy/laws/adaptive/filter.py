@@ -66,20 +66,8 @@ from fuzzyarm.envs.physics.equations import AnyArm, equations_of
 from fuzzyarm.envs.physics.records import Physics
 from fuzzyarm.envs.physics.robot import Robot
 from fuzzyarm.fuzzy_policy.known_arm import per_joint_of
-from fuzzyarm.fuzzy_policy.laws.adaptive.belief import (
-    FACTORS,
-    FLAG,
-    KEPT,
-    LONGEST_LATENESS,
-    AdaptiveWeights,
-    ArmFunctions,
-    Memory,
-    affine_numbers,
-    belief_of,
-    mass_of,
-    prior,
-    unit_force,
-)
+from fuzzyarm.fuzzy_policy.laws.adaptive import belief as believed
+from fuzzyarm.fuzzy_policy.laws.adaptive.belief import FACTORS, FLAG, KEPT, LONGEST_LATENESS, AdaptiveWeights, Memory
 from fuzzyarm.fuzzy_policy.laws.gain_schedule import schedule_of
 from fuzzyarm.numbers.functions import array, each, floor, maximum, minimum, only, select
 
@@ -88,8 +76,8 @@ __all__ = [
     "tables_of", "take_in", "update", "with_tables",
 ]  # fmt: skip
 
-ENOUGH = 1e6  # samples that are counted
-STATICS_STEPS = 20  # iterations of the fixed point for the first estimate; for Table 1 each gains three digits
+_ENOUGH = 1e6  # samples that are counted
+_STATICS_STEPS = 20  # iterations of the fixed point for the first estimate; for Table 1 each gains three digits
 _CHANGE = 6.0  # variance of e - e_last in `note_noise`, in variances of the angles' noise
 NOISE_SHARE = 0.03  # of a sample, in the estimated noise of the encoders, once there have been enough
 MISTRUST = 8.0  # least variance of a measured angle that is expected, in variances of the noise that is read
@@ -102,12 +90,12 @@ _CALMING, _STIRRING = 0.02, 0.7  # share of the way to more and to less calm tha
 LATENESS_DOUBT = 0.01  # variance of the lateness per surprise [control periods²]
 LARGEST_SCALE = 0.1  # variance of the surest factor above which the shared one is not doubted
 INSIGNIFICANT = 1.25  # c of an arm whose noise is a mean over all samples
-ROUNDING = 1e-9  # least share of a variance that the other loads leave unexplained
-STILL = 1e-3  # correction of the forces by a sample that counts as none, in unit forces
+_ROUNDING = 1e-9  # least share of a variance that the other loads leave unexplained
+_STILL = 1e-3  # correction of the forces by a sample that counts as none, in unit forces
 # Steps of the differences that make F, of angles, velocities, loads and factors, far above rounding and far below what
 # bends the equations.
 STEPS = (1e-7, 1e-6, 1e-2, 1e-4)
-TINY = 1e-300
+_TINY = 1e-300
 
 
 class Settings:
@@ -115,7 +103,7 @@ class Settings:
 
     def __init__(self, arm: AnyArm, control_period: float, weights: AdaptiveWeights, feedback: np.ndarray) -> None:
         """Take the known arm, T [s] and K, a row for each payload and point (payloads · points, n · 4 n)."""
-        belief, p, schedule = belief_of(equations_of(arm)), prior(arm, weights), schedule_of(arm)
+        belief, p, schedule = believed.belief_of(equations_of(arm)), believed.prior(arm, weights), schedule_of(arm)
         limit, inertia = per_joint_of(arm, "torque_limit"), per_joint_of(arm, "motor_inertia")
         n, loads, period, still = len(limit), belief.payload.stop, control_period, np.zeros(len(limit))
         encoder, unknown = np.repeat([weights.encoder_angle, weights.encoder_velocity], n), isinstance(arm, Robot)
@@ -130,7 +118,7 @@ class Settings:
         # Over the angles of which joints it is tabulated, whether at even cosines, and at how many points of each.
         self.schedule = tuple(schedule.kept.tolist()), schedule.cosine, schedule.points
         self.soft_samples = weights.soft_start / period
-        self.base, self.slopes = affine_numbers(arm)  # a_0 and S
+        self.base, self.slopes = believed.affine_numbers(arm)  # a_0 and S
         self.guess = p.guess  # p_0
         self.spread = np.concatenate([np.repeat(first_state, n), p.spread])  # deviations of z as an episode begins (N,)
         self.shared = shared  # what numbers of z share then, times its standard deviation (N,)
@@ -141,7 +129,7 @@ class Settings:
         self.doubt = weights.torque_doubt * period / (inertia * limit)
         # Variance of the forces after `AdaptiveWeights.reopening` seconds of walk [N²], (forces,).
         self.reopening = p.walk[: belief.force.stop] ** 2 * weights.reopening
-        self.still = (STILL * unit_force(arm)) ** 2  # square of a correction of the forces that counts as none [N²]
+        self.still = (_STILL * believed.unit_force(arm)) ** 2  # of a correction of the forces that counts as none [N²]
         self.steps = np.repeat(STEPS, [2 * n, 2 * n, loads, len(p.guess) - loads])  # of the differences that make F
         self.variances = encoder**2  # of the measured numbers (2 n,)
         self.cautious = cautious  # 1 where a number of z learns only beyond the dead zone, else 0 (N,)
@@ -151,7 +139,7 @@ class Settings:
         self.first_share = NOISE_SHARE if unknown else 1.0  # largest share of a sample in the noise that is read
         self.insignificant = 0.0 if unknown else INSIGNIFICANT**2  # c² of `significant`
         self.limit = limit  # torque limits [N m]
-        self.mass = mass_of(arm)  # of all links [kg]
+        self.mass = believed.mass_of(arm)  # of all links [kg]
         self.substeps = default_substeps(period, fastest_rate([arm]))  # in a control period
         self.substep = period / self.substeps  # h [s]
 
@@ -205,7 +193,7 @@ class Room:
         def copies(count: int) -> Copies:
             return Copies(array(4 * n, count), array(n, count), array(2 * axes, count), array(len(s.base), count))
 
-        self.arm = ArmFunctions(physics)
+        self.arm = believed.ArmFunctions(physics)
         self.copies = copies(1 + N + n)  # which differ in one number each: their differences are the columns of F
         self.F, self.FP = array(4 * n, N), array(4 * n, N)  # the rows of x
         self.wide = array(n)  # steps of the motor velocities
@@ -270,7 +258,7 @@ def take_in(m: Memory, room: Room, seen: Observation) -> None:
             for k in range(KEPT - 1, 0, -1):
                 m.references[k, order, j] = m.references[k - 1, order, j]
             m.references[0, order, j] = now
-    m.flags[FLAG.samples] = minimum(m.flags[FLAG.samples] + 1.0, ENOUGH)
+    m.flags[FLAG.samples] = minimum(m.flags[FLAG.samples] + 1.0, _ENOUGH)
 
 
 def begin(m: Memory, s: Settings, room: Room) -> None:
@@ -297,7 +285,7 @@ def begin(m: Memory, s: Settings, room: Room) -> None:
             for k in range(1, KEPT):
                 for order in range(3):
                     m.references[k, order, j] = m.references[0, order, j]
-        for _ in each(STATICS_STEPS):
+        for _ in each(_STATICS_STEPS):
             for j, tau in enumerate(room.arm.link_torque(link, still, still, force, arm)):
                 bent[j] = tau
             for j in range(joints):
@@ -360,7 +348,7 @@ def update(m: Memory, s: Settings, room: Room) -> Any:
             room.innovation[k], room.expected[k], column = innovation, spread, room.columns[k]
             surprise[0] += square / spread
             spread = maximum(spread, square / s.gate)
-            learned = maximum(0.0, 1.0 - room.silent[k] / (square + TINY))
+            learned = maximum(0.0, 1.0 - room.silent[k] / (square + _TINY))
             kept = 1.0 - (1.0 - learned) * (1.0 - learned)
             for i in each(len(z)):
                 column[i] = P[at, i]
@@ -424,7 +412,7 @@ def confine(m: Memory, s: Settings) -> None:
         found = m.z[at]
         inside = minimum(maximum(found, s.low[j]), s.high[j])
         for _ in only(inside != found):
-            share = (inside - found) / maximum(m.P[at, at], TINY)
+            share = (inside - found) / maximum(m.P[at, at], _TINY)
             for i in each(len(m.z)):
                 m.z[i] += m.P[i, at] * share
             m.z[at] = inside
@@ -461,7 +449,7 @@ def significant(m: Memory, s: Settings, room: Room) -> None:
     """Fill `acted` of the room with z, and x_a and l_a in place of x and l."""
     joints, loads, acted = len(m.noise), len(room.deviation), room.acted
     states, ratio, square = 4 * joints, array(1), array(1)
-    ratio[0], square[0] = 0.0, TINY
+    ratio[0], square[0] = 0.0, _TINY
     for i in each(len(acted)):
         acted[i] = m.z[i]
     for j in each(joints):
@@ -472,7 +460,7 @@ def significant(m: Memory, s: Settings, room: Room) -> None:
     _solve(room.factor, acted[states : states + loads], room.deviation)
     for i in each(loads):
         square[0] += acted[states + i] * room.deviation[i]
-    kept = maximum(0.0, 1.0 - s.insignificant * m.flags[FLAG.calm] * ratio[0] / maximum(square[0], TINY))
+    kept = maximum(0.0, 1.0 - s.insignificant * m.flags[FLAG.calm] * ratio[0] / maximum(square[0], _TINY))
     for i in each(states):
         for k in each(loads):
             acted[i] -= (1.0 - kept) * m.P[i, states + k] * room.deviation[k]
@@ -491,7 +479,7 @@ def _factorise(A: Any, L: Any) -> None:
         L[i, i] = A[i, i]
         for k in each(i):
             L[i, i] -= L[i, k] * L[i, k]
-        L[i, i] = root(maximum(maximum(L[i, i], ROUNDING * A[i, i]), TINY))
+        L[i, i] = root(maximum(maximum(L[i, i], _ROUNDING * A[i, i]), _TINY))
 
 
 def _solve(L: Any, b: Any, y: Any) -> None:

@@ -56,10 +56,10 @@ class FrozenObserver(LawPolicy):
     @functools.cached_property
     def control_law(self) -> Law:
         """The law of the module's docstring."""
-        physics, settings, count = equations_of(self.parameters), self._settings, len(tables_of(self._settings))
+        physics, settings = equations_of(self.parameters), self._settings
 
         def frozen(m: Memory, seen: Observation, _: Any, *tables: Any) -> tuple[Memory, Any]:
-            return m, _follow(physics, m, seen, with_tables(settings, tables[:count]), *tables[count:])
+            return m, _follow(physics, m, seen, with_tables(settings, tables[:-2]), *tables[-2:])
 
         gains = self._gains.reshape(len(self._gains), -1)
         return Law(frozen, places(physics), (), (*tables_of(settings), self._postures, np.ascontiguousarray(gains)))

@@ -27,25 +27,25 @@ from fuzzyarm.envs.physics.equations import AnyArm
 from fuzzyarm.envs.physics.friction import stribeck_magnitude
 from fuzzyarm.envs.physics.robot import Robot
 from fuzzyarm.fuzzy_policy.known_arm import per_joint_of
+from fuzzyarm.fuzzy_policy.laws import observer_gains
 from fuzzyarm.fuzzy_policy.laws.adaptive.belief import FLAG, KEPT, LONGEST_LATENESS, AdaptiveWeights, Memory, mass_of
 from fuzzyarm.fuzzy_policy.laws.adaptive.filter import Room, Settings, command, fill, numbers_at, sent
 from fuzzyarm.fuzzy_policy.laws.elastic_target import motor_target
 from fuzzyarm.fuzzy_policy.laws.gain_schedule import corners_of, loaded_inertia, nearest_inertia, schedule_of
 from fuzzyarm.fuzzy_policy.laws.observer_gains import (
     SOFTENINGS,
+    Condition,
+    LinearLaw,
     ObserverWeights,
-    at_points,
-    feedback_gain,
+    Place,
     places_of,
-    sampled_arm,
-    state_part,
 )
 from fuzzyarm.numbers.functions import each, entry, floor, maximum, minimum, number, only, select
 
 __all__ = ["act", "adaptive_weights_for", "feedback_table", "gain_share", "largest_radius", "softened"]
 
-STIFFNESS = (0.8, 1.0, 1.2)  # of the joints, at which a regulator has to be stable
-HEAVIEST = 0.5  # payload of the table's end, share of the mass of all links
+_STIFFNESS = tuple(Condition(stiffness=factor) for factor in (0.8, 1.0, 1.2))  # where a regulator has to be stable
+_HEAVIEST = 0.5  # payload of the table's end, share of the mass of all links
 _PAYLOADS = 6
 
 
@@ -61,36 +61,35 @@ def adaptive_weights_for(arm: AnyArm, control_period: float) -> AdaptiveWeights:
 
 def softened(weights: AdaptiveWeights, factor: float) -> AdaptiveWeights:
     """Return weights softened by s = `factor`."""
-    link_angle, link_velocity = factor * weights.link_angle, math.sqrt(factor) * weights.link_velocity
     first_gain = min(1.0, factor * weights.first_gain)
-    return dataclasses.replace(weights, link_angle=link_angle, link_velocity=link_velocity, first_gain=first_gain)
+    result: AdaptiveWeights = observer_gains.softened(dataclasses.replace(weights, first_gain=first_gain), factor)
+    return result
 
 
 def largest_radius(robot: Robot, control_period: float, weights: AdaptiveWeights) -> float:
     """Return the largest |λ| per control period at postures; inf where a Riccati equation has no solution."""
-    schedule, state, largest = schedule_of(robot), state_part(len(robot)), 0.0
-    for place in places_of(robot, control_period):
-        try:
-            K = _gain(robot, control_period, nearest_inertia(schedule, place.q), weights)
-        except (np.linalg.LinAlgError, ValueError):  # scipy raises either
-            return math.inf
-        for stiffness in STIFFNESS:
-            A, B = place.plant(stiffness)
-            largest = max(largest, float(np.abs(np.linalg.eigvals(A[state, state] - B[state] @ K)).max()))
-    return largest
+    schedule, joints = schedule_of(robot), len(robot)
+
+    def regulator(place: Place) -> LinearLaw:
+        K = _gain(robot, control_period, nearest_inertia(schedule, place.q), weights)
+        return LinearLaw(-K, np.empty((joints, 0)), np.empty((0, 4 * joints)), np.empty((0, 0)))
+
+    return observer_gains.largest_radius(places_of(robot, control_period), regulator, _STIFFNESS)
 
 
 def _gain(arm: AnyArm, control_period: float, inertia: np.ndarray, weights: AdaptiveWeights) -> np.ndarray:
     costs = ObserverWeights(link_angle=weights.link_angle, link_velocity=weights.link_velocity)
-    return feedback_gain(*sampled_arm(arm, control_period, inertia), per_joint_of(arm, "torque_limit"), costs)
+    return observer_gains.feedback_gain(
+        *observer_gains.sampled_arm(arm, control_period, inertia), per_joint_of(arm, "torque_limit"), costs
+    )
 
 
 @functools.lru_cache(maxsize=8)
 def feedback_table(arm: AnyArm, control_period: float, weights: AdaptiveWeights) -> np.ndarray:
     """Return K (payloads · points, n · 4 n) [N m/rad, N m s/rad], the points of a payload one after the other."""
     schedule, gains = schedule_of(arm), []
-    for mass in np.linspace(0.0, HEAVIEST * mass_of(arm), _PAYLOADS):
-        gains += at_points(
+    for mass in np.linspace(0.0, _HEAVIEST * mass_of(arm), _PAYLOADS):
+        gains += observer_gains.at_points(
             lambda inertia: _gain(arm, control_period, inertia, weights).ravel(),
             schedule.places,
             loaded_inertia(arm, schedule, float(mass)),
@@ -103,7 +102,7 @@ def feedback_table(arm: AnyArm, control_period: float, weights: AdaptiveWeights)
 
 def _feedback_at(s: Settings, q: Any, payload: Any, gain: Any) -> None:
     """Fill K (n, 4 n) at angles q (n,) [rad] and a payload in masses of the links, between the table's entries."""
-    place = minimum(maximum(payload / HEAVIEST, 0.0), 1.0) * (_PAYLOADS - 1.0)
+    place = minimum(maximum(payload / _HEAVIEST, 0.0), 1.0) * (_PAYLOADS - 1.0)
     lower = minimum(_PAYLOADS - 2.0, maximum(0.0, floor(place)))  # a share that is nan is mapped into the table, too
     low, corners, points = place - lower, corners_of(q, *s.schedule), s.feedback.shape[0] / _PAYLOADS
     for i in each(len(gain)):

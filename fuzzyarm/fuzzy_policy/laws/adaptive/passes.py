@@ -46,12 +46,12 @@ if TYPE_CHECKING:
 
 __all__ = ["AdaptivePasses", "PassState", "Smoother"]
 
-CUT_OFF = 70.0  # Hz, of the Butterworth filter of the expected force
+_CUT_OFF = 70.0  # Hz, of the Butterworth filter of the expected force
 _FIRST_FORCE = 0.3  # standard deviation of the forces at the first sample for the smoother, in unit forces
 _SAME_PATH = 1e-6  # rad; a reference that differs more from that of the pass before is another path
 _REWEIGHTED = 50  # steps towards the least total variation
-SMALLEST = 1e-2  # N, a change of the force that counts as none
-TOGETHER = 16  # lanes whose notes are kept at once
+_SMALLEST = 1e-2  # N, a change of the force that counts as none
+_TOGETHER = 16  # lanes whose notes are kept at once
 
 
 @dataclasses.dataclass
@@ -70,7 +70,7 @@ class PassState:
     other_path: np.ndarray  # whether a lane has left the path of the pass before: it expects nothing any more
 
 
-class AdaptivePasses(PassLearner[PassState]):
+class AdaptivePasses(PassLearner):
     """The adaptive observer over one path again and again."""
 
     policy: AdaptiveObserverPolicy
@@ -164,7 +164,7 @@ def _steadiest(force: np.ndarray, slope: np.ndarray) -> np.ndarray:
     """Return the x (lanes,) for which ``force + x slope`` (samples, lanes, axes) varies least in total (Weiszfeld)."""
     a, b, x = np.diff(force, axis=0), np.diff(slope, axis=0), np.zeros(force.shape[1])
     for _ in range(_REWEIGHTED):
-        weight = 1.0 / np.maximum(np.linalg.norm(a + x[:, np.newaxis] * b, axis=2), SMALLEST)
+        weight = 1.0 / np.maximum(np.linalg.norm(a + x[:, np.newaxis] * b, axis=2), _SMALLEST)
         x = -np.sum(weight * np.sum(a * b, axis=2), axis=0) / (np.sum(weight * np.sum(b * b, axis=2), axis=0) + 1e-12)
     return x
 
@@ -237,10 +237,9 @@ class Smoother:
         spread[: 4 * n], spread[4 * n : self._used] = settings.spread[: 4 * n], _FIRST_FORCE * unit_force(policy.arm)
         sure, bold = np.zeros(n), np.zeros(N)
         self._settings = settings.replaced(spread=spread, doubt=sure, cautious=bold, gate=math.inf)
-        two, line = Cells((2 * n,)), Cells((2 * self._physics.axes,))
-        columns, slopes, forces = Cells((2 * n, N)), Cells((4 * n, N)), Cells((self._forces,))
-        self._notes = Notes(two, two, columns, slopes, forces, Cells((self._forces, self._used)))
-        self._seen = Seen(two, two, line, line, Cells((n,)))
+        two, line, notes = (2 * n,), (2 * self._physics.axes,), ((2 * n, N), (4 * n, N), (self._forces,))
+        self._notes = Notes(*map(Cells, (two, two, *notes, (self._forces, self._used))))
+        self._seen = Seen(*map(Cells, (two, two, line, line, (n,))))
         self._forward, self._backward = self._forward_kernel(), self._backward_kernel()
 
     def force(self, state: PassState, lanes: np.ndarray, memory: np.ndarray) -> np.ndarray:
@@ -249,9 +248,9 @@ class Smoother:
         Constants, payload and lateness are those of a memory (lanes, memory_size); `lanes` says which are some of them.
         """
         chosen = np.flatnonzero(lanes)
-        groups = [slice(first, first + TOGETHER) for first in range(0, len(chosen), TOGETHER)]
+        groups = [slice(first, first + _TOGETHER) for first in range(0, len(chosen), _TOGETHER)]
         force = np.concatenate([self._of_some(state, chosen[some], memory[some]) for some in groups], axis=1)
-        return low_passed(force, CUT_OFF, self._policy.control_period)
+        return low_passed(force, _CUT_OFF, self._policy.control_period)
 
     def _of_some(self, state: PassState, lanes: np.ndarray, known: np.ndarray) -> np.ndarray:
         samples, parts = len(state.measured), (state.measured, state.commands, state.travels)

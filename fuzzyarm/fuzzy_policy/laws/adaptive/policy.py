@@ -150,9 +150,6 @@ class AdaptiveObserverPolicy(LawPolicy):
             raise ValueError(f"fallback = {type(self.fallback).__name__} has no law; take one of `fuzzy_policy.laws`")
         return found
 
-    def __getstate__(self) -> dict[str, Any]:
-        return {name: value for name, value in super().__getstate__().items() if name not in ("_beside", "_behind")}
-
     def repeated(self) -> AdaptivePasses:
         """Return this policy for passes over one path again and again."""
         return AdaptivePasses(self)

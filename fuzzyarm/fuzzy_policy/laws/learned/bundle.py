@@ -19,12 +19,8 @@ from fuzzyarm.common.checks import choice, listed, whole
 from fuzzyarm.common.console import escaped
 from fuzzyarm.common.documents import check_schema, parse_json, read_bytes, read_json, record
 from fuzzyarm.common.files import write_folder_atomically
-from fuzzyarm.fuzzy_policy.laws.learned.definition import (
-    OBSERVER_BASE,
-    ActionDefinition,
-    ArmDefinition,
-    FeatureDefinition,
-)
+from fuzzyarm.fuzzy_policy.laws.learned import definition
+from fuzzyarm.fuzzy_policy.laws.learned.definition import ActionDefinition, ArmDefinition, FeatureDefinition
 from fuzzyarm.fuzzy_policy.laws.learned.network import Cell, Network
 
 __all__ = [
@@ -37,7 +33,7 @@ WEIGHTS = "weights.safetensors"  # file with the arrays of the network
 LAST, BEST = "policy", "best"
 """What the folder is called in that of a training: the policy at its end, and that of its best evaluation."""
 
-OBSERVER = "fuzzyarm-learned-observer/4"  # schema of a learned observer, see `estimate.bundle`
+OBSERVER = "fuzzyarm-learned-observer/4"  # schema of a learned observer, see `estimate.network`
 _ANY_OBSERVER = OBSERVER[: OBSERVER.index("/") + 1]
 
 _LARGEST_DESCRIPTION, _LARGEST_WEIGHTS = 16 * 2**20, 64 * 2**20  # bytes
@@ -144,9 +140,15 @@ class Trained:
     curve: list[dict[str, Any]] = dataclasses.field(default_factory=list)  # rows of the training, one mapping each
     versions: dict[str, Any] = dataclasses.field(default_factory=dict)  # of the libraries it was trained with
 
+    @property
+    def _record(self) -> dict[str, Any]:
+        """What ``policy.json`` says of that; the digest is that of `write_folder`."""
+        own = {"training": self.training, "seed": self.seed, "versions": self.versions}
+        return {**own, "weights_sha256": "", "curve": self.curve}
+
 
 _SCHEMA = "fuzzyarm-learned-policy/1"
-_OUTPUT, _NO_CELL, _LSTM = "clip", "none", "lstm"  # the first two a description need not name
+_OUTPUT, _NO_CELL, _LSTM = "clip", "none", "lstm"  # a description does not name the first two
 _CELL, _GATED = "cell", tuple(field.name for field in dataclasses.fields(Cell))  # tensors: cell.weight_x, ...
 _PAPERS_JOINTS = 2
 
@@ -170,22 +172,28 @@ class PolicyBundle(Trained):
             raise ValueError(f"the features are for {self.features.joints} joints, the action has {joints} scales")
         if self.arm is None and joints != _PAPERS_JOINTS:
             raise ValueError(f"it is for {joints} joints and does not say of which arm")
-        if self.features.innovation_times and self.action.base != OBSERVER_BASE:
-            raise ValueError(f"innovation_times needs the base {OBSERVER_BASE}, not {self.action.base}; otherwise ()")
-        found = self.network.sizes[0], self.network.sizes[-1]
-        needed = self.features.size, len(self.action.scale)
+        if self.features.innovation_times and self.action.base != definition.OBSERVER_BASE:
+            raise ValueError(
+                f"innovation_times needs the base {definition.OBSERVER_BASE}, not {self.action.base}; otherwise ()"
+            )
+        found, needed = (self.network.sizes[0], self.network.sizes[-1]), (self.features.size, joints)
         if found != needed:
             text = "the network has {} inputs and {} outputs; the definitions ask for {} and {}"
             raise ValueError(text.format(*found, *needed))
 
     def save(self, folder: Path) -> None:
         """Write the bundle, see `write_folder`."""
-        cell = self.network.cell
-        tensors = {} if cell is None else {f"{_CELL}.{name}": getattr(cell, name) for name in _GATED}
-        for number, (weight, bias) in enumerate(zip(self.network.weights, self.network.biases, strict=True)):
-            tensors[f"layer{number}.weight"] = weight
-            tensors[f"layer{number}.bias"] = bias
-        write_folder(folder, self._description(), tensors)
+        network, arrays = self.network, ("mean", "std")
+        tensors = {} if network.cell is None else {f"{_CELL}.{name}": getattr(network.cell, name) for name in _GATED}
+        for number, layer in enumerate(zip(network.weights, network.biases, strict=True)):
+            tensors[f"layer{number}.weight"], tensors[f"layer{number}.bias"] = layer
+        described = {"sizes": list(network.sizes), "activation": network.activation}
+        described |= {name: getattr(network, name).tolist() for name in arrays} | {"clip": network.clip}
+        described |= {} if network.output == _OUTPUT else {"output": network.output}
+        described |= {} if network.cell is None else {"cell": _LSTM}
+        parts = {"features": dataclasses.asdict(self.features), "action": dataclasses.asdict(self.action)}
+        arm = {} if self.arm is None else {"arm": dataclasses.asdict(self.arm)}
+        write_folder(folder, {"schema": _SCHEMA, "network": described, **parts, **self._record, **arm}, tensors)
 
     @classmethod
     def load(cls, folder: str | Path) -> PolicyBundle:
@@ -195,29 +203,6 @@ class PolicyBundle(Trained):
             return cls(found.features, found.action, _network(found.network, tensors), found.arm, **trained)
 
         return read_bundle(Path(folder), _SCHEMA, _Description, build)
-
-    def _description(self) -> dict[str, Any]:
-        """Return the content of ``policy.json`` but the digest of the weights."""
-        network = _NetworkDescription(
-            sizes=list(self.network.sizes),
-            activation=self.network.activation,
-            mean=self.network.mean.tolist(),
-            std=self.network.std.tolist(),
-            clip=self.network.clip,
-            output=self.network.output,
-            cell=_NO_CELL if self.network.cell is None else _LSTM,
-        )
-        parts = self.features, self.action, self.training, self.seed, self.versions, "", self.curve, self.arm
-        content = dataclasses.asdict(_Description(_SCHEMA, network, *parts))
-        of_network = content["network"]
-        for of, name, usual in (
-            (of_network, "output", _OUTPUT),
-            (of_network, "cell", _NO_CELL),
-            (content, "arm", None),
-        ):
-            if of[name] == usual:
-                del of[name]
-        return content
 
 
 @dataclasses.dataclass(frozen=True)
@@ -235,7 +220,7 @@ class _NetworkDescription:
 
 @dataclasses.dataclass(frozen=True)
 class _Description:
-    """The content of ``policy.json``, in the order in which it is written."""
+    """The content of ``policy.json``."""
 
     schema: str
     network: _NetworkDescription
@@ -257,16 +242,10 @@ def _network(description: _NetworkDescription, tensors: dict[str, np.ndarray]) -
     if set(tensors) != names or not layers:
         needed = ", ".join((*gated, "layer0.weight, layer0.bias, ..."))
         raise ValueError(f"{WEIGHTS} holds {listed(tensors)}; needed: {needed}")
-    network = Network(
-        mean=np.array(description.mean, dtype=np.float64),
-        std=np.array(description.std, dtype=np.float64),
-        clip=description.clip,
-        weights=tuple(tensors[f"layer{number}.weight"] for number in layers),
-        biases=tuple(tensors[f"layer{number}.bias"] for number in layers),
-        activation=description.activation,
-        output=description.output,
-        cell=Cell(*(tensors[name] for name in gated)) if gated else None,
-    )
+    mean, std = np.array(description.mean, dtype=np.float64), np.array(description.std, dtype=np.float64)
+    weights, biases = (tuple(tensors[f"layer{n}.{part}"] for n in layers) for part in ("weight", "bias"))
+    cell = Cell(*(tensors[name] for name in gated)) if gated else None
+    network = Network(mean, std, description.clip, weights, biases, description.activation, description.output, cell)
     if list(network.sizes) != description.sizes:
         raise ValueError(f"the layers have sizes {list(network.sizes)}, {DESCRIPTION} says {description.sizes}")
     return network

@@ -16,12 +16,7 @@ __all__ = ["INNOVATION_UNITS", "OBSERVER_BASE", "ActionDefinition", "ArmDefiniti
 OBSERVER_BASE = "elastic-observer"  # the base that has innovations
 INNOVATION_UNITS = (1e-6, 2e-3)  # N of angles [rad] and of velocities [rad/s]
 _MOST_JOINTS = 12  # as in `envs.physics.robot`
-_OF_THE_INSTANT = 5  # features per joint that need no memory: e, ė, q_d, q̇_d, q̈_d
-_OF_THE_OBSERVER = 5  # the innovation of angle and velocity at two scales, and the load
-_MOST_REMEMBERED = 100  # errors or actions
-_LARGEST_SHIFT = 0.5  # rad
-_WIDEST_GATE = 1e6
-_LONGEST_ACTION, _LONGEST_MEMORY = 1.0, 1e6  # s
+_LONGEST_MEMORY = 1e6  # s
 
 
 @dataclasses.dataclass(frozen=True)
@@ -53,8 +48,8 @@ class FeatureDefinition:
         whole("the number of innovation_times", len(instance("innovation_times", self.innovation_times, tuple)), high=4)
         for time in self.innovation_times:
             real("innovation_times", time, "s", above=0.0, high=_LONGEST_MEMORY)
-        whole("past_errors", self.past_errors, high=_MOST_REMEMBERED)
-        whole("past_actions", self.past_actions, high=_MOST_REMEMBERED)
+        whole("past_errors", self.past_errors, high=100)
+        whole("past_actions", self.past_actions, high=100)
         real("integral_time", self.integral_time, "s", low=0.0, high=_LONGEST_MEMORY)
         truth("elastic_target", self.elastic_target)
         whole("joints", self.joints, low=1, high=_MOST_JOINTS)
@@ -66,12 +61,13 @@ class FeatureDefinition:
     def size(self) -> int:
         """Number of features."""
         past = self.past_errors + self.past_actions + self.past_excesses
-        return self.joints * (_OF_THE_INSTANT + past + (self.integral_time > 0.0) + self.observed)
+        # five are of the instant: e, ė, q_d, q̇_d, q̈_d
+        return self.joints * (5 + past + (self.integral_time > 0.0) + self.observed)
 
     @property
     def observed(self) -> int:
-        """Features per joint that come from the base's observer."""
-        return _OF_THE_OBSERVER + 2 * len(self.innovation_times) if self.innovation_times else 0
+        """Features per joint of the base's observer: its load, and angle and velocity at two scales and as means."""
+        return 5 + 2 * len(self.innovation_times) if self.innovation_times else 0
 
     @property
     def past_excesses(self) -> int:
@@ -104,14 +100,14 @@ class ActionDefinition:
     gate: float = 0.0  # G; 0: the action shifts the base's target. With a gate `scale` are torques [N m].
 
     def __post_init__(self) -> None:
-        if real("gate", self.gate, low=0.0, high=_WIDEST_GATE) > 0.0 and self.base != OBSERVER_BASE:
+        if real("gate", self.gate, low=0.0, high=1e6) > 0.0 and self.base != OBSERVER_BASE:
             raise ValueError(f"gate = {self.gate:g} needs the base {OBSERVER_BASE}, not {self.base}; without a gate: 0")
         if self.base is not None and not instance("base", self.base, str):
             raise ValueError("base = '' must be the name of a policy, or None")
-        unit, largest = ("N m", math.inf) if self.base is None or self.gate > 0.0 else ("rad", _LARGEST_SHIFT)
+        unit, largest = ("N m", math.inf) if self.base is None or self.gate > 0.0 else ("rad", 0.5)
         whole("the number of scales", len(instance("scale", self.scale, tuple)), low=1, high=_MOST_JOINTS)
         reals("scale", self.scale, len(self.scale), unit, above=0.0, high=largest)
-        real("period", self.period, "s", low=SHORTEST_PERIOD, high=_LONGEST_ACTION)
+        real("period", self.period, "s", low=SHORTEST_PERIOD, high=1.0)
         real("smoothing_time", self.smoothing_time, "s", low=0.0, high=_LONGEST_MEMORY)
 
     @property

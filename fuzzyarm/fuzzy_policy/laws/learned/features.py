@@ -32,11 +32,11 @@ import numpy as np
 
 from fuzzyarm.common.checks import real
 from fuzzyarm.envs.observation import Observation
-from fuzzyarm.envs.physics.equations import AnyArm, equations_of
+from fuzzyarm.envs.physics.equations import AnyArm
 from fuzzyarm.envs.physics.parameters import ArmParameters
 from fuzzyarm.fuzzy_policy.known_arm import checked_arm, joints_of, per_joint_of
 from fuzzyarm.fuzzy_policy.law import constants_array, law_of, seen_by, within_limits
-from fuzzyarm.fuzzy_policy.laws.elastic_target import Aim, ElasticTarget, past_of, target_of
+from fuzzyarm.fuzzy_policy.laws.elastic_target import Aim, ElasticTarget, past_of
 from fuzzyarm.fuzzy_policy.laws.learned.definition import INNOVATION_UNITS, ActionDefinition, FeatureDefinition
 from fuzzyarm.fuzzy_policy.laws.learned.network import area_sine
 from fuzzyarm.fuzzy_policy.policy import Policy
@@ -46,7 +46,7 @@ from fuzzyarm.numbers.program import Program
 
 __all__ = ["Base", "Features", "Lanes", "gate", "learning_action", "learning_features"]
 
-COARSE = 20.0  # of the unit in which large innovations are seen
+_COARSE = 20.0  # of the unit in which large innovations are seen
 
 
 class _Remembered(NamedTuple):
@@ -78,7 +78,6 @@ class Features:
         if d.joints != joints:
             raise ValueError(f"the features are for {d.joints} joints, the arm has {joints}")
         self._target = ElasticTarget(arm, period, friction=friction) if d.elastic_target else None
-        self._aim = target_of(equations_of(arm)) if self._target else None
         nothing, elastic = (0.0,) * joints, self._target is not None
         self.memory = _Remembered(
             errors=(nothing,) * d.past_errors,
@@ -96,9 +95,9 @@ class Features:
 
     def told(self, memory: _Remembered, seen: Observation) -> tuple[Any, Any, Aim]:
         """Return what the elastic target remembers next, u_ff [N m], and what the motors shall do."""
-        if self._target is None or self._aim is None:
+        if self._target is None:
             return memory.target, memory.feedforward, Aim(*seen[2:])
-        past, aim, feedforward = self._aim(memory.target, seen, self._target.constants)
+        past, aim, feedforward = self._target.of(memory.target, seen, self._target.constants)
         return past, feedforward, aim
 
     def fill(
@@ -123,7 +122,7 @@ class Features:
         if d.innovation_times and innovation:
             units = [d.innovation_scale] * d.joints + [d.innovation_rate_scale] * d.joints
             pairs = list(zip(innovation, units, strict=True))
-            seen_in = [v / unit for v, unit in pairs] + [v / (COARSE * unit) for v, unit in pairs]
+            seen_in = [v / unit for v, unit in pairs] + [v / (_COARSE * unit) for v, unit in pairs]
             for mean, share in zip(memory.means, self._shares, strict=True):
                 seen_in += [(m + share * (v - m)) / unit for m, (v, unit) in zip(mean, pairs, strict=True)]
             at = _put(out, at, seen_in, squashed=d.compression)

@@ -37,10 +37,10 @@ __all__ = [
 ]  # fmt: skip
 
 _SATURATED = 20.0  # from here on tanh is 1 in double precision
-DOUBLINGS = 8  # of exp(y) - 1 with |y| <= 2 _SATURATED/2^8
+_DOUBLINGS = 8  # of exp(y) - 1 with |y| <= 2 _SATURATED/2^8
 LARGEST = 2.0**60  # a larger argument of asinh counts as this one
 _SQRT_2 = math.sqrt(2.0)
-HALVINGS = tuple((2.0**k, 2.0**-k, float(k)) for k in (32, 16, 8, 4, 2, 1))
+_HALVINGS = tuple((2.0**k, 2.0**-k, float(k)) for k in (32, 16, 8, 4, 2, 1))
 _LN_2 = (float.fromhex("0x1.62e42feep-1"), float.fromhex("0x1.a39ef35793c76p-33"))  # the first times 1024 is exact
 
 
@@ -51,13 +51,13 @@ def hyperbolic_tangent(x: Any) -> Any:
     E(y) = exp(y) - 1 is its Taylor polynomial of degree 11 for y = -2|x|/2^8, and E(2y) = E(y) (E(y) + 2).
     """
     size = abs(x)
-    y = select(size > _SATURATED, _SATURATED, size) * (-2.0 / 2.0**DOUBLINGS)
+    y = select(size > _SATURATED, _SATURATED, size) * (-2.0 / 2.0**_DOUBLINGS)
     y2 = y * y
     y4 = y2 * y2
     low = (1 / 2 + y * (1 / 6)) + y2 * (1 / 24 + y * (1 / 120))
     middle = (1 / 720 + y * (1 / 5040)) + y2 * (1 / 40320 + y * (1 / 362880))
     total = y + y2 * (low + y4 * (middle + y4 * (1 / 3628800 + y * (1 / 39916800))))
-    for _ in range(DOUBLINGS):
+    for _ in range(_DOUBLINGS):
         total = total * (total + 2.0)
     result = total / (total + 2.0)
     return select(x > 0.0, -result, result)
@@ -80,7 +80,7 @@ def area_sine(x: Any) -> Any:
     square = size * size
     f = size + square / (1.0 + root(1.0 + square))
     m, count = 1.0 + f, 0.0
-    for power, inverse, k in HALVINGS:
+    for power, inverse, k in _HALVINGS:
         large = m >= power
         m, count = select(large, m * inverse, m), select(large, count + k, count)
     upper = m > _SQRT_2
@@ -212,17 +212,17 @@ class Network:
             raise ValueError(
                 f"{len(self.weights)} weights and {len(self.biases)} biases; allowed: 1 to {_MOST_LAYERS} layers"
             )
-        width, shapes = len(self.mean), [np.shape(self.mean), np.shape(self.std)]
-        expected: list[tuple[int, ...]] = [(width,), (width,)]
+        inputs, *widths = self.sizes
+        expected: list[tuple[int, ...]] = [(inputs,), (inputs,)]
+        shapes = [self.mean.shape, self.std.shape]
         if self.cell is not None:
             shapes.append(self.cell.weight_x.shape)
-            expected.append((self.cell.weight_x.shape[0], width))
-            width = self.cell.hidden
-        for weight, bias in zip(self.weights, self.biases, strict=True):
-            outputs = len(bias)
+            expected.append((len(self.cell.weight_x), inputs))
+            inputs, *widths = widths
+        for weight, bias, outputs in zip(self.weights, self.biases, widths, strict=True):
             shapes += [weight.shape, bias.shape]
-            expected += [(outputs, width), (outputs,)]
-            width = outputs
+            expected += [(outputs, inputs), (outputs,)]
+            inputs = outputs
         if shapes != expected:
             raise ValueError(f"shapes of mean, std, weights and biases are {shapes}; they must be {expected}")
         if not 1 <= max(self.sizes) <= _LARGEST_LAYER:

@@ -72,9 +72,8 @@ class LearnedPolicy(LawPolicy):
             of_base, of_network = tables[: len(own)], tables[len(own) :]
 
             def chosen() -> tuple[Any, Any]:
-                told, observed = features.told(memory.features, seen), ((), ())
-                if base is not None:
-                    observed = base.observed(self.bundle.features, memory.base, seen)
+                told = features.told(memory.features, seen)
+                observed = ((), ()) if base is None else base.observed(self.bundle.features, memory.base, seen)
                 found = features.fill(memory.features, seen, told[2], *observed)
                 output = network.outputs(found, memory.network, *of_network)
                 pairs = zip(memory.action, output, strict=True)

@@ -17,7 +17,7 @@ from fuzzyarm.eval.stability.margins import policy_margins
 from fuzzyarm.fuzzy_policy.known_arm import constants_of
 from fuzzyarm.fuzzy_policy.laws.elastic_observer import ElasticObserverPolicy
 from fuzzyarm.fuzzy_policy.laws.learned.definition import ArmDefinition
-from fuzzyarm.fuzzy_policy.laws.learned.estimate.bundle import EstimateBundle
+from fuzzyarm.fuzzy_policy.laws.learned.estimate.network import EstimateBundle
 from fuzzyarm.fuzzy_policy.laws.learned.estimate.policy import LearnedObserverPolicy
 from fuzzyarm.fuzzy_policy.laws.learned.estimate.signals import context_of, context_parts, scale_of, turns_of, units_of
 

@@ -11,22 +11,31 @@ with Δ = (u_a - u_o)/R, m of c, which is 0 where the reference is at rest, and 
 z, δ_0 = `QUIET`. G says how far beyond u_a the law goes. z = 0 and h = 0 give ρ = 0 exactly, whatever the context.
 Where the elastic observer believes in no load, and at rest, it acts alone, and ρ is flat: small deviations are left to
 a loop that is stable whatever was learned.
+
+`EstimateBundle` is its folder: arm, control period and record of its training, and the arrays.
 """
 
 from __future__ import annotations
 
 import dataclasses
 import functools
+from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
 
-from fuzzyarm.common.checks import finite_array
+from fuzzyarm.common.checks import finite_array, listed
+from fuzzyarm.envs.periods import checked_period
+from fuzzyarm.envs.physics.equations import AnyArm
+from fuzzyarm.envs.physics.parameters import ArmParameters
+from fuzzyarm.envs.physics.robot import Robot
+from fuzzyarm.fuzzy_policy.laws.learned.bundle import OBSERVER, Trained, read_bundle, write_folder
+from fuzzyarm.fuzzy_policy.laws.learned.definition import ArmDefinition
 from fuzzyarm.fuzzy_policy.laws.learned.estimate.signals import QUIET, context_parts, unexplained_parts
 from fuzzyarm.fuzzy_policy.laws.learned.network import add_product, hyperbolic_tangent, logistic, real_array
 from fuzzyarm.numbers.functions import array, each, maximum, minimum
 
-__all__ = ["GATES", "LARGEST_MEMORY", "EstimateNetwork", "Layers", "heard", "respond", "shapes_of"]
+__all__ = ["GATES", "LARGEST_MEMORY", "EstimateBundle", "EstimateNetwork", "Layers", "heard", "respond", "shapes_of"]
 
 GATES = 2  # s and r
 AXES = (2, 3)  # of the spaces of tips
@@ -182,3 +191,61 @@ def _remember(z: Any, c: Any, h: Any, w: Any, n: Layers) -> None:
         r = logistic(from_z[i + hidden] + from_h[i + hidden] + from_c[i + hidden])
         candidate = from_z[i + gates] + from_c[i + gates] * from_z[i + (gates + hidden)] + r * from_h[i + gates]
         h[i] += s * (hyperbolic_tangent(candidate) - h[i])
+
+
+@dataclasses.dataclass(frozen=True, eq=False)
+class EstimateBundle(Trained):
+    """A learned observer and where it comes from."""
+
+    network: EstimateNetwork  # the recurrent network
+    arm: ArmParameters | ArmDefinition  # that it was trained for: the two-joint arm, or what tells a robot from others
+    control_period: float  # for which it was trained [s]
+
+    def __post_init__(self) -> None:
+        joints = len(ArmParameters().length)
+        if isinstance(self.arm, ArmParameters) and (self.network.joints, self.network.axes) != (joints, joints):
+            raise ValueError(f"it is for the two-joint arm, and its network for {self.network.joints} joints")
+
+    def serves(self, arm: AnyArm) -> bool:
+        """Return whether it was trained for an arm."""
+        if isinstance(self.arm, ArmParameters):
+            return arm == self.arm
+        return isinstance(arm, Robot) and arm.digest == self.arm.digest
+
+    def save(self, folder: Path) -> None:
+        """Write the bundle, see `write_folder`."""
+        arm = self.arm
+        described = {"parameters": arm.to_dict()} if isinstance(arm, ArmParameters) else {"arm": vars(arm)}
+        description = {"schema": OBSERVER, **described, "control_period": self.control_period, **self._record}
+        write_folder(folder, description, dataclasses.asdict(self.network))
+
+    @classmethod
+    def load(cls, folder: str | Path) -> EstimateBundle:
+        """Read a bundle and check all of it; BundleError as of `PolicyBundle.load`."""
+
+        def build(found: _Description, tensors: dict[str, np.ndarray], trained: Any) -> EstimateBundle:
+            names = {field.name for field in dataclasses.fields(EstimateNetwork)}
+            if set(tensors) != names:
+                raise ValueError(f"the weights hold {listed(tensors)}; needed: {', '.join(sorted(names))}")
+            if (found.arm is None) == (found.parameters is None):
+                raise ValueError("it names no arm, or two: needed is one of parameters and arm")
+            arm = found.arm or ArmParameters.from_dict(found.parameters or {})
+            period = checked_period("control_period", found.control_period)
+            return cls(EstimateNetwork(**tensors), arm, period, **trained)
+
+        return read_bundle(Path(folder), OBSERVER, _Description, build)
+
+
+@dataclasses.dataclass(frozen=True)
+class _Description:
+    """The content of ``policy.json``; of the last two there is one."""
+
+    schema: str
+    control_period: float
+    training: dict[str, Any]
+    seed: int
+    versions: dict[str, Any]
+    weights_sha256: str
+    curve: list[dict[str, Any]]
+    parameters: dict[str, Any] | None = None
+    arm: ArmDefinition | None = None

@@ -28,28 +28,16 @@ from fuzzyarm.common.arithmetic import consecutive
 from fuzzyarm.envs.observation import Observation
 from fuzzyarm.envs.physics.equations import AnyArm, equations_of
 from fuzzyarm.envs.physics.parameters import ArmParameters
-from fuzzyarm.envs.physics.records import Physics
 from fuzzyarm.fuzzy_policy.law import Law, LawPolicy, seen_by
+from fuzzyarm.fuzzy_policy.laws.adaptive import filter as kalman
+from fuzzyarm.fuzzy_policy.laws.adaptive import law as regulator
 from fuzzyarm.fuzzy_policy.laws.adaptive.belief import FLAG, Memory, places
 from fuzzyarm.fuzzy_policy.laws.adaptive.filter import Room, tables_of, with_tables
-from fuzzyarm.fuzzy_policy.laws.adaptive.filter import correct as correct_adaptive
-from fuzzyarm.fuzzy_policy.laws.adaptive.filter import predict as predict_adaptive
-from fuzzyarm.fuzzy_policy.laws.adaptive.law import act as act_adaptive
-from fuzzyarm.fuzzy_policy.laws.adaptive.law import adaptive_weights_for
 from fuzzyarm.fuzzy_policy.laws.adaptive.policy import AdaptiveObserverPolicy, Beliefs
-from fuzzyarm.fuzzy_policy.laws.elastic_observer import Constants, ElasticObserverPolicy, Observed
-from fuzzyarm.fuzzy_policy.laws.elastic_observer import steps_of as observer_steps_of
+from fuzzyarm.fuzzy_policy.laws.elastic_observer import Constants, ElasticObserverPolicy, Observed, steps_of
+from fuzzyarm.fuzzy_policy.laws.learned.estimate import signals
 from fuzzyarm.fuzzy_policy.laws.learned.estimate.network import EstimateNetwork, Layers, heard, respond
-from fuzzyarm.fuzzy_policy.laws.learned.estimate.signals import (
-    context_of,
-    context_parts,
-    see_beliefs,
-    see_innovation,
-    see_unexplained,
-    turns_of,
-    unexplained_parts,
-    units_of,
-)
+from fuzzyarm.fuzzy_policy.laws.learned.estimate.signals import context_parts, unexplained_parts
 from fuzzyarm.numbers.functions import Cells, array, each, maximum, minimum, select
 from fuzzyarm.numbers.machine import Kernel
 from fuzzyarm.numbers.program import Program
@@ -67,13 +55,6 @@ class _SeenParts(NamedTuple):
     z: slice
     c: slice
     base: slice
-
-
-@functools.cache
-def _seen_parts(physics: Physics) -> _SeenParts:
-    joints, axes = physics.joints, physics.axes
-    sizes = unexplained_parts(joints, axes).belief.stop, context_parts(joints, axes).motion.stop, joints
-    return _SeenParts(*consecutive(*sizes))
 
 
 class _Memory(NamedTuple):
@@ -103,9 +84,12 @@ class LearnedObserverPolicy(LawPolicy):
                 f"the network is for {network.joints} joints and a tip in {network.axes} axes, the arm has "
                 f"{physics.joints} and {physics.axes}"
             )
-        weights = dataclasses.replace(adaptive_weights_for(arm, self.control_period), **_WEIGHTS)
+        weights = dataclasses.replace(regulator.adaptive_weights_for(arm, self.control_period), **_WEIGHTS)
         self.network, self.adaptive = network, AdaptiveObserverPolicy(arm, control_period, weights)
-        self.elastic, self.seen = ElasticObserverPolicy(arm, control_period), _seen_parts(physics)
+        self.elastic, of_arm = ElasticObserverPolicy(arm, control_period), (physics.joints, physics.axes)
+        self.seen = _SeenParts(
+            *consecutive(unexplained_parts(*of_arm).belief.stop, context_parts(*of_arm).motion.stop, physics.joints)
+        )
         sizes = self.elastic.memory_size + self.joints, self.adaptive.memory.noise.stop, network.hidden
         _, self.filter, self.hidden = consecutive(*sizes)  # where they lie in a lane's memory
         self.memory_size = self.hidden.stop
@@ -163,16 +147,13 @@ class LearnedObserverPolicy(LawPolicy):
         ports = law.memory, seen_by(joints), (0.0,) * joints, Cells((self.seen.base.stop,))
         return Kernel(Program(observe, ports, law.constants, [table.shape for table in law.tables]))
 
-    def __getstate__(self) -> dict[str, Any]:
-        return {name: value for name, value in super().__getstate__().items() if name != "_observing"}
-
     def _act_of(self) -> Any:
         """Return the law that tells z, c and u_b [N m], too."""
         arm, settings, joints, physics = self.parameters, self.adaptive.settings, self.joints, self.elastic.where[0]
-        correct, act, predict = observer_steps_of(*self.elastic.where)
-        units, turns, limit = units_of(arm), turns_of(arm), self._torque_limit.tolist()
+        correct, act, predict = steps_of(*self.elastic.where)
+        units, turns, limit = signals.units_of(arm), signals.turns_of(arm), self.torque_limit.tolist()
         in_z, in_c = unexplained_parts(joints, physics.axes), context_parts(joints, physics.axes)
-        see_context, torques = context_of(physics), units.torque.tolist()
+        see_context, torques = signals.context_of(physics), units.torque.tolist()
 
         def learned(memory: _Memory, seen: Observation, c: Constants, *tables: Any) -> tuple[Any, ...]:
             feedback, observer, *others = tables
@@ -181,16 +162,16 @@ class LearnedObserverPolicy(LawPolicy):
             z, context = array(in_z.belief.stop), array(in_c.motion.stop)
             found = correct(memory.observer, seen, c, observer)
             see_context(seen, found.u_ff, limit, turns, c.target.arm, units, context)
-            see_innovation(seen, m, units, z, in_z)
-            correct_adaptive(m, s, room, seen)
-            act_adaptive(room.acted, m, s, room, adaptive)
+            signals.see_innovation(seen, m, units, z, in_z)
+            kalman.correct(m, s, room, seen)
+            regulator.act(room.acted, m, s, room, adaptive)
             torque, gap = act(found, seen, c, feedback), []
             for i, most in enumerate(limit):
                 asked, far = adaptive[i], _FARTHEST * most
                 aim = minimum(maximum(asked, -far), far)
                 gap.append(select(asked - asked == 0.0, aim - torque[i], 0.0))
-            see_unexplained(found.innovation, found.x.load, gap, memory.residual, units, z, in_z)
-            see_beliefs(m, s, units, z, context, in_z, in_c)
+            signals.see_unexplained(found.innovation, found.x.load, gap, memory.residual, units, z, in_z)
+            signals.see_beliefs(m, s, units, z, context, in_z, in_c)
             share = heard(z, context, joints, physics.axes)
             base = [u + share * far for u, far in zip(torque, gap, strict=True)]
             answer = respond(z, context, h, gap, torques, layers, physics.axes)
@@ -201,7 +182,7 @@ class LearnedObserverPolicy(LawPolicy):
             for i, u in enumerate(applied):
                 m.commands[0, i] = u
             observed = Observed(found.past, 1.0, predict(found.x, applied, c))
-            predict_adaptive(m, s, room, adaptive)
+            kalman.predict(m, s, room, adaptive)
             return _Memory(observed, residual, m, h), torque, z, context, base
 
         return learned

@@ -30,6 +30,7 @@ robot by its frames is that of Table 1 times a ratio of the robot to Table 1:
 from __future__ import annotations
 
 import functools
+from collections import namedtuple
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -113,18 +114,9 @@ def units_of(arm: AnyArm) -> Units:
         fine, coarse = (np.concatenate([unit[0] * quickness, unit[2] * quickness]) for unit in (_FINE, _COARSE))
         length, speed = scale.length, velocity_limits(arm) / paper.velocity_limit[0]
         axes = equations_of(arm).axes
-    return Units(
-        torque=_BEYOND * limit,
-        load=np.array([*[_FORCE * scale.force] * (axes + 1), _MASS * scale.mass]),
-        fine=fine,
-        coarse=coarse,
-        velocity=_FASTEST * speed,
-        acceleration=_JERKIEST * speed,
-        slow=_SLOW * speed,
-        slow_tip=_SLOW_TIP * length,
-        rest=_REST * length,
-        length=length,
-    )
+    load = np.array([*[_FORCE * scale.force] * (axes + 1), _MASS * scale.mass])
+    of_joints = _FASTEST * speed, _JERKIEST * speed, _SLOW * speed
+    return Units(_BEYOND * limit, load, fine, coarse, *of_joints, _SLOW_TIP * length, _REST * length, length)
 
 
 def turns_of(arm: AnyArm) -> np.ndarray:
@@ -142,31 +134,11 @@ _SENSELESS = 1e6  # rad and rad/s, an innovation of a filter that has diverged
 _NOISE, _NOISES = 1e-6, 3.0  # rad, unit of the noise that is read; e-fold of its asinh that counts as 1
 
 
-class _UnexplainedParts(NamedTuple):
-    """Where the parts of z lie, in the order of the module's equation."""
-
-    fine: Any
-    coarse: Any
-    slow_fine: Any
-    slow_coarse: Any
-    load: Any
-    gap: Any
-    residual: Any
-    belief: Any
-
-
-class _ContextParts(NamedTuple):
-    """Where the parts of c lie, in the order of the module's equation."""
-
-    angles: Any
-    velocities: Any
-    accelerations: Any
-    feedforward: Any
-    signs: Any
-    travel: Any
-    lever: Any
-    trust: Any
-    motion: Any
+# Where the parts of z and of c lie, in the order of the module's equations.
+_UnexplainedParts = namedtuple("_UnexplainedParts", "fine coarse slow_fine slow_coarse load gap residual belief")
+_ContextParts = namedtuple(
+    "_ContextParts", "angles velocities accelerations feedforward signs travel lever trust motion"
+)
 
 
 @functools.cache
@@ -232,7 +204,7 @@ def context_of(physics: Physics) -> Any:
 
     It fills c from the observation, u_ff (n,) [N m], its limit (n,), `turns_of` (n,) and the record of the constants.
     """
-    parts, (tip_velocity, tip_lever) = context_parts(physics.joints, physics.axes), _tip_of(physics)
+    parts, planar = context_parts(physics.joints, physics.axes), physics is two_joints()
 
     def context(
         seen: Observation, feedforward: Any, limit: Any, turns: np.ndarray, arm: Any, units: Units, c: Any
@@ -243,7 +215,8 @@ def context_of(physics: Physics) -> Any:
             turned = q[i] + turn * turned
             sine, cosine = sine_cosine(turned)
             angles[2 * i], angles[2 * i + 1] = cosine, sine
-        velocity, square = tip_velocity(q, dq, arm), 0.0
+        velocity: Any = _planar_velocity(q, dq, arm) if planar else physics.tip_velocity(q, dq, arm)
+        square = 0.0
         for v in velocity:
             square = square + v * v
         speed = root(square + units.slow_tip * units.slow_tip)
@@ -251,7 +224,8 @@ def context_of(physics: Physics) -> Any:
         travel = [v / speed for v in velocity]
         for i, number in enumerate(travel):
             c[parts.travel][i] = number
-        for i, number in enumerate(tip_lever(q, travel, arm)):
+        lever = _planar_lever(q, travel, arm) if planar else physics.tip_load(q, physics.Point(*travel), arm)
+        for i, number in enumerate(lever):
             slow = float(units.slow[i])
             c[parts.lever][i] = number / units.length
             c[parts.velocities][i] = dq[i] / float(units.velocity[i])
@@ -279,22 +253,8 @@ def _squash(numbers: Any) -> None:
         numbers[k] = area_sine(numbers[k])
 
 
-def _tip_of(physics: Physics) -> tuple[Any, Any]:
-    """Return ``velocity(q, dq, arm)`` and ``lever(q, e, arm)``: v (axes,) [m/s] and Jᵀ e (n,)."""
-    if physics is two_joints():
-        return _planar_velocity, _planar_lever
-    PerJoint, Point = physics.PerJoint, physics.Point
-
-    def velocity(q: Any, dq: Any, arm: Any) -> Any:
-        return physics.tip_velocity(PerJoint(*q), PerJoint(*dq), arm)
-
-    def lever(q: Any, e: Any, arm: Any) -> Any:
-        return physics.tip_load(PerJoint(*q), Point(*e), arm)
-
-    return velocity, lever
-
-
-# Of the two-joint arm in the order of operations in which the shipped network was trained: the same bits.
+# v (axes,) [m/s] and Jᵀ e (n,) of the two-joint arm, in the order of operations of the shipped network's training:
+# the same bits.
 def _planar_velocity(q: Any, dq: Any, arm: Any) -> tuple[Any, Any]:
     (s1, c1), (s12, c12) = sine_cosine(q[0]), sine_cosine(q[0] + q[1])
     both = dq[0] + dq[1]
