@@ -50,8 +50,8 @@ from fuzzyarm.fuzzy_policy.laws.tip import TipPolicy
 from fuzzyarm.fuzzy_policy.policy import Policy
 from fuzzyarm.rl_baselines.algorithms import find_algorithm
 from fuzzyarm.rl_baselines.learning_env import sharpened_reward
+from fuzzyarm.synthesis.design_problem import DesignProblem, structure_of
 from fuzzyarm.synthesis.designer import to_controller
-from fuzzyarm.synthesis.inequalities import Inequalities, structure_of
 
 ARM, PERIOD = ArmParameters(), 1e-3  # control period [s]
 TRAINING = find_algorithm("ppo").presets["robust"]
@@ -100,8 +100,8 @@ class Arms:
 
 
 @functools.cache
-def _compiled(structure: Specification) -> Inequalities:
-    return Inequalities(structure, ARM)
+def _compiled(structure: Specification) -> DesignProblem:
+    return DesignProblem(structure, ARM)
 
 
 def fuzzy(alpha: float, gamma: float, fastest_pole: float) -> Policy:

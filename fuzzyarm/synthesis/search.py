@@ -19,7 +19,7 @@ from fuzzyarm.envs.physics.parameters import ArmParameters
 from fuzzyarm.fuzzy_policy.controller import GAINS, RATES, Controller
 from fuzzyarm.fuzzy_policy.ts_model import TSModel
 from fuzzyarm.proof.vertices import error_vertices
-from fuzzyarm.synthesis.inequalities import CERTAIN, PAPER_GAMMA, Inequalities, NoPoint, Point, structure_of
+from fuzzyarm.synthesis.design_problem import CERTAIN, PAPER_GAMMA, DesignProblem, NoPoint, Point, structure_of
 from fuzzyarm.synthesis.scaling import Scaling
 from fuzzyarm.synthesis.specification import FIRST_ALPHA, Specification
 
@@ -77,7 +77,7 @@ def _refuted(specification: Specification, arm: ArmParameters, factor: float) ->
     return None
 
 
-def _asked(specification: Specification, arm: ArmParameters, vertex: int | None, factor: float) -> Inequalities:
+def _asked(specification: Specification, arm: ArmParameters, vertex: int | None, factor: float) -> DesignProblem:
     """Return the compiled problem of a structure, with the parameters of a specification."""
     problem = _compiled(structure_of(specification), arm, vertex, threading.get_ident())
     problem.ask(specification, factor)
@@ -85,9 +85,9 @@ def _asked(specification: Specification, arm: ArmParameters, vertex: int | None,
 
 
 @functools.lru_cache(_KEPT)
-def _compiled(structure: Specification, arm: ArmParameters, vertex: int | None, thread: int) -> Inequalities:
+def _compiled(structure: Specification, arm: ArmParameters, vertex: int | None, thread: int) -> DesignProblem:
     """Return a problem of a structure; each thread has its own, since its parameters are set and its point is read."""
-    return Inequalities(structure, arm, vertex=vertex)
+    return DesignProblem(structure, arm, vertex=vertex)
 
 
 def _smallest_gamma_paper(specification: Specification, arm: ArmParameters, vertex: int | None) -> Point | NoPoint:

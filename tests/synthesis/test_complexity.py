@@ -8,7 +8,7 @@ from fuzzyarm.fuzzy_policy.ts_model import NAMED_RULES, TSModel
 from fuzzyarm.proof import consistent_reference, theorems
 from fuzzyarm.proof.vertices import error_vertices, tracking_vertices
 from fuzzyarm.synthesis.complexity import Size, full_size, paper_formula
-from fuzzyarm.synthesis.inequalities import Inequalities
+from fuzzyarm.synthesis.design_problem import DesignProblem
 from fuzzyarm.synthesis.specification import PAPER_WEIGHT, Specification
 
 ARM = ArmParameters()
@@ -66,6 +66,6 @@ def test_sizes_of_the_largest_model():
 @pytest.mark.parametrize(("rules", "solved"), [(4, 136), (32, 2582)])
 def test_what_is_solved_is_smaller(rules, solved):
     """Variables of the compiled problem, g included."""
-    problem = Inequalities(Specification(NAMED_RULES[rules]), ARM)._problem()
+    problem = DesignProblem(Specification(NAMED_RULES[rules]), ARM)._problem()
     assert problem.size_metrics.num_scalar_variables == solved + 15  # cvxpy counts the symmetric P by all its entries
     assert solved < 0.5 * full_size(vertices(rules, "consistent", True, False)).variables

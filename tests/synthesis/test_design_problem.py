@@ -14,8 +14,8 @@ from fuzzyarm.proof.certificate import certify
 from fuzzyarm.proof.rigid_loop import RigidLoop, freeze
 from fuzzyarm.proof.vertices import error_vertices
 from fuzzyarm.synthesis import DesignFailed, DesignProblem, Specification, design
-from fuzzyarm.synthesis.design_problem import pi
 from fuzzyarm.synthesis.expressions import half
+from fuzzyarm.synthesis.pole_region import pi
 
 ARM = ArmParameters()
 few_rules = pytest.mark.parametrize("rules", [1, 2, 4])
