@@ -1,5 +1,6 @@
 """Controllers of the form "semidefinite": their bounds against samples, their loop, and forged ones."""
 
+import copy
 import dataclasses
 import functools
 import json
@@ -92,7 +93,7 @@ def test_a_search_with_more_rules_begins_with_what_fewer_have():
     samples = InertiaSamples.of(robot_named("panda"), 7, 100, seed=0)
     search = MetricSearch(samples)
     search.run()
-    more = search.copy()
+    more = copy.copy(search)
     more.schedule(rule_weights((Premise(2, "sin q"),), samples.q))
     more.run(rounds=1)
     assert 1.0 < more.kappa <= search.kappa
