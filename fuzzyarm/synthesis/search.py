@@ -113,8 +113,8 @@ def lightness(arm: ArmParameters) -> float:
 
 def scaled_gain(controller: Controller) -> float:
     """Return the gain bound [N m/rad] that a controller just meets, see `Specification`."""
-    units = _units(controller.model.parameters)
-    scaled = units.scaled_gains(controller.gains)
+    units, gains = _units(controller.model.parameters), controller.gains
+    scaled = gains * units.state[: gains.shape[-1]] / units.torque[:, np.newaxis]
     return float(np.linalg.norm(scaled, ord=2, axis=(-2, -1)).max()) * units.stiffness
 
 

@@ -2,7 +2,6 @@
 
 import dataclasses
 import json
-from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -324,8 +323,7 @@ def test_what_noise_hides_is_named_and_kept():
 def test_one_segment_with_a_wrong_stick_is_left_out_and_more_are_the_equations_fault(worse, lost):
     residual = np.ones((3200, 7))
     residual[:, 5:] = np.sqrt(worse)
-    line = SimpleNamespace(residual=residual)
-    np.testing.assert_array_equal(_lost(line), [False] * 5 + list(lost))
+    np.testing.assert_array_equal(_lost(residual), [False] * 5 + list(lost))
 
 
 @pytest.mark.slow
