@@ -130,13 +130,8 @@ def _parsed(text: str) -> Log:
             )
         for place, (name, column) in enumerate(columns.items()):
             values[line - 2, place] = _number(row, line, name, column)
-    named = dict(zip(columns, values.T, strict=True))
-    angle, velocity, torque = (
-        np.stack([named[f"{part}{joint}"] for joint in (1, 2)], axis=-1) if f"{part}1" in named else None
-        for part in _PARTS
-    )
-    assert angle is not None and torque is not None
-    return Log(_period(named["time"]), angle, torque, velocity)
+    velocity = values[:, 3:5] if len(columns) == len(COLUMNS) else None
+    return Log(_period(values[:, 0]), values[:, 1:3], values[:, -2:], velocity)
 
 
 def _check_heading(heading: list[str]) -> None:
