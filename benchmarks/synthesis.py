@@ -34,8 +34,8 @@ from fuzzyarm.proof import theorems
 from fuzzyarm.proof.certificate import certify
 from fuzzyarm.proof.vertices import TrackingVertices
 from fuzzyarm.synthesis.complexity import full_size, paper_formula
+from fuzzyarm.synthesis.design_problem import MARGIN, TOLERANCE, DesignProblem
 from fuzzyarm.synthesis.designer import to_controller
-from fuzzyarm.synthesis.inequalities import MARGIN, TOLERANCE, Inequalities
 from fuzzyarm.synthesis.specification import Specification
 
 SMALL = [("consistent", 1), ("consistent", 2), ("consistent", 4), ("consistent", 8), ("paper", 4), ("paper", 8)]
@@ -57,7 +57,7 @@ def specification(form: str, rules: int) -> Specification:
 # As the theorem states it ---------------------------------------------------------------------------------------------
 
 
-def plain(problem: Inequalities) -> tuple[cp.Problem, list[cp.Expression]]:
+def plain(problem: DesignProblem) -> tuple[cp.Problem, list[cp.Expression]]:
     """Return the problem of smallest gains pair by pair, with all slack, and its matrices (Ψ_ijk + Ψ_jik)/2."""
     data, s, unit, asked = problem._midpoints, problem._scaling, problem._units, problem.specification
     n, n_e, row, paper = len(s.state), data.n_e, problem._row_units("Psi"), isinstance(data, TrackingVertices)
@@ -110,7 +110,7 @@ def mirrored(lower: list[list[Any]]) -> Any:
 def run_plain(asked: Specification) -> dict[str, Any]:
     """Return times [s], optimum, status and recomputed margin with Clarabel."""
     settings = {**dict.fromkeys(("tol_gap_abs", "tol_gap_rel", "tol_feas"), TOLERANCE * MARGIN), "max_threads": 1}
-    problem = Inequalities(asked, ArmParameters())
+    problem = DesignProblem(asked, ArmParameters())
     begin = time.perf_counter()
     written, matrices = plain(problem)
     data, chain, inverse = written.get_problem_data(cp.CLARABEL, solver_opts=settings)
@@ -136,7 +136,7 @@ def run_plain(asked: Specification) -> dict[str, Any]:
 
 def reduced_size(asked: Specification) -> dict[str, int]:
     """Return the variables and rows of the cone program that `design` solves."""
-    compiled = Inequalities(asked, ArmParameters())._problem()
+    compiled = DesignProblem(asked, ArmParameters())._problem()
     data = compiled.get_problem_data(cp.CLARABEL, canon_backend="SCIPY")[0]
     return {"variables": len(data["c"]), "rows": sum(data["dims"].psd)}
 
@@ -144,7 +144,7 @@ def reduced_size(asked: Specification) -> dict[str, int]:
 def run_ours(asked: Specification) -> dict[str, Any]:
     """Return times [s], optimum, status and recomputed margin of the reduced program, proven."""
     begin = time.perf_counter()
-    problem = Inequalities(asked, ArmParameters())
+    problem = DesignProblem(asked, ArmParameters())
     written = time.perf_counter()
     point = problem.point()
     solved = time.perf_counter()
@@ -171,7 +171,7 @@ def measure(form: str, rules: int, repeats: int) -> dict[str, Any]:
         run["ratio"] = (run["cvxpy_compile_s"] + run["cvxpy_solve_s"]) / (run["build_s"] + run["solve_s"])
     columns = {key: [run[key] for run in runs] for key in runs[0]}
     middle = {key: _middle(values) for key, values in columns.items()}
-    data = Inequalities(asked, ArmParameters())._data
+    data = DesignProblem(asked, ArmParameters())._data
     return {
         "rules": rules,
         "form": TITLE[form],

@@ -125,15 +125,9 @@ def _scheduled_specification(options: Options, joints: int) -> ScheduledSpecific
 def _margins(controller: Controller | ScheduledController) -> str:
     """Return the stability margins of the policy on the sampled elastic robot, in words."""
     from fuzzyarm.eval.stability.margins import CONTROL_PERIOD, margins_in_words
-    from fuzzyarm.fuzzy_policy.controller import Controller
-    from fuzzyarm.fuzzy_policy.laws.fuzzy import FuzzyPolicy
-    from fuzzyarm.fuzzy_policy.laws.scheduled import ScheduledPolicy
+    from fuzzyarm.policies import load_policy
 
-    policy = (
-        FuzzyPolicy(controller, CONTROL_PERIOD)
-        if isinstance(controller, Controller)
-        else ScheduledPolicy(controller, CONTROL_PERIOD)
-    )
+    policy = load_policy(controller, control_period=CONTROL_PERIOD, allow_unproven=True)  # it was proven a moment ago
     try:
         return margins_in_words(policy, policy.parameters, CONTROL_PERIOD)
     except ValueError as error:  # the arm cannot follow its path

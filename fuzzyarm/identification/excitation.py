@@ -20,7 +20,6 @@ from numpy.typing import ArrayLike
 from scipy.optimize import minimize
 
 from fuzzyarm.common import checks
-from fuzzyarm.common.files import csv_text
 from fuzzyarm.envs.fuzzy_arm import FuzzyArmEnv
 from fuzzyarm.envs.observation import observed
 from fuzzyarm.envs.physics.dynamics import tip_jacobian, tip_position
@@ -28,7 +27,7 @@ from fuzzyarm.envs.physics.parameters import ArmParameters
 from fuzzyarm.envs.scenario.disturbances import Disturbance, EncoderNoise
 from fuzzyarm.envs.scenario.reference import Reference, ReferenceSample, TipSample
 from fuzzyarm.fuzzy_policy.laws.computed_torque import ComputedTorquePolicy
-from fuzzyarm.identification.log import Log
+from fuzzyarm.identification.log import Log, joint_table
 from fuzzyarm.identification.rigid import base_of, regressor
 
 __all__ = ["NOISE", "SHARE", "Excitation", "condition_of", "motion_csv", "rehearsed", "suggested", "use_of"]
@@ -187,9 +186,7 @@ def motion_csv(motion: Excitation, arm: ArmParameters, period: float = 1e-3) -> 
     time = np.arange(round(motion.duration / period) + 1) * period
     sample = motion.sample(time)
     parts = {"q": sample.q, "dq": sample.dq, "ddq": sample.ddq, "torque": _torque(sample, arm)}
-    columns = {"time": time} | {f"{part}{j + 1}": values[:, j] for part, values in parts.items() for j in range(2)}
-    rows = zip(*(np.round(column, 9).tolist() for column in columns.values()), strict=True)
-    return csv_text([dict(zip(columns, row, strict=True)) for row in rows])
+    return joint_table(np.round(time, 9), {name: np.round(part, 9) for name, part in parts.items()})
 
 
 NOISE = EncoderNoise(1e-5, 1e-3)  # rad, rad/s, of encoders with about 10⁵ lines

@@ -26,7 +26,6 @@ import dataclasses
 import functools
 import math
 from collections.abc import Callable
-from typing import NamedTuple
 
 import numpy as np
 from scipy.optimize import least_squares
@@ -54,13 +53,6 @@ _LOST = 1e9  # residual of a simulation that has run away
 _GOOD = 1e-7  # decrease of the cost, as a share of it, at which the states count as found
 
 
-class _Linearised(NamedTuple):
-    """Residuals of all segments and their derivatives over θ without the states, all without unit."""
-
-    residual: np.ndarray  # (rows, S)
-    over_theta: np.ndarray  # (rows, |θ|, S)
-
-
 @dataclasses.dataclass(eq=False)
 class _Shooting:
     """The segments of a log; the search for states begins at those of the last linearisation."""
@@ -78,14 +70,13 @@ class _Shooting:
         self._hold, self.count = hold_of(two_joints()), len(self.states.T)
         self._substeps = default_substeps(self.period, self.rate)
 
-    def residual(self, theta: np.ndarray) -> np.ndarray:
-        """Return the residuals (rows, S) at θ (|θ|,) and the best states, which are kept in `states`."""
-        return self._eliminated(theta)[0]
+    def linearised(self, theta: np.ndarray, scale: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Return the residuals (rows, S) and their derivatives (rows, |θ|, S) over θ (|θ|,) without the states.
 
-    def linearised(self, theta: np.ndarray, steps: np.ndarray) -> _Linearised:
-        """Return the residuals and their derivatives over θ (|θ|,), by differences of the length of `steps` (|θ|,)."""
-        residual, over_states = self._eliminated(theta)
-        self.kept = self.states
+        Neither has a unit: θ is in units of `scale` (|θ|,).
+        """
+        residual, over_states = self.eliminated(theta)
+        self.kept, steps = self.states, _DIFFERENCE * scale
         moved = theta[:, np.newaxis] + np.diag(steps)
         lanes, every = np.tile(self.states, (1, len(theta))), np.arange(self.count)
         ahead = self._simulated(np.repeat(moved, self.count, axis=1), lanes, every)
@@ -93,10 +84,10 @@ class _Shooting:
         over_theta = (ahead - residual[:, np.newaxis]) / steps[:, np.newaxis]
         normal, slope = _normal(over_states, np.full(self.count, _LEAST))
         shared = np.linalg.solve(normal, np.einsum("rks,rps->skp", slope, over_theta))
-        return _Linearised(residual, over_theta - np.einsum("rks,skp->rps", slope, shared))
+        return residual, (over_theta - np.einsum("rks,skp->rps", slope, shared)) * scale[:, np.newaxis]
 
-    def _eliminated(self, theta: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Return the residuals (rows, S) and their derivatives over the states (rows, 8, S) at the best states.
+    def eliminated(self, theta: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Return the residuals (rows, S) and their derivatives over the states (rows, 8, S) at the best states, kept.
 
         Levenberg's method in each segment for itself: a step that does not help is taken back, and the next is shorter.
         """
@@ -238,12 +229,12 @@ def fit_elastic(
         return full
 
     def residual(z: np.ndarray) -> np.ndarray:
-        return shooting.residual(whole(z)).ravel()
+        return shooting.eliminated(whole(z))[0].ravel()
 
     def slope(z: np.ndarray) -> np.ndarray:
         if progress is not None:
             progress()
-        return _stacked(shooting.linearised(whole(z), _DIFFERENCE * scale), scale, told)
+        return _stacked(shooting.linearised(whole(z), scale)[1], told)
 
     for length in SEGMENTS:
         theta = np.where(told, np.clip(theta, *bounds), known)
@@ -253,7 +244,7 @@ def fit_elastic(
         states = _starts_of(motion, beginnings, filled(Arm, constants(theta[:, np.newaxis])[:, 0]))
         shooting = _Shooting(measured, torque, log.period, states, noise, constants, rate)
         told[:] = True
-        _leave_out(shooting.linearised(theta, _DIFFERENCE * scale), theta, scale, told, 1.0)
+        _leave_out(shooting.linearised(theta, scale)[1], theta, scale, told, 1.0)
         while told.any():
             theta = np.where(told, theta, known)
             low, high = (bound[told] / scale[told] for bound in bounds)
@@ -262,15 +253,15 @@ def fit_elastic(
                 residual, begin, slope, bounds=(low, high), xtol=_CLOSE, ftol=_CLOSE, gtol=None, max_nfev=_MOST_STEPS
             )
             theta = whole(found.x)
-            line = shooting.linearised(theta, _DIFFERENCE * scale)
-            if not _leave_out(line, theta, scale, told, _spread(line, told)):
+            final, over = shooting.linearised(theta, scale)
+            if not _leave_out(over, theta, scale, told, _spread(final, told)):
                 break
         if not told.any():
             raise ValueError("the log tells no parameter: the simulated arm does not follow it; check units and signs")
-        lost = _lost(line)
-        left = line.residual.reshape(len(measured), measured.shape[1], -1) * noise[:, np.newaxis]
+        lost = _lost(final)
+        left = final.reshape(len(measured), measured.shape[1], -1) * noise[:, np.newaxis]
         noise = np.maximum(np.sqrt(np.mean(left**2, axis=(0, 2))), 1e-3 * noise)
-    error, (relative, condition) = np.full(len(theta), np.nan), _errors(line, scale, told, _spread(line, told))
+    error, (relative, condition) = np.full(len(theta), np.nan), _errors(over, told, _spread(final, told))
     error[told] = relative * scale[told]
     (low, high), near, rms = bounds, 1e-6 * scale, np.sqrt(np.mean(left**2, axis=(0, 2)))
     scaled = left / rms[:, np.newaxis]
@@ -286,20 +277,20 @@ def fit_elastic(
     )
 
 
-def _lost(line: _Linearised) -> np.ndarray:
+def _lost(residual: np.ndarray) -> np.ndarray:
     """Return which segments (S,) fit far worse than the median: the search for their states ended in a wrong stick.
 
     The sum of the squares of N residuals of white noise deviates by a share √(2/N). If segments are many and more than
     one, the equations are wrong rather than the states, and none counts as lost.
     """
-    cost = np.sum(line.residual**2, axis=0)
-    lost: np.ndarray = cost > (1.0 + _WORSE * math.sqrt(2.0 / len(line.residual))) * np.median(cost)
+    cost = np.sum(residual**2, axis=0)
+    lost: np.ndarray = cost > (1.0 + _WORSE * math.sqrt(2.0 / len(residual))) * np.median(cost)
     return lost if np.sum(lost) <= max(_MOST_LOST * len(lost), 1.0) else np.zeros_like(lost)
 
 
-def _stacked(line: _Linearised, scale: np.ndarray, told: np.ndarray) -> np.ndarray:
-    """Return the derivatives of all residuals over the told entries of θ, in units of the scale: (rows S, told)."""
-    over = line.over_theta[:, told] * scale[told][:, np.newaxis]
+def _stacked(over_theta: np.ndarray, told: np.ndarray) -> np.ndarray:
+    """Return the derivatives of all residuals over the told entries of θ, (rows S, told)."""
+    over = over_theta[:, told]
     return np.asarray(np.moveaxis(over, 1, -1).reshape(-1, over.shape[1]))
 
 
@@ -316,28 +307,27 @@ def _scale(start: np.ndarray, motion: Motion) -> np.ndarray:
     return scale
 
 
-def _spread(line: _Linearised, told: np.ndarray) -> float:
+def _spread(residual: np.ndarray, told: np.ndarray) -> float:
     """Return s², which is 1 if the model explains the log down to its noise."""
-    free = line.residual.size - _STATES * line.residual.shape[1] - int(told.sum())
-    return float(np.sum(line.residual**2) / max(free, 1))
+    free = residual.size - _STATES * residual.shape[1] - int(told.sum())
+    return float(np.sum(residual**2) / max(free, 1))
 
 
-def _errors(line: _Linearised, scale: np.ndarray, told: np.ndarray, spread: float) -> tuple[np.ndarray, float]:
+def _errors(over_theta: np.ndarray, told: np.ndarray, spread: float) -> tuple[np.ndarray, float]:
     """Return standard errors of the told entries of θ in units of the scale, and the condition number."""
-    singular, turn = np.linalg.svd(_stacked(line, scale, told), full_matrices=False)[1:]
+    singular, turn = np.linalg.svd(_stacked(over_theta, told), full_matrices=False)[1:]
     inverse = 1.0 / np.maximum(singular, max(1e-12 * float(singular[0]), _NOTHING))
     error: np.ndarray = np.sqrt(spread * np.sum((inverse[:, np.newaxis] * turn) ** 2, axis=0))
     return error, float(inverse[-1] / inverse[0])
 
 
-def _leave_out(line: _Linearised, theta: np.ndarray, scale: np.ndarray, told: np.ndarray, spread: float) -> bool:
+def _leave_out(over_theta: np.ndarray, theta: np.ndarray, scale: np.ndarray, told: np.ndarray, spread: float) -> bool:
     """Take the entries whose 95 % interval is wider than the value out of `told`, the widest first; return if any."""
     before = int(told.sum())
     while told.any():
-        places = np.flatnonzero(told)
-        error, _ = _errors(line, scale, told, spread)
+        error, _ = _errors(over_theta, told, spread)
         width = DEVIATIONS * error * scale[told] / np.maximum(np.abs(theta[told]), scale[told])
         if not float(width.max()) > 1.0:
             break
-        told[places[int(np.argmax(width))]] = False
+        told[np.flatnonzero(told)[int(np.argmax(width))]] = False
     return int(told.sum()) < before

@@ -29,7 +29,7 @@ from fuzzyarm.common.documents import read_bytes
 from fuzzyarm.common.files import csv_text
 from fuzzyarm.envs.physics.parameters import LARGEST
 
-__all__ = ["COLUMNS", "Log", "Motion", "read_log", "smoothed", "write_log"]
+__all__ = ["COLUMNS", "Log", "Motion", "joint_table", "read_log", "smoothed", "write_log"]
 
 
 _PARTS = {"q_motor": "rad", "dq_motor": "rad/s", "torque": "N m"}
@@ -102,11 +102,14 @@ def read_log(path: Path) -> Log:
 
 def write_log(log: Log) -> str:
     """Return the text of a CSV file that `read_log` reads back to an equal log."""
-    parts = {"q_motor": log.angle, "dq_motor": log.velocity, "torque": log.torque}
-    columns: dict[str, np.ndarray] = {"time": np.arange(len(log.angle)) * log.period}
-    for part, values in parts.items():
-        if values is not None:
-            columns |= {f"{part}{joint + 1}": values[:, joint] for joint in range(2)}
+    velocity = {} if log.velocity is None else {"dq_motor": log.velocity}
+    time = np.arange(len(log.angle)) * log.period
+    return joint_table(time, {"q_motor": log.angle, **velocity, "torque": log.torque})
+
+
+def joint_table(time: np.ndarray, parts: dict[str, np.ndarray]) -> str:
+    """Return instants (N,) [s] and quantities of two joints (N, 2) as CSV, with two columns for each quantity."""
+    columns = {"time": time} | {f"{part}{j + 1}": values[:, j] for part, values in parts.items() for j in range(2)}
     rows = zip(*(column.tolist() for column in columns.values()), strict=True)
     return csv_text([dict(zip(columns, row, strict=True)) for row in rows])
 
@@ -127,9 +130,8 @@ def _parsed(text: str) -> Log:
             )
         for place, (name, column) in enumerate(columns.items()):
             values[line - 2, place] = _number(row, line, name, column)
-    named = dict(zip(columns, values.T, strict=True))
-    velocity = _pair(named, "dq_motor") if set(_VELOCITIES) <= set(named) else None
-    return Log(_period(named["time"]), _pair(named, "q_motor"), _pair(named, "torque"), velocity)
+    velocity = values[:, 3:5] if len(columns) == len(COLUMNS) else None
+    return Log(_period(values[:, 0]), values[:, 1:3], values[:, -2:], velocity)
 
 
 def _check_heading(heading: list[str]) -> None:
@@ -171,10 +173,6 @@ def _period(time: np.ndarray) -> float:
             "needed: instants evenly apart. Cut the log at the gap, or resample it"
         )
     return float(np.mean(steps))
-
-
-def _pair(named: dict[str, np.ndarray], part: str) -> np.ndarray:
-    return np.stack([named[f"{part}{joint}"] for joint in (1, 2)], axis=-1)
 
 
 _CUTOFF = 10.0  # Hz: above the motion of the motors, and below the vibration of elastic joints

@@ -19,7 +19,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from fuzzyarm.envs.physics.dynamics import Arm, Plant, lump, plant_of
+from fuzzyarm.envs.physics.dynamics import Plant, lump, plant_of
 from fuzzyarm.envs.physics.parameters import ArmParameters
 from fuzzyarm.envs.physics.records import PerJoint, flat
 from fuzzyarm.identification.log import Motion
@@ -108,8 +108,8 @@ def constants_of(theta: np.ndarray, arm: ArmParameters) -> np.ndarray:
     for field in dict.fromkeys(one.field for one in UNKNOWNS):
         rows = [row for one, row in zip(UNKNOWNS, theta, strict=True) if one.field == field]
         fields[field] = PerJoint(*rows) if len(rows) > 1 else rows[0]
-    constants: Arm = lump(Plant(**fields))
-    return np.stack([np.broadcast_to(np.asarray(row, dtype=float), theta.shape[1:]) for row in flat(constants)])
+    rows = flat(lump(Plant(**fields)))
+    return np.stack([np.broadcast_to(np.asarray(row, dtype=float), theta.shape[1:]) for row in rows])
 
 
 BASE = (

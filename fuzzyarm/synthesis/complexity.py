@@ -10,7 +10,7 @@ For n, n_e and n_r columns of P, M and L, m uncertain terms of r rows in all and
     variables:  |P| + N N_e n_u (n_e + n_r) + N(N + 1)/2 (2n² + N_e m) + 1,
     rows:       n + N(N + 1)/2 N_e (2n + n_w + n_z + r).
 
-What is solved is smaller, see `inequalities`; `Design` has its numbers.
+What is solved is smaller, see `design_problem`; `Design` has its numbers.
 """
 
 from __future__ import annotations

@@ -1,104 +1,158 @@
-"""The design problem that `design` solves, open to constraints and objectives of a user's own, in cvxpy.
+"""The design problem: the proof's own inequalities on cvxpy's expressions, and the point where a solver ends.
 
-One such constraint says where the poles of the frozen rigid loop lie. A region of the complex plane is the set of z
-with R + z S + z* Sᵀ < 0, for R symmetric and S of the same size s: a half plane to the left of -α (R = 2α, S = 1), a
-sector |Im z| < -t Re z (R = 0, S = [[t, 1], [-1, t]]), a disc of radius r about -q (R = [[-r, q], [q, -r]], S = [[0,
-1], [0, 0]]). With F_ijk = A_i P + B M_jk, ⊗ the Kronecker product, slack Q, X and symmetric multipliers Θ_l of its own,
-every pole of every frozen loop lies in it if Π_iik < 0 and Π_ijk + Π_jik < 0 for i < j and all k, where
+    minimise g or γ²:   P11 >= f I,   [[g I, M_jk], [M_jkᵀ, P11]] >= 0,   (Ψ_ijk + Ψ_jik)/2 <= -μ I,   likewise Φ
 
-            | R⊗P + He((S⊗I) Q_ij)                     ⋆                                  ⋆    |
-    Π_ijk = | I⊗F_ijk - (I⊗E_k) Q_ij + X_ijᵀ (S⊗I)ᵀ    -He((I⊗E_k) X_ij) + Σ Θ_l⊗H_lᵀH_l  ⋆    |
-            | I⊗W_l P  or  -(I⊗W_l) Q_ij               0  or  -(I⊗W_l) X_ij               -Θ_l⊗I|
+in the units of `Scaling`, for all i <= j, k: stacks, see `Vertices.midpoints`. So |K_jk| = |M_jk P11⁻¹| <= (g/f)^(1/2).
+Where γ is given and the gains are minimised f = 1; where the gains are bounded f > 0 is a variable and g = bound² f.
 
-For s = 1 this is the inequality of the decay rate, `error_psi`, without its rows d and z. Multiplied by
-[I, (S⊗I)(I⊗E)⁻¹, ...] from the left and its transpose from the right, X drops out and R⊗P + He(S⊗(E⁻¹F)) is left:
-the condition of Chilali and Gahinet (1996) for E⁻¹F P⁻¹.
+*Unit of V.* V = c V̂ with P = c P̂, M = c M̂, ...: Ψ is congruent to c times itself at P̂, M̂, ..., c^(1/2) z and c γ². c is
+a parameter, like α, β and the bound of the gains, so one compiled problem serves all designs of a structure.
+
+*Rows that no vertex changes.* Only the rows b of E_k ẋ = A_i x + B u + B d, those of q̇, depend on a vertex or on the
+torques; the others, a, read ẋ_a = N x + D_a w. Adding S_a S_aᵀ times the rows of ẋ to those of x makes them redundant,
+and most of the slack with them: Q = S_b Q_b and X = S_b X_b S_bᵀ are left, S_a and S_b the columns a and b of the
+identity. The rows x, ẋ_b, w, z and uncertainties are negative definite for some Q_b and X_b if and only if Ψ is for
+some Q and X with the same P, M, L, τ. `_expanded` goes back.
 """
 
 from __future__ import annotations
 
+import dataclasses
+import math
 import time
-from typing import Any
+import types
+import warnings
+from collections.abc import Callable
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import cvxpy as cp
 import numpy as np
 
-from fuzzyarm.common.checks import finite_array, instance, listed, real, shown, whole
+from fuzzyarm.common.arithmetic import consecutive, last_that_works
+from fuzzyarm.common.checks import finite_array, instance, real, whole
 from fuzzyarm.envs.observation import JOINTS
 from fuzzyarm.envs.physics.parameters import ArmParameters
-from fuzzyarm.fuzzy_policy.controller import GAINS
-from fuzzyarm.fuzzy_policy.signed_files import ControllerFileError
-from fuzzyarm.fuzzy_policy.states import PLANT
-from fuzzyarm.proof.block_matrix import Assembly, he, identity, symmetric, transposed
-from fuzzyarm.proof.certificate import Certificate, certify
-from fuzzyarm.proof.vertices import Index, Vertices
-from fuzzyarm.synthesis.designer import Design, DesignFailed, to_controller
+from fuzzyarm.fuzzy_policy.controller import GAINS, RATES, consistent_feedforward
+from fuzzyarm.fuzzy_policy.states import VELOCITY
+from fuzzyarm.fuzzy_policy.ts_model import TSModel
+from fuzzyarm.proof import theorems
+from fuzzyarm.proof.block_matrix import Assembly, symmetric, transposed
+from fuzzyarm.proof.vertices import TrackingVertices, error_vertices, tracking_vertices
 from fuzzyarm.synthesis.expressions import half, negative, positive
-from fuzzyarm.synthesis.inequalities import MARGIN, Inequalities, NoPoint
-from fuzzyarm.synthesis.search import best_point, why_infeasible
-from fuzzyarm.synthesis.specification import Specification
+from fuzzyarm.synthesis.pole_region import pi
+from fuzzyarm.synthesis.scaling import Scaling
+from fuzzyarm.synthesis.specification import PAPER_WEIGHT, Specification
 
-__all__ = ["DesignProblem", "pi"]
+if TYPE_CHECKING:
+    from fuzzyarm.synthesis.designer import Design
+
+__all__ = ["CERTAIN", "MARGIN", "PAPER_GAMMA", "DesignProblem", "NoPoint", "Point", "structure_of"]
+
+MARGIN = 1e-4  # μ, far above the rounding errors of the solver
+TOLERANCE = 0.01  # of the solver, as a share of the margin, so that its error stays far below the margin
+# More threads are slower; the decomposition that keeps overlapping cliques apart has 40 % of the compact one's fill.
+CLARABEL = {
+    **dict.fromkeys(("tol_gap_abs", "tol_gap_rel", "tol_feas"), TOLERANCE * MARGIN),
+    "direct_solve_method": "faer",
+    "max_threads": 1,
+    "chordal_decomposition_compact": False,
+}
+CERTAIN = "PrimalInfeasible"
+"""The solver's status of a proof that there is no point, to its full accuracy."""
+_INFEASIBLE = (CERTAIN, "AlmostPrimalInfeasible")
+
+# γ ties the unit c of V to P. In the consistent form c goes with σ/(γU)²; 0.37 of that gives the smallest gains with z1
+# kept, 0.6 with z1 dropped (α = 20, γ = 2e-4). In the paper's form 1e-4 at γ = 1000 suits every model.
+_BEST_SCALE = {True: 0.37, False: 0.6}
+_PAPER_SCALE, PAPER_GAMMA = 1e-4, 1000.0
+_ALPHA_RESOLUTION = 0.01  # relative, of the largest decay rate
+_DUST = 1e-9  # relative, of an entry of P or M that a solver means to be zero
 
 
-def pi(
-    data: Vertices,
-    i: Index,
-    k: Index,
-    *,
-    R: np.ndarray,
-    S: np.ndarray,
-    P: Any,
-    M: Any,
-    Q: Any,
-    X: Any,
-    theta: Any,
-    put: Assembly = symmetric,
-) -> Any:
-    """Return Π_ijk (..., rows, rows), symmetric and affine in P, M, Q, X and Θ, of numbers or of cvxpy's expressions.
+class NoPoint(ValueError):
+    """No strictly feasible point was found; the message says what to relax.
 
-    The vertices are of the consistent form, n = 4 or, with the integral, 6; with arrays of i and k, from 0, the result
-    is a stack, as in `theorems.error_psi`. R [1/s] and S are (s, s), P is (n, n), M_jk (..., 2, n), Q_ij and X_ij
-    are (..., s n, s n), and Θ (..., m, s, s) has an entry for each of `data.uncertainties`.
+    Attributes:
+        problem: the `DesignProblem`, with the values where the solver ended.
+        status: as the solver reports it.
+        margin: of the point the solver ended at, not positive; -inf without a point.
+        result: what the solver returned, None where it raised an error.
+        program: the cone program as cvxpy hands it over, b - A x in the cones `dims`.
+        ray: z (rows,) in the cones with Aᵀz = 0 and bᵀz < 0, if the solver claims that there is no point, else None.
     """
-    one, n = identity(len(S)), data.n_e
-    E, wide = np.kron(one, data.error_E(k)), np.kron(S, identity(n))
-    below: list[list[Any]] = []
-    corner = -he(E @ X)
-    for term, uncertain in enumerate(data.uncertainties):
-        scale, H = theta[..., term, :, :], data.error_rows(uncertain.H.T).T
-        W = np.zeros((len(uncertain.W), n))
-        W[:, PLANT] = uncertain.W
-        corner = corner + _kron(scale, H.T @ H)
-        wide_W = np.kron(one, W)
-        left, middle = (_blocks(one, W @ P), 0) if uncertain.on == "A" else (-wide_W @ Q, -wide_W @ X)
-        below.append([left, middle, *[0] * len(below), -_kron(scale, identity(len(H)))])
-    F = data.error_A(i) @ P + data.error_rows(data.B) @ M
-    side = _blocks(one, F) - E @ Q + transposed(X) @ wide.T
-    return put([[_blocks(R, P) + he(wide @ Q)], [side, corner], *below])
-
-
-def _blocks(numbers: np.ndarray, matrix: Any) -> Any:
-    """Return `numbers` ⊗ Y (..., s r, s c) for numbers (s, s) and Y (..., r, c)."""
-    units, (r, c) = identity(len(numbers)), matrix.shape[-2:]
-    return sum(
-        np.kron(units[:, [a]], identity(r)) @ matrix @ (numbers[a, b] * np.kron(units[[b]], identity(c)))
-        for a, b in np.argwhere(numbers)
-    )
-
-
-def _kron(matrix: Any, numbers: np.ndarray) -> Any:
-    """Return Y ⊗ `numbers` (..., s r, s r) for Y (..., s, s) and numbers (r, r)."""
-    size, r = matrix.shape[-1], len(numbers)
-    left = [np.kron(identity(size), identity(r)[:, [a]]) for a in range(r)]
-    return sum((numbers[a, b] * left[a]) @ matrix @ left[b].T for a, b in np.argwhere(numbers))
-
-
-class DesignProblem(Inequalities):
-    """The inequalities of a specification as an open problem: add to `constraints`, assign `objective`, and `solve`."""
 
     def __init__(
-        self, specification: Specification, parameters: ArmParameters | None = None, scale: float = 1.0
+        self, problem: DesignProblem, status: str, margin: float, result: Any = None, program: Any = None
+    ) -> None:
+        self.problem, self.status, self.margin, self.result, self.program = problem, status, margin, result, program
+        self.ray = np.array(result.z) if result is not None and status in _INFEASIBLE else None
+        found = "a proof that there is none" if self.ray is not None else f"a point with margin {margin:.2g}"
+        super().__init__(
+            f"no strictly feasible point: the solver ended with {status} and {found}; lower alpha, or raise gamma, the "
+            "gain bound or fastest_pole"
+        )
+
+
+@dataclasses.dataclass(frozen=True)
+class Point:
+    """A strictly feasible point of the full inequalities, in SI units; shapes and symbols as in `Controller`."""
+
+    alpha: float  # α [1/s]
+    gamma: float  # γ, given or found
+    P: np.ndarray  # (n, n)
+    M: np.ndarray  # (N, N_e, 2, n_e)
+    L: np.ndarray  # (N, N_e, 2, 6); empty in the consistent form
+    # (Q, X, τ) of Ψ and, with a fastest pole, of Φ: (p, n, n), (p, n, n) and (p, N_e, m)
+    slack: tuple[tuple[np.ndarray, np.ndarray, np.ndarray], ...]
+    margin: float  # recomputed from these values; the inequalities are <= -margin I in the units of `Scaling`
+    largest_gain: float  # largest |K_jk| in these units
+    objective: float  # as the solver reports it: g, or γ² in units, or 0
+    status: str  # as the solver reports it
+    variables: int  # scalar variables of the cone program
+    rows: int  # of its cones, upper triangles
+    compile_seconds: float  # to write and compile the problem, or to change its parameters [s]
+    solve_seconds: float  # of the solver and of recomputing the margin [s]
+
+
+class _Slack(NamedTuple):  # variables of Ψ or Φ, in units
+    Q: Any  # Q_b (p, 2, n)
+    X: Any  # X_b (p, 2, 2)
+    tau: Any  # (p N_e, m)
+
+
+def structure_of(specification: Specification) -> Specification:
+    """Return a specification's structure: one compiled problem serves all that have the same, for the same arm."""
+    values = {"alpha": 1.0, "gamma": 1.0, "gain_bound": 1.0, "fastest_pole": 2.0}
+    given: dict[str, Any] = {name: one for name, one in values.items() if getattr(specification, name) is not None}
+    return dataclasses.replace(specification, **given)
+
+
+class DesignProblem:
+    """The inequalities of a specification as an open problem: add to `constraints`, assign `objective`, and `solve`.
+
+    Vertices i, j of A and k of E count from 0, pairs by i, then j. n, n_e, N, N_e, p and m are those of `Controller`.
+    P, M, L, Q, X, τ and γ² are affine expressions in SI units.
+
+    Attributes:
+        specification: what is asked.
+        model: the T-S model.
+        pairs: (i, j) with i <= j, p of them.
+        alpha: decay rate [1/s], a cvxpy parameter: assign its `value` to solve again at another one.
+        L: (N, N_e, 2, 6) in the paper's form, else empty.
+        inequalities: of the theorems, by name; "Psi" and "Phi" are stacks (p N_e, rows, rows), k fastest.
+        floor: f, a number without unit.
+        constraints: all constraints, a list to add to.
+        objective: what is minimised, a `cvxpy.Minimize`; assign another one.
+        written: the objective and the constraints of the specification.
+    """
+
+    def __init__(
+        self,
+        specification: Specification,
+        parameters: ArmParameters | None = None,
+        scale: float = 1.0,
+        *,
+        vertex: int | None = None,
     ) -> None:
         """Write the problem down; nothing is solved.
 
@@ -107,10 +161,170 @@ class DesignProblem(Inequalities):
             parameters: the arm, default Table 1.
             scale: size of P, relative to what suits most designs. It matters where the gains are minimised, which are
                 bounded through the smallest eigenvalue of P; elsewhere it is a unit.
+            vertex: of A, whose inequalities alone are written: necessary conditions, which have no controller. None
+                for all vertices.
         """
-        instance("specification", specification, Specification)
-        parameters = ArmParameters() if parameters is None else instance("parameters", parameters, ArmParameters)
-        super().__init__(specification, parameters, real("scale", scale, low=GAINS[0], high=GAINS[1]))
+        given = self.specification = instance("specification", specification, Specification)
+        arm = ArmParameters() if parameters is None else instance("parameters", parameters, ArmParameters)
+        self.model, common = TSModel(arm, given.kept), given.common_multiplier
+        data = (
+            error_vertices(self.model, given.integral, common_multiplier=common)
+            if given.form == "consistent"
+            else tracking_vertices(self.model, given.integral, np.array(PAPER_WEIGHT), common_multiplier=common)
+        )
+        chosen = slice(None)
+        if vertex is not None:
+            chosen = slice(whole("vertex", vertex, high=len(data.A) - 1), vertex + 1)
+        self._data = dataclasses.replace(data, A=data.A[chosen])
+        self._midpoints, self.pairs = self._data.midpoints(), self._data.pairs
+        self._scaling = Scaling.of(self._data, arm)
+        self._pair, self._k = (at.ravel() for at in np.indices((len(self.pairs), len(data.E))))
+        self._i, self._j = np.array(self.pairs)[self._pair].T
+        self._write_variables(given, chosen)
+        self._write_inequalities(given)
+        self.ask(given, real("scale", scale, low=GAINS[0], high=GAINS[1]))
+
+    def ask(self, specification: Specification, scale: float = 1.0) -> None:
+        """Ask for another specification of the same structure (`structure_of`), at another unit c of V."""
+        given, s = specification, self._scaling
+        self.specification, self._c = given, scale * _natural(given, s)
+        self.alpha.value, self._root_c.value = given.first_alpha, math.sqrt(self._c)
+        if given.gamma is not None:
+            self._gamma2.value = self._c * given.gamma**2
+        if given.gain_bound is not None:
+            self._bound2.value = (given.gain_bound / s.stiffness) ** 2
+        if given.fastest_pole is not None:
+            self._fastest_pole.value = given.fastest_pole
+
+    # The variables, in units and in SI units -------------------------------------------------------------------------
+
+    def _write_variables(self, given: Specification, chosen: slice) -> None:
+        s, data, T = self._scaling, self._data, self._scaling.state
+        n, n_e, vertices = len(T), data.n_e, (len(data.A), len(data.E))
+        self._units = {
+            "P": np.outer(T, T),
+            "M": np.outer(s.torque, T[:n_e]),
+            "Q": s.time * np.outer(T, T),
+            "X": np.outer(T, 1.0 / s.row),
+            "tau": s.uncertainty**2 / s.time,
+        }
+        blocks = [cp.Variable((size, size), symmetric=True) for size in ((n_e,) if n == n_e else (n_e, n - n_e))]
+        off = np.zeros((n_e, n - n_e))
+        self._P = blocks[0] if n == n_e else cp.bmat([[blocks[0], off], [off.T, blocks[1]]])
+        self._M = cp.Variable((*vertices, JOINTS, n_e))
+        self.L: Any = np.zeros((*vertices, JOINTS, 0))
+        if given.form == "paper":
+            consistent = consistent_feedforward(self.model)[chosen]
+            unit = s.torque[:, np.newaxis] / s.disturbance[-consistent.shape[-1] :]
+            free = given.feedforward is None
+            self.L = cp.multiply(unit, cp.Variable(consistent.shape)) if free else given.feedforward * consistent
+        p, rows, m = len(self.pairs), len(self._pair), len(s.uncertainty)
+        self._slack = [
+            _Slack(
+                cp.Variable((p, JOINTS, n)),
+                cp.Variable((p, JOINTS, JOINTS)),
+                cp.Variable((rows, m)) if m else np.zeros((rows, 0)),
+            )
+            for _ in range(1 if given.fastest_pole is None else 2)
+        ]
+        self.alpha = cp.Parameter(nonneg=True, name="alpha")
+        self._root_c = cp.Parameter(nonneg=True, name="square root of c")
+        self._fastest_pole, self._bound2 = cp.Parameter(nonneg=True), cp.Parameter(nonneg=True)
+        self._gamma2_unit = s.time / float((s.disturbance**2).max())  # in which c γ² is of order one
+        self._gamma2 = cp.Parameter(nonneg=True) if given.gamma else self._gamma2_unit * cp.Variable(nonneg=True)
+        bounded = given.gain_bound is not None
+        self.floor = cp.Variable() if bounded else cp.Constant(1.0)
+        self._g = self._bound2 * self.floor if bounded else cp.Variable()
+
+    @property
+    def P(self) -> Any:
+        """P (n, n), block diagonal."""
+        return cp.multiply(self._c * self._units["P"], self._P)
+
+    @property
+    def M(self) -> Any:
+        """M (N, N_e, 2, n_e)."""
+        return cp.multiply(self._c * self._units["M"], self._M)
+
+    @property
+    def gamma2(self) -> Any:
+        """γ², [(rad/(N m))²] in the consistent form; constant where γ is given."""
+        given = self.specification.gamma
+        return cp.Constant(given**2) if given else self._gamma2 / self._c
+
+    # The inequalities ------------------------------------------------------------------------------------------------
+
+    def _write_inequalities(self, given: Specification) -> None:
+        P11, f = self._P[: self._data.n_e, : self._data.n_e], self.floor
+        self.inequalities = {"P > 0": P11 - f * np.eye(self._data.n_e) >> 0}
+        for letter in ("Psi", "Phi")[: len(self._slack)]:
+            U = self._reduction(letter)
+            self.inequalities[letter] = negative(U @ self._matrices(letter, half, lambda entry: entry) @ U.T, MARGIN)
+        bounded = positive(half([[self._g * np.eye(JOINTS)], [transposed(self._gains), P11]]))
+        self.constraints = [*self.inequalities.values(), bounded]
+        minimised = 0 if given.gamma else self._gamma2 / self._gamma2_unit
+        if given.gain_bound is None:
+            minimised = self._g
+        else:
+            self.constraints.append(f >= MARGIN)
+        self.objective = cp.Minimize(minimised)
+        self.written = self.objective, tuple(self.constraints)
+        self._compiled: cp.Problem | None = None
+
+    @property
+    def _gains(self) -> Any:
+        """M of all vertices as one stack (N N_e, 2, n_e), in units."""
+        return self._M[tuple(at.ravel() for at in np.indices(self._M.shape[:2]))]
+
+    def _mean_of(self, M: Any) -> Any:
+        """Return (M_ik + M_jk)/2, or the same of L, for every pair and k, a stack (p N_e, ...)."""
+        return 0.5 * (M[self._i, self._k] + M[self._j, self._k])
+
+    def _matrices(self, letter: str, put: Assembly, of: Callable[[Any], Any]) -> Any:
+        """Return (Ψ_ijk + Ψ_jik)/2, or the same of Φ, in SI units with V in units of c: a stack (p N_e, rows, rows).
+
+        `put` makes a matrix of the block rows; `of` reads a variable or parameter: itself, or its value.
+        """
+        data, slack, unit = self._midpoints, self._slack[letter == "Phi"], self._units
+        k, pair, tau, S_b = self._k, self._pair, of(slack.tau), np.eye(len(unit["P"]))[:, VELOCITY]
+        values = {
+            "P": _product(unit["P"], of(self._P)),
+            "M": _product(unit["M"], self._mean_of(of(self._M))),
+            "Q": _product(unit["Q"], (S_b @ of(slack.Q))[pair]),
+            "X": _product(unit["X"], (S_b @ of(slack.X) @ S_b.T)[pair]),
+            "tau": _product(unit["tau"], tau) if tau.shape[-1] else tau,
+            "put": put,
+        }
+        if letter == "Phi":
+            return theorems.error_phi(data, pair, k, fastest_pole=of(self._fastest_pole), **values)
+        values |= {"alpha": of(self.alpha), "gamma2": of(self._gamma2), "output": of(self._root_c)}
+        if isinstance(data, TrackingVertices):
+            return theorems.tracking_psi(data, pair, k, L=self._mean_of(of(self.L)), **values)
+        return theorems.error_psi(data, pair, k, **values)
+
+    def _row_units(self, letter: str) -> np.ndarray:
+        """Return factors of the rows of Ψ or Φ, which bring a large γ² of the rows w down to one.
+
+        The solver's tolerance is relative to the largest constant; what is at most -μ I then is so before, too.
+        """
+        s, given, unit = self._scaling, self.specification, self._scaling.rows
+        _, _, w, z = consecutive(len(s.state), len(s.state), len(s.disturbance), len(s.output))
+        if letter == "Phi":
+            return np.delete(unit, np.r_[w, z])
+        if given.gamma:
+            unit[w] /= np.sqrt(np.maximum(1.0, _natural(given, s) * given.gamma**2 * s.disturbance**2 / s.time))
+        return unit
+
+    def _reduction(self, letter: str) -> np.ndarray:
+        """Return U, with which U Ψ Uᵀ has the rows x, ẋ_b, w, z and uncertainties, in units."""
+        unit, n = self._row_units(letter), len(self._scaling.state)
+        S_a = np.delete(np.eye(n), VELOCITY, axis=1)
+        T = np.eye(len(unit))
+        T[:n, n : 2 * n] = S_a @ S_a.T
+        kept = np.delete(np.arange(len(unit)), n + np.flatnonzero(S_a.any(axis=1)))
+        return np.asarray((unit[:, np.newaxis] * T)[kept])
+
+    # Constraints of a user's own -------------------------------------------------------------------------------------
 
     def gain_bound(self, joint: int, state: int, bound: float) -> list[Any]:
         """Return constraints that bound one gain at every vertex, |K[joint, state]| <= bound.
@@ -157,6 +371,8 @@ class DesignProblem(Inequalities):
         row = np.concatenate([np.tile(part, size) for part in np.split(self._row_units("Phi"), ends)])
         return [negative(cp.multiply(np.outer(row, row), found), MARGIN)]
 
+    # Solving ---------------------------------------------------------------------------------------------------------
+
     def solve(self, solver: str = "CLARABEL", **options: Any) -> Design:
         """Return a controller that is proven from its stored gains, whatever the solver's status says.
 
@@ -168,61 +384,147 @@ class DesignProblem(Inequalities):
             DesignFailed: no point was found, or its proof does not go through.
             ValueError: the solver is not installed.
         """
-        installed = cp.installed_solvers()
-        if solver not in installed:
-            raise ValueError(f"solver = {shown(solver)} is not installed; installed: {listed(installed)}")
+        from fuzzyarm.synthesis.designer import solved  # which searches with problems like this one
+
+        return solved(self, solver, options)
+
+    def point(self, solver: str = cp.CLARABEL, **options: Any) -> Point:
+        """Return the point of the specification, with the largest decay rate if it leaves α open.
+
+        α multiplies P, so it cannot be a variable: it is found by bisection from `alpha` up. The options of the solver
+        are those that `cvxpy.Problem.solve` takes.
+
+        Raises:
+            NoPoint: none was found that is strictly feasible when recomputed from its values, whatever the status says.
+        """
+        best, variables = self._point_at_alpha(solver, options), self._problem().variables()
+        if self.specification.alpha is not None:
+            return best
+        values = [variable.value for variable in variables]
+
+        def works(alpha: float) -> bool:
+            nonlocal best, values
+            self.alpha.value = alpha
+            try:
+                best, values = self._point_at_alpha(solver, options), [variable.value for variable in variables]
+            except NoPoint:
+                return False
+            return True
+
+        first, pole = best.alpha, self.specification.fastest_pole
+        bad, limit = (2.0 * first, RATES[1]) if pole is None else (pole, None)  # no pole is faster: it bounds α, too
+        last_that_works(works, first, bad, resolution=_ALPHA_RESOLUTION, limit=limit)
+        self.alpha.value = best.alpha
+        for variable, value in zip(variables, values, strict=True):
+            variable.save_value(value)
+        return best
+
+    def _point_at_alpha(self, solver: str, options: dict[str, Any]) -> Point:
         begin = time.perf_counter()
-        try:
-            point = self.point(solver, **options)
-        except NoPoint as error:
-            raise DesignFailed(self._why(error, solver), self, error.result) from error
-        solve_seconds = time.perf_counter() - begin
-        begin = time.perf_counter()
-        objective, constraints = self._of_specification
-        changed = self.objective is not objective or len(self._own()) > 0
-        words = "a user's own problem" if changed or len(self.constraints) < len(constraints) else None
-        try:
-            controller = to_controller(self.model, self.specification, point, words, "cvxpy")
-        except (ControllerFileError, np.linalg.LinAlgError) as error:
-            raise DesignFailed(
-                f"the point of {solver} ({point.status}) is no controller: {error}", self, point
-            ) from error
-        certificate = certify(controller)
-        if not certificate.proven:
-            raise DesignFailed(_refused(certificate, point.status), self, certificate)
-        return Design(controller, certificate, solve_seconds, time.perf_counter() - begin, point.variables, point.rows)
+        options = {**CLARABEL, **options} if solver == cp.CLARABEL else options
+        problem = self._problem()
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore", UserWarning)  # that it may be inaccurate: the margin decides
+            try:
+                program, chain, inverse = problem.get_problem_data(solver, solver_opts=options, canon_backend="SCIPY")
+                compiled = time.perf_counter()
+                result = chain.solve_via_data(problem, program, solver_opts=options)
+                status = str(result.status) if solver == cp.CLARABEL else ""
+                if status in _INFEASIBLE:
+                    raise NoPoint(self, status, -math.inf, result, program)
+                problem.unpack_results(_where_it_ended(result) if status else result, chain, inverse)
+            except cp.SolverError as error:
+                raise NoPoint(self, str(error).split(". ")[0].rstrip("."), -math.inf) from error
+        status = status or str(problem.status)
+        if any(variable.value is None for variable in problem.variables()):
+            raise NoPoint(self, status, -math.inf, result, program)
+        reduced = {letter: self._reduced(letter) for letter in self.inequalities if letter != "P > 0"}
+        margin = min(_smallest_eigenvalue(self._P.value), *(_smallest_eigenvalue(-R) for _, R in reduced.values()))
+        if not margin > 0.0:
+            raise NoPoint(self, status, margin, result, program)
+        n_e = self._data.n_e
+        gains = self._M.value @ np.linalg.inv(self._P.value[:n_e, :n_e])
+        return Point(
+            alpha=float(self.alpha.value),
+            gamma=self.specification.gamma or math.sqrt(float(self.gamma2.value)),
+            P=self._without_dust("P", self._P),
+            M=self._without_dust("M", self._M),
+            L=getattr(self.L, "value", self.L),
+            slack=tuple(self._expanded(letter, *matrices) for letter, matrices in reduced.items()),
+            margin=margin,
+            largest_gain=float(np.linalg.norm(gains, ord=2, axis=(-2, -1)).max()),
+            objective=float(problem.objective.value),
+            status=status,
+            variables=len(program["c"]),
+            rows=program["A"].shape[0],
+            compile_seconds=compiled - begin,
+            solve_seconds=time.perf_counter() - compiled,
+        )
 
-    def _own(self) -> list[Any]:
-        """Return the constraints that were added to the specification's."""
-        return [one for one in self.constraints if not any(one is other for other in self._of_specification[1])]
+    def _problem(self) -> cp.Problem:
+        """Return the problem of the objective and the constraints as they are now, compiled or not."""
+        now = self.objective, *self.constraints
+        before = self._compiled
+        if before is None or [*map(id, now)] != [*map(id, (before.objective, *before.constraints))]:
+            self._compiled = cp.Problem(self.objective, self.constraints)
+        return self._compiled
 
-    def _why(self, error: NoPoint, solver: str) -> str:
-        """Return why there is no point: the specification itself, what was added to it, or the solver."""
-        if error.result is None:
-            report = f"{solver} found no point: {error.status}"
-        elif np.isfinite(error.margin):
-            report = (
-                f"{solver} ended with {error.status} at a point that misses the inequalities by {-error.margin:.2g}"
-            )
-        else:
-            report = f"{solver} ended with {error.status}"
-        if isinstance(best_point(self.specification, self.model.parameters), NoPoint):
-            return f"{report}; {why_infeasible(self.specification, self.model.parameters)}"
-        own = len(self._own())
-        relax = f"the specification alone has a solution, so relax the {own} constraints added to it, or try "
-        tried = "tighter tolerances, another solver or another scale"
-        return f"{report}: {relax}{tried}" if own else f"{report}, but the specification has a solution: try {tried}"
+    def _reduced(self, letter: str) -> tuple[np.ndarray, np.ndarray]:
+        """Return Ψ or Φ and U Ψ Uᵀ where the solver ended, in units, from the values of the variables alone."""
+        unit = self._row_units(letter)
+        F, U = self._matrices(letter, symmetric, _value_of), self._reduction(letter)
+        return unit[:, np.newaxis] * F * unit, U @ F @ U.T
+
+    def _expanded(self, letter: str, F: np.ndarray, R: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Return the full X = S_b X_b S_bᵀ + ε S_a S_aᵀ and Q = S_b Q_b + S_a (N P - ε S_aᵀ), and τ.
+
+        Then the rows ẋ_a have -2εI after the congruence and meet only w, through D_a. They cost D_aᵀ D_a / 2ε in the
+        rows w, half of the margin of R < 0 there if ε = |D_a (-R⁻¹)_ww D_aᵀ|; a larger ε would worsen the condition.
+
+        F is Ψ or Φ (p N_e, rows, rows) in units, and R = U F Uᵀ < 0.
+        """
+        slack, n, p, unit = self._slack[letter == "Phi"], len(self._scaling.state), len(self.pairs), self._units
+        S_b, S_a = np.eye(n)[:, VELOCITY], np.delete(np.eye(n), VELOCITY, axis=1)
+        w, epsilon = slice(n + JOINTS, n + JOINTS + len(self._scaling.disturbance)), np.ones((p, 1, 1))
+        if letter == "Psi":
+            D_a = S_a.T @ F[:, n : 2 * n, w.start + n - JOINTS : w.stop + n - JOINTS]
+            cost = np.linalg.norm(D_a @ np.linalg.inv(-R)[:, w, w] @ transposed(D_a), ord=2, axis=(-2, -1))
+            epsilon = np.maximum(1.0, cost.reshape(p, -1).max(axis=1))[:, np.newaxis, np.newaxis]
+        NP = S_a @ S_a.T @ F[0, n : 2 * n, :n]
+        Q = S_b @ slack.Q.value + NP - epsilon * (S_a @ S_a.T)
+        X = S_b @ slack.X.value @ S_b.T + epsilon * (S_a @ S_a.T)
+        tau = _value_of(slack.tau).reshape(p, len(self._pair) // p, len(unit["tau"]))
+        return self._c * unit["Q"] * Q, self._c * unit["X"] * X, self._c * unit["tau"] * tau
+
+    def _without_dust(self, name: str, variable: Any) -> np.ndarray:
+        """Return P or M in SI units; what a solver means to be zero is zero."""
+        value = variable.value
+        return np.where(np.abs(value) < _DUST * np.abs(value).max(), 0.0, self._c * self._units[name] * value)
 
 
-def _refused(certificate: Certificate, status: str) -> str:
-    """Return how far a point is from its proof, and what to try."""
-    failed = [claim for claim in certificate.claims if not claim.proven]
-    worst = min(failed, key=lambda claim: claim.proof_margin)
-    far = f"fails by {-worst.proof_margin:.2g} (smallest eigenvalue at unit diagonal)"
-    if not np.isfinite(worst.proof_margin):
-        far = "has a diagonal entry of the wrong sign"
-    return (
-        f"the point of the solver ({status}) does not pass the proof: {len(failed)} of {len(certificate.claims)} "
-        f"inequalities fail, and the worst, {worst.name}, {far}; try tighter tolerances, another solver, a larger "
-        "gamma or a smaller alpha"
-    )
+def _natural(given: Specification, scaling: Scaling) -> float:
+    """Return the unit c of V that suits a specification."""
+    if given.form == "paper":
+        return _PAPER_SCALE * (PAPER_GAMMA / (given.gamma or PAPER_GAMMA)) ** 2
+    gamma = given.gamma or 1.0 / scaling.stiffness
+    return float(_BEST_SCALE["z1" in given.kept] * scaling.time / (gamma * scaling.torque.mean()) ** 2)
+
+
+def _product(unit: np.ndarray, values: Any) -> Any:
+    """Return the product entry by entry, of cvxpy's expressions or of numbers."""
+    return cp.multiply(unit, values) if isinstance(values, cp.Expression) else unit * values
+
+
+def _value_of(entry: Any) -> Any:
+    return getattr(entry, "value", entry)
+
+
+def _smallest_eigenvalue(matrices: np.ndarray) -> float:
+    """Return the smallest eigenvalue of symmetric matrices, -inf if an entry is no number."""
+    return float(np.linalg.eigvalsh(matrices).min()) if np.isfinite(matrices).all() else -math.inf
+
+
+def _where_it_ended(result: Any) -> Any:
+    """Return Clarabel's result with a status for which cvxpy reads the point, whatever the solver thinks of it."""
+    names = ("x", "z", "s", "obj_val", "obj_val_dual", "solve_time", "iterations")
+    return types.SimpleNamespace(status="AlmostSolved", **{name: getattr(result, name) for name in names})

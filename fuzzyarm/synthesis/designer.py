@@ -7,20 +7,22 @@ import time
 from importlib.metadata import version
 from typing import Any
 
+import cvxpy as cp
 import numpy as np
 
 from fuzzyarm.common.arithmetic import at_least, at_most
-from fuzzyarm.common.checks import instance
+from fuzzyarm.common.checks import instance, listed, shown
 from fuzzyarm.envs.observation import JOINTS
 from fuzzyarm.envs.physics.parameters import ArmParameters
 from fuzzyarm.fuzzy_policy.controller import Controller
+from fuzzyarm.fuzzy_policy.signed_files import ControllerFileError
 from fuzzyarm.fuzzy_policy.ts_model import TSModel
 from fuzzyarm.proof.certificate import Certificate, certify
-from fuzzyarm.synthesis.inequalities import NoPoint, Point
+from fuzzyarm.synthesis.design_problem import DesignProblem, NoPoint, Point
 from fuzzyarm.synthesis.search import best_point, why_infeasible
 from fuzzyarm.synthesis.specification import PAPER_WEIGHT, Specification
 
-__all__ = ["Design", "DesignFailed", "describe", "design", "find_design", "to_controller"]
+__all__ = ["Design", "DesignFailed", "describe", "design", "find_design", "solved", "to_controller"]
 
 
 class DesignFailed(ValueError):
@@ -71,7 +73,7 @@ def design(specification: Specification, parameters: ArmParameters | None = None
     if isinstance(made, Design):
         return made
     arm = ArmParameters() if parameters is None else parameters
-    raise DesignFailed(f"{made}{why_infeasible(specification, arm)}", made.problem, made.result)
+    raise DesignFailed(str(made) or why_infeasible(specification, arm), made.problem, made.result)
 
 
 def find_design(specification: Specification, parameters: ArmParameters | None = None) -> Design | DesignFailed:
@@ -79,15 +81,73 @@ def find_design(specification: Specification, parameters: ArmParameters | None =
     parameters = ArmParameters() if parameters is None else instance("parameters", parameters, ArmParameters)
     begin = time.perf_counter()
     best = best_point(specification, parameters)
-    solve_seconds = time.perf_counter() - begin
     if isinstance(best, NoPoint):
         return DesignFailed("", best.problem, best.result)
+    return _proven(TSModel(parameters, specification.kept), specification, best, time.perf_counter() - begin)
+
+
+def solved(problem: DesignProblem, solver: str, options: dict[str, Any]) -> Design:
+    """Return what `DesignProblem.solve` returns."""
+    installed = cp.installed_solvers()
+    if solver not in installed:
+        raise ValueError(f"solver = {shown(solver)} is not installed; installed: {listed(installed)}")
+    asked, model, begin = problem.specification, problem.model, time.perf_counter()
+    objective, constraints = problem.written
+    own = [one for one in problem.constraints if not any(one is other for other in constraints)]
+    try:
+        point = problem.point(solver, **options)
+    except NoPoint as error:
+        missed = f" at a point that misses the inequalities by {-error.margin:.2g}" if np.isfinite(error.margin) else ""
+        report = f"{solver} ended with {error.status}{missed}"
+        if error.result is None:
+            report = f"{solver} found no point: {error.status}"
+        tried = "tighter tolerances, another solver or another scale"
+        if isinstance(best_point(asked, model.parameters), NoPoint):
+            report += f"; {why_infeasible(asked, model.parameters)}"
+        elif own:
+            relax = f"the specification alone has a solution, so relax the {len(own)} constraints added to it"
+            report += f": {relax}, or try {tried}"
+        else:
+            report += f", but the specification has a solution: try {tried}"
+        raise DesignFailed(report, problem, error.result) from error
+    changed = own or problem.objective is not objective or len(problem.constraints) < len(constraints)
+    found = _proven(
+        model, asked, point, time.perf_counter() - begin, "a user's own problem" if changed else None, "cvxpy"
+    )
+    if isinstance(found, Design):
+        return found
+    raise DesignFailed(str(found), problem, found.result)
+
+
+def _proven(
+    model: TSModel,
+    specification: Specification,
+    point: Point,
+    solve_seconds: float,
+    objective: str | None = None,
+    package: str = "clarabel",
+) -> Design | DesignFailed:
+    """Return the design of a point, or how far the point is from its proof; arguments as in `to_controller`."""
     begin = time.perf_counter()
-    controller = to_controller(TSModel(parameters, specification.kept), specification, best)
+    try:
+        controller = to_controller(model, specification, point, objective, package)
+    except (ControllerFileError, np.linalg.LinAlgError) as error:
+        return DesignFailed(f"the point of the solver ({point.status}) is no controller: {error}", None, point)
     certificate = certify(controller)
-    if not certificate.proven:
-        return DesignFailed("the solver's point does not pass the proof: ", None, certificate)
-    return Design(controller, certificate, solve_seconds, time.perf_counter() - begin, best.variables, best.rows)
+    if certificate.proven:
+        seconds = time.perf_counter() - begin
+        return Design(controller, certificate, solve_seconds, seconds, point.variables, point.rows)
+    failed = [claim for claim in certificate.claims if not claim.proven]
+    worst = min(failed, key=lambda claim: claim.proof_margin)
+    far = f"fails by {-worst.proof_margin:.2g} (smallest eigenvalue at unit diagonal)"
+    if not np.isfinite(worst.proof_margin):
+        far = "has a diagonal entry of the wrong sign"
+    message = (
+        f"the point of the solver ({point.status}) does not pass the proof: {len(failed)} of {len(certificate.claims)} "
+        f"inequalities fail, and the worst, {worst.name}, {far}; try tighter tolerances, another solver, a larger "
+        "gamma or a smaller alpha"
+    )
+    return DesignFailed(message, None, certificate)
 
 
 def to_controller(

@@ -14,6 +14,7 @@ from __future__ import annotations
 import copy
 import dataclasses
 import math
+import operator
 from collections.abc import Callable, Sequence
 
 import clarabel  # type: ignore[import-untyped]
@@ -33,10 +34,6 @@ __all__ = [
 ]  # fmt: skip
 
 
-# Matrices F_0 + Σ x_k F_k that must be positive semidefinite: F_0 (B, s, s) and F_k (B, variables, s, s).
-_Family = tuple[np.ndarray, np.ndarray]
-
-
 def _svec(matrix: np.ndarray) -> np.ndarray:
     """Return the upper triangles (..., s(s + 1)/2) of matrices (..., s, s) by columns; off-diagonal numbers × √2."""
     column, row = np.tril_indices(matrix.shape[-1])
@@ -52,18 +49,33 @@ def _symmetric_units(size: int) -> np.ndarray:
     return units
 
 
-def _minimise(q: np.ndarray, families: list[_Family]) -> np.ndarray:
-    """Return the x (variables,) with the smallest qᵀx where Clarabel ends."""
-    rows = [-np.swapaxes(_svec(linear), 1, 2).reshape(-1, len(q)) for _, linear in families]
-    A = sparse.csc_matrix(np.concatenate(rows))
-    b = np.concatenate([_svec(constant).ravel() for constant, _ in families])
-    cones = [clarabel.PSDTriangleConeT(constant.shape[-1]) for constant, _ in families for _ in constant]
+def _minimise(
+    sizes: dict[str, int], families: list[tuple[np.ndarray, dict[str, np.ndarray]]], sign: float = 1.0
+) -> dict[str, np.ndarray] | None:
+    """Return the values, by name, of variables with the smallest `sign` times the last one; None without an answer.
+
+    A family is F_0 + Σ x_k F_k >= 0 at samples: F_0 (B, s, s), and by name F_k (B, size, s, s), left out where 0.
+    """
+    rows, b, cones = [], [], []
+    for constant, parts in families:
+        every = [
+            np.broadcast_to(parts.get(name, 0.0), (len(constant), size, *constant.shape[1:]))
+            for name, size in sizes.items()
+        ]
+        rows.append(-np.swapaxes(_svec(np.concatenate(every, axis=1)), 1, 2).reshape(-1, sum(sizes.values())))
+        b.append(_svec(constant).ravel())
+        cones += [clarabel.PSDTriangleConeT(constant.shape[-1])] * len(constant)
+    q = np.zeros(sum(sizes.values()))
+    q[-1] = sign
     settings = clarabel.DefaultSettings()
     settings.verbose = False
     settings.tol_gap_abs = settings.tol_gap_rel = settings.tol_feas = 1e-7
     settings.direct_solve_method, settings.max_threads = "faer", 1
-    answer = clarabel.DefaultSolver(sparse.csc_matrix((len(q), len(q))), q, A, b, cones, settings).solve()
-    return np.array(answer.x)
+    A = sparse.csc_matrix(np.concatenate(rows))
+    answer = clarabel.DefaultSolver(sparse.csc_matrix((len(q), len(q))), q, A, np.concatenate(b), cones, settings)
+    x = np.array(answer.solve().x)
+    ends = np.cumsum([*sizes.values()])[:-1]
+    return dict(zip(sizes, np.split(x, ends), strict=True)) if np.isfinite(x).all() else None
 
 
 @dataclasses.dataclass(frozen=True)
@@ -155,6 +167,11 @@ def relative(matrices: np.ndarray, to: np.ndarray) -> np.ndarray:
     return np.linalg.eigvalsh(inverse @ matrices @ np.swapaxes(inverse, -1, -2))
 
 
+def _lowest(*values: np.ndarray) -> frozenset[int]:
+    """Return the samples at which values (B,) are smallest, `_ADDED` of each."""
+    return frozenset(int(k) for one in values for k in np.argsort(one)[:_ADDED])
+
+
 class MetricSearch:
     """The iteration of the module's docstring, in coordinates in which the mean of each inertia has a unit diagonal."""
 
@@ -173,13 +190,8 @@ class MetricSearch:
         self.inertia = 0.1 * np.eye(self.size)[np.newaxis]
         self.low, self.high = np.zeros((self.distal, self.distal)), 10.0 * np.eye(self.distal)
         self.kappa = np.inf
-        self.near, self.far = set(range(_FIRST)), set(range(_FIRST)) if self.distal else set()
-
-    def copy(self) -> MetricSearch:
-        """Return a search that goes on from here on its own."""
-        other = copy.copy(self)
-        other.near, other.far = set(self.near), set(self.far)
-        return other
+        self.near = frozenset(range(_FIRST))  # samples in the program, of M̂ and of D
+        self.far = self.near if self.distal else frozenset()
 
     def schedule(self, weights: np.ndarray) -> None:
         """Go on with one more premise: rules of weights (B, N), each with the inertia that it had without."""
@@ -193,22 +205,18 @@ class MetricSearch:
         outside of it, a point between it and the best one so far may not. So κ never rises, and more rules have none
         that is larger than that of the fewer rules a search goes on from.
         """
-        self._settle()
-        self.kappa, best = self._kappa(), self._proposal()
+        self.kappa, best = self._settled(), self._proposal
         self._add_violated()
         for _ in range(rounds):
-            gain = self._step(sorted(self.near), sorted(self.far))
-            answer, start = self._proposal(), best
+            gain = self._step()
+            answer, start = self._proposal, best
             self._add_violated()
             for share in _SHARES:
-                self.inertia, self.low, self.high = (
-                    share * new + (1.0 - share) * old for new, old in zip(answer, start, strict=True)
-                )
-                self._settle()
-                kappa = self._kappa()
+                self._proposal = [share * new + (1.0 - share) * old for new, old in zip(answer, start, strict=True)]
+                kappa = self._settled()
                 if kappa < self.kappa:
-                    self.kappa, best = kappa, self._proposal()
-            self.inertia, self.low, self.high = best
+                    self.kappa, best = kappa, self._proposal
+            self._proposal = best
             self._add_violated()
             if gain < _CLOSE * self.kappa:
                 break
@@ -220,19 +228,17 @@ class MetricSearch:
         are ∂h/∂q_k (B, N) [1/rad] of each kept angle.
         """
         largest = (1.0 + _FLOOR_COST) * self.kappa
-        rates, best = np.array([self.rate(slope) for slope in slopes]), self.copy()
+        rates, best = [(1.0 + _FLOOR_COST) * self.rate(slope) for slope in slopes], copy.copy(self)
         for _ in range(_FLOOR_ROUNDS):
-            self._floor_step(sorted(self.near), slopes, (1.0 + _FLOOR_COST) * rates, largest)
+            self._floor_step(slopes, rates, largest)
             self._add_violated()
             start = best
             for share in _SHARES:
                 found = start.blended(self, share)
-                within = found.kappa <= largest and all(
-                    found.rate(slope) <= (1.0 + _FLOOR_COST) * rate for slope, rate in zip(slopes, rates, strict=True)
-                )
+                within = found.kappa <= largest and all(map(operator.le, map(found.rate, slopes), rates))
                 if within and found._floors().min() > best._floors().min():
                     best = found
-            self.near |= {int(k) for k in np.argsort(best._floors())[:_ADDED]}
+            self.near |= _lowest(best._floors())
             self.inertia, self.kappa = best.inertia, best.kappa
 
     def scheduled(self) -> np.ndarray:
@@ -246,12 +252,9 @@ class MetricSearch:
 
     def blended(self, end: MetricSearch, share: float) -> MetricSearch:
         """Return this search with S_r, D_low and D_high moved by a share towards those of another one."""
-        other = self.copy()
-        other.inertia, other.low, other.high = (
-            old + share * (new - old) for new, old in zip(end._proposal(), self._proposal(), strict=True)
-        )
-        other._settle()
-        other.kappa = other._kappa()
+        other = copy.copy(self)
+        other._proposal = [old + share * (new - old) for new, old in zip(end._proposal, self._proposal, strict=True)]
+        other.kappa = other._settled()
         return other
 
     def found(self) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
@@ -260,118 +263,112 @@ class MetricSearch:
         unit = np.diag(1.0 / self.distal_row**2)
         return self.inertia / (self.row[:, np.newaxis] * self.row), self.low / distal, self.high / distal, unit
 
-    def _proposal(self) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        return self.inertia, self.low, self.high
+    @property
+    def _proposal(self) -> list[np.ndarray]:
+        return [self.inertia, self.low, self.high]
 
-    def _settle(self) -> None:
-        """Move D_low and D_high to where all samples allow them, and scale M̂ to where it touches the lower inertia."""
+    @_proposal.setter
+    def _proposal(self, values: list[np.ndarray]) -> None:
+        self.inertia, self.low, self.high = values
+
+    def _settled(self) -> float:
+        """Move D_low and D_high to where all samples allow them, and scale M̂ to where it touches the lower inertia.
+
+        Returns κ of all samples, inf where M̂ or the lower inertia is not positive definite.
+        """
         if self.distal:
-            D, unit = self.samples.distal, np.eye(self.distal)
-            self.low = self.low + min(np.linalg.eigvalsh(D - self.low)[:, 0].min(), 0.0) * unit
-            self.high = self.high - min(np.linalg.eigvalsh(self.high - D)[:, 0].min(), 0.0) * unit
+            below, above = self._distal_gaps()
+            self.low = self.low + min(below.min(), 0.0) * np.eye(self.distal)
+            self.high = self.high - min(above.min(), 0.0) * np.eye(self.distal)
         scheduled = self.scheduled()
         if np.linalg.eigvalsh(scheduled)[:, 0].min() > 0.0:
             share = relative(self.samples.inertia(self.low), scheduled)[:, 0].min()
             self.inertia = max(share, 0.0) * self.inertia
+        low, high = self._shares()
+        return float(high.max()) / float(low.min()) if low.min() > 0.0 else np.inf
+
+    def _shares(self) -> tuple[np.ndarray, np.ndarray]:
+        """Return the smallest eigenvalues of the lower inertia and the largest of the upper one, relative to M̂, (B,).
+
+        Where an M̂ is not positive definite, nothing is relative to it: both are its smallest eigenvalues.
+        """
+        scheduled = self.scheduled()
+        least = np.linalg.eigvalsh(scheduled)[:, 0]
+        if least.min() <= 0.0:
+            return least, least
+        low, high = (relative(self.samples.inertia(D), scheduled) for D in (self.low, self.high))
+        return low[:, 0], high[:, -1]
+
+    def _distal_gaps(self) -> list[np.ndarray]:
+        """Return the smallest eigenvalues of D - D_low and of D_high - D (B,)."""
+        D = self.samples.distal
+        return [np.linalg.eigvalsh(gap)[:, 0] for gap in (D - self.low, self.high - D)]
 
     def _add_violated(self) -> None:
         """Add the samples to the program that violate its constraints most."""
-        gaps, distal_gaps = self._gaps()
-        self.near |= {int(k) for gap in gaps for k in np.argsort(gap)[:_ADDED]}
+        low, high = self._shares()
+        self.near |= _lowest(low) | (_lowest(1.0 - high / self.kappa) if high is not low else frozenset())
         if self.far:
-            self.far = {k for k in self.far if min(gap[k] for gap in distal_gaps) < _ACTIVE}
-            self.far |= {int(k) for gap in distal_gaps for k in np.argsort(gap)[:_ADDED]}
-
-    def _kappa(self) -> float:
-        """Return κ of all samples, inf where M̂ or the lower inertia is not positive definite."""
-        scheduled = self.scheduled()
-        if np.linalg.eigvalsh(scheduled)[:, 0].min() <= 0.0:
-            return np.inf
-        low = float(relative(self.samples.inertia(self.low), scheduled)[:, 0].min())
-        high = float(relative(self.samples.inertia(self.high), scheduled)[:, -1].max())
-        return high / low if low > 0.0 else np.inf
-
-    def _gaps(self) -> tuple[list[np.ndarray], list[np.ndarray]]:
-        """Return the smallest eigenvalues of each constraint at all samples, relative where κ is concerned."""
-        scheduled = self.scheduled()
-        if np.linalg.eigvalsh(scheduled)[:, 0].min() <= 0.0:  # nothing is relative to such a metric
-            gaps = [np.linalg.eigvalsh(scheduled)[:, 0]]
-        else:
-            low = relative(self.samples.inertia(self.low), scheduled)[:, 0]
-            high = relative(self.samples.inertia(self.high), scheduled)[:, -1]
-            gaps = [low - 1.0, 1.0 - high / self.kappa]
-        if not self.distal:
-            return gaps, []
-        D = self.samples.distal
-        return gaps, [np.linalg.eigvalsh(D - self.low)[:, 0], np.linalg.eigvalsh(self.high - D)[:, 0]]
+            gaps = self._distal_gaps()
+            active = frozenset(k for k in self.far if min(gap[k] for gap in gaps) < _ACTIVE)
+            self.far = active | _lowest(*gaps)
 
     def _floors(self) -> np.ndarray:
         """Return the smallest eigenvalue of M̂ (B,) in SI units."""
         scheduled = self.scheduled() / (self.row[:, np.newaxis] * self.row)
         return np.asarray(np.linalg.eigvalsh(scheduled)[:, 0])
 
-    def _floor_step(self, near: list[int], slopes: list[np.ndarray], rates: np.ndarray, kappa: float) -> None:
+    def _times_units(self, weights: np.ndarray) -> np.ndarray:
+        """Return the derivatives (B, N n(n + 1)/2, n, n) of Σ weights_r S_r by the entries of S_r."""
+        shape = len(weights), self.weights.shape[1] * len(self.units), self.size, self.size
+        return np.asarray((weights[:, :, np.newaxis, np.newaxis, np.newaxis] * self.units).reshape(shape))
+
+    def _floor_step(self, slopes: list[np.ndarray], rates: list[float], kappa: float) -> None:
         """Take the S_r with the largest σ in σ I <= M̂ under which bounds of κ and of the rates hold at some samples."""
-
-        def times(weights: np.ndarray) -> np.ndarray:
-            shape = len(near), len(self.inertia) * len(self.units), self.size, self.size
-            return np.asarray((weights[near][:, :, np.newaxis, np.newaxis, np.newaxis] * self.units).reshape(shape))
-
-        hat = times(self.weights)
-        nothing = np.zeros((len(near), self.size, self.size))
-        none = nothing[:, np.newaxis]
+        near = sorted(self.near)
+        hat = self._times_units(self.weights[near])
         lowest, highest = (self.samples.inertia(D)[near] for D in (self.low, self.high))
         families = [
-            (lowest, np.concatenate([-hat, none], axis=1)),
-            (-highest, np.concatenate([kappa * hat, none], axis=1)),
-            (nothing, np.concatenate([hat, none - np.diag(self.row**2)], axis=1)),
+            (lowest, {"inertia": -hat}),
+            (-highest, {"inertia": kappa * hat}),
+            (np.zeros_like(lowest), {"inertia": hat, "floor": -np.diag(self.row**2)}),
         ]
-        for slope, rate in zip(slopes, rates.tolist(), strict=True):
-            changes = (2.0 * rate * hat + sign * times(slope) for sign in (1.0, -1.0))
-            families += [(nothing, np.concatenate([change, none], axis=1)) for change in changes]
-        x = _minimise(-np.eye(hat.shape[1] + 1)[-1], families)
-        if np.isfinite(x).all():
-            self.inertia = np.tensordot(x[:-1].reshape(-1, len(self.units)), self.units, axes=1)
+        for slope, rate in zip(slopes, rates, strict=True):
+            change = self._times_units(slope[near])
+            families += [(np.zeros_like(lowest), {"inertia": 2.0 * rate * hat + sign * change}) for sign in (1.0, -1.0)]
+        found = _minimise({"inertia": hat.shape[1], "floor": 1}, families, sign=-1.0)
+        if found is not None:
+            self.inertia = np.tensordot(found["inertia"].reshape(-1, len(self.units)), self.units, axes=1)
 
-    def _step(self, near: list[int], far: list[int]) -> float:
+    def _step(self) -> float:
         """Solve the program of some samples and take its S_r and, if those are not yet fixed, D_low and D_high.
 
         Returns how much smaller κ might get, -t; 0 where the solver has no answer.
         """
-        n, units = self.size, self.units
+        near, far = sorted(self.near), sorted(self.far)
         distal = self.distal_units if far else self.distal_units[:0]
-        columns, others = len(self.inertia) * len(units), len(distal)
+        hat = self._times_units(self.weights[near])
         before = np.tensordot(self.weights[near], self.inertia, axes=1)[:, np.newaxis]
-        hat = (self.weights[near][:, :, np.newaxis, np.newaxis, np.newaxis] * units).reshape(len(near), columns, n, n)
         J = self.samples.twist[near]
         tail = np.swapaxes(J, -1, -2)[:, np.newaxis] @ distal @ J[:, np.newaxis]
-        none, nothing = np.zeros_like(tail), np.zeros_like(before)
         lowest = highest = self.samples.near[near]
         if not far:
             lowest, highest = (self.samples.inertia(D)[near] for D in (self.low, self.high))
         families = [
-            (lowest, np.concatenate([-hat, tail, none, nothing], axis=1)),
-            (-highest, np.concatenate([self.kappa * hat, none, -tail, before], axis=1)),
+            (lowest, {"inertia": -hat, "low": tail}),
+            (-highest, {"inertia": self.kappa * hat, "high": -tail, "t": before}),
         ]
         if far:
             D = self.samples.distal[far]
-            every = np.broadcast_to(distal, (len(far), *distal.shape))
-            wide = np.zeros((len(far), columns, self.distal, self.distal))
-            zero, one = np.zeros_like(every), np.zeros_like(D)[:, np.newaxis]
-            families += [
-                (D, np.concatenate([wide, -every, zero, one], axis=1)),
-                (-D, np.concatenate([wide, zero, every, one], axis=1)),
-            ]
-        q = np.zeros(columns + 2 * others + 1)
-        q[-1] = 1.0
-        x = _minimise(q, families)
-        if not np.isfinite(x).all():
+            families += [(D, {"low": -distal}), (-D, {"high": distal})]
+        sizes = {"inertia": hat.shape[1], "low": len(distal), "high": len(distal), "t": 1}
+        found = _minimise(sizes, families)
+        if found is None:
             return 0.0
-        self.inertia = np.tensordot(x[:columns].reshape(-1, len(units)), units, axes=1)
+        self.inertia = np.tensordot(found["inertia"].reshape(-1, len(self.units)), self.units, axes=1)
         if far:
-            self.low = np.tensordot(x[columns : columns + others], distal, axes=1)
-            self.high = np.tensordot(x[columns + others : -1], distal, axes=1)
-        return -float(x[-1])
+            self.low, self.high = (np.tensordot(found[name], distal, axes=1) for name in ("low", "high"))
+        return -float(found["t"][0])
 
 
 _UNSPLIT = 4  # joints of a robot whose chain needs no split
@@ -413,8 +410,8 @@ def fitted_metric(
     search.run()
     for number in range(1, len(premises) + 1):
         search, _ = _with_premise(search, robot, premises[:number], alpha)
-        search.far = set()  # D_low and D_high stay: they are fitted to the first premise, which changes most
-    search.raise_floor([_slopes(premises, k, samples.q) for k in range(len(premises))])
+        search.far = frozenset()  # D_low and D_high stay: they are fitted to the first premise, which changes most
+    search.raise_floor(_slopes(premises, samples.q))
     inertia, low, high, unit = search.found()
     ranges = angle_ranges(robot)
     near, n = ranges[1:split], len(robot)
@@ -431,7 +428,10 @@ def fitted_metric(
     share = _smallest_value(lambda q: relative(lowest.at(q), scheduled.at(q))[:, 0], near)
     kappa = -_smallest_value(lambda q: -relative(highest.at(q), scheduled.at(q))[:, -1], near)
     floor = _smallest_value(lambda q: np.linalg.eigvalsh(scheduled.at(q))[:, 0], near)
-    rates = [_rate(scheduled, premise, near) for premise in premises]
+    rates = [
+        -0.5 * _smallest_value(lambda q, s=slope: -np.abs(relative(s.at(q), scheduled.at(q))).max(axis=1), near)  # type: ignore[misc]
+        for slope in (scheduled.derivative(premise.joint - 1) for premise in premises)
+    ]
     return Metric(premises, split, share * inertia, low, high, kappa / share, share * floor, np.array(rates))
 
 
@@ -464,12 +464,11 @@ def _with_premise(
     the M̂ with the smallest product is taken, and it is no larger than before either.
     """
     q = search.samples.q
-    before = search.copy()
+    before = copy.copy(search)
     before.schedule(rule_weights(premises, q))
-    after = before.copy()
+    after = copy.copy(before)
     after.run(rounds)
-    slopes = [_slopes(premises, k, q) for k in range(len(premises))]
-    speeds = speeds_of(robot, premises)
+    slopes, speeds = _slopes(premises, q), speeds_of(robot, premises)
 
     def pole(found: MetricSearch) -> float:
         rates = [found.rate(slope) for slope in slopes]
@@ -481,17 +480,10 @@ def _with_premise(
     return tried[best], poles[best]
 
 
-def _slopes(premises: tuple[Premise, ...], k: int, q: np.ndarray) -> np.ndarray:
-    """Return ∂h/∂q (B, 2^premises) [1/rad] by the angle of premise k at angles (B, n) [rad], by central differences."""
-    step = _STEP * np.eye(q.shape[-1])[premises[k].joint]
-    change = rule_weights(premises, q + step) - rule_weights(premises, q - step)
-    return np.asarray(change / (2.0 * _STEP))
-
-
-def _rate(scheduled: TrigMatrix, premise: Premise, ranges: np.ndarray) -> float:
-    """Return μ_k of a premise [1/rad]."""
-    slope = scheduled.derivative(premise.joint - 1)
-    return -0.5 * _smallest_value(lambda q: -np.abs(relative(slope.at(q), scheduled.at(q))).max(axis=1), ranges)
+def _slopes(premises: tuple[Premise, ...], q: np.ndarray) -> list[np.ndarray]:
+    """Return ∂h/∂q_k (B, 2^premises) [1/rad] of each premise's angle at angles q (B, n), by central differences."""
+    steps = [_STEP * np.eye(q.shape[-1])[premise.joint] for premise in premises]
+    return [(rule_weights(premises, q + step) - rule_weights(premises, q - step)) / (2.0 * _STEP) for step in steps]
 
 
 def _smallest(distal: TrigMatrix, ranges: np.ndarray, bound: np.ndarray, unit: np.ndarray) -> float:

@@ -71,10 +71,6 @@ class Scaling:
         """The unit of joint 1's position gain, U_1/T_1 [N m/rad]."""
         return float(self.torque[0] / self.state[0])
 
-    def scaled_gains(self, gains: np.ndarray) -> np.ndarray:
-        """Return gains (..., 2, n_e) in SI units as numbers of order one."""
-        return np.asarray(gains * self.state[: gains.shape[-1]] / self.torque[:, np.newaxis])
-
 
 def _balance(term: Uncertainty, data: Vertices, state: np.ndarray, row: np.ndarray, time: float) -> float:
     """Return n_l, with which H R and W T, for E times σ, are of one size; in the paper's form W reads x_r too."""

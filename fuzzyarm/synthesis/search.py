@@ -19,7 +19,7 @@ from fuzzyarm.envs.physics.parameters import ArmParameters
 from fuzzyarm.fuzzy_policy.controller import GAINS, RATES, Controller
 from fuzzyarm.fuzzy_policy.ts_model import TSModel
 from fuzzyarm.proof.vertices import error_vertices
-from fuzzyarm.synthesis.inequalities import CERTAIN, PAPER_GAMMA, Inequalities, NoPoint, Point, structure_of
+from fuzzyarm.synthesis.design_problem import CERTAIN, PAPER_GAMMA, DesignProblem, NoPoint, Point, structure_of
 from fuzzyarm.synthesis.scaling import Scaling
 from fuzzyarm.synthesis.specification import FIRST_ALPHA, Specification
 
@@ -30,20 +30,32 @@ _KEPT = 8  # compiled problems
 _MANY = 4  # rules, from which a scale is given up if one vertex is infeasible: 0.02 to 2 s instead of up to a minute
 _MOST_SEARCHED = 4  # rules up to which a limit is searched for with the whole model; a design with 32 takes ten seconds
 _LOOSEST = 1e6  # γ of the consistent form in the units of an arm, far above any use
-# Factor between the values that are tried of a limit, and resolution of the bisection that follows, relative.
-_STEPS = {"fastest_pole": (2.0, 0.05), "gain_bound": (1.5, 0.1), "gamma": (10.0, 0.3), "alpha": (0.25, 0.02)}
+# Of a limit: its name and the end of the range of the values that work, in words, their format and unit; the factor
+# between the values that are tried, and the resolution of the bisection that follows, relative.
+_LIMITS = {
+    "fastest_pole": ("fastest_pole", "smallest", ".3g", " 1/s", 2.0, 0.05),
+    "gain_bound": ("the gain bound", "smallest", ".3g", " N m/rad", 1.5, 0.1),
+    "gamma": ("gamma", "smallest", ".2g", "", 10.0, 0.3),
+    "alpha": ("alpha", "largest", ".3g", " 1/s", 0.25, 0.02),
+}
 _LIGHT = 2.0  # inertia of Table 1 over an arm's, above which the default of γ is too much to ask
 
 
 def best_point(specification: Specification, arm: ArmParameters, vertex: int | None = None) -> Point | NoPoint:
-    """Return the point of a specification, by the inequalities of one `vertex` of A or of all, or why there is none."""
+    """Return the point of a specification, by the inequalities of one `vertex` of A or of all, or why there is none.
+
+    It is that of the first scale of V that has one. In the paper's form γ is lowered as long as there is a point: d and
+    r are decades apart, and the cone program that minimises γ² is too badly scaled.
+    """
     if specification.gamma is None and specification.form == "paper":
-        return _smallest_gamma_paper(specification, arm, vertex)
-    return _first_point(specification, arm, vertex)
-
-
-def _first_point(specification: Specification, arm: ArmParameters, vertex: int | None) -> Point | NoPoint:
-    """Return the point at the first scale of V that has one."""
+        best, gamma, ratio = None, PAPER_GAMMA, 4.0
+        while ratio > 1.05 and gamma / ratio > GAINS[0]:
+            better = best_point(dataclasses.replace(specification, gamma=gamma / ratio), arm, vertex)
+            if isinstance(better, NoPoint):
+                ratio = math.sqrt(ratio)
+            else:
+                best, gamma = better, gamma / ratio
+        return best or best_point(dataclasses.replace(specification, gamma=gamma), arm, vertex)
     failed = None
     for factor in _FACTORS:
         failed = _refuted(specification, arm, factor) if vertex is None else None
@@ -77,7 +89,7 @@ def _refuted(specification: Specification, arm: ArmParameters, factor: float) ->
     return None
 
 
-def _asked(specification: Specification, arm: ArmParameters, vertex: int | None, factor: float) -> Inequalities:
+def _asked(specification: Specification, arm: ArmParameters, vertex: int | None, factor: float) -> DesignProblem:
     """Return the compiled problem of a structure, with the parameters of a specification."""
     problem = _compiled(structure_of(specification), arm, vertex, threading.get_ident())
     problem.ask(specification, factor)
@@ -85,24 +97,9 @@ def _asked(specification: Specification, arm: ArmParameters, vertex: int | None,
 
 
 @functools.lru_cache(_KEPT)
-def _compiled(structure: Specification, arm: ArmParameters, vertex: int | None, thread: int) -> Inequalities:
+def _compiled(structure: Specification, arm: ArmParameters, vertex: int | None, thread: int) -> DesignProblem:
     """Return a problem of a structure; each thread has its own, since its parameters are set and its point is read."""
-    return Inequalities(structure, arm, vertex=vertex)
-
-
-def _smallest_gamma_paper(specification: Specification, arm: ArmParameters, vertex: int | None) -> Point | NoPoint:
-    """Return the point with the smallest γ of the paper's form, by lowering γ as long as there is a point.
-
-    The cone program that minimises γ² is too badly scaled here: d and r are decades apart.
-    """
-    best, gamma, ratio = None, PAPER_GAMMA, 4.0
-    while ratio > 1.05 and gamma / ratio > GAINS[0]:
-        better = _first_point(dataclasses.replace(specification, gamma=gamma / ratio), arm, vertex)
-        if isinstance(better, NoPoint):
-            ratio = math.sqrt(ratio)
-        else:
-            best, gamma = better, gamma / ratio
-    return best or _first_point(dataclasses.replace(specification, gamma=gamma), arm, vertex)
+    return DesignProblem(structure, arm, vertex=vertex)
 
 
 def _units(arm: ArmParameters) -> Scaling:
@@ -116,8 +113,8 @@ def lightness(arm: ArmParameters) -> float:
 
 def scaled_gain(controller: Controller) -> float:
     """Return the gain bound [N m/rad] that a controller just meets, see `Specification`."""
-    units = _units(controller.model.parameters)
-    scaled = units.scaled_gains(controller.gains)
+    units, gains = _units(controller.model.parameters), controller.gains
+    scaled = gains * units.state[: gains.shape[-1]] / units.torque[:, np.newaxis]
     return float(np.linalg.norm(scaled, ord=2, axis=(-2, -1)).max()) * units.stiffness
 
 
@@ -158,7 +155,7 @@ def nearest_feasible(
         "gamma": min(1e6 * start, GAINS[1]),
         "alpha": _slowest_tried(specification),
     }[name]
-    factor, resolution = _STEPS[name]
+    factor, resolution = _LIMITS[name][-2:]
     if fails(start) and (factor * start - limit) * (factor - 1.0) <= 0.0:
         # The bisection follows what fails, from `start` on; each number found to work is nearer than the one before.
         last_that_works(fails, start, factor * start, resolution=resolution, limit=limit)
@@ -177,7 +174,7 @@ def why_infeasible(specification: Specification, arm: ArmParameters) -> str:
     already one vertex of a large model allows too little, its limit is named, which is found within seconds.
     """
     s, alpha, rules, vertex = specification, specification.first_alpha, 1 << len(specification.kept), None
-    limits = {"gamma": s.gamma, "the gain bound": s.gain_bound, "fastest_pole": s.fastest_pole}
+    limits = {_LIMITS[name][0]: getattr(s, name) for name in ("gamma", "gain_bound", "fastest_pole")}
     limits = {name: value for name, value in limits.items() if value is not None}
     given = "" if s.gain_bound is None else f", gain bound {s.gain_bound:g} N m/rad"
     given += "" if s.fastest_pole is None else f", fastest pole {s.fastest_pole:g} 1/s"
@@ -191,24 +188,22 @@ def why_infeasible(specification: Specification, arm: ArmParameters) -> str:
             vertex, works = 0, "works for one vertex of the model alone"
         elif rules > _MOST_SEARCHED:
             raised = [f"raise {name} above {value:g}" for name, value in limits.items()]
-            relaxed = " or ".join([f"lower alpha below {alpha:g}", *raised, "keep fewer premises"])
-            return f"{head}; each of the model's vertices alone may allow this, all together do not: {relaxed}"
+            ways = " or ".join([f"lower alpha below {alpha:g}", *raised, "keep fewer premises"])
+            return f"{head}; each of the model's vertices alone may allow this, all together do not: {ways}"
 
-    def nearest(name: str) -> float | None:
-        return nearest_feasible(specification, arm, name, vertex)
+    def relaxed(name: str) -> str:
+        value = nearest_feasible(specification, arm, name, vertex)
+        words, end, form, unit = _LIMITS[name][:4]
+        what = f"{words} would have to give: the {end} that {works} is about"
+        return "" if value is None else f"{what} {value:{form}}{unit}"
 
-    if (pole := nearest("fastest_pole")) is not None:
-        return f"{head}; fastest_pole would have to give: the smallest that {works} is about {pole:.3g} 1/s"
-    factor = lightness(arm) if s.form == "consistent" and s.gamma is not None else 1.0
-    too_small = factor > _LIGHT and s.gamma < factor * Specification.gamma  # type: ignore[operator]
-    if too_small and (gamma := nearest("gamma")) is not None:
-        natural = f"{factor * Specification.gamma:.2g} asks the same of this arm as the default does of Table 1"  # type: ignore[operator]
-        return f"{head}; gamma would have to give: the smallest that {works} is about {gamma:.2g}, and {natural}"
-    if (largest := nearest("alpha")) is not None:
-        return f"{head}; alpha would have to give: the largest that {works} is about {largest:.3g} 1/s"
-    head += f"; no decay rate down to {_slowest_tried(s):g} 1/s helps"
-    if (bound := nearest("gain_bound")) is not None:
-        return f"{head}: the gain bound would have to give: the smallest that {works} is about {bound:.3g} N m/rad"
-    if (gamma := nearest("gamma")) is not None:
-        return f"{head}: gamma would have to give: the smallest that {works} is about {gamma:.2g}"
-    return f"{head}: raise {' or '.join(limits)}"
+    if text := relaxed("fastest_pole"):
+        return f"{head}; {text}"
+    default = Specification.gamma or 0.0
+    factor = lightness(arm) if s.form == "consistent" else 1.0
+    if s.gamma is not None and factor > _LIGHT and s.gamma < factor * default and (text := relaxed("gamma")):
+        return f"{head}; {text}, and {factor * default:.2g} asks the same of this arm as the default does of Table 1"
+    if text := relaxed("alpha"):
+        return f"{head}; {text}"
+    text = relaxed("gain_bound") or relaxed("gamma") or f"raise {' or '.join(limits)}"
+    return f"{head}; no decay rate down to {_slowest_tried(s):g} 1/s helps: {text}"

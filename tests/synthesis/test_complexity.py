@@ -8,7 +8,7 @@ from fuzzyarm.fuzzy_policy.ts_model import NAMED_RULES, TSModel
 from fuzzyarm.proof import theorems
 from fuzzyarm.proof.vertices import error_vertices, tracking_vertices
 from fuzzyarm.synthesis.complexity import Size, full_size, paper_formula
-from fuzzyarm.synthesis.inequalities import Inequalities
+from fuzzyarm.synthesis.design_problem import DesignProblem
 from fuzzyarm.synthesis.specification import PAPER_WEIGHT, Specification
 
 ARM = ArmParameters()
@@ -53,6 +53,6 @@ def test_table_2_to_every_digit_and_what_is_solved_is_smaller(rules):
     model = TSModel(ARM, NAMED_RULES[rules])
     assert paper_formula(len(model.A_vertices), len(model.E_vertices)) == TABLE_2[rules]
     if rules in (4, 32):
-        solved = Inequalities(Specification(NAMED_RULES[rules]), ARM)._problem().size_metrics.num_scalar_variables - 15
+        solved = DesignProblem(Specification(NAMED_RULES[rules]), ARM)._problem().size_metrics.num_scalar_variables - 15
         assert solved == {4: 136, 32: 2582}[rules]
         assert solved < 0.5 * full_size(vertices(rules, "consistent", True, False)).variables

@@ -21,7 +21,7 @@ from fuzzyarm.proof.certificate import certify
 from fuzzyarm.proof.rigid_loop import RigidLoop, find_worst_point
 from fuzzyarm.synthesis import DesignFailed, Specification, describe, design, designer
 from fuzzyarm.synthesis import search as synthesis_search
-from fuzzyarm.synthesis.inequalities import NoPoint
+from fuzzyarm.synthesis.design_problem import NoPoint
 from fuzzyarm.synthesis.search import best_point, lightness, why_infeasible
 
 SUBSETS = [subset for count in range(6) for subset in itertools.combinations(PREMISES, count)]

@@ -14,9 +14,9 @@ from fuzzyarm.fuzzy_policy.ts_model import NAMED_RULES, TSModel
 from fuzzyarm.proof import theorems
 from fuzzyarm.proof.block_matrix import symmetric
 from fuzzyarm.proof.vertices import error_vertices, tracking_vertices
-from fuzzyarm.synthesis import Specification, inequalities
+from fuzzyarm.synthesis import Specification, design_problem
+from fuzzyarm.synthesis.design_problem import MARGIN, DesignProblem, NoPoint, structure_of
 from fuzzyarm.synthesis.expressions import half
-from fuzzyarm.synthesis.inequalities import MARGIN, Inequalities, NoPoint, structure_of
 from fuzzyarm.synthesis.specification import PAPER_WEIGHT
 
 ARM = ArmParameters()
@@ -27,7 +27,7 @@ every_form = pytest.mark.parametrize("which", slow_but([form for form in FORMS i
 
 def written(form, integral, rules, **others):
     asked = Specification(NAMED_RULES[rules], form, **{"gamma": GAMMA[form], "integral": integral, **others})
-    return Inequalities(asked, ARM)
+    return DesignProblem(asked, ARM)
 
 
 @every_form
@@ -38,7 +38,7 @@ def test_the_constraint_is_the_text_of_the_proof(which):
         value = rng.normal(size=variable.shape)
         variable.value = value + value.T if variable.attributes["symmetric"] else np.abs(value)
     numbers, half_of = (
-        problem._matrices("Psi", symmetric, inequalities._value_of),
+        problem._matrices("Psi", symmetric, design_problem._value_of),
         problem._matrices("Psi", half, lambda entry: entry).value,
     )
     np.testing.assert_allclose(half_of + np.swapaxes(half_of, 1, 2), numbers)
@@ -134,11 +134,11 @@ def test_one_compiled_problem_serves_all_specifications_of_a_structure():
     first = Specification(gamma=1.7e-4, fastest_pole=170.0)
     second = dataclasses.replace(first, alpha=15.0, gamma=2.5e-4, fastest_pole=300.0)
     assert structure_of(first) == structure_of(second) != structure_of(dataclasses.replace(first, fastest_pole=None))
-    problem = Inequalities(structure_of(first), ARM)
+    problem = DesignProblem(structure_of(first), ARM)
     assert problem._problem().is_dcp(dpp=True)
     for one in (first, second, first):
         problem.ask(one)
-        again, new = problem.point(), Inequalities(one, ARM).point()
+        again, new = problem.point(), DesignProblem(one, ARM).point()
         assert (again.alpha, again.gamma) == (one.alpha, one.gamma)
         np.testing.assert_allclose(again.objective, new.objective, rtol=1e-6)
         np.testing.assert_allclose(again.M, new.M, rtol=1e-3, atol=1e-3 * np.abs(new.M).max())
@@ -152,7 +152,7 @@ def test_the_units_absorb_the_size_of_an_arm():
     )  # fmt: skip
     programs = []
     for arm, gamma in ((ARM, 2e-4), (heavy, 2e-7)):
-        problem = Inequalities(Specification(gamma=gamma), arm)
+        problem = DesignProblem(Specification(gamma=gamma), arm)
         programs.append(problem._problem().get_problem_data(cp.CLARABEL, canon_backend="SCIPY")[0])
     np.testing.assert_allclose(programs[0]["A"].toarray(), programs[1]["A"].toarray(), rtol=1e-9, atol=1e-9)
     assert np.abs(programs[0]["A"].data).max() < 20.0
@@ -182,14 +182,14 @@ def test_an_infeasible_problem_carries_its_proof():
 @pytest.mark.parametrize("x", [0.0, np.nan])
 def test_a_solver_that_lies_is_not_believed(monkeypatch, x):
     """A point that breaks an inequality is none, whatever the status says."""
-    honest = inequalities._where_it_ended
+    honest = design_problem._where_it_ended
 
     def lie(result):
         told = honest(result)
         told.x = np.full(len(told.x), x)
         return told
 
-    monkeypatch.setattr(inequalities, "_where_it_ended", lie)
+    monkeypatch.setattr(design_problem, "_where_it_ended", lie)
     with pytest.raises(NoPoint, match="Solved and a point with margin") as caught:
         written("consistent", True, 4).point()
     assert caught.value.ray is None and not caught.value.margin > 0.0
