@@ -35,9 +35,8 @@ from fuzzyarm.eval.sweep.plants import Plants
 from fuzzyarm.policies import load_policy
 
 __all__ = [
-    "MUJOCO_ARM", "MUJOCO_METHODS", "SUBSTEPS", "SWEPT", "TORCH_LANES", "UNAVAILABLE", "Entry", "Measure",
-    "NotMeasured", "batch_peers", "compiled_batch", "draw_actions", "gymnasium_peers", "own_batches", "own_single",
-    "single_environment", "sweep_entries", "timed", "timed_batch",
+    "SUBSTEPS", "SWEPT", "UNAVAILABLE", "Entry", "Measure", "NotMeasured", "batch_peers", "compiled_batch",
+    "gymnasium_peers", "own_batches", "own_single", "sweep_entries", "timed",
 ]  # fmt: skip
 
 
@@ -78,20 +77,20 @@ class Entry:
 
 def own_single() -> Entry:
     """Return one environment as `gymnasium.make` gives it."""
-    opened = functools.partial(single_environment, "FuzzyArm-v0", _TORQUE_SCALE)
+    opened = functools.partial(_single_environment, "FuzzyArm-v0", _TORQUE_SCALE)
     return Entry("FuzzyArm-v0, machine code", 1, 1, SUBSTEPS, "float64", opened, tip_error=_single_tip_error)
 
 
-TORCH_LANES = 4096
+_TORCH_LANES = 4096
 """Smallest batch measured in torch: below, the fixed cost of a step, a tenth of a millisecond, dominates."""
 
 
 def own_batches(lanes: int, threads: int) -> list[Entry]:
-    """Return this project's batched environments on at most so many threads, those in torch from `TORCH_LANES` on."""
+    """Return this project's batched environments on at most so many threads, those in torch from `_TORCH_LANES` on."""
     used = min(threads, max(1, lanes // LANES_PER_THREAD))  # the environment's own default: as many as help
     opened = functools.partial(_batch, lanes, used)
     compiled = Entry("FuzzyArm-v0, machine code", lanes, used, SUBSTEPS, "float64", opened, tip_error=_own_tip_error)
-    in_torch = _TORCH_TIP_ERRORS if lanes >= TORCH_LANES else ()
+    in_torch = _TORCH_TIP_ERRORS if lanes >= _TORCH_LANES else ()
     return [compiled, *(_torch_entry(lanes, threads, *key) for key in in_torch)]
 
 
@@ -120,7 +119,7 @@ def timed(advance: Callable[[], int], clock: Callable[[], float] = time.perf_cou
     return measure
 
 
-def timed_batch(step: Callable[[Any], Any], actions: Iterable[Any], lanes: int) -> Measure:
+def _timed_batch(step: Callable[[Any], Any], actions: Iterable[Any], lanes: int) -> Measure:
     """Return a function that calls `step` with the actions in turn; each call steps all lanes."""
     ring = itertools.cycle(actions)
 
@@ -131,7 +130,7 @@ def timed_batch(step: Callable[[Any], Any], actions: Iterable[Any], lanes: int) 
     return timed(advance)
 
 
-def draw_actions(space: gym.Space, count: int, lanes: tuple[int, ...], scale: float = 1.0) -> np.ndarray:
+def _draw_actions(space: gym.Space, count: int, lanes: tuple[int, ...], scale: float = 1.0) -> np.ndarray:
     """Return actions (count, *lanes, *space.shape), uniform in the space times `scale`."""
     assert isinstance(space, gym.spaces.Box)
     low, high = scale * space.low.astype(float), scale * space.high.astype(float)
@@ -140,10 +139,10 @@ def draw_actions(space: gym.Space, count: int, lanes: tuple[int, ...], scale: fl
 
 
 @contextlib.contextmanager
-def single_environment(name: str, scale: float) -> Iterator[Measure]:
+def _single_environment(name: str, scale: float) -> Iterator[Measure]:
     """Open an environment of Gymnasium's registry; actions are drawn from its action space times the factor `scale`."""
     with contextlib.closing(gym.make(name)) as env:
-        actions = list(draw_actions(env.action_space, 64, (), scale))
+        actions = list(_draw_actions(env.action_space, 64, (), scale))
         env.reset(seed=0)
 
         def advance() -> int:
@@ -165,7 +164,7 @@ def compiled_batch(lanes: int, threads: int) -> gym.vector.VectorEnv:
 def _batch(lanes: int, threads: int) -> Iterator[Measure]:
     with contextlib.closing(compiled_batch(lanes, threads)) as envs:
         envs.reset(seed=0)
-        yield timed_batch(envs.step, draw_actions(envs.single_action_space, 4, (lanes,), _TORQUE_SCALE), lanes)
+        yield _timed_batch(envs.step, _draw_actions(envs.single_action_space, 4, (lanes,), _TORQUE_SCALE), lanes)
 
 
 @contextlib.contextmanager
@@ -178,7 +177,7 @@ def _torch(lanes: int, threads: int, device: str, dtype: str) -> Iterator[Measur
         observation = arm.reset(seed=0)
         limit = np.array(ArmParameters().torque_limit)
         space = gym.spaces.Box(-limit, limit, dtype=np.float64)
-        actions = observation.new_tensor(draw_actions(space, 4, (lanes,), _TORQUE_SCALE))
+        actions = observation.new_tensor(_draw_actions(space, 4, (lanes,), _TORQUE_SCALE))
 
         def advance() -> int:
             for action in actions:
@@ -252,10 +251,10 @@ def _numpy(values: Any) -> np.ndarray:
     return np.asarray(values.cpu() if hasattr(values, "cpu") else values, dtype=float)
 
 
-MUJOCO_ARM = Path(fuzzyarm.__file__).parents[1] / "benchmarks" / "mujoco_arm.py"
+_MUJOCO_ARM = Path(fuzzyarm.__file__).parents[1] / "benchmarks" / "mujoco_arm.py"
 """The arm in MuJoCo. A clone of the repository has it, an installed package does not."""
 
-MUJOCO_METHODS = {"MuJoCo arm": ("Euler", True, 30), "MuJoCo arm, 1 ms": ("Euler", False, 1)}
+_MUJOCO_METHODS = {"MuJoCo arm": ("Euler", True, 30), "MuJoCo arm, 1 ms": ("Euler", False, 1)}
 """By heading: integrator, whether positions are read half a step back, and sub-steps.
 
 The fastest method whose tip error is no larger than ours, and the fastest of all; `benchmarks/mujoco_arm.py` chose
@@ -267,7 +266,7 @@ def gymnasium_peers() -> list[Entry]:
     """Return the peers of one environment."""
     peers = []
     for heading, name, substeps in (("Pendulum", "Pendulum-v1", 1), ("Reacher", "Reacher-v5", 2)):
-        opened = functools.partial(single_environment, name, 1.0)
+        opened = functools.partial(_single_environment, name, 1.0)
         peers.append(Entry(f"Gymnasium {name}", 1, 1, substeps, "float64", opened, heading, extra="bench"))
     return peers
 
@@ -278,7 +277,7 @@ def batch_peers(lanes: int, threads: int) -> list[Entry]:
     for heading, name in (("Pendulum", "Pendulum-v1"), ("Reacher", "ReacherEasy-v1")):
         opened = functools.partial(_envpool, name, lanes, threads)
         peers.append(Entry(f"EnvPool {name}", lanes, threads, 1, "float64", opened, heading, extra="bench"))
-    for heading, (*_, substeps) in MUJOCO_METHODS.items():
+    for heading, (*_, substeps) in _MUJOCO_METHODS.items():
         name = f"same arm in MuJoCo, 1{f'/{substeps}' if substeps > 1 else ''} ms"
         opened, tip_error = functools.partial(_mujoco, heading, lanes, threads), _MUJOCO_TIP_ERRORS[heading]
         peers.append(Entry(name, lanes, threads, substeps, "float64", opened, heading, tip_error, "bench"))
@@ -293,32 +292,32 @@ def _envpool(name: str, lanes: int, threads: int) -> Iterator[Measure]:
         warnings.simplefilter("ignore")  # Gymnasium's, on the precision of EnvPool's spaces
         envs = envpool.make_gymnasium(name, num_envs=lanes, num_threads=threads, seed=0)
         envs.reset()
-        actions = draw_actions(envs.action_space, 4, (lanes,))
+        actions = _draw_actions(envs.action_space, 4, (lanes,))
     with contextlib.closing(envs):
-        yield timed_batch(envs.step, actions, lanes)
+        yield _timed_batch(envs.step, actions, lanes)
 
 
 @contextlib.contextmanager
 def _mujoco(heading: str, lanes: int, threads: int) -> Iterator[Measure]:
-    integrator, _, substeps = MUJOCO_METHODS[heading]
+    integrator, _, substeps = _MUJOCO_METHODS[heading]
     yield functools.partial(_mujoco_arm().steps_per_second, lanes, threads, 1e-3 / substeps, integrator)
 
 
 def _mujoco_tip_error(heading: str) -> float:
-    (integrator, half_step_back, substeps), module = MUJOCO_METHODS[heading], _mujoco_arm()
+    (integrator, half_step_back, substeps), module = _MUJOCO_METHODS[heading], _mujoco_arm()
     arm = module.MujocoArm(module.COULOMB, module.Method(integrator, half_step_back), 1e-3 / substeps)
     return float(module.tip_error(arm.advance, module.COULOMB))
 
 
-_MUJOCO_TIP_ERRORS = {heading: functools.partial(_mujoco_tip_error, heading) for heading in MUJOCO_METHODS}
+_MUJOCO_TIP_ERRORS = {heading: functools.partial(_mujoco_tip_error, heading) for heading in _MUJOCO_METHODS}
 
 
 @functools.cache
 def _mujoco_arm() -> ModuleType:
     """Import the benchmark that holds the model."""
-    if not MUJOCO_ARM.exists():
+    if not _MUJOCO_ARM.exists():
         raise NotMeasured("benchmarks/mujoco_arm.py is not there: run from a clone of the repository")
-    spec = importlib.util.spec_from_file_location(MUJOCO_ARM.stem, MUJOCO_ARM)
+    spec = importlib.util.spec_from_file_location(_MUJOCO_ARM.stem, _MUJOCO_ARM)
     assert spec is not None and spec.loader is not None
     module = importlib.util.module_from_spec(spec)
     spec.loader.exec_module(module)

@@ -43,10 +43,8 @@ def headline(standings: Sequence[Standing], titles: Mapping[str, str]) -> str:
     """Return the sentence as HTML, given all standings of one evaluation and the titles of its cases by name.
 
     A value is that of the leaderboard: the score overall, the rms tip error in a case. Policies whose values read the
-    same win together. A policy that lost the path in a case cannot win it, nor overall.
+    same win together. A policy that lost the path in a case cannot win it, nor overall; one policy alone wins nothing.
     """
-    if len(standings) == 1:
-        return _alone(standings[0], titles)
     scores = {standing.policy: standing.score.mean for standing in standings if standing.score is not None}
     cases = list(standings[0].rms)
     wins: dict[tuple[str, ...], list[str]] = {}  # what each group of winners won
@@ -61,9 +59,8 @@ def headline(standings: Sequence[Standing], titles: Mapping[str, str]) -> str:
             wins.setdefault(_winners(held), []).append(won)
         else:
             nobody.append(_title(titles[case]))
-    parts = [
-        f"{_names(names)} {'wins' if len(names) == 1 else 'tie'} {_series(where)}" for names, where in wins.items()
-    ]
+    verb = "runs alone," if len(standings) == 1 else "wins"
+    parts = [f"{_names(names)} {verb if len(names) == 1 else 'tie'} {_series(where)}" for names, where in wins.items()]
     if nobody:
         parts.append(f"nobody held the path in {_series(nobody)}")
     return "; ".join([*parts, *_lost(standings), *_overlap(standings)]) + "."
@@ -78,17 +75,6 @@ def rule(standings: Sequence[Standing]) -> str:
         f"A case is won by the smallest rms tip error{seeds}.{score} A policy that ended early or was more than "
         f"{LOST:g} mm off lost the path and is not ranked."
     )
-
-
-def _alone(standing: Standing, titles: Mapping[str, str]) -> str:
-    """Return the sentence of an evaluation of one policy, which has nobody to win against."""
-    name = _names([standing.policy])
-    if standing.score is None:
-        return f"{name} ran alone and lost the path in {standing.lost} of {_counted(standing.episodes, 'episode')}."
-    errors = [
-        f"{_length(error)} in {_title(titles[case])}" for case, error in standing.rms.items() if error is not None
-    ]
-    return f"{name} ran alone; its rms tip error is {_series(errors)}."
 
 
 def _winners(values: Mapping[str, float]) -> tuple[str, ...]:

@@ -18,7 +18,7 @@ from fuzzyarm.eval.evaluation.run import Evaluation, EvaluationConfig
 __all__ = ["replay_data"]
 
 _LARGEST = 2_300_000  # bytes of base64 for all signals together, with which the page stays below 3 MB
-POSES = 200  # of a motion, for which the floor is made
+_POSES = 200  # of a motion, for which the floor is made
 _FLOAT = np.dtype("<f4")  # of embedded numbers
 _BASE64 = 4 / 3  # bytes of base64 for a byte of data
 
@@ -42,7 +42,7 @@ def replay_data(stored: Evaluation) -> dict[str, Any]:
 
 def _robot(robot: Robot, run: Rollout) -> dict[str, Any]:
     """Return the chain of a robot, and the camera and the floor that it is shown with, for its motion in a run."""
-    asked = poses_of(robot, run.q_reference[:: max(1, len(run.time) // POSES)])
+    asked = poses_of(robot, run.q_reference[:: max(1, len(run.time) // _POSES)])
     camera, floor, chain = looking_at(robot, in_space(run.tip_reference)), floor_of(robot, asked.points), robot.arrays
     joints = zip(chain.position.tolist(), chain.rotation.tolist(), chain.axis.tolist(), strict=True)
     return {

@@ -28,7 +28,6 @@ from fuzzyarm.common.checks import path_of, truth
 from fuzzyarm.common.console import escaped
 from fuzzyarm.common.files import write_atomically
 from fuzzyarm.envs.physics.equations import IN_FOLDER, AnyArm, chosen_arm, robot_of
-from fuzzyarm.envs.physics.parameters import ArmParameters
 from fuzzyarm.envs.physics.rigid_body import inverse_dynamics
 from fuzzyarm.envs.physics.robot import shipped_robots
 from fuzzyarm.envs.scenario.default_reference import default_reference
@@ -36,12 +35,12 @@ from fuzzyarm.eval.engine import Engine
 from fuzzyarm.eval.provenance import current_provenance, json_text
 from fuzzyarm.eval.stability.margins import MarginsConfig, measure_margins
 from fuzzyarm.eval.tuning.finding import PERIOD, STEPS, Finding, read_finding, write_finding
-from fuzzyarm.eval.tuning.steps import FUZZY, ROBOT_STEPS, TWO_JOINT_STEPS, Context, Step
+from fuzzyarm.eval.tuning.steps import FUZZY, Context, steps_for
 from fuzzyarm.eval.tuning.summary import README, summary
 from fuzzyarm.policies.registry import TIP
 from fuzzyarm.policies.tuned import ADAPTIVE_OBSERVER, COMPUTED_TORQUE, ELASTIC_OBSERVER, NAME, SCHEMA, TunedLaws
 
-__all__ = ["NothingFound", "Tuned", "begin", "laws_of", "resumed_arm", "steps_for", "tune", "tune_arm"]
+__all__ = ["NothingFound", "Tuned", "begin", "resumed_arm", "tune", "tune_arm"]
 
 _MARGINS = "margins.json"
 _INSTANTS = 501  # of the path, at which the weight is held
@@ -60,11 +59,6 @@ class Tuned:
     laws: TunedLaws  # of the folder
     findings: tuple[Finding, ...]  # of the steps, in their order
     margins: dict[str, Any]  # the document of `measure_margins`
-
-
-def steps_for(arm: AnyArm) -> tuple[Step, ...]:
-    """Return the steps of tuning an arm."""
-    return TWO_JOINT_STEPS if isinstance(arm, ArmParameters) else ROBOT_STEPS
 
 
 def begin(arm: AnyArm, folder: Path) -> None:
@@ -157,7 +151,7 @@ def tune(
     if all(finding.chosen is None for finding in findings.values()):
         reasons = "; ".join(f"{name}: {finding.notes[-1]}" for name, finding in findings.items() if finding.notes)
         raise NothingFound(f"no policy has stable gains for this arm ({reasons})")
-    laws = laws_of(arm, findings)
+    laws = _laws_of(arm, findings)
     write_atomically(folder / NAME, laws.to_json())
     with bar("margins", len(laws.policies)) as advance:
         margins = measure_margins(MarginsConfig(robot=str(folder)), advance)
@@ -179,7 +173,7 @@ def _repeat(advance: Callable[..., None], done: int) -> None:
         advance()
 
 
-def laws_of(arm: AnyArm, findings: dict[str, Finding]) -> TunedLaws:
+def _laws_of(arm: AnyArm, findings: dict[str, Finding]) -> TunedLaws:
     """Return the laws that findings make, for the file of the folder."""
     chosen = {name: finding.chosen for name, finding in findings.items() if finding.chosen is not None}
     with_tip = (FUZZY, COMPUTED_TORQUE)
