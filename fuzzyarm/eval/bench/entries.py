@@ -90,14 +90,13 @@ def own_batches(lanes: int, threads: int) -> list[Entry]:
     used = min(threads, max(1, lanes // LANES_PER_THREAD))  # the environment's own default: as many as help
     opened = functools.partial(_batch, lanes, used)
     compiled = Entry("FuzzyArm-v0, machine code", lanes, used, SUBSTEPS, "float64", opened, tip_error=_own_tip_error)
-    in_torch = _TORCH_TIP_ERRORS if lanes >= _TORCH_LANES else ()
-    return [compiled, *(_torch_entry(lanes, threads, *key) for key in in_torch)]
-
-
-def _torch_entry(lanes: int, threads: int, device: str, dtype: str) -> Entry:
-    name = "PTX kernel, GPU" if _is_kernel(device, dtype) else f"torch.compile, {'GPU' if device == 'cuda' else 'CPU'}"
-    opened, tip_error = functools.partial(_torch, lanes, threads, device, dtype), _TORCH_TIP_ERRORS[device, dtype]
-    return Entry(f"FuzzyArm, {name}", lanes, threads, SUBSTEPS, dtype, opened, tip_error=tip_error, extra="rl")
+    found = [compiled]
+    for (device, dtype), tip_error in _TORCH_TIP_ERRORS.items() if lanes >= _TORCH_LANES else ():
+        compiler = f"torch.compile, {'GPU' if device == 'cuda' else 'CPU'}"
+        name = f"FuzzyArm, {'PTX kernel, GPU' if _is_kernel(device, dtype) else compiler}"
+        opened = functools.partial(_torch, lanes, threads, device, dtype)
+        found.append(Entry(name, lanes, threads, SUBSTEPS, dtype, opened, tip_error=tip_error, extra="rl"))
+    return found
 
 
 def _is_kernel(device: str, dtype: str) -> bool:
@@ -254,12 +253,8 @@ def _numpy(values: Any) -> np.ndarray:
 _MUJOCO_ARM = Path(fuzzyarm.__file__).parents[1] / "benchmarks" / "mujoco_arm.py"
 """The arm in MuJoCo. A clone of the repository has it, an installed package does not."""
 
-_MUJOCO_METHODS = {"MuJoCo arm": ("Euler", True, 30), "MuJoCo arm, 1 ms": ("Euler", False, 1)}
-"""By heading: integrator, whether positions are read half a step back, and sub-steps.
-
-The fastest method whose tip error is no larger than ours, and the fastest of all; `benchmarks/mujoco_arm.py` chose
-them, where they are EQUAL_ACCURACY and FASTEST.
-"""
+_MUJOCO_SUBSTEPS = {"MuJoCo arm": 30, "MuJoCo arm, 1 ms": 1}
+"""By heading: `benchmarks/mujoco_arm.py` chose both methods, the fastest as accurate as ours and the fastest."""
 
 
 def gymnasium_peers() -> list[Entry]:
@@ -277,9 +272,9 @@ def batch_peers(lanes: int, threads: int) -> list[Entry]:
     for heading, name in (("Pendulum", "Pendulum-v1"), ("Reacher", "ReacherEasy-v1")):
         opened = functools.partial(_envpool, name, lanes, threads)
         peers.append(Entry(f"EnvPool {name}", lanes, threads, 1, "float64", opened, heading, extra="bench"))
-    for heading, (*_, substeps) in _MUJOCO_METHODS.items():
+    for heading, substeps in _MUJOCO_SUBSTEPS.items():
         name = f"same arm in MuJoCo, 1{f'/{substeps}' if substeps > 1 else ''} ms"
-        opened, tip_error = functools.partial(_mujoco, heading, lanes, threads), _MUJOCO_TIP_ERRORS[heading]
+        opened, tip_error = functools.partial(_mujoco, lanes, threads, substeps), _MUJOCO_TIP_ERRORS[substeps]
         peers.append(Entry(name, lanes, threads, substeps, "float64", opened, heading, tip_error, "bench"))
     return peers
 
@@ -298,18 +293,17 @@ def _envpool(name: str, lanes: int, threads: int) -> Iterator[Measure]:
 
 
 @contextlib.contextmanager
-def _mujoco(heading: str, lanes: int, threads: int) -> Iterator[Measure]:
-    integrator, _, substeps = _MUJOCO_METHODS[heading]
-    yield functools.partial(_mujoco_arm().steps_per_second, lanes, threads, 1e-3 / substeps, integrator)
+def _mujoco(lanes: int, threads: int, substeps: int) -> Iterator[Measure]:
+    yield functools.partial(_mujoco_arm().steps_per_second, lanes, threads, 1e-3 / substeps, "Euler")
 
 
-def _mujoco_tip_error(heading: str) -> float:
-    (integrator, half_step_back, substeps), module = _MUJOCO_METHODS[heading], _mujoco_arm()
-    arm = module.MujocoArm(module.COULOMB, module.Method(integrator, half_step_back), 1e-3 / substeps)
-    return float(module.tip_error(arm.advance, module.COULOMB))
+def _mujoco_tip_error(substeps: int) -> float:
+    module = _mujoco_arm()
+    method, timestep = module.FASTEST if substeps == 1 else module.EQUAL_ACCURACY["Coulomb"]
+    return float(module.tip_error(module.MujocoArm(module.COULOMB, method, timestep).advance, module.COULOMB))
 
 
-_MUJOCO_TIP_ERRORS = {heading: functools.partial(_mujoco_tip_error, heading) for heading in _MUJOCO_METHODS}
+_MUJOCO_TIP_ERRORS = {count: functools.partial(_mujoco_tip_error, count) for count in _MUJOCO_SUBSTEPS.values()}
 
 
 @functools.cache
@@ -327,24 +321,25 @@ def _mujoco_arm() -> ModuleType:
 SWEPT = ("fuzzy-4-tip", "elastic-observer")
 """Policies whose sweeps are measured."""
 
-RUN = {"in one kernel": errors_in_one_kernel, "step by step": errors_step_by_step}
-"""How the episodes of a chunk are run, by name; the second is the peer of the first."""
-
 
 def sweep_entries(policy: str) -> list[Entry]:
-    """Return the two entries of a policy: a chunk of a sweep as `fuzzyarm sweep` cuts it, on one thread."""
+    """Return the two entries of a policy: a chunk of a sweep as `fuzzyarm sweep` cuts it, on one thread.
+
+    The second, step by step, is the peer of the first, in one kernel.
+    """
     config = SweepConfig(policies=(policy,), plants=SweepConfig.chunk)
     lanes, entries = config.plants * len(config.cases), []
-    for how, peer in zip(RUN, ("", *list(RUN)[1:]), strict=True):
-        opened = functools.partial(_swept, config, how)
+    runs: dict[str, Callable[..., Any]] = {"in one kernel": errors_in_one_kernel, "step by step": errors_step_by_step}
+    for (how, run), peer in zip(runs.items(), ("", "step by step"), strict=True):
+        opened = functools.partial(_swept, config, run)
         entries.append(Entry(f"sweep of {policy}, {how}", lanes, 1, SUBSTEPS, "float64", opened, peer))
     return entries
 
 
 @contextlib.contextmanager
-def _swept(config: SweepConfig, how: str) -> Iterator[Measure]:
+def _swept(config: SweepConfig, run: Callable[..., Any]) -> Iterator[Measure]:
     (name,) = config.policies
-    plants, policy, run = Plants.draw(config, config.members(0)), load_policy(name), RUN[how]
+    plants, policy = Plants.draw(config, config.members(0)), load_policy(name)
     with contextlib.closing(plants.environment(config.cases)) as envs:
 
         def advance() -> int:

@@ -134,8 +134,11 @@ def _circularity_figure(evidence: Evidence, number: int, case: str) -> Figure:
         margin = 0.06 * (high - low)
         column[0].set_ylim(low - margin, high + margin)
         column[-1].set_xlabel("time [s]")
-    band = [] if stated is None else [Patch(color=_BANDS[0], label=f"stated: {_range(*stated)} mm")]
-    _legend(figure, [*_rule_handles(), *band])
+    handles: list[Any] = _rule_handles()
+    if stated is not None:
+        text = f"±{stated[1]:g}" if -stated[0] == stated[1] else "{:g} to {:g}".format(*stated).replace("-", "−")
+        handles.append(Patch(color=_BANDS[0], label=f"stated: {text} mm"))
+    _legend(figure, handles)
     return figure
 
 
@@ -176,8 +179,3 @@ def _rule_handles() -> list[Line2D]:
 
 def _legend(figure: Figure, handles: Sequence[Any]) -> None:
     figure.legend(handles=handles, loc="outside lower center", ncols=len(handles))
-
-
-def _range(low: float, high: float) -> str:
-    text = f"±{high:g}" if -low == high else f"{low:g} to {high:g}"
-    return text.replace("-", "−")

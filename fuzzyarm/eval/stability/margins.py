@@ -74,12 +74,8 @@ LIMITS = {
 def _conditions_for(arm: AnyArm) -> tuple[Condition, ...]:
     """Return the conditions of the columns for an arm; a robot carries the payload of its case ``payload``."""
     payload = case_for("payload", arm).disturbance.payload
-    return tuple(
-        condition
-        if condition.payload is None
-        else dataclasses.replace(condition, name=f"{payload.mass:g} kg payload", payload=payload)
-        for condition in CONDITIONS
-    )
+    *others, loaded = CONDITIONS
+    return (*others, dataclasses.replace(loaded, name=f"{payload.mass:g} kg payload", payload=payload))
 
 
 SCHEMA = "fuzzyarm-margins/1"
@@ -245,9 +241,7 @@ def margin_cells(rows: Sequence[dict[str, Any]]) -> tuple[list[str], list[list[s
 
 
 def _radius_cell(radius: float | None) -> str:
-    if radius is None:
-        return "-"
-    return f"{radius:.4f}{' unstable' if radius >= 1.0 else ''}"
+    return "-" if radius is None else f"{radius:.4f}{' unstable' if radius >= 1.0 else ''}"
 
 
 def margin_notes(document: dict[str, Any]) -> list[str]:

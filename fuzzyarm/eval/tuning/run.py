@@ -15,9 +15,8 @@ from __future__ import annotations
 
 import contextlib
 import dataclasses
-import functools
 import os
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from contextlib import AbstractContextManager
 from pathlib import Path
 from typing import Any
@@ -121,17 +120,12 @@ def tune_arm(robot: Any, folder: str | os.PathLike[str], *, resume: bool = False
     return tune(arm, folder, engine=Engine(jobs=jobs))
 
 
-@contextlib.contextmanager
-def _no_bar(description: str, total: int) -> Iterator[Callable[..., None]]:
-    yield lambda *arguments, **named: None
-
-
 def tune(
     arm: AnyArm,
     folder: Path,
     *,
     engine: Engine,
-    bar: _Bar = _no_bar,
+    bar: _Bar = lambda text, total: contextlib.nullcontext(lambda **named: None),
     finished: Callable[[Finding], None] = lambda finding: None,
 ) -> Tuned:
     """Find what is missing in a folder of `begin` for its arm, and complete it; call `finished` with each finding.
@@ -140,10 +134,15 @@ def tune(
     """
     findings: dict[str, Finding] = {}
     for step in steps_for(arm):
-        finding = _kept(folder, step.policy, robot_of(arm).digest)
-        if finding is None:
+        finding = read_finding(folder, step.policy, robot_of(arm).digest)
+        file = f"{FUZZY}.json" if finding and finding.chosen and step.policy == FUZZY else "."
+        if finding is None or not (folder / file).exists():
             with bar(step.policy, step.total) as advance:
-                count = functools.partial(_repeat, advance)
+
+                def count(done: int, advance: Callable[..., None] = advance) -> None:
+                    for _ in range(done):
+                        advance()
+
                 finding = step.find(Context(arm, folder, engine, count, findings))
             write_finding(folder, finding)
         findings[step.policy] = finding
@@ -159,18 +158,6 @@ def tune(
     tuned = Tuned(laws, tuple(findings.values()), margins)
     write_atomically(folder / README, summary(arm, folder.name, tuned.findings, margins))
     return tuned
-
-
-def _kept(folder: Path, policy: str, digest: str) -> Finding | None:
-    """Return the finding of a step that is finished, its controller file with it."""
-    finding = read_finding(folder, policy, digest)
-    lost = policy == FUZZY and finding and finding.chosen and not (folder / f"{FUZZY}.json").is_file()
-    return None if lost else finding
-
-
-def _repeat(advance: Callable[..., None], done: int) -> None:
-    for _ in range(done):
-        advance()
 
 
 def _laws_of(arm: AnyArm, findings: dict[str, Finding]) -> TunedLaws:
