@@ -135,8 +135,6 @@ REFERENCE: Mapping[str, Any] = {"label": "reference", "color": "black", "linewid
 # Over time the reference is a wide band below the curves: a line would hide the curves or be hidden by them.
 _BAND: Mapping[str, Any] = {"label": "reference", "color": "#CCCCCC", "linewidth": 4.0, "zorder": 1.9}
 
-_IN_PLANE = ("x, down", "y, to the side")
-
 _Styles = Mapping[str, Mapping[str, Any]]
 _Columns = Mapping[str, Sequence[Rollout]]
 _Limits = tuple[float, float]
@@ -302,7 +300,7 @@ def _force_figure(title: str, episode: Rollout) -> Figure:
     figure = Figure(figsize=(6.6, 2.9))
     axes = figure.subplots()
     force, colors = episode.external_force.T, ("black", "#666666", "#AAAAAA")
-    names = _IN_PLANE if len(force) == len(_IN_PLANE) else ("x", "y", "z")
+    names = ("x, down", "y, to the side") if len(force) == _PLANE else ("x", "y", "z")
     for component, name, color, dashes in zip(force, names, colors, DASHES, strict=False):
         axes.plot(episode.time, component, color=color, linestyle=dashes, label=name)
     axes.set(xlabel="time [s]", ylabel="external force [N]", title=title)

@@ -26,7 +26,7 @@ from fuzzyarm.common.console import Sheet, print_paragraphs
 from fuzzyarm.envs.scenario.cases import CASES
 from fuzzyarm.eval.declarations import ROW, declared_cells, print_declared
 from fuzzyarm.eval.episodes.metrics import LOST, RESOLUTION, is_lost, millimetres, ranked
-from fuzzyarm.eval.evaluation.results_file import Results, conditions_in_words, conditions_of, read_results
+from fuzzyarm.eval.evaluation.results_file import conditions_in_words, conditions_of, read_results
 from fuzzyarm.eval.evaluation.run import EvaluationConfig
 from fuzzyarm.eval.evaluation.statistics import Estimate, estimate, interquartile_mean
 from fuzzyarm.policies import resolve
@@ -123,13 +123,17 @@ def rank_policies(paths: Sequence[str | Path], tips: Mapping[str, str] | None = 
         OSError: a file cannot be read.
     """
     read = [read_results(path_of("paths", path)) for path in sequence_of("paths", paths)]
-    check_comparable([results.path for results in read], list(map(_conditions, read)), "evaluate")
+    conditions = [
+        {"version of fuzzyarm": results.made_with["versions"]["fuzzyarm"], **conditions_of(results.config)}
+        for results in read
+    ]
+    check_comparable([results.path for results in read], conditions, "evaluate")
     standings = [
         dataclasses.replace(one, tip=(tips or {}).get(one.policy, ""), declared=results.declared[one.policy])
         for results in read
         for one in standings_of(results.config, results.rows, results.certificates, str(results.path))
     ]
-    words = f"fuzzyarm {read[0].made_with['versions']['fuzzyarm']}, {conditions_in_words(read[0].config)}"
+    words = f"fuzzyarm {conditions[0]['version of fuzzyarm']}, {conditions_in_words(read[0].config)}"
     return Leaderboard(sorted(standings, key=lambda standing: standing.order), words)
 
 
@@ -144,10 +148,6 @@ def check_comparable(files: Sequence[Path], conditions: Sequence[Mapping[str, An
                     f"{files[0]} and {file} are not comparable: {name} is {listed([value])} in the first and "
                     f"{listed([theirs[name]])} in the second; {verb} again under the same conditions"
                 )
-
-
-def _conditions(results: Results) -> dict[str, Any]:
-    return {"version of fuzzyarm": results.made_with["versions"]["fuzzyarm"], **conditions_of(results.config)}
 
 
 def standings_of(
