@@ -14,7 +14,7 @@ from fuzzyarm.policies.declared import HEADINGS, Declared, declared, declared_by
 from fuzzyarm.policies.spec import PolicySpec
 
 __all__ = [
-    "ROW", "declarations_of", "declared_cells", "permitted_code", "print_declared", "read_declarations",
+    "ROW", "declarations_of", "declared_cells", "print_declared", "read_declarations", "unrelated",
     "written_declarations",
 ]  # fmt: skip
 
@@ -44,14 +44,19 @@ def read_declarations(written: Mapping[str, Any] | None, names: Sequence[str]) -
     return {label: None if written[label] is None else stated(written[label]) for label in labels}
 
 
-def permitted_code(place: str, policies: Sequence[str], named: Sequence[str]) -> list[str]:
-    """Return the policies that are the user's code; ValueError unless all are `named`, as files alone run no code."""
-    code = [name for name in policies if resolve(name).kind is Kind.CODE]
+def unrelated(place: str, policies: Sequence[str], named: Sequence[str]) -> list[str]:
+    """Return the `named` policies that are neither code among `policies` nor the place of a file or folder of theirs.
+
+    ValueError unless all code among `policies`, which `place` names, is `named`: files alone run no code.
+    """
+    specs = list(map(resolve, policies))
+    code, labels = [spec.name for spec in specs if spec.kind is Kind.CODE], [spec.label for spec in specs]
     if flags := " ".join(f"--policy {name}" for name in code if name not in named):
         raise ValueError(
             f"{place} that is not part of fuzzyarm, which a file alone does not get run; if you trust it, add {flags}"
         )
-    return code
+    others = [spec for spec in map(resolve, named) if spec.name not in code]
+    return [one.name for one in others if one.kind is Kind.CODE or one.named or one.label not in labels]
 
 
 def declared_cells(own: Declared | None) -> tuple[str, ...]:

@@ -1,8 +1,9 @@
-"""The style of Matplotlib's figures, and a figure as a PNG and an SVG file."""
+"""The style of Matplotlib's figures, and figures as PNG and SVG files."""
 
 from __future__ import annotations
 
 import io
+from collections.abc import Callable, Mapping
 from contextlib import AbstractContextManager
 from pathlib import Path
 
@@ -14,7 +15,7 @@ from matplotlib.figure import Figure
 
 from fuzzyarm.common.files import write_atomically
 
-__all__ = ["MARKERS", "figure_style", "write_figure"]
+__all__ = ["MARKERS", "figure_style", "write_all"]
 
 MARKERS = "os^Dv"
 """Of the curves of a figure, one after the other."""
@@ -25,20 +26,29 @@ def figure_style() -> AbstractContextManager[None]:
     return matplotlib.style.context("fuzzyarm.eval.fuzzyarm", after_reset=True)
 
 
-def write_figure(figure: Figure, folder: Path, name: str) -> list[Path]:
-    """Write ``<name>.png`` and ``<name>.svg``, each atomically, and return their paths.
+def write_all(
+    figures: Mapping[str, Figure], folder: Path, progress: Callable[[], None] = lambda: None, *, svg: bool = True
+) -> list[Path]:
+    """Write ``<name>.png`` and ``<name>.svg`` of figures by name, each atomically; return their paths in that order.
 
-    The figure is laid out once and drawn once for each format: `Figure.savefig` would draw it twice.
+    Each is laid out once and drawn once for each format: `Figure.savefig` would draw it twice.
     """
-    layout = figure.get_layout_engine()
-    if layout is not None and figure.axes:
-        layout.execute(figure)
-    figure.set_layout_engine("none")
-    paths = [folder / f"{name}.png", folder / f"{name}.svg"]
-    pixels, shapes = io.BytesIO(), io.BytesIO()
-    figure.set_dpi(float(rcParams["savefig.dpi"]))
-    FigureCanvasAgg(figure).print_png(pixels)  # type: ignore[no-untyped-call]
-    FigureCanvasSVG(figure).print_svg(shapes, metadata={"Date": None})  # type: ignore[no-untyped-call]
-    for path, content in zip(paths, (pixels, shapes), strict=True):
-        write_atomically(path, content.getvalue())
+    paths = []
+    with figure_style():
+        for name, figure in figures.items():
+            layout = figure.get_layout_engine()
+            if layout is not None and figure.axes:
+                layout.execute(figure)
+            figure.set_layout_engine("none")
+            figure.set_dpi(float(rcParams["savefig.dpi"]))
+            contents = {"png": io.BytesIO()}
+            FigureCanvasAgg(figure).print_png(contents["png"])  # type: ignore[no-untyped-call]
+            if svg:
+                contents["svg"] = io.BytesIO()
+                canvas = FigureCanvasSVG(figure)
+                canvas.print_svg(contents["svg"], metadata={"Date": None})  # type: ignore[no-untyped-call]
+            for kind, content in contents.items():
+                paths.append(folder / f"{name}.{kind}")
+                write_atomically(paths[-1], content.getvalue())
+            progress()
     return paths

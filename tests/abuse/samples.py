@@ -31,8 +31,7 @@ from fuzzyarm.eval.sweep.distributions import plant_record
 from fuzzyarm.eval.sweep.episodes import SweepResults
 from fuzzyarm.eval.sweep.run import Sweep
 from fuzzyarm.eval.sweep.summary import summarise
-from fuzzyarm.eval.tuning.finding import write_finding
-from fuzzyarm.eval.tuning.steps import found
+from fuzzyarm.eval.tuning import finding
 from fuzzyarm.fuzzy_policy.laws.adaptive.belief import AdaptiveWeights
 from fuzzyarm.fuzzy_policy.laws.learned.bundle import PolicyBundle
 from fuzzyarm.fuzzy_policy.laws.learned.definition import ActionDefinition, FeatureDefinition
@@ -185,9 +184,11 @@ def tuned(folder: Path) -> None:
     weights = {"observer": dataclasses.asdict(ObserverWeights()), "adaptive": dataclasses.asdict(AdaptiveWeights())}
     laws = TunedLaws(SCHEMA, robot_of(arm).digest, 1e-3, ("fuzzy-1", *LAWS), bandwidth=70.0, **weights)
     (folder / NAME).write_text(laws.to_json())
-    write_finding(
-        folder, found(arm, "computed-torque", {"bandwidth": 70.0}, {}, {"nominal": 0.9}, tried=1, rule="One.")
+    digest = robot_of(arm).digest
+    one = finding.Finding(
+        finding.SCHEMA, digest, "computed-torque", {"bandwidth": 70.0}, {}, {"nominal": 0.9}, 1, "One."
     )
+    finding.write_finding(folder, one)
 
 
 @_made

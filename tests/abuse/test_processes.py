@@ -147,9 +147,9 @@ def _stand_ins() -> None:
 
     def step(policy: str, chosen: dict[str, float]) -> Any:
         def find(context: Any) -> Any:
-            return steps.found(context.arm, policy, chosen, {}, {"nominal": 0.9}, tried=1, rule="The only one.")
+            return chosen, {}, {"nominal": 0.9}, 1, ()
 
-        return steps.Step(policy, 1, find)
+        return steps.step(policy, 1, find)
 
     run.steps_for = lambda arm: (step("computed-torque", {"bandwidth": 40.0}), step("elastic-observer", None))  # type: ignore[arg-type]
     store._SCORED, linearisation.POSTURES, fit.SEGMENTS = 1, 2, fit.SEGMENTS[:1]

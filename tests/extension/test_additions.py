@@ -46,7 +46,7 @@ def page(tmp_path_factory):
     with restored(REGISTRIES), pytest.MonkeyPatch.context() as patch:
         patch.syspath_prepend(folder)
         # Figures are drawn, one of each kind, but not turned into files, which takes longer than all else.
-        patch.setattr("fuzzyarm.eval.evaluation.figures.write_figure", lambda *args: [])
+        patch.setattr("fuzzyarm.eval.evaluation.figures.write_all", lambda *args: [])
         patch.setattr(figures, "time_figures", lambda joints: dict([*time_figures(joints).items()][:1]))
         yield importlib.import_module("contributed")
         sys.modules.pop("contributed").env.close()

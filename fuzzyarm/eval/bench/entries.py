@@ -35,9 +35,8 @@ from fuzzyarm.eval.sweep.plants import Plants
 from fuzzyarm.policies import load_policy
 
 __all__ = [
-    "MUJOCO_ARM", "MUJOCO_METHODS", "SUBSTEPS", "SWEPT", "TORCH_LANES", "UNAVAILABLE", "Entry", "Measure",
-    "NotMeasured", "batch_peers", "compiled_batch", "draw_actions", "gymnasium_peers", "own_batches", "own_single",
-    "single_environment", "sweep_entries", "timed", "timed_batch",
+    "SUBSTEPS", "SWEPT", "UNAVAILABLE", "Entry", "Measure", "NotMeasured", "batch_peers", "compiled_batch",
+    "gymnasium_peers", "own_batches", "own_single", "sweep_entries", "timed",
 ]  # fmt: skip
 
 
@@ -78,27 +77,26 @@ class Entry:
 
 def own_single() -> Entry:
     """Return one environment as `gymnasium.make` gives it."""
-    opened = functools.partial(single_environment, "FuzzyArm-v0", _TORQUE_SCALE)
+    opened = functools.partial(_single_environment, "FuzzyArm-v0", _TORQUE_SCALE)
     return Entry("FuzzyArm-v0, machine code", 1, 1, SUBSTEPS, "float64", opened, tip_error=_single_tip_error)
 
 
-TORCH_LANES = 4096
+_TORCH_LANES = 4096
 """Smallest batch measured in torch: below, the fixed cost of a step, a tenth of a millisecond, dominates."""
 
 
 def own_batches(lanes: int, threads: int) -> list[Entry]:
-    """Return this project's batched environments on at most so many threads, those in torch from `TORCH_LANES` on."""
+    """Return this project's batched environments on at most so many threads, those in torch from `_TORCH_LANES` on."""
     used = min(threads, max(1, lanes // LANES_PER_THREAD))  # the environment's own default: as many as help
     opened = functools.partial(_batch, lanes, used)
     compiled = Entry("FuzzyArm-v0, machine code", lanes, used, SUBSTEPS, "float64", opened, tip_error=_own_tip_error)
-    in_torch = _TORCH_TIP_ERRORS if lanes >= TORCH_LANES else ()
-    return [compiled, *(_torch_entry(lanes, threads, *key) for key in in_torch)]
-
-
-def _torch_entry(lanes: int, threads: int, device: str, dtype: str) -> Entry:
-    name = "PTX kernel, GPU" if _is_kernel(device, dtype) else f"torch.compile, {'GPU' if device == 'cuda' else 'CPU'}"
-    opened, tip_error = functools.partial(_torch, lanes, threads, device, dtype), _TORCH_TIP_ERRORS[device, dtype]
-    return Entry(f"FuzzyArm, {name}", lanes, threads, SUBSTEPS, dtype, opened, tip_error=tip_error, extra="rl")
+    found = [compiled]
+    for (device, dtype), tip_error in _TORCH_TIP_ERRORS.items() if lanes >= _TORCH_LANES else ():
+        compiler = f"torch.compile, {'GPU' if device == 'cuda' else 'CPU'}"
+        name = f"FuzzyArm, {'PTX kernel, GPU' if _is_kernel(device, dtype) else compiler}"
+        opened = functools.partial(_torch, lanes, threads, device, dtype)
+        found.append(Entry(name, lanes, threads, SUBSTEPS, dtype, opened, tip_error=tip_error, extra="rl"))
+    return found
 
 
 def _is_kernel(device: str, dtype: str) -> bool:
@@ -120,7 +118,7 @@ def timed(advance: Callable[[], int], clock: Callable[[], float] = time.perf_cou
     return measure
 
 
-def timed_batch(step: Callable[[Any], Any], actions: Iterable[Any], lanes: int) -> Measure:
+def _timed_batch(step: Callable[[Any], Any], actions: Iterable[Any], lanes: int) -> Measure:
     """Return a function that calls `step` with the actions in turn; each call steps all lanes."""
     ring = itertools.cycle(actions)
 
@@ -131,7 +129,7 @@ def timed_batch(step: Callable[[Any], Any], actions: Iterable[Any], lanes: int) 
     return timed(advance)
 
 
-def draw_actions(space: gym.Space, count: int, lanes: tuple[int, ...], scale: float = 1.0) -> np.ndarray:
+def _draw_actions(space: gym.Space, count: int, lanes: tuple[int, ...], scale: float = 1.0) -> np.ndarray:
     """Return actions (count, *lanes, *space.shape), uniform in the space times `scale`."""
     assert isinstance(space, gym.spaces.Box)
     low, high = scale * space.low.astype(float), scale * space.high.astype(float)
@@ -140,10 +138,10 @@ def draw_actions(space: gym.Space, count: int, lanes: tuple[int, ...], scale: fl
 
 
 @contextlib.contextmanager
-def single_environment(name: str, scale: float) -> Iterator[Measure]:
+def _single_environment(name: str, scale: float) -> Iterator[Measure]:
     """Open an environment of Gymnasium's registry; actions are drawn from its action space times the factor `scale`."""
     with contextlib.closing(gym.make(name)) as env:
-        actions = list(draw_actions(env.action_space, 64, (), scale))
+        actions = list(_draw_actions(env.action_space, 64, (), scale))
         env.reset(seed=0)
 
         def advance() -> int:
@@ -165,7 +163,7 @@ def compiled_batch(lanes: int, threads: int) -> gym.vector.VectorEnv:
 def _batch(lanes: int, threads: int) -> Iterator[Measure]:
     with contextlib.closing(compiled_batch(lanes, threads)) as envs:
         envs.reset(seed=0)
-        yield timed_batch(envs.step, draw_actions(envs.single_action_space, 4, (lanes,), _TORQUE_SCALE), lanes)
+        yield _timed_batch(envs.step, _draw_actions(envs.single_action_space, 4, (lanes,), _TORQUE_SCALE), lanes)
 
 
 @contextlib.contextmanager
@@ -178,7 +176,7 @@ def _torch(lanes: int, threads: int, device: str, dtype: str) -> Iterator[Measur
         observation = arm.reset(seed=0)
         limit = np.array(ArmParameters().torque_limit)
         space = gym.spaces.Box(-limit, limit, dtype=np.float64)
-        actions = observation.new_tensor(draw_actions(space, 4, (lanes,), _TORQUE_SCALE))
+        actions = observation.new_tensor(_draw_actions(space, 4, (lanes,), _TORQUE_SCALE))
 
         def advance() -> int:
             for action in actions:
@@ -252,22 +250,18 @@ def _numpy(values: Any) -> np.ndarray:
     return np.asarray(values.cpu() if hasattr(values, "cpu") else values, dtype=float)
 
 
-MUJOCO_ARM = Path(fuzzyarm.__file__).parents[1] / "benchmarks" / "mujoco_arm.py"
+_MUJOCO_ARM = Path(fuzzyarm.__file__).parents[1] / "benchmarks" / "mujoco_arm.py"
 """The arm in MuJoCo. A clone of the repository has it, an installed package does not."""
 
-MUJOCO_METHODS = {"MuJoCo arm": ("Euler", True, 30), "MuJoCo arm, 1 ms": ("Euler", False, 1)}
-"""By heading: integrator, whether positions are read half a step back, and sub-steps.
-
-The fastest method whose tip error is no larger than ours, and the fastest of all; `benchmarks/mujoco_arm.py` chose
-them, where they are EQUAL_ACCURACY and FASTEST.
-"""
+_MUJOCO_SUBSTEPS = {"MuJoCo arm": 30, "MuJoCo arm, 1 ms": 1}
+"""By heading: `benchmarks/mujoco_arm.py` chose both methods, the fastest as accurate as ours and the fastest."""
 
 
 def gymnasium_peers() -> list[Entry]:
     """Return the peers of one environment."""
     peers = []
     for heading, name, substeps in (("Pendulum", "Pendulum-v1", 1), ("Reacher", "Reacher-v5", 2)):
-        opened = functools.partial(single_environment, name, 1.0)
+        opened = functools.partial(_single_environment, name, 1.0)
         peers.append(Entry(f"Gymnasium {name}", 1, 1, substeps, "float64", opened, heading, extra="bench"))
     return peers
 
@@ -278,9 +272,9 @@ def batch_peers(lanes: int, threads: int) -> list[Entry]:
     for heading, name in (("Pendulum", "Pendulum-v1"), ("Reacher", "ReacherEasy-v1")):
         opened = functools.partial(_envpool, name, lanes, threads)
         peers.append(Entry(f"EnvPool {name}", lanes, threads, 1, "float64", opened, heading, extra="bench"))
-    for heading, (*_, substeps) in MUJOCO_METHODS.items():
+    for heading, substeps in _MUJOCO_SUBSTEPS.items():
         name = f"same arm in MuJoCo, 1{f'/{substeps}' if substeps > 1 else ''} ms"
-        opened, tip_error = functools.partial(_mujoco, heading, lanes, threads), _MUJOCO_TIP_ERRORS[heading]
+        opened, tip_error = functools.partial(_mujoco, lanes, threads, substeps), _MUJOCO_TIP_ERRORS[substeps]
         peers.append(Entry(name, lanes, threads, substeps, "float64", opened, heading, tip_error, "bench"))
     return peers
 
@@ -293,32 +287,31 @@ def _envpool(name: str, lanes: int, threads: int) -> Iterator[Measure]:
         warnings.simplefilter("ignore")  # Gymnasium's, on the precision of EnvPool's spaces
         envs = envpool.make_gymnasium(name, num_envs=lanes, num_threads=threads, seed=0)
         envs.reset()
-        actions = draw_actions(envs.action_space, 4, (lanes,))
+        actions = _draw_actions(envs.action_space, 4, (lanes,))
     with contextlib.closing(envs):
-        yield timed_batch(envs.step, actions, lanes)
+        yield _timed_batch(envs.step, actions, lanes)
 
 
 @contextlib.contextmanager
-def _mujoco(heading: str, lanes: int, threads: int) -> Iterator[Measure]:
-    integrator, _, substeps = MUJOCO_METHODS[heading]
-    yield functools.partial(_mujoco_arm().steps_per_second, lanes, threads, 1e-3 / substeps, integrator)
+def _mujoco(lanes: int, threads: int, substeps: int) -> Iterator[Measure]:
+    yield functools.partial(_mujoco_arm().steps_per_second, lanes, threads, 1e-3 / substeps, "Euler")
 
 
-def _mujoco_tip_error(heading: str) -> float:
-    (integrator, half_step_back, substeps), module = MUJOCO_METHODS[heading], _mujoco_arm()
-    arm = module.MujocoArm(module.COULOMB, module.Method(integrator, half_step_back), 1e-3 / substeps)
-    return float(module.tip_error(arm.advance, module.COULOMB))
+def _mujoco_tip_error(substeps: int) -> float:
+    module = _mujoco_arm()
+    method, timestep = module.FASTEST if substeps == 1 else module.EQUAL_ACCURACY["Coulomb"]
+    return float(module.tip_error(module.MujocoArm(module.COULOMB, method, timestep).advance, module.COULOMB))
 
 
-_MUJOCO_TIP_ERRORS = {heading: functools.partial(_mujoco_tip_error, heading) for heading in MUJOCO_METHODS}
+_MUJOCO_TIP_ERRORS = {count: functools.partial(_mujoco_tip_error, count) for count in _MUJOCO_SUBSTEPS.values()}
 
 
 @functools.cache
 def _mujoco_arm() -> ModuleType:
     """Import the benchmark that holds the model."""
-    if not MUJOCO_ARM.exists():
+    if not _MUJOCO_ARM.exists():
         raise NotMeasured("benchmarks/mujoco_arm.py is not there: run from a clone of the repository")
-    spec = importlib.util.spec_from_file_location(MUJOCO_ARM.stem, MUJOCO_ARM)
+    spec = importlib.util.spec_from_file_location(_MUJOCO_ARM.stem, _MUJOCO_ARM)
     assert spec is not None and spec.loader is not None
     module = importlib.util.module_from_spec(spec)
     spec.loader.exec_module(module)
@@ -328,24 +321,25 @@ def _mujoco_arm() -> ModuleType:
 SWEPT = ("fuzzy-4-tip", "elastic-observer")
 """Policies whose sweeps are measured."""
 
-RUN = {"in one kernel": errors_in_one_kernel, "step by step": errors_step_by_step}
-"""How the episodes of a chunk are run, by name; the second is the peer of the first."""
-
 
 def sweep_entries(policy: str) -> list[Entry]:
-    """Return the two entries of a policy: a chunk of a sweep as `fuzzyarm sweep` cuts it, on one thread."""
+    """Return the two entries of a policy: a chunk of a sweep as `fuzzyarm sweep` cuts it, on one thread.
+
+    The second, step by step, is the peer of the first, in one kernel.
+    """
     config = SweepConfig(policies=(policy,), plants=SweepConfig.chunk)
     lanes, entries = config.plants * len(config.cases), []
-    for how, peer in zip(RUN, ("", *list(RUN)[1:]), strict=True):
-        opened = functools.partial(_swept, config, how)
+    runs: dict[str, Callable[..., Any]] = {"in one kernel": errors_in_one_kernel, "step by step": errors_step_by_step}
+    for (how, run), peer in zip(runs.items(), ("", "step by step"), strict=True):
+        opened = functools.partial(_swept, config, run)
         entries.append(Entry(f"sweep of {policy}, {how}", lanes, 1, SUBSTEPS, "float64", opened, peer))
     return entries
 
 
 @contextlib.contextmanager
-def _swept(config: SweepConfig, how: str) -> Iterator[Measure]:
+def _swept(config: SweepConfig, run: Callable[..., Any]) -> Iterator[Measure]:
     (name,) = config.policies
-    plants, policy, run = Plants.draw(config, config.members(0)), load_policy(name), RUN[how]
+    plants, policy = Plants.draw(config, config.members(0)), load_policy(name)
     with contextlib.closing(plants.environment(config.cases)) as envs:
 
         def advance() -> int:

@@ -5,7 +5,6 @@ from __future__ import annotations
 import contextlib
 import dataclasses
 import gc
-import io
 import itertools
 import os
 import statistics
@@ -244,11 +243,9 @@ def write_document(document: dict[str, Any], folder: Path) -> list[Path]:
     if document["sweep"]:
         # Imported here, as Matplotlib takes a second to load.
         from fuzzyarm.eval.bench.speed_table import draw_throughput
-        from fuzzyarm.eval.figure_files import figure_style
+        from fuzzyarm.eval.figure_files import figure_style, write_all
 
-        content = io.BytesIO()
         with figure_style():
-            draw_throughput(document).savefig(content, format="png")
-        written.append(folder / "throughput.png")
-        write_atomically(written[-1], content.getvalue())
+            figures = {"throughput": draw_throughput(document)}
+        written += write_all(figures, folder, svg=False)
     return written

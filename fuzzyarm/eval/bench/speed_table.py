@@ -14,7 +14,7 @@ from fuzzyarm.common.console import Sheet, print_paragraphs
 from fuzzyarm.eval.evaluation.figures import DASHES
 from fuzzyarm.eval.figure_files import MARKERS
 
-__all__ = ["draw_throughput", "print_speeds", "speed_cells", "speed_notes"]
+__all__ = ["draw_throughput", "print_speeds", "speed_cells"]
 
 
 _QUIET = 0.5  # load average
@@ -43,7 +43,7 @@ def speed_cells(rows: Sequence[dict[str, Any]]) -> tuple[list[str], list[list[st
     return headings, cells
 
 
-def speed_notes(document: dict[str, Any]) -> list[str]:
+def _speed_notes(document: dict[str, Any]) -> list[str]:
     """Return the notes below the table, a paragraph each."""
     method, machine, versions = document["method"], document["machine"], document["versions"]
     found = document["memory_per_lane"]
@@ -76,7 +76,7 @@ def print_speeds(document: dict[str, Any], console: Console) -> None:
     if console.is_terminal:
         headings, cells = _narrow(headings), [_narrow(row) for row in cells]
     Sheet(headings[1:], [row[1:] for row in cells], groups=[row[0] for row in cells]).print(console)
-    print_paragraphs(console, speed_notes(document))
+    print_paragraphs(console, _speed_notes(document))
 
 
 def _narrow(cells: Sequence[str]) -> list[str]:

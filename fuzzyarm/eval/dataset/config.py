@@ -8,18 +8,18 @@ from typing import Any, Literal, get_args
 
 from fuzzyarm.common.checks import choice, real, whole
 
-__all__ = ["CONDITIONS", "EXPERT", "LEVELS", "VERSION", "Condition", "DatasetConfig", "Level"]
+__all__ = ["CONDITIONS", "EXPERT", "LEVELS", "VERSION", "Condition", "DatasetConfig"]
 
 VERSION = 0
 """The number at the end of a data set's name; another one means other contents."""
-Level = Literal["expert", "medium", "mixed"]
+_Level = Literal["expert", "medium", "mixed"]
 """How good the policies are."""
 Condition = Literal["nominal", "loads"]
 """What they act on."""
 EXPERT = "learned-observer"
 """The policy whose score is 100."""
 
-LEVELS: Mapping[Level, tuple[str, ...]] = {
+LEVELS: Mapping[_Level, tuple[str, ...]] = {
     "expert": (EXPERT,),
     "medium": ("computed-torque",),
     "mixed": (EXPERT, "computed-torque", "ppo-robust"),
@@ -44,7 +44,7 @@ class DatasetConfig:
         ValueError: a value is out of range.
     """
 
-    level: Level = "expert"
+    level: _Level = "expert"
     """Policies: expert (learned-observer), medium (computed-torque) or mixed (both and ppo-robust, a third each)."""
     condition: Condition = "nominal"
     """What they act on: nominal (the paper's circle and arm) or loads (plants, payloads, forces, starts and
@@ -59,7 +59,7 @@ class DatasetConfig:
 
     def __post_init__(self) -> None:
         """Check every value."""
-        choice("level", self.level, get_args(Level))
+        choice("level", self.level, get_args(_Level))
         choice("condition", self.condition, get_args(Condition))
         whole("episodes", self.episodes, low=len(LEVELS[self.level]), high=_MOST_EPISODES)
         real("noise", self.noise, low=0.0, high=1.0)

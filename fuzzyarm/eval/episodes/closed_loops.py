@@ -62,7 +62,8 @@ def closed_loops(lanes: Lanes, observation: np.ndarray, policy: Policy, law: Law
     """
     layout, count, joints = lanes.layout, lanes.count, lanes.physics.joints
     depth, scaled = int(channel.delay.max()) + 1, channel.noise is not None
-    kernel = _kernel_of(layout, law.act, *_shapes(law), policy.integral_at, depth, scaled)
+    shapes = zeros(law.memory), zeros(law.constants), tuple(table.shape for table in law.tables)  # what caches can hold
+    kernel = _kernel_of(layout, law.act, *shapes, policy.integral_at, depth, scaled)
     episode = np.zeros((count, len(_Episode._fields)))
     episode[:, 0], episode[:, 2] = 1.0, channel.delay
     if channel.noise is not None:
@@ -80,11 +81,6 @@ def closed_loops(lanes: Lanes, observation: np.ndarray, policy: Policy, law: Law
     for name in ("largest", "squares", "steps", "completed"):
         getattr(errors, name)[:] = getattr(found, name)
     return errors
-
-
-def _shapes(law: Law) -> tuple[Any, ...]:
-    """Return memory, constants and tables of a law by their shapes alone, for a cache."""
-    return zeros(law.memory), zeros(law.constants), tuple(table.shape for table in law.tables)
 
 
 @functools.lru_cache(maxsize=64)

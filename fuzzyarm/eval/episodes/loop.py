@@ -19,10 +19,10 @@ import numpy as np
 from fuzzyarm.envs.batch.layout import INFO
 from fuzzyarm.fuzzy_policy.policy import Predictor
 
-__all__ = ["Step", "Steppable", "TipErrors", "episodes"]
+__all__ = ["Step", "TipErrors", "episodes"]
 
 
-class Steppable(Protocol):
+class _Steppable(Protocol):
     """Anything with the `step` of Gymnasium: `FuzzyArmEnv`, or `FuzzyArmVectorEnv` for a batch."""
 
     def step(self, action: Any) -> tuple[Any, Any, Any, Any, dict[str, Any]]:
@@ -47,7 +47,7 @@ class Step(NamedTuple):
 
 
 def episodes(
-    env: Steppable,
+    env: _Steppable,
     policy: Predictor,
     start: tuple[np.ndarray, dict[str, Any]],
     *,

@@ -62,18 +62,13 @@ _MOTOR_CIRCULARITY = (
 
 def _of_joint(joint: int) -> tuple[Metric, Metric]:
     """Return the metrics of one joint, counted from 1."""
-
-    def peak(rollout: Rollout) -> float:
-        return float(np.abs(rollout.torque).max(axis=0)[joint - 1])
-
-    def rms(rollout: Rollout) -> float:
-        return float(np.sqrt(np.mean(rollout.torque**2, axis=0))[joint - 1])
-
-    of = f"motor torque of joint {joint}."
-    largest = Metric(
-        f"torque_peak_{joint}", "N m", f"Largest {of}", peak, joint=joint, column="peak torque", form="{:.0f}"
-    )
-    return largest, Metric(f"torque_rms_{joint}", "N m", f"Root mean square {of}", rms, joint=joint)
+    peak, rms, of = f"torque_peak_{joint}", f"torque_rms_{joint}", f"motor torque of joint {joint}."
+    return (
+        Metric(peak, "N m", f"Largest {of}", lambda r: float(np.abs(r.torque).max(axis=0)[joint - 1]),
+               joint=joint, column="peak torque", form="{:.0f}"),
+        Metric(rms, "N m", f"Root mean square {of}",
+               lambda r: float(np.sqrt(np.mean(r.torque**2, axis=0))[joint - 1]), joint=joint),
+    )  # fmt: skip
 
 
 (_PEAK_1, _RMS_1), (_PEAK_2, _RMS_2) = map(_of_joint, (1, 2))

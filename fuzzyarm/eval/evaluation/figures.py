@@ -1,6 +1,6 @@
 """Figures 2-10 of the paper for any policies, and the overview: all are drawn, then written.
 
-Every figure over time is a grid with a row per `Panel` and a column per case. The path of the tip is seen in the plane
+Every figure over time is a grid with a row per `_Panel` and a column per case. The path of the tip is seen in the plane
 of the two-joint arm, or face-on where it lies in space. Matplotlib is used without pyplot, which keeps global state.
 """
 
@@ -22,11 +22,11 @@ from matplotlib.lines import Line2D
 from fuzzyarm.common.checks import instance, path_of, sequence_of
 from fuzzyarm.envs.scenario.cases import CASES
 from fuzzyarm.eval.episodes.rollout import Rollout
-from fuzzyarm.eval.figure_files import figure_style, write_figure
+from fuzzyarm.eval.figure_files import figure_style, write_all
 
 __all__ = [
-    "BAND", "DASHES", "FOCUS", "LOWEST", "MAGNIFICATIONS", "OVERVIEW", "REFERENCE", "ROOM", "draw_figures",
-    "policy_styles", "time_figures", "view_of", "write_figures",
+    "DASHES", "FOCUS", "LOWEST", "MAGNIFICATIONS", "OVERVIEW", "REFERENCE", "ROOM", "draw_figures", "policy_styles",
+    "time_figures", "view_of", "write_figures",
 ]  # fmt: skip
 
 
@@ -69,7 +69,7 @@ _Signal = Callable[[Rollout], np.ndarray]  # (n,) [unit of the panel]
 
 
 @dataclasses.dataclass(frozen=True)
-class Panel:
+class _Panel:
     """One quantity over time, a row of a figure.
 
     Panels of a figure with the same `scale` share their limits. On a logarithmic axis each case has limits of its own,
@@ -86,32 +86,32 @@ class Panel:
     is_error: bool = False
 
 
-_CIRCULARITY = Panel("circularity error", "mm", lambda r: 1e3 * r.circularity_error, is_error=True)
-_MOTOR_CIRCULARITY = Panel("motors' circularity,\nas if rigid", "mm", lambda r: 1e3 * r.circularity_error_motor)
+_CIRCULARITY = _Panel("circularity error", "mm", lambda r: 1e3 * r.circularity_error, is_error=True)
+_MOTOR_CIRCULARITY = _Panel("motors' circularity,\nas if rigid", "mm", lambda r: 1e3 * r.circularity_error_motor)
 # Not an error panel: a policy that brings the tip to the circle leads the motors beside it.
 
 
 @functools.cache
-def time_figures(joints: int) -> dict[str, tuple[Panel, ...]]:
+def time_figures(joints: int) -> dict[str, tuple[_Panel, ...]]:
     """Return the panels of each figure over time, by its name, for an arm of so many joints."""
     each = zip(*map(_of_joint, range(joints)), strict=True)
     names = ("torque", "velocity", "motor-position", "friction")
     return {"circularity": (_CIRCULARITY, _MOTOR_CIRCULARITY)} | dict(zip(names, each, strict=True))
 
 
-def _of_joint(k: int) -> tuple[Panel, Panel, Panel, Panel]:
+def _of_joint(k: int) -> tuple[_Panel, _Panel, _Panel, _Panel]:
     """Return the panels of one joint: torque, velocity, motor angle and friction."""
     name = f"joint {k + 1}"
     return (
-        Panel(f"motor torque,\n{name}", "N m", lambda r: r.torque[:, k], scale=name),
-        Panel(f"motor velocity,\n{name}", "rad/s", lambda r: r.dq_motor[:, k], target=lambda r: r.dq_reference[:, k]),
-        Panel(f"motor angle less\nq_d, {name}", "mrad", lambda r: 1e3 * (r.q_motor - r.q_reference)[:, k]),
-        Panel(f"friction torque,\n{name}", "N m", lambda r: r.friction_torque[:, k], scale=name),
+        _Panel(f"motor torque,\n{name}", "N m", lambda r: r.torque[:, k], scale=name),
+        _Panel(f"motor velocity,\n{name}", "rad/s", lambda r: r.dq_motor[:, k], target=lambda r: r.dq_reference[:, k]),
+        _Panel(f"motor angle less\nq_d, {name}", "mrad", lambda r: 1e3 * (r.q_motor - r.q_reference)[:, k]),
+        _Panel(f"friction torque,\n{name}", "N m", lambda r: r.friction_torque[:, k], scale=name),
     )
 
 
 # The panels of the overview, one column for each case.
-OVERVIEW = (Panel("tip error", "mm", lambda r: 1e3 * r.tip_error, scale="tip", log=True), _CIRCULARITY)
+OVERVIEW = (_Panel("tip error", "mm", lambda r: 1e3 * r.tip_error, scale="tip", log=True), _CIRCULARITY)
 
 
 MAGNIFICATIONS = (20, 10, 5, 2, 1)
@@ -133,9 +133,7 @@ DASHES: tuple[Any, ...] = tuple((0, strokes) if strokes else "-" for strokes in 
 """Line styles of Matplotlib, in the order in which policies get them."""
 REFERENCE: Mapping[str, Any] = {"label": "reference", "color": "black", "linewidth": 0.9, "zorder": 3.0}
 # Over time the reference is a wide band below the curves: a line would hide the curves or be hidden by them.
-BAND: Mapping[str, Any] = {"label": "reference", "color": "#CCCCCC", "linewidth": 4.0, "zorder": 1.9}
-
-_IN_PLANE = ("x, down", "y, to the side")
+_BAND: Mapping[str, Any] = {"label": "reference", "color": "#CCCCCC", "linewidth": 4.0, "zorder": 1.9}
 
 _Styles = Mapping[str, Mapping[str, Any]]
 _Columns = Mapping[str, Sequence[Rollout]]
@@ -160,14 +158,9 @@ def write_figures(
         ValueError: there are no rollouts.
         OSError: the folder is missing or not writable; no file is left half written.
     """
-    paths, folder = list[Path](), path_of("folder", folder)
+    folder = path_of("folder", folder)
     rollouts = [instance("rollouts", run, Rollout) for run in sequence_of("rollouts", rollouts)]
-    with figure_style():
-        for name, figure in draw_figures(rollouts, titles).items():
-            paths += write_figure(figure, folder, name)
-            if progress is not None:
-                progress()
-    return paths
+    return write_all(draw_figures(rollouts, titles), folder, progress or (lambda: None))
 
 
 def draw_figures(rollouts: Sequence[Rollout], titles: Mapping[str, str] | None = None) -> dict[str, Figure]:
@@ -204,7 +197,7 @@ def policy_styles(labels: Sequence[str]) -> _Styles:
     return {policy: {"color": color, "linestyle": dashes} for policy, color, dashes in looks}
 
 
-def _time_figure(columns: _Columns, panels: Sequence[Panel], styles: _Styles) -> Figure:
+def _time_figure(columns: _Columns, panels: Sequence[_Panel], styles: _Styles) -> Figure:
     """Return the grid of `panels` (rows) over the cases (columns)."""
     width = 6.6 if len(columns) == 1 else 1.0 + 3.0 * len(columns)
     heights = [_TALLER if panel.log else 1.0 for panel in panels]
@@ -226,12 +219,12 @@ def _time_figure(columns: _Columns, panels: Sequence[Panel], styles: _Styles) ->
         top.set_title(title)
         bottom.set_xlabel("time [s]")
         bottom.locator_params(axis="x", nbins=8 if len(columns) == 1 else 4)
-    band = [Line2D([], [], **BAND)] if any(panel.target for panel in panels) else []
+    band = [Line2D([], [], **_BAND)] if any(panel.target for panel in panels) else []
     _legend(figure, list(itertools.chain(*columns.values())), styles, band)
     return figure
 
 
-def _limits(columns: _Columns, panels: Sequence[Panel]) -> _Limits:
+def _limits(columns: _Columns, panels: Sequence[_Panel]) -> _Limits:
     """Return limits with a margin for `panels` in all columns, leaving out errors that are off the scale."""
     low, high = 0.0, 0.0
     for panel, episodes in itertools.product(panels, columns.values()):
@@ -248,9 +241,9 @@ def _limits(columns: _Columns, panels: Sequence[Panel]) -> _Limits:
     return (low - margin if low < 0.0 else 0.0), (high + margin if high > 0.0 or low == 0.0 else 0.0)
 
 
-def _draw_panel(axes: Axes, panel: Panel, episodes: Sequence[Rollout], styles: _Styles, limits: _Limits) -> None:
+def _draw_panel(axes: Axes, panel: _Panel, episodes: Sequence[Rollout], styles: _Styles, limits: _Limits) -> None:
     if panel.target is not None:
-        axes.plot(_longest(episodes).time, panel.target(_longest(episodes)), **BAND)
+        axes.plot(_longest(episodes).time, panel.target(_longest(episodes)), **_BAND)
     outside = []
     for episode in episodes:
         values = np.maximum(panel.signal(episode), limits[0]) if panel.log else panel.signal(episode)
@@ -307,7 +300,7 @@ def _force_figure(title: str, episode: Rollout) -> Figure:
     figure = Figure(figsize=(6.6, 2.9))
     axes = figure.subplots()
     force, colors = episode.external_force.T, ("black", "#666666", "#AAAAAA")
-    names = _IN_PLANE if len(force) == len(_IN_PLANE) else ("x", "y", "z")
+    names = ("x, down", "y, to the side") if len(force) == _PLANE else ("x", "y", "z")
     for component, name, color, dashes in zip(force, names, colors, DASHES, strict=False):
         axes.plot(episode.time, component, color=color, linestyle=dashes, label=name)
     axes.set(xlabel="time [s]", ylabel="external force [N]", title=title)

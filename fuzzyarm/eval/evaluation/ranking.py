@@ -16,7 +16,7 @@ import dataclasses
 import math
 from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 from rich.console import Console
@@ -26,23 +26,16 @@ from fuzzyarm.common.console import Sheet, print_paragraphs
 from fuzzyarm.envs.scenario.cases import CASES
 from fuzzyarm.eval.declarations import ROW, declared_cells, print_declared
 from fuzzyarm.eval.episodes.metrics import LOST, RESOLUTION, is_lost, millimetres, ranked
-from fuzzyarm.eval.evaluation.results_file import Results, conditions_in_words, conditions_of, read_results
+from fuzzyarm.eval.evaluation.results_file import conditions_in_words, conditions_of, read_results
 from fuzzyarm.eval.evaluation.run import EvaluationConfig
 from fuzzyarm.eval.evaluation.statistics import Estimate, estimate, interquartile_mean
 from fuzzyarm.policies import resolve
 from fuzzyarm.policies.declared import Declared
 
 __all__ = [
-    "Leaderboard", "Standing", "Table", "check_comparable", "document", "markdown", "other_cells", "other_headings",
+    "Leaderboard", "Standing", "check_comparable", "document", "markdown", "other_cells", "other_headings",
     "print_leaderboard", "rank_policies", "shown", "standings_of",
 ]  # fmt: skip
-
-
-class Table(NamedTuple):
-    """A ranking as text, and what has to be known to read it."""
-
-    sheet: Sheet
-    notes: str
 
 
 @dataclasses.dataclass(frozen=True)
@@ -106,15 +99,19 @@ class Leaderboard:
         orders = [standing.order for standing in self.standings]
         return [1 + orders.index(order) for order in orders]
 
-    def table(self) -> Table:
-        """Return the table and its notes."""
-        first = self.standings[0]
-        headings = ["rank", "policy", "score [mm]", *first.headings]
+    @property
+    def sheet(self) -> Sheet:
+        """The table."""
+        headings = ["rank", "policy", "score [mm]", *self.standings[0].headings]
         rows = zip(self.ranks, self.standings, strict=True)
         cells = [[str(rank), standing.policy, *standing.cells] for rank, standing in rows]
         left = [column for column, heading in enumerate(headings) if heading in ("policy", "proven", "from")]
-        notes = f"{first.notes(self.standings)} All: {self.conditions}."
-        return Table(Sheet(headings, cells, left, fold=True, keys=2), notes)
+        return Sheet(headings, cells, left, fold=True, keys=2)
+
+    @property
+    def notes(self) -> str:
+        """What has to be known to read the table."""
+        return f"{self.standings[0].notes(self.standings)} All: {self.conditions}."
 
 
 def rank_policies(paths: Sequence[str | Path], tips: Mapping[str, str] | None = None) -> Leaderboard:
@@ -126,13 +123,17 @@ def rank_policies(paths: Sequence[str | Path], tips: Mapping[str, str] | None = 
         OSError: a file cannot be read.
     """
     read = [read_results(path_of("paths", path)) for path in sequence_of("paths", paths)]
-    check_comparable([results.path for results in read], list(map(_conditions, read)), "evaluate")
+    conditions = [
+        {"version of fuzzyarm": results.made_with["versions"]["fuzzyarm"], **conditions_of(results.config)}
+        for results in read
+    ]
+    check_comparable([results.path for results in read], conditions, "evaluate")
     standings = [
         dataclasses.replace(one, tip=(tips or {}).get(one.policy, ""), declared=results.declared[one.policy])
         for results in read
         for one in standings_of(results.config, results.rows, results.certificates, str(results.path))
     ]
-    words = f"fuzzyarm {read[0].made_with['versions']['fuzzyarm']}, {conditions_in_words(read[0].config)}"
+    words = f"fuzzyarm {conditions[0]['version of fuzzyarm']}, {conditions_in_words(read[0].config)}"
     return Leaderboard(sorted(standings, key=lambda standing: standing.order), words)
 
 
@@ -147,10 +148,6 @@ def check_comparable(files: Sequence[Path], conditions: Sequence[Mapping[str, An
                     f"{files[0]} and {file} are not comparable: {name} is {listed([value])} in the first and "
                     f"{listed([theirs[name]])} in the second; {verb} again under the same conditions"
                 )
-
-
-def _conditions(results: Results) -> dict[str, Any]:
-    return {"version of fuzzyarm": results.made_with["versions"]["fuzzyarm"], **conditions_of(results.config)}
 
 
 def standings_of(
@@ -206,28 +203,24 @@ def shown(score: Estimate) -> str:
 
 def print_leaderboard(board: Leaderboard, console: Console, *, declared: bool = False) -> None:
     """Print the table and its notes, and with `declared` what the policies declare."""
-    sheet, notes = board.table()
-    sheet.print(console)
-    print_paragraphs(console, [notes])
+    board.sheet.print(console)
+    print_paragraphs(console, [board.notes])
     if declared:
         print_declared(_declared_rows(board), ROW, console)
 
 
 def markdown(board: Leaderboard, *, declared: bool = False) -> str:
     """Return the table and its notes as Markdown, and with `declared` a table of what the policies declare."""
-    sheet, notes = board.table()
-    text = f"{sheet.markdown()}\n\n{notes}"
+    text = f"{board.sheet.markdown()}\n\n{board.notes}"
     return f"{text}\n\n{Sheet(ROW, _declared_rows(board), range(len(ROW))).markdown()}" if declared else text
 
 
 def document(board: Leaderboard) -> dict[str, Any]:
     """Return the ranking ready for JSON: conditions, notes, and each standing with its rank and its declaration."""
-    standings = []
-    for rank, standing in zip(board.ranks, board.standings, strict=True):
-        plain = _plain(standing)
-        others = plain.pop("others")
-        standings.append({"rank": rank, **plain, **others})
-    return {"conditions": board.conditions, "notes": board.table().notes, "standings": standings}
+    standings = [{"rank": rank, **_plain(one)} for rank, one in zip(board.ranks, board.standings, strict=True)]
+    for one in standings:
+        one |= one.pop("others")
+    return {"conditions": board.conditions, "notes": board.notes, "standings": standings}
 
 
 def _declared_rows(board: Leaderboard) -> list[tuple[str, ...]]:

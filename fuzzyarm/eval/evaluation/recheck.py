@@ -4,29 +4,28 @@ from __future__ import annotations
 
 import dataclasses
 import math
-from collections.abc import Callable, Collection, Mapping, Sequence
-from typing import Any
+from collections.abc import Callable, Mapping, Sequence
+from typing import Any, NamedTuple
 
 from rich.console import Console
 from rich.text import Text
 
 from fuzzyarm.common.checks import listed
 from fuzzyarm.common.console import Sheet
-from fuzzyarm.eval.declarations import permitted_code
+from fuzzyarm.eval.declarations import unrelated
 from fuzzyarm.eval.episodes.metrics import METRICS
 from fuzzyarm.eval.evaluation.results_file import Results
 from fuzzyarm.eval.evaluation.run import Evaluation, evaluate
-from fuzzyarm.policies import Kind, PolicySpec, found_again, resolve, resolve_all
+from fuzzyarm.policies import found_again, resolve_all
 
-__all__ = ["Comparison", "Difference", "print_comparison", "recheck_results"]
+__all__ = ["Comparison", "print_comparison", "recheck_results"]
 
 _SHOWN = 20  # differences in the table
 _WIDEST = 40  # characters of a text in the table
 _IDENTITY = ("case", "policy", "seed")
 
 
-@dataclasses.dataclass(frozen=True)
-class Difference:
+class _Difference(NamedTuple):
     """A value that differs from the recorded one; None where a value is missing."""
 
     place: str  # the episode, or the policy whose certificate it is
@@ -41,7 +40,7 @@ class Comparison:
 
     numbers: int  # how many were compared
     rows: int  # of how many episodes
-    differences: list[Difference]
+    differences: list[_Difference]
     notes: list[str]  # what the file was made with that is different now, in words; that alone is no difference
 
 
@@ -58,7 +57,11 @@ def recheck_results(
             file is not the one that was measured.
         OSError: the file of a policy cannot be read.
     """
-    _check_consent(results, code)
+    if others := unrelated(f"{results.path} holds results of code", results.config.policies, code):
+        raise ValueError(
+            f"--policy {' '.join(others)}: beside --check it only permits code, package.module:factory, that the file "
+            f"names, or says where a policy's file is now; {results.path} names {', '.join(results.config.policies)}"
+        )
     names = found_again(results.config.policies, results.made_with["policy_files"], code, results.path.parent)
     _check_files(results, names)
     fresh = evaluate(dataclasses.replace(results.config, policies=names), progress)
@@ -67,29 +70,12 @@ def recheck_results(
         numbers=sum(not isinstance(value, str | bool) for value in old.values()),
         rows=len(results.rows),
         differences=[
-            Difference(*key, old.get(key), new.get(key))
+            _Difference(*key, old.get(key), new.get(key))
             for key in dict.fromkeys([*old, *new])
             if not _same(old.get(key), new.get(key))
         ],
         notes=_notes(results.made_with, fresh.made_with),
     )
-
-
-def _check_consent(results: Results, code: Sequence[str]) -> None:
-    """Check that the user has named exactly the code that would be run."""
-    needed = permitted_code(f"{results.path} holds results of code", results.config.policies, code)
-    labels = [resolve(name).label for name in results.config.policies]
-    others = [name for name in code if name not in needed and not _moved(resolve(name), labels)]
-    if others:
-        raise ValueError(
-            f"--policy {' '.join(others)}: beside --check it only permits code, package.module:factory, that the file "
-            f"names, or says where a policy's file is now; {results.path} names {', '.join(results.config.policies)}"
-        )
-
-
-def _moved(spec: PolicySpec, labels: Collection[str]) -> bool:
-    """Return whether a policy that the user names is a file or folder of one of the results."""
-    return spec.kind is not Kind.CODE and not spec.named and spec.label in labels
 
 
 def _check_files(results: Results, names: Sequence[str]) -> None:
@@ -108,8 +94,7 @@ def _check_files(results: Results, names: Sequence[str]) -> None:
 def _flat(evaluation: Evaluation) -> dict[tuple[str, str], Any]:
     """Return everything that is compared by (place, name)."""
     flat: dict[tuple[str, str], Any] = {}
-    wall_times = [name for name, metric in METRICS.items() if not metric.reproducible]
-    not_compared = (*_IDENTITY, *wall_times)
+    not_compared = (*_IDENTITY, *(name for name, metric in METRICS.items() if not metric.reproducible))
     for row in evaluation.rows:
         place = f"{row['policy']}, {row['case']}, seed {row['seed']}"
         flat |= {(place, name): value for name, value in row.items() if name not in not_compared}
@@ -139,7 +124,7 @@ def print_comparison(found: Comparison, console: Console) -> None:
     if found.differences:
         headings = ["policy, case, seed", "number", "recorded", "now", "relative"]
         shown = found.differences[:_SHOWN]
-        cells = [(one.place, one.name, _cell(one.recorded), _cell(one.measured), _relative(one)) for one in shown]
+        cells = [(*one[:2], _cell(one.recorded), _cell(one.measured), _relative(one)) for one in shown]
         Sheet(headings, cells, left=(0, 1)).print(console)
         left = len(found.differences) - _SHOWN
         if left > 0:
@@ -155,6 +140,6 @@ def _cell(value: Any) -> str:
     return "-" if value is None else f"{value:.10g}" if isinstance(value, float) else str(value)[:_WIDEST]
 
 
-def _relative(difference: Difference) -> str:
+def _relative(difference: _Difference) -> str:
     then, now = difference.recorded, difference.measured
     return f"{abs(now - then) / abs(then):.1g}" if isinstance(then, float) and isinstance(now, float) and then else ""

@@ -20,8 +20,10 @@ from fuzzyarm.eval.episodes.rollout import Rollout
 from fuzzyarm.eval.stability.linearisation import spectral_radius
 from fuzzyarm.policies.declared import Declared
 
-__all__ = ["DECLARED", "declared_rows", "print_passes", "print_results", "saturation", "table_rows", "verdict"]
-
+__all__ = [
+    "DECLARED", "by_case_and_policy", "declared_rows", "print_passes", "print_results", "saturation", "table_rows",
+    "verdict",
+]  # fmt: skip
 
 _LONG = 0.01  # share of an evaluation's steps with a motor at its limit, from which on it is said
 
@@ -55,10 +57,19 @@ def _stability(policy: Any, arm: AnyArm, period: float) -> str:
 
 
 _FEW = 3  # policies that a line names; of more it says how many
+_Row = Mapping[str, Any]  # of metrics
+
+
+def by_case_and_policy(rows: Sequence[_Row]) -> dict[str, dict[str, list[_Row]]]:
+    """Return the rows of each case by policy, one for each seed."""
+    groups: dict[str, dict[str, list[_Row]]] = {}
+    for row in rows:
+        groups.setdefault(row["case"], {}).setdefault(row["policy"], []).append(row)
+    return groups
 
 
 def verdict(
-    rows: Sequence[Mapping[str, Any]],
+    rows: Sequence[_Row],
     certificates: Mapping[str, str | None],
     folder: Path,
     files: int,
@@ -69,26 +80,25 @@ def verdict(
     A case is won by the smallest rms tip error, over several seeds the smallest median, among the policies that never
     lost the path, see `metrics.is_lost`. The evaluation was written to so many files in the folder.
     """
-    known = {name: case.title for name, case in CASES.items()} if titles is None else titles
-    cases = dict.fromkeys(row["case"] for row in rows)
-    lines = [_won([row for row in rows if row["case"] == case], known.get(case, case)) for case in cases]
+    lines = [_won(group, _title(case, titles)) for case, group in by_case_and_policy(rows).items()]
     there = shlex.quote(str(folder))
     return [*lines, _proven(certificates), f"{files} files in {there}; next: fuzzyarm report {there}"]
 
 
-def _won(rows: Sequence[Mapping[str, Any]], title: str) -> str:
-    """Return who won a case, given its rows and title."""
-    lost = {row["policy"] for row in rows if is_lost(row)}
-    errors = {
-        policy: median(row["tip_error_rms_mm"] for row in rows if row["policy"] == policy)
-        for policy in dict.fromkeys(row["policy"] for row in rows)
-        if policy not in lost
-    }
-    if not errors:
+def _title(case: str, titles: Mapping[str, str] | None) -> str:
+    return CASES[case].title if titles is None else titles.get(case, case)
+
+
+def _won(group: Mapping[str, Sequence[_Row]], title: str) -> str:
+    """Return who won a case, given its rows by policy and its title."""
+    lost = sorted(policy for policy, runs in group.items() if any(map(is_lost, runs)))
+    held = {policy: runs for policy, runs in group.items() if policy not in lost}
+    if not held:
         return f"{title}: no policy followed the path to its end"
+    errors = {policy: median(row["tip_error_rms_mm"] for row in runs) for policy, runs in held.items()}
     best = min(errors.values())
     winners = [policy for policy, error in errors.items() if error <= max(best, RESOLUTION)]
-    after = f"; {_named(sorted(lost))} lost the path" if lost else ""
+    after = f"; {_named(lost)} lost the path" if lost else ""
     verb = "followed" if len(errors) == 1 else "won" if len(winners) == 1 else "tie"
     return f"{title}: {_named(winners)} {verb}, rms tip error {millimetres(best)} mm{after}"
 
@@ -108,31 +118,22 @@ DECLARED = (*ROW, "proven of the rigid arm")
 """Headings of the table of what policies declare."""
 
 
-def _by_case_and_policy(rows: Sequence[dict[str, Any]]) -> dict[tuple[str, str], list[dict[str, Any]]]:
-    """Return the rows of metrics of each policy in each case, one for each seed."""
-    groups: dict[tuple[str, str], list[dict[str, Any]]] = {}
-    for row in rows:
-        groups.setdefault((row["case"], row["policy"]), []).append(row)
-    return groups
-
-
-def table_rows(
-    rows: Sequence[dict[str, Any]], titles: Mapping[str, str] | None = None
-) -> list[tuple[str, str, list[str]]]:
+def table_rows(rows: Sequence[_Row], titles: Mapping[str, str] | None = None) -> list[tuple[str, str, list[str]]]:
     """Return (case title, policy, cells) for each policy in each case; over several seeds medians with ranges.
 
     `titles` by name of the case; None: those of the two-joint arm.
     """
-    known = {name: case.title for name, case in CASES.items()} if titles is None else titles
     result = []
-    for (case, policy), runs in _by_case_and_policy(rows).items():
-        ended = sum(not run["completed"] for run in runs)
-        note = f" (ended early in {ended} of {len(runs)})" if ended else ""
-        result.append((known[case], policy + note, [_cell(runs, metrics) for metrics in columns().values()]))
+    for case, group in by_case_and_policy(rows).items():
+        for policy, runs in group.items():
+            ended = sum(not run["completed"] for run in runs)
+            note = f" (ended early in {ended} of {len(runs)})" if ended else ""
+            cells = [_cell(runs, metrics) for metrics in columns().values()]
+            result.append((_title(case, titles), policy + note, cells))
     return result
 
 
-def _cell(runs: Sequence[dict[str, Any]], metrics: Sequence[Metric]) -> str:
+def _cell(runs: Sequence[_Row], metrics: Sequence[Metric]) -> str:
     """Return the numbers of some metrics; of those of a joint, of all the joints that the arm has."""
     parts = []
     stem = metrics[0].name.removesuffix(str(metrics[0].joint))
@@ -146,7 +147,7 @@ def _cell(runs: Sequence[dict[str, Any]], metrics: Sequence[Metric]) -> str:
     return parts[0] if len(parts) == 1 else f"[{', '.join(parts)}]"
 
 
-def print_results(rows: Sequence[dict[str, Any]], console: Console, titles: Mapping[str, str] | None = None) -> None:
+def print_results(rows: Sequence[_Row], console: Console, titles: Mapping[str, str] | None = None) -> None:
     """Print the table, the policies of each case below its title, and what a narrow terminal leaves out of it."""
     found, headings = table_rows(rows, titles), list(columns())
     spare = [number for number, metrics in enumerate(columns().values(), start=1) if metrics[0].swept is None]
@@ -161,12 +162,13 @@ def print_results(rows: Sequence[dict[str, Any]], console: Console, titles: Mapp
         print_paragraphs(console, [f"Left out on {console.width} columns: {names}; results.csv has all."])
 
 
-def print_passes(rows: Sequence[dict[str, Any]], passes: int, console: Console) -> None:
+def print_passes(rows: Sequence[_Row], passes: int, console: Console) -> None:
     """Print the largest tip error of each pass, a line for each case and policy; over several seeds the median."""
     numbers, cells = range(1, passes + 1), []
-    for (case, policy), runs in _by_case_and_policy(rows).items():
-        errors = (millimetres(median(run[f"pass_{number}_max_mm"] for run in runs)) for number in numbers)
-        cells.append([f"{case}, {policy}", *errors])
+    for case, group in by_case_and_policy(rows).items():
+        for policy, runs in group.items():
+            errors = (millimetres(median(run[f"pass_{number}_max_mm"] for run in runs)) for number in numbers)
+            cells.append([f"{case}, {policy}", *errors])
     headings = ["largest tip error [mm], pass", *map(str, numbers)]
     Sheet(headings, cells, dispensable=range(2, passes)).print(console)
 

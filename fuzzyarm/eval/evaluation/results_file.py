@@ -16,7 +16,6 @@ from fuzzyarm import __version__
 from fuzzyarm.common.checks import instance, real, truth
 from fuzzyarm.common.documents import read_checked, record
 from fuzzyarm.envs.scenario.cases import CASES
-from fuzzyarm.envs.scenario.given_path import GivenPath
 from fuzzyarm.eval.declarations import read_declarations
 from fuzzyarm.eval.episodes import rollout_file
 from fuzzyarm.eval.episodes.metrics import metrics_of
@@ -38,9 +37,8 @@ _SHOWN = 12  # digits of a digest
 def conditions_of(config: EvaluationConfig) -> dict[str, Any]:
     """Return the conditions by name; two evaluations with the same are comparable."""
     found: dict[str, Any] = {}
-    for field in dataclasses.fields(config):
-        if field.name not in EXEMPT:
-            found |= _conditions(field.name, getattr(config, field.name))
+    for field in _conditions():
+        found |= _described(field, getattr(config, field))[0]
     return found
 
 
@@ -52,57 +50,47 @@ def conditions_in_words(config: EvaluationConfig) -> str:
         f"{config.seeds} {'seed' if config.seeds == 1 else 'seeds'}",
         noise if any(config.encoder_noise) else "no noise",
     ]
-    for field in dataclasses.fields(config):
-        value = getattr(config, field.name)
-        if field.name not in (*EXEMPT, *_ALWAYS_SAID) and value != getattr(default, field.name):
-            said.append(_words(field.name, value, getattr(default, field.name)))
-    return ", ".join(said)
+    others = [field for field in _conditions() if field not in _ALWAYS_SAID]
+    changed = [field for field in others if getattr(config, field) != getattr(default, field)]
+    return ", ".join([*said, *(_described(field, getattr(config, field))[1] for field in changed)])
 
 
-def _conditions(field: str, value: Any) -> dict[str, Any]:
-    """Return the conditions that a field is, by name."""
+def _conditions() -> list[str]:
+    return [field.name for field in dataclasses.fields(EvaluationConfig) if field.name not in EXEMPT]
+
+
+def _described(field: str, value: Any) -> tuple[dict[str, Any], str]:
+    """Return the conditions of a field by name, and in words what a value is that is not the default."""
+    name, words = field.replace("_", " "), ""
     match field:
         case "cases":
-            return {"cases": ", ".join(case for case in CASES if case in value)}
+            value = ", ".join(case for case in CASES if case in value)
         case "seeds":
-            return {"number of seeds": value}
+            name = "number of seeds"
         case "parameters":
-            return {f"{name} of the arm": number for name, number in value.to_dict().items()}
+            numbers, usual = value.to_dict(), EvaluationConfig().parameters.to_dict()
+            changed = [f"{key} {number}" for key, number in numbers.items() if number != usual[key]]
+            return {f"{key} of the arm": number for key, number in numbers.items()}, f"an arm with {', '.join(changed)}"
         case "robot":
-            return {"robot": "the two-joint arm" if value is None else f"{value.name} {value.digest[:_SHOWN]}"}
+            if value is not None:
+                words, value = f"robot {value.name}", f"{value.name} {value.digest[:_SHOWN]}"
+            value = value or "the two-joint arm"
         case "points":
-            return {"file of the path": "none" if value is None else _points(value)}
-        case "force" | "payload":
-            return {field: "that of the case" if value is None else value}
-        case _:
-            return {field.replace("_", " "): value}
-
-
-def _words(field: str, value: Any, default: Any) -> str:
-    """Return a field that is not the default in words."""
-    match field:
-        case "parameters":
-            usual = default.to_dict()
-            changed = [f"{name} {number}" for name, number in value.to_dict().items() if number != usual[name]]
-            return f"an arm with {', '.join(changed)}"
-        case "robot":
-            return f"robot {value.name}"
-        case "points":
-            return f"path of {_points(value)}"
+            name = "file of the path"
+            if value is not None:
+                digest = hashlib.sha256(repr(dataclasses.astuple(value)).encode()).hexdigest()
+                value = f"{len(value.points)} points ({digest[:_SHOWN]})"
+                words = f"path of {value}"
+            value = value or "none"
         case "force":
-            return "force {:g} to {:g} N".format(*value)
+            words = "force {:g} to {:g} N".format(*value or (0.0, 0.0))
+            value = "that of the case" if value is None else value
         case "payload":
-            return f"payload {value:g} kg"
+            words = f"payload {value or 0.0:g} kg"
+            value = "that of the case" if value is None else value
         case "passes":
-            return f"the last of {value} passes"
-        case _:
-            return f"{field.replace('_', ' ')} {value}"
-
-
-def _points(path: GivenPath) -> str:
-    """Return a path by points in a few words that tell it from others."""
-    digest = hashlib.sha256(repr(dataclasses.astuple(path)).encode()).hexdigest()
-    return f"{len(path.points)} points ({digest[:_SHOWN]})"
+            words = f"the last of {value} passes"
+    return {name: value}, words or f"{name} {value}"
 
 
 NAME = "results.json"  # in the folder of an evaluation
@@ -235,13 +223,10 @@ def read_evaluation(folder: Path) -> Results:
 
 def _joined(results: Results, rollouts: list[Rollout]) -> Results:
     """Return results and rollouts together; ValueError if they are not of the same episodes."""
-    config = results.config
     if rollout_file.digest(rollouts) != results.rollouts_sha256:
         raise ValueError(f"{rollout_file.NAME} and {NAME} are of different evaluations")
-    labels = [resolve(name).label for name in config.policies]
-    period, seeds = config.control_period, range(config.seeds)
-    planned = [(case, name, seed, period) for case in config.cases for name in labels for seed in seeds]
-    if [(run.case, run.policy, run.seed, run.control_period) for run in rollouts] != planned:
+    period, own = results.config.control_period, [tuple(row[name] for name in _IDENTITY) for row in results.rows]
+    if [(run.case, run.policy, run.seed, run.control_period) for run in rollouts] != [(*one, period) for one in own]:
         raise ValueError(f"{rollout_file.NAME} holds other episodes than its configuration asks for")
     for run, row in zip(rollouts, results.rows, strict=True):
         _check_rollout(run, row)
@@ -250,8 +235,8 @@ def _joined(results: Results, rollouts: list[Rollout]) -> Results:
 
 def _check_rollout(run: Rollout, row: dict[str, Any]) -> None:
     """Raise ValueError unless a row of results is that of a rollout; its metrics are computed again."""
-    named = {name: getattr(run, name) for name in (*_IDENTITY, "completed", "reason")}
-    for key, value in (named | metrics_of(run)).items():
+    expected: dict[str, Any] = {"completed": run.completed, "reason": run.reason, **metrics_of(run)}
+    for key, value in expected.items():
         stored: Any = row.get(key)
         both_real = isinstance(value, float) and isinstance(stored, float | int)
         if not (math.isclose(value, stored, rel_tol=1e-9) if both_real else value == stored):

@@ -73,14 +73,11 @@ def force_range(evidence: Evidence) -> dict[str, float]:
     return {"smallest": float(size.min()), "largest": float(size.max())}
 
 
-def payload_mass(evidence: Evidence) -> dict[str, float]:
-    """Return the carried mass of Case 3 [kg]."""
-    return {"payload": CASES["payload"].disturbance.payload.mass}
-
-
-def payload_share(evidence: Evidence) -> dict[str, float]:
-    """Return the carried mass of Case 3 in per cent of m_2."""
-    return {"of m_2": 100.0 * CASES["payload"].disturbance.payload.mass / evidence.reference.parameters.mass[1]}
+def payload(evidence: Evidence, label: str) -> dict[str, float]:
+    """Return the carried mass of Case 3, in kg with the label "payload", else in per cent of m_2."""
+    mass = CASES["payload"].disturbance.payload.mass
+    share = 100.0 * mass / evidence.reference.parameters.mass[1]
+    return {"payload": mass} if label == "payload" else {"of m_2": share}
 
 
 # Measures of the inequalities and of their solutions.
@@ -103,8 +100,7 @@ def bounded_M(evidence: Evidence) -> dict[str, float]:
     result = {}
     for key in _PRINTED:
         gains, P = evidence.controllers[key].gains, evidence.controllers[key].P
-        n_e = gains.shape[-1]
-        products = gains @ P[:n_e, :n_e]
+        products = gains @ P[: gains.shape[-1], : gains.shape[-1]]
         result[key] = float(np.linalg.norm(products, ord=2, axis=(-2, -1)).max())
     return result
 
@@ -139,22 +135,20 @@ def weight(evidence: Evidence) -> dict[str, float]:
     }
 
 
-def printed_size(evidence: Evidence, entry: str) -> dict[str, float]:
-    """Return N_var or N_row by the formula of Remark 4; `entry` is a field of `Size`."""
-    return _sizes(evidence, entry, lambda model: paper_formula(len(model.A_vertices), len(model.E_vertices)))
+def size(evidence: Evidence, entry: str, of: str) -> dict[str, float]:
+    """Return N_var or N_row, a field of `Size`, for 32, 16, 8 and 4 rules.
 
-
-def true_size(evidence: Evidence, entry: str) -> dict[str, float]:
-    """Return the true size of the printed theorem without integral action: 1 for 32 rules, else 2."""
-    weight = np.array(PAPER_WEIGHT)
-    return _sizes(
-        evidence, entry, lambda model: full_size(tracking_vertices(model, False, weight, common_multiplier=True))
-    )
-
-
-def _sizes(evidence: Evidence, entry: str, size: Callable[[TSModel], Size]) -> dict[str, float]:
-    arm = evidence.reference.parameters
-    return {f"{n} rules": getattr(size(TSModel(arm, NAMED_RULES[n])), entry) for n in (32, 16, 8, 4)}
+    It is `of` the formula of Remark 4, or of the printed theorem without integral action: 1 for 32 rules, else 2.
+    """
+    sizes: dict[str, Size] = {}
+    for rules in (32, 16, 8, 4):
+        model = TSModel(evidence.reference.parameters, NAMED_RULES[rules])
+        if of == "formula":
+            sizes[f"{rules} rules"] = paper_formula(len(model.A_vertices), len(model.E_vertices))
+        else:
+            vertices = tracking_vertices(model, False, np.array(PAPER_WEIGHT), common_multiplier=True)
+            sizes[f"{rules} rules"] = full_size(vertices)
+    return {label: getattr(one, entry) for label, one in sizes.items()}
 
 
 # Measures of the rollouts.

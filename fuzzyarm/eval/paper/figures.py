@@ -7,7 +7,6 @@ means 32 rules or joint 1, and solid red means 4 rules or joint 2; all else is t
 
 from __future__ import annotations
 
-import io
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
@@ -18,22 +17,21 @@ from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.patches import Patch
 
-from fuzzyarm.common.files import write_atomically
 from fuzzyarm.eval.episodes.rollout import Rollout
-from fuzzyarm.eval.figure_files import figure_style
+from fuzzyarm.eval.figure_files import figure_style, write_all
 from fuzzyarm.eval.paper.claims import circularity_of
 from fuzzyarm.eval.paper.evidence import FEW, FORMS, MANY, RULES, Evidence, key_of
 
-__all__ = ["BANDS", "BY_RULES", "COLUMN_TITLES", "draw_figures", "write_figures"]
+__all__ = ["draw_figures", "write_figures"]
 
 _Look = Mapping[str, Any]
 _BLUE: _Look = {"color": "#0072B2", "linestyle": (0, (1, 1.2)), "linewidth": 2.0, "zorder": 2.6}
 _RED: _Look = {"color": "#D55E00", "linestyle": "-", "linewidth": 1.4, "zorder": 2.5}
-BY_RULES: Mapping[int, _Look] = {MANY: _BLUE, FEW: _RED}
+_BY_RULES: Mapping[int, _Look] = {MANY: _BLUE, FEW: _RED}
 """How curves are drawn."""
 _REFERENCE: _Look = {"color": "black", "linewidth": 0.9, "zorder": 3.0, "label": "reference"}
-BANDS = ("#E6E6E6", "#CFCFCF")  # of ranges that the paper's text states, the wider range first
-COLUMN_TITLES = {"printed": "printed form, gains bounded by (24)", "consistent": "consistent form"}  # by form
+_BANDS = ("#E6E6E6", "#CFCFCF")  # of ranges that the paper's text states, the wider range first
+_COLUMN_TITLES = {"printed": "printed form, gains bounded by (24)", "consistent": "consistent form"}  # by form
 _ZOOM = 0.012  # [m], side of the magnified square of Fig. 2
 _SIDES = ("tip", "motors")
 
@@ -51,18 +49,10 @@ _OWN_SCALES = 9  # the figure whose columns differ in scale
 _STATED = {7: (228.0, 47.0)}  # largest values of the joints by the paper's text, drawn as bands of both signs
 
 
-def write_figures(evidence: Evidence, folder: Path, progress: Callable[[], None] | None = None) -> list[Path]:
+def write_figures(evidence: Evidence, folder: Path, progress: Callable[[], None] = lambda: None) -> list[Path]:
     """Write ``figure-02.png`` to ``figure-10.png``, each atomically, with `progress` after each; return their paths."""
-    paths = []
-    with figure_style():
-        for number, figure in draw_figures(evidence).items():
-            content, path = io.BytesIO(), folder / f"figure-{number:02}.png"
-            figure.savefig(content, format="png")
-            write_atomically(path, content.getvalue())
-            paths.append(path)
-            if progress is not None:
-                progress()
-    return paths
+    figures = {f"figure-{number:02}": figure for number, figure in draw_figures(evidence).items()}
+    return write_all(figures, folder, progress, svg=False)
 
 
 def draw_figures(evidence: Evidence) -> dict[int, Figure]:
@@ -103,7 +93,7 @@ def _magnify_worst(axes: Axes, runs: Mapping[int, Rollout]) -> None:
 def _draw_paths(axes: Axes, runs: Mapping[int, Rollout]) -> None:
     axes.plot(*runs[FEW].tip_reference.T, **_REFERENCE)
     for rules, run in runs.items():
-        axes.plot(*run.tip.T, **BY_RULES[rules])
+        axes.plot(*run.tip.T, **_BY_RULES[rules])
 
 
 def _force(evidence: Evidence) -> Figure:
@@ -114,14 +104,14 @@ def _force(evidence: Evidence) -> Figure:
     size = np.linalg.norm(run.external_force, axis=1)
     dashed: _Look = {"color": "#666666", "linewidth": 0.9, "linestyle": (0, (6, 2))}
     for sign in (1.0, -1.0):
-        axes.axhspan(sign * 138.0, sign * 218.0, color=BANDS[0], zorder=0.5)
+        axes.axhspan(sign * 138.0, sign * 218.0, color=_BANDS[0], zorder=0.5)
         axes.plot(run.time, sign * size, **dashed)
     for look, component in zip((_BLUE, _RED), run.external_force.T, strict=True):
         axes.plot(run.time, component, **look)
     axes.set(xlabel="time [s]", ylabel="external force [N]")
     looks = {"vertical (x, down)": _BLUE, "horizontal (y)": _RED, "±|F_e|": dashed}
     lines = [Line2D([], [], label=label, **look) for label, look in looks.items()]
-    _legend(figure, [*lines, Patch(color=BANDS[0], label="stated: 138 to 218 N")])
+    _legend(figure, [*lines, Patch(color=_BANDS[0], label="stated: 138 to 218 N")])
     return figure
 
 
@@ -133,9 +123,9 @@ def _circularity_figure(evidence: Evidence, number: int, case: str) -> Figure:
         runs = [evidence.rollouts[key_of(form, rules), case] for rules in RULES]
         for axes, side in zip(column, _SIDES, strict=True):
             if stated is not None:
-                axes.axhspan(*stated, color=BANDS[0], zorder=0.5)
+                axes.axhspan(*stated, color=_BANDS[0], zorder=0.5)
             for rules, run in zip(RULES, runs, strict=True):
-                axes.plot(run.time, 1e3 * circularity_of(run, side), **BY_RULES[rules])
+                axes.plot(run.time, 1e3 * circularity_of(run, side), **_BY_RULES[rules])
             label = "tip" if side == "tip" else "motors, as if rigid"
             axes.set_ylabel(f"{label} [mm]")
         values = [1e3 * circularity_of(run, side) for run in runs for side in _SIDES]  # one scale holds all of a column
@@ -144,14 +134,17 @@ def _circularity_figure(evidence: Evidence, number: int, case: str) -> Figure:
         margin = 0.06 * (high - low)
         column[0].set_ylim(low - margin, high + margin)
         column[-1].set_xlabel("time [s]")
-    band = [] if stated is None else [Patch(color=BANDS[0], label=f"stated: {_range(*stated)} mm")]
-    _legend(figure, [*_rule_handles(), *band])
+    handles: list[Any] = _rule_handles()
+    if stated is not None:
+        text = f"±{stated[1]:g}" if -stated[0] == stated[1] else "{:g} to {:g}".format(*stated).replace("-", "−")
+        handles.append(Patch(color=_BANDS[0], label=f"stated: {text} mm"))
+    _legend(figure, handles)
     return figure
 
 
 def _joint_figure(evidence: Evidence, number: int, title: str, label: str, signal: Callable[..., Any]) -> Figure:
     """Return one of Figs. 7-10, with a row for each number of rules."""
-    stated = tuple(zip(BANDS, _STATED.get(number, ()), strict=False))
+    stated = tuple(zip(_BANDS, _STATED.get(number, ()), strict=False))
     figure, grid = _grid(number, title, (9.2, 5.0), len(RULES), sharey="col" if number == _OWN_SCALES else "all")
     for row, rules in zip(grid, RULES, strict=True):
         for axes, form in zip(row, FORMS, strict=True):
@@ -176,18 +169,13 @@ def _grid(number: int, title: str, size: tuple[float, float], rows: int, **share
     figure.suptitle(f"Fig. {number}: {title}{two_scales}", x=0.01, ha="left", fontweight="bold")
     grid = figure.subplots(rows, len(FORMS), squeeze=False, **({"sharex": "all"} | shared))
     for axes, form in zip(grid[0], FORMS, strict=True):
-        axes.set_title(COLUMN_TITLES[form], fontweight="normal")
+        axes.set_title(_COLUMN_TITLES[form], fontweight="normal")
     return figure, grid
 
 
 def _rule_handles() -> list[Line2D]:
-    return [Line2D([], [], label=f"{rules} rules", **look) for rules, look in BY_RULES.items()]
+    return [Line2D([], [], label=f"{rules} rules", **look) for rules, look in _BY_RULES.items()]
 
 
 def _legend(figure: Figure, handles: Sequence[Any]) -> None:
     figure.legend(handles=handles, loc="outside lower center", ncols=len(handles))
-
-
-def _range(low: float, high: float) -> str:
-    text = f"±{high:g}" if -low == high else f"{low:g} to {high:g}"
-    return text.replace("-", "−")

@@ -17,11 +17,11 @@ from fuzzyarm.common import documents
 from fuzzyarm.common.console import Sheet
 from fuzzyarm.common.files import write_atomically
 from fuzzyarm.eval.paper.claims import CLAIMS, ROLLOUTS, STATEMENTS, TABLE_2, Claim
-from fuzzyarm.eval.paper.evidence import TITLES, Evidence
+from fuzzyarm.eval.paper.evidence import FORMS, PAPERS_OWN, RULES, SWAPPED, TITLES, Evidence
 from fuzzyarm.eval.provenance import current_provenance, json_text
 
 __all__ = [
-    "EXPECTED", "Comparison", "Drift", "Numbers", "compare", "find_drift", "load_expected", "print_report", "renewed",
+    "EXPECTED", "Comparison", "Numbers", "compare", "find_drift", "load_expected", "print_report", "renewed",
     "store_expected", "write_report",
 ]  # fmt: skip
 
@@ -35,7 +35,7 @@ Numbers = Mapping[str, Mapping[str, float]]
 
 
 @dataclasses.dataclass(frozen=True)
-class Drift:
+class _Drift:
     """A number that differs from its stored value by more than `allowed`, that is new, or that no longer exists."""
 
     key: str  # of the claim
@@ -63,7 +63,7 @@ class _ExpectedFile:
     machine: dict[str, Any] = dataclasses.field(default_factory=dict)
 
 
-def find_drift(claims: Sequence[Claim], measured: Numbers, stored: Numbers) -> list[Drift]:
+def find_drift(claims: Sequence[Claim], measured: Numbers, stored: Numbers) -> list[_Drift]:
     """Return every number that left its claim's tolerance around the stored value, that is missing, or that is new."""
     found = []
     for claim in claims:
@@ -73,10 +73,10 @@ def find_drift(claims: Sequence[Claim], measured: Numbers, stored: Numbers) -> l
             allowed = 0.0 if before is None else claim.tolerance.of(before)
             # "not <=" instead of ">", so that NaN counts as drift.
             if value is None or before is None or not abs(value - before) <= allowed:
-                found.append(Drift(claim.key, label, claim.unit, before, value, allowed))
+                found.append(_Drift(claim.key, label, claim.unit, before, value, allowed))
     known = {claim.key for claim in claims}
     gone = [(key, label, value) for key in stored if key not in known for label, value in stored[key].items()]
-    return found + [Drift(key, label, "-", value, None, 0.0) for key, label, value in gone]
+    return found + [_Drift(key, label, "-", value, None, 0.0) for key, label, value in gone]
 
 
 def load_expected(path: Path = EXPECTED) -> Numbers:
@@ -96,14 +96,8 @@ def store_expected(measured: Numbers, made_with: Mapping[str, Any], path: Path) 
 
 
 # Headings of the controllers' columns by their key.
-_COLUMNS: Mapping[str, str] = {
-    "printed-32": "printed form, 32",
-    "printed-4": "printed form, 4",
-    "consistent-32": "consistent form, 32",
-    "consistent-4": "consistent form, 4",
-    "printed-4-swapped": "printed K, H, consistent L, 4",
-    "papers-gains": "the paper's own gains, 4",
-}
+_COLUMNS = {f"{form}-{rules}": f"{form} form, {rules}" for form in FORMS for rules in RULES}
+_COLUMNS |= {SWAPPED: "printed K, H, consistent L, 4", PAPERS_OWN: "the paper's own gains, 4"}
 _WHERE, _SAYS, _MEASURE, _RULES = _TEXTS = "where", "the paper says", "we measure", "Number of rules"  # aligned left
 _SIGN = {"equal": "", "order": "~ ", "at most": "<= ", "more than": "> "}
 _LEGEND = (
@@ -118,7 +112,7 @@ class Comparison:
 
     measured: Numbers
     stored: Numbers
-    drifted: Sequence[Drift]
+    drifted: Sequence[_Drift]
     made_with: Mapping[str, Any]  # commit, versions and machine of this measurement
 
     def to_dict(self) -> dict[str, Any]:
@@ -196,19 +190,19 @@ def _tables(comparison: Comparison, narrow: bool) -> list[Sheet]:
     """Return the three tables; `narrow` ones have no keys of claims, and each value on a line of its own."""
     texts = [_WHERE, _MEASURE] if narrow else [_WHERE, _SAYS, _MEASURE]
     tables = {
-        "Statements and settings": (
+        "Statements and settings": [
             [_WHERE, _SAYS, _MEASURE, "paper", "ours", "why"],
-            [_statement_row(claim, comparison, narrow) for claim in STATEMENTS],
-        ),
-        "Table 2": ([_RULES, *comparison.measured[TABLE_2[0].key], "why"], _table_2_rows(comparison)),
-        "On the arm": (
+            *(_statement_row(claim, comparison, narrow) for claim in STATEMENTS),
+        ],
+        "Table 2": [[_RULES, *comparison.measured[TABLE_2[0].key], "why"], *_table_2_rows(comparison)],
+        "On the arm": [
             [*texts, "paper", *_COLUMNS.values(), "why"],
-            [_rollout_row(claim, comparison, narrow) for claim in ROLLOUTS],
-        ),
+            *(_rollout_row(claim, comparison, narrow) for claim in ROLLOUTS),
+        ],
     }
     return [
         Sheet(headings, rows, [at for at, one in enumerate(headings) if one in _TEXTS], title=title, fold=narrow)
-        for title, (headings, rows) in tables.items()
+        for title, (headings, *rows) in tables.items()
     ]
 
 
@@ -288,7 +282,7 @@ def _markdown(comparison: Comparison, figures: Sequence[Path]) -> str:
         groups.setdefault(" and ".join(parts) or "nothing", []).append(claim.key)
     allowed = "; ".join(f"{allowance}: {', '.join(keys)}" for allowance, keys in groups.items())
     moved = [f"- {entry}" for entry in comparison.drifted]
-    lines += ["", "## Drift", "", *_outcome(comparison), f"Allowed: {allowed}.", "", *moved, ""]
+    lines += ["", "## _Drift", "", *_outcome(comparison), f"Allowed: {allowed}.", "", *moved, ""]
     if figures:
         lines += ["## Figures", "", *(f"![{path.stem}]({path.name})" for path in figures), ""]
     made = comparison.made_with

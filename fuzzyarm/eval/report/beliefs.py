@@ -15,16 +15,15 @@ from fuzzyarm.eval.episodes.beliefs import DEVIATION
 from fuzzyarm.eval.episodes.rollout import Rollout
 from fuzzyarm.eval.report.summary import figure
 
-__all__ = ["WARNING", "belief_figures"]
+__all__ = ["belief_figures", "belief_section"]
 
-WARNING = (
+_WARNING = (
     "Charts: size of the force at the tip over the episode, the estimate with a band of one standard deviation and, "
     "thicker, the truth. Masses and forces share a load: a part of a payload shows up as a force, and the other way "
     "round, so neither is a measurement. Tables: estimates with the standard deviation that the policy gives them; "
     "stiffness, damping, friction, mass and motor inertia as factors of the arm that it knows. That is the arm that is "
     "simulated, so the true factors are 1. What the motion does not excite stays near the first guess."
 )
-"""What has to be known to read them."""
 _WIDTH, _HEIGHT, _LEFT, _BOTTOM = 390, 150, 40, 24  # [px]: of the chart, and the margins of its labels
 _POINTS = 300  # of a curve
 _BAND = 90.0  # percentile of the upper edge of the band that the chart shows; where it is wider still, it is cut
@@ -39,13 +38,22 @@ def belief_figures(rollouts: list[Rollout], cases: Mapping[str, Case] = CASES) -
     groups: dict[tuple[str, str], list[Rollout]] = {}
     for run in rollouts:
         groups.setdefault((run.case, run.policy), []).append(run)
-    return "".join(
-        figure(
-            f"{cases[case].title}, {policy}",
-            _chart(first) + _table(first, cases[case].disturbance) + _notes(runs),
-        )
-        for (case, policy), runs in groups.items()
-        if (first := next((run for run in runs if run.beliefs.size), None))
+    parts = []
+    for (case, policy), runs in groups.items():
+        if first := next((run for run in runs if run.beliefs.size), None):
+            said = [f"seed {run.seed}: {run.note}" if len(runs) > 1 else run.note for run in runs if run.note]
+            notes = f'<p class="note">{escape("; ".join(said))}.</p>' if said else ""
+            content = _chart(first) + _table(first, cases[case].disturbance) + notes
+            parts.append(figure(f"{cases[case].title}, {policy}", content))
+    return "".join(parts)
+
+
+def belief_section(rollouts: list[Rollout], cases: Mapping[str, Case]) -> str:
+    """Return the section of what policies believed, see `belief_figures`; an empty text if no policy says it."""
+    figures = belief_figures(rollouts, cases)
+    return figures and (
+        '<section aria-labelledby="beliefs"><h2 id="beliefs">What policies believed of load and arm</h2>'
+        f'<div class="charts">{figures}</div><p class="note">{escape(_WARNING)}</p></section>'
     )
 
 
@@ -128,9 +136,3 @@ def _with_deviation(value: float, deviation: float) -> str:
         return "none"
     digits = min(max(1 - math.floor(math.log10(deviation)), 0), 4) if deviation > 0.0 else 4
     return f"{round(value, digits) + 0.0:.{digits}f} ± {deviation:.{digits}f}"  # + 0.0: no minus before a zero
-
-
-def _notes(runs: list[Rollout]) -> str:
-    """Return the notes on episodes that differ in the seed, see `Rollout`; an empty text if there are none."""
-    said = [f"seed {run.seed}: {run.note}" if len(runs) > 1 else run.note for run in runs if run.note]
-    return f'<p class="note">{escape("; ".join(said))}.</p>' if said else ""

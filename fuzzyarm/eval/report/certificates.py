@@ -22,7 +22,7 @@ from fuzzyarm.eval.episodes.rollout import Rollout
 from fuzzyarm.eval.evaluation.run import Evaluation, EvaluationConfig
 from fuzzyarm.eval.report.summary import Axis, Bound, draw_chart, figure
 from fuzzyarm.fuzzy_policy.controller import Controller
-from fuzzyarm.policies.spec import PolicySpec, resolve
+from fuzzyarm.policies.spec import resolve
 from fuzzyarm.policies.tip_bound import plain
 from fuzzyarm.policies.tip_files import BoundCheck, check_bound
 from fuzzyarm.proof import rigid_loop
@@ -75,27 +75,21 @@ def observe_policies(
     for spec in map(resolve, config.policies):
         if (claimed := bounds[spec.label]) is None:
             continue
-        controller, digest = _controller(spec, claimed, config, reference), claimed["controller_digest"]
-        if not isinstance(controller, str) and digest not in by_file:
-            by_file[digest] = observe(RigidLoop(controller), reference)
-        result[spec.label] = f"not observed: {controller}" if isinstance(controller, str) else by_file[digest]
+        if claimed["form"] != "consistent":
+            result[spec.label] = f"not observed: the bounds of the {claimed['form']} form are of other quantities"
+            continue
+        try:
+            certificate = certificate_of(spec.load(config.control_period, config.parameters), reference)
+        except (OSError, ValueError):
+            result[spec.label] = "not observed: the controller file is gone or no longer proven"
+            continue
+        if certificate is None or certificate.bounds != claimed:
+            result[spec.label] = "not observed: the controller file has changed since the evaluation"
+            continue
+        if (digest := claimed["controller_digest"]) not in by_file:
+            by_file[digest] = observe(RigidLoop(cast("Controller", certificate.controller)), reference)
+        result[spec.label] = by_file[digest]
     return result
-
-
-def _controller(
-    spec: PolicySpec, claimed: Mapping[str, Any], config: EvaluationConfig, reference: Reference
-) -> Controller | str:
-    """Return the controller that the claimed bounds are of, or why it cannot be observed."""
-    if claimed["form"] != "consistent":
-        return f"the bounds of the {claimed['form']} form are of other quantities"
-    try:
-        policy = spec.load(config.control_period, config.parameters)
-    except (OSError, ValueError):
-        return "the controller file is gone or no longer proven"
-    certificate = certificate_of(policy, reference)
-    if certificate is None or certificate.bounds != claimed:
-        return "the controller file has changed since the evaluation"
-    return cast("Controller", certificate.controller)  # as the form says
 
 
 _SIZE, _EDGE = 440.0, 26.0  # of the drawing and around it [px]
@@ -187,9 +181,11 @@ Observations = Mapping[str, Observed | str]
 
 def bound_charts(stored: Evaluation, observed: Observations) -> str:
     """Return a chart of each kind of bound; a policy without comparable bounds has a text in its row."""
-    alpha = "Decay rate", "decay rate of the root of V [1/s]", "alpha", 0, ("consistent", "semidefinite")
-    gamma = "L2 gain, disturbance to error", "L2 gain [µrad/(N m)]", "gamma", 6, ("consistent",)
-    return _bound_chart(stored, observed, *alpha) + _bound_chart(stored, observed, *gamma)
+    return _bound_chart(
+        stored, observed, "Decay rate", "decay rate of the root of V [1/s]", "alpha", 0, ("consistent", "semidefinite")
+    ) + _bound_chart(
+        stored, observed, "L2 gain, disturbance to error", "L2 gain [µrad/(N m)]", "gamma", 6, ("consistent",)
+    )
 
 
 def _bound_chart(
@@ -200,20 +196,17 @@ def _bound_chart(
     Only controllers of these `forms` claim it of the rigid arm's error; the decay rate is a lower bound, the gain an
     upper one.
     """
-    lower = key == "alpha"
-
-    def row(claimed: Mapping[str, Any] | None, seen: Observed | str | None) -> Bound | str:
-        if claimed is None:
-            return "nothing proven"
-        if claimed["form"] not in forms:
-            return "of other quantities"
+    lower, rows, values = key == "alpha", list[tuple[str, Bound | str]](), list[float]()
+    for name, claimed in stored.bounds.items():
+        if claimed is None or claimed["form"] not in forms:
+            rows.append((name, "nothing proven" if claimed is None else "of other quantities"))
+            continue
+        seen = observed.get(name)
         worst = 10.0**digits * (seen.decay if lower else seen.gain) if isinstance(seen, Observed) else None
         # Rounded so that it holds before the unit is changed, which is exact in decimal.
-        stated = (at_least if lower else at_most)(claimed[key], 3)
-        return Bound(float(Decimal(stated).scaleb(digits)), worst, lower)
-
-    rows = [(name, row(claimed, observed.get(name))) for name, claimed in stored.bounds.items()]
-    values = [max(bound.certified, bound.observed or 0.0) for _, bound in rows if isinstance(bound, Bound)]
+        certified = float(Decimal((at_least if lower else at_most)(claimed[key], 3)).scaleb(digits))
+        rows.append((name, Bound(certified, worst, lower)))
+        values.append(max(certified, worst or 0.0))
     axis = Axis(label, 0.0, 1.25 * max(values, default=1.0))
     return figure(title, draw_chart(axis, rows, f"{title}: certified bound and worst observed"))
 

@@ -18,7 +18,6 @@ from html import escape
 from importlib import resources
 from pathlib import Path
 from string import Template
-from typing import Any
 
 from fuzzyarm import __version__
 from fuzzyarm.common.checks import path_of
@@ -28,7 +27,7 @@ from fuzzyarm.eval.evaluation.ranking import Standing, standings_of
 from fuzzyarm.eval.evaluation.results_file import read_evaluation
 from fuzzyarm.eval.evaluation.run import Evaluation, EvaluationConfig
 from fuzzyarm.eval.report import certificates
-from fuzzyarm.eval.report.beliefs import WARNING, belief_figures
+from fuzzyarm.eval.report.beliefs import belief_section
 from fuzzyarm.eval.report.payload import replay_data
 from fuzzyarm.eval.report.summary import declared_table, digits, error_charts, finished, metrics_table
 from fuzzyarm.policies import resolve
@@ -43,10 +42,8 @@ def headline(standings: Sequence[Standing], titles: Mapping[str, str]) -> str:
     """Return the sentence as HTML, given all standings of one evaluation and the titles of its cases by name.
 
     A value is that of the leaderboard: the score overall, the rms tip error in a case. Policies whose values read the
-    same win together. A policy that lost the path in a case cannot win it, nor overall.
+    same win together. A policy that lost the path in a case cannot win it, nor overall; one policy alone wins nothing.
     """
-    if len(standings) == 1:
-        return _alone(standings[0], titles)
     scores = {standing.policy: standing.score.mean for standing in standings if standing.score is not None}
     cases = list(standings[0].rms)
     wins: dict[tuple[str, ...], list[str]] = {}  # what each group of winners won
@@ -61,9 +58,8 @@ def headline(standings: Sequence[Standing], titles: Mapping[str, str]) -> str:
             wins.setdefault(_winners(held), []).append(won)
         else:
             nobody.append(_title(titles[case]))
-    parts = [
-        f"{_names(names)} {'wins' if len(names) == 1 else 'tie'} {_series(where)}" for names, where in wins.items()
-    ]
+    verb = "runs alone," if len(standings) == 1 else "wins"
+    parts = [f"{_names(names)} {verb if len(names) == 1 else 'tie'} {_series(where)}" for names, where in wins.items()]
     if nobody:
         parts.append(f"nobody held the path in {_series(nobody)}")
     return "; ".join([*parts, *_lost(standings), *_overlap(standings)]) + "."
@@ -78,17 +74,6 @@ def rule(standings: Sequence[Standing]) -> str:
         f"A case is won by the smallest rms tip error{seeds}.{score} A policy that ended early or was more than "
         f"{LOST:g} mm off lost the path and is not ranked."
     )
-
-
-def _alone(standing: Standing, titles: Mapping[str, str]) -> str:
-    """Return the sentence of an evaluation of one policy, which has nobody to win against."""
-    name = _names([standing.policy])
-    if standing.score is None:
-        return f"{name} ran alone and lost the path in {standing.lost} of {_counted(standing.episodes, 'episode')}."
-    errors = [
-        f"{_length(error)} in {_title(titles[case])}" for case, error in standing.rms.items() if error is not None
-    ]
-    return f"{name} ran alone; its rms tip error is {_series(errors)}."
 
 
 def _winners(values: Mapping[str, float]) -> tuple[str, ...]:
@@ -164,6 +149,7 @@ def render_page(stored: Evaluation, observed: certificates.Observations, tubes: 
     """Return the HTML of the page; it shows what was `observed` beside the certified bounds, then `tubes`."""
     structure, style, script = _part("page.html"), _part("page.css"), "\n".join(map(_part, _SCRIPTS))
     config, data, early = stored.config, replay_data(stored), not finished(stored.rows)
+    text = json.dumps(data, separators=(",", ":"), allow_nan=False)
     standings = standings_of(config, stored.rows, stored.certificates)
     return Template(structure).substitute(
         policy=_security_policy(style, script),
@@ -178,14 +164,14 @@ def render_page(stored: Evaluation, observed: certificates.Observations, tubes: 
         table=metrics_table(stored.rows, config.titles),
         table_note=escape(_table_note(config, early)),
         declared=declared_table(stored.declared, stored.certificates),
-        beliefs=_beliefs(stored),
+        beliefs=belief_section(stored.rollouts, {name: config.case(name, None) for name in config.cases}),
         scope=escape(certificates.SCOPE),
         bounds=certificates.bound_charts(stored, observed),
         bounds_note=certificates.bound_note(observed),
         statements=certificates.statements(stored.certificates),
         tubes=tubes,
         made="".join(f"<dt>{escape(key)}</dt><dd>{escape(value)}</dd>" for key, value in _made(stored).items()),
-        data=_script_data(data),
+        data=re.sub("[<>&]", lambda c: f"\\u{ord(c[0]):04x}", text),  # no text ends its script element
         script=script,
     )
 
@@ -206,17 +192,6 @@ def _part(name: str) -> str:
     return resources.files("fuzzyarm.eval.report").joinpath(name).read_text(encoding="utf-8")
 
 
-def _beliefs(stored: Evaluation) -> str:
-    """Return the section of what policies believed; an empty text if none says it."""
-    figures = belief_figures(stored.rollouts, {name: stored.config.case(name, None) for name in stored.config.cases})
-    if not figures:
-        return ""
-    return (
-        '<section aria-labelledby="beliefs"><h2 id="beliefs">What policies believed of load and arm</h2>'
-        f'<div class="charts">{figures}</div><p class="note">{escape(WARNING)}</p></section>'
-    )
-
-
 def _security_policy(style: str, script: str) -> str:
     """Return a content security policy that allows this style, this script and the empty icon, and nothing else."""
     of_style, of_script = (base64.b64encode(hashlib.sha256(one.encode()).digest()).decode() for one in (style, script))
@@ -224,12 +199,6 @@ def _security_policy(style: str, script: str) -> str:
         f"default-src 'none'; style-src 'sha256-{of_style}'; script-src 'sha256-{of_script}'; img-src data:; "
         "base-uri 'none'; form-action 'none'"
     )
-
-
-def _script_data(data: dict[str, Any]) -> str:
-    """Return JSON in which no text can end the script element that contains it."""
-    text = json.dumps(data, separators=(",", ":"), allow_nan=False)
-    return text.replace("<", "\\u003c").replace(">", "\\u003e").replace("&", "\\u0026")
 
 
 def _subtitle(stored: Evaluation) -> str:

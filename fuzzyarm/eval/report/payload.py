@@ -18,7 +18,7 @@ from fuzzyarm.eval.evaluation.run import Evaluation, EvaluationConfig
 __all__ = ["replay_data"]
 
 _LARGEST = 2_300_000  # bytes of base64 for all signals together, with which the page stays below 3 MB
-POSES = 200  # of a motion, for which the floor is made
+_POSES = 200  # of a motion, for which the floor is made
 _FLOAT = np.dtype("<f4")  # of embedded numbers
 _BASE64 = 4 / 3  # bytes of base64 for a byte of data
 
@@ -32,7 +32,9 @@ def replay_data(stored: Evaluation) -> dict[str, Any]:
     for run in stored.rollouts:
         first[run.case].setdefault(run.policy, run)
     policies = list(stored.bounds)
-    stride = _stride([run for runs in first.values() for run in runs.values()])
+    runs = [run for by_policy in first.values() for run in by_policy.values()]
+    numbers = sum(signal.size for run in runs for signal in _signals(run).values())
+    stride = max(1, math.ceil(_BASE64 * _FLOAT.itemsize * numbers / _LARGEST))  # the smallest that fits
     shown = [_case(stored.config, name, [runs[p] for p in policies], stride) for name, runs in first.items()]
     arm: dict[str, Any] = {"length": stored.config.parameters.length}
     if stored.config.robot is not None:
@@ -42,7 +44,7 @@ def replay_data(stored: Evaluation) -> dict[str, Any]:
 
 def _robot(robot: Robot, run: Rollout) -> dict[str, Any]:
     """Return the chain of a robot, and the camera and the floor that it is shown with, for its motion in a run."""
-    asked = poses_of(robot, run.q_reference[:: max(1, len(run.time) // POSES)])
+    asked = poses_of(robot, run.q_reference[:: max(1, len(run.time) // _POSES)])
     camera, floor, chain = looking_at(robot, in_space(run.tip_reference)), floor_of(robot, asked.points), robot.arrays
     joints = zip(chain.position.tolist(), chain.rotation.tolist(), chain.axis.tolist(), strict=True)
     return {
@@ -55,12 +57,6 @@ def _robot(robot: Robot, run: Rollout) -> dict[str, Any]:
         "distance": float(camera.depth(asked.points.reshape(-1, chain.tip.size).mean(axis=0))),
         "floor": {"up": floor.up.tolist(), "height": floor.height, "grid": floor.grid.tolist()},
     }
-
-
-def _stride(runs: Sequence[Rollout]) -> int:
-    """Return the smallest stride with which the signals fit into `_LARGEST`."""
-    numbers = sum(signal.size for run in runs for signal in _signals(run).values())
-    return max(1, math.ceil(_BASE64 * _FLOAT.itemsize * numbers / _LARGEST))
 
 
 def _signals(run: Rollout) -> dict[str, np.ndarray]:
@@ -77,32 +73,26 @@ def _signals(run: Rollout) -> dict[str, np.ndarray]:
 def _case(config: EvaluationConfig, name: str, runs: Sequence[Rollout], stride: int) -> dict[str, Any]:
     case, placed = config.case(name, None), np.asarray if config.robot is None else in_space
     longest = max(runs, key=lambda run: len(run.time))
-    shown = _shown(len(longest.time), stride)
+    last = len(longest.time) - 1
+    shown = np.unique([*range(0, last + 1, stride), last])
+
+    def of_run(run: Rollout) -> dict[str, Any]:
+        # The run's own last sample stands in the place of the next one of the longest run.
+        last = len(run.time) - 1
+        within = np.minimum(shown[: np.searchsorted(shown, last) + 1], last)
+        signals = {key: signal[within] for key, signal in _signals(run).items()}
+        ended = None if run.completed else {"time": float(run.time[-1]), "reason": run.reason}
+        signals["deviation"] = placed(signals["deviation"])
+        return {"ended": ended, **{key: _encoded(signal) for key, signal in signals.items()}}
+
     return {
         "title": case.title,
         "payload": case.disturbance.payload.mass,
         "time": _encoded(longest.time[shown]),
         "reference": _encoded(placed(longest.tip_reference[shown])),
         "force": _encoded(placed(longest.external_force[shown])) if longest.external_force.any() else None,
-        "runs": [
-            {"ended": None if run.completed else {"time": float(run.time[-1]), "reason": run.reason}}
-            | {
-                key: _encoded((placed if key == "deviation" else np.asarray)(signal[_within(shown, len(signal))]))
-                for key, signal in _signals(run).items()
-            }
-            for run in runs
-        ],
+        "runs": list(map(of_run, runs)),
     }
-
-
-def _shown(samples: int, stride: int) -> np.ndarray:
-    """Return the embedded samples of the longest run: 0, stride, ..., and the last one."""
-    return np.unique([*range(0, samples, stride), samples - 1])
-
-
-def _within(shown: np.ndarray, samples: int) -> np.ndarray:
-    """Return the samples in `shown` that a run has; its own last sample stands in the place of the next one."""
-    return np.asarray(np.minimum(shown[: np.searchsorted(shown, samples - 1) + 1], samples - 1))
 
 
 def _encoded(values: np.ndarray) -> str:

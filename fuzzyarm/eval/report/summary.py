@@ -6,6 +6,7 @@ Charts are small SVGs with a row for each policy; colours are classes of the pag
 from __future__ import annotations
 
 import dataclasses
+import itertools
 import math
 import re
 from collections.abc import Mapping, Sequence
@@ -14,7 +15,7 @@ from statistics import median
 from typing import Any
 
 from fuzzyarm.eval.episodes.metrics import RESOLUTION, columns, millimetres
-from fuzzyarm.eval.evaluation.result_table import DECLARED, declared_rows, table_rows
+from fuzzyarm.eval.evaluation.result_table import DECLARED, by_case_and_policy, declared_rows, table_rows
 from fuzzyarm.policies.declared import Declared
 
 __all__ = [
@@ -149,31 +150,33 @@ def figure(title: str, content: str) -> str:
     return f"<figure><figcaption>{escape(title)}</figcaption>{content}</figure>"
 
 
-_Row = dict[str, Any]  # the metrics of one episode, a row of an `Evaluation`
-_Group = dict[str, list[_Row]]  # the rows of one case by policy, with one row for each seed
+_Row = Mapping[str, Any]  # the metrics of one episode
+_Group = Mapping[str, Sequence[_Row]]  # the rows of one case by policy, with one row for each seed
 
 
 def error_charts(rows: Sequence[_Row], titles: Mapping[str, str]) -> str:
     """Return a chart of the tip errors for each case, all with the same axis; over several seeds medians."""
-    groups = _groups(rows)
-    keys = ("tip_error_rms_mm", "tip_error_max_mm")
+    groups = by_case_and_policy(rows)
     errors = {
-        case: {policy: [float(median(run[key] for run in runs)) for key in keys] for policy, runs in group.items()}
+        case: {
+            policy: tuple(float(median(run[f"tip_error_{key}_mm"] for run in runs)) for key in ("rms", "max"))
+            for policy, runs in group.items()
+        }
         for case, group in groups.items()
     }
-    values = [value for group in errors.values() for error in group.values() for value in error]
+    values = list(itertools.chain(*(error for group in errors.values() for error in group.values())))
     # A logarithmic axis of at least one decade shows all positive, finite values.
     positive = [value for value in values if 0.0 < value < math.inf] or [1.0]
     low, high = math.floor(math.log10(min(positive))), math.ceil(math.log10(max(positive)))
     axis = Axis("tip error [mm]", 10.0**low, 10.0 ** max(high, low + 1), log=True)
     figures = []
     for case, group in groups.items():
-        best_rms = min((errors[case][policy][0] for policy, runs in group.items() if finished(runs)), default=math.nan)
+        held = [policy for policy, runs in group.items() if finished(runs)]
+        best_rms = max(min((errors[case][policy][0] for policy in held), default=math.nan), RESOLUTION)
         drawn = []
-        for policy, runs in group.items():
-            rms, maximum = errors[case][policy]
-            mark = "" if finished(runs) else " ×"
-            drawn.append((policy, Errors(rms, maximum, finished(runs) and rms <= max(best_rms, RESOLUTION), mark)))
+        for policy, (rms, maximum) in errors[case].items():
+            won = policy in held and rms <= best_rms
+            drawn.append((policy, Errors(rms, maximum, won, "" if policy in held else " ×")))
         description = f"{titles[case]}: root mean square and maximum of the tip error in mm"
         figures.append(figure(titles[case], draw_chart(axis, drawn, description)))
     return "".join(figures)
@@ -182,14 +185,17 @@ def error_charts(rows: Sequence[_Row], titles: Mapping[str, str]) -> str:
 def metrics_table(rows: Sequence[_Row], titles: Mapping[str, str]) -> str:
     """Return the table of all metrics: a body for each case, with the best cells of each column marked, see `best`."""
     cells = iter(table_rows(rows))  # in the order of the groups
-    headings = [escape(heading).replace("N m", "N&nbsp;m") for heading in columns()]
-    heads = "".join(f'<th scope="col">{heading}</th>' for heading in headings)
-    parts = [f'<table><thead><tr><th scope="col">policy</th>{heads}</tr></thead>']
-    for case, group in _groups(rows).items():
+    parts = [_head(["policy", *(heading.replace("N m", "N\u00a0m") for heading in columns())])]
+    for case, group in by_case_and_policy(rows).items():
         # A decimal point that no digit follows is left out.
         texts = {policy: [re.sub(r"\.(?!\d)", "", cell) for cell in next(cells)[2]] for policy in group}
         parts.append(_table_body(titles[case], group, texts))
-    return "".join([*parts, "</table>"])
+    return f"<table>{''.join(parts)}</table>"
+
+
+def _head(headings: Sequence[str]) -> str:
+    heads = "".join(f'<th scope="col">{escape(heading)}</th>' for heading in headings)
+    return f"<thead><tr>{heads}</tr></thead>"
 
 
 def _table_body(title: str, group: _Group, texts: dict[str, list[str]]) -> str:
@@ -201,9 +207,11 @@ def _table_body(title: str, group: _Group, texts: dict[str, list[str]]) -> str:
     span = f'scope="rowgroup" colspan="{len(columns()) + 1}"'
     parts = [f"<tbody><tr><th {span}><span>{escape(title)}</span></th></tr>"]
     for index, (policy, runs) in enumerate(group.items()):
-        name = f'<span class="swatch"></span>{escape(policy)}{_badge(runs)}'
+        ended = sum(not run["completed"] for run in runs)
+        badge = f' <span class="badge">ended early in {ended} of {len(runs)}</span>' if ended else ""
+        name = f'<span class="swatch"></span>{escape(policy)}{badge}'
         row = [
-            f'<td class="best">{escape(text)}</td>' if policy in stars else f"<td>{escape(text)}</td>"
+            ('<td class="best">' if policy in stars else "<td>") + f"{escape(text)}</td>"
             for text, stars in zip(texts[policy], marked, strict=True)
         ]
         parts.append(f'<tr class="p{index % _PALETTE}"><th scope="row">{name}</th>{"".join(row)}</tr>')
@@ -212,15 +220,14 @@ def _table_body(title: str, group: _Group, texts: dict[str, list[str]]) -> str:
 
 def declared_table(declared: Mapping[str, Declared | None], certificates: Mapping[str, str | None]) -> str:
     """Return the table of what the policies declare, given that and their certificates in words by label."""
-    heads = "".join(f'<th scope="col">{heading}</th>' for heading in DECLARED)
     rows = []
     for label, *cells in declared_rows(declared, certificates):
         said = "".join(f'<td class="words">{escape(cell)}</td>' for cell in cells)
         rows.append(f'<tr><th scope="row">{escape(label)}</th>{said}</tr>')
-    return f"<table><thead><tr>{heads}</tr></thead><tbody>{''.join(rows)}</tbody></table>"
+    return f"<table>{_head(DECLARED)}<tbody>{''.join(rows)}</tbody></table>"
 
 
-def best(group: _Group, keys: Sequence[str], texts: dict[str, str]) -> set[str]:
+def best(group: _Group, keys: Sequence[str], texts: Mapping[str, str]) -> set[str]:
     """Return the policies that are marked as best in a column: the smallest value, and cells that read the same.
 
     The value of a cell is the largest absolute value of its metrics; over several seeds, their median. Only policies
@@ -243,15 +250,3 @@ def best(group: _Group, keys: Sequence[str], texts: dict[str, str]) -> set[str]:
 def finished(runs: Sequence[_Row]) -> bool:
     """Return whether every episode followed the reference to its end."""
     return all(run["completed"] for run in runs)
-
-
-def _groups(rows: Sequence[_Row]) -> dict[str, _Group]:
-    groups: dict[str, _Group] = {}
-    for row in rows:
-        groups.setdefault(row["case"], {}).setdefault(row["policy"], []).append(row)
-    return groups
-
-
-def _badge(runs: Sequence[_Row]) -> str:
-    ended = sum(not run["completed"] for run in runs)
-    return f' <span class="badge">ended early in {ended} of {len(runs)}</span>' if ended else ""

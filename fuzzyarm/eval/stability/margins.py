@@ -26,8 +26,8 @@ from fuzzyarm.fuzzy_policy.known_arm import per_joint_of, with_drives
 from fuzzyarm.policies import ANY_ROBOT, NAMES, policies_of, recorded, resolve_all
 
 __all__ = [
-    "CONDITIONS", "LIMITS", "Condition", "MarginsConfig", "conditions_for", "margin_cells", "margin_notes",
-    "margins_in_words", "measure_margins", "policy_margins", "print_margins",
+    "CONDITIONS", "LIMITS", "Condition", "MarginsConfig", "margin_cells", "margin_notes", "margins_in_words",
+    "measure_margins", "policy_margins", "print_margins",
 ]  # fmt: skip
 
 
@@ -52,7 +52,7 @@ CONDITIONS = (
     Condition("stiffness + 20 %", stiffness=1.2),
     Condition("5 kg payload", payload=Payload(5.0)),
 )
-"""The conditions of the columns for the two-joint arm, in their order; `conditions_for` has those of any arm."""
+"""The conditions of the columns for the two-joint arm, in their order; `_conditions_for` has those of any arm."""
 
 
 class _Limit(NamedTuple):
@@ -71,15 +71,11 @@ LIMITS = {
 """By key in the document."""
 
 
-def conditions_for(arm: AnyArm) -> tuple[Condition, ...]:
+def _conditions_for(arm: AnyArm) -> tuple[Condition, ...]:
     """Return the conditions of the columns for an arm; a robot carries the payload of its case ``payload``."""
     payload = case_for("payload", arm).disturbance.payload
-    return tuple(
-        condition
-        if condition.payload is None
-        else dataclasses.replace(condition, name=f"{payload.mass:g} kg payload", payload=payload)
-        for condition in CONDITIONS
-    )
+    *others, loaded = CONDITIONS
+    return (*others, dataclasses.replace(loaded, name=f"{payload.mass:g} kg payload", payload=payload))
 
 
 SCHEMA = "fuzzyarm-margins/1"
@@ -158,7 +154,7 @@ def measure_margins(config: MarginsConfig, progress: Callable[[], None] = lambda
         **made_now(config.command()),
         "method": {"control_period": CONTROL_PERIOD, "postures": linearisation.POSTURES, "gain_span": GAIN_SPAN},
         **described,
-        "conditions": [dataclasses.asdict(condition) for condition in conditions_for(arm)],
+        "conditions": [dataclasses.asdict(condition) for condition in _conditions_for(arm)],
         "rows": rows,
     }
 
@@ -199,7 +195,7 @@ def policy_margins(policy: Linearisable, parameters: AnyArm, control_period: flo
 
     return {
         "control_period": control_period,
-        "spectral_radius": {c.name: number_or_reason(c.name, partial(radius, c)) for c in conditions_for(parameters)},
+        "spectral_radius": {c.name: number_or_reason(c.name, partial(radius, c)) for c in _conditions_for(parameters)},
         "loop_gain": {key: number_or_reason(key, partial(limit, wanted)) for key, wanted in LIMITS.items()},
         "reasons": reasons,
     }
@@ -245,9 +241,7 @@ def margin_cells(rows: Sequence[dict[str, Any]]) -> tuple[list[str], list[list[s
 
 
 def _radius_cell(radius: float | None) -> str:
-    if radius is None:
-        return "-"
-    return f"{radius:.4f}{' unstable' if radius >= 1.0 else ''}"
+    return "-" if radius is None else f"{radius:.4f}{' unstable' if radius >= 1.0 else ''}"
 
 
 def margin_notes(document: dict[str, Any]) -> list[str]:

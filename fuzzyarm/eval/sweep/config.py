@@ -21,14 +21,14 @@ from fuzzyarm.eval.sweep.distributions import DISTRIBUTIONS, QUANTITIES, Distrib
 from fuzzyarm.fuzzy_policy.known_arm import joints_of
 from fuzzyarm.policies import ANY_ROBOT, recorded, resolve
 
-__all__ = ["SHOWN", "Axis", "QuantityRange", "SweepConfig"]
+__all__ = ["SHOWN", "Axis", "SweepConfig"]
 
 SHOWN = ("bound", "worst", "map")
 """Fields that decide only how results are shown: they change no episode."""
 _OPTIONS = {"policies": "policy", "cases": "case", "ranges": "range"}  # fields whose option has another name
 
 
-class QuantityRange(NamedTuple):
+class _QuantityRange(NamedTuple):
     """A range [low, high] that replaces the distribution's for one quantity."""
 
     quantity: str
@@ -86,7 +86,7 @@ class SweepConfig:
     plants: int = 1000
     seed: int = 0
     distribution: str = "loads"
-    ranges: tuple[QuantityRange, ...] = ()
+    ranges: tuple[_QuantityRange, ...] = ()
     grid: tuple[Axis, ...] = ()
     chunk: int = 500
     bound: float = 20.0
@@ -105,7 +105,7 @@ class SweepConfig:
             whole(name, getattr(self, name), low=low)
         real("bound", self.bound, "mm", above=0.0)
         choice("distribution", self.distribution, DISTRIBUTIONS)
-        for field, kind in (("ranges", QuantityRange), ("grid", Axis)):
+        for field, kind in (("ranges", _QuantityRange), ("grid", Axis)):
             object.__setattr__(self, field, _rows(field, getattr(self, field), kind))
         self._check_grid()
         self._check_map()

@@ -15,14 +15,14 @@ from matplotlib.lines import Line2D
 from matplotlib.patches import Patch
 
 from fuzzyarm.eval.evaluation.figures import policy_styles
-from fuzzyarm.eval.figure_files import MARKERS, figure_style, write_figure
+from fuzzyarm.eval.figure_files import MARKERS, figure_style, write_all
 from fuzzyarm.eval.sweep.config import SweepConfig
 from fuzzyarm.eval.sweep.distributions import column_label
 from fuzzyarm.eval.sweep.episodes import SweepResults
 
-__all__ = ["COLORS", "Cells", "draw_sweep", "write_sweep_figures"]
+__all__ = ["Cells", "draw_sweep", "write_sweep_figures"]
 
-COLORS = "viridis_r"  # ordered by lightness for any colour vision, and in grey: dark is bad
+_COLORS = "viridis_r"  # ordered by lightness for any colour vision, and in grey: dark is bad
 # Of cells where half or more of the plants ended early.
 _EARLY: dict[str, Any] = {"facecolor": "#BBBBBB", "hatch": "////", "edgecolor": "black"}
 _FINE, _COARSE = 1.0 / 40.0, 5.0  # ends of the colour scale, as shares of the bound of success
@@ -71,13 +71,10 @@ def write_sweep_figures(
     progress: Callable[[], None] = lambda: None,
 ) -> list[Path]:
     """Write every figure of `draw_sweep` as ``<name>.png`` and ``<name>.svg``, and return the paths."""
-    paths = list[Path]()
     with figure_style():
-        for name, figure in draw_sweep(config, results, rows).items():
-            # Windows allows no colon in a file's name; the label of the user's own code has one.
-            paths += write_figure(figure, folder, name.replace(":", "-"))
-            progress()
-    return paths
+        figures = draw_sweep(config, results, rows)
+    # Windows allows no colon in a file's name; the label of the user's own code has one.
+    return write_all({name.replace(":", "-"): figure for name, figure in figures.items()}, folder, progress)
 
 
 def draw_sweep(config: SweepConfig, results: SweepResults, rows: Sequence[dict[str, Any]]) -> dict[str, Figure]:
@@ -134,7 +131,7 @@ def _map(config: SweepConfig, policy: str, cells: Cells, medians: np.ndarray, no
     together = config.joints if config.grid else None
     across, up = (column_label(column, together=together).replace(" [", "\n[") for column in config.plane)
     for axes, case, errors in zip(panels, config.cases, medians, strict=True):
-        mesh = axes.pcolormesh(*cells.edges, np.where(np.isfinite(errors), errors, np.nan), norm=norm, cmap=COLORS)
+        mesh = axes.pcolormesh(*cells.edges, np.where(np.isfinite(errors), errors, np.nan), norm=norm, cmap=_COLORS)
         _draw_borders(axes, cells, errors, config.bound)
         axes.set(title=config.titles[case], xlabel=across)
         axes.grid(False)

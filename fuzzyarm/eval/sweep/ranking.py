@@ -14,6 +14,7 @@ from __future__ import annotations
 
 import dataclasses
 import functools
+import itertools
 import math
 from collections.abc import Sequence
 from pathlib import Path
@@ -100,14 +101,10 @@ def rank_sweeps(paths: Sequence[str | Path]) -> Leaderboard:
         OSError: a file cannot be read.
     """
     files = [path / SUMMARY if path.is_dir() else path for path in map(Path, paths)]
-    read = [
-        read_checked(
-            file, SCHEMA, f"make it again with fuzzyarm sweep --out {file.parent}", functools.partial(_read, file)
-        )
-        for file in files
-    ]
+    again = "make it again with fuzzyarm sweep --out {}"
+    read = [read_checked(one, SCHEMA, again.format(one.parent), functools.partial(_read, one)) for one in files]
     check_comparable(files, [conditions for _, conditions, _ in read], "sweep")
-    standings = [standing for own, _, _ in read for standing in own]
+    standings = itertools.chain(*(own for own, _, _ in read))
     return Leaderboard(sorted(standings, key=lambda standing: standing.order), read[0][2])
 
 

@@ -15,7 +15,7 @@ import hashlib
 import json
 import platform
 import re
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping
 from importlib.metadata import version
 from pathlib import Path
 from typing import Any
@@ -28,7 +28,7 @@ from fuzzyarm.common.checks import instance, listed, path_of
 from fuzzyarm.common.documents import read_bytes, read_checked
 from fuzzyarm.common.files import write_atomically
 from fuzzyarm.envs.scenario.cases import CASES, INSTANTS, Case
-from fuzzyarm.eval.declarations import declarations_of, permitted_code
+from fuzzyarm.eval.declarations import declarations_of, unrelated
 from fuzzyarm.eval.engine import Engine, source_of
 from fuzzyarm.eval.episodes.metrics import swept
 from fuzzyarm.eval.episodes.rollout import Rollout
@@ -126,7 +126,12 @@ class Sweep:
         if digest != digest_of(then):
             raise ValueError(f"{path} was changed after the sweep began: begin again in another folder")
         named = given.pop("policies", ())
-        _check_named(path, config, named)
+        others = unrelated(f"{path} names code", config.policies, named)
+        if others and [resolve(name).label for name in named] != config.labels:
+            raise ValueError(
+                f"{folder} holds a sweep with policies = {', '.join(config.policies)}, not {', '.join(named)}: "
+                "choose another --out"
+            )
         config = dataclasses.replace(config, **{name: given.pop(name) for name in SHOWN if name in given})
         if changed := difference(config.to_dict(), dataclasses.replace(config, **given).to_dict()):
             raise ValueError(f"{folder} holds a sweep with other settings ({changed}): choose another --out")
@@ -334,15 +339,3 @@ def difference(one: Mapping[str, Any], other: Mapping[str, Any]) -> str:
         elif then != now:  # of digests and versions the first characters are enough
             found.append(f"{listed([key])} {listed([then]):.20} and {listed([now]):.20}")
     return ", ".join(found)
-
-
-def _check_named(path: Path, config: SweepConfig, named: Sequence[str]) -> None:
-    """Check that the user has named all code that would be run, and no policy that is not in the sweep."""
-    code = permitted_code(f"{path} names code", config.policies, named)
-    labels = [resolve(name).label for name in named]
-    moved = [name for name in named if (spec := resolve(name)).path and not spec.named and spec.label in config.labels]
-    if labels != config.labels and set(named) - set(moved) - set(code):
-        raise ValueError(
-            f"{path.parent} holds a sweep with policies = {', '.join(config.policies)}, not {', '.join(named)}: "
-            "choose another --out"
-        )

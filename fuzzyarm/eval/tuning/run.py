@@ -15,9 +15,8 @@ from __future__ import annotations
 
 import contextlib
 import dataclasses
-import functools
 import os
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from contextlib import AbstractContextManager
 from pathlib import Path
 from typing import Any
@@ -28,7 +27,6 @@ from fuzzyarm.common.checks import path_of, truth
 from fuzzyarm.common.console import escaped
 from fuzzyarm.common.files import write_atomically
 from fuzzyarm.envs.physics.equations import IN_FOLDER, AnyArm, chosen_arm, robot_of
-from fuzzyarm.envs.physics.parameters import ArmParameters
 from fuzzyarm.envs.physics.rigid_body import inverse_dynamics
 from fuzzyarm.envs.physics.robot import shipped_robots
 from fuzzyarm.envs.scenario.default_reference import default_reference
@@ -36,12 +34,12 @@ from fuzzyarm.eval.engine import Engine
 from fuzzyarm.eval.provenance import current_provenance, json_text
 from fuzzyarm.eval.stability.margins import MarginsConfig, measure_margins
 from fuzzyarm.eval.tuning.finding import PERIOD, STEPS, Finding, read_finding, write_finding
-from fuzzyarm.eval.tuning.steps import FUZZY, ROBOT_STEPS, TWO_JOINT_STEPS, Context, Step
+from fuzzyarm.eval.tuning.steps import FUZZY, Context, steps_for
 from fuzzyarm.eval.tuning.summary import README, summary
 from fuzzyarm.policies.registry import ADAPTIVE_OBSERVER, COMPUTED_TORQUE, ELASTIC_OBSERVER, TIP
 from fuzzyarm.policies.tuned import NAME, SCHEMA, TunedLaws
 
-__all__ = ["NothingFound", "Tuned", "begin", "laws_of", "resumed_arm", "steps_for", "tune", "tune_arm"]
+__all__ = ["NothingFound", "Tuned", "begin", "resumed_arm", "tune", "tune_arm"]
 
 _MARGINS = "margins.json"
 _INSTANTS = 501  # of the path, at which the weight is held
@@ -60,11 +58,6 @@ class Tuned:
     laws: TunedLaws  # of the folder
     findings: tuple[Finding, ...]  # of the steps, in their order
     margins: dict[str, Any]  # the document of `measure_margins`
-
-
-def steps_for(arm: AnyArm) -> tuple[Step, ...]:
-    """Return the steps of tuning an arm."""
-    return TWO_JOINT_STEPS if isinstance(arm, ArmParameters) else ROBOT_STEPS
 
 
 def begin(arm: AnyArm, folder: Path) -> None:
@@ -127,17 +120,12 @@ def tune_arm(robot: Any, folder: str | os.PathLike[str], *, resume: bool = False
     return tune(arm, folder, engine=Engine(jobs=jobs))
 
 
-@contextlib.contextmanager
-def _no_bar(description: str, total: int) -> Iterator[Callable[..., None]]:
-    yield lambda *arguments, **named: None
-
-
 def tune(
     arm: AnyArm,
     folder: Path,
     *,
     engine: Engine,
-    bar: _Bar = _no_bar,
+    bar: _Bar = lambda text, total: contextlib.nullcontext(lambda **named: None),
     finished: Callable[[Finding], None] = lambda finding: None,
 ) -> Tuned:
     """Find what is missing in a folder of `begin` for its arm, and complete it; call `finished` with each finding.
@@ -146,10 +134,15 @@ def tune(
     """
     findings: dict[str, Finding] = {}
     for step in steps_for(arm):
-        finding = _kept(folder, step.policy, robot_of(arm).digest)
-        if finding is None:
+        finding = read_finding(folder, step.policy, robot_of(arm).digest)
+        file = f"{FUZZY}.json" if finding and finding.chosen and step.policy == FUZZY else "."
+        if finding is None or not (folder / file).exists():
             with bar(step.policy, step.total) as advance:
-                count = functools.partial(_repeat, advance)
+
+                def count(done: int, advance: Callable[..., None] = advance) -> None:
+                    for _ in range(done):
+                        advance()
+
                 finding = step.find(Context(arm, folder, engine, count, findings))
             write_finding(folder, finding)
         findings[step.policy] = finding
@@ -157,7 +150,7 @@ def tune(
     if all(finding.chosen is None for finding in findings.values()):
         reasons = "; ".join(f"{name}: {finding.notes[-1]}" for name, finding in findings.items() if finding.notes)
         raise NothingFound(f"no policy has stable gains for this arm ({reasons})")
-    laws = laws_of(arm, findings)
+    laws = _laws_of(arm, findings)
     write_atomically(folder / NAME, laws.to_json())
     with bar("margins", len(laws.policies)) as advance:
         margins = measure_margins(MarginsConfig(robot=str(folder)), advance)
@@ -167,19 +160,7 @@ def tune(
     return tuned
 
 
-def _kept(folder: Path, policy: str, digest: str) -> Finding | None:
-    """Return the finding of a step that is finished, its controller file with it."""
-    finding = read_finding(folder, policy, digest)
-    lost = policy == FUZZY and finding and finding.chosen and not (folder / f"{FUZZY}.json").is_file()
-    return None if lost else finding
-
-
-def _repeat(advance: Callable[..., None], done: int) -> None:
-    for _ in range(done):
-        advance()
-
-
-def laws_of(arm: AnyArm, findings: dict[str, Finding]) -> TunedLaws:
+def _laws_of(arm: AnyArm, findings: dict[str, Finding]) -> TunedLaws:
     """Return the laws that findings make, for the file of the folder."""
     chosen = {name: finding.chosen for name, finding in findings.items() if finding.chosen is not None}
     with_tip = (FUZZY, COMPUTED_TORQUE)

@@ -17,10 +17,7 @@ from scipy.stats import qmc
 
 from fuzzyarm.eval.engine import Engine
 
-__all__ = [
-    "WORTH", "Budget", "Costs", "Descent", "best_of", "descend", "found_weights", "rounded", "run_in_order",
-    "sobol_points",
-]  # fmt: skip
+__all__ = ["WORTH", "Budget", "Costs", "Descent", "best_of", "found_weights", "rounded", "run_in_order", "sobol_points"]
 
 WORTH = 0.01
 """Share of the first guess's objective by which others must be better."""
@@ -57,7 +54,7 @@ def sobol_points(box: Sequence[tuple[float, float]], count: int, seed: int) -> n
     return np.asarray(qmc.scale(qmc.Sobol(len(box), seed=seed).random(count), low, high))
 
 
-def descend(objective: Costs, start: np.ndarray, first_step: float, evaluations: int) -> Descent:
+def _descend(objective: Costs, start: np.ndarray, first_step: float, evaluations: int) -> Descent:
     """Return the best point that Nelder-Mead meets from `start` (n,); `first_step` is the edge of the first simplex."""
     best = Descent(tuple(start.tolist()), math.inf)
 
@@ -107,7 +104,7 @@ def found_weights(
     begins = [np.array(descent.point) for descent in (*best, *known[: int(budget.from_guess)])]
 
     def search(number: int) -> Descent:
-        return descend(objective_for(arm), begins[number], first_step, budget.evaluations)
+        return _descend(objective_for(arm), begins[number], first_step, budget.evaluations)
 
     descents = run_in_order(engine, search, len(begins), lambda done: advance(budget.evaluations * done))
     return best_of(known[0], [*known[1:], *descents]), known[0]

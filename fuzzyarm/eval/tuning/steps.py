@@ -40,8 +40,7 @@ from fuzzyarm.policies.registry import ADAPTIVE_OBSERVER, COMPUTED_TORQUE, ELAST
 from fuzzyarm.synthesis import DesignFailed, ScheduledSpecification, design, design_scheduled
 from fuzzyarm.synthesis.scheduled_design import ALPHAS
 
-__all__ = ["FUZZY", "ROBOT_STEPS", "RULES", "TWO_JOINT_STEPS", "Context", "Step", "found", "nothing_found"]
-
+__all__ = ["FUZZY", "RULES", "Context", "Step", "step", "steps_for"]
 
 RULES = 4
 """Rules of the fuzzy controller."""
@@ -78,34 +77,37 @@ def _measured_radii(policy: Linearisable, arm: AnyArm) -> dict[str, float | None
     return finite(policy_margins(policy, arm, PERIOD)["spectral_radius"])
 
 
-def nothing_found(arm: AnyArm, policy: str, rule: str, tried: int, reason: str) -> Finding:
-    """Return the finding that there are no numbers for a policy, and why."""
-    return Finding(SCHEMA, robot_of(arm).digest, policy, None, {}, {}, tried, rule, (reason,))
+class _NothingFound(Exception):
+    """There are no numbers for a policy: why, and the number of candidates that were assessed."""
 
 
-def found(
-    arm: AnyArm,
-    policy: str,
-    chosen: dict[str, float | None],
-    measured: Mapping[str, float | None],
-    radii: dict[str, float | None],
-    *,
-    tried: int,
-    rule: str,
-    notes: tuple[str, ...] = (),
-) -> Finding:
-    """Return a finding; without numbers where the loop is unstable in its nominal condition."""
-    nominal = radii.get("nominal")
-    if nominal is None or nominal >= 1.0:
-        return nothing_found(arm, policy, rule, tried, "With the best numbers its loop is unstable.")
-    return Finding(SCHEMA, robot_of(arm).digest, policy, chosen, finite(measured), radii, tried, rule, notes)
+_Found = tuple[dict[str, float | None], Mapping[str, float | None], dict[str, float | None], int, Sequence[str]]
+"""The fields `chosen`, `measured`, `radii`, `tried` and `notes` of a `Finding`."""
 
 
-def _fuzzy(context: Context) -> Finding:
+def step(policy: str, total: int, choose: Callable[[Context], _Found]) -> Step:
+    """Return the step that finds the numbers of a policy by the rule for its arm."""
+
+    def find(context: Context) -> Finding:
+        rule = _RULES["two joints" if isinstance(context.arm, ArmParameters) else "robots"][policy]
+        begin = SCHEMA, robot_of(context.arm).digest, policy
+        try:
+            chosen, measured, radii, tried, notes = choose(context)
+            nominal = radii.get("nominal")
+            if nominal is None or nominal >= 1.0:
+                raise _NothingFound("With the best numbers its loop is unstable.", tried)
+        except _NothingFound as error:
+            reason, tried = error.args
+            return Finding(*begin, None, {}, {}, tried, rule, (reason,))
+        return Finding(*begin, chosen, finite(measured), radii, tried, rule, tuple(notes))
+
+    return Step(policy, total, find)
+
+
+def _fuzzy(context: Context) -> _Found:
     """Choose α, γ and the fastest pole; write the controller file."""
     arm: ArmParameters = context.arm
-    rule = _RULES["two joints"][FUZZY]
-    row, tried, notes, assess = None, 0, [], functools.partial(fuzzy_gains.assess, arm, rules=RULES)
+    row, tried, notes, assess = None, 0, list[str](), functools.partial(fuzzy_gains.assess, arm, rules=RULES)
     for alpha in fuzzy_gains.ALPHAS:
         points = fuzzy_gains.points_of(arm, RULES, alpha)
         gentle, others = points[-len(fuzzy_gains.POLES) :], points[: -len(fuzzy_gains.POLES)]
@@ -119,45 +121,38 @@ def _fuzzy(context: Context) -> Finding:
             break
         notes.append(f"No design with alpha = {alpha:g} 1/s bears what is asked on the sampled elastic arm.")
     if row is None:
-        return nothing_found(arm, FUZZY, rule, tried, f"No design bears what is asked, down to alpha = {alpha:g} 1/s.")
+        raise _NothingFound(f"No design bears what is asked, down to alpha = {alpha:g} 1/s.", tried)
     chosen = {name: row[name] for name in ("alpha", "gamma", "fastest_pole")}
     controller = design(fuzzy_gains.specification_of(RULES, *chosen.values()), arm).controller
     controller.save(context.folder / f"{FUZZY}.json")
     names = ("case_1_joint_error_rms_mrad", "tip_deviation_mm", "radius_worst_condition", "gain_margin_upper")
     measured = {name: row[name] for name in (*names, "gain_margin_upper_1_sample_later")}
-    notes.append(fuzzy_gains.equals_in_words(made, row))
     policy = FuzzyPolicy(controller, PERIOD)
     bounds, without = measured_bounds(TipPolicy(policy), arm)
-    radii = _measured_radii(policy, arm)
-    measured |= bounds
-    return found(arm, FUZZY, chosen, measured, radii, tried=tried, rule=rule, notes=(*notes, *without))
+    notes += [fuzzy_gains.equals_in_words(made, row), *without]
+    return chosen, measured | bounds, _measured_radii(policy, arm), tried, notes
 
 
-def _bandwidth(context: Context) -> Finding:
+def _bandwidth(context: Context) -> _Found:
     """Choose ω."""
-    arm = context.arm
-    rule = _RULES["two joints"][COMPUTED_TORQUE]
-    omegas = bandwidth.BANDWIDTHS
+    arm, omegas = context.arm, bandwidth.BANDWIDTHS
     row = bandwidth.choice_of(context.run(functools.partial(bandwidth.assess, arm), omegas))
     if row is None:
         reason = f"No bandwidth from {omegas[0]:g} to {omegas[-1]:g} rad/s has these margins."
-        return nothing_found(arm, COMPUTED_TORQUE, rule, len(omegas), reason)
+        raise _NothingFound(reason, len(omegas))
     measured = {name: row[name] for name in ("joint_error_rms_mrad", "gain_margin_upper", "gain_margin_upper_delayed")}
     radii = _measured_radii(ComputedTorquePolicy(arm, PERIOD, row["bandwidth"]), arm)
-    chosen = {"bandwidth": row["bandwidth"]}
-    return found(arm, COMPUTED_TORQUE, chosen, measured, radii, tried=len(omegas), rule=rule)
+    return {"bandwidth": row["bandwidth"]}, measured, radii, len(omegas), ()
 
 
 def _searched(
     context: Context,
-    policy: str,
-    rule: str,
     search: Any,
     usual: Any,
     law: Callable[[Any], Linearisable],
     objective_for: Any,
     notes: tuple[str, ...] = (),
-) -> Finding:
+) -> _Found:
     """Return the weights that the `search` of a module finds from the guess `usual`, for the policy `law(weights)`."""
     points = sobol_points(list(search.BOX.values()), search.FULL.sobol, search.SEED)
     budget = search.SHORT
@@ -167,32 +162,29 @@ def _searched(
     try:
         radii = _measured_radii(law(weights), context.arm)
     except ValueError as error:
-        return nothing_found(context.arm, policy, rule, budget.total, f"There are no gains: {error}.")
+        raise _NothingFound(f"There are no gains: {error}.", budget.total) from None
     if best.cost >= search.UNFIT:
         notes = (*notes, "No weights have the margins that the rule asks for; these come nearest.")
     first = None if guess.cost >= search.UNFIT else guess.cost
     measured = {"objective_mm": best.cost, "objective_of_table_1_weights_mm": first}
-    chosen = dataclasses.asdict(weights)
-    return found(context.arm, policy, chosen, measured, radii, tried=budget.total, rule=rule, notes=notes)
+    return dataclasses.asdict(weights), measured, radii, budget.total, notes
 
 
-def _observer(context: Context) -> Finding:
+def _observer(context: Context) -> _Found:
     """Choose the weights of the elastic observer."""
-    rule = _RULES["two joints"][ELASTIC_OBSERVER]
-    law, objective_for = functools.partial(ElasticObserverPolicy, context.arm, PERIOD), observer_search.objective_for
-    return _searched(context, ELASTIC_OBSERVER, rule, observer_search, ObserverWeights(), law, objective_for)
+    law = functools.partial(ElasticObserverPolicy, context.arm, PERIOD)
+    return _searched(context, observer_search, ObserverWeights(), law, observer_search.objective_for)
 
 
-def _adaptive(context: Context) -> Finding:
+def _adaptive(context: Context) -> _Found:
     """Choose the weights of the adaptive observer."""
     arm = context.arm
-    rule = _RULES["two joints"][ADAPTIVE_OBSERVER]
     lawful = context.earlier.get(COMPUTED_TORQUE)
     omega = None if lawful is None or lawful.chosen is None else lawful.chosen["bandwidth"]
     try:
         adaptive_search.feasible_references(arm)
     except ValueError as error:
-        return nothing_found(arm, ADAPTIVE_OBSERVER, rule, 0, f"It was not tuned: {error}.")
+        raise _NothingFound(f"It was not tuned: {error}.", 0) from None
     note = (
         "Its margins are those of the loop with its adaptation frozen, which knows nothing of the change; it bears "
         "other loops by adapting to them, which is tried on random arms and not measured by a margin."
@@ -202,56 +194,42 @@ def _adaptive(context: Context) -> Finding:
         return AdaptiveObserverPolicy(arm, PERIOD, weights, TipPolicy(ComputedTorquePolicy(arm, PERIOD, omega)))
 
     objective_for = functools.partial(adaptive_search.objective_for, bandwidth=omega)
-    return _searched(context, ADAPTIVE_OBSERVER, rule, adaptive_search, AdaptiveWeights(), law, objective_for, (note,))
+    return _searched(context, adaptive_search, AdaptiveWeights(), law, objective_for, (note,))
 
 
-TWO_JOINT_STEPS = (
-    Step(FUZZY, len(fuzzy_gains.GAMMAS) * len(fuzzy_gains.POLES), _fuzzy),
-    Step(COMPUTED_TORQUE, len(bandwidth.BANDWIDTHS), _bandwidth),
-    Step(ELASTIC_OBSERVER, observer_search.SHORT.total, _observer),
-    Step(ADAPTIVE_OBSERVER, adaptive_search.SHORT.total, _adaptive),
-)
-"""The steps of the two-joint arm, in their order."""
-
-
-def _robot_fuzzy(context: Context) -> Finding:
+def _robot_fuzzy(context: Context) -> _Found:
     """Design a controller of the form "semidefinite"; write its file."""
     robot: Robot = context.arm
-    rule = _RULES["robots"][FUZZY]
     rules, tried, alpha = min(RULES, 2 ** (len(robot) - 1)), 0, None
     while True:
         try:
             controller = design_scheduled(ScheduledSpecification(rules=rules, alpha=alpha), robot).controller
         except (DesignFailed, ValueError) as error:
-            return nothing_found(robot, FUZZY, rule, tried + 1, f"There is no proven controller: {error}.")
+            raise _NothingFound(f"There is no proven controller: {error}.", tried + 1) from None
         radii, tried = _measured_radii(ScheduledPolicy(controller, PERIOD), robot), tried + 1
         context.advance(1)
         alpha = next((slower for slower in ALPHAS if slower < controller.alpha), None)
         if alpha is None or _worst(radii) < 1.0:
             break
     controller.save(context.folder / f"{FUZZY}.json")
-    chosen: dict[str, float | None] = {key: getattr(controller, key) for key in ("alpha", "gamma", "fastest_pole")}
-    return found(robot, FUZZY, chosen, {}, radii, tried=tried, rule=rule)
+    return {key: getattr(controller, key) for key in ("alpha", "gamma", "fastest_pole")}, {}, radii, tried, ()
 
 
-def _robot_bandwidth(context: Context) -> Finding:
+def _robot_bandwidth(context: Context) -> _Found:
     """Choose ω."""
     robot: Robot = context.arm
-    rule = _RULES["robots"][COMPUTED_TORQUE]
     omega, tried = bandwidth_for(robot, PERIOD), 1
     while True:
         radii = _measured_radii(ComputedTorquePolicy(robot, PERIOD, omega), robot)
         if omega <= STEP or _worst(radii) < 1.0:
-            break
+            return {"bandwidth": omega}, {}, radii, tried, ()
         omega, tried = omega - STEP, tried + 1
         context.advance(1)
-    return found(robot, COMPUTED_TORQUE, {"bandwidth": omega}, {}, radii, tried=tried, rule=rule)
 
 
-def _robot_observer(context: Context) -> Finding:
+def _robot_observer(context: Context) -> _Found:
     """Choose the weights of the elastic observer."""
     robot: Robot = context.arm
-    rule = _RULES["robots"][ELASTIC_OBSERVER]
     first = weights_for(robot, PERIOD)
     weights, radii, tried = first, _measured_radii(ElasticObserverPolicy(robot, PERIOD, first), robot), 1
     for factor in SOFTENINGS[1:]:
@@ -263,22 +241,25 @@ def _robot_observer(context: Context) -> Finding:
         context.advance(1)
         if _worst(slower_radii) < _worst(radii):
             weights, radii = slower, slower_radii
-    return found(robot, ELASTIC_OBSERVER, dataclasses.asdict(weights), {}, radii, tried=tried, rule=rule)
+    return dataclasses.asdict(weights), {}, radii, tried, ()
 
 
 def _worst(radii: dict[str, float | None]) -> float:
     return max(float("inf") if radius is None else radius for radius in radii.values())
 
 
-def _robot_adaptive(context: Context) -> Finding:
-    rule = _RULES["robots"][ADAPTIVE_OBSERVER]
-    return nothing_found(context.arm, ADAPTIVE_OBSERVER, rule, 0, "By its name it has those of Table 1, softened.")
+def _robot_adaptive(context: Context) -> _Found:
+    raise _NothingFound("By its name it has those of Table 1, softened.", 0)
 
 
-ROBOT_STEPS = (
-    Step(FUZZY, 1, _robot_fuzzy),
-    Step(COMPUTED_TORQUE, 1, _robot_bandwidth),
-    Step(ELASTIC_OBSERVER, 1, _robot_observer),
-    Step(ADAPTIVE_OBSERVER, 1, _robot_adaptive),
-)
-"""The steps of a robot, in their order."""
+def steps_for(arm: AnyArm) -> tuple[Step, ...]:
+    """Return the steps of tuning an arm, in their order."""
+    if not isinstance(arm, ArmParameters):
+        choices = (_robot_fuzzy, _robot_bandwidth, _robot_observer, _robot_adaptive)
+        return tuple(step(policy, 1, choose) for policy, choose in zip(_RULES["robots"], choices, strict=True))
+    return (
+        step(FUZZY, len(fuzzy_gains.GAMMAS) * len(fuzzy_gains.POLES), _fuzzy),
+        step(COMPUTED_TORQUE, len(bandwidth.BANDWIDTHS), _bandwidth),
+        step(ELASTIC_OBSERVER, observer_search.SHORT.total, _observer),
+        step(ADAPTIVE_OBSERVER, adaptive_search.SHORT.total, _adaptive),
+    )

@@ -5,8 +5,6 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import Any
 
-import numpy as np
-
 from fuzzyarm.envs.physics.equations import AnyArm
 from fuzzyarm.envs.physics.parameters import ArmParameters
 from fuzzyarm.envs.scenario.default_reference import default_reference
@@ -84,19 +82,14 @@ def summary(arm: AnyArm, folder: str, findings: Sequence[Finding], margins: dict
         if finding.chosen is not None and finding.unstable:
             parts.append(f"Not stable, as it is measured: {', '.join(finding.unstable)}.")
     headings, cells = margin_cells(margins["rows"])
-    parts += ["## Margins", _transposed(headings, cells), *margin_notes(margins), "## Proven", _proven(findings)]
+    head, *rows = (f"| {' | '.join(row)} |" for row in zip(headings, *cells, strict=True))  # a column for each policy
+    table = "\n".join([head, f"| --- |{' ---: |' * len(cells)}", *rows])
+    parts += ["## Margins", table, *margin_notes(margins), "## Proven", _proven(findings)]
     parts += [bounds_in_words(finding.policy + TIP, folder, finding.measured) for finding in findings]
     if not isinstance(arm, ArmParameters):
         parts.append("Of the tip nothing is proven: `fuzzyarm prove` knows the two-joint arm alone.")
     parts = [part for part in parts if part]
     return "\n\n".join(parts) + "\n"
-
-
-def _transposed(headings: Sequence[str], cells: Sequence[Sequence[str]]) -> str:
-    """Return a table with a column for each policy."""
-    table = np.array([headings, *cells]).T.tolist()
-    head, *rows = (f"| {' | '.join(row)} |" for row in table)
-    return "\n".join([head, f"| --- |{' ---: |' * len(cells)}", *rows])
 
 
 def _proven(findings: Sequence[Finding]) -> str:

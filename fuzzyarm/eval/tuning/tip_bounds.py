@@ -54,25 +54,22 @@ def largest_deviation(loops: Sequence[LocalLoop], arm: ArmParameters, periods: i
     return float(total.max())
 
 
-_PROVEN = {"table-1": "tip_bound_mm", "near": "tip_bound_near_mm"}
-"""Sets of plants around the arm, and the name of the bound in a finding [mm]."""
+_PROVEN = {"table-1": ("tip_bound_mm", "the arm itself"), "near": ("tip_bound_near_mm", "plants near it (set near)")}
+"""Sets of plants around the arm: the name of the bound in a finding [mm], and the set in words."""
 
 
 def measured_bounds(policy: Policy, arm: ArmParameters) -> tuple[dict[str, float | None], tuple[str, ...]]:
     """Return the bounds of a policy for an arm by the names of `_PROVEN`, None where there is none, with a sentence."""
     found: dict[str, float | None] = {}
     notes = []
-    for name, key in _PROVEN.items():
+    for name, (key, words) in _PROVEN.items():
         claim = TipClaim("the policy", "nominal", name, SETS[name], duration=default_reference(arm).duration)
         try:
             found[key] = 1e3 * find_bound(claim, policy=policy).largest
         except NoBound as error:
             found[key] = None
-            notes.append(f"No bound of the tip error is proven for {_NAMED[name]}: {str(error).split(': ', 1)[1]}.")
+            notes.append(f"No bound of the tip error is proven for {words}: {str(error).split(': ', 1)[1]}.")
     return found, tuple(notes)
-
-
-_NAMED = {"table-1": "the arm itself", "near": "plants near it (set near)"}
 
 
 def bounds_in_words(policy: str, folder: str, measured: dict[str, float | None]) -> str:
@@ -80,11 +77,11 @@ def bounds_in_words(policy: str, folder: str, measured: dict[str, float | None])
 
     The policy has this name in the folder of the tuning; `measured` is of its finding.
     """
-    bounds = {name: measured.get(key) for name, key in _PROVEN.items()}
-    known = {name: bound for name, bound in bounds.items() if bound is not None}
+    found = {name: measured.get(key) for name, (key, _) in _PROVEN.items()}
+    known = {name: bound for name, bound in found.items() if bound is not None}
     if not known:
         return ""
-    within = ", ".join(f"within {at_most(bound, 2)} mm for {_NAMED[name]}" for name, bound in known.items())
+    within = ", ".join(f"within {at_most(bound, 2)} mm for {_PROVEN[name][1]}" for name, bound in known.items())
     return (
         f"{policy}: tip {within}, proven at every sample of the default circle, for the elastic arm with sampled "
         f"control; `fuzzyarm prove --policy {folder}/{policy} --set {list(known)[-1]}` proves it again."

@@ -105,8 +105,8 @@ def test_below_a_micrometre_nobody_is_ranked_and_no_number_is_printed(write):
     assert [(rank, one.policy) for rank, one in zip(board.ranks, board.standings, strict=True)] == [
         (1, "a"), (1, "b"), (3, "c")
     ]  # fmt: skip
-    assert [row[2] for row in board.table().sheet.rows] == ["< 0.001", "< 0.001", "0.00120"]
-    assert all(row[3] == "< 0.001" for row in board.table().sheet.rows)
+    assert [row[2] for row in board.sheet.rows] == ["< 0.001", "< 0.001", "0.00120"]
+    assert all(row[3] == "< 0.001" for row in board.sheet.rows)
     assert board.standings[0].score.mean == pytest.approx(8e-4)
 
 

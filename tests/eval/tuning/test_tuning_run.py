@@ -19,11 +19,9 @@ def chose(policy, chosen, calls, radii=RADII):
     def find(context):
         calls.append(policy)
         context.advance(1)
-        return steps.found(
-            context.arm, policy, chosen, {"error": float("nan")}, radii, tried=3, rule="The smallest.", notes=()
-        )
+        return chosen, {"error": float("nan")}, radii, 3, ()
 
-    return steps.Step(policy, 3, find)
+    return steps.step(policy, 3, find)
 
 
 @pytest.fixture
