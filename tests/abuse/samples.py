@@ -41,7 +41,7 @@ from fuzzyarm.fuzzy_policy.scheduled import Premise, ScheduledController
 from fuzzyarm.fuzzy_policy.signed_files import digest_of
 from fuzzyarm.identification.excitation import Excitation, rehearsed
 from fuzzyarm.identification.log import Log, write_log
-from fuzzyarm.policies.registry import LAWS
+from fuzzyarm.policies.registry import COMPUTED_TORQUE, LAWS
 from fuzzyarm.policies.tip_bound import TipClaim, find_bound
 from fuzzyarm.policies.tip_cells import bounds_of_cells
 from fuzzyarm.policies.tip_files import save_bound, save_cells
@@ -185,7 +185,7 @@ def tuned(folder: Path) -> None:
     laws = TunedLaws(SCHEMA, robot_of(arm).digest, 1e-3, ("fuzzy-1", *LAWS), bandwidth=70.0, **weights)
     (folder / NAME).write_text(laws.to_json())
     digest = robot_of(arm).digest
-    one = finding.Finding(
+    one = finding.Finding(finding.SCHEMA, digest, COMPUTED_TORQUE, {"bandwidth": 70.0}, {}, {"nominal": 0.9}, 1, "One.")
         finding.SCHEMA, digest, "computed-torque", {"bandwidth": 70.0}, {}, {"nominal": 0.9}, 1, "One."
     )
     finding.write_finding(folder, one)
