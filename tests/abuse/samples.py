@@ -186,8 +186,6 @@ def tuned(folder: Path) -> None:
     (folder / NAME).write_text(laws.to_json())
     digest = robot_of(arm).digest
     one = finding.Finding(finding.SCHEMA, digest, COMPUTED_TORQUE, {"bandwidth": 70.0}, {}, {"nominal": 0.9}, 1, "One.")
-        finding.SCHEMA, digest, "computed-torque", {"bandwidth": 70.0}, {}, {"nominal": 0.9}, 1, "One."
-    )
     finding.write_finding(folder, one)
 
 
