@@ -12,7 +12,7 @@ from typing import Any
 
 import numpy as np
 
-from fuzzyarm.envs.batch.layout import Clock, Flags, Results, Scalars, Start, Totals, Vectors, layout_of
+from fuzzyarm.envs.batch.layout import Clock, Flags, Results, Start, StepScalars, StepVectors, Totals, layout_of
 from fuzzyarm.envs.batch.schedule import row_record
 from fuzzyarm.envs.control_step import Given, Moved, assessed_of, begun_of, control_step_of, reading_of
 from fuzzyarm.envs.observation import Observation
@@ -254,7 +254,7 @@ def _fill(array: Array) -> None:
 def _results(physics: Physics, moved: Moved, target: Any, time: Any, over: Any) -> Results:
     """Return the `Results`; `over` says whether the schedule is at its end."""
     found, state = moved.found, moved.state
-    vectors = Vectors(
+    vectors = StepVectors(
         tip=found.tip,
         tip_reference=target.position,
         q_motor=state.motor,
@@ -265,9 +265,9 @@ def _results(physics: Physics, moved: Moved, target: Any, time: Any, over: Any) 
         friction_torque=found.friction_torque,
         external_force=tuple(moved.force),
     )
-    scalars = Scalars(
+    scalars = StepScalars(
         time=time,
-        **{name: value for name, value in found._asdict().items() if name in Scalars._fields},
+        **{name: value for name, value in found._asdict().items() if name in StepScalars._fields},
         torque_clipped=moved.clipped,
         truncated=1.0 * ((moved.reason == 0.0) & over),
         reason=moved.reason,

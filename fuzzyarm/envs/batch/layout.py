@@ -23,8 +23,25 @@ from fuzzyarm.envs.physics.records import Physics, places, record_type
 from fuzzyarm.numbers.machine import WIDE
 
 __all__ = [
-    "CLOCK", "INFO", "SCALARS", "START", "VECTORS", "Clock", "Flags", "Layout", "Noise", "Results", "ResultsMemory",
-    "Room", "Scalars", "Start", "Totals", "Vectors", "by_rows", "in_blocks", "layout_of",
+    "CLOCK",
+    "INFO",
+    "SCALARS",
+    "START",
+    "VECTORS",
+    "Clock",
+    "Flags",
+    "Layout",
+    "Noise",
+    "Results",
+    "ResultsMemory",
+    "Room",
+    "Start",
+    "StepScalars",
+    "StepVectors",
+    "Totals",
+    "by_rows",
+    "in_blocks",
+    "layout_of",
 ]  # fmt: skip
 
 
@@ -79,15 +96,15 @@ SCALARS = (
 )
 """Results of one number each; flags are 0.0 or 1.0, the reason is a `Termination`."""
 
-Vectors: Any = record_type("Vectors", **dict.fromkeys(VECTORS, Any))
-Scalars: Any = record_type("Scalars", **dict.fromkeys(SCALARS, Any))
+StepVectors: Any = record_type("StepVectors", **dict.fromkeys(VECTORS, Any))
+StepScalars: Any = record_type("StepScalars", **dict.fromkeys(SCALARS, Any))
 
 
 class Results(NamedTuple):
     """What a control step leaves behind beside the observation."""
 
-    vectors: Any  # `Vectors`
-    scalars: Any  # `Scalars`
+    vectors: Any  # `StepVectors`
+    scalars: Any  # `StepScalars`
 
 
 class Flags(NamedTuple):
@@ -115,7 +132,7 @@ CLOCK, START = places(Clock), places(Start)  # where each number of the records 
 INFO = (*VECTORS, *SCALARS[: SCALARS.index("reward")], "in_domain", "torque_clipped")
 """The keys of `info`, the last two as flags; reward, truncated and reason have their own places."""
 
-_POINTS = ("tip", "tip_reference", "external_force")  # those of `Vectors` that have a number for each axis
+_POINTS = ("tip", "tip_reference", "external_force")  # those of `StepVectors` that have a number for each axis
 
 
 class Layout:
@@ -136,7 +153,7 @@ class Layout:
         self.observed, self.longest = PARTS * physics.joints, max(physics.joints, physics.axes)
         lengths = [physics.axes if name in _POINTS else physics.joints for name in VECTORS]
         stops = list(itertools.accumulate(lengths))
-        self.parts = Vectors(*(slice(stop - length, stop) for stop, length in zip(stops, lengths, strict=True)))
+        self.parts = StepVectors(*(slice(stop - length, stop) for stop, length in zip(stops, lengths, strict=True)))
         self.reported = stops[-1] + len(SCALARS)
 
     def __reduce__(self) -> tuple[Any, tuple[Physics]]:
