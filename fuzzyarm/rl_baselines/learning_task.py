@@ -280,10 +280,11 @@ class FuzzyArmLearnEnv(gym.Env[np.ndarray, np.ndarray]):
     That of `FuzzyArmEnv`, with its `reward_tracking` and `reward_effort`, which are not of this reward.
 
     ## Arguments
-    `hold` [s], `history`, `preview` (in holds) and `early_end` R [m], see `LearningTask` for the reason of each;
-    `case`, `disturbance`, `reference`, `parameters`, `robot` and `randomisation` as for `FuzzyArmEnv`. By default the
-    case is machining and episodes draw `learning_draws`; with a case, disturbance or reference of your own nothing is
-    drawn unless `randomisation` says so.
+    `history` (none by default: no single run gained by it), `preview` in holds (none: the fixed laws that a learner is
+    compared with see none), `early_end` R [m], and in place of the registered ones `features` and `action`, the
+    definitions of a policy's bundle. `case`, `disturbance`, `reference`, `parameters`, `robot` and `randomisation` are
+    those of `FuzzyArmEnv`. By default the case is machining and episodes draw `learning_draws`; with a case,
+    disturbance or reference of your own nothing is drawn unless `randomisation` says so.
 
     Examples:
         >>> env = FuzzyArmLearnEnv(case="payload")
