@@ -9,7 +9,7 @@ from rich.console import Console
 
 from fuzzyarm.common.console import Sheet
 from fuzzyarm.envs.physics.equations import AnyArm
-from fuzzyarm.policies import Kind, resolve
+from fuzzyarm.policies import Kind, recorded, resolve
 from fuzzyarm.policies.declared import HEADINGS, Declared, declared, declared_by_name, stated
 from fuzzyarm.policies.spec import PolicySpec
 
@@ -51,11 +51,12 @@ def unrelated(place: str, policies: Sequence[str], named: Sequence[str]) -> list
     """
     specs = list(map(resolve, policies))
     code, labels = [spec.name for spec in specs if spec.kind is Kind.CODE], [spec.label for spec in specs]
-    if flags := " ".join(f"--policy {name}" for name in code if name not in named):
+    permitted = set(map(recorded, named))
+    if flags := " ".join(f"--policy {name}" for name in code if recorded(name) not in permitted):
         raise ValueError(
             f"{place} that is not part of fuzzyarm, which a file alone does not get run; if you trust it, add {flags}"
         )
-    others = [spec for spec in map(resolve, named) if spec.name not in code]
+    others = [spec for spec in map(resolve, named) if recorded(spec.name) not in set(map(recorded, code))]
     return [one.name for one in others if one.kind is Kind.CODE or one.named or one.label not in labels]
 
 

@@ -15,6 +15,7 @@ from typing import Any
 
 import numpy as np
 
+from fuzzyarm.common.checks import instance
 from fuzzyarm.common.documents import read_bytes
 from fuzzyarm.envs.physics.equations import AnyArm, robot_of
 from fuzzyarm.envs.physics.parameters import ArmParameters
@@ -59,10 +60,13 @@ def sb3_policy(path: Path, robot: AnyArm, control_period: float) -> LearnedPolic
             f"{6 * joints} + {2 * joints} k, and its preview is nothing that a robot's controller sees"
         )
     mean, var, clip = _normaliser(path.with_suffix(".npz"), inputs)
-    network = Network(mean, np.sqrt(var + 1e-8), clip, weights, biases, activation, output, cell)
     named = robot_of(robot)
     arm = None if robot == ArmParameters() else ArmDefinition(named.name, named.digest)
-    bundle = PolicyBundle(learning_features(joints, 0 if plain else past), learning_action(robot), network, arm)
+    try:
+        network = Network(mean, np.sqrt(var + 1e-8), clip, weights, biases, activation, output, cell)
+        bundle = PolicyBundle(learning_features(joints, 0 if plain else past), learning_action(robot), network, arm)
+    except (TypeError, ValueError) as error:
+        raise ValueError(f"{path}: {error}") from None
     return LearnedPolicy(bundle, control_period, robot)
 
 
@@ -81,7 +85,7 @@ def _read(path: Path) -> tuple[dict[str, Any], dict[str, np.ndarray]]:
             parts = {name: archive.getinfo(name) for name in ("data", "policy.pth")}
             if any(part.file_size > _LARGEST for part in parts.values()):
                 raise ValueError(f"a part is larger than {_LARGEST} bytes")
-            data = json.loads(archive.read("data"))
+            data = instance("data", json.loads(archive.read("data")), dict)
             found = torch.load(io.BytesIO(archive.read("policy.pth")), map_location="cpu", weights_only=True)
         tensors = {name: tensor.numpy().astype(np.float32) for name, tensor in found.items()}
     except Exception as error:  # torch raises what it likes
@@ -100,17 +104,22 @@ def _layers(path: Path, tensors: dict[str, np.ndarray]) -> tuple[Any, Any, Cell 
         inside = (name.removeprefix(hidden).partition(".") for name in tensors if name.startswith(hidden))
         numbers = sorted(int(number) for number, _, part in inside if part == "weight" and number.isdigit())
         names = [f"{hidden}{number}." for number in numbers] + [last] * bool(last)
-        if not names or any(f"{name}weight" not in tensors for name in names):
+        if not numbers or any(_axes(tensors, name) != (2, 1) for name in names):
             continue
         cell, memory = None, [f"lstm_actor.{part}_l0" for part in ("weight_ih", "weight_hh", "bias_ih", "bias_hh")]
         if any(name.startswith("lstm_actor") for name in tensors):
-            if "lstm_actor.weight_ih_l1" in tensors:
-                raise ValueError(f"{path}: it has several layers of memory; one is read: {_ROUTE}")
+            if "lstm_actor.weight_ih_l1" in tensors or not set(memory) <= set(tensors):
+                raise ValueError(f"{path}: its memory is not one layer, as the default is: {_ROUTE}")
             x, h, a, b = (tensors[name] for name in memory)
             cell = Cell(x, h, a + b)
         weights, biases = (tuple(tensors[name + part] for name in names) for part in ("weight", "bias"))
         return weights, biases, cell, activation, output
     raise ValueError(f"{path}: its policy has none of the layers of an MlpPolicy or MlpLstmPolicy; {_ROUTE}")
+
+
+def _axes(tensors: dict[str, np.ndarray], name: str) -> tuple[int, ...]:
+    """Return how many axes weight and bias of a layer have; none that is missing."""
+    return tuple(tensors[name + part].ndim for part in ("weight", "bias") if name + part in tensors)
 
 
 def _normaliser(path: Path, inputs: int) -> tuple[np.ndarray, np.ndarray, float]:

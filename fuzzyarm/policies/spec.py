@@ -253,6 +253,8 @@ def file_digest(file: Path) -> str:
 
 def recorded(name: str) -> str:
     """Return the name of a policy as files of results hold it."""
+    if name.startswith(SB3):
+        return SB3 + recorded(name.removeprefix(SB3))
     path = Path(name)
     if not path.is_absolute():
         return name

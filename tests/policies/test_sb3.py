@@ -1,5 +1,7 @@
 """Models that stable-baselines3 has saved: their own `predict`, the normaliser beside, and what is refused."""
 
+import io
+import json
 import zipfile
 
 import gymnasium as gym
@@ -43,10 +45,22 @@ def test_a_saved_model_acts_as_it_does_in_its_own_library(kind, history, tmp_pat
         seen, *_ = env.step(action)
 
 
-def test_a_name_from_a_file_loads_no_zip(tmp_path):
+def test_a_name_from_a_file_loads_no_zip(tmp_path, capsys):
     saved(tmp_path)
+    name = f"sb3:{tmp_path / 'model.zip'}"
     with pytest.raises(ValueError, match="does not run"):
-        load_policy(f"sb3:{tmp_path / 'model.zip'}")
+        load_policy(name)
+    out = str(tmp_path / "results")
+    assert main(["evaluate", "--policy", name, "--case", "nominal", "--out", out]) in (0, 1)
+    assert json.loads((tmp_path / "results" / "results.json").read_text())["config"]["policies"] == ["sb3:model.zip"]
+    assert main(["evaluate", "--check", out]) == 2
+    assert "--policy sb3:model.zip" in capsys.readouterr().err
+    assert main(["evaluate", "--check", out, "--policy", name]) == 0
+
+
+def wider(weights):
+    """The first layer takes as many numbers, the second more than it gives."""
+    return {"mlp_extractor.policy_net.2.weight": weights["mlp_extractor.policy_net.2.weight"][:, :-1].clone()}
 
 
 def test_what_is_no_model_of_the_task_is_refused(tmp_path, capsys):
@@ -59,6 +73,16 @@ def test_what_is_no_model_of_the_task_is_refused(tmp_path, capsys):
 
     kwargs = {"activation_fn": torch.nn.ReLU}
     sb3.PPO("MlpPolicy", FuzzyArmLearnEnv(case="nominal"), n_steps=16, batch_size=16, policy_kwargs=kwargs).save(relu)
+    good = sb3.PPO("MlpPolicy", FuzzyArmLearnEnv(case="nominal"), n_steps=16, batch_size=16)
+    good.save(tmp_path / "good.zip")
+    bare, wide = tmp_path / "bare.zip", tmp_path / "wide.zip"
+    for path, change in ((bare, lambda w: w.pop("action_net.bias")), (wide, lambda w: w.update(wider(w)))):
+        with zipfile.ZipFile(tmp_path / "good.zip") as source, zipfile.ZipFile(path, "w") as archive:
+            weights = torch.load(io.BytesIO(source.read("policy.pth")), weights_only=True)
+            change(weights)
+            torch.save(weights, buffer := io.BytesIO())
+            archive.writestr("data", source.read("data"))
+            archive.writestr("policy.pth", buffer.getvalue())
     empty = tmp_path / "empty.zip"
     with zipfile.ZipFile(empty, "w") as archive:
         archive.writestr("data", "{}")
@@ -67,6 +91,8 @@ def test_what_is_no_model_of_the_task_is_refused(tmp_path, capsys):
         (empty, "no model that stable-baselines3 saved"),
         (other, "not in [-1, 1]"),
         (relu, "activation_fn"),
+        (bare, "none of the layers"),
+        (wide, "wide.zip: "),
         (tmp_path / "none.zip", "No such file"),
     ):
         assert main(["score", "--policy", f"sb3:{path}"]) == 2
