@@ -107,7 +107,7 @@ def pause(config: TrainingConfig) -> float:
 @contextlib.contextmanager
 def _training(config: TrainingConfig) -> Iterator[Training]:
     with tempfile.TemporaryDirectory() as folder:
-        yield Training(dataclasses.replace(config, tensorboard=False), Path(folder))
+        yield Training(config, Path(folder))
 
 
 def _learning(update: Callable[[], int], config: TrainingConfig) -> Measure:

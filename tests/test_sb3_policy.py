@@ -3,8 +3,10 @@
 import json
 from pathlib import Path
 
+import gymnasium as gym
 import numpy as np
 import pytest
+from gymnasium.wrappers.vector import RescaleAction
 
 pytest.importorskip("stable_baselines3")
 from stable_baselines3 import PPO
@@ -13,7 +15,7 @@ from stable_baselines3.common.vec_env import VecNormalize
 from fuzzyarm.cli import main
 from fuzzyarm.envs.fuzzy_arm import FuzzyArmEnv
 from fuzzyarm.envs.physics.parameters import ArmParameters
-from fuzzyarm.rl_baselines.sb3_vec_env import training_envs
+from fuzzyarm.rl_baselines.sb3_vec_env import StableBaselinesVecEnv
 
 NAME = "examples.sb3_policy:factory"
 
@@ -21,7 +23,8 @@ NAME = "examples.sb3_policy:factory"
 @pytest.fixture
 def saved(tmp_path, monkeypatch):
     """A model that has learned for a moment at 2 ms, its files, and the environment variables that name them."""
-    envs = VecNormalize(training_envs(2, control_period=2e-3))
+    arms = gym.make_vec("fuzzyarm:FuzzyArm-v0", num_envs=2, control_period=2e-3)
+    envs = VecNormalize(StableBaselinesVecEnv(RescaleAction(arms, -1, 1)))
     model = PPO("MlpPolicy", envs, n_steps=32, batch_size=64, n_epochs=1, seed=0, device="cpu")
     model.learn(64)
     model.save(tmp_path / "model.zip")

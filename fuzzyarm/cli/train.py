@@ -1,8 +1,8 @@
 """`fuzzyarm train ALGORITHM`: a command for each learning algorithm, and for regression, with its settings.
 
 The folder gets ``curve.csv`` (a row per update), ``checkpoint.pt``, the bundles ``policy`` (the last evaluated) and
-``best`` (the smallest tip error so far), and at the end ``run.json`` (wall and processor time); with tensorboard
-installed ``tensorboard`` too.
+``best`` (the smallest tip error so far), and at the end ``run.json`` (wall and processor time). The same
+command goes on where it was stopped.
 """
 
 from __future__ import annotations
@@ -17,7 +17,7 @@ from typing import TYPE_CHECKING, Annotated, Any, ClassVar
 
 from cyclopts import App, Parameter
 
-from fuzzyarm.cli.options import chosen, given, option_name, with_fields_of
+from fuzzyarm.cli.options import chosen, given, with_fields_of
 from fuzzyarm.cli.usage import UsageError, claimed_folder
 from fuzzyarm.common.console import progress, say, status
 from fuzzyarm.envs.scenario.cases import PAPER_CASES
@@ -38,11 +38,8 @@ class Options:
     algorithm: ClassVar[str]
 
     out: Annotated[Path, Parameter(metavar="DIR")]
-    """Folder of the run, made if needed"""
-    resume: bool = False
-    """Continue from the last checkpoint in --out, as the run was configured; the result is that of a run that was
-    never stopped. With a larger --total-timesteps a run goes on beyond its end: what was learned is kept bit for bit,
-    and the learning rate continues as if the new total had been the total from the beginning"""
+    """Folder of the run, made if needed. Where a run was stopped, the same command goes on, to the same bits; with a
+    larger --total-timesteps it goes on beyond the end, on the learning rate's line to the new total"""
     preset: Annotated[str | None, Parameter(metavar="NAME")] = None
     """The settings that the other options change"""
 
@@ -88,51 +85,37 @@ def run(options: Options | EstimateOptions) -> int:
     """Train a policy, or continue a training."""
     if isinstance(options, EstimateOptions):
         return _estimate(options)
-    config = None if options.resume else _config(options)
-    total = getattr(options, "total_timesteps", None) if options.resume else None
-    if options.resume:
-        names = [*(["preset"] if options.preset else []), *given(options, find_algorithm(options.algorithm).config)]
-        if flags := ", ".join(f"--{option_name(name)}" for name in names if name != "total_timesteps"):
-            raise UsageError(f"--resume continues the run as it was configured; leave out {flags}")
-    with claimed_folder(options.out, make=not options.resume):
-        train_with_progress(config, options.out, total, options.algorithm)
+    with claimed_folder(options.out):
+        train_with_progress(_config(options), options.out)
     say(f"written to {options.out / 'policy'}")
     return 0
 
 
-def train_with_progress(
-    config: TrainingConfig | None, folder: Path, total: int | None = None, algorithm: str | None = None
-) -> None:
-    """Train with a progress bar on the terminal and a line for every evaluation.
-
-    Without a configuration the training in the folder is resumed; `total` and `algorithm` as for `Training.resume`.
+def train_with_progress(config: TrainingConfig, folder: Path) -> None:
+    """Train with a progress bar on the terminal and a line for every evaluation; go on if the folder holds a training.
 
     Raises:
-        ValueError: the folder holds a training already, or none to resume, or the configuration is refused; or torch or
-            stable-baselines3 is not installed.
+        ValueError: the folder holds another training, or the configuration is refused; or torch or stable-baselines3 is
+            not installed.
         OSError: the folder cannot be written.
     """
     with _training_libraries():
-        from fuzzyarm.rl_baselines.training import CHECKPOINT, Training, tensorboard_installed
+        from fuzzyarm.rl_baselines.training import CHECKPOINT, Training
 
-        if config is not None and (folder / CHECKPOINT).exists():
-            raise ValueError(f"{folder} holds a training already; go on with --resume, or choose another folder")
         with status("compiling and loading"):
-            training = Training(config, folder) if config else Training.resume(folder, total, algorithm)
-    threads = training.config.threads
+            resumes = (folder / CHECKPOINT).exists()
+            training = Training.resume(config, folder) if resumes else Training(config, folder)
+    threads = config.threads
     title = f"training, {threads} {'thread' if threads == 1 else 'threads'}"
-    with progress(title, training.config.total_timesteps) as advance:
-        if training.config.tensorboard and not tensorboard_installed():
-            advance(
-                line='no TensorBoard logs: tensorboard is not installed (pip install -c constraints.txt -e ".[rl]")'
-            )
+    with progress(title, config.total_timesteps) as advance:
         first, began = training.algorithm.steps, time.perf_counter()
         advance(completed=first)
 
         def show(row: dict[str, Any]) -> None:
             rate = (row["steps"] - first) / (time.perf_counter() - began)
             line = f"{row['steps']:>11,} steps, {rate:,.0f}/s; largest tip error [mm]: {_errors(row)}"
-            description = f"{rate:,.0f} steps/s, tip error {row['tip_error_mm']:.2f} mm"
+            error = f", tip error {row['tip_error_mm']:.2f} mm" if "tip_error_mm" in row else ""
+            description = f"{rate:,.0f} steps/s{error}"
             advance(description, completed=row["steps"], line=line if _errors(row) else None)
 
         training.report = show
@@ -170,7 +153,7 @@ def _config(options: Options) -> TrainingConfig:
     if "robot" not in changed or "scale" in changed:
         return chosen(options, start)
     from fuzzyarm.envs.physics.equations import chosen_arm
-    from fuzzyarm.rl_baselines.learning_env import default_scale
+    from fuzzyarm.rl_baselines.training import default_scale
 
     scale = default_scale(chosen_arm(changed["robot"], None), changed.get("base", start.base) != "none")
     if len(scale) != len(start.scale):  # the preset's scales are for two joints

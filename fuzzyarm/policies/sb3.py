@@ -21,8 +21,8 @@ from fuzzyarm.envs.physics.equations import AnyArm, robot_of
 from fuzzyarm.envs.physics.parameters import ArmParameters
 from fuzzyarm.fuzzy_policy.known_arm import joints_of
 from fuzzyarm.fuzzy_policy.laws.learned.bundle import PolicyBundle
-from fuzzyarm.fuzzy_policy.laws.learned.definition import ArmDefinition
-from fuzzyarm.fuzzy_policy.laws.learned.features import learning_action, learning_features
+from fuzzyarm.fuzzy_policy.laws.learned.definition import ArmDefinition, learning_features
+from fuzzyarm.fuzzy_policy.laws.learned.features import learning_action
 from fuzzyarm.fuzzy_policy.laws.learned.network import Cell, Network
 from fuzzyarm.fuzzy_policy.laws.learned.policy import LearnedPolicy
 

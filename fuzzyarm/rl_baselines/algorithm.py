@@ -10,7 +10,7 @@ from fuzzyarm.rl_baselines.config import TrainingConfig
 
 if TYPE_CHECKING:
     from fuzzyarm.fuzzy_policy.laws.learned.network import Network
-    from fuzzyarm.rl_baselines.learning_env import LearningEnvs
+    from fuzzyarm.rl_baselines.sb3_vec_env import StableBaselinesVecEnv
 
 __all__ = ["Algorithm", "AlgorithmSpec"]
 
@@ -18,21 +18,21 @@ __all__ = ["Algorithm", "AlgorithmSpec"]
 class Algorithm(Protocol):
     """A learning algorithm in the middle of a training.
 
-    Between two calls of `update` nothing is under way: that is when the trainer evaluates the policy and writes
-    checkpoints. The trainer keeps the state of the environment and of the random generators of Python, NumPy and torch;
-    `state` is everything else that the next update depends on.
+    Between two of its updates, when it calls back, the trainer evaluates the policy and writes checkpoints. The trainer
+    keeps the state of the environment and of the random generators of Python, NumPy and torch; `state` is everything
+    else that the next update depends on.
     """
 
     @property
     def steps(self) -> int:
         """Environment steps done so far, of all lanes together."""
 
-    def update(self) -> dict[str, float]:
-        """Collect experience and learn from it once.
+    def learn(self, after_update: Callable[[dict[str, float]], None]) -> None:
+        """Go on until ``config.total_timesteps`` steps are done.
 
-        Returns:
-            Numbers for the curve, by the columns of `AlgorithmSpec.columns` and ``episode_reward``, ``episode_length``
-            [steps]; a column may be missing.
+        `after_update` is called after every update with numbers for the curve, by the columns of
+        `AlgorithmSpec.columns` and ``episode_reward``, ``episode_length`` [steps] and ``tip_error_mm`` of the episodes
+        that ended last; a column may be missing.
         """
 
     def network(self) -> Network:
@@ -68,6 +68,6 @@ class AlgorithmSpec:
     title: str
     config: type[TrainingConfig]
     presets: Mapping[str, TrainingConfig]
-    create: Callable[[Any, LearningEnvs], Algorithm]
+    create: Callable[[Any, StableBaselinesVecEnv], Algorithm]
     columns: tuple[str, ...] = ()
     libraries: tuple[str, ...] = ()

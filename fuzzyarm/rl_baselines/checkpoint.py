@@ -226,7 +226,7 @@ _STEPS, _MOST_STEPS = "step", 1e9  # below 0, and far beyond, Adam's corrections
 
 
 def check_learner(found: dict[str, Any], optimizers: Sequence[tuple[Any, Any, Sequence[torch.Tensor]]]) -> None:
-    """Check the numbers in a state of PPO, SAC or TQC, after `check_like` and `check_finite`.
+    """Check the numbers in a state of PPO, after `check_like` and `check_finite`.
 
     `optimizers` holds the state that was found of each, the optimiser, and its parameters in its order and shapes.
     TypeError or ValueError says where a number is out of range or does not fit.
@@ -236,9 +236,10 @@ def check_learner(found: dict[str, Any], optimizers: Sequence[tuple[Any, Any, Se
     for name in ("steps", "updates"):
         whole(f"learner.counters.{name}", found["counters"][name], high=2**62)
     for episode in found["episodes"]:
-        if set(instance("an episode", episode, dict)) != {"r", "l"}:
-            raise ValueError(f"learner.episodes holds {shown(episode)}; needed: r and l")
+        if set(instance("an episode", episode, dict)) != {"r", "l", "tip_error"}:
+            raise ValueError(f"learner.episodes holds {shown(episode)}; needed: r, l and tip_error")
         real("return of an episode", episode["r"])
+        real("tip error of an episode", episode["tip_error"], low=0.0)
         whole("length of an episode", episode["l"])
     for name in {"features", "returns"} & set(found["normaliser"]):
         moments = found["normaliser"][name]

@@ -10,51 +10,50 @@ import dataclasses
 from collections.abc import Mapping
 from typing import Any, Literal, Self, get_args
 
-from fuzzyarm.common.checks import choice, instance, real, truth, whole
+from fuzzyarm.common.checks import choice, instance, real, whole
 from fuzzyarm.common.documents import record
-from fuzzyarm.fuzzy_policy.laws.learned.definition import OBSERVER_BASE, ActionDefinition, FeatureDefinition
+from fuzzyarm.fuzzy_policy.laws.learned.definition import (
+    OBSERVER_BASE,
+    ActionDefinition,
+    FeatureDefinition,
+    learning_features,
+)
 
 __all__ = ["SEGMENT", "EstimateConfig", "TrainingConfig"]
 
 _Distribution = Literal["nominal", "robust"]
-_MOST_REFERENCES = 100_000
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
 class TrainingConfig:
     """What is trained on what, and how the run is kept; the text after each field says what it is.
 
+    The defaults are those of ``FuzzyArmLearn-v0``, whose reward and early end every training has.
+
     Raises:
         TypeError: a value is of the wrong type.
         ValueError: a value is out of range.
     """
 
-    distribution: _Distribution = "nominal"
-    """What episodes are drawn from: nominal is Case 1 on the paper's circle, or a robot's default path; robust draws
-    plant, payload 0-5 kg, tip force 0-218 N, both scaled to a robot, start and reference."""
-    references: int = 256
-    """In robust, the number of circles, lemniscates and lines, or of a robot's splines, that episodes are drawn from
-    (1 to 100000)."""
-    circles: int = 64
-    """In robust, how often the circle is listed beside these references (0 to 100000)."""
+    distribution: _Distribution = "robust"
+    """What episodes draw: robust is what FuzzyArmLearn-v0 draws, plant, payload, force, start and reference; nominal is
+    Case 1 on the paper's circle, or a robot's default path."""
     base: str = "none"
     """Policy whose target the action shifts, such as fuzzy-4-tip; none: actions are torques."""
     robot: str | None = None
     """Another arm: cicese, manutec-r3, planar-3r, ur5, panda, or the TOML file of a robot or of a two-joint arm."""
-    scale: tuple[float, ...] = (400.0, 180.0)
+    scale: tuple[float, ...] = (500.0, 250.0)
     """Largest action of each motor: torques [N m], or with a base and no gate angles [rad], of 0.5 at most. On the
-    command line, a robot with more joints has 0.8 of its torque limits, or 0.01 rad."""
+    command line, a robot with more joints has its torque limits, or 0.01 rad."""
     action_period: float = 0.002
     """Time for which an action is held [s], at most 0.1; it is the control period of the training."""
     smoothing_time: float = 0.0
     """Time constant of the low-pass filter on actions [s]; 0: no filter."""
-    tip_error_scale: float = 0.3
-    """Scale s of the training's reward [mm], which falls with ln(1 + tip error / s); 0: the environment's reward."""
-    past_errors: int = 2
+    past_errors: int = 0
     """Number of past errors among the features (0 to 100)."""
-    past_actions: int = 2
+    past_actions: int = 0
     """Number of past actions among the features (0 to 100)."""
-    integral_time: float = 0.1
+    integral_time: float = 0.0
     """Time constant of the leaky integral of the error [s]; 0: no integral."""
     elastic_target: bool = False
     """Count errors from the angles at which the motors of the unloaded arm belong, and add past excess torques to the
@@ -67,27 +66,22 @@ class TrainingConfig:
     innovation and the estimated load are features."""
     hidden: tuple[int, ...] = (64, 64)
     """Widths of the hidden layers of the network (1 to 1024 each)."""
-    total_timesteps: int = 8_000_000
+    total_timesteps: int = 6_000_000
     """Environment steps of the training, of all lanes together."""
-    lanes: int = 64
+    lanes: int = 256
     """Number of arms that are simulated at once (1 to 65536)."""
     seed: int = 0
     """Seed of everything that is random."""
     threads: int = 1
     """Threads of torch and of the environment (1 to 1024); networks this small learn fastest on one."""
-    evaluation_interval: int = 250_000
+    evaluation_interval: int = 500_000
     """Environment steps between two evaluations on the paper's three cases."""
     checkpoint_interval: int = 500_000
     """Environment steps between two checkpoints."""
-    tensorboard: bool = True
-    """Write TensorBoard logs too, if tensorboard is installed, which comes with the extra rl."""
 
     def __post_init__(self) -> None:
         choice("distribution", self.distribution, get_args(_Distribution))
-        whole("references", self.references, low=1, high=_MOST_REFERENCES)
-        whole("circles", self.circles, high=_MOST_REFERENCES)
         real("action_period", self.action_period, "s", above=0.0, high=0.1)
-        real("tip_error_scale", self.tip_error_scale, "mm", low=0.0)
         for width in instance("hidden", self.hidden, tuple):
             whole("hidden", width, low=1, high=1024)
         for name in ("total_timesteps", "evaluation_interval", "checkpoint_interval"):
@@ -95,7 +89,6 @@ class TrainingConfig:
         whole("lanes", self.lanes, low=1, high=65_536)
         whole("seed", self.seed, high=2**31 - 1)
         whole("threads", self.threads, low=1, high=1024)
-        truth("tensorboard", self.tensorboard)
         if self.robot is not None:
             instance("robot", self.robot, str)
         if instance("innovation_times", self.innovation_times, tuple) and self.base != OBSERVER_BASE:
@@ -107,7 +100,8 @@ class TrainingConfig:
     def features(self) -> FeatureDefinition:
         """What the policy sees."""
         same = ("past_errors", "past_actions", "integral_time", "elastic_target", "innovation_times")
-        return FeatureDefinition(joints=len(self.scale), **{name: getattr(self, name) for name in same})
+        registered = learning_features(len(self.scale))
+        return dataclasses.replace(registered, **{name: getattr(self, name) for name in same})
 
     @property
     def action(self) -> ActionDefinition:

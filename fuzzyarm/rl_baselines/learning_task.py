@@ -37,8 +37,8 @@ from fuzzyarm.envs.scenario.reference import Reference
 from fuzzyarm.envs.spec import made_from_json
 from fuzzyarm.envs.vector import RESET_MASK, FuzzyArmVectorEnv, masked, masked_lanes
 from fuzzyarm.fuzzy_policy.known_arm import joints_of
-from fuzzyarm.fuzzy_policy.laws.learned.definition import ActionDefinition, FeatureDefinition
-from fuzzyarm.fuzzy_policy.laws.learned.features import Base, Features, Lanes, learning_action, learning_features
+from fuzzyarm.fuzzy_policy.laws.learned.definition import ActionDefinition, FeatureDefinition, learning_features
+from fuzzyarm.fuzzy_policy.laws.learned.features import Base, Features, Lanes, learning_action
 from fuzzyarm.policies import load_policy
 
 __all__ = ["FuzzyArmLearnEnv", "FuzzyArmLearnVectorEnv", "learning_draws", "tracking_reward"]

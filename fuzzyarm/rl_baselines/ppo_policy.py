@@ -1,43 +1,71 @@
-"""The networks of PPO with a value function that sees what no sensor measures, and smooth actions in the loss.
-
-It sees the tip error, the links' errors from the reference, the tip force and what the episode drew: plant, load and
-start. Errors go through asinh, in units that resolve a tenth of a millimetre.
-"""
+"""The networks of PPO with a value function that sees what no sensor measures, and smooth actions in the loss."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping
 from typing import Any
 
+import gymnasium as gym
 import numpy as np
 import torch
 from stable_baselines3.common.policies import ActorCriticPolicy
 from stable_baselines3.common.torch_layers import MlpExtractor
+from stable_baselines3.common.vec_env import VecEnvWrapper
+from stable_baselines3.common.vec_env.base_vec_env import VecEnvStepReturn
 
-from fuzzyarm.envs.observation import observed
+from fuzzyarm.rl_baselines.sb3_vec_env import StableBaselinesVecEnv
 
-__all__ = ["NOISE", "GuidedPolicy", "plant_view"]
+__all__ = ["NOISE", "GuidedPolicy", "PlantView"]
+
+_TIP, _FORCE = 1e-4, 200.0  # m, N
 
 
-_TIP, _ANGLE, _VELOCITY, _FORCE = 1e-4, 1e-4, 1e-2, 200.0  # m, rad, rad/s, N
+class PlantView(VecEnvWrapper):
+    """Arms whose observations end with what no sensor measures, for a value function that is not shipped.
 
+    That is the tip's error, asinh((p - p_d)/0.1 mm), the links' bending from the motors and their velocities, the tip
+    force, and the numbers that the episode drew.
 
-def plant_view(info: Mapping[str, Any], observation: np.ndarray, which: Any = slice(None)) -> np.ndarray:
-    """Return what the plants of some lanes do (rows, numbers), each of order 1 but for what was drawn.
-
-    `info` is that of the whole batch, `observation` (rows, 5 n) that of the lanes `which`.
+    Attributes:
+        size: how many numbers that is.
     """
-    o = observed(observation)
-    parts = [
-        np.arcsinh((info["tip"] - info["tip_reference"])[which] / _TIP),
-        np.arcsinh((info["q_link"][which] - o.q_reference) / _ANGLE),
-        np.arcsinh((info["dq_link"][which] - o.dq_reference) / _VELOCITY),
-        info["external_force"][which] / _FORCE,
-    ]
-    drawn = info.get("randomisation", {})
-    names = [name for name in sorted(drawn) if not name.startswith("_")]
-    rows = (np.asarray(drawn[name], dtype=np.float64)[which] for name in names)
-    return np.hstack([*parts, *(row.reshape(len(observation), -1) for row in rows)])
+
+    def __init__(self, venv: StableBaselinesVecEnv) -> None:
+        venv.reset()  # shows which numbers there are
+        self.venv = venv
+        self.size = self._plant(slice(None)).shape[1]
+        full = (venv.observation_space.shape[0] + self.size,)
+        super().__init__(venv, gym.spaces.Box(-np.inf, np.inf, full))
+
+    def reset(self) -> np.ndarray:
+        """Begin an episode in every lane and return its observations (lanes, n)."""
+        return self._seen(self.venv.reset())
+
+    def step_wait(self) -> VecEnvStepReturn:
+        """Step every lane; the last observation of an ended episode shows its own plant."""
+        observation, rewards, dones, infos = self.venv.step_wait()
+        ended = np.flatnonzero(dones)
+        if len(ended):
+            last = self._plant(ended, self.venv.vector_info["final_info"])
+            for row, lane in enumerate(ended):
+                infos[lane]["terminal_observation"] = np.hstack([infos[lane]["terminal_observation"], last[row]])
+        return self._seen(observation), rewards, dones, infos
+
+    def _seen(self, observation: np.ndarray) -> np.ndarray:
+        return np.hstack([observation, self._plant(slice(None))])
+
+    def _plant(self, which: Any, info: Mapping[str, Any] | None = None) -> np.ndarray:
+        """Return the numbers of some lanes (rows, size), each of order 1 but for what was drawn."""
+        info = self.venv.vector_info if info is None else info
+        parts = [
+            np.arcsinh((info["tip"] - info["tip_reference"])[which] / _TIP),
+            np.arcsinh((info["q_link"] - info["q_motor"])[which] / 1e-4),
+            np.arcsinh(info["dq_link"][which] / 1e-2),
+            info["external_force"][which] / _FORCE,
+        ]
+        drawn = info.get("randomisation", {})
+        rows = [np.asarray(drawn[name], dtype=np.float64)[which] for name in sorted(drawn) if not name.startswith("_")]
+        return np.hstack([*parts, *(row.reshape(len(parts[0]), -1) for row in rows)]).astype(np.float32)
 
 
 NOISE = 0.05

@@ -9,32 +9,27 @@ from typing import Any
 import gymnasium as gym
 import numpy as np
 from gymnasium.vector import AutoresetMode, VectorEnv
-from gymnasium.wrappers.vector import RescaleAction
 from stable_baselines3.common.monitor import Monitor
 from stable_baselines3.common.vec_env import VecEnv
 from stable_baselines3.common.vec_env.base_vec_env import VecEnvIndices, VecEnvStepReturn
 
 from fuzzyarm.envs.batch.lanes import checked_arrays
-from fuzzyarm.envs.vector import FuzzyArmVectorEnv
+from fuzzyarm.rl_baselines.learning_task import FuzzyArmLearnVectorEnv
 
-__all__ = ["StableBaselinesVecEnv", "training_envs"]
+__all__ = ["StableBaselinesVecEnv", "learning_envs"]
 
 
-def training_envs(num_envs: int, **arguments: Any) -> StableBaselinesVecEnv:
-    """Return ``FuzzyArm-v0`` in `num_envs` lanes with actions in [-1, 1], for stable-baselines3.
+_OWN_STATE = ("returns", "errors", "lengths")
 
-    The other arguments are those of `FuzzyArmVectorEnv`, say ``case="machining"`` or ``randomisation="robust"``. Call
-    ``torch.set_num_threads(1)`` before learning: by default torch takes a thread per core, and for networks of a few
-    hundred weights a layer the threads wait for each other much longer than they compute.
+
+def learning_envs(num_envs: int, **arguments: Any) -> StableBaselinesVecEnv:
+    """Return ``FuzzyArmLearn-v0`` in `num_envs` lanes for stable-baselines3.
+
+    The other arguments are those of `FuzzyArmLearnVectorEnv`. Call ``torch.set_num_threads(1)`` before learning: by
+    default torch takes a thread per core, and for networks of a few hundred weights a layer the threads wait for each
+    other much longer than they compute.
     """
-    return StableBaselinesVecEnv(_RescaledActions(FuzzyArmVectorEnv(num_envs, **arguments), -1, 1))
-
-
-class _RescaledActions(RescaleAction[Any, Any, Any, Any]):
-    """`RescaleAction` for the whole batch at once; Gymnasium's own loop over the lanes takes longer than their step."""
-
-    def actions(self, actions: Any) -> np.ndarray:
-        return np.asarray(self.wrapper.func(np.asarray(actions)), dtype=self.env.action_space.dtype)
+    return StableBaselinesVecEnv(FuzzyArmLearnVectorEnv(num_envs, **arguments))
 
 
 class StableBaselinesVecEnv(VecEnv):
@@ -42,12 +37,12 @@ class StableBaselinesVecEnv(VecEnv):
 
     A step is one call for the whole batch; Python looks only at those lanes one by one whose episode ends. Their info
     holds ``terminal_observation``, ``TimeLimit.truncated``, ``episode`` (return ``r``, length ``l`` and seconds ``t``
-    since the start, as `Monitor` gives them) and, if the episode was terminated, ``reason``. The running lanes share
-    one empty info.
+    since the start, as `Monitor` gives them, and the mean ``tip_error`` [m]) and, if it was terminated, ``reason``. The
+    running lanes share one empty info.
 
     Args:
         envs: ``gym.make_vec("FuzzyArm-v0", num_envs=64)``, or that in wrappers, which nobody else may step from then
-            on; `training_envs` makes it with actions in [-1, 1].
+            on; `learning_envs` makes it for ``FuzzyArmLearn-v0``.
 
     Raises:
         ValueError: the environment does not reset itself within the step.
@@ -63,6 +58,7 @@ class StableBaselinesVecEnv(VecEnv):
         self.envs = envs
         self.vector_info: dict[str, Any] = {}
         self._returns, self._lengths = np.zeros(envs.num_envs), np.zeros(envs.num_envs, dtype=np.int64)
+        self._errors = np.zeros(envs.num_envs)  # sums of the tip errors of the running episodes [m]
         self._start = time.perf_counter()
         self._actions: np.ndarray | None = None
         super().__init__(envs.num_envs, envs.single_observation_space, envs.single_action_space)
@@ -73,7 +69,7 @@ class StableBaselinesVecEnv(VecEnv):
         observation, self.vector_info = self.envs.reset(seed=seeds, options=self._joint_options())
         self._reset_seeds()
         self._reset_options()
-        self._returns[:], self._lengths[:] = 0.0, 0
+        self._returns[:], self._errors[:], self._lengths[:] = 0.0, 0.0, 0
         self.reset_infos: list[dict[str, Any]] = [{}] * self.num_envs
         return np.asarray(observation)
 
@@ -87,25 +83,28 @@ class StableBaselinesVecEnv(VecEnv):
         dones = terminated | truncated
         self._returns += rewards
         self._lengths += 1
+        final = self.vector_info.get("final_info", self.vector_info)
+        self._errors += np.where(dones, final["tip_error"], self.vector_info["tip_error"])
         infos: list[dict[str, Any]] = [{}] * self.num_envs
         for lane in np.flatnonzero(dones).tolist():
             infos[lane] = self._final_info(lane, bool(truncated[lane] and not terminated[lane]))
-        self._returns[dones], self._lengths[dones] = 0.0, 0
+        self._returns[dones], self._errors[dones], self._lengths[dones] = 0.0, 0.0, 0
         return observation, rewards.astype(np.float32), dones, infos
 
     def get_state(self) -> dict[str, np.ndarray]:
         """Return the state of every lane, see `FuzzyArmVectorEnv.get_state`, with its return and length so far."""
         state = _attribute(self.envs, "get_state")()
-        return {**state, "returns": self._returns.copy(), "lengths": self._lengths.copy()}
+        return {**state, **{name: getattr(self, f"_{name}").copy() for name in _OWN_STATE}}
 
     def set_state(self, state: dict[str, np.ndarray]) -> None:
         """Continue from the state of an environment made with the same arguments; `step` comes next, not `reset`.
 
         TypeError or ValueError, and no change: the state does not fit, see `FuzzyArmVectorEnv.set_state`.
         """
-        own = checked_arrays(state, {"returns": self._returns, "lengths": self._lengths})
-        _attribute(self.envs, "set_state")(state)
-        self._returns, self._lengths = own["returns"], own["lengths"]
+        own = checked_arrays(state, {name: getattr(self, f"_{name}") for name in _OWN_STATE})
+        _attribute(self.envs, "set_state")({name: array for name, array in state.items() if name not in own})
+        for name, array in own.items():
+            setattr(self, f"_{name}", array)
 
     def close(self) -> None:
         """Close the environment."""
@@ -132,11 +131,14 @@ class StableBaselinesVecEnv(VecEnv):
         return [None] * self.num_envs
 
     def _final_info(self, lane: int, out_of_time: bool) -> dict[str, Any]:
-        elapsed = round(time.perf_counter() - self._start, 6)
+        elapsed, length = round(time.perf_counter() - self._start, 6), int(self._lengths[lane])
         info = {
             "terminal_observation": self.vector_info["final_obs"][lane],
             "TimeLimit.truncated": out_of_time,
-            "episode": {"r": float(self._returns[lane]), "l": int(self._lengths[lane]), "t": elapsed},
+            "episode": {
+                **{"r": float(self._returns[lane]), "l": length, "t": elapsed},
+                "tip_error": float(self._errors[lane]) / length,
+            },
         }
         reasons = self.vector_info["final_info"].get("reason")
         if reasons is not None and reasons[lane] is not None:

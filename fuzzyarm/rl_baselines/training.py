@@ -7,8 +7,6 @@ form in which it is shipped. A training that was killed and resumed gives the sa
 
 from __future__ import annotations
 
-import dataclasses
-import importlib.util
 import json
 import math
 import shutil
@@ -21,11 +19,18 @@ from typing import Any
 
 import numpy as np
 
+from fuzzyarm.common.checks import shown
 from fuzzyarm.common.files import csv_text, write_atomically
-from fuzzyarm.envs.physics.equations import chosen_arm, robot_of
+from fuzzyarm.envs.physics.equations import AnyArm, argument_of, chosen_arm, robot_of
+from fuzzyarm.envs.physics.parameters import ArmParameters
 from fuzzyarm.envs.scenario.cases import PAPER_CASES
+from fuzzyarm.fuzzy_policy.known_arm import joints_of, per_joint_of
 from fuzzyarm.fuzzy_policy.laws.learned.bundle import BEST, LAST, PolicyBundle
+from fuzzyarm.fuzzy_policy.laws.learned.definition import ArmDefinition
 from fuzzyarm.fuzzy_policy.laws.learned.policy import LearnedPolicy
+from fuzzyarm.fuzzy_policy.policy import Policy
+from fuzzyarm.policies.registry import known_names
+from fuzzyarm.policies.spec import load_policy, resolve
 from fuzzyarm.rl_baselines.algorithms import algorithm_of, find_algorithm
 from fuzzyarm.rl_baselines.case_evaluation import COLUMNS, evaluate_cases
 from fuzzyarm.rl_baselines.checkpoint import (
@@ -39,14 +44,14 @@ from fuzzyarm.rl_baselines.checkpoint import (
     write_checkpoint,
 )
 from fuzzyarm.rl_baselines.config import TrainingConfig
-from fuzzyarm.rl_baselines.learning_env import arm_definition, arm_of, base_of, learning_envs
+from fuzzyarm.rl_baselines.sb3_vec_env import StableBaselinesVecEnv, learning_envs
 
-__all__ = ["CHECKPOINT", "Training", "tensorboard_installed"]
+__all__ = ["CHECKPOINT", "Training", "default_scale", "envs_of"]
 
 CHECKPOINT = "checkpoint.pt"
 """File of the last checkpoint in the folder of a training."""
 
-_CURVE, _TENSORBOARD = "curve.csv", "tensorboard"
+_CURVE = "curve.csv"
 _TIMES = "run.json"  # apart from the bundles, which are the same for every run with the same seed
 _EVALUATION_PERIOD = 1e-3  # s, control period of the environment in which policies are compared
 
@@ -74,44 +79,50 @@ class Training:
         self.rows: list[dict[str, Any]] = []
         self.best = math.inf
         self._earlier, self._begun = (0.0, 0.0), _clocks()  # times of the runs before this one, up to their checkpoint
-        self._spec, self.arm = algorithm_of(config), arm_of(config)
-        self.envs = learning_envs(config, base_of(config, self.arm, config.action_period))
-        self._evaluation_base = base_of(config, self.arm, _EVALUATION_PERIOD)
+        self._spec, self.arm = algorithm_of(config), chosen_arm(config.robot, None)
+        self._base: Policy | None = None  # as it is evaluated
+        if config.base != "none":
+            if not resolve(config.base).named:  # a bundle names its base, not what is in a file
+                names = ", ".join(known_names())
+                raise ValueError(f"base = {shown(config.base)} is not the name of a policy; choose from: {names}")
+            self._base = load_policy(config.base, control_period=_EVALUATION_PERIOD, robot=self.arm)
+        self.envs = envs_of(config)
         self.algorithm = self._spec.create(config, self.envs)
-        self._writer: Any = None
         self._shipped_policy()  # refuses before the training what could not be shipped after it
 
     @classmethod
-    def resume(cls, folder: Path, total_timesteps: int | None = None, algorithm: str | None = None) -> Training:
+    def resume(cls, config: TrainingConfig, folder: Path) -> Training:
         """Return the training of a folder as it was at its last checkpoint.
 
-        Args:
-            folder: of the training.
-            total_timesteps: environment steps to go on to, also of a training that has reached its end; None: as many
-                as it was configured for. What is done keeps its bits. A schedule over the training, such as the
-                learning rate of PPO, continues as if this had been the total from the beginning: it may jump here.
-            algorithm: name of the algorithm that it must be of; None: any.
+        `config` must be the one that the training began with, but for `total_timesteps`: with a larger one the training
+        goes on beyond its end, and what is done keeps its bits. A schedule over the training, such as the learning rate
+        of PPO, continues as if this had been the total from the beginning: it may jump here.
 
         Raises:
-            CheckpointError: there is no checkpoint, it is damaged, of another algorithm or arm, or it does not fit.
+            CheckpointError: there is no checkpoint, it is damaged, of another algorithm, arm or configuration, or it
+                does not fit.
             ValueError: more steps than `total_timesteps` are done already.
         """
         found = read_checkpoint(folder / CHECKPOINT)
         try:
-            config, done = find_algorithm(found["algorithm"]).config.from_dict(found["config"]), found["steps"]
+            begun, done = find_algorithm(found["algorithm"]).config.from_dict(found["config"]), found["steps"]
         except (KeyError, TypeError, ValueError) as error:
             raise CheckpointError(f"{folder / CHECKPOINT} is of another version: {error}; start again") from None
-        if algorithm not in (None, name := found["algorithm"]):
+        if type(begun) is not type(config):
+            raise CheckpointError(f"{folder} holds a training with {found['algorithm']}; choose another folder")
+        was, now = begun.to_dict(), config.to_dict()
+        other = [name for name in {**was, **now} if name != "total_timesteps" and was.get(name) != now.get(name)]
+        if other:
+            name = other[0]
             raise CheckpointError(
-                f"{folder} holds a training with {name}, not {algorithm}: fuzzyarm train {name} --resume"
+                f"{folder} holds a training with {name} = {shown(was.get(name))}, not {shown(now.get(name))}: give the "
+                "options with which it began, or choose another folder"
             )
-        if total_timesteps is not None:
-            config = dataclasses.replace(config, total_timesteps=total_timesteps)
-            if total_timesteps < done:
-                raise ValueError(
-                    f"total_timesteps = {total_timesteps} is below the {done} steps that {folder} has done already; "
-                    "give a larger number, or start another training"
-                )
+        if config.total_timesteps < done:
+            raise ValueError(
+                f"total_timesteps = {config.total_timesteps} is below the {done} steps that {folder} has done already; "
+                "give a larger number, or start another training"
+            )
         try:
             if robot_of(chosen_arm(config.robot, None)).digest != found["arm"]:
                 raise CheckpointError(
@@ -145,23 +156,17 @@ class Training:
         _remove_leftovers(self.folder)
         # The rows that a killed run wrote after its last checkpoint are dropped here; they are computed again.
         write_atomically(self.folder / _CURVE, self._csv(self.rows, header=True))
-        if self.config.tensorboard and tensorboard_installed():
-            from torch.utils.tensorboard.writer import SummaryWriter
-
-            self._writer = SummaryWriter(str(self.folder / _TENSORBOARD), purge_step=self.algorithm.steps + 1)
         if self.algorithm.steps < self.config.total_timesteps:
             self._train()
             wall, cpu = self._elapsed()
             times = {"wall_time_s": round(wall, 1), "cpu_time_s": round(cpu, 1)}
             write_atomically(self.folder / _TIMES, json.dumps(times, indent=1) + "\n")
-        if self._writer is not None:
-            self._writer.close()
         self.envs.close()
         return self.bundle()
 
     def bundle(self) -> PolicyBundle:
         """Return the policy of this moment as it is shipped."""
-        config, spec = self.config, self._spec
+        config, spec, robot = self.config, self._spec, robot_of(self.arm)
         return PolicyBundle(
             features=config.features,
             action=config.action,
@@ -170,27 +175,26 @@ class Training:
             seed=config.seed,
             curve=[row for row in self.rows if COLUMNS[0] in row],
             versions={name: version(name) for name in ("fuzzyarm", "numpy", *spec.libraries, "gymnasium", "llvmlite")},
-            arm=arm_definition(self.arm),
+            arm=None if self.arm == ArmParameters() else ArmDefinition(robot.name, robot.digest),
         )
 
     def _train(self) -> None:
-        """Update the algorithm until all steps are done."""
+        """Let the algorithm learn until all steps are done."""
         try:
             if self.algorithm.steps == 0:
                 self._write_checkpoint()  # so that there is always one to resume from; a full disk is noticed here
-            while self.algorithm.steps < self.config.total_timesteps:
-                before = self.algorithm.steps
-                self._after_update(before, self.algorithm.update())
+            self.algorithm.learn(self._after_update)
         except OSError as error:
             if error.filename == str(self.folder / CHECKPOINT):
                 raise  # its message already says what is left
             text = f"{error.strerror or error}; {CHECKPOINT} is intact: free some space and resume"
             raise OSError(error.errno, text, error.filename or str(self.folder)) from None
 
-    def _after_update(self, before: int, learned: dict[str, float]) -> None:
-        """Write the row of an update after so many steps, with an evaluation and a checkpoint if they are due."""
+    def _after_update(self, learned: dict[str, float]) -> None:
+        """Write the row of an update, with an evaluation and a checkpoint if they are due."""
         steps, config = self.algorithm.steps, self.config
-        row: dict[str, Any] = {"steps": steps, "tip_error_mm": 1e3 * self.envs.take_mean_tip_error(), **learned}
+        before = self.rows[-1]["steps"] if self.rows else 0
+        row: dict[str, Any] = {"steps": steps, **learned}
 
         def due(interval: int) -> bool:
             return steps >= config.total_timesteps or steps // interval > before // interval
@@ -201,9 +205,6 @@ class Training:
         self.rows.append(row)
         with open(self.folder / _CURVE, "a", encoding="utf-8", newline="") as file:
             file.write(self._csv([row]))
-        if self._writer is not None:
-            for name, value in row.items():
-                self._writer.add_scalar(name, value, steps)
         if evaluated:
             self._ship(row)
         if due(config.checkpoint_interval):
@@ -212,7 +213,7 @@ class Training:
 
     def _shipped_policy(self) -> LearnedPolicy:
         """Return the policy as it is evaluated: from its bundle, at the period of the comparison."""
-        return LearnedPolicy(self.bundle(), _EVALUATION_PERIOD, self.arm, self._evaluation_base)
+        return LearnedPolicy(self.bundle(), _EVALUATION_PERIOD, self.arm, self._base)
 
     def _ship(self, row: dict[str, Any]) -> None:
         """Write the bundle as the last one, and as the best one if it is.
@@ -254,13 +255,24 @@ class Training:
         return csv_text(rows, columns, header=header)
 
 
+def envs_of(config: TrainingConfig) -> StableBaselinesVecEnv:
+    """Return ``FuzzyArmLearn-v0`` with the lanes, features, actions and arm of a configuration."""
+    arm = chosen_arm(config.robot, None)
+    if len(config.scale) != (joints := joints_of(arm)):
+        raise ValueError(f"scale = {list(config.scale)} must be {joints} numbers, one for each joint of the arm")
+    arguments = {**argument_of(arm), **({"case": "nominal"} if config.distribution == "nominal" else {})}
+    return learning_envs(
+        config.lanes, features=config.features, action=config.action, threads=config.threads, **arguments
+    )
+
+
+def default_scale(arm: AnyArm, base: bool) -> tuple[float, ...]:
+    """Return the default largest actions (joints,): shifts of 0.01 rad with a base, else the torque limits [N m]."""
+    return (0.01,) * joints_of(arm) if base else tuple(per_joint_of(arm, "torque_limit").tolist())
+
+
 def _clocks() -> tuple[float, float]:
     return time.perf_counter(), time.process_time()  # s
-
-
-def tensorboard_installed() -> bool:
-    """Return whether TensorBoard logs can be written."""
-    return importlib.util.find_spec("tensorboard") is not None
 
 
 def _remove_leftovers(folder: Path) -> None:

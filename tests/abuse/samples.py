@@ -69,7 +69,6 @@ SMALL_TRAINING: dict[str, Any] = {
     "hidden": (4,),
     "evaluation_interval": 10**6,
     "checkpoint_interval": 64,
-    "tensorboard": False,
 }
 _MODULE = "import os\nos.mkdir({!r})\n\ndef make():\n    return None\n"
 

@@ -32,10 +32,9 @@ from .samples import SMALL_TRAINING, scratch
 pytestmark = pytest.mark.slow
 
 ROOT = Path(__file__).parents[2]
-TRAIN = ["train", "ppo", "--out", "out", "--no-tensorboard"]
+TRAIN = ["train", "ppo", "--out", "out"]
 for _name, _value in SMALL_TRAINING.items():
-    if _name != "tensorboard":
-        TRAIN += [f"--{_name.replace('_', '-')}", *map(str, _value if isinstance(_value, tuple) else (_value,))]
+    TRAIN += [f"--{_name.replace('_', '-')}", *map(str, _value if isinstance(_value, tuple) else (_value,))]
 SWEEP = ["sweep", "--policy", "fuzzy-1", "--case", "nominal", "--plants", "4", "--chunk", "2"]
 PROVE = ["prove", "--policy", "fuzzy-4-tip", "--steps", "2"]
 COMMANDS = {
@@ -55,7 +54,7 @@ COMMANDS = {
 NEW = ("sweep", "train", "tune")  # which want a new folder
 RESUMED = {
     "sweep": ["sweep", "--resume", "--jobs", "1", "--out", "out"],
-    "train": ["train", "ppo", "--resume", "--out", "out"],
+    "train": TRAIN,
     "tune": ["tune", "--resume", "--out", "out", "--jobs", "1"],
 }
 CODES = (0, 1, 2, 130, 141)

@@ -135,13 +135,13 @@ def test_an_algorithm_trains_and_its_policy_is_evaluated(page, tmp_path, capsys)
     pytest.importorskip("stable_baselines3")
     out, settings = tmp_path / "run", {"lanes": 4, "total-timesteps": 1000, "n-steps": 25, "seed": 3}
     words = [word for name, value in settings.items() for word in (f"--{name}", str(value))]
-    assert main(["train", "search", *words, "--no-tensorboard", "--out", str(out)]) == 0
+    assert main(["train", "search", *words, "--out", str(out)]) == 0
     rows = (out / "curve.csv").read_text().splitlines()
     assert len(rows) == 11 and "best_reward" in rows[0].split(",")
     best = [float(row.split(",")[rows[0].split(",").index("best_reward")]) for row in rows[1:]]
     assert best == sorted(best) and best[0] < best[-1]
     assert json.loads((out / "policy" / "policy.json").read_text())["training"]["algorithm"] == "random search"
-    assert main(["train", "search", "--resume", "--out", str(out)]) == 0
+    assert main(["train", "search", *words, "--out", str(out)]) == 0
     words = ["--policy", str(out / "policy"), "--case", "pushed-tool", "--out", str(tmp_path)]
     assert main(["evaluate", *words]) in (0, 1)
     capsys.readouterr()

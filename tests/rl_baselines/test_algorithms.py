@@ -37,6 +37,10 @@ class RandomSearch:
         self.features = envs.reset()
         self.weight, self.best = torch.zeros(2, envs.observation_space.shape[0]), -np.inf
 
+    def learn(self, after_update):
+        while self.steps < self.config.total_timesteps:
+            after_update(self.update())
+
     def update(self):
         trial, rewards = self.config.spread * torch.randn(self.weight.shape), []
         for _ in range(20):
@@ -65,7 +69,7 @@ SEARCH = AlgorithmSpec(
     name="random-search",
     title="random search",
     config=SearchConfig,
-    presets={"small": SearchConfig(lanes=4, total_timesteps=800, checkpoint_interval=240, tensorboard=False)},
+    presets={"small": SearchConfig(lanes=4, total_timesteps=800, checkpoint_interval=240)},
     create=RandomSearch,
     columns=("mean_reward",),
 )

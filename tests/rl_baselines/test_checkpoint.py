@@ -20,7 +20,7 @@ from fuzzyarm.rl_baselines.checkpoint import (  # noqa: E402
 )
 from fuzzyarm.rl_baselines.training import Training  # noqa: E402
 
-CONFIG = PPOConfig(total_timesteps=128, lanes=2, n_steps=64, batch_size=64, n_epochs=1, tensorboard=False)
+CONFIG = PPOConfig(total_timesteps=128, lanes=2, n_steps=64, batch_size=64, n_epochs=1)
 
 
 @pytest.fixture(scope="module")
@@ -75,7 +75,7 @@ def test_a_checkpoint_that_cannot_be_used_is_one_line(whole, tmp_path, damage, m
     path.write_bytes((whole / "checkpoint.pt").read_bytes())
     damage(path)
     with pytest.raises(CheckpointError, match=message) as caught:
-        Training.resume(tmp_path)
+        Training.resume(CONFIG, tmp_path)
     assert "\n" not in str(caught.value) and not (tmp_path / "run-by-pickle").exists()
 
 

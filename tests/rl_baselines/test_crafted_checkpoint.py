@@ -16,7 +16,7 @@ from fuzzyarm.rl_baselines.algorithms.ppo import PPOConfig  # noqa: E402
 from fuzzyarm.rl_baselines.checkpoint import CheckpointError, read_checkpoint, write_checkpoint  # noqa: E402
 from fuzzyarm.rl_baselines.training import Training  # noqa: E402
 
-CONFIG = PPOConfig(total_timesteps=128, lanes=2, n_steps=64, batch_size=64, n_epochs=1, tensorboard=False, hidden=(8,))
+CONFIG = PPOConfig(total_timesteps=128, lanes=2, n_steps=64, batch_size=64, n_epochs=1, hidden=(8,))
 
 
 @pytest.fixture(scope="module")
@@ -45,7 +45,7 @@ def at(content, path):
 
 def resumed(folder, content):
     write_checkpoint(folder / "checkpoint.pt", content)
-    return Training.resume(folder)
+    return Training.resume(CONFIG, folder)
 
 
 def refused(folder, content):
@@ -62,7 +62,7 @@ CRAFTED = {
     ("envs", "clock"): lambda old: old + 10**12,
     ("envs", "drawn"): lambda old: torch.zeros(1, 1),
     ("envs", "values"): lambda old: old[:, :1],
-    ("envs", "observation"): lambda old: old[:, :3],
+    ("envs", "seen"): lambda old: old[:, :3],
     ("envs", "memory"): lambda old: old * np.nan,
     ("envs", "returns"): lambda old: old[:0],
     ("generators", "numpy", "position"): lambda old: 10**9,
@@ -133,7 +133,7 @@ ARCHIVES = {
 def test_a_crafted_archive_is_refused(tmp_path, name):
     sealed(tmp_path / "checkpoint.pt", ARCHIVES[name]())
     with pytest.raises(CheckpointError, match="start the training again") as caught:
-        Training.resume(tmp_path)
+        Training.resume(CONFIG, tmp_path)
     assert "\n" not in str(caught.value)
 
 
@@ -141,4 +141,4 @@ def test_a_crafted_archive_is_refused(tmp_path, name):
 def test_a_pipe_is_no_checkpoint(tmp_path):
     os.mkfifo(tmp_path / "checkpoint.pt")
     with pytest.raises(CheckpointError, match="not a regular file"):
-        Training.resume(tmp_path)
+        Training.resume(CONFIG, tmp_path)

@@ -8,6 +8,13 @@ from gymnasium.utils.env_checker import check_env
 from fuzzyarm import load_policy
 from fuzzyarm.envs.fuzzy_arm import FuzzyArmEnv
 from fuzzyarm.envs.physics.parameters import ArmParameters
+from fuzzyarm.envs.scenario.disturbances import Disturbance, EncoderNoise
+from fuzzyarm.envs.scenario.paths import Line
+from fuzzyarm.envs.scenario.reference import JointReference
+from fuzzyarm.fuzzy_policy.laws.learned.bundle import PolicyBundle
+from fuzzyarm.fuzzy_policy.laws.learned.definition import ActionDefinition, FeatureDefinition
+from fuzzyarm.fuzzy_policy.laws.learned.network import Network
+from fuzzyarm.fuzzy_policy.laws.learned.policy import LearnedPolicy
 from fuzzyarm.rl_baselines.learning_task import FuzzyArmLearnEnv, FuzzyArmLearnVectorEnv, tracking_reward
 
 ID = "fuzzyarm:FuzzyArmLearn-v0"
@@ -131,6 +138,76 @@ def test_a_state_goes_on_bit_for_bit():
     for action in actions[30:]:
         for a, b in zip(one.step(action)[:4], two.step(action)[:4], strict=True):
             np.testing.assert_array_equal(a, b)
+
+
+def test_a_state_of_other_arms_is_refused():
+    short = JointReference(path=Line((0.4, 0.5), (0.42, 0.5)), duration=0.05)
+    envs = FuzzyArmLearnVectorEnv(2, **PAPER)
+    with pytest.raises(gym.error.ResetNeeded, match=r"before envs\.get_state"):
+        envs.get_state()
+    envs.reset(seed=0)
+    state = envs.get_state()
+    softer = FuzzyArmLearnVectorEnv(2, **PAPER, parameters=ArmParameters(stiffness=(20000.0, 10000.0)))
+    others = (FuzzyArmLearnVectorEnv(2, "payload"), FuzzyArmLearnVectorEnv(2, reference=short), softer)
+    for other in others:
+        with pytest.raises(ValueError, match="other plants, scenarios, randomisation, periods or another number"):
+            other.set_state(state)
+    with pytest.raises(ValueError, match="needed: an array"):
+        FuzzyArmLearnVectorEnv(3, **PAPER).set_state(state)
+    envs.reset(options={"case": "payload"})
+    with pytest.raises(ValueError, match="lane 0 is in a scenario that reset options asked for"):
+        envs.get_state()
+
+
+def bundle(features, action, seed=0):
+    """A random policy for some features and actions."""
+    rng, size = np.random.default_rng(seed), features.size
+    weights = (0.2 * rng.normal(size=(8, size)), 0.5 * rng.normal(size=(2, 8)))
+    return PolicyBundle(
+        features, action, Network(np.zeros(size), np.ones(size), 10.0, weights, (np.zeros(8), np.zeros(2)))
+    )
+
+
+OBSERVER = {"base": "elastic-observer", "gate": 1.0, "smoothing_time": 0.01}
+DEFINITIONS = {
+    "torques": (FeatureDefinition(), ActionDefinition()),
+    "residual": (
+        FeatureDefinition(elastic_target=True),
+        ActionDefinition((0.01, 0.02), base="fuzzy-4-tip", smoothing_time=0.03),
+    ),
+    "observer": (FeatureDefinition(innovation_times=(0.004, 0.02)), ActionDefinition((40.0, 20.0), **OBSERVER)),
+}
+
+
+@pytest.mark.parametrize("name", DEFINITIONS)
+def test_training_and_the_shipped_policy_see_and_do_the_same(name):
+    """The network in the training's arms and the bundle in the plain ones: the same episodes, through their ends."""
+    features, action = DEFINITIONS[name]
+    base = action.base and load_policy(action.base, control_period=2e-3, allow_unproven=True)
+    arguments = {
+        "disturbance": Disturbance(encoder_noise=EncoderNoise(position=1e-5, velocity=1e-3)),
+        "reference": JointReference(path=Line((0.4, 0.5), (0.42, 0.5)), duration=0.05),
+        "randomisation": "plants",
+    }
+    training = FuzzyArmLearnVectorEnv(5, features=features, action=action, early_end=4.0, **arguments)
+    plain = gym.make_vec("FuzzyArm-v0", num_envs=5, control_period=2e-3, **arguments)
+    policy = LearnedPolicy(made := bundle(features, action), 2e-3, base=base)
+    (seen, _), (observation, _) = training.reset(seed=3), plain.reset(seed=3)
+    state, starts, ends = None, np.ones(5, dtype=bool), 0
+    for _ in range(60):
+        answer = np.empty((5, 2))
+        made.network.act(seen.astype(float), answer)
+        seen, _, *ended, info = training.step(answer)
+        torque, state = policy.predict(observation, state, starts)
+        observation, _, *expected, other = plain.step(torque)
+        assert np.array_equal(ended, expected)
+        np.testing.assert_allclose(info["torque"], other["torque"], rtol=1e-4, atol=1e-3)  # features in float32
+        starts = ended[0] | ended[1]
+        for lane in np.flatnonzero(starts):
+            ends += 1
+            np.testing.assert_allclose(info["final_obs"][lane][4:6], other["final_obs"][lane][4:6], rtol=1e-6)
+            assert not seen[lane, 10:14].any()  # nothing is remembered of the episode that ended
+    assert ends == 10 and np.ptp(torque) > 1.0
 
 
 @pytest.mark.parametrize(

@@ -22,12 +22,9 @@ SMALL = dataclasses.replace(
     n_steps=8,
     batch_size=12,
     n_epochs=2,
-    references=3,
-    circles=1,
     hidden=(8,),
     evaluation_interval=96,
     checkpoint_interval=24,
-    tensorboard=False,
 )
 
 

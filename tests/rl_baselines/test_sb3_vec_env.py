@@ -23,7 +23,7 @@ from stable_baselines3.common.vec_env import (  # noqa: E402
     VecNormalize,
 )
 
-from fuzzyarm.rl_baselines.sb3_vec_env import StableBaselinesVecEnv, training_envs  # noqa: E402
+from fuzzyarm.rl_baselines.sb3_vec_env import StableBaselinesVecEnv  # noqa: E402
 
 NOISY = Disturbance(encoder_noise=EncoderNoise(position=1e-5, velocity=1e-3))
 SHORT = JointReference(path=Line((0.4, 0.5), (0.42, 0.5)), duration=0.05)  # 50 steps
@@ -149,10 +149,9 @@ def test_a_reset_counts_return_and_length_from_zero():
     assert [info["episode"]["l"] for info in infos] == [50] * LANES
 
 
-@pytest.mark.parametrize("make", [adapted, training_envs])
-def test_python_does_for_a_step_of_many_lanes_what_it_does_for_two(make):
+def test_python_does_for_a_step_of_many_lanes_what_it_does_for_two():
     def instructions(lanes):
-        venv, action, count = make(lanes, randomisation="plants"), np.zeros((lanes, 2)), 0
+        venv, action, count = adapted(lanes, randomisation="plants"), np.zeros((lanes, 2)), 0
 
         def trace(frame, event, _):
             nonlocal count
@@ -173,20 +172,16 @@ def test_python_does_for_a_step_of_many_lanes_what_it_does_for_two(make):
     assert 0 < instructions(2) == instructions(500)
 
 
-@pytest.mark.parametrize("dtype", [np.float32, np.float64])
-def test_training_envs_have_the_actions_of_gymnasiums_wrapper_bit_for_bit(dtype):
-    venv, expected = training_envs(LANES, disturbance=NOISY), adapted(rescaled=True, disturbance=NOISY)
-    assert venv.action_space == expected.action_space and venv.num_envs == LANES
-    for one in (venv, expected):
-        one.seed(0)
-    assert same_array(venv.reset(), expected.reset())
-    for action in np.random.default_rng(0).uniform(-1.0, 1.0, (40, LANES, 2)).astype(dtype):
-        kept = action.copy()
-        assert_same_step(venv.step(action), expected.step(action))
-        assert np.array_equal(action, kept)
-    corners = venv.step(np.array([[1, -1]] * LANES, dtype))
-    assert venv.vector_info["torque"] == pytest.approx(np.array([[500.0, -250.0]] * LANES), rel=1e-6)
-    assert not venv.vector_info["torque_clipped"].any() and len(corners) == 4
+def test_an_episode_tells_its_mean_tip_error():
+    venv, errors = adapted(2, reference=SHORT), []
+    venv.seed(0)
+    venv.reset()
+    for action in torques(50, 2):
+        *_, infos = venv.step(0.1 * action)
+        final = venv.vector_info.get("final_info", venv.vector_info)
+        errors.append(final["tip_error"])
+    for told, expected in zip(infos, np.mean(errors, axis=0), strict=True):
+        assert told["episode"]["tip_error"] == pytest.approx(expected, rel=1e-12)
 
 
 def test_what_came_back_stays_as_it_is():
@@ -292,7 +287,7 @@ def test_ppo_learns_the_same_as_from_the_loop():
         model.learn(2 * 64 * LANES)
         return model
 
-    model = trained(lambda rescaled, **arguments: training_envs(LANES, **arguments))
+    model = trained(adapted)
     expected = trained(monitored)
     assert model.num_timesteps == 512 and len(model.ep_info_buffer) == 2 * LANES
     assert [info["l"] for info in model.ep_info_buffer] == [50] * 2 * LANES

@@ -37,8 +37,6 @@ FLAGS = {
     "batch_size": 256,
     "n_epochs": 2,
     "hidden": 16,
-    "references": 4,
-    "circles": 2,
     "evaluation_interval": 3000,
     "checkpoint_interval": 1024,
     "seed": 11,
@@ -51,7 +49,7 @@ SHORT = {
     "n_epochs": 2,
     "evaluation_interval": 10**6,
 }
-SMALL = PPOConfig(**SHORT, tensorboard=False)
+SMALL = PPOConfig(**SHORT)
 
 
 def words(flags):
@@ -69,7 +67,7 @@ def results(folder):
 def whole(tmp_path_factory, brief_evaluations):
     """The folder of an uninterrupted run."""
     folder = tmp_path_factory.mktemp("whole") / "run"
-    assert main(["train", "ppo", *words(FLAGS), "--no-tensorboard", "--out", str(folder)]) == 0
+    assert main(["train", "ppo", *words(FLAGS), "--out", str(folder)]) == 0
     return folder
 
 
@@ -97,7 +95,7 @@ sys.exit(main(sys.argv[1:]))
 @pytest.mark.slow
 def test_a_killed_run_goes_on_as_if_nothing_had_been(whole, tmp_path):
     folder = tmp_path / "run"
-    flags = [*words(FLAGS), "--no-tensorboard", "--out", str(folder)]
+    flags = [*words(FLAGS), "--out", str(folder)]
     with running(WAITS, "train", "ppo", *flags, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL) as process:
         curve = folder / "curve.csv"
         wait_until(lambda: curve.exists() and len(curve.read_bytes().splitlines()) > 5, process)  # and is killed
@@ -105,7 +103,7 @@ def test_a_killed_run_goes_on_as_if_nothing_had_been(whole, tmp_path):
     steps = read_checkpoint(folder / "checkpoint.pt")["steps"]
     assert steps == 2048  # no more than an interval is lost
     assert results(folder) != results(whole)
-    assert main(["train", "ppo", "--resume", "--out", str(folder)]) == 0
+    assert main(["train", "ppo", *flags]) == 0
     assert results(folder) == results(whole) and len(results(whole)) >= 3
     first, second = (read_checkpoint(one / "checkpoint.pt") for one in (folder, whole))
     assert min(first.pop("seconds") + second.pop("seconds")) > 0.0
@@ -120,7 +118,8 @@ def test_a_killed_run_goes_on_as_if_nothing_had_been(whole, tmp_path):
 def test_a_finished_run_goes_on_to_a_larger_total(whole, tmp_path):
     """What was done keeps its bits; then the learning rate falls as if the new total had been that of the beginning."""
     folder = shutil.copytree(whole, tmp_path / "run")
-    assert main(["train", "ppo", "--resume", "--out", str(folder), "--total-timesteps", "9216"]) == 0
+    longer = words(FLAGS | {"total_timesteps": 9216})
+    assert main(["train", "ppo", *longer, "--out", str(folder)]) == 0
     before, after = ((one / "curve.csv").read_text().splitlines() for one in (whole, folder))
     assert after[: len(before)] == before and len(after) == len(before) + 6
     rows = list(csv.DictReader(after))
@@ -131,12 +130,18 @@ def test_a_finished_run_goes_on_to_a_larger_total(whole, tmp_path):
     assert PolicyBundle.load(folder / "policy").training["steps_done"] == 9216
 
 
-def test_a_run_cannot_be_made_shorter_than_it_is(whole, capsys):
+@pytest.mark.parametrize(
+    ("other", "message"),
+    [
+        ({"total_timesteps": 512}, "total_timesteps = 512 is below the 6144 steps that"),
+        ({"seed": 1}, "holds a training with seed = 11, not 1: give the options with which it began"),
+        ({"preset": "robust"}, "holds a training with base = 'fuzzy-4-tip', not 'none'"),
+    ],
+)
+def test_a_run_goes_on_with_its_own_settings_alone(other, message, whole, capsys):
     before = results(whole)
-    assert main(["train", "ppo", "--resume", "--out", str(whole), "--total-timesteps", "512"]) == 2
-    assert "total_timesteps = 512 is below the 6144 steps that" in capsys.readouterr().err
-    assert main(["train", "ppo", "--resume", "--out", str(whole), "--total-timesteps", "9216", "--seed", "1"]) == 2
-    assert "leave out --seed" in capsys.readouterr().err
+    assert main(["train", "ppo", *words(FLAGS | other), "--out", str(whole)]) == 2
+    assert message in capsys.readouterr().err
     assert results(whole) == before
 
 
@@ -153,7 +158,7 @@ def equal(first, second):
 
 @pytest.mark.parametrize("distribution", ["nominal", pytest.param("robust", marks=pytest.mark.slow)])
 def test_the_same_seed_gives_the_same_policy_and_another_seed_another(distribution, tmp_path):
-    config = replace(SMALL, distribution=distribution, circles=1)
+    config = replace(SMALL, distribution=distribution)
     for name, seed in (("a", 0), ("b", 0), ("c", 1)):
         Training(replace(config, seed=seed), tmp_path / name).run()
     a, b, c = (results(tmp_path / name) for name in "abc")
@@ -171,9 +176,15 @@ def test_a_training_shorter_than_an_update_has_no_negative_rate_and_can_be_exten
     Training(replace(SMALL, total_timesteps=64), tmp_path / "run").run()  # an update has 256 steps
     optimizer = read_checkpoint(tmp_path / "run" / "checkpoint.pt")["learner"]["optimizer"]
     assert [group["lr"] for group in optimizer["param_groups"]] == [0.0]
-    extended = Training.resume(tmp_path / "run", total_timesteps=512)
+    extended = Training.resume(replace(SMALL, total_timesteps=512), tmp_path / "run")
     extended.run()
     assert extended.algorithm.steps == 512
+
+
+def again(folder):
+    """The training of a folder, as it is."""
+    config = PPOConfig.from_dict(read_checkpoint(folder / "checkpoint.pt")["config"])
+    return Training.resume(config, folder)
 
 
 def normalised(training, features):
@@ -185,7 +196,7 @@ def normalised(training, features):
 
 
 def test_the_shipped_policy_is_the_trained_one(whole):
-    training = Training.resume(whole)
+    training = again(whole)
     policy, normaliser = training.algorithm.model.policy, training.algorithm.normaliser
     bundle = PolicyBundle.load(whole / "policy")
     rng = np.random.default_rng(0)
@@ -216,15 +227,13 @@ def test_the_evaluation_is_that_of_the_bundle_as_it_is_shipped(whole):
 def test_the_best_policy_is_kept_and_its_score_resumed(whole):
     curve = PolicyBundle.load(whole / "policy").curve
     scores = [np.mean([row[f"{case}_rms_mm"] for case in ("nominal", "machining", "payload")]) for row in curve]
-    assert Training.resume(whole).best == pytest.approx(min(scores), rel=1e-12)
+    assert again(whole).best == pytest.approx(min(scores), rel=1e-12)
     assert PolicyBundle.load(whole / "best").training["steps_done"] == curve[int(np.argmin(scores))]["steps"]
 
 
-def test_no_finished_or_foreign_folder_is_trained_over(whole, capsys):
+def test_a_finished_run_is_left_as_it_is(whole):
     before = results(whole)
-    assert main(["train", "ppo", *words(FLAGS), "--out", str(whole)]) == 2
-    assert "holds a training already; go on with --resume, or choose another folder" in capsys.readouterr().err
-    assert main(["train", "ppo", "--resume", "--out", str(whole)]) == 0  # nothing is left to do
+    assert main(["train", "ppo", *words(FLAGS), "--out", str(whole)]) == 0
     assert results(whole) == before
 
 
@@ -246,13 +255,13 @@ def test_a_disk_that_fills_up_leaves_the_last_checkpoint_whole(tmp_path, monkeyp
     flags = words(SHORT | {"checkpoint_interval": 256})
     with monkeypatch.context() as patch:
         patch.setattr(os, "fsync", full)
-        assert main(["train", "ppo", *flags, "--no-tensorboard", "--out", str(tmp_path / "run")]) == 2
+        assert main(["train", "ppo", *flags, "--out", str(tmp_path / "run")]) == 2
     message = capsys.readouterr().err.strip().splitlines()[-1]
     assert re.search(
         r"checkpoint.pt: No space left on device; the previous checkpoint is intact: free some space", message
     )
     assert not [path for path in (tmp_path / "run").iterdir() if path.name.endswith(".part")]
-    assert main(["train", "ppo", "--resume", "--out", str(tmp_path / "run")]) == 0
+    assert main(["train", "ppo", *flags, "--out", str(tmp_path / "run")]) == 0
     assert results(tmp_path / "run") == results(tmp_path / "whole")
 
 
@@ -266,7 +275,6 @@ def test_a_file_in_the_place_of_the_folder_is_named(tmp_path, capsys):
 
 
 def test_progress_is_a_line_for_every_evaluation(tmp_path, capsys):
-    train_with_progress(replace(SMALL, total_timesteps=512, tensorboard=True), tmp_path)
+    train_with_progress(replace(SMALL, total_timesteps=512), tmp_path)
     shown = capsys.readouterr().err
     assert re.search(r"512 steps, [\d,]+/s; largest tip error \[mm\]: nominal \d", shown)
-    assert ("no TensorBoard logs: tensorboard is not installed" in shown) == (not trainer.tensorboard_installed())

@@ -37,6 +37,6 @@ def resumed_to_the_bit(config: Any, folder: Path, steps: int) -> Training:
     """Train once through and once with a stop and a resume, check that both end alike; return the first."""
     whole = Training(config, folder / "whole")
     whole.run()
-    Training.resume(stopped(config, folder / "stopped", steps)).run()
+    Training.resume(config, stopped(config, folder / "stopped", steps)).run()
     assert results(folder / "stopped") == results(folder / "whole")
     return whole

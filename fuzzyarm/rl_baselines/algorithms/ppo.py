@@ -17,8 +17,10 @@ from fuzzyarm.rl_baselines.algorithm import AlgorithmSpec
 from fuzzyarm.rl_baselines.config import TrainingConfig
 
 if TYPE_CHECKING:
+    from collections.abc import Callable
+
     from fuzzyarm.fuzzy_policy.laws.learned.network import Network
-    from fuzzyarm.rl_baselines.learning_env import LearningEnvs
+    from fuzzyarm.rl_baselines.sb3_vec_env import StableBaselinesVecEnv
 
 __all__ = ["PRESETS", "SPEC", "PPOAlgorithm", "PPOConfig"]
 
@@ -27,11 +29,11 @@ __all__ = ["PRESETS", "SPEC", "PPOAlgorithm", "PPOConfig"]
 class PPOConfig(TrainingConfig):
     """The settings of a training with PPO, with the names of `stable_baselines3.PPO`."""
 
-    n_steps: int = 64
+    n_steps: int = 32
     """Steps of each lane between two updates, at least 2."""
-    batch_size: int = 1024
+    batch_size: int = 2048
     """Samples in a gradient step, at least 2; must divide lanes times n_steps."""
-    n_epochs: int = 8
+    n_epochs: int = 5
     """Passes over the samples of an update."""
     learning_rate: float = 1e-3
     """Learning rate of Adam at the beginning."""
@@ -80,37 +82,19 @@ class PPOConfig(TrainingConfig):
             raise ValueError(f"smoothness = {self.smoothness} and ent_coef = {self.ent_coef}: one of them must be 0")
 
 
-_RANDOM = PPOConfig(
-    distribution="robust",
-    hidden=(128, 128),
-    total_timesteps=6_000_000,
-    lanes=256,
-    n_steps=32,
-    batch_size=2048,
-    n_epochs=5,
-    evaluation_interval=500_000,
-)
-
 PRESETS: dict[str, PPOConfig] = {
-    "nominal": PPOConfig(),
-    "robust": dataclasses.replace(_RANDOM, action_period=0.001, gamma=0.99, asymmetric_critic=True, smoothness=100.0),
-    "residual": dataclasses.replace(
-        _RANDOM,
-        base="fuzzy-4-tip",
-        scale=(0.01, 0.02),
-        smoothing_time=0.06,
-        elastic_target=True,
-        hidden=(64, 64),
-        batch_size=1024,
-        n_epochs=10,
+    "robust": PPOConfig(),
+    "nominal": PPOConfig(distribution="nominal"),
+    "residual": PPOConfig(
+        base="fuzzy-4-tip", scale=(0.01, 0.02), smoothing_time=0.06, elastic_target=True, past_errors=2, past_actions=2,
+        integral_time=0.1,
     ),
-    "observer": dataclasses.replace(
-        _RANDOM, base="elastic-observer", scale=(300.0, 150.0), gate=1.0, action_period=0.001, past_errors=0,
-        past_actions=1, integral_time=0.0, tip_error_scale=0.02, hidden=(64, 64), total_timesteps=4_000_000, n_epochs=6,
-        gamma=0.99, log_std_init=-2.0, asymmetric_critic=True,
+    "observer": PPOConfig(
+        base="elastic-observer", scale=(300.0, 150.0), gate=1.0, action_period=0.001, past_actions=1,
+        total_timesteps=4_000_000, gamma=0.99, log_std_init=-2.0, asymmetric_critic=True,
     ),
 }  # fmt: skip
-"""The settings of the shipped policies, by what follows ``ppo-`` in their names."""
+"""Settings by name: of what a policy is to follow, and of what it acts beside."""
 
 _SAME = (
     "n_steps", "batch_size", "n_epochs", "gamma", "gae_lambda", "clip_range", "vf_coef", "max_grad_norm", "seed",
@@ -125,7 +109,7 @@ _LOGGED = {
 class PPOAlgorithm:
     """PPO in the middle of a training, see `Algorithm`: `model` learns behind a `VecNormalize`."""
 
-    def __init__(self, config: PPOConfig, envs: LearningEnvs) -> None:
+    def __init__(self, config: PPOConfig, envs: StableBaselinesVecEnv) -> None:
         import torch
         from stable_baselines3 import PPO
         from stable_baselines3.common.logger import Logger
@@ -133,22 +117,20 @@ class PPOAlgorithm:
 
         torch.set_num_threads(config.threads)
         self._config = config
-        if config.asymmetric_critic:
-            envs.show_plant()
         networks: dict[str, Any] = {
             "net_arch": {"pi": list(config.hidden), "vf": list(config.hidden)},
             "activation_fn": torch.nn.Tanh,
             "log_std_init": config.log_std_init,
         }
         policy: Any = "MlpPolicy"
+        shown: Any = envs
         if config.asymmetric_critic or config.smoothness or config.gate:
-            from fuzzyarm.rl_baselines.ppo_policy import GuidedPolicy
+            from fuzzyarm.rl_baselines.ppo_policy import GuidedPolicy, PlantView
 
-            policy = GuidedPolicy
-            networks |= {
-                "unseen": envs.plant_size, "smoothness": config.smoothness, "silent": config.gate > 0.0,
-            }  # fmt: skip
-        self.normaliser: Any = VecNormalize(envs, gamma=config.gamma)
+            shown = PlantView(envs) if config.asymmetric_critic else envs
+            policy, unseen = GuidedPolicy, shown.observation_space.shape[0] - config.features.size
+            networks |= {"unseen": unseen, "smoothness": config.smoothness, "silent": config.gate > 0.0}
+        self.normaliser: Any = VecNormalize(shown, gamma=config.gamma)
         first, last = config.learning_rate, config.final_learning_rate
         self.model = PPO(
             policy,
@@ -163,24 +145,45 @@ class PPOAlgorithm:
             **{name: getattr(config, name) for name in _SAME},
         )
         self.model.set_logger(Logger(None, []))
-        # `learn` of stable-baselines3 cannot be left between two updates; `update` holds the body of its loop instead.
-        _, self._callback = self.model._setup_learn(config.total_timesteps)
+        self.model.learn(0)  # begins the first episodes
 
     @property
     def steps(self) -> int:
         """Environment steps done so far, of all lanes together."""
         return int(self.model.num_timesteps)
 
-    def update(self) -> dict[str, float]:
-        """Collect `n_steps` steps in every lane and learn from them; return the numbers for the curve."""
-        model: Any = self.model
-        model.collect_rollouts(model.env, self._callback, model.rollout_buffer, n_rollout_steps=self._config.n_steps)
-        model._update_current_progress_remaining(model.num_timesteps, self._config.total_timesteps)
-        model.train()
-        episodes = list(model.ep_info_buffer or ())
-        ended = {"episode_reward": "r", "episode_length": "l"} if episodes else {}
-        row = {name: float(np.mean([one[key] for one in episodes])) for name, key in ended.items()}
-        return row | {name: float(model.logger.name_to_value[f"train/{key}"]) for name, key in _LOGGED.items()}
+    def learn(self, after_update: Callable[[dict[str, float]], None]) -> None:
+        """Go on to the end; see `Algorithm.learn`."""
+        from stable_baselines3.common.callbacks import BaseCallback
+
+        algorithm, begun = self, self.steps
+
+        class AfterUpdate(BaseCallback):
+            """Calls back where an update is over: at the beginning of the next rollout, and at the end."""
+
+            def _on_step(self) -> bool:
+                return True
+
+            def _on_rollout_start(self) -> None:
+                if algorithm.steps > begun:
+                    after_update(algorithm._row())
+
+            def _on_training_end(self) -> None:
+                after_update(algorithm._row())
+
+        left = self._config.total_timesteps - begun
+        self.model.learn(left, AfterUpdate(), log_interval=None, reset_num_timesteps=False)
+
+    def _row(self) -> dict[str, float]:
+        episodes = list(self.model.ep_info_buffer or ())
+        ended = {"episode_reward": ("r", 1.0), "episode_length": ("l", 1.0), "tip_error_mm": ("tip_error", 1e3)}
+        row = {
+            name: unit * float(np.mean([one[key] for one in episodes]))
+            for name, (key, unit) in ended.items()
+            if episodes
+        }
+        logged = self.model.logger.name_to_value
+        return row | {name: float(logged[f"train/{key}"]) for name, key in _LOGGED.items()}
 
     def network(self) -> Network:
         """Return the mean of the Gaussian policy with the normaliser of its features."""
@@ -209,7 +212,7 @@ class PPOAlgorithm:
             "policy": model.policy.state_dict(),
             "optimizer": model.policy.optimizer.state_dict(),
             "counters": {"steps": model.num_timesteps, "updates": model._n_updates},
-            "episodes": [{"r": float(one["r"]), "l": int(one["l"])} for one in model.ep_info_buffer or ()],
+            "episodes": [{name: one[name] for name in ("r", "l", "tip_error")} for one in model.ep_info_buffer or ()],
             "last_features": np.asarray(model._last_obs),
             "last_starts": np.asarray(model._last_episode_starts),
             "normaliser": {

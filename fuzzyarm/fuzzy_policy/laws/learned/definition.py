@@ -11,7 +11,9 @@ import math
 from fuzzyarm.common.checks import instance, real, reals, truth, whole
 from fuzzyarm.envs.periods import SHORTEST_PERIOD, checked_period
 
-__all__ = ["INNOVATION_UNITS", "OBSERVER_BASE", "ActionDefinition", "ArmDefinition", "FeatureDefinition"]
+__all__ = [
+    "INNOVATION_UNITS", "OBSERVER_BASE", "ActionDefinition", "ArmDefinition", "FeatureDefinition", "learning_features",
+]  # fmt: skip
 
 OBSERVER_BASE = "elastic-observer"  # the base that has innovations
 INNOVATION_UNITS = (1e-6, 2e-3)  # N of angles [rad] and of velocities [rad/s]
@@ -73,6 +75,15 @@ class FeatureDefinition:
     def past_excesses(self) -> int:
         """Number of past excess torques."""
         return self.past_actions if self.elastic_target else 0
+
+
+_COMPRESSION = 3.0  # of the errors: asinh of what the box allows is 9, and networks like inputs of the size of one
+_LEAK = 0.1  # s
+
+
+def learning_features(joints: int, history: int = 0) -> FeatureDefinition:
+    """Return the features of ``FuzzyArmLearn-v0`` with so many past errors and actions, and then the integral."""
+    return FeatureDefinition(history, history, _LEAK if history else 0.0, joints=joints, compression=_COMPRESSION)
 
 
 @dataclasses.dataclass(frozen=True)

@@ -44,7 +44,7 @@ from fuzzyarm.numbers.functions import Cells, array, each, flat, maximum, minimu
 from fuzzyarm.numbers.machine import Kernel
 from fuzzyarm.numbers.program import Program
 
-__all__ = ["Base", "Features", "Lanes", "gate", "learning_action", "learning_features"]
+__all__ = ["Base", "Features", "Lanes", "gate", "learning_action"]
 
 _COARSE = 20.0  # of the unit in which large innovations are seen
 
@@ -262,13 +262,6 @@ def gate(innovation: Any, width: float) -> Any:
 
 
 _HOLD = 2e-3  # s; computed torque held for 2, 5 and 10 ms errs by 1.7, 4.7 and 26 mm
-_COMPRESSION = 3.0  # of the errors: asinh of what the box allows is 9, and networks like inputs of the size of one
-_LEAK = 0.1  # s
-
-
-def learning_features(joints: int, history: int = 0) -> FeatureDefinition:
-    """Return the features of ``FuzzyArmLearn-v0`` with so many past errors and actions, and then the integral."""
-    return FeatureDefinition(history, history, _LEAK if history else 0.0, joints=joints, compression=_COMPRESSION)
 
 
 def learning_action(arm: AnyArm) -> ActionDefinition:
