@@ -44,7 +44,7 @@ def tip_error() -> float:
     """Run one episode from the paper's start and return its mean tip error [mm]."""
     arm, errors, done = TorchFuzzyArm(1, compiled=False, control_period=0.01, substep=1e-3), [], False
     with torch.no_grad():
-        observation = arm.reset(seed=0)
+        observation, _ = arm.reset(seed=0)
         while not done:
             action = torch.tanh(actor(features(observation))) * limit
             observation, _, terminated, truncated, info = arm.step(action)
@@ -74,7 +74,7 @@ schedule = torch.optim.lr_scheduler.ExponentialLR(optimizer, DECAY)
 envs.reset()
 envs.step(torch.zeros(LANES, JOINTS))[1].sum().backward()  # compiles the step and its gradient
 
-seen, begin, recent = envs.reset(seed=arguments.seed), time.process_time(), []
+(seen, _), begin, recent = envs.reset(seed=arguments.seed), time.process_time(), []
 for update in range(1, -(-arguments.steps // (LANES * WINDOW)) + 1):
     loss = torch.zeros(())
     for _ in range(WINDOW):

@@ -45,7 +45,7 @@ def tip_error() -> float:
     """Run one episode from the paper's start without exploration and return its mean tip error [mm]."""
     arm, errors, done = TorchFuzzyArm(1, device=device, compiled=False, control_period=0.01, substep=1e-3), [], False
     with torch.no_grad():
-        observation = arm.reset(seed=0)
+        observation, _ = arm.reset(seed=0)
         while not done:
             observation, _, terminated, truncated, info = arm.step(
                 actor(features(observation)).clip(-1.0, 1.0) * torque
@@ -76,7 +76,7 @@ parameters = [*actor.parameters(), *critic.parameters(), log_std]
 optimizer = torch.optim.Adam(parameters, lr=LEARNING_RATE, eps=1e-5)
 
 begin = time.process_time()
-seen = features(envs.reset(seed=0))
+seen = features(envs.reset(seed=0)[0])
 for update in range(1, -(-steps // (LANES * ROLLOUT)) + 1):
     rollout, tip_errors, left = [], [], 0
     with torch.no_grad():

@@ -285,6 +285,12 @@ class FuzzyArmVectorEnv(VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
         observation[which], vectors[:, which], scalars[:, which] = self.lanes.restart(which)
         return observation, reward, terminated, truncated, {**self._info(vectors, scalars), **final}
 
+    @property
+    def autoreset_mode(self) -> AutoresetMode:
+        """What follows the end of an episode, as TorchRL asks for it; see the class."""
+        mode: AutoresetMode = self.metadata["autoreset_mode"]
+        return mode
+
     def get_state(self) -> dict[str, np.ndarray]:
         """Return the state of every lane, including its random stream, as arrays by name, for `set_state`.
 

@@ -45,7 +45,7 @@ __all__ = ["FuzzyArmLearnEnv", "FuzzyArmLearnVectorEnv", "learning_draws", "trac
 
 EARLY_END = 0.2  # R [m]; an arm that has lost its path by so much teaches nothing about tracking it
 RESOLUTION = 1e-4  # s [m]; below it the reward is flat, and the best fixed laws err by 0.2 mm under a load
-_BOUND = 10.0  # of every number of an observation
+BOUND = 10.0  # of every number of an observation
 _REFERENCES, _CIRCLES = 256, 64  # of which an episode draws one: the family, and the default reference as a fifth
 _MOST_AHEAD = 10_000  # holds
 
@@ -127,7 +127,7 @@ class FuzzyArmLearnVectorEnv(FuzzyArmVectorEnv):
         self._seen, self._action = np.zeros((num_envs, PARTS * joints)), np.zeros((num_envs, joints))
         unit = np.ones(joints, dtype=np.float32)
         self.single_action_space = gym.spaces.Box(-unit, unit)
-        self.single_observation_space = gym.spaces.Box(-_BOUND, _BOUND, (size,), np.float32)
+        self.single_observation_space = gym.spaces.Box(-BOUND, BOUND, (size,), np.float32)
         self.action_space = batch_space(self.single_action_space, num_envs)
         self.observation_space = batch_space(self.single_observation_space, num_envs)
 
@@ -139,7 +139,7 @@ class FuzzyArmLearnVectorEnv(FuzzyArmVectorEnv):
         mask = None if options is None else options.get(RESET_MASK)
         which = slice(None) if mask is None else masked_lanes(RESET_MASK, mask, self.num_envs)
         self._begin(which, observation)
-        return self._features(), info
+        return self._features(), _flat(info)
 
     def step(self, actions: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray, dict[str, Any]]:
         """Hold the torques of `actions` (num_envs, joints) in [-1, 1] for one period; larger ones are clipped."""
@@ -151,6 +151,7 @@ class FuzzyArmLearnVectorEnv(FuzzyArmVectorEnv):
         torque = np.array(self.action.scale) * self._action
         self._arms.act(self._seen, self._action, torque, self._memory, self._base_memory)
         observation, _, terminated, truncated, info = super().step(torque)
+        info = _flat(info)
         error = info["tip_error"]
         if begun is not None:  # these lanes have begun an episode instead of a step
             error = error.copy()
@@ -180,6 +181,7 @@ class FuzzyArmLearnVectorEnv(FuzzyArmVectorEnv):
             last[lane] = features[lane].copy()
         final = {"final_obs": last, "final_info": info}
         observation, begun_info = super().reset(options={RESET_MASK: ended})
+        begun_info = _flat(begun_info)
         self._begin(np.flatnonzero(ended), observation)
         features[ended] = self._features()[ended]
         merged = {
@@ -213,7 +215,7 @@ class FuzzyArmLearnVectorEnv(FuzzyArmVectorEnv):
             rows = np.minimum(clock[CLOCK.row][:, np.newaxis] + self._preview, clock[CLOCK.last][:, np.newaxis])
             ahead = self.lanes.table[rows, : len(self._units)] / self._units
             seen = np.hstack([seen, ahead.reshape(self.num_envs, -1)])
-        return np.asarray(np.clip(seen, -_BOUND, _BOUND), dtype=np.float32)
+        return np.asarray(np.clip(seen, -BOUND, BOUND), dtype=np.float32)
 
 
 def tracking_reward(error: np.ndarray, lost: float = EARLY_END) -> np.ndarray:
@@ -232,11 +234,16 @@ def learning_draws(arm: AnyArm) -> DomainRandomisation:
     return dataclasses.replace(find_randomisation("robust", arm), references=references)
 
 
+def _flat(info: dict[str, Any]) -> dict[str, Any]:
+    """Return an info without a mapping in it, which some learners could not register."""
+    drawn = info.pop("randomisation", {})
+    info.pop("_randomisation", None)
+    renamed = {("_drawn" if name.startswith("_") else "drawn_") + name: value for name, value in drawn.items()}
+    return {**info, **renamed}
+
+
 def _merged(last: Any, first: Any, ended: np.ndarray) -> Any:
     """Return an entry of info: of the new episode in the lanes that ended, else of this step."""
-    if isinstance(last, dict):
-        pairs = {name: (value, first[name]) for name, value in last.items() if not name.startswith("_")}
-        return {**last, **{name: _merged(*pair, ended) for name, pair in pairs.items()}}
     return np.where(ended.reshape(-1, *[1] * (last.ndim - 1)), first, last)
 
 
@@ -277,7 +284,8 @@ class FuzzyArmLearnEnv(gym.Env[np.ndarray, np.ndarray]):
     Terminated with the reward 0 where d > R, and where `FuzzyArmEnv` terminates; truncated at the end of the reference.
 
     ## Info
-    That of `FuzzyArmEnv`, with its `reward_tracking` and `reward_effort`, which are not of this reward.
+    That of `FuzzyArmEnv`, with its `reward_tracking` and `reward_effort`, which are not of this reward, and with the
+    entries of `randomisation` beside the others, as `drawn_mass` and so on.
 
     ## Arguments
     `history` (none by default: no single run gained by it), `preview` in holds (none: the fixed laws that a learner is
@@ -331,8 +339,6 @@ def _first(info: dict[str, Any]) -> dict[str, Any]:
     """Return the info of the only lane, with plain numbers and arrays of its own."""
     one: dict[str, Any] = {}
     for name, value in info.items():
-        if isinstance(value, dict):
-            one[name] = _first(value)
-        elif not name.startswith("_"):
+        if not name.startswith("_"):
             one[name] = value[0].copy() if value.ndim > 1 else value.tolist()[0]
     return one

@@ -63,8 +63,8 @@ class PlantView(VecEnvWrapper):
             np.arcsinh(info["dq_link"][which] / 1e-2),
             info["external_force"][which] / _FORCE,
         ]
-        drawn = info.get("randomisation", {})
-        rows = [np.asarray(drawn[name], dtype=np.float64)[which] for name in sorted(drawn) if not name.startswith("_")]
+        drawn = sorted(name for name in info if name.startswith("drawn_"))
+        rows = [np.asarray(info[name], dtype=np.float64)[which] for name in drawn]
         return np.hstack([*parts, *(row.reshape(len(parts[0]), -1) for row in rows)]).astype(np.float32)
 
 

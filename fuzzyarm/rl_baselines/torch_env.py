@@ -16,9 +16,12 @@ import warnings
 from collections.abc import Callable, Iterator
 from typing import Any
 
+import gymnasium as gym
 import numpy as np
 import torch
 from gymnasium.error import ResetNeeded
+from gymnasium.vector import AutoresetMode, VectorEnv
+from gymnasium.vector.utils import batch_space
 from torch import Tensor
 
 from fuzzyarm.common import checks
@@ -49,7 +52,7 @@ __all__ = ["TorchFuzzyArm", "compile_step"]
 MOST_LANES = 2**26  # a lane takes about 100 bytes, and 340 in kernels
 
 
-class TorchFuzzyArm:
+class TorchFuzzyArm(VectorEnv[Tensor, Tensor, Tensor]):
     """A batch of arms in torch tensors: ``FuzzyArm-v0`` without leaving the device.
 
     What steps it depends on the arguments. On CUDA in float64, compiled and not differentiable, the recorded kernels of
@@ -63,7 +66,7 @@ class TorchFuzzyArm:
     trajectory up to rounding; from kernels it has the same bits, but for the last bit of encoder noise.
 
         envs = TorchFuzzyArm(4096, device="cuda", randomisation="robust")
-        observation = envs.reset(seed=0)
+        observation, info = envs.reset(seed=0)
         observation, reward, terminated, truncated, info = envs.step(policy(observation))
 
     A lane that ends begins its next episode within the same step: its observation is then the new episode's first,
@@ -116,6 +119,8 @@ class TorchFuzzyArm:
             it and its code.
     """
 
+    metadata = {"render_modes": [], "autoreset_mode": AutoresetMode.SAME_STEP}  # noqa: RUF012
+
     def __init__(
         self,
         num_envs: int,
@@ -133,6 +138,7 @@ class TorchFuzzyArm:
         substep: float | None = None,
         randomisation: str | DomainRandomisation = "nominal",
     ) -> None:
+        self._arguments = {name: value for name, value in locals().items() if name not in ("self", "__class__")}
         self.num_envs, self.dtype = checks.whole("num_envs", num_envs, low=1, high=MOST_LANES), dtype
         if not isinstance(dtype, torch.dtype) or dtype not in (torch.float32, torch.float64):
             raise ValueError(f"dtype = {checks.shown(dtype)} is unknown; choose torch.float32 or torch.float64")
@@ -162,6 +168,28 @@ class TorchFuzzyArm:
             self._take = compile_step(self._take)
         self._begun = self._stepped = False
 
+    @property  # made when asked for: 2^26 lanes of it would fill the memory
+    def observation_space(self) -> gym.Space[Any]:  # type: ignore[override]
+        """The space of the observations of all lanes."""
+        return batch_space(self.single_observation_space, self.num_envs)
+
+    @property
+    def action_space(self) -> gym.Space[Any]:  # type: ignore[override]
+        """The space of the actions of all lanes."""
+        return batch_space(self.single_action_space, self.num_envs)
+
+    def __getstate__(self) -> dict[str, Any]:
+        """Return arguments and lanes, without graphs; TypeError for a batch that steps by kernels."""
+        if self._kernels is not None:
+            raise TypeError("a batch in the memory of CUDA kernels cannot be pickled: pickle its arguments")
+        lanes = torch_step.Lanes(tuple(one.detach() for one in self._lanes.numbers), *self._lanes[1:])
+        return {"arguments": self._arguments, "lanes": lanes, "begun": self._begun}
+
+    def __setstate__(self, state: dict[str, Any]) -> None:
+        """Build the batch again and put the lanes where they were."""
+        self.__init__(**state["arguments"])  # type: ignore[misc]
+        self._lanes, self._begun = state["lanes"], state["begun"]
+
     @property
     def state(self) -> Tensor:
         """The true states (n, 4 joints), noise-free, in the order of `State`: motor, link angles [rad], velocities."""
@@ -184,12 +212,17 @@ class TorchFuzzyArm:
     def _key(self) -> Tensor:
         return self._lanes.key if self._kernels is None else self._kernels.key
 
-    def reset(self, seed: int | None = None) -> Tensor:
-        """Begin an episode in every lane and return the observations (n, 5 joints).
+    def reset(
+        self, *, seed: int | None = None, options: dict[str, Any] | None = None
+    ) -> tuple[Tensor, dict[str, Tensor]]:
+        """Begin an episode in every lane and return the observations (n, 5 joints) and an empty info.
 
         Args:
             seed: lane i gets the random stream of seed + i. None: the streams go on; the first time, from 0.
+            options: none are known.
         """
+        if options:
+            raise ValueError(f"options = {checks.shown(options)}: TorchFuzzyArm knows no options of a reset")
         first = 0 if seed is None else checks.whole("seed", seed)
         with torch.no_grad():
             if seed is not None or not self._begun:
@@ -197,14 +230,14 @@ class TorchFuzzyArm:
                 self._key.copy_(torch.from_numpy(keys.view(np.int64)))
             if self._kernels is not None:
                 self._begun = True
-                return self._kernels.reset()
+                return self._kernels.reset(), {}
             new, reference = torch_step.begin(self._shared, self._lanes.key)
             if self.differentiable:  # the old tensors may be part of a graph
                 self.detach()
             torch_step.write(self._lanes, new)
             self._begun = True
             rows = torch_step.observed(self._shared, self._lanes, reference)
-            return torch_step.stacked(rows).t()
+            return torch_step.stacked(rows).t(), {}
 
     def step(self, action: Tensor) -> tuple[Tensor, Tensor, Tensor, Tensor, dict[str, Tensor]]:
         """Hold the torques `action` (n, joints) [N m] for one control period.
@@ -275,6 +308,15 @@ class TorchFuzzyArm:
             raise ValueError(f"state has shape {tuple(state.shape)}; needed: {needed}, as run gave it")
         observation, state, totals = self._kernels.run(policy, law, steps, None if state is None else state.detach())
         return observation, state, totals._asdict()
+
+    def _restarted(self, which: Tensor) -> Tensor:
+        """Begin the next episode in the lanes `which` (n,), and return observations (n, 5 joints), theirs the first."""
+        with torch.no_grad():
+            new, reference = torch_step.begin(self._shared, self._lanes.key)
+            old = (*self._lanes.numbers, *self._lanes[1:])
+            *numbers, key, step = (torch.where(which, a, b) for a, b in zip((*new.numbers, *new[1:]), old, strict=True))
+            self._lanes = torch_step.Lanes(tuple(numbers), key, step)
+            return torch_step.stacked(torch_step.observed(self._shared, self._lanes, reference)).t()
 
     def detach(self) -> None:
         """Cut the graph: gradients of what comes reach no further back. The state keeps its values."""

@@ -138,6 +138,8 @@ class _Tensors:
         if isinstance(first, Angle):
             value, rest = (second.value, second.rest) if isinstance(second, Angle) else (second, 0.0)
             return Angle(torch.where(condition, first.value, value), torch.where(condition, first.rest, rest))
+        if not isinstance(first, Tensor) and not isinstance(second, Tensor):  # torch would round them to float32
+            first = torch.tensor(first, dtype=torch.float64, device=condition.device)
         return torch.where(condition, first, second)
 
     @staticmethod

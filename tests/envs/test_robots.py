@@ -153,7 +153,7 @@ def test_the_batch_in_tensors_is_the_batch(robot, dtype, close):
     setting = {"robot": robot, "reference": short(robot), "disturbance": disturbed(len(robot)), "randomisation": VARIED}
     kind, envs = getattr(torch, dtype), FuzzyArmVectorEnv(3, **setting)
     tensors = TorchFuzzyArm(3, dtype=kind, compiled=False, **setting)
-    np.testing.assert_allclose(tensors.reset(seed=3).numpy(), envs.reset(seed=3)[0], rtol=0.0, atol=close)
+    np.testing.assert_allclose(tensors.reset(seed=3)[0].numpy(), envs.reset(seed=3)[0], rtol=0.0, atol=close)
     for action in torques(robot, 10):
         actions = np.tile(action, (3, 1))
         found, (_, reward, *_, info) = tensors.step(torch.tensor(actions, dtype=kind)), envs.step(actions)

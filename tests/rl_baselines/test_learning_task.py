@@ -108,8 +108,7 @@ def test_a_lost_tip_ends_the_episode_without_a_reward():
 def test_seeds_draw_other_starts_and_references_and_repeat_themselves():
     envs = FuzzyArmLearnVectorEnv(32)
     first, info = envs.reset(seed=0)
-    drawn = info["randomisation"]
-    assert len(np.unique(drawn["reference"])) > 10 and len(np.unique(drawn["angle"][:, 0])) == 32
+    assert len(np.unique(info["drawn_reference"])) > 10 and len(np.unique(info["drawn_angle"][:, 0])) == 32
     np.testing.assert_array_equal(envs.reset(seed=0)[0], first)
     assert not np.array_equal(envs.reset(seed=32)[0], first)
 

@@ -135,7 +135,7 @@ def test_the_values_are_those_without_gradients(dtype):
     torques = torch.tensor(np.random.default_rng(0).normal(0.0, 150.0, (6, 5, 2)))
     settings = {"dtype": dtype, "reference": SHORT, "disturbance": LOADED, "randomisation": SPREAD}
     both = [arms(5, differentiable=how, **settings) for how in (True, False)]
-    assert torch.equal(*(envs.reset(seed=1) for envs in both))
+    assert torch.equal(*(envs.reset(seed=1)[0] for envs in both))
     for torque in torques:
         ours, theirs = (envs.step(torque) for envs in both)
         for one, other in zip((*ours[:4], *ours[4].values()), (*theirs[:4], *theirs[4].values()), strict=True):

@@ -174,7 +174,7 @@ def test_trajectories_of_the_paper_are_the_numpy_ones(case, compiled, device):
     ours = TorchFuzzyArm(2, case=case, dtype=torch.float64, device=device, compiled=compiled)
     theirs = vector_env(2, case=case)
     policy, state, their_state = load_policy("computed-torque"), None, None
-    observation, (their_observation, _) = numbers(ours.reset(seed=0)), theirs.reset(seed=0)
+    observation, (their_observation, _) = numbers(ours.reset(seed=0)[0]), theirs.reset(seed=0)
     for step in range(1500):
         action, state = policy.predict(observation, state)
         their_action, their_state = policy.predict(their_observation, their_state)
@@ -203,7 +203,7 @@ def test_wild_episodes_are_the_numpy_ones_through_every_reset(expected_reasons, 
     arguments = {"disturbance": DISTURBED, "substep": 5e-4, **arguments}
     ours = TorchFuzzyArm(lanes, dtype=torch.float64, device=device, compiled=False, **arguments)
     theirs = vector_env(lanes, **arguments)
-    observation, (their_observation, _) = ours.reset(seed=3), theirs.reset(seed=3)
+    observation, (their_observation, _) = ours.reset(seed=3)[0], theirs.reset(seed=3)
     seen = set()
     for action in wild_actions(steps, lanes, seed):
         assert_allclose(numbers(observation), their_observation, rtol=0.0, atol=1e-10)
@@ -224,7 +224,7 @@ def test_wild_episodes_are_the_numpy_ones_through_every_reset(expected_reasons, 
 
 def test_the_episode_ends_with_its_reference(device):
     envs = TorchFuzzyArm(3, reference=SHORT, substep=1e-3, device=device, compiled=False)
-    first = envs.reset(seed=0)
+    first, _ = envs.reset(seed=0)
     action = torch.zeros((3, 2), device=device)
     for episode in range(2):
         for step in range(20):
@@ -260,7 +260,7 @@ def test_an_infinite_action_ends_only_its_lane(device):
         assert reward[lane] == their_reward[lane]
     assert torch.equal(info["final_obs"][1:3, :2], before[1:3, :2])  # their states stayed
     assert all(part.isfinite().all() for part in (observation, *info.values()))
-    assert torch.equal(observation[1:3], envs.reset(seed=0)[1:3])  # nothing is drawn: every start is the same
+    assert torch.equal(observation[1:3], envs.reset(seed=0)[0][1:3])  # nothing is drawn: every start is the same
 
 
 # ---- what is drawn ----
@@ -287,7 +287,7 @@ def test_float32_draws_the_same_episodes():
         TorchFuzzyArm(500, randomisation="robust", dtype=dtype, compiled=False)
         for dtype in (torch.float32, torch.float64)
     )
-    assert_allclose(numbers(short.reset(seed=1)), numbers(long.reset(seed=1)), atol=1e-5)
+    assert_allclose(numbers(short.reset(seed=1)[0]), numbers(long.reset(seed=1)[0]), atol=1e-5)
     for (name, a), b in zip(short.randomisation_info().items(), long.randomisation_info().values(), strict=True):
         assert a.dtype == torch.float32
         assert_allclose(numbers(a), numbers(b), rtol=2e-7, atol=3e-7, err_msg=name)
@@ -295,13 +295,12 @@ def test_float32_draws_the_same_episodes():
 
 def test_seeds_repeat_and_streams_go_on(device):
     envs = TorchFuzzyArm(5, randomisation="robust", disturbance=DISTURBED, device=device, compiled=False)
-    first = envs.reset()
-    second = envs.reset()
+    (first, _), (second, _) = envs.reset(), envs.reset()
     assert not torch.equal(first, second)
-    assert torch.equal(envs.reset(seed=0), first)
-    assert torch.equal(envs.reset(), second)
+    assert torch.equal(envs.reset(seed=0)[0], first)
+    assert torch.equal(envs.reset()[0], second)
     assert len(set(first[:, 0].tolist())) == 5
-    assert torch.equal(envs.reset(seed=2)[:3], first[2:])  # lane i has seed + i
+    assert torch.equal(envs.reset(seed=2)[0][:3], first[2:])  # lane i has seed + i
 
 
 # ---- tensors ----
@@ -311,7 +310,7 @@ def test_seeds_repeat_and_streams_go_on(device):
 def test_a_step_never_asks_for_a_value(dtype):
     # Tensors of the meta device have none: to branch on one, or to wait for one, raises.
     envs = TorchFuzzyArm(4, device="meta", dtype=dtype, compiled=False, randomisation="robust", disturbance=DISTURBED)
-    assert envs.reset(seed=0).shape == (4, 10)
+    assert envs.reset(seed=0)[0].shape == (4, 10)
     assert envs.step(torch.zeros((4, 2), device="meta"))[0].device.type == "meta"
 
 
@@ -326,7 +325,7 @@ def test_float32_stays_close_to_float64(case, device):
     tips, errors = [], []
     for dtype in (torch.float32, torch.float64):
         envs = TorchFuzzyArm(1, case=case, dtype=dtype, device=device, compiled=False)
-        observation, policy, state = numbers(envs.reset(seed=0)), load_policy("computed-torque"), None
+        observation, policy, state = numbers(envs.reset(seed=0)[0]), load_policy("computed-torque"), None
         tip, error = [], []
         for _ in range(400):
             action, state = policy.predict(observation, state)
@@ -349,7 +348,7 @@ def compare_with_eager(dtype, device, lanes=37, steps=70, **arguments):
         TorchFuzzyArm(lanes, dtype=dtype, device=device, compiled=how, **arguments) for how in (True, False)
     )
     tolerance = {"rtol": 0.0, "atol": 1e-4 if dtype == torch.float32 else 1e-10}
-    first, their_first = ours.reset(seed=1), theirs.reset(seed=1)
+    (first, _), (their_first, _) = ours.reset(seed=1), theirs.reset(seed=1)
     if ours._kernels is None:  # a reset is not compiled
         assert torch.equal(first, their_first)
     torch.testing.assert_close(first, their_first, **tolerance)

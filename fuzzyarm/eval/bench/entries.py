@@ -173,7 +173,7 @@ def _torch(lanes: int, threads: int, device: str, dtype: str) -> Iterator[Measur
     torch.set_num_threads(threads)
     try:
         arm = torch_env.TorchFuzzyArm(lanes, device=device, dtype=getattr(torch, dtype), compiled=True)
-        observation = arm.reset(seed=0)
+        observation, _ = arm.reset(seed=0)
         limit = np.array(ArmParameters().torque_limit)
         space = gym.spaces.Box(-limit, limit, dtype=np.float64)
         actions = observation.new_tensor(_draw_actions(space, 4, (lanes,), _TORQUE_SCALE))
@@ -223,7 +223,7 @@ def _torch_tip_error(device: str, dtype: str) -> float:
     # Not compiled by torch, as that takes a minute for each number of lanes; tests compare both steps.
     compiled = _is_kernel(device, dtype)
     arm = torch_env.TorchFuzzyArm(2, device=device, dtype=getattr(torch, dtype), compiled=compiled)
-    first = arm.reset(seed=0)
+    first, _ = arm.reset(seed=0)
     return _batch_tip_error(first, lambda action: arm.step(first.new_tensor(action)))
 
 

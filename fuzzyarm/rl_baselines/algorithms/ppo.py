@@ -29,9 +29,9 @@ __all__ = ["PRESETS", "SPEC", "PPOAlgorithm", "PPOConfig"]
 class PPOConfig(TrainingConfig):
     """The settings of a training with PPO, with the names of `stable_baselines3.PPO`."""
 
-    n_steps: int = 32
+    n_steps: int = 16
     """Steps of each lane between two updates, at least 2."""
-    batch_size: int = 2048
+    batch_size: int = 512
     """Samples in a gradient step, at least 2; must divide lanes times n_steps."""
     n_epochs: int = 5
     """Passes over the samples of an update."""
@@ -39,7 +39,7 @@ class PPOConfig(TrainingConfig):
     """Learning rate of Adam at the beginning."""
     final_learning_rate: float = 1e-5
     """Learning rate of Adam at the end; in between it falls linearly."""
-    gamma: float = 0.98
+    gamma: float = 0.99
     """Discount factor of a step (0 to 1)."""
     gae_lambda: float = 0.95
     """Factor λ of generalised advantage estimation (0 to 1)."""
@@ -86,12 +86,11 @@ PRESETS: dict[str, PPOConfig] = {
     "robust": PPOConfig(),
     "nominal": PPOConfig(distribution="nominal"),
     "residual": PPOConfig(
-        base="fuzzy-4-tip", scale=(0.01, 0.02), smoothing_time=0.06, elastic_target=True, past_errors=2, past_actions=2,
-        integral_time=0.1,
+        base="fuzzy-4-tip", scale=(0.01, 0.02), smoothing_time=0.06, elastic_target=True,
     ),
     "observer": PPOConfig(
-        base="elastic-observer", scale=(300.0, 150.0), gate=1.0, action_period=0.001, past_actions=1,
-        total_timesteps=4_000_000, gamma=0.99, log_std_init=-2.0, asymmetric_critic=True,
+        base="elastic-observer", scale=(300.0, 150.0), gate=1.0, action_period=0.001, past_errors=0,
+        past_actions=1, integral_time=0.0, log_std_init=-2.0, asymmetric_critic=True,
     ),
 }  # fmt: skip
 """Settings by name: of what a policy is to follow, and of what it acts beside."""

@@ -1,0 +1,57 @@
+"""``FuzzyArmLearn-v0`` passes the checkers of the libraries that learn it, and their pages run.
+
+The libraries come with the extra ``clients``: ``python -m pytest -m slow tests/rl_baselines/test_clients.py``.
+"""
+
+import subprocess
+import sys
+from pathlib import Path
+
+import gymnasium as gym
+import numpy as np
+import pytest
+
+from fuzzyarm.rl_baselines.learning_task import FuzzyArmLearnEnv, FuzzyArmLearnVectorEnv
+
+EXAMPLES = Path(__file__).parents[2] / "examples"
+
+
+def test_the_wrappers_that_cleanrl_puts_around_an_environment_take_it():
+    def make():
+        env = gym.make("fuzzyarm:FuzzyArmLearn-v0")
+        env = gym.wrappers.ClipAction(gym.wrappers.RecordEpisodeStatistics(gym.wrappers.FlattenObservation(env)))
+        env = gym.wrappers.NormalizeObservation(env)
+        env = gym.wrappers.TransformObservation(env, lambda seen: np.clip(seen, -10, 10), env.observation_space)
+        env = gym.wrappers.NormalizeReward(env, gamma=0.98)
+        return gym.wrappers.TransformReward(env, lambda reward: float(np.clip(reward, -10, 10)))
+
+    envs, ended = gym.vector.SyncVectorEnv([make] * 2), 0
+    envs.action_space.seed(0)
+    envs.reset(seed=0)
+    for _ in range(150):
+        observation, reward, *_, info = envs.step(envs.action_space.sample())
+        assert np.isfinite(observation).all() and np.isfinite(reward).all()
+        ended += "episode" in info
+    assert ended >= 1
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("mode", [None, "SameStep", "Disabled"])
+def test_torchrl_finds_nothing_wrong(mode):
+    torchrl = pytest.importorskip("torchrl.envs")
+    env = FuzzyArmLearnEnv() if mode is None else FuzzyArmLearnVectorEnv(3, autoreset_mode=mode)
+    wrapped = torchrl.GymWrapper(env)
+    torchrl.check_env_specs(wrapped)
+    rollout = wrapped.rollout(300, break_when_any_done=False)
+    assert rollout.shape == (300,) if mode is None else (3, 300)
+    assert rollout["next", "done"].any()
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(("script", "library", "word"), [("torchrl", "torchrl", "4096"), ("rsl_rl", "rsl_rl", "2")])
+def test_the_pages_of_other_libraries_run(script, library, word):
+    pytest.importorskip(library)
+    command = [sys.executable, str(EXAMPLES / f"train_{script}.py"), word]
+    done = subprocess.run(command, capture_output=True, text=True, timeout=300, check=False)
+    assert done.returncode == 0, done.stderr[-2000:]
+    assert len((EXAMPLES / f"train_{script}.py").read_text().splitlines()) <= 60
