@@ -25,6 +25,7 @@ from fuzzyarm.fuzzy_policy.laws.learned.definition import ArmDefinition, learnin
 from fuzzyarm.fuzzy_policy.laws.learned.features import learning_action
 from fuzzyarm.fuzzy_policy.laws.learned.network import Cell, Network
 from fuzzyarm.fuzzy_policy.laws.learned.policy import LearnedPolicy
+from fuzzyarm.policies.onnx_model import past_seen
 
 __all__ = ["sb3_policy"]
 
@@ -52,19 +53,13 @@ def sb3_policy(path: Path, robot: AnyArm, control_period: float) -> LearnedPolic
         raise ValueError(f"{path}: its actions lie in {low} to {high}, not in [-1, 1] as those of FuzzyArmLearn-v0")
     weights, biases, cell, activation, output = _layers(path, tensors)
     inputs = (weights[0] if cell is None else cell.weight_x).shape[1]
-    past, rest = divmod(inputs - 6 * joints, 2 * joints)
-    plain = inputs == 5 * joints
-    if not plain and (rest or past < 1):
-        raise ValueError(
-            f"{path}: it takes {inputs} numbers; FuzzyArmLearn-v0 has {5 * joints}, or with history=k "
-            f"{6 * joints} + {2 * joints} k, and its preview is nothing that a robot's controller sees"
-        )
+    past = past_seen(path, inputs, joints)
     mean, var, clip = _normaliser(path.with_suffix(".npz"), inputs)
     named = robot_of(robot)
     arm = None if robot == ArmParameters() else ArmDefinition(named.name, named.digest)
     try:
         network = Network(mean, np.sqrt(var + 1e-8), clip, weights, biases, activation, output, cell)
-        bundle = PolicyBundle(learning_features(joints, 0 if plain else past), learning_action(robot), network, arm)
+        bundle = PolicyBundle(learning_features(joints, past), learning_action(robot), network, arm)
     except (TypeError, ValueError) as error:
         raise ValueError(f"{path}: {error}") from None
     return LearnedPolicy(bundle, control_period, robot)

@@ -1,0 +1,94 @@
+"""A model in an ONNX file that acts in ``FuzzyArmLearn-v0``, as a policy of this package.
+
+Its first input holds observations (lanes, size) in float32, its first output actions (lanes, n), which are clipped to
+[-1, 1]; onnxruntime runs the graph, which holds no code of its own.
+"""
+
+from __future__ import annotations
+
+import re
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from fuzzyarm.common.documents import read_bytes
+from fuzzyarm.envs.physics.equations import AnyArm
+from fuzzyarm.fuzzy_policy.known_arm import joints_of
+from fuzzyarm.fuzzy_policy.laws.learned.definition import learning_features
+from fuzzyarm.fuzzy_policy.laws.learned.features import Features, Lanes, learning_action
+from fuzzyarm.fuzzy_policy.policy import Policy
+
+__all__ = ["OnnxPolicy", "past_seen"]
+
+_LARGEST = 64 * 2**20  # bytes
+
+
+def past_seen(path: Path, inputs: int, joints: int) -> int:
+    """Return for how large a `history` a model has so many inputs; ValueError if ``FuzzyArmLearn-v0`` has no such."""
+    past, rest = divmod(inputs - 6 * joints, 2 * joints)
+    if inputs == 5 * joints:
+        return 0
+    if rest or past < 1:
+        raise ValueError(
+            f"{path}: it takes {inputs} numbers; FuzzyArmLearn-v0 has {5 * joints}, or with history=k "
+            f"{6 * joints} + {2 * joints} k, and its preview is nothing that a robot's controller sees"
+        )
+    return past
+
+
+class OnnxPolicy(Policy):
+    """The policy; its memory holds the control periods since an action, the action, and what the features remember."""
+
+    def __init__(self, path: Path, robot: AnyArm, control_period: float) -> None:
+        """Load a file; ValueError if it is no such model or onnxruntime is missing, OSError if it cannot be read."""
+        super().__init__(robot, control_period)
+        try:
+            import onnxruntime
+        except ImportError:
+            raise ValueError(
+                'onnx: models need onnxruntime: pip install -c constraints.txt -e ".[onnx]" in the repository'
+            ) from None
+        try:
+            content = read_bytes(path, largest=_LARGEST)
+            self._session: Any = onnxruntime.InferenceSession(content, providers=["CPUExecutionProvider"])
+        except OSError:
+            raise
+        except Exception as error:  # onnxruntime has no common class of its errors
+            reason = re.sub(r"\s+", " ", str(error))[:200]
+            raise ValueError(f"{path} is not an ONNX model that onnxruntime runs: {reason}") from None
+        given, *others = self._session.get_inputs()
+        if others or given.type != "tensor(float)" or len(given.shape) != 2 or not isinstance(given.shape[1], int):
+            found = ", ".join(f"{one.name} {one.type} {one.shape}" for one in (given, *others))
+            raise ValueError(f"{path}: its inputs are {found}; needed: one, tensor(float) of shape (lanes, size)")
+        self._input, joints = given.name, joints_of(robot)
+        definition, action = learning_features(joints, past_seen(path, given.shape[1], joints)), learning_action(robot)
+        self._features = Lanes(features := Features(definition, action.period, robot))
+        self._scale, self._calls = np.array(action.scale), action.calls(control_period)
+        self.action_period, self._remembered = action.period, features.memory_size
+        if (shape := self._run(np.zeros((1, given.shape[1]), np.float32)).shape) != (1, joints):
+            raise ValueError(f"{path}: its output has shape {shape} for one lane; needed: (1, {joints}), the actions")
+
+    @property
+    def memory_size(self) -> int:  # type: ignore[override]
+        """Numbers that a lane remembers."""
+        return 1 + self.joints + self._remembered
+
+    def act(self, observation: np.ndarray, memory: np.ndarray, torque: np.ndarray) -> None:
+        """Fill `torque` (lanes, n); a new action is computed where the last one was held for its period."""
+        due = np.flatnonzero(memory[:, 0] == 0.0)
+        if len(due):
+            seen, past = np.ascontiguousarray(observation[due]), np.ascontiguousarray(memory[due, 1 + self.joints :])
+            nothing = np.empty((len(due), 0))
+            features = self._features.see(seen, past, nothing).astype(np.float32)
+            action = np.clip(self._run(features).astype(np.float64), -1.0, 1.0)
+            self._features.act(seen, action, self._scale * action, past, nothing)
+            memory[due, 1 : 1 + self.joints], memory[due, 1 + self.joints :] = action, past
+        memory[:, 0] = (memory[:, 0] + 1.0) % self._calls
+        torque[:] = self._scale * memory[:, 1 : 1 + self.joints]
+
+    def _run(self, features: np.ndarray) -> np.ndarray:
+        return np.asarray(self._session.run(None, {self._input: features})[0])
+
+    def __reduce__(self) -> Any:
+        raise TypeError("a policy of an ONNX file cannot be pickled; load the file again")

@@ -1,0 +1,83 @@
+"""``onnx:model.onnx``: the policy that the same layers are in a bundle, and what is refused."""
+
+import pickle
+
+import numpy as np
+import pytest
+
+onnx = pytest.importorskip("onnx")
+pytest.importorskip("onnxruntime")
+from onnx import TensorProto, helper, numpy_helper  # noqa: E402
+
+from fuzzyarm.cli import main  # noqa: E402
+from fuzzyarm.envs.physics.parameters import ArmParameters  # noqa: E402
+from fuzzyarm.fuzzy_policy.laws.learned.bundle import PolicyBundle  # noqa: E402
+from fuzzyarm.fuzzy_policy.laws.learned.definition import learning_features  # noqa: E402
+from fuzzyarm.fuzzy_policy.laws.learned.features import learning_action  # noqa: E402
+from fuzzyarm.fuzzy_policy.laws.learned.network import Network  # noqa: E402
+from fuzzyarm.fuzzy_policy.laws.learned.policy import LearnedPolicy  # noqa: E402
+from fuzzyarm.policies.onnx_model import OnnxPolicy  # noqa: E402
+
+ARM = ArmParameters()
+
+
+def written(path, size, outputs=2, kind=TensorProto.FLOAT, extra=()):
+    """Write tanh layers as an ONNX file, and return their weights."""
+    rng = np.random.default_rng(size)
+    layers = [0.3 * rng.normal(size=shape).astype(np.float32) for shape in ((8, size), (outputs, 8))]
+    nodes = [
+        helper.make_node("MatMul", ["x", "w0"], ["a"]),
+        helper.make_node("Tanh", ["a"], ["b"]),
+        helper.make_node("MatMul", ["b", "w1"], ["y"]),
+    ]
+    inputs = [helper.make_tensor_value_info(name, kind, ["n", size]) for name in ("x", *extra)]
+    output = [helper.make_tensor_value_info("y", kind, ["n", outputs])]
+    stored = [numpy_helper.from_array(np.ascontiguousarray(w.T), f"w{k}") for k, w in enumerate(layers)]
+    graph = helper.make_graph(nodes, "g", inputs, output, stored)
+    onnx.save(helper.make_model(graph, opset_imports=[helper.make_opsetid("", 17)], ir_version=9), path)
+    return layers
+
+
+@pytest.mark.parametrize("history", [0, 2])
+def test_it_is_the_bundle_of_the_same_layers(history, tmp_path):
+    features = learning_features(2, history)
+    layers = written(tmp_path / "m.onnx", features.size)
+    network = Network(np.zeros(features.size), np.ones(features.size), 1e6, tuple(layers), (np.zeros(8), np.zeros(2)))
+    ours = OnnxPolicy(tmp_path / "m.onnx", ARM, 1e-3)
+    theirs = LearnedPolicy(PolicyBundle(features, learning_action(ARM), network), 1e-3)
+    rng, state, other = np.random.default_rng(0), None, None
+    for step in range(9):
+        observation = rng.normal(size=(5, 10)) * rng.choice([1e-3, 1.0], (5, 1))
+        start = rng.random(5) < 0.3
+        torque, state = ours.predict(observation, state, start)
+        expected, other = theirs.predict(observation, other, start)
+        np.testing.assert_allclose(torque, expected, atol=2e-3, err_msg=str(step))
+    assert np.ptp(torque) > 1.0
+    with pytest.raises(TypeError, match="load the file again"):
+        pickle.dumps(ours)
+
+
+@pytest.mark.parametrize(
+    ("given", "message"),
+    [
+        ({"size": 11}, "it takes 11 numbers; FuzzyArmLearn-v0 has 10"),
+        ({"size": 10, "outputs": 3}, r"its output has shape \(1, 3\) for one lane; needed: \(1, 2\)"),
+        ({"size": 10, "extra": ("h",)}, r"its inputs are x tensor\(float\) \['n', 10\], h"),
+        ({"size": 10, "kind": TensorProto.DOUBLE}, "needed: one, tensor"),
+    ],
+)
+def test_another_model_is_refused_by_what_it_has(given, message, tmp_path):
+    written(tmp_path / "m.onnx", **given)
+    with pytest.raises(ValueError, match=message):
+        OnnxPolicy(tmp_path / "m.onnx", ARM, 1e-3)
+
+
+def test_it_is_ranked_from_the_command_line(tmp_path, capsys, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    written(tmp_path / "m.onnx", 10)
+    words = ["--policy", "onnx:m.onnx", "--case", "nominal", "--out", "results"]
+    assert main(["evaluate", *words]) in (0, 1)
+    assert "onnx:m.onnx" in (tmp_path / "results" / "results.json").read_text()
+    (tmp_path / "m.onnx").write_bytes(b"no model")
+    assert main(["evaluate", *words]) == 2
+    assert "m.onnx is not an ONNX model" in capsys.readouterr().err
