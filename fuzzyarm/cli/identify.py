@@ -14,7 +14,7 @@ from fuzzyarm.common.console import Sheet, output, print_paragraphs, progress, s
 if TYPE_CHECKING:
     from fuzzyarm.envs.physics.parameters import ArmParameters
 
-__all__ = ["Options", "run"]
+__all__ = ["Options"]
 
 
 @dataclass(frozen=True)
@@ -44,29 +44,28 @@ class Options:
     json: bool = False
     """Print the results as JSON instead of the table"""
 
+    def run(self) -> int:
+        """Print the table, or what the motion asks of the arm, and write the files."""
+        from fuzzyarm.envs.physics.equations import chosen_arm
+        from fuzzyarm.envs.physics.parameters import ArmParameters
 
-def run(options: Options) -> int:
-    """Print the table, or what the motion asks of the arm, and write the files."""
-    from fuzzyarm.envs.physics.equations import chosen_arm
-    from fuzzyarm.envs.physics.parameters import ArmParameters
-
-    if (options.log is None) == (options.suggest is None):
-        raise UsageError("give either a LOG or --suggest FILE; see fuzzyarm identify --help")
-    output_file(options.out, ".toml")
-    output_file(options.figure, ".png", "--figure")
-    output_file(options.suggest, ".csv", "--suggest")
-    if options.suggest is not None:
-        if options.out is not None or options.figure is not None:
-            raise UsageError("--out and --figure need a LOG; leave them out beside --suggest")
-    elif options.duration is not None:
-        raise UsageError("--duration is that of --suggest; a LOG has its own")
-    arm = chosen_arm(options.robot, None)
-    if not isinstance(arm, ArmParameters):
-        raise UsageError(
-            f"--robot {options.robot} is a robot of {len(arm)} joints by their frames; allowed: two-joint arms, by the "
-            "fields of ArmParameters"
-        )
-    return _identify(options, arm, options.log) if options.log is not None else _suggest(options, arm)
+        if (self.log is None) == (self.suggest is None):
+            raise UsageError("give either a LOG or --suggest FILE; see fuzzyarm identify --help")
+        output_file(self.out, ".toml")
+        output_file(self.figure, ".png", "--figure")
+        output_file(self.suggest, ".csv", "--suggest")
+        if self.suggest is not None:
+            if self.out is not None or self.figure is not None:
+                raise UsageError("--out and --figure need a LOG; leave them out beside --suggest")
+        elif self.duration is not None:
+            raise UsageError("--duration is that of --suggest; a LOG has its own")
+        arm = chosen_arm(self.robot, None)
+        if not isinstance(arm, ArmParameters):
+            raise UsageError(
+                f"--robot {self.robot} is a robot of {len(arm)} joints by their frames; allowed: two-joint arms, by "
+                "the fields of ArmParameters"
+            )
+        return _identify(self, arm, self.log) if self.log is not None else _suggest(self, arm)
 
 
 def _suggest(options: Options, arm: ArmParameters) -> int:

@@ -18,8 +18,8 @@ from cyclopts import Parameter
 
 __all__ = ["arguments_of", "chosen", "given", "named_as_option", "option_name", "shown_default", "with_fields_of"]
 
-Options = TypeVar("Options")
-Config = TypeVar("Config")
+_Options = TypeVar("_Options")
+_Config = TypeVar("_Config")
 
 # Fields with several values whose option gives one at a time: it may be repeated.
 _NAMES = {"policies": "policy", "cases": "case", "ranges": "range"}
@@ -36,7 +36,7 @@ def named_as_option(message: str, config: type) -> str:
     return re.sub(rf"^({fields})(\[\d+\])? = ", lambda found: f"--{option_name(found[1])}{found[2] or ''} ", message)
 
 
-def with_fields_of(config: type, without: Collection[str] = ()) -> Callable[[type[Options]], type[Options]]:
+def with_fields_of(config: type, without: Collection[str] = ()) -> Callable[[type[_Options]], type[_Options]]:
     """Return a decorator of options, a frozen dataclass, that adds an option for each field of a configuration.
 
     An option that is not given is None: `chosen` takes it from the configuration that the others change.
@@ -47,7 +47,7 @@ def with_fields_of(config: type, without: Collection[str] = ()) -> Callable[[typ
         without: fields that are no options.
     """
 
-    def add(options: type[Options]) -> type[Options]:
+    def add(options: type[_Options]) -> type[_Options]:
         hints, texts = typing.get_type_hints(config), _texts(config)
         added = [
             (field.name, _option(field, hints[field.name], texts.get(field.name, "")), dataclasses.field(default=None))
@@ -69,9 +69,9 @@ def given(options: object, config: type) -> dict[str, Any]:
     return {name: value for name, value in values.items() if value is not None}
 
 
-def chosen(options: object, start: Config) -> Config:
+def chosen(options: object, start: _Config) -> _Config:
     """Return a configuration with the fields changed that the command line gave; ValueError if it refuses a value."""
-    changed: Config = dataclasses.replace(start, **given(options, type(start)))  # type: ignore[type-var]
+    changed: _Config = dataclasses.replace(start, **given(options, type(start)))  # type: ignore[type-var]
     return changed
 
 

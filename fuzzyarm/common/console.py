@@ -28,20 +28,19 @@ if TYPE_CHECKING:
     from rich.table import Table
 
 __all__ = [
-    "PIPED_WIDTH", "SPELLED_OUT", "STANDARD_OUTPUT", "Sheet", "discard_output", "escaped", "finish_output",
-    "open_streams", "output", "print_paragraphs", "progress", "say", "say_json", "status",
+    "Sheet", "escaped", "finish_output", "open_streams", "output", "print_paragraphs", "progress", "say", "say_json",
+    "status",
 ]  # fmt: skip
 
-PIPED_WIDTH = 1000  # columns; wide enough for every table
-NARROWEST = 40  # columns; rich takes minutes and gigabytes to fold a help text to one
+_PIPED_WIDTH = 1000  # columns; wide enough for every table
+_NARROWEST = 40  # columns; rich takes minutes and gigabytes to fold a help text to one
 _BETWEEN_WORDS = re.compile(r" (?![^\[]*\])")  # spaces, but for those within the brackets of a unit such as [N m]
 
 # Control characters but the line feed, marks of writing direction, line separators, and what no encoding has.
 _OBEYED = re.compile(r"[\x00-\x09\x0b-\x1f\x7f-\x9f\u061c\u200e\u200f\u2028-\u202e\u2066-\u2069\ud800-\udfff]")
 _SPELLING = {"µ": "u", "×": "x", "·": "*", "²": "^2", "≤": "<=", "≥": ">=", "…": "...", "\N{NO-BREAK SPACE}": " "}
-SPELLED_OUT = "fuzzyarm.spelled-out"
+_SPELLED_OUT = "fuzzyarm.spelled-out"
 """Handler of encoding errors, for `str.encode`: µ becomes u where the encoding has no µ, and so on."""
-STANDARD_OUTPUT = "standard output"  # what an `OSError` of writing to it names as its file
 
 
 def open_streams() -> bool:
@@ -62,7 +61,7 @@ def open_streams() -> bool:
         sys.stderr = open(2, "w", encoding="utf-8", closefd=False)  # noqa: SIM115
     for stream in (sys.stdout, sys.stderr):
         if isinstance(stream, io.TextIOWrapper):
-            stream.reconfigure(errors=SPELLED_OUT)
+            stream.reconfigure(errors=_SPELLED_OUT)
     return sys.stdout is not None and 1 not in closed
 
 
@@ -70,12 +69,6 @@ def finish_output() -> None:
     """Write what is still buffered; OSError if standard output does not take it."""
     with _naming_output():
         sys.stdout.flush()
-
-
-def discard_output() -> None:
-    """Send what is still buffered nowhere, or Python would complain about it at its end."""
-    with contextlib.suppress(OSError, ValueError):
-        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
 
 
 def _spelled_out(error: UnicodeError) -> tuple[str, int]:
@@ -86,7 +79,7 @@ def _spelled_out(error: UnicodeError) -> tuple[str, int]:
     return "".join(_SPELLING.get(one) or one.encode("unicode_escape").decode() for one in letters), error.end
 
 
-codecs.register_error(SPELLED_OUT, _spelled_out)
+codecs.register_error(_SPELLED_OUT, _spelled_out)
 
 
 def escaped(text: str, *, lines: bool = False) -> str:
@@ -112,16 +105,21 @@ def say_json(document: Any) -> None:
 
 @contextlib.contextmanager
 def _naming_output() -> Iterator[None]:
-    """Name standard output in the errors of writing to it; that its reader has left stays a `BrokenPipeError`."""
+    """Name standard output in the errors of writing to it; `BrokenPipeError` stays: its reader has left.
+
+    Buffered output that cannot be written is discarded; otherwise Python would report it again at its end.
+    """
     try:
         yield
-    except BrokenPipeError:
-        raise
     except OSError as error:
-        raise OSError(error.errno, error.strerror or str(error), STANDARD_OUTPUT) from None
+        with contextlib.suppress(OSError, ValueError):
+            os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+        if isinstance(error, BrokenPipeError):
+            raise
+        raise OSError(error.errno, error.strerror or str(error), "standard output") from None
 
 
-def output(piped_width: int | None = PIPED_WIDTH) -> Console:
+def output(piped_width: int | None = _PIPED_WIDTH) -> Console:
     """Return the console of standard output; in a pipe it has another width, unless that is None."""
     console = _console()
     return console if console.is_terminal or piped_width is None else _console(width=piped_width)
@@ -147,8 +145,8 @@ def _console(**settings: Any) -> Console:
                 super().print(*objects, **options)
 
     made = Output(**settings)
-    if made.width < NARROWEST:
-        made.width = NARROWEST  # the terminal breaks the lines
+    if made.width < _NARROWEST:
+        made.width = _NARROWEST  # the terminal breaks the lines
     return made
 
 
@@ -238,13 +236,13 @@ def _measure_columns(table: Table, console: Console) -> None:
     for number, column in enumerate(table.columns):
         alone = _part(table, [number])
         alone.box, alone.title = None, None
-        width = console.measure(alone, options=console.options.update(max_width=PIPED_WIDTH))
+        width = console.measure(alone, options=console.options.update(max_width=_PIPED_WIDTH))
         column.min_width = width.maximum if column.no_wrap else width.minimum
         column.max_width = width.maximum
 
 
 def _least_width(table: Table, console: Console) -> int:
-    return console.measure(table, options=console.options.update(max_width=PIPED_WIDTH)).minimum
+    return console.measure(table, options=console.options.update(max_width=_PIPED_WIDTH)).minimum
 
 
 def _spread(table: Table, room: int) -> None:
