@@ -72,12 +72,12 @@ def _suggest(options: Options, arm: ArmParameters) -> int:
     """Write a motion and say how much of the arm's limits it takes."""
     assert options.suggest is not None
     from fuzzyarm.common.files import write_atomically
-    from fuzzyarm.identification.excitation import condition_of, motion_csv, suggested, use_of
+    from fuzzyarm.identification.excitation import suggested
 
     with status("searching a motion"):
         motion = suggested(arm) if options.duration is None else suggested(arm, options.duration)
-    use, condition = use_of(motion, arm), condition_of(motion, arm)
-    write_atomically(options.suggest, motion_csv(motion, arm))
+    use, condition = motion.largest(), motion.condition()
+    write_atomically(options.suggest, motion.to_csv())
     limits = {"angle": arm.joint_limit, "velocity": arm.velocity_limit, "torque": arm.torque_limit}
     if options.json:
         largest = {name: part.tolist() for name, part in use.items()}
@@ -92,7 +92,7 @@ def _suggest(options: Options, arm: ArmParameters) -> int:
 
 def _identify(options: Options, start: ArmParameters, path: Path) -> int:
     from fuzzyarm.identification.log import read_log
-    from fuzzyarm.identification.result import identify, write_residuals
+    from fuzzyarm.identification.result import identify
 
     log = read_log(path)
     with progress("steps", None) as advance:
@@ -100,7 +100,7 @@ def _identify(options: Options, start: ArmParameters, path: Path) -> int:
     if options.out is not None:
         found.arm.write_toml(options.out)
     if options.figure is not None:
-        write_residuals(found, options.figure)
+        found.write_residuals(options.figure)
     if options.json:
         say_json(found.to_dict())
         return 0
