@@ -20,7 +20,7 @@ from fuzzyarm.cli.show import loaded
 from fuzzyarm.envs.physics.parameters import ArmParameters
 from fuzzyarm.envs.physics.robot import Robot
 from fuzzyarm.export.c_files import FLAGS, CompiledLaw, export_c
-from fuzzyarm.export.c_text import LAW, Recorded, Unsupported, helper_text, literal_of, program_of, source_text
+from fuzzyarm.export.c_text import LAW, Recorded, Unsupported, _helper_text, _literal_of, program_of
 from fuzzyarm.fuzzy_policy.laws.computed_torque import ComputedTorquePolicy
 from fuzzyarm.fuzzy_policy.laws.learned.network import Network
 from fuzzyarm.numbers.functions import apart, array, each, entry, number, only, repeat, row, select, when, word
@@ -86,10 +86,10 @@ def test_the_vectors_of_float_are_answers_of_float(tmp_path, monkeypatch):
 
 def test_what_guards_a_division_guards_it_in_float():
     for least in (1e-300, -1e-300):
-        assert float(literal_of(least, "double").strip("()")) == least
-        guard = np.float32(literal_of(least, "float").strip("f()"))
+        assert float(_literal_of(least, "double").strip("()")) == least
+        guard = np.float32(_literal_of(least, "float").strip("f()"))
         assert np.isfinite(np.float32(1.0) / guard) and np.sign(guard) == np.sign(least)
-    assert literal_of(0.0, "float") == "0.0f"
+    assert _literal_of(0.0, "float") == "0.0f"
 
 
 @needs_compiler
@@ -233,7 +233,7 @@ def machine(function, tables):
 )
 def test_branches_loops_and_tables_are_those_of_python(function, tables, tmp_path):
     (tmp_path / "own.h").write_text("typedef struct { double memory[1]; } own_state;\n", encoding="utf-8")
-    (tmp_path / "own.c").write_text(source_text(machine(function, tables), "own", "double"), encoding="utf-8")
+    (tmp_path / "own.c").write_text(machine(function, tables).source_text("own", "double"), encoding="utf-8")
     library = tmp_path / "own.so"
     words = [COMPILERS[0], *FLAGS, "-shared", "-fPIC", str(tmp_path / "own.c"), "-o", str(library)]
     subprocess.run(words, check=True, capture_output=True)
@@ -255,7 +255,7 @@ def test_branches_loops_and_tables_are_those_of_python(function, tables, tmp_pat
 )
 def test_what_cannot_be_written_says_what(wrong, message):
     with pytest.raises(Unsupported, match=message):
-        source_text(machine(lambda x, _: wrong(x), ()), "own", "double")
+        machine(lambda x, _: wrong(x), ()).source_text("own", "double")
 
 
 def test_a_policy_without_a_law_is_refused():
@@ -272,7 +272,7 @@ def test_a_policy_without_a_law_is_refused():
 def test_the_square_root_is_rounded_correctly(real, kind, tmp_path):
     text = f"void all(long n, const {real} *x, {real} *y);\nvoid all(long n, const {real} *x, {real} *y)\n"
     text += "{\n    long k;\n    for (k = 0; k < n; k++) {\n        y[k] = sqrt_(x[k]);\n    }\n}\n"
-    own = helper_text("sqrt", real)
+    own = _helper_text("sqrt", real)
     (tmp_path / "root.c").write_text(f"#include <float.h>\n{own}{text}", encoding="utf-8")
     library = tmp_path / "root.so"
     words = [COMPILERS[0], *FLAGS, "-shared", "-fPIC", str(tmp_path / "root.c"), "-o", str(library)]
