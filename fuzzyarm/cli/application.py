@@ -99,7 +99,7 @@ def command_line(words: Sequence[str] | None = None) -> cyclopts.App:
     """Return the parser of the command line.
 
     Args:
-        words: of the command line. Only what these words need is imported; None: everything.
+        words: words of the command line; only the modules that they need are imported. None: all are.
     """
     flags = cyclopts.Group("Options", sort_key=0)
     made = cyclopts.App(
@@ -143,7 +143,7 @@ def command_line(words: Sequence[str] | None = None) -> cyclopts.App:
 
 
 def _version() -> str:
-    """Return the version in the first line, then what else a report of a bug needs."""
+    """Return the version in the first line, then the versions of installed packages, for bug reports."""
     from fuzzyarm.eval.provenance import installed
 
     return "\n".join([f"fuzzyarm {__version__}", *(f"{name} {version}" for name, version in installed().items())])
@@ -176,7 +176,7 @@ def _fail(message: str, code: int) -> int:
 
 
 def _name_left_out(robot: Any) -> None:
-    """Name on standard error, once a command, what the TOML file of a two-joint arm leaves to Table 1."""
+    """Print on standard error which parameters the TOML file of a two-joint arm takes from Table 1."""
     if isinstance(robot, str) and robot.endswith(".toml"):
         from fuzzyarm.common.documents import read_toml
         from fuzzyarm.envs.physics.parameters import ArmParameters
@@ -189,7 +189,7 @@ def _name_left_out(robot: Any) -> None:
 
 
 def _whole_numbers(kind: Any, tokens: Sequence[cyclopts.Token]) -> Any:
-    """Convert the words of an option to its type: 4e6 is whole, 4.5 is not; the library rounds 4.5, and refuses 4e6."""
+    """Convert the words of an option to its type; 4e6 is an integer, 4.5 is not (cyclopts rounds 4.5, refuses 4e6)."""
     return cyclopts.convert(kind, tokens, converter=_converted)
 
 
@@ -206,7 +206,7 @@ def _converted(kind: Any, text: str) -> Any:
 
 
 def _explain(error: cyclopts.CycloptsError) -> str:
-    """Return one line for an error of the command line: the value, what is allowed, and where to look."""
+    """Return one line for an error of the command line: the value, the allowed values, and the command's help."""
     command = " ".join(["fuzzyarm", *(error.command_chain or ())])
     text = _explained(error)
     return f"{text} See {command} --help" if text.endswith("?") else f"{text}; see {command} --help"
@@ -243,7 +243,7 @@ def _name(error: cyclopts.CycloptsError) -> str:
 
 
 def _allowed(error: cyclopts.CycloptsError) -> str:
-    """Return which values an option takes, if it says so."""
+    """Return the allowed values of an option if it has an `Allowed`."""
     hint = None if error.argument is None else error.argument.field_info.annotation
     return "".join(f"; allowed: {one}" for one in typing.get_args(hint) if isinstance(one, Allowed))
 
@@ -253,7 +253,7 @@ def _choices(kind: Any) -> tuple[Any, ...]:
 
 
 def _in_words(kind: Any) -> str:
-    """Return what a value of a type has to be."""
+    """Return a phrase for the values of a type, such as "a whole number"."""
     if typing.get_origin(kind) in (typing.Union, types.UnionType):
         kinds = [one for one in typing.get_args(kind) if one is not types.NoneType]
         return " or ".join(map(_in_words, kinds))

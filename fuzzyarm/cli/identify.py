@@ -45,7 +45,7 @@ class Options:
     """Print the results as JSON instead of the table"""
 
     def run(self) -> int:
-        """Print the table, or what the motion asks of the arm, and write the files."""
+        """Identify an arm, or suggest a motion; print the results and write the files."""
         from fuzzyarm.envs.physics.equations import chosen_arm
         from fuzzyarm.envs.physics.parameters import ArmParameters
 
@@ -69,7 +69,7 @@ class Options:
 
 
 def _suggest(options: Options, arm: ArmParameters) -> int:
-    """Write a motion and say how much of the arm's limits it takes."""
+    """Write a motion to record; print its largest values beside the limits of the arm."""
     assert options.suggest is not None
     from fuzzyarm.common.files import write_atomically
     from fuzzyarm.identification.excitation import suggested

@@ -18,15 +18,15 @@ class UsageError(Exception):
 
 
 class Allowed(str):
-    """Metadata of an option, in `Annotated`: the values that it takes, for messages; the help says them itself."""
+    """The values that an option takes, for error messages: metadata in `Annotated`; the help has its own text."""
 
 
 @contextlib.contextmanager
 def claimed_folder(folder: Path, *, make: bool = True) -> Iterator[None]:
     """Make a folder if needed, unless `make` is false, and let no other command write to it while the block runs.
 
-    A folder that was made and is empty at the end, since the command was refused, is removed. A folder that cannot be
-    made or written to, or that another process writes to, is refused before anything is computed.
+    A folder that was made and is still empty at the end, since the command was refused, is removed. UsageError before
+    anything is computed if the folder cannot be made or written to; ValueError if another process writes to it.
     """
     if not make and not folder.is_dir():  # what reads it has the better message
         yield
@@ -43,7 +43,7 @@ def claimed_folder(folder: Path, *, make: bool = True) -> Iterator[None]:
 
 
 def check_writable(folder: Path, *, make: bool = False) -> None:
-    """Write a nameless file to a folder, so that a command fails with UsageError before it has computed anything."""
+    """Raise UsageError before anything is computed if no temporary file can be written to a folder."""
     try:
         if make:
             folder.mkdir(parents=True, exist_ok=True)
@@ -54,7 +54,7 @@ def check_writable(folder: Path, *, make: bool = False) -> None:
 
 
 def output_file(path: Path | None, suffix: str, option: str = "--out") -> None:
-    """Check before anything is computed that a file, if one is given, ends in `suffix` and may be written."""
+    """Raise UsageError before anything is computed unless the file, if given, ends in `suffix` and can be written."""
     if path is None:
         return
     if path.suffix != suffix or path.is_dir():
@@ -65,7 +65,7 @@ def output_file(path: Path | None, suffix: str, option: str = "--out") -> None:
 
 
 def stopped(command: str, out: Path, error: BaseException) -> int:
-    """Say why a command ended before its work was done and how it goes on, and return the exit code."""
+    """Print why a command ended early and how to go on with it; return the exit code."""
     interrupted = isinstance(error, KeyboardInterrupt)
     reason = "interrupted" if interrupted else error
     say(f"fuzzyarm {command}: {reason}; what is done is kept: --resume --out {out} goes on", error=True)

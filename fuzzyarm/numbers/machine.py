@@ -27,14 +27,14 @@ from fuzzyarm.common.files import write_atomically
 from fuzzyarm.numbers.llvm_text import EIGHT, WIDE, Layout, kernel_text
 from fuzzyarm.numbers.program import Program
 
-__all__ = ["CACHE", "WIDE", "Call", "Kernel", "Layout", "kernel_text"]
+__all__ = ["WIDE", "Call", "Kernel", "Layout", "kernel_text"]
 
-CACHE = "FUZZYARM_CACHE"  # environment variable with the folder for machine code; by default that of the user's caches
-LONG = 2500  # operations; of a program of more, the numbers of `WIDE` arms would not stay in registers
+_CACHE = "FUZZYARM_CACHE"  # environment variable with the folder for machine code; by default that of the user's caches
+_LONG = 2500  # operations; of a program of more, the numbers of `WIDE` arms would not stay in registers
 
 
 class Call:
-    """A kernel with what it works on, so many `arms`; it keeps the arrays alive."""
+    """A kernel bound to the arrays of `arms` arms, which it keeps alive."""
 
     __slots__ = ("_code", "_held", "_job", "arms")
 
@@ -51,24 +51,24 @@ class Call:
         self._code.call(_SPAN.pack(first, stop) + self._job[_SPAN.size :])
 
     def on(self, port: int, array: np.ndarray) -> None:
-        """Go on with another array of the same shape, strides and type in this port; whoever calls keeps it alive."""
+        """Use another array of the same shape, strides and type for a port; the caller keeps it alive."""
         at = _SPAN.size + _SIZE * (1 + port)
         self._job = self._job[:at] + _ADDRESS.pack(_address(array)) + self._job[at + _SIZE :]
 
     def release(self) -> None:
-        """Hold the arrays no longer; whoever calls keeps them alive."""
+        """Drop the references to the arrays; the caller keeps them alive."""
         self._held = ()
 
     @property
     def entry(self) -> tuple[Callable[[bytes], None], bytes]:
-        """What `__call__` calls, and with what, for the fewest steps of the interpreter; this object must live on."""
+        """The function and the argument of `__call__`, for the fastest call; this object must be kept alive."""
         return self._code.call, self._job
 
 
 class _Known:
-    """What follows from the shapes of arrays, constants and tables.
+    """The machine code and the arguments that follow from the shapes of arrays, constants and tables.
 
-    `apart`: how far the rows of each array lie apart, and how many each table has.
+    `apart` has the distance between rows of each array, then the number of rows of each table.
     """
 
     def __init__(
@@ -132,7 +132,7 @@ class Kernel:
     def bound(
         self, arrays: Sequence[np.ndarray], constants: np.ndarray, tables: Sequence[np.ndarray] = (), steps: int = 1
     ) -> Call:
-        """Return the kernel with what it works on.
+        """Return the kernel bound to arrays.
 
         Arrays of each port are float64, see `Layout`, constants (k,) float64, tables float64 in the shapes that the
         program knows, where any number of rows is at least one. ValueError for another shape, type or layout.
@@ -184,7 +184,7 @@ class Kernel:
     @functools.cached_property
     def _wide(self) -> int:
         """How many arms a vector holds; half as many where a long program would not fit into the registers."""
-        return EIGHT if self.program.size() > LONG and not self.program.arrays else WIDE
+        return EIGHT if self.program.size() > _LONG and not self.program.arrays else WIDE
 
     def code(self, arms: int) -> _Code:
         """Return the machine code for so many arms."""
@@ -259,7 +259,7 @@ def _stored(path: Path) -> bytes | None:
 
 def _folder() -> Path:
     """Return the folder of machine code."""
-    if named := os.environ.get(CACHE):
+    if named := os.environ.get(_CACHE):
         return Path(named)
     home = os.environ.get("XDG_CACHE_HOME") or os.path.join(os.path.expanduser("~"), ".cache")
     return Path(home) / "fuzzyarm"

@@ -21,8 +21,8 @@ __all__ = ["Program"]
 class Program:
     """A recorded function ``f(*ports, constants, *tables)`` that returns as many ports.
 
-    A port is a tree of numbers that each arm has of its own. What the function returns in its place is stored there,
-    number by number; a number that comes back as it was given is not.
+    A port is a tree of numbers that each arm has of its own. Each number that the function returns is stored in the
+    place of the number that it was given, unless it is returned unchanged.
 
     Attributes:
         ports: how many numbers each port has; `arrays`: each array of its own.
@@ -78,7 +78,7 @@ class Program:
         return type(tree)(*parts) if hasattr(tree, "_fields") else tuple(parts)
 
     def _outputs(self, tree: Any) -> list[Any]:
-        """Return what becomes of the numbers of a port."""
+        """Return the numbers that the function returned for a port."""
         if isinstance(tree, tuple):
             return [number for part in tree for number in self._outputs(part)]
         if not isinstance(tree, Array):
@@ -103,7 +103,7 @@ class Program:
 
     @contextlib.contextmanager
     def within(self, *, loop: bool = False) -> Iterator[Region]:
-        """Record into a new region of the present one, which the caller puts there afterwards."""
+        """Record into a new region within the present one; the caller adds it to the items afterwards."""
         outside, self.now = self.now, Region(self.now, loop=loop)
         try:
             yield self.now
@@ -117,7 +117,7 @@ class Program:
         return operation("load", detail=(memory, place.constant, tuple(sorted(place.terms.items()))))
 
     def moved(self, operation: str, detail: Any) -> Symbol:
-        """Record what depends on what has been written before: where it stands, and each time."""
+        """Record an operation that depends on earlier writes, at this place and without reuse of an earlier result."""
         symbol = Symbol(self, operation, (), self.now, detail=detail)
         self.now.items.append(symbol)
         return symbol
@@ -134,7 +134,7 @@ class Program:
                 raise TypeError("a number of a loop or a branch is used after it; keep it in an array")
 
     def operation(self, operation: str, *operands: Any, kind: str = "real", detail: Any = None) -> Symbol:
-        """Return the symbol of an operation, which is recorded unless it is known where it is needed."""
+        """Return the symbol of an operation; record the operation unless its result is already available."""
         if any(isinstance(one, Symbol) and one.kind == "word" for one in operands):
             if operation not in _OF_WORDS:
                 raise TypeError(f"{operation} is no operation of words")
@@ -193,7 +193,7 @@ def _key(operand: Any) -> Any:
 
 
 class _Symbols:
-    """What symbols do in place of floats, see `functions`."""
+    """The functions of `functions` for symbols."""
 
     @staticmethod
     def select(condition: Symbol, first: Any, second: Any) -> Any:
@@ -246,7 +246,7 @@ class _Symbols:
 
 
 class _Indices:
-    """What indices do."""
+    """The functions of `functions` for indices."""
 
     @staticmethod
     def number(index: Index) -> Symbol:

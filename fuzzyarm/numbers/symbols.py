@@ -1,7 +1,7 @@
-"""Symbols: numbers that are not known while a function is recorded, and what a program makes of them.
+"""Symbols: the unknown numbers of a function while it is recorded, and the parts of the recorded program.
 
-There are arrays and tables of symbols with places that may depend on the rounds of loops, and regions, loops, branches
-and stores.
+Arrays and tables of symbols have places that may depend on the rounds of loops. A program consists of regions, loops,
+branches, operations and stores.
 """
 
 from __future__ import annotations
@@ -18,7 +18,7 @@ __all__ = ["Array", "Branch", "For", "Index", "Loop", "Region", "Store", "Symbol
 
 
 class Word(int):
-    """A constant of 64 bits, which no float is taken for."""
+    """A constant of 64 bits, of a type of its own so that it is not taken for a float."""
 
 
 class Symbol:
@@ -29,7 +29,7 @@ class Symbol:
         operation: "+", "select", "input", "row", ..., on `operands`, symbols and floats, in a region.
         kind: "real", "truth" or "word".
         uniform: whether it is the same for all arms.
-        detail: of an input or a row, where it is found.
+        detail: of an input or a row, its place.
     """
 
     __slots__ = ("detail", "kind", "number", "operands", "operation", "program", "region", "uniform")

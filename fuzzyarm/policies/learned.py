@@ -1,4 +1,4 @@
-"""The folder of a learned policy of any kind, as a policy."""
+"""Learned policies of any kind, loaded from their folders."""
 
 from __future__ import annotations
 
@@ -40,7 +40,7 @@ def learned_files(folder: Path) -> dict[str, str]:
 def learned_policy(folder: Path, control_period: float, robot: AnyArm) -> Policy:
     """Load a learned policy for a control period [s], with the policy that it is based on if there is one.
 
-    ValueError if the folder is damaged, the arm is not the one it was trained for, or the period does not fit.
+    ValueError if the folder is damaged, the policy was trained for another arm, or the period does not fit.
     """
     bundle, label = _bundle(folder), resolve(str(folder)).label
     if not isinstance(bundle, PolicyBundle):

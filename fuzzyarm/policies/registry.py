@@ -1,4 +1,4 @@
-"""The policies known by name: how each is made. `add_policy` adds one."""
+"""Policies that are known by name, and how each is made; `add_policy` adds one."""
 
 from __future__ import annotations
 
@@ -85,7 +85,7 @@ _HOME = Path(__file__).parent.parent / "fuzzy_policy"
 _CONTROLLERS, _TRAINED = _HOME / "controllers", _HOME / "laws" / "learned" / "policies"
 
 LEARNED = ("ppo-nominal", "ppo-robust", "ppo-residual")
-"""Policies trained with PPO, of each the median seed; their ``policy.json`` says what they were trained on."""
+"""Policies trained with PPO, the median seed of each; ``policy.json`` records the training."""
 
 POLICIES = Registry[_NamedPolicy](
     __name__,
@@ -115,7 +115,7 @@ ANY_ROBOT = ("computed-torque", "computed-torque-tip", "elastic-observer")
 
 
 def add_policy(name: str, factory: Factory, *, has_tip: bool = False) -> None:
-    """Make a policy known by a name in this process; the defaults of commands and tables stay as they are.
+    """Add a policy by name in this process; the defaults of commands and tables do not change.
 
     Args:
         name: a new name, which neither ends in `TIP` or ``.json`` nor contains a slash or a colon.
@@ -123,7 +123,7 @@ def add_policy(name: str, factory: Factory, *, has_tip: bool = False) -> None:
         has_tip: whether `TipPolicy` may wrap it, as the name with the ending `TIP`.
 
     Raises:
-        ValueError: the name is taken, or would be read as a file or as code.
+        ValueError: the name is taken, or names a file or code.
     """
     if not (isinstance(name, str) and name) or name.endswith((TIP, ".json")) or any(mark in name for mark in "/\\:"):
         raise ValueError(f"{name!r} cannot name a policy: no {TIP} or .json at its end, no slash, no colon")
@@ -135,6 +135,6 @@ def add_policy(name: str, factory: Factory, *, has_tip: bool = False) -> None:
 
 
 def known_names() -> tuple[str, ...]:
-    """Return every name that is known now: `NAMES`, then those of `add_policy`."""
+    """Return all known names: `NAMES`, then those of `add_policy`."""
     added = {name: policy for name, policy in POLICIES.items() if name not in NAMES}
     return (*NAMES, *added, *(name + TIP for name, policy in added.items() if policy.has_tip))

@@ -1,4 +1,4 @@
-"""The one reader of a policy's name: what it refers to, its label, its files, and how it is loaded.
+"""The names of policies: what a name refers to, its label and files, and how the policy is loaded.
 
     fuzzy-4, computed-torque, ppo-robust, ...      a policy known by name, see `registry`
     fuzzy-4-tip, mine.json-tip                     the same law, leading the tip along the reference
@@ -39,7 +39,7 @@ __all__ = ["PolicySpec", "file_digest", "found_again", "load_policy", "recorded"
 
 @dataclasses.dataclass(frozen=True)
 class PolicySpec:
-    """What a policy's name refers to; made by `resolve`. Whether there is such a policy shows when it is used."""
+    """What a policy's name refers to; made by `resolve`, which does not check whether the policy exists."""
 
     name: str  # as it was given
     kind: Kind  # what the policy is made from
@@ -180,7 +180,7 @@ def _in_tuned_folder(name: str, path: Path, tip: bool) -> PolicySpec | None:
 
 
 def resolve_all(names: Sequence[str], *, run_code: bool = False) -> dict[str, PolicySpec]:
-    """Return the specs of several names by label; ValueError if two have the same label, or one cannot be printed."""
+    """Return the specs of several names by label; ValueError if two labels are equal or a name is not printable."""
     for name in names:
         if not name.isprintable():
             raise ValueError(f"policy {name!a}: its name holds characters that cannot be printed; rename the file")
@@ -236,7 +236,7 @@ def load_policy(
 
 
 def _is_code(name: str) -> bool:
-    """Return whether a name is a foreign model's, or of the form ``package.module:factory`` and no file's."""
+    """Return whether a name is that of a foreign model, or ``package.module:factory`` and not the name of a file."""
     if name.startswith(SB3):
         return True
     module, _, factory = name.partition(":")
@@ -245,14 +245,14 @@ def _is_code(name: str) -> bool:
 
 
 def file_digest(file: Path) -> str:
-    """Return the SHA-256 of a text file, which is the same with the line ends of another system."""
+    """Return the SHA-256 of a text file, with line ends of any system counted as line feeds."""
     from fuzzyarm.common.documents import read_bytes  # `import fuzzyarm` loads no msgspec
 
     return hashlib.sha256(read_bytes(file).replace(b"\r\n", b"\n")).hexdigest()
 
 
 def recorded(name: str) -> str:
-    """Return the name of a policy as files of results hold it."""
+    """Return the name of a policy as it is recorded in files of results."""
     if name.startswith(SB3):
         return SB3 + recorded(name.removeprefix(SB3))
     path = Path(name)

@@ -24,7 +24,7 @@ from fuzzyarm.fuzzy_policy.laws.tip import TipPolicy
 from fuzzyarm.policies import NAMES, policies_of, resolve
 from fuzzyarm.policies.declared import ELASTIC, HEADINGS, Declared, declared, declared_by_name, stated
 from fuzzyarm.policies.registry import POLICIES
-from fuzzyarm.policies.tuned import NAME, SCHEMA, TunedLaws, read_laws
+from fuzzyarm.policies.tuned import NAME, SCHEMA, TunedLaws
 
 OWN = {"objective": "o", "tuned_on": "t", "knows": "k", "sees": "s", "remembers": "r"}
 CONTROLLER = POLICIES["fuzzy-4"].path
@@ -202,5 +202,5 @@ def test_damaged_laws_are_refused_in_one_line(folder, change, message):
     document = json.loads((folder / NAME).read_text(encoding="utf-8")) | change
     (folder / NAME).write_text(json.dumps(document), encoding="utf-8")
     with pytest.raises(ValueError, match=message) as refused:
-        read_laws(folder, ARM)
+        TunedLaws.read(folder, ARM)
     assert "\n" not in str(refused.value) and str(folder) in str(refused.value)
