@@ -36,9 +36,7 @@ GROUPS = {
         "leaderboard": "Rank the policies of several evaluations.",
         "score": "Score policies on episodes that no training draws.",
     },
-    "Know the arm": {
-        "identify": "Find the parameters of an arm in a log of its motors.",
-    },
+    "Know the arm": {"identify": "Find the parameters of an arm in a log of its motors."},
     "Design controllers": {
         "tune": "Find the numbers of all model-based policies for an arm.",
         "design": "Design a fuzzy controller by linear matrix inequalities.",

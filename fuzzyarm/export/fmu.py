@@ -188,11 +188,7 @@ def _start(arm: AnyArm) -> list[float]:
 
 
 def _write(
-    name: str,
-    sources: dict[str, str],
-    variables: Sequence[_Variable],
-    code: dict[str, str],
-    folder: Path,
+    name: str, sources: dict[str, str], variables: Sequence[_Variable], code: dict[str, str], folder: Path
 ) -> Path:
     """Write the archive; its GUID is a hash of its content. `code` is as for `_fmu_source`."""
     settable = variables[: int(code["given"]) + int(code["shown"])]

@@ -9,15 +9,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from fuzzyarm.common.documents import (
-    _DEEPEST,
-    DocumentError,
-    check_schema,
-    parse_json,
-    read_json,
-    read_toml,
-    record,
-)
+from fuzzyarm.common.documents import _DEEPEST, DocumentError, check_schema, parse_json, read_json, read_toml, record
 
 LEAVES = st.none() | st.booleans() | st.integers() | st.floats(allow_nan=False, allow_infinity=False) | st.text()
 CONTENTS = st.recursive(LEAVES, lambda inner: st.lists(inner) | st.dictionaries(st.text(), inner), max_leaves=20)

@@ -224,12 +224,7 @@ def machine(function, tables):
 @needs_compiler
 @pytest.mark.parametrize(
     ("function", "tables"),
-    [
-        (branching, ()),
-        (looped, ()),
-        (called, ()),
-        (tabled, (np.array([[1.0, -2.0], [0.5, 3.0], [1e300, 4.0]]),)),
-    ],
+    [(branching, ()), (looped, ()), (called, ()), (tabled, (np.array([[1.0, -2.0], [0.5, 3.0], [1e300, 4.0]]),))],
 )
 def test_branches_loops_and_tables_are_those_of_python(function, tables, tmp_path):
     (tmp_path / "own.h").write_text("typedef struct { double memory[1]; } own_state;\n", encoding="utf-8")
