@@ -15,6 +15,7 @@ import re
 import textwrap
 from collections import defaultdict
 from collections.abc import Callable, Iterable, Sequence
+from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -213,95 +214,9 @@ def program_of(policy: Policy) -> Recorded:
     return Recorded(step, (names, seen_by(joints)), law.memory, joints, LAW, source, law.tables)
 
 
-_HELPERS = {
-    "rint": """/* The nearest whole number, the even one of two; exact. */
-static {real} rint_({real} x)
-{{
-    const {real} large = {large};
-    {real} result = x;
-    if ((x > -large) && (x < large)) {{
-        result = (x > {zero}) ? ((x + large) - large) : ((x - large) + large);
-        if (result == {zero}) {{
-            result = x * {zero};
-        }}
-    }}
-    return result;
-}}
-""",
-    "floor": """/* The largest whole number that is not above x; exact. */
-static {real} floor_({real} x)
-{{
-    const {real} nearest = rint_(x);
-    return (nearest > x) ? (nearest - {one}) : nearest;
-}}
-""",
-    "abs": """static {real} abs_({real} x)
-{{
-    return (x <= {zero}) ? ({zero} - x) : x;
-}}
-""",
-    "sqrt": """/* The square root, rounded correctly: y = x/scale^2 in [1, 4), Newton, exact residual y - r^2. */
-static {real} sqrt_({real} x)
-{{
-    static const {real} power[{steps}] = {{
-{powers}
-    }};
-    static const {real} root[{steps}] = {{
-{roots}
-    }};
-    const {real} unit = {epsilon}_EPSILON;
-    {real} result = x;
-    if ((x > {zero}) && (x <= {epsilon}_MAX)) {{
-        const _Bool tiny = x < {epsilon}_MIN;
-        {real} scale = tiny ? {drop} : {one};
-        {real} y = tiny ? (x * {lift}) : x;
-        {real} r;
-        {real} high;
-        {real} low;
-        {real} residual;
-        int k;
-        for (k = 0; k < {steps}; k++) {{
-            if (y >= power[k]) {{
-                y = y * ({one} / power[k]);
-                scale = scale * root[k];
-            }}
-            if ((y * power[k]) < {four}) {{
-                y = y * power[k];
-                scale = scale * ({one} / root[k]);
-            }}
-        }}
-        r = {half} + ({half} * y);
-        for (k = 0; k < 5; k++) {{
-            r = {half} * (r + (y / r));
-        }}
-        high = {split} * r;
-        high = high - (high - r);
-        low = r - high;
-        residual = ((y - (high * high)) - ({two} * (high * low))) - (low * low);
-        if (residual > (r * unit)) {{
-            r = r + unit;
-        }} else if (residual <= -(r * unit)) {{
-            r = r - unit;
-        }} else {{
-            /* r is the nearest number. */
-        }}
-        result = r * scale;
-    }} else if (x < {zero}) {{
-        result = (x - x) / (x - x);
-    }} else {{
-        /* 0, infinity and what is no number stay so. */
-    }}
-    return result;
-}}
-""",
-    "place": """/* The row of a place in a table: the nearest one inside, and the first of what is no number. */
-static int place_({real} x, int last)
-{{
-    return (x > {zero}) ? ((x < ({real})last) ? (int)x : last) : 0;
-}}
-""",
-}
-"""By operation, the C function that does it without a library; `floor` needs `rint`."""
+_, *_SECTIONS = re.split(r"\n/\* @@ (\w+) \*/\n", Path(__file__).with_name("functions.c").read_text(encoding="utf-8"))
+_HELPERS = dict(zip(_SECTIONS[::2], _SECTIONS[1::2], strict=True))
+"""By operation, the C function that replaces the one of the math library; `floor` needs `rint`."""
 
 
 def _helper_text(operation: str, real: str) -> str:
@@ -316,11 +231,12 @@ def _helper_text(operation: str, real: str) -> str:
     }
     lists = {"powers": [2.0**one for one in exponents], "roots": [2.0 ** (one // 2) for one in exponents]}
     form = textwrap.TextWrapper(100, initial_indent=" " * 8, subsequent_indent=" " * 8, break_on_hyphens=False)
-    return _HELPERS[operation].format(
-        **{"real": real, "steps": steps, "epsilon": epsilon},
+    texts = {
+        **{"real": real, "steps": str(steps), "epsilon": epsilon},
         **{name: form.fill(", ".join(map(literal, those))) for name, those in lists.items()},
         **{name: literal(number) for name, number in numbers.items()},
-    )
+    }
+    return re.sub(r"@(\w+)@", lambda mark: texts[mark[1]], _HELPERS[operation])
 
 
 _LONGEST = 70  # characters of an operation that stands where it is used
