@@ -83,9 +83,9 @@ def main(arguments: Sequence[str] | None = None) -> int:
 
 
 def entry_point() -> None:
-    """Run as the installed command: with streams that can be written, and without the user's drawing back end.
+    """Run as the installed command, with writable streams and without the user's Matplotlib back end.
 
-    The figures are drawn into files, and Matplotlib refuses to be imported if MPLBACKEND names a back end it lacks.
+    Figures are drawn into files, and Matplotlib cannot be imported if MPLBACKEND names a back end that it lacks.
     """
     os.environ["MPLBACKEND"] = "agg"
     if not open_streams():

@@ -138,7 +138,7 @@ def _config(options: Options) -> EvaluationConfig:
 
 
 def _repeat(options: Options, recorded: Path) -> int:
-    """Repeat a recorded evaluation and compare; only `policy` may be given beside it."""
+    """Repeat a recorded evaluation and compare its numbers; `policies` is the only other option allowed."""
     from fuzzyarm.eval.evaluation.recheck import print_comparison, recheck_results
     from fuzzyarm.eval.evaluation.results_file import read_results
 

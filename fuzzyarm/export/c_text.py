@@ -41,7 +41,7 @@ LAW, MODEL = ("observation", "torque"), ("input", "output")
 
 
 class _Function(NamedTuple):
-    """A function of the exported program: numbers in, numbers out."""
+    """A C function of the exported program, from numbers to numbers."""
 
     name: str  # in the program
     program: Program  # its ports are the arguments and the results
@@ -93,10 +93,10 @@ def _named(name: str, tree: Any) -> list[str]:
 
 
 class Recorded(_Program):
-    """What a policy or a plant does in a control step: ``step(given, memory, *tables)`` returns memory and result.
+    """The program of a control step of a policy or a plant: ``step(given, memory, *tables)`` returns memory and result.
 
-    The ports are the memory, the numbers that are given and the result: of a policy the observation and the torques of
-    every motor [N m].
+    The ports are the memory, the inputs and the result; those of a policy are the observation and the torques of all
+    motors [N m].
     """
 
     def __init__(
@@ -109,7 +109,7 @@ class Recorded(_Program):
         source: str,
         contents: Sequence[np.ndarray] = (),
     ) -> None:
-        """Record a function of numbers; `Unsupported` if it has something that cannot be written in C.
+        """Record a function of numbers; `Unsupported` if it does something that cannot be written in C.
 
         `given` has the names of the inputs and a tree of as many zeros; `memory` is a tree of zeros and `Cells`.
         `words`, `LAW` or `MODEL`, names the arrays; `source` names the function of the package that is recorded;
@@ -314,10 +314,10 @@ class _Uses:
 
 
 class _Writer:
-    """Writes functions of a program."""
+    """Writes the C functions of a program."""
 
     def __init__(self, of: Recorded, real: str) -> None:
-        """Begin; `real` is "double" or "float"."""
+        """Begin to write; `real` is "double" or "float"."""
         self.used, self.tables = set[Any](), set[int]()  # what was needed of `_HELPERS` and functions; tables looked up
         self._of, self._real = of, real
         self._texts: dict[Symbol, str] = {}
@@ -511,20 +511,20 @@ class _Writer:
 
 
 def _index(constant: int, terms: Iterable[tuple[int, int]]) -> str:
-    """Return the text of a whole number, the sum of a constant and a factor for each loop's round."""
+    """Return the text of an index: a constant plus a factor times the round of each loop."""
     parts = [f"i{loop}" if factor == 1 else f"({factor} * i{loop})" for loop, factor in terms if factor]
     rest = [str(constant)] if constant > 0 or not parts else []
     return " + ".join([*parts, *rest]) + (f" - {-constant}" if constant < 0 and parts else "")
 
 
 def _wrapped(texts: Iterable[str], indent: str, further: str) -> list[str]:
-    """Return lines with these texts and commas between them; the second and later ones have the `further` indent."""
+    """Return lines with these texts, separated by commas; lines after the first have the indent `further`."""
     form = textwrap.TextWrapper(_WIDTH, indent, further, break_long_words=False, break_on_hyphens=False)
     return [line.replace("\0", " ") for line in form.wrap(", ".join(text.replace(" ", "\0") for text in texts))]
 
 
 def _bare(text: str) -> str:
-    """Return a text without the brackets around all of it."""
+    """Return a text without the brackets that enclose all of it."""
     depths = itertools.accumulate({"(": 1, ")": -1}.get(mark, 0) for mark in text[1:-1])
     return text[1:-1] if text.startswith("(") and text.endswith(")") and min(depths, default=0) >= 0 else text
 

@@ -502,7 +502,7 @@ class Writer(Operations):
         self.if_full(one_by_one, by_rows)
 
     def runs(self) -> list[tuple[int, int, int, int]]:
-        """Return port, first number, place of that among all, and length of each stretch of numbers of arrays."""
+        """Return port, first number, its place among all numbers, and length of each run of numbers of arrays."""
         found, place = list[tuple[int, int, int, int]](), 0
         for port, count in enumerate(self.program.ports):
             for inside, numbers in itertools.groupby(range(place, place + count), self.program.cells.__contains__):
@@ -528,11 +528,11 @@ class Writer(Operations):
         return self.new(f"getelementptr double, ptr %room, i64 {self.new(f'mul i64 {place}, {self.width}')}")
 
     def head(self, held: Sequence[str], apart: Sequence[str]) -> str:
-        """Return how the function begins; arguments as for `arguments`."""
+        """Return the first line of the function; arguments as for `arguments`."""
         return "define void @kernel(ptr noalias readonly %job) #0 {"
 
     def arguments(self, held: Sequence[str], apart: Sequence[str]) -> tuple[str, str]:
-        """Take %stop, %steps and these names; return the first arm, and how far the next group's is from it."""
+        """Load %stop, %steps and these names; return the first arm and the distance to that of the next group."""
         for k, name in enumerate(["first", "stop", "steps", *held, *apart]):
             pointer = self.new(f"getelementptr i64, ptr %job, i64 {k}")
             self.put(f"%{name} = load {'ptr' if name in held else 'i64'}, ptr {pointer}, align 8")
@@ -607,7 +607,7 @@ class Writer(Operations):
         return "\n".join([*sorted(self.declared), self.head(held, apart), *self.lines, "}", self.tail(), ""])
 
     def several_times(self, taken: Sequence[_Number], changed: Sequence[tuple[int, int, int]]) -> None:
-        """Write a loop over steps, between which the numbers stay in the group's own memory."""
+        """Write a loop over steps; between steps the numbers stay in the group's own memory."""
         for _, _, place, name in taken:
             self.put(f"store {self.real} {name}, ptr {self.room(place)}, align 8")
         before, at = self.here, len(self.lines) + 2
@@ -628,7 +628,7 @@ class Writer(Operations):
         self.label("back")
 
     def _needed(self) -> set[int]:
-        """Return by `id` what something is computed from, and what another number becomes."""
+        """Return the ids of all numbers that an operation, a loop, a branch, a store or a changed output uses."""
         pairs = zip(self.program.outputs, self.program.inputs, strict=True)
         needed = {id(out) for out, own in pairs if out is not own}
         regions = [self.program.top]

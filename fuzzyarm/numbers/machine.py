@@ -43,11 +43,11 @@ class Call:
         self._job = known.job(steps, map(_address, given))
 
     def __call__(self) -> None:
-        """Run it for every arm."""
+        """Run the kernel for every arm."""
         self._code.call(self._job)
 
     def part(self, first: int, stop: int) -> None:
-        """Run it for the arms from `first`, a multiple of `WIDE`, to `stop` - 1; threads may do so at once."""
+        """Run the kernel for arms `first`, a multiple of `WIDE`, to `stop` - 1; threads may run parts at once."""
         self._code.call(_SPAN.pack(first, stop) + self._job[_SPAN.size :])
 
     def on(self, port: int, array: np.ndarray) -> None:
@@ -91,7 +91,7 @@ class _Known:
         return _shapes(arrays) == self._arrays and (same or _shapes((constants, *tables)) == self._rest)
 
     def job(self, steps: int, places: Iterable[int]) -> bytes:
-        """Return first arm, last arm + 1, steps, where each array, the constants and each table are, and `apart`."""
+        """Return first arm, last arm + 1, steps, addresses of arrays, constants and tables, and `apart`, packed."""
         return self._pack(0, self.arms, steps, *places, *self._apart)
 
     def run(
@@ -197,7 +197,7 @@ class Kernel:
 
 
 def _address(array: np.ndarray) -> int:
-    """Return where an array begins."""
+    """Return the address of an array."""
     try:  # three times as fast as the other way, but not for arrays with gaps or that are read-only
         return ctypes.addressof(_BYTE.from_buffer(array))  # type: ignore[arg-type]
     except (BufferError, TypeError, ValueError):
@@ -210,7 +210,7 @@ _SPAN, _ADDRESS = struct.Struct("2q"), struct.Struct("q")  # first arm and last 
 
 
 class _Code:
-    """Machine code in memory: the engine that holds it, and its entry."""
+    """Machine code in memory: the engine that owns it, and its entry point."""
 
     def __init__(self, binary: bytes, machine: Any, width: int) -> None:
         self.engine = llvm.create_mcjit_compiler(llvm.parse_assembly(""), machine)
@@ -248,7 +248,7 @@ def _machine_code(text: str, width: int) -> _Code:
 
 
 def _stored(path: Path) -> bytes | None:
-    """Return the machine code in a file; None if there is none, or if it is not what was written."""
+    """Return the machine code in a file; None if there is no file or its digest is wrong."""
     try:
         content = path.read_bytes()
     except OSError:

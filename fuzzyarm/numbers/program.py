@@ -40,11 +40,11 @@ class Program:
         constants: Any = (),
         tables: Iterable[tuple[int, ...]] = (),
     ) -> None:
-        """Record.
+        """Record the function.
 
-        Ports are trees of anything, for their shapes; `Cells` become arrays, which are changed in place. So are
-        constants, without `Cells`. Tables are given by their shapes, 0 for any number of rows. ValueError if the
-        function returns ports with other counts of numbers than it takes.
+        Ports are trees of which only the shape matters; their `Cells` become arrays, which the function changes in
+        place. Constants are such a tree without `Cells`. Tables are given by their shapes, 0 for any number of rows.
+        ValueError if the function returns ports with other counts of numbers than it takes.
         """
         self.count, self.top, self.tables = 0, Region(None), tuple(tables)
         self.now, self.ports = self.top, tuple(len(flat(port)) for port in ports)
@@ -67,7 +67,7 @@ class Program:
         self._reachable(self.outputs)
 
     def _given(self, tree: Any, inputs: Iterator[Symbol]) -> Any:
-        """Return a port as the function gets it."""
+        """Return the symbols and arrays of a port, as the argument of the function."""
         if isinstance(tree, Cells):
             places = [next(inputs).detail for _ in range(tree.size)]
             self.cells.update(places)
@@ -89,7 +89,7 @@ class Program:
         return list(self.inputs[tree.first.constant : tree.first.constant + size])
 
     def array(self, shape: tuple[int, ...]) -> Array:
-        """Return an array of its own."""
+        """Return a new array in the program's own memory, see `functions.array`."""
         self.arrays.append(Cells(shape).size)
         return Array(self, f"array{len(self.arrays) - 1}", 0, shape)
 
@@ -111,7 +111,7 @@ class Program:
             self.now = outside
 
     def load(self, memory: str, place: Index) -> Symbol:
-        """Return a number of an array."""
+        """Return the symbol of a number of an array or a table."""
         fixed = memory.startswith("table") and not place.terms
         operation = self.operation if fixed else self.moved
         return operation("load", detail=(memory, place.constant, tuple(sorted(place.terms.items()))))
@@ -123,7 +123,7 @@ class Program:
         return symbol
 
     def store(self, memory: str, place: Index, value: Any) -> None:
-        """Record that a number is written."""
+        """Record that a number is written to an array."""
         value = self._real(value)
         self._reachable((value,))
         self.now.items.append(Store(memory, place, value))
@@ -167,7 +167,7 @@ class Program:
         return symbol
 
     def _real(self, operand: Any) -> Any:
-        """Return 1.0 or 0.0 for a truth value."""
+        """Return a truth value as 1.0 or 0.0, and other operands unchanged."""
         return self.operation("real", operand) if isinstance(operand, Symbol) and operand.kind == "truth" else operand
 
     def size(self) -> int:

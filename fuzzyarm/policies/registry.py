@@ -33,7 +33,7 @@ Factory: TypeAlias = "Callable[[AnyArm, float], Policy]"
 
 
 class Kind(enum.StrEnum):
-    """What a policy is made from."""
+    """The source that a policy is made from."""
 
     LAW = "law"  # a function of this process, which takes the arm and the control period
     CONTROLLER = "controller"  # a controller file

@@ -55,7 +55,7 @@ class PolicySpec:
 
     @property
     def label(self) -> str:
-        """What the policy is called in tables and figures: its name, or its file's without folder and ``.json``.
+        """The label of the policy in tables and figures: its name, or that of its file without folder and ``.json``.
 
         A policy of `fuzzyarm train` is named after the folder of its training, with ``-best`` for its best evaluation.
         """
@@ -97,7 +97,7 @@ class PolicySpec:
         robot: AnyArm | str | os.PathLike[str] | None = None,
         allow_unproven: bool = False,
     ) -> Policy | UserPolicy:
-        """Return the policy; arguments and errors as of `load_policy`. ValueError, too: code may not run, or fails."""
+        """Return the policy; arguments and errors as for `load_policy`, and ValueError if code fails or may not run."""
         from fuzzyarm.common.checks import truth
         from fuzzyarm.envs.physics.equations import chosen_arm
 
@@ -264,10 +264,10 @@ def recorded(name: str) -> str:
 def found_again(
     names: Sequence[str], files: Mapping[str, Collection[str]], given: Sequence[str], folder: Path
 ) -> tuple[str, ...]:
-    """Return recorded names of policies so that each can be loaded.
+    """Return recorded names of policies, changed so that each can be loaded here.
 
-    A file or folder is looked for among the names `given` by the user, then where the recorded name says, seen from the
-    current folder, then beside the results in `folder`. `files` are those that each policy was made from, by label, see
+    A file or folder is looked for among the names `given` by the user, then at the recorded path from the current
+    folder, then beside the results in `folder`. `files` are those that each policy was made from, by label, see
     `PolicySpec.files`. ValueError if a file or folder is in none of these places.
     """
     typed = {resolve(name).label: name for name in given}

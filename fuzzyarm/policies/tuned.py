@@ -31,7 +31,7 @@ NAME = "laws.json"  # the file of the laws in the folder
 
 @dataclasses.dataclass(frozen=True)
 class TunedLaws:
-    """The content of `NAME`, checked.
+    """The checked content of the file `NAME`.
 
     Raises:
         TypeError: a value is of the wrong type.

@@ -80,9 +80,9 @@ def load_code(name: str, control_period: float, robot: AnyArm) -> Policy | UserP
 
 
 def source_file(name: str) -> Path | None:
-    """Return the file of a foreign model, or the source of the module of ``package.module:factory``, imported for it.
+    """Return the file of a foreign model, or the source of the module of ``package.module:factory``.
 
-    ValueError if that fails.
+    The module is imported for it; ValueError if that fails.
     """
     if name.startswith(SB3):
         return Path(name.removeprefix(SB3))
@@ -121,7 +121,7 @@ class UserPolicy:
 
     @property
     def declared(self) -> Declared | None:
-        """What the object declares, None if it has no such attribute; ValueError if a field is wrong."""
+        """The declaration of the object, None if it has none; ValueError if a field is wrong."""
         given = getattr(self._policy, "declared", None)
         try:
             return None if given is None else stated(given)
@@ -155,7 +155,7 @@ class UserPolicy:
         return found
 
     def _called(self, method: str, *arguments: Any) -> Any:
-        """Return what a method of the object returns; ValueError that names it if it fails."""
+        """Return the result of a method of the object; ValueError that names the method if it fails."""
         try:
             return getattr(self._policy, method)(*arguments)
         except Exception as error:
@@ -191,7 +191,7 @@ class UserPolicy:
 
 
 def _accepted(factory: Any, offered: dict[str, Any]) -> dict[str, Any]:
-    """Return those of the offered arguments that a factory has parameters for."""
+    """Return the offered arguments for which a factory has parameters."""
     try:
         parameters = inspect.signature(factory).parameters.values()
     except ValueError:  # a built-in without a signature
