@@ -151,7 +151,7 @@ class Identified:
 
 
 def identify(log: Log, start: ArmParameters, progress: Callable[[], None] | None = None) -> Identified:
-    """Return the arm of a log.
+    """Return the two-joint arm that fits a log best, with confidence intervals.
 
     Args:
         log: measurements of the motors.
