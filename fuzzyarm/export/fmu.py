@@ -65,7 +65,7 @@ _TEMPLATE = Path(__file__).with_name("fmu.c")  # with @marks@ for what differs b
 def _fmu_source(name: str, numbers: Mapping[str, str]) -> str:
     """Return the C source of the FMU of a program.
 
-    `numbers` holds the text for each mark of `fmu.c`: guid, given, shown, results, period; code for ranges, show,
+    `numbers` holds the text for each mark of ``fmu.c``: guid, given, shown, results, period; code for ranges, show,
     started and single; and allowed, the step sizes in words.
     """
     text = _TEMPLATE.read_text(encoding="utf-8")

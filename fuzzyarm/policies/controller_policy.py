@@ -26,7 +26,7 @@ def controller_policy(
 ) -> Policy:
     """Return the policy of a controller, or of its file, once its inequalities are proven; see `load_policy`.
 
-    `robot` None means the robot that the controller was designed for.
+    The policy is for `robot`, None meaning the robot that the controller was designed for, and a control period [s].
     """
     name, controller = (str(given), load_controller(given)) if isinstance(given, Path) else ("the controller", given)
     if not isinstance(controller, Controller | ScheduledController):
