@@ -17,7 +17,7 @@ import numpy as np
 from measuring import options_of, printed, write
 
 from fuzzyarm.envs.physics.parameters import ArmParameters
-from fuzzyarm.identification.excitation import NOISE, condition_of, rehearsed, suggested, use_of
+from fuzzyarm.identification.excitation import NOISE, rehearsed, suggested
 from fuzzyarm.identification.fit import DEVIATIONS
 from fuzzyarm.identification.log import Log
 from fuzzyarm.identification.result import identify
@@ -82,8 +82,8 @@ def measure(seeds: int, duration: float) -> dict[str, Any]:
         "duration": duration,
         "noise": dataclasses.asdict(NOISE),
         "motion": {
-            "condition": condition_of(motion, truth),
-            **{name: part.tolist() for name, part in use_of(motion, truth).items()},
+            "condition": motion.condition(),
+            **{name: part.tolist() for name, part in motion.largest().items()},
         },
         "logs": {
             name: {

@@ -1,26 +1,31 @@
 """The command `fuzzyarm`: its commands in groups, and the exit code and the one line that an error becomes.
 
-A command is a module of this package with a frozen dataclass `Options`, whose fields are its options, and a function
-`run(options)` that returns the exit code. The docstrings of `Options` and the texts after its fields are the help, in
-Markdown. Only the module of the command that was asked for is imported, and what it computes with is imported in `run`.
+A command is a module of this package with a frozen dataclass `Options`, whose fields are its options and whose method
+`run` returns the exit code. The docstring of `Options` and the texts after its fields are the help, in Markdown. Only
+the module of the requested command is imported; the code that it computes with is imported in `run`.
 
 Exit codes: 0 fine, 1 a result that fails, 2 bad usage, 130 interrupted, 141 the reader of a pipe has left.
 """
 
 from __future__ import annotations
 
+import contextlib
+import difflib
 import importlib
 import os
 import sys
+import types
+import typing
 from collections.abc import Sequence
-from typing import Any
+from pathlib import Path
+from typing import Any, Literal
 
 import cyclopts
 
 from fuzzyarm import __version__
 from fuzzyarm.cli.options import arguments_of, option_name, shown_default
-from fuzzyarm.cli.usage import UsageError, explain, name_left_out, whole_numbers
-from fuzzyarm.common.console import STANDARD_OUTPUT, discard_output, escaped, finish_output, open_streams, output, say
+from fuzzyarm.cli.usage import Allowed, UsageError
+from fuzzyarm.common.console import escaped, finish_output, open_streams, output, say
 
 __all__ = ["GROUPS", "command_line", "entry_point", "main"]
 
@@ -31,9 +36,7 @@ GROUPS = {
         "leaderboard": "Rank the policies of several evaluations.",
         "score": "Score policies on episodes that no training draws.",
     },
-    "Know the arm": {
-        "identify": "Find the parameters of an arm in a log of its motors.",
-    },
+    "Know the arm": {"identify": "Find the parameters of an arm in a log of its motors."},
     "Design controllers": {
         "tune": "Find the numbers of all model-based policies for an arm.",
         "design": "Design a fuzzy controller by linear matrix inequalities.",
@@ -67,13 +70,10 @@ def main(arguments: Sequence[str] | None = None) -> int:
         finish_output()
         return code
     except cyclopts.CycloptsError as error:
-        return _fail(f"{command}: {explain(error)}", 2)
+        return _fail(f"{command}: {_explain(error)}", 2)
     except BrokenPipeError:
-        discard_output()  # the reader, such as head, has left
-        return 141  # what a shell reports for it
+        return 141  # the reader, such as head, has left: what a shell reports for it
     except OSError as error:
-        if error.filename == STANDARD_OUTPUT:
-            discard_output()
         where = f"{error.filename}: " if error.filename else ""
         return _fail(f"{command}: {where}{error.strerror or error}", 2)
     except (UsageError, ValueError) as error:
@@ -83,9 +83,9 @@ def main(arguments: Sequence[str] | None = None) -> int:
 
 
 def entry_point() -> None:
-    """Run as the installed command: with streams that can be written, and without the user's drawing back end.
+    """Run as the installed command, with writable streams and without the user's Matplotlib back end.
 
-    The figures are drawn into files, and Matplotlib refuses to be imported if MPLBACKEND names a back end it lacks.
+    Figures are drawn into files, and Matplotlib cannot be imported if MPLBACKEND names a back end that it lacks.
     """
     os.environ["MPLBACKEND"] = "agg"
     if not open_streams():
@@ -97,7 +97,7 @@ def command_line(words: Sequence[str] | None = None) -> cyclopts.App:
     """Return the parser of the command line.
 
     Args:
-        words: of the command line. Only what these words need is imported; None: everything.
+        words: words of the command line; only the modules that they need are imported. None: all are.
     """
     flags = cyclopts.Group("Options", sort_key=0)
     made = cyclopts.App(
@@ -112,7 +112,7 @@ def command_line(words: Sequence[str] | None = None) -> cyclopts.App:
             negative=(),
             consume_multiple=(1, None),
             name_transform=option_name,
-            converter=whole_numbers,
+            converter=_whole_numbers,
             show_default=shown_default,
         ),
         console=output(piped_width=None),
@@ -141,7 +141,7 @@ def command_line(words: Sequence[str] | None = None) -> cyclopts.App:
 
 
 def _version() -> str:
-    """Return the version in the first line, then what else a report of a bug needs."""
+    """Return the version in the first line, then the versions of installed packages, for bug reports."""
     from fuzzyarm.eval.provenance import installed
 
     return "\n".join([f"fuzzyarm {__version__}", *(f"{name} {version}" for name, version in installed().items())])
@@ -156,10 +156,9 @@ def _run(words: Sequence[str]) -> int:
     everything = "--install-completion" in words[:1]
     command, bound, _ = command_line(None if everything else words).parse_args(words)
     if isinstance(command, type):
-        module = importlib.import_module(command.__module__)
-        options = command(*bound.args, **bound.kwargs)
-        code: int = module.run(options)
-        name_left_out(getattr(options, "robot", None))  # after it: bad usage is one line
+        options: Any = command(*bound.args, **bound.kwargs)
+        code: int = options.run()
+        _name_left_out(getattr(options, "robot", None))  # after it: bad usage is one line
         return code
     if not set(words) & set(_FLAGS):  # without a command the library would show the help and succeed
         name = " ".join(["fuzzyarm", *words])
@@ -172,3 +171,91 @@ def _run(words: Sequence[str]) -> int:
 def _fail(message: str, code: int) -> int:
     say(escaped(" ".join(message.split())), error=True)
     return code
+
+
+def _name_left_out(robot: Any) -> None:
+    """Print on standard error which parameters the TOML file of a two-joint arm takes from Table 1."""
+    if isinstance(robot, str) and robot.endswith(".toml"):
+        from fuzzyarm.common.documents import read_toml
+        from fuzzyarm.envs.physics.parameters import ArmParameters
+
+        with contextlib.suppress(OSError, ValueError):  # a robot by its frames
+            given = read_toml(Path(robot))
+            names = ", ".join(name for name in ArmParameters().to_dict() if name not in given)
+            if ArmParameters.from_dict(given) and names:
+                say(f"{robot} leaves out {names}: taken from Table 1 of the paper", error=True)
+
+
+def _whole_numbers(kind: Any, tokens: Sequence[cyclopts.Token]) -> Any:
+    """Convert the words of an option to its type; 4e6 is an integer, 4.5 is not (cyclopts rounds 4.5, refuses 4e6)."""
+    return cyclopts.convert(kind, tokens, converter=_converted)
+
+
+def _converted(kind: Any, text: str) -> Any:
+    if kind is not int:
+        return cyclopts.convert(kind, [text])
+    try:
+        return int(text)
+    except ValueError:
+        number = float(text)
+        if not number.is_integer():
+            raise
+        return int(number)
+
+
+def _explain(error: cyclopts.CycloptsError) -> str:
+    """Return one line for an error of the command line: the value, the allowed values, and the command's help."""
+    command = " ".join(["fuzzyarm", *(error.command_chain or ())])
+    text = _explained(error)
+    return f"{text} See {command} --help" if text.endswith("?") else f"{text}; see {command} --help"
+
+
+def _explained(error: cyclopts.CycloptsError) -> str:
+    match error:
+        case cyclopts.CoercionError() if error.token is not None and not _choices(error.target_type):
+            name = error.token.keyword or _name(error)
+            return f"{name} {error.token.value} must be {_in_words(error.target_type)}{_allowed(error)}"
+        case cyclopts.UnknownCommandError() if error.unused_tokens and error.app is not None:
+            names = [name for name in error.app if not name.startswith("-")]
+            nearest = difflib.get_close_matches(error.unused_tokens[0], names, n=1)
+            hint = f"did you mean {nearest[0]}?" if nearest else f"choose from: {', '.join(names)}"
+            return f"unknown command {error.unused_tokens[0]}; {hint}"
+        case cyclopts.UnusedCliTokensError():
+            return f"{' '.join(error.unused_tokens or ())} belongs to no option"
+        case cyclopts.MissingArgumentError() if error.argument is not None:
+            if error.keyword is None and not error.tokens_so_far:
+                return f"{_name(error)} is missing"
+            count, _ = error.argument.token_count()
+            given = " ".join([error.keyword or _name(error), *error.tokens_so_far])
+            return f"{given} needs {f'{count} values' if count > 1 else 'a value'}"
+        case cyclopts.RepeatArgumentError():
+            return f"{error.token.keyword} {error.token.value} is given twice; leave out one"
+    text = str(error).rstrip(".")
+    return text[:1].lower() + text[1:]
+
+
+def _name(error: cyclopts.CycloptsError) -> str:
+    if error.argument is None:
+        return "a value"
+    return error.argument.name or error.argument.parameter.metavar or "an argument"
+
+
+def _allowed(error: cyclopts.CycloptsError) -> str:
+    """Return the allowed values of an option if it has an `Allowed`."""
+    hint = None if error.argument is None else error.argument.field_info.annotation
+    return "".join(f"; allowed: {one}" for one in typing.get_args(hint) if isinstance(one, Allowed))
+
+
+def _choices(kind: Any) -> tuple[Any, ...]:
+    return typing.get_args(kind) if typing.get_origin(kind) is Literal else ()
+
+
+def _in_words(kind: Any) -> str:
+    """Return a phrase for the values of a type, such as "a whole number"."""
+    if typing.get_origin(kind) in (typing.Union, types.UnionType):
+        kinds = [one for one in typing.get_args(kind) if one is not types.NoneType]
+        return " or ".join(map(_in_words, kinds))
+    if _choices(kind):
+        return " or ".join(f'"{choice}"' for choice in _choices(kind))
+    words = {int: "a whole number", float: "a number", bool: "yes or no"}
+    return words.get(kind, f"a {getattr(kind, '__name__', kind)}")

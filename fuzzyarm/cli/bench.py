@@ -14,7 +14,7 @@ from fuzzyarm.cli.usage import UsageError, claimed_folder
 from fuzzyarm.common.console import output, progress, say, say_json
 from fuzzyarm.eval.bench.run import BenchConfig
 
-__all__ = ["Options", "run"]
+__all__ = ["Options"]
 
 
 @with_fields_of(BenchConfig)
@@ -31,24 +31,23 @@ class Options:
     json: bool = False
     """Print the results as JSON instead of the table"""
 
+    def run(self) -> int:
+        """Print the table, and write the file and the figure."""
+        from fuzzyarm.eval.bench.run import run_bench, write_document
+        from fuzzyarm.eval.bench.speed_table import print_speeds
 
-def run(options: Options) -> int:
-    """Print the table, and write the file and the figure."""
-    from fuzzyarm.eval.bench.run import run_bench, write_document
-    from fuzzyarm.eval.bench.speed_table import print_speeds
-
-    config = chosen(options, BenchConfig())
-    if config.lanes_sweep and options.out is None:
-        raise UsageError("--lanes-sweep draws throughput.png: say where with --out DIR")
-    with contextlib.nullcontext() if options.out is None else claimed_folder(options.out):
-        # The bar is drawn between the turns: nothing else may run while one is timed.
-        with progress("", config.turns(), between_steps=True) as advance:
-            document = run_bench(config, advance)
-        written = write_document(document, options.out) if options.out is not None else []
-    if options.json:
-        say_json(document)
+        config = chosen(self, BenchConfig())
+        if config.lanes_sweep and self.out is None:
+            raise UsageError("--lanes-sweep draws throughput.png: say where with --out DIR")
+        with contextlib.nullcontext() if self.out is None else claimed_folder(self.out):
+            # The bar is drawn between the turns: nothing else may run while one is timed.
+            with progress("", config.turns(), between_steps=True) as advance:
+                document = run_bench(config, advance)
+            written = write_document(document, self.out) if self.out is not None else []
+        if self.json:
+            say_json(document)
+            return 0
+        print_speeds(document, output())
+        if written:
+            say(f"\n{', '.join(path.name for path in written)} in {self.out}")
         return 0
-    print_speeds(document, output())
-    if written:
-        say(f"\n{', '.join(path.name for path in written)} in {options.out}")
-    return 0

@@ -13,7 +13,7 @@ from fuzzyarm.cli.usage import claimed_folder
 from fuzzyarm.common.console import progress, say
 from fuzzyarm.eval.dataset.config import DatasetConfig
 
-__all__ = ["Options", "run"]
+__all__ = ["Options"]
 
 
 @with_fields_of(DatasetConfig)
@@ -28,9 +28,12 @@ class Options:
     out: Annotated[Path, Parameter(metavar="DIR")]
     """Folder of data sets, made if needed"""
 
+    def run(self) -> int:
+        """Write a data set."""
+        return _run(self)
 
-def run(options: Options) -> int:
-    """Write a data set."""
+
+def _run(options: Options) -> int:
     from fuzzyarm.eval.dataset.store import check_installed, open_dataset, provenance_of, write_dataset
 
     config = chosen(options, DatasetConfig())

@@ -17,7 +17,7 @@ if TYPE_CHECKING:
     from fuzzyarm.fuzzy_policy.scheduled import Premise, ScheduledController
     from fuzzyarm.synthesis import ScheduledSpecification, Specification
 
-__all__ = ["Options", "run"]
+__all__ = ["Options"]
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -62,42 +62,41 @@ class Options:
     """Robot by name (paper, cicese, manutec-r3, planar-3r, ur5, panda), or TOML file of another arm or robot
     (default: Table 1 of the paper)"""
 
+    def run(self) -> int:
+        """Design, prove and write the controller; return 1 if there is none with these requirements."""
+        from fuzzyarm.envs.physics.equations import chosen_arm
+        from fuzzyarm.envs.physics.robot import Robot
+        from fuzzyarm.synthesis import DesignFailed, describe, describe_scheduled, design, design_scheduled
 
-def run(options: Options) -> int:
-    """Design, prove and write the controller; return 1 if there is none with these requirements."""
-    from fuzzyarm.envs.physics.equations import chosen_arm
-    from fuzzyarm.envs.physics.robot import Robot
-    from fuzzyarm.synthesis import DesignFailed, describe, describe_scheduled, design, design_scheduled
-
-    arm = chosen_arm(options.robot, None)
-    scheduled = options.theorem == "semidefinite" or (options.theorem is None and isinstance(arm, Robot))
-    if isinstance(arm, Robot) and not scheduled:
-        raise UsageError(f"--theorem {options.theorem} is for the two-joint arm; {arm.name} needs semidefinite")
-    output_file(options.out, ".json")
-    if options.rules is not None and options.keep is not None:
-        raise UsageError(f"--rules {options.rules} and --keep {options.keep} both choose the premises; leave out one")
-    try:
-        if scheduled:
-            robot = arm if isinstance(arm, Robot) else Robot.of(arm)
-            wanted = _scheduled_specification(options, len(robot))
-            with status("bounding the inertia, solving and proving"):
-                found = design_scheduled(wanted, robot)
-            controller: Controller | ScheduledController = found.controller
-            text = describe_scheduled(found)
-        else:
-            specification = _specification(options)
-            with status("solving and proving"):
-                result = design(specification, arm)  # type: ignore[arg-type]
-            controller, text = result.controller, describe(result)
-    except DesignFailed as error:
-        say(" ".join(f"fuzzyarm design: {error}; nothing was written".split()), error=True)
-        return 1
-    controller.save(options.out)
-    with status("measuring margins"):
-        text += "\n\n" + _margins(controller)
-    say(text)
-    say(f"\nwritten to {options.out}")
-    return 0
+        arm = chosen_arm(self.robot, None)
+        scheduled = self.theorem == "semidefinite" or (self.theorem is None and isinstance(arm, Robot))
+        if isinstance(arm, Robot) and not scheduled:
+            raise UsageError(f"--theorem {self.theorem} is for the two-joint arm; {arm.name} needs semidefinite")
+        output_file(self.out, ".json")
+        if self.rules is not None and self.keep is not None:
+            raise UsageError(f"--rules {self.rules} and --keep {self.keep} both choose the premises; leave out one")
+        try:
+            if scheduled:
+                robot = arm if isinstance(arm, Robot) else Robot.of(arm)
+                wanted = _scheduled_specification(self, len(robot))
+                with status("bounding the inertia, solving and proving"):
+                    found = design_scheduled(wanted, robot)
+                controller: Controller | ScheduledController = found.controller
+                text = describe_scheduled(found)
+            else:
+                specification = _specification(self)
+                with status("solving and proving"):
+                    result = design(specification, arm)  # type: ignore[arg-type]
+                controller, text = result.controller, describe(result)
+        except DesignFailed as error:
+            say(" ".join(f"fuzzyarm design: {error}; nothing was written".split()), error=True)
+            return 1
+        controller.save(self.out)
+        with status("measuring margins"):
+            text += "\n\n" + _margins(controller)
+        say(text)
+        say(f"\nwritten to {self.out}")
+        return 0
 
 
 def _scheduled_specification(options: Options, joints: int) -> ScheduledSpecification:

@@ -15,7 +15,7 @@ from fuzzyarm.common.console import output, print_paragraphs, progress, say, say
 if TYPE_CHECKING:
     from fuzzyarm.eval.evaluation.run import EvaluationConfig
 
-__all__ = ["Options", "run"]
+__all__ = ["Options"]
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -60,49 +60,48 @@ class Options:
     Nothing is written; the exit code is 1 if a number differs. Code of your own that the file names runs only if
     --policy names it too; with the path of a policy's file, --policy says where that is now"""
 
+    def run(self) -> int:
+        """Evaluate; return 1 if an episode ended early, or with `check` if a number differs."""
+        if self.check is not None:
+            return _repeat(self, self.check)
+        from fuzzyarm.eval.declarations import print_declared
+        from fuzzyarm.eval.episodes.rollout_file import write_rollouts
+        from fuzzyarm.eval.evaluation.figures import write_figures
+        from fuzzyarm.eval.evaluation.result_table import DECLARED, declared_rows, print_passes, print_results, verdict
+        from fuzzyarm.eval.evaluation.run import evaluate, write_results
 
-def run(options: Options) -> int:
-    """Evaluate; return 1 if an episode ended early, or with `check` if a number differs."""
-    if options.check is not None:
-        return _repeat(options, options.check)
-    from fuzzyarm.eval.declarations import print_declared
-    from fuzzyarm.eval.episodes.rollout_file import write_rollouts
-    from fuzzyarm.eval.evaluation.figures import write_figures
-    from fuzzyarm.eval.evaluation.result_table import DECLARED, declared_rows, print_passes, print_results, verdict
-    from fuzzyarm.eval.evaluation.run import evaluate, write_results
-
-    config = _config(options)
-    titles = config.titles
-    out = options.out or Path("fuzzyarm-evaluation")
-    with claimed_folder(out):
-        with progress("episodes", len(config.policies) * len(config.cases) * config.seeds) as advance:
-            evaluation = evaluate(config, advance)
-        written = write_results(evaluation, out)
-        with progress("figures", None) as advance:
-            written += write_figures(evaluation.rollouts, out, advance, titles)
-        written.append(write_rollouts(evaluation.rollouts, out))  # last: with it the evaluation is whole
-    if options.json:
-        say_json(evaluation.to_dict())
-    else:
-        console = output()
-        print_results(evaluation.rows, console, titles)
-        if config.passes > 1:
-            print_passes(evaluation.rows, config.passes, console)
-        if options.declared:
-            print_declared(declared_rows(evaluation.declared, evaluation.certificates), DECLARED, console)
-        for name, text in evaluation.certificates.items():
-            proven = "nothing proven of the rigid arm" if text is None else f"proven. {text}"
-            print_paragraphs(console, [f"{name}: {proven}"])
-        lines = verdict(evaluation.rows, evaluation.certificates, out, len(written), titles)
-        print_paragraphs(console, ["\n".join(lines)])
-    for run in evaluation.rollouts:
-        if not run.completed:
-            say(f"{run.policy} in case {run.case} ended at {run.time[-1]:.3f} s: {run.reason}", error=True)
-        if run.note:  # its estimate is wrong
-            say(f"{run.policy} in case {run.case}, seed {run.seed}: {run.note}", error=True)
-    for line in evaluation.remarks:
-        say(line, error=True)
-    return 0 if evaluation.complete else 1
+        config = _config(self)
+        titles = config.titles
+        out = self.out or Path("fuzzyarm-evaluation")
+        with claimed_folder(out):
+            with progress("episodes", len(config.policies) * len(config.cases) * config.seeds) as advance:
+                evaluation = evaluate(config, advance)
+            written = write_results(evaluation, out)
+            with progress("figures", None) as advance:
+                written += write_figures(evaluation.rollouts, out, advance, titles)
+            written.append(write_rollouts(evaluation.rollouts, out))  # last: with it the evaluation is whole
+        if self.json:
+            say_json(evaluation.to_dict())
+        else:
+            console = output()
+            print_results(evaluation.rows, console, titles)
+            if config.passes > 1:
+                print_passes(evaluation.rows, config.passes, console)
+            if self.declared:
+                print_declared(declared_rows(evaluation.declared, evaluation.certificates), DECLARED, console)
+            for name, text in evaluation.certificates.items():
+                proven = "nothing proven of the rigid arm" if text is None else f"proven. {text}"
+                print_paragraphs(console, [f"{name}: {proven}"])
+            lines = verdict(evaluation.rows, evaluation.certificates, out, len(written), titles)
+            print_paragraphs(console, ["\n".join(lines)])
+        for run in evaluation.rollouts:
+            if not run.completed:
+                say(f"{run.policy} in case {run.case} ended at {run.time[-1]:.3f} s: {run.reason}", error=True)
+            if run.note:  # its estimate is wrong
+                say(f"{run.policy} in case {run.case}, seed {run.seed}: {run.note}", error=True)
+        for line in evaluation.remarks:
+            say(line, error=True)
+        return 0 if evaluation.complete else 1
 
 
 def _config(options: Options) -> EvaluationConfig:
@@ -139,7 +138,7 @@ def _config(options: Options) -> EvaluationConfig:
 
 
 def _repeat(options: Options, recorded: Path) -> int:
-    """Repeat a recorded evaluation and compare; only `policy` may be given beside it."""
+    """Repeat a recorded evaluation and compare its numbers; `policies` is the only other option allowed."""
     from fuzzyarm.eval.evaluation.recheck import print_comparison, recheck_results
     from fuzzyarm.eval.evaluation.results_file import read_results
 

@@ -11,7 +11,7 @@ from cyclopts import Parameter
 from fuzzyarm.cli.usage import UsageError, claimed_folder
 from fuzzyarm.common.console import say
 
-__all__ = ["Options", "run"]
+__all__ = ["Options"]
 
 
 @dataclass(frozen=True)
@@ -37,30 +37,29 @@ class Options:
     """Robot by name, or TOML file of another arm or robot, for the plant and for policies without a file (default:
     Table 1 of the paper)"""
 
+    def run(self) -> int:
+        """Write the files and say which."""
+        from fuzzyarm.cli.show import loaded
+        from fuzzyarm.envs.physics.equations import chosen_arm
+        from fuzzyarm.export.c_files import export_c
+        from fuzzyarm.export.fmu import PLANT, export_controller_fmu, export_plant_fmu
+        from fuzzyarm.policies import resolve
 
-def run(options: Options) -> int:
-    """Write the files and say which."""
-    from fuzzyarm.cli.show import loaded
-    from fuzzyarm.envs.physics.equations import chosen_arm
-    from fuzzyarm.export.c_files import export_c
-    from fuzzyarm.export.fmu import PLANT, export_controller_fmu, export_plant_fmu
-    from fuzzyarm.policies import resolve
-
-    if options.what not in ("c", "fmu"):
-        raise UsageError(f"{options.what} is no language of an export; choose from: c, fmu")
-    if options.what == "fmu" and options.number != "double":
-        raise UsageError(f"--number {options.number} is for C source; an FMU computes in double")
-    fmu, label = options.what == "fmu", options.policy
-    if fmu and label == PLANT:
-        arm = chosen_arm(options.robot, None)
-    else:
-        policy, label = loaded(label, options.robot), resolve(label).label
-    with claimed_folder(options.out):
-        if not fmu:
-            files = export_c(label, policy, options.out, options.number)
-        elif options.policy == PLANT:
-            files = [export_plant_fmu(arm, options.out)]
+        if self.what not in ("c", "fmu"):
+            raise UsageError(f"{self.what} is no language of an export; choose from: c, fmu")
+        if self.what == "fmu" and self.number != "double":
+            raise UsageError(f"--number {self.number} is for C source; an FMU computes in double")
+        fmu, label = self.what == "fmu", self.policy
+        if fmu and label == PLANT:
+            arm = chosen_arm(self.robot, None)
         else:
-            files = [export_controller_fmu(label, policy, options.out)]
-    say("\n".join(f"written to {file}" for file in files))
-    return 0
+            policy, label = loaded(label, self.robot), resolve(label).label
+        with claimed_folder(self.out):
+            if not fmu:
+                files = export_c(label, policy, self.out, self.number)
+            elif self.policy == PLANT:
+                files = [export_plant_fmu(arm, self.out)]
+            else:
+                files = [export_controller_fmu(label, policy, self.out)]
+        say("\n".join(f"written to {file}" for file in files))
+        return 0

@@ -14,7 +14,7 @@ from fuzzyarm.common.console import Sheet, output, print_paragraphs, progress, s
 if TYPE_CHECKING:
     from fuzzyarm.envs.physics.parameters import ArmParameters
 
-__all__ = ["Options", "run"]
+__all__ = ["Options"]
 
 
 @dataclass(frozen=True)
@@ -44,41 +44,40 @@ class Options:
     json: bool = False
     """Print the results as JSON instead of the table"""
 
+    def run(self) -> int:
+        """Identify an arm, or suggest a motion; print the results and write the files."""
+        from fuzzyarm.envs.physics.equations import chosen_arm
+        from fuzzyarm.envs.physics.parameters import ArmParameters
 
-def run(options: Options) -> int:
-    """Print the table, or what the motion asks of the arm, and write the files."""
-    from fuzzyarm.envs.physics.equations import chosen_arm
-    from fuzzyarm.envs.physics.parameters import ArmParameters
-
-    if (options.log is None) == (options.suggest is None):
-        raise UsageError("give either a LOG or --suggest FILE; see fuzzyarm identify --help")
-    output_file(options.out, ".toml")
-    output_file(options.figure, ".png", "--figure")
-    output_file(options.suggest, ".csv", "--suggest")
-    if options.suggest is not None:
-        if options.out is not None or options.figure is not None:
-            raise UsageError("--out and --figure need a LOG; leave them out beside --suggest")
-    elif options.duration is not None:
-        raise UsageError("--duration is that of --suggest; a LOG has its own")
-    arm = chosen_arm(options.robot, None)
-    if not isinstance(arm, ArmParameters):
-        raise UsageError(
-            f"--robot {options.robot} is a robot of {len(arm)} joints by their frames; allowed: two-joint arms, by the "
-            "fields of ArmParameters"
-        )
-    return _identify(options, arm, options.log) if options.log is not None else _suggest(options, arm)
+        if (self.log is None) == (self.suggest is None):
+            raise UsageError("give either a LOG or --suggest FILE; see fuzzyarm identify --help")
+        output_file(self.out, ".toml")
+        output_file(self.figure, ".png", "--figure")
+        output_file(self.suggest, ".csv", "--suggest")
+        if self.suggest is not None:
+            if self.out is not None or self.figure is not None:
+                raise UsageError("--out and --figure need a LOG; leave them out beside --suggest")
+        elif self.duration is not None:
+            raise UsageError("--duration is that of --suggest; a LOG has its own")
+        arm = chosen_arm(self.robot, None)
+        if not isinstance(arm, ArmParameters):
+            raise UsageError(
+                f"--robot {self.robot} is a robot of {len(arm)} joints by their frames; allowed: two-joint arms, by "
+                "the fields of ArmParameters"
+            )
+        return _identify(self, arm, self.log) if self.log is not None else _suggest(self, arm)
 
 
 def _suggest(options: Options, arm: ArmParameters) -> int:
-    """Write a motion and say how much of the arm's limits it takes."""
+    """Write a motion to record; print its largest values beside the limits of the arm."""
     assert options.suggest is not None
     from fuzzyarm.common.files import write_atomically
-    from fuzzyarm.identification.excitation import condition_of, motion_csv, suggested, use_of
+    from fuzzyarm.identification.excitation import suggested
 
     with status("searching a motion"):
         motion = suggested(arm) if options.duration is None else suggested(arm, options.duration)
-    use, condition = use_of(motion, arm), condition_of(motion, arm)
-    write_atomically(options.suggest, motion_csv(motion, arm))
+    use, condition = motion.largest(), motion.condition()
+    write_atomically(options.suggest, motion.to_csv())
     limits = {"angle": arm.joint_limit, "velocity": arm.velocity_limit, "torque": arm.torque_limit}
     if options.json:
         largest = {name: part.tolist() for name, part in use.items()}
@@ -93,7 +92,7 @@ def _suggest(options: Options, arm: ArmParameters) -> int:
 
 def _identify(options: Options, start: ArmParameters, path: Path) -> int:
     from fuzzyarm.identification.log import read_log
-    from fuzzyarm.identification.result import identify, write_residuals
+    from fuzzyarm.identification.result import identify
 
     log = read_log(path)
     with progress("steps", None) as advance:
@@ -101,7 +100,7 @@ def _identify(options: Options, start: ArmParameters, path: Path) -> int:
     if options.out is not None:
         found.arm.write_toml(options.out)
     if options.figure is not None:
-        write_residuals(found, options.figure)
+        found.write_residuals(options.figure)
     if options.json:
         say_json(found.to_dict())
         return 0

@@ -11,7 +11,7 @@ from cyclopts import Parameter
 from fuzzyarm.cli.usage import UsageError
 from fuzzyarm.common.console import output, say, say_json
 
-__all__ = ["Options", "run"]
+__all__ = ["Options"]
 
 
 @dataclass(frozen=True)
@@ -35,30 +35,29 @@ class Options:
     json: bool = False
     """Print the ranking as JSON, which always has what the policies declare"""
 
+    def run(self) -> int:
+        """Print the table."""
+        from fuzzyarm.eval.evaluation.ranking import document, markdown, print_leaderboard, rank_policies
+        from fuzzyarm.eval.report.certificates import checked_bounds
+        from fuzzyarm.eval.sweep.ranking import is_sweep, rank_sweeps
 
-def run(options: Options) -> int:
-    """Print the table."""
-    from fuzzyarm.eval.evaluation.ranking import document, markdown, print_leaderboard, rank_policies
-    from fuzzyarm.eval.report.certificates import checked_bounds
-    from fuzzyarm.eval.sweep.ranking import is_sweep, rank_sweeps
-
-    if options.markdown and options.json:
-        raise UsageError("--markdown and --json are two forms of one table: leave out one")
-    sweeps = [path for path in options.files if is_sweep(path)]
-    if sweeps and len(sweeps) < len(options.files):
-        (other, *_) = (path for path in options.files if path not in sweeps)
-        raise ValueError(f"{sweeps[0]} is a sweep and {other} is not: rank sweeps with sweeps")
-    if sweeps and options.bound:
-        raise ValueError("--bound is of an arm that is known, and a sweep draws its plants: leave it out")
-    tips: dict[str, list[str]] = {}
-    for check in checked_bounds(options.bound):
-        tips.setdefault(check.claim.policy, []).append(check.sentence)
-    proven = {policy: "; ".join(sentences) for policy, sentences in tips.items()}
-    board = rank_sweeps(sweeps) if sweeps else rank_policies(options.files, proven)
-    if options.json:
-        say_json(document(board))
-    elif options.markdown:
-        say(markdown(board, declared=options.declared))
-    else:
-        print_leaderboard(board, output(), declared=options.declared)
-    return 0
+        if self.markdown and self.json:
+            raise UsageError("--markdown and --json are two forms of one table: leave out one")
+        sweeps = [path for path in self.files if is_sweep(path)]
+        if sweeps and len(sweeps) < len(self.files):
+            (other, *_) = (path for path in self.files if path not in sweeps)
+            raise ValueError(f"{sweeps[0]} is a sweep and {other} is not: rank sweeps with sweeps")
+        if sweeps and self.bound:
+            raise ValueError("--bound is of an arm that is known, and a sweep draws its plants: leave it out")
+        tips: dict[str, list[str]] = {}
+        for check in checked_bounds(self.bound):
+            tips.setdefault(check.claim.policy, []).append(check.sentence)
+        proven = {policy: "; ".join(sentences) for policy, sentences in tips.items()}
+        board = rank_sweeps(sweeps) if sweeps else rank_policies(self.files, proven)
+        if self.json:
+            say_json(document(board))
+        elif self.markdown:
+            say(markdown(board, declared=self.declared))
+        else:
+            print_leaderboard(board, output(), declared=self.declared)
+        return 0

@@ -12,7 +12,7 @@ from cyclopts import Parameter
 from fuzzyarm.cli.usage import output_file
 from fuzzyarm.common.console import output, progress, say, say_json
 
-__all__ = ["Options", "run"]
+__all__ = ["Options"]
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -34,22 +34,21 @@ class Options:
     json: bool = False
     """Print the results as JSON instead of the table"""
 
+    def run(self) -> int:
+        """Print the table, and write the file."""
+        from fuzzyarm.common.files import write_atomically
+        from fuzzyarm.eval.stability.margins import MarginsConfig, measure_margins, print_margins
 
-def run(options: Options) -> int:
-    """Print the table, and write the file."""
-    from fuzzyarm.common.files import write_atomically
-    from fuzzyarm.eval.stability.margins import MarginsConfig, measure_margins, print_margins
-
-    output_file(options.out, ".json")
-    config = MarginsConfig(policies=options.policy or None, robot=options.robot)
-    with progress("policies", len(config.names())) as advance:
-        document = measure_margins(config, advance)
-    if options.out is not None:
-        write_atomically(options.out, json.dumps(document, indent=1) + "\n")
-    if options.json:
-        say_json(document)
+        output_file(self.out, ".json")
+        config = MarginsConfig(policies=self.policy or None, robot=self.robot)
+        with progress("policies", len(config.names())) as advance:
+            document = measure_margins(config, advance)
+        if self.out is not None:
+            write_atomically(self.out, json.dumps(document, indent=1) + "\n")
+        if self.json:
+            say_json(document)
+            return 0
+        print_margins(document, output())
+        if self.out is not None:
+            say(f"\nwritten to {self.out}")
         return 0
-    print_margins(document, output())
-    if options.out is not None:
-        say(f"\nwritten to {options.out}")
-    return 0

@@ -1,4 +1,4 @@
-"""Options that are the fields of a configuration: written down once, with their types, help and defaults."""
+"""Options made from the fields of a configuration, with the types, help texts and defaults of the fields."""
 
 from __future__ import annotations
 
@@ -18,8 +18,8 @@ from cyclopts import Parameter
 
 __all__ = ["arguments_of", "chosen", "given", "named_as_option", "option_name", "shown_default", "with_fields_of"]
 
-Options = TypeVar("Options")
-Config = TypeVar("Config")
+_Options = TypeVar("_Options")
+_Config = TypeVar("_Config")
 
 # Fields with several values whose option gives one at a time: it may be repeated.
 _NAMES = {"policies": "policy", "cases": "case", "ranges": "range"}
@@ -36,18 +36,18 @@ def named_as_option(message: str, config: type) -> str:
     return re.sub(rf"^({fields})(\[\d+\])? = ", lambda found: f"--{option_name(found[1])}{found[2] or ''} ", message)
 
 
-def with_fields_of(config: type, without: Collection[str] = ()) -> Callable[[type[Options]], type[Options]]:
+def with_fields_of(config: type, without: Collection[str] = ()) -> Callable[[type[_Options]], type[_Options]]:
     """Return a decorator of options, a frozen dataclass, that adds an option for each field of a configuration.
 
-    An option that is not given is None: `chosen` takes it from the configuration that the others change.
+    An option that is not given is None; `chosen` then keeps the value of its starting configuration.
 
     Args:
-        config: a dataclass. The help of an option is the text after the field, or what the docstring of the class says
-            about it under ``Attributes:``.
-        without: fields that are no options.
+        config: a dataclass. The help of an option is the text after the field, or its entry under ``Attributes:`` in
+            the docstring of the class.
+        without: fields that get no option.
     """
 
-    def add(options: type[Options]) -> type[Options]:
+    def add(options: type[_Options]) -> type[_Options]:
         hints, texts = typing.get_type_hints(config), _texts(config)
         added = [
             (field.name, _option(field, hints[field.name], texts.get(field.name, "")), dataclasses.field(default=None))
@@ -69,14 +69,14 @@ def given(options: object, config: type) -> dict[str, Any]:
     return {name: value for name, value in values.items() if value is not None}
 
 
-def chosen(options: object, start: Config) -> Config:
+def chosen(options: object, start: _Config) -> _Config:
     """Return a configuration with the fields changed that the command line gave; ValueError if it refuses a value."""
-    changed: Config = dataclasses.replace(start, **given(options, type(start)))  # type: ignore[type-var]
+    changed: _Config = dataclasses.replace(start, **given(options, type(start)))  # type: ignore[type-var]
     return changed
 
 
 def arguments_of(options: Any) -> str:
-    """Return the arguments of a command as its usage shows them: the fields that are no options, by their metavars."""
+    """Return the positional arguments of a command as its usage shows them, by their metavars."""
     hints = typing.get_type_hints(options, include_extras=True)
     fields = [field for field in dataclasses.fields(options) if not field.kw_only]
     shown = ((field, hints[field.name].__metadata__[0].metavar) for field in fields)
@@ -84,7 +84,7 @@ def arguments_of(options: Any) -> str:
 
 
 def shown_default(value: Any) -> str | None:
-    """Return a default as the help shows it; None for "not given", which the help leaves out."""
+    """Return a default as the help shows it; None for one that the help leaves out."""
     if value is None or value == () or value is False:
         return None
     if value is True:
@@ -95,7 +95,7 @@ def shown_default(value: Any) -> str | None:
 
 
 def _option(field: dataclasses.Field[Any], hint: Any, text: str) -> Any:
-    """Return the type of the option that sets a field, with what the help says about it."""
+    """Return the annotated type of the option that sets a field, with its help."""
     default = field.default if field.default_factory is dataclasses.MISSING else field.default_factory()
     shown = "off" if default is False else shown_default(default)
     parameter = Parameter(
@@ -110,7 +110,7 @@ def _option(field: dataclasses.Field[Any], hint: Any, text: str) -> Any:
 
 
 def _placeholder(hint: Any) -> str:
-    """Return what stands for the values of a type in the help, such as ``LOW HIGH`` for a pair with these names."""
+    """Return the placeholder of a type in the help, such as ``LOW HIGH`` for a pair with these names."""
     given_types = [one for one in typing.get_args(hint) if one is not types.NoneType]
     if typing.get_origin(hint) in (typing.Union, types.UnionType):
         return "|".join(map(_placeholder, given_types))
@@ -129,7 +129,7 @@ def _placeholder(hint: Any) -> str:
 
 @functools.cache
 def _texts(config: type) -> dict[str, str]:
-    """Return what is written about each field of a dataclass: the text after it, or its entry under ``Attributes:``."""
+    """Return the description of each field of a dataclass: the text after it, or its entry under ``Attributes:``."""
     texts: dict[str, str] = {}
     for base in reversed(config.__mro__):
         if dataclasses.is_dataclass(base):

@@ -11,7 +11,7 @@ from cyclopts import Parameter
 from fuzzyarm.cli.usage import UsageError, check_writable, claimed_folder
 from fuzzyarm.common.console import output, progress, say, say_json
 
-__all__ = ["Options", "run"]
+__all__ = ["Options"]
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -32,33 +32,34 @@ class Options:
     json: bool = False
     """Print the results as JSON instead of the tables"""
 
+    def run(self) -> int:
+        """Write tables and figures; return 1 if a number has drifted."""
+        from fuzzyarm.eval.paper import report
+        from fuzzyarm.eval.paper.evidence import STEPS, gather
+        from fuzzyarm.eval.paper.figures import write_figures
 
-def run(options: Options) -> int:
-    """Write tables and figures; return 1 if a number has drifted."""
-    from fuzzyarm.eval.paper import report
-    from fuzzyarm.eval.paper.evidence import STEPS, gather
-    from fuzzyarm.eval.paper.figures import write_figures
-
-    if options.renew and options.expected:
-        raise UsageError("--renew writes new stored numbers and --expected compares with old ones; give one of them")
-    stored = {} if options.renew else report.load_expected(options.expected or report.EXPECTED)
-    if options.renew:
-        check_writable(options.renew.parent)
-    with claimed_folder(options.out):
-        with progress("runs and proofs", STEPS) as advance:
-            evidence = gather(advance)
-            comparison = report.compare(evidence, stored)
-        if options.renew:
-            comparison = report.renewed(comparison)
-            report.store_expected(comparison.measured, comparison.made_with, options.renew)
-        with progress("figures", None) as advance:
-            figures = write_figures(evidence, options.out, advance)
-        written = [*figures, *report.write_report(comparison, figures, options.out)]
-    if options.json:
-        say_json(comparison.to_dict())
-    else:
-        report.print_report(comparison, output())
-        say(f"\n{len(written)} files in {options.out}")
-    for moved in comparison.drifted:
-        say(f"fuzzyarm paper: {moved}", error=True)
-    return 1 if comparison.drifted else 0
+        if self.renew and self.expected:
+            raise UsageError(
+                "--renew writes new stored numbers and --expected compares with old ones; give one of them"
+            )
+        stored = {} if self.renew else report.load_expected(self.expected or report.EXPECTED)
+        if self.renew:
+            check_writable(self.renew.parent)
+        with claimed_folder(self.out):
+            with progress("runs and proofs", STEPS) as advance:
+                evidence = gather(advance)
+                comparison = report.compare(evidence, stored)
+            if self.renew:
+                comparison = report.renewed(comparison)
+                report.store_expected(comparison.measured, comparison.made_with, self.renew)
+            with progress("figures", None) as advance:
+                figures = write_figures(evidence, self.out, advance)
+            written = [*figures, *report.write_report(comparison, figures, self.out)]
+        if self.json:
+            say_json(comparison.to_dict())
+        else:
+            report.print_report(comparison, output())
+            say(f"\n{len(written)} files in {self.out}")
+        for moved in comparison.drifted:
+            say(f"fuzzyarm paper: {moved}", error=True)
+        return 1 if comparison.drifted else 0

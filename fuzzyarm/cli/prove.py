@@ -14,7 +14,7 @@ from fuzzyarm.common.console import escaped, progress, say, say_json
 if TYPE_CHECKING:
     from fuzzyarm.policies.tip_bound import TipClaim
 
-__all__ = ["Options", "run"]
+__all__ = ["Options"]
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -50,40 +50,37 @@ class Options:
     json: bool = False
     """Print the result as JSON"""
 
+    def run(self) -> int:
+        """Print the bound, and write its file."""
+        from fuzzyarm.policies.tip_bound import TipClaim, find_bound, own_duration, problem_of
+        from fuzzyarm.policies.tip_files import save_bound
+        from fuzzyarm.proof.tip.enclosures import NoBound
+        from fuzzyarm.proof.tip.plant import find_set
 
-def run(options: Options) -> int:
-    """Print the bound, and write its file."""
-    from fuzzyarm.policies.tip_bound import TipClaim, find_bound, own_duration, problem_of
-    from fuzzyarm.policies.tip_files import save_bound
-    from fuzzyarm.proof.tip.enclosures import NoBound
-    from fuzzyarm.proof.tip.plant import find_set
-
-    output_file(options.out, ".json")
-    plants = find_set(options.set)
-    duration = own_duration(options.policy) if options.duration is None else options.duration
-    claim = TipClaim(
-        options.policy, options.case, plants=plants, path=options.path, duration=duration, steps=options.steps
-    )
-    try:
-        if options.cells is not None:
-            found, text = _by_cells(options, claim)
+        output_file(self.out, ".json")
+        plants = find_set(self.set)
+        duration = own_duration(self.policy) if self.duration is None else self.duration
+        claim = TipClaim(self.policy, self.case, plants=plants, path=self.path, duration=duration, steps=self.steps)
+        try:
+            if self.cells is not None:
+                found, text = _by_cells(self, claim)
+            else:
+                with progress("proving", problem_of(claim).schedule.steps) as advance:
+                    bound = find_bound(claim, advance)
+                if self.out is not None:
+                    save_bound(bound, self.out)
+                found, text = bound.to_dict(), bound.to_text()
+        except NoBound as error:
+            named = {"policy": self.policy, "case": self.case, "set": self.set}
+            found = named | {"proven": False, "bound": None, "reason": str(error)}
+            if not self.json:
+                say(escaped(str(error)), error=True)
+                return 1
+        if self.json:
+            say_json(found)
         else:
-            with progress("proving", problem_of(claim).schedule.steps) as advance:
-                bound = find_bound(claim, advance)
-            if options.out is not None:
-                save_bound(bound, options.out)
-            found, text = bound.to_dict(), bound.to_text()
-    except NoBound as error:
-        named = {"policy": options.policy, "case": options.case, "set": options.set}
-        found = named | {"proven": False, "bound": None, "reason": str(error)}
-        if not options.json:
-            say(escaped(str(error)), error=True)
-            return 1
-    if options.json:
-        say_json(found)
-    else:
-        say(text)
-    return 0 if found["proven"] else 1
+            say(text)
+        return 0 if found["proven"] else 1
 
 
 def _by_cells(options: Options, claim: TipClaim) -> tuple[dict[str, Any], str]:

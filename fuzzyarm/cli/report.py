@@ -11,7 +11,7 @@ from cyclopts import Parameter
 from fuzzyarm.cli.usage import output_file
 from fuzzyarm.common.console import say, status
 
-__all__ = ["Options", "run"]
+__all__ = ["Options"]
 
 
 @dataclass(frozen=True)
@@ -30,14 +30,13 @@ class Options:
     bound: Annotated[tuple[Path, ...], Parameter(metavar="FILE")] = ()
     """File of fuzzyarm prove, checked again and drawn as a tube around the path, with the tip in it; may be repeated"""
 
+    def run(self) -> int:
+        """Write the page."""
+        from fuzzyarm.eval.report.page import write_report
 
-def run(options: Options) -> int:
-    """Write the page."""
-    from fuzzyarm.eval.report.page import write_report
-
-    output_file(options.out, ".html")
-    out = options.out or options.folder / "report.html"
-    with status("observing the certified loops"):
-        write_report(options.folder, out, options.bound)
-    say(f"written to {out}")
-    return 0
+        output_file(self.out, ".html")
+        out = self.out or self.folder / "report.html"
+        with status("observing the certified loops"):
+            write_report(self.folder, out, self.bound)
+        say(f"written to {out}")
+        return 0

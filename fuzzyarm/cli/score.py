@@ -12,7 +12,7 @@ from cyclopts import Parameter
 from fuzzyarm.cli.usage import output_file
 from fuzzyarm.common.console import output, say, say_json, status
 
-__all__ = ["Options", "run"]
+__all__ = ["Options"]
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -30,23 +30,22 @@ class Options:
     json: bool = False
     """Print the results as JSON instead of the table"""
 
+    def run(self) -> int:
+        """Score, print, and write the file."""
+        from fuzzyarm.common.files import write_atomically
+        from fuzzyarm.eval.score import print_scores, scores
+        from fuzzyarm.policies import resolve_all
 
-def run(options: Options) -> int:
-    """Score, print, and write the file."""
-    from fuzzyarm.common.files import write_atomically
-    from fuzzyarm.eval.score import print_scores, scores
-    from fuzzyarm.policies import resolve_all
-
-    output_file(options.out, ".json")
-    policies = {label: spec.load() for label, spec in resolve_all(options.policy, run_code=True).items()}
-    with status("running 128 held-out episodes of each policy"):
-        document = scores(policies)
-    if options.out is not None:
-        write_atomically(options.out, json.dumps(document, indent=1) + "\n")
-    if options.json:
-        say_json(document)
+        output_file(self.out, ".json")
+        policies = {label: spec.load() for label, spec in resolve_all(self.policy, run_code=True).items()}
+        with status("running 128 held-out episodes of each policy"):
+            document = scores(policies)
+        if self.out is not None:
+            write_atomically(self.out, json.dumps(document, indent=1) + "\n")
+        if self.json:
+            say_json(document)
+            return 0
+        print_scores(document, output())
+        if self.out is not None:
+            say(f"\nwritten to {self.out}")
         return 0
-    print_scores(document, output())
-    if options.out is not None:
-        say(f"\nwritten to {options.out}")
-    return 0

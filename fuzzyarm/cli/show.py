@@ -13,7 +13,7 @@ from fuzzyarm.common.console import say, say_json
 if TYPE_CHECKING:
     from fuzzyarm.fuzzy_policy.policy import Policy
 
-__all__ = ["Options", "run"]
+__all__ = ["Options"]
 
 
 @dataclass(frozen=True)
@@ -36,21 +36,20 @@ class Options:
     json: bool = False
     """Print everything as JSON, with exact numbers"""
 
+    def run(self) -> int:
+        """Print the sheet."""
+        from fuzzyarm.export.sheet import sheet_of
 
-def run(options: Options) -> int:
-    """Print the sheet."""
-    from fuzzyarm.export.sheet import sheet_of
-
-    if options.csv and options.json:
-        raise UsageError("--csv and --json both choose the form; leave out one")
-    sheet = sheet_of(options.policy, loaded(options.policy, options.robot))
-    if options.csv:
-        say(sheet.to_csv())
-    elif options.json:
-        say_json(sheet.to_dict())
-    else:
-        say(sheet.to_text())
-    return 0
+        if self.csv and self.json:
+            raise UsageError("--csv and --json both choose the form; leave out one")
+        sheet = sheet_of(self.policy, loaded(self.policy, self.robot))
+        if self.csv:
+            say(sheet.to_csv())
+        elif self.json:
+            say_json(sheet.to_dict())
+        else:
+            say(sheet.to_text())
+        return 0
 
 
 def loaded(name: str, robot: str | None) -> Policy:

@@ -17,7 +17,7 @@ from fuzzyarm.eval.sweep.config import SweepConfig
 if TYPE_CHECKING:
     from fuzzyarm.eval.sweep.run import Sweep
 
-__all__ = ["Options", "run"]
+__all__ = ["Options"]
 
 
 @with_fields_of(SweepConfig, without=("parameters", "robot"))
@@ -46,9 +46,12 @@ class Options:
     json: bool = False
     """Print the summary as JSON instead of the table"""
 
+    def run(self) -> int:
+        """Run a sweep, go on with one, or replay a plant; return 1 if workers died again and again."""
+        return _run(self)
 
-def run(options: Options) -> int:
-    """Run a sweep, go on with one, or replay a plant; return 1 if workers died again and again."""
+
+def _run(options: Options) -> int:
     from fuzzyarm.eval.sweep.run import Sweep
 
     engine, values = Engine(**given(options, Engine)), _given(options)

@@ -28,7 +28,7 @@ if TYPE_CHECKING:
     from fuzzyarm.rl_baselines.algorithm import AlgorithmSpec
     from fuzzyarm.rl_baselines.config import TrainingConfig
 
-__all__ = ["EstimateOptions", "Options", "add_algorithms", "options_of", "run", "train_with_progress"]
+__all__ = ["EstimateOptions", "Options", "add_algorithms", "options_of", "train_with_progress"]
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -42,6 +42,10 @@ class Options:
     larger --total-timesteps it goes on beyond the end, on the learning rate's line to the new total"""
     preset: Annotated[str | None, Parameter(metavar="NAME")] = None
     """The settings that the other options change"""
+
+    def run(self) -> int:
+        """Train a policy, or continue a training."""
+        return _run(self)
 
 
 @with_fields_of(EstimateConfig)
@@ -58,6 +62,10 @@ class EstimateOptions:
     robot: Annotated[str | None, Parameter(metavar="FILE")] = None
     """Another arm: cicese, manutec-r3, planar-3r, ur5, panda, or the TOML file of a robot or of a two-joint arm
     (default: Table 1 of the paper)"""
+
+    def run(self) -> int:
+        """Train the network of learned-observer."""
+        return _estimate(self)
 
 
 def add_algorithms(application: App) -> None:
@@ -81,10 +89,7 @@ def options_of(spec: AlgorithmSpec) -> type[Options]:
     return made
 
 
-def run(options: Options | EstimateOptions) -> int:
-    """Train a policy, or continue a training."""
-    if isinstance(options, EstimateOptions):
-        return _estimate(options)
+def _run(options: Options) -> int:
     with claimed_folder(options.out):
         train_with_progress(_config(options), options.out)
     say(f"written to {options.out / 'policy'}")
@@ -162,7 +167,6 @@ def _config(options: Options) -> TrainingConfig:
 
 
 def _estimate(options: EstimateOptions) -> int:
-    """Train the network of learned-observer."""
     from fuzzyarm.envs.physics.equations import chosen_arm
     from fuzzyarm.fuzzy_policy.laws.learned.bundle import LAST
 

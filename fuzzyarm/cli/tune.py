@@ -11,7 +11,7 @@ from cyclopts import Parameter
 from fuzzyarm.cli.usage import claimed_folder, stopped
 from fuzzyarm.common.console import output, progress, say
 
-__all__ = ["Options", "run"]
+__all__ = ["Options"]
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -32,36 +32,35 @@ class Options:
     jobs: Annotated[int | None, Parameter(metavar="N")] = None
     """Number of processes (default: one per core)"""
 
+    def run(self) -> int:
+        """Tune; return 1 if no policy has stable gains."""
+        from fuzzyarm.envs.physics.equations import chosen_arm
+        from fuzzyarm.eval.engine import Engine, WorkersLost
+        from fuzzyarm.eval.stability.margins import print_margins
+        from fuzzyarm.eval.tuning.run import NothingFound, begin, resumed_arm, tune
+        from fuzzyarm.eval.tuning.summary import decision
 
-def run(options: Options) -> int:
-    """Tune; return 1 if no policy has stable gains."""
-    from fuzzyarm.envs.physics.equations import chosen_arm
-    from fuzzyarm.eval.engine import Engine, WorkersLost
-    from fuzzyarm.eval.stability.margins import print_margins
-    from fuzzyarm.eval.tuning.run import NothingFound, begin, resumed_arm, tune
-    from fuzzyarm.eval.tuning.summary import decision
-
-    engine = Engine(jobs=options.jobs)
-    arm = chosen_arm(options.robot, None)
-    if options.resume:
-        arm = resumed_arm(options.out, None if options.robot is None else arm)
-    with claimed_folder(options.out):
-        if not options.resume:
-            begin(arm, options.out)
-        try:
-            tuned = tune(
-                arm,
-                options.out,
-                engine=engine,
-                bar=progress,
-                finished=lambda finding: say(f"{finding.policy}: {decision(finding)}"),
-            )
-        except (KeyboardInterrupt, WorkersLost) as error:
-            return stopped("tune", options.out, error)
-        except NothingFound as error:
-            say(f"fuzzyarm tune: {error}", error=True)
-            return 1
-    print_margins(tuned.margins, output())
-    say(f"\n{', '.join(tuned.laws.policies)} in {options.out}; the decisions are in {options.out / 'README.md'}")
-    say(f"compare them with fuzzyarm evaluate --robot {options.out}")
-    return 0
+        engine = Engine(jobs=self.jobs)
+        arm = chosen_arm(self.robot, None)
+        if self.resume:
+            arm = resumed_arm(self.out, None if self.robot is None else arm)
+        with claimed_folder(self.out):
+            if not self.resume:
+                begin(arm, self.out)
+            try:
+                tuned = tune(
+                    arm,
+                    self.out,
+                    engine=engine,
+                    bar=progress,
+                    finished=lambda finding: say(f"{finding.policy}: {decision(finding)}"),
+                )
+            except (KeyboardInterrupt, WorkersLost) as error:
+                return stopped("tune", self.out, error)
+            except NothingFound as error:
+                say(f"fuzzyarm tune: {error}", error=True)
+                return 1
+        print_margins(tuned.margins, output())
+        say(f"\n{', '.join(tuned.laws.policies)} in {self.out}; the decisions are in {self.out / 'README.md'}")
+        say(f"compare them with fuzzyarm evaluate --robot {self.out}")
+        return 0

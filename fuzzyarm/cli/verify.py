@@ -10,7 +10,7 @@ from cyclopts import Parameter
 
 from fuzzyarm.common.console import progress, say, say_json
 
-__all__ = ["Options", "run"]
+__all__ = ["Options"]
 
 
 @dataclass(frozen=True)
@@ -28,20 +28,19 @@ class Options:
     json: bool = False
     """Print the claims as JSON"""
 
+    def run(self) -> int:
+        """Print the claims; return 1 if one is not proven."""
+        from fuzzyarm.policies.tip_files import BoundCheck, check_bound, is_bound
+        from fuzzyarm.proof.verification import Verification, verify_file
 
-def run(options: Options) -> int:
-    """Print the claims; return 1 if one is not proven."""
-    from fuzzyarm.policies.tip_files import BoundCheck, check_bound, is_bound
-    from fuzzyarm.proof.verification import Verification, verify_file
-
-    reports: list[Verification | BoundCheck] = []
-    with progress("verifying", len(options.files)) as advance:
-        for path in options.files:
-            check = check_bound if is_bound(path) else verify_file
-            reports.append(check(path))
-            advance()
-    if options.json:
-        say_json([report.to_dict() for report in reports])
-    else:
-        say("\n\n".join(report.to_text() for report in reports))
-    return 0 if all(report.proven for report in reports) else 1
+        reports: list[Verification | BoundCheck] = []
+        with progress("verifying", len(self.files)) as advance:
+            for path in self.files:
+                check = check_bound if is_bound(path) else verify_file
+                reports.append(check(path))
+                advance()
+        if self.json:
+            say_json([report.to_dict() for report in reports])
+        else:
+            say("\n\n".join(report.to_text() for report in reports))
+        return 0 if all(report.proven for report in reports) else 1

@@ -1,4 +1,4 @@
-"""Bisection, decimal numbers that state a bound, and consecutive slices.
+"""Bisection, rounding of bounds to decimal numbers, and consecutive slices.
 
 A float is read as the shortest decimal number that identifies it, its `repr`, which is also what a certificate proves
 (`proof.certificate`). Rounding that decimal up or down is exact.
@@ -37,7 +37,7 @@ def last_that_works(
 
 
 def at_most(value: SupportsFloat, digits: int) -> str:
-    """Return a number of `digits` significant digits that is not below `value`: what "at most" is followed by.
+    """Return `value` rounded up to `digits` significant digits, as text that may follow "at most".
 
     Examples:
         >>> at_most(158.484, 3), at_most(20.0, 3), at_most(2.0049e-4, 3)
@@ -47,7 +47,7 @@ def at_most(value: SupportsFloat, digits: int) -> str:
 
 
 def at_least(value: SupportsFloat, digits: int) -> str:
-    """Return a number of `digits` significant digits that is not above `value`: what "at least" is followed by.
+    """Return `value` rounded down to `digits` significant digits, as text that may follow "at least".
 
     Examples:
         >>> at_least(19.999, 3), at_least(-1.2345, 3)

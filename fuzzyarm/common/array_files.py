@@ -1,7 +1,7 @@
 """Reading of NumPy's archives of arrays, ``.npz``, from untrusted files.
 
-Before memory is allocated, the sizes that the archive states are compared with a limit, and each array's size with its
-header. Arrays hold truth values, whole and real numbers, texts, or records of these; nothing is unpickled.
+Before memory is allocated, the sizes that the archive states are compared with a limit, and the size of each array with
+its header. Arrays hold truth values, integers, real numbers, texts, or records of these; nothing is unpickled.
 """
 
 from __future__ import annotations
@@ -45,8 +45,8 @@ def read_arrays(path: Path, *, largest: int = _LARGEST_ARRAYS) -> dict[str, np.n
     """Return the arrays of a file by name.
 
     Raises:
-        DocumentError: the file is not regular, not an archive of arrays, damaged, or unpacks to more than `largest`
-            bytes; one line that names the file.
+        DocumentError: the file is not regular, is not an archive of arrays, is damaged, or unpacks to more than
+            `largest` bytes; the message is one line that names the file.
         OSError: the file cannot be read.
     """
     with open_regular(path) as file:
@@ -100,7 +100,7 @@ def _check_members(members: list[zipfile.ZipInfo], most: int) -> None:
 
 
 def _array(archive: zipfile.ZipFile, member: zipfile.ZipInfo) -> np.ndarray:
-    """Return an array, whose bytes must be exactly those that its header asks for."""
+    """Return an array; ValueError unless it has exactly as many bytes as its header states."""
     with archive.open(member) as stream:
         if np.lib.format.read_magic(stream) != (1, 0):
             raise ValueError(f"{member.filename[:40]!r} has another version of the format")
@@ -124,7 +124,7 @@ def _array(archive: zipfile.ZipFile, member: zipfile.ZipInfo) -> np.ndarray:
 
 
 def _check_values(name: str, array: np.ndarray) -> None:
-    """Check texts and truth values, of which not every pattern of bits is one."""
+    """Check texts and truth values, for which some bit patterns are not valid."""
     if array.dtype.kind == "U":
         points = np.frombuffer(array.astype(array.dtype.newbyteorder("<")).tobytes(), dtype="<u4")
         if np.any((points > 0x10FFFF) | ((points >= 0xD800) & (points <= 0xDFFF))):

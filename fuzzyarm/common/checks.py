@@ -3,7 +3,7 @@
     out of range     ValueError   "duration = -1.0 s is out of range; allowed: (0, inf) s"
     not a number     TypeError    "duration = '1' must be a real number [s]; allowed: (0, inf) s"
 
-Booleans, complex numbers, strings and dates are no numbers here, alone or in arrays.
+Booleans, complex numbers, strings and dates are not accepted as numbers, alone or in arrays.
 """
 
 from __future__ import annotations
@@ -74,7 +74,7 @@ def reals(name: str, values: Any, count: int, unit: str = "", **bounds: float) -
 
 
 def is_sequence(values: Any, count: int) -> bool:
-    """Return whether values are a sequence, or an array of one axis, of `count` entries; a text is none."""
+    """Return whether values are a sequence or a one-dimensional array of `count` entries; texts are not."""
     flat = not isinstance(values, np.ndarray | memoryview) or values.ndim == 1
     return _is_sequence(values) and flat and len(values) == count
 
@@ -107,7 +107,7 @@ def choice(name: str, value: Any, choices: Collection[_Choice]) -> _Choice:
 
 
 def distinct(name: str, values: Sequence[str]) -> Sequence[str]:
-    """Return one or more names that all differ; ValueError otherwise, TypeError if they are no sequence of texts."""
+    """Return one or more different names; ValueError otherwise, TypeError for anything but a sequence of texts."""
     texts(name, values)
     if not values or len(set(values)) != len(values):
         raise ValueError(f"{name} = {shown(list(values))} must be one or more different names")
@@ -129,12 +129,12 @@ def instance(name: str, value: Any, kind: type[_Choice]) -> _Choice:
 
 
 def keep(record: object, name: str, value: Any) -> None:
-    """Put a checked value into a field of a frozen record."""
+    """Set a field of a frozen record to a checked value."""
     object.__setattr__(record, name, value)
 
 
 def path_of(name: str, value: Any) -> Path:
-    """Return a name of a file or folder as a path; TypeError for anything else, ValueError if no system can hold it."""
+    """Return the name of a file or folder as a path; TypeError for other types, ValueError for an impossible name."""
     if not isinstance(value, str | os.PathLike):
         raise TypeError(f"{name} = {shown(value)} must be a path")
     if not str(value) or "\0" in str(value):
@@ -154,7 +154,7 @@ def sequence_of(name: str, values: Any) -> Sequence[Any]:
 def finite_array(
     name: str, values: Any, shape: tuple[int, ...], unit: str = "", *, largest: float = math.inf
 ) -> np.ndarray:
-    """Return a new array of float64 with a shape, no entry beyond ±`largest`."""
+    """Return a new float64 array of a shape with entries between -`largest` and `largest`; errors name the array."""
     array = array_of(name, values)
     real_entries(name, array, unit)
     if array.shape != shape:
@@ -184,18 +184,18 @@ def real_entries(name: str, array: np.ndarray, unit: str = "") -> None:
 
 
 def all_finite(array: np.ndarray) -> bool:
-    """Return whether all numbers of an array are finite; of a few, their sum says so sooner than NumPy."""
+    """Return whether all numbers of an array are finite; in small arrays their sum is a faster test than NumPy's."""
     few = array.size <= _FEW and math.isfinite(sum(array.ravel().tolist()))
     return few or bool(np.isfinite(array).all())
 
 
 def is_real(value: Any) -> bool:
-    """Return whether a value is a real number: no boolean, no complex number, no text, no time."""
+    """Return whether a value is a real number; booleans, complex numbers, texts and times are not."""
     return isinstance(value, numbers.Real) and not isinstance(value, _NO_NUMBERS)
 
 
 def shown(value: Any) -> str:
-    """Return a value as it stands in a message: its `repr`, cut where it is long."""
+    """Return the `repr` of a value for a message, shortened if it is long."""
     try:
         text = repr(value)
     except ValueError:  # a whole number of more digits than Python prints
@@ -207,7 +207,7 @@ def shown(value: Any) -> str:
 
 
 def listed(names: Iterable[Any]) -> str:
-    """Return names as they stand in a message: in order, cut where they are long, nothing in them but plain text."""
+    """Return names for a message: sorted, shortened if long, with unprintable ones as their `repr`."""
     texts = [name if isinstance(name, str) and name.isprintable() else shown(name) for name in names]
     return _cut(", ".join(sorted(texts)))
 

@@ -1,11 +1,11 @@
 """Output to the terminal: width, tables and progress bars of all commands.
 
-On a terminal a table has lines, and each word of a heading has a line of its own. Digits are never cut: a table that is
-too wide is printed as several tables below each other that repeat the first columns. In a pipe a table is plain columns
-of text, neither folded nor split. Progress is shown on the standard error of a terminal only.
+On a terminal a table has rules, and each word of a heading is on a line of its own. Digits are never cut: a table that
+is too wide is printed as several tables below each other that repeat the first columns. In a pipe a table is plain
+columns of text, neither folded nor split. Progress is shown on standard error, only if that is a terminal.
 
-Names of files and policies are untrusted: `output` and `say`, through which everything is printed, escape what a
-terminal would obey.
+Names of files and policies are untrusted: `output` and `say`, through which everything is printed, escape control
+characters.
 """
 
 from __future__ import annotations
@@ -28,27 +28,26 @@ if TYPE_CHECKING:
     from rich.table import Table
 
 __all__ = [
-    "PIPED_WIDTH", "SPELLED_OUT", "STANDARD_OUTPUT", "Sheet", "discard_output", "escaped", "finish_output",
-    "open_streams", "output", "print_paragraphs", "progress", "say", "say_json", "status",
+    "Sheet", "escaped", "finish_output", "open_streams", "output", "print_paragraphs", "progress", "say", "say_json",
+    "status",
 ]  # fmt: skip
 
-PIPED_WIDTH = 1000  # columns; wide enough for every table
-NARROWEST = 40  # columns; rich takes minutes and gigabytes to fold a help text to one
+_PIPED_WIDTH = 1000  # columns; wide enough for every table
+_NARROWEST = 40  # columns; rich takes minutes and gigabytes to fold a help text to one
 _BETWEEN_WORDS = re.compile(r" (?![^\[]*\])")  # spaces, but for those within the brackets of a unit such as [N m]
 
 # Control characters but the line feed, marks of writing direction, line separators, and what no encoding has.
 _OBEYED = re.compile(r"[\x00-\x09\x0b-\x1f\x7f-\x9f\u061c\u200e\u200f\u2028-\u202e\u2066-\u2069\ud800-\udfff]")
 _SPELLING = {"µ": "u", "×": "x", "·": "*", "²": "^2", "≤": "<=", "≥": ">=", "…": "...", "\N{NO-BREAK SPACE}": " "}
-SPELLED_OUT = "fuzzyarm.spelled-out"
+_SPELLED_OUT = "fuzzyarm.spelled-out"
 """Handler of encoding errors, for `str.encode`: µ becomes u where the encoding has no µ, and so on."""
-STANDARD_OUTPUT = "standard output"  # what an `OSError` of writing to it names as its file
 
 
 def open_streams() -> bool:
-    """Let every standard stream take whatever is printed; return whether standard output is open.
+    """Make every standard stream writable; return whether standard output was open.
 
-    A closed stream is opened on the null device: otherwise the next file would get its number, and what is printed.
-    A letter that the encoding of a stream lacks is spelled out.
+    A closed stream is opened on the null device; otherwise the next opened file would get its number and the printed
+    text. Characters that the encoding of a stream lacks are spelled out.
     """
     closed = []
     for number in (0, 1, 2):
@@ -62,41 +61,35 @@ def open_streams() -> bool:
         sys.stderr = open(2, "w", encoding="utf-8", closefd=False)  # noqa: SIM115
     for stream in (sys.stdout, sys.stderr):
         if isinstance(stream, io.TextIOWrapper):
-            stream.reconfigure(errors=SPELLED_OUT)
+            stream.reconfigure(errors=_SPELLED_OUT)
     return sys.stdout is not None and 1 not in closed
 
 
 def finish_output() -> None:
-    """Write what is still buffered; OSError if standard output does not take it."""
+    """Flush standard output; OSError if that fails."""
     with _naming_output():
         sys.stdout.flush()
 
 
-def discard_output() -> None:
-    """Send what is still buffered nowhere, or Python would complain about it at its end."""
-    with contextlib.suppress(OSError, ValueError):
-        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
-
-
 def _spelled_out(error: UnicodeError) -> tuple[str, int]:
-    """Return what stands for characters that an encoding lacks, and where to go on."""
+    """Return a replacement for characters that an encoding lacks, and the place after them."""
     if not isinstance(error, UnicodeEncodeError):
         raise error
     letters = error.object[error.start : error.end]
     return "".join(_SPELLING.get(one) or one.encode("unicode_escape").decode() for one in letters), error.end
 
 
-codecs.register_error(SPELLED_OUT, _spelled_out)
+codecs.register_error(_SPELLED_OUT, _spelled_out)
 
 
 def escaped(text: str, *, lines: bool = False) -> str:
-    r"""Return text without characters that a terminal obeys: an escape becomes ``\x1b``; `lines` keeps line feeds."""
+    r"""Return text with control characters escaped, such as ``\x1b``; `lines` keeps line feeds."""
     visible = _OBEYED.sub(lambda found: found[0].encode("unicode_escape").decode(), text)
     return visible if lines else visible.replace("\n", "\\n")
 
 
 def say(text: str, *, error: bool = False) -> None:
-    """Print text that may have several lines, to standard output or to standard error."""
+    """Print text of one or more lines to standard output or to standard error."""
     if error:
         with contextlib.suppress(OSError):
             print(escaped(text, lines=True), file=sys.stderr)
@@ -112,27 +105,32 @@ def say_json(document: Any) -> None:
 
 @contextlib.contextmanager
 def _naming_output() -> Iterator[None]:
-    """Name standard output in the errors of writing to it; that its reader has left stays a `BrokenPipeError`."""
+    """Name standard output in the errors of writing to it; `BrokenPipeError` stays: its reader has left.
+
+    Buffered output that cannot be written is discarded; otherwise Python would report it again at its end.
+    """
     try:
         yield
-    except BrokenPipeError:
-        raise
     except OSError as error:
-        raise OSError(error.errno, error.strerror or str(error), STANDARD_OUTPUT) from None
+        with contextlib.suppress(OSError, ValueError):
+            os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+        if isinstance(error, BrokenPipeError):
+            raise
+        raise OSError(error.errno, error.strerror or str(error), "standard output") from None
 
 
-def output(piped_width: int | None = PIPED_WIDTH) -> Console:
-    """Return the console of standard output; in a pipe it has another width, unless that is None."""
+def output(piped_width: int | None = _PIPED_WIDTH) -> Console:
+    """Return the console of standard output; in a pipe it is `piped_width` columns wide, unless that is None."""
     console = _console()
     return console if console.is_terminal or piped_width is None else _console(width=piped_width)
 
 
 def _console(**settings: Any) -> Console:
-    """Return a console that escapes what a terminal would obey."""
+    """Return a console that escapes control characters."""
     from rich.console import Console
 
     class Output(Console):
-        """A console that says if the reader of the pipe has left; rich itself would exit with code 1."""
+        """A console that raises if the reader of the pipe has left; rich itself would exit with code 1."""
 
         def on_broken_pipe(self) -> None:
             raise BrokenPipeError
@@ -147,8 +145,8 @@ def _console(**settings: Any) -> Console:
                 super().print(*objects, **options)
 
     made = Output(**settings)
-    if made.width < NARROWEST:
-        made.width = NARROWEST  # the terminal breaks the lines
+    if made.width < _NARROWEST:
+        made.width = _NARROWEST  # the terminal breaks the lines
     return made
 
 
@@ -167,7 +165,7 @@ class Sheet:
     alarm: str = ""  # cells with this word are red
 
     def print(self, console: Console) -> tuple[int, ...]:
-        """Print the table, on a terminal that is too narrow as several below each other; return what was left out."""
+        """Print the table, on a narrow terminal in parts; return the indices of the columns that were left out."""
         made = self._table(console)
         if not console.is_terminal:
             console.print(made)
@@ -214,7 +212,7 @@ class Sheet:
 
 
 def _print_parts(table: Table, console: Console, keys: int) -> None:
-    """Print a measured table, as several that are as wide as the terminal if it is wider."""
+    """Print a measured table; one that is wider than the terminal is split into parts that fit."""
     parts = [[*range(min(keys + 1, len(table.columns)))]]
     for column in range(keys + 1, len(table.columns)):
         wider = [*parts[-1], column]
@@ -234,21 +232,21 @@ def _print_parts(table: Table, console: Console, keys: int) -> None:
 
 
 def _measure_columns(table: Table, console: Console) -> None:
-    """Set the least and the largest width of each column: a widest cell, or a longest word if cells may be folded."""
+    """Set the least and largest width of each column: its widest cell, or its longest word if it may fold."""
     for number, column in enumerate(table.columns):
         alone = _part(table, [number])
         alone.box, alone.title = None, None
-        width = console.measure(alone, options=console.options.update(max_width=PIPED_WIDTH))
+        width = console.measure(alone, options=console.options.update(max_width=_PIPED_WIDTH))
         column.min_width = width.maximum if column.no_wrap else width.minimum
         column.max_width = width.maximum
 
 
 def _least_width(table: Table, console: Console) -> int:
-    return console.measure(table, options=console.options.update(max_width=PIPED_WIDTH)).minimum
+    return console.measure(table, options=console.options.update(max_width=_PIPED_WIDTH)).minimum
 
 
 def _spread(table: Table, room: int) -> None:
-    """Divide the room that is left among the columns, in proportion to what each lacks of its largest width."""
+    """Divide the remaining width among the columns, in proportion to what each lacks of its largest width."""
     widths = [(column.min_width or 0, column.max_width or 0) for column in table.columns]
     lacking = sum(largest - least for least, largest in widths)
     for column, (least, largest) in zip(table.columns, widths, strict=True):
@@ -272,9 +270,9 @@ def print_paragraphs(console: Console, paragraphs: Sequence[str]) -> None:
 def progress(description: str, total: int | None, *, between_steps: bool = False) -> Iterator[Callable[..., None]]:
     """Show a progress bar with the remaining time while the block runs; call the yielded function after each step.
 
-    All its arguments are optional: ``next_description`` replaces the description, ``completed`` is how much is done, if
-    not one step more, and ``line`` is printed above the bar, without a terminal too. With `between_steps` the bar is
-    drawn only when it advances, so that nothing else runs while a step is timed.
+    All arguments of that function are optional: ``next_description`` replaces the description, ``completed`` is the
+    number of completed steps (default: one more), and ``line`` is printed above the bar, also without a terminal. With
+    `between_steps` the bar is drawn only when it advances, so that nothing else runs while a step is timed.
     """
     from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
 

@@ -1,10 +1,10 @@
 """Reading of JSON and TOML files into typed, checked records.
 
-A record is a dataclass; its fields and their types are the schema. A file holds data only: it is parsed and checked
-against the types, and nothing in it is run or imported.
+A record is a dataclass; its fields and their types are the schema. A file holds data only: its content is parsed and
+checked against these types, and nothing in it is run or imported.
 
 Only regular files are read, no larger than a limit, with at most `_MOST_VALUES` values, without duplicate keys, and no
-deeper than `DEEPEST`. `read_bytes` and `open_regular` are for files of other formats.
+deeper than `_DEEPEST`. `read_bytes` and `open_regular` serve files of other formats.
 """
 
 from __future__ import annotations
@@ -26,7 +26,7 @@ import msgspec
 from fuzzyarm.common.checks import listed
 
 __all__ = [
-    "DEEPEST", "DocumentError", "check_schema", "open_regular", "parse_json", "read_bytes", "read_checked", "read_json",
+    "DocumentError", "check_schema", "open_regular", "parse_json", "read_bytes", "read_checked", "read_json",
     "read_toml", "record",
 ]  # fmt: skip
 
@@ -36,7 +36,7 @@ _Record = TypeVar("_Record")
 _LARGEST = 16 * 2**20  # bytes of a document, if not said otherwise
 _LARGEST_TOML = 2**18  # bytes; the parser of TOML is slow
 _MOST_VALUES = 500_000  # in a JSON document: an empty list takes fifty times the memory of its two brackets
-DEEPEST = 40  # levels of lists and mappings
+_DEEPEST = 40  # levels of lists and mappings
 
 
 class DocumentError(ValueError):
@@ -47,8 +47,9 @@ def read_json(path: Path, *, largest: int = _LARGEST) -> Any:
     """Return the content of a JSON file: mappings, lists, texts, finite numbers, truth values and None.
 
     Raises:
-        DocumentError: no regular file, larger than `largest` bytes, or no JSON; or it holds more than `_MOST_VALUES`
-            values, a key twice, a number that is not finite or a text that is no Unicode, or is deeper than `DEEPEST`.
+        DocumentError: the file is not regular, larger than `largest` bytes or not JSON; or it holds more than
+            `_MOST_VALUES` values, a duplicate key, a number that is not finite or a text that is not Unicode, or is
+            deeper than `_DEEPEST`.
         OSError: the file cannot be read.
     """
     content = read_bytes(path, largest=largest)
@@ -110,7 +111,7 @@ def parse_json(text: bytes | str) -> Any:
 
 
 def record(content: Any, kind: type[_Record]) -> _Record:
-    """Return plain content as a record, a dataclass: every field of its type, none missing, none unknown.
+    """Return plain content as a record, a dataclass: each field has its type, and no field is missing or unknown.
 
     Raises:
         ValueError: the content does not fit, or the record's own checks refuse a value; the message names the place.
@@ -142,7 +143,7 @@ def _refuse_unknown(content: Any, kind: Any) -> None:
 
 
 def check_schema(content: Any, schema: str) -> dict[str, Any]:
-    """Return a mapping whose ``schema`` is the one this version reads; ValueError with both otherwise."""
+    """Return a mapping whose ``schema`` is the one that this version reads; ValueError names both if it is another."""
     found = content.get("schema") if isinstance(content, dict) else None
     if not isinstance(content, dict) or found != schema:
         raise ValueError(f"the schema is {str(found)[:80]!r}, this version reads {schema!r}")
@@ -150,12 +151,13 @@ def check_schema(content: Any, schema: str) -> dict[str, Any]:
 
 
 def read_checked(path: Path, schema: str, again: str, build: Callable[[dict[str, Any]], _Built]) -> _Built:
-    """Return what `build` makes of the content of a JSON file of a schema; `again` ends every message: the way out.
+    """Return the result of `build` for the content of a JSON file of a schema.
 
-    `build` may raise what it likes of a mapping or list that lacks something.
+    Every message ends with `again`, which says how to make the file again. `build` may raise any error of a mapping or
+    list that lacks an entry.
 
     Raises:
-        ValueError: the file is not there, of another schema or damaged; one line that names it and the way out.
+        ValueError: the file does not exist, has another schema or is damaged; the message is one line.
         OSError: the file cannot be read.
     """
     if not path.is_file():
@@ -190,22 +192,22 @@ def _no_constant(name: str) -> Any:
 
 
 def _check_dotted_keys(text: str) -> None:
-    """Raise ValueError for a TOML key of more than `DEEPEST` parts: the time that it takes grows with their square."""
+    """Raise ValueError for a TOML key of more than `_DEEPEST` parts: the time that it takes grows with their square."""
     run = 0
     for part in text.split("."):
         run = run + 1 if part.strip() and not any(mark in part for mark in "=,[]{}#\n") else 0
-        if run > DEEPEST:
-            raise ValueError(f"a key has more than {DEEPEST} parts")
+        if run > _DEEPEST:
+            raise ValueError(f"a key has more than {_DEEPEST} parts")
 
 
 def _check_values(content: Any, *, finite: bool) -> None:
-    """Raise ValueError for content deeper than `DEEPEST`, texts that are not Unicode, and numbers that are infinite."""
+    """Raise ValueError for content deeper than `_DEEPEST`, texts that are not Unicode, and infinite numbers."""
     level = [content]
-    for depth in range(DEEPEST + 1):
+    for depth in range(_DEEPEST + 1):
         below: list[Any] = []
         for part in level:
-            if isinstance(part, dict | list) and depth == DEEPEST:
-                raise ValueError(f"lists and mappings are nested more than {DEEPEST} deep")
+            if isinstance(part, dict | list) and depth == _DEEPEST:
+                raise ValueError(f"lists and mappings are nested more than {_DEEPEST} deep")
             if isinstance(part, dict):
                 below.extend(part)
                 below.extend(part.values())

@@ -1,6 +1,6 @@
 """Atomic writing of files and folders, tables as CSV, and the lock of a folder that is written to.
 
-What is new gets the mode that the umask leaves; what is replaced never becomes readable for more users than before.
+A new file gets the mode that the umask leaves; a replaced file never becomes readable by more users than before.
 """
 
 from __future__ import annotations
@@ -49,7 +49,7 @@ def write_atomically(path: Path, content: bytes | str) -> None:
 
 
 def write_once(folder: Path, files: Mapping[str, bytes | str]) -> list[Path]:
-    """Write files by name into a folder that has none of these names, or the same files; return their paths."""
+    """Write files by name into a folder; return their paths. ValueError if a name exists there with other content."""
     contents = {folder / name: text.encode() if isinstance(text, str) else text for name, text in files.items()}
     for path, content in contents.items():
         if path.exists() and (path.stat().st_size != len(content) or path.read_bytes() != content):
@@ -60,7 +60,7 @@ def write_once(folder: Path, files: Mapping[str, bytes | str]) -> list[Path]:
 
 
 def write_folder_atomically(folder: Path, files: Mapping[str, bytes | str]) -> None:
-    """Write a folder with `files` by name beside `folder`, then rename it; a folder that is there is replaced."""
+    """Write a folder with `files` by name beside `folder`, then rename it; an existing folder is replaced."""
     aside = Path(tempfile.mkdtemp(dir=folder.parent, prefix=f".{folder.name}."))
     try:
         new = aside / "new"
@@ -123,7 +123,7 @@ def _inert(value: Any) -> Any:
 
 
 def _mode(path: Path, new: int) -> int:
-    """Return the mode to make a file or folder with: `new`, or of that what the one at `path` has; umask follows."""
+    """Return the mode for a file or folder before the umask: `new`, restricted to the mode of one at `path`."""
     try:
         return new & stat.S_IMODE(path.stat().st_mode)
     except OSError:

@@ -1,6 +1,6 @@
-"""Names: registries of what the package ships and what was added, and public names imported at their first use.
+"""Registries of named things that the package ships or a user adds, and public names imported at their first use.
 
-What was added reaches worker processes by `additions` and `adopt`.
+Worker processes get what was added by `Registry.additions` and `Registry.adopt`.
 """
 
 from __future__ import annotations
@@ -9,7 +9,7 @@ import importlib
 from collections.abc import Callable, Mapping
 from typing import Any, TypeVar
 
-__all__ = ["Registry", "additions", "adopt", "lazily"]
+__all__ = ["Registry", "lazily"]
 
 _Thing = TypeVar("_Thing")
 
@@ -17,7 +17,7 @@ _REGISTRIES: dict[str, Registry[Any]] = {}  # by the module that each is in
 
 
 class Registry(dict[str, _Thing]):
-    """Things by name; what is added to those that it is made with belongs to the `additions` of this process."""
+    """Things by name; things added after the first ones, `shipped`, belong to the `additions` of this process."""
 
     def __init__(self, home: str, shipped: Mapping[str, _Thing]) -> None:
         super().__init__(shipped)
@@ -28,21 +28,21 @@ class Registry(dict[str, _Thing]):
         """Return what was added, by name."""
         return {name: thing for name, thing in self.items() if name not in self.shipped}
 
+    @staticmethod
+    def additions() -> dict[str, dict[str, Any]]:
+        """Return what was added to every registry of this process, by the registry's module, for `adopt`."""
+        return {home: added for home, registry in _REGISTRIES.items() if (added := registry.added())}
 
-def additions() -> dict[str, dict[str, Any]]:
-    """Return what was added to each registry of this process, by the registry's module, for `adopt`."""
-    return {home: added for home, registry in _REGISTRIES.items() if (added := registry.added())}
-
-
-def adopt(added: Mapping[str, Mapping[str, Any]]) -> None:
-    """Add the `additions` of another process; a name that was added before means the new thing from now on."""
-    for home, things in added.items():
-        importlib.import_module(home)
-        _REGISTRIES[home].update(things)
+    @staticmethod
+    def adopt(added: Mapping[str, Mapping[str, Any]]) -> None:
+        """Add the `additions` of another process; a thing of a name that was added before is replaced."""
+        for home, things in added.items():
+            importlib.import_module(home)
+            _REGISTRIES[home].update(things)
 
 
 def lazily(package: str, homes: Mapping[str, str]) -> Callable[[str], Any]:
-    """Return the `__getattr__` of a package: `homes` has the module of each public name, seen from the package."""
+    """Return the `__getattr__` of a package; `homes` has the module of each public name, relative to the package."""
 
     def find(name: str) -> Any:
         if name not in homes:

@@ -20,7 +20,7 @@ from pathlib import Path
 from typing import Any, TypeVar
 
 from fuzzyarm.common.checks import choice, whole
-from fuzzyarm.common.registry import additions, adopt
+from fuzzyarm.common.registry import Registry
 
 __all__ = ["Engine", "WorkersLost", "module_sources", "source_of"]
 
@@ -149,7 +149,7 @@ def _pickled(work: Callable[[int], Any]) -> bytes:
     import cloudpickle  # type: ignore[import-untyped]
 
     try:
-        content: bytes = cloudpickle.dumps((additions(), work))
+        content: bytes = cloudpickle.dumps((Registry.additions(), work))
     except (AttributeError, TypeError, pickle.PicklingError) as error:
         raise ValueError(
             f"policies, or what was added by name, cannot be sent to other processes ({error}): use --jobs 1, or "
@@ -162,7 +162,7 @@ def _call(content: bytes, paths: Sequence[str], number: int) -> tuple[int, Any]:
     """Run pickled work for a number in a worker, which imports from `paths` too, as unpickling may need modules."""
     sys.path += [path for path in paths if path not in sys.path]
     added, work = pickle.loads(content)
-    adopt(added)
+    Registry.adopt(added)
     return number, work(number)
 
 

@@ -1,4 +1,4 @@
-"""The files of an exported policy: header, source, and test vectors; and the law compiled, to be compared with it."""
+"""The files of an exported policy: header, source and test vectors; and the exported law compiled, for comparison."""
 
 from __future__ import annotations
 
@@ -7,8 +7,6 @@ import re
 import shutil
 import subprocess
 import tempfile
-import textwrap
-from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
@@ -19,7 +17,7 @@ from fuzzyarm.common.checks import choice, instance, path_of
 from fuzzyarm.common.files import write_once
 from fuzzyarm.envs.observation import PARTS, Observation, starts
 from fuzzyarm.envs.physics.equations import bounds_of
-from fuzzyarm.export.c_text import Recorded, Unsupported, arguments_text, program_of, source_text
+from fuzzyarm.export.c_text import Recorded, Unsupported, program_of
 from fuzzyarm.export.sheet import certified_numbers, default_certificate
 from fuzzyarm.fuzzy_policy.known_arm import per_joint_of
 from fuzzyarm.fuzzy_policy.laws.adaptive.policy import AdaptiveObserverPolicy
@@ -27,16 +25,15 @@ from fuzzyarm.fuzzy_policy.laws.learned.estimate.policy import LearnedObserverPo
 from fuzzyarm.fuzzy_policy.policy import Policy
 
 __all__ = [
-    "FLAGS", "UNITS", "CompiledLaw", "c_name", "compilers", "export_c", "header_text", "random_observations",
-    "sources_of",
+    "FLAGS", "UNITS", "CompiledLaw", "c_name", "compilers", "export_c", "random_observations", "sources_of",
 ]  # fmt: skip
 
 
 def random_observations(policy: Policy, calls: int, seed: int) -> np.ndarray:
     """Return observations (calls, 5 n) [rad, rad/s, rad/s²] of consecutive calls.
 
-    First a sine in every joint, measured with errors of sizes from 1e-8 to 0.3 of the limits; then states, and wanted
-    ones, anywhere within the limits.
+    The first 80 % follow a sine in every joint, measured with errors of sizes from 1e-8 to 0.3 of the limits; the rest
+    are random states and references anywhere within the limits.
     """
     rng, joints, bounds = np.random.default_rng(seed), policy.joints, bounds_of(policy.parameters)
     at, seen = starts(joints), np.empty((calls, PARTS * joints))
@@ -56,7 +53,7 @@ def random_observations(policy: Policy, calls: int, seed: int) -> np.ndarray:
 
 
 FLAGS = ("-std=c99", "-Wall", "-Wextra", "-Wpedantic", "-Werror", "-ffp-contract=off", "-O2")
-"""Options of the compiler with which an exported law has no warning, and the bits of its policy."""
+"""Compiler options with which an exported law compiles without a warning and gives the bits of its policy."""
 
 _LOOP = """#include <string.h>
 #include "{name}.h"
@@ -81,7 +78,7 @@ void run(long lanes, long calls, const unsigned char *starts, const {real} *seen
 
 
 def compilers() -> list[str]:
-    """Return the names of the C compilers of this machine, of gcc and clang."""
+    """Return which of the C compilers gcc and clang this machine has."""
     return [name for name in ("gcc", "clang") if shutil.which(name)]
 
 
@@ -104,8 +101,8 @@ class CompiledLaw:
     ) -> tuple[np.ndarray, np.ndarray]:
         """Return torques (calls, lanes, n) [N m] and memories (lanes, memory_size) after them.
 
-        Observations are (calls, lanes, 5 n), `starts` (calls, lanes) say whether an episode begins with a call, and the
-        memory (lanes, memory_size) is that before the first call, by default zeros.
+        Observations are (calls, lanes, 5 n); `starts` (calls, lanes) says whether an episode begins at a call; `memory`
+        (lanes, memory_size) is the memory before the first call, by default zeros.
         """
         calls, lanes, _ = observations.shape
         seen, begins = np.ascontiguousarray(observations, self.number), np.ascontiguousarray(starts, np.uint8)
@@ -134,13 +131,14 @@ UNITS = ("rad", "rad/s", "rad", "rad/s", "rad/s^2")  # of the parts of an observ
 def export_c(label: str, policy: Policy, folder: str | Path, number: str = "double") -> list[Path]:
     """Write a policy as C99 into a folder, which must exist; return the files.
 
-    They are NAME.h, NAME.c and NAME_vectors.csv, whose torques [N m] are those of the policy in Python; of float those
-    of the C itself, and only where there is a compiler. Files of these names are not replaced by those of another law.
+    The files are NAME.h, NAME.c and NAME_vectors.csv. The torques [N m] of the test vectors are those of the policy in
+    Python; for float they are those of the compiled C, and without a compiler there are none. Files of another law with
+    the same names are not replaced.
 
-    The label of the policy gives files and functions their name, and `number`, "double" or "float", is their type.
+    The label of the policy names files and functions; `number`, "double" or "float", is the type of all numbers.
 
     Raises:
-        ValueError: the policy's source has something that cannot be written in C, the law is of no use in float, or
+        ValueError: the policy's source has something that cannot be written in C, the law is not accurate in float, or
             the folder holds another export of the same name.
         OSError: a file cannot be written.
     """
@@ -164,61 +162,25 @@ def export_c(label: str, policy: Policy, folder: str | Path, number: str = "doub
 
 
 def sources_of(label: str, policy: Policy, number: str) -> dict[str, str]:
-    """Return header and source of a policy by the names of their files; arguments and errors as for `export_c`."""
+    """Return header and source of a policy by file name; arguments and errors as for `export_c`."""
     name = c_name(label)
     try:
         program = program_of(policy)
-        source = source_text(program, name, number)
+        source = program.source_text(name, number)
     except Unsupported as error:
         raise ValueError(f"{label} cannot be written in C: {error}; the documentation says which can") from None
     about = _about_policy(name, label, policy, program)
-    return {f"{name}.h": header_text(name, about, program, number), f"{name}.c": source}
+    return {f"{name}.h": program.header_text(name, about, number), f"{name}.c": source}
 
 
 def c_name(label: str) -> str:
-    """Return the name in C of a policy called `label`."""
+    """Return the C identifier for a policy with this label."""
     name = re.sub(r"\W+", "_", label, flags=re.ASCII).strip("_").lower()
     return name if name and name[0].isalpha() else f"law_{name}".rstrip("_")
 
 
-def header_text(name: str, about: Sequence[str], program: Recorded, number: str) -> str:
-    """Return the C header of a program; its first lines are the paragraphs `about`. The others as for `source_text`."""
-    form = textwrap.TextWrapper(110, initial_indent=" * ", subsequent_indent=" *   ", break_on_hyphens=False)
-    comment, guard = "\n".join(map(form.fill, about)), f"{name.upper()}_H"
-    return f"""/*
-{comment}
- */
-#ifndef {guard}
-#define {guard}
-
-#include <float.h>
-
-#if FLT_EVAL_METHOD != 0
-#error "numbers must be rounded to their type: on x86 compile with -msse2 -mfpmath=sse"
-#endif
-
-#ifdef __cplusplus
-extern "C" {{
-#endif
-
-typedef struct {{
-    {number} memory[{max(program.ports[0], 1)}];
-}} {name}_state;
-
-void {name}_init({name}_state *state);
-
-void {name}_step({arguments_text(program, name, number)});
-
-#ifdef __cplusplus
-}}
-#endif
-
-#endif
-"""
-
-
 def _about_policy(name: str, label: str, policy: Policy, program: Recorded) -> list[str]:
-    """Return what the header of a policy says: use, units, limits, and what is proven."""
+    """Return the comment of a policy's header: use, units, limits and certificate."""
     parts = ", ".join(f"{part} [{unit}]" for part, unit in zip(Observation._fields, UNITS, strict=True))
     limits = ", ".join(f"{limit:g}" for limit in per_joint_of(policy.parameters, "torque_limit"))
     certificate, proven = default_certificate(policy), ["Certificate: none."]
@@ -242,7 +204,7 @@ def _about_policy(name: str, label: str, policy: Policy, program: Recorded) -> l
 
 
 def _vectors(policy: Policy, law: Policy | CompiledLaw) -> str:
-    """Return the observations and a law's torques of consecutive calls as CSV, with all digits."""
+    """Return observations and the torques of a law in consecutive calls as CSV, with all digits."""
     joints, state = range(1, policy.joints + 1), None
     names = [f"{part}{joint}" for part in (*Observation._fields, "torque") for joint in joints]
     rows: list[list[Any]] = [["call", *names]]

@@ -1,8 +1,8 @@
 """The C text of a recorded program: one statement an operation, in the order of the law's source; loops stay loops.
 
-What nothing needs is left out; an operation that is used once, in the region where it is computed, stands where it is
-used, in brackets, which changes neither its operands nor its rounding. What Python does by its library is done, to the
-bit, by C functions of the program's own.
+Unused operations are left out. An operation that is used once, in the region where it is computed, is written in
+brackets at its use, which changes neither its operands nor its rounding. C functions in the source itself replace those
+of the math library and give the same bits.
 """
 
 from __future__ import annotations
@@ -15,6 +15,7 @@ import re
 import textwrap
 from collections import defaultdict
 from collections.abc import Callable, Iterable, Sequence
+from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -26,30 +27,30 @@ from fuzzyarm.numbers.functions import flat, like
 from fuzzyarm.numbers.program import Program
 from fuzzyarm.numbers.symbols import Branch, For, Loop, Region, Store, Symbol
 
-__all__ = ["LAW", "MODEL", "Recorded", "Unsupported", "arguments_text", "program_of", "source_text"]
+__all__ = ["LAW", "MODEL", "Recorded", "Unsupported", "program_of"]
 
 
 class Unsupported(ValueError):
-    """A law is written with something that cannot be exported; the message says what, and where."""
+    """A law uses something that cannot be exported; the message says what, and where."""
 
 
 _LARGEST = 2**18  # numbers that all tables of a program may have: 2 MiB in double precision
 
 LAW, MODEL = ("observation", "torque"), ("input", "output")
-"""What the arrays that a step is given and fills are called in C: of a law, and of a model of a co-simulation."""
+"""Names in C of the input and output arrays of a step: those of a law, and those of a co-simulation model."""
 
 
 class _Function(NamedTuple):
-    """A function of the exported program: numbers in, numbers out."""
+    """A C function of the exported program, from numbers to numbers."""
 
     name: str  # in the program
     program: Program  # its ports are the arguments and the results
-    parameters: tuple[tuple[int, str], ...]  # places among the arguments, and names, of those that it needs
-    result: Any  # a tree of as many numbers as it returns
+    parameters: tuple[tuple[int, str], ...]  # index and name of each argument that it needs
+    result: Any  # a tree with as many numbers as it returns
 
 
 class _Program(Program):
-    """A program in which functions marked `apart` are functions, kept in `functions` in the order of definition."""
+    """A program that keeps functions marked `apart` as functions, in `functions` in the order of their definition."""
 
     def __init__(self, functions: dict[Callable[..., Any], _Function], *given: Any) -> None:
         self.functions = functions
@@ -66,7 +67,7 @@ class _Program(Program):
         return like(own.result, results)
 
     def _function(self, function: Callable[..., Any], arguments: tuple[Any, ...]) -> _Function:
-        """Record a function; what it returns for numbers that are none has the shape of what it returns."""
+        """Record a function; its result for arguments that are not numbers shows the shape of its result."""
         result = function(*like(arguments, itertools.repeat(math.nan)))
 
         def whole(given: Any, *_: Any) -> tuple[Any, Any]:
@@ -92,10 +93,10 @@ def _named(name: str, tree: Any) -> list[str]:
 
 
 class Recorded(_Program):
-    """What a policy or a plant does in a control step: ``step(given, memory, *tables)`` returns memory and result.
+    """The program of a control step of a policy or a plant: ``step(given, memory, *tables)`` returns memory and result.
 
-    The ports are the memory, the numbers that are given and the result: of a policy the observation and the torques of
-    every motor [N m].
+    The ports are the memory, the inputs and the result; those of a policy are the observation and the torques of all
+    motors [N m].
     """
 
     def __init__(
@@ -108,11 +109,11 @@ class Recorded(_Program):
         source: str,
         contents: Sequence[np.ndarray] = (),
     ) -> None:
-        """Record a function of numbers; `Unsupported` if it has something that cannot be written in C.
+        """Record a function of numbers; `Unsupported` if it does something that cannot be written in C.
 
-        `given` are names of the numbers that are given, and a tree of as many zeros; `memory` is a tree of zeros and
-        `Cells`. `words` are what the arrays are called, `LAW` or `MODEL`; `source` is the function of the package that
-        it is made from, `contents` are those of the tables.
+        `given` has the names of the inputs and a tree of as many zeros; `memory` is a tree of zeros and `Cells`.
+        `words`, `LAW` or `MODEL`, names the arrays; `source` names the function of the package that is recorded;
+        `contents` has the content of the tables.
         """
         (self.names, zeros), self.words, self.source, self.contents = given, words, source, contents
 
@@ -124,6 +125,72 @@ class Recorded(_Program):
             super().__init__({}, whole, (memory, zeros, (0.0,) * results), (), [table.shape for table in contents])
         except TypeError as error:
             raise Unsupported(f"{source} does something with a number that is not known: {error}") from error
+
+    def source_text(self, name: str, real: str) -> str:
+        """Return the C source; names in it begin with `name`, numbers are of type `real`, "double" or "float".
+
+        `Unsupported` if an operation cannot be written in C.
+        """
+        writer, zero = _Writer(self, real), _literal_of(0.0, real)
+        lines, functions = writer.step(), list[str]()
+        for function in reversed(self.functions.values()):  # a function calls only those before it
+            if function.name in writer.used:
+                functions.insert(0, writer.function(function))
+        helpers = [_helper_text(operation, real) for operation in _HELPERS if operation in writer.used]
+        tables = [_table(number, self.contents[number], real) for number in sorted(writer.tables)]
+        words = [word for word in ("state", self.words[0]) if not re.search(rf"\b{word}(\[|->)", "\n".join(lines))]
+        unused = [f"{_INDENT}(void){word};" for word in words]
+        start = f"""void {name}_init({name}_state *state)
+{{
+    for (int k = 0; k < {max(self.ports[0], 1)}; k++) {{
+        state->memory[k] = {zero};
+    }}
+}}
+"""
+        step = "\n".join([f"void {name}_step({self._arguments(name, real)})", "{", *tables, *unused, *lines, "}", ""])
+        text = "\n".join([f'#include "{name}.h"', "", start, *helpers, *functions, step])
+        own = "|".join(re.findall(r"^static \w+ (\w+)\(", text, re.MULTILINE))
+        return re.sub(rf"\b({own})\(", rf"{name}_part_\1(", text) if own else text  # several programs go into one file
+
+    def header_text(self, name: str, about: Sequence[str], real: str) -> str:
+        """Return the C header, which begins with the paragraphs `about`; other arguments as for `source_text`."""
+        form = textwrap.TextWrapper(110, initial_indent=" * ", subsequent_indent=" *   ", break_on_hyphens=False)
+        comment, guard = "\n".join(map(form.fill, about)), f"{name.upper()}_H"
+        return f"""/*
+{comment}
+ */
+#ifndef {guard}
+#define {guard}
+
+#include <float.h>
+
+#if FLT_EVAL_METHOD != 0
+#error "numbers must be rounded to their type: on x86 compile with -msse2 -mfpmath=sse"
+#endif
+
+#ifdef __cplusplus
+extern "C" {{
+#endif
+
+typedef struct {{
+    {real} memory[{max(self.ports[0], 1)}];
+}} {name}_state;
+
+void {name}_init({name}_state *state);
+
+void {name}_step({self._arguments(name, real)});
+
+#ifdef __cplusplus
+}}
+#endif
+
+#endif
+"""
+
+    def _arguments(self, name: str, real: str) -> str:
+        """Return the arguments of the function of a step in C."""
+        (given, result), (_, numbers, results) = self.words, self.ports
+        return f"{name}_state *state, const {real} {given}[{numbers}], {real} {result}[{results}]"
 
 
 def program_of(policy: Policy) -> Recorded:
@@ -147,100 +214,14 @@ def program_of(policy: Policy) -> Recorded:
     return Recorded(step, (names, seen_by(joints)), law.memory, joints, LAW, source, law.tables)
 
 
-_HELPERS = {
-    "rint": """/* The nearest whole number, the even one of two; exact. */
-static {real} rint_({real} x)
-{{
-    const {real} large = {large};
-    {real} result = x;
-    if ((x > -large) && (x < large)) {{
-        result = (x > {zero}) ? ((x + large) - large) : ((x - large) + large);
-        if (result == {zero}) {{
-            result = x * {zero};
-        }}
-    }}
-    return result;
-}}
-""",
-    "floor": """/* The largest whole number that is not above x; exact. */
-static {real} floor_({real} x)
-{{
-    const {real} nearest = rint_(x);
-    return (nearest > x) ? (nearest - {one}) : nearest;
-}}
-""",
-    "abs": """static {real} abs_({real} x)
-{{
-    return (x <= {zero}) ? ({zero} - x) : x;
-}}
-""",
-    "sqrt": """/* The square root, rounded correctly: y = x/scale^2 in [1, 4), Newton, exact residual y - r^2. */
-static {real} sqrt_({real} x)
-{{
-    static const {real} power[{steps}] = {{
-{powers}
-    }};
-    static const {real} root[{steps}] = {{
-{roots}
-    }};
-    const {real} unit = {epsilon}_EPSILON;
-    {real} result = x;
-    if ((x > {zero}) && (x <= {epsilon}_MAX)) {{
-        const _Bool tiny = x < {epsilon}_MIN;
-        {real} scale = tiny ? {drop} : {one};
-        {real} y = tiny ? (x * {lift}) : x;
-        {real} r;
-        {real} high;
-        {real} low;
-        {real} residual;
-        int k;
-        for (k = 0; k < {steps}; k++) {{
-            if (y >= power[k]) {{
-                y = y * ({one} / power[k]);
-                scale = scale * root[k];
-            }}
-            if ((y * power[k]) < {four}) {{
-                y = y * power[k];
-                scale = scale * ({one} / root[k]);
-            }}
-        }}
-        r = {half} + ({half} * y);
-        for (k = 0; k < 5; k++) {{
-            r = {half} * (r + (y / r));
-        }}
-        high = {split} * r;
-        high = high - (high - r);
-        low = r - high;
-        residual = ((y - (high * high)) - ({two} * (high * low))) - (low * low);
-        if (residual > (r * unit)) {{
-            r = r + unit;
-        }} else if (residual <= -(r * unit)) {{
-            r = r - unit;
-        }} else {{
-            /* r is the nearest number. */
-        }}
-        result = r * scale;
-    }} else if (x < {zero}) {{
-        result = (x - x) / (x - x);
-    }} else {{
-        /* 0, infinity and what is no number stay so. */
-    }}
-    return result;
-}}
-""",
-    "place": """/* The row of a place in a table: the nearest one inside, and the first of what is no number. */
-static int place_({real} x, int last)
-{{
-    return (x > {zero}) ? ((x < ({real})last) ? (int)x : last) : 0;
-}}
-""",
-}
-"""By operation, the C function that does it without a library; `floor` needs `rint`."""
+_, *_SECTIONS = re.split(r"\n/\* @@ (\w+) \*/\n", Path(__file__).with_name("functions.c").read_text(encoding="utf-8"))
+_HELPERS = dict(zip(_SECTIONS[::2], _SECTIONS[1::2], strict=True))
+"""By operation, the C function that replaces the one of the math library; `floor` needs `rint`."""
 
 
-def helper_text(operation: str, real: str) -> str:
+def _helper_text(operation: str, real: str) -> str:
     """Return the C function of an operation, a key of `_HELPERS`; `real` is "double" or "float"."""
-    literal = functools.partial(literal_of, real=real)
+    literal = functools.partial(_literal_of, real=real)
     digits, steps, epsilon = {"double": (53, 9, "DBL"), "float": (24, 6, "FLT")}[real]
     exponents = [2**step for step in range(steps, 0, -1)]
     lift = 2 * (digits // 2 + 1)
@@ -250,11 +231,12 @@ def helper_text(operation: str, real: str) -> str:
     }
     lists = {"powers": [2.0**one for one in exponents], "roots": [2.0 ** (one // 2) for one in exponents]}
     form = textwrap.TextWrapper(100, initial_indent=" " * 8, subsequent_indent=" " * 8, break_on_hyphens=False)
-    return _HELPERS[operation].format(
-        **{"real": real, "steps": steps, "epsilon": epsilon},
+    texts = {
+        **{"real": real, "steps": str(steps), "epsilon": epsilon},
         **{name: form.fill(", ".join(map(literal, those))) for name, those in lists.items()},
         **{name: literal(number) for name, number in numbers.items()},
-    )
+    }
+    return re.sub(r"@(\w+)@", lambda mark: texts[mark[1]], _HELPERS[operation])
 
 
 _LONGEST = 70  # characters of an operation that stands where it is used
@@ -266,11 +248,11 @@ _FORMS = {
 _LOOSE = {*_FORMS, "real"} - {"not"}  # operations whose text needs brackets as an operand
 
 
-def literal_of(number: float, real: str) -> str:
-    """Return a number as text; one too small for "float" is the smallest normal one, as it guards a division."""
+def _literal_of(number: float, real: str) -> str:
+    """Return a number as text; one too small for "float" becomes the smallest normal one, as it guards a division."""
     if not math.isfinite(number):  # C99 has no literal for it
-        top = literal_of(0.0 if math.isnan(number) else math.copysign(1.0, number), real)
-        return f"({top} / {literal_of(0.0, real)})"
+        top = _literal_of(0.0 if math.isnan(number) else math.copysign(1.0, number), real)
+        return f"({top} / {_literal_of(0.0, real)})"
     smallest = float(np.finfo(np.float32).tiny) if real == "float" else 0.0
     if 0.0 < abs(number) < smallest:
         number = math.copysign(smallest, number)
@@ -279,10 +261,10 @@ def literal_of(number: float, real: str) -> str:
 
 
 class _Uses:
-    """What the outputs of a program need, and where."""
+    """The symbols that the outputs of a program need, and where they are used."""
 
     def __init__(self, program: Program, outputs: Iterable[Any]) -> None:
-        """Go from the outputs, and from what is stored into kept memory, to what they are computed from."""
+        """Search backwards from the outputs and from what is stored in the kept memory."""
         # Of each symbol that is needed, where it is used; None where its text has to be a name.
         self.regions: dict[Symbol, list[Region | None]] = defaultdict(list)
         self.read = {"room"}  # the memories whose numbers are needed, and what is kept
@@ -332,10 +314,10 @@ class _Uses:
 
 
 class _Writer:
-    """Writes functions of a program."""
+    """Writes the C functions of a program."""
 
     def __init__(self, of: Recorded, real: str) -> None:
-        """Begin; `real` is "double" or "float"."""
+        """Begin to write; `real` is "double" or "float"."""
         self.used, self.tables = set[Any](), set[int]()  # what was needed of `_HELPERS` and functions; tables looked up
         self._of, self._real = of, real
         self._texts: dict[Symbol, str] = {}
@@ -373,8 +355,8 @@ class _Writer:
     ) -> list[str]:
         """Return the lines of a function.
 
-        `inputs` has the name of each number that is given, and where it is read; empty: it has this name already.
-        `outputs` are texts with {} for a number, and the number.
+        `inputs` has the name of each input and where it is read; empty: it has this name already. `outputs` are pairs
+        of a text with {} for a number, and the number.
         """
         self._uses, self._names = _Uses(program, [out for _, out in outputs]), 0
         lines = [
@@ -417,7 +399,7 @@ class _Writer:
         return [f"{indent}const {self._kind(one)} {name} = {text};"]
 
     def _call(self, one: Symbol, indent: str) -> list[str]:
-        """Return the call of a function with several results, once for all of them."""
+        """Return the call of a function with several results, which is written once for all of them."""
         function, number = one.detail
         texts, lines = [_bare(self._text(operand)) for operand in one.operands], list[str]()
         key = (function.name, one.region, *texts)
@@ -433,7 +415,7 @@ class _Writer:
         return "_Bool" if one.kind == "truth" else self._real
 
     def _named(self, one: Symbol) -> str:
-        """Return a new name, which means the symbol from now on."""
+        """Give a symbol a new name; return it."""
         return self._texts.setdefault(one, self._name("v"))
 
     def _name(self, letter: str) -> str:
@@ -441,7 +423,7 @@ class _Writer:
         return f"{letter}{self._names}"
 
     def _loop(self, loop: Loop, indent: str) -> list[str]:
-        """Return a loop whose carried numbers are variables: assigned once all of their next values are known."""
+        """Return a loop whose carried numbers are variables, assigned once all their next values are computed."""
         if isinstance(loop.count, Symbol):
             raise Unsupported(f"{self._of.source} repeats something as often as a number says that is not known")
         parts = zip(loop.start, loop.inside, loop.end, loop.after, strict=True)
@@ -505,7 +487,7 @@ class _Writer:
         if name == "index":
             return f"({self._real})({_index(*one.detail)})"
         if name == "real":
-            return f"{texts[0]} ? {literal_of(1.0, self._real)} : {literal_of(0.0, self._real)}"
+            return f"{texts[0]} ? {_literal_of(1.0, self._real)} : {_literal_of(0.0, self._real)}"
         if name not in _HELPERS:
             raise Unsupported(f"{self._of.source} computes a {name}, which has no C function here")
         self.used |= {name, "rint"} if name == "floor" else {name}
@@ -516,7 +498,7 @@ class _Writer:
         if memory.startswith("table"):
             number = int(memory.removeprefix("table"))
             if not terms:
-                return literal_of(float(self._of.contents[number].flat[constant]), self._real)
+                return _literal_of(float(self._of.contents[number].flat[constant]), self._real)
             self.tables.add(number)
         return f"{'state->memory' if memory == 'room' else memory}[{_index(constant, terms)}]"
 
@@ -525,64 +507,31 @@ class _Writer:
             return self._texts[operand]
         if user is not None and user.operation in ("&", "|", "not"):
             return str(int(operand))
-        return literal_of(float(operand), self._real)
+        return _literal_of(float(operand), self._real)
 
 
 def _index(constant: int, terms: Iterable[tuple[int, int]]) -> str:
-    """Return the text of a whole number, the sum of a constant and a factor for each loop's round."""
+    """Return the text of an index: a constant plus a factor times the round of each loop."""
     parts = [f"i{loop}" if factor == 1 else f"({factor} * i{loop})" for loop, factor in terms if factor]
     rest = [str(constant)] if constant > 0 or not parts else []
     return " + ".join([*parts, *rest]) + (f" - {-constant}" if constant < 0 and parts else "")
 
 
 def _wrapped(texts: Iterable[str], indent: str, further: str) -> list[str]:
-    """Return lines with these texts and commas between them; the second and later ones have the `further` indent."""
+    """Return lines with these texts, separated by commas; lines after the first have the indent `further`."""
     form = textwrap.TextWrapper(_WIDTH, indent, further, break_long_words=False, break_on_hyphens=False)
     return [line.replace("\0", " ") for line in form.wrap(", ".join(text.replace(" ", "\0") for text in texts))]
 
 
 def _bare(text: str) -> str:
-    """Return a text without the brackets around all of it."""
+    """Return a text without the brackets that enclose all of it."""
     depths = itertools.accumulate({"(": 1, ")": -1}.get(mark, 0) for mark in text[1:-1])
     return text[1:-1] if text.startswith("(") and text.endswith(")") and min(depths, default=0) >= 0 else text
-
-
-def source_text(of: Recorded, name: str, real: str) -> str:
-    """Return the C source of a policy's or a plant's program; `real` is "double" or "float".
-
-    Functions, struct and header begin with `name`. `Unsupported` if an operation cannot be written in C.
-    """
-    writer, zero = _Writer(of, real), literal_of(0.0, real)
-    lines, functions = writer.step(), list[str]()
-    for function in reversed(of.functions.values()):  # a function calls only those before it
-        if function.name in writer.used:
-            functions.insert(0, writer.function(function))
-    helpers = [helper_text(operation, real) for operation in _HELPERS if operation in writer.used]
-    tables = [_table(number, of.contents[number], real) for number in sorted(writer.tables)]
-    words = [word for word in ("state", of.words[0]) if not re.search(rf"\b{word}(\[|->)", "\n".join(lines))]
-    unused = [f"{_INDENT}(void){word};" for word in words]
-    start = f"""void {name}_init({name}_state *state)
-{{
-    for (int k = 0; k < {max(of.ports[0], 1)}; k++) {{
-        state->memory[k] = {zero};
-    }}
-}}
-"""
-    step = "\n".join([f"void {name}_step({arguments_text(of, name, real)})", "{", *tables, *unused, *lines, "}", ""])
-    text = "\n".join([f'#include "{name}.h"', "", start, *helpers, *functions, step])
-    own = "|".join(re.findall(r"^static \w+ (\w+)\(", text, re.MULTILINE))
-    return re.sub(rf"\b({own})\(", rf"{name}_part_\1(", text) if own else text  # several programs go into one file
-
-
-def arguments_text(of: Recorded, name: str, real: str) -> str:
-    """Return the arguments of a program's step in C; name and real as for `source_text`."""
-    (given, result), (_, numbers, results) = of.words, of.ports
-    return f"{name}_state *state, const {real} {given}[{numbers}], {real} {result}[{results}]"
 
 
 def _table(number: int, array: np.ndarray, real: str) -> str:
     lines = [f"{_INDENT}static const {real} table{number}[{array.size}] = {{"]
     for row in array.reshape(len(array), -1) if array.ndim > 1 else [array]:
-        texts = (literal_of(one, real).strip("()") for one in row.tolist())
+        texts = (_literal_of(one, real).strip("()") for one in row.tolist())
         lines += _wrapped((*texts, ""), _INDENT * 2, _INDENT * 2)
     return "\n".join([*lines[:-1], lines[-1].rstrip(", "), f"{_INDENT}}};"])

@@ -24,8 +24,8 @@ from fuzzyarm.envs.fuzzy_arm import FuzzyArmEnv
 from fuzzyarm.envs.observation import Observation
 from fuzzyarm.envs.physics.equations import AnyArm, bounds_of
 from fuzzyarm.envs.physics.parameters import LARGEST, ArmParameters
-from fuzzyarm.export.c_files import UNITS, c_name, header_text, sources_of
-from fuzzyarm.export.c_text import MODEL, Recorded, source_text
+from fuzzyarm.export.c_files import UNITS, c_name, sources_of
+from fuzzyarm.export.c_text import MODEL, Recorded
 from fuzzyarm.export.plant import Plant
 from fuzzyarm.fuzzy_policy.policy import Policy
 
@@ -37,7 +37,7 @@ _IDLE = {
     "fmi2EnterInitializationMode": "",
     "fmi2Terminate": "",
 }
-"""Functions that have nothing to do, with their arguments: only errors are logged, no law depends on the time."""
+"""Functions with nothing to do, with their arguments: only errors are logged, and no law depends on the time."""
 
 _KINDS, _PORTS = ("Integer", "Boolean", "String"), "const fmi2ValueReference vr[], size_t nvr, "
 _EXCUSED = {
@@ -57,257 +57,18 @@ _EXCUSED = {
     "fmi2GetStatus": "fmi2StatusKind kind, fmi2Status *value",
     **{f"fmi2Get{kind}Status": f"fmi2StatusKind kind, fmi2{kind} *value" for kind in ("Real", *_KINDS)},
 }
-"""Functions of the standard that this FMU declares no ability for, with their arguments."""
+"""Functions of capabilities that these FMUs do not declare, with their arguments."""
 
-_TYPES = """
-/* The types of FMI 2.0 (fmi2TypesPlatform.h, fmi2FunctionTypes.h), written down here so that no header is needed. */
-typedef void *fmi2Component;
-typedef void *fmi2ComponentEnvironment;
-typedef void *fmi2FMUstate;
-typedef unsigned int fmi2ValueReference;
-typedef double fmi2Real;
-typedef int fmi2Integer;
-typedef int fmi2Boolean;
-typedef const char *fmi2String;
-typedef char fmi2Byte;
-typedef enum { fmi2OK, fmi2Warning, fmi2Discard, fmi2Error, fmi2Fatal, fmi2Pending } fmi2Status;
-typedef enum { fmi2ModelExchange, fmi2CoSimulation } fmi2Type;
-typedef enum { fmi2DoStepStatus, fmi2PendingStatus, fmi2LastSuccessfulTime, fmi2Terminated } fmi2StatusKind;
-typedef struct {
-    void (*logger)(fmi2ComponentEnvironment, fmi2String, fmi2Status, fmi2String, fmi2String, ...);
-    void *(*allocateMemory)(size_t, size_t);
-    void (*freeMemory)(void *);
-    void (*stepFinished)(fmi2ComponentEnvironment, fmi2Status);
-    fmi2ComponentEnvironment componentEnvironment;
-} fmi2CallbackFunctions;
-
-#if defined(FMI2_FUNCTION_PREFIX)
-#define JOINED_(a, b) a##b
-#define JOINED(a, b) JOINED_(a, b)
-#define NAMED(name) JOINED(FMI2_FUNCTION_PREFIX, name)
-#define OPEN
-#else
-#define NAMED(name) name
-#if defined(_WIN32)
-#define OPEN __declspec(dllexport)
-#else
-#define OPEN
-#endif
-#endif
-"""
-
-_BODY = """
-enum { GIVEN = @given@, SHOWN = @shown@, RESULTS = @results@, NAME = 256 };
-
-static const double period = @period@; /* s, of a control step */
-
-/* What may be set, in the order of its value references: the name, and the ends of its range in its unit. */
-static const struct {
-    const char *name;
-    double low;
-    double high;
-} range[GIVEN + SHOWN] = {
-@ranges@
-};
-
-typedef struct {
-    @name@_state state;
-    double given[GIVEN];
-    double result[RESULTS];
-    int running;
-    char name[NAME];
-    void (*logger)(fmi2ComponentEnvironment, fmi2String, fmi2Status, fmi2String, fmi2String, ...);
-    void (*release)(void *);
-    fmi2ComponentEnvironment environment;
-} Instance;
-
-static fmi2Status refused(const Instance *own, fmi2String text)
-{
-    if (own->logger != NULL) {
-        own->logger(own->environment, own->name, fmi2Error, "logStatusError", "%s", text);
-    }
-    return fmi2Error;
-}
-
-/* Whether a number may be set; otherwise its range is logged. */
-static int within(const Instance *own, fmi2ValueReference vr, double value)
-{
-    const int inside = (value >= range[vr].low) && (value <= range[vr].high);
-    if ((inside == 0) && (own->logger != NULL)) {
-        own->logger(own->environment, own->name, fmi2Error, "logStatusError",
-            "%s = %.9g is out of range; allowed: %.9g to %.9g", range[vr].name, value, range[vr].low, range[vr].high);
-    }
-    return inside;
-}
-
-/* What a value reference stands for: what is given, then what of the memory is shown, then the results. */
-static double *place(Instance *own, fmi2ValueReference vr)
-{
-    double *found = NULL;
-    if (vr < (fmi2ValueReference)GIVEN) {
-        found = &own->given[vr];
-    } else if (vr < (fmi2ValueReference)(GIVEN + SHOWN)) {
-        found = &own->state.memory[vr - GIVEN];
-    } else if (vr < (fmi2ValueReference)(GIVEN + SHOWN + RESULTS)) {
-        found = &own->result[vr - GIVEN - SHOWN];
-    } else {
-        found = NULL;
-    }
-    return found;
-}
-
-static void show(Instance *own)
-{
-@show@
-}
-
-static void begin(Instance *own)
-{
-    int k;
-    @name@_init(&own->state);
-    for (k = 0; k < GIVEN; k++) {
-        own->given[k] = 0.0;
-    }
-    for (k = 0; k < RESULTS; k++) {
-        own->result[k] = 0.0;
-    }
-@started@
-    show(own);
-    own->running = 0;
-}
-
-OPEN const char *NAMED(fmi2GetTypesPlatform)(void)
-{
-    return "default";
-}
-
-OPEN const char *NAMED(fmi2GetVersion)(void)
-{
-    return "2.0";
-}
-
-OPEN fmi2Component NAMED(fmi2Instantiate)(fmi2String name, fmi2Type type, fmi2String guid, fmi2String resources,
-    const fmi2CallbackFunctions *functions, fmi2Boolean visible, fmi2Boolean logging)
-{
-    Instance *own = NULL;
-    Instance first;
-    (void)resources;
-    (void)visible;
-    (void)logging;
-    if ((functions == NULL) || (functions->allocateMemory == NULL) || (functions->freeMemory == NULL)) {
-        return NULL; /* no FMI 2.0 host calls so, and there is nobody to tell */
-    }
-    memset(&first, 0, sizeof first);
-    (void)strncpy(first.name, (name != NULL) ? name : "@name@", (size_t)NAME - 1U); /* the host may reuse its text */
-    first.logger = functions->logger;
-    first.release = functions->freeMemory;
-    first.environment = functions->componentEnvironment;
-    if (type != fmi2CoSimulation) {
-        (void)refused(&first, "@name@ is an FMI 2.0 FMU for co-simulation: choose co-simulation in the host");
-    } else if ((guid == NULL) || (strcmp(guid, "@guid@") != 0)) {
-        (void)refused(&first, "the GUID is not that of @name@: the host read the description of another version; "
-            "export the FMU again");
-    } else {
-        own = (Instance *)functions->allocateMemory(1, sizeof first);
-        if (own == NULL) {
-            (void)refused(&first, "the host has no memory for an instance of @name@");
-        } else {
-            *own = first;
-            begin(own);
-        }
-    }
-    return own;
-}
-
-OPEN void NAMED(fmi2FreeInstance)(fmi2Component c)
-{
-    if (c != NULL) {
-        ((Instance *)c)->release(c);
-    }
-}
-
-OPEN fmi2Status NAMED(fmi2ExitInitializationMode)(fmi2Component c)
-{
-    show((Instance *)c);
-    ((Instance *)c)->running = 1;
-    return fmi2OK;
-}
-
-OPEN fmi2Status NAMED(fmi2Reset)(fmi2Component c)
-{
-    begin((Instance *)c);
-    return fmi2OK;
-}
-
-OPEN fmi2Status NAMED(fmi2GetReal)(fmi2Component c, const fmi2ValueReference vr[], size_t nvr, fmi2Real value[])
-{
-    Instance *own = (Instance *)c;
-    size_t k;
-    if (own->running == 0) {
-        show(own);
-    }
-    for (k = 0; k < nvr; k++) {
-        const double *from = place(own, vr[k]);
-        if (from == NULL) {
-            return refused(own, "fmi2GetReal of a value reference that @name@ does not have");
-        }
-        value[k] = *from;
-    }
-    return fmi2OK;
-}
-
-OPEN fmi2Status NAMED(fmi2SetReal)(fmi2Component c, const fmi2ValueReference vr[], size_t nvr, const fmi2Real value[])
-{
-    Instance *own = (Instance *)c;
-    const fmi2ValueReference open = (fmi2ValueReference)((own->running != 0) ? GIVEN : (GIVEN + SHOWN));
-    size_t k;
-    for (k = 0; k < nvr; k++) {
-        if (vr[k] >= open) {
-            return refused(own, "fmi2SetReal of an output, or of a start value or parameter after the initialization");
-        }
-        if (within(own, vr[k], value[k]) == 0) {
-            return fmi2Error;
-        }
-        *place(own, vr[k]) = value[k];
-    }
-    return fmi2OK;
-}
-
-OPEN fmi2Status NAMED(fmi2DoStep)(fmi2Component c, fmi2Real now, fmi2Real size, fmi2Boolean keeps)
-{
-    Instance *own = (Instance *)c;
-    const double count = size / period;
-    const long steps = ((count > 0.5) && (count < 1e9)) ? (long)(count + 0.5) : 0;
-    const double rest = (((double)steps) * period) - size;
-    /* Two instants that the host subtracts are rounded: 2^-51 of a late one is more than a millionth of a period. */
-    const double late = ((now < 0.0) ? -now : now) * 4.44e-16;
-    const double slack = (late < (0.25 * period)) ? (late + (1e-6 * period)) : (0.25 * period);
-    long step;
-    int k;
-    (void)keeps;
-    if ((steps < 1) || (rest > slack) || (rest < -slack)@single@) {
-        return refused(own, "the communication step size of @name@ must be @allowed@");
-    }
-    for (step = 0; step < steps; step++) {
-        @name@_step(&own->state, own->given, own->result);
-    }
-    for (k = 0; k < RESULTS; k++) {
-        if ((own->result[k] - own->result[k]) != 0.0) {
-            return refused(own, "an output of @name@ is not finite any more");
-        }
-    }
-    return fmi2OK;
-}
-"""
+_TEMPLATE = Path(__file__).with_name("fmu.c")  # with @marks@ for what differs between models
 
 
 def _fmu_source(name: str, numbers: Mapping[str, str]) -> str:
     """Return the C source of the FMU of a program.
 
-    `numbers` are texts for the marks of the source: guid, given, shown, results, period; code for ranges, show, started
-    and single; and allowed, the step sizes in words.
+    `numbers` holds the text for each mark of ``fmu.c``: guid, given, shown, results, period; code for ranges, show,
+    started and single; and allowed, the step sizes in words.
     """
-    text = f'#include "{name}.h"\n@include@\n#include <stddef.h>\n#include <string.h>\n{_TYPES}{_BODY}'
+    text = _TEMPLATE.read_text(encoding="utf-8")
     for function, arguments in (_IDLE | _EXCUSED).items():
         words = ["c", *re.findall(r"(\w+)(?:\[\])?(?:,|$)", arguments)]
         unused = "".join(f"    (void){word};\n" for word in words[function in _EXCUSED :])
@@ -318,7 +79,7 @@ def _fmu_source(name: str, numbers: Mapping[str, str]) -> str:
     return re.sub(r"@(\w+)@", lambda mark: {**numbers, "name": name}[mark[1]], text)
 
 
-PLANT = "plant"  # what the plant is called beside the names of policies
+PLANT = "plant"  # the name of the plant beside those of policies
 _PARTS = (("q_motor", "rad"), ("q_link", "rad"), ("dq_motor", "rad/s"), ("dq_link", "rad/s"))  # in the order of `State`
 _UNITS = {
     "rad": 'rad="1"',
@@ -335,7 +96,7 @@ _TIME = (1980, 1, 1, 0, 0, 0)  # of the files in the archive: the same export gi
 class _Variable(NamedTuple):
     """A real number of a model: name, unit, "input", "output" or "parameter", its value at the start or None.
 
-    What a host may set has the range `low` to `high` of the environment, any finite number if nothing else is said.
+    A host may set inputs and parameters between `low` and `high`, by default to any finite number.
     """
 
     name: str
@@ -372,11 +133,11 @@ def export_controller_fmu(label: str, policy: Policy, folder: Path) -> Path:
 def export_plant_fmu(arm: AnyArm, folder: Path, control_period: float = 1e-3) -> Path:
     """Write an arm as an FMU into a folder, which must exist; return the file.
 
-    Inputs are the motor torques [N m] and a force on the tip [N], outputs the 4 n numbers of the state [rad, rad/s] and
-    the place of the tip [m]; a parameter is the mass of a payload at the tip [kg]. The start is that of the
-    environment, or the hanging arm where its motion is out of reach; a host may set another one. ValueError if the
-    control period [s] is out of range, or the folder holds another FMU of this name; OSError if the file cannot be
-    written.
+    Inputs are the motor torques [N m] and a force on the tip [N]; outputs are the 4 n numbers of the state [rad, rad/s]
+    and the position of the tip [m]; the mass of a payload at the tip [kg] is a parameter. The initial state is that of
+    the environment, or the hanging arm where the default motion is out of reach; a host may set another one. ValueError
+    if the control period [s] is out of range, or the folder holds another FMU of this name; OSError if the file cannot
+    be written.
     """
     plant, start = Plant(arm, control_period), _start(arm)
     joints, axes = range(1, plant.joints + 1), "xyz"[: plant.axes]
@@ -403,8 +164,8 @@ def export_plant_fmu(arm: AnyArm, folder: Path, control_period: float = 1e-3) ->
             f"{name}_step is a control period of {control_period!r} s.",
             f"Made from: {made_from}.",
         ]
-        sources[f"{name}.h"] = header_text(name, about, program, "double")
-        sources[f"{name}.c"] = source_text(program, name, "double")
+        sources[f"{name}.h"] = program.header_text(name, about, "double")
+        sources[f"{name}.c"] = program.source_text(name, "double")
     lines = [f"    own->state.memory[{k}] = {value!r};" for k, value in enumerate(start)]
     code = {
         "show": "    tip_state none;\n    tip_init(&none);\n"
@@ -427,13 +188,9 @@ def _start(arm: AnyArm) -> list[float]:
 
 
 def _write(
-    name: str,
-    sources: dict[str, str],
-    variables: Sequence[_Variable],
-    code: dict[str, str],
-    folder: Path,
+    name: str, sources: dict[str, str], variables: Sequence[_Variable], code: dict[str, str], folder: Path
 ) -> Path:
-    """Write the archive, whose GUID follows from its content; `code` as for `_fmu_source`."""
+    """Write the archive; its GUID is a hash of its content. `code` is as for `_fmu_source`."""
     settable = variables[: int(code["given"]) + int(code["shown"])]
     ranges = [f'    {{"{one.name} [{one.unit}]", {one.low!r}, {one.high!r}}}' for one in settable]
     code = {**code, "ranges": ",\n".join(ranges)}

@@ -1,4 +1,4 @@
-"""The plant as a program: what an arm does in a control period, made of the very functions that the environment steps.
+"""The plant as a program: a control period of an arm, by the same functions that the environment steps.
 
 The torques are clipped to the limits and held, the tip force is held, and the sub-steps are those of the environment.
 """
@@ -22,13 +22,12 @@ __all__ = ["Plant"]
 class Plant:
     """An elastic arm with friction that is stepped control period by control period.
 
-    Given are n motor torques [N m] and a force on the tip [N] of 2 or 3 axes; remembered are the 4 n numbers of the
-    state, `State`, and behind them the mass of a payload [kg] where the arm carries one; the result is the place of the
-    tip [m].
+    Inputs are n motor torques [N m] and a force on the tip [N] with 2 or 3 components. The memory holds the 4 n numbers
+    of the state, `State`, then the mass of a payload at the tip [kg]. The output is the position of the tip [m].
     """
 
     def __init__(self, arm: AnyArm, control_period: float = 1e-3) -> None:
-        """Take the equations and the numbers of an arm; ValueError if the control period [s] is out of range."""
+        """Take the equations and parameters of an arm; ValueError if the control period [s] is out of range."""
         physics = equations_of(arm)
         self.joints, self.axes, self.control_period = physics.joints, physics.axes, control_period
         self._substeps = whole_substeps(control_period, None, fastest_rate([arm]))
@@ -39,7 +38,7 @@ class Plant:
         self.memory_size = size(physics.State) + 1
 
     def step(self, given: Sequence[Any], memory: Any) -> tuple[Any, Any]:
-        """Return the memory a control period later, and the place of the tip (axes,) [m].
+        """Return the memory a control period later, and the position of the tip (axes,) [m].
 
         `given` (n + axes,) are torques [N m], then the force [N].
         """
@@ -51,6 +50,6 @@ class Plant:
         return (now, payload), physics.tip(now.link, arm)
 
     def place(self, given: Sequence[Any], memory: Any) -> tuple[Any, Any]:
-        """Return nothing to remember, and the place of the tip (axes,) [m] at link angles `given` (n,) [rad]."""
+        """Return the memory as it is, and the position of the tip (axes,) [m] at link angles `given` (n,) [rad]."""
         arm = self._physics.constants(self._plant, 0.0, self._place, 0.0)
         return memory, self._physics.tip(self._physics.PerJoint(*given), arm)

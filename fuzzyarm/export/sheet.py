@@ -1,4 +1,4 @@
-"""A law written down: its equations, its numbers with units, a state to check an implementation at, its certificate."""
+"""The sheet of a law: equations, numbers with units, a state to check an implementation against, certificate."""
 
 from __future__ import annotations
 
@@ -30,11 +30,11 @@ from fuzzyarm.fuzzy_policy.states import INTEGRAL, PLANT
 from fuzzyarm.fuzzy_policy.ts_model import PREMISES
 from fuzzyarm.proof.policy_certificate import PolicyCertificate, certificate_of
 
-__all__ = ["LawSheet", "Quantity", "certified_numbers", "check_observation", "default_certificate", "sheet_of"]
+__all__ = ["LawSheet", "certified_numbers", "default_certificate", "sheet_of"]
 
 
 @dataclasses.dataclass(frozen=True)
-class Quantity:
+class _Quantity:
     """An array of numbers of a law."""
 
     name: str  # as in the equations
@@ -45,14 +45,14 @@ class Quantity:
 
 @dataclasses.dataclass(frozen=True)
 class LawSheet:
-    """What an engineer needs to implement a policy."""
+    """Everything that an engineer needs to implement a policy."""
 
     policy: str  # its name
     law: str  # what it is, in words
     equations: tuple[str, ...]  # one a line, in the order of computation
-    quantities: tuple[Quantity, ...]  # their numbers
-    check: tuple[Quantity, ...]  # what the implementation has to give for one observation
-    certificate: PolicyCertificate | None  # what is proven; None where nothing is
+    quantities: tuple[_Quantity, ...]  # their numbers
+    check: tuple[_Quantity, ...]  # one observation and what an implementation must compute from it
+    certificate: PolicyCertificate | None  # None where nothing is proven
 
     def to_text(self) -> str:
         """Return the sheet for a person; numbers have ten digits."""
@@ -86,13 +86,13 @@ class LawSheet:
         return sheet | {"certificate": found and {**certified_numbers(found), "scope": found.text}}
 
 
-_Law = tuple[str, tuple[str, ...], tuple[Quantity, ...]]  # in words, its equations and its numbers
+_Law = tuple[str, tuple[str, ...], tuple[_Quantity, ...]]  # in words, its equations and its numbers
 
 
 def certified_numbers(certificate: PolicyCertificate) -> dict[str, str]:
-    """Return the numbers of a certificate with their units as texts, rounded to the side on which they hold.
+    """Return the numbers of a certificate with units as texts, rounded to the side on which they hold.
 
-    They are of the controller's inequalities; ``claim`` says where the policy leaves their box along its reference.
+    They follow from the controller's inequalities; ``claim`` is there if the policy leaves their box on its reference.
     """
     controller = certificate.controller
     unit = {"consistent": "rad/(N m)", "paper": "SI units"}.get(getattr(controller, "form", ""), "s^2")
@@ -104,7 +104,7 @@ def certified_numbers(certificate: PolicyCertificate) -> dict[str, str]:
 
 
 def _rows(values: np.ndarray) -> list[str]:
-    """Return the lines of an array: a row each, with the other indices, from 1, in front."""
+    """Return a line for each row of an array, preceded by the other indices, which count from 1."""
     table, lines = np.atleast_2d(values), []
     for *leading, row in np.ndindex(table.shape[:-1]):
         head = f"({', '.join(str(k + 1) for k in leading)})" if leading else ""
@@ -140,44 +140,44 @@ def _fuzzy(policy: FuzzyPolicy) -> _Law:
     c = arm_constants(model.parameters)
     gains, low, high = controller.gains, model.bounds[:, 0], model.bounds[:, 1]
     quantities = [
-        Quantity("c2, c4, c5", "kg m^2, N m, N m", "of the premises", np.array([c.c2, c.c4, c.c5])),
-        Quantity("zmin", "as z", "smallest values of z1 to z5 in the box", low),
-        Quantity("zmax", "as z", "largest values", high),
-        Quantity("K", "N m/rad (2), N m s/rad (2)", "feedback of (e, de): (i, k, torque, entry)", gains[..., PLANT]),
+        _Quantity("c2, c4, c5", "kg m^2, N m, N m", "of the premises", np.array([c.c2, c.c4, c.c5])),
+        _Quantity("zmin", "as z", "smallest values of z1 to z5 in the box", low),
+        _Quantity("zmax", "as z", "largest values", high),
+        _Quantity("K", "N m/rad (2), N m s/rad (2)", "feedback of (e, de): (i, k, torque, entry)", gains[..., PLANT]),
     ]
     if controller.integral:
-        quantities.append(Quantity("H", "N m/(rad s)", "feedback of x_I: (i, k, torque, entry)", gains[..., INTEGRAL]))
+        quantities.append(_Quantity("H", "N m/(rad s)", "feedback of x_I: (i, k, torque, entry)", gains[..., INTEGRAL]))
     unit, forward = "N m/rad (2), N m s/rad (2), kg m^2 (2)", controller.feedforward_gains + 0.0  # no -0
     quantities += [
-        Quantity("L", unit, "feedforward of r: (i, k, torque, entry)", forward),
-        Quantity("A", "SI", "vertices of the model, for information: (i, row, column)", np.array(model.A_vertices)),
-        Quantity("E", "SI", "likewise: (k, row, column)", np.array(model.E_vertices)),
+        _Quantity("L", unit, "feedforward of r: (i, k, torque, entry)", forward),
+        _Quantity("A", "SI", "vertices of the model, for information: (i, row, column)", np.array(model.A_vertices)),
+        _Quantity("E", "SI", "likewise: (k, row, column)", np.array(model.E_vertices)),
     ]
     return f"fuzzy law of {model.rules} rules, {controller.form} form", equations, tuple(quantities)
 
 
 def sheet_of(name: str, policy: Policy) -> LawSheet:
-    """Return the sheet of a policy, whose name stands in the heading; ValueError if no few equations describe it."""
+    """Return the sheet of a policy with its name in the heading; ValueError for kinds of policies without a sheet."""
     law, equations, quantities = _law(instance("policy", policy, Policy))  # type: ignore[type-abstract]
     common = (
-        Quantity("T", "s", "control period, the time between two calls", np.array(policy.control_period)),
-        Quantity("Gamma", "N m", "torque limits", per_joint_of(policy.parameters, "torque_limit")),
+        _Quantity("T", "s", "control period, the time between two calls", np.array(policy.control_period)),
+        _Quantity("Gamma", "N m", "torque limits", per_joint_of(policy.parameters, "torque_limit")),
     )
-    seen, state, torques = check_observation(policy.joints), None, []
+    seen, state, torques = _check_observation(policy.joints), None, []
     for _ in range(3):
         torque, state = policy.predict(seen, state)
         torques.append(torque)
     check = (
-        Quantity("observation", "rad, rad/s, rad/s^2", "q, dq, q_d, dq_d, ddq_d", seen),
-        Quantity("torque", "N m", "tau in the first three calls, each with this observation", np.array(torques)),
-        Quantity("memory", "SI", "what is remembered after them", np.asarray(state)),
+        _Quantity("observation", "rad, rad/s, rad/s^2", "q, dq, q_d, dq_d, ddq_d", seen),
+        _Quantity("torque", "N m", "tau in the first three calls, each with this observation", np.array(torques)),
+        _Quantity("memory", "SI", "what is remembered after them", np.asarray(state)),
     )
     certificate = default_certificate(policy)
     return LawSheet(instance("name", name, str), law, equations, (*common, *quantities), check, certificate)
 
 
 def default_certificate(policy: Policy) -> PolicyCertificate | None:
-    """Return what is proven of a policy along the motion that its arm makes if no other is asked of it."""
+    """Return the certificate of a policy along the default motion of its arm; None without one."""
     try:
         reference: Reference = default_reference(policy.parameters)
     except ValueError:  # out of reach: what is proven of a fixed law does not depend on the reference
@@ -185,8 +185,8 @@ def default_certificate(policy: Policy) -> PolicyCertificate | None:
     return certificate_of(policy, reference)
 
 
-def check_observation(joints: int) -> np.ndarray:
-    """Return the observation (5 n,) of an arm of n joints at which a law is checked [rad, rad/s, rad/s²]."""
+def _check_observation(joints: int) -> np.ndarray:
+    """Return the observation (5 n,) [rad, rad/s, rad/s²] of an arm of n joints at which a law is checked."""
     k = np.arange(joints)
     return np.concatenate([0.3 + 0.5 * k, 0.5 - 0.9 * k, 0.31 + 0.48 * k, 0.45 - 0.8 * k, 1.0 - 3.0 * k])
 
@@ -206,7 +206,7 @@ def _computed_torque(policy: ComputedTorquePolicy) -> _Law:
         "u = M(q) a + C(q, dq) dq + g(q) + I_a a + f_v dq",
         *_LIMITS,
     )
-    bandwidth = Quantity("omega", "rad/s", "of the triple pole at -omega", np.array(policy.bandwidth))
+    bandwidth = _Quantity("omega", "rad/s", "of the triple pole at -omega", np.array(policy.bandwidth))
     return "computed torque with integral action", equations, (bandwidth, *_arm(policy))
 
 
@@ -222,10 +222,10 @@ def _scheduled(policy: ScheduledPolicy) -> _Law:
     )
     k_p, k_d, k_i = controller.feedback
     quantities = (
-        Quantity("k_p", "1/s^2", "gain of the position error", np.array(k_p)),
-        Quantity("k_d", "1/s", "gain of its rate", np.array(k_d)),
-        Quantity("k_i", "1/s^3", "gain of its integral", np.array(k_i)),
-        Quantity("S", "kg m^2", "scheduled inertia (rule r, joint, joint)", controller.inertia),
+        _Quantity("k_p", "1/s^2", "gain of the position error", np.array(k_p)),
+        _Quantity("k_d", "1/s", "gain of its rate", np.array(k_d)),
+        _Quantity("k_i", "1/s^3", "gain of its integral", np.array(k_i)),
+        _Quantity("S", "kg m^2", "scheduled inertia (rule r, joint, joint)", controller.inertia),
         *_arm(policy),
     )
     return "gains scheduled over the inertia, semidefinite form", equations, quantities
@@ -261,23 +261,23 @@ def _observer(policy: ElasticObserverPolicy) -> _Law:
         + ("cos q2 from -1 to 1" if schedule.cosine else "the kept angles"),
     )
     quantities = (
-        Quantity("K", "SI", "feedback (point, joint, x)", policy.feedback),
-        Quantity("L", "SI", "observer (point, (x, d), measurement)", policy.observer),
-        Quantity("kept", "-", "numbers of the joints over whose angles K and L are tabulated", 1.0 + schedule.kept),
+        _Quantity("K", "SI", "feedback (point, joint, x)", policy.feedback),
+        _Quantity("L", "SI", "observer (point, (x, d), measurement)", policy.observer),
+        _Quantity("kept", "-", "numbers of the joints over whose angles K and L are tabulated", 1.0 + schedule.kept),
         *_arm(policy),
     )
     return "observer of links and load, state feedback", equations, quantities
 
 
-def _arm(policy: Policy) -> tuple[Quantity, ...]:
-    """Return the numbers of the arm that M, C, g and the drives take."""
+def _arm(policy: Policy) -> tuple[_Quantity, ...]:
+    """Return the parameters of the arm in M, C, g and the drives."""
     arm, arrays = policy.parameters, robot_of(policy.parameters).arrays
     units = {name: unit for name, unit, _ in DRIVE_UNITS}
-    drives = tuple(Quantity(name, units[name], "of each joint", per_joint_of(arm, name)) for name in QUANTITIES)
+    drives = tuple(_Quantity(name, units[name], "of each joint", per_joint_of(arm, name)) for name in QUANTITIES)
     if isinstance(arm, ArmParameters):
         c = np.array(arm_constants(arm)[:5])
-        return (Quantity("c1..c5", "kg m^2 (3), N m (2)", "of M, C and g of the two-joint arm", c), *drives)
-    return (Quantity("mass", "kg", "of each link; the robot's file has the rest", np.array(arrays.mass)), *drives)
+        return (_Quantity("c1..c5", "kg m^2 (3), N m (2)", "of M, C and g of the two-joint arm", c), *drives)
+    return (_Quantity("mass", "kg", "of each link; the robot's file has the rest", np.array(arrays.mass)), *drives)
 
 
 _LAWS: dict[type[Policy], Callable[[Any], _Law]] = {

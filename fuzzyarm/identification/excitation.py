@@ -4,8 +4,8 @@
 
 w rises from 0 to 1 and falls back by quintic polynomials, so that the arm begins and ends at rest at q_0, where it
 hangs bent. The size a is the largest one at which angles, velocities and the torques of the start's rigid arm stay
-within `SHARE` of their limits. The coefficients make the condition number of the regressor of `rigid`, whose columns
-are divided by their scale and whose rows by the torque limits, as small as a local search from random ones finds it.
+within `SHARE` of their limits. A local search from random coefficients minimises the condition number of the regressor
+of `rigid`, with columns divided by the sizes of the base parameters and rows by the torque limits.
 
 `rehearsed` records the motion on the simulated arm, under computed torque, with encoder noise.
 """
@@ -30,8 +30,7 @@ from fuzzyarm.fuzzy_policy.laws.computed_torque import ComputedTorquePolicy
 from fuzzyarm.identification.log import Log, joint_table
 from fuzzyarm.identification.rigid import base_of, regressor
 
-__all__ = ["NOISE", "SHARE", "Excitation", "condition_of", "motion_csv", "rehearsed", "suggested", "use_of"]
-
+__all__ = ["NOISE", "SHARE", "Excitation", "rehearsed", "suggested"]
 
 _HARMONICS = 6  # of the series, at most
 SHARE = 0.6
@@ -57,7 +56,7 @@ class Excitation(Reference):
 
     @property
     def joints(self) -> int:
-        """Two."""
+        """Number of joints: 2."""
         return len(self.home)
 
     def sample(self, t: ArrayLike) -> ReferenceSample:
@@ -100,24 +99,65 @@ class Excitation(Reference):
         """Return the times (4,) [s] at which q̈ has a corner, ascending: the ends of the ramps."""
         return np.array([0.0, _RAMP, self.duration - _RAMP, self.duration])
 
+    def largest(self) -> dict[str, np.ndarray]:
+        """Return the largest angle [rad], velocity [rad/s] and torque of the rigid arm [N m], shape (2,) each."""
+        sample = self.sample(np.linspace(0.0, self.duration, 4001))
+        parts = {"angle": sample.q, "velocity": sample.dq, "torque": _torque(sample, self.parameters)}
+        return {name: np.abs(part).max(axis=0) for name, part in parts.items()}
 
-def use_of(motion: Excitation, arm: ArmParameters) -> dict[str, np.ndarray]:
-    """Return the largest angle [rad], velocity [rad/s] and torque [N m] of the rigid arm along a motion, (2,) each."""
-    sample = motion.sample(np.linspace(0.0, motion.duration, 4001))
-    parts = {"angle": sample.q, "velocity": sample.dq, "torque": _torque(sample, arm)}
-    return {name: np.abs(part).max(axis=0) for name, part in parts.items()}
+    def condition(self) -> float:
+        """Return the condition number of the regressor, its columns in units of the arm's base parameters.
+
+        A base parameter of 0 counts as the value that takes a hundredth of the torque limit.
+        """
+        arm, sample = self.parameters, self.sample(np.linspace(0.0, self.duration, _INSTANTS))
+        rows = regressor(*sample, arm.length[0], arm.gravity)
+        stacked = np.concatenate([row / limit for row, limit in zip(rows, arm.torque_limit, strict=True)])
+        size = np.sqrt(np.mean(stacked**2, axis=0))
+        scale = np.maximum(np.abs(base_of(arm)), 1e-2 / np.maximum(size, 1e-12))
+        singular = np.linalg.svd((stacked * scale)[:, size > 0.0], compute_uv=False)  # without gravity one column is 0
+        return float(singular[0] / max(singular[-1], 1e-300))
+
+    def fitted(self) -> Excitation:
+        """Return the motion with the largest amplitude that the limits of the arm allow."""
+        arm, sample = self.parameters, self.sample(np.linspace(0.0, self.duration, _INSTANTS))
+        limits = arm.joint_limit, arm.velocity_limit, arm.torque_limit
+        swing = np.abs(sample.q - self.home).max(axis=0)
+        room = SHARE * np.array(arm.joint_limit) - np.abs(self.home)
+        low, high = 0.0, float(np.min(room / np.maximum(swing, 1e-9)))
+        for _ in range(12):
+            size = 0.5 * (low + high)
+            grown = ReferenceSample(self.home + size * (sample.q - self.home), size * sample.dq, size * sample.ddq)
+            parts = grown.q, grown.dq, _torque(grown, arm)
+            pairs = zip(parts, limits, strict=True)
+            inside = all((np.abs(part) <= SHARE * np.array(limit)).all() for part, limit in pairs)
+            low, high = (size, high) if inside else (low, size)
+        return dataclasses.replace(self, sine=low * self.sine, cosine=low * self.cosine)
+
+    def to_csv(self, period: float = 1e-3) -> str:
+        """Return time [s], angles [rad], velocities, accelerations and expected torques [N m] as CSV."""
+        time = np.arange(round(self.duration / period) + 1) * period
+        sample = self.sample(time)
+        parts = {"q": sample.q, "dq": sample.dq, "ddq": sample.ddq, "torque": _torque(sample, self.parameters)}
+        return joint_table(np.round(time, 9), {name: np.round(part, 9) for name, part in parts.items()})
+
+
+def _torque(sample: ReferenceSample, arm: ArmParameters) -> np.ndarray:
+    """Return the torques of the rigid arm [N m], shape (N, 2)."""
+    rows = regressor(*sample, arm.length[0], arm.gravity)
+    return np.stack([row @ base_of(arm) for row in rows], axis=-1)
 
 
 def suggested(arm: ArmParameters, duration: float = 20.0, seed: int = 0) -> Excitation:
     """Return a motion to record, for an arm whose parameters are roughly known.
 
     Args:
-        arm: its lengths and limits are taken as they are; the rest decides how much torque the motion needs.
+        arm: its lengths and limits are taken as exact; its other parameters predict the torque that the motion needs.
         duration: T [s].
-        seed: of the random coefficients with which the search begins.
+        seed: seed of the random coefficients from which the search begins.
 
     Raises:
-        ValueError: the duration is out of range, or the arm cannot hold itself at the posture where the motion begins.
+        ValueError: the duration is out of range, or gravity is too strong for the arm to hold the initial posture.
     """
     duration = checks.real("duration", duration, "s", low=_SHORTEST, high=_LONGEST)
     rng = np.random.default_rng(checks.whole("seed", seed))
@@ -134,59 +174,15 @@ def suggested(arm: ArmParameters, duration: float = 20.0, seed: int = 0) -> Exci
 
     def motion(numbers: np.ndarray) -> Excitation:
         sine, cosine = numbers.reshape(2, harmonics, 2)
-        return _fitted(Excitation(home, sine, cosine, frequency, duration, arm), arm)
+        return Excitation(home, sine, cosine, frequency, duration, arm).fitted()
 
     def cost(numbers: np.ndarray) -> float:
-        return math.log(condition_of(motion(numbers), arm))
+        return math.log(motion(numbers).condition())
 
     drawn = [rng.normal(size=4 * harmonics) for _ in range(_DRAWS)]
     best = min(drawn, key=cost)
     found = minimize(cost, best, method="Nelder-Mead", options={"maxfev": _REFINEMENTS, "adaptive": True})
     return motion(found.x)
-
-
-def condition_of(motion: Excitation, arm: ArmParameters) -> float:
-    """Return the condition number of the regressor along a motion, columns in units of the arm's base parameters.
-
-    A base parameter of 0 counts as the value that takes a hundredth of the torque limit.
-    """
-    sample = motion.sample(np.linspace(0.0, motion.duration, _INSTANTS))
-    rows = regressor(*sample, arm.length[0], arm.gravity)
-    stacked = np.concatenate([row / limit for row, limit in zip(rows, arm.torque_limit, strict=True)])
-    size = np.sqrt(np.mean(stacked**2, axis=0))
-    scale = np.maximum(np.abs(base_of(arm)), 1e-2 / np.maximum(size, 1e-12))
-    singular = np.linalg.svd((stacked * scale)[:, size > 0.0], compute_uv=False)  # without gravity one moves nothing
-    return float(singular[0] / max(singular[-1], 1e-300))
-
-
-def _torque(sample: ReferenceSample, arm: ArmParameters) -> np.ndarray:
-    """Return the torques of the rigid arm [N m], shape (N, 2)."""
-    rows = regressor(*sample, arm.length[0], arm.gravity)
-    return np.stack([row @ base_of(arm) for row in rows], axis=-1)
-
-
-def _fitted(motion: Excitation, arm: ArmParameters) -> Excitation:
-    """Return the motion, made as large as the limits allow."""
-    sample = motion.sample(np.linspace(0.0, motion.duration, _INSTANTS))
-    limits = arm.joint_limit, arm.velocity_limit, arm.torque_limit
-    swing = np.abs(sample.q - motion.home).max(axis=0)
-    room = SHARE * np.array(arm.joint_limit) - np.abs(motion.home)
-    low, high = 0.0, float(np.min(room / np.maximum(swing, 1e-9)))
-    for _ in range(12):
-        size = 0.5 * (low + high)
-        grown = ReferenceSample(motion.home + size * (sample.q - motion.home), size * sample.dq, size * sample.ddq)
-        parts = grown.q, grown.dq, _torque(grown, arm)
-        inside = all((np.abs(part) <= SHARE * np.array(limit)).all() for part, limit in zip(parts, limits, strict=True))
-        low, high = (size, high) if inside else (low, size)
-    return dataclasses.replace(motion, sine=low * motion.sine, cosine=low * motion.cosine)
-
-
-def motion_csv(motion: Excitation, arm: ArmParameters, period: float = 1e-3) -> str:
-    """Return a motion as CSV: time [s], angles [rad], velocities, accelerations and expected torques [N m]."""
-    time = np.arange(round(motion.duration / period) + 1) * period
-    sample = motion.sample(time)
-    parts = {"q": sample.q, "dq": sample.dq, "ddq": sample.ddq, "torque": _torque(sample, arm)}
-    return joint_table(np.round(time, 9), {name: np.round(part, 9) for name, part in parts.items()})
 
 
 NOISE = EncoderNoise(1e-5, 1e-3)  # rad, rad/s, of encoders with about 10⁵ lines
@@ -195,9 +191,9 @@ NOISE = EncoderNoise(1e-5, 1e-3)  # rad, rad/s, of encoders with about 10⁵ lin
 def rehearsed(
     motion: Excitation, arm: ArmParameters, known: ArmParameters, seed: int, noise: EncoderNoise = NOISE
 ) -> Log:
-    """Return the log of a motion on a simulated arm that the controller takes for `known`, a sample each millisecond.
+    """Return the log of a motion on a simulated arm, one sample each millisecond; the controller's model is `known`.
 
-    The noise is on angles [rad] and velocities [rad/s]. ValueError: the arm left its limits.
+    `noise` disturbs angles [rad] and velocities [rad/s]. ValueError: the arm left its limits.
     """
     env = FuzzyArmEnv(parameters=arm, reference=motion, disturbance=Disturbance(encoder_noise=noise))
     policy = ComputedTorquePolicy(known)

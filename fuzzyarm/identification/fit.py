@@ -5,19 +5,20 @@ differences at first, then from what each fit leaves. With white noise the estim
 
     cov θ = s² (Jᵀ J)⁻¹,    s² = |r|² / (rows - states - |θ|)
 
-Segments with a state that the search does not find, in a joint that sticks, are left out of the last search if they are
-few. The log does not determine a parameter whose 95 % interval would be wider than its value either way: it keeps its
-value of the start, the worst one first, and the others are fitted again.
+A segment is left out of the last search if the search does not find its initial state, because a joint sticks, and such
+segments are few. A parameter counts as determined if the half width of its 95 % interval is at most its value. The one
+with the widest interval is fixed at the value of the start, and the others are fitted again, until all are determined.
 
 By multiple shooting each segment of the log is simulated from a state of its own under the logged torques:
 
     r(θ, x) = (measured - simulated) / σ,    x the states at the beginnings of the segments
 
-The links are not measured, and an arm held against gravity runs away from a simulation without feedback within a
-second: short segments stay with it. Over θ the states are a nuisance, so they are eliminated (variable projection): for
-each θ a few Gauss-Newton steps find the best x of each segment, and the derivative of what is left over θ is that of r,
-without its part in the space of the states (Kaufman's approximation). Derivatives are differences of simulations, which
-run as lanes of one batch. The plant is the project's own: elastic joints, exact stick, torques held between samples.
+The links are not measured, and a simulation without feedback diverges from an arm held against gravity within a second;
+over short segments the two stay close. The states are eliminated (variable projection): for each θ a few Gauss-Newton
+steps find the best x of each segment, and the derivative of the remaining residual with respect to θ is that of r,
+projected onto the complement of the derivatives with respect to x (Kaufman's approximation). Derivatives are
+differences of simulations, which run as lanes of one batch. The plant is that of the environment: elastic joints, exact
+stick, torques held between samples.
 """
 
 from __future__ import annotations
@@ -40,8 +41,7 @@ from fuzzyarm.envs.physics.records import filled, size
 from fuzzyarm.identification.log import Log, Motion
 from fuzzyarm.identification.rigid import UNKNOWNS, bounds_of, constants_of, start_of
 
-__all__ = ["DEVIATIONS", "SEGMENTS", "Fit", "fit_elastic", "noise_of"]
-
+__all__ = ["DEVIATIONS", "Fit", "fit_elastic"]
 
 _STATES = 8
 _MEASURED = np.array([0, 1, 4, 5])  # motor angles and velocities in a state
@@ -55,7 +55,7 @@ _GOOD = 1e-7  # decrease of the cost, as a share of it, at which the states coun
 
 @dataclasses.dataclass(eq=False)
 class _Shooting:
-    """The segments of a log; the search for states begins at those of the last linearisation."""
+    """The segments of a log; the search for their initial states begins at those of the last linearisation."""
 
     measured: np.ndarray  # angles [rad] and, if there are any, velocities [rad/s] of the motors, (steps + 1, 2 or 4, S)
     torque: np.ndarray  # held from an instant to the next [N m], (steps, 2, S)
@@ -71,7 +71,7 @@ class _Shooting:
         self._substeps = default_substeps(self.period, self.rate)
 
     def linearised(self, theta: np.ndarray, scale: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Return the residuals (rows, S) and their derivatives (rows, |θ|, S) over θ (|θ|,) without the states.
+        """Return residuals (rows, S) and their derivatives (rows, |θ|, S) with respect to θ (|θ|,), states eliminated.
 
         Neither has a unit: θ is in units of `scale` (|θ|,).
         """
@@ -87,9 +87,9 @@ class _Shooting:
         return residual, (over_theta - np.einsum("rks,skp->rps", slope, shared)) * scale[:, np.newaxis]
 
     def eliminated(self, theta: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Return the residuals (rows, S) and their derivatives over the states (rows, 8, S) at the best states, kept.
+        """Return residuals (rows, S) and their derivatives over the states (rows, 8, S) at the best states; keep these.
 
-        Levenberg's method in each segment for itself: a step that does not help is taken back, and the next is shorter.
+        Levenberg's method runs in each segment by itself: a step that raises the cost is rejected, the next is shorter.
         """
         states, damping, open_ = self.kept.copy(), np.ones(self.count), np.arange(self.count)
         residual, over_states = self._over_states(theta, states, open_)
@@ -154,7 +154,7 @@ def _normal(over_states: np.ndarray, damping: np.ndarray) -> tuple[np.ndarray, n
 def _segments_of(log: Log, length: float) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Return instants of the beginnings (S,), measurements (steps + 1, 2 or 4, S) and torques (steps, 2, S).
 
-    The segments have a length [s] and follow one another; the rest at the end is not used.
+    The segments have a length [s] and follow one another; samples after the last whole segment are not used.
     """
     samples = max(round(length / log.period), 20)
     beginnings = np.arange(0, len(log.angle) - samples + 1, samples)
@@ -164,7 +164,7 @@ def _segments_of(log: Log, length: float) -> tuple[np.ndarray, np.ndarray, np.nd
 
 
 def _starts_of(motion: Motion, beginnings: np.ndarray, arm: Arm) -> np.ndarray:
-    """Return first guesses of the states (8, S) [rad, rad/s]: the smooth motion, links bent by the torque they need."""
+    """Return first guesses of the states (8, S) [rad, rad/s]: the smooth motion, with joints bent by its torque."""
     load = rigid_inverse_dynamics(motion.q, motion.dq, motion.ddq, arm)
     bending = load / np.array([arm.stiffness1, arm.stiffness2])
     parts = motion.q, motion.q - bending, motion.dq, motion.dq
@@ -175,7 +175,7 @@ DEVIATIONS = 1.959963984540054  # half width of a 95 % interval in standard devi
 # Lengths of the segments [s], one search after the other. Short ones stay with the log wherever the search begins. Long
 # ones have fewer states to find, which narrows the intervals and removes a bias: encoder noise reaches the torques
 # through the controller, so that the errors of a segment's state and the slopes after it are correlated.
-SEGMENTS = (0.1, 0.4, 0.8, 0.8)
+_SEGMENTS = (0.1, 0.4, 0.8, 0.8)
 _DIFFERENCE = 1e-5  # of the scale of a parameter
 _MOST_STEPS = 40
 _WORSE, _MOST_LOST = 6.0, 0.1  # standard deviations; share of all
@@ -192,7 +192,7 @@ class Fit:
 
     theta: np.ndarray  # θ (17,), in the order of `UNKNOWNS`, each in its unit
     error: np.ndarray  # standard errors (17,); nan where θ is the start's
-    told: np.ndarray  # which entries of θ the log determines, (17,)
+    determined: np.ndarray  # which entries of θ the log determines, (17,)
     at_bound: np.ndarray  # which entries lie at the end of their range, (17,)
     condition: float  # condition number of the information matrix of the determined entries, in units of the values
     noise: np.ndarray  # root mean square of the residual angles [rad] and velocities [rad/s], (2 or 4,)
@@ -200,7 +200,7 @@ class Fit:
     residual: np.ndarray  # measured less simulated, in its units, (samples, 2 or 4), segments one after the other
 
 
-def noise_of(log: Log) -> np.ndarray:
+def _noise_of(log: Log) -> np.ndarray:
     """Return σ of the noise on angles [rad] and velocities [rad/s], shape (2 or 4,), from fourth differences."""
     values = log.measured
     rough = np.median(np.abs(np.diff(values, 4, axis=0)), axis=0) / (_MEDIAN * np.sqrt(_FOURTH))
@@ -212,20 +212,20 @@ def fit_elastic(
 ) -> Fit:
     """Return the output-error estimate from a log and its smooth motion.
 
-    The search begins at the arm `rough`; `start` has the values that stay where the log determines no others.
+    The search begins at the arm `rough`; parameters that the log does not determine keep the values of `start`.
     `progress` is called after each step. ValueError: the log determines no parameter.
     """
     theta, known = start_of(rough), start_of(start)
-    scale, noise = _scale(known, motion), noise_of(log)
+    scale, noise = _scale(known, motion), _noise_of(log)
     constants = functools.partial(constants_of, arm=start)
     bounds = bounds_of(start, scale)
-    told = np.ones(len(theta), dtype=bool)
+    determined = np.ones(len(theta), dtype=bool)
     lost, rate = None, fastest_rate([start])
 
     def whole(z: np.ndarray) -> np.ndarray:
-        """Return θ with other values of the entries that are told, in units of the scale."""
+        """Return θ with the determined entries replaced by z, which is in units of the scale."""
         full = theta.copy()
-        full[told] = z * scale[told]
+        full[determined] = z * scale[determined]
         return full
 
     def residual(z: np.ndarray) -> np.ndarray:
@@ -234,42 +234,42 @@ def fit_elastic(
     def slope(z: np.ndarray) -> np.ndarray:
         if progress is not None:
             progress()
-        return _stacked(shooting.linearised(whole(z), scale)[1], told)
+        return _stacked(shooting.linearised(whole(z), scale)[1], determined)
 
-    for length in SEGMENTS:
-        theta = np.where(told, np.clip(theta, *bounds), known)
+    for length in _SEGMENTS:
+        theta = np.where(determined, np.clip(theta, *bounds), known)
         beginnings, measured, torque = _segments_of(log, length)
         if lost is not None and len(lost) == len(beginnings):
             beginnings, measured, torque = beginnings[~lost], measured[..., ~lost], torque[..., ~lost]
         states = _starts_of(motion, beginnings, filled(Arm, constants(theta[:, np.newaxis])[:, 0]))
         shooting = _Shooting(measured, torque, log.period, states, noise, constants, rate)
-        told[:] = True
-        _leave_out(shooting.linearised(theta, scale)[1], theta, scale, told, 1.0)
-        while told.any():
-            theta = np.where(told, theta, known)
-            low, high = (bound[told] / scale[told] for bound in bounds)
-            begin = np.clip(theta[told] / scale[told], low, high)
+        determined[:] = True
+        _leave_out(shooting.linearised(theta, scale)[1], theta, scale, determined, 1.0)
+        while determined.any():
+            theta = np.where(determined, theta, known)
+            low, high = (bound[determined] / scale[determined] for bound in bounds)
+            begin = np.clip(theta[determined] / scale[determined], low, high)
             found = least_squares(
                 residual, begin, slope, bounds=(low, high), xtol=_CLOSE, ftol=_CLOSE, gtol=None, max_nfev=_MOST_STEPS
             )
             theta = whole(found.x)
             final, over = shooting.linearised(theta, scale)
-            if not _leave_out(over, theta, scale, told, _spread(final, told)):
+            if not _leave_out(over, theta, scale, determined, _spread(final, determined)):
                 break
-        if not told.any():
+        if not determined.any():
             raise ValueError("the log tells no parameter: the simulated arm does not follow it; check units and signs")
         lost = _lost(final)
         left = final.reshape(len(measured), measured.shape[1], -1) * noise[:, np.newaxis]
         noise = np.maximum(np.sqrt(np.mean(left**2, axis=(0, 2))), 1e-3 * noise)
-    error, (relative, condition) = np.full(len(theta), np.nan), _errors(over, told, _spread(final, told))
-    error[told] = relative * scale[told]
+    error, (relative, condition) = np.full(len(theta), np.nan), _errors(over, determined, _spread(final, determined))
+    error[determined] = relative * scale[determined]
     (low, high), near, rms = bounds, 1e-6 * scale, np.sqrt(np.mean(left**2, axis=(0, 2)))
     scaled = left / rms[:, np.newaxis]
     return Fit(
         theta=theta,
         error=error,
-        told=told,
-        at_bound=told & ((theta <= low + near) | (theta >= high - near)),
+        determined=determined,
+        at_bound=determined & ((theta <= low + near) | (theta >= high - near)),
         condition=condition,
         noise=rms,
         correlation=float(np.mean(scaled[1:] * scaled[:-1])),
@@ -278,7 +278,7 @@ def fit_elastic(
 
 
 def _lost(residual: np.ndarray) -> np.ndarray:
-    """Return which segments (S,) fit far worse than the median: the search for their states ended in a wrong stick.
+    """Return which segments (S,) fit far worse than the median: their initial states were found in a wrong stick phase.
 
     The sum of the squares of N residuals of white noise deviates by a share √(2/N). If segments are many and more than
     one, the equations are wrong rather than the states, and none counts as lost.
@@ -288,14 +288,14 @@ def _lost(residual: np.ndarray) -> np.ndarray:
     return lost if np.sum(lost) <= max(_MOST_LOST * len(lost), 1.0) else np.zeros_like(lost)
 
 
-def _stacked(over_theta: np.ndarray, told: np.ndarray) -> np.ndarray:
-    """Return the derivatives of all residuals over the told entries of θ, (rows S, told)."""
-    over = over_theta[:, told]
+def _stacked(over_theta: np.ndarray, determined: np.ndarray) -> np.ndarray:
+    """Return the derivatives of all residuals over the determined entries of θ, (rows S, determined)."""
+    over = over_theta[:, determined]
     return np.asarray(np.moveaxis(over, 1, -1).reshape(-1, over.shape[1]))
 
 
 def _scale(start: np.ndarray, motion: Motion) -> np.ndarray:
-    """Return the scale of each entry of θ: the start's value, for friction at least a share of the torque."""
+    """Return the scale of each entry of θ: the value of the start; for friction at least a share of the torque."""
     torque, speed = np.sqrt(np.mean(motion.torque**2, axis=0)), np.sqrt(np.mean(motion.dq**2, axis=0))
     least = np.full(len(start), 1e-6)
     for k, one in enumerate(UNKNOWNS):
@@ -307,27 +307,29 @@ def _scale(start: np.ndarray, motion: Motion) -> np.ndarray:
     return scale
 
 
-def _spread(residual: np.ndarray, told: np.ndarray) -> float:
+def _spread(residual: np.ndarray, determined: np.ndarray) -> float:
     """Return s², which is 1 if the model explains the log down to its noise."""
-    free = residual.size - _STATES * residual.shape[1] - int(told.sum())
+    free = residual.size - _STATES * residual.shape[1] - int(determined.sum())
     return float(np.sum(residual**2) / max(free, 1))
 
 
-def _errors(over_theta: np.ndarray, told: np.ndarray, spread: float) -> tuple[np.ndarray, float]:
-    """Return standard errors of the told entries of θ in units of the scale, and the condition number."""
-    singular, turn = np.linalg.svd(_stacked(over_theta, told), full_matrices=False)[1:]
+def _errors(over_theta: np.ndarray, determined: np.ndarray, spread: float) -> tuple[np.ndarray, float]:
+    """Return standard errors of the determined entries of θ in units of the scale, and the condition number."""
+    singular, turn = np.linalg.svd(_stacked(over_theta, determined), full_matrices=False)[1:]
     inverse = 1.0 / np.maximum(singular, max(1e-12 * float(singular[0]), _NOTHING))
     error: np.ndarray = np.sqrt(spread * np.sum((inverse[:, np.newaxis] * turn) ** 2, axis=0))
     return error, float(inverse[-1] / inverse[0])
 
 
-def _leave_out(over_theta: np.ndarray, theta: np.ndarray, scale: np.ndarray, told: np.ndarray, spread: float) -> bool:
-    """Take the entries whose 95 % interval is wider than the value out of `told`, the widest first; return if any."""
-    before = int(told.sum())
-    while told.any():
-        error, _ = _errors(over_theta, told, spread)
-        width = DEVIATIONS * error * scale[told] / np.maximum(np.abs(theta[told]), scale[told])
+def _leave_out(
+    over_theta: np.ndarray, theta: np.ndarray, scale: np.ndarray, determined: np.ndarray, spread: float
+) -> bool:
+    """Clear the entries of `determined` whose 95 % interval is wider than the value, widest first; return if any."""
+    before = int(determined.sum())
+    while determined.any():
+        error, _ = _errors(over_theta, determined, spread)
+        width = DEVIATIONS * error * scale[determined] / np.maximum(np.abs(theta[determined]), scale[determined])
         if not float(width.max()) > 1.0:
             break
-        told[np.flatnonzero(told)[int(np.argmax(width))]] = False
-    return int(told.sum()) < before
+        determined[np.flatnonzero(determined)[int(np.argmax(width))]] = False
+    return int(determined.sum()) < before

@@ -1,15 +1,15 @@
-"""A log of the motors: angles, velocities and torques at instants that are evenly apart, from a CSV file.
+"""A log of the motors: angles, velocities and torques at evenly spaced instants, from a CSV file.
 
 Row k has what was measured at t_k, and the torque that the motors held from t_k to t_{k+1}:
 
     time, q_motor1, q_motor2, dq_motor1, dq_motor2, torque1, torque2      [s, rad, rad/s, N m]
 
 Angles and velocities are those of the motors as seen from the joint's side of the gear. The two columns of velocities
-may be missing; columns may stand in any order, and further ones are not read.
+may be missing. The columns may stand in any order, and further columns are not read.
 
-`smoothed` returns angles, velocities and accelerations without a shift in time: a Butterworth filter of order 4 runs
-forwards and backwards over the measurements, and derivatives are central differences of the result. The torque passes
-the same filter; at instant k the mean of the torques before and after it acts.
+`Log.smoothed` returns angles, velocities and accelerations without a shift in time: a Butterworth filter of order 4
+runs forwards and backwards over the measurements, and derivatives are central differences of its output. The torque
+passes the same filter; the torque at instant k is the mean of the torques held before and after it.
 """
 
 from __future__ import annotations
@@ -29,8 +29,7 @@ from fuzzyarm.common.documents import read_bytes
 from fuzzyarm.common.files import csv_text
 from fuzzyarm.envs.physics.parameters import LARGEST
 
-__all__ = ["COLUMNS", "Log", "Motion", "joint_table", "read_log", "smoothed", "write_log"]
-
+__all__ = ["COLUMNS", "Log", "Motion", "joint_table", "read_log"]
 
 _PARTS = {"q_motor": "rad", "dq_motor": "rad/s", "torque": "N m"}
 COLUMNS = ("time", *(f"{part}{joint}" for part in _PARTS for joint in (1, 2)))
@@ -41,6 +40,27 @@ _LARGEST_FILE = 64 * 2**20
 _EVEN = 0.01  # share of a period by which a step in time may differ from the median step
 _SHORTEST, _LONGEST = 1e-5, 0.02  # s, of a sampling period
 _JOINTS = re.compile(r"q_motor(\d+)|dq_motor(\d+)|torque(\d+)")
+
+
+_CUTOFF = 10.0  # Hz: above the motion of the motors, and below the vibration of elastic joints
+_ORDER = 4
+_SETTLING = 3.0  # periods of the cut-off frequency
+_HIGHEST = 0.4  # cut-off frequency as a share of the sampling rate's half, at most
+
+
+class Motion(NamedTuple):
+    """Smooth angles [rad], velocities [rad/s], accelerations [rad/s²] and torques [N m], each of shape (N, 2).
+
+    The ends of the log do not affect the instants `settled`; as many samples as `independent` says are independent
+    among them.
+    """
+
+    q: np.ndarray
+    dq: np.ndarray
+    ddq: np.ndarray
+    torque: np.ndarray
+    settled: slice
+    independent: float
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -54,7 +74,7 @@ class Log:
         velocity: q̇_a [rad/s], shape (N, 2), or None.
 
     Raises:
-        TypeError: an entry is no real number.
+        TypeError: an entry is not a real number.
         ValueError: shapes differ, there are too few or too many samples, or a number is not finite or out of range.
     """
 
@@ -83,13 +103,37 @@ class Log:
         """Angles [rad] and, if there are any, velocities [rad/s], shape (N, 2 or 4)."""
         return self.angle if self.velocity is None else np.concatenate([self.angle, self.velocity], axis=1)
 
+    def smoothed(self) -> Motion:
+        """Return the motion behind the filter that the docstring of this module describes."""
+        rate = 1.0 / self.period
+        cutoff = min(_CUTOFF, 0.5 * _HIGHEST * rate)
+        filter_ = butter(_ORDER, cutoff, fs=rate, output="sos")
+
+        def smooth(values: np.ndarray) -> np.ndarray:
+            return np.asarray(sosfiltfilt(filter_, values, axis=0))
+
+        q = smooth(self.angle)
+        dq = np.gradient(q, self.period, axis=0) if self.velocity is None else smooth(self.velocity)
+        held = self.torque.copy()
+        held[1:] = 0.5 * (self.torque[1:] + self.torque[:-1])
+        edge = min(round(_SETTLING * rate / cutoff), len(q) // 4)
+        settled = slice(edge, len(q) - edge)
+        independent = (settled.stop - settled.start) * self.period * 2.0 * cutoff
+        return Motion(q, dq, np.gradient(dq, self.period, axis=0), smooth(held), settled, independent)
+
+    def to_csv(self) -> str:
+        """Return the text of a CSV file that `read_log` reads back to an equal log."""
+        velocity = {} if self.velocity is None else {"dq_motor": self.velocity}
+        time = np.arange(len(self.angle)) * self.period
+        return joint_table(time, {"q_motor": self.angle, **velocity, "torque": self.torque})
+
 
 def read_log(path: Path) -> Log:
     """Return the log in a CSV file with a heading.
 
     Raises:
-        ValueError: a column is missing or for another number of joints, a cell is no finite number, or the instants are
-            not evenly apart; the message names the file, the line or the column, and what is needed.
+        ValueError: a column is missing or for another number of joints, a cell is not a finite number, or the instants
+            are not evenly spaced; the message names the file, the line or the column, and what is needed.
         OSError: the file cannot be read.
     """
     path = checks.path_of("path", path)
@@ -98,13 +142,6 @@ def read_log(path: Path) -> Log:
     except (TypeError, ValueError, csv.Error) as error:
         text = str(error)
         raise ValueError(text if text.startswith(str(path)) else f"{path}: {text}") from None
-
-
-def write_log(log: Log) -> str:
-    """Return the text of a CSV file that `read_log` reads back to an equal log."""
-    velocity = {} if log.velocity is None else {"dq_motor": log.velocity}
-    time = np.arange(len(log.angle)) * log.period
-    return joint_table(time, {"q_motor": log.angle, **velocity, "torque": log.torque})
 
 
 def joint_table(time: np.ndarray, parts: dict[str, np.ndarray]) -> str:
@@ -135,7 +172,7 @@ def _parsed(text: str) -> Log:
 
 
 def _check_heading(heading: list[str]) -> None:
-    """Raise unless the heading names every column that is needed, once, and joints 1 and 2 alone."""
+    """Raise ValueError unless the heading names every needed column once, for joints 1 and 2 alone."""
     joints = {int(next(filter(None, found.groups()))) for found in map(_JOINTS.fullmatch, heading) if found}
     if joints - {1, 2}:
         raise ValueError(f"it is the log of {max(joints)} joints; allowed: two-joint arms, columns {','.join(COLUMNS)}")
@@ -173,42 +210,3 @@ def _period(time: np.ndarray) -> float:
             "needed: instants evenly apart. Cut the log at the gap, or resample it"
         )
     return float(np.mean(steps))
-
-
-_CUTOFF = 10.0  # Hz: above the motion of the motors, and below the vibration of elastic joints
-_ORDER = 4
-_SETTLING = 3.0  # periods of the cut-off frequency
-_HIGHEST = 0.4  # cut-off frequency as a share of the sampling rate's half, at most
-
-
-class Motion(NamedTuple):
-    """Smooth angles [rad], velocities [rad/s], accelerations [rad/s²] and torques [N m], each of shape (N, 2).
-
-    The ends of the log do not disturb the instants `settled`, among which `independent` samples are independent.
-    """
-
-    q: np.ndarray
-    dq: np.ndarray
-    ddq: np.ndarray
-    torque: np.ndarray
-    settled: slice
-    independent: float
-
-
-def smoothed(log: Log, cutoff: float = _CUTOFF) -> Motion:
-    """Return the motion of a log behind a filter with a cut-off frequency [Hz]."""
-    rate = 1.0 / log.period
-    cutoff = min(cutoff, 0.5 * _HIGHEST * rate)
-    filter_ = butter(_ORDER, cutoff, fs=rate, output="sos")
-
-    def smooth(values: np.ndarray) -> np.ndarray:
-        return np.asarray(sosfiltfilt(filter_, values, axis=0))
-
-    q = smooth(log.angle)
-    dq = np.gradient(q, log.period, axis=0) if log.velocity is None else smooth(log.velocity)
-    held = log.torque.copy()
-    held[1:] = 0.5 * (log.torque[1:] + log.torque[:-1])
-    edge = min(round(_SETTLING * rate / cutoff), len(q) // 4)
-    settled = slice(edge, len(q) - edge)
-    independent = (settled.stop - settled.start) * log.period * 2.0 * cutoff
-    return Motion(q, dq, np.gradient(dq, log.period, axis=0), smooth(held), settled, independent)

@@ -1,4 +1,4 @@
-"""From a log to an arm: the rigid part by least squares, refined by output error, and what is said of both.
+"""From a log to an arm: rigid parameters by least squares, refined by output error, with remarks for the user.
 
 The residual plot shows measured less simulated, for each motor, with the band in which 95 % of white noise lies.
 """
@@ -19,7 +19,7 @@ from fuzzyarm.common.checks import instance
 from fuzzyarm.common.files import write_atomically
 from fuzzyarm.envs.physics.parameters import ArmParameters
 from fuzzyarm.identification.fit import DEVIATIONS, Fit, fit_elastic
-from fuzzyarm.identification.log import Log, Motion, smoothed
+from fuzzyarm.identification.log import Log, Motion
 from fuzzyarm.identification.rigid import (
     BASE,
     KEPT,
@@ -30,29 +30,30 @@ from fuzzyarm.identification.rigid import (
     fit_rigid,
     rigid_arm,
     start_of,
-)
+)  # fmt: skip
 
-__all__ = ["Identified", "identify", "write_residuals"]
-
+__all__ = ["Identified", "identify"]
 
 _CORRELATED = 0.2  # correlation of neighbouring residuals above which the intervals are too narrow to be believed
 _DOUBT = 3.0  # standard errors
 _UNLIKELY = 30.0  # torques of a log over those of the start, from which on their unit is wrong
 _MOST_LATE = 9  # samples
 _INERTIAL = 5  # of `BASE`, the first ones; the others are friction
+_ROWS = (("angle", "µrad", 1e6), ("velocity", "mrad/s", 1e3))
+_DRAWN = 4000  # points a curve
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class Identified:
-    """What a log tells of an arm.
+    """The arm that was identified from a log.
 
     Attributes:
-        arm: the arm, in whose fields the log's values stand beside the start's.
-        start: the arm of the start.
-        rigid: the least squares of the rigid arm.
-        fit: the output error of the elastic arm.
-        samples: of the log.
-        period: of the log [s].
+        arm: the arm, with the values of the log where it determines them and those of the start elsewhere.
+        start: the arm from which the search began.
+        rigid: the least-squares estimate of the rigid arm.
+        fit: the output-error estimate of the elastic arm.
+        samples: number of samples of the log.
+        period: sampling period of the log [s].
     """
 
     arm: ArmParameters
@@ -63,7 +64,7 @@ class Identified:
     period: float
 
     def rows(self) -> list[dict[str, Any]]:
-        """Return for each parameter its name, unit, start, value and 95 % interval; None where the log tells none."""
+        """Return name, unit, start, value and 95 % interval of each parameter; None for an unknown interval."""
         before, error = start_of(self.start), self.fit.error
         return [
             {
@@ -71,15 +72,15 @@ class Identified:
                 "unit": one.unit,
                 "start": float(before[k]),
                 "value": float(self.fit.theta[k]),
-                "low": float(self.fit.theta[k] - DEVIATIONS * error[k]) if self.fit.told[k] else None,
-                "high": float(self.fit.theta[k] + DEVIATIONS * error[k]) if self.fit.told[k] else None,
-                "told": bool(self.fit.told[k]),
+                "low": float(self.fit.theta[k] - DEVIATIONS * error[k]) if self.fit.determined[k] else None,
+                "high": float(self.fit.theta[k] + DEVIATIONS * error[k]) if self.fit.determined[k] else None,
+                "told": bool(self.fit.determined[k]),
             }
             for k, one in enumerate(UNKNOWNS)
         ]
 
     def remarks(self) -> list[str]:
-        """Return what to know beside the numbers, one sentence or two each."""
+        """Return remarks on the numbers, one or two sentences each."""
         untold = [row["name"] for row in self.rows() if not row["told"]]
         found = [f"Motors alone never tell {', '.join(KEPT)}: they are those of the start."]
         if untold:
@@ -98,7 +99,7 @@ class Identified:
         return found
 
     def to_dict(self) -> dict[str, Any]:
-        """Return everything as plain numbers, lists and texts, ready for JSON."""
+        """Return all results as plain numbers, lists and texts for JSON."""
         return {
             "samples": self.samples,
             "period": self.period,
@@ -119,24 +120,53 @@ class Identified:
             "arm": self.arm.to_dict(),
         }
 
+    def write_residuals(self, path: Path) -> None:
+        """Write the figure of the residuals as PNG: rows of angles and measured velocities, a column for each joint.
+
+        Raises:
+            OSError: the file cannot be written.
+        """
+        residual, noise = self.fit.residual, self.fit.noise
+        rows = _ROWS[: residual.shape[1] // 2]
+        every = max(1, len(residual) // _DRAWN)
+        time = np.arange(len(residual)) * self.period
+        with matplotlib.style.context("fuzzyarm.eval.fuzzyarm", after_reset=True):
+            figure = Figure(figsize=(9.0, 1.2 + 2.1 * len(rows)))
+            grid = figure.subplots(len(rows), 2, sharex=True, squeeze=False)
+            for row, (name, unit, factor) in enumerate(rows):
+                for joint, axes in enumerate(grid[row]):
+                    channel = 2 * row + joint
+                    rms = factor * noise[channel]
+                    axes.plot(time[::every], factor * residual[::every, channel], linewidth=0.5)
+                    for side in (-DEVIATIONS, DEVIATIONS):
+                        axes.axhline(side * rms, color="black", linewidth=0.9)
+                    axes.set_title(f"{name} of motor {joint + 1}, {rms:.3g} {unit} rms")
+                    axes.set_ylabel(f"residual [{unit}]")
+            for axes in grid[-1]:
+                axes.set_xlabel("time [s]")
+            figure.suptitle("Measured less simulated; between the lines: 95 % of white noise")
+            content = io.BytesIO()
+            figure.savefig(content, format="png")
+        write_atomically(path, content.getvalue())
+
 
 def identify(log: Log, start: ArmParameters, progress: Callable[[], None] | None = None) -> Identified:
-    """Return what a log tells of an arm.
+    """Return the two-joint arm that fits a log best, with confidence intervals.
 
     Args:
-        log: of the motors.
-        start: where the search begins. Lengths, masses, gravity and limits are taken from it, and whatever the log does
-            not tell.
+        log: measurements of the motors.
+        start: the arm from which the search begins. Lengths, masses, gravity, limits and all parameters that the log
+            does not determine keep its values.
         progress: called after each step of the refinement.
 
     Raises:
-        ValueError: the log excites too little, or leads to no arm; the message names the parameter.
+        ValueError: the log excites the arm too little, or no arm fits it; the message names the parameter.
     """
-    motion = smoothed(instance("log", log, Log))
+    motion = instance("log", log, Log).smoothed()
     rigid = fit_rigid(motion, instance("start", start, ArmParameters))
-    if rigid.untold:
+    if rigid.undetermined:
         raise ValueError(
-            f"too little excitation: the log does not tell {', '.join(rigid.untold)} (condition number "
+            f"too little excitation: the log does not tell {', '.join(rigid.undetermined)} (condition number "
             f"{rigid.condition:.3g}); move both joints to and fro, faster and further, as the motion of --suggest does"
         )
     negative = [
@@ -166,7 +196,7 @@ def identify(log: Log, start: ArmParameters, progress: Callable[[], None] | None
 
 
 def _lag(motion: Motion, rigid: RigidFit, start: ArmParameters, period: float) -> str:
-    """Return by how much the torque is late, if the rigid arm fits better with it shifted; empty if not."""
+    """Return the delay of the torque in words if the rigid arm fits better with the torque shifted; empty if not."""
 
     def left(lag: int) -> float:
         shifted = motion._replace(torque=np.roll(motion.torque, -lag, axis=0))
@@ -175,37 +205,3 @@ def _lag(motion: Motion, rigid: RigidFit, start: ArmParameters, period: float) -
     lag = min(range(-_MOST_LATE, _MOST_LATE + 1), key=left)
     late, way = f"{abs(lag) * 1e3 * period:g} ms", "late" if lag > 0 else "early"
     return f"its torque seems to be {late} {way}: shift it by {abs(lag)} sample(s)" if lag else ""
-
-
-_ROWS = (("angle", "µrad", 1e6), ("velocity", "mrad/s", 1e3))
-_DRAWN = 4000  # points a curve
-
-
-def write_residuals(found: Identified, path: Path) -> None:
-    """Write the figure of the residuals to a PNG file: rows of angles and measured velocities, a column for each joint.
-
-    Raises:
-        OSError: the file cannot be written.
-    """
-    residual, noise = found.fit.residual, found.fit.noise
-    rows = _ROWS[: residual.shape[1] // 2]
-    every = max(1, len(residual) // _DRAWN)
-    time = np.arange(len(residual)) * found.period
-    with matplotlib.style.context("fuzzyarm.eval.fuzzyarm", after_reset=True):
-        figure = Figure(figsize=(9.0, 1.2 + 2.1 * len(rows)))
-        grid = figure.subplots(len(rows), 2, sharex=True, squeeze=False)
-        for row, (name, unit, factor) in enumerate(rows):
-            for joint, axes in enumerate(grid[row]):
-                channel = 2 * row + joint
-                rms = factor * noise[channel]
-                axes.plot(time[::every], factor * residual[::every, channel], linewidth=0.5)
-                for side in (-DEVIATIONS, DEVIATIONS):
-                    axes.axhline(side * rms, color="black", linewidth=0.9)
-                axes.set_title(f"{name} of motor {joint + 1}, {rms:.3g} {unit} rms")
-                axes.set_ylabel(f"residual [{unit}]")
-        for axes in grid[-1]:
-            axes.set_xlabel("time [s]")
-        figure.suptitle("Measured less simulated; between the lines: 95 % of white noise")
-        content = io.BytesIO()
-        figure.savefig(content, format="png")
-    write_atomically(path, content.getvalue())

@@ -7,9 +7,10 @@ With motor and link one body, the torques are linear in nine base parameters π:
 with c1 and c3 of (3). The lengths and gravity are known; of c1 + I_a1 only the sum counts, as long as nothing bends.
 Samples of a joint that is slower than three Stribeck velocities of the start are left out of its equation.
 
-A vector θ holds the parameters that a log of the motors may determine. Lengths, masses and gravity are kept: the motors
-feel of the links only m1 r1² + I1 + m2 L1², m2 r2² + I2, m1 r1 + m2 L1 and m2 r2, four numbers of the eight that
-describe two links in a plane. A ruler and a scale give the other four; mass centers and moments of inertia follow.
+A vector θ holds the parameters that a log of the motors may determine. Lengths, masses and gravity keep the values of
+the start: eight numbers describe two links in a plane, and the torques of the motors depend on four combinations of
+them only, m1 r1² + I1 + m2 L1², m2 r2² + I2, m1 r1 + m2 L1 and m2 r2. Measured lengths and masses give the other four;
+mass centers and moments of inertia follow.
 """
 
 from __future__ import annotations
@@ -25,33 +26,22 @@ from fuzzyarm.envs.physics.records import PerJoint, flat
 from fuzzyarm.identification.log import Motion
 
 __all__ = [
-    "BASE",
-    "KEPT",
-    "UNKNOWNS",
-    "RigidFit",
-    "arm_of",
-    "base_of",
-    "bounds_of",
-    "constants_of",
-    "fit_rigid",
-    "regressor",
-    "rigid_arm",
-    "start_of",
-]
-
+    "BASE", "KEPT", "UNKNOWNS", "RigidFit", "arm_of", "base_of", "bounds_of", "constants_of", "fit_rigid", "regressor",
+    "rigid_arm", "start_of",
+]  # fmt: skip
 
 _SMALLEST = 1e-9  # share of the scale of a parameter that must be positive
 
 
 class _Unknown(NamedTuple):
-    """One number of the arm that a log may determine: a field of `ArmParameters`, and the joint (None: both)."""
+    """A number of the arm that a log may determine: a field of `ArmParameters`, and the joint (None: both)."""
 
     field: str
     joint: int | None
 
     @property
     def name(self) -> str:
-        """The field with the place in it, as messages of `ArmParameters` have it."""
+        """The field with its index, as in the messages of `ArmParameters`."""
         return self.field if self.joint is None else f"{self.field}[{self.joint}]"
 
     @property
@@ -69,7 +59,7 @@ UNKNOWNS = (*(_Unknown(field, joint) for field in _FIELDS for joint in (0, 1)), 
 """In the order of θ, shape (17,)."""
 
 KEPT = tuple(f.name for f in dataclasses.fields(ArmParameters) if f.name not in {one.field for one in UNKNOWNS})
-"""Fields that no log of the motors determines: they keep the values of the start."""
+"""Fields that no log of the motors determines; they keep the values of the start."""
 
 
 def start_of(arm: ArmParameters) -> np.ndarray:
@@ -78,7 +68,7 @@ def start_of(arm: ArmParameters) -> np.ndarray:
 
 
 def bounds_of(arm: ArmParameters, scale: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Return the lowest and the highest θ, each of shape (17,): above 0, centers within the link or at the start's."""
+    """Return lower and upper bounds of θ, (17,) each: above 0; a mass center lies within its link or at the start's."""
     low, high = _SMALLEST * scale, np.full(len(UNKNOWNS), np.inf)
     for k, one in enumerate(UNKNOWNS):
         if one.field == "mass_center" and one.joint is not None:
@@ -87,9 +77,9 @@ def bounds_of(arm: ArmParameters, scale: np.ndarray) -> tuple[np.ndarray, np.nda
 
 
 def arm_of(theta: np.ndarray, arm: ArmParameters) -> ArmParameters:
-    """Return an arm with the entries of θ (17,), the rest as in `arm`; static friction is at least Coulomb's.
+    """Return `arm` with the entries of θ (17,); static friction is raised to Coulomb friction where it is below it.
 
-    ValueError: no arm has these entries.
+    ValueError: an entry is out of range for `ArmParameters`.
     """
     values: dict[str, Any] = {}
     for one, number in zip(UNKNOWNS, theta.tolist(), strict=True):
@@ -113,17 +103,10 @@ def constants_of(theta: np.ndarray, arm: ArmParameters) -> np.ndarray:
 
 
 BASE = (
-    "inertia[0]",
-    "mass_center[1]",
-    "inertia[1]",
-    "motor_inertia[1]",
-    "mass_center[0]",
-    "viscous_friction[0]",
-    "viscous_friction[1]",
-    "coulomb_friction[0]",
-    "coulomb_friction[1]",
-)
-"""The parameter of the arm that follows from each entry of π, the others being known."""
+    "inertia[0]", "mass_center[1]", "inertia[1]", "motor_inertia[1]", "mass_center[0]", "viscous_friction[0]",
+    "viscous_friction[1]", "coulomb_friction[0]", "coulomb_friction[1]",
+)  # fmt: skip
+"""The arm parameter that each entry of π determines if the other parameters are known."""
 
 _SLOWEST = 3.0  # Stribeck velocities
 # A joint has to be faster at this share of the samples, forwards and backwards; otherwise the log says nothing of it.
@@ -136,13 +119,13 @@ _LEAST_INERTIA = 0.05  # share of what its link would have as a rod, where least
 
 
 class RigidFit(NamedTuple):
-    """What least squares found."""
+    """The estimate by least squares."""
 
     base: np.ndarray  # π, (9,)
     error: np.ndarray  # standard errors of π, (9,)
     condition: float  # condition number of Y with columns of length 1 and rows in units of the noise
     residual: np.ndarray  # root mean square of Γ - Y π of each joint [N m], (2,)
-    untold: tuple[str, ...]  # names of `BASE` that the motion does not excite
+    undetermined: tuple[str, ...]  # names of `BASE` that the motion does not excite
 
 
 def regressor(
@@ -191,20 +174,20 @@ def fit_rigid(motion: Motion, start: ArmParameters) -> RigidFit:
     information = (stacked / size).T @ (stacked / size) * share
     error = np.sqrt(np.abs(np.diag(np.linalg.pinv(information, rcond=1e-14, hermitian=True)))) / size
     moves = error * size / np.linalg.norm(known)
-    untold = (error > np.abs(base) / 3.0) & (moves > _LEAST_SHARE)
+    undetermined = (error > np.abs(base) / 3.0) & (moves > _LEAST_SHARE)
     for joint in range(2):
         ways = [np.mean(fast[:, joint] & (side * dq[:, joint] > 0.0)) for side in (-1.0, 1.0)]
-        untold |= (min(ways) < _LEAST_MOVING) & np.array([f"[{joint}]" in name for name in BASE])
+        undetermined |= (min(ways) < _LEAST_MOVING) & np.array([f"[{joint}]" in name for name in BASE])
     condition = float(singular[0] / max(singular[exciting - 1], 1e-300))
-    return RigidFit(base, error, condition, np.array(found), tuple(np.array(BASE)[untold].tolist()))
+    return RigidFit(base, error, condition, np.array(found), tuple(np.array(BASE)[undetermined].tolist()))
 
 
 def rigid_arm(base: np.ndarray, start: ArmParameters) -> ArmParameters:
     """Return the arm with base parameters π (9,), the rest as in `start`.
 
-    Of c1 + I_a1 the motor has the share that it has in `start`, and static friction exceeds Coulomb's by the factor
-    of `start`. Values that no link has (an inertia below 0, a mass center beyond the link, if that of `start` is not)
-    are moved to where the refinement may begin.
+    The motor's share of c1 + I_a1, and the ratio of static to Coulomb friction, are those of `start`. Values that no
+    link has (an inertia below 0, a mass center beyond the link unless that of `start` is) are moved into the range in
+    which the refinement may begin.
     """
     total, mr2, c3, rotor2, mr1, *friction = base.tolist()
     (m1, m2), (l1, l2), before = start.mass, start.length, float(base_of(start)[0])

@@ -1,7 +1,7 @@
-"""What equations use beyond arithmetic and comparisons, for every kind of number.
+"""The functions that equations use beyond arithmetic and comparisons, for every kind of number.
 
-A kind is a class with these names as static methods; `KINDS` finds it by the type of a number. Floats need none: for
-them each function is what Python does.
+A kind of number is a class with these names as static methods; `KINDS` has it by the type of the number. Floats need no
+such class: each function computes with them in Python.
 """
 
 from __future__ import annotations
@@ -19,7 +19,7 @@ __all__ = [
     "minimum", "number", "only", "repeat", "row", "select", "when", "whole", "word", "zeros",
 ]  # fmt: skip
 
-KINDS: dict[type, Any] = {}  # by type of number, the class of what it does in place of a float
+KINDS: dict[type, Any] = {}  # by type of number, the class with its functions
 
 
 def select(condition: Any, first: Any, second: Any) -> Any:
@@ -29,12 +29,12 @@ def select(condition: Any, first: Any, second: Any) -> Any:
 
 
 def minimum(a: Any, b: Any) -> Any:
-    """Return the second only where it is less: `a` where one is not a number."""
+    """Return b where b < a, else a; so a where either is not a number."""
     return select(b < a, b, a)
 
 
 def maximum(a: Any, b: Any) -> Any:
-    """Return the second only where it is greater: `a` where one is not a number."""
+    """Return b where b > a, else a; so a where either is not a number."""
     return select(b > a, b, a)
 
 
@@ -45,7 +45,7 @@ def floor(x: Any) -> Any:
 
 
 def apart(function: Callable[..., Any]) -> Callable[..., Any]:
-    """Mark a function of numbers and records that becomes a function of its own where it is written as C."""
+    """Mark a function of numbers and records that stays a function of its own in exported C."""
 
     @functools.wraps(function)
     def called(*arguments: Any) -> Any:
@@ -57,7 +57,7 @@ def apart(function: Callable[..., Any]) -> Callable[..., Any]:
 
 
 def row(table: Any, place: Any) -> tuple[Any, ...]:
-    """Return the numbers of a row of a table; a place outside is the nearest one inside, and nan the first."""
+    """Return the numbers of a row of a table; a place outside means the nearest row, and nan the first row."""
     kind = KINDS.get(type(place))
     if kind:
         return tuple(kind.row(table, place))
@@ -73,7 +73,7 @@ def entry(table: Any, place: Any, column: Any) -> Any:
 
 
 def repeat(count: Any, function: Callable[[Any], Any], carried: Any) -> Any:
-    """Return function(function(... carried)), `count` times; `carried` is a tree of numbers, and so is what comes."""
+    """Return function(function(... carried)), `count` times; `carried` and the result are trees of numbers."""
     for number in flat(carried):
         if (kind := KINDS.get(type(number))) and hasattr(kind, "repeat"):
             return kind.repeat(count, function, carried)
@@ -119,31 +119,31 @@ RECORDERS: list[Any] = []  # what records at this moment, the innermost last; se
 
 @dataclasses.dataclass(frozen=True)
 class Cells:
-    """The place of an array (shape) in a tree of numbers: whoever fills the tree puts an array there."""
+    """A placeholder for an array of a shape in a tree of numbers."""
 
     shape: tuple[int, ...]
 
     @property
     def size(self) -> int:
-        """How many numbers it holds."""
+        """Number of entries of the array."""
         return math.prod(self.shape)
 
 
 def array(*shape: int) -> Any:
-    """Return an array whose content is not known; what runs for many arms has one for each of them."""
+    """Return an array with undefined content; a program for many arms has one for each arm."""
     return RECORDERS[-1].array(shape) if RECORDERS else np.full(shape, np.nan)
 
 
 def each(count: Any) -> Iterable[Any]:
     """Return 0, 1, ..., count - 1, for a loop whose body reads and writes arrays.
 
-    While it is recorded, it runs once: what a number becomes in one round is known in the next only in an array.
+    A recorded body runs once, so only arrays carry numbers from one round to the next.
     """
     return RECORDERS[-1].each(count) if RECORDERS else range(count)
 
 
 def only(condition: Any) -> Iterable[None]:
-    """Return what a loop takes to run once where the condition holds, and else not at all; its body writes arrays."""
+    """Return an iterable for a loop that runs once where the condition holds, else not; its body writes arrays."""
     kind = KINDS.get(type(condition))
     if kind:
         return kind.only(condition)  # type: ignore[no-any-return]

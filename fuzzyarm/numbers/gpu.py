@@ -28,7 +28,7 @@ from fuzzyarm.numbers.machine import Kernel
 from fuzzyarm.numbers.program import Program
 from fuzzyarm.numbers.symbols import Symbol
 
-__all__ = ["Gpu", "gpu", "gpu_text", "logarithm", "ptx_of"]
+__all__ = ["Gpu", "gpu", "logarithm", "ptx_of"]
 
 _MAJOR, _MINOR = 75, 76  # CU_DEVICE_ATTRIBUTE_COMPUTE_CAPABILITY_...
 _NEWEST = 90  # what the tests assemble for; later processors run it, too
@@ -57,8 +57,8 @@ class Gpu:
     ) -> None:
         """Begin to run a kernel for every arm, `steps` times, in a stream of this GPU; this does not wait for its end.
 
-        Arguments are as for `Kernel.bound`, objects with `__cuda_array_interface__`, such as tensors of torch. Whoever
-        calls keeps them alive until the stream has come to the end.
+        Arguments are as for `Kernel.bound`, objects with `__cuda_array_interface__` such as tensors of torch. The
+        caller keeps them alive until the stream has finished.
         """
         held = [_placed(one) for one in (*arrays, constants, *tables)]
         count = len(arrays)
@@ -225,8 +225,8 @@ def _function(name: str) -> str:
     return "\n".join([f"define internal double @own.{name}(double %x) #0 {{", *own.lines, "}"])
 
 
-def gpu_text(kernel: Kernel, name: str = "kernel") -> tuple[str, tuple[str, ...]]:
-    """Return a kernel as LLVM's text, and its parameters as in `_Ptx`; ValueError for an operation that no GPU has.
+def _gpu_text(kernel: Kernel, name: str = "kernel") -> tuple[str, tuple[str, ...]]:
+    """Return a kernel as LLVM's text, and its parameters as in `_Ptx`; ValueError if PTX lacks an operation.
 
     The text calls `i64 @thread()`, the number of the thread, and `i64 @threads()`, their number, without defining them.
     """
@@ -238,7 +238,7 @@ def gpu_text(kernel: Kernel, name: str = "kernel") -> tuple[str, tuple[str, ...]
 def ptx_of(kernel: Kernel, name: str = "kernel", processor: str = "sm_90") -> _Ptx:
     """Return a kernel as PTX with a name, for a GPU as LLVM names it; ValueError for an operation that no GPU has."""
     _initialise()
-    text, parameters = gpu_text(kernel, name)
+    text, parameters = _gpu_text(kernel, name)
     machine = llvm.Target.from_triple(_TRIPLE).create_target_machine(cpu=processor, opt=3)
     module = llvm.parse_assembly(f'target triple = "{_TRIPLE}"\n{text}{_THREADS}')
     module.data_layout = str(machine.target_data)

@@ -1,4 +1,4 @@
-"""A recorded program as LLVM's text, which takes the numbers of groups of arms, computes, and puts them back.
+"""A recorded program as LLVM's text, which loads the numbers of groups of arms, computes, and stores them.
 
 Operations, loops and branches are written for one arm or for vectors of arms. No operation may be contracted or
 reordered: there are no flags that would allow it.
@@ -34,7 +34,7 @@ _KINDS = {"real": "double", "truth": "i1", "word": "i64"}
 
 
 def _row_of(item: Any) -> Any:
-    """Return what rows are looked up by, if the item is a number of a row: its place and its table."""
+    """Return the place and the table of a number of a row, by which such numbers are grouped; None for other items."""
     if isinstance(item, Symbol) and item.operation == "row":
         return item.operands[0] if isinstance(item.operands[0], float) else id(item.operands[0]), item.detail[0]
     return None
@@ -45,7 +45,7 @@ def _literal(number: Any) -> str:
 
 
 class Operations:
-    """Writes operations of a program; each method puts lines, or returns the name of what they compute."""
+    """Writes operations of a program; each method adds lines, and some return the name of the result."""
 
     def __init__(self, program: Program, width: int) -> None:
         self.program, self.width = program, width
@@ -165,7 +165,7 @@ class Operations:
         return pointer
 
     def inside(self, items: Sequence[Any]) -> None:
-        """Write what a loop or a branch holds; what it finds out about places is not known behind it."""
+        """Write the items of a loop or a branch; pointers that are computed in it are not used after it."""
         self.places.append({})
         self.items(items)
         self.places.pop()
@@ -187,7 +187,7 @@ class Operations:
         self.put(f"store {self.real} {value}, ptr {pointer}, align 8")
 
     def first_of_row(self, table: Any, of: Any) -> str:
-        """Return where a row begins in its table, whatever is asked for."""
+        """Return where a row begins in its table; places outside are moved to the nearest row."""
         place, last, zero = self.of(of), f"%last{table.number}", self.splat("double", "0.0")
         positive = self.new(f"fcmp ogt {self.real} {place}, {zero}")  # not for nan
         place = self.new(f"select {self.truth} {positive}, {self.real} {place}, {self.real} {zero}")
@@ -211,7 +211,7 @@ class Operations:
             self.gather(out, pointers, "splat (i1 true)")
 
     def rows(self, group: Sequence[Symbol]) -> None:
-        """Look up numbers of a row, whose place is within the table whatever is asked for."""
+        """Look up numbers of one row; places outside the table are moved to the nearest row."""
         table, _ = group[0].detail
         first = self.first_of_row(table, group[0].operands[0])
         if self.width == 1:
@@ -270,7 +270,7 @@ class Operations:
         self.put(self.call("void", f"masked.scatter{self.suffix}.v{self.width}p0", *given))
 
     def items(self, items: Sequence[Any]) -> None:
-        """Write what a region holds, in order."""
+        """Write the items of a region in order."""
         writers: Any = {Loop: self.loop, Branch: self.branch, For: self.rounds, Store: self.store}
         for source, run in itertools.groupby(items, lambda item: _row_of(item) or id(item)):
             item, *others = run
@@ -283,9 +283,9 @@ class Operations:
 
     @contextlib.contextmanager
     def counted(self, k: str, count: str) -> Iterator[list[tuple[str, str, str, str]]]:
-        """Write a loop over k = 0, ..., count - 1 about what is written within; yield a list for the carried numbers.
+        """Write a loop over k = 0, ..., count - 1 around the lines of the block; yield a list for the carried numbers.
 
-        Of each number it takes the kind, the name inside, the text before and the text at the end of a round.
+        The block adds kind, name inside, text before the loop and text at the end of a round for each number.
         """
         carried: list[tuple[str, str, str, str]] = []
         head, body, out, before = self.block(), self.block(), self.block(), self.here
@@ -364,9 +364,9 @@ class Layout(enum.Enum):
 
 
 class Writer(Operations):
-    """Writes the whole text, for a processor that is given a job and takes its arms group by group.
+    """Writes the whole text for the host's processor, which gets a job and computes its arms group by group.
 
-    Another processor has its own `head`, `arguments` and `tail`.
+    A subclass for another processor has its own `head`, `arguments` and `tail`.
     """
 
     def __init__(self, program: Program, layouts: Sequence[Layout], width: int, *, repeated: bool) -> None:
@@ -395,7 +395,7 @@ class Writer(Operations):
         return pointers
 
     def beginnings(self) -> None:
-        """Say where the group's arms begin in each port, %off."""
+        """Write the offsets %off at which the group's arms begin in each port."""
         for port, (layout, numbers) in enumerate(zip(self.layouts, self.program.ports, strict=True)):
             if layout is Layout.BLOCKS:
                 block = self.new(f"and i64 %g, {-WIDE}")
@@ -446,7 +446,7 @@ class Writer(Operations):
     def exchange(
         self, numbers: Sequence[_Number], one: Callable[..., None], rows: Callable[[Sequence[_Number]], None]
     ) -> None:
-        """Take or give numbers, those of ports in rows by `rows`."""
+        """Load or store numbers by `one`, and those of ports in rows by `rows`."""
         in_rows = [self.width > 1 and self.layouts[port] is Layout.ROWS for port, *_ in numbers]
         for number, is_in_rows in zip(numbers, in_rows, strict=True):
             if not is_in_rows:
@@ -455,7 +455,7 @@ class Writer(Operations):
             rows(list(itertools.compress(numbers, in_rows)))
 
     def if_full(self, few: Callable[[], None], whole: Callable[[], None]) -> tuple[str, str]:
-        """Write both ways, for a group that lacks arms and for a whole one; return their blocks."""
+        """Write the code for an incomplete group and that for a whole group; return their blocks."""
         blocks = self.block(), self.block()
         out = self.block()
         self.put(f"br i1 %full, label %{blocks[1]}, label %{blocks[0]}")
@@ -484,7 +484,7 @@ class Writer(Operations):
             self.put(f"{name} = phi {self.real} [ {name}.few, %{few} ], [ {found[port, k]}, %{whole} ]")
 
     def give_rows(self, given: Sequence[_Number]) -> None:
-        """Store numbers of ports in rows, likewise where all numbers of a port change."""
+        """Store numbers of ports in rows, by whole rows if the group is whole and all numbers of a port change."""
 
         def one_by_one() -> None:
             for number in given:
@@ -502,7 +502,7 @@ class Writer(Operations):
         self.if_full(one_by_one, by_rows)
 
     def runs(self) -> list[tuple[int, int, int, int]]:
-        """Return port, first number, place of that among all, and length of each stretch of numbers of arrays."""
+        """Return port, first number, its place among all numbers, and length of each run of numbers of arrays."""
         found, place = list[tuple[int, int, int, int]](), 0
         for port, count in enumerate(self.program.ports):
             for inside, numbers in itertools.groupby(range(place, place + count), self.program.cells.__contains__):
@@ -513,7 +513,7 @@ class Writer(Operations):
         return found
 
     def copy(self, port: int, first: int, place: int, count: int, *, back: bool) -> None:
-        """Copy numbers of arrays from their port into the group's own memory, or back, one after the other."""
+        """Copy numbers of arrays one by one from their port into the group's own memory, or back."""
         with self.counted(k := f"%k{self.blocks}", str(count)):
             own = self.room(self.new(f"add i64 {k}, {place}"))
             number = self.new(f"add i64 {k}, {first}")
@@ -528,18 +528,18 @@ class Writer(Operations):
         return self.new(f"getelementptr double, ptr %room, i64 {self.new(f'mul i64 {place}, {self.width}')}")
 
     def head(self, held: Sequence[str], apart: Sequence[str]) -> str:
-        """Return how the function begins; arguments as for `arguments`."""
+        """Return the first line of the function; arguments as for `arguments`."""
         return "define void @kernel(ptr noalias readonly %job) #0 {"
 
     def arguments(self, held: Sequence[str], apart: Sequence[str]) -> tuple[str, str]:
-        """Take %stop, %steps and these names; return the first arm, and how far the next group's is from it."""
+        """Load %stop, %steps and these names; return the first arm and the distance to that of the next group."""
         for k, name in enumerate(["first", "stop", "steps", *held, *apart]):
             pointer = self.new(f"getelementptr i64, ptr %job, i64 {k}")
             self.put(f"%{name} = load {'ptr' if name in held else 'i64'}, ptr {pointer}, align 8")
         return "%first", str(self.width)
 
     def tail(self) -> str:
-        """Return what stands behind the function."""
+        """Return the text after the function."""
         return 'attributes #0 = { nounwind "prefer-vector-width"="512" "min-legal-vector-width"="512" }'
 
     def whole_text(self) -> str:
@@ -607,7 +607,7 @@ class Writer(Operations):
         return "\n".join([*sorted(self.declared), self.head(held, apart), *self.lines, "}", self.tail(), ""])
 
     def several_times(self, taken: Sequence[_Number], changed: Sequence[tuple[int, int, int]]) -> None:
-        """Write a loop over steps, between which the numbers stay in the group's own memory."""
+        """Write a loop over steps; between steps the numbers stay in the group's own memory."""
         for _, _, place, name in taken:
             self.put(f"store {self.real} {name}, ptr {self.room(place)}, align 8")
         before, at = self.here, len(self.lines) + 2
@@ -628,7 +628,7 @@ class Writer(Operations):
         self.label("back")
 
     def _needed(self) -> set[int]:
-        """Return by `id` what something is computed from, and what another number becomes."""
+        """Return the ids of all numbers that an operation, a loop, a branch, a store or a changed output uses."""
         pairs = zip(self.program.outputs, self.program.inputs, strict=True)
         needed = {id(out) for out, own in pairs if out is not own}
         regions = [self.program.top]

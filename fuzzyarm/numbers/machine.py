@@ -27,14 +27,14 @@ from fuzzyarm.common.files import write_atomically
 from fuzzyarm.numbers.llvm_text import EIGHT, WIDE, Layout, kernel_text
 from fuzzyarm.numbers.program import Program
 
-__all__ = ["CACHE", "WIDE", "Call", "Kernel", "Layout", "kernel_text"]
+__all__ = ["WIDE", "Call", "Kernel", "Layout", "kernel_text"]
 
-CACHE = "FUZZYARM_CACHE"  # environment variable with the folder for machine code; by default that of the user's caches
-LONG = 2500  # operations; of a program of more, the numbers of `WIDE` arms would not stay in registers
+_CACHE = "FUZZYARM_CACHE"  # environment variable with the folder for machine code; by default that of the user's caches
+_LONG = 2500  # operations; of a program of more, the numbers of `WIDE` arms would not stay in registers
 
 
 class Call:
-    """A kernel with what it works on, so many `arms`; it keeps the arrays alive."""
+    """A kernel bound to the arrays of `arms` arms, which it keeps alive."""
 
     __slots__ = ("_code", "_held", "_job", "arms")
 
@@ -43,32 +43,32 @@ class Call:
         self._job = known.job(steps, map(_address, given))
 
     def __call__(self) -> None:
-        """Run it for every arm."""
+        """Run the kernel for every arm."""
         self._code.call(self._job)
 
     def part(self, first: int, stop: int) -> None:
-        """Run it for the arms from `first`, a multiple of `WIDE`, to `stop` - 1; threads may do so at once."""
+        """Run the kernel for arms `first`, a multiple of `WIDE`, to `stop` - 1; threads may run parts at once."""
         self._code.call(_SPAN.pack(first, stop) + self._job[_SPAN.size :])
 
     def on(self, port: int, array: np.ndarray) -> None:
-        """Go on with another array of the same shape, strides and type in this port; whoever calls keeps it alive."""
+        """Use another array of the same shape, strides and type for a port; the caller keeps it alive."""
         at = _SPAN.size + _SIZE * (1 + port)
         self._job = self._job[:at] + _ADDRESS.pack(_address(array)) + self._job[at + _SIZE :]
 
     def release(self) -> None:
-        """Hold the arrays no longer; whoever calls keeps them alive."""
+        """Drop the references to the arrays; the caller keeps them alive."""
         self._held = ()
 
     @property
     def entry(self) -> tuple[Callable[[bytes], None], bytes]:
-        """What `__call__` calls, and with what, for the fewest steps of the interpreter; this object must live on."""
+        """The function and the argument of `__call__`, for the fastest call; this object must be kept alive."""
         return self._code.call, self._job
 
 
 class _Known:
-    """What follows from the shapes of arrays, constants and tables.
+    """The machine code and the arguments that follow from the shapes of arrays, constants and tables.
 
-    `apart`: how far the rows of each array lie apart, and how many each table has.
+    `apart` has the distance between rows of each array, then the number of rows of each table.
     """
 
     def __init__(
@@ -91,7 +91,7 @@ class _Known:
         return _shapes(arrays) == self._arrays and (same or _shapes((constants, *tables)) == self._rest)
 
     def job(self, steps: int, places: Iterable[int]) -> bytes:
-        """Return first arm, last arm + 1, steps, where each array, the constants and each table are, and `apart`."""
+        """Return first arm, last arm + 1, steps, addresses of arrays, constants and tables, and `apart`, packed."""
         return self._pack(0, self.arms, steps, *places, *self._apart)
 
     def run(
@@ -132,7 +132,7 @@ class Kernel:
     def bound(
         self, arrays: Sequence[np.ndarray], constants: np.ndarray, tables: Sequence[np.ndarray] = (), steps: int = 1
     ) -> Call:
-        """Return the kernel with what it works on.
+        """Return the kernel bound to arrays.
 
         Arrays of each port are float64, see `Layout`, constants (k,) float64, tables float64 in the shapes that the
         program knows, where any number of rows is at least one. ValueError for another shape, type or layout.
@@ -184,7 +184,7 @@ class Kernel:
     @functools.cached_property
     def _wide(self) -> int:
         """How many arms a vector holds; half as many where a long program would not fit into the registers."""
-        return EIGHT if self.program.size() > LONG and not self.program.arrays else WIDE
+        return EIGHT if self.program.size() > _LONG and not self.program.arrays else WIDE
 
     def code(self, arms: int) -> _Code:
         """Return the machine code for so many arms."""
@@ -197,7 +197,7 @@ class Kernel:
 
 
 def _address(array: np.ndarray) -> int:
-    """Return where an array begins."""
+    """Return the address of an array."""
     try:  # three times as fast as the other way, but not for arrays with gaps or that are read-only
         return ctypes.addressof(_BYTE.from_buffer(array))  # type: ignore[arg-type]
     except (BufferError, TypeError, ValueError):
@@ -210,7 +210,7 @@ _SPAN, _ADDRESS = struct.Struct("2q"), struct.Struct("q")  # first arm and last 
 
 
 class _Code:
-    """Machine code in memory: the engine that holds it, and its entry."""
+    """Machine code in memory: the engine that owns it, and its entry point."""
 
     def __init__(self, binary: bytes, machine: Any, width: int) -> None:
         self.engine = llvm.create_mcjit_compiler(llvm.parse_assembly(""), machine)
@@ -248,7 +248,7 @@ def _machine_code(text: str, width: int) -> _Code:
 
 
 def _stored(path: Path) -> bytes | None:
-    """Return the machine code in a file; None if there is none, or if it is not what was written."""
+    """Return the machine code in a file; None if there is no file or its digest is wrong."""
     try:
         content = path.read_bytes()
     except OSError:
@@ -259,7 +259,7 @@ def _stored(path: Path) -> bytes | None:
 
 def _folder() -> Path:
     """Return the folder of machine code."""
-    if named := os.environ.get(CACHE):
+    if named := os.environ.get(_CACHE):
         return Path(named)
     home = os.environ.get("XDG_CACHE_HOME") or os.path.join(os.path.expanduser("~"), ".cache")
     return Path(home) / "fuzzyarm"

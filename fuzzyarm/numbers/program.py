@@ -21,8 +21,8 @@ __all__ = ["Program"]
 class Program:
     """A recorded function ``f(*ports, constants, *tables)`` that returns as many ports.
 
-    A port is a tree of numbers that each arm has of its own. What the function returns in its place is stored there,
-    number by number; a number that comes back as it was given is not.
+    A port is a tree of numbers that each arm has of its own. Each number that the function returns is stored in the
+    place of the number that it was given, unless it is returned unchanged.
 
     Attributes:
         ports: how many numbers each port has; `arrays`: each array of its own.
@@ -40,11 +40,11 @@ class Program:
         constants: Any = (),
         tables: Iterable[tuple[int, ...]] = (),
     ) -> None:
-        """Record.
+        """Record the function.
 
-        Ports are trees of anything, for their shapes; `Cells` become arrays, which are changed in place. So are
-        constants, without `Cells`. Tables are given by their shapes, 0 for any number of rows. ValueError if the
-        function returns ports with other counts of numbers than it takes.
+        Ports are trees of which only the shape matters; their `Cells` become arrays, which the function changes in
+        place. Constants are such a tree without `Cells`. Tables are given by their shapes, 0 for any number of rows.
+        ValueError if the function returns ports with other counts of numbers than it takes.
         """
         self.count, self.top, self.tables = 0, Region(None), tuple(tables)
         self.now, self.ports = self.top, tuple(len(flat(port)) for port in ports)
@@ -67,7 +67,7 @@ class Program:
         self._reachable(self.outputs)
 
     def _given(self, tree: Any, inputs: Iterator[Symbol]) -> Any:
-        """Return a port as the function gets it."""
+        """Return the symbols and arrays of a port, as the argument of the function."""
         if isinstance(tree, Cells):
             places = [next(inputs).detail for _ in range(tree.size)]
             self.cells.update(places)
@@ -78,7 +78,7 @@ class Program:
         return type(tree)(*parts) if hasattr(tree, "_fields") else tuple(parts)
 
     def _outputs(self, tree: Any) -> list[Any]:
-        """Return what becomes of the numbers of a port."""
+        """Return the numbers that the function returned for a port."""
         if isinstance(tree, tuple):
             return [number for part in tree for number in self._outputs(part)]
         if not isinstance(tree, Array):
@@ -89,7 +89,7 @@ class Program:
         return list(self.inputs[tree.first.constant : tree.first.constant + size])
 
     def array(self, shape: tuple[int, ...]) -> Array:
-        """Return an array of its own."""
+        """Return a new array in the program's own memory, see `functions.array`."""
         self.arrays.append(Cells(shape).size)
         return Array(self, f"array{len(self.arrays) - 1}", 0, shape)
 
@@ -103,7 +103,7 @@ class Program:
 
     @contextlib.contextmanager
     def within(self, *, loop: bool = False) -> Iterator[Region]:
-        """Record into a new region of the present one, which the caller puts there afterwards."""
+        """Record into a new region within the present one; the caller adds it to the items afterwards."""
         outside, self.now = self.now, Region(self.now, loop=loop)
         try:
             yield self.now
@@ -111,19 +111,19 @@ class Program:
             self.now = outside
 
     def load(self, memory: str, place: Index) -> Symbol:
-        """Return a number of an array."""
+        """Return the symbol of a number of an array or a table."""
         fixed = memory.startswith("table") and not place.terms
         operation = self.operation if fixed else self.moved
         return operation("load", detail=(memory, place.constant, tuple(sorted(place.terms.items()))))
 
     def moved(self, operation: str, detail: Any) -> Symbol:
-        """Record what depends on what has been written before: where it stands, and each time."""
+        """Record an operation that depends on earlier writes, at this place and without reuse of an earlier result."""
         symbol = Symbol(self, operation, (), self.now, detail=detail)
         self.now.items.append(symbol)
         return symbol
 
     def store(self, memory: str, place: Index, value: Any) -> None:
-        """Record that a number is written."""
+        """Record that a number is written to an array."""
         value = self._real(value)
         self._reachable((value,))
         self.now.items.append(Store(memory, place, value))
@@ -134,7 +134,7 @@ class Program:
                 raise TypeError("a number of a loop or a branch is used after it; keep it in an array")
 
     def operation(self, operation: str, *operands: Any, kind: str = "real", detail: Any = None) -> Symbol:
-        """Return the symbol of an operation, which is recorded unless it is known where it is needed."""
+        """Return the symbol of an operation; record the operation unless its result is already available."""
         if any(isinstance(one, Symbol) and one.kind == "word" for one in operands):
             if operation not in _OF_WORDS:
                 raise TypeError(f"{operation} is no operation of words")
@@ -167,7 +167,7 @@ class Program:
         return symbol
 
     def _real(self, operand: Any) -> Any:
-        """Return 1.0 or 0.0 for a truth value."""
+        """Return a truth value as 1.0 or 0.0, and other operands unchanged."""
         return self.operation("real", operand) if isinstance(operand, Symbol) and operand.kind == "truth" else operand
 
     def size(self) -> int:
@@ -193,7 +193,7 @@ def _key(operand: Any) -> Any:
 
 
 class _Symbols:
-    """What symbols do in place of floats, see `functions`."""
+    """The functions of `functions` for symbols."""
 
     @staticmethod
     def select(condition: Symbol, first: Any, second: Any) -> Any:
@@ -246,7 +246,7 @@ class _Symbols:
 
 
 class _Indices:
-    """What indices do."""
+    """The functions of `functions` for indices."""
 
     @staticmethod
     def number(index: Index) -> Symbol:

@@ -1,7 +1,7 @@
-"""Symbols: numbers that are not known while a function is recorded, and what a program makes of them.
+"""Symbols: the unknown numbers of a function while it is recorded, and the parts of the recorded program.
 
-There are arrays and tables of symbols with places that may depend on the rounds of loops, and regions, loops, branches
-and stores.
+Arrays and tables of symbols have places that may depend on the rounds of loops. A program consists of regions, loops,
+branches, operations and stores.
 """
 
 from __future__ import annotations
@@ -18,7 +18,7 @@ __all__ = ["Array", "Branch", "For", "Index", "Loop", "Region", "Store", "Symbol
 
 
 class Word(int):
-    """A constant of 64 bits, which no float is taken for."""
+    """A constant of 64 bits, of a type of its own so that it is not taken for a float."""
 
 
 class Symbol:
@@ -29,7 +29,7 @@ class Symbol:
         operation: "+", "select", "input", "row", ..., on `operands`, symbols and floats, in a region.
         kind: "real", "truth" or "word".
         uniform: whether it is the same for all arms.
-        detail: of an input or a row, where it is found.
+        detail: of an input or a row, its place.
     """
 
     __slots__ = ("detail", "kind", "number", "operands", "operation", "program", "region", "uniform")
@@ -52,7 +52,7 @@ class Symbol:
         self.number = program.count
 
     def __bool__(self) -> bool:
-        """Refuse to branch."""
+        """Raise TypeError: the value is not known while a function is recorded."""
         raise TypeError("a branch on a number that is not known while it is recorded; use select or when")
 
 
@@ -150,7 +150,7 @@ class Array:
         self.program.store(self.memory, first, value)
 
     def _place(self, key: Any) -> tuple[Index, tuple[int, ...], tuple[int, ...]]:
-        """Return where what is asked for begins, its shape, and how far its numbers lie apart."""
+        """Return first place, shape and steps of the part of the array that a key selects."""
         keys = key if isinstance(key, tuple) else (key,)
         first, shape, steps = self.first, list[int](), list[int]()
         for axis, size in enumerate(self.shape):
@@ -178,13 +178,13 @@ class Table(Array):
 
 
 class Region:
-    """A sequence of `items`: operations, loops and branches; `known` has its operations by what they compute."""
+    """A sequence of `items`: operations, loops and branches; `known` has the operations by their key, for reuse."""
 
     def __init__(self, parent: Region | None, *, loop: bool = False) -> None:
         self.parent, self.loop, self.items, self.known = parent, loop, [], {}  # type: ignore[var-annotated]
 
     def within(self, other: Region) -> bool:
-        """Return whether this region is `other` or stands in it."""
+        """Return whether this region is `other` or lies within it."""
         at: Region | None = self
         while at is not None and at is not other:
             at = at.parent
@@ -200,7 +200,7 @@ class For(NamedTuple):
 
 
 class Store(NamedTuple):
-    """A number that is written into memory at a place."""
+    """A number that is written to a place in memory."""
 
     memory: str
     place: Index
@@ -208,7 +208,7 @@ class Store(NamedTuple):
 
 
 class Loop(NamedTuple):
-    """A region that is run `count` times with carried numbers: at its start, inside, at its end, and after all."""
+    """A region that is run `count` times, and its carried numbers before, inside, at the end of a round, and after."""
 
     count: Any
     region: Region
@@ -219,7 +219,7 @@ class Loop(NamedTuple):
 
 
 class Branch(NamedTuple):
-    """A region that is run if the condition holds, and what numbers are after it in either case."""
+    """A region that is run if the condition holds, and the numbers that result in either case."""
 
     condition: Any
     region: Region

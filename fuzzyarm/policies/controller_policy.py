@@ -1,4 +1,4 @@
-"""A controller or its file as a policy: of the robot that it was designed for, with every inequality proven again."""
+"""Controllers and controller files as policies for the robot that they were designed for, proven again when loaded."""
 
 from __future__ import annotations
 
@@ -24,9 +24,9 @@ def controller_policy(
     control_period: float,
     allow_unproven: bool = False,
 ) -> Policy:
-    """Return the policy of a controller of any form, or of its file, for T [s], once it is proven, see `load_policy`.
+    """Return the policy of a controller, or of its file, once its inequalities are proven; see `load_policy`.
 
-    `robot` None: the one that the controller was designed for.
+    The policy is for `robot`, None meaning the robot that the controller was designed for, and a control period [s].
     """
     name, controller = (str(given), load_controller(given)) if isinstance(given, Path) else ("the controller", given)
     if not isinstance(controller, Controller | ScheduledController):

@@ -1,8 +1,8 @@
-"""What each policy declares: the asymmetries by which comparisons of control and learning go wrong.
+"""The declaration of each policy, which shows where a comparison of control and learning is not between equals.
 
-A policy says what its numbers were chosen for and on what, what it knows of the arm beforehand, what it sees, and what
-it remembers from one sample to the next. Its certificate stands with the results. Policies of the package declare it by
-their name, files and folders by what is in them, and the user's own code by an attribute ``declared`` (`user_code`).
+A declaration says for which objective and on which plants a policy was tuned, what it knows of the arm beforehand, what
+it observes, and what it remembers from one sample to the next. Policies of the package are declared here by name, files
+and folders by their content, and the user's own code by its attribute ``declared`` (`user_code`).
 """
 
 from __future__ import annotations
@@ -20,21 +20,21 @@ from fuzzyarm.policies.spec import PolicySpec, resolve
 __all__ = ["ELASTIC", "HEADINGS", "Declared", "declared", "declared_by_name", "stated"]
 
 HEADINGS = ("objective", "tuned on", "knows of the arm", "sees", "remembers")
-"""Of the columns, one for each field of `Declared`."""
+"""Column headings for the fields of `Declared`."""
 
 
 class Declared(NamedTuple):
     """The declaration of a policy, in words."""
 
-    objective: str  # what its numbers make small
-    tuned_on: str  # the motions, plants and loads on which they were chosen
-    knows: str  # what it knows of the arm beforehand
-    sees: str  # what its observation holds
-    remembers: str  # what it keeps from one sample to the next
+    objective: str  # the quantity that its tuning minimised
+    tuned_on: str  # motions, plants and loads of its tuning
+    knows: str  # knowledge of the arm beforehand
+    sees: str  # content of its observation
+    remembers: str  # memory from one sample to the next
 
 
 def stated(given: Any) -> Declared:
-    """Return the declaration of a mapping, or of an object's attributes; ValueError names a missing or wrong field."""
+    """Return the declaration in a mapping or an object's attributes; ValueError names a missing or wrong field."""
     fields = Declared._fields
     found = (
         given if isinstance(given, Mapping) else {name: getattr(given, name) for name in fields if hasattr(given, name)}
@@ -110,7 +110,7 @@ _NAMED = {
 
 _MARGINS = "margins at random postures and along the default path of the arm of {}"
 _POSTURES = "random postures of {}; all else of the arm of Table 1"
-# What a law of another arm has instead, its objective (empty: the same) and what it is tuned on; {} names the arm.
+# Objective (empty: unchanged) and `tuned_on` of a law for another arm, in place of its own; {} names the arm.
 _ON_ROBOTS = {  # which takes its numbers from those of Table 1
     COMPUTED_TORQUE: ("bandwidth of Table 1, lowered until there are margins", _POSTURES),
     ELASTIC_OBSERVER: ("weights of Table 1, softened until there are margins", _POSTURES),
@@ -141,12 +141,12 @@ def _instead(own: Declared, table: Mapping[str, tuple[str, str]], law: str, arm:
 
 
 def declared(name: str | PolicySpec, policy: Any = None, passes: int = 1, arm: AnyArm | None = None) -> Declared | None:
-    """Return what a policy declares; None for one that comes without a declaration.
+    """Return the declaration of a policy; None if it has none.
 
-    The policy as it was loaded is needed of the user's own code alone. With several `passes` over the same path, a
-    policy that learns from them remembers those before. `arm` is that for which it was loaded, by default Table 1;
-    files and folders say for which arm they are. ValueError if the policy's file or folder is damaged, OSError if it
-    cannot be read.
+    `policy` is the loaded policy, needed only for the user's own code. With several `passes` over the same path, a
+    policy that learns from pass to pass also remembers the previous ones. `arm` is the arm for which a named policy was
+    loaded, by default Table 1; files and folders hold their own. ValueError if the policy's file or folder is damaged,
+    OSError if it cannot be read.
     """
     spec = name if isinstance(name, PolicySpec) else resolve(name)
     own, law = _own(spec, policy), spec.name.removesuffix(TIP)
@@ -169,13 +169,13 @@ def declared(name: str | PolicySpec, policy: Any = None, passes: int = 1, arm: A
 
 
 def declared_by_name(name: str) -> Declared | None:
-    """Return what a policy of the package declares; None of any other. No file is read."""
+    """Return the declaration of a policy of the package, None for any other; no file is read."""
     spec = resolve(name)
     return declared(spec) if spec.named else None
 
 
 def _own(spec: PolicySpec, policy: Any) -> Declared | None:
-    """Return the declaration of a law, without what the ending `TIP` and passes add."""
+    """Return the declaration of a law without the additions for the ending `TIP` and for passes."""
     path = spec.path
     if spec.named:
         return _NAMED.get(spec.name.removesuffix(TIP))
@@ -236,7 +236,7 @@ def _of_learned(folder: Path) -> Declared | None:
 
 
 def _memory(bundle: Any) -> str:
-    """Return what the network of a bundle remembers."""
+    """Return the memory of the network of a bundle in words."""
     features = bundle.features
     counts = ((features.past_errors, "error"), (features.past_actions, "action"))
     kept = [f"{number} {word}{'' if number == 1 else 's'}" for number, word in counts if number]
@@ -250,7 +250,7 @@ def _memory(bundle: Any) -> str:
 
 
 def _text(text: Any) -> str:
-    """Return a text out of a file as it may be shown."""
+    """Return a text from a file, made safe to print."""
     if not isinstance(text, str) or not text.strip():
         return _UNKNOWN
     return text if text.isprintable() and len(text) <= 80 else shown(text)

@@ -1,4 +1,4 @@
-"""The folder of a learned policy of any kind, as a policy."""
+"""Learned policies of any kind, loaded from their folders."""
 
 from __future__ import annotations
 
@@ -40,25 +40,21 @@ def learned_files(folder: Path) -> dict[str, str]:
 def learned_policy(folder: Path, control_period: float, robot: AnyArm) -> Policy:
     """Load a learned policy for a control period [s], with the policy that it is based on if there is one.
 
-    ValueError if the folder is damaged, the arm is not the one it was trained for, or the period does not fit.
+    ValueError if the folder is damaged, the policy was trained for another arm, or the period does not fit.
     """
     bundle, label = _bundle(folder), resolve(str(folder)).label
-    if not isinstance(bundle, PolicyBundle):
-        serves, train = (
-            bundle.serves(robot),
-            "adaptive-observer, or train one for this arm with fuzzyarm train estimate",
-        )
-    else:
-        train = (
-            "computed-torque, design a controller with fuzzyarm design --robot NAME|FILE, or train a policy for this "
-        )
-        train += "arm with fuzzyarm train ppo"
+    if isinstance(bundle, PolicyBundle):
         serves = robot == ArmParameters() if bundle.arm is None else robot_of(robot).digest == bundle.arm.digest
+        instead = "computed-torque, design a controller with fuzzyarm design --robot NAME|FILE, or train a policy"
+        instead += " for this arm with fuzzyarm train ppo"
+    else:
+        serves = bundle.serves(robot)
+        instead = "adaptive-observer, or train one for this arm with fuzzyarm train estimate"
     if not serves:
         arm = bundle.arm or ArmParameters()
         known = "the arm of Table 1" if arm == ArmParameters() else "another arm"
         trained = known if isinstance(arm, ArmParameters) else escaped(arm.name)
-        raise ValueError(f"{label} was trained on {trained} and knows no other; take {train} --robot NAME|FILE")
+        raise ValueError(f"{label} was trained on {trained} and knows no other; take {instead} --robot NAME|FILE")
     if not isinstance(bundle, PolicyBundle):
         from fuzzyarm.fuzzy_policy.laws.learned.estimate.policy import LearnedObserverPolicy
 

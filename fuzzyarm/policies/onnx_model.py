@@ -70,7 +70,7 @@ class OnnxPolicy(Policy):
             raise ValueError(f"{path}: its output has shape {shape} for one lane; needed: (1, {joints}), the actions")
 
     @property
-    def memory_size(self) -> int:  # type: ignore[override]
+    def memory_size(self) -> int:
         """Numbers that a lane remembers."""
         return 1 + self.joints + self._remembered
 

@@ -1,4 +1,4 @@
-"""The policies known by name: how each is made. `add_policy` adds one."""
+"""Policies that are known by name, and how each is made; `add_policy` adds one."""
 
 from __future__ import annotations
 
@@ -17,12 +17,12 @@ if TYPE_CHECKING:
     from fuzzyarm.fuzzy_policy.policy import Policy
 
 __all__ = [
-    "ADAPTIVE_OBSERVER", "ANY_ROBOT", "COMPARED", "COMPUTED_TORQUE", "ELASTIC_OBSERVER", "LAWS", "LEARNED", "NAMES",
-    "POLICIES", "SB3", "TIP", "Kind", "add_policy", "known_names", "make_law",
+    "ADAPTIVE_OBSERVER", "ANY_ROBOT", "COMPARED", "COMPUTED_TORQUE", "ELASTIC_OBSERVER", "FOREIGN", "LAWS", "LEARNED", "NAMES",
+    "POLICIES", "TIP", "Kind", "add_policy", "foreign", "known_names", "make_law",
 ]  # fmt: skip
 
-SB3 = "sb3:"
-"""In front of the path of a model that stable-baselines3 has saved."""
+FOREIGN = {"sb3:": ".zip", "onnx:": ".onnx"}
+"""What stands in front of the path of another library's model, and the ending of its file."""
 
 TIP = "-tip"
 """Ending of a policy's name that wraps its law in `fuzzy_policy.laws.tip.TipPolicy`, which leads the tip along the
@@ -33,13 +33,13 @@ Factory: TypeAlias = "Callable[[AnyArm, float], Policy]"
 
 
 class Kind(enum.StrEnum):
-    """What a policy is made from."""
+    """The source that a policy is made from."""
 
     LAW = "law"  # a function of this process, which takes the arm and the control period
     CONTROLLER = "controller"  # a controller file
     LEARNED = "learned"  # the folder of a learned policy
     TUNED = "tuned"  # a law with the numbers of a folder of `fuzzyarm tune`
-    CODE = "code"  # the user's own code, ``package.module:factory``, or a foreign model, ``sb3:model.zip``
+    CODE = "code"  # the user's own code, ``package.module:factory``, or a foreign model, see `FOREIGN`
 
 
 @dataclasses.dataclass(frozen=True)
@@ -59,6 +59,11 @@ LAWS = {
 }
 """Laws that need no controller file; each is imported when it is made, so that `import fuzzyarm` compiles nothing."""
 COMPUTED_TORQUE, ELASTIC_OBSERVER, ADAPTIVE_OBSERVER = LAWS  # their names
+
+
+def foreign(name: str) -> str:
+    """Return which key of `FOREIGN` a name begins with, or an empty text."""
+    return next((prefix for prefix in FOREIGN if name.startswith(prefix)), "")
 
 
 def make_law(name: str, robot: AnyArm, control_period: float, *given: Any) -> Policy:
@@ -85,7 +90,7 @@ _HOME = Path(__file__).parent.parent / "fuzzy_policy"
 _CONTROLLERS, _TRAINED = _HOME / "controllers", _HOME / "laws" / "learned" / "policies"
 
 LEARNED = ("ppo-nominal", "ppo-robust", "ppo-residual")
-"""Policies trained with PPO, of each the median seed; their ``policy.json`` says what they were trained on."""
+"""Policies trained with PPO, the median seed of each; ``policy.json`` records the training."""
 
 POLICIES = Registry[_NamedPolicy](
     __name__,
@@ -115,7 +120,7 @@ ANY_ROBOT = ("computed-torque", "computed-torque-tip", "elastic-observer")
 
 
 def add_policy(name: str, factory: Factory, *, has_tip: bool = False) -> None:
-    """Make a policy known by a name in this process; the defaults of commands and tables stay as they are.
+    """Add a policy by name in this process; the defaults of commands and tables do not change.
 
     Args:
         name: a new name, which neither ends in `TIP` or ``.json`` nor contains a slash or a colon.
@@ -123,7 +128,7 @@ def add_policy(name: str, factory: Factory, *, has_tip: bool = False) -> None:
         has_tip: whether `TipPolicy` may wrap it, as the name with the ending `TIP`.
 
     Raises:
-        ValueError: the name is taken, or would be read as a file or as code.
+        ValueError: the name is taken, or names a file or code.
     """
     if not (isinstance(name, str) and name) or name.endswith((TIP, ".json")) or any(mark in name for mark in "/\\:"):
         raise ValueError(f"{name!r} cannot name a policy: no {TIP} or .json at its end, no slash, no colon")
@@ -135,6 +140,6 @@ def add_policy(name: str, factory: Factory, *, has_tip: bool = False) -> None:
 
 
 def known_names() -> tuple[str, ...]:
-    """Return every name that is known now: `NAMES`, then those of `add_policy`."""
+    """Return all known names: `NAMES`, then those of `add_policy`."""
     added = {name: policy for name, policy in POLICIES.items() if name not in NAMES}
     return (*NAMES, *added, *(name + TIP for name, policy in added.items() if policy.has_tip))

@@ -1,4 +1,4 @@
-"""The one reader of a policy's name: what it refers to, its label, its files, and how it is loaded.
+"""The names of policies: what a name refers to, its label and files, and how the policy is loaded.
 
     fuzzy-4, computed-torque, ppo-robust, ...      a policy known by name, see `registry`
     fuzzy-4-tip, mine.json-tip                     the same law, leading the tip along the reference
@@ -25,7 +25,7 @@ from collections.abc import Collection, Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from fuzzyarm.policies.registry import LAWS, POLICIES, SB3, TIP, Factory, Kind, known_names
+from fuzzyarm.policies.registry import FOREIGN, LAWS, POLICIES, TIP, Factory, Kind, foreign, known_names
 
 if TYPE_CHECKING:
     from fuzzyarm.envs.physics.equations import AnyArm
@@ -39,7 +39,7 @@ __all__ = ["PolicySpec", "file_digest", "found_again", "load_policy", "recorded"
 
 @dataclasses.dataclass(frozen=True)
 class PolicySpec:
-    """What a policy's name refers to; made by `resolve`. Whether there is such a policy shows when it is used."""
+    """What a policy's name refers to; made by `resolve`, which does not check whether the policy exists."""
 
     name: str  # as it was given
     kind: Kind  # what the policy is made from
@@ -55,7 +55,7 @@ class PolicySpec:
 
     @property
     def label(self) -> str:
-        """What the policy is called in tables and figures: its name, or its file's without folder and ``.json``.
+        """The label of the policy in tables and figures: its name, or that of its file without folder and ``.json``.
 
         A policy of `fuzzyarm train` is named after the folder of its training, with ``-best`` for its best evaluation.
         """
@@ -64,7 +64,8 @@ class PolicySpec:
         path = Path(self.name)
         if self.kind is Kind.LEARNED and path.name in (LAST, BEST) and path.parent.name:
             return path.parent.name if path.name == LAST else f"{path.parent.name}-{BEST}"
-        return path.name.removeprefix(SB3).replace(".zip" if self.name.startswith(SB3) else ".json", "")
+        prefix = foreign(self.name)
+        return path.name.removeprefix(prefix).replace(FOREIGN.get(prefix, ".json"), "")
 
     def files(self) -> dict[str, str]:
         """Return the SHA-256, by file name, of the files the policy is made from.
@@ -97,7 +98,7 @@ class PolicySpec:
         robot: AnyArm | str | os.PathLike[str] | None = None,
         allow_unproven: bool = False,
     ) -> Policy | UserPolicy:
-        """Return the policy; arguments and errors as of `load_policy`. ValueError, too: code may not run, or fails."""
+        """Return the policy; arguments and errors as for `load_policy`, and ValueError if code fails or may not run."""
         from fuzzyarm.common.checks import truth
         from fuzzyarm.envs.physics.equations import chosen_arm
 
@@ -180,7 +181,7 @@ def _in_tuned_folder(name: str, path: Path, tip: bool) -> PolicySpec | None:
 
 
 def resolve_all(names: Sequence[str], *, run_code: bool = False) -> dict[str, PolicySpec]:
-    """Return the specs of several names by label; ValueError if two have the same label, or one cannot be printed."""
+    """Return the specs of several names by label; ValueError if two labels are equal or a name is not printable."""
     for name in names:
         if not name.isprintable():
             raise ValueError(f"policy {name!a}: its name holds characters that cannot be printed; rename the file")
@@ -236,8 +237,8 @@ def load_policy(
 
 
 def _is_code(name: str) -> bool:
-    """Return whether a name is a foreign model's, or of the form ``package.module:factory`` and no file's."""
-    if name.startswith(SB3):
+    """Return whether a name is that of a foreign model, or ``package.module:factory`` and not the name of a file."""
+    if foreign(name):
         return True
     module, _, factory = name.partition(":")
     parts = (*module.split("."), *factory.split("."))
@@ -245,16 +246,16 @@ def _is_code(name: str) -> bool:
 
 
 def file_digest(file: Path) -> str:
-    """Return the SHA-256 of a text file, which is the same with the line ends of another system."""
+    """Return the SHA-256 of a text file, with line ends of any system counted as line feeds."""
     from fuzzyarm.common.documents import read_bytes  # `import fuzzyarm` loads no msgspec
 
     return hashlib.sha256(read_bytes(file).replace(b"\r\n", b"\n")).hexdigest()
 
 
 def recorded(name: str) -> str:
-    """Return the name of a policy as files of results hold it."""
-    if name.startswith(SB3):
-        return SB3 + recorded(name.removeprefix(SB3))
+    """Return the name of a policy as it is recorded in files of results."""
+    if prefix := foreign(name):
+        return prefix + recorded(name.removeprefix(prefix))
     path = Path(name)
     if not path.is_absolute():
         return name
@@ -264,10 +265,10 @@ def recorded(name: str) -> str:
 def found_again(
     names: Sequence[str], files: Mapping[str, Collection[str]], given: Sequence[str], folder: Path
 ) -> tuple[str, ...]:
-    """Return recorded names of policies so that each can be loaded.
+    """Return recorded names of policies, changed so that each can be loaded here.
 
-    A file or folder is looked for among the names `given` by the user, then where the recorded name says, seen from the
-    current folder, then beside the results in `folder`. `files` are those that each policy was made from, by label, see
+    A file or folder is looked for among the names `given` by the user, then at the recorded path from the current
+    folder, then beside the results in `folder`. `files` are those that each policy was made from, by label, see
     `PolicySpec.files`. ValueError if a file or folder is in none of these places.
     """
     typed = {resolve(name).label: name for name in given}

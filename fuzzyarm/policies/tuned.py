@@ -1,8 +1,8 @@
-"""The folder that `fuzzyarm tune` writes: an arm, its controller files, and what its other laws need.
+"""The folder that `fuzzyarm tune` writes: an arm, its controller files, and the numbers of its other laws.
 
     robot.toml      the arm, as `--robot` takes it
     fuzzy-4.json    a controller file
-    laws.json       what the laws need (`TunedLaws`), and which policies are compared
+    laws.json       the numbers of the laws and the names of the policies (`TunedLaws`)
 
 ``folder/fuzzy-4-tip``, ``folder/computed-torque`` and so on are names of policies, and the folder itself names the arm
 wherever a robot is asked for. The file of the laws is bound to the arm: a folder whose arm was changed is refused.
@@ -23,7 +23,7 @@ if TYPE_CHECKING:
     from fuzzyarm.envs.physics.equations import AnyArm
     from fuzzyarm.fuzzy_policy.policy import Policy
 
-__all__ = ["NAME", "SCHEMA", "TunedLaws", "is_tuned", "policies_of", "read_laws", "tuned_policy"]
+__all__ = ["NAME", "SCHEMA", "TunedLaws", "is_tuned", "policies_of", "tuned_policy"]
 
 SCHEMA = "fuzzyarm-tuned/1"  # of the file of the laws
 NAME = "laws.json"  # the file of the laws in the folder
@@ -31,7 +31,7 @@ NAME = "laws.json"  # the file of the laws in the folder
 
 @dataclasses.dataclass(frozen=True)
 class TunedLaws:
-    """The content of `NAME`, checked.
+    """The checked content of the file `NAME`.
 
     Raises:
         TypeError: a value is of the wrong type.
@@ -62,8 +62,27 @@ class TunedLaws:
             if inner in LAWS and given[inner] is None:
                 raise ValueError(f"policies: {name} is there, but the numbers of {inner} are not")
 
+    @classmethod
+    def read(cls, folder: Path, arm: AnyArm) -> TunedLaws:
+        """Return the laws of a folder of `fuzzyarm tune`; ValueError if it is damaged or was tuned for another arm."""
+        from fuzzyarm.common.documents import check_schema, read_json, record
+        from fuzzyarm.envs.physics.equations import robot_of
+
+        path = folder / NAME
+        content = read_json(path, largest=2**16)
+        try:
+            laws = record(check_schema(content, SCHEMA), cls)
+        except (TypeError, ValueError) as error:
+            raise ValueError(f"{path}: {error}; make the folder again with fuzzyarm tune") from None
+        if laws.arm_sha256 != robot_of(arm).digest:
+            raise ValueError(
+                f"{folder} was tuned for another arm than this one: give --robot {folder} (robot=), or, if its "
+                "robot.toml was changed, tune that again with fuzzyarm tune --robot"
+            )
+        return laws
+
     def numbers(self) -> dict[str, Any]:
-        """Return the bandwidth or weights of each law, None without; ValueError if one is unknown or out of range."""
+        """Return the bandwidth or weights of each law, or None; ValueError if a weight is unknown or out of range."""
         from fuzzyarm.fuzzy_policy.laws.adaptive.belief import AdaptiveWeights
         from fuzzyarm.fuzzy_policy.laws.observer_gains import ObserverWeights
 
@@ -85,39 +104,20 @@ def is_tuned(folder: Path) -> bool:
     return os.path.isfile(folder / NAME)  # unlike `Path.is_file`, False for names that no system can hold
 
 
-def read_laws(folder: Path, arm: AnyArm) -> TunedLaws:
-    """Return the laws of a folder of `fuzzyarm tune` for an arm; ValueError if it is damaged or for another arm."""
-    from fuzzyarm.common.documents import check_schema, read_json, record
-    from fuzzyarm.envs.physics.equations import robot_of
-
-    path = folder / NAME
-    content = read_json(path, largest=2**16)
-    try:
-        laws = record(check_schema(content, SCHEMA), TunedLaws)
-    except (TypeError, ValueError) as error:
-        raise ValueError(f"{path}: {error}; make the folder again with fuzzyarm tune") from None
-    if laws.arm_sha256 != robot_of(arm).digest:
-        raise ValueError(
-            f"{folder} was tuned for another arm than this one: give --robot {folder} (robot=), or, if its robot.toml "
-            "was changed, tune that again with fuzzyarm tune --robot"
-        )
-    return laws
-
-
 def policies_of(robot: object) -> tuple[str, ...] | None:
-    """Return the policies of a folder, each with the folder in its name; None where `robot` names no such folder."""
+    """Return the policies of a tuned folder, with the folder in each name; None if `robot` is not such a folder."""
     from fuzzyarm.envs.physics.equations import chosen_arm
     from fuzzyarm.envs.physics.robot import shipped_robots
 
     if not isinstance(robot, str | os.PathLike) or robot in shipped_robots() or not is_tuned(Path(robot)):
         return None
     folder = Path(robot)
-    return tuple(str(folder / name) for name in read_laws(folder, chosen_arm(folder, None)).policies)
+    return tuple(str(folder / name) for name in TunedLaws.read(folder, chosen_arm(folder, None)).policies)
 
 
 def tuned_policy(folder: Path, name: str, arm: AnyArm, control_period: float) -> Policy:
-    """Return a law of `LAWS`, by name, with the numbers of a folder, for its arm and its control period [s]."""
-    laws = read_laws(folder, arm)
+    """Return a law of `LAWS` by name, with the numbers of a tuned folder, for its arm and control period [s]."""
+    laws = TunedLaws.read(folder, arm)
     if name not in {policy.removesuffix(TIP) for policy in laws.policies}:
         raise ValueError(f"{folder} has no {name}; it has {', '.join(laws.policies)}")
     if control_period != laws.control_period:

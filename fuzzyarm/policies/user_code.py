@@ -45,21 +45,26 @@ from fuzzyarm.envs.observation import JOINTS
 from fuzzyarm.envs.physics.equations import AnyArm
 from fuzzyarm.fuzzy_policy.policy import Policy
 from fuzzyarm.policies.declared import Declared, stated
-from fuzzyarm.policies.registry import SB3
+from fuzzyarm.policies.registry import foreign
 
 __all__ = ["UserPolicy", "load_code", "source_file"]
 
 
 def load_code(name: str, control_period: float, robot: AnyArm) -> Policy | UserPolicy:
-    """Return the policy of ``package.module:factory`` for T [s], or that of a foreign model (`SB3`).
+    """Return the policy of ``package.module:factory`` for T [s], or that of a foreign model (`registry.FOREIGN`).
 
     The current folder is searched, too, as with ``python -m``. ValueError if the module is not found or fails, it has
     no such factory, the factory fails, or what it returns has no `predict` or a wrong `declared`.
     """
-    if name.startswith(SB3):
+    if prefix := foreign(name):
+        path = Path(name.removeprefix(prefix))
+        if prefix == "onnx:":
+            from fuzzyarm.policies.onnx_model import OnnxPolicy
+
+            return OnnxPolicy(path, robot, control_period)
         from fuzzyarm.policies.sb3 import sb3_policy
 
-        return sb3_policy(Path(name.removeprefix(SB3)), robot, control_period)
+        return sb3_policy(path, robot, control_period)
     module = _imported(name)
     attribute = name.partition(":")[2]
     try:
@@ -80,12 +85,12 @@ def load_code(name: str, control_period: float, robot: AnyArm) -> Policy | UserP
 
 
 def source_file(name: str) -> Path | None:
-    """Return the file of a foreign model, or the source of the module of ``package.module:factory``, imported for it.
+    """Return the file of a foreign model, or the source of the module of ``package.module:factory``.
 
-    ValueError if that fails.
+    The module is imported for it; ValueError if that fails.
     """
-    if name.startswith(SB3):
-        return Path(name.removeprefix(SB3))
+    if prefix := foreign(name):
+        return Path(name.removeprefix(prefix))
     source = _imported(name).__file__
     return None if source is None else Path(source)
 
@@ -121,7 +126,7 @@ class UserPolicy:
 
     @property
     def declared(self) -> Declared | None:
-        """What the object declares, None if it has no such attribute; ValueError if a field is wrong."""
+        """The declaration of the object, None if it has none; ValueError if a field is wrong."""
         given = getattr(self._policy, "declared", None)
         try:
             return None if given is None else stated(given)
@@ -155,7 +160,7 @@ class UserPolicy:
         return found
 
     def _called(self, method: str, *arguments: Any) -> Any:
-        """Return what a method of the object returns; ValueError that names it if it fails."""
+        """Return the result of a method of the object; ValueError that names the method if it fails."""
         try:
             return getattr(self._policy, method)(*arguments)
         except Exception as error:
@@ -191,7 +196,7 @@ class UserPolicy:
 
 
 def _accepted(factory: Any, offered: dict[str, Any]) -> dict[str, Any]:
-    """Return those of the offered arguments that a factory has parameters for."""
+    """Return the offered arguments for which a factory has parameters."""
     try:
         parameters = inspect.signature(factory).parameters.values()
     except ValueError:  # a built-in without a signature

@@ -40,7 +40,7 @@ from fuzzyarm.fuzzy_policy.laws.observer_gains import ObserverWeights
 from fuzzyarm.fuzzy_policy.scheduled import Premise, ScheduledController
 from fuzzyarm.fuzzy_policy.signed_files import digest_of
 from fuzzyarm.identification.excitation import Excitation, rehearsed
-from fuzzyarm.identification.log import Log, write_log
+from fuzzyarm.identification.log import Log
 from fuzzyarm.policies.registry import COMPUTED_TORQUE, LAWS
 from fuzzyarm.policies.tip_bound import TipClaim, find_bound
 from fuzzyarm.policies.tip_cells import bounds_of_cells
@@ -153,7 +153,7 @@ def tables(folder: Path) -> None:
     (folder / "path.toml").write_text("points = [[0.3, 0.5], [0.5, 0.3], [0.6, 0.5]]\nclosed = true\nduration = 4.0\n")
     (folder / "path.csv").write_text("x,y\n0.3,0.5\n0.5,0.3\n0.6,0.5\n0.3,0.5\n")
     angle = 0.3 * np.sin(np.arange(600)[:, np.newaxis] * [4e-3, 7e-3])
-    (folder / "log.csv").write_text(write_log(Log(1e-3, angle, 40.0 * np.cos(angle), angle)))
+    (folder / "log.csv").write_text(Log(1e-3, angle, 40.0 * np.cos(angle), angle).to_csv())
 
 
 @_made
@@ -162,7 +162,7 @@ def moved(folder: Path) -> None:
     sine, cosine = np.random.default_rng(5).normal(size=(2, 4, 2)) / np.arange(1, 5)[:, np.newaxis]
     motion = Excitation(np.array([0.0, 0.5]), 0.3 * sine, 0.3 * cosine, 0.4, 2.5, ArmParameters())
     log = rehearsed(motion, ArmParameters(), ArmParameters(), seed=1, noise=EncoderNoise(1e-8, 1e-6))
-    (folder / "log.csv").write_text(write_log(log))
+    (folder / "log.csv").write_text(log.to_csv())
 
 
 @_made

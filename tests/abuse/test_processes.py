@@ -151,7 +151,7 @@ def _stand_ins() -> None:
         return steps.step(policy, 1, find)
 
     run.steps_for = lambda arm: (step("computed-torque", {"bandwidth": 40.0}), step("elastic-observer", None))  # type: ignore[arg-type]
-    store._SCORED, linearisation.POSTURES, fit.SEGMENTS = 1, 2, fit.SEGMENTS[:1]
+    store._SCORED, linearisation.POSTURES, fit._SEGMENTS = 1, 2, fit._SEGMENTS[:1]
 
 
 def begun(name: str) -> Path:

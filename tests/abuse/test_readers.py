@@ -43,7 +43,7 @@ from fuzzyarm.fuzzy_policy.scheduled import load_controller
 from fuzzyarm.identification.log import read_log
 from fuzzyarm.policies.registry import LAWS
 from fuzzyarm.policies.tip_files import check_bound
-from fuzzyarm.policies.tuned import read_laws
+from fuzzyarm.policies.tuned import TunedLaws
 from fuzzyarm.proof.tip.plant import find_set
 from fuzzyarm.rl_baselines.training import Training
 
@@ -159,7 +159,7 @@ def train(folder: Path) -> None:
 
 
 def laws(folder: Path) -> None:
-    for name in read_laws(folder, ArmParameters()).policies:
+    for name in TunedLaws.read(folder, ArmParameters()).policies:
         if name in LAWS:
             load_policy(folder / name)
 

@@ -64,7 +64,7 @@ def test_a_table_that_is_too_wide_is_split_and_keeps_its_first_column_and_its_di
 def test_no_terminal_is_narrower_than_what_is_laid_out_for_it(monkeypatch, width):
     """Rich took minutes and gigabytes to lay out a help text in one column."""
     monkeypatch.setenv("COLUMNS", str(width))
-    assert console.output(piped_width=None).width == console.NARROWEST
+    assert console.output(piped_width=None).width == console._NARROWEST
     monkeypatch.setenv("COLUMNS", "41")
     assert console.output(piped_width=None).width == 41
 

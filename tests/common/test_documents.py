@@ -9,15 +9,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from fuzzyarm.common.documents import (
-    DEEPEST,
-    DocumentError,
-    check_schema,
-    parse_json,
-    read_json,
-    read_toml,
-    record,
-)
+from fuzzyarm.common.documents import _DEEPEST, DocumentError, check_schema, parse_json, read_json, read_toml, record
 
 LEAVES = st.none() | st.booleans() | st.integers() | st.floats(allow_nan=False, allow_infinity=False) | st.text()
 CONTENTS = st.recursive(LEAVES, lambda inner: st.lists(inner) | st.dictionaries(st.text(), inner), max_leaves=20)
@@ -44,7 +36,7 @@ class Robot:
 @given(CONTENTS)
 def test_what_json_writes_is_read_back(content):
     assert parse_json(json.dumps(content)) == content == parse_json(json.dumps(content).encode())
-    deepest = "[" * DEEPEST + "]" * DEEPEST
+    deepest = "[" * _DEEPEST + "]" * _DEEPEST
     assert json.dumps(parse_json(deepest)) == deepest
 
 
@@ -67,7 +59,7 @@ def test_whatever_it_is_given_it_raises_nothing_but_value_error(text):
         ("[-Infinity]", "-Infinity is no number of JSON"),
         ('{"gain": 1e999}', "'gain' is not finite"),
         ("[1e999]", "a number is not finite"),
-        ("[" * (DEEPEST + 1) + "]" * (DEEPEST + 1), f"nested more than {DEEPEST} deep"),
+        ("[" * (_DEEPEST + 1) + "]" * (_DEEPEST + 1), f"nested more than {_DEEPEST} deep"),
         ("[" * 100_000 + "]" * 100_000, "nested"),
         ("1" * 5000, "digits"),
     ],
@@ -104,7 +96,7 @@ def test_only_regular_files_of_a_limited_size_are_read(read, tmp_path):
         (b'name = "\xff"', r"arm\.toml is not a TOML file: "),
         (b"x = " + b"[" * 9**5, r"arm\.toml is not a TOML file: "),
         # Python would take a time that grows with the square of the parts.
-        (b".".join([b"a"] * (DEEPEST + 2)) + b" = 1", f"a key has more than {DEEPEST} parts"),
+        (b".".join([b"a"] * (_DEEPEST + 2)) + b" = 1", f"a key has more than {_DEEPEST} parts"),
         (b".".join([b"a"] * 9**5) + b" = 1", r"arm\.toml is not a TOML file: "),
     ],
 )

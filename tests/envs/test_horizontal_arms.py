@@ -14,7 +14,7 @@ from fuzzyarm.envs.physics.robot import Robot, robot_named
 from fuzzyarm.envs.scenario.cases import case_for, load_scale
 from fuzzyarm.fuzzy_policy.laws.fuzzy import FuzzyPolicy
 from fuzzyarm.fuzzy_policy.ts_model import TSModel, premise_bounds, premises
-from fuzzyarm.identification.excitation import condition_of, suggested
+from fuzzyarm.identification.excitation import suggested
 from fuzzyarm.synthesis import Specification, design
 
 FLAT = ArmParameters(
@@ -78,7 +78,7 @@ def test_premises_without_gravity_lie_within_bounds_of_some_width():
 
 
 def test_a_motion_to_record_is_judged_by_what_moves_the_motors():
-    assert condition_of(suggested(FLAT, 4.0), FLAT) < 1e4
+    assert suggested(FLAT, 4.0).condition() < 1e4
 
 
 def test_a_robot_of_two_joints_is_designed_for_without_being_told_how_many_rules(tmp_path, monkeypatch, capsys):

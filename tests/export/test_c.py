@@ -20,7 +20,7 @@ from fuzzyarm.cli.show import loaded
 from fuzzyarm.envs.physics.parameters import ArmParameters
 from fuzzyarm.envs.physics.robot import Robot
 from fuzzyarm.export.c_files import FLAGS, CompiledLaw, export_c
-from fuzzyarm.export.c_text import LAW, Recorded, Unsupported, helper_text, literal_of, program_of, source_text
+from fuzzyarm.export.c_text import LAW, Recorded, Unsupported, _helper_text, _literal_of, program_of
 from fuzzyarm.fuzzy_policy.laws.computed_torque import ComputedTorquePolicy
 from fuzzyarm.fuzzy_policy.laws.learned.network import Network
 from fuzzyarm.numbers.functions import apart, array, each, entry, number, only, repeat, row, select, when, word
@@ -37,23 +37,17 @@ def test_the_compiled_law_gives_the_bits_of_the_policy(name, tmp_path):
     assert 0.05 < at_limit < 0.95  # the limits, and the integral held there, are part of it
 
 
+OTHER_LAWS = [
+    *((name, None) for name in ("ppo-nominal", "fuzzy-32", "computed-torque", "computed-torque-tip", "ppo-residual")),
+    *(("learned-observer", None), ("adaptive-observer", None), ("computed-torque-tip", "planar-3r")),
+    *(("elastic-observer", "ur5"), ("adaptive-observer", "ur5")),
+    (ROOT / "benchmarks/estimates/planar-3r-0", "planar-3r"),
+]
+
+
 @needs_compiler
 @pytest.mark.parametrize("compiler", slow_but(COMPILERS[:1], COMPILERS))
-@pytest.mark.parametrize(
-    "law",
-    slow_but(
-        [("ppo-nominal", None)],
-        [
-            ("ppo-nominal", None),
-            *((name, None) for name in ("fuzzy-32", "computed-torque", "computed-torque-tip", "ppo-residual")),
-            *((name, None) for name in ("learned-observer", "adaptive-observer")),
-            ("computed-torque-tip", "planar-3r"),
-            ("elastic-observer", "ur5"),
-            ("adaptive-observer", "ur5"),
-            (ROOT / "benchmarks/estimates/planar-3r-0", "planar-3r"),
-        ],
-    ),
-)
+@pytest.mark.parametrize("law", slow_but(OTHER_LAWS[:1], OTHER_LAWS))
 def test_so_do_other_laws_robots_and_compilers(law, compiler, tmp_path):
     name, robot = law
     assert_same_bits(load_policy(name, robot=robot), tmp_path, 10, 100, compiler)
@@ -86,10 +80,18 @@ def test_the_vectors_of_float_are_answers_of_float(tmp_path, monkeypatch):
 
 def test_what_guards_a_division_guards_it_in_float():
     for least in (1e-300, -1e-300):
-        assert float(literal_of(least, "double").strip("()")) == least
-        guard = np.float32(literal_of(least, "float").strip("f()"))
+        assert float(_literal_of(least, "double").strip("()")) == least
+        guard = np.float32(_literal_of(least, "float").strip("f()"))
         assert np.isfinite(np.float32(1.0) / guard) and np.sign(guard) == np.sign(least)
-    assert literal_of(0.0, "float") == "0.0f"
+    assert _literal_of(0.0, "float") == "0.0f"
+
+
+def compiled(source, *options):
+    """Compile a file without a warning; return the object, or with -shared the library."""
+    out = source.with_suffix(".so" if "-shared" in options else ".o")
+    words = [COMPILERS[0], *FLAGS, *(options or ("-c",)), str(source), "-o", str(out)]
+    assert subprocess.run(words, capture_output=True, text=True, check=False).stderr == ""
+    return out
 
 
 @needs_compiler
@@ -98,8 +100,7 @@ def test_the_lines_of_the_page_compile(tmp_path):
     page = (ROOT / "docs" / "controllers" / "export.md").read_text(encoding="utf-8")
     (lines,) = re.findall(r"```c\n(.*?)```", page, re.DOTALL)
     (tmp_path / "board.c").write_text(lines, encoding="utf-8")
-    words = [COMPILERS[0], *FLAGS, "-c", str(tmp_path / "board.c"), "-o", str(tmp_path / "board.o")]
-    assert subprocess.run(words, capture_output=True, text=True, check=False).stderr == ""
+    compiled(tmp_path / "board.c")
 
 
 @needs_compiler
@@ -111,10 +112,9 @@ def test_two_laws_go_into_one_file_and_their_headers_into_cpp(tmp_path):
     lines = [f'#include "{name}.h"\n' for name in names]
     calls = " ".join(f"{name}_state s{k}; {name}_init(&s{k});" for k, name in enumerate(names))
     (tmp_path / "main.cpp").write_text("".join([*lines, f"int main() {{ {calls} return 0; }}\n"]), encoding="utf-8")
-    words = [COMPILERS[0], *FLAGS, "-c", str(tmp_path / "both.c"), "-o", str(tmp_path / "both.o")]
-    assert subprocess.run(words, capture_output=True, text=True, check=False).stderr == ""
+    both = compiled(tmp_path / "both.c")
     if linker := shutil.which("g++") or shutil.which("clang++"):
-        words = [linker, str(tmp_path / "main.cpp"), str(tmp_path / "both.o"), "-o", str(tmp_path / "main")]
+        words = [linker, str(tmp_path / "main.cpp"), str(both), "-o", str(tmp_path / "main")]
         assert subprocess.run(words, capture_output=True, text=True, check=False).stderr == ""
 
 
@@ -224,20 +224,12 @@ def machine(function, tables):
 @needs_compiler
 @pytest.mark.parametrize(
     ("function", "tables"),
-    [
-        (branching, ()),
-        (looped, ()),
-        (called, ()),
-        (tabled, (np.array([[1.0, -2.0], [0.5, 3.0], [1e300, 4.0]]),)),
-    ],
+    [(branching, ()), (looped, ()), (called, ()), (tabled, (np.array([[1.0, -2.0], [0.5, 3.0], [1e300, 4.0]]),))],
 )
 def test_branches_loops_and_tables_are_those_of_python(function, tables, tmp_path):
     (tmp_path / "own.h").write_text("typedef struct { double memory[1]; } own_state;\n", encoding="utf-8")
-    (tmp_path / "own.c").write_text(source_text(machine(function, tables), "own", "double"), encoding="utf-8")
-    library = tmp_path / "own.so"
-    words = [COMPILERS[0], *FLAGS, "-shared", "-fPIC", str(tmp_path / "own.c"), "-o", str(library)]
-    subprocess.run(words, check=True, capture_output=True)
-    step = ctypes.CDLL(str(library)).own_step
+    (tmp_path / "own.c").write_text(machine(function, tables).source_text("own", "double"), encoding="utf-8")
+    step = ctypes.CDLL(str(compiled(tmp_path / "own.c", "-shared", "-fPIC"))).own_step
     for x, flag in itertools.product((-2.0, -0.0, 0.5, 1.0, 1.5, 3.0, 1e6), (-1.0, 0.0, 1.0, 2.5)):
         torque = ctypes.c_double()
         step(None, (ctypes.c_double * 2)(x, flag), ctypes.byref(torque))
@@ -255,7 +247,7 @@ def test_branches_loops_and_tables_are_those_of_python(function, tables, tmp_pat
 )
 def test_what_cannot_be_written_says_what(wrong, message):
     with pytest.raises(Unsupported, match=message):
-        source_text(machine(lambda x, _: wrong(x), ()), "own", "double")
+        machine(lambda x, _: wrong(x), ()).source_text("own", "double")
 
 
 def test_a_policy_without_a_law_is_refused():
@@ -272,11 +264,9 @@ def test_a_policy_without_a_law_is_refused():
 def test_the_square_root_is_rounded_correctly(real, kind, tmp_path):
     text = f"void all(long n, const {real} *x, {real} *y);\nvoid all(long n, const {real} *x, {real} *y)\n"
     text += "{\n    long k;\n    for (k = 0; k < n; k++) {\n        y[k] = sqrt_(x[k]);\n    }\n}\n"
-    own = helper_text("sqrt", real)
+    own = _helper_text("sqrt", real)
     (tmp_path / "root.c").write_text(f"#include <float.h>\n{own}{text}", encoding="utf-8")
-    library = tmp_path / "root.so"
-    words = [COMPILERS[0], *FLAGS, "-shared", "-fPIC", str(tmp_path / "root.c"), "-o", str(library)]
-    subprocess.run(words, check=True, capture_output=True)
+    library = compiled(tmp_path / "root.c", "-shared", "-fPIC")
     rng, limits, bits = np.random.default_rng(0), np.finfo(kind), {"double": np.uint64, "float": np.uint32}[real]
     squares = rng.uniform(1.0, 2.0, 10_000).astype(kind) ** 2
     powers = kind(2.0) ** np.arange(np.log2(limits.smallest_subnormal), limits.maxexp).astype(kind)

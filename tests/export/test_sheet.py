@@ -11,7 +11,7 @@ import pytest
 
 from fuzzyarm import load_policy
 from fuzzyarm.cli import main
-from fuzzyarm.export.sheet import check_observation, sheet_of
+from fuzzyarm.export.sheet import _check_observation, sheet_of
 
 ROOT = Path(__file__).parents[2]
 PAGE = ROOT / "docs" / "controllers" / "implement.md"
@@ -56,7 +56,7 @@ def test_csv_and_json_hold_the_gains_exactly(capsys):
     sheet = json.loads(printed(capsys, "fuzzy-8", "--json"))
     np.testing.assert_array_equal(sheet["quantities"]["H"]["values"], gains[..., 4:])
     assert sheet["certificate"]["digest"] == policy.controller.digest
-    torque, _ = policy.predict(check_observation(2))
+    torque, _ = policy.predict(_check_observation(2))
     np.testing.assert_array_equal(sheet["check"]["torque"]["values"][0], torque)
 
 

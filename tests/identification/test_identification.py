@@ -13,17 +13,8 @@ from fuzzyarm.envs.physics.parameters import ArmParameters
 from fuzzyarm.envs.physics.records import flat
 from fuzzyarm.envs.scenario.disturbances import EncoderNoise
 from fuzzyarm.identification import excitation, fit
-from fuzzyarm.identification.excitation import (
-    NOISE,
-    SHARE,
-    Excitation,
-    condition_of,
-    motion_csv,
-    rehearsed,
-    suggested,
-    use_of,
-)
-from fuzzyarm.identification.log import COLUMNS, Log, Motion, read_log, write_log
+from fuzzyarm.identification.excitation import NOISE, SHARE, Excitation, rehearsed, suggested
+from fuzzyarm.identification.log import COLUMNS, Log, Motion, read_log
 from fuzzyarm.identification.result import identify
 from fuzzyarm.identification.rigid import (
     UNKNOWNS,
@@ -35,7 +26,7 @@ from fuzzyarm.identification.rigid import (
     regressor,
     rigid_arm,
     start_of,
-)
+)  # fmt: skip
 
 TRUTH = ArmParameters()
 NAMES = [one.name for one in UNKNOWNS]
@@ -63,7 +54,7 @@ def log():
 def found(log):
     """Return what the first and the last of the four searches find; the slow tests run all of them."""
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(fit, "SEGMENTS", (fit.SEGMENTS[0], fit.SEGMENTS[-1]))
+        patch.setattr(fit, "_SEGMENTS", (fit._SEGMENTS[0], fit._SEGMENTS[-1]))
         return identify(log, wrong())
 
 
@@ -99,13 +90,13 @@ def test_least_squares_find_a_rigid_arm_exactly():
     motion = Motion(*sample, torque, slice(0, 4000), 4000.0)
     found = fit_rigid(motion, wrong())
     np.testing.assert_allclose(found.base, base_of(TRUTH), rtol=1e-9)
-    assert found.untold == ()
+    assert found.undetermined == ()
     np.testing.assert_allclose(base_of(rigid_arm(found.base, wrong())), found.base, rtol=1e-9)
 
 
 def test_a_quiet_log_gives_the_arm_back(found):
     np.testing.assert_allclose(found.fit.theta, start_of(TRUTH), rtol=2e-3)
-    assert found.fit.told.all() and not found.fit.at_bound.any()
+    assert found.fit.determined.all() and not found.fit.at_bound.any()
     assert abs(found.fit.correlation) < 0.1
     assert found.arm.mass == TRUTH.mass and found.arm.length == TRUTH.length
     assert found.fit.noise == pytest.approx([1e-8, 1e-8, 1e-6, 1e-6], rel=0.2)
@@ -115,7 +106,7 @@ def test_a_quiet_log_gives_the_arm_back(found):
 def test_velocities_may_be_missing(log, tmp_path):
     """By all four searches, from a file."""
     path = tmp_path / "log.csv"
-    path.write_text(write_log(dataclasses.replace(log, velocity=None)))
+    path.write_text(dataclasses.replace(log, velocity=None).to_csv())
     found = identify(read_log(path), wrong())
     np.testing.assert_allclose(found.fit.theta, start_of(TRUTH), rtol=5e-3)
     assert len(found.fit.noise) == 2
@@ -160,13 +151,13 @@ def test_a_suggestion_stays_within_the_limits_and_is_better_than_chance(monkeypa
     monkeypatch.setattr(excitation, "_REFINEMENTS", 60)
     motion = suggested(TRUTH, 10.0)
     limits = TRUTH.joint_limit, TRUTH.velocity_limit, TRUTH.torque_limit
-    for used, limit in zip(use_of(motion, TRUTH).values(), limits, strict=True):
+    for used, limit in zip(motion.largest().values(), limits, strict=True):
         assert (used <= 1.01 * SHARE * np.array(limit)).all()
     monkeypatch.setattr(excitation, "_DRAWS", 1)
     monkeypatch.setattr(excitation, "_REFINEMENTS", 1)
-    chance = [condition_of(suggested(TRUTH, 10.0, seed), TRUTH) for seed in range(1, 6)]
-    assert condition_of(motion, TRUTH) < 0.8 * np.median(chance)
-    text = motion_csv(motion, TRUTH).splitlines()
+    chance = [suggested(TRUTH, 10.0, seed).condition() for seed in range(1, 6)]
+    assert motion.condition() < 0.8 * np.median(chance)
+    text = motion.to_csv().splitlines()
     assert text[0].startswith("time,q1,q2,dq1") and len(text) == 10_002
 
 
@@ -187,7 +178,7 @@ def test_a_suggestion_stays_within_the_limits_and_is_better_than_chance(monkeypa
 )
 def test_a_bad_log_is_refused_in_one_line(log, tmp_path, capsys, change, message):
     path = tmp_path / "log.csv"
-    path.write_text("\n".join(change(write_log(log).splitlines())))
+    path.write_text("\n".join(change(log.to_csv().splitlines())))
     assert main(["identify", str(path)]) == 2
     out, err = capsys.readouterr()
     assert out == "" and err.count("\n") == 1 and err.startswith(f"fuzzyarm identify: {path}: ") and message in err
@@ -217,7 +208,7 @@ def test_bad_usage_is_one_line(words, message, tmp_path, capsys, monkeypatch):
 def test_the_command_writes_the_arm_the_picture_and_the_numbers(found, log, tmp_path, capsys, monkeypatch):
     monkeypatch.setattr("fuzzyarm.identification.result.identify", lambda *_: found)
     path, out, figure = (tmp_path / name for name in ("log.csv", "arm.toml", "residuals.png"))
-    path.write_text(write_log(log))
+    path.write_text(log.to_csv())
     again = read_log(path)
     assert path.read_text().splitlines()[0] == ",".join(COLUMNS) and again.period == pytest.approx(1e-3)
     assert np.array_equal(again.angle, log.angle) and np.array_equal(again.torque, log.torque)
@@ -262,7 +253,7 @@ def test_what_noise_hides_is_named_and_kept():
     angle, velocity = log.angle + 1e-3 * rng.normal(size=log.angle.shape), log.velocity
     loud = dataclasses.replace(log, angle=angle, velocity=velocity + 1e-2 * rng.normal(size=angle.shape))
     found = identify(loud, start)
-    hidden = ~found.fit.told
+    hidden = ~found.fit.determined
     assert {name for name, untold in zip(NAMES, hidden, strict=True) if untold} == {"damping[0]", "damping[1]"}
     np.testing.assert_array_equal(found.fit.theta[hidden], start_of(start)[hidden])
     assert "This log does not tell damping[0], damping[1]: the values of the start are kept." in found.remarks()

@@ -73,12 +73,7 @@ def _tested(copy: Path, tests: str) -> tuple[int | None, str]:
     environment = {**os.environ, "PYTHONPATH": str(copy), "PYTHONDONTWRITEBYTECODE": "1"}
     try:
         done = subprocess.run(
-            [*words, *shlex.split(tests)],
-            cwd=copy,
-            env=environment,
-            capture_output=True,
-            text=True,
-            timeout=LONGEST,
+            [*words, *shlex.split(tests)], cwd=copy, env=environment, capture_output=True, text=True, timeout=LONGEST
         )
     except subprocess.TimeoutExpired:
         return None, ""

@@ -75,7 +75,7 @@ def numbers(arms, seed=0):
 @pytest.fixture(params=["short", "long"])
 def length(request, monkeypatch):
     """Whether a program counts as long, and its arms go in smaller groups."""
-    monkeypatch.setattr(machine, "LONG", 0 if request.param == "long" else 10**6)
+    monkeypatch.setattr(machine, "_LONG", 0 if request.param == "long" else 10**6)
 
 
 @pytest.mark.usefixtures("length")
@@ -248,7 +248,7 @@ assert x[0, 0] == 3.0 / 7.0
 
 def run(folder, count=1):
     words = [sys.executable, "-c", PROGRAM]
-    environment = {**os.environ, machine.CACHE: str(folder)}
+    environment = {**os.environ, machine._CACHE: str(folder)}
     together = [subprocess.Popen(words, env=environment, stderr=subprocess.PIPE) for _ in range(count)]
     for one in together:
         _, error = one.communicate(timeout=120)
@@ -280,7 +280,7 @@ def test_processes_that_start_together_leave_one_whole_file(tmp_path):
 
 
 def test_a_processor_and_a_text_have_their_own_files(tmp_path, monkeypatch):
-    monkeypatch.setenv(machine.CACHE, str(tmp_path))
+    monkeypatch.setenv(machine._CACHE, str(tmp_path))
     machine._machine_code.cache_clear()
     one = Kernel(Program(lambda x, _: ((x[0] + 1.0,),), ((0.0,),)))
     one((np.zeros((1, 1)),), np.empty(0))

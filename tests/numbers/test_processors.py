@@ -82,7 +82,7 @@ def test_no_multiplication_is_fused_with_an_addition(processor):
 def test_an_old_processor_gives_the_same_bits(tmp_path):
     found = []
     for processor in ("", "x86-64"):  # this one with all it has, and one of 2003
-        environment = {**os.environ, machine.CACHE: str(tmp_path)}
+        environment = {**os.environ, machine._CACHE: str(tmp_path)}
         answer = subprocess.run(
             [sys.executable, "-c", PROGRAM, processor], env=environment, capture_output=True, text=True, timeout=300
         )

@@ -28,7 +28,7 @@ from fuzzyarm.eval.sweep.episodes import errors_in_one_kernel
 from fuzzyarm.eval.sweep.plants import Plants
 from fuzzyarm.numbers import gpu, llvm_text, machine
 from fuzzyarm.numbers.functions import Cells
-from fuzzyarm.numbers.gpu import Gpu, gpu_text, logarithm, ptx_of
+from fuzzyarm.numbers.gpu import Gpu, _gpu_text, logarithm, ptx_of
 from fuzzyarm.numbers.machine import WIDE, Kernel, Layout
 from fuzzyarm.numbers.program import Program
 from fuzzyarm.numbers.symbols import Symbol
@@ -57,7 +57,7 @@ def given_to(kernel, arrays, constants, tables, steps):
 
 def on_host(kernel, arrays, constants, tables, steps=1, threads=7):
     """Run the text of a GPU's kernel thread by thread on this processor: arrays change in place."""
-    text, parameters = gpu_text(kernel)
+    text, parameters = _gpu_text(kernel)
     for old, new in {
         "ptx_kernel ": "",
         "(i64 %stop": "(i64 %thread, i64 %of, i64 %stop",
@@ -149,9 +149,9 @@ FUSED = Kernel(Program(lambda x, _: ((x[0] * x[1] + x[0], x[1]),), ((0.0, 0.0),)
 
 
 def test_what_an_assembler_may_fuse_or_has_no_instruction_for_is_refused(monkeypatch):
-    free = gpu_text(FUSED)[0].replace("fadd", "fadd contract").replace("fmul", "fmul contract")
+    free = _gpu_text(FUSED)[0].replace("fadd", "fadd contract").replace("fmul", "fmul contract")
     ptx_of(FUSED)
-    monkeypatch.setattr(gpu, "gpu_text", lambda *_: (free, ()))
+    monkeypatch.setattr(gpu, "_gpu_text", lambda *_: (free, ()))
     with pytest.raises(RuntimeError, match="does not round twice"):
         ptx_of(FUSED)
     monkeypatch.undo()

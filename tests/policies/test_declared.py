@@ -24,10 +24,35 @@ from fuzzyarm.fuzzy_policy.laws.tip import TipPolicy
 from fuzzyarm.policies import NAMES, policies_of, resolve
 from fuzzyarm.policies.declared import ELASTIC, HEADINGS, Declared, declared, declared_by_name, stated
 from fuzzyarm.policies.registry import POLICIES
-from fuzzyarm.policies.tuned import NAME, SCHEMA, TunedLaws, read_laws
+from fuzzyarm.policies.tuned import NAME, SCHEMA, TunedLaws
 
 OWN = {"objective": "o", "tuned_on": "t", "knows": "k", "sees": "s", "remembers": "r"}
 CONTROLLER = POLICIES["fuzzy-4"].path
+
+
+ARM = ArmParameters()
+TUNED = ("fuzzy-4", "computed-torque", "fuzzy-4-tip", "computed-torque-tip", "elastic-observer", "adaptive-observer")
+OBSERVER = dataclasses.replace(ObserverWeights(), link_angle=0.03)
+LAWS = TunedLaws(
+    schema=SCHEMA,
+    arm_sha256=robot_of(ARM).digest,
+    control_period=1e-3,
+    policies=TUNED,
+    bandwidth=55.0,
+    observer=dataclasses.asdict(OBSERVER),
+    adaptive=dataclasses.asdict(AdaptiveWeights()),
+)
+
+
+@pytest.fixture
+def folder(tmp_path):
+    """A folder as `fuzzyarm tune` writes it."""
+    made = tmp_path / "my-arm"
+    made.mkdir()
+    ARM.write_toml(made / "robot.toml")
+    shutil.copy(CONTROLLER, made)
+    (made / NAME).write_text(LAWS.to_json(), encoding="utf-8")
+    return made
 
 
 @pytest.mark.parametrize("name", NAMES)
@@ -58,30 +83,18 @@ def test_a_controller_file_declares_what_is_in_it_and_not_what_the_policy_of_its
     assert declared_by_name(str(path)) is None  # reads no file
 
 
-@pytest.fixture
-def tuned(tmp_path):
-    """A folder as `fuzzyarm tune` writes it, with another controller file in it."""
-    folder, arm = tmp_path / "mine", ArmParameters(mass=(12.0, 8.0))
-    folder.mkdir()
-    (folder / "robot.toml").write_text(arm.to_toml())
-    for name in ("fuzzy-4.json", "other.json"):
-        (folder / name).write_bytes(CONTROLLER.read_bytes())
-    laws = TunedLaws(SCHEMA, robot_of(arm).digest, 1e-3, ("computed-torque", "fuzzy-4"), bandwidth=50.0)
-    (folder / "laws.json").write_text(laws.to_json())
-    return folder
-
-
 @pytest.mark.parametrize("name", ["computed-torque", "computed-torque-tip", "elastic-observer", "fuzzy-4"])
-def test_a_tuned_folder_declares_as_its_law_but_for_the_arm(tuned, name):
-    own, law = declared(str(tuned / name)), declared(name)
+def test_a_tuned_folder_declares_as_its_law_but_for_the_arm(folder, name):
+    own, law = declared(str(folder / name)), declared(name)
     assert own._replace(tuned_on="") == law._replace(tuned_on="")
-    assert declared(str(tuned / "other.json")) == declared(str(CONTROLLER))
-    assert own.tuned_on.startswith(law.tuned_on.split(" on ")[0]) and own.tuned_on.endswith("of the arm of mine")
+    shutil.copy(CONTROLLER, folder / "other.json")
+    assert declared(str(folder / "other.json")) == declared(str(CONTROLLER))
+    assert own.tuned_on.startswith(law.tuned_on.split(" on ")[0]) and own.tuned_on.endswith("of the arm of my-arm")
     if "tip" not in name:  # of a serial robot, whose policies are tuned on margins alone
-        (tuned / "robot.toml").write_text(robot_named("planar-3r").to_toml())
-        own = declared(str(tuned / name))
+        (folder / "robot.toml").write_text(robot_named("planar-3r").to_toml())
+        own = declared(str(folder / name))
         assert own[2:] == law[2:] and own.objective != law.objective
-        assert own.tuned_on == "margins at random postures and along the default path of the arm of mine"
+        assert own.tuned_on == "margins at random postures and along the default path of the arm of my-arm"
 
 
 @pytest.mark.parametrize("name", ["ppo-nominal", "ppo-robust", "ppo-residual", "learned-observer"])
@@ -134,30 +147,6 @@ def test_code_declares_by_an_attribute(tmp_path, monkeypatch):
         resolve("stating_law:Wrong", run_code=True).load()
 
 
-ARM = ArmParameters()
-NAMES = ("fuzzy-4", "computed-torque", "fuzzy-4-tip", "computed-torque-tip", "elastic-observer", "adaptive-observer")
-OBSERVER = dataclasses.replace(ObserverWeights(), link_angle=0.03)
-LAWS = TunedLaws(
-    schema=SCHEMA,
-    arm_sha256=robot_of(ARM).digest,
-    control_period=1e-3,
-    policies=NAMES,
-    bandwidth=55.0,
-    observer=dataclasses.asdict(OBSERVER),
-    adaptive=dataclasses.asdict(AdaptiveWeights()),
-)
-
-
-@pytest.fixture
-def folder(tmp_path):
-    made = tmp_path / "my-arm"
-    made.mkdir()
-    ARM.write_toml(made / "robot.toml")
-    shutil.copy(POLICIES["fuzzy-4"].path, made)
-    (made / NAME).write_text(LAWS.to_json(), encoding="utf-8")
-    return made
-
-
 def test_its_policies_have_its_numbers(folder):
     assert load_policy(folder / "computed-torque").bandwidth == 55.0
     assert load_policy(f"{folder}/computed-torque-tip").law.bandwidth == 55.0
@@ -171,10 +160,10 @@ def test_the_folder_names_its_arm_and_its_policies(folder, monkeypatch):
     assert chosen_arm(folder, None) == ARM
     assert FuzzyArmEnv(robot=folder).unwrapped.reset(seed=0)[0].shape == (10,)
     monkeypatch.chdir(folder.parent)
-    expected = tuple(f"my-arm/{name}" for name in NAMES)
+    expected = tuple(f"my-arm/{name}" for name in TUNED)
     assert policies_of("my-arm") == MarginsConfig(robot="my-arm").names() == expected
     assert _config(EvaluateOptions(robot="my-arm")).policies == expected
-    assert [resolve(name).label for name in expected] == list(NAMES)
+    assert [resolve(name).label for name in expected] == list(TUNED)
     assert policies_of("ur5") is policies_of(None) is policies_of("nowhere") is None
 
 
@@ -202,5 +191,5 @@ def test_damaged_laws_are_refused_in_one_line(folder, change, message):
     document = json.loads((folder / NAME).read_text(encoding="utf-8")) | change
     (folder / NAME).write_text(json.dumps(document), encoding="utf-8")
     with pytest.raises(ValueError, match=message) as refused:
-        read_laws(folder, ARM)
+        TunedLaws.read(folder, ARM)
     assert "\n" not in str(refused.value) and str(folder) in str(refused.value)

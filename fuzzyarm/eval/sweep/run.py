@@ -41,7 +41,7 @@ from fuzzyarm.eval.sweep.plants import CONTROL_PERIOD
 from fuzzyarm.eval.sweep.summary import SCHEMA, SUMMARY, summarise, summary_csv
 from fuzzyarm.fuzzy_policy.policy import Predictor
 from fuzzyarm.policies import Kind, PolicySpec, found_again, resolve, resolve_all
-from fuzzyarm.policies.registry import SB3
+from fuzzyarm.policies.registry import foreign
 
 __all__ = ["SOURCES", "Sweep", "difference", "digest_of", "identity_of", "made_with", "run_chunk"]
 
@@ -311,7 +311,7 @@ def _numbers(config: Mapping[str, Any]) -> dict[str, Any]:
 
 def _module_files(spec: PolicySpec) -> dict[str, str]:
     """Return the SHA-256 of the Python files of the user's top-level package that a policy is code of, by path."""
-    of_module = spec.kind is Kind.CODE and not spec.name.startswith(SB3)
+    of_module = spec.kind is Kind.CODE and not foreign(spec.name)
     source = source_of(spec.name.partition(":")[0].partition(".")[0]) if of_module else None
     if source is None:
         return {}

@@ -1,14 +1,38 @@
-"""The bisection ends at the threshold, from either side, with no more evaluations than needed."""
+"""Numbers that state a bound never state a tighter one; the bisection ends at the threshold, from either side."""
 
+import doctest
 import math
+from fractions import Fraction
 
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from fuzzyarm.common.arithmetic import last_that_works
+from fuzzyarm.common import arithmetic
+from fuzzyarm.common.arithmetic import at_least, at_most, last_that_works
 
+FINITE = st.floats(allow_nan=False, allow_infinity=False)
 POSITIVE = st.floats(1e-6, 1e6)
+
+
+@given(FINITE, st.integers(1, 17))
+def test_the_text_lies_on_the_safe_side_and_close(value, digits):
+    exact, low, high = Fraction(repr(value)), Fraction(at_least(value, digits)), Fraction(at_most(value, digits))
+    assert low <= exact <= high
+    assert high - low <= abs(exact) * Fraction(10) ** (1 - digits) * 2
+
+
+@given(st.integers(-999, 999), st.integers(-8, 8))
+def test_a_number_of_few_digits_is_itself(mantissa, exponent):
+    value = float(f"{mantissa}e{exponent}")
+    number = Fraction(mantissa) * Fraction(10) ** exponent
+    assert Fraction(at_most(value, 3)) == Fraction(at_least(value, 3)) == number
+
+
+@pytest.mark.parametrize("value", [float("inf"), float("-inf"), float("nan")])
+def test_what_is_not_finite_is_no_bound(value):
+    with pytest.raises(ValueError, match="no bound"):
+        at_most(value, 3)
 
 
 @given(good=POSITIVE, factor=st.floats(1.01, 1e3), place=st.floats(0.001, 0.999), resolution=st.floats(1e-9, 0.5))
@@ -45,3 +69,7 @@ def test_a_number_that_works_is_never_asked_again():
     assert 1.0 not in asked and 16.0 not in asked and len(set(asked)) == len(asked)
     assert len(asked) <= math.ceil(math.log2(math.log(16.0) / math.log(1.001))) + 1
     assert found in asked
+
+
+def test_examples():
+    assert doctest.testmod(arithmetic).failed == 0
