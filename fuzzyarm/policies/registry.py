@@ -17,8 +17,8 @@ if TYPE_CHECKING:
     from fuzzyarm.fuzzy_policy.policy import Policy
 
 __all__ = [
-    "ADAPTIVE_OBSERVER", "ANY_ROBOT", "COMPARED", "COMPUTED_TORQUE", "ELASTIC_OBSERVER", "FOREIGN", "LAWS", "LEARNED", "NAMES",
-    "POLICIES", "TIP", "Kind", "add_policy", "foreign", "known_names", "make_law",
+    "ADAPTIVE_OBSERVER", "ANY_ROBOT", "COMPARED", "COMPUTED_TORQUE", "ELASTIC_OBSERVER", "FOREIGN", "LAWS", "LEARNED",
+    "NAMES", "POLICIES", "TIP", "Kind", "add_policy", "foreign", "known_names", "make_law",
 ]  # fmt: skip
 
 FOREIGN = {"sb3:": ".zip", "onnx:": ".onnx"}
