@@ -152,6 +152,7 @@ FIGURES: dict[str, Picture] = {
     "adaptive_passes.png": _from_result("adaptive_cases"),
     "adaptive_front.png": Picture(results=("adaptive_margins",)),
     "estimate_front.png": Picture(results=("estimate_front",)),
+    "learning.png": _from_result("learning_curves"),
     "ppo_observer.png": Picture(results=("ppo_observer",)),
     "complexity.png": Picture(results=("complexity",)),
     "tip_bound.png": _from_result("tip_bound"),

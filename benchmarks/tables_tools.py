@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from typing import Any
 
+import numpy as np
 from tables import Section, Table, made_with, markdown, number
 
 __all__ = ["TOOLS"]
@@ -129,6 +131,22 @@ def _scores(learner: str) -> Any:
     return lambda row: ", ".join(form.format(**run) for run in row["learners"][learner])
 
 
+def _learners(document: dict[str, Any]) -> list[dict[str, Any]]:
+    """Return a row for each learner: the medians of its seeds, and their lists of scores."""
+    rows = []
+    for learner, runs in document["runs"].items():
+        cases = np.median([run["cases_mm"] for run in runs], axis=0)
+        row: dict[str, Any] = {name: np.median([run[name] for run in runs]) for name in ("steps", "seconds")}
+        row |= {name: sorted(run[name] for run in runs) for name in ("N", "q90_mm")}
+        rows.append({"learner": learner, "cases": " / ".join(f"{value:.3g}" for value in cases), **row})
+    return rows
+
+
+def _spread(name: str, form: str) -> Callable[[dict[str, Any]], str]:
+    """Return the cell that lists the numbers of five seeds."""
+    return lambda row: ", ".join(form.format(value) for value in row[name])
+
+
 TOOLS = {
     "exported-c": Section(
         "exported_c",
@@ -153,21 +171,20 @@ TOOLS = {
             f"Medians of {document['rounds'] * document['steps']} steps each, in turns. `{document['command']}`"
         ),
     ),
-    "training-speed": Section(
-        "training_speed",
+    "learning-curves": Section(
+        "learning_curves",
         Table(
             {
-                "": "`fuzzyarm train {algorithm}`",
-                "lanes": "{lanes}",
-                "steps/s": "{steps_per_s[median]:,.0f}",
-                "the library's": "{library_steps_per_s[median]:,.0f}",
-                "ratio: median, quartiles": _RATIO,
-                "an evaluation [s]": "{pause_s:.1f}",
-                "every steps": "{evaluation_interval:,}",
-            }
+                "learner": "{learner}",
+                "steps": "{steps:,.0f}",
+                "time of one core [s]": "{seconds:.0f}",
+                "N of five seeds": _spread("N", "{:.1f}"),
+                "90 % quantile of the rms [mm]": _spread("q90_mm", "{:.3g}"),
+                "rms in Cases 1, 2, 3, median [mm]": "{cases}",
+            },
+            _learners,
         ),
-        "Medians of {rounds} rounds of {seconds:g} s or one update, in turns, of one thread each. `{command}`; torch "
-        "{versions[torch]}, stable-baselines3 {versions[stable-baselines3]}",
+        "N and its quantile on the {episodes} held-out episodes of version {version}. `{command}`",
     ),
     "dataset-scores": Section(
         "dataset_scores",

@@ -6,6 +6,7 @@ fuzzyarm score --policy my-ppo
 
 import argparse
 import time
+from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
@@ -62,8 +63,8 @@ def bundle_of(envs: FuzzyArmLearnVectorEnv, actor: nn.Sequential, seen: Normalis
     return PolicyBundle(envs.features, envs.action, Network(seen.mean, seen.std, 10.0, weights, biases), seed=seed)
 
 
-def train(seed: int, seconds: float) -> PolicyBundle:
-    """Train for so much processor time."""
+def train(seed: int, seconds: float, report: Callable[[float, int, float], object] | None = None) -> PolicyBundle:
+    """Train for so much processor time; `report` gets the time [s], the steps and the median tip error [mm]."""
     torch.manual_seed(seed)
     torch.set_num_threads(1)
     rng = np.random.default_rng(seed)
@@ -126,6 +127,8 @@ def train(seed: int, seconds: float) -> PolicyBundle:
             told += 10.0
             median = 1e3 * float(np.median(np.concatenate(errors)))
             print(f"{spent:5.0f} s {steps:9,} steps, median tip error {median:.3f} mm", flush=True)
+            if report is not None:
+                report(spent, steps, median)
     return bundle_of(envs, actor, seen, seed)
 
 

@@ -1,0 +1,139 @@
+"""What learners reach on `FuzzyArmLearn-v0`, five seeds each, on one core.
+
+    python benchmarks/learning_curves.py [--json FILE] [--learner NAME]
+
+PPO and SAC of stable-baselines3 with their defaults, PPO in one file of torch (`examples/ppo_one_file.py`), and
+`fuzzyarm train ppo`. Of each training the tip error over its processor time is kept; of what it made, the score N on
+the held-out set, and the errors in the paper's three cases. Neither chose any setting.
+"""
+
+from __future__ import annotations
+
+import sys
+import tempfile
+import time
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import torch
+from matplotlib.figure import Figure
+from measuring import options_of, printed, write
+
+from fuzzyarm import __version__, load_policy
+from fuzzyarm.envs.physics.parameters import ArmParameters
+from fuzzyarm.envs.scenario.cases import PAPER_CASES
+from fuzzyarm.eval.score import held_out, scores
+from fuzzyarm.policies.sb3 import sb3_policy
+from fuzzyarm.rl_baselines.case_evaluation import evaluate_cases
+
+SEEDS = range(5)
+PPO_STEPS, SAC_STEPS, SECONDS = 150_000, 150_000, 170.0
+Curve = list[tuple[float, float, float]]  # processor time [s], steps, tip error [mm]
+
+
+def of_sb3(name: str, steps: int) -> Callable[[int, Path, Curve], Any]:
+    """Return the training of an algorithm of stable-baselines3 with its default settings."""
+
+    def train(seed: int, folder: Path, curve: Curve) -> Any:
+        import stable_baselines3
+        from stable_baselines3.common.callbacks import BaseCallback
+
+        from fuzzyarm.rl_baselines.sb3_vec_env import learning_envs
+
+        class Watch(BaseCallback):
+            def _on_step(self) -> bool:
+                ended = self.model.ep_info_buffer
+                if ended and self.num_timesteps % 4096 == 0:
+                    error = 1e3 * float(np.median([one["tip_error"] for one in ended]))
+                    curve.append((time.process_time() - began, self.num_timesteps, error))
+                return True
+
+        own: dict[str, Any] = {"n_steps": 32} if name == "PPO" else {}  # of each of the 64 lanes
+        began = time.process_time()
+        model = getattr(stable_baselines3, name)("MlpPolicy", learning_envs(64), seed=seed, device="cpu", **own)
+        model.learn(steps, callback=Watch())
+        model.save(folder / "model.zip")
+        return sb3_policy(folder / "model.zip", ArmParameters(), 1e-3)
+
+    return train
+
+
+def in_one_file(seed: int, folder: Path, curve: Curve) -> Any:
+    """Train by the example."""
+    sys.path.append(str(Path(__file__).resolve().parents[1] / "examples"))
+    from ppo_one_file import train
+
+    train(seed, SECONDS, lambda spent, steps, error: curve.append((spent, steps, error))).save(folder / "policy")
+    return load_policy(folder / "policy", control_period=1e-3)
+
+
+def by_trainer(seed: int, folder: Path, curve: Curve) -> Any:
+    """Train by `fuzzyarm train ppo`, without evaluations on the way."""
+    from fuzzyarm.rl_baselines.algorithms.ppo import PPOConfig
+    from fuzzyarm.rl_baselines.training import Training
+
+    never, began = 10**9, time.process_time()
+    config = PPOConfig(seed=seed, evaluation_interval=never, checkpoint_interval=never)
+
+    def report(row: dict[str, Any]) -> None:
+        if "tip_error_mm" in row:
+            curve.append((time.process_time() - began, row["steps"], row["tip_error_mm"]))
+
+    Training(config, folder / "run", report).run()
+    return load_policy(folder / "run" / "policy", control_period=1e-3)
+
+
+LEARNERS = {
+    "PPO of stable-baselines3, defaults": of_sb3("PPO", PPO_STEPS),
+    "SAC of stable-baselines3, defaults": of_sb3("SAC", SAC_STEPS),
+    "PPO in one file": in_one_file,
+    "fuzzyarm train ppo": by_trainer,
+}
+
+
+def measured(learner: str, seed: int) -> dict[str, Any]:
+    """Return what a training with one seed reached."""
+    curve: Curve = []
+    torch.set_num_threads(1)
+    began = time.process_time()
+    with tempfile.TemporaryDirectory() as folder:
+        policy = LEARNERS[learner](seed, Path(folder), curve)
+    spent, found = time.process_time() - began, scores({"own": policy})["policies"]["own"]
+    cases = evaluate_cases(policy)
+    return {
+        **{"learner": learner, "seed": seed, "seconds": spent, "steps": curve[-1][1] if curve else 0},
+        **{"N": found["N"], "q90_mm": found["rms_mm"]["90 %"], "lost_percent": found["lost_percent"]},
+        "cases_mm": [cases[f"{case}_rms_mm"] for case in PAPER_CASES],
+        "curve": [[round(value, 3) for value in point] for point in curve[:: max(1, len(curve) // 60)]],
+    }
+
+
+def draw(document: dict[str, Any]) -> Figure:
+    """Return the figure: the tip error over the time of one core, a panel for each learner, a line for each seed."""
+    figure = Figure(figsize=(9.0, 2.8), layout="constrained")
+    panels = figure.subplots(1, len(document["runs"]), sharey=True)
+    for panel, (learner, runs) in zip(panels, document["runs"].items(), strict=True):
+        for run in runs:
+            seconds, _, error = zip(*run["curve"], strict=True)
+            panel.semilogy(seconds, error, linewidth=1.0)
+        panel.set(title=learner.replace(" of ", "\nof ").replace(" in ", "\nin "), xlabel="time of one core [s]")
+    panels[0].set_ylabel("tip error in training [mm]")
+    return figure
+
+
+def main() -> None:
+    """Measure all learners, or one."""
+    parser = options_of(__doc__)
+    parser.add_argument("--learner", choices=LEARNERS, help="measure this one alone, without a file")
+    options = parser.parse_args()
+    chosen = LEARNERS if options.learner is None else (options.learner,)
+    runs = {name: printed(measured(name, seed) for seed in SEEDS) for name in chosen}
+    if options.learner is None:
+        episodes = len(held_out().arms)
+        write(options.json, "learning_curves.py", runs=runs, episodes=episodes, version=__version__)
+
+
+if __name__ == "__main__":
+    main()
