@@ -1,4 +1,4 @@
-"""What a step of a tuning found, kept in the folder so that a run can go on, and what an arm is tuned under.
+"""The finding of one step of a tuning, kept in the folder so that a run can be resumed, and the loads of an arm.
 
 The motion is the arm's default reference. Loads are scaled as those of the cases are, see `envs.scenario.cases`; the
 cases with loads themselves play no part in any search.
@@ -22,15 +22,13 @@ from fuzzyarm.envs.scenario.disturbances import MachiningForce
 from fuzzyarm.fuzzy_policy.known_arm import per_joint_of, with_drives
 
 __all__ = [
-    "PERIOD", "PERIODS", "SCHEMA", "STEPS", "Finding", "finite", "force_factor", "heaviest", "periods_of",
-    "radius_within", "read_finding", "with_stiffness", "write_finding",
+    "PERIOD", "SCHEMA", "STEPS", "Finding", "finite", "force_factor", "halving_radius", "heaviest", "periods_of",
+    "read_finding", "with_stiffness", "write_finding",
 ]  # fmt: skip
 
 
 PERIOD = 1e-3
 """Control period of everything that is tuned [s]."""
-PERIODS = 1500
-"""Control periods of the paper's motion."""
 
 
 def periods_of(arm: AnyArm) -> int:
@@ -38,9 +36,9 @@ def periods_of(arm: AnyArm) -> int:
     return round(default_reference(arm).duration / PERIOD)
 
 
-def radius_within(share: float, periods: int) -> float:
-    """Return the spectral radius per control period with which deviations shrink to a share in so many periods."""
-    return float(share ** (1.0 / periods))
+def halving_radius(arm: AnyArm) -> float:
+    """Return the spectral radius per control period with which small deviations halve within the arm's motion."""
+    return float(0.5 ** (1.0 / periods_of(arm)))
 
 
 def heaviest(arm: AnyArm) -> float:

@@ -1,4 +1,4 @@
-"""The page of a tuning, in Markdown: what was decided for each policy, by which rule, and the margins it has."""
+"""The page of a tuning, in Markdown: the decision for each policy, its rule, and the margins of the policy."""
 
 from __future__ import annotations
 

@@ -9,6 +9,7 @@ from fuzzyarm.eval.stability.margins import LIMITS
 from fuzzyarm.eval.tuning import run as tuning
 from fuzzyarm.eval.tuning import steps
 from fuzzyarm.eval.tuning.finding import read_finding
+from fuzzyarm.eval.tuning.search import Found
 from fuzzyarm.policies.registry import COMPUTED_TORQUE, ELASTIC_OBSERVER
 from fuzzyarm.policies.tuned import NAME
 
@@ -18,10 +19,10 @@ RADII = {"nominal": 0.99, "5 kg payload": 1.01}
 def chose(policy, chosen, calls, radii=RADII):
     def find(context):
         calls.append(policy)
-        context.advance(1)
-        return chosen, {"error": float("nan")}, radii, 3, ()
+        context.advance()
+        return Found(chosen, {"error": float("nan")}, radii, 3)
 
-    return steps.step(policy, 3, find)
+    return steps.Step(policy, 3, find)
 
 
 @pytest.fixture
