@@ -2,9 +2,8 @@
 
 It is the bound of `fuzzyarm prove` along the arm's default circle, and takes ten seconds to find. Margins and the
 motor error choose the gains. Between equally good ones the float part of the bound for any friction decides, see
-`largest_deviation`. With the
-closed loop x⁺ = Φ x + B w at a posture, where w is the friction of the motors held over a control period, |w| <= F_s,
-and J is the Jacobian of the tip,
+`largest_deviation`. With the closed loop x⁺ = Φ x + B w at a posture, where w is the friction of the motors held over a
+control period, |w| <= F_s, and J is the Jacobian of the tip,
 
     max over directions d of Σ_k |dᵀ J Φ^k B| F_s
 

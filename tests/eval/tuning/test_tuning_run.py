@@ -5,7 +5,7 @@ import json
 import pytest
 
 from fuzzyarm.cli import main
-from fuzzyarm.eval.stability.margins import LIMITS
+from fuzzyarm.eval.stability.margins import _LIMITS
 from fuzzyarm.eval.tuning import run as tuning
 from fuzzyarm.eval.tuning import steps
 from fuzzyarm.eval.tuning.finding import read_finding
@@ -41,7 +41,7 @@ def quick_margins(monkeypatch):
     """Stand in for the margins, which take a second."""
     row = {"policy": "computed-torque", "control_period": 1e-3, "spectral_radius": RADII, "reasons": {}}
     document = {
-        "rows": [{**row, "loop_gain": dict.fromkeys(LIMITS)}],
+        "rows": [{**row, "loop_gain": dict.fromkeys(_LIMITS)}],
         "method": {"control_period": 1e-3, "postures": 1},
     }
     monkeypatch.setattr(tuning, "measure_margins", lambda config, advance: document)
