@@ -20,23 +20,21 @@ from fuzzyarm.fuzzy_policy.scheduled import FUNCTIONS, MOST_PREMISES, Premise, S
 from fuzzyarm.proof.certificate import Certificate
 from fuzzyarm.proof.scheduled_certificate import certify_scheduled, schedule_rate
 from fuzzyarm.synthesis.designer import DesignFailed
-from fuzzyarm.synthesis.inertia_metric import Metric, fitted_metric, ranked_premises, split_of
+from fuzzyarm.synthesis.inertia_metric import Metric, best_premise, fitted_metric
 from fuzzyarm.synthesis.scalar_design import Feedback, best_feedback, feedback_for_gamma, smallest_pole
 
-__all__ = [
-    "ALPHAS", "MOST_JOINTS", "ScheduledDesign", "ScheduledSpecification", "describe_scheduled", "design_scheduled",
-]  # fmt: skip
+__all__ = ["ALPHAS", "SAMPLES", "ScheduledDesign", "ScheduledSpecification", "describe_scheduled", "design_scheduled"]
 
-MOST_JOINTS = 7
-"""More joints would need more than one split of the chain."""
+_MOST_JOINTS = 7  # more would need more than one split of the chain
 
 ALPHAS = (20.0, 15.0, 10.0, 7.0, 5.0, 3.0, 2.0)
 """Decay rates [1/s] that are tried where none is asked for; the premises are chosen for the first."""
 
-CONTROL_PERIOD = 1e-3  # s, of the margins that decide between them
-
+_CONTROL_PERIOD = 1e-3  # s, of the margins that decide between them
 _POLE_FACTOR = 1.5  # fastest pole over the smallest one where neither it nor γ is asked for
-SAMPLES, _SEARCH_SAMPLES = 2000, 400
+SAMPLES = 2000
+"""Sampled angles that the bounds of the inertia are fitted to."""
+_SEARCH_SAMPLES = 400  # for the choice of a premise
 # Shares by which the bounds of the samples are widened, one after the other, until the proof goes through.
 _WIDENINGS = (2e-3, 1e-2, 4e-2)
 
@@ -113,8 +111,8 @@ def design_scheduled(
         DesignFailed: no controller whose proof goes through was found.
     """
     n = len(instance("robot", robot, Robot))
-    if n > MOST_JOINTS:
-        raise DesignFailed(f"{robot.name} has {n} joints; a proof is available up to {MOST_JOINTS}")
+    if n > _MOST_JOINTS:
+        raise DesignFailed(f"{robot.name} has {n} joints; a proof is available up to {_MOST_JOINTS}")
     begin = time.perf_counter()
     premises = instance("specification", specification, ScheduledSpecification).premises
     if premises is None:
@@ -130,7 +128,7 @@ def design_scheduled(
             )
     progress("bounding the inertia")
     alpha = specification.alpha or ALPHAS[0]
-    metric = fitted_metric(robot, premises, split_of(robot, premises), alpha=alpha, count=SAMPLES)
+    metric = fitted_metric(robot, premises, alpha=alpha, count=SAMPLES)
     searched = time.perf_counter() - begin
     begin = time.perf_counter()
     failed = ""
@@ -151,7 +149,7 @@ def _best_premise(robot: Robot, kept: tuple[Premise, ...], alpha: float) -> Prem
     if not left:
         raise DesignFailed(f"{robot.name} has {len(robot)} joints, and no angle is left to keep: ask for fewer rules")
     candidates = [Premise(joint, function) for joint in left for function in FUNCTIONS]
-    return ranked_premises(robot, kept, candidates, alpha=alpha, count=_SEARCH_SAMPLES)[0][1]
+    return best_premise(robot, kept, candidates, alpha=alpha, count=_SEARCH_SAMPLES)
 
 
 def _chosen(
@@ -160,7 +158,7 @@ def _chosen(
     """Return the controller with the decay rate that is asked for, or the largest with margins."""
     if specification.alpha is not None:
         return _controller(specification, robot, metric, widening, specification.alpha)
-    places, found, reason = places_of(robot, CONTROL_PERIOD), None, None
+    places, found, reason = places_of(robot, _CONTROL_PERIOD), None, None
     for alpha in ALPHAS:
         try:
             found = _controller(specification, robot, metric, widening, alpha)

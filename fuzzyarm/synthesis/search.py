@@ -12,18 +12,16 @@ import math
 import threading
 from typing import Any
 
-import numpy as np
-
 from fuzzyarm.common.arithmetic import last_that_works
 from fuzzyarm.envs.physics.parameters import ArmParameters
-from fuzzyarm.fuzzy_policy.controller import GAINS, RATES, Controller
+from fuzzyarm.fuzzy_policy.controller import GAINS, RATES
 from fuzzyarm.fuzzy_policy.ts_model import TSModel
 from fuzzyarm.proof.vertices import error_vertices
 from fuzzyarm.synthesis.design_problem import CERTAIN, PAPER_GAMMA, DesignProblem, NoPoint, Point, structure_of
 from fuzzyarm.synthesis.scaling import Scaling
 from fuzzyarm.synthesis.specification import FIRST_ALPHA, Specification
 
-__all__ = ["best_point", "lightness", "nearest_feasible", "scaled_gain", "why_infeasible"]
+__all__ = ["best_point", "why_infeasible"]
 
 _FACTORS = (1.0, 3.0, 0.3, 10.0, 0.1, 30.0, 0.03)  # on the unit of V, tried in turn where the first is infeasible
 _KEPT = 8  # compiled problems
@@ -106,22 +104,15 @@ def _units(arm: ArmParameters) -> Scaling:
     return Scaling.of(error_vertices(TSModel(arm, ()), integral=True), arm)
 
 
-def lightness(arm: ArmParameters) -> float:
+def _lightness(arm: ArmParameters) -> float:
     """Return the inertia of Table 1 over an arm's, a pure number; γ of the consistent form times it asks the same."""
     return _units(ArmParameters()).stiffness / _units(arm).stiffness
-
-
-def scaled_gain(controller: Controller) -> float:
-    """Return the gain bound [N m/rad] that a controller just meets, see `Specification`."""
-    units, gains = _units(controller.model.parameters), controller.gains
-    scaled = gains * units.state[: gains.shape[-1]] / units.torque[:, np.newaxis]
-    return float(np.linalg.norm(scaled, ord=2, axis=(-2, -1)).max()) * units.stiffness
 
 
 # What would have to be relaxed ----------------------------------------------------------------------------------------
 
 
-def nearest_feasible(
+def _nearest_feasible(
     specification: Specification, arm: ArmParameters, name: str, vertex: int | None = None
 ) -> float | None:
     """Return the feasible value of a limit that is nearest to the specified one, with the others as they are.
@@ -192,7 +183,7 @@ def why_infeasible(specification: Specification, arm: ArmParameters) -> str:
             return f"{head}; each of the model's vertices alone may allow this, all together do not: {ways}"
 
     def relaxed(name: str) -> str:
-        value = nearest_feasible(specification, arm, name, vertex)
+        value = _nearest_feasible(specification, arm, name, vertex)
         words, end, form, unit = _LIMITS[name][:4]
         what = f"{words} would have to give: the {end} that {works} is about"
         return "" if value is None else f"{what} {value:{form}}{unit}"
@@ -200,7 +191,7 @@ def why_infeasible(specification: Specification, arm: ArmParameters) -> str:
     if text := relaxed("fastest_pole"):
         return f"{head}; {text}"
     default = Specification.gamma or 0.0
-    factor = lightness(arm) if s.form == "consistent" else 1.0
+    factor = _lightness(arm) if s.form == "consistent" else 1.0
     if s.gamma is not None and factor > _LIGHT and s.gamma < factor * default and (text := relaxed("gamma")):
         return f"{head}; {text}, and {factor * default:.2g} asks the same of this arm as the default does of Table 1"
     if text := relaxed("alpha"):

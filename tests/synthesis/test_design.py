@@ -22,7 +22,7 @@ from fuzzyarm.proof.rigid_loop import RigidLoop, find_worst_point
 from fuzzyarm.synthesis import DesignFailed, Specification, describe, design, designer
 from fuzzyarm.synthesis import search as synthesis_search
 from fuzzyarm.synthesis.design_problem import NoPoint
-from fuzzyarm.synthesis.search import best_point, lightness, why_infeasible
+from fuzzyarm.synthesis.search import _lightness, best_point, why_infeasible
 
 SUBSETS = [subset for count in range(6) for subset in itertools.combinations(PREMISES, count)]
 # None, one premise of each side, and two of one side and of both.
@@ -118,10 +118,10 @@ def test_the_limit_that_binds_is_named_with_the_value_that_would_do(limit, asked
 )
 def test_a_default_for_a_heavier_arm_is_named_first(mass, gamma, named, monkeypatch):
     """γ is an angle per torque: what is asked of an arm is γ times its inertia."""
-    monkeypatch.setattr(synthesis_search, "nearest_feasible", lambda *a: {"alpha": 3, "gamma": 3}.get(a[2]))
+    monkeypatch.setattr(synthesis_search, "_nearest_feasible", lambda *a: {"alpha": 3, "gamma": 3}.get(a[2]))
     arm, scaled = ArmParameters(), ("mass", "inertia", "motor_inertia")
     light = dataclasses.replace(arm, **{k: tuple(mass * number for number in getattr(arm, k)) for k in scaled})
-    assert lightness(light) == pytest.approx(1.0 / mass)
+    assert _lightness(light) == pytest.approx(1.0 / mass)
     text = why_infeasible(Specification(kept=(), gamma=gamma), light)
     assert f"; {named} would have to give: the " in text
 
