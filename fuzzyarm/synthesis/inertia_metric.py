@@ -5,8 +5,8 @@
 at sampled angles, see `_Samples`. κ M̂ is bilinear: with κ and M̂' of the step before, one minimises t in
 near + Jᵀ D_high J <= κ M̂ + t M̂', which is a semidefinite program, and takes the κ of its solution (Dinkelbach).
 Only samples whose constraint is nearly active are in the program; those that its solution violates most are added.
-Then the samples' bounds are moved to what a search for the worst angles finds, so that little is left for the proof to
-widen. Nothing of this is a proof; `inertia_bounds` proves the bounds.
+Then the bounds of the samples are moved to the worst angles that a search finds, so that the proof has little left to
+widen. None of this is a proof; `inertia_bounds` proves the bounds.
 """
 
 from __future__ import annotations
@@ -50,8 +50,9 @@ def _symmetric_units(size: int) -> np.ndarray:
 def _minimise(
     sizes: dict[str, int], families: list[tuple[np.ndarray, dict[str, np.ndarray]]], sign: float = 1.0
 ) -> dict[str, np.ndarray] | None:
-    """Return the values, by name, of variables with the smallest `sign` times the last one; None without an answer.
+    """Return the variables, by name, that minimise `sign` times the last one; None without an answer.
 
+    `sizes` are the numbers of entries of the variables.
     A family is F_0 + Σ x_k F_k >= 0 at samples: F_0 (B, s, s), and by name F_k (B, size, s, s), left out where 0.
     """
     rows, b, cones = [], [], []
@@ -192,16 +193,16 @@ class _Search:
         self.far = self.near if self.distal else frozenset()
 
     def schedule(self, weights: np.ndarray) -> None:
-        """Go on with one more premise: rules of weights (B, N), each with the inertia that it had without."""
+        """Add a premise: rules of weights (B, N), each with the inertia of the rule it came from."""
         copies = weights.shape[1] // len(self.inertia)
         self.weights, self.inertia = weights, np.tile(self.inertia, (copies, 1, 1))
 
     def run(self, rounds: int = _ROUNDS) -> None:
-        """Iterate until the samples in the program allow no smaller κ; what is found holds for all samples.
+        """Iterate until the samples in the program allow no smaller κ; the result holds for all samples.
 
-        The M̂, D_low and D_high that reach a κ are a convex set. Where an answer of the program violates the samples
-        outside of it, a point between it and the best one so far may not. So κ never rises, and more rules have none
-        that is larger than that of the fewer rules a search goes on from.
+        The M̂, D_low and D_high that reach a κ are a convex set. Where an answer of the program violates samples outside
+        of it, a point between the answer and the best one so far may not. So κ never rises, neither from step to step
+        nor with more rules.
         """
         self.kappa, best = self._settled(), self._proposal
         self._add_violated()
@@ -379,7 +380,7 @@ _SLACK = 1e-3  # of D_low and D_high, in units of the mean of D
 
 @dataclasses.dataclass(frozen=True)
 class Metric:
-    """A proposal of bounds; quantities as in `ScheduledController`, whose `kappa`, `floor` and `rates` are wider."""
+    """Proposed bounds; quantities as in `ScheduledController`, whose `kappa`, `floor` and `rates` are wider."""
 
     premises: tuple[Premise, ...]  # the kept ones
     split: int  # a

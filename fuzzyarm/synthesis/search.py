@@ -1,4 +1,4 @@
-"""The search for a solution of a specification, and for what would have to be relaxed where there is none.
+"""The search for a solution of a specification and, where there is none, for the requirement to relax.
 
 Problems are compiled once for each structure and arm (`structure_of`) and kept, since a change of parameters takes a
 millisecond where compiling takes a tenth of a second.
@@ -42,8 +42,8 @@ _LIGHT = 2.0  # inertia of Table 1 over an arm's, above which the default of γ 
 def best_point(specification: Specification, arm: ArmParameters, vertex: int | None = None) -> Point | NoPoint:
     """Return the point of a specification, by the inequalities of one `vertex` of A or of all, or why there is none.
 
-    It is that of the first scale of V that has one. In the paper's form γ is lowered as long as there is a point: d and
-    r are decades apart, and the cone program that minimises γ² is too badly scaled.
+    The scales of V are tried in turn. In the paper's form γ is lowered as long as there is a point, because the cone
+    program that minimises γ² is too badly scaled there: d and r are decades apart.
     """
     if specification.gamma is None and specification.form == "paper":
         best, gamma, ratio = None, PAPER_GAMMA, 4.0
@@ -67,10 +67,10 @@ def best_point(specification: Specification, arm: ArmParameters, vertex: int | N
 
 
 def _refuted(specification: Specification, arm: ArmParameters, factor: float) -> NoPoint | None:
-    """Return the solver's proof, if it gives one, that already one vertex of a large model has no point.
+    """Return the solver's proof, if it gives one, that a single vertex of a large model already has no point.
 
-    The others are asked only where the first neither has a point nor a proof that there is none. A γ that is free is
-    asked to be no larger than `_LOOSEST`: the solver proves little of a problem whose only limit is its objective.
+    Further vertices are tried only where the first has neither a point nor a proof that there is none. A free γ is
+    bounded by `_LOOSEST`, because the solver proves little of a problem whose only limit is its objective.
     """
     if 1 << len(specification.kept) < _MANY:  # which are solved as quickly as they are refuted
         return None
@@ -105,7 +105,7 @@ def _units(arm: ArmParameters) -> Scaling:
 
 
 def _lightness(arm: ArmParameters) -> float:
-    """Return the inertia of Table 1 over an arm's, a pure number; γ of the consistent form times it asks the same."""
+    """Return the inertia of Table 1 over an arm's, the factor on γ of the consistent form that asks as much of it."""
     return _units(ArmParameters()).stiffness / _units(arm).stiffness
 
 
@@ -159,10 +159,10 @@ def _slowest_tried(specification: Specification) -> float:
 
 
 def why_infeasible(specification: Specification, arm: ArmParameters) -> str:
-    """Return the specification in words and the first limit that would do alone, and by how much.
+    """Return the specification in words, the first limit that is enough to relax alone, and by how much.
 
-    The fastest pole is tried first, then α, the gain bound and γ; γ before α where it suits a heavier arm. Where
-    already one vertex of a large model allows too little, its limit is named, which is found within seconds.
+    The fastest pole is tried first, then α, the gain bound and γ; γ before α where it suits a heavier arm. Where a
+    single vertex of a large model already allows too little, its limit is named, which is found within seconds.
     """
     s, alpha, rules, vertex = specification, specification.first_alpha, 1 << len(specification.kept), None
     limits = {_LIMITS[name][0]: getattr(s, name) for name in ("gamma", "gain_bound", "fastest_pole")}

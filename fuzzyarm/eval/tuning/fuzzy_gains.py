@@ -32,7 +32,7 @@ from fuzzyarm.eval.tuning.tip_bounds import largest_deviation, measured_bounds
 from fuzzyarm.fuzzy_policy.laws.fuzzy import FuzzyPolicy
 from fuzzyarm.fuzzy_policy.laws.tip import TipPolicy
 from fuzzyarm.fuzzy_policy.ts_model import NAMED_RULES
-from fuzzyarm.synthesis import Design, Specification, design, find_design
+from fuzzyarm.synthesis import Specification, design, find_design
 
 __all__ = ["FUZZY", "GRID", "RULES", "find_gains"]
 
@@ -107,7 +107,7 @@ def _inertia(arm: ArmParameters) -> float:
 def _assessed(arm: ArmParameters, wanted: Specification) -> _Made | None:
     """Design for one point of the grid and measure what the rule reads; None without a design."""
     made = find_design(wanted, arm)
-    if not isinstance(made, Design):
+    if made is None:
         return None
     policy, mass = FuzzyPolicy(made.controller), heaviest(arm)
     loops = {
