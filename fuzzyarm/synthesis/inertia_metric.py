@@ -52,8 +52,8 @@ def _minimise(
 ) -> dict[str, np.ndarray] | None:
     """Return the variables, by name, that minimise `sign` times the last one; None without an answer.
 
-    `sizes` are the numbers of entries of the variables.
-    A family is F_0 + Σ x_k F_k >= 0 at samples: F_0 (B, s, s), and by name F_k (B, size, s, s), left out where 0.
+    `sizes` are the numbers of entries of the variables. A family is F_0 + Σ x_k F_k >= 0 at samples: F_0 (B, s, s), and
+    by name F_k (B, size, s, s), left out where 0.
     """
     rows, b, cones = [], [], []
     for constant, parts in families:
@@ -131,7 +131,7 @@ def _angles_in(ranges: np.ndarray, count: int, seed: int) -> np.ndarray:
 
 
 def _smallest_value(function: Callable[[np.ndarray], np.ndarray], ranges: np.ndarray) -> float:
-    """Return the smallest value (B,) found of a function of angles (B, d) in `ranges` (d, 2) [rad]."""
+    """Return the smallest value found of a function from angles (B, d) in `ranges` (d, 2) [rad] to values (B,)."""
     q = _angles_in(ranges, 3000, seed=1)
     values = function(q)
     best = np.argsort(values)[:40]

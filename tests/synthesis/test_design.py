@@ -126,8 +126,8 @@ def test_a_default_for_a_heavier_arm_is_named_first(mass, gamma, named, monkeypa
     assert f"; {named} would have to give: the " in text
 
 
-@pytest.mark.parametrize("part", [0, 1])
-def test_a_solver_that_lies_is_not_believed(monkeypatch, part):
+@pytest.mark.parametrize(("part", "name"), [(0, "Psi"), (1, "Phi")])
+def test_a_solver_that_lies_is_not_believed(monkeypatch, part, name):
     """A point that breaks an inequality, Ψ or Φ, gives no controller, whatever the status says."""
 
     def lie(*asked):
@@ -137,9 +137,9 @@ def test_a_solver_that_lies_is_not_believed(monkeypatch, part):
         return dataclasses.replace(point, slack=tuple(slack))
 
     monkeypatch.setattr(designer, "best_point", lie)
-    monkeypatch.setattr(designer, "why_infeasible", lambda specification, arm: "")
-    with pytest.raises(DesignFailed, match="does not pass the proof"):
+    with pytest.raises(DesignFailed, match=rf"does not pass the proof: .* the worst, {name}_") as caught:
         design(Specification(fastest_pole=200.0))
+    assert not caught.value.result.proven
 
 
 def test_a_design_for_another_arm_and_without_integral():
@@ -176,7 +176,6 @@ def test_the_largest_decay_rate_stays_below_the_fastest_pole():
         ({"alpha": 0.0}, "alpha"),
         ({"gamma": np.nan}, "gamma"),
         ({"gain_bound": -1.0}, "gain_bound"),
-        ({"fastest_pole": 10**400}, "fastest_pole = 1000.*is out of range"),
         ({"alpha": None}, "alpha and gain_bound are left open"),
         ({"fastest_pole": 20.0}, "fastest_pole = 20 1/s is out of range; allowed: above alpha, 20 1/s"),
         ({"alpha": None, "gain_bound": 1e5, "fastest_pole": 0.5}, "above alpha, 1 1/s"),

@@ -1,4 +1,4 @@
-"""The table of margins: numbers as by direct calls, reasons for missing ones, and it fits its console."""
+"""The table of margins: numbers as by direct calls, and reasons for missing ones."""
 
 from __future__ import annotations
 
@@ -182,16 +182,6 @@ def test_every_policy_there_is(policies: tuple[str, ...] | None, monkeypatch: py
         else:
             assert radius is not None, row["reasons"]
             assert 0.5 < radius < 1.0
-
-
-@pytest.mark.parametrize("width", [60, 80, 120])
-def test_a_narrow_terminal_breaks_no_number(width: int) -> None:
-    """Columns that do not fit go into a further table; at 120 columns all fit."""
-    lines = shown(nominal(), width=width, force_terminal=True, color_system=None).splitlines()
-    assert max(map(len, lines)) <= width
-    numbers = [word for line in lines if line.startswith(" fuzzy-4 ") for word in line.split()[1:]]
-    assert numbers == margin_cells(nominal()["rows"])[1][1][1:]
-    assert sum(line.startswith(" fuzzy-4 ") for line in lines) == {60: 3, 80: 2, 120: 1}[width]
 
 
 def test_a_design_that_is_unstable_on_the_elastic_arm_is_warned_of_in_words() -> None:
