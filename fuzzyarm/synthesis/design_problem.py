@@ -305,7 +305,7 @@ class DesignProblem:
     def _row_units(self, letter: str) -> np.ndarray:
         """Return factors of the rows of Ψ or Φ, with which a large γ² in the rows w becomes one.
 
-        The solver's tolerance is relative to the largest constant. The rows w are only made smaller, so a matrix that is
+        The solver's tolerance is relative to the largest constant. The rows w only become smaller, so a matrix that is
         at most -μ I with these factors is so in plain units, too.
         """
         s, given, unit = self._scaling, self.specification, self._scaling.rows
