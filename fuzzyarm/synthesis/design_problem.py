@@ -463,7 +463,7 @@ class DesignProblem:
         )
 
     def _problem(self) -> cp.Problem:
-        """Return the problem of the objective and the constraints as they are now, compiled or not."""
+        """Return the problem of the current objective and constraints, the compiled one if they are unchanged."""
         now = self.objective, *self.constraints
         before = self._compiled
         if before is None or [*map(id, now)] != [*map(id, (before.objective, *before.constraints))]:
@@ -471,7 +471,7 @@ class DesignProblem:
         return self._compiled
 
     def _reduced(self, letter: str) -> tuple[np.ndarray, np.ndarray]:
-        """Return Ψ or Φ and U Ψ Uᵀ where the solver ended, in units, from the values of the variables alone."""
+        """Return Ψ or Φ and U Ψ Uᵀ in units at the point where the solver ended, recomputed from its variables."""
         unit = self._row_units(letter)
         F, U = self._matrices(letter, symmetric, _value_of), self._reduction(letter)
         return unit[:, np.newaxis] * F * unit, U @ F @ U.T

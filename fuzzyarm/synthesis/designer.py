@@ -41,7 +41,7 @@ class DesignFailed(ValueError):
 
 @dataclasses.dataclass(frozen=True)
 class Design:
-    """A proven controller and what it cost.
+    """A proven controller, and the time and size of its computation.
 
     Attributes:
         controller: ready to be saved.
@@ -75,7 +75,7 @@ def design(specification: Specification, parameters: ArmParameters | None = None
 
 
 def find_design(specification: Specification, arm: ArmParameters) -> Design | None:
-    """Return what `design` returns, or None where it fails; no time is spent on an explanation of the failure."""
+    """Return the design of a specification, or None; unlike `design`, it does not explain a failure."""
     try:
         return _designed(specification, arm, lambda *_: "")
     except DesignFailed:
@@ -85,7 +85,7 @@ def find_design(specification: Specification, arm: ArmParameters) -> Design | No
 def _designed(
     specification: Specification, arm: ArmParameters, explain: Callable[[Specification, ArmParameters], str]
 ) -> Design:
-    """Return the design of a specification; where there is no point, `explain` returns the message of DesignFailed."""
+    """Return the design of a specification; where there is no point, `explain` gives the message of DesignFailed."""
     begin = time.perf_counter()
     best = best_point(specification, instance("parameters", arm, ArmParameters))
     if isinstance(best, NoPoint):
@@ -94,7 +94,7 @@ def _designed(
 
 
 def solved(problem: DesignProblem, solver: str, options: dict[str, Any]) -> Design:
-    """Return what `DesignProblem.solve` returns."""
+    """Solve an open problem, see `DesignProblem.solve`."""
     installed = cp.installed_solvers()
     if solver not in installed:
         raise ValueError(f"solver = {shown(solver)} is not installed; installed: {listed(installed)}")

@@ -221,7 +221,7 @@ class _Search:
                 break
 
     def raise_floor(self, slopes: list[np.ndarray]) -> None:
-        """Raise the smallest eigenvalue of M̂ as far as κ and the rates μ_k allow, κ a little larger than it is.
+        """Raise the smallest eigenvalue of M̂ as far as slightly larger κ and rates μ_k allow.
 
         Many M̂ have the same κ. The gain γ/σ between Euclidean norms is the smaller, the larger the floor σ. `slopes`
         are ∂h/∂q_k (B, N) [1/rad] of each kept angle.
@@ -250,7 +250,7 @@ class _Search:
         return 0.5 * float(np.abs(relative(change, hat)).max())
 
     def blended(self, end: _Search, share: float) -> _Search:
-        """Return this search with S_r, D_low and D_high moved by a share towards those of another one."""
+        """Return a copy with S_r, D_low and D_high moved by a share towards those of another search."""
         other = copy.copy(self)
         other._proposal = [old + share * (new - old) for new, old in zip(end._proposal, self._proposal, strict=True)]
         other.kappa = other._settled()
@@ -323,7 +323,7 @@ class _Search:
         return np.asarray((weights[:, :, np.newaxis, np.newaxis, np.newaxis] * self.units).reshape(shape))
 
     def _floor_step(self, slopes: list[np.ndarray], rates: list[float], kappa: float) -> None:
-        """Take the S_r with the largest σ in σ I <= M̂ under which bounds of κ and of the rates hold at some samples."""
+        """Set S_r to those with the largest σ in σ I <= M̂ that keep κ and the rates within bounds at some samples."""
         near = sorted(self.near)
         hat = self._times_units(self.weights[near])
         lowest, highest = (self.samples.inertia(D)[near] for D in (self.low, self.high))
@@ -340,7 +340,7 @@ class _Search:
             self.inertia = np.tensordot(found["inertia"].reshape(-1, len(self.units)), self.units, axes=1)
 
     def _step(self) -> float:
-        """Solve the program of some samples and take its S_r and, if those are not yet fixed, D_low and D_high.
+        """Solve the program of some samples and adopt its S_r and, unless they are fixed, its D_low and D_high.
 
         Returns how much smaller κ might get, -t; 0 where the solver has no answer.
         """
@@ -479,7 +479,7 @@ def _slopes(premises: tuple[Premise, ...], q: np.ndarray) -> list[np.ndarray]:
 
 
 def _smallest(distal: TrigMatrix, ranges: np.ndarray, bound: np.ndarray, unit: np.ndarray) -> float:
-    """Return the smallest eigenvalue of ±(D - bound) relative to |unit|, with the sign of `unit`."""
+    """Return the smallest eigenvalue of D - bound in units of `unit`, or of bound - D where `unit` is negative."""
     scale = 1.0 / np.sqrt(np.abs(np.diag(unit)))
     sign = np.sign(unit[0, 0])
     return _smallest_value(

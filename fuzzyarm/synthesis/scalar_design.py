@@ -29,7 +29,7 @@ _CLARABEL = dict.fromkeys(("tol_gap_abs", "tol_gap_rel", "tol_feas"), 1e-7) | {"
 
 @dataclasses.dataclass(frozen=True)
 class Feedback:
-    """A feedback of the scalar loop."""
+    """A feedback of the scalar loop, its Lyapunov matrix X and its bounds."""
 
     k: np.ndarray  # (k_p [1/s²], k_d [1/s], k_i [1/s³])
     X: np.ndarray  # (3, 3)
@@ -82,7 +82,7 @@ def best_feedback(kappa: float, rate: float, fastest_pole: float) -> Feedback | 
 
 
 def feedback_for_gamma(kappa: float, rate: float, gamma: float) -> Feedback | None:
-    """Return the feedback with the smallest bound of the fastest pole whose γ [s²] is at most `gamma`; None if none."""
+    """Return the feedback with γ [s²] of at most `gamma` and the smallest fastest pole; None if there is none."""
     lowest, best = smallest_pole(kappa, rate), None
 
     def fails(pole: float) -> bool:

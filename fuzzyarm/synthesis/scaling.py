@@ -40,7 +40,7 @@ class Scaling:
 
     @classmethod
     def of(cls, data: Vertices, parameters: ArmParameters) -> Scaling:
-        """Choose the units for a robot: the inertia of each joint, geometrically averaged with that of both.
+        """Choose the units for an arm by the geometric mean of each joint's inertia and the mean inertia.
 
         Inertias alone would ask for equal bandwidths, no inertias for equal stiffness of the two joints.
         """

@@ -82,7 +82,7 @@ class ScheduledSpecification:
 
 @dataclasses.dataclass(frozen=True)
 class ScheduledDesign:
-    """A proven controller and what it cost.
+    """A proven controller, and the times of its computation.
 
     Attributes:
         controller: ready to be saved.

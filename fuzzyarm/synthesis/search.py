@@ -40,7 +40,7 @@ _LIGHT = 2.0  # inertia of Table 1 over an arm's, above which the default of γ 
 
 
 def best_point(specification: Specification, arm: ArmParameters, vertex: int | None = None) -> Point | NoPoint:
-    """Return the point of a specification, by the inequalities of one `vertex` of A or of all, or why there is none.
+    """Return the point of a specification, or why there is none; with `vertex`, for that vertex of A alone.
 
     The scales of V are tried in turn. In the paper's form γ is lowered as long as there is a point, because the cone
     program that minimises γ² is too badly scaled there: d and r are decades apart.
@@ -105,7 +105,7 @@ def _units(arm: ArmParameters) -> Scaling:
 
 
 def _lightness(arm: ArmParameters) -> float:
-    """Return the inertia of Table 1 over an arm's, the factor on γ of the consistent form that asks as much of it."""
+    """Return the inertia of Table 1 over that of an arm, by which γ of the consistent form scales."""
     return _units(ArmParameters()).stiffness / _units(arm).stiffness
 
 
@@ -154,7 +154,7 @@ def _nearest_feasible(
 
 
 def _slowest_tried(specification: Specification) -> float:
-    """Return where the search for a feasible α ends [1/s]: a thousandth of the specified one, at most `FIRST_ALPHA`."""
+    """Return the α [1/s] at which the search ends: a thousandth of the specified one, at most `FIRST_ALPHA`."""
     return max(min(1e-3 * specification.first_alpha, FIRST_ALPHA), RATES[0])
 
 

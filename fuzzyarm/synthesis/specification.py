@@ -84,7 +84,7 @@ class Specification:
 
     @property
     def first_alpha(self) -> float:
-        """The decay rate [1/s] to begin with: the specified one, or where the search for the largest one begins."""
+        """The specified decay rate [1/s], or the one at which the search for the largest begins."""
         return FIRST_ALPHA if self.alpha is None else self.alpha
 
     @property

@@ -68,7 +68,7 @@ class GainLimits(NamedTuple):
 
 @dataclasses.dataclass(frozen=True)
 class LocalLoop:
-    """The loop of the module's equation at one posture: arrays of shapes by n plant states, r torques, m of memory.
+    """The loop of the module's equation at one posture, with n plant states, r torques and m entries of memory.
 
     Memory that the torque never reads is left out: an integral without a gain would add an eigenvalue of exactly 1,
     which says nothing about the arm.
@@ -172,7 +172,7 @@ def spectral_radius(
 def linearise_path(
     policy: Linearisable, parameters: AnyArm, control_period: float, payload: Payload | None = None
 ) -> list[LocalLoop]:
-    """Return the loops at `POSTURES` instants of the default reference; see `spectral_radius` for what is raised."""
+    """Return the loops at `POSTURES` instants of the default reference; it raises what `spectral_radius` does."""
     reference = default_reference(parameters)
     postures = reference.sample(np.linspace(0.0, reference.duration, POSTURES)).q
     smooth = policy.without_dry_friction()  # once for all postures: it may design an observer again
@@ -263,13 +263,13 @@ class _FrozenArm:
         return self.settled(point, _SETTLING) if clipped else point  # a clipped torque has no slope
 
     def settled(self, point: np.ndarray, periods: int) -> np.ndarray:
-        """Return the point where the loop is so many control periods later."""
+        """Return the point that the loop reaches after so many control periods."""
         for _ in range(periods):
             point = self.advance(point)
         return point
 
     def linearise(self, point: np.ndarray) -> tuple[LocalLoop, np.ndarray]:
-        """Return the loop at `point` without [A_h B_h], and which entries of the point it keeps."""
+        """Return the loop at `point`, without [A_h B_h], and a mask of the entries of the point that it keeps."""
         torque = self._act(point[np.newaxis])[0, self.torque]
         plant = self.plant_over(self.period, point, torque)
         memory = point[self.memory]

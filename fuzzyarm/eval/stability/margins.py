@@ -110,11 +110,11 @@ class MarginsConfig:
 
     @cached_property
     def arm(self) -> AnyArm:
-        """The arm; ValueError if there is none of this name."""
+        """The arm; ValueError if its name is unknown."""
         return chosen_arm(self.robot, None)
 
     def names(self) -> tuple[str, ...]:
-        """Return the policies that are measured."""
+        """Return the names of the policies that are measured."""
         named = self.policies or policies_of(self.robot)
         return named or (NAMES if isinstance(self.arm, ArmParameters) else ANY_ROBOT)
 
@@ -133,7 +133,7 @@ def measure_margins(config: MarginsConfig, progress: Callable[[], None] = lambda
     """Measure every policy in every condition and return the document that `fuzzyarm margins --json` prints.
 
     Args:
-        config: what is measured.
+        config: the policies and the arm.
         progress: called after each policy.
 
     Returns:

@@ -54,7 +54,7 @@ _LEAST = {_UPPER: 4.0, _LATER: 1.5}
 
 
 class _Made(NamedTuple):
-    """A design of the grid: what was asked, what was measured, and whether it meets every requirement of the rule."""
+    """A design of the grid: its specification, its measurements, and whether it meets every requirement of the rule."""
 
     wanted: Specification
     measured: dict[str, float]
@@ -140,7 +140,7 @@ def _bears(measured: dict[str, float], allowed: float) -> bool:
 
 
 def _equals_of(made: Sequence[_Made], share: float = WORTH) -> list[_Made]:
-    """Return the designs that bear what is asked and have a motor error within a share of the smallest.
+    """Return the designs that meet the requirements and have a motor error within a share of the smallest.
 
     The first of them is the one that the rule picks.
     """

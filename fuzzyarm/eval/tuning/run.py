@@ -55,7 +55,7 @@ class NothingFound(Exception):
 
 @dataclasses.dataclass(frozen=True)
 class Tuned:
-    """The outcome."""
+    """The outcome of a tuning."""
 
     laws: TunedLaws  # of the folder
     findings: tuple[Finding, ...]  # of the steps, in their order

@@ -1,4 +1,4 @@
-"""What the searches of a tuning work with and return, and the search for the weights of an observer.
+"""The input and output of every search of a tuning, and the search for the weights of an observer.
 
 Weights are searched for in their logarithms: at the points of a Sobol set, then by Nelder-Mead from the best of them.
 The weights of Table 1 are the first guess. They stay unless a search lowers the objective by `WORTH` of its value,
@@ -41,7 +41,7 @@ _POINTS = 64  # of the Sobol set, of which a search takes the first ones; a powe
 
 @dataclasses.dataclass(frozen=True)
 class Context:
-    """What a step works with."""
+    """The arm of a tuning, its folder, the means of computation, and the earlier findings."""
 
     arm: Any
     folder: Path  # of the tuning; a step may write its controller file there
@@ -103,7 +103,7 @@ class _Point(NamedTuple):
 
 @dataclasses.dataclass(frozen=True)
 class WeightSearch:
-    """The table of a search for the weights of a law."""
+    """The settings of a search for the weights of a law, whose `find` runs it."""
 
     usual: Any  # the weights of Table 1
     guess: np.ndarray  # (n,), their logarithms in the coordinates of `box`

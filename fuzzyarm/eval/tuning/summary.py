@@ -44,7 +44,7 @@ _WORDS = {  # and unit, by the name of a number
 
 
 def decision(finding: Finding) -> str:
-    """Return what was chosen for a policy in one line, or that nothing was."""
+    """Return one line with the numbers chosen for a policy, or with the reason why it was left out."""
     if finding.chosen is None:
         return f"left out. {finding.notes[-1] if finding.notes else ''}".rstrip()
     usual = _USUAL.get(finding.policy)
