@@ -81,9 +81,9 @@ class LocalLoop:
     torque: np.ndarray  # at the equilibrium [N m], (r,)
 
     def matrix(self, loop_gain: float = 1.0, delay: float = 0.0) -> np.ndarray:
-        """Return the map of (x, s, u_(k-1), u_(k-2), ...) over one control period.
+        """Return the map of (x, s, u_(k-1), u_(k-2), ...) over one control period, (N, N) with N = n + m + ⌈d⌉ r.
 
-        κ is `loop_gain` and d is `delay`, a multiple of 0.5 samples.
+        κ is `loop_gain` [1] and d is `delay`, a multiple of 0.5 [samples].
         """
         n, columns = len(self.plant), self.law.shape[1]
         inputs = self.plant.shape[1] - n

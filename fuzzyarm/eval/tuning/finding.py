@@ -36,7 +36,7 @@ def periods_of(arm: AnyArm) -> int:
 
 
 def halving_radius(arm: AnyArm) -> float:
-    """Return the spectral radius per control period with which small deviations halve within the arm's motion."""
+    """Return the spectral radius [1] per control period with which deviations halve within the arm's motion."""
     return float(0.5 ** (1.0 / periods_of(arm)))
 
 
