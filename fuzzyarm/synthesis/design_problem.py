@@ -58,7 +58,7 @@ CLARABEL = {
     "chordal_decomposition_compact": False,
 }
 CERTAIN = "PrimalInfeasible"
-"""The solver's status of a proof that there is no point, to its full accuracy."""
+"""The status with which the solver proves, to its full accuracy, that there is no point."""
 _INFEASIBLE = (CERTAIN, "AlmostPrimalInfeasible")
 
 # γ ties the unit c of V to P. In the consistent form c goes with σ/(γU)²; 0.37 of that gives the smallest gains with z1
@@ -66,7 +66,7 @@ _INFEASIBLE = (CERTAIN, "AlmostPrimalInfeasible")
 _BEST_SCALE = {True: 0.37, False: 0.6}
 _PAPER_SCALE, PAPER_GAMMA = 1e-4, 1000.0
 _ALPHA_RESOLUTION = 0.01  # relative, of the largest decay rate
-_DUST = 1e-9  # relative, of an entry of P or M that a solver means to be zero
+_DUST = 1e-9  # relative, of an entry of P or M that is zero within the solver's accuracy
 
 
 class NoPoint(ValueError):
@@ -121,7 +121,7 @@ class _Slack(NamedTuple):  # variables of Ψ or Φ, in units
 
 
 def structure_of(specification: Specification) -> Specification:
-    """Return a specification's structure: one compiled problem serves all that have the same, for the same arm."""
+    """Return a specification's structure: one compiled problem serves all specifications with it, for the same arm."""
     values = {"alpha": 1.0, "gamma": 1.0, "gain_bound": 1.0, "fastest_pole": 2.0}
     given: dict[str, Any] = {name: one for name, one in values.items() if getattr(specification, name) is not None}
     return dataclasses.replace(specification, **given)
@@ -134,7 +134,7 @@ class DesignProblem:
     P, M, L, Q, X, τ and γ² are affine expressions in SI units.
 
     Attributes:
-        specification: what is asked.
+        specification: the requirements.
         model: the T-S model.
         pairs: (i, j) with i <= j, p of them.
         alpha: decay rate [1/s], a cvxpy parameter: assign its `value` to solve again at another one.
@@ -157,7 +157,7 @@ class DesignProblem:
         """Write the problem down; nothing is solved.
 
         Args:
-            specification: what is asked; of gamma and gain_bound the one that is None is minimised.
+            specification: the requirements; of gamma and gain_bound the one that is None is minimised.
             parameters: the arm, default Table 1.
             scale: size of P, relative to what suits most designs. It matters where the gains are minimised, which are
                 bounded through the smallest eigenvalue of P; elsewhere it is a unit.
@@ -185,7 +185,7 @@ class DesignProblem:
         self.ask(given, real("scale", scale, low=GAINS[0], high=GAINS[1]))
 
     def ask(self, specification: Specification, scale: float = 1.0) -> None:
-        """Ask for another specification of the same structure (`structure_of`), at another unit c of V."""
+        """Set the parameters to another specification of the same structure (`structure_of`), and the unit c of V."""
         given, s = specification, self._scaling
         self.specification, self._c = given, scale * _natural(given, s)
         self.alpha.value, self._root_c.value = given.first_alpha, math.sqrt(self._c)
@@ -303,9 +303,10 @@ class DesignProblem:
         return theorems.error_psi(data, pair, k, **values)
 
     def _row_units(self, letter: str) -> np.ndarray:
-        """Return factors of the rows of Ψ or Φ, which bring a large γ² of the rows w down to one.
+        """Return factors of the rows of Ψ or Φ, with which a large γ² in the rows w becomes one.
 
-        The solver's tolerance is relative to the largest constant; what is at most -μ I then is so before, too.
+        The solver's tolerance is relative to the largest constant. The rows w only become smaller, so a matrix that is
+        at most -μ I with these factors is so in plain units, too.
         """
         s, given, unit = self._scaling, self.specification, self._scaling.rows
         _, _, w, z = consecutive(len(s.state), len(s.state), len(s.disturbance), len(s.output))
@@ -324,7 +325,7 @@ class DesignProblem:
         kept = np.delete(np.arange(len(unit)), n + np.flatnonzero(S_a.any(axis=1)))
         return np.asarray((unit[:, np.newaxis] * T)[kept])
 
-    # Constraints of a user's own -------------------------------------------------------------------------------------
+    # A user's own constraints ----------------------------------------------------------------------------------------
 
     def gain_bound(self, joint: int, state: int, bound: float) -> list[Any]:
         """Return constraints that bound one gain at every vertex, |K[joint, state]| <= bound.
@@ -462,7 +463,7 @@ class DesignProblem:
         )
 
     def _problem(self) -> cp.Problem:
-        """Return the problem of the objective and the constraints as they are now, compiled or not."""
+        """Return the problem of the current objective and constraints, the compiled one if they are unchanged."""
         now = self.objective, *self.constraints
         before = self._compiled
         if before is None or [*map(id, now)] != [*map(id, (before.objective, *before.constraints))]:
@@ -470,7 +471,7 @@ class DesignProblem:
         return self._compiled
 
     def _reduced(self, letter: str) -> tuple[np.ndarray, np.ndarray]:
-        """Return Ψ or Φ and U Ψ Uᵀ where the solver ended, in units, from the values of the variables alone."""
+        """Return Ψ or Φ and U Ψ Uᵀ in units at the point where the solver ended, recomputed from its variables."""
         unit = self._row_units(letter)
         F, U = self._matrices(letter, symmetric, _value_of), self._reduction(letter)
         return unit[:, np.newaxis] * F * unit, U @ F @ U.T
@@ -497,7 +498,7 @@ class DesignProblem:
         return self._c * unit["Q"] * Q, self._c * unit["X"] * X, self._c * unit["tau"] * tau
 
     def _without_dust(self, name: str, variable: Any) -> np.ndarray:
-        """Return P or M in SI units; what a solver means to be zero is zero."""
+        """Return P or M in SI units; entries that are zero within the solver's accuracy are exactly zero."""
         value = variable.value
         return np.where(np.abs(value) < _DUST * np.abs(value).max(), 0.0, self._c * self._units[name] * value)
 
@@ -520,11 +521,11 @@ def _value_of(entry: Any) -> Any:
 
 
 def _smallest_eigenvalue(matrices: np.ndarray) -> float:
-    """Return the smallest eigenvalue of symmetric matrices, -inf if an entry is no number."""
+    """Return the smallest eigenvalue of symmetric matrices, -inf if an entry is not finite."""
     return float(np.linalg.eigvalsh(matrices).min()) if np.isfinite(matrices).all() else -math.inf
 
 
 def _where_it_ended(result: Any) -> Any:
-    """Return Clarabel's result with a status for which cvxpy reads the point, whatever the solver thinks of it."""
+    """Return Clarabel's result with a status for which cvxpy reads the point, whatever status the solver reports."""
     names = ("x", "z", "s", "obj_val", "obj_val_dual", "solve_time", "iterations")
     return types.SimpleNamespace(status="AlmostSolved", **{name: getattr(result, name) for name in names})

@@ -1,9 +1,10 @@
-"""From a specification to a proven controller."""
+"""From a specification to a proven controller: the search for a point, the controller of the point, and its proof."""
 
 from __future__ import annotations
 
 import dataclasses
 import time
+from collections.abc import Callable
 from importlib.metadata import version
 from typing import Any
 
@@ -26,10 +27,10 @@ __all__ = ["Design", "DesignFailed", "describe", "design", "find_design", "solve
 
 
 class DesignFailed(ValueError):
-    """No controller whose proof goes through was found; the message says what would have to give.
+    """No controller whose proof goes through was found; the message says which requirement would have to be relaxed.
 
     Attributes:
-        problem: the last one solved, with the values where the solver ended, or None.
+        problem: the last `DesignProblem` solved, with the values where the solver ended, or None.
         result: the solver's answer, or the refused point or certificate, or None.
     """
 
@@ -40,7 +41,7 @@ class DesignFailed(ValueError):
 
 @dataclasses.dataclass(frozen=True)
 class Design:
-    """A proven controller and what it cost.
+    """A proven controller, and the time and size of its computation.
 
     Attributes:
         controller: ready to be saved.
@@ -69,25 +70,31 @@ def design(specification: Specification, parameters: ArmParameters | None = None
     Raises:
         DesignFailed: no point was found whose proof goes through.
     """
-    made = find_design(instance("specification", specification, Specification), parameters)
-    if isinstance(made, Design):
-        return made
-    arm = ArmParameters() if parameters is None else parameters
-    raise DesignFailed(str(made) or why_infeasible(specification, arm), made.problem, made.result)
+    given = instance("specification", specification, Specification)
+    return _designed(given, ArmParameters() if parameters is None else parameters, why_infeasible)
 
 
-def find_design(specification: Specification, parameters: ArmParameters | None = None) -> Design | DesignFailed:
-    """Return what `design` returns, or without a controller the failure, with no search for its explanation."""
-    parameters = ArmParameters() if parameters is None else instance("parameters", parameters, ArmParameters)
+def find_design(specification: Specification, arm: ArmParameters) -> Design | None:
+    """Return the design of a specification, or None; unlike `design`, it does not explain a failure."""
+    try:
+        return _designed(specification, arm, lambda *_: "")
+    except DesignFailed:
+        return None
+
+
+def _designed(
+    specification: Specification, arm: ArmParameters, explain: Callable[[Specification, ArmParameters], str]
+) -> Design:
+    """Return the design of a specification; where there is no point, `explain` gives the message of DesignFailed."""
     begin = time.perf_counter()
-    best = best_point(specification, parameters)
+    best = best_point(specification, instance("parameters", arm, ArmParameters))
     if isinstance(best, NoPoint):
-        return DesignFailed("", best.problem, best.result)
-    return _proven(TSModel(parameters, specification.kept), specification, best, time.perf_counter() - begin)
+        raise DesignFailed(explain(specification, arm), best.problem, best.result)
+    return _proven(TSModel(arm, specification.kept), specification, best, time.perf_counter() - begin)
 
 
 def solved(problem: DesignProblem, solver: str, options: dict[str, Any]) -> Design:
-    """Return what `DesignProblem.solve` returns."""
+    """Solve an open problem, see `DesignProblem.solve`."""
     installed = cp.installed_solvers()
     if solver not in installed:
         raise ValueError(f"solver = {shown(solver)} is not installed; installed: {listed(installed)}")
@@ -111,12 +118,8 @@ def solved(problem: DesignProblem, solver: str, options: dict[str, Any]) -> Desi
             report += f", but the specification has a solution: try {tried}"
         raise DesignFailed(report, problem, error.result) from error
     changed = own or problem.objective is not objective or len(problem.constraints) < len(constraints)
-    found = _proven(
-        model, asked, point, time.perf_counter() - begin, "a user's own problem" if changed else None, "cvxpy"
-    )
-    if isinstance(found, Design):
-        return found
-    raise DesignFailed(str(found), problem, found.result)
+    words = "a user's own problem" if changed else None
+    return _proven(model, asked, point, time.perf_counter() - begin, words, "cvxpy", problem)
 
 
 def _proven(
@@ -126,13 +129,18 @@ def _proven(
     solve_seconds: float,
     objective: str | None = None,
     package: str = "clarabel",
-) -> Design | DesignFailed:
-    """Return the design of a point, or how far the point is from its proof; arguments as in `to_controller`."""
+    problem: DesignProblem | None = None,
+) -> Design:
+    """Return the design of a point; DesignFailed, with the problem, says how far the point is from its proof.
+
+    The other arguments are those of `to_controller`.
+    """
     begin = time.perf_counter()
     try:
         controller = to_controller(model, specification, point, objective, package)
     except (ControllerFileError, np.linalg.LinAlgError) as error:
-        return DesignFailed(f"the point of the solver ({point.status}) is no controller: {error}", None, point)
+        message = f"the point of the solver ({point.status}) is not a controller: {error}"
+        raise DesignFailed(message, problem, point) from error
     certificate = certify(controller)
     if certificate.proven:
         seconds = time.perf_counter() - begin
@@ -147,13 +155,13 @@ def _proven(
         f"inequalities fail, and the worst, {worst.name}, {far}; try tighter tolerances, another solver, a larger "
         "gamma or a smaller alpha"
     )
-    return DesignFailed(message, None, certificate)
+    raise DesignFailed(message, problem, certificate)
 
 
 def to_controller(
     model: TSModel, specification: Specification, point: Point, objective: str | None = None, package: str = "clarabel"
 ) -> Controller:
-    """Return a point of the inequalities as a controller, not proven yet.
+    """Return the controller of a point of the inequalities, not yet proven.
 
     `objective` says in words what was minimised, None for the specification's; the version of `package` is recorded.
     """
@@ -191,7 +199,7 @@ def to_controller(
 
 
 def describe(result: Design) -> str:
-    """Return what was solved and what came out, for a person."""
+    """Return the problem that was solved and the controller that was found, as text for a person."""
     controller, certificate = result.controller, result.certificate
     model = controller.model
     dropped = [name for u in model.uncertainties for name in u.premises]

@@ -2,11 +2,11 @@
 
     minimise κ:    D_low <= D <= D_high,    M̂ <= near + Jᵀ D_low J,    near + Jᵀ D_high J <= κ M̂
 
-at sampled angles, see `InertiaSamples`. κ M̂ is bilinear: with κ and M̂' of the step before, one minimises t in
+at sampled angles, see `_Samples`. κ M̂ is bilinear: with κ and M̂' of the step before, one minimises t in
 near + Jᵀ D_high J <= κ M̂ + t M̂', which is a semidefinite program, and takes the κ of its solution (Dinkelbach).
 Only samples whose constraint is nearly active are in the program; those that its solution violates most are added.
-Then the samples' bounds are moved to what a search for the worst angles finds, so that little is left for the proof to
-widen. Nothing of this is a proof; `inertia_bounds` proves the bounds.
+Then the bounds of the samples are moved to the worst angles that a search finds, so that the proof has little left to
+widen. None of this is a proof; `inertia_bounds` proves the bounds.
 """
 
 from __future__ import annotations
@@ -29,9 +29,7 @@ from fuzzyarm.proof.definiteness import exact
 from fuzzyarm.proof.inertia_bounds import angle_ranges, inertia_polynomial, plus, scheduled_polynomial
 from fuzzyarm.synthesis.scalar_design import smallest_pole
 
-__all__ = [
-    "InertiaSamples", "Metric", "MetricSearch", "fitted_metric", "ranked_premises", "relative", "split_of", "twist_map",
-]  # fmt: skip
+__all__ = ["Metric", "best_premise", "fitted_metric", "relative"]
 
 
 def _svec(matrix: np.ndarray) -> np.ndarray:
@@ -52,9 +50,10 @@ def _symmetric_units(size: int) -> np.ndarray:
 def _minimise(
     sizes: dict[str, int], families: list[tuple[np.ndarray, dict[str, np.ndarray]]], sign: float = 1.0
 ) -> dict[str, np.ndarray] | None:
-    """Return the values, by name, of variables with the smallest `sign` times the last one; None without an answer.
+    """Return the variables, by name, that minimise `sign` times the last one; None without an answer.
 
-    A family is F_0 + Σ x_k F_k >= 0 at samples: F_0 (B, s, s), and by name F_k (B, size, s, s), left out where 0.
+    `sizes` are the numbers of entries of the variables. A family is F_0 + Σ x_k F_k >= 0 at samples: F_0 (B, s, s), and
+    by name F_k (B, size, s, s), left out where 0.
     """
     rows, b, cones = [], [], []
     for constant, parts in families:
@@ -79,7 +78,7 @@ def _minimise(
 
 
 @dataclasses.dataclass(frozen=True)
-class InertiaSamples:
+class _Samples:
     """The inertia M̄ = near + Jᵀ D J of a chain that is split behind link a, at sampled angles."""
 
     q: np.ndarray  # angles (B, n) [rad]
@@ -88,14 +87,14 @@ class InertiaSamples:
     distal: np.ndarray  # D (B, 6 + n - a, 6 + n - a), of the links beyond; of no size without a split
 
     @classmethod
-    def of(cls, robot: Robot, split: int, count: int, seed: int) -> InertiaSamples:
+    def of(cls, robot: Robot, split: int, count: int) -> _Samples:
         """Return `count` samples of the robot's box."""
         n = len(robot)
-        q = _angles_in(angle_ranges(robot), count, seed)
+        q = _angles_in(angle_ranges(robot), count, seed=0)
         whole = mass_matrix(robot, q) + np.diag(robot.drive("motor_inertia"))
         if split == n:
             return cls(q, whole, np.zeros((count, 0, n)), np.zeros((count, 0, 0)))
-        twist = twist_map(robot, q, split)
+        twist = _twist_map(robot, q, split)
         distal = TrigMatrix(inertia_polynomial(robot, split, n)).at(q[:, split:])
         return cls(q, whole - np.swapaxes(twist, 1, 2) @ distal @ twist, twist, distal)
 
@@ -105,8 +104,8 @@ class InertiaSamples:
         return np.asarray(self.near + np.swapaxes(self.twist, 1, 2) @ D @ self.twist)
 
 
-def twist_map(robot: Robot, q: np.ndarray, split: int) -> np.ndarray:
-    """Return J of `InertiaSamples` (B, 6 + n - a, n) at angles (B, n) [rad]."""
+def _twist_map(robot: Robot, q: np.ndarray, split: int) -> np.ndarray:
+    """Return J of `_Samples` (B, 6 + n - a, n) at angles (B, n) [rad]."""
     n = len(robot)
     links = frames(robot, q)
     back = np.swapaxes(links.rotation[..., split - 1, :, :], -1, -2)
@@ -132,7 +131,7 @@ def _angles_in(ranges: np.ndarray, count: int, seed: int) -> np.ndarray:
 
 
 def _smallest_value(function: Callable[[np.ndarray], np.ndarray], ranges: np.ndarray) -> float:
-    """Return the smallest value (B,) found of a function of angles (B, d) in `ranges` (d, 2) [rad]."""
+    """Return the smallest value found of a function from angles (B, d) in `ranges` (d, 2) [rad] to values (B,)."""
     q = _angles_in(ranges, 3000, seed=1)
     values = function(q)
     best = np.argsort(values)[:40]
@@ -172,10 +171,10 @@ def _lowest(*values: np.ndarray) -> frozenset[int]:
     return frozenset(int(k) for one in values for k in np.argsort(one)[:_ADDED])
 
 
-class MetricSearch:
+class _Search:
     """The iteration of the module's docstring, in coordinates in which the mean of each inertia has a unit diagonal."""
 
-    def __init__(self, samples: InertiaSamples) -> None:
+    def __init__(self, samples: _Samples) -> None:
         self.row = 1.0 / np.sqrt(np.diagonal(samples.inertia().mean(axis=0)))
         self.distal_row = 1.0 / np.sqrt(np.diagonal(samples.distal.mean(axis=0)))
         self.samples = dataclasses.replace(
@@ -194,16 +193,16 @@ class MetricSearch:
         self.far = self.near if self.distal else frozenset()
 
     def schedule(self, weights: np.ndarray) -> None:
-        """Go on with one more premise: rules of weights (B, N), each with the inertia that it had without."""
+        """Add a premise: rules of weights (B, N), each with the inertia of the rule it came from."""
         copies = weights.shape[1] // len(self.inertia)
         self.weights, self.inertia = weights, np.tile(self.inertia, (copies, 1, 1))
 
     def run(self, rounds: int = _ROUNDS) -> None:
-        """Iterate until the samples in the program allow no smaller κ; what is found holds for all samples.
+        """Iterate until the samples in the program allow no smaller κ; the result holds for all samples.
 
-        The M̂, D_low and D_high that reach a κ are a convex set. Where an answer of the program violates the samples
-        outside of it, a point between it and the best one so far may not. So κ never rises, and more rules have none
-        that is larger than that of the fewer rules a search goes on from.
+        The M̂, D_low and D_high that reach a κ are a convex set. Where an answer of the program violates samples outside
+        of it, a point between the answer and the best one so far may not. So κ never rises, neither from step to step
+        nor with more rules.
         """
         self.kappa, best = self._settled(), self._proposal
         self._add_violated()
@@ -222,7 +221,7 @@ class MetricSearch:
                 break
 
     def raise_floor(self, slopes: list[np.ndarray]) -> None:
-        """Raise the smallest eigenvalue of M̂ as far as κ and the rates μ_k allow, κ a little larger than it is.
+        """Raise the smallest eigenvalue of M̂ as far as slightly larger κ and rates μ_k allow.
 
         Many M̂ have the same κ. The gain γ/σ between Euclidean norms is the smaller, the larger the floor σ. `slopes`
         are ∂h/∂q_k (B, N) [1/rad] of each kept angle.
@@ -250,8 +249,8 @@ class MetricSearch:
         hat, change = (np.tensordot(weights, self.inertia, axes=1) for weights in (self.weights, slope))
         return 0.5 * float(np.abs(relative(change, hat)).max())
 
-    def blended(self, end: MetricSearch, share: float) -> MetricSearch:
-        """Return this search with S_r, D_low and D_high moved by a share towards those of another one."""
+    def blended(self, end: _Search, share: float) -> _Search:
+        """Return a copy with S_r, D_low and D_high moved by a share towards those of another search."""
         other = copy.copy(self)
         other._proposal = [old + share * (new - old) for new, old in zip(end._proposal, self._proposal, strict=True)]
         other.kappa = other._settled()
@@ -324,7 +323,7 @@ class MetricSearch:
         return np.asarray((weights[:, :, np.newaxis, np.newaxis, np.newaxis] * self.units).reshape(shape))
 
     def _floor_step(self, slopes: list[np.ndarray], rates: list[float], kappa: float) -> None:
-        """Take the S_r with the largest σ in σ I <= M̂ under which bounds of κ and of the rates hold at some samples."""
+        """Set S_r to those with the largest σ in σ I <= M̂ that keep κ and the rates within bounds at some samples."""
         near = sorted(self.near)
         hat = self._times_units(self.weights[near])
         lowest, highest = (self.samples.inertia(D)[near] for D in (self.low, self.high))
@@ -341,7 +340,7 @@ class MetricSearch:
             self.inertia = np.tensordot(found["inertia"].reshape(-1, len(self.units)), self.units, axes=1)
 
     def _step(self) -> float:
-        """Solve the program of some samples and take its S_r and, if those are not yet fixed, D_low and D_high.
+        """Solve the program of some samples and adopt its S_r and, unless they are fixed, its D_low and D_high.
 
         Returns how much smaller κ might get, -t; 0 where the solver has no answer.
         """
@@ -381,7 +380,7 @@ _SLACK = 1e-3  # of D_low and D_high, in units of the mean of D
 
 @dataclasses.dataclass(frozen=True)
 class Metric:
-    """A proposal of bounds; quantities as in `ScheduledController`, whose `kappa`, `floor` and `rates` are wider."""
+    """Proposed bounds; quantities as in `ScheduledController`, whose `kappa`, `floor` and `rates` are wider."""
 
     premises: tuple[Premise, ...]  # the kept ones
     split: int  # a
@@ -393,28 +392,23 @@ class Metric:
     rates: np.ndarray  # μ_k, likewise, (premises,)
 
 
-def split_of(robot: Robot, premises: Sequence[Premise]) -> int:
-    """Return a, the link behind which the chain is split: two or three angles from the end, and no kept one beyond."""
-    n = len(robot)
-    if n <= _UNSPLIT:
-        return n
-    return max([min(n - 2, _UNSPLIT), n - _FAR, *(premise.joint + 1 for premise in premises)])
+def fitted_metric(robot: Robot, premises: tuple[Premise, ...], *, alpha: float, count: int) -> Metric:
+    """Return the metric found for premises and a decay rate α [1/s], by `count` samples.
 
-
-def fitted_metric(
-    robot: Robot, premises: tuple[Premise, ...], split: int, *, alpha: float, count: int, seed: int = 0
-) -> Metric:
-    """Return the metric found, whose κ and (3κ - 2)(α + μ) are no larger than with fewer of the premises, in order."""
-    samples = InertiaSamples.of(robot, split, count, seed)
-    search = MetricSearch(samples)
+    Its κ and (3κ - 2)(α + μ) are no larger than with only the first ones of the premises.
+    """
+    n = split = len(robot)
+    if n > _UNSPLIT:  # two or three angles from the end, and no kept one beyond
+        split = max([min(n - 2, _UNSPLIT), n - _FAR, *(premise.joint + 1 for premise in premises)])
+    search = _Search(_Samples.of(robot, split, count))
     search.run()
     for number in range(1, len(premises) + 1):
         search, _ = _with_premise(search, robot, premises[:number], alpha)
         search.far = frozenset()  # D_low and D_high stay: they are fitted to the first premise, which changes most
-    search.raise_floor(_slopes(premises, samples.q))
+    search.raise_floor(_slopes(premises, search.samples.q))
     inertia, low, high, unit = search.found()
     ranges = angle_ranges(robot)
-    near, n = ranges[1:split], len(robot)
+    near = ranges[1:split]
     rotors = exact(np.diag(robot.drive("motor_inertia")))
     if split < n:
         distal = TrigMatrix(inertia_polynomial(robot, split, n))
@@ -435,29 +429,27 @@ def fitted_metric(
     return Metric(premises, split, share * inertia, low, high, kappa / share, share * floor, np.array(rates))
 
 
-def ranked_premises(
-    robot: Robot, kept: tuple[Premise, ...], candidates: Sequence[Premise], *, alpha: float, count: int, seed: int = 0
-) -> list[tuple[float, Premise]]:
-    """Return candidates for one more premise, the best first, each with its (3κ - 2)(α + μ) [1/s] at samples.
+def best_premise(
+    robot: Robot, kept: tuple[Premise, ...], candidates: Sequence[Premise], *, alpha: float, count: int
+) -> Premise:
+    """Return the candidate for one more premise with the smallest (3κ - 2)(α + μ) [1/s] at `count` samples.
 
     The chain is not split here.
     """
-    search = MetricSearch(InertiaSamples.of(robot, len(robot), count, seed))
+    search = _Search(_Samples.of(robot, len(robot), count))
     search.run()
     for number in range(1, len(kept) + 1):
         search, _ = _with_premise(search, robot, kept[:number], alpha)
 
-    def ranked(among: Sequence[Premise], rounds: int) -> list[tuple[float, Premise]]:
-        poles = [_with_premise(search, robot, (*kept, candidate), alpha, rounds)[1] for candidate in among]
-        return sorted(zip(poles, among, strict=True), key=lambda entry: entry[0])
+    def ranked(among: Sequence[Premise], rounds: int) -> list[Premise]:
+        return sorted(among, key=lambda candidate: _with_premise(search, robot, (*kept, candidate), alpha, rounds)[1])
 
-    first = ranked(candidates, _SCREENED)
-    return [*ranked([candidate for _, candidate in first[:_FINALISTS]], _ROUNDS), *first[_FINALISTS:]]
+    return ranked(ranked(candidates, _SCREENED)[:_FINALISTS], _ROUNDS)[0]
 
 
 def _with_premise(
-    search: MetricSearch, robot: Robot, premises: tuple[Premise, ...], alpha: float, rounds: int = _ROUNDS
-) -> tuple[MetricSearch, float]:
+    search: _Search, robot: Robot, premises: tuple[Premise, ...], alpha: float, rounds: int = _ROUNDS
+) -> tuple[_Search, float]:
     """Return a search with one more premise, the last one, and its (3κ - 2)(α + μ) [1/s] at samples.
 
     The smallest κ may cost a large μ. On the line to it from the M̂ of before, κ rises nowhere above that of before;
@@ -470,7 +462,7 @@ def _with_premise(
     after.run(rounds)
     slopes, speeds = _slopes(premises, q), speeds_of(robot, premises)
 
-    def pole(found: MetricSearch) -> float:
+    def pole(found: _Search) -> float:
         rates = [found.rate(slope) for slope in slopes]
         return smallest_pole(found.kappa, alpha + float(np.dot(rates, speeds)))
 
@@ -487,7 +479,7 @@ def _slopes(premises: tuple[Premise, ...], q: np.ndarray) -> list[np.ndarray]:
 
 
 def _smallest(distal: TrigMatrix, ranges: np.ndarray, bound: np.ndarray, unit: np.ndarray) -> float:
-    """Return the smallest eigenvalue of ±(D - bound) relative to |unit|, with the sign of `unit`."""
+    """Return the smallest eigenvalue of D - bound in units of `unit`, or of bound - D where `unit` is negative."""
     scale = 1.0 / np.sqrt(np.abs(np.diag(unit)))
     sign = np.sign(unit[0, 0])
     return _smallest_value(

@@ -29,7 +29,7 @@ _CLARABEL = dict.fromkeys(("tol_gap_abs", "tol_gap_rel", "tol_feas"), 1e-7) | {"
 
 @dataclasses.dataclass(frozen=True)
 class Feedback:
-    """A feedback of the scalar loop."""
+    """A feedback of the scalar loop, its Lyapunov matrix X and its bounds."""
 
     k: np.ndarray  # (k_p [1/s²], k_d [1/s], k_i [1/s³])
     X: np.ndarray  # (3, 3)
@@ -37,23 +37,20 @@ class Feedback:
     fastest_pole: float  # β [1/s]
 
 
-class _Problem:
-    """Minimise γ² over P (3, 3) and m (1, 3); the parameters are 1/κ and β/(α + μ)."""
-
-    def __init__(self) -> None:
-        self.P, self.m = cp.Variable((SCALAR_STATES, SCALAR_STATES), symmetric=True), cp.Variable((1, SCALAR_STATES))
-        self.gamma2, self.share, self.pole = cp.Variable(), cp.Parameter(nonneg=True), cp.Parameter(nonneg=True)
-        values, constraints = {"P": self.P, "m": self.m, "put": half}, [self.P >> 0]
-        for share in (self.share, 1.0):
-            constraints.append(negative(decay(share, rate=1.0 + _STRICT, gamma2=self.gamma2, **values)))
-            constraints.append(positive(fastest(share, pole=self.pole, **values)))
-        self.problem = cp.Problem(cp.Minimize(self.gamma2), constraints)
-
-
 @functools.lru_cache(maxsize=8)
-def _compiled(thread: int) -> _Problem:
-    """Return the problem; each thread has its own, since its parameters are set and its point is read."""
-    return _Problem()
+def _compiled(thread: int) -> cp.Problem:
+    """Return the problem: minimise γ² over P (3, 3) and m (1, 3); the parameters are 1/κ and β/(α + μ).
+
+    Each thread has its own, since its parameters are set and its point is read.
+    """
+    P = cp.Variable((SCALAR_STATES, SCALAR_STATES), symmetric=True, name="P")
+    m, gamma2 = cp.Variable((1, SCALAR_STATES), name="m"), cp.Variable(name="gamma2")
+    least, pole = cp.Parameter(nonneg=True, name="share"), cp.Parameter(nonneg=True, name="pole")
+    values, constraints = {"P": P, "m": m, "put": half}, [P >> 0]
+    for share in (least, 1.0):
+        constraints.append(negative(decay(share, rate=1.0 + _STRICT, gamma2=gamma2, **values)))
+        constraints.append(positive(fastest(share, pole=pole, **values)))
+    return cp.Problem(cp.Minimize(gamma2), constraints)
 
 
 def smallest_pole(kappa: float, rate: float) -> float:
@@ -62,29 +59,30 @@ def smallest_pole(kappa: float, rate: float) -> float:
 
 
 def best_feedback(kappa: float, rate: float, fastest_pole: float) -> Feedback | None:
-    """Return the feedback with the smallest γ for κ, a = α + μ [1/s] and β [1/s]; None without one that holds."""
-    asked = _compiled(threading.get_ident())
-    asked.share.value, asked.pole.value = 1.0 / kappa, (1.0 - _STRICT) * fastest_pole / rate
+    """Return the feedback with the smallest γ for κ, a = α + μ = `rate` [1/s] and β [1/s]; None if none was found."""
+    problem = _compiled(threading.get_ident())
+    asked, found = problem.param_dict, problem.var_dict
+    asked["share"].value, asked["pole"].value = 1.0 / kappa, (1.0 - _STRICT) * fastest_pole / rate
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", UserWarning)  # that it may be inaccurate: the inequalities decide
         try:
-            asked.problem.solve(solver=cp.CLARABEL, canon_backend="SCIPY", **_CLARABEL)
+            problem.solve(solver=cp.CLARABEL, canon_backend="SCIPY", **_CLARABEL)
         except cp.SolverError:
             return None
-    P = asked.P.value
+    P = found["P"].value
     if P is None or not np.linalg.eigvalsh(P)[0] > 0.0:
         return None
     # Back from the time unit 1/a: x = T x̃ with T = diag(1, a, 1/a), and V = Ṽ/a.
     T_inverse = np.diag([1.0, 1.0 / rate, rate])
     X = T_inverse @ np.linalg.inv(P) @ T_inverse / rate
-    k = rate**2 * np.linalg.solve(P, asked.m.value[0]) @ T_inverse
-    gamma = _GAMMA_SLACK * math.sqrt(max(float(asked.gamma2.value), 0.0)) / rate**2
-    found = Feedback(k, 0.5 * (X + X.T), gamma, fastest_pole)
-    return found if _holds(found, kappa, rate) else None
+    k = rate**2 * np.linalg.solve(P, found["m"].value[0]) @ T_inverse
+    gamma = _GAMMA_SLACK * math.sqrt(max(float(found["gamma2"].value), 0.0)) / rate**2
+    feedback = Feedback(k, 0.5 * (X + X.T), gamma, fastest_pole)
+    return feedback if _holds(feedback, kappa, rate) else None
 
 
 def feedback_for_gamma(kappa: float, rate: float, gamma: float) -> Feedback | None:
-    """Return the feedback with the smallest bound of the fastest pole whose γ [s²] is at most `gamma`; None if none."""
+    """Return the feedback with γ [s²] of at most `gamma` and the smallest fastest pole; None if there is none."""
     lowest, best = smallest_pole(kappa, rate), None
 
     def fails(pole: float) -> bool:

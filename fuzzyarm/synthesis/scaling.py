@@ -27,7 +27,7 @@ __all__ = ["Scaling"]
 
 @dataclasses.dataclass(frozen=True)
 class Scaling:
-    """The units above."""
+    """The units of a design problem, see the module."""
 
     time: float  # σ [rad/s], the pole of the paper's reference model
     state: np.ndarray  # T, (n,)
@@ -40,7 +40,7 @@ class Scaling:
 
     @classmethod
     def of(cls, data: Vertices, parameters: ArmParameters) -> Scaling:
-        """Choose the units for a robot: the inertia of each joint, geometrically averaged with that of both.
+        """Choose the units for an arm by the geometric mean of each joint's inertia and the mean inertia.
 
         Inertias alone would ask for equal bandwidths, no inertias for equal stiffness of the two joints.
         """
@@ -73,7 +73,7 @@ class Scaling:
 
 
 def _balance(term: Uncertainty, data: Vertices, state: np.ndarray, row: np.ndarray, time: float) -> float:
-    """Return n_l, with which H R and W T, for E times σ, are of one size; in the paper's form W reads x_r too."""
+    """Return n_l, which makes H R and W T (σ W T for E) equally large; in the paper's form W reads x_r too."""
     reads = [term.W * state * (1.0 if term.on == "A" else time)]
     if isinstance(data, TrackingVertices):
         reads.append((term.W if term.on == "A" else term.W @ data.A_r) * state)

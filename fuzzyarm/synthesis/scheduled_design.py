@@ -20,39 +20,37 @@ from fuzzyarm.fuzzy_policy.scheduled import FUNCTIONS, MOST_PREMISES, Premise, S
 from fuzzyarm.proof.certificate import Certificate
 from fuzzyarm.proof.scheduled_certificate import certify_scheduled, schedule_rate
 from fuzzyarm.synthesis.designer import DesignFailed
-from fuzzyarm.synthesis.inertia_metric import Metric, fitted_metric, ranked_premises, split_of
+from fuzzyarm.synthesis.inertia_metric import Metric, best_premise, fitted_metric
 from fuzzyarm.synthesis.scalar_design import Feedback, best_feedback, feedback_for_gamma, smallest_pole
 
-__all__ = [
-    "ALPHAS", "MOST_JOINTS", "ScheduledDesign", "ScheduledSpecification", "describe_scheduled", "design_scheduled",
-]  # fmt: skip
+__all__ = ["ALPHAS", "SAMPLES", "ScheduledDesign", "ScheduledSpecification", "describe_scheduled", "design_scheduled"]
 
-MOST_JOINTS = 7
-"""More joints would need more than one split of the chain."""
+_MOST_JOINTS = 7  # more would need more than one split of the chain
 
 ALPHAS = (20.0, 15.0, 10.0, 7.0, 5.0, 3.0, 2.0)
-"""Decay rates [1/s] that are tried where none is asked for; the premises are chosen for the first."""
+"""Decay rates [1/s] that are tried where the specification leaves it open; the premises are chosen for the first."""
 
-CONTROL_PERIOD = 1e-3  # s, of the margins that decide between them
-
+_CONTROL_PERIOD = 1e-3  # s, of the margins that decide between them
 _POLE_FACTOR = 1.5  # fastest pole over the smallest one where neither it nor γ is asked for
-SAMPLES, _SEARCH_SAMPLES = 2000, 400
+SAMPLES = 2000
+"""Sampled angles that the bounds of the inertia are fitted to."""
+_SEARCH_SAMPLES = 400  # for the choice of a premise
 # Shares by which the bounds of the samples are widened, one after the other, until the proof goes through.
 _WIDENINGS = (2e-3, 1e-2, 4e-2)
 
 
 @dataclasses.dataclass(frozen=True)
 class ScheduledSpecification:
-    """What is asked of a design. Without γ and fastest pole, that pole is 1.5 times the smallest possible one.
+    """The requirements of a design. Without γ and fastest pole, that pole is 1.5 times the smallest possible one.
 
     The theorem is about the rigid arm in continuous time, and the bounds of the inertia decide how fast its poles must
-    be for a decay rate. Where none is asked for, it is the largest of `ALPHAS` with which the loop on the elastic arm,
-    sampled at 1 kHz, is stable with twice its gain and with one sample of delay, at random postures; the last of them
-    if there is none.
+    be for a decay rate. Without `alpha` the decay rate is the largest of `ALPHAS` with which the loop on the elastic
+    arm, sampled at 1 kHz, is stable with twice its gain and with one sample of delay, at random postures. If none of
+    them is stable, it is the last one.
 
     Attributes:
         premises: the kept ones; None for the best ones, found automatically.
-        rules: 1, 2, 4, 8 or 16, twice as many with each premise; read where `premises` is None.
+        rules: 1, 2, 4, 8 or 16, twice as many with each premise; ignored where `premises` are given.
         alpha: decay rate [1/s]; None for the largest with margins on the sampled elastic arm.
         gamma: bound of the L2 gain [rad/(N m)], in Euclidean norms; None for the smallest with the fastest pole.
         fastest_pole: bound of the decay rate from above [1/s]; None for the smallest with this γ.
@@ -84,7 +82,7 @@ class ScheduledSpecification:
 
 @dataclasses.dataclass(frozen=True)
 class ScheduledDesign:
-    """A proven controller and what it cost.
+    """A proven controller, and the times of its computation.
 
     Attributes:
         controller: ready to be saved.
@@ -105,16 +103,16 @@ def design_scheduled(
     """Return a controller for a specification, proven from its stored numbers.
 
     Args:
-        specification: what is asked.
+        specification: the requirements.
         robot: the robot.
-        progress: called with what is being done.
+        progress: called with a description of each stage.
 
     Raises:
         DesignFailed: no controller whose proof goes through was found.
     """
     n = len(instance("robot", robot, Robot))
-    if n > MOST_JOINTS:
-        raise DesignFailed(f"{robot.name} has {n} joints; a proof is available up to {MOST_JOINTS}")
+    if n > _MOST_JOINTS:
+        raise DesignFailed(f"{robot.name} has {n} joints; a proof is available up to {_MOST_JOINTS}")
     begin = time.perf_counter()
     premises = instance("specification", specification, ScheduledSpecification).premises
     if premises is None:
@@ -130,7 +128,7 @@ def design_scheduled(
             )
     progress("bounding the inertia")
     alpha = specification.alpha or ALPHAS[0]
-    metric = fitted_metric(robot, premises, split_of(robot, premises), alpha=alpha, count=SAMPLES)
+    metric = fitted_metric(robot, premises, alpha=alpha, count=SAMPLES)
     searched = time.perf_counter() - begin
     begin = time.perf_counter()
     failed = ""
@@ -151,20 +149,20 @@ def _best_premise(robot: Robot, kept: tuple[Premise, ...], alpha: float) -> Prem
     if not left:
         raise DesignFailed(f"{robot.name} has {len(robot)} joints, and no angle is left to keep: ask for fewer rules")
     candidates = [Premise(joint, function) for joint in left for function in FUNCTIONS]
-    return ranked_premises(robot, kept, candidates, alpha=alpha, count=_SEARCH_SAMPLES)[0][1]
+    return best_premise(robot, kept, candidates, alpha=alpha, count=_SEARCH_SAMPLES)
 
 
 def _chosen(
     specification: ScheduledSpecification, robot: Robot, metric: Metric, widening: float
 ) -> ScheduledController:
-    """Return the controller with the decay rate that is asked for, or the largest with margins."""
+    """Return the controller with the specified decay rate, or with the largest one that has margins."""
     if specification.alpha is not None:
         return _controller(specification, robot, metric, widening, specification.alpha)
-    places, found, reason = places_of(robot, CONTROL_PERIOD), None, None
+    places, found, reason = places_of(robot, _CONTROL_PERIOD), None, None
     for alpha in ALPHAS:
         try:
             found = _controller(specification, robot, metric, widening, alpha)
-        except DesignFailed as error:  # the wanted pole is too slow, or γ too small, for this rate
+        except DesignFailed as error:  # the specified pole is too slow, or γ too small, for this rate
             reason = error
             continue
         if all(worst_radius(place, linear_scheduled(found, place), ONE_AT_A_TIME) < 1.0 for place in places):
@@ -225,13 +223,13 @@ def _feedback(specification: ScheduledSpecification, kappa: float, rate: float, 
 
 
 def _rounded(value: float, towards: Callable[[float], int], digits: int = 5) -> float:
-    """Return a number of few digits on the safe side of a positive one."""
+    """Return a positive number rounded to few digits, up or down."""
     scale = 10.0 ** (digits - 1 - math.floor(math.log10(value)))
     return float(f"{towards(value * scale) / scale:.{digits}g}")
 
 
 def describe_scheduled(result: ScheduledDesign) -> str:
-    """Return what was found and proven, for a person."""
+    """Return the controller that was found and the proof, as text for a person."""
     c, certificate = result.controller, result.certificate
     kept = ", ".join(premise.name for premise in c.premises) or "none"
     rate = schedule_rate(c)

@@ -1,4 +1,4 @@
-"""The search for a solution of a specification, and for what would have to be relaxed where there is none.
+"""The search for a solution of a specification and, where there is none, for the requirement to relax.
 
 Problems are compiled once for each structure and arm (`structure_of`) and kept, since a change of parameters takes a
 millisecond where compiling takes a tenth of a second.
@@ -12,18 +12,16 @@ import math
 import threading
 from typing import Any
 
-import numpy as np
-
 from fuzzyarm.common.arithmetic import last_that_works
 from fuzzyarm.envs.physics.parameters import ArmParameters
-from fuzzyarm.fuzzy_policy.controller import GAINS, RATES, Controller
+from fuzzyarm.fuzzy_policy.controller import GAINS, RATES
 from fuzzyarm.fuzzy_policy.ts_model import TSModel
 from fuzzyarm.proof.vertices import error_vertices
 from fuzzyarm.synthesis.design_problem import CERTAIN, PAPER_GAMMA, DesignProblem, NoPoint, Point, structure_of
 from fuzzyarm.synthesis.scaling import Scaling
 from fuzzyarm.synthesis.specification import FIRST_ALPHA, Specification
 
-__all__ = ["best_point", "lightness", "nearest_feasible", "scaled_gain", "why_infeasible"]
+__all__ = ["best_point", "why_infeasible"]
 
 _FACTORS = (1.0, 3.0, 0.3, 10.0, 0.1, 30.0, 0.03)  # on the unit of V, tried in turn where the first is infeasible
 _KEPT = 8  # compiled problems
@@ -42,10 +40,10 @@ _LIGHT = 2.0  # inertia of Table 1 over an arm's, above which the default of γ 
 
 
 def best_point(specification: Specification, arm: ArmParameters, vertex: int | None = None) -> Point | NoPoint:
-    """Return the point of a specification, by the inequalities of one `vertex` of A or of all, or why there is none.
+    """Return the point of a specification, or why there is none; with `vertex`, for that vertex of A alone.
 
-    It is that of the first scale of V that has one. In the paper's form γ is lowered as long as there is a point: d and
-    r are decades apart, and the cone program that minimises γ² is too badly scaled.
+    The scales of V are tried in turn. In the paper's form γ is lowered as long as there is a point, because the cone
+    program that minimises γ² is too badly scaled there: d and r are decades apart.
     """
     if specification.gamma is None and specification.form == "paper":
         best, gamma, ratio = None, PAPER_GAMMA, 4.0
@@ -69,10 +67,10 @@ def best_point(specification: Specification, arm: ArmParameters, vertex: int | N
 
 
 def _refuted(specification: Specification, arm: ArmParameters, factor: float) -> NoPoint | None:
-    """Return the solver's proof, if it gives one, that already one vertex of a large model has no point.
+    """Return the solver's proof, if it gives one, that a single vertex of a large model already has no point.
 
-    The others are asked only where the first neither has a point nor a proof that there is none. A γ that is free is
-    asked to be no larger than `_LOOSEST`: the solver proves little of a problem whose only limit is its objective.
+    Further vertices are tried only where the first has neither a point nor a proof that there is none. A free γ is
+    bounded by `_LOOSEST`, because the solver proves little of a problem whose only limit is its objective.
     """
     if 1 << len(specification.kept) < _MANY:  # which are solved as quickly as they are refuted
         return None
@@ -106,22 +104,15 @@ def _units(arm: ArmParameters) -> Scaling:
     return Scaling.of(error_vertices(TSModel(arm, ()), integral=True), arm)
 
 
-def lightness(arm: ArmParameters) -> float:
-    """Return the inertia of Table 1 over an arm's, a pure number; γ of the consistent form times it asks the same."""
+def _lightness(arm: ArmParameters) -> float:
+    """Return the inertia of Table 1 over that of an arm, by which γ of the consistent form scales."""
     return _units(ArmParameters()).stiffness / _units(arm).stiffness
-
-
-def scaled_gain(controller: Controller) -> float:
-    """Return the gain bound [N m/rad] that a controller just meets, see `Specification`."""
-    units, gains = _units(controller.model.parameters), controller.gains
-    scaled = gains * units.state[: gains.shape[-1]] / units.torque[:, np.newaxis]
-    return float(np.linalg.norm(scaled, ord=2, axis=(-2, -1)).max()) * units.stiffness
 
 
 # What would have to be relaxed ----------------------------------------------------------------------------------------
 
 
-def nearest_feasible(
+def _nearest_feasible(
     specification: Specification, arm: ArmParameters, name: str, vertex: int | None = None
 ) -> float | None:
     """Return the feasible value of a limit that is nearest to the specified one, with the others as they are.
@@ -163,15 +154,15 @@ def nearest_feasible(
 
 
 def _slowest_tried(specification: Specification) -> float:
-    """Return where the search for a feasible α ends [1/s]: a thousandth of the specified one, at most `FIRST_ALPHA`."""
+    """Return the α [1/s] at which the search ends: a thousandth of the specified one, at most `FIRST_ALPHA`."""
     return max(min(1e-3 * specification.first_alpha, FIRST_ALPHA), RATES[0])
 
 
 def why_infeasible(specification: Specification, arm: ArmParameters) -> str:
-    """Return the specification in words and the first limit that would do alone, and by how much.
+    """Return the specification in words, the first limit that is enough to relax alone, and by how much.
 
-    The fastest pole is tried first, then α, the gain bound and γ; γ before α where it suits a heavier arm. Where
-    already one vertex of a large model allows too little, its limit is named, which is found within seconds.
+    The fastest pole is tried first, then α, the gain bound and γ; γ before α where it suits a heavier arm. Where a
+    single vertex of a large model already allows too little, its limit is named, which is found within seconds.
     """
     s, alpha, rules, vertex = specification, specification.first_alpha, 1 << len(specification.kept), None
     limits = {_LIMITS[name][0]: getattr(s, name) for name in ("gamma", "gain_bound", "fastest_pole")}
@@ -192,7 +183,7 @@ def why_infeasible(specification: Specification, arm: ArmParameters) -> str:
             return f"{head}; each of the model's vertices alone may allow this, all together do not: {ways}"
 
     def relaxed(name: str) -> str:
-        value = nearest_feasible(specification, arm, name, vertex)
+        value = _nearest_feasible(specification, arm, name, vertex)
         words, end, form, unit = _LIMITS[name][:4]
         what = f"{words} would have to give: the {end} that {works} is about"
         return "" if value is None else f"{what} {value:{form}}{unit}"
@@ -200,7 +191,7 @@ def why_infeasible(specification: Specification, arm: ArmParameters) -> str:
     if text := relaxed("fastest_pole"):
         return f"{head}; {text}"
     default = Specification.gamma or 0.0
-    factor = lightness(arm) if s.form == "consistent" else 1.0
+    factor = _lightness(arm) if s.form == "consistent" else 1.0
     if s.gamma is not None and factor > _LIGHT and s.gamma < factor * default and (text := relaxed("gamma")):
         return f"{head}; {text}, and {factor * default:.2g} asks the same of this arm as the default does of Table 1"
     if text := relaxed("alpha"):

@@ -1,4 +1,4 @@
-"""What is asked of a design."""
+"""The requirements of a design."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ FIRST_ALPHA = 1.0
 
 @dataclasses.dataclass(frozen=True)
 class Specification:
-    """What is asked of a design. Of `gamma` and `gain_bound` the one that is None is minimised.
+    """The requirements of a design. Of `gamma` and `gain_bound` the one that is None is minimised.
 
     Attributes:
         kept: premises kept as fuzzy rules.
@@ -30,13 +30,14 @@ class Specification:
             that the position gain of joint 1 stays below it and the others in proportion to their units.
         integral: whether to feed back the integral of the position error (Remark 2).
         common_multiplier: one multiplier for all dropped premises of A, as Theorem 2 prints it; otherwise one each.
-        feedforward: L of the paper's form as a share in [0, 1] of the consistent form's L: all need the same gains
-            within 0.3 %, so the default is the smallest. None leaves L to the solver: of no use on the arm.
+        feedforward: L of the paper's form as a share in [0, 1] of the consistent form's L. All shares need the same
+            gains within 0.3 %, so the default is the smallest. None leaves L to the solver, which makes it far too
+            large for the arm.
         fastest_pole: bound β [1/s] of the decay rate from above, so that the real part of every pole of the frozen
             rigid loop lies between -β and -alpha; None for no bound. Consistent form only.
 
     Raises:
-        TypeError: a number is none.
+        TypeError: a value is not of its type.
         ValueError: a value is out of range, or more than one of alpha, gamma and gain_bound is left open.
     """
 
@@ -83,12 +84,12 @@ class Specification:
 
     @property
     def first_alpha(self) -> float:
-        """The decay rate [1/s] to begin with: the specified one, or where the search for the largest one begins."""
+        """The specified decay rate [1/s], or the one at which the search for the largest begins."""
         return FIRST_ALPHA if self.alpha is None else self.alpha
 
     @property
     def objective(self) -> str:
-        """What is optimised, in words."""
+        """The objective, in words."""
         if self.alpha is None:
             return "largest decay rate"
         if self.gamma is None:

@@ -141,14 +141,14 @@ def _stand_ins() -> None:
     """Let searches that take minutes find at once what they would find, so that all that is left is what is written."""
     from fuzzyarm.eval.dataset import store
     from fuzzyarm.eval.stability import linearisation
-    from fuzzyarm.eval.tuning import run, steps
+    from fuzzyarm.eval.tuning import run, search, steps
     from fuzzyarm.identification import fit
 
     def step(policy: str, chosen: dict[str, float]) -> Any:
         def find(context: Any) -> Any:
-            return chosen, {}, {"nominal": 0.9}, 1, ()
+            return search.Found(chosen, {}, {"nominal": 0.9}, 1)
 
-        return steps.step(policy, 1, find)
+        return steps.Step(policy, 1, find)
 
     run.steps_for = lambda arm: (step("computed-torque", {"bandwidth": 40.0}), step("elastic-observer", None))  # type: ignore[arg-type]
     store._SCORED, linearisation.POSTURES, fit._SEGMENTS = 1, 2, fit._SEGMENTS[:1]

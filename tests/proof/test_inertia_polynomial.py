@@ -15,7 +15,7 @@ from fuzzyarm.proof.box_cover import (
 )
 from fuzzyarm.proof.definiteness import exact
 from fuzzyarm.proof.inertia_bounds import BASIS, inertia_polynomial
-from fuzzyarm.synthesis.inertia_metric import twist_map
+from fuzzyarm.synthesis.inertia_metric import _twist_map
 
 TURN = np.array([[-3.141593, 3.141593]])
 
@@ -39,7 +39,7 @@ def test_exact_coefficients_are_those_of_the_mass_matrix(name):
 def test_a_split_chain_has_the_inertia_of_the_whole(name, split):
     robot = robot_named(name)
     n, q = len(robot), angles(20, len(robot))
-    J, D = twist_map(robot, q, split), TrigMatrix(inertia_polynomial(robot, split, n)).at(q[:, split:])
+    J, D = _twist_map(robot, q, split), TrigMatrix(inertia_polynomial(robot, split, n)).at(q[:, split:])
     near = TrigMatrix(inertia_polynomial(robot, 0, split, exact(np.zeros((6 + n - split, 6 + n - split)))))
     whole = near.at(q[:, 1:split]) + np.swapaxes(J, 1, 2) @ D @ J
     assert np.abs(whole - mass_matrix(robot, q)).max() < 1e-13

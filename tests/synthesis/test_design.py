@@ -22,7 +22,7 @@ from fuzzyarm.proof.rigid_loop import RigidLoop, find_worst_point
 from fuzzyarm.synthesis import DesignFailed, Specification, describe, design, designer
 from fuzzyarm.synthesis import search as synthesis_search
 from fuzzyarm.synthesis.design_problem import NoPoint
-from fuzzyarm.synthesis.search import best_point, lightness, why_infeasible
+from fuzzyarm.synthesis.search import _lightness, best_point, why_infeasible
 
 SUBSETS = [subset for count in range(6) for subset in itertools.combinations(PREMISES, count)]
 # None, one premise of each side, and two of one side and of both.
@@ -118,16 +118,16 @@ def test_the_limit_that_binds_is_named_with_the_value_that_would_do(limit, asked
 )
 def test_a_default_for_a_heavier_arm_is_named_first(mass, gamma, named, monkeypatch):
     """γ is an angle per torque: what is asked of an arm is γ times its inertia."""
-    monkeypatch.setattr(synthesis_search, "nearest_feasible", lambda *a: {"alpha": 3, "gamma": 3}.get(a[2]))
+    monkeypatch.setattr(synthesis_search, "_nearest_feasible", lambda *a: {"alpha": 3, "gamma": 3}.get(a[2]))
     arm, scaled = ArmParameters(), ("mass", "inertia", "motor_inertia")
     light = dataclasses.replace(arm, **{k: tuple(mass * number for number in getattr(arm, k)) for k in scaled})
-    assert lightness(light) == pytest.approx(1.0 / mass)
+    assert _lightness(light) == pytest.approx(1.0 / mass)
     text = why_infeasible(Specification(kept=(), gamma=gamma), light)
     assert f"; {named} would have to give: the " in text
 
 
-@pytest.mark.parametrize("part", [0, 1])
-def test_a_solver_that_lies_is_not_believed(monkeypatch, part):
+@pytest.mark.parametrize(("part", "name"), [(0, "Psi"), (1, "Phi")])
+def test_a_solver_that_lies_is_not_believed(monkeypatch, part, name):
     """A point that breaks an inequality, Ψ or Φ, gives no controller, whatever the status says."""
 
     def lie(*asked):
@@ -137,9 +137,9 @@ def test_a_solver_that_lies_is_not_believed(monkeypatch, part):
         return dataclasses.replace(point, slack=tuple(slack))
 
     monkeypatch.setattr(designer, "best_point", lie)
-    monkeypatch.setattr(designer, "why_infeasible", lambda specification, arm: "")
-    with pytest.raises(DesignFailed, match="does not pass the proof"):
+    with pytest.raises(DesignFailed, match=rf"does not pass the proof: .* the worst, {name}_") as caught:
         design(Specification(fastest_pole=200.0))
+    assert not caught.value.result.proven
 
 
 def test_a_design_for_another_arm_and_without_integral():
@@ -176,7 +176,6 @@ def test_the_largest_decay_rate_stays_below_the_fastest_pole():
         ({"alpha": 0.0}, "alpha"),
         ({"gamma": np.nan}, "gamma"),
         ({"gain_bound": -1.0}, "gain_bound"),
-        ({"fastest_pole": 10**400}, "fastest_pole = 1000.*is out of range"),
         ({"alpha": None}, "alpha and gain_bound are left open"),
         ({"fastest_pole": 20.0}, "fastest_pole = 20 1/s is out of range; allowed: above alpha, 20 1/s"),
         ({"alpha": None, "gain_bound": 1e5, "fastest_pole": 0.5}, "above alpha, 1 1/s"),

@@ -4,11 +4,11 @@ At a posture of the path the reference is held and dry friction removed; viscous
 is found by Newton's method, and the equation of the loop around it is below.
 
 The plant may carry a payload that the policy does not know of. A policy with a model of dry friction, such as an
-observer, is linearised without that model, as ``Policy.without_dry_friction()`` returns it: the arm has no dry friction
-here either.
+observer, is linearised without that model, as ``Policy.without_dry_friction()`` returns it, because the arm has no dry
+friction here either.
 
-The result is local, at frozen postures and without dry friction. It serves to compare policies and proves nothing of
-the moving arm; what is proven is in the certificates (`fuzzyarm.proof`), whose margins are proof margins.
+The result is local, at frozen postures and without dry friction. It serves to compare policies and proves nothing about
+the moving arm. Proofs are in the certificates (`fuzzyarm.proof`), whose margins are proof margins.
 
 With the deviations x of the plant's states [rad, rad/s], s of the policy's memory and u of the torques [N m], one
 control period is
@@ -36,7 +36,6 @@ from typing import NamedTuple, Protocol
 import numpy as np
 
 from fuzzyarm.common.arithmetic import last_that_works
-from fuzzyarm.common.checks import real
 from fuzzyarm.envs.fastest_mode import fastest_rate
 from fuzzyarm.envs.observation import PARTS, starts
 from fuzzyarm.envs.periods import default_substeps
@@ -49,8 +48,8 @@ from fuzzyarm.fuzzy_policy.known_arm import per_joint_of, without_dry_friction
 from fuzzyarm.fuzzy_policy.policy import Predictor
 
 __all__ = [
-    "GAIN_SPAN", "POSTURES", "GainLimits", "Linearisable", "LocalLoop", "gain_limits", "gain_margin", "largest_radius",
-    "linearise", "linearise_path", "spectral_radius",
+    "GAIN_SPAN", "POSTURES", "GainLimits", "Linearisable", "LocalLoop", "gain_limits", "largest_radius",
+    "linearise_path", "spectral_radius",
 ]  # fmt: skip
 
 
@@ -69,10 +68,10 @@ class GainLimits(NamedTuple):
 
 @dataclasses.dataclass(frozen=True)
 class LocalLoop:
-    """The loop of the module's equation at one posture: arrays of shapes by n plant states, r torques, m of memory.
+    """The loop of the module's equation at one posture, with n plant states, r torques and m entries of memory.
 
     Memory that the torque never reads is left out: an integral without a gain would add an eigenvalue of exactly 1,
-    which says nothing about the arm. An integral that is fed back has its eigenvalues elsewhere.
+    which says nothing about the arm.
     """
 
     plant: np.ndarray  # [A B], (n, n + r)
@@ -82,11 +81,10 @@ class LocalLoop:
     torque: np.ndarray  # at the equilibrium [N m], (r,)
 
     def matrix(self, loop_gain: float = 1.0, delay: float = 0.0) -> np.ndarray:
-        """Return the map of (x, s, u_(k-1), u_(k-2), ...) over one control period, for κ = `loop_gain`, d = `delay`."""
-        real("loop_gain", loop_gain, low=0.0)
-        real("delay", delay, "samples", low=0.0)
-        if not float(2.0 * delay).is_integer():
-            raise ValueError(f"delay = {delay!r} is no multiple of half a sample; allowed: 0, 0.5, 1, 1.5, ...")
+        """Return the map of (x, s, u_(k-1), u_(k-2), ...) over one control period, (N, N) with N = n + m + ⌈d⌉ r.
+
+        κ is `loop_gain` [1] and d is `delay`, a multiple of 0.5 [samples].
+        """
         n, columns = len(self.plant), self.law.shape[1]
         inputs = self.plant.shape[1] - n
         unit = np.eye(columns + math.ceil(delay) * inputs)
@@ -102,13 +100,13 @@ class LocalLoop:
 
 
 def largest_radius(loops: Sequence[LocalLoop], loop_gain: float = 1.0, delay: float = 0.0) -> float:
-    """Return max |λ| over loops, see `linearisation.spectral_radius`."""
+    """Return max |λ| over loops, for κ = `loop_gain` and d = `delay` [samples]."""
     # One by one: where a learned law saturates, less of its memory is read, and the matrix is smaller.
     return max(float(np.abs(np.linalg.eigvals(loop.matrix(loop_gain, delay))).max()) for loop in loops)
 
 
 def gain_limits(loops: Sequence[LocalLoop], delay: float = 0.0) -> GainLimits:
-    """Return the loop gains between which every loop is stable, see `linearisation.gain_margin`."""
+    """Return the loop gains around κ = 1, common to all motors, between which every loop is stable."""
 
     def stable(loop_gain: float) -> bool:
         return largest_radius(loops, loop_gain, delay) < 1.0
@@ -165,42 +163,20 @@ def spectral_radius(
         payload: what the plant carries, default nothing.
 
     Raises:
-        TypeError: the policy's state is no array, or its torque is not in double precision.
-        ValueError: an argument is out of range, or the policy has no equilibrium within the torque limits.
+        TypeError: the policy's state is not an array, or its torque is not in double precision.
+        ValueError: the policy has no equilibrium within the torque limits.
     """
     return largest_radius(linearise_path(policy, parameters, control_period, payload), loop_gain, delay)
-
-
-def gain_margin(
-    policy: Linearisable,
-    parameters: AnyArm,
-    *,
-    control_period: float,
-    delay: float = 0.0,
-    payload: Payload | None = None,
-) -> GainLimits:
-    """Return the loop gains around κ = 1, common to both motors, between which the spectral radius is below 1.
-
-    Arguments, with their units, and exceptions as for `spectral_radius`.
-    """
-    return gain_limits(linearise_path(policy, parameters, control_period, payload), delay)
 
 
 def linearise_path(
     policy: Linearisable, parameters: AnyArm, control_period: float, payload: Payload | None = None
 ) -> list[LocalLoop]:
-    """Return the loops at `POSTURES` instants of the default reference; see `spectral_radius` for units, exceptions."""
+    """Return the loops at `POSTURES` instants of the default reference; it raises what `spectral_radius` does."""
     reference = default_reference(parameters)
     postures = reference.sample(np.linspace(0.0, reference.duration, POSTURES)).q
     smooth = policy.without_dry_friction()  # once for all postures: it may design an observer again
     return [_linearise(smooth, parameters, posture, control_period, payload) for posture in postures]
-
-
-def linearise(
-    policy: Linearisable, parameters: AnyArm, posture: np.ndarray, control_period: float, payload: Payload | None = None
-) -> LocalLoop:
-    """Return the loop at its equilibrium, for a reference at rest at `posture` (n,) [rad]; see `spectral_radius`."""
-    return _linearise(policy.without_dry_friction(), parameters, posture, control_period, payload)
 
 
 def _linearise(
@@ -287,13 +263,13 @@ class _FrozenArm:
         return self.settled(point, _SETTLING) if clipped else point  # a clipped torque has no slope
 
     def settled(self, point: np.ndarray, periods: int) -> np.ndarray:
-        """Return the point where the loop is so many control periods later."""
+        """Return the point that the loop reaches after so many control periods."""
         for _ in range(periods):
             point = self.advance(point)
         return point
 
     def linearise(self, point: np.ndarray) -> tuple[LocalLoop, np.ndarray]:
-        """Return the loop at `point` without [A_h B_h], and which entries of the point it keeps."""
+        """Return the loop at `point`, without [A_h B_h], and a mask of the entries of the point that it keeps."""
         torque = self._act(point[np.newaxis])[0, self.torque]
         plant = self.plant_over(self.period, point, torque)
         memory = point[self.memory]

@@ -21,19 +21,26 @@ from fuzzyarm.envs.scenario.cases import case_for
 from fuzzyarm.envs.scenario.default_reference import default_reference
 from fuzzyarm.eval.provenance import made_now
 from fuzzyarm.eval.stability import linearisation
-from fuzzyarm.eval.stability.linearisation import GAIN_SPAN, Linearisable, LocalLoop, gain_limits, largest_radius
+from fuzzyarm.eval.stability.linearisation import (
+    GAIN_SPAN,
+    GainLimits,
+    Linearisable,
+    LocalLoop,
+    gain_limits,
+    largest_radius,
+)
 from fuzzyarm.fuzzy_policy.known_arm import per_joint_of, with_drives
 from fuzzyarm.policies import ANY_ROBOT, NAMES, policies_of, recorded, resolve_all
 
 __all__ = [
-    "CONDITIONS", "LIMITS", "Condition", "MarginsConfig", "margin_cells", "margin_notes", "margins_in_words",
-    "measure_margins", "policy_margins", "print_margins",
+    "CONTROL_PERIOD", "MarginsConfig", "margin_cells", "margin_notes", "margins_in_words", "measure_margins",
+    "policy_margins", "print_margins",
 ]  # fmt: skip
 
 
 @dataclasses.dataclass(frozen=True)
-class Condition:
-    """How the loop differs from the one that the policy was designed for; the policy does not know."""
+class _Condition:
+    """How the loop differs from the one that the policy was designed for; the policy does not know the difference."""
 
     name: str  # heading in the table and key in the document
     loop_gain: float = 1.0  # factor on the torque's deviation from equilibrium
@@ -42,17 +49,17 @@ class Condition:
     payload: Payload | None = None
 
 
-CONDITIONS = (
-    Condition("nominal"),
-    Condition("loop gain x 0.67", loop_gain=0.67),
-    Condition("loop gain x 1.5", loop_gain=1.5),
-    Condition("half a sample later", delay=0.5),
-    Condition("one sample later", delay=1.0),
-    Condition("stiffness - 20 %", stiffness=0.8),
-    Condition("stiffness + 20 %", stiffness=1.2),
-    Condition("5 kg payload", payload=Payload(5.0)),
+# Of the columns for the two-joint arm, in their order; `_conditions_for` returns those of any arm.
+_CONDITIONS = (
+    _Condition("nominal"),
+    _Condition("loop gain x 0.67", loop_gain=0.67),
+    _Condition("loop gain x 1.5", loop_gain=1.5),
+    _Condition("half a sample later", delay=0.5),
+    _Condition("one sample later", delay=1.0),
+    _Condition("stiffness - 20 %", stiffness=0.8),
+    _Condition("stiffness + 20 %", stiffness=1.2),
+    _Condition("5 kg payload", payload=Payload(5.0)),
 )
-"""The conditions of the columns for the two-joint arm, in their order; `_conditions_for` has those of any arm."""
 
 
 class _Limit(NamedTuple):
@@ -63,28 +70,27 @@ class _Limit(NamedTuple):
     delay: float = 0.0
 
 
-LIMITS = {
+_LIMITS = {  # by key in the document
     "lower": _Limit("loop gain from", "lower"),
     "upper": _Limit("to", "upper"),
     "upper_one_sample_later": _Limit("to, one sample later", "upper", delay=1.0),
 }
-"""By key in the document."""
 
 
-def _conditions_for(arm: AnyArm) -> tuple[Condition, ...]:
+def _conditions_for(arm: AnyArm) -> tuple[_Condition, ...]:
     """Return the conditions of the columns for an arm; a robot carries the payload of its case ``payload``."""
     payload = case_for("payload", arm).disturbance.payload
-    *others, loaded = CONDITIONS
+    *others, loaded = _CONDITIONS
     return (*others, dataclasses.replace(loaded, name=f"{payload.mass:g} kg payload", payload=payload))
 
 
-SCHEMA = "fuzzyarm-margins/1"
+_SCHEMA = "fuzzyarm-margins/1"
 CONTROL_PERIOD = 1e-3  # s
 
 
 @dataclasses.dataclass(frozen=True)
 class MarginsConfig:
-    """What is measured.
+    """The policies whose margins are measured, and the arm.
 
     Attributes:
         policies: names, files, folders or code, see `fuzzyarm.policies.spec`; None: those of a folder of
@@ -104,11 +110,11 @@ class MarginsConfig:
 
     @cached_property
     def arm(self) -> AnyArm:
-        """The arm; ValueError if there is none of this name."""
+        """The arm; ValueError if its name is unknown."""
         return chosen_arm(self.robot, None)
 
     def names(self) -> tuple[str, ...]:
-        """Return the policies that are measured."""
+        """Return the names of the policies that are measured."""
         named = self.policies or policies_of(self.robot)
         return named or (NAMES if isinstance(self.arm, ArmParameters) else ANY_ROBOT)
 
@@ -127,7 +133,7 @@ def measure_margins(config: MarginsConfig, progress: Callable[[], None] = lambda
     """Measure every policy in every condition and return the document that `fuzzyarm margins --json` prints.
 
     Args:
-        config: what is measured.
+        config: the policies and the arm.
         progress: called after each policy.
 
     Returns:
@@ -150,7 +156,7 @@ def measure_margins(config: MarginsConfig, progress: Callable[[], None] = lambda
         progress()
     described = {"parameters": arm.to_dict()} if isinstance(arm, ArmParameters) else {"robot": dataclasses.asdict(arm)}
     return {
-        "schema": SCHEMA,
+        "schema": _SCHEMA,
         **made_now(config.command()),
         "method": {"control_period": CONTROL_PERIOD, "postures": linearisation.POSTURES, "gain_span": GAIN_SPAN},
         **described,
@@ -162,8 +168,8 @@ def measure_margins(config: MarginsConfig, progress: Callable[[], None] = lambda
 def policy_margins(policy: Linearisable, parameters: AnyArm, control_period: float) -> dict[str, Any]:
     """Return the stability margins of a policy that knows the arm `parameters` and acts every `control_period` [s].
 
-    They are ``control_period`` [s], ``spectral_radius`` by name of condition and ``loop_gain`` by key of `LIMITS`; None
-    where there is no such number, and then under the same name in ``reasons`` why.
+    They are ``control_period`` [s], ``spectral_radius`` by name of condition and ``loop_gain`` by key of `_LIMITS`. A
+    number that does not exist is None, and ``reasons`` says why under the same name.
     """
 
     @cache
@@ -180,11 +186,15 @@ def policy_margins(policy: Linearisable, parameters: AnyArm, control_period: flo
             reasons[name] = " ".join(str(error).split())
             return None
 
-    def radius(c: Condition) -> float:
+    def radius(c: _Condition) -> float:
         return largest_radius(loops(c.stiffness, c.payload), c.loop_gain, c.delay)
 
+    @cache
+    def limits(delay: float) -> GainLimits:
+        return gain_limits(loops(1.0, None), delay)
+
     def limit(wanted: _Limit) -> float:
-        found = float(getattr(gain_limits(loops(1.0, None), wanted.delay), wanted.side))
+        found = float(getattr(limits(wanted.delay), wanted.side))
         if math.isnan(found):
             raise ValueError("unstable with its own loop gain")
         if found in (0.0, math.inf):
@@ -196,7 +206,7 @@ def policy_margins(policy: Linearisable, parameters: AnyArm, control_period: flo
     return {
         "control_period": control_period,
         "spectral_radius": {c.name: number_or_reason(c.name, partial(radius, c)) for c in _conditions_for(parameters)},
-        "loop_gain": {key: number_or_reason(key, partial(limit, wanted)) for key, wanted in LIMITS.items()},
+        "loop_gain": {key: number_or_reason(key, partial(limit, wanted)) for key, wanted in _LIMITS.items()},
         "reasons": reasons,
     }
 
@@ -207,7 +217,7 @@ def margins_in_words(policy: Linearisable, arm: AnyArm, control_period: float) -
     radii = [f"{name} {_radius_cell(radius)}" for name, radius in found["spectral_radius"].items()]
     lower, upper, later = (
         found["reasons"].get(key) or f"stable {ways} to {found['loop_gain'][key]:.2f} times its loop gain"
-        for key, ways in zip(LIMITS, ("down", "up", "up"), strict=True)
+        for key, ways in zip(_LIMITS, ("down", "up", "up"), strict=True)
     )
     text = (
         f"On the elastic arm, sampled every {1e3 * control_period:g} ms, linearised at {linearisation.POSTURES} "
@@ -228,12 +238,12 @@ def margins_in_words(policy: Linearisable, arm: AnyArm, control_period: float) -
 def margin_cells(rows: Sequence[dict[str, Any]]) -> tuple[list[str], list[list[str]]]:
     """Return the headings and the cells, which are text; a dash where there is no number."""
     conditions = list(rows[0]["spectral_radius"])  # every row has the same ones
-    headings = ["policy", *conditions, *(limit.heading for limit in LIMITS.values())]
+    headings = ["policy", *conditions, *(limit.heading for limit in _LIMITS.values())]
     cells = [
         [
             row["policy"],
             *(_radius_cell(row["spectral_radius"][name]) for name in conditions),
-            *("-" if row["loop_gain"][key] is None else f"{row['loop_gain'][key]:.2f}" for key in LIMITS),
+            *("-" if row["loop_gain"][key] is None else f"{row['loop_gain'][key]:.2f}" for key in _LIMITS),
         ]
         for row in rows
     ]
@@ -255,7 +265,7 @@ def margin_notes(document: dict[str, Any]) -> list[str]:
         "A local measurement and not a proof: postures frozen, dry friction removed, deviations small. Each policy "
         "keeps its nominal knowledge.",
     ]
-    headings = {key: limit.heading for key, limit in LIMITS.items()}
+    headings = {key: limit.heading for key, limit in _LIMITS.items()}
     for row in document["rows"]:
         if row["control_period"] != method["control_period"]:
             notes.append(f"{row['policy']} acts every {1e3 * row['control_period']:g} ms, which is its period here.")

@@ -1,4 +1,4 @@
-"""What a step of a tuning found, kept in the folder so that a run can go on, and what an arm is tuned under.
+"""The finding of one step of a tuning, kept in the folder so that a run can be resumed, and the loads of an arm.
 
 The motion is the arm's default reference. Loads are scaled as those of the cases are, see `envs.scenario.cases`; the
 cases with loads themselves play no part in any search.
@@ -12,7 +12,6 @@ import math
 from collections.abc import Mapping
 from pathlib import Path
 
-from fuzzyarm.common.checks import choice, instance, real, texts, whole
 from fuzzyarm.common.documents import check_schema, read_json, record
 from fuzzyarm.common.files import write_atomically
 from fuzzyarm.envs.physics.equations import AnyArm
@@ -22,25 +21,23 @@ from fuzzyarm.envs.scenario.disturbances import MachiningForce
 from fuzzyarm.fuzzy_policy.known_arm import per_joint_of, with_drives
 
 __all__ = [
-    "PERIOD", "PERIODS", "SCHEMA", "STEPS", "Finding", "finite", "force_factor", "heaviest", "periods_of",
-    "radius_within", "read_finding", "with_stiffness", "write_finding",
+    "PERIOD", "SCHEMA", "STEPS", "Finding", "finite", "force_factor", "halving_radius", "heaviest", "periods_of",
+    "read_finding", "with_stiffness", "write_finding",
 ]  # fmt: skip
 
 
 PERIOD = 1e-3
 """Control period of everything that is tuned [s]."""
-PERIODS = 1500
-"""Control periods of the paper's motion."""
 
 
 def periods_of(arm: AnyArm) -> int:
-    """Return how many control periods the arm's motion takes."""
+    """Return the number of control periods of the arm's motion."""
     return round(default_reference(arm).duration / PERIOD)
 
 
-def radius_within(share: float, periods: int) -> float:
-    """Return the spectral radius per control period with which deviations shrink to a share in so many periods."""
-    return float(share ** (1.0 / periods))
+def halving_radius(arm: AnyArm) -> float:
+    """Return the spectral radius [1] per control period with which deviations halve within the arm's motion."""
+    return float(0.5 ** (1.0 / periods_of(arm)))
 
 
 def heaviest(arm: AnyArm) -> float:
@@ -61,13 +58,13 @@ def with_stiffness(arm: AnyArm, factor: float) -> AnyArm:
 
 
 SCHEMA, STEPS = "fuzzyarm-tuning-step/1", "steps"
-"""Of the file of a step, and the folder in that of the tuning with these files."""
+"""The schema of a step's file, and the folder of these files within the folder of the tuning."""
 _LARGEST = 2**18  # bytes of such a file
 
 
 @dataclasses.dataclass(frozen=True)
 class Finding:
-    """The outcome of one step; ValueError or TypeError where a value is not what its field says."""
+    """The outcome of one step."""
 
     schema: str
     arm_sha256: str  # `Robot.digest`
@@ -78,18 +75,6 @@ class Finding:
     tried: int  # candidates that were assessed
     rule: str
     notes: tuple[str, ...] = ()  # a sentence each
-
-    def __post_init__(self) -> None:
-        """Check the numbers and texts."""
-        choice("schema", self.schema, (SCHEMA,))
-        for name in ("arm_sha256", "policy", "rule"):
-            instance(name, getattr(self, name), str)
-        whole("tried", self.tried, low=0)
-        texts("notes", self.notes)
-        for group in (self.chosen or {}, self.measured, self.radii):
-            for name, value in group.items():
-                if value is not None:
-                    real(name, value)
 
     @property
     def unstable(self) -> list[str]:

@@ -8,58 +8,94 @@ arm's payload at the tip. The policy knows the nominal arm throughout. Designs w
 the smallest are equally good, and of those the one with the smallest float part of the tip's bound is taken, see
 `tip_bounds`.
 
-The decay rate is the first of `ALPHAS` for which there is such a design. γ is that of Table 1 times the ratio of the
+The decay rate is the first of `_ALPHAS` for which there is such a design. γ is that of Table 1 times the ratio of the
 inertias and (20 1/s)/α; the poles are those of Table 1, because they are limited by the control period. A decay rate is
 given up where no design with the largest γ, the smallest gains of the grid, bears what is asked.
 """
 
 from __future__ import annotations
 
+import functools
 import itertools
 import math
-from typing import Any
+from collections.abc import Sequence
+from typing import NamedTuple
 
 import numpy as np
 
-from fuzzyarm.envs.fuzzy_arm import FuzzyArmEnv
 from fuzzyarm.envs.physics.dynamics import Payload, arm_constants
 from fuzzyarm.envs.physics.parameters import ArmParameters
-from fuzzyarm.eval.episodes.metrics import metrics_of
-from fuzzyarm.eval.episodes.rollout import record_rollout
 from fuzzyarm.eval.stability.linearisation import gain_limits, largest_radius, linearise_path
-from fuzzyarm.eval.tuning.finding import PERIOD, heaviest, periods_of, radius_within, with_stiffness
-from fuzzyarm.eval.tuning.search import WORTH
-from fuzzyarm.eval.tuning.tip_bounds import largest_deviation
-from fuzzyarm.fuzzy_policy.controller import Controller
+from fuzzyarm.eval.tuning.finding import PERIOD, halving_radius, heaviest, periods_of, with_stiffness
+from fuzzyarm.eval.tuning.search import WORTH, Context, Found, measured_radii, motor_error, nothing
+from fuzzyarm.eval.tuning.tip_bounds import largest_deviation, measured_bounds
 from fuzzyarm.fuzzy_policy.laws.fuzzy import FuzzyPolicy
+from fuzzyarm.fuzzy_policy.laws.tip import TipPolicy
 from fuzzyarm.fuzzy_policy.ts_model import NAMED_RULES
-from fuzzyarm.proof.rigid_loop import RigidLoop, freeze
-from fuzzyarm.synthesis import Design, Specification, find_design
+from fuzzyarm.synthesis import Specification, design, find_design
 
-__all__ = [
-    "ALPHAS", "GAMMAS", "POLES", "assess", "bears", "choice_of", "equals_in_words", "gammas_for", "points_of",
-    "specification_of",
-]  # fmt: skip
+__all__ = ["FUZZY", "GRID", "RULES", "find_gains"]
 
-ALPHAS = (20.0, 15.0, 10.0, 7.0, 5.0, 3.0, 2.0)
-"""Decay rates [1/s] that are tried, one after the other."""
-GAMMAS = (7e-5, 1e-4, 1.2e-4, 1.4e-4, 1.7e-4, 2e-4, 2.5e-4, 3e-4)
-"""γ [rad/(N m)] for Table 1 at the first decay rate."""
-POLES = (None, 300.0, 250.0, 200.0, 170.0, 150.0, 120.0, 100.0, 80.0, 60.0)
-"""Bounds of the fastest pole [1/s], where z1 is kept."""
-LEAST_GAIN_MARGINS = (4.0, 1.5)  # without extra delay and with one sample of it
-LEFT = 0.5  # of a small deviation after the movement
-STIFFNESS = (0.8, 1.0, 1.2)  # factors on both joints
-LOOP_GAINS = (1.0, 0.67, 1.5)
-_CASES = {"case_1": "nominal"}  # in which errors are measured, by the beginning of their keys in a row
-_ERROR = "case_1_joint_error_rms_mrad"
-_METRICS = ("joint_error_rms_mrad", "circularity_motor_min_mm", "circularity_motor_max_mm")
+RULES = 4
+"""Rules of the fuzzy controller."""
+FUZZY = f"fuzzy-{RULES}"
+"""The name of the fuzzy controller; models that keep more premises are alike, and have its γ and fastest pole."""
+
+_ALPHAS = (20.0, 15.0, 10.0, 7.0, 5.0, 3.0, 2.0)  # decay rates [1/s] that are tried, one after the other
+_GAMMAS = (7e-5, 1e-4, 1.2e-4, 1.4e-4, 1.7e-4, 2e-4, 2.5e-4, 3e-4)  # γ [rad/(N m)] for Table 1 at the first of them
+_POLES = (None, 300.0, 250.0, 200.0, 170.0, 150.0, 120.0, 100.0, 80.0, 60.0)  # bounds of the fastest pole [1/s]
+GRID = len(_GAMMAS) * len(_POLES)
+"""Designs that are tried for one decay rate."""
+_STIFFNESS = (0.8, 1.0, 1.2)  # factors on both joints
+_LOOP_GAINS = (1.0, 0.67, 1.5)
+# Of a design, by the names in its finding: the motor error [mrad], the loop gains it bears, with a sample of delay too.
+_ERROR, _UPPER, _LATER = "case_1_joint_error_rms_mrad", "gain_margin_upper", "gain_margin_upper_1_sample_later"
+_LEAST = {_UPPER: 4.0, _LATER: 1.5}
 
 
-def gammas_for(arm: ArmParameters, alpha: float) -> tuple[float, ...]:
-    """Return γ [rad/(N m)] of the grid for an arm and a decay rate [1/s], ascending."""
-    factor = _inertia(ArmParameters()) / _inertia(arm) * ALPHAS[0] / alpha
-    return tuple(float(f"{factor * gamma:.2g}") for gamma in GAMMAS)
+class _Made(NamedTuple):
+    """A design of the grid: its specification, its measurements, and whether it meets every requirement of the rule."""
+
+    wanted: Specification
+    measured: dict[str, float]
+    bears: bool
+
+
+def find_gains(context: Context) -> Found:
+    """Return α, γ and the bound of the fastest pole that the rule picks; write the controller file."""
+    arm: ArmParameters = context.arm
+    tried, notes = 0, list[str]()
+    for alpha in _ALPHAS:
+        points = _points_of(arm, alpha)
+        others, gentle = points[: -len(_POLES)], points[-len(_POLES) :]
+        made = context.run(functools.partial(_assessed, arm), gentle)
+        if any(one is not None and one.bears for one in made):
+            made = [*context.run(functools.partial(_assessed, arm), others), *made]
+        tried += len(made)
+        equals = _equals_of([one for one in made if one is not None])
+        if equals:
+            break
+        notes.append(f"No design with alpha = {alpha:g} 1/s bears what is asked on the sampled elastic arm.")
+    else:
+        return nothing(f"No design bears what is asked, down to alpha = {alpha:g} 1/s.", tried)
+    best = equals[0]
+    controller = design(best.wanted, arm).controller
+    controller.save(context.folder / f"{FUZZY}.json")
+    policy = FuzzyPolicy(controller, PERIOD)
+    bounds, without = measured_bounds(TipPolicy(policy), arm)
+    notes += [_equals_in_words(equals), *without]
+    chosen = {name: getattr(best.wanted, name) for name in ("alpha", "gamma", "fastest_pole")}
+    return Found(chosen, best.measured | bounds, measured_radii(policy, arm), tried, notes)
+
+
+def _points_of(arm: ArmParameters, alpha: float) -> list[Specification]:
+    """Return the points of the grid for an arm and a decay rate [1/s], by ascending γ."""
+    factor = _inertia(ArmParameters()) / _inertia(arm) * _ALPHAS[0] / alpha
+    gammas = [float(f"{factor * gamma:.2g}") for gamma in _GAMMAS]
+    return [
+        Specification(NAMED_RULES[RULES], alpha=alpha, gamma=gamma, fastest_pole=pole)
+        for gamma, pole in itertools.product(gammas, _POLES)
+    ]
 
 
 def _inertia(arm: ArmParameters) -> float:
@@ -68,107 +104,58 @@ def _inertia(arm: ArmParameters) -> float:
     return float(np.mean(np.array(arm.motor_inertia) + np.array([constants.c1, constants.c3])))
 
 
-def points_of(arm: ArmParameters, rules: int, alpha: float) -> list[Specification]:
-    """Return the points of the grid for a decay rate [1/s], those with the largest γ last."""
-    poles = POLES if "z1" in NAMED_RULES[rules] else (None,)
-    return [
-        specification_of(rules, alpha, gamma, pole) for gamma, pole in itertools.product(gammas_for(arm, alpha), poles)
-    ]
-
-
-def specification_of(rules: int, alpha: float, gamma: float, pole: float | None) -> Specification:
-    """Return what is asked of the design of one point: α [1/s], γ [rad/(N m)], bound of the fastest pole [1/s]."""
-    return Specification(NAMED_RULES[rules], alpha=alpha, gamma=gamma, fastest_pole=pole)
-
-
-def assess(
-    arm: ArmParameters, wanted: Specification, rules: int, cases: dict[str, str] = _CASES
-) -> dict[str, Any] | None:
-    """Design for one point of the grid and return the row of `judged`; None without a design."""
+def _assessed(arm: ArmParameters, wanted: Specification) -> _Made | None:
+    """Design for one point of the grid and measure what the rule reads; None without a design."""
     made = find_design(wanted, arm)
-    if not isinstance(made, Design):
+    if made is None:
         return None
-    point = {"rules": rules, "alpha": wanted.alpha, "gamma": wanted.gamma, "fastest_pole": wanted.fastest_pole}
-    row = {**point, "margin": made.certificate.proof_margin, **judged(arm, made.controller, cases)}
-    return {**row, "bears": bears(arm, row)}
-
-
-def judged(arm: ArmParameters, controller: Controller, cases: dict[str, str] = _CASES) -> dict[str, Any]:
-    """Return gains, poles, margins, errors and the tip's deviation under any friction, of a controller for the arm.
-
-    The controller knows the arm, to which conditions are applied; `cases` by the beginning of their keys in the row.
-    """
-    policy, mass = FuzzyPolicy(controller), heaviest(arm)
+    policy, mass = FuzzyPolicy(made.controller), heaviest(arm)
     loops = {
         (stiffness, load): linearise_path(
             policy, with_stiffness(arm, stiffness), PERIOD, Payload(load) if load else None
         )
-        for stiffness, load in itertools.product(STIFFNESS, (0.0, mass))
+        for stiffness, load in itertools.product(_STIFFNESS, (0.0, mass))
     }
-    disturbed = (*((gain, 0.0) for gain in LOOP_GAINS), (1.0, mass))
+    disturbed = (*((gain, 0.0) for gain in _LOOP_GAINS), (1.0, mass))
     nominal = loops[1.0, 0.0]
-    worst = max(
-        largest_radius(loops[stiffness, load], gain, delay)
-        for stiffness, delay, (gain, load) in itertools.product(STIFFNESS, (0, 1), disturbed)
-    )
-    slowest, fastest = _rigid_poles(controller)
-    row = {
-        "largest_gain": float(np.abs(controller.gains[..., :2]).max()),
-        "slowest_rigid_pole": slowest,
-        "fastest_rigid_pole": fastest,
-        "radius": largest_radius(nominal),
-        "radius_2_samples_later": largest_radius(nominal, delay=2),
-        "radius_worst_condition": worst,
-        "gain_margin_upper": gain_limits(nominal)[1],
-        "gain_margin_upper_1_sample_later": gain_limits(nominal, 1)[1],
-        "tip_deviation_mm": math.nan,
+    stable = largest_radius(nominal) < 1.0
+    measured = {
+        _ERROR: motor_error(policy, arm),
+        "tip_deviation_mm": 1e3 * largest_deviation(nominal, arm, periods_of(arm)) if stable else math.nan,
+        "radius_worst_condition": max(
+            largest_radius(loops[stiffness, load], gain, delay)
+            for stiffness, delay, (gain, load) in itertools.product(_STIFFNESS, (0, 1), disturbed)
+        ),
+        _UPPER: gain_limits(nominal).upper,
+        _LATER: gain_limits(nominal, 1).upper,
     }
-    if row["radius"] < 1.0:
-        row["tip_deviation_mm"] = 1e3 * largest_deviation(nominal, arm, periods_of(arm))
-    for key, case in cases.items():
-        env = FuzzyArmEnv(case=case, parameters=arm)
-        measured = metrics_of(record_rollout(env, policy, policy_name="", case=case, seed=0))
-        row |= {f"{key}_{name}": measured.get(name, math.nan) for name in _METRICS}
-    return row
+    return _Made(wanted, measured, _bears(measured, halving_radius(arm)))
 
 
-def _rigid_poles(controller: Controller) -> tuple[float, float]:
-    """Return the largest and the smallest real part [1/s] of the frozen rigid loop's poles over a grid in the box."""
-    p = controller.model.parameters
-    steps = np.array(list(itertools.product(*(np.linspace(-1.0, 1.0, n) for n in (9, 17, 5, 5)))))
-    F, _ = freeze(RigidLoop(controller), steps[:, :2] * p.joint_limit, steps[:, 2:] * p.velocity_limit)
-    real = np.linalg.eigvals(F).real
-    return float(real.max()), float(real.min())
-
-
-def bears(arm: ArmParameters, row: dict[str, Any]) -> bool:
-    """Return whether a design meets every requirement of the rule."""
-    margins = (row["gain_margin_upper"], row["gain_margin_upper_1_sample_later"])
+def _bears(measured: dict[str, float], allowed: float) -> bool:
+    """Return whether a design has the margins of the rule, for the largest spectral radius allowed."""
     # An unstable loop has margins of nan, which no comparison passes.
-    enough = all(margin >= least for margin, least in zip(margins, LEAST_GAIN_MARGINS, strict=True))
-    return enough and row["radius_worst_condition"] <= radius_within(LEFT, periods_of(arm))
+    enough = all(measured[name] >= least for name, least in _LEAST.items())
+    return enough and measured["radius_worst_condition"] <= allowed
 
 
-def _equals_of(rows: list[dict[str, Any]], share: float = WORTH) -> list[dict[str, Any]]:
-    """Return the rows that bear what is asked and whose motor error is within a share of the smallest."""
-    fit = [row for row in rows if row["bears"]]
-    least = min((row[_ERROR] for row in fit), default=math.nan)
-    return [row for row in fit if row[_ERROR] <= (1.0 + share) * least]
+def _equals_of(made: Sequence[_Made], share: float = WORTH) -> list[_Made]:
+    """Return the designs that meet the requirements and have a motor error within a share of the smallest.
+
+    The first of them is the one that the rule picks.
+    """
+    fit = [one for one in made if one.bears]
+    least = min((one.measured[_ERROR] for one in fit), default=math.nan)
+    equals = [one for one in fit if one.measured[_ERROR] <= (1.0 + share) * least]
+    return sorted(equals, key=lambda one: (one.measured["tip_deviation_mm"], one.measured[_ERROR]))
 
 
-def choice_of(rows: list[dict[str, Any]], share: float = WORTH) -> dict[str, Any] | None:
-    """Return the row that the rule picks, with `share` in place of `WORTH`; None if no design bears what is asked."""
-    return min(_equals_of(rows, share), key=lambda row: (row["tip_deviation_mm"], row[_ERROR]), default=None)
-
-
-def equals_in_words(rows: list[dict[str, Any]], chosen: dict[str, Any]) -> str:
-    """Return in a sentence what the float part of the bound decided between equally good designs."""
-    equal = _equals_of(rows)
-    if len(equal) == 1:
+def _equals_in_words(equals: Sequence[_Made]) -> str:
+    """Return in a sentence what the float part of the bound decided between equally good designs, the best first."""
+    if len(equals) == 1:
         return f"No other design has a motor error within {100 * WORTH:g} % of it, so the bound had nothing to decide."
-    worst = max(row["tip_deviation_mm"] for row in equal)
+    best, worst = (one.measured["tip_deviation_mm"] for one in (equals[0], equals[-1]))
     return (
-        f"{len(equal)} designs have motor errors within {100 * WORTH:g} % of the smallest; with this one any friction "
-        f"deflects the tip by up to {chosen['tip_deviation_mm']:.4g} mm (linear, in floats), with the others by up to "
-        f"{worst:.4g} mm."
+        f"{len(equals)} designs have motor errors within {100 * WORTH:g} % of the smallest; with this one any friction "
+        f"deflects the tip by up to {best:.4g} mm (linear, in floats), with the others by up to {worst:.4g} mm."
     )

@@ -1,4 +1,4 @@
-"""Tuning of an arm into a folder, step by step; what is finished is kept, and an interrupted run goes on from there.
+"""Tuning of an arm into a folder, step by step; finished steps are kept, and an interrupted run can be resumed.
 
     robot.toml        the arm
     steps/NAME.json   what each step found, see `Finding`
@@ -7,8 +7,8 @@
     margins.json      what `fuzzyarm margins --robot FOLDER --json` prints
     README.md         the decisions, for a person
 
-Every file is written whole or not at all, and that of the laws after those that it speaks of. No step depends on time,
-chance or the number of processes, so a run that was interrupted gives what one gives that was not.
+Every file is written whole or not at all, and ``laws.json`` after the files that it names. No step depends on time,
+chance or the number of processes, so an interrupted and resumed run has the result of an uninterrupted one.
 """
 
 from __future__ import annotations
@@ -34,7 +34,9 @@ from fuzzyarm.eval.engine import Engine
 from fuzzyarm.eval.provenance import current_provenance, json_text
 from fuzzyarm.eval.stability.margins import MarginsConfig, measure_margins
 from fuzzyarm.eval.tuning.finding import PERIOD, STEPS, Finding, read_finding, write_finding
-from fuzzyarm.eval.tuning.steps import FUZZY, Context, steps_for
+from fuzzyarm.eval.tuning.fuzzy_gains import FUZZY
+from fuzzyarm.eval.tuning.search import Context
+from fuzzyarm.eval.tuning.steps import steps_for
 from fuzzyarm.eval.tuning.summary import README, summary
 from fuzzyarm.policies.registry import ADAPTIVE_OBSERVER, COMPUTED_TORQUE, ELASTIC_OBSERVER, TIP
 from fuzzyarm.policies.tuned import NAME, SCHEMA, TunedLaws
@@ -53,7 +55,7 @@ class NothingFound(Exception):
 
 @dataclasses.dataclass(frozen=True)
 class Tuned:
-    """The outcome."""
+    """The outcome of a tuning."""
 
     laws: TunedLaws  # of the folder
     findings: tuple[Finding, ...]  # of the steps, in their order
@@ -61,7 +63,7 @@ class Tuned:
 
 
 def begin(arm: AnyArm, folder: Path) -> None:
-    """Write the arm into an empty folder; ValueError if it is not, or if the arm cannot follow its path."""
+    """Write the arm into an empty folder; ValueError if the folder is not empty, or if the arm cannot hold itself."""
     if str(folder) in shipped_robots():
         raise ValueError(f"{folder} is also the name of a robot, which --robot would take; choose another name")
     if any(folder.iterdir()):
@@ -87,7 +89,7 @@ def _check_strength(arm: AnyArm) -> None:
 
 
 def resumed_arm(folder: Path, arm: AnyArm | None) -> AnyArm:
-    """Return the arm of a folder whose tuning goes on; ValueError if there is none, or not for `arm` (None: any)."""
+    """Return the arm of a folder whose tuning is resumed; ValueError without one, or if it is not `arm` (None: any)."""
     if not (folder / IN_FOLDER).is_file():
         raise ValueError(f"{folder} holds no tuning to resume; leave out --resume")
     own = chosen_arm(str(folder / IN_FOLDER), None)
@@ -128,9 +130,18 @@ def tune(
     bar: _Bar = lambda text, total: contextlib.nullcontext(lambda **named: None),
     finished: Callable[[Finding], None] = lambda finding: None,
 ) -> Tuned:
-    """Find what is missing in a folder of `begin` for its arm, and complete it; call `finished` with each finding.
+    """Take the missing steps in a folder of `begin` for its arm, and write its other files.
 
-    NothingFound: no policy has stable gains; ValueError: a step's file is damaged or of another arm.
+    Args:
+        arm: the arm of the folder.
+        folder: of the tuning.
+        engine: assesses candidates.
+        bar: shows the progress of a step, see `common.console.progress`.
+        finished: called with each finding.
+
+    Raises:
+        NothingFound: no policy has stable gains.
+        ValueError: a step's file is damaged or of another arm.
     """
     findings: dict[str, Finding] = {}
     for step in steps_for(arm):
@@ -138,12 +149,7 @@ def tune(
         file = f"{FUZZY}.json" if finding and finding.chosen and step.policy == FUZZY else "."
         if finding is None or not (folder / file).exists():
             with bar(step.policy, step.total) as advance:
-
-                def count(done: int, advance: Callable[..., None] = advance) -> None:
-                    for _ in range(done):
-                        advance()
-
-                finding = step.find(Context(arm, folder, engine, count, findings))
+                finding = step.find(Context(arm, folder, engine, advance, findings))
             write_finding(folder, finding)
         findings[step.policy] = finding
         finished(finding)
@@ -161,7 +167,7 @@ def tune(
 
 
 def _laws_of(arm: AnyArm, findings: dict[str, Finding]) -> TunedLaws:
-    """Return the laws that findings make, for the file of the folder."""
+    """Return the content of ``laws.json``."""
     chosen = {name: finding.chosen for name, finding in findings.items() if finding.chosen is not None}
     with_tip = (FUZZY, COMPUTED_TORQUE)
     names = [*with_tip, *(name + TIP for name in with_tip), ELASTIC_OBSERVER, ADAPTIVE_OBSERVER]

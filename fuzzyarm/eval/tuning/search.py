@@ -1,79 +1,92 @@
-"""The search for weights that two laws share: a Sobol set in their logarithms, then Nelder-Mead from its best points.
+"""The input and output of every search of a tuning, and the search for the weights of an observer.
 
-The weights of Table 1 are the first guess, and stay unless a search lowers the objective by `WORTH` of its value: what
-is closer says nothing about the weights.
+Weights are searched for in their logarithms: at the points of a Sobol set, then by Nelder-Mead from the best of them.
+The weights of Table 1 are the first guess. They stay unless a search lowers the objective by `WORTH` of its value,
+since a smaller difference says nothing about the weights.
 """
 
 from __future__ import annotations
 
 import dataclasses
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
+from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
 from scipy.optimize import minimize
 from scipy.stats import qmc
 
+from fuzzyarm.envs.fuzzy_arm import FuzzyArmEnv
+from fuzzyarm.envs.physics.equations import AnyArm
+from fuzzyarm.envs.physics.parameters import ArmParameters
 from fuzzyarm.eval.engine import Engine
+from fuzzyarm.eval.episodes.metrics import metrics_of
+from fuzzyarm.eval.episodes.rollout import record_rollout
+from fuzzyarm.eval.stability.linearisation import Linearisable
+from fuzzyarm.eval.stability.margins import policy_margins
+from fuzzyarm.eval.tuning.finding import PERIOD, Finding, finite
+from fuzzyarm.fuzzy_policy.policy import Policy
 
-__all__ = ["WORTH", "Budget", "Costs", "Descent", "best_of", "found_weights", "rounded", "run_in_order", "sobol_points"]
+__all__ = ["WORTH", "Context", "Costs", "Found", "WeightSearch", "measured_radii", "motor_error", "nothing", "rounded"]
 
 WORTH = 0.01
-"""Share of the first guess's objective by which others must be better."""
+"""Share of the best value of an objective within which others are equally good."""
 
 Costs = Callable[[np.ndarray], float]
 """The objective at logarithms (n,) of weights."""
 
+_POINTS = 64  # of the Sobol set, of which a search takes the first ones; a power of two
+
 
 @dataclasses.dataclass(frozen=True)
-class Budget:
-    """How much is tried."""
+class Context:
+    """The arm of a tuning, its folder, the means of computation, and the earlier findings."""
 
-    sobol: int  # points of the Sobol set
-    searches: int  # runs of Nelder-Mead, from the best of these points
-    evaluations: int  # of the objective in each of them
-    from_guess: bool = False  # whether the last of them begins at the first guess instead
+    arm: Any
+    folder: Path  # of the tuning; a step may write its controller file there
+    engine: Engine  # assesses candidates on several processes
+    advance: Callable[[], None]  # called after each candidate
+    earlier: Mapping[str, Finding]  # findings of the steps before, by policy
 
-    @property
-    def total(self) -> int:
-        """Evaluations of the objective, at most."""
-        return self.sobol + 1 + self.searches * self.evaluations
-
-
-class Descent(NamedTuple):
-    """The best point of a search: logarithms of the weights, and the objective there."""
-
-    point: tuple[float, ...]
-    cost: float
+    def run(self, work: Callable[[Any], Any], candidates: Sequence[Any], steps: int = 1) -> list[Any]:
+        """Return what `work` makes of each candidate, in their order; each counts as so many `steps` of the bar."""
+        results = {}
+        for number, result in self.engine.run(lambda number: work(candidates[number]), range(len(candidates))):
+            results[number] = result
+            for _ in range(steps):
+                self.advance()
+        return [results[number] for number in range(len(candidates))]
 
 
-def sobol_points(box: Sequence[tuple[float, float]], count: int, seed: int) -> np.ndarray:
-    """Return points (count, n), logarithms, of a Sobol set in a box."""
-    low, high = np.log(np.array(box)).T
-    return np.asarray(qmc.scale(qmc.Sobol(len(box), seed=seed).random(count), low, high))
+class Found(NamedTuple):
+    """The outcome of a search; the fields are those of `Finding`."""
+
+    chosen: dict[str, float | None] | None
+    measured: Mapping[str, float | None]
+    radii: dict[str, float | None]
+    tried: int
+    notes: Sequence[str] = ()
 
 
-def _descend(objective: Costs, start: np.ndarray, first_step: float, evaluations: int) -> Descent:
-    """Return the best point that Nelder-Mead meets from `start` (n,); `first_step` is the edge of the first simplex."""
-    best = Descent(tuple(start.tolist()), math.inf)
-
-    def watched(point: np.ndarray) -> float:
-        nonlocal best
-        cost = objective(point)
-        if cost < best.cost:
-            best = Descent(tuple(point.tolist()), cost)
-        return cost
-
-    simplex = start + np.vstack([np.zeros(len(start)), first_step * np.eye(len(start))])
-    minimize(watched, start, method="Nelder-Mead", options={"initial_simplex": simplex, "maxfev": evaluations})
-    return best
+def nothing(reason: str, tried: int) -> Found:
+    """Return the outcome of a search that found no numbers, with the reason and the number of candidates assessed."""
+    return Found(None, {}, {}, tried, (reason,))
 
 
-def best_of(first: Descent, others: Sequence[Descent]) -> Descent:
-    """Return the best point, but the first guess where no other is better by `WORTH`."""
-    best = min([first, *others], key=lambda descent: descent.cost)
-    return best if best.cost < (1.0 - WORTH) * first.cost else first
+def measured_radii(policy: Linearisable, arm: AnyArm) -> dict[str, float | None]:
+    """Return the spectral radius by condition of `fuzzyarm margins`, None where there is no loop."""
+    return finite(policy_margins(policy, arm, PERIOD)["spectral_radius"])
+
+
+def motor_error(policy: Policy, arm: ArmParameters) -> float:
+    """Return the rms motor-side joint error in the nominal case [mrad]; inf if the episode ends early.
+
+    The motor side counts because these policies measure only the motors. The error includes the start, where the motors
+    stand at their static deflection.
+    """
+    run = record_rollout(FuzzyArmEnv("nominal", parameters=arm), policy, policy_name="", case="nominal", seed=0)
+    return metrics_of(run)["joint_error_rms_mrad"] if run.completed else math.inf
 
 
 def rounded(weights: Sequence[float] | np.ndarray, digits: int) -> list[float]:
@@ -81,39 +94,83 @@ def rounded(weights: Sequence[float] | np.ndarray, digits: int) -> list[float]:
     return [float(f"{value:.{digits}g}") for value in weights]
 
 
-def found_weights(
-    objective_for: Callable[[Any], Costs],
-    arm: Any,
-    guess: np.ndarray,
-    points: np.ndarray,
-    first_step: float,
-    budget: Budget,
-    *,
-    engine: Engine,
-    advance: Callable[[int], None] = lambda done: None,
-) -> tuple[Descent, Descent]:
-    """Return the best point and the first guess; both, like the Sobol set `points` (points, n), are of logarithms.
+class _Point(NamedTuple):
+    """A point of a search: logarithms of the weights, and the objective there."""
 
-    `objective_for` returns the objective of an arm; it is called in each worker, and cached there. `advance` is called
-    with the number of evaluations that were done.
-    """
-    starts = np.vstack([guess, points[: budget.sobol]])
-    costs = run_in_order(engine, lambda number: objective_for(arm)(starts[number]), len(starts), advance)
-    known = [Descent(tuple(start.tolist()), cost) for start, cost in zip(starts, costs, strict=True)]
-    best = sorted(known[1:], key=lambda descent: descent.cost)[: budget.searches - budget.from_guess]
-    begins = [np.array(descent.point) for descent in (*best, *known[: int(budget.from_guess)])]
-
-    def search(number: int) -> Descent:
-        return _descend(objective_for(arm), begins[number], first_step, budget.evaluations)
-
-    descents = run_in_order(engine, search, len(begins), lambda done: advance(budget.evaluations * done))
-    return best_of(known[0], [*known[1:], *descents]), known[0]
+    logarithms: tuple[float, ...]
+    cost: float
 
 
-def run_in_order(engine: Engine, work: Callable[[int], Any], count: int, advance: Callable[[int], None]) -> list[Any]:
-    """Return work(0), work(1), ..., done on the engine; `advance` is called with 1 after each."""
-    results = {}
-    for number, result in engine.run(work, range(count)):
-        results[number] = result
-        advance(1)
-    return [results[number] for number in range(count)]
+@dataclasses.dataclass(frozen=True)
+class WeightSearch:
+    """The settings of a search for the weights of a law, whose `find` runs it."""
+
+    usual: Any  # the weights of Table 1
+    guess: np.ndarray  # (n,), their logarithms in the coordinates of `box`
+    weights_of: Callable[[np.ndarray], Any]  # the weights of logarithms (n,)
+    box: Mapping[str, tuple[float, float]]  # where the Sobol set lies; Nelder-Mead may leave it
+    seed: int  # of the Sobol set
+    unfit: float  # costs from this on are of weights that do not meet the constraint
+    points: int  # of the Sobol set that are tried
+    searches: int = 0  # runs of Nelder-Mead
+    evaluations: int = 0  # of the objective in each of them
+    first_step: float = 1.0  # edge of the first simplex
+
+    @property
+    def total(self) -> int:
+        """The number of evaluations of the objective, at most."""
+        return self.points + 1 + self.searches * self.evaluations
+
+    def find(
+        self,
+        context: Context,
+        law: Callable[[Any], Linearisable],
+        objective: Callable[[], Costs],
+        notes: Sequence[str] = (),
+    ) -> Found:
+        """Return the best weights for the policy `law(weights)`; `objective` is as in `best`."""
+        best, first = self.best(context, objective)
+        weights = self.usual if best is first else self.weights_of(np.array(best.logarithms))
+        try:
+            radii = measured_radii(law(weights), context.arm)
+        except ValueError as error:
+            return nothing(f"There are no gains: {error}.", self.total)
+        if best.cost >= self.unfit:
+            notes = (*notes, "No weights have the margins that the rule asks for; these come nearest.")
+        usual = None if first.cost >= self.unfit else first.cost
+        measured = {"objective_mm": best.cost, "objective_of_table_1_weights_mm": usual}
+        return Found(dataclasses.asdict(weights), measured, radii, self.total, notes)
+
+    def best(self, context: Context, objective: Callable[[], Costs]) -> tuple[_Point, _Point]:
+        """Return the best point and the first guess; they are the same where no point is better by `WORTH`.
+
+        `objective` builds the objective; it is called for each candidate in the worker that assesses it, and should be
+        cached there.
+        """
+        low, high = np.log(np.array([*self.box.values()])).T
+        sobol = qmc.scale(qmc.Sobol(len(low), seed=self.seed).random(_POINTS), low, high)[: self.points]
+        edge, evaluations = self.first_step, self.evaluations
+        starts = [self.guess, *sobol]
+        costs = context.run(lambda start: objective()(start), starts)
+        first, *others = (_Point(tuple(start.tolist()), cost) for start, cost in zip(starts, costs, strict=True))
+        begins = sorted(others, key=lambda point: point.cost)[: self.searches]
+        others += context.run(lambda begin: _descend(objective(), begin, edge, evaluations), begins, steps=evaluations)
+        best = min([first, *others], key=lambda point: point.cost)
+        return best if best.cost < (1.0 - WORTH) * first.cost else first, first
+
+
+def _descend(objective: Costs, begin: _Point, edge: float, evaluations: int) -> _Point:
+    """Return the best point that Nelder-Mead meets from a point; `edge` is that of the first simplex."""
+    best = _Point(begin.logarithms, math.inf)
+
+    def watched(logarithms: np.ndarray) -> float:
+        nonlocal best
+        cost = objective(logarithms)
+        if cost < best.cost:
+            best = _Point(tuple(logarithms.tolist()), cost)
+        return cost
+
+    start = np.array(begin.logarithms)
+    simplex = start + np.vstack([np.zeros(len(start)), edge * np.eye(len(start))])
+    minimize(watched, start, method="Nelder-Mead", options={"initial_simplex": simplex, "maxfev": evaluations})
+    return best

@@ -1,4 +1,4 @@
-"""The page of a tuning, in Markdown: what was decided for each policy, by which rule, and the margins it has."""
+"""The page of a tuning, in Markdown: the decision for each policy, its rule, and the margins of the policy."""
 
 from __future__ import annotations
 
@@ -44,7 +44,7 @@ _WORDS = {  # and unit, by the name of a number
 
 
 def decision(finding: Finding) -> str:
-    """Return what was chosen for a policy in one line, or that nothing was."""
+    """Return one line with the numbers chosen for a policy, or with the reason why it was left out."""
     if finding.chosen is None:
         return f"left out. {finding.notes[-1] if finding.notes else ''}".rstrip()
     usual = _USUAL.get(finding.policy)

@@ -1,14 +1,14 @@
 """The proven bound of the tip error of a policy that was tuned, for the arm itself and for plants near it.
 
-It is that of `fuzzyarm prove` along the arm's default circle, and takes ten seconds. Margins and the motor error choose
-the gains, and between equally good ones the float part of the bound for any friction, `largest_deviation`. With the
-closed loop x⁺ = Φ x + B w at a posture, w the friction of the motors held over a control period, |w| <= F_s, and J the
-Jacobian of the tip,
+It is the bound of `fuzzyarm prove` along the arm's default circle, and takes ten seconds to find. Margins and the
+motor error choose the gains. Between equally good ones the float part of the bound for any friction decides, see
+`largest_deviation`. With the closed loop x⁺ = Φ x + B w at a posture, where w is the friction of the motors held over a
+control period, |w| <= F_s, and J is the Jacobian of the tip,
 
     max over directions d of Σ_k |dᵀ J Φ^k B| F_s
 
-is the largest deviation of the tip that friction of any such course can cause: most of the proven bound of the set
-``any-friction``, at frozen postures and in floats.
+is the largest deviation of the tip that any course of this friction can cause. It is the largest part of the proven
+bound of the set ``any-friction``, here at frozen postures and in floats.
 """
 
 from __future__ import annotations
@@ -59,7 +59,7 @@ _PROVEN = {"table-1": ("tip_bound_mm", "the arm itself"), "near": ("tip_bound_ne
 
 
 def measured_bounds(policy: Policy, arm: ArmParameters) -> tuple[dict[str, float | None], tuple[str, ...]]:
-    """Return the bounds of a policy for an arm by the names of `_PROVEN`, None where there is none, with a sentence."""
+    """Return the bounds of a policy by the names of `_PROVEN`; None where no bound is proven, with a sentence why."""
     found: dict[str, float | None] = {}
     notes = []
     for name, (key, words) in _PROVEN.items():
@@ -73,9 +73,9 @@ def measured_bounds(policy: Policy, arm: ArmParameters) -> tuple[dict[str, float
 
 
 def bounds_in_words(policy: str, folder: str, measured: dict[str, float | None]) -> str:
-    """Return what is proven of the tip of a policy, one sentence, with the command that proves it; empty without it.
+    """Return a sentence on the proven bounds of a policy's tip, with the command that proves them; "" without a bound.
 
-    The policy has this name in the folder of the tuning; `measured` is of its finding.
+    `policy` is the name in the folder of the tuning; `measured` is that of its finding.
     """
     found = {name: measured.get(key) for name, (key, _) in _PROVEN.items()}
     known = {name: bound for name, bound in found.items() if bound is not None}

@@ -15,8 +15,13 @@ from fuzzyarm.envs.physics.dynamics import Payload, arm_constants, gravity_torqu
 from fuzzyarm.envs.physics.parameters import ArmParameters
 from fuzzyarm.envs.physics.records import flat
 from fuzzyarm.envs.physics.robot import Robot
-from fuzzyarm.eval.stability import linearisation as margins
-from fuzzyarm.eval.stability.linearisation import LocalLoop, gain_margin, linearise, linearise_path, spectral_radius
+from fuzzyarm.eval.stability.linearisation import (
+    LocalLoop,
+    _linearise,
+    gain_limits,
+    linearise_path,
+    spectral_radius,
+)
 from fuzzyarm.fuzzy_policy.laws.computed_torque import ComputedTorquePolicy
 from fuzzyarm.fuzzy_policy.policy import Predictor
 from fuzzyarm.policies import load_policy
@@ -66,6 +71,11 @@ def stiffer(factor: float) -> ArmParameters:
     return dataclasses.replace(ARM, stiffness=(factor * ARM.stiffness[0], factor * ARM.stiffness[1]))
 
 
+def linearised(policy, arm, posture, period, payload=None) -> LocalLoop:
+    """The loop at its equilibrium near one posture."""
+    return _linearise(policy.without_dry_friction(), arm, posture, period, payload)
+
+
 # x⁺ = x + u, u = -x/2, and the same with an integral: u = -x/2 - s/10, s⁺ = s + x.
 INTEGRATOR = toy([[1, 1]], [[-0.5]], [[1, 0.5]])
 WITH_INTEGRAL = toy([[1, 1]], [[-0.5, -0.1], [1, 1]])
@@ -95,37 +105,20 @@ def test_characteristic_polynomial_between_samples(gain: float, whole: int) -> N
 
 
 @pytest.mark.parametrize(
-    ("delay", "upper"),
-    [(0, 4.0), (0.5, 4.0), (1, 2.0), (1.5, 4.0 * (math.sqrt(2.0) - 1.0)), (2, math.sqrt(5.0) - 1.0)],
+    ("loop", "delay", "limits"),
+    [
+        (INTEGRATOR, 0, (0.0, 4.0)),
+        (INTEGRATOR, 0.5, (0.0, 4.0)),
+        (INTEGRATOR, 1, (0.0, 2.0)),
+        (INTEGRATOR, 1.5, (0.0, 4.0 * (math.sqrt(2.0) - 1.0))),
+        (INTEGRATOR, 2, (0.0, math.sqrt(5.0) - 1.0)),
+        (toy([[1.2, 1]], [[-0.5]]), 0, (0.4, 4.4)),
+        (toy([[0.9, 0]], [[-0.5]]), 0, (0.0, math.inf)),
+    ],
 )
-def test_margin_of_a_delayed_integrator(monkeypatch: pytest.MonkeyPatch, delay: float, upper: float) -> None:
-    """|z| = 1 at κ = 4, 4, 2, 4 tan(π/8) and √5 - 1 (by hand); the lower edge is 0, open loop."""
-    monkeypatch.setattr(margins, "linearise_path", lambda *_: [INTEGRATOR])
-    assert gain_margin(Springs(), ARM, control_period=PERIOD, delay=delay) == pytest.approx((0.0, upper), rel=2e-4)
-
-
-def test_margins_of_a_conditionally_stable_loop(monkeypatch: pytest.MonkeyPatch) -> None:
-    """x⁺ = 1.2 x + u, u = -κ x/2 is stable for 0.4 < κ < 4.4; without an input nothing ever changes."""
-    monkeypatch.setattr(margins, "linearise_path", lambda *_: [toy([[1.2, 1]], [[-0.5]])])
-    assert gain_margin(Springs(), ARM, control_period=PERIOD) == pytest.approx((0.4, 4.4), rel=2e-4)
-    monkeypatch.setattr(margins, "linearise_path", lambda *_: [toy([[0.9, 0]], [[-0.5]])])
-    assert gain_margin(Springs(), ARM, control_period=PERIOD) == (0.0, math.inf)
-
-
-@pytest.mark.parametrize(("gain", "delay"), [(-1.0, 0), (math.inf, 0), (1.0, -0.5), (1.0, math.nan)])
-def test_matrix_refuses_gain_and_delay_out_of_range(gain: float, delay: float) -> None:
-    """The message names the one that is wrong."""
-    wrong = rf"loop_gain = {gain}" if delay == 0 else rf"delay = {delay}"
-    with pytest.raises(ValueError, match=rf"^{wrong}.* is out of range; allowed: \[0, inf\)"):
-        INTEGRATOR.matrix(gain, delay)
-    with pytest.raises(ValueError, match=r"delay = 0.25 is no multiple of half a sample; allowed: 0, 0.5, 1"):
-        spectral_radius(Springs(), ARM, control_period=PERIOD, delay=0.25)
-
-
-def test_other_parts_of_a_sample_are_refused() -> None:
-    """Between samples, the torque can only change in the middle of a period."""
-    with pytest.raises(ValueError, match=r"delay = 0.25 is no multiple of half a sample; allowed: 0, 0.5, 1"):
-        spectral_radius(Springs(), ARM, control_period=PERIOD, delay=0.25)
+def test_gain_limits(loop: LocalLoop, delay: float, limits: tuple[float, float]) -> None:
+    """Solved by hand for |z| = 1: an integrator, a conditionally stable loop, and one without an input."""
+    assert gain_limits([loop], delay) == pytest.approx(limits, rel=2e-4)
 
 
 @pytest.mark.parametrize(
@@ -148,7 +141,7 @@ def test_the_matrix_power_predicts_the_nonlinear_arm(name, plant, payload, gain,
 
     The policy knows the nominal arm only.
     """
-    loop, policy = linearise(POLICIES[name], plant, POSTURE, PERIOD, payload), POLICIES[name]
+    loop, policy = linearised(POLICIES[name], plant, POSTURE, PERIOD, payload), POLICIES[name]
     deviation = np.array([10.0, -5.0, 8.0, -7.0, 30.0, 200.0, -100.0, 50.0]) * 1e-6
     matrix = loop.matrix(gain, delay)
     start = np.concatenate([deviation, np.zeros(len(matrix) - 8)])
@@ -168,7 +161,7 @@ def test_payload_and_stiffness_change_the_radius_and_the_margin(few_postures: No
     assert spectral_radius(policy, ARM, **loaded) > nominal + 0.005
     assert spectral_radius(policy, ARM, control_period=PERIOD, payload=Payload(0.0)) == nominal
     assert spectral_radius(policy, stiffer(0.8), control_period=PERIOD) > nominal + 0.003
-    for edge in gain_margin(policy, ARM, **loaded):
+    for edge in gain_limits(linearise_path(policy, ARM, PERIOD, Payload(5.0))):
         assert spectral_radius(policy, ARM, loop_gain=edge, **loaded) == pytest.approx(1.0, abs=2e-4)
 
 
@@ -176,8 +169,8 @@ def test_payload_and_stiffness_change_the_radius_and_the_margin(few_postures: No
 def test_a_robot_has_the_loops_of_the_two_joint_arm_that_it_is() -> None:
     """The same arm by its parameters and as a robot, whose equations are generated: equal loops, with a payload."""
     robot, loaded = Robot.of(ARM), Payload(5.0)
-    expected = linearise(ComputedTorquePolicy(ARM, PERIOD, 50.0), ARM, POSTURE, PERIOD, loaded)
-    found = linearise(ComputedTorquePolicy(robot, PERIOD, 50.0), robot, POSTURE, PERIOD, loaded)
+    expected = linearised(ComputedTorquePolicy(ARM, PERIOD, 50.0), ARM, POSTURE, PERIOD, loaded)
+    found = linearised(ComputedTorquePolicy(robot, PERIOD, 50.0), robot, POSTURE, PERIOD, loaded)
     np.testing.assert_allclose(found.equilibrium, expected.equilibrium, atol=1e-10)
     np.testing.assert_allclose(found.torque, expected.torque, atol=1e-6)
     for delay in (0.0, 0.5, 1.0):
@@ -204,13 +197,11 @@ def test_a_model_of_dry_friction_is_removed_with_the_friction() -> None:
     plain, modelled = (linearise_path(each, ARM, PERIOD) for each in (Springs(), policy))
     assert policy.designs == 1
     np.testing.assert_array_equal([loop.matrix() for loop in modelled], [loop.matrix() for loop in plain])
-    one, other = (linearise(each, ARM, POSTURE, PERIOD) for each in (Springs(), policy))
-    np.testing.assert_array_equal(other.matrix(), one.matrix())
 
 
 def test_equilibrium_of_a_loop_with_integral() -> None:
     """Motors on the reference, links bent by their gravity torque, at rest, and the motors carry that torque."""
-    loop = linearise(POLICIES["fuzzy-4"], ARM, POSTURE, PERIOD)
+    loop = linearised(POLICIES["fuzzy-4"], ARM, POSTURE, PERIOD)
     motor, link = loop.equilibrium[:2], loop.equilibrium[2:4]
     gravity = gravity_torque(np.sin(link[0]), np.sin(link.sum()), arm_constants(ARM))
     np.testing.assert_allclose(motor, POSTURE, atol=1e-9)
@@ -223,8 +214,9 @@ def test_equilibrium_of_a_loop_with_integral() -> None:
 def test_the_arm_settles_below_the_upper_margin_and_diverges_above(name: str, delay: float, few_postures: None) -> None:
     """At the posture that is the first to go, 3 % to either side."""
     policy = POLICIES[name]
-    _, upper = gain_margin(policy, ARM, control_period=PERIOD, delay=delay)
-    loop = max(linearise_path(policy, ARM, PERIOD), key=lambda loop: radius(loop.matrix(1.01 * upper, delay)))
+    loops = linearise_path(policy, ARM, PERIOD)
+    upper = gain_limits(loops, delay).upper
+    loop = max(loops, key=lambda loop: radius(loop.matrix(1.01 * upper, delay)))
     posture = loop.equilibrium[:2]  # with integral action the motors stand on the reference
     deviation = np.repeat([1e-7, 0.0], 4)
     below, above = (simulate(policy, posture, loop, deviation, 1500, k * upper, delay) for k in (0.97, 1.03))
@@ -234,7 +226,7 @@ def test_the_arm_settles_below_the_upper_margin_and_diverges_above(name: str, de
 
 def test_memory_that_the_torque_does_not_read_is_left_out() -> None:
     """A call counter adds no eigenvalue 1: the loop is that of the policy without memory, motors bent off."""
-    plain, counting = (linearise(Springs(memory), ARM, POSTURE, PERIOD) for memory in (None, count_calls))
+    plain, counting = (linearised(Springs(memory), ARM, POSTURE, PERIOD) for memory in (None, count_calls))
     np.testing.assert_array_equal(counting.matrix(), plain.matrix())
     assert plain.matrix().shape == (8, 8) and radius(plain.matrix()) < 1.0
     assert 1e-5 < np.abs(plain.equilibrium[:2] - POSTURE).max() < 1e-2
@@ -243,14 +235,14 @@ def test_memory_that_the_torque_does_not_read_is_left_out() -> None:
 def test_policies_that_cannot_be_linearised_are_refused(monkeypatch):
     """A state that is no array, single precision, and a torque at its limit."""
     with pytest.raises(TypeError, match="state tuple"):
-        linearise(Springs(lambda *_: (0, 0)), ARM, POSTURE, PERIOD)
+        linearised(Springs(lambda *_: (0, 0)), ARM, POSTURE, PERIOD)
     with pytest.raises(TypeError, match="float32"):
-        linearise(Springs(dtype=np.float32), ARM, POSTURE, PERIOD)
+        linearised(Springs(dtype=np.float32), ARM, POSTURE, PERIOD)
     weak = dataclasses.replace(ARM, torque_limit=(20.0, 10.0))
     with pytest.raises(ValueError, match="limit"):
-        linearise(Springs(), weak, POSTURE, PERIOD)
+        linearised(Springs(), weak, POSTURE, PERIOD)
     with pytest.raises(ValueError, match="no equilibrium"):
-        linearise(ComputedTorquePolicy(weak, PERIOD, 50.0), ARM, POSTURE, PERIOD)
+        linearised(ComputedTorquePolicy(weak, PERIOD, 50.0), ARM, POSTURE, PERIOD)
     monkeypatch.setattr("fuzzyarm.eval.stability.linearisation.fastest_rate", lambda arms: 0.0)
     with pytest.raises(ValueError, match="overflow at posture"):  # far too stiff for the sub-step
-        linearise(Springs(), stiffer(1e7), POSTURE, PERIOD)
+        linearised(Springs(), stiffer(1e7), POSTURE, PERIOD)

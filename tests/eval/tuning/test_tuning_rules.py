@@ -11,8 +11,8 @@ from fuzzyarm.envs.scenario.cases import case_for
 from fuzzyarm.eval.engine import Engine
 from fuzzyarm.eval.stability.linearisation import LocalLoop
 from fuzzyarm.eval.tuning import bandwidth, fuzzy_gains, observer_search
-from fuzzyarm.eval.tuning.finding import PERIODS, force_factor, heaviest, periods_of, radius_within
-from fuzzyarm.eval.tuning.search import WORTH, Budget, Descent, best_of, found_weights, sobol_points
+from fuzzyarm.eval.tuning.finding import force_factor, halving_radius, heaviest, periods_of
+from fuzzyarm.eval.tuning.search import WORTH, Context, WeightSearch
 from fuzzyarm.eval.tuning.tip_bounds import largest_deviation
 from fuzzyarm.fuzzy_policy.laws.computed_torque import ComputedTorquePolicy
 from fuzzyarm.fuzzy_policy.laws.tip import TipPolicy
@@ -22,27 +22,28 @@ PAPER = ArmParameters()
 
 
 def design(error, **changes):
-    row = {
+    measured = {
         "case_1_joint_error_rms_mrad": error,
         "gain_margin_upper": 4.1,
         "gain_margin_upper_1_sample_later": 1.6,
         "radius_worst_condition": 0.999,
         "tip_deviation_mm": 1.0,
     } | changes
-    return {**row, "bears": fuzzy_gains.bears(PAPER, row)}
+    return fuzzy_gains._Made(None, measured, fuzzy_gains._bears(measured, halving_radius(PAPER)))
 
 
 def test_the_fuzzy_design_with_the_smallest_error_that_bears_everything_is_chosen():
     rows = [
         design(0.1, gain_margin_upper=3.9),
         design(0.2, gain_margin_upper_1_sample_later=1.4),
-        design(0.3, radius_worst_condition=radius_within(0.5, 1500) + 1e-9),
+        design(0.3, radius_worst_condition=0.5 ** (1 / 1500) + 1e-9),
         design(0.4, gain_margin_upper=math.nan),
         design(0.6),
         design(0.5),
     ]
-    assert fuzzy_gains.choice_of(rows) is rows[-1]
-    assert fuzzy_gains.choice_of(rows[:4]) is None
+    assert fuzzy_gains._equals_of(rows) == [rows[-1]]
+    assert "No other" in fuzzy_gains._equals_in_words([rows[-1]])
+    assert not fuzzy_gains._equals_of(rows[:4])
 
 
 def test_of_equally_good_fuzzy_designs_the_one_with_the_smallest_bound_is_chosen():
@@ -52,10 +53,10 @@ def test_of_equally_good_fuzzy_designs_the_one_with_the_smallest_bound_is_chosen
         design(0.5051, tip_deviation_mm=0.8),
         design(0.5049, tip_deviation_mm=0.7, gain_margin_upper=3.9),
     ]
-    assert fuzzy_gains.choice_of(rows) is rows[1]
-    assert "2 designs" in (said := fuzzy_gains.equals_in_words(rows, rows[1])) and "0.9 mm" in said and "1 mm" in said
-    assert fuzzy_gains.choice_of(rows, share=0.02) is rows[2]
-    assert fuzzy_gains.choice_of(rows[:1]) is rows[0] and "No other" in fuzzy_gains.equals_in_words(rows[:1], rows[0])
+    equals = fuzzy_gains._equals_of(rows)
+    assert equals == [rows[1], rows[0]]
+    assert "2 designs" in (said := fuzzy_gains._equals_in_words(equals)) and "0.9 mm" in said and "1 mm" in said
+    assert fuzzy_gains._equals_of(rows, share=0.02)[0] is rows[2]
 
 
 def test_the_tips_deviation_is_reached_by_one_friction():
@@ -83,73 +84,70 @@ def test_the_tips_deviation_is_reached_by_one_friction():
 
 
 def test_the_grid_of_table_1_is_the_papers_and_scales_with_inertia_and_decay_rate():
-    assert fuzzy_gains.gammas_for(PAPER, 20.0) == fuzzy_gains.GAMMAS
-    assert fuzzy_gains.gammas_for(PAPER, 10.0)[0] == pytest.approx(2 * fuzzy_gains.GAMMAS[0])
+    def gammas(arm, alpha):
+        return [point.gamma for point in fuzzy_gains._points_of(arm, alpha)[:: len(fuzzy_gains._POLES)]]
+
+    papers = list(fuzzy_gains._GAMMAS)
+    assert gammas(PAPER, 20.0) == papers and gammas(PAPER, 10.0)[0] == pytest.approx(2 * papers[0])
     # A tenth of every mass, moment of inertia and rotor is a tenth of the inertia.
     tenth = ArmParameters(mass=(1.5, 0.9), inertia=(0.031, 0.019), motor_inertia=(0.271, 0.05))
-    assert fuzzy_gains.gammas_for(tenth, 20.0) == pytest.approx([10 * gamma for gamma in fuzzy_gains.GAMMAS])
-    points = fuzzy_gains.points_of(PAPER, 4, 20.0)
-    assert len(points) == 80 and {point.gamma for point in points[-10:]} == {max(fuzzy_gains.GAMMAS)}
-    assert {point.fastest_pole for point in fuzzy_gains.points_of(PAPER, 2, 20.0)} == {None}
+    assert gammas(tenth, 20.0) == pytest.approx([10 * gamma for gamma in papers])
 
 
-def loop(omega, error, **changes):
+def loop(omega, error, upper=2.5, **radii):
     return {
         "bandwidth": omega,
-        "joint_error_rms_mrad": error,
-        "gain_margin_upper": 2.5,
-        "radius_delayed": 0.99,
-        "decays_throughout": True,
-    } | changes
+        "motor_error": error,
+        "loop_gain": {"upper": upper},
+        "spectral_radius": {"nominal": 0.99, "one sample later": 0.99} | radii,
+    }
 
 
 def test_the_bandwidth_with_the_smallest_error_within_margins_is_chosen():
     rows = [
-        loop(100.0, 0.1, gain_margin_upper=1.9),
-        loop(90.0, 0.2, radius_delayed=1.0),
-        loop(80.0, 0.3, decays_throughout=False),
-        loop(70.0, None),
+        loop(100.0, 0.1, upper=1.9),
+        loop(95.0, 0.1, upper=None),
+        loop(90.0, 0.2, nominal=None),
+        loop(80.0, 0.3, nominal=0.5 ** (1 / 1500) + 1e-9),
+        loop(70.0, math.inf),
         loop(60.0, 0.5),
         loop(50.0, 0.4),
     ]
-    assert bandwidth.choice_of(rows) is rows[-1]
-    assert bandwidth.choice_of(rows[:4]) is None
+    assert bandwidth._choice_of(rows, halving_radius(PAPER)) is rows[-1]
+    assert bandwidth._choice_of(rows[:5], halving_radius(PAPER)) is None
 
 
-MINIMUM = np.log([0.02, 3.0])
-BOX = [(1e-3, 1.0), (0.1, 100.0)]
-
-
-def bowl(arm):
-    return lambda point: arm + float(((np.asarray(point) - MINIMUM) ** 2).sum())
-
-
-def searched(guess, budget):
-    points = sobol_points(BOX, 8, seed=1)
-    return found_weights(bowl, 1.0, np.asarray(guess), points, 0.5, budget, engine=Engine(jobs=1))
+def searched(guess, best=1.0):
+    """Search for the minimum of a bowl, of this value; return the best point, the first guess and the bar's steps."""
+    steps = []
+    minimum = np.log([0.02, 3.0])
+    search = WeightSearch(
+        usual=None, guess=minimum + guess, weights_of=np.exp, box={"a": (1e-3, 1.0), "b": (0.1, 100.0)}, seed=1,
+        unfit=math.inf, points=8, searches=2, evaluations=60, first_step=0.5,
+    )  # fmt: skip
+    context = Context(PAPER, None, Engine(jobs=1), lambda: steps.append(1), {})
+    found = search.best(context, lambda: lambda point: best + float(((point - minimum) ** 2).sum()))
+    assert len(steps) == search.total == 9 + 2 * 60
+    return *found, minimum
 
 
 def test_the_minimum_of_a_bowl_is_found():
-    best, guess = searched(MINIMUM + 1.0, Budget(sobol=8, searches=2, evaluations=60))
+    best, guess, minimum = searched(1.0)
     assert guess.cost == pytest.approx(3.0) and best.cost == pytest.approx(1.0, abs=1e-4)
-    assert best.point == pytest.approx(MINIMUM, abs=1e-2)
+    assert best.logarithms == pytest.approx(minimum, abs=1e-2)
 
 
-def test_the_first_guess_stays_where_nothing_is_better_by_a_share():
-    nearly = MINIMUM + math.sqrt(0.9 * WORTH / 2)
-    best, guess = searched(nearly, Budget(sobol=8, searches=2, evaluations=60))
-    assert best == guess
-    first = Descent((0.0,), 1.0)
-    assert best_of(first, [Descent((1.0,), 1.0 - 0.9 * WORTH)]) == first
-    assert best_of(first, [Descent((1.0,), 1.0 - 1.1 * WORTH)]).point == (1.0,)
-    assert best_of(Descent((0.0,), math.inf), [Descent((1.0,), 7.0)]).cost == 7.0
+@pytest.mark.parametrize(("gain", "stays"), [(0.9 * WORTH, True), (1.1 * WORTH, False)])
+def test_the_first_guess_stays_where_nothing_is_better_by_a_share(gain, stays):
+    best, guess, _ = searched(math.sqrt(gain / (1.0 - gain) / 2))
+    assert (best is guess) == stays
 
 
 def test_table_1_is_tuned_under_the_papers_loads_and_another_arm_under_its_own():
-    paper, other = ArmParameters(), ArmParameters(length=(0.6, 0.45))
-    assert (periods_of(paper), heaviest(paper), force_factor(paper)) == (PERIODS, 5.0, 1.0)
-    assert observer_search.largest_allowed(paper) == 0.997
-    assert radius_within(0.5, PERIODS) == 0.5 ** (1.0 / 1500.0)
+    other = ArmParameters(length=(0.6, 0.45))
+    assert (periods_of(PAPER), heaviest(PAPER), force_factor(PAPER)) == (1500, 5.0, 1.0)
+    assert observer_search._largest_allowed(PAPER) == 0.997
+    assert halving_radius(PAPER) == 0.5 ** (1.0 / 1500.0)
     loads = case_for("machining", other).disturbance.tip_force, case_for("payload", other).disturbance.payload
     assert heaviest(other) == loads[1].mass != 5.0
     assert force_factor(other) == loads[0].base / 138.0 != 1.0

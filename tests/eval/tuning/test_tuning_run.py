@@ -5,10 +5,11 @@ import json
 import pytest
 
 from fuzzyarm.cli import main
-from fuzzyarm.eval.stability.margins import LIMITS
+from fuzzyarm.eval.stability.margins import _LIMITS
 from fuzzyarm.eval.tuning import run as tuning
 from fuzzyarm.eval.tuning import steps
 from fuzzyarm.eval.tuning.finding import read_finding
+from fuzzyarm.eval.tuning.search import Found
 from fuzzyarm.policies.registry import COMPUTED_TORQUE, ELASTIC_OBSERVER
 from fuzzyarm.policies.tuned import NAME
 
@@ -18,10 +19,10 @@ RADII = {"nominal": 0.99, "5 kg payload": 1.01}
 def chose(policy, chosen, calls, radii=RADII):
     def find(context):
         calls.append(policy)
-        context.advance(1)
-        return chosen, {"error": float("nan")}, radii, 3, ()
+        context.advance()
+        return Found(chosen, {"error": float("nan")}, radii, 3)
 
-    return steps.step(policy, 3, find)
+    return steps.Step(policy, 3, find)
 
 
 @pytest.fixture
@@ -40,7 +41,7 @@ def quick_margins(monkeypatch):
     """Stand in for the margins, which take a second."""
     row = {"policy": "computed-torque", "control_period": 1e-3, "spectral_radius": RADII, "reasons": {}}
     document = {
-        "rows": [{**row, "loop_gain": dict.fromkeys(LIMITS)}],
+        "rows": [{**row, "loop_gain": dict.fromkeys(_LIMITS)}],
         "method": {"control_period": 1e-3, "postures": 1},
     }
     monkeypatch.setattr(tuning, "measure_margins", lambda config, advance: document)
