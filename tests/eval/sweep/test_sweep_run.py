@@ -22,7 +22,7 @@ from fuzzyarm.envs.scenario.disturbances import ConstantForce, Disturbance
 from fuzzyarm.eval.engine import Engine, WorkersLost, _call, _pickled, module_sources
 from fuzzyarm.eval.sweep import run
 from fuzzyarm.eval.sweep.config import SweepConfig
-from fuzzyarm.eval.sweep.run import SOURCES, Sweep, digest_of, identity_of, run_chunk
+from fuzzyarm.eval.sweep.run import _SOURCES, Sweep, _identity_of, _run_chunk, digest_of
 from fuzzyarm.policies import resolve_all
 
 HERE = Path(__file__).parent
@@ -52,7 +52,7 @@ def waiting(folder, config, policies, needed, number):
         while not (folder / "killed").exists():
             time.sleep(0.005)
     (folder / f"{os.getpid()}").touch()
-    return run_chunk(config, policies, needed, number)
+    return _run_chunk(config, policies, needed, number)
 
 
 class Killer:
@@ -60,7 +60,7 @@ class Killer:
 
     def __init__(self, folder):
         self.folder, self.killed = folder, None
-        run.run_chunk = functools.partial(waiting, folder)
+        run._run_chunk = functools.partial(waiting, folder)
 
     def __call__(self):
         while self.killed is None:
@@ -78,7 +78,7 @@ class Killer:
 
 @pytest.mark.slow
 def test_local_processes_give_the_numbers_of_one_and_one_of_them_may_die(tmp_path, expected, monkeypatch):
-    monkeypatch.setattr(run, "run_chunk", run_chunk)  # put back after the test
+    monkeypatch.setattr(run, "_run_chunk", _run_chunk)  # put back after the test
     killer, reports = Killer(tmp_path), []
     assert equal(swept(tmp_path, Engine(jobs=2), killer, reports.append), expected)
     assert os.getpid() not in killer.processes and len(killer.processes) > 1
@@ -123,9 +123,9 @@ def test_ray_gives_the_same_numbers_and_one_of_its_workers_may_die(tmp_path, exp
 
 def test_a_worker_with_other_versions_is_refused(tmp_path, monkeypatch):
     def newer(config, policies, needed, number):
-        return run_chunk(config, policies, needed | {"numpy": "1.0"}, number)
+        return _run_chunk(config, policies, needed | {"numpy": "1.0"}, number)
 
-    monkeypatch.setattr(run, "run_chunk", newer)
+    monkeypatch.setattr(run, "_run_chunk", newer)
     with pytest.raises(ValueError, match=r"other versions than the process that runs the sweep \(numpy .* and 1\.0\)"):
         swept(tmp_path, Engine(jobs=1))
     assert list((tmp_path / "sweep" / "chunks").iterdir()) == []
@@ -150,14 +150,14 @@ print(json.dumps([module.__file__ for name, module in sys.modules.items() if nam
 def test_the_digest_covers_every_module_that_runs_an_episode():
     done = subprocess.run([sys.executable, "-c", IMPORTED], capture_output=True, text=True, check=True)
     used = {Path(file).relative_to(ROOT) for file in json.loads(done.stdout)}
-    covered = {Path(source) for source in SOURCES}
+    covered = {Path(source) for source in _SOURCES}
     missing = {path for path in used if path.name != "__init__.py" and not covered.intersection([path, *path.parents])}
     assert missing == set()
 
 
 def test_the_identity_holds_the_digest_of_every_file_of_a_policy():
     config = SweepConfig(policies=("fuzzy-4-tip", "ppo-residual", "computed-torque"))
-    found = identity_of(config, resolve_all(config.policies))
+    found = _identity_of(config, resolve_all(config.policies))
     assert list(found["policies"]["fuzzy-4-tip"]) == ["fuzzy-4.json"]
     assert "policy.json" in found["policies"]["ppo-residual"]  # which holds the digest of the weights
     assert found["policies"]["computed-torque"] == {}

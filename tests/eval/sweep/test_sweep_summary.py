@@ -11,19 +11,19 @@ from scipy.stats import binom, norm
 
 from fuzzyarm.cli import main
 from fuzzyarm.eval.evaluation.ranking import markdown
-from fuzzyarm.eval.sweep.config import Axis, SweepConfig
+from fuzzyarm.eval.sweep.config import SweepConfig
 from fuzzyarm.eval.sweep.distributions import columns_of, plant_record
 from fuzzyarm.eval.sweep.episodes import SweepResults
-from fuzzyarm.eval.sweep.figures import Cells
+from fuzzyarm.eval.sweep.figures import _Cells
 from fuzzyarm.eval.sweep.ranking import rank_sweeps
-from fuzzyarm.eval.sweep.summary import QUANTILES, print_sweep, quantile_ranks, quantiles, summarise, worst
+from fuzzyarm.eval.sweep.summary import _QUANTILES, _quantile_ranks, _quantiles, _worst, print_sweep, summarise
 
 
 @pytest.mark.parametrize("count", [2, 15, 400, 5000])
 def test_the_intervals_of_quantiles_are_those_of_infinitely_many_resamples(count):
     """Rank r or below is the quantile k of a resample if at least k + 1 of its n draws are: a binomial tail."""
-    ranks, low, high = quantile_ranks(count)
-    for p, rank, first, last in zip(QUANTILES, ranks, low, high, strict=True):
+    ranks, low, high = _quantile_ranks(count)
+    for p, rank, first, last in zip(_QUANTILES, ranks, low, high, strict=True):
         assert rank == sum((i + 1) < p * count - 1e-9 for i in range(count))
         tail = binom.sf(rank, count, (np.arange(count) + 1.0) / count)
         slack = 4 * math.sqrt(0.025 * 0.975 / 2000)  # four standard errors of a share of 2000 resamples
@@ -33,14 +33,14 @@ def test_the_intervals_of_quantiles_are_those_of_infinitely_many_resamples(count
 
 def test_the_quantiles_of_values_are_values_of_that_rank_in_any_order():
     values = np.random.default_rng(1).permutation(np.arange(1000.0)) ** 3
-    ranks, low, high = quantile_ranks(1000)
-    for found, *expected in zip(quantiles(values).values(), ranks, low, high, strict=True):
+    ranks, low, high = _quantile_ranks(1000)
+    for found, *expected in zip(_quantiles(values).values(), ranks, low, high, strict=True):
         assert list(found.values()) == [float(rank) ** 3 for rank in expected]
 
 
 def test_a_quantile_among_episodes_that_ended_early_is_beyond_every_bound():
     values = np.concatenate([np.arange(92.0), np.full(8, np.inf)])
-    found = quantiles(values)
+    found = _quantiles(values)
     assert found["0.5"]["value"] == 49.0
     assert found["0.9"]["value"] == 89.0 and found["0.9"]["high"] is None
     assert found["0.99"]["value"] is None and found["0.99"]["high"] is None
@@ -88,7 +88,7 @@ def test_the_worst_plants_come_with_what_makes_them():
             zip(columns_of(2), results.plants[one["plant"]].tolist(), strict=True)
         )
         assert one["max_mm"] == results.metrics["max_mm"][0, 0, one["plant"]]
-    assert len(worst(results.episodes(0, 0), 0)) == 0
+    assert len(_worst(results.episodes(0, 0), 0)) == 0
 
 
 def test_the_table_shows_no_number_without_its_interval():
@@ -103,7 +103,7 @@ def test_the_table_shows_no_number_without_its_interval():
 
 GRID = SweepConfig(
     policies=("fuzzy-4", "a"), cases=("nominal", "payload"), distribution="plants", plants=3,
-    grid=(Axis("stiffness", 0.5, 1.5, 5), Axis("delay", 0, 3, 4)),
+    grid=(("stiffness", 0.5, 1.5, 5), ("delay", 0, 3, 4)),
 )  # fmt: skip
 
 
@@ -128,7 +128,7 @@ def made_for(config, ended=True):
 
 def test_the_cells_of_a_grid_hold_the_medians_of_their_plants():
     results = made_for(GRID)
-    cells = Cells.of(GRID, results.plants)
+    cells = _Cells.of(GRID, results.plants)
     errors = results.metrics["max_mm"][0, 0]
     expected = np.median(errors.reshape(5, 4, 3), axis=-1).T
     assert np.array_equal(cells.medians(errors), expected)
