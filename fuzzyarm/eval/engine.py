@@ -22,7 +22,7 @@ from typing import Any, TypeVar
 from fuzzyarm.common.checks import choice, whole
 from fuzzyarm.common.registry import additions, adopt
 
-__all__ = ["Engine", "WorkersLost", "module_sources", "source_of"]
+__all__ = ["Engine", "WorkersLost", "source_of"]
 
 _Result = TypeVar("_Result")
 _TRIES = 3  # how often workers may be lost without anything done in between, until the work is given up
@@ -93,7 +93,7 @@ class Engine:
         warnings.filterwarnings("ignore", r"A worker stopped|\d+ tasks ", UserWarning)
         content, paths = _pickled(work), tuple(sys.path) if self.backend == "local" else ()
         missing, losses = dict.fromkeys(numbers), 0
-        with self._workers(module_sources(content)) as (jobs, lost):
+        with self._workers(_module_sources(content)) as (jobs, lost):
             while missing:
                 pieces = (delayed(_call)(content, paths, number) for number in list(missing))
                 try:
@@ -203,7 +203,7 @@ def _cluster(ray: Any, address: str | None, jobs: int | None, modules: Sequence[
             ray.shutdown()
 
 
-def module_sources(pickled: bytes) -> tuple[Path, ...]:
+def _module_sources(pickled: bytes) -> tuple[Path, ...]:
     """Return the package folders and module files of the user's that a pickle refers to, each once."""
     words = {word.partition(".")[0] for _, word, _ in pickletools.genops(pickled) if isinstance(word, str)}
     sources = (source_of(top) for top in sorted(words & set(sys.modules)))

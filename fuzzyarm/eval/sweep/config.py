@@ -110,11 +110,9 @@ class SweepConfig:
             object.__setattr__(self, field, _rows(field, getattr(self, field), kind))
         self._check_grid()
         self._check_map()
-        varying = self.drawn().varying(self.joints)
-        if self.total > 1 and not (self.grid or varying):
-            raise ValueError(f"plants = {self.plants} would repeat one and the same run: nothing varies")
-        if self.grid and self.plants > 1 and not varying:
-            raise ValueError(f"plants = {self.plants} in each cell would be one and the same: nothing else varies")
+        if self.plants > 1 and not self.drawn().varying(self.joints):
+            where, what = (" in each cell", "nothing else") if self.grid else ("", "nothing")
+            raise ValueError(f"plants = {self.plants}{where} would repeat one and the same run: {what} varies")
 
     def _check_grid(self) -> None:
         names = [axis.quantity for axis in self.grid]

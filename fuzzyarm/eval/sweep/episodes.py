@@ -12,7 +12,7 @@ import numpy as np
 from fuzzyarm.eval.episodes.closed_loops import closed_loops
 from fuzzyarm.eval.episodes.loop import Step, TipErrors, episodes
 from fuzzyarm.eval.episodes.metrics import swept
-from fuzzyarm.eval.episodes.rollout import Rollout, Signals
+from fuzzyarm.eval.episodes.rollout import Rollout, rollout_of
 from fuzzyarm.eval.sweep.config import SweepConfig
 from fuzzyarm.eval.sweep.plants import CONTROL_PERIOD, Plants
 from fuzzyarm.fuzzy_policy.law import law_of
@@ -137,12 +137,9 @@ def replay(config: SweepConfig, policies: Mapping[str, Predictor], member: int, 
             f"policy {policy!r} in case {case!r} is not in the sweep; choose from: {', '.join(policies)}; "
             f"{', '.join(config.cases)}"
         )
-    plants, signals = Plants(config, [member], [case]), Signals(lane=0)
-    for step in _steps(plants, policies[policy]):
-        signals.add(step)
-    return signals.rollout(
-        policy=policy, case=case, seed=plants.seeds[0], control_period=CONTROL_PERIOD, parameters=config.arm
-    )
+    plants = Plants(config, [member], [case])
+    named = {"policy": policy, "case": case, "seed": plants.seeds[0], "control_period": CONTROL_PERIOD}
+    return rollout_of(_steps(plants, policies[policy]), 0, parameters=config.arm, **named)
 
 
 def _steps(plants: Plants, policy: Predictor) -> Iterator[Step]:

@@ -93,7 +93,7 @@ def _row(config: SweepConfig, episodes: SweepResults) -> dict[str, Any]:
 
 
 def _worst(episodes: SweepResults, count: int) -> np.ndarray:
-    """Return the numbers (count,) of the worst plants: early ends first, from the earliest on, then by falling error."""
+    """Return the numbers (count,) of the worst plants: the earliest ends first, then by falling error."""
     ended = np.where(episodes.completed, np.inf, episodes.seconds)
     return np.lexsort((-episodes.metrics["max_mm"], ended))[:count]
 
