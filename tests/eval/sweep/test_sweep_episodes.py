@@ -264,10 +264,9 @@ def test_a_configuration_survives_json_and_its_own_command_line(config):
     assert parsed(shlex.split(config.command())[1:]) == config
 
 
-def test_another_arm_survives_json_and_comes_from_a_file(tmp_path):
+def test_another_arm_comes_from_a_file(tmp_path):
     config = SweepConfig(parameters=ArmParameters(mass=(14.0, 8.0)))
-    assert SweepConfig.from_dict(json.loads(json.dumps(config.to_dict()))) == config
-    assert config.command() is None  # no option says what is in a file
+    assert config.command() is None  # no option holds the content of a file
     (tmp_path / "arm.toml").write_text("mass = [14.0, 8.0]\n")
     assert parsed(["sweep", "--robot", str(tmp_path / "arm.toml")]) == config
 
