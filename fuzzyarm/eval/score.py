@@ -35,9 +35,9 @@ from fuzzyarm.policies import load_policy
 if TYPE_CHECKING:
     from rich.console import Console
 
-__all__ = ["GROUPS", "Score", "print_scores", "scores"]
+__all__ = ["print_scores", "scores"]
 
-GROUPS = ("no load", "machining", "push", "payload and noise")
+_GROUPS = ("no load", "machining", "push", "payload and noise")
 """The four loads: none; 0.3 to 1 times the force of Case 2; a constant force of 50 to 150 N in any direction that sets
 in between a fifth and a half of the motion; and 1 to 5 kg at the tip, with noise of 10 µrad and 1 mrad/s on the
 encoders. No training of the registered task draws the last two."""
@@ -58,7 +58,7 @@ class _HeldOut:
 
 
 @dataclasses.dataclass(frozen=True)
-class Score:
+class _Score:
     """The results of a policy on the held-out set.
 
     Attributes:
@@ -81,7 +81,7 @@ def _held_out(version: str = __version__, each: int = _EACH) -> _HeldOut:
     family = reference_family(arm, 2 * each, seed=int(rng.integers(2**32)))
     force = MachiningForce()
     arms, references, disturbances = [], [], []
-    for group in range(len(GROUPS)):
+    for group in range(len(_GROUPS)):
         for _ in range(each):
             arms.append(_drawn(arm, rng))
             references.append(family[rng.integers(len(family))])
@@ -93,7 +93,7 @@ def _held_out(version: str = __version__, each: int = _EACH) -> _HeldOut:
             loaded = Disturbance(payload=Payload(float(rng.uniform(1.0, 5.0))), encoder_noise=EncoderNoise(1e-5, 1e-3))
             options = (Disturbance(), Disturbance(tip_force=scaled), Disturbance(tip_force=pushed), loaded)
             disturbances.append(options[group])
-    return _HeldOut(tuple(arms), tuple(references), tuple(disturbances), np.repeat(np.arange(len(GROUPS)), each))
+    return _HeldOut(tuple(arms), tuple(references), tuple(disturbances), np.repeat(np.arange(len(_GROUPS)), each))
 
 
 def _drawn(arm: ArmParameters, rng: np.random.Generator) -> ArmParameters:
@@ -109,7 +109,7 @@ def _drawn(arm: ArmParameters, rng: np.random.Generator) -> ArmParameters:
     return dataclasses.replace(arm, **changed)
 
 
-def _score_of(policy: Predictor, chosen: _HeldOut) -> Score:
+def _score_of(policy: Predictor, chosen: _HeldOut) -> _Score:
     """Return the score of a policy on a set."""
     count = len(chosen.arms)
     envs = FuzzyArmVectorEnv(
@@ -127,7 +127,7 @@ def _score_of(policy: Predictor, chosen: _HeldOut) -> Score:
             rate += np.where(step.running, np.mean((torque - before) ** 2, axis=1), 0.0)
         before, lost, done = torque, lost | (step.running & ~near), done + step.running
     short = done < steps - 1
-    return Score(earned / steps, np.sqrt(squares / done), np.sqrt(rate / done) / _PERIOD, lost | short)
+    return _Score(earned / steps, np.sqrt(squares / done), np.sqrt(rate / done) / _PERIOD, lost | short)
 
 
 def scores(policies: Mapping[str, Predictor], chosen: _HeldOut | None = None) -> dict[str, Any]:
@@ -136,9 +136,9 @@ def scores(policies: Mapping[str, Predictor], chosen: _HeldOut | None = None) ->
     found = {name: _score_of(load_policy(name), chosen) for name in _ANCHORS}
     low, high = (float(found[name].S.mean()) for name in _ANCHORS)
 
-    def row(score: Score) -> dict[str, Any]:
+    def row(score: _Score) -> dict[str, Any]:
         millimetres = 1e3 * np.quantile(score.rms, [0.5, 0.9, 0.99])
-        each = {group: 100.0 * float(score.S[chosen.groups == k].mean()) for k, group in enumerate(GROUPS)}
+        each = {group: 100.0 * float(score.S[chosen.groups == k].mean()) for k, group in enumerate(_GROUPS)}
         return {
             "N": 100.0 * (float(score.S.mean()) - low) / (high - low),
             "S": float(score.S.mean()),

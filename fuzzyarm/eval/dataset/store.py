@@ -93,7 +93,8 @@ def _batch(policy: Predictor, condition: Condition, lanes: int, seed: int, noise
     completed = np.any([step.completed for step in steps], axis=0).tolist()
     lengths = np.sum([step.running for step in steps], axis=0).tolist()
     for lane, length in enumerate(lengths):
-        yield _Episode(seed + lane, seen[lane, : length + 1], *(row[lane, :length] for row in rows), completed[lane])
+        done, wanted, earned, error = (row[lane, :length] for row in rows)
+        yield _Episode(seed + lane, seen[lane, : length + 1], done, wanted, earned, error, completed[lane])
 
 
 def _mean_return(policy: Predictor, condition: Condition, count: int, seed: int) -> float:

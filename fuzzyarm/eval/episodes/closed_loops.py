@@ -78,8 +78,8 @@ def closed_loops(lanes: Lanes, observation: np.ndarray, policy: Policy, law: Law
     if found.failed.any():
         return None
     errors = TipErrors(count)
-    for name in ("largest", "squares", "steps", "completed"):
-        getattr(errors, name)[:] = getattr(found, name)
+    errors.largest, errors.squares, errors.steps = found.largest, found.squares, found.steps
+    errors.completed = found.completed > 0.0
     return errors
 
 

@@ -138,7 +138,7 @@ def replay(config: SweepConfig, policies: Mapping[str, Predictor], member: int, 
             f"{', '.join(config.cases)}"
         )
     plants = Plants(config, [member], [case])
-    named = {"policy": policy, "case": case, "seed": plants.seeds[0], "control_period": CONTROL_PERIOD}
+    named: dict[str, Any] = {"policy": policy, "case": case, "seed": plants.seeds[0], "control_period": CONTROL_PERIOD}
     return rollout_of(_steps(plants, policies[policy]), 0, parameters=config.arm, **named)
 
 

@@ -54,7 +54,7 @@ class Plants:
         nominal = FuzzyArmVectorEnv(1, **_arm_argument([config.arm]), reference=default_reference(config.arm))
         _, at_rest = nominal.reset(seed=0)
         self._start = np.concatenate([at_rest[name][0] for name in ("q_motor", "q_link", "dq_motor", "dq_link")])
-        drawn = self.begin()[1].get("randomisation", {})  # a plant is drawn alike in every case
+        drawn: dict[str, Any] = self.begin()[1].get("randomisation", {})  # a plant is the same in every case
         found = drawn | _extras(config.drawn(), self.seeds) | cells
         self.values = np.empty(len(members), dtype=plant_record(config.joints))
         for name, (quantity, joint) in columns_of(config.joints).items():
@@ -64,7 +64,7 @@ class Plants:
         noise, delay = (np.tile(self.values[name], len(cases)) for name in ("noise", "delay"))
         self.channel = Channel(noise if noise.any() else None, delay.astype(np.int64))
 
-    def begin(self) -> tuple[np.ndarray, dict[str, np.ndarray]]:
+    def begin(self) -> tuple[np.ndarray, dict[str, Any]]:
         """Begin an episode in every lane, where the nominal arm rests; return observations (lanes, 5 n) and info."""
         cases = self.envs.num_envs // len(self.seeds)
         return self.envs.reset(seed=self.seeds * cases, options={"initial_state": self._start})
