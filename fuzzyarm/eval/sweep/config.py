@@ -53,7 +53,7 @@ class _Axis(NamedTuple):
 
 @dataclasses.dataclass(frozen=True)
 class SweepConfig:
-    """What is run, and how its results are shown.
+    """The configuration of a sweep: what is run, and how its results are shown.
 
     Attributes:
         policies: policies to run: names, controller files (.json), folders of learned policies, or code of your own as
