@@ -16,8 +16,7 @@ from torch import Tensor, nn
 
 from fuzzyarm.envs.observation import JOINTS, observed
 from fuzzyarm.envs.physics.parameters import ArmParameters
-from fuzzyarm.eval.dataset.recording import record
-from fuzzyarm.eval.dataset.store import open_dataset, provenance_of
+from fuzzyarm.eval.dataset.store import open_dataset, provenance_of, record
 
 PAST, WIDTH, BATCH, LEARNING_RATE, FINAL = 4, 128, 512, 1e-3, 0.02
 TESTED, TESTED_SEED = {"nominal": 1, "loads": 64}, 2_000_000_000  # episodes (nominal ones are alike), seeds in no data

@@ -70,12 +70,12 @@ def _run(options: Options) -> int:
 
 
 def _complete(options: Options, sweep: Sweep, engine: Engine) -> int:
-    """Run what is missing and summarise; a sweep that was begun and has no results yet is taken back after an error."""
+    """Run the missing chunks and summarise; undo a beginning that an error ends before the first result."""
     from fuzzyarm.eval.sweep.summary import print_sweep
 
     try:
         with progress("plants", sweep.config.total) as advance:
-            done = sweep.config.total - sweep.remaining
+            done = sweep.config.total - sum(len(sweep.config.members(number)) for number in sweep.missing())
             advance(completed=done)
             for plants in sweep.run(engine, lambda text: say(f"fuzzyarm sweep: {text}", error=True)):
                 done += plants

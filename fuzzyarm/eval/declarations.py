@@ -1,4 +1,4 @@
-"""What policies of files of results declare, see `policies.declared`, and which of them are code that may run."""
+"""The declarations of policies in files of results, see `policies.declared`, and which user's code may run."""
 
 from __future__ import annotations
 
@@ -35,7 +35,7 @@ def written_declarations(found: Mapping[str, Declared | None]) -> dict[str, dict
 
 
 def read_declarations(written: Mapping[str, Any] | None, names: Sequence[str]) -> dict[str, Declared | None]:
-    """Return what `written_declarations` wrote (None in older files) for policies of these names; else ValueError."""
+    """Return a file's declarations (None in older files) of the policies with these names; ValueError for others."""
     labels = {resolve(name).label: name for name in names}
     if written is None:
         return {label: declared_by_name(name) for label, name in labels.items()}
@@ -45,9 +45,10 @@ def read_declarations(written: Mapping[str, Any] | None, names: Sequence[str]) -
 
 
 def unrelated(place: str, policies: Sequence[str], named: Sequence[str]) -> list[str]:
-    """Return the `named` policies that are neither code among `policies` nor the place of a file or folder of theirs.
+    """Return the `named` policies that are neither user's code among `policies` nor the new path of one of them.
 
-    ValueError unless all code among `policies`, which `place` names, is `named`: files alone run no code.
+    ValueError unless all user's code among `policies` is `named`, because a file alone runs no code; `place` begins its
+    message.
     """
     specs = list(map(resolve, policies))
     code, labels = [spec.name for spec in specs if spec.kind is Kind.CODE], [spec.label for spec in specs]
@@ -66,7 +67,7 @@ def declared_cells(own: Declared | None) -> tuple[str, ...]:
 
 
 def print_declared(rows: Sequence[Sequence[str]], headings: Sequence[str], console: Console) -> None:
-    """Print rows as blocks, with a line for each cell: six columns of sentences would be a word wide on a terminal."""
+    """Print rows as blocks with one line per cell: on a terminal six columns of sentences would be one word wide."""
     console.print()
     fields = list(headings[1:])
     cells = [(f"  {heading}", cell) for _, *own in rows for heading, cell in zip(fields, own, strict=True)]

@@ -1,6 +1,7 @@
-"""Pieces of work on many workers: joblib, over processes of this machine or over Ray's workers on a cluster.
+"""Pieces of work on many workers: joblib runs them in processes of this machine or on Ray's workers on a cluster.
 
-A worker that dies, out of memory for example, loses only the pieces that were running: they are run again.
+When a worker dies, for example because memory runs out, only the pieces that were running are lost, and they are run
+again.
 """
 
 from __future__ import annotations
@@ -22,7 +23,7 @@ from typing import Any, TypeVar
 from fuzzyarm.common.checks import choice, whole
 from fuzzyarm.common.registry import Registry
 
-__all__ = ["Engine", "WorkersLost", "module_sources", "source_of"]
+__all__ = ["Engine", "WorkersLost", "source_of"]
 
 _Result = TypeVar("_Result")
 _TRIES = 3  # how often workers may be lost without anything done in between, until the work is given up
@@ -35,7 +36,7 @@ class WorkersLost(Exception):
 
 @dataclasses.dataclass(frozen=True)
 class Engine:
-    """Where the work is done.
+    """The workers that do the work.
 
     Attributes:
         backend: local (processes of this machine) or ray.
@@ -68,32 +69,32 @@ class Engine:
     def run(
         self, work: Callable[[int], _Result], numbers: Sequence[int], report: Callable[[str], None] = lambda _: None
     ) -> Generator[tuple[int, _Result]]:
-        """Yield (number, work(number)) for all numbers, in the order in which they are done.
+        """Yield (number, work(number)) for all numbers, in the order in which the results arrive.
 
-        Workers know what was added by name to this process. Those of this machine import the user's modules that `work`
-        needs from where they are; to a Ray cluster the modules are sent.
+        Workers know the cases, metrics and policies that were added by name in this process. Workers on this machine
+        import the user's modules that `work` needs from their folders; a Ray cluster gets a copy of them.
 
         Args:
-            work: what is done; it is pickled and sent to the workers, and must give the same result on each.
-            numbers: different from each other.
-            report: called with a line whenever a worker was lost.
+            work: the function to run; it is pickled, and must give the same result in every worker.
+            numbers: its arguments, all different.
+            report: called with a line of text whenever a worker has died.
 
         Raises:
-            WorkersLost: nothing was done between three losses of workers.
+            WorkersLost: workers died three times without a result in between.
             ValueError: Ray is not installed, its cluster is not found, or `work` cannot be pickled.
         """
         if self.jobs == 1:
             with self._workers(()):
                 yield from ((number, work(number)) for number in numbers)
             return
-        from joblib import Parallel, delayed  # here, as the command line needs no more of this module than its options
+        from joblib import Parallel, delayed  # here, because the command line needs only the options of this module
 
-        # loky replaces a worker whose memory has grown, and warns in a thread of its own, which the warning as an error
-        # would end with the work undone. The other warning is of results that were computed but not consumed.
+        # loky replaces a worker whose memory has grown, and warns in a thread of its own: as an error, the warning
+        # would end that thread with the work undone. The other warning is about results that nobody consumed.
         warnings.filterwarnings("ignore", r"A worker stopped|\d+ tasks ", UserWarning)
         content, paths = _pickled(work), tuple(sys.path) if self.backend == "local" else ()
         missing, losses = dict.fromkeys(numbers), 0
-        with self._workers(module_sources(content)) as (jobs, lost):
+        with self._workers(_module_sources(content)) as (jobs, lost):
             while missing:
                 pieces = (delayed(_call)(content, paths, number) for number in list(missing))
                 try:
@@ -113,7 +114,7 @@ class Engine:
 
     @contextlib.contextmanager
     def _workers(self, modules: Sequence[Path]) -> Iterator[tuple[int, Any]]:
-        """Choose joblib's backend for what is run within; return the number of workers and the errors of a lost one."""
+        """Choose joblib's backend for the block; yield the number of workers and the errors that a dead one raises."""
         from joblib import parallel_config
 
         if self.backend == "local":
@@ -145,7 +146,7 @@ class Engine:
 
 
 def _pickled(work: Callable[[int], Any]) -> bytes:
-    """Return work and additions, pickled once; every piece of work unpickles a copy, which keeps no memory."""
+    """Return work and additions, pickled once; each piece unpickles a copy, so that none sees another's state."""
     import cloudpickle  # type: ignore[import-untyped]
 
     try:
@@ -159,7 +160,7 @@ def _pickled(work: Callable[[int], Any]) -> bytes:
 
 
 def _call(content: bytes, paths: Sequence[str], number: int) -> tuple[int, Any]:
-    """Run pickled work for a number in a worker, which imports from `paths` too, as unpickling may need modules."""
+    """Run pickled work for a number in a worker; unpickling may import modules from `paths`."""
     sys.path += [path for path in paths if path not in sys.path]
     added, work = pickle.loads(content)
     Registry.adopt(added)
@@ -168,9 +169,9 @@ def _call(content: bytes, paths: Sequence[str], number: int) -> tuple[int, Any]:
 
 @contextlib.contextmanager
 def _cluster(ray: Any, address: str | None, jobs: int | None, modules: Sequence[Path]) -> Iterator[None]:
-    """Connect to a Ray cluster, or start one on this machine, for the duration of the block, and send it modules.
+    """Connect to a Ray cluster for the block, or start one on this machine, and send it the modules.
 
-    A cluster that this process is connected to already is used as it is, and stays connected.
+    If this process is connected to a cluster already, that one is used as it is, and stays connected.
     """
     if ray.is_initialized():
         yield
@@ -203,17 +204,18 @@ def _cluster(ray: Any, address: str | None, jobs: int | None, modules: Sequence[
             ray.shutdown()
 
 
-def module_sources(pickled: bytes) -> tuple[Path, ...]:
-    """Return the package folders and module files of the user's that a pickle refers to, each once."""
+def _module_sources(pickled: bytes) -> tuple[Path, ...]:
+    """Return the folders of the user's packages and the files of modules that a pickle refers to, each once."""
     words = {word.partition(".")[0] for _, word, _ in pickletools.genops(pickled) if isinstance(word, str)}
     sources = (source_of(top) for top in sorted(words & set(sys.modules)))
     return tuple(dict.fromkeys(source for source in sources if source is not None))
 
 
 def source_of(top: str) -> Path | None:
-    """Return the folder of a top-level package of the user's, or the file of a module that lies in no package.
+    """Return the folder of the user's top-level package with this name, or the file of a module outside packages.
 
-    None for what is part of Python or the package, is run, or is installed: all machines are expected to have it.
+    None for a part of Python or of fuzzyarm, for the main program and for installed packages, which all machines are
+    expected to have.
     """
     module = sys.modules[top]
     path = getattr(module, "__file__", None) or next(iter(getattr(module, "__path__", ())), None)

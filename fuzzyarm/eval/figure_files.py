@@ -18,7 +18,7 @@ from fuzzyarm.common.files import write_atomically
 __all__ = ["MARKERS", "figure_style", "write_all"]
 
 MARKERS = "os^Dv"
-"""Of the curves of a figure, one after the other."""
+"""The markers of a figure's curves, in this order."""
 
 
 def figure_style() -> AbstractContextManager[None]:

@@ -1,4 +1,4 @@
-"""What a result was made with, so that it can be reproduced, and documents of results as text."""
+"""The provenance of a result, which makes it reproducible, and documents of results as text."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ _LIBRARIES = ("fuzzyarm", "numpy", "llvmlite", "gymnasium", "scipy", "clarabel",
 
 
 def current_provenance() -> dict[str, Any]:
-    """Return commit, versions of Python and the libraries, and machine, as results store them.
+    """Return commit, machine, and the versions of Python and the libraries, as results store them.
 
     The commit is None outside a git checkout of the package.
     """
@@ -30,7 +30,7 @@ def current_provenance() -> dict[str, Any]:
 
 
 def made_now(command: str | None) -> dict[str, Any]:
-    """Return command, date and `current_provenance`, with which documents of results begin."""
+    """Return command, date and `current_provenance`: the beginning of documents of results."""
     now = datetime.datetime.now(datetime.UTC).isoformat(timespec="seconds")
     return {"command": command, "date": now, **current_provenance()}
 
@@ -41,7 +41,7 @@ def json_text(document: Mapping[str, Any]) -> str:
 
 
 def installed() -> dict[str, str]:
-    """Return what a report of a bug names beside the version of fuzzyarm: Python, libraries and system."""
+    """Return the versions of Python, libraries and system that a bug report needs beside that of fuzzyarm."""
     versions = {name: version_of(name) for name in (*_LIBRARIES[1:], "torch", "stable-baselines3")}
     return {
         "Python": platform.python_version(),

@@ -1,4 +1,4 @@
-"""The score of a policy on a held-out set: what a challenge ranks by.
+"""The score of a policy on a held-out set, by which a challenge ranks policies.
 
 Each episode follows a path that no training draws, on an arm with other masses, springs and friction, under one of four
 loads. With the tip error d of each millisecond, until the reference ends,
@@ -6,22 +6,21 @@ loads. With the tip error d of each millisecond, until the reference ends,
     S = mean of 1 - ln(1 + d/s)/ln(1 + R/s),   s = 10 µm, R = 0.2 m, 0 where d > R and after an early end,
     N = 100 (S - S_c) / (S_o - S_c),
 
-S_c of computed-torque and S_o of learned-observer on the same set: 0 is what the arm's equations alone reach, 100 what
-an observer reaches that learned to tell its load. The set is made from the version's name, so that it is public, the
-same for everyone, and another one with each version.
+with S_c of computed-torque and S_o of learned-observer on the same set: the arm's equations alone reach 0, and an
+observer that learned to estimate its load reaches 100. The set is drawn from the name of the version, so that it is
+public, the same for everyone, and new with each version.
 """
 
 from __future__ import annotations
 
 import dataclasses
 import hashlib
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from fuzzyarm import __version__
-from fuzzyarm.common.checks import whole
 from fuzzyarm.common.console import Sheet
 from fuzzyarm.envs.physics.dynamics import Payload
 from fuzzyarm.envs.physics.parameters import ArmParameters
@@ -36,22 +35,21 @@ from fuzzyarm.policies import load_policy
 if TYPE_CHECKING:
     from rich.console import Console
 
-__all__ = ["ANCHORS", "GROUPS", "HeldOut", "Score", "held_out", "print_scores", "score_of", "scores"]
+__all__ = ["print_scores", "scores"]
 
-GROUPS = ("no load", "machining", "push", "payload and noise")
-"""The four loads: none; 0.3 to 1 times the force of Case 2; a constant force of 50 to 150 N in any direction from a
-fifth to a half of the motion on; and 1 to 5 kg at the tip, with noise of 10 µrad and 1 mrad/s on the encoders. No
-training of the registered task draws the last two."""
-ANCHORS = ("computed-torque", "learned-observer")
-"""The policies whose N are 0 and 100."""
-RESOLUTION, LOST = 1e-5, 0.2
+_GROUPS = ("no load", "machining", "push", "payload and noise")
+"""The four loads: none; 0.3 to 1 times the force of Case 2; a constant force of 50 to 150 N in any direction that sets
+in between a fifth and a half of the motion; and 1 to 5 kg at the tip, with noise of 10 µrad and 1 mrad/s on the
+encoders. No training of the registered task draws the last two."""
+_ANCHORS = ("computed-torque", "learned-observer")  # the policies whose N are 0 and 100
+_RESOLUTION, _LOST = 1e-5, 0.2  # s and R [m]
 _EACH = 32  # episodes of a group
 _PERIOD = 1e-3
 
 
 @dataclasses.dataclass(frozen=True)
-class HeldOut:
-    """Episodes that no training draws: of each the arm, reference and disturbance, and the number of its group."""
+class _HeldOut:
+    """Episodes that no training draws: arm, reference, disturbance and number of the group of each."""
 
     arms: tuple[ArmParameters, ...]
     references: tuple[Reference, ...]
@@ -60,14 +58,14 @@ class HeldOut:
 
 
 @dataclasses.dataclass(frozen=True)
-class Score:
-    """What a policy reached on the held-out set.
+class _Score:
+    """The results of a policy on the held-out set.
 
     Attributes:
-        S: (episodes,) of the module's docstring.
+        S: (episodes,) mean of the module's docstring.
         rms: (episodes,) root mean square tip error until the end [m].
         rate: (episodes,) root mean square rate of the torque [N m/s].
-        lost: (episodes,) booleans: the tip was once beyond R, or the episode ended early.
+        lost: (episodes,) booleans: the tip error exceeded R at some instant, or the episode ended early.
     """
 
     S: np.ndarray
@@ -76,15 +74,14 @@ class Score:
     lost: np.ndarray
 
 
-def held_out(version: str = __version__, each: int = _EACH) -> HeldOut:
+def _held_out(version: str = __version__, each: int = _EACH) -> _HeldOut:
     """Return the set of a version, with `each` episodes in every group."""
-    whole("each", each, low=1, high=10_000)
     seed = int.from_bytes(hashlib.sha256(f"fuzzyarm {version} held-out".encode()).digest()[:8], "big")
     rng, arm = np.random.default_rng(seed), ArmParameters()
     family = reference_family(arm, 2 * each, seed=int(rng.integers(2**32)))
     force = MachiningForce()
     arms, references, disturbances = [], [], []
-    for group in range(len(GROUPS)):
+    for group in range(len(_GROUPS)):
         for _ in range(each):
             arms.append(_drawn(arm, rng))
             references.append(family[rng.integers(len(family))])
@@ -96,11 +93,11 @@ def held_out(version: str = __version__, each: int = _EACH) -> HeldOut:
             loaded = Disturbance(payload=Payload(float(rng.uniform(1.0, 5.0))), encoder_noise=EncoderNoise(1e-5, 1e-3))
             options = (Disturbance(), Disturbance(tip_force=scaled), Disturbance(tip_force=pushed), loaded)
             disturbances.append(options[group])
-    return HeldOut(tuple(arms), tuple(references), tuple(disturbances), np.repeat(np.arange(len(GROUPS)), each))
+    return _HeldOut(tuple(arms), tuple(references), tuple(disturbances), np.repeat(np.arange(len(_GROUPS)), each))
 
 
 def _drawn(arm: ArmParameters, rng: np.random.Generator) -> ArmParameters:
-    """Return an arm with factors on its constants, of the widths that the randomisation "plants" has."""
+    """Return the arm with random factors on its constants, in the ranges of the randomisation "plants"."""
     widths = {
         ("mass", "inertia"): 0.1, ("motor_inertia",): 0.1, ("stiffness",): 0.2, ("damping",): 0.5,
         ("static_friction", "coulomb_friction"): 0.5, ("viscous_friction",): 0.5,
@@ -112,8 +109,8 @@ def _drawn(arm: ArmParameters, rng: np.random.Generator) -> ArmParameters:
     return dataclasses.replace(arm, **changed)
 
 
-def score_of(policy: Predictor, chosen: HeldOut, advance: Callable[[], object] = lambda: None) -> Score:
-    """Return the score of a policy on a set; `advance` is called after each control step of all episodes."""
+def _score_of(policy: Predictor, chosen: _HeldOut) -> _Score:
+    """Return the score of a policy on a set."""
     count = len(chosen.arms)
     envs = FuzzyArmVectorEnv(
         count, disturbance=chosen.disturbances, reference=chosen.references, parameters=chosen.arms, threads=1
@@ -123,26 +120,25 @@ def score_of(policy: Predictor, chosen: HeldOut, advance: Callable[[], object] =
     lost, before = np.zeros(count, dtype=bool), None
     for step in episodes(envs, policy, envs.reset(seed=0)):
         error, torque = step.info["tip_error"], step.info["torque"]
-        near = step.running & (error <= LOST)
-        earned += np.where(near, 1.0 - np.log1p(error / RESOLUTION) / np.log1p(LOST / RESOLUTION), 0.0)
+        near = step.running & (error <= _LOST)
+        earned += np.where(near, 1.0 - np.log1p(error / _RESOLUTION) / np.log1p(_LOST / _RESOLUTION), 0.0)
         squares += np.where(step.running, error, 0.0) ** 2
         if before is not None:
             rate += np.where(step.running, np.mean((torque - before) ** 2, axis=1), 0.0)
         before, lost, done = torque, lost | (step.running & ~near), done + step.running
-        advance()
     short = done < steps - 1
-    return Score(earned / steps, np.sqrt(squares / done), np.sqrt(rate / done) / _PERIOD, lost | short)
+    return _Score(earned / steps, np.sqrt(squares / done), np.sqrt(rate / done) / _PERIOD, lost | short)
 
 
-def scores(policies: Mapping[str, Predictor], chosen: HeldOut | None = None) -> dict[str, Any]:
-    """Return the scores of policies by label, with the anchors', ready for JSON."""
-    chosen = held_out() if chosen is None else chosen
-    found = {name: score_of(load_policy(name), chosen) for name in ANCHORS}
-    low, high = (float(found[name].S.mean()) for name in ANCHORS)
+def scores(policies: Mapping[str, Predictor], chosen: _HeldOut | None = None) -> dict[str, Any]:
+    """Return the scores of policies, given by label, and those of computed-torque and learned-observer, for JSON."""
+    chosen = _held_out() if chosen is None else chosen
+    found = {name: _score_of(load_policy(name), chosen) for name in _ANCHORS}
+    low, high = (float(found[name].S.mean()) for name in _ANCHORS)
 
-    def row(score: Score) -> dict[str, Any]:
+    def row(score: _Score) -> dict[str, Any]:
         millimetres = 1e3 * np.quantile(score.rms, [0.5, 0.9, 0.99])
-        each = {group: 100.0 * float(score.S[chosen.groups == k].mean()) for k, group in enumerate(GROUPS)}
+        each = {group: 100.0 * float(score.S[chosen.groups == k].mean()) for k, group in enumerate(_GROUPS)}
         return {
             "N": 100.0 * (float(score.S.mean()) - low) / (high - low),
             "S": float(score.S.mean()),
@@ -152,13 +148,13 @@ def scores(policies: Mapping[str, Predictor], chosen: HeldOut | None = None) -> 
             "S_percent_by_group": each,
         }
 
-    own = {label: row(found.get(label) or score_of(policy, chosen)) for label, policy in policies.items()}
-    anchors = {name: row(found[name]) for name in ANCHORS if name not in own}
+    own = {label: row(found.get(label) or _score_of(policy, chosen)) for label, policy in policies.items()}
+    anchors = {name: row(found[name]) for name in _ANCHORS if name not in own}
     return {"version": __version__, "episodes": len(chosen.arms), "policies": own, "anchors": anchors}
 
 
 def print_scores(document: Mapping[str, Any], console: Console) -> None:
-    """Print a table of what `scores` found; of several policies the mean and the worst N below."""
+    """Print the document of `scores` as a table, and for several policies the mean and the worst N."""
     table = []
     for name, one in [*document["policies"].items(), *document["anchors"].items()]:
         rms = (f"{value:.3g}" for value in one["rms_mm"].values())

@@ -148,7 +148,7 @@ def resume(folder: Path) -> None:
 def sign_run(content: dict[str, Any]) -> dict[str, Any]:
     """Sign a run.json as whoever forges it would: the numbers follow the configuration."""
     content["numbers"] = {name: content["config"].get(name, value) for name, value in content["numbers"].items()}
-    then = {name: content[name] for name in ("numbers", "policies", "made_with")}
+    then = {name: content[name] for name in ("numbers", "policies", "made_with", "cases")}
     return content | {"digest": digest_of(then)}
 
 

@@ -116,7 +116,7 @@ def test_every_loop_of_one_arm_has_the_same_sub_steps():
     assert FuzzyArmEnv(parameters=STIFF, randomisation=drawn).substeps == pytest.approx(2 * count, abs=1)
     grid = ("stiffness", 1.0, 100.0, 2), ("mass", 1.0, 2.0, 2)
     config = SweepConfig.of({"grid": grid, "parameters": STIFF, "chunk": 1})
-    assert {Plants.draw(config, [member]).environment(["nominal"]).substeps for member in range(4)} == {266}
+    assert {Plants(config, [member], ["nominal"]).envs.substeps for member in range(4)} == {266}
     assert spectral_radius(ComputedTorquePolicy(STIFF), STIFF, control_period=1e-3) < 1.0
 
 

@@ -12,12 +12,12 @@ from fuzzyarm.envs.physics.parameters import ArmParameters
 from fuzzyarm.envs.scenario.default_reference import reference_family
 from fuzzyarm.eval import score
 
-SMALL = score.held_out("test", each=2)
+SMALL = score._held_out("test", each=2)
 
 
 def test_the_score_is_that_of_each_episode_run_alone():
     policy = load_policy("computed-torque")
-    found = score.score_of(policy, SMALL)
+    found = score._score_of(policy, SMALL)
     for k in (0, 2, 4):  # without noise, which has a stream for each lane
         env = FuzzyArmEnv(disturbance=SMALL.disturbances[k], reference=SMALL.references[k], parameters=SMALL.arms[k])
         observation, _ = env.reset(seed=0)
@@ -43,12 +43,12 @@ class Nothing:
 
 
 def test_an_arm_that_falls_scores_next_to_nothing():
-    found = score.score_of(Nothing(), SMALL)
+    found = score._score_of(Nothing(), SMALL)
     assert found.lost.all() and found.S.max() < 0.1
 
 
 def test_the_set_is_the_versions_own_and_no_training_draws_it():
-    again, other = score.held_out("test", each=2), score.held_out("next", each=2)
+    again, other = score._held_out("test", each=2), score._held_out("next", each=2)
     assert again.references == SMALL.references and again.arms == SMALL.arms
     assert not set(other.references) & set(SMALL.references)
     assert not set(SMALL.references) & set(reference_family(ArmParameters(), 256))
@@ -57,7 +57,7 @@ def test_the_set_is_the_versions_own_and_no_training_draws_it():
 
 
 def test_the_command_prints_anchors_and_writes_the_file(tmp_path, capsys, monkeypatch):
-    monkeypatch.setattr(score, "held_out", lambda: SMALL)
+    monkeypatch.setattr(score, "_held_out", lambda: SMALL)
     out = tmp_path / "score.json"
     assert main(["score", "--policy", "fuzzy-4-tip", "computed-torque", "--out", str(out)]) == 0
     document = json.loads(out.read_text())

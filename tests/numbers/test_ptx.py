@@ -284,8 +284,8 @@ def swept():
     """Run closed loops of two laws with plants, delays and noise."""
     for name in ("fuzzy-4", "elastic-observer"):
         config = SweepConfig(plants=WIDE, policies=(name,))
-        plants = Plants.draw(config, range(WIDE))
-        assert errors_in_one_kernel(plants, plants.environment(config.cases[:1]), load_policy(name)) is not None
+        plants = Plants(config, range(WIDE), config.cases[:1])
+        assert errors_in_one_kernel(plants, load_policy(name)) is not None
 
 
 def in_tensors(**options):

@@ -339,11 +339,11 @@ def sweep_entries(policy: str) -> list[Entry]:
 @contextlib.contextmanager
 def _swept(config: SweepConfig, run: Callable[..., Any]) -> Iterator[Measure]:
     (name,) = config.policies
-    plants, policy = Plants.draw(config, config.members(0)), load_policy(name)
-    with contextlib.closing(plants.environment(config.cases)) as envs:
+    plants, policy = Plants(config, config.members(0), config.cases), load_policy(name)
+    with contextlib.closing(plants.envs):
 
         def advance() -> int:
-            errors = run(plants, envs, policy)
+            errors = run(plants, policy)
             assert errors is not None  # the policy has a law for the kernel
             return int(errors.steps.sum())
 

@@ -1,4 +1,4 @@
-"""What a data set holds: the level of its policies, the condition they acted in, how many episodes."""
+"""The contents of a data set: the level of its policies, the condition they act in, and the number of episodes."""
 
 from __future__ import annotations
 
@@ -11,11 +11,11 @@ from fuzzyarm.common.checks import choice, real, whole
 __all__ = ["CONDITIONS", "EXPERT", "LEVELS", "VERSION", "Condition", "DatasetConfig"]
 
 VERSION = 0
-"""The number at the end of a data set's name; another one means other contents."""
+"""The number at the end of a data set's name, which changes with the contents."""
 _Level = Literal["expert", "medium", "mixed"]
-"""How good the policies are."""
+"""The quality of the policies."""
 Condition = Literal["nominal", "loads"]
-"""What they act on."""
+"""The arms, loads and paths on which they act."""
 EXPERT = "learned-observer"
 """The policy whose score is 100."""
 
@@ -37,7 +37,7 @@ _MOST_EPISODES = 2_000  # half a gigabyte in memory while they are written
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
 class DatasetConfig:
-    """What a data set holds; the text after each field says what it is.
+    """The contents of a data set; the text after each field explains it.
 
     Raises:
         TypeError: a value is of the wrong type.
@@ -67,12 +67,12 @@ class DatasetConfig:
 
     @property
     def name(self) -> str:
-        """The name that Minari knows the data set by."""
+        """The name of the data set in Minari."""
         return f"fuzzyarm/{self.level}-{self.condition}-v{VERSION}"
 
     @property
     def shares(self) -> dict[str, int]:
-        """How many episodes each policy has."""
+        """Number of episodes by policy."""
         policies = LEVELS[self.level]
         whole_share, rest = divmod(self.episodes, len(policies))
         return {policy: whole_share + (place < rest) for place, policy in enumerate(policies)}

@@ -1,11 +1,12 @@
-"""Data sets on disk, written and read by Minari: HDF5 with numbers, and metadata as text.
+"""Data sets of episodes: recorded in batches, and written and read by Minari as HDF5 numbers with metadata as text.
 
-A folder is what Minari calls its root: ``MINARI_DATASETS_PATH=FOLDER`` makes `minari.load_dataset` find what is in it.
+A folder of data sets is Minari's root: with ``MINARI_DATASETS_PATH=FOLDER``, `minari.load_dataset` finds them.
 """
 
 from __future__ import annotations
 
 import contextlib
+import dataclasses
 import json
 import os
 import shutil
@@ -18,26 +19,91 @@ from typing import Any
 import numpy as np
 
 from fuzzyarm.common.checks import instance, shown
-from fuzzyarm.common.documents import open_regular, parse_json, read_json
+from fuzzyarm.common.documents import DocumentError, open_regular, parse_json, read_json
 from fuzzyarm.envs.physics.parameters import ArmParameters
-from fuzzyarm.eval.dataset.config import CONDITIONS, EXPERT, VERSION, DatasetConfig
-from fuzzyarm.eval.dataset.recording import Episode, RandomTorques, mean_return, record
+from fuzzyarm.envs.vector import FuzzyArmVectorEnv
+from fuzzyarm.eval.dataset.config import CONDITIONS, EXPERT, VERSION, Condition, DatasetConfig
+from fuzzyarm.eval.episodes.loop import episodes
 from fuzzyarm.eval.provenance import current_provenance
+from fuzzyarm.fuzzy_policy.policy import Predictor
 from fuzzyarm.policies import load_policy
 from fuzzyarm.policies.spec import resolve
 
-__all__ = ["DatasetError", "check_installed", "open_dataset", "provenance_of", "write_dataset"]
+__all__ = ["check_installed", "open_dataset", "provenance_of", "record", "write_dataset"]
 
 _SCHEMA, _KEY, _DATA = f"fuzzyarm-dataset/{VERSION}", "fuzzyarm", "data"
 _SCORED, _SCORED_SEED = 64, 1_000_000_000  # episodes behind a reference score, of seeds that no data set begins with
+_LANES = 64  # episodes that are recorded at once
+_LIMIT = np.array(ArmParameters().torque_limit)
 
 
-class DatasetError(ValueError):
-    """A data set is missing, damaged or of another version; the message is one line that says what to do."""
+@dataclasses.dataclass(frozen=True, eq=False)
+class _Episode:
+    """One episode of T steps."""
+
+    seed: int  # of the environment's reset
+    observations: np.ndarray  # (T + 1, 10), the last one after the last step
+    actions: np.ndarray  # (T, 2) torques of the steps, with noise [N m]
+    intended: np.ndarray  # (T, 2) torques of the policy without noise, within the limits [N m]
+    rewards: np.ndarray  # (T,)
+    tip_errors: np.ndarray  # (T,) after each step [m]
+    completed: bool  # whether the reference was followed to its end
+
+
+class _RandomTorques:
+    """A policy that draws each torque uniformly within its limits."""
+
+    def __init__(self, seed: int) -> None:
+        """Begin the stream of draws."""
+        self._generator = np.random.default_rng(seed)
+
+    def predict(
+        self, observation: np.ndarray, state: None = None, episode_start: object = None, deterministic: bool = True
+    ) -> tuple[np.ndarray, None]:
+        """Return torques (lanes, 2) [N m] for observations (lanes, 10)."""
+        return self._generator.uniform(-_LIMIT, _LIMIT, (len(observation), len(_LIMIT))), None
+
+
+def record(policy: Predictor, condition: Condition, count: int, seed: int, noise: float = 0.0) -> Iterator[_Episode]:
+    """Yield `count` episodes of a policy at 1 kHz; episode i is reset with seed + i.
+
+    The torques carry Gaussian noise, whose standard deviation is `noise` times their limits.
+    """
+    for first in range(0, count, _LANES):
+        yield from _batch(policy, condition, min(_LANES, count - first), seed + first, noise)
+
+
+def _batch(policy: Predictor, condition: Condition, lanes: int, seed: int, noise: float) -> Iterator[_Episode]:
+    """Yield one episode of each lane of a batch."""
+    envs, generator = FuzzyArmVectorEnv(lanes, **CONDITIONS[condition], threads=1), np.random.default_rng([seed, lanes])
+    intended, actions = list[np.ndarray](), list[np.ndarray]()
+
+    def actuate(torque: np.ndarray) -> np.ndarray:
+        intended.append(np.clip(torque, -_LIMIT, _LIMIT))
+        noisy = intended[-1] + noise * _LIMIT * generator.normal(size=torque.shape) if noise > 0.0 else intended[-1]
+        actions.append(np.clip(noisy, -_LIMIT, _LIMIT))
+        return actions[-1]
+
+    start = envs.reset(seed=seed)
+    steps = list(episodes(envs, policy, start, actuate=actuate))
+    envs.close()
+    rewards, errors = [step.reward for step in steps], [step.info["tip_error"] for step in steps]
+    rows = [np.stack(part, axis=1) for part in (actions, intended, rewards, errors)]
+    seen = np.stack([start[0], *(step.observation for step in steps)], axis=1)
+    completed = np.any([step.completed for step in steps], axis=0).tolist()
+    lengths = np.sum([step.running for step in steps], axis=0).tolist()
+    for lane, length in enumerate(lengths):
+        done, wanted, earned, error = (row[lane, :length] for row in rows)
+        yield _Episode(seed + lane, seen[lane, : length + 1], done, wanted, earned, error, completed[lane])
+
+
+def _mean_return(policy: Predictor, condition: Condition, count: int, seed: int) -> float:
+    """Return the mean over episodes of the sum of rewards, a pure number; arguments as for `record`."""
+    return float(np.mean([one.rewards.sum() for one in record(policy, condition, count, seed)]))
 
 
 def check_installed() -> None:
-    """Raise ValueError with the way out if Minari, or what it stores with, is not installed."""
+    """Raise ValueError with the way out if Minari or its storage library is not installed."""
     try:
         import h5py  # noqa: F401
         import minari  # noqa: F401
@@ -85,7 +151,7 @@ def write_dataset(config: DatasetConfig, root: Path, advance: Callable[..., None
         folder.parent.mkdir(parents=True, exist_ok=True)
         for part in Path(work, config.name).parent.iterdir():
             if part.is_file() and not (folder.parent / part.name).exists():
-                shutil.copy(part, folder.parent / part.name)  # what Minari says of the name before the slash
+                shutil.copy(part, folder.parent / part.name)  # Minari's file about the name before the slash
         os.rename(Path(work, config.name), folder)
     return folder
 
@@ -96,7 +162,7 @@ def open_dataset(folder: str | Path) -> Any:
     The names of policies and the environment in it are text; nothing of them is imported or run.
 
     Raises:
-        DatasetError: there is none, it is damaged, or it is of another version.
+        DocumentError: there is no data set, it is damaged, or it is of another version.
         ValueError: Minari is not installed.
     """
     check_installed()
@@ -105,41 +171,40 @@ def open_dataset(folder: str | Path) -> Any:
 
     path = Path(folder)
     if not (path / _DATA).is_dir():
-        raise DatasetError(f"{path} is no data set; fuzzyarm dataset --out DIR writes one")
+        raise DocumentError(f"{path} is no data set; fuzzyarm dataset --out DIR writes one")
     try:
         read_json(path / _DATA / "metadata.json")
         open_regular(path / _DATA / "main_data.hdf5").close()  # HDF5 would wait for the writer of a pipe
         dataset = minari.MinariDataset(path / _DATA)
-        with h5py.File(path / _DATA / "main_data.hdf5") as file:  # which Minari reads with the first episode
+        with h5py.File(path / _DATA / "main_data.hdf5") as file:  # Minari reads it with the first episode
             if len(file) != dataset.total_episodes:
                 raise ValueError(f"{len(file)} of {dataset.total_episodes} episodes")
         found = dataset.storage.metadata.get(_KEY)
     except (AssertionError, AttributeError, KeyError, OSError, RuntimeError, TypeError, ValueError) as error:
         reason = " ".join(str(error).split())[:200]
-        raise DatasetError(f"{path} is no data set that Minari can read ({reason}); write it again") from None
+        raise DocumentError(f"{path} is no data set that Minari can read ({reason}); write it again") from None
     if found is None:
-        raise DatasetError(f"{path} was not written by fuzzyarm dataset")
+        raise DocumentError(f"{path} was not written by fuzzyarm dataset")
     try:
         schema = instance("metadata", parse_json(found), dict).get("schema")
     except (AttributeError, TypeError, ValueError):
-        raise DatasetError(f"{path} does not say where it comes from; write it again") from None
+        raise DocumentError(f"{path} does not say where it comes from; write it again") from None
     if schema != _SCHEMA:
-        raise DatasetError(f"{path} is of another version, {shown(schema)}; this one reads {_SCHEMA}: write it again")
+        raise DocumentError(f"{path} is of another version, {shown(schema)}; this one reads {_SCHEMA}: write it again")
     return dataset
 
 
 def provenance_of(dataset: Any) -> dict[str, Any]:
-    """Return what a data set of `open_dataset` says of itself: settings, policies with digests, scores, versions."""
+    """Return how a data set of `open_dataset` was made: settings, policies with digests, scores and versions."""
     found: dict[str, Any] = json.loads(dataset.storage.metadata[_KEY])
     return found
 
 
-def _buffer(number: int, episode: Episode) -> Any:
-    """Return an episode as Minari takes it; its lists may be arrays."""
+def _buffer(number: int, episode: _Episode) -> Any:
+    """Return an episode in Minari's form."""
     from minari.data_collector import EpisodeBuffer
 
-    steps = len(episode.rewards)
-    ended = [False] * (steps - 1)
+    ended = [False] * (len(episode.rewards) - 1)
     return EpisodeBuffer(
         id=number,
         seed=episode.seed,
@@ -153,12 +218,11 @@ def _buffer(number: int, episode: Episode) -> Any:
 
 
 def _provenance(config: DatasetConfig) -> dict[str, Any]:
-    limit = np.array(ArmParameters().torque_limit)
-    scored = RandomTorques(limit, _SCORED_SEED), load_policy(EXPERT)
-    random, expert = (mean_return(policy, config.condition, _SCORED, _SCORED_SEED) for policy in scored)
+    scored = _RandomTorques(_SCORED_SEED), load_policy(EXPERT)
+    random, expert = (_mean_return(policy, config.condition, _SCORED, _SCORED_SEED) for policy in scored)
     return {
         "schema": _SCHEMA,
-        "settings": {name: getattr(config, name) for name in ("level", "condition", "episodes", "noise", "seed")},
+        "settings": dataclasses.asdict(config),
         "policies": {name: resolve(name).files() for name in config.shares},
         "episodes": config.shares,
         "reference_scores": {"random torques": random, EXPERT: expert},
@@ -168,7 +232,7 @@ def _provenance(config: DatasetConfig) -> dict[str, Any]:
 
 @contextlib.contextmanager
 def _writing(folder: Path) -> Iterator[None]:
-    """Let Minari write to a folder, without warnings of what is left out: address of the code, e-mail, environment."""
+    """Let Minari write to a folder, without its warnings about code address, e-mail and environment, left out here."""
     name = "MINARI_DATASETS_PATH"
     before = os.environ.get(name)
     os.environ[name] = str(folder)

@@ -1,8 +1,8 @@
-"""Tip errors of many episodes in one kernel: law, limits, delay and plant of some lanes, from their start to their end.
+"""Tip errors of many episodes in one kernel, which holds the law, the torque limits, the delay and the plant.
 
 The steps are those of `loop.episodes` with `FuzzyArmVectorEnv`, in the same order and with the same bits. A group of
-lanes does all its steps before the next group begins, so that what a step touches stays in the cache. It serves
-policies with a `fuzzy_policy.law`.
+lanes does all its steps before the next group begins, so that its data stay in the cache. The policy must have a
+`fuzzy_policy.law`.
 """
 
 from __future__ import annotations
@@ -32,37 +32,37 @@ _ROWS, _COLUMNS, _BLOCKS = machine.Layout
 
 
 class Channel(NamedTuple):
-    """What is between plant and policy in each lane.
+    """Encoder noise and control delay between plant and policy in each lane.
 
-    The policy reads q + f (y - q), y the reading of the environment, q the truth and f = `noise` (lanes,); None: y.
+    The policy reads q + f (y - q), with the environment's reading y of the true q and the factor f = `noise`.
     """
 
-    noise: np.ndarray | None
-    delay: np.ndarray  # (lanes,), whole control periods by which the torques are late
+    noise: np.ndarray | None  # (lanes,); None: the policy reads y
+    delay: np.ndarray  # (lanes,), delay of the torques in whole control periods
 
 
 class _Episode(NamedTuple):
-    """What has been found of a lane."""
+    """The channel and the results of a lane, as numbers of the kernel."""
 
-    running: Any  # 1 while it runs
+    running: Any  # 1 until the episode ends
     noise: Any  # factor
-    late: Any  # steps by which its torques are late
+    delay: Any  # steps
     largest: Any  # tip error [m]
-    squares: Any  # sum, [m²]
+    squares: Any  # sum of squared tip errors [m²]
     steps: Any
-    completed: Any  # 1 if it came to its end
-    failed: Any  # 1 if a torque was no finite number
+    completed: Any  # 1 if the reference was followed to its end
+    failed: Any  # 1 if a torque was not finite
 
 
 def closed_loops(lanes: Lanes, observation: np.ndarray, policy: Policy, law: Law, channel: Channel) -> TipErrors | None:
-    """Run the episodes that have just begun in all lanes to their ends; return their tip errors and keep the lanes.
+    """Run the episodes that have just begun in all lanes to their ends and return their tip errors.
 
-    `observation` (lanes, 5 n) is what the policy, of this law, sees of their beginning. None where a torque was no
-    finite number, which the ordinary loop refuses with a message.
+    The lanes themselves do not change. `observation` (lanes, 5 n) is what the policy, whose law this is, reads at the
+    beginning. The result is None where a torque was not finite, which `loop.episodes` refuses with a message.
     """
     layout, count, joints = lanes.layout, lanes.count, lanes.physics.joints
     depth, scaled = int(channel.delay.max()) + 1, channel.noise is not None
-    shapes = zeros(law.memory), zeros(law.constants), tuple(table.shape for table in law.tables)  # what caches can hold
+    shapes = zeros(law.memory), zeros(law.constants), tuple(table.shape for table in law.tables)  # hashable
     kernel = _kernel_of(layout, law.act, *shapes, policy.integral_at, depth, scaled)
     episode = np.zeros((count, len(_Episode._fields)))
     episode[:, 0], episode[:, 2] = 1.0, channel.delay
@@ -78,8 +78,8 @@ def closed_loops(lanes: Lanes, observation: np.ndarray, policy: Policy, law: Law
     if found.failed.any():
         return None
     errors = TipErrors(count)
-    for name in ("largest", "squares", "steps", "completed"):
-        getattr(errors, name)[:] = getattr(found, name)
+    errors.largest, errors.squares, errors.steps = found.largest, found.squares, found.steps
+    errors.completed = found.completed > 0.0
     return errors
 
 
@@ -94,7 +94,7 @@ def _kernel_of(
     depth: int,
     scaled: bool,
 ) -> Kernel:
-    """Return the kernel of a law and arms with these equations; torques are late by fewer than `depth` steps."""
+    """Return the kernel of a law and arms with these equations; the delay is less than `depth` steps."""
     physics = layout.physics
     PerJoint, joints = physics.PerJoint, physics.joints
     Row, command = row_record(joints, physics.axes), within_limits(Law(act, memory, constants), joints, integral_at)
@@ -111,12 +111,12 @@ def _kernel_of(
         on = episode.running > 0.0
         total = sum(torque[1:], torque[0])
         failed = on & (total - total != 0.0)
-        # What was sent in the last steps; at the first step, as if it had always been sent.
+        # The torques of the last steps; before the first step, its torque counts as having been sent all the time.
         begins = episode.steps == 0.0
         before = [PerJoint(*(select(begins, u, old) for u, old in zip(torque, past, strict=True))) for past in sent]
         sent = (torque, *before[:-1])
         for steps, past in enumerate(sent):
-            torque = PerJoint(*(select(episode.late == steps, p, u) for p, u in zip(past, torque, strict=True)))
+            torque = PerJoint(*(select(episode.delay == steps, p, u) for p, u in zip(past, torque, strict=True)))
         moved = control_step(
             lane.state, torque, now, after.target, lane.arm, lane.limits, lane.force_factor, h, substeps
         )

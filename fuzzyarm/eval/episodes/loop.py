@@ -1,9 +1,9 @@
 """The one loop in which policies act: an episode of a single arm, or one of each lane of a batch, step by step.
 
-Whoever iterates decides what to keep of an episode: `rollout.Signals` keeps all signals of one arm, `TipErrors` the tip
+The caller iterates and decides what to keep: `rollout.rollout_of` keeps all signals of one arm, `TipErrors` the tip
 errors of every lane.
 
-    errors = TipErrors()
+    errors = TipErrors(envs.num_envs)
     for step in episodes(envs, policy, envs.reset(seed=0)):
         errors.add(step)
 """
@@ -31,15 +31,16 @@ class _Steppable(Protocol):
 
 
 class Step(NamedTuple):
-    """One control step. Of a batch every array has a row per lane; of a single arm there is no such axis.
+    """One control step; for a batch every array has a leading axis of lanes.
 
-    Where an episode `ended`, all values are those after its last step, also in a batch whose lanes begin again at once.
+    Where an episode `ended`, all values are those after its last step, although the lanes of a batch begin again at
+    once.
     """
 
     observation: np.ndarray  # (10,) or (lanes, 10), after the step
-    info: dict[str, Any]  # as the environment gives it, see `FuzzyArmEnv`; of a terminated episode also ``"reason"``
+    info: dict[str, Any]  # of the environment, see `FuzzyArmEnv`; with ``"reason"`` where an episode terminated
     reward: np.ndarray  # () or (lanes,)
-    running: np.ndarray  # booleans () or (lanes,): the episode had not ended before; other rows mean nothing
+    running: np.ndarray  # booleans () or (lanes,): the episode had not ended before; other rows are to be ignored
     ended: np.ndarray  # booleans: the episode ends with this step
     completed: np.ndarray  # booleans: it ends because the reference was followed to its end
     memory: Any  # the policy's state after it acted
@@ -58,13 +59,14 @@ def episodes(
     """Run one episode, or one of each lane, until the last of them has ended.
 
     Args:
-        env: the environment; a lane of a batch that has ended begins again by itself and goes on unread, with a policy
-            whose memory of it is reset.
-        policy: what acts.
-        start: what ``env.reset`` returned, with the observation (10,) or (lanes, 10).
-        sense: turns observation and info into the observation that the policy gets; default: the observation.
-        actuate: turns the policy's torque [N m] into the torque of the step, called once in each; default: the torque.
-        memory: state that the policy begins with; None: none.
+        env: the environment; a lane of a batch that has ended begins another episode, which is to be ignored, and the
+            policy's memory of it is reset.
+        policy: the policy that acts.
+        start: the observation (10,) or (lanes, 10) and the info of ``env.reset``.
+        sense: returns the observation that the policy gets, given observation and info; default: the observation.
+        actuate: returns the torque of the step [N m], given the policy's, and is called once in each step; default: the
+            policy's torque.
+        memory: the state with which the policy begins, if any.
     """
     observation, info = start
     running = np.ones(observation.shape[:-1], dtype=bool)
@@ -84,7 +86,7 @@ def episodes(
 
 
 def _last(observation: np.ndarray, info: dict[str, Any], ended: np.ndarray) -> tuple[np.ndarray, dict[str, Any]]:
-    """Return observation and info of a batch, where an episode ended those of its end, not of its successor's start."""
+    """Return observation and info of a batch; where an episode ended, those of its end, not of the next beginning."""
     final = info["final_info"]
     last = observation.copy()
     last[ended] = np.stack(info["final_obs"][ended])
@@ -98,13 +100,19 @@ def _last(observation: np.ndarray, info: dict[str, Any], ended: np.ndarray) -> t
 
 
 class TipErrors:
-    """The tip errors of every lane's episode, kept without its signals."""
+    """The tip errors of every lane's episode, without its signals.
+
+    Attributes:
+        largest: largest tip error [m], (lanes,).
+        squares: sum of the squared tip errors [m²], (lanes,).
+        steps: number of control steps, (lanes,).
+        completed: whether the reference was followed to its end, (lanes,).
+    """
 
     def __init__(self, lanes: int) -> None:
         """Begin with no steps."""
-        self.largest, self.squares = np.zeros(lanes), np.zeros(lanes)  # tip error [m], and the sum of squares [m²]
-        self.steps = np.zeros(lanes)  # number of control steps
-        self.completed = np.zeros(lanes, dtype=bool)  # whether the reference was followed to its end
+        self.largest, self.squares, self.steps = np.zeros((3, lanes))
+        self.completed = np.zeros(lanes, dtype=bool)
 
     def add(self, step: Step) -> None:
         """Take a step into account."""

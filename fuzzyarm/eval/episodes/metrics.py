@@ -1,8 +1,7 @@
 """The metrics of a rollout, each defined once; `add_metric` adds one.
 
-What is said of a metric here is all that results, their table, the report, sweeps and leaderboards know of it.
-
-All metrics are over all control steps of the episode, from the first to the last, if not said otherwise.
+Results, their table, the report, sweeps and leaderboards take everything about a metric from its definition here. A
+metric is over all control steps of the episode unless its description says otherwise.
 """
 
 from __future__ import annotations
@@ -25,29 +24,29 @@ __all__ = [
 ]  # fmt: skip
 
 LOST = 100.0
-"""Tip error [mm], half the radius of the paper's circle, above which an episode is lost; see `is_lost`."""
+"""The tip error [mm] above which an episode is lost, see `is_lost`: half the radius of the paper's circle."""
 
-RESOLUTION = 1e-3  # [mm] below which texts give no number and rankings no order: the time step errs by a fifth of it
+RESOLUTION = 1e-3  # [mm], below which texts state no number and rankings no order; the time step's error is a fifth
 
 _FRINGE = 0.1  # s, at both ends of an episode
 
 
 @dataclasses.dataclass(frozen=True)
 class Metric:
-    """A number that a rollout is judged by."""
+    """A number by which a rollout is judged."""
 
     name: str  # key in results and heading of the CSV column
     unit: str  # empty for a pure number
-    description: str  # what is computed, in one or more sentences
+    description: str  # its definition, in one or more sentences
     compute: Callable[[Rollout], float]  # [unit]
     reproducible: bool = True  # whether it is the same in every run; a wall time is not
-    joint: int = 0  # that it is about, counted from 1; 0: no joint
-    column: str = ""  # heading in the table of results, without the unit; metrics of one heading share a cell
-    form: str = "{:#.3g}"  # of the number in that table
-    swept: Callable[[TipErrors], np.ndarray] | None = None  # of each episode of a batch, (lanes,) [unit]
+    joint: int = 0  # its joint, counted from 1; 0: none
+    column: str = ""  # heading in the table of results, without the unit; metrics with one heading share a cell
+    form: str = "{:#.3g}"  # format of the number in that table
+    swept: Callable[[TipErrors], np.ndarray] | None = None  # its values in the episodes of a sweep, (lanes,) [unit]
     key: str = ""  # name in a sweep's files
     words: str = ""  # heading in a sweep's table, without the unit
-    ranked: bool = False  # whether leaderboards show it for each case, beside what the score is made of
+    ranked: bool = False  # whether leaderboards show it for each case, beside the metrics of the score
 
     def text(self, value: float) -> str:
         """Return a value [unit] as the table of results shows it."""
@@ -116,7 +115,7 @@ METRICS = Registry[Metric](__name__, {metric.name: metric for metric in _ALL})
 
 
 def add_metric(metric: Metric) -> None:
-    """Have every evaluation of this process compute a metric; ValueError if there is one of that name."""
+    """Add a metric to every evaluation of this process; ValueError if its name is taken."""
     if metric.name in METRICS:
         raise ValueError(f"there is a metric {metric.name!r} already; choose another name")
     METRICS[metric.name] = metric
@@ -142,7 +141,7 @@ def ranked() -> dict[str, Metric]:
 
 
 def metrics_of(rollout: Rollout) -> dict[str, float]:
-    """Return all `METRICS` of an episode by name, and those of the joints that the paper's arm does not have."""
+    """Return all `METRICS` of an episode by name, with those of a robot's joints beyond the second."""
     joints = instance("rollout", rollout, Rollout).torque.shape[-1]
     metrics = [metric for metric in METRICS.values() if metric.joint <= joints]
     metrics += [metric for joint in range(JOINTS + 1, joints + 1) for metric in _of_joint(joint)]
@@ -150,10 +149,10 @@ def metrics_of(rollout: Rollout) -> dict[str, float]:
 
 
 def is_lost(row: Mapping[str, Any]) -> bool:
-    """Return whether an episode is lost, given its row of results: it ended early, or its tip was ever beyond `LOST`.
+    """Return whether an episode is lost, given its row of results: it ended early, or its tip error exceeded `LOST`.
 
-    This is what every table, chart and sentence of the package means by a lost path; what only ended before its
-    reference did is said to have "ended early".
+    Every table, chart and sentence of the package means this by a lost path. An episode that "ended early" is one that
+    ended before its reference.
     """
     return not row["completed"] or bool(row["tip_error_max_mm"] > LOST)
 

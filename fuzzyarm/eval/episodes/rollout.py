@@ -5,7 +5,7 @@ from __future__ import annotations
 import dataclasses
 import math
 import os
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from typing import Any
 
 import numpy as np
@@ -22,7 +22,7 @@ from fuzzyarm.fuzzy_policy.policy import Predictor
 from fuzzyarm.fuzzy_policy.scheduled import ScheduledController
 from fuzzyarm.policies import load_policy, resolve
 
-__all__ = ["Rollout", "Signals", "record_passes", "record_rollout", "run_episode"]
+__all__ = ["Rollout", "record_passes", "record_rollout", "rollout_of", "run_episode"]
 
 
 @dataclasses.dataclass(frozen=True)
@@ -48,10 +48,10 @@ class Rollout:
         reward: (n,).
         domain_use: (n,), largest share of the joint box (25) in use, 1 at its border.
         beliefs: (n, columns), what the policy believed when it acted, see `fuzzyarm.eval.episodes.beliefs`; nan where
-            that is nothing, (0, 0) of a policy that says nothing.
-        belief_names: of these columns: ``payload``, ``payload_deviation``, ``stiffness_1``, ...
-        note: that the policy's filter diverged, which of its estimates stood at an end of their range and since when,
-            and that its path was not that of the pass before, in words; empty as a rule.
+            it had no estimate, and (0, 0) for a policy without beliefs.
+        belief_names: names of these columns: ``payload``, ``payload_deviation``, ``stiffness_1``, ...
+        note: in words, usually empty: whether the policy's filter diverged, which of its estimates reached an end of
+            their range and when, and whether its path left that of the previous pass.
     """
 
     policy: str
@@ -92,38 +92,30 @@ _SIGNALS = tuple(field.name for field in dataclasses.fields(Rollout) if field.na
 """The fields of a `Rollout` that the environment's info has by the same name."""
 
 
-class Signals:
-    """All signals of one arm, step by step, and the `Rollout` that they make."""
+def rollout_of(
+    steps: Iterable[Step], lane: int | None = None, *, parameters: AnyArm, step_time: float = math.nan, **named: Any
+) -> Rollout:
+    """Return the episode that steps of a single arm make, or that the steps of one lane of a batch make.
 
-    def __init__(self, lane: int | None = None) -> None:
-        """Begin with no steps; `lane` is that of a batch, None a single arm."""
-        self._lane: Any = ... if lane is None else lane
-        self._steps: list[Step] = []
-
-    def add(self, step: Step) -> None:
-        """Keep a step, unless the episode has ended before."""
-        if step.running[self._lane]:
-            self._steps.append(step)
-
-    def rollout(self, *, parameters: AnyArm, step_time: float = math.nan, **named: Any) -> Rollout:
-        """Return the episode of an arm, for its joints' limits, with `step_time` [s] and other fields of `Rollout`."""
-        lane, last = self._lane, self._steps[-1]
-        signals: dict[str, Any] = {
-            name: np.array([step.info[name] for step in self._steps])[:, lane] for name in _SIGNALS
-        }
-        reference = observed(np.array([step.observation for step in self._steps])[:, lane])
-        completed = bool(last.completed[lane])
-        return Rollout(
-            completed=completed,
-            reason="" if completed else str(np.asarray(last.info["reason"])[lane]),
-            step_time=step_time,
-            q_reference=reference.q_reference,
-            dq_reference=reference.dq_reference,
-            reward=np.array([step.reward for step in self._steps])[:, lane],
-            domain_use=_domain_use(signals, parameters),
-            **signals,
-            **named,
-        )
+    `parameters` is the arm, whose joint limits are needed; `step_time` [s] and `named` are fields of `Rollout`.
+    """
+    at: Any = ... if lane is None else lane
+    kept = [step for step in steps if step.running[at]]
+    last = kept[-1]
+    signals: dict[str, Any] = {name: np.array([step.info[name] for step in kept])[:, at] for name in _SIGNALS}
+    reference = observed(np.array([step.observation for step in kept])[:, at])
+    completed = bool(last.completed[at])
+    return Rollout(
+        completed=completed,
+        reason="" if completed else str(np.asarray(last.info["reason"])[at]),
+        step_time=step_time,
+        q_reference=reference.q_reference,
+        dq_reference=reference.dq_reference,
+        reward=np.array([step.reward for step in kept])[:, at],
+        domain_use=_domain_use(signals, parameters),
+        **signals,
+        **named,
+    )
 
 
 def record_rollout(env: FuzzyArmEnv, policy: Predictor, *, policy_name: str, case: str, seed: int) -> Rollout:
@@ -134,31 +126,32 @@ def record_rollout(env: FuzzyArmEnv, policy: Predictor, *, policy_name: str, cas
 def record_passes(
     env: FuzzyArmEnv, policy: Predictor, passes: int, *, policy_name: str, case: str, seed: int
 ) -> list[Rollout]:
-    """Run an episode of `env` again and again and record each pass; pass j, from 0, begins at ``reset(seed=seed + j)``.
+    """Run several passes of an episode of `env` and record each; pass j, from 0, begins at ``reset(seed=seed + j)``.
 
-    A policy without `repeated`, or whose `repeated` returns None, runs every pass alike.
+    A policy that learns from pass to pass has a method `repeated`. Without it, or if it returns None, all passes are
+    run alike.
     """
     repeated = getattr(policy, "repeated", lambda: None)()
-    acting, runs, memory = repeated or policy, list[Rollout](), None
+    runs, memory = list[Rollout](), None
     for number in range(passes):
         begin = repeated.begin_pass(memory) if repeated and number else None
-        run, memory = _recorded(env, acting, begin, policy=policy_name, case=case, seed=seed + number)
+        run, memory = _recorded(env, repeated or policy, begin, policy=policy_name, case=case, seed=seed + number)
         runs.append(run)
     return runs
 
 
 def _recorded(env: FuzzyArmEnv, acting: Predictor, memory: Any, *, seed: int, **named: Any) -> tuple[Rollout, Any]:
-    """Return an episode, and the last state of the policy, which began with `memory`."""
-    believing, signals, seconds = Believing(acting), Signals(), list[float]()
+    """Return an episode that the policy began with the state `memory`, and the state at its end."""
+    believing, steps = Believing(acting), list[Step]()
     for step in episodes(env, acting, env.reset(seed=seed), memory=memory):
         believing.add(step.memory)
-        signals.add(step)
-        seconds.append(step.seconds)
-    rollout = signals.rollout(
+        steps.append(step._replace(memory=None))  # 1500 states of a filter would take much memory
+    rollout = rollout_of(
+        steps,
         seed=seed,
         control_period=env.control_period,
         parameters=env.parameters,
-        step_time=float(np.median(seconds)),
+        step_time=float(np.median([one.seconds for one in steps])),
         beliefs=believing.rows(),
         belief_names=believing.names,
         note=believing.note(env.control_period),

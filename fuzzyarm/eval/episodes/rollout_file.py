@@ -25,8 +25,8 @@ _FIELDS = tuple(field.name for field in dataclasses.fields(Rollout))
 _KINDS = {"str": "U", "int": "i", "float": "f", "bool": "b"}  # of arrays, by the annotation of a field
 _SINGLE = {field.name: _KINDS[field.type] for field in dataclasses.fields(Rollout) if field.type in _KINDS}
 _POINTS = ("tip", "tip_reference", "external_force")
-_LARGEST = 1e60  # whose powers are numbers
-_ONE_NUMBER = ("time", "tip_error", "circularity_error", "circularity_error_motor", "reward", "domain_use")
+_SCALARS = ("time", "tip_error", "circularity_error", "circularity_error_motor", "reward", "domain_use")
+_LARGEST = 1e60  # the largest absolute value of a number: its powers are finite
 
 
 def digest(rollouts: Sequence[Rollout]) -> str:
@@ -43,7 +43,7 @@ def digest(rollouts: Sequence[Rollout]) -> str:
 def write_rollouts(rollouts: Sequence[Rollout], folder: Path) -> Path:
     """Write every field of every rollout to ``rollouts.npz``, atomically; return its path.
 
-    The array of field ``torque`` of the third rollout is called ``2.torque``; names and flags are arrays as well.
+    The field ``torque`` of the third rollout is the array ``2.torque``; names and flags are arrays, too.
     """
     folder = path_of("folder", folder)
     runs = [instance("rollouts", run, Rollout) for run in sequence_of("rollouts", rollouts)]
@@ -80,23 +80,26 @@ def read_rollouts(path: Path) -> list[Rollout]:
 
 
 def _array(run: Rollout, name: str) -> np.ndarray:
-    """Return a field as an array; names are texts, also where there are none."""
+    """Return a field as an array; an empty tuple of names is an array of texts."""
     return np.asarray(getattr(run, name), dtype=np.str_ if name == "belief_names" else None)
 
 
 def _rollout(arrays: dict[str, np.ndarray]) -> Rollout:
-    """Return a rollout whose fields are of the types and shapes that `Rollout` says; ValueError otherwise."""
+    """Return a rollout from its fields; ValueError for one whose type or shape is not that stated by `Rollout`."""
     steps, joints = len(np.atleast_1d(arrays["time"])), arrays["torque"].shape[-1] if arrays["torque"].ndim else 0
     axes = arrays["tip"].shape[-1] if arrays["tip"].shape[-1:] in ((2,), (3,)) else 2
     believed = len(set(arrays["belief_names"].ravel().tolist()))  # columns, whose names differ
+    shapes: dict[str, tuple[int, ...]] = {
+        **dict.fromkeys(_SINGLE, ()),
+        **dict.fromkeys(_SCALARS, (steps,)),
+        **dict.fromkeys(_POINTS, (steps, axes)),
+        "beliefs": (steps, believed) if believed else NO_BELIEFS.shape,
+        "belief_names": (believed,),
+    }
     values: dict[str, Any] = {}
     for name, array in arrays.items():
-        kind, row = _SINGLE.get(name, "f"), axes if name in _POINTS else joints
-        shape: tuple[int, ...] = () if name in _SINGLE else (steps,) if name in _ONE_NUMBER else (steps, row)
-        if name == "beliefs":
-            shape = (steps, believed) if believed else NO_BELIEFS.shape
-        elif name == "belief_names":
-            kind, shape = "U", (believed,)
+        kind = "U" if name == "belief_names" else _SINGLE.get(name, "f")
+        shape = shapes.get(name, (steps, joints))
         if array.dtype.kind != kind or array.shape != shape or steps == 0:
             raise ValueError(f"{name} is {array.dtype} of shape {array.shape}; needed: {kind} of shape {shape}")
         unknown = np.isnan(array) if name == "beliefs" else False

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import itertools
+import json
 import math
 import shlex
 from collections.abc import Callable
@@ -17,14 +18,14 @@ from fuzzyarm.envs.physics.equations import AnyArm
 from fuzzyarm.envs.physics.parameters import ArmParameters
 from fuzzyarm.envs.physics.robot import Robot, robot_named, shipped_robots
 from fuzzyarm.envs.scenario.cases import PAPER_CASES, case_for, find_case
-from fuzzyarm.eval.sweep.distributions import DISTRIBUTIONS, QUANTITIES, Distribution, columns_of, distribution_for
+from fuzzyarm.eval.sweep.distributions import DISTRIBUTIONS, QUANTITIES, Distribution
 from fuzzyarm.fuzzy_policy.known_arm import joints_of
 from fuzzyarm.policies import ANY_ROBOT, recorded, resolve
 
-__all__ = ["SHOWN", "Axis", "SweepConfig"]
+__all__ = ["SHOWN", "SweepConfig"]
 
 SHOWN = ("bound", "worst", "map")
-"""Fields that decide only how results are shown: they change no episode."""
+"""Fields that only decide how results are shown, and on which no episode depends."""
 _OPTIONS = {"policies": "policy", "cases": "case", "ranges": "range"}  # fields whose option has another name
 
 
@@ -36,7 +37,7 @@ class _QuantityRange(NamedTuple):
     high: float
 
 
-class Axis(NamedTuple):
+class _Axis(NamedTuple):
     """One axis of a grid: `number` values of a quantity from `low` to `high`, the same for all joints."""
 
     quantity: str
@@ -52,7 +53,7 @@ class Axis(NamedTuple):
 
 @dataclasses.dataclass(frozen=True)
 class SweepConfig:
-    """What is run, and how its results are shown.
+    """The configuration of a sweep: what is run, and how its results are shown.
 
     Attributes:
         policies: policies to run: names, controller files (.json), folders of learned policies, or code of your own as
@@ -62,7 +63,7 @@ class SweepConfig:
         robot: another robot in its place.
         plants: number of plants; with a grid, in each of its cells.
         seed: plant i of the sweep is drawn from seed + i. Sweeps whose seeds are closer than their number of plants
-            have plants in common.
+            share plants.
         distribution: what the plants are drawn from: nominal, plants, loads (plants with payload and tip force) or all
             (loads with encoder noise and delay).
         ranges: draw a quantity uniformly from this range instead of the distribution's; may be repeated.
@@ -87,14 +88,14 @@ class SweepConfig:
     seed: int = 0
     distribution: str = "loads"
     ranges: tuple[_QuantityRange, ...] = ()
-    grid: tuple[Axis, ...] = ()
+    grid: tuple[_Axis, ...] = ()
     chunk: int = 500
     bound: float = 20.0
     worst: int = 5
     map: tuple[str, ...] = ()
 
     def __post_init__(self) -> None:
-        """Check everything but the policies, which are checked when they are loaded."""
+        """Check all fields; whether the policies exist is checked when they are loaded."""
         distinct("policies", self.policies)
         for case in distinct("cases", self.cases):
             find_case(case)
@@ -105,15 +106,13 @@ class SweepConfig:
             whole(name, getattr(self, name), low=low)
         real("bound", self.bound, "mm", above=0.0)
         choice("distribution", self.distribution, DISTRIBUTIONS)
-        for field, kind in (("ranges", _QuantityRange), ("grid", Axis)):
+        for field, kind in (("ranges", _QuantityRange), ("grid", _Axis)):
             object.__setattr__(self, field, _rows(field, getattr(self, field), kind))
         self._check_grid()
         self._check_map()
-        varying = self.drawn().varying(self.joints)
-        if self.total > 1 and not (self.grid or varying):
-            raise ValueError(f"plants = {self.plants} would repeat one and the same run: nothing varies")
-        if self.grid and self.plants > 1 and not varying:
-            raise ValueError(f"plants = {self.plants} in each cell would be one and the same: nothing else varies")
+        if self.plants > 1 and not self.drawn().varying(self.joints):
+            where, what = (" in each cell", "nothing else") if self.grid else ("", "nothing")
+            raise ValueError(f"plants = {self.plants}{where} would repeat one and the same run: {what} varies")
 
     def _check_grid(self) -> None:
         names = [axis.quantity for axis in self.grid]
@@ -138,14 +137,14 @@ class SweepConfig:
             choice("map", column, self.drawn().varying(self.joints) or ("nothing varies",))
 
     def drawn(self) -> Distribution:
-        """Return what is drawn: the distribution with the other ranges, and nothing of what the grid sets."""
+        """Return what is drawn: the distribution with `ranges`; what the grid sets keeps its nominal value."""
         changed: dict[str, Any] = {quantity: (low, high) for quantity, low, high in self.ranges}
         changed |= {axis.quantity: getattr(Distribution, axis.quantity) for axis in self.grid}
-        return dataclasses.replace(distribution_for(self.distribution, self.arm), **changed)
+        return dataclasses.replace(DISTRIBUTIONS[self.distribution].scaled_to(self.arm), **changed)
 
     @property
     def arm(self) -> AnyArm:
-        """The robot, or the two-joint arm."""
+        """The arm that plants are drawn around: the robot, or else the two-joint arm."""
         return self.parameters if self.robot is None else self.robot
 
     @property
@@ -155,12 +154,12 @@ class SweepConfig:
 
     @property
     def titles(self) -> dict[str, str]:
-        """The titles of the cases by name, with the loads for this arm."""
+        """The titles of the cases by name; they state the loads for this arm."""
         return {case: case_for(case, self.arm).title for case in self.cases}
 
     @property
     def labels(self) -> list[str]:
-        """The labels of the policies, which tables and figures show."""
+        """The labels of the policies in tables and figures."""
         return [resolve(name).label for name in self.policies]
 
     @property
@@ -174,34 +173,29 @@ class SweepConfig:
         return -(-self.total // self.chunk)
 
     def members(self, number: int) -> range:
-        """Return the plants of a chunk."""
+        """Return the numbers of the plants in a chunk."""
         return range(number * self.chunk, min((number + 1) * self.chunk, self.total))
 
     @property
     def plane(self) -> tuple[str, ...]:
-        """The two columns of the heat maps; fewer if fewer vary. That of joint 1 stands for all joints of a grid."""
-        columns = columns_of(self.joints)
+        """The two columns of the heat maps; fewer if fewer vary. On a grid joint 1 stands for all joints."""
         if self.grid:
-            return tuple(
-                next(name for name in columns if columns[name].quantity == axis.quantity) for axis in self.grid
-            )
+            names = [axis.quantity for axis in self.grid]
+            return tuple(f"{name}_1" if QUANTITIES[name].arm_fields else name for name in names)
         varying, usual = self.drawn().varying(self.joints), ("stiffness_1", "payload")
         return self.map or (usual if set(usual) <= set(varying) else varying[:2])
 
     def to_dict(self) -> dict[str, Any]:
-        """Return all fields as JSON has them; of a policy's absolute path the last part, see `policies.recorded`."""
-        plain = {field.name: _as_lists(getattr(self, field.name)) for field in dataclasses.fields(self)}
-        return plain | {
-            "policies": list(map(recorded, self.policies)),
-            "parameters": self.parameters.to_dict(),
-            "robot": None if self.robot is None else dataclasses.asdict(self.robot),
-        }
+        """Return all fields as JSON holds them; of the path of a policy see `policies.recorded`."""
+        policies = tuple(map(recorded, self.policies))
+        plain: dict[str, Any] = json.loads(json.dumps(dataclasses.asdict(self) | {"policies": policies}))
+        return plain
 
     @classmethod
     def of(cls, given: dict[str, Any]) -> SweepConfig:
-        """Return the configuration with some fields given; with a grid, the others vary nothing by default.
+        """Return the configuration with some fields given, and with defaults that fit them.
 
-        A robot has the policies `ANY_ROBOT` by default.
+        With a grid nothing else varies and each cell has one plant; a robot has the policies `ANY_ROBOT`.
         """
         defaults: dict[str, Any] = {"distribution": "nominal", "plants": 1} if given.get("grid") else {}
         if given.get("robot") is not None:
@@ -210,14 +204,14 @@ class SweepConfig:
 
     @classmethod
     def from_dict(cls, values: dict[str, Any]) -> SweepConfig:
-        """Return the configuration of `to_dict`; ValueError if a field is unknown, missing or of another type."""
+        """Return the configuration of a `to_dict`; ValueError if a field is unknown, missing or of another type."""
         missing = [field.name for field in dataclasses.fields(cls) if field.name not in values]
         if missing:
             raise ValueError(f"the fields {', '.join(missing)} are missing")
         return record(values, cls)
 
     def command(self) -> str | None:
-        """Return the command line of this configuration; None for an arm that needs a file."""
+        """Return the command line of this configuration; None if its arm can only be given by a file."""
         if self.parameters != ArmParameters():
             return None
         words = ["fuzzyarm", "sweep"]
@@ -233,7 +227,7 @@ class SweepConfig:
 
 
 def _rows(name: str, given: Any, kind: Callable[..., Any]) -> tuple[Any, ...]:
-    """Return checked rows as records; TypeError unless each has as many entries as the record has fields."""
+    """Return checked rows as records of a kind; TypeError for a row with too few or too many entries."""
     fields = kind._fields  # type: ignore[attr-defined]
     rows: Any = given if isinstance(given, list | tuple) else [None]
     if not all(isinstance(row, list | tuple) and len(row) == len(fields) for row in rows):
@@ -243,7 +237,3 @@ def _rows(name: str, given: Any, kind: Callable[..., Any]) -> tuple[Any, ...]:
         real(f"{name}: low of {quantity}", low)
         real(f"{name}: high of {quantity}", high)
     return tuple(itertools.starmap(kind, rows))
-
-
-def _as_lists(value: Any) -> Any:
-    return [_as_lists(one) for one in value] if isinstance(value, tuple) else value

@@ -17,22 +17,19 @@ from fuzzyarm.envs.scenario.cases import case_for
 from fuzzyarm.envs.scenario.disturbances import EncoderNoise
 from fuzzyarm.envs.scenario.randomisation import DomainRandomisation, Range, find_randomisation
 
-__all__ = [
-    "DISTRIBUTIONS", "NOISE", "QUANTITIES", "Distribution", "column_label", "columns_of", "distribution_for",
-    "plant_record",
-]  # fmt: skip
+__all__ = ["DISTRIBUTIONS", "NOISE", "QUANTITIES", "Distribution", "column_label", "columns_of", "plant_record"]
 
 NOISE = EncoderNoise(position=1e-5, velocity=1e-3)
-"""The encoder noise that the quantity ``noise`` is a factor of [rad, rad/s]."""
+"""The encoder noise that a plant's ``noise`` multiplies [rad, rad/s]."""
 _HEAVIEST = 5.0  # kg, the payload of the paper's case
 
 
 class _Quantity(NamedTuple):
-    """A quantity that differs between plants, as axes name it."""
+    """A quantity in which plants differ, with the words for it in figures."""
 
     label: str
     unit: str = "× nominal"
-    arm_fields: tuple[str, ...] = ()  # fields of `ArmParameters`, or of a robot, that it is a factor of for each joint
+    arm_fields: tuple[str, ...] = ()  # fields of `ArmParameters`, or of a robot, that it multiplies, joint by joint
 
 
 QUANTITIES = {
@@ -50,51 +47,50 @@ QUANTITIES = {
 """All quantities by name."""
 
 
-class _Column(NamedTuple):
-    """One number of a plant: a quantity, and the joint, from 0, that it is of; None for a quantity of no joint."""
-
-    quantity: str
-    joint: int | None
-
-
 @functools.cache
-def columns_of(joints: int) -> dict[str, _Column]:
-    """Return the numbers that make a plant of so many joints by name: ``stiffness_1``, ``stiffness_2``, ``payload``."""
-    columns = dict[str, _Column]()
+def columns_of(joints: int) -> dict[str, tuple[str, int | None]]:
+    """Return the numbers of a plant with this many joints: ``stiffness_1``, ``stiffness_2``, ``payload``, ...
+
+    By name, each is its quantity and its joint, counted from 0; the joint is None for a quantity of the whole arm.
+    """
+    columns = dict[str, tuple[str, int | None]]()
     for name, quantity in QUANTITIES.items():
         if quantity.arm_fields:
-            columns |= {f"{name}_{joint + 1}": _Column(name, joint) for joint in range(joints)}
+            columns |= {f"{name}_{joint + 1}": (name, joint) for joint in range(joints)}
         else:
-            columns[name] = _Column(name, None)
+            columns[name] = name, None
     return columns
 
 
 def plant_record(joints: int) -> np.dtype[np.void]:
-    """Return a plant as a record of an array: ``plants["stiffness_1"]`` is the column of that name, (plants,)."""
+    """Return the type of an array of plants: its field ``plants["stiffness_1"]`` is a column of numbers (plants,)."""
     return np.dtype([(name, np.float64) for name in columns_of(joints)])
 
 
 def column_label(name: str, *, together: int | None = None) -> str:
-    """Return words for an axis over a column, with its unit; `together`: of how many joints, if all have one value."""
-    column = columns_of(MOST_JOINTS)[name]
-    quantity, joint = QUANTITIES[column.quantity], ""
-    if column.joint is not None:
-        alike = "both joints" if together == JOINTS else "all joints"
-        joint = f", {alike}" if together else f", joint {column.joint + 1}"
-    return f"{quantity.label}{joint} [{quantity.unit}]"
+    """Return the label of an axis over a column, with its unit.
+
+    `together` is the number of joints where all of them share the value, as on a grid; None names the column's joint.
+    """
+    quantity, joint = columns_of(MOST_JOINTS)[name]
+    label, unit, _ = QUANTITIES[quantity]
+    if joint is None:
+        return f"{label} [{unit}]"
+    which = f"joint {joint + 1}" if together is None else "both joints" if together == JOINTS else "all joints"
+    return f"{label}, {which} [{unit}]"
 
 
 @dataclasses.dataclass(frozen=True)
 class Distribution(DomainRandomisation):
-    """The environment's domain randomisation, and two quantities that the environment does not draw.
+    """Ranges from which plants are drawn: the environment's domain randomisation, encoder noise and control delay.
 
     Attributes:
         noise: factor of the encoder noise `NOISE`, 0 to 1e6.
-        delay: whole control periods from a command to the motors, 0 to 100.
+        delay: delay of the motors' torques in whole control periods, 0 to 100.
 
     Raises:
-        TypeError: a range is no pair of numbers.
-        ValueError: the pair is not low <= high, or exceeds what is allowed for it.
+        TypeError: a range is not a pair of numbers.
+        ValueError: a pair is not low <= high, or exceeds its limits.
     """
 
     noise: Range = (0.0, 0.0)
@@ -109,21 +105,19 @@ class Distribution(DomainRandomisation):
             raise ValueError(f"delay from {first:g} to {last:g} must be whole control periods")
 
     def quantities(self) -> dict[str, Range]:
-        """Return the range of each of `QUANTITIES`."""
+        """Return the ranges by the names of `QUANTITIES`."""
         return {name: getattr(self, name) for name in QUANTITIES}
 
     def varying(self, joints: int) -> tuple[str, ...]:
-        """Return the columns in which plants of so many joints differ."""
-        different = {name for name, (low, high) in self.quantities().items() if low < high}
-        return tuple(name for name, column in columns_of(joints).items() if column.quantity in different)
+        """Return the columns in which plants with this many joints differ."""
+        ranges = self.quantities()
+        return tuple(name for name, (quantity, _) in columns_of(joints).items() if np.ptp(ranges[quantity]) > 0.0)
 
-
-def distribution_for(name: str, arm: AnyArm) -> Distribution:
-    """Return the distribution called `name` for an arm: payloads up to that of its case ``payload`` [kg]."""
-    found = DISTRIBUTIONS[name]
-    low, high = found.payload
-    scale = case_for("payload", arm).disturbance.payload.mass / _HEAVIEST
-    return dataclasses.replace(found, payload=(scale * low, scale * high))
+    def scaled_to(self, arm: AnyArm) -> Distribution:
+        """Return the distribution for another arm: its payloads [kg] grow with that of the arm's case ``payload``."""
+        (low, high), own = self.payload, case_for("payload", arm).disturbance.payload.mass
+        scale = own / _HEAVIEST
+        return dataclasses.replace(self, payload=(scale * low, scale * high))
 
 
 _PLANTS = Distribution(**vars(find_randomisation("plants", ArmParameters())))
@@ -134,5 +128,5 @@ DISTRIBUTIONS = {
     "loads": _LOADS,
     "all": dataclasses.replace(_LOADS, noise=(0.0, 2.0), delay=(0.0, 2.0)),
 }
-"""Those of the two-joint arm by name: ``nominal`` varies nothing; ``plants`` is the environment's randomisation of that
-name; ``loads`` adds payload and tip force; ``all`` adds encoder noise and delay."""
+"""The distributions of the two-joint arm by name. ``nominal`` varies nothing, ``plants`` is the environment's
+randomisation of that name, ``loads`` adds payload and tip force, and ``all`` adds encoder noise and delay."""

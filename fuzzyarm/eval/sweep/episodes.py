@@ -1,4 +1,4 @@
-"""The episodes of some plants under policies: their metrics as arrays, or one of them again with all its signals."""
+"""The episodes of plants under policies: their metrics as arrays, or one episode again with all its signals."""
 
 from __future__ import annotations
 
@@ -9,28 +9,23 @@ from typing import Any
 
 import numpy as np
 
-from fuzzyarm.envs.vector import FuzzyArmVectorEnv
-from fuzzyarm.eval.episodes.closed_loops import Channel, closed_loops
+from fuzzyarm.eval.episodes.closed_loops import closed_loops
 from fuzzyarm.eval.episodes.loop import Step, TipErrors, episodes
 from fuzzyarm.eval.episodes.metrics import swept
-from fuzzyarm.eval.episodes.rollout import Rollout, Signals
+from fuzzyarm.eval.episodes.rollout import Rollout, rollout_of
 from fuzzyarm.eval.sweep.config import SweepConfig
 from fuzzyarm.eval.sweep.plants import CONTROL_PERIOD, Plants
 from fuzzyarm.fuzzy_policy.law import law_of
 from fuzzyarm.fuzzy_policy.policy import Policy, Predictor
 
-__all__ = [
-    "WORTHWHILE", "Delay", "SweepResults", "errors_in_one_kernel", "errors_step_by_step", "replay", "run_plants",
-    "steps",
-]  # fmt: skip
+__all__ = ["Delay", "SweepResults", "errors_in_one_kernel", "errors_step_by_step", "replay", "run_plants"]
 
-WORTHWHILE = 1000
-"""Episodes from which on a kernel of law and plant is used: to compile it, once on a machine, takes a few seconds."""
+_WORTHWHILE = 1000  # episodes from which on a kernel of law and plant is used: compiling it takes a few seconds
 
 
 @dataclasses.dataclass(frozen=True)
 class SweepResults:
-    """Some plants of a sweep, or all, and the metrics of their episodes."""
+    """Some or all plants of a sweep, and the metrics of their episodes."""
 
     plants: np.ndarray  # (n,) records of `distributions.plant_record`
     metrics: dict[str, np.ndarray]  # by `Metric.key`, (policies, cases, n) [its unit]
@@ -39,7 +34,7 @@ class SweepResults:
 
     @property
     def arrays(self) -> dict[str, np.ndarray]:
-        """All arrays by name, as files have them."""
+        """All arrays by the names that they have in files."""
         return {"plants": self.plants, **self.metrics, "seconds": self.seconds, "completed": self.completed}
 
     @classmethod
@@ -55,7 +50,7 @@ class SweepResults:
         return cls.of({name: np.concatenate([one[name] for one in arrays], axis=-1) for name in arrays[0]})
 
     def episodes(self, policy: int, case: int) -> SweepResults:
-        """Return the results of one policy in one case by their places in the sweep; every array is (n,)."""
+        """Return the results, arrays (n,), of one policy in one case, each given by its place in the sweep."""
         own = {name: array if name == "plants" else array[policy, case] for name, array in self.arrays.items()}
         return SweepResults.of(own)
 
@@ -70,7 +65,7 @@ class SweepResults:
 
 
 def _noisy(factor: np.ndarray, observation: np.ndarray, info: dict[str, Any]) -> np.ndarray:
-    """Return what the policy reads: q + f (y - q), y the environment's reading of q, f (lanes,) the plant's factor."""
+    """Return what the policy reads: q + f (y - q) for the environment's reading y of q and noise factors f (lanes,)."""
     true = np.concatenate([info["q_motor"], info["dq_motor"]], axis=1)
     measured, result = slice(true.shape[1]), observation.copy()
     result[:, measured] = true + factor[:, np.newaxis] * (observation[:, measured] - true)
@@ -78,47 +73,31 @@ def _noisy(factor: np.ndarray, observation: np.ndarray, info: dict[str, Any]) ->
 
 
 class Delay:
-    """What the motors get at control step k: u_max(k-d, 0), u_k the policy's torque and d the plant's delay (lanes,).
+    """The torque that reaches the motors at control step k: u_max(k-d, 0), with torques u_k and delays d (lanes,).
 
-    The torque of the first instant, when the arm is at rest, acts as if it had been commanded before, too.
+    Before the first step, when the arm is at rest, its torque counts as having been commanded all the time.
     """
 
     def __init__(self, delay: np.ndarray, joints: int) -> None:
-        """Take whole control periods (lanes,)."""
+        """Begin with no torques; the delay (lanes,) is in whole control periods."""
         self._delay, self._lanes, self._step = delay, np.arange(len(delay)), 0
         self._sent = np.empty((int(delay.max()) + 1, len(delay), joints))
 
     def __call__(self, torque: np.ndarray) -> np.ndarray:
-        """Return what the motors get (lanes, joints) [N m] for what is commanded; called once in each step."""
+        """Return the motors' torques (lanes, joints) [N m] for those commanded now; called once in each step."""
         depth, k = len(self._sent), self._step
         self._sent[k % depth if k else slice(None)] = torque
         self._step += 1
         return np.asarray(self._sent[(k - self._delay) % depth, self._lanes])
 
 
-def steps(plants: Plants, envs: FuzzyArmVectorEnv, policy: Predictor) -> Iterator[Step]:
-    """Run one episode of every lane of the plants' environment, with each plant's noise and delay."""
-    start, (noise, delay) = plants.begin(envs), _channel(plants, envs)
-    sense = None if noise is None else functools.partial(_noisy, noise)
-    actuate = Delay(delay, plants.config.joints) if delay.any() else None
-    return episodes(envs, policy, start, sense=sense, actuate=actuate)
-
-
-def _channel(plants: Plants, envs: FuzzyArmVectorEnv) -> Channel:
-    """Return noise and delay of every lane of the plants' environment."""
-    cases = envs.num_envs // len(plants.members)
-    noise = np.tile(plants.values["noise"], cases)
-    return Channel(noise if noise.any() else None, np.tile(plants.values["delay"], cases).astype(np.int64))
-
-
 def run_plants(config: SweepConfig, policies: Mapping[str, Predictor], members: Sequence[int]) -> SweepResults:
-    """Run the plants with these numbers under all policies, by label, in all cases; ValueError: a policy fails."""
-    plants, found = Plants.draw(config, members), []
-    envs = plants.environment(config.cases)
+    """Run the plants with these numbers in all cases under policies given by label; ValueError if a policy fails."""
+    plants, found = Plants(config, members, config.cases), []
     for label, policy in policies.items():
         try:
-            errors = errors_in_one_kernel(plants, envs, policy) if envs.num_envs >= WORTHWHILE else None
-            found.append(errors or errors_step_by_step(plants, envs, policy))
+            errors = errors_in_one_kernel(plants, policy) if plants.envs.num_envs >= _WORTHWHILE else None
+            found.append(errors or errors_step_by_step(plants, policy))
         except ValueError as error:
             raise ValueError(f"policy {label}, plants {members[0]} to {members[-1]}: {error}") from error
     shape = len(policies), len(config.cases), len(members)
@@ -132,22 +111,21 @@ def run_plants(config: SweepConfig, policies: Mapping[str, Predictor], members: 
     )
 
 
-def errors_step_by_step(plants: Plants, envs: FuzzyArmVectorEnv, policy: Predictor) -> TipErrors:
-    """Return the tip errors of one episode of every lane of the plants' environment."""
-    errors = TipErrors(envs.num_envs)
-    for step in steps(plants, envs, policy):
+def errors_step_by_step(plants: Plants, policy: Predictor) -> TipErrors:
+    """Return the tip errors of one episode in every lane of the plants."""
+    errors = TipErrors(plants.envs.num_envs)
+    for step in _steps(plants, policy):
         errors.add(step)
     return errors
 
 
-def errors_in_one_kernel(plants: Plants, envs: FuzzyArmVectorEnv, policy: Predictor) -> TipErrors | None:
-    """Return the same from one kernel of law and plant; None where there is no such law, or a torque is not finite."""
+def errors_in_one_kernel(plants: Plants, policy: Predictor) -> TipErrors | None:
+    """Return the same from one kernel of law and plant; None if the policy has no law, or a torque is not finite."""
     if not isinstance(policy, Policy) or (law := law_of(policy)) is None:
         return None
-    observation, info = plants.begin(envs)
-    channel = _channel(plants, envs)
+    (observation, info), channel = plants.begin(), plants.channel
     seen = observation if channel.noise is None else _noisy(channel.noise, observation, info)
-    return closed_loops(envs.lanes, seen, policy, law, channel)
+    return closed_loops(plants.envs.lanes, seen, policy, law, channel)
 
 
 def replay(config: SweepConfig, policies: Mapping[str, Predictor], member: int, policy: str, case: str) -> Rollout:
@@ -159,9 +137,14 @@ def replay(config: SweepConfig, policies: Mapping[str, Predictor], member: int, 
             f"policy {policy!r} in case {case!r} is not in the sweep; choose from: {', '.join(policies)}; "
             f"{', '.join(config.cases)}"
         )
-    plants, signals = Plants.draw(config, [member]), Signals(lane=0)
-    for step in steps(plants, plants.environment([case]), policies[policy]):
-        signals.add(step)
-    return signals.rollout(
-        policy=policy, case=case, seed=plants.seeds[0], control_period=CONTROL_PERIOD, parameters=config.arm
-    )
+    plants = Plants(config, [member], [case])
+    named: dict[str, Any] = {"policy": policy, "case": case, "seed": plants.seeds[0], "control_period": CONTROL_PERIOD}
+    return rollout_of(_steps(plants, policies[policy]), 0, parameters=config.arm, **named)
+
+
+def _steps(plants: Plants, policy: Predictor) -> Iterator[Step]:
+    """Run one episode in every lane of the plants, with the noise and the delay of its plant."""
+    noise, delay = plants.channel
+    sense = None if noise is None else functools.partial(_noisy, noise)
+    actuate = Delay(delay, plants.config.joints) if delay.any() else None
+    return episodes(plants.envs, policy, plants.begin(), sense=sense, actuate=actuate)

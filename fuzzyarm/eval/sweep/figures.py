@@ -1,4 +1,4 @@
-"""Figures of a sweep: for each policy a heat map of the tip error over two quantities, and the error's distribution."""
+"""Figures of a sweep: the distribution of the tip error, and its heat map over two quantities for each policy."""
 
 from __future__ import annotations
 
@@ -20,24 +20,24 @@ from fuzzyarm.eval.sweep.config import SweepConfig
 from fuzzyarm.eval.sweep.distributions import column_label
 from fuzzyarm.eval.sweep.episodes import SweepResults
 
-__all__ = ["Cells", "draw_sweep", "write_sweep_figures"]
+__all__ = ["write_sweep_figures"]
 
 _COLORS = "viridis_r"  # ordered by lightness for any colour vision, and in grey: dark is bad
-# Of cells where half or more of the plants ended early.
+# The look of cells where half or more of the plants ended early.
 _EARLY: dict[str, Any] = {"facecolor": "#BBBBBB", "hatch": "////", "edgecolor": "black"}
 _FINE, _COARSE = 1.0 / 40.0, 5.0  # ends of the colour scale, as shares of the bound of success
 _LEFT = 1.0 / 200.0  # left end of the curves, as a share of the bound
 
 
-class Cells(NamedTuple):
-    """The plane of a sweep, cut into cells (across, up)."""
+class _Cells(NamedTuple):
+    """The plane of a sweep's heat maps, divided into cells (across, up)."""
 
     edges: tuple[np.ndarray, ...]  # of the cells along each column of the plane, (across + 1,) and (up + 1,)
     places: np.ndarray  # (n, 2) the cell of each plant, a number across and one up
 
     @classmethod
-    def of(cls, config: SweepConfig, plants: np.ndarray) -> Cells:
-        """Cut the plane of a sweep: a grid into its own cells, otherwise into bins of a number of about 12 plants."""
+    def of(cls, config: SweepConfig, plants: np.ndarray) -> _Cells:
+        """Divide the plane of a sweep: a grid has its own cells, drawn plants have bins of about 12 plants each."""
         bins = int(np.clip(np.sqrt(len(plants) / 12), 2, 20))
         edges, places = [], []
         for column in config.plane:
@@ -70,19 +70,22 @@ def write_sweep_figures(
     folder: Path,
     progress: Callable[[], None] = lambda: None,
 ) -> list[Path]:
-    """Write every figure of `draw_sweep` as ``<name>.png`` and ``<name>.svg``, and return the paths."""
+    """Write ``spread`` and, where two quantities vary, ``map-<policy>`` as PNG and SVG files; return their paths.
+
+    `rows` are those of the summary; `progress` is called after each figure.
+    """
     with figure_style():
-        figures = draw_sweep(config, results, rows)
+        figures = _draw_sweep(config, results, rows)
     # Windows allows no colon in a file's name; the label of the user's own code has one.
     return write_all({name.replace(":", "-"): figure for name, figure in figures.items()}, folder, progress)
 
 
-def draw_sweep(config: SweepConfig, results: SweepResults, rows: Sequence[dict[str, Any]]) -> dict[str, Figure]:
-    """Return figures by name: ``spread``, and ``map-<policy>`` where two quantities vary; `rows` are the summary's."""
+def _draw_sweep(config: SweepConfig, results: SweepResults, rows: Sequence[dict[str, Any]]) -> dict[str, Figure]:
+    """Return the figures of `write_sweep_figures` by name."""
     errors = results.errors
     figures = {"spread": _spread(config, errors, rows)}
     if len(config.plane) == 2:
-        cells = Cells.of(config, results.plants)
+        cells = _Cells.of(config, results.plants)
         maps = np.array([[cells.medians(one) for one in by_case] for by_case in errors])
         shown = np.clip(maps[np.isfinite(maps)], _FINE * config.bound, _COARSE * config.bound)
         low, high = (shown.min(), shown.max()) if len(shown) else (_FINE, _COARSE)
@@ -93,7 +96,7 @@ def draw_sweep(config: SweepConfig, results: SweepResults, rows: Sequence[dict[s
 
 
 def _spread(config: SweepConfig, errors: np.ndarray, rows: Sequence[dict[str, Any]]) -> Figure:
-    """Return the share of plants at or below each error, a panel for each case; bars are intervals of quantiles."""
+    """Return the share of plants at or below each error, one panel per case; bars are intervals of quantiles."""
     figure = Figure(figsize=(1.0 + 3.1 * max(2, len(config.cases)), 3.7))
     panels = figure.subplots(1, len(config.cases), sharey=True, sharex=True, squeeze=False)[0]
     share = 100.0 * np.arange(1, errors.shape[-1] + 1) / errors.shape[-1]
@@ -124,8 +127,8 @@ def _spread(config: SweepConfig, errors: np.ndarray, rows: Sequence[dict[str, An
     return figure
 
 
-def _map(config: SweepConfig, policy: str, cells: Cells, medians: np.ndarray, norm: LogNorm) -> Figure:
-    """Return the heat map of a policy, a panel for each case; all policies share one scale of colours."""
+def _map(config: SweepConfig, policy: str, cells: _Cells, medians: np.ndarray, norm: LogNorm) -> Figure:
+    """Return the heat map of a policy, one panel per case; all policies share one scale of colours."""
     figure = Figure(figsize=(1.6 + 2.9 * max(2, len(config.cases)), 3.9))
     panels = figure.subplots(1, len(config.cases), sharey=True, squeeze=False)[0]
     together = config.joints if config.grid else None
@@ -156,8 +159,8 @@ def _map(config: SweepConfig, policy: str, cells: Cells, medians: np.ndarray, no
     return figure
 
 
-def _draw_borders(axes: Axes, cells: Cells, errors: np.ndarray, bound: float) -> None:
-    """Hatch the cells where half of the plants ended early, and draw the border of those below the bound."""
+def _draw_borders(axes: Axes, cells: _Cells, errors: np.ndarray, bound: float) -> None:
+    """Hatch the cells where half of the plants ended early, and outline the cells below the bound."""
     above, (across, up) = errors >= bound, cells.edges
     for j, i in np.argwhere(np.isinf(errors)):
         axes.fill_between(across[i : i + 2], up[j], up[j + 1], **_EARLY, linewidth=0.0)

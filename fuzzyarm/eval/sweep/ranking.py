@@ -1,13 +1,13 @@
 """Policies ranked over random plants, from the files of sweeps, the best first.
 
-The score of a policy is the largest of the cases' 99 % quantiles of the largest tip error over the plants [mm]: what a
-user has to allow for who knows neither the plant nor which load comes next. Its interval reaches from the largest of
-the lower ends of the quantiles' intervals of 95 % (`summary`) to the largest of the upper ends. Smaller is better. A
+The score of a policy is the largest of the cases' 99 % quantiles of the largest tip error over the plants [mm]: the
+error that a user must allow for without knowing the plant or the next load. Its interval reaches from the largest of
+the lower ends of the quantiles' 95 % intervals (`summary`) to the largest of the upper ends. Smaller is better. A
 policy that ends more than one in a hundred episodes of a case early has no score and ranks after all that have one, by
 the share of such episodes.
 
-Only comparable files are ranked together: the same cases, distribution of plants, arm and version of fuzzyarm. Their
-plants may be others and of another number, which the intervals account for.
+Only comparable files are ranked together: they share cases, distribution of plants, arm and version of fuzzyarm. Their
+plants and the number of plants may differ, and the intervals account for that.
 """
 
 from __future__ import annotations
@@ -74,7 +74,7 @@ class PlantStanding:
 
     @staticmethod
     def notes(standings: Sequence[Any]) -> str:
-        """Return what has to be known to read the table of these standings."""
+        """Return the sentence that explains the table of these standings."""
         return (
             "Score: largest of the cases' 99 % quantiles of the largest tip error over the plants, with an interval of "
             "95 %. Ended early: more than 1 % of a case's episodes did; such policies rank last."
@@ -82,7 +82,7 @@ class PlantStanding:
 
 
 def is_sweep(path: Path) -> bool:
-    """Return whether a path is the folder of a sweep, or a file that says that it is of one."""
+    """Return whether a path is the folder of a sweep, or a file whose schema is that of a sweep."""
     if path.is_dir():
         return (path / SUMMARY).is_file()
     try:
@@ -145,7 +145,7 @@ def _read(file: Path, document: dict[str, Any]) -> tuple[list[PlantStanding], di
 
 
 def _estimate(given: dict[str, Any]) -> Estimate | None:
-    """Return a quantile [mm] of a file with its interval; None for one larger than any bound."""
+    """Return a quantile [mm] of a file with its interval; None if it is larger than any bound."""
     if given["value"] is None:
         return None
     low, high = (None if given[end] is None else real(end, given[end], "mm", low=0.0) for end in ("low", "high"))

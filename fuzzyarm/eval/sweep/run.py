@@ -1,9 +1,9 @@
-"""A sweep in its folder: begun, run chunk by chunk, resumed after an end of any kind, summarised, and replayed.
+"""A sweep in its folder: begun, run chunk by chunk, resumed after an interruption, summarised and replayed.
 
-``run.json`` is written first, then ``chunks/NNNNNN.npz`` one by one, each whole or not at all; to resume is to run the
-missing ones. ``run.json`` holds the identity of the sweep, everything that its numbers depend on: configuration,
-versions and code, added cases, and files of policies. Every file carries the digest of the identity, and results of
-different identities are never mixed in one folder.
+``run.json`` is written first, then ``chunks/NNNNNN.npz`` one by one, each whole or not at all. Resuming a sweep runs
+the chunks that are missing. ``run.json`` holds the identity of the sweep, which is everything that its numbers depend
+on: configuration, versions and code, added cases, and the files of the policies. Every file carries the digest of the
+identity, and results of different identities are never mixed in one folder.
 """
 
 from __future__ import annotations
@@ -43,14 +43,14 @@ from fuzzyarm.fuzzy_policy.policy import Predictor
 from fuzzyarm.policies import Kind, PolicySpec, found_again, resolve, resolve_all
 from fuzzyarm.policies.registry import foreign
 
-__all__ = ["SOURCES", "Sweep", "difference", "digest_of", "identity_of", "made_with", "run_chunk"]
+__all__ = ["Sweep", "digest_of"]
 
-RUN = "run.json"
-SOURCES = (
+_RUN = "run.json"
+_SOURCES = (
     *("common", "envs", "fuzzy_policy", "numbers", "policies", "proof", "eval/episodes"),
     *(f"eval/sweep/{name}.py" for name in ("distributions", "config", "plants", "episodes")),
 )
-"""Files and folders of the package that decide the numbers: code, controllers and weights."""
+"""The files and folders of the package on which the numbers depend: code, controllers and weights."""
 
 
 @dataclasses.dataclass(frozen=True)
@@ -58,11 +58,11 @@ class Sweep:
     """A sweep in its folder, with its policies loaded.
 
     Attributes:
-        folder: where it is.
-        config: of the sweep.
-        specs: what its policies are made from, by label; the user's code among them may run.
-        policies: by label, loaded for its robot.
-        digest: of its identity.
+        folder: the folder of the sweep.
+        config: its configuration.
+        specs: by label, what its policies are made from; the user's code among them may run.
+        policies: by label, the policies loaded for its robot.
+        digest: the digest of its identity.
     """
 
     folder: Path
@@ -75,53 +75,49 @@ class Sweep:
     def begin(cls, folder: Path, config: SweepConfig) -> Sweep:
         """Begin a sweep in a folder that holds none; the folder is made if needed.
 
-        Policies of the form ``package.module:factory`` are imported: the caller vouches for the configuration.
+        Policies of the form ``package.module:factory`` are imported: the caller trusts the configuration.
 
         Raises:
-            ValueError: there is a sweep already, or a policy is unknown, damaged or made for another robot, or two have
-                the same label; then nothing is written.
+            ValueError: the folder holds a sweep, or a policy is unknown, damaged or made for another robot, or two
+                policies have the same label; nothing is written then.
             OSError: a file cannot be read or written.
         """
         folder, config = path_of("folder", folder), instance("config", config, SweepConfig)
-        if (folder / RUN).exists():
+        if (folder / _RUN).exists():
             raise ValueError(f"{folder} holds a sweep already: go on with it with --resume, or choose another --out")
         if any(folder.glob("chunks/[!.]*")):
             raise ValueError(
-                f"{folder / 'chunks'} holds results of a sweep whose {RUN} is missing: remove chunks, or choose "
+                f"{folder / 'chunks'} holds results of a sweep whose {_RUN} is missing: remove chunks, or choose "
                 "another --out"
             )
         specs = resolve_all(config.policies, run_code=True)
-        identity = identity_of(config, specs)
+        identity = _identity_of(config, specs)
         sweep = cls._loaded(folder, config, specs, digest_of(identity))
-        document = {"schema": SCHEMA, "command": config.command(), "config": config.to_dict()} | identity
-        # A run that is killed after this line leaves an empty folder of chunks, which is no obstacle to the next.
+        document = {"schema": SCHEMA, "command": config.command(), "config": config.to_dict(), **identity}
+        # A run that ends after this line leaves an empty folder of chunks, which does not prevent the next.
         (folder / "chunks").mkdir(parents=True, exist_ok=True)
-        try:
-            write_atomically(folder / RUN, json_text({**document, "digest": sweep.digest}))
-        except BaseException:
-            sweep.take_back()
-            raise
+        write_atomically(folder / _RUN, json_text({**document, "digest": sweep.digest}))
         return sweep
 
     @classmethod
     def resume(cls, folder: Path, given: Mapping[str, Any] | None = None) -> Sweep:
-        """Return the sweep of a folder, to go on with.
+        """Return the sweep of a folder, to be continued, summarised or replayed.
 
         Args:
-            folder: of the sweep.
-            given: fields of the configuration that the user has repeated. Those of `config.SHOWN` replace what the
-                folder says; the others must be the same. The user's own code that the folder names is run only if
-                ``policies`` names it too, alone or with other policies; a policy whose file is no longer where it was
-                may be named with its path.
+            folder: the folder of the sweep.
+            given: fields of the configuration that the user repeats. Those of `config.SHOWN` replace the values in the
+                folder; the others must equal them. The user's own code that the folder names runs only if
+                ``policies`` names it too, alone or with other policies; a policy whose file has moved may be named
+                with its new path.
 
         Raises:
-            ValueError: there is no sweep; its file is damaged or of another format; it was begun with another
+            ValueError: the folder holds no sweep; its file is damaged or of another format; it was begun with another
                 configuration, code, version or policy file; or it names code that the user has not named.
             OSError: a file cannot be read.
         """
-        path, given = path_of("folder", folder) / RUN, dict(given or {})
+        path, given = path_of("folder", folder) / _RUN, dict(given or {})
         if not path.is_file():
-            raise ValueError(f"{folder} holds no sweep to go on with: {RUN} is missing; begin one without --resume")
+            raise ValueError(f"{folder} holds no sweep to go on with: {_RUN} is missing; begin one without --resume")
         config, then, digest = read_checked(path, SCHEMA, "begin again in another folder", _begun)
         if digest != digest_of(then):
             raise ValueError(f"{path} was changed after the sweep began: begin again in another folder")
@@ -133,11 +129,11 @@ class Sweep:
                 "choose another --out"
             )
         config = dataclasses.replace(config, **{name: given.pop(name) for name in SHOWN if name in given})
-        if changed := difference(config.to_dict(), dataclasses.replace(config, **given).to_dict()):
+        if changed := _difference(config.to_dict(), dataclasses.replace(config, **given).to_dict()):
             raise ValueError(f"{folder} holds a sweep with other settings ({changed}): choose another --out")
         names = found_again(config.policies, then["policies"], named, Path(folder))
         specs = {label: resolve(spec.name, run_code=spec.name in named) for label, spec in resolve_all(names).items()}
-        if changed := difference(then, json.loads(json.dumps(identity_of(config, specs)))):
+        if changed := _difference(then, _identity_of(config, specs)):
             raise ValueError(
                 f"{folder} was begun with other versions, code, cases or policy files than there are now ({changed}), "
                 "and results are not mixed: begin again in another folder"
@@ -153,30 +149,25 @@ class Sweep:
         """Undo `begin` if there are no chunks yet."""
         if not any((self.folder / "chunks").iterdir()):
             (self.folder / "chunks").rmdir()
-            (self.folder / RUN).unlink(missing_ok=True)
+            (self.folder / _RUN).unlink(missing_ok=True)
 
     def missing(self) -> list[int]:
-        """Return the chunks that are still to be run; ValueError if one that exists is damaged or of another sweep."""
+        """Return the chunks that have not been run; ValueError if one that exists is damaged or of another sweep."""
         return [number for number in range(self.config.chunks) if self._load(number) is None]
 
-    @property
-    def remaining(self) -> int:
-        """Number of plants that are still to be run; ValueError as for `missing`."""
-        return sum(len(self.config.members(number)) for number in self.missing())
-
     def run(self, engine: Engine, report: Callable[[str], None] = lambda text: None) -> Iterator[int]:
-        """Run the chunks that are missing, each kept as soon as it is done, and yield the number of its plants.
+        """Run the missing chunks, write each as soon as it is done, and yield the number of its plants.
 
-        The policies travel to the workers of the engine, which need none of their files. `report` is called with a line
-        when a worker was lost, whose chunk is repeated.
+        The policies are sent to the workers of the engine, which need none of their files. When a worker dies its chunk
+        is repeated, and `report` is called with a line of text.
 
         Raises:
-            ValueError: a chunk in the folder is broken, a policy fails, or a worker has other versions than this
+            ValueError: a chunk in the folder is damaged, a policy fails, or a worker has other versions than this
                 process.
             engine.WorkersLost: workers die again and again.
             OSError: a chunk cannot be written.
         """
-        work = functools.partial(run_chunk, self.config, self.policies, made_with())
+        work = functools.partial(_run_chunk, self.config, self.policies, _made_with())
         with contextlib.closing(engine.run(work, self.missing(), report)) as chunks:
             for number, results in chunks:
                 content = npz_bytes({"digest": np.array(self.digest), **results.arrays}, compressed=False)
@@ -184,19 +175,19 @@ class Sweep:
                 yield len(results.plants)
 
     def results(self) -> SweepResults:
-        """Return the results of the whole sweep; ValueError if a chunk is missing or broken."""
+        """Return the results of the whole sweep; ValueError if a chunk is missing or damaged."""
         done = [chunk for number in range(self.config.chunks) if (chunk := self._load(number)) is not None]
         if missing := self.config.chunks - len(done):
             raise ValueError(f"{self.folder} lacks {missing} chunks: --resume runs them")
         return SweepResults.joined(done)
 
     def summarise(self, progress: Callable[[], None] = lambda: None) -> tuple[dict[str, Any], list[Path]]:
-        """Write summary, table, all episodes and figures, calling `progress` after each figure.
+        """Write summary, table, episodes and figures; `progress` is called after each figure.
 
-        Return what ``sweep.json`` holds, see `summary.summarise`, and all files that were written. ValueError: a chunk
-        is missing or broken; OSError: a file cannot be written.
+        Return the content of ``sweep.json``, see `summary.summarise`, and the paths of all files written. ValueError: a
+        chunk is missing or damaged; OSError: a file cannot be written.
         """
-        # Imported here, as in `replay_plant`: Matplotlib takes a second to load.
+        # Imported here and in `replay_plant`, because Matplotlib takes a second to load.
         from fuzzyarm.eval.sweep.figures import write_sweep_figures
 
         config, folder, results = self.config, self.folder, self.results()
@@ -212,9 +203,9 @@ class Sweep:
         return document, [*(folder / name for name in contents), *figures]
 
     def replay_plant(self, policy: str, case: str, plant: int) -> tuple[Rollout, Path]:
-        """Run a plant, by its number, again under a policy, by its label, in a case.
+        """Run one episode of the sweep again, given the policy's label, the case and the number of the plant.
 
-        Return its signals, and the folder that they and their figures were written to. ValueError: the sweep has no
+        Return its signals, and the folder to which they and their figures were written. ValueError: the sweep has no
         such plant, policy or case; OSError: a file cannot be written.
         """
         from fuzzyarm.eval.evaluation.figures import write_figures
@@ -230,7 +221,7 @@ class Sweep:
         return self.folder / "chunks" / f"{number:06d}.npz"
 
     def _load(self, number: int) -> SweepResults | None:
-        """Return a chunk; None if it has not been run, ValueError if its file is damaged or of another sweep."""
+        """Return the results of a chunk, None if it has not been run; ValueError for a damaged or foreign file."""
         path, again = self._path(number), "delete it, and --resume runs it again"
         if not path.exists():
             return None
@@ -239,13 +230,13 @@ class Sweep:
         except ValueError as error:  # it names the file
             raise ValueError(f"{error}: {again}") from None
         if str(arrays.pop("digest", "")) != self.digest:
-            raise ValueError(f"{path} is of another sweep than {self.folder / RUN}: {again}")
+            raise ValueError(f"{path} is of another sweep than {self.folder / _RUN}: {again}")
         if {name: (array.shape, array.dtype) for name, array in arrays.items()} != self._layout(number):
             raise ValueError(f"{path} is damaged (its arrays are not those of the sweep): {again}")
         return SweepResults.of(arrays)
 
     def _layout(self, number: int) -> dict[str, Any]:
-        """Return shape and type of each array of a chunk."""
+        """Return shape and type of each array of a chunk by its name."""
         plants = len(self.config.members(number))
         shape = (len(self.config.policies), len(self.config.cases), plants)
         return {
@@ -255,11 +246,11 @@ class Sweep:
         }
 
 
-def run_chunk(
+def _run_chunk(
     config: SweepConfig, policies: Mapping[str, Predictor], needed: Mapping[str, str], number: int
 ) -> SweepResults:
-    """Run a chunk in this process; ValueError where its `made_with` is not what is needed."""
-    if found := difference(made_with(), needed):
+    """Run a chunk in this process; ValueError if its versions and sources are not those needed."""
+    if found := _difference(_made_with(), needed):
         raise ValueError(
             f"a worker has other versions than the process that runs the sweep ({found}): install the same on all, "
             "and change no source while it runs"
@@ -268,12 +259,12 @@ def run_chunk(
 
 
 @functools.cache
-def made_with() -> dict[str, str]:
-    """Return the versions, and a digest of the sources, that this process computes with."""
+def _made_with() -> dict[str, str]:
+    """Return the versions that this process computes with, and the digest of its sources."""
     digest, root = hashlib.sha256(), Path(fuzzyarm.__file__).parent
-    for path in (root / name for name in SOURCES):
+    for path in (root / name for name in _SOURCES):
         files = [path] if path.is_file() else sorted(path.rglob("*"))
-        assert files, f"{path} is missing: SOURCES must follow the package's folders"
+        assert files, f"{path} is missing: _SOURCES must follow the package's folders"
         for file in files:
             if file.is_file() and "__pycache__" not in file.parts:
                 digest.update(file.relative_to(path.parent).as_posix().encode() + b"\0" + file.read_bytes() + b"\0")
@@ -281,13 +272,13 @@ def made_with() -> dict[str, str]:
     return {"python": platform.python_version(), **versions, "code": digest.hexdigest()}
 
 
-def identity_of(config: SweepConfig, specs: Mapping[str, PolicySpec]) -> dict[str, dict[str, Any]]:
-    """Return everything that the numbers of a sweep depend on, ready for JSON; the policies may run code."""
+def _identity_of(config: SweepConfig, specs: Mapping[str, PolicySpec]) -> dict[str, dict[str, Any]]:
+    """Return everything on which the numbers of a sweep depend, as JSON holds it; the policies may run code."""
     axes = 2 if config.robot is None else 3
     return {
         "numbers": _numbers(config.to_dict()),
         "policies": {label: spec.files() | _module_files(spec) for label, spec in specs.items()},
-        "made_with": made_with(),
+        "made_with": _made_with(),
         "cases": {name: _described(case, axes) for name, case in CASES.added().items() if name in config.cases},
     }
 
@@ -298,7 +289,7 @@ def digest_of(identity: Mapping[str, Any]) -> str:
 
 
 def _begun(document: Mapping[str, Any]) -> tuple[SweepConfig, dict[str, dict[str, Any]], str]:
-    """Return configuration, identity and digest from the content of ``run.json``."""
+    """Return the configuration, the identity and its digest from the content of ``run.json``."""
     config, parts = SweepConfig.from_dict(document["config"]), ("numbers", "policies", "made_with", "cases")
     if _numbers(document["config"]) != document["numbers"]:
         raise ValueError("its configuration was changed after the sweep began")
@@ -310,7 +301,7 @@ def _numbers(config: Mapping[str, Any]) -> dict[str, Any]:
 
 
 def _module_files(spec: PolicySpec) -> dict[str, str]:
-    """Return the SHA-256 of the Python files of the user's top-level package that a policy is code of, by path."""
+    """Return the SHA-256, by path, of the Python files in the user's package or module that defines a policy."""
     of_module = spec.kind is Kind.CODE and not foreign(spec.name)
     source = source_of(spec.name.partition(":")[0].partition(".")[0]) if of_module else None
     if source is None:
@@ -320,7 +311,7 @@ def _module_files(spec: PolicySpec) -> dict[str, str]:
 
 
 def _described(case: Case, axes: int) -> str:
-    """Return a digest of what an added case does: its fields as text, and its tip force at some instants."""
+    """Return the digest of an added case: of its fields as text, and of its tip force at some instants."""
     force, t = case.disturbance.tip_force, np.linspace(0.0, 2.0, INSTANTS)
     text = re.sub(r" at 0x[0-9a-f]+", "", repr(case))
     velocity = np.stack([np.cos(t), np.sin(t), t][:axes], axis=-1)
@@ -328,14 +319,14 @@ def _described(case: Case, axes: int) -> str:
     return hashlib.sha256(text.encode() + forces).hexdigest()
 
 
-def difference(one: Mapping[str, Any], other: Mapping[str, Any]) -> str:
-    """Return in words in which entries two mappings differ; empty if they do not."""
+def _difference(one: Mapping[str, Any], other: Mapping[str, Any]) -> str:
+    """Return in words in which entries two mappings differ; the text is empty where they are equal."""
     found = []
     for key in dict.fromkeys([*one, *other]):
         then, now = one.get(key), other.get(key)
         if isinstance(then, Mapping) and isinstance(now, Mapping):
-            inner = difference(then, now)
+            inner = _difference(then, now)
             found += [f"{listed([key])}: {inner}"] if inner else []
-        elif then != now:  # of digests and versions the first characters are enough
+        elif then != now:  # the first characters of a digest or a version are enough
             found.append(f"{listed([key])} {listed([then]):.20} and {listed([now]):.20}")
     return ", ".join(found)

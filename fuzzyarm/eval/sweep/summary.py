@@ -1,11 +1,11 @@
 """The statistics of a sweep: success rates and quantiles with confidence intervals, the worst plants, and their table.
 
 An episode that ended early counts as one whose tip error is larger than any bound. The p-quantile of n errors is the
-smallest error that at least n p of the errors do not exceed. It is one of the errors, and may be that of an episode
-that ended early.
+smallest error that at least n p of the errors do not exceed. It is one of the errors, and may belong to an episode that
+ended early.
 
 Confidence intervals are of 95 % and refer to the distribution that the plants were drawn from (for a grid: to plants
-chosen from it at random). Those of quantiles are percentile bootstraps. A resample's quantile is one of the errors, at
+chosen from it at random). Quantiles have percentile bootstraps. The quantile of a resample is one of the errors, at
 some rank r, and the distribution of r does not depend on the errors: `scipy.stats.bootstrap` resamples the ranks once,
 for all policies, cases and metrics. Such an interval cannot exceed the largest error. Therefore the interval of the
 99 % quantile covers it in only 80 % of sweeps with 300 plants, in 92 % with 1000, and in 95 % from 3000 on. A success
@@ -35,13 +35,11 @@ from fuzzyarm.eval.sweep.distributions import NOISE
 from fuzzyarm.eval.sweep.episodes import SweepResults
 from fuzzyarm.policies.declared import Declared
 
-__all__ = [
-    "QUANTILES", "SCHEMA", "SUMMARY", "print_sweep", "quantile_ranks", "quantiles", "summarise", "summary_csv", "worst",
-]  # fmt: skip
+__all__ = ["SCHEMA", "SUMMARY", "print_sweep", "summarise", "summary_csv"]
 
 SCHEMA, SUMMARY = "fuzzyarm-sweep/3", "sweep.json"
-"""Format of the files of a sweep, and the file of the summary."""
-QUANTILES = (0.5, 0.9, 0.99)  # of the errors over the plants
+"""The format of the files of a sweep, and the name of the summary's file."""
+_QUANTILES = (0.5, 0.9, 0.99)  # of the errors over the plants
 _RESAMPLES = 2000
 _ENDED_EARLY = "ended early"
 _Number = float | None  # None: an error larger than any bound, or a missing interval
@@ -52,9 +50,10 @@ def summarise(
 ) -> dict[str, Any]:
     """Return the document that `fuzzyarm sweep --json` prints.
 
-    It has provenance, the configuration, what the policies declare (None: what those of the package do), and ``rows``:
-    for each policy in each case ``success``, the quantiles of ``max_mm`` and ``rms_mm`` by level, all as value and
-    interval, and ``worst``. A value of None is larger than any bound; an interval of a single plant is None.
+    It holds the provenance, the configuration, the declarations of the policies (without `declared` those of the
+    package's policies), and ``rows``. The row of a policy in a case has ``success`` and the quantiles of ``max_mm`` and
+    ``rms_mm`` by level, each as value and interval, and ``worst``. A value of None is larger than any bound; a single
+    plant has None for the ends of its intervals.
     """
     pairs = itertools.product(enumerate(config.labels), enumerate(config.cases))
     return {
@@ -83,27 +82,27 @@ def _row(config: SweepConfig, episodes: SweepResults) -> dict[str, Any]:
     return {
         "success": {"value": count / total, "low": float(wilson.low), "high": float(wilson.high)},
         "ended_early": int(np.count_nonzero(~episodes.completed)),
-        **{key: quantiles(episodes.finished(key)) for key in episodes.metrics},
+        **{key: _quantiles(episodes.finished(key)) for key in episodes.metrics},
         "worst": [
             {"plant": plant, "seed": config.seed + plant}
             | {name: numbers[name][plant].item() for name in ("completed", "seconds", *episodes.metrics)}
             | {"parameters": dict(zip(names, episodes.plants[plant].item(), strict=True))}
-            for plant in worst(episodes, config.worst).tolist()
+            for plant in _worst(episodes, config.worst).tolist()
         ],
     }
 
 
-def worst(episodes: SweepResults, count: int) -> np.ndarray:
-    """Return the numbers (count,) of the worst plants: the earliest ends first, then the others by falling error."""
+def _worst(episodes: SweepResults, count: int) -> np.ndarray:
+    """Return the numbers (count,) of the worst plants: the earliest ends first, then by falling error."""
     ended = np.where(episodes.completed, np.inf, episodes.seconds)
     return np.lexsort((-episodes.metrics["max_mm"], ended))[:count]
 
 
-def quantiles(values: np.ndarray) -> dict[str, dict[str, _Number]]:
-    """Return `QUANTILES` of values (n,), of which some may be inf, with their confidence intervals."""
+def _quantiles(values: np.ndarray) -> dict[str, dict[str, _Number]]:
+    """Return `_QUANTILES` of values (n,), of which some may be infinite, with their confidence intervals."""
     ordered = [value if math.isfinite(value) else None for value in np.sort(values).tolist()]
-    ranks, *ends = quantile_ranks(len(ordered))
-    found = {f"{p:g}": {"value": ordered[rank]} for p, rank in zip(QUANTILES, ranks, strict=True)}
+    ranks, *ends = _quantile_ranks(len(ordered))
+    found = {f"{p:g}": {"value": ordered[rank]} for p, rank in zip(_QUANTILES, ranks, strict=True)}
     for name, bounds in zip(("low", "high"), ends, strict=True):
         for quantile, bound in zip(found.values(), bounds, strict=True):
             quantile[name] = None if len(ordered) == 1 else ordered[bound]
@@ -111,9 +110,9 @@ def quantiles(values: np.ndarray) -> dict[str, dict[str, _Number]]:
 
 
 @functools.cache
-def quantile_ranks(count: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Return the ranks (3,) of `QUANTILES` among `count` values, and (3,) of each end of their intervals, from 0."""
-    ranks = np.array([math.ceil(p * count - 1e-9) - 1 for p in QUANTILES])
+def _quantile_ranks(count: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Return the ranks (3,) of `_QUANTILES` among `count` values, and (3,) of each end of their intervals, from 0."""
+    ranks = np.array([math.ceil(p * count - 1e-9) - 1 for p in _QUANTILES])
     if count == 1:
         return ranks, ranks, ranks
 
@@ -137,10 +136,12 @@ def quantile_ranks(count: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
 def print_sweep(document: dict[str, Any], console: Console) -> None:
     """Print the rows of a summary, and what they mean."""
     config, terminal = document["config"], console.is_terminal
-    # A terminal has one word of a heading a line; a number stays with its unit.
+    # On a terminal each word of a heading has a line of its own; a number stays beside its unit.
     space = "\N{NO-BREAK SPACE}" if terminal else " "
     headings = ["policy", f"success, below {config['bound']:g}{space}mm [%]"]
-    columns = [(key, one, f"{p:g}") for key, one in swept().items() for p in (QUANTILES if key == "max_mm" else (0.5,))]
+    columns = [
+        (key, one, f"{p:g}") for key, one in swept().items() for p in (_QUANTILES if key == "max_mm" else (0.5,))
+    ]
     headings += [f"{one.words}, {100 * float(level):g}{space}% [{one.unit}]" for _, one, level in columns]
     rows = sorted(document["rows"], key=lambda row: config["cases"].index(row["case"]))
     cells = [
@@ -160,7 +161,7 @@ def print_sweep(document: dict[str, Any], console: Console) -> None:
 
 
 def _cell(found: dict[str, _Number], form: Callable[[float], str], terminal: bool) -> str:
-    """Return a value and its interval, on two lines of a terminal."""
+    """Return a value and its interval, which a terminal shows on a second line."""
     value, low, high = (
         _ENDED_EARLY if number is None else form(number) for number in map(found.get, ("value", "low", "high"))
     )
@@ -171,7 +172,7 @@ def _cell(found: dict[str, _Number], form: Callable[[float], str], terminal: boo
 
 
 def summary_csv(rows: Sequence[dict[str, Any]]) -> str:
-    """Return a line for each policy and case, every number with its interval; empty for larger than any error."""
+    """Return the table as CSV: a line for each policy and case, with empty cells for values beyond any error."""
     flat = []
     for row in rows:
         columns = {"policy": row["policy"], "case": row["case"], "ended_early": row["ended_early"]}

@@ -14,8 +14,7 @@ from fuzzyarm import load_policy
 from fuzzyarm.cli import main
 from fuzzyarm.eval.dataset import store
 from fuzzyarm.eval.dataset.config import CONDITIONS, EXPERT, LEVELS, DatasetConfig
-from fuzzyarm.eval.dataset.recording import RandomTorques, mean_return, record
-from fuzzyarm.eval.dataset.store import open_dataset, provenance_of
+from fuzzyarm.eval.dataset.store import _mean_return, _RandomTorques, open_dataset, provenance_of, record
 
 EXAMPLES = Path(__file__).parents[3] / "examples"
 LIMIT = np.array([500.0, 250.0])
@@ -38,11 +37,11 @@ def test_the_recorded_torques_give_the_recorded_episode_again():
 
 
 def test_random_torques_are_far_from_the_path_and_without_noise_intended_is_done():
-    (episode,) = record(RandomTorques(LIMIT, 0), "nominal", 1, 0)
+    (episode,) = record(_RandomTorques(0), "nominal", 1, 0)
     assert episode.tip_errors.mean() > 0.05
     assert_array_equal(episode.actions, episode.intended)
     assert (np.abs(episode.actions) <= LIMIT).all()
-    assert mean_return(RandomTorques(LIMIT, 0), "nominal", 1, 0) == episode.rewards.sum()
+    assert _mean_return(_RandomTorques(0), "nominal", 1, 0) == episode.rewards.sum()
 
 
 @pytest.mark.parametrize(
@@ -97,7 +96,7 @@ def test_minari_loads_what_the_command_wrote(minari, monkeypatch, tmp_path, caps
         assert_array_equal(found.rewards, expected.rewards)
         assert_array_equal(found.infos["intended_action"], expected.intended)
         assert (found.truncations[-1], found.terminations[-1]) == (expected.completed, not expected.completed)
-    best = mean_return(load_policy(EXPERT), "nominal", 1, 0)  # all nominal episodes without noise are alike
+    best = _mean_return(load_policy(EXPERT), "nominal", 1, 0)  # all nominal episodes without noise are alike
     assert minari.get_normalized_score(dataset, np.array([best])) == pytest.approx(1.0)
     assert dataset.recover_environment().observation_space == dataset.observation_space
     own = provenance_of(open_dataset(tmp_path / name))
@@ -123,6 +122,6 @@ def test_the_examples_learn_from_a_data_set(script, minari, tmp_path):
 
 def test_the_metadata_say_how_many_episodes_are_behind_a_reference_score(minari, monkeypatch, tmp_path):
     counts = set()
-    monkeypatch.setattr(store, "mean_return", lambda policy, condition, count, seed: float(counts.add(count) is None))
+    monkeypatch.setattr(store, "_mean_return", lambda policy, condition, count, seed: float(counts.add(count) is None))
     folder = store.write_dataset(DatasetConfig(level="medium", episodes=1), tmp_path)
     assert {open_dataset(folder).storage.metadata["num_episodes_average_score"]} == counts

@@ -18,7 +18,7 @@ from fuzzyarm.envs.scenario.reference import JointReference
 from fuzzyarm.envs.vector import FuzzyArmVectorEnv
 from fuzzyarm.eval.episodes.loop import TipErrors, episodes
 from fuzzyarm.eval.episodes.metrics import METRICS, add_metric, metrics_of
-from fuzzyarm.eval.episodes.rollout import Rollout, Signals, record_passes, record_rollout
+from fuzzyarm.eval.episodes.rollout import Rollout, record_passes, record_rollout, rollout_of
 from fuzzyarm.eval.episodes.rollout_file import read_rollouts, write_rollouts
 from fuzzyarm.eval.evaluation.recheck import recheck_results
 from fuzzyarm.eval.evaluation.results_file import _check_rollout as _check_stored
@@ -49,14 +49,12 @@ class Escaping:
 
 def recorded(envs, policy, lanes):
     """Return the rollout of each lane, and the tip errors of all."""
-    signals, errors = [Signals(lane) for lane in range(lanes)], TipErrors(lanes)
-    for step in episodes(envs, policy, envs.reset(seed=5)):
+    steps, errors = list(episodes(envs, policy, envs.reset(seed=5))), TipErrors(lanes)
+    for step in steps:
         errors.add(step)
-        for one in signals:
-            one.add(step)
     parameters = load_policy("computed-torque").parameters
     given = {"policy": "", "case": "", "control_period": 1e-3, "parameters": parameters}
-    return [one.rollout(seed=5 + lane, **given) for lane, one in enumerate(signals)], errors
+    return [rollout_of(steps, lane, seed=5 + lane, **given) for lane in range(lanes)], errors
 
 
 @pytest.mark.parametrize("name", slow_but(["elastic-observer"], ["computed-torque", "elastic-observer"]))
@@ -94,7 +92,7 @@ def test_a_terminated_lane_stops_there_and_the_others_go_on():
     assert np.flatnonzero(starts[1:, 1])[0] + 1 == len(escaped.time)
 
 
-def test_what_the_policy_reads_and_what_the_motors_get_can_be_changed():
+def test_sensors_and_actuators_can_be_changed():
     env, given = FuzzyArmEnv(reference=JointReference(duration=0.6)), []
 
     class Seen:
@@ -212,49 +210,46 @@ def test_all_zero_signals_give_zero_but_for_the_margin_and_the_time():
     assert set(values.values()) == {0.0}
 
 
-def test_tip_error_of_a_sine():
-    error = 1e-3 * np.abs(np.sin(2 * np.pi * np.arange(N) / N))
-    values = metrics_of(signals(tip_error=error))
-    assert values["tip_error_max_mm"] == pytest.approx(1.0)
-    assert values["tip_error_rms_mm"] == pytest.approx(np.sqrt(0.5))
-
-
-def test_the_middle_leaves_out_a_tenth_of_a_second_at_either_end():
+def edges(*last):
+    """A tip error of 1 mm, larger in the first and the last tenth of a second, and at the samples beside these."""
     error = np.full(N, 1e-3)
-    error[:100], error[-100:], error[100], error[-101] = 9e-3, 8e-3, 2e-3, 3e-3
-    assert metrics_of(signals(tip_error=error))["tip_error_max_mid_mm"] == pytest.approx(3.0)
-    error[-101] = 1e-3
-    assert metrics_of(signals(tip_error=error))["tip_error_max_mid_mm"] == pytest.approx(2.0)
+    error[:100], error[-100:], error[100], error[-101] = 9e-3, 8e-3, 2e-3, *last
+    return error
 
 
-def test_circularity_ranges_keep_their_sides_apart():
-    link, motor = np.linspace(-2e-3, 6e-3, N), np.linspace(-1e-4, 2e-4, N)
-    values = metrics_of(signals(circularity_error=link, circularity_error_motor=motor))
-    assert [values[f"circularity_link_{end}_mm"] for end in ("min", "max")] == pytest.approx([-2.0, 6.0])
-    assert [values[f"circularity_motor_{end}_mm"] for end in ("min", "max")] == pytest.approx([-0.1, 0.2])
+SINE = np.sin(2 * np.pi * np.arange(N) / N)
+STILL = np.zeros(N)
+OF_SIGNALS = [
+    ({"tip_error": 1e-3 * np.abs(SINE)}, {"tip_error_max_mm": 1.0, "tip_error_rms_mm": np.sqrt(0.5)}),
+    ({"tip_error": edges(3e-3)}, {"tip_error_max_mid_mm": 3.0}),
+    ({"tip_error": edges(1e-3)}, {"tip_error_max_mid_mm": 2.0}),
+    (
+        {
+            "circularity_error": np.linspace(-2e-3, 6e-3, N),
+            "circularity_error_motor": np.linspace(-1e-4, 2e-4, N),
+        },
+        {
+            "circularity_link_min_mm": -2.0,
+            "circularity_link_max_mm": 6.0,
+            "circularity_motor_min_mm": -0.1,
+            "circularity_motor_max_mm": 0.2,
+        },
+    ),
+    # The joint error is over both joints, and on the motor side.
+    ({"q_motor": np.stack([STILL + 3e-3, STILL], 1), "q_link": np.ones((N, 2))}, {"joint_error_rms_mrad": 4.5**0.5}),
+    (  # Joint 1 climbs 0.1 N m a step, joint 2 not at all.
+        {"torque": np.stack([np.linspace(0, 99.9, N), STILL - 7.0], axis=1)},
+        {"torque_peak_1": 99.9, "torque_peak_2": 7.0, "torque_rms_2": 7.0, "torque_rate_rms": 5000.0**0.5},
+    ),
+    # Braking is work, too.
+    ({"torque": np.full((N, 2), 10.0), "dq_motor": np.stack([SINE, STILL], axis=1)}, {"energy": 20.0 / np.pi}),
+]
 
 
-def test_joint_error_is_over_both_joints_and_on_the_motor_side():
-    q = np.zeros((N, 2))
-    q[:, 0] = 3e-3
-    values = metrics_of(signals(q_motor=q, q_link=q + 1.0))
-    assert values["joint_error_rms_mrad"] == pytest.approx(3.0 / np.sqrt(2.0))
-
-
-def test_torque_metrics_of_a_ramp():
-    torque = np.stack([np.linspace(0, 99.9, N), -np.full(N, 7.0)], axis=1)
-    values = metrics_of(signals(torque=torque))
-    assert values["torque_peak_1"] == pytest.approx(99.9)
-    assert values["torque_peak_2"] == 7.0
-    assert values["torque_rms_2"] == pytest.approx(7.0)
-    # Joint 1 climbs 0.1 N m a step, joint 2 not at all.
-    assert values["torque_rate_rms"] == pytest.approx(100.0 / np.sqrt(2.0))
-
-
-def test_energy_counts_braking_as_work_too():
-    speed = np.stack([np.sin(2 * np.pi * np.arange(N) / N), np.zeros(N)], axis=1)
-    values = metrics_of(signals(torque=np.full((N, 2), 10.0), dq_motor=speed))
-    assert values["energy"] == pytest.approx(10.0 * 2.0 / np.pi, rel=1e-5)
+@pytest.mark.parametrize(("changes", "expected"), OF_SIGNALS, ids=[next(iter(one)) for _, one in OF_SIGNALS])
+def test_a_metric_is_what_its_description_says(changes, expected):
+    values = metrics_of(signals(**changes))
+    assert {name: values[name] for name in expected} == pytest.approx(expected, rel=1e-5)
 
 
 def test_an_episode_of_one_step_has_metrics():
@@ -353,10 +348,7 @@ def test_what_has_to_be_known_is_on_the_console_in_the_results_in_the_file_and_o
     with pytest.raises(ValueError, match="the note on own in case nominal is not that of its rollout"):
         _check_stored(run, row | {"note": "all is well"})
     assert said in belief_figures([run])
-
-
-def test_a_filter_that_has_diverged_believes_nothing():
-    run = record_rollout(FuzzyArmEnv(), Diverging(), policy_name="own", case="nominal", seed=0)
+    # A filter that has diverged believes nothing.
     assert "offset_1" not in run.believed
     np.testing.assert_array_equal(run.believed["payload"][:7], [0.0, 1.0, 2.0, 3.0, 4.0, np.nan, np.nan])
     np.testing.assert_array_equal(run.believed["payload_deviation"][:4], [1.0, 1.0, np.nan, 1.0])

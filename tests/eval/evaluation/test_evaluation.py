@@ -17,7 +17,7 @@ from fuzzyarm.envs.scenario.given_path import GivenPath
 from fuzzyarm.envs.scenario.reference import JointReference
 from fuzzyarm.eval.episodes.loop import episodes
 from fuzzyarm.eval.episodes.metrics import METRICS, Metric, add_metric, metrics_of
-from fuzzyarm.eval.episodes.rollout import Signals, record_rollout
+from fuzzyarm.eval.episodes.rollout import record_rollout, rollout_of
 from fuzzyarm.eval.evaluation.ranking import document, markdown, rank_policies
 from fuzzyarm.eval.evaluation.result_table import table_rows
 from fuzzyarm.eval.evaluation.run import EvaluationConfig, evaluate, write_results
@@ -153,10 +153,9 @@ def test_link_side_measurement_is_unstable_where_motor_side_is_not():
     """Why the motors are measured: 30 rad/s, half the shipped bandwidth, chatters at the torque limits."""
     env, runs = FuzzyArmEnv(), []
     for sense in (None, link_side_sensors):
-        signals = Signals()
-        for step in episodes(env, ComputedTorquePolicy(bandwidth=30.0), env.reset(seed=0), sense=sense):
-            signals.add(step)
-        runs.append(signals.rollout(policy="", case="nominal", seed=0, control_period=1e-3, parameters=env.parameters))
+        steps = episodes(env, ComputedTorquePolicy(bandwidth=30.0), env.reset(seed=0), sense=sense)
+        named = {"policy": "", "case": "nominal", "seed": 0, "control_period": 1e-3}
+        runs.append(rollout_of(steps, parameters=env.parameters, **named))
     motor_side, link_side = (metrics_of(run) for run in runs)
     assert motor_side["torque_rate_rms"] < 1e3
     assert link_side["torque_rate_rms"] > 1e4

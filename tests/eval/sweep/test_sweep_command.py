@@ -61,7 +61,7 @@ def folder(finished, tmp_path):
 
 
 def test_a_sweep_prints_a_table_and_writes_everything(tmp_path, capsys, monkeypatch):
-    empty_pages(monkeypatch, "fuzzyarm.eval.sweep.figures", "draw_sweep")
+    empty_pages(monkeypatch, "fuzzyarm.eval.sweep.figures", "_draw_sweep")
     out = tmp_path / "new" / "sweep"
     assert main(["sweep", *QUICK, "--bound", "5", "--worst", "2", "--out", str(out)]) == 0
     printed = capsys.readouterr()
@@ -84,7 +84,7 @@ def test_json_is_the_summary_file_and_looking_at_a_sweep_anew_runs_nothing(folde
     def run_chunk(*_):
         raise AssertionError("all chunks are there")
 
-    monkeypatch.setattr("fuzzyarm.eval.sweep.run.run_chunk", run_chunk)
+    monkeypatch.setattr("fuzzyarm.eval.sweep.run._run_chunk", run_chunk)
     before = contents(folder / "chunks")
     assert main(["sweep", "--resume", "--bound", "6.5", "--worst", "1", "--json", "--out", str(folder)]) == 0
     document = json.loads(capsys.readouterr().out)
@@ -143,8 +143,8 @@ def test_what_does_not_belong_to_a_sweep_is_not_mixed_in(folder, capsys, change,
 
 
 def test_versions_are_not_mixed(folder, capsys, monkeypatch):
-    newer = run.made_with() | {"code": "another"}
-    monkeypatch.setattr(run, "made_with", lambda: newer)
+    newer = run._made_with() | {"code": "another"}
+    monkeypatch.setattr(run, "_made_with", lambda: newer)
     refused(capsys, folder, ["--resume", "--out", str(folder)], "than there are now (made_with: code ")
 
 

@@ -2,6 +2,7 @@
 
 import copy
 import dataclasses
+import itertools
 import json
 import math
 import shlex
@@ -22,7 +23,7 @@ from fuzzyarm.envs.scenario.disturbances import EncoderNoise
 from fuzzyarm.envs.scenario.randomisation import DomainRandomisation
 from fuzzyarm.envs.scenario.reference import JointReference
 from fuzzyarm.eval.sweep import episodes
-from fuzzyarm.eval.sweep.config import Axis, SweepConfig
+from fuzzyarm.eval.sweep.config import SweepConfig
 from fuzzyarm.eval.sweep.distributions import DISTRIBUTIONS, NOISE, Distribution, columns_of
 from fuzzyarm.eval.sweep.episodes import SweepResults, replay, run_plants
 from fuzzyarm.eval.sweep.plants import Plants
@@ -63,7 +64,7 @@ def tip_errors(env, policy, seed, delay=0, noise=1.0, most=math.inf):
 )
 def test_the_numbers_are_those_of_single_environments(whole, where):
     """Each plant alone: drawn by the environment from its seed, with its own noise and delay."""
-    plants = Plants.draw(CONFIG, range(6))
+    plants = Plants(CONFIG, range(6), CONFIG.cases)
     case, i = where
     c = CONFIG.cases.index(case)
     noise, delay = plants.values["noise"][i], int(plants.values["delay"][i])
@@ -80,7 +81,7 @@ def test_the_numbers_are_those_of_single_environments(whole, where):
 
 
 def test_noise_and_delay_cover_their_ranges_and_depend_on_nothing_else_drawn():
-    plants = Plants.draw(SweepConfig(plants=3000, distribution="all"), range(3000))
+    plants = Plants(SweepConfig(plants=3000, distribution="all"), range(3000), ["nominal"])
     noise, delay = plants.values["noise"], plants.values["delay"]
     assert 0.0 <= noise.min() < 0.01 and 1.99 < noise.max() < 2.0
     assert noise.mean() == pytest.approx(1.0, abs=4 * 2 / math.sqrt(12 * 3000))
@@ -117,7 +118,7 @@ def test_what_is_not_in_the_sweep_is_not_replayed(member, policy):
 
 
 SOFT = SweepConfig(
-    policies=("fuzzy-4",), cases=("payload",), grid=(Axis("stiffness", 0.5, 1.0, 2), Axis("payload", 0.0, 15.0, 2)),
+    policies=("fuzzy-4",), cases=("payload",), grid=(("stiffness", 0.5, 1.0, 2), ("payload", 0.0, 15.0, 2)),
     distribution="nominal", plants=1,
 )  # fmt: skip
 
@@ -145,8 +146,8 @@ def test_an_episode_that_ends_early_counts_up_to_its_end():
 
 
 def test_a_grid_sets_every_pair_of_values_once_for_each_of_its_plants():
-    config = SweepConfig(grid=(Axis("delay", 0, 3, 4), Axis("mass", 0.9, 1.1, 3)), distribution="loads", plants=2)
-    plants = Plants.draw(config, range(config.total))
+    config = SweepConfig(grid=(("delay", 0, 3, 4), ("mass", 0.9, 1.1, 3)), distribution="loads", plants=2)
+    plants = Plants(config, range(config.total), ["nominal"])
     pairs = np.stack([plants.values["delay"], plants.values["mass_1"]], axis=1)
     expected = [(delay, mass) for delay in range(4) for mass in (0.9, 1.0, 1.1) for _ in range(2)]
     assert np.allclose(pairs, expected)
@@ -157,18 +158,18 @@ def test_a_grid_sets_every_pair_of_values_once_for_each_of_its_plants():
 @pytest.mark.parametrize(
     ("grid", "exact"),
     [
-        ((Axis("stiffness", 0.8, 1.2, 2), Axis("mass", 0.9, 1.1, 2)), True),
-        ((Axis("dry_friction", 0.0, 1.5, 2), Axis("damping", 0.5, 1.5, 2)), True),
-        ((Axis("motor_inertia", 0.9, 1.1, 2), Axis("viscous_friction", 0.5, 1.5, 2)), True),
-        ((Axis("payload", 1.0, 5.0, 2), Axis("force", 0.5, 1.5, 2)), False),  # the order of a sum differs
+        ((("stiffness", 0.8, 1.2, 2), ("mass", 0.9, 1.1, 2)), True),
+        ((("dry_friction", 0.0, 1.5, 2), ("damping", 0.5, 1.5, 2)), True),
+        ((("motor_inertia", 0.9, 1.1, 2), ("viscous_friction", 0.5, 1.5, 2)), True),
+        ((("payload", 1.0, 5.0, 2), ("force", 0.5, 1.5, 2)), False),  # the order of a sum differs
     ],
 )
 def test_a_grid_sets_what_the_environment_would_draw_from_a_range_of_one_point(grid, exact, short):
     config = SweepConfig(policies=("fuzzy-4",), cases=("machining",), grid=grid, distribution="nominal", plants=1)
     policies = {"fuzzy-4": POLICIES["fuzzy-4"]}
     found = run_plants(config, policies, range(4)).metrics["max_mm"][0, 0]
-    for i, (first, second) in enumerate((a, b) for a in grid[0].values for b in grid[1].values):
-        drawn = DomainRandomisation(**{grid[0].quantity: (first, first), grid[1].quantity: (second, second)})
+    for i, values in enumerate(itertools.product(*(axis.values.tolist() for axis in config.grid))):
+        drawn = DomainRandomisation(**{axis[0]: (value, value) for axis, value in zip(grid, values, strict=True)})
         errors, _ = tip_errors(FuzzyArmEnv("machining", randomisation=drawn), policies["fuzzy-4"], 0, most=short)
         assert found[i] == (1e3 * errors.max() if exact else pytest.approx(1e3 * errors.max(), rel=1e-9))
 
@@ -195,7 +196,7 @@ def test_a_policy_that_fails_is_named():
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("grid", [(), (Axis("mass", 0.8, 1.2, 2), Axis("stiffness", 0.9, 1.1, 2))])
+@pytest.mark.parametrize("grid", [(), (("mass", 0.8, 1.2, 2), ("stiffness", 0.9, 1.1, 2))])
 def test_the_two_joint_arm_as_a_robot_has_the_errors_of_the_two_joint_arm(grid):
     """Equal draws, loads, noise and delay; the equations of motion and the reference are generated."""
     plants = {"grid": grid, "distribution": "nominal", "plants": 1} if grid else {"distribution": "all", "plants": 3}
@@ -225,7 +226,7 @@ def test_a_kernel_of_law_and_plant_has_the_bits_of_the_loop(name, distribution, 
     for one in (config, heavy):
         results = []
         for threshold in (1, 10**9):
-            monkeypatch.setattr(episodes, "WORTHWHILE", threshold)
+            monkeypatch.setattr(episodes, "_WORTHWHILE", threshold)
             results.append(run_plants(one, {name: load_policy(name)}, one.members(0)))
         for key, array in results[0].arrays.items():
             assert np.array_equal(array, results[1].arrays[key]), key
@@ -243,7 +244,7 @@ def test_a_law_that_a_subclass_changes_is_not_compiled():
     assert law_of(load_policy("ppo-robust")) is not None
 
 
-GRID = (Axis("stiffness", 0.7, 1.3, 3), Axis("payload", 0.0, 5.0, 2))
+GRID = (("stiffness", 0.7, 1.3, 3), ("payload", 0.0, 5.0, 2))
 CONFIGS = [
     SweepConfig(),
     SweepConfig(policies=("fuzzy-4", "a folder/my own.json-tip"), cases=("payload",), plants=7, seed=3, bound=12.5),
@@ -263,10 +264,9 @@ def test_a_configuration_survives_json_and_its_own_command_line(config):
     assert parsed(shlex.split(config.command())[1:]) == config
 
 
-def test_another_arm_survives_json_and_comes_from_a_file(tmp_path):
+def test_another_arm_comes_from_a_file(tmp_path):
     config = SweepConfig(parameters=ArmParameters(mass=(14.0, 8.0)))
-    assert SweepConfig.from_dict(json.loads(json.dumps(config.to_dict()))) == config
-    assert config.command() is None  # no option says what is in a file
+    assert config.command() is None  # no option holds the content of a file
     (tmp_path / "arm.toml").write_text("mass = [14.0, 8.0]\n")
     assert parsed(["sweep", "--robot", str(tmp_path / "arm.toml")]) == config
 
@@ -274,10 +274,7 @@ def test_another_arm_survives_json_and_comes_from_a_file(tmp_path):
 def test_a_grid_alone_varies_nothing_else_and_has_one_plant_in_a_cell():
     config = parsed(["sweep", "--grid", "stiffness", "0.7", "1.3", "3", "--grid", "payload", "0", "5", "2"])
     assert (config.total, config.distribution, config.drawn()) == (6, "nominal", Distribution())
-
-
-def test_what_a_grid_sets_is_not_drawn():
-    drawn = SweepConfig(grid=GRID, distribution="loads").drawn()
+    drawn = SweepConfig(grid=GRID, distribution="loads").drawn()  # what the grid sets is not drawn
     assert drawn.stiffness == (1.0, 1.0) and drawn.payload == (0.0, 0.0)
     assert drawn.mass == DISTRIBUTIONS["loads"].mass
 
@@ -294,9 +291,9 @@ def test_what_a_grid_sets_is_not_drawn():
         ({"ranges": (("mass", 1.2, 0.8),)}, "mass"),
         ({"ranges": (("delay", 0.5, 2.0),)}, "whole control periods"),
         ({"grid": (GRID[0], GRID[0])}, "two different quantities"),
-        ({"grid": (GRID[0], Axis("payload", 5.0, 5.0, 2))}, "low must be below high"),
-        ({"grid": (GRID[0], Axis("payload", 0.0, 5.0, 1))}, "= 1 is out of range; allowed: 2, 3"),
-        ({"grid": (GRID[0], Axis("delay", 0.0, 2.0, 4))}, "no whole control periods"),
+        ({"grid": (GRID[0], ("payload", 5.0, 5.0, 2))}, "low must be below high"),
+        ({"grid": (GRID[0], ("payload", 0.0, 5.0, 1))}, "= 1 is out of range; allowed: 2, 3"),
+        ({"grid": (GRID[0], ("delay", 0.0, 2.0, 4))}, "no whole control periods"),
         ({"grid": GRID, "distribution": "nominal", "plants": 2}, "one and the same"),
         ({"grid": GRID, "map": ("mass_1", "mass_2")}, "a grid are over its own two"),
         ({"map": ("mass_1", "noise")}, "choose from: mass_1"),

@@ -11,19 +11,19 @@ from scipy.stats import binom, norm
 
 from fuzzyarm.cli import main
 from fuzzyarm.eval.evaluation.ranking import markdown
-from fuzzyarm.eval.sweep.config import Axis, SweepConfig
+from fuzzyarm.eval.sweep.config import SweepConfig
 from fuzzyarm.eval.sweep.distributions import columns_of, plant_record
 from fuzzyarm.eval.sweep.episodes import SweepResults
-from fuzzyarm.eval.sweep.figures import Cells
+from fuzzyarm.eval.sweep.figures import _Cells
 from fuzzyarm.eval.sweep.ranking import rank_sweeps
-from fuzzyarm.eval.sweep.summary import QUANTILES, print_sweep, quantile_ranks, quantiles, summarise, worst
+from fuzzyarm.eval.sweep.summary import _QUANTILES, _quantile_ranks, _quantiles, _worst, print_sweep, summarise
 
 
 @pytest.mark.parametrize("count", [2, 15, 400, 5000])
 def test_the_intervals_of_quantiles_are_those_of_infinitely_many_resamples(count):
     """Rank r or below is the quantile k of a resample if at least k + 1 of its n draws are: a binomial tail."""
-    ranks, low, high = quantile_ranks(count)
-    for p, rank, first, last in zip(QUANTILES, ranks, low, high, strict=True):
+    ranks, low, high = _quantile_ranks(count)
+    for p, rank, first, last in zip(_QUANTILES, ranks, low, high, strict=True):
         assert rank == sum((i + 1) < p * count - 1e-9 for i in range(count))
         tail = binom.sf(rank, count, (np.arange(count) + 1.0) / count)
         slack = 4 * math.sqrt(0.025 * 0.975 / 2000)  # four standard errors of a share of 2000 resamples
@@ -33,32 +33,34 @@ def test_the_intervals_of_quantiles_are_those_of_infinitely_many_resamples(count
 
 def test_the_quantiles_of_values_are_values_of_that_rank_in_any_order():
     values = np.random.default_rng(1).permutation(np.arange(1000.0)) ** 3
-    ranks, low, high = quantile_ranks(1000)
-    for found, *expected in zip(quantiles(values).values(), ranks, low, high, strict=True):
+    ranks, low, high = _quantile_ranks(1000)
+    for found, *expected in zip(_quantiles(values).values(), ranks, low, high, strict=True):
         assert list(found.values()) == [float(rank) ** 3 for rank in expected]
 
 
 def test_a_quantile_among_episodes_that_ended_early_is_beyond_every_bound():
     values = np.concatenate([np.arange(92.0), np.full(8, np.inf)])
-    found = quantiles(values)
+    found = _quantiles(values)
     assert found["0.5"]["value"] == 49.0
     assert found["0.9"]["value"] == 89.0 and found["0.9"]["high"] is None
     assert found["0.99"]["value"] is None and found["0.99"]["high"] is None
 
 
+def results_of(config, errors, completed=None, plants=None):
+    """Results with largest errors (policies, cases, plants) [mm]."""
+    completed = np.ones(errors.shape, bool) if completed is None else completed
+    plants = np.zeros(config.total, plant_record(2)) if plants is None else plants
+    metrics = {"max_mm": errors, "rms_mm": 0.5 * errors}
+    return SweepResults(plants, metrics, seconds=np.full(errors.shape, 1.5), completed=completed)
+
+
 def made(count=200):
     generator = np.random.default_rng(3)
     config = SweepConfig(policies=("fuzzy-4",), cases=("nominal", "payload"), plants=count, bound=10.0, worst=3, seed=7)
-    shape = 1, 2, count
     plants = np.empty(count, dtype=plant_record(2))
     for name in columns_of(2):
         plants[name] = generator.uniform(size=count)
-    results = SweepResults(
-        plants,
-        {"max_mm": generator.uniform(1.0, 20.0, shape), "rms_mm": generator.uniform(0.1, 1.0, shape)},
-        seconds=np.full(shape, 1.5),
-        completed=np.ones(shape, dtype=bool),
-    )
+    results = results_of(config, generator.uniform(1.0, 20.0, (1, 2, count)), plants=plants)
     results.completed[0, 1, [4, 9]] = False
     results.seconds[0, 1, [4, 9]] = 0.7, 0.2
     results.metrics["max_mm"][0, 1, [4, 9]] = 2.0, 3.0  # small, but not to the end
@@ -88,7 +90,7 @@ def test_the_worst_plants_come_with_what_makes_them():
             zip(columns_of(2), results.plants[one["plant"]].tolist(), strict=True)
         )
         assert one["max_mm"] == results.metrics["max_mm"][0, 0, one["plant"]]
-    assert len(worst(results.episodes(0, 0), 0)) == 0
+    assert len(_worst(results.episodes(0, 0), 0)) == 0
 
 
 def test_the_table_shows_no_number_without_its_interval():
@@ -101,37 +103,15 @@ def test_the_table_shows_no_number_without_its_interval():
     assert "100.00 (99.92 to 100.00)" in lines[0]  # Wilson: n/(n + z²) of 5000
 
 
-GRID = SweepConfig(
-    policies=("fuzzy-4", "a"), cases=("nominal", "payload"), distribution="plants", plants=3,
-    grid=(Axis("stiffness", 0.5, 1.5, 5), Axis("delay", 0, 3, 4)),
-)  # fmt: skip
-
-
-def made_for(config, ended=True):
-    generator = np.random.default_rng(0)
-    plants = np.empty(config.total, dtype=plant_record(2))
-    for name in columns_of(2):
-        plants[name] = generator.uniform(size=config.total)
-    plants["delay"] = generator.integers(0, 3, config.total)
-    if config.grid:
-        cell = np.arange(config.total) // config.plants
-        first, second = config.grid
-        plants["stiffness_1"] = first.values[cell // second.number]
-        plants["delay"] = second.values[cell % second.number]
-    shape = len(config.policies), len(config.cases), config.total
-    completed = np.ones(shape, dtype=bool)
-    if ended:
-        completed[..., :3] = False
-    largest = generator.lognormal(2.5, 1.0, shape)
-    return SweepResults(plants, {"max_mm": largest, "rms_mm": largest / 3}, seconds=largest, completed=completed)
-
-
 def test_the_cells_of_a_grid_hold_the_medians_of_their_plants():
-    results = made_for(GRID)
-    cells = Cells.of(GRID, results.plants)
-    errors = results.metrics["max_mm"][0, 0]
-    expected = np.median(errors.reshape(5, 4, 3), axis=-1).T
-    assert np.array_equal(cells.medians(errors), expected)
+    grid = (("stiffness", 0.5, 1.5, 5), ("delay", 0, 3, 4))
+    config = SweepConfig(policies=("fuzzy-4",), cases=("nominal",), distribution="plants", plants=3, grid=grid)
+    plants, (stiffness, delay) = np.zeros(config.total, dtype=plant_record(2)), config.grid
+    plants["stiffness_1"] = np.repeat(stiffness.values, 4 * 3)
+    plants["delay"] = np.tile(np.repeat(delay.values, 3), 5)
+    errors = np.random.default_rng(0).lognormal(2.5, 1.0, config.total)
+    cells = _Cells.of(config, plants)
+    assert np.array_equal(cells.medians(errors), np.median(errors.reshape(5, 4, 3), axis=-1).T)
     assert np.allclose(cells.edges[0], [0.375, 0.625, 0.875, 1.125, 1.375, 1.625])
     assert np.allclose(cells.edges[1], [-0.5, 0.5, 1.5, 2.5, 3.5])
 
@@ -140,14 +120,10 @@ PLANTS = 200
 
 
 def document(errors, completed=None, **config):
-    """What a sweep writes for largest errors (policies, cases, plants) [mm] of fuzzy-1, fuzzy-2, ..."""
+    """The document of a sweep for largest errors (policies, cases, plants) [mm] of fuzzy-1, fuzzy-2, ..."""
     policies = tuple(f"fuzzy-{k}" for k in (1, 2, 4)[: len(errors)])
     whole = SweepConfig(policies=policies, cases=("nominal", "payload"), plants=errors.shape[-1], **config)
-    completed = np.ones(errors.shape, bool) if completed is None else completed
-    plants = np.zeros(errors.shape[-1], plant_record(2))
-    return summarise(
-        whole, SweepResults(plants, {"max_mm": errors, "rms_mm": 0.5 * errors}, np.ones(errors.shape), completed)
-    )
+    return summarise(whole, results_of(whole, errors, completed))
 
 
 @pytest.fixture
