@@ -41,7 +41,7 @@ def run(options: Options) -> int:
 
     if options.renew and options.expected:
         raise UsageError("--renew writes new stored numbers and --expected compares with old ones; give one of them")
-    stored = {} if options.renew else report.load_expected(options.expected or report.EXPECTED)
+    stored = None if options.renew else report.load_expected(options.expected or report.EXPECTED)
     if options.renew:
         check_writable(options.renew.parent)
     with claimed_folder(options.out):
@@ -49,7 +49,6 @@ def run(options: Options) -> int:
             evidence = gather(advance)
             comparison = report.compare(evidence, stored)
         if options.renew:
-            comparison = report.renewed(comparison)
             report.store_expected(comparison.measured, comparison.made_with, options.renew)
         with progress("figures", None) as advance:
             figures = write_figures(evidence, options.out, advance)
