@@ -124,9 +124,9 @@ def measured(name: str) -> dict[str, Any]:
     preset, config = next(iter(spec.presets.items()))
     pause(config)  # may compile
     substeps = whole_substeps(config.action_period, None)
-    own = Entry(name, config.lanes, config.threads, substeps, "float64", functools.partial(trainer, config))
+    own = Entry(name, config.lanes, config.threads, functools.partial(trainer, config), substeps)
     plain = dataclasses.replace(own, name=spec.title, open=functools.partial(library, config), peer=PEER)
-    ours, theirs = (row.to_dict() for row in race(name, [own, plain], ROUNDS, SECONDS, lambda _: None))
+    ours, theirs = race(name, [own, plain], ROUNDS, SECONDS)
     return {
         **{"algorithm": name, "preset": preset, "lanes": config.lanes, "features": config.features.size},
         "steps_per_s": ours["steps_per_s"],

@@ -166,13 +166,13 @@ def test_design_in_the_form_of_the_paper(tmp_path, capsys):
 def quick_bench(monkeypatch):
     """Let `fuzzyarm bench` measure the one environment only, for as short as it can."""
     from fuzzyarm.eval.bench import run as bench
-    from fuzzyarm.eval.bench.entries import own_single
+    from fuzzyarm.eval.bench.entries import single_entries
 
-    entry = dataclasses.replace(own_single(), tip_error=None)
-    monkeypatch.setattr(bench, "WARM_UP", 0.0)
+    entry = dataclasses.replace(single_entries()[0], tip_error=None)
+    monkeypatch.setattr(bench, "_WARM_UP", 0.0)
     monkeypatch.setattr(bench.BenchConfig, "groups", lambda self: {"one environment": [entry]})
     monkeypatch.setattr(bench.BenchConfig, "sweep_groups", lambda self: {"sweep": [entry]} if self.lanes_sweep else {})
-    monkeypatch.setattr(bench, "memory_per_lane", lambda: {"bytes": 321.0, "reason": None})
+    monkeypatch.setattr(bench, "_memory_per_lane", lambda: 321.0)
     return ["bench", "--seconds", "1e-4"]
 
 
