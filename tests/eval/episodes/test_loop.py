@@ -23,7 +23,7 @@ from fuzzyarm.eval.episodes.rollout_file import read_rollouts, write_rollouts
 from fuzzyarm.eval.evaluation.recheck import recheck_results
 from fuzzyarm.eval.evaluation.results_file import _check_rollout as _check_stored
 from fuzzyarm.eval.evaluation.results_file import _check_row, read_results
-from fuzzyarm.eval.evaluation.run import EvaluationConfig, _row, evaluate, write_results
+from fuzzyarm.eval.evaluation.run import EvaluationConfig, evaluate, row_of, write_results
 from fuzzyarm.eval.report.beliefs import belief_figures
 from fuzzyarm.fuzzy_policy.signed_files import ControllerFileError
 from fuzzyarm.policies import load_policy, resolve
@@ -344,13 +344,13 @@ def test_what_has_to_be_known_is_on_the_console_in_the_results_in_the_file_and_o
         "payload (first at 0.004 s, and at last)"
     )
     assert run.note == said
-    row = _row(run, [run])
+    row = row_of(run)
     assert row["note"] == said
     _check_row(row, ("nominal", "own", 0))
     write_rollouts([run], tmp_path)
     assert read_rollouts(tmp_path / "rollouts.npz")[0].note == said
     _check_stored(run, row)
-    with pytest.raises(ValueError, match="the note on own in case nominal is not that of its rollout"):
+    with pytest.raises(ValueError, match="note of own in case nominal is 'all is well', its rollout has"):
         _check_stored(run, row | {"note": "all is well"})
     assert said in belief_figures([run])
 
