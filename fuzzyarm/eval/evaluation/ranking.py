@@ -26,7 +26,7 @@ from fuzzyarm.common.console import Sheet, print_paragraphs
 from fuzzyarm.envs.scenario.cases import CASES
 from fuzzyarm.eval.declarations import ROW, declared_cells, print_declared
 from fuzzyarm.eval.episodes.metrics import LOST, RESOLUTION, is_lost, millimetres, ranked
-from fuzzyarm.eval.evaluation.results_file import conditions_in_words, conditions_of, read_results
+from fuzzyarm.eval.evaluation.results_file import conditions_of, read_results
 from fuzzyarm.eval.evaluation.run import EvaluationConfig
 from fuzzyarm.eval.evaluation.statistics import Estimate, estimate, interquartile_mean
 from fuzzyarm.policies import resolve
@@ -125,9 +125,10 @@ def rank_policies(paths: Sequence[str | Path], tips: Mapping[str, str] | None = 
         OSError: a file cannot be read.
     """
     read = [read_results(path_of("paths", path)) for path in sequence_of("paths", paths)]
+    versions = [results.made_with["versions"]["fuzzyarm"] for results in read]
     conditions = [
-        {"version of fuzzyarm": results.made_with["versions"]["fuzzyarm"], **conditions_of(results.config)}
-        for results in read
+        {"version of fuzzyarm": version, **conditions_of(results.config)[0]}
+        for version, results in zip(versions, read, strict=True)
     ]
     check_comparable([results.path for results in read], conditions, "evaluate")
     standings = [
@@ -135,7 +136,7 @@ def rank_policies(paths: Sequence[str | Path], tips: Mapping[str, str] | None = 
         for results in read
         for one in standings_of(results.config, results.rows, results.certificates, str(results.path))
     ]
-    words = f"fuzzyarm {conditions[0]['version of fuzzyarm']}, {conditions_in_words(read[0].config)}"
+    words = f"fuzzyarm {versions[0]}, {conditions_of(read[0].config)[1]}"
     return Leaderboard(sorted(standings, key=lambda standing: standing.order), words)
 
 

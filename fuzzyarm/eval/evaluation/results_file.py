@@ -1,6 +1,6 @@
 """An evaluation read back from its folder, checked: ``results.json``, and with it the rollouts.
 
-All fields of `EvaluationConfig` except `EXEMPT` are conditions, which have to be the same where policies are ranked
+All fields of `EvaluationConfig` but the policies are conditions, which have to be the same where policies are ranked
 together.
 """
 
@@ -25,35 +25,32 @@ from fuzzyarm.eval.evaluation.run import SCHEMA, Evaluation, EvaluationConfig, r
 from fuzzyarm.fuzzy_policy.controller import GAINS, RATES
 from fuzzyarm.policies import resolve
 
-__all__ = ["EXEMPT", "NAME", "Results", "conditions_in_words", "conditions_of", "read_evaluation", "read_results"]
+__all__ = ["Results", "conditions_of", "read_evaluation", "read_results", "same"]
 
 
-EXEMPT = ("policies",)
-"""The fields that are not conditions: those that say what is ranked."""
-_CONDITIONS = [field.name for field in dataclasses.fields(EvaluationConfig) if field.name not in EXEMPT]
+_CONDITIONS = [field.name for field in dataclasses.fields(EvaluationConfig) if field.name != "policies"]
 _ALWAYS_SAID = ("cases", "control_period", "seeds", "encoder_noise")  # the cases by the columns of the table
 _SHOWN = 12  # digits of a digest
 
 
-def conditions_of(config: EvaluationConfig) -> dict[str, Any]:
-    """Return the conditions by name; two evaluations with the same conditions are comparable."""
-    found: dict[str, Any] = {}
-    for field in _CONDITIONS:
-        found |= _described(field, getattr(config, field))[0]
-    return found
+def conditions_of(config: EvaluationConfig) -> tuple[dict[str, Any], str]:
+    """Return the conditions by name, and in words; two evaluations with the same conditions are comparable.
 
-
-def conditions_in_words(config: EvaluationConfig) -> str:
-    """Return control period, seeds and noise, and what else is not the default."""
+    The words are control period, seeds and noise, and what else is not the default.
+    """
     default, noise = EvaluationConfig(), "encoder noise {:g} rad and {:g} rad/s".format(*config.encoder_noise)
+    conditions: dict[str, Any] = {}
     said = [
         f"control period {1e3 * config.control_period:g} ms",
         f"{config.seeds} {'seed' if config.seeds == 1 else 'seeds'}",
         noise if any(config.encoder_noise) else "no noise",
     ]
-    others = [field for field in _CONDITIONS if field not in _ALWAYS_SAID]
-    changed = [field for field in others if getattr(config, field) != getattr(default, field)]
-    return ", ".join([*said, *(_described(field, getattr(config, field))[1] for field in changed)])
+    for field in _CONDITIONS:
+        found, words = _described(field, value := getattr(config, field))
+        conditions |= found
+        if field not in _ALWAYS_SAID and value != getattr(default, field):
+            said.append(words)
+    return conditions, ", ".join(said)
 
 
 def _described(field: str, value: Any) -> tuple[dict[str, Any], str]:
@@ -89,7 +86,7 @@ def _described(field: str, value: Any) -> tuple[dict[str, Any], str]:
     return {name: value}, words or f"{name} {value}"
 
 
-NAME = "results.json"  # in the folder of an evaluation
+_NAME = "results.json"  # in the folder of an evaluation
 _IDENTITY = ("case", "policy", "seed")
 _NEEDED = (*_IDENTITY, "completed", "reason", "tip_error_max_mm", "tip_error_rms_mm")
 
@@ -143,7 +140,7 @@ class _Document:
 
 def read_results(path: Path) -> Results:
     """Return the results of a file, or of the folder that `fuzzyarm evaluate --out` wrote; nothing is imported."""
-    path = path / NAME if path.is_dir() else path
+    path = path / _NAME if path.is_dir() else path
     again = f"make it again with fuzzyarm evaluate --out {path.parent}"
     return read_checked(path, SCHEMA, again, lambda document: _from_document(path, document))
 
@@ -193,8 +190,8 @@ def _check_row(row: dict[str, Any], episode: tuple[str, str, int]) -> None:
 def read_evaluation(folder: Path) -> Results:
     """Return the evaluation of a folder, with its rollouts; ValueError names what is missing or does not fit."""
     again = f"run fuzzyarm evaluate --out {folder} again"
-    if not (folder / NAME).is_file():
-        what = f"holds no {NAME}" if folder.is_dir() else "is not a folder"
+    if not (folder / _NAME).is_file():
+        what = f"holds no {_NAME}" if folder.is_dir() else "is not a folder"
         raise ValueError(f"{folder} {what}; make an evaluation with fuzzyarm evaluate --out {folder}")
     results = read_results(folder)
     made_by = results.made_with["versions"]["fuzzyarm"]
@@ -202,7 +199,7 @@ def read_evaluation(folder: Path) -> Results:
         raise ValueError(f"{results.path} was made by fuzzyarm {made_by}, this is {__version__}; {again}")
     rollouts = folder / rollout_file.NAME
     if not rollouts.is_file():
-        raise ValueError(f"{folder} holds {NAME} but no {rollouts.name}: the evaluation was interrupted; {again}")
+        raise ValueError(f"{folder} holds {_NAME} but no {rollouts.name}: the evaluation was interrupted; {again}")
     try:
         return _joined(results, rollout_file.read_rollouts(rollouts))
     except ValueError as error:
@@ -212,7 +209,7 @@ def read_evaluation(folder: Path) -> Results:
 def _joined(results: Results, rollouts: list[Rollout]) -> Results:
     """Return results and rollouts together; ValueError if they are not of the same episodes."""
     if rollout_file.digest(rollouts) != results.rollouts_sha256:
-        raise ValueError(f"{rollout_file.NAME} and {NAME} are of different evaluations")
+        raise ValueError(f"{rollout_file.NAME} and {_NAME} are of different evaluations")
     period, own = results.config.control_period, [tuple(row[name] for name in _IDENTITY) for row in results.rows]
     if [(run.case, run.policy, run.seed, run.control_period) for run in rollouts] != [(*one, period) for one in own]:
         raise ValueError(f"{rollout_file.NAME} holds other episodes than its configuration asks for")

@@ -1,4 +1,4 @@
-"""What policies believed, beside the truth: for each case and policy that says it the force over time, and a table."""
+"""Estimates of policies beside the truth: a chart of the force and a table, for each case and policy that has them."""
 
 from __future__ import annotations
 
@@ -27,13 +27,17 @@ _WARNING = (
 _WIDTH, _HEIGHT, _LEFT, _BOTTOM = 390, 150, 40, 24  # [px]: of the chart, and the margins of its labels
 _POINTS = 300  # of a curve
 _BAND = 90.0  # percentile of the upper edge of the band that the chart shows; where it is wider still, it is cut
-_UNITS = {"payload": ("kg", 1.0), "offset": ("N m", 1.0), "lateness": ("ms", 1e3)}  # and the factor to it; else none
+_UNITS = {
+    "payload": ("kg", 1.0),
+    "offset": ("N m", 1.0),
+    "lateness": ("ms", 1e3),
+}  # and the factor to it; other beliefs have no unit
 
 
 def belief_figures(rollouts: list[Rollout], cases: Mapping[str, Case] = CASES) -> str:
-    """Return a figure of every first episode of a policy with beliefs; an empty text if no policy has any.
+    """Return a figure for each case and policy with beliefs, of its first episode; an empty text if there are none.
 
-    Below it stand the notes on all episodes of this policy in this case. `cases` have the loads that were carried.
+    Below it stand the notes on all episodes of this policy in this case. `cases` hold the loads that were carried.
     """
     groups: dict[tuple[str, str], list[Rollout]] = {}
     for run in rollouts:
@@ -49,7 +53,7 @@ def belief_figures(rollouts: list[Rollout], cases: Mapping[str, Case] = CASES) -
 
 
 def belief_section(rollouts: list[Rollout], cases: Mapping[str, Case]) -> str:
-    """Return the section of what policies believed, see `belief_figures`; an empty text if no policy says it."""
+    """Return the section of the page with `belief_figures`; an empty text if there are none."""
     figures = belief_figures(rollouts, cases)
     return figures and (
         '<section aria-labelledby="beliefs"><h2 id="beliefs">What policies believed of load and arm</h2>'
@@ -92,7 +96,7 @@ def _chart(run: Rollout) -> str:
 
 
 def _table(run: Rollout, loads: Disturbance) -> str:
-    """Return the table of what was believed at last, and of what is true under these loads; forces are in the chart."""
+    """Return the table of the last estimates and of the true values under these loads; forces are in the chart."""
     believed, joints = run.believed, run.torque.shape[1]
     parts: dict[str, list[str]] = {}
     for name in believed:

@@ -1,14 +1,13 @@
 """The HTML page of an evaluation: one file that fetches nothing and in which all text is escaped.
 
 ``page.html`` holds the structure and ``page.css`` the style; the scripts, which are joined into one, run the replay. A
-content security policy names the digests of script and style, so that a browser runs and loads nothing else. At the
-head stands a sentence: who won overall and in each case, by the rule of the leaderboard.
+content security policy names the digests of script and style, so that a browser runs and loads nothing else. A sentence
+at the top says which policies won overall and in each case, by the rule of the leaderboard.
 """
 
 from __future__ import annotations
 
 import base64
-import dataclasses
 import hashlib
 import json
 import math
@@ -32,14 +31,14 @@ from fuzzyarm.eval.report.payload import replay_data
 from fuzzyarm.eval.report.summary import declared_table, digits, error_charts, finished, metrics_table
 from fuzzyarm.policies import resolve
 
-__all__ = ["command", "headline", "render_page", "rule", "write_report"]
+__all__ = ["write_report"]
 
 
 _NAMED = 3  # policies that are named one after the other; of more, only the number
 
 
-def headline(standings: Sequence[Standing], titles: Mapping[str, str]) -> str:
-    """Return the sentence as HTML, given all standings of one evaluation and the titles of its cases by name.
+def _headline(standings: Sequence[Standing], titles: Mapping[str, str]) -> str:
+    """Return the sentence at the top as HTML, given the standings of one evaluation and the titles of its cases by name.
 
     A value is that of the leaderboard: the score overall, the rms tip error in a case. Policies whose values read the
     same win together. A policy that lost the path in a case cannot win it, nor overall; one policy alone wins nothing.
@@ -51,13 +50,13 @@ def headline(standings: Sequence[Standing], titles: Mapping[str, str]) -> str:
     if len(cases) > 1 and scores:
         wins[_winners(scores)] = [f"overall with a score of {_length(min(scores.values()))}"]
     for case in cases:
-        errors = {standing.policy: standing.rms[case] for standing in standings}
-        held = {policy: error for policy, error in errors.items() if error is not None}
+        held = {standing.policy: error for standing in standings if (error := standing.rms[case]) is not None}
+        title = escape(re.sub(r"^([^:]+): (.+)$", r"\1 (\2)", titles[case]))
         if held:
-            won = f"in {_title(titles[case])} with {_length(min(held.values()))}\u00a0rms"
+            won = f"in {title} with {_length(min(held.values()))}\u00a0rms"
             wins.setdefault(_winners(held), []).append(won)
         else:
-            nobody.append(_title(titles[case]))
+            nobody.append(title)
     verb = "runs alone," if len(standings) == 1 else "wins"
     parts = [f"{_names(names)} {verb if len(names) == 1 else 'tie'} {_series(where)}" for names, where in wins.items()]
     if nobody:
@@ -65,7 +64,7 @@ def headline(standings: Sequence[Standing], titles: Mapping[str, str]) -> str:
     return "; ".join([*parts, *_lost(standings), *_overlap(standings)]) + "."
 
 
-def rule(standings: Sequence[Standing]) -> str:
+def _rule(standings: Sequence[Standing]) -> str:
     """Return what a win is, in words."""
     several = standings[0].episodes > len(standings[0].rms)
     seeds = "; interquartile means over the seeds" if several else ""
@@ -106,11 +105,6 @@ def _overlap(standings: Sequence[Standing]) -> list[str]:
     return [f"the 95 % interval of the score of {_names([first])} overlaps that of {_names(alike)}"] if alike else []
 
 
-def _title(title: str) -> str:
-    """Return the title of a case with its explanation in brackets."""
-    return escape(re.sub(r"^([^:]+): (.+)$", r"\1 (\2)", title))
-
-
 def _length(error: float) -> str:
     return f"{escape(millimetres(error, digits))}\u00a0mm"
 
@@ -142,10 +136,10 @@ def write_report(folder: str | Path, out: str | Path, bounds: Sequence[str | Pat
     """
     out, stored = path_of("out", out), read_evaluation(path_of("folder", folder))
     tubes = certificates.tube_section(certificates.checked_bounds([Path(one) for one in bounds]), stored.rollouts)
-    write_atomically(out, render_page(stored, certificates.observe_policies(stored.config, stored.bounds), tubes))
+    write_atomically(out, _render_page(stored, certificates.observe_policies(stored.config, stored.bounds), tubes))
 
 
-def render_page(stored: Evaluation, observed: certificates.Observations, tubes: str = "") -> str:
+def _render_page(stored: Evaluation, observed: Mapping[str, certificates.Observed | str], tubes: str = "") -> str:
     """Return the HTML of the page; it shows what was `observed` beside the certified bounds, then `tubes`."""
     structure, style, script = _part("page.html"), _part("page.css"), "\n".join(map(_part, _SCRIPTS))
     config, data, early = stored.config, replay_data(stored), not finished(stored.rows)
@@ -155,8 +149,8 @@ def render_page(stored: Evaluation, observed: certificates.Observations, tubes: 
         policy=_security_policy(style, script),
         title="Robot-arm tracking, policies compared",
         style=style,
-        headline=headline(standings, config.titles),
-        rule=escape(rule(standings)),
+        headline=_headline(standings, config.titles),
+        rule=escape(_rule(standings)),
         meta=escape(_subtitle(stored)),
         glance=error_charts(stored.rows, config.titles),
         glance_note=" of the policies that finished; × ended early" if early else "",
@@ -165,27 +159,12 @@ def render_page(stored: Evaluation, observed: certificates.Observations, tubes: 
         table_note=escape(_table_note(config, early)),
         declared=declared_table(stored.declared, stored.certificates),
         beliefs=belief_section(stored.rollouts, {name: config.case(name, None) for name in config.cases}),
-        scope=escape(certificates.SCOPE),
-        bounds=certificates.bound_charts(stored, observed),
-        bounds_note=certificates.bound_note(observed),
-        statements=certificates.statements(stored.certificates),
+        **certificates.certificate_parts(stored, observed),
         tubes=tubes,
         made="".join(f"<dt>{escape(key)}</dt><dd>{escape(value)}</dd>" for key, value in _made(stored).items()),
         data=re.sub("[<>&]", lambda c: f"\\u{ord(c[0]):04x}", text),  # no text ends its script element
         script=script,
     )
-
-
-def command(config: EvaluationConfig) -> str:
-    """Return the command of an evaluation with this configuration; FILE stands for an unknown file of arm or path."""
-    default = EvaluationConfig()
-    known = dataclasses.replace(
-        config, parameters=default.parameters, control_period=default.control_period, points=default.points
-    )
-    shipped = known.command()
-    named = shipped or dataclasses.replace(known, robot=None).command()
-    robot = "" if shipped and config.parameters == default.parameters else " --robot FILE"
-    return f"{named}{robot}" + ("" if config.points is None else " --path FILE")
 
 
 def _part(name: str) -> str:
@@ -237,7 +216,7 @@ def _made(stored: Evaluation) -> dict[str, str]:
     noise = "{:g} rad, {:g} rad/s".format(*config.encoder_noise) if any(config.encoder_noise) else "none"
     machine = made["machine"]
     return {
-        "command": command(config),
+        "command": str(config.command(placeholders=True)),
         "date": made["date"],
         "policies": ", ".join(resolve(name).label for name in config.policies),
         "seeds": _seeds(config),

@@ -18,9 +18,9 @@ from fuzzyarm.eval.evaluation.result_table import table_rows
 from fuzzyarm.eval.evaluation.results_file import read_evaluation
 from fuzzyarm.eval.evaluation.statistics import Estimate
 from fuzzyarm.eval.report.certificates import Observed
-from fuzzyarm.eval.report.page import headline, render_page, rule
+from fuzzyarm.eval.report.page import _headline, _render_page, _rule
 from fuzzyarm.eval.report.payload import replay_data
-from fuzzyarm.eval.report.summary import best, metrics_table
+from fuzzyarm.eval.report.summary import _best, metrics_table
 from fuzzyarm.proof.certificate import NOT_COVERED
 
 SEEN = {"fuzzy-4": Observed(20.5, 7e-5, "step"), "fuzzy-4-tip": "not observed: for a reason"}
@@ -104,7 +104,7 @@ def test_many_policies_are_thinned_to_fit_and_the_page_says_so(evaluation):
     many = [dataclasses.replace(run, policy=f"policy-{k}") for k in range(60)]
     many += [wild(run, "early", 703)]
     stored = with_runs(evaluation, many)
-    text = render_page(stored, {})
+    text = _render_page(stored, {})
     assert len(text.encode()) < 3_000_000
     stride = replay_data(stored)["stride"]
     assert stride > 1 and f"one sample in {stride} and the last of each episode" in text
@@ -139,11 +139,11 @@ def rows(values, completed=()):
 )
 def test_the_best_of_a_column(values, early, expected):
     texts = {name: str(vs[0]) for name, vs in values.items()}
-    assert best(rows(values, early), ("m",), texts) == expected
+    assert _best(rows(values, early), ("m",), texts) == expected
 
 
 def test_certificates_stand_beside_what_was_observed(evaluation):
-    text = render_page(evaluation, SEEN)
+    text = _render_page(evaluation, SEEN)
     assert "not for the sampled elastic arm" in text and NOT_COVERED in text
     assert "20.5 ≥ 20<" in text and "70.0 ≤ 140<" in text
     assert "> ≥ 20<" not in text and ">≥ 20<" in text  # the bound alone where nothing was observed
@@ -161,7 +161,7 @@ def standing(policy, lost=0, score=None, **rms):
 
 
 def words(*standings):
-    return re.sub(r"</?strong>", "", headline(standings, TITLES)).replace("\u00a0", " ")
+    return re.sub(r"</?strong>", "", _headline(standings, TITLES)).replace("\u00a0", " ")
 
 
 def test_one_policy_wins_overall_and_others_their_cases():
@@ -170,7 +170,7 @@ def test_one_policy_wins_overall_and_others_their_cases():
         "a wins overall with a score of 4.00 mm and in Case 2 (machining force) with 1.00 mm rms; "
         "b wins in Case 1 (nominal) with 0.500 mm rms."
     )
-    assert headline((a, b), TITLES).startswith("<strong>a</strong> wins")
+    assert _headline((a, b), TITLES).startswith("<strong>a</strong> wins")
 
 
 def test_values_that_read_the_same_tie():
@@ -196,9 +196,9 @@ def test_the_winner_leads_the_leaderboard_and_stands_on_the_page(folder):
     stored = read_evaluation(folder)
     standings = standings_of(stored.config, stored.rows, stored.certificates)
     first = rank_policies([folder]).standings[0]
-    text = headline(standings, TITLES)
+    text = _headline(standings, TITLES)
     assert text.startswith(
         f"<strong>{first.policy}</strong> wins overall with a score of {first.score.mean:#.3g}\u00a0mm"
     )
     page = (folder / "report.html").read_text()
-    assert f'<p id="headline">{text}</p>' in page and rule(standings) in page
+    assert f'<p id="headline">{text}</p>' in page and _rule(standings) in page
