@@ -9,6 +9,7 @@ import mujoco
 import numpy as np
 import pytest
 from mujoco.rollout import Rollout
+from slow_twins import slow_but
 from support.two_joints import state_of
 
 from fuzzyarm.envs.physics.dynamics import (
@@ -154,19 +155,20 @@ def beginning(monkeypatch):
     monkeypatch.setattr(peer, "exact_loop", exact_beginning)
 
 
-@pytest.mark.slow
-@pytest.mark.parametrize("arm", peer.ARMS)
-def test_the_peer_is_as_accurate_as_our_step_along_the_whole_circle_and_would_not_be_with_a_longer_one(arm):
+FAST = "Coulomb", "beginning"
+
+
+@pytest.mark.parametrize("case", slow_but([FAST], [FAST, *((arm, None) for arm in peer.ARMS)]))
+def test_the_peer_is_as_accurate_as_our_step_and_would_not_be_with_a_longer_one(case, request):
+    arm, part = case
+    if part:
+        request.getfixturevalue(part)
     parameters, (method, timestep) = peer.ARMS[arm], peer.EQUAL_ACCURACY[arm]
     substeps = round(1e-3 / timestep)
     ours = peer.tip_error(peer.our_advance(parameters, peer.OURS), parameters)
     assert peer.tip_error(peer.MujocoArm(parameters, method, timestep).advance, parameters) <= ours
     for longer in [n for n in peer.SUBSTEPS if n < substeps][-1:]:
         assert peer.tip_error(peer.MujocoArm(parameters, method, 1e-3 / longer).advance, parameters) > ours
-
-
-def test_the_peer_is_as_accurate_as_our_step(beginning):
-    test_the_peer_is_as_accurate_as_our_step_along_the_whole_circle_and_would_not_be_with_a_longer_one("Coulomb")
 
 
 def test_reading_half_a_step_back_divides_the_tip_error_of_euler_by_ten(beginning):

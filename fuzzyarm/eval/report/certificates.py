@@ -188,36 +188,35 @@ def certificate_parts(stored: Evaluation, observed: _Observations) -> dict[str, 
     }
 
 
+# The charts: title, label of the axis, name of the bound, decimal digits by which the axis's unit is below that of SI,
+# and the forms of controllers that claim the bound of the rigid arm's error.
+_CHARTS = (
+    ("Decay rate", "decay rate of the root of V [1/s]", "alpha", 0, ("consistent", "semidefinite")),
+    ("L2 gain, disturbance to error", "L2 gain [µrad/(N m)]", "gamma", 6, ("consistent",)),
+)
+
+
 def bound_charts(stored: Evaluation, observed: _Observations) -> str:
-    """Return a chart of each kind of bound; a policy without comparable bounds has a text in its row."""
-    return _bound_chart(
-        stored, observed, "Decay rate", "decay rate of the root of V [1/s]", "alpha", 0, ("consistent", "semidefinite")
-    ) + _bound_chart(
-        stored, observed, "L2 gain, disturbance to error", "L2 gain [µrad/(N m)]", "gamma", 6, ("consistent",)
-    )
+    """Return a chart of each kind of bound; a policy without comparable bounds has a text in its row.
 
-
-def _bound_chart(
-    stored: Evaluation, observed: _Observations, title: str, label: str, key: str, digits: int, forms: tuple[str, ...]
-) -> str:
-    """Return the chart of the bound `key`, whose axis has a unit so many decimal `digits` below that of SI.
-
-    Only controllers of these `forms` claim it of the rigid arm's error; the decay rate is a lower bound, the gain an
-    upper one.
+    The decay rate is a lower bound, the gain an upper one.
     """
-    lower, found = key == "alpha", dict[str, tuple[float, float | None] | str]()
-    for name, claimed in stored.bounds.items():
-        if claimed is None or claimed["form"] not in forms:
-            found[name] = "nothing proven" if claimed is None else "of other quantities"
-            continue
-        seen = observed.get(name)
-        worst = 10.0**digits * (seen.decay if lower else seen.gain) if isinstance(seen, Observed) else None
-        # Rounded so that it holds before the unit is changed, which is exact in decimal.
-        found[name] = float(Decimal((at_least if lower else at_most)(claimed[key], 3)).scaleb(digits)), worst
-    values = [value for one in found.values() if not isinstance(one, str) for value in one if value is not None]
-    axis = Axis(label, 0.0, 1.25 * max(values, default=1.0))
-    rows = [(name, one if isinstance(one, str) else axis.bound(*one, lower=lower)) for name, one in found.items()]
-    return figure(title, axis.chart(rows, f"{title}: certified bound and worst observed"))
+    charts = []
+    for title, label, key, digits, forms in _CHARTS:
+        lower, found = key == "alpha", dict[str, tuple[float, float | None] | str]()
+        for name, claimed in stored.bounds.items():
+            if claimed is None or claimed["form"] not in forms:
+                found[name] = "nothing proven" if claimed is None else "of other quantities"
+                continue
+            seen = observed.get(name)
+            worst = 10.0**digits * (seen.decay if lower else seen.gain) if isinstance(seen, Observed) else None
+            # Rounded so that it holds before the unit is changed, which is exact in decimal.
+            found[name] = float(Decimal((at_least if lower else at_most)(claimed[key], 3)).scaleb(digits)), worst
+        values = [value for one in found.values() if not isinstance(one, str) for value in one if value is not None]
+        axis = Axis(label, 0.0, 1.25 * max(values, default=1.0))
+        rows = [(name, one if isinstance(one, str) else axis.bound(*one, lower=lower)) for name, one in found.items()]
+        charts.append(figure(title, axis.chart(rows, f"{title}: certified bound and worst observed")))
+    return "".join(charts)
 
 
 def _statements(certificates: Mapping[str, str | None]) -> str:

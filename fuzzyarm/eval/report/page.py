@@ -24,7 +24,7 @@ from fuzzyarm.common.files import write_atomically
 from fuzzyarm.eval.episodes.metrics import LOST, millimetres
 from fuzzyarm.eval.evaluation.ranking import Standing, standings_of
 from fuzzyarm.eval.evaluation.results_file import read_evaluation
-from fuzzyarm.eval.evaluation.run import Evaluation, EvaluationConfig
+from fuzzyarm.eval.evaluation.run import Evaluation
 from fuzzyarm.eval.report import certificates
 from fuzzyarm.eval.report.beliefs import belief_section
 from fuzzyarm.eval.report.payload import replay_data
@@ -38,7 +38,7 @@ _NAMED = 3  # policies that are named one after the other; of more, only the num
 
 
 def _headline(standings: Sequence[Standing], titles: Mapping[str, str]) -> str:
-    """Return the sentence at the top as HTML, given the standings of one evaluation and the titles of its cases by name.
+    """Return the sentence at the top as HTML; `titles` are those of the cases by name.
 
     A value is that of the leaderboard: the score overall, the rms tip error in a case. Policies whose values read the
     same win together. A policy that lost the path in a case cannot win it, nor overall; one policy alone wins nothing.
@@ -145,23 +145,21 @@ def _render_page(stored: Evaluation, observed: Mapping[str, certificates.Observe
     config, data, early = stored.config, replay_data(stored), not finished(stored.rows)
     text = json.dumps(data, separators=(",", ":"), allow_nan=False)
     standings = standings_of(config, stored.rows, stored.certificates)
+    seeds = f"0 to {config.seeds - 1}" if config.seeds > 1 else "0"
     return Template(structure).substitute(
         policy=_security_policy(style, script),
         title="Robot-arm tracking, policies compared",
         style=style,
         headline=_headline(standings, config.titles),
         rule=escape(_rule(standings)),
-        meta=escape(_subtitle(stored)),
         glance=error_charts(stored.rows, config.titles),
-        glance_note=" of the policies that finished; × ended early" if early else "",
-        sampling=escape(_sampling(config, data["stride"])),
         table=metrics_table(stored.rows, config.titles),
-        table_note=escape(_table_note(config, early)),
         declared=declared_table(stored.declared, stored.certificates),
         beliefs=belief_section(stored.rollouts, {name: config.case(name, None) for name in config.cases}),
         **certificates.certificate_parts(stored, observed),
+        **{name: escape(note) for name, note in _notes(stored, seeds, data["stride"], early).items()},
         tubes=tubes,
-        made="".join(f"<dt>{escape(key)}</dt><dd>{escape(value)}</dd>" for key, value in _made(stored).items()),
+        made="".join(f"<dt>{escape(key)}</dt><dd>{escape(value)}</dd>" for key, value in _made(stored, seeds).items()),
         data=re.sub("[<>&]", lambda c: f"\\u{ord(c[0]):04x}", text),  # no text ends its script element
         script=script,
     )
@@ -180,37 +178,29 @@ def _security_policy(style: str, script: str) -> str:
     )
 
 
-def _subtitle(stored: Evaluation) -> str:
-    config, made = stored.config, stored.made_with
-    return (
-        f"{made['date'][:16].replace('T', ' ')} UTC · FuzzyArm {made['versions']['fuzzyarm']} · "
-        f"{f'seeds {_seeds(config)}' if config.seeds > 1 else 'seed 0'} · control period "
-        f"{1e3 * config.control_period:g} ms · policies: {len(config.policies)}, cases: {len(config.cases)}"
-    )
-
-
-def _seeds(config: EvaluationConfig) -> str:
-    return f"0 to {config.seeds - 1}" if config.seeds > 1 else "0"
-
-
-def _sampling(config: EvaluationConfig, stride: int) -> str:
+def _notes(stored: Evaluation, seeds: str, stride: int, early: bool) -> dict[str, str]:
+    """Return the line below the title and the notes below replay, charts and table, by their name in ``page.html``."""
+    config, made, several = stored.config, stored.made_with, stored.config.seeds > 1
     samples = "every sample" if stride == 1 else f"one sample in {stride} and the last of each episode"
-    seed = " of seed 0" if config.seeds > 1 else ""
-    return f"Replay and curves show {samples}{seed} in single precision; charts and table are of the full data."
-
-
-def _table_note(config: EvaluationConfig, early: bool) -> str:
-    note = (
+    stars = [
         "★ smallest of its column and case, left out where more than half share it; of a range the larger end counts."
-    )
+    ]
     if early:
-        note += " An episode that ended early cannot have a star, because its numbers are of a shorter motion."
-    if config.seeds > 1:
-        note += f" Medians over {config.seeds} seeds, with ranges."
-    return note
+        stars.append("An episode that ended early cannot have a star, because its numbers are of a shorter motion.")
+    if several:
+        samples += " of seed 0"
+        stars.append(f"Medians over {config.seeds} seeds, with ranges.")
+    return {
+        "meta": f"{made['date'][:16].replace('T', ' ')} UTC · FuzzyArm {made['versions']['fuzzyarm']} · "
+        f"{'seeds' if several else 'seed'} {seeds} · control period {1e3 * config.control_period:g} ms · "
+        f"policies: {len(config.policies)}, cases: {len(config.cases)}",
+        "sampling": f"Replay and curves show {samples} in single precision; charts and table are of the full data.",
+        "glance_note": " of the policies that finished; × ended early" if early else "",
+        "table_note": " ".join(stars),
+    }
 
 
-def _made(stored: Evaluation) -> dict[str, str]:
+def _made(stored: Evaluation, seeds: str) -> dict[str, str]:
     """Return the provenance of the evaluation and of this page, by heading."""
     config, made = stored.config, stored.made_with
     noise = "{:g} rad, {:g} rad/s".format(*config.encoder_noise) if any(config.encoder_noise) else "none"
@@ -219,7 +209,7 @@ def _made(stored: Evaluation) -> dict[str, str]:
         "command": str(config.command(placeholders=True)),
         "date": made["date"],
         "policies": ", ".join(resolve(name).label for name in config.policies),
-        "seeds": _seeds(config),
+        "seeds": seeds,
         "encoder noise": noise,
         "arm": config.arm_in_words,
         "versions": ", ".join(f"{name} {version}" for name, version in made["versions"].items()),
