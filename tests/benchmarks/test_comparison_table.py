@@ -99,20 +99,6 @@ def test_a_run_takes_every_stored_seed_and_fills_table_and_figures(comparison, m
     module("comparison_figure").draw_comparison(document)
 
 
-@pytest.mark.slow
-def test_errors_that_a_folder_holds_are_not_measured_again(comparison, tmp_path):
-    script, measured = comparison
-    first = script.compare(8, 4, None, tmp_path)
-    runs = len(measured)
-    assert script.compare(8, 4, None, tmp_path)["rows"] == first["rows"]
-    assert len(measured) == runs  # nothing again
-    (tmp_path / "fuzzy-4-8.npz").unlink()
-    script.compare(8, 4, None, tmp_path)
-    assert measured[runs:] == ["fuzzy-4"]
-    script.compare(9, 4, None, tmp_path)  # other plants: all shipped policies, no seed
-    assert len(measured) == runs + 1 + len(script.POLICIES)
-
-
 def test_errors_on_other_plants_or_cases_are_not_taken_for_these(module, tmp_path, monkeypatch):
     script, runs = module("plant_errors"), []
 

@@ -22,9 +22,10 @@ def stepped_tips(policy: Predictor, case: str, substep: float) -> np.ndarray:
 
 
 def exact_tips(policy: Predictor, case: str) -> np.ndarray:
-    """Return the same (n, 2) [m] with the plant solved by `event_integrator` and the tip force as a function of time.
+    """Return the tip (n, 2) [m] after every control step, with the plant solved by `event_integrator`.
 
-    The policy closes this loop by itself, from the states found here. It takes about ten seconds.
+    The tip force is a function of time. The policy closes this loop by itself, from the states found here. It takes
+    about ten seconds.
     """
     env, disturbance = FuzzyArmEnv(case=case), find_case(case).disturbance
     reference, period, tip_force = env.reference, env.control_period, disturbance.tip_force

@@ -67,21 +67,20 @@ class Entry:
     dtype: str = "float64"  # of the physics
     peer: str = ""  # heading of the ratio to this entry; empty for the entries of this project
     tip_error: Callable[[], float] | None = None
-    extra: str = ""  # the package's optional dependencies that it needs
 
 
 def single_entries() -> list[Entry]:
-    """Return one environment as `gymnasium.make` gives it, and its peers."""
+    """Return the entries with one environment, from `gymnasium.make`: this project's and its peers."""
     opened = functools.partial(_single_environment, "FuzzyArm-v0", _TORQUE_SCALE)
     found = [Entry("FuzzyArm-v0, machine code", 1, 1, opened, tip_error=_own_tip_error)]
     for heading, name, substeps in (("Pendulum", "Pendulum-v1", 1), ("Reacher", "Reacher-v5", 2)):
         opened = functools.partial(_single_environment, name, 1.0)
-        found.append(Entry(f"Gymnasium {name}", 1, 1, opened, substeps, peer=heading, extra="bench"))
+        found.append(Entry(f"Gymnasium {name}", 1, 1, opened, substeps, peer=heading))
     return found
 
 
 def batch_entries(lanes: int, threads: int) -> list[Entry]:
-    """Return the batches of so many lanes on at most so many threads: this project's, those in torch, and the peers.
+    """Return the entries with batches of `lanes` environments on at most `threads` threads: ours, in torch, and peers.
 
     Torch is measured from 4096 lanes on, peers up to 4096 lanes.
     """
@@ -94,24 +93,24 @@ def batch_entries(lanes: int, threads: int) -> list[Entry]:
             name = f"FuzzyArm, {'PTX kernel, GPU' if _is_kernel(device, dtype) else compiler}"
             opened = functools.partial(_torch, lanes, threads, device, dtype)
             error = functools.partial(_torch_tip_error, device, dtype)
-            found.append(Entry(name, lanes, threads, opened, dtype=dtype, tip_error=error, extra="rl"))
+            found.append(Entry(name, lanes, threads, opened, dtype=dtype, tip_error=error))
     if lanes <= _MOST_PEER_LANES:
         for heading, name in (("Pendulum", "Pendulum-v1"), ("Reacher", "ReacherEasy-v1")):
             opened = functools.partial(_envpool, name, lanes, threads)
-            found.append(Entry(f"EnvPool {name}", lanes, threads, opened, 1, peer=heading, extra="bench"))
+            found.append(Entry(f"EnvPool {name}", lanes, threads, opened, 1, peer=heading))
         # `benchmarks/mujoco_arm.py` chose both methods: the fastest as accurate as ours, and the fastest.
         for heading, substeps, step in (("MuJoCo arm", 30, "1/30 ms"), ("MuJoCo arm, 1 ms", 1, "1 ms")):
             opened = functools.partial(_mujoco, lanes, threads, substeps)
             error = functools.partial(_mujoco_tip_error, substeps)
             name = f"same arm in MuJoCo, {step}"
-            found.append(Entry(name, lanes, threads, opened, substeps, "float64", heading, error, "bench"))
+            found.append(Entry(name, lanes, threads, opened, substeps, "float64", heading, error))
     return found
 
 
 def sweep_entries() -> dict[str, list[Entry]]:
-    """Return two entries for each of two policies, by heading: a chunk of a sweep as `fuzzyarm sweep` cuts it.
+    """Return the entries of sweeps by heading, two for each of two policies; they run one chunk of `fuzzyarm sweep`.
 
-    It runs on one thread. The second entry, step by step, is the peer of the first, in one kernel.
+    A chunk runs on one thread. The second entry, step by step, is the peer of the first, in one kernel.
     """
     found = {}
     for policy in ("fuzzy-4-tip", "elastic-observer"):
@@ -128,7 +127,7 @@ def sweep_entries() -> dict[str, list[Entry]]:
 
 
 def timed(advance: Callable[[], int], clock: Callable[[], float] = time.perf_counter) -> Measure:
-    """Return a function that calls `advance`, which returns its number of steps, once or more until the time is up."""
+    """Return a function that calls `advance`, which returns its number of steps, until the time is up."""
 
     def measure(seconds: float) -> float:
         begin, steps = clock(), 0
@@ -252,7 +251,7 @@ def _mujoco(lanes: int, threads: int, substeps: int) -> Iterator[Measure]:
 
 @functools.cache
 def _mujoco_arm() -> ModuleType:
-    """Import the benchmark that holds the arm in MuJoCo. A clone of the repository has it, an installed package not."""
+    """Import the benchmark with the arm in MuJoCo, which a clone of the repository has and an installed package not."""
     path = Path(fuzzyarm.__file__).parents[1] / "benchmarks" / "mujoco_arm.py"
     if not path.exists():
         raise RuntimeError("benchmarks/mujoco_arm.py is not there: run from a clone of the repository")

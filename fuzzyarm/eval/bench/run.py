@@ -139,11 +139,11 @@ def run_bench(config: BenchConfig, progress: Callable[[str], None] = lambda _: N
 def race(
     name: str, group: Sequence[Entry], rounds: int, seconds: float, progress: Callable[[str], None] = lambda _: None
 ) -> list[dict[str, Any]]:
-    """Let the entries of a group take turns, all of them in every round, and return a row of the document for each.
+    """Measure the entries of a group in turns, each once in every round, and return a row of the document for each.
 
-    The ratio of an own entry to a peer is taken round by round: a disturbance of the machine that lasts longer than a
-    round slows both. A turn takes `seconds` [s]; `progress` is called before each with a few words on it. Tip errors
-    are computed after the last turn.
+    The ratio of one of our entries to a peer is taken round by round: a disturbance of the machine that lasts longer
+    than a round slows both. A turn takes `seconds` [s]; `progress` is called before each with a few words on it. Tip
+    errors are computed after the last turn.
     """
     with contextlib.ExitStack() as stack:
         measures, reasons = {}, {}
@@ -154,7 +154,7 @@ def race(
                 measures[entry](_WARM_UP)
             except entries.UNAVAILABLE as error:
                 measures.pop(entry, None)
-                reasons[entry] = _reason(error, entry.extra)
+                reasons[entry] = _reason(error, "bench" if entry.peer else "rl")
         speeds: dict[Entry, list[float]] = {entry: [] for entry in measures}
         for turn in range(rounds):
             for entry in group:
@@ -205,8 +205,8 @@ def _memory_per_lane() -> float:
 
 
 def _reason(error: Exception, extra: str) -> str:
-    """Return in one line why something was not measured, and what to install if that would help."""
-    if isinstance(error, ModuleNotFoundError) and extra:
+    """Return in one line why something was not measured, and which optional dependencies of fuzzyarm would help."""
+    if isinstance(error, ModuleNotFoundError):
         return f'{error.name} is not installed: pip install -c constraints.txt -e ".[{extra}]" in the repository'
     return " ".join(str(error).split()).rstrip(".") or type(error).__name__
 

@@ -76,13 +76,13 @@ def print_speeds(document: dict[str, Any], console: Console) -> None:
 
 
 def _narrow(cells: Sequence[str]) -> list[str]:
-    """Return two lines for a terminal: the configuration goes below the name, quartiles below their median."""
+    """Return cells of two lines for a terminal: the configuration below the name, quartiles below their median."""
     group, name, _, threads, dtype, substeps, *numbers = cells
     return [group, f"{name}\n{dtype}, {threads}, {substeps}", *(text.replace(" (", "\n(") for text in numbers)]
 
 
 def _spread(values: dict[str, float], scale: float = 1.0) -> str:
-    """Return median and quartiles; the median with three digits, or all those before the point."""
+    """Return median and quartiles as text, with three digits of the median or all digits before its decimal point."""
     scaled = [scale * values[key] for key in ("median", "q1", "q3")]
     decimals = max(0, 2 - math.floor(math.log10(scaled[0])))
     median, q1, q3 = (f"{value:.{decimals}f}" for value in scaled)

@@ -44,7 +44,7 @@ class _View:
 
 
 def _view_of(reference: np.ndarray) -> _View:
-    """Return the view of a path (n, 2 or 3) [m]; in space of the plane closest to it, with z as far up as possible."""
+    """Return the view of a path (n, 2 or 3) [m]; a path in space is seen face-on, with z as far up as possible."""
     if reference.shape[-1] == _PLANE:
         return _View(np.eye(_PLANE), ("x, down [m]", "y, to the side [m]"), upwards=False)
     _, _, directions = np.linalg.svd(reference - reference.mean(axis=0), full_matrices=True)
@@ -163,8 +163,6 @@ def draw_figures(rollouts: Sequence[Rollout], titles: Mapping[str, str] | None =
 
     `titles` as for `write_figures`.
     """
-    if not rollouts:
-        raise ValueError("no rollouts to draw: run at least one episode first")
     first: dict[str, dict[str, Rollout]] = {}
     for rollout in rollouts:
         first.setdefault(rollout.case, {}).setdefault(rollout.policy, rollout)
@@ -186,7 +184,7 @@ def draw_figures(rollouts: Sequence[Rollout], titles: Mapping[str, str] | None =
 
 
 def policy_styles(labels: Sequence[str]) -> _Styles:
-    """Return colour and dashes by policy, the same in every figure; within `figure_style`."""
+    """Return colour and dashes by policy, the same in every figure; call it within `figure_style`."""
     colors = itertools.cycle(matplotlib.rcParams["axes.prop_cycle"].by_key()["color"])
     looks = zip(dict.fromkeys(labels), colors, itertools.cycle(DASHES), strict=False)
     return {policy: {"color": color, "linestyle": dashes} for policy, color, dashes in looks}
@@ -291,7 +289,7 @@ def _path_figure(title: str, episodes: Sequence[Rollout], styles: _Styles) -> Fi
 
 
 def _force_figure(title: str, episode: Rollout) -> Figure:
-    """Return the components of the external force; it is the case's, the same for every policy."""
+    """Return the figure of the external force, by component; the force depends on the case and not on the policy."""
     figure = Figure(figsize=(6.6, 2.9))
     axes = figure.subplots()
     force, colors = episode.external_force.T, ("black", "#666666", "#AAAAAA")

@@ -16,6 +16,7 @@ import dataclasses
 import math
 from collections.abc import Mapping, Sequence
 from pathlib import Path
+from types import MappingProxyType
 from typing import Any
 
 import numpy as np
@@ -27,9 +28,8 @@ from fuzzyarm.envs.scenario.cases import CASES
 from fuzzyarm.eval.declarations import ROW, declared_cells, print_declared
 from fuzzyarm.eval.episodes.metrics import LOST, RESOLUTION, is_lost, millimetres, ranked
 from fuzzyarm.eval.evaluation.results_file import conditions_of, read_results
-from fuzzyarm.eval.evaluation.run import EvaluationConfig
+from fuzzyarm.eval.evaluation.run import Evaluation
 from fuzzyarm.eval.evaluation.statistics import Estimate, estimate, interquartile_mean
-from fuzzyarm.policies import resolve
 from fuzzyarm.policies.declared import Declared
 
 __all__ = [
@@ -38,9 +38,12 @@ __all__ = [
 ]  # fmt: skip
 
 
+_NO_TIPS: Mapping[str, str] = MappingProxyType({})
+
+
 @dataclasses.dataclass(frozen=True)
 class Standing:
-    """One policy of one file."""
+    """The result of one policy in one file."""
 
     policy: str  # its label
     source: str  # the file it is from
@@ -49,9 +52,9 @@ class Standing:
     lost: int  # number of episodes in which the path was lost
     episodes: int  # number of episodes
     certified: bool  # whether it has a certificate
-    tip: str = ""  # what is proven of its tip, in words; empty where no bound was given
-    declared: Declared | None = None  # what it declares; None if it declares nothing
-    others: dict[str, dict[str, float | None]] = dataclasses.field(default_factory=dict)  # of `metrics.ranked`, as rms
+    tip: str  # what is proven of its tip, in words; empty where no bound was given
+    declared: Declared | None  # what it declares; None if it declares nothing
+    others: dict[str, dict[str, float | None]]  # the metrics of `metrics.ranked` by their words, as rms
 
     @property
     def order(self) -> tuple[int, float]:
@@ -88,10 +91,10 @@ class Standing:
 
 @dataclasses.dataclass(frozen=True)
 class Leaderboard:
-    """Standings of one kind (`Standing`, or `PlantStanding` of sweeps), best first, and their conditions in words."""
+    """A ranking: standings of one kind (`Standing`, or `PlantStanding` of sweeps), best first, and their conditions."""
 
     standings: list[Any]
-    conditions: str
+    conditions: str  # in words
 
     @property
     def ranks(self) -> list[int]:
@@ -114,7 +117,7 @@ class Leaderboard:
         return f"{self.standings[0].notes(self.standings)} All: {self.conditions}."
 
 
-def rank_policies(paths: Sequence[str | Path], tips: Mapping[str, str] | None = None) -> Leaderboard:
+def rank_policies(paths: Sequence[str | Path], tips: Mapping[str, str] = _NO_TIPS) -> Leaderboard:
     """Rank the policies of results files, or of the folders that hold them.
 
     `tips` holds what is proven of the tip, in words by policy.
@@ -131,11 +134,7 @@ def rank_policies(paths: Sequence[str | Path], tips: Mapping[str, str] | None = 
         for version, results in zip(versions, read, strict=True)
     ]
     check_comparable([results.path for results in read], conditions, "evaluate")
-    standings = [
-        dataclasses.replace(one, tip=(tips or {}).get(one.policy, ""), declared=results.declared[one.policy])
-        for results in read
-        for one in standings_of(results.config, results.rows, results.certificates, str(results.path))
-    ]
+    standings = [one for results in read for one in standings_of(results, str(results.path), tips)]
     words = f"fuzzyarm {versions[0]}, {conditions_of(read[0].config)[1]}"
     return Leaderboard(sorted(standings, key=lambda standing: standing.order), words)
 
@@ -156,13 +155,11 @@ def check_comparable(files: Sequence[Path], conditions: Sequence[Mapping[str, An
                 )
 
 
-def standings_of(
-    config: EvaluationConfig, rows: Sequence[dict[str, Any]], certificates: Mapping[str, str | None], source: str = ""
-) -> list[Standing]:
-    """Return the standing of each policy of an evaluation, in the order of its configuration."""
-    standings = []
-    for policy in (resolve(name).label for name in config.policies):
-        own = [row for row in rows if row["policy"] == policy]
+def standings_of(evaluation: Evaluation, source: str = "", tips: Mapping[str, str] = _NO_TIPS) -> list[Standing]:
+    """Return the standing of each policy of an evaluation, in the order of its configuration; `tips` as above."""
+    standings, config = [], evaluation.config
+    for policy, certificate in evaluation.certificates.items():
+        own = [row for row in evaluation.rows if row["policy"] == policy]
         by_case = {case: [row for row in own if row["case"] == case] for case in CASES if case in config.cases}
         lost = sum(map(is_lost, own))
         rms, *others = (
@@ -184,7 +181,9 @@ def standings_of(
                 others=dict(zip(ranked(), others, strict=True)),
                 lost=lost,
                 episodes=len(own),
-                certified=certificates[policy] is not None,
+                certified=certificate is not None,
+                tip=tips.get(policy, ""),
+                declared=evaluation.declared[policy],
             )
         )
     return standings

@@ -39,7 +39,7 @@ class Comparison:
     numbers: int  # how many were compared
     rows: int  # of how many episodes
     differences: list[_Difference]
-    notes: list[str]  # what the file was made with that is different now, in words; that alone is no difference
+    notes: list[str]  # in words: commit, processor and versions that differ now; they do not count as differences
 
 
 def recheck_results(
@@ -48,7 +48,7 @@ def recheck_results(
     """Run an evaluation again and compare; `progress` is called after each episode.
 
     A results file alone runs no code: `code` names the policies ``package.module:factory`` that the user permits, and
-    the paths of policies whose files are no longer where they were.
+    the paths of policy files that have moved.
 
     Raises:
         ValueError: the results name code that is not in `code` or the other way round, an unknown policy, or one whose
@@ -90,7 +90,7 @@ def _check_files(results: Results, names: Sequence[str]) -> None:
 
 
 def _flat(evaluation: Evaluation) -> dict[tuple[str, str], Any]:
-    """Return everything that is compared by (place, name)."""
+    """Return all compared values by (place, name)."""
     flat: dict[tuple[str, str], Any] = {}
     not_compared = {"case", "policy", "seed", *(name for name, metric in METRICS.items() if not metric.reproducible)}
     for row in evaluation.rows:
@@ -102,7 +102,7 @@ def _flat(evaluation: Evaluation) -> dict[tuple[str, str], Any]:
 
 
 def _notes(then: Mapping[str, Any], now: Mapping[str, Any]) -> list[str]:
-    """Return in words what the file was made with that is different now."""
+    """Return in words which commit, processor or version differs from when the file was made."""
     made = {
         "commit": (then["commit"], now["commit"]),
         "processor": (then["machine"]["cpu"], now["machine"]["cpu"]),

@@ -28,9 +28,10 @@ _LONG = 0.01  # share of an evaluation's steps with a motor at its limit, above 
 
 
 def saturation(rollouts: Sequence[Rollout], policies: Mapping[str, Any], arm: AnyArm, period: float) -> tuple[str, ...]:
-    """Return a line for each policy that is at a torque limit for long, with the stability of its loop.
+    """Return a remark on each policy that is at a torque limit for long, with the stability of its loop.
 
-    The loop is that of `linearisation`: at rest, around postures of the arm's default path, in a control period [s].
+    The loop is linearised as in `linearisation`: at rest, in postures of the arm's default path, with a control period
+    [s].
     """
     limit, lines = bounds_of(arm).torque, []
     for name, policy in policies.items():
@@ -55,7 +56,7 @@ def _stability(policy: Any, arm: AnyArm, period: float) -> str:
     return f"its loop is stable ({measured}), the motion asks for more torque than there is"
 
 
-_FEW = 3  # policies that a line names; of more it says how many
+_FEW = 3  # policies that a line names; of the others it gives the number
 _Row = Mapping[str, Any]  # of metrics
 
 
@@ -87,7 +88,7 @@ def verdict(
 
 
 def _won(group: Mapping[str, Sequence[_Row]], title: str) -> str:
-    """Return who won a case, given its rows by policy and its title."""
+    """Return the line that says which policies won a case, given its rows by policy and its title."""
     lost = sorted(policy for policy, runs in group.items() if any(map(is_lost, runs)))
     held = {policy: runs for policy, runs in group.items() if policy not in lost}
     if not held:
@@ -101,7 +102,7 @@ def _won(group: Mapping[str, Sequence[_Row]], title: str) -> str:
 
 
 def _named(policies: Sequence[str]) -> str:
-    """Return up to `_FEW` policies by name, and how many there are beyond."""
+    """Return up to `_FEW` policies by name, and the number of the others."""
     return ", ".join(policies[:_FEW]) + (f" and {len(policies) - _FEW} more" if len(policies) > _FEW else "")
 
 

@@ -29,7 +29,8 @@ __all__ = ["Results", "conditions_of", "read_evaluation", "read_results", "same"
 
 
 _CONDITIONS = [field.name for field in dataclasses.fields(EvaluationConfig) if field.name != "policies"]
-_ALWAYS_SAID = ("cases", "control_period", "seeds", "encoder_noise")  # the cases by the columns of the table
+# Fields that the words always name; the cases are named by the columns of the table.
+_ALWAYS_SAID = ("cases", "control_period", "seeds", "encoder_noise")
 _SHOWN = 12  # digits of a digest
 
 
@@ -54,7 +55,7 @@ def conditions_of(config: EvaluationConfig) -> tuple[dict[str, Any], str]:
 
 
 def _described(field: str, value: Any) -> tuple[dict[str, Any], str]:
-    """Return the conditions of a field by name, and the value in words for where it is not the default."""
+    """Return the conditions that a field of the configuration stands for, by name, and its value in words."""
     name, words = field.replace("_", " "), ""
     match field, value:
         case "cases", _:
@@ -139,7 +140,7 @@ class _Document:
 
 
 def read_results(path: Path) -> Results:
-    """Return the results of a file, or of the folder that `fuzzyarm evaluate --out` wrote; nothing is imported."""
+    """Return the results of a file, or of the folder that `fuzzyarm evaluate --out` wrote; no code is imported."""
     path = path / _NAME if path.is_dir() else path
     again = f"make it again with fuzzyarm evaluate --out {path.parent}"
     return read_checked(path, SCHEMA, again, lambda document: _from_document(path, document))

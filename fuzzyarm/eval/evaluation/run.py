@@ -41,7 +41,7 @@ SCHEMA = "fuzzyarm-evaluation/1"  # of results.json
 
 @dataclasses.dataclass(frozen=True)
 class EvaluationConfig:
-    """What an evaluation runs.
+    """The configuration of an evaluation.
 
     Attributes:
         policies: names, files, folders or code, see `fuzzyarm.policies.spec`.
@@ -107,7 +107,7 @@ class EvaluationConfig:
 
     @property
     def arm_in_words(self) -> str:
-        """Which arm it is: a robot with its digest, or what differs from Table 1 of the paper and what does not."""
+        """The arm in words: a robot with its digest, or the parameters that differ from Table 1 of the paper."""
         if self.robot is not None:
             return f"{self.robot.name}, {len(self.robot)} joints, digest {self.robot.digest}"
         paper, own = ArmParameters().to_dict(), self.parameters.to_dict()
@@ -121,7 +121,7 @@ class EvaluationConfig:
         return {case: self.case(case, None).title for case in self.cases}
 
     def reference(self) -> Reference:
-        """Return the motion that is asked for.
+        """Return the reference motion.
 
         Raises:
             ValueError: the arm cannot follow it.
@@ -129,7 +129,7 @@ class EvaluationConfig:
         return default_reference(self.arm, self.path) if self.points is None else self.points.reference(self.arm)
 
     def case(self, name: str, duration: float | None) -> Case:
-        """Return a case with the loads for this arm, on a motion that takes so long [s]; None: its own duration."""
+        """Return a case with the loads for this arm, scaled to a motion of a duration [s]; None: the case's own."""
         case = case_for(name, self.arm)
         if (self.force, self.payload) == (None, None) and (duration is None or not case.scales):
             return case

@@ -62,7 +62,7 @@ def belief_section(rollouts: list[Rollout], cases: Mapping[str, Case]) -> str:
 
 
 def _chart(run: Rollout) -> str:
-    """Return the SVG of the forces of an episode; an empty text where no force is believed."""
+    """Return the SVG of the forces of an episode; an empty text where the policy estimates no force."""
     believed = run.believed
     forces = [name for name in believed if re.fullmatch("force_[xyz]", name)]
     size, deviation = (
@@ -126,7 +126,7 @@ def _table(run: Rollout, loads: Disturbance) -> str:
 
 
 def _truth(part: str, loads: Disturbance, time: float) -> str:
-    """Return the true value of a part at a time [s] of an episode under these loads, whose arm the policy knows."""
+    """Return the true value of an estimated part at a time [s] under these loads, on the arm that the policy knows."""
     if part == "payload":
         return f"{loads.payload.mass:g}"
     if part == "offset" and loads.torque_bias is not None:
@@ -135,7 +135,7 @@ def _truth(part: str, loads: Disturbance, time: float) -> str:
 
 
 def _with_deviation(value: float, deviation: float) -> str:
-    """Return a number and its standard deviation, with two digits of that."""
+    """Return a number and its standard deviation, with two digits of the deviation."""
     if not (math.isfinite(value) and math.isfinite(deviation)):
         return "none"
     digits = min(max(1 - math.floor(math.log10(deviation)), 0), 4) if deviation > 0.0 else 4

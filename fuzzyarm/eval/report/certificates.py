@@ -69,7 +69,7 @@ def observe_policies(
 ) -> dict[str, Observed | str]:
     """Return the observations of every policy with certified bounds by its name, or in words why there are none."""
     reference = config.reference()
-    by_file: dict[str, Observed] = {}  # which policies of one controller file share
+    by_file: dict[str, Observed] = {}  # by the digest of the controller file, which several policies may share
     result: dict[str, Observed | str] = {}
     for spec in map(resolve, config.policies):
         if (claimed := bounds[spec.label]) is None:
@@ -110,7 +110,7 @@ def checked_bounds(paths: Sequence[Path]) -> list[BoundCheck]:
 
 
 def tube_section(checks: Sequence[BoundCheck], rollouts: Sequence[Rollout]) -> str:
-    """Return the section of the page, empty without bounds; ValueError where no episode belongs to a bound."""
+    """Return the section of proven tubes, empty without bounds; ValueError if a bound has no episode."""
     if not checks:
         return ""
     drawn = "".join(_tube(check, _episode(check, rollouts)) for check in checks)

@@ -34,7 +34,7 @@ from fuzzyarm.policies import resolve
 __all__ = ["write_report"]
 
 
-_NAMED = 3  # policies that are named one after the other; of more, only the number
+_NAMED = 3  # policies that a list names; of the others it gives the number
 
 
 def _headline(standings: Sequence[Standing], titles: Mapping[str, str]) -> str:
@@ -65,7 +65,7 @@ def _headline(standings: Sequence[Standing], titles: Mapping[str, str]) -> str:
 
 
 def _rule(standings: Sequence[Standing]) -> str:
-    """Return what a win is, in words."""
+    """Return the rule by which a policy wins, in words."""
     several = standings[0].episodes > len(standings[0].rms)
     seeds = "; interquartile means over the seeds" if several else ""
     score = "" if len(standings[0].rms) == 1 else " Score: the largest tip error of all cases, as in the leaderboard."
@@ -76,13 +76,13 @@ def _rule(standings: Sequence[Standing]) -> str:
 
 
 def _winners(values: Mapping[str, float]) -> tuple[str, ...]:
-    """Return the policies whose value reads the same as the smallest one."""
+    """Return the policies whose value, as printed, equals the smallest one."""
     smallest = _length(min(values.values()))
     return tuple(policy for policy, value in values.items() if _length(value) == smallest)
 
 
 def _lost(standings: Sequence[Standing]) -> list[str]:
-    """Return the policies that lost the path, the one that lost it most often last, and in how many episodes."""
+    """Return a clause on the policies that lost the path and in how many episodes, the most frequent loser last."""
     lost = sorted((standing for standing in standings if standing.lost), key=lambda standing: standing.lost)
     overall = " overall" if len(standings[0].rms) > 1 else ""
     often = [f"in {one.lost} of {_counted(one.episodes, 'episode')}" for one in lost]
@@ -95,7 +95,7 @@ def _lost(standings: Sequence[Standing]) -> list[str]:
 
 
 def _overlap(standings: Sequence[Standing]) -> list[str]:
-    """Return the policies whose scores the seeds do not separate from the best one."""
+    """Return a clause on the policies whose intervals overlap that of the best one."""
     scores = [(standing.policy, standing.score) for standing in standings if standing.score is not None]
     if len(scores) < 2:
         return []
@@ -144,7 +144,7 @@ def _render_page(stored: Evaluation, observed: Mapping[str, certificates.Observe
     structure, style, script = _part("page.html"), _part("page.css"), "\n".join(map(_part, _SCRIPTS))
     config, data, early = stored.config, replay_data(stored), not finished(stored.rows)
     text = json.dumps(data, separators=(",", ":"), allow_nan=False)
-    standings = standings_of(config, stored.rows, stored.certificates)
+    standings = standings_of(stored)
     seeds = f"0 to {config.seeds - 1}" if config.seeds > 1 else "0"
     return Template(structure).substitute(
         policy=_security_policy(style, script),

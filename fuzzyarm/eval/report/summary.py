@@ -77,7 +77,7 @@ class Axis:
         )
 
     def chart(self, rows: Sequence[tuple[str, str]], description: str) -> str:
-        """Return the SVG of a chart: a row for each policy, what is drawn or, if it is no markup, a text."""
+        """Return the SVG of a chart with a row for each (policy, content); content without markup is shown as text."""
         bottom = _TOP + _ROW * len(rows)
         parts = [
             f'<svg class="chart" role="img" viewBox="0 0 {_WIDTH} {bottom + _BOTTOM}" width="{_WIDTH}" '
@@ -101,7 +101,7 @@ class Axis:
 
 
 def digits(value: float) -> str:
-    """Return a number with three digits, trailing zeros included; from 1000 on, with all digits before the point."""
+    """Return a number with three significant digits; from 1000 on, with all digits before the decimal point."""
     return f"{value:.0f}" if value >= 1000.0 else f"{value:#.3g}".rstrip(".")
 
 
@@ -196,7 +196,7 @@ def declared_table(declared: Mapping[str, Declared | None], certificates: Mappin
 
 
 def _best(group: _Group, keys: Sequence[str], texts: Mapping[str, str]) -> set[str]:
-    """Return the policies that are marked as best in a column: the smallest value, and cells that read the same.
+    """Return the policies that are marked as best in a column: those whose cells read the same as the smallest value.
 
     The value of a cell is the largest absolute value of its metrics; over several seeds, their median. Only policies
     that finished all episodes compete. No policy is marked if only one finished, or if more than half of them would be.

@@ -93,7 +93,7 @@ def test_a_ratio_is_the_median_of_the_ratios_of_the_rounds():
     ],
 )
 def test_what_cannot_run_is_a_row_with_the_reason(error, reason):
-    own, peer = entry("own", FIVE), absent("peer", error, peer="Peer", extra="bench")
+    own, peer = entry("own", FIVE), absent("peer", error, peer="Peer")
     ours, theirs = race("group", [own, peer], 5, 0.5)
     assert (theirs["reason"], theirs["steps_per_s"]) == (reason, None)
     assert ours["reason"] is None and ours["steps_per_s"]["median"] == 300.0 and ours["ratios"] == {}

@@ -157,7 +157,7 @@ TITLES = {name: case.title for name, case in CASES.items()}
 def standing(policy, lost=0, **rms):
     """A standing with these rms tip errors [mm], None where the path was lost."""
     largest = Estimate(max(error or 0.0 for error in rms.values()), None, None)
-    return Standing(policy, "", None if lost else largest, rms, lost, len(rms), certified=False)
+    return Standing(policy, "", None if lost else largest, rms, lost, len(rms), False, "", None, {})
 
 
 def tied(*errors):
@@ -193,7 +193,7 @@ def test_the_sentence_says_who_won_or_tied_where_and_who_lost_the_path(standings
 @pytest.mark.slow
 def test_the_winner_leads_the_leaderboard_and_stands_on_the_page(folder):
     stored = read_evaluation(folder)
-    standings = standings_of(stored.config, stored.rows, stored.certificates)
+    standings = standings_of(stored)
     first = rank_policies([folder]).standings[0]
     text = _headline(standings, TITLES)
     assert text.startswith(
