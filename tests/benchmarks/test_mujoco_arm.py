@@ -1,11 +1,10 @@
 """The arm in MuJoCo agrees with ours: matrices, motion, stick, and the accuracy at which speeds are compared."""
 
 import functools
-import importlib.util
-from pathlib import Path
 from types import SimpleNamespace
 
 import mujoco
+import mujoco_arm as peer
 import numpy as np
 import pytest
 from mujoco.rollout import Rollout
@@ -23,11 +22,6 @@ from fuzzyarm.envs.physics.dynamics import (
 from fuzzyarm.envs.physics.event_integrator import integrate
 from fuzzyarm.envs.physics.parameters import ArmParameters
 from fuzzyarm.envs.scenario.reference import JointReference
-
-PATH = Path(__file__).parents[2] / "benchmarks" / "mujoco_arm.py"
-SPEC = importlib.util.spec_from_file_location("mujoco_arm", PATH)
-peer = importlib.util.module_from_spec(SPEC)
-SPEC.loader.exec_module(peer)
 
 START = np.array([0.51, 0.82, 0.5, 0.8, 1.5, -2.0, 1.4, -1.8])
 TORQUE = np.array([60.0, -25.0])

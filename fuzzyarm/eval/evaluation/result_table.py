@@ -20,7 +20,7 @@ from fuzzyarm.eval.stability.linearisation import spectral_radius
 from fuzzyarm.policies.declared import Declared
 
 __all__ = [
-    "DECLARED", "by_case_and_policy", "declared_rows", "print_passes", "print_results", "saturation", "table_rows",
+    "by_case_and_policy", "declared_rows", "print_passes", "print_results", "saturation", "table_rows",
     "verdict",
 ]  # fmt: skip
 
@@ -106,10 +106,6 @@ def _named(policies: Sequence[str]) -> str:
     return ", ".join(policies[:_FEW]) + (f" and {len(policies) - _FEW} more" if len(policies) > _FEW else "")
 
 
-DECLARED = (*ROW, "proven of the rigid arm")
-"""Headings of the table of what policies declare."""
-
-
 def table_rows(rows: Sequence[_Row]) -> list[tuple[str, str, list[str]]]:
     """Return (case, policy, cells) for each policy in each case; over several seeds medians with ranges."""
     result = []
@@ -166,8 +162,8 @@ def print_passes(rows: Sequence[_Row], passes: int, console: Console) -> None:
 def declared_rows(
     declared: Mapping[str, Declared | None], certificates: Mapping[str, str | None]
 ) -> list[tuple[str, ...]]:
-    """Return the cells below `DECLARED` of each policy, given declarations and certificates in words by label."""
-    return [
+    """Return headings and, for each policy, the cells below; declarations and certificates in words are by label."""
+    return [(*ROW, "proven of the rigid arm")] + [
         (label, *declared_cells(own), "nothing" if certificates[label] is None else "decay and L2 gain in the box")
         for label, own in declared.items()
     ]

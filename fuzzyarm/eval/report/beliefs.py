@@ -15,7 +15,7 @@ from fuzzyarm.eval.episodes.beliefs import DEVIATION
 from fuzzyarm.eval.episodes.rollout import Rollout
 from fuzzyarm.eval.report.summary import figure
 
-__all__ = ["belief_figures", "belief_section"]
+__all__ = ["belief_section"]
 
 _WARNING = (
     "Charts: size of the force at the tip over the episode, the estimate with a band of one standard deviation and, "
@@ -27,17 +27,15 @@ _WARNING = (
 _WIDTH, _HEIGHT, _LEFT, _BOTTOM = 390, 150, 40, 24  # [px]: of the chart, and the margins of its labels
 _POINTS = 300  # of a curve
 _BAND = 90.0  # percentile of the upper edge of the band that the chart shows; where it is wider still, it is cut
-_UNITS = {
-    "payload": ("kg", 1.0),
-    "offset": ("N m", 1.0),
-    "lateness": ("ms", 1e3),
-}  # and the factor to it; other beliefs have no unit
+# Unit of a part, and the factor to it; other parts are pure numbers.
+_UNITS = {"payload": ("kg", 1.0), "offset": ("N m", 1.0), "lateness": ("ms", 1e3)}
 
 
-def belief_figures(rollouts: list[Rollout], cases: Mapping[str, Case] = CASES) -> str:
-    """Return a figure for each case and policy with beliefs, of its first episode; an empty text if there are none.
+def belief_section(rollouts: list[Rollout], cases: Mapping[str, Case] = CASES) -> str:
+    """Return the section of the page on beliefs: a figure for each case and policy that has any; else an empty text.
 
-    Below it stand the notes on all episodes of this policy in this case. `cases` hold the loads that were carried.
+    A figure is of the first episode; below it stand the notes on all episodes of this policy in this case. `cases` hold
+    the loads that were carried.
     """
     groups: dict[tuple[str, str], list[Rollout]] = {}
     for run in rollouts:
@@ -49,15 +47,11 @@ def belief_figures(rollouts: list[Rollout], cases: Mapping[str, Case] = CASES) -
             notes = f'<p class="note">{escape("; ".join(said))}.</p>' if said else ""
             content = _chart(first) + _table(first, cases[case].disturbance) + notes
             parts.append(figure(f"{cases[case].title}, {policy}", content))
-    return "".join(parts)
-
-
-def belief_section(rollouts: list[Rollout], cases: Mapping[str, Case]) -> str:
-    """Return the section of the page with `belief_figures`; an empty text if there are none."""
-    figures = belief_figures(rollouts, cases)
-    return figures and (
+    if not parts:
+        return ""
+    return (
         '<section aria-labelledby="beliefs"><h2 id="beliefs">What policies believed of load and arm</h2>'
-        f'<div class="charts">{figures}</div><p class="note">{escape(_WARNING)}</p></section>'
+        f'<div class="charts">{"".join(parts)}</div><p class="note">{escape(_WARNING)}</p></section>'
     )
 
 

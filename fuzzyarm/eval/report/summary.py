@@ -15,7 +15,7 @@ from statistics import median
 from typing import Any
 
 from fuzzyarm.eval.episodes.metrics import RESOLUTION, columns, millimetres
-from fuzzyarm.eval.evaluation.result_table import DECLARED, by_case_and_policy, declared_rows, table_rows
+from fuzzyarm.eval.evaluation.result_table import by_case_and_policy, declared_rows, table_rows
 from fuzzyarm.policies.declared import Declared
 
 __all__ = ["Axis", "declared_table", "digits", "error_charts", "figure", "finished", "metrics_table"]
@@ -188,11 +188,12 @@ def _table_body(title: str, group: _Group, texts: dict[str, list[str]]) -> str:
 
 def declared_table(declared: Mapping[str, Declared | None], certificates: Mapping[str, str | None]) -> str:
     """Return the table of what the policies declare, from declarations and certificates in words by label."""
+    headings, *policies = declared_rows(declared, certificates)
     rows = []
-    for label, *cells in declared_rows(declared, certificates):
+    for label, *cells in policies:
         said = "".join(f'<td class="words">{escape(cell)}</td>' for cell in cells)
         rows.append(f'<tr><th scope="row">{escape(label)}</th>{said}</tr>')
-    return f"<table>{_head(DECLARED)}<tbody>{''.join(rows)}</tbody></table>"
+    return f"<table>{_head(headings)}<tbody>{''.join(rows)}</tbody></table>"
 
 
 def _best(group: _Group, keys: Sequence[str], texts: Mapping[str, str]) -> set[str]:

@@ -24,7 +24,7 @@ from fuzzyarm.eval.evaluation.recheck import recheck_results
 from fuzzyarm.eval.evaluation.results_file import _check_rollout as _check_stored
 from fuzzyarm.eval.evaluation.results_file import _check_row, read_results
 from fuzzyarm.eval.evaluation.run import EvaluationConfig, evaluate, row_of, write_results
-from fuzzyarm.eval.report.beliefs import belief_figures
+from fuzzyarm.eval.report.beliefs import belief_section
 from fuzzyarm.fuzzy_policy.signed_files import ControllerFileError
 from fuzzyarm.policies import load_policy, resolve
 
@@ -295,9 +295,9 @@ def test_beliefs_come_back_from_the_file_and_are_checked(runs, tmp_path):
 
 
 def test_the_page_shows_what_is_believed_beside_the_truth(runs):
-    drawn = belief_figures(runs)
+    drawn = belief_section(runs)
     assert drawn.count("<figure>") == drawn.count('class="belief-band"') == 1 and "adaptive-observer" in drawn
-    assert belief_figures(runs[1:]) == ""
+    assert belief_section(runs[1:]) == ""
     columns = "payload", "stiffness_1", "stiffness_2", "offset_1", "offset_2", "lateness"
     values, deviations = (4.2, 1.04, 0.97, -1e-9, 0.3, 2e-3), (1.5, 0.02, 0.1, 2.0, 0.0, 5e-4)
     names = tuple(name + end for name in columns for end in ("", "_deviation"))
@@ -308,7 +308,7 @@ def test_the_page_shows_what_is_believed_beside_the_truth(runs):
         EvaluationConfig(payload=7.5).case("payload", None),
         disturbance=Disturbance(payload=Payload(7.5), torque_bias=TorqueBias((3.0, -1.0))),
     )
-    drawn = belief_figures([run, dataclasses.replace(run, seed=1, note="")], {"machining": pushed})
+    drawn = belief_section([run, dataclasses.replace(run, seed=1, note="")], {"machining": pushed})
     rows = re.findall(r"<tr><th scope=.row.>(.*?)</th>(.*?)</tr>", drawn)
     assert {label: re.findall(r"<td.*?>(.*?)</td>", cells) for label, cells in rows} == {
         "payload [kg]": ["4.2 ± 1.5", "7.5"],
@@ -352,7 +352,7 @@ def test_what_has_to_be_known_is_on_the_console_in_the_results_in_the_file_and_o
     _check_stored(run, row)
     with pytest.raises(ValueError, match="note of own in case nominal is 'all is well', its rollout has"):
         _check_stored(run, row | {"note": "all is well"})
-    assert said in belief_figures([run])
+    assert said in belief_section([run])
 
 
 def test_a_filter_that_has_diverged_believes_nothing():
