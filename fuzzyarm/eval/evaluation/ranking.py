@@ -16,7 +16,6 @@ import dataclasses
 import math
 from collections.abc import Mapping, Sequence
 from pathlib import Path
-from types import MappingProxyType
 from typing import Any
 
 import numpy as np
@@ -36,9 +35,6 @@ __all__ = [
     "Leaderboard", "Standing", "check_comparable", "document", "markdown", "other_cells", "other_headings",
     "print_leaderboard", "rank_policies", "shown", "standings_of",
 ]  # fmt: skip
-
-
-_NO_TIPS: Mapping[str, str] = MappingProxyType({})
 
 
 @dataclasses.dataclass(frozen=True)
@@ -117,7 +113,7 @@ class Leaderboard:
         return f"{self.standings[0].notes(self.standings)} All: {self.conditions}."
 
 
-def rank_policies(paths: Sequence[str | Path], tips: Mapping[str, str] = _NO_TIPS) -> Leaderboard:
+def rank_policies(paths: Sequence[str | Path], tips: Mapping[str, str] | None = None) -> Leaderboard:
     """Rank the policies of results files, or of the folders that hold them.
 
     `tips` holds what is proven of the tip, in words by policy.
@@ -155,8 +151,11 @@ def check_comparable(files: Sequence[Path], conditions: Sequence[Mapping[str, An
                 )
 
 
-def standings_of(evaluation: Evaluation, source: str = "", tips: Mapping[str, str] = _NO_TIPS) -> list[Standing]:
-    """Return the standing of each policy of an evaluation, in the order of its configuration; `tips` as above."""
+def standings_of(evaluation: Evaluation, source: str = "", tips: Mapping[str, str] | None = None) -> list[Standing]:
+    """Return the standing of each policy of an evaluation, in the order of its configuration.
+
+    `source` names the file in the table; `tips` as for `rank_policies`.
+    """
     standings, config = [], evaluation.config
     for policy, certificate in evaluation.certificates.items():
         own = [row for row in evaluation.rows if row["policy"] == policy]
@@ -182,7 +181,7 @@ def standings_of(evaluation: Evaluation, source: str = "", tips: Mapping[str, st
                 lost=lost,
                 episodes=len(own),
                 certified=certificate is not None,
-                tip=tips.get(policy, ""),
+                tip=(tips or {}).get(policy, ""),
                 declared=evaluation.declared[policy],
             )
         )
