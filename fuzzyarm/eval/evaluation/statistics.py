@@ -29,7 +29,10 @@ class Estimate(NamedTuple):
 
 
 def interquartile_mean(values: np.ndarray, axis: int = -1) -> np.ndarray:
-    """Return the mean along an axis of n values without the ⌊n/4⌋ smallest and the ⌊n/4⌋ largest."""
+    """Return the mean along an axis of n values without the ⌊n/4⌋ smallest and the ⌊n/4⌋ largest.
+
+    `values` (..., n, ...) are in any unit; the result has their shape without the axis, and their unit.
+    """
     return np.asarray(trim_mean(values, 0.25, axis=axis))
 
 
