@@ -29,7 +29,7 @@ _OF_THE_TIP = (
 
 def _evaluated(document: dict[str, Any]) -> str:
     """Return every metric of every policy and case."""
-    rows = [(case, policy, *cells) for case, policy, cells in table_rows(document["results"])]
+    rows = [(CASES[case].title, policy, *cells) for case, policy, cells in table_rows(document["results"])]
     return markdown(["case", "policy", *columns()], rows, left=2)
 
 

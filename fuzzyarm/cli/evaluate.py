@@ -67,7 +67,7 @@ class Options:
         from fuzzyarm.eval.declarations import print_declared
         from fuzzyarm.eval.episodes.rollout_file import write_rollouts
         from fuzzyarm.eval.evaluation.figures import write_figures
-        from fuzzyarm.eval.evaluation.result_table import DECLARED, declared_rows, print_passes, print_results, verdict
+        from fuzzyarm.eval.evaluation.result_table import declared_rows, print_passes, print_results, verdict
         from fuzzyarm.eval.evaluation.run import evaluate, write_results
 
         config = _config(self)
@@ -88,7 +88,8 @@ class Options:
             if config.passes > 1:
                 print_passes(evaluation.rows, config.passes, console)
             if self.declared:
-                print_declared(declared_rows(evaluation.declared, evaluation.certificates), DECLARED, console)
+                headings, *rows = declared_rows(evaluation.declared, evaluation.certificates)
+                print_declared(rows, headings, console)
             for name, text in evaluation.certificates.items():
                 proven = "nothing proven of the rigid arm" if text is None else f"proven. {text}"
                 print_paragraphs(console, [f"{name}: {proven}"])

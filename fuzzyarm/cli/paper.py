@@ -42,7 +42,7 @@ class Options:
             raise UsageError(
                 "--renew writes new stored numbers and --expected compares with old ones; give one of them"
             )
-        stored = {} if self.renew else report.load_expected(self.expected or report.EXPECTED)
+        stored = None if self.renew else report.load_expected(self.expected or report.EXPECTED)
         if self.renew:
             check_writable(self.renew.parent)
         with claimed_folder(self.out):
@@ -50,7 +50,6 @@ class Options:
                 evidence = gather(advance)
                 comparison = report.compare(evidence, stored)
             if self.renew:
-                comparison = report.renewed(comparison)
                 report.store_expected(comparison.measured, comparison.made_with, self.renew)
             with progress("figures", None) as advance:
                 figures = write_figures(evidence, self.out, advance)

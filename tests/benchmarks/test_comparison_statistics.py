@@ -1,18 +1,12 @@
 """The statistics of the comparison of all policies, against slower or analytical oracles."""
 
-import importlib.util
 import itertools
-from pathlib import Path
 
+import comparison_statistics as statistics
 import numpy as np
 import pytest
 from scipy.stats import binomtest
 from scipy.stats.mstats import trimmed_mean_ci
-
-PATH = Path(__file__).parents[2] / "benchmarks" / "comparison_statistics.py"
-SPEC = importlib.util.spec_from_file_location(PATH.stem, PATH)
-statistics = importlib.util.module_from_spec(SPEC)
-SPEC.loader.exec_module(statistics)
 
 
 @pytest.fixture(scope="module")

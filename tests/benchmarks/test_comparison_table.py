@@ -33,24 +33,6 @@ def test_everything_that_is_drawn_is_in_sight_and_what_has_no_mean_says_so(modul
     assert any(axes.texts for axes in panels)
 
 
-def test_scores_show_three_digits(module):
-    found = {"score_mm": {"mean": 1.2854, "low": 1.2726, "high": None}, "rank": 2}
-    other = {"score_mm": {"mean": 159.43, "low": 33.711, "high": 469.25}, "rank": 11}
-    assert [module("tables_comparison").score_of(one) for one in (found, other)] == [
-        "1.29, 1.27 to ∞ (2)",
-        "159, 33.7 to 469 (11)",
-    ]
-
-
-def test_a_search_without_a_stored_time_is_not_measured(module):
-    lines = table(module, STORED).splitlines()
-    unmeasured = [line.split("`")[1] for line in lines if " not measured " in line]
-    assert unmeasured == [
-        *("fuzzy-4-sampled", "computed-torque", "fuzzy-4-sampled-tip", "computed-torque-tip"),
-        *("elastic-observer", "adaptive-observer"),
-    ]
-
-
 def test_what_a_policy_knows_includes_what_is_known_within_it_and_all_seeds_are_found(module):
     known = module("compared_policies").POLICIES
     assert list(known) == [row["name"] for row in STORED["rows"]]
@@ -115,20 +97,6 @@ def test_a_run_takes_every_stored_seed_and_fills_table_and_figures(comparison, m
     assert "measured at other commits" in text and "`fuzzy-1` at 0123456789;" in text
     assert "other commits" not in table(module, document | {"commit": COMMIT})
     module("comparison_figure").draw_comparison(document)
-
-
-@pytest.mark.slow
-def test_errors_that_a_folder_holds_are_not_measured_again(comparison, tmp_path):
-    script, measured = comparison
-    first = script.compare(8, 4, None, tmp_path)
-    runs = len(measured)
-    assert script.compare(8, 4, None, tmp_path)["rows"] == first["rows"]
-    assert len(measured) == runs  # nothing again
-    (tmp_path / "fuzzy-4-8.npz").unlink()
-    script.compare(8, 4, None, tmp_path)
-    assert measured[runs:] == ["fuzzy-4"]
-    script.compare(9, 4, None, tmp_path)  # other plants: all shipped policies, no seed
-    assert len(measured) == runs + 1 + len(script.POLICIES)
 
 
 def test_errors_on_other_plants_or_cases_are_not_taken_for_these(module, tmp_path, monkeypatch):

@@ -1,14 +1,14 @@
 """The arm in MuJoCo agrees with ours: matrices, motion, stick, and the accuracy at which speeds are compared."""
 
 import functools
-import importlib.util
-from pathlib import Path
 from types import SimpleNamespace
 
 import mujoco
+import mujoco_arm as peer
 import numpy as np
 import pytest
 from mujoco.rollout import Rollout
+from slow_twins import slow_but
 from support.two_joints import state_of
 
 from fuzzyarm.envs.physics.dynamics import (
@@ -22,11 +22,6 @@ from fuzzyarm.envs.physics.dynamics import (
 from fuzzyarm.envs.physics.event_integrator import integrate
 from fuzzyarm.envs.physics.parameters import ArmParameters
 from fuzzyarm.envs.scenario.reference import JointReference
-
-PATH = Path(__file__).parents[2] / "benchmarks" / "mujoco_arm.py"
-SPEC = importlib.util.spec_from_file_location("mujoco_arm", PATH)
-peer = importlib.util.module_from_spec(SPEC)
-SPEC.loader.exec_module(peer)
 
 START = np.array([0.51, 0.82, 0.5, 0.8, 1.5, -2.0, 1.4, -1.8])
 TORQUE = np.array([60.0, -25.0])
@@ -61,18 +56,16 @@ def forward(parameters, payload, state):
     return arm
 
 
-def after(arm, steps, torque=TORQUE, **force):
-    state = START
-    for _ in range(steps):
-        state = arm.advance(state, torque, **force)
-    return state
-
-
-def errors(method, substeps, parameters=peer.FRICTIONLESS, force=(0.0, 0.0), payload=None, steps=30):
+def errors(method, substeps, parameters=peer.FRICTIONLESS, force=(0.0, 0.0), payload=None):
     """Largest difference of an angle to the event integrator after 30 ms, by time step."""
-    exact = integrate(START, TORQUE, lambda _: force, parameters, payload or Payload(), 0.0, steps * 1e-3)
-    arms = [peer.MujocoArm(parameters, method, 1e-3 / n, payload) for n in substeps]
-    return np.array([np.abs(after(arm, steps, force=force) - exact)[:4].max() for arm in arms])
+    exact = integrate(START, TORQUE, lambda _: force, parameters, payload or Payload(), 0.0, 30e-3)
+    found = []
+    for arm in (peer.MujocoArm(parameters, method, 1e-3 / n, payload) for n in substeps):
+        state = START
+        for _ in range(30):
+            state = arm.advance(state, TORQUE, force=force)
+        found.append(np.abs(state - exact)[:4].max())
+    return np.array(found)
 
 
 def order(method, substeps, **case):
@@ -80,35 +73,22 @@ def order(method, substeps, **case):
 
 
 @pytest.mark.parametrize("seed", range(1, 4))
-def test_mass_matrix_is_ours_with_the_motors(seed):
+def test_mass_coriolis_gravity_springs_dampers_and_viscous_friction_are_ours(seed):
     parameters, payload, state = random_case(seed)
-    arm, theirs = forward(parameters, payload, state), np.zeros((4, 4))
+    arm, constants = forward(parameters, payload, state), arm_constants(parameters, payload)
+    _, _, q1, q2, *_, dq1, dq2 = state
+    theirs = np.zeros((4, 4))
     mujoco.mj_fullM(arm.model, arm.data, theirs)
-    m11, m12, m22 = mass_matrix(np.cos(state[3]), arm_constants(parameters, payload))
+    m11, m12, m22 = mass_matrix(np.cos(q2), constants)
     ours = np.diag([*parameters.motor_inertia, m11, m22])
     ours[2, 3] = ours[3, 2] = m12
     np.testing.assert_allclose(peer.TO_HINGES.T @ theirs @ peer.TO_HINGES, ours, rtol=1e-9, atol=1e-10)
-
-
-@pytest.mark.parametrize("seed", range(1, 4))
-def test_coriolis_and_gravity_are_ours(seed):
-    parameters, payload, state = random_case(seed)
-    arm, constants = forward(parameters, payload, state), arm_constants(parameters, payload)
-    _, _, q1, q2, _, _, dq1, dq2 = state
-    coriolis = coriolis_torque(np.sin(q2), dq1, dq2, constants)
     gravity = gravity_torque(np.sin(q1), np.sin(q1 + q2), constants)
-    ours = np.concatenate([np.zeros(2), np.add(coriolis, gravity)])
+    ours = np.concatenate([np.zeros(2), np.add(coriolis_torque(np.sin(q2), dq1, dq2, constants), gravity)])
     np.testing.assert_allclose(arm.data.qfrc_bias @ peer.TO_HINGES, ours, rtol=1e-9, atol=1e-9 * np.abs(ours).max())
-
-
-@pytest.mark.parametrize("seed", range(1, 4))
-def test_springs_dampers_and_viscous_friction_are_ours(seed):
-    parameters, payload, state = random_case(seed)
-    arm = forward(parameters, payload, state)
-    between = np.array(joint_torque(state_of(state), arm_constants(parameters, payload)))
+    between = np.array(joint_torque(state_of(state), constants))
     ours = np.concatenate([-between - np.array(parameters.viscous_friction) * state[4:6], between])
-    theirs = arm.data.qfrc_passive @ peer.TO_HINGES
-    np.testing.assert_allclose(theirs, ours, rtol=1e-9)
+    np.testing.assert_allclose(arm.data.qfrc_passive @ peer.TO_HINGES, ours, rtol=1e-9)
 
 
 @pytest.mark.parametrize("sign", [(1, 1), (-1, 1), (1, -1)])
@@ -122,14 +102,13 @@ def test_a_slipping_motor_feels_coulomb_friction_and_no_other_joint_does(sign):
 
 @pytest.mark.parametrize("integrator", INTEGRATORS)
 def test_motors_stick_below_coulomb_friction_and_slip_above(integrator):
-    arm, rest = peer.MujocoArm(peer.COULOMB, peer.Method(integrator), 2e-4), np.zeros(8)
-    moved = {}
+    arm, moved = peer.MujocoArm(peer.COULOMB, peer.Method(integrator), 2e-4), []
     for share in (0.95, 1.05):
-        state = rest
+        state = np.zeros(8)
         for _ in range(50):
             state = arm.advance(state, share * np.array(peer.COULOMB.coulomb_friction))
-        moved[share] = np.abs(state[:2])
-    assert np.all(moved[0.95] < 1e-8) and np.all(moved[1.05] > 1e-6)
+        moved.append(np.abs(state[:2]))
+    assert np.all(moved[0] < 1e-8) and np.all(moved[1] > 1e-6)
 
 
 def test_without_friction_runge_kutta_converges_to_the_event_integrator_with_order_four():
@@ -170,23 +149,20 @@ def beginning(monkeypatch):
     monkeypatch.setattr(peer, "exact_loop", exact_beginning)
 
 
-def assert_equally_accurate(arm):
+FAST = "Coulomb", "beginning"
+
+
+@pytest.mark.parametrize("case", slow_but([FAST], [FAST, *((arm, None) for arm in peer.ARMS)]))
+def test_the_peer_is_as_accurate_as_our_step_and_would_not_be_with_a_longer_one(case, request):
+    arm, part = case
+    if part:
+        request.getfixturevalue(part)
     parameters, (method, timestep) = peer.ARMS[arm], peer.EQUAL_ACCURACY[arm]
     substeps = round(1e-3 / timestep)
     ours = peer.tip_error(peer.our_advance(parameters, peer.OURS), parameters)
     assert peer.tip_error(peer.MujocoArm(parameters, method, timestep).advance, parameters) <= ours
     for longer in [n for n in peer.SUBSTEPS if n < substeps][-1:]:
         assert peer.tip_error(peer.MujocoArm(parameters, method, 1e-3 / longer).advance, parameters) > ours
-
-
-def test_the_peer_is_as_accurate_as_our_step_and_would_not_be_with_a_longer_one(beginning):
-    assert_equally_accurate("Coulomb")
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize("arm", peer.ARMS)
-def test_the_peer_is_as_accurate_as_our_step_along_the_whole_circle(arm):
-    assert_equally_accurate(arm)
 
 
 def test_reading_half_a_step_back_divides_the_tip_error_of_euler_by_ten(beginning):
@@ -235,8 +211,5 @@ def test_speed_is_counted_in_control_steps(threads, monkeypatch, beginning):
 def test_wrong_arms_are_named(arguments, message):
     with pytest.raises(ValueError, match=message):
         peer.MujocoArm(*arguments)
-
-
-def test_wrong_speed_arguments_are_named():
     with pytest.raises(ValueError, match="lanes = 0 and threads = 1 must be at least 1"):
         peer.steps_per_second(0, 1, 1e-3, "Euler", 0.1)

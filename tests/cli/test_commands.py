@@ -36,7 +36,7 @@ def test_evaluate_prints_a_table_and_writes_results_and_figures(tmp_path, capsys
     """Of the figures the overview, and of it the first row: each takes longer than the episode."""
     draw = figures.draw_figures
     monkeypatch.setattr(figures, "time_figures", lambda joints: {})
-    monkeypatch.setattr(figures, "OVERVIEW", figures.OVERVIEW[:1])
+    monkeypatch.setattr(figures, "_OVERVIEW", figures._OVERVIEW[:1])
     monkeypatch.setattr(figures, "draw_figures", lambda *given: {"overview": draw(*given)["overview"]})
     assert main([*QUICK, "--out", str(tmp_path)]) == 0
     out = capsys.readouterr().out
@@ -166,13 +166,13 @@ def test_design_in_the_form_of_the_paper(tmp_path, capsys):
 def quick_bench(monkeypatch):
     """Let `fuzzyarm bench` measure the one environment only, for as short as it can."""
     from fuzzyarm.eval.bench import run as bench
-    from fuzzyarm.eval.bench.entries import own_single
+    from fuzzyarm.eval.bench.entries import single_entries
 
-    entry = dataclasses.replace(own_single(), tip_error=None)
-    monkeypatch.setattr(bench, "WARM_UP", 0.0)
+    entry = dataclasses.replace(single_entries()[0], tip_error=None)
+    monkeypatch.setattr(bench, "_WARM_UP", 0.0)
     monkeypatch.setattr(bench.BenchConfig, "groups", lambda self: {"one environment": [entry]})
     monkeypatch.setattr(bench.BenchConfig, "sweep_groups", lambda self: {"sweep": [entry]} if self.lanes_sweep else {})
-    monkeypatch.setattr(bench, "memory_per_lane", lambda: {"bytes": 321.0, "reason": None})
+    monkeypatch.setattr(bench, "_memory_per_lane", lambda: 321.0)
     return ["bench", "--seconds", "1e-4"]
 
 

@@ -22,6 +22,7 @@ from fuzzyarm.cli import main
 from fuzzyarm.cli.application import GROUPS, command_line
 from fuzzyarm.eval.episodes.metrics import columns
 from fuzzyarm.eval.evaluation.result_table import print_results, verdict
+from fuzzyarm.eval.evaluation.run import EvaluationConfig
 
 MISTAKES = [
     ("", "fuzzyarm: a command is missing", "choose from: evaluate, report,"),
@@ -243,7 +244,9 @@ THREE = [
 
 
 def test_the_verdict_of_three_cases_has_five_lines():
-    assert verdict(THREE, {"a": "For the ...", "b": None, "c": None}, Path("my folder"), 43) == [
+    assert verdict(
+        THREE, {"a": "For the ...", "b": None, "c": None}, Path("my folder"), 43, EvaluationConfig().titles
+    ) == [
         "Case 1: nominal: b won, rms tip error < 0.001 mm",
         "Case 2: machining force: a, b tie, rms tip error 1.00 mm",
         "Case 3: 5 kg payload: no policy followed the path to its end",
@@ -256,7 +259,7 @@ def test_who_lost_the_path_once_cannot_win():
     rows = [row("a", "nominal", 1e-3, seed=seed, completed=seed != 1) for seed in range(3)]
     rows += [row("far", "nominal", 1e-3, largest=101.0)]
     rows += [row("b", "nominal", rms, seed=seed) for seed, rms in enumerate((5.0, 1.0, 2.0))]
-    assert verdict(rows, {"a": None}, Path("x"), 3)[:2] == [
+    assert verdict(rows, {"a": None}, Path("x"), 3, EvaluationConfig().titles)[:2] == [
         "Case 1: nominal: b followed, rms tip error 2.00 mm; a, far lost the path",
         "Proven of the rigid arm: nothing",
     ]
@@ -266,7 +269,7 @@ def test_who_lost_the_path_once_cannot_win():
 def test_a_narrow_terminal_has_fewer_columns_and_every_digit_of_the_others(width, left_out):
     rows = [row("computed-torque-tip", "nominal", 1234.5, largest=0.0412)]
     screen = rich.console.Console(file=io.StringIO(), force_terminal=True, width=width, color_system=None)
-    print_results(rows, screen)
+    print_results(rows, screen, EvaluationConfig().titles)
     text = screen.file.getvalue()
     assert max(map(len, text.splitlines())) <= width and "…" not in text
     assert "1.23e+03" in text and "0.0412" in text  # rms and the largest error are always there

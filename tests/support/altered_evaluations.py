@@ -7,10 +7,9 @@ from pathlib import Path
 
 import numpy as np
 
-from fuzzyarm.eval.episodes.metrics import metrics_of
 from fuzzyarm.eval.episodes.rollout import Rollout
 from fuzzyarm.eval.episodes.rollout_file import write_rollouts
-from fuzzyarm.eval.evaluation.run import Evaluation, write_results
+from fuzzyarm.eval.evaluation.run import Evaluation, row_of, write_results
 
 NASTY = "<img src=x onerror=alert(1)>&\"'`${1}"  # a file may be called so
 
@@ -29,12 +28,11 @@ def with_runs(evaluation: Evaluation, runs: list[Rollout]) -> Evaluation:
     config = dataclasses.replace(
         evaluation.config, policies=policies, cases=tuple(dict.fromkeys(run.case for run in runs))
     )
-    named = ("case", "policy", "seed", "completed", "reason")
     return dataclasses.replace(
         evaluation,
         config=config,
         rollouts=runs,
-        rows=[{name: getattr(run, name) for name in named} | metrics_of(run) for run in runs],
+        rows=[row_of(run) for run in runs],
         certificates={name: evaluation.certificates.get(name) for name in policies},
         bounds={name: evaluation.bounds.get(name) for name in policies},
         declared={name: evaluation.declared.get(name) for name in policies},

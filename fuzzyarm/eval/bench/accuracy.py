@@ -21,11 +21,11 @@ def stepped_tips(policy: Predictor, case: str, substep: float) -> np.ndarray:
     return np.array([step.info["tip"] for step in episodes(env, policy, env.reset(seed=0))])
 
 
-def exact_tips(policy: Predictor, case: str, steps: int | None = None) -> np.ndarray:
-    """Return the same (n, 2) [m] with the plant solved by `event_integrator` and the tip force as a function of time.
+def exact_tips(policy: Predictor, case: str) -> np.ndarray:
+    """Return the tip (n, 2) [m] after every control step, with the plant solved by `event_integrator`.
 
-    The policy closes this loop by itself, from the states found here. About ten seconds, or less for the
-    first `steps` alone.
+    The tip force is a function of time. The policy closes this loop by itself, from the states found here. It takes
+    about ten seconds.
     """
     env, disturbance = FuzzyArmEnv(case=case), find_case(case).disturbance
     reference, period, tip_force = env.reference, env.control_period, disturbance.tip_force
@@ -38,7 +38,7 @@ def exact_tips(policy: Predictor, case: str, steps: int | None = None) -> np.nda
         x, y = (0.0, 0.0) if tip_force is None else tip_force.at(np.array(time), reference.tip(time).velocity)
         return float(x), float(y)
 
-    for k, target in enumerate(np.concatenate([wanted.q, wanted.dq, wanted.ddq], axis=1)[:steps]):
+    for k, target in enumerate(np.concatenate([wanted.q, wanted.dq, wanted.ddq], axis=1)):
         q_motor, _, dq_motor, _ = state.reshape(-1, JOINTS)
         seen, begins = np.concatenate([q_motor, dq_motor, target]), np.array([k == 0])
         torque, memory = policy.predict(seen, state=memory, episode_start=begins, deterministic=True)

@@ -16,7 +16,7 @@ import os
 import shutil
 import time
 import warnings
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Iterator
 from pathlib import Path
 from types import ModuleType
 from typing import Any
@@ -35,8 +35,7 @@ from fuzzyarm.eval.sweep.plants import Plants
 from fuzzyarm.policies import load_policy
 
 __all__ = [
-    "SUBSTEPS", "SWEPT", "UNAVAILABLE", "Entry", "Measure", "NotMeasured", "batch_peers", "compiled_batch",
-    "gymnasium_peers", "own_batches", "own_single", "sweep_entries", "timed",
+    "UNAVAILABLE", "Entry", "Measure", "batch_entries", "compiled_batch", "single_entries", "sweep_entries", "timed",
 ]  # fmt: skip
 
 
@@ -44,14 +43,10 @@ Measure = Callable[[float], float]
 """Wall time to spend [s] -> environment steps per second."""
 
 _TORQUE_SCALE = 0.1  # of the torque limits: the arm moves and slips, but does not leave the joint domain
-SUBSTEPS = whole_substeps(1e-3, None)  # of the physics per control step of 1 ms
+_TORCH_LANES = 4096  # smallest batch measured in torch: below, the fixed cost of a step, a tenth of a ms, dominates
+_MOST_PEER_LANES = 4096  # EnvPool takes a minute to open a thousand environments of one kind
 
-
-class NotMeasured(Exception):
-    """This entry cannot run here; the message says why and how to enable it."""
-
-
-UNAVAILABLE = (NotMeasured, ImportError, gym.error.Error, RuntimeError)
+UNAVAILABLE = (ImportError, gym.error.Error, RuntimeError)
 """What opening an entry raises where a package, a compiler or a device is missing."""
 
 
@@ -67,45 +62,72 @@ class Entry:
     name: str
     lanes: int  # environments stepped by one call
     threads: int  # CPU threads it may use
-    substeps: int  # of the physics per control step
-    dtype: str  # of the physics
     open: Callable[[], contextlib.AbstractContextManager[Measure]]
+    substeps: int = whole_substeps(1e-3, None)  # of the physics per control step, which by default takes 1 ms
+    dtype: str = "float64"  # of the physics
     peer: str = ""  # heading of the ratio to this entry; empty for the entries of this project
     tip_error: Callable[[], float] | None = None
-    extra: str = ""  # the package's optional dependencies that it needs
 
 
-def own_single() -> Entry:
-    """Return one environment as `gymnasium.make` gives it."""
+def single_entries() -> list[Entry]:
+    """Return the entries with one environment, from `gymnasium.make`: this project's and its peers."""
     opened = functools.partial(_single_environment, "FuzzyArm-v0", _TORQUE_SCALE)
-    return Entry("FuzzyArm-v0, machine code", 1, 1, SUBSTEPS, "float64", opened, tip_error=_single_tip_error)
-
-
-_TORCH_LANES = 4096
-"""Smallest batch measured in torch: below, the fixed cost of a step, a tenth of a millisecond, dominates."""
-
-
-def own_batches(lanes: int, threads: int) -> list[Entry]:
-    """Return this project's batched environments on at most so many threads, those in torch from `_TORCH_LANES` on."""
-    used = min(threads, max(1, lanes // LANES_PER_THREAD))  # the environment's own default: as many as help
-    opened = functools.partial(_batch, lanes, used)
-    compiled = Entry("FuzzyArm-v0, machine code", lanes, used, SUBSTEPS, "float64", opened, tip_error=_own_tip_error)
-    found = [compiled]
-    for (device, dtype), tip_error in _TORCH_TIP_ERRORS.items() if lanes >= _TORCH_LANES else ():
-        compiler = f"torch.compile, {'GPU' if device == 'cuda' else 'CPU'}"
-        name = f"FuzzyArm, {'PTX kernel, GPU' if _is_kernel(device, dtype) else compiler}"
-        opened = functools.partial(_torch, lanes, threads, device, dtype)
-        found.append(Entry(name, lanes, threads, SUBSTEPS, dtype, opened, tip_error=tip_error, extra="rl"))
+    found = [Entry("FuzzyArm-v0, machine code", 1, 1, opened, tip_error=_own_tip_error)]
+    for heading, name, substeps in (("Pendulum", "Pendulum-v1", 1), ("Reacher", "Reacher-v5", 2)):
+        opened = functools.partial(_single_environment, name, 1.0)
+        found.append(Entry(f"Gymnasium {name}", 1, 1, opened, substeps, peer=heading))
     return found
 
 
-def _is_kernel(device: str, dtype: str) -> bool:
-    """Return whether `TorchFuzzyArm` launches kernels of its own, which torch does not compile."""
-    return (device, dtype) == ("cuda", "float64")
+def batch_entries(lanes: int, threads: int) -> list[Entry]:
+    """Return the entries with batches of `lanes` environments on at most `threads` threads: ours, in torch, and peers.
+
+    Torch is measured from 4096 lanes on, peers up to 4096 lanes.
+    """
+    used = min(threads, max(1, lanes // LANES_PER_THREAD))  # the environment's own default: as many as help
+    own = functools.partial(_batch, lanes, used)
+    found = [Entry("FuzzyArm-v0, machine code", lanes, used, own, tip_error=_own_tip_error)]
+    if lanes >= _TORCH_LANES:
+        for device, dtype in itertools.product(("cpu", "cuda"), ("float64", "float32")):
+            compiler = f"torch.compile, {'GPU' if device == 'cuda' else 'CPU'}"
+            name = f"FuzzyArm, {'PTX kernel, GPU' if _is_kernel(device, dtype) else compiler}"
+            opened = functools.partial(_torch, lanes, threads, device, dtype)
+            error = functools.partial(_torch_tip_error, device, dtype)
+            found.append(Entry(name, lanes, threads, opened, dtype=dtype, tip_error=error))
+    if lanes <= _MOST_PEER_LANES:
+        for heading, name in (("Pendulum", "Pendulum-v1"), ("Reacher", "ReacherEasy-v1")):
+            opened = functools.partial(_envpool, name, lanes, threads)
+            found.append(Entry(f"EnvPool {name}", lanes, threads, opened, 1, peer=heading))
+        # `benchmarks/mujoco_arm.py` chose both methods: the fastest as accurate as ours, and the fastest.
+        for heading, substeps, step in (("MuJoCo arm", 30, "1/30 ms"), ("MuJoCo arm, 1 ms", 1, "1 ms")):
+            opened = functools.partial(_mujoco, lanes, threads, substeps)
+            error = functools.partial(_mujoco_tip_error, substeps)
+            name = f"same arm in MuJoCo, {step}"
+            found.append(Entry(name, lanes, threads, opened, substeps, "float64", heading, error))
+    return found
+
+
+def sweep_entries() -> dict[str, list[Entry]]:
+    """Return the entries of sweeps by heading, two for each of two policies; they run one chunk of `fuzzyarm sweep`.
+
+    A chunk runs on one thread. The second entry, step by step, is the peer of the first, in one kernel.
+    """
+    found = {}
+    for policy in ("fuzzy-4-tip", "elastic-observer"):
+        config = SweepConfig(policies=(policy,), plants=SweepConfig.chunk)
+        name, lanes = f"sweep of {policy}", config.plants * len(config.cases)
+        found[name] = [
+            Entry(f"{name}, {how}", lanes, 1, functools.partial(_swept, config, run), peer=peer)
+            for how, run, peer in (
+                ("in one kernel", errors_in_one_kernel, ""),
+                ("step by step", errors_step_by_step, "step by step"),
+            )
+        ]
+    return found
 
 
 def timed(advance: Callable[[], int], clock: Callable[[], float] = time.perf_counter) -> Measure:
-    """Return a function that calls `advance`, which returns its number of steps, once or more until the time is up."""
+    """Return a function that calls `advance`, which returns its number of steps, until the time is up."""
 
     def measure(seconds: float) -> float:
         begin, steps = clock(), 0
@@ -118,18 +140,18 @@ def timed(advance: Callable[[], int], clock: Callable[[], float] = time.perf_cou
     return measure
 
 
-def _timed_batch(step: Callable[[Any], Any], actions: Iterable[Any], lanes: int) -> Measure:
-    """Return a function that calls `step` with the actions in turn; each call steps all lanes."""
-    ring = itertools.cycle(actions)
+def _timed_batch(envs: Any, space: gym.Space, lanes: int, scale: float = 1.0) -> Measure:
+    """Return a function that steps all lanes with actions from the space of a lane times the factor `scale`."""
+    ring = itertools.cycle(_draw_actions(space, 4, (lanes,), scale))
 
     def advance() -> int:
-        step(next(ring))
+        envs.step(next(ring))
         return lanes
 
     return timed(advance)
 
 
-def _draw_actions(space: gym.Space, count: int, lanes: tuple[int, ...], scale: float = 1.0) -> np.ndarray:
+def _draw_actions(space: gym.Space, count: int, lanes: tuple[int, ...], scale: float) -> np.ndarray:
     """Return actions (count, *lanes, *space.shape), uniform in the space times `scale`."""
     assert isinstance(space, gym.spaces.Box)
     low, high = scale * space.low.astype(float), scale * space.high.astype(float)
@@ -155,15 +177,16 @@ def _single_environment(name: str, scale: float) -> Iterator[Measure]:
 
 
 def compiled_batch(lanes: int, threads: int) -> gym.vector.VectorEnv:
-    """Return the batched environment as `gymnasium.make_vec` gives it."""
-    return gym.make_vec("FuzzyArm-v0", num_envs=lanes, vectorization_mode="vector_entry_point", threads=threads)
+    """Return the batched environment as `gymnasium.make_vec` gives it, after a reset."""
+    envs = gym.make_vec("FuzzyArm-v0", num_envs=lanes, vectorization_mode="vector_entry_point", threads=threads)
+    envs.reset(seed=0)
+    return envs
 
 
 @contextlib.contextmanager
 def _batch(lanes: int, threads: int) -> Iterator[Measure]:
     with contextlib.closing(compiled_batch(lanes, threads)) as envs:
-        envs.reset(seed=0)
-        yield _timed_batch(envs.step, _draw_actions(envs.single_action_space, 4, (lanes,), _TORQUE_SCALE), lanes)
+        yield _timed_batch(envs, envs.single_action_space, lanes, _TORQUE_SCALE)
 
 
 @contextlib.contextmanager
@@ -190,93 +213,22 @@ def _torch(lanes: int, threads: int, device: str, dtype: str) -> Iterator[Measur
         torch.set_num_threads(threads_before)
 
 
+def _is_kernel(device: str, dtype: str) -> bool:
+    """Return whether `TorchFuzzyArm` launches kernels of its own, which torch does not compile."""
+    return (device, dtype) == ("cuda", "float64")
+
+
 def _torch_modules(device: str, dtype: str) -> tuple[ModuleType, ModuleType]:
     """Return `fuzzyarm.rl_baselines.torch_env` and its torch, if they can step on the device."""
     # By name: only rl_baselines imports torch, which is optional.
     torch_env = importlib.import_module("fuzzyarm.rl_baselines.torch_env")
     torch: ModuleType = torch_env.torch
     if device == "cuda" and not torch.cuda.is_available():
-        raise NotMeasured("no GPU that torch can use")
+        raise RuntimeError("no GPU that torch can use")
     compilers = (os.environ.get("CXX"), "g++", "clang++", "cl")
     if not _is_kernel(device, dtype) and not any(shutil.which(name) for name in compilers if name):
-        raise NotMeasured("torch.compile needs a C++ compiler: install g++ or clang++, or name one in CXX")
+        raise RuntimeError("torch.compile needs a C++ compiler: install g++ or clang++, or name one in CXX")
     return torch_env, torch
-
-
-@functools.cache
-def _exact_tips() -> np.ndarray:
-    return exact_tips(load_policy("computed-torque"), "nominal")
-
-
-def _single_tip_error() -> float:
-    stepped = stepped_tips(load_policy("computed-torque"), "nominal", MAX_DEFAULT_SUBSTEP)
-    return max_tip_difference(stepped, _exact_tips())
-
-
-def _own_tip_error() -> float:
-    with contextlib.closing(compiled_batch(2, 1)) as envs:
-        return _batch_tip_error(envs.reset(seed=0)[0], envs.step)
-
-
-def _torch_tip_error(device: str, dtype: str) -> float:
-    torch_env, torch = _torch_modules(device, dtype)
-    # Not compiled by torch, as that takes a minute for each number of lanes; tests compare both steps.
-    compiled = _is_kernel(device, dtype)
-    arm = torch_env.TorchFuzzyArm(2, device=device, dtype=getattr(torch, dtype), compiled=compiled)
-    first, _ = arm.reset(seed=0)
-    return _batch_tip_error(first, lambda action: arm.step(first.new_tensor(action)))
-
-
-# By device and dtype. Batches of all sizes share one function, so that the error is computed once.
-_TORCH_TIP_ERRORS = {
-    key: functools.partial(_torch_tip_error, *key) for key in itertools.product(("cpu", "cuda"), ("float64", "float32"))
-}
-
-
-def _batch_tip_error(observation: Any, step: Callable[[np.ndarray], tuple[Any, ...]]) -> float:
-    """Return the tip error [m] of lane 0 of a batch, of arrays or tensors, over its first episode."""
-    policy, lanes, memory, stepped, ended = load_policy("computed-torque"), len(observation), None, [], False
-    while not ended:
-        begins = np.array([memory is None])
-        torque, memory = policy.predict(_numpy(observation[0]), memory, begins, deterministic=True)
-        observation, _, terminated, truncated, info = step(np.tile(torque, (lanes, 1)))
-        stepped.append(_numpy(info["tip"][0]))
-        ended = bool(terminated[0]) or bool(truncated[0])
-    # After the last step the batch reports the beginning of the next episode.
-    return max_tip_difference(np.array(stepped[:-1]), _exact_tips()[:-1])
-
-
-def _numpy(values: Any) -> np.ndarray:
-    return np.asarray(values.cpu() if hasattr(values, "cpu") else values, dtype=float)
-
-
-_MUJOCO_ARM = Path(fuzzyarm.__file__).parents[1] / "benchmarks" / "mujoco_arm.py"
-"""The arm in MuJoCo. A clone of the repository has it, an installed package does not."""
-
-_MUJOCO_SUBSTEPS = {"MuJoCo arm": 30, "MuJoCo arm, 1 ms": 1}
-"""By heading: `benchmarks/mujoco_arm.py` chose both methods, the fastest as accurate as ours and the fastest."""
-
-
-def gymnasium_peers() -> list[Entry]:
-    """Return the peers of one environment."""
-    peers = []
-    for heading, name, substeps in (("Pendulum", "Pendulum-v1", 1), ("Reacher", "Reacher-v5", 2)):
-        opened = functools.partial(_single_environment, name, 1.0)
-        peers.append(Entry(f"Gymnasium {name}", 1, 1, substeps, "float64", opened, heading, extra="bench"))
-    return peers
-
-
-def batch_peers(lanes: int, threads: int) -> list[Entry]:
-    """Return the peers of a batch."""
-    peers = []
-    for heading, name in (("Pendulum", "Pendulum-v1"), ("Reacher", "ReacherEasy-v1")):
-        opened = functools.partial(_envpool, name, lanes, threads)
-        peers.append(Entry(f"EnvPool {name}", lanes, threads, 1, "float64", opened, heading, extra="bench"))
-    for heading, substeps in _MUJOCO_SUBSTEPS.items():
-        name = f"same arm in MuJoCo, 1{f'/{substeps}' if substeps > 1 else ''} ms"
-        opened, tip_error = functools.partial(_mujoco, lanes, threads, substeps), _MUJOCO_TIP_ERRORS[substeps]
-        peers.append(Entry(name, lanes, threads, substeps, "float64", opened, heading, tip_error, "bench"))
-    return peers
 
 
 @contextlib.contextmanager
@@ -287,9 +239,9 @@ def _envpool(name: str, lanes: int, threads: int) -> Iterator[Measure]:
         warnings.simplefilter("ignore")  # Gymnasium's, on the precision of EnvPool's spaces
         envs = envpool.make_gymnasium(name, num_envs=lanes, num_threads=threads, seed=0)
         envs.reset()
-        actions = _draw_actions(envs.action_space, 4, (lanes,))
+        measure = _timed_batch(envs, envs.action_space, lanes)
     with contextlib.closing(envs):
-        yield _timed_batch(envs.step, actions, lanes)
+        yield measure
 
 
 @contextlib.contextmanager
@@ -297,43 +249,17 @@ def _mujoco(lanes: int, threads: int, substeps: int) -> Iterator[Measure]:
     yield functools.partial(_mujoco_arm().steps_per_second, lanes, threads, 1e-3 / substeps, "Euler")
 
 
-def _mujoco_tip_error(substeps: int) -> float:
-    module = _mujoco_arm()
-    method, timestep = module.FASTEST if substeps == 1 else module.EQUAL_ACCURACY["Coulomb"]
-    return float(module.tip_error(module.MujocoArm(module.COULOMB, method, timestep).advance, module.COULOMB))
-
-
-_MUJOCO_TIP_ERRORS = {count: functools.partial(_mujoco_tip_error, count) for count in _MUJOCO_SUBSTEPS.values()}
-
-
 @functools.cache
 def _mujoco_arm() -> ModuleType:
-    """Import the benchmark that holds the model."""
-    if not _MUJOCO_ARM.exists():
-        raise NotMeasured("benchmarks/mujoco_arm.py is not there: run from a clone of the repository")
-    spec = importlib.util.spec_from_file_location(_MUJOCO_ARM.stem, _MUJOCO_ARM)
+    """Import the benchmark with the arm in MuJoCo, which a clone of the repository has and an installed package not."""
+    path = Path(fuzzyarm.__file__).parents[1] / "benchmarks" / "mujoco_arm.py"
+    if not path.exists():
+        raise RuntimeError("benchmarks/mujoco_arm.py is not there: run from a clone of the repository")
+    spec = importlib.util.spec_from_file_location(path.stem, path)
     assert spec is not None and spec.loader is not None
     module = importlib.util.module_from_spec(spec)
     spec.loader.exec_module(module)
     return module
-
-
-SWEPT = ("fuzzy-4-tip", "elastic-observer")
-"""Policies whose sweeps are measured."""
-
-
-def sweep_entries(policy: str) -> list[Entry]:
-    """Return the two entries of a policy: a chunk of a sweep as `fuzzyarm sweep` cuts it, on one thread.
-
-    The second, step by step, is the peer of the first, in one kernel.
-    """
-    config = SweepConfig(policies=(policy,), plants=SweepConfig.chunk)
-    lanes, entries = config.plants * len(config.cases), []
-    runs: dict[str, Callable[..., Any]] = {"in one kernel": errors_in_one_kernel, "step by step": errors_step_by_step}
-    for (how, run), peer in zip(runs.items(), ("", "step by step"), strict=True):
-        opened = functools.partial(_swept, config, run)
-        entries.append(Entry(f"sweep of {policy}, {how}", lanes, 1, SUBSTEPS, "float64", opened, peer))
-    return entries
 
 
 @contextlib.contextmanager
@@ -348,3 +274,41 @@ def _swept(config: SweepConfig, run: Callable[..., Any]) -> Iterator[Measure]:
             return int(errors.steps.sum())
 
         yield timed(advance)
+
+
+# Tip errors. Batches of all sizes share them: a lane of a batch is the single arm, bit for bit.
+
+
+@functools.cache
+def _exact_tips() -> np.ndarray:
+    return exact_tips(load_policy("computed-torque"), "nominal")
+
+
+@functools.cache
+def _own_tip_error() -> float:
+    stepped = stepped_tips(load_policy("computed-torque"), "nominal", MAX_DEFAULT_SUBSTEP)
+    return max_tip_difference(stepped, _exact_tips())
+
+
+@functools.cache
+def _torch_tip_error(device: str, dtype: str) -> float:
+    torch_env, torch = _torch_modules(device, dtype)
+    # Not compiled by torch, as that takes a minute for each number of lanes; tests compare both steps.
+    compiled = _is_kernel(device, dtype)
+    arm = torch_env.TorchFuzzyArm(2, device=device, dtype=getattr(torch, dtype), compiled=compiled)
+    policy, (observation, _), memory, stepped, ended = load_policy("computed-torque"), arm.reset(seed=0), None, [], False
+    while not ended:
+        seen, begins = observation[0].double().cpu().numpy(), np.array([memory is None])
+        torque, memory = policy.predict(seen, memory, begins, deterministic=True)
+        observation, _, terminated, truncated, info = arm.step(observation.new_tensor(np.tile(torque, (2, 1))))
+        stepped.append(info["tip"][0].double().cpu().numpy())
+        ended = bool(terminated[0]) or bool(truncated[0])
+    # After the last step the batch reports the beginning of the next episode.
+    return max_tip_difference(np.array(stepped[:-1]), _exact_tips()[:-1])
+
+
+@functools.cache
+def _mujoco_tip_error(substeps: int) -> float:
+    module = _mujoco_arm()
+    method, timestep = module.FASTEST if substeps == 1 else module.EQUAL_ACCURACY["Coulomb"]
+    return float(module.tip_error(module.MujocoArm(module.COULOMB, method, timestep).advance, module.COULOMB))

@@ -18,15 +18,14 @@ import numpy as np
 from fuzzyarm.common.checks import instance, real, shown, truth, whole
 from fuzzyarm.common.files import write_atomically
 from fuzzyarm.eval.bench import entries
-from fuzzyarm.eval.bench.entries import UNAVAILABLE, Entry, Measure, compiled_batch, own_batches
+from fuzzyarm.eval.bench.entries import Entry
 from fuzzyarm.eval.provenance import json_text, made_now, version_of
 
-__all__ = ["BenchConfig", "Row", "memory_per_lane", "race", "run_bench", "spread", "write_document"]
+__all__ = ["BenchConfig", "race", "run_bench", "write_document"]
 
 
 _SWEEP_LANES = tuple(4**power for power in range(10))  # sizes of the batches that throughput is drawn over
 _FEWEST_ROUNDS = 5  # quartiles of fewer rounds say little
-_MOST_PEER_LANES = 4096  # EnvPool takes a minute to open a thousand environments of one kind
 
 
 @dataclasses.dataclass(frozen=True)
@@ -42,7 +41,7 @@ class BenchConfig:
             needs --out.
 
     Raises:
-        TypeError: a value is no number of its kind.
+        TypeError: a value is not a number of its kind.
         ValueError: a value is out of range; the message names what is allowed.
     """
 
@@ -68,11 +67,8 @@ class BenchConfig:
 
     def groups(self) -> dict[str, list[Entry]]:
         """Return the entries of the table by heading; those under one heading take turns."""
-        groups = {"one environment": [entries.own_single(), *entries.gymnasium_peers()]}
-        for lanes in self.lanes:
-            peers = entries.batch_peers(lanes, self.threads) if lanes <= _MOST_PEER_LANES else []
-            groups[f"{lanes} lanes"] = own_batches(lanes, self.threads) + peers
-        return groups | {f"sweep of {policy}": entries.sweep_entries(policy) for policy in entries.SWEPT}
+        batches = {f"{lanes} lanes": entries.batch_entries(lanes, self.threads) for lanes in self.lanes}
+        return {"one environment": entries.single_entries()} | batches | entries.sweep_entries()
 
     def sweep_groups(self) -> dict[str, list[Entry]]:
         """Return this project's batches by number of lanes; empty unless `lanes_sweep`."""
@@ -81,15 +77,17 @@ class BenchConfig:
         # In torch the fastest only: each number of lanes is compiled again, which takes a minute.
         return {
             f"sweep, {lanes} lanes": [
-                one for one in own_batches(lanes, self.threads) if one.dtype == "float32" or "torch" not in one.name
+                one
+                for one in entries.batch_entries(lanes, self.threads)
+                if not one.peer and (one.dtype == "float32" or "torch" not in one.name)
             ]
             for lanes in _SWEEP_LANES
         }
 
     def turns(self) -> int:
-        """Return how often `run.run_bench` reports progress."""
+        """Return how often `run_bench` reports progress."""
         groups = itertools.chain(self.groups().values(), self.sweep_groups().values())
-        return sum(map(len, groups)) * (self.rounds + 1) + 2
+        return sum(len(group) * (self.rounds + 1) + 1 for group in groups) + 1
 
     def command(self) -> str:
         """Return the command line of this configuration."""
@@ -98,8 +96,8 @@ class BenchConfig:
         return f"{text} --threads {self.threads}{' --lanes-sweep' if self.lanes_sweep else ''}"
 
 
-SCHEMA = "fuzzyarm-bench/1"
-WARM_UP = 0.1  # s, after the first step, which may compile
+_SCHEMA = "fuzzyarm-bench/1"
+_WARM_UP = 0.1  # s, after the first step, which may compile
 _MEMORY_LANES = (1024, 5120)  # two sizes of the batch; the memory of a lane is the difference between them
 
 
@@ -120,16 +118,11 @@ def run_bench(config: BenchConfig, progress: Callable[[str], None] = lambda _: N
         [row for name, group in groups.items() for row in race(name, group, config.rounds, config.seconds, progress)]
         for groups in (instance("config", config, BenchConfig).groups(), config.sweep_groups())
     )
-    progress("accuracy")
-    measured = [row for row in (*rows, *sweep) if row.speeds]
-    known = {error: 1e6 * error() for error in dict.fromkeys(row.entry.tip_error for row in measured) if error}
-    for row in measured:
-        row.tip_error_um = known[row.entry.tip_error] if row.entry.tip_error else None
     progress("memory")
     made_with = made_now(config.command())
     made_with["versions"] |= {name: version_of(name) for name in ("envpool", "mujoco", "torch")}
     return {
-        "schema": SCHEMA,
+        "schema": _SCHEMA,
         **made_with,
         "method": {
             "rounds": config.rounds,
@@ -137,73 +130,62 @@ def run_bench(config: BenchConfig, progress: Callable[[str], None] = lambda _: N
             "threads": config.threads,
             "load_average": load_average,  # of the minute before the first turn
         },
-        "rows": [row.to_dict() for row in rows],
-        "sweep": [row.to_dict() for row in sweep],
-        "memory_per_lane": memory_per_lane(),
+        "rows": rows,
+        "sweep": sweep,
+        "memory_per_lane": {"bytes": _memory_per_lane(), "reason": None},
     }
 
 
-@dataclasses.dataclass
-class Row:
-    """What was measured of an entry."""
+def race(
+    name: str, group: Sequence[Entry], rounds: int, seconds: float, progress: Callable[[str], None] = lambda _: None
+) -> list[dict[str, Any]]:
+    """Measure the entries of a group in turns, each once in every round, and return a row of the document for each.
 
-    group: str  # heading under which it took turns with others
-    entry: Entry
-    speeds: list[float] = dataclasses.field(default_factory=list)  # steps per second in each round; empty: not measured
-    ratios: dict[str, list[float]] = dataclasses.field(default_factory=dict)  # by the peer's heading, in each round
-    tip_error_um: float | None = None  # largest distance of the tip from the event integrator's [µm]
-    reason: str | None = None  # why it was not measured
-
-    def to_dict(self) -> dict[str, Any]:
-        """Return what goes into the document."""
-        entry = self.entry
-        return {
-            "group": self.group,
-            **{key: getattr(entry, key) for key in ("name", "lanes", "threads", "substeps", "dtype")},
-            "steps_per_s": spread(self.speeds) if self.speeds else None,
-            "ratios": {peer: spread(values) for peer, values in self.ratios.items()},
-            "tip_error_um": self.tip_error_um,
-            "reason": self.reason,
-        }
-
-
-def race(name: str, group: Sequence[Entry], rounds: int, seconds: float, progress: Callable[[str], None]) -> list[Row]:
-    """Let the entries of a group take turns, all of them in every round, and return a row for each.
-
-    The ratio of an own entry to a peer is taken round by round: a disturbance of the machine that lasts longer than a
-    round slows both. A turn takes `seconds` [s]; `progress` is called before each with a few words on it.
+    The ratio of one of our entries to a peer is taken round by round: a disturbance of the machine that lasts longer
+    than a round slows both. A turn takes `seconds` [s]; `progress` is called before each with a few words on it. Tip
+    errors are computed after the last turn.
     """
-    rows = [Row(name, entry) for entry in group]
-    measures: dict[int, Measure] = {}
     with contextlib.ExitStack() as stack:
-        for index, row in enumerate(rows):
-            progress(f"{name}: warming up {row.entry.name}")
+        measures, reasons = {}, {}
+        for entry in group:
+            progress(f"{name}: warming up {entry.name}")
             try:
-                measure = stack.enter_context(row.entry.open())
-                measure(WARM_UP)
-            except UNAVAILABLE as error:
-                row.reason = _reason(error, row.entry.extra)
-            else:
-                measures[index] = measure
+                measures[entry] = stack.enter_context(entry.open())
+                measures[entry](_WARM_UP)
+            except entries.UNAVAILABLE as error:
+                measures.pop(entry, None)
+                reasons[entry] = _reason(error, "bench" if entry.peer else "rl")
+        speeds: dict[Entry, list[float]] = {entry: [] for entry in measures}
         for turn in range(rounds):
-            for index, row in enumerate(rows):
-                progress(f"{name}: round {turn + 1} of {rounds}, {row.entry.name}")
-                if index in measures:
-                    row.speeds.append(measures[index](seconds))
-    peers = [row for row in rows if row.entry.peer and row.speeds]
-    for row in (row for row in rows if row.speeds and not row.entry.peer):
-        for peer in peers:
-            row.ratios[peer.entry.peer] = [own / other for own, other in zip(row.speeds, peer.speeds, strict=True)]
-    return rows
+            for entry in group:
+                progress(f"{name}: round {turn + 1} of {rounds}, {entry.name}")
+                if entry in measures:
+                    speeds[entry].append(measures[entry](seconds))
+    progress(f"{name}: accuracy")
+    return [
+        {
+            "group": name,
+            **{key: getattr(entry, key) for key in ("name", "lanes", "threads", "substeps", "dtype")},
+            "steps_per_s": _spread(speeds[entry]) if entry in speeds else None,
+            "ratios": {
+                peer.peer: _spread([own / other for own, other in zip(speeds[entry], theirs, strict=True)])
+                for peer, theirs in speeds.items()
+                if peer.peer and not entry.peer and entry in speeds
+            },
+            "tip_error_um": 1e6 * entry.tip_error() if entry.tip_error and entry in speeds else None,
+            "reason": reasons.get(entry),
+        }
+        for entry in group
+    ]
 
 
-def spread(values: Sequence[float]) -> dict[str, float]:
+def _spread(values: Sequence[float]) -> dict[str, float]:
     """Return median and quartiles."""
     q1, median, q3 = statistics.quantiles(values, n=4, method="inclusive")
     return {"median": median, "q1": q1, "q3": q3}
 
 
-def memory_per_lane() -> dict[str, Any]:
+def _memory_per_lane() -> float:
     """Return the memory that one more lane of the vector environment takes, with the results of a step [bytes]."""
 
     def traced(lanes: int) -> int:
@@ -211,27 +193,20 @@ def memory_per_lane() -> dict[str, Any]:
         gc.collect()
         tracemalloc.start()
         try:
-            envs = compiled_batch(lanes, 1)
-            envs.reset(seed=0)
-            last = envs.step(actions)
-            size = tracemalloc.get_traced_memory()[0]
-            envs.close()
-            del last
-            return size
+            with contextlib.closing(entries.compiled_batch(lanes, 1)) as envs:
+                _kept = envs.step(actions)
+                return tracemalloc.get_traced_memory()[0]
         finally:
             tracemalloc.stop()
 
     few, many = _MEMORY_LANES
-    try:
-        traced(few)  # makes what is made once and kept, which does not count
-        return {"bytes": (traced(many) - traced(few)) / (many - few), "reason": None}
-    except UNAVAILABLE as error:
-        return {"bytes": None, "reason": _reason(error)}
+    traced(few)  # makes what is made once and kept, which does not count
+    return (traced(many) - traced(few)) / (many - few)
 
 
-def _reason(error: Exception, extra: str = "") -> str:
-    """Return in one line why something was not measured, and what to install if that would help."""
-    if isinstance(error, ModuleNotFoundError) and extra:
+def _reason(error: Exception, extra: str) -> str:
+    """Return in one line why something was not measured, and which optional dependencies of fuzzyarm would help."""
+    if isinstance(error, ModuleNotFoundError):
         return f'{error.name} is not installed: pip install -c constraints.txt -e ".[{extra}]" in the repository'
     return " ".join(str(error).split()).rstrip(".") or type(error).__name__
 

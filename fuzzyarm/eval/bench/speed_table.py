@@ -14,7 +14,7 @@ from fuzzyarm.common.console import Sheet, print_paragraphs
 from fuzzyarm.eval.evaluation.figures import DASHES
 from fuzzyarm.eval.figure_files import MARKERS
 
-__all__ = ["draw_throughput", "print_speeds", "speed_cells"]
+__all__ = ["draw_throughput", "print_speeds"]
 
 
 _QUIET = 0.5  # load average
@@ -24,7 +24,7 @@ _BUSY = (
 )
 
 
-def speed_cells(rows: Sequence[dict[str, Any]]) -> tuple[list[str], list[list[str]]]:
+def _speed_cells(rows: Sequence[dict[str, Any]]) -> tuple[list[str], list[list[str]]]:
     """Return the headings and, for each row, the texts below them."""
     peers = list(dict.fromkeys(peer for row in rows for peer in row["ratios"]))
     headings = ["group", "entry", "lanes", "threads", "dtype", "sub-steps", "steps/s [thousand]"]
@@ -46,10 +46,6 @@ def speed_cells(rows: Sequence[dict[str, Any]]) -> tuple[list[str], list[list[st
 def _speed_notes(document: dict[str, Any]) -> list[str]:
     """Return the notes below the table, a paragraph each."""
     method, machine, versions = document["method"], document["machine"], document["versions"]
-    found = document["memory_per_lane"]
-    memory = f"not measured, {found['reason']}"
-    if found["bytes"] is not None:
-        memory = f"{found['bytes']:.0f} bytes for each further lane of the vector environment"
     notes = [
         f"Median (quartiles) of {method['rounds']} rounds of {method['seconds']:g} s in which the entries take "
         "turns; a ratio is FuzzyArm's speed over the peer's in the same round. A step is a control step of 1 ms with "
@@ -58,7 +54,7 @@ def _speed_notes(document: dict[str, Any]) -> list[str]:
         "The same arm in MuJoCo has no observation, reward, reset or static friction peak, which favours it. Tip "
         "error: largest distance to the event integrator in the nominal case, with computed torque in the loop.",
         *([_BUSY.format(method["load_average"])] if (method["load_average"] or 0.0) > _QUIET else []),
-        f"Memory: {memory}.",
+        f"Memory: {document['memory_per_lane']['bytes']:.0f} bytes for each further lane of the vector environment.",
     ]
     missing: dict[str, list[str]] = {}
     for row in [*document["rows"], *document["sweep"]]:
@@ -72,7 +68,7 @@ def _speed_notes(document: dict[str, Any]) -> list[str]:
 
 def print_speeds(document: dict[str, Any], console: Console) -> None:
     """Print the table and its notes; of the sweep over lanes only what was measured."""
-    headings, cells = speed_cells([*document["rows"], *(row for row in document["sweep"] if row["steps_per_s"])])
+    headings, cells = _speed_cells([*document["rows"], *(row for row in document["sweep"] if row["steps_per_s"])])
     if console.is_terminal:
         headings, cells = _narrow(headings), [_narrow(row) for row in cells]
     Sheet(headings[1:], [row[1:] for row in cells], groups=[row[0] for row in cells]).print(console)
@@ -80,13 +76,13 @@ def print_speeds(document: dict[str, Any], console: Console) -> None:
 
 
 def _narrow(cells: Sequence[str]) -> list[str]:
-    """Return two lines for a terminal: the configuration goes below the name, quartiles below their median."""
+    """Return cells of two lines for a terminal: the configuration below the name, quartiles below their median."""
     group, name, _, threads, dtype, substeps, *numbers = cells
     return [group, f"{name}\n{dtype}, {threads}, {substeps}", *(text.replace(" (", "\n(") for text in numbers)]
 
 
 def _spread(values: dict[str, float], scale: float = 1.0) -> str:
-    """Return median and quartiles; the median with three digits, or all those before the point."""
+    """Return median and quartiles as text, with three digits of the median or all digits before its decimal point."""
     scaled = [scale * values[key] for key in ("median", "q1", "q3")]
     decimals = max(0, 2 - math.floor(math.log10(scaled[0])))
     median, q1, q3 = (f"{value:.{decimals}f}" for value in scaled)

@@ -24,10 +24,7 @@ from fuzzyarm.envs.scenario.cases import CASES
 from fuzzyarm.eval.episodes.rollout import Rollout
 from fuzzyarm.eval.figure_files import figure_style, write_all
 
-__all__ = [
-    "DASHES", "FOCUS", "LOWEST", "MAGNIFICATIONS", "OVERVIEW", "REFERENCE", "ROOM", "draw_figures", "policy_styles",
-    "time_figures", "view_of", "write_figures",
-]  # fmt: skip
+__all__ = ["DASHES", "draw_figures", "policy_styles", "time_figures", "write_figures"]
 
 
 _PLANE, _SPACE = 2, 3
@@ -46,8 +43,8 @@ class _View:
         return np.asarray(points @ self.rows.T)
 
 
-def view_of(reference: np.ndarray) -> _View:
-    """Return the view of a path (n, 2 or 3) [m]; in space of the plane closest to it, with z as far up as possible."""
+def _view_of(reference: np.ndarray) -> _View:
+    """Return the view of a path (n, 2 or 3) [m]; a path in space is seen face-on, with z as far up as possible."""
     if reference.shape[-1] == _PLANE:
         return _View(np.eye(_PLANE), ("x, down [m]", "y, to the side [m]"), upwards=False)
     _, _, directions = np.linalg.svd(reference - reference.mean(axis=0), full_matrices=True)
@@ -74,7 +71,7 @@ class _Panel:
 
     Panels of a figure with the same `scale` share their limits. On a logarithmic axis each case has limits of its own,
     and values below its lowest decade are drawn at its edge. The scale of an error leaves out policies far worse than
-    the best, see `FOCUS`, which would flatten the other curves; they are named in the panel.
+    the best, see `_FOCUS`, which would flatten the other curves; they are named in the panel.
     """
 
     quantity: str
@@ -111,27 +108,25 @@ def _of_joint(k: int) -> tuple[_Panel, _Panel, _Panel, _Panel]:
 
 
 # The panels of the overview, one column for each case.
-OVERVIEW = (_Panel("tip error", "mm", lambda r: 1e3 * r.tip_error, scale="tip", log=True), _CIRCULARITY)
+_OVERVIEW = (_Panel("tip error", "mm", lambda r: 1e3 * r.tip_error, scale="tip", log=True), _CIRCULARITY)
 
 
-MAGNIFICATIONS = (20, 10, 5, 2, 1)
-"""In the plane, deviations are drawn magnified by the first of these factors with which the best policy's deviation
-stays within `ROOM`."""
-ROOM = 0.5
-"""Space for magnified deviations, as a share of the curve's size; deviations beyond it are cut off."""
-FOCUS, _SMALL = 5.0, 2.0
-"""An error panel is scaled to the policies whose peak is at most `FOCUS` times that of the best policy. A best peak
-below 2 mm counts as 2 mm: otherwise a nearly perfect policy would push all others off the scale."""
-LOWEST, _DIPS = 1e-5, 0.05
-"""A logarithmic axis begins with the decade above which every policy is that reaches the end, but for a share 0.05 of
-the time, when its error passes through zero. It begins at `LOWEST` at least, which in mm is ten nanometres."""
+# In the plane, deviations are drawn magnified by the first of these factors with which those of the best policy stay
+# within `_ROOM`, a share of the curve's size; deviations beyond it are cut off.
+_MAGNIFICATIONS, _ROOM = (20, 10, 5, 2, 1), 0.5
+# An error panel is scaled to the policies whose peak is at most `_FOCUS` times that of the best policy. A best peak
+# below 2 mm counts as 2 mm: otherwise a nearly perfect policy would push all others off the scale.
+_FOCUS, _SMALL = 5.0, 2.0
+# A logarithmic axis begins with the decade that all policies which reach the end exceed, except for a share 0.05 of
+# the time, when the error passes through zero. It begins at `_LOWEST` at least, which in mm is ten nanometres.
+_LOWEST, _DIPS = 1e-5, 0.05
 _TALLER = 1.6  # height of a row with a logarithmic axis, where decades need room, beside that of the others
 # Strokes and gaps, in line widths; the first is solid. There are nine beside the style's eight colours: up to eight
 # policies differ in both, and up to 72 differ in one of them.
 _STROKES = ((), (4, 1.5), (1, 1.2), (6, 1.5, 1, 1.5), (9, 2), (2, 2), (3, 1, 1, 1, 1, 1), (9, 1.5, 3, 1.5), (1, 3))
 DASHES: tuple[Any, ...] = tuple((0, strokes) if strokes else "-" for strokes in _STROKES)
 """Line styles of Matplotlib, in the order in which policies get them."""
-REFERENCE: Mapping[str, Any] = {"label": "reference", "color": "black", "linewidth": 0.9, "zorder": 3.0}
+_REFERENCE: Mapping[str, Any] = {"label": "reference", "color": "black", "linewidth": 0.9, "zorder": 3.0}
 # Over time the reference is a wide band below the curves: a line would hide the curves or be hidden by them.
 _BAND: Mapping[str, Any] = {"label": "reference", "color": "#CCCCCC", "linewidth": 4.0, "zorder": 1.9}
 
@@ -168,8 +163,6 @@ def draw_figures(rollouts: Sequence[Rollout], titles: Mapping[str, str] | None =
 
     `titles` as for `write_figures`.
     """
-    if not rollouts:
-        raise ValueError("no rollouts to draw: run at least one episode first")
     first: dict[str, dict[str, Rollout]] = {}
     for rollout in rollouts:
         first.setdefault(rollout.case, {}).setdefault(rollout.policy, rollout)
@@ -186,12 +179,12 @@ def draw_figures(rollouts: Sequence[Rollout], titles: Mapping[str, str] | None =
                 figures[f"{case}-force"] = _force_figure(title, _longest(episodes))
             for name, panels in time_figures(episodes[0].torque.shape[-1]).items():
                 figures[f"{case}-{name}"] = _time_figure({title: episodes}, panels, styles)
-        figures["overview"] = _time_figure(columns, OVERVIEW, styles)
+        figures["overview"] = _time_figure(columns, _OVERVIEW, styles)
     return figures
 
 
 def policy_styles(labels: Sequence[str]) -> _Styles:
-    """Return colour and dashes by policy, the same in every figure; within `figure_style`."""
+    """Return colour and dashes by policy, the same in every figure; call it within `figure_style`."""
     colors = itertools.cycle(matplotlib.rcParams["axes.prop_cycle"].by_key()["color"])
     looks = zip(dict.fromkeys(labels), colors, itertools.cycle(DASHES), strict=False)
     return {policy: {"color": color, "linestyle": dashes} for policy, color, dashes in looks}
@@ -230,12 +223,12 @@ def _limits(columns: _Columns, panels: Sequence[_Panel]) -> _Limits:
     for panel, episodes in itertools.product(panels, columns.values()):
         best = max(_SMALL, min(float(np.abs(panel.signal(episode)).max()) for episode in _finished(episodes)))
         for curve in (panel.signal(episode) for episode in episodes):
-            if not panel.is_error or np.abs(curve).max() <= FOCUS * best:
+            if not panel.is_error or np.abs(curve).max() <= _FOCUS * best:
                 low, high = min(low, float(curve.min())), max(high, float(curve.max()))
     if panels[0].log:
         finished = [e for episodes in columns.values() for e in _finished(episodes)]
         lowest = min(float(np.quantile(panels[0].signal(e), _DIPS)) for e in finished)
-        first = float(10.0 ** np.floor(np.log10(max(lowest, LOWEST))))
+        first = float(10.0 ** np.floor(np.log10(max(lowest, _LOWEST))))
         return first, max(10.0 * first, 1.5 * high)
     margin = 0.06 * (high - low) or 1.0
     return (low - margin if low < 0.0 else 0.0), (high + margin if high > 0.0 or low == 0.0 else 0.0)
@@ -262,14 +255,14 @@ def _draw_panel(axes: Axes, panel: _Panel, episodes: Sequence[Rollout], styles: 
 
 
 def _path_figure(title: str, episodes: Sequence[Rollout], styles: _Styles) -> Figure:
-    """Return the path of the tip, see `views`: r and, for each policy, r + factor (p - r)."""
+    """Return the path of the tip, see `_view_of`: r and, for each policy, r + factor (p - r)."""
     figure = Figure(figsize=(6.0, 6.0))
     axes = figure.subplots()
-    view = view_of(_longest(episodes).tip_reference)
+    view = _view_of(_longest(episodes).tip_reference)
     reference = view.of(_longest(episodes).tip_reference)
-    room = ROOM * float(np.ptp(reference, axis=0).max()) or 1.0
+    room = _ROOM * float(np.ptp(reference, axis=0).max()) or 1.0
     best = min(float(episode.tip_error.max()) for episode in _finished(episodes))
-    factor = next((factor for factor in MAGNIFICATIONS if factor * best <= room), 1)
+    factor = next((factor for factor in _MAGNIFICATIONS if factor * best <= room), 1)
     drawn = [view.of(e.tip_reference + factor * (e.tip - e.tip_reference)) for e in episodes]
     points = np.concatenate([reference, *drawn])
     low = np.maximum(points.min(axis=0), reference.min(axis=0) - room) - 0.1 * room
@@ -279,7 +272,7 @@ def _path_figure(title: str, episodes: Sequence[Rollout], styles: _Styles) -> Fi
         seen = path[np.all((low <= path) & (path <= high), axis=1)]
         if not episode.completed and len(seen):
             _cross(axes, seen[-1, 1], seen[-1, 0], styles[episode.policy])
-    axes.plot(reference[:, 1], reference[:, 0], **REFERENCE)
+    axes.plot(reference[:, 1], reference[:, 0], **_REFERENCE)
     axes.plot(*reference[0, ::-1], "o", color="black", markersize=5, zorder=4.0)
     third, last = len(reference) // 3, len(reference) - 1
     ahead = min(third + 10, last)
@@ -291,12 +284,12 @@ def _path_figure(title: str, episodes: Sequence[Rollout], styles: _Styles) -> Fi
         axes.yaxis.set_major_formatter(lambda value, _: f"{-value:.4g}")
     vertical, side = view.labels
     axes.set(xlabel=side, ylabel=vertical, title=f"{title}, tip deviation × {factor}")
-    _legend(figure, episodes, styles, [Line2D([], [], **REFERENCE)])
+    _legend(figure, episodes, styles, [Line2D([], [], **_REFERENCE)])
     return figure
 
 
 def _force_figure(title: str, episode: Rollout) -> Figure:
-    """Return the components of the external force; it is the case's, the same for every policy."""
+    """Return the figure of the external force, by component; the force depends on the case and not on the policy."""
     figure = Figure(figsize=(6.6, 2.9))
     axes = figure.subplots()
     force, colors = episode.external_force.T, ("black", "#666666", "#AAAAAA")

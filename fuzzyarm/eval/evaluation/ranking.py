@@ -1,10 +1,10 @@
 """Policies of several evaluations ranked in one table, the best first.
 
-The score of a policy in one seed is the largest tip error of all cases [mm]: what a user has to allow for who does not
-know which load comes next. A mean over the cases would let micrometres without load make up for millimetres under it.
+The score of a policy in one seed is the largest tip error of all cases [mm]: a user who does not know which load comes
+next has to allow for it. A mean over the cases would let micrometres without load make up for millimetres under load.
 Over several seeds it is their interquartile mean with a bootstrap interval of 95 % (`statistics`). Smaller is better. A
-policy that lost the path in any episode, see `metrics.is_lost`, has no score and ranks after all that have one, by the
-number of such episodes.
+policy that lost the path in any episode, see `metrics.is_lost`, has no score. Such policies rank last, ordered by the
+number of episodes in which they lost it.
 
 Only comparable files are ranked together: the same version of fuzzyarm and the same conditions, see `results_file`.
 `eval.sweep.ranking` ranks over plants.
@@ -26,10 +26,9 @@ from fuzzyarm.common.console import Sheet, print_paragraphs
 from fuzzyarm.envs.scenario.cases import CASES
 from fuzzyarm.eval.declarations import ROW, declared_cells, print_declared
 from fuzzyarm.eval.episodes.metrics import LOST, RESOLUTION, is_lost, millimetres, ranked
-from fuzzyarm.eval.evaluation.results_file import conditions_in_words, conditions_of, read_results
-from fuzzyarm.eval.evaluation.run import EvaluationConfig
+from fuzzyarm.eval.evaluation.results_file import conditions_of, read_results
+from fuzzyarm.eval.evaluation.run import Evaluation
 from fuzzyarm.eval.evaluation.statistics import Estimate, estimate, interquartile_mean
-from fuzzyarm.policies import resolve
 from fuzzyarm.policies.declared import Declared
 
 __all__ = [
@@ -40,7 +39,7 @@ __all__ = [
 
 @dataclasses.dataclass(frozen=True)
 class Standing:
-    """One policy of one file."""
+    """The result of one policy in one file."""
 
     policy: str  # its label
     source: str  # the file it is from
@@ -49,9 +48,9 @@ class Standing:
     lost: int  # number of episodes in which the path was lost
     episodes: int  # number of episodes
     certified: bool  # whether it has a certificate
-    tip: str = ""  # what is proven of its tip, in words; empty where no bound was given
-    declared: Declared | None = None  # what it declares; None if it does not
-    others: dict[str, dict[str, float | None]] = dataclasses.field(default_factory=dict)  # of `metrics.ranked`, as rms
+    tip: str  # what is proven of its tip, in words; empty where no bound was given
+    declared: Declared | None  # what it declares; None if it declares nothing
+    others: dict[str, dict[str, float | None]]  # the metrics of `metrics.ranked` by their words, as rms
 
     @property
     def order(self) -> tuple[int, float]:
@@ -76,7 +75,7 @@ class Standing:
 
     @staticmethod
     def notes(standings: Sequence[Any]) -> str:
-        """Return what has to be known to read the table of these standings."""
+        """Return the notes below a table of these standings."""
         interval = any(standing.score and standing.score.low is not None for standing in standings)
         return (
             "Score: largest tip error of all cases"
@@ -88,10 +87,10 @@ class Standing:
 
 @dataclasses.dataclass(frozen=True)
 class Leaderboard:
-    """Standings of one kind (`Standing`, or `PlantStanding` of sweeps), best first, and their conditions in words."""
+    """A ranking: standings of one kind (`Standing`, or `PlantStanding` of sweeps), best first, and their conditions."""
 
     standings: list[Any]
-    conditions: str
+    conditions: str  # in words
 
     @property
     def ranks(self) -> list[int]:
@@ -110,12 +109,14 @@ class Leaderboard:
 
     @property
     def notes(self) -> str:
-        """What has to be known to read the table."""
+        """The notes below the table."""
         return f"{self.standings[0].notes(self.standings)} All: {self.conditions}."
 
 
 def rank_policies(paths: Sequence[str | Path], tips: Mapping[str, str] | None = None) -> Leaderboard:
-    """Rank the policies of results files, or of the folders that hold them; `tips` says what is proven of whose tip.
+    """Rank the policies of results files, or of the folders that hold them.
+
+    `tips` holds what is proven of the tip, in words by policy.
 
     Raises:
         ValueError: a file is missing, damaged or given twice, or two files are not comparable; the message names the
@@ -123,22 +124,22 @@ def rank_policies(paths: Sequence[str | Path], tips: Mapping[str, str] | None = 
         OSError: a file cannot be read.
     """
     read = [read_results(path_of("paths", path)) for path in sequence_of("paths", paths)]
+    versions = [results.made_with["versions"]["fuzzyarm"] for results in read]
     conditions = [
-        {"version of fuzzyarm": results.made_with["versions"]["fuzzyarm"], **conditions_of(results.config)}
-        for results in read
+        {"version of fuzzyarm": version, **conditions_of(results.config)[0]}
+        for version, results in zip(versions, read, strict=True)
     ]
     check_comparable([results.path for results in read], conditions, "evaluate")
-    standings = [
-        dataclasses.replace(one, tip=(tips or {}).get(one.policy, ""), declared=results.declared[one.policy])
-        for results in read
-        for one in standings_of(results.config, results.rows, results.certificates, str(results.path))
-    ]
-    words = f"fuzzyarm {conditions[0]['version of fuzzyarm']}, {conditions_in_words(read[0].config)}"
+    standings = [one for results in read for one in standings_of(results, str(results.path), tips)]
+    words = f"fuzzyarm {versions[0]}, {conditions_of(read[0].config)[1]}"
     return Leaderboard(sorted(standings, key=lambda standing: standing.order), words)
 
 
 def check_comparable(files: Sequence[Path], conditions: Sequence[Mapping[str, Any]], verb: str) -> None:
-    """Raise ValueError where a file is given twice, or differs from the first in a condition; `verb` is the way out."""
+    """Raise ValueError where a file is given twice, or differs from the first in a condition.
+
+    The message asks the user to run the command `verb` again.
+    """
     for number, (file, theirs) in enumerate(zip(files, conditions, strict=True)):
         if any(file.samefile(earlier) for earlier in files[:number]):
             raise ValueError(f"{file} is given twice; leave one out")
@@ -150,31 +151,38 @@ def check_comparable(files: Sequence[Path], conditions: Sequence[Mapping[str, An
                 )
 
 
-def standings_of(
-    config: EvaluationConfig, rows: Sequence[dict[str, Any]], certificates: Mapping[str, str | None], source: str = ""
-) -> list[Standing]:
-    """Return the standing of each policy of an evaluation, in the order of its configuration."""
-    standings = []
-    for policy in (resolve(name).label for name in config.policies):
-        own = [row for row in rows if row["policy"] == policy]
-        lost = [row for row in own if is_lost(row)]
+def standings_of(evaluation: Evaluation, source: str = "", tips: Mapping[str, str] | None = None) -> list[Standing]:
+    """Return the standing of each policy of an evaluation, in the order of its configuration.
+
+    `source` names the file in the table; `tips` as for `rank_policies`.
+    """
+    standings, config = [], evaluation.config
+    for policy, certificate in evaluation.certificates.items():
+        own = [row for row in evaluation.rows if row["policy"] == policy]
+        by_case = {case: [row for row in own if row["case"] == case] for case in CASES if case in config.cases}
+        lost = sum(map(is_lost, own))
+        rms, *others = (
+            {
+                case: None
+                if any(map(is_lost, runs))
+                else float(interquartile_mean(np.array([run[key] for run in runs])))
+                for case, runs in by_case.items()
+            }
+            for key in ("tip_error_rms_mm", *(metric.name for metric in ranked().values()))
+        )
         scores = [max(row["tip_error_max_mm"] for row in own if row["seed"] == seed) for seed in range(config.seeds)]
-        failed = {row["case"] for row in lost}
-
-        def means(name: str, own: list[dict[str, Any]] = own, failed: set[str] = failed) -> dict[str, float | None]:
-            by_case = {c: np.array([row[name] for row in own if row["case"] == c]) for c in CASES if c in config.cases}
-            return {c: None if c in failed else float(interquartile_mean(values)) for c, values in by_case.items()}
-
         standings.append(
             Standing(
                 policy=policy,
                 source=source,
                 score=None if lost else estimate(scores),
-                rms=means("tip_error_rms_mm"),
-                others={words: means(metric.name) for words, metric in ranked().items()},
-                lost=len(lost),
+                rms=rms,
+                others=dict(zip(ranked(), others, strict=True)),
+                lost=lost,
                 episodes=len(own),
-                certified=certificates[policy] is not None,
+                certified=certificate is not None,
+                tip=(tips or {}).get(policy, ""),
+                declared=evaluation.declared[policy],
             )
         )
     return standings
@@ -211,20 +219,22 @@ def print_leaderboard(board: Leaderboard, console: Console, *, declared: bool = 
 
 def markdown(board: Leaderboard, *, declared: bool = False) -> str:
     """Return the table and its notes as Markdown, and with `declared` a table of what the policies declare."""
-    text = f"{board.sheet.markdown()}\n\n{board.notes}"
-    return f"{text}\n\n{Sheet(ROW, _declared_rows(board), range(len(ROW))).markdown()}" if declared else text
+    tables = [Sheet(ROW, _declared_rows(board), range(len(ROW))).markdown()] if declared else []
+    return "\n\n".join([board.sheet.markdown(), board.notes, *tables])
 
 
 def document(board: Leaderboard) -> dict[str, Any]:
     """Return the ranking ready for JSON: conditions, notes, and each standing with its rank and its declaration."""
-    standings = [{"rank": rank, **_plain(one)} for rank, one in zip(board.ranks, board.standings, strict=True)]
-    for one in standings:
-        one |= one.pop("others")
+    standings = []
+    for rank, one in zip(board.ranks, board.standings, strict=True):
+        fields = _plain(dataclasses.asdict(one))
+        others = fields.pop("others")
+        standings.append({"rank": rank, **fields, **others})
     return {"conditions": board.conditions, "notes": board.notes, "standings": standings}
 
 
 def _declared_rows(board: Leaderboard) -> list[tuple[str, ...]]:
-    """Return the cells below `ROW` of each policy once; with its file where policies of one name declare otherwise."""
+    """Return the cells below `ROW` of each policy once; with its file where one name has several declarations."""
     sources = {(one.policy, declared_cells(one.declared)): one.source for one in reversed(board.standings)}
     names = [policy for policy, _ in sources]
     return [
@@ -234,10 +244,8 @@ def _declared_rows(board: Leaderboard) -> list[tuple[str, ...]]:
 
 
 def _plain(value: Any) -> Any:
-    """Return records as mappings, and numbers that JSON does not have as None."""
-    if dataclasses.is_dataclass(value) and not isinstance(value, type):
-        return {field.name: _plain(getattr(value, field.name)) for field in dataclasses.fields(value)}
-    if isinstance(value, tuple) and hasattr(value, "_asdict"):
+    """Return named tuples as mappings, and numbers that JSON does not have as None."""
+    if isinstance(value, Estimate | Declared):
         return _plain(value._asdict())
     if isinstance(value, dict):
         return {name: _plain(one) for name, one in value.items()}

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import dataclasses
-import math
 from collections.abc import Callable, Mapping, Sequence
 from typing import Any, NamedTuple
 
@@ -14,7 +13,7 @@ from fuzzyarm.common.checks import listed
 from fuzzyarm.common.console import Sheet
 from fuzzyarm.eval.declarations import unrelated
 from fuzzyarm.eval.episodes.metrics import METRICS
-from fuzzyarm.eval.evaluation.results_file import Results
+from fuzzyarm.eval.evaluation.results_file import Results, same
 from fuzzyarm.eval.evaluation.run import Evaluation, evaluate
 from fuzzyarm.policies import found_again, resolve_all
 
@@ -22,7 +21,6 @@ __all__ = ["Comparison", "print_comparison", "recheck_results"]
 
 _SHOWN = 20  # differences in the table
 _WIDEST = 40  # characters of a text in the table
-_IDENTITY = ("case", "policy", "seed")
 
 
 class _Difference(NamedTuple):
@@ -41,16 +39,16 @@ class Comparison:
     numbers: int  # how many were compared
     rows: int  # of how many episodes
     differences: list[_Difference]
-    notes: list[str]  # what the file was made with that is different now, in words; that alone is no difference
+    notes: list[str]  # in words: commit, processor and versions that differ now; they do not count as differences
 
 
 def recheck_results(
-    results: Results, code: Sequence[str] = (), progress: Callable[[], None] | None = None
+    results: Results, code: Sequence[str] = (), progress: Callable[[], None] = lambda: None
 ) -> Comparison:
     """Run an evaluation again and compare; `progress` is called after each episode.
 
     A results file alone runs no code: `code` names the policies ``package.module:factory`` that the user permits, and
-    the paths of policies whose files are no longer where they were.
+    the paths of policy files that have moved.
 
     Raises:
         ValueError: the results name code that is not in `code` or the other way round, an unknown policy, or one whose
@@ -72,7 +70,7 @@ def recheck_results(
         differences=[
             _Difference(*key, old.get(key), new.get(key))
             for key in dict.fromkeys([*old, *new])
-            if not _same(old.get(key), new.get(key))
+            if not same(old.get(key), new.get(key), relative=1e-6, absolute=1e-9)
         ],
         notes=_notes(results.made_with, fresh.made_with),
     )
@@ -92,9 +90,9 @@ def _check_files(results: Results, names: Sequence[str]) -> None:
 
 
 def _flat(evaluation: Evaluation) -> dict[tuple[str, str], Any]:
-    """Return everything that is compared by (place, name)."""
+    """Return all compared values by (place, name)."""
     flat: dict[tuple[str, str], Any] = {}
-    not_compared = (*_IDENTITY, *(name for name, metric in METRICS.items() if not metric.reproducible))
+    not_compared = {"case", "policy", "seed", *(name for name, metric in METRICS.items() if not metric.reproducible)}
     for row in evaluation.rows:
         place = f"{row['policy']}, {row['case']}, seed {row['seed']}"
         flat |= {(place, name): value for name, value in row.items() if name not in not_compared}
@@ -103,14 +101,8 @@ def _flat(evaluation: Evaluation) -> dict[tuple[str, str], Any]:
     return flat
 
 
-def _same(then: Any, now: Any) -> bool:
-    if isinstance(then, int | float) and isinstance(now, int | float):
-        return math.isclose(then, now, rel_tol=1e-6, abs_tol=1e-9)
-    return bool(then == now)
-
-
 def _notes(then: Mapping[str, Any], now: Mapping[str, Any]) -> list[str]:
-    """Return in words what the file was made with that is different now."""
+    """Return in words which commit, processor or version differs from when the file was made."""
     made = {
         "commit": (then["commit"], now["commit"]),
         "processor": (then["machine"]["cpu"], now["machine"]["cpu"]),
@@ -121,19 +113,18 @@ def _notes(then: Mapping[str, Any], now: Mapping[str, Any]) -> list[str]:
 
 def print_comparison(found: Comparison, console: Console) -> None:
     """Print the result of the comparison, then the notes."""
+    lines = [f"{found.numbers} numbers of {found.rows} rows agree"]
     if found.differences:
         headings = ["policy, case, seed", "number", "recorded", "now", "relative"]
-        shown = found.differences[:_SHOWN]
-        cells = [(*one[:2], _cell(one.recorded), _cell(one.measured), _relative(one)) for one in shown]
+        cells = [
+            (*one[:2], _cell(one.recorded), _cell(one.measured), _relative(one)) for one in found.differences[:_SHOWN]
+        ]
         Sheet(headings, cells, left=(0, 1)).print(console)
         left = len(found.differences) - _SHOWN
-        if left > 0:
-            console.print(f"and {left} more", highlight=False)
-        console.print(f"{len(found.differences)} values of {found.rows} rows differ", highlight=False)
-    else:
-        console.print(f"{found.numbers} numbers of {found.rows} rows agree", highlight=False)
-    for note in found.notes:
-        console.print(Text(f"note: {note}"))
+        lines = [f"and {left} more"] if left > 0 else []
+        lines.append(f"{len(found.differences)} values of {found.rows} rows differ")
+    for line in [*lines, *(f"note: {note}" for note in found.notes)]:
+        console.print(Text(line))
 
 
 def _cell(value: Any) -> str:

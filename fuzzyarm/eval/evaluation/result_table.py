@@ -13,7 +13,6 @@ from rich.console import Console
 
 from fuzzyarm.common.console import Sheet, print_paragraphs
 from fuzzyarm.envs.physics.equations import AnyArm, bounds_of
-from fuzzyarm.envs.scenario.cases import CASES
 from fuzzyarm.eval.declarations import ROW, declared_cells
 from fuzzyarm.eval.episodes.metrics import RESOLUTION, Metric, columns, is_lost, millimetres
 from fuzzyarm.eval.episodes.rollout import Rollout
@@ -21,17 +20,18 @@ from fuzzyarm.eval.stability.linearisation import spectral_radius
 from fuzzyarm.policies.declared import Declared
 
 __all__ = [
-    "DECLARED", "by_case_and_policy", "declared_rows", "print_passes", "print_results", "saturation", "table_rows",
+    "by_case_and_policy", "declared_rows", "print_passes", "print_results", "saturation", "table_rows",
     "verdict",
 ]  # fmt: skip
 
-_LONG = 0.01  # share of an evaluation's steps with a motor at its limit, from which on it is said
+_LONG = 0.01  # share of an evaluation's steps with a motor at its limit, above which a remark says so
 
 
 def saturation(rollouts: Sequence[Rollout], policies: Mapping[str, Any], arm: AnyArm, period: float) -> tuple[str, ...]:
-    """Return a line for each policy that is at a torque limit for long, with the stability of its loop.
+    """Return a remark on each policy that is at a torque limit for long, with the stability of its loop.
 
-    The loop is that of `linearisation`: at rest, around postures of the arm's default path, in a control period [s].
+    The loop is linearised as in `linearisation`: at rest, in postures of the arm's default path, with a control period
+    [s].
     """
     limit, lines = bounds_of(arm).torque, []
     for name, policy in policies.items():
@@ -56,7 +56,7 @@ def _stability(policy: Any, arm: AnyArm, period: float) -> str:
     return f"its loop is stable ({measured}), the motion asks for more torque than there is"
 
 
-_FEW = 3  # policies that a line names; of more it says how many
+_FEW = 3  # policies that a line names; of the others it gives the number
 _Row = Mapping[str, Any]  # of metrics
 
 
@@ -69,28 +69,26 @@ def by_case_and_policy(rows: Sequence[_Row]) -> dict[str, dict[str, list[_Row]]]
 
 
 def verdict(
-    rows: Sequence[_Row],
-    certificates: Mapping[str, str | None],
-    folder: Path,
-    files: int,
-    titles: Mapping[str, str] | None = None,
+    rows: Sequence[_Row], certificates: Mapping[str, str | None], folder: Path, files: int, titles: Mapping[str, str]
 ) -> list[str]:
     """Return a line for each case, one about certificates and one about the next command.
 
     A case is won by the smallest rms tip error, over several seeds the smallest median, among the policies that never
-    lost the path, see `metrics.is_lost`. The evaluation was written to so many files in the folder.
+    lost the path, see `metrics.is_lost`. `files` is how many files were written to the folder.
     """
-    lines = [_won(group, _title(case, titles)) for case, group in by_case_and_policy(rows).items()]
+    lines = [_won(group, titles[case]) for case, group in by_case_and_policy(rows).items()]
+    proven = [policy for policy, text in certificates.items() if text is not None]
+    others = f"; nothing of {len(certificates) - len(proven)} others" if 0 < len(proven) < len(certificates) else ""
     there = shlex.quote(str(folder))
-    return [*lines, _proven(certificates), f"{files} files in {there}; next: fuzzyarm report {there}"]
-
-
-def _title(case: str, titles: Mapping[str, str] | None) -> str:
-    return CASES[case].title if titles is None else titles.get(case, case)
+    return [
+        *lines,
+        f"Proven of the rigid arm: {_named(proven) or 'nothing'}{others}",
+        f"{files} files in {there}; next: fuzzyarm report {there}",
+    ]
 
 
 def _won(group: Mapping[str, Sequence[_Row]], title: str) -> str:
-    """Return who won a case, given its rows by policy and its title."""
+    """Return the line that says which policies won a case, given its rows by policy and its title."""
     lost = sorted(policy for policy, runs in group.items() if any(map(is_lost, runs)))
     held = {policy: runs for policy, runs in group.items() if policy not in lost}
     if not held:
@@ -103,38 +101,24 @@ def _won(group: Mapping[str, Sequence[_Row]], title: str) -> str:
     return f"{title}: {_named(winners)} {verb}, rms tip error {millimetres(best)} mm{after}"
 
 
-def _proven(certificates: Mapping[str, str | None]) -> str:
-    proven = [policy for policy, text in certificates.items() if text is not None]
-    others = f"; nothing of {len(certificates) - len(proven)} others" if 0 < len(proven) < len(certificates) else ""
-    return f"Proven of the rigid arm: {_named(proven) or 'nothing'}{others}"
-
-
 def _named(policies: Sequence[str]) -> str:
-    """Return up to `_FEW` policies by name, and how many there are beyond."""
+    """Return up to `_FEW` policies by name, and the number of the others."""
     return ", ".join(policies[:_FEW]) + (f" and {len(policies) - _FEW} more" if len(policies) > _FEW else "")
 
 
-DECLARED = (*ROW, "proven of the rigid arm")
-"""Headings of the table of what policies declare."""
-
-
-def table_rows(rows: Sequence[_Row], titles: Mapping[str, str] | None = None) -> list[tuple[str, str, list[str]]]:
-    """Return (case title, policy, cells) for each policy in each case; over several seeds medians with ranges.
-
-    `titles` by name of the case; None: those of the two-joint arm.
-    """
+def table_rows(rows: Sequence[_Row]) -> list[tuple[str, str, list[str]]]:
+    """Return (case, policy, cells) for each policy in each case; over several seeds medians with ranges."""
     result = []
     for case, group in by_case_and_policy(rows).items():
         for policy, runs in group.items():
             ended = sum(not run["completed"] for run in runs)
             note = f" (ended early in {ended} of {len(runs)})" if ended else ""
-            cells = [_cell(runs, metrics) for metrics in columns().values()]
-            result.append((_title(case, titles), policy + note, cells))
+            result.append((case, policy + note, [_cell(runs, metrics) for metrics in columns().values()]))
     return result
 
 
 def _cell(runs: Sequence[_Row], metrics: Sequence[Metric]) -> str:
-    """Return the numbers of some metrics; of those of a joint, of all the joints that the arm has."""
+    """Return the numbers of some metrics; for the metrics of a joint, those of all joints of the arm."""
     parts = []
     stem = metrics[0].name.removesuffix(str(metrics[0].joint))
     names = [name for name in runs[0] if name.startswith(stem)] if metrics[0].joint else [one.name for one in metrics]
@@ -147,15 +131,14 @@ def _cell(runs: Sequence[_Row], metrics: Sequence[Metric]) -> str:
     return parts[0] if len(parts) == 1 else f"[{', '.join(parts)}]"
 
 
-def print_results(rows: Sequence[_Row], console: Console, titles: Mapping[str, str] | None = None) -> None:
-    """Print the table, the policies of each case below its title, and what a narrow terminal leaves out of it."""
-    found, headings = table_rows(rows, titles), list(columns())
-    spare = [number for number, metrics in enumerate(columns().values(), start=1) if metrics[0].swept is None]
+def print_results(rows: Sequence[_Row], console: Console, titles: Mapping[str, str]) -> None:
+    """Print the table, the policies of each case below its title, and name the columns that did not fit."""
+    found, headings = table_rows(rows), list(columns())
     sheet = Sheet(
         ["policy", *headings],
         [(policy, *cells) for _, policy, cells in found],
-        groups=[case for case, _, _ in found],
-        dispensable=spare[::-1],
+        groups=[titles[case] for case, _, _ in found],
+        dispensable=[at for at, metrics in enumerate(columns().values(), start=1) if metrics[0].swept is None][::-1],
     )
     if left_out := sheet.print(console):
         names = ", ".join(headings[column - 1] for column in sorted(left_out))
@@ -164,20 +147,23 @@ def print_results(rows: Sequence[_Row], console: Console, titles: Mapping[str, s
 
 def print_passes(rows: Sequence[_Row], passes: int, console: Console) -> None:
     """Print the largest tip error of each pass, a line for each case and policy; over several seeds the median."""
-    numbers, cells = range(1, passes + 1), []
-    for case, group in by_case_and_policy(rows).items():
-        for policy, runs in group.items():
-            errors = (millimetres(median(run[f"pass_{number}_max_mm"] for run in runs)) for number in numbers)
-            cells.append([f"{case}, {policy}", *errors])
-    headings = ["largest tip error [mm], pass", *map(str, numbers)]
-    Sheet(headings, cells, dispensable=range(2, passes)).print(console)
+    numbers = range(1, passes + 1)
+    cells = [
+        [
+            f"{case}, {policy}",
+            *(millimetres(median(run[f"pass_{number}_max_mm"] for run in runs)) for number in numbers),
+        ]
+        for case, group in by_case_and_policy(rows).items()
+        for policy, runs in group.items()
+    ]
+    Sheet(["largest tip error [mm], pass", *map(str, numbers)], cells, dispensable=range(2, passes)).print(console)
 
 
 def declared_rows(
     declared: Mapping[str, Declared | None], certificates: Mapping[str, str | None]
 ) -> list[tuple[str, ...]]:
-    """Return the cells below `DECLARED` of each policy, given declarations and certificates in words by label."""
-    return [
+    """Return headings and, for each policy, the cells below; declarations and certificates in words are by label."""
+    return [(*ROW, "proven of the rigid arm")] + [
         (label, *declared_cells(own), "nothing" if certificates[label] is None else "decay and L2 gain in the box")
         for label, own in declared.items()
     ]

@@ -1,6 +1,6 @@
 """An evaluation read back from its folder, checked: ``results.json``, and with it the rollouts.
 
-All fields of `EvaluationConfig` except `EXEMPT` are conditions, which have to be the same where policies are ranked
+All fields of `EvaluationConfig` but the policies are conditions, which have to be the same where policies are ranked
 together.
 """
 
@@ -10,7 +10,9 @@ import dataclasses
 import hashlib
 import math
 from pathlib import Path
-from typing import Any
+from typing import Annotated, Any
+
+from msgspec import Meta
 
 from fuzzyarm import __version__
 from fuzzyarm.common.checks import instance, real, truth
@@ -18,82 +20,74 @@ from fuzzyarm.common.documents import read_checked, record
 from fuzzyarm.envs.scenario.cases import CASES
 from fuzzyarm.eval.declarations import read_declarations
 from fuzzyarm.eval.episodes import rollout_file
-from fuzzyarm.eval.episodes.metrics import metrics_of
 from fuzzyarm.eval.episodes.rollout import Rollout
-from fuzzyarm.eval.evaluation.run import SCHEMA, Evaluation, EvaluationConfig
+from fuzzyarm.eval.evaluation.run import SCHEMA, Evaluation, EvaluationConfig, row_of
 from fuzzyarm.fuzzy_policy.controller import GAINS, RATES
 from fuzzyarm.policies import resolve
 
-__all__ = ["EXEMPT", "NAME", "Results", "conditions_in_words", "conditions_of", "read_evaluation", "read_results"]
+__all__ = ["Results", "conditions_of", "read_evaluation", "read_results", "same"]
 
 
-EXEMPT = ("policies",)
-"""The fields that are no conditions: those that say what is ranked."""
-
-_ALWAYS_SAID = ("cases", "control_period", "seeds", "encoder_noise")  # the cases by the columns of the table
+_CONDITIONS = [field.name for field in dataclasses.fields(EvaluationConfig) if field.name != "policies"]
+# Fields that the words always name; the cases are named by the columns of the table.
+_ALWAYS_SAID = ("cases", "control_period", "seeds", "encoder_noise")
 _SHOWN = 12  # digits of a digest
 
 
-def conditions_of(config: EvaluationConfig) -> dict[str, Any]:
-    """Return the conditions by name; two evaluations with the same are comparable."""
-    found: dict[str, Any] = {}
-    for field in _conditions():
-        found |= _described(field, getattr(config, field))[0]
-    return found
+def conditions_of(config: EvaluationConfig) -> tuple[dict[str, Any], str]:
+    """Return the conditions by name, and in words; two evaluations with the same conditions are comparable.
 
-
-def conditions_in_words(config: EvaluationConfig) -> str:
-    """Return control period, seeds and noise, and what else is not the default."""
+    The words are control period, seeds and noise, and what else is not the default.
+    """
     default, noise = EvaluationConfig(), "encoder noise {:g} rad and {:g} rad/s".format(*config.encoder_noise)
+    conditions: dict[str, Any] = {}
     said = [
         f"control period {1e3 * config.control_period:g} ms",
         f"{config.seeds} {'seed' if config.seeds == 1 else 'seeds'}",
         noise if any(config.encoder_noise) else "no noise",
     ]
-    others = [field for field in _conditions() if field not in _ALWAYS_SAID]
-    changed = [field for field in others if getattr(config, field) != getattr(default, field)]
-    return ", ".join([*said, *(_described(field, getattr(config, field))[1] for field in changed)])
-
-
-def _conditions() -> list[str]:
-    return [field.name for field in dataclasses.fields(EvaluationConfig) if field.name not in EXEMPT]
+    for field in _CONDITIONS:
+        found, words = _described(field, value := getattr(config, field))
+        conditions |= found
+        if field not in _ALWAYS_SAID and value != getattr(default, field):
+            said.append(words)
+    return conditions, ", ".join(said)
 
 
 def _described(field: str, value: Any) -> tuple[dict[str, Any], str]:
-    """Return the conditions of a field by name, and in words what a value is that is not the default."""
+    """Return the conditions that a field of the configuration stands for, by name, and its value in words."""
     name, words = field.replace("_", " "), ""
-    match field:
-        case "cases":
+    match field, value:
+        case "cases", _:
             value = ", ".join(case for case in CASES if case in value)
-        case "seeds":
+        case "seeds", _:
             name = "number of seeds"
-        case "parameters":
+        case "parameters", _:
             numbers, usual = value.to_dict(), EvaluationConfig().parameters.to_dict()
             changed = [f"{key} {number}" for key, number in numbers.items() if number != usual[key]]
             return {f"{key} of the arm": number for key, number in numbers.items()}, f"an arm with {', '.join(changed)}"
-        case "robot":
-            if value is not None:
-                words, value = f"robot {value.name}", f"{value.name} {value.digest[:_SHOWN]}"
-            value = value or "the two-joint arm"
-        case "points":
-            name = "file of the path"
-            if value is not None:
-                digest = hashlib.sha256(repr(dataclasses.astuple(value)).encode()).hexdigest()
-                value = f"{len(value.points)} points ({digest[:_SHOWN]})"
-                words = f"path of {value}"
-            value = value or "none"
-        case "force":
-            words = "force {:g} to {:g} N".format(*value or (0.0, 0.0))
-            value = "that of the case" if value is None else value
-        case "payload":
-            words = f"payload {value or 0.0:g} kg"
-            value = "that of the case" if value is None else value
-        case "passes":
+        case "robot", None:
+            value = "the two-joint arm"
+        case "robot", _:
+            words, value = f"robot {value.name}", f"{value.name} {value.digest[:_SHOWN]}"
+        case "points", None:
+            name, value = "file of the path", "none"
+        case "points", _:
+            digest = hashlib.sha256(repr(dataclasses.astuple(value)).encode()).hexdigest()
+            name, value = "file of the path", f"{len(value.points)} points ({digest[:_SHOWN]})"
+            words = f"path of {value}"
+        case "force" | "payload", None:
+            value = "that of the case"
+        case "force", _:
+            words = "force {:g} to {:g} N".format(*value)
+        case "payload", _:
+            words = f"payload {value:g} kg"
+        case "passes", _:
             words = f"the last of {value} passes"
     return {name: value}, words or f"{name} {value}"
 
 
-NAME = "results.json"  # in the folder of an evaluation
+_NAME = "results.json"  # in the folder of an evaluation
 _IDENTITY = ("case", "policy", "seed")
 _NEEDED = (*_IDENTITY, "completed", "reason", "tip_error_max_mm", "tip_error_rms_mm")
 
@@ -120,14 +114,9 @@ class _Bounds:
     """Certified bounds of a policy, see `PolicyCertificate.bounds`."""
 
     form: str
-    alpha: float
-    gamma: float
+    alpha: Annotated[float, Meta(ge=RATES[0], le=RATES[1])]  # [1/s]
+    gamma: Annotated[float, Meta(ge=GAINS[0], le=GAINS[1])]
     controller_digest: str
-
-    def __post_init__(self) -> None:
-        """Check the numbers."""
-        real("alpha", self.alpha, "1/s", low=RATES[0], high=RATES[1])
-        real("gamma", self.gamma, low=GAINS[0], high=GAINS[1])
 
 
 @dataclasses.dataclass(frozen=True)
@@ -151,8 +140,8 @@ class _Document:
 
 
 def read_results(path: Path) -> Results:
-    """Return the results of a file, or of the folder that `fuzzyarm evaluate --out` wrote; nothing is imported."""
-    path = path / NAME if path.is_dir() else path
+    """Return the results of a file, or of the folder that `fuzzyarm evaluate --out` wrote; no code is imported."""
+    path = path / _NAME if path.is_dir() else path
     again = f"make it again with fuzzyarm evaluate --out {path.parent}"
     return read_checked(path, SCHEMA, again, lambda document: _from_document(path, document))
 
@@ -186,35 +175,32 @@ def _from_document(path: Path, document: dict[str, Any]) -> Results:
 
 def _check_row(row: dict[str, Any], episode: tuple[str, str, int]) -> None:
     """Check that a row is that of an episode, (case, policy, seed), and that its metrics are numbers."""
-    missing = [name for name in _NEEDED if name not in row]
-    if missing:
+    if missing := [name for name in _NEEDED if name not in row]:
         raise ValueError(f"a row lacks {', '.join(missing)}")
     identity = tuple(row[name] for name in _IDENTITY)
     if identity != episode:
         raise ValueError(f"where the row of {episode} belongs there is {identity}")
     truth("completed", row["completed"])
-    instance("reason", row["reason"], str)
     for name, value in row.items():
-        if name == "note":
-            instance("note", value, str)
-        elif name not in (*_IDENTITY, "completed", "reason"):
+        if name in ("reason", "note"):
+            instance(name, value, str)
+        elif name not in (*_IDENTITY, "completed"):
             real(f"{name} of {episode}", value)
 
 
 def read_evaluation(folder: Path) -> Results:
     """Return the evaluation of a folder, with its rollouts; ValueError names what is missing or does not fit."""
     again = f"run fuzzyarm evaluate --out {folder} again"
-    if not folder.is_dir():
-        raise ValueError(f"{folder} is not a folder; make an evaluation with fuzzyarm evaluate --out {folder}")
-    if not (folder / NAME).is_file():
-        raise ValueError(f"{folder} holds no results.json; make an evaluation with fuzzyarm evaluate --out {folder}")
+    if not (folder / _NAME).is_file():
+        what = f"holds no {_NAME}" if folder.is_dir() else "is not a folder"
+        raise ValueError(f"{folder} {what}; make an evaluation with fuzzyarm evaluate --out {folder}")
     results = read_results(folder)
     made_by = results.made_with["versions"]["fuzzyarm"]
     if made_by != __version__:
         raise ValueError(f"{results.path} was made by fuzzyarm {made_by}, this is {__version__}; {again}")
     rollouts = folder / rollout_file.NAME
     if not rollouts.is_file():
-        raise ValueError(f"{folder} holds {NAME} but no {rollouts.name}: the evaluation was interrupted; {again}")
+        raise ValueError(f"{folder} holds {_NAME} but no {rollouts.name}: the evaluation was interrupted; {again}")
     try:
         return _joined(results, rollout_file.read_rollouts(rollouts))
     except ValueError as error:
@@ -224,7 +210,7 @@ def read_evaluation(folder: Path) -> Results:
 def _joined(results: Results, rollouts: list[Rollout]) -> Results:
     """Return results and rollouts together; ValueError if they are not of the same episodes."""
     if rollout_file.digest(rollouts) != results.rollouts_sha256:
-        raise ValueError(f"{rollout_file.NAME} and {NAME} are of different evaluations")
+        raise ValueError(f"{rollout_file.NAME} and {_NAME} are of different evaluations")
     period, own = results.config.control_period, [tuple(row[name] for name in _IDENTITY) for row in results.rows]
     if [(run.case, run.policy, run.seed, run.control_period) for run in rollouts] != [(*one, period) for one in own]:
         raise ValueError(f"{rollout_file.NAME} holds other episodes than its configuration asks for")
@@ -235,11 +221,14 @@ def _joined(results: Results, rollouts: list[Rollout]) -> Results:
 
 def _check_rollout(run: Rollout, row: dict[str, Any]) -> None:
     """Raise ValueError unless a row of results is that of a rollout; its metrics are computed again."""
-    expected: dict[str, Any] = {"completed": run.completed, "reason": run.reason, **metrics_of(run)}
-    for key, value in expected.items():
-        stored: Any = row.get(key)
-        both_real = isinstance(value, float) and isinstance(stored, float | int)
-        if not (math.isclose(value, stored, rel_tol=1e-9) if both_real else value == stored):
-            raise ValueError(f"{key} of {run.policy} in case {run.case} is {stored}, its rollout has {value}")
-    if row.get("note", "") != run.note:
-        raise ValueError(f"the note on {run.policy} in case {run.case} is not that of its rollout")
+    for key, value in ({"note": ""} | row_of(run)).items():
+        stored = row.get(key, "")
+        if not same(value, stored, relative=1e-9):
+            raise ValueError(f"{key} of {run.policy} in case {run.case} is {stored!r}, its rollout has {value!r}")
+
+
+def same(one: Any, other: Any, *, relative: float, absolute: float = 0.0) -> bool:
+    """Return whether two values of rows are the same: numbers within tolerances, all else exactly."""
+    if isinstance(one, int | float) and isinstance(other, int | float):
+        return math.isclose(one, other, rel_tol=relative, abs_tol=absolute)
+    return bool(one == other)

@@ -34,14 +34,14 @@ from fuzzyarm.policies import COMPARED, PolicySpec, recorded, resolve_all
 from fuzzyarm.policies.declared import Declared
 from fuzzyarm.proof.policy_certificate import certificate_of
 
-__all__ = ["SCHEMA", "Evaluation", "EvaluationConfig", "evaluate", "write_results"]
+__all__ = ["SCHEMA", "Evaluation", "EvaluationConfig", "evaluate", "row_of", "write_results"]
 
 SCHEMA = "fuzzyarm-evaluation/1"  # of results.json
 
 
 @dataclasses.dataclass(frozen=True)
 class EvaluationConfig:
-    """What an evaluation runs.
+    """The configuration of an evaluation.
 
     Attributes:
         policies: names, files, folders or code, see `fuzzyarm.policies.spec`.
@@ -50,13 +50,13 @@ class EvaluationConfig:
         encoder_noise: standard deviation on motor angles [rad] and velocities [rad/s].
         control_period: time between two actions [s].
         parameters: the two-joint arm, for the plant and for the policies' models.
-        robot: another robot in its place; its name, its file and the parameters of a two-joint arm are taken as well,
-            and are then what they say.
+        robot: another robot in its place. Its name, its file and the parameters of a two-joint arm are accepted too;
+            the field then holds the robot, or None where it is a two-joint arm, which becomes `parameters`.
         path: name of the path of the tip, see `default_reference`.
         points: a path by points in its place.
         force: smallest and largest machining force [N]; None: scaled to the arm, see `cases`.
         payload: carried mass [kg]; None: likewise.
-        passes: episodes one after the other of which each result is the last; policies may learn in between.
+        passes: episodes one after the other, of which the last gives the result; policies may learn in between.
     """
 
     policies: tuple[str, ...] = COMPARED
@@ -65,7 +65,7 @@ class EvaluationConfig:
     encoder_noise: tuple[float, float] = (0.0, 0.0)
     control_period: float = 1e-3
     parameters: ArmParameters = dataclasses.field(default_factory=ArmParameters)
-    robot: Robot | None = None  # as it is afterwards, and as files have it
+    robot: Robot | None = None
     path: str = "circle"
     points: GivenPath | None = None
     force: tuple[float, float] | None = None
@@ -107,14 +107,13 @@ class EvaluationConfig:
 
     @property
     def arm_in_words(self) -> str:
-        """Which arm it is: a robot with its digest, or what differs from Table 1 of the paper and what does not."""
+        """The arm in words: a robot with its digest, or the parameters that differ from Table 1 of the paper."""
         if self.robot is not None:
             return f"{self.robot.name}, {len(self.robot)} joints, digest {self.robot.digest}"
-        paper = ArmParameters().to_dict()
-        changed = {name: value for name, value in self.parameters.to_dict().items() if value != paper[name]}
-        same = ", ".join(name for name in paper if name not in changed)
-        words = f"{json.dumps(changed)}; as in Table 1 of the paper: {same or 'nothing'}"
-        return words if changed else "Table 1 of the paper"
+        paper, own = ArmParameters().to_dict(), self.parameters.to_dict()
+        changed = {name: value for name, value in own.items() if value != paper[name]}
+        same = ", ".join(name for name in paper if name not in changed) or "nothing"
+        return f"{json.dumps(changed)}; as in Table 1 of the paper: {same}" if changed else "Table 1 of the paper"
 
     @property
     def titles(self) -> dict[str, str]:
@@ -122,7 +121,7 @@ class EvaluationConfig:
         return {case: self.case(case, None).title for case in self.cases}
 
     def reference(self) -> Reference:
-        """Return the motion that is asked for.
+        """Return the reference motion.
 
         Raises:
             ValueError: the arm cannot follow it.
@@ -130,40 +129,46 @@ class EvaluationConfig:
         return default_reference(self.arm, self.path) if self.points is None else self.points.reference(self.arm)
 
     def case(self, name: str, duration: float | None) -> Case:
-        """Return a case with the loads for this arm, on a motion that takes so long [s]; None: its own duration."""
+        """Return a case with the loads for this arm, scaled to a motion of a duration [s]; None: the case's own."""
         case = case_for(name, self.arm)
         if (self.force, self.payload) == (None, None) and (duration is None or not case.scales):
             return case
         return with_loads(case, force=self.force, payload=self.payload, duration=duration if case.scales else None)
 
-    def command(self) -> str | None:
+    def command(self, *, placeholders: bool = False) -> str | None:
         """Return the command line of this configuration; None for an arm or control period that no option names.
 
-        Policies in it have the names that results hold, see `policies.recorded`.
+        With `placeholders` the word FILE stands for the file of such an arm and for that of a path by points. Policies
+        have the names that results hold, see `policies.recorded`.
         """
         default = EvaluationConfig()
-        named = (default.parameters, default.control_period, None)
-        if (self.parameters, self.control_period, self.points) != named:
-            return None
-        words = ["fuzzyarm", "evaluate"]
-        if self.robot is not None:
-            if self.robot.name not in shipped_robots() or self.robot != robot_named(self.robot.name):
-                return None
+        words, files = ["fuzzyarm", "evaluate"], []
+        if (
+            self.robot is not None
+            and self.robot.name in shipped_robots()
+            and self.robot == robot_named(self.robot.name)
+        ):
             words += ["--robot", self.robot.name]
-        if self.policies != default.policies:
-            words += [word for policy in self.policies for word in ("--policy", recorded(policy))]
-        if self.cases != default.cases:
-            words += [word for case in self.cases for word in ("--case", case)]
+        elif self.robot is not None or self.parameters != default.parameters:
+            files += ["--robot", "FILE"]
+        if self.points is not None:
+            files += ["--path", "FILE"]
+        if not placeholders and (files or self.control_period != default.control_period):
+            return None
+        for option, names, usual in (
+            ("--policy", [*map(recorded, self.policies)], default.policies), ("--case", self.cases, default.cases)
+        ):  # fmt: skip
+            words += [word for name in names for word in (option, name)] if tuple(names) != usual else []
         for name in ("seeds", "encoder_noise", "path", "force", "payload", "passes"):
             value = getattr(self, name)
             if value != getattr(default, name):
                 words += [f"--{name.replace('_', '-')}", *map(str, value if isinstance(value, tuple) else [value])]
-        return shlex.join(words)
+        return shlex.join([*words, *files])
 
 
 @dataclasses.dataclass(frozen=True)
 class Evaluation:
-    """The outcome: rollouts, one row of metrics for each, certificates by policy, and what it was made with."""
+    """The outcome: rollouts, one row of metrics for each, certificates by policy, and its provenance."""
 
     config: EvaluationConfig
     rollouts: list[Rollout]
@@ -171,8 +176,8 @@ class Evaluation:
     certificates: dict[str, str | None]  # in words, `PolicyCertificate.text`
     bounds: dict[str, dict[str, Any] | None]  # in numbers, `PolicyCertificate.bounds`
     made_with: dict[str, Any]
-    declared: dict[str, Declared | None]  # what each was chosen for, knows, sees and remembers; None: it does not say
-    remarks: tuple[str, ...] = ()  # lines about policies that are at a torque limit for long
+    declared: dict[str, Declared | None]  # what each was chosen for, knows, sees and remembers; None: not declared
+    remarks: tuple[str, ...] = ()  # a line about each policy that is at a torque limit for long
 
     @property
     def complete(self) -> bool:
@@ -201,7 +206,7 @@ class Evaluation:
         }
 
 
-def evaluate(config: EvaluationConfig, progress: Callable[[], None] | None = None) -> Evaluation:
+def evaluate(config: EvaluationConfig, progress: Callable[[], None] = lambda: None) -> Evaluation:
     """Run every policy in every case; `progress` is called after each episode.
 
     Raises:
@@ -229,9 +234,8 @@ def evaluate(config: EvaluationConfig, progress: Callable[[], None] | None = Non
                 except ValueError as error:  # its action was refused, or it failed
                     raise ValueError(f"policy {name} in case {case}, seed {seed}: {error}") from error
                 rollouts.append(dataclasses.replace(runs[-1], seed=seed))
-                rows.append(_row(rollouts[-1], runs))
-                if progress:
-                    progress()
+                rows.append(row_of(rollouts[-1], runs))
+                progress()
     proofs = {name: certificate_of(policy, reference) for name, policy in policies.items()}
     certificates = {name: None if proof is None else proof.text for name, proof in proofs.items()}
     bounds = {name: None if proof is None else proof.bounds for name, proof in proofs.items()}
@@ -240,9 +244,9 @@ def evaluate(config: EvaluationConfig, progress: Callable[[], None] | None = Non
     return Evaluation(config, rollouts, rows, certificates, bounds, made_with, declarations, remarks)
 
 
-def _row(run: Rollout, passes: Sequence[Rollout]) -> dict[str, Any]:
+def row_of(run: Rollout, passes: Sequence[Rollout] = ()) -> dict[str, Any]:
     """Return the row of an episode; with several passes also the tip errors of each."""
-    row = {"case": run.case, "policy": run.policy, "seed": run.seed, "completed": run.completed, "reason": run.reason}
+    row = {name: getattr(run, name) for name in ("case", "policy", "seed", "completed", "reason")}
     row |= metrics_of(run) | ({"note": run.note} if run.note else {})
     if len(passes) > 1:
         for number, earlier in enumerate(passes, start=1):

@@ -1,4 +1,4 @@
-"""The rollouts and proofs from which both the numbers and the figures are made; they are run once.
+"""The rollouts and proofs from which the numbers and the figures are made, and every measure of them.
 
 The controllers are those of section 6.2, and two more that explain why our numbers differ from the paper's.
 "Printed form" is Theorem 1 or 2 with integral action, the paper's α and Q, one multiplier for all dropped premises of A
@@ -19,50 +19,57 @@ import numpy as np
 
 from fuzzyarm.common.arithmetic import last_that_works
 from fuzzyarm.envs.fuzzy_arm import FuzzyArmEnv
-from fuzzyarm.envs.scenario.cases import PAPER_CASES
+from fuzzyarm.envs.physics.dynamics import arm_constants, rigid_inverse_dynamics
+from fuzzyarm.envs.physics.friction import DryFriction, stribeck_magnitude
+from fuzzyarm.envs.scenario.cases import CASES, PAPER_CASES
+from fuzzyarm.envs.scenario.disturbances import MachiningForce
 from fuzzyarm.envs.scenario.reference import JointReference
 from fuzzyarm.eval.episodes.rollout import Rollout, record_rollout
+from fuzzyarm.fuzzy_policy import states
 from fuzzyarm.fuzzy_policy.controller import Controller
 from fuzzyarm.fuzzy_policy.laws.fuzzy import FuzzyPolicy
+from fuzzyarm.fuzzy_policy.ts_model import NAMED_RULES, TSModel
 from fuzzyarm.policies import load_policy
 from fuzzyarm.proof.certificate import certify
+from fuzzyarm.proof.vertices import tracking_vertices
+from fuzzyarm.synthesis.complexity import full_size, paper_formula
+from fuzzyarm.synthesis.specification import PAPER_WEIGHT
 
-__all__ = [
-    "FEW", "FORMS", "HIGH_GAIN", "MANY", "PAPERS_OWN", "PAPER_K", "PAPER_L", "RULES", "STEPS", "SWAPPED", "TITLES",
-    "WITNESSES", "Evidence", "gather", "key_of", "prove_witnesses",
-]  # fmt: skip
+__all__ = ["FORMS", "PAPERS_OWN", "RULES", "SIDES", "STEPS", "SWAPPED", "TITLES", "Evidence", "gather"]
 
 
-MANY, FEW = RULES = (32, 4)
+RULES = (32, 4)
 """Numbers of rules of the controllers that the paper compares."""
 FORMS = ("printed", "consistent")
 """Forms of Theorem 2: as the paper prints it, and with a consistent feedforward."""
 _CONTROLLERS = Path(__file__).with_name("controllers")
-_FILES = {"printed-32": "paper-32-integral.json", "printed-4": "paper-4-integral-common.json"}
-_POLICIES = {"consistent-32": "fuzzy-32", "consistent-4": "fuzzy-4"}
-SWAPPED = "printed-4-swapped"
-"""Key of the printed form's controller with the feedforward of the consistent form."""
-PAPERS_OWN = "papers-gains"
-"""Key of the controller with the gains that the paper prints."""
+_SOURCES: Mapping[str, str | Path] = {
+    "printed-32": _CONTROLLERS / "paper-32-integral.json",
+    "printed-4": _CONTROLLERS / "paper-4-integral-common.json",
+    "consistent-32": "fuzzy-32",
+    "consistent-4": "fuzzy-4",
+}
+SWAPPED, PAPERS_OWN = "printed-4-swapped", "papers-gains"
+"""Keys of two more controllers: the printed form with the feedforward of the consistent form, and the printed gains."""
 TITLES: Mapping[str, str] = {
-    "printed-32": "printed form, 32 rules",
-    "printed-4": "printed form, 4 rules",
-    "consistent-32": "consistent form, 32 rules",
-    "consistent-4": "consistent form, 4 rules",
+    **{f"{form}-{rules}": f"{form} form, {rules} rules" for form in FORMS for rules in RULES},
     SWAPPED: "printed form's K and H, consistent form's L, 4 rules",
     PAPERS_OWN: "the paper's own K_1k, H_1k, L_1k, 4 rules",
 }
-"""Titles of the controllers by their key: `key_of` for the first four."""
+"""Titles of the controllers by their key: form and number of rules for the first four."""
+SIDES = {"tip": "circularity_error", "motors": "circularity_error_motor"}
+"""Circularity errors of a rollout by their side: of the tip (links), and of the motors, as if the joints were rigid."""
+_INSTANTS = 3001  # evenly spaced along the reference; one of them is the middle, where the reference is fastest
 
 # Gains printed in section 6.2 for i = 1 and k = 1, 2. H gets the sign of K, see "Reading of the paper" in the README.
-PAPER_K = np.array(
+_PAPER_K = np.array(
     [
         [[-6.31e4, 1.16e4, -978.0, -18.0], [0.91e4, -6.513e4, 44.0, -591.0]],
         [[-9.73e3, -1.74e3, -469.0, -89.6], [-1.89e3, -3.76e3, -96.8, -162.0]],
     ]
 )
 _PAPER_H = -np.array([[[0.720e4, 0.939e4], [0.939e4, 4.62e4]], [[312.0, 159.0], [152.0, 30.2]]])
-PAPER_L = np.array(
+_PAPER_L = np.array(
     [
         [[14.7, -1.13, 0.47, -0.04, 0.004, -3e-4], [-6.37, 15.2, -0.21, 0.49, -0.002, 3.9e-4]],
         [[12.3, 0.634, 0.395, 0.0205, 0.0032, 0.0002], [3.82, 11.8, 0.123, 0.380, 0.0010, 0.0031]],
@@ -70,24 +77,18 @@ PAPER_L = np.array(
 )
 
 
-def key_of(form: str, rules: int) -> str:
-    """Return the key of the controller of a form in `FORMS` with a number of rules in `RULES`."""
-    return f"{form}-{rules}"
-
-
 def _compared_policies() -> dict[str, FuzzyPolicy]:
     """Return the policies by their key in `TITLES`; the first four are proven while they are loaded."""
-    policies: dict[str, Any] = {key: load_policy(_CONTROLLERS / name) for key, name in _FILES.items()}
-    policies |= {key: load_policy(name) for key, name in _POLICIES.items()}
-    printed, consistent = (policies[key_of(form, FEW)].controller for form in FORMS)
-    # Theorem 2 also proves this law, with P, Q and X of the printed form's file but a larger γ, see `evidence`.
+    policies: dict[str, Any] = {key: load_policy(source) for key, source in _SOURCES.items()}
+    printed, consistent = (policies[key].controller for key in ("printed-4", "consistent-4"))
+    # Theorem 2 also proves this law, with P, Q and X of the printed form's file but a larger γ, see `smallest_gamma`.
     swapped = dataclasses.replace(printed, feedforward=consistent.feedforward_gains)
     # This law is not proven. The paper prints the gains for i = 1 only, so they are used for i = 2 as well. Its E_p1 is
     # the vertex of the smallest z1, as is ours.
     papers = dataclasses.replace(
         printed,
-        gains=np.stack([np.concatenate([PAPER_K, _PAPER_H], axis=-1)] * 2),
-        feedforward=np.stack([PAPER_L] * 2),
+        gains=np.stack([np.concatenate([_PAPER_K, _PAPER_H], axis=-1)] * 2),
+        feedforward=np.stack([_PAPER_L] * 2),
     )
     policies |= {SWAPPED: FuzzyPolicy(swapped), PAPERS_OWN: FuzzyPolicy(papers)}
     for policy in policies.values():
@@ -95,28 +96,26 @@ def _compared_policies() -> dict[str, FuzzyPolicy]:
     return policies
 
 
-WITNESSES = tuple(
+# Controller files that show Theorem 2 to be feasible with 4, 2 and 1 rules, with and without integral action, and with
+# one multiplier for all dropped premises of A or one for each.
+_WITNESSES = tuple(
     f"paper-{rules}{integral}{common}"
     for rules, integral, common in itertools.product((4, 2, 1), ("", "-integral"), ("", "-common"))
 )
-"""Controller files that show Theorem 2 to be feasible with 4, 2 and 1 rules.
-
-They come with and without integral action, and with one multiplier for all dropped premises of A or one for each.
-"""
-HIGH_GAIN = "paper-4-common-high-gain"
-"""The controller file that was designed without the bound (24)."""
+_HIGH_GAIN = "paper-4-common-high-gain"  # the controller file that was designed without the bound (24)
+# Labels of `Evidence.gamma_with`, and the controllers whose L is used.
 _OTHER_FEEDFORWARDS = {"the consistent form's L": SWAPPED, "the paper's L_1k": PAPERS_OWN}
-"""Labels of `Evidence.gamma_with`, and the controllers whose L is used."""
-STEPS = 1 + len(PAPER_CASES) * len(TITLES) + len((*WITNESSES, HIGH_GAIN)) + len(_OTHER_FEEDFORWARDS)
+STEPS = 1 + len(PAPER_CASES) * len(TITLES) + len((*_WITNESSES, _HIGH_GAIN)) + len(_OTHER_FEEDFORWARDS)
 """How often `gather` reports progress: once for loading, then for each rollout, each witness and each γ."""
 
 
 @dataclasses.dataclass(frozen=True)
 class Evidence:
-    """What the claims are measured from.
+    """What the claims are measured from, and their measures: the methods, each of which returns values by label.
 
-    `gamma_with` is the smallest γ, to 1 %, at which the printed form with 4 rules is proven with another L, by whose L
-    it is; P, Q, X, τ and M stay those of its file. With its own L it is proven at γ = 1000.
+    A label is the key of a controller in `TITLES` or a few words; a measure of rollouts has a value for every
+    controller. `smallest_gamma` is the smallest γ, to 1 %, at which the printed form with 4 rules is proven with
+    another L, by whose L it is; P, Q, X, τ and M stay those of its file. With its own L it is proven at γ = 1000.
     """
 
     reference: JointReference  # the paper's motion
@@ -124,37 +123,181 @@ class Evidence:
     rollouts: Mapping[tuple[str, str], Rollout]  # by key of the controller and case
     witnesses: Mapping[str, Controller]  # controllers of the paper's form by the name of their file
     proven: frozenset[str]  # witnesses whose inequalities have all been proven, in exact arithmetic, in this run
-    gamma_with: Mapping[str, float]
+    smallest_gamma: Mapping[str, float]
+
+    @property
+    def _time(self) -> np.ndarray:
+        return np.linspace(0.0, self.reference.duration, _INSTANTS)
+
+    @property
+    def _printed(self) -> dict[str, Controller]:
+        """The controllers of the printed form by their key."""
+        return {key: self.controllers[key] for key in (f"printed-{rules}" for rules in RULES)}
+
+    # Of the reference and of the cases.
+
+    def tip_speed(self) -> dict[str, float]:
+        """Return the reference's largest |ṗ| [m/s]."""
+        velocity = self.reference.tip(self._time).velocity
+        return {"reference": float(np.linalg.norm(velocity, axis=-1).max())}
+
+    def rigid_torque(self) -> dict[str, float]:
+        """Return the largest |Γ| [N m] of (4) along the reference: rigid joints, viscous and Stribeck friction."""
+        parameters, motion = self.reference.parameters, self.reference.sample(self._time)
+        coulomb, static = np.array(parameters.coulomb_friction), np.array(parameters.static_friction)
+        slip = stribeck_magnitude(motion.dq, DryFriction(coulomb, static, parameters.stribeck_velocity))
+        torque = (
+            rigid_inverse_dynamics(*motion, arm_constants(parameters)) + np.array(parameters.motor_inertia) * motion.ddq
+        )
+        torque += np.array(parameters.viscous_friction) * motion.dq + slip * np.sign(motion.dq)
+        return {f"joint {number}": float(value) for number, value in enumerate(np.abs(torque).max(axis=0), start=1)}
+
+    def force_range(self) -> dict[str, float]:
+        """Return the smallest and largest f_e [N] over the motion, at a tip speed of 1 m/s, where it is not faded."""
+        force, time = CASES["machining"].disturbance.tip_force or MachiningForce(), self._time
+        size = np.linalg.norm(force.at(time, np.tile([1.0, 0.0], (len(time), 1))), axis=-1)
+        return {"smallest": float(size.min()), "largest": float(size.max())}
+
+    def payload(self, label: str) -> dict[str, float]:
+        """Return the carried mass of Case 3, in kg with the label "payload", else as a percentage of m_2."""
+        mass = CASES["payload"].disturbance.payload.mass
+        share = 100.0 * mass / self.reference.parameters.mass[1]
+        return {"payload": mass} if label == "payload" else {"of m_2": share}
+
+    # Of the inequalities and of their solutions.
+
+    def fewest_rules(self) -> dict[str, float]:
+        """Return the fewest rules with a proven solution of Theorem 2 (0: none), and how many files are proven."""
+        proven = [self.witnesses[name].model.rules for name in _WITNESSES if name in self.proven]
+        return {"fewest rules": min(proven, default=0), f"proven of {len(_WITNESSES)} witnesses": len(proven)}
+
+    def unbounded_gain(self) -> dict[str, float]:
+        """Return the largest entry of K of the design without the bound (24); 0 if its file is not proven."""
+        proven = _HIGH_GAIN in self.proven
+        return {"4 rules": _peak(self.witnesses[_HIGH_GAIN].gains[..., states.PLANT]) if proven else 0.0}
+
+    def bounded_M(self) -> dict[str, float]:
+        """Return the largest |M_ik|, M_ik = [K_ik H_ik] P11, the left side of (24)."""
+        result = {}
+        for key, controller in self._printed.items():
+            gains = controller.gains
+            products = gains @ controller.P[: gains.shape[-1], : gains.shape[-1]]
+            result[key] = float(np.linalg.norm(products, ord=2, axis=(-2, -1)).max())
+        return result
+
+    def largest_gain(self, columns: str) -> dict[str, float]:
+        """Return the largest entry of K̄ = [K H] of the printed forms in the columns of that name in `states`."""
+        return {key: _peak(one.gains[..., getattr(states, columns)]) for key, one in self._printed.items()}
+
+    def largest_feedforward_gain(self) -> dict[str, float]:
+        """Return the largest entry of L of the printed forms, also with the L of the consistent form."""
+        return {key: _peak(self.controllers[key].feedforward_gains) for key in (*self._printed, SWAPPED)}
+
+    def gamma_with(self) -> Mapping[str, float]:
+        """Return `smallest_gamma` [1]."""
+        return self.smallest_gamma
+
+    def decay_rate(self) -> dict[str, float]:
+        """Return α [1/s]; it is proven, since `load_policy` refuses controllers that are not."""
+        return {key: self.controllers[key].alpha for key in _SOURCES}
+
+    def weight(self) -> dict[str, float]:
+        """Return the diagonal of Q; NaN for an entry in which the two printed forms differ."""
+        first, second = (controller.weight for controller in self._printed.values())
+        assert first is not None and second is not None  # every controller of the printed form has a Q
+        return {
+            f"Q{number}{number}": float(a) if a == b else float("nan")
+            for number, (a, b) in enumerate(zip(first, second, strict=True), start=1)
+        }
+
+    def size(self, entry: str, of: str) -> dict[str, float]:
+        """Return N_var or N_row, a field of `Size`, for 32, 16, 8 and 4 rules.
+
+        It is `of` the formula of Remark 4, or of the printed theorem without integral action: 1 for 32 rules, else 2.
+        """
+        sizes = {}
+        for rules in (32, 16, 8, 4):
+            model = TSModel(self.reference.parameters, NAMED_RULES[rules])
+            if of == "formula":
+                size = paper_formula(len(model.A_vertices), len(model.E_vertices))
+            else:
+                size = full_size(tracking_vertices(model, False, np.array(PAPER_WEIGHT), common_multiplier=True))
+            sizes[f"{rules} rules"] = getattr(size, entry)
+        return sizes
+
+    # Of the rollouts.
+
+    def circularity(self, case: str, side: str, end: str) -> dict[str, float]:
+        """Return the ``inmost``, ``outmost`` or ``largest`` circularity error [mm] of each controller in a case."""
+        ends: Mapping[str, Any] = {"inmost": np.min, "outmost": np.max, "largest": _peak}
+        return {key: float(ends[end](1e3 * getattr(self.rollouts[key, case], SIDES[side]))) for key in TITLES}
+
+    def worst_case(self, side: str) -> dict[str, float]:
+        """Return the largest circularity error of Case 2 divided by that of Case 3."""
+        second, third = (self.circularity(case, side, "largest") for case in ("machining", "payload"))
+        return {key: second[key] / third[key] for key in TITLES}
+
+    def rule_difference(self) -> dict[str, float]:
+        """Return the largest difference of the tip's circularity errors with 32 and 4 rules [mm], while both last."""
+        result = {}
+        for form in FORMS:
+            for number, case in enumerate(PAPER_CASES, start=1):
+                many, few = (self.rollouts[f"{form}-{rules}", case].circularity_error for rules in RULES)
+                n = min(len(many), len(few))
+                result[f"{form} form, Case {number}"] = 1e3 * _peak(many[:n] - few[:n])
+        return result
+
+    def peak_torque(self, joint: str) -> dict[str, float]:
+        """Return the largest |Γ| of a joint, counted from 1, in Case 1 [N m]."""
+        return {key: _peak(self.rollouts[key, "nominal"].torque[:, int(joint) - 1]) for key in TITLES}
+
+    def shortest_episode(self) -> dict[str, float]:
+        """Return the duration [s] of the shortest episode of the three cases; below the reference's if it left (25)."""
+        return {key: min(float(self.rollouts[key, case].time[-1]) for case in PAPER_CASES) for key in TITLES}
+
+    def feedforward_at_rest(self) -> dict[str, float]:
+        """Return the torque L_hv r of joint 1 at t = 0, where the arm rests on the reference [N m]."""
+        motion = self.reference.sample(0.0)
+        at_rest = np.concatenate([motion.q, motion.dq, *motion])[np.newaxis]
+        torques = {}
+        for key, controller in self.controllers.items():
+            policy, torque = FuzzyPolicy(controller), np.zeros((1, 2))
+            policy.act(at_rest, np.zeros((1, policy.memory_size)), torque)
+            torques[key] = float(torque[0, 0])
+        return torques
 
 
-def gather(progress: Callable[[], None] | None = None) -> Evidence:
+def _peak(values: np.ndarray) -> float:
+    return float(np.abs(values).max())
+
+
+def gather(progress: Callable[[], None] = lambda: None) -> Evidence:
     """Run every controller in the paper's cases and prove the witnesses; `progress` is called `STEPS` times."""
-    step = progress or (lambda: None)
     policies, reference, rollouts = _compared_policies(), JointReference(), {}
-    step()
+    progress()
     for case in PAPER_CASES:
         env = FuzzyArmEnv(case=case, reference=reference)
         for key, policy in policies.items():
             rollouts[key, case] = record_rollout(env, policy, policy_name=key, case=case, seed=0)
-            step()
-    witnesses, proven = prove_witnesses(step)
+            progress()
+    witnesses, proven = _prove_witnesses(progress)
     controllers = {key: policy.controller for key, policy in policies.items()}
-    gamma_with = {}
+    gammas = {}
     for label, key in _OTHER_FEEDFORWARDS.items():
-        law = dataclasses.replace(controllers[key_of("printed", FEW)], feedforward=controllers[key].feedforward)
-        gamma_with[label] = _smallest_gamma(law)
-        step()
-    return Evidence(reference, controllers, rollouts, witnesses, proven, gamma_with)
+        law = dataclasses.replace(controllers["printed-4"], feedforward=controllers[key].feedforward)
+        gammas[label] = _smallest_gamma(law)
+        progress()
+    return Evidence(reference, controllers, rollouts, witnesses, proven, gammas)
 
 
-def prove_witnesses(step: Callable[[], None]) -> tuple[dict[str, Controller], frozenset[str]]:
-    """Return the witnesses by name, and the names of those that are proven; `step` is called after each."""
+def _prove_witnesses(progress: Callable[[], None]) -> tuple[dict[str, Controller], frozenset[str]]:
+    """Return the witnesses by name, and the names of those that are proven; `progress` is called after each."""
     witnesses, proven = {}, set()
-    for name in (*WITNESSES, HIGH_GAIN):
+    for name in (*_WITNESSES, _HIGH_GAIN):
         witnesses[name] = Controller.load(_CONTROLLERS / f"{name}.json")
         if certify(witnesses[name]).proven:
             proven.add(name)
-        step()
+        progress()
     return witnesses, frozenset(proven)
 
 

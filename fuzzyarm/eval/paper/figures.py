@@ -19,21 +19,18 @@ from matplotlib.patches import Patch
 
 from fuzzyarm.eval.episodes.rollout import Rollout
 from fuzzyarm.eval.figure_files import figure_style, write_all
-from fuzzyarm.eval.paper.claims import circularity_of
-from fuzzyarm.eval.paper.evidence import FEW, FORMS, MANY, RULES, Evidence, key_of
+from fuzzyarm.eval.paper.evidence import FORMS, RULES, SIDES, Evidence
 
 __all__ = ["draw_figures", "write_figures"]
 
 _Look = Mapping[str, Any]
 _BLUE: _Look = {"color": "#0072B2", "linestyle": (0, (1, 1.2)), "linewidth": 2.0, "zorder": 2.6}
 _RED: _Look = {"color": "#D55E00", "linestyle": "-", "linewidth": 1.4, "zorder": 2.5}
-_BY_RULES: Mapping[int, _Look] = {MANY: _BLUE, FEW: _RED}
-"""How curves are drawn."""
+_BY_RULES: Mapping[int, _Look] = dict(zip(RULES, (_BLUE, _RED), strict=True))
 _REFERENCE: _Look = {"color": "black", "linewidth": 0.9, "zorder": 3.0, "label": "reference"}
 _BANDS = ("#E6E6E6", "#CFCFCF")  # of ranges that the paper's text states, the wider range first
 _COLUMN_TITLES = {"printed": "printed form, gains bounded by (24)", "consistent": "consistent form"}  # by form
 _ZOOM = 0.012  # [m], side of the magnified square of Fig. 2
-_SIDES = ("tip", "motors")
 
 
 # Figs. 4-6: the range [mm] of the circularity error in each case by the paper's text; None: it states none.
@@ -67,7 +64,7 @@ def _paths(evidence: Evidence) -> Figure:
     """Return Fig. 2: the plane of (26) to scale; an inset magnifies the place of the largest error with 4 rules."""
     figure, grid = _grid(2, "end-effector trajectories in Case 1", (9.2, 5.2), 1, sharex="row", sharey="row")
     for axes, form in zip(grid[0], FORMS, strict=True):
-        runs = {rules: evidence.rollouts[key_of(form, rules), "nominal"] for rules in RULES}
+        runs = {rules: evidence.rollouts[f"{form}-{rules}", "nominal"] for rules in RULES}
         _draw_paths(axes, runs)
         axes.set(aspect="equal", xlabel="x [m]")
         _magnify_worst(axes, runs)
@@ -78,7 +75,7 @@ def _paths(evidence: Evidence) -> Figure:
 
 def _magnify_worst(axes: Axes, runs: Mapping[int, Rollout]) -> None:
     """Add an inset around the largest error with 4 rules."""
-    few = runs[FEW]
+    few = runs[4]
     worst = int(np.argmax(np.abs(few.circularity_error)))
     inset = axes.inset_axes((0.35, 0.34, 0.32, 0.32))
     _draw_paths(inset, runs)
@@ -91,7 +88,7 @@ def _magnify_worst(axes: Axes, runs: Mapping[int, Rollout]) -> None:
 
 
 def _draw_paths(axes: Axes, runs: Mapping[int, Rollout]) -> None:
-    axes.plot(*runs[FEW].tip_reference.T, **_REFERENCE)
+    axes.plot(*runs[4].tip_reference.T, **_REFERENCE)
     for rules, run in runs.items():
         axes.plot(*run.tip.T, **_BY_RULES[rules])
 
@@ -100,7 +97,7 @@ def _force(evidence: Evidence) -> Figure:
     """Return Fig. 3: the components of the force of Case 2; x of (26) points down."""
     figure = Figure(figsize=(9.2, 3.4))
     figure.suptitle("Fig. 3: external force in Case 2", x=0.01, ha="left", fontweight="bold")
-    axes, run = figure.subplots(), evidence.rollouts[key_of("consistent", FEW), "machining"]
+    axes, run = figure.subplots(), evidence.rollouts["consistent-4", "machining"]
     size = np.linalg.norm(run.external_force, axis=1)
     dashed: _Look = {"color": "#666666", "linewidth": 0.9, "linestyle": (0, (6, 2))}
     for sign in (1.0, -1.0):
@@ -118,17 +115,19 @@ def _force(evidence: Evidence) -> Figure:
 def _circularity_figure(evidence: Evidence, number: int, case: str) -> Figure:
     """Return one of Figs. 4-6, with a row for the tip and one for the motors; each column has its own scale."""
     stated, title = _CIRCULARITY[case], f"circularity error in Case {number - 3}"
-    figure, grid = _grid(number, title, (9.2, 5.0), len(_SIDES), sharey="col")
+    figure, grid = _grid(number, title, (9.2, 5.0), len(SIDES), sharey="col")
     for column, form in zip(grid.T, FORMS, strict=True):
-        runs = [evidence.rollouts[key_of(form, rules), case] for rules in RULES]
-        for axes, side in zip(column, _SIDES, strict=True):
+        runs = [evidence.rollouts[f"{form}-{rules}", case] for rules in RULES]
+        for axes, (side, error) in zip(column, SIDES.items(), strict=True):
             if stated is not None:
                 axes.axhspan(*stated, color=_BANDS[0], zorder=0.5)
             for rules, run in zip(RULES, runs, strict=True):
-                axes.plot(run.time, 1e3 * circularity_of(run, side), **_BY_RULES[rules])
+                axes.plot(run.time, 1e3 * getattr(run, error), **_BY_RULES[rules])
             label = "tip" if side == "tip" else "motors, as if rigid"
             axes.set_ylabel(f"{label} [mm]")
-        values = [1e3 * circularity_of(run, side) for run in runs for side in _SIDES]  # one scale holds all of a column
+        values = [
+            1e3 * getattr(run, side) for run in runs for side in SIDES.values()
+        ]  # one scale holds all of a column
         low = min([*(float(errors.min()) for errors in values), *(stated or ())])
         high = max([*(float(errors.max()) for errors in values), *(stated or ())])
         margin = 0.06 * (high - low)
@@ -148,7 +147,7 @@ def _joint_figure(evidence: Evidence, number: int, title: str, label: str, signa
     figure, grid = _grid(number, title, (9.2, 5.0), len(RULES), sharey="col" if number == _OWN_SCALES else "all")
     for row, rules in zip(grid, RULES, strict=True):
         for axes, form in zip(row, FORMS, strict=True):
-            run = evidence.rollouts[key_of(form, rules), "nominal"]
+            run = evidence.rollouts[f"{form}-{rules}", "nominal"]
             for color, size in stated:
                 axes.axhspan(-size, size, color=color, zorder=0.5)
             for look, values in zip((_BLUE, _RED), signal(run).T, strict=True):

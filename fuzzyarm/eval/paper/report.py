@@ -7,31 +7,29 @@
 from __future__ import annotations
 
 import dataclasses
+import functools
+import itertools
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
 from rich.console import Console
 
-from fuzzyarm.common import documents
 from fuzzyarm.common.console import Sheet
+from fuzzyarm.common.documents import read_checked, record
 from fuzzyarm.common.files import write_atomically
-from fuzzyarm.eval.paper.claims import CLAIMS, ROLLOUTS, STATEMENTS, TABLE_2, Claim
+from fuzzyarm.eval.paper.claims import CLAIMS, Claim
 from fuzzyarm.eval.paper.evidence import FORMS, PAPERS_OWN, RULES, SWAPPED, TITLES, Evidence
 from fuzzyarm.eval.provenance import current_provenance, json_text
 
-__all__ = [
-    "EXPECTED", "Comparison", "Numbers", "compare", "find_drift", "load_expected", "print_report", "renewed",
-    "store_expected", "write_report",
-]  # fmt: skip
+__all__ = ["EXPECTED", "Comparison", "compare", "load_expected", "print_report", "store_expected", "write_report"]
 
 
 EXPECTED = Path(__file__).with_name("expected.json")
 """The stored numbers that come with the package."""
 _EXPECTED_SCHEMA = "fuzzyarm-paper-expected/1"
 
-Numbers = Mapping[str, Mapping[str, float]]
-"""Values by the key of their claim and their label."""
+_Numbers = Mapping[str, Mapping[str, float]]  # values by the key of their claim and their label
 
 
 @dataclasses.dataclass(frozen=True)
@@ -63,14 +61,14 @@ class _ExpectedFile:
     machine: dict[str, Any] = dataclasses.field(default_factory=dict)
 
 
-def find_drift(claims: Sequence[Claim], measured: Numbers, stored: Numbers) -> list[_Drift]:
+def _find_drift(claims: Sequence[Claim], measured: _Numbers, stored: _Numbers) -> list[_Drift]:
     """Return every number that left its claim's tolerance around the stored value, that is missing, or that is new."""
     found = []
     for claim in claims:
         now, then = measured[claim.key], stored.get(claim.key, {})
         for label in dict.fromkeys([*then, *now]):
             value, before = now.get(label), then.get(label)
-            allowed = 0.0 if before is None else claim.tolerance.of(before)
+            allowed = 0.0 if before is None else claim.allowed(before)
             # "not <=" instead of ">", so that NaN counts as drift.
             if value is None or before is None or not abs(value - before) <= allowed:
                 found.append(_Drift(claim.key, label, claim.unit, before, value, allowed))
@@ -79,18 +77,13 @@ def find_drift(claims: Sequence[Claim], measured: Numbers, stored: Numbers) -> l
     return found + [_Drift(key, label, "-", value, None, 0.0) for key, label, value in gone]
 
 
-def load_expected(path: Path = EXPECTED) -> Numbers:
-    """Return the numbers stored in a file; ValueError if it is damaged or of another schema."""
-    try:
-        content = documents.check_schema(documents.read_json(path), _EXPECTED_SCHEMA)
-        return documents.record(content, _ExpectedFile).measured
-    except ValueError as error:
-        raise documents.DocumentError(
-            f"{path} holds no stored numbers ({error}); write such a file with fuzzyarm paper --out DIR --renew {path}"
-        ) from None
+def load_expected(path: Path = EXPECTED) -> Mapping[str, Mapping[str, float]]:
+    """Return the numbers stored in a file, by claim and label; ValueError if it is damaged or of another schema."""
+    again = f"write such a file with fuzzyarm paper --out DIR --renew {path}"
+    return read_checked(path, _EXPECTED_SCHEMA, again, lambda content: record(content, _ExpectedFile)).measured
 
 
-def store_expected(measured: Numbers, made_with: Mapping[str, Any], path: Path) -> None:
+def store_expected(measured: _Numbers, made_with: Mapping[str, Any], path: Path) -> None:
     """Write measured numbers, and what they were measured with, to a file that `load_expected` reads."""
     write_atomically(path, json_text({"schema": _EXPECTED_SCHEMA, **made_with, "measured": measured}))
 
@@ -99,6 +92,8 @@ def store_expected(measured: Numbers, made_with: Mapping[str, Any], path: Path) 
 _COLUMNS = {f"{form}-{rules}": f"{form} form, {rules}" for form in FORMS for rules in RULES}
 _COLUMNS |= {SWAPPED: "printed K, H, consistent L, 4", PAPERS_OWN: "the paper's own gains, 4"}
 _WHERE, _SAYS, _MEASURE, _RULES = _TEXTS = "where", "the paper says", "we measure", "Number of rules"  # aligned left
+# The numbers of the reasons, which count from 1 in the order of the claims.
+_REASONS = dict(zip(dict.fromkeys(claim.reason for claim in CLAIMS if claim.reason), itertools.count(1), strict=False))
 _SIGN = {"equal": "", "order": "~ ", "at most": "<= ", "more than": "> "}
 _LEGEND = (
     "* agrees with the paper: in all printed digits; sizes of gains: within a factor of ten; a bound: it is kept; a "
@@ -108,47 +103,48 @@ _LEGEND = (
 
 @dataclasses.dataclass(frozen=True)
 class Comparison:
-    """Our value of every claim, the stored one, and how they differ."""
+    """Our value of every claim and the stored one, by claim and label."""
 
-    measured: Numbers
-    stored: Numbers
-    drifted: Sequence[_Drift]
+    measured: _Numbers
+    stored: _Numbers
     made_with: Mapping[str, Any]  # commit, versions and machine of this measurement
+
+    @functools.cached_property
+    def drifted(self) -> Sequence[_Drift]:
+        """The numbers that have drifted from the stored ones."""
+        return _find_drift(CLAIMS, self.measured, self.stored)
 
     def to_dict(self) -> dict[str, Any]:
         """Return everything as plain data for JSON."""
-        return {"schema": "fuzzyarm-paper/1", **self.made_with, "claims": [self._entry(claim) for claim in CLAIMS]}
-
-    def _entry(self, claim: Claim) -> dict[str, Any]:
-        values = self.measured[claim.key]
-        moved = {entry.label for entry in self.drifted if entry.key == claim.key}
-        return {
-            **{name: getattr(claim, name) for name in ("key", "where", "says", "quantity", "unit", "comparison")},
-            "reason": claim.reason,
-            "tolerance": claim.tolerance._asdict(),
-            "values": [
-                {
-                    "label": label,
-                    "paper": claim.papers_number(label),
-                    "measured": value,
-                    "agrees": claim.agrees(label, value),
-                    "stored": self.stored.get(claim.key, {}).get(label),
-                    "drifted": label in moved,
-                }
-                for label, value in values.items()
-            ],
-        }
-
-
-def compare(evidence: Evidence, stored: Numbers) -> Comparison:
-    """Measure every claim and compare it with the stored numbers."""
-    measured = {claim.key: dict(claim.measure(evidence)) for claim in CLAIMS}
-    return Comparison(measured, stored, find_drift(CLAIMS, measured, stored), current_provenance())
+        moved = {(entry.key, entry.label) for entry in self.drifted}
+        claims = [
+            {
+                name: getattr(claim, name)
+                for name in ("key", "where", "says", "quantity", "unit", "comparison", "reason")
+            }
+            | {"tolerance": dict(zip(("relative", "absolute"), claim.tolerance, strict=True))}
+            | {
+                "values": [
+                    {
+                        "label": label,
+                        "paper": claim.papers_number(label),
+                        "measured": value,
+                        "agrees": claim.agrees(label, value),
+                        "stored": self.stored.get(claim.key, {}).get(label),
+                        "drifted": (claim.key, label) in moved,
+                    }
+                    for label, value in self.measured[claim.key].items()
+                ]
+            }
+            for claim in CLAIMS
+        ]
+        return {"schema": "fuzzyarm-paper/1", **self.made_with, "claims": claims}
 
 
-def renewed(comparison: Comparison) -> Comparison:
-    """Return the comparison of the measured numbers with themselves: what it is after they have been stored."""
-    return dataclasses.replace(comparison, stored=comparison.measured, drifted=[])
+def compare(evidence: Evidence, stored: _Numbers | None) -> Comparison:
+    """Measure every claim and compare it with the stored numbers; None: with what is measured, to be stored."""
+    measured = {claim.key: claim.measured(evidence) for claim in CLAIMS}
+    return Comparison(measured, measured if stored is None else stored, current_provenance())
 
 
 def write_report(comparison: Comparison, figures: Sequence[Path], folder: Path) -> list[Path]:
@@ -178,10 +174,9 @@ def _outcome(comparison: Comparison) -> list[str]:
 
 def print_report(comparison: Comparison, console: Console) -> None:
     """Print the tables and the reasons: with lines and fewer columns in a terminal, plain columns when piped."""
-    narrow = console.is_terminal
-    for sheet in _tables(comparison, narrow):
+    for sheet in _tables(comparison, narrow=console.is_terminal):
         sheet.print(console)
-    reasons = (f"({number}) {reason}" for reason, number in _reason_numbers().items())
+    reasons = (f"({number}) {reason}" for reason, number in _REASONS.items())
     for line in (_LEGEND, *reasons, *_outcome(comparison)):
         console.print(line, highlight=False, markup=False)
 
@@ -189,15 +184,19 @@ def print_report(comparison: Comparison, console: Console) -> None:
 def _tables(comparison: Comparison, narrow: bool) -> list[Sheet]:
     """Return the three tables; `narrow` ones have no keys of claims, and each value on a line of its own."""
     texts = [_WHERE, _MEASURE] if narrow else [_WHERE, _SAYS, _MEASURE]
+    statements, table_2, rollouts = (
+        [(claim, comparison.measured[claim.key]) for claim in CLAIMS if claim.group == group]
+        for group in ("statements", "table_2", "rollouts")
+    )
     tables = {
         "Statements and settings": [
             [_WHERE, _SAYS, _MEASURE, "paper", "ours", "why"],
-            *(_statement_row(claim, comparison, narrow) for claim in STATEMENTS),
+            *(_statement_row(*one, narrow) for one in statements),
         ],
-        "Table 2": [[_RULES, *comparison.measured[TABLE_2[0].key], "why"], *_table_2_rows(comparison)],
+        "Table 2": [[_RULES, *table_2[0][1], "why"], *_table_2_rows(table_2)],
         "On the arm": [
             [*texts, "paper", *_COLUMNS.values(), "why"],
-            *(_rollout_row(claim, comparison, narrow) for claim in ROLLOUTS),
+            *(_rollout_row(*one, narrow) for one in rollouts),
         ],
     }
     return [
@@ -206,24 +205,20 @@ def _tables(comparison: Comparison, narrow: bool) -> list[Sheet]:
     ]
 
 
-def _statement_row(claim: Claim, comparison: Comparison, narrow: bool) -> list[str]:
-    values = comparison.measured[claim.key]
+def _statement_row(claim: Claim, values: Mapping[str, float], narrow: bool) -> list[str]:
     marked = {label: _marked(claim, label, value) for label, value in values.items()}
     named = [f"{TITLES.get(label, label)}: {text}" for label, text in marked.items()]
     ours = named if len(values) > 1 else list(marked.values())
     papers = [text for text in dict.fromkeys(_papers(claim, label) for label in values) if text != "-"]
-    between = "\n" if narrow else ", "
-    cells = [", ".join(papers) or "-", between.join(ours), _note(claim)]
+    cells = [", ".join(papers) or "-", ("\n" if narrow else ", ").join(ours), _note(claim)]
     return [claim.where, claim.says, _quantity(claim, narrow), *cells]
 
 
-def _table_2_rows(comparison: Comparison) -> list[list[str]]:
+def _table_2_rows(claims: Sequence[tuple[Claim, Mapping[str, float]]]) -> list[list[str]]:
     """Return the rows of the paper, N_var and N_row, each followed by the rows that we measure for it."""
     rows: list[list[str]] = []
-    for claim in TABLE_2:
-        values = comparison.measured[claim.key]
-        name, _, _ = claim.says.partition(":")
-        papers = [f"{name}, the paper", *(_papers(claim, label) for label in values), ""]
+    for claim, values in claims:
+        papers = [f"{claim.says.partition(':')[0]}, the paper", *(_papers(claim, label) for label in values), ""]
         if papers not in rows:
             rows.append(papers)
         ours = [_marked(claim, label, value) for label, value in values.items()]
@@ -231,8 +226,7 @@ def _table_2_rows(comparison: Comparison) -> list[list[str]]:
     return rows
 
 
-def _rollout_row(claim: Claim, comparison: Comparison, narrow: bool) -> list[str]:
-    values = comparison.measured[claim.key]
+def _rollout_row(claim: Claim, values: Mapping[str, float], narrow: bool) -> list[str]:
     texts = [claim.where, *([] if narrow else [claim.says]), _quantity(claim, narrow)]
     # The paper's number is the same for all controllers.
     return [*texts, _papers(claim, ""), *(_marked(claim, key, values[key]) for key in _COLUMNS), _note(claim)]
@@ -258,13 +252,7 @@ def _number(value: float) -> str:
 
 
 def _note(claim: Claim) -> str:
-    return f"({_reason_numbers()[claim.reason]})" if claim.reason else ""
-
-
-def _reason_numbers() -> dict[str, int]:
-    """Return the number of each reason, which counts from 1 in the order of the claims."""
-    reasons = dict.fromkeys(claim.reason for claim in CLAIMS if claim.reason)
-    return {reason: number for number, reason in enumerate(reasons, start=1)}
+    return f"({_REASONS[claim.reason]})" if claim.reason else ""
 
 
 def _markdown(comparison: Comparison, figures: Sequence[Path]) -> str:
@@ -274,7 +262,7 @@ def _markdown(comparison: Comparison, figures: Sequence[Path]) -> str:
         escaped = dataclasses.replace(sheet, rows=[[cell.replace("*", "\\*") for cell in row] for row in sheet.rows])
         lines += [f"## {sheet.title}", "", escaped.markdown(), ""]
     lines += [_LEGEND.replace("*", "\\*"), "", "## Why", ""]
-    lines += [f"{number}. {reason}" for reason, number in _reason_numbers().items()]
+    lines += [f"{number}. {reason}" for reason, number in _REASONS.items()]
     groups: dict[str, list[str]] = {}
     for claim in CLAIMS:
         relative, absolute = claim.tolerance
@@ -282,7 +270,7 @@ def _markdown(comparison: Comparison, figures: Sequence[Path]) -> str:
         groups.setdefault(" and ".join(parts) or "nothing", []).append(claim.key)
     allowed = "; ".join(f"{allowance}: {', '.join(keys)}" for allowance, keys in groups.items())
     moved = [f"- {entry}" for entry in comparison.drifted]
-    lines += ["", "## _Drift", "", *_outcome(comparison), f"Allowed: {allowed}.", "", *moved, ""]
+    lines += ["", "## Drift", "", *_outcome(comparison), f"Allowed: {allowed}.", "", *moved, ""]
     if figures:
         lines += ["## Figures", "", *(f"![{path.stem}]({path.name})" for path in figures), ""]
     made = comparison.made_with

@@ -1,4 +1,4 @@
-"""What policies believed, beside the truth: for each case and policy that says it the force over time, and a table."""
+"""Estimates of policies beside the truth: a chart of the force and a table, for each case and policy that has them."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from fuzzyarm.eval.episodes.beliefs import DEVIATION
 from fuzzyarm.eval.episodes.rollout import Rollout
 from fuzzyarm.eval.report.summary import figure
 
-__all__ = ["belief_figures", "belief_section"]
+__all__ = ["belief_section"]
 
 _WARNING = (
     "Charts: size of the force at the tip over the episode, the estimate with a band of one standard deviation and, "
@@ -27,13 +27,15 @@ _WARNING = (
 _WIDTH, _HEIGHT, _LEFT, _BOTTOM = 390, 150, 40, 24  # [px]: of the chart, and the margins of its labels
 _POINTS = 300  # of a curve
 _BAND = 90.0  # percentile of the upper edge of the band that the chart shows; where it is wider still, it is cut
-_UNITS = {"payload": ("kg", 1.0), "offset": ("N m", 1.0), "lateness": ("ms", 1e3)}  # and the factor to it; else none
+# Unit of a part, and the factor to it; other parts are pure numbers.
+_UNITS = {"payload": ("kg", 1.0), "offset": ("N m", 1.0), "lateness": ("ms", 1e3)}
 
 
-def belief_figures(rollouts: list[Rollout], cases: Mapping[str, Case] = CASES) -> str:
-    """Return a figure of every first episode of a policy with beliefs; an empty text if no policy has any.
+def belief_section(rollouts: list[Rollout], cases: Mapping[str, Case] = CASES) -> str:
+    """Return the section of the page on beliefs: a figure for each case and policy that has any; else an empty text.
 
-    Below it stand the notes on all episodes of this policy in this case. `cases` have the loads that were carried.
+    A figure is of the first episode; below it stand the notes on all episodes of this policy in this case. `cases` hold
+    the loads that were carried.
     """
     groups: dict[tuple[str, str], list[Rollout]] = {}
     for run in rollouts:
@@ -45,20 +47,16 @@ def belief_figures(rollouts: list[Rollout], cases: Mapping[str, Case] = CASES) -
             notes = f'<p class="note">{escape("; ".join(said))}.</p>' if said else ""
             content = _chart(first) + _table(first, cases[case].disturbance) + notes
             parts.append(figure(f"{cases[case].title}, {policy}", content))
-    return "".join(parts)
-
-
-def belief_section(rollouts: list[Rollout], cases: Mapping[str, Case]) -> str:
-    """Return the section of what policies believed, see `belief_figures`; an empty text if no policy says it."""
-    figures = belief_figures(rollouts, cases)
-    return figures and (
+    if not parts:
+        return ""
+    return (
         '<section aria-labelledby="beliefs"><h2 id="beliefs">What policies believed of load and arm</h2>'
-        f'<div class="charts">{figures}</div><p class="note">{escape(_WARNING)}</p></section>'
+        f'<div class="charts">{"".join(parts)}</div><p class="note">{escape(_WARNING)}</p></section>'
     )
 
 
 def _chart(run: Rollout) -> str:
-    """Return the SVG of the forces of an episode; an empty text where no force is believed."""
+    """Return the SVG of the forces of an episode; an empty text where the policy estimates no force."""
     believed = run.believed
     forces = [name for name in believed if re.fullmatch("force_[xyz]", name)]
     size, deviation = (
@@ -92,7 +90,7 @@ def _chart(run: Rollout) -> str:
 
 
 def _table(run: Rollout, loads: Disturbance) -> str:
-    """Return the table of what was believed at last, and of what is true under these loads; forces are in the chart."""
+    """Return the table of the last estimates and of the true values under these loads; forces are in the chart."""
     believed, joints = run.believed, run.torque.shape[1]
     parts: dict[str, list[str]] = {}
     for name in believed:
@@ -122,7 +120,7 @@ def _table(run: Rollout, loads: Disturbance) -> str:
 
 
 def _truth(part: str, loads: Disturbance, time: float) -> str:
-    """Return the true value of a part at a time [s] of an episode under these loads, whose arm the policy knows."""
+    """Return the true value of an estimated part at a time [s] under these loads, on the arm that the policy knows."""
     if part == "payload":
         return f"{loads.payload.mass:g}"
     if part == "offset" and loads.torque_bias is not None:
@@ -131,7 +129,7 @@ def _truth(part: str, loads: Disturbance, time: float) -> str:
 
 
 def _with_deviation(value: float, deviation: float) -> str:
-    """Return a number and its standard deviation, with two digits of that."""
+    """Return a number and its standard deviation, with two digits of the deviation."""
     if not (math.isfinite(value) and math.isfinite(deviation)):
         return "none"
     digits = min(max(1 - math.floor(math.log10(deviation)), 0), 4) if deviation > 0.0 else 4

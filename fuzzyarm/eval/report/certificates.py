@@ -1,7 +1,7 @@
 """The section of certificates: certified bounds beside the worst observed on the rigid arm, and certificates in words.
 
-To observe takes a few seconds a controller file: the searches and rollouts of ``benchmarks/certified_bounds.py`` with
-twice its time step. The section of tubes draws what is proven of the tip on the elastic, sampled arm around its path.
+Observing a controller file takes a few seconds: the searches and rollouts of ``benchmarks/certified_bounds.py`` with
+twice its time step. The section of tubes draws around the path what is proven of the tip of the elastic, sampled arm.
 """
 
 from __future__ import annotations
@@ -20,7 +20,7 @@ from fuzzyarm.common.arithmetic import at_least, at_most
 from fuzzyarm.envs.scenario.reference import Reference
 from fuzzyarm.eval.episodes.rollout import Rollout
 from fuzzyarm.eval.evaluation.run import Evaluation, EvaluationConfig
-from fuzzyarm.eval.report.summary import Axis, Bound, draw_chart, figure
+from fuzzyarm.eval.report.summary import Axis, figure
 from fuzzyarm.fuzzy_policy.controller import Controller
 from fuzzyarm.policies.spec import resolve
 from fuzzyarm.policies.tip_bound import plain
@@ -31,8 +31,7 @@ from fuzzyarm.proof.policy_certificate import certificate_of
 from fuzzyarm.proof.rigid_loop import RigidLoop
 
 __all__ = [
-    "SCOPE", "Observations", "Observed", "bound_charts", "bound_note", "checked_bounds", "observe", "observe_policies",
-    "statements", "tube_section",
+    "Observed", "bound_charts", "certificate_parts", "checked_bounds", "observe", "observe_policies", "tube_section",
 ]  # fmt: skip
 
 
@@ -41,7 +40,7 @@ _STEP = 1e-3  # [s] of the rollouts; the fastest time constant of the shipped lo
 
 @dataclasses.dataclass(frozen=True)
 class Observed:
-    """The worst that was observed on the rigid arm in continuous time."""
+    """The worst values that were observed on the rigid arm in continuous time."""
 
     decay: float  # smallest decay rate -V'/2V of undisturbed rollouts [1/s]
     gain: float  # largest ‖q - q_d‖₂ / ‖w‖₂ of disturbed rollouts from zero error [rad/(N m)]
@@ -68,9 +67,9 @@ def observe(loop: RigidLoop, reference: Reference) -> Observed:
 def observe_policies(
     config: EvaluationConfig, bounds: Mapping[str, Mapping[str, Any] | None]
 ) -> dict[str, Observed | str]:
-    """Return what is observed of every policy with certified bounds by its name, or in words why nothing is."""
+    """Return the observations of every policy with certified bounds by its name, or in words why there are none."""
     reference = config.reference()
-    by_file: dict[str, Observed] = {}  # which policies of one controller file share
+    by_file: dict[str, Observed] = {}  # by the digest of the controller file, which several policies may share
     result: dict[str, Observed | str] = {}
     for spec in map(resolve, config.policies):
         if (claimed := bounds[spec.label]) is None:
@@ -102,7 +101,7 @@ _TUBE_NOTE = (
 
 
 def checked_bounds(paths: Sequence[Path]) -> list[BoundCheck]:
-    """Return what the check of each file of a bound found; ValueError names the first that is not proven."""
+    """Return the check of each file of a bound; ValueError names the first file that is not proven."""
     found = [check_bound(path) for path in paths]
     for check in found:
         if not check.proven:
@@ -111,7 +110,7 @@ def checked_bounds(paths: Sequence[Path]) -> list[BoundCheck]:
 
 
 def tube_section(checks: Sequence[BoundCheck], rollouts: Sequence[Rollout]) -> str:
-    """Return the section of the page, empty without bounds; ValueError where no episode belongs to a bound."""
+    """Return the section of proven tubes, empty without bounds; ValueError if a bound has no episode."""
     if not checks:
         return ""
     drawn = "".join(_tube(check, _episode(check, rollouts)) for check in checks)
@@ -164,7 +163,7 @@ def _tube(check: BoundCheck, run: Rollout) -> str:
     return figure(title, svg)
 
 
-SCOPE = (
+_SCOPE = (
     "A certificate is proven for the rigid arm in continuous time, as long as it stays inside the box, and not for the "
     "sampled elastic arm of the replay. " + NOT_COVERED
 )
@@ -175,49 +174,52 @@ _NOTE = (
     "worst held posture. A -tip policy has the bounds of its controller file, which is observed once for both policies."
 )
 
-Observations = Mapping[str, Observed | str]
-"""What was observed by policy, or in words why nothing was, see `observe_policies`."""
+_Observations = Mapping[str, Observed | str]  # by policy; in words why nothing was observed, see `observe_policies`
 
 
-def bound_charts(stored: Evaluation, observed: Observations) -> str:
-    """Return a chart of each kind of bound; a policy without comparable bounds has a text in its row."""
-    return _bound_chart(
-        stored, observed, "Decay rate", "decay rate of the root of V [1/s]", "alpha", 0, ("consistent", "semidefinite")
-    ) + _bound_chart(
-        stored, observed, "L2 gain, disturbance to error", "L2 gain [µrad/(N m)]", "gamma", 6, ("consistent",)
-    )
-
-
-def _bound_chart(
-    stored: Evaluation, observed: Observations, title: str, label: str, key: str, digits: int, forms: tuple[str, ...]
-) -> str:
-    """Return the chart of the bound `key`, whose axis has a unit so many decimal `digits` below that of SI.
-
-    Only controllers of these `forms` claim it of the rigid arm's error; the decay rate is a lower bound, the gain an
-    upper one.
-    """
-    lower, rows, values = key == "alpha", list[tuple[str, Bound | str]](), list[float]()
-    for name, claimed in stored.bounds.items():
-        if claimed is None or claimed["form"] not in forms:
-            rows.append((name, "nothing proven" if claimed is None else "of other quantities"))
-            continue
-        seen = observed.get(name)
-        worst = 10.0**digits * (seen.decay if lower else seen.gain) if isinstance(seen, Observed) else None
-        # Rounded so that it holds before the unit is changed, which is exact in decimal.
-        certified = float(Decimal((at_least if lower else at_most)(claimed[key], 3)).scaleb(digits))
-        rows.append((name, Bound(certified, worst, lower)))
-        values.append(max(certified, worst or 0.0))
-    axis = Axis(label, 0.0, 1.25 * max(values, default=1.0))
-    return figure(title, draw_chart(axis, rows, f"{title}: certified bound and worst observed"))
-
-
-def bound_note(observed: Observations) -> str:
-    """Return the note below the charts: what they show, and why a policy was not observed."""
+def certificate_parts(stored: Evaluation, observed: _Observations) -> dict[str, str]:
+    """Return the parts of the section by their name in ``page.html``: scope, charts, note below, and certificates."""
     reasons = [f" {name}: {text}." for name, text in observed.items() if isinstance(text, str)]
-    return escape(_NOTE + "".join(reasons))
+    return {
+        "scope": escape(_SCOPE),
+        "bounds": bound_charts(stored, observed),
+        "bounds_note": escape(_NOTE + "".join(reasons)),
+        "statements": _statements(stored.certificates),
+    }
 
 
-def statements(certificates: Mapping[str, str | None]) -> str:
+# The charts: title, label of the axis, name of the bound, decimal digits by which the axis's unit is below that of SI,
+# and the forms of controllers that claim the bound of the rigid arm's error.
+_CHARTS = (
+    ("Decay rate", "decay rate of the root of V [1/s]", "alpha", 0, ("consistent", "semidefinite")),
+    ("L2 gain, disturbance to error", "L2 gain [µrad/(N m)]", "gamma", 6, ("consistent",)),
+)
+
+
+def bound_charts(stored: Evaluation, observed: _Observations) -> str:
+    """Return a chart of each kind of bound; a policy without comparable bounds has a text in its row.
+
+    The decay rate is a lower bound, the gain an upper one.
+    """
+    charts = []
+    for title, label, key, digits, forms in _CHARTS:
+        lower, found = key == "alpha", dict[str, tuple[float, float | None] | str]()
+        for name, claimed in stored.bounds.items():
+            if claimed is None or claimed["form"] not in forms:
+                found[name] = "nothing proven" if claimed is None else "of other quantities"
+                continue
+            seen = observed.get(name)
+            worst = 10.0**digits * (seen.decay if lower else seen.gain) if isinstance(seen, Observed) else None
+            # Rounded so that it holds before the unit is changed, which is exact in decimal.
+            found[name] = float(Decimal((at_least if lower else at_most)(claimed[key], 3)).scaleb(digits)), worst
+        values = [value for one in found.values() if not isinstance(one, str) for value in one if value is not None]
+        axis = Axis(label, 0.0, 1.25 * max(values, default=1.0))
+        rows = [(name, one if isinstance(one, str) else axis.bound(*one, lower=lower)) for name, one in found.items()]
+        charts.append(figure(title, axis.chart(rows, f"{title}: certified bound and worst observed")))
+    return "".join(charts)
+
+
+def _statements(certificates: Mapping[str, str | None]) -> str:
     """Return every certificate in words, as a folded paragraph, and the names of the policies without one."""
     parts = [
         f'<details class="note"><summary>{escape(name)}: what is proven</summary><p>{escape(text)}</p></details>'

@@ -1,14 +1,13 @@
 """The HTML page of an evaluation: one file that fetches nothing and in which all text is escaped.
 
 ``page.html`` holds the structure and ``page.css`` the style; the scripts, which are joined into one, run the replay. A
-content security policy names the digests of script and style, so that a browser runs and loads nothing else. At the
-head stands a sentence: who won overall and in each case, by the rule of the leaderboard.
+content security policy names the digests of script and style, so that a browser runs and loads nothing else. A sentence
+at the top says which policies won overall and in each case, by the rule of the leaderboard.
 """
 
 from __future__ import annotations
 
 import base64
-import dataclasses
 import hashlib
 import json
 import math
@@ -25,21 +24,21 @@ from fuzzyarm.common.files import write_atomically
 from fuzzyarm.eval.episodes.metrics import LOST, millimetres
 from fuzzyarm.eval.evaluation.ranking import Standing, standings_of
 from fuzzyarm.eval.evaluation.results_file import read_evaluation
-from fuzzyarm.eval.evaluation.run import Evaluation, EvaluationConfig
+from fuzzyarm.eval.evaluation.run import Evaluation
 from fuzzyarm.eval.report import certificates
 from fuzzyarm.eval.report.beliefs import belief_section
 from fuzzyarm.eval.report.payload import replay_data
 from fuzzyarm.eval.report.summary import declared_table, digits, error_charts, finished, metrics_table
 from fuzzyarm.policies import resolve
 
-__all__ = ["command", "headline", "render_page", "rule", "write_report"]
+__all__ = ["write_report"]
 
 
-_NAMED = 3  # policies that are named one after the other; of more, only the number
+_NAMED = 3  # policies that a list names; of the others it gives the number
 
 
-def headline(standings: Sequence[Standing], titles: Mapping[str, str]) -> str:
-    """Return the sentence as HTML, given all standings of one evaluation and the titles of its cases by name.
+def _headline(standings: Sequence[Standing], titles: Mapping[str, str]) -> str:
+    """Return the sentence at the top as HTML; `titles` are those of the cases by name.
 
     A value is that of the leaderboard: the score overall, the rms tip error in a case. Policies whose values read the
     same win together. A policy that lost the path in a case cannot win it, nor overall; one policy alone wins nothing.
@@ -51,13 +50,13 @@ def headline(standings: Sequence[Standing], titles: Mapping[str, str]) -> str:
     if len(cases) > 1 and scores:
         wins[_winners(scores)] = [f"overall with a score of {_length(min(scores.values()))}"]
     for case in cases:
-        errors = {standing.policy: standing.rms[case] for standing in standings}
-        held = {policy: error for policy, error in errors.items() if error is not None}
+        held = {standing.policy: error for standing in standings if (error := standing.rms[case]) is not None}
+        title = escape(re.sub(r"^([^:]+): (.+)$", r"\1 (\2)", titles[case]))
         if held:
-            won = f"in {_title(titles[case])} with {_length(min(held.values()))}\u00a0rms"
+            won = f"in {title} with {_length(min(held.values()))}\u00a0rms"
             wins.setdefault(_winners(held), []).append(won)
         else:
-            nobody.append(_title(titles[case]))
+            nobody.append(title)
     verb = "runs alone," if len(standings) == 1 else "wins"
     parts = [f"{_names(names)} {verb if len(names) == 1 else 'tie'} {_series(where)}" for names, where in wins.items()]
     if nobody:
@@ -65,8 +64,8 @@ def headline(standings: Sequence[Standing], titles: Mapping[str, str]) -> str:
     return "; ".join([*parts, *_lost(standings), *_overlap(standings)]) + "."
 
 
-def rule(standings: Sequence[Standing]) -> str:
-    """Return what a win is, in words."""
+def _rule(standings: Sequence[Standing]) -> str:
+    """Return the rule by which a policy wins, in words."""
     several = standings[0].episodes > len(standings[0].rms)
     seeds = "; interquartile means over the seeds" if several else ""
     score = "" if len(standings[0].rms) == 1 else " Score: the largest tip error of all cases, as in the leaderboard."
@@ -77,13 +76,13 @@ def rule(standings: Sequence[Standing]) -> str:
 
 
 def _winners(values: Mapping[str, float]) -> tuple[str, ...]:
-    """Return the policies whose value reads the same as the smallest one."""
+    """Return the policies whose value, as printed, equals the smallest one."""
     smallest = _length(min(values.values()))
     return tuple(policy for policy, value in values.items() if _length(value) == smallest)
 
 
 def _lost(standings: Sequence[Standing]) -> list[str]:
-    """Return the policies that lost the path, the one that lost it most often last, and in how many episodes."""
+    """Return a clause on the policies that lost the path and in how many episodes, the most frequent loser last."""
     lost = sorted((standing for standing in standings if standing.lost), key=lambda standing: standing.lost)
     overall = " overall" if len(standings[0].rms) > 1 else ""
     often = [f"in {one.lost} of {_counted(one.episodes, 'episode')}" for one in lost]
@@ -96,7 +95,7 @@ def _lost(standings: Sequence[Standing]) -> list[str]:
 
 
 def _overlap(standings: Sequence[Standing]) -> list[str]:
-    """Return the policies whose scores the seeds do not separate from the best one."""
+    """Return a clause on the policies whose intervals overlap that of the best one."""
     scores = [(standing.policy, standing.score) for standing in standings if standing.score is not None]
     if len(scores) < 2:
         return []
@@ -104,11 +103,6 @@ def _overlap(standings: Sequence[Standing]) -> list[str]:
     high = -math.inf if best.high is None else best.high
     alike = [policy for policy, score in others if score.low is not None and score.low <= high]
     return [f"the 95 % interval of the score of {_names([first])} overlaps that of {_names(alike)}"] if alike else []
-
-
-def _title(title: str) -> str:
-    """Return the title of a case with its explanation in brackets."""
-    return escape(re.sub(r"^([^:]+): (.+)$", r"\1 (\2)", title))
 
 
 def _length(error: float) -> str:
@@ -142,50 +136,33 @@ def write_report(folder: str | Path, out: str | Path, bounds: Sequence[str | Pat
     """
     out, stored = path_of("out", out), read_evaluation(path_of("folder", folder))
     tubes = certificates.tube_section(certificates.checked_bounds([Path(one) for one in bounds]), stored.rollouts)
-    write_atomically(out, render_page(stored, certificates.observe_policies(stored.config, stored.bounds), tubes))
+    write_atomically(out, _render_page(stored, certificates.observe_policies(stored.config, stored.bounds), tubes))
 
 
-def render_page(stored: Evaluation, observed: certificates.Observations, tubes: str = "") -> str:
+def _render_page(stored: Evaluation, observed: Mapping[str, certificates.Observed | str], tubes: str = "") -> str:
     """Return the HTML of the page; it shows what was `observed` beside the certified bounds, then `tubes`."""
     structure, style, script = _part("page.html"), _part("page.css"), "\n".join(map(_part, _SCRIPTS))
     config, data, early = stored.config, replay_data(stored), not finished(stored.rows)
     text = json.dumps(data, separators=(",", ":"), allow_nan=False)
-    standings = standings_of(config, stored.rows, stored.certificates)
+    standings = standings_of(stored)
+    seeds = f"0 to {config.seeds - 1}" if config.seeds > 1 else "0"
     return Template(structure).substitute(
         policy=_security_policy(style, script),
         title="Robot-arm tracking, policies compared",
         style=style,
-        headline=headline(standings, config.titles),
-        rule=escape(rule(standings)),
-        meta=escape(_subtitle(stored)),
+        headline=_headline(standings, config.titles),
+        rule=escape(_rule(standings)),
         glance=error_charts(stored.rows, config.titles),
-        glance_note=" of the policies that finished; × ended early" if early else "",
-        sampling=escape(_sampling(config, data["stride"])),
         table=metrics_table(stored.rows, config.titles),
-        table_note=escape(_table_note(config, early)),
         declared=declared_table(stored.declared, stored.certificates),
         beliefs=belief_section(stored.rollouts, {name: config.case(name, None) for name in config.cases}),
-        scope=escape(certificates.SCOPE),
-        bounds=certificates.bound_charts(stored, observed),
-        bounds_note=certificates.bound_note(observed),
-        statements=certificates.statements(stored.certificates),
+        **certificates.certificate_parts(stored, observed),
+        **{name: escape(note) for name, note in _notes(stored, seeds, data["stride"], early).items()},
         tubes=tubes,
-        made="".join(f"<dt>{escape(key)}</dt><dd>{escape(value)}</dd>" for key, value in _made(stored).items()),
+        made="".join(f"<dt>{escape(key)}</dt><dd>{escape(value)}</dd>" for key, value in _made(stored, seeds).items()),
         data=re.sub("[<>&]", lambda c: f"\\u{ord(c[0]):04x}", text),  # no text ends its script element
         script=script,
     )
-
-
-def command(config: EvaluationConfig) -> str:
-    """Return the command of an evaluation with this configuration; FILE stands for an unknown file of arm or path."""
-    default = EvaluationConfig()
-    known = dataclasses.replace(
-        config, parameters=default.parameters, control_period=default.control_period, points=default.points
-    )
-    shipped = known.command()
-    named = shipped or dataclasses.replace(known, robot=None).command()
-    robot = "" if shipped and config.parameters == default.parameters else " --robot FILE"
-    return f"{named}{robot}" + ("" if config.points is None else " --path FILE")
 
 
 def _part(name: str) -> str:
@@ -201,46 +178,38 @@ def _security_policy(style: str, script: str) -> str:
     )
 
 
-def _subtitle(stored: Evaluation) -> str:
-    config, made = stored.config, stored.made_with
-    return (
-        f"{made['date'][:16].replace('T', ' ')} UTC · FuzzyArm {made['versions']['fuzzyarm']} · "
-        f"{f'seeds {_seeds(config)}' if config.seeds > 1 else 'seed 0'} · control period "
-        f"{1e3 * config.control_period:g} ms · policies: {len(config.policies)}, cases: {len(config.cases)}"
-    )
-
-
-def _seeds(config: EvaluationConfig) -> str:
-    return f"0 to {config.seeds - 1}" if config.seeds > 1 else "0"
-
-
-def _sampling(config: EvaluationConfig, stride: int) -> str:
+def _notes(stored: Evaluation, seeds: str, stride: int, early: bool) -> dict[str, str]:
+    """Return the line below the title and the notes below replay, charts and table, by their name in ``page.html``."""
+    config, made, several = stored.config, stored.made_with, stored.config.seeds > 1
     samples = "every sample" if stride == 1 else f"one sample in {stride} and the last of each episode"
-    seed = " of seed 0" if config.seeds > 1 else ""
-    return f"Replay and curves show {samples}{seed} in single precision; charts and table are of the full data."
-
-
-def _table_note(config: EvaluationConfig, early: bool) -> str:
-    note = (
+    stars = [
         "★ smallest of its column and case, left out where more than half share it; of a range the larger end counts."
-    )
+    ]
     if early:
-        note += " An episode that ended early cannot have a star, because its numbers are of a shorter motion."
-    if config.seeds > 1:
-        note += f" Medians over {config.seeds} seeds, with ranges."
-    return note
+        stars.append("An episode that ended early cannot have a star, because its numbers are of a shorter motion.")
+    if several:
+        samples += " of seed 0"
+        stars.append(f"Medians over {config.seeds} seeds, with ranges.")
+    return {
+        "meta": f"{made['date'][:16].replace('T', ' ')} UTC · FuzzyArm {made['versions']['fuzzyarm']} · "
+        f"{'seeds' if several else 'seed'} {seeds} · control period {1e3 * config.control_period:g} ms · "
+        f"policies: {len(config.policies)}, cases: {len(config.cases)}",
+        "sampling": f"Replay and curves show {samples} in single precision; charts and table are of the full data.",
+        "glance_note": " of the policies that finished; × ended early" if early else "",
+        "table_note": " ".join(stars),
+    }
 
 
-def _made(stored: Evaluation) -> dict[str, str]:
+def _made(stored: Evaluation, seeds: str) -> dict[str, str]:
     """Return the provenance of the evaluation and of this page, by heading."""
     config, made = stored.config, stored.made_with
     noise = "{:g} rad, {:g} rad/s".format(*config.encoder_noise) if any(config.encoder_noise) else "none"
     machine = made["machine"]
     return {
-        "command": command(config),
+        "command": str(config.command(placeholders=True)),
         "date": made["date"],
         "policies": ", ".join(resolve(name).label for name in config.policies),
-        "seeds": _seeds(config),
+        "seeds": seeds,
         "encoder noise": noise,
         "arm": config.arm_in_words,
         "versions": ", ".join(f"{name} {version}" for name, version in made["versions"].items()),

@@ -24,7 +24,7 @@ _BASE64 = 4 / 3  # bytes of base64 for a byte of data
 
 
 def replay_data(stored: Evaluation) -> dict[str, Any]:
-    """Return policies, arm, cases and their runs with the first seed, as plain data for JSON.
+    """Return policies, arm, cases and the runs of the first seed, as plain data for JSON.
 
     Arrays are base64 of little-endian float32. Every `stride`-th sample is embedded, and the last one of each episode.
     """
@@ -43,7 +43,7 @@ def replay_data(stored: Evaluation) -> dict[str, Any]:
 
 
 def _robot(robot: Robot, run: Rollout) -> dict[str, Any]:
-    """Return the chain of a robot, and the camera and the floor that it is shown with, for its motion in a run."""
+    """Return the kinematic chain of a robot, and the camera and floor of the replay, chosen for its motion in a run."""
     asked = poses_of(robot, run.q_reference[:: max(1, len(run.time) // _POSES)])
     camera, floor, chain = looking_at(robot, in_space(run.tip_reference)), floor_of(robot, asked.points), robot.arrays
     joints = zip(chain.position.tolist(), chain.rotation.tolist(), chain.axis.tolist(), strict=True)

@@ -15,13 +15,10 @@ from statistics import median
 from typing import Any
 
 from fuzzyarm.eval.episodes.metrics import RESOLUTION, columns, millimetres
-from fuzzyarm.eval.evaluation.result_table import DECLARED, by_case_and_policy, declared_rows, table_rows
+from fuzzyarm.eval.evaluation.result_table import by_case_and_policy, declared_rows, table_rows
 from fuzzyarm.policies.declared import Declared
 
-__all__ = [
-    "Axis", "Bound", "Errors", "best", "declared_table", "digits", "draw_chart", "error_charts", "figure", "finished",
-    "metrics_table",
-]  # fmt: skip
+__all__ = ["Axis", "declared_table", "digits", "error_charts", "figure", "finished", "metrics_table"]
 
 
 _WIDTH, _LEFT, _RIGHT, _TOP, _ROW, _BOTTOM = 390, 150, 76, 6, 25, 40  # [px]: of the chart, its margins, and a row
@@ -31,20 +28,23 @@ _PALETTE = 8  # number of policy colours in page.css; further policies start aga
 
 @dataclasses.dataclass(frozen=True)
 class Axis:
-    """A horizontal axis from `low` to `high`, labelled with quantity and unit."""
+    """The horizontal axis of a chart, from `low` to `high`, labelled with quantity and unit.
+
+    `errors` and `bound` draw what a row of the chart shows, in the middle of the row.
+    """
 
     label: str
     low: float
     high: float
     log: bool = False
 
-    def x(self, value: float) -> float:
+    def _x(self, value: float) -> float:
         """Return the position of a value [px]; a value beyond the axis is drawn at its end."""
         low, high = (math.log10(self.low), math.log10(self.high)) if self.log else (self.low, self.high)
         place = math.log10(max(value, 1e-300)) if self.log else value
         return _LEFT + (_WIDTH - _LEFT - _RIGHT) * min(max((place - low) / (high - low), 0.0), 1.0)
 
-    def ticks(self) -> list[float]:
+    def _ticks(self) -> list[float]:
         """Return the labelled values: decades, or at most six round numbers."""
         if self.log:
             exponents = range(round(math.log10(self.low)), round(math.log10(self.high)) + 1)
@@ -54,86 +54,54 @@ class Axis:
         step = next(factor * unit for factor in (1.0, 2.0, 5.0, 10.0) if factor * unit >= raw)
         return [step * k for k in range(math.ceil(self.low / step), math.floor(self.high / step + 1e-9) + 1)]
 
+    def errors(self, rms: float, maximum: float, mark: str) -> str:
+        """Return a disc at the rms, a stroke at the maximum, and the rms in digits with a mark: "★", "×" or none."""
+        at_rms, at_maximum = self._x(rms), self._x(maximum)
+        text = ('<tspan class="star">★ </tspan>' if mark == "★" else "") + escape(millimetres(rms, digits))
+        return (
+            f'<path class="span" d="M{at_rms:.1f} 0H{at_maximum:.1f}"/>'
+            f'<path class="end" d="M{at_maximum:.1f} -6v12"/><circle class="dot" cx="{at_rms:.1f}" cy="0" r="5"/>'
+            f'<text class="value" x="{_WIDTH - 2}" y="4">{text}{" ×" if mark == "×" else ""}</text>'
+        )
 
-@dataclasses.dataclass(frozen=True)
-class Errors:
-    """An error of a policy: its root mean square, its maximum, whether the former is the best, and a mark after it."""
+    def bound(self, certified: float, observed: float | None, *, lower: bool) -> str:
+        """Return the range that a certificate excludes, hatched, its limit, and a disc at the worst observed value."""
+        limit = self._x(certified)
+        start, end = (self._x(self.low), limit) if lower else (limit, self._x(self.high))
+        disc = "" if observed is None else f'<circle class="dot" cx="{self._x(observed):.1f}" cy="0" r="5"/>'
+        seen = "" if observed is None else f"{digits(observed)} "
+        return (
+            f'<rect class="ruled-out" x="{start:.1f}" y="-7" width="{end - start:.1f}" height="14"/>'
+            f'<path class="limit" d="M{limit:.1f} -10v20"/>{disc}'
+            f'<text class="value" x="{_WIDTH - 2}" y="4">{seen}{"≥" if lower else "≤"} {certified:.3g}</text>'
+        )
 
-    rms: float
-    maximum: float
-    best: bool
-    note: str = ""
-
-
-@dataclasses.dataclass(frozen=True)
-class Bound:
-    """A certified bound and the worst observed value."""
-
-    certified: float
-    observed: float | None  # None if nothing was
-    at_least: bool  # whether the bound is a lower one
-
-
-def draw_chart(axis: Axis, rows: Sequence[tuple[str, Errors | Bound | str]], description: str) -> str:
-    """Return the SVG of a chart: a row for each policy, with a text where there are neither errors nor a bound."""
-    bottom = _TOP + _ROW * len(rows)
-    parts = [
-        f'<svg class="chart" role="img" viewBox="0 0 {_WIDTH} {bottom + _BOTTOM}" width="{_WIDTH}" '
-        f'height="{bottom + _BOTTOM}"><title>{escape(description)}</title>'
-    ]
-    for tick in axis.ticks():
-        x = axis.x(tick)
-        parts.append(f'<path class="grid" d="M{x:.1f} {_TOP}V{bottom}"/>')
-        parts.append(f'<text class="tick" x="{x:.1f}" y="{bottom + 15}">{_number(tick)}</text>')
-    middle = 0.5 * (_LEFT + _WIDTH - _RIGHT)
-    parts.append(f'<text class="axis" x="{middle}" y="{bottom + 33}">{escape(axis.label)}</text>')
-    for index, (name, content) in enumerate(rows):
-        parts.append(_row(axis, name, index, content))
-    return "".join(parts) + "</svg>"
-
-
-def _row(axis: Axis, name: str, index: int, content: Errors | Bound | str) -> str:
-    y = _TOP + _ROW * (index + 0.5)
-    short = name if len(name) <= _LONGEST_NAME else name[: _LONGEST_NAME - 1] + "…"
-    label = (
-        f'<g class="p{index % _PALETTE}"><title>{escape(name)}</title><rect class="key" x="0" y="{y - 5}" width="9" '
-        f'height="10" rx="2"/><text class="name" x="16" y="{y + 4}">{escape(short)}</text>'
-    )
-    if isinstance(content, str):
-        return label + f'<text class="none" x="{_LEFT + 4}" y="{y + 4}">{escape(content)}</text></g>'
-    drawn = _errors(axis, y, content) if isinstance(content, Errors) else _bound(axis, y, content)
-    return label + drawn + "</g>"
-
-
-def _errors(axis: Axis, y: float, errors: Errors) -> str:
-    """Return a disc at the rms, a stroke at the maximum, and the rms in digits."""
-    rms, maximum = axis.x(errors.rms), axis.x(errors.maximum)
-    text = ('<tspan class="star">★ </tspan>' if errors.best else "") + escape(millimetres(errors.rms, digits))
-    return (
-        f'<path class="span" d="M{rms:.1f} {y}H{maximum:.1f}"/><path class="end" d="M{maximum:.1f} {y - 6}v12"/>'
-        f'<circle class="dot" cx="{rms:.1f}" cy="{y}" r="5"/>'
-        f'<text class="value" x="{_WIDTH - 2}" y="{y + 4}">{text}{errors.note}</text>'
-    )
-
-
-def _bound(axis: Axis, y: float, bound: Bound) -> str:
-    """Return the range that the certificate excludes, hatched, its limit, and a disc at the worst observed value."""
-    limit = axis.x(bound.certified)
-    start, end = (axis.x(axis.low), limit) if bound.at_least else (limit, axis.x(axis.high))
-    sign = "≥" if bound.at_least else "≤"
-    drawn = (
-        f'<rect class="ruled-out" x="{start:.1f}" y="{y - 7}" width="{end - start:.1f}" height="14"/>'
-        f'<path class="limit" d="M{limit:.1f} {y - 10}v20"/>'
-    )
-    seen = ""
-    if bound.observed is not None:
-        drawn += f'<circle class="dot" cx="{axis.x(bound.observed):.1f}" cy="{y}" r="5"/>'
-        seen = f"{digits(bound.observed)} "
-    return drawn + f'<text class="value" x="{_WIDTH - 2}" y="{y + 4}">{seen}{sign} {bound.certified:.3g}</text>'
+    def chart(self, rows: Sequence[tuple[str, str]], description: str) -> str:
+        """Return the SVG of a chart with a row for each (policy, content); content without markup is shown as text."""
+        bottom = _TOP + _ROW * len(rows)
+        parts = [
+            f'<svg class="chart" role="img" viewBox="0 0 {_WIDTH} {bottom + _BOTTOM}" width="{_WIDTH}" '
+            f'height="{bottom + _BOTTOM}"><title>{escape(description)}</title>'
+        ]
+        for tick in self._ticks():
+            x = self._x(tick)
+            parts.append(f'<path class="grid" d="M{x:.1f} {_TOP}V{bottom}"/>')
+            parts.append(f'<text class="tick" x="{x:.1f}" y="{bottom + 15}">{_number(tick)}</text>')
+        middle = 0.5 * (_LEFT + _WIDTH - _RIGHT)
+        parts.append(f'<text class="axis" x="{middle}" y="{bottom + 33}">{escape(self.label)}</text>')
+        for index, (name, drawn) in enumerate(rows):
+            short = name if len(name) <= _LONGEST_NAME else name[: _LONGEST_NAME - 1] + "…"
+            text = f'<text class="none" x="{_LEFT + 4}" y="4">{escape(drawn)}</text>'
+            parts.append(
+                f'<g class="p{index % _PALETTE}" transform="translate(0 {_TOP + _ROW * (index + 0.5)})">'
+                f'<title>{escape(name)}</title><rect class="key" x="0" y="-5" width="9" height="10" rx="2"/>'
+                f'<text class="name" x="16" y="4">{escape(short)}</text>{drawn if drawn[0] == "<" else text}</g>'
+            )
+        return "".join(parts) + "</svg>"
 
 
 def digits(value: float) -> str:
-    """Return a number with three digits, trailing zeros included; from 1000 on, with all digits before the point."""
+    """Return a number with three significant digits; from 1000 on, with all digits before the decimal point."""
     return f"{value:.0f}" if value >= 1000.0 else f"{value:#.3g}".rstrip(".")
 
 
@@ -164,7 +132,7 @@ def error_charts(rows: Sequence[_Row], titles: Mapping[str, str]) -> str:
         }
         for case, group in groups.items()
     }
-    values = list(itertools.chain(*(error for group in errors.values() for error in group.values())))
+    values = itertools.chain(*(error for group in errors.values() for error in group.values()))
     # A logarithmic axis of at least one decade shows all positive, finite values.
     positive = [value for value in values if 0.0 < value < math.inf] or [1.0]
     low, high = math.floor(math.log10(min(positive))), math.ceil(math.log10(max(positive)))
@@ -173,17 +141,17 @@ def error_charts(rows: Sequence[_Row], titles: Mapping[str, str]) -> str:
     for case, group in groups.items():
         held = [policy for policy, runs in group.items() if finished(runs)]
         best_rms = max(min((errors[case][policy][0] for policy in held), default=math.nan), RESOLUTION)
-        drawn = []
-        for policy, (rms, maximum) in errors[case].items():
-            won = policy in held and rms <= best_rms
-            drawn.append((policy, Errors(rms, maximum, won, "" if policy in held else " ×")))
+        drawn = [
+            (policy, axis.errors(rms, maximum, "×" if policy not in held else "★" if rms <= best_rms else ""))
+            for policy, (rms, maximum) in errors[case].items()
+        ]
         description = f"{titles[case]}: root mean square and maximum of the tip error in mm"
-        figures.append(figure(titles[case], draw_chart(axis, drawn, description)))
+        figures.append(figure(titles[case], axis.chart(drawn, description)))
     return "".join(figures)
 
 
 def metrics_table(rows: Sequence[_Row], titles: Mapping[str, str]) -> str:
-    """Return the table of all metrics: a body for each case, with the best cells of each column marked, see `best`."""
+    """Return the table of all metrics: a body for each case, with the best cells of each column marked, see `_best`."""
     cells = iter(table_rows(rows))  # in the order of the groups
     parts = [_head(["policy", *(heading.replace("N m", "N\u00a0m") for heading in columns())])]
     for case, group in by_case_and_policy(rows).items():
@@ -201,7 +169,7 @@ def _head(headings: Sequence[str]) -> str:
 def _table_body(title: str, group: _Group, texts: dict[str, list[str]]) -> str:
     """Return the rows of a case; `texts` are the cells of each policy."""
     marked = [
-        best(group, [metric.name for metric in metrics], {policy: cells[column] for policy, cells in texts.items()})
+        _best(group, [metric.name for metric in metrics], {policy: cells[column] for policy, cells in texts.items()})
         for column, metrics in enumerate(columns().values())
     ]
     span = f'scope="rowgroup" colspan="{len(columns()) + 1}"'
@@ -219,16 +187,17 @@ def _table_body(title: str, group: _Group, texts: dict[str, list[str]]) -> str:
 
 
 def declared_table(declared: Mapping[str, Declared | None], certificates: Mapping[str, str | None]) -> str:
-    """Return the table of what the policies declare, given that and their certificates in words by label."""
+    """Return the table of what the policies declare, from declarations and certificates in words by label."""
+    headings, *policies = declared_rows(declared, certificates)
     rows = []
-    for label, *cells in declared_rows(declared, certificates):
+    for label, *cells in policies:
         said = "".join(f'<td class="words">{escape(cell)}</td>' for cell in cells)
         rows.append(f'<tr><th scope="row">{escape(label)}</th>{said}</tr>')
-    return f"<table>{_head(DECLARED)}<tbody>{''.join(rows)}</tbody></table>"
+    return f"<table>{_head(headings)}<tbody>{''.join(rows)}</tbody></table>"
 
 
-def best(group: _Group, keys: Sequence[str], texts: Mapping[str, str]) -> set[str]:
-    """Return the policies that are marked as best in a column: the smallest value, and cells that read the same.
+def _best(group: _Group, keys: Sequence[str], texts: Mapping[str, str]) -> set[str]:
+    """Return the policies that are marked as best in a column: those whose cells read the same as the smallest value.
 
     The value of a cell is the largest absolute value of its metrics; over several seeds, their median. Only policies
     that finished all episodes compete. No policy is marked if only one finished, or if more than half of them would be.

@@ -5,7 +5,6 @@ import dataclasses
 import io
 import itertools
 import json
-from types import SimpleNamespace
 
 import gymnasium as gym
 import pytest
@@ -13,13 +12,9 @@ from rich.console import Console
 
 from fuzzyarm.eval.bench import entries
 from fuzzyarm.eval.bench import run as bench_module
-from fuzzyarm.eval.bench.entries import Entry, NotMeasured, timed
+from fuzzyarm.eval.bench.entries import Entry, timed
 from fuzzyarm.eval.bench.run import BenchConfig, race, run_bench, write_document
-from fuzzyarm.eval.bench.speed_table import draw_throughput, print_speeds, speed_cells
-
-
-def silent(_):
-    pass
+from fuzzyarm.eval.bench.speed_table import _speed_cells, draw_throughput, print_speeds
 
 
 def entry(name, speeds, log=None, **fields):
@@ -68,18 +63,19 @@ def test_a_speed_is_steps_over_time_on_the_clock():
 def test_entries_take_turns_after_all_are_warm_and_are_closed():
     log = []
     group = [entry(name, FIVE, log) for name in "ab"]
-    rows = race("group", group, 5, 0.5, silent)
-    warm = bench_module.WARM_UP
+    rows = race("group", group, 5, 0.5)
+    warm = bench_module._WARM_UP
     assert log[:4] == [("a", "open"), ("a", warm), ("b", "open"), ("b", warm)]
     assert log[4:-2] == [("a", 0.5), ("b", 0.5)] * 5
     assert sorted(log[-2:]) == [("a", "close"), ("b", "close")]
-    assert [row.speeds for row in rows] == [FIVE, FIVE]  # without the warm-up
+    quartiles = {"median": 300.0, "q1": 200.0, "q3": 400.0}  # without the warm-up
+    assert [row["steps_per_s"] for row in rows] == [quartiles, quartiles]
 
 
 def test_a_ratio_is_the_median_of_the_ratios_of_the_rounds():
     own = entry("own", [10.0, 20.0, 300.0, 40.0, 50.0])
     peer = entry("peer", [10.0, 5.0, 100.0, 4.0, 1.0], peer="Peer")
-    row, other = (row.to_dict() for row in race("group", [own, peer], 5, 0.5, silent))
+    row, other = race("group", [own, peer], 5, 0.5)
     assert row["ratios"] == {"Peer": {"median": 4.0, "q1": 3.0, "q3": 10.0}}  # of 1, 4, 3, 10, 50
     assert row["steps_per_s"]["median"] / other["steps_per_s"]["median"] == 8.0  # which is something else
     assert other["ratios"] == {}  # peers are not compared with each other
@@ -88,7 +84,7 @@ def test_a_ratio_is_the_median_of_the_ratios_of_the_rounds():
 @pytest.mark.parametrize(
     ("error", "reason"),
     [
-        (NotMeasured("no GPU\nhere."), "no GPU here"),
+        (RuntimeError("no GPU\nhere."), "no GPU here"),
         (
             ModuleNotFoundError("No module", name="envpool"),
             'envpool is not installed: pip install -c constraints.txt -e ".[bench]" in the repository',
@@ -97,43 +93,41 @@ def test_a_ratio_is_the_median_of_the_ratios_of_the_rounds():
     ],
 )
 def test_what_cannot_run_is_a_row_with_the_reason(error, reason):
-    own, peer = entry("own", FIVE), absent("peer", error, peer="Peer", extra="bench")
-    ours, theirs = (row.to_dict() for row in race("group", [own, peer], 5, 0.5, silent))
+    own, peer = entry("own", FIVE), absent("peer", error, peer="Peer")
+    ours, theirs = race("group", [own, peer], 5, 0.5)
     assert (theirs["reason"], theirs["steps_per_s"]) == (reason, None)
     assert ours["reason"] is None and ours["steps_per_s"]["median"] == 300.0 and ours["ratios"] == {}
 
 
 @pytest.fixture
 def small(monkeypatch):
-    """Return the configuration of a table of made-up entries; `small.tip_errors` counts the calls."""
-    calls = []
+    """Return the configuration of a table of made-up entries."""
 
     def tip_error():
-        calls.append(None)
         return 2e-6
 
     pendulum = entry("Pendulum-v1", [50.0] * 5, peer="Pendulum")
-    missing = absent("torch", NotMeasured("no torch"), tip_error=None, dtype="float32")
+    missing = absent("torch", RuntimeError("no torch"), tip_error=None, dtype="float32")
     groups = {"one environment": [entry("own", FIVE, tip_error=tip_error), pendulum]}
     groups["64 lanes"] = [entry("own", [2.0 * speed for speed in FIVE], tip_error=tip_error), missing]
     sweep = {
         f"sweep, {lanes} lanes": [
             entry("own", [lanes * speed for speed in FIVE], lanes=lanes),
             entry("torch", [2.0 * lanes * speed for speed in FIVE], lanes=lanes, dtype="float32"),
-            absent("GPU", NotMeasured("no GPU"), lanes=lanes),
+            absent("GPU", RuntimeError("no GPU"), lanes=lanes),
         ]
         for lanes in (1, 4, 16)
     }
     monkeypatch.setattr(BenchConfig, "groups", lambda self: groups)
     monkeypatch.setattr(BenchConfig, "sweep_groups", lambda self: sweep if self.lanes_sweep else {})
-    monkeypatch.setattr(bench_module, "memory_per_lane", lambda: {"bytes": 321.4, "reason": None})
-    return SimpleNamespace(config=BenchConfig(threads=1, lanes_sweep=True), tip_errors=calls)
+    monkeypatch.setattr(bench_module, "_memory_per_lane", lambda: 321.4)
+    return BenchConfig(threads=1, lanes_sweep=True)
 
 
 def test_the_document_and_the_figure(small, tmp_path):
     steps = []
-    document = run_bench(small.config, steps.append)
-    assert len(steps) == small.config.turns()
+    document = run_bench(small, steps.append)
+    assert len(steps) == small.turns()
     assert {"schema", "command", "date", "commit", "versions", "machine", "method"} < set(document)
     assert document["command"].endswith("--seconds 0.5 --rounds 5 --lanes 64 1024 65536 --threads 1 --lanes-sweep")
     assert document["rows"][0] == {
@@ -149,7 +143,6 @@ def test_the_document_and_the_figure(small, tmp_path):
         "reason": None,
     }
     assert [row["tip_error_um"] for row in document["rows"]] == [2.0, None, 2.0, None]
-    assert len(small.tip_errors) == 1  # one back end, one closed loop
     assert [row["lanes"] for row in document["sweep"]] == [1, 1, 1, 4, 4, 4, 16, 16, 16]
     written = write_document(document, tmp_path)
     assert [path.name for path in written] == ["bench.json", "throughput.png"]
@@ -163,8 +156,8 @@ def test_the_document_and_the_figure(small, tmp_path):
 
 
 def test_the_table(small):
-    document = run_bench(small.config)
-    headings, cells = speed_cells(document["rows"])
+    document = run_bench(small)
+    headings, cells = _speed_cells(document["rows"])
     assert headings[-3:] == ["steps/s [thousand]", "× Pendulum", "tip error [µm]"]
     assert cells[0][-3:] == ["0.300 (0.200-0.400)", "6.00 (4.00-8.00)", "2"]
     assert cells[3][-3:] == ["not measured", "", ""]
@@ -179,6 +172,12 @@ def test_the_table(small):
 
 @pytest.mark.parametrize("number", range(4))
 def test_what_is_installed_runs(number):
-    runnable = entries.own_single(), entries.gymnasium_peers()[0], entries.own_batches(4, 1)[0]
-    with (*runnable, entries.batch_peers(4, 1)[-1])[number].open() as measure:
+    batch = entries.batch_entries(4, 1)
+    with (*entries.single_entries()[:2], batch[0], batch[-1])[number].open() as measure:
         assert measure(0.001) > 0.0
+
+
+@pytest.mark.slow
+def test_the_arm_in_torch_is_as_close_to_the_event_integrator_as_that_in_machine_code():
+    own, torch = entries._own_tip_error(), entries._torch_tip_error("cpu", "float64")
+    assert own < 1e-6 and torch == pytest.approx(own, rel=1e-6)

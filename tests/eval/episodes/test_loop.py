@@ -23,8 +23,8 @@ from fuzzyarm.eval.episodes.rollout_file import read_rollouts, write_rollouts
 from fuzzyarm.eval.evaluation.recheck import recheck_results
 from fuzzyarm.eval.evaluation.results_file import _check_rollout as _check_stored
 from fuzzyarm.eval.evaluation.results_file import _check_row, read_results
-from fuzzyarm.eval.evaluation.run import EvaluationConfig, _row, evaluate, write_results
-from fuzzyarm.eval.report.beliefs import belief_figures
+from fuzzyarm.eval.evaluation.run import EvaluationConfig, evaluate, row_of, write_results
+from fuzzyarm.eval.report.beliefs import belief_section
 from fuzzyarm.fuzzy_policy.signed_files import ControllerFileError
 from fuzzyarm.policies import load_policy, resolve
 
@@ -290,9 +290,9 @@ def test_beliefs_come_back_from_the_file_and_are_checked(runs, tmp_path):
 
 
 def test_the_page_shows_what_is_believed_beside_the_truth(runs):
-    drawn = belief_figures(runs)
+    drawn = belief_section(runs)
     assert drawn.count("<figure>") == drawn.count('class="belief-band"') == 1 and "adaptive-observer" in drawn
-    assert belief_figures(runs[1:]) == ""
+    assert belief_section(runs[1:]) == ""
     columns = "payload", "stiffness_1", "stiffness_2", "offset_1", "offset_2", "lateness"
     values, deviations = (4.2, 1.04, 0.97, -1e-9, 0.3, 2e-3), (1.5, 0.02, 0.1, 2.0, 0.0, 5e-4)
     names = tuple(name + end for name in columns for end in ("", "_deviation"))
@@ -303,7 +303,7 @@ def test_the_page_shows_what_is_believed_beside_the_truth(runs):
         EvaluationConfig(payload=7.5).case("payload", None),
         disturbance=Disturbance(payload=Payload(7.5), torque_bias=TorqueBias((3.0, -1.0))),
     )
-    drawn = belief_figures([run, dataclasses.replace(run, seed=1, note="")], {"machining": pushed})
+    drawn = belief_section([run, dataclasses.replace(run, seed=1, note="")], {"machining": pushed})
     rows = re.findall(r"<tr><th scope=.row.>(.*?)</th>(.*?)</tr>", drawn)
     assert {label: re.findall(r"<td.*?>(.*?)</td>", cells) for label, cells in rows} == {
         "payload [kg]": ["4.2 ± 1.5", "7.5"],
@@ -339,16 +339,19 @@ def test_what_has_to_be_known_is_on_the_console_in_the_results_in_the_file_and_o
         "payload (first at 0.004 s, and at last)"
     )
     assert run.note == said
-    row = _row(run, [run])
+    row = row_of(run)
     assert row["note"] == said
     _check_row(row, ("nominal", "own", 0))
     write_rollouts([run], tmp_path)
     assert read_rollouts(tmp_path / "rollouts.npz")[0].note == said
     _check_stored(run, row)
-    with pytest.raises(ValueError, match="the note on own in case nominal is not that of its rollout"):
+    with pytest.raises(ValueError, match="note of own in case nominal is 'all is well', its rollout has"):
         _check_stored(run, row | {"note": "all is well"})
-    assert said in belief_figures([run])
-    # A filter that has diverged believes nothing.
+    assert said in belief_section([run])
+
+
+def test_a_filter_that_has_diverged_believes_nothing():
+    run = record_rollout(FuzzyArmEnv(), Diverging(), policy_name="own", case="nominal", seed=0)
     assert "offset_1" not in run.believed
     np.testing.assert_array_equal(run.believed["payload"][:7], [0.0, 1.0, 2.0, 3.0, 4.0, np.nan, np.nan])
     np.testing.assert_array_equal(run.believed["payload_deviation"][:4], [1.0, 1.0, np.nan, 1.0])

@@ -2,7 +2,6 @@
 
 import dataclasses
 import json
-from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -171,21 +170,22 @@ def test_the_configuration_comes_back_from_its_file_with_points_and_loads(tmp_pa
     assert evaluation.rollouts[0].external_force.max() <= 2.0 and len(evaluation.rollouts[0].time) == 400
     write_results(evaluation, tmp_path)
     assert record(read_json(tmp_path / "results.json")["config"], EvaluationConfig) == config
-    assert config.command() is None  # points are no words of a command line
 
 
-def test_names_and_loads_are_words_of_the_command():
-    config = EvaluationConfig(path="line", force=(1.0, 2.0), payload=0.5)
-    assert config.command() == "fuzzyarm evaluate --path line --force 1.0 2.0 --payload 0.5"
-
-
-PERIOD = 1e-3
-
-
-def rollout(policy, clipped, steps=1000):
-    torque = np.tile([499.9, -249.9], (steps, 1))
-    torque[:clipped, 1] = -250.0
-    return SimpleNamespace(policy=policy, torque=torque)
+@pytest.mark.parametrize(
+    ("changed", "command", "page"),
+    [
+        ({"path": "line", "force": (1.0, 2.0), "payload": 0.5}, "--path line --force 1.0 2.0 --payload 0.5", ""),
+        ({"policies": ("fuzzy-4",), "cases": ("payload",)}, "--policy fuzzy-4 --case payload", ""),
+        ({"parameters": ArmParameters(mass=(12.0, 9.0))}, None, "--robot FILE"),
+        ({"points": GivenPath(((0.4, 0.5), (0.5, 0.4)))}, None, "--path FILE"),
+        ({"control_period": 2e-3, "cases": ("payload",)}, None, "--case payload"),
+    ],
+)
+def test_the_command_of_a_configuration_and_what_the_page_shows_for_unknown_files(changed, command, page):
+    config = EvaluationConfig(**changed)
+    assert config.command() == (command and f"fuzzyarm evaluate {command}")
+    assert config.command(placeholders=True) == f"fuzzyarm evaluate {command or page}"
 
 
 def test_a_law_whose_loop_is_unstable_on_a_light_arm_is_said_to_be_so():
@@ -208,7 +208,6 @@ def test_a_law_whose_loop_is_unstable_on_a_light_arm_is_said_to_be_so():
     )
     (line,) = found.remarks
     assert line.startswith("computed-torque: ") and "its loop is unstable on this arm (spectral radius" in line
-    assert load_policy("computed-torque").action_period == PERIOD
 
 
 @pytest.fixture

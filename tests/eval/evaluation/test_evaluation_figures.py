@@ -8,7 +8,7 @@ import pytest
 from PIL import Image
 from support.rollouts import made_rollout
 
-from fuzzyarm.eval.evaluation.figures import FOCUS, draw_figures, time_figures, view_of, write_figures
+from fuzzyarm.eval.evaluation.figures import _FOCUS, _view_of, draw_figures, time_figures, write_figures
 
 WITHOUT_FORCE = ("path", *time_figures(2))
 WITH_FORCE = (*WITHOUT_FORCE, "force")
@@ -170,7 +170,7 @@ def test_an_episode_that_ended_early_is_marked():
 @pytest.mark.parametrize("completed", [True, False])
 def test_a_policy_far_off_does_not_flatten_the_others(completed, keep):
     keep("torque")
-    figures = draw_figures([episode("good"), episode("bad", samples=50, error=20 * FOCUS * 1e-3, completed=completed)])
+    figures = draw_figures([episode("good"), episode("bad", samples=50, error=20 * _FOCUS * 1e-3, completed=completed)])
     error = figures["overview"].axes[1]
     assert error.get_ylim()[1] < 1.2  # mm; the good one reaches 1.0
     assert "bad up to" in error.texts[0].get_text()
@@ -216,7 +216,7 @@ def circle_in_space(first, second):
 )
 def test_a_circle_in_space_is_seen_face_on_and_upright(first, second, up):
     points = circle_in_space(first, second)
-    view = view_of(points)
+    view = _view_of(points)
     np.testing.assert_allclose(view.rows @ view.rows.T, np.eye(2), atol=1e-12)
     np.testing.assert_allclose(view.rows[0], -np.array(up), atol=1e-9)
     seen = view.of(points)
@@ -226,5 +226,5 @@ def test_a_circle_in_space_is_seen_face_on_and_upright(first, second, up):
 
 def test_the_plane_of_the_two_joint_arm_is_taken_as_it_is():
     points = circle_in_space((1.0, 0.0, 0.0), (0.0, 1.0, 0.0))[:, :2]
-    view = view_of(points)
+    view = _view_of(points)
     assert np.array_equal(view.of(points), points) and not view.upwards

@@ -83,23 +83,39 @@ def test_each_number_is_compared(folder, document, evaluation, monkeypatch):
             assert differences(folder, changed, evaluation, monkeypatch) == expected
 
 
-def test_so_is_what_is_no_metric(folder, document, evaluation, monkeypatch):
-    def found(change):
-        changed = copy.deepcopy(document)
-        change(changed)
-        return differences(folder, changed, evaluation, monkeypatch)
+def replaced(keys, value):
+    """Return a change that puts a value into a nested document, or takes the key out of it."""
 
-    assert found(lambda d: d["results"][1].update(completed=False)) == ["completed"]
-    assert found(lambda d: d["results"][1].update(reason="gone")) == ["reason"]
-    assert found(lambda d: d["results"][1].pop("energy")) == ["energy"]
-    assert found(lambda d: d["results"][1].update(height=1.0)) == ["height"]
-    assert found(lambda d: d["certified_bounds"]["fuzzy-4"].update(gamma=1e-4)) == ["gamma"]
-    assert found(lambda d: d["certified_bounds"].update({"fuzzy-4": None})) == [
-        "form",
-        "alpha",
-        "gamma",
-        "controller_digest",
-    ]
+    def change(document):
+        for key in keys[:-1]:
+            document = document[key]
+        if value is None:
+            del document[keys[-1]]
+        else:
+            document[keys[-1]] = value
+
+    return change
+
+
+@pytest.mark.parametrize(
+    ("keys", "value", "expected"),
+    [
+        (["results", 1, "completed"], False, ["completed"]),
+        (["results", 1, "reason"], "gone", ["reason"]),
+        (["results", 1, "energy"], None, ["energy"]),
+        (["results", 1, "height"], 1.0, ["height"]),
+        (["certified_bounds", "fuzzy-4", "gamma"], 1e-4, ["gamma"]),
+    ],
+)
+def test_what_is_no_metric_is_compared_too(folder, document, evaluation, monkeypatch, keys, value, expected):
+    replaced(keys, value)(document)
+    assert differences(folder, document, evaluation, monkeypatch) == expected
+
+
+def test_a_bound_that_was_not_recorded_is_a_difference(folder, document, evaluation, monkeypatch):
+    document["certified_bounds"]["fuzzy-4"] = None
+    names = ["form", "alpha", "gamma", "controller_digest"]
+    assert differences(folder, document, evaluation, monkeypatch) == names
 
 
 def test_what_differs_is_shown_with_both_values(folder, document, capsys, repeated):
@@ -194,26 +210,15 @@ def test_options_that_the_file_decides_are_refused(folder, document, capsys, opt
     assert message in one_line_error(capsys)
 
 
-def replaced(keys, value):
-    """Return a change that puts a value into a nested document, or takes the key out of it."""
-
-    def change(document):
-        for key in keys[:-1]:
-            document = document[key]
-        if value is None:
-            del document[keys[-1]]
-        else:
-            document[keys[-1]] = value
-
-    return change
-
-
 BROKEN = {
     "another schema": (replaced(["schema"], "fuzzyarm-margins/1"), "the schema is 'fuzzyarm-margins/1'"),
     "no configuration": (replaced(["config"], None), "missing required field `config`"),
     "no version": (replaced(["versions", "fuzzyarm"], None), "'fuzzyarm' is missing"),
     "a bound": (replaced(["certified_bounds", "fuzzy-4", "gamma"], 10**400), "is damaged"),
     "a word for a bound": (replaced(["certified_bounds", "fuzzy-4", "gamma"], [1.0]), "at `certified_bounds"),
+    "a digest of the rollouts": (replaced(["rollouts_sha256"], 0), "got `int` at `rollouts_sha256`"),
+    "no certificates": (replaced(["certificates"], {}), "'fuzzy-4' is missing"),
+    "no machine": (replaced(["machine"], {}), "missing required field `cpu`"),
     "no digests": (replaced(["policy_files", "fuzzy-4"], None), "'fuzzy-4' is missing"),
     "a policy": (replaced(["config", "policies", 0], 4), "got `int` at `config.policies[0]`"),
     "a case": (replaced(["config", "cases"], ["nowhere"]), "choose from: nominal"),

@@ -10,17 +10,11 @@ import pytest
 
 from fuzzyarm.envs.physics.dynamics import arm_constants
 from fuzzyarm.eval.paper.claims import CLAIMS, Claim
-from fuzzyarm.eval.paper.evidence import (
-    FORMS,
-    HIGH_GAIN,
-    PAPER_K,
-    PAPER_L,
-    PAPERS_OWN,
-    RULES,
-    SWAPPED,
-    WITNESSES,
-    prove_witnesses,
-)
+from fuzzyarm.eval.paper.evidence import _HIGH_GAIN as HIGH_GAIN
+from fuzzyarm.eval.paper.evidence import _PAPER_K as PAPER_K
+from fuzzyarm.eval.paper.evidence import _PAPER_L as PAPER_L
+from fuzzyarm.eval.paper.evidence import _WITNESSES as WITNESSES
+from fuzzyarm.eval.paper.evidence import FORMS, PAPERS_OWN, RULES, SWAPPED, _prove_witnesses
 from fuzzyarm.fuzzy_policy.controller import Controller
 from fuzzyarm.proof.certificate import certify
 
@@ -81,9 +75,9 @@ def test_what_the_project_says_agrees_does(comparison):
     ],
 )
 def test_agreement(comparison, decimals, value, expected):
-    claim = Claim("key", "here", "1.3", "q", "-", 1.3, dict, comparison=comparison, decimals=decimals)
+    claim = Claim("key", "here", "1.3", "q", "-", 1.3, "", comparison=comparison, decimals=decimals)
     assert claim.agrees("any", value) is expected
-    assert Claim("key", "here", "", "q", "-", {"other": 1.3}, dict).agrees("any", value) is None
+    assert Claim("key", "here", "", "q", "-", {"other": 1.3}, "").agrees("any", value) is None
 
 
 def test_feedforward_at_rest(evidence, comparison):
@@ -114,13 +108,11 @@ def test_controllers_are_what_their_titles_say(evidence):
 
 
 def test_feasibility_rests_on_exact_proofs_alone(evidence):
-    measure = BY_KEY["feasibility"].measure
     assert evidence.proven == {*WITNESSES, HIGH_GAIN}
     without = frozenset(name for name in evidence.proven if not name.startswith("paper-1"))
-    assert measure(dataclasses.replace(evidence, proven=without))["fewest rules"] == 2
-    assert measure(dataclasses.replace(evidence, proven=frozenset()))["fewest rules"] == 0
-    unproven = dataclasses.replace(evidence, proven=frozenset(WITNESSES))
-    assert BY_KEY["unbounded-gain"].measure(unproven) == {"4 rules": 0.0}
+    for proven, fewest in ((without, 2), (frozenset(), 0)):
+        assert dataclasses.replace(evidence, proven=proven).fewest_rules()["fewest rules"] == fewest
+    assert dataclasses.replace(evidence, proven=frozenset(WITNESSES)).unbounded_gain() == {"4 rules": 0.0}
 
 
 def test_a_witness_counts_only_if_its_stored_gains_are_proven(monkeypatch):
@@ -129,15 +121,10 @@ def test_a_witness_counts_only_if_its_stored_gains_are_proven(monkeypatch):
         return dataclasses.replace(controller, gains=-controller.gains) if "paper-1" in path.name else controller
 
     names = tuple(name for name in WITNESSES if "paper-4" not in name)
-    monkeypatch.setattr("fuzzyarm.eval.paper.evidence.WITNESSES", names)
+    monkeypatch.setattr("fuzzyarm.eval.paper.evidence._WITNESSES", names)
     monkeypatch.setattr("fuzzyarm.eval.paper.evidence.Controller", SimpleNamespace(load=gains_turned))
-    _, proven = prove_witnesses(lambda: None)
-    assert {name for name in (*names, HIGH_GAIN) if name not in proven} == {
-        "paper-1",
-        "paper-1-common",
-        "paper-1-integral",
-        "paper-1-integral-common",
-    }
+    _, proven = _prove_witnesses(lambda: None)
+    assert proven == {HIGH_GAIN, *(name for name in names if "paper-1" not in name)}
 
 
 def test_gamma_of_another_feedforward_is_where_the_proof_begins(evidence, comparison):

@@ -7,8 +7,9 @@ import pytest
 
 from fuzzyarm.cli import main
 from fuzzyarm.eval.paper import report as drift
-from fuzzyarm.eval.paper.claims import CLAIMS, Claim, Tolerance
-from fuzzyarm.eval.paper.report import find_drift, load_expected, store_expected
+from fuzzyarm.eval.paper.claims import CLAIMS, Claim
+from fuzzyarm.eval.paper.report import _find_drift as find_drift
+from fuzzyarm.eval.paper.report import load_expected, store_expected
 
 
 @pytest.fixture
@@ -95,7 +96,7 @@ def test_bad_usage_is_one_line_and_exit_code_2(undrawn, tmp_path, capsys):
         assert message in capsys.readouterr().err
 
 
-CLAIM = Claim("peak", "6.2", "228", "peak", "N m", 228.0, dict, tolerance=Tolerance(relative=0.01, absolute=1.0))
+CLAIM = Claim("peak", "6.2", "228", "peak", "N m", 228.0, "", tolerance=(0.01, 1.0))
 STORED = {"peak": {"a": 200.0, "b": -200.0}}
 
 
@@ -137,5 +138,5 @@ def test_a_damaged_file_says_how_to_write_it_again(tmp_path):
         '{"schema": "fuzzyarm-paper-expected/1", "measured": {"peak": {"a": "1"}}}',
     ):
         path.write_text(text)
-        with pytest.raises(ValueError, match=r"expected\.json holds no stored numbers .* --renew"):
+        with pytest.raises(ValueError, match=r"expected\.json.* with fuzzyarm paper --out DIR --renew"):
             load_expected(path)

@@ -10,9 +10,8 @@ from fuzzyarm.envs.perspective import looking_at, poses_of
 from fuzzyarm.envs.physics.rigid_body import tip_position
 from fuzzyarm.envs.physics.robot import robot_named
 from fuzzyarm.envs.scenario.default_reference import default_reference
-from fuzzyarm.eval.episodes.metrics import metrics_of
 from fuzzyarm.eval.evaluation.results_file import read_evaluation
-from fuzzyarm.eval.evaluation.run import Evaluation, EvaluationConfig
+from fuzzyarm.eval.evaluation.run import Evaluation, EvaluationConfig, row_of
 from fuzzyarm.eval.provenance import current_provenance
 from fuzzyarm.eval.report.payload import replay_data
 
@@ -48,11 +47,10 @@ def rollout(case, policy, offset):
 @pytest.fixture(scope="module")
 def robot_folder(tmp_path_factory):
     runs = [rollout(case, policy, 1e-3 * (1 + k)) for case in CASES for k, policy in enumerate(POLICIES)]
-    named = ("case", "policy", "seed", "completed", "reason")
     evaluation = Evaluation(
         EvaluationConfig(policies=POLICIES, cases=CASES, robot=ROBOT),
         runs,
-        [{name: getattr(run, name) for name in named} | metrics_of(run) for run in runs],
+        [row_of(run) for run in runs],
         dict.fromkeys(POLICIES),
         dict.fromkeys(POLICIES),
         {"command": None, "date": "2026-01-01", **current_provenance(), "policy_files": {p: {} for p in POLICIES}},
