@@ -79,7 +79,7 @@ def travel_of(arm: AnyArm, q: np.ndarray, dq: np.ndarray) -> np.ndarray:
         jacobian = rigid_body.tip_jacobian(arm, q)[..., : equations_of(arm).axes, :]
     else:
         jacobian = dynamics.tip_jacobian(q, arm.length)
-    velocity = (jacobian @ dq[..., np.newaxis])[..., 0]
+    velocity = np.sum(jacobian * dq[..., np.newaxis, :], axis=-1)
     speed = np.linalg.norm(velocity, axis=-1, keepdims=True)
     direction: np.ndarray = np.divide(velocity, speed, out=np.zeros_like(velocity), where=speed > 0.0)
     return direction

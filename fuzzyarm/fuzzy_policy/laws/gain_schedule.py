@@ -30,6 +30,7 @@ __all__ = [
 GRID = np.linspace(-1.0, 1.0, 9)  # cos q2 of the two-joint arm's tables
 POINTS = 8  # of an angle of a robot, 45° apart
 _MOST_KEPT = 2  # angles of a robot over which gains are tabulated
+_BITS = 30  # of a mean inertia
 SAMPLES, SEED = 64, 2022  # of the angles over which is averaged
 
 
@@ -86,8 +87,15 @@ def _of_robot(robot: Robot) -> GainSchedule:
 
 
 def _inertia_at(robot: Robot, angles: list[np.ndarray]) -> np.ndarray:
-    """Return the mean M (points, n, n) [kg m²] over angles (samples, n) [rad] of each point."""
-    return np.array([np.mean(mass_matrix(robot, q), axis=0) for q in angles])
+    """Return the mean M (points, n, n) [kg m²] over angles (samples, n) [rad] of each point, to about nine digits.
+
+    Processors sum the products in M in different orders. M_ij is rounded to a multiple of 2^-30 of a power of two near
+    √(M_ii M_jj), so that it is the same on all of them.
+    """
+    mean = np.array([np.mean(mass_matrix(robot, q), axis=0) for q in angles])
+    size = np.frexp(np.diagonal(mean[0]))[1]
+    unit = np.ldexp(1.0, (size + size[:, np.newaxis]) // 2 - _BITS)
+    return np.asarray(np.rint(mean / unit) * unit)
 
 
 def random_angles(robot: Robot) -> np.ndarray:

@@ -234,7 +234,7 @@ def test_the_law_in_plain_numpy():
         (lambda: ObserverWeights(link_angle=0.0), r"ObserverWeights\.link_angle = .* allowed: \[1e-06, 1e\+06\]"),
         (lambda: ObserverWeights(encoder_angle=True), r"ObserverWeights\.encoder_angle = True"),
         (lambda: ElasticObserverPolicy(control_period=0.2), r"control_period = .* allowed"),
-        (lambda: ElasticObserverPolicy(weights=NONE), r"no gains at cos q2 = -1 for control_period = 0\.001 s"),
+        (lambda: ElasticObserverPolicy(weights=NONE), r"no gains at cos q2 = .* for control_period = 0\.001 s"),
     ],
 )
 def test_what_is_out_of_range_is_refused(made, message):

@@ -23,7 +23,9 @@ from fuzzyarm.fuzzy_policy.laws.observer_gains import (
     SOFTENINGS,
     Condition,
     ObserverWeights,
+    feedback_gain,
     linear_observer,
+    observer_gain,
     places_of,
     softened,
     weights_for,
@@ -35,6 +37,12 @@ TWO = dataclasses.replace(Robot.of(ArmParameters()), gravity=(0.0, 0.0, 0.0))
 """Without gravity, which the linear loops leave out."""
 
 
+def observer(place, inertia, weights):
+    """The linear law of the observer at a place, with gains designed for an inertia."""
+    given = place.robot, PERIOD, inertia, weights
+    return linear_observer(place, feedback_gain(*given), observer_gain(*given))
+
+
 @pytest.mark.slow
 @pytest.mark.parametrize("condition", [Condition(), Condition(1.5, 1), Condition(stiffness=1.2)])
 def test_linear_loops_are_those_of_the_policies(condition):
@@ -44,7 +52,7 @@ def test_linear_loops_are_those_of_the_policies(condition):
     place = dataclasses.replace(places_of(TWO, PERIOD, 1)[0], q=np.array([0.4, 0.25 * np.pi]))
     place = dataclasses.replace(place, inertia=nearest_inertia(schedule, place.q))  # at a point, M is that of the table
     for law, linear in (
-        (policy, linear_observer(place, place.inertia, weights)),
+        (policy, observer(place, place.inertia, weights)),
         (ComputedTorquePolicy(TWO, PERIOD, 50.0), linear_computed_torque(place, 50.0)),
     ):
         matrix = linearise(law, plant, place.q, PERIOD).matrix(condition.loop_gain, condition.delay)
@@ -69,7 +77,7 @@ def test_robots_get_the_largest_gains_with_margins(name):
         return max(worst_radius(p, linear_computed_torque(p, bandwidth), ONE_AT_A_TIME) for p in places)
 
     def observer_radius(weights):
-        laws = [linear_observer(place, nearest_inertia(schedule, place.q), weights) for place in places]
+        laws = [observer(place, nearest_inertia(schedule, place.q), weights) for place in places]
         return max(worst_radius(place, law, CONDITIONS) for place, law in zip(places, laws, strict=True))
 
     chosen = bandwidth_for(robot, PERIOD)

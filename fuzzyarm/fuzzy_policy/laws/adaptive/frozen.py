@@ -30,6 +30,7 @@ from fuzzyarm.fuzzy_policy.law import Law, LawPolicy
 from fuzzyarm.fuzzy_policy.laws.adaptive.belief import FLAG, Memory, affine_numbers, places
 from fuzzyarm.fuzzy_policy.laws.adaptive.filter import Room, Settings, begin, fill, tables_of, take_in, with_tables
 from fuzzyarm.fuzzy_policy.laws.adaptive.law import act
+from fuzzyarm.fuzzy_policy.laws.riccati import solved
 from fuzzyarm.numbers.functions import array, each, only, row
 
 if TYPE_CHECKING:
@@ -84,7 +85,7 @@ def _gains_along_path(policy: AdaptiveObserverPolicy) -> tuple[np.ndarray, np.nd
         measured = state[policy.memory.z][seen]
         if k % _EVERY == 0 and _TENTH * steps < k < (1.0 - _TENTH) * steps:
             P = state[policy.memory.P].reshape(len(policy.settings.spread), -1)[:, seen]
-            gain = P @ np.linalg.inv(P[seen] + variances)
+            gain = solved(P[seen] + variances, P.T).T
             travel = travel_of(arm, motion.q[k], motion.dq[k])
             force = gain[states:][policy.belief.force] + np.outer(travel, gain[states])
             postures.append(motion.q[k])

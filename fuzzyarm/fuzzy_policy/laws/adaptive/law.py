@@ -26,19 +26,20 @@ from fuzzyarm.envs.physics.elementwise import sign
 from fuzzyarm.envs.physics.equations import AnyArm
 from fuzzyarm.envs.physics.friction import stribeck_magnitude
 from fuzzyarm.envs.physics.robot import Robot
-from fuzzyarm.fuzzy_policy.known_arm import per_joint_of
 from fuzzyarm.fuzzy_policy.laws import observer_gains
 from fuzzyarm.fuzzy_policy.laws.adaptive.belief import FLAG, KEPT, LONGEST_LATENESS, AdaptiveWeights, Memory, mass_of
 from fuzzyarm.fuzzy_policy.laws.adaptive.filter import Room, Settings, command, fill, numbers_at, sent
 from fuzzyarm.fuzzy_policy.laws.elastic_target import motor_target
-from fuzzyarm.fuzzy_policy.laws.gain_schedule import corners_of, loaded_inertia, nearest_inertia, schedule_of
+from fuzzyarm.fuzzy_policy.laws.gain_schedule import corners_of, loaded_inertia, schedule_of
 from fuzzyarm.fuzzy_policy.laws.observer_gains import (
     SOFTENINGS,
     Condition,
     LinearLaw,
-    ObserverWeights,
-    Place,
+    designed_for,
+    feedback_gain,
+    found_at,
     places_of,
+    worst_radius,
 )
 from fuzzyarm.numbers.functions import each, entry, floor, maximum, minimum, number, only, select
 
@@ -68,20 +69,10 @@ def softened(weights: AdaptiveWeights, factor: float) -> AdaptiveWeights:
 
 def largest_radius(robot: Robot, control_period: float, weights: AdaptiveWeights) -> float:
     """Return the largest |λ| per control period at postures; inf where a Riccati equation has no solution."""
-    schedule, joints = schedule_of(robot), len(robot)
-
-    def regulator(place: Place) -> LinearLaw:
-        K = _gain(robot, control_period, nearest_inertia(schedule, place.q), weights)
-        return LinearLaw(-K, np.empty((joints, 0)), np.empty((0, 4 * joints)), np.empty((0, 0)))
-
-    return observer_gains.largest_radius(places_of(robot, control_period), regulator, _STIFFNESS)
-
-
-def _gain(arm: AnyArm, control_period: float, inertia: np.ndarray, weights: AdaptiveWeights) -> np.ndarray:
-    costs = ObserverWeights(link_angle=weights.link_angle, link_velocity=weights.link_velocity)
-    return observer_gains.feedback_gain(
-        *observer_gains.sampled_arm(arm, control_period, inertia), per_joint_of(arm, "torque_limit"), costs
-    )
+    places, joints = places_of(robot, control_period), len(robot)
+    gains = feedback_gain(robot, control_period, designed_for(robot, places), weights)
+    laws = (LinearLaw(-K, np.empty((joints, 0)), np.empty((0, 4 * joints)), np.empty((0, 0))) for K in gains)
+    return max(worst_radius(place, law, _STIFFNESS) for place, law in zip(places, laws, strict=True))
 
 
 @functools.lru_cache(maxsize=8)
@@ -89,13 +80,9 @@ def feedback_table(arm: AnyArm, control_period: float, weights: AdaptiveWeights)
     """Return K (payloads · points, n · 4 n) [N m/rad, N m s/rad], the points of a payload one after the other."""
     schedule, gains = schedule_of(arm), []
     for mass in np.linspace(0.0, _HEAVIEST * mass_of(arm), _PAYLOADS):
-        gains += observer_gains.at_points(
-            lambda inertia: _gain(arm, control_period, inertia, weights).ravel(),
-            schedule.places,
-            loaded_inertia(arm, schedule, float(mass)),
-            f"control_period = {control_period!r} s, {weights}",
-        )
-    table = np.array(gains)
+        found = feedback_gain(arm, control_period, loaded_inertia(arm, schedule, float(mass)), weights)
+        gains.append(found_at(schedule, found, control_period, weights).reshape(len(found), -1))
+    table = np.concatenate(gains)
     table.flags.writeable = False
     return table
 

@@ -91,7 +91,6 @@ def followed(policy):
 
 def test_a_loop_that_swings_is_handed_to_the_certified_law():
     saved, beliefs = followed(load_policy("adaptive-observer"))
-    # Which of these plants swings is decided by the last digits of the gains, which differ between processors.
     assert beliefs.diverged.any() and saved.max() < 20.0
     alone, _ = followed(AdaptiveObserverPolicy(weights=AdaptiveWeights(largest_swing=3.0)))  # no mean is that large
     assert alone.max() > 20.0
