@@ -16,8 +16,8 @@ from fuzzyarm.envs.physics.records import filled, flat
 from fuzzyarm.envs.physics.robot import Robot
 
 __all__ = [
-    "QUANTITIES", "Drives", "checked_arm", "constants_of", "drives_of", "joints_of", "numbers_of", "per_joint_of",
-    "travel_of", "with_drives", "with_mass", "without_dry_friction",
+    "QUANTITIES", "Drives", "checked_arm", "constants_of", "joints_of", "numbers_of", "per_joint_of", "travel_of",
+    "with_drives", "with_mass", "without_dry_friction",
 ]  # fmt: skip
 
 
@@ -56,7 +56,7 @@ def per_joint_of(arm: AnyArm, name: str) -> np.ndarray:
     return np.broadcast_to(np.array(getattr(arm, name), dtype=float), (joints_of(arm),)).copy()
 
 
-def drives_of(arm: AnyArm) -> np.ndarray:
+def _drives_of(arm: AnyArm) -> np.ndarray:
     """Return the rows (7, n) of `QUANTITIES`, in SI units [kg m², N m s/rad, N m/rad, N m, rad/s]."""
     return np.stack([per_joint_of(arm, name) for name in QUANTITIES])
 
@@ -69,7 +69,7 @@ def constants_of(arm: AnyArm) -> np.ndarray:
 
 def numbers_of(arm: AnyArm) -> tuple[Any, Drives]:
     """Return the `Physics.Arm` without a payload and the `Drives` of an arm as records of floats."""
-    drives: Drives = filled(Drives, map(tuple, drives_of(arm).tolist()))
+    drives: Drives = filled(Drives, map(tuple, _drives_of(arm).tolist()))
     return filled(equations_of(arm).Arm, constants_of(arm).tolist()), drives
 
 

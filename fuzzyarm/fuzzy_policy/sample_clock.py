@@ -19,7 +19,7 @@ import numpy as np
 
 from fuzzyarm.envs.observation import PARTS
 
-__all__ = ["SampleClock", "period_between"]
+__all__ = ["SampleClock"]
 
 _TOLERANCE = 1e-3  # share by which two intervals in a row may differ where both tell the same T
 
@@ -28,7 +28,7 @@ _TOLERANCE = 1e-3  # share by which two intervals in a row may differ where both
 _CLOSED, _SLOPED, _ROUNDED = 1e-4, 0.1, 1e-5
 
 
-def period_between(before: np.ndarray, after: np.ndarray) -> float:
+def _period_between(before: np.ndarray, after: np.ndarray) -> float:
     """Return T [s] between two observations (5 n,) of one motion; 0 where they tell none."""
     (q, dq, ddq), (q_after, dq_after, ddq_after) = (np.reshape(one, (PARTS, -1))[-3:] for one in (before, after))
     speed, slope = 0.5 * (dq + dq_after), 0.5 * (ddq + ddq_after)
@@ -63,7 +63,7 @@ class SampleClock:
         # Memories that are still empty are equal in any two episodes.
         copied = self.returned is not None and np.any(self.returned) and np.array_equal(state, self.returned)
         if self.samples and (state is self.returned or copied):
-            period = period_between(self.samples[-1][0], seen[0])
+            period = _period_between(self.samples[-1][0], seen[0])
         self.sure = period > 0.0 and abs(period - self._found) <= _TOLERANCE * period
         self._found = period
         self.samples = [*self.samples, seen] if period else [seen]

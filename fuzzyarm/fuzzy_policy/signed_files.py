@@ -20,8 +20,7 @@ from fuzzyarm.common.documents import DocumentError, check_schema, read_json, re
 from fuzzyarm.common.files import write_atomically
 
 __all__ = [
-    "MAX_BYTES", "ControllerFileError", "SignedController", "checked_fields", "controller_in", "decoded", "digest_of",
-    "encoded",
+    "ControllerFileError", "SignedController", "checked_fields", "controller_in", "decoded", "digest_of", "encoded",
 ]  # fmt: skip
 
 
@@ -55,19 +54,19 @@ def digest_of(document: dict[str, Any]) -> str:
     return hashlib.sha256(json.dumps(document, sort_keys=True).encode("utf-8")).hexdigest()
 
 
-MAX_BYTES = 8 * 1024 * 1024  # size of the largest file that is read; far above that of the largest model
-LARGEST = 1e60  # of any entry of an array
-Built = TypeVar("Built")
+_MAX_BYTES = 8 * 1024 * 1024  # size of the largest file that is read; far above that of the largest model
+_LARGEST = 1e60  # of any entry of an array
+_Built = TypeVar("_Built")
 
 
 class ControllerFileError(ValueError):
     """A controller file is damaged, no controller file, or made for another robot; the message says which."""
 
 
-def controller_in(path: str | Path, build: Callable[[Any], Built]) -> Built:
+def controller_in(path: str | Path, build: Callable[[Any], _Built]) -> _Built:
     """Return what `build` makes of the content of a file; ControllerFileError if that is not valid."""
     try:
-        return build(read_json(Path(path), largest=MAX_BYTES))
+        return build(read_json(Path(path), largest=_MAX_BYTES))
     except DocumentError as error:  # names the file itself
         raise ControllerFileError(str(error)) from None
     except (TypeError, ValueError) as error:
@@ -120,7 +119,7 @@ class SignedController(abc.ABC):
 
     def _array(self, name: str, shape: tuple[int, ...]) -> np.ndarray:
         """Return a read-only copy of an array of this shape."""
-        array = finite_array(name, getattr(self, name), shape, largest=LARGEST)
+        array = finite_array(name, getattr(self, name), shape, largest=_LARGEST)
         array.flags.writeable = False
         return array
 

@@ -116,7 +116,7 @@ class Constants(NamedTuple):
     substeps: Any
 
 
-class Corrected(NamedTuple):
+class _Corrected(NamedTuple):
     """A sample after its correction: what the target remembers and wants, u_ff, (x̂, d̂), ν, and where K is looked up."""
 
     past: Past
@@ -131,13 +131,13 @@ class Corrected(NamedTuple):
 def steps_of(physics: Physics, kept: tuple[int, ...], cosine: bool, points: int) -> tuple[Any, Any, Any]:
     """Return the steps of a sample, for arms with these equations and gains over these angles, see `gain_schedule`.
 
-    ``correct(memory, seen, c, observer)`` corrects (x̂, d̂)⁻ by what is measured, a `Corrected`.
+    ``correct(memory, seen, c, observer)`` corrects (x̂, d̂)⁻ by what is measured, a `_Corrected`.
     ``act(found, seen, c, feedback)`` returns u = u_ff - d̂ - K (x̂ - x_d) [N m].
     ``predict(x, applied, c)`` returns (x̂, d̂)⁻ of the next sample under the applied torques.
     """
     target, PerJoint, State, n = target_of(physics), physics.PerJoint, physics.State, physics.joints
 
-    def correct(memory: Observed, seen: Observation, c: Constants, observer: Any) -> Corrected:
+    def correct(memory: Observed, seen: Observation, c: Constants, observer: Any) -> _Corrected:
         past, aim, u_ff = target(memory.past, seen, c.target)
         arm, stiffness = c.target.arm, c.target.drives.stiffness
 
@@ -157,9 +157,9 @@ def steps_of(physics: Physics, kept: tuple[int, ...], cosine: bool, points: int)
         measured, predicted = (*seen.q_motor, *seen.dq_motor), (*x.q_motor, *x.dq_motor)
         innovation = [y - z for y, z in zip(measured, predicted, strict=True)]
         x = like(x, iter(on_table(observer, corners, 1.0, innovation, flat(x))))
-        return Corrected(past, aim, u_ff, x, innovation, corners)
+        return _Corrected(past, aim, u_ff, x, innovation, corners)
 
-    def act(found: Corrected, seen: Observation, c: Constants, feedback: Any) -> list[Any]:
+    def act(found: _Corrected, seen: Observation, c: Constants, feedback: Any) -> list[Any]:
         x, aim = found.x, found.aim
         unbent = [d / k for d, k in zip(x.load, c.target.drives.stiffness, strict=True)]
         error = [

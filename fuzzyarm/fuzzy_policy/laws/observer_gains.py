@@ -6,7 +6,7 @@ tabulated over the angles that M depends on most, see `gain_schedule`. They have
 `riccati`. How they are used is in `elastic_observer`.
 
 Default gains are those that hold on the sampled elastic robot anywhere in its range. At random postures the robot is
-linearised without gravity and dry friction, see `sampled_arm`, and a law near rest is, with its memory s,
+linearised without gravity and dry friction, see `_sampled_arm`, and a law near rest is, with its memory s,
 
     u = κ (D x + C s),    s⁺ = G x + F s,
 
@@ -19,7 +19,7 @@ tabulated over, they are too sharp, and the loop may be unstable in part of its 
     link_angle → s link_angle,    link_velocity → √s link_velocity
 
 weaken the feedback and make it more robust. The smallest s of `SOFTENINGS` is taken with which the loop is stable at
-random postures in all of `CONDITIONS`.
+random postures in all of `_CONDITIONS`.
 """
 
 from __future__ import annotations
@@ -42,10 +42,9 @@ from fuzzyarm.fuzzy_policy.laws.gain_schedule import GainSchedule, nearest_inert
 from fuzzyarm.fuzzy_policy.laws.riccati import exponential, product, riccati, solved
 
 __all__ = [
-    "CONDITIONS", "ONE_AT_A_TIME", "SOFTENINGS", "WEIGHT_RANGE", "Condition", "Estimate", "LinearLaw",
-    "ObserverWeights", "Place", "designed_for", "estimate_parts", "feedback_gain", "found_at", "gain_tables",
-    "linear_observer", "linear_pid", "observer_gain", "places_of", "sampled_arm", "softened", "state_part",
-    "weights_for", "worst_radius",
+    "ONE_AT_A_TIME", "SOFTENINGS", "WEIGHT_RANGE", "Condition", "Estimate", "LinearLaw", "ObserverWeights", "Place",
+    "designed_for", "estimate_parts", "feedback_gain", "found_at", "gain_tables", "linear_pid", "places_of", "softened",
+    "state_part", "weights_for", "worst_radius",
 ]  # fmt: skip
 
 WEIGHT_RANGE = (1e-6, 1e6)  # far wider than any sensible weight; keeps the numbers finite
@@ -102,7 +101,7 @@ class ObserverWeights:
             real(f"ObserverWeights.{field.name}", getattr(self, field.name), low=low, high=high)
 
 
-def sampled_arm(arm: AnyArm, control_period: float, inertia: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+def _sampled_arm(arm: AnyArm, control_period: float, inertia: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Return A (..., 5 n, 5 n) and B (..., 5 n, n) of (x, d)⁺ = A (x, d) + B u over a period [s], u held, d constant.
 
     At rest, without gravity and dry friction, with M_b = `inertia` (..., n, n) [kg m²]:
@@ -125,12 +124,12 @@ def sampled_arm(arm: AnyArm, control_period: float, inertia: np.ndarray) -> tupl
 
 
 def feedback_gain(arm: AnyArm, control_period: float, inertia: np.ndarray, weights: Any) -> np.ndarray:
-    """Return K (..., n, 4 n) of `sampled_arm`, the linear quadratic regulator without a load; nan where there is none.
+    """Return K (..., n, 4 n) of `_sampled_arm`, the linear quadratic regulator without a load; nan where there is none.
 
     It minimises Σ |q/link_angle|² + |q̇/link_velocity|² + |u/Γ_max|². The weights are `ObserverWeights` or the
     `AdaptiveWeights` of `adaptive.belief`.
     """
-    (A, B), limit = sampled_arm(arm, control_period, inertia), per_joint_of(arm, "torque_limit")
+    (A, B), limit = _sampled_arm(arm, control_period, inertia), per_joint_of(arm, "torque_limit")
     joints, state = len(limit), state_part(len(limit))
     A, B = A[..., state, state], B[..., state, :]
     Bt, square = np.swapaxes(B, -1, -2), limit * limit
@@ -139,9 +138,9 @@ def feedback_gain(arm: AnyArm, control_period: float, inertia: np.ndarray, weigh
     return solved(np.diag(1.0 / square) + product(product(Bt, P), B), product(product(Bt, P), A))
 
 
-def observer_gain(arm: AnyArm, control_period: float, inertia: np.ndarray, weights: ObserverWeights) -> np.ndarray:
-    """Return L (..., 5 n, 2 n), the stationary Kalman gain of `sampled_arm`; nan where there is none."""
-    (A, B), limit = sampled_arm(arm, control_period, inertia), per_joint_of(arm, "torque_limit")
+def _observer_gain(arm: AnyArm, control_period: float, inertia: np.ndarray, weights: ObserverWeights) -> np.ndarray:
+    """Return L (..., 5 n, 2 n), the stationary Kalman gain of `_sampled_arm`; nan where there is none."""
+    (A, B), limit = _sampled_arm(arm, control_period, inertia), per_joint_of(arm, "torque_limit")
     joints, part = len(limit), estimate_parts(len(limit))
     measured = np.r_[part.q_motor, part.dq_motor]
     R = np.repeat([weights.encoder_angle**2, weights.encoder_velocity**2], joints)
@@ -161,7 +160,7 @@ def gain_tables(
     schedule = schedule_of(arm)
     given: Any = arm, control_period, schedule.inertia, weights
     feedback, observer = (
-        found_at(schedule, gain(*given), control_period, weights) for gain in (feedback_gain, observer_gain)
+        found_at(schedule, gain(*given), control_period, weights) for gain in (feedback_gain, _observer_gain)
     )
     return schedule, feedback, observer
 
@@ -188,7 +187,7 @@ class Condition(NamedTuple):
 ONE_AT_A_TIME = (Condition(), Condition(loop_gain=2.0), Condition(delay=1))
 """The margins of the bandwidth of computed torque: 6 dB, and one sample of delay."""
 
-CONDITIONS = (
+_CONDITIONS = (
     *(Condition(gain, delay) for gain in (1.0, 0.67, 1.5) for delay in (0, 1)),
     *(Condition(stiffness=factor) for factor in (0.9, 1.1)),
 )
@@ -207,9 +206,9 @@ class Place:
     control_period: float  # T [s]
 
     def plant(self, stiffness: float = 1.0) -> tuple[np.ndarray, np.ndarray]:
-        """Return A (5 n, 5 n) and B (5 n, n) of `sampled_arm`, with all joints `stiffness` times as stiff."""
+        """Return A (5 n, 5 n) and B (5 n, n) of `_sampled_arm`, with all joints `stiffness` times as stiff."""
         arm = with_drives(self.robot, stiffness=stiffness * self.robot.drive("stiffness"))
-        return sampled_arm(arm, self.control_period, self.inertia)
+        return _sampled_arm(arm, self.control_period, self.inertia)
 
 
 class LinearLaw(NamedTuple):
@@ -280,8 +279,8 @@ def weights_for(arm: AnyArm, control_period: float) -> ObserverWeights:
     for factor in SOFTENINGS:
         trial: ObserverWeights = softened(ObserverWeights(), factor)
         given = arm, control_period, designed_for(arm, places), trial
-        laws = map(linear_observer, places, feedback_gain(*given), observer_gain(*given))
-        radius = max(worst_radius(place, law, CONDITIONS) for place, law in zip(places, laws, strict=True))
+        laws = map(_linear_observer, places, feedback_gain(*given), _observer_gain(*given))
+        radius = max(worst_radius(place, law, _CONDITIONS) for place, law in zip(places, laws, strict=True))
         if radius < 1.0:
             return trial
         if radius < smallest:
@@ -295,7 +294,7 @@ def softened(weights: Any, factor: float) -> Any:
     return dataclasses.replace(weights, link_angle=link_angle, link_velocity=link_velocity)
 
 
-def linear_observer(place: Place, K: np.ndarray, L: np.ndarray) -> LinearLaw:
+def _linear_observer(place: Place, K: np.ndarray, L: np.ndarray) -> LinearLaw:
     """Return the elastic observer near rest, with gains K (n, 4 n) and L (5 n, 2 n); its memory is (x̂, d̂)⁻."""
     robot, joints = place.robot, len(place.robot)
     part, state = estimate_parts(joints), state_part(joints)

@@ -38,15 +38,15 @@ from fuzzyarm.fuzzy_policy.laws.observer_gains import WEIGHT_RANGE
 from fuzzyarm.numbers.functions import Cells, each, flat, maximum
 
 __all__ = [
-    "FACTORS", "FLAG", "KEPT", "LONGEST_LATENESS", "AdaptiveWeights", "ArmFunctions", "Belief", "Flags", "Memory",
-    "affine_numbers", "belief_of", "layout", "mass_of", "numbers_of", "places", "prior", "remembered", "unit_force",
+    "FACTORS", "FLAG", "KEPT", "LONGEST_LATENESS", "AdaptiveWeights", "ArmFunctions", "Belief", "Memory",
+    "affine_numbers", "belief_of", "layout", "mass_of", "places", "prior", "unit_force",
 ]  # fmt: skip
 
 LONGEST_LATENESS = 3  # longest time from a command to the motors that the filter considers [control periods]
 KEPT = 5
 """References kept, the present one included: the derivatives of the joint torque are differences of four of them, and
 the feedforward's change takes one more."""
-REST = 1e-9  # m/s; below, a tip has no direction of travel
+_REST = 1e-9  # m/s; below, a tip has no direction of travel
 
 
 @dataclasses.dataclass(frozen=True)
@@ -161,7 +161,7 @@ def prior(arm: AnyArm, weights: AdaptiveWeights) -> _Prior:
     return _Prior(*arrays)
 
 
-def numbers_of(arm: AnyArm, payload: float = 0.0, factors: Mapping[str, np.ndarray] | None = None) -> np.ndarray:
+def _numbers_of(arm: AnyArm, payload: float = 0.0, factors: Mapping[str, np.ndarray] | None = None) -> np.ndarray:
     """Return the numbers a (k,) of an arm with a payload [kg] and factors (n,) of its constants, by `FACTORS`."""
     physics = equations_of(arm)
     drawn = dict.fromkeys((*FACTORS, "viscous_friction"), np.ones(physics.joints)) | dict(factors or {})
@@ -174,13 +174,13 @@ def numbers_of(arm: AnyArm, payload: float = 0.0, factors: Mapping[str, np.ndarr
 
 def affine_numbers(arm: AnyArm) -> tuple[np.ndarray, np.ndarray]:
     """Return a_0, the numbers of the known arm, and S (numbers of the arm, numbers of p)."""
-    base, belief = numbers_of(arm), belief_of(equations_of(arm))
+    base, belief = _numbers_of(arm), belief_of(equations_of(arm))
     slopes = np.zeros((len(base), belief.lateness.stop))
-    slopes[:, belief.payload] = (numbers_of(arm, 1.0) - base)[:, np.newaxis]
+    slopes[:, belief.payload] = (_numbers_of(arm, 1.0) - base)[:, np.newaxis]
     for name in FACTORS:
         part = getattr(belief, name)
         for joint, unit in enumerate(np.eye(part.stop - part.start)):
-            slopes[:, part.start + joint] = numbers_of(arm, factors={name: 1.0 + unit}) - base
+            slopes[:, part.start + joint] = _numbers_of(arm, factors={name: 1.0 + unit}) - base
     return base, slopes
 
 
@@ -231,11 +231,11 @@ class ArmFunctions:
         for v in velocity:
             square = square + v * v
         speed = root(square)
-        scale = select(speed > REST, 1.0 / maximum(speed, REST), 0.0)
+        scale = select(speed > _REST, 1.0 / maximum(speed, _REST), 0.0)
         return [v * scale for v in velocity]
 
 
-class Flags(NamedTuple):
+class _Flags(NamedTuple):
     """Single numbers of a memory, or where they stand among them."""
 
     samples: Any  # how many there have been, up to 1e6
@@ -246,13 +246,13 @@ class Flags(NamedTuple):
     swing: Any  # mean of the commands' jumps of the last samples, see `filter.note_swing`
 
 
-FLAG = Flags(*range(len(Flags._fields)))  # where they stand
+FLAG = _Flags(*range(len(_Flags._fields)))  # where they stand
 
 
 class Memory(NamedTuple):
     """The parts of one lane's memory as arrays; zeros when an episode begins. n joints, N numbers of z = (x, p)."""
 
-    flags: Any  # see `Flags`
+    flags: Any  # see `_Flags`
     z: Any  # prediction for this sample, (N,)
     P: Any  # its covariance, (N, N)
     commands: Any  # torques commanded [N m], newest first, (`LONGEST_LATENESS` + 2, n)
@@ -275,7 +275,7 @@ def layout(physics: Physics) -> Memory:
     return Memory(*consecutive(*(part.size for part in places(physics))))
 
 
-def remembered(memory: np.ndarray, physics: Physics) -> Memory:
+def _remembered(memory: np.ndarray, physics: Physics) -> Memory:
     """Return the parts of one lane's memory as views of it, each in its shape."""
     parts = zip(layout(physics), places(physics), strict=True)
     return Memory(*(memory[at].reshape(part.shape) for at, part in parts))

@@ -17,11 +17,11 @@ bending correlates with that in the innovation. The covariance of such a partial
 update of Schmidt's filter: entry (i, j) shrinks by 1 - (1 - λ_i)(1 - λ_j) of a whole correction.
 
 Forces stray little while only noise corrects them. c_k are the corrections of the forces by the samples, in N, and
-means are over the last `SHARE`⁻¹ samples or so:
+means are over the last `_SHARE`⁻¹ samples or so:
 
-    s = |mean c|² / (mean |c|² + floor),    calm → 1 for s up to `NOISE`, falling to 0 for s from `DIRECTED` on.
+    s = |mean c|² / (mean |c|² + floor),    calm → 1 for s up to `_NOISE`, falling to 0 for s from `_DIRECTED` on.
 
-Corrections by noise point anywhere, so that s is about `SHARE`/2; those by a force that moves have one direction, and s
+Corrections by noise point anywhere, so that s is about `_SHARE`/2; those by a force that moves have one direction, and s
 goes to 1, however small they are. The ratio needs no variance of any sensor. Calm comes slowly and goes at once. The
 forces walk (1 - calm) + `calm_walk` calm times as fast as they do when they move; where calm goes, their variance also
 grows by that of `reopening` seconds of walk, which it would have had without calm.
@@ -31,14 +31,14 @@ of the commands that are on their way. A wrong torque constant or lateness acts 
 the motors would be taken for a load that is answered by a larger jump.
 
 A filter may become sure of a wrong lateness. Where the innovations are larger than it expects, the lateness is doubted:
-a sample whose ν²/s is on average 1 + a adds `LATENESS_DOUBT` a to its variance, up to the first one. So is a factor
+a sample whose ν²/s is on average 1 + a adds `_LATENESS_DOUBT` a to its variance, up to the first one. So is a factor
 that all of the arm's constants share, as a wrong torque constant gives them: the sample adds
 
-    P_ik ← P_ik + min(`scale_doubt` a, max(0, `LARGEST_SCALE` - min P_jj))
+    P_ik ← P_ik + min(`scale_doubt` a, max(0, `_LARGEST_SCALE` - min P_jj))
 
 to the covariance of any two of these factors, j being any of them.
 
-The law acts on the load that the noise of the encoders does not explain, see `significant`. l are the forces and the
+The law acts on the load that the noise of the encoders does not explain, see `_significant`. l are the forces and the
 payload, the first numbers of p, l_0 their first guess, and x the state:
 
     d² = (l - l_0)ᵀ P_ll⁻¹ (l - l_0),   s = max(0, 1 - c² calm ρ/d²),
@@ -72,29 +72,29 @@ from fuzzyarm.fuzzy_policy.laws.gain_schedule import schedule_of
 from fuzzyarm.numbers.functions import array, each, floor, maximum, minimum, only, select
 
 __all__ = [
-    "MISTRUST", "Copies", "Room", "Settings", "begin", "command", "correct", "fill", "numbers_at", "predict", "sent",
-    "tables_of", "take_in", "update", "with_tables",
+    "MISTRUST", "Room", "Settings", "begin", "command", "correct", "fill", "numbers_at", "predict", "sent", "tables_of",
+    "take_in", "update", "with_tables",
 ]  # fmt: skip
 
 _ENOUGH = 1e6  # samples that are counted
 _STATICS_STEPS = 20  # iterations of the fixed point for the first estimate; for Table 1 each gains three digits
-_CHANGE = 6.0  # variance of e - e_last in `note_noise`, in variances of the angles' noise
-NOISE_SHARE = 0.03  # of a sample, in the estimated noise of the encoders, once there have been enough
+_CHANGE = 6.0  # variance of e - e_last in `_note_noise`, in variances of the angles' noise
+_NOISE_SHARE = 0.03  # of a sample, in the estimated noise of the encoders, once there have been enough
 MISTRUST = 8.0  # least variance of a measured angle that is expected, in variances of the noise that is read
 _SURPRISE_SHARE = 0.02  # of a sample, in the mean surprise
 _DIVERGED = 50.0  # mean surprise at which a filter counts as diverged
-SWING_SHARE = 0.1  # of a sample, in the mean of the commands' jumps
-SHARE = 0.1  # of a sample, in the means of the corrections
-NOISE, DIRECTED = 0.08, 0.3  # s up to which corrections count as noise, and from which on as a motion
+_SWING_SHARE = 0.1  # of a sample, in the mean of the commands' jumps
+_SHARE = 0.1  # of a sample, in the means of the corrections
+_NOISE, _DIRECTED = 0.08, 0.3  # s up to which corrections count as noise, and from which on as a motion
 _CALMING, _STIRRING = 0.02, 0.7  # share of the way to more and to less calm that a sample makes
-LATENESS_DOUBT = 0.01  # variance of the lateness per surprise [control periods²]
-LARGEST_SCALE = 0.1  # variance of the surest factor above which the shared one is not doubted
-INSIGNIFICANT = 1.25  # c of an arm whose noise is a mean over all samples
+_LATENESS_DOUBT = 0.01  # variance of the lateness per surprise [control periods²]
+_LARGEST_SCALE = 0.1  # variance of the surest factor above which the shared one is not doubted
+_INSIGNIFICANT = 1.25  # c of an arm whose noise is a mean over all samples
 _ROUNDING = 1e-9  # least share of a variance that the other loads leave unexplained
 _STILL = 1e-3  # correction of the forces by a sample that counts as none, in unit forces
 # Steps of the differences that make F, of angles, velocities, loads and factors, far above rounding and far below what
 # bends the equations.
-STEPS = (1e-7, 1e-6, 1e-2, 1e-4)
+_STEPS = (1e-7, 1e-6, 1e-2, 1e-4)
 _TINY = 1e-300
 
 
@@ -130,14 +130,14 @@ class Settings:
         # Variance of the forces after `AdaptiveWeights.reopening` seconds of walk [N²], (forces,).
         self.reopening = p.walk[: belief.force.stop] ** 2 * weights.reopening
         self.still = (_STILL * believed.unit_force(arm)) ** 2  # of a correction of the forces that counts as none [N²]
-        self.steps = np.repeat(STEPS, [2 * n, 2 * n, loads, len(p.guess) - loads])  # of the differences that make F
+        self.steps = np.repeat(_STEPS, [2 * n, 2 * n, loads, len(p.guess) - loads])  # of the differences that make F
         self.variances = encoder**2  # of the measured numbers (2 n,)
         self.cautious = cautious  # 1 where a number of z learns only beyond the dead zone, else 0 (N,)
         self.gate = weights.gate
         # A robot, for which nothing was tuned, begins to learn with more caution. The noise that it reads holds on to a
         # first guess, so that it does not say which loads are significant.
-        self.first_share = NOISE_SHARE if unknown else 1.0  # largest share of a sample in the noise that is read
-        self.insignificant = 0.0 if unknown else INSIGNIFICANT**2  # c² of `significant`
+        self.first_share = _NOISE_SHARE if unknown else 1.0  # largest share of a sample in the noise that is read
+        self.insignificant = 0.0 if unknown else _INSIGNIFICANT**2  # c² of `_significant`
         self.limit = limit  # torque limits [N m]
         self.mass = believed.mass_of(arm)  # of all links [kg]
         self.substeps = default_substeps(period, fastest_rate([arm]))  # in a control period
@@ -167,7 +167,7 @@ def with_tables(settings: Settings, tables: Any) -> Settings:
     return settings.replaced(**dict(zip(names, tables, strict=True)))
 
 
-class Copies(NamedTuple):
+class _Copies(NamedTuple):
     """Copies of the arm, one in each column."""
 
     state: Any  # (4 n, copies)
@@ -190,8 +190,8 @@ class Room:
         """
         n, N, axes, forces = physics.joints, len(s.spread), physics.axes, physics.axes + 1
 
-        def copies(count: int) -> Copies:
-            return Copies(array(4 * n, count), array(n, count), array(2 * axes, count), array(len(s.base), count))
+        def copies(count: int) -> _Copies:
+            return _Copies(array(4 * n, count), array(n, count), array(2 * axes, count), array(len(s.base), count))
 
         self.arm = believed.ArmFunctions(physics)
         self.copies = copies(1 + N + n)  # which differ in one number each: their differences are the columns of F
@@ -205,7 +205,7 @@ class Room:
         self.variances = array(2 * n)  # of the measured numbers
         self.silent = array(2 * n)  # a of the module's docstring
         self.moved = array(forces)  # forces before a correction
-        self.acted = array(N)  # z on which the law acts, see `significant`
+        self.acted = array(N)  # z on which the law acts, see `_significant`
         self.deviation = array(forces + 1)  # P_ll⁻¹ (l - l_0) there
         self.factor = array(forces + 1, forces + 1)  # of P_ll
         self.link_torque = array(KEPT, n)  # τ_d of each kept reference
@@ -234,19 +234,19 @@ def correct(m: Memory, s: Settings, room: Room, seen: Observation) -> None:
     for _ in only(m.flags[FLAG.lost] == 0.0):
         take_in(m, room, seen)
         begin(m, s, room)
-        note_noise(m, s, room)
+        _note_noise(m, s, room)
         for i in each(len(room.moved)):
             room.moved[i] = m.z[4 * len(m.noise) + i]
         surprise = update(m, s, room)
         m.flags[FLAG.surprise] += _SURPRISE_SHARE * (surprise - m.flags[FLAG.surprise])
-        doubt_lateness(m, s, surprise)
-        doubt_scale(m, s, surprise)
-        note_moves(m, s, room.moved)
-        confine(m, s)
-        note_swing(m, s)
+        _doubt_lateness(m, s, surprise)
+        _doubt_scale(m, s, surprise)
+        _note_moves(m, s, room.moved)
+        _confine(m, s)
+        _note_swing(m, s)
         right = (m.flags[FLAG.surprise] < _DIVERGED) & (m.flags[FLAG.swing] < s.weights.largest_swing)
         m.flags[FLAG.lost] = select(right & _finite(m), m.flags[FLAG.lost], 1.0)
-        significant(m, s, room)
+        _significant(m, s, room)
 
 
 def take_in(m: Memory, room: Room, seen: Observation) -> None:
@@ -309,19 +309,19 @@ def _forget(m: Memory, s: Settings, count: int) -> None:
         m.z[states + i] = s.guess[i]
 
 
-def note_noise(m: Memory, s: Settings, room: Room) -> None:
+def _note_noise(m: Memory, s: Settings, room: Room) -> None:
     """Read the variance σ² of the measured angles' noise, from what velocities do not explain of their steps.
 
         e = θ - θ_last - T (θ̇ + θ̇_last)/2,    σ² ← σ² + share ((e - e_last)²/6 - σ²).
 
     e is 0 for a torque that is constant between two samples, and so is its change, nearly, where the loop vibrates:
     a vibration at ω that the commands cause is read as about (ωT)³/12 of its amplitude or less. σ² is a mean of all
-    samples, from the third, which has the first change of e, until a sample's share is `NOISE_SHARE`.
+    samples, from the third, which has the first change of e, until a sample's share is `_NOISE_SHARE`.
 
     From σ² follows which variances the measured numbers have, and how much of them teaches nothing.
     """
     joints, samples = len(m.noise), m.flags[FLAG.samples]
-    share = maximum(NOISE_SHARE, 1.0 / maximum(samples - 2.0, 1.0))
+    share = maximum(_NOISE_SHARE, 1.0 / maximum(samples - 2.0, 1.0))
     share = select(samples > 2.0, minimum(share, s.first_share), 0.0)
     for j in each(joints):
         angle, velocity = room.measured[j], room.measured[joints + j]
@@ -361,21 +361,21 @@ def update(m: Memory, s: Settings, room: Room) -> Any:
     return surprise[0] / (2.0 * joints)
 
 
-def doubt_lateness(m: Memory, s: Settings, surprise: Any) -> None:
+def _doubt_lateness(m: Memory, s: Settings, surprise: Any) -> None:
     """Let a sample with this mean ν²/s add to the variance of the lateness."""
     last = len(m.z) - 1
-    wider = m.P[last, last] + LATENESS_DOUBT * maximum(0.0, surprise - 1.0)
+    wider = m.P[last, last] + _LATENESS_DOUBT * maximum(0.0, surprise - 1.0)
     m.P[last, last] = minimum(wider, s.spread[last] * s.spread[last])
 
 
-def doubt_scale(m: Memory, s: Settings, surprise: Any) -> None:
+def _doubt_scale(m: Memory, s: Settings, surprise: Any) -> None:
     """Let a sample with this mean ν²/s add to the variance of the factor that the arm's constants share."""
     first, beliefs, least = len(m.z) - len(s.guess), len(s.guess), array(1)
-    least[0] = LARGEST_SCALE
+    least[0] = _LARGEST_SCALE
     for belief in each(beliefs):
         i = first + belief
         least[0] = select(s.shared[i] > 0.0, minimum(least[0], m.P[i, i]), least[0])
-    more = minimum(s.weights.scale_doubt * maximum(0.0, surprise - 1.0), LARGEST_SCALE - least[0])
+    more = minimum(s.weights.scale_doubt * maximum(0.0, surprise - 1.0), _LARGEST_SCALE - least[0])
     for belief in each(beliefs):
         i = first + belief
         for other in each(beliefs):
@@ -384,18 +384,18 @@ def doubt_scale(m: Memory, s: Settings, surprise: Any) -> None:
             m.P[i, k] = select(both, m.P[i, k] + more, m.P[i, k])
 
 
-def note_moves(m: Memory, s: Settings, before: Any) -> None:
+def _note_moves(m: Memory, s: Settings, before: Any) -> None:
     """Bring `calm` and the variances of the forces up to date, after a correction of the forces `before` (forces,)."""
     first, forces, square, mean = len(m.z) - len(s.guess), len(before), array(1), array(1)
     square[0], mean[0] = 0.0, 0.0
     for i in each(forces):
         change = m.z[first + i] - before[i]
         square[0] += change * change
-        m.moves[i] += SHARE * (change - m.moves[i])
+        m.moves[i] += _SHARE * (change - m.moves[i])
         mean[0] += m.moves[i] * m.moves[i]
-    m.moves[forces] += SHARE * (square[0] - m.moves[forces])
+    m.moves[forces] += _SHARE * (square[0] - m.moves[forces])
     directed = mean[0] / (m.moves[forces] + s.still)
-    calm = 1.0 - minimum(maximum((directed - NOISE) / (DIRECTED - NOISE), 0.0), 1.0)
+    calm = 1.0 - minimum(maximum((directed - _NOISE) / (_DIRECTED - _NOISE), 0.0), 1.0)
     change = calm - m.flags[FLAG.calm]
     stirred = change * _STIRRING
     for _ in only(change < 0.0):
@@ -404,7 +404,7 @@ def note_moves(m: Memory, s: Settings, before: Any) -> None:
     m.flags[FLAG.calm] += select(change < 0.0, stirred, change * _CALMING)
 
 
-def confine(m: Memory, s: Settings) -> None:
+def _confine(m: Memory, s: Settings) -> None:
     """Bring p into its range; what else is in z moves with it as P says."""
     first = len(m.z) - len(s.low)
     for j in each(len(s.low)):
@@ -420,17 +420,17 @@ def confine(m: Memory, s: Settings) -> None:
         m.z[first + j] = minimum(maximum(m.z[first + j], s.low[j]), s.high[j])
 
 
-def note_swing(m: Memory, s: Settings) -> None:
+def _note_swing(m: Memory, s: Settings) -> None:
     """Let the last jump of the commands count in the mean of jumps, which begins at zero with the episode.
 
-    w ← w + `SWING_SHARE` (max_j |u_k - u_k-1| / u_max - w). A load makes few large jumps, and w stays small. Where
+    w ← w + `_SWING_SHARE` (max_j |u_k - u_k-1| / u_max - w). A load makes few large jumps, and w stays small. Where
     motors are much stronger or later than believed, commands swing from limit to limit, and w comes near 2.
     """
     jump: Any = 0.0
     for j in range(len(m.noise)):
         jump = maximum(jump, abs(m.commands[0, j] - m.commands[1, j]) / s.limit[j])
     swing = select(m.flags[FLAG.samples] == 1.0, 0.0, m.flags[FLAG.swing])
-    m.flags[FLAG.swing] = swing + SWING_SHARE * (jump - swing)
+    m.flags[FLAG.swing] = swing + _SWING_SHARE * (jump - swing)
 
 
 def _finite(m: Memory) -> Any:
@@ -445,7 +445,7 @@ def _finite(m: Memory) -> Any:
     return both - both == 0.0
 
 
-def significant(m: Memory, s: Settings, room: Room) -> None:
+def _significant(m: Memory, s: Settings, room: Room) -> None:
     """Fill `acted` of the room with z, and x_a and l_a in place of x and l."""
     joints, loads, acted = len(m.noise), len(room.deviation), room.acted
     states, ratio, square = 4 * joints, array(1), array(1)
@@ -514,10 +514,10 @@ def predict(m: Memory, s: Settings, room: Room, torque: Any) -> None:
             change = _mean_torque(m.commands, late, j) - _mean_torque(m.commands, early, j)
             slope[j] = change / maximum(late - early, 1e-9)
             total = total + torque[j]
-        spread_copies(m, s, room, applied, slope)
+        _spread_copies(m, s, room, applied, slope)
         room.arm.hold(*room.copies, s.substep, s.substeps)
-        step(m, s, room)
-        spread_out(m, s)
+        _step(m, s, room)
+        _spread_out(m, s)
         m.flags[FLAG.lost] = select(total - total == 0.0, m.flags[FLAG.lost], 1.0)
 
 
@@ -552,7 +552,7 @@ def sent(commands: Any, place: Any, joint: Any) -> Any:
     return torque
 
 
-def fill(copies: Copies, z: Any, room: Room) -> None:
+def fill(copies: _Copies, z: Any, room: Room) -> None:
     """Fill copies with the arm of z under its forces, but not their torques."""
     states = len(copies.state)
     for lane in each(copies.state.shape[1]):
@@ -566,7 +566,7 @@ def fill(copies: Copies, z: Any, room: Room) -> None:
                 copies.force[i, lane] += room.directions[i, j] * z[states + j]
 
 
-def spread_copies(m: Memory, s: Settings, room: Room, torque: Any, torque_slope: Any) -> None:
+def _spread_copies(m: Memory, s: Settings, room: Room, torque: Any, torque_slope: Any) -> None:
     """Fill the copies: 0 the estimate, 1 + j with number j of z a step ahead, then motor velocities a step behind.
 
     Motor velocities take a standard deviation as their step: a joint that sticks has a slope of zero nearby.
@@ -598,7 +598,7 @@ def spread_copies(m: Memory, s: Settings, room: Room, torque: Any, torque_slope:
         torques[j, 1 + offset + j] += s.steps[offset + j]
 
 
-def step(m: Memory, s: Settings, room: Room) -> None:
+def _step(m: Memory, s: Settings, room: Room) -> None:
     """Fill F from what became of the copies in a control period, and step z and P."""
     state, F, FP, z, P = room.copies.state, room.F, room.FP, m.z, m.P
     joints, states, size, total = len(room.wide), len(state), len(z), array(1)
@@ -629,8 +629,8 @@ def step(m: Memory, s: Settings, room: Room) -> None:
         P[i, i] += s.noise[i]
 
 
-def spread_out(m: Memory, s: Settings) -> None:
-    """Change what `step` has added to P: less where forces are calm, more for motors after a jump of the torque."""
+def _spread_out(m: Memory, s: Settings) -> None:
+    """Change what `_step` has added to P: less where forces are calm, more for motors after a jump of the torque."""
     joints, states = len(m.noise), 4 * len(m.noise)
     share = 1.0 - (1.0 - s.weights.calm_walk) * m.flags[FLAG.calm]
     for force in each(len(s.reopening)):

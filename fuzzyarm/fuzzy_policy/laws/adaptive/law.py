@@ -43,7 +43,7 @@ from fuzzyarm.fuzzy_policy.laws.observer_gains import (
 )
 from fuzzyarm.numbers.functions import each, entry, floor, maximum, minimum, number, only, select
 
-__all__ = ["act", "adaptive_weights_for", "feedback_table", "gain_share", "largest_radius", "softened"]
+__all__ = ["act", "adaptive_weights_for", "feedback_table"]
 
 _STIFFNESS = tuple(Condition(stiffness=factor) for factor in (0.8, 1.0, 1.2))  # where a regulator has to be stable
 _HEAVIEST = 0.5  # payload of the table's end, share of the mass of all links
@@ -56,18 +56,18 @@ def adaptive_weights_for(arm: AnyArm, control_period: float) -> AdaptiveWeights:
     weights = AdaptiveWeights()
     if not isinstance(arm, Robot):
         return weights
-    trials = [softened(weights, factor) for factor in SOFTENINGS]
-    return next((trial for trial in trials if largest_radius(arm, control_period, trial) < 1.0), trials[-1])
+    trials = [_softened(weights, factor) for factor in SOFTENINGS]
+    return next((trial for trial in trials if _largest_radius(arm, control_period, trial) < 1.0), trials[-1])
 
 
-def softened(weights: AdaptiveWeights, factor: float) -> AdaptiveWeights:
+def _softened(weights: AdaptiveWeights, factor: float) -> AdaptiveWeights:
     """Return weights softened by s = `factor`."""
     first_gain = min(1.0, factor * weights.first_gain)
     result: AdaptiveWeights = observer_gains.softened(dataclasses.replace(weights, first_gain=first_gain), factor)
     return result
 
 
-def largest_radius(robot: Robot, control_period: float, weights: AdaptiveWeights) -> float:
+def _largest_radius(robot: Robot, control_period: float, weights: AdaptiveWeights) -> float:
     """Return the largest |λ| per control period at postures; inf where a Riccati equation has no solution."""
     places, joints = places_of(robot, control_period), len(robot)
     gains = feedback_gain(robot, control_period, designed_for(robot, places), weights)
@@ -103,7 +103,7 @@ def _feedback_at(s: Settings, q: Any, payload: Any, gain: Any) -> None:
             gain[i, k] = (1.0 - low) * near + low * far
 
 
-def gain_share(m: Memory, s: Settings) -> Any:
+def _gain_share(m: Memory, s: Settings) -> Any:
     """Return the share of K at this sample: `first_gain` at the soft start, from there in as long again up to 1.
 
     It is 1 at once where an earlier pass has taught how strong and how late the motors are.
@@ -190,7 +190,7 @@ def _command(z: Any, m: Memory, s: Settings, room: Room, torque: Any) -> None:
         error[2 * joints + j] = state[2 * joints + j, 0] - (dtheta + later * ddtheta)
         error[3 * joints + j] = state[3 * joints + j, 0] - (dq + later * ddq)
     _feedback_at(s, m.references[0, 0], p[len(s.reopening)] / s.mass, room.gain)
-    share = gain_share(m, s)
+    share = _gain_share(m, s)
     for j in each(joints):
         for i in each(len(error)):
             torque[j] -= share * room.gain[j, i] * error[i]

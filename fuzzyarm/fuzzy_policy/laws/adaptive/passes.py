@@ -2,7 +2,7 @@
 
 A pass is an episode along one reference. A state keeps what was measured and commanded. `begin_pass` looks back at it:
 with the constants of the arm, the payload and the lateness as they stand at the end, which tip force explains all that
-was measured? What f of `Smoother` adds to the force that was expected gives that of pass j,
+was measured? What f of `_Smoother` adds to the force that was expected gives that of pass j,
 
     F_j(k) = F_expected(k) + t(k) f_t(k) + F_s(k),    low-passed by a Butterworth filter of no phase,
 
@@ -44,7 +44,7 @@ from fuzzyarm.numbers.program import Program
 if TYPE_CHECKING:
     from fuzzyarm.fuzzy_policy.laws.adaptive.policy import AdaptiveObserverPolicy, Beliefs
 
-__all__ = ["AdaptivePasses", "PassState", "Smoother"]
+__all__ = ["AdaptivePasses", "PassState"]
 
 _CUT_OFF = 70.0  # Hz, of the Butterworth filter of the expected force
 _FIRST_FORCE = 0.3  # standard deviation of the forces at the first sample for the smoother, in unit forces
@@ -145,7 +145,7 @@ class AdaptivePasses(PassLearner):
     def _explained(self, state: PassState, lanes: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Return the force to expect (samples, lanes, axes) and the payload (lanes,) after a pass of these lanes."""
         memory, before = state.memory[lanes], state.passes[lanes]
-        smoother, payload = Smoother(self.policy), memory[:, self._payload].copy()
+        smoother, payload = _Smoother(self.policy), memory[:, self._payload].copy()
         force = smoother.force(state, lanes, memory)
         new = before == 0
         if new.any():
@@ -192,7 +192,7 @@ def _window(state: PassState, sample: int, other_path: np.ndarray) -> np.ndarray
     return window
 
 
-class Notes(NamedTuple):
+class _Notes(NamedTuple):
     """What the way forward leaves of a sample for the way back; n joints, N numbers of z, of which s are the first."""
 
     innovations: Any  # ν (2 n,)
@@ -203,7 +203,7 @@ class Notes(NamedTuple):
     rows: Any  # P⁻_f (forces, numbers of s)
 
 
-class Seen(NamedTuple):
+class _Seen(NamedTuple):
     """A sample: what is measured, with its variances; force lines to the next sample; torques commanded [N m]."""
 
     measured: Any  # θ and θ̇ (2 n,)
@@ -213,7 +213,7 @@ class Seen(NamedTuple):
     commands: Any  # (n,)
 
 
-class Smoother:
+class _Smoother:
     """The force that explains a whole pass: a fixed-interval smoother of the arm's state and the tip force.
 
     s = (x, f) with x of the elastic arm and the forces f = (f_t, F) beside the expected one; the constants of the arm,
@@ -238,8 +238,8 @@ class Smoother:
         sure, bold = np.zeros(n), np.zeros(N)
         self._settings = settings.replaced(spread=spread, doubt=sure, cautious=bold, gate=math.inf)
         two, line, notes = (2 * n,), (2 * self._physics.axes,), ((2 * n, N), (4 * n, N), (self._forces,))
-        self._notes = Notes(*map(Cells, (two, two, *notes, (self._forces, self._used))))
-        self._seen = Seen(*map(Cells, (two, two, line, line, (n,))))
+        self._notes = _Notes(*map(Cells, (two, two, *notes, (self._forces, self._used))))
+        self._seen = _Seen(*map(Cells, (two, two, line, line, (n,))))
         self._forward, self._backward = self._forward_kernel(), self._backward_kernel()
 
     def force(self, state: PassState, lanes: np.ndarray, memory: np.ndarray) -> np.ndarray:
@@ -283,7 +283,7 @@ class Smoother:
     def _forward_kernel(self) -> Kernel:
         physics, settings, used = self._physics, self._settings, self._used
 
-        def forward(m: Memory, seen: Seen, notes: Notes, _: Any, *tables: Any) -> tuple[Any, ...]:
+        def forward(m: Memory, seen: _Seen, notes: _Notes, _: Any, *tables: Any) -> tuple[Any, ...]:
             s = with_tables(settings, tables)
             room, states = Room(physics, s), 4 * physics.joints
             room.measured, room.variances, room.line = seen.measured, seen.variances, seen.expected
@@ -306,7 +306,7 @@ class Smoother:
         joints, forces, used = self._physics.joints, self._forces, self._used
         states = 4 * joints
 
-        def backward(adjoint: Any, notes: Notes, found: Any, given: Any) -> tuple[Any, ...]:
+        def backward(adjoint: Any, notes: _Notes, found: Any, given: Any) -> tuple[Any, ...]:
             before = array(used)
             for i in each(used):
                 before[i] = adjoint[i]

@@ -10,7 +10,7 @@ from fuzzyarm.envs.physics.dynamics import Payload
 from fuzzyarm.envs.scenario.disturbances import ConstantForce, Disturbance
 from fuzzyarm.envs.scenario.paths import Circle
 from fuzzyarm.envs.scenario.reference import JointReference
-from fuzzyarm.fuzzy_policy.laws.adaptive.passes import Smoother, _steadiest
+from fuzzyarm.fuzzy_policy.laws.adaptive.passes import _Smoother, _steadiest
 from fuzzyarm.fuzzy_policy.laws.adaptive.policy import AdaptiveObserverPolicy
 
 POLICY = AdaptiveObserverPolicy()
@@ -69,7 +69,7 @@ def test_with_the_true_constants_the_true_force_explains_a_pass():
     known = state.memory.copy()
     known[:, repeated._constants] = POLICY.settings.guess
     known[:, repeated._payload] = payload
-    force = Smoother(POLICY).force(state, np.ones(len(LOADS), dtype=bool), known)
+    force = _Smoother(POLICY).force(state, np.ones(len(LOADS), dtype=bool), known)
     truth = np.zeros_like(force)
     truth[100:300, 0] = 0.0, 150.0
     away = np.r_[20:80, 130:270, 330:760]  # from the jumps of the force and from the ends

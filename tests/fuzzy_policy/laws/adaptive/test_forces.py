@@ -9,12 +9,12 @@ from fuzzyarm import load_policy
 from fuzzyarm.envs.fuzzy_arm import FuzzyArmEnv
 from fuzzyarm.envs.physics.equations import two_joints
 from fuzzyarm.eval.episodes.rollout import record_rollout
-from fuzzyarm.fuzzy_policy.laws.adaptive.belief import FLAG, AdaptiveWeights, remembered
+from fuzzyarm.fuzzy_policy.laws.adaptive.belief import FLAG, AdaptiveWeights, _remembered
 from fuzzyarm.fuzzy_policy.laws.adaptive.filter import (
-    INSIGNIFICANT,
+    _INSIGNIFICANT,
     Room,
-    note_moves,
-    significant,
+    _note_moves,
+    _significant,
 )
 from fuzzyarm.fuzzy_policy.laws.adaptive.policy import AdaptiveObserverPolicy
 
@@ -28,13 +28,13 @@ def corrected(m, corrections):
     for correction in corrections:
         before = m.z[FORCE].copy()
         m.z[FORCE] += correction
-        note_moves(m, SETTINGS, before)
+        _note_moves(m, SETTINGS, before)
     return m.flags[FLAG.calm]
 
 
 @pytest.fixture
 def memory():
-    return remembered(np.zeros(POLICY.memory.noise.stop), two_joints())
+    return _remembered(np.zeros(POLICY.memory.noise.stop), two_joints())
 
 
 @pytest.mark.parametrize("size", [1e-6, 10.0, 1e4])
@@ -61,10 +61,10 @@ def test_a_load_within_the_noise_shrinks_by_its_length_and_the_state_is_the_mean
     memory.flags[FLAG.calm], memory.noise[:] = float(what != "a direction"), 0.0 if what == "no noise" else 1e-10
     room.variances[:] = 8e-10  # an eighth is noise
     off = memory.z[load] - guess
-    off *= np.sqrt(beyond * INSIGNIFICANT**2 / 8.0 / (off @ np.linalg.solve(memory.P[load, load], off)))
+    off *= np.sqrt(beyond * _INSIGNIFICANT**2 / 8.0 / (off @ np.linalg.solve(memory.P[load, load], off)))
     memory.z[load] = guess + off
     before = memory.z.copy()
-    significant(memory, SETTINGS, room)
+    _significant(memory, SETTINGS, room)
     share = max(0.0, 1.0 - 1.0 / beyond) if what == "calm and noise" else 1.0
     np.testing.assert_allclose(room.acted[load] - guess, share * off, atol=1e-12)
     gain = memory.P[:8, load] @ np.linalg.inv(memory.P[load, load])
