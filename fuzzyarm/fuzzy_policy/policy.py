@@ -17,7 +17,7 @@ from fuzzyarm.envs.physics.equations import AnyArm
 from fuzzyarm.fuzzy_policy.known_arm import checked_arm, joints_of, per_joint_of
 from fuzzyarm.fuzzy_policy.sample_clock import SampleClock
 
-__all__ = ["PassLearner", "Policy", "Predictor", "Repeated"]
+__all__ = ["PassLearner", "Policy", "Predictor"]
 
 _MISMATCH = 0.01  # share of its control period by which the samples of a policy may be apart without a word
 
@@ -33,14 +33,6 @@ class Predictor(Protocol):
         deterministic: bool = True,
     ) -> tuple[np.ndarray, Any]:
         """Return the action (n,) or (lanes, n) [N m], n the number of joints, and the next state."""
-        ...
-
-
-class Repeated(Predictor, Protocol):
-    """A policy that learns from one pass over a path for the next; what it has learned is in its state."""
-
-    def begin_pass(self, state: Any) -> Any:
-        """Return the state with which the next pass begins, from the last one of this pass."""
         ...
 
 
@@ -118,7 +110,7 @@ class Policy(abc.ABC):
             raise ValueError(f"state has shape {array.shape}; allowed: (..., {self.memory_size}), as predict gives it")
         return array
 
-    def repeated(self) -> Repeated | None:
+    def repeated(self) -> PassLearner | None:
         """Return this policy for passes over one path again and again; None where it learns nothing from them."""
         return None
 

@@ -34,7 +34,7 @@ from fuzzyarm.numbers.functions import flat, select
 from fuzzyarm.numbers.machine import Kernel
 from fuzzyarm.numbers.program import Program
 
-__all__ = ["Aim", "ElasticTarget", "Past", "TargetConstants", "memory_size", "motor_target", "past_of", "target_of"]
+__all__ = ["Aim", "ElasticTarget", "Past", "TargetConstants", "motor_target", "past_of", "target_of"]
 
 
 class Past(NamedTuple):
@@ -63,11 +63,6 @@ class TargetConstants(NamedTuple):
     period: Any
     friction: Any
     ahead: Any
-
-
-def memory_size(joints: int) -> int:
-    """Return how many numbers a lane remembers for an arm with n joints."""
-    return len(flat(past_of(joints)))
 
 
 def past_of(joints: int) -> Past:
@@ -128,7 +123,11 @@ class ElasticTarget:
         hold rather than that of its start.
         """
         period, physics = real("control_period", control_period, "s", above=0.0), equations_of(parameters)
-        self._parameters, self._joints, self.memory_size = parameters, physics.joints, memory_size(physics.joints)
+        self._parameters, self._joints, self.memory_size = (
+            parameters,
+            physics.joints,
+            len(flat(past_of(physics.joints))),
+        )
         self.constants = TargetConstants(*numbers_of(parameters), period, float(friction), 0.5 * float(average))
         self._numbers = np.array(flat(self.constants))
 

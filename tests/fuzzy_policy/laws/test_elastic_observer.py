@@ -16,7 +16,7 @@ from fuzzyarm.envs.scenario.disturbances import Disturbance, EncoderNoise
 from fuzzyarm.envs.scenario.reference import JointReference
 from fuzzyarm.eval.stability.linearisation import spectral_radius
 from fuzzyarm.fuzzy_policy.laws.elastic_observer import ElasticObserverPolicy
-from fuzzyarm.fuzzy_policy.laws.elastic_target import ElasticTarget, memory_size
+from fuzzyarm.fuzzy_policy.laws.elastic_target import ElasticTarget
 from fuzzyarm.fuzzy_policy.laws.gain_schedule import _GRID
 from fuzzyarm.fuzzy_policy.laws.observer_gains import (
     ObserverWeights,
@@ -40,7 +40,7 @@ LIGHT = ArmParameters(
     torque_limit=(60.0, 25.0),
 )
 PERIOD = 1e-3
-MEMORY_SIZE, STATE, LOAD = memory_size(2), state_part(2), estimate_parts(2).load
+MEMORY_SIZE, STATE, LOAD = ElasticTarget(ARM, PERIOD).memory_size, state_part(2), estimate_parts(2).load
 MEASURED = [0, 1, 4, 5]  # motor angles and velocities, of x
 WEIGHTS = ObserverWeights()
 NOISE = EncoderNoise(position=1e-5, velocity=1e-3)

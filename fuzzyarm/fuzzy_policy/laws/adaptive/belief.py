@@ -243,7 +243,7 @@ class _Flags(NamedTuple):
     lost: Any  # 1 once the filter has diverged or the torques swing, else 0
     calm: Any  # 1 where the corrections of the forces look like noise, 0 where they have a direction
     taught: Any  # 1 if the memory that an episode begins with holds what an earlier pass has taught, else 0
-    swing: Any  # mean of the commands' jumps of the last samples, see `filter.note_swing`
+    swing: Any  # mean of the commands' jumps of the last samples, see `filter`
 
 
 FLAG = _Flags(*range(len(_Flags._fields)))  # where they stand
@@ -257,7 +257,7 @@ class Memory(NamedTuple):
     P: Any  # its covariance, (N, N)
     commands: Any  # torques commanded [N m], newest first, (`LONGEST_LATENESS` + 2, n)
     references: Any  # q_d, q̇_d, q̈_d, newest first, (`KEPT`, 3, n)
-    read: Any  # θ, θ̇ and e of the last sample, see `filter.note_noise`, (3, n)
+    read: Any  # θ, θ̇ and e of the last sample, see `filter`, (3, n)
     moves: Any  # mean of the corrections of each force [N], then that of their square [N²], (forces + 1,)
     noise: Any  # variance of the noise of the measured angles [rad²], (n,)
 

@@ -17,11 +17,11 @@ bending correlates with that in the innovation. The covariance of such a partial
 update of Schmidt's filter: entry (i, j) shrinks by 1 - (1 - λ_i)(1 - λ_j) of a whole correction.
 
 Forces stray little while only noise corrects them. c_k are the corrections of the forces by the samples, in N, and
-means are over the last `_SHARE`⁻¹ samples or so:
+means are over the last ten samples or so:
 
-    s = |mean c|² / (mean |c|² + floor),    calm → 1 for s up to `_NOISE`, falling to 0 for s from `_DIRECTED` on.
+    s = |mean c|² / (mean |c|² + floor),    calm → 1 for s up to 0.08, falling to 0 for s from 0.3 on.
 
-Corrections by noise point anywhere, so that s is about `_SHARE`/2; those by a force that moves have one direction, and s
+Corrections by noise point anywhere, so that s is about 0.05; those by a force that moves have one direction, and s
 goes to 1, however small they are. The ratio needs no variance of any sensor. Calm comes slowly and goes at once. The
 forces walk (1 - calm) + `calm_walk` calm times as fast as they do when they move; where calm goes, their variance also
 grows by that of `reopening` seconds of walk, which it would have had without calm.
@@ -54,6 +54,7 @@ The filter itself goes on with x and l.
 from __future__ import annotations
 
 import copy
+from collections.abc import Callable
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -195,7 +196,7 @@ class Room:
 
         self.arm = believed.ArmFunctions(physics)
         self.copies = copies(1 + N + n)  # which differ in one number each: their differences are the columns of F
-        self.F, self.FP = array(4 * n, N), array(4 * n, N)  # the rows of x
+        self.F = array(4 * n, N)  # the rows of x
         self.wide = array(n)  # steps of the motor velocities
         self.one = copies(1)
         self.numbers = array(len(s.base))  # of the arm
@@ -204,17 +205,11 @@ class Room:
         self.measured = array(2 * n)  # θ and θ̇
         self.variances = array(2 * n)  # of the measured numbers
         self.silent = array(2 * n)  # a of the module's docstring
-        self.moved = array(forces)  # forces before a correction
         self.acted = array(N)  # z on which the law acts, see `_significant`
-        self.deviation = array(forces + 1)  # P_ll⁻¹ (l - l_0) there
-        self.factor = array(forces + 1, forces + 1)  # of P_ll
         self.link_torque = array(KEPT, n)  # τ_d of each kept reference
         self.travel = array(KEPT + 1, axes)  # direction of travel of each, then the next one
         self.directions = array(2 * axes, forces)  # force line of each unit force
         self.line = array(2 * axes)  # force line of the known force
-        self.joints = array(4, n)  # for short use
-        self.error = array(4 * n)
-        self.gain = array(n, 4 * n)  # K
         self.known = array(KEPT + 1, axes) if known is None else known
         for i in each(2 * axes):
             self.line[i] = 0.0
@@ -235,13 +230,13 @@ def correct(m: Memory, s: Settings, room: Room, seen: Observation) -> None:
         take_in(m, room, seen)
         begin(m, s, room)
         _note_noise(m, s, room)
-        for i in each(len(room.moved)):
-            room.moved[i] = m.z[4 * len(m.noise) + i]
+        before = array(len(s.reopening))
+        for i in each(len(before)):
+            before[i] = m.z[4 * len(m.noise) + i]
         surprise = update(m, s, room)
         m.flags[FLAG.surprise] += _SURPRISE_SHARE * (surprise - m.flags[FLAG.surprise])
-        _doubt_lateness(m, s, surprise)
-        _doubt_scale(m, s, surprise)
-        _note_moves(m, s, room.moved)
+        _doubt(m, s, maximum(0.0, surprise - 1.0))
+        _note_moves(m, s, before)
         _confine(m, s)
         _note_swing(m, s)
         right = (m.flags[FLAG.surprise] < _DIVERGED) & (m.flags[FLAG.swing] < s.weights.largest_swing)
@@ -268,7 +263,7 @@ def begin(m: Memory, s: Settings, room: Room) -> None:
     for the loads, which begin again.
     """
     joints = len(m.noise)
-    bent, link, taught = room.joints[1], m.z[joints : 2 * joints], m.flags[FLAG.taught] != 0.0
+    bent, link, taught = array(joints), m.z[joints : 2 * joints], m.flags[FLAG.taught] != 0.0
     still, force = [0.0] * joints, [0.0] * room.known.shape[1]
     for _ in only(m.flags[FLAG.samples] == 1.0):
         arm = room.arm.constants_in(s.base)
@@ -361,40 +356,30 @@ def update(m: Memory, s: Settings, room: Room) -> Any:
     return surprise[0] / (2.0 * joints)
 
 
-def _doubt_lateness(m: Memory, s: Settings, surprise: Any) -> None:
-    """Let a sample with this mean ν²/s add to the variance of the lateness."""
-    last = len(m.z) - 1
-    wider = m.P[last, last] + _LATENESS_DOUBT * maximum(0.0, surprise - 1.0)
-    m.P[last, last] = minimum(wider, s.spread[last] * s.spread[last])
-
-
-def _doubt_scale(m: Memory, s: Settings, surprise: Any) -> None:
-    """Let a sample with this mean ν²/s add to the variance of the factor that the arm's constants share."""
-    first, beliefs, least = len(m.z) - len(s.guess), len(s.guess), array(1)
+def _doubt(m: Memory, s: Settings, surprise: Any) -> None:
+    """Let a sample whose mean ν²/s is 1 + `surprise` add to the variances of the lateness and of the shared factor."""
+    last, first, beliefs, least = len(m.z) - 1, len(m.z) - len(s.guess), len(s.guess), array(1)
+    m.P[last, last] = minimum(m.P[last, last] + _LATENESS_DOUBT * surprise, s.spread[last] * s.spread[last])
     least[0] = _LARGEST_SCALE
     for belief in each(beliefs):
         i = first + belief
         least[0] = select(s.shared[i] > 0.0, minimum(least[0], m.P[i, i]), least[0])
-    more = minimum(s.weights.scale_doubt * maximum(0.0, surprise - 1.0), _LARGEST_SCALE - least[0])
+    more = minimum(s.weights.scale_doubt * surprise, _LARGEST_SCALE - least[0])
     for belief in each(beliefs):
-        i = first + belief
         for other in each(beliefs):
-            k = first + other
-            both = (s.shared[i] > 0.0) & (s.shared[k] > 0.0)
-            m.P[i, k] = select(both, m.P[i, k] + more, m.P[i, k])
+            i, k = first + belief, first + other
+            m.P[i, k] = select((s.shared[i] > 0.0) & (s.shared[k] > 0.0), m.P[i, k] + more, m.P[i, k])
 
 
 def _note_moves(m: Memory, s: Settings, before: Any) -> None:
     """Bring `calm` and the variances of the forces up to date, after a correction of the forces `before` (forces,)."""
-    first, forces, square, mean = len(m.z) - len(s.guess), len(before), array(1), array(1)
-    square[0], mean[0] = 0.0, 0.0
+    first, forces = len(m.z) - len(s.guess), len(before)
     for i in each(forces):
-        change = m.z[first + i] - before[i]
-        square[0] += change * change
-        m.moves[i] += _SHARE * (change - m.moves[i])
-        mean[0] += m.moves[i] * m.moves[i]
-    m.moves[forces] += _SHARE * (square[0] - m.moves[forces])
-    directed = mean[0] / (m.moves[forces] + s.still)
+        m.moves[i] += _SHARE * (m.z[first + i] - before[i] - m.moves[i])
+    square = _summed(forces, lambda i: (m.z[first + i] - before[i]) * (m.z[first + i] - before[i]))
+    mean = _summed(forces, lambda i: m.moves[i] * m.moves[i])
+    m.moves[forces] += _SHARE * (square - m.moves[forces])
+    directed = mean / (m.moves[forces] + s.still)
     calm = 1.0 - minimum(maximum((directed - _NOISE) / (_DIRECTED - _NOISE), 0.0), 1.0)
     change = calm - m.flags[FLAG.calm]
     stirred = change * _STIRRING
@@ -435,37 +420,45 @@ def _note_swing(m: Memory, s: Settings) -> None:
 
 def _finite(m: Memory) -> Any:
     """Return whether the sums of z and of P are finite."""
-    total = array(2)
-    total[0], total[1] = 0.0, 0.0
-    for i in each(len(m.z)):
-        total[0] += m.z[i]
-        for j in each(len(m.z)):
-            total[1] += m.P[i, j]
-    both = total[0] + total[1]
-    return both - both == 0.0
+    size = len(m.z)
+    total = _summed(size, lambda i: m.z[i]) + _summed(size, lambda i: _summed(size, lambda j: m.P[i, j]))
+    return total - total == 0.0
 
 
 def _significant(m: Memory, s: Settings, room: Room) -> None:
     """Fill `acted` of the room with z, and x_a and l_a in place of x and l."""
-    joints, loads, acted = len(m.noise), len(room.deviation), room.acted
-    states, ratio, square = 4 * joints, array(1), array(1)
-    ratio[0], square[0] = 0.0, _TINY
+    joints, loads, acted, ratio = len(m.noise), len(s.reopening) + 1, room.acted, array(1)
+    states, deviation, factor = 4 * joints, array(loads), array(loads, loads)  # P_ll⁻¹ (l - l_0), and L of P_ll = L Lᵀ
+    ratio[0] = 0.0
     for i in each(len(acted)):
         acted[i] = m.z[i]
     for j in each(joints):
         ratio[0] = maximum(ratio[0], m.noise[j] / room.variances[j])
     for i in each(loads):
         acted[states + i] -= s.guess[i]
-    _factorise(m.P[states : states + loads, states : states + loads], room.factor)
-    _solve(room.factor, acted[states : states + loads], room.deviation)
-    for i in each(loads):
-        square[0] += acted[states + i] * room.deviation[i]
-    kept = maximum(0.0, 1.0 - s.insignificant * m.flags[FLAG.calm] * ratio[0] / maximum(square[0], _TINY))
+    _factorise(m.P[states : states + loads, states : states + loads], factor)
+    _solve(factor, acted[states : states + loads], deviation)
+    square = _dot(acted[states : states + loads], deviation, _TINY)
+    kept = maximum(0.0, 1.0 - s.insignificant * m.flags[FLAG.calm] * ratio[0] / maximum(square, _TINY))
     for i in each(states):
         for k in each(loads):
-            acted[i] -= (1.0 - kept) * m.P[i, states + k] * room.deviation[k]
+            acted[i] -= (1.0 - kept) * m.P[i, states + k] * deviation[k]
     for i in each(loads):
         acted[states + i] = s.guess[i] + kept * acted[states + i]
+
+
+def _dot(a: Any, b: Any, start: Any = 0.0) -> Any:
+    """Return start + aᵀ b."""
+    return _summed(len(a), lambda i: a[i] * b[i], start)
+
+
+def _summed(count: int, term: Callable[[Any], Any], start: Any = 0.0) -> Any:
+    """Return start + term(0) + ... + term(count - 1), added in this order."""
+    total = array(1)
+    total[0] = start
+    for i in each(count):
+        total[0] += term(i)
+    return total[0]
 
 
 def _factorise(A: Any, L: Any) -> None:
@@ -507,7 +500,7 @@ def predict(m: Memory, s: Settings, room: Room, torque: Any) -> None:
         numbers_at(m.z[4 * joints :], s, room.numbers)
         lateness, wide = m.z[last], root(maximum(m.P[last, last], 0.0))
         early, late = maximum(lateness - wide, 0.0), minimum(lateness + wide, float(LONGEST_LATENESS))
-        applied, slope = room.joints[0], room.joints[1]
+        applied, slope = array(joints), array(joints)
         total: Any = 0.0
         for j in range(joints):
             applied[j] = _mean_torque(m.commands, lateness, j)
@@ -600,8 +593,8 @@ def _spread_copies(m: Memory, s: Settings, room: Room, torque: Any, torque_slope
 
 def _step(m: Memory, s: Settings, room: Room) -> None:
     """Fill F from what became of the copies in a control period, and step z and P."""
-    state, F, FP, z, P = room.copies.state, room.F, room.FP, m.z, m.P
-    joints, states, size, total = len(room.wide), len(state), len(z), array(1)
+    state, F, FP, z, P = room.copies.state, room.F, array(*room.F.shape), m.z, m.P
+    joints, states, size = len(room.wide), len(state), len(z)
     for i in each(states):
         for j in each(size - 1):
             F[i, j] = (state[i, 1 + j] - state[i, 0]) / s.steps[j]
@@ -618,10 +611,7 @@ def _step(m: Memory, s: Settings, room: Room) -> None:
                 FP[i, j] += slope * P[k, j]
     for i in each(states):
         for j in each(i + 1):
-            total[0] = 0.0
-            for k in each(size):
-                total[0] += FP[i, k] * F[j, k]
-            P[i, j] = P[j, i] = total[0]
+            P[i, j] = P[j, i] = _dot(FP[i], F[j])
         for other in each(size - states):
             j = states + other
             P[i, j] = P[j, i] = FP[i, j]

@@ -41,7 +41,7 @@ from fuzzyarm.fuzzy_policy.laws.observer_gains import (
     places_of,
     worst_radius,
 )
-from fuzzyarm.numbers.functions import each, entry, floor, maximum, minimum, number, only, select
+from fuzzyarm.numbers.functions import array, each, entry, floor, maximum, minimum, number, only, select
 
 __all__ = ["act", "adaptive_weights_for", "feedback_table"]
 
@@ -131,7 +131,7 @@ def _desire(z: Any, m: Memory, s: Settings, room: Room) -> None:
     joints, (_, axes), known = len(m.noise), room.known.shape, room.known
     p = z[4 * joints :]
     numbers_at(p, s, room.numbers)
-    next_q, next_dq, arm = room.joints[0], room.joints[1], room.arm.constants_in(room.numbers)
+    next_q, next_dq, arm = array(joints), array(joints), room.arm.constants_in(room.numbers)
     for k in each(KEPT):
         q, dq, ddq = m.references[k, 0], m.references[k, 1], m.references[k, 2]
         travel = room.arm.tip_direction(q, dq, arm)
@@ -173,7 +173,7 @@ def _advance(z: Any, m: Memory, s: Settings, room: Room) -> None:
 def _command(z: Any, m: Memory, s: Settings, room: Room, torque: Any) -> None:
     """Fill the torque that the motors shall apply when it reaches them."""
     joints, period = len(m.noise), s.period
-    p, state, error = z[4 * joints :], room.one.state, room.error
+    p, state, error, gain = z[4 * joints :], room.one.state, array(4 * joints), array(joints, 4 * joints)
     lateness = p[len(p) - 1]
     later = lateness * period
     for j in range(joints):
@@ -189,11 +189,11 @@ def _command(z: Any, m: Memory, s: Settings, room: Room, torque: Any) -> None:
         error[joints + j] = state[joints + j, 0] - (q + later * (dq + 0.5 * later * ddq))
         error[2 * joints + j] = state[2 * joints + j, 0] - (dtheta + later * ddtheta)
         error[3 * joints + j] = state[3 * joints + j, 0] - (dq + later * ddq)
-    _feedback_at(s, m.references[0, 0], p[len(s.reopening)] / s.mass, room.gain)
+    _feedback_at(s, m.references[0, 0], p[len(s.reopening)] / s.mass, gain)
     share = _gain_share(m, s)
     for j in each(joints):
         for i in each(len(error)):
-            torque[j] -= share * room.gain[j, i] * error[i]
+            torque[j] -= share * gain[j, i] * error[i]
     command(m, s, torque)
 
 

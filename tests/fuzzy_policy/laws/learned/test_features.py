@@ -40,7 +40,7 @@ def targets(definition, observations):
     if not definition.elastic_target:
         return observations[..., 2 * definition.joints :], None
     target = elastic_target.ElasticTarget(ARM, PERIOD)
-    memory = np.zeros((observations.shape[1], elastic_target.memory_size(2)))
+    memory = np.zeros((observations.shape[1], target.memory_size))
     aims, feedforwards = np.empty((*observations.shape[:2], 6)), np.empty((*observations.shape[:2], 2))
     for observation, aim, feedforward in zip(observations, aims, feedforwards, strict=True):
         target.advance(observation, memory, aim, feedforward)
