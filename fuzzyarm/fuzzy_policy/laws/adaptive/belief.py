@@ -38,11 +38,11 @@ from fuzzyarm.fuzzy_policy.laws.observer_gains import WEIGHT_RANGE
 from fuzzyarm.numbers.functions import Cells, each, flat, maximum
 
 __all__ = [
-    "FACTORS", "FLAG", "KEPT", "LONGEST_LATENESS", "AdaptiveWeights", "ArmFunctions", "Belief", "Memory",
+    "FACTORS", "FLAG", "KEPT", "LONGEST_DELAY", "AdaptiveWeights", "ArmFunctions", "Belief", "Memory",
     "affine_numbers", "belief_of", "layout", "mass_of", "places", "prior", "unit_force",
 ]  # fmt: skip
 
-LONGEST_LATENESS = 3  # longest time from a command to the motors that the filter considers [control periods]
+LONGEST_DELAY = 3  # longest time from a command to the motors that the filter considers [control periods]
 KEPT = 5
 """References kept, the present one included: the derivatives of the joint torque are differences of four of them, and
 the feedforward's change takes one more."""
@@ -75,7 +75,7 @@ class AdaptiveWeights:
     first_inertia: float = 0.06  # of the factors of link masses and of motor inertias
     first_offset: float = 0.01  # of the torques beside the motors', share of the torque limit
     first_scale: float = 0.1  # of a factor that all of the arm's constants share, as a wrong torque constant gives them
-    first_lateness: float = 1.5  # of the lateness [control periods]
+    first_lateness: float = 1.5  # of the delay [control periods]
     first_link_angle: float = 1e-3  # of the link angles [rad]
     scale_doubt: float = 1.5e-3  # variance that a sample of surprise a adds to that factor, over a
     gate: float = 1.5  # squared standardised innovation above which a sample counts less
@@ -104,7 +104,7 @@ def mass_of(arm: AnyArm) -> float:
 
 
 class Belief(NamedTuple):
-    """The parts of p, or where they lie in an array; the forces come first, the lateness last."""
+    """The parts of p, or where they lie in an array; the forces come first, the delay last."""
 
     travel_force: Any  # f_t [N]
     force: Any  # F [N], (axes,)
@@ -130,7 +130,7 @@ def belief_of(physics: Physics) -> Belief:
 class _Prior(NamedTuple):
     """What is taken for granted of p, each an array (numbers of p,)."""
 
-    guess: Any  # p_0: no load, the known arm, no lateness
+    guess: Any  # p_0: no load, the known arm, no delay
     spread: Any  # standard deviations when an episode begins
     walk: Any  # how fast each number walks, per √s
     low: Any
@@ -151,7 +151,7 @@ def prior(arm: AnyArm, weights: AdaptiveWeights) -> _Prior:
         mass=(1.0, w.first_inertia, 0.0, 0.5, 1.9),
         motor_inertia=(1.0, w.first_inertia, 0.0, 0.5, 1.9),
         offset=(0.0, w.first_offset * limit, 0.0, -torque, torque),
-        lateness=(0.0, w.first_lateness, 0.0, 0.0, float(LONGEST_LATENESS)),
+        lateness=(0.0, w.first_lateness, 0.0, 0.0, float(LONGEST_DELAY)),
     )
     belief = belief_of(equations_of(arm))
     arrays = np.empty((len(_Prior._fields), belief.lateness.stop))
@@ -255,7 +255,7 @@ class Memory(NamedTuple):
     flags: Any  # see `_Flags`
     z: Any  # prediction for this sample, (N,)
     P: Any  # its covariance, (N, N)
-    commands: Any  # torques commanded [N m], newest first, (`LONGEST_LATENESS` + 2, n)
+    commands: Any  # torques commanded [N m], newest first, (`LONGEST_DELAY` + 2, n)
     references: Any  # q_d, q̇_d, q̈_d, newest first, (`KEPT`, 3, n)
     read: Any  # θ, θ̇ and e of the last sample, see `filter`, (3, n)
     moves: Any  # mean of the corrections of each force [N], then that of their square [N²], (forces + 1,)
@@ -266,7 +266,7 @@ def places(physics: Physics) -> Memory:
     """Return the parts as places of arrays in a law's memory."""
     joints, belief = physics.joints, belief_of(physics)
     N = 4 * joints + belief.lateness.stop
-    lists = (LONGEST_LATENESS + 2, joints), (KEPT, 3, joints), (3, joints)
+    lists = (LONGEST_DELAY + 2, joints), (KEPT, 3, joints), (3, joints)
     return Memory(*map(Cells, ((len(FLAG),), (N,), (N, N), *lists, (belief.force.stop + 1,), (joints,))))
 
 

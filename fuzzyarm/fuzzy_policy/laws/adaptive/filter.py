@@ -27,14 +27,14 @@ forces walk (1 - calm) + `calm_walk` calm times as fast as they do when they mov
 grows by that of `reopening` seconds of walk, which it would have had without calm.
 
 A motor's torque may be wrong by the share w (Δu/u_max)² of its limit u_max, w = `torque_doubt` and Δu the largest jump
-of the commands that are on their way. A wrong torque constant or lateness acts through such jumps, and what it does to
+of the commands that are on their way. A wrong torque constant or delay acts through such jumps, and what it does to
 the motors would be taken for a load that is answered by a larger jump.
 
-A filter may become sure of a wrong lateness. Where the innovations are larger than it expects, the lateness is doubted:
-a sample whose ν²/s is on average 1 + a adds `_LATENESS_DOUBT` a to its variance, up to the first one. So is a factor
+A filter may become sure of a wrong delay. Where the innovations are larger than it expects, the delay is doubted:
+a sample whose ν²/s is on average 1 + a adds `LATENESS_DOUBT` a to its variance, up to the first one. So is a factor
 that all of the arm's constants share, as a wrong torque constant gives them: the sample adds
 
-    P_ik ← P_ik + min(`scale_doubt` a, max(0, `_LARGEST_SCALE` - min P_jj))
+    P_ik ← P_ik + min(`scale_doubt` a, max(0, `LARGEST_SCALE` - min P_jj))
 
 to the covariance of any two of these factors, j being any of them.
 
@@ -68,13 +68,13 @@ from fuzzyarm.envs.physics.records import Physics
 from fuzzyarm.envs.physics.robot import Robot
 from fuzzyarm.fuzzy_policy.known_arm import per_joint_of
 from fuzzyarm.fuzzy_policy.laws.adaptive import belief as believed
-from fuzzyarm.fuzzy_policy.laws.adaptive.belief import FACTORS, FLAG, KEPT, LONGEST_LATENESS, AdaptiveWeights, Memory
+from fuzzyarm.fuzzy_policy.laws.adaptive.belief import FACTORS, FLAG, KEPT, LONGEST_DELAY, AdaptiveWeights, Memory
 from fuzzyarm.fuzzy_policy.laws.gain_schedule import schedule_of
 from fuzzyarm.numbers.functions import array, each, floor, maximum, minimum, only, select
 
 __all__ = [
-    "MISTRUST", "Room", "Settings", "begin", "command", "correct", "fill", "numbers_at", "predict", "sent", "tables_of",
-    "take_in", "update", "with_tables",
+    "DIRECTED", "INSIGNIFICANT", "LARGEST_SCALE", "LATENESS_DOUBT", "MISTRUST", "Room", "Settings", "begin", "command",
+    "correct", "fill", "numbers_at", "predict", "sent", "take_in", "update",
 ]  # fmt: skip
 
 _ENOUGH = 1e6  # samples that are counted
@@ -86,11 +86,11 @@ _SURPRISE_SHARE = 0.02  # of a sample, in the mean surprise
 _DIVERGED = 50.0  # mean surprise at which a filter counts as diverged
 _SWING_SHARE = 0.1  # of a sample, in the mean of the commands' jumps
 _SHARE = 0.1  # of a sample, in the means of the corrections
-_NOISE, _DIRECTED = 0.08, 0.3  # s up to which corrections count as noise, and from which on as a motion
+_NOISE, DIRECTED = 0.08, 0.3  # s up to which corrections count as noise, and from which on as a motion
 _CALMING, _STIRRING = 0.02, 0.7  # share of the way to more and to less calm that a sample makes
-_LATENESS_DOUBT = 0.01  # variance of the lateness per surprise [control periods²]
-_LARGEST_SCALE = 0.1  # variance of the surest factor above which the shared one is not doubted
-_INSIGNIFICANT = 1.25  # c of an arm whose noise is a mean over all samples
+LATENESS_DOUBT = 0.01  # variance of the delay per surprise [control periods²]
+LARGEST_SCALE = 0.1  # variance of the surest factor above which the shared one is not doubted
+INSIGNIFICANT = 1.25  # c of an arm whose noise is a mean over all samples
 _ROUNDING = 1e-9  # least share of a variance that the other loads leave unexplained
 _STILL = 1e-3  # correction of the forces by a sample that counts as none, in unit forces
 # Steps of the differences that make F, of angles, velocities, loads and factors, far above rounding and far below what
@@ -138,7 +138,7 @@ class Settings:
         # A robot, for which nothing was tuned, begins to learn with more caution. The noise that it reads holds on to a
         # first guess, so that it does not say which loads are significant.
         self.first_share = _NOISE_SHARE if unknown else 1.0  # largest share of a sample in the noise that is read
-        self.insignificant = 0.0 if unknown else _INSIGNIFICANT**2  # c² of `_significant`
+        self.insignificant = 0.0 if unknown else INSIGNIFICANT**2  # c² of `_significant`
         self.limit = limit  # torque limits [N m]
         self.mass = believed.mass_of(arm)  # of all links [kg]
         self.substeps = default_substeps(period, fastest_rate([arm]))  # in a control period
@@ -155,17 +155,16 @@ class Settings:
         vars(other).update(parts)
         return other
 
+    @property
+    def tables(self) -> tuple[np.ndarray, ...]:
+        """The arrays that the law looks up by index, in a fixed order and in double precision."""
+        parts = vars(self).values()
+        return tuple(np.array(part, dtype=np.float64, order="C") for part in parts if isinstance(part, np.ndarray))
 
-def tables_of(settings: Settings) -> tuple[np.ndarray, ...]:
-    """Return the arrays that the law looks up by index, in a fixed order and in double precision."""
-    parts = vars(settings).values()
-    return tuple(np.array(part, dtype=np.float64, order="C") for part in parts if isinstance(part, np.ndarray))
-
-
-def with_tables(settings: Settings, tables: Any) -> Settings:
-    """Return the settings with other arrays in place of those of `tables_of`."""
-    names = [name for name, part in vars(settings).items() if isinstance(part, np.ndarray)]
-    return settings.replaced(**dict(zip(names, tables, strict=True)))
+    def with_tables(self, tables: Any) -> Settings:
+        """Return the settings with other arrays in place of `tables`."""
+        names = [name for name, part in vars(self).items() if isinstance(part, np.ndarray)]
+        return self.replaced(**dict(zip(names, tables, strict=True)))
 
 
 class _Copies(NamedTuple):
@@ -357,14 +356,14 @@ def update(m: Memory, s: Settings, room: Room) -> Any:
 
 
 def _doubt(m: Memory, s: Settings, surprise: Any) -> None:
-    """Let a sample whose mean ν²/s is 1 + `surprise` add to the variances of the lateness and of the shared factor."""
+    """Let a sample whose mean ν²/s is 1 + `surprise` add to the variances of the delay and of the shared factor."""
     last, first, beliefs, least = len(m.z) - 1, len(m.z) - len(s.guess), len(s.guess), array(1)
-    m.P[last, last] = minimum(m.P[last, last] + _LATENESS_DOUBT * surprise, s.spread[last] * s.spread[last])
-    least[0] = _LARGEST_SCALE
+    m.P[last, last] = minimum(m.P[last, last] + LATENESS_DOUBT * surprise, s.spread[last] * s.spread[last])
+    least[0] = LARGEST_SCALE
     for belief in each(beliefs):
         i = first + belief
         least[0] = select(s.shared[i] > 0.0, minimum(least[0], m.P[i, i]), least[0])
-    more = minimum(s.weights.scale_doubt * surprise, _LARGEST_SCALE - least[0])
+    more = minimum(s.weights.scale_doubt * surprise, LARGEST_SCALE - least[0])
     for belief in each(beliefs):
         for other in each(beliefs):
             i, k = first + belief, first + other
@@ -380,7 +379,7 @@ def _note_moves(m: Memory, s: Settings, before: Any) -> None:
     mean = _summed(forces, lambda i: m.moves[i] * m.moves[i])
     m.moves[forces] += _SHARE * (square - m.moves[forces])
     directed = mean / (m.moves[forces] + s.still)
-    calm = 1.0 - minimum(maximum((directed - _NOISE) / (_DIRECTED - _NOISE), 0.0), 1.0)
+    calm = 1.0 - minimum(maximum((directed - _NOISE) / (DIRECTED - _NOISE), 0.0), 1.0)
     change = calm - m.flags[FLAG.calm]
     stirred = change * _STIRRING
     for _ in only(change < 0.0):
@@ -499,7 +498,7 @@ def predict(m: Memory, s: Settings, room: Room, torque: Any) -> None:
     for _ in only(m.flags[FLAG.lost] == 0.0):
         numbers_at(m.z[4 * joints :], s, room.numbers)
         lateness, wide = m.z[last], root(maximum(m.P[last, last], 0.0))
-        early, late = maximum(lateness - wide, 0.0), minimum(lateness + wide, float(LONGEST_LATENESS))
+        early, late = maximum(lateness - wide, 0.0), minimum(lateness + wide, float(LONGEST_DELAY))
         applied, slope = array(joints), array(joints)
         total: Any = 0.0
         for j in range(joints):
@@ -532,7 +531,7 @@ def _mean_torque(commands: Any, lateness: Any, joint: Any) -> Any:
 def command(m: Memory, s: Settings, torque: Any) -> None:
     """Take a torque (n,) [N m], within its limits, for the one that is commanded at this sample."""
     for j in each(len(m.noise)):
-        for k in range(LONGEST_LATENESS + 1, 0, -1):
+        for k in range(LONGEST_DELAY + 1, 0, -1):
             m.commands[k, j] = m.commands[k - 1, j]
         m.commands[0, j] = minimum(maximum(torque[j], -s.limit[j]), s.limit[j])
 
@@ -563,7 +562,7 @@ def _spread_copies(m: Memory, s: Settings, room: Room, torque: Any, torque_slope
     """Fill the copies: 0 the estimate, 1 + j with number j of z a step ahead, then motor velocities a step behind.
 
     Motor velocities take a standard deviation as their step: a joint that sticks has a slope of zero nearby.
-    `torque` (n,) [N m] is what the motors apply, `torque_slope` (n,) its derivative in the lateness.
+    `torque` (n,) [N m] is what the motors apply, `torque_slope` (n,) its derivative in the delay.
     """
     state, torques, force, numbers = room.copies
     joints, states, size, forces = len(torque), len(state), len(m.z), len(s.reopening)
@@ -628,7 +627,7 @@ def _spread_out(m: Memory, s: Settings) -> None:
         m.P[i, i] -= (1.0 - share * share) * s.noise[i]
     for j in each(joints):
         jump: Any = 0.0
-        for k in range(LONGEST_LATENESS + 1):
+        for k in range(LONGEST_DELAY + 1):
             jump = maximum(jump, abs(m.commands[k, j] - m.commands[k + 1, j]))
         wrong = s.doubt[j] * jump * jump
         m.P[2 * joints + j, 2 * joints + j] += wrong * wrong

@@ -27,7 +27,7 @@ from fuzzyarm.envs.physics.equations import AnyArm
 from fuzzyarm.envs.physics.friction import stribeck_magnitude
 from fuzzyarm.envs.physics.robot import Robot
 from fuzzyarm.fuzzy_policy.laws import observer_gains
-from fuzzyarm.fuzzy_policy.laws.adaptive.belief import FLAG, KEPT, LONGEST_LATENESS, AdaptiveWeights, Memory, mass_of
+from fuzzyarm.fuzzy_policy.laws.adaptive.belief import FLAG, KEPT, LONGEST_DELAY, AdaptiveWeights, Memory, mass_of
 from fuzzyarm.fuzzy_policy.laws.adaptive.filter import Room, Settings, command, fill, numbers_at, sent
 from fuzzyarm.fuzzy_policy.laws.elastic_target import motor_target
 from fuzzyarm.fuzzy_policy.laws.gain_schedule import corners_of, loaded_inertia, schedule_of
@@ -159,9 +159,9 @@ def _advance(z: Any, m: Memory, s: Settings, room: Room) -> None:
     offset, whole = len(z) - 1 - joints, floor(lateness)
     rest = lateness - whole
     fill(room.one, z, room)
-    for period in each(LONGEST_LATENESS + 1):  # whole periods, then the rest of one
+    for period in each(LONGEST_DELAY + 1):  # whole periods, then the rest of one
         k = number(period)
-        last = k == float(LONGEST_LATENESS)
+        last = k == float(LONGEST_DELAY)
         for _ in only((whole > k) & ~last | (last & (rest > 0.0))):
             for j in each(joints):
                 mean: Any = (1.0 - rest) * sent(m.commands, whole - (k + 1.0), j)

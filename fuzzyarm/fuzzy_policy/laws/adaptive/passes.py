@@ -1,7 +1,7 @@
 """Again over the same path: what the adaptive observer learns of the load in one pass, it expects in the next.
 
 A pass is an episode along one reference. A state keeps what was measured and commanded. `begin_pass` looks back at it:
-with the constants of the arm, the payload and the lateness as they stand at the end, which tip force explains all that
+with the constants of the arm, the payload and the delay as they stand at the end, which tip force explains all that
 was measured? What f of `_Smoother` adds to the force that was expected gives that of pass j,
 
     F_j(k) = F_expected(k) + t(k) f_t(k) + F_s(k),    low-passed by a Butterworth filter of no phase,
@@ -19,7 +19,7 @@ there. Later passes swing too little to tell. A negative payload, which the filt
 than known, would explain a pass too, but the regulator that it schedules loses an arm that is not so light.
 
 A pass that leaves the path of the pass before expects no force any more, since forces are known by sample, and not by
-place; payload, constants and lateness stay as they were taught. The pass after it begins with nothing learned.
+place; payload, constants and delay stay as they were taught. The pass after it begins with nothing learned.
 """
 
 from __future__ import annotations
@@ -34,7 +34,7 @@ from fuzzyarm.envs.observation import observed
 from fuzzyarm.envs.physics.equations import equations_of
 from fuzzyarm.fuzzy_policy.known_arm import travel_of
 from fuzzyarm.fuzzy_policy.laws.adaptive.belief import FLAG, KEPT, Memory, places, unit_force
-from fuzzyarm.fuzzy_policy.laws.adaptive.filter import MISTRUST, Room, command, predict, tables_of, update, with_tables
+from fuzzyarm.fuzzy_policy.laws.adaptive.filter import MISTRUST, Room, command, predict, update
 from fuzzyarm.fuzzy_policy.laws.iterative_learning import low_passed
 from fuzzyarm.fuzzy_policy.policy import NOTHING_LEARNED, PassLearner
 from fuzzyarm.numbers.functions import Cells, array, each, select
@@ -102,7 +102,7 @@ class AdaptivePasses(PassLearner):
     def begin_pass(self, state: PassState) -> PassState:
         """Return the state with which the next pass begins, see `PassLearner`.
 
-        It keeps what the filter believes of the constants of the arm and of the lateness, the payload, and the force to
+        It keeps what the filter believes of the constants of the arm and of the delay, the payload, and the force to
         expect at each sample. Everything else begins again: motors and links, what the force deviates from the expected
         one, commands, noise. A lane whose filter has diverged, or that has left the path of the pass before, keeps
         nothing.
@@ -217,7 +217,7 @@ class _Smoother:
     """The force that explains a whole pass: a fixed-interval smoother of the arm's state and the tip force.
 
     s = (x, f) with x of the elastic arm and the forces f = (f_t, F) beside the expected one; the constants of the arm,
-    the payload and the lateness are given and stay. Forward it is the filter of `filter` without gate and dead zone, in
+    the payload and the delay are given and stay. Forward it is the filter of `filter` without gate and dead zone, in
     which f walks; at the first sample the links are as fast as the motors, and stand where the filter took them to
     stand. Backward (Bryson and Frazier), with λ = 0 after the last sample, at each sample for the measured numbers in
     reverse order
@@ -245,7 +245,7 @@ class _Smoother:
     def force(self, state: PassState, lanes: np.ndarray, memory: np.ndarray) -> np.ndarray:
         """Return the tip force [N] (samples, lanes, axes) that explains the pass of some lanes, low-passed.
 
-        Constants, payload and lateness are those of a memory (lanes, memory_size); `lanes` says which are some of them.
+        Constants, payload and delay are those of a memory (lanes, memory_size); `lanes` says which are some of them.
         """
         chosen = np.flatnonzero(lanes)
         groups = [slice(first, first + _TOGETHER) for first in range(0, len(chosen), _TOGETHER)]
@@ -259,7 +259,7 @@ class _Smoother:
         angles = np.maximum(least, MISTRUST * known[:, self._policy.memory.noise])
         variances = np.broadcast_to(np.concatenate([angles, angles * (ratio / least)], axis=1), measured.shape)
         seen = np.concatenate([measured, variances, _lines(expected), _lines(travels), commands], axis=2)
-        memory, tables = self._begun(measured[0], state.early[lanes], known), tables_of(self._settings)
+        memory, tables = self._begun(measured[0], state.early[lanes], known), self._settings.tables
         notes = np.empty((samples, len(lanes), sum(part.size for part in self._notes)))
         for k in range(samples):
             self._forward((memory, np.ascontiguousarray(seen[k]), notes[k]), np.empty(0), tables)
@@ -284,7 +284,7 @@ class _Smoother:
         physics, settings, used = self._physics, self._settings, self._used
 
         def forward(m: Memory, seen: _Seen, notes: _Notes, _: Any, *tables: Any) -> tuple[Any, ...]:
-            s = with_tables(settings, tables)
+            s = settings.with_tables(tables)
             room, states = Room(physics, s), 4 * physics.joints
             room.measured, room.variances, room.line = seen.measured, seen.variances, seen.expected
             room.innovation, room.expected, room.columns, room.F = notes[:4]
@@ -299,7 +299,7 @@ class _Smoother:
             predict(m, s, room, seen.commands)
             return m, seen, notes
 
-        shapes = [table.shape for table in tables_of(settings)]
+        shapes = [table.shape for table in settings.tables]
         return Kernel(Program(forward, (places(physics), self._seen, self._notes), (), shapes))
 
     def _backward_kernel(self) -> Kernel:

@@ -1,6 +1,6 @@
-"""The adaptive observer: it estimates arm, load and lateness while it moves, and acts on the estimate.
+"""The adaptive observer: it estimates arm, load and delay while it moves, and acts on the estimate.
 
-    correct   z = (x, p) by the measured motors, see `filter`; p is load, constants and lateness, see `belief`,
+    correct   z = (x, p) by the measured motors, see `filter`; p is load, constants and delay, see `belief`,
     act       u = u_ff(p) - K (x⁺ - x_d(p)⁺),
     predict   z⁻ of the next sample: what the elastic arm of p does of x under the clipped commands.
 
@@ -30,7 +30,7 @@ from fuzzyarm.envs.physics.parameters import ArmParameters
 from fuzzyarm.fuzzy_policy.known_arm import travel_of
 from fuzzyarm.fuzzy_policy.law import Law, LawPolicy, law_of, seen_by, within_limits
 from fuzzyarm.fuzzy_policy.laws.adaptive.belief import FACTORS, FLAG, KEPT, AdaptiveWeights, belief_of, layout, places
-from fuzzyarm.fuzzy_policy.laws.adaptive.filter import Room, Settings, correct, predict, tables_of, with_tables
+from fuzzyarm.fuzzy_policy.laws.adaptive.filter import Room, Settings, correct, predict
 from fuzzyarm.fuzzy_policy.laws.adaptive.frozen import FrozenObserver
 from fuzzyarm.fuzzy_policy.laws.adaptive.law import act, adaptive_weights_for, feedback_table
 from fuzzyarm.fuzzy_policy.laws.adaptive.passes import AdaptivePasses
@@ -65,7 +65,7 @@ class Beliefs:
     # Mean squared innovation in the variances that the filter expects, (...); far above 1 it is wrong.
     surprise: np.ndarray
     diverged: np.ndarray  # whether the filter has diverged, or the commands swing, and the fallback acts, (...)
-    # By part of p, see `Belief`, whether an estimate stands at an end of its range, (...); that there is no lateness,
+    # By part of p, see `Belief`, whether an estimate stands at an end of its range, (...); that there is no delay,
     # dry friction or damping counts as none.
     at_end: dict[str, np.ndarray]
     other_path: np.ndarray  # whether this is a pass that has left the path of the pass before, see `passes`, (...)
@@ -110,7 +110,7 @@ class AdaptiveObserverPolicy(LawPolicy):
         behind = self._behind
         given = behind.constants, tuple(map(float, self.fallback.torque_limit))
         held = places(equations_of(self.arm)), behind.memory
-        return Law(self._answer_of(), held, given, (*tables_of(self.settings), *behind.tables))
+        return Law(self._answer_of(), held, given, (*self.settings.tables, *behind.tables))
 
     @functools.cached_property
     def _beside(self) -> Kernel:
@@ -126,11 +126,11 @@ class AdaptiveObserverPolicy(LawPolicy):
 
     def _answer_of(self) -> Any:
         """Return the law ``answer(memory, seen, given, *tables, known)``; `known` as for `Room`."""
-        physics, settings, own = equations_of(self.arm), self.settings, len(tables_of(self.settings))
+        physics, settings, own = equations_of(self.arm), self.settings, len(self.settings.tables)
         fall_back = within_limits(self._behind, self.joints, self.fallback.integral_at)
 
         def answer(memory: Any, seen: Observation, given: Any, *tables: Any, known: Any = None) -> tuple[Any, Any]:
-            (m, behind), s = memory, with_tables(settings, tables[:own])
+            (m, behind), s = memory, settings.with_tables(tables[:own])
             room, torque = Room(physics, s, known), array(physics.joints)
             correct(m, s, room, seen)
             act(room.acted, m, s, room, torque)

@@ -11,7 +11,7 @@ from fuzzyarm.envs.physics.equations import two_joints
 from fuzzyarm.eval.episodes.rollout import record_rollout
 from fuzzyarm.fuzzy_policy.laws.adaptive.belief import FLAG, AdaptiveWeights, _remembered
 from fuzzyarm.fuzzy_policy.laws.adaptive.filter import (
-    _INSIGNIFICANT,
+    INSIGNIFICANT,
     Room,
     _note_moves,
     _significant,
@@ -61,7 +61,7 @@ def test_a_load_within_the_noise_shrinks_by_its_length_and_the_state_is_the_mean
     memory.flags[FLAG.calm], memory.noise[:] = float(what != "a direction"), 0.0 if what == "no noise" else 1e-10
     room.variances[:] = 8e-10  # an eighth is noise
     off = memory.z[load] - guess
-    off *= np.sqrt(beyond * _INSIGNIFICANT**2 / 8.0 / (off @ np.linalg.solve(memory.P[load, load], off)))
+    off *= np.sqrt(beyond * INSIGNIFICANT**2 / 8.0 / (off @ np.linalg.solve(memory.P[load, load], off)))
     memory.z[load] = guess + off
     before = memory.z.copy()
     _significant(memory, SETTINGS, room)
