@@ -26,10 +26,10 @@ _STATED = ("form", "integral", "common_multiplier")
 _ARRAYS = ("weight", "gains", "feedforward", "P", "Q", "X", "tau")
 POLE_ARRAYS = ("pole_Q", "pole_X", "pole_tau")  # of the bound of the fastest pole
 _OPTIONAL = ("fastest_pole", *POLE_ARRAYS)  # optional: left out of the file where they are None
-# Far beyond use, and so near one that products of these numbers and those of an arm stay finite.
+# Far wider than any useful value; products with the numbers of an arm stay finite.
 RATES = (1e-6, 1e6)  # [1/s], alpha and fastest_pole
 GAINS = (1e-30, 1e30)  # gamma, in the units of either form
-# Of the file, where numbers are still texts and arrays nested lists.
+# Types in the file, where numbers are hexadecimal strings and arrays nested lists.
 _FIELDS = {
     "robot": dict[str, Any], "kept": tuple[str, ...], "bounds": Any, "form": str, "integral": bool,
     "common_multiplier": bool, "alpha": Any, "gamma": Any, "origin": dict[str, str], **dict.fromkeys(_ARRAYS, Any),

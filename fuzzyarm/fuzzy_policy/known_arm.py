@@ -1,4 +1,4 @@
-"""What a law knows of the arm that it acts on: the two-joint arm or any robot, as compiled code takes it."""
+"""The arm that a law acts on, a two-joint arm or any robot, as the numbers that compiled code takes."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ __all__ = [
 
 
 class Drives(NamedTuple):
-    """The motors and springs, one number for each joint in every part; those of one joint; or rows of an array."""
+    """Motors and springs; each part holds one number per joint, the number of one joint, or a row of an array."""
 
     motor_inertia: Any
     viscous_friction: Any

@@ -74,7 +74,7 @@ class Premise:
         return np.asarray(np.cos(angle) if self.function.startswith("cos") else np.sin(angle))
 
 
-# Of the file, where numbers are still texts, except those of the robot, whose JSON is exact.
+# Types in the file, where numbers are hexadecimal strings, except those of the robot, whose JSON is exact.
 _FIELDS = {
     "form": str, "robot": Robot, "robot_digest": str, "premises": tuple[Premise, ...], "split": int,
     "origin": dict[str, str], **dict.fromkeys((*_ARRAYS, *_NUMBERS), Any),
@@ -138,7 +138,7 @@ class ScheduledController(SignedController):
 
     @property
     def rules(self) -> int:
-        """Their number N."""
+        """Number of rules, N."""
         return len(self.inertia)
 
     @property

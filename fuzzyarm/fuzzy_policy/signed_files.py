@@ -1,4 +1,4 @@
-"""What controllers of every form share: a file of JSON with exact numbers, floats in C99 hexadecimal, and a digest.
+"""Controller files of every form: JSON with exact numbers, floats in C99 hexadecimal, and a digest.
 
 Loading a file executes nothing from it.
 """
@@ -64,7 +64,7 @@ class ControllerFileError(ValueError):
 
 
 def controller_in(path: str | Path, build: Callable[[Any], _Built]) -> _Built:
-    """Return what `build` makes of the content of a file; ControllerFileError if that is not valid."""
+    """Read a file and return `build` of its content; ControllerFileError if it is not valid."""
     try:
         return build(read_json(Path(path), largest=_MAX_BYTES))
     except DocumentError as error:  # names the file itself
@@ -76,7 +76,7 @@ def controller_in(path: str | Path, build: Callable[[Any], _Built]) -> _Built:
 def checked_fields(
     content: Any, schema: str, fields: Mapping[str, Any], optional: Sequence[str] = ()
 ) -> dict[str, Any]:
-    """Return what a document holds, by field; ValueError if its schema, its fields or its digest are wrong.
+    """Return the fields of a document by name; ValueError if its schema, its fields or its digest are wrong.
 
     `fields` has the type of each field, `schema` and `digest` aside; fields of `optional` may be left out, and are then
     not in the result.
@@ -91,7 +91,7 @@ def checked_fields(
 
 
 class SignedController(abc.ABC):
-    """A controller with a file: the base of the dataclasses of each form; ControllerFileError if it is wrong."""
+    """Base of the dataclasses of each form; ControllerFileError for fields that do not fit together."""
 
     def __post_init__(self) -> None:
         try:
@@ -101,7 +101,7 @@ class SignedController(abc.ABC):
 
     @abc.abstractmethod
     def _check(self) -> None:
-        """Raise TypeError or ValueError for values that do not fit, and take the others."""
+        """Check the fields and store them in their final form; TypeError or ValueError if one does not fit."""
 
     @property
     @abc.abstractmethod

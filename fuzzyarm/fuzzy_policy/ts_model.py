@@ -31,7 +31,7 @@ __all__ = [
 ]  # fmt: skip
 
 PREMISES = ("z1", "z2", "z3", "z4", "z5")  # names of the premises, in the order of the paper
-DEFAULT_KEPT = ("z1", "z3")  # kept premises where nothing else is said: four rules
+DEFAULT_KEPT = ("z1", "z3")  # premises kept by default: four rules
 
 NAMED_RULES = {
     32: ("z1", "z2", "z3", "z4", "z5"),

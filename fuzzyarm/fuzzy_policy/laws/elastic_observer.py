@@ -45,7 +45,7 @@ _STATICS_STEPS = 20  # iterations of the fixed point for the first estimate; for
 class ElasticObserverPolicy(LawPolicy):
     """Observer, state feedback and elastic target; the law is in the module's docstring.
 
-    It remembers what `ElasticTarget` does, whether there was a sample before, and the prediction (x̂, d̂)⁻. K (points,
+    Its memory is that of `ElasticTarget`, whether there was a sample before, and the prediction (x̂, d̂)⁻. K (points,
     n, 4 n) and L (points, 5 n, 2 n) at the points of the schedule are `feedback` and `observer`.
     """
 
@@ -92,7 +92,7 @@ class ElasticObserverPolicy(LawPolicy):
         return equations_of(self.parameters), tuple(schedule.kept.tolist()), schedule.cosine, schedule.points
 
     def _know(self, parameters: AnyArm) -> None:
-        """Take `parameters` for the arm that is predicted; the gains stay."""
+        """Predict with the arm `parameters`; the gains stay the same."""
         self.parameters = parameters
         self._target = ElasticTarget(parameters, self.control_period)
         limit, substep = tuple(map(float, self.torque_limit)), self.control_period / self._substeps
@@ -100,7 +100,7 @@ class ElasticObserverPolicy(LawPolicy):
 
 
 class Observed(NamedTuple):
-    """What the target remembers, 1 once there has been a sample, and (x̂, d̂)⁻."""
+    """The memory: that of the target, 1 after the first sample, and (x̂, d̂)⁻."""
 
     past: Past
     started: Any
@@ -117,7 +117,7 @@ class Constants(NamedTuple):
 
 
 class _Corrected(NamedTuple):
-    """A sample after its correction: what the target remembers and wants, u_ff, (x̂, d̂), ν, and where K is looked up."""
+    """A sample after its correction: memory and aim of the target, u_ff, (x̂, d̂), ν, and where K is looked up."""
 
     past: Past
     aim: Any

@@ -38,7 +38,7 @@ __all__ = ["Aim", "ElasticTarget", "Past", "TargetConstants", "motor_target", "p
 
 
 class Past(NamedTuple):
-    """What is remembered from one sample to the next."""
+    """The memory of the target from one sample to the next."""
 
     started: Any  # 1 once there has been a sample, else 0
     latest: Any  # τ_d of the last sample [N m]
@@ -56,7 +56,7 @@ class Aim(NamedTuple):
 
 
 class TargetConstants(NamedTuple):
-    """Links, motors, T [s], 1 if u_ff holds the dry friction else 0, and the share of T that u_ff is extrapolated."""
+    """Links, motors, T [s], 1 if u_ff holds the dry friction else 0, and by which share of T u_ff is extrapolated."""
 
     arm: Any
     drives: Drives
@@ -66,7 +66,7 @@ class TargetConstants(NamedTuple):
 
 
 def past_of(joints: int) -> Past:
-    """Return what is remembered before there was a sample."""
+    """Return the memory before the first sample."""
     return Past(0.0, *[(0.0,) * joints] * 4)
 
 

@@ -80,7 +80,7 @@ class ObserverWeights:
     Torques are shares of the arm's `torque_limit`, joint by joint, so that the same weights fit arms of another size.
 
     Raises:
-        TypeError: a weight is no number.
+        TypeError: a weight is not a number.
         ValueError: a weight lies outside `WEIGHT_RANGE`.
     """
 
@@ -156,7 +156,7 @@ def _observer_gain(arm: AnyArm, control_period: float, inertia: np.ndarray, weig
 def gain_tables(
     arm: AnyArm, control_period: float, weights: ObserverWeights
 ) -> tuple[GainSchedule, np.ndarray, np.ndarray]:
-    """Return the schedule, K (points, n, 4 n) and L (points, 5 n, 2 n) for T [s]; ValueError where there are none."""
+    """Return the schedule, K (points, n, 4 n) and L (points, 5 n, 2 n) for T [s]; ValueError if there are no gains."""
     schedule = schedule_of(arm)
     given: Any = arm, control_period, schedule.inertia, weights
     feedback, observer = (
@@ -166,7 +166,7 @@ def gain_tables(
 
 
 def found_at(schedule: GainSchedule, gains: np.ndarray, control_period: float, weights: Any) -> np.ndarray:
-    """Return gains (points, ...); ValueError with place and settings where there are none."""
+    """Return gains (points, ...); ValueError that names the place and the settings if one is nan."""
     for place, gain in zip(schedule.places, gains, strict=True):
         if not np.isfinite(gain).all():
             raise ValueError(
@@ -177,7 +177,7 @@ def found_at(schedule: GainSchedule, gains: np.ndarray, control_period: float, w
 
 
 class Condition(NamedTuple):
-    """How the loop differs from what the law expects: factor κ on its gain, late samples, factor on the stiffness."""
+    """How the loop differs from the nominal one: factor κ on its gain, samples of delay, factor on the stiffness."""
 
     loop_gain: float = 1.0
     delay: int = 0

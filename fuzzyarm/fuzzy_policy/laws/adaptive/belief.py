@@ -1,4 +1,4 @@
-"""What the adaptive observer estimates beside the arm's state, and remembers from one sample to the next.
+"""The parameters that the adaptive observer estimates beside the arm's state, and its memory between samples.
 
     p = (f_t, F, m_p, k, β, φ, μ, ι, w, d)
 
@@ -10,7 +10,7 @@ The equations of the arm take numbers a that are affine in (m_p, k, β, φ, μ, 
 two-joint arm they are the constants of its equations. The constants of a robot are not affine in its masses; its
 numbers are those of the `Plant`, then a mass at the tip [kg], and the constants follow from them.
 
-How uncertain p is beforehand, and what an error costs, is said by `AdaptiveWeights`: torques in shares of the arm's
+How uncertain p is beforehand, and what an error costs, is stated in `AdaptiveWeights`: torques in shares of the arm's
 `torque_limit`, joint by joint, and forces in shares of `unit_force`, so that the same weights fit arms of another size.
 """
 
@@ -51,7 +51,7 @@ _REST = 1e-9  # m/s; below, a tip has no direction of travel
 
 @dataclasses.dataclass(frozen=True)
 class AdaptiveWeights:
-    """What the filter expects and what the regulator weighs, each in `WEIGHT_RANGE`."""
+    """Weights of the filter and of the regulator, each in `WEIGHT_RANGE`."""
 
     link_angle: float = 0.0037  # link error [rad] that costs as much as the whole torque
     link_velocity: float = 1.57  # link velocity error [rad/s] that costs as much as the whole torque
@@ -79,7 +79,7 @@ class AdaptiveWeights:
     first_link_angle: float = 1e-3  # of the link angles [rad]
     scale_doubt: float = 1.5e-3  # variance that a sample of surprise a adds to that factor, over a
     gate: float = 1.5  # squared standardised innovation above which a sample counts less
-    # Squared innovation, in variances of the noise that is read, below which constants do not learn
+    # Squared innovation, in variances of the estimated noise, below which constants do not learn
     dead_zone: float = 16.0
     # Mean of the commands' jumps, as shares of the torque limits, from which on the loop counts as lost; a mean above 2
     # is not possible
@@ -128,7 +128,7 @@ def belief_of(physics: Physics) -> Belief:
 
 
 class _Prior(NamedTuple):
-    """What is taken for granted of p, each an array (numbers of p,)."""
+    """What is known of p beforehand; each part is an array (numbers of p,)."""
 
     guess: Any  # p_0: no load, the known arm, no delay
     spread: Any  # standard deviations when an episode begins

@@ -44,7 +44,7 @@ payload, the first numbers of p, l_0 their first guess, and x the state:
     d² = (l - l_0)ᵀ P_ll⁻¹ (l - l_0),   s = max(0, 1 - c² calm ρ/d²),
     l_a = l_0 + s (l - l_0),            x_a = x - (1 - s) P_xl P_ll⁻¹ (l - l_0).
 
-ρ is the share that the noise that is read has in the variance that the filter expects of a measured angle, the largest
+ρ is the share of the estimated noise in the variance that the filter expects of a measured angle, the largest
 of all joints. A load within c standard deviations by that noise moves nothing, one far beyond is hardly smaller than it
 is believed (the positive part of the estimator of James and Stein). Without noise ρ is 0, where corrections have a
 direction calm is 0, and in both cases s is 1. x_a is the state that fits l_a: the mean of x, given l_a.
@@ -81,7 +81,7 @@ _ENOUGH = 1e6  # samples that are counted
 _STATICS_STEPS = 20  # iterations of the fixed point for the first estimate; for Table 1 each gains three digits
 _CHANGE = 6.0  # variance of e - e_last in `_note_noise`, in variances of the angles' noise
 _NOISE_SHARE = 0.03  # of a sample, in the estimated noise of the encoders, once there have been enough
-MISTRUST = 8.0  # least variance of a measured angle that is expected, in variances of the noise that is read
+MISTRUST = 8.0  # least variance of a measured angle that is expected, in variances of the estimated noise
 _SURPRISE_SHARE = 0.02  # of a sample, in the mean surprise
 _DIVERGED = 50.0  # mean surprise at which a filter counts as diverged
 _SWING_SHARE = 0.1  # of a sample, in the mean of the commands' jumps
@@ -100,7 +100,7 @@ _TINY = 1e-300
 
 
 class Settings:
-    """What the law takes, as arrays and numbers; n joints, N numbers of z."""
+    """The constants of the law, as arrays and numbers; n joints, N numbers of z."""
 
     def __init__(self, arm: AnyArm, control_period: float, weights: AdaptiveWeights, feedback: np.ndarray) -> None:
         """Take the known arm, T [s] and K, a row for each payload and point (payloads · points, n · 4 n)."""
@@ -137,7 +137,7 @@ class Settings:
         self.gate = weights.gate
         # A robot, for which nothing was tuned, begins to learn with more caution. The noise that it reads holds on to a
         # first guess, so that it does not say which loads are significant.
-        self.first_share = _NOISE_SHARE if unknown else 1.0  # largest share of a sample in the noise that is read
+        self.first_share = _NOISE_SHARE if unknown else 1.0  # largest share of a sample in the estimated noise
         self.insignificant = 0.0 if unknown else INSIGNIFICANT**2  # c² of `_significant`
         self.limit = limit  # torque limits [N m]
         self.mass = believed.mass_of(arm)  # of all links [kg]
@@ -177,13 +177,13 @@ class _Copies(NamedTuple):
 
 
 class Room:
-    """Room for what is computed for one lane; n joints, N numbers of z, and a tip in a space of some axes.
+    """Intermediate results for one lane; n joints, N numbers of z, and a tip in a plane or in space.
 
     A force line has a row for each axis of the mean force, then for each axis of its change.
     """
 
     def __init__(self, physics: Physics, s: Settings, known: Any = None) -> None:
-        """Take the room.
+        """Allocate the arrays.
 
         `known` is a tip force [N] known beforehand, to which the estimated one adds: at this sample, at those before
         it, and at the next one, (`KEPT` + 1, axes); None for no force.
@@ -244,7 +244,7 @@ def correct(m: Memory, s: Settings, room: Room, seen: Observation) -> None:
 
 
 def take_in(m: Memory, room: Room, seen: Observation) -> None:
-    """Take in what is measured and asked for, and count the sample."""
+    """Store the measurements and the reference of a sample, and count it."""
     joints = len(m.noise)
     for j in range(joints):
         room.measured[j], room.measured[joints + j] = seen.q_motor[j], seen.dq_motor[j]
@@ -256,10 +256,10 @@ def take_in(m: Memory, room: Room, seen: Observation) -> None:
 
 
 def begin(m: Memory, s: Settings, room: Room) -> None:
-    """Fill the first z and P, if what was taken in is the first sample.
+    """Initialise z and P if the sample is the first one.
 
-    K_t (θ - q) = g(q) for the measured θ, links as fast as motors, p_0. What an earlier pass has taught is kept, but
-    for the loads, which begin again.
+    K_t (θ - q) = g(q) for the measured θ, links as fast as motors, p_0. Constants that an earlier pass has
+    taught are kept; the loads begin again.
     """
     joints = len(m.noise)
     bent, link, taught = array(joints), m.z[joints : 2 * joints], m.flags[FLAG.taught] != 0.0
@@ -290,7 +290,7 @@ def begin(m: Memory, s: Settings, room: Room) -> None:
 
 
 def _forget(m: Memory, s: Settings, count: int) -> None:
-    """Let the first `count` numbers of z be as uncertain as at the first sample, and those of p among them p_0."""
+    """Reset the covariance of the first `count` numbers of z to that of the first sample, and p among them to p_0."""
     states = len(m.z) - len(s.guess)
     for i in each(count):
         for j in each(len(m.z)):
@@ -304,7 +304,7 @@ def _forget(m: Memory, s: Settings, count: int) -> None:
 
 
 def _note_noise(m: Memory, s: Settings, room: Room) -> None:
-    """Read the variance σ² of the measured angles' noise, from what velocities do not explain of their steps.
+    """Estimate the variance σ² of the angles' noise from the part of their steps that velocities do not explain.
 
         e = θ - θ_last - T (θ̇ + θ̇_last)/2,    σ² ← σ² + share ((e - e_last)²/6 - σ²).
 
@@ -371,7 +371,7 @@ def _doubt(m: Memory, s: Settings, surprise: Any) -> None:
 
 
 def _note_moves(m: Memory, s: Settings, before: Any) -> None:
-    """Bring `calm` and the variances of the forces up to date, after a correction of the forces `before` (forces,)."""
+    """Update `calm` and the variances of the forces after a correction of the forces `before` (forces,)."""
     first, forces = len(m.z) - len(s.guess), len(before)
     for i in each(forces):
         m.moves[i] += _SHARE * (m.z[first + i] - before[i] - m.moves[i])
@@ -405,7 +405,7 @@ def _confine(m: Memory, s: Settings) -> None:
 
 
 def _note_swing(m: Memory, s: Settings) -> None:
-    """Let the last jump of the commands count in the mean of jumps, which begins at zero with the episode.
+    """Update the mean of the commands' jumps, which is zero when an episode begins, by the last jump.
 
     w ← w + `_SWING_SHARE` (max_j |u_k - u_k-1| / u_max - w). A load makes few large jumps, and w stays small. Where
     motors are much stronger or later than believed, commands swing from limit to limit, and w comes near 2.
@@ -529,7 +529,7 @@ def _mean_torque(commands: Any, lateness: Any, joint: Any) -> Any:
 
 
 def command(m: Memory, s: Settings, torque: Any) -> None:
-    """Take a torque (n,) [N m], within its limits, for the one that is commanded at this sample."""
+    """Store a torque (n,) [N m], clipped to its limits, as the command of this sample."""
     for j in each(len(m.noise)):
         for k in range(LONGEST_DELAY + 1, 0, -1):
             m.commands[k, j] = m.commands[k - 1, j]
@@ -537,7 +537,7 @@ def command(m: Memory, s: Settings, torque: Any) -> None:
 
 
 def sent(commands: Any, place: Any, joint: Any) -> Any:
-    """Return the torque [N m] at a place of the commands, without an index that depends on data."""
+    """Return the command [N m] at a place, by selection, so that no index depends on data."""
     torque = commands[0, joint]
     for k in range(1, len(commands)):
         torque = select(place == float(k), commands[k, joint], torque)
@@ -619,7 +619,7 @@ def _step(m: Memory, s: Settings, room: Room) -> None:
 
 
 def _spread_out(m: Memory, s: Settings) -> None:
-    """Change what `_step` has added to P: less where forces are calm, more for motors after a jump of the torque."""
+    """Correct what `_step` has added to P: less where forces are calm, more for motors after a jump of the torque."""
     joints, states = len(m.noise), 4 * len(m.noise)
     share = 1.0 - (1.0 - s.weights.calm_walk) * m.flags[FLAG.calm]
     for force in each(len(s.reopening)):

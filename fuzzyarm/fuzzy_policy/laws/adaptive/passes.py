@@ -1,4 +1,4 @@
-"""Again over the same path: what the adaptive observer learns of the load in one pass, it expects in the next.
+"""Repeated passes over a path: the adaptive observer expects in the next pass the load that it found in the last.
 
 A pass is an episode along one reference. A state keeps what was measured and commanded. `begin_pass` looks back at it:
 with the constants of the arm, the payload and the delay as they stand at the end, which tip force explains all that
@@ -50,7 +50,7 @@ _CUT_OFF = 70.0  # Hz, of the Butterworth filter of the expected force
 _FIRST_FORCE = 0.3  # standard deviation of the forces at the first sample for the smoother, in unit forces
 _SAME_PATH = 1e-6  # rad; a reference that differs more from that of the pass before is another path
 _REWEIGHTED = 50  # steps towards the least total variation
-_SMALLEST = 1e-2  # N, a change of the force that counts as none
+_SMALLEST = 1e-2  # N, smaller changes of the force count as this one
 _TOGETHER = 16  # lanes whose notes are kept at once
 
 
@@ -59,7 +59,9 @@ class PassState:
     """A state between two samples, of one arm or of lanes."""
 
     memory: np.ndarray  # of the policy, (lanes, memory_size)
-    expected: np.ndarray  # tip force [N] expected at the samples of this pass, (samples, lanes, axes); empty: none
+    expected: (
+        np.ndarray
+    )  # tip force [N] expected at the samples of this pass, (samples, lanes, axes); empty in the first
     path: np.ndarray  # q_d of the pass before, (samples, lanes, n)
     references: list[np.ndarray]  # q_d of the samples so far
     measured: list[np.ndarray]  # θ [rad] and θ̇ [rad/s] of each sample so far, (lanes, 2 n) each
@@ -71,7 +73,7 @@ class PassState:
 
 
 class AdaptivePasses(PassLearner):
-    """The adaptive observer over one path again and again."""
+    """The adaptive observer on repeated passes over one path."""
 
     policy: AdaptiveObserverPolicy
     kind = PassState
@@ -123,7 +125,7 @@ class AdaptivePasses(PassLearner):
         return dataclasses.replace(self._first(memory), expected=expected, path=path, passes=passes)
 
     def beliefs(self, state: PassState) -> Beliefs:
-        """Return what is believed after the last sample, the expected force included, lane by lane."""
+        """Return the beliefs after the last sample, the expected force included, lane by lane."""
         state = self._checked(state)
         found, expected = self.policy.beliefs(state.memory), _window(state, len(state.references) - 1, state.other_path)
         return dataclasses.replace(found, force=found.force + expected[:, 0], other_path=state.other_path.copy())
@@ -170,7 +172,7 @@ def _steadiest(force: np.ndarray, slope: np.ndarray) -> np.ndarray:
 
 
 def _of_length(samples: int, force: np.ndarray) -> np.ndarray:
-    """Return a force (any, lanes, axes) at so many samples; zero where there is none."""
+    """Return a force (any number, lanes, axes) cut or padded with zeros to a number of samples."""
     whole = np.zeros((samples, *force.shape[1:]))
     whole[: len(force)] = force[:samples]
     return whole
@@ -193,7 +195,7 @@ def _window(state: PassState, sample: int, other_path: np.ndarray) -> np.ndarray
 
 
 class _Notes(NamedTuple):
-    """What the way forward leaves of a sample for the way back; n joints, N numbers of z, of which s are the first."""
+    """What the forward pass keeps of a sample; n joints, N numbers of z, of which s are the first."""
 
     innovations: Any  # ν (2 n,)
     spreads: Any  # s (2 n,)

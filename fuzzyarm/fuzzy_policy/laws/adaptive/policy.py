@@ -61,12 +61,12 @@ class Beliefs:
     offset_deviation: np.ndarray
     lateness: np.ndarray  # from a command to the motors [s], (...)
     lateness_deviation: np.ndarray
-    encoder_noise: np.ndarray  # standard deviation of the noise that is read in the angles [rad], (..., n)
+    encoder_noise: np.ndarray  # estimated standard deviation of the noise of the angles [rad], (..., n)
     # Mean squared innovation in the variances that the filter expects, (...); far above 1 it is wrong.
     surprise: np.ndarray
     diverged: np.ndarray  # whether the filter has diverged, or the commands swing, and the fallback acts, (...)
     # By part of p, see `Belief`, whether an estimate stands at an end of its range, (...); that there is no delay,
-    # dry friction or damping counts as none.
+    # dry friction or damping does not count.
     at_end: dict[str, np.ndarray]
     other_path: np.ndarray  # whether this is a pass that has left the path of the pass before, see `passes`, (...)
 
@@ -100,7 +100,7 @@ class AdaptiveObserverPolicy(LawPolicy):
         self.settings = Settings(self.arm, self.control_period, self.weights, feedback)
 
     def act_with(self, observation: np.ndarray, memory: np.ndarray, torque: np.ndarray, known: np.ndarray) -> None:
-        """Do what `act` does where a part of the tip force is known beforehand, see `Room`."""
+        """Evaluate the law as `act` does, with a part of the tip force that is known beforehand, see `Room`."""
         tables = self.control_law.tables
         self._beside((memory, observation, known.reshape(len(known), -1), torque), self._constants, tables)
 
@@ -159,11 +159,11 @@ class AdaptiveObserverPolicy(LawPolicy):
         return FrozenObserver(self)
 
     def beliefs(self, state: np.ndarray) -> Beliefs:
-        """Return what is believed at the next sample, from a state (..., memory_size) that `predict` gave."""
+        """Return the beliefs at the next sample, from a state (..., memory_size) that `predict` gave."""
         return self.beliefs_of(self.checked_state(state)[..., : self.memory.noise.stop])
 
     def beliefs_of(self, own: np.ndarray) -> Beliefs:
-        """Return what is believed at the next sample, from the filter's part (..., numbers) of a state."""
+        """Return the beliefs at the next sample, from the filter's part (..., numbers) of a state."""
         part, belief, states = self.memory, self.belief, 4 * self.joints
         forces = belief.force.stop
         shape, size = own.shape[:-1], part.z.stop - part.z.start
