@@ -44,7 +44,7 @@ from fuzzyarm.envs.physics.equations import robot_of
 from fuzzyarm.envs.physics.parameters import ArmParameters
 from fuzzyarm.envs.scenario.cases import PAPER_CASES
 from fuzzyarm.eval.evaluation.statistics import LEVEL, RESAMPLES, SEED, estimate
-from fuzzyarm.fuzzy_policy.laws.learned.bundle import _WEIGHTS, PolicyBundle
+from fuzzyarm.fuzzy_policy.laws.learned.bundle import WEIGHTS, PolicyBundle
 
 SCHEMA = "fuzzyarm-learned-comparison/1"
 MODEL_BASED = ("fuzzy-4", "fuzzy-1", "fuzzy-4-tip", "computed-torque", "computed-torque-tip", "elastic-observer")
@@ -139,7 +139,7 @@ def _described(name: str, runs: Sequence[TrainedSeed], score: Mapping[int, float
                 **{key: times.get(key) for key in TIMES},
                 "score_mm": score[bundle.seed] if finite else None,
                 "plateau": plateau(bundle.curve, str(bundle.training.get("distribution"))),
-                "weights_sha256": hashlib.sha256((folder / "policy" / _WEIGHTS).read_bytes()).hexdigest(),
+                "weights_sha256": hashlib.sha256((folder / "policy" / WEIGHTS).read_bytes()).hexdigest(),
                 "versions": bundle.versions,
             }
         )

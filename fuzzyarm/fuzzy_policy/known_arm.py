@@ -56,11 +56,6 @@ def per_joint_of(arm: AnyArm, name: str) -> np.ndarray:
     return np.broadcast_to(np.array(getattr(arm, name), dtype=float), (joints_of(arm),)).copy()
 
 
-def _drives_of(arm: AnyArm) -> np.ndarray:
-    """Return the rows (7, n) of `QUANTITIES`, in SI units [kg m², N m s/rad, N m/rad, N m, rad/s]."""
-    return np.stack([per_joint_of(arm, name) for name in QUANTITIES])
-
-
 def constants_of(arm: AnyArm) -> np.ndarray:
     """Return the numbers (k,) of the `Physics.Arm` without a payload."""
     physics = equations_of(arm)
@@ -69,7 +64,7 @@ def constants_of(arm: AnyArm) -> np.ndarray:
 
 def numbers_of(arm: AnyArm) -> tuple[Any, Drives]:
     """Return the `Physics.Arm` without a payload and the `Drives` of an arm as records of floats."""
-    drives: Drives = filled(Drives, map(tuple, _drives_of(arm).tolist()))
+    drives: Drives = filled(Drives, (tuple(per_joint_of(arm, name).tolist()) for name in QUANTITIES))
     return filled(equations_of(arm).Arm, constants_of(arm).tolist()), drives
 
 

@@ -50,19 +50,6 @@ _SINC_MINIMUM = Fraction("-0.2172336282112217")
 _GUARD = Fraction(1, 10**12)
 
 
-def _premise_bounds(parameters: ArmParameters) -> np.ndarray:
-    """Return bounds (5, 2) of the premises over the joint box (25), rounded outwards.
-
-    The bounds are computed in exact rational arithmetic from the given floats; with |q1| <= π, sinc q1 lies in
-    [0, 1] and sinc q12 in [-0.2172..., 1]. They are valid for any box with joint limits up to π.
-    """
-    _, c2, _, c4, c5 = _constants(parameters, Fraction)
-    dq1, dq2 = map(Fraction, parameters.velocity_limit)
-    gravity = (-(c4 + c5), -c5 * _SINC_MINIMUM), (-c5, -c5 * _SINC_MINIMUM)
-    exact = [(Fraction(-1), Fraction(1)), *gravity, (-c2 * dq2, c2 * dq2), (-c2 * dq1, c2 * dq1)]
-    return np.array([[_outwards(low, high, -1), _outwards(low, high, 1)] for low, high in exact])
-
-
 def _outwards(low: Fraction, high: Fraction, side: int) -> float:
     """Return the float beyond `low` (side -1) or `high` (side 1), widened by the guard."""
     target = (low if side < 0 else high) + side * _GUARD * (high - low or 1)
@@ -125,8 +112,16 @@ class TSModel:
 
     @cached_property
     def bounds(self) -> np.ndarray:
-        """Bounds (5, 2) of the premises, see `_premise_bounds`."""
-        return _premise_bounds(self.parameters)
+        """Bounds (5, 2) of the premises over the joint box (25), rounded outwards.
+
+        They are computed in exact rational arithmetic from the given floats; with |q1| <= π, sinc q1 lies in [0, 1] and
+        sinc q12 in [-0.2172..., 1]. They are valid for any box with joint limits up to π.
+        """
+        _, c2, _, c4, c5 = _constants(self.parameters, Fraction)
+        dq1, dq2 = map(Fraction, self.parameters.velocity_limit)
+        gravity = (-(c4 + c5), -c5 * _SINC_MINIMUM), (-c5, -c5 * _SINC_MINIMUM)
+        exact = [(Fraction(-1), Fraction(1)), *gravity, (-c2 * dq2, c2 * dq2), (-c2 * dq1, c2 * dq1)]
+        return np.array([[_outwards(low, high, -1), _outwards(low, high, 1)] for low, high in exact])
 
     @property
     def kept_in_E(self) -> list[int]:

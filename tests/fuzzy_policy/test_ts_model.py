@@ -9,7 +9,7 @@ import pytest
 
 from fuzzyarm.envs.physics.dynamics import arm_constants, coriolis_torque, gravity_torque, mass_matrix
 from fuzzyarm.envs.physics.parameters import ArmParameters
-from fuzzyarm.fuzzy_policy.ts_model import _SINC_MINIMUM, NAMED_RULES, PREMISES, TSModel, _premise_bounds, premises
+from fuzzyarm.fuzzy_policy.ts_model import _SINC_MINIMUM, NAMED_RULES, PREMISES, TSModel, premises
 
 ARM = ArmParameters()
 OTHER_ARM = ArmParameters(length=(0.3, 0.7), mass=(3.7, 11.3), mass_center=(0.11, 0.31), velocity_limit=(7.0, 9.0))
@@ -38,7 +38,7 @@ def test_bounds_contain_the_exact_range(parameters):
     r1, r2 = map(f, parameters.mass_center)
     l1, g = f(parameters.length[0]), f(parameters.gravity)
     c2, c4, c5 = m2 * l1 * r2, m1 * g * r1 + m2 * g * l1, m2 * g * r2
-    low, high = ([f(x) for x in side] for side in _premise_bounds(parameters).T)
+    low, high = ([f(x) for x in side] for side in TSModel(parameters).bounds.T)
     speed1, speed2 = map(f, parameters.velocity_limit)
     attained = [(-1, 1), (-(c4 + c5), None), (-c5, None), (-c2 * speed2, c2 * speed2), (-c2 * speed1, c2 * speed1)]
     for index, (smallest, largest) in enumerate(attained):
@@ -51,8 +51,8 @@ def test_bounds_contain_the_exact_range(parameters):
 
 def test_bounds_agree_with_the_paper_where_it_prints_them():
     expected = [(-1, 1), (-103.01, 4.79), (-22.07, 4.79), (-16.87, 16.87), (-16.87, 16.87)]
-    np.testing.assert_allclose(_premise_bounds(ARM), expected, atol=0.01)
-    assert _premise_bounds(ARM)[1, 1] > 4.7948  # the printed 4.79 is rounded inwards
+    np.testing.assert_allclose(TSModel(ARM).bounds, expected, atol=0.01)
+    assert TSModel(ARM).bounds[1, 1] > 4.7948  # the printed 4.79 is rounded inwards
 
 
 @pytest.mark.parametrize("kept", SUBSETS, ids=lambda kept: "+".join(kept) or "none")

@@ -273,9 +273,3 @@ def places(physics: Physics) -> Memory:
 def layout(physics: Physics) -> Memory:
     """Return where the parts lie in a lane's memory, as slices."""
     return Memory(*consecutive(*(part.size for part in places(physics))))
-
-
-def _remembered(memory: np.ndarray, physics: Physics) -> Memory:
-    """Return the parts of one lane's memory as views of it, each in its shape."""
-    parts = zip(layout(physics), places(physics), strict=True)
-    return Memory(*(memory[at].reshape(part.shape) for at, part in parts))

@@ -24,12 +24,12 @@ from fuzzyarm.fuzzy_policy.laws.learned.definition import ActionDefinition, ArmD
 from fuzzyarm.fuzzy_policy.laws.learned.network import Cell, Network
 
 __all__ = [
-    "BEST", "DESCRIPTION", "LAST", "OBSERVER", "BundleError", "PolicyBundle", "Trained", "is_observer", "read_bundle",
-    "write_folder",
+    "BEST", "DESCRIPTION", "LAST", "OBSERVER", "WEIGHTS", "BundleError", "PolicyBundle", "Trained", "is_observer",
+    "read_bundle", "write_folder",
 ]  # fmt: skip
 
 DESCRIPTION = "policy.json"  # file with everything but the weights
-_WEIGHTS = "weights.safetensors"  # file with the arrays of the network
+WEIGHTS = "weights.safetensors"  # file with the arrays of the network
 LAST, BEST = "policy", "best"
 """What the folder is called in that of a training: the policy at its end, and that of its best evaluation."""
 
@@ -61,7 +61,7 @@ def write_folder(folder: Path, description: dict[str, Any], tensors: Mapping[str
     weights = save({name: np.ascontiguousarray(array, dtype=np.float32) for name, array in tensors.items()})
     sealed = {**description, "weights_sha256": hashlib.sha256(weights).hexdigest()}
     text = json.dumps(sealed, indent=1, allow_nan=False)
-    write_folder_atomically(folder, {_WEIGHTS: weights, DESCRIPTION: f"{text}\n"})
+    write_folder_atomically(folder, {WEIGHTS: weights, DESCRIPTION: f"{text}\n"})
 
 
 def is_observer(folder: Path) -> bool:
@@ -84,10 +84,10 @@ def read_bundle(
         description: Any = record(check_schema(content, schema), kind)
     except ValueError as error:
         raise BundleError(f"{path} is no description of a policy: {error}; train it again") from None
-    weights = _read(folder / _WEIGHTS, read_bytes, _LARGEST_WEIGHTS, "that is no policy of this package")
+    weights = _read(folder / WEIGHTS, read_bytes, _LARGEST_WEIGHTS, "that is no policy of this package")
     if hashlib.sha256(weights).hexdigest() != description.weights_sha256:
         raise BundleError(
-            f"{folder / _WEIGHTS} is not the file that {DESCRIPTION} was written with (its sha256 differs): copy "
+            f"{folder / WEIGHTS} is not the file that {DESCRIPTION} was written with (its sha256 differs): copy "
             "the whole folder again, or train again"
         )
     try:
@@ -105,12 +105,12 @@ def _tensors_in(content: bytes) -> dict[str, np.ndarray]:
 
     length = int.from_bytes(content[:_LENGTH], "little")  # of the header: a mapping as JSON, one entry for each tensor
     if length > _LARGEST_HEADER:
-        raise ValueError(f"{_WEIGHTS} is damaged: a header of {length} bytes; allowed: {_LARGEST_HEADER}")
+        raise ValueError(f"{WEIGHTS} is damaged: a header of {length} bytes; allowed: {_LARGEST_HEADER}")
     try:
         parse_json(content[_LENGTH : _LENGTH + length])  # refuses what stands twice, which the library does not
         tensors: dict[str, np.ndarray] = load(content)
     except (SafetensorError, ValueError, KeyError, TypeError) as error:
-        raise ValueError(f"{_WEIGHTS} is damaged: {escaped(str(error)[:_SHOWN])}") from None
+        raise ValueError(f"{WEIGHTS} is damaged: {escaped(str(error)[:_SHOWN])}") from None
     for name, tensor in tensors.items():
         if tensor.dtype != np.float32:
             raise ValueError(f"{escaped(name)} is {tensor.dtype}; needed: float32")
@@ -125,7 +125,7 @@ def _read(path: Path, read: Callable[..., Any], largest: int, instead: str) -> A
     try:
         return read(path, largest=largest)
     except OSError as error:
-        needed = f"a policy bundle is a folder with {DESCRIPTION} and {_WEIGHTS}"
+        needed = f"a policy bundle is a folder with {DESCRIPTION} and {WEIGHTS}"
         raise BundleError(f"{path}: {error.strerror or error}; {needed}") from None
     except ValueError as error:
         raise BundleError(f"{error}; {instead}") from None
@@ -241,7 +241,7 @@ def _network(description: _NetworkDescription, tensors: dict[str, np.ndarray]) -
     names = {*gated, *(f"layer{number}.{part}" for number in layers for part in ("weight", "bias"))}
     if set(tensors) != names or not layers:
         needed = ", ".join((*gated, "layer0.weight, layer0.bias, ..."))
-        raise ValueError(f"{_WEIGHTS} holds {listed(tensors)}; needed: {needed}")
+        raise ValueError(f"{WEIGHTS} holds {listed(tensors)}; needed: {needed}")
     mean, std = np.array(description.mean, dtype=np.float64), np.array(description.std, dtype=np.float64)
     weights, biases = (tuple(tensors[f"layer{n}.{part}"] for n in layers) for part in ("weight", "bias"))
     cell = Cell(*(tensors[name] for name in gated)) if gated else None

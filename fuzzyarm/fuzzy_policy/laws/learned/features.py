@@ -44,7 +44,7 @@ from fuzzyarm.numbers.functions import Cells, array, each, flat, maximum, minimu
 from fuzzyarm.numbers.machine import Kernel
 from fuzzyarm.numbers.program import Program
 
-__all__ = ["Base", "Features", "Lanes", "learning_action", "learning_features"]
+__all__ = ["Base", "Features", "Lanes", "gate", "learning_action", "learning_features"]
 
 _COARSE = 20.0  # of the unit in which large innovations are seen
 
@@ -191,7 +191,7 @@ class Base:
     def guided(self, memory: Any, seen: Any, told: Any, given: Any, *tables: Any) -> tuple[Any, Any]:
         """Return memory and torque (n,) [N m] of the guided base, told scale · a (n,) and given `constants`."""
         if self._action.gate > 0.0:
-            share = _gate(self.innovation(memory, seen), self._action.gate)
+            share = gate(self.innovation(memory, seen), self._action.gate)
             extra = [share * u for u in told]
             return self.law.act(memory, seen, given[0], *tables, extra=extra)
         command = within_limits(self.law, self.policy.joints, self.policy.integral_at)
@@ -252,7 +252,7 @@ class Lanes:
         self._act((memory, held, observation, action, torque), self._given, self._tables)
 
 
-def _gate(innovation: Any, width: float) -> Any:
+def gate(innovation: Any, width: float) -> Any:
     """Return γ of `ActionDefinition` for ν (2 n,) [rad, rad/s] and G."""
     count, total = len(innovation), 0.0
     for k, number in enumerate(innovation):

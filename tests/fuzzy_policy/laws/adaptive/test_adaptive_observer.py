@@ -5,6 +5,7 @@ import dataclasses
 import gymnasium as gym
 import numpy as np
 import pytest
+from support.policies import remembered
 
 from fuzzyarm import load_policy
 from fuzzyarm.envs.fuzzy_arm import FuzzyArmEnv
@@ -15,7 +16,7 @@ from fuzzyarm.envs.physics.records import flat
 from fuzzyarm.envs.physics.robot import robot_named
 from fuzzyarm.envs.scenario.disturbances import ConstantForce, Disturbance, EncoderNoise, MachiningForce
 from fuzzyarm.eval.episodes.rollout import record_passes, record_rollout
-from fuzzyarm.fuzzy_policy.laws.adaptive.belief import FLAG, AdaptiveWeights, ArmFunctions, _remembered
+from fuzzyarm.fuzzy_policy.laws.adaptive.belief import FLAG, AdaptiveWeights, ArmFunctions
 from fuzzyarm.fuzzy_policy.laws.adaptive.filter import numbers_at
 from fuzzyarm.fuzzy_policy.laws.adaptive.law import _gain_share, _largest_radius, _softened, adaptive_weights_for
 from fuzzyarm.fuzzy_policy.laws.adaptive.policy import AdaptiveObserverPolicy
@@ -106,7 +107,7 @@ def test_no_plant_with_wrong_torque_constants_is_lost(factor):
 @pytest.mark.parametrize("taught", [0.0, 1.0])  # 1: after a pass
 def test_the_gain_waits_then_grows_in_as_long_again(taught):
     policy = AdaptiveObserverPolicy(weights=AdaptiveWeights(first_gain=0.4, soft_start=0.02))
-    memory, found = _remembered(np.zeros(policy.memory.noise.stop), two_joints()), []
+    memory, found = remembered(np.zeros(policy.memory.noise.stop), two_joints()), []
     memory.flags[FLAG.taught] = taught
     for memory.flags[FLAG.samples] in range(1, 101):
         found.append(_gain_share(memory, policy.settings))

@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from support.policies import remembered
 
 from fuzzyarm.envs.physics.equations import two_joints
 from fuzzyarm.envs.physics.parameters import ArmParameters
@@ -9,7 +10,6 @@ from fuzzyarm.fuzzy_policy.laws.adaptive.belief import (
     FLAG,
     AdaptiveWeights,
     ArmFunctions,
-    _remembered,
     affine_numbers,
     belief_of,
     layout,
@@ -38,7 +38,7 @@ NO_GATE, NOTHING_SILENT = 1e300, np.zeros(4)
 
 def believing(z, P):
     """A memory with copies of z and P, and room."""
-    m = _remembered(np.zeros(layout(two_joints()).noise.stop), two_joints())
+    m = remembered(np.zeros(layout(two_joints()).noise.stop), two_joints())
     m.z[:], m.P[:] = z, P
     return m, Room(two_joints(), SETTINGS)
 

@@ -4,12 +4,13 @@ import gymnasium as gym
 import numpy as np
 import pytest
 from slow_twins import slow_but
+from support.policies import remembered
 
 from fuzzyarm import load_policy
 from fuzzyarm.envs.fuzzy_arm import FuzzyArmEnv
 from fuzzyarm.envs.physics.equations import two_joints
 from fuzzyarm.eval.episodes.rollout import record_rollout
-from fuzzyarm.fuzzy_policy.laws.adaptive.belief import FLAG, AdaptiveWeights, _remembered
+from fuzzyarm.fuzzy_policy.laws.adaptive.belief import FLAG, AdaptiveWeights
 from fuzzyarm.fuzzy_policy.laws.adaptive.filter import (
     INSIGNIFICANT,
     Room,
@@ -34,7 +35,7 @@ def corrected(m, corrections):
 
 @pytest.fixture
 def memory():
-    return _remembered(np.zeros(POLICY.memory.noise.stop), two_joints())
+    return remembered(np.zeros(POLICY.memory.noise.stop), two_joints())
 
 
 @pytest.mark.parametrize("size", [1e-6, 10.0, 1e4])

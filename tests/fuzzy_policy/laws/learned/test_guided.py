@@ -6,7 +6,7 @@ from support.bundles import bundle
 from fuzzyarm import load_policy
 from fuzzyarm.envs.observation import START
 from fuzzyarm.fuzzy_policy.laws.learned.definition import ActionDefinition
-from fuzzyarm.fuzzy_policy.laws.learned.features import Base, Features, Lanes, _gate
+from fuzzyarm.fuzzy_policy.laws.learned.features import Base, Features, Lanes, gate
 from fuzzyarm.fuzzy_policy.laws.learned.policy import LearnedPolicy
 
 BESIDE = ActionDefinition(scale=(30.0, 20.0), period=1e-3, base="elastic-observer", gate=2.0)
@@ -29,7 +29,7 @@ def observations(calls=5, lanes=3):
 
 def test_the_gate_is_the_mean_square_of_the_innovation_in_its_units_over_one_more():
     innovation = np.array([[0.0, 0.0, 0.0, 0.0], [2e-6, -2e-6, 4e-3, -4e-3], [4e-9, 0.0, 0.0, 0.0]])
-    np.testing.assert_allclose(_gate(innovation.T, 2.0), [0.0, 0.5, 1e-6], rtol=1e-5)
+    np.testing.assert_allclose(gate(innovation.T, 2.0), [0.0, 0.5, 1e-6], rtol=1e-5)
 
 
 def test_the_action_is_a_torque_of_which_the_observer_knows():
@@ -53,7 +53,7 @@ def test_the_action_is_a_torque_of_which_the_observer_knows():
         np.testing.assert_allclose(features[:, -18:-2], expected, rtol=1e-12, atol=1e-13)
         assert np.array_equal(features[:, -2:], load / 100.0)
         policy.bundle.network.act(features, action)
-        extra = _gate(innovation.T, 2.0)[:, np.newaxis] * [30.0, 20.0] * action
+        extra = gate(innovation.T, 2.0)[:, np.newaxis] * [30.0, 20.0] * action
         alone, silent = memory.copy(), np.empty((3, 2))
         base.command(observation, alone, silent)
         torque[:] = [30.0, 20.0] * action

@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 from slow_twins import slow_but
 from support.bundles import edited, estimate_network, resealed
+from support.policies import remembered
 
 from fuzzyarm import load_policy
 from fuzzyarm.envs.fuzzy_arm import FuzzyArmEnv
@@ -13,7 +14,7 @@ from fuzzyarm.envs.physics.equations import two_joints
 from fuzzyarm.envs.physics.parameters import ArmParameters
 from fuzzyarm.envs.physics.records import PerJoint, State
 from fuzzyarm.envs.physics.robot import robot_named
-from fuzzyarm.fuzzy_policy.laws.adaptive.belief import FLAG, AdaptiveWeights, _remembered
+from fuzzyarm.fuzzy_policy.laws.adaptive.belief import FLAG, AdaptiveWeights
 from fuzzyarm.fuzzy_policy.laws.adaptive.filter import Room, correct, predict
 from fuzzyarm.fuzzy_policy.laws.adaptive.law import act
 from fuzzyarm.fuzzy_policy.laws.adaptive.policy import AdaptiveObserverPolicy
@@ -107,7 +108,7 @@ class Oracle:
             for _ in range(20):
                 q = o[:2] - np.array(two_joints().gravity(PerJoint(*q), constants)) / ARM.stiffness
             self.predicted = np.concatenate([o[:2], q, o[2:4], o[2:4], np.zeros(2)])
-        m, room, u_a = _remembered(self.filter, two_joints()), Room(two_joints(), self.settings), np.empty(2)
+        m, room, u_a = remembered(self.filter, two_joints()), Room(two_joints(), self.settings), np.empty(2)
         innovation = (o[:4] - m.z[[0, 1, 4, 5]]) * (m.flags[FLAG.samples] > 0)
         correct(m, self.settings, room, observed(o))  # called as they are: not compiled
         act(room.acted, m, self.settings, room, u_a)
