@@ -34,7 +34,7 @@ from fuzzyarm.fuzzy_policy.law import Law, LawPolicy, within
 from fuzzyarm.fuzzy_policy.laws import observer_gains
 from fuzzyarm.fuzzy_policy.laws.elastic_target import ElasticTarget, Past, TargetConstants, past_of, target_of
 from fuzzyarm.fuzzy_policy.laws.gain_schedule import corners_of, on_table
-from fuzzyarm.fuzzy_policy.laws.observer_gains import Estimate, ObserverWeights, estimate_parts, state_part
+from fuzzyarm.fuzzy_policy.laws.observer_gains import Estimate, ObserverWeights, estimate_parts
 from fuzzyarm.numbers.functions import flat, like, repeat, when
 
 __all__ = ["Constants", "ElasticObserverPolicy", "Observed", "steps_of"]
@@ -75,8 +75,8 @@ class ElasticObserverPolicy(LawPolicy):
 
     def estimate(self, state: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Return x̂ (..., 4 n) [rad, rad/s] and d̂ (..., n) [N m] for the next sample, from a state of `predict`."""
-        predicted = np.asarray(state)[..., self._predicted]
-        return predicted[..., state_part(self.joints)], predicted[..., estimate_parts(self.joints).load]
+        predicted, part = np.asarray(state)[..., self._predicted], estimate_parts(self.joints)
+        return predicted[..., part.state], predicted[..., part.load]
 
     @functools.cached_property
     def control_law(self) -> Law:

@@ -44,7 +44,7 @@ from fuzzyarm.fuzzy_policy.laws.riccati import exponential, product, riccati, so
 __all__ = [
     "ONE_AT_A_TIME", "SOFTENINGS", "WEIGHT_RANGE", "Condition", "Estimate", "LinearLaw", "ObserverWeights", "Place",
     "designed_for", "estimate_parts", "feedback_gain", "found_at", "gain_tables", "linear_pid", "places_of", "softened",
-    "state_part", "weights_for", "worst_radius",
+    "weights_for", "worst_radius",
 ]  # fmt: skip
 
 WEIGHT_RANGE = (1e-6, 1e6)  # far wider than any sensible weight; keeps the numbers finite
@@ -59,15 +59,15 @@ class Estimate(NamedTuple):
     dq_link: Any  # q̇ [rad/s]
     load: Any  # d, unknown torques on the links [N m]
 
+    @property
+    def state(self) -> slice:
+        """Where x, 4 n numbers in the order of `State`, lies in an array."""
+        return slice(0, self.load.start)
+
 
 def estimate_parts(joints: int) -> Estimate:
     """Return where the parts of (x, d), 5 n numbers, lie in an array, for n joints."""
     return Estimate(*consecutive(*[joints] * len(Estimate._fields)))
-
-
-def state_part(joints: int) -> slice:
-    """Return where x, 4 n numbers in the order of `State`, lies in (x, d)."""
-    return slice(0, estimate_parts(joints).load.start)
 
 
 @dataclasses.dataclass(frozen=True)
@@ -108,7 +108,8 @@ def _sampled_arm(arm: AnyArm, control_period: float, inertia: np.ndarray) -> tup
     I_a θ̈ = u - Γ_t - f_v θ̇,  M_b q̈ = Γ_t + d,  Γ_t = K_t (θ - q) + B_t (θ̇ - q̇).
     """
     joints = joints_of(arm)
-    part, state, load = estimate_parts(joints), state_part(joints), estimate_parts(joints).load
+    part = estimate_parts(joints)
+    state, load = part.state, part.load
     links, motors = solved(inertia, np.eye(joints)), 1.0 / per_joint_of(arm, "motor_inertia")
     stiffness, damping = np.diag(per_joint_of(arm, "stiffness")), np.diag(per_joint_of(arm, "damping"))
     joint_torque = np.hstack([stiffness, -stiffness, damping, -damping])
@@ -130,7 +131,7 @@ def feedback_gain(arm: AnyArm, control_period: float, inertia: np.ndarray, weigh
     `AdaptiveWeights` of `adaptive.belief`.
     """
     (A, B), limit = _sampled_arm(arm, control_period, inertia), per_joint_of(arm, "torque_limit")
-    joints, state = len(limit), state_part(len(limit))
+    joints, state = len(limit), estimate_parts(len(limit)).state
     A, B = A[..., state, state], B[..., state, :]
     Bt, square = np.swapaxes(B, -1, -2), limit * limit
     Q = np.diag(np.repeat([0.0, weights.link_angle**-2, 0.0, weights.link_velocity**-2], joints))
@@ -224,7 +225,7 @@ def linear_pid(place: Place, inertia: np.ndarray, k_p: float, k_d: float, k_i: f
     """Return u = f_v q̇ - M̂ (k_p e + k_d ė + k_i x_I) near rest, for M̂ = `inertia` (n, n) [kg m²]; its memory is x_I."""
     joints = len(place.robot)
     part = estimate_parts(joints)
-    D, G = np.zeros((2, joints, state_part(joints).stop))
+    D, G = np.zeros((2, joints, part.state.stop))
     D[:, part.q_motor] = -k_p * inertia
     D[:, part.dq_motor] = -k_d * inertia + np.diag(place.robot.drive("viscous_friction"))
     G[:, part.q_motor] = place.control_period * np.eye(joints)
@@ -254,7 +255,7 @@ def designed_for(robot: Robot, places: Sequence[Place]) -> np.ndarray:
 def _matrix(plant: tuple[np.ndarray, np.ndarray], law: LinearLaw, condition: Condition) -> np.ndarray:
     """Return the map of (x, s), or of (x, s, u) if u acts one period late."""
     joints, states = law.D.shape
-    state = state_part(joints)
+    state = estimate_parts(joints).state
     A, B = plant[0][state, state], plant[1][state]
     D, C, memory = condition.loop_gain * law.D, condition.loop_gain * law.C, len(law.F)
     if not condition.delay:
@@ -297,7 +298,8 @@ def softened(weights: Any, factor: float) -> Any:
 def _linear_observer(place: Place, K: np.ndarray, L: np.ndarray) -> LinearLaw:
     """Return the elastic observer near rest, with gains K (n, 4 n) and L (5 n, 2 n); its memory is (x̂, d̂)⁻."""
     robot, joints = place.robot, len(place.robot)
-    part, state = estimate_parts(joints), state_part(joints)
+    part = estimate_parts(joints)
+    state = part.state
     A, B = place.plant()  # what the observer predicts with
     measured = np.eye(len(A))[np.r_[part.q_motor, part.dq_motor]]
     acts = np.zeros((joints, len(A)))  # u = acts (x̂, d̂)

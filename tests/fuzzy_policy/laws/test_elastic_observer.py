@@ -23,7 +23,6 @@ from fuzzyarm.fuzzy_policy.laws.observer_gains import (
     _sampled_arm,
     estimate_parts,
     gain_tables,
-    state_part,
 )
 
 ARM = ArmParameters()
@@ -40,7 +39,7 @@ LIGHT = ArmParameters(
     torque_limit=(60.0, 25.0),
 )
 PERIOD = 1e-3
-MEMORY_SIZE, STATE, LOAD = ElasticTarget(ARM, PERIOD).memory_size, state_part(2), estimate_parts(2).load
+MEMORY_SIZE, STATE, LOAD = ElasticTarget(ARM, PERIOD).memory_size, estimate_parts(2).state, estimate_parts(2).load
 MEASURED = [0, 1, 4, 5]  # motor angles and velocities, of x
 WEIGHTS = ObserverWeights()
 NOISE = EncoderNoise(position=1e-5, velocity=1e-3)
