@@ -72,7 +72,7 @@ def constants_array(law: Law, *others: Any) -> np.ndarray:
 
 
 class LawPolicy(Policy):
-    """A policy with a `Law`."""
+    """A policy whose torques are those of a `Law`, which runs as machine code."""
 
     @functools.cached_property
     def control_law(self) -> Law:

@@ -55,7 +55,7 @@ class Premise:
 
     @property
     def place(self) -> int:
-        """Where the function stands among 1, cos q, sin q, cos 2q, sin 2q."""
+        """Index of the function in (1, cos q, sin q, cos 2q, sin 2q)."""
         return 1 + FUNCTIONS.index(self.function)
 
     @property

@@ -50,7 +50,7 @@ def decoded(value: Any) -> Any:
 
 
 def digest_of(document: dict[str, Any]) -> str:
-    """Return the SHA-256 of a document's canonical JSON: it detects accidental changes and is no signature."""
+    """Return the SHA-256 of a document's canonical JSON: it detects accidental changes, not forgeries."""
     return hashlib.sha256(json.dumps(document, sort_keys=True).encode("utf-8")).hexdigest()
 
 
@@ -60,7 +60,7 @@ _Built = TypeVar("_Built")
 
 
 class ControllerFileError(ValueError):
-    """A controller file is damaged, no controller file, or made for another robot; the message says which."""
+    """A file is damaged, not a controller file, or made for another robot; the message says which."""
 
 
 def controller_in(path: str | Path, build: Callable[[Any], _Built]) -> _Built:

@@ -64,7 +64,7 @@ class TipPolicy(LawPolicy):
         return Law(act, (law.memory, past_of(self.joints)), constants, law.tables)
 
     def feedback_and_feedforward(self, observation: np.ndarray, memory: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Return the two parts of the torque, (lanes, 2) each [N m], not clipped, and advance the memory in place."""
+        """Return the two parts of the torque, (lanes, n) each [N m], not clipped, and advance the memory in place."""
         torque = np.empty((len(observation), self.joints))
         own_feedforward, feedforward = self._act(observation, memory, torque)
         return torque - own_feedforward, feedforward

@@ -236,7 +236,7 @@ class ArmFunctions:
 
 
 class _Flags(NamedTuple):
-    """Single numbers of a memory, or where they stand among them."""
+    """The single numbers of a memory, or their indices."""
 
     samples: Any  # how many there have been, up to 1e6
     surprise: Any  # ν²/s of the last samples, on average; about 1 where the filter is right
@@ -271,5 +271,5 @@ def places(physics: Physics) -> Memory:
 
 
 def layout(physics: Physics) -> Memory:
-    """Return where the parts lie in a lane's memory, as slices."""
+    """Return the parts as slices of a lane's memory."""
     return Memory(*consecutive(*(part.size for part in places(physics))))

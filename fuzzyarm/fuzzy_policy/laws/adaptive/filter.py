@@ -389,7 +389,7 @@ def _note_moves(m: Memory, s: Settings, before: Any) -> None:
 
 
 def _confine(m: Memory, s: Settings) -> None:
-    """Bring p into its range; what else is in z moves with it as P says."""
+    """Clip p to its range, and move the rest of z with it by their covariance."""
     first = len(m.z) - len(s.low)
     for j in each(len(s.low)):
         at = first + j
@@ -591,7 +591,7 @@ def _spread_copies(m: Memory, s: Settings, room: Room, torque: Any, torque_slope
 
 
 def _step(m: Memory, s: Settings, room: Room) -> None:
-    """Fill F from what became of the copies in a control period, and step z and P."""
+    """Fill F from the copies after a control period, and step z and P."""
     state, F, FP, z, P = room.copies.state, room.F, array(*room.F.shape), m.z, m.P
     joints, states, size = len(room.wide), len(state), len(z)
     for i in each(states):

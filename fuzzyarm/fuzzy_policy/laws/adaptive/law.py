@@ -104,7 +104,7 @@ def _feedback_at(s: Settings, q: Any, payload: Any, gain: Any) -> None:
 
 
 def _gain_share(m: Memory, s: Settings) -> Any:
-    """Return the share of K at this sample: `first_gain` at the soft start, from there in as long again up to 1.
+    """Return the share of K at this sample: `first_gain` in the soft start, then growing to 1 in as long again.
 
     It is 1 at once where an earlier pass has taught how strong and how late the motors are.
     """
@@ -153,7 +153,7 @@ def _desire(z: Any, m: Memory, s: Settings, room: Room) -> None:
 
 
 def _advance(z: Any, m: Memory, s: Settings, room: Room) -> None:
-    """Fill the state of `one` of the room with x when the next command acts: x under the commands on their way."""
+    """Fill the state of `one` with x at the time when the next command acts, after the commands on their way."""
     torque = room.one.torque
     joints, lateness = len(torque), z[len(z) - 1]
     offset, whole = len(z) - 1 - joints, floor(lateness)
@@ -171,7 +171,7 @@ def _advance(z: Any, m: Memory, s: Settings, room: Room) -> None:
 
 
 def _command(z: Any, m: Memory, s: Settings, room: Room, torque: Any) -> None:
-    """Fill the torque that the motors shall apply when it reaches them."""
+    """Fill the torque for the time at which it reaches the motors."""
     joints, period = len(m.noise), s.period
     p, state, error, gain = z[4 * joints :], room.one.state, array(4 * joints), array(joints, 4 * joints)
     lateness = p[len(p) - 1]

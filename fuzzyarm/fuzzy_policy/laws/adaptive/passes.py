@@ -232,7 +232,7 @@ class _Smoother:
     """
 
     def __init__(self, policy: AdaptiveObserverPolicy) -> None:
-        """Take the policy's arm with constants that are known, and motors that apply the commands."""
+        """Prepare the filter for the policy's arm with known constants, and motors that apply the commands exactly."""
         self._policy, self._physics, settings = policy, equations_of(policy.arm), policy.settings
         n, N, self._forces = self._physics.joints, len(settings.spread), len(settings.reopening)
         self._used, spread = 4 * n + self._forces, np.zeros(N)

@@ -46,7 +46,7 @@ __all__ = ["AdaptiveObserverPolicy", "Beliefs"]
 
 @dataclasses.dataclass(frozen=True)
 class Beliefs:
-    """What the adaptive observer believes of n joints, each with the standard deviation that it gives itself.
+    """Estimates of the adaptive observer for n joints, each with its own standard deviation.
 
     Masses and forces share a load: a payload may show up as a force, and the other way round.
     """
@@ -151,7 +151,7 @@ class AdaptiveObserverPolicy(LawPolicy):
         return found
 
     def repeated(self) -> AdaptivePasses:
-        """Return this policy for passes over one path again and again."""
+        """Return this policy for repeated passes over one path."""
         return AdaptivePasses(self)
 
     def without_dry_friction(self) -> FrozenObserver:

@@ -44,7 +44,7 @@ _Bundle = TypeVar("_Bundle")
 
 
 class BundleError(ValueError):
-    """A folder is damaged, incomplete or no bundle; the message is one line that names the file and what to do."""
+    """A folder is damaged, incomplete or not a bundle; the message is one line that names the file and what to do."""
 
 
 def write_folder(folder: Path, description: dict[str, Any], tensors: Mapping[str, np.ndarray]) -> None:

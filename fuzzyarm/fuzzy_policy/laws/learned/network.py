@@ -241,14 +241,14 @@ class Network:
 
     @functools.cached_property
     def tables(self) -> tuple[np.ndarray, ...]:
-        """What `output` takes, in double precision: mean, std, the arrays of the cell, W_i^T and b_i of each layer."""
+        """What `outputs` takes, in double precision: mean, std, the arrays of the cell, W_i^T and b_i of each layer."""
         layers = [part for pair in zip(self.weights, self.biases, strict=True) for part in (pair[0].T, pair[1])]
         cell = () if self.cell is None else self.cell.tables
         return tuple(np.array(part, dtype=np.float64, order="C") for part in (self.mean, self.std, *cell, *layers))
 
     @property
     def memory(self) -> Any:
-        """The place of what is remembered."""
+        """Where the memory of a lane lies: an array, or nothing."""
         return Cells((self.memory_size,)) if self.cell is not None else ()
 
     def outputs(self, features: Any, memory: Any, *tables: Any) -> tuple[Any, ...]:
