@@ -22,17 +22,17 @@ __all__ = ["FORMS", "GAINS", "POLE_ARRAYS", "RATES", "Controller", "consistent_f
 
 SCHEMA = "fuzzyarm-controller/1"
 FORMS = ("consistent", "paper")  # of Theorem 2: with a consistent feedforward, and as printed
-STATED = ("form", "integral", "common_multiplier")
-ARRAYS = ("weight", "gains", "feedforward", "P", "Q", "X", "tau")
+_STATED = ("form", "integral", "common_multiplier")
+_ARRAYS = ("weight", "gains", "feedforward", "P", "Q", "X", "tau")
 POLE_ARRAYS = ("pole_Q", "pole_X", "pole_tau")  # of the bound of the fastest pole
-OPTIONAL = ("fastest_pole", *POLE_ARRAYS)  # optional: left out of the file where they are None
-# Far beyond use, and so near one that products of these numbers and those of an arm stay finite.
+_OPTIONAL = ("fastest_pole", *POLE_ARRAYS)  # optional: left out of the file where they are None
+# Far wider than any useful value; products with the numbers of an arm stay finite.
 RATES = (1e-6, 1e6)  # [1/s], alpha and fastest_pole
 GAINS = (1e-30, 1e30)  # gamma, in the units of either form
-# Of the file, where numbers are still texts and arrays nested lists.
-FIELDS = {
+# Types in the file, where numbers are hexadecimal strings and arrays nested lists.
+_FIELDS = {
     "robot": dict[str, Any], "kept": tuple[str, ...], "bounds": Any, "form": str, "integral": bool,
-    "common_multiplier": bool, "alpha": Any, "gamma": Any, "origin": dict[str, str], **dict.fromkeys(ARRAYS, Any),
+    "common_multiplier": bool, "alpha": Any, "gamma": Any, "origin": dict[str, str], **dict.fromkeys(_ARRAYS, Any),
 }  # fmt: skip
 
 
@@ -142,8 +142,8 @@ class Controller(SignedController):
             "robot": self.model.parameters.to_dict(),
             "kept": list(self.model.kept),
             "bounds": self.model.bounds,
-            **{name: getattr(self, name) for name in (*STATED, "alpha", "gamma", "origin", *ARRAYS)},
-            **{name: getattr(self, name) for name in OPTIONAL if getattr(self, name) is not None},
+            **{name: getattr(self, name) for name in (*_STATED, "alpha", "gamma", "origin", *_ARRAYS)},
+            **{name: getattr(self, name) for name in _OPTIONAL if getattr(self, name) is not None},
         }
         content: dict[str, Any] = encoded(document)
         return content
@@ -151,20 +151,20 @@ class Controller(SignedController):
     @classmethod
     def from_document(cls, content: Any) -> Controller:
         """Return the controller of a file's content; ValueError if it is not of this form, damaged or inconsistent."""
-        document = checked_fields(content, SCHEMA, FIELDS, OPTIONAL)
+        document = checked_fields(content, SCHEMA, _FIELDS, _OPTIONAL)
         model = TSModel(ArmParameters.from_dict(decoded(document["robot"])), document["kept"])
         if not np.array_equal(np.array(decoded(document["bounds"])), model.bounds):
             raise ValueError("the premise bounds do not belong to the robot parameters: the file was changed")
         arrays: dict[str, Any] = {
             name: None if document[name] is None else np.array(decoded(document[name]))
-            for name in (*ARRAYS, *POLE_ARRAYS)
+            for name in (*_ARRAYS, *POLE_ARRAYS)
             if name in document
         }
         # A model without dropped premises has no multipliers: JSON keeps no shape of an empty array.
         if arrays["tau"] is not None and arrays["tau"].size == 0:
             arrays["tau"] = np.zeros((len(document["Q"]), len(model.E_vertices), 0))
         numbers = {name: decoded(document[name]) for name in ("alpha", "gamma", "fastest_pole") if name in document}
-        asked = {name: document[name] for name in (*STATED, "origin")}
+        asked = {name: document[name] for name in (*_STATED, "origin")}
         return cls(model=model, **asked, **numbers, **arrays)
 
 

@@ -1,4 +1,4 @@
-"""What a law knows of the arm that it acts on: the two-joint arm or any robot, as compiled code takes it."""
+"""The arm that a law acts on, a two-joint arm or any robot, as the numbers that compiled code takes."""
 
 from __future__ import annotations
 
@@ -16,13 +16,13 @@ from fuzzyarm.envs.physics.records import filled, flat
 from fuzzyarm.envs.physics.robot import Robot
 
 __all__ = [
-    "QUANTITIES", "Drives", "checked_arm", "constants_of", "drives_of", "joints_of", "numbers_of", "per_joint_of",
-    "travel_of", "with_drives", "with_mass", "without_dry_friction",
+    "QUANTITIES", "Drives", "checked_arm", "constants_of", "joints_of", "numbers_of", "per_joint_of", "travel_of",
+    "with_drives", "with_mass", "without_dry_friction",
 ]  # fmt: skip
 
 
 class Drives(NamedTuple):
-    """The motors and springs, one number for each joint in every part; those of one joint; or rows of an array."""
+    """Motors and springs; each part holds one number per joint, the number of one joint, or a row of an array."""
 
     motor_inertia: Any
     viscous_friction: Any
@@ -56,11 +56,6 @@ def per_joint_of(arm: AnyArm, name: str) -> np.ndarray:
     return np.broadcast_to(np.array(getattr(arm, name), dtype=float), (joints_of(arm),)).copy()
 
 
-def drives_of(arm: AnyArm) -> np.ndarray:
-    """Return the rows (7, n) of `QUANTITIES`, in SI units [kg m², N m s/rad, N m/rad, N m, rad/s]."""
-    return np.stack([per_joint_of(arm, name) for name in QUANTITIES])
-
-
 def constants_of(arm: AnyArm) -> np.ndarray:
     """Return the numbers (k,) of the `Physics.Arm` without a payload."""
     physics = equations_of(arm)
@@ -69,7 +64,7 @@ def constants_of(arm: AnyArm) -> np.ndarray:
 
 def numbers_of(arm: AnyArm) -> tuple[Any, Drives]:
     """Return the `Physics.Arm` without a payload and the `Drives` of an arm as records of floats."""
-    drives: Drives = filled(Drives, map(tuple, drives_of(arm).tolist()))
+    drives: Drives = filled(Drives, (tuple(per_joint_of(arm, name).tolist()) for name in QUANTITIES))
     return filled(equations_of(arm).Arm, constants_of(arm).tolist()), drives
 
 
@@ -79,7 +74,7 @@ def travel_of(arm: AnyArm, q: np.ndarray, dq: np.ndarray) -> np.ndarray:
         jacobian = rigid_body.tip_jacobian(arm, q)[..., : equations_of(arm).axes, :]
     else:
         jacobian = dynamics.tip_jacobian(q, arm.length)
-    velocity = (jacobian @ dq[..., np.newaxis])[..., 0]
+    velocity = np.sum(jacobian * dq[..., np.newaxis, :], axis=-1)
     speed = np.linalg.norm(velocity, axis=-1, keepdims=True)
     direction: np.ndarray = np.divide(velocity, speed, out=np.zeros_like(velocity), where=speed > 0.0)
     return direction

@@ -72,7 +72,7 @@ def constants_array(law: Law, *others: Any) -> np.ndarray:
 
 
 class LawPolicy(Policy):
-    """A policy with a `Law`."""
+    """A policy whose torques are those of a `Law`, which runs as machine code."""
 
     @functools.cached_property
     def control_law(self) -> Law:
@@ -96,14 +96,14 @@ class LawPolicy(Policy):
         return all_finite(torque)
 
     def __getstate__(self) -> dict[str, Any]:
-        """Leave out what is made when it is needed."""
+        """Leave out cached properties, which are made again when they are needed."""
         parts = [part for kind in type(self).__mro__ if issubclass(kind, LawPolicy) for part in vars(kind).items()]
         made = {name for name, part in parts if isinstance(part, functools.cached_property)}
         return {name: value for name, value in super().__getstate__().items() if name not in made}
 
     @functools.cached_property
     def _lawful(self) -> bool:
-        """Whether the law is all that acts."""
+        """Whether the torques come from the law alone."""
         return law_of(self) is not None
 
     @functools.cached_property
@@ -137,7 +137,7 @@ class LawPolicy(Policy):
 
 
 class _Alone:
-    """A law for one arm, for any number of threads, with arrays of its own: copying beats looking up where they are."""
+    """A law for one arm with arrays for each thread: copying beats looking up where the caller's are."""
 
     def __init__(self, kernel: Kernel, constants: np.ndarray, tables: Sequence[np.ndarray]) -> None:
         self.shapes = tuple((1, numbers) for numbers in kernel.program.ports)  # of memory, observation and torque
@@ -161,7 +161,7 @@ _ACTING = {"predict", "command", "act"}
 
 
 def law_of(policy: Policy) -> Law | None:
-    """Return the law of a policy; None where it has none, or where a subclass acts otherwise."""
+    """Return the law of a policy; None if it has none, or if a subclass overrides how it acts."""
     for kind in type(policy).__mro__:
         if kind is LawPolicy or "control_law" in vars(kind):
             return policy.control_law if isinstance(policy, LawPolicy) else None

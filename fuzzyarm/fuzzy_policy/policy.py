@@ -17,9 +17,9 @@ from fuzzyarm.envs.physics.equations import AnyArm
 from fuzzyarm.fuzzy_policy.known_arm import checked_arm, joints_of, per_joint_of
 from fuzzyarm.fuzzy_policy.sample_clock import SampleClock
 
-__all__ = ["PassLearner", "Policy", "Predictor", "Repeated"]
+__all__ = ["PassLearner", "Policy", "Predictor"]
 
-_MISMATCH = 0.01  # share of its control period by which the samples of a policy may be apart without a word
+_MISMATCH = 0.01  # relative difference between sample time and control period that raises no warning
 
 
 class Predictor(Protocol):
@@ -36,14 +36,6 @@ class Predictor(Protocol):
         ...
 
 
-class Repeated(Predictor, Protocol):
-    """A policy that learns from one pass over a path for the next; what it has learned is in its state."""
-
-    def begin_pass(self, state: Any) -> Any:
-        """Return the state with which the next pass begins, from the last one of this pass."""
-        ...
-
-
 class Policy(abc.ABC):
     """A feedback law with a memory: u(t_k) and the memory for t_(k+1) from observation and memory at t_k.
 
@@ -57,9 +49,9 @@ class Policy(abc.ABC):
         memory_size: numbers that a lane remembers, all zero when an episode begins. By default one for each joint: the
             integral of the position error, x_I(t_(k+1)) = x_I(t_k) + T (q - q_d)(t_k).
         torque_limit: largest torques (n,) [N m].
-        action_period: time for which an action is held [s]; the control period, if not said otherwise.
-        remake: returns this policy for another control period [s]; None where its own was asked for.
-        integral_at: where in a lane's memory the n numbers x_I begin that are held at the torque limits; None: nowhere.
+        action_period: time for which an action is held [s]; by default the control period.
+        remake: makes this policy for another control period [s]; None if the user asked for a certain one.
+        integral_at: index in a lane's memory of the n integrals x_I held at the torque limits; None if none are.
     """
 
     integral_at: int | None = None
@@ -67,7 +59,7 @@ class Policy(abc.ABC):
     _clock: SampleClock | None = None
 
     def __init__(self, parameters: AnyArm, control_period: float) -> None:
-        """Take the robot and the control period T [s]; TypeError or ValueError if one is none or out of range."""
+        """Take the robot and the control period T [s]; TypeError or ValueError for anything else."""
         self.parameters = checked_arm("parameters", parameters)
         self.joints = joints_of(parameters)
         self.control_period = checked_period("control_period", control_period)
@@ -91,7 +83,7 @@ class Policy(abc.ABC):
         """Fill `torque` (lanes, n), unclipped, and advance `memory` (lanes, m) for `observation` (lanes, 5 n)."""
 
     def command(self, observation: np.ndarray, memory: np.ndarray, torque: np.ndarray) -> bool:
-        """Do what `act` does, within the limits of the torques; return whether all torques are numbers.
+        """Evaluate the law within the torque limits; return False if a torque is not a number.
 
         The torque of joint j is clipped to ±Γ_j [N m]. Where it lies beyond, x_I,j stays as it was if its change would
         drive the torque further: u_j > Γ_j and Δx_I,j < 0, or u_j < -Γ_j and Δx_I,j > 0. Arguments and shapes as for
@@ -110,7 +102,7 @@ class Policy(abc.ABC):
         return numbers
 
     def checked_state(self, state: Any) -> np.ndarray:
-        """Return a state (..., memory_size) that `predict` gave as an array; TypeError or ValueError if it is none."""
+        """Return a state (..., memory_size) of `predict` as an array; TypeError or ValueError for anything else."""
         array = array_of("state", state)
         if array.dtype.kind not in "fiu":
             raise TypeError(f"state = {shown(state)} must be an array (..., {self.memory_size}) of predict")
@@ -118,8 +110,8 @@ class Policy(abc.ABC):
             raise ValueError(f"state has shape {array.shape}; allowed: (..., {self.memory_size}), as predict gives it")
         return array
 
-    def repeated(self) -> Repeated | None:
-        """Return this policy for passes over one path again and again; None where it learns nothing from them."""
+    def repeated(self) -> PassLearner | None:
+        """Return the form of this policy that learns from repeated passes over one path; None if it has none."""
         return None
 
     def predict(
@@ -131,12 +123,12 @@ class Policy(abc.ABC):
     ) -> tuple[np.ndarray, np.ndarray]:
         """Return motor torques [N m] and the next state.
 
-        The reference in the first samples of an episode tells how far apart they are, see `sample_clock`. Where that is
-        not the control period, a policy that can be made for another one (`remake`) becomes that, with the memory that
-        it would have by then; any other warns (RuntimeWarning) and goes on.
+        The time between samples follows from the reference in the first samples of an episode, see `sample_clock`. If
+        it differs from the control period, a policy with `remake` changes to that period, with the memory that it would
+        have by then; any other policy warns (RuntimeWarning) and goes on.
 
-        `state` is never changed. A loop that gets a ValueError for a reading that is no number holds its last torques
-        and goes on with the same state at the next sample, as if that sample had not been.
+        `state` is never changed. After a ValueError for a reading that is not a number, hold the last torques and use
+        the same state at the next sample: the bad sample then has no effect.
 
         Args:
             observation: (5 n,) or (lanes, 5 n), as `FuzzyArmEnv` gives it.
@@ -176,7 +168,7 @@ class Policy(abc.ABC):
             differs = abs(period - self.control_period) > _MISMATCH * self.control_period
             if differs and self._meets(period, clock.sure):
                 memory = np.zeros((lanes, self.memory_size))
-                for sample in clock.samples[:-1]:  # what the policy would remember had it been made so at once
+                for sample in clock.samples[:-1]:  # the memory that it would have by now
                     self.command(sample, memory, action)
             self._clock = clock = None if clock.sure else clock
         if not self.command(batch, memory, action):
@@ -187,7 +179,7 @@ class Policy(abc.ABC):
         return result
 
     def _meets(self, period: float, sure: bool) -> bool:
-        """Become the policy for a control period [s] and return True; else warn, if it is sure."""
+        """Change to a control period [s] and return True if that is possible; else warn if the period is `sure`."""
         reason = ""
         if self.remake is not None:
             try:
@@ -211,7 +203,7 @@ class Policy(abc.ABC):
 def _checked_observation(observation: Any, joints: int) -> np.ndarray:
     """Return observations (5 n,) or (lanes, 5 n) of n joints as a batch (lanes, 5 n) of finite numbers, in C order.
 
-    It is the observation itself where that is laid out so. Errors are those of `Policy.predict`.
+    An observation that has this layout already is not copied. Errors are those of `Policy.predict`.
     """
     seen = array_of("observation", observation)
     real_entries("observation", seen)
@@ -232,15 +224,16 @@ def _checked_observation(observation: Any, joints: int) -> np.ndarray:
 
 
 def _no_torque(observation: np.ndarray) -> ValueError:
-    """Return the error of a law whose torques for observations (lanes, 5 n) are no numbers."""
+    """Return the error for observations (lanes, 5 n) to which a law answers with nan."""
     largest = np.abs(observation).max()
     return ValueError(f"no finite torque follows from an observation with a number of size {largest:g}")
 
 
 class PassLearner(abc.ABC):
-    """A policy over one path again and again; a pass is an episode along it, and what is learned is in the state.
+    """A policy that learns from each pass over a path for the next; a pass is an episode along the path.
 
-    A state is of the `kind` of a subclass; its `memory` is that of the `policy`, (lanes, memory_size).
+    The state holds what has been learned. It is of the `kind` of a subclass; its `memory` is that of the `policy`,
+    (lanes, memory_size).
     """
 
     policy: Policy
@@ -276,10 +269,10 @@ class PassLearner(abc.ABC):
 
     @abc.abstractmethod
     def _go_on(self, seen: np.ndarray, state: Any) -> np.ndarray:
-        """Return the torques (lanes, n) [N m] of a sample, `_clipped`, and advance the state after that."""
+        """Return the torques (lanes, n) [N m] of a sample, `_clipped`, and then advance the state."""
 
     def _checked(self, state: Any) -> Any:
-        """Return a state, once it is one of this policy."""
+        """Return a state; TypeError or ValueError if it does not belong to this policy."""
         if not isinstance(state, self.kind):
             needed = f"the {self.kind.__name__} that predict or begin_pass returned"
             raise TypeError(f"state = {shown(state)} must be {needed}")

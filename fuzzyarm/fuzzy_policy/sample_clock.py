@@ -6,8 +6,8 @@ relation to check it by:
     q(t+T) - q(t) = T/2 (q̇(t) + q̇(t+T)) - T²/12 (q̈(t+T) - q̈(t)) + O(T⁵),
     q̇(t+T) - q̇(t) = T/2 (q̈(t) + q̈(t+T)) + O(T³).
 
-T is only believed where it solves both, in every joint: a reference at rest, one that jumps to a new episode and one
-that is no motion say nothing. Of a single joint two intervals in a row must give the same T.
+T is accepted only if it solves both in every joint: a reference at rest, a jump to a new episode and numbers that are
+not a motion give no T. With a single joint, two intervals in a row must give the same T.
 """
 
 from __future__ import annotations
@@ -19,17 +19,17 @@ import numpy as np
 
 from fuzzyarm.envs.observation import PARTS
 
-__all__ = ["SampleClock", "period_between"]
+__all__ = ["SampleClock"]
 
-_TOLERANCE = 1e-3  # share by which two intervals in a row may differ where both tell the same T
+_TOLERANCE = 1e-3  # relative difference of T in two intervals in a row that counts as equal
 
-# Shares by which the first and the second relation may miss: samples far apart, and their jerk; and of a turn that
-# rounding may take.
+# Relative errors allowed in the first and second relation, where samples are far apart; and the share of the change of
+# an angle that rounding may have.
 _CLOSED, _SLOPED, _ROUNDED = 1e-4, 0.1, 1e-5
 
 
-def period_between(before: np.ndarray, after: np.ndarray) -> float:
-    """Return T [s] between two observations (5 n,) of one motion; 0 where they tell none."""
+def _period_between(before: np.ndarray, after: np.ndarray) -> float:
+    """Return T [s] between two observations (5 n,) of one motion; 0 if they do not determine it."""
     (q, dq, ddq), (q_after, dq_after, ddq_after) = (np.reshape(one, (PARTS, -1))[-3:] for one in (before, after))
     speed, slope = 0.5 * (dq + dq_after), 0.5 * (ddq + ddq_after)
     turned, faster, sharper = q_after - q, dq_after - dq, (ddq_after - ddq) / 12.0
@@ -46,7 +46,7 @@ def period_between(before: np.ndarray, after: np.ndarray) -> float:
 
 
 class SampleClock:
-    """Reads the time between the samples of an episode that one policy sees, in the first of its lanes."""
+    """Finds the time between the samples that a policy sees in an episode, from the first lane."""
 
     def __init__(self) -> None:
         self.returned: Any = None  # the state that the policy returned last
@@ -63,7 +63,7 @@ class SampleClock:
         # Memories that are still empty are equal in any two episodes.
         copied = self.returned is not None and np.any(self.returned) and np.array_equal(state, self.returned)
         if self.samples and (state is self.returned or copied):
-            period = period_between(self.samples[-1][0], seen[0])
+            period = _period_between(self.samples[-1][0], seen[0])
         self.sure = period > 0.0 and abs(period - self._found) <= _TOLERANCE * period
         self._found = period
         self.samples = [*self.samples, seen] if period else [seen]

@@ -29,8 +29,7 @@ from fuzzyarm.fuzzy_policy.ts_model import rule_products
 
 __all__ = [
     "FORM", "FUNCTIONS", "MOST_PREMISES", "SCHEMA", "TWIST", "Premise", "ScheduledController", "load_controller",
-    "rule_weights",
-    "speeds_of",
+    "rule_weights", "speeds_of",
 ]  # fmt: skip
 
 # Name of the form, schema of its files, and the premises that there are
@@ -40,7 +39,7 @@ FUNCTIONS = ("cos q", "sin q", "cos 2q", "sin 2q")
 MOST_PREMISES = 4
 TWIST = 6  # numbers of a base's twist, linear before angular velocity
 _ARRAYS = ("inertia", "rates", "distal_low", "distal_high", "feedback", "lyapunov")
-NUMBERS = ("kappa", "floor", "alpha", "gamma", "fastest_pole")
+_NUMBERS = ("kappa", "floor", "alpha", "gamma", "fastest_pole")
 
 
 @dataclasses.dataclass(frozen=True)
@@ -56,7 +55,7 @@ class Premise:
 
     @property
     def place(self) -> int:
-        """Where the function stands among 1, cos q, sin q, cos 2q, sin 2q."""
+        """Index of the function in (1, cos q, sin q, cos 2q, sin 2q)."""
         return 1 + FUNCTIONS.index(self.function)
 
     @property
@@ -75,10 +74,10 @@ class Premise:
         return np.asarray(np.cos(angle) if self.function.startswith("cos") else np.sin(angle))
 
 
-# Of the file, where numbers are still texts, except those of the robot, whose JSON is exact.
+# Types in the file, where numbers are hexadecimal strings, except those of the robot, whose JSON is exact.
 _FIELDS = {
     "form": str, "robot": Robot, "robot_digest": str, "premises": tuple[Premise, ...], "split": int,
-    "origin": dict[str, str], **dict.fromkeys((*_ARRAYS, *NUMBERS), Any),
+    "origin": dict[str, str], **dict.fromkeys((*_ARRAYS, *_NUMBERS), Any),
 }  # fmt: skip
 
 
@@ -139,7 +138,7 @@ class ScheduledController(SignedController):
 
     @property
     def rules(self) -> int:
-        """Their number N."""
+        """Number of rules, N."""
         return len(self.inertia)
 
     @property
@@ -153,7 +152,7 @@ class ScheduledController(SignedController):
 
     @functools.cached_property
     def _encoded(self) -> dict[str, Any]:
-        numbers = {name: getattr(self, name) for name in (*_ARRAYS, *NUMBERS)}
+        numbers = {name: getattr(self, name) for name in (*_ARRAYS, *_NUMBERS)}
         return {
             "schema": SCHEMA,
             "form": FORM,
@@ -176,7 +175,7 @@ class ScheduledController(SignedController):
         arrays: dict[str, Any] = {name: np.array(decoded(document[name]), dtype=np.float64) for name in _ARRAYS}
         if document["split"] == len(robot):  # JSON keeps no shape of an empty array
             arrays |= {name: np.zeros((0, 0)) for name in ("distal_low", "distal_high")}
-        numbers = {name: decoded(document[name]) for name in NUMBERS}
+        numbers = {name: decoded(document[name]) for name in _NUMBERS}
         return cls(**{name: document[name] for name in ("robot", "premises", "split", "origin")}, **arrays, **numbers)
 
 

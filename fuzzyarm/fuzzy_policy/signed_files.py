@@ -1,4 +1,4 @@
-"""What controllers of every form share: a file of JSON with exact numbers, floats in C99 hexadecimal, and a digest.
+"""Controller files of every form: JSON with exact numbers, floats in C99 hexadecimal, and a digest.
 
 Loading a file executes nothing from it.
 """
@@ -20,8 +20,7 @@ from fuzzyarm.common.documents import DocumentError, check_schema, read_json, re
 from fuzzyarm.common.files import write_atomically
 
 __all__ = [
-    "MAX_BYTES", "ControllerFileError", "SignedController", "checked_fields", "controller_in", "decoded", "digest_of",
-    "encoded",
+    "ControllerFileError", "SignedController", "checked_fields", "controller_in", "decoded", "digest_of", "encoded",
 ]  # fmt: skip
 
 
@@ -51,23 +50,23 @@ def decoded(value: Any) -> Any:
 
 
 def digest_of(document: dict[str, Any]) -> str:
-    """Return the SHA-256 of a document's canonical JSON: it detects accidental changes and is no signature."""
+    """Return the SHA-256 of a document's canonical JSON: it detects accidental changes, not forgeries."""
     return hashlib.sha256(json.dumps(document, sort_keys=True).encode("utf-8")).hexdigest()
 
 
-MAX_BYTES = 8 * 1024 * 1024  # size of the largest file that is read; far above that of the largest model
-LARGEST = 1e60  # of any entry of an array
-Built = TypeVar("Built")
+_MAX_BYTES = 8 * 1024 * 1024  # size of the largest file that is read; far above that of the largest model
+_LARGEST = 1e60  # of any entry of an array
+_Built = TypeVar("_Built")
 
 
 class ControllerFileError(ValueError):
-    """A controller file is damaged, no controller file, or made for another robot; the message says which."""
+    """A file is damaged, not a controller file, or made for another robot; the message says which."""
 
 
-def controller_in(path: str | Path, build: Callable[[Any], Built]) -> Built:
-    """Return what `build` makes of the content of a file; ControllerFileError if that is not valid."""
+def controller_in(path: str | Path, build: Callable[[Any], _Built]) -> _Built:
+    """Read a file and return `build` of its content; ControllerFileError if it is not valid."""
     try:
-        return build(read_json(Path(path), largest=MAX_BYTES))
+        return build(read_json(Path(path), largest=_MAX_BYTES))
     except DocumentError as error:  # names the file itself
         raise ControllerFileError(str(error)) from None
     except (TypeError, ValueError) as error:
@@ -77,7 +76,7 @@ def controller_in(path: str | Path, build: Callable[[Any], Built]) -> Built:
 def checked_fields(
     content: Any, schema: str, fields: Mapping[str, Any], optional: Sequence[str] = ()
 ) -> dict[str, Any]:
-    """Return what a document holds, by field; ValueError if its schema, its fields or its digest are wrong.
+    """Return the fields of a document by name; ValueError if its schema, its fields or its digest are wrong.
 
     `fields` has the type of each field, `schema` and `digest` aside; fields of `optional` may be left out, and are then
     not in the result.
@@ -92,7 +91,7 @@ def checked_fields(
 
 
 class SignedController(abc.ABC):
-    """A controller with a file: the base of the dataclasses of each form; ControllerFileError if it is wrong."""
+    """Base of the dataclasses of each form; ControllerFileError for fields that do not fit together."""
 
     def __post_init__(self) -> None:
         try:
@@ -102,7 +101,7 @@ class SignedController(abc.ABC):
 
     @abc.abstractmethod
     def _check(self) -> None:
-        """Raise TypeError or ValueError for values that do not fit, and take the others."""
+        """Check the fields and store them in their final form; TypeError or ValueError if one does not fit."""
 
     @property
     @abc.abstractmethod
@@ -120,7 +119,7 @@ class SignedController(abc.ABC):
 
     def _array(self, name: str, shape: tuple[int, ...]) -> np.ndarray:
         """Return a read-only copy of an array of this shape."""
-        array = finite_array(name, getattr(self, name), shape, largest=LARGEST)
+        array = finite_array(name, getattr(self, name), shape, largest=_LARGEST)
         array.flags.writeable = False
         return array
 

@@ -26,12 +26,12 @@ from fuzzyarm.envs.physics.parameters import ArmParameters
 from fuzzyarm.fuzzy_policy.states import PLANT_STATES
 
 __all__ = [
-    "DEFAULT_KEPT", "NAMED_RULES", "PREMISES", "TSModel", "Uncertainty", "descriptor_terms", "premise_bounds",
-    "premises", "rule_products",
+    "DEFAULT_KEPT", "NAMED_RULES", "PREMISES", "TSModel", "Uncertainty", "descriptor_terms", "premises",
+    "rule_products",
 ]  # fmt: skip
 
 PREMISES = ("z1", "z2", "z3", "z4", "z5")  # names of the premises, in the order of the paper
-DEFAULT_KEPT = ("z1", "z3")  # kept premises where nothing else is said: four rules
+DEFAULT_KEPT = ("z1", "z3")  # premises kept by default: four rules
 
 NAMED_RULES = {
     32: ("z1", "z2", "z3", "z4", "z5"),
@@ -44,23 +44,10 @@ NAMED_RULES = {
 """Kept premises of the models named by their number of rules. 8, 4 and 2 are the paper's (section 6.1.2)."""
 
 # sinc x = sin x / x has its minimum -0.21723362821122165740... where tan x = x (x = 4.4934...); rounded outwards.
-SINC_MINIMUM = Fraction("-0.2172336282112217")
+_SINC_MINIMUM = Fraction("-0.2172336282112217")
 # Bounds are widened by this share of their range, far more than a premise loses by rounding in floating point; by this
 # number where the range is a point, as those of z2 and z3 without gravity: a weight divides by its width.
 _GUARD = Fraction(1, 10**12)
-
-
-def premise_bounds(parameters: ArmParameters) -> np.ndarray:
-    """Return bounds (5, 2) of the premises over the joint box (25), rounded outwards.
-
-    The bounds are computed in exact rational arithmetic from the given floats; with |q1| <= π, sinc q1 lies in
-    [0, 1] and sinc q12 in [-0.2172..., 1]. They are valid for any box with joint limits up to π.
-    """
-    _, c2, _, c4, c5 = _constants(parameters, Fraction)
-    dq1, dq2 = map(Fraction, parameters.velocity_limit)
-    gravity = (-(c4 + c5), -c5 * SINC_MINIMUM), (-c5, -c5 * SINC_MINIMUM)
-    exact = [(Fraction(-1), Fraction(1)), *gravity, (-c2 * dq2, c2 * dq2), (-c2 * dq1, c2 * dq1)]
-    return np.array([[_outwards(low, high, -1), _outwards(low, high, 1)] for low, high in exact])
 
 
 def _outwards(low: Fraction, high: Fraction, side: int) -> float:
@@ -125,8 +112,16 @@ class TSModel:
 
     @cached_property
     def bounds(self) -> np.ndarray:
-        """Bounds (5, 2) of the premises, see `premise_bounds`."""
-        return premise_bounds(self.parameters)
+        """Bounds (5, 2) of the premises over the joint box (25), rounded outwards.
+
+        They are computed in exact rational arithmetic from the given floats; with |q1| <= π, sinc q1 lies in [0, 1] and
+        sinc q12 in [-0.2172..., 1]. They are valid for any box with joint limits up to π.
+        """
+        _, c2, _, c4, c5 = _constants(self.parameters, Fraction)
+        dq1, dq2 = map(Fraction, self.parameters.velocity_limit)
+        gravity = (-(c4 + c5), -c5 * _SINC_MINIMUM), (-c5, -c5 * _SINC_MINIMUM)
+        exact = [(Fraction(-1), Fraction(1)), *gravity, (-c2 * dq2, c2 * dq2), (-c2 * dq1, c2 * dq1)]
+        return np.array([[_outwards(low, high, -1), _outwards(low, high, 1)] for low, high in exact])
 
     @property
     def kept_in_E(self) -> list[int]:

@@ -20,7 +20,7 @@ array (lanes, m). More is used if the object has it:
     without_dry_friction()     the policy for an arm without dry friction, see `fuzzyarm.eval.stability.linearisation`
     repeated()                 the policy for passes over one path (``--passes``), or None: an object with `predict` and
                                ``begin_pass(state)``, which returns the state that the next pass begins with from the
-                               last one of this pass, see `fuzzyarm.fuzzy_policy.policy.Repeated`
+                               last one of this pass, see `fuzzyarm.fuzzy_policy.policy.PassLearner`
     beliefs(state)             what it believes of the load, see `fuzzyarm.eval.episodes.beliefs`
     declared                   a mapping, or an object with attributes: ``objective``, ``tuned_on``, ``knows``, ``sees``
                                and ``remembers``, each a text of one line, see `Declared`

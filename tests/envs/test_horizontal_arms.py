@@ -13,7 +13,7 @@ from fuzzyarm.envs.physics.parameters import ArmParameters
 from fuzzyarm.envs.physics.robot import Robot, robot_named
 from fuzzyarm.envs.scenario.cases import case_for, load_scale
 from fuzzyarm.fuzzy_policy.laws.fuzzy import FuzzyPolicy
-from fuzzyarm.fuzzy_policy.ts_model import TSModel, premise_bounds, premises
+from fuzzyarm.fuzzy_policy.ts_model import TSModel, premises
 from fuzzyarm.identification.excitation import suggested
 from fuzzyarm.synthesis import Specification, design
 
@@ -70,7 +70,7 @@ def test_a_fuzzy_controller_is_designed_and_acts_without_gravity(kept):
 
 
 def test_premises_without_gravity_lie_within_bounds_of_some_width():
-    bounds = premise_bounds(FLAT)
+    bounds = TSModel(FLAT).bounds
     assert (bounds[:, 0] < bounds[:, 1]).all() and np.abs(bounds[1:3]).max() < 1e-11
     z = premises(np.array([0.3, 0.4]), np.array([1.0, 2.0]), FLAT)
     (h, v) = TSModel(FLAT, ("z1", "z3")).weights(z)

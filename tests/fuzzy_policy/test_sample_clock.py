@@ -15,7 +15,7 @@ from fuzzyarm.envs.physics.equations import chosen_arm
 from fuzzyarm.envs.scenario.default_reference import default_reference
 from fuzzyarm.envs.vector import FuzzyArmVectorEnv
 from fuzzyarm.fuzzy_policy.laws.computed_torque import ComputedTorquePolicy
-from fuzzyarm.fuzzy_policy.sample_clock import period_between
+from fuzzyarm.fuzzy_policy.sample_clock import _period_between
 
 SLOW = pytest.param("adaptive-observer", "paper", marks=pytest.mark.slow)
 
@@ -32,7 +32,7 @@ def observations(robot, period, count, start=0.0):
 @pytest.mark.parametrize("start", [0.0, 0.3])
 def test_two_observations_tell_their_distance_or_nothing(robot, period, start):
     seen = observations(robot, period, 40, start)
-    found = np.array([period_between(*pair) for pair in itertools.pairwise(seen)])
+    found = np.array([_period_between(*pair) for pair in itertools.pairwise(seen)])
     assert np.count_nonzero(found) >= (20 if period > 1e-4 else 10)
     assert_allclose(found[found > 0.0], period, rtol=2e-4)
 
@@ -41,13 +41,13 @@ def test_what_is_no_motion_tells_nothing():
     generator = np.random.default_rng(0)
     still = observations("ur5", 1e-3, 1)[0]
     late = observations("ur5", 1e-3, 2, 0.5)
-    assert period_between(still, still) == 0.0  # at rest
-    assert period_between(late[1], still) == 0.0  # a new episode
-    assert period_between(late[1], late[0]) == 0.0  # backwards
-    assert not any(period_between(*generator.normal(size=(2, 10))) for _ in range(10_000))
+    assert _period_between(still, still) == 0.0  # at rest
+    assert _period_between(late[1], still) == 0.0  # a new episode
+    assert _period_between(late[1], late[0]) == 0.0  # backwards
+    assert not any(_period_between(*generator.normal(size=(2, 10))) for _ in range(10_000))
     step = late.copy()
     step[:, -12:] = 0.0  # angles that move without velocities
-    assert period_between(*step) == 0.0
+    assert _period_between(*step) == 0.0
 
 
 def errors(policy, period, robot="paper"):

@@ -9,7 +9,7 @@ import pytest
 
 from fuzzyarm.envs.physics.dynamics import arm_constants, coriolis_torque, gravity_torque, mass_matrix
 from fuzzyarm.envs.physics.parameters import ArmParameters
-from fuzzyarm.fuzzy_policy.ts_model import NAMED_RULES, PREMISES, SINC_MINIMUM, TSModel, premise_bounds, premises
+from fuzzyarm.fuzzy_policy.ts_model import _SINC_MINIMUM, NAMED_RULES, PREMISES, TSModel, premises
 
 ARM = ArmParameters()
 OTHER_ARM = ArmParameters(length=(0.3, 0.7), mass=(3.7, 11.3), mass_center=(0.11, 0.31), velocity_limit=(7.0, 9.0))
@@ -26,7 +26,7 @@ def test_sinc_minimum_is_a_lower_bound_and_tight():
     with mpmath.workdps(40):
         x = mpmath.findroot(lambda x: mpmath.tan(x) - x, 4.4934)
         exact = mpmath.sin(x) / x
-        stored = mpmath.mpf(SINC_MINIMUM.numerator) / SINC_MINIMUM.denominator
+        stored = mpmath.mpf(_SINC_MINIMUM.numerator) / _SINC_MINIMUM.denominator
         assert 0 < exact - stored < mpmath.mpf("1e-15")
 
 
@@ -38,21 +38,21 @@ def test_bounds_contain_the_exact_range(parameters):
     r1, r2 = map(f, parameters.mass_center)
     l1, g = f(parameters.length[0]), f(parameters.gravity)
     c2, c4, c5 = m2 * l1 * r2, m1 * g * r1 + m2 * g * l1, m2 * g * r2
-    low, high = ([f(x) for x in side] for side in premise_bounds(parameters).T)
+    low, high = ([f(x) for x in side] for side in TSModel(parameters).bounds.T)
     speed1, speed2 = map(f, parameters.velocity_limit)
     attained = [(-1, 1), (-(c4 + c5), None), (-c5, None), (-c2 * speed2, c2 * speed2), (-c2 * speed1, c2 * speed1)]
     for index, (smallest, largest) in enumerate(attained):
         assert low[index] < smallest
         if largest is not None:
             assert high[index] > largest
-    assert high[1] > -c5 * SINC_MINIMUM
-    assert high[2] > -c5 * SINC_MINIMUM
+    assert high[1] > -c5 * _SINC_MINIMUM
+    assert high[2] > -c5 * _SINC_MINIMUM
 
 
 def test_bounds_agree_with_the_paper_where_it_prints_them():
     expected = [(-1, 1), (-103.01, 4.79), (-22.07, 4.79), (-16.87, 16.87), (-16.87, 16.87)]
-    np.testing.assert_allclose(premise_bounds(ARM), expected, atol=0.01)
-    assert premise_bounds(ARM)[1, 1] > 4.7948  # the printed 4.79 is rounded inwards
+    np.testing.assert_allclose(TSModel(ARM).bounds, expected, atol=0.01)
+    assert TSModel(ARM).bounds[1, 1] > 4.7948  # the printed 4.79 is rounded inwards
 
 
 @pytest.mark.parametrize("kept", SUBSETS, ids=lambda kept: "+".join(kept) or "none")

@@ -15,7 +15,7 @@ from support.shipped import CONTROLLERS
 
 from fuzzyarm.cli import main
 from fuzzyarm.fuzzy_policy.controller import GAINS, RATES, Controller
-from fuzzyarm.fuzzy_policy.signed_files import LARGEST, digest_of
+from fuzzyarm.fuzzy_policy.signed_files import _LARGEST, digest_of
 from fuzzyarm.proof import rigid_loop as frozen
 from fuzzyarm.proof.certificate import certify
 from fuzzyarm.proof.rigid_loop import RigidLoop, find_worst_point, gain_at, pole_rate
@@ -76,7 +76,7 @@ def test_an_extreme_number_is_refused_with_its_range(tmp_path, capsys, value):
 
 
 @pytest.mark.parametrize("field", ["P", "Q", "X", "tau", "gains"])
-@pytest.mark.parametrize("value", slow_but([LARGEST, 0.0], [LARGEST, -LARGEST, 1e-300, 0.0]))
+@pytest.mark.parametrize("value", slow_but([_LARGEST, 0.0], [_LARGEST, -_LARGEST, 1e-300, 0.0]))
 def test_numbers_at_the_end_of_the_range_prove_nothing(field, value):
     controller = shipped("fuzzy-4")
     array = np.full_like(getattr(controller, field), value)

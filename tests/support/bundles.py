@@ -1,8 +1,12 @@
-"""Bundles with random weights."""
+"""Bundles with random weights, and folders of bundles that were changed by hand."""
 
+import functools
+import hashlib
 import itertools
+import json
 
 import numpy as np
+from safetensors.numpy import load, save
 
 from fuzzyarm.fuzzy_policy.laws.learned.bundle import PolicyBundle
 from fuzzyarm.fuzzy_policy.laws.learned.definition import ActionDefinition, FeatureDefinition
@@ -46,3 +50,27 @@ def estimate_network(joints=2, axes=2, seed=0):
             for name, shape in shapes_of(7, 3, joints, axes).items()
         }
     )
+
+
+def edited(*path, **changes):
+    """Change a part of the description; a key whose value is "gone" is left out."""
+
+    def edit(folder):
+        description = json.loads((folder / "policy.json").read_text())
+        part = functools.reduce(lambda inner, name: inner[name], path, description)
+        part.update(changes)
+        (folder / "policy.json").write_text(json.dumps({k: v for k, v in description.items() if v != "gone"}))
+
+    return edit
+
+
+def resealed(content=None, **changes):
+    """Other weights, with the hash that goes with them."""
+
+    def reseal(folder):
+        path = folder / "weights.safetensors"
+        changed = save(load(path.read_bytes()) | changes) if content is None else content
+        path.write_bytes(changed)
+        edited(weights_sha256=hashlib.sha256(changed).hexdigest())(folder)
+
+    return reseal

@@ -24,9 +24,9 @@ from fuzzyarm.fuzzy_policy.law import Law, LawPolicy
 from fuzzyarm.fuzzy_policy.laws import observer_gains
 from fuzzyarm.fuzzy_policy.laws.observer_gains import ONE_AT_A_TIME, LinearLaw, Place, worst_radius
 
-__all__ = ["BANDWIDTH", "ComputedTorquePolicy", "bandwidth_for", "linear_computed_torque"]
+__all__ = ["ComputedTorquePolicy", "bandwidth_for"]
 
-BANDWIDTH = 70.0  # default ω [rad/s] of a two-joint arm, and the largest one of a robot
+_BANDWIDTH = 70.0  # default ω [rad/s] of a two-joint arm, and the largest one of a robot
 STEP = 5.0  # rad/s
 
 
@@ -60,16 +60,16 @@ def bandwidth_for(arm: AnyArm, control_period: float) -> float:
     postures of its range: the largest of 70, 65, ..., 5 rad/s, and 5 rad/s if there is none.
     """
     if not isinstance(arm, Robot):
-        return BANDWIDTH
-    places, bandwidth = observer_gains.places_of(arm, control_period), BANDWIDTH
+        return _BANDWIDTH
+    places, bandwidth = observer_gains.places_of(arm, control_period), _BANDWIDTH
     while bandwidth > STEP and any(
-        worst_radius(place, linear_computed_torque(place, bandwidth), ONE_AT_A_TIME) >= 1.0 for place in places
+        worst_radius(place, _linear_computed_torque(place, bandwidth), ONE_AT_A_TIME) >= 1.0 for place in places
     ):
         bandwidth -= STEP
     return bandwidth
 
 
-def linear_computed_torque(place: Place, bandwidth: float) -> LinearLaw:
+def _linear_computed_torque(place: Place, bandwidth: float) -> LinearLaw:
     """Return the law of a bandwidth [rad/s] near rest, at a posture of a robot; its memory is x_I."""
     inertia = place.inertia + np.diag(place.robot.drive("motor_inertia"))
     return observer_gains.linear_pid(place, inertia, 3.0 * bandwidth**2, 3.0 * bandwidth, bandwidth**3)

@@ -34,7 +34,7 @@ from fuzzyarm.fuzzy_policy.law import Law, LawPolicy, within
 from fuzzyarm.fuzzy_policy.laws import observer_gains
 from fuzzyarm.fuzzy_policy.laws.elastic_target import ElasticTarget, Past, TargetConstants, past_of, target_of
 from fuzzyarm.fuzzy_policy.laws.gain_schedule import corners_of, on_table
-from fuzzyarm.fuzzy_policy.laws.observer_gains import Estimate, ObserverWeights, estimate_parts, state_part
+from fuzzyarm.fuzzy_policy.laws.observer_gains import Estimate, ObserverWeights, estimate_parts
 from fuzzyarm.numbers.functions import flat, like, repeat, when
 
 __all__ = ["Constants", "ElasticObserverPolicy", "Observed", "steps_of"]
@@ -45,7 +45,7 @@ _STATICS_STEPS = 20  # iterations of the fixed point for the first estimate; for
 class ElasticObserverPolicy(LawPolicy):
     """Observer, state feedback and elastic target; the law is in the module's docstring.
 
-    It remembers what `ElasticTarget` does, whether there was a sample before, and the prediction (x̂, d̂)⁻. K (points,
+    Its memory is that of `ElasticTarget`, whether there was a sample before, and the prediction (x̂, d̂)⁻. K (points,
     n, 4 n) and L (points, 5 n, 2 n) at the points of the schedule are `feedback` and `observer`.
     """
 
@@ -75,8 +75,8 @@ class ElasticObserverPolicy(LawPolicy):
 
     def estimate(self, state: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Return x̂ (..., 4 n) [rad, rad/s] and d̂ (..., n) [N m] for the next sample, from a state of `predict`."""
-        predicted = np.asarray(state)[..., self._predicted]
-        return predicted[..., state_part(self.joints)], predicted[..., estimate_parts(self.joints).load]
+        predicted, part = np.asarray(state)[..., self._predicted], estimate_parts(self.joints)
+        return predicted[..., part.state], predicted[..., part.load]
 
     @functools.cached_property
     def control_law(self) -> Law:
@@ -92,7 +92,7 @@ class ElasticObserverPolicy(LawPolicy):
         return equations_of(self.parameters), tuple(schedule.kept.tolist()), schedule.cosine, schedule.points
 
     def _know(self, parameters: AnyArm) -> None:
-        """Take `parameters` for the arm that is predicted; the gains stay."""
+        """Predict with the arm `parameters`; the gains stay the same."""
         self.parameters = parameters
         self._target = ElasticTarget(parameters, self.control_period)
         limit, substep = tuple(map(float, self.torque_limit)), self.control_period / self._substeps
@@ -100,7 +100,7 @@ class ElasticObserverPolicy(LawPolicy):
 
 
 class Observed(NamedTuple):
-    """What the target remembers, 1 once there has been a sample, and (x̂, d̂)⁻."""
+    """The memory: that of the target, 1 after the first sample, and (x̂, d̂)⁻."""
 
     past: Past
     started: Any
@@ -116,8 +116,8 @@ class Constants(NamedTuple):
     substeps: Any
 
 
-class Corrected(NamedTuple):
-    """A sample after its correction: what the target remembers and wants, u_ff, (x̂, d̂), ν, and where K is looked up."""
+class _Corrected(NamedTuple):
+    """A sample after its correction: memory and aim of the target, u_ff, (x̂, d̂), ν, and where K is looked up."""
 
     past: Past
     aim: Any
@@ -131,13 +131,13 @@ class Corrected(NamedTuple):
 def steps_of(physics: Physics, kept: tuple[int, ...], cosine: bool, points: int) -> tuple[Any, Any, Any]:
     """Return the steps of a sample, for arms with these equations and gains over these angles, see `gain_schedule`.
 
-    ``correct(memory, seen, c, observer)`` corrects (x̂, d̂)⁻ by what is measured, a `Corrected`.
+    ``correct(memory, seen, c, observer)`` corrects (x̂, d̂)⁻ by what is measured, a `_Corrected`.
     ``act(found, seen, c, feedback)`` returns u = u_ff - d̂ - K (x̂ - x_d) [N m].
     ``predict(x, applied, c)`` returns (x̂, d̂)⁻ of the next sample under the applied torques.
     """
     target, PerJoint, State, n = target_of(physics), physics.PerJoint, physics.State, physics.joints
 
-    def correct(memory: Observed, seen: Observation, c: Constants, observer: Any) -> Corrected:
+    def correct(memory: Observed, seen: Observation, c: Constants, observer: Any) -> _Corrected:
         past, aim, u_ff = target(memory.past, seen, c.target)
         arm, stiffness = c.target.arm, c.target.drives.stiffness
 
@@ -157,9 +157,9 @@ def steps_of(physics: Physics, kept: tuple[int, ...], cosine: bool, points: int)
         measured, predicted = (*seen.q_motor, *seen.dq_motor), (*x.q_motor, *x.dq_motor)
         innovation = [y - z for y, z in zip(measured, predicted, strict=True)]
         x = like(x, iter(on_table(observer, corners, 1.0, innovation, flat(x))))
-        return Corrected(past, aim, u_ff, x, innovation, corners)
+        return _Corrected(past, aim, u_ff, x, innovation, corners)
 
-    def act(found: Corrected, seen: Observation, c: Constants, feedback: Any) -> list[Any]:
+    def act(found: _Corrected, seen: Observation, c: Constants, feedback: Any) -> list[Any]:
         x, aim = found.x, found.aim
         unbent = [d / k for d, k in zip(x.load, c.target.drives.stiffness, strict=True)]
         error = [

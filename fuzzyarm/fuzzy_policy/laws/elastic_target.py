@@ -34,11 +34,11 @@ from fuzzyarm.numbers.functions import flat, select
 from fuzzyarm.numbers.machine import Kernel
 from fuzzyarm.numbers.program import Program
 
-__all__ = ["Aim", "ElasticTarget", "Past", "TargetConstants", "memory_size", "motor_target", "past_of", "target_of"]
+__all__ = ["Aim", "ElasticTarget", "Past", "TargetConstants", "motor_target", "past_of", "target_of"]
 
 
 class Past(NamedTuple):
-    """What is remembered from one sample to the next."""
+    """The memory of the target from one sample to the next."""
 
     started: Any  # 1 once there has been a sample, else 0
     latest: Any  # τ_d of the last sample [N m]
@@ -56,7 +56,7 @@ class Aim(NamedTuple):
 
 
 class TargetConstants(NamedTuple):
-    """Links, motors, T [s], 1 if u_ff holds the dry friction else 0, and the share of T that u_ff is extrapolated."""
+    """Links, motors, T [s], 1 if u_ff holds the dry friction else 0, and by which share of T u_ff is extrapolated."""
 
     arm: Any
     drives: Drives
@@ -65,13 +65,8 @@ class TargetConstants(NamedTuple):
     ahead: Any
 
 
-def memory_size(joints: int) -> int:
-    """Return how many numbers a lane remembers for an arm with n joints."""
-    return len(flat(past_of(joints)))
-
-
 def past_of(joints: int) -> Past:
-    """Return what is remembered before there was a sample."""
+    """Return the memory before the first sample."""
     return Past(0.0, *[(0.0,) * joints] * 4)
 
 
@@ -128,7 +123,11 @@ class ElasticTarget:
         hold rather than that of its start.
         """
         period, physics = real("control_period", control_period, "s", above=0.0), equations_of(parameters)
-        self._parameters, self._joints, self.memory_size = parameters, physics.joints, memory_size(physics.joints)
+        self._parameters, self._joints, self.memory_size = (
+            parameters,
+            physics.joints,
+            len(flat(past_of(physics.joints))),
+        )
         self.constants = TargetConstants(*numbers_of(parameters), period, float(friction), 0.5 * float(average))
         self._numbers = np.array(flat(self.constants))
 

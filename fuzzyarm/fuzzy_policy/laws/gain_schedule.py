@@ -1,9 +1,9 @@
 """Over which angles the gains of the elastic observer are tabulated, at which points, and how they are interpolated.
 
-The mass matrix of the two-joint arm depends on cos q2 alone: its gains stand at `GRID` and are interpolated linearly in
-cos q2. For a robot, the angles are the two on which its mass matrix depends most: with E[M | q_j] the mean over the
-other angles, those whose normalised |E[M | q_j] - E[M]|² is largest. Each has `POINTS` points around the circle, where
-the gains are those of the mean of M over the other angles, and they are interpolated linearly in each angle.
+The mass matrix of the two-joint arm depends on cos q2 alone: its gains stand at nine of its values and are interpolated
+linearly in cos q2. For a robot, the angles are the two on which its mass matrix depends most: with E[M | q_j] the mean
+over the other angles, those whose normalised |E[M | q_j] - E[M]|² is largest. Each has eight points around the circle,
+where the gains are those of the mean of M over the other angles, and they are interpolated linearly in each angle.
 """
 
 from __future__ import annotations
@@ -23,14 +23,14 @@ from fuzzyarm.envs.physics.robot import Robot
 from fuzzyarm.numbers.functions import RECORDERS, floor, maximum, minimum, row, select
 
 __all__ = [
-    "GRID", "POINTS", "GainSchedule", "corners_of", "kept_joints", "loaded_inertia", "nearest_inertia", "on_table",
-    "random_angles", "schedule_of",
+    "GainSchedule", "corners_of", "loaded_inertia", "nearest_inertia", "on_table", "random_angles", "schedule_of",
 ]  # fmt: skip
 
-GRID = np.linspace(-1.0, 1.0, 9)  # cos q2 of the two-joint arm's tables
-POINTS = 8  # of an angle of a robot, 45° apart
+_GRID = np.linspace(-1.0, 1.0, 9)  # cos q2 of the two-joint arm's tables
+_POINTS = 8  # of an angle of a robot, 45° apart
 _MOST_KEPT = 2  # angles of a robot over which gains are tabulated
-SAMPLES, SEED = 64, 2022  # of the angles over which is averaged
+_BITS = 30  # of a mean inertia
+_SAMPLES, _SEED = 64, 2022  # of the angles over which is averaged
 
 
 class GainSchedule(NamedTuple):
@@ -47,7 +47,7 @@ def schedule_of(arm: AnyArm) -> GainSchedule:
     """Return the schedule of the two-joint arm or of a robot."""
     if isinstance(arm, Robot):
         return _of_robot(arm)
-    schedule = GainSchedule(np.array([1]), True, len(GRID), tuple(f"cos q2 = {cos2:g}" for cos2 in GRID), np.empty(0))
+    schedule = GainSchedule(np.array([1]), True, len(_GRID), tuple(f"cos q2 = {cos2:g}" for cos2 in _GRID), np.empty(0))
     return schedule._replace(inertia=loaded_inertia(arm, schedule, 0.0))
 
 
@@ -56,11 +56,11 @@ def loaded_inertia(arm: AnyArm, schedule: GainSchedule, payload: float) -> np.nd
     if isinstance(arm, Robot):
         return _inertia_at(arm.with_payload(payload), _turned_to(random_angles(arm), schedule.kept.tolist()))
     constants = arm_constants(arm, Payload(payload))
-    entries = [two_joint_mass_matrix(float(cos2), constants) for cos2 in GRID]
+    entries = [two_joint_mass_matrix(float(cos2), constants) for cos2 in _GRID]
     return np.array([[[m11, m12], [m12, m22]] for m11, m12, m22 in entries])
 
 
-def kept_joints(robot: Robot) -> tuple[int, ...]:
+def _kept_joints(robot: Robot) -> tuple[int, ...]:
     """Return the numbers of the joints on whose angles the mass matrix depends most, ascending; never the first."""
     count = min(_MOST_KEPT, len(robot) - 1)
     others = random_angles(robot)
@@ -75,25 +75,34 @@ def kept_joints(robot: Robot) -> tuple[int, ...]:
 
 @functools.lru_cache(maxsize=32)
 def _of_robot(robot: Robot) -> GainSchedule:
-    kept = list(kept_joints(robot))
+    kept = list(_kept_joints(robot))
     points = _turned_to(random_angles(robot), kept)
     names = [robot.joints[joint].name for joint in kept]
     places = tuple(
         ", ".join(f"{name} = {q[0, joint]:.3g} rad" for name, joint in zip(names, kept, strict=True)) or "any angles"
         for q in points
     )
-    return GainSchedule(np.array(kept, dtype=np.int64), False, POINTS, places, _inertia_at(robot, points))
+    return GainSchedule(np.array(kept, dtype=np.int64), False, _POINTS, places, _inertia_at(robot, points))
 
 
 def _inertia_at(robot: Robot, angles: list[np.ndarray]) -> np.ndarray:
-    """Return the mean M (points, n, n) [kg m²] over angles (samples, n) [rad] of each point."""
-    return np.array([np.mean(mass_matrix(robot, q), axis=0) for q in angles])
+    """Return the mean M (points, n, n) [kg m²] over angles (samples, n) [rad] of each point, to about nine digits.
+
+    Processors sum the products in M in different orders. M_ij is rounded to a multiple of 2^-30 of a power of two near
+    √(M_ii M_jj), so that it is the same on all of them.
+    """
+    mean = np.array([np.mean(mass_matrix(robot, q), axis=0) for q in angles])
+    size = np.frexp(np.diagonal(mean[0]))[1]
+    unit = np.ldexp(1.0, (size + size[:, np.newaxis]) // 2 - _BITS)
+    return np.asarray(np.rint(mean / unit) * unit)
 
 
 def random_angles(robot: Robot) -> np.ndarray:
-    """Return angles (`SAMPLES`, n) [rad] within the ranges of the joints, always the same."""
+    """Return angles (`_SAMPLES`, n) [rad] within the ranges of the joints, always the same."""
     low, high = np.array([joint.angle_range for joint in robot.joints]).T
-    return np.random.default_rng(SEED).uniform(np.maximum(low, -np.pi), np.minimum(high, np.pi), (SAMPLES, len(robot)))
+    return np.random.default_rng(_SEED).uniform(
+        np.maximum(low, -np.pi), np.minimum(high, np.pi), (_SAMPLES, len(robot))
+    )
 
 
 def nearest_inertia(schedule: GainSchedule, q: np.ndarray) -> np.ndarray:
@@ -107,7 +116,7 @@ def nearest_inertia(schedule: GainSchedule, q: np.ndarray) -> np.ndarray:
 def _turned_to(angles: np.ndarray, kept: list[int]) -> list[np.ndarray]:
     """Return copies of angles (k, n) with the kept ones at each combination of points, the last one fastest."""
     turned = []
-    for place in itertools.product(2.0 * np.pi * np.arange(POINTS) / POINTS, repeat=len(kept)):
+    for place in itertools.product(2.0 * np.pi * np.arange(_POINTS) / _POINTS, repeat=len(kept)):
         q = angles.copy()
         q[:, kept] = place
         turned.append(q)

@@ -32,12 +32,12 @@ class LearnedTorque:
     """A state between two samples."""
 
     memory: np.ndarray  # of the policy, (lanes, memory_size)
-    learned: np.ndarray  # w of this pass [N m], (samples, lanes, n); empty: none
+    learned: np.ndarray  # w of this pass [N m], (samples, lanes, n); empty in the first pass
     added: list[np.ndarray]  # w + v of each sample so far, (lanes, n)
 
 
 class TorqueLearning(PassLearner):
-    """A `-tip` policy over one path again and again; the law is in the module's docstring."""
+    """A `-tip` policy that learns from repeated passes; the law is in the module's docstring."""
 
     policy: TipPolicy
     kind = LearnedTorque

@@ -2,10 +2,11 @@
 
 The arm, motors and links with a load d on the links, is linearised at rest and held over a control period. Gravity's
 slope, the Coriolis torques and dry friction are left out, so it depends on the mass matrix M alone; the gains are
-tabulated over the angles that M depends on most, see `gain_schedule`. How they are used is in `elastic_observer`.
+tabulated over the angles that M depends on most, see `gain_schedule`. They have the same bits on every processor, see
+`riccati`. How they are used is in `elastic_observer`.
 
 Default gains are those that hold on the sampled elastic robot anywhere in its range. At random postures the robot is
-linearised without gravity and dry friction, see `sampled_arm`, and a law near rest is, with its memory s,
+linearised without gravity and dry friction, see `_sampled_arm`, and a law near rest is, with its memory s,
 
     u = κ (D x + C s),    s⁺ = G x + F s,
 
@@ -18,7 +19,7 @@ tabulated over, they are too sharp, and the loop may be unstable in part of its 
     link_angle → s link_angle,    link_velocity → √s link_velocity
 
 weaken the feedback and make it more robust. The smallest s of `SOFTENINGS` is taken with which the loop is stable at
-random postures in all of `CONDITIONS`.
+random postures in all of `_CONDITIONS`.
 """
 
 from __future__ import annotations
@@ -26,11 +27,10 @@ from __future__ import annotations
 import dataclasses
 import functools
 import math
-from collections.abc import Callable, Sequence
-from typing import Any, NamedTuple, TypeVar
+from collections.abc import Sequence
+from typing import Any, NamedTuple
 
 import numpy as np
-from scipy.linalg import expm, solve_discrete_are
 
 from fuzzyarm.common.arithmetic import consecutive
 from fuzzyarm.common.checks import real
@@ -39,14 +39,14 @@ from fuzzyarm.envs.physics.rigid_body import mass_matrix
 from fuzzyarm.envs.physics.robot import Robot
 from fuzzyarm.fuzzy_policy.known_arm import joints_of, per_joint_of, with_drives
 from fuzzyarm.fuzzy_policy.laws.gain_schedule import GainSchedule, nearest_inertia, random_angles, schedule_of
+from fuzzyarm.fuzzy_policy.laws.riccati import exponential, product, riccati, solved
 
 __all__ = [
-    "CONDITIONS", "ONE_AT_A_TIME", "SOFTENINGS", "Condition", "Estimate", "LinearLaw", "ObserverWeights", "Place",
-    "at_points", "estimate_parts", "feedback_gain", "gain_tables", "largest_radius", "linear_observer", "linear_pid",
-    "places_of", "sampled_arm", "softened", "state_part", "weights_for", "worst_radius",
+    "ONE_AT_A_TIME", "SOFTENINGS", "WEIGHT_RANGE", "Condition", "Estimate", "LinearLaw", "ObserverWeights", "Place",
+    "designed_for", "estimate_parts", "feedback_gain", "found_at", "gain_tables", "linear_pid", "places_of", "softened",
+    "weights_for", "worst_radius",
 ]  # fmt: skip
 
-Gains = TypeVar("Gains")
 WEIGHT_RANGE = (1e-6, 1e6)  # far wider than any sensible weight; keeps the numbers finite
 
 
@@ -59,15 +59,15 @@ class Estimate(NamedTuple):
     dq_link: Any  # q̇ [rad/s]
     load: Any  # d, unknown torques on the links [N m]
 
+    @property
+    def state(self) -> slice:
+        """Where x, 4 n numbers in the order of `State`, lies in an array."""
+        return slice(0, self.load.start)
+
 
 def estimate_parts(joints: int) -> Estimate:
     """Return where the parts of (x, d), 5 n numbers, lie in an array, for n joints."""
     return Estimate(*consecutive(*[joints] * len(Estimate._fields)))
-
-
-def state_part(joints: int) -> slice:
-    """Return where x, 4 n numbers in the order of `State`, lies in (x, d)."""
-    return slice(0, estimate_parts(joints).load.start)
 
 
 @dataclasses.dataclass(frozen=True)
@@ -80,7 +80,7 @@ class ObserverWeights:
     Torques are shares of the arm's `torque_limit`, joint by joint, so that the same weights fit arms of another size.
 
     Raises:
-        TypeError: a weight is no number.
+        TypeError: a weight is not a number.
         ValueError: a weight lies outside `WEIGHT_RANGE`.
     """
 
@@ -101,82 +101,84 @@ class ObserverWeights:
             real(f"ObserverWeights.{field.name}", getattr(self, field.name), low=low, high=high)
 
 
-def sampled_arm(arm: AnyArm, control_period: float, inertia: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Return A (5 n, 5 n) and B (5 n, n) of (x, d)⁺ = A (x, d) + B u over one control period [s], u held, d constant.
+def _sampled_arm(arm: AnyArm, control_period: float, inertia: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Return A (..., 5 n, 5 n) and B (..., 5 n, n) of (x, d)⁺ = A (x, d) + B u over a period [s], u held, d constant.
 
-    At rest, without gravity and dry friction, with M_b = `inertia` (n, n) [kg m²]:
+    At rest, without gravity and dry friction, with M_b = `inertia` (..., n, n) [kg m²]:
     I_a θ̈ = u - Γ_t - f_v θ̇,  M_b q̈ = Γ_t + d,  Γ_t = K_t (θ - q) + B_t (θ̇ - q̇).
     """
     joints = joints_of(arm)
-    part, state, load = estimate_parts(joints), state_part(joints), estimate_parts(joints).load
-    links = np.linalg.inv(inertia)
-    motors = np.diag(1.0 / per_joint_of(arm, "motor_inertia"))
+    part = estimate_parts(joints)
+    state, load = part.state, part.load
+    links, motors = solved(inertia, np.eye(joints)), 1.0 / per_joint_of(arm, "motor_inertia")
     stiffness, damping = np.diag(per_joint_of(arm, "stiffness")), np.diag(per_joint_of(arm, "damping"))
     joint_torque = np.hstack([stiffness, -stiffness, damping, -damping])
     given = slice(load.stop, load.stop + joints)  # u
-    rate = np.zeros((given.stop, given.stop))  # of (x, d, u)
-    rate[part.q_motor, part.dq_motor] = rate[part.q_link, part.dq_link] = np.eye(joints)
-    rate[part.dq_motor, state], rate[part.dq_motor, given] = -motors @ joint_torque, motors
-    rate[part.dq_motor, part.dq_motor] -= motors @ np.diag(per_joint_of(arm, "viscous_friction"))
-    rate[part.dq_link, state], rate[part.dq_link, load] = links @ joint_torque, links
-    moved = expm(rate * control_period)
-    return moved[: load.stop, : load.stop], moved[: load.stop, given]
+    rate = np.zeros((*inertia.shape[:-2], given.stop, given.stop))  # of (x, d, u)
+    rate[..., part.q_motor, part.dq_motor] = rate[..., part.q_link, part.dq_link] = np.eye(joints)
+    rate[..., part.dq_motor, state] = -motors[:, np.newaxis] * joint_torque
+    rate[..., part.dq_motor, given] = np.diag(motors)
+    rate[..., part.dq_motor, part.dq_motor] -= np.diag(motors * per_joint_of(arm, "viscous_friction"))
+    rate[..., part.dq_link, state], rate[..., part.dq_link, load] = product(links, joint_torque), links
+    moved = exponential(rate * control_period)
+    return moved[..., : load.stop, : load.stop], moved[..., : load.stop, given]
 
 
-def feedback_gain(A: np.ndarray, B: np.ndarray, torque_limit: np.ndarray, weights: ObserverWeights) -> np.ndarray:
-    """Return K (n, 4 n) that minimises Σ |q/link_angle|² + |q̇/link_velocity|² + |u/Γ_max|² [N m], d = 0."""
-    joints = len(torque_limit)
-    state = state_part(joints)
-    a, b = A[state, state], B[state]
+def feedback_gain(arm: AnyArm, control_period: float, inertia: np.ndarray, weights: Any) -> np.ndarray:
+    """Return K (..., n, 4 n) of `_sampled_arm`, the linear quadratic regulator without a load; nan where there is none.
+
+    It minimises Σ |q/link_angle|² + |q̇/link_velocity|² + |u/Γ_max|². The weights are `ObserverWeights` or the
+    `AdaptiveWeights` of `adaptive.belief`.
+    """
+    (A, B), limit = _sampled_arm(arm, control_period, inertia), per_joint_of(arm, "torque_limit")
+    joints, state = len(limit), estimate_parts(len(limit)).state
+    A, B = A[..., state, state], B[..., state, :]
+    Bt, square = np.swapaxes(B, -1, -2), limit * limit
     Q = np.diag(np.repeat([0.0, weights.link_angle**-2, 0.0, weights.link_velocity**-2], joints))
-    R = np.diag(torque_limit**-2)
-    P = solve_discrete_are(a, b, Q, R)
-    gain: np.ndarray = np.linalg.solve(R + b.T @ P @ b, b.T @ P @ a)
-    return gain
+    P = riccati(A, product(B * square, Bt), np.broadcast_to(Q, A.shape))
+    return solved(np.diag(1.0 / square) + product(product(Bt, P), B), product(product(Bt, P), A))
 
 
-def _both_gains(
-    arm: AnyArm, control_period: float, weights: ObserverWeights, inertia: np.ndarray
-) -> tuple[np.ndarray, np.ndarray]:
-    """Return K (n, 4 n) and L (5 n, 2 n), the stationary Kalman gain, of `sampled_arm`."""
-    (A, B), limit = sampled_arm(arm, control_period, inertia), per_joint_of(arm, "torque_limit")
+def _observer_gain(arm: AnyArm, control_period: float, inertia: np.ndarray, weights: ObserverWeights) -> np.ndarray:
+    """Return L (..., 5 n, 2 n), the stationary Kalman gain of `_sampled_arm`; nan where there is none."""
+    (A, B), limit = _sampled_arm(arm, control_period, inertia), per_joint_of(arm, "torque_limit")
     joints, part = len(limit), estimate_parts(len(limit))
-    C = np.concatenate([np.eye(len(A))[part.q_motor], np.eye(len(A))[part.dq_motor]])
-    Q = B @ np.diag((weights.motor_torque * limit) ** 2) @ B.T / control_period
-    Q[part.load, part.load] += np.diag((weights.load_walk * limit) ** 2) * control_period
-    R = np.diag(np.repeat([weights.encoder_angle**2, weights.encoder_velocity**2], joints))
-    P = solve_discrete_are(A.T, C.T, Q, R)
-    return feedback_gain(A, B, limit, weights), np.linalg.solve(C @ P @ C.T + R, C @ P).T
+    measured = np.r_[part.q_motor, part.dq_motor]
+    R = np.repeat([weights.encoder_angle**2, weights.encoder_velocity**2], joints)
+    Q = product(B * ((weights.motor_torque * limit) ** 2 / control_period), np.swapaxes(B, -1, -2))
+    Q[..., part.load, part.load] += np.diag((weights.load_walk * limit) ** 2) * control_period
+    G = np.zeros_like(A)
+    G[..., measured, measured] = 1.0 / R
+    of_measured = riccati(np.swapaxes(A, -1, -2), G, Q)[..., measured, :]
+    return np.swapaxes(solved(of_measured[..., measured] + np.diag(R), of_measured), -1, -2)
 
 
 @functools.lru_cache(maxsize=32)
 def gain_tables(
     arm: AnyArm, control_period: float, weights: ObserverWeights
 ) -> tuple[GainSchedule, np.ndarray, np.ndarray]:
-    """Return the schedule, K (points, n, 4 n) and L (points, 5 n, 2 n) for T [s]; ValueError where there are none."""
-    schedule, both = schedule_of(arm), functools.partial(_both_gains, arm, control_period, weights)
-    gains = at_points(both, schedule.places, schedule.inertia, f"control_period = {control_period!r} s, {weights}")
-    feedback, observer = zip(*gains, strict=True)
-    return schedule, np.array(feedback), np.array(observer)
+    """Return the schedule, K (points, n, 4 n) and L (points, 5 n, 2 n) for T [s]; ValueError if there are no gains."""
+    schedule = schedule_of(arm)
+    given: Any = arm, control_period, schedule.inertia, weights
+    feedback, observer = (
+        found_at(schedule, gain(*given), control_period, weights) for gain in (feedback_gain, _observer_gain)
+    )
+    return schedule, feedback, observer
 
 
-def at_points(
-    gains_of: Callable[[np.ndarray], Gains], places: Sequence[str], inertia: np.ndarray, settings: str
-) -> list[Gains]:
-    """Return the gains for each inertia (points, n, n); ValueError with place and settings where there are none."""
-    gains = []
-    for place, M in zip(places, inertia, strict=True):
-        try:
-            gains.append(gains_of(M))
-        except (np.linalg.LinAlgError, ValueError) as error:  # scipy raises either
+def found_at(schedule: GainSchedule, gains: np.ndarray, control_period: float, weights: Any) -> np.ndarray:
+    """Return gains (points, ...); ValueError that names the place and the settings if one is nan."""
+    for place, gain in zip(schedule.places, gains, strict=True):
+        if not np.isfinite(gain).all():
             raise ValueError(
-                f"no gains at {place} for {settings} and this arm ({error}): take a shorter period, or other weights"
-            ) from None
+                f"no gains at {place} for control_period = {control_period!r} s, {weights} and this arm (the Riccati "
+                "equation has no accurate solution): take a shorter period, or other weights"
+            )
     return gains
 
 
 class Condition(NamedTuple):
-    """How the loop differs from what the law expects: factor κ on its gain, late samples, factor on the stiffness."""
+    """How the loop differs from the nominal one: factor κ on its gain, samples of delay, factor on the stiffness."""
 
     loop_gain: float = 1.0
     delay: int = 0
@@ -186,7 +188,7 @@ class Condition(NamedTuple):
 ONE_AT_A_TIME = (Condition(), Condition(loop_gain=2.0), Condition(delay=1))
 """The margins of the bandwidth of computed torque: 6 dB, and one sample of delay."""
 
-CONDITIONS = (
+_CONDITIONS = (
     *(Condition(gain, delay) for gain in (1.0, 0.67, 1.5) for delay in (0, 1)),
     *(Condition(stiffness=factor) for factor in (0.9, 1.1)),
 )
@@ -205,9 +207,9 @@ class Place:
     control_period: float  # T [s]
 
     def plant(self, stiffness: float = 1.0) -> tuple[np.ndarray, np.ndarray]:
-        """Return A (5 n, 5 n) and B (5 n, n) of `sampled_arm`, with all joints `stiffness` times as stiff."""
+        """Return A (5 n, 5 n) and B (5 n, n) of `_sampled_arm`, with all joints `stiffness` times as stiff."""
         arm = with_drives(self.robot, stiffness=stiffness * self.robot.drive("stiffness"))
-        return sampled_arm(arm, self.control_period, self.inertia)
+        return _sampled_arm(arm, self.control_period, self.inertia)
 
 
 class LinearLaw(NamedTuple):
@@ -223,7 +225,7 @@ def linear_pid(place: Place, inertia: np.ndarray, k_p: float, k_d: float, k_i: f
     """Return u = f_v q̇ - M̂ (k_p e + k_d ė + k_i x_I) near rest, for M̂ = `inertia` (n, n) [kg m²]; its memory is x_I."""
     joints = len(place.robot)
     part = estimate_parts(joints)
-    D, G = np.zeros((2, joints, state_part(joints).stop))
+    D, G = np.zeros((2, joints, part.state.stop))
     D[:, part.q_motor] = -k_p * inertia
     D[:, part.dq_motor] = -k_d * inertia + np.diag(place.robot.drive("viscous_friction"))
     G[:, part.q_motor] = place.control_period * np.eye(joints)
@@ -237,25 +239,23 @@ def places_of(robot: Robot, control_period: float, count: int = _COUNT) -> list[
 
 
 def worst_radius(place: Place, law: LinearLaw, conditions: tuple[Condition, ...]) -> float:
-    """Return the largest |λ| per control period of the loop, over conditions."""
+    """Return the largest |λ| per control period of the loop, over conditions; inf for a law whose gains are nan."""
+    if not all(np.isfinite(part).all() for part in law):
+        return math.inf
     plants = {factor: place.plant(factor) for factor in {condition.stiffness for condition in conditions}}
     return max(float(np.abs(np.linalg.eigvals(_matrix(plants[c.stiffness], law, c))).max()) for c in conditions)
 
 
-def largest_radius(
-    places: Sequence[Place], law_at: Callable[[Place], LinearLaw], conditions: tuple[Condition, ...]
-) -> float:
-    """Return the largest radius over postures and conditions; inf where a Riccati equation has no solution."""
-    try:
-        return max(worst_radius(place, law_at(place), conditions) for place in places)
-    except (np.linalg.LinAlgError, ValueError):  # scipy raises either
-        return math.inf
+def designed_for(robot: Robot, places: Sequence[Place]) -> np.ndarray:
+    """Return M (places, n, n) [kg m²] for which the table has its gains nearest to each place."""
+    schedule = schedule_of(robot)
+    return np.array([nearest_inertia(schedule, place.q) for place in places])
 
 
 def _matrix(plant: tuple[np.ndarray, np.ndarray], law: LinearLaw, condition: Condition) -> np.ndarray:
     """Return the map of (x, s), or of (x, s, u) if u acts one period late."""
     joints, states = law.D.shape
-    state = state_part(joints)
+    state = estimate_parts(joints).state
     A, B = plant[0][state, state], plant[1][state]
     D, C, memory = condition.loop_gain * law.D, condition.loop_gain * law.C, len(law.F)
     if not condition.delay:
@@ -276,14 +276,12 @@ def weights_for(arm: AnyArm, control_period: float) -> ObserverWeights:
     weights = ObserverWeights()
     if not isinstance(arm, Robot):
         return weights
-    places, schedule, smallest = places_of(arm, control_period), schedule_of(arm), math.inf
+    places, smallest = places_of(arm, control_period), math.inf
     for factor in SOFTENINGS:
         trial: ObserverWeights = softened(ObserverWeights(), factor)
-
-        def observer(place: Place, trial: ObserverWeights = trial) -> LinearLaw:
-            return linear_observer(place, nearest_inertia(schedule, place.q), trial)
-
-        radius = largest_radius(places, observer, CONDITIONS)
+        given = arm, control_period, designed_for(arm, places), trial
+        laws = map(_linear_observer, places, feedback_gain(*given), _observer_gain(*given))
+        radius = max(worst_radius(place, law, _CONDITIONS) for place, law in zip(places, laws, strict=True))
         if radius < 1.0:
             return trial
         if radius < smallest:
@@ -297,11 +295,11 @@ def softened(weights: Any, factor: float) -> Any:
     return dataclasses.replace(weights, link_angle=link_angle, link_velocity=link_velocity)
 
 
-def linear_observer(place: Place, designed_for: np.ndarray, weights: ObserverWeights) -> LinearLaw:
-    """Return the elastic observer near rest, with gains designed for an inertia (n, n) [kg m²]; s is (x̂, d̂)⁻."""
+def _linear_observer(place: Place, K: np.ndarray, L: np.ndarray) -> LinearLaw:
+    """Return the elastic observer near rest, with gains K (n, 4 n) and L (5 n, 2 n); its memory is (x̂, d̂)⁻."""
     robot, joints = place.robot, len(place.robot)
-    part, state = estimate_parts(joints), state_part(joints)
-    K, L = _both_gains(robot, place.control_period, weights, designed_for)
+    part = estimate_parts(joints)
+    state = part.state
     A, B = place.plant()  # what the observer predicts with
     measured = np.eye(len(A))[np.r_[part.q_motor, part.dq_motor]]
     acts = np.zeros((joints, len(A)))  # u = acts (x̂, d̂)

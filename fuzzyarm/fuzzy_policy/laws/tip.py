@@ -31,10 +31,10 @@ __all__ = ["TipPolicy"]
 
 
 class TipPolicy(LawPolicy):
-    """A fixed law that tracks θ_d; see the module's docstring. It remembers what the law does, then `ElasticTarget`."""
+    """A fixed law that tracks θ_d, see the module. Its memory is that of the law, then that of `ElasticTarget`."""
 
     def __init__(self, law: Policy, *, friction: bool = True, average: bool = True) -> None:
-        """Wrap a policy; u_ff has the dry friction if `friction`, and is that of the hold's middle if `average`."""
+        """Wrap a policy; u_ff includes dry friction if `friction`, and is that of mid-hold if `average`."""
         super().__init__(law.parameters, law.control_period)
         self.law, self.friction, self.average = law, friction, average
         self._target = ElasticTarget(law.parameters, law.control_period, friction=friction, average=average)
@@ -64,7 +64,7 @@ class TipPolicy(LawPolicy):
         return Law(act, (law.memory, past_of(self.joints)), constants, law.tables)
 
     def feedback_and_feedforward(self, observation: np.ndarray, memory: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Return the two parts of the torque, (lanes, 2) each [N m], not clipped, and advance the memory in place."""
+        """Return the two parts of the torque, (lanes, n) each [N m], not clipped, and advance the memory in place."""
         torque = np.empty((len(observation), self.joints))
         own_feedforward, feedforward = self._act(observation, memory, torque)
         return torque - own_feedforward, feedforward

@@ -20,7 +20,7 @@ from fuzzyarm.envs.physics.records import columns, filled, flat, size
 from fuzzyarm.envs.scenario.randomisation import draw_record
 from fuzzyarm.fuzzy_policy.law import seen_by
 from fuzzyarm.fuzzy_policy.laws.adaptive.belief import KEPT, Memory, places
-from fuzzyarm.fuzzy_policy.laws.adaptive.filter import Room, begin, tables_of, take_in, with_tables
+from fuzzyarm.fuzzy_policy.laws.adaptive.filter import Room, begin, take_in
 from fuzzyarm.fuzzy_policy.laws.adaptive.law import act
 from fuzzyarm.fuzzy_policy.laws.adaptive.policy import AdaptiveObserverPolicy
 from fuzzyarm.numbers.functions import Cells
@@ -56,7 +56,7 @@ class Teacher:
         torque = np.empty((len(observation), len(self._limit)))
         known = np.ascontiguousarray(known.reshape(len(known), -1))
         arrays = memory.copy(), observation, np.ascontiguousarray(self.beliefs()), known, torque
-        self._acting(arrays, np.empty(0), tables_of(self._settings))
+        self._acting(arrays, np.empty(0), self._settings.tables)
         wanted: np.ndarray = np.clip(torque, -self._limit, self._limit)
         return wanted
 
@@ -93,7 +93,7 @@ class Teacher:
         def act_on_truth(
             m: Memory, seen: Observation, truth: Any, known: Any, torque: Any, _: Any, *tables: Any
         ) -> tuple[Any, ...]:
-            s = with_tables(settings, tables)
+            s = settings.with_tables(tables)
             room = Room(physics, s, known)
             take_in(m, room, seen)
             begin(m, s, room)
@@ -107,4 +107,4 @@ class Teacher:
             Cells((KEPT + 1, physics.axes)),
             Cells((joints,)),
         )
-        return Kernel(Program(act_on_truth, ports, (), [table.shape for table in tables_of(settings)]))
+        return Kernel(Program(act_on_truth, ports, (), [table.shape for table in settings.tables]))

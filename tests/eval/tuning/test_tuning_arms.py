@@ -14,7 +14,7 @@ from fuzzyarm.eval.engine import Engine
 from fuzzyarm.eval.evaluation.run import EvaluationConfig, evaluate
 from fuzzyarm.eval.tuning.run import begin, tune
 from fuzzyarm.fuzzy_policy.laws.adaptive.belief import AdaptiveWeights
-from fuzzyarm.fuzzy_policy.laws.computed_torque import BANDWIDTH
+from fuzzyarm.fuzzy_policy.laws.computed_torque import _BANDWIDTH
 from fuzzyarm.fuzzy_policy.laws.observer_gains import ObserverWeights
 from fuzzyarm.policies import policies_of
 from fuzzyarm.policies.registry import POLICIES
@@ -42,7 +42,7 @@ def test_table_1_gives_the_shipped_numbers_back(tmp_path):
     folder = tmp_path / "paper"
     laws = tuned(ArmParameters(), folder).laws
     assert content(folder / "fuzzy-4.json") == content(POLICIES["fuzzy-4"].path)
-    assert laws.bandwidth == BANDWIDTH
+    assert laws.bandwidth == _BANDWIDTH
     assert laws.numbers()["elastic-observer"] == ObserverWeights()
     assert laws.numbers()["adaptive-observer"] == AdaptiveWeights()
 

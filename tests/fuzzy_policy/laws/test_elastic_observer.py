@@ -16,14 +16,13 @@ from fuzzyarm.envs.scenario.disturbances import Disturbance, EncoderNoise
 from fuzzyarm.envs.scenario.reference import JointReference
 from fuzzyarm.eval.stability.linearisation import spectral_radius
 from fuzzyarm.fuzzy_policy.laws.elastic_observer import ElasticObserverPolicy
-from fuzzyarm.fuzzy_policy.laws.elastic_target import ElasticTarget, memory_size
-from fuzzyarm.fuzzy_policy.laws.gain_schedule import GRID
+from fuzzyarm.fuzzy_policy.laws.elastic_target import ElasticTarget
+from fuzzyarm.fuzzy_policy.laws.gain_schedule import _GRID
 from fuzzyarm.fuzzy_policy.laws.observer_gains import (
     ObserverWeights,
+    _sampled_arm,
     estimate_parts,
     gain_tables,
-    sampled_arm,
-    state_part,
 )
 
 ARM = ArmParameters()
@@ -40,7 +39,7 @@ LIGHT = ArmParameters(
     torque_limit=(60.0, 25.0),
 )
 PERIOD = 1e-3
-MEMORY_SIZE, STATE, LOAD = memory_size(2), state_part(2), estimate_parts(2).load
+MEMORY_SIZE, STATE, LOAD = ElasticTarget(ARM, PERIOD).memory_size, estimate_parts(2).state, estimate_parts(2).load
 MEASURED = [0, 1, 4, 5]  # motor angles and velocities, of x
 WEIGHTS = ObserverWeights()
 NOISE = EncoderNoise(position=1e-5, velocity=1e-3)
@@ -69,9 +68,9 @@ def inertia_at(cos2, parameters):
 
 
 def interpolated(table, cos2):
-    """A gain at `cos2` from its table over `GRID`."""
-    entries = table.reshape(len(GRID), -1).T
-    return np.array([np.interp(cos2, GRID, entry) for entry in entries]).reshape(table.shape[1:])
+    """A gain at `cos2` from its table over `_GRID`."""
+    entries = table.reshape(len(_GRID), -1).T
+    return np.array([np.interp(cos2, _GRID, entry) for entry in entries]).reshape(table.shape[1:])
 
 
 def follow(envs, policy, seed=0):
@@ -135,7 +134,7 @@ def test_the_sampled_arm_is_the_slope_of_the_compiled_plant(cos2):
     points = rest + np.vstack([np.diag(steps), -np.diag(steps)])
     ahead, behind = np.split(move(points[:, :8], points[:, 8:10], points[:, 10:], plant, substeps=200), 2)
     slope = np.transpose(ahead - behind) / (2 * steps)
-    A, B = sampled_arm(plant, PERIOD, inertia_at(cos2, plant))
+    A, B = _sampled_arm(plant, PERIOD, inertia_at(cos2, plant))
     expected = np.hstack([A[STATE, STATE], B[STATE], A[STATE, LOAD] @ tip_jacobian(q, plant.length).T])
     scale = np.abs(expected).max(axis=0)
     np.testing.assert_allclose(slope / scale, expected / scale, atol=2e-6)
@@ -146,7 +145,7 @@ def test_gains_are_the_limits_of_the_riccati_recursions():
     """Dynamic programming backwards for K, the Kalman filter forwards for L."""
     parameters, limit, place = LIGHT, np.array(LIGHT.torque_limit), 2
     _, feedback, observer = gain_tables(parameters, PERIOD, WEIGHTS)
-    A, B = sampled_arm(parameters, PERIOD, inertia_at(GRID[place], parameters))
+    A, B = _sampled_arm(parameters, PERIOD, inertia_at(_GRID[place], parameters))
     a, b, C = A[STATE, STATE], B[STATE], np.eye(10)[MEASURED]
     Q, R = np.zeros((8, 8)), np.diag(1 / limit**2)
     Q[2:4, 2:4], Q[6:8, 6:8] = np.eye(2) / WEIGHTS.link_angle**2, np.eye(2) / WEIGHTS.link_velocity**2
@@ -234,7 +233,7 @@ def test_the_law_in_plain_numpy():
         (lambda: ObserverWeights(link_angle=0.0), r"ObserverWeights\.link_angle = .* allowed: \[1e-06, 1e\+06\]"),
         (lambda: ObserverWeights(encoder_angle=True), r"ObserverWeights\.encoder_angle = True"),
         (lambda: ElasticObserverPolicy(control_period=0.2), r"control_period = .* allowed"),
-        (lambda: ElasticObserverPolicy(weights=NONE), r"no gains at cos q2 = -1 for control_period = 0\.001 s"),
+        (lambda: ElasticObserverPolicy(weights=NONE), r"no gains at cos q2 = .* for control_period = 0\.001 s"),
     ],
 )
 def test_what_is_out_of_range_is_refused(made, message):

@@ -10,12 +10,12 @@ from fuzzyarm.envs.physics.parameters import ArmParameters
 from fuzzyarm.envs.scenario.elastic_reference import ElasticReference
 from fuzzyarm.envs.scenario.paths import Lemniscate
 from fuzzyarm.envs.scenario.reference import JointReference
-from fuzzyarm.fuzzy_policy.laws.elastic_target import ElasticTarget, memory_size
+from fuzzyarm.fuzzy_policy.laws.elastic_target import ElasticTarget
 from fuzzyarm.policies import load_policy
 
 ARM = ArmParameters()
 PERIOD = 1e-3
-MEMORY_SIZE = memory_size(2)
+MEMORY_SIZE = ElasticTarget(ARM, PERIOD).memory_size
 
 
 def follow(target, reference, period=PERIOD):

@@ -2,17 +2,18 @@
 
 import functools
 
-import gymnasium as gym
 import numpy as np
 import pytest
 from slow_twins import slow_but
 
 from fuzzyarm import load_policy
+from fuzzyarm.envs.fuzzy_arm import FuzzyArmEnv
 from fuzzyarm.envs.physics.rigid_body import inverse_dynamics, mass_matrix
 from fuzzyarm.envs.physics.robot import robot_named
 from fuzzyarm.envs.scenario.default_reference import default_reference
 from fuzzyarm.envs.scenario.elastic_reference import ElasticReference
 from fuzzyarm.envs.scenario.kinematics import home_posture
+from fuzzyarm.eval.episodes.rollout import record_rollout
 from fuzzyarm.fuzzy_policy.laws.elastic_target import ElasticTarget
 from fuzzyarm.fuzzy_policy.laws.gain_schedule import schedule_of
 
@@ -28,15 +29,9 @@ def policy_of(policy, name):
 @functools.cache
 def tip_errors(policy, name):
     """Tip errors [mm] of the default motion."""
-    env, law = gym.make("fuzzyarm:FuzzyArm-v0", robot=name), policy_of(policy, name)
-    (observation, _), state, done, errors = env.reset(seed=0), None, False, []
-    while not done:
-        action, state = law.predict(observation, state)
-        observation, _, terminated, truncated, info = env.step(action)
-        errors.append(1e3 * info["tip_error"])
-        done = terminated or truncated
-    assert truncated, info["reason"]
-    return np.array(errors)
+    run = record_rollout(FuzzyArmEnv(robot=name), policy_of(policy, name), policy_name=policy, case="", seed=0)
+    assert run.completed
+    return 1e3 * run.tip_error
 
 
 @pytest.mark.parametrize("name", slow_but(["planar-3r"], NAMES))

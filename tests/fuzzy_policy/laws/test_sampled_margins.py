@@ -10,20 +10,22 @@ from fuzzyarm.envs.physics.robot import Robot, robot_named
 from fuzzyarm.eval.stability.linearisation import _linearise
 from fuzzyarm.fuzzy_policy.known_arm import with_drives
 from fuzzyarm.fuzzy_policy.laws.computed_torque import (
-    BANDWIDTH,
+    _BANDWIDTH,
     ComputedTorquePolicy,
+    _linear_computed_torque,
     bandwidth_for,
-    linear_computed_torque,
 )
 from fuzzyarm.fuzzy_policy.laws.elastic_observer import ElasticObserverPolicy
 from fuzzyarm.fuzzy_policy.laws.gain_schedule import nearest_inertia, schedule_of
 from fuzzyarm.fuzzy_policy.laws.observer_gains import (
-    CONDITIONS,
+    _CONDITIONS,
     ONE_AT_A_TIME,
     SOFTENINGS,
     Condition,
     ObserverWeights,
-    linear_observer,
+    _linear_observer,
+    _observer_gain,
+    feedback_gain,
     places_of,
     softened,
     weights_for,
@@ -35,6 +37,12 @@ TWO = dataclasses.replace(Robot.of(ArmParameters()), gravity=(0.0, 0.0, 0.0))
 """Without gravity, which the linear loops leave out."""
 
 
+def observer(place, inertia, weights):
+    """The linear law of the observer at a place, with gains designed for an inertia."""
+    given = place.robot, PERIOD, inertia, weights
+    return _linear_observer(place, feedback_gain(*given), _observer_gain(*given))
+
+
 @pytest.mark.slow
 @pytest.mark.parametrize("condition", [Condition(), Condition(1.5, 1), Condition(stiffness=1.2)])
 def test_linear_loops_are_those_of_the_policies(condition):
@@ -44,8 +52,8 @@ def test_linear_loops_are_those_of_the_policies(condition):
     place = dataclasses.replace(places_of(TWO, PERIOD, 1)[0], q=np.array([0.4, 0.25 * np.pi]))
     place = dataclasses.replace(place, inertia=nearest_inertia(schedule, place.q))  # at a point, M is that of the table
     for law, linear in (
-        (policy, linear_observer(place, place.inertia, weights)),
-        (ComputedTorquePolicy(TWO, PERIOD, 50.0), linear_computed_torque(place, 50.0)),
+        (policy, observer(place, place.inertia, weights)),
+        (ComputedTorquePolicy(TWO, PERIOD, 50.0), _linear_computed_torque(place, 50.0)),
     ):
         matrix = _linearise(law.without_dry_friction(), plant, place.q, PERIOD, None).matrix(
             condition.loop_gain, condition.delay
@@ -57,7 +65,7 @@ def test_linear_loops_are_those_of_the_policies(condition):
 
 def test_the_two_joint_arm_keeps_its_gains_as_a_robot():
     robot = Robot.of(ArmParameters())
-    assert bandwidth_for(robot, PERIOD) == bandwidth_for(ArmParameters(), PERIOD) == BANDWIDTH
+    assert bandwidth_for(robot, PERIOD) == bandwidth_for(ArmParameters(), PERIOD) == _BANDWIDTH
     assert weights_for(robot, PERIOD) == weights_for(ArmParameters(), PERIOD) == ObserverWeights()
 
 
@@ -68,11 +76,11 @@ def test_robots_get_the_largest_gains_with_margins(name):
     places, schedule = places_of(robot, PERIOD), schedule_of(robot)
 
     def bandwidth_radius(bandwidth):
-        return max(worst_radius(p, linear_computed_torque(p, bandwidth), ONE_AT_A_TIME) for p in places)
+        return max(worst_radius(p, _linear_computed_torque(p, bandwidth), ONE_AT_A_TIME) for p in places)
 
     def observer_radius(weights):
-        laws = [linear_observer(place, nearest_inertia(schedule, place.q), weights) for place in places]
-        return max(worst_radius(place, law, CONDITIONS) for place, law in zip(places, laws, strict=True))
+        laws = [observer(place, nearest_inertia(schedule, place.q), weights) for place in places]
+        return max(worst_radius(place, law, _CONDITIONS) for place, law in zip(places, laws, strict=True))
 
     chosen = bandwidth_for(robot, PERIOD)
     assert bandwidth_radius(chosen) < 1.0 <= bandwidth_radius(chosen + 5.0)

@@ -72,17 +72,6 @@ def test_the_policy_is_its_law(premises):
     np.testing.assert_allclose(memory, integral + 2e-3 * (q - target[0]), rtol=1e-14)
 
 
-@pytest.mark.parametrize("tip", ["", "-tip"])
-def test_a_batch_answers_as_each_lane_would_alone_bit_for_bit(file, tip):
-    policy = load_policy(f"{file}{tip}", robot=ROBOT)
-    batch = observations(4, np.random.default_rng(1))
-    _, states = policy.predict(batch)
-    actions, after = policy.predict(batch, states)
-    for lane in range(4):
-        action, following = policy.predict(batch[lane], states[lane])
-        assert action.tobytes() == actions[lane].tobytes() and following.tobytes() == after[lane].tobytes()
-
-
 @pytest.mark.slow
 def test_the_elastic_robot_follows_its_default_reference(file):
     config = EvaluationConfig(policies=(str(file), f"{file}-tip"), cases=("nominal",), robot=robot_named(ROBOT))

@@ -79,7 +79,7 @@ def test_what_is_no_state_is_refused_by_name():
         ),
         (lambda state: PASSES.predict(SEEN[0], state), np.zeros((2, SIZE)), "must be the PassState"),
         (LEARNING.begin_pass, None, "= None must be the LearnedTorque that predict"),
-        (lambda state: LEARNING.predict(SEEN[0, 0], state), learning, "has a memory of"),
+        (lambda state: LEARNING.predict(SEEN[0, 0], state), learning, "has a memory of 2 lanes; the observation has 1"),
     ):
         with pytest.raises((TypeError, ValueError), match=f"^state .*{message}") as caught:
             use(state)

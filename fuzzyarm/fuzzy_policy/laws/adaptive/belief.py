@@ -1,4 +1,4 @@
-"""What the adaptive observer estimates beside the arm's state, and remembers from one sample to the next.
+"""The parameters that the adaptive observer estimates beside the arm's state, and its memory between samples.
 
     p = (f_t, F, m_p, k, β, φ, μ, ι, w, d)
 
@@ -10,7 +10,7 @@ The equations of the arm take numbers a that are affine in (m_p, k, β, φ, μ, 
 two-joint arm they are the constants of its equations. The constants of a robot are not affine in its masses; its
 numbers are those of the `Plant`, then a mass at the tip [kg], and the constants follow from them.
 
-How uncertain p is beforehand, and what an error costs, is said by `AdaptiveWeights`: torques in shares of the arm's
+How uncertain p is beforehand, and what an error costs, is stated in `AdaptiveWeights`: torques in shares of the arm's
 `torque_limit`, joint by joint, and forces in shares of `unit_force`, so that the same weights fit arms of another size.
 """
 
@@ -38,20 +38,20 @@ from fuzzyarm.fuzzy_policy.laws.observer_gains import WEIGHT_RANGE
 from fuzzyarm.numbers.functions import Cells, each, flat, maximum
 
 __all__ = [
-    "FACTORS", "FLAG", "KEPT", "LONGEST_LATENESS", "AdaptiveWeights", "ArmFunctions", "Belief", "Flags", "Memory",
-    "affine_numbers", "belief_of", "layout", "mass_of", "numbers_of", "places", "prior", "remembered", "unit_force",
+    "FACTORS", "FLAG", "KEPT", "LONGEST_DELAY", "AdaptiveWeights", "ArmFunctions", "Belief", "Memory",
+    "affine_numbers", "belief_of", "layout", "mass_of", "places", "prior", "unit_force",
 ]  # fmt: skip
 
-LONGEST_LATENESS = 3  # longest time from a command to the motors that the filter considers [control periods]
+LONGEST_DELAY = 3  # longest time from a command to the motors that the filter considers [control periods]
 KEPT = 5
 """References kept, the present one included: the derivatives of the joint torque are differences of four of them, and
 the feedforward's change takes one more."""
-REST = 1e-9  # m/s; below, a tip has no direction of travel
+_REST = 1e-9  # m/s; below, a tip has no direction of travel
 
 
 @dataclasses.dataclass(frozen=True)
 class AdaptiveWeights:
-    """What the filter expects and what the regulator weighs, each in `WEIGHT_RANGE`."""
+    """Weights of the filter and of the regulator, each in `WEIGHT_RANGE`."""
 
     link_angle: float = 0.0037  # link error [rad] that costs as much as the whole torque
     link_velocity: float = 1.57  # link velocity error [rad/s] that costs as much as the whole torque
@@ -75,11 +75,11 @@ class AdaptiveWeights:
     first_inertia: float = 0.06  # of the factors of link masses and of motor inertias
     first_offset: float = 0.01  # of the torques beside the motors', share of the torque limit
     first_scale: float = 0.1  # of a factor that all of the arm's constants share, as a wrong torque constant gives them
-    first_lateness: float = 1.5  # of the lateness [control periods]
+    first_lateness: float = 1.5  # of the delay [control periods]
     first_link_angle: float = 1e-3  # of the link angles [rad]
     scale_doubt: float = 1.5e-3  # variance that a sample of surprise a adds to that factor, over a
     gate: float = 1.5  # squared standardised innovation above which a sample counts less
-    # Squared innovation, in variances of the noise that is read, below which constants do not learn
+    # Squared innovation, in variances of the estimated noise, below which constants do not learn
     dead_zone: float = 16.0
     # Mean of the commands' jumps, as shares of the torque limits, from which on the loop counts as lost; a mean above 2
     # is not possible
@@ -104,7 +104,7 @@ def mass_of(arm: AnyArm) -> float:
 
 
 class Belief(NamedTuple):
-    """The parts of p, or where they lie in an array; the forces come first, the lateness last."""
+    """The parts of p, or where they lie in an array; the forces come first, the delay last."""
 
     travel_force: Any  # f_t [N]
     force: Any  # F [N], (axes,)
@@ -128,9 +128,9 @@ def belief_of(physics: Physics) -> Belief:
 
 
 class _Prior(NamedTuple):
-    """What is taken for granted of p, each an array (numbers of p,)."""
+    """What is known of p beforehand; each part is an array (numbers of p,)."""
 
-    guess: Any  # p_0: no load, the known arm, no lateness
+    guess: Any  # p_0: no load, the known arm, no delay
     spread: Any  # standard deviations when an episode begins
     walk: Any  # how fast each number walks, per √s
     low: Any
@@ -151,7 +151,7 @@ def prior(arm: AnyArm, weights: AdaptiveWeights) -> _Prior:
         mass=(1.0, w.first_inertia, 0.0, 0.5, 1.9),
         motor_inertia=(1.0, w.first_inertia, 0.0, 0.5, 1.9),
         offset=(0.0, w.first_offset * limit, 0.0, -torque, torque),
-        lateness=(0.0, w.first_lateness, 0.0, 0.0, float(LONGEST_LATENESS)),
+        lateness=(0.0, w.first_lateness, 0.0, 0.0, float(LONGEST_DELAY)),
     )
     belief = belief_of(equations_of(arm))
     arrays = np.empty((len(_Prior._fields), belief.lateness.stop))
@@ -161,7 +161,7 @@ def prior(arm: AnyArm, weights: AdaptiveWeights) -> _Prior:
     return _Prior(*arrays)
 
 
-def numbers_of(arm: AnyArm, payload: float = 0.0, factors: Mapping[str, np.ndarray] | None = None) -> np.ndarray:
+def _numbers_of(arm: AnyArm, payload: float = 0.0, factors: Mapping[str, np.ndarray] | None = None) -> np.ndarray:
     """Return the numbers a (k,) of an arm with a payload [kg] and factors (n,) of its constants, by `FACTORS`."""
     physics = equations_of(arm)
     drawn = dict.fromkeys((*FACTORS, "viscous_friction"), np.ones(physics.joints)) | dict(factors or {})
@@ -174,13 +174,13 @@ def numbers_of(arm: AnyArm, payload: float = 0.0, factors: Mapping[str, np.ndarr
 
 def affine_numbers(arm: AnyArm) -> tuple[np.ndarray, np.ndarray]:
     """Return a_0, the numbers of the known arm, and S (numbers of the arm, numbers of p)."""
-    base, belief = numbers_of(arm), belief_of(equations_of(arm))
+    base, belief = _numbers_of(arm), belief_of(equations_of(arm))
     slopes = np.zeros((len(base), belief.lateness.stop))
-    slopes[:, belief.payload] = (numbers_of(arm, 1.0) - base)[:, np.newaxis]
+    slopes[:, belief.payload] = (_numbers_of(arm, 1.0) - base)[:, np.newaxis]
     for name in FACTORS:
         part = getattr(belief, name)
         for joint, unit in enumerate(np.eye(part.stop - part.start)):
-            slopes[:, part.start + joint] = numbers_of(arm, factors={name: 1.0 + unit}) - base
+            slopes[:, part.start + joint] = _numbers_of(arm, factors={name: 1.0 + unit}) - base
     return base, slopes
 
 
@@ -231,33 +231,33 @@ class ArmFunctions:
         for v in velocity:
             square = square + v * v
         speed = root(square)
-        scale = select(speed > REST, 1.0 / maximum(speed, REST), 0.0)
+        scale = select(speed > _REST, 1.0 / maximum(speed, _REST), 0.0)
         return [v * scale for v in velocity]
 
 
-class Flags(NamedTuple):
-    """Single numbers of a memory, or where they stand among them."""
+class _Flags(NamedTuple):
+    """The single numbers of a memory, or their indices."""
 
     samples: Any  # how many there have been, up to 1e6
     surprise: Any  # ν²/s of the last samples, on average; about 1 where the filter is right
     lost: Any  # 1 once the filter has diverged or the torques swing, else 0
     calm: Any  # 1 where the corrections of the forces look like noise, 0 where they have a direction
     taught: Any  # 1 if the memory that an episode begins with holds what an earlier pass has taught, else 0
-    swing: Any  # mean of the commands' jumps of the last samples, see `filter.note_swing`
+    swing: Any  # mean of the commands' jumps of the last samples, see `filter`
 
 
-FLAG = Flags(*range(len(Flags._fields)))  # where they stand
+FLAG = _Flags(*range(len(_Flags._fields)))  # where they stand
 
 
 class Memory(NamedTuple):
     """The parts of one lane's memory as arrays; zeros when an episode begins. n joints, N numbers of z = (x, p)."""
 
-    flags: Any  # see `Flags`
+    flags: Any  # see `_Flags`
     z: Any  # prediction for this sample, (N,)
     P: Any  # its covariance, (N, N)
-    commands: Any  # torques commanded [N m], newest first, (`LONGEST_LATENESS` + 2, n)
+    commands: Any  # torques commanded [N m], newest first, (`LONGEST_DELAY` + 2, n)
     references: Any  # q_d, q̇_d, q̈_d, newest first, (`KEPT`, 3, n)
-    read: Any  # θ, θ̇ and e of the last sample, see `filter.note_noise`, (3, n)
+    read: Any  # θ, θ̇ and e of the last sample, see `filter`, (3, n)
     moves: Any  # mean of the corrections of each force [N], then that of their square [N²], (forces + 1,)
     noise: Any  # variance of the noise of the measured angles [rad²], (n,)
 
@@ -266,16 +266,10 @@ def places(physics: Physics) -> Memory:
     """Return the parts as places of arrays in a law's memory."""
     joints, belief = physics.joints, belief_of(physics)
     N = 4 * joints + belief.lateness.stop
-    lists = (LONGEST_LATENESS + 2, joints), (KEPT, 3, joints), (3, joints)
+    lists = (LONGEST_DELAY + 2, joints), (KEPT, 3, joints), (3, joints)
     return Memory(*map(Cells, ((len(FLAG),), (N,), (N, N), *lists, (belief.force.stop + 1,), (joints,))))
 
 
 def layout(physics: Physics) -> Memory:
-    """Return where the parts lie in a lane's memory, as slices."""
+    """Return the parts as slices of a lane's memory."""
     return Memory(*consecutive(*(part.size for part in places(physics))))
-
-
-def remembered(memory: np.ndarray, physics: Physics) -> Memory:
-    """Return the parts of one lane's memory as views of it, each in its shape."""
-    parts = zip(layout(physics), places(physics), strict=True)
-    return Memory(*(memory[at].reshape(part.shape) for at, part in parts))

@@ -17,20 +17,20 @@ bending correlates with that in the innovation. The covariance of such a partial
 update of Schmidt's filter: entry (i, j) shrinks by 1 - (1 - λ_i)(1 - λ_j) of a whole correction.
 
 Forces stray little while only noise corrects them. c_k are the corrections of the forces by the samples, in N, and
-means are over the last `SHARE`⁻¹ samples or so:
+means are over the last ten samples or so:
 
-    s = |mean c|² / (mean |c|² + floor),    calm → 1 for s up to `NOISE`, falling to 0 for s from `DIRECTED` on.
+    s = |mean c|² / (mean |c|² + floor),    calm → 1 for s up to 0.08, falling to 0 for s from 0.3 on.
 
-Corrections by noise point anywhere, so that s is about `SHARE`/2; those by a force that moves have one direction, and s
+Corrections by noise point anywhere, so that s is about 0.05; those by a force that moves have one direction, and s
 goes to 1, however small they are. The ratio needs no variance of any sensor. Calm comes slowly and goes at once. The
 forces walk (1 - calm) + `calm_walk` calm times as fast as they do when they move; where calm goes, their variance also
 grows by that of `reopening` seconds of walk, which it would have had without calm.
 
 A motor's torque may be wrong by the share w (Δu/u_max)² of its limit u_max, w = `torque_doubt` and Δu the largest jump
-of the commands that are on their way. A wrong torque constant or lateness acts through such jumps, and what it does to
+of the commands that are on their way. A wrong torque constant or delay acts through such jumps, and what it does to
 the motors would be taken for a load that is answered by a larger jump.
 
-A filter may become sure of a wrong lateness. Where the innovations are larger than it expects, the lateness is doubted:
+A filter may become sure of a wrong delay. Where the innovations are larger than it expects, the delay is doubted:
 a sample whose ν²/s is on average 1 + a adds `LATENESS_DOUBT` a to its variance, up to the first one. So is a factor
 that all of the arm's constants share, as a wrong torque constant gives them: the sample adds
 
@@ -38,13 +38,13 @@ that all of the arm's constants share, as a wrong torque constant gives them: th
 
 to the covariance of any two of these factors, j being any of them.
 
-The law acts on the load that the noise of the encoders does not explain, see `significant`. l are the forces and the
+The law acts on the load that the noise of the encoders does not explain, see `_significant`. l are the forces and the
 payload, the first numbers of p, l_0 their first guess, and x the state:
 
     d² = (l - l_0)ᵀ P_ll⁻¹ (l - l_0),   s = max(0, 1 - c² calm ρ/d²),
     l_a = l_0 + s (l - l_0),            x_a = x - (1 - s) P_xl P_ll⁻¹ (l - l_0).
 
-ρ is the share that the noise that is read has in the variance that the filter expects of a measured angle, the largest
+ρ is the share of the estimated noise in the variance that the filter expects of a measured angle, the largest
 of all joints. A load within c standard deviations by that noise moves nothing, one far beyond is hardly smaller than it
 is believed (the positive part of the estimator of James and Stein). Without noise ρ is 0, where corrections have a
 direction calm is 0, and in both cases s is 1. x_a is the state that fits l_a: the mean of x, given l_a.
@@ -54,6 +54,7 @@ The filter itself goes on with x and l.
 from __future__ import annotations
 
 import copy
+from collections.abc import Callable
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -67,39 +68,39 @@ from fuzzyarm.envs.physics.records import Physics
 from fuzzyarm.envs.physics.robot import Robot
 from fuzzyarm.fuzzy_policy.known_arm import per_joint_of
 from fuzzyarm.fuzzy_policy.laws.adaptive import belief as believed
-from fuzzyarm.fuzzy_policy.laws.adaptive.belief import FACTORS, FLAG, KEPT, LONGEST_LATENESS, AdaptiveWeights, Memory
+from fuzzyarm.fuzzy_policy.laws.adaptive.belief import FACTORS, FLAG, KEPT, LONGEST_DELAY, AdaptiveWeights, Memory
 from fuzzyarm.fuzzy_policy.laws.gain_schedule import schedule_of
 from fuzzyarm.numbers.functions import array, each, floor, maximum, minimum, only, select
 
 __all__ = [
-    "MISTRUST", "Copies", "Room", "Settings", "begin", "command", "correct", "fill", "numbers_at", "predict", "sent",
-    "tables_of", "take_in", "update", "with_tables",
+    "DIRECTED", "INSIGNIFICANT", "LARGEST_SCALE", "LATENESS_DOUBT", "MISTRUST", "Room", "Settings", "begin", "command",
+    "correct", "fill", "numbers_at", "predict", "sent", "take_in", "update",
 ]  # fmt: skip
 
 _ENOUGH = 1e6  # samples that are counted
 _STATICS_STEPS = 20  # iterations of the fixed point for the first estimate; for Table 1 each gains three digits
-_CHANGE = 6.0  # variance of e - e_last in `note_noise`, in variances of the angles' noise
-NOISE_SHARE = 0.03  # of a sample, in the estimated noise of the encoders, once there have been enough
-MISTRUST = 8.0  # least variance of a measured angle that is expected, in variances of the noise that is read
+_CHANGE = 6.0  # variance of e - e_last in `_note_noise`, in variances of the angles' noise
+_NOISE_SHARE = 0.03  # of a sample, in the estimated noise of the encoders, once there have been enough
+MISTRUST = 8.0  # least variance of a measured angle that is expected, in variances of the estimated noise
 _SURPRISE_SHARE = 0.02  # of a sample, in the mean surprise
 _DIVERGED = 50.0  # mean surprise at which a filter counts as diverged
-SWING_SHARE = 0.1  # of a sample, in the mean of the commands' jumps
-SHARE = 0.1  # of a sample, in the means of the corrections
-NOISE, DIRECTED = 0.08, 0.3  # s up to which corrections count as noise, and from which on as a motion
+_SWING_SHARE = 0.1  # of a sample, in the mean of the commands' jumps
+_SHARE = 0.1  # of a sample, in the means of the corrections
+_NOISE, DIRECTED = 0.08, 0.3  # s up to which corrections count as noise, and from which on as a motion
 _CALMING, _STIRRING = 0.02, 0.7  # share of the way to more and to less calm that a sample makes
-LATENESS_DOUBT = 0.01  # variance of the lateness per surprise [control periods²]
+LATENESS_DOUBT = 0.01  # variance of the delay per surprise [control periods²]
 LARGEST_SCALE = 0.1  # variance of the surest factor above which the shared one is not doubted
 INSIGNIFICANT = 1.25  # c of an arm whose noise is a mean over all samples
 _ROUNDING = 1e-9  # least share of a variance that the other loads leave unexplained
 _STILL = 1e-3  # correction of the forces by a sample that counts as none, in unit forces
 # Steps of the differences that make F, of angles, velocities, loads and factors, far above rounding and far below what
 # bends the equations.
-STEPS = (1e-7, 1e-6, 1e-2, 1e-4)
+_STEPS = (1e-7, 1e-6, 1e-2, 1e-4)
 _TINY = 1e-300
 
 
 class Settings:
-    """What the law takes, as arrays and numbers; n joints, N numbers of z."""
+    """The constants of the law, as arrays and numbers; n joints, N numbers of z."""
 
     def __init__(self, arm: AnyArm, control_period: float, weights: AdaptiveWeights, feedback: np.ndarray) -> None:
         """Take the known arm, T [s] and K, a row for each payload and point (payloads · points, n · 4 n)."""
@@ -130,14 +131,14 @@ class Settings:
         # Variance of the forces after `AdaptiveWeights.reopening` seconds of walk [N²], (forces,).
         self.reopening = p.walk[: belief.force.stop] ** 2 * weights.reopening
         self.still = (_STILL * believed.unit_force(arm)) ** 2  # of a correction of the forces that counts as none [N²]
-        self.steps = np.repeat(STEPS, [2 * n, 2 * n, loads, len(p.guess) - loads])  # of the differences that make F
+        self.steps = np.repeat(_STEPS, [2 * n, 2 * n, loads, len(p.guess) - loads])  # of the differences that make F
         self.variances = encoder**2  # of the measured numbers (2 n,)
         self.cautious = cautious  # 1 where a number of z learns only beyond the dead zone, else 0 (N,)
         self.gate = weights.gate
         # A robot, for which nothing was tuned, begins to learn with more caution. The noise that it reads holds on to a
         # first guess, so that it does not say which loads are significant.
-        self.first_share = NOISE_SHARE if unknown else 1.0  # largest share of a sample in the noise that is read
-        self.insignificant = 0.0 if unknown else INSIGNIFICANT**2  # c² of `significant`
+        self.first_share = _NOISE_SHARE if unknown else 1.0  # largest share of a sample in the estimated noise
+        self.insignificant = 0.0 if unknown else INSIGNIFICANT**2  # c² of `_significant`
         self.limit = limit  # torque limits [N m]
         self.mass = believed.mass_of(arm)  # of all links [kg]
         self.substeps = default_substeps(period, fastest_rate([arm]))  # in a control period
@@ -154,20 +155,19 @@ class Settings:
         vars(other).update(parts)
         return other
 
+    @property
+    def tables(self) -> tuple[np.ndarray, ...]:
+        """The arrays that the law looks up by index, in a fixed order and in double precision."""
+        parts = vars(self).values()
+        return tuple(np.array(part, dtype=np.float64, order="C") for part in parts if isinstance(part, np.ndarray))
 
-def tables_of(settings: Settings) -> tuple[np.ndarray, ...]:
-    """Return the arrays that the law looks up by index, in a fixed order and in double precision."""
-    parts = vars(settings).values()
-    return tuple(np.array(part, dtype=np.float64, order="C") for part in parts if isinstance(part, np.ndarray))
+    def with_tables(self, tables: Any) -> Settings:
+        """Return the settings with other arrays in place of `tables`."""
+        names = [name for name, part in vars(self).items() if isinstance(part, np.ndarray)]
+        return self.replaced(**dict(zip(names, tables, strict=True)))
 
 
-def with_tables(settings: Settings, tables: Any) -> Settings:
-    """Return the settings with other arrays in place of those of `tables_of`."""
-    names = [name for name, part in vars(settings).items() if isinstance(part, np.ndarray)]
-    return settings.replaced(**dict(zip(names, tables, strict=True)))
-
-
-class Copies(NamedTuple):
+class _Copies(NamedTuple):
     """Copies of the arm, one in each column."""
 
     state: Any  # (4 n, copies)
@@ -177,25 +177,25 @@ class Copies(NamedTuple):
 
 
 class Room:
-    """Room for what is computed for one lane; n joints, N numbers of z, and a tip in a space of some axes.
+    """Intermediate results for one lane; n joints, N numbers of z, and a tip in a plane or in space.
 
     A force line has a row for each axis of the mean force, then for each axis of its change.
     """
 
     def __init__(self, physics: Physics, s: Settings, known: Any = None) -> None:
-        """Take the room.
+        """Allocate the arrays.
 
         `known` is a tip force [N] known beforehand, to which the estimated one adds: at this sample, at those before
         it, and at the next one, (`KEPT` + 1, axes); None for no force.
         """
         n, N, axes, forces = physics.joints, len(s.spread), physics.axes, physics.axes + 1
 
-        def copies(count: int) -> Copies:
-            return Copies(array(4 * n, count), array(n, count), array(2 * axes, count), array(len(s.base), count))
+        def copies(count: int) -> _Copies:
+            return _Copies(array(4 * n, count), array(n, count), array(2 * axes, count), array(len(s.base), count))
 
         self.arm = believed.ArmFunctions(physics)
         self.copies = copies(1 + N + n)  # which differ in one number each: their differences are the columns of F
-        self.F, self.FP = array(4 * n, N), array(4 * n, N)  # the rows of x
+        self.F = array(4 * n, N)  # the rows of x
         self.wide = array(n)  # steps of the motor velocities
         self.one = copies(1)
         self.numbers = array(len(s.base))  # of the arm
@@ -204,17 +204,11 @@ class Room:
         self.measured = array(2 * n)  # θ and θ̇
         self.variances = array(2 * n)  # of the measured numbers
         self.silent = array(2 * n)  # a of the module's docstring
-        self.moved = array(forces)  # forces before a correction
-        self.acted = array(N)  # z on which the law acts, see `significant`
-        self.deviation = array(forces + 1)  # P_ll⁻¹ (l - l_0) there
-        self.factor = array(forces + 1, forces + 1)  # of P_ll
+        self.acted = array(N)  # z on which the law acts, see `_significant`
         self.link_torque = array(KEPT, n)  # τ_d of each kept reference
         self.travel = array(KEPT + 1, axes)  # direction of travel of each, then the next one
         self.directions = array(2 * axes, forces)  # force line of each unit force
         self.line = array(2 * axes)  # force line of the known force
-        self.joints = array(4, n)  # for short use
-        self.error = array(4 * n)
-        self.gain = array(n, 4 * n)  # K
         self.known = array(KEPT + 1, axes) if known is None else known
         for i in each(2 * axes):
             self.line[i] = 0.0
@@ -234,23 +228,23 @@ def correct(m: Memory, s: Settings, room: Room, seen: Observation) -> None:
     for _ in only(m.flags[FLAG.lost] == 0.0):
         take_in(m, room, seen)
         begin(m, s, room)
-        note_noise(m, s, room)
-        for i in each(len(room.moved)):
-            room.moved[i] = m.z[4 * len(m.noise) + i]
+        _note_noise(m, s, room)
+        before = array(len(s.reopening))
+        for i in each(len(before)):
+            before[i] = m.z[4 * len(m.noise) + i]
         surprise = update(m, s, room)
         m.flags[FLAG.surprise] += _SURPRISE_SHARE * (surprise - m.flags[FLAG.surprise])
-        doubt_lateness(m, s, surprise)
-        doubt_scale(m, s, surprise)
-        note_moves(m, s, room.moved)
-        confine(m, s)
-        note_swing(m, s)
+        _doubt(m, s, maximum(0.0, surprise - 1.0))
+        _note_moves(m, s, before)
+        _confine(m, s)
+        _note_swing(m, s)
         right = (m.flags[FLAG.surprise] < _DIVERGED) & (m.flags[FLAG.swing] < s.weights.largest_swing)
         m.flags[FLAG.lost] = select(right & _finite(m), m.flags[FLAG.lost], 1.0)
-        significant(m, s, room)
+        _significant(m, s, room)
 
 
 def take_in(m: Memory, room: Room, seen: Observation) -> None:
-    """Take in what is measured and asked for, and count the sample."""
+    """Store the measurements and the reference of a sample, and count it."""
     joints = len(m.noise)
     for j in range(joints):
         room.measured[j], room.measured[joints + j] = seen.q_motor[j], seen.dq_motor[j]
@@ -262,13 +256,13 @@ def take_in(m: Memory, room: Room, seen: Observation) -> None:
 
 
 def begin(m: Memory, s: Settings, room: Room) -> None:
-    """Fill the first z and P, if what was taken in is the first sample.
+    """Initialise z and P if the sample is the first one.
 
-    K_t (θ - q) = g(q) for the measured θ, links as fast as motors, p_0. What an earlier pass has taught is kept, but
-    for the loads, which begin again.
+    K_t (θ - q) = g(q) for the measured θ, links as fast as motors, p_0. Constants that an earlier pass has
+    taught are kept; the loads begin again.
     """
     joints = len(m.noise)
-    bent, link, taught = room.joints[1], m.z[joints : 2 * joints], m.flags[FLAG.taught] != 0.0
+    bent, link, taught = array(joints), m.z[joints : 2 * joints], m.flags[FLAG.taught] != 0.0
     still, force = [0.0] * joints, [0.0] * room.known.shape[1]
     for _ in only(m.flags[FLAG.samples] == 1.0):
         arm = room.arm.constants_in(s.base)
@@ -296,7 +290,7 @@ def begin(m: Memory, s: Settings, room: Room) -> None:
 
 
 def _forget(m: Memory, s: Settings, count: int) -> None:
-    """Let the first `count` numbers of z be as uncertain as at the first sample, and those of p among them p_0."""
+    """Reset the covariance of the first `count` numbers of z to that of the first sample, and p among them to p_0."""
     states = len(m.z) - len(s.guess)
     for i in each(count):
         for j in each(len(m.z)):
@@ -309,19 +303,19 @@ def _forget(m: Memory, s: Settings, count: int) -> None:
         m.z[states + i] = s.guess[i]
 
 
-def note_noise(m: Memory, s: Settings, room: Room) -> None:
-    """Read the variance σ² of the measured angles' noise, from what velocities do not explain of their steps.
+def _note_noise(m: Memory, s: Settings, room: Room) -> None:
+    """Estimate the variance σ² of the angles' noise from the part of their steps that velocities do not explain.
 
         e = θ - θ_last - T (θ̇ + θ̇_last)/2,    σ² ← σ² + share ((e - e_last)²/6 - σ²).
 
     e is 0 for a torque that is constant between two samples, and so is its change, nearly, where the loop vibrates:
     a vibration at ω that the commands cause is read as about (ωT)³/12 of its amplitude or less. σ² is a mean of all
-    samples, from the third, which has the first change of e, until a sample's share is `NOISE_SHARE`.
+    samples, from the third, which has the first change of e, until a sample's share is `_NOISE_SHARE`.
 
     From σ² follows which variances the measured numbers have, and how much of them teaches nothing.
     """
     joints, samples = len(m.noise), m.flags[FLAG.samples]
-    share = maximum(NOISE_SHARE, 1.0 / maximum(samples - 2.0, 1.0))
+    share = maximum(_NOISE_SHARE, 1.0 / maximum(samples - 2.0, 1.0))
     share = select(samples > 2.0, minimum(share, s.first_share), 0.0)
     for j in each(joints):
         angle, velocity = room.measured[j], room.measured[joints + j]
@@ -361,41 +355,31 @@ def update(m: Memory, s: Settings, room: Room) -> Any:
     return surprise[0] / (2.0 * joints)
 
 
-def doubt_lateness(m: Memory, s: Settings, surprise: Any) -> None:
-    """Let a sample with this mean ν²/s add to the variance of the lateness."""
-    last = len(m.z) - 1
-    wider = m.P[last, last] + LATENESS_DOUBT * maximum(0.0, surprise - 1.0)
-    m.P[last, last] = minimum(wider, s.spread[last] * s.spread[last])
-
-
-def doubt_scale(m: Memory, s: Settings, surprise: Any) -> None:
-    """Let a sample with this mean ν²/s add to the variance of the factor that the arm's constants share."""
-    first, beliefs, least = len(m.z) - len(s.guess), len(s.guess), array(1)
+def _doubt(m: Memory, s: Settings, surprise: Any) -> None:
+    """Let a sample whose mean ν²/s is 1 + `surprise` add to the variances of the delay and of the shared factor."""
+    last, first, beliefs, least = len(m.z) - 1, len(m.z) - len(s.guess), len(s.guess), array(1)
+    m.P[last, last] = minimum(m.P[last, last] + LATENESS_DOUBT * surprise, s.spread[last] * s.spread[last])
     least[0] = LARGEST_SCALE
     for belief in each(beliefs):
         i = first + belief
         least[0] = select(s.shared[i] > 0.0, minimum(least[0], m.P[i, i]), least[0])
-    more = minimum(s.weights.scale_doubt * maximum(0.0, surprise - 1.0), LARGEST_SCALE - least[0])
+    more = minimum(s.weights.scale_doubt * surprise, LARGEST_SCALE - least[0])
     for belief in each(beliefs):
-        i = first + belief
         for other in each(beliefs):
-            k = first + other
-            both = (s.shared[i] > 0.0) & (s.shared[k] > 0.0)
-            m.P[i, k] = select(both, m.P[i, k] + more, m.P[i, k])
+            i, k = first + belief, first + other
+            m.P[i, k] = select((s.shared[i] > 0.0) & (s.shared[k] > 0.0), m.P[i, k] + more, m.P[i, k])
 
 
-def note_moves(m: Memory, s: Settings, before: Any) -> None:
-    """Bring `calm` and the variances of the forces up to date, after a correction of the forces `before` (forces,)."""
-    first, forces, square, mean = len(m.z) - len(s.guess), len(before), array(1), array(1)
-    square[0], mean[0] = 0.0, 0.0
+def _note_moves(m: Memory, s: Settings, before: Any) -> None:
+    """Update `calm` and the variances of the forces after a correction of the forces `before` (forces,)."""
+    first, forces = len(m.z) - len(s.guess), len(before)
     for i in each(forces):
-        change = m.z[first + i] - before[i]
-        square[0] += change * change
-        m.moves[i] += SHARE * (change - m.moves[i])
-        mean[0] += m.moves[i] * m.moves[i]
-    m.moves[forces] += SHARE * (square[0] - m.moves[forces])
-    directed = mean[0] / (m.moves[forces] + s.still)
-    calm = 1.0 - minimum(maximum((directed - NOISE) / (DIRECTED - NOISE), 0.0), 1.0)
+        m.moves[i] += _SHARE * (m.z[first + i] - before[i] - m.moves[i])
+    square = _summed(forces, lambda i: (m.z[first + i] - before[i]) * (m.z[first + i] - before[i]))
+    mean = _summed(forces, lambda i: m.moves[i] * m.moves[i])
+    m.moves[forces] += _SHARE * (square - m.moves[forces])
+    directed = mean / (m.moves[forces] + s.still)
+    calm = 1.0 - minimum(maximum((directed - _NOISE) / (DIRECTED - _NOISE), 0.0), 1.0)
     change = calm - m.flags[FLAG.calm]
     stirred = change * _STIRRING
     for _ in only(change < 0.0):
@@ -404,8 +388,8 @@ def note_moves(m: Memory, s: Settings, before: Any) -> None:
     m.flags[FLAG.calm] += select(change < 0.0, stirred, change * _CALMING)
 
 
-def confine(m: Memory, s: Settings) -> None:
-    """Bring p into its range; what else is in z moves with it as P says."""
+def _confine(m: Memory, s: Settings) -> None:
+    """Clip p to its range, and move the rest of z with it by their covariance."""
     first = len(m.z) - len(s.low)
     for j in each(len(s.low)):
         at = first + j
@@ -420,52 +404,60 @@ def confine(m: Memory, s: Settings) -> None:
         m.z[first + j] = minimum(maximum(m.z[first + j], s.low[j]), s.high[j])
 
 
-def note_swing(m: Memory, s: Settings) -> None:
-    """Let the last jump of the commands count in the mean of jumps, which begins at zero with the episode.
+def _note_swing(m: Memory, s: Settings) -> None:
+    """Update the mean of the commands' jumps, which is zero when an episode begins, by the last jump.
 
-    w ← w + `SWING_SHARE` (max_j |u_k - u_k-1| / u_max - w). A load makes few large jumps, and w stays small. Where
+    w ← w + `_SWING_SHARE` (max_j |u_k - u_k-1| / u_max - w). A load makes few large jumps, and w stays small. Where
     motors are much stronger or later than believed, commands swing from limit to limit, and w comes near 2.
     """
     jump: Any = 0.0
     for j in range(len(m.noise)):
         jump = maximum(jump, abs(m.commands[0, j] - m.commands[1, j]) / s.limit[j])
     swing = select(m.flags[FLAG.samples] == 1.0, 0.0, m.flags[FLAG.swing])
-    m.flags[FLAG.swing] = swing + SWING_SHARE * (jump - swing)
+    m.flags[FLAG.swing] = swing + _SWING_SHARE * (jump - swing)
 
 
 def _finite(m: Memory) -> Any:
     """Return whether the sums of z and of P are finite."""
-    total = array(2)
-    total[0], total[1] = 0.0, 0.0
-    for i in each(len(m.z)):
-        total[0] += m.z[i]
-        for j in each(len(m.z)):
-            total[1] += m.P[i, j]
-    both = total[0] + total[1]
-    return both - both == 0.0
+    size = len(m.z)
+    total = _summed(size, lambda i: m.z[i]) + _summed(size, lambda i: _summed(size, lambda j: m.P[i, j]))
+    return total - total == 0.0
 
 
-def significant(m: Memory, s: Settings, room: Room) -> None:
+def _significant(m: Memory, s: Settings, room: Room) -> None:
     """Fill `acted` of the room with z, and x_a and l_a in place of x and l."""
-    joints, loads, acted = len(m.noise), len(room.deviation), room.acted
-    states, ratio, square = 4 * joints, array(1), array(1)
-    ratio[0], square[0] = 0.0, _TINY
+    joints, loads, acted, ratio = len(m.noise), len(s.reopening) + 1, room.acted, array(1)
+    states, deviation, factor = 4 * joints, array(loads), array(loads, loads)  # P_ll⁻¹ (l - l_0), and L of P_ll = L Lᵀ
+    ratio[0] = 0.0
     for i in each(len(acted)):
         acted[i] = m.z[i]
     for j in each(joints):
         ratio[0] = maximum(ratio[0], m.noise[j] / room.variances[j])
     for i in each(loads):
         acted[states + i] -= s.guess[i]
-    _factorise(m.P[states : states + loads, states : states + loads], room.factor)
-    _solve(room.factor, acted[states : states + loads], room.deviation)
-    for i in each(loads):
-        square[0] += acted[states + i] * room.deviation[i]
-    kept = maximum(0.0, 1.0 - s.insignificant * m.flags[FLAG.calm] * ratio[0] / maximum(square[0], _TINY))
+    _factorise(m.P[states : states + loads, states : states + loads], factor)
+    _solve(factor, acted[states : states + loads], deviation)
+    square = _dot(acted[states : states + loads], deviation, _TINY)
+    kept = maximum(0.0, 1.0 - s.insignificant * m.flags[FLAG.calm] * ratio[0] / maximum(square, _TINY))
     for i in each(states):
         for k in each(loads):
-            acted[i] -= (1.0 - kept) * m.P[i, states + k] * room.deviation[k]
+            acted[i] -= (1.0 - kept) * m.P[i, states + k] * deviation[k]
     for i in each(loads):
         acted[states + i] = s.guess[i] + kept * acted[states + i]
+
+
+def _dot(a: Any, b: Any, start: Any = 0.0) -> Any:
+    """Return start + aᵀ b."""
+    return _summed(len(a), lambda i: a[i] * b[i], start)
+
+
+def _summed(count: int, term: Callable[[Any], Any], start: Any = 0.0) -> Any:
+    """Return start + term(0) + ... + term(count - 1), added in this order."""
+    total = array(1)
+    total[0] = start
+    for i in each(count):
+        total[0] += term(i)
+    return total[0]
 
 
 def _factorise(A: Any, L: Any) -> None:
@@ -506,18 +498,18 @@ def predict(m: Memory, s: Settings, room: Room, torque: Any) -> None:
     for _ in only(m.flags[FLAG.lost] == 0.0):
         numbers_at(m.z[4 * joints :], s, room.numbers)
         lateness, wide = m.z[last], root(maximum(m.P[last, last], 0.0))
-        early, late = maximum(lateness - wide, 0.0), minimum(lateness + wide, float(LONGEST_LATENESS))
-        applied, slope = room.joints[0], room.joints[1]
+        early, late = maximum(lateness - wide, 0.0), minimum(lateness + wide, float(LONGEST_DELAY))
+        applied, slope = array(joints), array(joints)
         total: Any = 0.0
         for j in range(joints):
             applied[j] = _mean_torque(m.commands, lateness, j)
             change = _mean_torque(m.commands, late, j) - _mean_torque(m.commands, early, j)
             slope[j] = change / maximum(late - early, 1e-9)
             total = total + torque[j]
-        spread_copies(m, s, room, applied, slope)
+        _spread_copies(m, s, room, applied, slope)
         room.arm.hold(*room.copies, s.substep, s.substeps)
-        step(m, s, room)
-        spread_out(m, s)
+        _step(m, s, room)
+        _spread_out(m, s)
         m.flags[FLAG.lost] = select(total - total == 0.0, m.flags[FLAG.lost], 1.0)
 
 
@@ -537,22 +529,22 @@ def _mean_torque(commands: Any, lateness: Any, joint: Any) -> Any:
 
 
 def command(m: Memory, s: Settings, torque: Any) -> None:
-    """Take a torque (n,) [N m], within its limits, for the one that is commanded at this sample."""
+    """Store a torque (n,) [N m], clipped to its limits, as the command of this sample."""
     for j in each(len(m.noise)):
-        for k in range(LONGEST_LATENESS + 1, 0, -1):
+        for k in range(LONGEST_DELAY + 1, 0, -1):
             m.commands[k, j] = m.commands[k - 1, j]
         m.commands[0, j] = minimum(maximum(torque[j], -s.limit[j]), s.limit[j])
 
 
 def sent(commands: Any, place: Any, joint: Any) -> Any:
-    """Return the torque [N m] at a place of the commands, without an index that depends on data."""
+    """Return the command [N m] at a place, by selection, so that no index depends on data."""
     torque = commands[0, joint]
     for k in range(1, len(commands)):
         torque = select(place == float(k), commands[k, joint], torque)
     return torque
 
 
-def fill(copies: Copies, z: Any, room: Room) -> None:
+def fill(copies: _Copies, z: Any, room: Room) -> None:
     """Fill copies with the arm of z under its forces, but not their torques."""
     states = len(copies.state)
     for lane in each(copies.state.shape[1]):
@@ -566,11 +558,11 @@ def fill(copies: Copies, z: Any, room: Room) -> None:
                 copies.force[i, lane] += room.directions[i, j] * z[states + j]
 
 
-def spread_copies(m: Memory, s: Settings, room: Room, torque: Any, torque_slope: Any) -> None:
+def _spread_copies(m: Memory, s: Settings, room: Room, torque: Any, torque_slope: Any) -> None:
     """Fill the copies: 0 the estimate, 1 + j with number j of z a step ahead, then motor velocities a step behind.
 
     Motor velocities take a standard deviation as their step: a joint that sticks has a slope of zero nearby.
-    `torque` (n,) [N m] is what the motors apply, `torque_slope` (n,) its derivative in the lateness.
+    `torque` (n,) [N m] is what the motors apply, `torque_slope` (n,) its derivative in the delay.
     """
     state, torques, force, numbers = room.copies
     joints, states, size, forces = len(torque), len(state), len(m.z), len(s.reopening)
@@ -598,10 +590,10 @@ def spread_copies(m: Memory, s: Settings, room: Room, torque: Any, torque_slope:
         torques[j, 1 + offset + j] += s.steps[offset + j]
 
 
-def step(m: Memory, s: Settings, room: Room) -> None:
-    """Fill F from what became of the copies in a control period, and step z and P."""
-    state, F, FP, z, P = room.copies.state, room.F, room.FP, m.z, m.P
-    joints, states, size, total = len(room.wide), len(state), len(z), array(1)
+def _step(m: Memory, s: Settings, room: Room) -> None:
+    """Fill F from the copies after a control period, and step z and P."""
+    state, F, FP, z, P = room.copies.state, room.F, array(*room.F.shape), m.z, m.P
+    joints, states, size = len(room.wide), len(state), len(z)
     for i in each(states):
         for j in each(size - 1):
             F[i, j] = (state[i, 1 + j] - state[i, 0]) / s.steps[j]
@@ -618,10 +610,7 @@ def step(m: Memory, s: Settings, room: Room) -> None:
                 FP[i, j] += slope * P[k, j]
     for i in each(states):
         for j in each(i + 1):
-            total[0] = 0.0
-            for k in each(size):
-                total[0] += FP[i, k] * F[j, k]
-            P[i, j] = P[j, i] = total[0]
+            P[i, j] = P[j, i] = _dot(FP[i], F[j])
         for other in each(size - states):
             j = states + other
             P[i, j] = P[j, i] = FP[i, j]
@@ -629,8 +618,8 @@ def step(m: Memory, s: Settings, room: Room) -> None:
         P[i, i] += s.noise[i]
 
 
-def spread_out(m: Memory, s: Settings) -> None:
-    """Change what `step` has added to P: less where forces are calm, more for motors after a jump of the torque."""
+def _spread_out(m: Memory, s: Settings) -> None:
+    """Correct what `_step` has added to P: less where forces are calm, more for motors after a jump of the torque."""
     joints, states = len(m.noise), 4 * len(m.noise)
     share = 1.0 - (1.0 - s.weights.calm_walk) * m.flags[FLAG.calm]
     for force in each(len(s.reopening)):
@@ -638,7 +627,7 @@ def spread_out(m: Memory, s: Settings) -> None:
         m.P[i, i] -= (1.0 - share * share) * s.noise[i]
     for j in each(joints):
         jump: Any = 0.0
-        for k in range(LONGEST_LATENESS + 1):
+        for k in range(LONGEST_DELAY + 1):
             jump = maximum(jump, abs(m.commands[k, j] - m.commands[k + 1, j]))
         wrong = s.doubt[j] * jump * jump
         m.P[2 * joints + j, 2 * joints + j] += wrong * wrong

@@ -1,6 +1,6 @@
 """The adaptive observer with its adaptation frozen: the loop whose margins `fuzzyarm margins` measures.
 
-The constants of the arm, the payload and the lateness stay at p_0; state and tip force are corrected with the gains
+The constants of the arm, the payload and the delay stay at p_0; state and tip force are corrected with the gains
 that the filter has along the paper's path without load or noise, taken at the nearest posture:
 
     (x, F) ← (x, F) + L (y - (θ, θ̇)).
@@ -28,8 +28,9 @@ from fuzzyarm.envs.scenario.default_reference import default_reference
 from fuzzyarm.fuzzy_policy.known_arm import per_joint_of, travel_of, without_dry_friction
 from fuzzyarm.fuzzy_policy.law import Law, LawPolicy
 from fuzzyarm.fuzzy_policy.laws.adaptive.belief import FLAG, Memory, affine_numbers, places
-from fuzzyarm.fuzzy_policy.laws.adaptive.filter import Room, Settings, begin, fill, tables_of, take_in, with_tables
+from fuzzyarm.fuzzy_policy.laws.adaptive.filter import Room, Settings, begin, fill, take_in
 from fuzzyarm.fuzzy_policy.laws.adaptive.law import act
+from fuzzyarm.fuzzy_policy.laws.riccati import solved
 from fuzzyarm.numbers.functions import array, each, only, row
 
 if TYPE_CHECKING:
@@ -59,10 +60,10 @@ class FrozenObserver(LawPolicy):
         physics, settings = equations_of(self.parameters), self._settings
 
         def frozen(m: Memory, seen: Observation, _: Any, *tables: Any) -> tuple[Memory, Any]:
-            return m, _follow(physics, m, seen, with_tables(settings, tables[:-2]), *tables[-2:])
+            return m, _follow(physics, m, seen, settings.with_tables(tables[:-2]), *tables[-2:])
 
         gains = self._gains.reshape(len(self._gains), -1)
-        return Law(frozen, places(physics), (), (*tables_of(settings), self._postures, np.ascontiguousarray(gains)))
+        return Law(frozen, places(physics), (), (*settings.tables, self._postures, np.ascontiguousarray(gains)))
 
 
 def _gains_along_path(policy: AdaptiveObserverPolicy) -> tuple[np.ndarray, np.ndarray]:
@@ -84,7 +85,7 @@ def _gains_along_path(policy: AdaptiveObserverPolicy) -> tuple[np.ndarray, np.nd
         measured = state[policy.memory.z][seen]
         if k % _EVERY == 0 and _TENTH * steps < k < (1.0 - _TENTH) * steps:
             P = state[policy.memory.P].reshape(len(policy.settings.spread), -1)[:, seen]
-            gain = P @ np.linalg.inv(P[seen] + variances)
+            gain = solved(P[seen] + variances, P.T).T
             travel = travel_of(arm, motion.q[k], motion.dq[k])
             force = gain[states:][policy.belief.force] + np.outer(travel, gain[states])
             postures.append(motion.q[k])

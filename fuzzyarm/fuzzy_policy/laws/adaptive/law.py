@@ -26,23 +26,24 @@ from fuzzyarm.envs.physics.elementwise import sign
 from fuzzyarm.envs.physics.equations import AnyArm
 from fuzzyarm.envs.physics.friction import stribeck_magnitude
 from fuzzyarm.envs.physics.robot import Robot
-from fuzzyarm.fuzzy_policy.known_arm import per_joint_of
 from fuzzyarm.fuzzy_policy.laws import observer_gains
-from fuzzyarm.fuzzy_policy.laws.adaptive.belief import FLAG, KEPT, LONGEST_LATENESS, AdaptiveWeights, Memory, mass_of
+from fuzzyarm.fuzzy_policy.laws.adaptive.belief import FLAG, KEPT, LONGEST_DELAY, AdaptiveWeights, Memory, mass_of
 from fuzzyarm.fuzzy_policy.laws.adaptive.filter import Room, Settings, command, fill, numbers_at, sent
 from fuzzyarm.fuzzy_policy.laws.elastic_target import motor_target
-from fuzzyarm.fuzzy_policy.laws.gain_schedule import corners_of, loaded_inertia, nearest_inertia, schedule_of
+from fuzzyarm.fuzzy_policy.laws.gain_schedule import corners_of, loaded_inertia, schedule_of
 from fuzzyarm.fuzzy_policy.laws.observer_gains import (
     SOFTENINGS,
     Condition,
     LinearLaw,
-    ObserverWeights,
-    Place,
+    designed_for,
+    feedback_gain,
+    found_at,
     places_of,
+    worst_radius,
 )
-from fuzzyarm.numbers.functions import each, entry, floor, maximum, minimum, number, only, select
+from fuzzyarm.numbers.functions import array, each, entry, floor, maximum, minimum, number, only, select
 
-__all__ = ["act", "adaptive_weights_for", "feedback_table", "gain_share", "largest_radius", "softened"]
+__all__ = ["act", "adaptive_weights_for", "feedback_table"]
 
 _STIFFNESS = tuple(Condition(stiffness=factor) for factor in (0.8, 1.0, 1.2))  # where a regulator has to be stable
 _HEAVIEST = 0.5  # payload of the table's end, share of the mass of all links
@@ -55,33 +56,23 @@ def adaptive_weights_for(arm: AnyArm, control_period: float) -> AdaptiveWeights:
     weights = AdaptiveWeights()
     if not isinstance(arm, Robot):
         return weights
-    trials = [softened(weights, factor) for factor in SOFTENINGS]
-    return next((trial for trial in trials if largest_radius(arm, control_period, trial) < 1.0), trials[-1])
+    trials = [_softened(weights, factor) for factor in SOFTENINGS]
+    return next((trial for trial in trials if _largest_radius(arm, control_period, trial) < 1.0), trials[-1])
 
 
-def softened(weights: AdaptiveWeights, factor: float) -> AdaptiveWeights:
+def _softened(weights: AdaptiveWeights, factor: float) -> AdaptiveWeights:
     """Return weights softened by s = `factor`."""
     first_gain = min(1.0, factor * weights.first_gain)
     result: AdaptiveWeights = observer_gains.softened(dataclasses.replace(weights, first_gain=first_gain), factor)
     return result
 
 
-def largest_radius(robot: Robot, control_period: float, weights: AdaptiveWeights) -> float:
+def _largest_radius(robot: Robot, control_period: float, weights: AdaptiveWeights) -> float:
     """Return the largest |λ| per control period at postures; inf where a Riccati equation has no solution."""
-    schedule, joints = schedule_of(robot), len(robot)
-
-    def regulator(place: Place) -> LinearLaw:
-        K = _gain(robot, control_period, nearest_inertia(schedule, place.q), weights)
-        return LinearLaw(-K, np.empty((joints, 0)), np.empty((0, 4 * joints)), np.empty((0, 0)))
-
-    return observer_gains.largest_radius(places_of(robot, control_period), regulator, _STIFFNESS)
-
-
-def _gain(arm: AnyArm, control_period: float, inertia: np.ndarray, weights: AdaptiveWeights) -> np.ndarray:
-    costs = ObserverWeights(link_angle=weights.link_angle, link_velocity=weights.link_velocity)
-    return observer_gains.feedback_gain(
-        *observer_gains.sampled_arm(arm, control_period, inertia), per_joint_of(arm, "torque_limit"), costs
-    )
+    places, joints = places_of(robot, control_period), len(robot)
+    gains = feedback_gain(robot, control_period, designed_for(robot, places), weights)
+    laws = (LinearLaw(-K, np.empty((joints, 0)), np.empty((0, 4 * joints)), np.empty((0, 0))) for K in gains)
+    return max(worst_radius(place, law, _STIFFNESS) for place, law in zip(places, laws, strict=True))
 
 
 @functools.lru_cache(maxsize=8)
@@ -89,13 +80,9 @@ def feedback_table(arm: AnyArm, control_period: float, weights: AdaptiveWeights)
     """Return K (payloads · points, n · 4 n) [N m/rad, N m s/rad], the points of a payload one after the other."""
     schedule, gains = schedule_of(arm), []
     for mass in np.linspace(0.0, _HEAVIEST * mass_of(arm), _PAYLOADS):
-        gains += observer_gains.at_points(
-            lambda inertia: _gain(arm, control_period, inertia, weights).ravel(),
-            schedule.places,
-            loaded_inertia(arm, schedule, float(mass)),
-            f"control_period = {control_period!r} s, {weights}",
-        )
-    table = np.array(gains)
+        found = feedback_gain(arm, control_period, loaded_inertia(arm, schedule, float(mass)), weights)
+        gains.append(found_at(schedule, found, control_period, weights).reshape(len(found), -1))
+    table = np.concatenate(gains)
     table.flags.writeable = False
     return table
 
@@ -116,8 +103,8 @@ def _feedback_at(s: Settings, q: Any, payload: Any, gain: Any) -> None:
             gain[i, k] = (1.0 - low) * near + low * far
 
 
-def gain_share(m: Memory, s: Settings) -> Any:
-    """Return the share of K at this sample: `first_gain` at the soft start, from there in as long again up to 1.
+def _gain_share(m: Memory, s: Settings) -> Any:
+    """Return the share of K at this sample: `first_gain` in the soft start, then growing to 1 in as long again.
 
     It is 1 at once where an earlier pass has taught how strong and how late the motors are.
     """
@@ -144,7 +131,7 @@ def _desire(z: Any, m: Memory, s: Settings, room: Room) -> None:
     joints, (_, axes), known = len(m.noise), room.known.shape, room.known
     p = z[4 * joints :]
     numbers_at(p, s, room.numbers)
-    next_q, next_dq, arm = room.joints[0], room.joints[1], room.arm.constants_in(room.numbers)
+    next_q, next_dq, arm = array(joints), array(joints), room.arm.constants_in(room.numbers)
     for k in each(KEPT):
         q, dq, ddq = m.references[k, 0], m.references[k, 1], m.references[k, 2]
         travel = room.arm.tip_direction(q, dq, arm)
@@ -166,15 +153,15 @@ def _desire(z: Any, m: Memory, s: Settings, room: Room) -> None:
 
 
 def _advance(z: Any, m: Memory, s: Settings, room: Room) -> None:
-    """Fill the state of `one` of the room with x when the next command acts: x under the commands on their way."""
+    """Fill the state of `one` with x at the time when the next command acts, after the commands on their way."""
     torque = room.one.torque
     joints, lateness = len(torque), z[len(z) - 1]
     offset, whole = len(z) - 1 - joints, floor(lateness)
     rest = lateness - whole
     fill(room.one, z, room)
-    for period in each(LONGEST_LATENESS + 1):  # whole periods, then the rest of one
+    for period in each(LONGEST_DELAY + 1):  # whole periods, then the rest of one
         k = number(period)
-        last = k == float(LONGEST_LATENESS)
+        last = k == float(LONGEST_DELAY)
         for _ in only((whole > k) & ~last | (last & (rest > 0.0))):
             for j in each(joints):
                 mean: Any = (1.0 - rest) * sent(m.commands, whole - (k + 1.0), j)
@@ -184,9 +171,9 @@ def _advance(z: Any, m: Memory, s: Settings, room: Room) -> None:
 
 
 def _command(z: Any, m: Memory, s: Settings, room: Room, torque: Any) -> None:
-    """Fill the torque that the motors shall apply when it reaches them."""
+    """Fill the torque for the time at which it reaches the motors."""
     joints, period = len(m.noise), s.period
-    p, state, error = z[4 * joints :], room.one.state, room.error
+    p, state, error, gain = z[4 * joints :], room.one.state, array(4 * joints), array(joints, 4 * joints)
     lateness = p[len(p) - 1]
     later = lateness * period
     for j in range(joints):
@@ -202,11 +189,11 @@ def _command(z: Any, m: Memory, s: Settings, room: Room, torque: Any) -> None:
         error[joints + j] = state[joints + j, 0] - (q + later * (dq + 0.5 * later * ddq))
         error[2 * joints + j] = state[2 * joints + j, 0] - (dtheta + later * ddtheta)
         error[3 * joints + j] = state[3 * joints + j, 0] - (dq + later * ddq)
-    _feedback_at(s, m.references[0, 0], p[len(s.reopening)] / s.mass, room.gain)
-    share = gain_share(m, s)
+    _feedback_at(s, m.references[0, 0], p[len(s.reopening)] / s.mass, gain)
+    share = _gain_share(m, s)
     for j in each(joints):
         for i in each(len(error)):
-            torque[j] -= share * room.gain[j, i] * error[i]
+            torque[j] -= share * gain[j, i] * error[i]
     command(m, s, torque)
 
 

@@ -1,8 +1,8 @@
-"""Again over the same path: what the adaptive observer learns of the load in one pass, it expects in the next.
+"""Repeated passes over a path: the adaptive observer expects in the next pass the load that it found in the last.
 
 A pass is an episode along one reference. A state keeps what was measured and commanded. `begin_pass` looks back at it:
-with the constants of the arm, the payload and the lateness as they stand at the end, which tip force explains all that
-was measured? What f of `Smoother` adds to the force that was expected gives that of pass j,
+with the constants of the arm, the payload and the delay as they stand at the end, which tip force explains all that
+was measured? What f of `_Smoother` adds to the force that was expected gives that of pass j,
 
     F_j(k) = F_expected(k) + t(k) f_t(k) + F_s(k),    low-passed by a Butterworth filter of no phase,
 
@@ -19,7 +19,7 @@ there. Later passes swing too little to tell. A negative payload, which the filt
 than known, would explain a pass too, but the regulator that it schedules loses an arm that is not so light.
 
 A pass that leaves the path of the pass before expects no force any more, since forces are known by sample, and not by
-place; payload, constants and lateness stay as they were taught. The pass after it begins with nothing learned.
+place; payload, constants and delay stay as they were taught. The pass after it begins with nothing learned.
 """
 
 from __future__ import annotations
@@ -34,7 +34,7 @@ from fuzzyarm.envs.observation import observed
 from fuzzyarm.envs.physics.equations import equations_of
 from fuzzyarm.fuzzy_policy.known_arm import travel_of
 from fuzzyarm.fuzzy_policy.laws.adaptive.belief import FLAG, KEPT, Memory, places, unit_force
-from fuzzyarm.fuzzy_policy.laws.adaptive.filter import MISTRUST, Room, command, predict, tables_of, update, with_tables
+from fuzzyarm.fuzzy_policy.laws.adaptive.filter import MISTRUST, Room, command, predict, update
 from fuzzyarm.fuzzy_policy.laws.iterative_learning import low_passed
 from fuzzyarm.fuzzy_policy.policy import NOTHING_LEARNED, PassLearner
 from fuzzyarm.numbers.functions import Cells, array, each, select
@@ -44,13 +44,13 @@ from fuzzyarm.numbers.program import Program
 if TYPE_CHECKING:
     from fuzzyarm.fuzzy_policy.laws.adaptive.policy import AdaptiveObserverPolicy, Beliefs
 
-__all__ = ["AdaptivePasses", "PassState", "Smoother"]
+__all__ = ["AdaptivePasses", "PassState"]
 
 _CUT_OFF = 70.0  # Hz, of the Butterworth filter of the expected force
 _FIRST_FORCE = 0.3  # standard deviation of the forces at the first sample for the smoother, in unit forces
 _SAME_PATH = 1e-6  # rad; a reference that differs more from that of the pass before is another path
 _REWEIGHTED = 50  # steps towards the least total variation
-_SMALLEST = 1e-2  # N, a change of the force that counts as none
+_SMALLEST = 1e-2  # N, smaller changes of the force count as this one
 _TOGETHER = 16  # lanes whose notes are kept at once
 
 
@@ -59,7 +59,9 @@ class PassState:
     """A state between two samples, of one arm or of lanes."""
 
     memory: np.ndarray  # of the policy, (lanes, memory_size)
-    expected: np.ndarray  # tip force [N] expected at the samples of this pass, (samples, lanes, axes); empty: none
+    expected: (
+        np.ndarray
+    )  # tip force [N] expected at the samples of this pass, (samples, lanes, axes); empty in the first
     path: np.ndarray  # q_d of the pass before, (samples, lanes, n)
     references: list[np.ndarray]  # q_d of the samples so far
     measured: list[np.ndarray]  # θ [rad] and θ̇ [rad/s] of each sample so far, (lanes, 2 n) each
@@ -71,7 +73,7 @@ class PassState:
 
 
 class AdaptivePasses(PassLearner):
-    """The adaptive observer over one path again and again."""
+    """The adaptive observer on repeated passes over one path."""
 
     policy: AdaptiveObserverPolicy
     kind = PassState
@@ -102,7 +104,7 @@ class AdaptivePasses(PassLearner):
     def begin_pass(self, state: PassState) -> PassState:
         """Return the state with which the next pass begins, see `PassLearner`.
 
-        It keeps what the filter believes of the constants of the arm and of the lateness, the payload, and the force to
+        It keeps what the filter believes of the constants of the arm and of the delay, the payload, and the force to
         expect at each sample. Everything else begins again: motors and links, what the force deviates from the expected
         one, commands, noise. A lane whose filter has diverged, or that has left the path of the pass before, keeps
         nothing.
@@ -123,7 +125,7 @@ class AdaptivePasses(PassLearner):
         return dataclasses.replace(self._first(memory), expected=expected, path=path, passes=passes)
 
     def beliefs(self, state: PassState) -> Beliefs:
-        """Return what is believed after the last sample, the expected force included, lane by lane."""
+        """Return the beliefs after the last sample, the expected force included, lane by lane."""
         state = self._checked(state)
         found, expected = self.policy.beliefs(state.memory), _window(state, len(state.references) - 1, state.other_path)
         return dataclasses.replace(found, force=found.force + expected[:, 0], other_path=state.other_path.copy())
@@ -145,7 +147,7 @@ class AdaptivePasses(PassLearner):
     def _explained(self, state: PassState, lanes: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Return the force to expect (samples, lanes, axes) and the payload (lanes,) after a pass of these lanes."""
         memory, before = state.memory[lanes], state.passes[lanes]
-        smoother, payload = Smoother(self.policy), memory[:, self._payload].copy()
+        smoother, payload = _Smoother(self.policy), memory[:, self._payload].copy()
         force = smoother.force(state, lanes, memory)
         new = before == 0
         if new.any():
@@ -170,7 +172,7 @@ def _steadiest(force: np.ndarray, slope: np.ndarray) -> np.ndarray:
 
 
 def _of_length(samples: int, force: np.ndarray) -> np.ndarray:
-    """Return a force (any, lanes, axes) at so many samples; zero where there is none."""
+    """Return a force (any number, lanes, axes) cut or padded with zeros to a number of samples."""
     whole = np.zeros((samples, *force.shape[1:]))
     whole[: len(force)] = force[:samples]
     return whole
@@ -192,8 +194,8 @@ def _window(state: PassState, sample: int, other_path: np.ndarray) -> np.ndarray
     return window
 
 
-class Notes(NamedTuple):
-    """What the way forward leaves of a sample for the way back; n joints, N numbers of z, of which s are the first."""
+class _Notes(NamedTuple):
+    """What the forward pass keeps of a sample; n joints, N numbers of z, of which s are the first."""
 
     innovations: Any  # ν (2 n,)
     spreads: Any  # s (2 n,)
@@ -203,7 +205,7 @@ class Notes(NamedTuple):
     rows: Any  # P⁻_f (forces, numbers of s)
 
 
-class Seen(NamedTuple):
+class _Seen(NamedTuple):
     """A sample: what is measured, with its variances; force lines to the next sample; torques commanded [N m]."""
 
     measured: Any  # θ and θ̇ (2 n,)
@@ -213,11 +215,11 @@ class Seen(NamedTuple):
     commands: Any  # (n,)
 
 
-class Smoother:
+class _Smoother:
     """The force that explains a whole pass: a fixed-interval smoother of the arm's state and the tip force.
 
     s = (x, f) with x of the elastic arm and the forces f = (f_t, F) beside the expected one; the constants of the arm,
-    the payload and the lateness are given and stay. Forward it is the filter of `filter` without gate and dead zone, in
+    the payload and the delay are given and stay. Forward it is the filter of `filter` without gate and dead zone, in
     which f walks; at the first sample the links are as fast as the motors, and stand where the filter took them to
     stand. Backward (Bryson and Frazier), with λ = 0 after the last sample, at each sample for the measured numbers in
     reverse order
@@ -230,7 +232,7 @@ class Smoother:
     """
 
     def __init__(self, policy: AdaptiveObserverPolicy) -> None:
-        """Take the policy's arm with constants that are known, and motors that apply the commands."""
+        """Prepare the filter for the policy's arm with known constants, and motors that apply the commands exactly."""
         self._policy, self._physics, settings = policy, equations_of(policy.arm), policy.settings
         n, N, self._forces = self._physics.joints, len(settings.spread), len(settings.reopening)
         self._used, spread = 4 * n + self._forces, np.zeros(N)
@@ -238,14 +240,14 @@ class Smoother:
         sure, bold = np.zeros(n), np.zeros(N)
         self._settings = settings.replaced(spread=spread, doubt=sure, cautious=bold, gate=math.inf)
         two, line, notes = (2 * n,), (2 * self._physics.axes,), ((2 * n, N), (4 * n, N), (self._forces,))
-        self._notes = Notes(*map(Cells, (two, two, *notes, (self._forces, self._used))))
-        self._seen = Seen(*map(Cells, (two, two, line, line, (n,))))
+        self._notes = _Notes(*map(Cells, (two, two, *notes, (self._forces, self._used))))
+        self._seen = _Seen(*map(Cells, (two, two, line, line, (n,))))
         self._forward, self._backward = self._forward_kernel(), self._backward_kernel()
 
     def force(self, state: PassState, lanes: np.ndarray, memory: np.ndarray) -> np.ndarray:
         """Return the tip force [N] (samples, lanes, axes) that explains the pass of some lanes, low-passed.
 
-        Constants, payload and lateness are those of a memory (lanes, memory_size); `lanes` says which are some of them.
+        Constants, payload and delay are those of a memory (lanes, memory_size); `lanes` says which are some of them.
         """
         chosen = np.flatnonzero(lanes)
         groups = [slice(first, first + _TOGETHER) for first in range(0, len(chosen), _TOGETHER)]
@@ -259,7 +261,7 @@ class Smoother:
         angles = np.maximum(least, MISTRUST * known[:, self._policy.memory.noise])
         variances = np.broadcast_to(np.concatenate([angles, angles * (ratio / least)], axis=1), measured.shape)
         seen = np.concatenate([measured, variances, _lines(expected), _lines(travels), commands], axis=2)
-        memory, tables = self._begun(measured[0], state.early[lanes], known), tables_of(self._settings)
+        memory, tables = self._begun(measured[0], state.early[lanes], known), self._settings.tables
         notes = np.empty((samples, len(lanes), sum(part.size for part in self._notes)))
         for k in range(samples):
             self._forward((memory, np.ascontiguousarray(seen[k]), notes[k]), np.empty(0), tables)
@@ -283,8 +285,8 @@ class Smoother:
     def _forward_kernel(self) -> Kernel:
         physics, settings, used = self._physics, self._settings, self._used
 
-        def forward(m: Memory, seen: Seen, notes: Notes, _: Any, *tables: Any) -> tuple[Any, ...]:
-            s = with_tables(settings, tables)
+        def forward(m: Memory, seen: _Seen, notes: _Notes, _: Any, *tables: Any) -> tuple[Any, ...]:
+            s = settings.with_tables(tables)
             room, states = Room(physics, s), 4 * physics.joints
             room.measured, room.variances, room.line = seen.measured, seen.variances, seen.expected
             room.innovation, room.expected, room.columns, room.F = notes[:4]
@@ -299,14 +301,14 @@ class Smoother:
             predict(m, s, room, seen.commands)
             return m, seen, notes
 
-        shapes = [table.shape for table in tables_of(settings)]
+        shapes = [table.shape for table in settings.tables]
         return Kernel(Program(forward, (places(physics), self._seen, self._notes), (), shapes))
 
     def _backward_kernel(self) -> Kernel:
         joints, forces, used = self._physics.joints, self._forces, self._used
         states = 4 * joints
 
-        def backward(adjoint: Any, notes: Notes, found: Any, given: Any) -> tuple[Any, ...]:
+        def backward(adjoint: Any, notes: _Notes, found: Any, given: Any) -> tuple[Any, ...]:
             before = array(used)
             for i in each(used):
                 before[i] = adjoint[i]

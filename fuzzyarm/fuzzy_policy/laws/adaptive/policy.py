@@ -1,6 +1,6 @@
-"""The adaptive observer: it estimates arm, load and lateness while it moves, and acts on the estimate.
+"""The adaptive observer: it estimates arm, load and delay while it moves, and acts on the estimate.
 
-    correct   z = (x, p) by the measured motors, see `filter`; p is load, constants and lateness, see `belief`,
+    correct   z = (x, p) by the measured motors, see `filter`; p is load, constants and delay, see `belief`,
     act       u = u_ff(p) - K (x⁺ - x_d(p)⁺),
     predict   z⁻ of the next sample: what the elastic arm of p does of x under the clipped commands.
 
@@ -30,7 +30,7 @@ from fuzzyarm.envs.physics.parameters import ArmParameters
 from fuzzyarm.fuzzy_policy.known_arm import travel_of
 from fuzzyarm.fuzzy_policy.law import Law, LawPolicy, law_of, seen_by, within_limits
 from fuzzyarm.fuzzy_policy.laws.adaptive.belief import FACTORS, FLAG, KEPT, AdaptiveWeights, belief_of, layout, places
-from fuzzyarm.fuzzy_policy.laws.adaptive.filter import Room, Settings, correct, predict, tables_of, with_tables
+from fuzzyarm.fuzzy_policy.laws.adaptive.filter import Room, Settings, correct, predict
 from fuzzyarm.fuzzy_policy.laws.adaptive.frozen import FrozenObserver
 from fuzzyarm.fuzzy_policy.laws.adaptive.law import act, adaptive_weights_for, feedback_table
 from fuzzyarm.fuzzy_policy.laws.adaptive.passes import AdaptivePasses
@@ -46,7 +46,7 @@ __all__ = ["AdaptiveObserverPolicy", "Beliefs"]
 
 @dataclasses.dataclass(frozen=True)
 class Beliefs:
-    """What the adaptive observer believes of n joints, each with the standard deviation that it gives itself.
+    """Estimates of the adaptive observer for n joints, each with its own standard deviation.
 
     Masses and forces share a load: a payload may show up as a force, and the other way round.
     """
@@ -61,12 +61,12 @@ class Beliefs:
     offset_deviation: np.ndarray
     lateness: np.ndarray  # from a command to the motors [s], (...)
     lateness_deviation: np.ndarray
-    encoder_noise: np.ndarray  # standard deviation of the noise that is read in the angles [rad], (..., n)
+    encoder_noise: np.ndarray  # estimated standard deviation of the noise of the angles [rad], (..., n)
     # Mean squared innovation in the variances that the filter expects, (...); far above 1 it is wrong.
     surprise: np.ndarray
     diverged: np.ndarray  # whether the filter has diverged, or the commands swing, and the fallback acts, (...)
-    # By part of p, see `Belief`, whether an estimate stands at an end of its range, (...); that there is no lateness,
-    # dry friction or damping counts as none.
+    # By part of p, see `Belief`, whether an estimate stands at an end of its range, (...); that there is no delay,
+    # dry friction or damping does not count.
     at_end: dict[str, np.ndarray]
     other_path: np.ndarray  # whether this is a pass that has left the path of the pass before, see `passes`, (...)
 
@@ -100,7 +100,7 @@ class AdaptiveObserverPolicy(LawPolicy):
         self.settings = Settings(self.arm, self.control_period, self.weights, feedback)
 
     def act_with(self, observation: np.ndarray, memory: np.ndarray, torque: np.ndarray, known: np.ndarray) -> None:
-        """Do what `act` does where a part of the tip force is known beforehand, see `Room`."""
+        """Evaluate the law as `act` does, with a part of the tip force that is known beforehand, see `Room`."""
         tables = self.control_law.tables
         self._beside((memory, observation, known.reshape(len(known), -1), torque), self._constants, tables)
 
@@ -110,7 +110,7 @@ class AdaptiveObserverPolicy(LawPolicy):
         behind = self._behind
         given = behind.constants, tuple(map(float, self.fallback.torque_limit))
         held = places(equations_of(self.arm)), behind.memory
-        return Law(self._answer_of(), held, given, (*tables_of(self.settings), *behind.tables))
+        return Law(self._answer_of(), held, given, (*self.settings.tables, *behind.tables))
 
     @functools.cached_property
     def _beside(self) -> Kernel:
@@ -126,11 +126,11 @@ class AdaptiveObserverPolicy(LawPolicy):
 
     def _answer_of(self) -> Any:
         """Return the law ``answer(memory, seen, given, *tables, known)``; `known` as for `Room`."""
-        physics, settings, own = equations_of(self.arm), self.settings, len(tables_of(self.settings))
+        physics, settings, own = equations_of(self.arm), self.settings, len(self.settings.tables)
         fall_back = within_limits(self._behind, self.joints, self.fallback.integral_at)
 
         def answer(memory: Any, seen: Observation, given: Any, *tables: Any, known: Any = None) -> tuple[Any, Any]:
-            (m, behind), s = memory, with_tables(settings, tables[:own])
+            (m, behind), s = memory, settings.with_tables(tables[:own])
             room, torque = Room(physics, s, known), array(physics.joints)
             correct(m, s, room, seen)
             act(room.acted, m, s, room, torque)
@@ -151,7 +151,7 @@ class AdaptiveObserverPolicy(LawPolicy):
         return found
 
     def repeated(self) -> AdaptivePasses:
-        """Return this policy for passes over one path again and again."""
+        """Return this policy for repeated passes over one path."""
         return AdaptivePasses(self)
 
     def without_dry_friction(self) -> FrozenObserver:
@@ -159,11 +159,11 @@ class AdaptiveObserverPolicy(LawPolicy):
         return FrozenObserver(self)
 
     def beliefs(self, state: np.ndarray) -> Beliefs:
-        """Return what is believed at the next sample, from a state (..., memory_size) that `predict` gave."""
+        """Return the beliefs at the next sample, from a state (..., memory_size) that `predict` gave."""
         return self.beliefs_of(self.checked_state(state)[..., : self.memory.noise.stop])
 
     def beliefs_of(self, own: np.ndarray) -> Beliefs:
-        """Return what is believed at the next sample, from the filter's part (..., numbers) of a state."""
+        """Return the beliefs at the next sample, from the filter's part (..., numbers) of a state."""
         part, belief, states = self.memory, self.belief, 4 * self.joints
         forces = belief.force.stop
         shape, size = own.shape[:-1], part.z.stop - part.z.start

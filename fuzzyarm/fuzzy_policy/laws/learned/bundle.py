@@ -44,7 +44,7 @@ _Bundle = TypeVar("_Bundle")
 
 
 class BundleError(ValueError):
-    """A folder is damaged, incomplete or no bundle; the message is one line that names the file and what to do."""
+    """A folder is damaged, incomplete or not a bundle; the message is one line that names the file and what to do."""
 
 
 def write_folder(folder: Path, description: dict[str, Any], tensors: Mapping[str, np.ndarray]) -> None:
@@ -73,7 +73,7 @@ def is_observer(folder: Path) -> bool:
 def read_bundle(
     folder: Path, schema: str, kind: type, build: Callable[[Any, dict[str, np.ndarray], Any], _Bundle]
 ) -> _Bundle:
-    """Return what `build` makes of a bundle's description, a record, of its arrays by name and the fields of `Trained`.
+    """Read a bundle and return `build` of its description, its arrays by name and the fields of `Trained`.
 
     BundleError if a file is missing, too large or damaged, not of this schema, the digest of the weights differs, an
     array is not in single precision, or the parts do not go together.
@@ -142,7 +142,7 @@ class Trained:
 
     @property
     def _record(self) -> dict[str, Any]:
-        """What ``policy.json`` says of that; the digest is that of `write_folder`."""
+        """The part of ``policy.json`` with these fields; `write_folder` fills in the digest."""
         own = {"training": self.training, "seed": self.seed, "versions": self.versions}
         return {**own, "weights_sha256": "", "curve": self.curve}
 

@@ -128,7 +128,7 @@ class ActionDefinition:
         return math.exp(-period / time) if time > 0.0 else 0.0
 
     def calls(self, control_period: float) -> int:
-        """Return for how many control periods [s] an action is held; ValueError if that is no whole number."""
+        """Return for how many control periods [s] an action is held; ValueError if that is not a whole number."""
         checked_period("control_period", control_period)
         calls = round(self.period / control_period)
         if calls < 1 or abs(calls * control_period - self.period) > 1e-9 * self.period:

@@ -31,14 +31,11 @@ from fuzzyarm.numbers.functions import RECORDERS, Cells, apart, array, each, max
 from fuzzyarm.numbers.machine import Kernel
 from fuzzyarm.numbers.program import Program
 
-__all__ = [
-    "GATES", "LARGEST_MEMORY", "Cell", "Network", "add_product", "area_sine", "hyperbolic_tangent", "logistic",
-    "real_array",
-]  # fmt: skip
+__all__ = ["Cell", "Network", "add_product", "area_sine", "hyperbolic_tangent", "logistic", "real_array"]
 
 _SATURATED = 20.0  # from here on tanh is 1 in double precision
 _DOUBLINGS = 8  # of exp(y) - 1 with |y| <= 2 _SATURATED/2^8
-LARGEST = 2.0**60  # a larger argument of asinh counts as this one
+_LARGEST = 2.0**60  # a larger argument of asinh counts as this one
 _SQRT_2 = math.sqrt(2.0)
 _HALVINGS = tuple((2.0**k, 2.0**-k, float(k)) for k in (32, 16, 8, 4, 2, 1))
 _LN_2 = (float.fromhex("0x1.62e42feep-1"), float.fromhex("0x1.a39ef35793c76p-33"))  # the first times 1024 is exact
@@ -76,7 +73,7 @@ def area_sine(x: Any) -> Any:
     ln m = k ln 2 + 2 artanh(g/(g + 2)) with m = 2^k (1 + g), 1/√2 < 1 + g <= √2, and a Taylor polynomial of degree 21.
     An |x| beyond 2^60 counts as 2^60.
     """
-    size = select(abs(x) > LARGEST, LARGEST, abs(x))
+    size = select(abs(x) > _LARGEST, _LARGEST, abs(x))
     square = size * size
     f = size + square / (1.0 + root(1.0 + square))
     m, count = 1.0 + f, 0.0
@@ -113,10 +110,10 @@ def add_product(x: Any, transposed: Any, y: Any) -> None:
             y[j] = y[j] + transposed[k, j] * x[k]
 
 
-GATES = 4  # i, r, g and o
+_GATES = 4  # i, r, g and o
 _CONTENT = 2  # the number of g
 
-LARGEST_MEMORY = 1024  # numbers in h; a larger cell is refused before memory is allocated
+_LARGEST_MEMORY = 1024  # numbers in h; a larger cell is refused before memory is allocated
 
 
 def real_array(name: str, array: Any, axes: int) -> None:
@@ -138,11 +135,11 @@ class Cell:
     def __post_init__(self) -> None:
         for name, axes in (("weight_x", 2), ("weight_h", 2), ("bias", 1)):
             real_array(name, getattr(self, name), axes)
-        if not 1 <= self.hidden <= LARGEST_MEMORY:
-            raise ValueError(f"weight_h has {self.hidden} columns; allowed: 1 to {LARGEST_MEMORY}")
+        if not 1 <= self.hidden <= _LARGEST_MEMORY:
+            raise ValueError(f"weight_h has {self.hidden} columns; allowed: 1 to {_LARGEST_MEMORY}")
         for field in dataclasses.fields(self):
             array = getattr(self, field.name)
-            finite_array(field.name, array, (GATES * self.hidden, *array.shape[1:]))
+            finite_array(field.name, array, (_GATES * self.hidden, *array.shape[1:]))
 
     @property
     def hidden(self) -> int:
@@ -162,12 +159,12 @@ class Cell:
 
     def advance(self, x: Any, memory: Any, of_x: Any, of_h: Any, bias: Any) -> Any:
         """Return h⁺ (hidden,), an array, and advance the memory (2 hidden,), h and then m, by x (inputs,)."""
-        hidden, sums, output = self.hidden, array(GATES * self.hidden), array(self.hidden)
+        hidden, sums, output = self.hidden, array(_GATES * self.hidden), array(self.hidden)
         for k in each(len(sums)):
             sums[k] = bias[k]
         add_product(x, of_x, sums)
         add_product(memory[:hidden], of_h, sums)
-        for gate in range(GATES):
+        for gate in range(_GATES):
             # σ(a) = (1 + tanh(a/2))/2
             scale, shift = (1.0, 0.0) if gate == _CONTENT else (0.5, 0.5)
             for k in each(hidden):
@@ -244,14 +241,14 @@ class Network:
 
     @functools.cached_property
     def tables(self) -> tuple[np.ndarray, ...]:
-        """What `output` takes, in double precision: mean, std, the arrays of the cell, W_i^T and b_i of each layer."""
+        """What `outputs` takes, in double precision: mean, std, the arrays of the cell, W_i^T and b_i of each layer."""
         layers = [part for pair in zip(self.weights, self.biases, strict=True) for part in (pair[0].T, pair[1])]
         cell = () if self.cell is None else self.cell.tables
         return tuple(np.array(part, dtype=np.float64, order="C") for part in (self.mean, self.std, *cell, *layers))
 
     @property
     def memory(self) -> Any:
-        """The place of what is remembered."""
+        """Where the memory of a lane lies: an array, or nothing."""
         return Cells((self.memory_size,)) if self.cell is not None else ()
 
     def outputs(self, features: Any, memory: Any, *tables: Any) -> tuple[Any, ...]:

@@ -93,7 +93,7 @@ class LearnedPolicy(LawPolicy):
 
 
 class _Memory(NamedTuple):
-    """Of a lane: the calls since its last action, 0 if the next one is due; that action; what the parts remember."""
+    """The memory of a lane: calls since its last action, 0 if the next is due; that action; memories of the parts."""
 
     phase: Any
     action: Any

@@ -5,6 +5,7 @@ import dataclasses
 import gymnasium as gym
 import numpy as np
 import pytest
+from support.policies import remembered
 
 from fuzzyarm import load_policy
 from fuzzyarm.envs.fuzzy_arm import FuzzyArmEnv
@@ -15,9 +16,9 @@ from fuzzyarm.envs.physics.records import flat
 from fuzzyarm.envs.physics.robot import robot_named
 from fuzzyarm.envs.scenario.disturbances import ConstantForce, Disturbance, EncoderNoise, MachiningForce
 from fuzzyarm.eval.episodes.rollout import record_passes, record_rollout
-from fuzzyarm.fuzzy_policy.laws.adaptive.belief import FLAG, AdaptiveWeights, ArmFunctions, remembered
+from fuzzyarm.fuzzy_policy.laws.adaptive.belief import FLAG, AdaptiveWeights, ArmFunctions
 from fuzzyarm.fuzzy_policy.laws.adaptive.filter import numbers_at
-from fuzzyarm.fuzzy_policy.laws.adaptive.law import adaptive_weights_for, gain_share, largest_radius, softened
+from fuzzyarm.fuzzy_policy.laws.adaptive.law import _gain_share, _largest_radius, _softened, adaptive_weights_for
 from fuzzyarm.fuzzy_policy.laws.adaptive.policy import AdaptiveObserverPolicy
 
 ARM = ArmParameters()
@@ -109,7 +110,7 @@ def test_the_gain_waits_then_grows_in_as_long_again(taught):
     memory, found = remembered(np.zeros(policy.memory.noise.stop), two_joints()), []
     memory.flags[FLAG.taught] = taught
     for memory.flags[FLAG.samples] in range(1, 101):
-        found.append(gain_share(memory, policy.settings))
+        found.append(_gain_share(memory, policy.settings))
     growing = np.concatenate([np.full(20, 0.4), np.linspace(0.4, 1.0, 21), np.ones(59)])
     np.testing.assert_allclose(found, np.maximum(growing, taught), rtol=1e-12)
 
@@ -165,7 +166,7 @@ def test_six_joints():
 def test_a_robot_whose_regulator_is_stable_has_the_weights_of_table_1():
     robot = robot_named("manutec-r3")
     assert adaptive_weights_for(ArmParameters(mass=(14.0, 8.0)), 1e-3) == AdaptiveWeights()
-    assert largest_radius(robot, 1e-3, AdaptiveWeights()) < 1.0
+    assert _largest_radius(robot, 1e-3, AdaptiveWeights()) < 1.0
     assert adaptive_weights_for(robot, 1e-3) == AdaptiveWeights()
 
 
@@ -175,4 +176,4 @@ def test_the_smallest_factor_with_a_stable_regulator_is_taken():
     chosen = adaptive_weights_for(robot, 1e-3)
     assert chosen.travel_walk == AdaptiveWeights().travel_walk and chosen.link_angle > AdaptiveWeights().link_angle
     assert chosen.first_gain == 1.0  # what is softened for good needs no soft start
-    assert largest_radius(robot, 1e-3, chosen) < 1.0 <= largest_radius(robot, 1e-3, softened(chosen, 0.5))
+    assert _largest_radius(robot, 1e-3, chosen) < 1.0 <= _largest_radius(robot, 1e-3, _softened(chosen, 0.5))

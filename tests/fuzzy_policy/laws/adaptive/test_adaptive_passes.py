@@ -3,14 +3,13 @@
 import gymnasium as gym
 import numpy as np
 import pytest
-from slow_twins import slow_but
 
 from fuzzyarm import load_policy
 from fuzzyarm.envs.physics.dynamics import Payload
 from fuzzyarm.envs.scenario.disturbances import ConstantForce, Disturbance
 from fuzzyarm.envs.scenario.paths import Circle
 from fuzzyarm.envs.scenario.reference import JointReference
-from fuzzyarm.fuzzy_policy.laws.adaptive.passes import Smoother, _steadiest
+from fuzzyarm.fuzzy_policy.laws.adaptive.passes import _Smoother, _steadiest
 from fuzzyarm.fuzzy_policy.laws.adaptive.policy import AdaptiveObserverPolicy
 
 POLICY = AdaptiveObserverPolicy()
@@ -69,7 +68,7 @@ def test_with_the_true_constants_the_true_force_explains_a_pass():
     known = state.memory.copy()
     known[:, repeated._constants] = POLICY.settings.guess
     known[:, repeated._payload] = payload
-    force = Smoother(POLICY).force(state, np.ones(len(LOADS), dtype=bool), known)
+    force = _Smoother(POLICY).force(state, np.ones(len(LOADS), dtype=bool), known)
     truth = np.zeros_like(force)
     truth[100:300, 0] = 0.0, 150.0
     away = np.r_[20:80, 130:270, 330:760]  # from the jumps of the force and from the ends
@@ -105,14 +104,9 @@ def test_on_another_path_nothing_is_expected():
     assert np.all(fresh.expected == 0.0) and np.all(fresh.passes == 0)
 
 
-@pytest.mark.parametrize("name", slow_but(["fuzzy-4-tip"], ["adaptive-observer", "fuzzy-4-tip"]))
-def test_what_is_no_pass_is_refused(name):
-    repeated = load_policy(name).repeated()
-    _, state = repeated.predict(np.zeros((3, 10)))
-    with pytest.raises(ValueError, match=r"shape \(3, 9\); allowed: \(10,\) or \(lanes, 10\)"):
-        repeated.predict(np.zeros((3, 9)), state)
-    with pytest.raises(ValueError, match="state has a memory of 3 lanes; the observation has 2"):
-        repeated.predict(np.zeros((2, 10)), state)
-    with pytest.raises(ValueError, match="no pass to learn from"):
-        repeated.begin_pass(repeated.begin_pass(state))
+def test_without_a_sample_there_is_no_pass_to_learn_from():
+    for repeated in (POLICY.repeated(), load_policy("fuzzy-4-tip").repeated()):
+        _, state = repeated.predict(np.zeros((3, 10)))
+        with pytest.raises(ValueError, match="no pass to learn from"):
+            repeated.begin_pass(repeated.begin_pass(state))
     assert load_policy("elastic-observer").repeated() is None

@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from support.policies import remembered
 
 from fuzzyarm.envs.physics.equations import two_joints
 from fuzzyarm.envs.physics.parameters import ArmParameters
@@ -13,15 +14,14 @@ from fuzzyarm.fuzzy_policy.laws.adaptive.belief import (
     belief_of,
     layout,
     prior,
-    remembered,
 )
 from fuzzyarm.fuzzy_policy.laws.adaptive.filter import (
-    NOISE_SHARE,
+    _NOISE_SHARE,
     Room,
-    confine,
-    note_noise,
-    spread_copies,
-    step,
+    _confine,
+    _note_noise,
+    _spread_copies,
+    _step,
     update,
 )
 from fuzzyarm.fuzzy_policy.laws.adaptive.policy import AdaptiveObserverPolicy
@@ -89,16 +89,16 @@ def test_confining_a_number_moves_the_others_as_their_covariance_says():
     z[-1], low[-1] = -1.0, 0.0
     expected = z + P[:, -1] / P[-1, -1]
     m, _ = believing(z, P)
-    confine(m, SETTINGS.replaced(low=low, high=high))
+    _confine(m, SETTINGS.replaced(low=low, high=high))
     np.testing.assert_allclose(m.z, expected, atol=1e-12)
 
 
 def read_from(angle, velocity, period=1e-3):
-    """What `note_noise` has read after the last sample, and at each of them."""
+    """What `_note_noise` has read after the last sample, and at each of them."""
     (m, room), found = believing(np.zeros(SIZE), np.zeros((SIZE, SIZE))), []
-    m.read[:], m.flags[FLAG.samples] = (angle[0], velocity[0], -period * velocity[0]), 1.0 / NOISE_SHARE + 2.0
+    m.read[:], m.flags[FLAG.samples] = (angle[0], velocity[0], -period * velocity[0]), 1.0 / _NOISE_SHARE + 2.0
     for room.measured in np.column_stack([angle, velocity]).reshape(len(angle), 4):
-        note_noise(m, SETTINGS.replaced(substep=period, substeps=1), room)
+        _note_noise(m, SETTINGS.replaced(substep=period, substeps=1), room)
         found.append(m.noise.copy())
     return np.array(found)
 
@@ -146,9 +146,9 @@ def test_prediction_is_the_plants_own_and_the_covariance_f_p_ft_plus_q():
     m, room = believing(z, P)
     s = SETTINGS.replaced(steps=steps, noise=noise)
     room.directions[:], room.numbers[:] = directions, base + slopes @ (z[STATES:] - GUESS)
-    spread_copies(m, s, room, torque, slope)
+    _spread_copies(m, s, room, torque, slope)
     hold(*room.copies, 2e-4, 5)
-    step(m, s, room)
+    _step(m, s, room)
     found, left = m.z, m.P
     np.testing.assert_array_equal(found[:STATES], moved(z, torque, directions, base, slopes))
     np.testing.assert_array_equal(found[STATES:], z[STATES:])

@@ -4,17 +4,18 @@ import gymnasium as gym
 import numpy as np
 import pytest
 from slow_twins import slow_but
+from support.policies import remembered
 
 from fuzzyarm import load_policy
 from fuzzyarm.envs.fuzzy_arm import FuzzyArmEnv
 from fuzzyarm.envs.physics.equations import two_joints
 from fuzzyarm.eval.episodes.rollout import record_rollout
-from fuzzyarm.fuzzy_policy.laws.adaptive.belief import FLAG, AdaptiveWeights, remembered
+from fuzzyarm.fuzzy_policy.laws.adaptive.belief import FLAG, AdaptiveWeights
 from fuzzyarm.fuzzy_policy.laws.adaptive.filter import (
     INSIGNIFICANT,
     Room,
-    note_moves,
-    significant,
+    _note_moves,
+    _significant,
 )
 from fuzzyarm.fuzzy_policy.laws.adaptive.policy import AdaptiveObserverPolicy
 
@@ -28,7 +29,7 @@ def corrected(m, corrections):
     for correction in corrections:
         before = m.z[FORCE].copy()
         m.z[FORCE] += correction
-        note_moves(m, SETTINGS, before)
+        _note_moves(m, SETTINGS, before)
     return m.flags[FLAG.calm]
 
 
@@ -64,7 +65,7 @@ def test_a_load_within_the_noise_shrinks_by_its_length_and_the_state_is_the_mean
     off *= np.sqrt(beyond * INSIGNIFICANT**2 / 8.0 / (off @ np.linalg.solve(memory.P[load, load], off)))
     memory.z[load] = guess + off
     before = memory.z.copy()
-    significant(memory, SETTINGS, room)
+    _significant(memory, SETTINGS, room)
     share = max(0.0, 1.0 - 1.0 / beyond) if what == "calm and noise" else 1.0
     np.testing.assert_allclose(room.acted[load] - guess, share * off, atol=1e-12)
     gain = memory.P[:8, load] @ np.linalg.inv(memory.P[load, load])
@@ -91,7 +92,6 @@ def followed(policy):
 
 def test_a_loop_that_swings_is_handed_to_the_certified_law():
     saved, beliefs = followed(load_policy("adaptive-observer"))
-    # Which of these plants swings is decided by the last digits of the gains, which differ between processors.
     assert beliefs.diverged.any() and saved.max() < 20.0
     alone, _ = followed(AdaptiveObserverPolicy(weights=AdaptiveWeights(largest_swing=3.0)))  # no mean is that large
     assert alone.max() > 20.0

@@ -4,11 +4,12 @@ import math
 
 import numpy as np
 import pytest
+from support.bundles import bundle
 
 from fuzzyarm.envs.physics.parameters import ArmParameters
 from fuzzyarm.envs.physics.robot import robot_named
 from fuzzyarm.fuzzy_policy.laws import elastic_target
-from fuzzyarm.fuzzy_policy.laws.learned.definition import FeatureDefinition
+from fuzzyarm.fuzzy_policy.laws.learned.definition import ActionDefinition, FeatureDefinition
 from fuzzyarm.fuzzy_policy.laws.learned.features import Features, Lanes
 
 PERIOD = 0.002
@@ -40,7 +41,7 @@ def targets(definition, observations):
     if not definition.elastic_target:
         return observations[..., 2 * definition.joints :], None
     target = elastic_target.ElasticTarget(ARM, PERIOD)
-    memory = np.zeros((observations.shape[1], elastic_target.memory_size(2)))
+    memory = np.zeros((observations.shape[1], target.memory_size))
     aims, feedforwards = np.empty((*observations.shape[:2], 6)), np.empty((*observations.shape[:2], 2))
     for observation, aim, feedforward in zip(observations, aims, feedforwards, strict=True):
         target.advance(observation, memory, aim, feedforward)
@@ -94,15 +95,32 @@ def test_within_a_hold_the_last_command_counts():
 
 
 @pytest.mark.parametrize(
-    ("values", "message"),
+    ("kind", "values", "message"),
     [
-        ({"past_errors": -1}, "past_errors = -1 is out of range; allowed: 0 to 100"),
-        ({"past_actions": True}, "past_actions = True"),
-        ({"integral_time": math.nan}, r"integral_time = nan s is out of range; allowed: \[0, 1e\+06\] s"),
-        ({"elastic_target": 1}, "elastic_target = 1 must be True or False"),
-        ({"error_scale": 0.0}, r"error_scale = 0.0 is out of range; allowed: \(0, inf\)"),
+        (FeatureDefinition, {"past_errors": -1}, "past_errors = -1 is out of range; allowed: 0 to 100"),
+        (FeatureDefinition, {"past_actions": True}, "past_actions = True"),
+        (
+            FeatureDefinition,
+            {"integral_time": math.nan},
+            r"integral_time = nan s is out of range; allowed: \[0, 1e\+06\] s",
+        ),
+        (FeatureDefinition, {"elastic_target": 1}, "elastic_target = 1 must be True or False"),
+        (FeatureDefinition, {"error_scale": 0.0}, r"error_scale = 0.0 is out of range; allowed: \(0, inf\)"),
+        (FeatureDefinition, {"innovation_times": (0.0,)}, r"innovation_times = 0.0 s is out of range; allowed: \(0"),
+        (FeatureDefinition, {"innovation_times": (0.1,) * 5}, "the number of innovation_times = 5 is out of range"),
+        (bundle, {"innovation_times": (0.1,)}, "innovation_times needs the base elastic-observer, not None"),
+        (ActionDefinition, {"scale": (0.0, 1.0)}, r"scale\[0\] = 0.0 N m is out of range"),
+        (ActionDefinition, {"scale": ()}, "the number of scales = 0 is out of range"),
+        (ActionDefinition, {"scale": [1.0, 1.0]}, "must be a builtins.tuple"),
+        (ActionDefinition, {"base": "fuzzy-4"}, r"scale\[0\] = 400.0 rad is out of range; allowed: \(0, 0.5\] rad"),
+        (ActionDefinition, {"smoothing_time": -1.0}, "smoothing_time = -1.0 s is out of range"),
+        (ActionDefinition, {"period": -1.0}, "period = -1.0 s"),
+        (ActionDefinition, {"base": ""}, "base = ''"),
+        (ActionDefinition, {"base": 4}, "base = 4 must be"),
+        (ActionDefinition, {"gate": 1.0}, "gate = 1 needs the base elastic-observer, not None; without a gate: 0"),
+        (ActionDefinition, {"gate": -1.0}, "gate = -1.0 is out of range"),
     ],
 )
-def test_what_is_out_of_range_is_named(values, message):
+def test_what_is_out_of_range_is_named(kind, values, message):
     with pytest.raises((TypeError, ValueError), match=message):
-        FeatureDefinition(**values)
+        kind(**values)

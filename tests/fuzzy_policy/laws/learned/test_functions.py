@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from fuzzyarm.fuzzy_policy.laws.learned.network import LARGEST, add_product, area_sine, hyperbolic_tangent
+from fuzzyarm.fuzzy_policy.laws.learned.network import _LARGEST, add_product, area_sine, hyperbolic_tangent
 from fuzzyarm.numbers.functions import Cells
 from fuzzyarm.numbers.machine import Kernel
 from fuzzyarm.numbers.program import Program
@@ -30,7 +30,7 @@ def test_the_functions_are_as_exact_as_they_say(function, exact, sizes, error):
     wanted = exact(sizes.astype(np.longdouble))
     assert np.abs((many(function, sizes) - wanted) / wanted).max() < error
     np.testing.assert_array_equal(many(function, -sizes), -many(function, sizes))
-    assert function(0.0) == 0.0 and np.isnan(function(np.nan)) and function(np.inf) == function(LARGEST)
+    assert function(0.0) == 0.0 and np.isnan(function(np.nan)) and function(np.inf) == function(_LARGEST)
 
 
 @pytest.mark.parametrize("columns", [1, 4, 5, 12, 63])

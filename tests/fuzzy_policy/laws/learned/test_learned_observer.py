@@ -1,13 +1,10 @@
 """`learned-observer` is its equations, on batches as on single arms, and its folder holds data only."""
 
-import hashlib
-import json
-
 import numpy as np
 import pytest
-from safetensors.numpy import load, save
 from slow_twins import slow_but
-from support.bundles import estimate_network
+from support.bundles import edited, estimate_network, resealed
+from support.policies import remembered
 
 from fuzzyarm import load_policy
 from fuzzyarm.envs.fuzzy_arm import FuzzyArmEnv
@@ -17,7 +14,7 @@ from fuzzyarm.envs.physics.equations import two_joints
 from fuzzyarm.envs.physics.parameters import ArmParameters
 from fuzzyarm.envs.physics.records import PerJoint, State
 from fuzzyarm.envs.physics.robot import robot_named
-from fuzzyarm.fuzzy_policy.laws.adaptive.belief import FLAG, AdaptiveWeights, remembered
+from fuzzyarm.fuzzy_policy.laws.adaptive.belief import FLAG, AdaptiveWeights
 from fuzzyarm.fuzzy_policy.laws.adaptive.filter import Room, correct, predict
 from fuzzyarm.fuzzy_policy.laws.adaptive.law import act
 from fuzzyarm.fuzzy_policy.laws.adaptive.policy import AdaptiveObserverPolicy
@@ -197,24 +194,6 @@ def test_a_bundle_comes_back_and_is_loaded_by_its_folder(folder, policy):
     torque, _ = load_policy(folder).predict(observation)
     assert torque.tobytes() == policy.predict(observation)[0].tobytes()
     assert EstimateBundle.load(folder).seed == 2
-
-
-def edited(**changes):
-    def edit(folder):
-        path = folder / "policy.json"
-        path.write_text(json.dumps(json.loads(path.read_text()) | changes))
-
-    return edit
-
-
-def resealed(**changes):
-    def reseal(folder):
-        path = folder / "weights.safetensors"
-        content = save({**load(path.read_bytes()), **changes})
-        path.write_bytes(content)
-        edited(weights_sha256=hashlib.sha256(content).hexdigest())(folder)
-
-    return reseal
 
 
 @pytest.mark.parametrize(

@@ -35,10 +35,10 @@ from fuzzyarm.fuzzy_policy.laws.learned.estimate.signals import QUIET, context_p
 from fuzzyarm.fuzzy_policy.laws.learned.network import add_product, hyperbolic_tangent, logistic, real_array
 from fuzzyarm.numbers.functions import array, each, maximum, minimum
 
-__all__ = ["GATES", "LARGEST_MEMORY", "EstimateBundle", "EstimateNetwork", "Layers", "heard", "respond", "shapes_of"]
+__all__ = ["LARGEST_MEMORY", "EstimateBundle", "EstimateNetwork", "Layers", "heard", "respond", "shapes_of"]
 
-GATES = 2  # s and r
-AXES = (2, 3)  # of the spaces of tips
+_GATES = 2  # s and r
+_AXES = (2, 3)  # of the spaces of tips
 
 LARGEST_MEMORY = 512  # numbers in h and in tanh(P c); a larger network is refused before memory is allocated
 
@@ -48,7 +48,7 @@ def shapes_of(hidden: int, modulation: int, joints: int, axes: int) -> dict[str,
 
     Names are those of `EstimateNetwork`, shapes (rows, columns); the arm has so many joints, its tip so many axes.
     """
-    gates = GATES * hidden
+    gates = _GATES * hidden
     unexplained, context = unexplained_parts(joints, axes).belief.stop, context_parts(joints, axes).motion.stop
     return {
         "gate_z": (gates, unexplained),
@@ -109,7 +109,7 @@ class EstimateNetwork:
             real_array(field.name, getattr(self, field.name), 1 if field.name in ("gate_bias", "p_0") else 2)
         if not (1 <= self.hidden <= LARGEST_MEMORY and 1 <= len(self.P) <= LARGEST_MEMORY):
             raise ValueError(f"U has {self.hidden} rows and P {len(self.P)}; allowed: 1 to {LARGEST_MEMORY}")
-        if len(self.V) == 0 or self.axes not in AXES:
+        if len(self.V) == 0 or self.axes not in _AXES:
             needed = "for n joints V has n rows and A 11 n + 4 or 11 n + 5 columns"
             raise ValueError(f"A has shape {self.A.shape} and V {self.V.shape}, as no arm; {needed}")
         for name, shape in shapes_of(self.hidden, len(self.P), self.joints, self.axes).items():
@@ -172,7 +172,7 @@ def respond(z: Any, c: Any, h: Any, gap: Any, torques: Any, n: Layers, axes: int
 
 def _remember(z: Any, c: Any, h: Any, w: Any, n: Layers) -> None:
     """Advance h (hidden,), and add W tanh(P c + p_0) to w (hidden,)."""
-    hidden, modulation, gates = len(h), n.W.shape[0], GATES * len(h)
+    hidden, modulation, gates = len(h), n.W.shape[0], _GATES * len(h)
     from_z, from_h, from_c = (array(matrix.shape[1]) for matrix in (n.of_z, n.of_h, n.of_c))
     for numbers in (from_z, from_h):
         for i in each(len(numbers)):

@@ -12,7 +12,7 @@ without knowing of late torques and wrong loop gains. In motion under a load the
 knows of loads within milliseconds. Both know the applied torque. u_a counts up to four torque limits;
 where its filter has diverged, or the commands swing from limit to limit (`AdaptiveWeights.largest_swing`), u = u_o. z
 and c are those of `signals`, R the torques there. The network was trained by regression on a teacher that knows plant,
-load and lateness, see `fuzzyarm.rl_baselines.estimate`.
+load and delay, see `fuzzyarm.rl_baselines.estimate`.
 """
 
 from __future__ import annotations
@@ -32,7 +32,7 @@ from fuzzyarm.fuzzy_policy.law import Law, LawPolicy, seen_by
 from fuzzyarm.fuzzy_policy.laws.adaptive import filter as kalman
 from fuzzyarm.fuzzy_policy.laws.adaptive import law as regulator
 from fuzzyarm.fuzzy_policy.laws.adaptive.belief import FLAG, Memory, places
-from fuzzyarm.fuzzy_policy.laws.adaptive.filter import Room, tables_of, with_tables
+from fuzzyarm.fuzzy_policy.laws.adaptive.filter import Room
 from fuzzyarm.fuzzy_policy.laws.adaptive.policy import AdaptiveObserverPolicy, Beliefs
 from fuzzyarm.fuzzy_policy.laws.elastic_observer import Constants, ElasticObserverPolicy, Observed, steps_of
 from fuzzyarm.fuzzy_policy.laws.learned.estimate import signals
@@ -128,7 +128,7 @@ class LearnedObserverPolicy(LawPolicy):
         at_rest = self.elastic.control_law
         filter_places, hidden = places(equations_of(self.parameters)), Cells((self.network.hidden,))
         memory = _Memory(at_rest.memory, (0.0,) * self.joints, filter_places, hidden)
-        tables = (*at_rest.tables, *tables_of(self.adaptive.settings), *self.network.layers)
+        tables = (*at_rest.tables, *self.adaptive.settings.tables, *self.network.layers)
         return Law(alone, memory, at_rest.constants, tables)
 
     @functools.cached_property
@@ -157,7 +157,7 @@ class LearnedObserverPolicy(LawPolicy):
 
         def learned(memory: _Memory, seen: Observation, c: Constants, *tables: Any) -> tuple[Any, ...]:
             feedback, observer, *others = tables
-            s, layers = with_tables(settings, others[: -len(Layers._fields)]), Layers(*others[-len(Layers._fields) :])
+            s, layers = settings.with_tables(others[: -len(Layers._fields)]), Layers(*others[-len(Layers._fields) :])
             m, h, room, adaptive = memory.filter, memory.hidden, Room(physics, s), array(joints)
             z, context = array(in_z.belief.stop), array(in_c.motion.stop)
             found = correct(memory.observer, seen, c, observer)

@@ -11,7 +11,7 @@ large and flat about zero. d̂ is what the elastic observer believes to load the
 unexplained and the arm is on its target. From the observation and the beliefs follows
 
     c = (cos and sin of ψ_1, ..., ψ_n, q̇_d, q̈_d, u_ff, directions of the joints, direction of travel e, Jᵀ e,
-         what is believed of lateness and noise, m),
+         what is believed of delay and noise, m),
 
 ψ being the sum of the angles of joints with parallel axes up to this one (`units.turns_of`; θ_1 and θ_1 + θ_2 of the
 two-joint arm), and e = v/√(|v|² + v_0²) with the reference velocity v of the tip, and likewise of the joints.
@@ -180,7 +180,7 @@ def see_beliefs(
 ) -> None:
     """Fill the parts of z and c that are of the corrected beliefs; 0 where the filter has diverged.
 
-    In c these are lateness and its standard deviation [control periods], calm, surprise, and the noise that is read.
+    In c these are delay and its standard deviation [control periods], calm, surprise, and the noise that is read.
     """
     states, last, belief, trust = len(m.z) - len(s.guess), len(m.z) - 1, z[parts.belief], c[in_context.trust]
     for numbers in (belief, trust):

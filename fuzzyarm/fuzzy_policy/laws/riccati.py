@@ -1,0 +1,87 @@
+"""The discrete Riccati equation, and what else gains are computed with, bit for bit the same on every processor.
+
+    P = Q + Aᵀ P (I + G P)⁻¹ A
+
+A library of linear algebra chooses its kernels by the processor, and each of them rounds in another order. Here every
+number follows from +, -, * and / in one order, which IEEE 754 rounds correctly. Matrices may have leading axes, one
+matrix for each of several postures.
+
+The equation is solved by doubling (Chu, Fan, Lin and Wang, International Journal of Control 77, 2004), which keeps its
+structure: for the arms of this package the gains have relative errors of about 1e-13, where the generalised Schur form
+of SciPy leaves 1e-9.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+__all__ = ["exponential", "product", "riccati", "solved"]
+
+_DOUBLINGS = 30  # at most: a closed loop then has forgotten 2^30 periods
+_FORGOTTEN = 1e-30  # largest entry of a power of the closed loop that counts as none
+_RESIDUAL = 1e-8  # of the equation for P_ij, in √(P_ii P_jj)
+_TERMS = 14  # of the Taylor series of the exponential, of a matrix whose norm is at most 1/2
+
+
+def product(a: np.ndarray, b: np.ndarray) -> np.ndarray:
+    """Return a b, (..., rows, columns), summed in the order of the inner index."""
+    total = np.asarray(a[..., :, :1] * b[..., :1, :])
+    term = np.empty_like(total)
+    for k in range(1, a.shape[-1]):
+        total += np.multiply(a[..., :, k : k + 1], b[..., k : k + 1, :], out=term)
+    return total
+
+
+def solved(a: np.ndarray, b: np.ndarray) -> np.ndarray:
+    """Return a⁻¹ b for a (..., n, n) and b (..., n, columns), by elimination with pivots; nan where a is singular."""
+    n, columns = a.shape[-1], a.shape[-1] + b.shape[-1]
+    both = np.concatenate([a, np.broadcast_to(b, (*a.shape[:-1], b.shape[-1]))], axis=-1)
+    rows = both.reshape(-1, n, columns)
+    each = np.arange(len(rows))
+    with np.errstate(divide="ignore", invalid="ignore"):
+        for k in range(n):
+            pivot = k + np.argmax(np.abs(rows[:, k:, k]), axis=1)
+            rows[each, pivot], rows[:, k] = rows[:, k].copy(), rows[each, pivot]
+            top = rows[:, k, k:] / rows[:, k, k, np.newaxis]
+            rows[:, :, k:] -= rows[:, :, k, np.newaxis] * top[:, np.newaxis]
+            rows[:, k, k:] = top
+    return both[..., n:]
+
+
+def exponential(matrix: np.ndarray) -> np.ndarray:
+    """Return exp(matrix), (..., n, n): by a Taylor series of E(y) = exp(y) - 1 and E(2y) = 2 E(y) + E(y)²."""
+    halvings = max(0, 1 + int(np.frexp(np.abs(matrix).sum(axis=-2).max())[1]))
+    small = matrix * 0.5**halvings
+    less_one = np.zeros_like(matrix)
+    for k in range(_TERMS, 0, -1):
+        less_one = (small + product(small, less_one)) / k
+    for _ in range(halvings):
+        less_one = 2.0 * less_one + product(less_one, less_one)
+    return np.asarray(less_one + np.eye(matrix.shape[-1]))
+
+
+def riccati(A: np.ndarray, G: np.ndarray, Q: np.ndarray) -> np.ndarray:
+    """Return the stabilising solution P of the module's equation, each (..., n, n), G and Q symmetric and >= 0.
+
+    With A_0 = A, G_0 = G, P_0 = Q and W = (I + G_k P_k)⁻¹,
+
+        A_(k+1) = A_k W A_k,    G_(k+1) = G_k + A_k W G_k A_kᵀ,    P_(k+1) = P_k + A_kᵀ P_k W A_k.
+
+    A_k goes to zero like the 2^k-th power of the closed loop. P is nan where it does not, or where the equation does
+    not hold at the end.
+    """
+    n, power, grown, P = A.shape[-1], A, G, Q
+    with np.errstate(over="ignore", invalid="ignore"):
+        for _ in range(_DOUBLINGS):
+            both = solved(np.eye(n) + product(grown, P), np.concatenate([power, grown], axis=-1))
+            of_power, of_grown, transposed = both[..., :n], both[..., n:], np.swapaxes(power, -1, -2)
+            grown = grown + product(product(power, of_grown), transposed)
+            P = P + product(product(transposed, P), of_power)
+            power = product(power, of_power)
+            if not np.any(np.abs(power) > _FORGOTTEN):
+                break
+        again = Q + product(product(np.swapaxes(A, -1, -2), P), solved(np.eye(n) + product(G, P), A))
+        size = np.sqrt(np.diagonal(P, axis1=-2, axis2=-1))
+        holds = np.abs(again - P) <= _RESIDUAL * size[..., np.newaxis] * size[..., np.newaxis, :]
+        forgotten = np.abs(power) <= _FORGOTTEN
+    return np.where((holds & forgotten).all(axis=(-1, -2), keepdims=True), P, np.nan)
