@@ -40,15 +40,7 @@ from fuzzyarm.envs.observation import JOINTS
 from fuzzyarm.envs.physics.dynamics import Arm, dry_frictions
 from fuzzyarm.envs.physics.friction import STRIBECK, DryFriction
 from fuzzyarm.proof.tip.centre import Mode
-from fuzzyarm.proof.tip.defects import (
-    PeriodMotion,
-    Signal,
-    combined,
-    dry_friction,
-    signal_ends,
-    signal_range,
-    signal_size,
-)
+from fuzzyarm.proof.tip.defects import PeriodMotion, Signal, dry_friction
 from fuzzyarm.proof.tip.enclosures import ROUND_UP, SLACK, Jet, NoBound, between, largest, low_high, middle_of
 from fuzzyarm.proof.tip.plant import BallPlant
 
@@ -158,22 +150,21 @@ class Friction:
         arm, velocity, acceleration = plant.exact, motion.velocity[joint], motion.acceleration[joint]
         self.joint, self.plan, self.known, self._arm, self.share = joint, plan, known, arm, plant.share[joint]
         self._uncertain = max(self.share[1] - 1.0, 1.0 - self.share[0])  # largest change of the friction factor
-        self.speed, self._duration = signal_ends(velocity), motion.duration
+        self.speed, self._duration = velocity.ends(), motion.duration
         self._speed = between(*self.speed)
         net, self._needed = motion.net_torque(joint, torque, arm)
-        self._net, self._needed_size = between(*signal_ends(net)), signal_size(self._needed)
+        self._net, self._needed_size = between(*net.ends()), self._needed.size()
         inertia = (arm.motor_inertia1, arm.motor_inertia2)[joint]
-        self._inertia, self._inertial = low_high(inertia)[0], largest(inertia * signal_range(acceleration))
+        self._inertia, self._inertial = low_high(inertia)[0], largest(inertia * acceleration.range())
         self.static, self._steepest = low_high(dry_friction(arb(0.0), joint, arm)), _steepest_fall(joint, arm)
-        self._rests = all(a.is_zero() for a in velocity)
+        self._rests = all(a.is_zero() for a in velocity.coefficients)
         self.side = int(mode) if mode in (Mode.FORWARD, Mode.BACKWARD) else 0
         self.drag = 0.0  # middle of the friction torques that are possible by the plan MIXED [N m], see `bound`
         self._slip: Signal | None = None
         self._missed = 0.0
         if self.side:
             self._slip = motion.slip(joint, self.side, arm)
-            parts = [(arb(1.0), self._needed), (arb(-float(self.side)), self._slip)]
-            self._missed = signal_size(combined(parts))
+            self._missed = (self._needed - self.side * self._slip).size()
         self.slope = 0.0  # change of the friction with the velocity that is part of the linear equation [N m s/rad]
         if plan is Plan.SLIP:
             slope = dry_friction(Jet.variable(arb(abs(middle_of(self._speed))), 0), joint, arm).slope(0)
@@ -183,7 +174,7 @@ class Friction:
         """Return the friction torque of the centre in the plan SLIP, which the uncertain friction factor multiplies."""
         if self.plan is not Plan.SLIP or self._slip is None:
             return None
-        return [-self.side * a for a in self._slip]
+        return -self.side * self._slip
 
     def parted(self, start: float, duration: float, torque: float) -> float:
         """Return a bound of |δv| [rad/s] during a segment, by the plan MONOTONE.
@@ -246,7 +237,7 @@ class Friction:
         self, low: float, high: float, tube_speed: float, tube_net: float, constants: float, products: float
     ) -> float:
         low, high = self._during(low, high, tube_net + constants + products)
-        needed_low, needed_high = signal_ends(self._needed)
+        needed_low, needed_high = self._needed.ends()
         ends: list[float] = []
         for side, fastest in ((1, high), (-1, -low)):
             if fastest <= 0.0:

@@ -21,7 +21,7 @@ import numpy as np
 from fuzzyarm.envs.observation import JOINTS
 from fuzzyarm.envs.physics.dynamics import dry_frictions
 from fuzzyarm.proof.tip.centre import Mode, Segment
-from fuzzyarm.proof.tip.defects import PeriodMotion, TipForces, signal_range, signal_size
+from fuzzyarm.proof.tip.defects import PeriodMotion, TipForces
 from fuzzyarm.proof.tip.enclosures import ROUND_UP, SLACK, NoBound, low_high
 from fuzzyarm.proof.tip.friction import Friction, Plan, PlanFails, Speed
 from fuzzyarm.proof.tip.plant import BallPlant
@@ -68,7 +68,7 @@ class Period:
         self._links = LinkRemainder(self.motion, tip, plant)
         self._lever, self._lever_spread = lever_arms(self.motion, tip.direction, plant.exact)
         torques = self.motion.link_torques(force, plant.exact)
-        self._defect = np.array([signal_size(d) for d in self.motion.link_defects(torques, plant.exact)])
+        self._defect = np.array([d.size() for d in self.motion.link_defects(torques, plant.exact)])
         self._constants = Drive.of(self.motion, force, plant)
         self._frictions: dict[tuple[int, Plan, Speed], Friction] = {}
         self._inertia = plant.middle.motor_inertia1, plant.middle.motor_inertia2
@@ -102,7 +102,7 @@ class Period:
         mode = self._centre.modes[joint]
         if mode == Mode.REST and known == (0.0, 0.0):
             return Plan.HELD
-        low, high = low_high(signal_range(self.motion.velocity[joint]))
+        low, high = low_high(self.motion.velocity[joint].range())
         spread = float(start.totals()[ROWS.d_theta][joint])
         slips = mode in (Mode.FORWARD, Mode.BACKWARD) and min(abs(low), abs(high)) > 1.05 * spread and low * high > 0.0
         return Plan.SLIP if slips else Plan.MONOTONE
@@ -111,8 +111,9 @@ class Period:
         self, start: Zonotope, known: tuple[Speed, ...], plans: list[Plan], claimed: np.ndarray | None = None
     ) -> Closed:
         frictions = [self._friction(j, plan, speed) for j, (plan, speed) in enumerate(zip(plans, known, strict=True))]
+        whole = self._links.whole
         system = linear(
-            self.plant.middle, *self._links.at, self._lever, np.array([f.slope for f in frictions]),
+            self.plant.middle, whole.mass, whole.angle, whole.velocity, self._lever, np.array([f.slope for f in frictions]),
             [p is Plan.HELD for p in plans], [p is Plan.MONOTONE for p in plans], self._links.products,
         )  # fmt: skip
         driven, before = self._constants.with_friction(self.plant, frictions), start.totals()[ROWS.d_theta]

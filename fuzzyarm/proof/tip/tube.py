@@ -16,7 +16,7 @@ from fuzzyarm.envs.physics.equations import tip_point
 from fuzzyarm.envs.physics.parameters import ArmParameters
 from fuzzyarm.envs.physics.records import PerJoint
 from fuzzyarm.proof.tip.centre import Centre, Segment
-from fuzzyarm.proof.tip.defects import Forces, TipForces, combined, signal_size
+from fuzzyarm.proof.tip.defects import Forces, Signal, TipForces
 from fuzzyarm.proof.tip.enclosures import BITS, ROUND_UP, SLACK, NoBound, largest, middle_of, radius_of
 from fuzzyarm.proof.tip.friction import Plan, Speed, check_curve
 from fuzzyarm.proof.tip.period import Closed, Period, TubeClaim
@@ -177,19 +177,18 @@ class Tube:
         plants, line = self.problem.plants, self.problem.schedule.forces[k].tolist()
         period, (low, high) = arb(self.problem.period), plants.force
         at, half = (arb(begun) + arb(duration) / 2) / period - arb(0.5), arb(duration) / period / 2
-        case = Forces(*([line[i] + at * line[2 + i], half * line[2 + i]] for i in range(2)))
+        case = Forces(*(Signal([line[i] + at * line[2 + i], half * line[2 + i]]) for i in range(2)))
         factor = (arb(low) + arb(high)) / 2
-        middle = Forces(*([factor * a for a in signal] for signal in case))
+        middle = Forces(*(factor * signal for signal in case))
         varies = largest(arb(high) - factor) + plants.force_swing
-        radii = [varies * signal_size(signal) + plants.force_course for signal in case]
+        radii = [varies * signal.size() + plants.force_course for signal in case]
         along, courses = (1.0, 0.0), [plants.force_course] * 2
         size = math.hypot(middle_of(case.x[0]), middle_of(case.y[0]))
         if plants.force_swing and size:
             along = middle_of(case.x[0]) / size, middle_of(case.y[0]) / size
-            across = combined([(arb(-along[1]), case.x), (arb(along[0]), case.y)])
-            parts = [combined([(arb(along[0]), case.x), (arb(along[1]), case.y)]), across]
+            parts = along[0] * case.x + along[1] * case.y, along[0] * case.y - along[1] * case.x
             # The direction is a unit vector up to rounding; a box along the axes is wider along others.
-            courses = [plants.force_swing * signal_size(part) + 1.415 * plants.force_course for part in parts]
+            courses = [plants.force_swing * part.size() + 1.415 * plants.force_course for part in parts]
         return TipForces(middle, (radii[0], radii[1]), along, (courses[0] * (1 + SLACK), courses[1] * (1 + SLACK)))
 
     def _cross(self, segment: Segment, torque: np.ndarray, force: TipForces, claim: TubeClaim | None) -> Closed:

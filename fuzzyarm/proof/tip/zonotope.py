@@ -13,15 +13,15 @@ import numpy as np
 
 from fuzzyarm.proof.tip.enclosures import ROUND_UP, SLACK
 
-__all__ = ["SOURCES", "Zonotope", "condensed", "merged", "product", "reach"]
+__all__ = ["SOURCES", "Zonotope", "merged", "product", "reach"]
 
 SOURCES = ("friction", "nonlinearity", "parameter products", "force", "law and noise", "rounding")
 """Where a column comes from, beside the uncertain constants."""
 
 _BOX_EVERY = 5  # periods after which the box becomes columns: until then it grows with |Φ|
-MOST, KEPT = 720, 360  # columns for each number at which old ones are merged, and how many stay
-NARROW, _FEWER = 1e-6, 9  # totals below which a ninth of that is enough
-FEW = 2000  # columns that stay apart where columns are condensed
+_MOST, _KEPT = 720, 360  # columns for each number at which old ones are merged, and how many stay
+_NARROW, _FEWER = 1e-6, 9  # totals below which a ninth of that is enough
+_FEW = 2000  # columns that stay apart where columns are condensed
 _WORK = 250_000  # multiplications at a time, of which a linear algebra library makes no threads
 
 
@@ -68,10 +68,10 @@ class Zonotope:
         if self._age % _BOX_EVERY == 0:
             self.add(np.diag(self.box), box_source)
             self.box = np.zeros_like(self.box)
-        numbers, fewer = len(self.box), _FEWER if self.totals().max() < NARROW else 1
-        if self.columns.shape[1] <= MOST * numbers // fewer:
+        numbers, fewer = len(self.box), _FEWER if self.totals().max() < _NARROW else 1
+        if self.columns.shape[1] <= _MOST * numbers // fewer:
             return
-        first, last = self._constants, self.columns.shape[1] - KEPT * numbers // fewer
+        first, last = self._constants, self.columns.shape[1] - _KEPT * numbers // fewer
         old, source = self.columns[:, first:last], self.source[first:last]
         parts, labels = [], []
         for label in np.unique(source):
@@ -81,6 +81,17 @@ class Zonotope:
             labels.append(np.full(block.shape[1], label))
         self.columns = np.hstack([self.columns[:, :first], *parts, self.columns[:, last:]])
         self.source = np.concatenate([self.source[:first], *labels, self.source[last:]])
+
+
+    def condensed(self) -> tuple[np.ndarray, np.ndarray]:
+        """Return few columns (numbers, n) and a box (numbers,) that together hold the set; small columns are merged."""
+        columns, totals = self.columns, self.totals()
+        box = self.box + len(self.box) * SLACK * totals
+        if columns.shape[1] <= _FEW + len(columns):
+            return columns, box
+        order = np.argpartition((1.0 / np.where(totals > 0.0, totals, 1.0)) @ np.abs(columns), -_FEW)
+        rest, missed = merged(columns[:, order[:-_FEW]])
+        return np.hstack([columns[:, order[-_FEW:]], rest]), (box + missed) * ROUND_UP
 
 
 def product(matrix: np.ndarray, columns: np.ndarray) -> np.ndarray:
@@ -106,18 +117,6 @@ def reach(matrix: np.ndarray, columns: np.ndarray) -> np.ndarray:
 def _blocks(rows: int, columns: np.ndarray) -> list[slice]:
     step = max(_WORK // max(rows * len(columns), 1), 1)
     return [slice(start, start + step) for start in range(0, columns.shape[1], step)]
-
-
-def condensed(zonotope: Zonotope) -> tuple[np.ndarray, np.ndarray]:
-    """Return few columns (n, k) and a box (n,) that together hold what a zonotope does; small columns are merged."""
-    columns, box = zonotope.columns, zonotope.box + len(zonotope.box) * SLACK * zonotope.totals()
-    if columns.shape[1] <= FEW + len(columns):
-        return columns, box
-    units = zonotope.totals()
-    units = np.where(units > 0.0, units, 1.0)
-    order = np.argpartition((1.0 / units) @ np.abs(columns), -FEW)
-    rest, missed = merged(columns[:, order[:-FEW]])
-    return np.hstack([columns[:, order[-FEW:]], rest]), (box + missed) * ROUND_UP
 
 
 def merged(columns: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
