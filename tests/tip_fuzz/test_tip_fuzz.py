@@ -10,7 +10,6 @@ import sys
 import numpy as np
 import pytest
 
-from fuzzyarm.policies import tip_bound as bound_module
 from fuzzyarm.policies.tip_bound import TipClaim
 from fuzzyarm.policies.tip_files import check_bound
 from fuzzyarm.proof.tip.friction import Friction
@@ -51,14 +50,14 @@ def without_products(monkeypatch):
 
 def force_of_the_middle(monkeypatch):
     """An uncertain force that is relative to its middle twice."""
-    whole = bound_module.ball_plant
+    whole = BallPlant.of
 
-    def ball_plant(parameters, disturbance, plants):
+    def of(parameters, disturbance, plants):
         made, middle = whole(parameters, disturbance, plants), 0.5 * sum(plants.force)
         constants = [dataclasses.replace(p, half=p.half * middle) if p.kind == "force" else p for p in made.parameters]
         return dataclasses.replace(made, parameters=tuple(constants))
 
-    monkeypatch.setattr(bound_module, "ball_plant", ball_plant)
+    monkeypatch.setattr(BallPlant, "of", of)
 
 
 def without_share(monkeypatch):

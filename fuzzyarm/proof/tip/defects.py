@@ -26,7 +26,7 @@ from fuzzyarm.envs.physics.dynamics import Arm
 from fuzzyarm.envs.physics.elementwise import sine_cosine
 from fuzzyarm.envs.physics.friction import STRIBECK
 from fuzzyarm.proof.tip.centre import DEGREE
-from fuzzyarm.proof.tip.enclosures import between, largest, low_high
+from fuzzyarm.proof.tip.enclosures import SLACK, between, largest, low_high, middle_of, radius_of
 
 __all__ = ["Forces", "PeriodMotion", "Signal", "TipForces", "dry_friction", "link_torque"]
 
@@ -63,14 +63,15 @@ class Signal:
     __slots__ = ("coefficients",)
 
     def __init__(self, coefficients: Iterable[Any]) -> None:
-        self.coefficients = tuple(coefficients)
+        self.coefficients = [*coefficients]
 
     def __getitem__(self, i: int) -> Any:
         """Return a_i, zero beyond the last coefficient."""
         return self.coefficients[i] if i < len(self.coefficients) else arb(0)
 
     def __add__(self, other: Signal) -> Signal:
-        return Signal(self[i] + other[i] for i in range(max(len(self.coefficients), len(other.coefficients))))
+        pairs = itertools.zip_longest(self.coefficients, other.coefficients, fillvalue=arb(0))
+        return Signal(a + b for a, b in pairs)
 
     def __rmul__(self, factor: Any) -> Signal:
         return Signal(factor * a for a in self.coefficients)
@@ -188,6 +189,21 @@ class PeriodMotion:
         return [
             stiffness[j] * self.bending(j) + damping[j] * self.bending_rate(j) - torques[j] for j in range(JOINTS)
         ]
+
+    def lever_arms(self, direction: tuple[float, float], arm: Arm) -> tuple[np.ndarray, np.ndarray]:
+        """Return Jᵀ d and Jᵀ d⊥ (2, 2) [m] at the middle of the period, and how far they are from it during it."""
+        lever, spread = np.zeros((JOINTS, 2)), np.zeros((JOINTS, 2))
+
+        def arms(q1: arb, q2: arb, unit: tuple[float, float]) -> tuple[arb, arb]:
+            q12 = q1 + q2
+            return dynamics.tip_force_torque(q1.sin(), q1.cos(), q12.sin(), q12.cos(), *unit, arm)
+
+        for axis, unit in enumerate((direction, (-direction[1], direction[0]))):
+            middle, whole = arms(*(s[0] for s in self.links[0]), unit), arms(*self.link_ranges[0], unit)
+            for joint, (near, wide) in enumerate(zip(middle, whole, strict=True)):
+                lever[joint, axis] = middle_of(near)
+                spread[joint, axis] = radius_of(wide, lever[joint, axis])
+        return lever, spread + SLACK * np.abs(lever).sum()
 
     def slip(self, joint: int, side: int, arm: Arm) -> Signal:
         """Return F(v) [N m] of a motor that turns to one side."""

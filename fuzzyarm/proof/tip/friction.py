@@ -164,7 +164,7 @@ class Friction:
         self._missed = 0.0
         if self.side:
             self._slip = motion.slip(joint, self.side, arm)
-            self._missed = (self._needed - self.side * self._slip).size()
+            self._missed = (self._needed + -self.side * self._slip).size()
         self.slope = 0.0  # change of the friction with the velocity that is part of the linear equation [N m s/rad]
         if plan is Plan.SLIP:
             slope = dry_friction(Jet.variable(arb(abs(middle_of(self._speed))), 0), joint, arm).slope(0)

@@ -25,8 +25,8 @@ from fuzzyarm.proof.tip.defects import PeriodMotion, TipForces
 from fuzzyarm.proof.tip.enclosures import ROUND_UP, SLACK, NoBound, low_high
 from fuzzyarm.proof.tip.friction import Friction, Plan, PlanFails, Speed
 from fuzzyarm.proof.tip.plant import BallPlant
-from fuzzyarm.proof.tip.remainders import Drive, LinkRemainder, lever_arms
-from fuzzyarm.proof.tip.transition import CHANNELS, ROW_COUNT, ROWS, STATES, Linear, Transition, linear, transition
+from fuzzyarm.proof.tip.remainders import Drive, LinkRemainder
+from fuzzyarm.proof.tip.transition import CHANNELS, ROW_COUNT, ROWS, STATES, Linear, Transition
 from fuzzyarm.proof.tip.zonotope import Zonotope, product
 
 __all__ = ["Closed", "Period", "TubeClaim"]
@@ -66,7 +66,7 @@ class Period:
         self.motion, self.force, self.plant = PeriodMotion(centre.angles, period), force, plant
         self._centre, self._torque, self._period, self._tip = centre, torque, period, tip
         self._links = LinkRemainder(self.motion, tip, plant)
-        self._lever, self._lever_spread = lever_arms(self.motion, tip.direction, plant.exact)
+        self._lever, self._lever_spread = self.motion.lever_arms(tip.direction, plant.exact)
         torques = self.motion.link_torques(force, plant.exact)
         self._defect = np.array([d.size() for d in self.motion.link_defects(torques, plant.exact)])
         self._constants = Drive.of(self.motion, force, plant)
@@ -111,9 +111,8 @@ class Period:
         self, start: Zonotope, known: tuple[Speed, ...], plans: list[Plan], claimed: np.ndarray | None = None
     ) -> Closed:
         frictions = [self._friction(j, plan, speed) for j, (plan, speed) in enumerate(zip(plans, known, strict=True))]
-        whole = self._links.whole
-        system = linear(
-            self.plant.middle, whole.mass, whole.angle, whole.velocity, self._lever, np.array([f.slope for f in frictions]),
+        system = Linear.of(
+            self.plant.middle, self._links.at, self._lever, np.array([f.slope for f in frictions]),
             [p is Plan.HELD for p in plans], [p is Plan.MONOTONE for p in plans], self._links.products,
         )  # fmt: skip
         driven, before = self._constants.with_friction(self.plant, frictions), start.totals()[ROWS.d_theta]
@@ -121,7 +120,7 @@ class Period:
             motors = zip(frictions, before, start.size(system.S[ROWS.net]), driven.motor, strict=True)
             least = [f.parted(v, self._period, f.driving(net, constants, 0.0)) for f, v, net, constants in motors]
             self._check_monotone(np.array(least), before, frictions)
-        solution = transition(system, self._period)
+        solution = system.over(self._period)
         columns, free = self._free(start, system, solution, driven)
         tube = free[:ROW_COUNT] * 1.01 + 1e-15 if claimed is None else claimed
         for _ in range(_MOST_ROUNDS if claimed is None else 1):

@@ -29,14 +29,14 @@ import numpy as np
 from flint import arb
 
 from fuzzyarm.envs.observation import JOINTS
-from fuzzyarm.envs.physics.dynamics import Arm, tip_force_torque
+from fuzzyarm.envs.physics.dynamics import Arm
 from fuzzyarm.proof.tip.defects import Forces, PeriodMotion, Signal, TipForces, link_torque
 from fuzzyarm.proof.tip.enclosures import ROUND_UP, SLACK, Jet, middle_of, radius_of
 from fuzzyarm.proof.tip.friction import Friction, Plan
 from fuzzyarm.proof.tip.plant import BallPlant
 from fuzzyarm.proof.tip.transition import CHANNEL_COUNT, CHANNELS, OBSERVED, ROWS
 
-__all__ = ["Drive", "LinkRemainder", "Linearised", "lever_arms"]
+__all__ = ["Drive", "LinkRemainder"]
 
 _REFINED = 3  # how often the products of the masses are bounded again
 _NO_FORCE = TipForces(Forces(Signal([arb(0)]), Signal([arb(0)])), (0.0, 0.0), (1.0, 0.0), (0.0, 0.0))
@@ -53,7 +53,7 @@ def _link_slopes(at: Any, force: tuple[Any, Any], arm: Arm) -> list[list[list[An
     return [mass, angle, velocity]
 
 
-class Linearised:
+class _Linearised:
     """The torques R of the links for one set of constants, linearised at the middle of a period."""
 
     def __init__(self, motion: PeriodMotion, force: TipForces, arm: Arm) -> None:
@@ -61,7 +61,8 @@ class Linearised:
         x, y = force.middle
         slopes = _link_slopes([[signal[0] for signal in kind] for kind in motion.links], (x[0], y[0]), arm)
         # M_k [kg m²], G_k [N m/rad] and D_k [N m s/rad], (2, 2) each
-        self.mass, self.angle, self.velocity = (np.array([[middle_of(x) for x in row] for row in p]) for p in slopes)
+        mass, angle, velocity = (np.array([[middle_of(x) for x in row] for row in part]) for part in slopes)
+        self.at = mass, angle, velocity
 
     def left_out(self, tube: np.ndarray) -> np.ndarray:
         """Return |M - M_k| ρ_q̈ + |R_q - G_k| ρ_q + |R_q̇ - D_k| ρ_q̇ (2,) [N m] on a tube ρ (18,), for every force."""
@@ -72,8 +73,7 @@ class Linearised:
         ]
         x, y = (s.range() + arb(0.0, r) for s, r in zip(self._force.middle, self._force.radii, strict=True))
         slopes, total = _link_slopes(boxes, (x, y), self._arm), np.zeros(JOINTS)
-        middles = (self.mass, ROWS.link_acceleration), (self.angle, ROWS.link), (self.velocity, ROWS.d_link)
-        for part, (middle, of) in zip(slopes, middles, strict=True):
+        for part, middle, of in zip(slopes, self.at, (rows[2], rows[0], rows[1]), strict=True):
             pairs = zip(itertools.chain(*part), middle.ravel().tolist(), strict=True)
             total += np.array([radius_of(x, c) for x, c in pairs]).reshape(JOINTS, JOINTS) @ tube[of]
         return total * ROUND_UP
@@ -84,26 +84,26 @@ class LinkRemainder:
 
     With R(·; p) = R + Σ π_p R_p, |π_p| <= 1, and r_p ξ = M_p δq̈ + R_p,q δq + R_p,q̇ δq̇ at the middle of the period,
 
-        |n| <= E + Σ (E_p + |r_p ξ|),      E, E_p: what `Linearised` leaves out of R and of R_p on the tube.
+        |n| <= E + Σ (E_p + |r_p ξ|),      E, E_p: what `_Linearised` leaves out of R and of R_p on the tube.
 
     r_p ξ is a row that is observed like the others: links that turn against each other cancel in it, which they do not
     in |M_p| ρ_q̈ + |R_p,q| ρ_q + |R_p,q̇| ρ_q̇. The smaller of the two counts.
     """
 
     def __init__(self, motion: PeriodMotion, force: TipForces, plant: BallPlant) -> None:
-        self.whole = Linearised(motion, force, plant.exact)
+        self._whole = _Linearised(motion, force, plant.exact)
+        self.at = self._whole.at
         arms = [parameter.arm for parameter in plant.parameters if parameter.kind in ("mass", "payload")]
-        self._masses = [Linearised(motion, _NO_FORCE, arm) for arm in arms if arm is not None]
+        self._masses = [_Linearised(motion, _NO_FORCE, arm) for arm in arms if arm is not None]
         # r_p (2 masses, 6) over the rows `OBSERVED`
-        rows = (np.hstack([one.mass, one.angle, one.velocity]) for one in self._masses)
-        self.products = np.vstack([np.zeros((0, len(OBSERVED))), *rows])
+        self.products = np.vstack([np.zeros((0, len(OBSERVED))), *(np.hstack(one.at) for one in self._masses)])
 
     def bound(self, tube: np.ndarray, torques: np.ndarray, free: np.ndarray, push: np.ndarray) -> np.ndarray:
         """Return a bound (2,) of |n| [N m] on a claimed tube ρ (18,), for the other torques w̄ (8,).
 
         All that is observed, then the `products`, is within free (18 + n,) + push (18 + n, 8) w̄.
         """
-        fixed = self.whole.left_out(tube)
+        fixed = self._whole.left_out(tube)
         for one in self._masses:
             fixed += one.left_out(tube)
         sizes, count = np.abs(self.products), len(self.products)
@@ -120,22 +120,6 @@ class LinkRemainder:
 def _by_link(torques: np.ndarray) -> np.ndarray:
     """Return the sums (2,) over all masses of torques (2 masses,), those of each mass on both links."""
     return np.asarray(torques.reshape(-1, JOINTS).sum(axis=0))
-
-
-def lever_arms(motion: PeriodMotion, direction: tuple[float, float], arm: Arm) -> tuple[np.ndarray, np.ndarray]:
-    """Return Jᵀ d and Jᵀ d⊥ (2, 2) [m] at the middle of the period, and how far they are from it along the centre."""
-    lever, spread = np.zeros((JOINTS, 2)), np.zeros((JOINTS, 2))
-
-    def arms(q1: arb, q2: arb, unit: tuple[float, float]) -> tuple[arb, arb]:
-        q12 = q1 + q2
-        return tip_force_torque(q1.sin(), q1.cos(), q12.sin(), q12.cos(), *unit, arm)
-
-    for axis, unit in enumerate((direction, (-direction[1], direction[0]))):
-        middle, whole = arms(*(s[0] for s in motion.links[0]), unit), arms(*motion.link_ranges[0], unit)
-        for joint, (near, wide) in enumerate(zip(middle, whole, strict=True)):
-            lever[joint, axis] = middle_of(near)
-            spread[joint, axis] = radius_of(wide, lever[joint, axis])
-    return lever, spread + SLACK * np.abs(lever).sum()
 
 
 class Drive(NamedTuple):
