@@ -22,7 +22,6 @@ from fuzzyarm.proof.rigid_loop import (
     RigidLoop,
     decay_rates,
     disturbed_run,
-    find_worst_point,
     gain_at,
     library,
     pole_rate,
@@ -42,7 +41,7 @@ def decay(loop: RigidLoop) -> dict[str, float]:
         "observed": rates.observed,
         "observed_random": rates.random,
         "lyapunov": rates.in_box,
-        "pole": -find_worst_point(loop, lambda F, G, omega: -pole_rate(F)).value,
+        "pole": -loop.worst_point(lambda F, G, omega: -pole_rate(F)).value,
     }
 
 
@@ -56,8 +55,8 @@ def gain(loop: RigidLoop) -> dict[str, Any]:
         "observed_library": library_gain,
         "library_probe": probe,
         "supply_used": max(run["used"] for run in runs),
-        "frozen": find_worst_point(loop, lambda F, G, omega: gain_at(F, G, 1j * omega)).value,
-        "frozen_shifted": find_worst_point(loop, lambda F, G, omega: gain_at(F, G, 1j * omega - alpha)).value,
+        "frozen": loop.worst_point(lambda F, G, omega: gain_at(F, G, 1j * omega)).value,
+        "frozen_shifted": loop.worst_point(lambda F, G, omega: gain_at(F, G, 1j * omega - alpha)).value,
         "certified": gamma,
     }
 

@@ -101,7 +101,6 @@ def bounds_of_cell(claim: TipClaim, plants: PlantSet, names: Sequence[str], halv
 def _widest(cell: PlantSet, plants: PlantSet, names: Sequence[str]) -> Axis | None:
     """Return where a cell is widest, as a share of the whole range; None where it has no width."""
 
-
     def width(of: PlantSet, axis: Axis) -> float:
         low, high = of.of_joint(*axis)
         return high - low

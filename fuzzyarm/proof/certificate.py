@@ -17,9 +17,7 @@ from fuzzyarm.proof.definiteness import exact, is_positive_definite, largest_gro
 from fuzzyarm.proof.theorems import error_phi, error_psi, tracking_psi
 from fuzzyarm.proof.vertices import TrackingVertices, error_vertices, tracking_vertices
 
-__all__ = [
-    "NOT_COVERED", "Certificate", "Claim", "certify", "controller_statement", "decay_words", "inequality_name",
-]  # fmt: skip
+__all__ = ["NOT_COVERED", "Certificate", "Claim", "certify", "controller_statement", "decay_words"]
 
 # What every certificate says of its limits.
 NOT_COVERED = (
@@ -105,13 +103,13 @@ def certify(controller: Controller, progress: Callable[[], None] | None = None) 
                 matrix = -inequality(letter, i, j, k, position)
                 if i != j:
                     matrix = matrix - inequality(letter, j, i, k, position)
-                claims.append(Claim.of(inequality_name(letter, i, j, k), matrix))
+                claims.append(Claim.of(_inequality_name(letter, i, j, k), matrix))
                 if progress:
                     progress()
     return Certificate(tuple(claims), controller_statement(controller))
 
 
-def inequality_name(letter: str, i: int, j: int, k: int) -> str:
+def _inequality_name(letter: str, i: int, j: int, k: int) -> str:
     """Return the name of the inequality of vertices i <= j of A and k of E, all from 0, as in `Claim`."""
     first, second = f"{letter}_{i + 1},{j + 1},{k + 1}", f"{letter}_{j + 1},{i + 1},{k + 1}"
     return f"{first} < 0" if i == j else f"{first} + {second} < 0"

@@ -8,7 +8,7 @@ from fuzzyarm.envs.physics.robot import Robot, robot_named
 from fuzzyarm.fuzzy_policy.ts_model import TSModel
 from fuzzyarm.proof.box_cover import (
     TrigMatrix,
-    control_weights,
+    _control_weights,
     cover,
     proven_in_balls,
     widened,
@@ -68,7 +68,7 @@ def test_two_joints_have_the_inertia_of_the_vertices_of_the_paper_form():
 def test_control_values_reproduce_the_function():
     """f(q) = Σ f_i κ_i a^(4-i) b^i, and the weights are >= 0 with the sum 1."""
     m, h, t = 0.7, 0.6, np.linspace(-0.6, 0.6, 13)
-    weights = np.array(control_weights(np.cos(m), np.sin(m), np.cos(h), np.sin(h)))
+    weights = np.array(_control_weights(np.cos(m), np.sin(m), np.cos(h), np.sin(h)))
     a, b = np.sin((h - t) / 2) / np.sin(h), np.sin((h + t) / 2) / np.sin(h)
     c = np.cos(h)
     kappa = np.array([1, 4 * c, 2 + 4 * c * c, 4 * c, 1])
@@ -83,7 +83,7 @@ def test_control_values_reproduce_the_function():
 def test_the_excess_of_the_hull_falls_with_the_square_of_the_width():
     excess = []
     for h in (0.4, 0.2, 0.1):
-        weights = np.array(control_weights(1.0, 0.0, np.cos(h), np.sin(h)))
+        weights = np.array(_control_weights(1.0, 0.0, np.cos(h), np.sin(h)))
         excess.append(weights[:, 1].max() - 1.0)  # of cos t about its maximum
     orders = np.log2(np.array(excess[:-1]) / np.array(excess[1:]))
     assert np.all(np.abs(orders - 2.0) < 0.1)

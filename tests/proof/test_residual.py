@@ -16,7 +16,6 @@ from fuzzyarm.fuzzy_policy.states import VELOCITY
 from fuzzyarm.fuzzy_policy.ts_model import NAMED_RULES, TSModel, descriptor_terms
 from fuzzyarm.proof import residual
 from fuzzyarm.proof.residual import Residual, feedforward_residual
-from fuzzyarm.proof.verification import residual_statement
 
 RULES = st.sampled_from(list(NAMED_RULES.values()))
 PATHS = {"circle": Circle(), "arc": Circle(center=(0.4, 0.5), radius=0.15, start_angle=1.0, turns=0.37)}
@@ -132,7 +131,7 @@ def test_a_path_that_leaves_the_reach_between_the_instants_is_not_bounded():
 
 def test_the_words_say_whether_it_is_bounded():
     bounded, sampled = np.array([158.4999, 98.3001]), np.array([158.484, 98.3])
-    assert "is at most (159, 98.4) N m along" in residual_statement(Residual(sampled, bounded))
-    text = residual_statement(Residual(sampled, None))
+    assert "is at most (159, 98.4) N m along" in Residual(sampled, bounded).statement
+    text = Residual(sampled, None).statement
     assert "at most" not in text
     assert "reaches (159, 98.3) N m" in text and "sampled at 2001 instants, not bounded between them" in text

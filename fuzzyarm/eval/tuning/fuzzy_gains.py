@@ -33,7 +33,7 @@ from fuzzyarm.eval.tuning.tip_bounds import largest_deviation
 from fuzzyarm.fuzzy_policy.controller import Controller
 from fuzzyarm.fuzzy_policy.laws.fuzzy import FuzzyPolicy
 from fuzzyarm.fuzzy_policy.ts_model import NAMED_RULES
-from fuzzyarm.proof.rigid_loop import RigidLoop, freeze
+from fuzzyarm.proof.rigid_loop import RigidLoop
 from fuzzyarm.synthesis import Design, Specification, find_design
 
 __all__ = [
@@ -136,7 +136,7 @@ def _rigid_poles(controller: Controller) -> tuple[float, float]:
     """Return the largest and the smallest real part [1/s] of the frozen rigid loop's poles over a grid in the box."""
     p = controller.model.parameters
     steps = np.array(list(itertools.product(*(np.linspace(-1.0, 1.0, n) for n in (9, 17, 5, 5)))))
-    F, _ = freeze(RigidLoop(controller), steps[:, :2] * p.joint_limit, steps[:, 2:] * p.velocity_limit)
+    F, _ = RigidLoop(controller).frozen(steps[:, :2] * p.joint_limit, steps[:, 2:] * p.velocity_limit)
     real = np.linalg.eigvals(F).real
     return float(real.max()), float(real.min())
 

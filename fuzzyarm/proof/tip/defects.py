@@ -186,20 +186,18 @@ class PeriodMotion:
     def link_defects(self, torques: list[Signal], arm: Arm) -> list[Signal]:
         """Return d of both links."""
         stiffness, damping = (arm.stiffness1, arm.stiffness2), (arm.damping1, arm.damping2)
-        return [
-            stiffness[j] * self.bending(j) + damping[j] * self.bending_rate(j) - torques[j] for j in range(JOINTS)
-        ]
+        return [stiffness[j] * self.bending(j) + damping[j] * self.bending_rate(j) - torques[j] for j in range(JOINTS)]
 
     def lever_arms(self, direction: tuple[float, float], arm: Arm) -> tuple[np.ndarray, np.ndarray]:
         """Return Jᵀ d and Jᵀ d⊥ (2, 2) [m] at the middle of the period, and how far they are from it during it."""
         lever, spread = np.zeros((JOINTS, 2)), np.zeros((JOINTS, 2))
 
-        def arms(q1: arb, q2: arb, unit: tuple[float, float]) -> tuple[arb, arb]:
-            q12 = q1 + q2
+        def arms(angles: list[arb], unit: tuple[float, float]) -> tuple[arb, arb]:
+            q1, q12 = angles[0], angles[0] + angles[1]
             return dynamics.tip_force_torque(q1.sin(), q1.cos(), q12.sin(), q12.cos(), *unit, arm)
 
         for axis, unit in enumerate((direction, (-direction[1], direction[0]))):
-            middle, whole = arms(*(s[0] for s in self.links[0]), unit), arms(*self.link_ranges[0], unit)
+            middle, whole = arms([signal[0] for signal in self.links[0]], unit), arms(self.link_ranges[0], unit)
             for joint, (near, wide) in enumerate(zip(middle, whole, strict=True)):
                 lever[joint, axis] = middle_of(near)
                 spread[joint, axis] = radius_of(wide, lever[joint, axis])

@@ -35,7 +35,18 @@ from fuzzyarm.envs.scenario.disturbances import Disturbance
 from fuzzyarm.envs.scenario.randomisation import ALLOWED
 from fuzzyarm.proof.tip.enclosures import between, middle_of
 
-__all__ = ["AXES", "BY_JOINT", "RANGES", "SETS", "Axis", "BallPlant", "PlantSet", "check_set_name", "exactly", "find_set"]
+__all__ = [
+    "AXES",
+    "BY_JOINT",
+    "RANGES",
+    "SETS",
+    "Axis",
+    "BallPlant",
+    "PlantSet",
+    "check_set_name",
+    "exactly",
+    "find_set",
+]
 
 _Range = tuple[float, float]
 _Factor = tuple[float | _Range, float | _Range]  # a range (low, high) for both joints, or a pair, one for each
@@ -197,7 +208,7 @@ def exactly(value: float) -> str:
 
 
 def find_set(name: str | Path) -> PlantSet:
-    """Return a set by its name in `SETS`, or from a TOML file with fields of `PlantSet`; ValueError if there is none."""
+    """Return a set by its name in `SETS`, or from a TOML file of `PlantSet`'s fields; ValueError if there is none."""
     if str(name) in SETS:
         return SETS[str(name)]
     path = Path(name)
@@ -241,7 +252,9 @@ class BallPlant:
         for name, fields in _FACTORS.items():
             ranges = [plants.of_joint(name, joint) for joint in range(JOINTS)]
             for field in fields:
-                scaled[field] = PerJoint(*(0.5 * sum(b) * x for b, x in zip(ranges, getattr(nominal, field), strict=True)))
+                scaled[field] = PerJoint(
+                    *(0.5 * sum(b) * x for b, x in zip(ranges, getattr(nominal, field), strict=True))
+                )
             if name not in ("mass", "dry_friction"):
                 for joint, middle in enumerate(getattr(nominal, fields[0])):
                     if half := _half(ranges[joint]):

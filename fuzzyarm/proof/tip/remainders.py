@@ -47,8 +47,8 @@ def _link_slopes(at: Any, force: tuple[Any, Any], arm: Arm) -> list[list[list[An
 
     `at` holds pairs of angles [rad], velocities [rad/s] and accelerations [rad/s²] of the links, in balls.
     """
-    jets = [[Jet.variable(x, k * JOINTS + i) for i, x in enumerate(pair)] for k, pair in enumerate(at)]
-    torques = link_torque(*jets, force, arm)
+    q, dq, ddq = ([Jet.variable(x, k * JOINTS + i) for i, x in enumerate(pair)] for k, pair in enumerate(at))
+    torques = link_torque(q, dq, ddq, force, arm)
     angle, velocity, mass = ([[t.slope(k * JOINTS + i) for i in range(JOINTS)] for t in torques] for k in range(3))
     return [mass, angle, velocity]
 

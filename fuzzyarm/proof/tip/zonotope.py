@@ -82,7 +82,6 @@ class Zonotope:
         self.columns = np.hstack([self.columns[:, :first], *parts, self.columns[:, last:]])
         self.source = np.concatenate([self.source[:first], *labels, self.source[last:]])
 
-
     def condensed(self) -> tuple[np.ndarray, np.ndarray]:
         """Return few columns (numbers, n) and a box (numbers,) that together hold the set; small columns are merged."""
         columns, totals = self.columns, self.totals()
