@@ -85,7 +85,7 @@ class TrigMatrix:
         return TrigMatrix(np.moveaxis(result, 0, angle))
 
     def needed(self) -> list[int]:
-        """Return the angles that the matrix depends on."""
+        """Return the numbers of the angles on which the matrix depends."""
         return [k for k in range(self.angles) if any(entry != 0 for entry in np.moveaxis(self.exact, k, 0)[1:].ravel())]
 
     def of_needed(self) -> TrigMatrix:
@@ -198,7 +198,7 @@ def _scale(matrix: TrigMatrix, ranges: np.ndarray) -> np.ndarray | None:
 
 
 class _Task:
-    """A matrix in scaled entries: coefficients (5, ..., 5, t), the diagonal's shift, how each angle bends it (d,)."""
+    """A scaled matrix: coefficients (5, ..., 5, t), shift of its diagonal, and how much each angle bends it (d,)."""
 
     def __init__(self, matrix: TrigMatrix, scale: np.ndarray) -> None:
         self.scale, d = _packed(scale[:, np.newaxis] * scale), matrix.angles

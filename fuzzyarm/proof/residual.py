@@ -1,6 +1,6 @@
 """The feedforward residual of the consistent form along a reference, bounded at every instant.
 
-The feedforward holds dropped premises at the middle of their range. What it misses is ρ = Σ f_i r_i S_i y_i with
+The feedforward holds dropped premises at the middle of their range. Its residual is ρ = Σ f_i r_i S_i y_i with
 |f_i| <= 1, r_i half the range of premise i, S_i its slope, and y_i = (q_d, q̇_d) for a premise of A, (q̇_d, q̈_d) for one
 of E. For any state in the box, with w_ij the row q̇_j of r_i S_i,
 

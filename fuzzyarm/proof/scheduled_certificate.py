@@ -126,7 +126,7 @@ def _inertia_claim(name: str, polynomial: np.ndarray, ranges: np.ndarray, in_bal
 
 
 def scheduled_statement(controller: ScheduledController) -> str:
-    """Return what the certificate proves and what it does not, with the numbers of this controller."""
+    """Return a statement of what the certificate proves and what it does not, with the numbers of this controller."""
     robot, kept = controller.robot, controller.premises
     ranges = ", ".join(
         f"[{at_most(low, 6)}, {at_least(high, 6)}]" for low, high in (joint.angle_range for joint in robot.joints)

@@ -1,4 +1,4 @@
-"""The report of `fuzzyarm verify`: which claims of a controller file are proven, and what they mean."""
+"""The report of `fuzzyarm verify`: the claims of a controller file, whether they are proven, and their meaning."""
 
 from __future__ import annotations
 
@@ -34,7 +34,7 @@ class Verification:
     controller: Controller | ScheduledController  # the content of the file
     # the feedforward residual; None unless the form is the consistent one, and where the arm does not reach the circle
     residual: Residual | None = None
-    tip: str | None = None  # what holds for the policy of this file with the ending -tip
+    tip: str | None = None  # statement for the policy of this file with the ending -tip
 
     @property
     def proven(self) -> bool:

@@ -1,10 +1,10 @@
-"""Affine numbers: a law that is run on them answers for all points of a zonotope at once.
+"""Affine numbers: a law that runs on them answers for all points of a zonotope at once.
 
     x = c + r (ξ, g) + β,      ξ the deviations of a zonotope,   |g_i| <= 1,   |β| <= rest.
 
-x is what the robot computes, in floats: each operation adds what it may round to the rest. What a product or a function
-leaves beside its line becomes an unknown g_i of its own, so that what two numbers have in common stays known, or goes
-to the rest where it is small. A product is
+x is the float that the robot computes: each operation adds its largest rounding error to the rest. The deviation of a
+product or a function from its line becomes an unknown g_i of its own, so that numbers that share it stay correlated; a
+small deviation goes to the rest. A product is
 
     x y = c_x c_y + c_x δy + c_y δx + δx δy,
 
@@ -12,8 +12,8 @@ and a function f has a line on |x - z| <= r (Taylor),
 
     f(x) - f(z) - f'(z) (x - z)  in  [a, b] r²/2      for f'' in [a, b], a <= 0 <= b.
 
-A maximum has the line through its ends, and `stick_slip` slopes of its own, see `_stick_slip`. Where the row of a table
-is not decided, each of its places is followed, see `_Places`. Any other choice that is not decided has no bound.
+A maximum has the line through its ends, and `stick_slip` slopes of its own, see `_stick_slip`. Where several rows of a
+table are possible, each of them is followed, see `_Places`. Any other choice that is undecided has no bound.
 """
 
 from __future__ import annotations
@@ -36,52 +36,52 @@ from fuzzyarm.proof.tip.zonotope import Zonotope, reach
 
 __all__ = ["WORTH", "Affine", "Space"]
 
-_ROUND = 2.0**-50  # of a result: what an operation of the law rounds, and what its middle and its row do here
-_UP = 1.0 + 2.0**-46  # makes up for a few operations on bounds
-_TINY = 1e-300  # what underflow may lose
-WORTH = 1e-4  # share of a number from which a remainder is worth an unknown of its own
+_ROUND = 2.0**-50  # relative rounding of an operation: of the law, and of the middle and the row here
+_UP = 1.0 + 2.0**-46  # covers the rounding of a few operations on bounds
+_TINY = 1e-300  # largest loss by underflow
+WORTH = 1e-4  # share of a number above which a remainder becomes an unknown of its own
 _FARTHEST = 1e3  # [rad], up to which sine and cosine are trusted
 
 
 class Space:
-    """What numbers depend on: the deviations of a zonotope, then unknowns. It records a law that is run on them."""
+    """The variables of affine numbers, the deviations of a zonotope and unknowns; the recorder of a law on them."""
 
     def __init__(self, base: Zonotope) -> None:
         self.base, self.unknowns = base, 0  # how many unknowns there are
         self._totals, (self._columns, self._box) = base.totals(), base.condensed()
 
     def variables(self, point: np.ndarray) -> list[Affine]:
-        """Return the numbers of the zonotope, which are counted from a point."""
+        """Return the numbers of the zonotope about a point."""
         parts = zip(point.tolist(), np.eye(len(point)), self._totals.tolist(), strict=True)
         return [Affine(self, x, row, size, 0.0, size) for x, row, size in parts]
 
     def number(self, x: Any) -> Affine:
-        """Return a number as one of this space."""
+        """Return a float or an affine number as an affine number of this space."""
         return x if isinstance(x, Affine) else Affine(self, float(x), np.zeros(len(self._totals)), 0.0, 0.0)
 
     def rows(self, numbers: list[Affine]) -> np.ndarray:
-        """Return the rows r of numbers, side by side."""
+        """Return the rows r of numbers, padded with zeros to one length (numbers, n)."""
         rows = np.zeros((len(numbers), len(self._totals) + self.unknowns))
         for given, number in zip(rows, numbers, strict=True):
             given[: len(number.row)] = number.row
         return rows
 
     def reach(self, rows: np.ndarray) -> np.ndarray:
-        """Return bounds of |r (ξ, g)| for rows."""
+        """Return bounds (m,) of |r (ξ, g)| for rows (m, n)."""
         n, sizes = len(self._totals), np.abs(rows)
         found = reach(rows[:, :n], self._columns) + sizes[:, :n] @ self._box
         return np.asarray((found + sizes[:, n:].sum(axis=1)) * ROUND_UP)
 
     def array(self, shape: tuple[int, ...]) -> np.ndarray:
-        """Return an array of numbers, see `numbers.functions`."""
+        """Return an empty array of numbers, as `numbers.functions.array` does."""
         return np.empty(shape, dtype=object)
 
     def each(self, count: int) -> Iterable[int]:
-        """Return the rounds of a loop, likewise."""
+        """Return the indices of a loop, as `numbers.functions.each` does."""
         return range(count)
 
     def apart(self, function: Callable[..., Any], arguments: tuple[Any, ...]) -> Any:
-        """Return a function of numbers, likewise; by its enclosure, where it has one."""
+        """Return a function of numbers by its enclosure if it has one, as `numbers.functions.apart` does."""
         known = _ENCLOSED.get(function)
         if known is None or not any(isinstance(x, Affine) for x in arguments):
             return function(*arguments)
@@ -94,7 +94,7 @@ class Space:
         y[:] = self._linear(transposed.T, x, y)
 
     def interpolated(self, table: Any, corners: list[tuple[Any, Any]], sign: float, x: Any, y: Any) -> list[Affine]:
-        """Return y + sign Σ w_c G_c x, as `on_table` does; at all places of the rows, where these are not decided."""
+        """Return y + sign Σ w_c G_c x, as `on_table` does, at all rows of the table that are possible."""
         found = []
         for number in range(max(len(places.values) if isinstance(places, _Places) else 1 for places, _ in corners)):
             at = [[one.values[number] if isinstance(one, _Places) else one for one in pair] for pair in corners]
@@ -119,7 +119,7 @@ class Space:
         return [one.widened(left) for one, left in zip(grown, floats.tolist(), strict=True)]
 
     def _joined(self, numbers: tuple[Affine, ...]) -> Affine:
-        """Return a number that holds each of some."""
+        """Return a number that holds each of several numbers."""
         if len(numbers) == 1:
             return numbers[0]
         rows, size = self.rows(list(numbers)), max(one.size for one in numbers)
@@ -130,7 +130,7 @@ class Space:
         return joined.widened(rest, fresh=True)
 
     def _linear(self, G: np.ndarray, x: Any, y: Any) -> list[Affine]:
-        """Return G x + y, with what floats round in it in whatever order."""
+        """Return G x + y, with the rounding errors of floats added in any order."""
         given, before = ([self.number(one) for one in part] for part in (x, y))
         middles, sizes, rests = np.array([(one.middle, one.size, one.rest) for one in given]).T
         middle, size, rest = np.array([(one.middle, one.size, one.rest) for one in before]).T
@@ -143,7 +143,7 @@ class Space:
 
 
 class _Line(NamedTuple):
-    """f(z), a ball, or what stands in its place; λ; and the rest."""
+    """A line of a function: the value at z, the slope λ, and a bound of the rest."""
 
     value: Any
     slope: float
@@ -152,19 +152,19 @@ class _Line(NamedTuple):
 
 @dataclasses.dataclass(frozen=True)
 class _Bend:
-    """A function of one number."""
+    """A smooth function of one number, with its first two derivatives."""
 
     # value, rate, curvature: f, f' and f'' on balls
     value: Callable[[Any], Any]
     rate: Callable[[Any], Any]
     curvature: Callable[[Any], Any]
-    floats: float = 0.0  # by how much the law's floats may err; of |f| if `relative`
+    floats: float = 0.0  # largest error of the law's floats; as a share of |f| if `relative`
     relative: bool = False
     even: bool = False  # f is even and falls with |x|, so that its values at both ends are known on a range
     rising: bool = False  # f rises, and f' is even and falls with |x|
 
     def line(self, z: float, r: float) -> _Line:
-        """Return the best known line for |x - z| <= r."""
+        """Return the line with the smallest rest for |x - z| <= r."""
         at, around = arb(z), arb(z, r)
         f, slope = self.value(at), self.rate(at)
         tangent = middle_of(slope)
@@ -183,7 +183,7 @@ class _Bend:
 
 
 def _flat(values: Any, slope: float) -> _Line:
-    """Return the line of a function less λ (x - z), which has these values."""
+    """Return the line of slope λ for a function whose values less λ (x - z) lie in a ball."""
     middle = middle_of(values)
     return _Line(arb(middle), slope, radius_of(values, middle))
 
@@ -262,7 +262,7 @@ class Affine:
         return (abs(self.middle) + self.reach() + self.rest) * _UP
 
     def widened(self, left: float, *, fresh: bool = False) -> Affine:
-        """Return the number with |β| grown by what is `left`; with an unknown for that if it is `fresh` and large."""
+        """Return the number with `left` added to |β|, or as a new unknown if it is `fresh` and large."""
         if fresh and left > WORTH * self.size:
             row = np.zeros(len(self.space._totals) + self.space.unknowns + 1)
             row[: len(self.row)], row[-1] = self.row, left
@@ -376,7 +376,7 @@ def _sum(a: np.ndarray, b: np.ndarray) -> np.ndarray:
 def _rounded(
     of: Affine, middle: float, row: np.ndarray, size: float, rest: float, reach: float | None = None
 ) -> Affine:
-    """Return the result of an operation, with what floats round in it."""
+    """Return the result of an operation, with its rounding error in the rest."""
     return Affine(of.space, middle, row, size * _UP, (rest + _ROUND * (abs(middle) + size)) * _UP + _TINY, reach)
 
 
@@ -427,7 +427,7 @@ class _Undecided:
 
 
 def _compared(lesser: Any, greater: Any, *, strictly: bool) -> Any:
-    """Return whether the lesser number is below the greater one, at most as large if not strictly."""
+    """Return whether lesser < greater, or lesser <= greater unless `strictly`; `_Undecided` where both are possible."""
     low, high = (lesser - greater).range()
     if high < 0.0 or (high == 0.0 and not strictly):
         return True
@@ -563,4 +563,4 @@ _ENCLOSED: dict[Any, Callable[..., Any]] = {
     network.area_sine.__wrapped__: functools.partial(_bent, _ASINH),  # type: ignore[attr-defined]
     friction.stick_slip.__wrapped__: _stick_slip,  # type: ignore[attr-defined]
 }
-"""Functions of laws that have an enclosure of their own."""
+"""The functions of laws that have an enclosure of their own."""

@@ -1,10 +1,10 @@
-"""What the centre misses of the equations of the arm in one period, and the torques of each uncertain constant there.
+"""The defects of the centre in the arm's equations of motion, as signals over one period.
 
 Along the centre y(t), with K, B, I_a, f_v and the links' torque R of the middle of the set,
 
     N = u - K φ - B φ̇ - f_v θ̇,       P = N - I_a θ̈,       d = K φ + B φ̇ - R(q, q̇, q̈, F).
 
-P is the friction that the centre's motor has, with its sign changed; d is what its links miss. The angles are
+P is the negative friction of the centre's motor, and d the torque that its links lack. The angles are
 polynomials in s in [-1, 1], so N and P are, too; d is a power series about s = 0, whose remainder is its last
 coefficient about the ball s in [-1, 1] (Lagrange). All of them are a `Signal`.
 """

@@ -1,14 +1,14 @@
-"""One period of the tube: the remainders and the tube that they make, closed by a fixed point.
+"""One period of the tube: a fixed point of the remainders and the tube that contains them.
 
 For a claimed tube ρ the remainders are bounded by w̄(ρ), and with them the deviation stays within
 
     ρ'(ρ) = max(|S ξ_h(0)|, |S ξ_h(T)|) + T²/8 sup |S ξ̈_h| + push w̄(ρ),
 
-ξ_h: what start, held torque and uncertain constants alone make. If ρ'(ρ) < ρ in every row, the deviation never leaves
-ρ during the period (first exit): up to the first time at which it did, the bounds hold, so it is within ρ' there, and
-it is continuous. The accelerations and the products of masses are no part of the state; together they obey a <= G(a),
-where G is the smaller of some r + Q a with r, Q >= 0, and G(ρ) < ρ gives a <= ρ: otherwise λ = max a/ρ > 1 had
-a <= G(λ ρ) <= λ G(ρ) < λ ρ.
+where ξ_h is the effect of start, held torque and uncertain constants alone. If ρ'(ρ) < ρ in every row, the deviation
+never leaves ρ during the period (first exit): up to the first time at which it did, the bounds hold, so it is within
+ρ' there, and it is continuous. The accelerations and the products of masses are no part of the state; together they
+obey a <= G(a), where G is the smaller of some r + Q a with r, Q >= 0, and G(ρ) < ρ gives a <= ρ: otherwise
+λ = max a/ρ > 1 had a <= G(λ ρ) <= λ G(ρ) < λ ρ.
 """
 
 from __future__ import annotations
@@ -38,7 +38,7 @@ _LARGEST = 0.5  # of the tube's angles [rad]: beyond it no iteration has ever cl
 
 @dataclasses.dataclass(frozen=True)
 class Closed:
-    """A period whose tube is closed."""
+    """A period with a closed tube."""
 
     tube: np.ndarray  # ρ (18,) in the order of `ROWS`
     torques: np.ndarray  # w̄ (8,) in the order of `CHANNELS` [N m; N]
@@ -52,14 +52,14 @@ class Closed:
 
 
 class TubeClaim(NamedTuple):
-    """What a file claims of a segment: its tube (18,), and the plans of the frictions."""
+    """The claim of a file for a segment: its tube (18,), and the plans of the frictions."""
 
     tube: np.ndarray
     plans: tuple[Plan, ...]
 
 
 class Period:
-    """A period that is to be closed."""
+    """A period or a part of one, with the enclosures that close its tube."""
 
     def __init__(self, centre: Segment, torque: np.ndarray, tip: TipForces, plant: BallPlant) -> None:
         force, period = tip.middle, centre.duration
@@ -77,7 +77,7 @@ class Period:
         self._own = [(halves["motor_inertia"], ROWS.motor_acceleration), (halves["viscous_friction"], ROWS.d_theta)]
 
     def confirm(self, start: Zonotope, known: tuple[Speed, ...], claim: TubeClaim, *, friction: str) -> Closed:
-        """Return the period closed by a claimed tube and plans, without any search; `NoBound` where they fail."""
+        """Return the period closed by a claimed tube and plans, without a search; `NoBound` if they do not close it."""
         if friction == "any" and set(claim.plans) != {Plan.ANY}:
             raise NoBound("a plan that is not for any friction")
         try:
@@ -145,16 +145,16 @@ class Period:
         raise NoBound(f"the tube does not close: the torque {torques[worst]:.3g} on {_NAMES[worst]} grows with it")
 
     def _on_motors(self, tube: np.ndarray, driven: Drive) -> tuple[np.ndarray, np.ndarray]:
-        """Return bounds (2,) [N m] of what uncertain constants do on each motor, for a claimed tube.
+        """Return two bounds (2,) [N m] of the uncertain constants' torques on each motor, for a claimed tube.
 
-        First their torques along the centre and, within the joint, times the deviation; then those of the motor's own
-        inertia and viscosity times the deviation.
+        The first is of their torques along the centre and of the products within the joint; the second is of the
+        products of the motor's own inertia and viscosity with the deviation.
         """
         within = sum(half * tube[rows] for half, rows in self._within)
         return driven.motor + within, np.asarray(sum(half * tube[rows] for half, rows in self._own))
 
     def _friction(self, joint: int, plan: Plan, known: Speed) -> Friction:
-        """Return the friction of a motor by a plan; it is made once."""
+        """Return the friction of a motor by a plan, from a cache."""
         key = joint, plan, known
         if key not in self._frictions:
             mode, torque = self._centre.modes[joint], float(self._torque[joint])
@@ -162,7 +162,7 @@ class Period:
         return self._frictions[key]
 
     def _check_monotone(self, after: np.ndarray, before: np.ndarray, frictions: list[Friction]) -> None:
-        """Give up a plan that lets a velocity (2,) grow by much of what the friction itself could."""
+        """Raise `PlanFails` for a plan MONOTONE by which a velocity grows nearly as much as by the friction itself."""
         static = [dry.static_friction for dry in dry_frictions(self.plant.middle)]
         for j, friction in enumerate(frictions):
             grown = after[j] - before[j]
@@ -208,7 +208,7 @@ class Period:
         before: np.ndarray,
         observed: tuple[np.ndarray, np.ndarray],
     ) -> np.ndarray:
-        """Return w̄ (8,) for a claimed tube; all that is `observed` (free, push) is within free + push w̄."""
+        """Return w̄ (8,) for a claimed tube; every observed number lies within free + push w̄, the pair `observed`."""
         torques = driven.rest.copy()
         torques[CHANNELS.link] += self._defect
         torques[CHANNELS.link] += self._lever_spread @ self._tip.courses
@@ -224,7 +224,7 @@ class Period:
         return torques * ROUND_UP
 
     def _speeds(self, tube: np.ndarray, frictions: list[Friction], driven: Drive) -> tuple[Speed, ...]:
-        """Return what is known of the motors' velocities at the end."""
+        """Return bounds of both motors' velocities at the end."""
         found, ends = list[Speed](), self.motion.at(1)[ROWS.d_theta]
         for j, (friction, constants, products) in enumerate(
             zip(frictions, *self._on_motors(tube, driven), strict=True)

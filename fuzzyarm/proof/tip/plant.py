@@ -237,7 +237,7 @@ class _Parameter:
 
 @dataclasses.dataclass(frozen=True)
 class BallPlant:
-    """All arms of a set."""
+    """All arms of a set, in floats and balls."""
 
     middle: Arm  # constants in floats, of the arm in the middle
     exact: Arm  # the same in balls that hold the exact constants of that arm
@@ -314,7 +314,7 @@ def _in_balls(plant: Any) -> Any:
 def _mass_units(
     plant: Any, plants: PlantSet, parameters: ArmParameters, disturbance: Disturbance
 ) -> Iterator[_Parameter]:
-    """Yield the masses, the payload and the tip force, where uncertain, with the constants that half a range makes."""
+    """Yield the masses, payload and tip force that are uncertain, with the constants ∂c/∂p times half their range."""
 
     def weighing(share: list[Any]) -> Any:
         parts = {f: PerJoint(*map(operator.mul, getattr(plant, f), share)) for f in _FACTORS["mass"]}

@@ -1,6 +1,6 @@
-"""What the linear equation of the deviation leaves out in one period, as bounds of torques on its channels.
+"""Bounds of the torques that the linear equation of the deviation leaves out in one period, channel by channel.
 
-With the tube |S ξ| <= ρ during the period, the torques that are left out are bounded by
+With the tube |S ξ| <= ρ during the period, the bounds of these torques are
 
     links    |d| + |M - M_k| ρ_q̈ + |R_q - G_k| ρ_q + |R_q̇ - D_k| ρ_q̇     M, R_q, R_q̇ at every point of the tube (balls),
              and for each uncertain mass the same with its R_p, and |r_p ξ|, see `LinkRemainder`,
@@ -123,17 +123,17 @@ def _by_link(torques: np.ndarray) -> np.ndarray:
 
 
 class Drive(NamedTuple):
-    """What the uncertain constants do during one period; torques [N m] and forces [N]."""
+    """The torques [N m] and forces [N] of the uncertain constants along the centre, during one period."""
 
     # level, slope: a_0 and a_1 of each channel's signal for each constant, in floats (8, constants)
     level: np.ndarray
     slope: np.ndarray
-    rest: np.ndarray  # bound of what these two leave, for all constants together (8,)
+    rest: np.ndarray  # bound of the rest beside these two, for all constants together (8,)
     motor: np.ndarray  # bound of the torques on each motor, those within the joints included (2,)
 
     @classmethod
     def of(cls, motion: PeriodMotion, force: Forces, plant: BallPlant) -> Drive:
-        """Return what all constants do but the dry friction, which depends on how friction is bounded."""
+        """Return the torques of all constants but the dry friction, whose torques depend on the plan."""
         shape = CHANNEL_COUNT, len(plant.parameters)
         drive = cls(np.zeros(shape), np.zeros(shape), np.zeros(CHANNEL_COUNT), np.zeros(JOINTS))
         for index, parameter in enumerate(plant.parameters):
@@ -155,7 +155,7 @@ class Drive(NamedTuple):
         return drive
 
     def with_friction(self, plant: BallPlant, frictions: list[Friction]) -> Drive:
-        """Return all that the uncertain constants do, with the frictions of both motors."""
+        """Return the torques of all uncertain constants, with those of the dry friction by the plans of both motors."""
         drive = Drive(*(part.copy() for part in self))
         for index, parameter in enumerate(plant.parameters):
             torque = frictions[parameter.joint].torque() if parameter.kind == "dry_friction" else None
@@ -167,7 +167,7 @@ class Drive(NamedTuple):
         return drive
 
     def _add(self, constant: int, channel: int, factor: arb, signal: Signal) -> None:
-        """Add the torque of a constant, a factor times a signal: its column, what that leaves, and all of it."""
+        """Add the torque of a constant, a factor times a signal: linear part, rest, and size on the motor."""
         torque = factor * signal
         level, slope = middle_of(torque[0]), middle_of(torque[1])
         self.level[channel, constant], self.slope[channel, constant] = level, slope

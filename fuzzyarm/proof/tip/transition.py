@@ -30,16 +30,16 @@ def _slices(names: str) -> SimpleNamespace:
 
 
 CHANNELS = _slices("motor link joint tip")
-"""Where disturbing torques act: on the motors, on the links, within the joints, and at the tip along x and y."""
+"""The places of disturbing torques: the motors, the links, within the joints, and the tip along x and y."""
 ROWS = _slices("theta link d_theta d_link bending bending_rate net motor_acceleration link_acceleration")
-"""What is observed of the deviation: δθ, δq, δθ̇, δq̇ as in ξ, then φ, φ̇, the net torque N, θ̈ and q̈."""
+"""The observed rows of the deviation: δθ, δq, δθ̇, δq̇ as in ξ, then φ, φ̇, the net torque N, θ̈ and q̈."""
 CHANNEL_COUNT = JOINTS * len(vars(CHANNELS))  # numbers of all channels
 ROW_COUNT = JOINTS * len(vars(ROWS))  # numbers of these rows
 STATES = ROWS.d_link.stop  # numbers of δθ, δq, δθ̇, δq̇
 _SIZE = STATES + JOINTS  # of ξ
 _ACCELERATIONS = (ROWS.motor_acceleration, ROWS.d_theta), (ROWS.link_acceleration, ROWS.d_link)
 OBSERVED = np.r_[ROWS.link_acceleration, ROWS.link, ROWS.d_link]
-"""Rows of δq̈, δq and δq̇, of which further rows can be made: they follow the others."""
+"""Rows of δq̈, δq and δq̇; further rows, which follow the 18 others, are combinations of them."""
 
 
 class Transition(NamedTuple):
