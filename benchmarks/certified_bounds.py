@@ -13,6 +13,7 @@ from __future__ import annotations
 
 from typing import Any
 
+import numpy as np
 from measuring import options_of, printed, write
 
 from fuzzyarm import load_policy
@@ -24,7 +25,6 @@ from fuzzyarm.proof.rigid_loop import (
     disturbed_run,
     gain_at,
     library,
-    pole_rate,
     worst_posture,
     worst_torque,
 )
@@ -41,7 +41,7 @@ def decay(loop: RigidLoop) -> dict[str, float]:
         "observed": rates.observed,
         "observed_random": rates.random,
         "lyapunov": rates.in_box,
-        "pole": -loop.worst_point(lambda F, G, omega: -pole_rate(F)).value,
+        "pole": -loop.worst_point(lambda F, G, omega: np.linalg.eigvals(F).real.max(axis=-1)).value,
     }
 
 

@@ -38,7 +38,7 @@ from flint import arb, arb_mat
 
 from fuzzyarm.proof.definiteness import is_dominant
 
-__all__ = ["BASIS", "TrigMatrix", "cover", "proven_in_balls", "widened"]
+__all__ = ["BASIS", "TrigMatrix", "cover", "proven_in_balls"]
 
 BASIS = 5  # functions of one angle: 1, cos q, sin q, cos 2q, sin 2q
 _WIDEST = 0.8  # largest h [rad]: half the width of a box
@@ -144,12 +144,6 @@ class _Cover(NamedTuple):
 
     boxes: np.ndarray  # (B, d, 2), lowest and highest angle [rad]; those proven so far, if the proof fails
     witness: np.ndarray | None = None  # angles (d,) [rad] where the proof fails; None if the matrix is proven
-
-
-def widened(ranges: np.ndarray) -> np.ndarray:
-    """Return ranges of angles (d, 2) [rad]; one of a whole turn or more becomes a little more than [-π, π]."""
-    whole = ranges[:, 1] - ranges[:, 0] >= 2.0 * np.pi - 1e-9
-    return np.where(whole[:, np.newaxis], np.array([-3.141593, 3.141593]), ranges)
 
 
 def _first_boxes(ranges: np.ndarray) -> np.ndarray:

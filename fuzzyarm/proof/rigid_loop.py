@@ -44,7 +44,7 @@ from fuzzyarm.fuzzy_policy.states import INTEGRAL, PLANT, PLANT_STATES, POSITION
 from fuzzyarm.fuzzy_policy.ts_model import descriptor_terms, premises, rule_products
 
 __all__ = [
-    "Motion", "RigidLoop", "Run", "decay_rates", "disturbed_run", "gain_at", "library", "pole_rate", "worst_posture",
+    "Motion", "RigidLoop", "Run", "decay_rates", "disturbed_run", "gain_at", "library", "worst_posture",
     "worst_torque",
 ]  # fmt: skip
 
@@ -244,11 +244,6 @@ class RigidLoop:
         inside = (far <= limits.joint_limit) & (fast <= limits.velocity_limit)
         in_box = np.logical_and.accumulate(inside.all(axis=-1), axis=0)
         return Run(half[::2], error, V, output, taken, V - V[0] + supply, in_box)
-
-
-def pole_rate(F: np.ndarray) -> np.ndarray:
-    """Return -max Re λ [1/s] (lanes,): the asymptotic decay rate of small errors."""
-    return np.asarray(-np.linalg.eigvals(F).real.max(axis=-1))
 
 
 def _growth(F: np.ndarray, root: np.ndarray) -> np.ndarray:

@@ -11,10 +11,9 @@ from fuzzyarm.proof.box_cover import (
     _control_weights,
     cover,
     proven_in_balls,
-    widened,
 )
 from fuzzyarm.proof.definiteness import exact
-from fuzzyarm.proof.inertia_bounds import BASIS, inertia_polynomial
+from fuzzyarm.proof.inertia_bounds import BASIS, angle_ranges, inertia_polynomial
 from fuzzyarm.synthesis.inertia_metric import twist_map
 
 TURN = np.array([[-3.141593, 3.141593]])
@@ -127,5 +126,6 @@ def test_balls_refuse_a_box_where_the_matrix_is_not_definite():
 
 
 def test_a_whole_turn_is_widened_beyond_pi():
-    assert np.abs(widened(np.array([[-np.pi, np.pi]]))).min() > np.pi
-    np.testing.assert_array_equal(widened(np.array([[-1.0, 2.0]])), [[-1.0, 2.0]])
+    assert np.abs(angle_ranges(robot_named("ur5"))).min() > np.pi
+    panda = robot_named("panda")
+    np.testing.assert_array_equal(angle_ranges(panda), [joint.angle_range for joint in panda.joints])
