@@ -13,6 +13,7 @@ from __future__ import annotations
 
 from typing import Any
 
+import numpy as np
 from measuring import options_of, printed, write
 
 from fuzzyarm import load_policy
@@ -22,10 +23,8 @@ from fuzzyarm.proof.rigid_loop import (
     RigidLoop,
     decay_rates,
     disturbed_run,
-    find_worst_point,
     gain_at,
     library,
-    pole_rate,
     worst_posture,
     worst_torque,
 )
@@ -42,7 +41,7 @@ def decay(loop: RigidLoop) -> dict[str, float]:
         "observed": rates.observed,
         "observed_random": rates.random,
         "lyapunov": rates.in_box,
-        "pole": -find_worst_point(loop, lambda F, G, omega: -pole_rate(F)).value,
+        "pole": -loop.worst_point(lambda F, G, omega: np.linalg.eigvals(F).real.max(axis=-1)).value,
     }
 
 
@@ -56,8 +55,8 @@ def gain(loop: RigidLoop) -> dict[str, Any]:
         "observed_library": library_gain,
         "library_probe": probe,
         "supply_used": max(run["used"] for run in runs),
-        "frozen": find_worst_point(loop, lambda F, G, omega: gain_at(F, G, 1j * omega)).value,
-        "frozen_shifted": find_worst_point(loop, lambda F, G, omega: gain_at(F, G, 1j * omega - alpha)).value,
+        "frozen": loop.worst_point(lambda F, G, omega: gain_at(F, G, 1j * omega)).value,
+        "frozen_shifted": loop.worst_point(lambda F, G, omega: gain_at(F, G, 1j * omega - alpha)).value,
         "certified": gamma,
     }
 

@@ -1,4 +1,4 @@
-"""A proven bound of the tip error: how it is found, what it says, its file, and how the file is checked again."""
+"""A proven bound of the tip error: the claim, the search for a proof, and the words that state what is proven."""
 
 from __future__ import annotations
 
@@ -23,14 +23,14 @@ from fuzzyarm.policies.spec import load_policy
 from fuzzyarm.proof.tip.centre import Segment
 from fuzzyarm.proof.tip.enclosures import NoBound
 from fuzzyarm.proof.tip.period import TubeClaim
-from fuzzyarm.proof.tip.plant import SETS, PlantSet, ball_plant, check_set_name, exactly, ranges_in_words
+from fuzzyarm.proof.tip.plant import SETS, BallPlant, PlantSet, check_set_name, exactly
 from fuzzyarm.proof.tip.sampled_law import SampledLaw
 from fuzzyarm.proof.tip.tube import Problem, Step, Tube
 from fuzzyarm.proof.tip.zonotope import SOURCES
 
 __all__ = [
     "PATHS", "PERIOD", "TipBound", "TipClaim", "arm_in_words", "find_bound", "own_duration", "plain", "problem_of",
-    "reference_of", "two_joint_arm",
+    "two_joint_arm",
 ]  # fmt: skip
 
 PATHS = ("circle", "lemniscate")  # paths of the tip by name: the paper's circle, and an eight of the same width
@@ -39,7 +39,7 @@ PERIOD = 1e-3  # control period [s], the environment's own
 
 @dataclasses.dataclass(frozen=True)
 class TipClaim:
-    """What a bound is claimed for.
+    """The law, motion and set of plants for which a bound is claimed.
 
     Attributes:
         policy: name of the policy.
@@ -48,7 +48,7 @@ class TipClaim:
         plants: the set.
         path: one of `PATHS`.
         duration: of the motion [s].
-        steps: how many control steps of the motion are bounded; None: all.
+        steps: number of control steps of the motion that are bounded; None for all.
     """
 
     policy: str
@@ -70,6 +70,12 @@ class TipClaim:
         if self.steps is not None:
             whole("steps", self.steps, low=1, high=math.ceil(self.duration / PERIOD - 1e-9))
 
+    def reference(self, arm: ArmParameters) -> JointReference:
+        """Return the motion: the arm's default reference along the path, in the claimed duration."""
+        reference = default_reference(arm, self.path)
+        assert isinstance(reference, JointReference)
+        return dataclasses.replace(reference, duration=self.duration)
+
     def motion(self, count: int) -> str:
         """Return start, samples, path and case in words, of a bound of `count` samples."""
         total = math.ceil(self.duration / PERIOD - 1e-9)
@@ -78,10 +84,10 @@ class TipClaim:
         return f"at {samples} {along}, from rest with the links on the path"
 
     def named_set(self, arm: ArmParameters) -> str:
-        """Return the set by the name of `SETS` whose plants these are, else by its ranges; `arm`: in its middle."""
+        """Return the name in `SETS` of the set, else its ranges in words; `arm` is the one in its middle."""
         if self.plants == PlantSet() and arm != ArmParameters():
             return "of one plant"
-        return _known(self.plants) or f"with {ranges_in_words(self.plants)}"
+        return _known(self.plants) or f"with {self.plants.in_words()}"
 
 
 def _known(plants: PlantSet) -> str | None:
@@ -90,15 +96,15 @@ def _known(plants: PlantSet) -> str | None:
 
 @dataclasses.dataclass(frozen=True)
 class TipBound:
-    """A bound that is proven."""
+    """A proven bound of the tip error."""
 
-    claim: TipClaim  # what it is proven for
+    claim: TipClaim  # for which it is proven
     arm: ArmParameters  # in the middle of the set
     tip: np.ndarray  # bound of the tip error at the end of each control step [m]
     # of each of these, the share of each of `SOURCES`, of the uncertain constants and of the centre [m]
     sources: np.ndarray
     steps: tuple[Step, ...]  # the tube; empty if it was not kept
-    seconds: float  # that the proof took
+    seconds: float  # duration of the proof
 
     @property
     def largest(self) -> float:
@@ -106,7 +112,7 @@ class TipBound:
         return float(self.tip.max())
 
     def spent(self) -> dict[str, float]:
-        """Return what the largest bound is made of, in metres by source."""
+        """Return the contributions of all sources to the largest bound [m], by name."""
         names = [*SOURCES, "uncertain constants", "centre"]
         return dict(zip(names, self.sources[int(self.tip.argmax())].tolist(), strict=True))
 
@@ -130,31 +136,24 @@ class TipBound:
 
 
 def plain(name: str) -> str:
-    """Return a name or path in ASCII: no letter looks like another one."""
+    """Return a name or path in ASCII, with escapes for other letters, so that no letter looks like another one."""
     return ascii(name)[1:-1]
 
 
 def arm_in_words(arm: ArmParameters) -> str:
-    """Return an arm as Table 1's, or by all of its numbers that are not Table 1's."""
+    """Return an arm in words: Table 1's, or one with all the numbers that differ from Table 1."""
     own = {f: getattr(arm, f.name) for f in dataclasses.fields(arm) if getattr(arm, f.name) != f.default}
     numbers = ", ".join(f"{f.name} = {value} {f.metadata['unit']}" for f, value in own.items())
     return f"an arm with {numbers} instead of Table 1's" if own else "the arm of Table 1"
 
 
-def reference_of(claim: TipClaim, arm: ArmParameters) -> JointReference:
-    """Return the motion of a claim: the default one of the arm along the path, in the duration that is claimed."""
-    reference = default_reference(arm, choice("path", claim.path, PATHS))
-    assert isinstance(reference, JointReference)
-    return dataclasses.replace(reference, duration=claim.duration)
-
-
 def own_duration(policy: str) -> float:
-    """Return the duration [s] of the default circle of the arm that a policy is for; 1.5 s for that of Table 1."""
+    """Return the duration [s] of the default circle of a policy's arm, 1.5 s for the arm of Table 1."""
     return default_reference(load_policy(policy, control_period=PERIOD).parameters).duration
 
 
 def two_joint_arm(policy: Policy) -> ArmParameters:
-    """Return the arm that a policy is for; `NoBound` for another robot."""
+    """Return the arm of a policy; `NoBound` unless it is a two-joint arm."""
     parameters = policy.parameters
     if not isinstance(parameters, ArmParameters):
         raise NoBound(f"there is no bound for a robot of {len(parameters)} joints; choose the two-joint arm")
@@ -162,16 +161,16 @@ def two_joint_arm(policy: Policy) -> ArmParameters:
 
 
 def problem_of(claim: TipClaim, policy: Policy | None = None) -> Problem:
-    """Return the problem of a claim, for the arm of the policy; `policy` itself where it has no name yet."""
+    """Return the problem that proves a claim; `policy` replaces the one of the claim's name, for one without a name."""
     policy = load_policy(claim.policy, control_period=PERIOD) if policy is None else policy
     parameters = two_joint_arm(policy)
-    case, reference = case_for(claim.case, parameters), reference_of(claim, parameters)
+    case, reference = case_for(claim.case, parameters), claim.reference(parameters)
     schedule = Schedule.build(reference, case.disturbance, PERIOD, axes=2)
     if claim.steps is not None:
         schedule = dataclasses.replace(schedule, table=schedule.table[: claim.steps + 1])
     if case.disturbance.torque_bias is not None or case.disturbance.encoder_noise is not None:
         raise NoBound(f"case {claim.case}: a torque bias or Gaussian noise of the encoders has no bound here")
-    plant = ball_plant(parameters, case.disturbance, claim.plants)
+    plant = BallPlant.of(parameters, case.disturbance, claim.plants)
     law = SampledLaw(policy, schedule.references)
     _, info = FuzzyArmEnv(claim.case, parameters=parameters, reference=reference).reset()
     start = np.concatenate([info[name] for name in ("q_motor", "q_link", "dq_motor", "dq_link")])
@@ -189,11 +188,11 @@ def find_bound(
     Args:
         claim: what is to be proven.
         advance: called after each control step.
-        claims: tubes to be confirmed, as a file has them; None: they are searched.
-        policy: the policy itself, where it has no name yet; None: that of the claim's name.
+        claims: tubes of a file, to be confirmed; None to search for them.
+        policy: the policy itself, for one without a name; None for the one of the claim's name.
 
     Raises:
-        NoBound: there is none; the message says when and what stands in its way.
+        NoBound: there is no bound; the message says from when on and why.
         ValueError: a name is unknown, or the case's tip force or payload does not go with the arm.
     """
     begin = time.perf_counter()

@@ -1,8 +1,8 @@
-"""A set that is too large for one tube, divided into cells, each with a tube of its own, on several cores.
+"""The division of a set that is too large for one tube into cells, each with a tube of its own, on several cores.
 
-The constants of any plant lie in the ranges of one of the cells, so the largest of their bounds holds for the whole
-set. The factors of both joints are independent, so each joint's range is divided. A cell without a tube is halved where
-it is widest, as a share of the whole range, until its parts have one.
+Every plant of the set lies in one of the cells, so the largest of their bounds holds for the whole set. The factors of
+both joints are independent, so each joint's range is divided. A cell without a tube is halved where it is widest, as a
+share of the whole range, until its parts have one.
 """
 
 from __future__ import annotations
@@ -19,7 +19,7 @@ from fuzzyarm.common.checks import choice, distinct, whole
 from fuzzyarm.policies.tip_bound import TipBound, TipClaim, find_bound
 from fuzzyarm.policies.tip_files import CellBound, save_bound
 from fuzzyarm.proof.tip.enclosures import NoBound
-from fuzzyarm.proof.tip.plant import AXES, BY_JOINT, RANGES, Axis, PlantSet, narrowed, ranges_in_words
+from fuzzyarm.proof.tip.plant import AXES, BY_JOINT, RANGES, Axis, PlantSet
 
 __all__ = ["Division", "bounds_of_cell", "bounds_of_cells", "cells"]
 
@@ -29,7 +29,7 @@ _DIVISIBLE: dict[str, list[Axis]] = {
     **{name: [axis for axis in AXES if axis[0] == name] for name in RANGES},
     **{f"{name}-{joint + 1}": [(name, joint)] for name, joint in AXES if name in BY_JOINT},
 }
-"""What can be divided by name: the range of a field, of each joint where it has its own, or of one joint (mass-2)."""
+"""The ranges that a name divides: that of a field, those of both joints, or that of one joint alone (mass-2)."""
 
 
 def cells(plants: PlantSet, divisions: Sequence[Division]) -> Iterator[PlantSet]:
@@ -50,14 +50,14 @@ def cells(plants: PlantSet, divisions: Sequence[Division]) -> Iterator[PlantSet]
     for chosen in itertools.product(*axes):
         cell = plants
         for axis, part in chosen:
-            cell = narrowed(cell, axis, part)
+            cell = cell.narrowed(axis, part)
         yield cell
 
 
 def bounds_of_cells(
     claim: TipClaim, divisions: Sequence[Division], jobs: int, out: Path | None = None
 ) -> Iterator[list[CellBound]]:
-    """Yield what is found of each cell of the claim's set, or of its parts, computed in `jobs` processes.
+    """Yield the bounds of each cell of the claim's set, or of the parts of the cell, computed in `jobs` processes.
 
     With `out`, the file of each bound is written beside it: ``NAME-001.json`` and so on for ``NAME.json``. `NoBound` if
     a cell has no bound; the message says which.
@@ -80,7 +80,7 @@ def bounds_of_cells(
 
 
 def bounds_of_cell(claim: TipClaim, plants: PlantSet, names: Sequence[str], halvings: int = 6) -> Iterator[TipBound]:
-    """Yield the bound of the claim's cell of a set, or those of its parts, halved up to so many times.
+    """Yield the bound of the cell that is the claim's set, or those of its parts after up to so many halvings.
 
     `names`, of `_DIVISIBLE`, are the ranges that may be halved. `NoBound` if a part has none after that.
     """
@@ -90,20 +90,20 @@ def bounds_of_cell(claim: TipClaim, plants: PlantSet, names: Sequence[str], halv
     except NoBound as error:
         axis = _widest(claim.plants, plants, names)
         if not halvings or axis is None:
-            raise NoBound(f"{ranges_in_words(claim.plants, plants)}: {error}") from None
+            raise NoBound(f"{claim.plants.in_words(plants)}: {error}") from None
     low, high = claim.plants.of_joint(*axis)
     middle = 0.5 * (low + high)
     for part in ((low, middle), (middle, high)):
-        half = dataclasses.replace(claim, plants=narrowed(claim.plants, axis, part))
+        half = dataclasses.replace(claim, plants=claim.plants.narrowed(axis, part))
         yield from bounds_of_cell(half, plants, names, halvings - 1)
 
 
 def _widest(cell: PlantSet, plants: PlantSet, names: Sequence[str]) -> Axis | None:
     """Return where a cell is widest, as a share of the whole range; None where it has no width."""
-    shares = {}
-    for axis in itertools.chain(*(_DIVISIBLE[name] for name in names)):
-        low, high = plants.of_joint(*axis)
-        if low < high:
-            first, last = cell.of_joint(*axis)
-            shares[axis] = (last - first) / (high - low)
-    return max(shares, key=lambda axis: shares[axis], default=None)
+
+    def width(of: PlantSet, axis: Axis) -> float:
+        low, high = of.of_joint(*axis)
+        return high - low
+
+    axes = [axis for name in names for axis in _DIVISIBLE[name] if width(plants, axis) > 0.0]
+    return max(axes, key=lambda axis: width(cell, axis) / width(plants, axis), default=None)

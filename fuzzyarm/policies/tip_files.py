@@ -32,14 +32,13 @@ from fuzzyarm.policies.tip_bound import (
     arm_in_words,
     find_bound,
     plain,
-    reference_of,
     two_joint_arm,
 )
 from fuzzyarm.proof.tip.centre import DEGREE, Mode, Segment
 from fuzzyarm.proof.tip.enclosures import NoBound
 from fuzzyarm.proof.tip.friction import Plan
 from fuzzyarm.proof.tip.period import TubeClaim
-from fuzzyarm.proof.tip.plant import RANGES, PlantSet, missed, plants_of, ranges_in_words
+from fuzzyarm.proof.tip.plant import RANGES, SETS, PlantSet, check_set_name
 from fuzzyarm.proof.tip.transition import ROW_COUNT, STATES
 
 __all__ = ["BoundCheck", "CellBound", "check_bound", "is_bound", "save_bound", "save_cells"]
@@ -51,7 +50,7 @@ _ROUNDING = 1 + 1e-9  # by which a number that is found again may differ
 
 @dataclasses.dataclass(frozen=True)
 class _Part:
-    """A segment as it stands in the file."""
+    """A segment of the tube in the file."""
 
     duration: float
     modes: list[int]
@@ -96,18 +95,17 @@ class _CellsDocument:
 
 @dataclasses.dataclass(frozen=True)
 class BoundCheck:
-    """What the check of a file found."""
+    """The outcome of the check of a file."""
 
     path: Path  # the file
-    claim: TipClaim  # what it claims a bound for
+    claim: TipClaim  # for which the file claims a bound
     arm: ArmParameters  # in the middle of the set
-    bound: float  # that it claims [m], or what was found now where that is larger by rounding
-    reason: str  # why it is not proven; empty if it is
-    seconds: float  # that the check took
-    tip: (
-        np.ndarray
-    )  # bound of the tip error at the end of each control step [m], as the file has it: by cells, the largest
-    cells: int | None = None  # how many there are in the file of a bound by cells, of which each has to be proven
+    bound: float  # the claimed bound [m], or the one found now where that is larger by rounding
+    reason: str  # why the claim is not proven; empty if it is
+    seconds: float  # duration of the check
+    # bound of the tip error at the end of each control step [m], as the file states it; of cells, the largest
+    tip: np.ndarray
+    cells: int | None = None  # number of cells, each of which has to be proven; None for a file of one tube
 
     @property
     def proven(self) -> bool:
@@ -116,7 +114,7 @@ class BoundCheck:
 
     @property
     def sentence(self) -> str:
-        """What is proven of the tip, in one sentence."""
+        """One sentence that states what is proven of the tip."""
         c, most = self.claim, at_most(1e3 * self.bound, 4)
         said = "claimed" if self.reason else "proven"
         motion = c.motion(len(self.tip))
@@ -124,8 +122,8 @@ class BoundCheck:
         return f"{within} (elastic arm, {arm_in_words(self.arm)}; sampled control; {motion})"
 
     def reference(self) -> JointReference:
-        """Return the motion that the bound is about."""
-        return reference_of(self.claim, self.arm)
+        """Return the motion for which the bound holds."""
+        return self.claim.reference(self.arm)
 
     def to_dict(self) -> dict[str, Any]:
         """Return the result as plain data for JSON."""
@@ -162,7 +160,7 @@ def save_bound(bound: TipBound, path: Path) -> None:
 
 
 class CellBound(NamedTuple):
-    """What was found of one cell."""
+    """The bound of one cell."""
 
     plants: PlantSet  # the cell
     bound: float  # of the tip error [m]
@@ -181,7 +179,7 @@ def save_cells(claim: TipClaim, found: Sequence[CellBound], path: Path) -> None:
 
 
 def is_bound(path: Path) -> bool:
-    """Return whether a file begins as the file of a bound does, also by cells; OSError if it cannot be read."""
+    """Return whether a file begins like the file of a bound, of one tube or by cells; OSError if it is unreadable."""
     with open_regular(path) as file:
         begin = file.read(64)
     return any(schema.encode() in begin for schema in (_SCHEMA, _CELLS_SCHEMA))
@@ -200,7 +198,9 @@ def check_bound(path: Path) -> BoundCheck:
 def _claim_of(given: _Document | _CellsDocument, samples: int) -> TipClaim:
     """Return the claim of a file for so many samples, once its bound is checked."""
     real("bound", given.bound, "m", low=0.0, high=_LARGEST)
-    plants = plants_of(given.set_name, given.plants)
+    plants = record(given.plants, PlantSet)
+    if given.set_name in SETS:  # any other label is a note of the file's maker, neither checked nor repeated
+        check_set_name(given.set_name, plants)
     return TipClaim(given.policy, given.case, plants=plants, path=given.path, duration=given.duration, steps=samples)
 
 
@@ -273,5 +273,5 @@ def _why_not(claim: TipClaim, bound: float, found: Sequence[BoundCheck]) -> str:
             return f"{cell.path.name} is about something else"
         if cell.bound > bound * _ROUNDING:
             return f"{cell.path.name}: the tip may err by {at_most(1e3 * cell.bound, 4)} mm"
-    hole = missed(claim.plants, [cell.claim.plants for cell in found])
-    return "" if hole is None else f"no cell holds {ranges_in_words(hole, claim.plants)}"
+    hole = claim.plants.hole([cell.claim.plants for cell in found])
+    return "" if hole is None else f"no cell holds {hole.in_words(claim.plants)}"

@@ -16,7 +16,7 @@ import numpy as np
 __all__ = ["Assembly", "he", "identity", "symmetric", "times", "transposed", "zeros"]
 
 Assembly = Callable[[list[list[Any]]], Any]
-"""Makes one matrix of the block rows of a lower triangle, each up to the diagonal; see `symmetric`."""
+"""A function that assembles a matrix from the block rows of its lower triangle; see `symmetric`."""
 
 
 @functools.singledispatch
@@ -47,7 +47,7 @@ def identity(size: int) -> np.ndarray:
 
 
 def symmetric(lower: Sequence[Sequence[Any]]) -> np.ndarray:
-    """Return symmetric matrices (..., r, r) of the block rows `lower`, each up to the diagonal, in one unit."""
+    """Return symmetric matrices (..., r, r), in one unit, from their block rows `lower`, each up to the diagonal."""
     ends = np.cumsum([row[-1].shape[-1] for row in lower])
     places = [slice(end - row[-1].shape[-1], end) for row, end in zip(lower, ends.tolist(), strict=True)]
     blocks = [entry for row in lower for entry in row if not isinstance(entry, int)]

@@ -11,7 +11,7 @@ f is a form of degree four in (a, b), and 1 = (a² + 2 cos h ab + b²)² = Σ κ
 f_i. Taken for each angle in turn this holds for a matrix of d angles and its 5^d control matrices: if all of them are
 positive definite, so is the matrix everywhere in the box. The excess of the hull falls with h².
 
-*Cover.* The box is cut into smaller ones until all control matrices of each are positive definite. Boxes are taken by
+*_Cover.* The box is cut into smaller ones until all control matrices of each are positive definite. Boxes are taken by
 the hundred, in floating point with a bound of every rounding error:
 
 - the control matrices are sums of products of coefficients and weights, whose error is below a multiple of the sum of
@@ -38,7 +38,7 @@ from flint import arb, arb_mat
 
 from fuzzyarm.proof.definiteness import is_dominant
 
-__all__ = ["BASIS", "TrigMatrix", "control_weights", "cover", "first_boxes", "proven_in_balls", "widened"]
+__all__ = ["BASIS", "TrigMatrix", "cover", "proven_in_balls"]
 
 BASIS = 5  # functions of one angle: 1, cos q, sin q, cos 2q, sin 2q
 _WIDEST = 0.8  # largest h [rad]: half the width of a box
@@ -62,7 +62,7 @@ class TrigMatrix:
 
     @functools.cached_property
     def coefficients(self) -> np.ndarray:
-        """The nearest floats, _packed as (5, ..., 5, s(s + 1)/2)."""
+        """The nearest floats, packed as (5, ..., 5, s(s + 1)/2)."""
         return _packed(self.exact).astype(np.float64)
 
     def at(self, q: np.ndarray) -> np.ndarray:
@@ -85,7 +85,7 @@ class TrigMatrix:
         return TrigMatrix(np.moveaxis(result, 0, angle))
 
     def needed(self) -> list[int]:
-        """Return the angles that the matrix depends on."""
+        """Return the numbers of the angles on which the matrix depends."""
         return [k for k in range(self.angles) if any(entry != 0 for entry in np.moveaxis(self.exact, k, 0)[1:].ravel())]
 
     def of_needed(self) -> TrigMatrix:
@@ -108,7 +108,7 @@ def _unpacked(triangles: np.ndarray, size: int) -> np.ndarray:
     return result
 
 
-def control_weights(cos_m: Any, sin_m: Any, cos_h: Any, sin_h: Any) -> list[list[Any]]:
+def _control_weights(cos_m: Any, sin_m: Any, cos_h: Any, sin_h: Any) -> list[list[Any]]:
     """Return the matrix (5, 5) from the coefficients of one angle to its control values, as nested lists.
 
     Cosine and sine are of the interval's middle m and half width h > 0 [rad]: arrays of many boxes, or balls.
@@ -139,20 +139,14 @@ _LIBRARY = 4
 _WIDENING = 2.0**-44  # rad, above the rounding of an interval's middle and half width up to 100 rad
 
 
-class Cover(NamedTuple):
+class _Cover(NamedTuple):
     """The outcome of a proof."""
 
     boxes: np.ndarray  # (B, d, 2), lowest and highest angle [rad]; those proven so far, if the proof fails
     witness: np.ndarray | None = None  # angles (d,) [rad] where the proof fails; None if the matrix is proven
 
 
-def widened(ranges: np.ndarray) -> np.ndarray:
-    """Return ranges of angles (d, 2) [rad]; one of a whole turn or more becomes a little more than [-π, π]."""
-    whole = ranges[:, 1] - ranges[:, 0] >= 2.0 * np.pi - 1e-9
-    return np.where(whole[:, np.newaxis], np.array([-3.141593, 3.141593]), ranges)
-
-
-def first_boxes(ranges: np.ndarray) -> np.ndarray:
+def _first_boxes(ranges: np.ndarray) -> np.ndarray:
     """Return boxes (B, d, 2) that together are the box `ranges` (d, 2), none wider than 2 `_WIDEST`."""
     spans = []
     for low, high in ranges[::-1]:
@@ -163,13 +157,13 @@ def first_boxes(ranges: np.ndarray) -> np.ndarray:
     return np.array(boxes).reshape(len(boxes), len(ranges), 2)[:, ::-1]
 
 
-def cover(matrix: TrigMatrix, ranges: np.ndarray, most: int = _MOST_BOXES) -> Cover:
+def cover(matrix: TrigMatrix, ranges: np.ndarray, most: int = _MOST_BOXES) -> _Cover:
     """Prove a matrix positive definite for all angles in `ranges` (d, 2), within ±100 rad, in at most so many boxes."""
     scale = _scale(matrix, ranges)
     if scale is None:
-        return Cover(np.empty((0, len(ranges), 2)), ranges.mean(axis=1))
+        return _Cover(np.empty((0, len(ranges), 2)), ranges.mean(axis=1))
     task = _Task(matrix, scale)
-    waiting, done, tried = [first_boxes(ranges)], [], 0
+    waiting, done, tried = [_first_boxes(ranges)], [], 0
     while waiting:
         boxes = waiting.pop()
         if len(boxes) > _CHUNK:
@@ -184,9 +178,9 @@ def cover(matrix: TrigMatrix, ranges: np.ndarray, most: int = _MOST_BOXES) -> Co
         points = bad.mean(axis=2)
         fails = ~_definite(_packed(matrix.at(points))[:, np.newaxis] * task.scale, matrix.size, task.shift)
         if fails.any() or tried > most:
-            return Cover(np.concatenate(done), points[fails][0] if fails.any() else points[0])
+            return _Cover(np.concatenate(done), points[fails][0] if fails.any() else points[0])
         waiting.append(_halved(bad, task.weight))
-    return Cover(np.concatenate(done))
+    return _Cover(np.concatenate(done))
 
 
 def _scale(matrix: TrigMatrix, ranges: np.ndarray) -> np.ndarray | None:
@@ -198,7 +192,7 @@ def _scale(matrix: TrigMatrix, ranges: np.ndarray) -> np.ndarray | None:
 
 
 class _Task:
-    """A matrix in scaled entries: coefficients (5, ..., 5, t), the diagonal's shift, how each angle bends it (d,)."""
+    """A scaled matrix: coefficients (5, ..., 5, t), shift of its diagonal, and how much each angle bends it (d,)."""
 
     def __init__(self, matrix: TrigMatrix, scale: np.ndarray) -> None:
         self.scale, d = _packed(scale[:, np.newaxis] * scale), matrix.angles
@@ -218,7 +212,7 @@ class _Task:
         """Return the control matrices (B, 5^d, t) of boxes (B, d, 2)."""
         count, d = boxes.shape[:2]
         middle, half = boxes.mean(axis=2), 0.5 * (boxes[..., 1] - boxes[..., 0]) + _WIDENING
-        weights = np.array(control_weights(np.cos(middle), np.sin(middle), np.cos(half), np.sin(half)))
+        weights = np.array(_control_weights(np.cos(middle), np.sin(middle), np.cos(half), np.sin(half)))
         values = np.broadcast_to(self.coefficients, (count, *self.coefficients.shape))
         for k in range(d):
             # The angle in front is summed over, and its control values go to the back.
@@ -242,7 +236,7 @@ def _halved(boxes: np.ndarray, weight: np.ndarray) -> np.ndarray:
 
 
 def _definite(matrices: np.ndarray, size: int, shift: float) -> np.ndarray:
-    """Return whether Cholesky's factorisation of every A - shift I ends, for _packed A (B, m, t), (B,)."""
+    """Return whether Cholesky's factorisation of every A - shift I ends, for packed A (B, m, t), (B,)."""
     good, factor = np.ones(matrices.shape[:2], dtype=np.bool_), np.empty((size, size, *matrices.shape[:2]))
     for i in range(size):
         for j in range(i + 1):
@@ -269,7 +263,7 @@ def _proven(matrix: TrigMatrix, coefficients: list[arb], box: np.ndarray) -> boo
     values = coefficients
     for low, high in box.tolist():
         middle, half = (arb(low) + arb(high)) / 2, (arb(high) - arb(low)) / 2
-        weights = arb_mat(control_weights(middle.cos(), middle.sin(), half.cos(), half.sin()))
+        weights = arb_mat(_control_weights(middle.cos(), middle.sin(), half.cos(), half.sin()))
         product = weights * arb_mat(BASIS, len(values) // BASIS, values)
         # The angle in front has become control values; they go to the back.
         values = [row for column in zip(*product.tolist(), strict=True) for row in column]

@@ -17,11 +17,9 @@ from fuzzyarm.proof.definiteness import exact, is_positive_definite, largest_gro
 from fuzzyarm.proof.theorems import error_phi, error_psi, tracking_psi
 from fuzzyarm.proof.vertices import TrackingVertices, error_vertices, tracking_vertices
 
-__all__ = [
-    "NOT_COVERED", "Certificate", "Claim", "certify", "controller_statement", "decay_words", "inequality_name",
-]  # fmt: skip
+__all__ = ["NOT_COVERED", "Certificate", "Claim", "certify", "controller_statement", "decay_words"]
 
-# What every certificate says of its limits.
+# The limits that every certificate states.
 NOT_COVERED = (
     "Not covered: the elastic joints, sampling and hold, measurement noise, torque limits, and any motion that leaves "
     "the box; those are measured, not proven."
@@ -54,7 +52,7 @@ class Certificate:
     """The outcome of `certify`."""
 
     claims: tuple[Claim, ...]  # every inequality
-    statement: str  # what they prove together, in words
+    statement: str  # their joint meaning in words
 
     @property
     def proven(self) -> bool:
@@ -105,20 +103,20 @@ def certify(controller: Controller, progress: Callable[[], None] | None = None) 
                 matrix = -inequality(letter, i, j, k, position)
                 if i != j:
                     matrix = matrix - inequality(letter, j, i, k, position)
-                claims.append(Claim.of(inequality_name(letter, i, j, k), matrix))
+                claims.append(Claim.of(_inequality_name(letter, i, j, k), matrix))
                 if progress:
                     progress()
     return Certificate(tuple(claims), controller_statement(controller))
 
 
-def inequality_name(letter: str, i: int, j: int, k: int) -> str:
+def _inequality_name(letter: str, i: int, j: int, k: int) -> str:
     """Return the name of the inequality of vertices i <= j of A and k of E, all from 0, as in `Claim`."""
     first, second = f"{letter}_{i + 1},{j + 1},{k + 1}", f"{letter}_{j + 1},{i + 1},{k + 1}"
     return f"{first} < 0" if i == j else f"{first} + {second} < 0"
 
 
 def controller_statement(controller: Controller) -> str:
-    """Return what the certificate proves and what it does not, with the numbers of this controller."""
+    """Return a statement of what the certificate proves and what it does not, with the numbers of this controller."""
     p, model = controller.model.parameters, controller.model
     # A smaller box, decay rate or strip than proven is proven as well, and so is a larger gain.
     angles, speeds = (", ".join(at_least(x, 6) for x in limit) for limit in (p.joint_limit, p.velocity_limit))
@@ -153,7 +151,7 @@ def controller_statement(controller: Controller) -> str:
 
 
 def decay_words(alpha: str, *growth: float, x: str = _ERROR) -> str:
-    """Return how x decays, given α [1/s] and the bounds c² of `largest_growth` of all of it and, if given, of e."""
+    """Return a statement of the decay of x, from α [1/s] and the bounds c² of `largest_growth` for x and e alone."""
     c = [at_most(math.sqrt(one) * (1.0 + 1e-12), 4) if math.isfinite(one) else "C" for one in growth]
     words = f"{x} decays at least as exp(-{alpha} t) up to a constant, |x(t)| <= {c[0]} exp(-{alpha} t) |x(0)|"
     return words + f", and |e(t)| <= {c[-1]} exp(-{alpha} t) |e(0)| where at first only e is not zero" * (len(c) > 1)

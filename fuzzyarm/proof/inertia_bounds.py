@@ -38,7 +38,7 @@ from flint import fmpq, fmpq_mat
 
 from fuzzyarm.envs.physics.robot import Robot
 from fuzzyarm.fuzzy_policy.scheduled import TWIST, Premise, ScheduledController
-from fuzzyarm.proof.box_cover import BASIS, TrigMatrix, widened
+from fuzzyarm.proof.box_cover import BASIS, TrigMatrix
 from fuzzyarm.proof.definiteness import exact, stated
 
 __all__ = ["angle_ranges", "inertia_bounds", "inertia_polynomial", "plus", "scheduled_polynomial"]
@@ -148,8 +148,10 @@ def inertia_bounds(controller: ScheduledController) -> Iterator[tuple[str, np.nd
 
 
 def angle_ranges(robot: Robot) -> np.ndarray:
-    """Return the ranges (n, 2) of the angles [rad], `widened`."""
-    return widened(np.array([joint.angle_range for joint in robot.joints]))
+    """Return the ranges (n, 2) of the angles [rad]; one of a whole turn or more becomes a little more than [-π, π]."""
+    ranges = np.array([joint.angle_range for joint in robot.joints])
+    whole = ranges[:, 1] - ranges[:, 0] >= 2.0 * np.pi - 1e-9
+    return np.where(whole[:, np.newaxis], np.array([-3.141593, 3.141593]), ranges)
 
 
 def scheduled_polynomial(premises: Sequence[Premise], inertia: np.ndarray, split: int) -> np.ndarray:

@@ -1,4 +1,4 @@
-"""What is proven of a policy: the claims of its controller file, for its law, and for that law as it tracks the tip."""
+"""The certificate of a policy: the claims of its controller file, for its law and for that law as it tracks the tip."""
 
 from __future__ import annotations
 
@@ -24,9 +24,9 @@ __all__ = ["PolicyCertificate", "certificate_of", "tip_statement"]
 
 @dataclasses.dataclass(frozen=True)
 class PolicyCertificate:
-    """What is proven of a policy on a reference; see `certificate_of`."""
+    """The proven claims of a policy on a reference; see `certificate_of`."""
 
-    text: str  # what is proven and what is not, in words
+    text: str  # statement of what is proven and what is not
     # the numbers of the claim, ready for JSON: ``form``, ``alpha`` [1/s], ``gamma`` ([rad/(N m)] in the consistent
     # form, [s²] in the semidefinite one) and ``controller_digest``, the digest of the controller file. None where the
     # policy leaves the box along the reference, so that the claim is void.
@@ -38,7 +38,7 @@ class PolicyCertificate:
 
 
 def certificate_of(policy: object, reference: Reference) -> PolicyCertificate | None:
-    """Return what is proven of a policy along a reference; None where nothing is.
+    """Return the certificate of a policy along a reference; None if nothing is proven of it.
 
     A law that tracks the tip inherits the claim of the law that it wraps, for the error from θ_d instead of q_d, unless
     that claim is about the reference alone, as the paper's is.
@@ -63,7 +63,7 @@ def certificate_of(policy: object, reference: Reference) -> PolicyCertificate | 
 
 
 def tip_statement(reference: Reference) -> str:
-    """Return what a controller's certificate says of the law that tracks θ_d of `reference`, with the box re-checked.
+    """Return what a controller's certificate means for the law that tracks θ_d of `reference`, with the box re-checked.
 
     The inequality holds for the error from any reference, with w = d + ρ. For θ_d, ρ is what the dropped premises make
     of the error (it vanishes with it), and u_ff without friction less the rigid arm's inverse dynamics at θ_d: τ_d less

@@ -1,6 +1,6 @@
 """The feedforward residual of the consistent form along a reference, bounded at every instant.
 
-The feedforward holds dropped premises at the middle of their range. What it misses is ρ = Σ f_i r_i S_i y_i with
+The feedforward holds dropped premises at the middle of their range. Its residual is ρ = Σ f_i r_i S_i y_i with
 |f_i| <= 1, r_i half the range of premise i, S_i its slope, and y_i = (q_d, q̇_d) for a premise of A, (q̇_d, q̈_d) for one
 of E. For any state in the box, with w_ij the row q̇_j of r_i S_i,
 
@@ -29,6 +29,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from flint import arb, arb_series
 
+from fuzzyarm.common.arithmetic import at_most
 from fuzzyarm.envs.observation import JOINTS
 from fuzzyarm.envs.scenario.paths import Circle
 from fuzzyarm.envs.scenario.reference import CHECKED_INSTANTS, JointReference
@@ -45,11 +46,24 @@ _SHORTEST_HALF = 2.0**-40  # half of an interval that is not halved again: its e
 
 
 class Residual(NamedTuple):
-    """What the feedforward misses along a reference, for any state in the box."""
+    """The largest feedforward residual along a reference, for any state in the box."""
 
     sampled: np.ndarray  # largest ρ̄ (2,) [N m] at `reference.CHECKED_INSTANTS` instants
     # bound (2,) [N m] of ρ̄ at every instant; None for a path that is no circle, and where none was found
     bound: np.ndarray | None
+
+    @property
+    def statement(self) -> str:
+        """One sentence that states the residual along the paper's circle."""
+        torques = self.sampled if self.bound is None else self.bound
+        largest = f"({', '.join(at_most(torque, 3) for torque in torques)}) N m"
+        place = "along the paper's circle, for any state in the box"
+        if self.bound is not None:
+            return f"The feedforward residual in d is at most {largest} {place}."
+        return (
+            f"The feedforward residual in d reaches {largest} {place}: sampled at {CHECKED_INSTANTS} instants, not "
+            "bounded between them."
+        )
 
 
 def feedforward_residual(model: TSModel, reference: JointReference) -> Residual:

@@ -46,10 +46,10 @@ from fuzzyarm.proof.certificate import NOT_COVERED, Certificate, Claim, decay_wo
 from fuzzyarm.proof.definiteness import exact, inverse, largest_growth, smallest_eigenvalue, stated
 from fuzzyarm.proof.inertia_bounds import inertia_bounds
 
-__all__ = ["certify_scheduled", "decay", "fastest", "scalar_loop", "schedule_rate", "scheduled_statement"]
+__all__ = ["certify_scheduled", "decay", "fastest", "schedule_rate", "scheduled_statement"]
 
 
-def scalar_loop() -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+def _scalar_loop() -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Return A (3, 3), b (3, 1) and c (1, 3) as whole numbers."""
     unit = identity(SCALAR_STATES)
     return np.array([unit[1], 0 * unit[0], unit[0]]), unit[:, 1:2], unit[:1]
@@ -61,14 +61,14 @@ def decay(share: Any, *, rate: Any, gamma2: Any, P: Any, m: Any, put: Assembly =
     λ is the share, `rate` α + μ [1/s], `gamma2` γ² [s⁴], P is (3, 3), m = k P is (1, 3), and `put` makes a matrix of
     the block rows.
     """
-    A, b, c = scalar_loop()
+    A, b, c = _scalar_loop()
     state = he(A @ P - b @ (share * m)) + 2 * rate * P
     return put([[state], [share * b.T, -gamma2 * identity(1)], [c @ P, 0, -identity(1)]])
 
 
 def fastest(share: Any, *, pole: Any, P: Any, m: Any, put: Assembly = symmetric) -> Any:
     """Return the matrix of the fastest pole β [1/s], (6, 6), which has to be positive definite; see `decay`."""
-    A, b, _ = scalar_loop()
+    A, b, _ = _scalar_loop()
     return put([[pole * P], [A @ P - b @ (share * m), pole * P]])
 
 
@@ -126,7 +126,7 @@ def _inertia_claim(name: str, polynomial: np.ndarray, ranges: np.ndarray, in_bal
 
 
 def scheduled_statement(controller: ScheduledController) -> str:
-    """Return what the certificate proves and what it does not, with the numbers of this controller."""
+    """Return a statement of what the certificate proves and what it does not, with the numbers of this controller."""
     robot, kept = controller.robot, controller.premises
     ranges = ", ".join(
         f"[{at_most(low, 6)}, {at_least(high, 6)}]" for low, high in (joint.angle_range for joint in robot.joints)

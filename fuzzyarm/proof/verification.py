@@ -1,4 +1,4 @@
-"""The report of `fuzzyarm verify`: which claims of a controller file are proven, and what they mean."""
+"""The report of `fuzzyarm verify`: the claims of a controller file, whether they are proven, and their meaning."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from typing import Any
 from fuzzyarm.common.arithmetic import at_least, at_most
 from fuzzyarm.common.checks import path_of
 from fuzzyarm.common.console import escaped
-from fuzzyarm.envs.scenario.reference import CHECKED_INSTANTS, JointReference
+from fuzzyarm.envs.scenario.reference import JointReference
 from fuzzyarm.fuzzy_policy.controller import Controller
 from fuzzyarm.fuzzy_policy.scheduled import ScheduledController, load_controller
 from fuzzyarm.proof.certificate import Certificate, certify
@@ -19,7 +19,7 @@ from fuzzyarm.proof.policy_certificate import tip_statement
 from fuzzyarm.proof.residual import Residual, feedforward_residual
 from fuzzyarm.proof.scheduled_certificate import certify_scheduled
 
-__all__ = ["Verification", "residual_statement", "verify_file"]
+__all__ = ["Verification", "verify_file"]
 
 _LISTED = 20  # claims in the printed report
 
@@ -34,7 +34,7 @@ class Verification:
     controller: Controller | ScheduledController  # the content of the file
     # the feedforward residual; None unless the form is the consistent one, and where the arm does not reach the circle
     residual: Residual | None = None
-    tip: str | None = None  # what holds for the policy of this file with the ending -tip
+    tip: str | None = None  # statement for the policy of this file with the ending -tip
 
     @property
     def proven(self) -> bool:
@@ -95,23 +95,10 @@ class Verification:
         if self.proven:
             lines.append(f"  {self.certificate.statement}")
         if self.residual is not None and self.residual.sampled.any():
-            lines.append(f"  {residual_statement(self.residual)}")
+            lines.append(f"  {self.residual.statement}")
         if self.tip is not None and self.proven:
             lines.append(f"  {self.tip} (Reference: the paper's circle; the policy: this file with the ending -tip.)")
         return "\n".join(lines)
-
-
-def residual_statement(residual: Residual) -> str:
-    """Return what is known of the feedforward residual along the paper's circle."""
-    torques = residual.sampled if residual.bound is None else residual.bound
-    largest = f"({', '.join(at_most(torque, 3) for torque in torques)}) N m"
-    place = "along the paper's circle, for any state in the box"
-    if residual.bound is not None:
-        return f"The feedforward residual in d is at most {largest} {place}."
-    return (
-        f"The feedforward residual in d reaches {largest} {place}: sampled at {CHECKED_INSTANTS} instants, not bounded "
-        "between them."
-    )
 
 
 def verify_file(path: str | Path) -> Verification:

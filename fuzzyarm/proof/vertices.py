@@ -19,15 +19,7 @@ from fuzzyarm.fuzzy_policy.ts_model import TSModel, Uncertainty
 from fuzzyarm.proof.block_matrix import identity
 from fuzzyarm.proof.definiteness import exact, rational
 
-__all__ = [
-    "REFERENCE_POLE",
-    "Index",
-    "TrackingVertices",
-    "Vertices",
-    "error_vertices",
-    "reference_model",
-    "tracking_vertices",
-]
+__all__ = ["REFERENCE_POLE", "Index", "TrackingVertices", "Vertices", "error_vertices", "tracking_vertices"]
 
 Index = int | np.ndarray  # number of a vertex, from 0, or an array of numbers, for a stack of matrices
 REFERENCE_POLE = 62.0  # rad/s, double pole of the reference model (8), section 6.1.3
@@ -99,14 +91,6 @@ class TrackingVertices(Vertices):
     Q_inverse: np.ndarray  # Q⁻¹ of eᵀQe in (13), (4, 4)
 
 
-def reference_model() -> tuple[np.ndarray, np.ndarray]:
-    """Return A_r (4, 4) and B_r (4, 6) of (8) for r = (q_d, q̇_d, q̈_d)."""
-    p, I, O = REFERENCE_POLE, np.eye(JOINTS), np.zeros((JOINTS, JOINTS))  # noqa: E741  identity
-    A_r = np.block([[O, I], [-(p**2) * I, -2.0 * p * I]])
-    B_r = np.block([[O, O, O], [p**2 * I, 2.0 * p * I, I]])
-    return A_r, B_r
-
-
 def error_vertices(
     model: TSModel, integral: bool, *, common_multiplier: bool = False, rationals: bool = False
 ) -> Vertices:
@@ -128,9 +112,10 @@ def error_vertices(
 def tracking_vertices(
     model: TSModel, integral: bool, weight: np.ndarray, *, common_multiplier: bool = False, rationals: bool = False
 ) -> TrackingVertices:
-    """Return `error_vertices` with the reference model and `weight`, the diagonal (4,) of Q."""
+    """Return `error_vertices` with the reference model (8) for r = (q_d, q̇_d, q̈_d) and Q = diag(`weight` (4,))."""
     plain = error_vertices(model, integral, common_multiplier=common_multiplier, rationals=rationals)
-    A_r, B_r = reference_model()
+    p, I, O = REFERENCE_POLE, np.eye(JOINTS), np.zeros((JOINTS, JOINTS))  # noqa: E741  identity
+    A_r, B_r = np.block([[O, I], [-(p**2) * I, -2.0 * p * I]]), np.block([[O, O, O], [p**2 * I, 2.0 * p * I, I]])
     Q_inverse = np.diag(1.0 / weight)
     if rationals:
         A_r, B_r, Q_inverse = exact(A_r), exact(B_r), exact(np.diag(weight))

@@ -27,7 +27,7 @@ from fuzzyarm.fuzzy_policy.signed_files import ControllerFileError
 from fuzzyarm.fuzzy_policy.ts_model import TSModel
 from fuzzyarm.policies.tip_files import check_bound
 from fuzzyarm.proof import theorems
-from fuzzyarm.proof.certificate import Certificate, certify, inequality_name
+from fuzzyarm.proof.certificate import Certificate, _inequality_name, certify
 from fuzzyarm.proof.scheduled_certificate import certify_scheduled
 from fuzzyarm.synthesis import DesignProblem, Specification, design
 from fuzzyarm.synthesis.design_problem import MARGIN
@@ -188,7 +188,7 @@ def test_each_inequality_is_needed(kept, name, tmp_path):
                 return cp.multiply(np.outer(row, row), half_of + half_of.T)
 
             parts = [matrix(i, j), matrix(j, i)]
-            if inequality_name("Psi", i, j, k) != name:
+            if _inequality_name("Psi", i, j, k) != name:
                 rows.append(0.5 * (parts[0] + parts[1]) << -MARGIN * np.eye(len(row)))
                 continue
             rows += [part << 10.0 * np.eye(len(row)) for part in parts]

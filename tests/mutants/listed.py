@@ -91,7 +91,7 @@ MUTANTS = (
     Mutant("residual-slope", f"{PROOF}/residual.py", "bound += (g + slope * reach).abs_upper()", "bound += g.abs_upper()", "tests/proof/test_residual.py"),
     # Proofs of the tip.
     Mutant("cells-proven", "policies/tip_files.py", "        if not cell.proven:", "        if False:", "tests/abuse/test_forgeries.py -m slow -k cell"),
-    Mutant("cells-hole", "policies/tip_files.py", "hole = missed(claim.plants, [cell.claim.plants for cell in found])", "hole = None", "tests/proof/tip/test_tube.py -k cells"),
+    Mutant("cells-hole", "policies/tip_files.py", "hole = claim.plants.hole([cell.claim.plants for cell in found])", "hole = None", "tests/proof/tip/test_tube.py -k cells"),
     Mutant("zonotope-box", f"{TIP}/zonotope.py", "(np.abs(self.columns).sum(axis=1) + self.box) * ROUND_UP", "np.abs(self.columns).sum(axis=1) * ROUND_UP", "tests/proof/tip/test_enclosures.py"),
     Mutant("links-remainder", f"{TIP}/remainders.py", "total += spread @ tube[rows]", "total += 0.5 * spread @ tube[rows]", "tests/proof/tip/test_enclosures.py"),
     # Other readers.

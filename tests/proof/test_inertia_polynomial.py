@@ -8,13 +8,12 @@ from fuzzyarm.envs.physics.robot import Robot, robot_named
 from fuzzyarm.fuzzy_policy.ts_model import TSModel
 from fuzzyarm.proof.box_cover import (
     TrigMatrix,
-    control_weights,
+    _control_weights,
     cover,
     proven_in_balls,
-    widened,
 )
 from fuzzyarm.proof.definiteness import exact
-from fuzzyarm.proof.inertia_bounds import BASIS, inertia_polynomial
+from fuzzyarm.proof.inertia_bounds import BASIS, angle_ranges, inertia_polynomial
 from fuzzyarm.synthesis.inertia_metric import _twist_map
 
 TURN = np.array([[-3.141593, 3.141593]])
@@ -68,7 +67,7 @@ def test_two_joints_have_the_inertia_of_the_vertices_of_the_paper_form():
 def test_control_values_reproduce_the_function():
     """f(q) = Σ f_i κ_i a^(4-i) b^i, and the weights are >= 0 with the sum 1."""
     m, h, t = 0.7, 0.6, np.linspace(-0.6, 0.6, 13)
-    weights = np.array(control_weights(np.cos(m), np.sin(m), np.cos(h), np.sin(h)))
+    weights = np.array(_control_weights(np.cos(m), np.sin(m), np.cos(h), np.sin(h)))
     a, b = np.sin((h - t) / 2) / np.sin(h), np.sin((h + t) / 2) / np.sin(h)
     c = np.cos(h)
     kappa = np.array([1, 4 * c, 2 + 4 * c * c, 4 * c, 1])
@@ -83,7 +82,7 @@ def test_control_values_reproduce_the_function():
 def test_the_excess_of_the_hull_falls_with_the_square_of_the_width():
     excess = []
     for h in (0.4, 0.2, 0.1):
-        weights = np.array(control_weights(1.0, 0.0, np.cos(h), np.sin(h)))
+        weights = np.array(_control_weights(1.0, 0.0, np.cos(h), np.sin(h)))
         excess.append(weights[:, 1].max() - 1.0)  # of cos t about its maximum
     orders = np.log2(np.array(excess[:-1]) / np.array(excess[1:]))
     assert np.all(np.abs(orders - 2.0) < 0.1)
@@ -127,5 +126,6 @@ def test_balls_refuse_a_box_where_the_matrix_is_not_definite():
 
 
 def test_a_whole_turn_is_widened_beyond_pi():
-    assert np.abs(widened(np.array([[-np.pi, np.pi]]))).min() > np.pi
-    np.testing.assert_array_equal(widened(np.array([[-1.0, 2.0]])), [[-1.0, 2.0]])
+    assert np.abs(angle_ranges(robot_named("ur5"))).min() > np.pi
+    panda = robot_named("panda")
+    np.testing.assert_array_equal(angle_ranges(panda), [joint.angle_range for joint in panda.joints])

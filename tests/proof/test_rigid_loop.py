@@ -14,20 +14,17 @@ from fuzzyarm.fuzzy_policy.ts_model import premises
 from fuzzyarm.policies import load_policy
 from fuzzyarm.proof import rigid_loop as frozen
 from fuzzyarm.proof.rigid_loop import (
-    HELD,
+    _HELD,
     Motion,
     RigidLoop,
     Run,
-    Uniform,
     _discrete,
-    find_worst_point,
-    freeze,
+    _joined,
+    _lyapunov_rate,
+    _slowest_error,
+    _Uniform,
     gain_at,
-    joined,
     library,
-    lyapunov_rate,
-    simulate,
-    slowest_error,
     worst_posture,
     worst_torque,
 )
@@ -36,7 +33,7 @@ NAMES = ("fuzzy-1", "fuzzy-4")
 CIRCLE = JointReference()
 STEP = 1e-3
 AMPLITUDE = 100.0  # N m
-NOTHING = joined(np.zeros((2, 1, 2)))
+NOTHING = _joined(np.zeros((2, 1, 2)))
 
 
 @pytest.fixture(autouse=True)
@@ -81,10 +78,7 @@ def disturbed(loop: RigidLoop, motion: Motion, duration: float, *, total: bool =
     torques += [worst_torque(loop, motion, duration, stored=stored, step=STEP) for stored in (False, True)]
     stacked = AMPLITUDE * np.stack(torques, axis=1)
     start = np.zeros((len(torques), loop.states))
-    return simulate(loop, motion, start, joined(stacked, STEP), duration, total=total, step=STEP)
-
-
-# (e) the model
+    return loop.simulate(motion, start, _joined(stacked, STEP), duration, total=total, step=STEP)
 
 
 @pytest.mark.parametrize("name", [*NAMES, "fuzzy-2", "fuzzy-32"])
@@ -110,12 +104,9 @@ def test_error_dynamics_are_the_frozen_loop_exactly(name: str, total: bool) -> N
     target = ReferenceSample(q, dq, rng.uniform(-50.0, 50.0, (100, 2)))
     torque = rng.normal(size=(100, 2)) * 100.0
     rate, w = loop.error_rate(error, target, torque, total=total)
-    F, G = freeze(loop, q + error[:, :2], dq + error[:, 2:4])
+    F, G = loop.frozen(q + error[:, :2], dq + error[:, 2:4])
     np.testing.assert_allclose(rate, (F @ error[..., None] + G @ w[..., None])[..., 0], rtol=1e-10, atol=1e-8)
     assert np.array_equal(w, torque) == total or name == "fuzzy-32"
-
-
-# (d) the integrator
 
 
 def test_runge_kutta_converges_with_order_four() -> None:
@@ -125,7 +116,7 @@ def test_runge_kutta_converges_with_order_four() -> None:
         return 50.0 * np.sin(40.0 * t)[:, np.newaxis, np.newaxis] * np.ones(2)
 
     def end(step: float) -> np.ndarray:
-        run = simulate(loop, CIRCLE, start, sine, 0.036, step=step)
+        run = loop.simulate(CIRCLE, start, sine, 0.036, step=step)
         return np.stack([run.V[-1], run.output[-1], run.input[-1], run.dissipation[-1]])
 
     steps, exact = np.array([4e-3, 3e-3, 2e-3, 1e-3]), end(2e-4)
@@ -136,8 +127,8 @@ def test_runge_kutta_converges_with_order_four() -> None:
 
 def test_the_worst_torque_is_the_first_singular_vector() -> None:
     """Against the dense map of 0.1 s of the circle, for both outputs."""
-    loop, steps = shipped("fuzzy-4"), round(0.1 / HELD)
-    move, push = _discrete(loop, CIRCLE, HELD * (np.arange(steps) + 0.5))
+    loop, steps = shipped("fuzzy-4"), round(0.1 / _HELD)
+    move, push = _discrete(loop, CIRCLE, _HELD * (np.arange(steps) + 0.5))
     rows = np.zeros((steps, 6, steps, 2))
     for k in range(steps):
         rows[k] = np.tensordot(move[k], rows[k - 1], axes=1) if k else 0.0
@@ -146,12 +137,9 @@ def test_the_worst_torque_is_the_first_singular_vector() -> None:
     outputs = {False: np.eye(6)[:2], True: np.vstack([np.eye(6)[:2], np.sqrt(2.0 * loop.controller.alpha) * root])}
     for stored, C in outputs.items():
         dense = np.einsum("ab,kbjc->kajc", C, rows).reshape(-1, 2 * steps)
-        torque = worst_torque(loop, CIRCLE, 0.1, stored=stored, step=HELD / 2)[1::2].ravel()
+        torque = worst_torque(loop, CIRCLE, 0.1, stored=stored, step=_HELD / 2)[1::2].ravel()
         gain = np.linalg.norm(dense @ torque) / np.linalg.norm(torque)
         assert gain == pytest.approx(np.linalg.norm(dense, ord=2), rel=1e-3)
-
-
-# (a) decay
 
 
 @lasting(0.24, slow=1.5)
@@ -159,13 +147,13 @@ def test_without_disturbance_the_error_decays_as_certified(name: str, duration: 
     """Random errors on the circle, over its 1.5 s V falls by 26 decades; then at and across random postures."""
     loop = shipped(name)
     alpha = loop.controller.alpha
-    run = simulate(loop, CIRCLE, errors(loop, 11, 30, 0.1), NOTHING, duration, step=STEP)
+    run = loop.simulate(CIRCLE, errors(loop, 11, 30, 0.1), NOTHING, duration, step=STEP)
     assert run.in_box[-1].mean() > 0.5 and decays(run, alpha)
     q, dq = states(12, 60)
-    run = simulate(loop, Uniform(0.6 * q, 0.3 * dq), errors(loop, 13, 60, 0.2), NOTHING, 0.25 * duration, step=STEP)
+    run = loop.simulate(_Uniform(0.6 * q, 0.3 * dq), errors(loop, 13, 60, 0.2), NOTHING, 0.25 * duration, step=STEP)
     assert run.in_box[50].mean() > 0.4 and decays(run, alpha)
     weak = RigidLoop(dataclasses.replace(loop.controller, gains=0.3 * loop.controller.gains))  # the check can fail
-    assert not decays(simulate(weak, CIRCLE, errors(weak, 14, 10, 0.05), NOTHING, 0.15, step=STEP), alpha)
+    assert not decays(weak.simulate(CIRCLE, errors(weak, 14, 10, 0.05), NOTHING, 0.15, step=STEP), alpha)
 
 
 @pytest.mark.parametrize("name", slow_but(["fuzzy-4"], NAMES))
@@ -173,19 +161,16 @@ def test_the_slowest_start_shows_the_rate_and_no_less(name: str) -> None:
     """Where V decays slowest, found by search, the rollout meets that rate: α holds, 1.03 α is refuted."""
     loop = shipped(name)
     P, alpha = loop.controller.P, loop.controller.alpha
-    found = find_worst_point(loop, lambda F, G, omega: -lyapunov_rate(F, P))
+    found = loop.worst_point(lambda F, G, omega: -_lyapunov_rate(F, P))
     dq = 0.98 * found.dq[np.newaxis]
     # From a worst posture at the border of the box, the arm must not leave the box
     room = np.pi - 0.02 * np.abs(dq) - 0.01
     q = np.clip(found.q[np.newaxis], -room, room)
-    start = 1e-3 * slowest_error(freeze(loop, q, dq)[0], P)
-    run = simulate(loop, Uniform(q - start[:, :2], dq - start[:, 2:4]), start, NOTHING, 0.02, step=2e-4)
+    start = 1e-3 * _slowest_error(loop.frozen(q, dq)[0], P)
+    run = loop.simulate(_Uniform(q - start[:, :2], dq - start[:, 2:4]), start, NOTHING, 0.02, step=2e-4)
     assert run.in_box.all() and decays(run, alpha) and not decays(run, 1.03 * alpha)
     assert alpha < run.rate.min() < 1.03 * alpha
     assert run.rate[0, 0] == pytest.approx(-found.value, rel=0.01)
-
-
-# (b) gain
 
 
 @pytest.mark.parametrize("total", [True, False])
@@ -209,7 +194,7 @@ def test_the_worst_torque_at_the_worst_posture(name: str, duration: float) -> No
     best = run.gain.max(axis=0)
     assert run.in_box.all() and run.dissipation.max() <= 0.0
     assert best.max() <= gamma
-    F, G = freeze(loop, motion.q, motion.dq)
+    F, G = loop.frozen(motion.q, motion.dq)
     frozen_gain = max(gain_at(F, G, np.array([1j * omega]))[0] for omega in np.arange(30.0, 120.0))
     assert best.argmax() == len(best) - 2
     assert 0.96 * frozen_gain < best.max() < frozen_gain

@@ -15,7 +15,7 @@ from slow_twins import slow_but
 from fuzzyarm.envs.physics.dynamics import arm_constants, mass_matrix, rigid_inverse_dynamics
 from fuzzyarm.envs.physics.parameters import ArmParameters
 from fuzzyarm.fuzzy_policy.ts_model import NAMED_RULES, PREMISES, TSModel, premises
-from fuzzyarm.proof import theorems, vertices
+from fuzzyarm.proof import theorems
 from fuzzyarm.proof.vertices import error_vertices, tracking_vertices
 from fuzzyarm.synthesis.expressions import half
 
@@ -182,7 +182,7 @@ def test_theorem_2_is_the_dissipation_of_the_nonlinear_arm(kept, integral, commo
     data, psi = vertices_of("theorem2", model, integral, common)
     family, n_e = Family.draw(rng, data, "theorem2", psi), data.n_e
     P_11, P_22 = family.P[:n_e, :n_e], family.P[n_e:, n_e:]
-    A_r, B_r = vertices.reference_model()
+    A_r, B_r = data.A_r, data.B_r
     for _ in range(3):
         q, dq, z = random_arm_state(rng)
         x_p, x_r, x_I, r, d = np.concatenate([q, dq]), *(rng.normal(size=size) for size in (4, n_e - 4, 6, 2))

@@ -18,7 +18,7 @@ from fuzzyarm.fuzzy_policy.controller import consistent_feedforward
 from fuzzyarm.fuzzy_policy.laws.fuzzy import FuzzyPolicy
 from fuzzyarm.fuzzy_policy.ts_model import NAMED_RULES, PREMISES
 from fuzzyarm.proof.certificate import certify
-from fuzzyarm.proof.rigid_loop import RigidLoop, find_worst_point
+from fuzzyarm.proof.rigid_loop import RigidLoop
 from fuzzyarm.synthesis import DesignFailed, Specification, describe, design, designer
 from fuzzyarm.synthesis import search as synthesis_search
 from fuzzyarm.synthesis.design_problem import NoPoint
@@ -159,8 +159,8 @@ def test_every_pole_of_the_frozen_loop_lies_in_the_strip(kept, pole, integral):
     assert made.certificate.proven
 
     loop = RigidLoop(made.controller)
-    fastest = find_worst_point(loop, lambda F, G, omega: -np.linalg.eigvals(F).real.min(axis=-1)).value
-    slowest = find_worst_point(loop, lambda F, G, omega: np.linalg.eigvals(F).real.max(axis=-1)).value
+    fastest = loop.worst_point(lambda F, G, omega: -np.linalg.eigvals(F).real.min(axis=-1)).value
+    slowest = loop.worst_point(lambda F, G, omega: np.linalg.eigvals(F).real.max(axis=-1)).value
     assert slowest < -made.controller.alpha and 0.0 < fastest < pole
 
 

@@ -9,7 +9,7 @@ from fuzzyarm.fuzzy_policy.controller import Controller
 from fuzzyarm.fuzzy_policy.ts_model import NAMED_RULES, TSModel
 from fuzzyarm.proof import theorems
 from fuzzyarm.proof.certificate import certify
-from fuzzyarm.proof.rigid_loop import RigidLoop, freeze
+from fuzzyarm.proof.rigid_loop import RigidLoop
 from fuzzyarm.proof.vertices import error_vertices
 from fuzzyarm.synthesis import DesignFailed, DesignProblem, Specification, design
 from fuzzyarm.synthesis.design_problem import pi
@@ -24,7 +24,7 @@ def sector(slope):
 
 def widest(controller):
     q, dq = np.random.default_rng(0).uniform(-1.0, 1.0, (2, 500, 2))
-    z = np.linalg.eigvals(freeze(RigidLoop(controller), np.pi * q, 15.0 * dq)[0])
+    z = np.linalg.eigvals(RigidLoop(controller).frozen(np.pi * q, 15.0 * dq)[0])
     return (np.abs(z.imag) / -z.real).max()
 
 

@@ -99,7 +99,7 @@ def _accepted(problem: Problem, claims: Claims) -> list[_Accepted]:
     tube, count = Tube(problem, claims), len(problem.plant.parameters)
     with contextlib.suppress(NoBound):  # what closed in the search may be left by a digit when it is confirmed
         for step in tube:
-            columns, box = tube._set.columns[:8], tube._set.box[:8]
+            columns, box = tube.state.deviations.columns[:8], tube.state.deviations.box[:8]
             others = np.abs(columns[:, count:]).sum(axis=1) + box
             found.append(_Accepted(step, columns[:, :count].copy(), others))
     return found

@@ -10,7 +10,6 @@ import sys
 import numpy as np
 import pytest
 
-from fuzzyarm.policies import tip_bound as bound_module
 from fuzzyarm.policies.tip_bound import TipClaim
 from fuzzyarm.policies.tip_files import check_bound
 from fuzzyarm.proof.tip.friction import Friction
@@ -33,6 +32,28 @@ def test_no_plant_leaves_a_tube_that_is_accepted(seed, number):
     assert max(outcome.ratios.values()) > 0.1  # the plants do not stay in the middle of it
 
 
+SMALL = {"stiffness": (0.99, 1.01), "mass": (0.998, 1.002), "damping": (0.9, 1.1), "motor_inertia": (0.995, 1.005)}
+
+
+@pytest.mark.parametrize(
+    ("plants", "case", "least"),
+    [
+        (PlantSet(), "nominal", 0.9),  # one plant: its tube is narrow
+        (PlantSet(late=1, **SMALL), "nominal", 0.1),
+        (PlantSet(viscous_friction=(0.9, 1.1)), "nominal", 0.1),
+        (PlantSet(force_course=3.0), "nominal", 0.2),
+        (PlantSet(force_swing=0.1), "machining", 0.5),
+        (PlantSet(noise=(1e-5, 1e-3)), "nominal", 0.1),
+    ],
+    ids=["one plant", "late", "columns", "any force", "swinging force", "encoder errors"],
+)
+def test_plants_of_a_set_are_in_its_tube_and_fill_it(plants, case, least):
+    claim = TipClaim("fuzzy-4-tip", case, plants=plants, steps=15)
+    outcome = attacked(Outcome(0, 0, claim, Attack("own", "own", "least", 1)), np.random.default_rng(0))
+    assert outcome.accepted > 10 and not outcome.finding, outcome.finding
+    assert outcome.tip > least, outcome.ratios
+
+
 INERTIA = TipClaim("computed-torque-tip", plants=PlantSet(motor_inertia=(0.5, 1.5), dry_friction=(0.0, 0.0)), steps=2)
 FORCE = TipClaim("fuzzy-4-tip", "machining", plants=PlantSet(force=(0.0, 0.2)), steps=2)
 LIGHT = TipClaim("fuzzy-4-tip", plants=PlantSet(dry_friction=(0.02, 0.04)), steps=3)
@@ -51,14 +72,14 @@ def without_products(monkeypatch):
 
 def force_of_the_middle(monkeypatch):
     """An uncertain force that is relative to its middle twice."""
-    whole = bound_module.ball_plant
+    whole = BallPlant.of
 
-    def ball_plant(parameters, disturbance, plants):
+    def of(parameters, disturbance, plants):
         made, middle = whole(parameters, disturbance, plants), 0.5 * sum(plants.force)
         constants = [dataclasses.replace(p, half=p.half * middle) if p.kind == "force" else p for p in made.parameters]
         return dataclasses.replace(made, parameters=tuple(constants))
 
-    monkeypatch.setattr(bound_module, "ball_plant", ball_plant)
+    monkeypatch.setattr(BallPlant, "of", of)
 
 
 def without_share(monkeypatch):

@@ -296,7 +296,8 @@ def _torch_tip_error(device: str, dtype: str) -> float:
     # Not compiled by torch, as that takes a minute for each number of lanes; tests compare both steps.
     compiled = _is_kernel(device, dtype)
     arm = torch_env.TorchFuzzyArm(2, device=device, dtype=getattr(torch, dtype), compiled=compiled)
-    policy, (observation, _), memory, stepped, ended = load_policy("computed-torque"), arm.reset(seed=0), None, [], False
+    policy, (observation, _) = load_policy("computed-torque"), arm.reset(seed=0)
+    memory, stepped, ended = None, [], False
     while not ended:
         seen, begins = observation[0].double().cpu().numpy(), np.array([memory is None])
         torque, memory = policy.predict(seen, memory, begins, deterministic=True)

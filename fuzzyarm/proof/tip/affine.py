@@ -1,10 +1,10 @@
-"""Affine numbers: a law that is run on them answers for all points of a zonotope at once.
+"""Affine numbers: a law that runs on them answers for all points of a zonotope at once.
 
     x = c + r (ξ, g) + β,      ξ the deviations of a zonotope,   |g_i| <= 1,   |β| <= rest.
 
-x is what the robot computes, in floats: each operation adds what it may round to the rest. What a product or a function
-leaves beside its line becomes an unknown g_i of its own, so that what two numbers have in common stays known, or goes
-to the rest where it is small. A product is
+x is the float that the robot computes: each operation adds its largest rounding error to the rest. The deviation of a
+product or a function from its line becomes an unknown g_i of its own, so that numbers that share it stay correlated; a
+small deviation goes to the rest. A product is
 
     x y = c_x c_y + c_x δy + c_y δx + δx δy,
 
@@ -12,8 +12,8 @@ and a function f has a line on |x - z| <= r (Taylor),
 
     f(x) - f(z) - f'(z) (x - z)  in  [a, b] r²/2      for f'' in [a, b], a <= 0 <= b.
 
-A maximum has the line through its ends, and `stick_slip` slopes of its own, see `_stick_slip`. Where the row of a table
-is not decided, each of its places is followed, see `Places`. Any other choice that is not decided has no bound.
+A maximum has the line through its ends, and `stick_slip` slopes of its own, see `_stick_slip`. Where several rows of a
+table are possible, each of them is followed, see `_Places`. Any other choice that is undecided has no bound.
 """
 
 from __future__ import annotations
@@ -32,56 +32,56 @@ from fuzzyarm.envs.physics import elementwise, friction
 from fuzzyarm.fuzzy_policy.laws.learned import network
 from fuzzyarm.numbers.functions import KINDS, row, select
 from fuzzyarm.proof.tip.enclosures import ROUND_UP, NoBound, between, low_high, middle_of, radius_of
-from fuzzyarm.proof.tip.zonotope import Zonotope, condensed, reach
+from fuzzyarm.proof.tip.zonotope import Zonotope, reach
 
-__all__ = ["WORTH", "Affine", "Places", "Space"]
+__all__ = ["WORTH", "Affine", "Space"]
 
-ROUND = 2.0**-50  # of a result: what an operation of the law rounds, and what its middle and its row do here
-UP = 1.0 + 2.0**-46  # makes up for a few operations on bounds
-TINY = 1e-300  # what underflow may lose
-WORTH = 1e-4  # share of a number from which a remainder is worth an unknown of its own
+_ROUND = 2.0**-50  # relative rounding of an operation: of the law, and of the middle and the row here
+_UP = 1.0 + 2.0**-46  # covers the rounding of a few operations on bounds
+_TINY = 1e-300  # largest loss by underflow
+WORTH = 1e-4  # share of a number above which a remainder becomes an unknown of its own
 _FARTHEST = 1e3  # [rad], up to which sine and cosine are trusted
 
 
 class Space:
-    """What numbers depend on: the deviations of a zonotope, then unknowns. It records a law that is run on them."""
+    """The variables of affine numbers, the deviations of a zonotope and unknowns; the recorder of a law on them."""
 
     def __init__(self, base: Zonotope) -> None:
         self.base, self.unknowns = base, 0  # how many unknowns there are
-        self._totals, (self._columns, self._box) = base.totals(), condensed(base)
+        self._totals, (self._columns, self._box) = base.totals(), base.condensed()
 
     def variables(self, point: np.ndarray) -> list[Affine]:
-        """Return the numbers of the zonotope, which are counted from a point."""
+        """Return the numbers of the zonotope about a point."""
         parts = zip(point.tolist(), np.eye(len(point)), self._totals.tolist(), strict=True)
         return [Affine(self, x, row, size, 0.0, size) for x, row, size in parts]
 
     def number(self, x: Any) -> Affine:
-        """Return a number as one of this space."""
+        """Return a float or an affine number as an affine number of this space."""
         return x if isinstance(x, Affine) else Affine(self, float(x), np.zeros(len(self._totals)), 0.0, 0.0)
 
     def rows(self, numbers: list[Affine]) -> np.ndarray:
-        """Return the rows r of numbers, side by side."""
+        """Return the rows r of numbers, padded with zeros to one length (numbers, n)."""
         rows = np.zeros((len(numbers), len(self._totals) + self.unknowns))
         for given, number in zip(rows, numbers, strict=True):
             given[: len(number.row)] = number.row
         return rows
 
     def reach(self, rows: np.ndarray) -> np.ndarray:
-        """Return bounds of |r (ξ, g)| for rows."""
+        """Return bounds (m,) of |r (ξ, g)| for rows (m, n)."""
         n, sizes = len(self._totals), np.abs(rows)
         found = reach(rows[:, :n], self._columns) + sizes[:, :n] @ self._box
         return np.asarray((found + sizes[:, n:].sum(axis=1)) * ROUND_UP)
 
     def array(self, shape: tuple[int, ...]) -> np.ndarray:
-        """Return an array of numbers, see `numbers.functions`."""
+        """Return an empty array of numbers, as `numbers.functions.array` does."""
         return np.empty(shape, dtype=object)
 
     def each(self, count: int) -> Iterable[int]:
-        """Return the rounds of a loop, likewise."""
+        """Return the indices of a loop, as `numbers.functions.each` does."""
         return range(count)
 
     def apart(self, function: Callable[..., Any], arguments: tuple[Any, ...]) -> Any:
-        """Return a function of numbers, likewise; by its enclosure, where it has one."""
+        """Return a function of numbers by its enclosure if it has one, as `numbers.functions.apart` does."""
         known = _ENCLOSED.get(function)
         if known is None or not any(isinstance(x, Affine) for x in arguments):
             return function(*arguments)
@@ -94,10 +94,10 @@ class Space:
         y[:] = self._linear(transposed.T, x, y)
 
     def interpolated(self, table: Any, corners: list[tuple[Any, Any]], sign: float, x: Any, y: Any) -> list[Affine]:
-        """Return y + sign Σ w_c G_c x, as `on_table` does; at all places of the rows, where these are not decided."""
+        """Return y + sign Σ w_c G_c x, as `on_table` does, at all rows of the table that are possible."""
         found = []
-        for number in range(max(len(places.values) if isinstance(places, Places) else 1 for places, _ in corners)):
-            at = [[one.values[number] if isinstance(one, Places) else one for one in pair] for pair in corners]
+        for number in range(max(len(places.values) if isinstance(places, _Places) else 1 for places, _ in corners)):
+            at = [[one.values[number] if isinstance(one, _Places) else one for one in pair] for pair in corners]
             parts = [(np.reshape(row(table, place), (len(y), len(x))), self.number(weight)) for place, weight in at]
             found.append(self._weighted(parts, sign, x, y))
         return [self._joined(each) for each in zip(*found, strict=True)]
@@ -115,35 +115,35 @@ class Space:
         for factor, G in factors:
             products = self._linear(G, x, [0.0] * len(y))
             grown = [before + sign * factor * product for before, product in zip(grown, products, strict=True)]
-        floats = (len(x) + 4 * len(parts)) * ROUND * np.asarray(terms)
+        floats = (len(x) + 4 * len(parts)) * _ROUND * np.asarray(terms)
         return [one.widened(left) for one, left in zip(grown, floats.tolist(), strict=True)]
 
     def _joined(self, numbers: tuple[Affine, ...]) -> Affine:
-        """Return a number that holds each of some."""
+        """Return a number that holds each of several numbers."""
         if len(numbers) == 1:
             return numbers[0]
         rows, size = self.rows(list(numbers)), max(one.size for one in numbers)
         row, middle = rows.mean(axis=0), sum(one.middle for one in numbers) / len(numbers)
         apart = zip(numbers, self.reach(rows - row).tolist(), strict=True)
         rest = max(abs(one.middle - middle) + far + one.rest for one, far in apart) * ROUND_UP
-        joined = Affine(self, middle, row, size * UP, ROUND * len(numbers) * (abs(middle) + size))
+        joined = Affine(self, middle, row, size * _UP, _ROUND * len(numbers) * (abs(middle) + size))
         return joined.widened(rest, fresh=True)
 
     def _linear(self, G: np.ndarray, x: Any, y: Any) -> list[Affine]:
-        """Return G x + y, with what floats round in it in whatever order."""
+        """Return G x + y, with the rounding errors of floats added in any order."""
         given, before = ([self.number(one) for one in part] for part in (x, y))
         middles, sizes, rests = np.array([(one.middle, one.size, one.rest) for one in given]).T
         middle, size, rest = np.array([(one.middle, one.size, one.rest) for one in before]).T
         rows, positive = self.rows(before) + G @ self.rows(given), np.abs(G)
         terms = np.abs(middle) + size + positive @ (np.abs(middles) + sizes)
         middle, size = middle + G @ middles, (size + positive @ sizes) * ROUND_UP
-        rest = (rest + positive @ rests + (len(given) + 2) * 0.5 * ROUND * terms) * ROUND_UP + TINY
+        rest = (rest + positive @ rests + (len(given) + 2) * 0.5 * _ROUND * terms) * ROUND_UP + _TINY
         known = (part.tolist() for part in (size, rest, self.reach(rows)))
         return list(map(Affine, [self] * len(rows), middle.tolist(), rows, *known))
 
 
-class Line(NamedTuple):
-    """f(z), a ball, or what stands in its place; λ; and the rest."""
+class _Line(NamedTuple):
+    """A line of a function: the value at z, the slope λ, and a bound of the rest."""
 
     value: Any
     slope: float
@@ -152,25 +152,25 @@ class Line(NamedTuple):
 
 @dataclasses.dataclass(frozen=True)
 class _Bend:
-    """A function of one number."""
+    """A smooth function of one number, with its first two derivatives."""
 
     # value, rate, curvature: f, f' and f'' on balls
     value: Callable[[Any], Any]
     rate: Callable[[Any], Any]
     curvature: Callable[[Any], Any]
-    floats: float = 0.0  # by how much the law's floats may err; of |f| if `relative`
+    floats: float = 0.0  # largest error of the law's floats; as a share of |f| if `relative`
     relative: bool = False
     even: bool = False  # f is even and falls with |x|, so that its values at both ends are known on a range
     rising: bool = False  # f rises, and f' is even and falls with |x|
 
-    def line(self, z: float, r: float) -> Line:
-        """Return the best known line for |x - z| <= r."""
+    def line(self, z: float, r: float) -> _Line:
+        """Return the line with the smallest rest for |x - z| <= r."""
         at, around = arb(z), arb(z, r)
         f, slope = self.value(at), self.rate(at)
         tangent = middle_of(slope)
         low, high = low_high(self.curvature(around))
         low, high = 0.25 * min(low, 0.0) * r * r, 0.25 * max(high, 0.0) * r * r
-        best = Line(f + (low + high), tangent, ((high - low) + radius_of(slope, tangent) * r) * ROUND_UP)
+        best = _Line(f + (low + high), tangent, ((high - low) + radius_of(slope, tangent) * r) * ROUND_UP)
         far, close = abs(z) + r, max(abs(z) - r, 0.0)
         if self.rising:  # f - λ x does not fall for the least f', and is between its values at both ends
             least = low_high(self.rate(arb(far * ROUND_UP)))[0]
@@ -182,10 +182,10 @@ class _Bend:
         return best
 
 
-def _flat(values: Any, slope: float) -> Line:
-    """Return the line of a function less λ (x - z), which has these values."""
+def _flat(values: Any, slope: float) -> _Line:
+    """Return the line of slope λ for a function whose values less λ (x - z) lie in a ball."""
     middle = middle_of(values)
-    return Line(arb(middle), slope, radius_of(values, middle))
+    return _Line(arb(middle), slope, radius_of(values, middle))
 
 
 def _sinc_rate(x: Any) -> Any:
@@ -239,7 +239,7 @@ class Affine:
     ) -> None:
         # c; r over the deviations and the first unknowns; a bound of |r (ξ, g)| that is quick and wide; one of |β|
         self.space, self.middle, self.row, self.size, self.rest = space, middle, row, size, rest
-        self._reach = None if reach is None else reach * UP  # the bound that is asked for, where it is known already
+        self._reach = None if reach is None else reach * _UP  # the bound that is asked for, where it is known already
         self.parts: tuple[Any, Any] | None = None  # of a maximum that is not decided, the two numbers
 
     def reach(self) -> float:
@@ -254,27 +254,27 @@ class Affine:
         if not abs(self.middle) + radius < math.inf:
             raise NoBound("a number of the law may be anything")
         if radius > 0.0:
-            radius = radius * UP + ROUND * abs(self.middle)
+            radius = radius * _UP + _ROUND * abs(self.middle)
         return self.middle - radius, self.middle + radius
 
     def largest(self) -> float:
         """Return a bound of |x|."""
-        return (abs(self.middle) + self.reach() + self.rest) * UP
+        return (abs(self.middle) + self.reach() + self.rest) * _UP
 
     def widened(self, left: float, *, fresh: bool = False) -> Affine:
-        """Return the number with |β| grown by what is `left`; with an unknown for that if it is `fresh` and large."""
+        """Return the number with `left` added to |β|, or as a new unknown if it is `fresh` and large."""
         if fresh and left > WORTH * self.size:
             row = np.zeros(len(self.space._totals) + self.space.unknowns + 1)
             row[: len(self.row)], row[-1] = self.row, left
             self.space.unknowns += 1
-            return Affine(self.space, self.middle, row, (self.size + left) * UP, self.rest)
-        return Affine(self.space, self.middle, self.row, self.size, (self.rest + left) * UP, self._reach)
+            return Affine(self.space, self.middle, row, (self.size + left) * _UP, self.rest)
+        return Affine(self.space, self.middle, self.row, self.size, (self.rest + left) * _UP, self._reach)
 
     def __neg__(self) -> Affine:
         return Affine(self.space, -self.middle, -self.row, self.size, self.rest, self._reach)
 
     def __add__(self, other: Any) -> Any:
-        if isinstance(other, Places):
+        if isinstance(other, _Places):
             return NotImplemented
         if not isinstance(other, Affine):
             return _rounded(self, self.middle + float(other), self.row, self.size, self.rest, self._reach)
@@ -290,7 +290,7 @@ class Affine:
         return -self + other
 
     def __mul__(self, other: Any) -> Any:
-        if isinstance(other, Places):
+        if isinstance(other, _Places):
             return NotImplemented
         if not isinstance(other, Affine):
             factor = float(other)
@@ -303,7 +303,7 @@ class Affine:
         row, size = _sum(a * other.row, b * self.row), abs(a) * other.size + abs(b) * self.size
         rest = abs(a) * other.rest + abs(b) * self.rest
         rest += self.rest * other.rest + self.rest * other.reach() + other.rest * self.reach()
-        crossed = self.reach() * other.reach() * UP
+        crossed = self.reach() * other.reach() * _UP
         if other is self:  # δx² is in [0, 1] times what it is at most
             return _rounded(self, a * b + 0.5 * crossed, row, size, rest).widened(0.5 * crossed, fresh=True)
         return _rounded(self, a * b, row, size, rest).widened(crossed, fresh=True)
@@ -333,6 +333,11 @@ class Affine:
     sin = functools.partialmethod(_turned, _SINE)
     cos = functools.partialmethod(_turned, _COSINE)
     sinc = functools.partialmethod(_turned, _SINC)
+
+    def floor(self) -> Any:
+        """Return the largest whole number that is not above x; `_Places` where several may be."""
+        low, high = map(math.floor, self.range())
+        return float(low) if low == high else _Places(self, map(float, range(low, high + 1)))
 
     def __bool__(self) -> bool:
         return bool(self != 0.0)
@@ -371,8 +376,8 @@ def _sum(a: np.ndarray, b: np.ndarray) -> np.ndarray:
 def _rounded(
     of: Affine, middle: float, row: np.ndarray, size: float, rest: float, reach: float | None = None
 ) -> Affine:
-    """Return the result of an operation, with what floats round in it."""
-    return Affine(of.space, middle, row, size * UP, (rest + ROUND * (abs(middle) + size)) * UP + TINY, reach)
+    """Return the result of an operation, with its rounding error in the rest."""
+    return Affine(of.space, middle, row, size * _UP, (rest + _ROUND * (abs(middle) + size)) * _UP + _TINY, reach)
 
 
 # Choices ---------------------------------------------------------------------------------------------------------
@@ -403,36 +408,30 @@ class _Undecided:
 
     __rand__, __ror__, __rmul__ = __and__, __or__, __mul__
 
+    def select(self, first: Any, second: Any) -> Any:
+        """Return the maximum or the minimum of two numbers; `NoBound` for any other choice."""
+        if self.lesser is not None and first is self.greater and second is self.lesser:
+            larger = self.lesser + _positive_part(self.greater - self.lesser)
+            larger.parts = first, second
+            return larger
+        if self.lesser is not None and first is self.lesser and second is self.greater:
+            level = _level(first, second)
+            return self.greater - _positive_part(self.greater - self.lesser) if level is None else level
+        return first if first is second else bool(self)
+
+    def when(self, *_: Any) -> Any:
+        """Raise `NoBound`: what depends on the comparison is more than the maximum or minimum of two numbers."""
+        return bool(self)
+
+    only = when
+
 
 def _compared(lesser: Any, greater: Any, *, strictly: bool) -> Any:
-    """Return whether the lesser number is below the greater one, at most as large if not strictly."""
+    """Return whether lesser < greater, or lesser <= greater unless `strictly`; `_Undecided` where both are possible."""
     low, high = (lesser - greater).range()
     if high < 0.0 or (high == 0.0 and not strictly):
         return True
     return False if low > 0.0 or (low == 0.0 and strictly) else _Undecided(lesser, greater)
-
-
-class _Choices:
-    """What comparisons that are not decided do, see `numbers.functions`."""
-
-    @staticmethod
-    def select(condition: _Undecided, first: Any, second: Any) -> Any:
-        """Return the maximum or the minimum of two numbers; `NoBound` for any other choice."""
-        lesser, greater = condition.lesser, condition.greater
-        if lesser is not None and first is greater and second is lesser:
-            larger = lesser + _positive_part(greater - lesser)
-            larger.parts = first, second
-            return larger
-        if lesser is not None and first is lesser and second is greater:
-            level = _level(first, second)
-            return greater - _positive_part(greater - lesser) if level is None else level
-        return first if first is second else bool(condition)
-
-    @staticmethod
-    def when(condition: _Undecided, *_: Any) -> Any:
-        return bool(condition)
-
-    only = when
 
 
 def _level(a: Any, b: Any) -> Affine | None:
@@ -454,27 +453,27 @@ def _positive_part(x: Affine) -> Affine:
     """Return max(x, 0) of a number that may have either sign: λ x + [0, c], by the line through its ends."""
     low, high = x.range()
     slope = high / (high - low)
-    most = max(-slope * low, high * (1.0 - slope)) * UP
+    most = max(-slope * low, high * (1.0 - slope)) * _UP
     line: Affine = slope * x + 0.5 * most
     return line.widened(0.5 * most, fresh=True)
 
 
-class Places:
-    """A number that has a value for each of the whole numbers that a `floor` may be."""
+class _Places:
+    """A number with one value for each of the whole numbers that a `floor` may be."""
 
     __array_ufunc__ = None
 
     def __init__(self, source: Affine, values: Iterable[Any]) -> None:
         self.source, self.values = source, tuple(values)  # the number whose floor it is
 
-    def each(self, operation: Callable[..., Any], *others: Any) -> Places:
+    def each(self, operation: Callable[..., Any], *others: Any) -> _Places:
         """Return what becomes of the values, with others; `NoBound` where these depend on another floor."""
-        if any(isinstance(one, Places) and one.source is not self.source for one in others):
+        if any(isinstance(one, _Places) and one.source is not self.source for one in others):
             raise NoBound("the law looks up a table by two numbers at once, of which neither row is decided")
-        columns = [one.values if isinstance(one, Places) else [one] * len(self.values) for one in others]
-        return Places(self.source, map(operation, self.values, *columns))
+        columns = [one.values if isinstance(one, _Places) else [one] * len(self.values) for one in others]
+        return _Places(self.source, map(operation, self.values, *columns))
 
-    def __neg__(self) -> Places:
+    def __neg__(self) -> _Places:
         return self.each(operator.neg)
 
     def __bool__(self) -> bool:
@@ -482,49 +481,37 @@ class Places:
 
     __float__ = __bool__
 
-
-def _in_each(operation: Callable[..., Any], *, swapped: bool = False) -> Callable[[Places, Any], Places]:
-    return lambda one, other: one.each((lambda x, y: operation(y, x)) if swapped else operation, other)
-
-
-for _name in ("add", "sub", "mul", "truediv", "and", "or"):
-    setattr(Places, f"__{_name}__", _in_each(getattr(operator, f"__{_name}__")))
-    setattr(Places, f"__r{_name}__", _in_each(getattr(operator, f"__{_name}__"), swapped=True))
-for _name in ("lt", "le", "gt", "ge", "eq", "ne"):
-    setattr(Places, f"__{_name}__", _in_each(getattr(operator, f"__{_name}__")))
-
-
-class _Places:
-    """What numbers with several values do in place of floats, see `numbers.functions`."""
+    def select(self, first: Any, second: Any) -> _Places:
+        """Return the choice between two numbers that each of the values makes, as a condition."""
+        return self.each(select, first, second)
 
     @staticmethod
-    def select(condition: Places, first: Any, second: Any) -> Places:
-        return condition.each(select, first, second)
-
-    @staticmethod
-    def row(_: Any, place: Places, *_others: Any) -> Any:
+    def row(_: Any, place: _Places, *_others: Any) -> Any:
+        """Raise `NoBound`: outside of `Space.interpolated` the row of a table has to be decided."""
         return bool(place)
 
     entry = row
 
 
-class _Numbers:
-    """What affine numbers do in place of floats, see `numbers.functions`."""
-
-    @staticmethod
-    def floor(x: Affine) -> Any:
-        low, high = map(math.floor, x.range())
-        return float(low) if low == high else Places(x, map(float, range(low, high + 1)))
+def _in_each(operation: Callable[..., Any], *, swapped: bool = False) -> Callable[[_Places, Any], _Places]:
+    return lambda one, other: one.each((lambda x, y: operation(y, x)) if swapped else operation, other)
 
 
-KINDS[Affine], KINDS[Places], KINDS[_Undecided] = _Numbers, _Places, _Choices
+for _name in ("add", "sub", "mul", "truediv", "and", "or"):
+    setattr(_Places, f"__{_name}__", _in_each(getattr(operator, f"__{_name}__")))
+    setattr(_Places, f"__r{_name}__", _in_each(getattr(operator, f"__{_name}__"), swapped=True))
+for _name in ("lt", "le", "gt", "ge", "eq", "ne"):
+    setattr(_Places, f"__{_name}__", _in_each(getattr(operator, f"__{_name}__")))
+
+
+KINDS[Affine], KINDS[_Places], KINDS[_Undecided] = Affine, _Places, _Undecided
 
 # Functions -------------------------------------------------------------------------------------------------------
 
 
 def _bent(function: _Bend, x: Affine) -> Affine:
     x.range()
-    line = function.line(x.middle, (x.reach() + x.rest) * UP)
+    line = function.line(x.middle, (x.reach() + x.rest) * _UP)
     middle, slope = middle_of(line.value), abs(line.slope)
     rest = slope * x.rest + radius_of(line.value, middle)
     rest += function.floats * (abs(middle) + slope * (x.size + x.rest) + line.rest if function.relative else 1.0)
@@ -555,10 +542,10 @@ def _stick_slip(velocity: Affine, acceleration: Affine, deceleration: Affine, du
     fast, pull, weak, strong = v.largest(), a.largest(), f.range()[0], f.largest()
 
     def line(value: float, of_v: float, of_a: float, left: float) -> Affine:
-        return v.space.number(value + of_v * (v - v.middle) + of_a * (a - a.middle)).widened(left * UP, fresh=True)
+        return v.space.number(value + of_v * (v - v.middle) + of_a * (a - a.middle)).widened(left * _UP, fresh=True)
 
     if h * (weak - pull) >= fast + 2.0 * floats:
-        t = min(fast / (weak - pull) * UP, h)
+        t = min(fast / (weak - pull) * _UP, h)
         left = 0.5 * t * dv + 0.25 * t * t * da + 0.5 * t * t * df
         return 0.0, line(way, 0.5 * t, 0.25 * t * t, left + h * floats)
     left = 0.5 * dv + 0.5 * h * da + h * df
@@ -566,8 +553,8 @@ def _stick_slip(velocity: Affine, acceleration: Affine, deceleration: Affine, du
         lost = 0.5 * h * dv + 0.25 * h * h * da + 0.5 * h * h * df
         after = line(at, 0.5, 0.5 * h, left).widened(floats)
         return after, line(way, 0.5 * h, 0.25 * h * h, lost + h * floats)
-    after = (v + h * a).widened(h * strong * UP, fresh=True).widened(floats)
-    return after, (0.5 * h * (v + after)).widened((0.25 * h * h * strong + h * floats) * UP, fresh=True)
+    after = (v + h * a).widened(h * strong * _UP, fresh=True).widened(floats)
+    return after, (0.5 * h * (v + after)).widened((0.25 * h * h * strong + h * floats) * _UP, fresh=True)
 
 
 _ENCLOSED: dict[Any, Callable[..., Any]] = {
@@ -576,4 +563,4 @@ _ENCLOSED: dict[Any, Callable[..., Any]] = {
     network.area_sine.__wrapped__: functools.partial(_bent, _ASINH),  # type: ignore[attr-defined]
     friction.stick_slip.__wrapped__: _stick_slip,  # type: ignore[attr-defined]
 }
-"""Functions of laws that have an enclosure of their own."""
+"""The functions of laws that have an enclosure of their own."""

@@ -1,9 +1,9 @@
-"""The centre of the tube: polynomial motions in floats. Nothing of it has to be exact.
+"""The centre of the tube: polynomial motions in floats, which need not be exact.
 
 On a segment the angles are polynomials of degree 7 in s in [-1, 1], found by collocation: the accelerations are those
-of the arm at the Gauss points of s, and the angles their integrals. What the polynomials miss of the equations is
-bounded afterwards (`defects`), and the friction that the centre has is whatever its motor needs for its motion. A
-motor slips or rests; where that changes within a period, the period is divided there.
+of the arm at the Gauss points of s, and the angles their integrals. The defects of the polynomials in the equations
+are bounded afterwards (`defects`), and the centre's friction is whatever its motor needs for its motion. A motor slips
+or rests; where that changes within a period, the period is divided there.
 """
 
 from __future__ import annotations
@@ -34,7 +34,7 @@ _MOTOR_VELOCITY = 2 * JOINTS  # where the velocities of the motors begin in a st
 
 
 class Mode(enum.IntEnum):
-    """What the friction of a motor of the centre is, in one segment."""
+    """The friction of one of the centre's motors in one segment."""
 
     BACKWARD = -1  # F(v), for a negative velocity
     FREE = 0  # a constant torque
@@ -52,7 +52,7 @@ class Segment(NamedTuple):
 
 
 class Centre:
-    """Makes the centre of one period after the other, for an arm and a control period T [s]."""
+    """The solver that computes the centre, period by period."""
 
     def __init__(self, arm: Arm, period: float) -> None:
         """Prepare the collocation for the constants of an arm and T [s]."""
@@ -126,7 +126,7 @@ class Centre:
         return bent - self._viscous[j] * dtheta
 
     def _first_change(self, found: Segment, torque: np.ndarray) -> tuple[float, int]:
-        """Return the share of a segment after which a motor changes its mode first, 1 if none does, and which one."""
+        """Return the share of a segment at which a motor first changes its mode, 1 if none does, and that motor."""
         s = np.linspace(-1.0, 1.0, _SAMPLES)
         first = 1.0, 0
         values = polynomial.polyval(s, found.angles.T)
@@ -154,7 +154,7 @@ class Centre:
     def _solved(
         self, state: np.ndarray, torque: np.ndarray, force: np.ndarray, modes: tuple[Mode, ...], duration: float
     ) -> Segment:
-        """Return the polynomials of given modes; force as in `segments`, of this duration [s]."""
+        """Return the segment of given modes and duration [s], under a force line over it as in `segments`."""
         half = 0.5 * duration
         angle, velocity = state[:_MOTOR_VELOCITY, np.newaxis], state[_MOTOR_VELOCITY:, np.newaxis]
         start = angle + velocity * (half * (self._nodes + 1.0))

@@ -1,19 +1,20 @@
-"""What the centre misses of the equations of the arm in one period, and the torques of each uncertain constant there.
+"""The defects of the centre in the arm's equations of motion, as signals over one period.
 
 Along the centre y(t), with K, B, I_a, f_v and the links' torque R of the middle of the set,
 
     N = u - K φ - B φ̇ - f_v θ̇,       P = N - I_a θ̈,       d = K φ + B φ̇ - R(q, q̇, q̈, F).
 
-P is the friction that the centre's motor has, with its sign changed; d is what its links miss. The angles are
+P is the negative friction of the centre's motor, and d the torque that its links lack. The angles are
 polynomials in s in [-1, 1], so N and P are, too; d is a power series about s = 0, whose remainder is its last
-coefficient about a ball, s in [-1, 1] (Lagrange). A signal is a list of coefficients a_i: on the whole period it lies
-in a_0 + [-1, 1] Σ |a_i|.
+coefficient about the ball s in [-1, 1] (Lagrange). All of them are a `Signal`.
 """
 
 from __future__ import annotations
 
 import functools
+import itertools
 import math
+from collections.abc import Callable, Iterable
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -25,20 +26,11 @@ from fuzzyarm.envs.physics.dynamics import Arm
 from fuzzyarm.envs.physics.elementwise import sine_cosine
 from fuzzyarm.envs.physics.friction import STRIBECK
 from fuzzyarm.proof.tip.centre import DEGREE
-from fuzzyarm.proof.tip.enclosures import between, largest, low_high
+from fuzzyarm.proof.tip.enclosures import SLACK, between, largest, low_high, middle_of, radius_of
 
-__all__ = [
-    "Forces", "LinkMotion", "PeriodMotion", "Signal", "TipForces", "dry_friction", "link_torque", "rest_size",
-    "signal_ends", "signal_range", "signal_size",
-]  # fmt: skip
+__all__ = ["Forces", "PeriodMotion", "Signal", "TipForces", "dry_friction", "link_torque"]
 
 _ORDER = DEGREE + 1  # coefficients of a power series, without the one of its remainder
-Signal = list[Any]  # coefficients in s in [-1, 1]
-
-
-def signal_range(signal: Signal) -> Any:
-    """Return a ball that holds a signal during the whole period."""
-    return signal[0] + sum((largest(a) for a in signal[1:]), 0.0) * between(-1.0, 1.0)
 
 
 def _bernstein_table(degree: int) -> Any:
@@ -53,31 +45,82 @@ def _bernstein_table(degree: int) -> Any:
     return arb_mat([[entry(i, j) for j in range(degree + 1)] for i in range(degree + 1)])
 
 
-_BERNSTEIN = _bernstein_table(DEGREE + 1)
+def _shift_table() -> Any:
+    """Return the matrix that takes coefficients about 0 to those about the ball [-1, 1], one row each."""
+    powers = [arb(1), *[between(-1.0, 1.0)] * DEGREE]  # of s, which all lie in [-1, 1]
+    return arb_mat([
+        [arb(math.comb(j, i)) * powers[j - i] if j >= i else arb(0) for j in range(DEGREE + 1)]
+        for i in range(DEGREE + 1)
+    ])  # fmt: skip
 
 
-def _column(signal: Signal, rows: int) -> Any:
-    """Return a signal as a column of so many coefficients."""
-    return arb_mat([[a] for a in [*signal, *[arb(0)] * (rows - len(signal))]])
+_BERNSTEIN, _SHIFT = _bernstein_table(DEGREE + 1), _shift_table()
 
 
-def signal_ends(signal: Signal) -> tuple[float, float]:
-    """Return the lowest and highest coefficient of a signal in Bernstein's basis, which enclose its range.
+class Signal:
+    """A course in time, Σ a_i s^i with balls a_i, over a period in which s goes from -1 to 1."""
 
-    For a monotone signal they are its values at both ends, or near them.
-    """
-    ends = [low_high(x) for x in (_BERNSTEIN * _column(signal, DEGREE + 2)).entries()]
-    return min(low for low, _ in ends), max(high for _, high in ends)
+    __slots__ = ("coefficients",)
+
+    def __init__(self, coefficients: Iterable[Any]) -> None:
+        self.coefficients = [*coefficients]
+
+    def __getitem__(self, i: int) -> Any:
+        """Return a_i, zero beyond the last coefficient."""
+        return self.coefficients[i] if i < len(self.coefficients) else arb(0)
+
+    def __add__(self, other: Signal) -> Signal:
+        pairs = itertools.zip_longest(self.coefficients, other.coefficients, fillvalue=arb(0))
+        return Signal(a + b for a, b in pairs)
+
+    def __rmul__(self, factor: Any) -> Signal:
+        return Signal(factor * a for a in self.coefficients)
+
+    def __sub__(self, other: Signal) -> Signal:
+        return self + -1 * other
+
+    def derivative(self, rate: arb) -> Signal:
+        """Return the derivative by time; `rate` is ds/dt [1/s]."""
+        return Signal(rate * i * a for i, a in enumerate(self.coefficients[1:], 1))
+
+    def at(self, s: int) -> Any:
+        """Return the value at s = -1 or s = 1."""
+        return sum((a * s**i for i, a in enumerate(self.coefficients)), arb(0))
+
+    def range(self) -> Any:
+        """Return the ball a_0 + [-1, 1] Σ |a_i|, which holds the signal during the whole period."""
+        return self[0] + sum((largest(a) for a in self.coefficients[1:]), 0.0) * between(-1.0, 1.0)
+
+    def size(self) -> float:
+        """Return a bound of |a(s)|."""
+        return largest(self.range())
+
+    def bent(self) -> float:
+        """Return a bound of |a(s) - a_0 - a_1 s|."""
+        return sum(largest(a) for a in self.coefficients[2:]) * (1.0 + 2.0**-40)
+
+    def ends(self) -> tuple[float, float]:
+        """Return the lowest and highest coefficient in Bernstein's basis, which enclose the range.
+
+        For a monotone signal they are its values at both ends, or near them.
+        """
+        ends = [low_high(x) for x in (_BERNSTEIN * self._column(DEGREE + 2)).entries()]
+        return min(low for low, _ in ends), max(high for _, high in ends)
+
+    def about_all(self) -> list[Any]:
+        """Return the coefficients about the ball s in [-1, 1], of which Lagrange's remainder is made."""
+        return (_SHIFT * self._column(DEGREE + 1)).entries()  # type: ignore[no-any-return]
+
+    def _column(self, rows: int) -> Any:
+        return arb_mat([[self[i]] for i in range(rows)])
 
 
-def signal_size(signal: Signal) -> float:
-    """Return a bound of |a(s)|."""
-    return largest(signal_range(signal))
-
-
-def rest_size(signal: Signal) -> float:
-    """Return a bound of |a(s) - a_0 - a_1 s|."""
-    return sum(largest(a) for a in signal[2:]) * (1.0 + 2.0**-40)
+def _through(function: Callable[..., tuple[Any, ...]], *signals: Signal) -> list[Signal]:
+    """Return functions of signals as power series about s = 0, each with its remainder as the last coefficient."""
+    ctx.cap = _ORDER + 1
+    near = function(*(arb_series(signal.coefficients) for signal in signals))
+    far = function(*(arb_series(signal.about_all()) for signal in signals))
+    return [Signal([*(p[i] for i in range(_ORDER)), q[_ORDER]]) for p, q in zip(near, far, strict=True)]
 
 
 class Forces(NamedTuple):
@@ -88,127 +131,96 @@ class Forces(NamedTuple):
 
 
 class TipForces(NamedTuple):
-    """What may act at the tip during a segment."""
+    """The forces that may act at the tip during a segment."""
 
-    middle: Forces  # the force in the middle of the set
+    middle: Forces  # force in the middle of the set
     radii: tuple[float, float]  # how far the force along x and y can be from it [N]
     direction: tuple[float, float]  # a unit vector (x, y)
     courses: tuple[float, float]  # largest part of any course along the direction and across it [N]
 
 
-def _shift_table() -> Any:
-    """Return the matrix that takes coefficients about 0 to those about the ball [-1, 1], one row each."""
-    powers = [arb(1), *[between(-1.0, 1.0)] * DEGREE]  # of s, which all lie in [-1, 1]
-    return arb_mat([
-        [arb(math.comb(j, i)) * powers[j - i] if j >= i else arb(0) for j in range(DEGREE + 1)]
-        for i in range(DEGREE + 1)
-    ])  # fmt: skip
-
-
 class PeriodMotion:
     """The centre of a period, or of a part of one, in balls: its angles and their derivatives as signals [rad, s]."""
 
-    _shift = _shift_table()
-
     def __init__(self, angles: np.ndarray, period: float) -> None:
         """Take the coefficients (4, DEGREE + 1) of the angles [rad] and T [s]."""
-        self._rate, self.duration = 2 / arb(period), period
-        self.angle: list[Signal] = [[arb(c) for c in row] for row in angles.tolist()]
-        self.velocity = [self._derivative(signal) for signal in self.angle]
-        self.acceleration = [self._derivative(signal) for signal in self.velocity]
-
-    def _derivative(self, signal: Signal) -> Signal:
-        return [self._rate * i * signal[i] for i in range(1, len(signal))]
+        rate, self.duration = 2 / arb(period), period
+        self.angle = [Signal(map(arb, row)) for row in angles.tolist()]
+        self.velocity = [signal.derivative(rate) for signal in self.angle]
+        self.acceleration = [signal.derivative(rate) for signal in self.velocity]
+        self.links = [kind[JOINTS:] for kind in (self.angle, self.velocity, self.acceleration)]
 
     @functools.cached_property
-    def links(self) -> list[list[Any]]:
-        """Return balls that hold the angles, velocities and accelerations of both links during the whole period."""
-        return [[signal_range(s) for s in kind[JOINTS:]] for kind in (self.angle, self.velocity, self.acceleration)]
+    def link_ranges(self) -> list[list[Any]]:
+        """Balls that hold the angles, velocities and accelerations of both links during the whole period."""
+        return [[signal.range() for signal in kind] for kind in self.links]
 
     def at(self, s: int) -> list[Any]:
         """Return the eight numbers of the state at s = -1 or s = 1."""
-        signals = [*self.angle, *self.velocity]
-        return [sum((a * s**i for i, a in enumerate(signal)), arb(0)) for signal in signals]
+        return [signal.at(s) for signal in (*self.angle, *self.velocity)]
+
+    def bending(self, joint: int) -> Signal:
+        """Return φ of a joint [rad]."""
+        return self.angle[joint] - self.angle[JOINTS + joint]
+
+    def bending_rate(self, joint: int) -> Signal:
+        """Return φ̇ of a joint [rad/s]."""
+        return self.velocity[joint] - self.velocity[JOINTS + joint]
 
     def net_torque(self, joint: int, torque: float, arm: Arm) -> tuple[Signal, Signal]:
         """Return N and P of a motor under a held torque [N m], with the constants of `arm`."""
         stiffness, damping = (arm.stiffness1, arm.stiffness2)[joint], (arm.damping1, arm.damping2)[joint]
         viscous, inertia = (arm.viscous1, arm.viscous2)[joint], (arm.motor_inertia1, arm.motor_inertia2)[joint]
-        parts = [
-            (-stiffness, self.bending(joint)),
-            (-damping, self.bending_rate(joint)),
-            (-viscous, self.velocity[joint]),
-        ]
-        net = combined([(arb(1), [arb(torque)]), *parts])
-        return net, combined([(arb(1), net), (-inertia, self.acceleration[joint])])
-
-    def bending(self, joint: int) -> Signal:
-        """Return φ of a joint [rad]."""
-        return combined([(arb(1), self.angle[joint]), (arb(-1), self.angle[JOINTS + joint])])
-
-    def bending_rate(self, joint: int) -> Signal:
-        """Return φ̇ of a joint [rad/s]."""
-        return combined([(arb(1), self.velocity[joint]), (arb(-1), self.velocity[JOINTS + joint])])
+        joint_torque = stiffness * self.bending(joint), damping * self.bending_rate(joint)
+        net = Signal([arb(torque)]) - joint_torque[0] - joint_torque[1] - viscous * self.velocity[joint]
+        return net, net - inertia * self.acceleration[joint]
 
     def link_torques(self, force: Forces, arm: Arm) -> list[Signal]:
-        """Return R of both links, with the remainder as the last coefficient."""
-        near, far = self._series(force, arm, shifted=False), self._series(force, arm, shifted=True)
-        return [[*(p[i] for i in range(_ORDER)), q[_ORDER]] for p, q in zip(near, far, strict=True)]
+        """Return R of both links."""
+
+        def torques(*links: Any) -> tuple[Any, Any]:
+            return link_torque(links[0:2], links[2:4], links[4:6], links[6:8], arm)
+
+        return _through(torques, *itertools.chain(*self.links), *force)
 
     def link_defects(self, torques: list[Signal], arm: Arm) -> list[Signal]:
         """Return d of both links."""
         stiffness, damping = (arm.stiffness1, arm.stiffness2), (arm.damping1, arm.damping2)
-        return [
-            combined([
-                (stiffness[j], self.bending(j)), (damping[j], self.bending_rate(j)), (arb(-1), torques[j])
-            ])
-            for j in range(JOINTS)
-        ]  # fmt: skip
+        return [stiffness[j] * self.bending(j) + damping[j] * self.bending_rate(j) - torques[j] for j in range(JOINTS)]
 
-    def _series(self, force: Forces, arm: Arm, *, shifted: bool) -> tuple[Any, Any]:
-        """Return R as power series about s = 0, or about the ball [-1, 1]."""
-        ctx.cap = _ORDER + 1
+    def lever_arms(self, direction: tuple[float, float], arm: Arm) -> tuple[np.ndarray, np.ndarray]:
+        """Return Jᵀ d and Jᵀ d⊥ (2, 2) [m] at the middle of the period, and how far they are from it during it."""
+        lever, spread = np.zeros((JOINTS, 2)), np.zeros((JOINTS, 2))
 
-        def series(signal: Signal) -> arb_series:
-            return arb_series((self._shift * _column(signal, DEGREE + 1)).entries() if shifted else signal)
+        def arms(angles: list[arb], unit: tuple[float, float]) -> tuple[arb, arb]:
+            q1, q12 = angles[0], angles[0] + angles[1]
+            return dynamics.tip_force_torque(q1.sin(), q1.cos(), q12.sin(), q12.cos(), *unit, arm)
 
-        parts = ([series(s) for s in kind[JOINTS:]] for kind in (self.angle, self.velocity, self.acceleration))
-        return link_torque(LinkMotion(*parts), (series(force.x), series(force.y)), arm)
+        for axis, unit in enumerate((direction, (-direction[1], direction[0]))):
+            middle, whole = arms([signal[0] for signal in self.links[0]], unit), arms(self.link_ranges[0], unit)
+            for joint, (near, wide) in enumerate(zip(middle, whole, strict=True)):
+                lever[joint, axis] = middle_of(near)
+                spread[joint, axis] = radius_of(wide, lever[joint, axis])
+        return lever, spread + SLACK * np.abs(lever).sum()
 
     def slip(self, joint: int, side: int, arm: Arm) -> Signal:
-        """Return F(v) [N m] of a motor that turns to one side, with its remainder."""
-        signal = [side * a for a in self.velocity[joint]]
-        ctx.cap = _ORDER + 1
-        shifted = (self._shift * _column(signal, DEGREE + 1)).entries()
-        near, far = (dry_friction(arb_series(about), joint, arm) for about in (signal, shifted))
-        return [*(near[i] for i in range(_ORDER)), far[_ORDER]]
+        """Return F(v) [N m] of a motor that turns to one side."""
+        return _through(lambda speed: (dry_friction(speed, joint, arm),), side * self.velocity[joint])[0]
 
 
 def dry_friction(speed: Any, joint: int, arm: Arm) -> Any:
-    """Return F(v) [N m] of a motor for a number type of one's own, as the environment has it."""
+    """Return F(v) [N m] of a motor as the environment computes it, for speeds [rad/s] of any number type."""
     return STRIBECK.magnitude(speed, dynamics.dry_frictions(arm)[joint])
 
 
-def combined(parts: list[tuple[Any, Signal]]) -> Signal:
-    """Return the sum of signals times factors."""
-    length = max(len(signal) for _, signal in parts)
-    return [sum((factor * signal[i] for factor, signal in parts if i < len(signal)), arb(0)) for i in range(length)]
+def link_torque(angle: Any, velocity: Any, acceleration: Any, force: Any, arm: Arm) -> tuple[Any, Any]:
+    """Return R = M(q) q̈ + C(q, q̇) q̇ + g(q) - J(q)ᵀ F [N m] of both links.
 
-
-class LinkMotion(NamedTuple):
-    """Angles [rad], velocities [rad/s] and accelerations [rad/s²] of the links, pairs of any number type."""
-
-    angle: Any
-    velocity: Any
-    acceleration: Any
-
-
-def link_torque(motion: LinkMotion, force: Any, arm: Arm) -> tuple[Any, Any]:
-    """Return R = M(q) q̈ + C(q, q̇) q̇ + g(q) - J(q)ᵀ F [N m] for a motion of the links and a tip force (x, y) [N].
-
-    It is linear in q̈ and in the constants of the arm, and the text of the environment for balls, jets and power series.
+    Angles [rad], velocities [rad/s], accelerations [rad/s²] and the tip force (x, y) [N] are pairs of numbers of any
+    type: balls, jets or power series. The equations are those of the environment, linear in q̈ and in the constants of
+    the arm.
     """
-    (q1, q2), (dq1, dq2), (ddq1, ddq2) = motion
+    (q1, q2), (dq1, dq2), (ddq1, ddq2) = angle, velocity, acceleration
     (sin1, cos1), (sin2, cos2), (sin12, cos12) = sine_cosine(q1), sine_cosine(q2), sine_cosine(q1 + q2)
     m11, m12, m22 = dynamics.mass_matrix(cos2, arm)
     coriolis1, coriolis2 = dynamics.coriolis_torque(sin2, dq1, dq2, arm)

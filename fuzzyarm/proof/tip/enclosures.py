@@ -23,11 +23,11 @@ SLACK = 2.0**-40
 """Relative allowance for rounding in a chain of at most 2^12 float operations; see the module's docstring."""
 
 ROUND_UP = 1.0 + SLACK  # a sum of non-negative floats, times this, is not below the exact sum
-_TINY = 1e-300  # what underflow may lose
+_TINY = 1e-300  # largest loss by underflow
 
 
 class NoBound(ValueError):
-    """There is no bound; the message says in one line what stands in its way."""
+    """There is no bound; the message gives the reason in one line."""
 
 
 def between(low: float, high: float) -> arb:
@@ -64,8 +64,8 @@ def low_high(x: Any) -> tuple[float, float]:
 class Jet:
     """A value and its partial derivatives by variable; a variable without an entry has the derivative zero.
 
-    The numbers are of any type with arithmetic. Evaluated on balls, the derivatives hold those at every point of the
-    box that the balls make, so that the mean value theorem applies to the function on it.
+    The numbers are of any type with arithmetic. Evaluated on balls, the derivatives enclose those at every point of the
+    box that the balls span, so that the mean value theorem applies to the function on it.
     """
 
     __slots__ = ("slopes", "value")

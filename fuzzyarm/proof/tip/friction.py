@@ -1,4 +1,4 @@
-"""The friction of a motor against that of the centre, bounded on the tube of one period.
+"""Bounds of the difference between a motor's friction and the centre's, on the tube of one period.
 
 The motor obeys I_a θ̈ = N + Γ_f with Γ_f = -F(v) sgn v for v ≠ 0 and |Γ_f| <= F(0) at v = 0 (Filippov). The centre has
 the friction -P (`defects`), so the torque on the deviation is w = Γ_f + P. Three things are known of it:
@@ -15,14 +15,14 @@ sticks or slips in between.
 
 *Hold.* If v = 0 at the start and |N| < F(0) on the tube, the motor rests during the period.
 
-What the proof takes from the friction curve of the physics, checked on balls.
+*Curve.* The proof uses these properties of the friction curve, which `check_curve` proves in balls:
 
     F(0) = Γ_fs,      -s <= dF/dv <= 0,      d²F/dv² <= 0 below the inflection,      d²F/dv² >= 0 above it.
 
-At the inflection itself, in a range of relative width 2e-9, -s <= dF/dv and d³F/dv³ >= 0. Beyond `_FAR` inflections no
-ball tells the sign of what is left of the fall: there |dF/dv| <= 2^-40 s and |F - F(∞)| <= 2^-40 Γ_fs, which
-`_slopes` and `_strength` add. All are coefficients of the power series of the curve itself, `STRIBECK.magnitude`, about
-balls that cover the speeds up to 2^100 inflections; a ball that decides nothing is halved.
+At the inflection itself, in a range of relative width 2e-9, -s <= dF/dv and d³F/dv³ >= 0. Beyond `_FAR` inflections
+the remaining fall is too small for a ball to decide its sign: there |dF/dv| <= 2^-40 s and |F - F(∞)| <= 2^-40 Γ_fs,
+which `_Curve.slopes` and `_Curve.strength` add. All are coefficients of the power series of the curve itself,
+`STRIBECK.magnitude`, about balls that cover the speeds up to 2^100 inflections; a ball that decides nothing is halved.
 """
 
 from __future__ import annotations
@@ -40,15 +40,7 @@ from fuzzyarm.envs.observation import JOINTS
 from fuzzyarm.envs.physics.dynamics import Arm, dry_frictions
 from fuzzyarm.envs.physics.friction import STRIBECK, DryFriction
 from fuzzyarm.proof.tip.centre import Mode
-from fuzzyarm.proof.tip.defects import (
-    PeriodMotion,
-    Signal,
-    combined,
-    dry_friction,
-    signal_ends,
-    signal_range,
-    signal_size,
-)
+from fuzzyarm.proof.tip.defects import PeriodMotion, Signal, dry_friction
 from fuzzyarm.proof.tip.enclosures import ROUND_UP, SLACK, Jet, NoBound, between, largest, low_high, middle_of
 from fuzzyarm.proof.tip.plant import BallPlant
 
@@ -58,91 +50,86 @@ _FAR, _DOUBLINGS = 8.0, 100  # inflections, and how often they are doubled
 _HALVINGS = 40  # of a range of speeds
 
 
-def _steepest_fall(joint: int, arm: Arm) -> float:
-    """Return a bound of -dF/dv [N m s/rad] of a motor."""
-    return largest(STRIBECK.steepest(_curve_in_balls(joint, arm))) * ROUND_UP
+class _Curve:
+    """The friction curve F(v) of one motor, in balls."""
 
+    def __init__(self, joint: int, arm: Arm) -> None:
+        self._joint, self._arm = joint, arm
+        dry = DryFriction(*map(arb, dry_frictions(arm)[joint]))
+        self.static, turn = dry.static_friction, middle_of(STRIBECK.inflection(dry))
+        self.before, self.after = turn * (1.0 - 1e-9), turn * (1.0 + 1e-9)  # around the inflection [rad/s]
+        self.steepest = largest(STRIBECK.steepest(dry)) * ROUND_UP  # bound of -dF/dv [N m s/rad]
 
-def _strength(slowest: float, fastest: float, joint: int, arm: Arm) -> tuple[float, float]:
-    """Return the lowest and the highest F(v) [N m] in a range of speeds [rad/s]."""
-    weak, strong = (low_high(dry_friction(arb(v), joint, arm)) for v in (fastest, slowest))
-    left = SLACK * largest(_curve_in_balls(joint, arm).static_friction)
-    return weak[0] - left, strong[1] + left
+    def series(self, speed: arb) -> Any:
+        """Return F and its derivatives of order k divided by k!, k <= 3, on a ball of speeds."""
+        ctx.cap = 4
+        return dry_friction(arb_series([speed, 1]), self._joint, self._arm)
 
+    def at(self, speed: Any) -> Any:
+        """Return F [N m] at a speed [rad/s]."""
+        return dry_friction(speed, self._joint, self._arm)
 
-def _slopes(slowest: float, fastest: float, joint: int, arm: Arm) -> tuple[float, float]:
-    """Return the lowest and the highest dF/dv [N m s/rad] in a range of speeds [rad/s]: it falls, then rises."""
-    (before, after), steepest = _inflection(joint, arm), _steepest_fall(joint, arm)
-    inside = slowest <= after and before <= fastest
-    ends = (min(slowest, before), max(fastest, after)) if inside else (slowest, fastest)
-    lows, highs = zip(*(low_high(_series(arb(v), joint, arm)[1]) for v in ends), strict=True)
-    return (-steepest if inside else min(lows)) - SLACK * steepest, max(highs) + SLACK * steepest
+    def strength(self, slowest: float, fastest: float) -> tuple[float, float]:
+        """Return the lowest and the highest F(v) [N m] in a range of speeds [rad/s]."""
+        weak, strong = (low_high(self.at(arb(v))) for v in (fastest, slowest))
+        left = SLACK * largest(self.static)
+        return weak[0] - left, strong[1] + left
 
+    def slopes(self, slowest: float, fastest: float) -> tuple[float, float]:
+        """Return the lowest and the highest dF/dv [N m s/rad] in a range of speeds [rad/s]: it falls, then rises."""
+        inside = slowest <= self.after and self.before <= fastest
+        ends = (min(slowest, self.before), max(fastest, self.after)) if inside else (slowest, fastest)
+        lows, highs = zip(*(low_high(self.series(arb(v))[1]) for v in ends), strict=True)
+        left = SLACK * self.steepest
+        return (-self.steepest if inside else min(lows)) - left, max(highs) + left
 
-def _curve_in_balls(joint: int, arm: Arm) -> DryFriction:
-    """Return the numbers of a motor's curve, in balls."""
-    return DryFriction(*map(arb, dry_frictions(arm)[joint]))
+    def conditions(self) -> Iterator[tuple[tuple[float, float], Callable[[Any], bool]]]:
+        """Yield ranges of speeds [rad/s], each with the condition that the series of F has to meet on balls in it."""
+        steepest, static = arb(self.steepest), self.static
+        far = [_FAR * self.after * 2.0**k for k in range(_DOUBLINGS + 1)]
+        limit = self.series(arb(far[-1]))[0]
+        yield (0.0, self.before), lambda f: f[2] <= 0
+        yield (self.before, self.after), lambda f: -steepest <= f[1] <= 0 and f[3] >= 0
+        yield (self.after, far[0]), lambda f: f[1] <= 0 and f[2] >= 0
+        for span in itertools.pairwise(far):
+            yield span, lambda f: abs(f[1]) <= SLACK * steepest and abs(f[0] - limit) <= SLACK * static
 
-
-def _inflection(joint: int, arm: Arm) -> tuple[float, float]:
-    """Return speeds [rad/s] just below and just above the inflection."""
-    turn = middle_of(STRIBECK.inflection(_curve_in_balls(joint, arm)))
-    return turn * (1.0 - 1e-9), turn * (1.0 + 1e-9)
+    def meets(self, span: tuple[float, float], condition: Callable[[Any], bool]) -> bool:
+        """Return whether a condition on the series of F holds on balls that cover a range of speeds."""
+        waiting = [(*span, _HALVINGS)]
+        while waiting:
+            low, high, left = waiting.pop()
+            if condition(self.series(between(low, high))):
+                continue
+            if not left:
+                return False
+            middle = 0.5 * (low + high)
+            waiting += [(low, middle, left - 1), (middle, high, left - 1)]
+        return True
 
 
 def check_curve(arm: Arm) -> None:
-    """Raise `NoBound` where the friction of a motor is not as the module says, in the caller's precision."""
+    """Raise `NoBound` unless the friction of both motors is as the module says, in the caller's precision."""
     for joint in range(JOINTS):
-        static, rest = _curve_in_balls(joint, arm).static_friction, _series(arb(0), joint, arm)
-        fits = rest[0].overlaps(static) and rest[1] <= 0
-        if not (fits and all(_covered(span, holds, joint, arm) for span, holds in _conditions(joint, arm, static))):
+        curve = _Curve(joint, arm)
+        rest = curve.series(arb(0))
+        fits = rest[0].overlaps(curve.static) and rest[1] <= 0
+        if not (fits and all(curve.meets(*each) for each in curve.conditions())):
             raise NoBound(f"the friction of motor {joint + 1} is not as its curve's own numbers say: {STRIBECK}")
 
 
-def _conditions(joint: int, arm: Arm, static: arb) -> Iterator[tuple[tuple[float, float], Callable[[Any], bool]]]:
-    """Yield ranges of speeds [rad/s], and what the series of F has to be on balls in them."""
-    (before, after), steepest = _inflection(joint, arm), arb(_steepest_fall(joint, arm))
-    far = [_FAR * after * 2.0**k for k in range(_DOUBLINGS + 1)]
-    limit = _series(arb(far[-1]), joint, arm)[0]
-    yield (0.0, before), lambda f: f[2] <= 0
-    yield (before, after), lambda f: -steepest <= f[1] <= 0 and f[3] >= 0
-    yield (after, far[0]), lambda f: f[1] <= 0 and f[2] >= 0
-    for span in itertools.pairwise(far):
-        yield span, lambda f: abs(f[1]) <= SLACK * steepest and abs(f[0] - limit) <= SLACK * static
-
-
-def _covered(span: tuple[float, float], holds: Callable[[Any], bool], joint: int, arm: Arm) -> bool:
-    """Return whether a condition on the series of F holds on balls that cover a range of speeds."""
-    waiting = [(*span, _HALVINGS)]
-    while waiting:
-        low, high, left = waiting.pop()
-        if holds(_series(between(low, high), joint, arm)):
-            continue
-        if not left:
-            return False
-        middle = 0.5 * (low + high)
-        waiting += [(low, middle, left - 1), (middle, high, left - 1)]
-    return True
-
-
-def _series(speed: arb, joint: int, arm: Arm) -> Any:
-    """Return F and its derivatives of order k divided by k!, k <= 3, on a ball of speeds."""
-    ctx.cap = 4
-    return dry_friction(arb_series([speed, 1]), joint, arm)
-
-
 class Plan(enum.Enum):
-    """How the friction of a motor is bounded in one period."""
+    """The argument that bounds the friction of a motor in one period."""
 
-    ANY = "any"  # any torque up to the static one
+    ANY = "any"  # the friction is any torque up to the static one
     HELD = "held"  # the motor rests, as the centre does
-    SLIP = "slip"  # the motor turns to the side to which the centre does; the slope of F is part of the linear equation
-    MONOTONE = "monotone"  # friction parts no motions: the velocity is bounded by itself, outside the linear equation
-    MIXED = "mixed"  # all that is not ruled out
+    SLIP = "slip"  # the motor turns to the same side as the centre; the slope of F is part of the linear equation
+    MONOTONE = "monotone"  # friction parts no motions: the velocity has a bound of its own outside the linear equation
+    MIXED = "mixed"  # rest and slip to either side count, each unless it is ruled out
 
 
 class Speed(NamedTuple):
-    """What is known of a motor's velocity at a sample beside the tube: low <= v <= high [rad/s]."""
+    """Bounds of a motor's velocity at a sample that hold beside the tube: low <= v <= high [rad/s]."""
 
     low: float
     high: float
@@ -154,36 +141,36 @@ class Friction:
     def __init__(
         self, joint: int, plan: Plan, mode: Mode, motion: PeriodMotion, torque: float, plant: BallPlant, known: Speed
     ) -> None:
-        """Take the centre's motion and mode, the held torque [N m], the plant and what is known of v."""
+        """Take the centre's mode and motion, the held torque [N m], the plant, and the bounds of v at the start."""
         arm, velocity, acceleration = plant.exact, motion.velocity[joint], motion.acceleration[joint]
-        self.joint, self.plan, self.known, self._arm, self.share = joint, plan, known, arm, plant.share[joint]
+        self.joint, self.plan, self.known = joint, plan, known
+        self.share, self._curve = plant.share[joint], _Curve(joint, arm)
         self._uncertain = max(self.share[1] - 1.0, 1.0 - self.share[0])  # largest change of the friction factor
-        self.speed, self._duration = signal_ends(velocity), motion.duration
+        self.speed, self._duration = velocity.ends(), motion.duration
         self._speed = between(*self.speed)
         net, self._needed = motion.net_torque(joint, torque, arm)
-        self._net, self._needed_size = between(*signal_ends(net)), signal_size(self._needed)
+        self._net, self._needed_size = between(*net.ends()), self._needed.size()
         inertia = (arm.motor_inertia1, arm.motor_inertia2)[joint]
-        self._inertia, self._inertial = low_high(inertia)[0], largest(inertia * signal_range(acceleration))
-        self.static, self._steepest = low_high(dry_friction(arb(0.0), joint, arm)), _steepest_fall(joint, arm)
-        self._rests = all(a.is_zero() for a in velocity)
+        self._inertia, self._inertial = low_high(inertia)[0], largest(inertia * acceleration.range())
+        self.static, self._steepest = low_high(self._curve.at(arb(0.0))), self._curve.steepest
+        self._rests = all(a.is_zero() for a in velocity.coefficients)
         self.side = int(mode) if mode in (Mode.FORWARD, Mode.BACKWARD) else 0
         self.drag = 0.0  # middle of the friction torques that are possible by the plan MIXED [N m], see `bound`
         self._slip: Signal | None = None
         self._missed = 0.0
         if self.side:
             self._slip = motion.slip(joint, self.side, arm)
-            parts = [(arb(1.0), self._needed), (arb(-float(self.side)), self._slip)]
-            self._missed = signal_size(combined(parts))
+            self._missed = (self._needed + -self.side * self._slip).size()
         self.slope = 0.0  # change of the friction with the velocity that is part of the linear equation [N m s/rad]
         if plan is Plan.SLIP:
-            slope = dry_friction(Jet.variable(arb(abs(middle_of(self._speed))), 0), joint, arm).slope(0)
+            slope = self._curve.at(Jet.variable(arb(abs(middle_of(self._speed))), 0)).slope(0)
             self.slope = -middle_of(slope)
 
     def torque(self) -> Signal | None:
-        """Return the friction torque of the centre in the plan SLIP, which the uncertain friction factor multiplies."""
+        """Return the centre's friction torque, which the uncertain friction factor scales; None unless it slips."""
         if self.plan is not Plan.SLIP or self._slip is None:
             return None
-        return [-self.side * a for a in self._slip]
+        return -self.side * self._slip
 
     def parted(self, start: float, duration: float, torque: float) -> float:
         """Return a bound of |δv| [rad/s] during a segment, by the plan MONOTONE.
@@ -198,9 +185,9 @@ class Friction:
         return grown * float(np.exp(rate * duration)) * (1.0 + SLACK) + aside
 
     def driving(self, tube_net: float, constants: float, products: float) -> float:
-        """Return a bound of |δN| + η [N m], for the plan MONOTONE.
+        """Return a bound of |δN| + η [N m], for the plan MONOTONE; arguments as for `bound`.
 
-        η holds what the range of the friction factor makes, for centres that slip or rest as the law says.
+        η includes the effect of the friction factor's range, for centres that slip or rest as the law says.
         """
         static = self.static[1]
         eta = self._missed
@@ -236,7 +223,7 @@ class Friction:
             if not (self.side * (low if self.side > 0 else high) > 0.0):
                 raise PlanFails(self.joint)
             slowest, fastest = sorted((abs(low), abs(high)))
-            falling, rising = _slopes(slowest, fastest, self.joint, self._arm)
+            falling, rising = self._curve.slopes(slowest, fastest)
             uncertain = self._uncertain * max(-falling, rising)
             rest = max(abs(falling + self.slope), abs(rising + self.slope)) + uncertain
             return (self._missed + rest * tube_speed) * (1.0 + SLACK) + products
@@ -246,18 +233,18 @@ class Friction:
         self, low: float, high: float, tube_speed: float, tube_net: float, constants: float, products: float
     ) -> float:
         low, high = self._during(low, high, tube_net + constants + products)
-        needed_low, needed_high = signal_ends(self._needed)
+        needed_low, needed_high = self._needed.ends()
         ends: list[float] = []
         for side, fastest in ((1, high), (-1, -low)):
             if fastest <= 0.0:
                 continue
             slowest = max(0.0, low if side > 0 else -high)
             if side == self.side and self._slip is not None:
-                uncertain = self._uncertain * _strength(slowest, fastest, self.joint, self._arm)[1]
+                uncertain = self._uncertain * self._curve.strength(slowest, fastest)[1]
                 reach = self._missed + (self._steepest * tube_speed + uncertain) * (1 + SLACK)
                 ends += [-reach, reach]
                 continue
-            weak, strong = _strength(slowest, fastest, self.joint, self._arm)
+            weak, strong = self._curve.strength(slowest, fastest)
             pull = [side * self.share[0] * weak, side * self.share[1] * strong]
             ends += [needed_low - max(pull), needed_high - min(pull)]
         if low <= 0.0 <= high:
@@ -271,10 +258,10 @@ class Friction:
         return max(map(abs, ends), default=0.0) * (1 + SLACK) + products
 
     def _rates(self, low: float, high: float, spread: float) -> tuple[float, float]:
-        """Return how fast v may fall at most where v < 0 and rise where v > 0 [rad/s²], N within `spread`."""
+        """Return the least v̇ where v < 0 and the largest v̇ where v > 0 [rad/s²], for N within `spread` [N m]."""
         net_low, net_high = low_high(self._net)
-        backward = self.share[0] * _strength(0.0, max(-low, 0.0), self.joint, self._arm)[0]
-        forward = self.share[0] * _strength(0.0, max(high, 0.0), self.joint, self._arm)[0]
+        backward = self.share[0] * self._curve.strength(0.0, max(-low, 0.0))[0]
+        forward = self.share[0] * self._curve.strength(0.0, max(high, 0.0))[0]
         slack = SLACK * (abs(net_low) + abs(net_high) + spread + backward + forward)
         return (
             (net_low - spread + backward - slack) / self._inertia,
@@ -282,14 +269,14 @@ class Friction:
         )
 
     def _during(self, low: float, high: float, spread: float) -> Speed:
-        """Return what is known of v during the segment, in [low, high] by the tube, N within `spread` [N m]."""
+        """Return bounds of v during the segment, where the tube has it in [low, high], for N within `spread` [N m]."""
         falling, rising = self._rates(low, high, spread)
         least = min(self.known.low, 0.0) + min(falling, 0.0) * self._duration * (1.0 + SLACK)
         most = max(self.known.high, 0.0) + max(rising, 0.0) * self._duration * (1.0 + SLACK)
         return Speed(max(low, least), min(high, most))
 
     def after(self, tube_speed: float, spread: float, end: tuple[float, float]) -> Speed:
-        """Return what is known of v at the end of the segment, where the tube has it in the range `end` [rad/s]."""
+        """Return bounds of v at the end of the segment, where the tube has it in the range `end` [rad/s]."""
         if self.plan is Plan.ANY:
             return Speed(-math.inf, math.inf)
         if self.plan is Plan.HELD:
@@ -302,7 +289,7 @@ class Friction:
 
 
 class PlanFails(ValueError):
-    """The tube contradicts a plan; `joint` says whose."""
+    """The tube contradicts the plan of the motor `joint`."""
 
     def __init__(self, joint: int) -> None:
         super().__init__(f"the plan of motor {joint + 1} fails")

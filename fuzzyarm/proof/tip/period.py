@@ -1,14 +1,14 @@
-"""One period of the tube: the remainders and the tube that they make, closed by a fixed point.
+"""One period of the tube: a fixed point of the remainders and the tube that contains them.
 
 For a claimed tube ρ the remainders are bounded by w̄(ρ), and with them the deviation stays within
 
     ρ'(ρ) = max(|S ξ_h(0)|, |S ξ_h(T)|) + T²/8 sup |S ξ̈_h| + push w̄(ρ),
 
-ξ_h: what start, held torque and uncertain constants alone make. If ρ'(ρ) < ρ in every row, the deviation never leaves
-ρ during the period (first exit): up to the first time at which it did, the bounds hold, so it is within ρ' there, and
-it is continuous. The accelerations and the products of masses are no part of the state; together they obey a <= G(a),
-where G is the smaller of some r + Q a with r, Q >= 0, and G(ρ) < ρ gives a <= ρ: otherwise λ = max a/ρ > 1 had
-a <= G(λ ρ) <= λ G(ρ) < λ ρ.
+where ξ_h is the effect of start, held torque and uncertain constants alone. If ρ'(ρ) < ρ in every row, the deviation
+never leaves ρ during the period (first exit): up to the first time at which it did, the bounds hold, so it is within
+ρ' there, and it is continuous. The accelerations and the products of masses are no part of the state; together they
+obey a <= G(a), where G is the smaller of some r + Q a with r, Q >= 0, and G(ρ) < ρ gives a <= ρ: otherwise
+λ = max a/ρ > 1 had a <= G(λ ρ) <= λ G(ρ) < λ ρ.
 """
 
 from __future__ import annotations
@@ -21,12 +21,12 @@ import numpy as np
 from fuzzyarm.envs.observation import JOINTS
 from fuzzyarm.envs.physics.dynamics import dry_frictions
 from fuzzyarm.proof.tip.centre import Mode, Segment
-from fuzzyarm.proof.tip.defects import PeriodMotion, TipForces, signal_range, signal_size
+from fuzzyarm.proof.tip.defects import PeriodMotion, TipForces
 from fuzzyarm.proof.tip.enclosures import ROUND_UP, SLACK, NoBound, low_high
 from fuzzyarm.proof.tip.friction import Friction, Plan, PlanFails, Speed
 from fuzzyarm.proof.tip.plant import BallPlant
-from fuzzyarm.proof.tip.remainders import Drive, LinkRemainder, lever_arms
-from fuzzyarm.proof.tip.transition import CHANNELS, ROW_COUNT, ROWS, STATES, Linear, Transition, linear, transition
+from fuzzyarm.proof.tip.remainders import Drive, LinkRemainder
+from fuzzyarm.proof.tip.transition import CHANNELS, ROW_COUNT, ROWS, STATES, Linear, Transition
 from fuzzyarm.proof.tip.zonotope import Zonotope, product
 
 __all__ = ["Closed", "Period", "TubeClaim"]
@@ -38,7 +38,7 @@ _LARGEST = 0.5  # of the tube's angles [rad]: beyond it no iteration has ever cl
 
 @dataclasses.dataclass(frozen=True)
 class Closed:
-    """A period whose tube is closed."""
+    """A period with a closed tube."""
 
     tube: np.ndarray  # ρ (18,) in the order of `ROWS`
     torques: np.ndarray  # w̄ (8,) in the order of `CHANNELS` [N m; N]
@@ -52,23 +52,23 @@ class Closed:
 
 
 class TubeClaim(NamedTuple):
-    """What a file claims of a segment: its tube (18,), and the plans of the frictions."""
+    """The claim of a file for a segment: its tube (18,), and the plans of the frictions."""
 
     tube: np.ndarray
     plans: tuple[Plan, ...]
 
 
 class Period:
-    """A period that is to be closed."""
+    """A period or a part of one, with the enclosures that close its tube."""
 
     def __init__(self, centre: Segment, torque: np.ndarray, tip: TipForces, plant: BallPlant) -> None:
         force, period = tip.middle, centre.duration
         self.motion, self.force, self.plant = PeriodMotion(centre.angles, period), force, plant
         self._centre, self._torque, self._period, self._tip = centre, torque, period, tip
         self._links = LinkRemainder(self.motion, tip, plant)
-        self._lever, self._lever_spread = lever_arms(self.motion, tip.direction, plant.exact)
+        self._lever, self._lever_spread = self.motion.lever_arms(tip.direction, plant.exact)
         torques = self.motion.link_torques(force, plant.exact)
-        self._defect = np.array([signal_size(d) for d in self.motion.link_defects(torques, plant.exact)])
+        self._defect = np.array([d.size() for d in self.motion.link_defects(torques, plant.exact)])
         self._constants = Drive.of(self.motion, force, plant)
         self._frictions: dict[tuple[int, Plan, Speed], Friction] = {}
         self._inertia = plant.middle.motor_inertia1, plant.middle.motor_inertia2
@@ -77,7 +77,7 @@ class Period:
         self._own = [(halves["motor_inertia"], ROWS.motor_acceleration), (halves["viscous_friction"], ROWS.d_theta)]
 
     def confirm(self, start: Zonotope, known: tuple[Speed, ...], claim: TubeClaim, *, friction: str) -> Closed:
-        """Return the period closed by a claimed tube and plans, without any search; `NoBound` where they fail."""
+        """Return the period closed by a claimed tube and plans, without a search; `NoBound` if they do not close it."""
         if friction == "any" and set(claim.plans) != {Plan.ANY}:
             raise NoBound("a plan that is not for any friction")
         try:
@@ -102,7 +102,7 @@ class Period:
         mode = self._centre.modes[joint]
         if mode == Mode.REST and known == (0.0, 0.0):
             return Plan.HELD
-        low, high = low_high(signal_range(self.motion.velocity[joint]))
+        low, high = low_high(self.motion.velocity[joint].range())
         spread = float(start.totals()[ROWS.d_theta][joint])
         slips = mode in (Mode.FORWARD, Mode.BACKWARD) and min(abs(low), abs(high)) > 1.05 * spread and low * high > 0.0
         return Plan.SLIP if slips else Plan.MONOTONE
@@ -111,8 +111,8 @@ class Period:
         self, start: Zonotope, known: tuple[Speed, ...], plans: list[Plan], claimed: np.ndarray | None = None
     ) -> Closed:
         frictions = [self._friction(j, plan, speed) for j, (plan, speed) in enumerate(zip(plans, known, strict=True))]
-        system = linear(
-            self.plant.middle, *self._links.at, self._lever, np.array([f.slope for f in frictions]),
+        system = Linear.of(
+            self.plant.middle, self._links.at, self._lever, np.array([f.slope for f in frictions]),
             [p is Plan.HELD for p in plans], [p is Plan.MONOTONE for p in plans], self._links.products,
         )  # fmt: skip
         driven, before = self._constants.with_friction(self.plant, frictions), start.totals()[ROWS.d_theta]
@@ -120,7 +120,7 @@ class Period:
             motors = zip(frictions, before, start.size(system.S[ROWS.net]), driven.motor, strict=True)
             least = [f.parted(v, self._period, f.driving(net, constants, 0.0)) for f, v, net, constants in motors]
             self._check_monotone(np.array(least), before, frictions)
-        solution = transition(system, self._period)
+        solution = system.over(self._period)
         columns, free = self._free(start, system, solution, driven)
         tube = free[:ROW_COUNT] * 1.01 + 1e-15 if claimed is None else claimed
         for _ in range(_MOST_ROUNDS if claimed is None else 1):
@@ -145,16 +145,16 @@ class Period:
         raise NoBound(f"the tube does not close: the torque {torques[worst]:.3g} on {_NAMES[worst]} grows with it")
 
     def _on_motors(self, tube: np.ndarray, driven: Drive) -> tuple[np.ndarray, np.ndarray]:
-        """Return bounds (2,) [N m] of what uncertain constants do on each motor, for a claimed tube.
+        """Return two bounds (2,) [N m] of the uncertain constants' torques on each motor, for a claimed tube.
 
-        First their torques along the centre and, within the joint, times the deviation; then those of the motor's own
-        inertia and viscosity times the deviation.
+        The first is of their torques along the centre and of the products within the joint; the second is of the
+        products of the motor's own inertia and viscosity with the deviation.
         """
         within = sum(half * tube[rows] for half, rows in self._within)
         return driven.motor + within, np.asarray(sum(half * tube[rows] for half, rows in self._own))
 
     def _friction(self, joint: int, plan: Plan, known: Speed) -> Friction:
-        """Return the friction of a motor by a plan; it is made once."""
+        """Return the friction of a motor by a plan, from a cache."""
         key = joint, plan, known
         if key not in self._frictions:
             mode, torque = self._centre.modes[joint], float(self._torque[joint])
@@ -162,7 +162,7 @@ class Period:
         return self._frictions[key]
 
     def _check_monotone(self, after: np.ndarray, before: np.ndarray, frictions: list[Friction]) -> None:
-        """Give up a plan that lets a velocity (2,) grow by much of what the friction itself could."""
+        """Raise `PlanFails` for a plan MONOTONE by which a velocity grows nearly as much as by the friction itself."""
         static = [dry.static_friction for dry in dry_frictions(self.plant.middle)]
         for j, friction in enumerate(frictions):
             grown = after[j] - before[j]
@@ -208,7 +208,7 @@ class Period:
         before: np.ndarray,
         observed: tuple[np.ndarray, np.ndarray],
     ) -> np.ndarray:
-        """Return w̄ (8,) for a claimed tube; all that is `observed` (free, push) is within free + push w̄."""
+        """Return w̄ (8,) for a claimed tube; every observed number lies within free + push w̄, the pair `observed`."""
         torques = driven.rest.copy()
         torques[CHANNELS.link] += self._defect
         torques[CHANNELS.link] += self._lever_spread @ self._tip.courses
@@ -224,7 +224,7 @@ class Period:
         return torques * ROUND_UP
 
     def _speeds(self, tube: np.ndarray, frictions: list[Friction], driven: Drive) -> tuple[Speed, ...]:
-        """Return what is known of the motors' velocities at the end."""
+        """Return bounds of both motors' velocities at the end."""
         found, ends = list[Speed](), self.motion.at(1)[ROWS.d_theta]
         for j, (friction, constants, products) in enumerate(
             zip(frictions, *self._on_motors(tube, driven), strict=True)

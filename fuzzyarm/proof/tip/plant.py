@@ -1,15 +1,16 @@
-"""The arm of a set in numbers: its middle, and what each uncertain constant adds.
+"""A set of plants, and its arms in balls.
+
+*Set.* It says by which factors the constants of the arm may differ from Table 1, and what else may act. Every factor
+is constant during the motion and independent of the others; the factor of a mass also scales the inertia of its link,
+as in `DomainRandomisation`. A factor has one range for both joints, or one for each. Three things may vary with time,
+in any measurable way: the friction torque of a set with ``any`` friction, the tip force within `force_swing` and
+`force_course`, and at every sample the encoder errors within `noise`.
+
+*Arms.* They are an arm in the middle of the set, and for each uncertain constant what it adds:
 
     p = p_0 + Δp π_p,  |π_p| <= 1;      R(·; p) = R(·; p_0) + Σ Δp π_p R_p,      R_p: R with the constants ∂c/∂p,
 
 because the constants c1..c5 of (3) are affine in the factors of the masses and in the payload, and R is linear in them.
-
-A set of plants: which factors each constant of the arm may have, and what else may act.
-
-Every factor is constant during the motion and independent of the others; masses count with the inertia of their link,
-as in `DomainRandomisation`. A factor's range is one for both joints, or one for each. What may vary with time, in any
-measurable way: the friction torque of a set with ``any`` friction, and the tip force within `force_swing` and
-`force_course`; and at every sample the errors within `noise`.
 """
 
 from __future__ import annotations
@@ -35,12 +36,20 @@ from fuzzyarm.envs.scenario.randomisation import ALLOWED
 from fuzzyarm.proof.tip.enclosures import between, middle_of
 
 __all__ = [
-    "AXES", "BY_JOINT", "RANGES", "SETS", "Axis", "BallPlant", "Parameter", "PlantSet", "ball_plant", "check_set_name",
-    "exactly", "find_set", "missed", "narrowed", "plants_of", "ranges_in_words",
-]  # fmt: skip
+    "AXES",
+    "BY_JOINT",
+    "RANGES",
+    "SETS",
+    "Axis",
+    "BallPlant",
+    "PlantSet",
+    "check_set_name",
+    "exactly",
+    "find_set",
+]
 
-Range = tuple[float, float]
-Factor = tuple[float | Range, float | Range]  # a range (low, high) for both joints, or a pair of ranges, one for each
+_Range = tuple[float, float]
+_Factor = tuple[float | _Range, float | _Range]  # a range (low, high) for both joints, or a pair, one for each
 BY_JOINT = ("mass", "motor_inertia", "stiffness", "damping", "dry_friction", "viscous_friction")
 """The factors of which each joint has its own."""
 RANGES = (*BY_JOINT, "force", "payload")  # all ranges of a set
@@ -60,20 +69,20 @@ class PlantSet:
     The range of a factor of `BY_JOINT` may be given for each joint: ``((low, high), (low, high))``.
     """
 
-    mass: Factor = (1.0, 1.0)  # factor of each link's mass and inertia, one per link
-    motor_inertia: Factor = (1.0, 1.0)  # factor of each motor's inertia
-    stiffness: Factor = (1.0, 1.0)  # factor of each joint's stiffness
-    damping: Factor = (1.0, 1.0)  # factor of each joint's damping
-    dry_friction: Factor = (1.0, 1.0)  # factor of each motor's static and Coulomb friction
-    viscous_friction: Factor = (1.0, 1.0)  # factor of each motor's viscous friction
-    payload: Range = (0.0, 0.0)  # mass at the tip [kg], added to the case's own payload
-    force: Range = (1.0, 1.0)  # factor of the case's tip force
+    mass: _Factor = (1.0, 1.0)  # factor of each link's mass and inertia, one per link
+    motor_inertia: _Factor = (1.0, 1.0)  # factor of each motor's inertia
+    stiffness: _Factor = (1.0, 1.0)  # factor of each joint's stiffness
+    damping: _Factor = (1.0, 1.0)  # factor of each joint's damping
+    dry_friction: _Factor = (1.0, 1.0)  # factor of each motor's static and Coulomb friction
+    viscous_friction: _Factor = (1.0, 1.0)  # factor of each motor's viscous friction
+    payload: _Range = (0.0, 0.0)  # mass at the tip [kg], added to the case's own payload
+    force: _Range = (1.0, 1.0)  # factor of the case's tip force
     # ``"law"``: stick and Stribeck friction as in the environment; ``"any"``: any torque up to the static
     friction: Literal["law", "any"] = "law"
     # largest share of the case's tip force by which its factor may vary, in any course in time
     force_swing: float = 0.0
     force_course: float = 0.0  # largest component along x and along y of a further tip force, of any course in time [N]
-    noise: Range = (0.0, 0.0)  # largest error of a measured motor angle [rad] and velocity [rad/s]
+    noise: _Range = (0.0, 0.0)  # largest error of a measured motor angle [rad] and velocity [rad/s]
     # whole control periods by which every torque acts late; until the first acts, it is held from the start
     late: int = 0
 
@@ -89,7 +98,7 @@ class PlantSet:
         except TypeError as error:
             raise ValueError(str(error)) from None
 
-    def of_joint(self, name: str, joint: int) -> Range:
+    def of_joint(self, name: str, joint: int) -> _Range:
         """Return the range of a factor of `BY_JOINT` for a joint; any other range as it is."""
         given: Any = getattr(self, name)
         return given[joint] if isinstance(given[0], tuple) else given  # type: ignore[no-any-return]
@@ -97,6 +106,60 @@ class PlantSet:
     def to_dict(self) -> dict[str, Any]:
         """Return the fields as plain numbers and lists."""
         return {name: _plain(value) for name, value in dataclasses.asdict(self).items()}
+
+    def narrowed(self, axis: Axis, part: tuple[float, float]) -> PlantSet:
+        """Return the set with the range of one axis replaced."""
+        name, joint = axis
+        both = tuple(part if j == joint else self.of_joint(name, j) for j in range(JOINTS))
+        named: dict[str, Any] = {name: both if name in BY_JOINT else part}
+        return dataclasses.replace(self, **named)
+
+    def hole(self, cells: Sequence[PlantSet]) -> PlantSet | None:
+        """Return a part of the set that no cell holds; None where the cells cover the set."""
+        found, hole = _hole(self._box(), np.array([cell._box() for cell in cells])), self
+        if found is None:
+            return None
+        for axis, (low, high) in zip(AXES, found.tolist(), strict=True):
+            hole = hole.narrowed(axis, (low, high))
+        return hole
+
+    def _box(self) -> np.ndarray:
+        return np.array([self.of_joint(name, joint) for name, joint in AXES])
+
+    def in_words(self, others: PlantSet | None = None) -> str:
+        """Return how the set differs from another, or from Table 1: "mass 1 from 0.98 to 1.02 times", ..."""
+        others, words = others or PlantSet(), []
+        for name, joint in AXES:
+            low, high = self.of_joint(name, joint)
+            if (low, high) != others.of_joint(name, joint):
+                whose, unit = f" {joint + 1}" if name in BY_JOINT else "", " kg" if name == "payload" else " times"
+                words.append(f"{name}{whose} from {exactly(low)} to {exactly(high)}{unit}")
+        angle, speed = map(exactly, self.noise)
+        said = {"friction": f"friction {self.friction}"}
+        said |= {name: f"{name} {exactly(getattr(self, name))}" for name in _LIMITS}
+        said["noise"] = f"encoder errors up to {angle} rad and {speed} rad/s"
+        said["late"] = f"torques {self.late} control period late"
+        words += [text for name, text in said.items() if getattr(self, name) != getattr(others, name)]
+        return ", ".join(words) or "the whole set"
+
+
+def _hole(box: np.ndarray, parts: np.ndarray) -> np.ndarray | None:
+    """Return a box (n, 2) within `box` that lies in none of the closed boxes `parts` (m, n, 2), or None.
+
+    The box is divided at an end of a part that lies inside it; a box without such an end is in a part or in none.
+    """
+    low, high = box.T
+    near = parts[((parts[..., 0] <= high) & (parts[..., 1] >= low)).all(axis=1)]
+    if ((near[..., 0] <= low) & (near[..., 1] >= high)).all(axis=1).any():
+        return None
+    inside = (near > low[:, np.newaxis]) & (near < high[:, np.newaxis])
+    if not inside.any():
+        return box
+    part, axis, end = np.argwhere(inside)[0]
+    lower, upper = box.copy(), box.copy()
+    lower[axis, 1] = upper[axis, 0] = near[part, axis, end]
+    first = _hole(lower, near)
+    return _hole(upper, near) if first is None else first
 
 
 def _checked(name: str, given: Any) -> Any:
@@ -131,39 +194,11 @@ I_a ± 1 %, dry friction ± 20 %; the same with every torque one control period 
 
 
 def check_set_name(name: str, plants: PlantSet) -> None:
-    """Raise ValueError for a label that is no short printable ASCII text, or a name of `SETS` for other plants."""
+    """Raise ValueError unless a label is short printable ASCII text, and no name of `SETS` that means other plants."""
     if not (isinstance(name, str) and 0 < len(name) <= _LONGEST_LABEL and name.isascii() and name.isprintable()):
         raise ValueError(f"set_name = {checks.shown(name)} must be 1 to {_LONGEST_LABEL} printable ASCII characters")
     if name in SETS and plants != SETS[name]:
         raise ValueError(f"set_name = {checks.shown(name)}, but the plants are not those of this set")
-
-
-def plants_of(label: str, values: dict[str, Any]) -> PlantSet:
-    """Return the set of a file; ValueError where its label is a name of `SETS` for other plants.
-
-    Any other label is a note of the file's maker, which is neither checked nor repeated.
-    """
-    plants = record(values, PlantSet)
-    if label in SETS:
-        check_set_name(label, plants)
-    return plants
-
-
-def ranges_in_words(plants: PlantSet, others: PlantSet | None = None) -> str:
-    """Return in what a set differs from another one, or from a single arm: "mass 1 from 0.98 to 1.02 times", ..."""
-    others, words = others or PlantSet(), []
-    for name, joint in AXES:
-        low, high = plants.of_joint(name, joint)
-        if (low, high) != others.of_joint(name, joint):
-            whose, unit = f" {joint + 1}" if name in BY_JOINT else "", " kg" if name == "payload" else " times"
-            words.append(f"{name}{whose} from {exactly(low)} to {exactly(high)}{unit}")
-    angle, speed = map(exactly, plants.noise)
-    said = {"friction": f"friction {plants.friction}"}
-    said |= {name: f"{name} {exactly(getattr(plants, name))}" for name in _LIMITS}
-    said["noise"] = f"encoder errors up to {angle} rad and {speed} rad/s"
-    said["late"] = f"torques {plants.late} control period late"
-    words += [text for name, text in said.items() if getattr(plants, name) != getattr(others, name)]
-    return ", ".join(words) or "the whole set"
 
 
 def exactly(value: float) -> str:
@@ -173,7 +208,7 @@ def exactly(value: float) -> str:
 
 
 def find_set(name: str | Path) -> PlantSet:
-    """Return the set of a name of `SETS`, or of a TOML file with fields of `PlantSet`; ValueError if there is none."""
+    """Return a set by its name in `SETS`, or from a TOML file of `PlantSet`'s fields; ValueError if there is none."""
     if str(name) in SETS:
         return SETS[str(name)]
     path = Path(name)
@@ -191,7 +226,7 @@ _ROUNDED = 2.0**-46  # relative: the environment computes c1..c5 in floats
 
 
 @dataclasses.dataclass(frozen=True)
-class Parameter:
+class _Parameter:
     """An uncertain constant: p_0 ± `half`."""
 
     kind: str  # "mass", "payload", "force", "stiffness", "damping", "motor_inertia", "viscous_friction", "dry_friction"
@@ -202,13 +237,44 @@ class Parameter:
 
 @dataclasses.dataclass(frozen=True)
 class BallPlant:
-    """All arms of a set."""
+    """All arms of a set, in floats and balls."""
 
     middle: Arm  # constants in floats, of the arm in the middle
     exact: Arm  # the same in balls that hold the exact constants of that arm
-    parameters: tuple[Parameter, ...]  # what is uncertain
+    parameters: tuple[_Parameter, ...]  # what is uncertain
     # lowest and highest factor of the dry friction of each motor, relative to the middle
     share: tuple[tuple[float, float], ...]
+
+    @classmethod
+    def of(cls, parameters: ArmParameters, disturbance: Disturbance, plants: PlantSet) -> BallPlant:
+        """Return the arms of a set of plants around the given parameters, with the payload of a disturbance."""
+        nominal, scaled, uncertain = plant_of(parameters), dict[str, Any](), list[_Parameter]()
+        for name, fields in _FACTORS.items():
+            ranges = [plants.of_joint(name, joint) for joint in range(JOINTS)]
+            for field in fields:
+                scaled[field] = PerJoint(
+                    *(0.5 * sum(b) * x for b, x in zip(ranges, getattr(nominal, field), strict=True))
+                )
+            if name not in ("mass", "dry_friction"):
+                for joint, middle in enumerate(getattr(nominal, fields[0])):
+                    if half := _half(ranges[joint]):
+                        uncertain.append(_Parameter(name, joint, half * middle))
+        share = tuple(_share(plants.of_joint("dry_friction", joint)) for joint in range(JOINTS))
+        for joint, (low, high) in enumerate(share):
+            if low < high:
+                uncertain.append(_Parameter("dry_friction", joint, max(1.0 - low, high - 1.0)))
+        arm: Arm = lump(_in_balls(nominal._replace(**scaled)))
+        payload = disturbance.payload.mass, disturbance.payload.radius(parameters)
+        for mass, radius in (payload, (0.5 * sum(plants.payload), parameters.length[-1])):
+            arm = loaded(arm, arb(mass), arb(radius), arb(parameters.gravity))
+        rounded = between(1.0 - _ROUNDED, 1.0 + _ROUNDED)
+        exact = arm._replace(**{name: getattr(arm, name) * rounded for name in _LUMPED})
+        return cls(
+            filled(Arm, (middle_of(x) for x in flat(exact))),
+            exact,
+            (*uncertain, *_mass_units(_in_balls(nominal), plants, parameters, disturbance)),
+            share,
+        )
 
     def half(self, kind: str) -> list[float]:
         """Return half the width of a constant's range by joint, 0 where it is certain."""
@@ -217,35 +283,6 @@ class BallPlant:
             if parameter.kind == kind:
                 widths[parameter.joint] = parameter.half
         return widths
-
-
-def ball_plant(parameters: ArmParameters, disturbance: Disturbance, plants: PlantSet) -> BallPlant:
-    """Return the arms of a set of plants around the given parameters, with the payload of a disturbance."""
-    nominal, scaled, uncertain = plant_of(parameters), dict[str, Any](), list[Parameter]()
-    for name, fields in _FACTORS.items():
-        ranges = [plants.of_joint(name, joint) for joint in range(JOINTS)]
-        for field in fields:
-            scaled[field] = PerJoint(*(0.5 * sum(b) * x for b, x in zip(ranges, getattr(nominal, field), strict=True)))
-        if name not in ("mass", "dry_friction"):
-            for joint, middle in enumerate(getattr(nominal, fields[0])):
-                if half := _half(ranges[joint]):
-                    uncertain.append(Parameter(name, joint, half * middle))
-    share = tuple(_share(plants.of_joint("dry_friction", joint)) for joint in range(JOINTS))
-    for joint, (low, high) in enumerate(share):
-        if low < high:
-            uncertain.append(Parameter("dry_friction", joint, max(1.0 - low, high - 1.0)))
-    arm: Arm = lump(_in_balls(nominal._replace(**scaled)))
-    payload = disturbance.payload.mass, disturbance.payload.radius(parameters)
-    for mass, radius in (payload, (0.5 * sum(plants.payload), parameters.length[-1])):
-        arm = loaded(arm, arb(mass), arb(radius), arb(parameters.gravity))
-    rounded = between(1.0 - _ROUNDED, 1.0 + _ROUNDED)
-    exact = arm._replace(**{name: getattr(arm, name) * rounded for name in _LUMPED})
-    return BallPlant(
-        filled(Arm, (middle_of(x) for x in flat(exact))),
-        exact,
-        (*uncertain, *_mass_units(_in_balls(nominal), plants, parameters, disturbance)),
-        share,
-    )
 
 
 _FACTORS = {
@@ -276,8 +313,8 @@ def _in_balls(plant: Any) -> Any:
 
 def _mass_units(
     plant: Any, plants: PlantSet, parameters: ArmParameters, disturbance: Disturbance
-) -> Iterator[Parameter]:
-    """Yield the masses, the payload and the tip force, where uncertain, with the constants that half a range makes."""
+) -> Iterator[_Parameter]:
+    """Yield the masses, payload and tip force that are uncertain, with the constants ∂c/∂p times half their range."""
 
     def weighing(share: list[Any]) -> Any:
         parts = {f: PerJoint(*map(operator.mul, getattr(plant, f), share)) for f in _FACTORS["mass"]}
@@ -285,54 +322,10 @@ def _mass_units(
 
     for joint in range(JOINTS):
         if half := _half(plants.of_joint("mass", joint)):
-            yield Parameter("mass", joint, half, weighing([arb(half if j == joint else 0.0) for j in range(JOINTS)]))
+            yield _Parameter("mass", joint, half, weighing([arb(half if j == joint else 0.0) for j in range(JOINTS)]))
     massless = weighing([arb(0)] * JOINTS)
     if half := _half(plants.payload):
         tip = arb(parameters.length[-1])
-        yield Parameter("payload", 0, half, loaded(massless, arb(half), tip, plant.gravity))
+        yield _Parameter("payload", 0, half, loaded(massless, arb(half), tip, plant.gravity))
     if (half := _half(plants.force)) and disturbance.tip_force is not None:
-        yield Parameter("force", 0, half / (0.5 * sum(plants.force)), massless)
-
-
-def narrowed(plants: PlantSet, axis: Axis, part: tuple[float, float]) -> PlantSet:
-    """Return a set with the range of one axis replaced."""
-    name, joint = axis
-    given: Any = part
-    if name in BY_JOINT:
-        given = tuple(part if j == joint else plants.of_joint(name, j) for j in range(JOINTS))
-    named: dict[str, Any] = {name: given}
-    return dataclasses.replace(plants, **named)
-
-
-def missed(plants: PlantSet, parts: Sequence[PlantSet]) -> PlantSet | None:
-    """Return a part of a set that no cell holds; None where the cells cover the set."""
-    found = _hole(_box(plants), np.array([_box(part) for part in parts]))
-    if found is None:
-        return None
-    hole = plants
-    for axis, ends in zip(AXES, found.tolist(), strict=True):
-        hole = narrowed(hole, axis, (ends[0], ends[1]))
-    return hole
-
-
-def _box(plants: PlantSet) -> np.ndarray:
-    return np.array([plants.of_joint(name, joint) for name, joint in AXES])
-
-
-def _hole(box: np.ndarray, parts: np.ndarray) -> np.ndarray | None:
-    """Return a box (n, 2) within `box` that lies in none of the closed boxes `parts` (m, n, 2), or None.
-
-    The box is divided at an end of a part that lies inside it; a box without such an end is in a part or in none.
-    """
-    low, high = box.T
-    near = parts[((parts[..., 0] <= high) & (parts[..., 1] >= low)).all(axis=1)]
-    if ((near[..., 0] <= low) & (near[..., 1] >= high)).all(axis=1).any():
-        return None
-    inside = (near > low[:, np.newaxis]) & (near < high[:, np.newaxis])
-    if not inside.any():
-        return box
-    part, axis, end = np.argwhere(inside)[0]
-    lower, upper = box.copy(), box.copy()
-    lower[axis, 1] = upper[axis, 0] = near[part, axis, end]
-    first = _hole(lower, near)
-    return _hole(upper, near) if first is None else first
+        yield _Parameter("force", 0, half / (0.5 * sum(plants.force)), massless)

@@ -1,6 +1,6 @@
-"""What the linear equation of the deviation leaves out in one period, as bounds of torques on its channels.
+"""Bounds of the torques that the linear equation of the deviation leaves out in one period, channel by channel.
 
-With the tube |S ξ| <= ρ during the period, the torques that are left out are bounded by
+With the tube |S ξ| <= ρ during the period, the bounds of these torques are
 
     links    |d| + |M - M_k| ρ_q̈ + |R_q - G_k| ρ_q + |R_q̇ - D_k| ρ_q̇     M, R_q, R_q̇ at every point of the tube (balls),
              and for each uncertain mass the same with its R_p, and |r_p ξ|, see `LinkRemainder`,
@@ -22,83 +22,61 @@ that bound holds what the torques of the constants do (`Friction.driving`).
 
 from __future__ import annotations
 
+import itertools
 from typing import Any, NamedTuple
 
 import numpy as np
 from flint import arb
 
 from fuzzyarm.envs.observation import JOINTS
-from fuzzyarm.envs.physics.dynamics import Arm, tip_force_torque
-from fuzzyarm.proof.tip.defects import (
-    Forces,
-    LinkMotion,
-    PeriodMotion,
-    Signal,
-    TipForces,
-    link_torque,
-    rest_size,
-    signal_range,
-    signal_size,
-)
+from fuzzyarm.envs.physics.dynamics import Arm
+from fuzzyarm.proof.tip.defects import Forces, PeriodMotion, Signal, TipForces, link_torque
 from fuzzyarm.proof.tip.enclosures import ROUND_UP, SLACK, Jet, middle_of, radius_of
 from fuzzyarm.proof.tip.friction import Friction, Plan
 from fuzzyarm.proof.tip.plant import BallPlant
 from fuzzyarm.proof.tip.transition import CHANNEL_COUNT, CHANNELS, OBSERVED, ROWS
 
-__all__ = ["Drive", "LinkRemainder", "LinkSlopes", "lever_arms", "link_remainder", "tube_slopes"]
+__all__ = ["Drive", "LinkRemainder"]
 
 _REFINED = 3  # how often the products of the masses are bounded again
-_NO_FORCE = TipForces(Forces([arb(0)], [arb(0)]), (0.0, 0.0), (1.0, 0.0), (0.0, 0.0))
+_NO_FORCE = TipForces(Forces(Signal([arb(0)]), Signal([arb(0)])), (0.0, 0.0), (1.0, 0.0), (0.0, 0.0))
 
 
-class LinkSlopes(NamedTuple):
-    """M, ∂R/∂q and ∂R/∂q̇ of the links, nested lists (2, 2) of balls."""
+def _link_slopes(at: Any, force: tuple[Any, Any], arm: Arm) -> list[list[list[Any]]]:
+    """Return M [kg m²], ∂R/∂q [N m/rad] and ∂R/∂q̇ [N m s/rad], nested lists (2, 2) of balls.
 
-    mass: list[list[arb]]
-    angle: list[list[arb]]
-    velocity: list[list[arb]]
-
-
-def _link_slopes(at: list[list[Any]], force: tuple[Any, Any], arm: Arm) -> LinkSlopes:
-    """Return M [kg m²], ∂R/∂q [N m/rad] and ∂R/∂q̇ [N m s/rad] at angles, velocities and accelerations, pairs each."""
-    angles, velocities, accelerations = at
-    q = [Jet.variable(x, i) for i, x in enumerate(angles)]
-    dq = [Jet.variable(x, JOINTS + i) for i, x in enumerate(velocities)]
-    ddq = [Jet.variable(x, 2 * JOINTS + i) for i, x in enumerate(accelerations)]
-    torques = link_torque(LinkMotion(q, dq, ddq), force, arm)
-    parts = ([[t.slope(k * JOINTS + i) for i in range(JOINTS)] for t in torques] for k in range(3))
-    angle, velocity, mass = parts
-    return LinkSlopes(mass, angle, velocity)
+    `at` holds pairs of angles [rad], velocities [rad/s] and accelerations [rad/s²] of the links, in balls.
+    """
+    q, dq, ddq = ([Jet.variable(x, k * JOINTS + i) for i, x in enumerate(pair)] for k, pair in enumerate(at))
+    torques = link_torque(q, dq, ddq, force, arm)
+    angle, velocity, mass = ([[t.slope(k * JOINTS + i) for i in range(JOINTS)] for t in torques] for k in range(3))
+    return [mass, angle, velocity]
 
 
-def _at_middle(motion: PeriodMotion, force: Forces, arm: Arm) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Return M_k [kg m²], G_k [N m/rad] and D_k [N m s/rad] (2, 2) at the middle of the period, in floats."""
-    at = [[signal[0] for signal in kind[JOINTS:]] for kind in (motion.angle, motion.velocity, motion.acceleration)]
-    slopes = _link_slopes(at, (force.x[0], force.y[0]), arm)
-    mass, angle, velocity = (np.array([[middle_of(x) for x in row] for row in part]) for part in slopes)
-    return mass, angle, velocity
+class _Linearised:
+    """The torques R of the links for one set of constants, linearised at the middle of a period."""
 
+    def __init__(self, motion: PeriodMotion, force: TipForces, arm: Arm) -> None:
+        self._motion, self._force, self._arm = motion, force, arm
+        x, y = force.middle
+        slopes = _link_slopes([[signal[0] for signal in kind] for kind in motion.links], (x[0], y[0]), arm)
+        # M_k [kg m²], G_k [N m/rad] and D_k [N m s/rad], (2, 2) each
+        mass, angle, velocity = (np.array([[middle_of(x) for x in row] for row in part]) for part in slopes)
+        self.at = mass, angle, velocity
 
-def tube_slopes(motion: PeriodMotion, tube: np.ndarray, force: TipForces, arm: Arm) -> LinkSlopes:
-    """Return the slopes (2, 2) each [kg m², N m/rad, N m s/rad] on the tube (18,) around the centre, for every arm."""
-    rows = ROWS.link, ROWS.d_link, ROWS.link_acceleration
-    boxes = [
-        [x + arb(0.0, r) for x, r in zip(along, tube[of].tolist(), strict=True)]
-        for along, of in zip(motion.links, rows, strict=True)
-    ]
-    x, y = (signal_range(s) + arb(0.0, r) for s, r in zip(force.middle, force.radii, strict=True))
-    return _link_slopes(boxes, (x, y), arm)
-
-
-def link_remainder(slopes: LinkSlopes, at: tuple[np.ndarray, np.ndarray, np.ndarray], tube: np.ndarray) -> np.ndarray:
-    """Return |M - M_k| ρ_q̈ + |R_q - G_k| ρ_q + |R_q̇ - D_k| ρ_q̇ (2,) [N m]."""
-    total = np.zeros(JOINTS)
-    for part, about, rows in zip(slopes, at, (ROWS.link_acceleration, ROWS.link, ROWS.d_link), strict=True):
-        spread = np.array(
-            [[radius_of(x, c) for x, c in zip(*row, strict=True)] for row in zip(part, about.tolist(), strict=True)]
-        )
-        total += spread @ tube[rows]
-    return total * ROUND_UP
+    def left_out(self, tube: np.ndarray) -> np.ndarray:
+        """Return |M - M_k| ρ_q̈ + |R_q - G_k| ρ_q + |R_q̇ - D_k| ρ_q̇ (2,) [N m] on a tube ρ (18,), for every force."""
+        rows = ROWS.link, ROWS.d_link, ROWS.link_acceleration
+        boxes = [
+            [x + arb(0.0, r) for x, r in zip(along, tube[of].tolist(), strict=True)]
+            for along, of in zip(self._motion.link_ranges, rows, strict=True)
+        ]
+        x, y = (s.range() + arb(0.0, r) for s, r in zip(self._force.middle, self._force.radii, strict=True))
+        slopes, total = _link_slopes(boxes, (x, y), self._arm), np.zeros(JOINTS)
+        for part, middle, of in zip(slopes, self.at, (rows[2], rows[0], rows[1]), strict=True):
+            pairs = zip(itertools.chain(*part), middle.ravel().tolist(), strict=True)
+            total += np.array([radius_of(x, c) for x, c in pairs]).reshape(JOINTS, JOINTS) @ tube[of]
+        return total * ROUND_UP
 
 
 class LinkRemainder:
@@ -106,28 +84,28 @@ class LinkRemainder:
 
     With R(·; p) = R + Σ π_p R_p, |π_p| <= 1, and r_p ξ = M_p δq̈ + R_p,q δq + R_p,q̇ δq̇ at the middle of the period,
 
-        |n| <= E + Σ (E_p + |r_p ξ|),      E, E_p: what `link_remainder` leaves of R and of R_p on the tube.
+        |n| <= E + Σ (E_p + |r_p ξ|),      E, E_p: what `_Linearised` leaves out of R and of R_p on the tube.
 
-    r_p ξ is a row that is observed like the others: what it has of links that turn against each other cancels in it,
-    which it does not in |M_p| ρ_q̈ + |R_p,q| ρ_q + |R_p,q̇| ρ_q̇. The smaller of the two counts.
+    r_p ξ is a row that is observed like the others: links that turn against each other cancel in it, which they do not
+    in |M_p| ρ_q̈ + |R_p,q| ρ_q + |R_p,q̇| ρ_q̇. The smaller of the two counts.
     """
 
     def __init__(self, motion: PeriodMotion, force: TipForces, plant: BallPlant) -> None:
-        self._motion, self._force, self._arm = motion, force, plant.exact
-        self.at = _at_middle(motion, force.middle, plant.exact)  # M_k, G_k and D_k
+        self._whole = _Linearised(motion, force, plant.exact)
+        self.at = self._whole.at
         arms = [parameter.arm for parameter in plant.parameters if parameter.kind in ("mass", "payload")]
-        self._masses = [(arm, _at_middle(motion, _NO_FORCE.middle, arm)) for arm in arms if arm is not None]
+        self._masses = [_Linearised(motion, _NO_FORCE, arm) for arm in arms if arm is not None]
         # r_p (2 masses, 6) over the rows `OBSERVED`
-        self.products = np.vstack([np.zeros((0, len(OBSERVED))), *(np.hstack(at) for _, at in self._masses)])
+        self.products = np.vstack([np.zeros((0, len(OBSERVED))), *(np.hstack(one.at) for one in self._masses)])
 
     def bound(self, tube: np.ndarray, torques: np.ndarray, free: np.ndarray, push: np.ndarray) -> np.ndarray:
         """Return a bound (2,) of |n| [N m] on a claimed tube ρ (18,), for the other torques w̄ (8,).
 
         All that is observed, then the `products`, is within free (18 + n,) + push (18 + n, 8) w̄.
         """
-        fixed = link_remainder(tube_slopes(self._motion, tube, self._force, self._arm), self.at, tube)
-        for arm, at in self._masses:
-            fixed += link_remainder(tube_slopes(self._motion, tube, _NO_FORCE, arm), at, tube)
+        fixed = self._whole.left_out(tube)
+        for one in self._masses:
+            fixed += one.left_out(tube)
         sizes, count = np.abs(self.products), len(self.products)
         found = (fixed + _by_link(sizes @ tube[OBSERVED])) * ROUND_UP
         for _ in range(_REFINED if count else 0):
@@ -144,36 +122,18 @@ def _by_link(torques: np.ndarray) -> np.ndarray:
     return np.asarray(torques.reshape(-1, JOINTS).sum(axis=0))
 
 
-def lever_arms(motion: PeriodMotion, direction: tuple[float, float], arm: Arm) -> tuple[np.ndarray, np.ndarray]:
-    """Return Jᵀ d and Jᵀ d⊥ (2, 2) [m] at the middle of the period, and how far they are from it along the centre."""
-    q1, q2 = (signal_range(s) for s in motion.angle[JOINTS:])
-    m1, m2 = (s[0] for s in motion.angle[JOINTS:])
-    lever, spread = np.zeros((JOINTS, 2)), np.zeros((JOINTS, 2))
-    for axis in range(2):
-        unit = direction if axis == 0 else (-direction[1], direction[0])
-        for joint, (near, wide) in enumerate(zip(_lever(m1, m2, unit, arm), _lever(q1, q2, unit, arm), strict=True)):
-            lever[joint, axis] = middle_of(near)
-            spread[joint, axis] = radius_of(wide, lever[joint, axis])
-    return lever, spread + SLACK * np.abs(lever).sum()
-
-
-def _lever(q1: arb, q2: arb, unit: tuple[float, float], arm: Arm) -> tuple[arb, arb]:
-    q12 = q1 + q2
-    return tip_force_torque(q1.sin(), q1.cos(), q12.sin(), q12.cos(), *unit, arm)
-
-
 class Drive(NamedTuple):
-    """What the uncertain constants do during one period; torques [N m] and forces [N]."""
+    """The torques [N m] and forces [N] of the uncertain constants along the centre, during one period."""
 
     # level, slope: a_0 and a_1 of each channel's signal for each constant, in floats (8, constants)
     level: np.ndarray
     slope: np.ndarray
-    rest: np.ndarray  # bound of what these two leave, for all constants together (8,)
+    rest: np.ndarray  # bound of the rest beside these two, for all constants together (8,)
     motor: np.ndarray  # bound of the torques on each motor, those within the joints included (2,)
 
     @classmethod
     def of(cls, motion: PeriodMotion, force: Forces, plant: BallPlant) -> Drive:
-        """Return what all constants do but the dry friction, which depends on how friction is bounded."""
+        """Return the torques of all constants but the dry friction, whose torques depend on the plan."""
         shape = CHANNEL_COUNT, len(plant.parameters)
         drive = cls(np.zeros(shape), np.zeros(shape), np.zeros(CHANNEL_COUNT), np.zeros(JOINTS))
         for index, parameter in enumerate(plant.parameters):
@@ -189,13 +149,13 @@ class Drive(NamedTuple):
                 drive._add(index, motor, -half, motion.velocity[joint])
             elif parameter.arm is not None:
                 factor = half if parameter.kind == "force" else arb(0)
-                push = Forces(*([factor * a for a in signal] for signal in force))
+                push = Forces(*(factor * signal for signal in force))
                 for i, torque in enumerate(motion.link_torques(push, parameter.arm)):
                     drive._add(index, CHANNELS.link.start + i, arb(-1), torque)
         return drive
 
     def with_friction(self, plant: BallPlant, frictions: list[Friction]) -> Drive:
-        """Return all that the uncertain constants do, with the frictions of both motors."""
+        """Return the torques of all uncertain constants, with those of the dry friction by the plans of both motors."""
         drive = Drive(*(part.copy() for part in self))
         for index, parameter in enumerate(plant.parameters):
             torque = frictions[parameter.joint].torque() if parameter.kind == "dry_friction" else None
@@ -207,11 +167,10 @@ class Drive(NamedTuple):
         return drive
 
     def _add(self, constant: int, channel: int, factor: arb, signal: Signal) -> None:
-        """Add the torque of a constant, a factor times a signal: its column, what that leaves, and all of it."""
-        torque = [factor * a for a in signal]
-        a_0, a_1, *_ = [*torque, arb(0), arb(0)]
-        level, slope = middle_of(a_0), middle_of(a_1)
+        """Add the torque of a constant, a factor times a signal: linear part, rest, and size on the motor."""
+        torque = factor * signal
+        level, slope = middle_of(torque[0]), middle_of(torque[1])
         self.level[channel, constant], self.slope[channel, constant] = level, slope
-        self.rest[channel] += rest_size(torque) + radius_of(a_0, level) + radius_of(a_1, slope)
+        self.rest[channel] += torque.bent() + radius_of(torque[0], level) + radius_of(torque[1], slope)
         if channel not in range(CHANNEL_COUNT)[CHANNELS.link]:
-            self.motor[channel % JOINTS] += signal_size(torque)
+            self.motor[channel % JOINTS] += torque.size()

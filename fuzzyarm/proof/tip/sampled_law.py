@@ -1,11 +1,11 @@
-"""What a policy answers at a sample, for all states of a zonotope at once: its torque, and what it remembers.
+"""The torque and the memory of a policy after a sample, for all states of a zonotope at once.
 
     (u, m⁺) = law(θ, θ̇, m; r_k),      m: the numbers that the policy carries from one sample to the next.
 
-The law is the policy's own, run on affine numbers: the deviations of (θ, θ̇, m) from a point go in as a zonotope, and
-those of (u, m⁺) from another point come out over the same columns and some of their own. So what the torque and the
-memory have in common is kept. What a policy remembers of the reference alone is no part of m: it is the same in every
-run, and kept as floats.
+The law is the policy's own, run on affine numbers. Its arguments are deviations of (θ, θ̇, m) from a point, a zonotope;
+its results are deviations of (u, m⁺) from another point, over the same columns and new ones, so that the correlation
+of torque and memory is kept. The part of the memory that depends on the reference alone is not in m: it is the same in
+every run, and is kept as floats.
 """
 
 from __future__ import annotations
@@ -31,7 +31,7 @@ __all__ = ["Response", "SampledLaw"]
 _MEASURED = 2 * JOINTS  # numbers of θ, θ̇, which come before those of the memory
 _WORTH_A_COLUMN = 1e-3  # share of a number from which an unknown keeps its column
 _MOST_UNKNOWNS = 6  # unknowns for each number, beyond which they are merged
-_RUNS = 6  # that tell what a law remembers of what is measured
+_RUNS = 6  # runs that show which parts of the memory depend on the measurements
 
 _UNKNOWN: dict[type[Policy], str] = {
     AdaptiveObserverPolicy: "there is no bound for the adaptive observer: the corrections of its Kalman filter divide "
@@ -39,11 +39,11 @@ _UNKNOWN: dict[type[Policy], str] = {
     LearnedObserverPolicy: "there is no bound for the learned observer: its filter divides by a covariance that it "
     "remembers, makes choices by it that are not decided on a tube, and its gates multiply what they remember",
 }
-"""What stands in the way of a bound, by the kind of a policy whose base has one."""
+"""The reason why there is no bound, by the class of policies that derive from one with a bound."""
 
 
 class Response(NamedTuple):
-    """What follows from a sample: deviations of (u, m⁺) from a point, |x - middle| = |columns g + β|, |β| <= box."""
+    """The set of (u, m⁺) after a sample: x - middle = columns g + β, |g_i| <= 1, |β| <= box."""
 
     middle: np.ndarray  # (2 + m,) torques [N m] and the memory
     columns: np.ndarray  # (2 + m, n); the first are those of the deviations that the law was given
@@ -54,7 +54,7 @@ class SampledLaw:
     """The law of a policy of the two-joint arm, sample by sample."""
 
     def __init__(self, policy: Policy, references: np.ndarray) -> None:
-        """Take a policy and the references (samples, 6) [rad, rad/s, rad/s²] in its observations; else `NoBound`."""
+        """Take a policy and the references (samples, 6) of its observations; `NoBound` if it has no enclosure."""
         if type(policy) in _UNKNOWN:
             raise NoBound(f"{_UNKNOWN[type(policy)]}; choose elastic-observer, which has one")
         law = law_of(policy)
@@ -80,10 +80,10 @@ class SampledLaw:
         self.memory = len(self.remembered)
 
     def respond(self, k: int, point: np.ndarray, seen: Zonotope) -> Response:
-        """Return the answer at the k-th sample, for deviations `seen` from a point (4 + m,): θ, θ̇ as measured, memory.
+        """Return the answer at the k-th sample, for deviations `seen` from a point (4 + m,): measured θ, θ̇, memory.
 
-        At the first sample the memory is zero. `NoBound` if the law does what is not known for all these numbers;
-        ValueError where an enclosure is not finite.
+        At the first sample the memory is zero. `NoBound` if a choice of the law is undecided on these numbers or an
+        operation has no enclosure; ValueError where an enclosure is not finite.
         """
         space = Space(seen)
         RECORDERS.append(space)
@@ -95,7 +95,7 @@ class SampledLaw:
             RECORDERS.pop()
 
     def _answer(self, k: int, space: Space, point: np.ndarray) -> list[Affine]:
-        """Return (u, m⁺) of a space."""
+        """Return (u, m⁺) as affine numbers of a space."""
         variables, memory = space.variables(point), self._held[k, 0].tolist()
         for place, number in zip(self.remembered.tolist(), variables[_MEASURED:], strict=True):
             memory[place] = number
@@ -116,7 +116,7 @@ def _numbers(tree: Any) -> Iterator[Any]:
 
 
 def _spelt_out(space: Space, numbers: list[Affine]) -> Response:
-    """Return numbers over the columns of the zonotope, columns of their unknowns, and of what is left of each."""
+    """Return numbers over the columns of the zonotope, columns of their unknowns, and columns or a box of the rests."""
     rows, (middle, size, rest) = space.rows(numbers), np.array([(x.middle, x.size, x.rest) for x in numbers]).T
     known = len(space.base.box)
     inner, own = rows[:, :known], rows[:, known:]

@@ -16,7 +16,7 @@ from fuzzyarm.envs.physics.equations import tip_point
 from fuzzyarm.envs.physics.parameters import ArmParameters
 from fuzzyarm.envs.physics.records import PerJoint
 from fuzzyarm.proof.tip.centre import Centre, Segment
-from fuzzyarm.proof.tip.defects import Forces, TipForces, combined, signal_size
+from fuzzyarm.proof.tip.defects import Forces, Signal, TipForces
 from fuzzyarm.proof.tip.enclosures import BITS, ROUND_UP, SLACK, NoBound, largest, middle_of, radius_of
 from fuzzyarm.proof.tip.friction import Plan, Speed, check_curve
 from fuzzyarm.proof.tip.period import Closed, Period, TubeClaim
@@ -32,9 +32,9 @@ _COARSE = 6  # every how many of them are looked at first
 
 
 def tip_bound(state: np.ndarray, deviations: Zonotope, arm: Arm, wanted: list[float]) -> tuple[float, np.ndarray]:
-    """Return a bound of the tip error [m] at a sample, and the shares of it by source: `SOURCES`, constants, centre.
+    """Return a bound of the tip error [m] at a sample, and the share of each source: `SOURCES`, constants, centre.
 
-    For the centre's state (8,), the deviations from it, the arm and the point (x, y) [m] that is asked for:
+    For the centre's state (8,), the zonotope of deviations, the arm and the wanted point p_r = (x, y) [m],
 
     |p(q) - p_r| <= |p(q_y) - p_r + J δq| + (L_1 δq_1² + L_2 (δq_1 + δq_2)²)/2. The zonotope J δq lies in the polygon
     that touches it in `_DIRECTIONS` directions, and so does it with the centre's own error.
@@ -89,9 +89,9 @@ _LAW, _ROUNDING = SOURCES.index("law and noise"), SOURCES.index("rounding")
 
 @dataclasses.dataclass(frozen=True)
 class Problem:
-    """What is to be bounded."""
+    """The motion, the policy and the set of plants whose tip error is to be bounded."""
 
-    parameters: ArmParameters  # of the arm, Table 1 if nothing else is said
+    parameters: ArmParameters  # of the policy's arm
     start: np.ndarray  # state (8,) in which the environment begins: at rest, the links on the reference
     schedule: Schedule  # reference, tip force and target of every control step
     period: float  # T [s]
@@ -112,25 +112,43 @@ class Step:
     sources: np.ndarray
 
 
+@dataclasses.dataclass
+class _State:
+    """The state of the tube between two segments: everything on which the rest of the motion depends.
+
+    The numbers of the zonotope are the deviations of θ, q, θ̇ and q̇ from the centre, those of the policy's memory and,
+    where torques act late, that of the torque that acts next. Within a control step the held torque stands behind q̇.
+    """
+
+    centre: np.ndarray  # θ, q, θ̇, q̇ of the centre (8,)
+    memory: np.ndarray  # memory of the policy at the centre
+    deviations: Zonotope  # zonotope and box that hold every deviation from the centre
+    speeds: tuple[Speed, ...]  # bounds of both motors' velocities that hold beside the zonotope
+    drags: tuple[float | None, ...]  # friction torques of the plan MIXED in the segment before [N m], see `Closed`
+    waiting: np.ndarray | None  # torque that acts in the next control step (2,) [N m], where torques act late
+
+    @classmethod
+    def at_rest(cls, problem: Problem) -> _State:
+        """Return the state in which the environment begins: one state, at rest on the reference."""
+        numbers = STATES + problem.law.memory + JOINTS * problem.plants.late
+        start = Zonotope(numbers, len(problem.plant.parameters))
+        still = (Speed(0.0, 0.0),) * JOINTS
+        return cls(problem.start, np.zeros(problem.law.memory), start, still, (None,) * JOINTS, None)
+
+
 class Tube:
     """The tube, step by step: iterate over it."""
 
     def __init__(self, problem: Problem, claims: Sequence[Sequence[tuple[Segment, TubeClaim]]] | None = None) -> None:
         """Begin at rest on the reference, as the environment does.
 
-        The claims are for each control step the segments of the centre and what is claimed of them, to be confirmed
-        without any search; None: they are searched.
+        The claims are the segments of the centre in each control step, with the tube and plans that a file states for
+        them: they are confirmed without any search. None: the tube is searched.
         """
-        self.problem, self._claims = problem, claims
-        plant, memory = problem.plant, problem.law.memory
-        self._state, self._memory = problem.start, np.zeros(memory)
-        self._seen = [*range(STATES)[ROWS.theta], *range(STATES)[ROWS.d_theta], *range(STATES, STATES + memory)]
-        numbers = STATES + memory + JOINTS * problem.plants.late  # the torque that acts one period late is the last
-        self._set = Zonotope(numbers, len(plant.parameters))
-        self._known: tuple[Speed, ...] = (Speed(0.0, 0.0),) * JOINTS
-        self._waiting: np.ndarray | None = None
-        self._centre = Centre(plant.middle, problem.period)
-        self._drags: tuple[float | None, ...] = (None,) * JOINTS
+        self.problem, self._claims, self.state = problem, claims, _State.at_rest(problem)
+        memory = range(STATES, STATES + problem.law.memory)
+        self._seen = [*range(STATES)[ROWS.theta], *range(STATES)[ROWS.d_theta], *memory]
+        self._centre = Centre(problem.plant.middle, problem.period)
 
     def __iter__(self) -> Iterator[Step]:
         """Advance to the end of the motion; `NoBound` where there is no tube."""
@@ -146,7 +164,7 @@ class Tube:
         parts: Iterable[tuple[Segment, TubeClaim | None]]
         if self._claims is None:
             force = 0.5 * sum(problem.plants.force) * problem.schedule.forces[k]
-            made = self._centre.segments(self._state, torque, force, self._next_drags())
+            made = self._centre.segments(self.state.centre, torque, force, self._next_drags())
             parts = ((segment, None) for segment in made)
         else:
             parts = self._claims[k]
@@ -158,89 +176,91 @@ class Tube:
         if begun != problem.period:  # durations are multiples of the last bit of T: their sum is exact
             raise NoBound(f"the segments of control step {k + 1} last {begun} s instead of {problem.period} s")
         # The held torque is forgotten.
-        z, keep = self._set, np.r_[0:STATES, STATES + JOINTS : len(self._set.box)]
+        z = self.state.deviations
+        keep = np.r_[0:STATES, STATES + JOINTS : len(z.box)]
         z.columns, z.box = z.columns[keep], z.box[keep]
         z.tidy(_ROUNDING)
         wanted = problem.schedule.targets[k + 1, :2].tolist()
-        return Step(torque, tuple(segments), tuple(closed), *tip_bound(self._state, z, problem.plant.exact, wanted))
+        return Step(
+            torque, tuple(segments), tuple(closed), *tip_bound(self.state.centre, z, problem.plant.exact, wanted)
+        )
 
     def _next_drags(self) -> list[float | None]:
-        """Return the constant friction of motors of whose velocity even the sign is not known for long."""
+        """Return the centre's constant friction torques, for motors of whose velocity even the sign is uncertain."""
         if self.problem.plants.friction == "any":
             return [0.0] * JOINTS
-        spread = self._set.totals()[ROWS.d_theta]
-        slow = np.abs(self._state[ROWS.d_theta]) <= 1.05 * spread
-        return [drag if slow[j] else None for j, drag in enumerate(self._drags)]
+        slow = np.abs(self.state.centre[ROWS.d_theta]) <= 1.05 * self.state.deviations.totals()[ROWS.d_theta]
+        return [drag if slow[j] else None for j, drag in enumerate(self.state.drags)]
 
     def _force(self, k: int, begun: float, duration: float) -> TipForces:
-        """Return what may act at the tip on a segment that begins at `begun` [s]."""
+        """Return the tip forces of a segment that begins `begun` [s] after the sample."""
         plants, line = self.problem.plants, self.problem.schedule.forces[k].tolist()
         period, (low, high) = arb(self.problem.period), plants.force
         at, half = (arb(begun) + arb(duration) / 2) / period - arb(0.5), arb(duration) / period / 2
-        case = Forces(*([line[i] + at * line[2 + i], half * line[2 + i]] for i in range(2)))
+        case = Forces(*(Signal([line[i] + at * line[2 + i], half * line[2 + i]]) for i in range(2)))
         factor = (arb(low) + arb(high)) / 2
-        middle = Forces(*([factor * a for a in signal] for signal in case))
+        middle = Forces(*(factor * signal for signal in case))
         varies = largest(arb(high) - factor) + plants.force_swing
-        radii = [varies * signal_size(signal) + plants.force_course for signal in case]
+        radii = [varies * signal.size() + plants.force_course for signal in case]
         along, courses = (1.0, 0.0), [plants.force_course] * 2
         size = math.hypot(middle_of(case.x[0]), middle_of(case.y[0]))
         if plants.force_swing and size:
             along = middle_of(case.x[0]) / size, middle_of(case.y[0]) / size
-            across = combined([(arb(-along[1]), case.x), (arb(along[0]), case.y)])
-            parts = [combined([(arb(along[0]), case.x), (arb(along[1]), case.y)]), across]
+            parts = along[0] * case.x + along[1] * case.y, along[0] * case.y - along[1] * case.x
             # The direction is a unit vector up to rounding; a box along the axes is wider along others.
-            courses = [plants.force_swing * signal_size(part) + 1.415 * plants.force_course for part in parts]
+            courses = [plants.force_swing * part.size() + 1.415 * plants.force_course for part in parts]
         return TipForces(middle, (radii[0], radii[1]), along, (courses[0] * (1 + SLACK), courses[1] * (1 + SLACK)))
 
     def _cross(self, segment: Segment, torque: np.ndarray, force: TipForces, claim: TubeClaim | None) -> Closed:
         """Close the tube on a segment and take the zonotope over it."""
         period, friction = Period(segment, torque, force, self.problem.plant), self.problem.plants.friction
-        self._shift(self._set, period.motion.at(-1), self._state)
-        start = self._set.part(slice(0, STATES + JOINTS))
+        state = self.state
+        self._shift(state.deviations, period.motion.at(-1), state.centre)
+        start = state.deviations.part(slice(0, STATES + JOINTS))
         if claim is None:
-            closed = period.close(start, self._known, friction=friction)
+            closed = period.close(start, state.speeds, friction=friction)
         else:
-            closed = period.confirm(start, self._known, claim, friction=friction)
+            closed = period.confirm(start, state.speeds, claim, friction=friction)
         self._advance(start, closed)
-        self._state, self._known, self._drags = segment.end, closed.known, closed.drags
-        self._shift(self._set, period.motion.at(1), self._state)
+        state.centre, state.speeds, state.drags = segment.end, closed.known, closed.drags
+        self._shift(state.deviations, period.motion.at(1), state.centre)
         return closed
 
     @staticmethod
     def _shift(deviations: Zonotope, before: list[arb], after: np.ndarray) -> None:
-        """Let the deviations count from `after` (8,) rather than from `before`, up to rounding the same."""
+        """Count the deviations from `after` (8,) instead of `before`, which differs from it by rounding only."""
         deviations.box[:STATES] += list(map(radius_of, before, after.tolist()))
 
     def _sample(self, k: int) -> np.ndarray:
-        """Let the policy answer at t_k: append the held torque to the zonotope, renew the memory; return the torque."""
-        problem, z = self.problem, self._set
+        """Apply the policy at t_k: add the held torque to the zonotope, update the memory, and return the torque."""
+        problem, state, z = self.problem, self.state, self.state.deviations
         errors = np.repeat(problem.plants.noise, JOINTS)
         noise = np.zeros((len(self._seen), len(errors)))
         noise[: len(errors)] = np.diag(errors)
         noise = noise[:, errors > 0.0]
         seen = Zonotope(len(self._seen), len(problem.plant.parameters))
         seen.columns, seen.box = np.hstack([z.columns[self._seen], noise]), z.box[self._seen]
-        point = np.concatenate([self._state[ROWS.theta], self._state[ROWS.d_theta], self._memory])
+        point = np.concatenate([state.centre[ROWS.theta], state.centre[ROWS.d_theta], state.memory])
         return self._held(problem.law.respond(k, point, seen))
 
     def _held(self, answer: Response) -> np.ndarray:
-        """Take the answer of the policy into the zonotope; return the torque (2,) [N m] that is held, at the centre."""
-        z, u = self._set, slice(0, JOINTS)
+        """Add the policy's answer to the zonotope; return the torque at the centre (2,) [N m] that is held."""
+        state, z, u = self.state, self.state.deviations, slice(0, JOINTS)
         more = answer.columns.shape[1] - z.columns.shape[1]
         columns = np.hstack([z.columns, np.zeros((len(z.box), more))])
         acting, acting_box, torque = answer.columns[u], answer.box[u], answer.middle[u]
         below, box_below = [answer.columns[JOINTS:]], [answer.box[JOINTS:]]
         if self.problem.plants.late:
-            if self._waiting is not None:
+            if state.waiting is not None:
                 waits = slice(len(z.box) - JOINTS, len(z.box))
                 acting, acting_box = columns[waits], z.box[waits]
             below.append(answer.columns[u])
             box_below.append(answer.box[u])
-            torque, self._waiting = (torque if self._waiting is None else self._waiting), torque
+            torque, state.waiting = (torque if state.waiting is None else state.waiting), torque
         z.columns = np.vstack([columns[:STATES], acting, *below])
         z.box = np.concatenate([z.box[:STATES], acting_box, *box_below])
         z.source = np.concatenate([z.source, np.full(more, _LAW)])
-        self._memory = answer.middle[JOINTS:]
+        state.memory = answer.middle[JOINTS:]
         radius = z.totals()[STATES : STATES + JOINTS]
         for joint, limit in enumerate(self.problem.parameters.torque_limit):
             if not abs(torque[joint]) + radius[joint] < limit:
@@ -252,7 +272,7 @@ class Tube:
 
     def _advance(self, start: Zonotope, closed: Closed) -> None:
         """Take the zonotope over a segment, from its part `start`."""
-        z, solution, xi = self._set, closed.solution, STATES + JOINTS
+        z, solution, xi = self.state.deviations, closed.solution, STATES + JOINTS
         box = solution.growth @ (start.box + SLACK * start.totals())
         drive = np.abs(closed.drive.level) + np.abs(closed.drive.slope)
         box += 4.0 * SLACK * solution.push_state @ drive.sum(axis=1)

@@ -1,10 +1,10 @@
-"""The set of deviations at a sample: a zonotope with a box, in floats with an allowance.
+"""The set of deviations at a sample: a zonotope and a box, in floats with an allowance for rounding.
 
     x = Z g + β,      |g_i| <= 1,   |β| <= box;       |r x| <= Σ_i |(r Z)_i| + |r| box   for a row r.
 
-The first columns are those of the uncertain constants: their g_i is the same at every instant. The others are the
-disturbances of the periods so far, each with a source. Columns that are old are merged, with others of their source,
-into a parallelepiped that holds them, a column for each number.
+The first columns are those of the uncertain constants, whose g_i are the same at every instant. The others are the
+disturbances of the periods so far, each with a source. Old columns of one source are merged into a parallelepiped that
+holds them, with one column for each number.
 """
 
 from __future__ import annotations
@@ -13,23 +13,23 @@ import numpy as np
 
 from fuzzyarm.proof.tip.enclosures import ROUND_UP, SLACK
 
-__all__ = ["SOURCES", "Zonotope", "condensed", "merged", "product", "reach"]
+__all__ = ["SOURCES", "Zonotope", "merged", "product", "reach"]
 
 SOURCES = ("friction", "nonlinearity", "parameter products", "force", "law and noise", "rounding")
-"""Where a column comes from, beside the uncertain constants."""
+"""The sources of the columns that belong to no uncertain constant."""
 
-_BOX_EVERY = 5  # periods after which the box becomes columns: until then it grows with |Φ|
-MOST, KEPT = 720, 360  # columns for each number at which old ones are merged, and how many stay
-NARROW, _FEWER = 1e-6, 9  # totals below which a ninth of that is enough
-FEW = 2000  # columns that stay apart where columns are condensed
-_WORK = 250_000  # multiplications at a time, of which a linear algebra library makes no threads
+_BOX_EVERY = 5  # periods after which the box becomes columns; until then it grows with |Φ|
+_MOST, _KEPT = 720, 360  # columns for each number at which old ones are merged, and how many stay
+_NARROW, _FEWER = 1e-6, 9  # totals below which a ninth of that is enough
+_FEW = 2000  # columns that stay apart where columns are condensed
+_WORK = 250_000  # multiplications at a time, too few for a linear algebra library to start threads
 
 
 class Zonotope:
     """A zonotope of deviations."""
 
     def __init__(self, numbers: int, constants: int) -> None:
-        """Begin with the deviation zero, and a column of zeros for each uncertain constant."""
+        """Start with zero deviation, and a zero column for each uncertain constant."""
         self.columns = np.zeros((numbers, constants))  # Z
         self.source = -1 - np.arange(constants)  # of each column, an index of `SOURCES`; -1 - i for the constant i
         self.box = np.zeros(numbers)
@@ -43,7 +43,7 @@ class Zonotope:
         self.source = np.concatenate([self.source, np.broadcast_to(source, used.shape)[used]])
 
     def part(self, numbers: slice) -> Zonotope:
-        """Return the zonotope of some of the numbers; the columns are views, and it is not to be changed."""
+        """Return the zonotope of some of the numbers; its columns are views, so it must not be changed."""
         part = Zonotope(0, self._constants)
         part.columns, part.source, part.box = self.columns[numbers], self.source, self.box[numbers]
         part._totals = part.totals()
@@ -68,10 +68,10 @@ class Zonotope:
         if self._age % _BOX_EVERY == 0:
             self.add(np.diag(self.box), box_source)
             self.box = np.zeros_like(self.box)
-        numbers, fewer = len(self.box), _FEWER if self.totals().max() < NARROW else 1
-        if self.columns.shape[1] <= MOST * numbers // fewer:
+        numbers, fewer = len(self.box), _FEWER if self.totals().max() < _NARROW else 1
+        if self.columns.shape[1] <= _MOST * numbers // fewer:
             return
-        first, last = self._constants, self.columns.shape[1] - KEPT * numbers // fewer
+        first, last = self._constants, self.columns.shape[1] - _KEPT * numbers // fewer
         old, source = self.columns[:, first:last], self.source[first:last]
         parts, labels = [], []
         for label in np.unique(source):
@@ -82,11 +82,21 @@ class Zonotope:
         self.columns = np.hstack([self.columns[:, :first], *parts, self.columns[:, last:]])
         self.source = np.concatenate([self.source[:first], *labels, self.source[last:]])
 
+    def condensed(self) -> tuple[np.ndarray, np.ndarray]:
+        """Return few columns (numbers, n) and a box (numbers,) that together hold the set; small columns are merged."""
+        columns, totals = self.columns, self.totals()
+        box = self.box + len(self.box) * SLACK * totals
+        if columns.shape[1] <= _FEW + len(columns):
+            return columns, box
+        order = np.argpartition((1.0 / np.where(totals > 0.0, totals, 1.0)) @ np.abs(columns), -_FEW)
+        rest, missed = merged(columns[:, order[:-_FEW]])
+        return np.hstack([columns[:, order[-_FEW:]], rest]), (box + missed) * ROUND_UP
+
 
 def product(matrix: np.ndarray, columns: np.ndarray) -> np.ndarray:
     """Return matrix (m, n) times columns (n, k), block by block.
 
-    The whole product would be worth the threads of a linear algebra library, which on a busy machine take far longer.
+    A linear algebra library would start threads for the whole product, which take far longer on a busy machine.
     """
     made = np.empty((len(matrix), columns.shape[1]))
     for block in _blocks(len(matrix), columns):
@@ -106,18 +116,6 @@ def reach(matrix: np.ndarray, columns: np.ndarray) -> np.ndarray:
 def _blocks(rows: int, columns: np.ndarray) -> list[slice]:
     step = max(_WORK // max(rows * len(columns), 1), 1)
     return [slice(start, start + step) for start in range(0, columns.shape[1], step)]
-
-
-def condensed(zonotope: Zonotope) -> tuple[np.ndarray, np.ndarray]:
-    """Return few columns (n, k) and a box (n,) that together hold what a zonotope does; small columns are merged."""
-    columns, box = zonotope.columns, zonotope.box + len(zonotope.box) * SLACK * zonotope.totals()
-    if columns.shape[1] <= FEW + len(columns):
-        return columns, box
-    units = zonotope.totals()
-    units = np.where(units > 0.0, units, 1.0)
-    order = np.argpartition((1.0 / units) @ np.abs(columns), -FEW)
-    rest, missed = merged(columns[:, order[:-FEW]])
-    return np.hstack([columns[:, order[-FEW:]], rest]), (box + missed) * ROUND_UP
 
 
 def merged(columns: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

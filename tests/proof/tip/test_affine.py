@@ -18,7 +18,7 @@ from fuzzyarm.fuzzy_policy.laws.learned.network import add_product, area_sine, h
 from fuzzyarm.numbers.functions import RECORDERS, floor, maximum, minimum, row, select
 from fuzzyarm.proof.tip.affine import Affine, Space
 from fuzzyarm.proof.tip.enclosures import BITS, NoBound
-from fuzzyarm.proof.tip.zonotope import Zonotope, condensed
+from fuzzyarm.proof.tip.zonotope import Zonotope
 
 ARM = arm_constants(ArmParameters())
 LINEAR = {
@@ -221,7 +221,7 @@ def test_predicted_steps_are_held(speed):
 def test_condensed_columns_hold_all_and_not_much_more():
     rng, base = np.random.default_rng(3), Zonotope(5, 0)
     base.add(rng.normal(size=(5, 5)) @ rng.normal(size=(5, 4000)) * rng.exponential(size=4000) ** 3, 0)
-    columns, box = condensed(base)
+    columns, box = base.condensed()
     assert columns.shape[1] < 2100
     for along in rng.normal(size=(40, 5)):
         exact, found = np.abs(along @ base.columns).sum(), np.abs(along @ columns).sum() + np.abs(along) @ box

@@ -15,21 +15,11 @@ from fuzzyarm.envs.physics.friction import stribeck_magnitude
 from fuzzyarm.envs.physics.parameters import ArmParameters
 from fuzzyarm.envs.physics.records import PerJoint, filled, flat
 from fuzzyarm.envs.scenario.disturbances import Disturbance
-from fuzzyarm.proof.tip.defects import (
-    Forces,
-    LinkMotion,
-    PeriodMotion,
-    TipForces,
-    combined,
-    link_torque,
-    rest_size,
-    signal_ends,
-    signal_range,
-)
+from fuzzyarm.proof.tip.defects import Forces, PeriodMotion, Signal, TipForces, link_torque
 from fuzzyarm.proof.tip.enclosures import BITS, Jet, low_high
-from fuzzyarm.proof.tip.plant import PlantSet, ball_plant
-from fuzzyarm.proof.tip.remainders import LinkRemainder, link_remainder, tube_slopes
-from fuzzyarm.proof.tip.transition import CHANNELS, OBSERVED, PARTS, ROWS, linear, transition
+from fuzzyarm.proof.tip.plant import BallPlant, PlantSet
+from fuzzyarm.proof.tip.remainders import LinkRemainder, _Linearised
+from fuzzyarm.proof.tip.transition import _PARTS, CHANNELS, OBSERVED, ROWS, Linear
 from fuzzyarm.proof.tip.tube import _reach, tip_bound
 from fuzzyarm.proof.tip.zonotope import Zonotope
 
@@ -49,7 +39,7 @@ def floats(x):
 
 def test_link_torque_is_the_inverse_dynamics_of_the_environment():
     q, dq, ddq = RNG.normal(size=(3, 2))
-    torque = link_torque(LinkMotion(*([arb(x) for x in row] for row in (q, dq, ddq))), (arb(0), arb(0)), ARM)
+    torque = link_torque(*([arb(x) for x in row] for row in (q, dq, ddq)), (arb(0), arb(0)), ARM)
     assert floats(torque) == pytest.approx(rigid_inverse_dynamics(q, dq, ddq, ARM), rel=1e-13)
 
 
@@ -57,11 +47,11 @@ def test_jets_have_the_slopes_of_finite_differences():
     at = RNG.normal(size=6)
 
     def torque(x):
-        motion = LinkMotion(*([arb(one) for one in pair] for pair in x.reshape(3, 2)))
-        return np.array(floats(link_torque(motion, (arb(3.0), arb(-2.0)), ARM)))
+        motion = ([arb(one) for one in pair] for pair in x.reshape(3, 2))
+        return np.array(floats(link_torque(*motion, (arb(3.0), arb(-2.0)), ARM)))
 
     jets = [Jet.variable(arb(x), i) for i, x in enumerate(at)]
-    found = link_torque(LinkMotion(jets[:2], jets[2:4], jets[4:]), (arb(3.0), arb(-2.0)), ARM)
+    found = link_torque(jets[:2], jets[2:4], jets[4:], (arb(3.0), arb(-2.0)), ARM)
     for i, step in enumerate(1e-6 * np.eye(6)):
         slope = (torque(at + step) - torque(at - step)) / 2e-6
         assert floats([t.slope(i) for t in found]) == pytest.approx(slope, abs=1e-7)
@@ -75,60 +65,59 @@ def motion_of(scale=1e-3):
 
 
 def at(signal, s):
-    return sum(float(a.mid()) * s**i for i, a in enumerate(signal))
+    """Return the value of a signal, or of some of its coefficients, in floats."""
+    return sum(float(a.mid()) * s**i for i, a in enumerate(getattr(signal, "coefficients", signal)))
+
+
+def holds(signal, s, value):
+    """Return whether the balls of a signal, remainder included, hold a value at one s."""
+    low, high = low_high(sum((a * arb(s) ** i if i else a for i, a in enumerate(signal.coefficients)), arb(0)))
+    return low <= value <= high
 
 
 def test_signals_enclose_their_values():
     motion = motion_of(0.1)
     for signal in (*motion.angle, *motion.velocity, motion.bending(0)):
         values = at(signal, np.linspace(-1.0, 1.0, 101))
-        for low, high in (low_high(signal_range(signal)), signal_ends(signal)):
+        for low, high in (low_high(signal.range()), signal.ends()):
             assert low <= values.min() and values.max() <= high
-        assert rest_size(signal) >= np.abs(values - at(signal[:2], np.linspace(-1.0, 1.0, 101))).max()
+        assert signal.bent() >= np.abs(values - at(signal.coefficients[:2], np.linspace(-1.0, 1.0, 101))).max()
     slope = (at(motion.angle[0], 0.3 + 1e-6) - at(motion.angle[0], 0.3 - 1e-6)) / 2e-6 * 2.0 / 1e-3
     assert at(motion.velocity[0], 0.3) == pytest.approx(slope, rel=1e-6)
 
 
 def test_link_series_enclose_the_torque_and_their_remainder_is_needed():
     motion = motion_of(0.3)  # coarse, so that the remainder is seen
-    force = Forces([arb(20.0), arb(3.0)], [arb(-5.0), arb(1.0)])
+    force = Forces(Signal([arb(20.0), arb(3.0)]), Signal([arb(-5.0), arb(1.0)]))
     torques = motion.link_torques(force, ARM)
     for s in np.linspace(-1.0, 1.0, 41):
-        parts = [
-            [arb(at(signal, s)) for signal in kind[2:]] for kind in (motion.angle, motion.velocity, motion.acceleration)
-        ]
-        exact = floats(link_torque(LinkMotion(*parts), (arb(at(force.x, s)), arb(at(force.y, s))), ARM))
+        parts = [[arb(at(signal, s)) for signal in kind] for kind in motion.links]
+        exact = floats(link_torque(*parts, (arb(at(force.x, s)), arb(at(force.y, s))), ARM))
         for signal, value in zip(torques, exact, strict=True):
-            low, high = low_high(
-                combined([(arb(1), [sum((a * arb(s) ** i if i else a for i, a in enumerate(signal)), arb(0))])])[0]
-            )
-            assert low <= value <= high
-    without = [at(signal[:-1], 1.0) for signal in torques]
+            assert holds(signal, s, value)
+    without = [at(signal.coefficients[:-1], 1.0) for signal in torques]
     assert max(abs(a - b) for a, b in zip(without, exact, strict=True)) > 1e-3  # the last coefficient holds this
+
+
+def pushed(x, arm=ARM):
+    """Return R (2,) under a force of (20, -5) N at angles, velocities and accelerations (6,)."""
+    return np.array(floats(link_torque(*(map(arb, p) for p in x.reshape(3, 2)), (20.0, -5.0), arm)))
 
 
 def test_link_remainder_bounds_sampled_values():
     """R(y + δ) - R(y) - (M δq̈ + G δq + D δq̇) within the bound, and not far below it."""
     motion, tube = motion_of(1e-2), np.zeros(18)
     tube[ROWS.link], tube[ROWS.d_link], tube[ROWS.link_acceleration] = 2e-3, 0.1, 5.0
-    force = Forces([arb(20.0)], [arb(-5.0)])
-    whole = tube_slopes(motion, tube, TipForces(force, (0.0, 0.0), (1.0, 0.0), (0.0, 0.0)), ARM)
-    middle = tuple(np.array([[float(x.mid()) for x in row] for row in part]) for part in whole)
-    bound = link_remainder(whole, middle, tube)
-    worst = np.zeros(2)
+    force = Forces(Signal([arb(20.0)]), Signal([arb(-5.0)]))
+    linearised = _Linearised(motion, TipForces(force, (0.0, 0.0), (1.0, 0.0), (0.0, 0.0)), ARM)
+    bound, worst, (mass, stiff, damp) = linearised.left_out(tube), np.zeros(2), linearised.at
     for _ in range(400):
         s, sides = RNG.uniform(-1.0, 1.0), RNG.choice([-1.0, 1.0], 6) * RNG.uniform(0.8, 1.0, 6)
-        base = np.array(
-            [at(signal, s) for kind in (motion.angle, motion.velocity, motion.acceleration) for signal in kind[2:]]
-        )
+        base = np.array([at(signal, s) for kind in motion.links for signal in kind])
         delta = sides * np.concatenate([tube[ROWS.link], tube[ROWS.d_link], tube[ROWS.link_acceleration]])
 
-        def torque(x):
-            return np.array(floats(link_torque(LinkMotion(*(map(arb, p) for p in x.reshape(3, 2))), (20.0, -5.0), ARM)))
-
-        mass, stiff, damp = middle
-        linearised = stiff @ delta[:2] + damp @ delta[2:4] + mass @ delta[4:]
-        worst = np.maximum(worst, np.abs(torque(base + delta) - torque(base) - linearised))
+        change = pushed(base + delta) - pushed(base)
+        worst = np.maximum(worst, np.abs(change - stiff @ delta[:2] - damp @ delta[2:4] - mass @ delta[4:]))
     assert (worst <= bound).all()
     assert (worst > 0.05 * bound).all()
 
@@ -136,8 +125,8 @@ def test_link_remainder_bounds_sampled_values():
 @pytest.mark.parametrize("plants", [PlantSet(mass=(0.9, 1.1)), PlantSet(payload=(0.0, 0.5))], ids=["mass", "payload"])
 def test_products_of_masses_are_bounded_for_links_that_turn_against_each_other(plants):
     """n = R(y + δ; p) - R(y; p) - (M δq̈ + G δq + D δq̇) for corners p, δ in a thin zonotope; the bound is needed."""
-    motion, force = motion_of(1e-2), Forces([arb(20.0)], [arb(-5.0)])
-    plant = ball_plant(ArmParameters(), Disturbance(), plants)
+    motion, force = motion_of(1e-2), Forces(Signal([arb(20.0)]), Signal([arb(-5.0)]))
+    plant = BallPlant.of(ArmParameters(), Disturbance(), plants)
     push = TipForces(force, (0.0, 0.0), (1.0, 0.0), (0.0, 0.0))
     remainder = LinkRemainder(motion, push, plant)
     certain = LinkRemainder(motion, push, dataclasses.replace(plant, parameters=()))
@@ -158,16 +147,11 @@ def test_products_of_masses_are_bounded_for_links_that_turn_against_each_other(p
             for c in ("c1", "c2", "c3", "c4", "c5")
         })  # fmt: skip
         delta = columns[[*range(18)[ROWS.link], *range(18)[ROWS.d_link], *range(18)[ROWS.link_acceleration]]] @ g
-        base = np.array([at(signal, 0.3) for kind in (motion.angle, motion.velocity, motion.acceleration)
-                         for signal in kind[2:]])  # fmt: skip
-
-        def torque(x, arm=arm):
-            return np.array(floats(link_torque(LinkMotion(*(map(arb, p) for p in x.reshape(3, 2))), (20.0, -5.0), arm)))
-
+        base = np.array([at(signal, 0.3) for kind in motion.links for signal in kind])
         linearised = stiff @ delta[:2] + damp @ delta[2:4] + mass @ delta[4:]
-        change = torque(base + delta) - torque(base)
+        change = pushed(base + delta, arm) - pushed(base, arm)
         worst = np.maximum(worst, np.abs(change - linearised))
-        middle = torque(base + delta, plant.middle) - torque(base, plant.middle)
+        middle = pushed(base + delta, plant.middle) - pushed(base, plant.middle)
         assert (np.abs(change - middle) <= of_masses).all()
     assert (worst <= bound).all() and (worst > 0.3 * bound).any()
     assert (bound < coarse).any()
@@ -176,14 +160,13 @@ def test_products_of_masses_are_bounded_for_links_that_turn_against_each_other(p
 def system():
     mass = np.array([[5.8, 1.5], [1.5, 0.75]])
     stiff, damp = RNG.normal(size=(2, 2, 2))
-    return linear(
-        ARM, mass, 30.0 * stiff, damp, np.eye(2), np.array([3.0, 1.0]), [False] * 2, [False] * 2, np.zeros((0, 6))
-    )
+    links, none = (mass, 30.0 * stiff, damp), [False] * 2
+    return Linear.of(ARM, links, np.eye(2), np.array([3.0, 1.0]), none, none, np.zeros((0, 6)))
 
 
 def test_transition_is_the_matrix_exponential():
     equation = system()
-    found = transition(equation, 1e-3)
+    found = equation.over(1e-3)
     exact = expm(equation.A * 1e-3)
     assert (np.abs(found.phi - exact) <= 1e-13 * found.growth).all()
     assert (found.growth >= np.abs(exact)).all()
@@ -196,7 +179,7 @@ def test_transition_is_the_matrix_exponential():
 def test_moments_hold_every_disturbance_and_push_every_instant(switch, channel):
     """A disturbance that switches within the period: its effect lies in the box of the two moments' directions."""
     equation = system()
-    found = transition(equation, 1e-3)
+    found = equation.over(1e-3)
 
     def rate(t, x):
         return equation.A @ x + equation.b[:, channel] * (1.0 if t < switch * 1e-3 else -1.0)
@@ -217,8 +200,8 @@ def test_moments_hold_every_disturbance_and_push_every_instant(switch, channel):
 def test_second_moments_are_needed():
     """Set to zero, the second moment leaves disturbances out."""
     equation = system()
-    found = transition(equation, 1e-3)
-    part = 1e-3 / PARTS  # the last part of the period, in whose middle the sign switches
+    found = equation.over(1e-3)
+    part = 1e-3 / _PARTS  # the last part of the period, in whose middle the sign switches
     exact = [expm(equation.A * t) @ equation.b[:, 0] for t in np.linspace(0.0, part, 201)]
     effect = sum(part / 200 * (1.0 if i < 100 else -1.0) * e for i, e in enumerate(exact[:-1]))
     first, second = found.moments[-1, :, :, 0]
@@ -230,11 +213,11 @@ def test_second_moments_are_needed():
 def test_what_the_moments_leave_of_a_constant_disturbance():
     """∫ e^{A t} b dt over a part, less its first moment, is of third order: within the bound, and not far below it."""
     equation = system()
-    found, part = transition(equation, 1e-3), 1e-3 / PARTS
+    found, part = equation.over(1e-3), 1e-3 / _PARTS
     big = np.block([[equation.A, equation.b], [np.zeros((8, 18))]])
     left = np.abs(expm(big * part)[:10, 10:] - found.moments[-1, 0])
     assert (left <= found.beyond).all()
-    shares = PARTS * left[4:8, :6] / found.beyond[4:8, :6]  # velocities, by motors, links and joints
+    shares = _PARTS * left[4:8, :6] / found.beyond[4:8, :6]  # velocities, by motors, links and joints
     assert shares.max() > 0.3
 
 
@@ -243,9 +226,8 @@ def test_friction_series_enclose_the_stribeck_curve_and_their_remainder_is_neede
     signal = motion.slip(0, 1, ARM)
     for s in np.linspace(-1.0, 1.0, 21):
         exact = stribeck_magnitude(at(motion.velocity[0], s), ARM.dry_friction1)
-        low, high = low_high(signal[0] + sum((a * arb(s) ** i for i, a in enumerate(signal) if i), arb(0)))
-        assert low <= exact <= high
-    assert abs(at(signal[:-1], 1.0) - exact) > 1e-7
+        assert holds(signal, s, exact)
+    assert abs(at(signal.coefficients[:-1], 1.0) - exact) > 1e-7
 
 
 def test_a_zonotope_that_is_merged_holds_what_it_held_and_keeps_its_shape():

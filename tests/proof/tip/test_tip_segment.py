@@ -9,13 +9,13 @@ from fuzzyarm.envs.physics.parameters import ArmParameters
 from fuzzyarm.envs.scenario.disturbances import Disturbance
 from fuzzyarm.policies.tip_bound import TipClaim, problem_of
 from fuzzyarm.proof.tip.centre import DEGREE, Mode
-from fuzzyarm.proof.tip.defects import Forces, PeriodMotion, TipForces
+from fuzzyarm.proof.tip.defects import Forces, PeriodMotion, Signal, TipForces
 from fuzzyarm.proof.tip.enclosures import BITS
 from fuzzyarm.proof.tip.friction import Friction, Plan, Speed
 from fuzzyarm.proof.tip.period import Period
-from fuzzyarm.proof.tip.plant import PlantSet, ball_plant
+from fuzzyarm.proof.tip.plant import BallPlant, PlantSet
 from fuzzyarm.proof.tip.remainders import Drive
-from fuzzyarm.proof.tip.transition import CHANNELS, linear, transition
+from fuzzyarm.proof.tip.transition import CHANNELS, Linear
 from fuzzyarm.proof.tip.tube import Tube
 from fuzzyarm.proof.tip.zonotope import Zonotope
 
@@ -28,9 +28,9 @@ def test_what_is_not_linear_in_time_is_within_the_rest_and_the_rest_is_needed(na
     angles = rng.normal(size=(4, DEGREE + 1)) * 0.1 ** np.arange(DEGREE + 1)
     with ctx.workprec(BITS):
         motion = PeriodMotion(angles, PERIOD)
-        plant = ball_plant(ArmParameters(), Disturbance(), PlantSet(**{name: (0.9, 1.1)}))
+        plant = BallPlant.of(ArmParameters(), Disturbance(), PlantSet(**{name: (0.9, 1.1)}))
         frictions = [Friction(j, Plan.ANY, Mode.FORWARD, motion, 0.0, plant, Speed(-np.inf, np.inf)) for j in range(2)]
-        found = Drive.of(motion, Forces([arb(0)], [arb(0)]), plant).with_friction(plant, frictions)
+        found = Drive.of(motion, Forces(Signal([arb(0)]), Signal([arb(0)])), plant).with_friction(plant, frictions)
     half = plant.half(name)
     channels = CHANNELS.joint if name in ("stiffness", "damping") else CHANNELS.motor
     gaps = []
@@ -57,24 +57,17 @@ def test_between_its_ends_a_segment_is_bounded_and_the_curvature_is_needed():
     step = next(iter(Tube(problem)))
     plan, rng, beyond = Plan.ANY, np.random.default_rng(6), 0
     with ctx.workprec(BITS):
-        forces = TipForces(Forces([arb(0)], [arb(0)]), (0.0, 0.0), (1.0, 0.0), (0.0, 0.0))
+        forces = TipForces(Forces(Signal([arb(0)]), Signal([arb(0)])), (0.0, 0.0), (1.0, 0.0), (0.0, 0.0))
         period = Period(step.segments[-1], step.torque, forces, problem.plant)
         frictions = [
             Friction(j, plan, Mode.REST, period.motion, float(step.torque[j]), problem.plant, Speed(-np.inf, np.inf))
             for j in range(2)
         ]
         duration = period.motion.duration
-        system = linear(
-            problem.plant.middle,
-            *period._links.at,
-            period._lever,
-            np.zeros(2),
-            [False] * 2,
-            [False] * 2,
-            np.zeros((0, 6)),
-        )
+        free, none = [False] * 2, np.zeros((0, 6))
+        system = Linear.of(problem.plant.middle, period._links.at, period._lever, np.zeros(2), free, free, none)
         driven = period._constants.with_friction(problem.plant, frictions)
-        solution = transition(system, duration)
+        solution = system.over(duration)
         instants = [expm(system.A * t) for t in np.linspace(0.0, duration, 40)]
         for _ in range(30):
             start = Zonotope(10, 0)

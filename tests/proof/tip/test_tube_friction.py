@@ -17,7 +17,7 @@ from fuzzyarm.proof.tip.centre import Centre, Mode
 from fuzzyarm.proof.tip.defects import PeriodMotion
 from fuzzyarm.proof.tip.enclosures import BITS, NoBound
 from fuzzyarm.proof.tip.friction import Friction, Plan, PlanFails, Speed, check_curve
-from fuzzyarm.proof.tip.plant import PlantSet, ball_plant
+from fuzzyarm.proof.tip.plant import BallPlant, PlantSet
 
 ARM = arm_constants(ArmParameters())
 FRICTION = ARM.dry_friction1
@@ -40,15 +40,18 @@ def segment(velocity=0.0, torque=5.0):
 
 def friction(plan, velocity=0.0, torque=5.0, known=ANYTHING, share=(1.0, 1.0)):
     found, held = segment(velocity, torque)
-    plants = ball_plant(ArmParameters(), Disturbance(), PlantSet())
+    plants = BallPlant.of(ArmParameters(), Disturbance(), PlantSet())
     plants = dataclasses.replace(plants, share=(share, share))
     motion = PeriodMotion(found.angles, found.duration)
     return Friction(0, plan, found.modes[0], motion, float(held[0]), plants, known), motion, found
 
 
+def value(signal, s):
+    return sum(float(a.mid()) * s**i for i, a in enumerate(signal.coefficients))
+
+
 def centre_values(motion, net, s):
-    velocity = sum(float(a.mid()) * s**i for i, a in enumerate(motion.velocity[0]))
-    acceleration = sum(float(a.mid()) * s**i for i, a in enumerate(motion.acceleration[0]))
+    velocity, acceleration = value(motion.velocity[0], s), value(motion.acceleration[0], s)
     return velocity, acceleration, net - ARM.motor_inertia1 * acceleration
 
 
@@ -65,8 +68,7 @@ def test_mixed_bounds_every_torque_of_the_law(velocity, torque, radius, share):
     for _ in range(500):
         s = rng.uniform(-1.0, 1.0)
         middle, _, _ = centre_values(motion, 0.0, s)
-        net = sum(float(a.mid()) * s**i for i, a in enumerate(nets))
-        P = sum(float(a.mid()) * s**i for i, a in enumerate(needed))
+        net, P = value(nets, s), value(needed, s)
         factor = rng.choice([share[0], 1.0, share[1]])
         v = middle + radius * rng.uniform(-1.0, 1.0)
         slips = -factor * stribeck_magnitude(v, FRICTION) * np.sign(v)
@@ -124,7 +126,7 @@ def test_motions_part_no_faster_than_lemma_2_says(velocity, torque):
         offset = spread * rng.choice([-1.0, 1.0])
         for i in range(steps):
             s = -1.0 + 2.0 * i / steps
-            net = sum(float(a.mid()) * s**k for k, a in enumerate(nets)) + offset
+            net = value(nets, s) + offset
             v = stepped(v, net, found.duration / steps)
             after = s + 2.0 / steps
             assert abs(v - centre_values(motion, 0.0, after)[0]) <= bound * (1 + 1e-3)
