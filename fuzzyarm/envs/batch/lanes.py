@@ -328,7 +328,7 @@ class Lanes:
         own = self._assigned.own.starts, self._assigned.own.table, *self._assigned.own_places
         period = np.array([self.period, self.substeps, self.count], dtype=np.float64)
         equations = np.frombuffer(self.physics.digest.encode(), dtype=np.uint8)
-        parts = equations, self._plants, self._plant_of, self._ranges, *own, period
+        parts = equations, self._plants, self._plant_of.astype(np.int64), self._ranges, *own, period
         content = hashlib.sha256(b"".join(np.ascontiguousarray(part).tobytes() for part in parts))
         return np.frombuffer(content.digest(), dtype=np.uint8)
 
