@@ -14,8 +14,9 @@ from typing import NamedTuple
 
 import numpy as np
 
+from fuzzyarm.envs.physics.rigid_body import frames
 from fuzzyarm.envs.physics.robot import Robot
-from fuzzyarm.envs.scenario.kinematics import chain, reach, upwards
+from fuzzyarm.envs.scenario.kinematics import reach, upwards
 
 __all__ = ["Camera", "Poses", "across", "floor_of", "in_space", "looking_at", "poses_of"]
 
@@ -88,9 +89,9 @@ def floor_of(robot: Robot, points: np.ndarray) -> _Floor:
 
 def poses_of(robot: Robot, q: np.ndarray) -> Poses:
     """Return the robot at angles q (..., n) [rad]."""
-    now = chain(robot, q)
+    now = frames(robot, q)
     base = np.zeros_like(now.tip)[..., np.newaxis, :]
-    return Poses(np.concatenate([base, now.origins, now.tip[..., np.newaxis, :]], axis=-2), now.axes)
+    return Poses(np.concatenate([base, now.origin, now.tip[..., np.newaxis, :]], axis=-2), now.axes)
 
 
 def across(axis: np.ndarray) -> np.ndarray:

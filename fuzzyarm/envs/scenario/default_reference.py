@@ -22,11 +22,10 @@ import numpy as np
 from fuzzyarm.common.checks import choice
 from fuzzyarm.envs.physics.equations import AnyArm, robot_of
 from fuzzyarm.envs.physics.parameters import ArmParameters
-from fuzzyarm.envs.physics.rigid_body import inverse_dynamics
+from fuzzyarm.envs.physics.rigid_body import frames, inverse_dynamics
 from fuzzyarm.envs.physics.robot import Robot
 from fuzzyarm.envs.scenario.kinematics import (
     angle_ranges,
-    chain,
     freedom,
     home_posture,
     reach,
@@ -93,7 +92,7 @@ def _papers(robot: Robot, name: str) -> TipReference | None:
     start = path.points(0.0)[0]
     paper = JointReference()
     posture = joint_angles(start[:2], lengths, paper.elbow_sign)
-    if not np.abs(chain(robot, posture).tip - start).max() <= EXACT:  # nan: out of reach
+    if not np.abs(frames(robot, posture).tip - start).max() <= EXACT:  # nan: out of reach
         return None
     try:
         slow = TipReference(path, LONGEST, robot, tuple(posture.tolist()))
@@ -105,7 +104,7 @@ def _papers(robot: Robot, name: str) -> TipReference | None:
 @functools.lru_cache(maxsize=64)
 def _fitted(robot: Robot, name: str) -> TipReference:
     """Return the path of a name in the largest size that the robot can follow from its home posture."""
-    tip = chain(robot, np.array(home_posture(robot))).tip
+    tip = frames(robot, np.array(home_posture(robot))).tip
     first, second = _plane(robot, tip)
     reason: ValueError | None = None
     for share in SIZES:

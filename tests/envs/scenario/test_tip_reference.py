@@ -10,9 +10,9 @@ import pytest
 from slow_twins import slow_but
 
 from fuzzyarm.envs.physics.parameters import ArmParameters
-from fuzzyarm.envs.physics.rigid_body import tip_position
+from fuzzyarm.envs.physics.rigid_body import frames
 from fuzzyarm.envs.physics.robot import Robot, robot_named
-from fuzzyarm.envs.scenario.kinematics import chain, home_posture, jacobian, rotation_vector
+from fuzzyarm.envs.scenario.kinematics import home_posture, jacobian, rotation_vector
 from fuzzyarm.envs.scenario.paths import Circle, Lemniscate, Line, Placed, Spline
 from fuzzyarm.envs.scenario.reference import JointReference, quintic_time_law
 from fuzzyarm.envs.scenario.robot_reference import SHARPEST, TipReference
@@ -24,7 +24,7 @@ T = np.linspace(0.0, DURATION, 201)
 
 def start_of(robot):
     """Where the tip is in the home posture."""
-    return chain(robot, np.array(home_posture(robot))).tip
+    return frames(robot, np.array(home_posture(robot))).tip
 
 
 def paths(robot):
@@ -70,7 +70,7 @@ def central_difference(function, t, h=1e-5):
 def test_the_tip_is_on_the_path_at_every_time_and_at_rest_outside(reference):
     q = reference.sample(T).q
     expected = reference.path.points(quintic_time_law(T, DURATION)[0])[0]
-    np.testing.assert_allclose(tip_position(reference.robot, q), expected, rtol=0, atol=1e-13)
+    np.testing.assert_allclose(frames(reference.robot, q).tip, expected, rtol=0, atol=1e-13)
     np.testing.assert_allclose(reference.tip(T).position, expected, rtol=0, atol=1e-15)
     normals = reference.normals(T)
     np.testing.assert_allclose(np.linalg.norm(normals, axis=-1), 1.0, atol=1e-14)
@@ -96,12 +96,12 @@ def test_velocities_and_accelerations_are_consistent(reference):
     q, dq, ddq = reference.sample(t)
     np.testing.assert_allclose(central_difference(lambda x: reference.sample(x).q, t), dq, rtol=0, atol=1e-8)
     np.testing.assert_allclose(central_difference(lambda x: reference.sample(x).dq, t), ddq, rtol=0, atol=2e-7)
-    rate = np.einsum("kij,kj->ki", jacobian(chain(reference.robot, q)), dq)
+    rate = np.einsum("kij,kj->ki", jacobian(frames(reference.robot, q)), dq)
     np.testing.assert_allclose(rate[:, :3], reference.tip(t).velocity, rtol=0, atol=1e-13)
 
 
 def test_the_orientation_is_kept_where_it_is_asked_for_and_the_joints_allow_it(reference):
-    rotation = chain(reference.robot, reference.sample(T).q).rotation
+    rotation = frames(reference.robot, reference.sample(T).q).rotation[:, -1]
     turned = np.linalg.norm(rotation_vector(rotation @ rotation[0].T), axis=-1).max()
     if reference.orientation == "constant":
         assert reference.keeps_orientation
@@ -114,7 +114,7 @@ def test_redundant_joints_share_as_at_the_start():
     """Nᵀ (q - q_0) = 0 with N the null space of the Jacobian at q_0."""
     reference = reference_of("panda", "circle")
     q = reference.sample(T).q
-    rows = jacobian(chain(reference.robot, q[0]))
+    rows = jacobian(frames(reference.robot, q[0]))
     free = np.linalg.svd(rows)[2][-1]
     np.testing.assert_allclose(rows @ free, 0.0, atol=1e-14)
     np.testing.assert_allclose((q - q[0]) @ free, 0.0, atol=1e-13)
@@ -169,7 +169,7 @@ def test_a_nearly_singular_path_names_time_point_and_joint():
     """A wrist of the UR5 that comes to q5 = 0: its first and last axes are then parallel."""
     robot = ROBOTS["ur5"]
     posture = np.array([0.0, -1.5, 1.8, -1.2, 0.008, 0.0])
-    place = chain(robot, posture).tip
+    place = frames(robot, posture).tip
     line = Line(tuple(place), tuple(place + np.array([0.0, 0.0, 0.05])))
     with pytest.raises(ValueError, match=rf"singular posture at t = .*allowed: {SHARPEST} or more; there wrist_\d"):
         TipReference(line, DURATION, robot, tuple(posture))
