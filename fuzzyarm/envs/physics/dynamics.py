@@ -15,7 +15,7 @@ import numpy as np
 
 from fuzzyarm.common import checks
 from fuzzyarm.envs.physics.friction import DRY_TORQUES, DryFriction, dry_friction_of, friction_torque
-from fuzzyarm.envs.physics.parameters import LARGEST, ArmParameters
+from fuzzyarm.envs.physics.parameters import ArmParameters, keep_quantities, quantity
 from fuzzyarm.envs.physics.records import PerJoint, record_type
 
 __all__ = [
@@ -40,11 +40,11 @@ class Payload:
             (the other reading of "a variation of the effector mass m_2 of 55.6 %").
     """
 
-    mass: float = 0.0
+    mass: float = quantity("kg", 0.0, low=0.0)
     at: Literal["tip", "link"] = "tip"
 
     def __post_init__(self) -> None:
-        object.__setattr__(self, "mass", checks.real("payload mass", self.mass, "kg", low=0.0, high=LARGEST))
+        keep_quantities(self, "payload ")
         checks.choice("payload at", self.at, _PLACES)
 
     def radius(self, parameters: ArmParameters) -> float:

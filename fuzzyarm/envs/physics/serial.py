@@ -68,7 +68,7 @@ def structure_of(robot: Robot) -> Structure:
     heights = np.concatenate([now.position[:, -1], now.tip[-1:], now.gravity[-1:]])
     upright = bool((now.axis[:, -1] == 1.0).all() and (now.rotation[:, -1, -1] == 1.0).all())
     planar = len(robot) == _PLANAR_JOINTS and upright and not heights.any()
-    kept = (*(name for name, _, _ in DRIVE_UNITS), *_LIMITS, "mass")  # zero or not
+    kept = (*DRIVE_UNITS, *_LIMITS, "mass")  # zero or not
     names = [name for name, value in numbers.items() if value != 0.0 or name.rstrip("0123456789") in kept]
     return Structure(tuple(map(_exact, rotations)), tuple(map(_exact, frames)), planar, tuple(names))
 
@@ -81,7 +81,7 @@ def _numbers_of(robot: Robot) -> dict[str, float]:
         found |= _named(f"center{k}", joint.link.center)
         found |= _named(f"inertia{k}", np.array(joint.link.inertia)[np.triu_indices(DIMENSIONS)].tolist(), _ENTRIES)
         found |= _named(f"position{k}", joint.position)
-        found |= {f"{name}{k}": getattr(joint.drive, name) for name, _, _ in DRIVE_UNITS}
+        found |= {f"{name}{k}": getattr(joint.drive, name) for name in DRIVE_UNITS}
         found |= zip((f"{name}{k}" for name in _LIMITS), (*joint.angle_range, joint.velocity_limit), strict=True)
     return found | dict(_named("tip", robot.tip)) | dict(_named("gravity", robot.gravity))
 
