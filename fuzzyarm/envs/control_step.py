@@ -19,17 +19,9 @@ from fuzzyarm.envs.task import assess_of, clipped, finite, reason_of
 from fuzzyarm.numbers.functions import bits, flat, floor, like, maximum, minimum, row, select, when, whole, word
 
 __all__ = [
-    "ANGLE_ROOM",
-    "VELOCITY_ROOM",
-    "Given",
-    "Moved",
-    "assessed_of",
-    "begun_of",
-    "control_step_of",
-    "drawn_of",
-    "reading_of",
-    "resting_of",
-]
+    "ANGLE_ROOM", "VELOCITY_ROOM", "Given", "Moved", "assessed_of", "begun_of", "control_step_of", "drawn_of",
+    "reading_of", "resting_of",
+]  # fmt: skip
 
 ANGLE_ROOM, VELOCITY_ROOM = 0.5, 10.0
 """What the observation space allows beyond the limits: the observation that ends an episode lies outside of them.

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from fuzzyarm.envs.batch.layout import SCALARS
-from fuzzyarm.envs.vector import partial_info, values
+from fuzzyarm.envs.vector import _partial_info, values
 
 
 @pytest.mark.parametrize("lanes", [7, 40_000])
@@ -14,7 +14,7 @@ def test_lanes_without_info_have_zeros_and_nothing_is_shared(lanes):
     scalars[SCALARS.index("reason")] = generator.integers(0, 2, lanes)
     mask = generator.random(lanes) < 0.4
     before = [part.copy() for part in (vectors, scalars)]
-    found = partial_info(vectors, scalars, {"payload": scalars[0]}, mask)
+    found = _partial_info(vectors, scalars, {"payload": scalars[0]}, mask)
     whole = {**values(vectors, scalars), "randomisation": None}
     assert set(found) == {*whole, *(f"_{key}" for key in whole)}
     drawn = found.pop("randomisation")

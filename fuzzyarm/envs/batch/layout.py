@@ -23,25 +23,8 @@ from fuzzyarm.envs.physics.records import Physics, places, record_type
 from fuzzyarm.numbers.machine import WIDE
 
 __all__ = [
-    "CLOCK",
-    "INFO",
-    "SCALARS",
-    "START",
-    "VECTORS",
-    "Clock",
-    "Flags",
-    "Layout",
-    "Noise",
-    "Results",
-    "ResultsMemory",
-    "Room",
-    "Start",
-    "StepScalars",
-    "StepVectors",
-    "Totals",
-    "by_rows",
-    "in_blocks",
-    "layout_of",
+    "CLOCK", "INFO", "SCALARS", "START", "VECTORS", "Clock", "Flags", "Layout", "Noise", "Results", "ResultsMemory",
+    "Room", "Start", "StepScalars", "StepVectors", "Totals", "by_rows", "in_blocks", "layout_of",
 ]  # fmt: skip
 
 

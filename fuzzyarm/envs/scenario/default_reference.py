@@ -4,7 +4,7 @@ The two-joint arm has the paths of `PAPER_PATHS`, as a `Robot` too, wherever it 
 paper's, in the paper's 1.5 s whatever the arm's motors. Any other arm draws the path of that name in its home posture:
 in the plane of a planar robot; otherwise upright and facing the base, across the horizontal direction from the base to
 the tip. The circle and the square begin and end there, at their lowest point; the lemniscate and the line have their
-middle there. Half of the width is the largest of `SIZES` that the robot can follow with the orientation of its last
+middle there. Half of the width is the largest of `_SIZES` that the robot can follow with the orientation of its last
 link kept. The duration is the shortest multiple of 0.1 s from 1.5 s on for which every joint turns at no more than half
 of its velocity limit, and every motor, on the rigid robot, needs no more than half of its torque limit.
 
@@ -38,10 +38,10 @@ from fuzzyarm.envs.scenario.robot_reference import EXACT, SplineReference, TipRe
 
 __all__ = ["LONGEST", "default_reference", "flattened", "is_placed", "reference_family", "timed"]
 
-SIZES = (0.2, 0.15, 0.1, 0.07, 0.05, 0.03, 0.02, 0.01)  # half of the width, share of the robot's reach
+_SIZES = (0.2, 0.15, 0.1, 0.07, 0.05, 0.03, 0.02, 0.01)  # half of the width, share of the robot's reach
 _SHORTEST, _STEP = 1.5, 0.1  # s
 LONGEST = 60.0  # the longest duration of the rule [s]
-SHARE = 0.5  # of the limits
+_SHARE = 0.5  # of the limits
 
 
 def default_reference(robot: Robot | ArmParameters, path: str = "circle") -> Reference:
@@ -107,7 +107,7 @@ def _fitted(robot: Robot, name: str) -> TipReference:
     tip = frames(robot, np.array(home_posture(robot))).tip
     first, second = _plane(robot, tip)
     reason: ValueError | None = None
-    for share in SIZES:
+    for share in _SIZES:
         shape = SHAPES[name](share * reach(robot))
         path = Placed(shape, tuple(tip.tolist()), tuple((first + 0.0).tolist()), tuple((second + 0.0).tolist()))
         try:
@@ -157,17 +157,17 @@ def _shortest(slow: Reference, robot: Robot) -> float:
     weight, moving = _torques(robot, q, dq, ddq)
     speed = float(np.max(np.abs(dq) / velocity_limits(robot)))
     held = np.max(np.abs(weight) / torque_limit, axis=0)
-    if held.max() > SHARE:
+    if held.max() > _SHARE:
         joint = robot.joints[int(np.argmax(held))].name
         raise ValueError(
             f"{robot.name} needs {100.0 * held.max():.3g} % of the torque limit of {joint} "
-            f"to hold its weight; allowed: {100.0 * SHARE:g} %. Raise the torque_limit, or give a reference="
+            f"to hold its weight; allowed: {100.0 * _SHARE:g} %. Raise the torque_limit, or give a reference="
         )
     for number in range(round(_SHORTEST / _STEP), round(LONGEST / _STEP) + 1):
         duration = number * _STEP
         faster = slow.duration / duration  # velocities grow with it, inertial and centrifugal torques with its square
         torque = np.abs(weight + faster**2 * moving) / torque_limit
-        if faster * speed <= SHARE and torque.max() <= SHARE:
+        if faster * speed <= _SHARE and torque.max() <= _SHARE:
             return round(duration, 1)
     raise ValueError(
         f"{robot.name} passes half of a torque or velocity limit even in {LONGEST:g} s: raise torque_limit or "

@@ -36,11 +36,11 @@ from fuzzyarm.envs.physics.rigid_body import Frames, frames, gravity
 from fuzzyarm.envs.physics.robot import Robot
 
 __all__ = [
-    "ANGULAR", "LINEAR", "TipTask", "angle_ranges", "drift", "freedom", "home_posture", "jacobian", "link_lengths",
-    "reach", "rotation_vector", "solved", "start_posture", "upwards", "velocity_limits",
+    "LINEAR", "TipTask", "angle_ranges", "freedom", "home_posture", "jacobian", "link_lengths", "reach", "solved",
+    "start_posture", "upwards", "velocity_limits",
 ]  # fmt: skip
 
-LINEAR, ANGULAR = slice(0, 3), slice(3, 6)  # rows of the Jacobian: velocity of the tip, angular velocity
+LINEAR, _ANGULAR = slice(0, 3), slice(3, 6)  # rows of the Jacobian: velocity of the tip, angular velocity
 
 
 def jacobian(now: Frames) -> np.ndarray:
@@ -49,7 +49,7 @@ def jacobian(now: Frames) -> np.ndarray:
     return np.swapaxes(np.concatenate([linear, now.axes], axis=-1), -1, -2)
 
 
-def drift(now: Frames, dq: np.ndarray) -> np.ndarray:
+def _drift(now: Frames, dq: np.ndarray) -> np.ndarray:
     """Return J̇ q̇ (..., 6), [m/s²] and [rad/s²], at joint velocities dq (..., n) [rad/s]."""
     zero = np.zeros_like(now.tip)
     turning, angular, linear = zero, zero, zero  # ω, ω̇ and the acceleration of the place reached so far
@@ -63,7 +63,7 @@ def drift(now: Frames, dq: np.ndarray) -> np.ndarray:
     return np.concatenate([linear, angular], axis=-1)
 
 
-def rotation_vector(rotation: np.ndarray) -> np.ndarray:
+def _rotation_vector(rotation: np.ndarray) -> np.ndarray:
     """Return axis times angle (..., 3) [rad] of rotations (..., 3, 3), angles of at most π."""
     twice_sine = np.stack(
         [
@@ -123,7 +123,7 @@ def freedom(robot: Robot) -> _Freedom:
     low, high = angle_ranges(robot)
     q = np.random.default_rng(_SPAN_SEED).uniform(low, high, (_SPAN_POSTURES, len(robot)))
     rows = jacobian(frames(robot, q))
-    return _Freedom(_span(rows[:, LINEAR]), _span(rows[:, ANGULAR]))
+    return _Freedom(_span(rows[:, LINEAR]), _span(rows[:, _ANGULAR]))
 
 
 class TipTask:
@@ -142,7 +142,7 @@ class TipTask:
 
     def residual(self, now: Frames, q: np.ndarray, point: np.ndarray) -> np.ndarray:
         """Return f (..., n), in m and rad, at angles (..., n) for points (..., 3) [m]."""
-        turned = rotation_vector(now.rotation[..., -1, :, :] @ self.rotation.T) @ self.turning.T
+        turned = _rotation_vector(now.rotation[..., -1, :, :] @ self.rotation.T) @ self.turning.T
         return np.concatenate([(now.tip - point) @ self.motion.T, turned, (q - self.start) @ self.frozen.T], axis=-1)
 
     def matrix(self, now: Frames) -> np.ndarray:
@@ -166,8 +166,8 @@ class TipTask:
 
     def drifting(self, now: Frames, dq: np.ndarray) -> np.ndarray:
         """Return Ȧ q̇ (..., n) at joint velocities (..., n) [rad/s]."""
-        rate = drift(now, dq)
-        parts = [rate[..., LINEAR] @ self.motion.T, rate[..., ANGULAR] @ self.turning.T]
+        rate = _drift(now, dq)
+        parts = [rate[..., LINEAR] @ self.motion.T, rate[..., _ANGULAR] @ self.turning.T]
         return np.concatenate([*parts, np.zeros((*rate.shape[:-1], len(self.frozen)))], axis=-1)
 
     def sharpness(self, now: Frames) -> np.ndarray:
@@ -179,7 +179,7 @@ class TipTask:
     def _moving(self, now: Frames) -> np.ndarray:
         """Return the rows (..., P J_v and O J_ω, n)."""
         rows = jacobian(now)
-        return np.concatenate([self.motion @ rows[..., LINEAR, :], self.turning @ rows[..., ANGULAR, :]], axis=-2)
+        return np.concatenate([self.motion @ rows[..., LINEAR, :], self.turning @ rows[..., _ANGULAR, :]], axis=-2)
 
 
 def start_posture(
@@ -246,7 +246,7 @@ def home_posture(robot: Robot) -> tuple[float, ...]:
         """Return what is to be small (...) at shares (..., n) of the half ranges."""
         q = middle + half * shares
         rows = jacobian(frames(robot, q))
-        parts = [can.motion @ rows[..., LINEAR, :] / length, *([can.turning @ rows[..., ANGULAR, :]] if turns else [])]
+        parts = [can.motion @ rows[..., LINEAR, :] / length, *([can.turning @ rows[..., _ANGULAR, :]] if turns else [])]
         moving = np.concatenate(parts, axis=-2)
         sizes = np.linalg.det(moving @ np.swapaxes(moving, -1, -2))
         dexterity = 0.5 * np.log(np.maximum(sizes, _SINGULAR))

@@ -31,8 +31,8 @@ if TYPE_CHECKING:
     from scipy.interpolate import CubicSpline
 
 __all__ = [
-    "PAPER_PATHS", "SHAPES", "Circle", "Lemniscate", "Line", "Placed", "Spline", "Square", "TipPath",
-    "any_point", "chord_spline",
+    "PAPER_PATHS", "SHAPES", "Circle", "Lemniscate", "Line", "Placed", "Spline", "Square", "TipPath", "any_point",
+    "chord_spline",
 ]  # fmt: skip
 
 # A point (x, y) [m], one of (x, y) or (x, y, z) [m], and p, dp/ds and d²p/ds² of a curve.

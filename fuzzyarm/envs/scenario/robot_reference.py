@@ -56,7 +56,7 @@ from fuzzyarm.envs.scenario.reference import (
 if TYPE_CHECKING:
     from scipy.interpolate import CubicHermiteSpline, CubicSpline
 
-__all__ = ["EXACT", "SHARPEST", "SplineReference", "TipReference"]
+__all__ = ["EXACT", "SplineReference", "TipReference"]
 
 
 def _checked_angles(name: str, values: object, robot: Robot) -> tuple[float, ...]:
@@ -83,7 +83,7 @@ _TRIES = 8  # rounds from one step to the next, before the path counts as lost
 EXACT = 1e-10  # m or rad that an inverse may miss
 _LONGEST_STEP = 0.5  # rad that a joint may move in a step
 
-SHARPEST = 0.01
+_SHARPEST = 0.01
 """Smallest singular value that A may have along a path, lengths in reaches of the robot; it is 0 where A is singular.
 
 For two equal links it is 0.04 to 0.08 of sin q2, for a wrist of three axes about 0.7 of the angle of its middle joint.
@@ -106,7 +106,7 @@ class TipReference(PathReference):
     Raises:
         TypeError: an argument is of the wrong kind.
         ValueError: a value is out of range; or the path cannot be followed: it starts out of reach, leaves it, comes
-            too close to a singular posture (`SHARPEST`), or passes a limit of a joint or of its velocity. The message
+            too close to a singular posture (`_SHARPEST`), or passes a limit of a joint or of its velocity. The message
             says at which time and point, at which joint, by how much, and what to change.
     """
 
@@ -236,11 +236,11 @@ class TipReference(PathReference):
         now = frames(self.robot, q)
         sharp = self._task.sharpness(now)
         k = int(np.argmin(sharp))
-        if not sharp[k] >= SHARPEST:
+        if not sharp[k] >= _SHARPEST:
             _, _, directions = np.linalg.svd(self._task.matrix(Frames(*(part[k] for part in now))))
             raise ValueError(
                 f"the path comes too close to a singular posture at t = {t[k]:.4g} s, point {_shown(now.tip[k])} m: "
-                f"the smallest singular value is {sharp[k]:.2g}, allowed: {SHARPEST} or more; there "
+                f"the smallest singular value is {sharp[k]:.2g}, allowed: {_SHARPEST} or more; there "
                 f"{self._joint(directions[-1])} turns most without moving the tip. Move or shrink the path, start from "
                 f"another posture={self._or_free}"
             )

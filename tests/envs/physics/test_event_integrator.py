@@ -87,9 +87,9 @@ def test_tolerances_steps_and_pieces_change_nothing(case, monkeypatch):
     default = solve(start, torque, seconds)
     half = solve(start, torque, seconds, rtol=0.5e-11, atol=0.5e-13)
     pieces = in_pieces(start, torque, seconds, 13)[-1]
-    monkeypatch.setattr(event_integrator, "MAX_STEP", 1e-5)
+    monkeypatch.setattr(event_integrator, "_MAX_STEP", 1e-5)
     short_steps = solve(start, torque, seconds)
-    monkeypatch.setattr(event_integrator, "MAX_STEP", 1e-2)  # the tolerances alone choose the steps
+    monkeypatch.setattr(event_integrator, "_MAX_STEP", 1e-2)  # the tolerances alone choose the steps
     free_steps = solve(start, torque, seconds)
     np.testing.assert_allclose([half, pieces, short_steps, free_steps], [default] * 4, rtol=0, atol=1e-10)
 
@@ -118,7 +118,7 @@ def test_the_static_torque_itself_holds_without_an_event_and_more_breaks_away(di
     torque = direction * np.array(TABLE_1.static_friction)
     after = solve(HANGING, torque * (1.0 + 1e-9), 1e-3)
     assert (after[:2] * direction > 0.0).all() and (after[4:6] * direction > 0.0).all()
-    monkeypatch.setattr(event_integrator, "MAX_EVENTS", 0)
+    monkeypatch.setattr(event_integrator, "_MAX_EVENTS", 0)
     assert np.array_equal(solve(HANGING, torque, 0.1), HANGING)
     assert np.array_equal(solve(HANGING, (0.0, 0.0), 0.1, arm=CONSERVATIVE), HANGING)
 
@@ -133,7 +133,7 @@ def test_bad_input_is_named(state, torque, stop):
 
 
 def test_too_many_events_name_time_and_state(monkeypatch):
-    monkeypatch.setattr(event_integrator, "MAX_EVENTS", 1)
+    monkeypatch.setattr(event_integrator, "_MAX_EVENTS", 1)
     start, torque, seconds, _ = EVENTS["many"]
     with pytest.raises(RuntimeError, match=r"more than 1 stick-slip events before t = .* s, state \["):
         solve(start, torque, seconds)

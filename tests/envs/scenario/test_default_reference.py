@@ -9,7 +9,7 @@ from slow_twins import slow_but
 from fuzzyarm.envs.physics.parameters import ArmParameters
 from fuzzyarm.envs.physics.rigid_body import inverse_dynamics
 from fuzzyarm.envs.physics.robot import Robot, robot_named
-from fuzzyarm.envs.scenario.default_reference import SHARE, SIZES, default_reference
+from fuzzyarm.envs.scenario.default_reference import default_reference
 from fuzzyarm.envs.scenario.kinematics import home_posture, reach, velocity_limits
 from fuzzyarm.envs.scenario.reference import JointReference
 from fuzzyarm.envs.scenario.robot_reference import TipReference
@@ -37,14 +37,14 @@ def test_the_circle_follows_its_rule(name):
     reference = default_reference(robot)
     np.testing.assert_allclose(reference.sample([0.0, reference.duration]).q, [home_posture(robot)] * 2, atol=1e-12)
     center, radius = reference.circle
-    assert radius / reach(robot) == pytest.approx(SIZES[0])
+    assert radius / reach(robot) == pytest.approx(0.2)
     lowest = reference.tip(0.0).position
     up = -robot.arrays.gravity / np.linalg.norm(robot.arrays.gravity)
     np.testing.assert_allclose(lowest, center - radius * up, atol=1e-12)
-    assert max(use(reference)) <= SHARE
+    assert max(use(reference)) <= 0.5
     if reference.duration > 1.5:
         shorter = dataclasses.replace(reference, duration=reference.duration - 0.1)
-        assert max(use(shorter)) > SHARE
+        assert max(use(shorter)) > 0.5
 
 
 @pytest.mark.slow

@@ -10,7 +10,7 @@ from fuzzyarm.envs.physics.parameters import ArmParameters
 from fuzzyarm.envs.physics.rigid_body import inverse_dynamics
 from fuzzyarm.envs.physics.robot import robot_named
 from fuzzyarm.envs.scenario.cases import case_for, find_case, with_loads
-from fuzzyarm.envs.scenario.default_reference import SHARE, default_reference
+from fuzzyarm.envs.scenario.default_reference import default_reference
 from fuzzyarm.envs.scenario.given_path import GivenPath
 from fuzzyarm.envs.scenario.reference import JointReference
 
@@ -31,7 +31,7 @@ def shares(reference, arm):
 def test_an_arm_too_short_for_the_papers_circle_follows_every_path_within_half_of_its_limits(name):
     reference = default_reference(SHORT, name)
     assert isinstance(reference, JointReference) and reference.duration >= 1.5
-    assert max(shares(reference, SHORT)) <= SHARE + 1e-3
+    assert max(shares(reference, SHORT)) <= 0.501
     tip = reference.tip(np.linspace(0.0, reference.duration, 200)).position
     assert np.ptp(tip, axis=0).max() > 0.1 and np.hypot(*tip.T).max() < sum(SHORT.length)
     if name == "circle":
@@ -44,7 +44,7 @@ def test_weak_motors_take_longer_for_the_same_path():
     weak = dataclasses.replace(ArmParameters(), torque_limit=(320.0, 110.0))
     slower, paper = default_reference(weak, "lemniscate"), default_reference(ArmParameters(), "lemniscate")
     assert slower.path == paper.path and slower.duration > paper.duration
-    assert max(shares(slower, weak)) <= SHARE + 1e-3
+    assert max(shares(slower, weak)) <= 0.501
     assert default_reference(weak).duration == 1.5  # the paper's circle stays the paper's
 
 
@@ -68,7 +68,7 @@ def test_points_of_a_file_are_followed(tmp_path):
     given = GivenPath.read(csv)
     assert given == GivenPath(((0.4, 0.5), (0.5, 0.4), (0.5, 0.6)), closed=True)
     reference = given.reference(ArmParameters())
-    assert reference.elbow_sign == 1 and max(shares(reference, ArmParameters())) <= SHARE + 1e-3
+    assert reference.elbow_sign == 1 and max(shares(reference, ArmParameters())) <= 0.501
     tip = reference.tip(np.linspace(0.0, reference.duration, 4001)).position
     for point in given.points:
         assert np.linalg.norm(tip - point, axis=1).min() < 1e-3
