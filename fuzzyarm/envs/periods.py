@@ -1,4 +1,4 @@
-"""Control periods and sub-steps: what is allowed, and how many of the ones make the other. Nothing heavy is loaded."""
+"""Control periods and sub-steps: their allowed values, and how many sub-steps a period has. Loads no heavy module."""
 
 from __future__ import annotations
 
@@ -44,7 +44,7 @@ def default_substeps(duration: float, rate: float = 0.0) -> int:
 
 
 def whole_substeps(control_period: Any, substep: Any, rate: float = 0.0) -> int:
-    """Return how many sub-steps [s], else the default number, make a control period [s]; rate [rad/s] as above."""
+    """Return how many sub-steps [s] make a control period [s]; None: the default number for a fastest rate [rad/s]."""
     period = checked_period("control_period", control_period)
     if substep is None:
         return default_substeps(period, rate)

@@ -33,7 +33,7 @@ class Poses(NamedTuple):
 
 
 class Camera(NamedTuple):
-    """Where it is and what it sees, see the module."""
+    """The position, the axes and the scale of a camera, see the module."""
 
     eye: np.ndarray  # e (3,) [m]
     axes: np.ndarray  # the rows r, d, a (3, 3)
@@ -130,6 +130,6 @@ def _normal(path: np.ndarray, length: float) -> np.ndarray:
 
 
 def _unit(vector: np.ndarray) -> np.ndarray:
-    """Return a vector (3,) at length 1; zero for one that is zero but for rounding."""
+    """Return a vector (3,) scaled to length 1; zero for one that is zero up to rounding."""
     length = np.linalg.norm(vector)
     return np.asarray(vector / length if length > _LEVEL else np.zeros_like(vector))

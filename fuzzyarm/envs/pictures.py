@@ -297,7 +297,7 @@ def _circle(axis: np.ndarray) -> np.ndarray:
 
 
 def _pixels(camera: Camera, points: np.ndarray, length: float) -> np.ndarray:
-    """Return how long a length [m] across the line of sight is seen at points (..., 3) [m], (...) [px]."""
+    """Return the length (...) [px] in the picture of a length [m] across the line of sight, at points (..., 3) [m]."""
     return np.asarray(length * camera.focal / camera.depth(points))
 
 

@@ -138,7 +138,7 @@ def _deviation(tip: Any, target: Any) -> Any:
 
 
 def _total(numbers: Iterable[Any]) -> Any:
-    """Return the sum, from the first to the last."""
+    """Return the sum, added from the first to the last."""
     return functools.reduce(operator.add, numbers)
 
 

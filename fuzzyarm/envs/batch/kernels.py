@@ -202,7 +202,7 @@ class Kernels:
         self.step.code(lanes)
 
     def __reduce__(self) -> tuple[Any, tuple[Physics]]:
-        """Leave the machine code behind."""
+        """Pickle the equations alone: the machine code is made again."""
         return kernels_of, (self.layout.physics,)
 
 
@@ -277,5 +277,5 @@ def _results(physics: Physics, moved: Moved, target: Any, time: Any, over: Any) 
 
 @functools.cache
 def kernels_of(physics: Physics) -> Kernels:
-    """Return the kernels for arms with these equations, always the same ones."""
+    """Return the kernels for arms with these equations; the same object at every call."""
     return Kernels(physics)

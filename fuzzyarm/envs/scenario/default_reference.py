@@ -1,4 +1,4 @@
-"""The motion that a robot makes along a path with a name: the circle, if no other is asked of it.
+"""The motion of a robot along a path with a name, by default the circle.
 
 The two-joint arm has the paths of `PAPER_PATHS`, as a `Robot` too, wherever it can follow them; the circle is the
 paper's, in the paper's 1.5 s whatever the arm's motors. Any other arm draws the path of that name in its home posture:
@@ -69,12 +69,12 @@ def _in_plane(arm: ArmParameters, name: str) -> JointReference:
 
 
 def is_placed(reference: Reference) -> bool:
-    """Return whether a motion of the two-joint arm is placed and timed for one arm alone, by no number of its links."""
+    """Return whether a motion is placed and timed for one two-joint arm alone, so that other arms cannot share it."""
     return isinstance(reference, JointReference) and isinstance(reference.path, Placed)
 
 
 def flattened(reference: TipReference, arm: ArmParameters) -> JointReference:
-    """Return the reference of a two-joint arm, as a robot in space, as one of the arm in its plane."""
+    """Return a reference of the two-joint arm, given in space, as one in the plane of the arm."""
     placed = reference.path
     assert isinstance(placed, Placed)
     parts = (tuple(getattr(placed, name)[:2]) for name in ("origin", "first", "second"))
@@ -103,7 +103,7 @@ def _papers(robot: Robot, name: str) -> TipReference | None:
 
 @functools.lru_cache(maxsize=64)
 def _fitted(robot: Robot, name: str) -> TipReference:
-    """Return the path of a name in the largest size that the robot can follow from its home posture."""
+    """Return the motion along a named path in the largest size that the robot can follow from its home posture."""
     tip = frames(robot, np.array(home_posture(robot))).tip
     first, second = _plane(robot, tip)
     reason: ValueError | None = None
@@ -140,7 +140,7 @@ def _plane(robot: Robot, tip: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
 
 
 def timed(slow: TipReference) -> TipReference:
-    """Return a reference of the duration `LONGEST` with the duration of the rule."""
+    """Return a reference, given with the duration `LONGEST`, with the duration of the module's rule."""
     return TipReference(slow.path, _shortest(slow, slow.robot), slow.robot, slow.posture)
 
 

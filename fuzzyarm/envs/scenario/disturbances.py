@@ -116,7 +116,7 @@ class EncoderNoise:
 
 @dataclasses.dataclass(frozen=True)
 class Disturbance:
-    """What acts in one episode; compose any of the parts. `None` and the default payload mean: none.
+    """What acts on the arm in one episode, any combination of these parts; None and the default payload are nothing.
 
     Examples:
         >>> Disturbance(tip_force=ConstantForce((0.0, 50.0)), payload=Payload(2.0)).payload.mass
@@ -145,7 +145,7 @@ class Disturbance:
 
 
 def _numbers(name: str, values: Any, sizes: Collection[int], unit: str) -> tuple[float, ...]:
-    """Return real numbers, as many as one of `sizes`; if it fits none, two are asked for."""
+    """Return real numbers whose count is one of `sizes`; the error for another count asks for two."""
     count = next((size for size in sizes if checks.is_sequence(values, size)), JOINTS)
     return checks.reals(name, values, count, unit, low=-LARGEST, high=LARGEST)
 

@@ -234,7 +234,7 @@ _SINGULAR = 1e-300  # stands for a determinant of zero
 
 @functools.lru_cache(maxsize=64)
 def home_posture(robot: Robot) -> tuple[float, ...]:
-    """Return the angles (n,) [rad] of the module's rule."""
+    """Return the default first posture (n,) [rad] of a robot, by the rule of the module."""
     from scipy.optimize import minimize  # SciPy is only needed here
 
     low, high = angle_ranges(robot)
@@ -243,7 +243,7 @@ def home_posture(robot: Robot) -> tuple[float, ...]:
     turns = len(robot) >= len(can.motion) + len(can.turning)
 
     def cost(shares: np.ndarray) -> np.ndarray:
-        """Return what is to be small (...) at shares (..., n) of the half ranges."""
+        """Return the cost (...) to be minimised, at shares (..., n) of the half ranges."""
         q = middle + half * shares
         rows = jacobian(frames(robot, q))
         parts = [can.motion @ rows[..., LINEAR, :] / length, *([can.turning @ rows[..., _ANGULAR, :]] if turns else [])]

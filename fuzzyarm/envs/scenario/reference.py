@@ -104,7 +104,7 @@ class Reference(abc.ABC):
 
     @property
     def joints(self) -> int:
-        """How many joints move: n."""
+        """The number of joints n."""
         return int(self.sample(0.0).q.shape[-1])
 
     @property

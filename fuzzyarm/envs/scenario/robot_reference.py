@@ -99,7 +99,7 @@ class TipReference(PathReference):
         duration: T [s], 1e-6 to 1e6.
         robot: the robot.
         posture: joint angles [rad] near which the start is sought; they choose the branch, such as an elbow above or
-            below, and the rotation of the last link. None: `home.home_posture`.
+            below, and the rotation of the last link. None: `kinematics.home_posture`.
         orientation: ``"constant"``, the last link keeps its rotation if the robot has joints enough for it (six in
             space, three in a plane); or ``"free"``.
 
@@ -217,7 +217,7 @@ class TipReference(PathReference):
 
     @property
     def _or_free(self) -> str:
-        """The last way out, where there is one."""
+        """The last advice of a message, where the orientation can be left free."""
         return ", or let orientation be free" if self.keeps_orientation else ""
 
     def _check_plane(self, t: np.ndarray, position: np.ndarray) -> None:
