@@ -6,10 +6,10 @@ import itertools
 import numpy as np
 import pytest
 from slow_twins import slow_but
-from support.two_joints import hold
+from support.two_joints import energy, hold
 
 from fuzzyarm.envs.physics import event_integrator
-from fuzzyarm.envs.physics.dynamics import Payload, arm_constants, mass_matrix, tip_position
+from fuzzyarm.envs.physics.dynamics import Payload, arm_constants, tip_position
 from fuzzyarm.envs.physics.event_integrator import integrate
 from fuzzyarm.envs.physics.parameters import ArmParameters
 from fuzzyarm.envs.physics.records import flat
@@ -32,14 +32,6 @@ def no_force(_):
 
 def solve(state, torque, seconds, arm=TABLE_1, force=no_force, **tolerances):
     return integrate(np.array(state, float), np.array(torque, float), force, arm, Payload(), 0.0, seconds, **tolerances)
-
-
-def energy(state, arm):
-    c, deflection, dq = arm_constants(arm), state[:2] - state[2:4], state[6:8]
-    m11, m12, m22 = mass_matrix(np.cos(state[3]), c)
-    kinetic = 0.5 * (m11 * dq[0] ** 2 + m22 * dq[1] ** 2) + m12 * dq[0] * dq[1]
-    elastic = 0.5 * (np.dot(arm.motor_inertia, state[4:6] ** 2) + np.dot(arm.stiffness, deflection**2))
-    return kinetic + elastic - c.c4 * np.cos(state[2]) - c.c5 * np.cos(state[2] + state[3])
 
 
 # Start, torque, time [s], and the modes (signs of the motor velocities) that each joint goes through.
