@@ -1,6 +1,6 @@
 """The Gymnasium environment ``FuzzyArm-v0``.
 
-An action goes from `FuzzyArmEnv.step` through machine code that is recorded from `Kernels.step`: `control_step_of` has
+An action goes from `FuzzyArmEnv.step` through machine code that is recorded from `Kernels.step`: `control_step` has
 the control step, and `Physics.step` the equations of motion, `integrator.step` for two joints. Observation and results
 come back in one array.
 """

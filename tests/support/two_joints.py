@@ -1,5 +1,7 @@
 """What is made for the equations of the two-joint arm, under the names that its tests use."""
 
+import functools
+
 import numpy as np
 
 from fuzzyarm.envs.batch.layout import VECTORS, layout_of
@@ -9,12 +11,13 @@ from fuzzyarm.envs.physics.equations import two_joints
 from fuzzyarm.envs.physics.integrator import hold_of
 from fuzzyarm.envs.physics.records import State, filled
 from fuzzyarm.envs.scenario.randomisation import draw_record
-from fuzzyarm.envs.task import assess_of, target_record
+from fuzzyarm.envs.task import assess as assess_arm
+from fuzzyarm.envs.task import target_record
 
 PHYSICS = two_joints()
 LAYOUT = layout_of(PHYSICS)
 Draw, Row, Target = draw_record(2), row_record(2, 2), target_record(2)
-hold, assess = hold_of(PHYSICS), assess_of(PHYSICS)
+hold, assess = hold_of(PHYSICS), functools.partial(assess_arm, PHYSICS)
 
 
 def named(vectors):

@@ -170,7 +170,7 @@ class Lanes:
         arrays: tuple[np.ndarray, np.ndarray, np.ndarray],
         initial: np.ndarray | None = None,
     ) -> _Outcome:
-        """Begin episodes in these arrays, see `control_step.begun_of`; `places` are schedules and payloads' places."""
+        """Begin episodes in these arrays, see `control_step.begun`; `places` are schedules and payloads' places."""
         count, all_values, clock, drawn = len(which), *arrays
         results, given = np.empty(self.layout.size(count)), np.stack([self._plant_of[which], *places], axis=1) + 0.0
         initial = (
