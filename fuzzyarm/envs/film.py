@@ -39,7 +39,7 @@ class Film:
             self.picture(schedule)
 
     def picture(self, schedule: Schedule) -> np.ndarray | None:
-        """Return the picture (720, 720, 3) of uint8, or show it if the window is open; ResetNeeded before a reset."""
+        """Return the picture (720, 720, 3), numbers to 255, or show it in an open window; ResetNeeded before reset."""
         if not self._trace:
             raise ResetNeeded("nothing to draw before the first env.reset()")
         import pygame  # here, as a training run never loads it
