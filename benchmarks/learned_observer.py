@@ -24,7 +24,7 @@ from measuring import options_of, printed, write
 from scipy.stats import binomtest
 
 from fuzzyarm import load_policy
-from fuzzyarm.envs.physics.equations import PAPER, AnyArm, argument_of, chosen_arm, equations_of
+from fuzzyarm.envs.physics.equations import AnyArm, argument_of, chosen_arm, equations_of
 from fuzzyarm.envs.physics.robot import Robot
 from fuzzyarm.envs.scenario.cases import PAPER_CASES
 from fuzzyarm.eval.stability.margins import policy_margins
@@ -113,7 +113,7 @@ def main() -> None:
     """Measure and print, and write the document."""
     parser = options_of(__doc__)
     parser.add_argument("folders", type=Path, nargs="+")
-    parser.add_argument("--robot", default=PAPER, help="that the folders were trained for")
+    parser.add_argument("--robot", default="paper", help="that the folders were trained for")
     parser.add_argument("--plants", type=int, default=1000)
     arguments = parser.parse_args()
     arm = chosen_arm(arguments.robot, None)

@@ -7,7 +7,7 @@ from typing import Any
 
 from tables import Cell, Section, Table, made_with, number
 
-from fuzzyarm.envs.physics.equations import PAPER, chosen_arm, robot_of
+from fuzzyarm.envs.physics.equations import chosen_arm, robot_of
 from fuzzyarm.envs.physics.robot import shipped_robots
 from fuzzyarm.envs.scenario.cases import PAPER_CASES, case_for
 from fuzzyarm.envs.scenario.default_reference import default_reference
@@ -22,7 +22,7 @@ COMPARED_ROBOTS = ("cicese", "manutec-r3", "planar-3r", "ur5", "panda")
 def _robots() -> list[dict[str, Any]]:
     """Return what each of the robots is asked to do and carries in the cases, as the package has it."""
     rows = []
-    for name in sorted(shipped_robots(), key=lambda name: (name != PAPER, len(robot_of(chosen_arm(name, None))))):
+    for name in sorted(shipped_robots(), key=lambda name: (name != "paper", len(robot_of(chosen_arm(name, None))))):
         arm = chosen_arm(name, None)
         force: Any = case_for("machining", arm).disturbance.tip_force
         reference = default_reference(arm)

@@ -11,8 +11,9 @@ import numpy as np
 
 from fuzzyarm import load_policy
 from fuzzyarm.envs.observation import JOINTS
-from fuzzyarm.envs.physics.dynamics import Arm, dry_frictions, frictionless, loaded, lump, plant_of
+from fuzzyarm.envs.physics.dynamics import Arm, dry_frictions, loaded, lump, plant_of
 from fuzzyarm.envs.physics.equations import tip_point, two_joints
+from fuzzyarm.envs.physics.friction import DRY_TORQUES
 from fuzzyarm.envs.physics.integrator import hold_of
 from fuzzyarm.envs.physics.records import PerJoint, filled, flat
 from fuzzyarm.envs.scenario.cases import find_case
@@ -63,7 +64,8 @@ class Plants:
         arm = loaded(arm, self.payload, nominal.length[1], nominal.gravity)
         self._static = np.array([dry.static_friction + zero for dry in dry_frictions(arm)])
         if plants.friction == "any":
-            arm = frictionless(arm)
+            first, second = (dry._replace(**dict.fromkeys(DRY_TORQUES, 0.0)) for dry in dry_frictions(arm))
+            arm = arm._replace(dry_friction1=first, dry_friction2=second)
         self.arm = np.array([np.broadcast_to(x, self.lanes) for x in flat(arm)], dtype=float)
         self.force = self._drawn(plants.force)
         self._rates = np.array([self._drawn((SLOWEST, FASTEST)) for _ in range(JOINTS)])

@@ -52,7 +52,7 @@ def chosen_reference(reference: Reference | None, randomisation: DomainRandomisa
 
 
 def check_options(options: dict[str, Any]) -> None:
-    """Raise ValueError for a reset option that does not exist, TypeError for options that are no mapping."""
+    """Raise ValueError for a reset option that does not exist, TypeError for options that are not a dictionary."""
     unknown = sorted(set(map(str, checks.instance("options", options, dict))) - set(_RESET_OPTIONS))
     if unknown:
         raise ValueError(f"unknown reset option {checks.listed(unknown)}; known: {', '.join(_RESET_OPTIONS)}")
@@ -84,7 +84,7 @@ def initial_state(given: Any, arm: AnyArm) -> np.ndarray:
 
 
 def real_numbers(name: str, given: Any) -> np.ndarray:
-    """Return a new array of float64, of any shape and unit."""
+    """Return real numbers as a new array of float64, of any shape and unit; TypeError for anything else."""
     array = checks.array_of(name, given)
     if array.dtype.kind == "O":
         entries = [checks.real(name, entry) if checks.is_real(entry) else entry for entry in array.ravel()]
@@ -97,13 +97,13 @@ def real_numbers(name: str, given: Any) -> np.ndarray:
 
 
 def action_space(arms: Sequence[AnyArm]) -> spaces.Box:
-    """Return the motor torques that the strongest of these arms can give."""
+    """Return the space of the motor torques [N m] that the strongest of these arms can give."""
     limit = np.max([bounds_of(arm).torque for arm in arms], axis=0).astype(np.float32)
     return spaces.Box(-limit, limit)
 
 
 def observation_space(arms: Sequence[AnyArm]) -> spaces.Box:
-    """Return what may be observed of these arms."""
+    """Return the space that holds every observation of these arms."""
     bounds = [bounds_of(arm) for arm in arms]
     low, high = np.min([each.low for each in bounds], axis=0), np.max([each.high for each in bounds], axis=0)
     dq = np.max([each.velocity for each in bounds], axis=0)
@@ -116,14 +116,14 @@ def observation_space(arms: Sequence[AnyArm]) -> spaces.Box:
 
 
 def _range(name: str, low: np.ndarray, high: np.ndarray) -> str:
-    """Return what a message says of the range of a quantity, from its bounds (joints,)."""
+    """Return the range of a quantity as text for a message, from its bounds (joints,)."""
     if np.array_equal(low, -high):
         return f"|{name}| <= {tuple(high.tolist())}"
     return f"{tuple(low.tolist())} <= {name} <= {tuple(high.tolist())}"
 
 
 def per_lane(name: str, value: Any, lanes: int) -> list[Any]:
-    """Return a list of one entry for all lanes, or of one per lane."""
+    """Return an argument as a list of one entry for all lanes, or of one per lane."""
     if isinstance(value, str) or not isinstance(value, Sequence):
         return [value]
     if len(value) != lanes:
@@ -132,7 +132,10 @@ def per_lane(name: str, value: Any, lanes: int) -> list[Any]:
 
 
 def each_lane(make: Callable[..., Any], *columns: Sequence[Any]) -> list[Any]:
-    """Return make(*row) for each lane's row of the columns, of which one entry is for all; an error names its lane."""
+    """Return make(*row) for each lane, whose row has an entry of each column; a single entry is for all lanes.
+
+    An error names its lane if there are several.
+    """
     count = max(map(len, columns))
     rows = zip(*(list(column) * count if len(column) == 1 else column for column in columns), strict=True)
     made = []

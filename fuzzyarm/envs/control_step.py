@@ -13,23 +13,15 @@ from fuzzyarm.envs.batch.layout import Clock, Layout, Noise, Start
 from fuzzyarm.envs.batch.randomness import NEXT_KEY, RANDOMISATION, draw, noise_counter, normal_pair, uniform
 from fuzzyarm.envs.batch.schedule import row_record
 from fuzzyarm.envs.physics.integrator import held_of
-from fuzzyarm.envs.physics.records import Physics, filled
+from fuzzyarm.envs.physics.records import Physics, filled, places
 from fuzzyarm.envs.scenario.randomisation import draw_record
-from fuzzyarm.envs.task import assess_of, clipped, finite, reason_of
+from fuzzyarm.envs.task import assess, clipped, finite, reason_of
 from fuzzyarm.numbers.functions import bits, flat, floor, like, maximum, minimum, row, select, when, whole, word
 
 __all__ = [
-    "ANGLE_ROOM",
-    "VELOCITY_ROOM",
-    "Given",
-    "Moved",
-    "assessed_of",
-    "begun_of",
-    "control_step_of",
-    "drawn_of",
-    "reading_of",
-    "resting_of",
-]
+    "ANGLE_ROOM", "VELOCITY_ROOM", "Given", "Moved", "assessed", "begun", "control_step", "drawn_of",
+    "reading_of", "resting",
+]  # fmt: skip
 
 ANGLE_ROOM, VELOCITY_ROOM = 0.5, 10.0
 """What the observation space allows beyond the limits: the observation that ends an episode lies outside of them.
@@ -49,47 +41,37 @@ class Moved(NamedTuple):
     reason: Any  # a `Termination`, as a float
 
 
-@functools.cache
-def control_step_of(physics: Physics) -> Callable[..., Moved]:
-    """Return ``control_step(state, command, now, target, arm, limits, factor, h, substeps)``.
+def control_step(
+    physics: Physics, state: Any, command: Any, now: Any, target: Any, arm: Any, limits: Any, factor: Any, h: Any,
+    substeps: Any,
+) -> Moved:  # fmt: skip
+    """Return an arm after one control step under the torques of a controller, `command` [N m].
 
-    `command` are the controller's torques [N m]; `now` is the row of the schedule at the start of the step, whose force
-    is multiplied by `factor`, and `target` what the tip is compared with at its end; the others as for `held_of`.
+    `now` is the row of the schedule at the start of the step, whose force is multiplied by `factor`, and `target` what
+    the tip is compared with at its end; the others are as for `held_of`.
     """
-    PerJoint, held, assessed = physics.PerJoint, held_of(physics), assessed_of(physics)
-
-    def control_step(
-        state: Any, command: Any, now: Any, target: Any, arm: Any, limits: Any, factor: Any, h: Any, substeps: Any
-    ) -> Moved:
-        torque = PerJoint(*map(clipped, command, limits.torque))
-        applied = PerJoint(*(u + b for u, b in zip(torque, now.bias, strict=True)))
-        mean, change = ([f * factor for f in part] for part in now.force)
-        reached = held(state, applied, mean, change, arm, h, substeps)
-        return assessed(state, reached, command, torque, now.bias, mean, target, arm, limits)
-
-    return control_step
+    torque = physics.PerJoint(*map(clipped, command, limits.torque))
+    applied = physics.PerJoint(*(u + b for u, b in zip(torque, now.bias, strict=True)))
+    mean, change = ([f * factor for f in part] for part in now.force)
+    reached = held_of(physics)(state, applied, mean, change, arm, h, substeps)
+    return assessed(physics, state, reached, command, torque, now.bias, mean, target, arm, limits)
 
 
-@functools.cache
-def assessed_of(physics: Physics) -> Callable[..., Moved]:
-    """Return ``assessed(before, reached, command, torque, bias, force, target, arm, limits)``, a `Moved`."""
-    assess = assess_of(physics)
-
-    def assessed(
-        before: Any, reached: Any, command: Any, torque: Any, bias: Any, force: Any, target: Any, arm: Any, limits: Any
-    ) -> Moved:
-        sound = finite(reached)
-        pairs = zip(flat(reached), flat(before), strict=True)
-        state = like(reached, (select(sound > 0.0, new, old) for new, old in pairs))
-        found = assess(state, torque, bias, arm, limits, target)
-        differs = [u != asked for u, asked in zip(torque, command, strict=True)]
-        beyond = differs[0]
-        for one in differs[1:]:
-            beyond = beyond | one
-        reason = reason_of(sound, found.angles_inside, found.velocities_inside)
-        return Moved(state, torque, force, found._replace(reward=found.reward * sound), 1.0 * beyond, reason)
-
-    return assessed
+def assessed(
+    physics: Physics, before: Any, reached: Any, command: Any, torque: Any, bias: Any, force: Any, target: Any,
+    arm: Any, limits: Any,
+) -> Moved:  # fmt: skip
+    """Return an arm that was in the state `before` and has come to the state `reached`."""
+    sound = finite(reached)
+    pairs = zip(flat(reached), flat(before), strict=True)
+    state = like(reached, (select(sound > 0.0, new, old) for new, old in pairs))
+    found = assess(physics, state, torque, bias, arm, limits, target)
+    differs = [u != asked for u, asked in zip(torque, command, strict=True)]
+    beyond = differs[0]
+    for one in differs[1:]:
+        beyond = beyond | one
+    reason = reason_of(sound, found.angles_inside, found.velocities_inside)
+    return Moved(state, torque, force, found._replace(reward=found.reward * sound), 1.0 * beyond, reason)
 
 
 @functools.cache
@@ -135,65 +117,54 @@ class Given(NamedTuple):
     place: Any  # where the payload is, see `Physics.payload_place`
 
 
-@functools.cache
-def begun_of(layout: Layout) -> Callable[..., tuple[Any, Any, Any, Any]]:
-    """Return ``begun(clock, given, initial, ranges, plants, starts, schedule)``: lane, clock, draws, first row.
+def begun(
+    layout: Layout, clock: Clock, given: Given, initial: Any, ranges: Any, plants: Any, starts: Any, schedule: Any
+) -> tuple[Any, Any, Any, Any]:
+    """Return a lane at the beginning of an episode, its clock, what it drew, and the first row of its schedule.
 
     `clock` has the key of the last episode; `initial` is a state, or at rest on the reference if its first number is
     nan; `ranges` are pairs (low, high) of a `draw_record`. The tables have rows of `Plant`, `Start` and `row_record`.
     """
-    physics, Lane = layout.physics, layout.Lane
-    Row, Plant, PerJoint = row_record(physics.joints, physics.axes), physics.Plant, physics.PerJoint
-    drawn_by, resting = drawn_of(physics.joints), resting_of(physics)
-
-    def begun(
-        clock: Clock, given: Given, initial: Any, ranges: Any, plants: Any, starts: Any, schedule: Any
-    ) -> tuple[Any, Any, Any, Any]:
-        key = draw(word(clock.key), NEXT_KEY)
-        drawn = drawn_by(key, ranges)
-        family = filled(Start, row(starts, given.start)).family > 0.0
-        start = filled(Start, row(starts, select(family, given.start + drawn.reference, given.start)))
-        nominal, now = filled(Plant, row(plants, given.plant)), filled(Row, row(schedule, start.first))
-        arm = physics.constants(physics.varied(nominal, drawn), start.payload, given.place, drawn.payload)
-        rest = resting(nominal, PerJoint(*(q + a for q, a in zip(now.reference.q, drawn.angle, strict=True))), 0.0)
-        free = flat(initial)[0] != flat(initial)[0]
-        pairs = zip(flat(rest), flat(initial), strict=True)
-        state = like(rest, (select(free, own, asked) for own, asked in pairs))
-        first = bits(whole(start.first))
-        lane = Lane(state, arm, physics.limits(nominal), drawn.force, start.noise)
-        return lane, Clock(first, first, bits(whole(start.last)), bits(key)), drawn, now
-
-    return begun
+    physics, PerJoint = layout.physics, layout.physics.PerJoint
+    key = draw(word(clock.key), NEXT_KEY)
+    drawn = drawn_of(physics.joints)(key, ranges)
+    family = filled(Start, row(starts, given.start)).family > 0.0
+    start = filled(Start, row(starts, select(family, given.start + drawn.reference, given.start)))
+    nominal = filled(physics.Plant, row(plants, given.plant))
+    now = filled(row_record(physics.joints, physics.axes), row(schedule, start.first))
+    arm = physics.constants(physics.varied(nominal, drawn), start.payload, given.place, drawn.payload)
+    link = PerJoint(*(q + a for q, a in zip(now.reference.q, drawn.angle, strict=True)))
+    rest = resting(physics, nominal, link, 0.0)
+    free = flat(initial)[0] != flat(initial)[0]
+    pairs = zip(flat(rest), flat(initial), strict=True)
+    state = like(rest, (select(free, own, asked) for own, asked in pairs))
+    first = bits(whole(start.first))
+    lane = layout.Lane(state, arm, physics.limits(nominal), drawn.force, start.noise)
+    return lane, Clock(first, first, bits(whole(start.last)), bits(key)), drawn, now
 
 
 @functools.cache
 def drawn_of(joints: int) -> Callable[[Any, Any], Any]:
     """Return ``drawn(key, ranges)``, a `draw_record`: low + (high - low) u, rounded down for the reference."""
-    Draw = draw_record(joints)
+    at = places(draw_record(joints))  # here, because torch compiles no look-up in a cache
 
     def drawn(key: Any, ranges: Any) -> Any:
         def number(low: Any, high: Any, counter: int) -> Any:
             return when(low < high, lambda: (low + (high - low) * uniform(key, counter),), (low,))[0]
 
-        draws = filled(Draw, (number(low, high, RANDOMISATION + k) for k, (low, high) in enumerate(ranges)))
+        draws = like(at, (number(low, high, RANDOMISATION + k) for k, (low, high) in enumerate(ranges)))
         return draws._replace(reference=floor(draws.reference))
 
     return drawn
 
 
-@functools.cache
-def resting_of(physics: Physics) -> Callable[..., Any]:
-    """Return ``resting(nominal, link, zero)``: the arm at rest at link angles [rad]; `zero` is a velocity.
+def resting(physics: Physics, nominal: Any, link: Any, zero: Any) -> Any:
+    """Return the state of an arm at rest at link angles [rad]; `zero` is a velocity.
 
     The motors hold the gravity torque of the nominal arm: the drawn plant and the payload move the arm from the start.
     """
-    PerJoint, State = physics.PerJoint, physics.State
-
-    def resting(nominal: Any, link: Any, zero: Any) -> Any:
-        still = PerJoint(*[zero] * physics.joints)
-        weight = physics.gravity(link, physics.constants(nominal, zero, zero, zero))
-        stiffness = physics.stiffness(nominal)
-        motor = PerJoint(*(q + g / k for q, g, k in zip(link, weight, stiffness, strict=True)))
-        return State(motor, link, still, still)
-
-    return resting
+    still = physics.PerJoint(*[zero] * physics.joints)
+    weight = physics.gravity(link, physics.constants(nominal, zero, zero, zero))
+    stiffness = physics.stiffness(nominal)
+    motor = physics.PerJoint(*(q + g / k for q, g, k in zip(link, weight, stiffness, strict=True)))
+    return physics.State(motor, link, still, still)

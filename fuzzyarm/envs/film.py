@@ -14,9 +14,9 @@ __all__ = ["Film"]
 
 
 class Film:
-    """The trace of an episode of an arm, and its pictures, in a window or not, so many per second of wall-clock time.
+    """The trace of an arm's episode, and its pictures: as arrays, or in a window at `fps` frames per second.
 
-    What draws is made for the first picture, and left behind by copies and pickles. The control period is in s.
+    The canvas is made for the first picture; copies and pickles do not keep it. The control period is in s.
     """
 
     def __init__(self, in_window: bool, fps: int, control_period: float, arm: AnyArm) -> None:
@@ -39,7 +39,7 @@ class Film:
             self.picture(schedule)
 
     def picture(self, schedule: Schedule) -> np.ndarray | None:
-        """Return the picture (720, 720, 3), numbers to 255, or show it in an open window; ResetNeeded at first."""
+        """Return the picture (720, 720, 3), numbers to 255, or show it in an open window; ResetNeeded before reset."""
         if not self._trace:
             raise ResetNeeded("nothing to draw before the first env.reset()")
         import pygame  # here, as a training run never loads it
@@ -76,5 +76,5 @@ class Film:
         self._canvas = None
 
     def __getstate__(self) -> dict[str, Any]:
-        """Leave behind what draws: surfaces, fonts and a window are no data."""
+        """Return the state without surfaces, fonts and window, which cannot be copied."""
         return {**self.__dict__, "_canvas": None, "_clock": None}

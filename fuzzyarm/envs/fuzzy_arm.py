@@ -1,6 +1,6 @@
 """The Gymnasium environment ``FuzzyArm-v0``.
 
-An action goes from `FuzzyArmEnv.step` through machine code that is recorded from `Kernels.step`: `control_step_of` has
+An action goes from `FuzzyArmEnv.step` through machine code that is recorded from `Kernels.step`: `control_step` has
 the control step, and `Physics.step` the equations of motion, `integrator.step` for two joints. Observation and results
 come back in one array.
 """
@@ -260,17 +260,17 @@ class FuzzyArmEnv(gym.Env[np.ndarray, np.ndarray]):
         return observation, reward, not inside, truncated, info
 
     def __getstate__(self) -> dict[str, Any]:
-        """Leave the machine code behind."""
+        """Return the state without the machine code."""
         return {name: value for name, value in self.__dict__.items() if name not in _BOUND}
 
     def __setstate__(self, state: dict[str, Any]) -> None:
-        """Take the state of a copy."""
+        """Restore the state of a copy."""
         self.__dict__.update(state)
         if self._begun:
             self._bind()
 
     def _bind(self) -> None:
-        """Take the machine code of the step, and views of what it is given and leaves behind."""
+        """Bind the machine code of the step to its arrays, and make views of its results."""
         self._call = self._lanes.bound(self._torque, self._out)
         self._run, self._call_at = self._call.entry
         self._sent: Any = (c_double * self._torque.size).from_buffer(self._torque)  # type: ignore[arg-type]
@@ -299,7 +299,7 @@ class FuzzyArmEnv(gym.Env[np.ndarray, np.ndarray]):
         self._film.close()
 
     def _numbers(self, action: Any) -> tuple[float, ...]:
-        """Return what was given for an action as floats, or raise ValueError."""
+        """Return an action as floats, or raise ValueError."""
         array, joints = checks.array_of("action", action), self._lanes.physics.joints
         words = _COUNTS.get(joints, str(joints))
         if array.shape != (joints,):
@@ -311,7 +311,7 @@ class FuzzyArmEnv(gym.Env[np.ndarray, np.ndarray]):
         return numbers
 
     def _complete(self, info: dict[str, Any]) -> None:
-        """Add what the episode drew, and let the renderer follow."""
+        """Add to `info` what the episode drew, and let the film follow."""
         if self._lanes.randomisation.varies:
             info["randomisation"] = self._drawn.copy()
         if self.render_mode is not None:

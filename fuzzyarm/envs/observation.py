@@ -9,7 +9,7 @@ from typing import Any, NamedTuple
 
 from fuzzyarm.envs.physics.records import JOINTS
 
-__all__ = ["JOINTS", "MEASURED", "PARTS", "REFERENCE", "SIZE", "START", "Observation", "observed", "starts"]
+__all__ = ["JOINTS", "PARTS", "SIZE", "Observation", "observed", "starts"]
 
 
 class Observation(NamedTuple):
@@ -23,17 +23,12 @@ class Observation(NamedTuple):
 
 
 PARTS = len(Observation._fields)  # an arm of n joints has `PARTS` n numbers in its observation
-SIZE = JOINTS * PARTS  # numbers in an observation of the paper's arm, as are the three below
+SIZE = JOINTS * PARTS  # numbers in an observation of the paper's arm
 
 
 def starts(joints: int) -> Observation:
     """Return where each part begins in the observation of an arm."""
     return Observation(*range(0, joints * PARTS, joints))
-
-
-START = starts(JOINTS)  # where each part begins
-MEASURED = slice(START.q_motor, START.q_reference)  # what sensors say: `q_motor` and `dq_motor`
-REFERENCE = slice(START.q_reference, SIZE)  # what is asked for: `q_reference`, `dq_reference` and `ddq_reference`
 
 
 def observed(array: Any) -> Observation:

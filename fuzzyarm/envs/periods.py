@@ -1,4 +1,4 @@
-"""Control periods and sub-steps: what is allowed, and how many of the ones make the other. Nothing heavy is loaded."""
+"""Control periods and sub-steps: their allowed values, and how many sub-steps a period has. Loads no heavy module."""
 
 from __future__ import annotations
 
@@ -8,16 +8,16 @@ from typing import Any
 from fuzzyarm.common import checks
 
 __all__ = [
-    "MAX_DEFAULT_SUBSTEP", "MOST_STEPS", "MOST_SUBSTEPS", "SHORTEST_PERIOD", "checked_period", "checked_periods",
-    "default_substeps", "whole_substeps",
+    "MAX_DEFAULT_SUBSTEP", "MOST_STEPS", "SHORTEST_PERIOD", "checked_period", "checked_periods", "default_substeps",
+    "whole_substeps",
 ]  # fmt: skip
 
 SHORTEST_PERIOD, _LONGEST_PERIOD = 1e-6, 0.1  # allowed control periods [s]
-MOST_SUBSTEPS = 10_000  # sub-steps that a control period may have: a step then takes about a millisecond
+_MOST_SUBSTEPS = 10_000  # sub-steps that a control period may have: a step then takes about a millisecond
 MOST_STEPS = 1_000_000  # control steps that a reference may have: its table then takes 170 MB
 MAX_DEFAULT_SUBSTEP = 2e-4  # largest sub-step [s] if none is asked for; `benchmarks/accuracy.py` has the error it costs
 
-RESOLVED, STABLE = 1.0, 2.0
+_RESOLVED, _STABLE = 1.0, 2.0
 """Largest sub-step times the fastest rate of the arm: by default, and below which no mode grows; see `fastest_mode`."""
 
 
@@ -33,28 +33,28 @@ def checked_periods(control_period: Any, substep: Any, rate: float = 0.0) -> tup
 
 def default_substeps(duration: float, rate: float = 0.0) -> int:
     """Return the default number of sub-steps of a duration [s] for an arm with a fastest rate [rad/s]."""
-    needed = duration * rate / RESOLVED
-    if needed > MOST_SUBSTEPS:
+    needed = duration * rate / _RESOLVED
+    if needed > _MOST_SUBSTEPS:
         raise ValueError(
-            f"the fastest mode of the arm, {rate:.3g} rad/s, needs a sub-step of {RESOLVED / rate:.3g} s, more than "
-            f"{MOST_SUBSTEPS} in {duration:g} s; choose a shorter control_period, or an arm with less stiffness, "
+            f"the fastest mode of the arm, {rate:.3g} rad/s, needs a sub-step of {_RESOLVED / rate:.3g} s, more than "
+            f"{_MOST_SUBSTEPS} in {duration:g} s; choose a shorter control_period, or an arm with less stiffness, "
             "damping or viscous friction, or heavier rotors and links"
         )
     return max(math.ceil(duration / MAX_DEFAULT_SUBSTEP - 1e-9), math.ceil(needed - 1e-9))
 
 
 def whole_substeps(control_period: Any, substep: Any, rate: float = 0.0) -> int:
-    """Return how many sub-steps [s], else the default number, make a control period [s]; rate [rad/s] as above."""
+    """Return how many sub-steps [s] make a control period [s]; None: the default number for a fastest rate [rad/s]."""
     period = checked_period("control_period", control_period)
     if substep is None:
         return default_substeps(period, rate)
-    part = checks.real("substep", substep, "s", low=period / MOST_SUBSTEPS, high=period)
+    part = checks.real("substep", substep, "s", low=period / _MOST_SUBSTEPS, high=period)
     count = round(period / part)
     if not math.isclose(count * part, period, rel_tol=1e-9):
         raise ValueError(
             f"control_period = {period:g} s is no multiple of substep = {part:g} s; use substep = {period / count:g} s"
         )
-    if part * rate >= STABLE:
+    if part * rate >= _STABLE:
         raise ValueError(
             f"substep = {part:g} s is too long for the fastest mode of the arm, {rate:.3g} rad/s, which would grow; "
             f"use substep = {period / default_substeps(period, rate):.6g} s"

@@ -14,8 +14,9 @@ from typing import NamedTuple
 
 import numpy as np
 
+from fuzzyarm.envs.physics.rigid_body import frames
 from fuzzyarm.envs.physics.robot import Robot
-from fuzzyarm.envs.scenario.kinematics import chain, reach, upwards
+from fuzzyarm.envs.scenario.kinematics import reach, upwards
 
 __all__ = ["Camera", "Poses", "across", "floor_of", "in_space", "looking_at", "poses_of"]
 
@@ -32,7 +33,7 @@ class Poses(NamedTuple):
 
 
 class Camera(NamedTuple):
-    """Where it is and what it sees, see the module."""
+    """The position, the axes and the scale of a camera, see the module."""
 
     eye: np.ndarray  # e (3,) [m]
     axes: np.ndarray  # the rows r, d, a (3, 3)
@@ -88,9 +89,9 @@ def floor_of(robot: Robot, points: np.ndarray) -> _Floor:
 
 def poses_of(robot: Robot, q: np.ndarray) -> Poses:
     """Return the robot at angles q (..., n) [rad]."""
-    now = chain(robot, q)
+    now = frames(robot, q)
     base = np.zeros_like(now.tip)[..., np.newaxis, :]
-    return Poses(np.concatenate([base, now.origins, now.tip[..., np.newaxis, :]], axis=-2), now.axes)
+    return Poses(np.concatenate([base, now.origin, now.tip[..., np.newaxis, :]], axis=-2), now.axes)
 
 
 def across(axis: np.ndarray) -> np.ndarray:
@@ -129,6 +130,6 @@ def _normal(path: np.ndarray, length: float) -> np.ndarray:
 
 
 def _unit(vector: np.ndarray) -> np.ndarray:
-    """Return a vector (3,) at length 1; zero for one that is zero but for rounding."""
+    """Return a vector (3,) scaled to length 1; zero for one that is zero up to rounding."""
     length = np.linalg.norm(vector)
     return np.asarray(vector / length if length > _LEVEL else np.zeros_like(vector))

@@ -23,9 +23,9 @@ from fuzzyarm.envs.scenario.cases import CASES, Case, case_for
 from fuzzyarm.envs.scenario.disturbances import Disturbance
 from fuzzyarm.envs.scenario.kinematics import reach
 
-__all__ = ["Canvas", "case_title", "magnified", "paint", "thinned"]
+__all__ = ["Canvas", "paint"]
 
-MAGNIFICATION = 25  # factor by which the trace magnifies the tip error: a millimetre would be less than a pixel
+_MAGNIFICATION = 25  # factor by which the trace magnifies the tip error: a millimetre would be less than a pixel
 
 # Layout [px]. The arm stays in the field between header and footer, `_MARGIN` away from its edges: room for the
 # thickness of the links, the force arrow and its label.
@@ -67,7 +67,7 @@ class Canvas:
 
     def line(self, points: np.ndarray, width: float, colour: _Colour) -> None:
         """Draw a polyline through (n, 2) with round ends and corners; a single point gives a dot."""
-        points = thinned(points)
+        points = _thinned(points)
         start, end = points[:-1], points[1:]
         along = (end - start) / np.maximum(np.linalg.norm(end - start, axis=1, keepdims=True), 1e-9)
         side = 0.5 * width * np.stack([-along[:, 1], along[:, 0]], axis=-1)
@@ -93,7 +93,7 @@ class Canvas:
         self.surface.blit(glyphs, glyphs.get_rect(**{anchor: position}))
 
 
-def thinned(points: np.ndarray) -> np.ndarray:
+def _thinned(points: np.ndarray) -> np.ndarray:
     """Return the points (n, 2) [px] of a polyline about 2 px apart, both ends included."""
     travelled = np.cumsum(np.hypot(*np.diff(points, axis=0, prepend=points[:1]).T))
     keep = np.diff(travelled // 2.0, prepend=-1.0) > 0.0
@@ -101,9 +101,9 @@ def thinned(points: np.ndarray) -> np.ndarray:
     return points[keep]
 
 
-def magnified(tip: np.ndarray, reference: np.ndarray) -> np.ndarray:
+def _magnified(tip: np.ndarray, reference: np.ndarray) -> np.ndarray:
     """Return reference + 25 (tip - reference) [m], of points of any shape."""
-    return np.asarray(reference + MAGNIFICATION * (tip - reference))
+    return np.asarray(reference + _MAGNIFICATION * (tip - reference))
 
 
 def _paint_error(canvas: Canvas, errors: np.ndarray) -> None:
@@ -143,7 +143,7 @@ def _paint_footer(canvas: Canvas, ground: str, falls: bool = True) -> None:
     top, middle = HEIGHT - FOOTER, HEIGHT - 0.5 * FOOTER
     canvas.line(np.array([[0.0, middle], [WIDTH, middle]]), FOOTER, _PAPER)
     canvas.line(np.array([[0.0, top], [WIDTH, top]]), 1.0, _FRAME)
-    legend = ((28.0, REFERENCE, 4.0, "reference"), (150.0, TRACE, 4.0, f"tip error × {MAGNIFICATION}"))
+    legend = ((28.0, REFERENCE, 4.0, "reference"), (150.0, TRACE, 4.0, f"tip error × {_MAGNIFICATION}"))
     for left, colour, width, label in (*legend, (304.0, _REACH, 14.0, ground)):
         canvas.line(np.array([[left, middle], [left + 20.0, middle]]), width, colour)
         canvas.text(label, "midleft", (left + 34.0, middle))
@@ -168,10 +168,10 @@ def paint(canvas: Canvas, schedule: Schedule, trace: np.ndarray, time: float, ar
         _paint_in_space(canvas, schedule, trace, arm)
     deviation = trace[-1, _TIP] - trace[-1, _TIP_REFERENCE]
     error = float(np.linalg.norm(deviation[: schedule.axes]))
-    _paint_header(canvas, case_title(schedule.disturbance, arm), time, error)
+    _paint_header(canvas, _case_title(schedule.disturbance, arm), time, error)
 
 
-def case_title(disturbance: Disturbance, arm: AnyArm) -> str:
+def _case_title(disturbance: Disturbance, arm: AnyArm) -> str:
     """Return the title of the case that has this disturbance, with the loads for an arm."""
     cases = (_case(arm, name) for name in CASES)
     return next((case.title for case in cases if case and case.disturbance == disturbance), "custom disturbance")
@@ -214,7 +214,7 @@ def _paint_in_plane(canvas: Canvas, schedule: Schedule, trace: np.ndarray, param
     if force.any():
         back = _LONGEST_ARROW * force[::-1] / np.linalg.norm(schedule.forces, axis=1).max()
         _paint_force(canvas, joints[2] - back, joints[2], float(np.hypot(*force)))
-    _paint_error(canvas, pixels(magnified(trace[:, _TIP], trace[:, _TIP_REFERENCE])))
+    _paint_error(canvas, pixels(_magnified(trace[:, _TIP], trace[:, _TIP_REFERENCE])))
     _paint_footer(canvas, "reach")
     middle, right = HEIGHT - 0.5 * FOOTER, WIDTH - 28.0
     bar = 10.0 ** np.floor(np.log10(120.0 / scale))  # m, a scale bar of at most 120 px
@@ -266,7 +266,7 @@ def _paint_in_space(canvas: Canvas, schedule: Schedule, trace: np.ndarray, robot
         start, tip = camera.pixels(np.stack([now.points[-1] - back, now.points[-1]]))
         if np.hypot(*(tip - start)) > 1.0:
             _paint_force(canvas, start, tip, float(np.linalg.norm(force)))
-    errors = magnified(*(in_space(trace[:, row, :axes]) for row in (_TIP, _TIP_REFERENCE)))
+    errors = _magnified(*(in_space(trace[:, row, :axes]) for row in (_TIP, _TIP_REFERENCE)))
     _paint_error(canvas, camera.pixels(errors))
     _paint_footer(canvas, "shadow", bool(robot.arrays.gravity.any()))
     canvas.text(f"squares of {1e3 * floor.square:g} mm", "midright", (WIDTH - 28.0, HEIGHT - 0.5 * FOOTER))
@@ -297,7 +297,7 @@ def _circle(axis: np.ndarray) -> np.ndarray:
 
 
 def _pixels(camera: Camera, points: np.ndarray, length: float) -> np.ndarray:
-    """Return how long a length [m] across the line of sight is seen at points (..., 3) [m], (...) [px]."""
+    """Return the length (...) [px] in the picture of a length [m] across the line of sight, at points (..., 3) [m]."""
     return np.asarray(length * camera.focal / camera.depth(points))
 
 

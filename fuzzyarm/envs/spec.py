@@ -45,7 +45,7 @@ def _fields(one: Any) -> dict[str, Any]:
 
 
 def _plain(value: Any) -> Any:
-    """Return what JSON does not know as what it knows."""
+    """Return a value of a type that JSON lacks as one that it has."""
     if isinstance(value, np.generic | np.ndarray):
         return value.tolist()
     if isinstance(value, enum.Enum):
@@ -61,7 +61,7 @@ def _plain(value: Any) -> Any:
 
 
 def _made(value: Any, inside: bool = False) -> Any:
-    """Return what `_plain` was given; a sequence is a tuple `inside` a record, and a list elsewhere."""
+    """Undo `_plain`; a sequence becomes a tuple `inside` a record, and a list elsewhere."""
     if isinstance(value, list):
         return (tuple if inside else list)(_made(entry, inside) for entry in value)
     if not isinstance(value, dict) or _KIND not in value:

@@ -15,7 +15,7 @@ from typing import Any, NamedTuple
 from fuzzyarm.envs.physics.elementwise import root
 from fuzzyarm.envs.physics.records import Physics, point, record_type
 
-__all__ = ["EFFORT_WEIGHT", "Termination", "assess_of", "clipped", "finite", "reason_of", "target_record"]
+__all__ = ["EFFORT_WEIGHT", "Termination", "assess", "clipped", "finite", "reason_of", "target_record"]
 
 
 class Termination(enum.IntEnum):
@@ -66,7 +66,7 @@ def target_record(axes: int) -> Any:
 
 
 class _Assessment(NamedTuple):
-    """What `assess_of` finds; lengths in m, torques in N m, the flags 0.0 or 1.0."""
+    """What `assess` finds; lengths in m, torques in N m, the flags 0.0 or 1.0."""
 
     tip: Any
     friction_torque: Any
@@ -80,36 +80,29 @@ class _Assessment(NamedTuple):
     velocities_inside: Any
 
 
-@functools.cache
-def assess_of(physics: Physics) -> Any:
-    """Return ``assess(state, torque, bias, arm, limits, target)`` for clipped torques and biases beside them [N m].
+def assess(physics: Physics, state: Any, torque: Any, bias: Any, arm: Any, limits: Any, target: Any) -> _Assessment:
+    """Return what is measured of an arm under clipped torques and the biases that act beside them [N m].
 
     reward = tracking (1 - 0.1 effort), tracking = 1 / (1 + |tip - reference| / 5 mm), effort = mean of (Γ/Γ_max)².
     """
-    tip_point, motor_friction, angle_range = physics.tip, physics.motor_friction, physics.angle_range
-    share = 1.0 / physics.joints
-
-    def assess(state: Any, torque: Any, bias: Any, arm: Any, limits: Any, target: Any) -> Any:
-        tip = tip_point(state.link, arm)
-        error = _distance(tip, target.position)
-        shares = (u / most for u, most in zip(torque, limits.torque, strict=True))
-        effort = share * _total(one * one for one in shares)
-        tracking = 1.0 / (1.0 + error / _TRACKING_LENGTH)
-        low, high = angle_range(limits)
-        return _Assessment(
-            tip,
-            motor_friction(state, torque, bias, arm),
-            error,
-            _deviation(tip, target),
-            _deviation(tip_point(state.motor, arm), target),
-            tracking,
-            effort,
-            tracking * (1.0 - EFFORT_WEIGHT * effort),
-            1.0 * (_inside(state.motor, low, high) & _inside(state.link, low, high)),
-            1.0 * (_slow(state.motor_velocity, limits.velocity) & _slow(state.link_velocity, limits.velocity)),
-        )
-
-    return assess
+    tip = physics.tip(state.link, arm)
+    error = _distance(tip, target.position)
+    shares = (u / most for u, most in zip(torque, limits.torque, strict=True))
+    effort = 1.0 / physics.joints * _total(one * one for one in shares)
+    tracking = 1.0 / (1.0 + error / _TRACKING_LENGTH)
+    low, high = physics.angle_range(limits)
+    return _Assessment(
+        tip,
+        physics.motor_friction(state, torque, bias, arm),
+        error,
+        _deviation(tip, target),
+        _deviation(physics.tip(state.motor, arm), target),
+        tracking,
+        effort,
+        tracking * (1.0 - EFFORT_WEIGHT * effort),
+        1.0 * (_inside(state.motor, low, high) & _inside(state.link, low, high)),
+        1.0 * (_slow(state.motor_velocity, limits.velocity) & _slow(state.link_velocity, limits.velocity)),
+    )
 
 
 def clipped(torque: Any, limit: Any) -> Any:
@@ -138,7 +131,7 @@ def _deviation(tip: Any, target: Any) -> Any:
 
 
 def _total(numbers: Iterable[Any]) -> Any:
-    """Return the sum, from the first to the last."""
+    """Return the sum, added from the first to the last."""
     return functools.reduce(operator.add, numbers)
 
 

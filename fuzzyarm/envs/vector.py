@@ -33,17 +33,7 @@ from fuzzyarm.envs.scenario.reference import Reference
 from fuzzyarm.envs.spec import made_from_json
 from fuzzyarm.envs.task import Termination
 
-__all__ = [
-    "RESET_MASK",
-    "FuzzyArmVectorEnv",
-    "final_info",
-    "flags",
-    "masked",
-    "masked_lanes",
-    "partial_info",
-    "reasons",
-    "values",
-]
+__all__ = ["RESET_MASK", "FuzzyArmVectorEnv", "masked", "masked_lanes", "values"]
 
 RESET_MASK = "reset_mask"  # the reset option that holds which lanes (num_envs,) to reset, as booleans
 
@@ -67,14 +57,14 @@ _LARGE = 1 << 18  # bytes; to ask for pages takes as long as to zero so many
 _REASON_TEXTS = np.array([reason.text for reason in Termination], dtype=object)
 
 
-def flags(scalars: np.ndarray) -> np.ndarray:
+def _flags(scalars: np.ndarray) -> np.ndarray:
     """Return (3, lanes) booleans from the scalars (10, lanes): torque clipped, truncated, terminated."""
     return np.asarray(scalars[-len(_FLAGS) :] != 0.0)
 
 
 def values(vectors: Iterable[np.ndarray], scalars: np.ndarray, flagged: np.ndarray | None = None) -> dict[str, Any]:
     """Return `info` by name, in the kernels' units, from the vectors of `Layout.each` and scalars (10, lanes)."""
-    clipped, _, terminated = flags(scalars) if flagged is None else flagged
+    clipped, _, terminated = _flags(scalars) if flagged is None else flagged
     return dict(zip(INFO, (*vectors, *scalars[:_REWARD], ~terminated, clipped), strict=True))
 
 
@@ -83,7 +73,7 @@ def masked(entries: dict[str, Any], mask: np.ndarray) -> dict[str, Any]:
     return {**entries, **{f"_{key}": mask for key in entries}}
 
 
-def partial_info(
+def _partial_info(
     vectors: Iterable[np.ndarray], scalars: np.ndarray, drawn: dict[str, np.ndarray], mask: np.ndarray
 ) -> dict[str, Any]:
     """Return the info of the lanes of a mask (lanes,), in the units of the kernels; the rows of the others are zero.
@@ -107,7 +97,7 @@ def _rows_of(which: np.ndarray, rows: np.ndarray) -> np.ndarray:
     return some
 
 
-def reasons(scalars: np.ndarray) -> dict[str, Any]:
+def _reasons(scalars: np.ndarray) -> dict[str, Any]:
     """Return why episodes were terminated, from the scalars (10, lanes) of the results; empty if none was."""
     terminated = scalars[_REASON] != 0.0
     if not terminated.any():
@@ -117,18 +107,18 @@ def reasons(scalars: np.ndarray) -> dict[str, Any]:
     return masked({"reason": texts}, terminated)
 
 
-def final_info(
+def _final_info(
     observation: np.ndarray,
     vectors: Iterable[np.ndarray],
     scalars: np.ndarray,
     drawn: dict[str, np.ndarray],
     ended: np.ndarray,
 ) -> dict[str, Any]:
-    """Return last observations (lanes, 5 joints) and `partial_info` of the episodes that `ended` (lanes,), masked."""
+    """Return last observations (lanes, 5 joints) and `_partial_info` of the episodes that `ended` (lanes,), masked."""
     final_obs = np.empty(len(ended), dtype=object)  # of None
     for lane in np.flatnonzero(ended):
         final_obs[lane] = observation[lane].copy()
-    info = {**partial_info(vectors, scalars, drawn, ended), **reasons(scalars)}
+    info = {**_partial_info(vectors, scalars, drawn, ended), **_reasons(scalars)}
     return masked({"final_obs": final_obs, "final_info": info}, ended)
 
 
@@ -255,7 +245,7 @@ class FuzzyArmVectorEnv(VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
         waiting = np.setdiff1d([] if self._over is None else self._over, which)
         self._begun, self._over = True, waiting if len(waiting) else None
         drawn = self.lanes.randomisation_info()
-        return self.lanes.observation(), partial_info(layout.each(vectors), scalars, drawn, mask)
+        return self.lanes.observation(), _partial_info(layout.each(vectors), scalars, drawn, mask)
 
     def step(self, actions: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray, dict[str, Any]]:
         """Hold the torques `actions` (num_envs, joints) [N m] for one control period."""
@@ -269,7 +259,7 @@ class FuzzyArmVectorEnv(VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
         if self._over is not None:
             return self._step_after_ends(torque, self._over)
         observation, vectors, scalars = self.lanes.step(torque)
-        reward, flagged = scalars[_REWARD], flags(scalars)
+        reward, flagged = scalars[_REWARD], _flags(scalars)
         _, truncated, terminated = flagged
         if np.count_nonzero(flagged[1:]) == 0:
             return observation, reward, terminated, truncated, self._info(vectors, scalars, flagged)
@@ -277,8 +267,8 @@ class FuzzyArmVectorEnv(VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
         which = np.flatnonzero(ended)
         if self._mode is not AutoresetMode.SAME_STEP:
             self._over = which
-            return observation, reward, terminated, truncated, {**self._info(vectors, scalars), **reasons(scalars)}
-        final = final_info(
+            return observation, reward, terminated, truncated, {**self._info(vectors, scalars), **_reasons(scalars)}
+        final = _final_info(
             observation, self.lanes.layout.each(vectors), scalars, self.lanes.randomisation_info(), ended
         )
         reward = reward.copy()
@@ -357,10 +347,10 @@ class FuzzyArmVectorEnv(VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
         # An episode that has just begun has earned nothing, and ends with its first step at the earliest.
         scalars = scalars.copy()
         scalars[[[_REWARD], [_TRUNCATED], [_REASON]], over] = 0.0
-        reward, (_, truncated, terminated) = scalars[_REWARD], flags(scalars)
+        reward, (_, truncated, terminated) = scalars[_REWARD], _flags(scalars)
         ended = np.flatnonzero(terminated | truncated)
         self._over = ended if len(ended) else None
-        return observation, reward, terminated, truncated, {**info, **reasons(scalars)}
+        return observation, reward, terminated, truncated, {**info, **_reasons(scalars)}
 
     def _own_references(self, given: Any, plants: list[AnyArm]) -> list[Reference | None]:
         """Return the given references, or the default ones: one object for all plants with the same links."""

@@ -272,8 +272,7 @@ def _observer(policy: ElasticObserverPolicy) -> _Law:
 def _arm(policy: Policy) -> tuple[_Quantity, ...]:
     """Return the parameters of the arm in M, C, g and the drives."""
     arm, arrays = policy.parameters, robot_of(policy.parameters).arrays
-    units = {name: unit for name, unit, _ in DRIVE_UNITS}
-    drives = tuple(_Quantity(name, units[name], "of each joint", per_joint_of(arm, name)) for name in QUANTITIES)
+    drives = tuple(_Quantity(name, DRIVE_UNITS[name], "of each joint", per_joint_of(arm, name)) for name in QUANTITIES)
     if isinstance(arm, ArmParameters):
         c = np.array(arm_constants(arm)[:5])
         return (_Quantity("c1..c5", "kg m^2 (3), N m (2)", "of M, C and g of the two-joint arm", c), *drives)

@@ -16,7 +16,7 @@ from torch import Tensor
 from fuzzyarm.envs.batch.layout import Noise
 from fuzzyarm.envs.batch.randomness import NEXT_KEY, draw
 from fuzzyarm.envs.batch.schedule import Schedule, reference_record, row_record
-from fuzzyarm.envs.control_step import assessed_of, drawn_of, reading_of, resting_of
+from fuzzyarm.envs.control_step import assessed, drawn_of, reading_of, resting
 from fuzzyarm.envs.physics.integrator import held_of
 from fuzzyarm.envs.physics.records import Physics, flat, places, size
 from fuzzyarm.envs.task import clipped
@@ -63,8 +63,7 @@ class Equations:
     def __init__(self, physics: Physics) -> None:
         self.physics = physics
         self.numbers, self.angles = size(physics.State), 2 * physics.joints
-        self.held, self.assessed, self.reading = held_of(physics), assessed_of(physics), reading_of(physics)
-        self.drawn, self.resting = drawn_of(physics.joints), resting_of(physics)
+        self.held, self.reading, self.drawn = held_of(physics), reading_of(physics), drawn_of(physics.joints)
         self.read_state = _reader(physics.State)
         self.read_row = _reader(row_record(physics.joints, physics.axes))
         self.read_reference = _reader(reference_record(physics.joints))
@@ -123,7 +122,7 @@ def following(shared: Shared, lanes: Lanes, action: Tensor) -> tuple[Lanes, Outc
     reached = equations.held(before, both, mean, change, arm, h, shared.substeps)
     # After an action that is not finite the arm is where it would be after a step to infinity.
     reached = like(reached, (select(sound, part, float("nan")) for part in flat(reached)))
-    moved = equations.assessed(before, reached, asked, torque, bias, mean, row.target, arm, limits)
+    moved = assessed(physics, before, reached, asked, torque, bias, mean, row.target, arm, limits)
     found, dtype = moved.found, shared.rows.dtype
     after = Lanes(_numbers(moved.state, dtype), lanes.key, lanes.step + 1)
 
@@ -159,7 +158,7 @@ def begin(shared: Shared, key: Tensor) -> tuple[Lanes, Any]:
     reference = equations.read_reference(shared.starts.at(now.reference.long()))
     link = [q + angle for q, angle in zip(reference.q, now.angle, strict=True)]
     still = torch.zeros_like(link[0])
-    state = equations.resting(nominal, equations.physics.PerJoint(*map(_angle, link)), still)
+    state = resting(equations.physics, nominal, equations.physics.PerJoint(*map(_angle, link)), still)
     return Lanes(_numbers(state, shared.rows.dtype), key, torch.zeros_like(key)), reference
 
 

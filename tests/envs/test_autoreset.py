@@ -9,20 +9,13 @@ import pytest
 from gymnasium.error import ResetNeeded
 from gymnasium.vector import AutoresetMode
 from gymnasium.wrappers import vector as wrappers
+from support import batches
+from support.batches import LEAVING, LIMIT, LONGER, NOISY, SHORT
 from support.randomisation import ROBUST
 from support.results import assert_identical, identical
 
-from fuzzyarm.envs.physics.parameters import ArmParameters
-from fuzzyarm.envs.scenario.disturbances import Disturbance, EncoderNoise
-from fuzzyarm.envs.scenario.paths import Lemniscate, Line
-from fuzzyarm.envs.scenario.reference import JointReference
 from fuzzyarm.envs.vector import FuzzyArmVectorEnv
 
-LIMIT = np.array(ArmParameters().torque_limit)
-NOISY = Disturbance(encoder_noise=EncoderNoise(position=1e-5, velocity=1e-3))
-SHORT = JointReference(path=Line((0.4, 0.5), (0.42, 0.5)), duration=0.05)  # 50 steps
-LONGER = JointReference(path=Lemniscate((0.4, 0.5), 0.02), duration=0.1)
-LEAVING = np.r_[3.14, 0.0, 3.14, 0.0, 2.0, 0.0, 2.0, 0.0]  # out of the box within a few steps
 LANES = 4
 SETTINGS = {
     "short": {"reference": SHORT, "disturbance": NOISY},
@@ -30,20 +23,16 @@ SETTINGS = {
 }
 
 
-def batch(mode, lanes=LANES, **arguments):
-    return gym.make_vec("FuzzyArm-v0", num_envs=lanes, autoreset_mode=mode, **arguments)
+def batch(mode, **arguments):
+    return batches.batch(LANES, autoreset_mode=mode, **arguments)
 
 
-def loop(mode, lanes=LANES, **arguments):
-    kwargs = {"autoreset_mode": mode}
-    return gym.make_vec("FuzzyArm-v0", num_envs=lanes, vectorization_mode="sync", vector_kwargs=kwargs, **arguments)
+def loop(mode, **arguments):
+    return batches.loop(LANES, mode, **arguments)
 
 
-def torques(seed, steps, lanes=LANES):
-    """Torques that throw arms out after different times."""
-    generator = np.random.default_rng(seed)
-    signs = np.repeat(generator.choice([-1.0, 1.0], (steps // 100 + 1, lanes, 2)), 100, axis=0)[:steps]
-    return signs * generator.uniform(0.2, 1.0, signs.shape) * LIMIT
+def torques(seed, steps):
+    return batches.torques(seed, steps, LANES, hold=100)
 
 
 @pytest.mark.parametrize("setting", SETTINGS)

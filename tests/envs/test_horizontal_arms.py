@@ -7,7 +7,6 @@ import pytest
 from numpy.testing import assert_allclose
 
 from fuzzyarm import load_policy
-from fuzzyarm.cli import main
 from fuzzyarm.envs.fuzzy_arm import FuzzyArmEnv
 from fuzzyarm.envs.physics.parameters import ArmParameters
 from fuzzyarm.envs.physics.robot import Robot, robot_named
@@ -79,18 +78,3 @@ def test_premises_without_gravity_lie_within_bounds_of_some_width():
 
 def test_a_motion_to_record_is_judged_by_what_moves_the_motors():
     assert suggested(FLAT, 4.0).condition() < 1e4
-
-
-def test_a_robot_of_two_joints_is_designed_for_without_being_told_how_many_rules(tmp_path, monkeypatch, capsys):
-    monkeypatch.setattr("fuzzyarm.cli.design._margins", lambda controller: "")
-    given = []
-
-    def chosen(specification, robot):
-        given.append(specification.rules)
-        raise SystemExit(0)
-
-    monkeypatch.setattr("fuzzyarm.synthesis.design_scheduled", chosen)
-    for name in ("cicese", "planar-3r"):
-        with pytest.raises(SystemExit):
-            main(["design", "--robot", name, "--out", str(tmp_path / "c.json")])
-    assert given == [2, 4]

@@ -8,7 +8,7 @@ from fuzzyarm.envs.batch.layout import VECTORS
 from fuzzyarm.envs.batch.schedule import Schedule
 from fuzzyarm.envs.perspective import floor_of, looking_at, poses_of, upwards
 from fuzzyarm.envs.physics.dynamics import Payload
-from fuzzyarm.envs.physics.rigid_body import tip_position
+from fuzzyarm.envs.physics.rigid_body import frames
 from fuzzyarm.envs.physics.robot import Robot, robot_named
 from fuzzyarm.envs.pictures import FOOTER, FORCE, HEADER, HEIGHT, PAYLOAD, REFERENCE, TRACE, WIDTH, Canvas, paint
 from fuzzyarm.envs.scenario.disturbances import ConstantForce, Disturbance
@@ -85,7 +85,7 @@ def test_poses_end_at_the_tip_and_shadows_fall_along_gravity_onto_a_floor_below(
     poses = poses_of(robot, q)
     lengths = np.linalg.norm(np.diff(poses.points, axis=1), axis=-1)
     np.testing.assert_allclose(lengths, np.broadcast_to(lengths[0], lengths.shape))
-    np.testing.assert_allclose(poses.points[:, -1], tip_position(robot, q))
+    np.testing.assert_allclose(poses.points[:, -1], frames(robot, q).tip)
     floor = floor_of(robot, poses.points)
     fall = poses.points - floor.below(poses.points)
     assert (fall @ floor.up > -1e-12).all()
@@ -100,7 +100,7 @@ def picture(robot, disturbance, deviation=(0.0, 0.0, 0.0)):
     schedule = Schedule.build(reference, disturbance, 1e-3)
     longest = max(len(robot), 3)
     trace = np.zeros((1, len(VECTORS), longest))
-    tip = tip_position(robot, start)
+    tip = frames(robot, start).tip
     for name, values in {
         "tip": tip + np.array(deviation),
         "tip_reference": tip,

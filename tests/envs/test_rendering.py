@@ -11,6 +11,7 @@ import pygame
 import pytest
 from gymnasium.error import ResetNeeded
 
+from fuzzyarm.envs import pictures
 from fuzzyarm.envs.fuzzy_arm import FuzzyArmEnv
 from fuzzyarm.envs.physics.dynamics import Payload
 from fuzzyarm.envs.physics.parameters import ArmParameters
@@ -20,12 +21,10 @@ from fuzzyarm.envs.pictures import (
     HEADER,
     HEIGHT,
     INK,
-    MAGNIFICATION,
     PAYLOAD,
     REFERENCE,
     TRACE,
     WIDTH,
-    case_title,
 )
 from fuzzyarm.envs.scenario.cases import CASES
 from fuzzyarm.envs.scenario.disturbances import ConstantForce, Disturbance
@@ -35,6 +34,7 @@ LENGTH = ArmParameters().length
 FIELD = slice(HEADER + 2, HEIGHT - FOOTER - 2)
 HEADLESS = """
 import pygame
+from fuzzyarm.envs import pictures
 from fuzzyarm.envs.fuzzy_arm import FuzzyArmEnv
 env = FuzzyArmEnv(render_mode="rgb_array")
 env.reset()
@@ -116,7 +116,7 @@ def test_trace_shows_the_magnified_error(env, offset):
     right, low, high = curve[:, 0].max(), curve[:, 1].min(), curve[:, 1].max()
     scale = (high - low) / 0.4
     dot = pixels(frame, TRACE).mean(axis=0)
-    expected = np.array([right, (low + high) / 2.0]) + MAGNIFICATION * scale * np.array(offset)[::-1]
+    expected = np.array([right, (low + high) / 2.0]) + 25.0 * scale * np.array(offset)[::-1]
     np.testing.assert_allclose(dot, expected, atol=4.0)
 
 
@@ -168,9 +168,9 @@ def test_payload_hangs_where_it_is_attached(env):
 def test_titles():
     arm = ArmParameters()
     for case in CASES.values():
-        assert case_title(case.disturbance, arm) == case.title
-    assert case_title(Disturbance(), arm) == CASES["nominal"].title
-    assert case_title(Disturbance(payload=Payload(4.0)), arm) == "custom disturbance"
+        assert pictures._case_title(case.disturbance, arm) == case.title
+    assert pictures._case_title(Disturbance(), arm) == CASES["nominal"].title
+    assert pictures._case_title(Disturbance(payload=Payload(4.0)), arm) == "custom disturbance"
 
 
 @pytest.mark.parametrize("q", [(0.0, 0.0), (3.1, 0.0), (1.57, 0.0), (-1.57, 0.0), (-2.5, 2.9)])

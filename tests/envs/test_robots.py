@@ -18,7 +18,7 @@ from fuzzyarm.envs.physics.dynamics import Payload
 from fuzzyarm.envs.physics.equations import bounds_of, equations_of
 from fuzzyarm.envs.physics.parameters import ArmParameters
 from fuzzyarm.envs.physics.records import flat
-from fuzzyarm.envs.physics.rigid_body import gravity, tip_position
+from fuzzyarm.envs.physics.rigid_body import frames, gravity
 from fuzzyarm.envs.physics.robot import robot_named
 from fuzzyarm.envs.scenario.disturbances import (
     ConstantForce,
@@ -90,7 +90,7 @@ def test_the_episode_begins_at_rest_with_the_motors_holding_the_weight(robot):
     np.testing.assert_allclose(info["q_link"], env.reference.sample(0.0).q, rtol=0.0, atol=0.0)
     bent = robot.drive("stiffness") * (info["q_motor"] - info["q_link"])
     np.testing.assert_allclose(bent, gravity(robot, info["q_link"]), rtol=0.0, atol=1e-6)
-    np.testing.assert_allclose(info["tip"], tip_position(robot, info["q_link"]), rtol=0.0, atol=1e-12)
+    np.testing.assert_allclose(info["tip"], frames(robot, info["q_link"]).tip, rtol=0.0, atol=1e-12)
     assert info["tip_error"] < 1e-9 and not info["dq_motor"].any() and info["tip"].shape == (3,)
     np.testing.assert_array_equal(observation, env.unwrapped._lanes.observation()[0])
     assert all(

@@ -5,20 +5,19 @@ import itertools
 
 import numpy as np
 import pytest
-from support.two_joints import Target, assess, state_of
+from support.two_joints import PHYSICS, Target, assess, state_of
 
 from fuzzyarm.envs.physics.dynamics import (
     arm_constants,
     joint_torque,
     tip_position,
 )
-from fuzzyarm.envs.physics.equations import Limits
 from fuzzyarm.envs.physics.friction import DryFriction, stribeck_magnitude
 from fuzzyarm.envs.physics.parameters import ArmParameters
 from fuzzyarm.envs.physics.records import PerJoint, filled
 from fuzzyarm.envs.task import Termination, finite, reason_of
 
-limits_of, target_of = functools.partial(filled, Limits), functools.partial(filled, Target)
+limits_of, target_of = functools.partial(filled, PHYSICS.Limits), functools.partial(filled, Target)
 TABLE_1 = ArmParameters()
 STATIC = np.array(TABLE_1.static_friction)
 LIMITS = np.array([*TABLE_1.joint_limit, *TABLE_1.velocity_limit, *TABLE_1.torque_limit])

@@ -17,50 +17,28 @@ import pytest
 from gymnasium.error import ResetNeeded
 from gymnasium.vector import AutoresetMode, SyncVectorEnv, VectorEnv
 from slow_twins import slow_but
+from support.batches import LEAVING, LONGER, NOISY, SHORT, batch, loop, torques
 from support.randomisation import ROBUST
 from support.results import assert_identical, identical
 
 from fuzzyarm import load_policy
+from fuzzyarm.envs.batch.layout import SCALARS
 from fuzzyarm.envs.batch.workers import LANES_PER_THREAD
 from fuzzyarm.envs.fuzzy_arm import FuzzyArmEnv
 from fuzzyarm.envs.physics.parameters import ArmParameters
-from fuzzyarm.envs.scenario.disturbances import ConstantForce, Disturbance, EncoderNoise, TorqueBias
-from fuzzyarm.envs.scenario.paths import Circle, Lemniscate, Line
+from fuzzyarm.envs.scenario.disturbances import ConstantForce, Disturbance, TorqueBias
+from fuzzyarm.envs.scenario.paths import Circle
 from fuzzyarm.envs.scenario.randomisation import DomainRandomisation
 from fuzzyarm.envs.scenario.reference import JointReference
 from fuzzyarm.envs.task import Termination
-from fuzzyarm.envs.vector import FuzzyArmVectorEnv
+from fuzzyarm.envs.vector import FuzzyArmVectorEnv, _partial_info, values
 from fuzzyarm.numbers.machine import WIDE
 
 TABLE_1 = ArmParameters()
-LIMIT = np.array(TABLE_1.torque_limit)
-NOISY = Disturbance(encoder_noise=EncoderNoise(position=1e-5, velocity=1e-3))
 STILL = np.array([0.5, 0.5, 0.5, 0.5, 0.0, 0.0, 0.0, 0.0])
-LEAVING = np.r_[3.14, 0.0, 3.14, 0.0, 2.0, 0.0, 2.0, 0.0]  # out of the box within a few steps
-SHORT = JointReference(path=Line((0.4, 0.5), (0.42, 0.5)), duration=0.05)  # 50 steps
-LONGER = JointReference(path=Lemniscate((0.4, 0.5), 0.02), duration=0.1)
 SAME_STEP = {"autoreset_mode": AutoresetMode.SAME_STEP}
 RANDOM = {"disturbance": NOISY, "randomisation": ROBUST}
 LONG = dataclasses.replace(TABLE_1, length=(0.6, 0.5))
-
-
-def batch(num_envs, **arguments):
-    """The environment under test, made as its users make it."""
-    return gym.make_vec("FuzzyArm-v0", num_envs=num_envs, **arguments)
-
-
-def loop(num_envs, **arguments):
-    """What it must equal: Gymnasium's loop over single environments."""
-    return gym.make_vec(
-        "FuzzyArm-v0", num_envs=num_envs, vectorization_mode="sync", vector_kwargs=SAME_STEP, **arguments
-    )
-
-
-def torques(seed, steps, lanes, scale=1.0):
-    """Torques anywhere in the action space, (steps, lanes, 2); their means last long enough to throw an arm out."""
-    generator = np.random.default_rng(seed)
-    signs = np.repeat(generator.choice([-1.0, 1.0], (steps // 300 + 1, lanes, 2)), 300, axis=0)[:steps]
-    return signs * generator.uniform(0.5, 1.0, signs.shape) * scale * LIMIT
 
 
 def played(envs, actions, **reset):
@@ -314,10 +292,8 @@ BAD_ARGUMENTS = [
         "^lane 1: give either case = 'payload' or a disturbance, not both",
     ),
     ({"reference": [SHORT, Circle(), SHORT]}, "^lane 1: reference = Circle.* must be a .*[.]Ref"),
-    ({"reference": SHORT, "randomisation": "robust"}, "either a reference or a randomisation that draws ref"),
     ({"parameters": [TABLE_1, None, TABLE_1]}, "^lane 1: parameters = None must be a .*ArmParameters"),
     ({"randomisation": "wild"}, "unknown randomisation 'wild'; choose from: nominal, plants, robust"),
-    ({"substep": 3e-4}, r"control_period = 0\.001 s is no multiple of substep = 0\.0003 s"),
 ]
 
 
@@ -328,10 +304,6 @@ def test_a_bad_argument_is_named_with_its_lane_and_what_is_allowed(arguments, me
 
 
 BAD_OPTIONS = [
-    (
-        {"wind": 1.0, "inital_state": STILL},
-        "unknown reset option inital_state, wind; known: initial_state, reference, case, disturbance",
-    ),
     ({"reset_mask": None}, "reset_mask is NoneType; it must be a numpy array of 3 booleans"),
     ({"reset_mask": np.array([1, 0, 0])}, "reset_mask is an array of int64; it must be a numpy"),
     ({"reset_mask": np.ones(2, dtype=bool)}, r"reset_mask has shape \(2,\); needed: \(3,\)"),
@@ -339,7 +311,6 @@ BAD_OPTIONS = [
     ({"reset_mask": np.array([True, False, False]), "wind": 1.0}, "unknown reset option wind; known: "),
     ({"case": ["nominal", "drilling", "nominal"]}, "^lane 1: unknown case 'drilling'; choose from: nominal, mach"),
     ({"case": ["nominal"] * 4}, "case has 4 entries for 3 lanes; give one, or one per lane"),
-    ({"case": "payload", "disturbance": NOISY}, "give either case = 'payload' or a disturbance, not both"),
     ({"reference": [SHORT, SHORT, None]}, "^lane 2: reference = None must be a .*[.]Reference"),
     ({"reference": JointReference(parameters=LONG)}, r"links of \(0\.6, 0\.5\) m, the plant"),
     ({"initial_state": np.tile(STILL, (2, 1))}, r"initial_state has shape \(2, 8\); allowed: \(8,\) or \(3, 8\)"),
@@ -526,3 +497,23 @@ def test_extreme_arms_move_or_end_with_a_reason():
             ends += terminated.sum()
             assert set(info["final_info"]["reason"][terminated]) <= {reason.text for reason in Termination if reason}
     assert moved.mean() > 0.2 and ends > 0
+
+
+@pytest.mark.parametrize("lanes", [7, 40_000])
+def test_lanes_without_info_have_zeros_and_nothing_is_shared(lanes):
+    generator = np.random.default_rng(1)
+    vectors, scalars = generator.normal(size=(9, lanes, 2)), generator.normal(size=(len(SCALARS), lanes))
+    scalars[SCALARS.index("reason")] = generator.integers(0, 2, lanes)
+    mask = generator.random(lanes) < 0.4
+    before = [part.copy() for part in (vectors, scalars)]
+    found = _partial_info(vectors, scalars, {"payload": scalars[0]}, mask)
+    whole = {**values(vectors, scalars), "randomisation": None}
+    assert set(found) == {*whole, *(f"_{key}" for key in whole)}
+    drawn = found.pop("randomisation")
+    assert np.array_equal(drawn["payload"], np.where(mask, scalars[0], 0.0))
+    for key, rows in values(vectors, scalars).items():
+        assert found[f"_{key}"] is mask
+        assert found[key].dtype == rows.dtype
+        assert np.array_equal(found[key], np.where(mask.reshape(-1, *[1] * (rows.ndim - 1)), rows, 0)), key
+        found[key][:] = 1  # the caller may write
+    assert all(np.array_equal(part, then) for part, then in zip((vectors, scalars), before, strict=True))

@@ -10,7 +10,7 @@ import pytest
 from slow_twins import slow_but
 from support.plain import scheduled_torque
 
-from fuzzyarm.envs.physics.rigid_body import bias, mass_matrix
+from fuzzyarm.envs.physics.rigid_body import inverse_dynamics, mass_matrix
 from fuzzyarm.envs.physics.robot import robot_named
 from fuzzyarm.fuzzy_policy.controller import Controller
 from fuzzyarm.fuzzy_policy.scheduled import Premise, ScheduledController, load_controller
@@ -163,7 +163,7 @@ def test_the_nonlinear_loop_decays_at_least_as_fast_as_certified(controller):
     def slope(t, state):
         q, dq, x_I = np.split(state, 3, axis=1)
         u = scheduled_torque(controller, q, dq, target(t), x_I)
-        passive = bias(robot, q, dq) + robot.drive("viscous_friction") * dq
+        passive = inverse_dynamics(robot, q, dq, np.zeros(len(robot))) + robot.drive("viscous_friction") * dq
         inertia = mass_matrix(robot, q) + np.diag(robot.drive("motor_inertia"))
         ddq = np.linalg.solve(inertia, (u - passive)[..., np.newaxis])[..., 0]
         return np.hstack([dq, ddq, q - target(t)[0]])

@@ -5,6 +5,7 @@ import dataclasses
 import mujoco
 import numpy as np
 
+from fuzzyarm.envs.physics import rigid_body
 from fuzzyarm.envs.physics.joint import Drive, Joint, Link
 from fuzzyarm.envs.physics.robot import Robot, robot_named, shipped_robots
 
@@ -30,6 +31,18 @@ def skewed_robot(joints=4, seed=0):
 
 
 ROBOTS = {name: robot_named(name) for name in shipped_robots()} | {"skewed": skewed_robot()}
+
+
+def kinetic_energy(robot, q, dq):
+    """q̇ᵀ M(q) q̇ / 2 [J], shape (...), at velocities [rad/s] of shape (..., n)."""
+    return 0.5 * np.einsum("...i,...ij,...j->...", dq, rigid_body.mass_matrix(robot, q), dq)
+
+
+def potential_energy(robot, q):
+    """-Σ m_i gᵀ (p_i + R_i c_i) [J], shape (...), whose gradient is g(q)."""
+    links, now = rigid_body.frames(robot, q), robot.arrays
+    centers = links.origin + np.einsum("...kij,kj->...ki", links.rotation, now.center)
+    return -np.einsum("k,...kj,j->...", now.mass, centers, now.gravity)
 
 
 def without_losses(robot):

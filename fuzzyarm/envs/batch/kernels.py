@@ -1,6 +1,6 @@
 """The kernels of the environments: a control step of every lane, the beginning of episodes, and observations.
 
-One arm and a quarter of a million run the same functions, `control_step.control_step_of`, `control_step.begun_of` and
+One arm and a quarter of a million run the same functions, `control_step.control_step`, `control_step.begun` and
 `control_step.reading_of`, recorded once and run as machine code on the arrays that `layout` describes.
 """
 
@@ -14,7 +14,7 @@ import numpy as np
 
 from fuzzyarm.envs.batch.layout import Clock, Flags, Results, Start, StepScalars, StepVectors, Totals, layout_of
 from fuzzyarm.envs.batch.schedule import row_record
-from fuzzyarm.envs.control_step import Given, Moved, assessed_of, begun_of, control_step_of, reading_of
+from fuzzyarm.envs.control_step import Given, Moved, assessed, begun, control_step, reading_of
 from fuzzyarm.envs.observation import Observation
 from fuzzyarm.envs.physics.records import Physics, filled, places, size
 from fuzzyarm.envs.scenario.randomisation import draw_record
@@ -75,8 +75,8 @@ class Kernels:
         at, first, last = (number(word(one)) for one in (clock.row, clock.first, clock.last))
         reached = minimum(at + 1.0, last)  # two threads may step an episode that is over: it stays at its end
         now, after = (filled(Row, row(schedule, place)) for place in (at, reached))
-        moved = control_step_of(physics)(
-            lane.state, command, now, after.target, lane.arm, lane.limits, lane.force_factor, h, substeps
+        moved = control_step(
+            physics, lane.state, command, now, after.target, lane.arm, lane.limits, lane.force_factor, h, substeps
         )
         clock = clock._replace(row=bits(whole(reached)))
         results = _results(physics, moved, after.target, (reached - first) * period, reached == last)
@@ -91,15 +91,13 @@ class Kernels:
         and `Results` (numbers, lanes), with the ranges of what is drawn; the tables are plants, starts and schedule.
         """
         physics, nothing = self.layout.physics, self._nothing
-        begun, assessed = begun_of(self.layout), assessed_of(physics)
         Draw, no_force = draw_record(physics.joints), [0.0] * physics.axes
 
         def begin(*arguments: Any) -> tuple[Any, ...]:
             _, clock, _, given, initial, _, _, ranges, *tables = arguments
-            lane, clock, drawn, now = begun(clock, given, initial, ranges, *tables)
-            moved = assessed(
-                lane.state, lane.state, nothing, nothing, nothing, no_force, now.target, lane.arm, lane.limits
-            )
+            lane, clock, drawn, now = begun(self.layout, clock, given, initial, ranges, *tables)
+            still, target = (lane.state, lane.state, nothing, nothing, nothing, no_force), now.target
+            moved = assessed(physics, *still, target, lane.arm, lane.limits)
             over = number(word(clock.row)) == number(word(clock.last))
             results = _results(physics, moved, now.target, 0.0, over)
             return lane, clock, drawn, given, initial, self._observed(lane, clock, 0.0, now), results
@@ -172,11 +170,11 @@ class Kernels:
         lane, clock, final, results = self._stepped(lane, clock, asked, periods, schedule)
         at_rest = filled(physics.State, [float("nan")] * size(physics.State))
 
-        def begun() -> tuple[Any, ...]:
-            new, anew, _, now = begun_of(self.layout)(clock, given, at_rest, ranges, plants, starts, schedule)
-            return new, anew, self._observed(new, anew, 0.0, now)
+        def following() -> tuple[Any, ...]:
+            new, new_clock, _, now = begun(self.layout, clock, given, at_rest, ranges, plants, starts, schedule)
+            return new, new_clock, self._observed(new, new_clock, 0.0, now)
 
-        lane, clock, seen = when(_over(results.scalars), begun, (lane, clock, final))
+        lane, clock, seen = when(_over(results.scalars), following, (lane, clock, final))
         return lane, clock, final, seen, results
 
     @functools.cached_property
@@ -202,7 +200,7 @@ class Kernels:
         self.step.code(lanes)
 
     def __reduce__(self) -> tuple[Any, tuple[Physics]]:
-        """Leave the machine code behind."""
+        """Pickle the equations alone: the machine code is made again."""
         return kernels_of, (self.layout.physics,)
 
 
@@ -277,5 +275,5 @@ def _results(physics: Physics, moved: Moved, target: Any, time: Any, over: Any) 
 
 @functools.cache
 def kernels_of(physics: Physics) -> Kernels:
-    """Return the kernels for arms with these equations, always the same ones."""
+    """Return the kernels for arms with these equations; the same object at every call."""
     return Kernels(physics)

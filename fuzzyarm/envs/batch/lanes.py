@@ -33,7 +33,7 @@ _SavedArrays = dict[str, np.ndarray]
 
 
 def checked_arrays(state: Any, like: _SavedArrays) -> _SavedArrays:
-    """Return copies of the arrays of a state that are as those of `like`; what else the state holds is left out."""
+    """Return copies of the arrays of a state, whose types and shapes must be those of `like`; others are left out."""
     checks.instance("state", state, dict)
     arrays: _SavedArrays = {}
     for name, own in like.items():
@@ -105,18 +105,9 @@ class Lanes:
         rest on the reference.
         """
         lanes = np.arange(self.count) if which is None else which
-        if seeds is not None and len(seeds) != len(lanes):
-            raise ValueError(f"{len(seeds)} seeds for {len(lanes)} lanes; give one per lane")
-        if initial is not None:
-            initial = np.array(initial, dtype=np.float64, order="C")
-            needed = len(lanes), size(self.physics.State)
-            if initial.shape != needed:
-                raise ValueError(f"initial has shape {initial.shape}; needed: {needed}")
-        if scenarios is None:
-            self._assigned.leave(lanes, self.clock)
-        else:
-            others = self._tabulated(scenarios, lanes)
-            self._assigned.leave(lanes, self.clock)
+        others = None if scenarios is None else self._tabulated(scenarios, lanes)
+        self._assigned.leave(lanes, self.clock)
+        if others is not None:
             self._assigned.visit(lanes, others)  # a lane returns to its own at its next automatic reset
         for lane, seed in zip(lanes, seeds or (), strict=seeds is not None):
             if seed is not None:
@@ -126,8 +117,6 @@ class Lanes:
 
     def restart(self, which: np.ndarray) -> _Outcome:
         """Begin an episode in the lanes `which` (n,), each in its own scenario; return what `reset` does."""
-        if which.dtype != np.int64 or which.ndim != 1:
-            raise ValueError(f"lanes of {which.dtype} {which.shape}; needed: a row of whole numbers")
         self._assigned.back(which)
         return self._begin(which)
 
@@ -181,11 +170,12 @@ class Lanes:
         arrays: tuple[np.ndarray, np.ndarray, np.ndarray],
         initial: np.ndarray | None = None,
     ) -> _Outcome:
-        """Begin episodes in these arrays, see `control_step.begun_of`; `places` are schedules and payloads' places."""
+        """Begin episodes in these arrays, see `control_step.begun`; `places` are schedules and payloads' places."""
         count, all_values, clock, drawn = len(which), *arrays
         results, given = np.empty(self.layout.size(count)), np.stack([self._plant_of[which], *places], axis=1) + 0.0
-        if initial is None:
-            initial = np.full((count, size(self.physics.State)), np.nan)
+        initial = (
+            np.full((count, size(self.physics.State)), np.nan) if initial is None else np.array(initial, order="C")
+        )
         values = np.empty((-(-count // WIDE), *all_values.shape[1:]))
         clocks, draws = np.ascontiguousarray(clock[:, which]), np.empty((len(drawn), count))
         begun = values, clocks.view(np.float64), draws, given, initial, *self.layout.arrays(results, count)
@@ -328,7 +318,7 @@ class Lanes:
         own = self._assigned.own.starts, self._assigned.own.table, *self._assigned.own_places
         period = np.array([self.period, self.substeps, self.count], dtype=np.float64)
         equations = np.frombuffer(self.physics.digest.encode(), dtype=np.uint8)
-        parts = equations, self._plants, self._plant_of, self._ranges, *own, period
+        parts = equations, self._plants, self._plant_of.astype(np.int64), self._ranges, *own, period
         content = hashlib.sha256(b"".join(np.ascontiguousarray(part).tobytes() for part in parts))
         return np.frombuffer(content.digest(), dtype=np.uint8)
 

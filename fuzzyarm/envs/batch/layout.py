@@ -23,25 +23,8 @@ from fuzzyarm.envs.physics.records import Physics, places, record_type
 from fuzzyarm.numbers.machine import WIDE
 
 __all__ = [
-    "CLOCK",
-    "INFO",
-    "SCALARS",
-    "START",
-    "VECTORS",
-    "Clock",
-    "Flags",
-    "Layout",
-    "Noise",
-    "Results",
-    "ResultsMemory",
-    "Room",
-    "Start",
-    "StepScalars",
-    "StepVectors",
-    "Totals",
-    "by_rows",
-    "in_blocks",
-    "layout_of",
+    "CLOCK", "INFO", "SCALARS", "START", "VECTORS", "Clock", "Flags", "Layout", "Noise", "Results", "ResultsMemory",
+    "Room", "Start", "StepScalars", "StepVectors", "Totals", "by_rows", "in_blocks", "layout_of",
 ]  # fmt: skip
 
 
@@ -157,7 +140,7 @@ class Layout:
         self.reported = stops[-1] + len(SCALARS)
 
     def __reduce__(self) -> tuple[Any, tuple[Physics]]:
-        """Leave the records behind."""
+        """Pickle the equations alone: the records are made again."""
         return layout_of, (self.physics,)
 
     def size(self, lanes: int) -> int:
@@ -203,7 +186,7 @@ _OWN = 2  # references to an array that nobody else holds: the room's, and the a
 
 
 class Room:
-    """Memory for the results of one step; `kept` is what its user notes about it, as long as it is used again."""
+    """Memory for the results of one step; its user may note something about it in `kept`."""
 
     __slots__ = ("_array", "_first", "_stop", "kept")
 
@@ -215,7 +198,7 @@ class Room:
         self.kept: Any = None
 
     def array(self) -> np.ndarray:
-        """Return its numbers (size,), whatever they are."""
+        """Return its numbers (size,), which are arbitrary at first."""
         return self._array[self._first : self._stop]
 
 
@@ -240,5 +223,5 @@ class ResultsMemory:
         return room
 
     def __getstate__(self) -> dict[str, object]:
-        """Leave the rooms behind."""
+        """Pickle the size alone."""
         return {"_size": self._size, "_rooms": []}

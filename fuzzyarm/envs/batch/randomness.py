@@ -20,11 +20,9 @@ from fuzzyarm.envs.physics.records import size
 from fuzzyarm.envs.scenario.randomisation import draw_record
 from fuzzyarm.numbers.functions import number
 
-__all__ = [
-    "NEXT_KEY", "RANDOMISATION", "draw", "key_before", "key_of", "mix", "noise_counter", "normal_pair", "uniform",
-]  # fmt: skip
+__all__ = ["NEXT_KEY", "RANDOMISATION", "draw", "key_before", "key_of", "noise_counter", "normal_pair", "uniform"]
 
-GAMMA = 0x9E3779B97F4A7C15
+_GAMMA = 0x9E3779B97F4A7C15
 _FIRST, _SECOND = 0xBF58476D1CE4E5B9, 0x94D049BB133111EB
 _FIRST_INVERSE, _SECOND_INVERSE = (pow(factor, -1, 2**64) for factor in (_FIRST, _SECOND))
 _RESOLUTION = 2.0**-53
@@ -38,7 +36,7 @@ def noise_counter(joints: int) -> int:
     return max(_FIRST_NOISE, RANDOMISATION + size(draw_record(joints)))
 
 
-def mix(word: Any) -> Any:
+def _mix(word: Any) -> Any:
     """Scramble 64-bit words (uint64); a bijection."""
     word = (word ^ (word >> 30)) * _FIRST
     word = (word ^ (word >> 27)) * _SECOND
@@ -47,8 +45,8 @@ def mix(word: Any) -> Any:
 
 def draw(key: Any, counter: Any) -> Any:
     """Return word number `counter` (uint64, or a whole number of Python) of the stream `key` (uint64)."""
-    offset = (counter + 1) * GAMMA
-    return mix(key + (offset % 2**64 if isinstance(offset, int) else offset))
+    offset = (counter + 1) * _GAMMA
+    return _mix(key + (offset % 2**64 if isinstance(offset, int) else offset))
 
 
 def key_before(key: np.ndarray) -> np.ndarray:
@@ -57,7 +55,7 @@ def key_before(key: np.ndarray) -> np.ndarray:
     word = word * _SECOND_INVERSE
     word = (word ^ (word >> 27) ^ (word >> 54)) * _FIRST_INVERSE
     word = word ^ (word >> 30) ^ (word >> 60)
-    return np.asarray(word - (NEXT_KEY + 1) * GAMMA)
+    return np.asarray(word - (NEXT_KEY + 1) * _GAMMA)
 
 
 def uniform(key: Any, counter: Any) -> Any:

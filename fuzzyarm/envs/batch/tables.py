@@ -79,11 +79,12 @@ class Assignment:
     def all_return(self) -> None:
         """Put every lane into its own scenario."""
         self.tables = self.own
-        self._scenario_of, self._place_of = (part.copy() for part in self._own)
+        self._scenario_of, self._place_of = self._own  # shared until a lane visits another scenario
 
     def back(self, lanes: np.ndarray) -> None:
         """Put these lanes (n,) into their own scenarios; their last ones keep their tables."""
-        self._scenario_of[lanes], self._place_of[lanes] = (part[lanes] for part in self._own)
+        if self.tables is not self.own:
+            self._scenario_of[lanes], self._place_of[lanes] = (part[lanes] for part in self._own)
 
     def leave(self, lanes: np.ndarray, clock: np.ndarray) -> None:
         """Put lanes (n,) into their own scenarios and drop unused tables; rows in `clock` (numbers, lanes) move too."""
@@ -102,6 +103,8 @@ class Assignment:
 
     def visit(self, lanes: np.ndarray, scenarios: tuple[Tables, np.ndarray, np.ndarray]) -> None:
         """Put these lanes (n,) into other scenarios, given as the lanes' own ones were."""
+        if self.tables is self.own:
+            self._scenario_of, self._place_of = (part.copy() for part in self._own)
         tables, scenario_of, self._place_of[lanes] = scenarios
         self._scenario_of[lanes] = scenario_of + len(self.tables.scenarios)
         self.tables = Tables([*self.tables.scenarios, *tables.scenarios])
@@ -156,10 +159,10 @@ def distinct(items: Sequence[_Item], count: int) -> tuple[list[_Item], np.ndarra
     if len(items) not in (1, count):
         raise ValueError(f"{len(items)} entries for {count} lanes; give one, or one per lane")
     if len(items) == 1:
-        return list(items), np.zeros(count, dtype=np.int64)
+        return list(items), np.broadcast_to(np.int32(0), count)
     places: dict[object, int] = {}
     kinds: list[_Item] = []
-    place_of = np.empty(count, dtype=np.int64)
+    place_of = np.empty(count, dtype=np.int32)
     for lane, item in enumerate(items):
         key = tuple(map(id, item)) if isinstance(item, tuple) else id(item)
         if key not in places:

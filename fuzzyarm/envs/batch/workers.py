@@ -17,7 +17,7 @@ _PIECES = 8  # for each thread: the last one to finish keeps the others waiting 
 
 
 class Workers:
-    """Threads that are started when they are needed, and left behind by copies and pickles.
+    """Threads that are started when they are needed; copies and pickles start their own.
 
     The thread that calls takes part: it does all that the others do not come to, and never waits for one that has not
     begun. So a step is no slower than with one thread where a machine has no second core to spare. Without a number of
@@ -57,7 +57,7 @@ class Workers:
             self._pool = None
 
     def __getstate__(self) -> dict[str, object]:
-        """Leave the threads behind."""
+        """Return the state without the threads."""
         return {name: self.__dict__[name] for name in ("threads", "_pieces")}
 
     def __setstate__(self, state: dict[str, object]) -> None:
@@ -73,9 +73,9 @@ def _work(call: Call, left: Iterator[tuple[int, int]]) -> None:
 
 
 def _most(wanted: int) -> int:
-    """Return so many threads, but at most one per core that this process may use, a container's quota included."""
+    """Return the wanted number, at most one per core that this process may use, a container's quota included."""
     if wanted <= 1:
         return 1
-    from joblib import cpu_count  # here, as a single arm and a small batch need it not
+    from joblib import cpu_count  # here, as a single arm and a small batch do not need it
 
     return min(wanted, int(cpu_count()))

@@ -14,15 +14,14 @@ from typing import Any, Literal, NamedTuple
 import numpy as np
 
 from fuzzyarm.common import checks
-from fuzzyarm.envs.physics.friction import DRY_TORQUES, DryFriction, dry_friction_of, friction_torque
-from fuzzyarm.envs.physics.parameters import LARGEST, ArmParameters
+from fuzzyarm.envs.physics.friction import DryFriction, dry_friction_of, friction_torque
+from fuzzyarm.envs.physics.parameters import ArmParameters, keep_quantities, quantity
 from fuzzyarm.envs.physics.records import PerJoint, record_type
 
 __all__ = [
-    "Arm", "Motor", "Payload", "Plant", "arm_constants", "coriolis_torque", "dry_frictions", "frictionless",
-    "gravity_torque", "inertia_and_gravity", "joint_torque", "loaded", "lump", "mass_matrix", "motor_friction",
-    "motors", "plant_of", "rigid_inverse_dynamics", "solve_mass_matrix", "tip_force_torque", "tip_jacobian",
-    "tip_position",
+    "Arm", "Motor", "Payload", "Plant", "arm_constants", "coriolis_torque", "dry_frictions", "gravity_torque",
+    "inertia_and_gravity", "joint_torque", "loaded", "lump", "mass_matrix", "motor_friction", "motors", "plant_of",
+    "rigid_inverse_dynamics", "solve_mass_matrix", "tip_force_torque", "tip_jacobian", "tip_position",
 ]  # fmt: skip
 
 _PLACES = ("tip", "link")
@@ -40,11 +39,11 @@ class Payload:
             (the other reading of "a variation of the effector mass m_2 of 55.6 %").
     """
 
-    mass: float = 0.0
+    mass: float = quantity("kg", 0.0, low=0.0)
     at: Literal["tip", "link"] = "tip"
 
     def __post_init__(self) -> None:
-        object.__setattr__(self, "mass", checks.real("payload mass", self.mass, "kg", low=0.0, high=LARGEST))
+        keep_quantities(self, "payload ")
         checks.choice("payload at", self.at, _PLACES)
 
     def radius(self, parameters: ArmParameters) -> float:
@@ -160,12 +159,6 @@ def plant_of(parameters: ArmParameters) -> Any:
 def dry_frictions(arm: Arm) -> tuple[DryFriction, DryFriction]:
     """Return the numbers of the friction curve of both motors."""
     return arm.dry_friction1, arm.dry_friction2
-
-
-def frictionless(arm: Arm) -> Arm:
-    """Return the constants without dry friction."""
-    first, second = (dry._replace(**dict.fromkeys(DRY_TORQUES, 0.0)) for dry in dry_frictions(arm))
-    return arm._replace(dry_friction1=first, dry_friction2=second)
 
 
 def mass_matrix(cos2: Any, arm: Arm) -> tuple[Any, Any, Any]:

@@ -24,27 +24,16 @@ from fuzzyarm.envs.physics.records import VARIED, PerJoint, Physics, Point
 from fuzzyarm.envs.physics.robot import Robot, robot_named, shipped_robots
 
 __all__ = [
-    "IN_FOLDER",
-    "PAPER",
-    "AnyArm",
-    "Bounds",
-    "Limits",
-    "argument_of",
-    "bounds_of",
-    "chosen_arm",
-    "common_equations",
-    "equations_of",
-    "robot_of",
-    "tip_point",
-    "two_joints",
-]
+    "IN_FOLDER", "AnyArm", "argument_of", "bounds_of", "chosen_arm", "common_equations", "equations_of", "robot_of",
+    "tip_point", "two_joints",
+]  # fmt: skip
 
 AnyArm = ArmParameters | Robot  # the two-joint arm by its parameters, or any serial robot
-PAPER = "paper"  # the robot that is the two-joint arm of Table 1
+_PAPER = "paper"  # the robot that is the two-joint arm of Table 1
 IN_FOLDER = "robot.toml"  # the file of the arm in a folder of `fuzzyarm tune`
 
 
-class Bounds(NamedTuple):
+class _Bounds(NamedTuple):
     """Limits of an arm of n joints: lowest and highest angles [rad], speeds [rad/s] and torques [N m], each (n,)."""
 
     low: np.ndarray
@@ -62,12 +51,12 @@ def equations_of(arm: AnyArm) -> Physics:
     return physics_of(arm)
 
 
-def bounds_of(arm: AnyArm) -> Bounds:
+def bounds_of(arm: AnyArm) -> _Bounds:
     """Return the limits of an arm, all of shape (joints,)."""
     physics = equations_of(arm)
     limits = physics.limits(physics.plant_of(arm))
     low, high = physics.angle_range(limits)
-    return Bounds(*(np.array(part) for part in (low, high, limits.velocity, limits.torque)))
+    return _Bounds(*(np.array(part) for part in (low, high, limits.velocity, limits.torque)))
 
 
 def chosen_arm(robot: Any, parameters: Any) -> AnyArm:
@@ -100,7 +89,7 @@ def argument_of(arm: AnyArm) -> dict[str, Any]:
 
 
 def _named(robot: str) -> AnyArm:
-    if robot == PAPER:
+    if robot == _PAPER:
         return ArmParameters()
     if robot in shipped_robots():
         return robot_named(robot)
@@ -132,7 +121,7 @@ def common_equations(arms: Sequence[AnyArm]) -> Physics:
     return first
 
 
-class Limits(NamedTuple):
+class _Limits(NamedTuple):
     """Limits of the joint angles [rad], of their velocities [rad/s] and of the motor torques [N m], to either side."""
 
     angle: PerJoint
@@ -144,12 +133,12 @@ class Limits(NamedTuple):
 def two_joints() -> Physics:
     """Return the equations of the arm with two joints in a plane."""
     return Physics(
-        joints=2, axes=2, digest="", made_by=(two_joints, ()), Plant=Plant, Arm=Arm, Limits=Limits,
+        joints=2, axes=2, digest="", made_by=(two_joints, ()), Plant=Plant, Arm=Arm, Limits=_Limits,
         plant_of=dynamics.plant_of, step=step, loaded_step=loaded_step, tip=tip_point, tip_velocity=_tip_velocity,
         tip_load=_tip_load, gravity=_gravity, motor_friction=dynamics.motor_friction,
         inverse_dynamics=_inverse_dynamics, mass_matrix=_mass_matrix, payload_place=_payload_radius,
         constants=_constants, stiffness=lambda plant: plant.stiffness,
-        limits=lambda plant: Limits(plant.joint_limit, plant.velocity_limit, plant.torque_limit),
+        limits=lambda plant: _Limits(plant.joint_limit, plant.velocity_limit, plant.torque_limit),
         angle_range=lambda limits: (PerJoint(*(-high for high in limits.angle)), limits.angle), varied=_varied,
     )  # fmt: skip
 

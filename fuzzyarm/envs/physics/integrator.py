@@ -36,13 +36,13 @@ from fuzzyarm.numbers.functions import apart, repeat, zeros
 from fuzzyarm.numbers.machine import Kernel, Layout
 from fuzzyarm.numbers.program import Program
 
-__all__ = ["Accelerations", "advanced", "force_line", "held_of", "hold_of", "loaded_step", "step"]
+__all__ = ["advanced", "force_line", "held_of", "hold_of", "loaded_step", "step"]
 
-Accelerations = Callable[[Any, Any], Any]
+_Accelerations = Callable[[Any, Any], Any]
 """Gives the links' accelerations [rad/s²] at certain angles from the joint torques [N m] and the links' velocities."""
 
 
-def advanced(state: Any, torque: Any, at: Callable[[Any], Accelerations], arm: Any, h: Any) -> Any:
+def advanced(state: Any, torque: Any, at: Callable[[Any], _Accelerations], arm: Any, h: Any) -> Any:
     """Return the state of n joints a sub-step h [s] later under motor torques [N m], see the module.
 
     `at` returns the accelerations of the links by their angles [rad]; `arm` has the fields of `Motor`.
@@ -64,7 +64,7 @@ def _drifted(angles: Any, velocities: Any, duration: Any) -> Any:
 
 
 def _kick(
-    start: Any, middle: Any, torque: Any, accelerations: Accelerations, driven: Any, arm: Any, duration: Any
+    start: Any, middle: Any, torque: Any, accelerations: _Accelerations, driven: Any, arm: Any, duration: Any
 ) -> tuple[Any, Any, Any]:
     """Return the velocities of motors and links [rad/s] after a duration [s] at the accelerations of `middle`.
 
@@ -93,7 +93,7 @@ def _kick(
 def step(state: State, torque: PerJoint, force: Point, arm: Arm, h: Any) -> Any:
     """Advance the elastic arm by one sub-step h [s] under motor torques [N m] and a tip force [N]."""
 
-    def at(link: PerJoint) -> Accelerations:
+    def at(link: PerJoint) -> _Accelerations:
         sin1, cos1 = sine_cosine(link.joint1)
         sin12, cos12 = sine_cosine(link.joint1 + link.joint2)
         sin2, cos2 = sin12 * cos1 - cos12 * sin1, cos12 * cos1 + sin12 * sin1
@@ -107,7 +107,7 @@ def step(state: State, torque: PerJoint, force: Point, arm: Arm, h: Any) -> Any:
 def loaded_step(state: State, torque: PerJoint, load: PerJoint, arm: Arm, h: Any) -> Any:
     """Do what `step` does, with torques `load` [N m] on the links in place of a tip force."""
 
-    def at(link: PerJoint) -> Accelerations:
+    def at(link: PerJoint) -> _Accelerations:
         sin1, cos1 = sine_cosine(link.joint1)
         sin2, cos2 = sine_cosine(link.joint2)
         gravity1, gravity2 = gravity_torque(sin1, sin1 * cos2 + cos1 * sin2, arm)
@@ -116,7 +116,7 @@ def loaded_step(state: State, torque: PerJoint, load: PerJoint, arm: Arm, h: Any
     return advanced(state, torque, at, arm, h)
 
 
-def _two_links(outer: PerJoint, sin2: Any, cos2: Any, arm: Arm) -> Accelerations:
+def _two_links(outer: PerJoint, sin2: Any, cos2: Any, arm: Arm) -> _Accelerations:
     """Return the accelerations under torques `outer` [N m] besides those of the joints and the velocities."""
 
     def accelerations(joint: PerJoint, rates: PerJoint) -> tuple[Any, Any]:

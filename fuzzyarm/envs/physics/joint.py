@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 
 from fuzzyarm.common import checks
-from fuzzyarm.envs.physics.parameters import LARGEST
+from fuzzyarm.envs.physics.parameters import LARGEST, keep_quantities, quantity
 
 __all__ = ["DIMENSIONS", "DRIVE_UNITS", "Drive", "Joint", "Link", "Vector", "as_rows", "as_vector"]
 
@@ -41,7 +41,7 @@ class Link:
     inertia: _Matrix
 
     def __post_init__(self) -> None:
-        checks.keep(self, "mass", _real("mass", self.mass, "kg", above=0.0))
+        checks.keep(self, "mass", checks.real("mass", self.mass, "kg", above=0.0, high=LARGEST))
         checks.keep(self, "center", as_vector("center", self.center, "m"))
         inertia = _matrix("inertia", self.inertia, "kg m^2")
         checks.keep(self, "inertia", inertia)
@@ -78,14 +78,14 @@ class Drive:
         torque_limit: largest torque of the motor [N m], above 0.
     """
 
-    motor_inertia: float
-    stiffness: float
-    damping: float
-    viscous_friction: float
-    static_friction: float
-    coulomb_friction: float
-    stribeck_velocity: float
-    torque_limit: float
+    motor_inertia: float = quantity("kg m^2", above=0.0)
+    stiffness: float = quantity("N m/rad", above=0.0)
+    damping: float = quantity("N m s/rad", low=0.0)
+    viscous_friction: float = quantity("N m s/rad", low=0.0)
+    static_friction: float = quantity("N m", low=0.0)
+    coulomb_friction: float = quantity("N m", low=0.0)
+    stribeck_velocity: float = quantity("rad/s", above=0.0)
+    torque_limit: float = quantity("N m", above=0.0)
 
     def __post_init__(self) -> None:
         if checks.is_real(self.motor_inertia) and self.motor_inertia == 0.0:
@@ -93,9 +93,7 @@ class Drive:
                 "motor_inertia = 0.0 kg m^2: without a rotor's inertia the motor has no motion of its own; give the "
                 "rotor's inertia times the gear ratio squared; allowed: (0, 1e+12] kg m^2"
             )
-        for name, unit, positive in DRIVE_UNITS:
-            bounds = {"above": 0.0} if positive else {"low": 0.0}
-            checks.keep(self, name, _real(name, getattr(self, name), unit, **bounds))
+        keep_quantities(self, wrong_type=ValueError)
         _require(
             self.static_friction >= self.coulomb_friction,
             f"static_friction = {self.static_friction} N m is below coulomb_friction = {self.coulomb_friction} N m: "
@@ -103,17 +101,8 @@ class Drive:
         )
 
 
-DRIVE_UNITS = (
-    ("motor_inertia", "kg m^2", True),
-    ("stiffness", "N m/rad", True),
-    ("damping", "N m s/rad", False),
-    ("viscous_friction", "N m s/rad", False),
-    ("static_friction", "N m", False),
-    ("coulomb_friction", "N m", False),
-    ("stribeck_velocity", "rad/s", True),
-    ("torque_limit", "N m", True),
-)
-"""Name, unit, and whether 0 is excluded, of each field of `Drive`."""
+DRIVE_UNITS: dict[str, str] = {field.name: field.metadata["unit"] for field in dataclasses.fields(Drive)}
+"""The fields of `Drive` with their units."""
 
 
 @dataclasses.dataclass(frozen=True)
@@ -170,15 +159,8 @@ class Joint:
         low, high = checks.interval("angle_range", self.angle_range, "rad", low=-_LARGEST_ANGLE, high=_LARGEST_ANGLE)
         _require(low < high, f"angle_range = {checks.shown(self.angle_range)} rad is empty; low < high is needed")
         checks.keep(self, "angle_range", (low, high))
-        checks.keep(self, "velocity_limit", _real("velocity_limit", self.velocity_limit, "rad/s", above=0.0))
-
-
-def _real(name: str, value: Any, unit: str, **bounds: float) -> float:
-    """Return a finite number up to `LARGEST`; a wrong type is a wrong value, as a robot may come from a file."""
-    try:
-        return checks.real(name, value, unit, high=LARGEST, **bounds)
-    except TypeError as error:
-        raise ValueError(str(error)) from None
+        speed = checks.real("velocity_limit", self.velocity_limit, "rad/s", above=0.0, high=LARGEST)
+        checks.keep(self, "velocity_limit", speed)
 
 
 def as_vector(name: str, values: Any, unit: str = "") -> Vector:
@@ -188,10 +170,7 @@ def as_vector(name: str, values: Any, unit: str = "") -> Vector:
 
 
 def _matrix(name: str, values: Any, unit: str = "") -> _Matrix:
-    try:
-        return as_rows(checks.finite_array(name, values, (DIMENSIONS, DIMENSIONS), unit, largest=LARGEST))
-    except TypeError as error:
-        raise ValueError(str(error)) from None
+    return as_rows(checks.finite_array(name, values, (DIMENSIONS, DIMENSIONS), unit, largest=LARGEST))
 
 
 def as_rows(matrix: np.ndarray) -> _Matrix:

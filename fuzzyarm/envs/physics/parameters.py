@@ -11,7 +11,7 @@ from fuzzyarm.common import checks
 from fuzzyarm.common.documents import read_toml
 from fuzzyarm.common.files import write_atomically
 
-__all__ = ["LARGEST", "ArmParameters"]
+__all__ = ["LARGEST", "ArmParameters", "keep_quantities", "quantity"]
 
 _Pair = tuple[float, float]
 
@@ -22,12 +22,37 @@ LARGEST = 1e12
 _SINGULAR_SHARE = 1e-6
 
 
-def _constant(
-    default: Any, symbol: str, unit: str, low: float, *, open_low: bool = True, high: float = math.inf
+def quantity(
+    unit: str, default: Any = dataclasses.MISSING, symbol: str = "", *, count: int | None = None, **bounds: float
 ) -> Any:
-    """Return a dataclass field that carries its symbol, unit and allowed range."""
-    bounds = {"symbol": symbol, "unit": unit, "low": low, "open_low": open_low, "high": high}
-    return dataclasses.field(default=default, metadata=bounds)
+    """Return a dataclass field of one real number, or of `count` numbers, with bounds as of `checks.real`.
+
+    The field carries its unit, its symbol and its range, which is at most `LARGEST` unless `high` is given.
+    """
+    metadata = {"unit": unit, "symbol": symbol, "count": count, "bounds": {"high": LARGEST} | bounds}
+    return dataclasses.field(default=default, metadata=metadata)
+
+
+def keep_quantities(record: Any, prefix: str = "", wrong_type: type[Exception] = TypeError) -> None:
+    """Check each `quantity` of a frozen record and keep it as a float or a tuple of floats.
+
+    Raises:
+        ValueError: a value is out of range; the message names the field after the prefix, the value and the range.
+        `wrong_type`: a value is no real number. ValueError for a record that may come from a file.
+    """
+    for field in dataclasses.fields(record):
+        if "unit" in field.metadata:
+            name, value, count = prefix + field.name, getattr(record, field.name), field.metadata["count"]
+            unit, bounds = field.metadata["unit"], field.metadata["bounds"]
+            try:
+                one = None if count else checks.real(name, value, unit, **bounds)
+                checks.keep(record, field.name, checks.reals(name, value, count, unit, **bounds) if count else one)
+            except TypeError as error:
+                raise wrong_type(str(error)) from None
+
+
+def _pair(unit: str, default: _Pair, symbol: str, **bounds: float) -> Any:
+    return quantity(unit, default, symbol, count=2, **bounds)
 
 
 @dataclasses.dataclass(frozen=True)
@@ -48,25 +73,24 @@ class ArmParameters:
         (12.0, 8.0)
     """
 
-    length: _Pair = _constant((0.5, 0.5), "L_1, L_2", "m", 0.0)
-    mass: _Pair = _constant((15.0, 9.0), "m_1, m_2", "kg", 0.0)
-    inertia: _Pair = _constant((0.31, 0.19), "I_1, I_2", "kg m^2", 0.0, open_low=False)
-    mass_center: _Pair = _constant((0.25, 0.25), "r_1, r_2", "m", 0.0)
-    viscous_friction: _Pair = _constant((0.14, 0.14), "f_v1, f_v2", "N m s/rad", 0.0, open_low=False)
-    gravity: float = _constant(9.81, "g", "m/s^2", 0.0, open_low=False)
-    motor_inertia: _Pair = _constant((2.71, 0.50), "I_a1, I_a2", "kg m^2", 0.0)
-    stiffness: _Pair = _constant((6.4e4, 1.2e4), "k_t1, k_t2", "N m/rad", 0.0)
-    damping: _Pair = _constant((20.4, 3.8), "b_t1, b_t2", "N m s/rad", 0.0, open_low=False)
-    static_friction: _Pair = _constant((6.0, 3.0), "Gamma_fs1, Gamma_fs2", "N m", 0.0, open_low=False)
-    coulomb_friction: _Pair = _constant((4.0, 2.0), "Gamma_fc1, Gamma_fc2", "N m", 0.0, open_low=False)
-    stribeck_velocity: float = _constant(0.1, "v_s", "rad/s", 0.0)
-    torque_limit: _Pair = _constant((500.0, 250.0), "Gamma_max", "N m", 0.0)
-    joint_limit: _Pair = _constant((math.pi, math.pi), "|q| <=", "rad", 0.0, high=math.pi)
-    velocity_limit: _Pair = _constant((15.0, 15.0), "|dq/dt| <=", "rad/s", 0.0)
+    length: _Pair = _pair("m", (0.5, 0.5), "L_1, L_2", above=0.0)
+    mass: _Pair = _pair("kg", (15.0, 9.0), "m_1, m_2", above=0.0)
+    inertia: _Pair = _pair("kg m^2", (0.31, 0.19), "I_1, I_2", low=0.0)
+    mass_center: _Pair = _pair("m", (0.25, 0.25), "r_1, r_2", above=0.0)
+    viscous_friction: _Pair = _pair("N m s/rad", (0.14, 0.14), "f_v1, f_v2", low=0.0)
+    gravity: float = quantity("m/s^2", 9.81, "g", low=0.0)
+    motor_inertia: _Pair = _pair("kg m^2", (2.71, 0.50), "I_a1, I_a2", above=0.0)
+    stiffness: _Pair = _pair("N m/rad", (6.4e4, 1.2e4), "k_t1, k_t2", above=0.0)
+    damping: _Pair = _pair("N m s/rad", (20.4, 3.8), "b_t1, b_t2", low=0.0)
+    static_friction: _Pair = _pair("N m", (6.0, 3.0), "Gamma_fs1, Gamma_fs2", low=0.0)
+    coulomb_friction: _Pair = _pair("N m", (4.0, 2.0), "Gamma_fc1, Gamma_fc2", low=0.0)
+    stribeck_velocity: float = quantity("rad/s", 0.1, "v_s", above=0.0)
+    torque_limit: _Pair = _pair("N m", (500.0, 250.0), "Gamma_max", above=0.0)
+    joint_limit: _Pair = _pair("rad", (math.pi, math.pi), "|q| <=", above=0.0, high=math.pi)
+    velocity_limit: _Pair = _pair("rad/s", (15.0, 15.0), "|dq/dt| <=", above=0.0)
 
     def __post_init__(self) -> None:
-        for field in dataclasses.fields(self):
-            object.__setattr__(self, field.name, _checked(field, getattr(self, field.name)))
+        keep_quantities(self, wrong_type=ValueError)
         for joint in range(2):
             static, coulomb = self.static_friction[joint], self.coulomb_friction[joint]
             if not static >= coulomb:
@@ -130,17 +154,3 @@ class ArmParameters:
         for field, value in zip(dataclasses.fields(self), self.to_dict().values(), strict=True):
             lines.append(f"{field.name} = {value}  # {field.metadata['symbol']}, {field.metadata['unit']}")
         return "\n".join(lines) + "\n"
-
-
-def _checked(field: dataclasses.Field[Any], value: Any) -> float | _Pair:
-    """Return `value` as float or pair of floats; ValueError with the field, the value and its range."""
-    meta = field.metadata
-    lowest = {"above" if meta["open_low"] else "low": meta["low"]}
-    bounds = {**lowest, "high": min(meta["high"], LARGEST)}
-    try:
-        if not isinstance(field.default, tuple):
-            return checks.real(field.name, value, meta["unit"], **bounds)
-        first, second = checks.reals(field.name, value, len(field.default), meta["unit"], **bounds)
-    except TypeError as error:  # an arm may come from a file, where a wrong type is a wrong value
-        raise ValueError(str(error)) from None
-    return first, second

@@ -23,22 +23,9 @@ from fuzzyarm.envs.physics.friction import DRY_TORQUES
 from fuzzyarm.numbers.functions import flat, like
 
 __all__ = [
-    "JOINTS",
-    "VARIED",
-    "PerJoint",
-    "Physics",
-    "Point",
-    "State",
-    "columns",
-    "filled",
-    "flat",
-    "per_joint",
-    "places",
-    "point",
-    "record_type",
-    "size",
-    "state_record",
-]
+    "JOINTS", "VARIED", "PerJoint", "Physics", "Point", "State", "columns", "filled", "flat", "per_joint", "places",
+    "point", "record_type", "size", "state_record",
+]  # fmt: skip
 
 
 class PerJoint(NamedTuple):

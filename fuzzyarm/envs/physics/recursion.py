@@ -12,36 +12,17 @@ can as well be fixed to the link before. `regrouped` moves it there, from the ti
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from typing import Any, NamedTuple
 
 __all__ = [
-    "NOTHING",
-    "Body",
-    "Chain",
-    "Folded",
-    "Inertia",
-    "Turn",
-    "Vector",
-    "composite_bodies",
-    "factors",
-    "in_last_frame",
-    "joined",
-    "moved",
-    "newton_euler",
-    "point_of_tip",
-    "regrouped",
-    "rotated",
-    "rotated_inertia",
-    "solution",
-    "transposed",
-    "unfolded",
-    "velocity_of_tip",
-]
+    "NOTHING", "Body", "Chain", "Folded", "Inertia", "Vector", "joined", "moved", "rotated", "rotated_inertia",
+    "solver", "transposed", "unfolded",
+]  # fmt: skip
 
 Vector = tuple[Any, Any, Any]  # coordinates in a frame
-
-Turn = tuple[Any, Any]  # sine and cosine of a joint's angle
+_Matrix = tuple[Vector, Vector, Vector]
+_Turn = tuple[Any, Any]  # sine and cosine of a joint's angle
 NOTHING = (0.0, 0.0, 0.0)  # a vector of zeros
 
 
@@ -65,116 +46,129 @@ class Body(NamedTuple):
 
 
 class Chain(NamedTuple):
-    """The frames of a robot whose joints turn about z, and the point of the last frame that is the tip."""
+    """The frames of a robot whose joints turn about z, its links and its tip, at certain angles of the joints.
+
+    The methods that need the angles, all but `regrouped`, take bodies without masses; see the module.
+    """
 
     rotations: Sequence[Sequence[Sequence[Any]]]  # A_j
     positions: Sequence[Vector]  # d_j [m]
-    tip: Vector  # [m]
+    tip: Vector  # in the last frame [m]
+    bodies: Sequence[Body]  # the links
+    turns: Sequence[_Turn] = ()  # of each joint
+
+    def regrouped(self) -> list[Body]:
+        """Return bodies with the same equations of motion, without masses."""
+        left: list[Body] = []
+        rest = list(self.bodies)
+        for j in reversed(range(len(rest))):
+            mass, (hx, hy, hz), inertia = rest[j]
+            own = Inertia(inertia.xx - inertia.yy, inertia.xy, inertia.xz, 0.0, inertia.yz, inertia.zz)
+            left.insert(0, Body(0.0, (hx, hy, 0.0), own))
+            if j > 0:
+                symmetric = Body(mass, (0.0, 0.0, hz), Inertia(inertia.yy, 0.0, 0.0, inertia.yy, 0.0, 0.0))
+                rest[j - 1] = joined(rest[j - 1], moved(symmetric, self.rotations[j], self.positions[j]))
+        return left
+
+    def mass_matrix(self) -> list[list[Any]]:
+        """Return the lower triangle of M(q) [kg m²] by composite rigid bodies: row i has columns 0 to i.
+
+        If the links from j on, as one rigid body, are accelerated about axis j, this takes the force f = z × h at the
+        origin of frame j and the moment n = L z. Each axis i <= j of the chain below carries the z component of the
+        moment about its own origin.
+        """
+        rows: list[list[Any]] = []
+        whole = self.bodies[-1]
+        for j in reversed(range(1, len(self.bodies))):
+            turned = Body(0.0, _turned(self.turns[j], whole.moment), _turned_inertia(self.turns[j], whole.inertia))
+            (hx, hy, _), inertia = turned.moment, turned.inertia
+            force, moment = self._moved_force(j, (-hy, hx, 0.0), (inertia.xz, inertia.yz, inertia.zz))
+            row = [moment[2], inertia.zz]
+            for i in reversed(range(1, j)):
+                force, moment = self._passed_on(i, force, moment)
+                row.insert(0, moment[2])
+            rows.insert(0, row)
+            whole = joined(self.bodies[j - 1], moved(turned, self.rotations[j], self.positions[j]))
+        return [[whole.inertia.zz], *rows]
+
+    def torques(
+        self, rates: Sequence[Any], accelerations: Sequence[Any], gravity: Vector, force: Vector = NOTHING
+    ) -> list[Any]:
+        """Return M(q) q̈ + C(q, q̇) q̇ + g(q) - J(q)ᵀ F [N m] by recursive Newton-Euler.
+
+        Outwards, with U = [α]× + [ω]×², which takes a point of the link to its acceleration relative to the origin:
+
+            ω_j = Rᵀ ω + q̇_j z,    α_j = Rᵀ α + (Rᵀ ω) × q̇_j z + q̈_j z,    a_j = Rᵀ (a + U d_j),    R = A_j Z(q_j).
+
+        Inwards: f_j = U h and n_j = L α + ω × L ω + h × a at the origin of frame j, and those of the links beyond.
+
+        Gravity g [m/s²] is in the base frame, F [N] on the tip in the last one, see `in_last_frame`.
+        """
+        turning, rising, origin = NOTHING, NOTHING, tuple(-g for g in gravity)
+        motion: _Matrix = (NOTHING, NOTHING, NOTHING)
+        forces, moments = [], []
+        for j, body in enumerate(self.bodies):
+            origin = self._back(j, _sum(origin, rotated(motion, self.positions[j])))
+            turning, rising = (self._back(j, vector) for vector in (turning, rising))
+            x, y, z = rising
+            rising = (x + turning[1] * rates[j], y - turning[0] * rates[j], z + accelerations[j])
+            turning = (turning[0], turning[1], turning[2] + rates[j])
+            square = _square(turning)
+            motion = _motion(square, rising)
+            forces.append(rotated(motion, body.moment))
+            moments.append(_sum(_euler(body.inertia, square, motion, rising), _cross(body.moment, origin)))
+        total = _difference(forces[-1], force)
+        moment = _difference(moments[-1], _cross(self.tip, force))
+        torques = [moment[2]]
+        for j in reversed(range(1, len(self.bodies))):
+            total, moment = self._passed_on(j, total, moment)
+            total, moment = _sum(forces[j - 1], total), _sum(moments[j - 1], moment)
+            torques.insert(0, moment[2])
+        return torques
+
+    def in_last_frame(self, vector: Vector) -> Vector:
+        """Return a vector of the base frame in the frame of the last link."""
+        for j in range(len(self.turns)):
+            vector = self._back(j, vector)
+        return vector
+
+    def tip_point(self) -> Vector:
+        """Return the tip [m] in the base frame: x = d_j + A_j Z(q_j) x from the last joint to the first."""
+        point = self.tip
+        for j in reversed(range(len(self.turns))):
+            point = _sum(self.positions[j], rotated(self.rotations[j], _turned(self.turns[j], point)))
+        return point
+
+    def tip_velocity(self, rates: Sequence[Any]) -> Vector:
+        """Return the tip's velocity [m/s] in the base frame: ẋ = A_j Z(q_j) (ẋ + q̇_j z × x) from the last joint on."""
+        point, velocity = self.tip, NOTHING
+        for j in reversed(range(len(self.turns))):
+            velocity = (velocity[0] - rates[j] * point[1], velocity[1] + rates[j] * point[0], velocity[2])
+            velocity = rotated(self.rotations[j], _turned(self.turns[j], velocity))
+            point = _sum(self.positions[j], rotated(self.rotations[j], _turned(self.turns[j], point)))
+        return velocity
+
+    def _passed_on(self, j: int, force: Vector, moment: Vector) -> tuple[Vector, Vector]:
+        """Return a force and its moment about the origin of frame j as force and moment about that of frame j - 1."""
+        return self._moved_force(j, _turned(self.turns[j], force), _turned(self.turns[j], moment))
+
+    def _moved_force(self, j: int, force: Vector, moment: Vector) -> tuple[Vector, Vector]:
+        """Do what `_passed_on` does for a force and a moment in the axes that frame j has at angle 0."""
+        force, moment = rotated(self.rotations[j], force), rotated(self.rotations[j], moment)
+        return force, _sum(moment, _cross(self.positions[j], force))
+
+    def _back(self, j: int, vector: Vector) -> Vector:
+        """Return a vector of frame j - 1 in frame j: Zᵀ Aᵀ x."""
+        sine, cosine = self.turns[j]
+        x, y, z = rotated(transposed(self.rotations[j]), vector)
+        return cosine * x + sine * y, cosine * y - sine * x, z
 
 
-def regrouped(chain: Chain, bodies: Sequence[Body]) -> list[Body]:
-    """Return bodies with the same equations of motion, without masses; see the module."""
-    left: list[Body] = []
-    rest = list(bodies)
-    for j in reversed(range(len(rest))):
-        mass, (hx, hy, hz), inertia = rest[j]
-        own = Inertia(inertia.xx - inertia.yy, inertia.xy, inertia.xz, 0.0, inertia.yz, inertia.zz)
-        left.insert(0, Body(0.0, (hx, hy, 0.0), own))
-        if j > 0:
-            symmetric = Body(mass, (0.0, 0.0, hz), Inertia(inertia.yy, 0.0, 0.0, inertia.yy, 0.0, 0.0))
-            rest[j - 1] = joined(rest[j - 1], moved(symmetric, chain.rotations[j], chain.positions[j]))
-    return left
+def solver(matrix: Sequence[Sequence[Any]]) -> Callable[[Sequence[Any]], list[Any]]:
+    """Return the function that solves M x = b, from the lower triangle of M = Lᵀ D L, which is factorised once.
 
-
-def composite_bodies(chain: Chain, bodies: Sequence[Body], turns: Sequence[Turn]) -> list[list[Any]]:
-    """Return the lower triangle of M(q) [kg m²] by composite rigid bodies: row i has columns 0 to i.
-
-    The links from j on, rigid, accelerated about axis j, need the force f = z × h at the origin of frame j and the
-    moment n = L z; each axis i <= j of the chain below feels the z component of the moment about its own origin.
+    L is unit lower triangular, D diagonal, and the last entry of D the last one of M.
     """
-    rows: list[list[Any]] = []
-    whole = bodies[-1]
-    for j in reversed(range(1, len(bodies))):
-        turned = Body(0.0, _turned(turns[j], whole.moment), _turned_inertia(turns[j], whole.inertia))
-        (hx, hy, _), inertia = turned.moment, turned.inertia
-        force, moment = _moved_force(chain, j, (-hy, hx, 0.0), (inertia.xz, inertia.yz, inertia.zz))
-        row = [moment[2], inertia.zz]
-        for i in reversed(range(1, j)):
-            force, moment = _passed_on(chain, i, turns, force, moment)
-            row.insert(0, moment[2])
-        rows.insert(0, row)
-        whole = joined(bodies[j - 1], moved(turned, chain.rotations[j], chain.positions[j]))
-    return [[whole.inertia.zz], *rows]
-
-
-def newton_euler(
-    chain: Chain,
-    bodies: Sequence[Body],
-    turns: Sequence[Turn],
-    rates: Sequence[Any],
-    accelerations: Sequence[Any],
-    gravity: Vector,
-    force: Vector = NOTHING,
-) -> list[Any]:
-    """Return M(q) q̈ + C(q, q̇) q̇ + g(q) - J(q)ᵀ F [N m] by recursive Newton-Euler; the bodies have no masses.
-
-    Outwards, with U = [α]× + [ω]×², which takes a point of the link to its acceleration against the origin:
-
-        ω_j = Rᵀ ω + q̇_j z,    α_j = Rᵀ α + (Rᵀ ω) × q̇_j z + q̈_j z,    a_j = Rᵀ (a + U d_j),    R = A_j Z(q_j).
-
-    Inwards: f_j = U h and n_j = L α + ω × L ω + h × a at the origin of frame j, and those of the links beyond.
-
-    Gravity g [m/s²] is in the base frame, F [N] on the tip in the last one, see `in_last_frame`.
-    """
-    turning, rising, origin = NOTHING, NOTHING, tuple(-g for g in gravity)
-    motion: _Matrix = (NOTHING, NOTHING, NOTHING)
-    forces, moments = [], []
-    for j, body in enumerate(bodies):
-        origin = _back(chain, j, turns, _sum(origin, rotated(motion, chain.positions[j])))
-        turning, rising = (_back(chain, j, turns, vector) for vector in (turning, rising))
-        rising = (rising[0] + turning[1] * rates[j], rising[1] - turning[0] * rates[j], rising[2] + accelerations[j])
-        turning = (turning[0], turning[1], turning[2] + rates[j])
-        square = _square(turning)
-        motion = _motion(square, rising)
-        forces.append(rotated(motion, body.moment))
-        moments.append(_sum(_euler(body.inertia, square, motion, rising), _cross(body.moment, origin)))
-    total = _difference(forces[-1], force)
-    moment = _difference(moments[-1], _cross(chain.tip, force))
-    torques = [moment[2]]
-    for j in reversed(range(1, len(bodies))):
-        total, moment = _passed_on(chain, j, turns, total, moment)
-        total, moment = _sum(forces[j - 1], total), _sum(moments[j - 1], moment)
-        torques.insert(0, moment[2])
-    return torques
-
-
-def in_last_frame(chain: Chain, turns: Sequence[Turn], vector: Vector) -> Vector:
-    """Return a vector of the base frame in the frame of the last link."""
-    for j in range(len(turns)):
-        vector = _back(chain, j, turns, vector)
-    return vector
-
-
-def point_of_tip(chain: Chain, turns: Sequence[Turn]) -> Vector:
-    """Return the tip [m] in the base frame: x = d_j + A_j Z(q_j) x from the last joint to the first."""
-    point = chain.tip
-    for j in reversed(range(len(turns))):
-        point = _sum(chain.positions[j], rotated(chain.rotations[j], _turned(turns[j], point)))
-    return point
-
-
-def velocity_of_tip(chain: Chain, turns: Sequence[Turn], rates: Sequence[Any]) -> Vector:
-    """Return the tip's velocity [m/s] in the base frame: ẋ = A_j Z(q_j) (ẋ + q̇_j z × x) from the last joint on."""
-    point, velocity = chain.tip, NOTHING
-    for j in reversed(range(len(turns))):
-        velocity = (velocity[0] - rates[j] * point[1], velocity[1] + rates[j] * point[0], velocity[2])
-        velocity = rotated(chain.rotations[j], _turned(turns[j], velocity))
-        point = _sum(chain.positions[j], rotated(chain.rotations[j], _turned(turns[j], point)))
-    return velocity
-
-
-def factors(matrix: Sequence[Sequence[Any]]) -> tuple[list[list[Any]], list[Any]]:
-    """Return unit lower triangular L and the inverse of diagonal D with M = Lᵀ D L; the last entry of D is constant."""
     rest = [list(row) for row in matrix]
     inverse: list[Any] = [0.0] * len(rest)
     below: list[list[Any]] = [[] for _ in rest]
@@ -184,23 +178,19 @@ def factors(matrix: Sequence[Sequence[Any]]) -> tuple[list[list[Any]], list[Any]
         for i in range(k):
             for j in range(i + 1):
                 rest[i][j] = rest[i][j] - below[k][i] * rest[k][j]
-    return below, inverse
 
+    def solution(right: Sequence[Any]) -> list[Any]:
+        x = list(right)
+        for k in reversed(range(len(x))):
+            for i in range(k):
+                x[i] = x[i] - below[k][i] * x[k]
+        x = [value * factor for value, factor in zip(x, inverse, strict=True)]
+        for k in range(len(x)):
+            for i in range(k):
+                x[k] = x[k] - below[k][i] * x[i]
+        return x
 
-def solution(below: Sequence[Sequence[Any]], inverse: Sequence[Any], right: Sequence[Any]) -> list[Any]:
-    """Return x with Lᵀ D L x = b, from `factors`."""
-    x = list(right)
-    for k in reversed(range(len(x))):
-        for i in range(k):
-            x[i] = x[i] - below[k][i] * x[k]
-    x = [value * factor for value, factor in zip(x, inverse, strict=True)]
-    for k in range(len(x)):
-        for i in range(k):
-            x[k] = x[k] - below[k][i] * x[i]
-    return x
-
-
-_Matrix = tuple[Vector, Vector, Vector]
+    return solution
 
 
 def _square(turning: Vector) -> Inertia:
@@ -223,17 +213,6 @@ def _euler(inertia: Inertia, square: Inertia, motion: _Matrix, rising: Vector) -
         L.yy * ay + L.xy * U[2][1] - L.yz * U[0][1] + L.xz * (w.zz - w.xx) + (L.xx - L.zz) * w.xz,
         L.zz * az - L.xz * U[1][2] + L.yz * U[0][2] + L.xy * (w.xx - w.yy) + (L.yy - L.xx) * w.xy,
     )
-
-
-def _passed_on(chain: Chain, j: int, turns: Sequence[Turn], force: Vector, moment: Vector) -> tuple[Vector, Vector]:
-    """Return a force and its moment about the origin of frame j as force and moment about that of frame j - 1."""
-    return _moved_force(chain, j, _turned(turns[j], force), _turned(turns[j], moment))
-
-
-def _moved_force(chain: Chain, j: int, force: Vector, moment: Vector) -> tuple[Vector, Vector]:
-    """Do so with a force and a moment whose axes are turned back to those of frame j at angle 0."""
-    force, moment = rotated(chain.rotations[j], force), rotated(chain.rotations[j], moment)
-    return force, _sum(moment, _cross(chain.positions[j], force))
 
 
 def joined(first: Body, second: Body) -> Body:
@@ -262,7 +241,7 @@ def rotated_inertia(rotation: Sequence[Sequence[Any]], inertia: Inertia) -> Iner
     return Inertia(xx, xy, xz, yy, yz, zz)
 
 
-def _turned_inertia(turn: Turn, inertia: Inertia) -> Inertia:
+def _turned_inertia(turn: _Turn, inertia: Inertia) -> Inertia:
     """Return Z L Zᵀ with eight products for the part in the plane: its trace stays."""
     (sine, cosine), L = turn, inertia
     first, second = cosine * L.xx - sine * L.xy, cosine * L.xy - sine * L.yy
@@ -271,17 +250,10 @@ def _turned_inertia(turn: Turn, inertia: Inertia) -> Inertia:
     return Inertia(xx, xy, xz, (L.xx + L.yy) - xx, yz, L.zz)
 
 
-def _turned(turn: Turn, vector: Vector) -> Vector:
+def _turned(turn: _Turn, vector: Vector) -> Vector:
     """Return Z x."""
     (sine, cosine), (x, y, z) = turn, vector
     return cosine * x - sine * y, sine * x + cosine * y, z
-
-
-def _back(chain: Chain, j: int, turns: Sequence[Turn], vector: Vector) -> Vector:
-    """Return a vector of frame j - 1 in frame j: Zᵀ Aᵀ x."""
-    sine, cosine = turns[j]
-    x, y, z = rotated(transposed(chain.rotations[j]), vector)
-    return cosine * x + sine * y, cosine * y - sine * x, z
 
 
 def transposed(rotation: Sequence[Sequence[Any]]) -> tuple[tuple[float, ...], ...]:

@@ -25,23 +25,22 @@ from fuzzyarm.common import checks
 from fuzzyarm.envs.physics.joint import DIMENSIONS
 from fuzzyarm.envs.physics.robot import Robot
 
-__all__ = [
-    "bias", "directions", "frames", "gravity", "inverse_dynamics", "kinetic_energy", "mass_matrix", "potential_energy",
-    "tip_jacobian", "tip_position",
-]  # fmt: skip
+__all__ = ["Frames", "frames", "gravity", "inverse_dynamics", "mass_matrix", "tip_jacobian"]
 
 _ANGULAR, _LINEAR = slice(0, DIMENSIONS), slice(DIMENSIONS, 2 * DIMENSIONS)
 
 
-class _Frames(NamedTuple):
-    """Rotation R_i and origin p_i of each link's frame in the base."""
+class Frames(NamedTuple):
+    """The links, the joint axes and the tip of a robot, in the base frame."""
 
-    rotation: np.ndarray  # (..., n, 3, 3)
-    origin: np.ndarray  # (..., n, 3) [m]
+    rotation: np.ndarray  # R_i of each link's frame (..., n, 3, 3)
+    origin: np.ndarray  # p_i of each link's frame (..., n, 3) [m]
+    axes: np.ndarray  # z_i = R_i u_i, unit vectors (..., n, 3)
+    tip: np.ndarray  # p_n + R_n tip (..., 3) [m]
 
 
-def frames(robot: Robot, q: Any) -> _Frames:
-    """Return R_i = R_{i-1} A_i exp([u_i]× q_i) and p_i = p_{i-1} + R_{i-1} d_i of all links."""
+def frames(robot: Robot, q: Any) -> Frames:
+    """Return the frames at angles q (..., n) [rad]: R_i = R_{i-1} A_i exp([u_i]× q_i), p_i = p_{i-1} + R_{i-1} d_i."""
     angles, now = _motion(robot, q), robot.arrays
     rotation, origin, across = np.eye(DIMENSIONS), np.zeros(DIMENSIONS), _skew(now.axis)
     sine, cosine = (function(angles)[..., np.newaxis, np.newaxis] for function in (np.sin, np.cos))
@@ -52,18 +51,15 @@ def frames(robot: Robot, q: Any) -> _Frames:
         rotation = rotation @ now.rotation[i] @ turns[..., i, :, :]
         rotations.append(rotation)
         origins.append(np.broadcast_to(origin, (*angles.shape[:-1], DIMENSIONS)))
-    return _Frames(np.stack(rotations, axis=-3), np.stack(origins, axis=-2))
-
-
-def directions(robot: Robot, links: _Frames) -> np.ndarray:
-    """Return the direction z_i = R_i u_i of each axis in the base, shape (..., n, 3)."""
-    return np.asarray(np.einsum("...kij,kj->...ki", links.rotation, robot.arrays.axis))
+    turned, placed = np.stack(rotations, axis=-3), np.stack(origins, axis=-2)
+    axes, tip = np.einsum("...kij,kj->...ki", turned, now.axis), placed[..., -1, :] + turned[..., -1, :, :] @ now.tip
+    return Frames(turned, placed, axes, tip)
 
 
 def mass_matrix(robot: Robot, q: Any) -> np.ndarray:
     """Return M(q) [kg m²], shape (..., n, n); the rotors are not part of it."""
     links = frames(robot, q)
-    axes, inertia = _axes(robot, links), _inertias(robot, links)
+    axes, inertia = _axes(links), _inertias(robot, links)
     composite = np.flip(np.cumsum(np.flip(inertia, axis=-3), axis=-3), axis=-3)
     upper = np.triu(axes @ np.swapaxes(_times(composite, axes), -1, -2))
     return np.asarray(upper + np.swapaxes(np.triu(upper, 1), -1, -2))
@@ -72,7 +68,7 @@ def mass_matrix(robot: Robot, q: Any) -> np.ndarray:
 def inverse_dynamics(robot: Robot, q: Any, dq: Any, ddq: Any) -> np.ndarray:
     """Return M(q) q̈ + C(q, q̇) q̇ + g(q) [N m], (..., n), at q [rad], q̇ [rad/s] and q̈ [rad/s²] of that shape."""
     links, rate, change = frames(robot, q), _motion(robot, dq), _motion(robot, ddq)
-    axes, inertia = _axes(robot, links), _inertias(robot, links)
+    axes, inertia = _axes(links), _inertias(robot, links)
     turning = axes * rate[..., np.newaxis]
     velocity = np.cumsum(turning, axis=-2)
     acceleration = np.cumsum(axes * change[..., np.newaxis] + _cross_motion(velocity, turning), axis=-2)
@@ -82,40 +78,17 @@ def inverse_dynamics(robot: Robot, q: Any, dq: Any, ddq: Any) -> np.ndarray:
     return np.asarray(np.sum(axes * outer, axis=-1))
 
 
-def bias(robot: Robot, q: Any, dq: Any) -> np.ndarray:
-    """Return C(q, q̇) q̇ + g(q) [N m], shape (..., n), at angles [rad] and velocities [rad/s] of that shape."""
-    return inverse_dynamics(robot, q, dq, np.zeros(len(robot)))
-
-
 def gravity(robot: Robot, q: Any) -> np.ndarray:
     """Return g(q) [N m], shape (..., n)."""
     still = np.zeros(len(robot))
     return inverse_dynamics(robot, q, still, still)
 
 
-def tip_position(robot: Robot, q: Any) -> np.ndarray:
-    """Return the tip p_n + R_n tip [m] in the base frame, shape (..., 3)."""
-    return _tip(robot, frames(robot, q))
-
-
 def tip_jacobian(robot: Robot, q: Any) -> np.ndarray:
     """Return J = ∂tip/∂q [m], shape (..., 3, n): column i is z_i × (tip - p_i)."""
     links = frames(robot, q)
-    columns = _cross(directions(robot, links), _tip(robot, links)[..., np.newaxis, :] - links.origin)
+    columns = _cross(links.axes, links.tip[..., np.newaxis, :] - links.origin)
     return np.swapaxes(columns, -1, -2)
-
-
-def kinetic_energy(robot: Robot, q: Any, dq: Any) -> np.ndarray:
-    """Return q̇ᵀ M(q) q̇ / 2 [J], shape (...), at velocities [rad/s] of shape (..., n)."""
-    rate = _motion(robot, dq)
-    return np.asarray(0.5 * np.einsum("...i,...ij,...j->...", rate, mass_matrix(robot, q), rate))
-
-
-def potential_energy(robot: Robot, q: Any) -> np.ndarray:
-    """Return -Σ m_i gᵀ (p_i + R_i c_i) [J], shape (...), whose gradient is g(q)."""
-    links, now = frames(robot, q), robot.arrays
-    centers = links.origin + np.einsum("...kij,kj->...ki", links.rotation, now.center)
-    return np.asarray(-np.einsum("k,...kj,j->...", now.mass, centers, now.gravity))
 
 
 def _motion(robot: Robot, values: Any) -> np.ndarray:
@@ -144,18 +117,12 @@ def _times(matrices: np.ndarray, vectors: np.ndarray) -> np.ndarray:
     return np.asarray((matrices @ vectors[..., np.newaxis])[..., 0])
 
 
-def _tip(robot: Robot, links: _Frames) -> np.ndarray:
-    """Return p_n + R_n tip [m], shape (..., 3)."""
-    return np.asarray(links.origin[..., -1, :] + links.rotation[..., -1, :, :] @ robot.arrays.tip)
-
-
-def _axes(robot: Robot, links: _Frames) -> np.ndarray:
+def _axes(links: Frames) -> np.ndarray:
     """Return s_i = (z_i, p_i × z_i), shape (..., n, 6)."""
-    along = directions(robot, links)
-    return np.concatenate([along, _cross(links.origin, along)], axis=-1)
+    return np.concatenate([links.axes, _cross(links.origin, links.axes)], axis=-1)
 
 
-def _inertias(robot: Robot, links: _Frames) -> np.ndarray:
+def _inertias(robot: Robot, links: Frames) -> np.ndarray:
     """Return [[R I Rᵀ + m [c]×ᵀ [c]×, m [c]×], [m [c]×ᵀ, m 1]], c the mass center in the base, shape (..., n, 6, 6)."""
     now, turn = robot.arrays, links.rotation
     mass = now.mass[:, np.newaxis, np.newaxis]

@@ -147,7 +147,7 @@ class Robot:
         p, frame = parameters, ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0))
         joints = []
         for j in range(len(p.length)):
-            drive = {n: getattr(p, n)[j] for n, _, _ in DRIVE_UNITS if n not in DryFriction._fields}
+            drive = {n: getattr(p, n)[j] for n in DRIVE_UNITS if n not in DryFriction._fields}
             joints.append(
                 Joint(
                     name=f"joint{j + 1}",

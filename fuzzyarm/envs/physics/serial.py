@@ -25,18 +25,7 @@ from fuzzyarm.envs.physics.friction import DryFriction
 from fuzzyarm.envs.physics.integrator import advanced
 from fuzzyarm.envs.physics.joint import DIMENSIONS, DRIVE_UNITS, as_rows
 from fuzzyarm.envs.physics.records import VARIED, Physics, flat, per_joint, places, point, record_type, state_record
-from fuzzyarm.envs.physics.recursion import (
-    NOTHING,
-    Body,
-    Chain,
-    Folded,
-    Inertia,
-    Turn,
-    Vector,
-    rotated,
-    transposed,
-    unfolded,
-)
+from fuzzyarm.envs.physics.recursion import NOTHING, Body, Chain, Folded, Inertia, Vector, rotated, transposed, unfolded
 from fuzzyarm.envs.physics.robot import Robot
 from fuzzyarm.numbers.functions import zeros
 from fuzzyarm.numbers.program import Program
@@ -79,7 +68,7 @@ def structure_of(robot: Robot) -> Structure:
     heights = np.concatenate([now.position[:, -1], now.tip[-1:], now.gravity[-1:]])
     upright = bool((now.axis[:, -1] == 1.0).all() and (now.rotation[:, -1, -1] == 1.0).all())
     planar = len(robot) == _PLANAR_JOINTS and upright and not heights.any()
-    kept = (*(name for name, _, _ in DRIVE_UNITS), *_LIMITS, "mass")  # zero or not
+    kept = (*DRIVE_UNITS, *_LIMITS, "mass")  # zero or not
     names = [name for name, value in numbers.items() if value != 0.0 or name.rstrip("0123456789") in kept]
     return Structure(tuple(map(_exact, rotations)), tuple(map(_exact, frames)), planar, tuple(names))
 
@@ -92,7 +81,7 @@ def _numbers_of(robot: Robot) -> dict[str, float]:
         found |= _named(f"center{k}", joint.link.center)
         found |= _named(f"inertia{k}", np.array(joint.link.inertia)[np.triu_indices(DIMENSIONS)].tolist(), _ENTRIES)
         found |= _named(f"position{k}", joint.position)
-        found |= {f"{name}{k}": getattr(joint.drive, name) for name, _, _ in DRIVE_UNITS}
+        found |= {f"{name}{k}": getattr(joint.drive, name) for name in DRIVE_UNITS}
         found |= zip((f"{name}{k}" for name in _LIMITS), (*joint.angle_range, joint.velocity_limit), strict=True)
     return found | dict(_named("tip", robot.tip)) | dict(_named("gravity", robot.gravity))
 
@@ -163,8 +152,8 @@ class _Serial:
         before = enumerate([_UNTURNED, *frames[:-1]], start=1)
         positions = [rotated(transposed(frame), _vector(plant, f"position{k}")) for k, frame in before]
         tip = rotated(transposed(frames[-1]), _vector(plant, "tip"))
-        chain = Chain(self.structure.rotations, positions, tip)
-        bodies = recursion.regrouped(chain, self._bodies(plant, *map(Folded, (payload, place, tip_payload))))
+        bodies = self._bodies(plant, *map(Folded, (payload, place, tip_payload)))
+        bodies = Chain(self.structure.rotations, positions, tip, bodies).regrouped()
         found = dict(_named("tip", tip)) | dict(_named("gravity", _vector(plant, "gravity")))
         for k, (position, body) in enumerate(zip(positions, bodies, strict=True), start=1):
             found |= _named(f"position{k}", position)
@@ -186,11 +175,15 @@ class _Serial:
             bodies[-1] = recursion.joined(bodies[-1], recursion.moved(carried, _UNTURNED, at))
         return bodies
 
-    def _links(self, arm: Any) -> tuple[Chain, list[Body]]:
-        """Return frames and regrouped links."""
+    def _links(self, arm: Any) -> Chain:
+        """Return frames and regrouped links of an arm, before any angles are known."""
         joints = range(1, self.joints + 1)
-        chain = Chain(self.structure.rotations, [_vector(arm, f"position{k}") for k in joints], _vector(arm, "tip"))
-        return chain, [Body(0.0, _vector(arm, f"moment{k}"), _inertia(arm, k)) for k in joints]
+        positions, tip = [_vector(arm, f"position{k}") for k in joints], _vector(arm, "tip")
+        bodies = [Body(0.0, _vector(arm, f"moment{k}"), _inertia(arm, k)) for k in joints]
+        return Chain(self.structure.rotations, positions, tip, bodies)
+
+    def _at(self, angles: Any, arm: Any) -> Chain:
+        return _turned(self._links(arm), angles)
 
     def _in_space(self, force: Any) -> Vector:
         """Return a force with its third component, which is 0 for a planar arm."""
@@ -206,54 +199,47 @@ class _Serial:
 
     def _accelerations(self, force: Vector, load: Sequence[Any], arm: Any) -> Callable[[Any], Any]:
         """Return the accelerations by angles that `advanced` takes, under a tip force and torques on the links."""
-        chain, bodies = self._links(arm)
-        still, gravity = [0.0] * self.joints, _vector(arm, "gravity")
+        links, still, gravity = self._links(arm), [0.0] * self.joints, _vector(arm, "gravity")
 
         def at(link: Any) -> Callable[[Any, Any], Any]:
-            turns = _turns(link)
-            below, inverse = recursion.factors(recursion.composite_bodies(chain, bodies, turns))
-            outside = recursion.in_last_frame(chain, turns, force)
+            now = _turned(links, link)
+            solution, outside = recursion.solver(now.mass_matrix()), now.in_last_frame(force)
 
             def accelerations(joint: Any, rates: Any) -> Any:
-                outer = recursion.newton_euler(chain, bodies, turns, _folded(rates), still, gravity, outside)
+                outer = now.torques(_folded(rates), still, gravity, outside)
                 right = [Folded(a) - b + c for a, b, c in zip(joint, outer, load, strict=True)]
-                return self.PerJoint(*map(unfolded, recursion.solution(below, inverse, right)))
+                return self.PerJoint(*map(unfolded, solution(right)))
 
             return accelerations
 
         return at
 
     def tip(self, angles: Any, arm: Any) -> Any:
-        found = recursion.point_of_tip(self._links(arm)[0], _turns(angles))
-        return self._vector(found, angles)
+        return self._vector(self._at(angles, arm).tip_point(), angles)
 
     def tip_velocity(self, angles: Any, rates: Any, arm: Any) -> Any:
-        found = recursion.velocity_of_tip(self._links(arm)[0], _turns(angles), _folded(rates))
-        return self._vector(found, angles)
+        return self._vector(self._at(angles, arm).tip_velocity(_folded(rates)), angles)
 
     def _vector(self, vector: Vector, angles: Any) -> Any:
         return self.Point(*_like(vector[: len(self.Point._fields)], angles))
 
     def tip_load(self, angles: Any, force: Any, arm: Any) -> Any:
-        """Return J(q)ᵀ F: less the torque that holds an arm at rest, without gravity, under the force."""
-        still, (chain, bodies) = [0.0] * self.joints, self._links(arm)
-        turns = _turns(angles)
-        outside = recursion.in_last_frame(chain, turns, self._in_space(force))
-        held = recursion.newton_euler(chain, bodies, turns, still, still, NOTHING, outside)
+        """Return J(q)ᵀ F: the negative of the torque that holds an arm at rest, without gravity, under the force."""
+        still, now = [0.0] * self.joints, self._at(angles, arm)
+        held = now.torques(still, still, NOTHING, now.in_last_frame(self._in_space(force)))
         return self.PerJoint(*_like([-torque for torque in held], angles))
 
     def gravity(self, angles: Any, arm: Any) -> Any:
-        still, (chain, bodies) = [0.0] * self.joints, self._links(arm)
-        found = recursion.newton_euler(chain, bodies, _turns(angles), still, still, _vector(arm, "gravity"))
+        still = [0.0] * self.joints
+        found = self._at(angles, arm).torques(still, still, _vector(arm, "gravity"))
         return self.PerJoint(*_like(found, angles))
 
     def inverse_dynamics(self, angles: Any, rates: Any, accelerations: Any, arm: Any) -> Any:
-        (chain, bodies), rates, accelerations = self._links(arm), _folded(rates), _folded(accelerations)
-        found = recursion.newton_euler(chain, bodies, _turns(angles), rates, accelerations, _vector(arm, "gravity"))
+        found = self._at(angles, arm).torques(_folded(rates), _folded(accelerations), _vector(arm, "gravity"))
         return self.PerJoint(*map(unfolded, found))
 
     def mass_matrix(self, angles: Any, arm: Any) -> Any:
-        lower, joints = recursion.composite_bodies(*self._links(arm), _turns(angles)), range(self.joints)
+        lower, joints = self._at(angles, arm).mass_matrix(), range(self.joints)
         return tuple(tuple(_like([lower[max(i, j)][min(i, j)] for j in joints], angles)) for i in joints)
 
     def stiffness(self, plant: Any) -> Any:
@@ -315,9 +301,9 @@ def _inertia(record: Any, k: int) -> Inertia:
     return Inertia(*(_number(record, f"inertia{k}{entry}") for entry in _ENTRIES))
 
 
-def _turns(angles: Any) -> list[Turn]:
-    """Return sine and cosine of each angle."""
-    return [(Folded(sine), Folded(cosine)) for sine, cosine in map(sine_cosine, angles)]
+def _turned(links: Chain, angles: Any) -> Chain:
+    """Return the links at angles [rad]."""
+    return links._replace(turns=[(Folded(sine), Folded(cosine)) for sine, cosine in map(sine_cosine, angles)])
 
 
 def _like(numbers: Iterable[Any], angles: Any) -> list[Any]:

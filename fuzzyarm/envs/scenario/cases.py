@@ -108,7 +108,7 @@ def case_for(name: str, arm: AnyArm) -> Case:
 def with_loads(
     case: Case, *, force: tuple[float, float] | None = None, payload: float | None = None, duration: float | None = None
 ) -> Case:
-    """Return a case with other loads where it has such loads; its title says the mass.
+    """Return a case with these loads in place of its own, and none that it lacks; its title states the mass.
 
     Args:
         case: any case.

@@ -1,10 +1,10 @@
-"""The motion that a robot makes along a path with a name: the circle, if no other is asked of it.
+"""The motion of a robot along a path with a name, by default the circle.
 
 The two-joint arm has the paths of `PAPER_PATHS`, as a `Robot` too, wherever it can follow them; the circle is the
 paper's, in the paper's 1.5 s whatever the arm's motors. Any other arm draws the path of that name in its home posture:
 in the plane of a planar robot; otherwise upright and facing the base, across the horizontal direction from the base to
 the tip. The circle and the square begin and end there, at their lowest point; the lemniscate and the line have their
-middle there. Half of the width is the largest of `SIZES` that the robot can follow with the orientation of its last
+middle there. Half of the width is the largest of `_SIZES` that the robot can follow with the orientation of its last
 link kept. The duration is the shortest multiple of 0.1 s from 1.5 s on for which every joint turns at no more than half
 of its velocity limit, and every motor, on the rigid robot, needs no more than half of its torque limit.
 
@@ -22,11 +22,10 @@ import numpy as np
 from fuzzyarm.common.checks import choice
 from fuzzyarm.envs.physics.equations import AnyArm, robot_of
 from fuzzyarm.envs.physics.parameters import ArmParameters
-from fuzzyarm.envs.physics.rigid_body import inverse_dynamics
+from fuzzyarm.envs.physics.rigid_body import frames, inverse_dynamics
 from fuzzyarm.envs.physics.robot import Robot
 from fuzzyarm.envs.scenario.kinematics import (
     angle_ranges,
-    chain,
     freedom,
     home_posture,
     reach,
@@ -39,10 +38,10 @@ from fuzzyarm.envs.scenario.robot_reference import EXACT, SplineReference, TipRe
 
 __all__ = ["LONGEST", "default_reference", "flattened", "is_placed", "reference_family", "timed"]
 
-SIZES = (0.2, 0.15, 0.1, 0.07, 0.05, 0.03, 0.02, 0.01)  # half of the width, share of the robot's reach
+_SIZES = (0.2, 0.15, 0.1, 0.07, 0.05, 0.03, 0.02, 0.01)  # half of the width, share of the robot's reach
 _SHORTEST, _STEP = 1.5, 0.1  # s
 LONGEST = 60.0  # the longest duration of the rule [s]
-SHARE = 0.5  # of the limits
+_SHARE = 0.5  # of the limits
 
 
 def default_reference(robot: Robot | ArmParameters, path: str = "circle") -> Reference:
@@ -70,12 +69,12 @@ def _in_plane(arm: ArmParameters, name: str) -> JointReference:
 
 
 def is_placed(reference: Reference) -> bool:
-    """Return whether a motion of the two-joint arm is placed and timed for one arm alone, by no number of its links."""
+    """Return whether a motion is placed and timed for one two-joint arm alone, so that other arms cannot share it."""
     return isinstance(reference, JointReference) and isinstance(reference.path, Placed)
 
 
 def flattened(reference: TipReference, arm: ArmParameters) -> JointReference:
-    """Return the reference of a two-joint arm, as a robot in space, as one of the arm in its plane."""
+    """Return a reference of the two-joint arm, given in space, as one in the plane of the arm."""
     placed = reference.path
     assert isinstance(placed, Placed)
     parts = (tuple(getattr(placed, name)[:2]) for name in ("origin", "first", "second"))
@@ -93,7 +92,7 @@ def _papers(robot: Robot, name: str) -> TipReference | None:
     start = path.points(0.0)[0]
     paper = JointReference()
     posture = joint_angles(start[:2], lengths, paper.elbow_sign)
-    if not np.abs(chain(robot, posture).tip - start).max() <= EXACT:  # nan: out of reach
+    if not np.abs(frames(robot, posture).tip - start).max() <= EXACT:  # nan: out of reach
         return None
     try:
         slow = TipReference(path, LONGEST, robot, tuple(posture.tolist()))
@@ -104,11 +103,11 @@ def _papers(robot: Robot, name: str) -> TipReference | None:
 
 @functools.lru_cache(maxsize=64)
 def _fitted(robot: Robot, name: str) -> TipReference:
-    """Return the path of a name in the largest size that the robot can follow from its home posture."""
-    tip = chain(robot, np.array(home_posture(robot))).tip
+    """Return the motion along a named path in the largest size that the robot can follow from its home posture."""
+    tip = frames(robot, np.array(home_posture(robot))).tip
     first, second = _plane(robot, tip)
     reason: ValueError | None = None
-    for share in SIZES:
+    for share in _SIZES:
         shape = SHAPES[name](share * reach(robot))
         path = Placed(shape, tuple(tip.tolist()), tuple((first + 0.0).tolist()), tuple((second + 0.0).tolist()))
         try:
@@ -141,7 +140,7 @@ def _plane(robot: Robot, tip: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
 
 
 def timed(slow: TipReference) -> TipReference:
-    """Return a reference of the duration `LONGEST` with the duration of the rule."""
+    """Return a reference, given with the duration `LONGEST`, with the duration of the module's rule."""
     return TipReference(slow.path, _shortest(slow, slow.robot), slow.robot, slow.posture)
 
 
@@ -158,17 +157,17 @@ def _shortest(slow: Reference, robot: Robot) -> float:
     weight, moving = _torques(robot, q, dq, ddq)
     speed = float(np.max(np.abs(dq) / velocity_limits(robot)))
     held = np.max(np.abs(weight) / torque_limit, axis=0)
-    if held.max() > SHARE:
+    if held.max() > _SHARE:
         joint = robot.joints[int(np.argmax(held))].name
         raise ValueError(
             f"{robot.name} needs {100.0 * held.max():.3g} % of the torque limit of {joint} "
-            f"to hold its weight; allowed: {100.0 * SHARE:g} %. Raise the torque_limit, or give a reference="
+            f"to hold its weight; allowed: {100.0 * _SHARE:g} %. Raise the torque_limit, or give a reference="
         )
     for number in range(round(_SHORTEST / _STEP), round(LONGEST / _STEP) + 1):
         duration = number * _STEP
         faster = slow.duration / duration  # velocities grow with it, inertial and centrifugal torques with its square
         torque = np.abs(weight + faster**2 * moving) / torque_limit
-        if faster * speed <= SHARE and torque.max() <= SHARE:
+        if faster * speed <= _SHARE and torque.max() <= _SHARE:
             return round(duration, 1)
     raise ValueError(
         f"{robot.name} passes half of a torque or velocity limit even in {LONGEST:g} s: raise torque_limit or "

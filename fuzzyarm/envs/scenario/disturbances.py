@@ -12,7 +12,7 @@ import numpy as np
 
 from fuzzyarm.common import checks
 from fuzzyarm.envs.physics.dynamics import Payload
-from fuzzyarm.envs.physics.parameters import LARGEST
+from fuzzyarm.envs.physics.parameters import LARGEST, keep_quantities, quantity
 from fuzzyarm.envs.physics.records import JOINTS
 from fuzzyarm.envs.physics.robot import MOST_JOINTS
 
@@ -46,22 +46,13 @@ class MachiningForce:
         fade_speed: v_0 [m/s].
     """
 
-    base: float = 138.0
-    swing: float = 80.0
-    duration: float = 1.5
-    fade_speed: float = 0.01
+    base: float = quantity("N", 138.0, low=-LARGEST)
+    swing: float = quantity("N", 80.0, low=-LARGEST)
+    duration: float = quantity("s", 1.5, low=1.0 / LARGEST)
+    fade_speed: float = quantity("m/s", 0.01, low=1.0 / LARGEST)
 
     def __post_init__(self) -> None:
-        least = 1.0 / LARGEST
-        bounds = (
-            ("base", "N", -LARGEST),
-            ("swing", "N", -LARGEST),
-            ("duration", "s", least),
-            ("fade_speed", "m/s", least),
-        )
-        for name, unit, low in bounds:
-            number = checks.real(f"MachiningForce.{name}", getattr(self, name), unit, low=low, high=LARGEST)
-            checks.keep(self, name, number)
+        keep_quantities(self, "MachiningForce.")
 
     def at(self, time: np.ndarray, tip_velocity: np.ndarray) -> np.ndarray:
         """Return the force (..., 2 or 3) [N] at times (...) [s] for tip velocities (..., 2 or 3) [m/s]."""
@@ -116,18 +107,16 @@ class TorqueBias:
 class EncoderNoise:
     """White Gaussian noise on the measured motor angles [rad] and velocities [rad/s], as standard deviations."""
 
-    position: float = 0.0
-    velocity: float = 0.0
+    position: float = quantity("rad", 0.0, low=0.0, high=math.inf)
+    velocity: float = quantity("rad/s", 0.0, low=0.0, high=math.inf)
 
     def __post_init__(self) -> None:
-        for name, unit in (("position", "rad"), ("velocity", "rad/s")):
-            number = checks.real(f"EncoderNoise.{name}", getattr(self, name), unit, low=0.0)
-            checks.keep(self, name, number)
+        keep_quantities(self, "EncoderNoise.")
 
 
 @dataclasses.dataclass(frozen=True)
 class Disturbance:
-    """What acts in one episode; compose any of the parts. `None` and the default payload mean: none.
+    """What acts on the arm in one episode, any combination of these parts; None and the default payload are nothing.
 
     Examples:
         >>> Disturbance(tip_force=ConstantForce((0.0, 50.0)), payload=Payload(2.0)).payload.mass
@@ -156,7 +145,7 @@ class Disturbance:
 
 
 def _numbers(name: str, values: Any, sizes: Collection[int], unit: str) -> tuple[float, ...]:
-    """Return real numbers, as many as one of `sizes`; if it fits none, two are asked for."""
+    """Return real numbers whose count is one of `sizes`; the error for another count asks for two."""
     count = next((size for size in sizes if checks.is_sequence(values, size)), JOINTS)
     return checks.reals(name, values, count, unit, low=-LARGEST, high=LARGEST)
 

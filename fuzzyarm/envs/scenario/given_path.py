@@ -133,7 +133,7 @@ class GivenPath:
 
 
 def _check_reach(curve: Spline, robot: Robot) -> None:
-    """Raise if a point is beyond the summed lengths of links, or within what the longest has more than all others."""
+    """Raise if a point is farther from the base than the summed link lengths, or nearer than the arm can fold."""
     points = curve.points(np.linspace(0.0, 1.0, CHECKED_INSTANTS))[0]
     base, links = robot.arrays.position[0][: points.shape[-1]], link_lengths(robot)
     high, low = float(links.sum()), max(0.0, float(2.0 * links.max() - links.sum()))

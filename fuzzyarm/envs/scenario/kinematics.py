@@ -32,45 +32,28 @@ from typing import NamedTuple
 
 import numpy as np
 
-from fuzzyarm.envs.physics.rigid_body import directions, frames, gravity
+from fuzzyarm.envs.physics.rigid_body import Frames, frames, gravity
 from fuzzyarm.envs.physics.robot import Robot
 
 __all__ = [
-    "ANGULAR", "LINEAR", "Chain", "TipTask", "angle_ranges", "chain", "drift", "freedom", "home_posture", "jacobian",
-    "link_lengths", "reach", "rotation_vector", "solved", "start_posture", "upwards", "velocity_limits",
+    "LINEAR", "TipTask", "angle_ranges", "freedom", "home_posture", "jacobian", "link_lengths", "reach", "solved",
+    "start_posture", "upwards", "velocity_limits",
 ]  # fmt: skip
 
-LINEAR, ANGULAR = slice(0, 3), slice(3, 6)  # rows of the Jacobian: velocity of the tip, angular velocity
+LINEAR, _ANGULAR = slice(0, 3), slice(3, 6)  # rows of the Jacobian: velocity of the tip, angular velocity
 
 
-class Chain(NamedTuple):
-    """The joints and the tip of a robot, in the base frame."""
-
-    axes: np.ndarray  # z_i, unit vectors (..., n, 3)
-    origins: np.ndarray  # p_i (..., n, 3) [m]
-    tip: np.ndarray  # p (..., 3) [m]
-    rotation: np.ndarray  # of the last link (..., 3, 3), columns are its axes
-
-
-def chain(robot: Robot, q: np.ndarray) -> Chain:
-    """Return joints and tip at joint angles q (..., n) [rad]."""
-    links = frames(robot, q)
-    last = links.rotation[..., -1, :, :]
-    tip = links.origin[..., -1, :] + last @ robot.arrays.tip
-    return Chain(directions(robot, links), links.origin, tip, last)
-
-
-def jacobian(now: Chain) -> np.ndarray:
+def jacobian(now: Frames) -> np.ndarray:
     """Return J (..., 6, n): rows of the tip's velocity [m], then of the angular velocity of the last link."""
-    linear = np.cross(now.axes, now.tip[..., np.newaxis, :] - now.origins)
+    linear = np.cross(now.axes, now.tip[..., np.newaxis, :] - now.origin)
     return np.swapaxes(np.concatenate([linear, now.axes], axis=-1), -1, -2)
 
 
-def drift(now: Chain, dq: np.ndarray) -> np.ndarray:
+def _drift(now: Frames, dq: np.ndarray) -> np.ndarray:
     """Return J̇ q̇ (..., 6), [m/s²] and [rad/s²], at joint velocities dq (..., n) [rad/s]."""
     zero = np.zeros_like(now.tip)
     turning, angular, linear = zero, zero, zero  # ω, ω̇ and the acceleration of the place reached so far
-    places = [*np.moveaxis(now.origins, -2, 0), now.tip]
+    places = [*np.moveaxis(now.origin, -2, 0), now.tip]
     for number, axis in enumerate(np.moveaxis(now.axes, -2, 0)):
         swing = axis * dq[..., number, np.newaxis]
         angular = angular + np.cross(turning, swing)
@@ -80,7 +63,7 @@ def drift(now: Chain, dq: np.ndarray) -> np.ndarray:
     return np.concatenate([linear, angular], axis=-1)
 
 
-def rotation_vector(rotation: np.ndarray) -> np.ndarray:
+def _rotation_vector(rotation: np.ndarray) -> np.ndarray:
     """Return axis times angle (..., 3) [rad] of rotations (..., 3, 3), angles of at most π."""
     twice_sine = np.stack(
         [
@@ -139,8 +122,8 @@ def freedom(robot: Robot) -> _Freedom:
     """Return along which directions the tip of a robot can move, and about which its last link can turn."""
     low, high = angle_ranges(robot)
     q = np.random.default_rng(_SPAN_SEED).uniform(low, high, (_SPAN_POSTURES, len(robot)))
-    rows = jacobian(chain(robot, q))
-    return _Freedom(_span(rows[:, LINEAR]), _span(rows[:, ANGULAR]))
+    rows = jacobian(frames(robot, q))
+    return _Freedom(_span(rows[:, LINEAR]), _span(rows[:, _ANGULAR]))
 
 
 class TipTask:
@@ -152,17 +135,17 @@ class TipTask:
     """
 
     def __init__(self, robot: Robot, start: np.ndarray, keeps_orientation: bool) -> None:
-        self.robot, self.start, can, now = robot, start, freedom(robot), chain(robot, start)
+        self.robot, self.start, can, now = robot, start, freedom(robot), frames(robot, start)
         self.motion, self.turning = can.motion, can.turning if keeps_orientation else can.turning[:0]
-        self.rotation, rows = now.rotation, self._moving(now)
+        self.rotation, rows = now.rotation[-1], self._moving(now)
         self.frozen: np.ndarray = np.linalg.svd(rows)[2][len(rows) :]
 
-    def residual(self, now: Chain, q: np.ndarray, point: np.ndarray) -> np.ndarray:
+    def residual(self, now: Frames, q: np.ndarray, point: np.ndarray) -> np.ndarray:
         """Return f (..., n), in m and rad, at angles (..., n) for points (..., 3) [m]."""
-        turned = rotation_vector(now.rotation @ self.rotation.T) @ self.turning.T
+        turned = _rotation_vector(now.rotation[..., -1, :, :] @ self.rotation.T) @ self.turning.T
         return np.concatenate([(now.tip - point) @ self.motion.T, turned, (q - self.start) @ self.frozen.T], axis=-1)
 
-    def matrix(self, now: Chain) -> np.ndarray:
+    def matrix(self, now: Frames) -> np.ndarray:
         """Return A (..., n, n)."""
         rows = self._moving(now)
         frozen = np.broadcast_to(self.frozen, (*rows.shape[:-2], *self.frozen.shape))
@@ -171,7 +154,7 @@ class TipTask:
     def refined(self, q: np.ndarray, point: np.ndarray, rounds: int) -> np.ndarray:
         """Return angles (..., n) [rad] after Newton steps q - A⁻¹ f."""
         for _ in range(rounds):
-            now = chain(self.robot, q)
+            now = frames(self.robot, q)
             q = q - solved(self.matrix(now), self.residual(now, q, point))
         return q
 
@@ -181,22 +164,22 @@ class TipTask:
         rest = len(self.start) - wanted.shape[-1]
         return np.concatenate([wanted, np.zeros((*wanted.shape[:-1], rest))], axis=-1)
 
-    def drifting(self, now: Chain, dq: np.ndarray) -> np.ndarray:
+    def drifting(self, now: Frames, dq: np.ndarray) -> np.ndarray:
         """Return Ȧ q̇ (..., n) at joint velocities (..., n) [rad/s]."""
-        rate = drift(now, dq)
-        parts = [rate[..., LINEAR] @ self.motion.T, rate[..., ANGULAR] @ self.turning.T]
+        rate = _drift(now, dq)
+        parts = [rate[..., LINEAR] @ self.motion.T, rate[..., _ANGULAR] @ self.turning.T]
         return np.concatenate([*parts, np.zeros((*rate.shape[:-1], len(self.frozen)))], axis=-1)
 
-    def sharpness(self, now: Chain) -> np.ndarray:
+    def sharpness(self, now: Frames) -> np.ndarray:
         """Return the smallest singular value (...) of A, lengths in reaches of the robot; 0 where it is singular."""
         matrix = self.matrix(now)
         matrix[..., : len(self.motion), :] /= reach(self.robot)
         return np.asarray(np.linalg.svd(matrix, compute_uv=False)[..., -1])
 
-    def _moving(self, now: Chain) -> np.ndarray:
+    def _moving(self, now: Frames) -> np.ndarray:
         """Return the rows (..., P J_v and O J_ω, n)."""
         rows = jacobian(now)
-        return np.concatenate([self.motion @ rows[..., LINEAR, :], self.turning @ rows[..., ANGULAR, :]], axis=-2)
+        return np.concatenate([self.motion @ rows[..., LINEAR, :], self.turning @ rows[..., _ANGULAR, :]], axis=-2)
 
 
 def start_posture(
@@ -214,10 +197,10 @@ def start_posture(
     low, high = angle_ranges(robot)
 
     def missed(q: np.ndarray) -> np.ndarray:
-        return task.residual(chain(robot, q), q, point)[:moving]
+        return task.residual(frames(robot, q), q, point)[:moving]
 
     def slope(q: np.ndarray) -> np.ndarray:
-        return task.matrix(chain(robot, q))[:moving]
+        return task.matrix(frames(robot, q))[:moving]
 
     found = least_squares(missed, near, slope, bounds=(low, high), xtol=1e-15, ftol=1e-15, gtol=1e-15, x_scale=1.0)
     q = np.array(found.x)
@@ -251,7 +234,7 @@ _SINGULAR = 1e-300  # stands for a determinant of zero
 
 @functools.lru_cache(maxsize=64)
 def home_posture(robot: Robot) -> tuple[float, ...]:
-    """Return the angles (n,) [rad] of the module's rule."""
+    """Return the default first posture (n,) [rad] of a robot, by the rule of the module."""
     from scipy.optimize import minimize  # SciPy is only needed here
 
     low, high = angle_ranges(robot)
@@ -260,10 +243,10 @@ def home_posture(robot: Robot) -> tuple[float, ...]:
     turns = len(robot) >= len(can.motion) + len(can.turning)
 
     def cost(shares: np.ndarray) -> np.ndarray:
-        """Return what is to be small (...) at shares (..., n) of the half ranges."""
+        """Return the cost (...) to be minimised, at shares (..., n) of the half ranges."""
         q = middle + half * shares
-        rows = jacobian(chain(robot, q))
-        parts = [can.motion @ rows[..., LINEAR, :] / length, *([can.turning @ rows[..., ANGULAR, :]] if turns else [])]
+        rows = jacobian(frames(robot, q))
+        parts = [can.motion @ rows[..., LINEAR, :] / length, *([can.turning @ rows[..., _ANGULAR, :]] if turns else [])]
         moving = np.concatenate(parts, axis=-2)
         sizes = np.linalg.det(moving @ np.swapaxes(moving, -1, -2))
         dexterity = 0.5 * np.log(np.maximum(sizes, _SINGULAR))

@@ -25,18 +25,19 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from fuzzyarm.common import checks
+from fuzzyarm.envs.physics.parameters import keep_quantities, quantity
 
 if TYPE_CHECKING:
     from scipy.interpolate import CubicSpline
 
 __all__ = [
-    "PAPER_PATHS", "SHAPES", "Circle", "Lemniscate", "Line", "Placed", "Point", "Spline", "Square", "TipPath",
-    "any_point", "chord_spline",
+    "PAPER_PATHS", "SHAPES", "Circle", "Lemniscate", "Line", "Placed", "Spline", "Square", "TipPath", "any_point",
+    "chord_spline",
 ]  # fmt: skip
 
 # A point (x, y) [m], one of (x, y) or (x, y, z) [m], and p, dp/ds and d²p/ds² of a curve.
-Point = tuple[float, float]
-_AnyPoint = Point | tuple[float, float, float]
+_Point = tuple[float, float]
+_AnyPoint = _Point | tuple[float, float, float]
 _Points = tuple[np.ndarray, np.ndarray, np.ndarray]
 
 # Neighbouring points of a line or spline closer than this [m] give a curve without a direction.
@@ -60,6 +61,11 @@ class TipPath(Protocol):
         ...
 
 
+def _number(unit: str, default: Any = dataclasses.MISSING, **bounds: Any) -> Any:
+    """Return a field of a curve, see `quantity`; its numbers are at most `_LARGEST` in size."""
+    return quantity(unit, default, **{"low": -_LARGEST, "high": _LARGEST, **bounds})
+
+
 @dataclasses.dataclass(frozen=True)
 class Circle:
     """p(s) = center + R (cos ψ, sin ψ), ψ(s) = ψ_0 + 2π n s; the defaults are the paper's curve.
@@ -79,13 +85,13 @@ class Circle:
         [[0.35, 0.85], [0.35, 0.45]]
     """
 
-    center: Point = (0.35, 0.65)
-    radius: float = 0.2
-    start_angle: float = math.pi / 2
-    turns: float = -1.0
+    center: _Point = _number("m", (0.35, 0.65), count=2)
+    radius: float = _number("m", 0.2, low=_MINIMUM_SPACING)
+    start_angle: float = _number("rad", math.pi / 2)
+    turns: float = _number("turns", -1.0)
 
     def __post_init__(self) -> None:
-        _keep_plane(self, {"start_angle": "rad", "turns": "turns"}, "radius")
+        keep_quantities(self)
         if abs(self.turns) < _FEWEST_TURNS:
             raise ValueError(f"turns = {self.turns} is out of range; allowed: ±[{_FEWEST_TURNS:g}, {_LARGEST:g}]")
 
@@ -139,12 +145,12 @@ class Lemniscate:
         angle: α [rad], turns the long axis from x towards y.
     """
 
-    center: Point
-    half_width: float
-    angle: float = 0.0
+    center: _Point = _number("m", count=2)
+    half_width: float = _number("m", low=_MINIMUM_SPACING)
+    angle: float = _number("rad", 0.0)
 
     def __post_init__(self) -> None:
-        _keep_plane(self, {"angle": "rad"}, "half_width")
+        keep_quantities(self)
 
     def points(self, s: ArrayLike) -> _Points:
         """Return p, dp/ds, d²p/ds² as in `TipPath`."""
@@ -225,13 +231,6 @@ def chord_spline(points: np.ndarray, *, closed: bool = False) -> CubicSpline:
     return CubicSpline(knots / knots[-1], points, bc_type="periodic" if closed else "not-a-knot")
 
 
-def _keep_plane(curve: Any, numbers: dict[str, str], size: str) -> None:
-    """Check and keep the center of a plane curve, its size [m], and other numbers by unit."""
-    checks.keep(curve, "center", any_point("center", curve.center, 2))
-    for name, unit, low in ((size, "m", _MINIMUM_SPACING), *((*one, -_LARGEST) for one in numbers.items())):
-        checks.keep(curve, name, checks.real(name, getattr(curve, name), unit, low=low, high=_LARGEST))
-
-
 def any_point(name: str, value: Any, size: int | None = None) -> Any:
     """Return a point of two or three finite numbers [m]; of `size` numbers, if that is given."""
     count = size or (3 if checks.is_sequence(value, 3) else 2)
@@ -258,11 +257,11 @@ class Square:
         half_side: a [m], > 0.
     """
 
-    center: Point
-    half_side: float
+    center: _Point = _number("m", count=2)
+    half_side: float = _number("m", low=_MINIMUM_SPACING)
 
     def __post_init__(self) -> None:
-        _keep_plane(self, {}, "half_side")
+        keep_quantities(self)
 
     def points(self, s: ArrayLike) -> _Points:
         """Return p [m], dp/ds and d²p/ds² [m], each (..., 2), as in `TipPath`."""

@@ -19,15 +19,7 @@ from fuzzyarm.envs.physics.records import columns, per_joint, places, record_typ
 from fuzzyarm.envs.scenario.default_reference import reference_family
 from fuzzyarm.envs.scenario.reference import Reference
 
-__all__ = [
-    "ALLOWED",
-    "RANDOMISATIONS",
-    "DomainRandomisation",
-    "Range",
-    "by_quantity",
-    "draw_record",
-    "find_randomisation",
-]
+__all__ = ["ALLOWED", "DomainRandomisation", "Range", "by_quantity", "draw_record", "find_randomisation"]
 
 Range = tuple[float, float]  # low and high end of what is drawn
 _HEAVIEST = 5.0 / 24.0  # of "robust": payload over the mass of the links; 5 kg for the paper's arm
@@ -46,6 +38,11 @@ def draw_record(joints: int) -> Any:
         ("mass", "motor_inertia", "stiffness", "damping", "dry_friction", "viscous_friction"), per_joint(joints)
     )
     return record_type("Draw", **factors, payload=Any, force=Any, angle=per_joint(joints), reference=Any)
+
+
+def _range(nominal: float, low: float, high: float, unit: str = "") -> Any:
+    """Return a field for a range within [low, high], by default the nominal value alone."""
+    return dataclasses.field(default=(nominal, nominal), metadata={"allowed": (low, high, unit)})
 
 
 @dataclasses.dataclass(frozen=True)
@@ -74,24 +71,24 @@ class DomainRandomisation:
         (0.0, 5.0)
     """
 
-    mass: Range = (1.0, 1.0)
-    motor_inertia: Range = (1.0, 1.0)
-    stiffness: Range = (1.0, 1.0)
-    damping: Range = (1.0, 1.0)
-    dry_friction: Range = (1.0, 1.0)
-    viscous_friction: Range = (1.0, 1.0)
-    payload: Range = (0.0, 0.0)
-    force: Range = (1.0, 1.0)
-    angle: Range = (0.0, 0.0)
+    mass: Range = _range(1.0, 0.01, 100.0)
+    motor_inertia: Range = _range(1.0, 0.01, 100.0)
+    stiffness: Range = _range(1.0, 0.01, 100.0)
+    damping: Range = _range(1.0, 0.0, 100.0)
+    dry_friction: Range = _range(1.0, 0.0, 100.0)
+    viscous_friction: Range = _range(1.0, 0.0, 100.0)
+    payload: Range = _range(0.0, 0.0, 1000.0, "kg")
+    force: Range = _range(1.0, 0.0, 100.0)
+    angle: Range = _range(0.0, -0.5, 0.5, "rad")
     references: tuple[Reference, ...] = ()
 
     def __post_init__(self) -> None:
         for name, (low, high, unit) in ALLOWED.items():
             given = checks.interval(f"DomainRandomisation.{name}", getattr(self, name), unit, low=low, high=high)
-            object.__setattr__(self, name, given)
+            checks.keep(self, name, given)
         if not isinstance(self.references, tuple | list):
             raise TypeError(f"DomainRandomisation.references = {checks.shown(self.references)} must be a tuple")
-        object.__setattr__(self, "references", tuple(self.references))
+        checks.keep(self, "references", tuple(self.references))
         for reference in self.references:
             checks.instance("DomainRandomisation.references: entry", reference, Reference)  # type: ignore[type-abstract]
 
@@ -109,18 +106,10 @@ class DomainRandomisation:
         return table
 
 
-# By field: lowest and highest value allowed, and the unit.
-ALLOWED = {
-    "mass": (0.01, 100.0, ""),
-    "motor_inertia": (0.01, 100.0, ""),
-    "stiffness": (0.01, 100.0, ""),
-    "damping": (0.0, 100.0, ""),
-    "dry_friction": (0.0, 100.0, ""),
-    "viscous_friction": (0.0, 100.0, ""),
-    "payload": (0.0, 1000.0, "kg"),
-    "force": (0.0, 100.0, ""),
-    "angle": (-0.5, 0.5, "rad"),
+ALLOWED: dict[str, tuple[float, float, str]] = {
+    field.name: field.metadata["allowed"] for field in dataclasses.fields(DomainRandomisation) if field.metadata
 }
+"""By field of `DomainRandomisation`: the lowest and the highest value allowed, and the unit."""
 
 
 def by_quantity(drawn: np.ndarray, joints: int) -> dict[str, np.ndarray]:
@@ -153,7 +142,7 @@ def _robust(arm: AnyArm) -> DomainRandomisation:
 
 
 # What is drawn, by name.
-RANDOMISATIONS: dict[str, Callable[[AnyArm], DomainRandomisation]] = {
+_NAMED: dict[str, Callable[[AnyArm], DomainRandomisation]] = {
     "nominal": lambda arm: DomainRandomisation(),
     "plants": lambda arm: _PLANTS,
     "robust": _robust,
@@ -164,9 +153,9 @@ def find_randomisation(randomisation: str | DomainRandomisation, arm: AnyArm) ->
     """Return the randomisation itself, or the named one for this arm; ValueError names the choices."""
     if isinstance(randomisation, DomainRandomisation):
         return randomisation
-    if not isinstance(randomisation, str) or randomisation not in RANDOMISATIONS:
+    if not isinstance(randomisation, str) or randomisation not in _NAMED:
         raise ValueError(
-            f"unknown randomisation {checks.shown(randomisation)}; choose from: {', '.join(RANDOMISATIONS)}, "
+            f"unknown randomisation {checks.shown(randomisation)}; choose from: {', '.join(_NAMED)}, "
             "or give a DomainRandomisation"
         )
-    return RANDOMISATIONS[randomisation](arm)
+    return _NAMED[randomisation](arm)

@@ -29,9 +29,8 @@ from fuzzyarm.envs.scenario.kinematics import solved
 from fuzzyarm.envs.scenario.paths import Circle, Placed, TipPath
 
 __all__ = [
-    "CHECKED_INSTANTS", "LONGEST", "SHORTEST", "SINGULARITY_MARGIN", "JointReference", "PathReference", "Reference",
-    "ReferenceSample", "TipSample", "along", "check_limits", "corner_times", "joint_angles",
-    "quintic_time_law", "time_at",
+    "CHECKED_INSTANTS", "LONGEST", "SHORTEST", "JointReference", "PathReference", "Reference", "ReferenceSample",
+    "TipSample", "along", "check_limits", "corner_times", "joint_angles", "quintic_time_law", "time_at",
 ]  # fmt: skip
 
 SHORTEST, LONGEST = 1e-6, 1e6  # s, allowed durations
@@ -71,7 +70,7 @@ def time_at(s: ArrayLike, duration: float) -> np.ndarray:
 
 
 # The whole path must keep |q2| in [margin, π - margin] rad: det J = L1 L2 sin q2 vanishes at 0 and π.
-SINGULARITY_MARGIN = 0.05
+_SINGULARITY_MARGIN = 0.05
 
 # Instants, evenly spaced over the duration, at which a new reference is checked.
 CHECKED_INSTANTS = 2001
@@ -105,7 +104,7 @@ class Reference(abc.ABC):
 
     @property
     def joints(self) -> int:
-        """How many joints move: n."""
+        """The number of joints n."""
         return int(self.sample(0.0).q.shape[-1])
 
     @property
@@ -181,7 +180,7 @@ class JointReference(PathReference):
     Raises:
         TypeError: `path` has no method ``points``.
         ValueError: `duration` or `elbow_sign` is out of range, or the path is out of reach, too close to a singular
-            configuration (`SINGULARITY_MARGIN`), or outside the limits of the joints or of their velocities.
+            configuration (`_SINGULARITY_MARGIN`), or outside the limits of the joints or of their velocities.
 
     Examples:
         >>> sample = JointReference(Circle(radius=0.1), duration=2.0).sample(2.0)
@@ -263,7 +262,7 @@ def _check_points(path: TipPath, s: np.ndarray, size: int) -> None:
 def _check_reach(t: np.ndarray, position: np.ndarray, length: tuple[float, float]) -> None:
     """Raise unless every point lies in the reach ring, less the margin to the singular configurations."""
     distance = np.hypot(position[:, 0], position[:, 1])
-    most_folded, most_stretched = [0.0, math.pi - SINGULARITY_MARGIN], [0.0, SINGULARITY_MARGIN]
+    most_folded, most_stretched = [0.0, math.pi - _SINGULARITY_MARGIN], [0.0, _SINGULARITY_MARGIN]
     low, high = np.linalg.norm(tip_position(np.array([most_folded, most_stretched]), length), axis=-1)
     outside = ~((low < distance) & (distance < high))  # nan counts as outside
     if outside.any():
@@ -272,7 +271,7 @@ def _check_reach(t: np.ndarray, position: np.ndarray, length: tuple[float, float
             f"the path leaves the reach of the arm at t = {t[k]:.4g} s: point ({position[k, 0]:.6g}, "
             f"{position[k, 1]:.6g}) m is {distance[k]:.6g} m from the base; allowed: ({low:.6g}, {high:.6g}) m, "
             f"the reach ring ({abs(length[0] - length[1]):g}, {length[0] + length[1]:g}) m less "
-            f"{SINGULARITY_MARGIN} rad of q2 at either edge. Move or shrink the path"
+            f"{_SINGULARITY_MARGIN} rad of q2 at either edge. Move or shrink the path"
         )
 
 

@@ -22,13 +22,12 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from fuzzyarm.common import checks
+from fuzzyarm.envs.physics.rigid_body import Frames, frames
 from fuzzyarm.envs.physics.robot import Robot
 from fuzzyarm.envs.scenario.kinematics import (
     LINEAR,
-    Chain,
     TipTask,
     angle_ranges,
-    chain,
     freedom,
     home_posture,
     jacobian,
@@ -57,7 +56,7 @@ from fuzzyarm.envs.scenario.reference import (
 if TYPE_CHECKING:
     from scipy.interpolate import CubicHermiteSpline, CubicSpline
 
-__all__ = ["EXACT", "SHARPEST", "SplineReference", "TipReference"]
+__all__ = ["EXACT", "SplineReference", "TipReference"]
 
 
 def _checked_angles(name: str, values: object, robot: Robot) -> tuple[float, ...]:
@@ -84,7 +83,7 @@ _TRIES = 8  # rounds from one step to the next, before the path counts as lost
 EXACT = 1e-10  # m or rad that an inverse may miss
 _LONGEST_STEP = 0.5  # rad that a joint may move in a step
 
-SHARPEST = 0.01
+_SHARPEST = 0.01
 """Smallest singular value that A may have along a path, lengths in reaches of the robot; it is 0 where A is singular.
 
 For two equal links it is 0.04 to 0.08 of sin q2, for a wrist of three axes about 0.7 of the angle of its middle joint.
@@ -100,14 +99,14 @@ class TipReference(PathReference):
         duration: T [s], 1e-6 to 1e6.
         robot: the robot.
         posture: joint angles [rad] near which the start is sought; they choose the branch, such as an elbow above or
-            below, and the rotation of the last link. None: `home.home_posture`.
+            below, and the rotation of the last link. None: `kinematics.home_posture`.
         orientation: ``"constant"``, the last link keeps its rotation if the robot has joints enough for it (six in
             space, three in a plane); or ``"free"``.
 
     Raises:
         TypeError: an argument is of the wrong kind.
         ValueError: a value is out of range; or the path cannot be followed: it starts out of reach, leaves it, comes
-            too close to a singular posture (`SHARPEST`), or passes a limit of a joint or of its velocity. The message
+            too close to a singular posture (`_SHARPEST`), or passes a limit of a joint or of its velocity. The message
             says at which time and point, at which joint, by how much, and what to change.
     """
 
@@ -139,7 +138,7 @@ class TipReference(PathReference):
         position, velocity, acceleration = along(self.path, t, self.duration)
         task, s = self._task, quintic_time_law(t, self.duration)[0]
         q = task.refined(self._followed(s), position, _ROUNDS)
-        now = chain(self.robot, q)
+        now = frames(self.robot, q)
         matrix = task.matrix(now)
         dq = solved(matrix, task.moved(velocity))
         return ReferenceSample(q, dq, solved(matrix, task.moved(acceleration) - task.drifting(now, dq)))
@@ -162,7 +161,7 @@ class TipReference(PathReference):
             raise ValueError(
                 f"the path starts out of reach: point {_shown(point)} m is {shortest:.6g} m from the first joint of "
                 f"{self.robot.name}, whose links are {reach(self.robot):.6g} m long; from posture = "
-                f"{_shown(near)} rad the tip comes within {np.linalg.norm(chain(self.robot, q).tip - point):.3g} m"
+                f"{_shown(near)} rad the tip comes within {np.linalg.norm(frames(self.robot, q).tip - point):.3g} m"
                 f"{' with the orientation kept' if self.keeps_orientation else ''}. Move the path, start from another "
                 f"posture={self._or_free}"
             )
@@ -188,7 +187,7 @@ class TipReference(PathReference):
 
     def _slope(self, q: np.ndarray, tangent: np.ndarray) -> np.ndarray:
         """Return dq/ds (..., n) at postures (..., n) where dp/ds is the tangent (..., 3)."""
-        return solved(self._task.matrix(chain(self.robot, q)), self._task.moved(tangent))
+        return solved(self._task.matrix(frames(self.robot, q)), self._task.moved(tangent))
 
     def _corrected(self, k: int, before: np.ndarray, step: np.ndarray, point: np.ndarray) -> np.ndarray:
         """Return the posture (n,) for the point (3,) of step k, from the one before (n,) and the step to it (n,)."""
@@ -204,13 +203,13 @@ class TipReference(PathReference):
             if np.abs(after - q).max() <= EXACT:
                 return after
             q = after
-        self._refuse(k, before, f"from the point {_shown(chain(self.robot, before).tip)} m no posture leads there")
+        self._refuse(k, before, f"from the point {_shown(frames(self.robot, before).tip)} m no posture leads there")
         raise AssertionError  # not reached
 
     def _refuse(self, k: int, q: np.ndarray, reason: str) -> None:
         """Raise the error of a path that cannot be followed to or beyond step k, the last posture being q (n,)."""
         time, point = float(time_at(_STEPS[k], self.duration)), self.path.points(_STEPS[k])[0]
-        sharp = float(self._task.sharpness(chain(self.robot, q)))
+        sharp = float(self._task.sharpness(frames(self.robot, q)))
         raise ValueError(
             f"the path cannot be followed at t = {time:.4g} s, point {_shown(point)} m: {reason} (smallest singular "
             f"value {sharp:.2g}). Move or shrink the path, start from another posture={self._or_free}"
@@ -218,13 +217,13 @@ class TipReference(PathReference):
 
     @property
     def _or_free(self) -> str:
-        """The last way out, where there is one."""
+        """The last advice of a message, where the orientation can be left free."""
         return ", or let orientation be free" if self.keeps_orientation else ""
 
     def _check_plane(self, t: np.ndarray, position: np.ndarray) -> None:
         """Raise if the path leaves the plane in which the tip of a planar robot moves."""
         across = np.eye(3) - self._task.motion.T @ self._task.motion
-        beside = np.linalg.norm((position - chain(self.robot, self._task.start).tip) @ across, axis=-1)
+        beside = np.linalg.norm((position - frames(self.robot, self._task.start).tip) @ across, axis=-1)
         k = int(np.argmax(beside))
         if beside[k] > EXACT:
             raise ValueError(
@@ -234,14 +233,14 @@ class TipReference(PathReference):
 
     def _check_sharpness(self, t: np.ndarray, q: np.ndarray) -> None:
         """Raise where A is nearly singular."""
-        now = chain(self.robot, q)
+        now = frames(self.robot, q)
         sharp = self._task.sharpness(now)
         k = int(np.argmin(sharp))
-        if not sharp[k] >= SHARPEST:
-            _, _, directions = np.linalg.svd(self._task.matrix(Chain(*(part[k] for part in now))))
+        if not sharp[k] >= _SHARPEST:
+            _, _, directions = np.linalg.svd(self._task.matrix(Frames(*(part[k] for part in now))))
             raise ValueError(
                 f"the path comes too close to a singular posture at t = {t[k]:.4g} s, point {_shown(now.tip[k])} m: "
-                f"the smallest singular value is {sharp[k]:.2g}, allowed: {SHARPEST} or more; there "
+                f"the smallest singular value is {sharp[k]:.2g}, allowed: {_SHARPEST} or more; there "
                 f"{self._joint(directions[-1])} turns most without moving the tip. Move or shrink the path, start from "
                 f"another posture={self._or_free}"
             )
@@ -317,13 +316,13 @@ class SplineReference(Reference):
     def tip(self, t: ArrayLike) -> TipSample:
         """Return position x(q) [m] and velocity J q̇ [m/s] of the tip, shapes (..., 3), at times t [s] (...)."""
         q, dq, _ = self.sample(t)
-        now = chain(self.robot, q)
+        now = frames(self.robot, q)
         return TipSample(now.tip, _tip_rate(jacobian(now), dq))
 
     def normals(self, t: ArrayLike) -> np.ndarray:
         """Return `_upward_normals` (..., 3) of the curve of the tip."""
         q, dq, _ = self.points(quintic_time_law(t, self.duration)[0])
-        return _upward_normals(_tip_rate(jacobian(chain(self.robot, q)), dq), self.robot)
+        return _upward_normals(_tip_rate(jacobian(frames(self.robot, q)), dq), self.robot)
 
     def points(self, s: ArrayLike) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """Return c, dc/ds and d²c/ds² [rad], each of shape (..., n), for s of shape (...,) in [0, 1]."""

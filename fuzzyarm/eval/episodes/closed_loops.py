@@ -15,7 +15,7 @@ import numpy as np
 from fuzzyarm.envs.batch.lanes import Lanes
 from fuzzyarm.envs.batch.layout import Clock, Layout
 from fuzzyarm.envs.batch.schedule import row_record
-from fuzzyarm.envs.control_step import control_step_of, reading_of
+from fuzzyarm.envs.control_step import control_step, reading_of
 from fuzzyarm.envs.observation import Observation
 from fuzzyarm.envs.physics.records import places, size
 from fuzzyarm.eval.episodes.loop import TipErrors
@@ -98,7 +98,7 @@ def _kernel_of(
     physics = layout.physics
     PerJoint, joints = physics.PerJoint, physics.joints
     Row, command = row_record(joints, physics.axes), within_limits(Law(act, memory, constants), joints, integral_at)
-    control_step, reading_at = control_step_of(physics), reading_of(physics)
+    reading_at = reading_of(physics)
 
     def step(
         remembered: Any, lane: Any, clock: Clock, reading: Any, sent: Any, episode: _Episode, given: Any, *others: Any
@@ -118,7 +118,7 @@ def _kernel_of(
         for steps, past in enumerate(sent):
             torque = PerJoint(*(select(episode.delay == steps, p, u) for p, u in zip(past, torque, strict=True)))
         moved = control_step(
-            lane.state, torque, now, after.target, lane.arm, lane.limits, lane.force_factor, h, substeps
+            physics, lane.state, torque, now, after.target, lane.arm, lane.limits, lane.force_factor, h, substeps
         )
         state, at = moved.state, at + 1.0
         q, dq = reading_at(state, lane.limits, lane.noise, word(clock.key), at - first)

@@ -5,12 +5,11 @@ import dataclasses
 import numpy as np
 import pytest
 from support.plain import hold_numpy
-from support.two_joints import PHYSICS, hold
+from support.two_joints import PHYSICS, energy, hold
 
 from fuzzyarm.envs.physics.dynamics import (
     Payload,
     arm_constants,
-    mass_matrix,
     tip_position,
 )
 from fuzzyarm.envs.physics.event_integrator import integrate
@@ -39,18 +38,6 @@ def trajectory(state, arm, h, seconds, sample=1e-3):
     for _ in range(round(seconds / sample)):
         states.append(advance(states[-1], (0.0, 0.0), (0.0, 0.0), arm, h, round(sample / h)))
     return np.array(states)
-
-
-def energy(states, arm):
-    """Kinetic energy of motors and links, of the joint springs and of gravity [J], over the last axis."""
-    c = arm_constants(arm)
-    motor, link, motor_velocity, link_velocity = (states[..., k : k + 2] for k in (0, 2, 4, 6))
-    m11, m12, m22 = mass_matrix(np.cos(link[..., 1]), c)
-    v1, v2 = link_velocity[..., 0], link_velocity[..., 1]
-    kinetic = 0.5 * (m11 * v1**2 + m22 * v2**2) + m12 * v1 * v2
-    motors = 0.5 * (motor_velocity**2 @ np.array(arm.motor_inertia))
-    springs = 0.5 * ((motor - link) ** 2 @ np.array(arm.stiffness))
-    return kinetic + motors + springs - c.c4 * np.cos(link[..., 0]) - c.c5 * np.cos(link.sum(axis=-1))
 
 
 def order(steps, errors):

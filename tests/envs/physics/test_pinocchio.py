@@ -10,7 +10,7 @@ from support.robots import ROBOTS
 
 from fuzzyarm.envs.physics.equations import equations_of
 from fuzzyarm.envs.physics.records import flat
-from fuzzyarm.envs.physics.rigid_body import inverse_dynamics, mass_matrix, tip_jacobian, tip_position
+from fuzzyarm.envs.physics.rigid_body import frames, inverse_dynamics, mass_matrix, tip_jacobian
 
 pinocchio = pytest.importorskip("pinocchio", reason="pinocchio is not installed: pip install -c constraints.txt pin")
 pytestmark = pytest.mark.slow
@@ -52,7 +52,7 @@ def test_rigid_body_dynamics_are_pinocchios(name):
             physics.mass_matrix(PerJoint(*q), arm), inertia, rtol=0, atol=1e-10 * np.abs(inertia).max()
         )
         pinocchio.framesForwardKinematics(model, data, q)
-        np.testing.assert_allclose(tip_position(robot, q), data.oMf[tip].translation, rtol=0, atol=1e-10)
+        np.testing.assert_allclose(frames(robot, q).tip, data.oMf[tip].translation, rtol=0, atol=1e-10)
         world = pinocchio.ReferenceFrame.LOCAL_WORLD_ALIGNED
         jacobian = pinocchio.computeFrameJacobian(model, data, q, tip, world)[:3]
         np.testing.assert_allclose(tip_jacobian(robot, q), jacobian, rtol=0, atol=1e-10)

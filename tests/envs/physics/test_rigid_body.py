@@ -3,7 +3,7 @@
 import mujoco
 import numpy as np
 import pytest
-from support.robots import ROBOTS, in_mujoco
+from support.robots import ROBOTS, in_mujoco, potential_energy
 
 from fuzzyarm.envs.physics import rigid_body
 from fuzzyarm.envs.physics.dynamics import arm_constants, rigid_inverse_dynamics
@@ -31,22 +31,22 @@ def derivative(function, q):
 
 def test_jacobian_and_gravity_are_gradients(robot):
     q = motion(robot)[0]
-    tip = derivative(lambda at: rigid_body.tip_position(robot, at), q)
+    tip = derivative(lambda at: rigid_body.frames(robot, at).tip, q)
     np.testing.assert_allclose(rigid_body.tip_jacobian(robot, q), tip, atol=1e-8)
-    potential = derivative(lambda at: rigid_body.potential_energy(robot, at), q)
+    potential = derivative(lambda at: potential_energy(robot, at), q)
     np.testing.assert_allclose(rigid_body.gravity(robot, q), potential, atol=1e-6)
 
 
 def test_mujoco_agrees(robot):
     with pytest.raises(ValueError, match=r"angles.* need shape \(\.\.\., \d\).*\(9,\)"):
-        rigid_body.tip_position(robot, np.zeros(9))
+        rigid_body.frames(robot, np.zeros(9))
     model = in_mujoco(robot)
     data, mass = mujoco.MjData(model), np.empty((len(robot), len(robot)))
     for q, dq, ddq in np.moveaxis(motion(robot), 0, 1):
         data.qpos[:], data.qvel[:], data.qacc[:] = q, dq, ddq
         mujoco.mj_inverse(model, data)
         np.testing.assert_allclose(rigid_body.inverse_dynamics(robot, q, dq, ddq), data.qfrc_inverse, atol=1e-10)
-        np.testing.assert_allclose(rigid_body.tip_position(robot, q), data.site("tip").xpos, atol=1e-10)
+        np.testing.assert_allclose(rigid_body.frames(robot, q).tip, data.site("tip").xpos, atol=1e-10)
         mujoco.mj_fullM(model, data, mass)
         np.testing.assert_allclose(rigid_body.mass_matrix(robot, q), mass, atol=1e-10)
 

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 import torch
 from slow_twins import slow_but
-from support.robots import ROBOTS, with_drives, without_losses
+from support.robots import ROBOTS, kinetic_energy, potential_energy, with_drives, without_losses
 
 from fuzzyarm.envs.physics import rigid_body
 from fuzzyarm.envs.physics.integrator import hold_of
@@ -42,7 +42,7 @@ def test_readings_are_those_of_the_textbook_with_payloads(robot):
     mass = np.moveaxis(np.array([list(row) for row in physics.mass_matrix(angles, arm)]), -1, 0)
     np.testing.assert_allclose(mass, rigid_body.mass_matrix(loaded, q), atol=1e-10)
     tip = np.stack(physics.tip(angles, arm), axis=-1)
-    np.testing.assert_allclose(tip, rigid_body.tip_position(loaded, q)[..., : physics.axes], atol=1e-13)
+    np.testing.assert_allclose(tip, rigid_body.frames(loaded, q).tip[..., : physics.axes], atol=1e-13)
     jacobian = rigid_body.tip_jacobian(loaded, q)[..., : physics.axes, :]
     velocity = np.stack(physics.tip_velocity(angles, rates, arm), axis=-1)
     np.testing.assert_allclose(velocity, np.einsum("...ij,...j->...i", jacobian, dq), atol=1e-12)
@@ -109,7 +109,7 @@ def test_energy_is_kept_to_second_order_without_losses_and_the_step_has_order_tw
         motor, link, motor_rate, rate = np.stack(list(swing(robot, h, 0.04)), axis=1)
         springs = 0.5 * (motor - link) ** 2 @ robot.drive("stiffness")
         motors = 0.5 * motor_rate**2 @ robot.drive("motor_inertia")
-        links = rigid_body.kinetic_energy(robot, link, rate) + rigid_body.potential_energy(robot, link)
+        links = kinetic_energy(robot, link, rate) + potential_energy(robot, link)
         return np.ptp(springs + motors + links)
 
     assert 3.0 < drift(4e-4) / drift(2e-4) < 5.5

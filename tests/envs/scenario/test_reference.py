@@ -13,7 +13,6 @@ from fuzzyarm.envs.physics.parameters import ArmParameters
 from fuzzyarm.envs.scenario.paths import Circle, Lemniscate, Line, Spline
 from fuzzyarm.envs.scenario.reference import (
     CHECKED_INSTANTS,
-    SINGULARITY_MARGIN,
     JointReference,
     joint_angles,
     quintic_time_law,
@@ -110,7 +109,7 @@ def test_unreachable_path_names_the_first_point_its_distance_and_the_ring():
     with pytest.raises(ValueError, match=message):
         JointReference(Circle(center=(0.9, 0.3)))
     x = 0.5 + 0.9 * quintic_time_law(np.linspace(0.0, 1.5, CHECKED_INSTANTS), 1.5)[0]
-    first = x[x >= math.cos(SINGULARITY_MARGIN / 2.0)][0]
+    first = x[x >= math.cos(0.05 / 2.0)][0]
     with pytest.raises(ValueError, match=rf"t = 0\.79\d* s: point \({first:.6g}, 0\) m is {first:.6g} m"):
         JointReference(Line((0.5, 0.0), (1.4, 0.0)))
     with pytest.raises(ValueError, match=r"t = 0\.7\d* s: point \(0\.02\d*, 0\) m is 0\.02\d* m from the base"):
@@ -122,7 +121,7 @@ def test_unreachable_path_names_the_first_point_its_distance_and_the_ring():
 @pytest.mark.parametrize("length", [(0.5, 0.5), (0.5, 0.42), (0.3, 0.6)])
 def test_the_ring_ends_at_the_margin_to_the_singular_configurations(length):
     arm = ArmParameters(length=length, mass_center=(0.15, 0.15), velocity_limit=(1e3, 1e3))
-    for bend, inwards in ((SINGULARITY_MARGIN, 1e-6), (math.pi - SINGULARITY_MARGIN, -1e-6)):
+    for bend, inwards in ((0.05, 1e-6), (math.pi - 0.05, -1e-6)):
         edge = np.linalg.norm(tip_position(np.array([0.0, bend]), length))
         good, bad = ((0.0, edge - inwards), (0.0, edge + inwards))
         JointReference(Line(good, (0.0, 0.5)), parameters=arm)

@@ -7,7 +7,7 @@ from support.rollouts import made_rollout
 
 from fuzzyarm.cli import main
 from fuzzyarm.envs.perspective import looking_at, poses_of
-from fuzzyarm.envs.physics.rigid_body import tip_position
+from fuzzyarm.envs.physics.rigid_body import frames
 from fuzzyarm.envs.physics.robot import robot_named
 from fuzzyarm.envs.scenario.default_reference import default_reference
 from fuzzyarm.eval.evaluation.results_file import read_evaluation
@@ -26,7 +26,7 @@ def rollout(case, policy, offset):
     time = 1e-3 * np.arange(1, round(1e3 * REFERENCE.duration) + 1)
     sample, asked = REFERENCE.sample(time), REFERENCE.tip(time).position
     q = sample.q + offset * np.sin(3.0 * time)[:, np.newaxis]
-    tip = tip_position(ROBOT, q)
+    tip = frames(ROBOT, q).tip
     return made_rollout(
         time,
         joints=len(ROBOT),

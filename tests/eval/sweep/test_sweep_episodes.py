@@ -15,7 +15,6 @@ from slow_twins import slow_but
 from fuzzyarm.cli.application import command_line
 from fuzzyarm.cli.sweep import _given
 from fuzzyarm.envs.fuzzy_arm import FuzzyArmEnv
-from fuzzyarm.envs.observation import MEASURED
 from fuzzyarm.envs.physics.parameters import ArmParameters
 from fuzzyarm.envs.physics.robot import Robot, robot_named
 from fuzzyarm.envs.scenario.cases import CASES, case_for
@@ -47,7 +46,7 @@ def tip_errors(env, policy, seed, delay=0, noise=1.0, most=math.inf):
     while not done and len(errors) < most:
         true = np.concatenate([info["q_motor"], info["dq_motor"]])
         read = observation.copy()
-        read[MEASURED] = true + noise * (read[MEASURED] - true)
+        read[:4] = true + noise * (read[:4] - true)
         torque, state = policy.predict(read, state)
         waiting = deque([torque] * delay) if waiting is None else waiting
         waiting.append(torque)

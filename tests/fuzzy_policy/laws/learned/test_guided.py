@@ -4,7 +4,7 @@ import numpy as np
 from support.bundles import bundle
 
 from fuzzyarm import load_policy
-from fuzzyarm.envs.observation import START
+from fuzzyarm.envs.observation import observed
 from fuzzyarm.fuzzy_policy.laws.learned.definition import ActionDefinition
 from fuzzyarm.fuzzy_policy.laws.learned.features import Base, Features, Lanes, gate
 from fuzzyarm.fuzzy_policy.laws.learned.policy import LearnedPolicy
@@ -22,8 +22,8 @@ def observations(calls=5, lanes=3):
     """Motors that hardly move beside a reference at rest."""
     rng = np.random.default_rng(0)
     shown = np.zeros((calls, lanes, 10))
-    shown[:, :, START.q_motor : START.dq_motor] = [0.4, 0.9] + 3e-6 * rng.normal(size=(calls, lanes, 2))
-    shown[:, :, START.q_reference : START.dq_reference] = [0.4, 0.9]
+    observed(shown).q_motor[:] = [0.4, 0.9] + 3e-6 * rng.normal(size=(calls, lanes, 2))
+    observed(shown).q_reference[:] = [0.4, 0.9]
     return shown
 
 

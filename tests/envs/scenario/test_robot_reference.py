@@ -1,4 +1,4 @@
-"""Tip paths in space: followed, with consistent derivatives and a kept orientation; what fails is named."""
+"""References of robots, along a path of the tip or a spline of the joints: exact, smooth, and refused by name."""
 
 import dataclasses
 import functools
@@ -10,12 +10,13 @@ import pytest
 from slow_twins import slow_but
 
 from fuzzyarm.envs.physics.parameters import ArmParameters
-from fuzzyarm.envs.physics.rigid_body import tip_position
+from fuzzyarm.envs.physics.rigid_body import frames
 from fuzzyarm.envs.physics.robot import Robot, robot_named
-from fuzzyarm.envs.scenario.kinematics import chain, home_posture, jacobian, rotation_vector
+from fuzzyarm.envs.scenario import kinematics
+from fuzzyarm.envs.scenario.kinematics import home_posture, jacobian
 from fuzzyarm.envs.scenario.paths import Circle, Lemniscate, Line, Placed, Spline
 from fuzzyarm.envs.scenario.reference import JointReference, quintic_time_law
-from fuzzyarm.envs.scenario.robot_reference import SHARPEST, TipReference
+from fuzzyarm.envs.scenario.robot_reference import SplineReference, TipReference
 
 ROBOTS = {name: robot_named(name) for name in ("planar-3r", "ur5", "panda")}
 DURATION = 4.0
@@ -24,7 +25,7 @@ T = np.linspace(0.0, DURATION, 201)
 
 def start_of(robot):
     """Where the tip is in the home posture."""
-    return chain(robot, np.array(home_posture(robot))).tip
+    return frames(robot, np.array(home_posture(robot))).tip
 
 
 def paths(robot):
@@ -70,7 +71,7 @@ def central_difference(function, t, h=1e-5):
 def test_the_tip_is_on_the_path_at_every_time_and_at_rest_outside(reference):
     q = reference.sample(T).q
     expected = reference.path.points(quintic_time_law(T, DURATION)[0])[0]
-    np.testing.assert_allclose(tip_position(reference.robot, q), expected, rtol=0, atol=1e-13)
+    np.testing.assert_allclose(frames(reference.robot, q).tip, expected, rtol=0, atol=1e-13)
     np.testing.assert_allclose(reference.tip(T).position, expected, rtol=0, atol=1e-15)
     normals = reference.normals(T)
     np.testing.assert_allclose(np.linalg.norm(normals, axis=-1), 1.0, atol=1e-14)
@@ -96,13 +97,13 @@ def test_velocities_and_accelerations_are_consistent(reference):
     q, dq, ddq = reference.sample(t)
     np.testing.assert_allclose(central_difference(lambda x: reference.sample(x).q, t), dq, rtol=0, atol=1e-8)
     np.testing.assert_allclose(central_difference(lambda x: reference.sample(x).dq, t), ddq, rtol=0, atol=2e-7)
-    rate = np.einsum("kij,kj->ki", jacobian(chain(reference.robot, q)), dq)
+    rate = np.einsum("kij,kj->ki", jacobian(frames(reference.robot, q)), dq)
     np.testing.assert_allclose(rate[:, :3], reference.tip(t).velocity, rtol=0, atol=1e-13)
 
 
 def test_the_orientation_is_kept_where_it_is_asked_for_and_the_joints_allow_it(reference):
-    rotation = chain(reference.robot, reference.sample(T).q).rotation
-    turned = np.linalg.norm(rotation_vector(rotation @ rotation[0].T), axis=-1).max()
+    rotation = frames(reference.robot, reference.sample(T).q).rotation[:, -1]
+    turned = np.linalg.norm(kinematics._rotation_vector(rotation @ rotation[0].T), axis=-1).max()
     if reference.orientation == "constant":
         assert reference.keeps_orientation
         assert turned < 1e-13
@@ -114,7 +115,7 @@ def test_redundant_joints_share_as_at_the_start():
     """Nᵀ (q - q_0) = 0 with N the null space of the Jacobian at q_0."""
     reference = reference_of("panda", "circle")
     q = reference.sample(T).q
-    rows = jacobian(chain(reference.robot, q[0]))
+    rows = jacobian(frames(reference.robot, q[0]))
     free = np.linalg.svd(rows)[2][-1]
     np.testing.assert_allclose(rows @ free, 0.0, atol=1e-14)
     np.testing.assert_allclose((q - q[0]) @ free, 0.0, atol=1e-13)
@@ -169,9 +170,9 @@ def test_a_nearly_singular_path_names_time_point_and_joint():
     """A wrist of the UR5 that comes to q5 = 0: its first and last axes are then parallel."""
     robot = ROBOTS["ur5"]
     posture = np.array([0.0, -1.5, 1.8, -1.2, 0.008, 0.0])
-    place = chain(robot, posture).tip
+    place = frames(robot, posture).tip
     line = Line(tuple(place), tuple(place + np.array([0.0, 0.0, 0.05])))
-    with pytest.raises(ValueError, match=rf"singular posture at t = .*allowed: {SHARPEST} or more; there wrist_\d"):
+    with pytest.raises(ValueError, match=r"singular posture at t = .*allowed: 0.01 or more; there wrist_\d"):
         TipReference(line, DURATION, robot, tuple(posture))
 
 
@@ -221,3 +222,69 @@ def test_bad_arguments_are_named(arguments, error, message):
     good = {"path": Line(tuple(start_of(UR5)), tuple(start_of(UR5) + 0.05)), "duration": DURATION, "robot": UR5}
     with pytest.raises(error, match=message):
         TipReference(**(good | arguments))
+
+
+def postures(robot, count=4):
+    """Postures about home, (count, n)."""
+    steps = np.random.default_rng(len(robot)).uniform(-0.15, 0.15, (count, len(robot)))
+    return np.array(home_posture(robot)) + steps
+
+
+@pytest.fixture(params=("planar-3r", "panda"))
+def spline(request):
+    return SplineReference(postures(ROBOTS[request.param]), DURATION, ROBOTS[request.param])
+
+
+def test_a_spline_passes_its_postures_and_rests_at_both_ends(spline):
+    wanted = postures(spline.robot)
+    np.testing.assert_allclose(spline.sample(spline.corners()).q, wanted, atol=1e-13)
+    ends = spline.sample([-1.0, 0.0, DURATION, 9.0])
+    assert not ends.dq.any() and not ends.ddq.any()
+    chords = np.linalg.norm(np.diff(wanted, axis=0), axis=1).cumsum()
+    s = quintic_time_law(spline.corners()[1:-1], DURATION)[0]
+    np.testing.assert_allclose(s, chords[:-1] / chords[-1], atol=1e-13)
+
+
+def test_derivatives_of_a_spline_match_central_differences_and_do_not_jump_at_the_postures(spline):
+    t = np.random.default_rng(0).uniform(0.01, DURATION - 0.01, 100)
+    _, dq, ddq = spline.sample(t)
+    np.testing.assert_allclose(central_difference(lambda x: spline.sample(x).q, t), dq, rtol=0, atol=1e-8)
+    np.testing.assert_allclose(central_difference(lambda x: spline.sample(x).dq, t), ddq, rtol=0, atol=1e-4)
+    inner = spline.corners()[1:-1]
+    for before, after in zip(spline.sample(inner - 1e-9), spline.sample(inner + 1e-9), strict=True):
+        np.testing.assert_allclose(before, after, atol=1e-7)
+
+
+def test_a_spline_beyond_a_limit_names_the_joint_and_the_way_out():
+    robot = ROBOTS["panda"]
+    home = np.array(home_posture(robot))
+    beyond = home.copy()
+    beyond[3] = 0.1
+    with pytest.raises(
+        ValueError, match=r"waypoints\[1\]: \w+ = 0\.1 rad is out of range; allowed: \[-3\.0718, -0\.0698\]"
+    ):
+        SplineReference((home, beyond), DURATION, robot)
+    edge = np.tile(home, (4, 1))
+    edge[:, 3] = (-1.5, -0.08, -0.3, -2.0)
+    edge[:, 0] = (0.0, 0.1, 0.2, 0.3)
+    with pytest.raises(ValueError, match=r"joint4 leaves its range at t = .* by 0\.\d+ rad .*Add waypoints"):
+        SplineReference(edge, DURATION, robot)
+    with pytest.raises(ValueError, match=r"turns at .* beyond its velocity limit.*Raise duration") as error:
+        SplineReference((home, home - 0.5), 0.2, robot)
+    needed = float(re.search(r"to (\S+) s or more", str(error.value)).group(1))
+    SplineReference((home, home - 0.5), needed, robot)
+
+
+@pytest.mark.parametrize(
+    ("waypoints", "error", "message"),
+    [
+        (3.0, TypeError, "waypoints = 3.0 must be a sequence of postures"),
+        ([(0.0,) * 6], ValueError, "waypoints holds 1 postures; allowed: 2 to"),
+        ([(0.0,) * 6, (0.1,) * 5], ValueError, r"waypoints\[1\] = .* must be 6 real numbers"),
+        ([(0.1,) * 6, (0.1,) * 6], ValueError, r"waypoints\[0\] and waypoints\[1\] are 0 rad apart"),
+        ([(0.1,) * 6, ("up",) * 6], TypeError, r"waypoints\[1\]\[0\] = 'up' must be a real number"),
+    ],
+)
+def test_bad_waypoints_are_named(waypoints, error, message):
+    with pytest.raises(error, match=message):
+        SplineReference(waypoints, DURATION, UR5)

@@ -1,4 +1,4 @@
-"""The cases of the paper for a robot: the same largest share of a motor's torque limit, to two digits."""
+"""The loads of the paper's cases for any arm: the same largest share of a motor's torque limit, to two digits."""
 
 import dataclasses
 
@@ -10,7 +10,7 @@ from fuzzyarm.envs.physics.parameters import ArmParameters
 from fuzzyarm.envs.physics.rigid_body import tip_jacobian
 from fuzzyarm.envs.physics.robot import Robot, robot_named
 from fuzzyarm.envs.scenario import cases
-from fuzzyarm.envs.scenario.cases import Case, case_for, find_case
+from fuzzyarm.envs.scenario.cases import Case, case_for, find_case, with_loads
 from fuzzyarm.envs.scenario.default_reference import default_reference, reference_family
 from fuzzyarm.envs.scenario.disturbances import ConstantForce, Disturbance
 
@@ -76,3 +76,17 @@ def test_a_robot_with_weak_motors_has_no_family():
     )
     with pytest.raises(ValueError, match="too weak to move it about its home"):
         reference_family(dataclasses.replace(robot, joints=weak), 2)
+
+
+def test_loads_are_the_papers_for_its_lengths_and_limits_and_scaled_otherwise():
+    stiff = dataclasses.replace(ArmParameters(), stiffness=(1e5, 5e4), mass=(12.0, 8.0))
+    for name in ("machining", "payload"):
+        assert case_for(name, stiff) is find_case(name)
+    weak = dataclasses.replace(ArmParameters(), torque_limit=(250.0, 125.0))
+    assert case_for("payload", weak).disturbance.payload.mass == pytest.approx(2.5, abs=0.06)
+    force = case_for("machining", weak).disturbance.tip_force
+    assert (force.base, force.base + force.swing) == pytest.approx((69.0, 109.0), abs=1.1)
+    given = with_loads(find_case("payload"), payload=3.0)
+    assert given.disturbance.payload.mass == 3.0 and given.title == "Case 3: 3 kg payload"
+    force = with_loads(find_case("machining"), force=(10.0, 30.0), duration=2.0).disturbance.tip_force
+    assert (force.base, force.swing, force.duration) == (10.0, 20.0, 2.0)
