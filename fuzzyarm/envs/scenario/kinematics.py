@@ -34,6 +34,7 @@ import numpy as np
 
 from fuzzyarm.envs.physics.rigid_body import Frames, frames, gravity
 from fuzzyarm.envs.physics.robot import Robot
+from fuzzyarm.numbers import linear
 
 __all__ = [
     "LINEAR", "TipTask", "angle_ranges", "freedom", "home_posture", "jacobian", "link_lengths", "reach", "solved",
@@ -212,8 +213,11 @@ def start_posture(
 
 
 def solved(matrix: np.ndarray, right: np.ndarray) -> np.ndarray:
-    """Return A⁻¹ b, shapes (..., n, n) and (..., n)."""
-    return np.asarray(np.linalg.solve(matrix, right[..., np.newaxis])[..., 0])
+    """Return A⁻¹ b, shapes (..., n, n) and (..., n); numpy.linalg.LinAlgError where A is singular."""
+    found = linear.solved(matrix, right[..., np.newaxis])[..., 0]
+    if not np.isfinite(found).all():
+        raise np.linalg.LinAlgError("a matrix is singular")
+    return found
 
 
 def _span(columns: np.ndarray) -> np.ndarray:

@@ -39,7 +39,8 @@ from fuzzyarm.envs.physics.rigid_body import mass_matrix
 from fuzzyarm.envs.physics.robot import Robot
 from fuzzyarm.fuzzy_policy.known_arm import joints_of, per_joint_of, with_drives
 from fuzzyarm.fuzzy_policy.laws.gain_schedule import GainSchedule, nearest_inertia, random_angles, schedule_of
-from fuzzyarm.fuzzy_policy.laws.riccati import exponential, product, riccati, solved
+from fuzzyarm.fuzzy_policy.laws.riccati import exponential, riccati
+from fuzzyarm.numbers.linear import product, solved
 
 __all__ = [
     "ONE_AT_A_TIME", "SOFTENINGS", "WEIGHT_RANGE", "Condition", "Estimate", "LinearLaw", "ObserverWeights", "Place",

@@ -2,8 +2,7 @@
 
     P = Q + Aᵀ P (I + G P)⁻¹ A
 
-A library of linear algebra chooses its kernels by the processor, and each of them rounds in another order. Here every
-number follows from +, -, * and / in one order, which IEEE 754 rounds correctly. Matrices may have leading axes, one
+Every number follows from +, -, * and / in one order, see `fuzzyarm.numbers.linear`. Matrices may have leading axes, one
 matrix for each of several postures.
 
 The equation is solved by doubling (Chu, Fan, Lin and Wang, International Journal of Control 77, 2004), which keeps its
@@ -15,37 +14,14 @@ from __future__ import annotations
 
 import numpy as np
 
-__all__ = ["exponential", "product", "riccati", "solved"]
+from fuzzyarm.numbers.linear import product, solved
+
+__all__ = ["exponential", "riccati"]
 
 _DOUBLINGS = 30  # at most: a closed loop then has forgotten 2^30 periods
 _FORGOTTEN = 1e-30  # largest entry of a power of the closed loop that counts as none
 _RESIDUAL = 1e-8  # of the equation for P_ij, in √(P_ii P_jj)
 _TERMS = 14  # of the Taylor series of the exponential, of a matrix whose norm is at most 1/2
-
-
-def product(a: np.ndarray, b: np.ndarray) -> np.ndarray:
-    """Return a b, (..., rows, columns), summed in the order of the inner index."""
-    total = np.asarray(a[..., :, :1] * b[..., :1, :])
-    term = np.empty_like(total)
-    for k in range(1, a.shape[-1]):
-        total += np.multiply(a[..., :, k : k + 1], b[..., k : k + 1, :], out=term)
-    return total
-
-
-def solved(a: np.ndarray, b: np.ndarray) -> np.ndarray:
-    """Return a⁻¹ b for a (..., n, n) and b (..., n, columns), by elimination with pivots; nan where a is singular."""
-    n, columns = a.shape[-1], a.shape[-1] + b.shape[-1]
-    both = np.concatenate([a, np.broadcast_to(b, (*a.shape[:-1], b.shape[-1]))], axis=-1)
-    rows = both.reshape(-1, n, columns)
-    each = np.arange(len(rows))
-    with np.errstate(divide="ignore", invalid="ignore"):
-        for k in range(n):
-            pivot = k + np.argmax(np.abs(rows[:, k:, k]), axis=1)
-            rows[each, pivot], rows[:, k] = rows[:, k].copy(), rows[each, pivot]
-            top = rows[:, k, k:] / rows[:, k, k, np.newaxis]
-            rows[:, :, k:] -= rows[:, :, k, np.newaxis] * top[:, np.newaxis]
-            rows[:, k, k:] = top
-    return both[..., n:]
 
 
 def exponential(matrix: np.ndarray) -> np.ndarray:

@@ -30,8 +30,8 @@ from fuzzyarm.fuzzy_policy.law import Law, LawPolicy
 from fuzzyarm.fuzzy_policy.laws.adaptive.belief import FLAG, Memory, affine_numbers, places
 from fuzzyarm.fuzzy_policy.laws.adaptive.filter import Room, Settings, begin, fill, take_in
 from fuzzyarm.fuzzy_policy.laws.adaptive.law import act
-from fuzzyarm.fuzzy_policy.laws.riccati import solved
 from fuzzyarm.numbers.functions import array, each, only, row
+from fuzzyarm.numbers.linear import solved
 
 if TYPE_CHECKING:
     from fuzzyarm.fuzzy_policy.laws.adaptive.policy import AdaptiveObserverPolicy
