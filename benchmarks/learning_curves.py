@@ -2,9 +2,9 @@
 
     python benchmarks/learning_curves.py [--json FILE] [--learner NAME]
 
-PPO and SAC of stable-baselines3 with their defaults on 64 and 16 lanes, PPO in one file of torch (`examples/ppo_one_file.py`), and
-`fuzzyarm train ppo`. Of each training the tip error over its processor time is kept; of what it made, the score N on
-the held-out set, and the errors in the paper's three cases. Neither chose any setting.
+PPO and SAC of stable-baselines3 with their defaults on 64 and 16 lanes, PPO in one file of torch
+(`examples/ppo_one_file.py`), and `fuzzyarm train ppo`. Of each training the tip error over its processor time is kept;
+of what it made, the score N on the held-out set, and the errors in the paper's three cases. Neither chose any setting.
 """
 
 from __future__ import annotations
@@ -24,7 +24,7 @@ from measuring import options_of, printed, write
 from fuzzyarm import __version__, load_policy
 from fuzzyarm.envs.physics.parameters import ArmParameters
 from fuzzyarm.envs.scenario.cases import PAPER_CASES
-from fuzzyarm.eval.score import held_out, scores
+from fuzzyarm.eval.score import scores
 from fuzzyarm.policies.sb3 import sb3_policy
 from fuzzyarm.rl_baselines.case_evaluation import evaluate_cases
 
@@ -100,7 +100,8 @@ def measured(learner: str, seed: int) -> dict[str, Any]:
     began = time.process_time()
     with tempfile.TemporaryDirectory() as folder:
         policy = LEARNERS[learner](seed, Path(folder), curve)
-    spent, found = time.process_time() - began, scores({"own": policy})["policies"]["own"]
+    spent, document = time.process_time() - began, scores({"own": policy})
+    found = document["policies"]["own"]
     cases = evaluate_cases(policy)
     return {
         **{"learner": learner, "seed": seed, "seconds": spent, "steps": curve[-1][1] if curve else 0},
@@ -131,8 +132,7 @@ def main() -> None:
     chosen = LEARNERS if options.learner is None else (options.learner,)
     runs = {name: printed(measured(name, seed) for seed in SEEDS) for name in chosen}
     if options.learner is None:
-        episodes = len(held_out().arms)
-        write(options.json, "learning_curves.py", runs=runs, episodes=episodes, version=__version__)
+        write(options.json, "learning_curves.py", runs=runs, version=__version__)
 
 
 if __name__ == "__main__":

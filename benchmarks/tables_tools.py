@@ -184,7 +184,7 @@ TOOLS = {
             },
             _learners,
         ),
-        "N and its quantile on the {episodes} held-out episodes of version {version}. `{command}`",
+        "N and the quantile on the held-out set of version {version}. `{command}`",
     ),
     "dataset-scores": Section(
         "dataset_scores",
