@@ -62,6 +62,7 @@ def measure() -> None:
         shutil.copy(folder / "results.json", RESULTS / "evaluate.json")
         _fuzzyarm("bench", "--lanes-sweep", "--out", folder)
         shutil.copy(folder / "bench.json", RESULTS / "bench.json")
+        _fuzzyarm("score", "--out", RESULTS / "score.json")
         plants = ("--plants", "10000", "--seed", "200000")
         policies = [word for policy in SWEPT for word in ("--policy", policy)]
         _fuzzyarm("sweep", *policies, "--distribution", "loads", *plants, "--out", folder / "sweep")

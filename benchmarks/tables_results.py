@@ -128,6 +128,20 @@ def _leaderboard(document: dict[str, Any], bounds: dict[str, Any]) -> str:
     return "\n".join([*lines, "", _OF_THE_TIP.replace("docs/", "../"), "", made])
 
 
+def _scores(document: dict[str, Any]) -> str:
+    """Return the table of the held-out set, the best policy first."""
+    rows = sorted(document["policies"].items(), key=lambda pair: -pair[1]["N"])
+    headings = ["policy", "N", "rms [mm]: median", "90 %", "99 %", "torque rate [kN m/s]", "lost [%]"]
+    cells = [
+        [
+            *(policy, f"{row['N']:.1f}", *(f"{value:.3g}" for value in row["rms_mm"].values())),
+            *(f"{1e-3 * row['torque_rate']:.2g}", f"{row['lost_percent']:.1f}"),
+        ]
+        for policy, row in rows
+    ]
+    return markdown(headings, cells)
+
+
 def _leaderboard_of_plants(document: dict[str, Any]) -> str:
     """Return the output of `fuzzyarm leaderboard --markdown` for a sweep, without the column of sources."""
     lines = ranking.markdown(rank_sweeps([RESULTS / "sweep.json"])).splitlines()
@@ -203,6 +217,7 @@ README = {
 EVALUATIONS = {
     "results": Section("evaluate", (_evaluated, _paper), None),
     "leaderboard": Section(("evaluate", "tip_bound"), _leaderboard, None),
+    "score": Section("score", _scores),
     "leaderboard-plants": Section("sweep", _leaderboard_of_plants),
     "tip": Section(
         "tip_feedforward",

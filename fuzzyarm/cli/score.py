@@ -11,6 +11,7 @@ from cyclopts import Parameter
 
 from fuzzyarm.cli.usage import output_file
 from fuzzyarm.common.console import output, say, say_json, status
+from fuzzyarm.policies import COMPARED
 
 __all__ = ["Options"]
 
@@ -22,9 +23,10 @@ class Options:
     computed-torque has N = 0 and learned-observer N = 100. Paths, arms, pushes and payloads are those of no training.
     """
 
-    policy: Annotated[tuple[str, ...], Parameter(metavar="NAME...")]
-    """Policy: a name, a controller file (.json), a learned policy's folder, or code of your own as
-    package.module:factory, which must act on batches. May be repeated, as for the seeds of one training"""
+    policy: Annotated[tuple[str, ...], Parameter(metavar="NAME...")] = COMPARED
+    """Policy: a name, a controller file (.json), a learned policy's folder, another library's model as sb3:model.zip or
+    onnx:model.onnx, or code of your own as package.module:factory, which must act on batches. May be repeated, as for
+    the seeds of one training (default: those that evaluate compares)"""
     out: Annotated[Path | None, Parameter(metavar="FILE")] = None
     """Results file to write (.json; default: none)"""
     json: bool = False

@@ -29,6 +29,7 @@ from fuzzyarm.envs.scenario.disturbances import ConstantForce, Disturbance, Enco
 from fuzzyarm.envs.scenario.reference import Reference
 from fuzzyarm.envs.vector import FuzzyArmVectorEnv
 from fuzzyarm.eval.episodes.loop import episodes
+from fuzzyarm.eval.provenance import made_now
 from fuzzyarm.fuzzy_policy.policy import Predictor
 from fuzzyarm.policies import load_policy
 
@@ -150,7 +151,8 @@ def scores(policies: Mapping[str, Predictor], chosen: _HeldOut | None = None) ->
 
     own = {label: row(found.get(label) or _score_of(policy, chosen)) for label, policy in policies.items()}
     anchors = {name: row(found[name]) for name in _ANCHORS if name not in own}
-    return {"version": __version__, "episodes": len(chosen.arms), "policies": own, "anchors": anchors}
+    made = made_now("fuzzyarm score")
+    return {**made, "version": __version__, "episodes": len(chosen.arms), "policies": own, "anchors": anchors}
 
 
 def print_scores(document: Mapping[str, Any], console: Console) -> None:

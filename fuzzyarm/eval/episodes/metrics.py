@@ -105,7 +105,7 @@ _ALL = (
     Metric("domain_margin", "",
            "Share of the joint box (25) left unused at the worst instant: 1 - max(|q|/limit, |q̇|/limit), both sides; "
            "angles are taken from the middle of their range.", lambda r: 1.0 - r.domain_use.max()),
-    Metric("return", "", "Sum of rewards.", lambda r: r.reward.sum()),
+    Metric("return", "", "Sum of rewards.", lambda r: r.reward.sum(), column="return", form="{:.0f}"),
     Metric("predict_us", "µs", "Median wall time of one `predict` call; the only metric that differs between runs.",
            lambda r: 1e6 * r.step_time, reproducible=False, column="predict", form="{:.1f}"),
 )  # fmt: skip
