@@ -63,6 +63,7 @@ def test_smoothness_lowers_how_much_actions_change_with_small_noise(tmp_path):
         config = dataclasses.replace(SMALL, smoothness=smoothness, total_timesteps=960, gate=0.1, learning_rate=0.01)
         training = Training(config, tmp_path / f"{smoothness}")
         training.run()
+        assert (training.rows[-1].get("smoothness_loss", 0.0) > 0.0) == (smoothness > 0.0)
         policy = training.algorithm.model.policy
         torch.manual_seed(0)
         features = torch.randn(400, training.algorithm.model.observation_space.shape[0])

@@ -182,6 +182,8 @@ class PPOAlgorithm:
             if episodes
         }
         logged = self.model.logger.name_to_value
+        if self._config.smoothness:
+            row["smoothness_loss"] = float(logged["train/entropy_loss"])  # see `GuidedPolicy`
         return row | {name: float(logged[f"train/{key}"]) for name, key in _LOGGED.items()}
 
     def network(self) -> Network:
@@ -250,7 +252,7 @@ SPEC = AlgorithmSpec(
     config=PPOConfig,
     presets=PRESETS,
     create=PPOAlgorithm,
-    columns=tuple(_LOGGED),
+    columns=(*_LOGGED, "smoothness_loss"),
     libraries=("torch", "stable-baselines3"),
 )
 """PPO as it is registered."""
