@@ -47,9 +47,9 @@ from fuzzyarm.rl_baselines.torch_kernels import KernelLanes, launcher
 from fuzzyarm.rl_baselines.torch_numbers import Table
 from fuzzyarm.rl_baselines.torch_step import Equations, Outcome, Shared, by_step
 
-__all__ = ["TorchFuzzyArm", "compile_step"]
+__all__ = ["TorchFuzzyArm"]
 
-MOST_LANES = 2**26  # a lane takes about 100 bytes, and 340 in kernels
+_MOST_LANES = 2**26  # a lane takes about 100 bytes, and 340 in kernels
 
 
 class TorchFuzzyArm(VectorEnv[Tensor, Tensor, Tensor]):
@@ -139,7 +139,7 @@ class TorchFuzzyArm(VectorEnv[Tensor, Tensor, Tensor]):
         randomisation: str | DomainRandomisation = "nominal",
     ) -> None:
         self._arguments = {name: value for name, value in locals().items() if name not in ("self", "__class__")}
-        self.num_envs, self.dtype = checks.whole("num_envs", num_envs, low=1, high=MOST_LANES), dtype
+        self.num_envs, self.dtype = checks.whole("num_envs", num_envs, low=1, high=_MOST_LANES), dtype
         if not isinstance(dtype, torch.dtype) or dtype not in (torch.float32, torch.float64):
             raise ValueError(f"dtype = {checks.shown(dtype)} is unknown; choose torch.float32 or torch.float64")
         self.device, self.compiled = _device(device), checks.truth("compiled", compiled)
@@ -165,7 +165,7 @@ class TorchFuzzyArm(VectorEnv[Tensor, Tensor, Tensor]):
             self._lanes = torch_step.Lanes(tuple(numbers), zeros, zeros.clone())
         self._take: Any = torch_step.following if self.differentiable else torch_step.advance
         if compiled:
-            self._take = compile_step(self._take)
+            self._take = _compile_step(self._take)
         self._begun = self._stepped = False
 
     @property  # made when asked for: 2^26 lanes of it would fill the memory
@@ -259,7 +259,7 @@ class TorchFuzzyArm(VectorEnv[Tensor, Tensor, Tensor]):
         elif self._stepped or not self.compiled:
             outcome = self._advance(action.t())
         else:
-            with announced_compilation():
+            with _announced_compilation():
                 outcome = self._advance(action.t())
             self._stepped = True
         same = ("tip_error", "reward_tracking", "reward_effort", "torque_clipped", "reason")
@@ -404,7 +404,7 @@ def _real(action: Any) -> Any:
     return action
 
 
-def compile_step(function: Callable[..., Any]) -> Callable[..., Any]:
+def _compile_step(function: Callable[..., Any]) -> Callable[..., Any]:
     """Return the function compiled as one graph for the arguments it will be called with.
 
     Raises (the compiled function, at its first call):
@@ -432,7 +432,7 @@ def compile_step(function: Callable[..., Any]) -> Callable[..., Any]:
 
 
 @contextlib.contextmanager
-def announced_compilation() -> Iterator[None]:
+def _announced_compilation() -> Iterator[None]:
     """Say on a terminal what is being waited for, if the call within takes more than a second."""
     message = "TorchFuzzyArm: compiling the step (up to a minute; a tenth of it once torch has it on disk) ..."
     timer = threading.Timer(1.0, lambda: print(message, file=sys.stderr, flush=True))

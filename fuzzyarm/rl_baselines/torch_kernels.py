@@ -26,13 +26,13 @@ from fuzzyarm.numbers.gpu import gpu
 from fuzzyarm.numbers.machine import WIDE, Kernel
 from fuzzyarm.rl_baselines.torch_step import Outcome
 
-__all__ = ["KernelLanes", "Launch", "launcher"]
+__all__ = ["KernelLanes", "launcher"]
 
-Launch = Callable[..., None]
+_Launch = Callable[..., None]
 """``launch(kernel, arrays, constants, tables, steps)`` on tensors; it need not wait for the end."""
 
 
-def launcher(device: torch.device) -> Launch | None:
+def launcher(device: torch.device) -> _Launch | None:
     """Return what launches kernels on tensors of an NVIDIA GPU, on torch's current stream; None for other devices."""
     if device.type != "cuda" or torch.version.hip is not None:
         return None
@@ -47,7 +47,7 @@ def launcher(device: torch.device) -> Launch | None:
 class KernelLanes:
     """A batch of n = `count` arms in tensors of float64, like `lanes`, by lane or one for all; no memory is shared."""
 
-    def __init__(self, lanes: Lanes, count: int, device: torch.device, launch: Launch) -> None:
+    def __init__(self, lanes: Lanes, count: int, device: torch.device, launch: _Launch) -> None:
         self._kernels, self._launch, self._count = lanes.kernels, launch, count
         self._layout, self._physics = lanes.layout, lanes.physics
         self._empty = functools.partial(torch.empty, dtype=torch.float64, device=device)

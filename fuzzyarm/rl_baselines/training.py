@@ -46,7 +46,7 @@ from fuzzyarm.rl_baselines.checkpoint import (
 from fuzzyarm.rl_baselines.config import TrainingConfig
 from fuzzyarm.rl_baselines.sb3_vec_env import StableBaselinesVecEnv, learning_envs
 
-__all__ = ["CHECKPOINT", "Training", "default_scale", "envs_of"]
+__all__ = ["CHECKPOINT", "Training", "default_scale"]
 
 CHECKPOINT = "checkpoint.pt"
 """File of the last checkpoint in the folder of a training."""
@@ -86,7 +86,7 @@ class Training:
                 names = ", ".join(known_names())
                 raise ValueError(f"base = {shown(config.base)} is not the name of a policy; choose from: {names}")
             self._base = load_policy(config.base, control_period=_EVALUATION_PERIOD, robot=self.arm)
-        self.envs = envs_of(config)
+        self.envs = _envs_of(config)
         self.algorithm = self._spec.create(config, self.envs)
         self._shipped_policy()  # refuses before the training what could not be shipped after it
 
@@ -255,7 +255,7 @@ class Training:
         return csv_text(rows, columns, header=header)
 
 
-def envs_of(config: TrainingConfig) -> StableBaselinesVecEnv:
+def _envs_of(config: TrainingConfig) -> StableBaselinesVecEnv:
     """Return ``FuzzyArmLearn-v0`` with the lanes, features, actions and arm of a configuration."""
     arm = chosen_arm(config.robot, None)
     if len(config.scale) != (joints := joints_of(arm)):

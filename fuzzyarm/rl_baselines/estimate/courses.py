@@ -42,7 +42,7 @@ from fuzzyarm.envs.scenario.robot_reference import SplineReference
 from fuzzyarm.fuzzy_policy.known_arm import per_joint_of
 from fuzzyarm.fuzzy_policy.laws.learned.estimate.signals import scale_of
 
-__all__ = ["Courses", "TravelForce", "draw_courses", "draw_scenarios"]
+__all__ = ["Courses", "TravelForce", "draw_courses"]
 
 _FAMILY = 256  # references of which lanes draw
 _CIRCLES, _RESTS = 0.25, 0.16  # share of lanes on the default reference and all but at rest
@@ -50,8 +50,8 @@ KNOWN = 0.25  # share of the draws of all lanes with the known arm
 _SMALLEST, _LARGEST = 5e-4, 5e-3  # m, radius of the circles of millimetres of the arm of Table 1
 _STRONGEST, HEAVIEST = 220.0, 10.0  # N, kg, of the arm of Table 1
 _FADES = 5e-3, 0.1  # m/s, range of v_0
-LATENESS = (*[0.0] * 12, 0.5, 1.0, 1.5, 2.0)  # control periods
-TRIES = 100  # draws for each lane, after which the motors are too weak for what is drawn
+_LATENESS = (*[0.0] * 12, 0.5, 1.0, 1.5, 2.0)  # control periods
+_TRIES = 100  # draws for each lane, after which the motors are too weak for what is drawn
 _BEARABLE, _INSTANTS = 0.9, 120  # share of the torque limits; instants at which it is looked at
 _NOISIEST, _LEAST = 2.0, 1e-3  # in units of the encoder noise of the sweeps
 NOISE = 1e-5, 1e-3  # rad, rad/s
@@ -91,7 +91,7 @@ class Courses:
 
 def draw_courses(arm: AnyArm, count: int, period: float, generator: np.random.Generator) -> Courses:
     """Draw `count` lanes for a control period [s]; ValueError if the motors are too weak for their loads."""
-    scenarios = draw_scenarios(arm, count, generator)
+    scenarios = _draw_scenarios(arm, count, generator)
     drawn = find_randomisation("nominal" if generator.random() < KNOWN else "plants", arm)
     lanes = Lanes(
         [arm],
@@ -108,15 +108,15 @@ def draw_courses(arm: AnyArm, count: int, period: float, generator: np.random.Ge
     little = np.exp(generator.uniform(math.log(_LEAST), 0.0, count))
     noise = np.where(generator.random(count) < 0.5, noise, little * noise)
     carried = np.array([one.disturbance.payload.mass for one in scenarios])
-    return Courses(lanes, start, noise, generator.choice(LATENESS, count), carried)
+    return Courses(lanes, start, noise, generator.choice(_LATENESS, count), carried)
 
 
-def draw_scenarios(arm: AnyArm, count: int, generator: np.random.Generator) -> list[Scenario]:
+def _draw_scenarios(arm: AnyArm, count: int, generator: np.random.Generator) -> list[Scenario]:
     """Draw `count` courses with a payload and a force; ValueError if the motors are too weak for them."""
     family, scale, robot = _family(arm), scale_of(arm), robot_of(arm)
     usual, span, axes = default_reference(arm), freedom(robot).motion, equations_of(arm).axes
     scenarios: list[Scenario] = []
-    for _ in range(TRIES * count):
+    for _ in range(_TRIES * count):
         if len(scenarios) == count:
             break
         kind = generator.random()
@@ -132,7 +132,7 @@ def draw_scenarios(arm: AnyArm, count: int, generator: np.random.Generator) -> l
             scenarios.append(Scenario(load, reference))
     if len(scenarios) < count:
         raise ValueError(
-            f"of {TRIES * count} courses and loads the motors bear only {len(scenarios)}; raise torque_limit of the arm"
+            f"of {_TRIES * count} courses and loads the motors bear only {len(scenarios)}; raise the arm's torque_limit"
         )
     return scenarios
 
