@@ -160,10 +160,8 @@ def _run(words: Sequence[str]) -> int:
         code: int = options.run()
         _name_left_out(getattr(options, "robot", None))  # after it: bad usage is one line
         return code
-    if not set(words) & set(_FLAGS):  # without a command the library would show the help and succeed
-        name = " ".join(["fuzzyarm", *words])
-        choices = "; choose from: " + ", ".join(_modules()) if not words else ""
-        raise UsageError(f"a command is missing{choices}; see {name} --help")
+    if words and not set(words) & set(_FLAGS):  # as in `fuzzyarm train`, where the library would show help and succeed
+        raise UsageError(f"a command is missing; see {' '.join(['fuzzyarm', *words])} --help")
     command(*bound.args, **bound.kwargs)
     return 0
 

@@ -25,7 +25,6 @@ from fuzzyarm.eval.evaluation.result_table import print_results, verdict
 from fuzzyarm.eval.evaluation.run import EvaluationConfig
 
 MISTAKES = [
-    ("", "fuzzyarm: a command is missing", "choose from: evaluate, report,"),
     ("evalute", "unknown command evalute", "did you mean evaluate? See fuzzyarm --help"),
     ("fly", "unknown command fly", "choose from: evaluate, report,"),
     ("train", "a command is missing", "see fuzzyarm train --help"),
@@ -277,3 +276,9 @@ def test_a_narrow_terminal_has_fewer_columns_and_every_digit_of_the_others(width
     assert ("Left out on" in text) == bool(left_out)
     for number in left_out:
         assert list(columns())[number] in note
+
+
+def test_without_a_word_the_help_is_shown(capsys):
+    assert main([]) == 0
+    shown = capsys.readouterr().out
+    assert shown.startswith("Usage: fuzzyarm COMMAND") and "evaluate" in shown and "score" in shown
