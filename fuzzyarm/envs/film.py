@@ -19,7 +19,7 @@ class Film:
     The canvas is made for the first picture; copies and pickles do not keep it. The control period is in s.
     """
 
-    def __init__(self, in_window: bool, fps: int, control_period: float, arm: AnyArm) -> None:
+    def __init__(self, in_window: bool, fps: float, control_period: float, arm: AnyArm) -> None:
         self._in_window, self._fps, self._arm = in_window, fps, arm
         self._steps_per_frame = max(1, round(1.0 / (fps * control_period)))
         self._trace: list[np.ndarray] = []

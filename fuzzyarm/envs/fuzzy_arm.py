@@ -45,6 +45,9 @@ _DOUBLE, _SINGLE = np.dtype(np.float64), np.dtype(np.float32)
 class FuzzyArmEnv(gym.Env[np.ndarray, np.ndarray]):
     """Track a tip path with a two-joint arm that has elastic joints and Stribeck friction.
 
+    This task is for controllers in SI units and for comparing them. Learners take ``FuzzyArmLearn-v0``, the same arm
+    with scaled observations and actions and a reward that tells 1 mm from 0.1 mm.
+
     ## Description
     The plant is equations (1)-(3) of the paper with Table 1: two motors, two links, joint springs and dampers,
     friction with exact stick. The agent observes the **motor** side of the joints and the reference. The reward
@@ -52,10 +55,11 @@ class FuzzyArmEnv(gym.Env[np.ndarray, np.ndarray]):
 
     ## Action space
     `Box(2,)`: motor torques Γ [N m] within ±(500, 250). Larger finite torques are clipped and `info` says so; the
-    torque is held over the control period (1 ms). Wrap with `gymnasium.wrappers.RescaleAction` for [-1, 1].
+    torque is held over the control period (1 ms). Wrap with `gymnasium.wrappers.RescaleAction` for [-1, 1], shares of
+    `observation.ACTION_SCALE`.
 
     ## Observation space
-    `Box(10,)`, SI units, not normalised:
+    `Box(10,)`, SI units, not normalised; `observation.OBSERVATION_SCALE` has typical magnitudes:
 
     | index | quantity | unit |
     | --- | --- | --- |
@@ -95,7 +99,9 @@ class FuzzyArmEnv(gym.Env[np.ndarray, np.ndarray]):
     three coordinates, and loads and default reference are for the robot), `control_period` and `substep` [s] (a whole
     fraction of the control period; default: the largest one up to 0.2 ms that resolves the fastest mode of the arm and
     of what is drawn, see `fastest_mode`), `randomisation` ("nominal", "plants", "robust" or a `DomainRandomisation` of
-    your own: what each episode draws, from its seed; then `info["randomisation"]` says what was drawn), `render_mode`.
+    your own: what each episode draws, from its seed; then `info["randomisation"]` says what was drawn), `render_mode`
+    ("human", a window with 50 pictures a second, or "rgb_array", where ``metadata["render_fps"]`` is one over the
+    control period: a video with a picture after every step is in real time).
 
     `reset(options=...)` takes, for the episode it starts, `initial_state` (4 n numbers in the order of `State`),
     `reference`, and `case` or `disturbance`.
@@ -138,6 +144,8 @@ class FuzzyArmEnv(gym.Env[np.ndarray, np.ndarray]):
         self.control_period, self.substeps = checked_periods(control_period, substep, rate)
         self.substep = self.control_period / self.substeps
         self.render_mode = render_mode
+        if render_mode == "rgb_array":  # of which Gymnasium's RecordVideo takes a picture after every step
+            self.metadata = {**self.metadata, "render_fps": 1.0 / self.control_period}
         self._disturbance = arguments.chosen_disturbance(case, disturbance, self.parameters)
         self._reference = arguments.chosen_reference(reference, drawn, self.parameters)
         self._lanes = Lanes(

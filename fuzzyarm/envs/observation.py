@@ -7,9 +7,12 @@ from __future__ import annotations
 
 from typing import Any, NamedTuple
 
+import numpy as np
+
+from fuzzyarm.envs.physics.parameters import ArmParameters
 from fuzzyarm.envs.physics.records import JOINTS
 
-__all__ = ["JOINTS", "PARTS", "SIZE", "Observation", "observed", "starts"]
+__all__ = ["ACTION_SCALE", "JOINTS", "OBSERVATION_SCALE", "PARTS", "SIZE", "Observation", "observed", "starts"]
 
 
 class Observation(NamedTuple):
@@ -24,6 +27,15 @@ class Observation(NamedTuple):
 
 PARTS = len(Observation._fields)  # an arm of n joints has `PARTS` n numbers in its observation
 SIZE = JOINTS * PARTS  # numbers in an observation of the paper's arm
+
+OBSERVATION_SCALE = np.array([0.67, 1.9, 1.4, 1.6, 0.67, 1.9, 1.4, 1.6, 19.0, 21.0])
+"""Typical magnitudes of the paper's arm, in the order and units of `Observation`.
+
+They are the root mean squares of `default_reference.reference_family`, which a motor that follows has as well.
+"""
+ACTION_SCALE = np.array(ArmParameters().torque_limit)
+"""The largest torques of its motors [N m]."""
+OBSERVATION_SCALE.flags.writeable = ACTION_SCALE.flags.writeable = False
 
 
 def starts(joints: int) -> Observation:

@@ -6,6 +6,7 @@ The plane has the frame of (26), turned so that gravity points down the picture:
 from __future__ import annotations
 
 import functools
+from collections.abc import Callable
 
 import numpy as np
 import pygame
@@ -25,12 +26,17 @@ from fuzzyarm.envs.scenario.kinematics import reach
 
 __all__ = ["Canvas", "paint"]
 
-_MAGNIFICATION = 25  # factor by which the trace magnifies the tip error: a millimetre would be less than a pixel
+_MAGNIFICATIONS = (25, 10, 5, 2, 1)
+"""Factors by which the trace magnifies the tip error, since a millimetre would be less than a pixel.
+
+The first with which the trace stays in the field counts; with the last it is the way of the tip, which is in view.
+"""
 
 # Layout [px]. The arm stays in the field between header and footer, `_MARGIN` away from its edges: room for the
 # thickness of the links, the force arrow and its label.
 WIDTH, HEIGHT, HEADER, FOOTER, _MARGIN = 720, 720, 80, 56, 90
 _LONGEST_ARROW = 60  # at the largest force of the episode
+_DOT = 8  # radius of the dot at the end of the trace
 _SUPERSAMPLING = 2
 
 # Okabe and Ito's palette and greys, all of different lightness.
@@ -101,16 +107,19 @@ def _thinned(points: np.ndarray) -> np.ndarray:
     return points[keep]
 
 
-def _magnified(tip: np.ndarray, reference: np.ndarray) -> np.ndarray:
-    """Return reference + 25 (tip - reference) [m], of points of any shape."""
-    return np.asarray(reference + _MAGNIFICATION * (tip - reference))
-
-
-def _paint_error(canvas: Canvas, errors: np.ndarray) -> None:
-    """Paint the trace of the magnified tip (n, 2) [px], and where it is now."""
+def _paint_error(
+    canvas: Canvas, pixels: Callable[[np.ndarray], np.ndarray], tip: np.ndarray, reference: np.ndarray
+) -> int:
+    """Paint the trace of reference + factor (tip - reference) (n, 2 or 3) [m], and its end; return the factor."""
+    low, high = np.array([[_DOT, HEADER + _DOT], [WIDTH - _DOT, HEIGHT - FOOTER - _DOT]])
+    for factor in _MAGNIFICATIONS:
+        errors = pixels(reference + factor * (tip - reference))
+        if np.all((low <= errors) & (errors <= high)):
+            break
     for rim, colour in ((1.5, _PAPER), (0.0, TRACE)):
         canvas.line(errors, 3.0 + 2.0 * rim, colour)
         canvas.disc(errors[-1], 6.0 + rim, colour)
+    return factor
 
 
 def _paint_payload(canvas: Canvas, center: np.ndarray, mass: float) -> None:
@@ -138,12 +147,15 @@ def _paint_header(canvas: Canvas, title: str, time: float, tip_error: float) -> 
     canvas.text(f"tip error {1e3 * tip_error:.2f} mm", "midright", (WIDTH - 28.0, 53.0))
 
 
-def _paint_footer(canvas: Canvas, ground: str, falls: bool = True) -> None:
-    """Paint the legend, with what grey `ground` is, and the direction of gravity if there is any, on top of the arm."""
+def _paint_footer(canvas: Canvas, factor: int, ground: str, falls: bool = True) -> None:
+    """Paint the legend and the direction of gravity if there is any, on top of the arm.
+
+    The legend says by which factor the error is magnified, and what the grey `ground` is.
+    """
     top, middle = HEIGHT - FOOTER, HEIGHT - 0.5 * FOOTER
     canvas.line(np.array([[0.0, middle], [WIDTH, middle]]), FOOTER, _PAPER)
     canvas.line(np.array([[0.0, top], [WIDTH, top]]), 1.0, _FRAME)
-    legend = ((28.0, REFERENCE, 4.0, "reference"), (150.0, TRACE, 4.0, f"tip error × {_MAGNIFICATION}"))
+    legend = ((28.0, REFERENCE, 4.0, "reference"), (150.0, TRACE, 4.0, f"tip error × {factor}"))
     for left, colour, width, label in (*legend, (304.0, _REACH, 14.0, ground)):
         canvas.line(np.array([[left, middle], [left + 20.0, middle]]), width, colour)
         canvas.text(label, "midleft", (left + 34.0, middle))
@@ -214,8 +226,8 @@ def _paint_in_plane(canvas: Canvas, schedule: Schedule, trace: np.ndarray, param
     if force.any():
         back = _LONGEST_ARROW * force[::-1] / np.linalg.norm(schedule.forces, axis=1).max()
         _paint_force(canvas, joints[2] - back, joints[2], float(np.hypot(*force)))
-    _paint_error(canvas, pixels(_magnified(trace[:, _TIP], trace[:, _TIP_REFERENCE])))
-    _paint_footer(canvas, "reach")
+    factor = _paint_error(canvas, pixels, trace[:, _TIP], trace[:, _TIP_REFERENCE])
+    _paint_footer(canvas, factor, "reach")
     middle, right = HEIGHT - 0.5 * FOOTER, WIDTH - 28.0
     bar = 10.0 ** np.floor(np.log10(120.0 / scale))  # m, a scale bar of at most 120 px
     canvas.line(np.array([[right - bar * scale, middle], [right, middle]]), 4.0, INK)
@@ -266,9 +278,8 @@ def _paint_in_space(canvas: Canvas, schedule: Schedule, trace: np.ndarray, robot
         start, tip = camera.pixels(np.stack([now.points[-1] - back, now.points[-1]]))
         if np.hypot(*(tip - start)) > 1.0:
             _paint_force(canvas, start, tip, float(np.linalg.norm(force)))
-    errors = _magnified(*(in_space(trace[:, row, :axes]) for row in (_TIP, _TIP_REFERENCE)))
-    _paint_error(canvas, camera.pixels(errors))
-    _paint_footer(canvas, "shadow", bool(robot.arrays.gravity.any()))
+    factor = _paint_error(canvas, camera.pixels, *(in_space(trace[:, row, :axes]) for row in (_TIP, _TIP_REFERENCE)))
+    _paint_footer(canvas, factor, "shadow", bool(robot.arrays.gravity.any()))
     canvas.text(f"squares of {1e3 * floor.square:g} mm", "midright", (WIDTH - 28.0, HEIGHT - 0.5 * FOOTER))
 
 

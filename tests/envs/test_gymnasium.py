@@ -1,8 +1,10 @@
 """The single environment among Gymnasium's own tools: its registry, its wrappers, its checker."""
 
 import dataclasses
+import re
 import subprocess
 import sys
+from pathlib import Path
 
 import gymnasium as gym
 import numpy as np
@@ -73,17 +75,29 @@ def test_a_time_limit_of_the_users_own_truncates():
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("arguments", [{"reference": SHORT}, {"robot": "planar-3r"}], ids=["paper", "robot"])
-def test_videos_are_recorded(arguments, tmp_path):
-    pytest.importorskip("moviepy")
-    made = gym.make("FuzzyArm-v0", render_mode="rgb_array", **arguments)
-    env = wrappers.RecordVideo(made, str(tmp_path / "videos"), video_length=30, disable_logger=True)
-    env.reset(seed=0)
-    for _ in range(31):
-        env.step(np.zeros(env.action_space.shape))
+@pytest.mark.parametrize("period", [1e-3, 3e-3])
+def test_a_video_of_each_step_shows_real_time(period, tmp_path):
+    moviepy = pytest.importorskip("moviepy")
+    reference = JointReference(duration=0.3, path=SHORT.path)
+    made = gym.make("FuzzyArm-v0", render_mode="rgb_array", reference=reference, control_period=period)
+    env = wrappers.RecordVideo(made, str(tmp_path / "videos"))
+    assert steps_until_the_end(env) == (round(0.3 / period), True)
     env.close()
-    (video,) = (tmp_path / "videos").glob("*.mp4")
-    assert video.stat().st_size > 10_000
+    (file,) = (tmp_path / "videos").glob("*.mp4")
+    with moviepy.VideoFileClip(str(file)) as video:
+        assert video.duration == pytest.approx(0.3, rel=0.05)
+
+
+@pytest.mark.slow
+def test_every_twentieth_picture_gives_a_video_in_real_time(tmp_path, monkeypatch):
+    """The loop of the documentation."""
+    moviepy = pytest.importorskip("moviepy")
+    monkeypatch.chdir(tmp_path)
+    page = (Path(__file__).parents[2] / "docs" / "environment" / "spaces.md").read_text(encoding="utf-8")
+    (loop,) = re.findall(r"```python\n([^`]*save_video[^`]*)```", page)
+    exec(loop, {})
+    with moviepy.VideoFileClip("videos/rl-video-episode-0.mp4") as video:
+        assert video.duration == pytest.approx(1.5, rel=0.05) and video.fps == 50.0
 
 
 def test_a_fresh_interpreter_makes_it():

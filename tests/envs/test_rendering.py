@@ -120,6 +120,23 @@ def test_trace_shows_the_magnified_error(env, offset):
     np.testing.assert_allclose(dot, expected, atol=4.0)
 
 
+@pytest.mark.parametrize("arm", [{}, {"robot": "planar-3r"}], ids=["paper", "robot"])
+def test_a_thrown_arm_and_its_trace_stay_in_the_field(arm):
+    env, ended = FuzzyArmEnv(render_mode="rgb_array", **arm), False
+    env.reset()
+    start = env.render()
+    while not ended:
+        *_, ended, _, info = env.step(env.action_space.high)
+    frame = env.render()
+    env.close()
+    assert info["tip_error"] > 0.3
+    for colour in (INK, TRACE):
+        seen = pixels(frame, colour)
+        assert len(seen) > 20 and (seen > [2, HEADER + 4]).all() and (seen < [WIDTH - 2, HEIGHT - FOOTER - 4]).all()
+    # The legend says that the trace is magnified by another factor than at the start.
+    assert (frame[HEIGHT - FOOTER + 4 :, : WIDTH // 2] != start[HEIGHT - FOOTER + 4 :, : WIDTH // 2]).any()
+
+
 def test_trace_holds_every_step_even_if_drawn_once(env):
     frames, often = [], FuzzyArmEnv(render_mode="rgb_array")
     for one in (env, often):

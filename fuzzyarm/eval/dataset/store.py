@@ -20,7 +20,7 @@ import numpy as np
 
 from fuzzyarm.common.checks import instance, shown
 from fuzzyarm.common.documents import DocumentError, open_regular, parse_json, read_json
-from fuzzyarm.envs.physics.parameters import ArmParameters
+from fuzzyarm.envs.observation import ACTION_SCALE
 from fuzzyarm.envs.vector import FuzzyArmVectorEnv
 from fuzzyarm.eval.dataset.config import CONDITIONS, EXPERT, VERSION, Condition, DatasetConfig
 from fuzzyarm.eval.episodes.loop import episodes
@@ -34,7 +34,6 @@ __all__ = ["check_installed", "open_dataset", "provenance_of", "record", "write_
 _SCHEMA, _KEY, _DATA = f"fuzzyarm-dataset/{VERSION}", "fuzzyarm", "data"
 _SCORED, _SCORED_SEED = 64, 1_000_000_000  # episodes behind a reference score, of seeds that no data set begins with
 _LANES = 64  # episodes that are recorded at once
-_LIMIT = np.array(ArmParameters().torque_limit)
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -43,7 +42,7 @@ class _Episode:
 
     seed: int  # of the environment's reset
     observations: np.ndarray  # (T + 1, 10), the last one after the last step
-    actions: np.ndarray  # (T, 2) torques of the steps, with noise [N m]
+    actions: np.ndarray  # (T, 2) torques of the steps, with noise, float32 as the action space declares [N m]
     intended: np.ndarray  # (T, 2) torques of the policy without noise, within the limits [N m]
     rewards: np.ndarray  # (T,)
     tip_errors: np.ndarray  # (T,) after each step [m]
@@ -61,7 +60,7 @@ class _RandomTorques:
         self, observation: np.ndarray, state: None = None, episode_start: object = None, deterministic: bool = True
     ) -> tuple[np.ndarray, None]:
         """Return torques (lanes, 2) [N m] for observations (lanes, 10)."""
-        return self._generator.uniform(-_LIMIT, _LIMIT, (len(observation), len(_LIMIT))), None
+        return self._generator.uniform(-ACTION_SCALE, ACTION_SCALE, (len(observation), len(ACTION_SCALE))), None
 
 
 def record(policy: Predictor, condition: Condition, count: int, seed: int, noise: float = 0.0) -> Iterator[_Episode]:
@@ -79,9 +78,11 @@ def _batch(policy: Predictor, condition: Condition, lanes: int, seed: int, noise
     intended, actions = list[np.ndarray](), list[np.ndarray]()
 
     def actuate(torque: np.ndarray) -> np.ndarray:
-        intended.append(np.clip(torque, -_LIMIT, _LIMIT))
-        noisy = intended[-1] + noise * _LIMIT * generator.normal(size=torque.shape) if noise > 0.0 else intended[-1]
-        actions.append(np.clip(noisy, -_LIMIT, _LIMIT))
+        intended.append(np.clip(torque, -ACTION_SCALE, ACTION_SCALE))
+        noisy = (
+            intended[-1] + noise * ACTION_SCALE * generator.normal(size=torque.shape) if noise > 0.0 else intended[-1]
+        )
+        actions.append(np.clip(noisy, -ACTION_SCALE, ACTION_SCALE).astype(np.float32))
         return actions[-1]
 
     start = envs.reset(seed=seed)

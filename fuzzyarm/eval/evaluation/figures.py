@@ -11,7 +11,7 @@ import functools
 import itertools
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
-from typing import Any
+from typing import Any, Literal
 
 import matplotlib.style
 import numpy as np
@@ -112,7 +112,7 @@ _OVERVIEW = (_Panel("tip error", "mm", lambda r: 1e3 * r.tip_error, scale="tip",
 
 
 # In the plane, deviations are drawn magnified by the first of these factors with which those of the best policy stay
-# within `_ROOM`, a share of the curve's size; deviations beyond it are cut off.
+# within `_ROOM`, a share of the curve's size; deviations beyond it are cut off and named, but none at the factor 1.
 _MAGNIFICATIONS, _ROOM = (20, 10, 5, 2, 1), 0.5
 # An error panel is scaled to the policies whose peak is at most `_FOCUS` times that of the best policy. A best peak
 # below 2 mm counts as 2 mm: otherwise a nearly perfect policy would push all others off the scale.
@@ -248,10 +248,16 @@ def _draw_panel(axes: Axes, panel: _Panel, episodes: Sequence[Rollout], styles: 
     if panel.log:
         axes.set_yscale("log")
     axes.set_ylim(limits)
+    _note(axes, outside)
+
+
+def _note(axes: Axes, outside: Sequence[str], side: Literal["left", "right"] = "right") -> None:
+    """Name the policies that are off the scale, if any, a line for each, in an upper corner."""
     if outside:
         text = "\n".join(["off the scale:", *outside])
         box = {"facecolor": "white", "edgecolor": "none", "alpha": 0.8, "pad": 1.5}
-        axes.text(0.99, 0.97, text, transform=axes.transAxes, ha="right", va="top", fontsize=8, bbox=box, zorder=6)
+        right = 0.99 if side == "right" else 0.01
+        axes.text(right, 0.97, text, transform=axes.transAxes, ha=side, va="top", fontsize=8, bbox=box, zorder=6)
 
 
 def _path_figure(title: str, episodes: Sequence[Rollout], styles: _Styles) -> Figure:
@@ -265,10 +271,15 @@ def _path_figure(title: str, episodes: Sequence[Rollout], styles: _Styles) -> Fi
     factor = next((factor for factor in _MAGNIFICATIONS if factor * best <= room), 1)
     drawn = [view.of(e.tip_reference + factor * (e.tip - e.tip_reference)) for e in episodes]
     points = np.concatenate([reference, *drawn])
+    if factor == 1:  # true paths, which are shown whole however far from the curve they lead
+        room = float(np.ptp(points, axis=0).max()) or 1.0
     low = np.maximum(points.min(axis=0), reference.min(axis=0) - room) - 0.1 * room
     high = np.minimum(points.max(axis=0), reference.max(axis=0) + room) + 0.1 * room
+    outside = []
     for episode, path in zip(episodes, drawn, strict=True):
         axes.plot(path[:, 1], path[:, 0], **styles[episode.policy])
+        if np.any((path < low) | (path > high)):
+            outside.append(f"{episode.policy} up to {1e3 * episode.tip_error.max():.3g} mm")
         seen = path[np.all((low <= path) & (path <= high), axis=1)]
         if not episode.completed and len(seen):
             _cross(axes, seen[-1, 1], seen[-1, 0], styles[episode.policy])
@@ -282,6 +293,7 @@ def _path_figure(title: str, episodes: Sequence[Rollout], styles: _Styles) -> Fi
     axes.set(xlim=(low[1], high[1]), ylim=(high[0], low[0]), aspect="equal")
     if view.upwards:
         axes.yaxis.set_major_formatter(lambda value, _: f"{-value:.4g}")
+    _note(axes, outside, "left")  # the paper's circle begins at the right, where paths leave it
     vertical, side = view.labels
     axes.set(xlabel=side, ylabel=vertical, title=f"{title}, tip deviation × {factor}")
     _legend(figure, episodes, styles, [Line2D([], [], **_REFERENCE)])

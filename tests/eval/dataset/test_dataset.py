@@ -39,7 +39,7 @@ def test_the_recorded_torques_give_the_recorded_episode_again():
 def test_random_torques_are_far_from_the_path_and_without_noise_intended_is_done():
     (episode,) = record(_RandomTorques(0), "nominal", 1, 0)
     assert episode.tip_errors.mean() > 0.05
-    assert_array_equal(episode.actions, episode.intended)
+    assert_array_equal(episode.actions, episode.intended.astype(np.float32))
     assert (np.abs(episode.actions) <= LIMIT).all()
     assert _mean_return(_RandomTorques(0), "nominal", 1, 0) == episode.rewards.sum()
 
@@ -104,6 +104,26 @@ def test_minari_loads_what_the_command_wrote(minari, monkeypatch, tmp_path, caps
     assert main(words) == 2
     assert "is there already" in capsys.readouterr().err
     assert sorted(path.name for path in tmp_path.iterdir()) == ["fuzzyarm"]
+
+
+@pytest.mark.slow
+def test_stored_episodes_are_in_the_declared_spaces_and_give_themselves_again_bit_for_bit(minari, tmp_path):
+    settings = DatasetConfig(level="medium", condition="loads", episodes=2, seed=7)
+    dataset = open_dataset(store.write_dataset(settings, tmp_path))
+    env = dataset.recover_environment()
+    assert dataset.action_space == env.action_space and env.action_space.dtype == np.float32
+    for stored, metadata in zip(dataset, dataset.storage.get_episode_metadata([0, 1]), strict=True):
+        assert all(map(dataset.action_space.contains, stored.actions))
+        assert all(map(dataset.observation_space.contains, stored.observations))
+        seen, earned = [env.reset(seed=metadata["seed"])[0]], []
+        for action in stored.actions:
+            observation, reward, terminated, truncated, _ = env.step(action)
+            seen.append(observation)
+            earned.append(reward)
+        assert_array_equal(seen, stored.observations)
+        assert_array_equal(earned, stored.rewards)
+        assert (terminated, truncated) == (stored.terminations[-1], stored.truncations[-1])
+    env.close()
 
 
 @pytest.mark.slow

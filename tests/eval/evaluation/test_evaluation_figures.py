@@ -167,6 +167,21 @@ def test_an_episode_that_ended_early_is_marked():
     assert tuple(crosses(friction)[0]) == (short.time[-1], short.friction_torque[-1, 0])
 
 
+def test_the_path_of_a_lost_arm_is_whole_or_named(keep):
+    keep()
+    lost = episode("lost", samples=20, error=0.5, completed=False)
+    alone = draw_figures([lost])["nominal-path"].axes[0]
+    (right, bottom), (left, top) = lost.tip.max(axis=0)[::-1], lost.tip.min(axis=0)[::-1]
+    assert alone.get_xlim()[0] < left and right < alone.get_xlim()[1]
+    assert alone.get_ylim()[1] < top and bottom < alone.get_ylim()[0]
+    np.testing.assert_allclose(crosses(alone), [lost.tip[-1, ::-1]])
+    assert not alone.texts or all(not text.get_text() for text in alone.texts)
+    beside = draw_figures([episode("good"), lost])["nominal-path"].axes[0]
+    assert [text.get_text() for text in beside.texts if text.get_text()] == [
+        f"off the scale:\nlost up to {1e3 * lost.tip_error.max():.3g} mm"
+    ]
+
+
 @pytest.mark.parametrize("completed", [True, False])
 def test_a_policy_far_off_does_not_flatten_the_others(completed, keep):
     keep("torque")
