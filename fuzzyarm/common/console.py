@@ -16,10 +16,8 @@ import contextlib
 import copy
 import dataclasses
 import datetime
-import functools
 import io
 import json
-import multiprocessing
 import os
 import re
 import sys
@@ -34,8 +32,8 @@ if TYPE_CHECKING:
     from rich.table import Table
 
 __all__ = [
-    "Sheet", "announced", "escaped", "finish_output", "open_streams", "output", "print_paragraphs", "progress", "say",
-    "say_json", "status",
+    "Sheet", "escaped", "finish_output", "open_streams", "output", "print_paragraphs", "progress", "say", "say_json",
+    "status",
 ]  # fmt: skip
 
 _PIPED_WIDTH = 1000  # columns; wide enough for every table
@@ -383,21 +381,3 @@ class _Lines:
 
 def _clock(seconds: float) -> str:
     return str(datetime.timedelta(seconds=round(seconds)))
-
-
-@contextlib.contextmanager
-def announced(message: str, after: float = 1.0) -> Iterator[None]:
-    """Say on a terminal, once in a process, what is being waited for if the block takes longer than `after` [s]."""
-    timer = threading.Timer(after, _say_once, (message,))
-    timer.daemon = True
-    if sys.stderr is not None and sys.stderr.isatty() and multiprocessing.parent_process() is None:
-        timer.start()
-    try:
-        yield
-    finally:
-        timer.cancel()
-
-
-@functools.cache
-def _say_once(message: str) -> None:
-    say(message, error=True)

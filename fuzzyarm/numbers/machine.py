@@ -23,8 +23,8 @@ from typing import Any
 import llvmlite.binding as llvm
 import numpy as np
 
-from fuzzyarm.common.console import announced
 from fuzzyarm.common.files import write_atomically
+from fuzzyarm.common.waiting import announced
 from fuzzyarm.numbers.llvm_text import EIGHT, WIDE, Layout, kernel_text
 from fuzzyarm.numbers.program import Program
 

@@ -23,7 +23,7 @@ from gymnasium.vector.utils import batch_space
 from torch import Tensor
 
 from fuzzyarm.common import checks
-from fuzzyarm.common.console import announced
+from fuzzyarm.common.waiting import announced
 from fuzzyarm.envs.arguments import action_space, chosen_disturbance, chosen_reference, observation_space
 from fuzzyarm.envs.batch.lanes import Lanes
 from fuzzyarm.envs.batch.layout import Noise

@@ -4,7 +4,6 @@ import datetime
 import io
 import itertools
 import re
-import sys
 import time
 import types
 
@@ -112,11 +111,3 @@ def test_a_line_comes_where_no_step_is_done(capsys):
         while not (line := capsys.readouterr().err) and time.monotonic() < until:
             time.sleep(0.01)
     assert line == "0:00:00  steps\n"
-
-
-def test_what_takes_long_is_announced_once_and_on_a_terminal_alone(capsys, monkeypatch):
-    for terminal, times in ((False, 0), (True, 1), (True, 0)):
-        monkeypatch.setattr(sys.stderr, "isatty", lambda terminal=terminal: terminal)
-        with console.announced("compiling, for this test", after=0.0):
-            time.sleep(0.3)
-        assert capsys.readouterr().err == "compiling, for this test\n" * times
