@@ -1,7 +1,16 @@
-"""PPO of rsl_rl on `FuzzyArmLearn-v0`: python examples/train_rsl_rl.py [updates]  (pip install rsl-rl-lib)."""
+"""PPO of rsl_rl on `FuzzyArmLearn-v0`: python examples/train_rsl_rl.py [steps]  (pip install rsl-rl-lib)."""
+# ruff: noqa: E402  a wrong number is refused before the libraries are imported
 
-import sys
+import argparse
 from typing import Any
+
+LANES, HOLDS = 256, 24  # of a rollout
+parser = argparse.ArgumentParser(description=__doc__)
+parser.add_argument("steps", nargs="?", type=int, default=1_800_000, help="at least; default: %(default)s")
+parser.add_argument("--device", help="cpu or cuda, where arms step as tensors; default: the compiled batch, in NumPy")
+given = parser.parse_args()
+if given.steps < 1:
+    parser.error(f"steps = {given.steps} is out of range; allowed: 1, 2, 3, ...")
 
 import torch
 from rsl_rl.env import VecEnv
@@ -9,44 +18,43 @@ from rsl_rl.runners import OnPolicyRunner
 from tensordict import TensorDict
 
 from fuzzyarm.rl_baselines.learning_task import FuzzyArmLearnVectorEnv
+from fuzzyarm.rl_baselines.torch_learn import TorchFuzzyArmLearn
 
 
 class Arms(VecEnv):
-    """The compiled batch behind rsl_rl's interface; on a GPU, `TorchFuzzyArmLearn` steps without a copy."""
+    """A batch of arms behind rsl_rl's interface."""
 
-    def __init__(self, lanes: int) -> None:
-        self.envs = FuzzyArmLearnVectorEnv(lanes)
-        self.num_envs, self.num_actions = lanes, self.envs.single_action_space.shape[0]
-        self.max_episode_length = 1000  # 2 s in holds of 2 ms
-        self.episode_length_buf, self.device, self.cfg = torch.zeros(lanes, dtype=torch.long), "cpu", {}
-        self.seen, _ = self.envs.reset(seed=0)
+    def __init__(self, envs: Any, device: str) -> None:
+        self.envs, self.device, self.cfg = envs, device, {}
+        self.num_envs, self.num_actions = envs.num_envs, envs.single_action_space.shape[0]
+        self.episode_length_buf = torch.zeros(envs.num_envs, dtype=torch.long, device=device)
+        (self.seen, _), self.max_episode_length = envs.reset(seed=0), 1000  # 2 s in holds of 2 ms
 
     def get_observations(self) -> TensorDict:
         """Return what is seen now."""
-        return TensorDict({"policy": torch.from_numpy(self.seen)}, batch_size=[self.num_envs])
+        return TensorDict({"policy": torch.as_tensor(self.seen)}, batch_size=[self.num_envs])
 
     def step(self, actions: torch.Tensor) -> tuple[TensorDict, torch.Tensor, torch.Tensor, dict[str, Any]]:
         """Step every lane."""
-        self.seen, reward, terminated, truncated, info = self.envs.step(actions.numpy())
-        over = torch.from_numpy(terminated | truncated)
+        self.seen, *numbers, info = self.envs.step(actions)
+        reward, terminated, truncated = map(torch.as_tensor, numbers)
+        over = terminated | truncated
         self.episode_length_buf = torch.where(over, 0, self.episode_length_buf + 1)
-        log = {"/tip_error_mm": 1e3 * float(info["tip_error"].mean())}
-        extras = {"time_outs": torch.from_numpy(truncated), "log": log}
-        return self.get_observations(), torch.from_numpy(reward).float(), over.long(), extras
+        self.tip_error = 1e3 * float(info["tip_error"].mean())
+        return self.get_observations(), reward.float(), over.long(), {"time_outs": truncated}
 
 
 network = {"class_name": "MLPModel", "hidden_dims": [64, 64], "activation": "elu", "obs_normalization": True}
-noise = {"class_name": "GaussianDistribution", "init_std": 0.4, "std_type": "scalar"}
 settings = {
-    "num_steps_per_env": 24, "save_interval": 1000, "obs_groups": {"actor": ["policy"], "critic": ["policy"]},
-    "actor": {**network, "distribution_cfg": noise}, "critic": network,
-    "algorithm": {
-        "class_name": "PPO", "num_learning_epochs": 5, "num_mini_batches": 4, "learning_rate": 1e-3, "gamma": 0.98,
-        "schedule": "adaptive", "desired_kl": 0.01, "lam": 0.95, "entropy_coef": 0.0, "clip_param": 0.2,
-        "value_loss_coef": 1.0, "use_clipped_value_loss": True, "max_grad_norm": 1.0,
-        "rnd_cfg": None, "symmetry_cfg": None,
-    },
+    "num_steps_per_env": HOLDS, "save_interval": 1000, "obs_groups": {"actor": ["policy"], "critic": ["policy"]},
+    "actor": {**network, "distribution_cfg": {"class_name": "GaussianDistribution", "init_std": 0.4}},
+    "critic": network, "algorithm": {"class_name": "PPO", "gamma": 0.98, "entropy_coef": 0.0},
 }  # fmt: skip
 torch.set_num_threads(1)
-runner = OnPolicyRunner(Arms(256), settings, log_dir=None, device="cpu")
-runner.learn(int(sys.argv[1]) if len(sys.argv) > 1 else 300)
+device = given.device or "cpu"  # where compiling takes a minute
+tensors = given.device and TorchFuzzyArmLearn(LANES, device=device, compiled=device != "cpu")
+arms = Arms(tensors or FuzzyArmLearnVectorEnv(LANES), device)
+runner = OnPolicyRunner(arms, settings, log_dir=None, device=device)
+for steps in range(0, given.steps, LANES * HOLDS):
+    runner.learn(1)
+    print(f"{steps + LANES * HOLDS:9,} steps, mean tip error {arms.tip_error:.1f} mm", flush=True)

@@ -1,6 +1,13 @@
-"""PPO of TorchRL on `FuzzyArmLearn-v0`: python examples/train_torchrl.py [frames]  (pip install torchrl)."""
+"""PPO of TorchRL on `FuzzyArmLearn-v0`: python examples/train_torchrl.py [steps]  (pip install torchrl)."""
+# ruff: noqa: E402  a wrong number is refused before the libraries are imported
 
-import sys
+import argparse
+
+parser = argparse.ArgumentParser(description=__doc__)
+parser.add_argument("steps", nargs="?", type=int, default=400_000, help="at least; default: %(default)s")
+FRAMES = parser.parse_args().steps
+if FRAMES < 1:
+    parser.error(f"steps = {FRAMES} is out of range; allowed: 1, 2, 3, ...")
 
 import torch
 from tensordict.nn import TensorDictModule
@@ -14,7 +21,6 @@ from torchrl.objectives.value import GAE
 from fuzzyarm.rl_baselines.learning_task import FuzzyArmLearnVectorEnv
 
 LANES, STEPS, EPOCHS, PARTS = 64, 32, 10, 8
-FRAMES = int(sys.argv[1]) if len(sys.argv) > 1 else 400_000
 
 torch.manual_seed(0)
 torch.set_num_threads(1)

@@ -83,8 +83,8 @@ def test_linked_files_exist():
         assert (ROOT / target).exists(), target
 
 
-# Those that learn, and the one that loads what was learned, have tests of their own.
-LEARNING = ("train_", "ppo_", "sb3_", "clone_", "offline_")
+# Those that learn or need their libraries, and the one that loads what was learned, have tests of their own.
+LEARNING = ("train_", "torchrl_", "ppo_", "sb3_", "clone_", "offline_")
 EXAMPLES = [path for path in sorted((ROOT / "examples").glob("*.py")) if not path.name.startswith(LEARNING)]
 
 

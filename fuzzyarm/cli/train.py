@@ -19,7 +19,7 @@ from cyclopts import App, Parameter
 
 from fuzzyarm.cli.options import chosen, given, with_fields_of
 from fuzzyarm.cli.usage import UsageError, claimed_folder
-from fuzzyarm.common.console import progress, say, status
+from fuzzyarm.common.console import progress, say
 from fuzzyarm.envs.scenario.cases import PAPER_CASES
 from fuzzyarm.rl_baselines.algorithms import ALGORITHMS, find_algorithm
 from fuzzyarm.rl_baselines.config import EstimateConfig
@@ -97,29 +97,27 @@ def _run(options: Options) -> int:
 
 
 def train_with_progress(config: TrainingConfig, folder: Path) -> None:
-    """Train with a progress bar on the terminal and a line for every evaluation; go on if the folder holds a training.
+    """Train, or go on where the folder holds a training; show progress and every evaluation on standard error.
 
     Raises:
         ValueError: the folder holds another training, or the configuration is refused; or torch or stable-baselines3 is
             not installed.
         OSError: the folder cannot be written.
     """
-    with _training_libraries():
-        from fuzzyarm.rl_baselines.training import CHECKPOINT, Training
+    threads = config.threads
+    with progress("compiling and loading", config.total_timesteps, first=1.0) as advance:
+        with _training_libraries():
+            from fuzzyarm.rl_baselines.training import CHECKPOINT, Training
 
-        with status("compiling and loading"):
             resumes = (folder / CHECKPOINT).exists()
             training = Training.resume(config, folder) if resumes else Training(config, folder)
-    threads = config.threads
-    title = f"training, {threads} {'thread' if threads == 1 else 'threads'}"
-    with progress(title, config.total_timesteps) as advance:
         first, began = training.algorithm.steps, time.perf_counter()
-        advance(completed=first)
+        advance(f"training, {threads} {'thread' if threads == 1 else 'threads'}", completed=first)
 
         def show(row: dict[str, Any]) -> None:
             rate = (row["steps"] - first) / (time.perf_counter() - began)
             line = f"{row['steps']:>11,} steps, {rate:,.0f}/s; largest tip error [mm]: {_errors(row)}"
-            error = f", tip error {row['tip_error_mm']:.2f} mm" if "tip_error_mm" in row else ""
+            error = f", mean tip error {row['tip_error_mm']:.2f} mm" if "tip_error_mm" in row else ""
             description = f"{rate:,.0f} steps/s{error}"
             advance(description, completed=row["steps"], line=line if _errors(row) else None)
 
@@ -174,12 +172,11 @@ def _estimate(options: EstimateOptions) -> int:
     folder = options.out / LAST
     if folder.exists():
         raise UsageError(f"{folder} holds a policy already; choose another folder")
-    with _training_libraries():
-        from fuzzyarm.rl_baselines.estimate.training import EstimateTraining
     with claimed_folder(options.out):
-        with status("compiling and loading"):
+        with progress("compiling and loading", config.chunks, first=1.0) as advance:
+            with _training_libraries():
+                from fuzzyarm.rl_baselines.estimate.training import EstimateTraining
             training = EstimateTraining(config, arm=arm)
-        with progress("training", config.chunks) as advance:
             training.report = lambda row: advance(f"loss {row['loss']:.3f}", completed=row["chunk"] + 1)
             bundle = training.run()
         bundle.save(folder)

@@ -2,7 +2,8 @@
 
 On a terminal a table has rules, and each word of a heading is on a line of its own. Digits are never cut: a table that
 is too wide is printed as several tables below each other that repeat the first columns. In a pipe a table is plain
-columns of text, neither folded nor split. Progress is shown on standard error, only if that is a terminal.
+columns of text, neither folded nor split. Progress is shown on standard error: a bar on a terminal, otherwise plain
+lines, the first of them after two seconds, at last one a minute.
 
 Names of files and policies are untrusted: `output` and `say`, through which everything is printed, escape control
 characters.
@@ -14,11 +15,14 @@ import codecs
 import contextlib
 import copy
 import dataclasses
+import datetime
 import io
 import json
 import os
 import re
 import sys
+import threading
+import time
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from typing import TYPE_CHECKING, Any
 
@@ -267,21 +271,25 @@ def print_paragraphs(console: Console, paragraphs: Sequence[str]) -> None:
 
 
 @contextlib.contextmanager
-def progress(description: str, total: int | None, *, between_steps: bool = False) -> Iterator[Callable[..., None]]:
-    """Show a progress bar with the remaining time while the block runs; call the yielded function after each step.
+def progress(
+    description: str, total: int | None, *, first: float = 2.0, between_steps: bool = False
+) -> Iterator[Callable[..., None]]:
+    """Show the progress and the remaining time while the block runs; call the yielded function after each step.
 
     All arguments of that function are optional: ``next_description`` replaces the description, ``completed`` is the
     number of completed steps (default: one more), and ``line`` is printed above the bar, also without a terminal. With
-    `between_steps` the bar is drawn only when it advances, so that nothing else runs while a step is timed.
+    `between_steps` progress is shown only when it advances, so that nothing else runs while a step is timed. Without a
+    terminal the first line comes after `first` seconds.
     """
     from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
 
     stderr = _console(stderr=True)
+    if not stderr.is_terminal:
+        with _Lines(description, total, first, threaded=not between_steps) as lines:
+            yield lines.advance
+        return
     columns = (TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), TimeRemainingColumn())
-    shown = Progress(
-        *columns, console=stderr, disable=not stderr.is_terminal, transient=True, auto_refresh=not between_steps
-    )
-    with shown as bar:
+    with Progress(*columns, console=stderr, transient=True, auto_refresh=not between_steps) as bar:
         task = bar.add_task(description, total=total)
 
         def advance(
@@ -304,5 +312,72 @@ def progress(description: str, total: int | None, *, between_steps: bool = False
 def status(description: str) -> Iterator[None]:
     """Show a description of the current work while the block runs."""
     stderr = _console(stderr=True)
-    with stderr.status(description) if stderr.is_terminal else contextlib.nullcontext():
+    with stderr.status(description) if stderr.is_terminal else _Lines(description, None, 2.0):
         yield
+
+
+_MINUTE = 60.0  # s, the longest time between two lines of progress
+
+
+class _Lines:
+    """Progress in plain lines on standard error, the pauses between which double up to a minute.
+
+    A line says the time since the beginning, the completed steps, what is done, and from the second step on for how
+    long, at the speed since the first.
+    """
+
+    def __init__(self, description: str, total: int | None, first: float, *, threaded: bool = True) -> None:
+        self._description = self._shown = description
+        self._total, self._done = total, 0
+        self._begun = time.monotonic()
+        self._due, self._pause = self._begun + first, 2.0
+        self._earlier: tuple[float, int] | None = None  # time and completed steps of the first call of `advance`
+        self._over = threading.Event()
+        self._thread = threading.Thread(target=self._run, daemon=True) if threaded else None
+
+    def __enter__(self) -> _Lines:
+        if self._thread is not None:
+            self._thread.start()
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self._over.set()
+        if self._thread is not None:
+            self._thread.join()
+
+    def advance(
+        self, next_description: str | None = None, *, completed: int | None = None, line: str | None = None
+    ) -> None:
+        """Count a step; arguments as in `progress`."""
+        self._done = self._done + 1 if completed is None else completed
+        self._shown = next_description or self._description
+        if self._earlier is None:
+            self._earlier = time.monotonic(), self._done
+        if line is not None:
+            say(line, error=True)
+        if self._thread is None:
+            self._show_if_due()
+
+    def _run(self) -> None:
+        while not self._over.wait(max(self._due - time.monotonic(), 0.0)):
+            self._show_if_due()
+
+    def _show_if_due(self) -> None:
+        now = time.monotonic()
+        if now < self._due:
+            return
+        self._due, self._pause = now + self._pause, min(2.0 * self._pause, _MINUTE)
+        parts = [f"{_clock(now - self._begun)}  {self._steps()}{self._shown}"]
+        since, before = self._earlier or (now, self._done)
+        if self._total is not None and self._done > before:
+            parts.append(f"{_clock((self._total - self._done) * (now - since) / (self._done - before))} left")
+        say(", ".join(parts), error=True)
+
+    def _steps(self) -> str:
+        if self._total is None:
+            return f"{self._done:,} " if self._done else ""
+        return f"{self._done:,} of {self._total:,}  "
+
+
+def _clock(seconds: float) -> str:
+    return str(datetime.timedelta(seconds=round(seconds)))

@@ -24,12 +24,14 @@ import llvmlite.binding as llvm
 import numpy as np
 
 from fuzzyarm.common.files import write_atomically
+from fuzzyarm.common.waiting import announced
 from fuzzyarm.numbers.llvm_text import EIGHT, WIDE, Layout, kernel_text
 from fuzzyarm.numbers.program import Program
 
 __all__ = ["WIDE", "Call", "Kernel", "Layout", "kernel_text"]
 
 _CACHE = "FUZZYARM_CACHE"  # environment variable with the folder for machine code; by default that of the user's caches
+_LASTING = 0.5  # s of compiling, after which a terminal is told; a first reset makes two kernels
 _LONG = 2500  # operations; of a program of more, the numbers of `WIDE` arms would not stay in registers
 
 
@@ -235,12 +237,13 @@ def _machine_code(text: str, width: int) -> _Code:
     path = _folder() / f"{hashlib.sha256(key.encode()).hexdigest()}.o"
     binary = _stored(path)
     if binary is None:
-        module = llvm.parse_assembly(text)
-        options = llvm.create_pipeline_tuning_options(speed_level=level)
-        options.slp_vectorization = options.loop_vectorization = width == 1
-        builder = llvm.create_pass_builder(machine, options)
-        builder.getModulePassManager().run(module, builder)
-        binary = machine.emit_object(module)
+        with announced("FuzzyArm: compiling the arm (seconds; at once when it is on disk) ...", after=_LASTING):
+            module = llvm.parse_assembly(text)
+            options = llvm.create_pipeline_tuning_options(speed_level=level)
+            options.slp_vectorization = options.loop_vectorization = width == 1
+            builder = llvm.create_pass_builder(machine, options)
+            builder.getModulePassManager().run(module, builder)
+            binary = machine.emit_object(module)
         with contextlib.suppress(OSError):
             path.parent.mkdir(parents=True, exist_ok=True, mode=0o700)
             write_atomically(path, hashlib.sha256(binary).digest() + binary)

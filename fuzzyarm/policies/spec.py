@@ -36,6 +36,8 @@ if TYPE_CHECKING:
 
 __all__ = ["PolicySpec", "file_digest", "found_again", "load_policy", "recorded", "resolve", "resolve_all"]
 
+_ROUTES = {ending: prefix for prefix, ending in FOREIGN.items()}  # what stands before the model of another library
+
 
 @dataclasses.dataclass(frozen=True)
 class PolicySpec:
@@ -76,6 +78,7 @@ class PolicySpec:
         a learned policy is damaged, a module fails, or it may not be run; OSError if a file cannot be read.
         """
         path = self.path or Path()
+        self._check_route()
         if self.kind is Kind.CODE:
             from fuzzyarm.policies.user_code import source_file
 
@@ -105,6 +108,7 @@ class PolicySpec:
         path = self.path or Path()
         arm = chosen_arm(path.parent if robot is None and self.tuned else robot, None)
         truth("allow_unproven", allow_unproven)
+        self._check_route()
         if self.kind is Kind.CODE:
             from fuzzyarm.policies.user_code import load_code
 
@@ -135,6 +139,23 @@ class PolicySpec:
         from fuzzyarm.fuzzy_policy.laws.tip import TipPolicy
 
         return TipPolicy(law)
+
+    def _check_route(self) -> None:
+        """ValueError that says what to write instead of a file of another library, or of a folder that is no policy."""
+        from fuzzyarm.fuzzy_policy.laws.learned.bundle import BEST, DESCRIPTION, LAST, WEIGHTS
+
+        if self.kind is not Kind.LEARNED or self.path is None:
+            return
+        path, code = self.path, "name code that makes the policy: --policy module:factory"
+        if path.suffix in _ROUTES:
+            raise ValueError(f"{path} is a model of another library: write --policy {_ROUTES[path.suffix]}{path}")
+        if path.suffix in (".pt", ".pth", ".safetensors"):
+            raise ValueError(f"{path} holds weights of another library, but not its network: {code}")
+        if path.is_dir() and not any((path / name).exists() for name in (DESCRIPTION, WEIGHTS)):
+            inside = [str(path / name) for name in (LAST, BEST) if (path / name / DESCRIPTION).exists()]
+            inside += [f"{_ROUTES[entry.suffix]}{entry}" for entry in sorted(path.iterdir()) if entry.suffix in _ROUTES]
+            instead = f"write --policy {inside[0]}" if inside else code
+            raise ValueError(f"{path} is no policy, whose folder holds {DESCRIPTION} and {WEIGHTS}: {instead}")
 
     def _check_code(self) -> None:
         if not self.run_code:

@@ -9,8 +9,6 @@ from __future__ import annotations
 import contextlib
 import os
 import re
-import sys
-import threading
 import types
 import warnings
 from collections.abc import Callable, Iterator
@@ -25,6 +23,7 @@ from gymnasium.vector.utils import batch_space
 from torch import Tensor
 
 from fuzzyarm.common import checks
+from fuzzyarm.common.waiting import announced
 from fuzzyarm.envs.arguments import action_space, chosen_disturbance, chosen_reference, observation_space
 from fuzzyarm.envs.batch.lanes import Lanes
 from fuzzyarm.envs.batch.layout import Noise
@@ -435,12 +434,6 @@ def _compile_step(function: Callable[..., Any]) -> Callable[..., Any]:
 def _announced_compilation() -> Iterator[None]:
     """Say on a terminal what is being waited for, if the call within takes more than a second."""
     message = "TorchFuzzyArm: compiling the step (up to a minute; a tenth of it once torch has it on disk) ..."
-    timer = threading.Timer(1.0, lambda: print(message, file=sys.stderr, flush=True))
-    if sys.stderr.isatty():
-        timer.start()
-    try:
-        with warnings.catch_warnings():  # the compiler looks at the gradient of whatever comes in
-            warnings.filterwarnings("ignore", r"The \.grad attribute of a Tensor that is not a leaf", UserWarning)
-            yield
-    finally:
-        timer.cancel()
+    with announced(message), warnings.catch_warnings():  # the compiler looks at the gradient of whatever comes in
+        warnings.filterwarnings("ignore", r"The \.grad attribute of a Tensor that is not a leaf", UserWarning)
+        yield

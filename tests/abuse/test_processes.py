@@ -24,6 +24,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from support.command_line import without_progress
 
 from . import samples
 from .judged import Broken
@@ -183,6 +184,7 @@ def check_errors(code: int, err: str, *, heard: bool = True) -> None:
         raise Broken(f"exit code {code}: {err[-300:]!r}")
     if "Traceback" in err or "Error:" in err.split("\n")[-1]:
         raise Broken(f"a traceback: {err[-300:]!r}")
+    err = without_progress(err)
     if heard and code == 2 and (err.count("\n") != 1 or not err.strip()):
         raise Broken(f"{err.count(chr(10))} lines on standard error: {err[-300:]!r}")
     if any(ord(one) < 32 and one != "\n" for one in err):

@@ -1,6 +1,11 @@
 """Piped output is plain and complete; output on a terminal has lines and fits its width."""
 
+import datetime
 import io
+import itertools
+import re
+import time
+import types
 
 import pytest
 import rich.console
@@ -75,7 +80,7 @@ def test_paragraphs_are_printed_as_they_are(capsys):
 
 
 @pytest.mark.parametrize("terminal", ["", "1"])
-def test_progress_is_on_standard_error_of_a_terminal_only(capsys, monkeypatch, terminal):
+def test_progress_of_less_than_two_seconds_is_on_standard_error_of_a_terminal_only(capsys, monkeypatch, terminal):
     monkeypatch.setenv("FORCE_COLOR", terminal)
     monkeypatch.setenv("TERM", "xterm")
     with console.progress("episodes", 2) as advance, console.status("waiting"):
@@ -83,3 +88,26 @@ def test_progress_is_on_standard_error_of_a_terminal_only(capsys, monkeypatch, t
         advance()
     shown = capsys.readouterr()
     assert shown.out == "" and bool(shown.err) == bool(terminal)
+
+
+def test_elsewhere_progress_is_plain_lines_that_become_rare(capsys, monkeypatch):
+    seconds = iter(range(10**6))
+    monkeypatch.setattr(console, "time", types.SimpleNamespace(monotonic=lambda: next(seconds) / 3))
+    with console.progress("turns\x1b", 400, between_steps=True) as advance:
+        for _ in range(400):
+            advance("the next\x1b[2J")
+        advance(completed=390)
+    lines = capsys.readouterr().err.splitlines()
+    times = [datetime.datetime.strptime(line[:7], "%H:%M:%S") for line in lines]
+    pauses = [(after - before).seconds for before, after in itertools.pairwise(times)]
+    assert pauses == sorted(pauses) and pauses[0] == 2 and 60 <= pauses[-1] <= 61 and pauses.count(pauses[-1]) <= 3
+    assert lines[2].startswith("0:00:08  ") and re.search(r" \d+ of 400  the next.*, 0:0\d:\d\d left$", lines[2])
+    assert "\x1b" not in "".join(lines)
+
+
+def test_a_line_comes_where_no_step_is_done(capsys):
+    with console.progress("steps", None, first=0.0):
+        until = time.monotonic() + 20.0
+        while not (line := capsys.readouterr().err) and time.monotonic() < until:
+            time.sleep(0.01)
+    assert line == "0:00:00  steps\n"

@@ -51,6 +51,28 @@ def test_an_unknown_name_fails_when_it_is_loaded_and_names_the_choices(name):
         resolve(name).load()
 
 
+@pytest.mark.parametrize(
+    ("name", "inside", "route"),
+    [
+        ("model.zip", None, "sb3:model.zip"),
+        ("model.onnx", None, "onnx:model.onnx"),
+        *((f"model{ending}", None, "module:factory") for ending in (".pt", ".pth", ".safetensors")),
+        ("empty", (), "module:factory"),
+        ("models", ("b.txt", "c.zip"), "sb3:models/c.zip"),
+        ("run", ("curve.csv", "policy/policy.json"), "run/policy"),
+    ],
+)
+def test_what_is_no_policy_is_refused_with_what_to_write_instead(name, inside, route, tmp_path, monkeypatch, capsys):
+    monkeypatch.chdir(tmp_path)
+    for path in [Path(name)] if inside is None else [Path(name, entry) for entry in (*inside, "notes")]:
+        path.parent.mkdir(parents=True, exist_ok=True)
+        path.touch()
+    for command in ("evaluate", "score"):
+        assert main([command, "--policy", name]) == 2
+        error = capsys.readouterr().err
+        assert f"{name} " in error and error.endswith(f" --policy {route}\n") and error.count("\n") == 1
+
+
 def test_files_are_known_by_their_content(tmp_path, monkeypatch):
     def files(name):
         return resolve(name).files()

@@ -3,6 +3,7 @@
 The libraries come with the extra ``clients``: ``python -m pytest -m slow tests/rl_baselines/test_clients.py``.
 """
 
+import importlib
 import subprocess
 import sys
 from pathlib import Path
@@ -48,10 +49,37 @@ def test_torchrl_finds_nothing_wrong(mode):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize(("script", "library", "word"), [("torchrl", "torchrl", "4096"), ("rsl_rl", "rsl_rl", "2")])
-def test_the_pages_of_other_libraries_run(script, library, word):
+@pytest.mark.parametrize(
+    ("script", "library", "words"),
+    [
+        ("train_torchrl", "torchrl", "4096"),
+        ("torchrl_tensors", "torchrl", ""),
+        ("train_rsl_rl", "rsl_rl", "12288"),
+        ("train_rsl_rl", "rsl_rl", "12288 --device cpu"),
+    ],
+)
+def test_the_pages_of_other_libraries_run(script, library, words):
     pytest.importorskip(library)
-    command = [sys.executable, str(EXAMPLES / f"train_{script}.py"), word]
+    page = EXAMPLES / f"{script}.py"
+    command = [sys.executable, str(page), *words.split()]
     done = subprocess.run(command, capture_output=True, text=True, timeout=300, check=False)
     assert done.returncode == 0, done.stderr[-2000:]
-    assert len((EXAMPLES / f"train_{script}.py").read_text().splitlines()) <= 60
+    assert len(page.read_text().splitlines()) <= 60
+
+
+@pytest.mark.slow
+def test_torchrl_is_shown_the_episodes_of_the_tensors(monkeypatch):
+    torch = pytest.importorskip("torch")
+    pytest.importorskip("torchrl")
+    monkeypatch.syspath_prepend(EXAMPLES)
+    page = importlib.import_module("torchrl_tensors")
+    arms, twin = page.Arms(3), page.TorchFuzzyArmLearn(3, compiled=False)
+    arms.set_seed(7)
+    rollout, (seen, _) = arms.rollout(300, break_when_any_done=False), twin.reset(seed=7)
+    for step in rollout.unbind(1):
+        assert torch.equal(step["observation"], seen)
+        seen, reward, terminated, truncated, info = twin.step(step["action"])
+        for name, number in (("terminated", terminated), ("truncated", truncated), ("reward", reward)):
+            assert torch.equal(step["next", name][:, 0], number)
+        assert torch.equal(step["next", "observation"], info["final_obs"])
+    assert rollout["next", "done"].any()

@@ -8,6 +8,7 @@ import subprocess
 import sys
 
 import pytest
+from support.command_line import without_progress
 
 from fuzzyarm.cli import main, train
 from fuzzyarm.envs.physics.parameters import ArmParameters
@@ -131,6 +132,6 @@ def test_on_the_command_line_that_is_one_line_and_exit_code_2(flags, message, tm
     pytest.importorskip("stable_baselines3")
     assert main(["train", "ppo", *flags.split(), "--out", str(tmp_path / "run")]) == 2
     shown = capsys.readouterr()
-    lines = [line for line in shown.err.splitlines() if line]
+    lines = [line for line in without_progress(shown.err).splitlines() if line]
     assert not shown.out and len(lines) == 1
     assert re.search(message, lines[0])

@@ -4,6 +4,7 @@ import json
 import math
 
 import pytest
+from support.command_line import without_progress
 
 from fuzzyarm.cli import main
 from fuzzyarm.eval.paper import report as drift
@@ -32,7 +33,7 @@ def run(*arguments):
 def test_the_command_writes_tables_data_and_figures(gathered, tmp_path, capsys):
     assert run("--out", tmp_path) == 0
     out = capsys.readouterr()
-    assert out.err == ""
+    assert without_progress(out.err) == ""
     assert "\x1b" not in out.out
     names = {path.name for path in tmp_path.iterdir()}
     assert names == {"paper.md", "paper.json", *(f"figure-{number:02}.png" for number in range(2, 11))}
