@@ -37,7 +37,7 @@ SWEPT = ("fuzzy-4", "fuzzy-4-tip", "computed-torque-tip", "ppo-residual", *OBSER
 SCRIPTS = (
     *("learned_comparison", "accuracy", "tip_feedforward", "identification", "exported_c", "misra"),
     *("adaptive_cases", "own_arms", "synthesis --large", "certified_bounds", "tip_bound"),
-    *("tip_falsification", "comparison", "learning_curves", "batch_threads", "robot_speed", "mujoco_arm", "soak"),
+    *("tip_falsification", "comparison", "learning_curves", "robot_speed", "mujoco_arm", "soak"),
 )
 """Benchmarks, with options, that write their result of the same name with ``--json``."""
 

@@ -156,21 +156,6 @@ TOOLS = {
     "misra": Section("misra", _misra, "`{command}`; {cppcheck}"),
     "identification": Section("identification", _identified, _of_identified),
     "mutants": Section("mutants", _mutants),
-    "batch-threads": Section(
-        "batch_threads",
-        Table(
-            {
-                "arms": "{lanes:,}",
-                "pause before a step [µs]": "{pause_us:g}",
-                "one thread [µs]": "{one_us:.0f}",
-                "two threads [µs]": "{two_us:.0f}",
-                "times as fast": "{ratio:.2f}",
-            }
-        ),
-        lambda document: (
-            f"Medians of {document['rounds'] * document['steps']} steps each, in turns. `{document['command']}`"
-        ),
-    ),
     "learning-curves": Section(
         "learning_curves",
         Table(
