@@ -85,6 +85,14 @@ def by_trainer(seed: int, folder: Path, curve: Curve) -> Any:
     return load_policy(folder / "run" / "policy", control_period=1e-3)
 
 
+TITLES = {
+    "PPO of stable-baselines3, defaults": "PPO, stable-baselines3",
+    "SAC of stable-baselines3, defaults": "SAC, stable-baselines3",
+    "PPO in one file": "PPO in one file",
+    "fuzzyarm train ppo": "fuzzyarm train ppo",
+}
+"""Titles of the figure."""
+
 LEARNERS = {
     "PPO of stable-baselines3, defaults": of_sb3("PPO", 64, PPO_STEPS),
     "SAC of stable-baselines3, defaults": of_sb3("SAC", 16, SAC_STEPS),
@@ -119,7 +127,10 @@ def draw(document: dict[str, Any]) -> Figure:
         for run in runs:
             seconds, _, error = zip(*run["curve"], strict=True)
             panel.semilogy(seconds, error, linewidth=1.0)
-        panel.set(title=learner.replace(" of ", "\nof ").replace(" in ", "\nin "), xlabel="time of one core [s]")
+        panel.set(xlabel="time of one core [s]")
+        panel.set_title(TITLES[learner], fontsize="small")
+    panels[0].set_yticks((1, 3, 10, 30, 100), labels=("1", "3", "10", "30", "100"))
+    panels[0].minorticks_off()
     panels[0].set_ylabel("tip error in training [mm]")
     return figure
 

@@ -18,6 +18,7 @@ files, see `PolicySpec.files`, that says which policy it was, but nothing of the
 from __future__ import annotations
 
 import dataclasses
+import difflib
 import functools
 import hashlib
 import os
@@ -129,9 +130,11 @@ class PolicySpec:
 
             law = learned_policy(path, control_period, arm)
         else:
+            nearest = difflib.get_close_matches(self.name, known_names(), n=1)
+            hint = f"did you mean {nearest[0]}? Otherwise " if nearest else ""
             raise ValueError(
-                f"unknown policy {self.name!r}; choose from: {', '.join(known_names())}, or the path of a controller "
-                f"file (.json, .json{TIP}), or of a learned policy's folder, on the command line also "
+                f"unknown policy {self.name!r}; {hint}choose from: {', '.join(known_names())}, or the path of a "
+                f"controller file (.json, .json{TIP}), or of a learned policy's folder, on the command line also "
                 "package.module:factory"
             )
         if not self.tip:

@@ -96,7 +96,7 @@ MISTAKES = [
     ("export fmu plant --robot nobody --out new", "unknown robot 'nobody'"),
     ("export fmu plant --number float --out new", "--number float is for C source; an FMU computes in"),
     ("show", "NAME|FILE is missing"),
-    ("show fuzzy-5", "unknown policy 'fuzzy-5'; choose from"),
+    ("show fuzzy-5", "unknown policy 'fuzzy-5'; did you mean fuzzy-"),
     ("show fuzzy-4 --csv --json", "--csv and --json both choose the form; leave out one"),
     ("show ppo-robust", "LearnedPolicy has no sheet of equations and matrices; there is one of"),
     ("show fuzzy-4 --robot ur5", "was designed for the two-joint arm"),

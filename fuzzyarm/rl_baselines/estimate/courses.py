@@ -132,7 +132,8 @@ def _draw_scenarios(arm: AnyArm, count: int, generator: np.random.Generator) -> 
             scenarios.append(Scenario(load, reference))
     if len(scenarios) < count:
         raise ValueError(
-            f"of {_TRIES * count} courses and loads the motors bear only {len(scenarios)}; raise the arm's torque_limit"
+            f"of {_TRIES * count} courses and loads the motors bear only {len(scenarios)}; raise torque_limit of the "
+            "arm"
         )
     return scenarios
 

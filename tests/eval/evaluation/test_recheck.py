@@ -257,7 +257,7 @@ def test_what_is_no_document_or_not_there_is_one_line(folder, capsys, content):
 def test_an_unknown_policy_is_named(folder, document, capsys):
     text = json.dumps(document).replace("computed-torque", "computed-torrent")
     assert main(["evaluate", "--check", str(write(folder, text))]) == 2
-    assert "unknown policy 'computed-torrent'; choose from" in one_line_error(capsys)
+    assert "unknown policy 'computed-torrent'; did you mean computed-torque?" in one_line_error(capsys)
 
 
 def test_the_published_file_reads():
