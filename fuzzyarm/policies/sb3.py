@@ -65,7 +65,7 @@ def sb3_policy(path: Path, robot: AnyArm, control_period: float) -> LearnedPolic
     return LearnedPolicy(bundle, control_period, robot)
 
 
-_ROUTE = "write its layers as a PolicyBundle instead, as examples/ppo_one_file.py does"
+_ROUTE = "export it to ONNX, as docs/tutorials/train.md does, and give --policy onnx:model.onnx"
 
 
 def _read(path: Path) -> tuple[dict[str, Any], dict[str, np.ndarray]]:

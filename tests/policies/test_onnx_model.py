@@ -1,6 +1,8 @@
 """``onnx:model.onnx``: the policy that the same layers are in a bundle, and what is refused."""
 
 import pickle
+import warnings
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -13,10 +15,11 @@ from fuzzyarm.cli import main  # noqa: E402
 from fuzzyarm.envs.physics.parameters import ArmParameters  # noqa: E402
 from fuzzyarm.fuzzy_policy.laws.learned.bundle import PolicyBundle  # noqa: E402
 from fuzzyarm.fuzzy_policy.laws.learned.definition import learning_features  # noqa: E402
-from fuzzyarm.fuzzy_policy.laws.learned.features import learning_action  # noqa: E402
+from fuzzyarm.fuzzy_policy.laws.learned.features import Features, Lanes, learning_action  # noqa: E402
 from fuzzyarm.fuzzy_policy.laws.learned.network import Network  # noqa: E402
 from fuzzyarm.fuzzy_policy.laws.learned.policy import LearnedPolicy  # noqa: E402
 from fuzzyarm.policies.onnx_model import OnnxPolicy  # noqa: E402
+from fuzzyarm.policies.sb3 import sb3_policy  # noqa: E402
 
 ARM = ArmParameters()
 
@@ -70,6 +73,31 @@ def test_another_model_is_refused_by_what_it_has(given, message, tmp_path):
     written(tmp_path / "m.onnx", **given)
     with pytest.raises(ValueError, match=message):
         OnnxPolicy(tmp_path / "m.onnx", ARM, 1e-3)
+
+
+def test_a_model_that_only_unpickling_could_read_is_exported_by_the_code_of_the_page(tmp_path, monkeypatch):
+    """Layers of the user's own: refused as a zip, with the way out, which then acts as the model does."""
+    torch, sb3 = pytest.importorskip("torch"), pytest.importorskip("stable_baselines3")
+    from fuzzyarm.rl_baselines.sb3_vec_env import learning_envs
+
+    monkeypatch.chdir(tmp_path)
+    own = {"activation_fn": torch.nn.ELU}
+    model = sb3.PPO("MlpPolicy", learning_envs(1, case="nominal"), policy_kwargs=own, seed=0, device="cpu")
+    model.save("my-model")
+    with pytest.raises(ValueError, match=r"activation_fn, which only unpickling could read; export it to ONNX"):
+        sb3_policy(Path("my-model.zip"), ARM, 1e-3)
+    page = (Path(__file__).parents[2] / "docs" / "tutorials" / "train.md").read_text(encoding="utf-8")
+    code = page[page.index("class Actor(") :].partition("```")[0]
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")  # torch's older exporter, which needs no other library
+        exec(compile(code, "train.md", "exec"), {"torch": torch, "model": model})
+    policy = OnnxPolicy(Path("my-model.onnx"), ARM, 2e-3)
+    observation = np.random.default_rng(0).normal(size=(4, 10))
+    torque, _ = policy.predict(observation)
+    seen = Features(learning_features(2), 2e-3)
+    features = Lanes(seen).see(observation, np.zeros((4, seen.memory_size)), np.empty((4, 0)))
+    action, _ = model.predict(features.astype(np.float32), deterministic=True)
+    np.testing.assert_allclose(torque, action * [500.0, 250.0], rtol=1e-4, atol=1e-4)
 
 
 def test_it_is_ranked_from_the_command_line(tmp_path, capsys, monkeypatch):
