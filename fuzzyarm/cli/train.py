@@ -91,7 +91,11 @@ def options_of(spec: AlgorithmSpec) -> type[Options]:
 
 def _run(options: Options) -> int:
     with claimed_folder(options.out):
-        train_with_progress(_config(options), options.out)
+        try:
+            train_with_progress(_config(options), options.out)
+        except KeyboardInterrupt:
+            say("fuzzyarm train: interrupted; the same command goes on from the last checkpoint", error=True)
+            return 130
     say(f"written to {options.out / 'policy'}")
     return 0
 

@@ -94,9 +94,9 @@ class Training:
     def resume(cls, config: TrainingConfig, folder: Path) -> Training:
         """Return the training of a folder as it was at its last checkpoint.
 
-        `config` must be the one that the training began with, but for `total_timesteps`: with a larger one the training
-        goes on beyond its end, and what is done keeps its bits. A schedule over the training, such as the learning rate
-        of PPO, continues as if this had been the total from the beginning: it may jump here.
+        `config` must be the one that the training began with, but for `checkpoint_interval` and `total_timesteps`: with
+        a larger one the training goes on beyond its end, and what is done keeps its bits. A schedule over the training,
+        such as the learning rate of PPO, continues as if this had been the total from the beginning: it may jump here.
 
         Raises:
             CheckpointError: there is no checkpoint, it is damaged, of another algorithm, arm or configuration, or it
@@ -111,7 +111,8 @@ class Training:
         if type(begun) is not type(config):
             raise CheckpointError(f"{folder} holds a training with {found['algorithm']}; choose another folder")
         was, now = begun.to_dict(), config.to_dict()
-        other = [name for name in {**was, **now} if name != "total_timesteps" and was.get(name) != now.get(name)]
+        free = ("total_timesteps", "checkpoint_interval")  # on which what is learned does not depend
+        other = [name for name in {**was, **now} if name not in free and was.get(name) != now.get(name)]
         if other:
             name = other[0]
             raise CheckpointError(
