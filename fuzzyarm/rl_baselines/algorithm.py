@@ -36,7 +36,7 @@ class Algorithm(Protocol):
         """
 
     def network(self) -> Network:
-        """Return the policy as it would be shipped now: the normaliser of the features and the layers."""
+        """Return the policy as it would be shipped now."""
 
     def state(self) -> dict[str, Any]:
         """Return the state: nested mappings and lists of tensors, NumPy arrays, numbers and text."""

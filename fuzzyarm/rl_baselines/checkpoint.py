@@ -241,11 +241,6 @@ def check_learner(found: dict[str, Any], optimizers: Sequence[tuple[Any, Any, Se
         real("return of an episode", episode["r"])
         real("tip error of an episode", episode["tip_error"], low=0.0)
         whole("length of an episode", episode["l"])
-    for name in {"features", "returns"} & set(found["normaliser"]):
-        moments = found["normaliser"][name]
-        real(f"learner.normaliser.{name}.count", moments["count"], low=0.0, high=2.0**62)
-        if bool((moments["var"] < 0.0).any()):
-            raise ValueError(f"learner.normaliser.{name}.var is negative")
 
 
 def _check_optimizer(found: dict[str, Any], own: torch.optim.Optimizer, parameters: Sequence[torch.Tensor]) -> None:

@@ -28,7 +28,7 @@ _Distribution = Literal["nominal", "robust"]
 class TrainingConfig:
     """What is trained on what, and how the run is kept; the text after each field says what it is.
 
-    The defaults are those of ``FuzzyArmLearn-v0`` with ``history=2``; every training has its reward and early end.
+    The defaults are those of ``FuzzyArmLearn-v0``; every training has its reward and early end.
 
     Raises:
         TypeError: a value is of the wrong type.
@@ -49,11 +49,11 @@ class TrainingConfig:
     """Time for which an action is held [s], at most 0.1; it is the control period of the training."""
     smoothing_time: float = 0.0
     """Time constant of the low-pass filter on actions [s]; 0: no filter."""
-    past_errors: int = 2
+    past_errors: int = 0
     """Number of past errors among the features (0 to 100)."""
-    past_actions: int = 2
+    past_actions: int = 0
     """Number of past actions among the features (0 to 100)."""
-    integral_time: float = 0.1
+    integral_time: float = 0.0
     """Time constant of the leaky integral of the error [s]; 0: no integral."""
     elastic_target: bool = False
     """Count errors from the angles at which the motors of the unloaded arm belong, and add past excess torques to the
@@ -66,17 +66,17 @@ class TrainingConfig:
     innovation and the estimated load are features."""
     hidden: tuple[int, ...] = (64, 64)
     """Widths of the hidden layers of the network (1 to 1024 each)."""
-    total_timesteps: int = 4_000_000
+    total_timesteps: int = 300_000
     """Environment steps of the training, of all lanes together."""
-    lanes: int = 256
+    lanes: int = 64
     """Number of arms that are simulated at once (1 to 65536)."""
     seed: int = 0
     """Seed of everything that is random."""
     threads: int = 1
     """Threads of torch and of the environment (1 to 1024); networks this small learn fastest on one."""
-    evaluation_interval: int = 500_000
+    evaluation_interval: int = 100_000
     """Environment steps between two evaluations on the paper's three cases."""
-    checkpoint_interval: int = 500_000
+    checkpoint_interval: int = 50_000
     """Environment steps between two checkpoints."""
 
     def __post_init__(self) -> None:

@@ -115,7 +115,7 @@ def sampled(path: Any) -> None:
 def batch(envs: Any) -> None:
     if envs.num_envs > 10_000:
         return
-    observation = envs.reset(seed=0)[0] if isinstance(envs, FuzzyArmVectorEnv) else envs.reset(0)
+    observation, _ = envs.reset(seed=0)
     zeros = np.zeros if isinstance(envs, FuzzyArmVectorEnv) else torch.zeros
     observation, reward, *_ = envs.step(zeros((envs.num_envs, 2)))
     if not (np.isfinite(np.asarray(observation)).all() and np.isfinite(np.asarray(reward)).all()):

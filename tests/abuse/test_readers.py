@@ -45,6 +45,7 @@ from fuzzyarm.policies.registry import LAWS
 from fuzzyarm.policies.tip_files import check_bound
 from fuzzyarm.policies.tuned import TunedLaws
 from fuzzyarm.proof.tip.plant import find_set
+from fuzzyarm.rl_baselines.algorithms.ppo import PPOConfig
 from fuzzyarm.rl_baselines.training import Training
 
 from . import samples
@@ -153,9 +154,8 @@ def sign_run(content: dict[str, Any]) -> dict[str, Any]:
 
 
 def train(folder: Path) -> None:
-    resumed = Training.resume(folder)
-    if resumed.config.lanes <= 64 and resumed.config.n_steps <= 128 and resumed.config.n_epochs <= 8:
-        resumed.algorithm.update()
+    longer = PPOConfig(**samples.SMALL_TRAINING | {"total_timesteps": samples.SMALL_TRAINING["total_timesteps"] + 1})
+    Training.resume(longer, folder).algorithm.learn(lambda row: None)  # one update more
 
 
 def laws(folder: Path) -> None:

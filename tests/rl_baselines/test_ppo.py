@@ -27,9 +27,9 @@ def test_the_first_preset_is_the_default():
 
 def test_the_defaults_are_the_registered_task():
     arm, config = ArmParameters(), PPOConfig()
-    assert config.features == learning_features(2, history=2) and config.action == learning_action(arm)
-    plain = dataclasses.replace(config, past_errors=0, past_actions=0, integral_time=0.0)
-    assert plain.features == learning_features(2)
+    assert config.features == learning_features(2) and config.action == learning_action(arm)
+    past = dataclasses.replace(config, past_errors=3, past_actions=3, integral_time=0.1)
+    assert past.features == learning_features(2, history=3)
 
 
 def test_settings_have_the_names_of_stable_baselines3():
@@ -67,9 +67,9 @@ REFUSED = [
     ({"learning_rate": 0.0}, r"learning_rate = 0.0 is out of range; allowed: \(0, inf\)"),
     (
         {"final_learning_rate": 1.0},
-        r"final_learning_rate = 1.0 is out of range; allowed: \[0, 0.001\]",
+        r"final_learning_rate = 1.0 is out of range; allowed: \[0, 0.0003\]",
     ),
-    ({"batch_size": 100}, "batch_size = 100 must divide lanes times n_steps = 4096"),
+    ({"batch_size": 100}, "batch_size = 100 must divide lanes times n_steps = 2048"),
     ({"scale": (1.0, 0.0)}, r"scale\[1\] = 0.0 N m is out of range; allowed: \(0, inf\)"),
     ({"scale": ()}, "number of scales = 0 is out of range"),
     ({"hidden": (64, 0)}, "hidden = 0 is out of range"),
@@ -121,7 +121,7 @@ BAD = {
     "--distribution other": '"nominal", "robust"',
     "--preset other": "--preset other is unknown; choose from: robust, nominal, residual, observer",
     "--lanes -1": r"lanes = -1 is out of range; allowed: 1 to 65536",
-    "--batch-size 100": "batch_size = 100 must divide lanes times n_steps = 4096",
+    "--batch-size 100": "batch_size = 100 must divide lanes times n_steps = 2048",
     "--base fuzzy-5 --scale 0.1 0.1": "base = 'fuzzy-5' is not the name of a policy",
     "--action-period 0.0015": "which is not a whole multiple of control_period",
 }

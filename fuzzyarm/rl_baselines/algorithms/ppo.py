@@ -29,13 +29,13 @@ __all__ = ["PRESETS", "SPEC", "PPOAlgorithm", "PPOConfig"]
 class PPOConfig(TrainingConfig):
     """The settings of a training with PPO, with the names of `stable_baselines3.PPO`."""
 
-    n_steps: int = 16
+    n_steps: int = 32
     """Steps of each lane between two updates, at least 2."""
-    batch_size: int = 512
+    batch_size: int = 64
     """Samples in a gradient step, at least 2; must divide lanes times n_steps."""
-    n_epochs: int = 5
+    n_epochs: int = 10
     """Passes over the samples of an update."""
-    learning_rate: float = 1e-3
+    learning_rate: float = 3e-4
     """Learning rate of Adam at the beginning."""
     final_learning_rate: float = 1e-5
     """Learning rate of Adam at the end; in between it falls linearly."""
@@ -53,7 +53,7 @@ class PPOConfig(TrainingConfig):
     """Norm to which gradients are clipped."""
     target_kl: float = 0.0
     """An update ends early once the KL divergence exceeds 1.5 times this value; 0: never."""
-    log_std_init: float = -1.5
+    log_std_init: float = 0.0
     """Logarithm of the action's standard deviation at the beginning (-20 to 2)."""
     asymmetric_critic: bool = False
     """Show the value function what no sensor measures: errors of tip and links, force, plant and payload."""
@@ -86,11 +86,12 @@ PRESETS: dict[str, PPOConfig] = {
     "robust": PPOConfig(),
     "nominal": PPOConfig(distribution="nominal"),
     "residual": PPOConfig(
-        base="fuzzy-4-tip", scale=(0.01, 0.02), smoothing_time=0.06, elastic_target=True,
+        base="fuzzy-4-tip", scale=(0.01, 0.02), smoothing_time=0.06, elastic_target=True, past_errors=2,
+        past_actions=2, integral_time=0.1, log_std_init=-1.5,
     ),
     "observer": PPOConfig(
-        base="elastic-observer", scale=(300.0, 150.0), gate=1.0, action_period=0.001, past_errors=0,
-        past_actions=1, integral_time=0.0, log_std_init=-2.0, asymmetric_critic=True,
+        base="elastic-observer", scale=(300.0, 150.0), gate=1.0, action_period=0.001, past_actions=1,
+        log_std_init=-2.0, asymmetric_critic=True,
     ),
 }  # fmt: skip
 """Settings by name: of what a policy is to follow, and of what it acts beside."""
@@ -106,13 +107,12 @@ _LOGGED = {
 
 
 class PPOAlgorithm:
-    """PPO in the middle of a training, see `Algorithm`: `model` learns behind a `VecNormalize`."""
+    """PPO in the middle of a training, see `Algorithm`."""
 
     def __init__(self, config: PPOConfig, envs: StableBaselinesVecEnv) -> None:
         import torch
         from stable_baselines3 import PPO
         from stable_baselines3.common.logger import Logger
-        from stable_baselines3.common.vec_env import VecNormalize
 
         torch.set_num_threads(config.threads)
         self._config = config
@@ -129,11 +129,10 @@ class PPOAlgorithm:
             shown = PlantView(envs) if config.asymmetric_critic else envs
             policy, unseen = GuidedPolicy, shown.observation_space.shape[0] - config.features.size
             networks |= {"unseen": unseen, "smoothness": config.smoothness, "silent": config.gate > 0.0}
-        self.normaliser: Any = VecNormalize(shown, gamma=config.gamma)
         first, last = config.learning_rate, config.final_learning_rate
         self.model = PPO(
             policy,
-            self.normaliser,
+            shown,
             # `remaining` of the training falls from 1 to 0, and below in the last update, which may go past the end.
             learning_rate=lambda remaining: max(last + (first - last) * remaining, 0.0),
             policy_kwargs=networks,
@@ -187,28 +186,28 @@ class PPOAlgorithm:
         return row | {name: float(logged[f"train/{key}"]) for name, key in _LOGGED.items()}
 
     def network(self) -> Network:
-        """Return the mean of the Gaussian policy with the normaliser of its features."""
+        """Return the mean of the Gaussian policy."""
         import torch
 
         from fuzzyarm.fuzzy_policy.laws.learned.network import Network
+        from fuzzyarm.rl_baselines.learning_task import BOUND
 
-        policy, moments = self.model.policy, self.normaliser.obs_rms
+        policy, size = self.model.policy, self._config.features.size
         layers = [
             *(part for part in policy.mlp_extractor.policy_net if isinstance(part, torch.nn.Linear)),
             policy.action_net,
         ]
-        seen = slice(self._config.features.size)  # the value function alone sees what follows
         return Network(
-            mean=moments.mean[seen].copy(),
-            std=np.sqrt(moments.var + self.normaliser.epsilon)[seen],
-            clip=self.normaliser.clip_obs,
+            mean=np.zeros(size),
+            std=np.ones(size),
+            clip=BOUND,
             weights=tuple(layer.weight.detach().numpy().copy() for layer in layers),
             biases=tuple(layer.bias.detach().numpy().copy() for layer in layers),
         )
 
     def state(self) -> dict[str, Any]:
-        """Return networks, optimiser, moments of features and returns, last features, counters, latest episodes."""
-        model, normaliser = self.model, self.normaliser
+        """Return networks, optimiser, last features, counters and latest episodes."""
+        model = self.model
         return {
             "policy": model.policy.state_dict(),
             "optimizer": model.policy.optimizer.state_dict(),
@@ -216,18 +215,13 @@ class PPOAlgorithm:
             "episodes": [{name: one[name] for name in ("r", "l", "tip_error")} for one in model.ep_info_buffer or ()],
             "last_features": np.asarray(model._last_obs),
             "last_starts": np.asarray(model._last_episode_starts),
-            "normaliser": {
-                "features": _moments(normaliser.obs_rms),
-                "discounted": normaliser.returns,
-                "returns": _moments(normaliser.ret_rms),
-            },
         }
 
     def set_state(self, state: dict[str, Any]) -> None:
         """Continue from what `state` returned, see `Algorithm.set_state`."""
         from fuzzyarm.rl_baselines.checkpoint import check_learner
 
-        model, policy, moments = self.model, self.model.policy, state["normaliser"]
+        model, policy = self.model, self.model.policy
         check_learner(state, [(state["optimizer"], policy.optimizer, list(policy.parameters()))])
         policy.load_state_dict(state["policy"])
         policy.optimizer.load_state_dict(state["optimizer"])
@@ -235,15 +229,6 @@ class PPOAlgorithm:
         model.ep_info_buffer = deque(state["episodes"], maxlen=model._stats_window_size)
         model._last_obs = state["last_features"].numpy().copy()
         model._last_episode_starts = state["last_starts"].numpy().copy()
-        self.normaliser.returns = moments["discounted"].numpy().copy()
-        for name, running in (("features", self.normaliser.obs_rms), ("returns", self.normaliser.ret_rms)):
-            running.mean, running.var = (moments[name][part].numpy().copy() for part in ("mean", "var"))
-            running.count = moments[name]["count"]
-
-
-def _moments(running: Any) -> dict[str, Any]:
-    """Return the state of a `RunningMeanStd` of stable-baselines3."""
-    return {"mean": np.asarray(running.mean), "var": np.asarray(running.var), "count": float(running.count)}
 
 
 SPEC = AlgorithmSpec(
