@@ -17,8 +17,8 @@ from fuzzyarm.fuzzy_policy.laws.learned.bundle import PolicyBundle
 from fuzzyarm.fuzzy_policy.laws.learned.network import Network
 from fuzzyarm.rl_baselines.learning_task import FuzzyArmLearnVectorEnv
 
-LANES, STEPS, BATCH, EPOCHS = 256, 32, 2048, 5
-RATE, GAMMA, LAMBDA, CLIP, WIDTH, HISTORY = 1e-3, 0.98, 0.95, 0.2, 64, 0
+LANES, STEPS, BATCH, EPOCHS = 64, 32, 256, 10
+RATE, GAMMA, LAMBDA, CLIP, WIDTH, HISTORY = 1e-3, 0.99, 0.95, 0.2, 64, 0
 LOG_STD = -1.0  # of the actions, at first
 
 
@@ -31,36 +31,15 @@ def network(inputs: int, outputs: int, gain: float) -> nn.Sequential:
     return nn.Sequential(*layers)
 
 
-class Normaliser:
-    """Running mean and variance of what was seen."""
-
-    def __init__(self, size: int) -> None:
-        self.mean, self.var, self.count = np.zeros(size), np.ones(size), 1e-4
-
-    def add(self, rows: np.ndarray) -> None:
-        """Take rows into account."""
-        mean, var, count = rows.mean(0), rows.var(0), len(rows)
-        step, total = mean - self.mean, self.count + len(rows)
-        self.var = (self.var * self.count + var * count + step**2 * self.count * count / total) / total
-        self.mean, self.count = self.mean + step * count / total, total
-
-    @property
-    def std(self) -> np.ndarray:
-        """Standard deviation."""
-        return np.sqrt(self.var + 1e-8)
-
-    def __call__(self, rows: np.ndarray) -> torch.Tensor:
-        """Return rows with mean 0 and variance 1."""
-        return torch.from_numpy(np.clip((rows - self.mean) / self.std, -10.0, 10.0).astype(np.float32))
-
-
-def bundle_of(envs: FuzzyArmLearnVectorEnv, actor: nn.Sequential, seen: Normaliser, seed: int) -> PolicyBundle:
+def bundle_of(envs: FuzzyArmLearnVectorEnv, actor: nn.Sequential, seed: int) -> PolicyBundle:
     """The actor as the package's own kind of policy, which needs no torch."""
     layers = [layer for layer in actor if isinstance(layer, nn.Linear)]
     weights, biases = (
         tuple(getattr(one, name).detach().numpy().copy() for one in layers) for name in ("weight", "bias")
     )
-    return PolicyBundle(envs.features, envs.action, Network(seen.mean, seen.std, 10.0, weights, biases), seed=seed)
+    size = envs.features.size
+    network = Network(np.zeros(size), np.ones(size), 10.0, weights, biases)  # without a normaliser of features
+    return PolicyBundle(envs.features, envs.action, network, seed=seed)
 
 
 def train(seed: int, seconds: float, report: Callable[[float, int, float], object] | None = None) -> PolicyBundle:
@@ -70,7 +49,7 @@ def train(seed: int, seconds: float, report: Callable[[float, int, float], objec
     rng = np.random.default_rng(seed)
     envs = FuzzyArmLearnVectorEnv(LANES, history=HISTORY, threads=1)
     size, joints = envs.single_observation_space.shape[0], envs.single_action_space.shape[0]
-    actor, critic, seen = network(size, joints, 0.01), network(size, 1, 1.0), Normaliser(size)
+    actor, critic = network(size, joints, 0.01), network(size, 1, 1.0)
     log_std = nn.Parameter(torch.full((joints,), LOG_STD))
     parameters = [*actor.parameters(), *critic.parameters(), log_std]
     optimiser = torch.optim.Adam(parameters, lr=RATE, eps=1e-5)
@@ -84,7 +63,7 @@ def train(seed: int, seconds: float, report: Callable[[float, int, float], objec
         std, errors = log_std.exp().detach().numpy(), []
         for _ in range(STEPS):
             with torch.no_grad():
-                mean = actor(seen(observation)).numpy()
+                mean = actor(torch.from_numpy(observation)).numpy()
             noise = rng.standard_normal(mean.shape).astype(np.float32)
             action = mean + std * noise
             following, reward, terminated, truncated, info = envs.step(action)
@@ -92,7 +71,7 @@ def train(seed: int, seconds: float, report: Callable[[float, int, float], objec
             if truncated.any():  # the motion goes on where only the clock has ended the episode
                 last = np.stack(info["final_obs"][truncated])
                 with torch.no_grad():
-                    value[truncated] = critic(seen(last))[:, 0].numpy()
+                    value[truncated] = critic(torch.from_numpy(last))[:, 0].numpy()
             likely = (-0.5 * noise**2 - np.log(std)).sum(1)
             for name, one in zip(rows, (observation, action, likely, (1 - GAMMA) * reward, over, value), strict=True):
                 rows[name].append(one)
@@ -101,14 +80,14 @@ def train(seed: int, seconds: float, report: Callable[[float, int, float], objec
         steps += LANES * STEPS
         x, a, lp, r, over, bootstrap = (np.stack(one).astype(np.float32) for one in rows.values())
         with torch.no_grad():
-            v = critic(seen(np.concatenate([x.reshape(-1, size), observation])))[:, 0].numpy().reshape(STEPS + 1, LANES)
+            everything = torch.from_numpy(np.concatenate([x.reshape(-1, size), observation]))
+            v = critic(everything)[:, 0].numpy().reshape(STEPS + 1, LANES)
         advantage, later = np.zeros_like(r), 0.0
         for t in reversed(range(STEPS)):
             follows = np.where(over[t], bootstrap[t], v[t + 1])
             later = r[t] + GAMMA * follows - v[t] + GAMMA * LAMBDA * np.where(over[t], 0.0, later)
             advantage[t] = later
-        flat = x.reshape(-1, size)
-        inputs, target = seen(flat), torch.from_numpy((advantage + v[:-1]).ravel())
+        inputs, target = torch.from_numpy(x.reshape(-1, size)), torch.from_numpy((advantage + v[:-1]).ravel())
         taken, before, gain = (torch.from_numpy(one.reshape(STEPS * LANES, -1)) for one in (a, lp, advantage))
         for _ in range(EPOCHS):
             for part in torch.randperm(STEPS * LANES).split(BATCH):
@@ -122,14 +101,13 @@ def train(seed: int, seconds: float, report: Callable[[float, int, float], objec
                 loss.backward()
                 nn.utils.clip_grad_norm_(parameters, 0.5)
                 optimiser.step()
-        seen.add(flat)
         if spent >= told:
             told += 10.0
             median = 1e3 * float(np.median(np.concatenate(errors)))
             print(f"{spent:5.0f} s {steps:9,} steps, median tip error {median:.3f} mm", flush=True)
             if report is not None:
                 report(spent, steps, median)
-    return bundle_of(envs, actor, seen, seed)
+    return bundle_of(envs, actor, seed)
 
 
 if __name__ == "__main__":
