@@ -19,7 +19,7 @@ from typing import Any
 import numpy as np
 import torch
 from matplotlib.figure import Figure
-from measuring import options_of, printed, write
+from measuring import made_now, options_of, printed, write
 
 from fuzzyarm import __version__, load_policy
 from fuzzyarm.envs.physics.parameters import ArmParameters
@@ -112,6 +112,7 @@ def measured(learner: str, seed: int) -> dict[str, Any]:
     found = document["policies"]["own"]
     cases = evaluate_cases(policy)
     return {
+        **made_now(),
         **{"learner": learner, "seed": seed, "seconds": spent, "steps": curve[-1][1] if curve else 0},
         **{"N": found["N"], "q90_mm": found["rms_mm"]["90 %"], "lost_percent": found["lost_percent"]},
         "cases_mm": [cases[f"{case}_rms_mm"] for case in PAPER_CASES],
