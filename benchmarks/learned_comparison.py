@@ -80,7 +80,7 @@ def trained_seeds() -> dict[str, list[TrainedSeed]]:
         if bundle.arm is None or bundle.arm.digest == robot_of(ArmParameters()).digest:
             asked = bundle.training.get("total_timesteps", bundle.training.get("steps"))  # ``steps``: earlier trainings
             if bundle.training["steps_done"] < asked:
-                raise ValueError(f"{folder} is unfinished; go on with fuzzyarm train ppo --resume --out {folder}")
+                raise ValueError(f"{folder} is unfinished; the command that began it goes on")
             policy = load_policy(folder / "policy", control_period=CONTROL_PERIOD)
             groups.setdefault(folder.name.rpartition("-")[0], []).append(TrainedSeed(folder, policy, bundle))
     for name, runs in groups.items():

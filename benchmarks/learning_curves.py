@@ -102,7 +102,7 @@ LEARNERS = {
 
 
 def measured(learner: str, seed: int) -> dict[str, Any]:
-    """Return what a training with one seed reached."""
+    """Train with one seed, and return the curve, the score and the errors."""
     curve: Curve = []
     torch.set_num_threads(1)
     began = time.process_time()

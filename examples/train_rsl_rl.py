@@ -31,7 +31,7 @@ class Arms(VecEnv):
         (self.seen, _), self.max_episode_length = envs.reset(seed=0), 1000  # 2 s in holds of 2 ms
 
     def get_observations(self) -> TensorDict:
-        """Return what is seen now."""
+        """Return the current observations."""
         return TensorDict({"policy": torch.as_tensor(self.seen)}, batch_size=[self.num_envs])
 
     def step(self, actions: torch.Tensor) -> tuple[TensorDict, torch.Tensor, torch.Tensor, dict[str, Any]]:

@@ -23,19 +23,14 @@ _TIP, _FORCE = 1e-4, 200.0  # m, N
 class PlantView(VecEnvWrapper):
     """Arms whose observations end with what no sensor measures, for a value function that is not shipped.
 
-    That is the tip's error, asinh((p - p_d)/0.1 mm), the links' bending from the motors and their velocities, the tip
-    force, and the numbers that the episode drew.
-
-    Attributes:
-        size: how many numbers that is.
+    That is the tip's error, asinh((p - p_d)/0.1 mm), the bending of the joints, asinh((q_b - q_a)/0.1 mrad), the links'
+    velocities, asinh(q̇_b/(10 mrad/s)), the tip force in 200 N, and the numbers that the episode drew.
     """
 
     def __init__(self, venv: StableBaselinesVecEnv) -> None:
-        venv.reset()  # shows which numbers there are
         self.venv = venv
-        self.size = self._plant(slice(None)).shape[1]
-        full = (venv.observation_space.shape[0] + self.size,)
-        super().__init__(venv, gym.spaces.Box(-np.inf, np.inf, full))
+        size = self._seen(venv.reset()).shape[1]
+        super().__init__(venv, gym.spaces.Box(-np.inf, np.inf, (size,)))
 
     def reset(self) -> np.ndarray:
         """Begin an episode in every lane and return its observations (lanes, n)."""
@@ -69,7 +64,7 @@ class PlantView(VecEnvWrapper):
 
 
 NOISE = 0.05
-"""Standard deviation of the noise on normalised features that actions should hardly depend on."""
+"""Standard deviation of the noise on features on which actions should hardly depend."""
 
 
 class GuidedPolicy(ActorCriticPolicy):
@@ -102,7 +97,7 @@ class GuidedPolicy(ActorCriticPolicy):
         return values, log_prob, entropy
 
     def _mean(self, obs: torch.Tensor) -> torch.Tensor:
-        """Return the mean actions (batch, n) for normalised features (batch, size)."""
+        """Return the mean actions (batch, n) for features (batch, size)."""
         mean: torch.Tensor = self.action_net(self.mlp_extractor.forward_actor(obs))
         return mean
 

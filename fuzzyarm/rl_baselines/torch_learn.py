@@ -58,7 +58,8 @@ class TorchFuzzyArmLearn(TorchFuzzyArm):
         self.single_action_space = gym.spaces.Box(-unit, unit)
         self.single_observation_space = gym.spaces.Box(-BOUND, BOUND, (features.size,), np.float32)
         self._scale = torch.tensor(action.scale, dtype=self.dtype, device=self.device)
-        self._memory, self._seen = torch.zeros(self._features.memory_size, num_envs).to(self._scale), self._scale
+        self._memory = torch.zeros(self._features.memory_size, num_envs).to(self._scale)
+        self._seen = torch.empty(0)  # the last observations (n, 5 joints), from the first reset on
 
     def __getstate__(self) -> dict[str, Any]:
         """Return arguments, lanes and what they remember."""

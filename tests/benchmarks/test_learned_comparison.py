@@ -188,7 +188,7 @@ def test_document_holds_every_episode_and_its_errors_are_those_of_the_batched_ev
 @pytest.mark.parametrize(
     ("runs", "message"),
     [
-        ({"a-0": {"steps_done": 64}}, "is unfinished; go on with fuzzyarm train ppo --resume"),
+        ({"a-0": {"steps_done": 64}}, "is unfinished; the command that began it goes on"),
         ({"a-0": {"seed": 3}, "a-1": {"seed": 3}}, "two trainings have the same seed"),
         ({"a-0": {}, "a-1": {"base": "fuzzy-1"}}, "the settings of its seeds differ"),
     ],

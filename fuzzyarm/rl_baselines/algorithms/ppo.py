@@ -59,7 +59,7 @@ class PPOConfig(TrainingConfig):
     """Show the value function what no sensor measures: errors of tip and links, force, plant and payload."""
     smoothness: float = 0.0
     """Coefficient of the smoothness of actions in the loss (CAPS): mean square of the difference of the policy's means
-    at normalised features and at these plus noise of 0.05."""
+    at the features and at these plus noise of 0.05."""
 
     def __post_init__(self) -> None:
         super().__post_init__()
