@@ -15,7 +15,6 @@ import tempfile
 from pathlib import Path
 from typing import Any
 
-import numpy as np
 from measuring import options_of, write
 
 from fuzzyarm.eval.dataset.config import CONDITIONS, LEVELS, DatasetConfig
@@ -23,11 +22,11 @@ from fuzzyarm.eval.dataset.store import open_dataset, provenance_of, write_datas
 
 ROOT = Path(__file__).parent.parent
 LEARNERS = {"behaviour cloning": "clone_policy.py", "TD3+BC": "offline_td3_bc.py"}
-FOUND = r"score (\S+), mean tip error (\S+) mm, (\d+) of (\d+) episodes"
+FOUND = r"N (\S+), mean tip error (\S+) mm, (\d+) of (\d+) episodes"
 
 
 def scored(script: str, folder: Path, seconds: float, seed: int) -> dict[str, Any]:
-    """Return score, mean tip error [mm] and the share of episodes that a learner's policy completes."""
+    """Return N, mean tip error [mm] and the share of episodes that a learner's policy completes."""
     command = [sys.executable, str(ROOT / "examples" / script), str(folder), "--seconds", str(seconds)]
     done = subprocess.run([*command, "--seed", str(seed)], capture_output=True, text=True, check=True)
     found = re.search(FOUND, done.stdout)
@@ -40,14 +39,7 @@ def scored(script: str, folder: Path, seconds: float, seed: int) -> dict[str, An
 def of_data(folder: Path) -> dict[str, Any]:
     """Return what the data itself has."""
     dataset = open_dataset(folder)
-    low, high = provenance_of(dataset)["reference_scores"].values()
-    returns = np.array([episode.rewards.sum() for episode in dataset])
-    return {
-        "steps": int(dataset.total_steps),
-        "return_random": low,
-        "return_expert": high,
-        "score": float(100.0 * (returns.mean() - low) / (high - low)),
-    }
+    return {"steps": int(dataset.total_steps), "score": provenance_of(dataset)["N"]}
 
 
 def main() -> None:

@@ -177,9 +177,9 @@ TOOLS = {
             lambda document: {
                 "data set": "`{name}`",
                 "steps": "{data[steps]:,}",
-                "data": "{data[score]:.1f}",
+                "N of the data": "{data[score]:.1f}",
                 **{
-                    f"{learner}: score / mean tip error [mm] / episodes completed": _scores(learner)
+                    f"{learner}: N / mean tip error [mm] / episodes completed": _scores(learner)
                     for learner in next(iter(document["rows"].values()))["learners"]
                 },
             },

@@ -19,7 +19,7 @@ __all__ = ["Options"]
 @with_fields_of(DatasetConfig)
 @dataclass(frozen=True, kw_only=True)
 class Options:
-    """Write episodes of named policies as a data set that Minari loads, with reference scores and provenance.
+    """Write episodes of named policies as a data set that Minari loads, with their score and provenance.
 
     --out becomes a root of Minari's: MINARI_DATASETS_PATH=DIR makes minari.load_dataset find the data set, whose name
     is fuzzyarm/LEVEL-CONDITION-v0. It needs pip install -c constraints.txt -e ".[datasets]" in the repository.
@@ -41,11 +41,10 @@ def _run(options: Options) -> int:
     with claimed_folder(options.out), progress("episodes", config.episodes) as advance:
         folder = write_dataset(config, options.out, advance)
     dataset = open_dataset(folder)
-    low, high = provenance_of(dataset)["reference_scores"].values()
     mean = sum(float(episode.rewards.sum()) for episode in dataset) / config.episodes
     say(
-        f"{config.name}: {config.episodes} episodes, {dataset.total_steps:,} steps, mean return {mean:.1f}, score "
-        f"{100.0 * (mean - low) / (high - low):.1f} (random torques 0, {low:.1f}; expert 100, {high:.1f})"
+        f"{config.name}: {config.episodes} episodes, {dataset.total_steps:,} steps, mean return {mean:.1f}, "
+        f"N {provenance_of(dataset)['N']:.1f} (computed-torque 0, learned-observer 100, in these episodes)"
     )
     say(f"written to {folder}; MINARI_DATASETS_PATH={options.out} makes Minari find it")
     return 0

@@ -36,13 +36,14 @@ from fuzzyarm.policies import load_policy
 if TYPE_CHECKING:
     from rich.console import Console
 
-__all__ = ["print_scores", "scores"]
+__all__ = ["ANCHORS", "closeness", "print_scores", "scores"]
 
 _GROUPS = ("no load", "machining", "push", "payload and noise")
 """The four loads: none; 0.3 to 1 times the force of Case 2; a constant force of 50 to 150 N in any direction that sets
 in between a fifth and a half of the motion; and 1 to 5 kg at the tip, with noise of 10 µrad and 1 mrad/s on the
 encoders. No training of the registered task draws the last two."""
-_ANCHORS = ("computed-torque", "learned-observer")  # the policies whose N are 0 and 100
+ANCHORS = ("computed-torque", "learned-observer")
+"""The policies whose N are 0 and 100."""
 _RESOLUTION, _LOST = 1e-5, 0.2  # s and R [m]
 _EACH = 32  # episodes of a group
 _PERIOD = 1e-3
@@ -110,6 +111,12 @@ def _drawn(arm: ArmParameters, rng: np.random.Generator) -> ArmParameters:
     return dataclasses.replace(arm, **changed)
 
 
+def closeness(error: np.ndarray) -> np.ndarray:
+    """Return 1 - ln(1 + d/s)/ln(1 + R/s) of tip errors d [m], 0 where d > R; S is its mean over an episode."""
+    near = 1.0 - np.log1p(error / _RESOLUTION) / np.log1p(_LOST / _RESOLUTION)
+    return np.where(error <= _LOST, near, 0.0)
+
+
 def _score_of(policy: Predictor, chosen: _HeldOut) -> _Score:
     """Return the score of a policy on a set."""
     count = len(chosen.arms)
@@ -121,12 +128,11 @@ def _score_of(policy: Predictor, chosen: _HeldOut) -> _Score:
     lost, before = np.zeros(count, dtype=bool), None
     for step in episodes(envs, policy, envs.reset(seed=0)):
         error, torque = step.info["tip_error"], step.info["torque"]
-        near = step.running & (error <= _LOST)
-        earned += np.where(near, 1.0 - np.log1p(error / _RESOLUTION) / np.log1p(_LOST / _RESOLUTION), 0.0)
+        earned += np.where(step.running, closeness(error), 0.0)
         squares += np.where(step.running, error, 0.0) ** 2
         if before is not None:
             rate += np.where(step.running, np.mean((torque - before) ** 2, axis=1), 0.0)
-        before, lost, done = torque, lost | (step.running & ~near), done + step.running
+        before, lost, done = torque, lost | (step.running & (error > _LOST)), done + step.running
     short = done < steps - 1
     return _Score(earned / steps, np.sqrt(squares / done), np.sqrt(rate / done) / _PERIOD, lost | short)
 
@@ -134,8 +140,8 @@ def _score_of(policy: Predictor, chosen: _HeldOut) -> _Score:
 def scores(policies: Mapping[str, Predictor], chosen: _HeldOut | None = None) -> dict[str, Any]:
     """Return the scores of policies, given by label, and those of computed-torque and learned-observer, for JSON."""
     chosen = _held_out() if chosen is None else chosen
-    found = {name: _score_of(load_policy(name), chosen) for name in _ANCHORS}
-    low, high = (float(found[name].S.mean()) for name in _ANCHORS)
+    found = {name: _score_of(load_policy(name), chosen) for name in ANCHORS}
+    low, high = (float(found[name].S.mean()) for name in ANCHORS)
 
     def row(score: _Score) -> dict[str, Any]:
         millimetres = 1e3 * np.quantile(score.rms, [0.5, 0.9, 0.99])
@@ -150,7 +156,7 @@ def scores(policies: Mapping[str, Predictor], chosen: _HeldOut | None = None) ->
         }
 
     own = {label: row(found.get(label) or _score_of(policy, chosen)) for label, policy in policies.items()}
-    anchors = {name: row(found[name]) for name in _ANCHORS if name not in own}
+    anchors = {name: row(found[name]) for name in ANCHORS if name not in own}
     made = made_now("fuzzyarm score")
     return {**made, "version": __version__, "episodes": len(chosen.arms), "policies": own, "anchors": anchors}
 

@@ -8,7 +8,7 @@ from typing import Any, Literal, get_args
 
 from fuzzyarm.common.checks import choice, real, whole
 
-__all__ = ["CONDITIONS", "EXPERT", "LEVELS", "VERSION", "Condition", "DatasetConfig"]
+__all__ = ["CONDITIONS", "LEVELS", "VERSION", "Condition", "DatasetConfig"]
 
 VERSION = 0
 """The number at the end of a data set's name, which changes with the contents."""
@@ -16,13 +16,11 @@ _Level = Literal["expert", "medium", "mixed"]
 """The quality of the policies."""
 Condition = Literal["nominal", "loads"]
 """The arms, loads and paths on which they act."""
-EXPERT = "learned-observer"
-"""The policy whose score is 100."""
 
 LEVELS: Mapping[_Level, tuple[str, ...]] = {
-    "expert": (EXPERT,),
+    "expert": ("learned-observer",),
     "medium": ("computed-torque",),
-    "mixed": (EXPERT, "computed-torque", "ppo-robust"),
+    "mixed": ("learned-observer", "computed-torque", "ppo-robust"),
 }
 """The policies of each level, in the order of their episodes."""
 

@@ -12,7 +12,7 @@ import os
 import shutil
 import tempfile
 import warnings
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -22,17 +22,17 @@ from fuzzyarm.common.checks import instance, shown
 from fuzzyarm.common.documents import DocumentError, open_regular, parse_json, read_json
 from fuzzyarm.envs.observation import ACTION_SCALE
 from fuzzyarm.envs.vector import FuzzyArmVectorEnv
-from fuzzyarm.eval.dataset.config import CONDITIONS, EXPERT, VERSION, Condition, DatasetConfig
+from fuzzyarm.eval.dataset.config import CONDITIONS, VERSION, Condition, DatasetConfig
 from fuzzyarm.eval.episodes.loop import episodes
 from fuzzyarm.eval.provenance import current_provenance
+from fuzzyarm.eval.score import ANCHORS, closeness
 from fuzzyarm.fuzzy_policy.policy import Predictor
 from fuzzyarm.policies import load_policy
 from fuzzyarm.policies.spec import resolve
 
-__all__ = ["check_installed", "open_dataset", "provenance_of", "record", "write_dataset"]
+__all__ = ["check_installed", "open_dataset", "provenance_of", "record", "score_of", "write_dataset"]
 
 _SCHEMA, _KEY, _DATA = f"fuzzyarm-dataset/{VERSION}", "fuzzyarm", "data"
-_SCORED, _SCORED_SEED = 64, 1_000_000_000  # episodes behind a reference score, of seeds that no data set begins with
 _LANES = 64  # episodes that are recorded at once
 
 
@@ -47,20 +47,6 @@ class _Episode:
     rewards: np.ndarray  # (T,)
     tip_errors: np.ndarray  # (T,) after each step [m]
     completed: bool  # whether the reference was followed to its end
-
-
-class _RandomTorques:
-    """A policy that draws each torque uniformly within its limits."""
-
-    def __init__(self, seed: int) -> None:
-        """Begin the stream of draws."""
-        self._generator = np.random.default_rng(seed)
-
-    def predict(
-        self, observation: np.ndarray, state: None = None, episode_start: object = None, deterministic: bool = True
-    ) -> tuple[np.ndarray, None]:
-        """Return torques (lanes, 2) [N m] for observations (lanes, 10)."""
-        return self._generator.uniform(-ACTION_SCALE, ACTION_SCALE, (len(observation), len(ACTION_SCALE))), None
 
 
 def record(policy: Predictor, condition: Condition, count: int, seed: int, noise: float = 0.0) -> Iterator[_Episode]:
@@ -98,9 +84,22 @@ def _batch(policy: Predictor, condition: Condition, lanes: int, seed: int, noise
         yield _Episode(seed + lane, seen[lane, : length + 1], done, wanted, earned, error, completed[lane])
 
 
-def _mean_return(policy: Predictor, condition: Condition, count: int, seed: int) -> float:
-    """Return the mean over episodes of the sum of rewards, a pure number; arguments as for `record`."""
-    return float(np.mean([one.rewards.sum() for one in record(policy, condition, count, seed)]))
+def score_of(recorded: Sequence[_Episode], condition: Condition) -> tuple[float, dict[str, float]]:
+    """Return N of episodes with successive seeds, and the mean return of each policy of `ANCHORS` in the same episodes.
+
+    N = 100 (S - S_c)/(S_o - S_c) as in `fuzzyarm.eval.score`, with S_c of computed-torque and S_o of learned-observer
+    without noise on the same arms, loads and paths: episodes of one condition differ in how hard they are.
+    """
+    seed, count = recorded[0].seed, len(recorded)
+    anchors = {name: list(record(load_policy(name), condition, count, seed)) for name in ANCHORS}
+    runs = [recorded, *anchors.values()]
+    steps = [max(len(one.rewards) for one in same) for same in zip(*runs, strict=True)]  # of one that ended early
+    own, low, high = (
+        np.mean([closeness(one.tip_errors).sum() / count for one, count in zip(run, steps, strict=True)])
+        for run in runs
+    )
+    returns = {name: float(np.mean([one.rewards.sum() for one in run])) for name, run in anchors.items()}
+    return float(100.0 * (own - low) / (high - low)), returns
 
 
 def check_installed() -> None:
@@ -128,23 +127,33 @@ def write_dataset(config: DatasetConfig, root: Path, advance: Callable[..., None
     folder = root / config.name
     if folder.exists():
         raise ValueError(f"{folder} is there already; choose another folder, or remove it")
-    buffers, provenance = list[Any](), _provenance(config)
+    recorded = list[_Episode]()
     for policy, count in config.shares.items():
-        for episode in record(load_policy(policy), config.condition, count, config.seed + len(buffers), config.noise):
-            buffers.append(_buffer(len(buffers), episode))
-            advance(completed=len(buffers))
-    low, high = provenance["reference_scores"].values()
+        for episode in record(load_policy(policy), config.condition, count, config.seed + len(recorded), config.noise):
+            recorded.append(episode)
+            advance(completed=len(recorded))
+    score, returns = score_of(recorded, config.condition)
+    provenance = {
+        "schema": _SCHEMA,
+        "settings": dataclasses.asdict(config),
+        "policies": {name: resolve(name).files() for name in config.shares},
+        "episodes": config.shares,
+        "N": score,
+        "reference_returns": returns,
+        **current_provenance(),
+    }
+    low, high = returns.values()
     with tempfile.TemporaryDirectory(prefix=".dataset.", dir=root.absolute()) as work, _writing(Path(work)):
         dataset = minari.create_dataset_from_buffers(
             config.name,
-            buffers,
+            [_buffer(number, episode) for number, episode in enumerate(recorded)],
             env=gym.make("FuzzyArm-v0", **CONDITIONS[config.condition]).spec,
             algorithm_name=", ".join(config.shares),
             author="FuzzyArm",
             description=f"Torques of {', '.join(config.shares)} on FuzzyArm-v0, condition {config.condition}.",
             ref_min_score=low,
             ref_max_score=high,
-            num_episodes_average_score=_SCORED,
+            num_episodes_average_score=len(recorded),
             requirements=["fuzzyarm"],
             data_format="hdf5",
         )
@@ -216,19 +225,6 @@ def _buffer(number: int, episode: _Episode) -> Any:
         truncations=[*ended, episode.completed],
         infos={"tip_error": episode.tip_errors, "intended_action": episode.intended},
     )
-
-
-def _provenance(config: DatasetConfig) -> dict[str, Any]:
-    scored = _RandomTorques(_SCORED_SEED), load_policy(EXPERT)
-    random, expert = (_mean_return(policy, config.condition, _SCORED, _SCORED_SEED) for policy in scored)
-    return {
-        "schema": _SCHEMA,
-        "settings": dataclasses.asdict(config),
-        "policies": {name: resolve(name).files() for name in config.shares},
-        "episodes": config.shares,
-        "reference_scores": {"random torques": random, EXPERT: expert},
-        **current_provenance(),
-    }
 
 
 @contextlib.contextmanager
