@@ -243,10 +243,8 @@ def test_leaving_the_joint_box_terminates_with_the_reason(way):
 
 
 BAD_ACTIONS = [
-    ([1.0], r"action has shape \(1,\); it must be \(2,\)"),
     ([[1.0, 2.0]], r"action has shape \(1, 2\); it must be \(2,\)"),
     ([1.0, np.nan], r"action = \[1\.0, nan\] N m is not finite; allowed: ±\[500\.0, 250\.0\]"),
-    ([1.0, -np.inf], r"action = \[1\.0, -inf\] N m is not finite; allowed: ±\[500\.0, 250\.0\]"),
 ]
 
 
@@ -317,11 +315,8 @@ def test_other_control_periods_end_with_the_reference(period, steps):
 
 BAD_PERIODS = [
     (1e-3, 3e-4, "control_period = 0.001 s is no multiple of substep = 0.0003 s; use substep = 0.000333333 s"),
-    (0.0, 1e-4, "control_period = 0.0 s is out of range; allowed: [1e-06, 0.1] s"),
     (0.2, 1e-4, "control_period = 0.2 s is out of range; allowed: [1e-06, 0.1] s"),
-    (1e-3, 0.0, "substep = 0.0 s is out of range; allowed: [1e-07, 0.001] s"),
     (1e-4, 1e-3, "substep = 0.001 s is out of range; allowed: [1e-08, 0.0001] s"),
-    (1e-3, np.inf, "substep = inf s is out of range; allowed: [1e-07, 0.001] s"),
 ]
 
 
@@ -344,14 +339,7 @@ def test_initial_state_is_taken_as_given_in_the_order_of_state():
 
 BAD_ARGUMENTS = [
     ({"case": "drilling"}, "unknown case 'drilling'; choose from: nominal, machining, payload"),
-    ({"render_mode": "ansi"}, "render_mode = 'ansi' is unknown; choose from: human, rgb_array"),
     ({"case": "payload", "disturbance": NOISY}, "either case = 'payload' or a disturbance"),
-    ({"disturbance": "payload"}, "disturbance = 'payload' must be a"),
-    ({"reference": Circle()}, r"reference = Circle.* must be a .*[.]Reference"),
-    (
-        {"parameters": dataclasses.replace(TABLE_1, joint_limit=(0.5, 3.0)), "reference": JointReference()},
-        r"reference angle reaches .*allows \(0\.5, 3\.0\) rad",
-    ),
     (
         {"parameters": dataclasses.replace(TABLE_1, velocity_limit=(0.3, 15.0)), "reference": JointReference()},
         r"reference velocity reaches .*allows \(0\.3, 15\.0\) rad/s",
@@ -374,7 +362,6 @@ BAD_OPTIONS = [
         {"wind": 1.0, "inital_state": STILL},
         "unknown reset option inital_state, wind; known: initial_state, reference, case, disturbance",
     ),
-    ({"case": "payload", "disturbance": NOISY}, "either case = 'payload' or a disturbance"),
     (
         {"reference": JointReference(parameters=dataclasses.replace(TABLE_1, length=(0.6, 0.5)))},
         r"links of \(0\.6, 0\.5\) m, the plant has \(0\.5, 0\.5\) m",

@@ -29,20 +29,15 @@ def moments(*values):
 WRONG = [
     (JOINT, {"axis": (0.0, 0.0, 2.0)}, "joint 'elbow': axis = .* has length 2; it must be a unit vector"),
     (JOINT, {"rotation": moments(1.0, 1.0, -1.0)}, "joint 'elbow': rotation = .* is no rotation"),
-    (JOINT, {"rotation": moments(1.0, 2.0, 1.0)}, "joint 'elbow': rotation = .* is no rotation"),
-    (JOINT, {"angle_range": (1.0, -1.0)}, "joint 'elbow': angle_range = .* low <= high"),
     (JOINT, {"angle_range": (1.0, 1.0)}, "joint 'elbow': angle_range = .* is empty"),
     (JOINT, {"velocity_limit": 0.0}, r"joint 'elbow': velocity_limit = 0.0 rad/s is out of range; allowed: \(0,"),
-    (JOINT, {"position": (0.0, np.nan, 0.0)}, r"joint 'elbow': position\[1\] = nan m is out of range"),
     (JOINT, {"link": None}, "joint 'elbow': link = None must be a"),
     (JOINT, {"name": "two\nlines"}, "name = .* must be a text of one line"),
     (LINK, {"mass": 0.0}, r"mass = 0.0 kg is out of range; allowed: \(0,"),
     (LINK, {"inertia": moments(0.1, 0.1, -0.1)}, "inertia has the principal moment -0.1 .* allowed: above 0"),
     (LINK, {"inertia": moments(0.1, 0.1, 0.3)}, "the last above the sum of the others, which no body has"),
     (LINK, {"inertia": ((0.1, 0.01, 0.0), *BALL[1:])}, "is not symmetric"),
-    (LINK, {"center": (0.0, 0.0)}, "center = .* must be 3 real numbers"),
     (DRIVE, {"motor_inertia": 0.0}, "motor_inertia = 0.0 kg m\\^2: .* rotor's inertia times the gear ratio squared"),
-    (DRIVE, {"stiffness": 0.0}, r"stiffness = 0.0 N m/rad is out of range; allowed: \(0,"),
     (DRIVE, {"static_friction": 0.5}, "static_friction = 0.5 N m is below coulomb_friction"),
 ]
 
@@ -111,14 +106,13 @@ def test_payload_adds_its_weight_and_inertia():
     np.testing.assert_allclose(weight, -2.0 * jacobian.T @ robot.gravity, atol=1e-12)
 
 
+INERTIA = "inertia = [[0.01, 0, 0], [0, 0.11, 0], [0, 0, 0.11]]"
+
+
 @pytest.mark.parametrize(
     ("old", "new", "message"),
     [
-        (
-            "inertia = [[0.01, 0, 0], [0, 0.11, 0], [0, 0, 0.11]]",
-            "",
-            "'joint2': .*missing required field `inertia`",
-        ),
+        (INERTIA, "", "'joint2': .*missing required field `inertia`"),
         ("motor_inertia = 0.58", "motor_inertia = 0.0", "joint 'joint2': motor_inertia = 0.0"),
         ("[[joints]]", "[[joints]]\ntype = 'prismatic'", "unknown field type"),
     ],
@@ -141,6 +135,7 @@ URDF_JOINT = """<joint name="{}" type="{}"><parent link="{}"/><child link="{}"/>
 OVERLAY = "[joints.{}]\nmotor_inertia = 0.2\nstiffness = 5000\ndamping = 2\nvelocity_limit = 3\n"
 HAND = '<link name="hand"/>' + URDF_JOINT.format("wrist", "fixed", "c", "hand", "")
 SECOND = URDF_JOINT.format("j2", "revolute", "b", "c", "")
+MASSLESS = '<link name="d"/>' + SECOND + URDF_JOINT.format("j3", "revolute", "c", "d", "")
 
 
 def files(folder, body, head="", joints=("j1", "j2"), name="arm.urdf"):
@@ -174,12 +169,7 @@ def test_urdf_with_an_overlay(tmp_path):
         (URDF_JOINT.format("j2", "prismatic", "b", "c", ""), "", ("j1",), "joint 'j2' is prismatic; .*`fixed`"),
         (SECOND.replace("</joint>", '<mimic joint="j1"/></joint>'), "", ("j1",), "joint 'j2' mimics 'j1'; .*`fixed`"),
         (URDF_JOINT.format("j2", "revolute", "a", "c", ""), "", ("j1", "j2"), "'j2' does not follow joint 'j1'"),
-        (
-            '<link name="d"/>' + SECOND + URDF_JOINT.format("j3", "revolute", "c", "d", ""),
-            "",
-            ("j1", "j2", "j3"),
-            "joint 'j3' turns link 'd', which has no inertia: give the link an <inertial>",
-        ),
+        (MASSLESS, "", ("j1", "j2", "j3"), "joint 'j3' turns link 'd', which has no inertia: give the link an <iner"),
         (SECOND, "", ("j1",), r"joint 'j2': it has no drive, .* add \[joints.j2\] to the overlay"),
         (SECOND, 'tip = "a"', ("j1", "j2"), "tip = 'a' does not move with the last joint, j2"),
         (SECOND, 'tip = "nowhere"', ("j1", "j2"), "tip = 'nowhere' is no link or site"),
