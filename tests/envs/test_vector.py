@@ -149,23 +149,6 @@ def test_options_that_differ_by_lane_equal_those_of_single_environments_and_end_
     equals_singles({"case": "machining", **arguments}, option)
 
 
-@pytest.mark.parametrize(
-    "option",
-    [
-        {"disturbance": Disturbance(tip_force=ConstantForce((50.0, 0.0)))},
-        {"initial_state": STILL.tolist(), "case": "machining", "reference": LONGER},
-    ],
-    ids=lambda option: " and ".join(option),
-)
-def test_an_option_for_all_lanes_equals_gymnasiums_loop_and_holds_for_one_episode(option):
-    envs, expected = batch(3, reference=LONGER), loop(3, reference=LONGER)
-    actions = torques(4, 110, 3, scale=0.5)
-    for options in (None, option, None):
-        assert_identical(envs.reset(seed=3, options=options), expected.reset(seed=3, options=options))
-        for step, action in enumerate(actions):
-            assert_identical(envs.step(action), expected.step(action), step)
-
-
 def test_make_vec_gives_it_by_name_and_by_mode():
     for arguments in ({}, {"vectorization_mode": "vector_entry_point"}):
         envs = gym.make_vec("FuzzyArm-v0", num_envs=3, **arguments)
@@ -265,17 +248,6 @@ def test_one_seed_seeds_lane_i_with_seed_plus_i():
     assert envs.np_random_seed == 5
     unseeded = np.concatenate([batch(5, **RANDOM).reset()[0] for _ in range(3)])
     assert len(np.unique(unseeded[:, :4], axis=0)) == 15
-
-
-def test_without_a_seed_the_streams_go_on_as_those_of_single_environments_do():
-    envs, expected = batch(3, **RANDOM), loop(3, **RANDOM)
-    starts = []
-    for seed in (3, None, None, [None, 8, None], [4, None, 5], None):
-        starts.append(envs.reset(seed=seed))
-        assert_identical(starts[-1], expected.reset(seed=seed))
-        for action in torques(1, 5, 3):
-            assert_identical(envs.step(action), expected.step(action))
-    assert len(np.unique([start[0][1] for start in starts], axis=0)) == len(starts)  # no episode of lane 1 twice
 
 
 BAD_ARGUMENTS = [

@@ -90,11 +90,7 @@ def test_the_equations_of_motion_and_the_tip_are_mujocos(seed):
         at_rest = mujoco_at(model, q, np.zeros(2)).qfrc_bias
         bias = coriolis_torque(np.sin(q[1]), dq[0], dq[1], constants) + gravity(q, constants)
         torque = rigid_inverse_dynamics(q, dq, ddq, constants)
-        for found, expected in (
-            (bias, data.qfrc_bias),
-            (gravity(q, constants), at_rest),
-            (torque, data.qfrc_inverse),
-        ):
+        for found, expected in ((bias, data.qfrc_bias), (gravity(q, constants), at_rest), (torque, data.qfrc_inverse)):
             np.testing.assert_allclose(found, expected, rtol=1e-10, atol=1e-10 * np.abs(expected).max())
         mujoco.mj_jacSite(model, data, jacobian, None, 0)
         np.testing.assert_allclose(tip_position(q, arm.length), data.site_xpos[0, :2], rtol=0, atol=1e-12)

@@ -60,7 +60,7 @@ def seen_by_mujoco(text, q):
         {"compiler": 'boundmass="2.5" boundinertia="0.05"'},
         {"option": '<option gravity="0.5 0 -1.62" wind="1 0 0" magnetic="1 0 0" integrator="RK4"/>'},
         {"option": '<option><flag gravity="disable" contact="disable"/></option>'},
-        {"joint": 'damping="0.4" frictionloss="0.2"', "torques": "-7 7"},
+        {"joint": 'pos="0.1 0 0.2" damping="0.4" frictionloss="0.2"', "torques": "-7 7"},
         {"more": '<sensor><jointpos joint="j1"/></sensor><keyframe><key qpos="1 1 0"/></keyframe>'},
         {
             "more": '<tendon><fixed name="t" stiffness="3"><joint joint="grip" coef="1"/></fixed></tendon>'
@@ -125,48 +125,3 @@ def test_the_overlay_comes_before_what_a_model_says_and_all_that_is_wrong_is_in_
     lacks = "motor_inertia, stiffness, stribeck_velocity, velocity_limit, angle_range"
     assert f"joint 'j1': the model has no {lacks}; add {lacks} to [joints.j1]" in str(caught.value)
     assert "joint 'j2': the model has no velocity_limit; add velocity_limit to [joints.j2]" in str(caught.value)
-
-
-LINK = """<link name="{}"><inertial><origin xyz="0.1 0 0"/><mass value="2"/>
-<inertia ixx="0.02" iyy="0.03" izz="0.04" ixy="0" ixz="0" iyz="0"/></inertial></link>"""
-JOINT = """<joint name="{0}" type="revolute"><parent link="{1}"/><child link="{2}"/><axis xyz="0 1 0"/>
-<limit lower="-1" upper="1" effort="50" velocity="{3}"/><!-- <limit velocity="9"/> --></joint>"""
-URDF_OVERLAY = 'model = "a.urdf"\ntip = "l2"\n' + "".join(
-    f"[joints.{name}]\nstiffness = 1e4\ndamping = 5\nmotor_inertia = 0.3\n" for name in ("j1", "j2")
-)
-
-
-def read_urdf(folder, more="", speed="2.5"):
-    joints = JOINT.format("j1", "base", "l1", "0.5") + JOINT.format("j2", "l1", "l2", speed)
-    text = f'<robot name="a"><link name="base"/>{LINK.format("l1")}{LINK.format("l2")}{joints}{more}</robot>'
-    (folder / "a.urdf").write_text(text, encoding="utf-8")
-    (folder / "a.toml").write_text(URDF_OVERLAY, encoding="utf-8")
-    return read_robot(folder / "a.toml")
-
-
-def test_speeds_and_gravity_of_a_urdf_are_read(tmp_path):
-    robot = read_urdf(tmp_path, '<mujoco><option gravity="0 0 -3.7"/></mujoco><transmission name="t"/>')
-    assert [joint.velocity_limit for joint in robot.joints] == [0.5, 2.5] and robot.gravity == (0.0, 0.0, -3.7)
-    with pytest.raises(ValueError, match=r"joint 'j2': the model has no velocity_limit; add velocity_limit to"):
-        read_urdf(tmp_path, speed="0")
-
-
-@pytest.mark.parametrize("tag", ["turnGravityOff>true", "springStiffness>30", "dampingFactor> 0.01", "gravity>false"])
-def test_physics_of_gazebo_is_refused(tmp_path, tag):
-    name = tag.split(">")[0]
-    with pytest.raises(ValueError, match=f"{name} of <gazebo> has no equation here"):
-        read_urdf(tmp_path, f'<gazebo reference="l1"><mu1>1</mu1><{tag}</{name}></gazebo>')
-    harmless = "<springStiffness>0.0</springStiffness><turnGravityOff>false</turnGravityOff><gravity>true</gravity>"
-    read_urdf(tmp_path, f'<gazebo reference="l1">{harmless}</gazebo>')
-
-
-def test_the_working_folder_is_left_alone(tmp_path, monkeypatch):
-    (tmp_path / "here").mkdir()
-    monkeypatch.chdir(tmp_path / "here")
-    before = mujoco.get_mju_user_warning()
-    monkeypatch.setitem(globals(), "JOINT", JOINT.replace('lower="-1" upper="1"', 'lower="0" upper="0"'))
-    with pytest.raises(ValueError, match=r"'j1': the model has no angle_range; .*'j2': the model has no angle_range;"):
-        read_urdf(tmp_path)  # of which MuJoCo warns
-    with pytest.raises(ValueError, match="XML"):
-        read_urdf(tmp_path, "<nonsense>")
-    assert list((tmp_path / "here").iterdir()) == [] and mujoco.get_mju_user_warning() is before

@@ -5,6 +5,7 @@ import importlib.resources
 import re
 import sys
 
+import mujoco
 import numpy as np
 import pytest
 from support.robots import DRIVE, ROBOTS
@@ -132,21 +133,19 @@ URDF_LINK = """<link name="{}"><inertial><mass value="2"/><origin xyz="0 0 0.1"/
 URDF_JOINT = """<joint name="{}" type="{}"><parent link="{}"/><child link="{}"/>
 <origin xyz="0 0 0.4" rpy="1.570796327 0 0"/><axis xyz="0 1 0"/>
 <limit lower="-1" upper="2" effort="10" velocity="2"/><dynamics damping="0.5" friction="0.25"/>{}</joint>"""
-OVERLAY = "[joints.{}]\nmotor_inertia = 0.2\nstiffness = 5000\ndamping = 2\nvelocity_limit = 3\n"
+OVERLAY = "[joints.{}]\nmotor_inertia = 0.2\nstiffness = 5000\ndamping = 2\n"
 HAND = '<link name="hand"/>' + URDF_JOINT.format("wrist", "fixed", "c", "hand", "")
 SECOND = URDF_JOINT.format("j2", "revolute", "b", "c", "")
 MASSLESS = '<link name="d"/>' + SECOND + URDF_JOINT.format("j3", "revolute", "c", "d", "")
 
 
-def files(folder, body, head="", joints=("j1", "j2"), name="arm.urdf"):
+def files(folder, body, head="", joints=("j1", "j2")):
     """Write a model and its overlay, and return the path of the overlay."""
     links = "".join(map(URDF_LINK.format, "abc")) + URDF_JOINT.format("j1", "revolute", "a", "b", "")
-    text = body if name.endswith("xml") else f'<robot name="arm">{links}{body}</robot>'
-    (folder / name).write_text(text, encoding="utf-8")
-    robot = folder / "robot.toml"
+    (folder / "arm.urdf").write_text(f'<robot name="arm">{links}{body}</robot>', encoding="utf-8")
+    robot, tip = folder / "robot.toml", "" if "tip" in head else 'tip = "c"\n'
     drives = "".join(map(OVERLAY.format, joints))
-    tip = "" if "tip" in head else 'tip = "c"\n'
-    robot.write_text(f'model = "{name}"\n{tip}{head}\n{drives}', encoding="utf-8")
+    robot.write_text(f'model = "arm.urdf"\n{tip}{head}\n{drives}', encoding="utf-8")
     return robot
 
 
@@ -156,7 +155,7 @@ def test_urdf_with_an_overlay(tmp_path):
     assert robot.name == "arm" and [joint.name for joint in robot.joints] == ["j1", "j2"]
     assert first.position == (0.0, 0.0, 0.4) and first.rotation == ((1.0, 0.0, 0.0), (0.0, 0.0, -1.0), (0.0, 1.0, 0.0))
     assert second.drive.viscous_friction == 0.5 and second.drive.coulomb_friction == 0.25
-    assert second.drive.torque_limit == 10.0 and second.angle_range == (-1.0, 2.0) and second.velocity_limit == 3.0
+    assert second.drive.torque_limit == 10.0 and second.angle_range == (-1.0, 2.0) and second.velocity_limit == 2.0
     np.testing.assert_allclose(second.link.inertia, [[0.02, 0.001, 0.0], [0.001, 0.03, 0.0], [0.0, 0.0, 0.02]])
     np.testing.assert_allclose(second.link.center, (0.0, 0.0, 0.1))
     np.testing.assert_allclose(robot.tip, (0.0, 0.0, 0.4))
@@ -183,20 +182,32 @@ def test_what_is_no_chain_of_revolute_joints_is_refused_in_one_line(tmp_path, bo
     assert "\n" not in str(caught.value) and "robot.toml" in str(caught.value)
 
 
-def test_mjcf_with_an_overlay_and_without_rotor(tmp_path):
-    body = """<mujoco model="m"><worldbody><body name="a"><inertial pos="0 0 0" mass="1" diaginertia="1 1 1"/>
-    <joint name="j1" axis="0 0 1" pos="0 0 0.5" range="-90 90" armature="{}" actuatorfrcrange="-7 7"/>
-    <site name="end" pos="0.3 0 0.5"/></body></worldbody></mujoco>"""
-    robot = files(tmp_path, body.format(0.4), 'tip = "end"', ("j1",), "arm.xml")
-    robot.write_text(robot.read_text().replace("motor_inertia = 0.2\n", ""))
-    joint = read_robot(robot).joints[0]
-    assert joint.drive.motor_inertia == 0.4 and joint.drive.torque_limit == 7.0
-    np.testing.assert_allclose(joint.link.center, (0.0, 0.0, -0.5))
-    np.testing.assert_allclose(read_robot(robot).tip, (0.3, 0.0, 0.0))
-    np.testing.assert_allclose(joint.angle_range, (-np.pi / 2, np.pi / 2))
-    (tmp_path / "arm.xml").write_text(body.format(0.0))
-    with pytest.raises(ValueError, match=r"joint 'j1': the model has no motor_inertia; add motor_inertia to"):
-        read_robot(robot)
+def test_gravity_of_a_urdf_is_read_and_a_speed_of_0_is_none(tmp_path):
+    option = '<mujoco><option gravity="0 0 -3.7"/></mujoco><transmission name="t"/>'
+    assert read_robot(files(tmp_path, SECOND + option)).gravity == (0.0, 0.0, -3.7)
+    slow = SECOND.replace('velocity="2"', 'velocity="0"').replace("</joint>", '<!-- <limit velocity="9"/> --></joint>')
+    with pytest.raises(ValueError, match=r"joint 'j2': the model has no velocity_limit; add velocity_limit to"):
+        read_robot(files(tmp_path, slow))
+
+
+@pytest.mark.parametrize("tag", ["turnGravityOff>true", "springStiffness>30", "dampingFactor> 0.01", "gravity>false"])
+def test_physics_of_gazebo_is_refused(tmp_path, tag):
+    gazebo, name = '<gazebo reference="b"><mu1>1</mu1>{}</gazebo>', tag.split(">")[0]
+    with pytest.raises(ValueError, match=f"{name} of <gazebo> has no equation here"):
+        read_robot(files(tmp_path, SECOND + gazebo.format(f"<{tag}</{name}>")))
+    harmless = "<springStiffness>0.0</springStiffness><turnGravityOff>false</turnGravityOff><gravity>true</gravity>"
+    read_robot(files(tmp_path, SECOND + gazebo.format(harmless)))
+
+
+def test_the_working_folder_is_left_alone(tmp_path, monkeypatch):
+    (tmp_path / "here").mkdir()
+    monkeypatch.chdir(tmp_path / "here")
+    before = mujoco.get_mju_user_warning()
+    with pytest.raises(ValueError, match=r"'j2': the model has no angle_range;"):  # of which MuJoCo warns
+        read_robot(files(tmp_path, SECOND.replace('lower="-1" upper="2"', 'lower="0" upper="0"')))
+    with pytest.raises(ValueError, match="XML"):
+        read_robot(files(tmp_path, "<nonsense>"))
+    assert list((tmp_path / "here").iterdir()) == [] and mujoco.get_mju_user_warning() is before
 
 
 def test_without_mujoco_the_extra_is_named(tmp_path, monkeypatch):

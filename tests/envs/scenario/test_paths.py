@@ -4,6 +4,7 @@ import math
 
 import numpy as np
 import pytest
+from support.differences import central_difference
 
 from fuzzyarm.envs.scenario.paths import Circle, Lemniscate, Line, Placed, Spline, Square, TipPath
 
@@ -24,17 +25,12 @@ CLOSED = ("paper circle", "two turns", "lemniscate", "closed spline")
 every_path = pytest.mark.parametrize("path", PATHS.values(), ids=PATHS.keys())
 
 
-def central_difference(function, x, h):
-    """Return (f(x + h) - f(x - h)) / 2h, exact to h² f'''/6."""
-    return (function(x + h) - function(x - h)) / (2.0 * h)
-
-
 @every_path
 def test_derivatives_match_central_differences(path):
     s = np.random.default_rng(0).uniform(0.01, 0.99, 200)
     _, dp, ddp = path.points(s)
-    np.testing.assert_allclose(central_difference(lambda x: path.points(x)[0], s, 1e-5), dp, rtol=0, atol=2e-7)
-    np.testing.assert_allclose(central_difference(lambda x: path.points(x)[1], s, 1e-5), ddp, rtol=0, atol=1e-5)
+    np.testing.assert_allclose(central_difference(lambda x: path.points(x)[0], s), dp, rtol=0, atol=2e-7)
+    np.testing.assert_allclose(central_difference(lambda x: path.points(x)[1], s), ddp, rtol=0, atol=1e-5)
 
 
 @every_path

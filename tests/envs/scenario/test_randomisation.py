@@ -17,11 +17,7 @@ from fuzzyarm.envs.scenario.cases import CASES
 from fuzzyarm.envs.scenario.default_reference import reference_family
 from fuzzyarm.envs.scenario.disturbances import Disturbance, EncoderNoise
 from fuzzyarm.envs.scenario.paths import Circle, Lemniscate, Line
-from fuzzyarm.envs.scenario.randomisation import (
-    ALLOWED,
-    DomainRandomisation,
-    find_randomisation,
-)
+from fuzzyarm.envs.scenario.randomisation import ALLOWED, DomainRandomisation, find_randomisation
 from fuzzyarm.envs.scenario.reference import JointReference
 
 TABLE_1 = ArmParameters()

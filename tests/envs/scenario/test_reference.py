@@ -6,6 +6,7 @@ import re
 
 import numpy as np
 import pytest
+from support.differences import central_difference
 
 from fuzzyarm.envs.physics.dynamics import arm_constants, rigid_inverse_dynamics, tip_jacobian, tip_position
 from fuzzyarm.envs.physics.friction import DryFriction, stribeck_magnitude
@@ -30,11 +31,6 @@ GRID = np.linspace(0.0, 1.5, 1501)
 def reference(request):
     path, elbow_sign, arm = request.param
     return JointReference(PATHS[path], elbow_sign=elbow_sign, parameters=ARMS[arm])
-
-
-def central_difference(function, t, h=1e-5):
-    """Return (f(t + h) - f(t - h)) / 2h."""
-    return (function(t + h) - function(t - h)) / (2.0 * h)
 
 
 def peak_torques(reference):

@@ -8,6 +8,7 @@ import re
 import numpy as np
 import pytest
 from slow_twins import slow_but
+from support.differences import central_difference
 
 from fuzzyarm.envs.physics.parameters import ArmParameters
 from fuzzyarm.envs.physics.rigid_body import frames
@@ -62,10 +63,6 @@ def reference_of(name, kind):
 @pytest.fixture(params=slow_but(FAST, itertools.product(ROBOTS, KINDS)), ids=", ".join)
 def reference(request):
     return reference_of(*request.param)
-
-
-def central_difference(function, t, h=1e-5):
-    return (function(t + h) - function(t - h)) / (2.0 * h)
 
 
 def test_the_tip_is_on_the_path_at_every_time_and_at_rest_outside(reference):
