@@ -22,7 +22,6 @@ from support.randomisation import ROBUST
 from support.results import assert_identical, identical
 
 from fuzzyarm import load_policy
-from fuzzyarm.envs.batch.layout import SCALARS
 from fuzzyarm.envs.batch.workers import LANES_PER_THREAD
 from fuzzyarm.envs.fuzzy_arm import FuzzyArmEnv
 from fuzzyarm.envs.physics.parameters import ArmParameters
@@ -31,7 +30,7 @@ from fuzzyarm.envs.scenario.paths import Circle
 from fuzzyarm.envs.scenario.randomisation import DomainRandomisation
 from fuzzyarm.envs.scenario.reference import JointReference
 from fuzzyarm.envs.task import Termination
-from fuzzyarm.envs.vector import FuzzyArmVectorEnv, _partial_info, values
+from fuzzyarm.envs.vector import FuzzyArmVectorEnv
 from fuzzyarm.numbers.machine import WIDE
 
 TABLE_1 = ArmParameters()
@@ -438,17 +437,3 @@ def test_a_long_run_of_random_torques_stays_finite_and_within_the_spaces_or_ends
         if terminated.any():
             assert set(info["final_info"]["reason"][terminated]) <= reasons
     assert moved.mean() > 0.2 and ends > lanes / 2
-
-
-def test_lanes_of_a_large_batch_without_info_have_zeros_that_nobody_shares():
-    lanes, generator = 40_000, np.random.default_rng(1)
-    vectors, scalars = generator.normal(size=(9, lanes, 2)), generator.normal(size=(len(SCALARS), lanes))
-    mask, kept = generator.random(lanes) < 0.4, (vectors.copy(), scalars.copy())
-    found = _partial_info(vectors, scalars, {"payload": scalars[0]}, mask)
-    drawn = found.pop("randomisation")
-    assert np.array_equal(drawn["payload"], np.where(mask, scalars[0], 0.0))
-    for key, rows in values(vectors, scalars).items():
-        assert found[f"_{key}"] is mask and found[key].dtype == rows.dtype
-        assert np.array_equal(found[key], np.where(mask.reshape(-1, *[1] * (rows.ndim - 1)), rows, 0)), key
-        found[key][:] = 1  # the caller may write
-    assert np.array_equal(vectors, kept[0]) and np.array_equal(scalars, kept[1])
