@@ -1,8 +1,6 @@
 """The environments of any serial robot: one arm, a batch and tensors, against NumPy and against each other."""
 
-import copy
 import dataclasses
-import pickle
 
 import gymnasium as gym
 import numpy as np
@@ -10,7 +8,7 @@ import pytest
 from gymnasium.utils.env_checker import check_env
 from gymnasium.vector import AutoresetMode
 from support.plain import hold_numpy
-from support.results import assert_identical, identical
+from support.results import assert_identical
 
 from fuzzyarm.envs.batch.layout import VECTORS
 from fuzzyarm.envs.fuzzy_arm import FuzzyArmEnv
@@ -122,21 +120,6 @@ def test_a_batch_equals_gymnasiums_loop_over_single_arms(robot):
     for step, action in enumerate(torques(robot, 55)):
         actions = np.tile(action, (18, 1))
         assert_identical(envs.step(actions), expected.step(actions), step)
-
-
-def test_a_batch_is_taken_up_again_bit_for_bit(robot):
-    setting = {"robot": robot, "randomisation": VARIED, "disturbance": disturbed(len(robot))}
-    envs, other = FuzzyArmVectorEnv(4, **setting), FuzzyArmVectorEnv(4, **setting)
-    envs.reset(seed=1)
-    for action in torques(robot, 10):
-        envs.step(np.tile(action, (4, 1)))
-    other.set_state(envs.get_state())
-    twins = copy.deepcopy(envs), pickle.loads(pickle.dumps(envs)), other
-    for action in torques(robot, 10, seed=1):
-        expected, *found = (one.step(np.tile(action, (4, 1))) for one in (envs, *twins))
-        assert all(identical(expected, one) for one in found)
-    with pytest.raises(ValueError, match="other plants"):
-        FuzzyArmVectorEnv(4).set_state(envs.get_state())
 
 
 @pytest.mark.parametrize(("dtype", "close"), [("float64", 1e-9), ("float32", 1e-4)])
