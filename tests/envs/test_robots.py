@@ -144,8 +144,6 @@ def elsewhere(robot):
 
 
 PLANAR = robot_named("planar-3r")
-FLAT_FORCE = Disturbance(tip_force=ConstantForce((1.0, 2.0)))
-TWO_BIASES = Disturbance(torque_bias=TorqueBias((1.0, 2.0)))
 REFUSED = [
     ({"robot": "ur55"}, ValueError, "unknown robot 'ur55'; choose from: .*planar-3r.*toml"),
     ({"robot": 7}, TypeError, "robot is int; it must be a name"),
@@ -153,8 +151,6 @@ REFUSED = [
     ({"robot": "missing.toml"}, OSError, "missing.toml"),
     ({"robot": PLANAR, "reference": JointReference()}, ValueError, "moves 2 joints, the plant has 3"),
     ({"robot": elsewhere(PLANAR), "reference": short(PLANAR)}, ValueError, "whose joints or tip are elsewhere"),
-    ({"robot": PLANAR, "disturbance": FLAT_FORCE}, ValueError, r"must be \([0-9]+, 3\)"),
-    ({"robot": PLANAR, "disturbance": TWO_BIASES}, ValueError, "TorqueBias.torque has 2 numbers; needed: 3"),
 ]
 
 
