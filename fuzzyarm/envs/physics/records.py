@@ -15,9 +15,8 @@ from __future__ import annotations
 
 import dataclasses
 import functools
-import itertools
 import typing
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Iterable
 from typing import Any, NamedTuple
 
 from fuzzyarm.envs.physics.friction import DRY_TORQUES
@@ -85,22 +84,19 @@ def state_record(joints: int) -> Any:
 @functools.cache
 def size(kind: Any) -> int:
     """Return how many numbers a record has."""
-    return len(flat(places(kind)))
+    return sum(size(part) if _is_record(part) else 1 for _, part in _fields(kind))
 
 
-def places(record: Any) -> Any:
-    """Return the record with, for each number, the place where it stands in an array."""
-    return _counted(record, itertools.count())
+def places(record: type, first: int = 0) -> Any:
+    """Return the record with, for each number, the place where it stands in an array; the first is at `first`."""
+    values = []
+    for _, kind in _fields(record):
+        values.append(places(kind, first) if _is_record(kind) else first)
+        first += size(kind) if _is_record(kind) else 1
+    return record(*values)
 
 
-def _counted(kind: Any, numbers: Iterator[int]) -> Any:
-    if not hasattr(kind, "_fields"):
-        return next(numbers)
-    kinds = typing.get_type_hints(kind)
-    return kind(*(_counted(kinds[name], numbers) for name in kind._fields))
-
-
-def columns(record: Any) -> Any:
+def columns(record: type) -> Any:
     """Return the record with, for each of its fields, the slice of places that the field takes."""
     parts = [flat((part,)) for part in places(record)]
     return record(*(slice(part[0], part[-1] + 1) for part in parts))
@@ -109,6 +105,17 @@ def columns(record: Any) -> Any:
 def filled(record: Any, numbers: Iterable[Any]) -> Any:
     """Return a record with these numbers, which stand in its order; rows of an array, for a record of arrays."""
     return like(places(record), iter(numbers))
+
+
+@functools.cache
+def _fields(record: type) -> tuple[tuple[str, Any], ...]:
+    """Return names and types of the fields, in order."""
+    kinds = typing.get_type_hints(record)
+    return tuple((name, kinds[name]) for name in record._fields)  # type: ignore[attr-defined]
+
+
+def _is_record(kind: Any) -> bool:
+    return hasattr(kind, "_fields")
 
 
 VARIED = {

@@ -55,8 +55,10 @@ class _Model:
         try:
             self.spec = mujoco.MjSpec.from_string(text)
         except ValueError as error:
-            closed = "a link has two joints to it, which closes the chain: " * ("multiple parents" in str(error))
-            raise ValueError(closed + " ".join(str(error).split())) from None
+            message = " ".join(str(error).split())
+            if "multiple parents" in message:
+                message = f"a link has two joints to it, which closes the chain: {message}"
+            raise ValueError(message) from None
         spec, known = self.spec, {joint.name for joint in self.spec.joints}
         if unknown := set(fixed) - known:
             raise ValueError(f"`fixed` names {listed(unknown)}; the joints of the model are: {listed(known)}")
