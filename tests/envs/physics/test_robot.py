@@ -164,12 +164,7 @@ def test_urdf_with_an_overlay(tmp_path):
 @pytest.mark.parametrize(
     ("body", "head", "joints", "message"),
     [
-        (
-            SECOND + URDF_JOINT.format("j3", "revolute", "a", "c", ""),
-            "",
-            ("j1",),
-            "closes the chain: .*'joint', line 8",
-        ),
+        (SECOND + URDF_JOINT.format("j3", "revolute", "a", "c", ""), "", ("j1",), "closes the chain: .*line 8"),
         (URDF_JOINT.format("j2", "prismatic", "b", "c", ""), "", ("j1",), "joint 'j2' is prismatic; .*`fixed`"),
         (SECOND.replace("</joint>", '<mimic joint="j1"/></joint>'), "", ("j1",), "joint 'j2' mimics 'j1'; .*`fixed`"),
         (URDF_JOINT.format("j2", "revolute", "a", "c", ""), "", ("j1", "j2"), "'j2' does not follow joint 'j1'"),
