@@ -17,10 +17,10 @@ def test_a_step_does_not_wait_for_a_thread_that_is_busy():
         one.reset(seed=0)
         one.step(first)
     released = threading.Event()
-    envs.lanes._workers._pool.submit(released.wait, 60)
+    busy = envs.lanes._workers._pool.submit(released.wait, 20)
     expected = alone.step(second)[0]
     try:
-        assert np.array_equal(envs.step(second)[0], expected)
+        assert np.array_equal(envs.step(second)[0], expected) and not busy.done()
     finally:
         released.set()
         envs.close()
