@@ -6,6 +6,7 @@ Plain functions of numbers, see `numbers.functions`. Whatever steps an arm runs 
 from __future__ import annotations
 
 import functools
+import operator
 from collections.abc import Callable
 from typing import Any, NamedTuple
 
@@ -66,10 +67,7 @@ def assessed(
     pairs = zip(flat(reached), flat(before), strict=True)
     state = like(reached, (select(sound > 0.0, new, old) for new, old in pairs))
     found = assess(physics, state, torque, bias, arm, limits, target)
-    differs = [u != asked for u, asked in zip(torque, command, strict=True)]
-    beyond = differs[0]
-    for one in differs[1:]:
-        beyond = beyond | one
+    beyond = functools.reduce(operator.or_, (u != asked for u, asked in zip(torque, command, strict=True)))
     reason = reason_of(sound, found.angles_inside, found.velocities_inside)
     return Moved(state, torque, force, found._replace(reward=found.reward * sound), 1.0 * beyond, reason)
 

@@ -272,7 +272,6 @@ class FuzzyArmEnv(gym.Env[np.ndarray, np.ndarray]):
         return {name: value for name, value in self.__dict__.items() if name not in _BOUND}
 
     def __setstate__(self, state: dict[str, Any]) -> None:
-        """Restore the state of a copy."""
         self.__dict__.update(state)
         if self._begun:
             self._bind()

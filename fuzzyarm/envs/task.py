@@ -118,7 +118,6 @@ def finite(state: Any) -> Any:
 
 
 def _distance(a: Any, b: Any) -> Any:
-    """Return the distance of two points."""
     return root(_total((x - y) * (x - y) for x, y in zip(a, b, strict=True)))
 
 

@@ -8,7 +8,6 @@ from __future__ import annotations
 
 import os
 from collections.abc import Iterable, Sequence
-from mmap import mmap
 from typing import Any
 
 import numpy as np
@@ -53,7 +52,6 @@ def masked_lanes(name: str, mask: Any, lanes: int) -> np.ndarray:
 _REWARD, _TRUNCATED, _REASON = map(SCALARS.index, ("reward", "truncated", "reason"))
 _FLAGS = ("torque_clipped", "truncated", "reason")
 assert SCALARS[-len(_FLAGS) :] == _FLAGS
-_LARGE = 1 << 18  # bytes; to ask for pages takes as long as to zero so many
 _REASON_TEXTS = np.array([reason.text for reason in Termination], dtype=object)
 
 
@@ -89,10 +87,7 @@ def _partial_info(
 
 def _rows_of(which: np.ndarray, rows: np.ndarray) -> np.ndarray:
     """Return the rows (lanes, ...) of the lanes `which` (n,), zero elsewhere."""
-    if rows.nbytes < _LARGE:
-        some = np.zeros(rows.shape, rows.dtype)
-    else:  # pages of zeros that the system makes when they are written, which few are: a batch ends lane by lane
-        some = np.frombuffer(mmap(-1, rows.nbytes), rows.dtype).reshape(rows.shape)
+    some = np.zeros_like(rows)
     some[which] = rows[which]
     return some
 
@@ -278,8 +273,7 @@ class FuzzyArmVectorEnv(VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
     @property
     def autoreset_mode(self) -> AutoresetMode:
         """What follows the end of an episode, as TorchRL asks for it; see the class."""
-        mode: AutoresetMode = self.metadata["autoreset_mode"]
-        return mode
+        return self._mode
 
     def get_state(self) -> dict[str, np.ndarray]:
         """Return the state of every lane, including its random stream, as arrays by name, for `set_state`.
@@ -324,7 +318,6 @@ class FuzzyArmVectorEnv(VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
         self._masks = {f"_{key}": self._everywhere for key in INFO}
 
     def _info(self, vectors: np.ndarray, scalars: np.ndarray, flagged: np.ndarray | None = None) -> dict[str, Any]:
-        """Return info of every lane."""
         info = values(self.lanes.layout.each(vectors), scalars, flagged)
         info.update(self._masks)
         if self._randomisation.varies:

@@ -1,5 +1,6 @@
 """``FuzzyArm-v0`` from a user's view: the Gymnasium contract, seeds, info, reward, episode ends and messages."""
 
+import copy
 import dataclasses
 import re
 import subprocess
@@ -11,13 +12,13 @@ import numpy as np
 import pytest
 from gymnasium.error import ResetNeeded
 from gymnasium.wrappers import RescaleAction
+from support.results import identical
 
 import fuzzyarm  # noqa: F401  registers FuzzyArm-v0
 from fuzzyarm.envs.batch.layout import VECTORS
 from fuzzyarm.envs.fuzzy_arm import FuzzyArmEnv
 from fuzzyarm.envs.physics.dynamics import arm_constants, rigid_inverse_dynamics, tip_position
 from fuzzyarm.envs.physics.parameters import ArmParameters
-from fuzzyarm.envs.scenario.cases import CASES
 from fuzzyarm.envs.scenario.disturbances import Disturbance, EncoderNoise
 from fuzzyarm.envs.scenario.paths import Circle, Lemniscate, Line
 from fuzzyarm.envs.scenario.reference import JointReference
@@ -63,11 +64,6 @@ def random_torques(seed, steps=400, scale=1.0):
     return np.random.default_rng(seed).uniform(-1.0, 1.0, (steps, 2)) * scale * np.array(TABLE_1.torque_limit)
 
 
-def same(first, second):
-    """Whether two infos hold the same keys and the same numbers, bit for bit."""
-    return first.keys() == second.keys() and all(np.array_equal(first[key], second[key]) for key in first)
-
-
 @pytest.fixture(scope="module")
 def tracked():
     """The whole nominal episode under computed torque."""
@@ -108,6 +104,7 @@ def test_spaces_have_the_documented_bounds_and_another_arm_its_own():
         assert high[4:8].tolist() == [np.pi, np.pi, *speeds] and np.array_equal(env.observation_space.low, -high)
         *_, info = list(play(env, [(600.0, -1e9)]))[-1]
         assert info["torque"].tolist() == [limits[0], -limits[1]] and info["reward_effort"] == 1.0
+        assert info["torque_clipped"]
 
 
 @pytest.mark.parametrize("seed", range(2))
@@ -128,6 +125,9 @@ def test_observation_is_the_motor_side_and_the_reference_at_the_same_instant(tra
 
 def test_info_has_the_documented_keys_shapes_and_types_at_reset_and_every_step():
     assert len(DOCUMENTED) == 17 and set(VECTORS) < set(DOCUMENTED)
+    _, start = FuzzyArmEnv(case="machining").reset()
+    assert start["time"] == 0.0 and start["tip_error"] < 1e-15 and start["in_domain"]
+    assert not start["torque"].any() and not start["external_force"].any()
     for _, *results, info in play(FuzzyArmEnv(case="machining"), random_torques(0, 30), seed=0):
         assert {key: np.shape(value) for key, value in info.items()} == SHAPES
         assert all(type(info[key]) in (float, bool) for key, shape in SHAPES.items() if shape == ())
@@ -137,12 +137,12 @@ def test_info_has_the_documented_keys_shapes_and_types_at_reset_and_every_step()
 def test_the_plant_shares_no_memory_with_what_it_returned():
     env, untouched, torques, kept, copies = FuzzyArmEnv(), FuzzyArmEnv(), random_torques(1, 20), [], []
     for (observation, *_, info), (expected, *_, true) in zip(play(env, torques), play(untouched, torques), strict=True):
-        assert np.array_equal(observation, expected) and same(info, true)
+        assert np.array_equal(observation, expected) and identical(info, true)
         for array in (observation, *(value for value in info.values() if np.shape(value))):
             array[:] = np.nan
         kept.append({**true, "observation": expected})
-        copies.append({key: np.copy(value) for key, value in kept[-1].items()})
-    assert all(same(first, second) for first, second in zip(kept, copies, strict=True))
+        copies.append(copy.deepcopy(kept[-1]))
+    assert all(identical(first, second) for first, second in zip(kept, copies, strict=True))
 
 
 def test_tip_and_errors_follow_from_the_angles_in_info(tracked):
@@ -163,18 +163,6 @@ def test_tip_and_errors_follow_from_the_angles_in_info(tracked):
     assert np.ptp(signal["circularity_error"] - signal["circularity_error_motor"]) > 1e-4  # the joints bend
 
 
-@pytest.mark.parametrize("case", CASES)
-def test_start_is_at_rest_on_the_reference_with_the_motors_holding_the_nominal_arm(case):
-    observation, info = FuzzyArmEnv(case=case).reset()
-    q = JointReference().sample(0.0).q
-    gravity = rigid_inverse_dynamics(q, np.zeros(2), np.zeros(2), arm_constants(TABLE_1))  # no payload in it
-    assert np.array_equal(info["q_link"], q) and np.array_equal(observation[4:6], q)
-    np.testing.assert_allclose(info["q_motor"] - q, gravity / TABLE_1.stiffness, rtol=1e-12)
-    assert not info["dq_link"].any() and not info["dq_motor"].any()
-    assert info["time"] == 0.0 and info["tip_error"] < 1e-15 and info["in_domain"]
-    assert not info["torque"].any() and not info["external_force"].any()
-
-
 def test_reward_is_the_documented_formula():
     for _, reward, *_, info in list(play(FuzzyArmEnv(case="machining"), random_torques(2, 200, scale=0.2)))[1:]:
         effort = np.mean((info["torque"] / TABLE_1.torque_limit) ** 2)
@@ -182,7 +170,7 @@ def test_reward_is_the_documented_formula():
         assert info["reward_effort"] == pytest.approx(effort, rel=1e-12)
         assert info["reward_tracking"] == pytest.approx(tracking, rel=1e-12)
         assert reward == pytest.approx(tracking * (1.0 - 0.1 * effort), rel=1e-12)
-        assert 0.0 < reward <= 1.0
+        assert 0.0 < reward <= 1.0 and not info["torque_clipped"]
 
 
 def starts(generator=None):
@@ -243,10 +231,8 @@ def test_leaving_the_joint_box_terminates_with_the_reason(way):
 
 
 BAD_ACTIONS = [
-    ([1.0], r"action has shape \(1,\); it must be \(2,\)"),
     ([[1.0, 2.0]], r"action has shape \(1, 2\); it must be \(2,\)"),
     ([1.0, np.nan], r"action = \[1\.0, nan\] N m is not finite; allowed: ±\[500\.0, 250\.0\]"),
-    ([1.0, -np.inf], r"action = \[1\.0, -inf\] N m is not finite; allowed: ±\[500\.0, 250\.0\]"),
 ]
 
 
@@ -299,13 +285,6 @@ def test_step_is_refused_before_a_reset_after_a_failed_one_and_after_the_end(end
     refused()
 
 
-def test_torques_beyond_the_limits_are_clipped_and_info_says_so():
-    for action, applied, clipped in (([-500.1, 3.0], [-500.0, 3.0], True), ([500.0, -250.0], [500.0, -250.0], False)):
-        *_, info = list(play(FuzzyArmEnv(), [action]))[-1]
-        assert info["torque"].tolist() == applied and info["torque_clipped"] is clipped
-        assert same({**info, "torque_clipped": False}, list(play(FuzzyArmEnv(), [applied]))[-1][-1])
-
-
 @pytest.mark.parametrize(("period", "steps"), [(2e-3, 250), (5e-4, 1000), (7e-4, 715)])
 def test_other_control_periods_end_with_the_reference(period, steps):
     results = list(follow(FuzzyArmEnv(control_period=np.float64(period), reference=OTHER_PATH)))
@@ -313,22 +292,6 @@ def test_other_control_periods_end_with_the_reference(period, steps):
     times = np.array([step[-1]["time"] for step in results])
     np.testing.assert_allclose(times, period * np.arange(1, steps + 1), rtol=1e-12)
     assert max(step[-1]["tip_error"] for step in results) < 5e-3
-
-
-BAD_PERIODS = [
-    (1e-3, 3e-4, "control_period = 0.001 s is no multiple of substep = 0.0003 s; use substep = 0.000333333 s"),
-    (0.0, 1e-4, "control_period = 0.0 s is out of range; allowed: [1e-06, 0.1] s"),
-    (0.2, 1e-4, "control_period = 0.2 s is out of range; allowed: [1e-06, 0.1] s"),
-    (1e-3, 0.0, "substep = 0.0 s is out of range; allowed: [1e-07, 0.001] s"),
-    (1e-4, 1e-3, "substep = 0.001 s is out of range; allowed: [1e-08, 0.0001] s"),
-    (1e-3, np.inf, "substep = inf s is out of range; allowed: [1e-07, 0.001] s"),
-]
-
-
-@pytest.mark.parametrize(("period", "substep", "message"), BAD_PERIODS)
-def test_nonsense_periods_are_named_with_what_is_allowed(period, substep, message):
-    with pytest.raises(ValueError, match=re.escape(message)):
-        FuzzyArmEnv(control_period=period, substep=substep)
 
 
 def test_initial_state_is_taken_as_given_in_the_order_of_state():
@@ -342,24 +305,17 @@ def test_initial_state_is_taken_as_given_in_the_order_of_state():
     assert state[0] == 0.1  # the caller's array is left alone
 
 
+SLOW = dataclasses.replace(TABLE_1, velocity_limit=(0.3, 15.0))
+QUICK = JointReference(path=Lemniscate((0.5, 0.3), 1e-4), duration=5e-4)  # for the observation space
+LONGER_LINKS = JointReference(parameters=dataclasses.replace(TABLE_1, length=(0.6, 0.5)))
 BAD_ARGUMENTS = [
+    ({"substep": 3e-4}, r"control_period = 0\.001 s is no multiple of substep = .* use substep = 0\.000333333 s"),
+    ({"control_period": 0.2}, r"control_period = 0\.2 s is out of range; allowed: \[1e-06, 0\.1\] s"),
+    ({"control_period": 1e-4, "substep": 1e-3}, r"substep = 0\.001 s is out of range; allowed: \[1e-08, 0\.0001\] s"),
     ({"case": "drilling"}, "unknown case 'drilling'; choose from: nominal, machining, payload"),
-    ({"render_mode": "ansi"}, "render_mode = 'ansi' is unknown; choose from: human, rgb_array"),
     ({"case": "payload", "disturbance": NOISY}, "either case = 'payload' or a disturbance"),
-    ({"disturbance": "payload"}, "disturbance = 'payload' must be a"),
-    ({"reference": Circle()}, r"reference = Circle.* must be a .*[.]Reference"),
-    (
-        {"parameters": dataclasses.replace(TABLE_1, joint_limit=(0.5, 3.0)), "reference": JointReference()},
-        r"reference angle reaches .*allows \(0\.5, 3\.0\) rad",
-    ),
-    (
-        {"parameters": dataclasses.replace(TABLE_1, velocity_limit=(0.3, 15.0)), "reference": JointReference()},
-        r"reference velocity reaches .*allows \(0\.3, 15\.0\) rad/s",
-    ),
-    (
-        {"reference": JointReference(path=Lemniscate((0.5, 0.3), 1e-4), duration=5e-4)},  # too quick for the space
-        r"reference acceleration reaches .*rad/s².*10000.*raise its duration",
-    ),
+    ({"parameters": SLOW, "reference": JointReference()}, r"reference velocity reaches .*allows \(0\.3, 15\.0\) rad/s"),
+    ({"reference": QUICK}, r"reference acceleration reaches .*rad/s².*10000.*raise its duration"),
 ]
 
 
@@ -370,15 +326,8 @@ def test_a_bad_argument_is_named_with_what_is_allowed(arguments, message):
 
 
 BAD_OPTIONS = [
-    (
-        {"wind": 1.0, "inital_state": STILL},
-        "unknown reset option inital_state, wind; known: initial_state, reference, case, disturbance",
-    ),
-    ({"case": "payload", "disturbance": NOISY}, "either case = 'payload' or a disturbance"),
-    (
-        {"reference": JointReference(parameters=dataclasses.replace(TABLE_1, length=(0.6, 0.5)))},
-        r"links of \(0\.6, 0\.5\) m, the plant has \(0\.5, 0\.5\) m",
-    ),
+    ({"wind": 1.0, "inital_state": STILL}, "unknown reset option inital_state, wind; known: initial_state, reference"),
+    ({"reference": LONGER_LINKS}, r"links of \(0\.6, 0\.5\) m, the plant has \(0\.5, 0\.5\) m"),
     *(
         ({"initial_state": state}, r"initial_state = .* must be 8 finite numbers.*3\.14.*15\.0")
         for state in (STILL[:7], np.full(8, np.nan), STILL - 3.7 * np.eye(8)[2], STILL + 15.1 * np.eye(8)[6])
@@ -395,7 +344,6 @@ def test_a_bad_option_is_named_with_what_is_allowed(options, message):
 def test_reference_is_that_of_the_episode_under_way():
     env = FuzzyArmEnv()
     assert env.reference == JointReference()  # before the first episode
-    env.reset(options={"reference": OTHER_PATH})
-    assert env.reference is OTHER_PATH
-    env.reset()
-    assert env.reference == JointReference()
+    for options, reference in (({"reference": OTHER_PATH}, OTHER_PATH), (None, JointReference())):
+        env.reset(options=options)
+        assert env.reference == reference

@@ -15,17 +15,7 @@ from fuzzyarm.envs import pictures
 from fuzzyarm.envs.fuzzy_arm import FuzzyArmEnv
 from fuzzyarm.envs.physics.dynamics import Payload
 from fuzzyarm.envs.physics.parameters import ArmParameters
-from fuzzyarm.envs.pictures import (
-    FOOTER,
-    FORCE,
-    HEADER,
-    HEIGHT,
-    INK,
-    PAYLOAD,
-    REFERENCE,
-    TRACE,
-    WIDTH,
-)
+from fuzzyarm.envs.pictures import FOOTER, FORCE, HEADER, HEIGHT, INK, PAYLOAD, REFERENCE, TRACE, WIDTH
 from fuzzyarm.envs.scenario.cases import CASES
 from fuzzyarm.envs.scenario.disturbances import ConstantForce, Disturbance
 from fuzzyarm.envs.scenario.reference import JointReference, joint_angles

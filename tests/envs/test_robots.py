@@ -1,8 +1,6 @@
 """The environments of any serial robot: one arm, a batch and tensors, against NumPy and against each other."""
 
-import copy
 import dataclasses
-import pickle
 
 import gymnasium as gym
 import numpy as np
@@ -10,7 +8,7 @@ import pytest
 from gymnasium.utils.env_checker import check_env
 from gymnasium.vector import AutoresetMode
 from support.plain import hold_numpy
-from support.results import assert_identical, identical
+from support.results import assert_identical
 
 from fuzzyarm.envs.batch.layout import VECTORS
 from fuzzyarm.envs.fuzzy_arm import FuzzyArmEnv
@@ -20,13 +18,7 @@ from fuzzyarm.envs.physics.parameters import ArmParameters
 from fuzzyarm.envs.physics.records import flat
 from fuzzyarm.envs.physics.rigid_body import frames, gravity
 from fuzzyarm.envs.physics.robot import robot_named
-from fuzzyarm.envs.scenario.disturbances import (
-    ConstantForce,
-    Disturbance,
-    EncoderNoise,
-    MachiningForce,
-    TorqueBias,
-)
+from fuzzyarm.envs.scenario.disturbances import ConstantForce, Disturbance, EncoderNoise, TorqueBias
 from fuzzyarm.envs.scenario.randomisation import DomainRandomisation
 from fuzzyarm.envs.scenario.reference import JointReference
 from fuzzyarm.envs.scenario.robot_reference import SplineReference
@@ -130,21 +122,6 @@ def test_a_batch_equals_gymnasiums_loop_over_single_arms(robot):
         assert_identical(envs.step(actions), expected.step(actions), step)
 
 
-def test_a_batch_is_taken_up_again_bit_for_bit(robot):
-    setting = {"robot": robot, "randomisation": VARIED, "disturbance": disturbed(len(robot))}
-    envs, other = FuzzyArmVectorEnv(4, **setting), FuzzyArmVectorEnv(4, **setting)
-    envs.reset(seed=1)
-    for action in torques(robot, 10):
-        envs.step(np.tile(action, (4, 1)))
-    other.set_state(envs.get_state())
-    twins = copy.deepcopy(envs), pickle.loads(pickle.dumps(envs)), other
-    for action in torques(robot, 10, seed=1):
-        expected, *found = (one.step(np.tile(action, (4, 1))) for one in (envs, *twins))
-        assert all(identical(expected, one) for one in found)
-    with pytest.raises(ValueError, match="other plants"):
-        FuzzyArmVectorEnv(4).set_state(envs.get_state())
-
-
 @pytest.mark.parametrize(("dtype", "close"), [("float64", 1e-9), ("float32", 1e-4)])
 def test_the_batch_in_tensors_is_the_batch(robot, dtype, close):
     torch = pytest.importorskip("torch")
@@ -161,28 +138,6 @@ def test_the_batch_in_tensors_is_the_batch(robot, dtype, close):
         np.testing.assert_allclose(found[-1]["tip"].numpy(), info["tip"], rtol=0.0, atol=close)
 
 
-def test_a_payload_at_the_tip_is_a_heavier_last_link():
-    start, ends = {"initial_state": np.concatenate([np.full(6, 0.3), np.zeros(6)])}, []
-    for robot, payload in ((PLANAR, 2.0), (PLANAR.with_payload(2.0), 0.0), (PLANAR, 0.0)):
-        env = FuzzyArmEnv(robot=robot, reference=short(robot), disturbance=Disturbance(payload=Payload(payload)))
-        env.reset(seed=0, options=start)
-        ends.append([env.step(torque)[0] for torque in torques(robot, 30)][-1])
-    np.testing.assert_allclose(ends[0], ends[1], rtol=0.0, atol=1e-10)
-    assert np.abs(ends[2] - ends[0]).max() > 1e-4
-
-
-def test_a_robot_by_name_by_file_and_as_an_object_is_the_same(tmp_path):
-    from fuzzyarm.envs.physics import robot as module
-
-    source = module._SHIPPED / "planar-3r.toml"
-    mine = tmp_path / "mine.toml"
-    mine.write_text(source.read_text())
-    for given in ("planar-3r", str(mine), mine, robot_named("planar-3r")):
-        env = gym.make("fuzzyarm:FuzzyArm-v0", robot=given)
-        assert env.unwrapped.parameters.digest == robot_named("planar-3r").digest
-    assert FuzzyArmEnv(robot="paper").parameters == ArmParameters()
-
-
 def elsewhere(robot):
     """The robot with its tip 0.1 m farther out."""
     return dataclasses.replace(robot, tip=(robot.tip[0] + 0.1, *robot.tip[1:]))
@@ -196,16 +151,6 @@ REFUSED = [
     ({"robot": "missing.toml"}, OSError, "missing.toml"),
     ({"robot": PLANAR, "reference": JointReference()}, ValueError, "moves 2 joints, the plant has 3"),
     ({"robot": elsewhere(PLANAR), "reference": short(PLANAR)}, ValueError, "whose joints or tip are elsewhere"),
-    (
-        {"robot": PLANAR, "disturbance": Disturbance(tip_force=ConstantForce((1.0, 2.0)))},
-        ValueError,
-        r"must be \([0-9]+, 3\)",
-    ),
-    (
-        {"robot": PLANAR, "disturbance": Disturbance(torque_bias=TorqueBias((1.0, 2.0)))},
-        ValueError,
-        "TorqueBias.torque has 2 numbers; needed: 3",
-    ),
 ]
 
 
@@ -225,13 +170,3 @@ def test_actions_and_starts_of_another_size_are_refused():
         env.reset(options={"initial_state": np.zeros(8)})
     with pytest.raises(ValueError, match="must have the same structure"):
         FuzzyArmVectorEnv(2, robot=["planar-3r", "ur5"], reference=short(PLANAR))
-
-
-def test_the_case_of_a_robot_moves_its_tip():
-    robot = robot_named("planar-3r")
-    env = FuzzyArmEnv(robot=robot, reference=short(robot), disturbance=Disturbance(tip_force=MachiningForce(20.0, 5.0)))
-    env.reset(seed=0)
-    for _ in range(25):
-        *_, info = env.step(np.zeros(3))
-    velocity = env.reference.tip(info["time"] - 0.5e-3).velocity
-    assert info["external_force"] @ velocity < 0.0

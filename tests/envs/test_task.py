@@ -7,11 +7,7 @@ import numpy as np
 import pytest
 from support.two_joints import PHYSICS, Target, assess, state_of
 
-from fuzzyarm.envs.physics.dynamics import (
-    arm_constants,
-    joint_torque,
-    tip_position,
-)
+from fuzzyarm.envs.physics.dynamics import arm_constants, joint_torque, tip_position
 from fuzzyarm.envs.physics.friction import DryFriction, stribeck_magnitude
 from fuzzyarm.envs.physics.parameters import ArmParameters
 from fuzzyarm.envs.physics.records import PerJoint, filled

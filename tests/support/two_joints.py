@@ -1,5 +1,6 @@
 """What is made for the equations of the two-joint arm, under the names that its tests use."""
 
+import dataclasses
 import functools
 
 import numpy as np
@@ -9,7 +10,8 @@ from fuzzyarm.envs.batch.schedule import row_record
 from fuzzyarm.envs.physics.dynamics import arm_constants, mass_matrix
 from fuzzyarm.envs.physics.equations import two_joints
 from fuzzyarm.envs.physics.integrator import hold_of
-from fuzzyarm.envs.physics.records import State, filled
+from fuzzyarm.envs.physics.parameters import ArmParameters
+from fuzzyarm.envs.physics.records import State, filled, flat
 from fuzzyarm.envs.scenario.randomisation import draw_record
 from fuzzyarm.envs.task import assess as assess_arm
 from fuzzyarm.envs.task import target_record
@@ -18,6 +20,20 @@ PHYSICS = two_joints()
 LAYOUT = layout_of(PHYSICS)
 Draw, Row, Target = draw_record(2), row_record(2, 2), target_record(2)
 hold, assess = hold_of(PHYSICS), functools.partial(assess_arm, PHYSICS)
+TABLE_1 = ArmParameters()
+FRICTIONLESS = dataclasses.replace(
+    TABLE_1, viscous_friction=(0.0, 0.0), static_friction=(0.0, 0.0), coulomb_friction=(0.0, 0.0)
+)
+CONSERVATIVE = dataclasses.replace(FRICTIONLESS, damping=(0.0, 0.0))
+SWINGING = np.array([1.0, 0.5, 1.001, 0.496, 1.0, -2.0, 1.5, -1.0])
+
+
+def advance(state, torque, h, substeps, force=(0.0, 0.0), arm=TABLE_1, payload=None):
+    """The state (8,) of one arm after `substeps` of h [s] under a constant torque and tip force."""
+    lanes, constants = np.array(state, float)[:, None], np.array(flat(arm_constants(arm, payload)))[:, None]
+    line = np.array([*force, 0.0, 0.0])[:4, None]  # a constant force, or a line given with its change
+    hold(lanes, np.array(torque, float)[:, None], line, constants, h, substeps)
+    return lanes[:, 0]
 
 
 def named(vectors):

@@ -226,7 +226,6 @@ def _kernel(
 
 
 def _over(scalars: Any) -> Any:
-    """Return whether an episode has ended."""
     return (scalars.reason > 0.0) | (scalars.truncated > 0.0)
 
 

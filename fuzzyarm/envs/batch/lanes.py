@@ -141,9 +141,7 @@ class Lanes:
 
     def torque_limit(self, lane: int) -> list[float]:
         """Return the limits (joints,) of the motors' torques [N m] in a lane whose episode has begun."""
-        rows = list(self.layout.LANE.limits.torque)
-        limits: list[float] = self.values[lane // WIDE, rows, lane % WIDE].tolist()
-        return limits
+        return [float(self.values[lane // WIDE, row, lane % WIDE]) for row in self.layout.LANE.limits.torque]
 
     @property
     def longest_episode(self) -> int:
@@ -248,11 +246,7 @@ class Lanes:
         return tables.episodes[place][:2]
 
     def get_state(self) -> dict[str, np.ndarray]:
-        """Return copies of the complete simulation state as arrays by name, for `set_state`.
-
-        Raises:
-            ValueError: a lane is in a scenario that was given to `reset`, which only that call knows.
-        """
+        """Return copies of the complete simulation state as arrays by name, for `set_state`."""
         visiting = self._assigned.visiting()
         if len(visiting):
             raise ValueError(

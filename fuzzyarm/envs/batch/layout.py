@@ -223,5 +223,4 @@ class ResultsMemory:
         return room
 
     def __getstate__(self) -> dict[str, object]:
-        """Pickle the size alone."""
         return {"_size": self._size, "_rooms": []}

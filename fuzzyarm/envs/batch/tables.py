@@ -160,16 +160,10 @@ def distinct(items: Sequence[_Item], count: int) -> tuple[list[_Item], np.ndarra
         raise ValueError(f"{len(items)} entries for {count} lanes; give one, or one per lane")
     if len(items) == 1:
         return list(items), np.broadcast_to(np.int32(0), count)
-    places: dict[object, int] = {}
-    kinds: list[_Item] = []
-    place_of = np.empty(count, dtype=np.int32)
-    for lane, item in enumerate(items):
-        key = tuple(map(id, item)) if isinstance(item, tuple) else id(item)
-        if key not in places:
-            places[key] = len(kinds)
-            kinds.append(item)
-        place_of[lane] = places[key]
-    return kinds, place_of
+    keys = [tuple(map(id, item)) if isinstance(item, tuple) else id(item) for item in items]
+    kinds = dict(zip(keys, items, strict=True))
+    places = {key: place for place, key in enumerate(kinds)}
+    return list(kinds.values()), np.array([places[key] for key in keys], dtype=np.int32)
 
 
 def check_reference(reference: Reference, arm: AnyArm) -> None:

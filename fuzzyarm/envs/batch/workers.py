@@ -57,11 +57,9 @@ class Workers:
             self._pool = None
 
     def __getstate__(self) -> dict[str, object]:
-        """Return the state without the threads."""
         return {name: self.__dict__[name] for name in ("threads", "_pieces")}
 
     def __setstate__(self, state: dict[str, object]) -> None:
-        """Begin without threads."""
         self.__dict__.update(state)
         self._begin()
 

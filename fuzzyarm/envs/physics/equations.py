@@ -193,6 +193,5 @@ def _constants(plant: Any, payload: Any, radius: Any, tip_payload: Any) -> Arm:
 
 
 def _varied(plant: Any, draw: Any) -> Any:
-    """Return the plant with the factors of a draw."""
     pairs = {name: zip(getattr(plant, name), getattr(draw, factor), strict=True) for name, factor in VARIED.items()}
     return plant._replace(**{name: PerJoint(*(number * by for number, by in pair)) for name, pair in pairs.items()})

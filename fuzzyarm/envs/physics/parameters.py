@@ -125,12 +125,7 @@ class ArmParameters:
 
     @classmethod
     def from_dict(cls, values: dict[str, Any]) -> ArmParameters:
-        """Build an arm from a mapping of field names; unknown names raise ValueError with the known ones.
-
-        Raises:
-            TypeError: `values` is no dictionary.
-            ValueError: a name is unknown, or a value is out of range.
-        """
+        """Build an arm from a mapping of field names; unknown names raise ValueError with the known ones."""
         known = [field.name for field in dataclasses.fields(cls)]
         unknown = set(map(str, checks.instance("values", values, dict))) - set(known)
         if unknown:

@@ -98,11 +98,8 @@ def places(record: type, first: int = 0) -> Any:
 
 def columns(record: type) -> Any:
     """Return the record with, for each of its fields, the slice of places that the field takes."""
-    stops, values = 0, []
-    for _, kind in _fields(record):
-        start, stops = stops, stops + (size(kind) if _is_record(kind) else 1)
-        values.append(slice(start, stops))
-    return record(*values)
+    parts = [flat((part,)) for part in places(record)]
+    return record(*(slice(part[0], part[-1] + 1) for part in parts))
 
 
 def filled(record: Any, numbers: Iterable[Any]) -> Any:

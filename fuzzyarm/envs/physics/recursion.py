@@ -194,7 +194,6 @@ def solver(matrix: Sequence[Sequence[Any]]) -> Callable[[Sequence[Any]], list[An
 
 
 def _square(turning: Vector) -> Inertia:
-    """Return ω ωᵀ."""
     x, y, z = turning
     return Inertia(x * x, x * y, x * z, y * y, y * z, z * z)
 
@@ -251,7 +250,6 @@ def _turned_inertia(turn: _Turn, inertia: Inertia) -> Inertia:
 
 
 def _turned(turn: _Turn, vector: Vector) -> Vector:
-    """Return Z x."""
     (sine, cosine), (x, y, z) = turn, vector
     return cosine * x - sine * y, sine * x + cosine * y, z
 

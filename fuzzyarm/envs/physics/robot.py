@@ -60,10 +60,6 @@ class Robot:
         sources: where the numbers come from.
         assumptions: which numbers are assumed, and why so.
 
-    Raises:
-        TypeError: a part is of the wrong type.
-        ValueError: a value is out of range.
-
     Examples:
         >>> len(robot_named("ur5").joints)
         6
@@ -88,7 +84,6 @@ class Robot:
             checks.keep(self, name, tuple(checks.texts(name, getattr(self, name))))
 
     def __len__(self) -> int:
-        """Return the number of joints."""
         return len(self.joints)
 
     @functools.cached_property
@@ -105,16 +100,9 @@ class Robot:
     def arrays(self) -> _Arrays:
         """The numbers of frames and links as read-only arrays."""
         joints, links = self.joints, [joint.link for joint in self.joints]
-        values = _Arrays(
-            position=np.array([joint.position for joint in joints]),
-            rotation=np.array([joint.rotation for joint in joints]),
-            axis=np.array([joint.axis for joint in joints]),
-            mass=np.array([link.mass for link in links]),
-            center=np.array([link.center for link in links]),
-            inertia=np.array([link.inertia for link in links]),
-            tip=np.array(self.tip),
-            gravity=np.array(self.gravity),
-        )
+        frames = [np.array([getattr(one, name) for one in joints]) for name in ("position", "rotation", "axis")]
+        bodies = [np.array([getattr(one, name) for one in links]) for name in ("mass", "center", "inertia")]
+        values = _Arrays(*[*frames, *bodies, np.array(self.tip), np.array(self.gravity)])
         for array in values:
             array.flags.writeable = False
         return values
@@ -124,20 +112,14 @@ class Robot:
         return np.array([getattr(joint.drive, name) for joint in self.joints])
 
     def with_payload(self, mass: float, at: str = "tip") -> Robot:
-        """Return the robot with a point mass [kg] at its tip, or at the mass center of its last link (``at="link"``).
-
-        Raises:
-            TypeError: the mass is no real number.
-            ValueError: the mass is negative, or the place is unknown.
-        """
+        """Return the robot with a point mass [kg] at its tip or, ``at="link"``, the mass center of its last link."""
         carried, last = checks.real("payload mass", mass, "kg", low=0.0, high=LARGEST), self.joints[-1]
         link, places = last.link, {"tip": self.tip, "link": last.link.center}
         place = np.array(places[checks.choice("payload at", at, tuple(places))])
         total, center = link.mass + carried, np.array(link.center)
         arm = place - center
-        inertia = np.array(link.inertia) + link.mass * carried / total * (
-            arm @ arm * np.eye(DIMENSIONS) - np.outer(arm, arm)
-        )
+        about = arm @ arm * np.eye(DIMENSIONS) - np.outer(arm, arm)
+        inertia = np.array(link.inertia) + link.mass * carried / total * about
         both = Link(total, tuple(center + carried / total * arm), as_rows(inertia))
         return dataclasses.replace(self, joints=(*self.joints[:-1], dataclasses.replace(last, link=both)))
 
@@ -148,17 +130,14 @@ class Robot:
         joints = []
         for j in range(len(p.length)):
             drive = {n: getattr(p, n)[j] for n in DRIVE_UNITS if n not in DryFriction._fields}
+            inertia = as_rows(max(p.inertia[j], _POINT_LIKE) * np.eye(DIMENSIONS))
             joints.append(
                 Joint(
                     name=f"joint{j + 1}",
                     position=(p.length[0] * j, 0.0, 0.0),
                     rotation=frame,
                     axis=frame[-1],
-                    link=Link(
-                        p.mass[j],
-                        (p.mass_center[j], 0.0, 0.0),
-                        as_rows(max(p.inertia[j], _POINT_LIKE) * np.eye(DIMENSIONS)),
-                    ),
+                    link=Link(p.mass[j], (p.mass_center[j], 0.0, 0.0), inertia),
                     drive=Drive(**drive, **dry_friction_of(p, j)._asdict()),
                     angle_range=(-p.joint_limit[j], p.joint_limit[j]),
                     velocity_limit=p.velocity_limit[j],

@@ -55,7 +55,10 @@ class _Model:
         try:
             self.spec = mujoco.MjSpec.from_string(text)
         except ValueError as error:
-            raise ValueError(_explained(str(error), text)) from None
+            message = " ".join(str(error).split())
+            if "multiple parents" in message:
+                message = f"a link has two joints to it, which closes the chain: {message}"
+            raise ValueError(message) from None
         spec, known = self.spec, {joint.name for joint in self.spec.joints}
         if unknown := set(fixed) - known:
             raise ValueError(f"`fixed` names {listed(unknown)}; the joints of the model are: {listed(known)}")
@@ -72,7 +75,7 @@ class _Model:
         ]
         at_joint = (mujoco.mjtTrn.mjTRN_JOINT, mujoco.mjtTrn.mjTRN_JOINTINPARENT)
         self.acting = {one.target: one.name for one in spec.actuators if one.trntype in at_joint}
-        self.speeds = {name: float(found[1]) for name, joint in _joints(text) if (found := _SPEED.search(joint))}
+        self.speeds = dict(_speeds(text))
         try:
             self.model = self._compiled()
         except ValueError as error:
@@ -96,14 +99,13 @@ class _Model:
         """Yield complaints about mimic joints and closed chains."""
         for equality in self.spec.equalities:
             names = [name for name in (equality.name1, equality.name2) if name]
-            if equality.type == self.mujoco.mjtEq.mjEQ_JOINT:
-                free = [name for name in names if name not in self.fixed]
-                if free:
-                    yield (
-                        f"joint {shown(names[0])} mimics {shown(names[-1])}; each joint needs a drive of its own: put "
-                        f"{listed(map(repr, free))} under `fixed` in the overlay, or take the coupling out of the model"
-                    )
-            else:
+            free, couples = set(names) - set(self.fixed), equality.type == self.mujoco.mjtEq.mjEQ_JOINT
+            if couples and free:
+                yield (
+                    f"joint {shown(names[0])} mimics {shown(names[-1])}; each joint needs a drive of its own: put "
+                    f"{listed(map(repr, free))} under `fixed` in the overlay, or take the coupling out of the model"
+                )
+            elif not couples:
                 yield (
                     f"a constraint between {listed(map(repr, names))} closes the chain; a serial robot has none: take "
                     "it out of the model"
@@ -115,7 +117,7 @@ class _Model:
             above = after.parent.parent
             while above is not None and not any(joint.name not in self.fixed for joint in above.joints):
                 above = above.parent
-            if after.parent == before.parent or above is None or above != before.parent:
+            if after.parent == before.parent or above != before.parent:
                 yield (
                     f"joint {shown(after.name)} does not follow joint {shown(before.name)} in a chain; put what is not "
                     "part of the arm under `fixed` in the overlay, and give each joint a body of its own"
@@ -125,9 +127,7 @@ class _Model:
         """Yield complaints about joints that are not revolute, or whose angle is not that of this package."""
         for joint in self.chain:
             if joint.type != self.mujoco.mjtJoint.mjJNT_HINGE:
-                kind = (
-                    "prismatic" if joint.type == self.mujoco.mjtJoint.mjJNT_SLIDE else "neither revolute nor prismatic"
-                )
+                kind = "prismatic" if joint.type == self.mujoco.mjtJoint.mjJNT_SLIDE else "not revolute"
                 yield (
                     f"joint {shown(joint.name)} is {kind}; all joints must be revolute: put it under `fixed` in the "
                     "overlay, or take a model without it"
@@ -159,16 +159,9 @@ class _Model:
     def _unknown_forces(self) -> list[str]:
         """Return a complaint for each thing that moves the arm in MuJoCo or Gazebo, and has no equation here."""
         spec, chain, moving = self.spec, self.chain, itertools.chain(*self.parts.values())
-        option, bit, trn, wrap = (
-            spec.option,
-            self.mujoco.mjtDisableBit,
-            self.mujoco.mjtTrn,
-            self.mujoco.mjtWrap.mjWRAP_JOINT,
-        )
+        option, bit, trn = spec.option, self.mujoco.mjtDisableBit, self.mujoco.mjtTrn
         off = [one for one in _SWITCHES if option.disableflags & getattr(bit, f"mjDSBL_{one}")]
-        pulling = [
-            one for one in spec.tendons if any(k.type != wrap or k.target.name not in self.fixed for k in one.path)
-        ]
+        pulling = [one for one in spec.tendons if not all(map(self._is_fixed, one.path))]
         elsewhere = [one for one in spec.actuators if one.trntype in (trn.mjTRN_SITE, trn.mjTRN_SLIDERCRANK)]
         rotors = [one for one in spec.actuators if np.any([one.armature, *one.damping])]
         found = [
@@ -186,6 +179,9 @@ class _Model:
             *(f"{name} of <gazebo>" for name in _GAZEBO.findall(self.text)),
         ]
         return [f"{one} has no equation here: take it out of the model" for one in found]
+
+    def _is_fixed(self, wrapped: Any) -> bool:
+        return bool(wrapped.type == self.mujoco.mjtWrap.mjWRAP_JOINT and wrapped.target.name in self.fixed)
 
     def _compiled(self) -> Any:
         """Return the model of bodies, primitive shapes and joints that move, all orientations resolved."""
@@ -261,11 +257,10 @@ class _Model:
         if "static_friction" not in given:  # then this velocity has no effect
             values |= {"static_friction": values["coulomb_friction"], "stribeck_velocity": 0.1} | given
         lacking = [field for field in _DRIVEN if values.get(field) is None]
-        absent = ", ".join(field for field in lacking if field not in differs)
-        reasons = [differs[field] for field in lacking if field in differs] + [f"the model has no {absent}"] * bool(
-            absent
-        )
         if lacking:
+            reasons = [differs[field] for field in lacking if field in differs]
+            if absent := ", ".join(field for field in lacking if field not in differs):
+                reasons.append(f"the model has no {absent}")
             raise ValueError(f"{', '.join(reasons)}; add {', '.join(lacking)} to [joints.{name}] in the overlay")
         return values
 
@@ -310,32 +305,12 @@ def _text(path: Path) -> str:
     return text
 
 
-def _explained(message: str, text: str) -> str:
-    """Return an error of the parser in one line; for a closed chain with the joint that closes it."""
-    if "multiple parents" in message:
-        return (
-            f"joint {shown(_closing_joint(text))} closes the chain: its link has two joints to it; take one of them "
-            "out of the model"
-        )
-    return " ".join(message.split())
-
-
-def _joints(text: str) -> Iterator[tuple[str, str]]:
-    """Yield name and text of each joint of a URDF."""
+def _speeds(text: str) -> Iterator[tuple[str, float]]:
+    """Yield name and velocity limit of each joint of a URDF that has both."""
     for joint in re.findall(r"<joint\s.*?</joint", text, re.DOTALL):
-        if name := re.search(r"\sname\s*=\s*[\"']([^\"']*)", joint):
-            yield name[1], joint
-
-
-def _closing_joint(text: str) -> str:
-    """Return the name of the first joint of a URDF whose child link is already that of another joint."""
-    children = set()
-    for name, joint in _joints(text):
-        if child := re.search(r"<child\s+link\s*=\s*[\"']([^\"']*)", joint):
-            if child[1] in children:
-                return name
-            children.add(child[1])
-    return ""
+        name, speed = re.search(r"\sname\s*=\s*[\"']([^\"']*)", joint), _SPEED.search(joint)
+        if name and speed:
+            yield name[1], float(speed[1])
 
 
 _ROUNDING = 1e-9  # of rotations and axes in models: 1.570796327 is meant to be a right angle

@@ -87,7 +87,6 @@ def _numbers_of(robot: Robot) -> dict[str, float]:
 
 
 def _named(name: str, numbers: Iterable[Any], parts: Iterable[str] = _AXES) -> Iterator[tuple[str, Any]]:
-    """Yield numbers with their names."""
     return ((name + part, number) for part, number in zip(parts, numbers, strict=True))
 
 
@@ -278,7 +277,6 @@ def _physics(structure: Structure) -> Physics:
 
 
 def _motor(plant: Any, k: int) -> Motor:
-    """Return motor k of a plant."""
     inertia, viscous, stiffness, damping, *dry = (getattr(plant, f"{name}{k}") for name in _PLANT_NAMES)
     return Motor(inertia, viscous, stiffness, damping, DryFriction(*dry))
 
@@ -302,7 +300,6 @@ def _inertia(record: Any, k: int) -> Inertia:
 
 
 def _turned(links: Chain, angles: Any) -> Chain:
-    """Return the links at angles [rad]."""
     return links._replace(turns=[(Folded(sine), Folded(cosine)) for sine, cosine in map(sine_cosine, angles)])
 
 

@@ -115,9 +115,6 @@ def with_loads(
         force: smallest and largest machining force [N].
         payload: carried mass [kg].
         duration: of the machining force [s].
-
-    Raises:
-        ValueError: a number is out of range.
     """
     loads, title = case.disturbance, case.title
     own_force, own_payload = loads.tip_force, loads.payload

@@ -24,14 +24,7 @@ from fuzzyarm.envs.physics.equations import AnyArm, robot_of
 from fuzzyarm.envs.physics.parameters import ArmParameters
 from fuzzyarm.envs.physics.rigid_body import frames, inverse_dynamics
 from fuzzyarm.envs.physics.robot import Robot
-from fuzzyarm.envs.scenario.kinematics import (
-    angle_ranges,
-    freedom,
-    home_posture,
-    reach,
-    upwards,
-    velocity_limits,
-)
+from fuzzyarm.envs.scenario.kinematics import angle_ranges, freedom, home_posture, reach, upwards, velocity_limits
 from fuzzyarm.envs.scenario.paths import PAPER_PATHS, SHAPES, Circle, Lemniscate, Line, Placed, TipPath
 from fuzzyarm.envs.scenario.reference import CHECKED_INSTANTS, JointReference, Reference, joint_angles
 from fuzzyarm.envs.scenario.robot_reference import EXACT, SplineReference, TipReference
@@ -58,7 +51,6 @@ def default_reference(robot: Robot | ArmParameters, path: str = "circle") -> Ref
 
 @functools.lru_cache(maxsize=64)
 def _in_plane(arm: ArmParameters, name: str) -> JointReference:
-    """Return the motion of the two-joint arm."""
     try:
         if name == "circle":
             return JointReference(parameters=arm)
@@ -105,11 +97,10 @@ def _papers(robot: Robot, name: str) -> TipReference | None:
 def _fitted(robot: Robot, name: str) -> TipReference:
     """Return the motion along a named path in the largest size that the robot can follow from its home posture."""
     tip = frames(robot, np.array(home_posture(robot))).tip
-    first, second = _plane(robot, tip)
+    place = [tuple((vector + 0.0).tolist()) for vector in (tip, *_plane(robot, tip))]
     reason: ValueError | None = None
     for share in _SIZES:
-        shape = SHAPES[name](share * reach(robot))
-        path = Placed(shape, tuple(tip.tolist()), tuple((first + 0.0).tolist()), tuple((second + 0.0).tolist()))
+        path = Placed(SHAPES[name](share * reach(robot)), *place)
         try:
             return timed(TipReference(path, LONGEST, robot))
         except ValueError as error:

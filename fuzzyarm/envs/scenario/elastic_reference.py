@@ -43,7 +43,6 @@ class ElasticReference:
     As for the reference itself, every value depends on its own t alone; before t = 0 and long after T the arm rests.
 
     Raises:
-        TypeError: `reference` is no `Reference`.
         ValueError: θ_d or θ̇_d leaves the box (25), on which the certificates hold, or the ranges of a robot's joints.
     """
 
@@ -147,16 +146,7 @@ class ElasticReference:
         fit = np.linalg.inv(chebyshev.chebvander(points, _STENCIL - 1))
         coefficients = np.einsum("ij,tjk->itk", fit, torque)
         place = ((t - middle) / half)[:, np.newaxis]
-        first, second = (
-            np.stack(
-                [
-                    chebyshev.chebval(place[:, 0], chebyshev.chebder(coefficients[..., joint], order), tensor=False)
-                    for joint in range(self.reference.joints)
-                ],
-                axis=1,
-            )
-            for order in (1, 2)
-        )
+        first, second = (chebyshev.chebval(place, chebyshev.chebder(coefficients, order), False) for order in (1, 2))
         return first / half[:, np.newaxis], second / half[:, np.newaxis] ** 2
 
     @cached_property

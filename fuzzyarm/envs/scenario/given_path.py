@@ -40,9 +40,6 @@ class GivenPath:
             robot.
         closed: whether the way goes back to the first point.
         duration: of the motion [s]; None: that of the rule in `default_reference`.
-
-    Raises:
-        ValueError: a number is out of range, or there are too few points.
     """
 
     points: tuple[tuple[float, ...], ...]

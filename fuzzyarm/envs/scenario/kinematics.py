@@ -66,14 +66,8 @@ def _drift(now: Frames, dq: np.ndarray) -> np.ndarray:
 
 def _rotation_vector(rotation: np.ndarray) -> np.ndarray:
     """Return axis times angle (..., 3) [rad] of rotations (..., 3, 3), angles of at most π."""
-    twice_sine = np.stack(
-        [
-            rotation[..., 2, 1] - rotation[..., 1, 2],
-            rotation[..., 0, 2] - rotation[..., 2, 0],
-            rotation[..., 1, 0] - rotation[..., 0, 1],
-        ],
-        axis=-1,
-    )
+    rows, columns = [2, 0, 1], [1, 2, 0]
+    twice_sine = rotation[..., rows, columns] - rotation[..., columns, rows]
     sine = 0.5 * np.linalg.norm(twice_sine, axis=-1)
     angle = np.arctan2(sine, 0.5 * (np.trace(rotation, axis1=-2, axis2=-1) - 1.0))
     factor = np.where(sine > 0.0, angle / np.where(sine > 0.0, sine, 1.0), 1.0)

@@ -202,7 +202,6 @@ class Spline:
 
     @functools.cached_property
     def _interpolant(self) -> CubicSpline:
-        """Return the spline over s."""
         points = np.array(self.waypoints + self.waypoints[:1] if self.closed else self.waypoints)
         return chord_spline(points, closed=self.closed)
 

@@ -104,7 +104,6 @@ class TipReference(PathReference):
             space, three in a plane); or ``"free"``.
 
     Raises:
-        TypeError: an argument is of the wrong kind.
         ValueError: a value is out of range; or the path cannot be followed: it starts out of reach, leaves it, comes
             too close to a singular posture (`_SHARPEST`), or passes a limit of a joint or of its velocity. The message
             says at which time and point, at which joint, by how much, and what to change.
@@ -177,7 +176,7 @@ class TipReference(PathReference):
         for k in range(1, len(_STEPS)):
             step = (_STEPS[k] - _STEPS[k - 1]) * slopes[-1]
             if not np.abs(step).max() <= _LONGEST_STEP:
-                self._refuse(k - 1, postures[-1], f"there {self._joint(step)} would have to turn without end")
+                raise self._lost(k - 1, postures[-1], f"there {self._joint(step)} would have to turn without end")
             postures.append(self._corrected(k, postures[-1], step, points[k]))
             slopes.append(self._slope(postures[-1], tangents[k]))
         coarse = CubicHermiteSpline(_STEPS, np.array(postures), np.array(slopes))
@@ -203,14 +202,13 @@ class TipReference(PathReference):
             if np.abs(after - q).max() <= EXACT:
                 return after
             q = after
-        self._refuse(k, before, f"from the point {_shown(frames(self.robot, before).tip)} m no posture leads there")
-        raise AssertionError  # not reached
+        raise self._lost(k, before, f"from the point {_shown(frames(self.robot, before).tip)} m no posture leads there")
 
-    def _refuse(self, k: int, q: np.ndarray, reason: str) -> None:
-        """Raise the error of a path that cannot be followed to or beyond step k, the last posture being q (n,)."""
+    def _lost(self, k: int, q: np.ndarray, reason: str) -> ValueError:
+        """Return the error of a path that cannot be followed to or beyond step k, the last posture being q (n,)."""
         time, point = float(time_at(_STEPS[k], self.duration)), self.path.points(_STEPS[k])[0]
         sharp = float(self._task.sharpness(frames(self.robot, q)))
-        raise ValueError(
+        return ValueError(
             f"the path cannot be followed at t = {time:.4g} s, point {_shown(point)} m: {reason} (smallest singular "
             f"value {sharp:.2g}). Move or shrink the path, start from another posture={self._or_free}"
         )
@@ -232,7 +230,6 @@ class TipReference(PathReference):
             )
 
     def _check_sharpness(self, t: np.ndarray, q: np.ndarray) -> None:
-        """Raise where A is nearly singular."""
         now = frames(self.robot, q)
         sharp = self._task.sharpness(now)
         k = int(np.argmin(sharp))
@@ -281,7 +278,6 @@ class SplineReference(Reference):
         robot: the robot.
 
     Raises:
-        TypeError: an argument is of the wrong kind.
         ValueError: a value is out of range, neighbours coincide, or the motion passes the range of a joint or the limit
             of its velocity; the message says when, at which joint, by how much, and what to change.
     """

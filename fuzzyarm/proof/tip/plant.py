@@ -28,25 +28,15 @@ from fuzzyarm.common import checks
 from fuzzyarm.common.documents import read_toml, record
 from fuzzyarm.envs.observation import JOINTS
 from fuzzyarm.envs.physics.dynamics import Arm, Plant, loaded, lump, plant_of
-from fuzzyarm.envs.physics.friction import DRY_TORQUES
 from fuzzyarm.envs.physics.parameters import ArmParameters
-from fuzzyarm.envs.physics.records import PerJoint, filled, flat
+from fuzzyarm.envs.physics.records import VARIED, PerJoint, filled, flat
 from fuzzyarm.envs.scenario.disturbances import Disturbance
 from fuzzyarm.envs.scenario.randomisation import ALLOWED
 from fuzzyarm.proof.tip.enclosures import between, middle_of
 
 __all__ = [
-    "AXES",
-    "BY_JOINT",
-    "RANGES",
-    "SETS",
-    "Axis",
-    "BallPlant",
-    "PlantSet",
-    "check_set_name",
-    "exactly",
-    "find_set",
-]
+    "AXES", "BY_JOINT", "RANGES", "SETS", "Axis", "BallPlant", "PlantSet", "check_set_name", "exactly", "find_set",
+]  # fmt: skip
 
 _Range = tuple[float, float]
 _Factor = tuple[float | _Range, float | _Range]  # a range (low, high) for both joints, or a pair, one for each
@@ -285,15 +275,8 @@ class BallPlant:
         return widths
 
 
-_FACTORS = {
-    "mass": ("mass", "inertia"),
-    "motor_inertia": ("motor_inertia",),
-    "stiffness": ("stiffness",),
-    "damping": ("damping",),
-    "viscous_friction": ("viscous_friction",),
-    "dry_friction": DRY_TORQUES,
-}
-"""The fields of `Plant` that a factor of the set scales, as in `randomisation.varied`."""
+_FACTORS = {name: tuple(field for field, factor in VARIED.items() if factor == name) for name in BY_JOINT}
+"""The fields of `Plant` that a factor of the set scales."""
 
 
 def _share(bounds: tuple[float, float]) -> tuple[float, float]:

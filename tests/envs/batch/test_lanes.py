@@ -75,17 +75,6 @@ def test_a_reset_with_a_reference_that_does_not_fit_changes_nothing():
         made([TABLE_1, narrow], [(NOISY, JointReference())], 2)
 
 
-def test_lanes_with_the_same_scenario_share_its_table():
-    one, other, drawn = (NOISY, JointReference()), (Disturbance(), FAMILY[0]), (NOISY, None)
-    for own, rows in (([one], 1501), ([one] * 9, 1501), ([one, other, one] * 3, 1501 + 101), ([drawn] * 9, 4 * 101)):
-        lanes = made([TABLE_1], own, 9)
-        lanes.reset(range(9))
-        assert lanes._assigned.tables.table.shape == (rows, 19)
-        for lane in range(9):
-            wanted = own[lane % len(own)][1] or FAMILY[int(lanes.drawn[-1, lane])]
-            assert lanes.schedule(lane)[0] is wanted
-
-
 def continued(env):
     """What an environment gives from here on, over the end of its episode."""
     results = []

@@ -87,14 +87,3 @@ def test_random_changes_are_refused_or_harmless(envs):
         for _ in range(3):
             envs.step(np.zeros((LANES, 2)))
     assert refused > tries / 2
-
-
-def test_an_episode_that_is_not_random_keeps_its_state():
-    envs = FuzzyArmVectorEnv(2, case=["machining", "payload"])
-    envs.reset(seed=1, options={"initial_state": [0.1, 0.2, 0.1, 0.2, 0.0, 0.0, 0.0, 0.0]})
-    envs.step(np.zeros((2, 2)))
-    state = envs.get_state()
-    expected = envs.step(np.ones((2, 2)))[0]
-    other = FuzzyArmVectorEnv(2, case=["machining", "payload"])
-    other.set_state(state)  # never reset
-    assert np.array_equal(other.step(np.ones((2, 2)))[0], expected)

@@ -6,24 +6,13 @@ import itertools
 import numpy as np
 import pytest
 from slow_twins import slow_but
-from support.two_joints import energy, hold
+from support.two_joints import CONSERVATIVE, SWINGING, TABLE_1, advance, energy
 
 from fuzzyarm.envs.physics import event_integrator
-from fuzzyarm.envs.physics.dynamics import Payload, arm_constants, tip_position
+from fuzzyarm.envs.physics.dynamics import Payload, tip_position
 from fuzzyarm.envs.physics.event_integrator import integrate
-from fuzzyarm.envs.physics.parameters import ArmParameters
-from fuzzyarm.envs.physics.records import flat
 
-TABLE_1 = ArmParameters()
-CONSERVATIVE = dataclasses.replace(
-    TABLE_1,
-    viscous_friction=(0.0, 0.0),
-    static_friction=(0.0, 0.0),
-    coulomb_friction=(0.0, 0.0),
-    damping=(0.0, 0.0),
-)
 HANGING = np.zeros(8)
-SWINGING = np.array([1.0, 0.5, 1.001, 0.496, 1.0, -2.0, 1.5, -1.0])
 
 
 def no_force(_):
@@ -51,12 +40,6 @@ def in_pieces(start, torque, seconds, pieces):
     return np.array(states)
 
 
-def in_substeps(start, torque, seconds, h):
-    lanes, constants = np.array(start, float)[:, None], np.array(flat(arm_constants(TABLE_1)))[:, None]
-    hold(lanes, np.array(torque)[:, None], np.zeros((4, 1)), constants, h, round(seconds / h))
-    return lanes[:, 0]
-
-
 @pytest.mark.parametrize("case", EVENTS)
 def test_motors_go_through_the_expected_modes(case):
     start, torque, seconds, expected = EVENTS[case]
@@ -68,7 +51,7 @@ def test_motors_go_through_the_expected_modes(case):
 def test_agrees_with_tiny_substeps_through_events(case):
     start, torque, seconds, _ = EVENTS[case]
     reference = solve(start, torque, seconds)
-    coarse, fine = (np.abs(in_substeps(start, torque, seconds, h) - reference).max() for h in (4e-6, 1e-6))
+    coarse, fine = (np.abs(advance(start, torque, h, round(seconds / h)) - reference).max() for h in (4e-6, 1e-6))
     assert fine < 1e-8
     assert coarse > 10.0 * fine  # converges with second order to the reference solution itself
 

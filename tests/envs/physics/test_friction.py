@@ -6,12 +6,9 @@ import numpy as np
 import pytest
 from hypothesis import example, given, settings
 from hypothesis import strategies as st
-from support.two_joints import hold
+from support.two_joints import TABLE_1, advance
 
-from fuzzyarm.envs.physics.dynamics import arm_constants
 from fuzzyarm.envs.physics.friction import DryFriction, friction_torque, stick_slip, stribeck_magnitude
-from fuzzyarm.envs.physics.parameters import ArmParameters
-from fuzzyarm.envs.physics.records import flat
 
 COULOMB, STATIC, STRIBECK = 4.0, 6.0, 0.1
 DRY = DryFriction(COULOMB, STATIC, STRIBECK)
@@ -87,18 +84,11 @@ def test_stick_slip_is_the_exact_solution(v, a, f, h):
     assert stick_slip(-v, -a, f, h) == (-velocity, -moved)
 
 
-def hold_arm(state, torque, substeps=1000):
-    """One lane of Table 1 after `substeps` of 0.1 ms."""
-    lanes, constants = np.array(state, dtype=float)[:, None], np.array(flat(arm_constants(ArmParameters())))[:, None]
-    hold(lanes, np.array(torque, dtype=float)[:, None], np.zeros((4, 1)), constants, 1e-4, substeps)
-    return lanes[:, 0]
-
-
 @pytest.mark.parametrize("direction", [1.0, -1.0])
 @pytest.mark.parametrize("joint", [0, 1])
 def test_hanging_arm_sticks_bit_for_bit_up_to_the_static_torque_and_breaks_away_above(joint, direction):
-    torque = direction * ArmParameters().static_friction[joint] * np.eye(2)[joint]
+    torque = direction * TABLE_1.static_friction[joint] * np.eye(2)[joint]
     for fraction in (1.0 - 1e-15, 1.0):
-        assert np.array_equal(hold_arm(np.zeros(8), fraction * torque), np.zeros(8))
-    state = hold_arm(np.zeros(8), (1.0 + 1e-9) * torque, substeps=1)
+        assert np.array_equal(advance(np.zeros(8), fraction * torque, 1e-4, 1000), np.zeros(8))
+    state = advance(np.zeros(8), (1.0 + 1e-9) * torque, 1e-4, 1)
     assert state[joint] * direction > 0.0 and state[4 + joint] * direction > 0.0

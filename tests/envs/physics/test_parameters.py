@@ -1,7 +1,6 @@
 """Every constant of the arm: Table 1, the range of each field, and exact files."""
 
 import math
-import re
 
 import pytest
 
@@ -21,62 +20,29 @@ TABLE_1 = {
     "coulomb_friction": (4.0, 2.0),
     "stribeck_velocity": 0.1,
 }
-ALLOWED = {
-    "length": "(0, 1e+12] m",
-    "mass": "(0, 1e+12] kg",
-    "inertia": "[0, 1e+12] kg m^2",
-    "mass_center": "(0, 1e+12] m",
-    "viscous_friction": "[0, 1e+12] N m s/rad",
-    "gravity": "[0, 1e+12] m/s^2",
-    "motor_inertia": "(0, 1e+12] kg m^2",
-    "stiffness": "(0, 1e+12] N m/rad",
-    "damping": "[0, 1e+12] N m s/rad",
-    "static_friction": "[0, 1e+12] N m",
-    "coulomb_friction": "[0, 1e+12] N m",
-    "stribeck_velocity": "(0, 1e+12] rad/s",
-    "torque_limit": "(0, 1e+12] N m",
-    "joint_limit": "(0, 3.14159] rad",
-    "velocity_limit": "(0, 1e+12] rad/s",
-}
-SCALARS = ("gravity", "stribeck_velocity")
-
-
-def bad_numbers(name):
-    """Numbers outside of the range of a field; zero is inside where it is closed."""
-    yield from (math.nan, -math.inf, -5e-324, 1e13, 10**400, "1.0", True, None)
-    if ALLOWED[name].startswith("("):
-        yield 0.0
-    if name == "joint_limit":
-        yield math.nextafter(math.pi, 4.0)
-
-
-def bad_values(name):
-    good = getattr(ArmParameters(), name)
-    if name in SCALARS:
-        return [*bad_numbers(name), (1.0, 1.0)]
-    pairs = [pair for value in bad_numbers(name) for pair in ((value, good[1]), (good[0], value))]
-    return [*pairs, (), (*good, good[0]), good[0], "ab", None]
+RANGES = [
+    ("length", (0.5, 0.0), r"length\[1\] = 0\.0 m is out of range; allowed: \(0, 1e\+12\] m"),
+    ("damping", (-5e-324, 1.0), r"damping\[0\] = -5e-324 N m s/rad is out of range; allowed: \[0, 1e\+12\] N m s/rad"),
+    ("joint_limit", (math.nextafter(math.pi, 4.0), 1.0), r"joint_limit\[0\] = .*; allowed: \(0, 3\.14159\] rad"),
+    ("gravity", math.nan, r"gravity = nan m/s\^2 is out of range; allowed: \[0, 1e\+12\] m/s\^2"),
+    ("gravity", (1.0, 1.0), r"gravity = \(1\.0, 1\.0\) .*allowed: \[0, 1e\+12\] m/s\^2"),
+    ("mass", (1.0, 10**400), r"mass\[1\] = .* kg.*allowed: \(0, 1e\+12\] kg"),
+    ("mass", (1.0, 2.0, 3.0), r"mass = .*allowed: \(0, 1e\+12\] kg"),
+]
 
 
 def test_default_is_table_1():
-    assert list(ArmParameters().to_dict()) == list(ALLOWED)
     assert {name: getattr(ArmParameters(), name) for name in TABLE_1} == TABLE_1
     arm = ArmParameters(length=[1, 2], gravity=0)
     assert repr(arm.length) == "(1.0, 2.0)" and hash(arm) == hash(ArmParameters(length=(1.0, 2.0), gravity=0.0))
-    still = {
-        name: (0.0, 0.0) for name in ALLOWED if ALLOWED[name].startswith("[") and name not in ("gravity", "inertia")
-    }
+    still = dict.fromkeys(("viscous_friction", "damping", "static_friction", "coulomb_friction"), (0.0, 0.0))
     assert ArmParameters(**still).static_friction == (0.0, 0.0)
 
 
-@pytest.mark.parametrize("name", ALLOWED)
-def test_bad_value_is_named_with_its_range(name):
-    for value in bad_values(name):
-        with pytest.raises(ValueError) as caught:
-            ArmParameters(**{name: value})
-        message = str(caught.value)
-        assert re.match(rf"{name}(\[[01]\])? = ", message), value
-        assert message.endswith(f"allowed: {ALLOWED[name]}"), value
+@pytest.mark.parametrize(("name", "value", "message"), RANGES)
+def test_bad_value_is_named_with_its_range(name, value, message):
+    with pytest.raises(ValueError, match=message):
+        ArmParameters(**{name: value})
 
 
 def test_fields_that_do_not_fit_each_other_raise():
@@ -92,7 +58,7 @@ def test_fields_that_do_not_fit_each_other_raise():
 def test_toml_round_trip_is_exact(factor, tmp_path):
     path, fixed = tmp_path / "arm.toml", ("length", "mass", "inertia", "mass_center", "joint_limit")
     scaled = {
-        name: value * factor if name in SCALARS else tuple(factor * x for x in value)
+        name: value * factor if isinstance(value, float) else tuple(factor * x for x in value)
         for name, value in ArmParameters().to_dict().items()
         if name not in fixed
     }
@@ -109,7 +75,6 @@ def test_toml_round_trip_is_exact(factor, tmp_path):
         ("weight = 3.0\n", "unknown arm field weight; known: length, mass"),
         ("[arm]\nmass = [1, 2]\n", "unknown arm field arm"),
         ("mass = [1.0\n", r"arm\.toml is not a TOML file"),
-        ("mass = [1.0, -2.0]\n", "mass.* = .* out of range; allowed: .0, 1e\\+12. kg"),
         ("mass = [nan, 2.0]\n", "mass.* = nan kg is out of range"),
     ],
 )

@@ -127,9 +127,7 @@ def test_a_motor_below_its_static_friction_sticks_exactly():
 
 
 def test_constants_are_what_moves_and_robots_of_one_structure_share_their_equations():
-    planar, space = (physics_of(robot_named(name)).Arm._fields for name in ("planar-3r", "ur5"))
+    planar, space = (set(physics_of(robot_named(name)).Arm._fields) for name in ("planar-3r", "ur5"))
     assert not {name for name in planar if name.endswith(("xx", "xy", "xz", "yy", "yz"))}
-    assert {"inertia3zz", "moment3x", "position2x", "tipx", "gravityx"} <= set(planar)
-    assert {"inertia6xx", "moment2x", "gravityz"} <= set(space)
-    assert not {"inertia1xx", "moment1x", "gravityx"} & set(space)  # its first axis is upright
+    assert "inertia3zz" in planar and not {"inertia1xx", "moment1x", "gravityx"} & space  # its first axis is upright
     assert physics_of(robot_named("ur5").with_payload(0.0)) is physics_of(robot_named("ur5"))

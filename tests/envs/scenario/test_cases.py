@@ -4,6 +4,7 @@ import dataclasses
 
 import numpy as np
 import pytest
+from support.robots import with_drives
 
 from fuzzyarm.envs.physics.dynamics import Payload
 from fuzzyarm.envs.physics.parameters import ArmParameters
@@ -70,12 +71,8 @@ def test_the_references_of_a_robots_family_begin_and_end_at_home_within_the_moto
 
 
 def test_a_robot_with_weak_motors_has_no_family():
-    robot = robot_named("planar-3r")
-    weak = tuple(
-        dataclasses.replace(joint, drive=dataclasses.replace(joint.drive, torque_limit=0.1)) for joint in robot.joints
-    )
     with pytest.raises(ValueError, match="too weak to move it about its home"):
-        reference_family(dataclasses.replace(robot, joints=weak), 2)
+        reference_family(with_drives(robot_named("planar-3r"), torque_limit=0.1), 2)
 
 
 def test_loads_are_the_papers_for_its_lengths_and_limits_and_scaled_otherwise():

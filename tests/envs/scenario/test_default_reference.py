@@ -5,6 +5,7 @@ import dataclasses
 import numpy as np
 import pytest
 from slow_twins import slow_but
+from support.robots import with_drives
 
 from fuzzyarm.envs.physics.equations import robot_of
 from fuzzyarm.envs.physics.parameters import ArmParameters
@@ -52,12 +53,8 @@ def test_the_circle_follows_its_rule(name):
 
 @pytest.mark.slow
 def test_a_robot_that_cannot_hold_itself_says_so():
-    robot = robot_named("ur5")
-    weak = [
-        dataclasses.replace(joint, drive=dataclasses.replace(joint.drive, torque_limit=8.0)) for joint in robot.joints
-    ]
     with pytest.raises(ValueError, match=r"ur5 cannot follow a circle .* % of the torque limit of elbow"):
-        default_reference(dataclasses.replace(robot, joints=tuple(weak)))
+        default_reference(with_drives(robot_named("ur5"), torque_limit=8.0))
 
 
 def test_two_joints_with_other_frames_get_a_circle_from_home():

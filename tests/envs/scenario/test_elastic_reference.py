@@ -11,14 +11,8 @@ from scipy.interpolate import make_interp_spline
 from slow_twins import slow_but
 from support.two_joints import state_of
 
-from fuzzyarm.envs.physics.dynamics import (
-    arm_constants,
-    coriolis_torque,
-    gravity_torque,
-    joint_torque,
-    solve_mass_matrix,
-    tip_position,
-)
+from fuzzyarm.envs.physics import dynamics
+from fuzzyarm.envs.physics.dynamics import arm_constants, gravity_torque, tip_position
 from fuzzyarm.envs.physics.equations import robot_of
 from fuzzyarm.envs.physics.parameters import ArmParameters
 from fuzzyarm.envs.physics.rigid_body import inverse_dynamics
@@ -108,13 +102,10 @@ def test_the_elastic_arm_without_friction_follows_open_loop():
     feedforward = make_interp_spline(grid, inertia * motor.ddq + viscous * motor.dq + elastic.torque(grid))
 
     def rates(t, x):
-        torque = feedforward(t)
-        state = state_of(x)
-        joint = np.array(joint_torque(state, arm))
-        coriolis = np.array(coriolis_torque(np.sin(x[3]), x[6], x[7], arm))
-        gravity = np.array(gravity_torque(np.sin(x[2]), np.sin(x[2] + x[3]), arm))
-        link = solve_mass_matrix(np.cos(x[3]), *(joint - coriolis - gravity), arm)
-        return np.concatenate([x[4:], (torque - joint - viscous * x[4:6]) / inertia, link])
+        joint = np.array(dynamics.joint_torque(state_of(x), arm))
+        weight = dynamics.rigid_inverse_dynamics(x[2:4], x[6:], np.zeros(2), arm)
+        link = dynamics.solve_mass_matrix(np.cos(x[3]), *(joint - weight), arm)
+        return np.concatenate([x[4:], (feedforward(t) - joint - viscous * x[4:6]) / inertia, link])
 
     start, motor = reference.sample(0.0), elastic.sample(0.0)
     x0 = np.concatenate([motor.q, start.q, motor.dq, start.dq])

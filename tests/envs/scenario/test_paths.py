@@ -4,6 +4,7 @@ import math
 
 import numpy as np
 import pytest
+from support.differences import central_difference
 
 from fuzzyarm.envs.scenario.paths import Circle, Lemniscate, Line, Placed, Spline, Square, TipPath
 
@@ -24,17 +25,12 @@ CLOSED = ("paper circle", "two turns", "lemniscate", "closed spline")
 every_path = pytest.mark.parametrize("path", PATHS.values(), ids=PATHS.keys())
 
 
-def central_difference(function, x, h):
-    """Return (f(x + h) - f(x - h)) / 2h, exact to h² f'''/6."""
-    return (function(x + h) - function(x - h)) / (2.0 * h)
-
-
 @every_path
 def test_derivatives_match_central_differences(path):
     s = np.random.default_rng(0).uniform(0.01, 0.99, 200)
     _, dp, ddp = path.points(s)
-    np.testing.assert_allclose(central_difference(lambda x: path.points(x)[0], s, 1e-5), dp, rtol=0, atol=2e-7)
-    np.testing.assert_allclose(central_difference(lambda x: path.points(x)[1], s, 1e-5), ddp, rtol=0, atol=1e-5)
+    np.testing.assert_allclose(central_difference(lambda x: path.points(x)[0], s), dp, rtol=0, atol=2e-7)
+    np.testing.assert_allclose(central_difference(lambda x: path.points(x)[1], s), ddp, rtol=0, atol=1e-5)
 
 
 @every_path
@@ -90,22 +86,14 @@ def test_spline_passes_its_waypoints_at_their_chord_lengths(points, closed):
 @pytest.mark.parametrize(
     ("build", "message"),
     [
-        (lambda: Circle(radius=0.0), r"radius = 0.0 m is out of range; allowed: \[1e-06, 1e\+06\] m"),
-        (lambda: Circle(center=(0.0, math.inf)), r"center\[1\] = inf m is out of range"),
         (lambda: Circle(turns=0), r"turns = 0.0 is out of range; allowed: ±\[1e-06, 1e\+06\]"),
         (lambda: Line((0.1, 0.2), (0.1, 0.2)), r"start = .* and end = .* are 0 m apart; allowed: \[1e-06, inf\) m"),
         (lambda: Line((0.1, 0.2, 0.3, 0.4), (0.0, 0.0)), r"start = .* must be 2 real numbers"),
         (lambda: Line((0.1, 0.2, 0.3), (0.0, 0.0)), r"end = \(0.0, 0.0\) must be 3 real numbers"),
         (lambda: Spline(((0.1, 0.2, 0.3), (0.0, 0.0))), r"waypoints\[1\] = .* must be 3 real numbers"),
-        (lambda: Lemniscate((0.0, 0.0), -0.2), r"half_width = -0.2 m is out of range; allowed: \[1e-06, 1e\+06\] m"),
         (lambda: Spline([(0.1, 0.2)]), r"waypoints holds 1 point\(s\); allowed: 2 or more"),
-        (lambda: Spline(3.0), r"waypoints = 3.0 must be a sequence"),
-        (lambda: Spline([(0.1, 0.2), (0.3, math.nan)]), r"waypoints\[1\]\[1\] = nan m is out of range"),
         (lambda: Spline([(0.1, 0.2), (0.3, 0.4), (0.3, 0.4)]), r"waypoints\[1\] .* and waypoints\[2\] .* 0 m apart"),
-        (
-            lambda: Placed(Circle(), (0.0,) * 3, (1.0, 0.0, 0.0), (0.1, 1.0, 0.0)),
-            "must be unit vectors at right",
-        ),
+        (lambda: Placed(Circle(), (0.0,) * 3, (1.0, 0.0, 0.0), (0.1, 1.0, 0.0)), "must be unit vectors at right"),
         (lambda: Placed(Circle(), (0.0,) * 3, (2.0, 0.0, 0.0), (0.0, 1.0, 0.0)), "right angles; their lengths are"),
         (lambda: Placed(1.0, (0.0,) * 3, (1.0, 0.0, 0.0), (0.0, 1.0, 0.0)), "must have a method points"),
         (lambda: Placed(Circle(), (0.0, 0.0), (1.0, 0.0, 0.0), (0.0, 1.0, 0.0)), "first = .* must be 2 real numbers"),

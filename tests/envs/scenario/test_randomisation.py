@@ -17,11 +17,7 @@ from fuzzyarm.envs.scenario.cases import CASES
 from fuzzyarm.envs.scenario.default_reference import reference_family
 from fuzzyarm.envs.scenario.disturbances import Disturbance, EncoderNoise
 from fuzzyarm.envs.scenario.paths import Circle, Lemniscate, Line
-from fuzzyarm.envs.scenario.randomisation import (
-    ALLOWED,
-    DomainRandomisation,
-    find_randomisation,
-)
+from fuzzyarm.envs.scenario.randomisation import ALLOWED, DomainRandomisation, find_randomisation
 from fuzzyarm.envs.scenario.reference import JointReference
 
 TABLE_1 = ArmParameters()
@@ -85,18 +81,6 @@ TORQUES = np.array([110.0, 30.0]) + np.random.default_rng(0).normal(scale=10.0, 
 def many():
     """What 4000 lanes drew of everything."""
     return lanes_with(EVERYTHING, 4000)[0].randomisation_info()
-
-
-@pytest.mark.parametrize(
-    "wrong", [1.0, (1.0, 1.0, 1.0), "ab", (1.2, 0.8), (0.1, np.nan), (True, True), None, (0.1, 2000.0), (-1.0, 0.1)]
-)
-def test_a_wrong_range_is_named_with_what_is_allowed(wrong):
-    for name, (low, high, unit) in ALLOWED.items():
-        with pytest.raises((TypeError, ValueError), match=rf"^DomainRandomisation\.{name}") as caught:
-            DomainRandomisation(**{name: wrong})
-        is_interval = isinstance(wrong, tuple) and len(wrong) == 2
-        assert not is_interval or f"{low:g}, {high:g}" in str(caught.value) or "low <= high" in str(caught.value)
-        assert unit in str(caught.value)
 
 
 @pytest.mark.parametrize("name", ALLOWED)
@@ -219,10 +203,10 @@ def test_an_episode_starts_at_rest_beside_the_reference_with_the_motors_holding_
 def test_the_drawn_reference_is_followed_unless_another_is_given_for_an_episode():
     env, seen = FuzzyArmEnv(randomisation=EVERYTHING), set()
     for seed in range(20):
-        options = {"reference": REFERENCE} if seed == 3 else None
+        options = {3: {"reference": REFERENCE}, 4: {"case": "payload"}}.get(seed)
         start, *steps = episode(env, TORQUES[:3], seed=seed, options=options)
         number = int(start[-1]["randomisation"]["reference"])
-        reference = REFERENCE if options else SHORT[number]
+        reference = REFERENCE if seed == 3 else SHORT[number]
         assert env.reference is reference
         for observation, *_, info in (start, *steps):
             sample = reference.sample(info["time"])
@@ -239,15 +223,6 @@ def test_a_drawing_environment_has_no_reference_before_its_first_episode():
             _ = env.reference
         with pytest.raises((TypeError, ValueError), match="reference"):
             env.reset(options={"reference": wrong})
-
-
-def test_a_case_given_for_one_episode_keeps_the_drawn_reference():
-    env, other = (FuzzyArmEnv(randomisation=EVERYTHING) for _ in range(2))
-    env.reset(seed=1, options={"case": "payload"})
-    other.reset(seed=1)
-    assert env.reference is other.reference
-    c4, expected = (e._lanes.values[0, 8 + 3, 0] for e in (env, other))
-    assert c4 - expected == pytest.approx(5.0 * 9.81 * 0.5, rel=1e-12)
 
 
 @pytest.mark.parametrize("arm", [TABLE_1, LONG, dataclasses.replace(TABLE_1, length=(0.3, 0.5))], ids="ABC")

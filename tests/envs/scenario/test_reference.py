@@ -6,17 +6,13 @@ import re
 
 import numpy as np
 import pytest
+from support.differences import central_difference
 
 from fuzzyarm.envs.physics.dynamics import arm_constants, rigid_inverse_dynamics, tip_jacobian, tip_position
 from fuzzyarm.envs.physics.friction import DryFriction, stribeck_magnitude
 from fuzzyarm.envs.physics.parameters import ArmParameters
 from fuzzyarm.envs.scenario.paths import Circle, Lemniscate, Line, Spline
-from fuzzyarm.envs.scenario.reference import (
-    CHECKED_INSTANTS,
-    JointReference,
-    joint_angles,
-    quintic_time_law,
-)
+from fuzzyarm.envs.scenario.reference import CHECKED_INSTANTS, JointReference, joint_angles, quintic_time_law
 
 PATHS = {
     "paper circle": Circle(),
@@ -35,11 +31,6 @@ GRID = np.linspace(0.0, 1.5, 1501)
 def reference(request):
     path, elbow_sign, arm = request.param
     return JointReference(PATHS[path], elbow_sign=elbow_sign, parameters=ARMS[arm])
-
-
-def central_difference(function, t, h=1e-5):
-    """Return (f(t + h) - f(t - h)) / 2h."""
-    return (function(t + h) - function(t - h)) / (2.0 * h)
 
 
 def peak_torques(reference):
@@ -160,10 +151,7 @@ class Own:
 
 BAD = [
     ({"duration": 0.0}, r"duration = 0\.0.*; allowed: \[1e-06, 1e\+06\] s"),
-    ({"duration": math.nan}, r"duration = nan.*; allowed: \[1e-06, 1e\+06\] s"),
-    ({"duration": "1.5"}, r"duration = '1\.5'.*; allowed: \[1e-06, 1e\+06\] s"),
     ({"elbow_sign": 0}, r"elbow_sign = 0 is out of range; allowed: 1 \(q2 > 0\) or -1"),
-    ({"elbow_sign": True}, r"elbow_sign = True is out of range; allowed: 1 \(q2 > 0\) or -1"),
     ({"path": "circle"}, r"path = 'circle' must have a method points\(s\)"),
     ({"path": Own(np.copy, np.copy, np.copy)}, "gave shape"),
     ({"path": Own(list, lambda s: [1.0, [2.0]], list)}, r"needed: arrays of p, dp/ds and d²p/ds²"),

@@ -8,6 +8,7 @@ import re
 import numpy as np
 import pytest
 from slow_twins import slow_but
+from support.differences import central_difference
 
 from fuzzyarm.envs.physics.parameters import ArmParameters
 from fuzzyarm.envs.physics.rigid_body import frames
@@ -62,10 +63,6 @@ def reference_of(name, kind):
 @pytest.fixture(params=slow_but(FAST, itertools.product(ROBOTS, KINDS)), ids=", ".join)
 def reference(request):
     return reference_of(*request.param)
-
-
-def central_difference(function, t, h=1e-5):
-    return (function(t + h) - function(t - h)) / (2.0 * h)
 
 
 def test_the_tip_is_on_the_path_at_every_time_and_at_rest_outside(reference):
@@ -181,9 +178,8 @@ def test_joint_ranges_and_velocities_name_joint_and_excess():
     q = reference.sample(np.linspace(0.0, DURATION, 801)).q
     number = int(np.argmax(np.ptp(q, axis=0)))
     peak = q[:, number].max()
-    joint = dataclasses.replace(robot.joints[number], angle_range=(-3.0, peak - 0.01))
     joints = list(robot.joints)
-    joints[number] = joint
+    joint = joints[number] = dataclasses.replace(joints[number], angle_range=(-3.0, peak - 0.01))
     narrow = dataclasses.replace(robot, joints=tuple(joints))
     with pytest.raises(ValueError, match=rf"{joint.name} leaves its range at t = .* by 0\.01 rad .*another posture="):
         TipReference(reference.path, DURATION, narrow, reference.posture)
@@ -196,24 +192,16 @@ def test_joint_ranges_and_velocities_name_joint_and_excess():
 
 
 UR5, PLANAR = ROBOTS["ur5"], ROBOTS["planar-3r"]
+FAR = Line((2.0, 0.0, 0.0), (1.0, 0.0, 0.0))
+BESIDE = Line(tuple(start_of(PLANAR)), tuple(np.add(start_of(PLANAR), (0.0, 0.1, 0.05))))
 BAD = [
     ({"path": 3.0}, TypeError, r"path = 3\.0 must have a method points"),
     ({"path": Circle()}, ValueError, r"gave shape .* allowed: \(2001, 3\)"),
-    ({"robot": "ur5"}, TypeError, r"robot = 'ur5' must be a .*Robot"),
-    ({"duration": 0.0}, ValueError, r"duration = 0\.0 s is out of range"),
     ({"posture": (0.0,) * 5}, ValueError, r"posture = .* must be 6 real numbers"),
     ({"posture": (0.0, 0.0, 9.0, 0.0, 0.0, 0.0)}, ValueError, r"posture: elbow\w* = 9 rad is out of range"),
     ({"orientation": "fixed"}, ValueError, r"orientation = 'fixed' is unknown; choose from: constant, free"),
-    (
-        {"path": Line((2.0, 0.0, 0.0), (1.0, 0.0, 0.0))},
-        ValueError,
-        r"starts out of reach: point \(2, 0, 0\) m is 2\.00\d* m .* comes within 1\.\d+",
-    ),
-    (
-        {"robot": PLANAR, "path": Line(tuple(start_of(PLANAR)), tuple(np.add(start_of(PLANAR), (0.0, 0.1, 0.05))))},
-        ValueError,
-        r"planar-3r is planar: its tip cannot reach .* 0\.05 m beside its plane",
-    ),
+    ({"path": FAR}, ValueError, r"starts out of reach: point \(2, 0, 0\) m is 2\.00\d* m .* comes within 1\.\d+"),
+    ({"robot": PLANAR, "path": BESIDE}, ValueError, r"planar-3r is planar: its tip cannot reach .* 0\.05 m beside its"),
 ]
 
 
@@ -260,9 +248,7 @@ def test_a_spline_beyond_a_limit_names_the_joint_and_the_way_out():
     home = np.array(home_posture(robot))
     beyond = home.copy()
     beyond[3] = 0.1
-    with pytest.raises(
-        ValueError, match=r"waypoints\[1\]: \w+ = 0\.1 rad is out of range; allowed: \[-3\.0718, -0\.0698\]"
-    ):
+    with pytest.raises(ValueError, match=r"waypoints\[1\]: \w+ = 0\.1 rad is out of .*\[-3\.0718, -0\.0698\]"):
         SplineReference((home, beyond), DURATION, robot)
     edge = np.tile(home, (4, 1))
     edge[:, 3] = (-1.5, -0.08, -0.3, -2.0)
