@@ -6,8 +6,9 @@ The consistent form with integral for 32 to 1 rules (alpha = 20, smallest gains;
 `gain_choice.py`, with z1 kept and with z1 dropped), and witnesses of the paper's own form (Theorem 2; Theorem 1 for
 32 rules) at alpha = 20, gamma = 1000 and the paper's Q: for 4, 2 and 1 rules with and without integral, with one
 multiplier for all dropped premises of A as printed and with one for each; and one whose gains exceed 1e9, see
-`raise_gains`. The slack of that with 32 rules is rounded, see `with_short_slack`. `fuzzy-4-sampled` has the gains of `fuzzy-4` times the factors that `tip_gains.py` found on the sampled
-elastic arm, and a proof of its own. Each file is proven before it is written. A minute.
+`raise_gains`. The slack of that with 32 rules is rounded, see `with_short_slack`. `fuzzy-4-sampled` has the gains of
+`fuzzy-4` times the factors that `tip_gains.py` found on the sampled elastic arm, and a proof of its own. Each file is
+proven before it is written. A minute.
 """
 
 from __future__ import annotations

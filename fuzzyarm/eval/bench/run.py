@@ -39,10 +39,6 @@ class BenchConfig:
         threads: CPU threads that a batch may use, at most one per core.
         lanes_sweep: measure batches of 1, 4, 16, ... 262144 lanes too and draw throughput.png; takes a few minutes, and
             needs --out.
-
-    Raises:
-        TypeError: a value is not a number of its kind.
-        ValueError: a value is out of range; the message names what is allowed.
     """
 
     seconds: float = 0.5
@@ -113,7 +109,6 @@ def run_bench(config: BenchConfig, progress: Callable[[str], None] = lambda _: N
         quartiles; None if it was not measured, and ``reason`` says why), ``ratios`` to the peers of its group, and
         ``tip_error_um``; and ``memory_per_lane`` [bytes].
     """
-    load_average = os.getloadavg()[0] if hasattr(os, "getloadavg") else None
     rows, sweep = (
         [row for name, group in groups.items() for row in race(name, group, config.rounds, config.seconds, progress)]
         for groups in (instance("config", config, BenchConfig).groups(), config.sweep_groups())
@@ -124,15 +119,10 @@ def run_bench(config: BenchConfig, progress: Callable[[str], None] = lambda _: N
     return {
         "schema": _SCHEMA,
         **made_with,
-        "method": {
-            "rounds": config.rounds,
-            "seconds": config.seconds,
-            "threads": config.threads,
-            "load_average": load_average,  # of the minute before the first turn
-        },
+        "method": {name: getattr(config, name) for name in ("rounds", "seconds", "threads")},
         "rows": rows,
         "sweep": sweep,
-        "memory_per_lane": {"bytes": _memory_per_lane(), "reason": None},
+        "memory_per_lane": {"bytes": _memory_per_lane()},
     }
 
 
@@ -165,7 +155,7 @@ def race(
     return [
         {
             "group": name,
-            **{key: getattr(entry, key) for key in ("name", "lanes", "threads", "substeps", "dtype")},
+            **{key: getattr(entry, key) for key in ("name", "lanes", "threads", "dtype")},
             "steps_per_s": _spread(speeds[entry]) if entry in speeds else None,
             "ratios": {
                 peer.peer: _spread([own / other for own, other in zip(speeds[entry], theirs, strict=True)])
