@@ -27,8 +27,7 @@ from fuzzyarm.eval.evaluation.run import Evaluation
 from fuzzyarm.eval.report.beliefs import belief_section
 from fuzzyarm.eval.report.certificates import checked_bounds, statements, tube_section
 from fuzzyarm.eval.report.payload import replay_data
-from fuzzyarm.eval.report.summary import declared_table, error_charts, finished, metrics_table
-from fuzzyarm.policies import resolve
+from fuzzyarm.eval.report.summary import declared_table, error_charts, metrics_table
 from fuzzyarm.proof.certificate import NOT_COVERED
 
 __all__ = ["write_report"]
@@ -60,7 +59,7 @@ def write_report(folder: str | Path, out: str | Path, bounds: Sequence[str | Pat
 
 def _render_page(stored: Evaluation, tubes: str = "") -> str:
     structure, style, script = _part("page.html"), _part("page.css"), "\n".join(map(_part, _SCRIPTS))
-    config, data, early = stored.config, replay_data(stored), not finished(stored.rows)
+    config, data = stored.config, replay_data(stored)
     text = json.dumps(data, separators=(",", ":"), allow_nan=False)
     seeds = f"0 to {config.seeds - 1}" if config.seeds > 1 else "0"
     return Template(structure).substitute(
@@ -75,9 +74,9 @@ def _render_page(stored: Evaluation, tubes: str = "") -> str:
         beliefs=belief_section(stored.rollouts, {name: config.case(name, None) for name in config.cases}),
         scope=escape(f"{_SCOPE} {NOT_COVERED}"),
         statements=statements(stored.certificates),
-        **{name: escape(note) for name, note in _notes(stored, seeds, data["stride"], early).items()},
+        **{name: escape(note) for name, note in _notes(stored, seeds, data["stride"]).items()},
         tubes=tubes,
-        made="".join(f"<dt>{escape(key)}</dt><dd>{escape(value)}</dd>" for key, value in _made(stored, seeds).items()),
+        made="".join(f"<dt>{escape(key)}</dt><dd>{escape(value)}</dd>" for key, value in _made(stored).items()),
         data=re.sub("[<>&]", lambda c: f"\\u{ord(c[0]):04x}", text),  # no text ends its script element
         script=script,
     )
@@ -106,40 +105,28 @@ def _security_policy(style: str, script: str) -> str:
     )
 
 
-def _notes(stored: Evaluation, seeds: str, stride: int, early: bool) -> dict[str, str]:
+def _notes(stored: Evaluation, seeds: str, stride: int) -> dict[str, str]:
     """Return the line below the title and the notes below replay, charts and table, by their name in ``page.html``."""
     config, made, several = stored.config, stored.made_with, stored.config.seeds > 1
     samples = "every sample" if stride == 1 else f"one sample in {stride} and the last of each episode"
-    stars = [
-        "★ smallest of its column and case, left out where more than half share it; of a range the larger end counts."
-    ]
-    if early:
-        stars.append("An episode that ended early cannot have a star, because its numbers are of a shorter motion.")
-    if several:
-        samples += " of seed 0"
-        stars.append(f"Medians over {config.seeds} seeds, with ranges.")
+    samples += " of seed 0" if several else ""
     return {
         "meta": f"{made['date'][:16].replace('T', ' ')} UTC · FuzzyArm {made['versions']['fuzzyarm']} · "
         f"{'seeds' if several else 'seed'} {seeds} · control period {1e3 * config.control_period:g} ms · "
         f"policies: {len(config.policies)}, cases: {len(config.cases)}",
         "sampling": f"Replay and curves show {samples} in single precision; charts and table are of the full data.",
-        "glance_note": " of the policies that finished; × ended early" if early else "",
-        "table_note": " ".join(stars),
+        "glance_note": "" if stored.complete else " of the policies that finished; × ended early",
+        "table_note": f"Medians over {config.seeds} seeds, with ranges." if several else "",
     }
 
 
-def _made(stored: Evaluation, seeds: str) -> dict[str, str]:
+def _made(stored: Evaluation) -> dict[str, str]:
     """Return the provenance of the evaluation and of this page, by heading."""
-    config, made = stored.config, stored.made_with
-    noise = "{:g} rad, {:g} rad/s".format(*config.encoder_noise) if any(config.encoder_noise) else "none"
-    machine = made["machine"]
+    made, machine = stored.made_with, stored.made_with["machine"]
     return {
-        "command": str(config.command(placeholders=True)),
+        "command": str(stored.config.command(placeholders=True)),
         "date": made["date"],
-        "policies": ", ".join(resolve(name).label for name in config.policies),
-        "seeds": seeds,
-        "encoder noise": noise,
-        "arm": config.arm_in_words,
+        "arm": stored.config.arm_in_words,
         "versions": ", ".join(f"{name} {version}" for name, version in made["versions"].items()),
         "commit": str(made["commit"] or "none"),
         "machine": f"{machine['cpu']}, {machine['cores']} cores, {machine['system']}",

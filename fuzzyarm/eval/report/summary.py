@@ -17,7 +17,7 @@ from fuzzyarm.eval.episodes.metrics import RESOLUTION, columns, millimetres
 from fuzzyarm.eval.evaluation.result_table import by_case_and_policy, declared_rows, table_rows
 from fuzzyarm.policies.declared import Declared
 
-__all__ = ["declared_table", "error_charts", "figure", "finished", "metrics_table"]
+__all__ = ["declared_table", "error_charts", "figure", "metrics_table"]
 
 
 _WIDTH, _LEFT, _RIGHT, _TOP, _ROW, _BOTTOM = 390, 150, 76, 6, 25, 40  # [px]: of the chart, its margins, and a row
@@ -36,7 +36,6 @@ def figure(title: str, content: str) -> str:
 
 
 _Row = Mapping[str, Any]  # the metrics of one episode
-_Group = Mapping[str, Sequence[_Row]]  # the rows of one case by policy, with one row for each seed
 
 
 def error_charts(rows: Sequence[_Row], titles: Mapping[str, str]) -> str:
@@ -55,7 +54,7 @@ def error_charts(rows: Sequence[_Row], titles: Mapping[str, str]) -> str:
     low, high = math.floor(math.log10(min(positive))), math.ceil(math.log10(max(positive)))
     decades, figures = (low, max(high, low + 1)), []
     for case, group in groups.items():
-        held = [policy for policy, runs in group.items() if finished(runs)]
+        held = [policy for policy, runs in group.items() if all(run["completed"] for run in runs)]
         best_rms = max(min((errors[case][policy][0] for policy in held), default=math.nan), RESOLUTION)
         marks = {
             policy: "×" if policy not in held else "★" * (rms <= best_rms) for policy, (rms, _) in errors[case].items()
@@ -106,39 +105,26 @@ def _error_chart(
 
 
 def metrics_table(rows: Sequence[_Row], titles: Mapping[str, str]) -> str:
-    """Return the table of all metrics: a body for each case, with the best cells of each column marked, see `_best`."""
+    """Return the table of all metrics: a body for each case."""
     cells = iter(table_rows(rows))  # in the order of the groups
     parts = [_head(["policy", *(heading.replace("N m", "N\u00a0m") for heading in columns())])]
     for case, group in by_case_and_policy(rows).items():
-        # A decimal point that no digit follows is left out.
-        texts = {policy: [re.sub(r"\.(?!\d)", "", cell) for cell in next(cells)[2]] for policy in group}
-        parts.append(_table_body(titles[case], group, texts))
+        title = f'<th scope="rowgroup" colspan="{len(columns()) + 1}"><span>{escape(titles[case])}</span></th>'
+        parts.append(f"<tbody><tr>{title}</tr>")
+        for index, (policy, runs) in enumerate(group.items()):
+            ended = sum(not run["completed"] for run in runs)
+            badge = f' <span class="badge">ended early in {ended} of {len(runs)}</span>' if ended else ""
+            name = f'<span class="swatch"></span>{escape(policy)}{badge}'
+            texts = (re.sub(r"\.(?!\d)", "", cell) for cell in next(cells)[2])  # without a point that no digit follows
+            row = "".join(f"<td>{escape(text)}</td>" for text in texts)
+            parts.append(f'<tr class="p{index % _PALETTE}"><th scope="row">{name}</th>{row}</tr>')
+        parts.append("</tbody>")
     return f"<table>{''.join(parts)}</table>"
 
 
 def _head(headings: Sequence[str]) -> str:
     heads = "".join(f'<th scope="col">{escape(heading)}</th>' for heading in headings)
     return f"<thead><tr>{heads}</tr></thead>"
-
-
-def _table_body(title: str, group: _Group, texts: dict[str, list[str]]) -> str:
-    """Return the rows of a case; `texts` are the cells of each policy."""
-    marked = [
-        _best(group, [metric.name for metric in metrics], {policy: cells[column] for policy, cells in texts.items()})
-        for column, metrics in enumerate(columns().values())
-    ]
-    span = f'scope="rowgroup" colspan="{len(columns()) + 1}"'
-    parts = [f"<tbody><tr><th {span}><span>{escape(title)}</span></th></tr>"]
-    for index, (policy, runs) in enumerate(group.items()):
-        ended = sum(not run["completed"] for run in runs)
-        badge = f' <span class="badge">ended early in {ended} of {len(runs)}</span>' if ended else ""
-        name = f'<span class="swatch"></span>{escape(policy)}{badge}'
-        row = [
-            ('<td class="best">' if policy in stars else "<td>") + f"{escape(text)}</td>"
-            for text, stars in zip(texts[policy], marked, strict=True)
-        ]
-        parts.append(f'<tr class="p{index % _PALETTE}"><th scope="row">{name}</th>{"".join(row)}</tr>')
-    return "".join([*parts, "</tbody>"])
 
 
 def declared_table(declared: Mapping[str, Declared | None], certificates: Mapping[str, str | None]) -> str:
@@ -149,28 +135,3 @@ def declared_table(declared: Mapping[str, Declared | None], certificates: Mappin
         said = "".join(f'<td class="words">{escape(cell)}</td>' for cell in cells)
         rows.append(f'<tr><th scope="row">{escape(label)}</th>{said}</tr>')
     return f"<table>{_head(headings)}<tbody>{''.join(rows)}</tbody></table>"
-
-
-def _best(group: _Group, keys: Sequence[str], texts: Mapping[str, str]) -> set[str]:
-    """Return the policies that are marked as best in a column: those whose cells read the same as the smallest value.
-
-    The value of a cell is the largest absolute value of its metrics; over several seeds, their median. Only policies
-    that finished all episodes compete. No policy is marked if only one finished, or if more than half of them would be.
-
-    `keys` are the metrics in the cell, `texts` the cells by policy.
-    """
-    sizes = {
-        policy: max(median(abs(run[key]) for run in runs) for key in keys)
-        for policy, runs in group.items()
-        if finished(runs)
-    }
-    if len(sizes) < 2:
-        return set()
-    smallest = min(sizes, key=sizes.__getitem__)
-    alike = {policy for policy in sizes if texts[policy] == texts[smallest]}
-    return alike if len(alike) <= len(sizes) / 2 else set()
-
-
-def finished(runs: Sequence[_Row]) -> bool:
-    """Return whether every episode followed the reference to its end."""
-    return all(run["completed"] for run in runs)

@@ -17,7 +17,7 @@ from fuzzyarm.eval.evaluation.result_table import table_rows, winners
 from fuzzyarm.eval.evaluation.results_file import read_evaluation
 from fuzzyarm.eval.report.page import _headline, _render_page
 from fuzzyarm.eval.report.payload import replay_data
-from fuzzyarm.eval.report.summary import _best, metrics_table
+from fuzzyarm.eval.report.summary import metrics_table
 from fuzzyarm.proof.certificate import NOT_COVERED
 
 
@@ -114,27 +114,6 @@ def test_the_table_has_the_cells_of_the_terminal(evaluation, text):
     cells = re.findall(r"<td[^>]*>(.*?)</td>", metrics_table(evaluation.rows, evaluation.config.titles))
     expected = [escape(re.sub(r"\.(?!\d)", "", cell)) for _, _, row in table_rows(evaluation.rows) for cell in row]
     assert cells == expected
-
-
-def rows(values, completed=()):
-    return {name: [{"m": v, "completed": name not in completed} for v in vs] for name, vs in values.items()}
-
-
-@pytest.mark.parametrize(
-    ("values", "early", "expected"),
-    [
-        ({"a": [3.0], "b": [1.0], "c": [2.0]}, (), {"b"}),
-        ({"a": [3.0], "b": [-4.0]}, (), {"a"}),  # the size counts
-        ({"a": [1.0], "b": [1.0], "c": [2.0], "d": [3.0]}, (), {"a", "b"}),
-        ({"a": [1.0], "b": [1.0], "c": [2.0]}, (), set()),  # no distinction
-        ({"a": [1.0], "b": [2.0], "c": [3.0]}, ("a",), {"b"}),  # shorter motions do not compete
-        ({"a": [1.0], "b": [2.0]}, ("a",), set()),
-        ({"a": [1.0, 9.0, 8.0], "b": [5.0, 6.0, 7.0]}, (), {"b"}),  # medians
-    ],
-)
-def test_the_best_of_a_column(values, early, expected):
-    texts = {name: str(vs[0]) for name, vs in values.items()}
-    assert _best(rows(values, early), ("m",), texts) == expected
 
 
 def test_certificates_are_there_in_words(evaluation, text):
