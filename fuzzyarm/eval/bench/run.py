@@ -100,14 +100,10 @@ _MEMORY_LANES = (1024, 5120)  # two sizes of the batch; the memory of a lane is 
 def run_bench(config: BenchConfig, progress: Callable[[str], None] = lambda _: None) -> dict[str, Any]:
     """Measure everything and return the document that `fuzzyarm bench --json` prints.
 
-    Args:
-        config: what is measured.
-        progress: called `config.turns()` times with a few words on what comes next.
-
-    Returns:
-        Provenance; under ``rows`` and ``sweep``, for each entry, its configuration, ``steps_per_s`` (median and
-        quartiles; None if it was not measured, and ``reason`` says why), ``ratios`` to the peers of its group, and
-        ``tip_error_um``; and ``memory_per_lane`` [bytes].
+    It holds provenance; under ``rows`` and ``sweep``, for each entry, its configuration, ``steps_per_s`` (median and
+    quartiles; None if it was not measured, and ``reason`` says why), ``ratios`` to the peers of its group, and
+    ``tip_error_um``; and ``memory_per_lane`` [bytes]. `progress` is called `config.turns()` times with a few words on
+    what comes next.
     """
     rows, sweep = (
         [row for name, group in groups.items() for row in race(name, group, config.rounds, config.seconds, progress)]

@@ -141,16 +141,6 @@ def test_a_number_whose_square_is_none_is_told(evaluation, tmp_path, number):
         read_rollouts(path)
 
 
-def test_a_damaged_file_is_told(evaluation, tmp_path):
-    path = write_rollouts(evaluation.rollouts[:1], tmp_path)
-    content = bytearray(path.read_bytes())
-    content[len(content) // 2] ^= 1
-    for damaged in (b"", b"no zip", path.read_bytes()[:-200], content):
-        path.write_bytes(damaged)
-        with pytest.raises(ValueError, match=r"rollouts\.npz is damaged"):
-            read_rollouts(path)
-
-
 STEPS = 15
 
 
