@@ -200,13 +200,10 @@ class Evidence:
         return {key: self.controllers[key].alpha for key in _SOURCES}
 
     def weight(self) -> dict[str, float]:
-        """Return the diagonal of Q; NaN for an entry in which the two printed forms differ."""
+        """Return the diagonal of Q, which both printed forms share."""
         first, second = (controller.weight for controller in self._printed.values())
-        assert first is not None and second is not None  # every controller of the printed form has a Q
-        return {
-            f"Q{number}{number}": float(a) if a == b else float("nan")
-            for number, (a, b) in enumerate(zip(first, second, strict=True), start=1)
-        }
+        assert first is not None and second is not None and (first == second).all()
+        return {f"Q{number}{number}": float(entry) for number, entry in enumerate(first, start=1)}
 
     def size(self, entry: str, of: str) -> dict[str, float]:
         """Return N_var or N_row, a field of `Size`, for 32, 16, 8 and 4 rules.

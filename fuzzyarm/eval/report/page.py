@@ -33,14 +33,6 @@ from fuzzyarm.proof.certificate import NOT_COVERED
 __all__ = ["write_report"]
 
 
-_RULE = (
-    "A case is won by the smallest rms tip error, over several seeds by the smallest median; score: the largest tip "
-    f"error of all cases, as in the leaderboard. A policy that ended early or was more than {LOST:g} mm off lost it."
-)
-_SCOPE = (
-    "A certificate is proven for the rigid arm in continuous time, as long as it stays inside the box, and not for the "
-    "sampled elastic arm of the replay."
-)
 _SCRIPTS = ("data.js", "canvas.js", "plane.js", "space.js", "arms.js", "curves.js", "plots.js", "page.js")
 
 
@@ -61,20 +53,19 @@ def _render_page(stored: Evaluation, tubes: str = "") -> str:
     structure, style, script = _part("page.html"), _part("page.css"), "\n".join(map(_part, _SCRIPTS))
     config, data = stored.config, replay_data(stored)
     text = json.dumps(data, separators=(",", ":"), allow_nan=False)
-    seeds = f"0 to {config.seeds - 1}" if config.seeds > 1 else "0"
     return Template(structure).substitute(
         policy=_security_policy(style, script),
         title="Robot-arm tracking, policies compared",
         style=style,
         headline=escape(_headline(stored)),
-        rule=_RULE,
+        lost=f"{LOST:g}",
         glance=error_charts(stored.rows, config.titles),
         table=metrics_table(stored.rows, config.titles),
         declared=declared_table(stored.declared, stored.certificates),
         beliefs=belief_section(stored.rollouts, {name: config.case(name, None) for name in config.cases}),
-        scope=escape(f"{_SCOPE} {NOT_COVERED}"),
+        not_covered=escape(NOT_COVERED),
         statements=statements(stored.certificates),
-        **{name: escape(note) for name, note in _notes(stored, seeds, data["stride"]).items()},
+        **{name: escape(note) for name, note in _notes(stored, data["stride"]).items()},
         tubes=tubes,
         made="".join(f"<dt>{escape(key)}</dt><dd>{escape(value)}</dd>" for key, value in _made(stored).items()),
         data=re.sub("[<>&]", lambda c: f"\\u{ord(c[0]):04x}", text),  # no text ends its script element
@@ -105,16 +96,16 @@ def _security_policy(style: str, script: str) -> str:
     )
 
 
-def _notes(stored: Evaluation, seeds: str, stride: int) -> dict[str, str]:
+def _notes(stored: Evaluation, stride: int) -> dict[str, str]:
     """Return the line below the title and the notes below replay, charts and table, by their name in ``page.html``."""
     config, made, several = stored.config, stored.made_with, stored.config.seeds > 1
     samples = "every sample" if stride == 1 else f"one sample in {stride} and the last of each episode"
-    samples += " of seed 0" if several else ""
     return {
         "meta": f"{made['date'][:16].replace('T', ' ')} UTC · FuzzyArm {made['versions']['fuzzyarm']} · "
-        f"{'seeds' if several else 'seed'} {seeds} · control period {1e3 * config.control_period:g} ms · "
+        f"seeds: {config.seeds} · control period {1e3 * config.control_period:g} ms · "
         f"policies: {len(config.policies)}, cases: {len(config.cases)}",
-        "sampling": f"Replay and curves show {samples} in single precision; charts and table are of the full data.",
+        "sampling": f"Replay and curves show {samples} of seed 0 in single precision; charts and table are of the full "
+        "data.",
         "glance_note": "" if stored.complete else " of the policies that finished; × ended early",
         "table_note": f"Medians over {config.seeds} seeds, with ranges." if several else "",
     }
