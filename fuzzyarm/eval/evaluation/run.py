@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import json
 import shlex
 from collections.abc import Callable, Sequence
 from pathlib import Path
@@ -31,7 +32,6 @@ from fuzzyarm.eval.evaluation.result_table import saturation
 from fuzzyarm.eval.provenance import json_text, made_now
 from fuzzyarm.policies import COMPARED, PolicySpec, recorded, resolve_all
 from fuzzyarm.policies.declared import Declared
-from fuzzyarm.policies.tip_bound import arm_in_words
 from fuzzyarm.proof.policy_certificate import certificate_of
 
 __all__ = ["SCHEMA", "Evaluation", "EvaluationConfig", "evaluate", "row_of", "write_results"]
@@ -99,7 +99,10 @@ class EvaluationConfig:
         """The arm in words: a robot with its digest, or the parameters that differ from Table 1 of the paper."""
         if self.robot is not None:
             return f"{self.robot.name}, {len(self.robot)} joints, digest {self.robot.digest}"
-        return arm_in_words(self.parameters)
+        paper, own = ArmParameters().to_dict(), self.parameters.to_dict()
+        changed = {name: value for name, value in own.items() if value != paper[name]}
+        same = ", ".join(name for name in paper if name not in changed) or "nothing"
+        return f"{json.dumps(changed)}; as in Table 1 of the paper: {same}" if changed else "Table 1 of the paper"
 
     @property
     def titles(self) -> dict[str, str]:
