@@ -68,8 +68,6 @@ class BenchConfig:
 
     def sweep_groups(self) -> dict[str, list[Entry]]:
         """Return this project's batches by number of lanes; empty unless `lanes_sweep`."""
-        if not self.lanes_sweep:
-            return {}
         # In torch the fastest only: each number of lanes is compiled again, which takes a minute.
         return {
             f"sweep, {lanes} lanes": [
@@ -77,7 +75,7 @@ class BenchConfig:
                 for one in entries.batch_entries(lanes, self.threads)
                 if not one.peer and (one.dtype == "float32" or "torch" not in one.name)
             ]
-            for lanes in _SWEEP_LANES
+            for lanes in _SWEEP_LANES * self.lanes_sweep
         }
 
     def turns(self) -> int:
