@@ -18,8 +18,7 @@ __all__ = ["Options"]
 class Options:
     """Make one self-contained HTML page of an evaluation: tables, curves, and a replay of the arms.
 
-    The page shows the certified bounds beside the largest errors that were observed. It loads nothing from the
-    network.
+    The page loads nothing from the network.
     """
 
     folder: Annotated[Path, Parameter(name="", metavar="DIR")]
@@ -36,7 +35,7 @@ class Options:
 
         output_file(self.out, ".html")
         out = self.out or self.folder / "report.html"
-        with status("observing the certified loops"):
+        with status("reading and drawing"):
             write_report(self.folder, out, self.bound)
         say(f"written to {out}")
         return 0

@@ -154,12 +154,12 @@ from fuzzyarm.envs.scenario.disturbances import Disturbance
 if {added}:
     add_case(Case("added", "Case 4: added", Disturbance()))
 from fuzzyarm.eval.evaluation.run import EvaluationConfig
-from fuzzyarm.eval.paper import evidence
+from fuzzyarm.eval.paper.evidence import PAPER_CASES
 from fuzzyarm.eval.sweep.config import SweepConfig
 from fuzzyarm.rl_baselines import case_evaluation
 from fuzzyarm.rl_baselines.algorithms.ppo import PRESETS
 print(json.dumps([
-    EvaluationConfig().cases, SweepConfig().cases, case_evaluation.COLUMNS, evidence.STEPS,
+    EvaluationConfig().cases, SweepConfig().cases, case_evaluation.COLUMNS, PAPER_CASES,
     {{name: preset.to_dict() for name, preset in PRESETS.items()}},
 ]))
 """

@@ -3,7 +3,6 @@
 import dataclasses
 import json
 import re
-import types
 from fractions import Fraction
 from pathlib import Path
 
@@ -14,7 +13,6 @@ from slow_twins import slow_but
 from support.shipped import CONTROLLERS
 
 from fuzzyarm.envs.physics.parameters import ArmParameters
-from fuzzyarm.eval.report.certificates import bound_charts
 from fuzzyarm.fuzzy_policy.controller import GAINS, RATES, Controller
 from fuzzyarm.fuzzy_policy.ts_model import TSModel
 from fuzzyarm.proof.certificate import certify, controller_statement
@@ -111,14 +109,3 @@ def test_the_residual_is_rounded_up_and_what_is_sampled_of_the_tip_is_no_bound()
     assert report["residual_bound"][0] > 158.4843 and report["residual_bound"][1] > 98.3134
     sampled = one_rule.tip.split("Sampled at 501 instants")[1]
     assert "at most" not in sampled and "not bounded between them" in sampled
-
-
-@pytest.mark.parametrize(
-    ("alpha", "gamma", "printed"),
-    [(20.0, 1.4e-4, ("≥ 20", "≤ 140")), (19.999, 1.4004e-4, ("≥ 19.9", "≤ 141")), (20.0, 2e-4, ("≥ 20", "≤ 200"))],
-)
-def test_the_cells_of_the_report_are_rounded_to_the_side_that_holds(alpha, gamma, printed):
-    claimed = {"form": "consistent", "alpha": alpha, "gamma": gamma, "controller_digest": ""}
-    charts = bound_charts(types.SimpleNamespace(bounds={"mine": claimed}), {})
-    for text in printed:
-        assert f">{text}</text>" in charts

@@ -26,7 +26,7 @@ import numpy as np
 
 import fuzzyarm
 from fuzzyarm.envs.batch.workers import LANES_PER_THREAD
-from fuzzyarm.envs.periods import MAX_DEFAULT_SUBSTEP, whole_substeps
+from fuzzyarm.envs.periods import MAX_DEFAULT_SUBSTEP
 from fuzzyarm.envs.physics.parameters import ArmParameters
 from fuzzyarm.eval.bench.accuracy import exact_tips, max_tip_difference, stepped_tips
 from fuzzyarm.eval.sweep.config import SweepConfig
@@ -63,7 +63,6 @@ class Entry:
     lanes: int  # environments stepped by one call
     threads: int  # CPU threads it may use
     open: Callable[[], contextlib.AbstractContextManager[Measure]]
-    substeps: int = whole_substeps(1e-3, None)  # of the physics per control step, which by default takes 1 ms
     dtype: str = "float64"  # of the physics
     peer: str = ""  # heading of the ratio to this entry; empty for the entries of this project
     tip_error: Callable[[], float] | None = None
@@ -73,9 +72,9 @@ def single_entries() -> list[Entry]:
     """Return the entries with one environment, from `gymnasium.make`: this project's and its peers."""
     opened = functools.partial(_single_environment, "FuzzyArm-v0", _TORQUE_SCALE)
     found = [Entry("FuzzyArm-v0, machine code", 1, 1, opened, tip_error=_own_tip_error)]
-    for heading, name, substeps in (("Pendulum", "Pendulum-v1", 1), ("Reacher", "Reacher-v5", 2)):
+    for heading, name in (("Pendulum", "Pendulum-v1"), ("Reacher", "Reacher-v5")):
         opened = functools.partial(_single_environment, name, 1.0)
-        found.append(Entry(f"Gymnasium {name}", 1, 1, opened, substeps, peer=heading))
+        found.append(Entry(f"Gymnasium {name}", 1, 1, opened, peer=heading))
     return found
 
 
@@ -89,21 +88,20 @@ def batch_entries(lanes: int, threads: int) -> list[Entry]:
     found = [Entry("FuzzyArm-v0, machine code", lanes, used, own, tip_error=_own_tip_error)]
     if lanes >= _TORCH_LANES:
         for device, dtype in itertools.product(("cpu", "cuda"), ("float64", "float32")):
-            compiler = f"torch.compile, {'GPU' if device == 'cuda' else 'CPU'}"
-            name = f"FuzzyArm, {'PTX kernel, GPU' if _is_kernel(device, dtype) else compiler}"
+            compiler = "PTX kernel" if _is_kernel(device, dtype) else "torch.compile"
+            name = f"FuzzyArm, {compiler}, {'GPU' if device == 'cuda' else 'CPU'}"
             opened = functools.partial(_torch, lanes, threads, device, dtype)
             error = functools.partial(_torch_tip_error, device, dtype)
             found.append(Entry(name, lanes, threads, opened, dtype=dtype, tip_error=error))
     if lanes <= _MOST_PEER_LANES:
         for heading, name in (("Pendulum", "Pendulum-v1"), ("Reacher", "ReacherEasy-v1")):
             opened = functools.partial(_envpool, name, lanes, threads)
-            found.append(Entry(f"EnvPool {name}", lanes, threads, opened, 1, peer=heading))
+            found.append(Entry(f"EnvPool {name}", lanes, threads, opened, peer=heading))
         # `benchmarks/mujoco_arm.py` chose both methods: the fastest as accurate as ours, and the fastest.
         for heading, substeps, step in (("MuJoCo arm", 30, "1/30 ms"), ("MuJoCo arm, 1 ms", 1, "1 ms")):
             opened = functools.partial(_mujoco, lanes, threads, substeps)
             error = functools.partial(_mujoco_tip_error, substeps)
-            name = f"same arm in MuJoCo, {step}"
-            found.append(Entry(name, lanes, threads, opened, substeps, "float64", heading, error))
+            found.append(Entry(f"same arm in MuJoCo, {step}", lanes, threads, opened, "float64", heading, error))
     return found
 
 
@@ -140,7 +138,7 @@ def timed(advance: Callable[[], int], clock: Callable[[], float] = time.perf_cou
     return measure
 
 
-def _timed_batch(envs: Any, space: gym.Space, lanes: int, scale: float = 1.0) -> Measure:
+def _timed_batch(envs: Any, space: gym.Space, lanes: int, scale: float) -> Measure:
     """Return a function that steps all lanes with actions from the space of a lane times the factor `scale`."""
     ring = itertools.cycle(_draw_actions(space, 4, (lanes,), scale))
 
@@ -239,7 +237,7 @@ def _envpool(name: str, lanes: int, threads: int) -> Iterator[Measure]:
         warnings.simplefilter("ignore")  # Gymnasium's, on the precision of EnvPool's spaces
         envs = envpool.make_gymnasium(name, num_envs=lanes, num_threads=threads, seed=0)
         envs.reset()
-        measure = _timed_batch(envs, envs.action_space, lanes)
+        measure = _timed_batch(envs, envs.action_space, lanes, 1.0)
     with contextlib.closing(envs):
         yield measure
 

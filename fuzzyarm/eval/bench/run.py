@@ -39,10 +39,6 @@ class BenchConfig:
         threads: CPU threads that a batch may use, at most one per core.
         lanes_sweep: measure batches of 1, 4, 16, ... 262144 lanes too and draw throughput.png; takes a few minutes, and
             needs --out.
-
-    Raises:
-        TypeError: a value is not a number of its kind.
-        ValueError: a value is out of range; the message names what is allowed.
     """
 
     seconds: float = 0.5
@@ -72,8 +68,6 @@ class BenchConfig:
 
     def sweep_groups(self) -> dict[str, list[Entry]]:
         """Return this project's batches by number of lanes; empty unless `lanes_sweep`."""
-        if not self.lanes_sweep:
-            return {}
         # In torch the fastest only: each number of lanes is compiled again, which takes a minute.
         return {
             f"sweep, {lanes} lanes": [
@@ -81,7 +75,7 @@ class BenchConfig:
                 for one in entries.batch_entries(lanes, self.threads)
                 if not one.peer and (one.dtype == "float32" or "torch" not in one.name)
             ]
-            for lanes in _SWEEP_LANES
+            for lanes in _SWEEP_LANES * self.lanes_sweep
         }
 
     def turns(self) -> int:
@@ -104,16 +98,11 @@ _MEMORY_LANES = (1024, 5120)  # two sizes of the batch; the memory of a lane is 
 def run_bench(config: BenchConfig, progress: Callable[[str], None] = lambda _: None) -> dict[str, Any]:
     """Measure everything and return the document that `fuzzyarm bench --json` prints.
 
-    Args:
-        config: what is measured.
-        progress: called `config.turns()` times with a few words on what comes next.
-
-    Returns:
-        Provenance; under ``rows`` and ``sweep``, for each entry, its configuration, ``steps_per_s`` (median and
-        quartiles; None if it was not measured, and ``reason`` says why), ``ratios`` to the peers of its group, and
-        ``tip_error_um``; and ``memory_per_lane`` [bytes].
+    It holds provenance; under ``rows`` and ``sweep``, for each entry, its configuration, ``steps_per_s`` (median and
+    quartiles; None if it was not measured, and ``reason`` says why), ``ratios`` to the peers of its group, and
+    ``tip_error_um``; and ``memory_per_lane`` [bytes]. `progress` is called `config.turns()` times with a few words on
+    what comes next.
     """
-    load_average = os.getloadavg()[0] if hasattr(os, "getloadavg") else None
     rows, sweep = (
         [row for name, group in groups.items() for row in race(name, group, config.rounds, config.seconds, progress)]
         for groups in (instance("config", config, BenchConfig).groups(), config.sweep_groups())
@@ -124,15 +113,10 @@ def run_bench(config: BenchConfig, progress: Callable[[str], None] = lambda _: N
     return {
         "schema": _SCHEMA,
         **made_with,
-        "method": {
-            "rounds": config.rounds,
-            "seconds": config.seconds,
-            "threads": config.threads,
-            "load_average": load_average,  # of the minute before the first turn
-        },
+        "method": {name: getattr(config, name) for name in ("rounds", "seconds", "threads")},
         "rows": rows,
         "sweep": sweep,
-        "memory_per_lane": {"bytes": _memory_per_lane(), "reason": None},
+        "memory_per_lane": {"bytes": _memory_per_lane()},
     }
 
 
@@ -165,7 +149,7 @@ def race(
     return [
         {
             "group": name,
-            **{key: getattr(entry, key) for key in ("name", "lanes", "threads", "substeps", "dtype")},
+            **{key: getattr(entry, key) for key in ("name", "lanes", "threads", "dtype")},
             "steps_per_s": _spread(speeds[entry]) if entry in speeds else None,
             "ratios": {
                 peer.peer: _spread([own / other for own, other in zip(speeds[entry], theirs, strict=True)])

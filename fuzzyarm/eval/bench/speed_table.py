@@ -17,24 +17,17 @@ from fuzzyarm.eval.figure_files import MARKERS
 __all__ = ["draw_throughput", "print_speeds"]
 
 
-_QUIET = 0.5  # load average
-_BUSY = (
-    "The machine was busy with other work when this began (load average {:.1f}). Entries with several threads "
-    "suffer more from that than those with one: measure again on a quiet machine before comparing."
-)
-
-
 def _speed_cells(rows: Sequence[dict[str, Any]]) -> tuple[list[str], list[list[str]]]:
     """Return the headings and, for each row, the texts below them."""
     peers = list(dict.fromkeys(peer for row in rows for peer in row["ratios"]))
-    headings = ["group", "entry", "lanes", "threads", "dtype", "sub-steps", "steps/s [thousand]"]
+    headings = ["group", "entry", "lanes", "threads", "dtype", "steps/s [thousand]"]
     headings += [*(f"× {peer}" for peer in peers), "tip error [µm]"]
     cells = []
     for row in rows:
         speed, error = row["steps_per_s"], row["tip_error_um"]
         cells.append(
             [
-                *(str(row[key]) for key in ("group", "name", "lanes", "threads", "dtype", "substeps")),
+                *(str(row[key]) for key in ("group", "name", "lanes", "threads", "dtype")),
                 "not measured" if speed is None else _spread(speed, 1e-3),
                 *(_spread(row["ratios"][peer]) if peer in row["ratios"] else "" for peer in peers),
                 "" if error is None else f"{error:.3g}",
@@ -53,7 +46,6 @@ def _speed_notes(document: dict[str, Any]) -> list[str]:
         f"The batch uses as many of the {method['threads']} threads as help, the others use all. "
         "The same arm in MuJoCo has no observation, reward, reset or static friction peak, which favours it. Tip "
         "error: largest distance to the event integrator in the nominal case, with computed torque in the loop.",
-        *([_BUSY.format(method["load_average"])] if (method["load_average"] or 0.0) > _QUIET else []),
         f"Memory: {document['memory_per_lane']['bytes']:.0f} bytes for each further lane of the vector environment.",
     ]
     missing: dict[str, list[str]] = {}
@@ -69,16 +61,8 @@ def _speed_notes(document: dict[str, Any]) -> list[str]:
 def print_speeds(document: dict[str, Any], console: Console) -> None:
     """Print the table and its notes; of the sweep over lanes only what was measured."""
     headings, cells = _speed_cells([*document["rows"], *(row for row in document["sweep"] if row["steps_per_s"])])
-    if console.is_terminal:
-        headings, cells = _narrow(headings), [_narrow(row) for row in cells]
     Sheet(headings[1:], [row[1:] for row in cells], groups=[row[0] for row in cells]).print(console)
     print_paragraphs(console, _speed_notes(document))
-
-
-def _narrow(cells: Sequence[str]) -> list[str]:
-    """Return cells of two lines for a terminal: the configuration below the name, quartiles below their median."""
-    group, name, _, threads, dtype, substeps, *numbers = cells
-    return [group, f"{name}\n{dtype}, {threads}, {substeps}", *(text.replace(" (", "\n(") for text in numbers)]
 
 
 def _spread(values: dict[str, float], scale: float = 1.0) -> str:

@@ -31,15 +31,11 @@ _EVENTS = {
 
 
 class Believing:
-    """Records what a policy believes after each of its actions.
-
-    Attributes:
-        names: names of the columns of `rows`; empty before the first action, and for a policy without beliefs.
-    """
+    """Records what a policy believes after each of its actions."""
 
     def __init__(self, policy: Predictor) -> None:
         """Begin with no samples of this policy."""
-        self.names: tuple[str, ...] = ()
+        self.names: tuple[str, ...] = ()  # of the columns of `rows`; empty before the first action or without beliefs
         self._beliefs = getattr(policy, "beliefs", None)
         self._rows: list[np.ndarray] = []
         self._first: dict[str, int] = {}  # the first sample of each of `_EVENTS`

@@ -12,7 +12,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable, Iterator
-from typing import Any, NamedTuple, Protocol
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -20,14 +20,6 @@ from fuzzyarm.envs.batch.layout import INFO
 from fuzzyarm.fuzzy_policy.policy import Predictor
 
 __all__ = ["Step", "TipErrors", "episodes"]
-
-
-class _Steppable(Protocol):
-    """Anything with the `step` of Gymnasium: `FuzzyArmEnv`, or `FuzzyArmVectorEnv` for a batch."""
-
-    def step(self, action: Any) -> tuple[Any, Any, Any, Any, dict[str, Any]]:
-        """Return observation, reward, terminated, truncated and info."""
-        ...
 
 
 class Step(NamedTuple):
@@ -48,7 +40,7 @@ class Step(NamedTuple):
 
 
 def episodes(
-    env: _Steppable,
+    env: Any,
     policy: Predictor,
     start: tuple[np.ndarray, dict[str, Any]],
     *,
@@ -59,8 +51,8 @@ def episodes(
     """Run one episode, or one of each lane, until the last of them has ended.
 
     Args:
-        env: the environment; a lane of a batch that has ended begins another episode, which is to be ignored, and the
-            policy's memory of it is reset.
+        env: `FuzzyArmEnv`, `FuzzyArmVectorEnv` for a batch, or another with that `step`; a lane of a batch that has
+            ended begins another episode, which is to be ignored, and the policy's memory of it is reset.
         policy: the policy that acts.
         start: the observation (10,) or (lanes, 10) and the info of ``env.reset``.
         sense: returns the observation that the policy gets, given observation and info; default: the observation.
@@ -100,13 +92,10 @@ def _last(observation: np.ndarray, info: dict[str, Any], ended: np.ndarray) -> t
 
 
 class TipErrors:
-    """The tip errors of every lane's episode, without its signals.
+    """The tip errors of every lane's episode, without its signals; every attribute is (lanes,).
 
-    Attributes:
-        largest: largest tip error [m], (lanes,).
-        squares: sum of the squared tip errors [m²], (lanes,).
-        steps: number of control steps, (lanes,).
-        completed: whether the reference was followed to its end, (lanes,).
+    These are the largest tip error [m], the sum of the squares [m²], the number of control steps, and whether the
+    reference was followed to its end.
     """
 
     def __init__(self, lanes: int) -> None:

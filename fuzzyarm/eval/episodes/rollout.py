@@ -29,58 +29,39 @@ __all__ = ["Rollout", "record_passes", "record_rollout", "rollout_of", "run_epis
 class Rollout:
     """Signals of one episode; row k is the state after control step k + 1, at `time[k]`.
 
-    Attributes:
-        policy: name of the policy.
-        case: name of the case.
-        seed: seed of the episode.
-        control_period: [s].
-        completed: whether the reference was followed to its end.
-        reason: why the episode terminated early, empty if it did not.
-        step_time: median wall time of one `predict` call [s].
-        time: (n,) [s].
-        tip, tip_reference: (n, 2) [m]; of a robot other than the two-joint arm (n, 3).
-        tip_error: (n,) distance of the two [m].
-        circularity_error, circularity_error_motor: (n,), link side and motor side [m].
-        q_motor, dq_motor, q_link, dq_link: (n, joints) [rad, rad/s].
-        q_reference, dq_reference: (n, joints) [rad, rad/s].
-        torque, friction_torque: (n, joints) [N m].
-        external_force: (n, 2) or (n, 3) [N].
-        reward: (n,).
-        domain_use: (n,), largest share of the joint box (25) in use, 1 at its border.
-        beliefs: (n, columns), what the policy believed when it acted, see `fuzzyarm.eval.episodes.beliefs`; nan where
-            it had no estimate, and (0, 0) for a policy without beliefs.
-        belief_names: names of these columns: ``payload``, ``payload_deviation``, ``stiffness_1``, ...
-        note: in words, usually empty: whether the policy's filter diverged, which of its estimates reached an end of
-            their range and when, and whether its path left that of the previous pass.
+    n control steps of an arm with so many joints; points have two coordinates, those of a robot other than the
+    two-joint arm three.
     """
 
-    policy: str
-    case: str
-    seed: int
-    control_period: float
-    completed: bool
-    reason: str
-    step_time: float
-    time: np.ndarray
-    tip: np.ndarray
-    tip_reference: np.ndarray
-    tip_error: np.ndarray
-    circularity_error: np.ndarray
-    circularity_error_motor: np.ndarray
-    q_motor: np.ndarray
-    dq_motor: np.ndarray
-    q_link: np.ndarray
-    dq_link: np.ndarray
-    q_reference: np.ndarray
-    dq_reference: np.ndarray
-    torque: np.ndarray
-    friction_torque: np.ndarray
-    external_force: np.ndarray
-    reward: np.ndarray
-    domain_use: np.ndarray
+    policy: str  # its name
+    case: str  # its name
+    seed: int  # of the episode
+    control_period: float  # [s]
+    completed: bool  # whether the reference was followed to its end
+    reason: str  # why the episode terminated early, empty if it did not
+    step_time: float  # median wall time of one `predict` call [s]
+    time: np.ndarray  # (n,) [s]
+    tip: np.ndarray  # (n, 2 or 3) [m]
+    tip_reference: np.ndarray  # (n, 2 or 3) [m]
+    tip_error: np.ndarray  # (n,) distance of the two [m]
+    circularity_error: np.ndarray  # (n,) of the links [m]
+    circularity_error_motor: np.ndarray  # (n,) of the motors [m]
+    q_motor: np.ndarray  # (n, joints) [rad]
+    dq_motor: np.ndarray  # (n, joints) [rad/s]
+    q_link: np.ndarray  # (n, joints) [rad]
+    dq_link: np.ndarray  # (n, joints) [rad/s]
+    q_reference: np.ndarray  # (n, joints) [rad]
+    dq_reference: np.ndarray  # (n, joints) [rad/s]
+    torque: np.ndarray  # (n, joints) [N m]
+    friction_torque: np.ndarray  # (n, joints) [N m]
+    external_force: np.ndarray  # (n, 2 or 3) [N]
+    reward: np.ndarray  # (n,)
+    domain_use: np.ndarray  # (n,) largest share of the joint box (25) in use, 1 at its border
+    # (n, columns), what the policy believed when it acted, see `fuzzyarm.eval.episodes.beliefs`; nan where it had no
+    # estimate, and (0, 0) for a policy without beliefs.
     beliefs: np.ndarray = dataclasses.field(default_factory=lambda: NO_BELIEFS)
-    belief_names: tuple[str, ...] = ()
-    note: str = ""
+    belief_names: tuple[str, ...] = ()  # of these columns: ``payload``, ``payload_deviation``, ``stiffness_1``, ...
+    note: str = ""  # what happened to its estimates, in words, see `Believing.note`
 
     @property
     def believed(self) -> dict[str, np.ndarray]:

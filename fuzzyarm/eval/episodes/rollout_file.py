@@ -60,12 +60,7 @@ def npz_bytes(arrays: Mapping[str, Any], *, compressed: bool = True) -> bytes:
 
 
 def read_rollouts(path: Path) -> list[Rollout]:
-    """Return the rollouts of a file written by `write_rollouts`; nothing is unpickled.
-
-    Raises:
-        ValueError: the file is damaged or holds something else.
-        OSError: it cannot be read.
-    """
+    """Return the rollouts of a file of `write_rollouts`; ValueError if it is damaged. Nothing is unpickled."""
     arrays = read_arrays(path)
     missing = [name for name in _FIELDS if f"0.{name}" not in arrays]
     if arrays and missing:

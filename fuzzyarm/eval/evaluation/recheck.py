@@ -50,10 +50,7 @@ def recheck_results(
     A results file alone runs no code: `code` names the policies ``package.module:factory`` that the user permits, and
     the paths of policy files that have moved.
 
-    Raises:
-        ValueError: the results name code that is not in `code` or the other way round, an unknown policy, or one whose
-            file is not the one that was measured.
-        OSError: the file of a policy cannot be read.
+    ValueError names code that only one of the two names, and a policy that is unknown or not the one that was measured.
     """
     if others := unrelated(f"{results.path} holds results of code", results.config.policies, code):
         raise ValueError(

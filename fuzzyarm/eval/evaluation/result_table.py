@@ -20,8 +20,8 @@ from fuzzyarm.eval.stability.linearisation import spectral_radius
 from fuzzyarm.policies.declared import Declared
 
 __all__ = [
-    "by_case_and_policy", "declared_rows", "print_passes", "print_results", "saturation", "table_rows",
-    "verdict",
+    "by_case_and_policy", "declared_rows", "print_passes", "print_results", "saturation", "table_rows", "verdict",
+    "winners",
 ]  # fmt: skip
 
 _LONG = 0.01  # share of an evaluation's steps with a motor at its limit, above which a remark says so
@@ -71,24 +71,30 @@ def by_case_and_policy(rows: Sequence[_Row]) -> dict[str, dict[str, list[_Row]]]
 def verdict(
     rows: Sequence[_Row], certificates: Mapping[str, str | None], folder: Path, files: int, titles: Mapping[str, str]
 ) -> list[str]:
-    """Return a line for each case, one about certificates and one about the next command.
+    """Return the lines of `winners`, one about certificates and one about the next command.
 
-    A case is won by the smallest rms tip error, over several seeds the smallest median, among the policies that never
-    lost the path, see `metrics.is_lost`. `files` is how many files were written to the folder.
+    `files` is how many files were written to the folder.
     """
-    lines = [_won(group, titles[case]) for case, group in by_case_and_policy(rows).items()]
     proven = [policy for policy, text in certificates.items() if text is not None]
     others = f"; nothing of {len(certificates) - len(proven)} others" if 0 < len(proven) < len(certificates) else ""
     there = shlex.quote(str(folder))
     return [
-        *lines,
+        *winners(rows, titles),
         f"Proven of the rigid arm: {_named(proven) or 'nothing'}{others}",
         f"{files} files in {there}; next: fuzzyarm report {there}",
     ]
 
 
+def winners(rows: Sequence[_Row], titles: Mapping[str, str]) -> list[str]:
+    """Return a line for each case: which policies won it, and which lost the path, see `metrics.is_lost`.
+
+    A case is won by the smallest rms tip error, over several seeds the smallest median, among the policies that never
+    lost the path.
+    """
+    return [_won(group, titles[case]) for case, group in by_case_and_policy(rows).items()]
+
+
 def _won(group: Mapping[str, Sequence[_Row]], title: str) -> str:
-    """Return the line that says which policies won a case, given its rows by policy and its title."""
     lost = sorted(policy for policy, runs in group.items() if any(map(is_lost, runs)))
     held = {policy: runs for policy, runs in group.items() if policy not in lost}
     if not held:

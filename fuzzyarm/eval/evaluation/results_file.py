@@ -28,9 +28,7 @@ from fuzzyarm.policies import resolve
 __all__ = ["Results", "conditions_of", "read_evaluation", "read_results", "same"]
 
 
-_CONDITIONS = [field.name for field in dataclasses.fields(EvaluationConfig) if field.name != "policies"]
-# Fields that the words always name; the cases are named by the columns of the table.
-_ALWAYS_SAID = ("cases", "control_period", "seeds", "encoder_noise")
+_ALWAYS_SAID = ("cases", "number of seeds", "encoder noise", "control period")  # cases head the table's columns
 _SHOWN = 12  # digits of a digest
 
 
@@ -39,52 +37,33 @@ def conditions_of(config: EvaluationConfig) -> tuple[dict[str, Any], str]:
 
     The words are control period, seeds and noise, and what else is not the default.
     """
-    default, noise = EvaluationConfig(), "encoder noise {:g} rad and {:g} rad/s".format(*config.encoder_noise)
-    conditions: dict[str, Any] = {}
+    conditions, usual = _conditions(config), _conditions(EvaluationConfig())
+    noise = "encoder noise {:g} rad and {:g} rad/s".format(*config.encoder_noise)
     said = [
         f"control period {1e3 * config.control_period:g} ms",
         f"{config.seeds} {'seed' if config.seeds == 1 else 'seeds'}",
         noise if any(config.encoder_noise) else "no noise",
+        *(f"{k} {v}" for k, v in conditions.items() if k not in _ALWAYS_SAID and v != usual[k]),
     ]
-    for field in _CONDITIONS:
-        found, words = _described(field, value := getattr(config, field))
-        conditions |= found
-        if field not in _ALWAYS_SAID and value != getattr(default, field):
-            said.append(words)
     return conditions, ", ".join(said)
 
 
-def _described(field: str, value: Any) -> tuple[dict[str, Any], str]:
-    """Return the conditions that a field of the configuration stands for, by name, and its value in words."""
-    name, words = field.replace("_", " "), ""
-    match field, value:
-        case "cases", _:
-            value = ", ".join(case for case in CASES if case in value)
-        case "seeds", _:
-            name = "number of seeds"
-        case "parameters", _:
-            numbers, usual = value.to_dict(), EvaluationConfig().parameters.to_dict()
-            changed = [f"{key} {number}" for key, number in numbers.items() if number != usual[key]]
-            return {f"{key} of the arm": number for key, number in numbers.items()}, f"an arm with {', '.join(changed)}"
-        case "robot", None:
-            value = "the two-joint arm"
-        case "robot", _:
-            words, value = f"robot {value.name}", f"{value.name} {value.digest[:_SHOWN]}"
-        case "points", None:
-            name, value = "file of the path", "none"
-        case "points", _:
-            digest = hashlib.sha256(repr(dataclasses.astuple(value)).encode()).hexdigest()
-            name, value = "file of the path", f"{len(value.points)} points ({digest[:_SHOWN]})"
-            words = f"path of {value}"
-        case "force" | "payload", None:
-            value = "that of the case"
-        case "force", _:
-            words = "force {:g} to {:g} N".format(*value)
-        case "payload", _:
-            words = f"payload {value:g} kg"
-        case "passes", _:
-            words = f"the last of {value} passes"
-    return {name: value}, words or f"{name} {value}"
+def _conditions(config: EvaluationConfig) -> dict[str, Any]:
+    robot, points = config.robot, config.points
+    digest = hashlib.sha256(repr(points and dataclasses.astuple(points)).encode()).hexdigest()
+    return {
+        "cases": ", ".join(case for case in CASES if case in config.cases),
+        "number of seeds": config.seeds,
+        "encoder noise": config.encoder_noise,
+        "control period": config.control_period,
+        **{f"{name} of the arm": number for name, number in config.parameters.to_dict().items()},
+        "robot": "the two-joint arm" if robot is None else f"{robot.name} {robot.digest[:_SHOWN]}",
+        "path": config.path,
+        "file of the path": "none" if points is None else f"{len(points.points)} points ({digest[:_SHOWN]})",
+        "force [N]": "that of the case" if config.force is None else config.force,
+        "payload [kg]": "that of the case" if config.payload is None else config.payload,
+        "number of passes": config.passes,
+    }
 
 
 _NAME = "results.json"  # in the folder of an evaluation

@@ -43,34 +43,23 @@ SCHEMA = "fuzzyarm-evaluation/1"  # of results.json
 class EvaluationConfig:
     """The configuration of an evaluation.
 
-    Attributes:
-        policies: names, files, folders or code, see `fuzzyarm.policies.spec`.
-        cases: names of cases.
-        seeds: number of episodes of each policy in each case, seeded 0, 1, ...
-        encoder_noise: standard deviation on motor angles [rad] and velocities [rad/s].
-        control_period: time between two actions [s].
-        parameters: the two-joint arm, for the plant and for the policies' models.
-        robot: another robot in its place. Its name, its file and the parameters of a two-joint arm are accepted too;
-            the field then holds the robot, or None where it is a two-joint arm, which becomes `parameters`.
-        path: name of the path of the tip, see `default_reference`.
-        points: a path by points in its place.
-        force: smallest and largest machining force [N]; None: scaled to the arm, see `cases`.
-        payload: carried mass [kg]; None: likewise.
-        passes: episodes one after the other, of which the last gives the result; policies may learn in between.
+    `robot` may also be given as a name, a file or the parameters of a two-joint arm; the field then holds the robot, or
+    None where it is a two-joint arm, which becomes `parameters`.
     """
 
-    policies: tuple[str, ...] = COMPARED
-    cases: tuple[str, ...] = PAPER_CASES
-    seeds: int = 1
-    encoder_noise: tuple[float, float] = (0.0, 0.0)
-    control_period: float = 1e-3
+    policies: tuple[str, ...] = COMPARED  # names, files, folders or code, see `fuzzyarm.policies.spec`
+    cases: tuple[str, ...] = PAPER_CASES  # names
+    seeds: int = 1  # number of episodes of each policy in each case, seeded 0, 1, ...
+    encoder_noise: tuple[float, float] = (0.0, 0.0)  # standard deviation on motor angles [rad] and velocities [rad/s]
+    control_period: float = 1e-3  # time between two actions [s]
+    # The two-joint arm, for the plant and for the policies' models, and another robot in its place.
     parameters: ArmParameters = dataclasses.field(default_factory=ArmParameters)
     robot: Robot | None = None
-    path: str = "circle"
-    points: GivenPath | None = None
-    force: tuple[float, float] | None = None
-    payload: float | None = None
-    passes: int = 1
+    path: str = "circle"  # name of the path of the tip, see `default_reference`
+    points: GivenPath | None = None  # a path by points in its place
+    force: tuple[float, float] | None = None  # smallest and largest machining force [N]; None: scaled, see `cases`
+    payload: float | None = None  # carried mass [kg]; None: likewise
+    passes: int = 1  # episodes one after the other, of which the last counts; policies may learn in between
 
     def __post_init__(self) -> None:
         """Check names and numbers before anything runs."""

@@ -27,36 +27,21 @@ class Claim:
     machines up to rounding: 1e-9. Simulated ones are reproducible on one machine: if the gains change by a relative
     1e-6, the most sensitive, that of the episode that leaves the box, changes by a relative 1e-4 and most others by
     less than 1e-5; so 1e-3, and for lengths a micrometre besides. The bisection of γ stops at 1 %: 0.02.
-
-    Attributes:
-        key: name of the claim in the files.
-        where: section, figure or table of the paper.
-        says: what the paper says there.
-        quantity: what is measured.
-        unit: of the paper's and of our numbers; "-" for none.
-        paper: the paper's number: one for all our values, or one for each label. None, or a label that is missing: the
-            paper gives no number.
-        measure: the method of `Evidence` that returns our values by label, and its arguments.
-        comparison: the relation to the paper's number in which ours agrees: "equal" in all printed digits, of the same
-            "order" (within a factor of ten), "at most" or "more than".
-        decimals: number of digits the paper prints after the decimal point.
-        reason: why ours differs, or another remark; may be empty.
-        tolerance: relative [1] and absolute [unit] part of the allowed drift.
-        group: of the file.
     """
 
-    key: str
-    where: str
-    says: str
-    quantity: str
-    unit: str
-    paper: float | Mapping[str, float] | None
-    measure: str
+    key: str  # name of the claim in the files
+    where: str  # section, figure or table of the paper
+    says: str  # what the paper says there
+    quantity: str  # what is measured
+    unit: str  # of the paper's and of our numbers; "-" for none
+    paper: float | Mapping[str, float] | None  # one number for all our values, or one for each label; None: no number
+    measure: str  # the method of `Evidence` that returns our values by label, and its arguments
+    # The relation in which ours agrees: "equal" in all printed digits, "order": within a factor of ten.
     comparison: Literal["equal", "order", "at most", "more than"] = "equal"
-    decimals: int = 0
-    reason: str = ""
-    tolerance: tuple[float, float] = (0.0, 0.0)
-    group: str = ""
+    decimals: int = 0  # digits that the paper prints after the decimal point
+    reason: str = ""  # why ours differs, or another remark
+    tolerance: tuple[float, float] = (0.0, 0.0)  # relative [1] and absolute [unit] part of the allowed drift
+    group: str = ""  # of the file
 
     def measured(self, evidence: Evidence) -> dict[str, float]:
         """Return our values by label."""

@@ -35,7 +35,7 @@ from fuzzyarm.proof.vertices import tracking_vertices
 from fuzzyarm.synthesis.complexity import full_size, paper_formula
 from fuzzyarm.synthesis.specification import PAPER_WEIGHT
 
-__all__ = ["FORMS", "PAPERS_OWN", "RULES", "SIDES", "STEPS", "SWAPPED", "TITLES", "Evidence", "gather"]
+__all__ = ["FORMS", "PAPERS_OWN", "RULES", "SIDES", "SWAPPED", "TITLES", "Evidence", "gather"]
 
 
 RULES = (32, 4)
@@ -53,8 +53,8 @@ SWAPPED, PAPERS_OWN = "printed-4-swapped", "papers-gains"
 """Keys of two more controllers: the printed form with the feedforward of the consistent form, and the printed gains."""
 TITLES: Mapping[str, str] = {
     **{f"{form}-{rules}": f"{form} form, {rules} rules" for form in FORMS for rules in RULES},
-    SWAPPED: "printed form's K and H, consistent form's L, 4 rules",
-    PAPERS_OWN: "the paper's own K_1k, H_1k, L_1k, 4 rules",
+    SWAPPED: "printed K and H, consistent L, 4 rules",
+    PAPERS_OWN: "the paper's own gains, 4 rules",
 }
 """Titles of the controllers by their key: form and number of rules for the first four."""
 SIDES = {"tip": "circularity_error", "motors": "circularity_error_motor"}
@@ -105,8 +105,6 @@ _WITNESSES = tuple(
 _HIGH_GAIN = "paper-4-common-high-gain"  # the controller file that was designed without the bound (24)
 # Labels of `Evidence.gamma_with`, and the controllers whose L is used.
 _OTHER_FEEDFORWARDS = {"the consistent form's L": SWAPPED, "the paper's L_1k": PAPERS_OWN}
-STEPS = 1 + len(PAPER_CASES) * len(TITLES) + len((*_WITNESSES, _HIGH_GAIN)) + len(_OTHER_FEEDFORWARDS)
-"""How often `gather` reports progress: once for loading, then for each rollout, each witness and each γ."""
 
 
 @dataclasses.dataclass(frozen=True)
@@ -202,13 +200,10 @@ class Evidence:
         return {key: self.controllers[key].alpha for key in _SOURCES}
 
     def weight(self) -> dict[str, float]:
-        """Return the diagonal of Q; NaN for an entry in which the two printed forms differ."""
+        """Return the diagonal of Q, which both printed forms share."""
         first, second = (controller.weight for controller in self._printed.values())
-        assert first is not None and second is not None  # every controller of the printed form has a Q
-        return {
-            f"Q{number}{number}": float(a) if a == b else float("nan")
-            for number, (a, b) in enumerate(zip(first, second, strict=True), start=1)
-        }
+        assert first is not None and second is not None and (first == second).all()
+        return {f"Q{number}{number}": float(entry) for number, entry in enumerate(first, start=1)}
 
     def size(self, entry: str, of: str) -> dict[str, float]:
         """Return N_var or N_row, a field of `Size`, for 32, 16, 8 and 4 rules.
@@ -272,9 +267,8 @@ def _peak(values: np.ndarray) -> float:
 
 
 def gather(progress: Callable[[], None] = lambda: None) -> Evidence:
-    """Run every controller in the paper's cases and prove the witnesses; `progress` is called `STEPS` times."""
+    """Run every controller in the paper's cases and prove the witnesses; `progress` is called after each."""
     policies, reference, rollouts = _compared_policies(), JointReference(), {}
-    progress()
     for case in PAPER_CASES:
         env = FuzzyArmEnv(case=case, reference=reference)
         for key, policy in policies.items():
@@ -282,11 +276,10 @@ def gather(progress: Callable[[], None] = lambda: None) -> Evidence:
             progress()
     witnesses, proven = _prove_witnesses(progress)
     controllers = {key: policy.controller for key, policy in policies.items()}
-    gammas = {}
-    for label, key in _OTHER_FEEDFORWARDS.items():
-        law = dataclasses.replace(controllers["printed-4"], feedforward=controllers[key].feedforward)
-        gammas[label] = _smallest_gamma(law)
-        progress()
+    gammas = {
+        label: _smallest_gamma(dataclasses.replace(controllers["printed-4"], feedforward=controllers[key].feedforward))
+        for label, key in _OTHER_FEEDFORWARDS.items()
+    }
     return Evidence(reference, controllers, rollouts, witnesses, proven, gammas)
 
 

@@ -123,15 +123,8 @@ def _circularity_figure(evidence: Evidence, number: int, case: str) -> Figure:
                 axes.axhspan(*stated, color=_BANDS[0], zorder=0.5)
             for rules, run in zip(RULES, runs, strict=True):
                 axes.plot(run.time, 1e3 * getattr(run, error), **_BY_RULES[rules])
-            label = "tip" if side == "tip" else "motors, as if rigid"
-            axes.set_ylabel(f"{label} [mm]")
-        values = [
-            1e3 * getattr(run, side) for run in runs for side in SIDES.values()
-        ]  # one scale holds all of a column
-        low = min([*(float(errors.min()) for errors in values), *(stated or ())])
-        high = max([*(float(errors.max()) for errors in values), *(stated or ())])
-        margin = 0.06 * (high - low)
-        column[0].set_ylim(low - margin, high + margin)
+            axes.margins(y=0.06)
+            axes.set_ylabel("tip [mm]" if side == "tip" else "motors, as if rigid [mm]")
         column[-1].set_xlabel("time [s]")
     handles: list[Any] = _rule_handles()
     if stated is not None:

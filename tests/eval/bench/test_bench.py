@@ -35,7 +35,7 @@ def entry(name, speeds, log=None, **fields):
         finally:
             log.append((name, "close"))
 
-    fields = {"lanes": 4, "threads": 2, "substeps": 5, "dtype": "float64"} | fields
+    fields = {"lanes": 4, "threads": 2, "dtype": "float64"} | fields
     return Entry(name, open=opened, **fields)
 
 
@@ -135,7 +135,6 @@ def test_the_document_and_the_figure(small, tmp_path):
         "name": "own",
         "lanes": 4,
         "threads": 2,
-        "substeps": 5,
         "dtype": "float64",
         "steps_per_s": {"median": 300.0, "q1": 200.0, "q3": 400.0},
         "ratios": {"Pendulum": {"median": 6.0, "q1": 4.0, "q3": 8.0}},

@@ -56,17 +56,11 @@ def test_every_episode_is_complete_and_stays_well_inside_the_box(policies, evalu
     assert all(row["domain_margin"] > 0.2 for row in found.rows)
 
 
-def test_two_evaluations_agree_bit_for_bit_but_for_the_clock(evaluation):
-    again = evaluate(EvaluationConfig(policies=("fuzzy-4",), cases=("machining",)))
-    first, second = dict(row(evaluation, "machining", "fuzzy-4")), dict(again.rows[0])
-    first.pop("predict_us"), second.pop("predict_us")
-    assert first == second
-
-
 def test_noise_is_seeded(short):
     config = EvaluationConfig(policies=("fuzzy-4",), cases=("nominal",), seeds=2, encoder_noise=(1e-5, 1e-3))
     first, second = evaluate(config), evaluate(config)
-    assert [r["tip_error_max_mm"] for r in first.rows] == [r["tip_error_max_mm"] for r in second.rows]
+    for one, other in zip(first.rows, second.rows, strict=True):  # bit for bit but for the clock
+        assert one | {"predict_us": 0.0} == other | {"predict_us": 0.0}
     assert first.rows[0]["tip_error_max_mm"] != first.rows[1]["tip_error_max_mm"]
     cell = table_rows(first.rows)[0][2][0]
     assert " to " in cell  # a median comes with its range
@@ -126,21 +120,6 @@ def test_an_early_end_is_reported_not_hidden(tmp_path):
     assert not result.complete
     assert "velocity left the domain" in result.rows[0]["reason"]
     assert "ended early in 1 of 1" in table_rows(result.rows)[0][1]
-
-
-@pytest.mark.parametrize(
-    ("change", "message"),
-    [
-        ({"cases": ("nominl",)}, "choose from: nominal, machining, payload"),
-        ({"cases": ()}, "cases"),
-        ({"policies": ("fuzzy-4", "fuzzy-4")}, "different names"),
-        ({"seeds": 0}, "seeds = 0"),
-        ({"seeds": 3}, "nothing is random without encoder noise"),
-    ],
-)
-def test_bad_configurations_are_refused_before_anything_runs(change, message):
-    with pytest.raises(ValueError, match=message):
-        dataclasses.replace(EvaluationConfig(), **change)
 
 
 def link_side_sensors(observation, info):

@@ -12,11 +12,7 @@ from support import browser
 from support.altered_evaluations import NASTY, wild, with_runs, write
 
 from fuzzyarm.cli import main
-from fuzzyarm.envs.scenario.reference import JointReference
 from fuzzyarm.eval.evaluation.run import Evaluation, EvaluationConfig, evaluate
-from fuzzyarm.eval.report.certificates import Observed, observe
-from fuzzyarm.policies import load_policy
-from fuzzyarm.proof.rigid_loop import RigidLoop
 
 
 @pytest.fixture(scope="session")
@@ -26,30 +22,11 @@ def evaluation() -> Evaluation:
     )
 
 
-class Beginning:
-    """The first 0.3 s of the circle."""
-
-    duration = 0.3
-    sample = staticmethod(JointReference().sample)
-
-
 @pytest.fixture(scope="session")
-def seen() -> Observed:
-    """Observed values of fuzzy-4, after a shorter search and motion than a report's, which takes ten seconds."""
-    loop = RigidLoop(load_policy("fuzzy-4").controller)  # type: ignore[attr-defined]
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setattr("fuzzyarm.proof.rigid_loop.GENERATIONS", 40)  # of 150; the fifth digit differs
-        patch.setattr("fuzzyarm.proof.rigid_loop.SLOWEST_STEP", 1e-4)  # of 2e-5 s
-        return observe(loop, Beginning())  # type: ignore[arg-type]
-
-
-@pytest.fixture(scope="session")
-def folder(evaluation, seen, tmp_path_factory) -> Path:
+def folder(evaluation, tmp_path_factory) -> Path:
     """The evaluation of three policies in two cases, with its report."""
     path = write(evaluation, tmp_path_factory.mktemp("report") / "evaluation")
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setattr("fuzzyarm.eval.report.certificates.observe", lambda loop, reference: seen)
-        assert main(["report", str(path)]) == 0
+    assert main(["report", str(path)]) == 0
     return path
 
 
