@@ -20,7 +20,6 @@ extensions = [
     "sphinx_copybutton",
     "sphinx_design",
     "api_pages",
-    "command_line",
     "equations",
     "results_tables",
 ]

@@ -1,6 +1,6 @@
-"""API pages from the docstrings: a page a module, written to ``docs/api`` before Sphinx reads its sources.
+"""API pages of the documented names, from their docstrings, written to ``docs/api`` before Sphinx reads its sources.
 
-The index lists the modules; they stand in no table of contents, which every page of the documentation would repeat.
+Documented are the classes of the environments and the names of ``fuzzyarm.__all__``; nothing else is promised.
 Docstrings here are Markdown with Google's sections, and so are the pages: text, tables and equations go over as they
 are, the sections become lists. The code is read by griffe, not run.
 """
@@ -8,15 +8,24 @@ are, the sections become lists. The code is read by griffe, not run.
 from __future__ import annotations
 
 import re
-import shutil
-from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
 import griffe
 from sphinx.application import Sphinx
 
-PACKAGE = "fuzzyarm"
+PAGES = {
+    "Environments": "envs.fuzzy_arm.FuzzyArmEnv envs.vector.FuzzyArmVectorEnv rl_baselines.learning_task.FuzzyArmLearnEnv"
+    " rl_baselines.learning_task.FuzzyArmLearnVectorEnv rl_baselines.torch_env.TorchFuzzyArm"
+    " rl_baselines.torch_learn.TorchFuzzyArmLearn",
+    "Policies and episodes": "load_policy add_policy run_episode Rollout metrics_of sheet_of export_c",
+    "Evaluations": "EvaluationConfig evaluate write_results write_figures write_report SweepConfig Sweep Engine"
+    " MarginsConfig measure_margins BenchConfig run_bench",
+    "Arms": "ArmParameters Robot robot_named read_log identify tune_arm",
+    "Design and proof": "TSModel Specification design Design DesignFailed DesignProblem ScheduledSpecification"
+    " design_scheduled Controller certify verify_file TipClaim find_bound save_bound",
+}
+"""The names on each page: of ``fuzzyarm``, or with their module below it."""
 
 
 def setup(app: Sphinx) -> dict[str, Any]:
@@ -26,10 +35,14 @@ def setup(app: Sphinx) -> dict[str, Any]:
 
 
 def write_pages(folder: Path) -> None:
-    """Write a page for each public module and an index; pages that are as they were keep their time."""
-    modules = sorted((module for module in _modules(griffe.load(PACKAGE)) if module.exports), key=lambda one: one.path)
-    pages = {folder / f"{module.path}.md": module_page(module) for module in modules}
-    pages[folder / "index.md"] = index_page(modules)
+    """Write a page for each group of names and an index; pages that are as they were keep their time."""
+    package = griffe.load("fuzzyarm")
+    groups = {title: [_found(package, name) for name in names.split()] for title, names in PAGES.items()}
+    pages = {
+        folder / f"{_page(title)}.md": "\n\n".join([f"# {title}", *(_member(one, 2) for one in members)]) + "\n"
+        for title, members in groups.items()
+    }
+    pages[folder / "index.md"] = _index(groups)
     for stale in set(folder.glob("*.md")) - set(pages):
         stale.unlink()
     for path, text in pages.items():
@@ -38,84 +51,65 @@ def write_pages(folder: Path) -> None:
             path.write_text(text, encoding="utf-8")
 
 
-def _modules(module: griffe.Module) -> Iterator[griffe.Module]:
-    yield module
-    for inner in module.modules.values():
-        if not inner.is_alias:
-            yield from _modules(inner)
+def _found(package: Any, name: str) -> Any:
+    member = package[name]
+    return member.final_target if member.is_alias else member
 
 
-def index_page(modules: list[griffe.Module]) -> str:
-    """Return the index: every public module with the first sentence of its docstring, room by room."""
-    lines = ["# API", "", "Every public name, module by module. What is not listed here may change without notice.", ""]
-    rooms: dict[str, list[griffe.Module]] = {}
-    for module in modules:
-        rooms.setdefault(".".join(module.path.split(".")[: 3 if module.path.count(".") > 2 else 2]), []).append(module)
-    for room, members in rooms.items():
-        lines += [f"## `{room}`", "", "| module | |", "| --- | --- |"]
-        lines += [f"| [`{module.path}`]({module.path}.md) | {_cell(_first_sentence(module))} |" for module in members]
-        lines.append("")
-    return "\n".join(lines)
+def _page(title: str) -> str:
+    return title.lower().replace(" ", "-")
 
 
-def _first_sentence(module: griffe.Module) -> str:
-    text = module.docstring.value if module.docstring else ""
-    return text.split("\n\n")[0].replace("\n", " ")
-
-
-def module_page(module: griffe.Module) -> str:
-    """Return the page of a module: its docstring, then its public names in their order."""
-    parts = ["---\norphan: true\n---", "[API](index.md)", f"# `{module.path}`", _docstring(module, 1)]
-    for name in module.exports or []:
-        member = module.members.get(str(name))
-        if member is None:  # griffe does not see names that one statement assigns together
-            label = f"api-{module.path}.{name}".lower()
-            parts.append(f"({label})=\n## `{name}`\n\nA generated function; the module's text says what it is for.")
-        else:
-            parts.append(_member(member, 2))
-    return "\n\n".join(part for part in parts if part) + "\n"
-
-
-def _member(member: Any, level: int) -> str:
-    if member.is_alias:  # documented where it is defined
-        target = member.final_target
-        text = target.docstring.value.split("\n\n")[0] if target.docstring else ""
-        page = f"[`{target.path}`]({target.module.path}.md#{_label(target)})"
-        return f"({_label(member)})=\n{'#' * level} `{member.name}`\n\n{text} See {page}."
-    target = member
-    heading = f"({_label(member)})=\n{'#' * level} `{member.name}`"
-    parts = [heading, _signature(target), _docstring(target, level)]
-    if target.is_class:
-        methods = [
-            inner
-            for name, inner in target.members.items()
-            if not name.startswith("_") and (inner.is_function or (inner.is_attribute and "property" in inner.labels))
+def _index(groups: dict[str, list[Any]]) -> str:
+    """Return the index: every documented name with the first sentence of its docstring."""
+    lines = [
+        "# Python API",
+        "",
+        "These names keep their meaning between versions. Names of `fuzzyarm` are imported from there; the classes of",
+        "the environments are behind `gym.make` and `gym.make_vec`. Whatever is not listed may change without notice.",
+        "",
+        "```{toctree}\n:hidden:\n",
+        *map(_page, groups),
+        "```",
+    ]
+    for title, members in groups.items():
+        lines += ["", f"## {title}", "", "| name | |", "| --- | --- |"]
+        lines += [
+            f"| [`{one.name}`]({_page(title)}.md#{_label(one)}) | {_first_sentence(one)} |" for one in members
         ]
-        parts += [_member(inner, level + 1) for inner in methods if inner.docstring or inner.is_function]
+    return "\n".join(lines) + "\n"
+
+
+def _first_sentence(member: Any) -> str:
+    text = member.docstring.value if member.docstring else ""
+    return text.split("\n\n")[0].replace("\n", " ").replace("|", "\\|")
+
+
+def _member(target: Any, level: int) -> str:
+    heading = f"({_label(target)})=\n{'#' * level} `{target.name}`"
+    own = target.path.removeprefix("fuzzyarm.") in " ".join(PAGES.values()).split()  # it is not a name of `fuzzyarm`
+    origin = f"`from {target.parent.path} import {target.name}`" if own else ""
+    parts = [heading, origin, _signature(target), _docstring(target, level)]
+    if target.is_class:
+        inner = (member for name, member in target.members.items() if not name.startswith("_"))
+        methods = (one for one in inner if one.is_function or (one.is_attribute and "property" in one.labels))
+        parts += [_member(one, level + 1) for one in methods if one.docstring]
     return "\n\n".join(part for part in parts if part)
 
 
 def _label(member: Any) -> str:
-    # Labels do not tell capitals from small letters, names do.
-    kind = "-class" if member.is_class else "-data" if member.is_attribute else ""
-    return f"api-{member.path}{kind}".lower()
+    return f"api-{member.path.removeprefix('fuzzyarm.')}{'-class' if member.is_class else ''}".lower()
 
 
 def _signature(target: Any) -> str:
-    if target.is_function or target.is_class:
-        parameters = [p for p in target.parameters if p.name not in ("self", "cls")]
-        text = ", ".join(_parameter(p) for p in parameters)
-        back = f" -> {target.returns}" if target.is_function and target.returns is not None else ""
-        line = f"{target.name}({text}){back}"
-        if len(line) > 88:
-            inner = "".join(f"    {_parameter(p)},\n" for p in parameters)
-            line = f"{target.name}(\n{inner}){back}"
-        return f"```python\n{line}\n```"
-    if target.is_attribute:
-        value = "" if target.value is None or len(str(target.value)) > 200 else f" = {target.value}"
-        kind = "" if target.annotation is None else f": {target.annotation}"
-        return f"```python\n{target.name}{kind}{value}\n```" if kind or value else ""
-    return ""
+    if not (target.is_function or target.is_class):
+        return ""
+    parameters = [_parameter(one) for one in target.parameters if one.name not in ("self", "cls")]
+    back = f" -> {target.returns}" if target.is_function and target.returns is not None else ""
+    line = f"{target.name}({', '.join(parameters)}){back}"
+    if len(line) > 88:
+        line = f"{target.name}(\n{''.join(f'    {one},' + chr(10) for one in parameters)}){back}"
+    return f"```python\n{line}\n```"
 
 
 def _parameter(parameter: Any) -> str:
@@ -130,10 +124,8 @@ def _parameter(parameter: Any) -> str:
 
 
 def _docstring(target: Any, level: int) -> str:
-    if not target.docstring:
-        return ""
     parts = []
-    for section in target.docstring.parse("google", warnings=False):
+    for section in target.docstring.parse("google", warnings=False) if target.docstring else ():
         if section.kind is griffe.DocstringSectionKind.text:
             parts.append(
                 re.sub(r"^(#+) ", lambda match: "#" * (level + len(match[1]) - 1) + " ", section.value, flags=re.M)
@@ -157,12 +149,3 @@ def _entry(entry: Any) -> str:
     head = f"`{name}`" if name else f"`{annotation}`" if annotation else ""
     description = entry.description.replace("\n", "\n  ")
     return f"- {head}{': ' if head else ''}{description}"
-
-
-def _cell(text: str) -> str:
-    return text.replace("|", "\\|")
-
-
-def clean(folder: Path) -> None:
-    """Remove what `write_pages` wrote."""
-    shutil.rmtree(folder, ignore_errors=True)

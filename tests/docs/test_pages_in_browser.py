@@ -18,9 +18,9 @@ def tab():
         yield opened
 
 
-def open_each(pages, site, tab):
+def test_every_page_opens(site, tab):
     """Load each page once, then show it at both sizes and in both colour schemes."""
-    for page in pages:
+    for page in sorted(site.rglob("*.html")):
         name = page.relative_to(site)
         tab.open(page)
         for reader, (width, height, scheme) in READERS.items():
@@ -30,15 +30,6 @@ def open_each(pages, site, tab):
             assert tab.run("[...document.images].every(image => image.complete && image.naturalWidth > 0)"), name
             assert not tab.problems, (name, reader, tab.problems)
         assert not [url for url in tab.requests if not url.startswith(("file:", "data:"))], name
-
-
-def test_every_guide_opens(site, tab):
-    modules = set(site.glob("api/fuzzyarm*.html"))
-    open_each(sorted(set(site.rglob("*.html")) - modules), site, tab)
-
-
-def test_every_module_of_the_api_opens(site, tab):
-    open_each(sorted(site.glob("api/fuzzyarm*.html")), site, tab)
 
 
 def test_search_works_without_a_server(site, tab):
