@@ -79,10 +79,9 @@ class OnnxPolicy(Policy):
         due = np.flatnonzero(memory[:, 0] == 0.0)
         if len(due):
             seen, past = np.ascontiguousarray(observation[due]), np.ascontiguousarray(memory[due, 1 + self.joints :])
-            nothing = np.empty((len(due), 0))
-            features = self._features.see(seen, past, nothing).astype(np.float32)
+            features = self._features.see(seen, past).astype(np.float32)
             action = np.clip(self._run(features).astype(np.float64), -1.0, 1.0)
-            self._features.act(seen, action, self._scale * action, past, nothing)
+            self._features.act(seen, action, self._scale * action, past, np.empty((len(due), 0)))
             memory[due, 1 : 1 + self.joints], memory[due, 1 + self.joints :] = action, past
         memory[:, 0] = (memory[:, 0] + 1.0) % self._calls
         torque[:] = self._scale * memory[:, 1 : 1 + self.joints]

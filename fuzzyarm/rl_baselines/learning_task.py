@@ -115,7 +115,7 @@ class FuzzyArmLearnVectorEnv(FuzzyArmVectorEnv):
         base = None
         if self.action.base is not None:
             policy = load_policy(self.action.base, control_period=self.action.period, robot=arm)
-            base = Base(policy, self.action)
+            base = Base(policy, self.action.base)
         seen = Features(features, self.action.period, arm)
         self._arms = Lanes(seen, base)
         joints, size = joints_of(arm), seen.size + 3 * joints_of(arm) * len(preview)
@@ -209,7 +209,7 @@ class FuzzyArmLearnVectorEnv(FuzzyArmVectorEnv):
 
     def _features(self) -> np.ndarray:
         """Return what a learner sees now (num_envs, `size`), float32."""
-        seen = self._arms.see(self._seen, self._memory, self._base_memory)
+        seen = self._arms.see(self._seen, self._memory)
         if len(self._preview):  # the last reference holds after the motion has ended
             clock = self.lanes.clock
             rows = np.minimum(clock[CLOCK.row][:, np.newaxis] + self._preview, clock[CLOCK.last][:, np.newaxis])

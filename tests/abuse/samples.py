@@ -201,7 +201,7 @@ def observer(folder: Path) -> None:
 @_made
 def recurrent(folder: Path) -> None:
     """A recurrent network beside the elastic observer, with random weights."""
-    rng, hidden, features = np.random.default_rng(0), 3, FeatureDefinition(innovation_times=(0.01,))
+    rng, hidden, features = np.random.default_rng(0), 3, FeatureDefinition()
 
     def random(*shape: int) -> np.ndarray:
         return rng.normal(size=shape).astype(np.float32)
@@ -214,7 +214,7 @@ def recurrent(folder: Path) -> None:
         biases=(random(2),),
         cell=Cell(random(4 * hidden, features.size), random(4 * hidden, hidden), random(4 * hidden)),
     )
-    action = ActionDefinition(scale=(30.0, 20.0), period=1e-3, base="elastic-observer", gate=1.0)
+    action = ActionDefinition(scale=(0.03, 0.02), period=1e-3, base="elastic-observer")
     PolicyBundle(features, action, network).save(folder / "policy")
 
 

@@ -95,7 +95,7 @@ def test_a_model_that_only_unpickling_could_read_is_exported_by_the_code_of_the_
     observation = np.random.default_rng(0).normal(size=(4, 10))
     torque, _ = policy.predict(observation)
     seen = Features(learning_features(2), 2e-3)
-    features = Lanes(seen).see(observation, np.zeros((4, seen.memory_size)), np.empty((4, 0)))
+    features = Lanes(seen).see(observation, np.zeros((4, seen.memory_size)))
     action, _ = model.predict(features.astype(np.float32), deterministic=True)
     np.testing.assert_allclose(torque, action * [500.0, 250.0], rtol=1e-4, atol=1e-4)
 

@@ -167,14 +167,12 @@ def bundle(features, action, seed=0):
     )
 
 
-OBSERVER = {"base": "elastic-observer", "gate": 1.0, "smoothing_time": 0.01}
 DEFINITIONS = {
     "torques": (FeatureDefinition(), ActionDefinition()),
     "residual": (
         FeatureDefinition(elastic_target=True),
         ActionDefinition((0.01, 0.02), base="fuzzy-4-tip", smoothing_time=0.03),
     ),
-    "observer": (FeatureDefinition(innovation_times=(0.004, 0.02)), ActionDefinition((40.0, 20.0), **OBSERVER)),
 }
 
 

@@ -185,11 +185,9 @@ def _law_of(physics: Physics, kept: tuple[int, ...], cosine: bool, points: int) 
     correct, act, predict = steps_of(physics, kept, cosine, points)
 
     def elastic_observer(
-        memory: Observed, seen: Observation, c: Constants, feedback: Any, observer: Any, extra: Any = None
+        memory: Observed, seen: Observation, c: Constants, feedback: Any, observer: Any
     ) -> tuple[Observed, Any]:
         found = correct(memory, seen, c, observer)
-        if extra is not None:
-            found = found._replace(u_ff=tuple(u + more for u, more in zip(found.u_ff, extra, strict=True)))
         torque = act(found, seen, c, feedback)
         applied = within(physics.PerJoint(*torque), c.limit)
         return Observed(found.past, 1.0, predict(found.x, applied, c)), torque

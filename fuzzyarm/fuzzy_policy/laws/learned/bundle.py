@@ -19,7 +19,6 @@ from fuzzyarm.common.checks import choice, listed, whole
 from fuzzyarm.common.console import escaped
 from fuzzyarm.common.documents import check_schema, parse_json, read_bytes, read_json, record
 from fuzzyarm.common.files import write_folder_atomically
-from fuzzyarm.fuzzy_policy.laws.learned import definition
 from fuzzyarm.fuzzy_policy.laws.learned.definition import ActionDefinition, ArmDefinition, FeatureDefinition
 from fuzzyarm.fuzzy_policy.laws.learned.network import Cell, Network
 
@@ -81,7 +80,7 @@ def read_bundle(
     path = folder / DESCRIPTION
     content = _content(path)
     try:
-        description: Any = record(check_schema(content, schema), kind)
+        description: Any = record(_without_off(check_schema(content, schema)), kind)
     except ValueError as error:
         raise BundleError(f"{path} is no description of a policy: {error}; train it again") from None
     weights = _read(folder / WEIGHTS, read_bytes, _LARGEST_WEIGHTS, "that is no policy of this package")
@@ -96,6 +95,18 @@ def read_bundle(
         return build(description, tensors, trained | {"seed": whole("seed", description.seed)})
     except (TypeError, ValueError, OverflowError) as error:
         raise BundleError(f"{folder} is no usable policy bundle: {' '.join(str(error).split())}") from None
+
+
+# Settings of actions beside an observer, which are gone, at the values that turn them off: shipped files state them.
+_OFF = (
+    ("innovation_times", []), ("innovation_scale", 1e-6), ("innovation_rate_scale", 2e-3), ("load_scale", 100.0),
+    ("gate", 0.0),
+)  # fmt: skip
+
+
+def _without_off(content: dict[str, Any]) -> dict[str, Any]:
+    parts = {name: content[name] for name in ("features", "action") if isinstance(content.get(name), dict)}
+    return content | {name: dict(pair for pair in part.items() if pair not in _OFF) for name, part in parts.items()}
 
 
 def _tensors_in(content: bytes) -> dict[str, np.ndarray]:
@@ -172,10 +183,6 @@ class PolicyBundle(Trained):
             raise ValueError(f"the features are for {self.features.joints} joints, the action has {joints} scales")
         if self.arm is None and joints != _PAPERS_JOINTS:
             raise ValueError(f"it is for {joints} joints and does not say of which arm")
-        if self.features.innovation_times and self.action.base != definition.OBSERVER_BASE:
-            raise ValueError(
-                f"innovation_times needs the base {definition.OBSERVER_BASE}, not {self.action.base}; otherwise ()"
-            )
         found, needed = (self.network.sizes[0], self.network.sizes[-1]), (self.features.size, joints)
         if found != needed:
             text = "the network has {} inputs and {} outputs; the definitions ask for {} and {}"

@@ -52,7 +52,7 @@ class LearnedPolicy(LawPolicy):
         if base is not None and base.control_period != control_period:
             raise ValueError(f"the base is for a control period of {base.control_period} s, not {control_period} s")
         self._features = Features(bundle.features, bundle.action.period, self._arm, friction=friction)
-        self._base = None if base is None else Base(base, bundle.action)
+        self._base = None if base is None else Base(base, bundle.action.base)
         self._smoothing, self._scale = bundle.action.smoothing, tuple(map(float, bundle.action.scale))
         self.memory_size = len(flat(self.control_law.memory))
 
@@ -73,12 +73,11 @@ class LearnedPolicy(LawPolicy):
 
             def chosen() -> tuple[Any, Any]:
                 told = features.told(memory.features, seen)
-                observed = ((), ()) if base is None else base.observed(self.bundle.features, memory.base, seen)
-                found = features.fill(memory.features, seen, told[2], *observed)
+                found = features.fill(memory.features, seen, told[2])
                 output = network.outputs(found, memory.network, *of_network)
                 pairs = zip(memory.action, output, strict=True)
                 action = tuple(self._smoothing * old + (1.0 - self._smoothing) * new for old, new in pairs)
-                return action, features.advance(memory.features, seen, told, action, observed[0])
+                return action, features.advance(memory.features, seen, told, action)
 
             action, past = when(memory.phase == 0.0, chosen, (memory.action, memory.features))
             phase = memory.phase + 1.0

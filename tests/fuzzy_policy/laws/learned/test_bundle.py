@@ -58,6 +58,8 @@ DAMAGES = (
     (edited("network", output="sine"), "output = 'sine' is unknown"),
     (edited("features", past_errors=9), "has 20 inputs"),
     (edited("action", scale=[-1, 2]), "scale"),
+    (edited("action", gate=1.0), "unknown field gate"),
+    (edited("features", innovation_times=[0.1]), "unknown field innovation_times"),
     (edited(curve="up"), "Expected `array`, got `str` at `curve"),
     (resealed(**{"layer0.bias": np.full(16, np.inf, np.float32)}), "is not finite"),
     (resealed(**{"layer0.bias": np.zeros(16)}), "layer0.bias is float64"),

@@ -43,7 +43,7 @@ def test_it_is_the_network_on_the_features_times_the_torque():
     lanes, memory = Lanes(features), np.zeros((LANES, features.memory_size))
     for answer, observation in zip(torques(LearnedPolicy(made), shown), shown, strict=True):
         action = np.empty((LANES, 2))
-        made.network.act(lanes.see(observation, memory, nothing), action)
+        made.network.act(lanes.see(observation, memory), action)
         lanes.act(observation, action, [30.0, 20.0] * action, memory, nothing)
         assert np.array_equal(answer, [30.0, 20.0] * action)
     assert np.ptp(answer) > 1.0
