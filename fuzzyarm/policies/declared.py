@@ -243,7 +243,6 @@ def _memory(bundle: Any) -> str:
     more = {
         "leaky integral of the error": features.integral_time > 0.0,
         "filtered action": bundle.action.smoothing_time > 0.0,
-        "the state of a network": bundle.network.cell is not None,
     }
     return ", ".join([*kept, *(words for words, is_kept in more.items() if is_kept)]) or "nothing"
 

@@ -7,6 +7,7 @@ import pytest
 
 torch = pytest.importorskip("torch")
 pytest.importorskip("stable_baselines3")
+from support.bundles import answering  # noqa: E402
 from support.trainings import resumed_to_the_bit  # noqa: E402
 
 from fuzzyarm.fuzzy_policy.laws.learned.bundle import PolicyBundle  # noqa: E402
@@ -34,8 +35,7 @@ def test_it_resumes_to_the_bit_and_ships_only_what_sensors_tell(tmp_path):
     seen = SMALL.features.size
     assert network.sizes[0] == seen < model.model.observation_space.shape[0]
     features = np.random.default_rng(0).normal(size=(20, model.model.observation_space.shape[0]))
-    action = np.empty((20, 2))
-    network.act(np.ascontiguousarray(features[:, :seen]), action)
+    action = answering(network)(np.ascontiguousarray(features[:, :seen]))
     expected, _ = model.model.predict(features.astype(np.float32), deterministic=True)
     np.testing.assert_allclose(action, expected, atol=2e-6)
     assert np.abs(action).max() > 0.0

@@ -88,8 +88,7 @@ class ElasticObserverPolicy(LawPolicy):
     @property
     def where(self) -> tuple[Physics, tuple[int, ...], bool, int]:
         """The equations of the arm, and over which angles the gains are tabulated: the arguments of `steps_of`."""
-        schedule = self._schedule
-        return equations_of(self.parameters), tuple(schedule.kept.tolist()), schedule.cosine, schedule.points
+        return equations_of(self.parameters), *self._schedule[:3]
 
     def _know(self, parameters: AnyArm) -> None:
         """Predict with the arm `parameters`; the gains stay the same."""

@@ -15,12 +15,12 @@ from typing import Any, TypeVar
 
 import numpy as np
 
-from fuzzyarm.common.checks import choice, listed, whole
+from fuzzyarm.common.checks import listed, whole
 from fuzzyarm.common.console import escaped
 from fuzzyarm.common.documents import check_schema, parse_json, read_bytes, read_json, record
 from fuzzyarm.common.files import write_folder_atomically
 from fuzzyarm.fuzzy_policy.laws.learned.definition import ActionDefinition, ArmDefinition, FeatureDefinition
-from fuzzyarm.fuzzy_policy.laws.learned.network import Cell, Network
+from fuzzyarm.fuzzy_policy.laws.learned.network import Network
 
 __all__ = [
     "BEST", "DESCRIPTION", "LAST", "OBSERVER", "WEIGHTS", "BundleError", "PolicyBundle", "Trained", "is_observer",
@@ -98,7 +98,7 @@ def read_bundle(
 
 
 # Settings of actions beside an observer, which are gone, at the values that turn them off: shipped files state them.
-_OFF = (
+_OFF: tuple[tuple[str, Any], ...] = (
     ("innovation_times", []), ("innovation_scale", 1e-6), ("innovation_rate_scale", 2e-3), ("load_scale", 100.0),
     ("gate", 0.0),
 )  # fmt: skip
@@ -159,8 +159,7 @@ class Trained:
 
 
 _SCHEMA = "fuzzyarm-learned-policy/1"
-_OUTPUT, _NO_CELL, _LSTM = "clip", "none", "lstm"  # a description does not name the first two
-_CELL, _GATED = "cell", tuple(field.name for field in dataclasses.fields(Cell))  # tensors: cell.weight_x, ...
+_OUTPUT = "clip"  # a description does not name it
 _PAPERS_JOINTS = 2
 
 
@@ -189,15 +188,15 @@ class PolicyBundle(Trained):
             raise ValueError(text.format(*found, *needed))
 
     def save(self, folder: Path) -> None:
-        """Write the bundle, see `write_folder`."""
-        network, arrays = self.network, ("mean", "std")
-        tensors = {} if network.cell is None else {f"{_CELL}.{name}": getattr(network.cell, name) for name in _GATED}
+        """Write the bundle, see `write_folder`; ValueError for a recurrent network, which has no file."""
+        network, arrays, tensors = self.network, ("mean", "std"), {}
+        if network.cell is not None:
+            raise ValueError("a recurrent network has no file: keep the model of the library that trained it")
         for number, layer in enumerate(zip(network.weights, network.biases, strict=True)):
             tensors[f"layer{number}.weight"], tensors[f"layer{number}.bias"] = layer
         described = {"sizes": list(network.sizes), "activation": network.activation}
         described |= {name: getattr(network, name).tolist() for name in arrays} | {"clip": network.clip}
         described |= {} if network.output == _OUTPUT else {"output": network.output}
-        described |= {} if network.cell is None else {"cell": _LSTM}
         parts = {"features": dataclasses.asdict(self.features), "action": dataclasses.asdict(self.action)}
         arm = {} if self.arm is None else {"arm": dataclasses.asdict(self.arm)}
         write_folder(folder, {"schema": _SCHEMA, "network": described, **parts, **self._record, **arm}, tensors)
@@ -222,7 +221,6 @@ class _NetworkDescription:
     std: list[float]
     clip: float
     output: str = _OUTPUT
-    cell: str = _NO_CELL
 
 
 @dataclasses.dataclass(frozen=True)
@@ -242,17 +240,12 @@ class _Description:
 
 
 def _network(description: _NetworkDescription, tensors: dict[str, np.ndarray]) -> Network:
-    choice("cell", description.cell, (_NO_CELL, _LSTM))
-    gated = [f"{_CELL}.{name}" for name in _GATED] if description.cell == _LSTM else []
-    layers = range((len(tensors) - len(gated)) // 2)
-    names = {*gated, *(f"layer{number}.{part}" for number in layers for part in ("weight", "bias"))}
-    if set(tensors) != names or not layers:
-        needed = ", ".join((*gated, "layer0.weight, layer0.bias, ..."))
-        raise ValueError(f"{WEIGHTS} holds {listed(tensors)}; needed: {needed}")
+    layers = range(len(tensors) // 2)
+    if set(tensors) != {f"layer{number}.{part}" for number in layers for part in ("weight", "bias")} or not layers:
+        raise ValueError(f"{WEIGHTS} holds {listed(tensors)}; needed: layer0.weight, layer0.bias, ...")
     mean, std = np.array(description.mean, dtype=np.float64), np.array(description.std, dtype=np.float64)
     weights, biases = (tuple(tensors[f"layer{n}.{part}"] for n in layers) for part in ("weight", "bias"))
-    cell = Cell(*(tensors[name] for name in gated)) if gated else None
-    network = Network(mean, std, description.clip, weights, biases, description.activation, description.output, cell)
+    network = Network(mean, std, description.clip, weights, biases, description.activation, description.output)
     if list(network.sizes) != description.sizes:
         raise ValueError(f"the layers have sizes {list(network.sizes)}, {DESCRIPTION} says {description.sizes}")
     return network

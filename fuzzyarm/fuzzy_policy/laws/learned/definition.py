@@ -117,7 +117,3 @@ class ArmDefinition:
 
     name: str  # of the robot
     digest: str  # of its numbers, `Robot.digest`; that of the two-joint arm is the one of its robot
-
-    def __post_init__(self) -> None:
-        for name in ("name", "digest"):
-            instance(name, getattr(self, name), str)

@@ -29,7 +29,7 @@ from fuzzyarm.envs.observation import Observation
 from fuzzyarm.envs.physics.equations import AnyArm
 from fuzzyarm.envs.physics.parameters import ArmParameters
 from fuzzyarm.fuzzy_policy.known_arm import checked_arm, joints_of, per_joint_of
-from fuzzyarm.fuzzy_policy.law import constants_array, law_of, seen_by, within_limits
+from fuzzyarm.fuzzy_policy.law import Law, constants_array, law_of, seen_by, within_limits
 from fuzzyarm.fuzzy_policy.laws.elastic_target import Aim, ElasticTarget, past_of
 from fuzzyarm.fuzzy_policy.laws.learned.definition import ActionDefinition, FeatureDefinition
 from fuzzyarm.fuzzy_policy.laws.learned.network import area_sine
@@ -38,7 +38,7 @@ from fuzzyarm.numbers.functions import Cells, array, each, flat, maximum, minimu
 from fuzzyarm.numbers.machine import Kernel
 from fuzzyarm.numbers.program import Program
 
-__all__ = ["Base", "Features", "Lanes", "learning_action"]
+__all__ = ["Features", "Lanes", "guided", "learning_action"]
 
 
 class _Remembered(NamedTuple):
@@ -137,36 +137,33 @@ def _put(out: Any, at: int, numbers: list[Any], *, squashed: float = 0.0) -> int
     return at + len(numbers)
 
 
-class Base:
-    """A base whose target actions shift."""
+def guided(base: Policy | None, name: str | None = None) -> Law:
+    """Return the law of a base whose target actions shift, ``act(memory, seen, told, constants, *tables)``.
 
-    def __init__(self, policy: Policy, name: str) -> None:
-        """Take the law of a named policy; ValueError if it has none."""
-        found = law_of(policy)
-        if found is None:
-            raise ValueError(
-                f"the base {name} is a {type(policy).__name__}, which has no law; allowed: a fuzzy policy, "
-                "computed-torque, their -tip forms, or elastic-observer"
-            )
-        self.policy, self.law = policy, found
+    `told` is scale · a (n,); without a base it is the torque. ValueError if the base of this name has no law.
+    """
+    if base is None:
+        return Law(lambda memory, seen, told, given: (memory, told), (), ())
+    law = law_of(base)
+    if law is None:
+        raise ValueError(
+            f"the base {name} is a {type(base).__name__}, which has no law; allowed: a fuzzy policy, "
+            "computed-torque, their -tip forms, or elastic-observer"
+        )
+    command = within_limits(law, base.joints, base.integral_at)
 
-    @property
-    def constants(self) -> Any:
-        """What the law takes: its constants, and the limits of the torques [N m]."""
-        return self.law.constants, tuple(map(float, self.policy.torque_limit))
-
-    def guided(self, memory: Any, seen: Any, told: Any, given: Any, *tables: Any) -> tuple[Any, Any]:
-        """Return memory and torque (n,) [N m] of the guided base, told scale · a (n,) and given `constants`."""
-        command = within_limits(self.law, self.policy.joints, self.policy.integral_at)
+    def act(memory: Any, seen: Observation, told: Any, given: Any, *tables: Any) -> tuple[Any, Any]:
         motors = type(seen.q_motor)(*(q - shift for q, shift in zip(seen.q_motor, told, strict=True)))
         return command(memory, seen._replace(q_motor=motors), given, *tables)
+
+    return Law(act, law.memory, (law.constants, tuple(map(float, base.torque_limit))), law.tables)
 
 
 class Lanes:
     """Features, and the base that actions guide if there is one, of many lanes: what a training steps."""
 
-    def __init__(self, features: Features, base: Base | None = None) -> None:
-        d, law = features.definition, None if base is None else base.law
+    def __init__(self, features: Features, base: Law) -> None:
+        d = features.definition
         numbers = (0.0,) * d.joints
 
         def see(memory: _Remembered, seen: Observation, out: Any, _: Any) -> tuple[Any, ...]:
@@ -177,20 +174,18 @@ class Lanes:
             memory: _Remembered, held: Any, seen: Observation, action: Any, torque: Any, given: Any, *tables: Any
         ) -> tuple[Any, ...]:
             memory = features.advance(memory, seen, features.told(memory, seen), action)
-            if base is not None:
-                held, torque = base.guided(held, seen, torque, given, *tables)
+            held, torque = base.act(held, seen, torque, given, *tables)
             return features.command(memory, torque), held, seen, action, tuple(torque)
 
-        ports = features.memory, () if law is None else law.memory, seen_by(d.joints)
-        self.size, self._tables = features.size, () if law is None else law.tables
-        self._see = Kernel(Program(see, (features.memory, seen_by(d.joints), Cells((features.size,)))))
-        given, shapes = () if base is None else base.constants, [table.shape for table in self._tables]
-        self._act = Kernel(Program(act, (*ports, numbers, numbers), given, shapes))
-        self._given = np.empty(0) if base is None else constants_array(base.law, base.constants[1])
+        own, seen, self._base = features.memory, seen_by(d.joints), base
+        self._see = Kernel(Program(see, (own, seen, Cells((features.size,)))))
+        shapes = [table.shape for table in base.tables]
+        self._act = Kernel(Program(act, (own, base.memory, seen, numbers, numbers), base.constants, shapes))
+        self._size, self._given = features.size, constants_array(base)
 
     def see(self, observation: np.ndarray, memory: np.ndarray) -> np.ndarray:
         """Return the features (lanes, size) for observations (lanes, 5 n) and the memory of the features."""
-        out = np.empty((len(observation), self.size))
+        out = np.empty((len(observation), self._size))
         self._see((memory, observation, out), np.empty(0))
         return out
 
@@ -198,7 +193,7 @@ class Lanes:
         self, observation: np.ndarray, action: np.ndarray, torque: np.ndarray, memory: np.ndarray, held: np.ndarray
     ) -> None:
         """Advance both memories by an action (lanes, n); `torque` (lanes, n) holds scale · a, then the torque [N m]."""
-        self._act((memory, held, observation, action, torque), self._given, self._tables)
+        self._act((memory, held, observation, action, torque), self._given, self._base.tables)
 
 
 _HOLD = 2e-3  # s; computed torque held for 2, 5 and 10 ms errs by 1.7, 4.7 and 26 mm
