@@ -153,7 +153,6 @@ FIGURES: dict[str, Picture] = {
     "adaptive_front.png": Picture(results=("adaptive_margins",)),
     "estimate_front.png": Picture(results=("estimate_front",)),
     "learning.png": _from_result("learning_curves"),
-    "ppo_observer.png": Picture(results=("ppo_observer",)),
     "complexity.png": Picture(results=("complexity",)),
     "tip_bound.png": _from_result("tip_bound"),
     "throughput.png": _from_result("bench", "fuzzyarm.eval.bench.speed_table", "draw_throughput"),

@@ -263,7 +263,9 @@ def _observer(policy: ElasticObserverPolicy) -> _Law:
     quantities = (
         _Quantity("K", "SI", "feedback (point, joint, x)", policy.feedback),
         _Quantity("L", "SI", "observer (point, (x, d), measurement)", policy.observer),
-        _Quantity("kept", "-", "numbers of the joints over whose angles K and L are tabulated", 1.0 + schedule.kept),
+        _Quantity(
+            "kept", "-", "numbers of the joints over whose angles K and L are tabulated", np.add(1.0, schedule.kept)
+        ),
         *_arm(policy),
     )
     return "observer of links and load, state feedback", equations, quantities

@@ -42,45 +42,27 @@ class Controller(SignedController):
 
     N vertices of A, N_e of E, n_e = 6 error states with the integral and 4 without, p = N (N + 1) / 2 pairs i <= j,
     m multipliers. In the consistent form n = n_e, in the paper's form n = n_e + 4 (x_r). SI units throughout.
-
-    Attributes:
-        model: the T-S model, which holds the robot and the kept premises.
-        form: "consistent" or "paper" (Theorem 2, or 1 if all premises are kept), see `proof.theorems`.
-        integral: whether x_I = ∫ (q - q_d) dt is fed back.
-        alpha: guaranteed decay rate [1/s], in `RATES`.
-        gamma: guaranteed L2 gain, in `GAINS`; consistent form: from d [N m] to the position error [rad]; paper's
-            form: from (d, r) to Q^(1/2) e.
-        weight: diagonal (4,) of the paper's Q; None in the consistent form, where z is the position error.
-        common_multiplier: whether the dropped premises of A share one multiplier, as printed in Theorem 2.
-        gains: K̄ = [K H], (N, N_e, 2, n_e).
-        feedforward: L, (N, N_e, 2, 6), on r = (q_d, q̇_d, q̈_d); None in the consistent form, where L follows from the
-        model.
-        P: (n, n) of V = xᵀ P⁻¹ x, block diagonal over error and x_r.
-        Q: (p, n, n) slack.
-        X: (p, n, n) slack.
-        tau: (p, N_e, m) multipliers.
-        origin: how it was made: objective, solver, versions.
-        fastest_pole: β [1/s], above alpha and in `RATES`, V falls no faster than exp(-2βt); None, like the three
-            below, if no such bound is claimed. Consistent form only.
-        pole_Q: (p, n, n) slack of that claim's inequalities.
-        pole_X: (p, n, n) slack.
-        pole_tau: (p, N_e, m) multipliers.
     """
 
-    model: TSModel
-    form: str
-    integral: bool
-    alpha: float
+    model: TSModel  # which holds the robot and the kept premises
+    form: str  # "consistent" or "paper" (Theorem 2, or 1 if all premises are kept), see `proof.theorems`
+    integral: bool  # whether x_I = ∫ (q - q_d) dt is fed back
+    alpha: float  # guaranteed decay rate [1/s], in `RATES`
+    # guaranteed L2 gain, in `GAINS`; consistent form: from d [N m] to the position error [rad]; paper's form: from
+    # (d, r) to Q^(1/2) e
     gamma: float
-    weight: np.ndarray | None
-    common_multiplier: bool
-    gains: np.ndarray
+    weight: np.ndarray | None  # diagonal (4,) of the paper's Q; None in the consistent form, z is the position error
+    common_multiplier: bool  # whether the dropped premises of A share one multiplier, as printed in Theorem 2
+    gains: np.ndarray  # K̄ = [K H], (N, N_e, 2, n_e)
+    # L, (N, N_e, 2, 6), on r = (q_d, q̇_d, q̈_d); None in the consistent form, where L follows from the model
     feedforward: np.ndarray | None
-    P: np.ndarray
-    Q: np.ndarray
-    X: np.ndarray
-    tau: np.ndarray
-    origin: dict[str, str]
+    P: np.ndarray  # (n, n) of V = xᵀ P⁻¹ x, block diagonal over error and x_r
+    Q: np.ndarray  # (p, n, n) slack
+    X: np.ndarray  # (p, n, n) slack
+    tau: np.ndarray  # (p, N_e, m) multipliers
+    origin: dict[str, str]  # how it was made: objective, solver, versions
+    # β [1/s], above alpha and in `RATES`, V falls no faster than exp(-2βt); None, like the slack and the multipliers of
+    # that claim below, if no such bound is claimed. Consistent form only.
     fastest_pole: float | None = None
     pole_Q: np.ndarray | None = None
     pole_X: np.ndarray | None = None

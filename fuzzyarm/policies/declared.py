@@ -243,8 +243,6 @@ def _memory(bundle: Any) -> str:
     more = {
         "leaky integral of the error": features.integral_time > 0.0,
         "filtered action": bundle.action.smoothing_time > 0.0,
-        "means of the innovation": bool(features.innovation_times),
-        "the state of a network": bundle.network.cell is not None,
     }
     return ", ".join([*kept, *(words for words, is_kept in more.items() if is_kept)]) or "nothing"
 

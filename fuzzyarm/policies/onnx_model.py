@@ -16,7 +16,7 @@ from fuzzyarm.common.documents import read_bytes
 from fuzzyarm.envs.physics.equations import AnyArm
 from fuzzyarm.fuzzy_policy.known_arm import joints_of
 from fuzzyarm.fuzzy_policy.laws.learned.definition import learning_features
-from fuzzyarm.fuzzy_policy.laws.learned.features import Features, Lanes, learning_action
+from fuzzyarm.fuzzy_policy.laws.learned.features import Features, Lanes, guided, learning_action
 from fuzzyarm.fuzzy_policy.policy import Policy
 
 __all__ = ["OnnxPolicy", "past_seen"]
@@ -63,7 +63,7 @@ class OnnxPolicy(Policy):
             raise ValueError(f"{path}: its inputs are {found}; needed: one, tensor(float) of shape (lanes, size)")
         self._input, joints = given.name, joints_of(robot)
         definition, action = learning_features(joints, past_seen(path, given.shape[1], joints)), learning_action(robot)
-        self._features = Lanes(features := Features(definition, action.period, robot))
+        self._features = Lanes(features := Features(definition, action.period, robot), guided(None))
         self._scale, self._calls = np.array(action.scale), action.calls(control_period)
         self.action_period, self._remembered = action.period, features.memory_size
         if (shape := self._run(np.zeros((1, given.shape[1]), np.float32)).shape) != (1, joints):
@@ -79,10 +79,9 @@ class OnnxPolicy(Policy):
         due = np.flatnonzero(memory[:, 0] == 0.0)
         if len(due):
             seen, past = np.ascontiguousarray(observation[due]), np.ascontiguousarray(memory[due, 1 + self.joints :])
-            nothing = np.empty((len(due), 0))
-            features = self._features.see(seen, past, nothing).astype(np.float32)
+            features = self._features.see(seen, past).astype(np.float32)
             action = np.clip(self._run(features).astype(np.float64), -1.0, 1.0)
-            self._features.act(seen, action, self._scale * action, past, nothing)
+            self._features.act(seen, action, self._scale * action, past, np.empty((len(due), 0)))
             memory[due, 1 : 1 + self.joints], memory[due, 1 + self.joints :] = action, past
         memory[:, 0] = (memory[:, 0] + 1.0) % self._calls
         torque[:] = self._scale * memory[:, 1 : 1 + self.joints]

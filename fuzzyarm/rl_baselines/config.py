@@ -12,12 +12,7 @@ from typing import Any, Literal, Self, get_args
 
 from fuzzyarm.common.checks import choice, instance, real, whole
 from fuzzyarm.common.documents import record
-from fuzzyarm.fuzzy_policy.laws.learned.definition import (
-    OBSERVER_BASE,
-    ActionDefinition,
-    FeatureDefinition,
-    learning_features,
-)
+from fuzzyarm.fuzzy_policy.laws.learned.definition import ActionDefinition, FeatureDefinition, learning_features
 
 __all__ = ["SEGMENT", "EstimateConfig", "TrainingConfig"]
 
@@ -43,7 +38,7 @@ class TrainingConfig:
     robot: str | None = None
     """Another arm: cicese, manutec-r3, planar-3r, ur5, panda, or the TOML file of a robot or of a two-joint arm."""
     scale: tuple[float, ...] = (500.0, 250.0)
-    """Largest action of each motor: torques [N m], or with a base and no gate angles [rad], of 0.5 at most. On the
+    """Largest action of each motor: torques [N m], or with a base angles [rad], of 0.5 at most. On the
     command line, a robot with more joints has its torque limits, or 0.01 rad."""
     action_period: float = 0.002
     """Time for which an action is held [s], at most 0.1; it is the control period of the training."""
@@ -58,12 +53,6 @@ class TrainingConfig:
     elastic_target: bool = False
     """Count errors from the angles at which the motors of the unloaded arm belong, and add past excess torques to the
     features."""
-    gate: float = 0.0
-    """With the base elastic-observer, actions are torques [N m] beside its own that fade where its innovation is below
-    this many units of 1 µrad and 2 mrad/s; 0: actions shift the base's target."""
-    innovation_times: tuple[float, ...] = ()
-    """With the base elastic-observer, time constants [s] of means of its innovation (4 at most); with any of them, the
-    innovation and the estimated load are features."""
     hidden: tuple[int, ...] = (64, 64)
     """Widths of the hidden layers of the network (1 to 1024 each)."""
     total_timesteps: int = 300_000
@@ -91,15 +80,13 @@ class TrainingConfig:
         whole("threads", self.threads, low=1, high=1024)
         if self.robot is not None:
             instance("robot", self.robot, str)
-        if instance("innovation_times", self.innovation_times, tuple) and self.base != OBSERVER_BASE:
-            raise ValueError(f"innovation_times needs the base {OBSERVER_BASE}, not {self.base}; leave it out")
         # The definitions of features and action check the rest.
         _ = self.action, self.features
 
     @property
     def features(self) -> FeatureDefinition:
         """What the policy sees."""
-        same = ("past_errors", "past_actions", "integral_time", "elastic_target", "innovation_times")
+        same = ("past_errors", "past_actions", "integral_time", "elastic_target")
         registered = learning_features(len(self.scale))
         return dataclasses.replace(registered, **{name: getattr(self, name) for name in same})
 
@@ -107,7 +94,7 @@ class TrainingConfig:
     def action(self) -> ActionDefinition:
         """What the policy's action means."""
         base = None if instance("base", self.base, str) == "none" else self.base
-        return ActionDefinition(self.scale, self.action_period, base, self.smoothing_time, self.gate)
+        return ActionDefinition(self.scale, self.action_period, base, self.smoothing_time)
 
     def to_dict(self) -> dict[str, Any]:
         """Return the fields by name, ready for JSON; ``robot`` is left out of a training for the arm of Table 1."""

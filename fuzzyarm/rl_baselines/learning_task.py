@@ -38,7 +38,7 @@ from fuzzyarm.envs.spec import made_from_json
 from fuzzyarm.envs.vector import RESET_MASK, FuzzyArmVectorEnv, masked, masked_lanes
 from fuzzyarm.fuzzy_policy.known_arm import joints_of
 from fuzzyarm.fuzzy_policy.laws.learned.definition import ActionDefinition, FeatureDefinition, learning_features
-from fuzzyarm.fuzzy_policy.laws.learned.features import Base, Features, Lanes, learning_action
+from fuzzyarm.fuzzy_policy.laws.learned.features import Features, Lanes, guided, learning_action
 from fuzzyarm.policies import load_policy
 
 __all__ = ["FuzzyArmLearnEnv", "FuzzyArmLearnVectorEnv", "learning_draws", "tracking_reward"]
@@ -114,16 +114,15 @@ class FuzzyArmLearnVectorEnv(FuzzyArmVectorEnv):
             self._mode = AutoresetMode.DISABLED  # of the arms: lanes are reset here, those that lost their path as well
         base = None
         if self.action.base is not None:
-            policy = load_policy(self.action.base, control_period=self.action.period, robot=arm)
-            base = Base(policy, self.action)
+            base = load_policy(self.action.base, control_period=self.action.period, robot=arm)
         seen = Features(features, self.action.period, arm)
-        self._arms = Lanes(seen, base)
+        self._arms = Lanes(seen, guided(base, self.action.base))
         joints, size = joints_of(arm), seen.size + 3 * joints_of(arm) * len(preview)
         if len(self.action.scale) != joints:
             raise ValueError(f"scale = {list(self.action.scale)} must be {joints} numbers, one for each joint")
         self._units = np.repeat([1.0, features.velocity_scale, features.acceleration_scale], joints)
         self._memory = np.zeros((num_envs, seen.memory_size))
-        self._base_memory = np.zeros((num_envs, 0 if base is None else base.policy.memory_size))
+        self._base_memory = np.zeros((num_envs, 0 if base is None else base.memory_size))
         self._seen, self._action = np.zeros((num_envs, PARTS * joints)), np.zeros((num_envs, joints))
         unit = np.ones(joints, dtype=np.float32)
         self.single_action_space = gym.spaces.Box(-unit, unit)
@@ -209,7 +208,7 @@ class FuzzyArmLearnVectorEnv(FuzzyArmVectorEnv):
 
     def _features(self) -> np.ndarray:
         """Return what a learner sees now (num_envs, `size`), float32."""
-        seen = self._arms.see(self._seen, self._memory, self._base_memory)
+        seen = self._arms.see(self._seen, self._memory)
         if len(self._preview):  # the last reference holds after the motion has ended
             clock = self.lanes.clock
             rows = np.minimum(clock[CLOCK.row][:, np.newaxis] + self._preview, clock[CLOCK.last][:, np.newaxis])

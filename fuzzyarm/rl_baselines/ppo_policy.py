@@ -68,23 +68,16 @@ NOISE = 0.05
 
 
 class GuidedPolicy(ActorCriticPolicy):
-    """The networks of `stable_baselines3.PPO`, with three changes.
+    """The networks of `stable_baselines3.PPO`, with two changes.
 
-    The policy sees all features but the last `unseen`, the value function all. With `silent` the last layer of the
-    policy begins with zeros: the mean action is 0 at first. With a `smoothness` λ, what PPO takes for the entropy is
-    -λ |μ(f) - μ(f + NOISE n)|² with the mean action μ and standard normal n (conditioning for action policy
-    smoothness, Mysore et al., 2021); with a coefficient of the entropy of 1 the loss gains its negative mean.
+    The policy sees all features but the last `unseen`, the value function all. With a `smoothness` λ, what PPO takes
+    for the entropy is -λ |μ(f) - μ(f + NOISE n)|² with the mean action μ and standard normal n (conditioning for action
+    policy smoothness, Mysore et al., 2021); with a coefficient of the entropy of 1 the loss gains its negative mean.
     """
 
-    def __init__(
-        self, *arguments: Any, unseen: int = 0, silent: bool = False, smoothness: float = 0.0, **others: Any
-    ) -> None:
+    def __init__(self, *arguments: Any, unseen: int = 0, smoothness: float = 0.0, **others: Any) -> None:
         self._unseen, self._smoothness = unseen, smoothness
         super().__init__(*arguments, **others)
-        if silent:
-            with torch.no_grad():
-                self.action_net.weight.zero_()
-                self.action_net.bias.zero_()
 
     def evaluate_actions(
         self, obs: Any, actions: torch.Tensor

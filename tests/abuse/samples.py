@@ -33,9 +33,6 @@ from fuzzyarm.eval.sweep.run import Sweep
 from fuzzyarm.eval.sweep.summary import summarise
 from fuzzyarm.eval.tuning import finding
 from fuzzyarm.fuzzy_policy.laws.adaptive.belief import AdaptiveWeights
-from fuzzyarm.fuzzy_policy.laws.learned.bundle import PolicyBundle
-from fuzzyarm.fuzzy_policy.laws.learned.definition import ActionDefinition, FeatureDefinition
-from fuzzyarm.fuzzy_policy.laws.learned.network import Cell, Network
 from fuzzyarm.fuzzy_policy.laws.observer_gains import ObserverWeights
 from fuzzyarm.fuzzy_policy.scheduled import Premise, ScheduledController
 from fuzzyarm.fuzzy_policy.signed_files import digest_of
@@ -196,26 +193,6 @@ def bundle(folder: Path) -> None:
 @_made
 def observer(folder: Path) -> None:
     shutil.copytree(BUNDLES / "learned-observer", folder, dirs_exist_ok=True)
-
-
-@_made
-def recurrent(folder: Path) -> None:
-    """A recurrent network beside the elastic observer, with random weights."""
-    rng, hidden, features = np.random.default_rng(0), 3, FeatureDefinition(innovation_times=(0.01,))
-
-    def random(*shape: int) -> np.ndarray:
-        return rng.normal(size=shape).astype(np.float32)
-
-    network = Network(
-        mean=np.zeros(features.size),
-        std=np.ones(features.size),
-        clip=10.0,
-        weights=(random(2, hidden),),
-        biases=(random(2),),
-        cell=Cell(random(4 * hidden, features.size), random(4 * hidden, hidden), random(4 * hidden)),
-    )
-    action = ActionDefinition(scale=(30.0, 20.0), period=1e-3, base="elastic-observer", gate=1.0)
-    PolicyBundle(features, action, network).save(folder / "policy")
 
 
 @_made

@@ -196,7 +196,6 @@ READERS = {
     "weights": Reader(samples.bundle, "weights.safetensors", act, guarded=True),
     "observer": Reader(samples.observer, "policy.json", act),
     "weights of an observer": Reader(samples.observer, "weights.safetensors", act, guarded=True),
-    "recurrent": Reader(samples.recurrent, "policy/policy.json", lambda f: act(f / "policy")),
     "results": Reader(samples.evaluated, "results.json", evaluation),
     "rollouts": Reader(samples.evaluated, "rollouts.npz", rollouts),
     "expected": Reader(lambda: EXPECTED.parent, "expected.json", lambda f: load_expected(f / "expected.json")),
@@ -400,12 +399,11 @@ def test_a_truth_value_that_is_neither_is_refused():
     assert not try_read(READERS["chunk"], buffer.getvalue())
 
 
-@pytest.mark.parametrize("source", [samples.bundle, samples.recurrent], ids=lambda one: one.__name__)
 @examples(40)
 @given(data=st.data())
-def test_weights_that_are_signed_again_are_refused_or_right(source, data):
+def test_weights_that_are_signed_again_are_refused_or_right(data):
     folder = scratch()
-    shutil.copytree(source() / "policy" if source is samples.recurrent else source(), folder, dirs_exist_ok=True)
+    shutil.copytree(samples.bundle(), folder, dirs_exist_ok=True)
     good = (folder / "weights.safetensors").read_bytes()
     length = int.from_bytes(good[:8], "little")
     if data.draw(st.booleans()):

@@ -4,6 +4,7 @@ import gymnasium as gym
 import numpy as np
 import pytest
 from gymnasium.utils.env_checker import check_env
+from support.bundles import answering
 
 from fuzzyarm import load_policy
 from fuzzyarm.envs.fuzzy_arm import FuzzyArmEnv
@@ -167,14 +168,12 @@ def bundle(features, action, seed=0):
     )
 
 
-OBSERVER = {"base": "elastic-observer", "gate": 1.0, "smoothing_time": 0.01}
 DEFINITIONS = {
     "torques": (FeatureDefinition(), ActionDefinition()),
     "residual": (
         FeatureDefinition(elastic_target=True),
         ActionDefinition((0.01, 0.02), base="fuzzy-4-tip", smoothing_time=0.03),
     ),
-    "observer": (FeatureDefinition(innovation_times=(0.004, 0.02)), ActionDefinition((40.0, 20.0), **OBSERVER)),
 }
 
 
@@ -192,10 +191,9 @@ def test_training_and_the_shipped_policy_see_and_do_the_same(name):
     plain = gym.make_vec("FuzzyArm-v0", num_envs=5, control_period=2e-3, **arguments)
     policy = LearnedPolicy(made := bundle(features, action), 2e-3, base=base)
     (seen, _), (observation, _) = training.reset(seed=3), plain.reset(seed=3)
-    state, starts, ends = None, np.ones(5, dtype=bool), 0
+    state, starts, ends, network = None, np.ones(5, dtype=bool), 0, answering(made.network)
     for _ in range(60):
-        answer = np.empty((5, 2))
-        made.network.act(seen.astype(float), answer)
+        answer = network(seen.astype(float))
         seen, _, *ended, info = training.step(answer)
         torque, state = policy.predict(observation, state, starts)
         observation, _, *expected, other = plain.step(torque)

@@ -22,7 +22,7 @@ OWN = {field.name for field in dataclasses.fields(PPOConfig)} - {f.name for f in
 
 def test_the_first_preset_is_the_default():
     assert next(iter(PRESETS.values())) == PPOConfig()
-    assert list(PRESETS) == ["robust", "nominal", "residual", "observer"]
+    assert list(PRESETS) == ["robust", "nominal", "residual"]
 
 
 def test_the_defaults_are_the_registered_task():
@@ -46,7 +46,7 @@ def test_settings_and_presets_can_be_read_without_torch():
         "print(list(ALGORITHMS['ppo'].presets), 'llvmlite' in sys.modules)"
     )
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
-    assert done.stdout.strip() == "['robust', 'nominal', 'residual', 'observer'] False"
+    assert done.stdout.strip() == "['robust', 'nominal', 'residual'] False"
 
 
 @pytest.mark.parametrize("config", PRESETS.values(), ids=PRESETS)
@@ -119,7 +119,7 @@ BAD = {
     "--total-timesteps 4.5": "--total-timesteps 4.5 must be a whole number",
     "--scale x 0": "--scale x must be a number",
     "--distribution other": '"nominal", "robust"',
-    "--preset other": "--preset other is unknown; choose from: robust, nominal, residual, observer",
+    "--preset other": "--preset other is unknown; choose from: robust, nominal, residual",
     "--lanes -1": r"lanes = -1 is out of range; allowed: 1 to 65536",
     "--batch-size 100": "batch_size = 100 must divide lanes times n_steps = 2048",
     "--base fuzzy-5 --scale 0.1 0.1": "base = 'fuzzy-5' is not the name of a policy",

@@ -14,6 +14,7 @@ import pytest
 
 torch = pytest.importorskip("torch")
 pytest.importorskip("stable_baselines3")
+from support.bundles import answering  # noqa: E402
 from support.processes import running, wait_until  # noqa: E402
 
 from fuzzyarm.cli import main  # noqa: E402
@@ -193,8 +194,7 @@ def test_the_shipped_policy_is_the_trained_one(whole):
     bundle = PolicyBundle.load(whole / "policy")
     rng = np.random.default_rng(0)
     features = rng.normal(size=(4096, bundle.features.size)) * rng.choice([0.1, 1.0, 2.0], (4096, 1))
-    action = np.empty((4096, 2))
-    bundle.network.act(features, action)
+    action = answering(bundle.network)(features)
     with torch.no_grad():
         seen = torch.as_tensor(features.astype(np.float32))
         expected = np.clip(policy.get_distribution(seen).mode().numpy(), -1.0, 1.0)

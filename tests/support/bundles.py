@@ -12,6 +12,9 @@ from fuzzyarm.fuzzy_policy.laws.learned.bundle import PolicyBundle
 from fuzzyarm.fuzzy_policy.laws.learned.definition import ActionDefinition, FeatureDefinition
 from fuzzyarm.fuzzy_policy.laws.learned.estimate.network import EstimateNetwork, shapes_of
 from fuzzyarm.fuzzy_policy.laws.learned.network import Network
+from fuzzyarm.numbers.functions import Cells
+from fuzzyarm.numbers.machine import Kernel
+from fuzzyarm.numbers.program import Program
 
 
 def network(sizes=(20, 16, 8, 2), seed=0, gain=1.0):
@@ -25,6 +28,24 @@ def network(sizes=(20, 16, 8, 2), seed=0, gain=1.0):
         weights=tuple((gain * rng.normal(size=(n, m)) / np.sqrt(m)).astype(np.float32) for m, n in pairs),
         biases=tuple((0.1 * rng.normal(size=n)).astype(np.float32) for _, n in pairs),
     )
+
+
+def answering(network):
+    """What a network answers: ``act(features, memory=None)`` for lanes in rows; the memory advances in place."""
+
+    def act(features, memory, _, __, *tables):
+        return features, memory, network.outputs(features, memory, *tables)
+
+    inputs, *_, outputs = network.sizes
+    ports = Cells((inputs,)), network.memory, (0.0,) * outputs
+    kernel = Kernel(Program(act, ports, (), [table.shape for table in network.tables]))
+
+    def answer(features, memory=None):
+        action, held = np.empty((len(features), outputs)), np.empty((len(features), 0)) if memory is None else memory
+        kernel((features, held, action), np.empty(0), network.tables)
+        return action
+
+    return answer
 
 
 def bundle(action=None, seed=0, **values):

@@ -88,8 +88,7 @@ class ElasticObserverPolicy(LawPolicy):
     @property
     def where(self) -> tuple[Physics, tuple[int, ...], bool, int]:
         """The equations of the arm, and over which angles the gains are tabulated: the arguments of `steps_of`."""
-        schedule = self._schedule
-        return equations_of(self.parameters), tuple(schedule.kept.tolist()), schedule.cosine, schedule.points
+        return equations_of(self.parameters), *self._schedule[:3]
 
     def _know(self, parameters: AnyArm) -> None:
         """Predict with the arm `parameters`; the gains stay the same."""
@@ -185,11 +184,9 @@ def _law_of(physics: Physics, kept: tuple[int, ...], cosine: bool, points: int) 
     correct, act, predict = steps_of(physics, kept, cosine, points)
 
     def elastic_observer(
-        memory: Observed, seen: Observation, c: Constants, feedback: Any, observer: Any, extra: Any = None
+        memory: Observed, seen: Observation, c: Constants, feedback: Any, observer: Any
     ) -> tuple[Observed, Any]:
         found = correct(memory, seen, c, observer)
-        if extra is not None:
-            found = found._replace(u_ff=tuple(u + more for u, more in zip(found.u_ff, extra, strict=True)))
         torque = act(found, seen, c, feedback)
         applied = within(physics.PerJoint(*torque), c.limit)
         return Observed(found.past, 1.0, predict(found.x, applied, c)), torque

@@ -123,11 +123,8 @@ class ElasticTarget:
         hold rather than that of its start.
         """
         period, physics = real("control_period", control_period, "s", above=0.0), equations_of(parameters)
-        self._parameters, self._joints, self.memory_size = (
-            parameters,
-            physics.joints,
-            len(flat(past_of(physics.joints))),
-        )
+        self._joints, self.memory_size = physics.joints, len(flat(past_of(physics.joints)))
+        self._parameters = parameters
         self.constants = TargetConstants(*numbers_of(parameters), period, float(friction), 0.5 * float(average))
         self._numbers = np.array(flat(self.constants))
 

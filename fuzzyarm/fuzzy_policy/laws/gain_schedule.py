@@ -36,7 +36,7 @@ _SAMPLES, _SEED = 64, 2022  # of the angles over which is averaged
 class GainSchedule(NamedTuple):
     """The points of the tables, and how they are found."""
 
-    kept: np.ndarray  # the numbers of the joints (k,) whose angles count
+    kept: tuple[int, ...]  # the numbers of the joints whose angles count
     cosine: bool  # whether the points are even in the cosine of the one angle rather than in the angles
     points: int  # of each angle
     places: tuple[str, ...]  # the point's angles or cosine as text, for messages; points^k of them
@@ -47,14 +47,14 @@ def schedule_of(arm: AnyArm) -> GainSchedule:
     """Return the schedule of the two-joint arm or of a robot."""
     if isinstance(arm, Robot):
         return _of_robot(arm)
-    schedule = GainSchedule(np.array([1]), True, len(_GRID), tuple(f"cos q2 = {cos2:g}" for cos2 in _GRID), np.empty(0))
+    schedule = GainSchedule((1,), True, len(_GRID), tuple(f"cos q2 = {cos2:g}" for cos2 in _GRID), np.empty(0))
     return schedule._replace(inertia=loaded_inertia(arm, schedule, 0.0))
 
 
 def loaded_inertia(arm: AnyArm, schedule: GainSchedule, payload: float) -> np.ndarray:
     """Return M (points, n, n) [kg m²] at the points of an arm's schedule with a payload [kg] at the tip."""
     if isinstance(arm, Robot):
-        return _inertia_at(arm.with_payload(payload), _turned_to(random_angles(arm), schedule.kept.tolist()))
+        return _inertia_at(arm.with_payload(payload), _turned_to(random_angles(arm), list(schedule.kept)))
     constants = arm_constants(arm, Payload(payload))
     entries = [two_joint_mass_matrix(float(cos2), constants) for cos2 in _GRID]
     return np.array([[[m11, m12], [m12, m22]] for m11, m12, m22 in entries])
@@ -82,7 +82,7 @@ def _of_robot(robot: Robot) -> GainSchedule:
         ", ".join(f"{name} = {q[0, joint]:.3g} rad" for name, joint in zip(names, kept, strict=True)) or "any angles"
         for q in points
     )
-    return GainSchedule(np.array(kept, dtype=np.int64), False, _POINTS, places, _inertia_at(robot, points))
+    return GainSchedule(tuple(kept), False, _POINTS, places, _inertia_at(robot, points))
 
 
 def _inertia_at(robot: Robot, angles: list[np.ndarray]) -> np.ndarray:
@@ -107,7 +107,7 @@ def random_angles(robot: Robot) -> np.ndarray:
 
 def nearest_inertia(schedule: GainSchedule, q: np.ndarray) -> np.ndarray:
     """Return M (n, n) [kg m²] of the point with the largest weight at angles q (n,) [rad]."""
-    corners = corners_of(q.tolist(), tuple(schedule.kept.tolist()), schedule.cosine, schedule.points)
+    corners = corners_of(q.tolist(), *schedule[:3])
     nearest, _ = max(corners, key=lambda corner: corner[1])
     inertia: np.ndarray = schedule.inertia[int(nearest)]
     return inertia

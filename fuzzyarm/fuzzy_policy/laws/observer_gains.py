@@ -73,16 +73,12 @@ def estimate_parts(joints: int) -> Estimate:
 
 @dataclasses.dataclass(frozen=True)
 class ObserverWeights:
-    """The weights of both Riccati equations.
+    """The weights of both Riccati equations, each in `WEIGHT_RANGE`.
 
     The first four defaults were chosen by ``python benchmarks/observer_tuning.py`` (commit 2839bc83) for the smallest
     tip error over random arms within stability margins. The last two are the encoder noise of the README's examples.
 
     Torques are shares of the arm's `torque_limit`, joint by joint, so that the same weights fit arms of another size.
-
-    Raises:
-        TypeError: a weight is not a number.
-        ValueError: a weight lies outside `WEIGHT_RANGE`.
     """
 
     # link error [rad] that costs as much as the whole torque, weight 1/link_angle² against 1/Γ_max²

@@ -89,10 +89,6 @@ PRESETS: dict[str, PPOConfig] = {
         base="fuzzy-4-tip", scale=(0.01, 0.02), smoothing_time=0.06, elastic_target=True, past_errors=2,
         past_actions=2, integral_time=0.1, log_std_init=-1.5,
     ),
-    "observer": PPOConfig(
-        base="elastic-observer", scale=(300.0, 150.0), gate=1.0, action_period=0.001, past_actions=1,
-        log_std_init=-2.0, asymmetric_critic=True,
-    ),
 }  # fmt: skip
 """Settings by name: of what a policy is to follow, and of what it acts beside."""
 
@@ -123,12 +119,12 @@ class PPOAlgorithm:
         }
         policy: Any = "MlpPolicy"
         shown: Any = envs
-        if config.asymmetric_critic or config.smoothness or config.gate:
+        if config.asymmetric_critic or config.smoothness:
             from fuzzyarm.rl_baselines.ppo_policy import GuidedPolicy, PlantView
 
             shown = PlantView(envs) if config.asymmetric_critic else envs
             policy, unseen = GuidedPolicy, shown.observation_space.shape[0] - config.features.size
-            networks |= {"unseen": unseen, "smoothness": config.smoothness, "silent": config.gate > 0.0}
+            networks |= {"unseen": unseen, "smoothness": config.smoothness}
         first, last = config.learning_rate, config.final_learning_rate
         self.model = PPO(
             policy,

@@ -83,17 +83,3 @@ def test_of_three_joints_in_a_plane_the_table_holds_the_mass_matrix_itself():
     for k, (second, third) in enumerate((a, b) for a in range(8) for b in range(8)):
         q = np.array([0.7, 2 * np.pi * second / 8, 2 * np.pi * third / 8])
         np.testing.assert_allclose(schedule.inertia[k], mass_matrix(robot, q), atol=1e-12)
-
-
-@pytest.mark.parametrize(
-    ("name", "robot", "error", "message"),
-    [
-        ("fuzzy-4", "ur5", ValueError, "was designed for the two-joint arm, not for ur5"),
-        ("ppo-robust", "ur5", ValueError, "was trained on the arm of Table 1 and knows no other"),
-        ("computed-torque", "scara", ValueError, "unknown robot 'scara'; choose from: cicese, manutec-r3"),
-        ("computed-torque", 3, TypeError, "robot is int"),
-    ],
-)
-def test_what_knows_no_robot_says_so(name, robot, error, message):
-    with pytest.raises(error, match=message):
-        load_policy(name, robot=robot)

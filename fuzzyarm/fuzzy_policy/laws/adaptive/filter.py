@@ -104,7 +104,7 @@ class Settings:
 
     def __init__(self, arm: AnyArm, control_period: float, weights: AdaptiveWeights, feedback: np.ndarray) -> None:
         """Take the known arm, T [s] and K, a row for each payload and point (payloads · points, n · 4 n)."""
-        belief, p, schedule = believed.belief_of(equations_of(arm)), believed.prior(arm, weights), schedule_of(arm)
+        belief, p = believed.belief_of(equations_of(arm)), believed.prior(arm, weights)
         limit, inertia = per_joint_of(arm, "torque_limit"), per_joint_of(arm, "motor_inertia")
         n, loads, period, still = len(limit), belief.payload.stop, control_period, np.zeros(len(limit))
         encoder, unknown = np.repeat([weights.encoder_angle, weights.encoder_velocity], n), isinstance(arm, Robot)
@@ -117,7 +117,7 @@ class Settings:
         self.weights = weights
         self.feedback = feedback
         # Over the angles of which joints it is tabulated, whether at even cosines, and at how many points of each.
-        self.schedule = tuple(schedule.kept.tolist()), schedule.cosine, schedule.points
+        self.schedule = schedule_of(arm)[:3]
         self.soft_samples = weights.soft_start / period
         self.base, self.slopes = believed.affine_numbers(arm)  # a_0 and S
         self.guess = p.guess  # p_0

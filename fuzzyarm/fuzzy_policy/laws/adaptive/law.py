@@ -26,7 +26,6 @@ from fuzzyarm.envs.physics.elementwise import sign
 from fuzzyarm.envs.physics.equations import AnyArm
 from fuzzyarm.envs.physics.friction import stribeck_magnitude
 from fuzzyarm.envs.physics.robot import Robot
-from fuzzyarm.fuzzy_policy.laws import observer_gains
 from fuzzyarm.fuzzy_policy.laws.adaptive.belief import FLAG, KEPT, LONGEST_DELAY, AdaptiveWeights, Memory, mass_of
 from fuzzyarm.fuzzy_policy.laws.adaptive.filter import Room, Settings, command, fill, numbers_at, sent
 from fuzzyarm.fuzzy_policy.laws.elastic_target import motor_target
@@ -39,6 +38,7 @@ from fuzzyarm.fuzzy_policy.laws.observer_gains import (
     feedback_gain,
     found_at,
     places_of,
+    softened,
     worst_radius,
 )
 from fuzzyarm.numbers.functions import array, each, entry, floor, maximum, minimum, number, only, select
@@ -56,15 +56,10 @@ def adaptive_weights_for(arm: AnyArm, control_period: float) -> AdaptiveWeights:
     weights = AdaptiveWeights()
     if not isinstance(arm, Robot):
         return weights
-    trials = [_softened(weights, factor) for factor in SOFTENINGS]
+    trials: list[AdaptiveWeights] = [
+        dataclasses.replace(softened(weights, s), first_gain=min(1.0, s * weights.first_gain)) for s in SOFTENINGS
+    ]
     return next((trial for trial in trials if _largest_radius(arm, control_period, trial) < 1.0), trials[-1])
-
-
-def _softened(weights: AdaptiveWeights, factor: float) -> AdaptiveWeights:
-    """Return weights softened by s = `factor`."""
-    first_gain = min(1.0, factor * weights.first_gain)
-    result: AdaptiveWeights = observer_gains.softened(dataclasses.replace(weights, first_gain=first_gain), factor)
-    return result
 
 
 def _largest_radius(robot: Robot, control_period: float, weights: AdaptiveWeights) -> float:

@@ -59,9 +59,8 @@ class PassState:
     """A state between two samples, of one arm or of lanes."""
 
     memory: np.ndarray  # of the policy, (lanes, memory_size)
-    expected: (
-        np.ndarray
-    )  # tip force [N] expected at the samples of this pass, (samples, lanes, axes); empty in the first
+    # tip force [N] expected at the samples of this pass, (samples, lanes, axes); empty in the first
+    expected: np.ndarray
     path: np.ndarray  # q_d of the pass before, (samples, lanes, n)
     references: list[np.ndarray]  # q_d of the samples so far
     measured: list[np.ndarray]  # θ [rad] and θ̇ [rad/s] of each sample so far, (lanes, 2 n) each

@@ -15,13 +15,12 @@ from typing import Any, TypeVar
 
 import numpy as np
 
-from fuzzyarm.common.checks import choice, listed, whole
+from fuzzyarm.common.checks import listed, whole
 from fuzzyarm.common.console import escaped
 from fuzzyarm.common.documents import check_schema, parse_json, read_bytes, read_json, record
 from fuzzyarm.common.files import write_folder_atomically
-from fuzzyarm.fuzzy_policy.laws.learned import definition
 from fuzzyarm.fuzzy_policy.laws.learned.definition import ActionDefinition, ArmDefinition, FeatureDefinition
-from fuzzyarm.fuzzy_policy.laws.learned.network import Cell, Network
+from fuzzyarm.fuzzy_policy.laws.learned.network import Network
 
 __all__ = [
     "BEST", "DESCRIPTION", "LAST", "OBSERVER", "WEIGHTS", "BundleError", "PolicyBundle", "Trained", "is_observer",
@@ -81,7 +80,7 @@ def read_bundle(
     path = folder / DESCRIPTION
     content = _content(path)
     try:
-        description: Any = record(check_schema(content, schema), kind)
+        description: Any = record(_without_off(check_schema(content, schema)), kind)
     except ValueError as error:
         raise BundleError(f"{path} is no description of a policy: {error}; train it again") from None
     weights = _read(folder / WEIGHTS, read_bytes, _LARGEST_WEIGHTS, "that is no policy of this package")
@@ -96,6 +95,18 @@ def read_bundle(
         return build(description, tensors, trained | {"seed": whole("seed", description.seed)})
     except (TypeError, ValueError, OverflowError) as error:
         raise BundleError(f"{folder} is no usable policy bundle: {' '.join(str(error).split())}") from None
+
+
+# Settings of actions beside an observer, which are gone, at the values that turn them off: shipped files state them.
+_OFF: tuple[tuple[str, Any], ...] = (
+    ("innovation_times", []), ("innovation_scale", 1e-6), ("innovation_rate_scale", 2e-3), ("load_scale", 100.0),
+    ("gate", 0.0),
+)  # fmt: skip
+
+
+def _without_off(content: dict[str, Any]) -> dict[str, Any]:
+    parts = {name: content[name] for name in ("features", "action") if isinstance(content.get(name), dict)}
+    return content | {name: dict(pair for pair in part.items() if pair not in _OFF) for name, part in parts.items()}
 
 
 def _tensors_in(content: bytes) -> dict[str, np.ndarray]:
@@ -148,8 +159,7 @@ class Trained:
 
 
 _SCHEMA = "fuzzyarm-learned-policy/1"
-_OUTPUT, _NO_CELL, _LSTM = "clip", "none", "lstm"  # a description does not name the first two
-_CELL, _GATED = "cell", tuple(field.name for field in dataclasses.fields(Cell))  # tensors: cell.weight_x, ...
+_OUTPUT = "clip"  # a description does not name it
 _PAPERS_JOINTS = 2
 
 
@@ -172,25 +182,21 @@ class PolicyBundle(Trained):
             raise ValueError(f"the features are for {self.features.joints} joints, the action has {joints} scales")
         if self.arm is None and joints != _PAPERS_JOINTS:
             raise ValueError(f"it is for {joints} joints and does not say of which arm")
-        if self.features.innovation_times and self.action.base != definition.OBSERVER_BASE:
-            raise ValueError(
-                f"innovation_times needs the base {definition.OBSERVER_BASE}, not {self.action.base}; otherwise ()"
-            )
         found, needed = (self.network.sizes[0], self.network.sizes[-1]), (self.features.size, joints)
         if found != needed:
             text = "the network has {} inputs and {} outputs; the definitions ask for {} and {}"
             raise ValueError(text.format(*found, *needed))
 
     def save(self, folder: Path) -> None:
-        """Write the bundle, see `write_folder`."""
-        network, arrays = self.network, ("mean", "std")
-        tensors = {} if network.cell is None else {f"{_CELL}.{name}": getattr(network.cell, name) for name in _GATED}
+        """Write the bundle, see `write_folder`; ValueError for a recurrent network, which has no file."""
+        network, arrays, tensors = self.network, ("mean", "std"), {}
+        if network.cell is not None:
+            raise ValueError("a recurrent network has no file: keep the model of the library that trained it")
         for number, layer in enumerate(zip(network.weights, network.biases, strict=True)):
             tensors[f"layer{number}.weight"], tensors[f"layer{number}.bias"] = layer
         described = {"sizes": list(network.sizes), "activation": network.activation}
         described |= {name: getattr(network, name).tolist() for name in arrays} | {"clip": network.clip}
         described |= {} if network.output == _OUTPUT else {"output": network.output}
-        described |= {} if network.cell is None else {"cell": _LSTM}
         parts = {"features": dataclasses.asdict(self.features), "action": dataclasses.asdict(self.action)}
         arm = {} if self.arm is None else {"arm": dataclasses.asdict(self.arm)}
         write_folder(folder, {"schema": _SCHEMA, "network": described, **parts, **self._record, **arm}, tensors)
@@ -215,7 +221,6 @@ class _NetworkDescription:
     std: list[float]
     clip: float
     output: str = _OUTPUT
-    cell: str = _NO_CELL
 
 
 @dataclasses.dataclass(frozen=True)
@@ -235,17 +240,12 @@ class _Description:
 
 
 def _network(description: _NetworkDescription, tensors: dict[str, np.ndarray]) -> Network:
-    choice("cell", description.cell, (_NO_CELL, _LSTM))
-    gated = [f"{_CELL}.{name}" for name in _GATED] if description.cell == _LSTM else []
-    layers = range((len(tensors) - len(gated)) // 2)
-    names = {*gated, *(f"layer{number}.{part}" for number in layers for part in ("weight", "bias"))}
-    if set(tensors) != names or not layers:
-        needed = ", ".join((*gated, "layer0.weight, layer0.bias, ..."))
-        raise ValueError(f"{WEIGHTS} holds {listed(tensors)}; needed: {needed}")
+    layers = range(len(tensors) // 2)
+    if set(tensors) != {f"layer{number}.{part}" for number in layers for part in ("weight", "bias")} or not layers:
+        raise ValueError(f"{WEIGHTS} holds {listed(tensors)}; needed: layer0.weight, layer0.bias, ...")
     mean, std = np.array(description.mean, dtype=np.float64), np.array(description.std, dtype=np.float64)
     weights, biases = (tuple(tensors[f"layer{n}.{part}"] for n in layers) for part in ("weight", "bias"))
-    cell = Cell(*(tensors[name] for name in gated)) if gated else None
-    network = Network(mean, std, description.clip, weights, biases, description.activation, description.output, cell)
+    network = Network(mean, std, description.clip, weights, biases, description.activation, description.output)
     if list(network.sizes) != description.sizes:
         raise ValueError(f"the layers have sizes {list(network.sizes)}, {DESCRIPTION} says {description.sizes}")
     return network

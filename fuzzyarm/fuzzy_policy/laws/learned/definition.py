@@ -11,12 +11,8 @@ import math
 from fuzzyarm.common.checks import instance, real, reals, truth, whole
 from fuzzyarm.envs.periods import SHORTEST_PERIOD, checked_period
 
-__all__ = [
-    "INNOVATION_UNITS", "OBSERVER_BASE", "ActionDefinition", "ArmDefinition", "FeatureDefinition", "learning_features",
-]  # fmt: skip
+__all__ = ["ActionDefinition", "ArmDefinition", "FeatureDefinition", "learning_features"]
 
-OBSERVER_BASE = "elastic-observer"  # the base that has innovations
-INNOVATION_UNITS = (1e-6, 2e-3)  # N of angles [rad] and of velocities [rad/s]
 _MOST_JOINTS = 12  # as in `envs.physics.robot`
 _LONGEST_MEMORY = 1e6  # s
 
@@ -38,18 +34,9 @@ class FeatureDefinition:
     integral_scale: float = 1e-4  # X [rad s]
     excess_scale: float = 100.0  # U [N m]
     joints: int = 2  # of the arm, 1 to 12
-    # τ_i [s], 4 at most; with any of them the base is an observer, and its innovation, leaky means of it with these
-    # time constants and its estimate of the load are among the features
-    innovation_times: tuple[float, ...] = ()
-    innovation_scale: float = INNOVATION_UNITS[0]  # N of angles [rad]
-    innovation_rate_scale: float = INNOVATION_UNITS[-1]  # N of velocities [rad/s]
-    load_scale: float = 100.0  # Z [N m]
     compression: float = 1.0  # c, of errors
 
     def __post_init__(self) -> None:
-        whole("the number of innovation_times", len(instance("innovation_times", self.innovation_times, tuple)), high=4)
-        for time in self.innovation_times:
-            real("innovation_times", time, "s", above=0.0, high=_LONGEST_MEMORY)
         whole("past_errors", self.past_errors, high=100)
         whole("past_actions", self.past_actions, high=100)
         real("integral_time", self.integral_time, "s", low=0.0, high=_LONGEST_MEMORY)
@@ -64,12 +51,7 @@ class FeatureDefinition:
         """Number of features."""
         past = self.past_errors + self.past_actions + self.past_excesses
         # five are of the instant: e, ė, q_d, q̇_d, q̈_d
-        return self.joints * (5 + past + (self.integral_time > 0.0) + self.observed)
-
-    @property
-    def observed(self) -> int:
-        """Features per joint of the base's observer: its load, and angle and velocity at two scales and as means."""
-        return 5 + 2 * len(self.innovation_times) if self.innovation_times else 0
+        return self.joints * (5 + past + (self.integral_time > 0.0))
 
     @property
     def past_excesses(self) -> int:
@@ -92,13 +74,6 @@ class ActionDefinition:
 
     A base gets q_a - `scale` · a as the motor angles, so that it brings the motors to its own target plus `scale` · a.
     A torque added to the base's would have no lasting effect, because the base's integral cancels it like a load.
-
-    With a `gate` G the base is an observer, and the action is a torque γ `scale` · a beside its own, of which its
-    prediction knows. With the innovation ν of n angles and n velocities
-
-        γ = r/(1 + r),    r = Σ (ν_i/(G N_i))²/(2 n),    N = 1e-6 rad and 2e-3 rad/s,
-
-    so that the observer acts alone where it predicts rightly, and the local stability of its loop does not change.
     """
 
     # one number per joint, the value at a = 1: torques [N m], or with a base angles [rad], 0.5 rad at most
@@ -108,14 +83,11 @@ class ActionDefinition:
     # τ_b [s] of the low-pass a_k = λ a_(k-1) + (1 - λ) b_k with λ = exp(-T/τ_b), where T is the period and b_k the
     # output of the network; 0: a_k = b_k
     smoothing_time: float = 0.0
-    gate: float = 0.0  # G; 0: the action shifts the base's target. With a gate `scale` are torques [N m].
 
     def __post_init__(self) -> None:
-        if real("gate", self.gate, low=0.0, high=1e6) > 0.0 and self.base != OBSERVER_BASE:
-            raise ValueError(f"gate = {self.gate:g} needs the base {OBSERVER_BASE}, not {self.base}; without a gate: 0")
         if self.base is not None and not instance("base", self.base, str):
             raise ValueError("base = '' must be the name of a policy, or None")
-        unit, largest = ("N m", math.inf) if self.base is None or self.gate > 0.0 else ("rad", 0.5)
+        unit, largest = ("N m", math.inf) if self.base is None else ("rad", 0.5)
         whole("the number of scales", len(instance("scale", self.scale, tuple)), low=1, high=_MOST_JOINTS)
         reals("scale", self.scale, len(self.scale), unit, above=0.0, high=largest)
         real("period", self.period, "s", low=SHORTEST_PERIOD, high=1.0)
@@ -145,7 +117,3 @@ class ArmDefinition:
 
     name: str  # of the robot
     digest: str  # of its numbers, `Robot.digest`; that of the two-joint arm is the one of its robot
-
-    def __post_init__(self) -> None:
-        for name in ("name", "digest"):
-            instance(name, getattr(self, name), str)

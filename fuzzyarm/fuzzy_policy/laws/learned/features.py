@@ -15,12 +15,6 @@ unloaded arm belong (`fuzzy_policy.laws.elastic_target`), and f_k ends with the 
 
 where u_k is the last torque commanded before instant k + 1. When an episode begins, all past errors, actions and excess
 torques and the integral x are zero. The training and the shipped policy run the same code.
-
-Of a base that observes, with the innovation ν of angles and velocities and the estimated load d̂, f_k ends with
-
-    (..., s(ν_k/N), s(ν_k/(20 N)), s(n_(1,k)/N), s(n_(2,k)/N), ..., d̂_k/Z),
-
-n_(i,k) = n_(i,k-1) + α_i (ν_k - n_(i,k-1)) with α_i = 1 - exp(-T/τ_i), and all n_i are zero before.
 """
 
 from __future__ import annotations
@@ -35,18 +29,16 @@ from fuzzyarm.envs.observation import Observation
 from fuzzyarm.envs.physics.equations import AnyArm
 from fuzzyarm.envs.physics.parameters import ArmParameters
 from fuzzyarm.fuzzy_policy.known_arm import checked_arm, joints_of, per_joint_of
-from fuzzyarm.fuzzy_policy.law import constants_array, law_of, seen_by, within_limits
+from fuzzyarm.fuzzy_policy.law import Law, constants_array, law_of, seen_by, within_limits
 from fuzzyarm.fuzzy_policy.laws.elastic_target import Aim, ElasticTarget, past_of
-from fuzzyarm.fuzzy_policy.laws.learned.definition import INNOVATION_UNITS, ActionDefinition, FeatureDefinition
+from fuzzyarm.fuzzy_policy.laws.learned.definition import ActionDefinition, FeatureDefinition
 from fuzzyarm.fuzzy_policy.laws.learned.network import area_sine
 from fuzzyarm.fuzzy_policy.policy import Policy
-from fuzzyarm.numbers.functions import Cells, array, each, flat, maximum, minimum, select
+from fuzzyarm.numbers.functions import Cells, array, each, flat, maximum, minimum
 from fuzzyarm.numbers.machine import Kernel
 from fuzzyarm.numbers.program import Program
 
-__all__ = ["Base", "Features", "Lanes", "gate", "learning_action"]
-
-_COARSE = 20.0  # of the unit in which large innovations are seen
+__all__ = ["Features", "Lanes", "guided", "learning_action"]
 
 
 class _Remembered(NamedTuple):
@@ -58,7 +50,6 @@ class _Remembered(NamedTuple):
     excess: Any  # w [N m]
     feedforward: Any  # u_ff [N m]
     target: Any  # what the elastic target remembers
-    means: Any  # n_i of the innovation, one tuple for each τ_i
 
 
 class Features:
@@ -86,10 +77,8 @@ class Features:
             excess=(nothing,) * d.past_excesses,
             feedforward=nothing if elastic else (),
             target=past_of(joints) if elastic else (),
-            means=((0.0,) * (2 * joints),) * len(d.innovation_times),
         )
         self.memory_size = len(flat(self.memory))
-        self._shares = [1.0 - math.exp(-period / time) for time in d.innovation_times]
         self._limit = tuple(map(float, per_joint_of(arm, "torque_limit")))
         self._leak = math.exp(-period / d.integral_time) if d.integral_time > 0.0 else 0.0
 
@@ -100,14 +89,8 @@ class Features:
         past, aim, feedforward = self._target.of(memory.target, seen, self._target.constants)
         return past, feedforward, aim
 
-    def fill(
-        self, memory: _Remembered, seen: Observation, aim: Aim, innovation: Any = (), load: Any = (), out: Any = None
-    ) -> Any:
-        """Return the features of the instant, an array (size,): `out`, or a new one.
-
-        `seen` holds one number for each joint in each part, `aim` is that of `told`; the innovation ν (2 n,) and the
-        load d̂ (n,) [N m] are those of the base, where they are among the features.
-        """
+    def fill(self, memory: _Remembered, seen: Observation, aim: Aim, out: Any = None) -> Any:
+        """Return the features of the instant, an array (size,): `out`, or a new one; `aim` is that of `told`."""
         d, out = self.definition, array(self.size) if out is None else out
         errors = [(q_d - q) / d.error_scale for q_d, q in zip(aim.q, seen.q_motor, strict=True)]
         rates = [(dq_d - dq) / d.rate_scale for dq_d, dq in zip(aim.dq, seen.dq_motor, strict=True)]
@@ -118,27 +101,12 @@ class Features:
         at = _put(out, at, flat(memory.actions))
         if d.integral_time > 0.0:
             at = _put(out, at, [x / d.integral_scale for x in memory.integral], squashed=d.compression)
-        at = _put(out, at, [w / d.excess_scale for w in flat(memory.excess)])
-        if d.innovation_times and innovation:
-            units = [d.innovation_scale] * d.joints + [d.innovation_rate_scale] * d.joints
-            pairs = list(zip(innovation, units, strict=True))
-            seen_in = [v / unit for v, unit in pairs] + [v / (_COARSE * unit) for v, unit in pairs]
-            for mean, share in zip(memory.means, self._shares, strict=True):
-                seen_in += [(m + share * (v - m)) / unit for m, (v, unit) in zip(mean, pairs, strict=True)]
-            at = _put(out, at, seen_in, squashed=d.compression)
-            _put(out, at, [z / d.load_scale for z in load])
+        _put(out, at, [w / d.excess_scale for w in flat(memory.excess)])
         return out
 
-    def advance(
-        self, memory: _Remembered, seen: Observation, told: tuple[Any, Any, Aim], action: Any, innovation: Any = ()
-    ) -> _Remembered:
-        """Return the memory with the error of an observation and the action (n,) in [-1, 1], see `told` and `fill`."""
-        (past, feedforward, aim), means = told, memory.means
-        if innovation:
-            pairs = zip(means, self._shares, strict=True)
-            means = tuple(
-                tuple(m + share * (v - m) for m, v in zip(mean, innovation, strict=True)) for mean, share in pairs
-            )
+    def advance(self, memory: _Remembered, seen: Observation, told: tuple[Any, Any, Aim], action: Any) -> _Remembered:
+        """Return the memory with the error of an observation and the action (n,) in [-1, 1], see `told`."""
+        past, feedforward, aim = told
         error = tuple(q_d - q for q_d, q in zip(aim.q, seen.q_motor, strict=True))
         integral = (self._leak * (x + self.period * e) for x, e in zip(memory.integral, error, strict=True))
         return _Remembered(
@@ -148,7 +116,6 @@ class Features:
             excess=(*memory.excess[:1], *memory.excess[:-1]),
             feedforward=feedforward,
             target=past,
-            means=means,
         )
 
     def command(self, memory: _Remembered, torque: Any) -> _Remembered:
@@ -170,95 +137,63 @@ def _put(out: Any, at: int, numbers: list[Any], *, squashed: float = 0.0) -> int
     return at + len(numbers)
 
 
-class Base:
-    """A base that acts under the guidance of actions; with a gate the torque is not clipped yet."""
+def guided(base: Policy | None, name: str | None = None) -> Law:
+    """Return the law of a base whose target actions shift, ``act(memory, seen, told, constants, *tables)``.
 
-    def __init__(self, policy: Policy, action: ActionDefinition) -> None:
-        """Take the law of a policy; ValueError if it has none."""
-        found = law_of(policy)
-        if found is None:
-            raise ValueError(
-                f"the base {action.base} is a {type(policy).__name__}, which has no law; allowed: a fuzzy policy, "
-                "computed-torque, their -tip forms, or elastic-observer"
-            )
-        self.policy, self.law, self._action = policy, found, action
+    `told` is scale · a (n,); without a base it is the torque. ValueError if the base of this name has no law.
+    """
+    if base is None:
+        return Law(lambda memory, seen, told, given: (memory, told), (), ())
+    law = law_of(base)
+    if law is None:
+        raise ValueError(
+            f"the base {name} is a {type(base).__name__}, which has no law; allowed: a fuzzy policy, "
+            "computed-torque, their -tip forms, or elastic-observer"
+        )
+    command = within_limits(law, base.joints, base.integral_at)
 
-    @property
-    def constants(self) -> Any:
-        """What the law takes: its constants, and the limits of the torques [N m]."""
-        return self.law.constants, tuple(map(float, self.policy.torque_limit))
-
-    def guided(self, memory: Any, seen: Any, told: Any, given: Any, *tables: Any) -> tuple[Any, Any]:
-        """Return memory and torque (n,) [N m] of the guided base, told scale · a (n,) and given `constants`."""
-        if self._action.gate > 0.0:
-            share = gate(self.innovation(memory, seen), self._action.gate)
-            extra = [share * u for u in told]
-            return self.law.act(memory, seen, given[0], *tables, extra=extra)
-        command = within_limits(self.law, self.policy.joints, self.policy.integral_at)
+    def act(memory: Any, seen: Observation, told: Any, given: Any, *tables: Any) -> tuple[Any, Any]:
         motors = type(seen.q_motor)(*(q - shift for q, shift in zip(seen.q_motor, told, strict=True)))
         return command(memory, seen._replace(q_motor=motors), given, *tables)
 
-    def innovation(self, memory: Any, seen: Any) -> tuple[Any, ...]:
-        """Return ν (2 n,) of an observer before it acts [rad, rad/s]; 0 where an episode begins."""
-        x, measured = memory.predicted, (*seen.q_motor, *seen.dq_motor)
-        pairs = zip(measured, (*x.q_motor, *x.dq_motor), strict=True)
-        return tuple(select(memory.started == 0.0, 0.0, y - predicted) for y, predicted in pairs)
-
-    def observed(self, features: FeatureDefinition, memory: Any, seen: Any) -> tuple[Any, Any]:
-        """Return ν (2 n,) and d̂ (n,) of the base before it acts; nothing where no feature needs them."""
-        if not features.innovation_times:
-            return (), ()
-        return self.innovation(memory, seen), tuple(memory.predicted.load)
+    return Law(act, law.memory, (law.constants, tuple(map(float, base.torque_limit))), law.tables)
 
 
 class Lanes:
     """Features, and the base that actions guide if there is one, of many lanes: what a training steps."""
 
-    def __init__(self, features: Features, base: Base | None = None) -> None:
-        d, law = features.definition, None if base is None else base.law
-        numbers, nothing = (0.0,) * d.joints, ((), ())
+    def __init__(self, features: Features, base: Law) -> None:
+        d = features.definition
+        numbers = (0.0,) * d.joints
 
-        def see(memory: _Remembered, held: Any, seen: Observation, out: Any, _: Any) -> tuple[Any, ...]:
-            innovation, load = nothing if base is None else base.observed(d, held, seen)
-            features.fill(memory, seen, features.told(memory, seen)[2], innovation, load, out)
-            return memory, held, seen, out
+        def see(memory: _Remembered, seen: Observation, out: Any, _: Any) -> tuple[Any, ...]:
+            features.fill(memory, seen, features.told(memory, seen)[2], out)
+            return memory, seen, out
 
         def act(
             memory: _Remembered, held: Any, seen: Observation, action: Any, torque: Any, given: Any, *tables: Any
         ) -> tuple[Any, ...]:
-            innovation, _ = nothing if base is None else base.observed(d, held, seen)
-            memory = features.advance(memory, seen, features.told(memory, seen), action, innovation)
-            if base is not None:
-                held, torque = base.guided(held, seen, torque, given, *tables)
+            memory = features.advance(memory, seen, features.told(memory, seen), action)
+            held, torque = base.act(held, seen, torque, given, *tables)
             return features.command(memory, torque), held, seen, action, tuple(torque)
 
-        ports = features.memory, () if law is None else law.memory, seen_by(d.joints)
-        self.size, self._tables = features.size, () if law is None else law.tables
-        self._see = Kernel(Program(see, (*ports, Cells((features.size,)))))
-        given, shapes = () if base is None else base.constants, [table.shape for table in self._tables]
-        self._act = Kernel(Program(act, (*ports, numbers, numbers), given, shapes))
-        self._given = np.empty(0) if base is None else constants_array(base.law, base.constants[1])
+        own, seen, self._base = features.memory, seen_by(d.joints), base
+        self._see = Kernel(Program(see, (own, seen, Cells((features.size,)))))
+        shapes = [table.shape for table in base.tables]
+        self._act = Kernel(Program(act, (own, base.memory, seen, numbers, numbers), base.constants, shapes))
+        self._size, self._given = features.size, constants_array(base)
 
-    def see(self, observation: np.ndarray, memory: np.ndarray, held: np.ndarray) -> np.ndarray:
-        """Return the features (lanes, size) for observations (lanes, 5 n) and the memories of features and base."""
-        out = np.empty((len(observation), self.size))
-        self._see((memory, held, observation, out), np.empty(0))
+    def see(self, observation: np.ndarray, memory: np.ndarray) -> np.ndarray:
+        """Return the features (lanes, size) for observations (lanes, 5 n) and the memory of the features."""
+        out = np.empty((len(observation), self._size))
+        self._see((memory, observation, out), np.empty(0))
         return out
 
     def act(
         self, observation: np.ndarray, action: np.ndarray, torque: np.ndarray, memory: np.ndarray, held: np.ndarray
     ) -> None:
         """Advance both memories by an action (lanes, n); `torque` (lanes, n) holds scale · a, then the torque [N m]."""
-        self._act((memory, held, observation, action, torque), self._given, self._tables)
-
-
-def gate(innovation: Any, width: float) -> Any:
-    """Return γ of `ActionDefinition` for ν (2 n,) [rad, rad/s] and G."""
-    count, total = len(innovation), 0.0
-    for k, number in enumerate(innovation):
-        ratio = number / (width * INNOVATION_UNITS[0 if k < count // 2 else 1])
-        total = total + ratio * ratio
-    return total / (count + total)
+        self._act((memory, held, observation, action, torque), self._given, self._base.tables)
 
 
 _HOLD = 2e-3  # s; computed torque held for 2, 5 and 10 ms errs by 1.7, 4.7 and 26 mm

@@ -28,8 +28,6 @@ import numpy as np
 from fuzzyarm.common.checks import choice, finite_array, instance, real, shown
 from fuzzyarm.envs.physics.elementwise import root, select
 from fuzzyarm.numbers.functions import RECORDERS, Cells, apart, array, each, maximum, minimum
-from fuzzyarm.numbers.machine import Kernel
-from fuzzyarm.numbers.program import Program
 
 __all__ = ["Cell", "Network", "add_product", "area_sine", "hyperbolic_tangent", "logistic", "real_array"]
 
@@ -146,11 +144,6 @@ class Cell:
         """Numbers in h, and in m."""
         return int(self.weight_h.shape[1])
 
-    @property
-    def memory_size(self) -> int:
-        """Numbers that a lane remembers: h, then m."""
-        return 2 * self.hidden
-
     @functools.cached_property
     def tables(self) -> tuple[np.ndarray, ...]:
         """What `advance` takes, in double precision: the matrices transposed, and b."""
@@ -200,32 +193,24 @@ class Network:
         object.__setattr__(self, "clip", real("clip", self.clip, above=0.0))
         choice("activation", self.activation, _ACTIVATIONS)
         choice("output", self.output, _OUTPUTS)
-        for name, axes in (("weights", 2), ("biases", 1)):
-            for one in instance(name, getattr(self, name), tuple):
-                real_array(name, one, axes)
-        for name in ("mean", "std"):
-            real_array(name, getattr(self, name), 1)
+        for bias in instance("biases", self.biases, tuple):
+            real_array("biases", bias, 1)
         if not 1 <= len(self.weights) <= _MOST_LAYERS or len(self.biases) != len(self.weights):
             raise ValueError(
                 f"{len(self.weights)} weights and {len(self.biases)} biases; allowed: 1 to {_MOST_LAYERS} layers"
             )
-        inputs, *widths = self.sizes
-        expected: list[tuple[int, ...]] = [(inputs,), (inputs,)]
-        shapes = [self.mean.shape, self.std.shape]
-        if self.cell is not None:
-            shapes.append(self.cell.weight_x.shape)
-            expected.append((len(self.cell.weight_x), inputs))
-            inputs, *widths = widths
-        for weight, bias, outputs in zip(self.weights, self.biases, widths, strict=True):
-            shapes += [weight.shape, bias.shape]
-            expected += [(outputs, inputs), (outputs,)]
-            inputs = outputs
-        if shapes != expected:
-            raise ValueError(f"shapes of mean, std, weights and biases are {shapes}; they must be {expected}")
         if not 1 <= max(self.sizes) <= _LARGEST_LAYER:
             raise ValueError(f"layers of {self.sizes}; allowed: 1 to {_LARGEST_LAYER} in each")
-        if not all(np.isfinite(array).all() for array in (self.mean, self.std, *self.weights, *self.biases)):
-            raise ValueError("a mean, std, weight or bias is not finite")
+        inputs, *widths = self.sizes
+        for name in ("mean", "std"):
+            finite_array(name, getattr(self, name), (inputs,))
+        if self.cell is not None:
+            finite_array("weight_x", self.cell.weight_x, (len(self.cell.weight_x), inputs))
+            inputs, *widths = widths
+        for number, (weight, bias, outputs) in enumerate(zip(self.weights, self.biases, widths, strict=True)):
+            finite_array(f"layer {number}: weight", weight, (outputs, inputs))
+            finite_array(f"layer {number}: bias", bias, (outputs,))
+            inputs = outputs
         if not np.all(self.std > 0.0):
             raise ValueError("std must be positive")
 
@@ -233,11 +218,6 @@ class Network:
     def sizes(self) -> tuple[int, ...]:
         """Widths of the layers, from the inputs to the outputs; the cell's output counts as one."""
         return (len(self.mean), *(() if self.cell is None else (self.cell.hidden,)), *map(len, self.biases))
-
-    @property
-    def memory_size(self) -> int:
-        """Numbers that a lane remembers from one action to the next, all zero when an episode begins."""
-        return 0 if self.cell is None else self.cell.memory_size
 
     @functools.cached_property
     def tables(self) -> tuple[np.ndarray, ...]:
@@ -248,8 +228,8 @@ class Network:
 
     @property
     def memory(self) -> Any:
-        """Where the memory of a lane lies: an array, or nothing."""
-        return Cells((self.memory_size,)) if self.cell is not None else ()
+        """Where the memory of a lane lies: h, then m, or nothing; zeros when an episode begins."""
+        return Cells((2 * self.cell.hidden,)) if self.cell is not None else ()
 
     def outputs(self, features: Any, memory: Any, *tables: Any) -> tuple[Any, ...]:
         """Return the action from features, an array (inputs,); `memory` of a recurrent network changes in place."""
@@ -273,19 +253,3 @@ class Network:
         if self.output == "tanh":
             return tuple(map(hyperbolic_tangent, before))
         return tuple(minimum(maximum(number, -1.0), 1.0) for number in before)
-
-    def act(self, features: np.ndarray, action: np.ndarray, memory: np.ndarray | None = None) -> None:
-        """Fill `action` (lanes, outputs) from `features` (lanes, inputs); `memory` (lanes, m) advances in place."""
-        held = np.empty((len(features), 0)) if memory is None else memory
-        self._kernel((features, held, action), np.empty(0), self.tables)
-
-    def __getstate__(self) -> dict[str, Any]:
-        return {name: value for name, value in self.__dict__.items() if name != "_kernel"}
-
-    @functools.cached_property
-    def _kernel(self) -> Kernel:
-        def act(features: Any, memory: Any, _: Any, __: Any, *tables: Any) -> tuple[Any, ...]:
-            return features, memory, self.outputs(features, memory, *tables)
-
-        ports = Cells((len(self.mean),)), self.memory, (0.0,) * self.sizes[-1]
-        return Kernel(Program(act, ports, (), [table.shape for table in self.tables]))

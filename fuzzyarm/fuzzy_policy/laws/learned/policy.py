@@ -10,7 +10,7 @@ from fuzzyarm.envs.physics.equations import AnyArm
 from fuzzyarm.envs.physics.parameters import ArmParameters
 from fuzzyarm.fuzzy_policy.law import Law, LawPolicy
 from fuzzyarm.fuzzy_policy.laws.learned.bundle import PolicyBundle
-from fuzzyarm.fuzzy_policy.laws.learned.features import Base, Features
+from fuzzyarm.fuzzy_policy.laws.learned.features import Features, guided
 from fuzzyarm.fuzzy_policy.policy import Policy
 from fuzzyarm.numbers.functions import flat, select, when
 
@@ -52,7 +52,6 @@ class LearnedPolicy(LawPolicy):
         if base is not None and base.control_period != control_period:
             raise ValueError(f"the base is for a control period of {base.control_period} s, not {control_period} s")
         self._features = Features(bundle.features, bundle.action.period, self._arm, friction=friction)
-        self._base = None if base is None else Base(base, bundle.action)
         self._smoothing, self._scale = bundle.action.smoothing, tuple(map(float, bundle.action.scale))
         self.memory_size = len(flat(self.control_law.memory))
 
@@ -64,32 +63,28 @@ class LearnedPolicy(LawPolicy):
     @functools.cached_property
     def control_law(self) -> Law:
         """The law of the class."""
-        features, network, base, joints = self._features, self.bundle.network, self._base, self.joints
-        held = _Memory(0.0, (0.0,) * joints, features.memory, () if base is None else base.law.memory, network.memory)
-        own = () if base is None else base.law.tables
+        features, network, base = self._features, self.bundle.network, guided(self.base, self.bundle.action.base)
+        own, still = len(base.tables), (0.0,) * self.joints
+        held = _Memory(0.0, still, features.memory, base.memory, network.memory)
 
         def act(memory: _Memory, seen: Observation, given: Any, *tables: Any) -> tuple[_Memory, Any]:
-            of_base, of_network = tables[: len(own)], tables[len(own) :]
-
             def chosen() -> tuple[Any, Any]:
                 told = features.told(memory.features, seen)
-                observed = ((), ()) if base is None else base.observed(self.bundle.features, memory.base, seen)
-                found = features.fill(memory.features, seen, told[2], *observed)
-                output = network.outputs(found, memory.network, *of_network)
+                found = features.fill(memory.features, seen, told[2])
+                output = network.outputs(found, memory.network, *tables[own:])
                 pairs = zip(memory.action, output, strict=True)
                 action = tuple(self._smoothing * old + (1.0 - self._smoothing) * new for old, new in pairs)
-                return action, features.advance(memory.features, seen, told, action, observed[0])
+                return action, features.advance(memory.features, seen, told, action)
 
             action, past = when(memory.phase == 0.0, chosen, (memory.action, memory.features))
             phase = memory.phase + 1.0
             phase = select(phase >= self.calls_per_action, 0.0, phase)
-            torque, remembered = [scale * a for scale, a in zip(self._scale, action, strict=True)], memory.base
-            if base is not None:
-                remembered, torque = base.guided(memory.base, seen, torque, given, *of_base)
+            told = [scale * a for scale, a in zip(self._scale, action, strict=True)]
+            remembered, torque = base.act(memory.base, seen, told, given, *tables[:own])
             past = features.command(past, torque)
             return _Memory(phase, action, past, remembered, memory.network), tuple(torque)
 
-        return Law(act, held, () if base is None else base.constants, (*own, *network.tables))
+        return Law(act, held, base.constants, (*base.tables, *network.tables))
 
 
 class _Memory(NamedTuple):

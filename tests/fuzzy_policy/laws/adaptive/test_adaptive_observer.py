@@ -18,8 +18,9 @@ from fuzzyarm.envs.scenario.disturbances import ConstantForce, Disturbance, Enco
 from fuzzyarm.eval.episodes.rollout import record_passes, record_rollout
 from fuzzyarm.fuzzy_policy.laws.adaptive.belief import FLAG, AdaptiveWeights, ArmFunctions
 from fuzzyarm.fuzzy_policy.laws.adaptive.filter import numbers_at
-from fuzzyarm.fuzzy_policy.laws.adaptive.law import _gain_share, _largest_radius, _softened, adaptive_weights_for
+from fuzzyarm.fuzzy_policy.laws.adaptive.law import _gain_share, _largest_radius, adaptive_weights_for
 from fuzzyarm.fuzzy_policy.laws.adaptive.policy import AdaptiveObserverPolicy
+from fuzzyarm.fuzzy_policy.laws.observer_gains import softened
 
 ARM = ArmParameters()
 POLICY = AdaptiveObserverPolicy()
@@ -176,4 +177,4 @@ def test_the_smallest_factor_with_a_stable_regulator_is_taken():
     chosen = adaptive_weights_for(robot, 1e-3)
     assert chosen.travel_walk == AdaptiveWeights().travel_walk and chosen.link_angle > AdaptiveWeights().link_angle
     assert chosen.first_gain == 1.0  # what is softened for good needs no soft start
-    assert _largest_radius(robot, 1e-3, chosen) < 1.0 <= _largest_radius(robot, 1e-3, _softened(chosen, 0.5))
+    assert _largest_radius(robot, 1e-3, chosen) < 1.0 <= _largest_radius(robot, 1e-3, softened(chosen, 0.5))

@@ -4,13 +4,12 @@ import math
 
 import numpy as np
 import pytest
-from support.bundles import bundle
 
 from fuzzyarm.envs.physics.parameters import ArmParameters
 from fuzzyarm.envs.physics.robot import robot_named
 from fuzzyarm.fuzzy_policy.laws import elastic_target
 from fuzzyarm.fuzzy_policy.laws.learned.definition import ActionDefinition, FeatureDefinition
-from fuzzyarm.fuzzy_policy.laws.learned.features import Features, Lanes
+from fuzzyarm.fuzzy_policy.laws.learned.features import Features, Lanes, guided
 
 PERIOD = 0.002
 DEFINITIONS = {
@@ -77,9 +76,9 @@ def expected(definition, observations, actions, torques, k):
 def test_features_are_those_of_the_equations(definition):
     observations, actions, torques = history(definition.joints)
     features = Features(definition, PERIOD, ARM if definition.joints == 2 else robot_named("planar-3r"))
-    lanes, memory, held = Lanes(features), np.zeros((3, features.memory_size)), np.empty((3, 0))
+    lanes, memory, held = Lanes(features, guided(None)), np.zeros((3, features.memory_size)), np.empty((3, 0))
     for k in range(len(observations)):
-        shown = lanes.see(observations[k], memory, held)
+        shown = lanes.see(observations[k], memory)
         wanted = expected(definition, observations, actions, torques, k)
         np.testing.assert_allclose(shown, wanted, rtol=1e-12, atol=1e-14)
         lanes.act(observations[k], actions[k], torques[k], memory, held)
@@ -106,9 +105,6 @@ def test_within_a_hold_the_last_command_counts():
         ),
         (FeatureDefinition, {"elastic_target": 1}, "elastic_target = 1 must be True or False"),
         (FeatureDefinition, {"error_scale": 0.0}, r"error_scale = 0.0 is out of range; allowed: \(0, inf\)"),
-        (FeatureDefinition, {"innovation_times": (0.0,)}, r"innovation_times = 0.0 s is out of range; allowed: \(0"),
-        (FeatureDefinition, {"innovation_times": (0.1,) * 5}, "the number of innovation_times = 5 is out of range"),
-        (bundle, {"innovation_times": (0.1,)}, "innovation_times needs the base elastic-observer, not None"),
         (ActionDefinition, {"scale": (0.0, 1.0)}, r"scale\[0\] = 0.0 N m is out of range"),
         (ActionDefinition, {"scale": ()}, "the number of scales = 0 is out of range"),
         (ActionDefinition, {"scale": [1.0, 1.0]}, "must be a builtins.tuple"),
@@ -117,8 +113,6 @@ def test_within_a_hold_the_last_command_counts():
         (ActionDefinition, {"period": -1.0}, "period = -1.0 s"),
         (ActionDefinition, {"base": ""}, "base = ''"),
         (ActionDefinition, {"base": 4}, "base = 4 must be"),
-        (ActionDefinition, {"gate": 1.0}, "gate = 1 needs the base elastic-observer, not None; without a gate: 0"),
-        (ActionDefinition, {"gate": -1.0}, "gate = -1.0 is out of range"),
     ],
 )
 def test_what_is_out_of_range_is_named(kind, values, message):
