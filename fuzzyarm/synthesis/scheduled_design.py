@@ -97,15 +97,8 @@ class ScheduledDesign:
     proof_seconds: float
 
 
-def design_scheduled(
-    specification: ScheduledSpecification, robot: Robot, progress: Callable[[str], None] = lambda text: None
-) -> ScheduledDesign:
-    """Return a controller for a specification, proven from its stored numbers.
-
-    Args:
-        specification: the requirements.
-        robot: the robot.
-        progress: called with a description of each stage.
+def design_scheduled(specification: ScheduledSpecification, robot: Robot) -> ScheduledDesign:
+    """Return a controller of a robot for a specification, proven from its stored numbers.
 
     Raises:
         DesignFailed: no controller whose proof goes through was found.
@@ -115,25 +108,22 @@ def design_scheduled(
         raise DesignFailed(f"{robot.name} has {n} joints; a proof is available up to {_MOST_JOINTS}")
     begin = time.perf_counter()
     premises = instance("specification", specification, ScheduledSpecification).premises
+    alpha = specification.alpha or ALPHAS[0]
     if premises is None:
         premises = ()
         while 2 ** len(premises) < specification.rules:
-            progress(f"looking for premise {len(premises) + 1}")
-            premises = (*premises, _best_premise(robot, premises, specification.alpha or ALPHAS[0]))
+            premises = (*premises, _best_premise(robot, premises, alpha))
     for premise in premises:
         if premise.joint >= n:
             raise DesignFailed(
                 f"the premise {premise.name} is of joint {premise.joint + 1}; {robot.name} has {n} joints, "
                 "and angles 2 and up change its inertia"
             )
-    progress("bounding the inertia")
-    alpha = specification.alpha or ALPHAS[0]
     metric = fitted_metric(robot, premises, alpha=alpha, count=SAMPLES)
     searched = time.perf_counter() - begin
     begin = time.perf_counter()
     failed = ""
     for widening in _WIDENINGS:
-        progress("proving")
         controller = _chosen(specification, robot, metric, widening)
         certificate = certify_scheduled(controller)
         if certificate.proven:

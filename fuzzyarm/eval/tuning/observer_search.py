@@ -133,14 +133,11 @@ def _weights_of(logarithms: np.ndarray) -> ObserverWeights:
     return ObserverWeights(*rounded(values, _DIGITS))
 
 
-def _logarithms_of(w: ObserverWeights) -> np.ndarray:
-    """Return the logarithms (4,) in `_BOX` of weights."""
-    return np.log([w.link_angle, w.link_velocity / w.link_angle, w.load_walk, w.motor_torque / w.load_walk])
-
-
+_USUAL = ObserverWeights()
+_RATE, _SHARE = _USUAL.link_velocity / _USUAL.link_angle, _USUAL.motor_torque / _USUAL.load_walk
 OBSERVER_SEARCH = WeightSearch(
-    usual=ObserverWeights(),
-    guess=_logarithms_of(ObserverWeights()),
+    usual=_USUAL,
+    guess=np.log([_USUAL.link_angle, _RATE, _USUAL.load_walk, _SHARE]),
     weights_of=_weights_of,
     box=_BOX,
     seed=_SEED,

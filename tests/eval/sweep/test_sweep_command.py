@@ -71,7 +71,7 @@ def test_a_sweep_prints_a_table_and_writes_everything(tmp_path, capsys, monkeypa
     assert "\x1b" not in printed.out
     names = {path.name for path in out.iterdir()}
     assert names == {
-        "run.json", "chunks", "sweep.json", "sweep.csv", "episodes.npz", "spread.png", "spread.svg",
+        "run.json", "chunks", "sweep.json", "episodes.npz", "spread.png", "spread.svg",
         "map-fuzzy-4.png", "map-fuzzy-4.svg",
     }  # fmt: skip
     document = json.loads((out / "sweep.json").read_text())

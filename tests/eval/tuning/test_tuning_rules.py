@@ -10,10 +10,10 @@ from fuzzyarm.envs.physics.parameters import ArmParameters
 from fuzzyarm.envs.scenario.cases import case_for
 from fuzzyarm.eval.engine import Engine
 from fuzzyarm.eval.stability.linearisation import LocalLoop
-from fuzzyarm.eval.tuning import bandwidth, fuzzy_gains, observer_search
+from fuzzyarm.eval.tuning import fuzzy_gains, observer_search, steps
 from fuzzyarm.eval.tuning.finding import force_factor, halving_radius, heaviest, periods_of
+from fuzzyarm.eval.tuning.fuzzy_gains import largest_deviation
 from fuzzyarm.eval.tuning.search import WORTH, Context, WeightSearch
-from fuzzyarm.eval.tuning.tip_bounds import largest_deviation
 from fuzzyarm.fuzzy_policy.laws.computed_torque import ComputedTorquePolicy
 from fuzzyarm.fuzzy_policy.laws.tip import TipPolicy
 from fuzzyarm.policies.tip_bound import TipClaim, find_bound
@@ -113,8 +113,8 @@ def test_the_bandwidth_with_the_smallest_error_within_margins_is_chosen():
         loop(60.0, 0.5),
         loop(50.0, 0.4),
     ]
-    assert bandwidth._choice_of(rows, halving_radius(PAPER)) is rows[-1]
-    assert bandwidth._choice_of(rows[:5], halving_radius(PAPER)) is None
+    assert steps._bandwidth_of(rows, halving_radius(PAPER)) is rows[-1]
+    assert steps._bandwidth_of(rows[:5], halving_radius(PAPER)) is None
 
 
 def searched(guess, best=1.0):
