@@ -23,7 +23,7 @@ from scipy import sparse
 
 from fuzzyarm.envs.physics.rigid_body import frames, mass_matrix
 from fuzzyarm.envs.physics.robot import Robot
-from fuzzyarm.fuzzy_policy.scheduled import TWIST, Premise, rule_weights, speeds_of
+from fuzzyarm.fuzzy_policy.scheduled import FUNCTIONS, TWIST, Premise, rule_weights, speeds_of
 from fuzzyarm.proof.box_cover import TrigMatrix
 from fuzzyarm.proof.definiteness import exact
 from fuzzyarm.proof.inertia_bounds import angle_ranges, inertia_polynomial, plus, scheduled_polynomial
@@ -434,13 +434,13 @@ def fitted_metric(robot: Robot, premises: tuple[Premise, ...], *, alpha: float, 
     return Metric(premises, split, share * inertia, low, high, kappa / share, share * floor, np.array(rates))
 
 
-def best_premise(
-    robot: Robot, kept: tuple[Premise, ...], candidates: Sequence[Premise], *, alpha: float, count: int
-) -> Premise:
-    """Return the candidate for one more premise with the smallest (3κ - 2)(α + μ) [1/s] at `count` samples.
+def best_premise(robot: Robot, kept: tuple[Premise, ...], *, alpha: float, count: int) -> Premise:
+    """Return the premise of another joint with the smallest (3κ - 2)(α + μ) [1/s] beside those kept.
 
-    The chain is not split here.
+    It is found at `count` samples, without a split of the chain.
     """
+    left = sorted({*range(1, len(robot))} - {premise.joint for premise in kept})
+    candidates = [Premise(joint, function) for joint in left for function in FUNCTIONS]
     search = _searched(robot, kept, alpha, len(robot), count)
 
     def ranked(among: Sequence[Premise], rounds: int) -> list[Premise]:

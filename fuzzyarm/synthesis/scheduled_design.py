@@ -16,7 +16,7 @@ from fuzzyarm.envs.physics.robot import Robot
 from fuzzyarm.fuzzy_policy.controller import GAINS, RATES
 from fuzzyarm.fuzzy_policy.laws.observer_gains import ONE_AT_A_TIME, places_of, worst_radius
 from fuzzyarm.fuzzy_policy.laws.scheduled import linear_scheduled
-from fuzzyarm.fuzzy_policy.scheduled import FUNCTIONS, MOST_PREMISES, Premise, ScheduledController, speeds_of
+from fuzzyarm.fuzzy_policy.scheduled import MOST_PREMISES, Premise, ScheduledController, speeds_of
 from fuzzyarm.proof.certificate import Certificate
 from fuzzyarm.proof.scheduled_certificate import certify_scheduled, schedule_rate
 from fuzzyarm.synthesis.designer import DesignFailed
@@ -110,9 +110,11 @@ def design_scheduled(specification: ScheduledSpecification, robot: Robot) -> Sch
     premises = instance("specification", specification, ScheduledSpecification).premises
     alpha = specification.alpha or ALPHAS[0]
     if premises is None:
+        if specification.rules > 2 ** (n - 1):
+            raise DesignFailed(f"{robot.name} has {n} joints, and no angle is left to keep: ask for fewer rules")
         premises = ()
         while 2 ** len(premises) < specification.rules:
-            premises = (*premises, _best_premise(robot, premises, alpha))
+            premises = (*premises, best_premise(robot, premises, alpha=alpha, count=_SEARCH_SAMPLES))
     for premise in premises:
         if premise.joint >= n:
             raise DesignFailed(
@@ -130,16 +132,6 @@ def design_scheduled(specification: ScheduledSpecification, robot: Robot) -> Sch
             return ScheduledDesign(controller, certificate, searched, time.perf_counter() - begin)
         failed = next(claim.name for claim in certificate.claims if not claim.proven)
     raise DesignFailed(f"the proof does not go through at {failed}")
-
-
-def _best_premise(robot: Robot, kept: tuple[Premise, ...], alpha: float) -> Premise:
-    """Return the premise with the smallest (3κ - 2)(α + μ) at samples, without a split of the chain."""
-    taken = {premise.joint for premise in kept}
-    left = [joint for joint in range(1, len(robot)) if joint not in taken]
-    if not left:
-        raise DesignFailed(f"{robot.name} has {len(robot)} joints, and no angle is left to keep: ask for fewer rules")
-    candidates = [Premise(joint, function) for joint in left for function in FUNCTIONS]
-    return best_premise(robot, kept, candidates, alpha=alpha, count=_SEARCH_SAMPLES)
 
 
 def _chosen(

@@ -90,7 +90,6 @@ class MarginsConfig:
     robot: str | os.PathLike[str] | AnyArm | None = None
 
     def __post_init__(self) -> None:
-        """Check the names before anything runs."""
         if self.policies is not None:
             distinct("policies", self.policies)
         if not isinstance(self.robot, str | os.PathLike):

@@ -145,14 +145,11 @@ def _bears(measured: dict[str, float], allowed: float) -> bool:
     return enough and measured["radius_worst_condition"] <= allowed
 
 
-def _equals_of(made: Sequence[_Made], share: float = WORTH) -> list[_Made]:
-    """Return the designs that meet the requirements and have a motor error within a share of the smallest.
-
-    The first of them is the one that the rule picks.
-    """
+def _equals_of(made: Sequence[_Made]) -> list[_Made]:
+    """Return the designs that meet the requirements and are equally good; the first is the one that the rule picks."""
     fit = [one for one in made if one.bears]
     least = min((one.measured[_ERROR] for one in fit), default=math.nan)
-    equals = [one for one in fit if one.measured[_ERROR] <= (1.0 + share) * least]
+    equals = [one for one in fit if one.measured[_ERROR] <= (1.0 + WORTH) * least]
     return sorted(equals, key=lambda one: (one.measured["tip_deviation_mm"], one.measured[_ERROR]))
 
 
