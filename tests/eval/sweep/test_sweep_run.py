@@ -32,8 +32,8 @@ def expected(tmp_path_factory):
     return swept(tmp_path_factory.mktemp("expected"), Engine(jobs=1))
 
 
-def swept(folder, engine, progress=lambda: None, report=lambda text: None, config=CONFIG):
-    sweep = Sweep.begin(folder / "sweep", config)
+def swept(folder, engine, progress=lambda: None, report=lambda text: None):
+    sweep = Sweep.begin(folder / "sweep", CONFIG)
     for _ in sweep.run(engine, report):
         progress()
     return sweep.results().arrays
@@ -153,15 +153,10 @@ def failing(number):
 @pytest.mark.slow
 def test_work_that_always_kills_its_worker_is_given_up():
     reports, done = [], []
-
-    def run():
-        for number, square in Engine(jobs=2).run(poison, range(6), reports.append):
-            assert square == number * number
-            done.append(number)
-
     with pytest.raises(WorkersLost, match="died 3 times"):
-        run()
-    assert 3 not in done and len(done) == len(set(done)) and len(reports) >= 2
+        done.extend(Engine(jobs=2).run(poison, range(6), reports.append))
+    assert 3 not in dict(done) and len(done) == len(dict(done)) and len(reports) >= 2
+    assert all(square == number * number for number, square in done)
 
 
 @pytest.mark.parametrize("jobs", [1, 2])
