@@ -131,6 +131,6 @@ def test_what_makes_no_sense_is_refused():
 def test_a_point_that_misses_the_inequalities_says_by_how_much(iterations):
     problem = DesignProblem(Specification(()))
     missed = r"ended with optimal_inaccurate at a point that misses the inequalities by \d\S*; the spec"
-    with pytest.raises(DesignFailed, match=missed + "ification has a solution: try tighter tolerances") as caught:
+    with pytest.raises(DesignFailed, match=missed + "ification alone has a solution: try tighter tolerances") as caught:
         problem.solve(solver="SCS", max_iters=iterations)
     assert caught.value.problem is problem and caught.value.result is not None

@@ -188,7 +188,9 @@ def policy_margins(policy: Linearisable, parameters: AnyArm, control_period: flo
     return {
         "control_period": control_period,
         "spectral_radius": {c.name: number_or_reason(c.name, partial(radius, c)) for c in _conditions_for(parameters)},
-        "loop_gain": {key: number_or_reason(key, partial(limit, *of)) for key, (_, *of) in _LIMITS.items()},
+        "loop_gain": {
+            key: number_or_reason(key, partial(limit, delay, side)) for key, (_, delay, side) in _LIMITS.items()
+        },
         "reasons": reasons,
     }
 

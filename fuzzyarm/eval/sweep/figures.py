@@ -131,6 +131,7 @@ def _map(config: SweepConfig, policy: str, cells: _Cells, medians: np.ndarray, n
     panels = figure.subplots(1, len(config.cases), sharey=True, squeeze=False)[0]
     together = config.joints if config.grid else None
     across, up = (column_label(column, together=together).replace(" [", "\n[") for column in config.plane)
+    assert norm.vmax is not None
     for axes, case, errors in zip(panels, config.cases, medians, strict=True):
         within = np.where(np.isinf(errors), 2.0 * norm.vmax, np.minimum(errors, norm.vmax))  # above it: ended early
         mesh = axes.pcolormesh(*cells.edges, within, norm=norm, cmap=_COLORS)
@@ -139,7 +140,7 @@ def _map(config: SweepConfig, policy: str, cells: _Cells, medians: np.ndarray, n
     panels[0].set_ylabel(up)
     bar = figure.colorbar(mesh, ax=panels, pad=0.02, extend="max")
     what = "largest tip error [mm]" + (", median of the plants in a cell" if config.plants > 1 else "")
-    bar.set_label(f"{what}\n(red: {'half or more' if config.plants > 1 else 'it'} ended early)")
+    bar.set_label(f"{what}\n(red: {'half or more ' if config.plants > 1 else ''}ended early)")
     bar.ax.yaxis.set_major_formatter(lambda value, _: f"{value:g}")
     bar.ax.yaxis.set_minor_formatter(lambda value, _: f"{value:g}" if f"{value:.0e}"[0] in "25" else "")
     figure.suptitle(policy, x=0.01, ha="left", fontsize=10.5)
