@@ -14,7 +14,7 @@ from typing import Any, NamedTuple
 from fuzzyarm.common.checks import listed, shown
 from fuzzyarm.envs.physics.equations import AnyArm, chosen_arm
 from fuzzyarm.envs.physics.parameters import ArmParameters
-from fuzzyarm.policies.registry import ADAPTIVE_OBSERVER, COMPUTED_TORQUE, ELASTIC_OBSERVER, TIP, Kind
+from fuzzyarm.policies.registry import ADAPTIVE_OBSERVER, COMPUTED_TORQUE, ELASTIC_OBSERVER, PAPERS, TIP, Kind
 from fuzzyarm.policies.spec import PolicySpec, resolve
 
 __all__ = ["ELASTIC", "HEADINGS", "Declared", "declared", "declared_by_name", "stated"]
@@ -80,6 +80,8 @@ _NAMED = {
             _RIGID,
             _INTEGRAL,
         ),
+        (PAPERS[0], "smallest gains at the paper's alpha and Q", "nothing", _RIGID, _INTEGRAL),
+        (PAPERS[1], "the paper's", "not recorded", _RIGID, _INTEGRAL),
         (COMPUTED_TORQUE, "smallest motor error within margins", "nominal case", _RIGID, _INTEGRAL),
         (
             ELASTIC_OBSERVER,

@@ -18,7 +18,7 @@ if TYPE_CHECKING:
 
 __all__ = [
     "ADAPTIVE_OBSERVER", "ANY_ROBOT", "COMPARED", "COMPUTED_TORQUE", "ELASTIC_OBSERVER", "FOREIGN", "LAWS", "LEARNED",
-    "NAMES", "POLICIES", "TIP", "Kind", "add_policy", "foreign", "known_names", "make_law",
+    "NAMES", "PAPERS", "POLICIES", "TIP", "Kind", "add_policy", "foreign", "known_names", "make_law",
 ]  # fmt: skip
 
 FOREIGN = {"sb3:": ".zip", "onnx:": ".onnx"}
@@ -85,9 +85,24 @@ def _adaptive_observer(robot: AnyArm, control_period: float) -> Policy:
     return make_law(ADAPTIVE_OBSERVER, robot, control_period, None, certified)
 
 
+def _printed(robot: AnyArm, control_period: float) -> Policy:
+    from fuzzyarm.envs.physics.parameters import ArmParameters
+    from fuzzyarm.fuzzy_policy.controller import Controller
+    from fuzzyarm.fuzzy_policy.laws.fuzzy import FuzzyPolicy
+    from fuzzyarm.fuzzy_policy.laws.printed_gains import with_printed_gains
+
+    if robot != ArmParameters():
+        raise ValueError(f"{PAPERS[1]} is for the arm of Table 1; fuzzyarm design makes a controller for another one")
+    return FuzzyPolicy(with_printed_gains(Controller.load(_PAPERS_FOUR)), control_period)
+
+
 _FUZZY = ("fuzzy-32", "fuzzy-16", "fuzzy-8", "fuzzy-4", "fuzzy-2", "fuzzy-1", "fuzzy-4-sampled")
 _HOME = Path(__file__).parent.parent / "fuzzy_policy"
 _CONTROLLERS, _TRAINED = _HOME / "controllers", _HOME / "laws" / "learned" / "policies"
+_PAPERS_FOUR = _HOME.parent / "eval" / "paper" / "controllers" / "paper-4-integral-common.json"
+
+PAPERS = ("paper-4", "paper-4-printed")
+"""The paper's own law with four rules: Theorem 2 solved as printed, and the gains that the paper prints."""
 
 LEARNED = ("ppo-nominal", "ppo-robust", "ppo-residual")
 """Policies trained with PPO, the median seed of each; ``policy.json`` records the training."""
@@ -99,14 +114,16 @@ POLICIES = Registry[_NamedPolicy](
         COMPUTED_TORQUE: _NamedPolicy(Kind.LAW, partial(make_law, COMPUTED_TORQUE), has_tip=True),
         ELASTIC_OBSERVER: _NamedPolicy(Kind.LAW, partial(make_law, ELASTIC_OBSERVER)),
         ADAPTIVE_OBSERVER: _NamedPolicy(Kind.LAW, _adaptive_observer),
+        PAPERS[0]: _NamedPolicy(Kind.CONTROLLER, path=_PAPERS_FOUR, has_tip=True),
+        PAPERS[1]: _NamedPolicy(Kind.LAW, _printed),
         **{name: _NamedPolicy(Kind.LEARNED, path=_TRAINED / name) for name in (*LEARNED, "learned-observer")},
     },
 )
 """All policies by name, without the ending `TIP`; `add_policy` adds one."""
 
-_TIPS = tuple(name for name, policy in POLICIES.items() if policy.has_tip)
-NAMES = (*_TIPS, *(name + TIP for name in _TIPS), *(name for name in POLICIES if name not in _TIPS))
-"""Names of the policies that come with the package, those with the ending `TIP` included."""
+_TIPS = tuple(name for name, policy in POLICIES.items() if policy.has_tip and name not in PAPERS)
+NAMES = (*_TIPS, *(name + TIP for name in _TIPS), *(name for name in POLICIES if name not in (*_TIPS, *PAPERS)))
+"""Names of the policies that come with the package, those with the ending `TIP` included, and `PAPERS` left out."""
 
 COMPARED = (
     *("fuzzy-4", COMPUTED_TORQUE, "fuzzy-4-tip", "computed-torque-tip"),

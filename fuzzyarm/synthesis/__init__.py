@@ -18,7 +18,7 @@ from fuzzyarm.common.registry import lazily
 
 if TYPE_CHECKING:
     from fuzzyarm.synthesis.design_problem import DesignProblem
-    from fuzzyarm.synthesis.designer import Design, DesignFailed, describe, design, find_design
+    from fuzzyarm.synthesis.designer import Design, DesignFailed, describe, design
     from fuzzyarm.synthesis.scheduled_design import (
         ScheduledDesign,
         ScheduledSpecification,
@@ -38,14 +38,13 @@ __all__ = [
     "describe_scheduled",
     "design",
     "design_scheduled",
-    "find_design",
 ]
 
 _HOMES = {
     name: home
     for home, names in {
         "design_problem": "DesignProblem",
-        "designer": "Design DesignFailed describe design find_design",
+        "designer": "Design DesignFailed describe design",
         "scheduled_design": "ScheduledDesign ScheduledSpecification describe_scheduled design_scheduled",
         "specification": "Specification",
     }.items()

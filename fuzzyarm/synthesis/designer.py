@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import dataclasses
 import time
-from collections.abc import Callable
 from importlib.metadata import version
 from typing import Any
 
@@ -23,7 +22,7 @@ from fuzzyarm.synthesis.design_problem import DesignProblem, NoPoint, Point
 from fuzzyarm.synthesis.search import best_point, why_infeasible
 from fuzzyarm.synthesis.specification import PAPER_WEIGHT, Specification
 
-__all__ = ["Design", "DesignFailed", "describe", "design", "find_design", "solved", "to_controller"]
+__all__ = ["Design", "DesignFailed", "describe", "design", "solved", "to_controller"]
 
 
 class DesignFailed(ValueError):
@@ -60,37 +59,23 @@ class Design:
     rows: int
 
 
-def design(specification: Specification, parameters: ArmParameters | None = None) -> Design:
+def design(specification: Specification, parameters: ArmParameters | None = None, *, explain: bool = True) -> Design:
     """Return a controller for a specification; it is proven from its stored gains, whatever the solver's status says.
 
     Args:
         specification: what is asked.
         parameters: the arm, default Table 1.
+        explain: whether to look for the requirement to relax where there is no point, which takes many more solves.
 
     Raises:
         DesignFailed: no point was found whose proof goes through.
     """
-    given = instance("specification", specification, Specification)
-    return _designed(given, ArmParameters() if parameters is None else parameters, why_infeasible)
-
-
-def find_design(specification: Specification, arm: ArmParameters) -> Design | None:
-    """Return the design of a specification, or None; unlike `design`, it does not explain a failure."""
-    try:
-        return _designed(specification, arm, lambda *_: "")
-    except DesignFailed:
-        return None
-
-
-def _designed(
-    specification: Specification, arm: ArmParameters, explain: Callable[[Specification, ArmParameters], str]
-) -> Design:
-    """Return the design of a specification; where there is no point, `explain` gives the message of DesignFailed."""
-    begin = time.perf_counter()
-    best = best_point(specification, instance("parameters", arm, ArmParameters))
+    given, begin = instance("specification", specification, Specification), time.perf_counter()
+    arm = ArmParameters() if parameters is None else instance("parameters", parameters, ArmParameters)
+    best = best_point(given, arm)
     if isinstance(best, NoPoint):
-        raise DesignFailed(explain(specification, arm), best.problem, best.result)
-    return _proven(TSModel(arm, specification.kept), specification, best, time.perf_counter() - begin)
+        raise DesignFailed(why_infeasible(given, arm) if explain else str(best), best.problem, best.result)
+    return _proven(TSModel(arm, given.kept), given, best, time.perf_counter() - begin)
 
 
 def solved(problem: DesignProblem, solver: str, options: dict[str, Any]) -> Design:
@@ -105,18 +90,14 @@ def solved(problem: DesignProblem, solver: str, options: dict[str, Any]) -> Desi
         point = problem.point(solver, **options)
     except NoPoint as error:
         missed = f" at a point that misses the inequalities by {-error.margin:.2g}" if np.isfinite(error.margin) else ""
-        report = f"{solver} ended with {error.status}{missed}"
-        if error.result is None:
-            report = f"{solver} found no point: {error.status}"
-        tried = "tighter tolerances, another solver or another scale"
         if isinstance(best_point(asked, model.parameters), NoPoint):
-            report += f"; {why_infeasible(asked, model.parameters)}"
-        elif own:
-            relax = f"the specification alone has a solution, so relax the {len(own)} constraints added to it"
-            report += f": {relax}, or try {tried}"
+            advice = why_infeasible(asked, model.parameters)
         else:
-            report += f", but the specification has a solution: try {tried}"
-        raise DesignFailed(report, problem, error.result) from error
+            relax = f"relax the {len(own)} constraints added to it, or " if own else ""
+            tried = "try tighter tolerances, another solver or another scale"
+            advice = f"the specification alone has a solution: {relax}{tried}"
+        message = f"{solver} found no point, and ended with {error.status}{missed}; {advice}"
+        raise DesignFailed(message, problem, error.result) from error
     changed = own or problem.objective is not objective or len(problem.constraints) < len(constraints)
     words = "a user's own problem" if changed else None
     return _proven(model, asked, point, time.perf_counter() - begin, words, "cvxpy", problem)

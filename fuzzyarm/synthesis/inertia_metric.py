@@ -23,7 +23,7 @@ from scipy import sparse
 
 from fuzzyarm.envs.physics.rigid_body import frames, mass_matrix
 from fuzzyarm.envs.physics.robot import Robot
-from fuzzyarm.fuzzy_policy.scheduled import TWIST, Premise, rule_weights, speeds_of
+from fuzzyarm.fuzzy_policy.scheduled import FUNCTIONS, TWIST, Premise, rule_weights, speeds_of
 from fuzzyarm.proof.box_cover import TrigMatrix
 from fuzzyarm.proof.definiteness import exact
 from fuzzyarm.proof.inertia_bounds import angle_ranges, inertia_polynomial, plus, scheduled_polynomial
@@ -400,20 +400,25 @@ def fitted_metric(robot: Robot, premises: tuple[Premise, ...], *, alpha: float, 
     n = split = len(robot)
     if n > _UNSPLIT:  # two or three angles from the end, and no kept one beyond
         split = max([min(n - 2, _UNSPLIT), n - _FAR, *(premise.joint + 1 for premise in premises)])
-    search = _Search(_Samples.of(robot, split, count))
-    search.run()
-    for number in range(1, len(premises) + 1):
-        search, _ = _with_premise(search, robot, premises[:number], alpha)
-        search.far = frozenset()  # D_low and D_high stay: they are fitted to the first premise, which changes most
+    search = _searched(robot, premises, alpha, split, count)
     search.raise_floor(_slopes(premises, search.samples.q))
     inertia, low, high, unit = search.found()
     ranges = angle_ranges(robot)
     near = ranges[1:split]
     rotors = exact(np.diag(robot.drive("motor_inertia")))
     if split < n:
-        distal = TrigMatrix(inertia_polynomial(robot, split, n))
-        low = low + (min(_smallest(distal, ranges[split:], low, unit), 0.0) - _SLACK) * unit
-        high = high - (min(_smallest(distal, ranges[split:], high, -unit), 0.0) - _SLACK) * unit
+        distal, scale = TrigMatrix(inertia_polynomial(robot, split, n)), 1.0 / np.sqrt(np.diag(unit))
+
+        def gap(bound: np.ndarray, sign: float) -> float:
+            """Return the smallest eigenvalue of sign (D - bound) in `unit`, 0 at most."""
+
+            def least(q: np.ndarray) -> np.ndarray:
+                scaled = sign * (distal.at(q) - bound) * scale[:, np.newaxis] * scale
+                return np.asarray(np.linalg.eigvalsh(scaled)[:, 0])
+
+            return min(_smallest_value(least, ranges[split:]), 0.0)
+
+        low, high = low + (gap(low, 1.0) - _SLACK) * unit, high - (gap(high, -1.0) - _SLACK) * unit
     lowest, highest = (
         TrigMatrix(plus(inertia_polynomial(robot, 0, split, exact(tail) if split < n else None), rotors))
         for tail in ((low, high) if split < n else (low, low))
@@ -429,22 +434,29 @@ def fitted_metric(robot: Robot, premises: tuple[Premise, ...], *, alpha: float, 
     return Metric(premises, split, share * inertia, low, high, kappa / share, share * floor, np.array(rates))
 
 
-def best_premise(
-    robot: Robot, kept: tuple[Premise, ...], candidates: Sequence[Premise], *, alpha: float, count: int
-) -> Premise:
-    """Return the candidate for one more premise with the smallest (3κ - 2)(α + μ) [1/s] at `count` samples.
+def best_premise(robot: Robot, kept: tuple[Premise, ...], *, alpha: float, count: int) -> Premise:
+    """Return the premise of another joint with the smallest (3κ - 2)(α + μ) [1/s] beside those kept.
 
-    The chain is not split here.
+    It is found at `count` samples, without a split of the chain.
     """
-    search = _Search(_Samples.of(robot, len(robot), count))
-    search.run()
-    for number in range(1, len(kept) + 1):
-        search, _ = _with_premise(search, robot, kept[:number], alpha)
+    left = sorted({*range(1, len(robot))} - {premise.joint for premise in kept})
+    candidates = [Premise(joint, function) for joint in left for function in FUNCTIONS]
+    search = _searched(robot, kept, alpha, len(robot), count)
 
     def ranked(among: Sequence[Premise], rounds: int) -> list[Premise]:
         return sorted(among, key=lambda candidate: _with_premise(search, robot, (*kept, candidate), alpha, rounds)[1])
 
     return ranked(ranked(candidates, _SCREENED)[:_FINALISTS], _ROUNDS)[0]
+
+
+def _searched(robot: Robot, premises: tuple[Premise, ...], alpha: float, split: int, count: int) -> _Search:
+    """Return the search for these premises, added one by one, at `count` samples of a chain that is split there."""
+    search = _Search(_Samples.of(robot, split, count))
+    search.run()
+    for number in range(1, len(premises) + 1):
+        search, _ = _with_premise(search, robot, premises[:number], alpha)
+        search.far = frozenset()  # D_low and D_high stay: they are fitted to the first premise, which changes most
+    return search
 
 
 def _with_premise(
@@ -476,12 +488,3 @@ def _slopes(premises: tuple[Premise, ...], q: np.ndarray) -> list[np.ndarray]:
     """Return ∂h/∂q_k (B, 2^premises) [1/rad] of each premise's angle at angles q (B, n), by central differences."""
     steps = [_STEP * np.eye(q.shape[-1])[premise.joint] for premise in premises]
     return [(rule_weights(premises, q + step) - rule_weights(premises, q - step)) / (2.0 * _STEP) for step in steps]
-
-
-def _smallest(distal: TrigMatrix, ranges: np.ndarray, bound: np.ndarray, unit: np.ndarray) -> float:
-    """Return the smallest eigenvalue of D - bound in units of `unit`, or of bound - D where `unit` is negative."""
-    scale = 1.0 / np.sqrt(np.abs(np.diag(unit)))
-    sign = np.sign(unit[0, 0])
-    return _smallest_value(
-        lambda q: np.linalg.eigvalsh(sign * (distal.at(q) - bound) * scale[:, np.newaxis] * scale)[:, 0], ranges
-    )

@@ -16,7 +16,7 @@ from fuzzyarm.envs.physics.robot import Robot
 from fuzzyarm.fuzzy_policy.controller import GAINS, RATES
 from fuzzyarm.fuzzy_policy.laws.observer_gains import ONE_AT_A_TIME, places_of, worst_radius
 from fuzzyarm.fuzzy_policy.laws.scheduled import linear_scheduled
-from fuzzyarm.fuzzy_policy.scheduled import FUNCTIONS, MOST_PREMISES, Premise, ScheduledController, speeds_of
+from fuzzyarm.fuzzy_policy.scheduled import MOST_PREMISES, Premise, ScheduledController, speeds_of
 from fuzzyarm.proof.certificate import Certificate
 from fuzzyarm.proof.scheduled_certificate import certify_scheduled, schedule_rate
 from fuzzyarm.synthesis.designer import DesignFailed
@@ -97,15 +97,8 @@ class ScheduledDesign:
     proof_seconds: float
 
 
-def design_scheduled(
-    specification: ScheduledSpecification, robot: Robot, progress: Callable[[str], None] = lambda text: None
-) -> ScheduledDesign:
-    """Return a controller for a specification, proven from its stored numbers.
-
-    Args:
-        specification: the requirements.
-        robot: the robot.
-        progress: called with a description of each stage.
+def design_scheduled(specification: ScheduledSpecification, robot: Robot) -> ScheduledDesign:
+    """Return a controller of a robot for a specification, proven from its stored numbers.
 
     Raises:
         DesignFailed: no controller whose proof goes through was found.
@@ -115,41 +108,30 @@ def design_scheduled(
         raise DesignFailed(f"{robot.name} has {n} joints; a proof is available up to {_MOST_JOINTS}")
     begin = time.perf_counter()
     premises = instance("specification", specification, ScheduledSpecification).premises
+    alpha = specification.alpha or ALPHAS[0]
     if premises is None:
+        if specification.rules > 2 ** (n - 1):
+            raise DesignFailed(f"{robot.name} has {n} joints, and no angle is left to keep: ask for fewer rules")
         premises = ()
         while 2 ** len(premises) < specification.rules:
-            progress(f"looking for premise {len(premises) + 1}")
-            premises = (*premises, _best_premise(robot, premises, specification.alpha or ALPHAS[0]))
+            premises = (*premises, best_premise(robot, premises, alpha=alpha, count=_SEARCH_SAMPLES))
     for premise in premises:
         if premise.joint >= n:
             raise DesignFailed(
                 f"the premise {premise.name} is of joint {premise.joint + 1}; {robot.name} has {n} joints, "
                 "and angles 2 and up change its inertia"
             )
-    progress("bounding the inertia")
-    alpha = specification.alpha or ALPHAS[0]
     metric = fitted_metric(robot, premises, alpha=alpha, count=SAMPLES)
     searched = time.perf_counter() - begin
     begin = time.perf_counter()
     failed = ""
     for widening in _WIDENINGS:
-        progress("proving")
         controller = _chosen(specification, robot, metric, widening)
         certificate = certify_scheduled(controller)
         if certificate.proven:
             return ScheduledDesign(controller, certificate, searched, time.perf_counter() - begin)
         failed = next(claim.name for claim in certificate.claims if not claim.proven)
     raise DesignFailed(f"the proof does not go through at {failed}")
-
-
-def _best_premise(robot: Robot, kept: tuple[Premise, ...], alpha: float) -> Premise:
-    """Return the premise with the smallest (3κ - 2)(α + μ) at samples, without a split of the chain."""
-    taken = {premise.joint for premise in kept}
-    left = [joint for joint in range(1, len(robot)) if joint not in taken]
-    if not left:
-        raise DesignFailed(f"{robot.name} has {len(robot)} joints, and no angle is left to keep: ask for fewer rules")
-    candidates = [Premise(joint, function) for joint in left for function in FUNCTIONS]
-    return best_premise(robot, kept, candidates, alpha=alpha, count=_SEARCH_SAMPLES)
 
 
 def _chosen(

@@ -36,7 +36,6 @@ _LIMITS = {
     "gamma": ("gamma", "smallest", ".2g", "", 10.0, 0.3),
     "alpha": ("alpha", "largest", ".3g", " 1/s", 0.25, 0.02),
 }
-_LIGHT = 2.0  # inertia of Table 1 over an arm's, above which the default of γ is too much to ask
 
 
 def best_point(specification: Specification, arm: ArmParameters, vertex: int | None = None) -> Point | NoPoint:
@@ -104,11 +103,6 @@ def _units(arm: ArmParameters) -> Scaling:
     return Scaling.of(error_vertices(TSModel(arm, ()), integral=True), arm)
 
 
-def _lightness(arm: ArmParameters) -> float:
-    """Return the inertia of Table 1 over that of an arm, by which γ of the consistent form scales."""
-    return _units(ArmParameters()).stiffness / _units(arm).stiffness
-
-
 # What would have to be relaxed ----------------------------------------------------------------------------------------
 
 
@@ -161,8 +155,8 @@ def _slowest_tried(specification: Specification) -> float:
 def why_infeasible(specification: Specification, arm: ArmParameters) -> str:
     """Return the specification in words, the first limit that is enough to relax alone, and by how much.
 
-    The fastest pole is tried first, then α, the gain bound and γ; γ before α where it suits a heavier arm. Where a
-    single vertex of a large model already allows too little, its limit is named, which is found within seconds.
+    The fastest pole is tried first, then α, the gain bound and γ. Where a single vertex of a large model already allows
+    too little, its limit is named, which is found within seconds.
     """
     s, alpha, rules, vertex = specification, specification.first_alpha, 1 << len(specification.kept), None
     limits = {_LIMITS[name][0]: getattr(s, name) for name in ("gamma", "gain_bound", "fastest_pole")}
@@ -188,13 +182,7 @@ def why_infeasible(specification: Specification, arm: ArmParameters) -> str:
         what = f"{words} would have to give: the {end} that {works} is about"
         return "" if value is None else f"{what} {value:{form}}{unit}"
 
-    if text := relaxed("fastest_pole"):
-        return f"{head}; {text}"
-    default = Specification.gamma or 0.0
-    factor = _lightness(arm) if s.form == "consistent" else 1.0
-    if s.gamma is not None and factor > _LIGHT and s.gamma < factor * default and (text := relaxed("gamma")):
-        return f"{head}; {text}, and {factor * default:.2g} asks the same of this arm as the default does of Table 1"
-    if text := relaxed("alpha"):
+    if text := relaxed("fastest_pole") or relaxed("alpha"):
         return f"{head}; {text}"
     text = relaxed("gain_bound") or relaxed("gamma") or f"raise {' or '.join(limits)}"
     return f"{head}; no decay rate down to {_slowest_tried(s):g} 1/s helps: {text}"

@@ -237,13 +237,13 @@ def names(folder: Path) -> set[str]:
 def results(folder: Path) -> dict[str, Any]:
     """Return what has to be the same in every run: everything but times and what holds them."""
     found: dict[str, Any] = {}
-    for pattern in ("chunks/*.npz", "sweep.csv", "curve.csv", "policy/*", "laws.json", "steps/*.json"):
+    for pattern in ("chunks/*.npz", "curve.csv", "policy/*", "laws.json", "steps/*.json"):
         for path in sorted(folder.glob(pattern)):
             key, data = str(path.relative_to(folder)), path.read_bytes()
             if path.suffix == ".npz":
                 with np.load(io.BytesIO(data)) as file:  # seconds of the episodes differ from run to run
                     data = {one: file[one].tobytes() for one in file.files if one != "seconds"}  # type: ignore[assignment]
-            found[key] = None if path.name == "sweep.csv" else data
+            found[key] = data
     return found
 
 

@@ -36,6 +36,7 @@ from fuzzyarm.eval.episodes.rollout_file import digest, read_rollouts
 from fuzzyarm.eval.evaluation.ranking import rank_policies
 from fuzzyarm.eval.evaluation.results_file import read_evaluation
 from fuzzyarm.eval.paper.report import EXPECTED, load_expected
+from fuzzyarm.eval.sweep.config import SHOWN
 from fuzzyarm.eval.sweep.ranking import rank_sweeps
 from fuzzyarm.eval.sweep.run import Sweep, digest_of
 from fuzzyarm.eval.tuning.finding import read_finding
@@ -147,9 +148,9 @@ def resume(folder: Path) -> None:
 
 
 def sign_run(content: dict[str, Any]) -> dict[str, Any]:
-    """Sign a run.json as whoever forges it would: the numbers follow the configuration."""
-    content["numbers"] = {name: content["config"].get(name, value) for name, value in content["numbers"].items()}
-    then = {name: content[name] for name in ("numbers", "policies", "made_with", "cases")}
+    """Sign a run.json as whoever forges it would."""
+    then = {name: content[name] for name in ("config", "policies", "made_with", "cases")}
+    then["config"] = {name: value for name, value in then["config"].items() if name not in SHOWN}
     return content | {"digest": digest_of(then)}
 
 

@@ -20,9 +20,8 @@ from fuzzyarm.fuzzy_policy.ts_model import NAMED_RULES, PREMISES
 from fuzzyarm.proof.certificate import certify
 from fuzzyarm.proof.rigid_loop import RigidLoop
 from fuzzyarm.synthesis import DesignFailed, Specification, describe, design, designer
-from fuzzyarm.synthesis import search as synthesis_search
 from fuzzyarm.synthesis.design_problem import NoPoint
-from fuzzyarm.synthesis.search import _lightness, best_point, why_infeasible
+from fuzzyarm.synthesis.search import best_point
 
 SUBSETS = [subset for count in range(6) for subset in itertools.combinations(PREMISES, count)]
 # None, one premise of each side, and two of one side and of both.
@@ -110,20 +109,6 @@ def test_the_limit_that_binds_is_named_with_the_value_that_would_do(limit, asked
         changed = named / factor if limit == "alpha" else factor * named
         point = best_point(dataclasses.replace(one, **{limit: changed}), ArmParameters())
         assert isinstance(point, NoPoint) != works
-
-
-@pytest.mark.parametrize(
-    ("mass", "gamma", "named"),
-    [(1.0, 2e-4, "alpha"), (0.1, 2e-4, "gamma"), (0.1, 1e-2, "alpha"), (0.8, 2e-4, "alpha"), (10.0, 2e-4, "alpha")],
-)
-def test_a_default_for_a_heavier_arm_is_named_first(mass, gamma, named, monkeypatch):
-    """γ is an angle per torque: what is asked of an arm is γ times its inertia."""
-    monkeypatch.setattr(synthesis_search, "_nearest_feasible", lambda *a: {"alpha": 3, "gamma": 3}.get(a[2]))
-    arm, scaled = ArmParameters(), ("mass", "inertia", "motor_inertia")
-    light = dataclasses.replace(arm, **{k: tuple(mass * number for number in getattr(arm, k)) for k in scaled})
-    assert _lightness(light) == pytest.approx(1.0 / mass)
-    text = why_infeasible(Specification(kept=(), gamma=gamma), light)
-    assert f"; {named} would have to give: the " in text
 
 
 @pytest.mark.parametrize(("part", "name"), [(0, "Psi"), (1, "Phi")])

@@ -16,7 +16,7 @@ from fuzzyarm.envs.physics.equations import AnyArm, bounds_of
 from fuzzyarm.eval.declarations import ROW, declared_cells
 from fuzzyarm.eval.episodes.metrics import RESOLUTION, Metric, columns, is_lost, millimetres
 from fuzzyarm.eval.episodes.rollout import Rollout
-from fuzzyarm.eval.stability.linearisation import spectral_radius
+from fuzzyarm.eval.stability.linearisation import largest_radius, linearise_path
 from fuzzyarm.policies.declared import Declared
 
 __all__ = [
@@ -47,7 +47,7 @@ def _stability(policy: Any, arm: AnyArm, period: float) -> str:
     try:
         if policy.action_period != period:
             raise ValueError("it holds its action for several control periods; see fuzzyarm margins")
-        radius = spectral_radius(policy, arm, control_period=period)
+        radius = largest_radius(linearise_path(policy, arm, period))
     except (AttributeError, TypeError, ValueError) as error:
         return f"whether its loop is stable on this arm was not found: {' '.join(str(error).split())}"
     measured = f"spectral radius {radius:.3g} at rest, see fuzzyarm margins"

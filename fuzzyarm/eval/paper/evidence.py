@@ -28,6 +28,7 @@ from fuzzyarm.eval.episodes.rollout import Rollout, record_rollout
 from fuzzyarm.fuzzy_policy import states
 from fuzzyarm.fuzzy_policy.controller import Controller
 from fuzzyarm.fuzzy_policy.laws.fuzzy import FuzzyPolicy
+from fuzzyarm.fuzzy_policy.laws.printed_gains import with_printed_gains
 from fuzzyarm.fuzzy_policy.ts_model import NAMED_RULES, TSModel
 from fuzzyarm.policies import load_policy
 from fuzzyarm.proof.certificate import certify
@@ -61,21 +62,6 @@ SIDES = {"tip": "circularity_error", "motors": "circularity_error_motor"}
 """Circularity errors of a rollout by their side: of the tip (links), and of the motors, as if the joints were rigid."""
 _INSTANTS = 3001  # evenly spaced along the reference; one of them is the middle, where the reference is fastest
 
-# Gains printed in section 6.2 for i = 1 and k = 1, 2. H gets the sign of K, see "Reading of the paper" in the README.
-_PAPER_K = np.array(
-    [
-        [[-6.31e4, 1.16e4, -978.0, -18.0], [0.91e4, -6.513e4, 44.0, -591.0]],
-        [[-9.73e3, -1.74e3, -469.0, -89.6], [-1.89e3, -3.76e3, -96.8, -162.0]],
-    ]
-)
-_PAPER_H = -np.array([[[0.720e4, 0.939e4], [0.939e4, 4.62e4]], [[312.0, 159.0], [152.0, 30.2]]])
-_PAPER_L = np.array(
-    [
-        [[14.7, -1.13, 0.47, -0.04, 0.004, -3e-4], [-6.37, 15.2, -0.21, 0.49, -0.002, 3.9e-4]],
-        [[12.3, 0.634, 0.395, 0.0205, 0.0032, 0.0002], [3.82, 11.8, 0.123, 0.380, 0.0010, 0.0031]],
-    ]
-)
-
 
 def _compared_policies() -> dict[str, FuzzyPolicy]:
     """Return the policies by their key in `TITLES`; the first four are proven while they are loaded."""
@@ -83,14 +69,7 @@ def _compared_policies() -> dict[str, FuzzyPolicy]:
     printed, consistent = (policies[key].controller for key in ("printed-4", "consistent-4"))
     # Theorem 2 also proves this law, with P, Q and X of the printed form's file but a larger γ, see `smallest_gamma`.
     swapped = dataclasses.replace(printed, feedforward=consistent.feedforward_gains)
-    # This law is not proven. The paper prints the gains for i = 1 only, so they are used for i = 2 as well. Its E_p1 is
-    # the vertex of the smallest z1, as is ours.
-    papers = dataclasses.replace(
-        printed,
-        gains=np.stack([np.concatenate([_PAPER_K, _PAPER_H], axis=-1)] * 2),
-        feedforward=np.stack([_PAPER_L] * 2),
-    )
-    policies |= {SWAPPED: FuzzyPolicy(swapped), PAPERS_OWN: FuzzyPolicy(papers)}
+    policies |= {SWAPPED: FuzzyPolicy(swapped), PAPERS_OWN: FuzzyPolicy(with_printed_gains(printed))}
     for policy in policies.values():
         policy.integral_at = None  # the paper's law does not hold the integral at the torque limits
     return policies

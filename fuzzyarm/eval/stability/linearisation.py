@@ -49,7 +49,7 @@ from fuzzyarm.fuzzy_policy.policy import Predictor
 
 __all__ = [
     "GAIN_SPAN", "POSTURES", "GainLimits", "Linearisable", "LocalLoop", "gain_limits", "largest_radius",
-    "linearise_path", "spectral_radius",
+    "linearise_path",
 ]  # fmt: skip
 
 
@@ -143,36 +143,18 @@ class Linearisable(Predictor, Protocol):
         ...
 
 
-def spectral_radius(
-    policy: Linearisable,
-    parameters: AnyArm,
-    *,
-    control_period: float,
-    loop_gain: float = 1.0,
-    delay: float = 0.0,
-    payload: Payload | None = None,
-) -> float:
-    """Return max |λ| of the closed loop per control period, over the path; see the module for what it means.
+def linearise_path(
+    policy: Linearisable, parameters: AnyArm, control_period: float, payload: Payload | None = None
+) -> list[LocalLoop]:
+    """Return the loops of a policy at `POSTURES` instants of the default reference of a plant.
 
-    Args:
-        policy: `predict` on batches, in double precision; its state an array or None.
-        parameters: the plant, the two-joint arm or a robot.
-        control_period: [s].
-        loop_gain: κ, factor on the torque's deviation from equilibrium.
-        delay: d, extra samples of delay, a multiple of 0.5.
-        payload: what the plant carries, default nothing.
+    `predict` takes batches, in double precision; its state is an array or None. The plant carries `payload`, by default
+    nothing; the control period is in s.
 
     Raises:
         TypeError: the policy's state is not an array, or its torque is not in double precision.
         ValueError: the policy has no equilibrium within the torque limits.
     """
-    return largest_radius(linearise_path(policy, parameters, control_period, payload), loop_gain, delay)
-
-
-def linearise_path(
-    policy: Linearisable, parameters: AnyArm, control_period: float, payload: Payload | None = None
-) -> list[LocalLoop]:
-    """Return the loops at `POSTURES` instants of the default reference; it raises what `spectral_radius` does."""
     reference = default_reference(parameters)
     postures = reference.sample(np.linspace(0.0, reference.duration, POSTURES)).q
     smooth = policy.without_dry_friction()  # once for all postures: it may design an observer again

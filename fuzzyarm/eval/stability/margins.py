@@ -8,7 +8,7 @@ import os
 import shlex
 from collections.abc import Callable, Sequence
 from functools import cache, cached_property, partial
-from typing import Any, Literal, NamedTuple
+from typing import Any
 
 from rich.console import Console
 
@@ -49,39 +49,27 @@ class _Condition:
     payload: Payload | None = None
 
 
-# Of the columns for the two-joint arm, in their order; `_conditions_for` returns those of any arm.
-_CONDITIONS = (
-    _Condition("nominal"),
-    _Condition("loop gain x 0.67", loop_gain=0.67),
-    _Condition("loop gain x 1.5", loop_gain=1.5),
-    _Condition("half a sample later", delay=0.5),
-    _Condition("one sample later", delay=1.0),
-    _Condition("stiffness - 20 %", stiffness=0.8),
-    _Condition("stiffness + 20 %", stiffness=1.2),
-    _Condition("5 kg payload", payload=Payload(5.0)),
-)
-
-
-class _Limit(NamedTuple):
-    """A limit of the loop gain on the nominal arm: heading, which of the `GainLimits`, and extra samples of delay."""
-
-    heading: str
-    side: Literal["lower", "upper"]
-    delay: float = 0.0
-
-
-_LIMITS = {  # by key in the document
-    "lower": _Limit("loop gain from", "lower"),
-    "upper": _Limit("to", "upper"),
-    "upper_one_sample_later": _Limit("to, one sample later", "upper", delay=1.0),
+# Limits of the loop gain on the nominal arm by key in the document: heading, extra samples, place in `GainLimits`.
+_LIMITS = {
+    "lower": ("loop gain from", 0.0, 0),
+    "upper": ("to", 0.0, 1),
+    "upper_one_sample_later": ("to, one sample later", 1.0, 1),
 }
 
 
 def _conditions_for(arm: AnyArm) -> tuple[_Condition, ...]:
-    """Return the conditions of the columns for an arm; a robot carries the payload of its case ``payload``."""
+    """Return the conditions of the columns for an arm, which carries the payload of its case ``payload``."""
     payload = case_for("payload", arm).disturbance.payload
-    *others, loaded = _CONDITIONS
-    return (*others, dataclasses.replace(loaded, name=f"{payload.mass:g} kg payload", payload=payload))
+    return (
+        _Condition("nominal"),
+        _Condition("loop gain x 0.67", loop_gain=0.67),
+        _Condition("loop gain x 1.5", loop_gain=1.5),
+        _Condition("half a sample later", delay=0.5),
+        _Condition("one sample later", delay=1.0),
+        _Condition("stiffness - 20 %", stiffness=0.8),
+        _Condition("stiffness + 20 %", stiffness=1.2),
+        _Condition(f"{payload.mass:g} kg payload", payload=payload),
+    )
 
 
 _SCHEMA = "fuzzyarm-margins/1"
@@ -102,7 +90,6 @@ class MarginsConfig:
     robot: str | os.PathLike[str] | AnyArm | None = None
 
     def __post_init__(self) -> None:
-        """Check the names before anything runs."""
         if self.policies is not None:
             distinct("policies", self.policies)
         if not isinstance(self.robot, str | os.PathLike):
@@ -132,16 +119,11 @@ class MarginsConfig:
 def measure_margins(config: MarginsConfig, progress: Callable[[], None] = lambda: None) -> dict[str, Any]:
     """Measure every policy in every condition and return the document that `fuzzyarm margins --json` prints.
 
-    Args:
-        config: the policies and the arm.
-        progress: called after each policy.
-
-    Returns:
-        provenance, ``conditions``, and under ``rows`` for each policy what `policy_margins` returns.
+    It holds the provenance, ``conditions``, and under ``rows`` for each policy what `policy_margins` returns.
+    `progress` is called after each policy.
 
     Raises:
         ValueError: a policy is unknown or does not fit the robot, or the path does not fit it.
-        OSError: a file cannot be read.
     """
     arm = instance("config", config, MarginsConfig).arm
     default_reference(arm)  # an arm that cannot follow it is a usage error, for which the table has no row
@@ -193,8 +175,8 @@ def policy_margins(policy: Linearisable, parameters: AnyArm, control_period: flo
     def limits(delay: float) -> GainLimits:
         return gain_limits(loops(1.0, None), delay)
 
-    def limit(wanted: _Limit) -> float:
-        found = float(getattr(limits(wanted.delay), wanted.side))
+    def limit(delay: float, side: int) -> float:
+        found = limits(delay)[side]
         if math.isnan(found):
             raise ValueError("unstable with its own loop gain")
         if found in (0.0, math.inf):
@@ -206,7 +188,9 @@ def policy_margins(policy: Linearisable, parameters: AnyArm, control_period: flo
     return {
         "control_period": control_period,
         "spectral_radius": {c.name: number_or_reason(c.name, partial(radius, c)) for c in _conditions_for(parameters)},
-        "loop_gain": {key: number_or_reason(key, partial(limit, wanted)) for key, wanted in _LIMITS.items()},
+        "loop_gain": {
+            key: number_or_reason(key, partial(limit, delay, side)) for key, (_, delay, side) in _LIMITS.items()
+        },
         "reasons": reasons,
     }
 
@@ -238,7 +222,7 @@ def margins_in_words(policy: Linearisable, arm: AnyArm, control_period: float) -
 def margin_cells(rows: Sequence[dict[str, Any]]) -> tuple[list[str], list[list[str]]]:
     """Return the headings and the cells, which are text; a dash where there is no number."""
     conditions = list(rows[0]["spectral_radius"])  # every row has the same ones
-    headings = ["policy", *conditions, *(limit.heading for limit in _LIMITS.values())]
+    headings = ["policy", *conditions, *(heading for heading, *_ in _LIMITS.values())]
     cells = [
         [
             row["policy"],
@@ -265,13 +249,12 @@ def margin_notes(document: dict[str, Any]) -> list[str]:
         "A local measurement and not a proof: postures frozen, dry friction removed, deviations small. Each policy "
         "keeps its nominal knowledge.",
     ]
-    headings = {key: limit.heading for key, limit in _LIMITS.items()}
     for row in document["rows"]:
         if row["control_period"] != method["control_period"]:
             notes.append(f"{row['policy']} acts every {1e3 * row['control_period']:g} ms, which is its period here.")
         missing: dict[str, list[str]] = {}
         for name, reason in row["reasons"].items():
-            missing.setdefault(reason, []).append(f"'{headings.get(name, name)}'")
+            missing.setdefault(reason, []).append(f"'{_LIMITS[name][0] if name in _LIMITS else name}'")
         notes += [f"{row['policy']}, no {' or '.join(names)}: {reason}" for reason, names in missing.items()]
     return notes
 

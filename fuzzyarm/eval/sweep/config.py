@@ -95,7 +95,6 @@ class SweepConfig:
     map: tuple[str, ...] = ()
 
     def __post_init__(self) -> None:
-        """Check all fields; whether the policies exist is checked when they are loaded."""
         distinct("policies", self.policies)
         for case in distinct("cases", self.cases):
             find_case(case)

@@ -97,7 +97,6 @@ class Distribution(DomainRandomisation):
     delay: Range = (0.0, 0.0)
 
     def __post_init__(self) -> None:
-        """Check every range."""
         super().__post_init__()
         interval("noise", self.noise, low=0.0, high=1e6)
         first, last = interval("delay", self.delay, low=0.0, high=100.0)

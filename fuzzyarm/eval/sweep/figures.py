@@ -8,11 +8,10 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
-from matplotlib.axes import Axes
+from matplotlib import colormaps
 from matplotlib.colors import LogNorm
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
-from matplotlib.patches import Patch
 
 from fuzzyarm.eval.evaluation.figures import policy_styles
 from fuzzyarm.eval.figure_files import MARKERS, figure_style, write_all
@@ -22,9 +21,8 @@ from fuzzyarm.eval.sweep.episodes import SweepResults
 
 __all__ = ["write_sweep_figures"]
 
-_COLORS = "viridis_r"  # ordered by lightness for any colour vision, and in grey: dark is bad
-# The look of cells where half or more of the plants ended early.
-_EARLY: dict[str, Any] = {"facecolor": "#BBBBBB", "hatch": "////", "edgecolor": "black"}
+# Ordered by lightness for any colour vision, and in grey: dark is bad; red where half or more ended early.
+_COLORS = colormaps["viridis_r"].with_extremes(over="#CC3311")
 _FINE, _COARSE = 1.0 / 40.0, 5.0  # ends of the colour scale, as shares of the bound of success
 _LEFT = 1.0 / 200.0  # left end of the curves, as a share of the bound
 
@@ -133,39 +131,17 @@ def _map(config: SweepConfig, policy: str, cells: _Cells, medians: np.ndarray, n
     panels = figure.subplots(1, len(config.cases), sharey=True, squeeze=False)[0]
     together = config.joints if config.grid else None
     across, up = (column_label(column, together=together).replace(" [", "\n[") for column in config.plane)
+    assert norm.vmax is not None
     for axes, case, errors in zip(panels, config.cases, medians, strict=True):
-        mesh = axes.pcolormesh(*cells.edges, np.where(np.isfinite(errors), errors, np.nan), norm=norm, cmap=_COLORS)
-        _draw_borders(axes, cells, errors, config.bound)
+        within = np.where(np.isinf(errors), 2.0 * norm.vmax, np.minimum(errors, norm.vmax))  # above it: ended early
+        mesh = axes.pcolormesh(*cells.edges, within, norm=norm, cmap=_COLORS)
         axes.set(title=config.titles[case], xlabel=across)
         axes.grid(False)
     panels[0].set_ylabel(up)
-    finite = medians[np.isfinite(medians)]
-    beyond = bool((finite < norm.vmin).any()), bool((finite > norm.vmax).any())
-    extend = {(True, True): "both", (True, False): "min", (False, True): "max"}.get(beyond, "neither")
-    bar = figure.colorbar(mesh, ax=panels, pad=0.02, extend=extend)
-    bar.set_label("largest tip error [mm]" + (",\nmedian of the plants in a cell" if config.plants > 1 else ""))
+    bar = figure.colorbar(mesh, ax=panels, pad=0.02, extend="max")
+    what = "largest tip error [mm]" + (", median of the plants in a cell" if config.plants > 1 else "")
+    bar.set_label(f"{what}\n(red: {'half or more ' if config.plants > 1 else ''}ended early)")
     bar.ax.yaxis.set_major_formatter(lambda value, _: f"{value:g}")
     bar.ax.yaxis.set_minor_formatter(lambda value, _: f"{value:g}" if f"{value:.0e}"[0] in "25" else "")
     figure.suptitle(policy, x=0.01, ha="left", fontsize=10.5)
-    handles: list[Any] = []
-    if (medians < config.bound).any() and (medians > config.bound).any():
-        handles.append(Line2D([], [], color="black", linewidth=1.6, label=f"{config.bound:g} mm, the bound of success"))
-    if np.isinf(medians).any():
-        handles.append(Patch(**_EARLY, label="half or more ended early"))
-    if np.isnan(medians).any():
-        handles.append(Patch(facecolor="#FFFFFF", edgecolor="#999999", label="no plant"))
-    if handles:
-        figure.legend(handles=handles, loc="outside lower center", ncols=len(handles))
     return figure
-
-
-def _draw_borders(axes: Axes, cells: _Cells, errors: np.ndarray, bound: float) -> None:
-    """Hatch the cells where half of the plants ended early, and outline the cells below the bound."""
-    above, (across, up) = errors >= bound, cells.edges
-    for j, i in np.argwhere(np.isinf(errors)):
-        axes.fill_between(across[i : i + 2], up[j], up[j + 1], **_EARLY, linewidth=0.0)
-    sides: list[Any] = [([across[i + 1]] * 2, up[j : j + 2]) for j, i in np.argwhere(above[:, 1:] != above[:, :-1])]
-    sides += [(across[i : i + 2], [up[j + 1]] * 2) for j, i in np.argwhere(above[1:] != above[:-1])]
-    for color, width in (("white", 3.2), ("black", 1.6)):
-        for side in sides:
-            axes.plot(*side, color=color, linewidth=width, solid_capstyle="projecting")

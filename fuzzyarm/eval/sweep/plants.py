@@ -130,12 +130,10 @@ class _ScaledForce:
 
 
 def _arm_argument(arms: list[AnyArm]) -> dict[str, Any]:
-    """Return the argument of an environment with these arms, one for each lane."""
     return {"robot" if isinstance(arms[0], Robot) else "parameters": arms}
 
 
 def _varied(arm: AnyArm, factors: Mapping[str, float]) -> AnyArm:
-    """Return the arm with some of its quantities multiplied by factors."""
     of_field = {field: factor for name, factor in factors.items() for field in QUANTITIES[name].arm_fields}
     if isinstance(arm, Robot) and "mass" in of_field:
         arm = with_mass(arm, of_field.pop("mass"))

@@ -56,8 +56,10 @@ class PlantStanding:
     @property
     def headings(self) -> list[str]:
         """Headings of the table after the score."""
-        what, cases = "99 % of plants, ", list(self.cases)
-        found = [f"{what}{case} [mm]" for case in cases] + (other_headings(cases, what) if self.others else [])
+        what = "99 % of plants, "
+        found = [f"{what}{case} [mm]" for case in self.cases]
+        if self.others:
+            found += other_headings(list(self.cases), what)
         return [*found, "ended early", "plants", "from"]
 
     @property
@@ -95,10 +97,7 @@ def is_sweep(path: Path) -> bool:
 def rank_sweeps(paths: Sequence[str | Path]) -> Leaderboard:
     """Rank the policies of sweeps: files `SUMMARY` of `fuzzyarm sweep`, or the folders that hold them.
 
-    Raises:
-        ValueError: a file is missing, damaged or given twice, or two files are not comparable; the message names the
-            first difference.
-        OSError: a file cannot be read.
+    It raises what `rank_policies` does.
     """
     files = [path / SUMMARY if path.is_dir() else path for path in map(Path, paths)]
     again = "make it again with fuzzyarm sweep --out {}"
@@ -114,50 +113,42 @@ def _read(file: Path, document: dict[str, Any]) -> tuple[list[PlantStanding], di
     plants, cases = whole("plants", method["plants"], low=1), list(config["cases"])
     for case in cases:
         find_case(case)
-    policies = list(dict.fromkeys(row["policy"] for row in rows))
+    policies = list(dict.fromkeys(str(row["policy"]) for row in rows))
     if not rows or [(row["policy"], row["case"]) for row in rows] != [(p, c) for p in policies for c in cases]:
         raise ValueError("its rows are not one for each policy in each case")
-    standings = []
     declared = read_declarations(document.get("declared"), config["policies"])
-    for policy in map(str, policies):
-        own = [row for row in rows if row["policy"] == policy]
-        found = {row["case"]: _estimate(row["max_mm"][_LEVEL]) for row in own}
-        ended = sum(whole("ended_early", row["ended_early"], low=0, high=plants) for row in own)
-        quantiles = {case: estimate.mean if estimate else None for case, estimate in found.items()}
-        others = {
-            words: {row["case"]: row[metric.key][_LEVEL]["value"] for row in own}
-            for words, metric in ranked().items()
-            if metric.swept
-        }
+    standings = []
+    for policy in policies:
+        own = {row["case"]: row for row in rows if row["policy"] == policy}
+        found = {case: _ends(row["max_mm"][_LEVEL]) for case, row in own.items()}
+        ended = sum(whole("ended_early", row["ended_early"], low=0, high=plants) for row in own.values())
+        quantiles = {case: None if value == math.inf else value for case, (value, *_) in found.items()}
+        swept = {words: metric.key for words, metric in ranked().items() if metric.swept}
+        others = {w: {case: row[key][_LEVEL]["value"] for case, row in own.items()} for w, key in swept.items()}
         score = _largest(list(found.values()))
         standings.append(PlantStanding(policy, str(file), score, quantiles, ended, plants, declared[policy], others))
+    robot = "the two-joint arm" if config["robot"] is None else str(config["robot"]["name"])
+    release, distribution = document["versions"]["fuzzyarm"], config["distribution"]
     conditions = {
-        "version of fuzzyarm": document["versions"]["fuzzyarm"],
+        "version of fuzzyarm": release,
         "cases": cases,
         "distribution": method["distribution"],
         "grid": config["grid"],
         "arm": config["parameters"],
         "robot": config["robot"],
     }
-    robot = "the two-joint arm" if config["robot"] is None else str(config["robot"]["name"])
-    version, distribution = conditions["version of fuzzyarm"], config["distribution"]
-    return standings, conditions, f"fuzzyarm {version}, {robot}, plants of the distribution {distribution}"
+    return standings, conditions, f"fuzzyarm {release}, {robot}, plants of the distribution {distribution}"
 
 
-def _estimate(given: dict[str, Any]) -> Estimate | None:
-    """Return a quantile [mm] of a file with its interval; None if it is larger than any bound."""
-    if given["value"] is None:
+def _ends(quantile: dict[str, Any]) -> list[float]:
+    """Return value, low and high end of a file's quantile [mm]; inf for what is larger than any bound, or missing."""
+    names = ("value", "low", "high")
+    return [math.inf if quantile[name] is None else real(name, quantile[name], "mm", low=0.0) for name in names]
+
+
+def _largest(found: Sequence[Sequence[float]]) -> Estimate | None:
+    """Return the largest quantile of the cases, with the largest ends of their intervals; None if it is infinite."""
+    value, low, high = map(max, zip(*found, strict=True))
+    if value == math.inf:
         return None
-    low, high = (None if given[end] is None else real(end, given[end], "mm", low=0.0) for end in ("low", "high"))
-    beyond = math.inf if low is not None else None  # an upper end larger than any error
-    return Estimate(real("value", given["value"], "mm", low=0.0), low, beyond if high is None else high)
-
-
-def _largest(found: Sequence[Estimate | None]) -> Estimate | None:
-    """Return the largest quantile of the cases, with the largest ends of their intervals."""
-    known = [estimate for estimate in found if estimate is not None]
-    if len(known) < len(found):
-        return None
-    low, high = ([end for one in known if (end := getattr(one, name)) is not None] for name in ("low", "high"))
-    largest = max(estimate.mean for estimate in known)
-    return Estimate(largest, max(low), max(high)) if low and high else Estimate(largest, None, None)
+    return Estimate(value, low, high) if low < math.inf else Estimate(value, None, None)  # a single plant has no ends

@@ -1,8 +1,8 @@
 """A sweep in its folder: begun, run chunk by chunk, resumed after an interruption, summarised and replayed.
 
 ``run.json`` is written first, then ``chunks/NNNNNN.npz`` one by one, each whole or not at all. Resuming a sweep runs
-the chunks that are missing. ``run.json`` holds the identity of the sweep, which is everything that its numbers depend
-on: configuration, versions and code, added cases, and the files of the policies. Every file carries the digest of the
+the chunks that are missing. ``run.json`` holds the configuration and the rest of the sweep's identity, on which its
+numbers depend: versions and code, added cases, and the files of the policies. Every file carries the digest of the
 identity, and results of different identities are never mixed in one folder.
 """
 
@@ -30,15 +30,13 @@ from fuzzyarm.common.files import write_atomically
 from fuzzyarm.envs.scenario.cases import CASES, INSTANTS, Case
 from fuzzyarm.eval.declarations import declarations_of, unrelated
 from fuzzyarm.eval.engine import Engine, source_of
-from fuzzyarm.eval.episodes.metrics import swept
 from fuzzyarm.eval.episodes.rollout import Rollout
 from fuzzyarm.eval.episodes.rollout_file import npz_bytes
 from fuzzyarm.eval.provenance import json_text
 from fuzzyarm.eval.sweep.config import SHOWN, SweepConfig
-from fuzzyarm.eval.sweep.distributions import plant_record
 from fuzzyarm.eval.sweep.episodes import SweepResults, replay, run_plants
 from fuzzyarm.eval.sweep.plants import CONTROL_PERIOD
-from fuzzyarm.eval.sweep.summary import SCHEMA, SUMMARY, summarise, summary_csv
+from fuzzyarm.eval.sweep.summary import SCHEMA, SUMMARY, summarise
 from fuzzyarm.fuzzy_policy.policy import Predictor
 from fuzzyarm.policies import Kind, PolicySpec, found_again, resolve, resolve_all
 from fuzzyarm.policies.registry import foreign
@@ -46,11 +44,6 @@ from fuzzyarm.policies.registry import foreign
 __all__ = ["Sweep", "digest_of"]
 
 _RUN = "run.json"
-_SOURCES = (
-    *("common", "envs", "fuzzy_policy", "numbers", "policies", "proof", "eval/episodes"),
-    *(f"eval/sweep/{name}.py" for name in ("distributions", "config", "plants", "episodes")),
-)
-"""The files and folders of the package on which the numbers depend: code, controllers and weights."""
 
 
 @dataclasses.dataclass(frozen=True)
@@ -93,7 +86,7 @@ class Sweep:
         specs = resolve_all(config.policies, run_code=True)
         identity = _identity_of(config, specs)
         sweep = cls._loaded(folder, config, specs, digest_of(identity))
-        document = {"schema": SCHEMA, "command": config.command(), "config": config.to_dict(), **identity}
+        document = {"schema": SCHEMA, "command": config.command(), **identity, "config": config.to_dict()}
         # A run that ends after this line leaves an empty folder of chunks, which does not prevent the next.
         (folder / "chunks").mkdir(parents=True, exist_ok=True)
         write_atomically(folder / _RUN, json_text({**document, "digest": sweep.digest}))
@@ -158,14 +151,8 @@ class Sweep:
     def run(self, engine: Engine, report: Callable[[str], None] = lambda text: None) -> Iterator[int]:
         """Run the missing chunks, write each as soon as it is done, and yield the number of its plants.
 
-        The policies are sent to the workers of the engine, which need none of their files. When a worker dies its chunk
-        is repeated, and `report` is called with a line of text.
-
-        Raises:
-            ValueError: a chunk in the folder is damaged, a policy fails, or a worker has other versions than this
-                process.
-            engine.WorkersLost: workers die again and again.
-            OSError: a chunk cannot be written.
+        The policies are sent to the workers of the engine, which need none of their files. It raises what `Engine.run`
+        does, and ValueError where a chunk in the folder is damaged, a policy fails or a worker has other versions.
         """
         work = functools.partial(_run_chunk, self.config, self.policies, _made_with())
         with contextlib.closing(engine.run(work, self.missing(), report)) as chunks:
@@ -182,10 +169,9 @@ class Sweep:
         return SweepResults.joined(done)
 
     def summarise(self, progress: Callable[[], None] = lambda: None) -> tuple[dict[str, Any], list[Path]]:
-        """Write summary, table, episodes and figures; `progress` is called after each figure.
+        """Write summary, episodes and figures; `progress` is called after each figure.
 
-        Return the content of ``sweep.json``, see `summary.summarise`, and the paths of all files written. ValueError: a
-        chunk is missing or damaged; OSError: a file cannot be written.
+        Return the content of ``sweep.json``, see `summary.summarise`, and the paths of all files written.
         """
         # Imported here and in `replay_plant`, because Matplotlib takes a second to load.
         from fuzzyarm.eval.sweep.figures import write_sweep_figures
@@ -194,7 +180,6 @@ class Sweep:
         document = summarise(config, results, declarations_of(self.specs, self.policies, config.arm))
         contents: dict[str, str | bytes] = {
             SUMMARY: json_text(document),
-            "sweep.csv": summary_csv(document["rows"]),
             "episodes.npz": npz_bytes(results.arrays),
         }
         for name, content in contents.items():
@@ -205,8 +190,7 @@ class Sweep:
     def replay_plant(self, policy: str, case: str, plant: int) -> tuple[Rollout, Path]:
         """Run one episode of the sweep again, given the policy's label, the case and the number of the plant.
 
-        Return its signals, and the folder to which they and their figures were written. ValueError: the sweep has no
-        such plant, policy or case; OSError: a file cannot be written.
+        Return its signals, and the folder to which they and their figures were written.
         """
         from fuzzyarm.eval.evaluation.figures import write_figures
 
@@ -231,19 +215,7 @@ class Sweep:
             raise ValueError(f"{error}: {again}") from None
         if str(arrays.pop("digest", "")) != self.digest:
             raise ValueError(f"{path} is of another sweep than {self.folder / _RUN}: {again}")
-        if {name: (array.shape, array.dtype) for name, array in arrays.items()} != self._layout(number):
-            raise ValueError(f"{path} is damaged (its arrays are not those of the sweep): {again}")
         return SweepResults.of(arrays)
-
-    def _layout(self, number: int) -> dict[str, Any]:
-        """Return shape and type of each array of a chunk by its name."""
-        plants = len(self.config.members(number))
-        shape = (len(self.config.policies), len(self.config.cases), plants)
-        return {
-            "plants": ((plants,), plant_record(self.config.joints)),
-            **dict.fromkeys([*swept(), "seconds"], (shape, np.dtype(float))),
-            "completed": (shape, np.dtype(bool)),
-        }
 
 
 def _run_chunk(
@@ -260,14 +232,11 @@ def _run_chunk(
 
 @functools.cache
 def _made_with() -> dict[str, str]:
-    """Return the versions that this process computes with, and the digest of its sources."""
+    """Return the versions that this process computes with, and the digest of the package's files."""
     digest, root = hashlib.sha256(), Path(fuzzyarm.__file__).parent
-    for path in (root / name for name in _SOURCES):
-        files = [path] if path.is_file() else sorted(path.rglob("*"))
-        assert files, f"{path} is missing: _SOURCES must follow the package's folders"
-        for file in files:
-            if file.is_file() and "__pycache__" not in file.parts:
-                digest.update(file.relative_to(path.parent).as_posix().encode() + b"\0" + file.read_bytes() + b"\0")
+    for file in sorted(root.rglob("*")):
+        if file.is_file() and "__pycache__" not in file.parts:
+            digest.update(file.relative_to(root).as_posix().encode() + b"\0" + file.read_bytes() + b"\0")
     versions = {name: version(name) for name in ("fuzzyarm", "numpy", "llvmlite")}
     return {"python": platform.python_version(), **versions, "code": digest.hexdigest()}
 
@@ -276,7 +245,7 @@ def _identity_of(config: SweepConfig, specs: Mapping[str, PolicySpec]) -> dict[s
     """Return everything on which the numbers of a sweep depend, as JSON holds it; the policies may run code."""
     axes = 2 if config.robot is None else 3
     return {
-        "numbers": _numbers(config.to_dict()),
+        "config": _numbers(config.to_dict()),
         "policies": {label: spec.files() | _module_files(spec) for label, spec in specs.items()},
         "made_with": _made_with(),
         "cases": {name: _described(case, axes) for name, case in CASES.added().items() if name in config.cases},
@@ -290,10 +259,9 @@ def digest_of(identity: Mapping[str, Any]) -> str:
 
 def _begun(document: Mapping[str, Any]) -> tuple[SweepConfig, dict[str, dict[str, Any]], str]:
     """Return the configuration, the identity and its digest from the content of ``run.json``."""
-    config, parts = SweepConfig.from_dict(document["config"]), ("numbers", "policies", "made_with", "cases")
-    if _numbers(document["config"]) != document["numbers"]:
-        raise ValueError("its configuration was changed after the sweep began")
-    return config, {name: instance(name, document[name], dict) for name in parts}, document["digest"]
+    parts = {name: instance(name, document[name], dict) for name in ("config", "policies", "made_with", "cases")}
+    config = SweepConfig.from_dict(parts["config"])
+    return config, parts | {"config": _numbers(parts["config"])}, document["digest"]
 
 
 def _numbers(config: Mapping[str, Any]) -> dict[str, Any]:

@@ -17,7 +17,7 @@ from __future__ import annotations
 import functools
 import itertools
 import math
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Mapping
 from typing import Any
 
 import numpy as np
@@ -25,7 +25,6 @@ from rich.console import Console
 from scipy.stats import binomtest, bootstrap
 
 from fuzzyarm.common.console import Sheet, print_paragraphs
-from fuzzyarm.common.files import csv_text
 from fuzzyarm.eval.declarations import read_declarations, written_declarations
 from fuzzyarm.eval.episodes.metrics import swept
 from fuzzyarm.eval.evaluation.statistics import LEVEL, SEED
@@ -35,7 +34,7 @@ from fuzzyarm.eval.sweep.distributions import NOISE
 from fuzzyarm.eval.sweep.episodes import SweepResults
 from fuzzyarm.policies.declared import Declared
 
-__all__ = ["SCHEMA", "SUMMARY", "print_sweep", "summarise", "summary_csv"]
+__all__ = ["SCHEMA", "SUMMARY", "print_sweep", "summarise"]
 
 SCHEMA, SUMMARY = "fuzzyarm-sweep/3", "sweep.json"
 """The format of the files of a sweep, and the name of the summary's file."""
@@ -169,15 +168,3 @@ def _cell(found: dict[str, _Number], form: Callable[[float], str], terminal: boo
         return value  # a single plant has no interval
     interval = "" if value == low == high == _ENDED_EARLY else f"({low} to {high})"
     return f"{value}\n{interval}" if terminal else f"{value} {interval}".rstrip()
-
-
-def summary_csv(rows: Sequence[dict[str, Any]]) -> str:
-    """Return the table as CSV: a line for each policy and case, with empty cells for values beyond any error."""
-    flat = []
-    for row in rows:
-        columns = {"policy": row["policy"], "case": row["case"], "ended_early": row["ended_early"]}
-        columns |= {f"success_{name}": value for name, value in row["success"].items()}
-        for metric, level in itertools.product(swept(), row["max_mm"]):
-            columns |= {f"{metric}_{level}_{name}": value for name, value in row[metric][level].items()}
-        flat.append(columns)
-    return csv_text(flat)

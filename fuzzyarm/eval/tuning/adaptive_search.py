@@ -16,8 +16,8 @@ known) or how sure a test is (the dead zone: four standard deviations), and stay
 The policy bears other loops only because it adapts to them: with its adaptation frozen it is unstable where the loop
 gain is a few per cent off, and its search has no constraint of margins.
 
-`fuzzyarm tune` tries the first guess and eight points of the Sobol set. The shipped weights come from these and two
-runs of Nelder-Mead with 24 evaluations, one from the best point and one from the first guess.
+The shipped weights come from the points of `ADAPTIVE_SEARCH` and two runs of Nelder-Mead with 24 evaluations, one from
+the best point and one from the first guess.
 """
 
 from __future__ import annotations

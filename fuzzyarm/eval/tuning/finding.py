@@ -95,12 +95,7 @@ def write_finding(folder: Path, finding: Finding) -> None:
 
 
 def read_finding(folder: Path, policy: str, arm_sha256: str) -> Finding | None:
-    """Return the finding of a step that is finished; None if there is none.
-
-    Raises:
-        ValueError: its file is damaged, or of another arm.
-        OSError: the file cannot be read.
-    """
+    """Return the finding of a finished step, None if there is none; ValueError for a damaged or foreign file."""
     path = folder / STEPS / f"{policy}.json"
     if not path.is_file():
         return None

@@ -5,8 +5,8 @@ of the grid whose loop on the sampled elastic arm bears four times its gain (12 
 delay, and in which small deviations at least halve within the movement under every combination of: one extra sample of
 delay or none; joints 20 % softer or stiffer or as they are; and nothing else, loop gain x 0.67, loop gain x 1.5 or the
 arm's payload at the tip. The policy knows the nominal arm throughout. Designs whose motor error is within `WORTH` of
-the smallest are equally good, and of those the one with the smallest float part of the tip's bound is taken, see
-`tip_bounds`.
+the smallest are equally good, and of those the one with the smallest float part of the tip's proven bound is taken,
+see `largest_deviation`.
 
 The decay rate is the first of `_ALPHAS` for which there is such a design. γ is that of Table 1 times the ratio of the
 inertias and (20 1/s)/α; the poles are those of Table 1, because they are limited by the control period. A decay rate is
@@ -23,18 +23,23 @@ from typing import NamedTuple
 
 import numpy as np
 
-from fuzzyarm.envs.physics.dynamics import Payload, arm_constants
+from fuzzyarm.envs.physics.dynamics import Payload, arm_constants, tip_jacobian
 from fuzzyarm.envs.physics.parameters import ArmParameters
-from fuzzyarm.eval.stability.linearisation import gain_limits, largest_radius, linearise_path
+from fuzzyarm.envs.physics.records import State, columns
+from fuzzyarm.envs.scenario.default_reference import default_reference
+from fuzzyarm.eval.stability.linearisation import LocalLoop, gain_limits, largest_radius, linearise_path
 from fuzzyarm.eval.tuning.finding import PERIOD, halving_radius, heaviest, periods_of, with_stiffness
 from fuzzyarm.eval.tuning.search import WORTH, Context, Found, measured_radii, motor_error, nothing
-from fuzzyarm.eval.tuning.tip_bounds import largest_deviation, measured_bounds
 from fuzzyarm.fuzzy_policy.laws.fuzzy import FuzzyPolicy
 from fuzzyarm.fuzzy_policy.laws.tip import TipPolicy
+from fuzzyarm.fuzzy_policy.policy import Policy
 from fuzzyarm.fuzzy_policy.ts_model import NAMED_RULES
-from fuzzyarm.synthesis import Specification, design, find_design
+from fuzzyarm.policies.tip_bound import TipClaim, find_bound
+from fuzzyarm.proof.tip.enclosures import NoBound
+from fuzzyarm.proof.tip.plant import SETS
+from fuzzyarm.synthesis import DesignFailed, Specification, design
 
-__all__ = ["FUZZY", "GRID", "RULES", "find_gains"]
+__all__ = ["FUZZY", "GRID", "PROVEN_SETS", "RULES", "find_gains", "largest_deviation"]
 
 RULES = 4
 """Rules of the fuzzy controller."""
@@ -106,10 +111,11 @@ def _inertia(arm: ArmParameters) -> float:
 
 def _assessed(arm: ArmParameters, wanted: Specification) -> _Made | None:
     """Design for one point of the grid and measure what the rule reads; None without a design."""
-    made = find_design(wanted, arm)
-    if made is None:
+    try:
+        controller = design(wanted, arm, explain=False).controller
+    except DesignFailed:
         return None
-    policy, mass = FuzzyPolicy(made.controller), heaviest(arm)
+    policy, mass = FuzzyPolicy(controller), heaviest(arm)
     loops = {
         (stiffness, load): linearise_path(
             policy, with_stiffness(arm, stiffness), PERIOD, Payload(load) if load else None
@@ -139,14 +145,11 @@ def _bears(measured: dict[str, float], allowed: float) -> bool:
     return enough and measured["radius_worst_condition"] <= allowed
 
 
-def _equals_of(made: Sequence[_Made], share: float = WORTH) -> list[_Made]:
-    """Return the designs that meet the requirements and have a motor error within a share of the smallest.
-
-    The first of them is the one that the rule picks.
-    """
+def _equals_of(made: Sequence[_Made]) -> list[_Made]:
+    """Return the designs that meet the requirements and are equally good; the first is the one that the rule picks."""
     fit = [one for one in made if one.bears]
     least = min((one.measured[_ERROR] for one in fit), default=math.nan)
-    equals = [one for one in fit if one.measured[_ERROR] <= (1.0 + share) * least]
+    equals = [one for one in fit if one.measured[_ERROR] <= (1.0 + WORTH) * least]
     return sorted(equals, key=lambda one: (one.measured["tip_deviation_mm"], one.measured[_ERROR]))
 
 
@@ -159,3 +162,55 @@ def _equals_in_words(equals: Sequence[_Made]) -> str:
         f"{len(equals)} designs have motor errors within {100 * WORTH:g} % of the smallest; with this one any friction "
         f"deflects the tip by up to {best:.4g} mm (linear, in floats), with the others by up to {worst:.4g} mm."
     )
+
+
+# The bound of the tip error -------------------------------------------------------------------------------------------
+
+_DIRECTIONS = 16  # of the tip; the largest deviation along them is at most 0.5 % below the largest one
+
+
+def largest_deviation(loops: Sequence[LocalLoop], arm: ArmParameters, periods: int) -> float:
+    """Return the largest deviation of the tip [m] that friction of any course up to the static one can cause.
+
+    With the closed loop x⁺ = Φ x + B w at a posture, where w is the friction of the motors held over a control period,
+    |w| <= F_s, and J is the Jacobian of the tip, it is
+
+        max over directions d of Σ_k |dᵀ J Φ^k B| F_s.
+
+    It is the largest part of the proven bound of the set ``any-friction``, here at frozen postures and in floats. The
+    loops are stable, and the torque reads all of the policy's memory at each of them.
+    """
+    at = columns(State)
+    turns = np.pi * np.arange(_DIRECTIONS) / _DIRECTIONS
+    postures = np.array([loop.equilibrium[at.link] for loop in loops])
+    rows = np.stack([np.cos(turns), np.sin(turns)], axis=1) @ tip_jacobian(postures, arm.length)
+    matrices = np.array([loop.matrix() for loop in loops])
+    states = len(loops[0].plant)
+    moved = np.zeros((*matrices.shape[:2], len(arm.static_friction)))
+    moved[:, :states] = [loop.plant[:, states:] for loop in loops]
+    total = np.zeros((len(loops), _DIRECTIONS))
+    for _ in range(periods):
+        total += np.abs(rows @ moved[:, at.link]) @ np.array(arm.static_friction)
+        moved = matrices @ moved
+    return float(total.max())
+
+
+PROVEN_SETS = {
+    "table-1": ("tip_bound_mm", "the arm itself"),
+    "near": ("tip_bound_near_mm", "plants near it (set near)"),
+}
+"""Sets of plants around the arm: the name of the bound in a finding [mm], and the set in words."""
+
+
+def measured_bounds(policy: Policy, arm: ArmParameters) -> tuple[dict[str, float | None], tuple[str, ...]]:
+    """Return the bounds of a policy by the names of `PROVEN_SETS`; None and a sentence why where none is proven."""
+    found: dict[str, float | None] = {}
+    notes = []
+    for name, (key, words) in PROVEN_SETS.items():
+        claim = TipClaim("the policy", "nominal", name, SETS[name], duration=default_reference(arm).duration)
+        try:
+            found[key] = 1e3 * find_bound(claim, policy=policy).largest
+        except NoBound as error:
+            found[key] = None
+            notes.append(f"No bound of the tip error is proven for {words}: {str(error).split(': ', 1)[1]}.")
+    return found, tuple(notes)

@@ -11,8 +11,7 @@ in the movement, 0.997 for the 1500 periods of the paper's, in each of these con
 x 1.5, with and without a sample of delay; half a sample of delay; joints 20 % softer or stiffer; the arm's payload. The
 constraint is active: more accuracy costs margin.
 
-`fuzzyarm tune` tries 48 points of the Sobol set and runs Nelder-Mead twice with 60 evaluations. The shipped weights
-come from 64 points and three runs of 150 evaluations.
+The shipped weights come from 64 points of the Sobol set and three runs of Nelder-Mead with 150 evaluations.
 """
 
 from __future__ import annotations
@@ -90,12 +89,10 @@ def _objective_for(arm: ArmParameters) -> Costs:
 
 
 def _largest_allowed(arm: ArmParameters) -> float:
-    """Return the largest spectral radius that the constraint allows for an arm."""
     return float(_LARGEST_RADIUS ** (_PERIODS / periods_of(arm)))
 
 
 def _worst_radius(policy: ElasticObserverPolicy, arm: ArmParameters) -> float:
-    """Return the largest spectral radius of all conditions of the constraint."""
     nominal = linearise_path(policy, arm, PERIOD)
     plants = [(with_stiffness(arm, factor), None) for factor in _STIFFNESS] + [(arm, Payload(heaviest(arm)))]
     others = [largest_radius(linearise_path(policy, plant, PERIOD, payload)) for plant, payload in plants]
@@ -133,14 +130,11 @@ def _weights_of(logarithms: np.ndarray) -> ObserverWeights:
     return ObserverWeights(*rounded(values, _DIGITS))
 
 
-def _logarithms_of(w: ObserverWeights) -> np.ndarray:
-    """Return the logarithms (4,) in `_BOX` of weights."""
-    return np.log([w.link_angle, w.link_velocity / w.link_angle, w.load_walk, w.motor_torque / w.load_walk])
-
-
+_USUAL = ObserverWeights()
+_RATE, _SHARE = _USUAL.link_velocity / _USUAL.link_angle, _USUAL.motor_torque / _USUAL.load_walk
 OBSERVER_SEARCH = WeightSearch(
-    usual=ObserverWeights(),
-    guess=_logarithms_of(ObserverWeights()),
+    usual=_USUAL,
+    guess=np.log([_USUAL.link_angle, _RATE, _USUAL.load_walk, _SHARE]),
     weights_of=_weights_of,
     box=_BOX,
     seed=_SEED,

@@ -130,18 +130,9 @@ def tune(
     bar: _Bar = lambda text, total: contextlib.nullcontext(lambda **named: None),
     finished: Callable[[Finding], None] = lambda finding: None,
 ) -> Tuned:
-    """Take the missing steps in a folder of `begin` for its arm, and write its other files.
+    """Take the missing steps in a folder of `begin` for its arm, and write its other files; see `tune_arm`.
 
-    Args:
-        arm: the arm of the folder.
-        folder: of the tuning.
-        engine: assesses candidates.
-        bar: shows the progress of a step, see `common.console.progress`.
-        finished: called with each finding.
-
-    Raises:
-        NothingFound: no policy has stable gains.
-        ValueError: a step's file is damaged or of another arm.
+    `bar` shows the progress of a step, see `common.console.progress`; `finished` is called with each finding.
     """
     findings: dict[str, Finding] = {}
     for step in steps_for(arm):

@@ -1,19 +1,17 @@
 """The steps of tuning an arm: one for each policy, each by its rule in ``rules.json``.
 
-Those of a serial robot of any number of joints are what the mathematics allows of those of two joints. Its fuzzy
-controller is of the form "semidefinite", whose decay rate follows from margins at random postures. It, computed torque
-and the elastic observer begin at what random postures allow (`computed_torque.bandwidth_for`,
-`observer_gains.weights_for`) and are slowed down further until they are stable in every condition of `fuzzyarm margins`
-along the default reference. What a softer joint destabilises in the elastic observer is its estimate of the load, so
-that is slowed down. The adaptive observer is tuned for two-joint arms alone.
+The policies of a robot of more joints begin at what random postures allow (`design_scheduled`, `bandwidth_for`,
+`weights_for`) and are slowed down until they are stable in every condition of `fuzzyarm margins` along the default
+reference. A softer joint destabilises the elastic observer's estimate of the load, so that is what is slowed down.
 """
 
 from __future__ import annotations
 
 import dataclasses
+import functools
 import json
 import math
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Iterable
 from importlib import resources
 from typing import Any, NamedTuple
 
@@ -23,17 +21,16 @@ from fuzzyarm.envs.physics.equations import AnyArm, robot_of
 from fuzzyarm.envs.physics.parameters import ArmParameters
 from fuzzyarm.envs.physics.robot import Robot
 from fuzzyarm.eval.stability.linearisation import Linearisable
+from fuzzyarm.eval.stability.margins import policy_margins
 from fuzzyarm.eval.tuning.adaptive_search import ADAPTIVE_SEARCH, find_adaptive
-from fuzzyarm.eval.tuning.bandwidth import BANDWIDTHS, find_bandwidth
-from fuzzyarm.eval.tuning.finding import PERIOD, SCHEMA, Finding, finite
+from fuzzyarm.eval.tuning.finding import PERIOD, SCHEMA, Finding, finite, halving_radius
 from fuzzyarm.eval.tuning.fuzzy_gains import FUZZY, GRID, RULES, find_gains
 from fuzzyarm.eval.tuning.observer_search import OBSERVER_SEARCH, find_observer
-from fuzzyarm.eval.tuning.search import Context, Found, measured_radii, nothing
+from fuzzyarm.eval.tuning.search import Context, Found, measured_radii, motor_error, nothing
 from fuzzyarm.fuzzy_policy.laws.computed_torque import STEP, ComputedTorquePolicy, bandwidth_for
 from fuzzyarm.fuzzy_policy.laws.elastic_observer import ElasticObserverPolicy
 from fuzzyarm.fuzzy_policy.laws.observer_gains import SOFTENINGS, weights_for
 from fuzzyarm.fuzzy_policy.laws.scheduled import ScheduledPolicy
-from fuzzyarm.fuzzy_policy.scheduled import ScheduledController
 from fuzzyarm.policies.registry import ADAPTIVE_OBSERVER, COMPUTED_TORQUE, ELASTIC_OBSERVER
 from fuzzyarm.synthesis import ScheduledSpecification, design_scheduled
 from fuzzyarm.synthesis.scheduled_design import ALPHAS
@@ -56,17 +53,9 @@ class Step(NamedTuple):
         nominal = found.radii.get("nominal")
         if found.chosen is not None and (nominal is None or nominal >= 1.0):
             found = nothing("With the best numbers its loop is unstable.", found.tried)
-        return Finding(
-            schema=SCHEMA,
-            arm_sha256=robot_of(context.arm).digest,
-            policy=self.policy,
-            chosen=found.chosen,
-            measured=finite(found.measured),
-            radii=found.radii,
-            tried=found.tried,
-            rule=_RULES["two joints" if isinstance(context.arm, ArmParameters) else "robots"][self.policy],
-            notes=tuple(found.notes),
-        )
+        rule = _RULES["two joints" if isinstance(context.arm, ArmParameters) else "robots"][self.policy]
+        found = found._replace(measured=finite(found.measured), notes=tuple(found.notes))
+        return Finding(SCHEMA, robot_of(context.arm).digest, self.policy, rule=rule, **found._asdict())
 
 
 def steps_for(arm: AnyArm) -> tuple[Step, ...]:
@@ -74,7 +63,7 @@ def steps_for(arm: AnyArm) -> tuple[Step, ...]:
     if isinstance(arm, ArmParameters):
         return (
             Step(FUZZY, GRID, find_gains),
-            Step(COMPUTED_TORQUE, len(BANDWIDTHS), find_bandwidth),
+            Step(COMPUTED_TORQUE, len(_BANDWIDTHS), _find_bandwidth),
             Step(ELASTIC_OBSERVER, OBSERVER_SEARCH.total, find_observer),
             Step(ADAPTIVE_OBSERVER, ADAPTIVE_SEARCH.total, find_adaptive),
         )
@@ -86,28 +75,61 @@ def steps_for(arm: AnyArm) -> tuple[Step, ...]:
     )
 
 
+# The bandwidth of computed torque for two joints. A rollout alone does not show that a loop is unstable: the torque
+# limits keep it in a small limit cycle, and the episode ends regularly.
+
+_BANDWIDTHS = [float(omega) for omega in range(5, 161, 5)]  # rad/s
+_LEAST_GAIN_MARGIN = 2.0  # 6 dB
+
+
+def _find_bandwidth(context: Context) -> Found:
+    """Return the bandwidth ω [rad/s] that the rule picks for a two-joint arm."""
+    arm: ArmParameters = context.arm
+    row = _bandwidth_of(context.run(functools.partial(_assessed_bandwidth, arm), _BANDWIDTHS), halving_radius(arm))
+    if row is None:
+        reason = f"No bandwidth from {_BANDWIDTHS[0]:g} to {_BANDWIDTHS[-1]:g} rad/s has these margins."
+        return nothing(reason, len(_BANDWIDTHS))
+    measured = {
+        "joint_error_rms_mrad": row["motor_error"],
+        "gain_margin_upper": row["loop_gain"]["upper"],
+        "gain_margin_upper_delayed": row["loop_gain"]["upper_one_sample_later"],
+    }
+    return Found({"bandwidth": row["bandwidth"]}, measured, row["spectral_radius"], len(_BANDWIDTHS))
+
+
+def _assessed_bandwidth(arm: ArmParameters, bandwidth: float) -> dict[str, Any]:
+    """Return the motor error [mrad] and the margins of a bandwidth [rad/s]."""
+    policy = ComputedTorquePolicy(arm, PERIOD, bandwidth)
+    return {"bandwidth": bandwidth, "motor_error": motor_error(policy, arm), **policy_margins(policy, arm, PERIOD)}
+
+
+def _bandwidth_of(rows: list[dict[str, Any]], allowed: float) -> dict[str, Any] | None:
+    """Return the row that the rule picks, for the largest spectral radius allowed; None if no bandwidth qualifies."""
+    eligible = [
+        row
+        for row in rows
+        if row["motor_error"] < math.inf
+        and (row["loop_gain"]["upper"] or 0.0) >= _LEAST_GAIN_MARGIN
+        and all(radius is not None and radius <= allowed for radius in row["spectral_radius"].values())
+    ]
+    return min(eligible, key=lambda row: float(row["motor_error"]), default=None)
+
+
 # Robots of any number of joints ---------------------------------------------------------------------------------------
 
 
-class _Assessed(NamedTuple):
-    """A candidate for a robot: what its policy is made from, and the spectral radius by condition."""
-
-    made_from: Any
-    radii: dict[str, float | None]
-
-    @property
-    def worst(self) -> float:
-        """The largest spectral radius; inf where there is no loop."""
-        return max(math.inf if radius is None else radius for radius in self.radii.values())
+def _worst(radii: dict[str, float | None]) -> float:
+    """Return the largest spectral radius of all conditions; inf where there is no loop."""
+    return max(math.inf if radius is None else radius for radius in radii.values())
 
 
-def _slowed_down(context: Context, candidates: Iterable[tuple[Any, Linearisable]]) -> list[_Assessed]:
-    """Assess candidates, each with its policy, up to the first one that is stable in every condition."""
-    tried: list[_Assessed] = []
+def _slowed_down(context: Context, candidates: Iterable[tuple[Any, Linearisable]]) -> list[tuple[Any, dict[str, Any]]]:
+    """Return candidates, each given with its policy, and their radii up to the first that is stable throughout."""
+    tried: list[tuple[Any, dict[str, Any]]] = []
     for made_from, policy in candidates:
-        tried.append(_Assessed(made_from, measured_radii(policy, context.arm)))
+        tried.append((made_from, measured_radii(policy, context.arm)))
         context.advance()
-        if tried[-1].worst < 1.0:
+        if _worst(tried[-1][1]) < 1.0:
             break
     return tried
 
@@ -115,28 +137,20 @@ def _slowed_down(context: Context, candidates: Iterable[tuple[Any, Linearisable]
 def _robot_gains(context: Context) -> Found:
     """Return α, γ and the fastest pole of the fastest design, in semidefinite form, that is stable; write its file."""
     robot: Robot = context.arm
-    rules, failed = min(RULES, 2 ** (len(robot) - 1)), ""
-
-    def designs() -> Iterator[tuple[ScheduledController, Linearisable]]:
-        nonlocal failed
-        alpha: float | None = None
-        while True:
-            try:
-                controller = design_scheduled(ScheduledSpecification(rules=rules, alpha=alpha), robot).controller
-            except ValueError as error:
-                failed = f"There is no proven controller: {error}."
-                return
-            yield controller, ScheduledPolicy(controller, PERIOD)
-            alpha = next((slower for slower in ALPHAS if slower < controller.alpha), None)
-            if alpha is None:
-                return
-
-    tried = _slowed_down(context, designs())
-    if failed:
-        return nothing(failed, len(tried) + 1)
-    controller, radii = tried[-1]
+    rules, alpha, tried = min(RULES, 2 ** (len(robot) - 1)), None, 0
+    while True:
+        tried += 1
+        try:
+            controller = design_scheduled(ScheduledSpecification(rules=rules, alpha=alpha), robot).controller
+        except ValueError as error:
+            return nothing(f"There is no proven controller: {error}.", tried)
+        radii = measured_radii(ScheduledPolicy(controller, PERIOD), robot)
+        context.advance()
+        alpha = next((slower for slower in ALPHAS if slower < controller.alpha), None)
+        if alpha is None or _worst(radii) < 1.0:
+            break
     controller.save(context.folder / f"{FUZZY}.json")
-    return Found({key: getattr(controller, key) for key in ("alpha", "gamma", "fastest_pole")}, {}, radii, len(tried))
+    return Found({key: getattr(controller, key) for key in ("alpha", "gamma", "fastest_pole")}, {}, radii, tried)
 
 
 def _robot_bandwidth(context: Context) -> Found:
@@ -144,7 +158,8 @@ def _robot_bandwidth(context: Context) -> Found:
     robot: Robot = context.arm
     omegas = np.arange(bandwidth_for(robot, PERIOD), 0.0, -STEP).tolist()
     tried = _slowed_down(context, ((omega, ComputedTorquePolicy(robot, PERIOD, omega)) for omega in omegas))
-    return Found({"bandwidth": tried[-1].made_from}, {}, tried[-1].radii, len(tried))
+    omega, radii = tried[-1]
+    return Found({"bandwidth": omega}, {}, radii, len(tried))
 
 
 def _robot_observer(context: Context) -> Found:
@@ -153,5 +168,5 @@ def _robot_observer(context: Context) -> Found:
     first = weights_for(robot, PERIOD)
     slower = (dataclasses.replace(first, load_walk=first.load_walk / factor) for factor in SOFTENINGS)
     tried = _slowed_down(context, ((weights, ElasticObserverPolicy(robot, PERIOD, weights)) for weights in slower))
-    best = min(tried, key=lambda one: one.worst)
-    return Found(dataclasses.asdict(best.made_from), {}, best.radii, len(tried))
+    weights, radii = min(tried, key=lambda one: _worst(one[1]))
+    return Found(dataclasses.asdict(weights), {}, radii, len(tried))

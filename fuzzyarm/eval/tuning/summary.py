@@ -5,12 +5,14 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import Any
 
+from fuzzyarm.common.arithmetic import at_most
+from fuzzyarm.common.console import Sheet
 from fuzzyarm.envs.physics.equations import AnyArm
 from fuzzyarm.envs.physics.parameters import ArmParameters
 from fuzzyarm.envs.scenario.default_reference import default_reference
 from fuzzyarm.eval.stability.margins import margin_cells, margin_notes
 from fuzzyarm.eval.tuning.finding import PERIOD, Finding, heaviest
-from fuzzyarm.eval.tuning.tip_bounds import bounds_in_words
+from fuzzyarm.eval.tuning.fuzzy_gains import FUZZY, PROVEN_SETS
 from fuzzyarm.fuzzy_policy.laws.adaptive.belief import AdaptiveWeights
 from fuzzyarm.fuzzy_policy.laws.observer_gains import ObserverWeights
 from fuzzyarm.policies.registry import ADAPTIVE_OBSERVER, ELASTIC_OBSERVER, TIP
@@ -82,22 +84,31 @@ def summary(arm: AnyArm, folder: str, findings: Sequence[Finding], margins: dict
         if finding.chosen is not None and finding.unstable:
             parts.append(f"Not stable, as it is measured: {', '.join(finding.unstable)}.")
     headings, cells = margin_cells(margins["rows"])
-    head, *rows = (f"| {' | '.join(row)} |" for row in zip(headings, *cells, strict=True))  # a column for each policy
-    table = "\n".join([head, f"| --- |{' ---: |' * len(cells)}", *rows])
-    parts += ["## Margins", table, *margin_notes(margins), "## Proven", _proven(findings)]
-    parts += [bounds_in_words(finding.policy + TIP, folder, finding.measured) for finding in findings]
+    head, *rows = zip(headings, *cells, strict=True)  # a column for each policy
+    proven = "Nothing: no controller file of this folder is proven."
+    if any(finding.policy == FUZZY and finding.chosen is not None for finding in findings):
+        proven = (
+            f"{FUZZY}: every inequality of the file, in exact arithmetic, for the rigid arm in continuous time; "
+            f"`fuzzyarm verify {FUZZY}.json` proves it again and says what it means. Of the others nothing is."
+        )
+    parts += ["## Margins", Sheet(head, rows).markdown(), *margin_notes(margins), "## Proven", proven]
+    parts += [_bounds_in_words(finding.policy + TIP, folder, finding.measured) for finding in findings]
     if not isinstance(arm, ArmParameters):
         parts.append("Of the tip nothing is proven: `fuzzyarm prove` knows the two-joint arm alone.")
-    parts = [part for part in parts if part]
-    return "\n\n".join(parts) + "\n"
+    return "\n\n".join(filter(None, parts)) + "\n"
 
 
-def _proven(findings: Sequence[Finding]) -> str:
-    certified = [finding.policy for finding in findings if finding.chosen is not None and "alpha" in finding.chosen]
-    if not certified:
-        return "Nothing: no controller file of this folder is proven."
+def _bounds_in_words(policy: str, folder: str, measured: dict[str, float | None]) -> str:
+    """Return a sentence on the proven bounds of a policy's tip, with the command that proves them; "" without a bound.
+
+    `policy` is the name in the folder of the tuning; `measured` is that of its finding.
+    """
+    found = {name: measured.get(key) for name, (key, _) in PROVEN_SETS.items()}
+    known = {name: bound for name, bound in found.items() if bound is not None}
+    if not known:
+        return ""
+    within = ", ".join(f"within {at_most(bound, 2)} mm for {PROVEN_SETS[name][1]}" for name, bound in known.items())
     return (
-        f"{', '.join(certified)}: every inequality of the file, in exact arithmetic, for the rigid arm in continuous "
-        f"time; `fuzzyarm verify {certified[0]}.json` proves it again and says what it means. Of the others "
-        "nothing is."
+        f"{policy}: tip {within}, proven at every sample of the default circle, for the elastic arm with sampled "
+        f"control; `fuzzyarm prove --policy {folder}/{policy} --set {list(known)[-1]}` proves it again."
     )

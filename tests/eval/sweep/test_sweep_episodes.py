@@ -56,6 +56,13 @@ def tip_errors(env, policy, seed, delay=0, noise=1.0, most=math.inf):
     return np.array(errors), truncated
 
 
+def check(found, place, errors, rel):
+    """Check the numbers of an episode (policy, case, plant) against its tip errors [m]."""
+    assert found.metrics["max_mm"][place] == pytest.approx(1e3 * errors.max(), rel=rel)
+    assert found.metrics["rms_mm"][place] == pytest.approx(1e3 * math.sqrt(np.mean(errors**2)), rel=rel)
+    assert found.seconds[place] == pytest.approx(1e-3 * len(errors))
+
+
 @pytest.mark.parametrize(
     "where",
     slow_but([("nominal", 1), ("machining", 4)], [(case, i) for case in ("nominal", "machining") for i in (1, 4)]),
@@ -73,10 +80,8 @@ def test_the_numbers_are_those_of_single_environments(whole, where):
     env = FuzzyArmEnv(disturbance=noisy, randomisation=DISTRIBUTIONS["all"])
     for p, policy in enumerate(POLICIES.values()):
         errors, completed = tip_errors(env, policy, 40 + i, delay, noise)
-        assert whole.metrics["max_mm"][p, c, i] == 1e3 * errors.max()
-        assert whole.metrics["rms_mm"][p, c, i] == pytest.approx(1e3 * math.sqrt(np.mean(errors**2)), rel=1e-12)
-        assert whole.completed[p, c, i] == completed
-        assert whole.seconds[p, c, i] == pytest.approx(1e-3 * len(errors))
+        check(whole, (p, c, i), errors, 1e-12)
+        assert whole.metrics["max_mm"][p, c, i] == 1e3 * errors.max() and whole.completed[p, c, i] == completed
 
 
 def test_noise_and_delay_cover_their_ranges_and_depend_on_nothing_else_drawn():
@@ -136,9 +141,7 @@ def test_an_episode_that_ends_early_counts_up_to_its_end():
         drawn = DomainRandomisation(stiffness=(stiffness,) * 2, payload=(payload,) * 2)
         errors, completed = tip_errors(FuzzyArmEnv("payload", randomisation=drawn), policies["fuzzy-4"], 0)
         assert not completed and len(errors) < 1500
-        assert found.seconds[0, 0, i] == pytest.approx(1e-3 * len(errors))
-        assert found.metrics["max_mm"][0, 0, i] == pytest.approx(1e3 * errors.max(), rel=1e-6)
-        assert found.metrics["rms_mm"][0, 0, i] == pytest.approx(1e3 * math.sqrt(np.mean(errors**2)), rel=1e-6)
+        check(found, (0, 0, i), errors, 1e-6)
         run = replay(SOFT, policies, i, "fuzzy-4", "payload")
         assert not run.completed and "left the domain" in run.reason and len(run.time) == len(errors)
         assert 1e3 * run.tip_error.max() == found.metrics["max_mm"][0, 0, i]
@@ -211,11 +214,10 @@ def test_the_two_joint_arm_as_a_robot_has_the_errors_of_the_two_joint_arm(grid):
     np.testing.assert_allclose(result.metrics["rms_mm"], expected.metrics["rms_mm"], rtol=1e-4)
 
 
-LAWS = "fuzzy-4", "fuzzy-1-tip", "computed-torque", "computed-torque-tip", "elastic-observer"
-
-
 @pytest.mark.slow
-@pytest.mark.parametrize("name", LAWS)
+@pytest.mark.parametrize(
+    "name", ["fuzzy-4", "fuzzy-1-tip", "computed-torque", "computed-torque-tip", "elastic-observer"]
+)
 @pytest.mark.parametrize("distribution", ["loads", "all"])
 def test_a_kernel_of_law_and_plant_has_the_bits_of_the_loop(name, distribution, monkeypatch):
     # 65 plants in three cases are more than one group of lanes, and no whole number of blocks; some end early.
@@ -264,10 +266,10 @@ def test_a_configuration_survives_json_and_its_own_command_line(config):
 
 
 def test_another_arm_comes_from_a_file(tmp_path):
-    config = SweepConfig(parameters=ArmParameters(mass=(14.0, 8.0)))
-    assert config.command() is None  # no option holds the content of a file
     (tmp_path / "arm.toml").write_text("mass = [14.0, 8.0]\n")
-    assert parsed(["sweep", "--robot", str(tmp_path / "arm.toml")]) == config
+    config = parsed(["sweep", "--robot", str(tmp_path / "arm.toml")])
+    assert config == SweepConfig(parameters=ArmParameters(mass=(14.0, 8.0)))
+    assert config.command() is None  # no option holds the content of a file
 
 
 def test_a_grid_alone_varies_nothing_else_and_has_one_plant_in_a_cell():

@@ -13,7 +13,7 @@ from fuzzyarm.envs.physics.parameters import ArmParameters
 from fuzzyarm.envs.physics.robot import Robot, robot_named
 from fuzzyarm.envs.scenario.paths import Line
 from fuzzyarm.envs.scenario.reference import JointReference
-from fuzzyarm.eval.stability.linearisation import spectral_radius
+from fuzzyarm.eval.stability.linearisation import largest_radius, linearise_path
 from fuzzyarm.eval.stability.margins import MarginsConfig, margin_notes, measure_margins
 from fuzzyarm.fuzzy_policy.laws.learned.bundle import BundleError, PolicyBundle
 from fuzzyarm.fuzzy_policy.laws.learned.definition import ActionDefinition, ArmDefinition, FeatureDefinition
@@ -125,7 +125,7 @@ def test_margins_are_taken_over_the_action_period(tmp_path, few_postures):
     document = measure_margins(MarginsConfig((str(tmp_path / "silent"), "fuzzy-4")))
     row, other = document["rows"]
     base = load_policy("fuzzy-4", control_period=2e-3)
-    expected = spectral_radius(base, ArmParameters(), control_period=2e-3, delay=1.0)
+    expected = largest_radius(linearise_path(base, ArmParameters(), 2e-3), delay=1.0)
     assert row["control_period"] == 2e-3 and other["control_period"] == 1e-3
     assert row["spectral_radius"]["one sample later"] == pytest.approx(expected, rel=1e-9)
     assert "silent acts every 2 ms" in " ".join(margin_notes(document))
