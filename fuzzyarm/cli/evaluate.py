@@ -23,11 +23,12 @@ class Options:
     """Run policies on the elastic arm in the paper's cases; print a table, write JSON, CSV and figures."""
 
     policies: Annotated[tuple[str, ...] | None, Parameter(metavar="NAME...")] = None
-    """Policy: fuzzy-32, -16, -8, -4, -2, -1, computed-torque or a controller file (.json), each with the ending -tip
-    to bring the tip to the reference instead of the motors; paper-4 and paper-4-printed; elastic-observer, adaptive-observer, learned-observer;
-    ppo-nominal, -robust, -residual or a learned policy's folder; or code of your own as package.module:factory. May
-    be repeated (default: fuzzy-4 and computed-torque, both with and without -tip, the three observers, ppo-robust and
-    ppo-residual; for another arm computed-torque, with and without -tip, and elastic-observer)"""
+    """Policy: fuzzy-32, -16, -8, -4, -2, -1, paper-4, computed-torque or a controller file (.json), each with the ending
+    -tip to bring the tip to the reference instead of the motors; paper-4-printed; elastic-observer, adaptive-observer,
+    learned-observer; ppo-nominal, -robust, -residual or a learned policy's folder; or code of your own as
+    package.module:factory. May be repeated (default: fuzzy-4 and computed-torque, both with and without -tip, the three
+    observers, ppo-robust and ppo-residual; for another arm computed-torque, with and without -tip, and
+    elastic-observer)"""
     cases: Annotated[tuple[str, ...] | None, Parameter(metavar="NAME...")] = None
     """A named case, such as nominal, machining or payload. May be repeated (default: these three)"""
     seeds: Annotated[int | None, Parameter(metavar="N"), Allowed("1, 2, 3, ...")] = None

@@ -17,7 +17,7 @@ from fuzzyarm.proof.definiteness import exact, is_positive_definite, largest_gro
 from fuzzyarm.proof.theorems import error_phi, error_psi, tracking_psi
 from fuzzyarm.proof.vertices import TrackingVertices, error_vertices, tracking_vertices
 
-__all__ = ["NOT_COVERED", "Certificate", "Claim", "certify", "controller_statement", "decay_words"]
+__all__ = ["NOT_COVERED", "PROVEN", "Certificate", "Claim", "certify", "controller_statement", "decay_words"]
 
 # The limits that every certificate states.
 NOT_COVERED = (
@@ -65,6 +65,10 @@ class Certificate:
         return min(claim.proof_margin for claim in self.claims)
 
 
+PROVEN: set[str] = set()
+"""Digests, which cover every number, of the controllers that this process has proven."""
+
+
 def certify(controller: Controller, progress: Callable[[], None] | None = None) -> Certificate:
     """Prove P > 0 and every inequality of the controller's form, from the stored gains (M := K P).
 
@@ -106,7 +110,10 @@ def certify(controller: Controller, progress: Callable[[], None] | None = None) 
                 claims.append(Claim.of(_inequality_name(letter, i, j, k), matrix))
                 if progress:
                     progress()
-    return Certificate(tuple(claims), controller_statement(controller))
+    found = Certificate(tuple(claims), controller_statement(controller))
+    if found.proven:
+        PROVEN.add(controller.digest)
+    return found
 
 
 def _inequality_name(letter: str, i: int, j: int, k: int) -> str:

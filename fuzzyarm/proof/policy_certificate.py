@@ -16,8 +16,8 @@ from fuzzyarm.fuzzy_policy.laws.fuzzy import FuzzyPolicy
 from fuzzyarm.fuzzy_policy.laws.scheduled import ScheduledPolicy
 from fuzzyarm.fuzzy_policy.laws.tip import TipPolicy
 from fuzzyarm.fuzzy_policy.scheduled import FORM, ScheduledController
-from fuzzyarm.proof.certificate import controller_statement
-from fuzzyarm.proof.scheduled_certificate import scheduled_statement
+from fuzzyarm.proof.certificate import PROVEN, certify, controller_statement
+from fuzzyarm.proof.scheduled_certificate import certify_scheduled, scheduled_statement
 
 __all__ = ["PolicyCertificate", "certificate_of", "tip_statement"]
 
@@ -50,13 +50,18 @@ def certificate_of(policy: object, reference: Reference) -> PolicyCertificate | 
         elastic, text = _along_the_tip(reference)
         bounds = None if elastic is None else law.bounds
         return dataclasses.replace(law, text=f"{law.text} {text}", bounds=bounds, any_reference=False)
-    if isinstance(policy, FuzzyPolicy):
-        form, text = policy.controller.form, controller_statement(policy.controller)
-    elif isinstance(policy, ScheduledPolicy):
-        form, text = FORM, scheduled_statement(policy.controller)
-    else:
+    if not isinstance(policy, FuzzyPolicy | ScheduledPolicy):
         return None
-    controller = policy.controller
+    controller: Controller | ScheduledController = policy.controller
+    prove: Any = certify if isinstance(controller, Controller) else certify_scheduled
+    if (
+        controller.digest not in PROVEN and not prove(controller).proven
+    ):  # loaded with `allow_unproven`, or made by hand
+        return None
+    if isinstance(controller, Controller):
+        form, text = controller.form, controller_statement(controller)
+    else:
+        form, text = FORM, scheduled_statement(controller)
     numbers = {"alpha": controller.alpha, "gamma": controller.gamma, "controller_digest": controller.digest}
     # The proof of the paper's form includes the reference model, whose state must be the reference itself.
     return PolicyCertificate(text, {"form": form, **numbers}, controller, any_reference=form != "paper")

@@ -42,7 +42,7 @@ from fuzzyarm.fuzzy_policy.scheduled import ScheduledController
 from fuzzyarm.fuzzy_policy.states import SCALAR_STATES
 from fuzzyarm.proof.block_matrix import Assembly, he, identity, symmetric
 from fuzzyarm.proof.box_cover import TrigMatrix, cover, proven_in_balls
-from fuzzyarm.proof.certificate import NOT_COVERED, Certificate, Claim, decay_words
+from fuzzyarm.proof.certificate import NOT_COVERED, PROVEN, Certificate, Claim, decay_words
 from fuzzyarm.proof.definiteness import exact, inverse, largest_growth, smallest_eigenvalue, stated
 from fuzzyarm.proof.inertia_bounds import inertia_bounds
 
@@ -89,7 +89,10 @@ def certify_scheduled(
                 progress()
             if not claims[-1].proven:
                 break
-    return Certificate(tuple(claims), scheduled_statement(controller))
+    found = Certificate(tuple(claims), scheduled_statement(controller))
+    if found.proven:
+        PROVEN.add(controller.digest)
+    return found
 
 
 def schedule_rate(controller: ScheduledController) -> fmpq:

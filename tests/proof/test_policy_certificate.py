@@ -1,5 +1,6 @@
 """What a policy answers when it is asked for its certificate."""
 
+import dataclasses
 import json
 
 import pytest
@@ -45,3 +46,12 @@ def test_other_policies_have_none(fuzzy):
     assert certificate_of(paper, CIRCLE).bounds["form"] == "paper"
     others = map(load_policy, ("computed-torque", "computed-torque-tip", "elastic-observer", "ppo-robust"))
     assert all(certificate_of(one, CIRCLE) is None for one in (TipPolicy(paper), TipPolicy(TipPolicy(fuzzy)), *others))
+
+
+def test_a_controller_that_is_not_proven_gives_no_certificate(fuzzy):
+    """Whoever made the policy: the paper's printed gains, or a file that is loaded unproven."""
+    gains = fuzzy.controller.gains.copy()
+    gains[0, 0, 0, 0] *= -1.0
+    changed = load_policy(dataclasses.replace(fuzzy.controller, gains=gains), allow_unproven=True)
+    for policy in (changed, TipPolicy(changed), load_policy("paper-4-printed")):
+        assert certificate_of(policy, CIRCLE) is None
