@@ -93,15 +93,3 @@ def test_what_docstrings_refer_to_exists(folder):
         if "ray_backend" not in path.name:
             mentioned = [name for text in texts(path) for name in MENTIONED.findall(text)]
             assert [name for name in mentioned if found(name) is False] == [], path
-
-
-@functools.cache
-def imports():
-    """Return pairs of a room and a library that one of its modules imports."""
-    found = set()
-    for path in SOURCES:
-        for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
-            names = [alias.name for alias in node.names] if isinstance(node, ast.Import) else []
-            names += [node.module or ""] if isinstance(node, ast.ImportFrom) else []
-            found |= {(path.relative_to(PACKAGE).parts[0], name.split(".")[0]) for name in names}
-    return found

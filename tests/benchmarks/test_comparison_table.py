@@ -1,4 +1,4 @@
-"""The comparison's table and figure show what is stored, every policy on the same terms."""
+"""The comparison's table shows what is stored, every policy on the same terms."""
 
 import json
 from pathlib import Path
@@ -18,19 +18,6 @@ STORED, MARGINS = (
 def table(module, document):
     """Return the section of a comparison."""
     return module("tables_comparison").COMPARISON["comparison"].text({"comparison": document, "margins": MARGINS}.get)
-
-
-def test_everything_that_is_drawn_is_in_sight_and_what_has_no_mean_says_so(module):
-    panels = module("comparison_figure").draw_comparison(STORED).axes
-    for axes, case in zip(panels, STORED["cases"], strict=True):
-        low, high = axes.get_xlim()
-        for line in axes.lines:
-            assert low <= min(line.get_xdata()) and max(line.get_xdata()) <= high
-        means = [row["plants"][case]["score_mm"]["mean"] for row in STORED["rows"]]
-        dots = [line.get_xdata()[0] for line in axes.lines if line.get_marker() == "o"]
-        assert dots == [mean for mean in means if mean is not None]
-        assert len(axes.texts) == means.count(None)
-    assert any(axes.texts for axes in panels)
 
 
 def test_what_a_policy_knows_includes_what_is_known_within_it_and_all_seeds_are_found(module):
@@ -114,14 +101,3 @@ def test_errors_on_other_plants_or_cases_are_not_taken_for_these(module, tmp_pat
     monkeypatch.setattr(script, "FIRST_SEED", script.FIRST_SEED + 1)
     script.measured(tmp_path / "a.npz", None, 2, None, None)
     assert runs == [3, 2, 2]
-
-
-def test_the_figure_of_the_pairs_has_a_share_for_each_and_its_rest_for_the_other_way_round(module):
-    axes = module("comparison_figure").draw_pairs(STORED).axes[0]
-    shares = {text.get_position(): int(text.get_text()) for text in axes.texts}
-    names = [row["name"] for row in STORED["rows"]]
-    assert len(shares) == len(names) * (len(names) - 1)
-    for pair in STORED["improvement"]:
-        p, q = names.index(pair["policy"]), names.index(pair["over"])
-        assert shares[q, p] == round(100.0 * pair["probability"])
-        assert shares[p, q] == round(100.0 * (1.0 - pair["probability"]))
