@@ -44,48 +44,6 @@ def test_the_table_says_of_which_learned_policy_no_other_seed_ran(seeds, module)
     assert ("Of `learned-observer` the shipped seed alone ran." in text) == (seeds == 0)
 
 
-@pytest.fixture
-def comparison(module, monkeypatch):
-    """Return the script with stand-ins for what takes long, and the labels of what it measured.
-
-    The stand-ins are for the policies themselves and their episodes: the k-th policy that is measured
-    has errors of k mm, and loses the first plant.
-    """
-    script, plant_errors, measured = module("comparison"), module("plant_errors"), []
-    task = {"task": "nominal", "tip_error_rms_mm": 1.0, "failed": None}
-    tasks = [task | {"task": name} for name in STORED["rows"][0]["tasks"]]
-
-    def errors_of(policy, plants, jobs, report):
-        measured.append(policy)
-        errors = np.full((len(plant_errors.COMPARED_CASES), plants), float(len(measured)))
-        errors[:, 0] = np.inf
-        return plant_errors.Errors(errors, 2.0 * errors, COMMIT)
-
-    monkeypatch.setattr(module("comparison_statistics"), "_RESAMPLES", 99)
-    monkeypatch.setattr(script, "load_policy", lambda name: name)
-    monkeypatch.setattr(script, "assess", lambda policy, name, arm: tasks)
-    monkeypatch.setattr(plant_errors, "errors_of", errors_of)
-    return script, measured
-
-
-COMMIT = "0123456789abcdef"
-
-
-def test_a_run_takes_every_stored_seed_and_fills_table_and_figures(comparison, module):
-    script, measured = comparison
-    made = {"command": "a command", "commit": "f" * 40}
-    document = json.loads(json.dumps(made | script.compare(8, 4, None, None)))
-    seeds = {row["name"]: row["seeds"] for row in document["rows"]}
-    assert seeds == {name: 5 if one.learned else 0 for name, one in script.POLICIES.items()}
-    assert len(measured) == len(seeds) + sum(seeds.values())
-    assert {row["plants"]["blows"]["ended_early"] for row in document["rows"]} == {1}
-    text = table(module, document)
-    assert "`learned-observer`, 5 seeds" in text
-    assert "measured at other commits" in text and "`fuzzy-1` at 0123456789;" in text
-    assert "other commits" not in table(module, document | {"commit": COMMIT})
-    module("comparison_figure").draw_comparison(document)
-
-
 def test_errors_on_other_plants_or_cases_are_not_taken_for_these(module, tmp_path, monkeypatch):
     script, runs = module("plant_errors"), []
 

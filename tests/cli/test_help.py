@@ -1,7 +1,5 @@
-"""Mistakes of a user, each one line with a way out; help at 80 columns, completion, and the end of an evaluation."""
+"""Mistakes of a user, each one line with a way out; help, completion, and the end of an evaluation."""
 
-import contextlib
-import functools
 import importlib.util
 import io
 import os
@@ -131,15 +129,6 @@ def printed(capsys, *words):
     return out
 
 
-@functools.cache
-def help_at_80_columns(*words):
-    """What --help prints; the test sets COLUMNS."""
-    assert os.environ["COLUMNS"] == "80"
-    with contextlib.redirect_stdout(io.StringIO()) as out:
-        assert main([*words, "--help"]) == 0
-    return out.getvalue()
-
-
 LOADED = """
 import sys
 from fuzzyarm.cli import main  # noqa: E402
@@ -154,27 +143,6 @@ def loaded_after(*lines):
     """The heavy libraries that command lines have imported, one line after the other in one process."""
     done = subprocess.run([sys.executable, "-c", LOADED, *lines], capture_output=True, text=True, check=True)
     return [line for line in done.stdout.splitlines() if line.startswith("loaded")]
-
-
-def test_the_commands_are_shown_in_groups(capsys):
-    lines = printed(capsys, "--help").splitlines()
-    headings = {heading: next(k for k, line in enumerate(lines) if heading in line) for heading in GROUPS}
-    assert sorted(headings.values()) == list(headings.values())
-    for heading, commands in GROUPS.items():
-        for name, text in commands.items():
-            (place,) = [k for k, line in enumerate(lines) if line.startswith(f"│ {name} ")]
-            assert place > headings[heading] and text in lines[place]
-            assert all(place < other for other in headings.values() if other > headings[heading])
-
-
-@pytest.mark.parametrize("words", [[], *COMMANDS], ids=" ".join)
-def test_help_fits_80_columns(words, capsys, monkeypatch):
-    monkeypatch.setenv("COLUMNS", "80")
-    lines = help_at_80_columns(*words).splitlines()
-    assert capsys.readouterr().err == ""
-    assert lines[0].startswith(" ".join(["Usage: fuzzyarm", *words]))
-    assert max(map(len, lines)) <= 80
-    assert not any("…" in line for line in lines)
 
 
 @pytest.fixture(scope="module")

@@ -9,7 +9,6 @@ from html.parser import HTMLParser
 from urllib.parse import unquote, urlsplit
 
 import pytest
-from support.documentation import ROOT
 
 import fuzzyarm
 
@@ -66,10 +65,3 @@ def test_every_public_name_has_a_page(site):
         for name in names:
             label = f"api-{info.name}.{name}".lower().replace("_", "-").replace(".", "-")
             assert anchors & {label, f"{label}-class", f"{label}-data"}, (info.name, name)
-
-
-def test_figures_are_shown_somewhere():
-    pages = "\n".join(path.read_text(encoding="utf-8") for path in (ROOT / "docs").rglob("*.md"))
-    for figure in (ROOT / "docs" / "figures").iterdir():
-        assert figure.name in pages, figure.name
-        assert figure.stat().st_size < 2 * 2**20
