@@ -30,22 +30,18 @@ class Options:
 
     def run(self) -> int:
         """Write a data set."""
-        return _run(self)
+        from fuzzyarm.eval.dataset.store import check_installed, open_dataset, provenance_of, write_dataset
 
-
-def _run(options: Options) -> int:
-    from fuzzyarm.eval.dataset.store import check_installed, open_dataset, provenance_of, write_dataset
-
-    config = chosen(options, DatasetConfig())
-    check_installed()
-    with claimed_folder(options.out), progress("episodes", config.episodes) as advance:
-        folder = write_dataset(config, options.out, advance)
-    dataset = open_dataset(folder)
-    low, high = provenance_of(dataset)["reference_scores"].values()
-    mean = sum(float(episode.rewards.sum()) for episode in dataset) / config.episodes
-    say(
-        f"{config.name}: {config.episodes} episodes, {dataset.total_steps:,} steps, mean return {mean:.1f}, score "
-        f"{100.0 * (mean - low) / (high - low):.1f} (random torques 0, {low:.1f}; expert 100, {high:.1f})"
-    )
-    say(f"written to {folder}; MINARI_DATASETS_PATH={options.out} makes Minari find it")
-    return 0
+        config = chosen(self, DatasetConfig())
+        check_installed()
+        with claimed_folder(self.out), progress("episodes", config.episodes) as advance:
+            folder = write_dataset(config, self.out, advance)
+        dataset = open_dataset(folder)
+        low, high = provenance_of(dataset)["reference_scores"].values()
+        mean = sum(float(episode.rewards.sum()) for episode in dataset) / config.episodes
+        say(
+            f"{config.name}: {config.episodes} episodes, {dataset.total_steps:,} steps, mean return {mean:.1f}, score "
+            f"{100.0 * (mean - low) / (high - low):.1f} (random torques 0, {low:.1f}; expert 100, {high:.1f})"
+        )
+        say(f"written to {folder}; MINARI_DATASETS_PATH={self.out} makes Minari find it")
+        return 0

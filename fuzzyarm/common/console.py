@@ -11,7 +11,6 @@ characters.
 
 from __future__ import annotations
 
-import codecs
 import contextlib
 import dataclasses
 import datetime
@@ -41,16 +40,13 @@ _BETWEEN_WORDS = re.compile(r" (?![^\[]*\])")  # spaces, but for those within th
 
 # Control characters but the line feed, marks of writing direction, line separators, and what no encoding has.
 _OBEYED = re.compile(r"[\x00-\x09\x0b-\x1f\x7f-\x9f\u061c\u200e\u200f\u2028-\u202e\u2066-\u2069\ud800-\udfff]")
-_SPELLING = {"µ": "u", "×": "x", "·": "*", "²": "^2", "≤": "<=", "≥": ">=", "…": "...", "\N{NO-BREAK SPACE}": " "}
-_SPELLED_OUT = "fuzzyarm.spelled-out"
-"""Handler of encoding errors, for `str.encode`: µ becomes u where the encoding has no µ, and so on."""
 
 
 def open_streams() -> bool:
     """Make every standard stream writable; return whether standard output was open.
 
     A closed stream is opened on the null device; otherwise the next opened file would get its number and the printed
-    text. Characters that the encoding of a stream lacks are spelled out.
+    text. Characters that the encoding of a stream lacks are escaped.
     """
     closed = []
     for number in (0, 1, 2):
@@ -64,7 +60,7 @@ def open_streams() -> bool:
         sys.stderr = open(2, "w", encoding="utf-8", closefd=False)  # noqa: SIM115
     for stream in (sys.stdout, sys.stderr):
         if isinstance(stream, io.TextIOWrapper):
-            stream.reconfigure(errors=_SPELLED_OUT)
+            stream.reconfigure(errors="backslashreplace")
     return sys.stdout is not None and 1 not in closed
 
 
@@ -72,17 +68,6 @@ def finish_output() -> None:
     """Flush standard output; OSError if that fails."""
     with _naming_output():
         sys.stdout.flush()
-
-
-def _spelled_out(error: UnicodeError) -> tuple[str, int]:
-    """Return a replacement for characters that an encoding lacks, and the place after them."""
-    if not isinstance(error, UnicodeEncodeError):
-        raise error
-    letters = error.object[error.start : error.end]
-    return "".join(_SPELLING.get(one) or one.encode("unicode_escape").decode() for one in letters), error.end
-
-
-codecs.register_error(_SPELLED_OUT, _spelled_out)
 
 
 def escaped(text: str, *, lines: bool = False) -> str:
@@ -240,21 +225,18 @@ def print_paragraphs(console: Console, paragraphs: Sequence[str]) -> None:
 
 
 @contextlib.contextmanager
-def progress(
-    description: str, total: int | None, *, first: float = 2.0, between_steps: bool = False
-) -> Iterator[Callable[..., None]]:
+def progress(description: str, total: int | None, *, between_steps: bool = False) -> Iterator[Callable[..., None]]:
     """Show the progress and the remaining time while the block runs; call the yielded function after each step.
 
     All arguments of that function are optional: ``next_description`` replaces the description, ``completed`` is the
     number of completed steps (default: one more), and ``line`` is printed above the bar, also without a terminal. With
-    `between_steps` progress is shown only when it advances, so that nothing else runs while a step is timed. Without a
-    terminal the first line comes after `first` seconds.
+    `between_steps` progress is shown only when it advances, so that nothing else runs while a step is timed.
     """
     from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
 
     stderr = _console(stderr=True)
     if not stderr.is_terminal:
-        with _Lines(description, total, first, threaded=not between_steps) as lines:
+        with _Lines(description, total, threaded=not between_steps) as lines:
             yield lines.advance
         return
     columns = (TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), TimeRemainingColumn())
@@ -281,11 +263,11 @@ def progress(
 def status(description: str) -> Iterator[None]:
     """Show a description of the current work while the block runs."""
     stderr = _console(stderr=True)
-    with stderr.status(description) if stderr.is_terminal else _Lines(description, None, 2.0):
+    with stderr.status(description) if stderr.is_terminal else _Lines(description, None):
         yield
 
 
-_MINUTE = 60.0  # s, the longest time between two lines of progress
+_FIRST, _MINUTE = 2.0, 60.0  # s until the first line of progress, and the longest time between two lines
 
 
 class _Lines:
@@ -295,11 +277,11 @@ class _Lines:
     long, at the speed since the first.
     """
 
-    def __init__(self, description: str, total: int | None, first: float, *, threaded: bool = True) -> None:
+    def __init__(self, description: str, total: int | None, *, threaded: bool = True) -> None:
         self._description = self._shown = description
         self._total, self._done = total, 0
         self._begun = time.monotonic()
-        self._due, self._pause = self._begun + first, 2.0
+        self._due, self._pause = self._begun + _FIRST, 2.0
         self._earlier: tuple[float, int] | None = None  # time and completed steps of the first call of `advance`
         self._over = threading.Event()
         self._thread = threading.Thread(target=self._run, daemon=True) if threaded else None

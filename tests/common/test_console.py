@@ -105,8 +105,9 @@ def test_elsewhere_progress_is_plain_lines_that_become_rare(capsys, monkeypatch)
     assert "\x1b" not in "".join(lines)
 
 
-def test_a_line_comes_where_no_step_is_done(capsys):
-    with console.progress("steps", None, first=0.0):
+def test_a_line_comes_where_no_step_is_done(capsys, monkeypatch):
+    monkeypatch.setattr(console, "_FIRST", 0.0)
+    with console.progress("steps", None):
         until = time.monotonic() + 20.0
         while not (line := capsys.readouterr().err) and time.monotonic() < until:
             time.sleep(0.01)

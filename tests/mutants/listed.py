@@ -37,7 +37,7 @@ CONTROLLER, SCHEDULED, MODEL = (f"fuzzy_policy/{name}.py" for name in ("controll
 PROOF, TIP = "proof", "proof/tip"
 
 FORGED = "tests/abuse/test_forgeries.py -m slow -k 'not robot and not badly and not cell'"
-ROBOT = "tests/proof/test_scheduled_certificate.py -k no_number"
+ROBOT = "tests/abuse/test_forgeries.py -m slow -k robot"
 BADLY = "tests/abuse/test_forgeries.py -m slow -k badly"
 READ = "tests/abuse/test_readers.py -m slow -k"
 
