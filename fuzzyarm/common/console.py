@@ -3,7 +3,7 @@
 On a terminal a table has rules, and each word of a heading is on a line of its own. Digits are never cut: a table that
 is too wide is printed as several tables below each other that repeat the first columns. In a pipe a table is plain
 columns of text, neither folded nor split. Progress is shown on standard error: a bar on a terminal, otherwise plain
-lines, the first of them after two seconds, at last one a minute.
+lines as steps are done, the first of them after two seconds, at last one a minute.
 
 Names of files and policies are untrusted: `output` and `say`, through which everything is printed, escape control
 characters.
@@ -19,7 +19,6 @@ import json
 import os
 import re
 import sys
-import threading
 import time
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from typing import TYPE_CHECKING, Any
@@ -236,8 +235,7 @@ def progress(description: str, total: int | None, *, between_steps: bool = False
 
     stderr = _console(stderr=True)
     if not stderr.is_terminal:
-        with _Lines(description, total, threaded=not between_steps) as lines:
-            yield lines.advance
+        yield _Lines(description, total).advance
         return
     columns = (TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), TimeRemainingColumn())
     with Progress(*columns, console=stderr, transient=True, auto_refresh=not between_steps) as bar:
@@ -261,9 +259,9 @@ def progress(description: str, total: int | None, *, between_steps: bool = False
 
 @contextlib.contextmanager
 def status(description: str) -> Iterator[None]:
-    """Show a description of the current work while the block runs."""
+    """Show a description of the current work on a terminal while the block runs."""
     stderr = _console(stderr=True)
-    with stderr.status(description) if stderr.is_terminal else _Lines(description, None):
+    with stderr.status(description) if stderr.is_terminal else contextlib.nullcontext():
         yield
 
 
@@ -277,57 +275,28 @@ class _Lines:
     long, at the speed since the first.
     """
 
-    def __init__(self, description: str, total: int | None, *, threaded: bool = True) -> None:
-        self._description = self._shown = description
-        self._total, self._done = total, 0
+    def __init__(self, description: str, total: int | None) -> None:
+        self._description, self._total, self._done = description, total, 0
         self._begun = time.monotonic()
-        self._due, self._pause = self._begun + _FIRST, 2.0
+        self._due, self._pause = self._begun + _FIRST, _FIRST
         self._earlier: tuple[float, int] | None = None  # time and completed steps of the first call of `advance`
-        self._over = threading.Event()
-        self._thread = threading.Thread(target=self._run, daemon=True) if threaded else None
-
-    def __enter__(self) -> _Lines:
-        if self._thread is not None:
-            self._thread.start()
-        return self
-
-    def __exit__(self, *_: object) -> None:
-        self._over.set()
-        if self._thread is not None:
-            self._thread.join()
 
     def advance(
         self, next_description: str | None = None, *, completed: int | None = None, line: str | None = None
     ) -> None:
-        """Count a step; arguments as in `progress`."""
-        self._done = self._done + 1 if completed is None else completed
-        self._shown = next_description or self._description
-        if self._earlier is None:
-            self._earlier = time.monotonic(), self._done
+        """Count a step, and print a line if it is time; arguments as in `progress`."""
+        now, self._done = time.monotonic(), self._done + 1 if completed is None else completed
+        since, before = self._earlier = self._earlier or (now, self._done)
         if line is not None:
             say(line, error=True)
-        if self._thread is None:
-            self._show_if_due()
-
-    def _run(self) -> None:
-        while not self._over.wait(max(self._due - time.monotonic(), 0.0)):
-            self._show_if_due()
-
-    def _show_if_due(self) -> None:
-        now = time.monotonic()
         if now < self._due:
             return
         self._due, self._pause = now + self._pause, min(2.0 * self._pause, _MINUTE)
-        parts = [f"{_clock(now - self._begun)}  {self._steps()}{self._shown}"]
-        since, before = self._earlier or (now, self._done)
+        steps = f"{self._done:,} " if self._total is None else f"{self._done:,} of {self._total:,}  "
+        parts = [f"{_clock(now - self._begun)}  {steps}{next_description or self._description}"]
         if self._total is not None and self._done > before:
             parts.append(f"{_clock((self._total - self._done) * (now - since) / (self._done - before))} left")
         say(", ".join(parts), error=True)
-
-    def _steps(self) -> str:
-        if self._total is None:
-            return f"{self._done:,} " if self._done else ""
-        return f"{self._done:,} of {self._total:,}  "
 
 
 def _clock(seconds: float) -> str:

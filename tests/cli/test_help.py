@@ -1,7 +1,6 @@
 """Mistakes of a user, each one line with a way out; help, completion, and the end of an evaluation."""
 
 import importlib.util
-import io
 import os
 import platform
 import shlex
@@ -12,14 +11,13 @@ from importlib import metadata
 from pathlib import Path
 
 import pytest
-import rich.console
 from support.command_line import one_line_error
 
 from fuzzyarm import __version__
 from fuzzyarm.cli import main
 from fuzzyarm.cli.application import GROUPS, command_line
 from fuzzyarm.eval.episodes.metrics import columns
-from fuzzyarm.eval.evaluation.result_table import print_results, verdict
+from fuzzyarm.eval.evaluation.result_table import verdict
 from fuzzyarm.eval.evaluation.run import EvaluationConfig
 
 MISTAKES = [
@@ -230,20 +228,6 @@ def test_who_lost_the_path_once_cannot_win():
         "Case 1: nominal: b followed, rms tip error 2.00 mm; a, far lost the path",
         "Proven of the rigid arm: nothing",
     ]
-
-
-@pytest.mark.parametrize(("width", "left_out"), [(200, ()), (80, (6,)), (60, (3, 4, 5, 6)), (34, (1, 3, 4, 5, 6))])
-def test_a_narrow_terminal_has_fewer_columns_and_every_digit_of_the_others(width, left_out):
-    rows = [row("computed-torque-tip", "nominal", 1234.5, largest=0.0412)]
-    screen = rich.console.Console(file=io.StringIO(), force_terminal=True, width=width, color_system=None)
-    print_results(rows, screen, EvaluationConfig().titles)
-    text = screen.file.getvalue()
-    assert max(map(len, text.splitlines())) <= width and "…" not in text
-    assert "1.23e+03" in text and "0.0412" in text  # rms and the largest error are always there
-    note = " ".join(text.split("Left out on")[1].split()) if left_out else ""
-    assert ("Left out on" in text) == bool(left_out)
-    for number in left_out:
-        assert list(columns())[number] in note
 
 
 def test_without_a_word_the_help_is_shown(capsys):

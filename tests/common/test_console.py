@@ -4,7 +4,6 @@ import datetime
 import io
 import itertools
 import re
-import time
 import types
 
 import pytest
@@ -103,12 +102,3 @@ def test_elsewhere_progress_is_plain_lines_that_become_rare(capsys, monkeypatch)
     assert pauses == sorted(pauses) and pauses[0] == 2 and 60 <= pauses[-1] <= 61 and pauses.count(pauses[-1]) <= 3
     assert lines[2].startswith("0:00:08  ") and re.search(r" \d+ of 400  the next.*, 0:0\d:\d\d left$", lines[2])
     assert "\x1b" not in "".join(lines)
-
-
-def test_a_line_comes_where_no_step_is_done(capsys, monkeypatch):
-    monkeypatch.setattr(console, "_FIRST", 0.0)
-    with console.progress("steps", None):
-        until = time.monotonic() + 20.0
-        while not (line := capsys.readouterr().err) and time.monotonic() < until:
-            time.sleep(0.01)
-    assert line == "0:00:00  steps\n"

@@ -293,7 +293,7 @@ _FACTORS = {
     "viscous_friction": ("viscous_friction",),
     "dry_friction": DRY_TORQUES,
 }
-"""The fields of `Plant` that a factor of the set scales, as in `randomisation.varied`."""
+"""The fields of `Plant` that a factor of the set scales."""
 
 
 def _share(bounds: tuple[float, float]) -> tuple[float, float]:
