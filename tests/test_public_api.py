@@ -64,45 +64,11 @@ def annotations(function):
     return {key: str(value) for key, value in inspect.get_annotations(function).items()}
 
 
-def assigned(node):
-    targets = node.targets if isinstance(node, ast.Assign) else [getattr(node, "target", None)]
-    names = [part for target in targets if target is not None for part in ast.walk(target)]
-    return [part for part in names if isinstance(part, ast.Name) and isinstance(part.ctx, ast.Store)]
-
-
-def documented_constants(name):
-    """Names that are assigned at the top of a module and explained: by a text below, or a comment above or beside.
-
-    A comment above explains all assignments down to the next empty line.
-    """
-    lines, body = inspect.getsource(imported(name)).splitlines(), tree(name).body
-    explained_line = None  # the last one of the assignment before, if a comment is above it
-    for node, following in zip(body, [*body[1:], None], strict=True):
-        above, beside = lines[node.lineno - 2].strip(), "\n".join(lines[node.lineno - 1 : node.end_lineno])
-        text = isinstance(following, ast.Expr) and isinstance(getattr(following.value, "value", None), str)
-        in_group = above.startswith("#") or explained_line == node.lineno - 1
-        explained_line = node.end_lineno if in_group else None
-        if text or in_group or "  # " in beside:
-            yield from (target.id for target in assigned(node))
-
-
-def is_prose(found):
-    """Whether a constant is a sentence, which says itself what it is."""
-    return isinstance(found, str) and " " in found
-
-
 def undocumented(name):
-    """Public names without a docstring; a name that comes from another module is explained there."""
-    module, without = imported(name), {}
-    for symbol in module.__all__:
-        found = getattr(module, symbol)
-        has_docstring = inspect.isclass(found) or inspect.isroutine(found) or inspect.ismodule(found)
-        if not (inspect.getdoc(found) if has_docstring else symbol.startswith("__") or is_prose(found)):
-            without[symbol] = has_docstring
-    if without:  # else nothing needs to be parsed
-        explained = set(documented_constants(name))
-        own = {target.id for node in tree(name).body for target in assigned(node)}
-        yield from (symbol for symbol in without if symbol not in explained and (without[symbol] or symbol in own))
+    """Public functions, classes and methods without a docstring."""
+    found = [(symbol, getattr(imported(name), symbol)) for symbol in imported(name).__all__]
+    documented = [(symbol, one) for symbol, one in found if inspect.isclass(one) or inspect.isroutine(one)]
+    yield from (symbol for symbol, one in documented if not inspect.getdoc(one))
     yield from (place for place, function, _ in callables(name) if not inspect.getdoc(function))
 
 

@@ -74,9 +74,7 @@ def _index(groups: dict[str, list[Any]]) -> str:
     ]
     for title, members in groups.items():
         lines += ["", f"## {title}", "", "| name | |", "| --- | --- |"]
-        lines += [
-            f"| [`{one.name}`]({_page(title)}.md#{_label(one)}) | {_first_sentence(one)} |" for one in members
-        ]
+        lines += [f"| [`{one.name}`]({_page(title)}.md#{_label(one)}) | {_first_sentence(one)} |" for one in members]
     return "\n".join(lines) + "\n"
 
 

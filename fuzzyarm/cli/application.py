@@ -24,7 +24,7 @@ import cyclopts
 
 from fuzzyarm import __version__
 from fuzzyarm.cli.options import arguments_of, option_name, shown_default
-from fuzzyarm.cli.usage import Allowed, UsageError
+from fuzzyarm.cli.usage import UsageError
 from fuzzyarm.common.console import escaped, finish_output, open_streams, output, say
 
 __all__ = ["GROUPS", "command_line", "entry_point", "main"]
@@ -152,7 +152,6 @@ def _modules() -> list[str]:
 
 
 def _run(words: Sequence[str]) -> int:
-    """Parse the words and run the command that they name."""
     everything = "--install-completion" in words[:1]
     command, bound, _ = command_line(None if everything else words).parse_args(words)
     if isinstance(command, type):
@@ -212,7 +211,7 @@ def _explained(error: cyclopts.CycloptsError) -> str:
     match error:
         case cyclopts.CoercionError() if error.token is not None and not _choices(error.target_type):
             name = error.token.keyword or _name(error)
-            return f"{name} {error.token.value} must be {_in_words(error.target_type)}{_allowed(error)}"
+            return f"{name} {error.token.value} must be {_in_words(error.target_type)}"
         case cyclopts.UnknownCommandError() if error.unused_tokens and error.app is not None:
             names = [name for name in error.app if not name.startswith("-")]
             nearest = difflib.get_close_matches(error.unused_tokens[0], names, n=1)
@@ -236,12 +235,6 @@ def _name(error: cyclopts.CycloptsError) -> str:
     if error.argument is None:
         return "a value"
     return error.argument.name or error.argument.parameter.metavar or "an argument"
-
-
-def _allowed(error: cyclopts.CycloptsError) -> str:
-    """Return the allowed values of an option if it has an `Allowed`."""
-    hint = None if error.argument is None else error.argument.field_info.annotation
-    return "".join(f"; allowed: {one}" for one in typing.get_args(hint) if isinstance(one, Allowed))
 
 
 def _choices(kind: Any) -> tuple[Any, ...]:

@@ -30,21 +30,17 @@ class Options:
 
     def run(self) -> int:
         """Write a data set."""
-        return _run(self)
+        from fuzzyarm.eval.dataset.store import check_installed, open_dataset, provenance_of, write_dataset
 
-
-def _run(options: Options) -> int:
-    from fuzzyarm.eval.dataset.store import check_installed, open_dataset, provenance_of, write_dataset
-
-    config = chosen(options, DatasetConfig())
-    check_installed()
-    with claimed_folder(options.out), progress("episodes", config.episodes) as advance:
-        folder = write_dataset(config, options.out, advance)
-    dataset = open_dataset(folder)
-    mean = sum(float(episode.rewards.sum()) for episode in dataset) / config.episodes
-    say(
-        f"{config.name}: {config.episodes} episodes, {dataset.total_steps:,} steps, mean return {mean:.1f}, "
-        f"N {provenance_of(dataset)['N']:.1f} (computed-torque 0, learned-observer 100, in these episodes)"
-    )
-    say(f"written to {folder}; MINARI_DATASETS_PATH={options.out} makes Minari find it")
-    return 0
+        config = chosen(self, DatasetConfig())
+        check_installed()
+        with claimed_folder(self.out), progress("episodes", config.episodes) as advance:
+            folder = write_dataset(config, self.out, advance)
+        dataset = open_dataset(folder)
+        mean = sum(float(episode.rewards.sum()) for episode in dataset) / config.episodes
+        say(
+            f"{config.name}: {config.episodes} episodes, {dataset.total_steps:,} steps, mean return {mean:.1f}, "
+            f"N {provenance_of(dataset)['N']:.1f} (computed-torque 0, learned-observer 100, in these episodes)"
+        )
+        say(f"written to {folder}; MINARI_DATASETS_PATH={self.out} makes Minari find it")
+        return 0

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Annotated
 from cyclopts import Parameter
 
 from fuzzyarm.cli.options import given, named_as_option, option_name
-from fuzzyarm.cli.usage import Allowed, UsageError, claimed_folder
+from fuzzyarm.cli.usage import UsageError, claimed_folder
 from fuzzyarm.common.console import output, print_paragraphs, progress, say, say_json
 
 if TYPE_CHECKING:
@@ -23,15 +23,15 @@ class Options:
     """Run policies on the elastic arm in the paper's cases; print a table, write JSON, CSV and figures."""
 
     policies: Annotated[tuple[str, ...] | None, Parameter(metavar="NAME...")] = None
-    """Policy: fuzzy-32, -16, -8, -4, -2, -1, paper-4, computed-torque or a controller file (.json), each with the ending
-    -tip to bring the tip to the reference instead of the motors; paper-4-printed; elastic-observer, adaptive-observer,
-    learned-observer; ppo-nominal, -robust, -residual or a learned policy's folder; or code of your own as
-    package.module:factory. May be repeated (default: fuzzy-4 and computed-torque, both with and without -tip, the three
-    observers, ppo-robust and ppo-residual; for another arm computed-torque, with and without -tip, and
+    """Policy: fuzzy-32, -16, -8, -4, -2, -1, paper-4, computed-torque or a controller file (.json), each with the
+    ending -tip to bring the tip to the reference instead of the motors; paper-4-printed; elastic-observer,
+    adaptive-observer, learned-observer; ppo-nominal, -robust, -residual or a learned policy's folder; or code of your
+    own as package.module:factory. May be repeated (default: fuzzy-4 and computed-torque, both with and without -tip,
+    the three observers, ppo-robust and ppo-residual; for another arm computed-torque, with and without -tip, and
     elastic-observer)"""
     cases: Annotated[tuple[str, ...] | None, Parameter(metavar="NAME...")] = None
     """A named case, such as nominal, machining or payload. May be repeated (default: these three)"""
-    seeds: Annotated[int | None, Parameter(metavar="N"), Allowed("1, 2, 3, ...")] = None
+    seeds: Annotated[int | None, Parameter(metavar="N")] = None
     """Episodes of each policy in each case, seeded 0 to N-1 (1 or more; default: 1)"""
     encoder_noise: Annotated[tuple[float, float] | None, Parameter(metavar="RAD RAD_PER_S")] = None
     """Standard deviation of the noise on motor angles [rad] and velocities [rad/s] (default: 0 0)"""
@@ -45,7 +45,7 @@ class Options:
     """Smallest and largest machining force [N] (default: the paper's 138 218, scaled to the arm)"""
     payload: Annotated[float | None, Parameter(metavar="KG")] = None
     """Carried mass of the payload case [kg] (default: the paper's 5, scaled to the arm)"""
-    passes: Annotated[int | None, Parameter(metavar="N"), Allowed("1 to 1000")] = None
+    passes: Annotated[int | None, Parameter(metavar="N")] = None
     """Episodes along the same path one after the other; the results are those of the last. adaptive-observer learns
     from each for the next, policies with the ending -tip by classical iterative learning control, and code of your own
     that has a method repeated (1 to 1000; default: 1)"""

@@ -48,25 +48,21 @@ class Options:
 
     def run(self) -> int:
         """Run a sweep, go on with one, or replay a plant; return 1 if workers died again and again."""
-        return _run(self)
+        from fuzzyarm.eval.sweep.run import Sweep
 
-
-def _run(options: Options) -> int:
-    from fuzzyarm.eval.sweep.run import Sweep
-
-    engine, values = Engine(**given(options, Engine)), _given(options)
-    if options.replay is not None:
-        policy, case, plant = options.replay
-        rollout, folder = Sweep.resume(options.out, values).replay_plant(policy, case, plant)
-        end = "followed to the end" if rollout.completed else f"ended at {rollout.time[-1]:.3f} s: {rollout.reason}"
-        largest = 1e3 * rollout.tip_error.max()
-        say(f"plant {plant} (seed {rollout.seed}), {policy}, {case}: {end}, tip error up to {largest:.6g} mm")
-        say(f"signals and figures in {folder}")
-        return 0
-    config = None if options.resume else SweepConfig.of(values)
-    with claimed_folder(options.out, make=not options.resume):
-        sweep = Sweep.resume(options.out, values) if config is None else Sweep.begin(options.out, config)
-        return _complete(options, sweep, engine)
+        engine, values = Engine(**given(self, Engine)), _given(self)
+        if self.replay is not None:
+            policy, case, plant = self.replay
+            rollout, folder = Sweep.resume(self.out, values).replay_plant(policy, case, plant)
+            end = "followed to the end" if rollout.completed else f"ended at {rollout.time[-1]:.3f} s: {rollout.reason}"
+            largest = 1e3 * rollout.tip_error.max()
+            say(f"plant {plant} (seed {rollout.seed}), {policy}, {case}: {end}, tip error up to {largest:.6g} mm")
+            say(f"signals and figures in {folder}")
+            return 0
+        config = None if self.resume else SweepConfig.of(values)
+        with claimed_folder(self.out, make=not self.resume):
+            sweep = Sweep.resume(self.out, values) if config is None else Sweep.begin(self.out, config)
+            return _complete(self, sweep, engine)
 
 
 def _complete(options: Options, sweep: Sweep, engine: Engine) -> int:
@@ -98,7 +94,6 @@ def _complete(options: Options, sweep: Sweep, engine: Engine) -> int:
 
 
 def _given(options: Options) -> dict[str, Any]:
-    """Return the fields of the configuration that the command line gave."""
     from fuzzyarm.envs.physics.equations import chosen_arm
     from fuzzyarm.envs.physics.robot import Robot
     from fuzzyarm.policies import policies_of

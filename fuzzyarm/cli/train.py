@@ -45,7 +45,14 @@ class Options:
 
     def run(self) -> int:
         """Train a policy, or continue a training."""
-        return _run(self)
+        with claimed_folder(self.out):
+            try:
+                train_with_progress(_config(self), self.out)
+            except KeyboardInterrupt:
+                say("fuzzyarm train: interrupted; the same command goes on from the last checkpoint", error=True)
+                return 130
+        say(f"written to {self.out / 'policy'}")
+        return 0
 
 
 @with_fields_of(EstimateConfig)
@@ -65,7 +72,23 @@ class EstimateOptions:
 
     def run(self) -> int:
         """Train the network of learned-observer."""
-        return _estimate(self)
+        from fuzzyarm.envs.physics.equations import chosen_arm
+        from fuzzyarm.fuzzy_policy.laws.learned.bundle import LAST
+
+        config, arm = chosen(self, EstimateConfig()), chosen_arm(self.robot, None)
+        folder = self.out / LAST
+        if folder.exists():
+            raise UsageError(f"{folder} holds a policy already; choose another folder")
+        with claimed_folder(self.out):
+            with progress("compiling and loading", config.chunks, first=1.0) as advance:
+                with _training_libraries():
+                    from fuzzyarm.rl_baselines.estimate.training import EstimateTraining
+                training = EstimateTraining(config, arm=arm)
+                training.report = lambda row: advance(f"loss {row['loss']:.3f}", completed=row["chunk"] + 1)
+                bundle = training.run()
+            bundle.save(folder)
+        say(f"written to {folder}")
+        return 0
 
 
 def add_algorithms(application: App) -> None:
@@ -89,25 +112,8 @@ def options_of(spec: AlgorithmSpec) -> type[Options]:
     return made
 
 
-def _run(options: Options) -> int:
-    with claimed_folder(options.out):
-        try:
-            train_with_progress(_config(options), options.out)
-        except KeyboardInterrupt:
-            say("fuzzyarm train: interrupted; the same command goes on from the last checkpoint", error=True)
-            return 130
-    say(f"written to {options.out / 'policy'}")
-    return 0
-
-
 def train_with_progress(config: TrainingConfig, folder: Path) -> None:
-    """Train, or go on where the folder holds a training; show progress and every evaluation on standard error.
-
-    Raises:
-        ValueError: the folder holds another training, or the configuration is refused; or torch or stable-baselines3 is
-            not installed.
-        OSError: the folder cannot be written.
-    """
+    """Train, or go on where the folder holds a training; show progress and every evaluation on standard error."""
     threads = config.threads
     with progress("compiling and loading", config.total_timesteps, first=1.0) as advance:
         with _training_libraries():
@@ -151,7 +157,6 @@ def _training_libraries() -> Iterator[None]:
 
 
 def _config(options: Options) -> TrainingConfig:
-    """Return the configuration of a new run."""
     spec = find_algorithm(options.algorithm)
     preset = options.preset or next(iter(spec.presets))
     if preset not in spec.presets:
@@ -166,23 +171,3 @@ def _config(options: Options) -> TrainingConfig:
     if len(scale) != len(start.scale):  # the preset's scales are for two joints
         changed["scale"] = scale
     return dataclasses.replace(start, **changed)
-
-
-def _estimate(options: EstimateOptions) -> int:
-    from fuzzyarm.envs.physics.equations import chosen_arm
-    from fuzzyarm.fuzzy_policy.laws.learned.bundle import LAST
-
-    config, arm = chosen(options, EstimateConfig()), chosen_arm(options.robot, None)
-    folder = options.out / LAST
-    if folder.exists():
-        raise UsageError(f"{folder} holds a policy already; choose another folder")
-    with claimed_folder(options.out):
-        with progress("compiling and loading", config.chunks, first=1.0) as advance:
-            with _training_libraries():
-                from fuzzyarm.rl_baselines.estimate.training import EstimateTraining
-            training = EstimateTraining(config, arm=arm)
-            training.report = lambda row: advance(f"loss {row['loss']:.3f}", completed=row["chunk"] + 1)
-            bundle = training.run()
-        bundle.save(folder)
-    say(f"written to {folder}")
-    return 0

@@ -10,15 +10,11 @@ from pathlib import Path
 from fuzzyarm.common.console import say
 from fuzzyarm.common.files import locked_folder
 
-__all__ = ["Allowed", "UsageError", "check_writable", "claimed_folder", "output_file", "stopped"]
+__all__ = ["UsageError", "check_writable", "claimed_folder", "output_file", "stopped"]
 
 
 class UsageError(Exception):
     """Bad usage; the message is the line that the user sees."""
-
-
-class Allowed(str):
-    """The values that an option takes, for error messages: metadata in `Annotated`; the help has its own text."""
 
 
 @contextlib.contextmanager

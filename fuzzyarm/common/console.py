@@ -13,7 +13,6 @@ from __future__ import annotations
 
 import codecs
 import contextlib
-import copy
 import dataclasses
 import datetime
 import io
@@ -42,6 +41,7 @@ _BETWEEN_WORDS = re.compile(r" (?![^\[]*\])")  # spaces, but for those within th
 
 # Control characters but the line feed, marks of writing direction, line separators, and what no encoding has.
 _OBEYED = re.compile(r"[\x00-\x09\x0b-\x1f\x7f-\x9f\u061c\u200e\u200f\u2028-\u202e\u2066-\u2069\ud800-\udfff]")
+
 _SPELLING = {"µ": "u", "×": "x", "·": "*", "²": "^2", "≤": "<=", "≥": ">=", "…": "...", "\N{NO-BREAK SPACE}": " "}
 _SPELLED_OUT = "fuzzyarm.spelled-out"
 """Handler of encoding errors, for `str.encode`: µ becomes u where the encoding has no µ, and so on."""
@@ -170,41 +170,55 @@ class Sheet:
 
     def print(self, console: Console) -> tuple[int, ...]:
         """Print the table, on a narrow terminal in parts; return the indices of the columns that were left out."""
-        made = self._table(console)
+        columns, left_out = list(range(len(self.headings))), 0
         if not console.is_terminal:
-            console.print(made)
+            console.print(self._table(columns, console))
             return ()
-        _measure_columns(made, console)
-        left_out: tuple[int, ...] = ()
-        part = made
-        for number in range(len(self.dispensable)):
-            if _least_width(part, console) <= console.width:
-                break
-            left_out = tuple(self.dispensable[: number + 1])
-            part = _part(made, [column for column in range(len(made.columns)) if column not in left_out])
-        _print_parts(part, console, self.keys)
-        return left_out
+        while left_out < len(self.dispensable) and _least_width(self._table(columns, console), console) > console.width:
+            columns.remove(self.dispensable[left_out])
+            left_out += 1
+        for number, part in enumerate(self._parts(columns, console)):
+            made = self._table(part, console)
+            made.title = None if number else self.title
+            if (least := _least_width(made, console)) > console.width:
+                made.width = least  # one column does not fit: the terminal breaks the lines, and no digit is lost
+            console.print(made, crop=False)
+        return tuple(self.dispensable[:left_out])
 
-    def _table(self, console: Console) -> Table:
+    def _parts(self, columns: list[int], console: Console) -> Iterator[list[int]]:
+        """Yield the columns of tables that fit the terminal as far as they can, each with the first ones, the keys."""
+        part = columns[: self.keys + 1]
+        for column in columns[self.keys + 1 :]:
+            if _least_width(self._table([*part, column], console), console) > console.width:
+                yield part
+                part = columns[: self.keys]
+            part = [*part, column]
+        yield part
+
+    def _table(self, columns: Sequence[int], console: Console) -> Table:
+        """Return the table of some of the columns, of which all but text that may be folded keep their width."""
         from rich import box
+        from rich.cells import cell_len
         from rich.table import Table
         from rich.text import Text
 
         terminal = console.is_terminal
         lines = box.SIMPLE_HEAD if terminal else None
         made = Table(title=self.title, title_justify="left", box=lines, pad_edge=False, padding=(0, 1, 0, 0))
-        for column, heading in enumerate(self.headings):
+        for column in columns:
+            heading, left = self.headings[column], column in self.left
             # A heading that has several lines already keeps them.
             text = _BETWEEN_WORDS.sub("\n", heading) if terminal and "\n" not in heading else heading
-            left = column in self.left
-            made.add_column(
-                Text(text), justify="left" if left else "right", no_wrap=not (terminal and self.fold and left)
-            )
+            cells = [*text.split("\n"), *(row[column] for row in self.rows), *(self.groups if column == 0 else ())]
+            fold = terminal and self.fold and left
+            width = None if fold else max(map(cell_len, cells))
+            made.add_column(Text(text), justify="left" if left else "right", no_wrap=not fold, min_width=width)
         for number, row in enumerate(self.rows):
             if self.groups and self.groups[number] not in self.groups[max(number - 1, 0) : number]:
                 made.add_section()
                 made.add_row(Text(self.groups[number], style="bold"))
-            made.add_row(*(Text(cell, style="red" if self.alarm and self.alarm in cell else "") for cell in row))
+            shown = (row[column] for column in columns)
+            made.add_row(*(Text(cell, style="red" if self.alarm and self.alarm in cell else "") for cell in shown))
         return made
 
     def markdown(self) -> str:
@@ -215,53 +229,9 @@ class Sheet:
         return "\n".join([lines[0], f"|{''.join(rule)}", *lines[1:]])
 
 
-def _print_parts(table: Table, console: Console, keys: int) -> None:
-    """Print a measured table; one that is wider than the terminal is split into parts that fit."""
-    parts = [[*range(min(keys + 1, len(table.columns)))]]
-    for column in range(keys + 1, len(table.columns)):
-        wider = [*parts[-1], column]
-        if _least_width(_part(table, wider), console) <= console.width:
-            parts[-1] = wider
-        else:
-            parts.append([*range(keys), column])
-    for number, columns in enumerate(parts):
-        part = _part(table, columns)
-        part.title = table.title if number == 0 else None
-        least = _least_width(part, console)
-        _spread(part, console.width - least)
-        if least > console.width:
-            # Not even one column fits beside the keys: the terminal breaks the lines, and no digit is lost.
-            part.width = least
-        console.print(part, crop=False)
-
-
-def _measure_columns(table: Table, console: Console) -> None:
-    """Set the least and largest width of each column: its widest cell, or its longest word if it may fold."""
-    for number, column in enumerate(table.columns):
-        alone = _part(table, [number])
-        alone.box, alone.title = None, None
-        width = console.measure(alone, options=console.options.update(max_width=_PIPED_WIDTH))
-        column.min_width = width.maximum if column.no_wrap else width.minimum
-        column.max_width = width.maximum
-
-
 def _least_width(table: Table, console: Console) -> int:
+    """Return the width at which every column has at least its longest word."""
     return console.measure(table, options=console.options.update(max_width=_PIPED_WIDTH)).minimum
-
-
-def _spread(table: Table, room: int) -> None:
-    """Divide the remaining width among the columns, in proportion to what each lacks of its largest width."""
-    widths = [(column.min_width or 0, column.max_width or 0) for column in table.columns]
-    lacking = sum(largest - least for least, largest in widths)
-    for column, (least, largest) in zip(table.columns, widths, strict=True):
-        column.width = least + (largest - least) * min(max(room, 0), lacking) // max(lacking, 1)
-
-
-def _part(table: Table, columns: Sequence[int]) -> Table:
-    """Return the table of some of the columns."""
-    part = copy.copy(table)
-    part.columns = [dataclasses.replace(table.columns[column], _index=place) for place, column in enumerate(columns)]
-    return part
 
 
 def print_paragraphs(console: Console, paragraphs: Sequence[str]) -> None:

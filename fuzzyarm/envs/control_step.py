@@ -37,7 +37,7 @@ class Moved(NamedTuple):
     state: Any  # of the arm; that at the start of the step where the one at its end is not finite
     torque: Any  # of the motors, within their limits [N m]
     force: Any  # mean of the tip force over the step [N]
-    found: Any  # a `task.Assessment`
+    found: Any  # what `task.assess` returns
     clipped: Any  # 1.0 where torques were beyond the limits, else 0.0
     reason: Any  # a `Termination`, as a float
 

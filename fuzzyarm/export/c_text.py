@@ -188,7 +188,6 @@ void {name}_step({self._arguments(name, real)});
 """
 
     def _arguments(self, name: str, real: str) -> str:
-        """Return the arguments of the function of a step in C."""
         (given, result), (_, numbers, results) = self.words, self.ports
         return f"{name}_state *state, const {real} {given}[{numbers}], {real} {result}[{results}]"
 
@@ -314,8 +313,6 @@ class _Uses:
 
 
 class _Writer:
-    """Writes the C functions of a program."""
-
     def __init__(self, of: Recorded, real: str) -> None:
         """Begin to write; `real` is "double" or "float"."""
         self.used, self.tables = set[Any](), set[int]()  # what was needed of `_HELPERS` and functions; tables looked up
@@ -415,7 +412,6 @@ class _Writer:
         return "_Bool" if one.kind == "truth" else self._real
 
     def _named(self, one: Symbol) -> str:
-        """Give a symbol a new name; return it."""
         return self._texts.setdefault(one, self._name("v"))
 
     def _name(self, letter: str) -> str:

@@ -79,11 +79,10 @@ class PolicySpec:
         a learned policy is damaged, a module fails, or it may not be run; OSError if a file cannot be read.
         """
         path = self.path or Path()
-        self._check_route()
+        self._check()
         if self.kind is Kind.CODE:
             from fuzzyarm.policies.user_code import source_file
 
-            self._check_code()
             source = source_file(self.name)
             return {} if source is None else {source.name: file_digest(source)}
         if self.kind is Kind.LEARNED and path.is_dir():
@@ -109,11 +108,10 @@ class PolicySpec:
         path = self.path or Path()
         arm = chosen_arm(path.parent if robot is None and self.tuned else robot, None)
         truth("allow_unproven", allow_unproven)
-        self._check_route()
+        self._check()
         if self.kind is Kind.CODE:
             from fuzzyarm.policies.user_code import load_code
 
-            self._check_code()
             return load_code(self.name, control_period, arm)
         if self._factory is not None:
             law = self._factory(arm, control_period)
@@ -143,10 +141,15 @@ class PolicySpec:
 
         return TipPolicy(law)
 
-    def _check_route(self) -> None:
-        """ValueError that says what to write instead of a file of another library, or of a folder that is no policy."""
+    def _check(self) -> None:
+        """ValueError for code that may not run, a file of another library, and a folder that is no policy."""
         from fuzzyarm.fuzzy_policy.laws.learned.bundle import BEST, DESCRIPTION, LAST, WEIGHTS
 
+        if self.kind is Kind.CODE and not self.run_code:
+            raise ValueError(
+                f"{self.name} names code, which load_policy does not run: import it, or give it to fuzzyarm evaluate "
+                "--policy"
+            )
         if self.kind is not Kind.LEARNED or self.path is None:
             return
         path, code = self.path, "name code that makes the policy: --policy module:factory"
@@ -159,13 +162,6 @@ class PolicySpec:
             inside += [f"{_ROUTES[entry.suffix]}{entry}" for entry in sorted(path.iterdir()) if entry.suffix in _ROUTES]
             instead = f"write --policy {inside[0]}" if inside else code
             raise ValueError(f"{path} is no policy, whose folder holds {DESCRIPTION} and {WEIGHTS}: {instead}")
-
-    def _check_code(self) -> None:
-        if not self.run_code:
-            raise ValueError(
-                f"{self.name} names code, which load_policy does not run: import it, or give it to fuzzyarm evaluate "
-                "--policy"
-            )
 
 
 def resolve(name: str | os.PathLike[str], *, run_code: bool = False) -> PolicySpec:

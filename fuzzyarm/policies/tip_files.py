@@ -12,7 +12,7 @@ import math
 import time
 from collections.abc import Sequence
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, Self
 
 import numpy as np
 
@@ -25,15 +25,7 @@ from fuzzyarm.envs.observation import JOINTS
 from fuzzyarm.envs.physics.parameters import ArmParameters
 from fuzzyarm.envs.scenario.reference import JointReference
 from fuzzyarm.policies.spec import load_policy, resolve
-from fuzzyarm.policies.tip_bound import (
-    PERIOD,
-    TipBound,
-    TipClaim,
-    arm_in_words,
-    find_bound,
-    plain,
-    two_joint_arm,
-)
+from fuzzyarm.policies.tip_bound import PERIOD, TipBound, TipClaim, arm_in_words, find_bound, plain, two_joint_arm
 from fuzzyarm.proof.tip.centre import DEGREE, Mode, Segment
 from fuzzyarm.proof.tip.enclosures import NoBound
 from fuzzyarm.proof.tip.friction import Plan
@@ -61,35 +53,47 @@ class _Part:
 
 
 @dataclasses.dataclass(frozen=True)
-class _Document:
-    """The content of the file of a bound."""
+class _Claimed:
+    """What the files of a bound and of one by cells both hold."""
 
     schema: str
     policy: str
-    files: dict[str, str]
     case: str
     set_name: str
     plants: dict[str, Any]
     path: str
     duration: float
     bound: float
+
+    @classmethod
+    def of(cls, claim: TipClaim, **others: Any) -> Self:
+        """Return the record of a claim with the fields that are not the claim's own."""
+        names = ("policy", "case", "set_name", "path", "duration")
+        return cls(plants=claim.plants.to_dict(), **{name: getattr(claim, name) for name in names}, **others)
+
+    def claim(self, samples: int) -> TipClaim:
+        """Return the claim for so many samples, once the bound is checked."""
+        real("bound", self.bound, "m", low=0.0, high=_LARGEST)
+        plants = record(self.plants, PlantSet)
+        if self.set_name in SETS:  # any other label is a note of the file's maker, neither checked nor repeated
+            check_set_name(self.set_name, plants)
+        return TipClaim(self.policy, self.case, plants=plants, path=self.path, duration=self.duration, steps=samples)
+
+
+@dataclasses.dataclass(frozen=True)
+class _Document(_Claimed):
+    """The content of the file of a bound."""
+
+    files: dict[str, str]
     tip: list[float]
     steps: list[list[_Part]]
 
 
 @dataclasses.dataclass(frozen=True)
-class _CellsDocument:
+class _CellsDocument(_Claimed):
     """The content of the file of a bound by cells."""
 
-    schema: str
-    policy: str
-    case: str
-    set_name: str
-    plants: dict[str, Any]
-    path: str
-    duration: float
     samples: int
-    bound: float
     cells: list[str]
 
 
@@ -152,10 +156,8 @@ def save_bound(bound: TipBound, path: Path) -> None:
         ]
         for step in bound.steps
     ]  # fmt: skip
-    document = _Document(
-        _SCHEMA, c.policy, resolve(c.policy).files(), c.case, c.set_name, c.plants.to_dict(), c.path, c.duration,
-        bound.largest, bound.tip.tolist(), steps,
-    )  # fmt: skip
+    tip, files = bound.tip.tolist(), resolve(c.policy).files()
+    document = _Document.of(c, schema=_SCHEMA, bound=bound.largest, files=files, tip=tip, steps=steps)
     write_atomically(path, json.dumps(dataclasses.asdict(document)) + "\n")
 
 
@@ -171,10 +173,8 @@ class CellBound(NamedTuple):
 def save_cells(claim: TipClaim, found: Sequence[CellBound], path: Path) -> None:
     """Write the file of a bound by cells, atomically; each cell has a file in the same folder."""
     names = [cell.path.name for cell in found if cell.path is not None]
-    document = _CellsDocument(
-        _CELLS_SCHEMA, claim.policy, claim.case, claim.set_name, claim.plants.to_dict(), claim.path, claim.duration,
-        found[0].samples, max(cell.bound for cell in found), names,
-    )  # fmt: skip
+    bound, samples = max(cell.bound for cell in found), found[0].samples
+    document = _CellsDocument.of(claim, schema=_CELLS_SCHEMA, bound=bound, samples=samples, cells=names)
     write_atomically(path, json.dumps(dataclasses.asdict(document), indent=1) + "\n")
 
 
@@ -195,15 +195,6 @@ def check_bound(path: Path) -> BoundCheck:
     return (_check_cells if by_cells else _check_tube)(path, content)
 
 
-def _claim_of(given: _Document | _CellsDocument, samples: int) -> TipClaim:
-    """Return the claim of a file for so many samples, once its bound is checked."""
-    real("bound", given.bound, "m", low=0.0, high=_LARGEST)
-    plants = record(given.plants, PlantSet)
-    if given.set_name in SETS:  # any other label is a note of the file's maker, neither checked nor repeated
-        check_set_name(given.set_name, plants)
-    return TipClaim(given.policy, given.case, plants=plants, path=given.path, duration=given.duration, steps=samples)
-
-
 def _claimed(part: _Part) -> tuple[Segment, TubeClaim]:
     modes = tuple(Mode(m) for m in part.modes)
     plans = tuple(Plan(p) for p in part.plans)
@@ -219,7 +210,7 @@ def _claimed(part: _Part) -> tuple[Segment, TubeClaim]:
 def _check_tube(path: Path, content: Any) -> BoundCheck:
     try:
         document = record(check_schema(content, _SCHEMA), _Document)
-        claim = _claim_of(document, len(document.tip))
+        claim = document.claim(len(document.tip))
         tip = finite_array("tip", document.tip, (len(document.tip),), largest=_LARGEST) * _ROUNDING
         if resolve(document.policy).files() != document.files:
             raise ValueError(f"policy {document.policy} is made from other files than when the bound was found")
@@ -246,7 +237,7 @@ def _check_tube(path: Path, content: Any) -> BoundCheck:
 def _check_cells(path: Path, content: Any) -> BoundCheck:
     try:
         document = record(check_schema(content, _CELLS_SCHEMA), _CellsDocument)
-        claim = _claim_of(document, document.samples)
+        claim = document.claim(document.samples)
         if not document.cells or any(Path(name).name != name for name in document.cells):
             raise ValueError("cells: each is the name of a file in the same folder, and there is at least one")
     except (TypeError, ValueError) as error:

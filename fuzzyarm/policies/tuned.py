@@ -31,12 +31,7 @@ NAME = "laws.json"  # the file of the laws in the folder
 
 @dataclasses.dataclass(frozen=True)
 class TunedLaws:
-    """The checked content of the file `NAME`.
-
-    Raises:
-        TypeError: a value is of the wrong type.
-        ValueError: a value is out of range, or a policy lacks its numbers.
-    """
+    """The checked content of the file `NAME`."""
 
     schema: str  # `SCHEMA`
     arm_sha256: str  # digest of the arm that the laws were tuned for, `Robot.digest`

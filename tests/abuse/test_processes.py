@@ -60,7 +60,7 @@ RESUMED = {
 }
 CODES = (0, 1, 2, 130, 141)
 PATIENCE = 600  # s of wall time after which a process that does not end is stuck
-LINE = 1500  # bytes; no line of an error is longer
+FULL = 2000  # bytes that fit on the full disk; no line of an error is longer
 WRITING = os.O_WRONLY | os.O_RDWR | os.O_CREAT
 
 
@@ -178,14 +178,14 @@ def uninterrupted(name: str) -> tuple[int, Path]:
     return int((folder / "count").read_text()), folder
 
 
-def check_errors(code: int, err: str, *, heard: bool = True) -> None:
-    """Check an exit code and what was written to standard error; not `heard`: it is closed or full itself."""
+def check_errors(code: int, err: str) -> None:
+    """Check an exit code and what was written to standard error."""
     if code not in CODES:
         raise Broken(f"exit code {code}: {err[-300:]!r}")
     if "Traceback" in err or "Error:" in err.split("\n")[-1]:
         raise Broken(f"a traceback: {err[-300:]!r}")
     err = without_progress(err)
-    if heard and code == 2 and (err.count("\n") != 1 or not err.strip()):
+    if code == 2 and (err.count("\n") != 1 or not err.strip()):
         raise Broken(f"{err.count(chr(10))} lines on standard error: {err[-300:]!r}")
     if any(ord(one) < 32 and one != "\n" for one in err):
         raise Broken(f"control characters on standard error: {err[-300:]!r}")
@@ -296,13 +296,12 @@ def _go_on(name: str, folder: Path, whole: Path, where: str) -> None:
 
 
 @pytest.mark.parametrize("name", [name for name in COMMANDS if name != "dataset"])  # there HDF5 ends the process
-@pytest.mark.parametrize("largest", [2000])
-def test_a_full_disk_leaves_whole_files_and_no_success(name, largest):
+def test_a_full_disk_leaves_whole_files_and_no_success(name):
     _, whole = uninterrupted(name)
     folder = begun(name)
-    run = Run(COMMANDS[name], folder, largest=largest)
+    run = Run(COMMANDS[name], folder, largest=FULL)
     code = run.wait()
-    check_errors(code, run.err, heard=largest > LINE) if code != 120 or largest > LINE else None
+    check_errors(code, run.err)
     check_whole(folder)
     missing = names(whole / "out") - names(folder / "out")
     assert code != 0 or not missing, f"exit code 0 without {sorted(missing)}"

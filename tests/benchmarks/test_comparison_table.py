@@ -1,4 +1,4 @@
-"""The comparison's table and figure show what is stored, every policy on the same terms."""
+"""The comparison's table shows what is stored, every policy on the same terms."""
 
 import json
 from pathlib import Path
@@ -18,19 +18,6 @@ STORED, MARGINS = (
 def table(module, document):
     """Return the section of a comparison."""
     return module("tables_comparison").COMPARISON["comparison"].text({"comparison": document, "margins": MARGINS}.get)
-
-
-def test_everything_that_is_drawn_is_in_sight_and_what_has_no_mean_says_so(module):
-    panels = module("comparison_figure").draw_comparison(STORED).axes
-    for axes, case in zip(panels, STORED["cases"], strict=True):
-        low, high = axes.get_xlim()
-        for line in axes.lines:
-            assert low <= min(line.get_xdata()) and max(line.get_xdata()) <= high
-        means = [row["plants"][case]["score_mm"]["mean"] for row in STORED["rows"]]
-        dots = [line.get_xdata()[0] for line in axes.lines if line.get_marker() == "o"]
-        assert dots == [mean for mean in means if mean is not None]
-        assert len(axes.texts) == means.count(None)
-    assert any(axes.texts for axes in panels)
 
 
 def test_what_a_policy_knows_includes_what_is_known_within_it_and_all_seeds_are_found(module):
@@ -57,48 +44,6 @@ def test_the_table_says_of_which_learned_policy_no_other_seed_ran(seeds, module)
     assert ("Of `learned-observer` the shipped seed alone ran." in text) == (seeds == 0)
 
 
-@pytest.fixture
-def comparison(module, monkeypatch):
-    """Return the script with stand-ins for what takes long, and the labels of what it measured.
-
-    The stand-ins are for the policies themselves and their episodes: the k-th policy that is measured
-    has errors of k mm, and loses the first plant.
-    """
-    script, plant_errors, measured = module("comparison"), module("plant_errors"), []
-    task = {"task": "nominal", "tip_error_rms_mm": 1.0, "failed": None}
-    tasks = [task | {"task": name} for name in STORED["rows"][0]["tasks"]]
-
-    def errors_of(policy, plants, jobs, report):
-        measured.append(policy)
-        errors = np.full((len(plant_errors.COMPARED_CASES), plants), float(len(measured)))
-        errors[:, 0] = np.inf
-        return plant_errors.Errors(errors, 2.0 * errors, COMMIT)
-
-    monkeypatch.setattr(module("comparison_statistics"), "_RESAMPLES", 99)
-    monkeypatch.setattr(script, "load_policy", lambda name: name)
-    monkeypatch.setattr(script, "assess", lambda policy, name, arm: tasks)
-    monkeypatch.setattr(plant_errors, "errors_of", errors_of)
-    return script, measured
-
-
-COMMIT = "0123456789abcdef"
-
-
-def test_a_run_takes_every_stored_seed_and_fills_table_and_figures(comparison, module):
-    script, measured = comparison
-    made = {"command": "a command", "commit": "f" * 40}
-    document = json.loads(json.dumps(made | script.compare(8, 4, None, None)))
-    seeds = {row["name"]: row["seeds"] for row in document["rows"]}
-    assert seeds == {name: 5 if one.learned else 0 for name, one in script.POLICIES.items()}
-    assert len(measured) == len(seeds) + sum(seeds.values())
-    assert {row["plants"]["blows"]["ended_early"] for row in document["rows"]} == {1}
-    text = table(module, document)
-    assert "`learned-observer`, 5 seeds" in text
-    assert "measured at other commits" in text and "`fuzzy-1` at 0123456789;" in text
-    assert "other commits" not in table(module, document | {"commit": COMMIT})
-    module("comparison_figure").draw_comparison(document)
-
-
 def test_errors_on_other_plants_or_cases_are_not_taken_for_these(module, tmp_path, monkeypatch):
     script, runs = module("plant_errors"), []
 
@@ -114,14 +59,3 @@ def test_errors_on_other_plants_or_cases_are_not_taken_for_these(module, tmp_pat
     monkeypatch.setattr(script, "FIRST_SEED", script.FIRST_SEED + 1)
     script.measured(tmp_path / "a.npz", None, 2, None, None)
     assert runs == [3, 2, 2]
-
-
-def test_the_figure_of_the_pairs_has_a_share_for_each_and_its_rest_for_the_other_way_round(module):
-    axes = module("comparison_figure").draw_pairs(STORED).axes[0]
-    shares = {text.get_position(): int(text.get_text()) for text in axes.texts}
-    names = [row["name"] for row in STORED["rows"]]
-    assert len(shares) == len(names) * (len(names) - 1)
-    for pair in STORED["improvement"]:
-        p, q = names.index(pair["policy"]), names.index(pair["over"])
-        assert shares[q, p] == round(100.0 * pair["probability"])
-        assert shares[p, q] == round(100.0 * (1.0 - pair["probability"]))

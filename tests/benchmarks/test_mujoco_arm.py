@@ -196,20 +196,3 @@ def test_speed_is_counted_in_control_steps(threads, monkeypatch, beginning):
     clock = iter([0.0, 0.25, 0.5, 0.75])
     monkeypatch.setattr(peer.time, "perf_counter", lambda: next(clock))
     assert peer.steps_per_second(5, threads, 5e-4, "implicitfast", 0.6) == 3 * 10 * 5 / 0.75
-
-
-@pytest.mark.parametrize(
-    ("arguments", "message"),
-    [
-        ((peer.COULOMB, peer.Method("Verlet"), 1e-3), "unknown integrator 'Verlet'; choose from: Euler, implicitfast,"),
-        ((ArmParameters(), peer.Method("Euler"), 1e-3), "MuJoCo knows no static peak"),
-        ((peer.COULOMB, peer.Method("RK4", True), 1e-3), "half_step_back is for the Euler methods"),
-        ((peer.COULOMB, peer.Method("Euler"), 3e-4), "timestep = 0.0003 s must be a whole fraction"),
-        ((peer.COULOMB, peer.Method("Euler"), float("nan")), "timestep = nan s must be a whole fraction"),
-    ],
-)
-def test_wrong_arms_are_named(arguments, message):
-    with pytest.raises(ValueError, match=message):
-        peer.MujocoArm(*arguments)
-    with pytest.raises(ValueError, match="lanes = 0 and threads = 1 must be at least 1"):
-        peer.steps_per_second(0, 1, 1e-3, "Euler", 0.1)

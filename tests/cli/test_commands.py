@@ -11,7 +11,7 @@ import sys
 import numpy as np
 import pytest
 from slow_twins import slow_but
-from support.command_line import one_line_error
+from support.command_line import one_line_error, without_progress
 from support.shipped import CONTROLLERS
 
 from fuzzyarm import load_policy
@@ -62,7 +62,7 @@ def test_what_a_file_leaves_to_table_1_is_named_once_and_in_the_results(tmp_path
     file.write_text("length = [0.5, 0.4]\nmass_center = [0.25, 0.2]\nviscous_friction = [0.14, 0.14]\n")
     arguments = ["--policy", "computed-torque", "computed-torque-tip", "--case", "nominal", "--out", str(out)]
     assert main(["evaluate", "--robot", str(file), *arguments]) == 0
-    (line,) = capsys.readouterr().err.splitlines()
+    (line,) = without_progress(capsys.readouterr().err).splitlines()
     assert line.startswith(f"{file} leaves out mass, inertia, gravity, motor_inertia, ")
     assert line.endswith(", velocity_limit: taken from Table 1 of the paper")
     assert "torque_limit" in line and "viscous_friction" not in line and " length" not in line
@@ -213,7 +213,7 @@ def test_a_table_and_what_it_means(tmp_path, capsys, monkeypatch):
     assert "5 kg payload loop gain from" in out
     assert out.splitlines()[1].startswith("computed-torque  0.9924")
     assert "A local measurement and not a proof: postures frozen, dry friction removed" in out
-    assert "\x1b" not in out and err == ""  # plain when piped, progress in a terminal only
+    assert "\x1b" not in out and without_progress(err) == ""  # plain when piped
     assert list(tmp_path.iterdir()) == []
 
 

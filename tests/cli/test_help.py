@@ -1,9 +1,6 @@
-"""Mistakes of a user, each one line with a way out; help at 80 columns, completion, and the end of an evaluation."""
+"""Mistakes of a user, each one line with a way out; help, completion, and the end of an evaluation."""
 
-import contextlib
-import functools
 import importlib.util
-import io
 import os
 import platform
 import shlex
@@ -14,14 +11,13 @@ from importlib import metadata
 from pathlib import Path
 
 import pytest
-import rich.console
 from support.command_line import one_line_error
 
 from fuzzyarm import __version__
 from fuzzyarm.cli import main
 from fuzzyarm.cli.application import GROUPS, command_line
 from fuzzyarm.eval.episodes.metrics import columns
-from fuzzyarm.eval.evaluation.result_table import print_results, verdict
+from fuzzyarm.eval.evaluation.result_table import verdict
 from fuzzyarm.eval.evaluation.run import EvaluationConfig
 
 MISTAKES = [
@@ -131,15 +127,6 @@ def printed(capsys, *words):
     return out
 
 
-@functools.cache
-def help_at_80_columns(*words):
-    """What --help prints; the test sets COLUMNS."""
-    assert os.environ["COLUMNS"] == "80"
-    with contextlib.redirect_stdout(io.StringIO()) as out:
-        assert main([*words, "--help"]) == 0
-    return out.getvalue()
-
-
 LOADED = """
 import sys
 from fuzzyarm.cli import main  # noqa: E402
@@ -154,27 +141,6 @@ def loaded_after(*lines):
     """The heavy libraries that command lines have imported, one line after the other in one process."""
     done = subprocess.run([sys.executable, "-c", LOADED, *lines], capture_output=True, text=True, check=True)
     return [line for line in done.stdout.splitlines() if line.startswith("loaded")]
-
-
-def test_the_commands_are_shown_in_groups(capsys):
-    lines = printed(capsys, "--help").splitlines()
-    headings = {heading: next(k for k, line in enumerate(lines) if heading in line) for heading in GROUPS}
-    assert sorted(headings.values()) == list(headings.values())
-    for heading, commands in GROUPS.items():
-        for name, text in commands.items():
-            (place,) = [k for k, line in enumerate(lines) if line.startswith(f"│ {name} ")]
-            assert place > headings[heading] and text in lines[place]
-            assert all(place < other for other in headings.values() if other > headings[heading])
-
-
-@pytest.mark.parametrize("words", [[], *COMMANDS], ids=" ".join)
-def test_help_fits_80_columns(words, capsys, monkeypatch):
-    monkeypatch.setenv("COLUMNS", "80")
-    lines = help_at_80_columns(*words).splitlines()
-    assert capsys.readouterr().err == ""
-    assert lines[0].startswith(" ".join(["Usage: fuzzyarm", *words]))
-    assert max(map(len, lines)) <= 80
-    assert not any("…" in line for line in lines)
 
 
 @pytest.fixture(scope="module")
@@ -262,20 +228,6 @@ def test_who_lost_the_path_once_cannot_win():
         "Case 1: nominal: b followed, rms tip error 2.00 mm; a, far lost the path",
         "Proven of the rigid arm: nothing",
     ]
-
-
-@pytest.mark.parametrize(("width", "left_out"), [(200, ()), (80, (6,)), (60, (3, 4, 5, 6)), (34, (1, 3, 4, 5, 6))])
-def test_a_narrow_terminal_has_fewer_columns_and_every_digit_of_the_others(width, left_out):
-    rows = [row("computed-torque-tip", "nominal", 1234.5, largest=0.0412)]
-    screen = rich.console.Console(file=io.StringIO(), force_terminal=True, width=width, color_system=None)
-    print_results(rows, screen, EvaluationConfig().titles)
-    text = screen.file.getvalue()
-    assert max(map(len, text.splitlines())) <= width and "…" not in text
-    assert "1.23e+03" in text and "0.0412" in text  # rms and the largest error are always there
-    note = " ".join(text.split("Left out on")[1].split()) if left_out else ""
-    assert ("Left out on" in text) == bool(left_out)
-    for number in left_out:
-        assert list(columns())[number] in note
 
 
 def test_without_a_word_the_help_is_shown(capsys):

@@ -1,6 +1,5 @@
 """Numbers that state a bound never state a tighter one; the bisection ends at the threshold, from either side."""
 
-import doctest
 import math
 from fractions import Fraction
 
@@ -8,7 +7,6 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from fuzzyarm.common import arithmetic
 from fuzzyarm.common.arithmetic import at_least, at_most, last_that_works
 
 FINITE = st.floats(allow_nan=False, allow_infinity=False)
@@ -69,7 +67,3 @@ def test_a_number_that_works_is_never_asked_again():
     assert 1.0 not in asked and 16.0 not in asked and len(set(asked)) == len(asked)
     assert len(asked) <= math.ceil(math.log2(math.log(16.0) / math.log(1.001))) + 1
     assert found in asked
-
-
-def test_examples():
-    assert doctest.testmod(arithmetic).failed == 0

@@ -15,10 +15,9 @@ from typing import Any
 from fuzzyarm.common.files import write_atomically
 from fuzzyarm.eval.provenance import current_provenance
 
-from .judge import Outcome, row, tried, written
+from .judge import Outcome, row, tried
 
 ROOT = Path(__file__).parents[2]
-WRITTEN_EVERY = 100  # tries
 RATIOS = ("tip", "tube", "column")
 NOTHING = {"tries": 0, "accepted": 0, "control_steps": 0, **dict.fromkeys(RATIOS, 0.0)}
 
@@ -30,30 +29,28 @@ def main() -> int:
     parser.add_argument("--seed", type=int, default=0, help="of all tries (default: 0)")
     parser.add_argument("--first", type=int, default=0, help="number of the first try (default: 0)")
     parser.add_argument("--only", type=int, help="make this one try alone, and keep no figures")
-    parser.add_argument("--until-found", action="store_true", help="end with the first finding")
-    parser.add_argument("--files", type=Path, help="folder for the bound files of findings (default: none)")
     parser.add_argument("--json", type=Path, default=ROOT / "benchmarks" / "results" / "tip_fuzz.json")
     options = parser.parse_args()
     if options.only is not None:
         outcome = tried(options.seed, options.only)
         print(json.dumps(row(outcome), indent=1))
-        return 1 if _said(outcome, options) else 0
+        return 1 if outcome.finding else 0
     whole, parts, findings = dict(NOTHING), {}, []
-    begun, number = time.monotonic(), options.first
-    while time.monotonic() - begun < 60.0 * options.minutes and not (findings and options.until_found):
+    begun, number, seconds = time.monotonic(), options.first, 0.0
+    while number == options.first or seconds < 60.0 * options.minutes:
         try:
             outcome = tried(options.seed, number)
             _count(outcome, whole, parts)
-            findings += [row(outcome)] if _said(outcome, options) else []
+            if outcome.finding:
+                print(f"seed {options.seed}, try {number}: {outcome.finding}", flush=True)
+                findings.append(row(outcome))
         except Exception as error:
             traceback.print_exc()
             findings.append({"seed": options.seed, "number": number, "finding": f"the try ends in {error!r}"})
-        number += 1
-        if number % WRITTEN_EVERY == 0:
-            _keep(options, time.monotonic() - begun, {**whole, "by": parts, "findings": findings})
-    _keep(options, time.monotonic() - begun, {**whole, "by": parts, "findings": findings})
+        number, seconds = number + 1, time.monotonic() - begun
+    _keep(options, seconds, {**whole, "by": parts, "findings": findings})
     largest = ", ".join(f"{name} {whole[name]:.4f}" for name in RATIOS)
-    print(f"{whole['tries']} tries, {whole['accepted']} accepted in {time.monotonic() - begun:.0f} s")
+    print(f"{whole['tries']} tries, {whole['accepted']} accepted in {seconds:.0f} s")
     print(f"{len(findings)} findings; largest ratios to what is claimed: {largest}")
     return 1 if findings else 0
 
@@ -71,18 +68,6 @@ def _count(outcome: Outcome, whole: dict[str, Any], parts: dict[str, dict[str, d
         one["control_steps"] += outcome.accepted
         for name in RATIOS:
             one[name] = max(one[name], outcome.ratios[name])
-
-
-def _said(outcome: Outcome, options: argparse.Namespace) -> bool:
-    """Return whether anything was found, and say it."""
-    if outcome.finding:
-        print(f"seed {outcome.seed}, try {outcome.number}: {outcome.finding}", flush=True)
-    if outcome.finding and options.files and outcome.bound:
-        options.files.mkdir(parents=True, exist_ok=True)
-        path = options.files / f"bound-{outcome.seed}-{outcome.number}.json"
-        written(outcome, path)
-        print(f"  the file: {path}", flush=True)
-    return bool(outcome.finding)
 
 
 def _keep(options: argparse.Namespace, seconds: float, counted: dict[str, Any]) -> None:

@@ -10,8 +10,8 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from fuzzyarm.policies.tip_bound import PERIOD, TipBound, TipClaim, find_bound, problem_of
-from fuzzyarm.policies.tip_files import BoundCheck, check_bound, save_bound
+from fuzzyarm.policies.tip_bound import PERIOD, TipClaim, find_bound, problem_of
+from fuzzyarm.policies.tip_files import check_bound, save_bound
 from fuzzyarm.proof.tip.enclosures import NoBound
 from fuzzyarm.proof.tip.tube import Problem, Step, Tube
 
@@ -42,7 +42,6 @@ class Outcome:
     tube: float = 0.0  # of deviations to the tube, over all rows
     column: float = 0.0  # the same for what the columns of the constants leave, at the samples
     finding: str = ""  # what is wrong
-    bound: TipBound | None = None  # of a finding
 
     @property
     def ratios(self) -> dict[str, float]:
@@ -190,21 +189,15 @@ def _tube_ratio(problem: Problem, step: Step, motion: Motion, k: int) -> float:
 def _confirm(outcome: Outcome, claims: Claims) -> None:
     """Ask the public checker for its word on a finding, by a file: only what it accepts is one."""
     try:
-        outcome.bound = find_bound(outcome.claim, claims=claims, policy=policy_of(outcome.claim.policy))
+        bound = find_bound(outcome.claim, claims=claims, policy=policy_of(outcome.claim.policy))
     except NoBound as error:
         outcome.finding = f"harness: the tube is not accepted again: {error}"
         return
     with tempfile.TemporaryDirectory() as folder:
-        checked = written(outcome, Path(folder) / "bound.json")
+        save_bound(bound, Path(folder) / "bound.json")
+        checked = check_bound(Path(folder) / "bound.json")
     word = "PROVEN" if checked.proven else f"not proven, {checked.reason}"
     outcome.finding += f"; the checker says {word}: {checked.sentence}"
-
-
-def written(outcome: Outcome, path: Path) -> BoundCheck:
-    """Write the file of a finding; return what the checker says of it."""
-    assert outcome.bound is not None
-    save_bound(outcome.bound, path)
-    return check_bound(path)
 
 
 def row(outcome: Outcome) -> dict[str, Any]:

@@ -11,7 +11,6 @@ import numpy as np
 import pytest
 
 from fuzzyarm.policies.tip_bound import TipClaim
-from fuzzyarm.policies.tip_files import check_bound
 from fuzzyarm.proof.tip.friction import Friction
 from fuzzyarm.proof.tip.plant import BallPlant, PlantSet
 
@@ -107,21 +106,18 @@ def test_a_fault_of_the_proof_is_found(fault, claim, plans, monkeypatch):
     assert outcome.finding.startswith("exceeded: ") and "the checker says PROVEN" in outcome.finding
 
 
-def test_the_command_keeps_figures_and_a_finding_is_written_and_made_again(tmp_path, monkeypatch, capsys):
+def test_the_command_keeps_figures_and_a_finding_is_made_again(tmp_path, monkeypatch, capsys):
     without_constants(monkeypatch)
-    out, files = tmp_path / "tip_fuzz.json", tmp_path / "files"
-    words = ["tip_fuzz", "--minutes", "1", "--seed", "0", "--json", str(out), "--files", str(files), "--until-found"]
-    monkeypatch.setattr(sys, "argv", [*words, "--first", "21"])
+    out = tmp_path / "tip_fuzz.json"
+    monkeypatch.setattr(sys, "argv", ["tip_fuzz", "--minutes", "0", "--first", "21", "--json", str(out)])
     assert main() == 1
     assert "seed 0, try 21: exceeded: tube" in capsys.readouterr().out
     document = json.loads(out.read_text())
     assert (document["tries"], document["accepted"], len(document["findings"])) == (1, 1, 1)
-    assert document["command"] == "python -m tests.tip_fuzz --minutes 1 --seed 0 --first 21"
+    assert document["command"] == "python -m tests.tip_fuzz --minutes 0 --seed 0 --first 21"
     assert sum(part["tries"] for part in document["by"]["plans"].values()) == 1
     assert {"commit", "machine", "versions", "seconds", "tip", "tube", "column"} <= document.keys()
-    assert check_bound(files / "bound-0-21.json").proven
     monkeypatch.setattr(sys, "argv", ["tip_fuzz", "--seed", "0", "--only", "21"])
     assert main() == 1
     monkeypatch.undo()
     assert not tried(0, 21).finding
-    assert not check_bound(files / "bound-0-21.json").proven
