@@ -92,40 +92,6 @@ def _robot(document: dict[str, Any]) -> list[dict[str, Any]]:
 _errors = _mm("tip_error_max_mm", "tip_error_rms_mm")
 
 
-def _own_arm(document: dict[str, Any], arm: str = "soft") -> str:
-    """Return what was chosen for an arm, its margins and its errors, as three tables."""
-    row = next(one for one in document["rows"] if one["arm"] == arm)
-    chosen = [[name, _decision(values), str(row["tried"][name])] for name, values in row["decisions"].items()]
-    policies = list(row["spectral_radius"])
-    conditions, radii = list(row["spectral_radius"][policies[0]]), [row["spectral_radius"][name] for name in policies]
-    margins = [[condition, *(_radius(one[condition]) for one in radii)] for condition in conditions]
-    errors = {(one["policy"], one["case"]): one for one in row["results"]}
-    cells = {f"{title}, {kind}": (case, kind) for case, title in row["titles"].items() for kind in ("max", "rms")}
-    tips = [
-        [policy, *(mm(f"tip_error_{kind}_mm", ".3g")(errors[policy, case]) for case, kind in cells.values())]
-        for policy in policies
-    ]
-    return "\n\n".join(
-        [
-            markdown(["policy", "chosen", "candidates"], chosen, left=2),
-            markdown(["spectral radius", *policies], margins),
-            markdown(["tip error [mm]", *cells], tips),
-        ]
-    )
-
-
-def _decision(values: dict[str, float | None] | None) -> str:
-    if values is None:
-        return "left out"
-    few = list(values.items())[:4]
-    text = ", ".join(f"{name} {'none' if value is None else f'{value:.3g}'}".replace("_", " ") for name, value in few)
-    return text if len(few) == len(values) else f"{text}, ..."
-
-
-def _radius(radius: float | None) -> str:
-    return "-" if radius is None else f"{radius:.4f}{' unstable' if radius >= 1.0 else ''}"
-
-
 def _tuned(document: dict[str, Any]) -> list[dict[str, Any]]:
     """Return for each arm and policy its spectral radii and the results of its cases."""
     return [
@@ -181,7 +147,6 @@ ADAPTIVE = {
         "`{robot}`; noise: 1e-5 rad, 1e-3 rad/s; plants: masses, rotors, stiffness, damping and friction drawn around "
         "the robot. `{command}`",
     ),
-    "own-arm": Section("own_arms", _own_arm),
     "own-arms": Section(
         "own_arms",
         Table(

@@ -87,7 +87,7 @@ def test_every_twentieth_picture_gives_a_video_in_real_time(tmp_path, monkeypatc
     """The loop of the documentation."""
     moviepy = pytest.importorskip("moviepy")
     monkeypatch.chdir(tmp_path)
-    page = (Path(__file__).parents[2] / "docs" / "environment" / "spaces.md").read_text(encoding="utf-8")
+    page = (Path(__file__).parents[2] / "docs" / "tutorials" / "first-episode.md").read_text(encoding="utf-8")
     (loop,) = re.findall(r"```python\n([^`]*save_video[^`]*)```", page)
     exec(loop, {})
     with moviepy.VideoFileClip("videos/rl-video-episode-0.mp4") as video:
