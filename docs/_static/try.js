@@ -21,11 +21,11 @@
     return { rows, errors, rms, largest: Math.max(...errors) };
   }
 
-  const text = (value) => (value < 1e-3 ? "< 0.001" : Number(value.toPrecision(3)).toString());
+  const text = (value) => (value < 1e-3 ? "< 0.001" : value.toPrecision(3));
 
   function draw(canvas, episode, colour, at) {
     const side = canvas.width, scale = 0.85 * side, c = canvas.getContext("2d");
-    // x of the paper points down, y to the right; the canvas shows 1.18 m of each, the base near its upper left corner.
+    // x of the paper points down, y to the right; the canvas is 1.18 m wide, the base near its upper left corner.
     const place = (x, y) => [0.15 * side + scale * y, 0.1 * side + scale * x];
     const line = (points, style, width) => {
       c.beginPath();
@@ -34,7 +34,7 @@
       c.stroke();
     };
     const ink = getComputedStyle(canvas).color;
-    c.clearRect(0, 0, side, side);
+    c.clearRect(0, 0, side, canvas.height);
     line(episode.rows.map((row) => place(row[6], row[7])), "#999999", 1.5);
     const magnified = (row) => place(...[0, 1].map((k) => row[6 + k] + MAGNIFIED * (row[4 + k] - row[6 + k])));
     line(episode.rows.slice(0, at + 1).map(magnified), colour, 2.5);
