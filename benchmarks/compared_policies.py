@@ -38,6 +38,10 @@ class Compared:
     learned: bool = False
     seeds: str | None = None
 
+    def folders(self) -> list[Path]:
+        """Return the folders of all stored trainings."""
+        return [] if self.seeds is None else sorted(RESULTS.parent.glob(self.seeds))
+
 
 def _ppo(name: str, knows: str, chosen_on: str) -> Compared:
     return Compared(name, knows, chosen_on, learned=True, seeds=f"learned/{name}-[0-9]/policy")

@@ -38,7 +38,6 @@ from fuzzyarm.common.console import progress
 from fuzzyarm.eval.evaluation.statistics import LEVEL, estimate
 
 SCHEMA = "fuzzyarm-comparison/3"
-BENCHMARKS = Path(__file__).resolve().parent
 SEED_PLANTS, QUANTILES = 1000, (0.01, 0.5, 0.99)
 
 
@@ -52,7 +51,7 @@ def compare(plants: int, seed_plants: int, jobs: int | None, folder: Path | None
         folder: of errors that a run before has measured, and where those of this one are kept; None: nowhere.
     """
     shipped = {name: load_policy(name) for name in POLICIES}
-    seeds = {name: _seeds(one.seeds) for name, one in POLICIES.items()}
+    seeds = {name: [load_policy(folder) for folder in one.folders()] for name, one in POLICIES.items()}
     runs = [(name, policy, plants) for name, policy in shipped.items()]
     runs += [(f"{name}-{k}", policy, seed_plants) for name, group in seeds.items() for k, policy in enumerate(group)]
     errors = {}
@@ -100,11 +99,6 @@ def compare(plants: int, seed_plants: int, jobs: int | None, folder: Path | None
         "rows": rows,
         "improvement": improvements(list(shipped), np.stack([errors[name].rms_mm for name in shipped])),
     }
-
-
-def _seeds(pattern: str | None) -> list[Any]:
-    """Return the policies of all stored seeds of a training, whose folders match a pattern; none without one."""
-    return [] if pattern is None else [load_policy(folder) for folder in sorted(BENCHMARKS.glob(pattern))]
 
 
 def _tasks(name: str, policy: Any, seeds: Sequence[Any]) -> dict[str, dict[str, Any]]:

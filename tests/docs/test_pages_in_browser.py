@@ -1,9 +1,11 @@
 """Each page of the documentation in Chromium: no console error, no request to a network, no overflow."""
 
+import json
 import os
 
 import pytest
 from support.browser import chromium, executable
+from support.documentation import ROOT
 
 pytestmark = pytest.mark.slow
 if executable() is None and not os.environ.get("CI_BROWSER"):
@@ -37,3 +39,18 @@ def test_search_works_without_a_server(site, tab):
     tab.call("Page.navigate", url=f"{(site / 'search.html').as_uri()}?q=certificate")
     tab.wait_for("document.querySelectorAll('#search-results li').length > 0")
     assert "certificate" in tab.run("document.querySelector('#search-results').innerText").lower()
+
+
+@pytest.mark.parametrize(("payload", "share", "case"), [(0, 1, "machining"), (5, 0, "payload"), (0, 0, "nominal")])
+def test_the_arm_in_the_browser_errs_as_the_package_does(payload, share, case, site, tab):
+    tab.open(site / "try.html")
+    tab.wait_for("document.body.dataset.arm === 'ready'")
+    for name, value in (("payload", payload), ("force", share)):
+        tab.run(f"(e => {{ e.value = {value}; e.dispatchEvent(new Event('input')); }})(document.querySelector('#arm-{name}'))")
+    stored = json.loads((ROOT / "benchmarks/results/evaluate.json").read_text(encoding="utf-8"))["results"]
+    for number, policy in enumerate(("fuzzy-4-tip", "elastic-observer")):
+        (row,) = [row for row in stored if (row["policy"], row["case"]) == (policy, case)]
+        for key, shown in (("rms", "tip_error_rms_mm"), ("largest", "tip_error_max_mm")):
+            text = tab.run(f"document.querySelector('#arm-{key}-{number}').textContent")
+            assert text == "< 0.001" if row[shown] < 1e-3 else float(text) == float(f"{row[shown]:.3g}")
+    assert (site / "_static/arm.js").stat().st_size + (site / "_static/try.js").stat().st_size < 200_000
