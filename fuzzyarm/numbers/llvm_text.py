@@ -16,7 +16,7 @@ from typing import Any
 from fuzzyarm.numbers.program import Program
 from fuzzyarm.numbers.symbols import Branch, For, Loop, Region, Store, Symbol, Word
 
-__all__ = ["CALLED", "EIGHT", "WIDE", "Layout", "Operations", "Writer", "kernel_text"]
+__all__ = ["EIGHT", "WIDE", "Layout", "kernel_text"]
 
 _Number = tuple[int, int, int, str]  # port, place in it, place among all numbers, and name of a number
 EIGHT = 8  # numbers that are exchanged between vectors together
@@ -25,9 +25,7 @@ _BINARY = {
     "+": "fadd", "-": "fsub", "*": "fmul", "/": "fdiv", "<": "fcmp olt", "<=": "fcmp ole", ">": "fcmp ogt",
     ">=": "fcmp oge", "==": "fcmp oeq", "!=": "fcmp une", "&": "and", "|": "or",
 }  # fmt: skip
-CALLED = {"abs": "fabs", "rint": "rint", "floor": "floor", "sqrt": "sqrt", "log": "log"}
-"""LLVM's functions, by operation."""
-
+_CALLED = {"abs": "fabs", "rint": "rint", "floor": "floor", "sqrt": "sqrt", "log": "log"}  # LLVM's functions
 _OF_WORDS = {"+": "add", "*": "mul", "xor": "xor", "shift": "lshr"}
 _CONVERTED = {"word": "bitcast", "whole": "fptosi", "number": "sitofp", "bits": "bitcast"}
 _KINDS = {"real": "double", "truth": "i1", "word": "i64"}
@@ -133,8 +131,8 @@ class Operations:
             self.put(f"{out} = xor {truth} {a[0]}, {splat('i1', 'true')}")
         elif name == "neg":
             self.put(f"{out} = fneg {real} {a[0]}")
-        elif name in CALLED:
-            self.put(f"{out} = {self.call(real, CALLED[name] + suffix, (real, a[0]))}")
+        elif name in _CALLED:
+            self.put(f"{out} = {self.call(real, _CALLED[name] + suffix, (real, a[0]))}")
         elif name == "real":
             yes, no = splat("double", "1.0"), splat("double", "0.0")
             self.put(f"{out} = select {truth} {a[0]}, {real} {yes}, {real} {no}")
@@ -364,10 +362,7 @@ class Layout(enum.Enum):
 
 
 class Writer(Operations):
-    """Writes the whole text for the host's processor, which gets a job and computes its arms group by group.
-
-    A subclass for another processor has its own `head`, `arguments` and `tail`.
-    """
+    """Writes the whole text, a function that gets a job and computes its arms group by group."""
 
     def __init__(self, program: Program, layouts: Sequence[Layout], width: int, *, repeated: bool) -> None:
         super().__init__(program, width)
@@ -527,21 +522,6 @@ class Writer(Operations):
         """Return the pointer to a number in the group's own memory."""
         return self.new(f"getelementptr double, ptr %room, i64 {self.new(f'mul i64 {place}, {self.width}')}")
 
-    def head(self, held: Sequence[str], apart: Sequence[str]) -> str:
-        """Return the first line of the function; arguments as for `arguments`."""
-        return "define void @kernel(ptr noalias readonly %job) #0 {"
-
-    def arguments(self, held: Sequence[str], apart: Sequence[str]) -> tuple[str, str]:
-        """Load %stop, %steps and these names; return the first arm and the distance to that of the next group."""
-        for k, name in enumerate(["first", "stop", "steps", *held, *apart]):
-            pointer = self.new(f"getelementptr i64, ptr %job, i64 {k}")
-            self.put(f"%{name} = load {'ptr' if name in held else 'i64'}, ptr {pointer}, align 8")
-        return "%first", str(self.width)
-
-    def tail(self) -> str:
-        """Return the text after the function."""
-        return 'attributes #0 = { nounwind "prefer-vector-width"="512" "min-legal-vector-width"="512" }'
-
     def whole_text(self) -> str:
         """Return the text."""
         p, width = self.program, self.width
@@ -557,7 +537,9 @@ class Writer(Operations):
             self.put(f"%array{k} = alloca double, i64 {max(1, size) * width}, align 64")
         held = [*(f"port{k}" for k in range(len(p.ports))), "c", *(f"table{k}" for k in range(len(p.tables)))]
         apart = [name.replace("port", "stride").replace("table", "rows") for name in held if name != "c"]
-        first, further = self.arguments(held, apart)
+        for k, name in enumerate(["first", "stop", "steps", *held, *apart]):
+            pointer = self.new(f"getelementptr i64, ptr %job, i64 {k}")
+            self.put(f"%{name} = load {'ptr' if name in held else 'i64'}, ptr {pointer}, align 8")
         for k in range(len(p.tables)):
             row = self.new(f"sub i64 %rows{k}, 1")
             if width > 1:
@@ -569,7 +551,7 @@ class Writer(Operations):
                 self.operation(one)
         self.put("br label %groups")
         self.label("groups")
-        self.put(f"%g = phi i64 [ {first}, %entry ], [ %g1, %next ]")
+        self.put("%g = phi i64 [ %first, %entry ], [ %g1, %next ]")
         self.put("%more = icmp slt i64 %g, %stop")
         self.put("br i1 %more, label %group, label %done")
         self.label("group")
@@ -600,11 +582,13 @@ class Writer(Operations):
             self.copy(*run, back=True)
         self.put("br label %next")
         self.label("next")
-        self.put(f"%g1 = add i64 %g, {further}")
+        self.put(f"%g1 = add i64 %g, {width}")
         self.put("br label %groups")
         self.label("done")
         self.put("ret void")
-        return "\n".join([*sorted(self.declared), self.head(held, apart), *self.lines, "}", self.tail(), ""])
+        head = "define void @kernel(ptr noalias readonly %job) #0 {"
+        tail = 'attributes #0 = { nounwind "prefer-vector-width"="512" "min-legal-vector-width"="512" }'
+        return "\n".join([*sorted(self.declared), head, *self.lines, "}", tail, ""])
 
     def several_times(self, taken: Sequence[_Number], changed: Sequence[tuple[int, int, int]]) -> None:
         """Write a loop over steps; between steps the numbers stay in the group's own memory."""

@@ -148,13 +148,6 @@ class Kernel:
         return known
 
     def _checked(self, arrays: Sequence[np.ndarray], constants: np.ndarray, tables: Sequence[np.ndarray]) -> _Known:
-        arms, lengths = self.shapes(arrays, constants, tables)
-        return _Known(arrays, (constants, tables), arms, lengths, self.code(arms))
-
-    def shapes(
-        self, arrays: Sequence[np.ndarray], constants: np.ndarray, tables: Sequence[np.ndarray]
-    ) -> tuple[int, list[int]]:
-        """Return the number of arms, numbers between rows of each array, and rows of each table, from shapes alone."""
         program = self.program
         if (len(tables), len(arrays)) != (len(program.tables), len(program.ports)):
             raise ValueError(f"needed: {len(program.ports)} arrays and {len(program.tables)} tables")
@@ -181,7 +174,8 @@ class Kernel:
             good = array.ndim > 0 and array.shape[1:] == shape[1:] and len(array) == (shape[0] or max(len(array), 1))
             if not (good and array.flags.c_contiguous and array.dtype == _DOUBLE):
                 raise ValueError(f"table {table} has shape {array.shape}; needed: {('rows', *shape[1:])} of float64")
-        return arms, [*(array.strides[0] // _SIZE for array in arrays), *map(len, tables)]
+        lengths = [*(array.strides[0] // _SIZE for array in arrays), *map(len, tables)]
+        return _Known(arrays, (constants, tables), arms, lengths, self.code(arms))
 
     @functools.cached_property
     def _wide(self) -> int:

@@ -38,8 +38,7 @@ class TorchFuzzyArmLearn(TorchFuzzyArm):
             case, disturbance or reference an episode draws what `learning_draws` says.
 
     Raises:
-        TypeError, ValueError: see `TorchFuzzyArm`; or the batch would step by kernels (CUDA, float64, compiled), which
-            know no early end.
+        TypeError, ValueError: see `TorchFuzzyArm`.
     """
 
     def __init__(self, num_envs: int, *, history: int = 0, early_end: float = EARLY_END, **arguments: Any) -> None:
@@ -50,8 +49,6 @@ class TorchFuzzyArmLearn(TorchFuzzyArm):
             draws = {} if "randomisation" in arguments else {"randomisation": learning_draws(arm)}
             arguments = {"case": "machining", **draws, **arguments}
         super().__init__(num_envs, control_period=action.period, **arguments)
-        if self._kernels is not None:
-            raise ValueError("torch.float64 on CUDA steps by kernels, which know no early end: use torch.float32")
         self._arguments = {"num_envs": num_envs, "history": history, "early_end": early_end, **arguments}
         self._features = Features(features, action.period, arm)
         unit = np.ones(features.joints, dtype=np.float32)
