@@ -25,7 +25,7 @@ from gymnasium.vector.utils import batch_space
 from fuzzyarm.common import checks
 from fuzzyarm.envs.arguments import arms_of, real_numbers
 from fuzzyarm.envs.batch.lanes import checked_arrays
-from fuzzyarm.envs.batch.layout import CLOCK
+from fuzzyarm.envs.batch.layout import SCALARS
 from fuzzyarm.envs.observation import PARTS
 from fuzzyarm.envs.physics.equations import AnyArm
 from fuzzyarm.envs.physics.parameters import ArmParameters
@@ -35,7 +35,8 @@ from fuzzyarm.envs.scenario.disturbances import Disturbance
 from fuzzyarm.envs.scenario.randomisation import DomainRandomisation, find_randomisation
 from fuzzyarm.envs.scenario.reference import Reference
 from fuzzyarm.envs.spec import made_from_json
-from fuzzyarm.envs.vector import RESET_MASK, FuzzyArmVectorEnv, masked, masked_lanes
+from fuzzyarm.envs.task import Termination
+from fuzzyarm.envs.vector import RESET_MASK, FuzzyArmVectorEnv, masked_lanes
 from fuzzyarm.fuzzy_policy.known_arm import joints_of
 from fuzzyarm.fuzzy_policy.laws.learned.definition import ActionDefinition, FeatureDefinition, learning_features
 from fuzzyarm.fuzzy_policy.laws.learned.features import Base, Features, Lanes, learning_action
@@ -47,9 +48,7 @@ EARLY_END = 0.2  # R [m]; an arm that has lost its path by so much teaches nothi
 RESOLUTION = 1e-4  # s [m]; below it the reward is flat, and the best fixed laws err by 0.2 mm under a load
 BOUND = 10.0  # of every number of an observation
 _REFERENCES, _CIRCLES = 256, 64  # of which an episode draws one: the family, and the default reference as a fifth
-_MOST_AHEAD = 10_000  # holds
-
-_LOST = "the tip lost its reference"
+_TIP_ERROR, _REWARD, _TRUNCATED, _REASON = map(SCALARS.index, ("tip_error", "reward", "truncated", "reason"))
 _MEMORY = ("memory", "base_memory", "seen", "action")
 
 
@@ -71,7 +70,6 @@ class FuzzyArmLearnVectorEnv(FuzzyArmVectorEnv):
         case: str | Sequence[str] | None = None,
         *,
         history: int = 0,
-        preview: Sequence[int] = (),
         early_end: float = EARLY_END,
         features: FeatureDefinition | None = None,
         action: ActionDefinition | None = None,
@@ -91,9 +89,7 @@ class FuzzyArmLearnVectorEnv(FuzzyArmVectorEnv):
             features = learning_features(joints_of(arm), checks.whole("history", history, high=100))
         elif history:
             raise ValueError(f"give either history = {history} or features, not both")
-        for ahead in preview:
-            checks.whole("preview: entry", ahead, low=1, high=_MOST_AHEAD)
-        self.features, self._preview = features, np.array(preview, dtype=int)
+        self.features = features
         self.early_end = checks.real("early_end", early_end, "m", low=RESOLUTION)
         own = case is not None or disturbance is not None or reference is not None
         super().__init__(
@@ -109,25 +105,21 @@ class FuzzyArmLearnVectorEnv(FuzzyArmVectorEnv):
             autoreset_mode=autoreset_mode,
             render_mode=render_mode,
         )
-        self._reset_in_step = self._mode is AutoresetMode.SAME_STEP
-        if self._reset_in_step:
-            self._mode = AutoresetMode.DISABLED  # of the arms: lanes are reset here, those that lost their path as well
         base = None
         if self.action.base is not None:
             policy = load_policy(self.action.base, control_period=self.action.period, robot=arm)
             base = Base(policy, self.action)
         seen = Features(features, self.action.period, arm)
         self._arms = Lanes(seen, base)
-        joints, size = joints_of(arm), seen.size + 3 * joints_of(arm) * len(preview)
+        joints = joints_of(arm)
         if len(self.action.scale) != joints:
             raise ValueError(f"scale = {list(self.action.scale)} must be {joints} numbers, one for each joint")
-        self._units = np.repeat([1.0, features.velocity_scale, features.acceleration_scale], joints)
         self._memory = np.zeros((num_envs, seen.memory_size))
         self._base_memory = np.zeros((num_envs, 0 if base is None else base.policy.memory_size))
         self._seen, self._action = np.zeros((num_envs, PARTS * joints)), np.zeros((num_envs, joints))
         unit = np.ones(joints, dtype=np.float32)
         self.single_action_space = gym.spaces.Box(-unit, unit)
-        self.single_observation_space = gym.spaces.Box(-BOUND, BOUND, (size,), np.float32)
+        self.single_observation_space = gym.spaces.Box(-BOUND, BOUND, (seen.size,), np.float32)
         self.action_space = batch_space(self.single_action_space, num_envs)
         self.observation_space = batch_space(self.single_observation_space, num_envs)
 
@@ -138,7 +130,8 @@ class FuzzyArmLearnVectorEnv(FuzzyArmVectorEnv):
         observation, info = super().reset(seed=seed, options=options)
         mask = None if options is None else options.get(RESET_MASK)
         which = slice(None) if mask is None else masked_lanes(RESET_MASK, mask, self.num_envs)
-        self._begin(which, observation)
+        self._begin(which)
+        self._seen = np.ascontiguousarray(observation)
         return self._features(), _flat(info)
 
     def step(self, actions: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray, dict[str, Any]]:
@@ -146,50 +139,23 @@ class FuzzyArmLearnVectorEnv(FuzzyArmVectorEnv):
         given = np.clip(real_numbers("actions", actions), -1.0, 1.0)
         if given.shape != self._action.shape:
             raise ValueError(f"actions have shape {given.shape}; needed: {self._action.shape}, numbers in [-1, 1]")
-        begun, smoothing = self._over, self.action.smoothing
+        begun, smoothing = self._over, self.action.smoothing  # these lanes begin an episode instead of a step
         self._action = smoothing * self._action + (1.0 - smoothing) * given
         torque = np.array(self.action.scale) * self._action
         self._arms.act(self._seen, self._action, torque, self._memory, self._base_memory)
-        observation, _, terminated, truncated, info = super().step(torque)
-        info = _flat(info)
-        error = info["tip_error"]
-        if begun is not None:  # these lanes have begun an episode instead of a step
-            error = error.copy()
-            error[begun] = 0.0
-        lost = (error > self.early_end) & ~terminated
-        terminated, truncated = terminated | lost, truncated & ~lost
+        observation, reward, terminated, truncated, info = super().step(torque)
+        if "final_obs" in info:
+            begun = np.flatnonzero(terminated | truncated)
+            self._seen = observation.copy()
+            self._seen[begun] = np.stack(info["final_obs"][begun])
+            last = self._features()
+            for lane in begun:
+                info["final_obs"][lane] = last[lane].copy()
+            info["final_info"] = _flat(info["final_info"])
         if begun is not None:
-            self._begin(begun, observation)
+            self._begin(begun)
         self._seen = observation
-        reward = np.where(terminated, 0.0, tracking_reward(error, self.early_end))
-        if begun is not None:
-            reward[begun] = 0.0
-        ended = terminated | truncated
-        features = self._features()
-        if not ended.any():
-            return features, reward, terminated, truncated, info
-        if lost.any():
-            texts = info.get("reason", np.full(self.num_envs, None))
-            texts[lost] = _LOST
-            info.update(masked({"reason": texts}, terminated))
-        if not self._reset_in_step:
-            self._over = np.flatnonzero(ended)
-            return features, reward, terminated, truncated, info
-        self._over = None
-        last = np.empty(self.num_envs, dtype=object)
-        for lane in np.flatnonzero(ended):
-            last[lane] = features[lane].copy()
-        final = {"final_obs": last, "final_info": info}
-        observation, begun_info = super().reset(options={RESET_MASK: ended})
-        begun_info = _flat(begun_info)
-        self._begin(np.flatnonzero(ended), observation)
-        features[ended] = self._features()[ended]
-        merged = {
-            name: value if name.startswith("_") or name not in begun_info else _merged(value, begun_info[name], ended)
-            for name, value in info.items()
-            if not name.endswith("reason")
-        }
-        return features, reward, terminated, truncated, merged | masked(final, ended)
+        return self._features(), reward, terminated, truncated, _flat(info)
 
     def get_state(self) -> dict[str, np.ndarray]:
         """Return the state of every lane as arrays by name, for `set_state`; errors as for `FuzzyArmVectorEnv`."""
@@ -202,19 +168,20 @@ class FuzzyArmLearnVectorEnv(FuzzyArmVectorEnv):
         for name, array in own.items():
             setattr(self, f"_{name}", array)
 
-    def _begin(self, which: Any, observation: np.ndarray) -> None:
-        """Let these lanes begin at an observation (num_envs, 5 n) of the arms."""
+    def _judge(self, scalars: np.ndarray) -> None:
+        error, reason = scalars[_TIP_ERROR], scalars[_REASON]
+        reason[(error > self.early_end) & (reason == 0.0)] = Termination.LOST
+        terminated = reason != 0.0
+        scalars[_TRUNCATED, terminated] = 0.0
+        scalars[_REWARD] = np.where(terminated, 0.0, tracking_reward(error, self.early_end))
+
+    def _begin(self, which: Any) -> None:
+        """Let these lanes remember nothing."""
         self._memory[which], self._base_memory[which], self._action[which] = 0.0, 0.0, 0.0
-        self._seen = np.ascontiguousarray(observation)
 
     def _features(self) -> np.ndarray:
         """Return what a learner sees now (num_envs, `size`), float32."""
         seen = self._arms.see(self._seen, self._memory, self._base_memory)
-        if len(self._preview):  # the last reference holds after the motion has ended
-            clock = self.lanes.clock
-            rows = np.minimum(clock[CLOCK.row][:, np.newaxis] + self._preview, clock[CLOCK.last][:, np.newaxis])
-            ahead = self.lanes.table[rows, : len(self._units)] / self._units
-            seen = np.hstack([seen, ahead.reshape(self.num_envs, -1)])
         return np.asarray(np.clip(seen, -BOUND, BOUND), dtype=np.float32)
 
 
@@ -242,11 +209,6 @@ def _flat(info: dict[str, Any]) -> dict[str, Any]:
     return {**info, **renamed}
 
 
-def _merged(last: Any, first: Any, ended: np.ndarray) -> Any:
-    """Return an entry of info: of the new episode in the lanes that ended, else of this step."""
-    return np.where(ended.reshape(-1, *[1] * (last.ndim - 1)), first, last)
-
-
 class FuzzyArmLearnEnv(gym.Env[np.ndarray, np.ndarray]):
     """The arm of ``FuzzyArm-v0`` as a task that a learner with default settings makes progress on.
 
@@ -271,7 +233,6 @@ class FuzzyArmLearnEnv(gym.Env[np.ndarray, np.ndarray]):
     | 8-9 | q̈_d / (50 rad/s²) | reference accelerations |
 
     `history=k` appends f of the last k errors, the last k actions and f(∫e / 0.1 mrad s), which leaks with 0.1 s.
-    `preview=(j, ...)` appends the scaled references j periods later, for each j.
 
     ## Rewards
     1 - ln(1 + d / 0.1 mm) / ln(1 + R / 0.1 mm), with d the tip error after the step and R = 0.2 m: 1 on the path, 0
@@ -288,11 +249,10 @@ class FuzzyArmLearnEnv(gym.Env[np.ndarray, np.ndarray]):
     entries of `randomisation` beside the others, as `drawn_mass` and so on.
 
     ## Arguments
-    `history` (none by default: no single run gained by it), `preview` in holds (none: the fixed laws that a learner is
-    compared with see none), `early_end` R [m], and in place of the registered ones `features` and `action`, the
-    definitions of a policy's bundle. `case`, `disturbance`, `reference`, `parameters`, `robot` and `randomisation` are
-    those of `FuzzyArmEnv`. By default the case is machining and episodes draw `learning_draws`; with a case,
-    disturbance or reference of your own nothing is drawn unless `randomisation` says so.
+    `history` (none by default: no single run gained by it), `early_end` R [m], and in place of the registered ones
+    `features` and `action`, the definitions of a policy's bundle. `case`, `disturbance`, `reference`, `parameters`,
+    `robot` and `randomisation` are those of `FuzzyArmEnv`. By default the case is machining and episodes draw
+    `learning_draws`; with a case, disturbance or reference of your own nothing is drawn unless `randomisation` says so.
 
     Examples:
         >>> env = FuzzyArmLearnEnv(case="payload")

@@ -6,6 +6,7 @@ The step is that of `torch_step`; this file has what stands around it: arguments
 from __future__ import annotations
 
 import contextlib
+import math
 import os
 import re
 import types
@@ -23,7 +24,13 @@ from torch import Tensor
 
 from fuzzyarm.common import checks
 from fuzzyarm.common.waiting import announced
-from fuzzyarm.envs.arguments import action_space, chosen_disturbance, chosen_reference, observation_space
+from fuzzyarm.envs.arguments import (
+    action_space,
+    chosen_disturbance,
+    chosen_reference,
+    observation_space,
+    real_numbers,
+)
 from fuzzyarm.envs.batch.layout import Noise
 from fuzzyarm.envs.batch.randomness import key_of
 from fuzzyarm.envs.batch.schedule import Schedule
@@ -92,23 +99,17 @@ class TorchFuzzyArm(VectorEnv[Tensor, Tensor, Tensor]):
         compiled: compile the step with torch.compile, at the first step (half a minute or more; a later process
             finds most of the work in torch's cache on disk). On the CPU this needs a C++ compiler.
         differentiable: let gradients flow from what a step returns, and from `state`, to this action and earlier ones.
-        case: "nominal", "machining" or "payload".
-        disturbance: one of your own in place of the case.
-        reference: default: the paper's circle, or that of the robot.
-        parameters: the plant's, default: Table 1.
-        robot: another serial robot in place of the two-joint arm, by name, TOML file or as a `Robot`.
-        control_period: [s].
-        substep: [s], a whole fraction of the control period; default: that of `FuzzyArmEnv`.
-        randomisation: what each episode draws: "nominal", "plants", "robust" or a `DomainRandomisation`.
+        case, disturbance, reference, parameters, robot, control_period, substep, randomisation: as for `FuzzyArmEnv`,
+            one for all lanes.
 
     Raises:
-        TypeError: an argument is of the wrong kind.
-        ValueError: a value is unknown or out of range; the message names it and the choices.
+        TypeError, ValueError: an argument is refused; the message names it and what is allowed.
         gymnasium.error.ResetNeeded: `step` before `reset`.
         RuntimeError: the first step finds no compiler.
     """
 
     metadata = {"render_modes": [], "autoreset_mode": AutoresetMode.SAME_STEP}  # noqa: RUF012
+    early_end = math.inf  # m, see `torch_step.Shared`
 
     def __init__(
         self,
@@ -153,7 +154,7 @@ class TorchFuzzyArm(VectorEnv[Tensor, Tensor, Tensor]):
         self._take: Any = torch_step.following if self.differentiable else torch_step.advance
         if compiled:
             self._take = _compile_step(self._take)
-        self._begun = self._stepped = False
+        self._begun = False
 
     @property  # made when asked for: 2^26 lanes of it would fill the memory
     def observation_space(self) -> gym.Space[Any]:  # type: ignore[override]
@@ -213,9 +214,9 @@ class TorchFuzzyArm(VectorEnv[Tensor, Tensor, Tensor]):
             torch_step.write(self._lanes, new)
             self._begun = True
             rows = torch_step.observed(self._shared, self._lanes, reference)
-            return torch_step.stacked(rows).t(), {}
+            return torch_step.stacked(rows), {}
 
-    def step(self, action: Tensor) -> tuple[Tensor, Tensor, Tensor, Tensor, dict[str, Tensor]]:
+    def step(self, action: Tensor) -> Outcome:
         """Hold the torques `action` (n, joints) [N m] for one control period.
 
         Returns:
@@ -227,28 +228,7 @@ class TorchFuzzyArm(VectorEnv[Tensor, Tensor, Tensor]):
         needed = self.num_envs, self._shared.equations.physics.joints
         if tuple(given.shape) != needed:
             raise ValueError(f"action has shape {tuple(given.shape)}; needed: {needed}, motor torques [N m]")
-        if isinstance(given, np.ndarray):  # which torch takes if it is of a usual type and may be written
-            given = given.astype(np.float64)
-        action = torch.as_tensor(given, dtype=self.dtype, device=self.device)
-        if self._stepped or not self.compiled:
-            outcome = self._advance(action.t())
-        else:
-            with _announced_compilation():
-                outcome = self._advance(action.t())
-            self._stepped = True
-        same = ("tip_error", "reward_tracking", "reward_effort", "torque_clipped", "reason")
-        info = {"final_obs": outcome.final_observation.t(), "tip": outcome.tip.t()}
-        info |= {name: getattr(outcome, name) for name in same}
-        return outcome.observation.t(), outcome.reward, outcome.terminated, outcome.truncated, info
-
-    def _restarted(self, which: Tensor) -> Tensor:
-        """Begin the next episode in the lanes `which` (n,), and return observations (n, 5 joints), theirs the first."""
-        with torch.no_grad():
-            new, reference = torch_step.begin(self._shared, self._lanes.key)
-            old = (*self._lanes.numbers, *self._lanes[1:])
-            *numbers, key, step = (torch.where(which, a, b) for a, b in zip((*new.numbers, *new[1:]), old, strict=True))
-            self._lanes = torch_step.Lanes(tuple(numbers), key, step)
-            return torch_step.stacked(torch_step.observed(self._shared, self._lanes, reference)).t()
+        return self._advance(torch.as_tensor(given, dtype=self.dtype, device=self.device).t())
 
     def detach(self) -> None:
         """Cut the graph: gradients of what comes reach no further back. The state keeps its values."""
@@ -268,7 +248,9 @@ class TorchFuzzyArm(VectorEnv[Tensor, Tensor, Tensor]):
         if torch.is_grad_enabled():
             return outcome
         self.detach()
-        return Outcome(*(one.detach() for one in outcome))
+        observation, reward, terminated, truncated, info = outcome
+        info = {name: one.detach() for name, one in info.items()}
+        return observation.detach(), reward.detach(), terminated, truncated, info
 
     def _build(self, disturbance: Disturbance, own: Reference | None) -> Shared:
         """Tabulate all episodes that the lanes may run."""
@@ -292,6 +274,7 @@ class TorchFuzzyArm(VectorEnv[Tensor, Tensor, Tensor]):
             starts=Table(np.array([one.references[0] for one in built]), like),
             # What acts in a step, beside what the arm is compared with after it.
             rows=Table(np.concatenate([by_step(one) for one in built]), like),
+            early_end=self.early_end,
         )
 
 
@@ -313,29 +296,26 @@ def _device(device: str | torch.device) -> torch.device:
 def _real(action: Any) -> Any:
     """Return an action as an array or a tensor; TypeError unless its numbers are real."""
     if not isinstance(action, Tensor):
-        action = checks.array_of("action", action)
-        checks.real_entries("action", action, "N m")
-    elif action.is_complex() or action.dtype == torch.bool:
+        return real_numbers("action", action)
+    if action.is_complex() or action.dtype == torch.bool:
         raise TypeError(f"action must hold real numbers [N m]; it holds {action.dtype}")
     return action
 
 
 def _compile_step(function: Callable[..., Any]) -> Callable[..., Any]:
-    """Return the function compiled as one graph for the arguments it will be called with.
-
-    Raises (the compiled function, at its first call):
-        RuntimeError: no compiler was found.
-    """
+    """Return the function compiled as one graph at its first call; RuntimeError there if no compiler is found."""
     # One kernel for the whole step: by default the compiler cuts it after 64 operations, and the arm's state goes
     # through memory at each cut.
     options: dict[str, Any] = {"max_fusion_size": 1_000_000, "guard_filter_fn": torch.compiler.skip_all_guards_unsafe}
     # torch counts the compiled versions of each code object and gives up after eight: every batch has its own.
     own = types.FunctionType(function.__code__.replace(), function.__globals__)
     graph = torch.compile(own, fullgraph=True, dynamic=False, options=options)
+    first = [_announced_compilation()]
 
     def call(*arguments: Any) -> Any:
         try:
-            return graph(*arguments)
+            with first.pop() if first else contextlib.nullcontext():
+                return graph(*arguments)
         except RuntimeError as error:
             found = re.search(r"[^\n]*\bC(\+\+)? compiler\b[^\n]*", str(error))
             if found is None:
