@@ -22,13 +22,14 @@ class Termination(enum.IntEnum):
     """Reason of termination; `text` is what ``info["reason"]`` says.
 
     `NONE` stands for an episode that goes on or was truncated. If several reasons hold at once, `NOT_FINITE` comes
-    before `ANGLE`, and `ANGLE` before `VELOCITY`.
+    before `ANGLE`, and `ANGLE` before `VELOCITY`. `LOST` is a reason of ``FuzzyArmLearn-v0`` alone, after all others.
     """
 
     NONE = 0
     ANGLE = 1
     VELOCITY = 2
     NOT_FINITE = 3
+    LOST = 4
 
     @property
     def text(self) -> str:
@@ -41,6 +42,7 @@ _TEXTS = {
     Termination.ANGLE: "a joint angle left the domain (25)",
     Termination.VELOCITY: "a joint velocity left the domain (25)",
     Termination.NOT_FINITE: "the state is not finite",
+    Termination.LOST: "the tip lost its reference",
 }
 
 # Plain floats: the functions below also run on tensors, which know no enumerations.

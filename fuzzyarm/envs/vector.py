@@ -254,6 +254,7 @@ class FuzzyArmVectorEnv(VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
         if self._over is not None:
             return self._step_after_ends(torque, self._over)
         observation, vectors, scalars = self.lanes.step(torque)
+        self._judge(scalars)
         reward, flagged = scalars[_REWARD], _flags(scalars)
         _, truncated, terminated = flagged
         if np.count_nonzero(flagged[1:]) == 0:
@@ -317,6 +318,9 @@ class FuzzyArmVectorEnv(VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
         self._everywhere.flags.writeable = False  # one mask serves every key of every info
         self._masks = {f"_{key}": self._everywhere for key in INFO}
 
+    def _judge(self, scalars: np.ndarray) -> None:
+        """Change rewards and ends in the scalars (10, lanes) of a step, where a task has its own."""
+
     def _info(self, vectors: np.ndarray, scalars: np.ndarray, flagged: np.ndarray | None = None) -> dict[str, Any]:
         info = values(self.lanes.layout.each(vectors), scalars, flagged)
         info.update(self._masks)
@@ -336,6 +340,7 @@ class FuzzyArmVectorEnv(VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
                 "truncated}) before envs.step()"
             )
         observation, vectors, scalars = self.lanes.step_or_restart(torque, over)
+        self._judge(scalars)
         info = self._info(vectors, scalars)
         # An episode that has just begun has earned nothing, and ends with its first step at the earliest.
         scalars = scalars.copy()

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import dataclasses
 import functools
+import itertools
 import math
 from collections.abc import Callable, Iterable, Iterator
 from typing import Any
@@ -159,23 +160,20 @@ def flat(tree: Any) -> list[Any]:
     return [tree]
 
 
-def like(tree: Any, numbers: Iterator[Any]) -> Any:
-    """Return nested tuples of the same kinds with other numbers; `Cells` become arrays."""
+def like(tree: Any, numbers: Iterator[Any], cells: Callable[[Cells], Any] | None = None) -> Any:
+    """Return nested tuples of the same kinds with other numbers; `Cells` become arrays, or `cells(...)`."""
     if isinstance(tree, Cells):
+        if cells is not None:
+            return cells(tree)
         filled = np.empty(tree.size, dtype=object)
         filled[:] = [next(numbers) for _ in range(tree.size)]
         return filled.reshape(tree.shape)
     if not isinstance(tree, tuple):
         return next(numbers)
-    parts = [like(part, numbers) for part in tree]
+    parts = [like(part, numbers, cells) for part in tree]
     return type(tree)(*parts) if hasattr(tree, "_fields") else tuple(parts)
 
 
 def zeros(tree: Any) -> Any:
     """Return nested tuples of the same kinds with zeros; `Cells` stay."""
-    if isinstance(tree, Cells):
-        return tree
-    if not isinstance(tree, tuple):
-        return 0.0
-    parts = [zeros(part) for part in tree]
-    return type(tree)(*parts) if hasattr(tree, "_fields") else tuple(parts)
+    return like(tree, itertools.repeat(0.0), lambda cells: cells)

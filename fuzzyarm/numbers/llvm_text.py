@@ -16,7 +16,7 @@ from typing import Any
 from fuzzyarm.numbers.program import Program
 from fuzzyarm.numbers.symbols import Branch, For, Loop, Region, Store, Symbol, Word
 
-__all__ = ["CALLED", "EIGHT", "WIDE", "Layout", "Operations", "Writer", "kernel_text"]
+__all__ = ["EIGHT", "WIDE", "Layout", "kernel_text"]
 
 _Number = tuple[int, int, int, str]  # port, place in it, place among all numbers, and name of a number
 EIGHT = 8  # numbers that are exchanged between vectors together
@@ -25,9 +25,7 @@ _BINARY = {
     "+": "fadd", "-": "fsub", "*": "fmul", "/": "fdiv", "<": "fcmp olt", "<=": "fcmp ole", ">": "fcmp ogt",
     ">=": "fcmp oge", "==": "fcmp oeq", "!=": "fcmp une", "&": "and", "|": "or",
 }  # fmt: skip
-CALLED = {"abs": "fabs", "rint": "rint", "floor": "floor", "sqrt": "sqrt", "log": "log"}
-"""LLVM's functions, by operation."""
-
+_CALLED = {"abs": "fabs", "rint": "rint", "floor": "floor", "sqrt": "sqrt", "log": "log"}  # LLVM's functions
 _OF_WORDS = {"+": "add", "*": "mul", "xor": "xor", "shift": "lshr"}
 _CONVERTED = {"word": "bitcast", "whole": "fptosi", "number": "sitofp", "bits": "bitcast"}
 _KINDS = {"real": "double", "truth": "i1", "word": "i64"}
@@ -44,11 +42,31 @@ def _literal(number: Any) -> str:
     return f"0x{struct.unpack('>Q', struct.pack('>d', float(number)))[0]:016X}"
 
 
-class Operations:
-    """Writes operations of a program; each method adds lines, and some return the name of the result."""
+WIDE = 16  # arms at once where there are many
 
-    def __init__(self, program: Program, width: int) -> None:
-        self.program, self.width = program, width
+
+class Layout(enum.Enum):
+    """How the numbers of a port lie in its array.
+
+    `ROWS`: (arms, numbers), the numbers of an arm side by side, rows may lie apart. `COLUMNS`: (numbers, arms), the
+    arms side by side. `BLOCKS`: (blocks, numbers, `WIDE`), `WIDE` arms in each block; there may be room for more arms
+    in the last one, which is written to, too.
+    """
+
+    ROWS = enum.auto()
+    COLUMNS = enum.auto()
+    BLOCKS = enum.auto()
+
+
+class _Writer:
+    """Writes the whole text, a function that gets a job and computes its arms group by group.
+
+    Each method adds lines, and some return the name of the result.
+    """
+
+    def __init__(self, program: Program, layouts: Sequence[Layout], width: int, *, repeated: bool) -> None:
+        self.program, self.layouts, self.width = program, layouts, width
+        self.repeated = repeated or bool(program.cells)
         self.masks = list[str]()
         self.places: list[dict[Any, str]] = [{}]
         self.lines, self.here, self.blocks, self.names = list[str](), "entry", 0, 0
@@ -133,8 +151,8 @@ class Operations:
             self.put(f"{out} = xor {truth} {a[0]}, {splat('i1', 'true')}")
         elif name == "neg":
             self.put(f"{out} = fneg {real} {a[0]}")
-        elif name in CALLED:
-            self.put(f"{out} = {self.call(real, CALLED[name] + suffix, (real, a[0]))}")
+        elif name in _CALLED:
+            self.put(f"{out} = {self.call(real, _CALLED[name] + suffix, (real, a[0]))}")
         elif name == "real":
             yes, no = splat("double", "1.0"), splat("double", "0.0")
             self.put(f"{out} = select {truth} {a[0]}, {real} {yes}, {real} {no}")
@@ -208,7 +226,9 @@ class Operations:
         if self.width == 1:
             self.put(f"{out} = load double, ptr {pointers}, align 8")
         else:
-            self.gather(out, pointers, "splat (i1 true)")
+            given = (self.pointers, pointers), ("i32", "8"), (self.truth, "splat (i1 true)")
+            name = f"masked.gather{self.suffix}.v{self.width}p0"
+            self.put(f"{out} = {self.call(self.real, name, *given, (self.real, 'zeroinitializer'))}")
 
     def rows(self, group: Sequence[Symbol]) -> None:
         """Look up numbers of one row; places outside the table are moved to the nearest row."""
@@ -257,17 +277,6 @@ class Operations:
             for low, *high in zip(*parts, strict=True):
                 found.append(self.shuffle(EIGHT, low, high[0], range(self.width)) if high else low)
         return found
-
-    def gather(self, out: str, places: str, mask: str) -> None:
-        """Load a number of each arm from its own place."""
-        rest = ("i32", "8"), (self.truth, mask), (self.real, "zeroinitializer")
-        name = f"masked.gather{self.suffix}.v{self.width}p0"
-        self.put(f"{out} = {self.call(self.real, name, (self.pointers, places), *rest)}")
-
-    def scatter(self, value: str, places: str) -> None:
-        """Store a number of each arm at its own place."""
-        given = (self.real, value), (self.pointers, places), ("i32", "8"), (self.truth, "%mask")
-        self.put(self.call("void", f"masked.scatter{self.suffix}.v{self.width}p0", *given))
 
     def items(self, items: Sequence[Any]) -> None:
         """Write the items of a region in order."""
@@ -346,33 +355,6 @@ class Operations:
             pair = f"[ {self.of(second)}, %{before} ], [ %u{after.number}, %{last} ]"
             self.put(f"%v{after.number} = phi {self.real} {pair}")
 
-
-WIDE = 16  # arms at once where there are many
-
-
-class Layout(enum.Enum):
-    """How the numbers of a port lie in its array.
-
-    `ROWS`: (arms, numbers), the numbers of an arm side by side, rows may lie apart. `COLUMNS`: (numbers, arms), the
-    arms side by side. `BLOCKS`: (blocks, numbers, `WIDE`), `WIDE` arms in each block; there may be room for more arms
-    in the last one, which is written to, too.
-    """
-
-    ROWS = enum.auto()
-    COLUMNS = enum.auto()
-    BLOCKS = enum.auto()
-
-
-class Writer(Operations):
-    """Writes the whole text for the host's processor, which gets a job and computes its arms group by group.
-
-    A subclass for another processor has its own `head`, `arguments` and `tail`.
-    """
-
-    def __init__(self, program: Program, layouts: Sequence[Layout], width: int, *, repeated: bool) -> None:
-        super().__init__(program, width)
-        self.layouts, self.repeated = layouts, repeated or bool(program.cells)
-
     def store_rows(self, pointers: Sequence[str], values: Sequence[str]) -> None:
         """Store vectors so that the numbers of each arm lie side by side at its pointer."""
         for first in range(0, len(values), EIGHT):
@@ -421,27 +403,31 @@ class Writer(Operations):
         at = self.new(f"add {kind} %off{port}, {step}")
         return self.new(f"getelementptr double, ptr %port{port}, {kind} {at}")
 
+    def masked(self, port: int, of_rows: str, of_columns: str) -> tuple[str, str]:
+        """Return the type of pointers to a port's numbers, and the function of LLVM that moves those of some arms."""
+        if self.layouts[port] is Layout.ROWS:
+            return self.pointers, f"masked.{of_rows}{self.suffix}.v{self.width}p0"
+        return "ptr", f"masked.{of_columns}{self.suffix}.p0"
+
     def take(self, port: int, k: Any, _: Any, out: str) -> None:
         """Load number k of a port."""
-        layout, pointer = self.layouts[port], self.pointer(port, str(k))
-        if self.width == 1 or layout is Layout.BLOCKS:
+        pointer = self.pointer(port, str(k))
+        if self.width == 1 or self.layouts[port] is Layout.BLOCKS:
             self.put(f"{out} = load {self.real}, ptr {pointer}, align 8")
-        elif layout is Layout.ROWS:
-            self.gather(out, pointer, "%mask")
         else:
-            given = ("ptr", pointer), ("i32", "8"), (self.truth, "%mask"), (self.real, "zeroinitializer")
-            self.put(f"{out} = {self.call(self.real, f'masked.load{self.suffix}.p0', *given)}")
+            kind, name = self.masked(port, "gather", "load")
+            given = (kind, pointer), ("i32", "8"), (self.truth, "%mask"), (self.real, "zeroinitializer")
+            self.put(f"{out} = {self.call(self.real, name, *given)}")
 
     def give(self, port: int, k: Any, _: Any, value: str) -> None:
         """Store number k of a port."""
-        layout, pointer = self.layouts[port], self.pointer(port, str(k))
-        if self.width == 1 or layout is Layout.BLOCKS:
+        pointer = self.pointer(port, str(k))
+        if self.width == 1 or self.layouts[port] is Layout.BLOCKS:
             self.put(f"store {self.real} {value}, ptr {pointer}, align 8")
-        elif layout is Layout.ROWS:
-            self.scatter(value, pointer)
         else:
-            given = (self.real, value), ("ptr", pointer), ("i32", "8"), (self.truth, "%mask")
-            self.put(self.call("void", f"masked.store{self.suffix}.p0", *given))
+            kind, name = self.masked(port, "scatter", "store")
+            given = (self.real, value), (kind, pointer), ("i32", "8"), (self.truth, "%mask")
+            self.put(self.call("void", name, *given))
 
     def exchange(
         self, numbers: Sequence[_Number], one: Callable[..., None], rows: Callable[[Sequence[_Number]], None]
@@ -527,21 +513,6 @@ class Writer(Operations):
         """Return the pointer to a number in the group's own memory."""
         return self.new(f"getelementptr double, ptr %room, i64 {self.new(f'mul i64 {place}, {self.width}')}")
 
-    def head(self, held: Sequence[str], apart: Sequence[str]) -> str:
-        """Return the first line of the function; arguments as for `arguments`."""
-        return "define void @kernel(ptr noalias readonly %job) #0 {"
-
-    def arguments(self, held: Sequence[str], apart: Sequence[str]) -> tuple[str, str]:
-        """Load %stop, %steps and these names; return the first arm and the distance to that of the next group."""
-        for k, name in enumerate(["first", "stop", "steps", *held, *apart]):
-            pointer = self.new(f"getelementptr i64, ptr %job, i64 {k}")
-            self.put(f"%{name} = load {'ptr' if name in held else 'i64'}, ptr {pointer}, align 8")
-        return "%first", str(self.width)
-
-    def tail(self) -> str:
-        """Return the text after the function."""
-        return 'attributes #0 = { nounwind "prefer-vector-width"="512" "min-legal-vector-width"="512" }'
-
     def whole_text(self) -> str:
         """Return the text."""
         p, width = self.program, self.width
@@ -557,7 +528,9 @@ class Writer(Operations):
             self.put(f"%array{k} = alloca double, i64 {max(1, size) * width}, align 64")
         held = [*(f"port{k}" for k in range(len(p.ports))), "c", *(f"table{k}" for k in range(len(p.tables)))]
         apart = [name.replace("port", "stride").replace("table", "rows") for name in held if name != "c"]
-        first, further = self.arguments(held, apart)
+        for k, name in enumerate(["first", "stop", "steps", *held, *apart]):
+            pointer = self.new(f"getelementptr i64, ptr %job, i64 {k}")
+            self.put(f"%{name} = load {'ptr' if name in held else 'i64'}, ptr {pointer}, align 8")
         for k in range(len(p.tables)):
             row = self.new(f"sub i64 %rows{k}, 1")
             if width > 1:
@@ -569,7 +542,7 @@ class Writer(Operations):
                 self.operation(one)
         self.put("br label %groups")
         self.label("groups")
-        self.put(f"%g = phi i64 [ {first}, %entry ], [ %g1, %next ]")
+        self.put("%g = phi i64 [ %first, %entry ], [ %g1, %next ]")
         self.put("%more = icmp slt i64 %g, %stop")
         self.put("br i1 %more, label %group, label %done")
         self.label("group")
@@ -600,11 +573,13 @@ class Writer(Operations):
             self.copy(*run, back=True)
         self.put("br label %next")
         self.label("next")
-        self.put(f"%g1 = add i64 %g, {further}")
+        self.put(f"%g1 = add i64 %g, {width}")
         self.put("br label %groups")
         self.label("done")
         self.put("ret void")
-        return "\n".join([*sorted(self.declared), self.head(held, apart), *self.lines, "}", self.tail(), ""])
+        head = "define void @kernel(ptr noalias readonly %job) #0 {"
+        tail = 'attributes #0 = { nounwind "prefer-vector-width"="512" "min-legal-vector-width"="512" }'
+        return "\n".join([*sorted(self.declared), head, *self.lines, "}", tail, ""])
 
     def several_times(self, taken: Sequence[_Number], changed: Sequence[tuple[int, int, int]]) -> None:
         """Write a loop over steps; between steps the numbers stay in the group's own memory."""
@@ -644,4 +619,4 @@ class Writer(Operations):
 
 def kernel_text(program: Program, layouts: Sequence[Layout], width: int, *, repeated: bool = True) -> str:
     """Return a program as LLVM's text for so many arms at once."""
-    return Writer(program, layouts, width, repeated=repeated).whole_text()
+    return _Writer(program, layouts, width, repeated=repeated).whole_text()

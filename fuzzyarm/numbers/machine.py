@@ -74,14 +74,9 @@ class _Known:
     """
 
     def __init__(
-        self,
-        arrays: Sequence[np.ndarray],
-        rest: tuple[np.ndarray, Sequence[np.ndarray]],
-        arms: int,
-        apart: list[int],
-        code: _Code,
+        self, arrays: Sequence[np.ndarray], constants: np.ndarray, tables: Any, arms: int, apart: list[int], code: _Code
     ) -> None:
-        self.constants, self.tables = rest
+        self.constants, self.tables = constants, tables
         self.arms, self.code, self._apart = arms, code, apart
         self._arrays, self._rest = _shapes(arrays), _shapes((self.constants, *self.tables))
         self._pack = struct.Struct(f"{3 + len(arrays) + 1 + len(self.tables) + len(apart)}q").pack
@@ -148,13 +143,6 @@ class Kernel:
         return known
 
     def _checked(self, arrays: Sequence[np.ndarray], constants: np.ndarray, tables: Sequence[np.ndarray]) -> _Known:
-        arms, lengths = self.shapes(arrays, constants, tables)
-        return _Known(arrays, (constants, tables), arms, lengths, self.code(arms))
-
-    def shapes(
-        self, arrays: Sequence[np.ndarray], constants: np.ndarray, tables: Sequence[np.ndarray]
-    ) -> tuple[int, list[int]]:
-        """Return the number of arms, numbers between rows of each array, and rows of each table, from shapes alone."""
         program = self.program
         if (len(tables), len(arrays)) != (len(program.tables), len(program.ports)):
             raise ValueError(f"needed: {len(program.ports)} arrays and {len(program.tables)} tables")
@@ -181,7 +169,8 @@ class Kernel:
             good = array.ndim > 0 and array.shape[1:] == shape[1:] and len(array) == (shape[0] or max(len(array), 1))
             if not (good and array.flags.c_contiguous and array.dtype == _DOUBLE):
                 raise ValueError(f"table {table} has shape {array.shape}; needed: {('rows', *shape[1:])} of float64")
-        return arms, [*(array.strides[0] // _SIZE for array in arrays), *map(len, tables)]
+        lengths = [*(array.strides[0] // _SIZE for array in arrays), *map(len, tables)]
+        return _Known(arrays, constants, tables, arms, lengths, self.code(arms))
 
     @functools.cached_property
     def _wide(self) -> int:
@@ -199,7 +188,6 @@ class Kernel:
 
 
 def _address(array: np.ndarray) -> int:
-    """Return the address of an array."""
     try:  # three times as fast as the other way, but not for arrays with gaps or that are read-only
         return ctypes.addressof(_BYTE.from_buffer(array))  # type: ignore[arg-type]
     except (BufferError, TypeError, ValueError):
@@ -261,7 +249,6 @@ def _stored(path: Path) -> bytes | None:
 
 
 def _folder() -> Path:
-    """Return the folder of machine code."""
     if named := os.environ.get(_CACHE):
         return Path(named)
     home = os.environ.get("XDG_CACHE_HOME") or os.path.join(os.path.expanduser("~"), ".cache")

@@ -53,7 +53,13 @@ class Program:
         self.constants = [Symbol(self, "shared", uniform=True, detail=k) for k in range(len(flat(constants)))]
         given, shared = iter(self.inputs), like(constants, iter(self.constants))
         looked_up = [Table(self, number, shape) for number, shape in enumerate(self.tables)]
-        own = tuple(self._given(port, given) for port in ports)
+
+        def held(cells: Cells) -> Array:
+            places = [next(given).detail for _ in range(cells.size)]
+            self.cells.update(places)
+            return Array(self, "room", places[0] if places else 0, cells.shape)
+
+        own = [like(port, given, held) for port in ports]
         RECORDERS.append(self)
         try:
             results = function(*own, shared, *looked_up)
@@ -65,17 +71,6 @@ class Program:
             raise ValueError(f"the function returns ports of {counts} numbers, and takes {self.ports}")
         self.outputs = list(itertools.chain(*outputs))
         self._reachable(self.outputs)
-
-    def _given(self, tree: Any, inputs: Iterator[Symbol]) -> Any:
-        """Return the symbols and arrays of a port, as the argument of the function."""
-        if isinstance(tree, Cells):
-            places = [next(inputs).detail for _ in range(tree.size)]
-            self.cells.update(places)
-            return Array(self, "room", places[0] if places else 0, tree.shape)
-        if not isinstance(tree, tuple):
-            return next(inputs)
-        parts = [self._given(part, inputs) for part in tree]
-        return type(tree)(*parts) if hasattr(tree, "_fields") else tuple(parts)
 
     def _outputs(self, tree: Any) -> list[Any]:
         """Return the numbers that the function returned for a port."""

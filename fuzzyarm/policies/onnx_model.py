@@ -32,7 +32,7 @@ def past_seen(path: Path, inputs: int, joints: int) -> int:
     if rest or past < 1:
         raise ValueError(
             f"{path}: it takes {inputs} numbers; FuzzyArmLearn-v0 has {5 * joints}, or with history=k "
-            f"{6 * joints} + {2 * joints} k, and its preview is nothing that a robot's controller sees"
+            f"{6 * joints} + {2 * joints} k"
         )
     return past
 

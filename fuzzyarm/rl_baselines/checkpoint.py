@@ -35,7 +35,9 @@ _SCHEMA = b"fuzzyarm-checkpoint/3"
 _LARGEST = 2**30  # bytes
 _LARGEST_INDEX = 2**26  # bytes of all but the tensors
 _LARGEST_NUMBER = 1e100  # whose square is a number
-_DEEPEST, _MOST_VALUES = 12, 1_000_000
+_MOST_VALUES = 1_000_000
+_NUMPY = ("kind", "keys", "position", "has_gauss", "gauss")  # the parts of the state of its generator
+_MOST_STEPS = 1e9  # below 0, and far beyond, Adam's corrections overflow
 _SHOWN = 200  # characters of a library's message
 
 
@@ -110,15 +112,10 @@ def check_like(name: str, found: Any, own: Any) -> None:
         if not isinstance(found, torch.Tensor) or (found.dtype, found.shape) != (own.dtype, own.shape):
             given = f"{found.dtype} {tuple(found.shape)}" if isinstance(found, torch.Tensor) else shown(found)
             raise ValueError(f"{name} is {given}; needed: {own.dtype} {tuple(own.shape)}")
-    elif isinstance(own, bool | str | None):
-        if type(found) is not type(own):
+    else:
+        kinds = float | int if isinstance(own, float) else type(own)
+        if not isinstance(found, kinds) or isinstance(found, bool) != isinstance(own, bool):
             raise ValueError(f"{name} = {shown(found)} is of another kind than in this training")
-    elif isinstance(own, float | int):
-        kinds = float | int if isinstance(own, float) else int
-        if isinstance(found, bool) or not isinstance(found, kinds):
-            raise ValueError(f"{name} = {shown(found)} must be a number")
-    elif not isinstance(found, type(own)):
-        raise ValueError(f"{name} = {shown(found)} is of another kind than in this training")
 
 
 def check_finite(name: str, found: Any) -> None:
@@ -147,11 +144,11 @@ def progress_in(found: dict[str, Any]) -> tuple[list[dict[str, Any]], float, tup
 
 def random_state() -> dict[str, Any]:
     """Return the states of the random generators of torch, NumPy and Python, all of which stable-baselines3 uses."""
-    kind, keys, position, has_gauss, gauss = np.random.get_state()  # noqa: NPY002
+    drawn: dict[str, Any] = dict(zip(_NUMPY, np.random.get_state(), strict=True))  # noqa: NPY002
     version, words, following = random.getstate()
     return {
         "torch": torch.get_rng_state(),
-        "numpy": {"kind": kind, "keys": keys, "position": position, "has_gauss": has_gauss, "gauss": gauss},
+        "numpy": drawn | {"keys": drawn["keys"].astype(np.int64)},
         "python": {"version": version, "words": list(words), "following": following},
     }
 
@@ -163,10 +160,10 @@ def set_random_state(state: dict[str, Any]) -> None:
     keys = np.array(drawn["keys"].numpy())
     if keys.min() < 0 or keys.max() >= 2**32:
         raise ValueError("generators.numpy.keys are no words of 32 bits")
-    keys = keys.astype(np.uint32)
     whole("generators.numpy.position", drawn["position"], high=len(keys))  # NumPy reads there without a check
     torch.set_rng_state(state["torch"])
-    np.random.set_state((drawn["kind"], keys, drawn["position"], drawn["has_gauss"], drawn["gauss"]))  # noqa: NPY002
+    drawn = drawn | {"keys": keys.astype(np.uint32)}
+    np.random.set_state(tuple(drawn[name] for name in _NUMPY))  # noqa: NPY002
     random.setstate((python["version"], tuple(python["words"]), python["following"]))
 
 
@@ -183,29 +180,23 @@ def _check_archive(data: bytes) -> None:
 
 
 def _check_values(loaded: Any, size: int) -> None:
-    """Check that there are plain tensors within the `size` bytes of the file, numbers and text; level by level."""
-    level, count = [loaded], 0
-    for _ in range(_DEEPEST):
-        below: list[Any] = []
-        for part in level:
-            if isinstance(part, dict):
-                below.extend(part)
-                below.extend(part.values())
-            elif isinstance(part, list | tuple):
-                below.extend(part)
-            elif isinstance(part, torch.Tensor):
-                if part.layout != torch.strided or part.is_quantized or part.device.type != "cpu" or part.is_complex():
-                    raise ValueError("a tensor is not a plain one")
-                if part.untyped_storage().nbytes() > size or part.numel() * part.element_size() > size:
-                    raise ValueError("a tensor is larger than the file")
-            elif not isinstance(part, str | bool | int | float | None):
-                raise ValueError(f"{type(part).__name__}")
-            if count + len(below) > _MOST_VALUES:
-                raise ValueError("too many values")
-        if not below:
-            return
-        level, count = below, count + len(below)
-    raise ValueError(f"it is nested more than {_DEEPEST} deep")
+    """Check that there are plain tensors within the `size` bytes of the file, numbers and text."""
+    rest, count = [loaded], 0
+    while rest:
+        part, count = rest.pop(), count + 1
+        if count > _MOST_VALUES:  # a list may hold one list many times, or itself
+            raise ValueError("too many values")
+        if isinstance(part, dict):
+            rest += [*part, *part.values()]
+        elif isinstance(part, list | tuple):
+            rest += part
+        elif isinstance(part, torch.Tensor):
+            if part.layout != torch.strided or part.is_quantized or part.device.type != "cpu" or part.is_complex():
+                raise ValueError("a tensor is not a plain one")
+            if part.untyped_storage().nbytes() > size or part.numel() * part.element_size() > size:
+                raise ValueError("a tensor is larger than the file")
+        elif not isinstance(part, str | bool | int | float | None):
+            raise ValueError(f"{type(part).__name__}")
 
 
 def _as_tensors(content: Any) -> Any:
@@ -215,24 +206,27 @@ def _as_tensors(content: Any) -> Any:
     if isinstance(content, (list, tuple)):
         return type(content)(_as_tensors(value) for value in content)
     if isinstance(content, np.ndarray):
-        # Older versions of torch have no unsigned integers of 32 bits.
-        wide = content.astype(np.int64) if content.dtype == np.uint32 else content
-        return torch.from_numpy(np.array(wide))
+        return torch.from_numpy(np.array(content))
     return content.item() if isinstance(content, np.generic) else content
 
 
-_MOMENTS = ("exp_avg", "exp_avg_sq")  # of Adam, of the shape of their parameter
-_STEPS, _MOST_STEPS = "step", 1e9  # below 0, and far beyond, Adam's corrections overflow
-
-
-def check_learner(found: dict[str, Any], optimizers: Sequence[tuple[Any, Any, Sequence[torch.Tensor]]]) -> None:
+def check_learner(found: dict[str, Any], optimizer: torch.optim.Optimizer, parameters: Sequence[torch.Tensor]) -> None:
     """Check the numbers in a state of PPO, after `check_like` and `check_finite`.
 
-    `optimizers` holds the state that was found of each, the optimiser, and its parameters in its order and shapes.
-    TypeError or ValueError says where a number is out of range or does not fit.
+    Of the settings of Adam only the learning rate changes. `parameters` are in the order of the optimizer. TypeError or
+    ValueError says where a number is out of range or does not fit.
     """
-    for optimizer in optimizers:
-        _check_optimizer(*optimizer)
+    for group, own in zip(found["optimizer"]["param_groups"], optimizer.state_dict()["param_groups"], strict=True):
+        check_like("learner.optimizer", group, own)
+        real("learner.optimizer.lr", group["lr"], low=0.0)
+        changed = [name for name, value in own.items() if name != "lr" and group[name] != value]
+        if changed:
+            raise ValueError(f"learner.optimizer has another {', '.join(changed)} than this training")
+    for place, moments in instance("learner.optimizer.state", found["optimizer"]["state"], dict).items():
+        parameter = parameters[whole("learner.optimizer.state: parameter", place, high=len(parameters) - 1)].detach()
+        name = f"learner.optimizer.state.{place}"
+        check_like(name, moments, {"step": torch.zeros(()), "exp_avg": parameter, "exp_avg_sq": parameter})
+        real(f"{name}.step", float(moments["step"]), low=0.0, high=_MOST_STEPS)
     for name in ("steps", "updates"):
         whole(f"learner.counters.{name}", found["counters"][name], high=2**62)
     for episode in found["episodes"]:
@@ -241,18 +235,3 @@ def check_learner(found: dict[str, Any], optimizers: Sequence[tuple[Any, Any, Se
         real("return of an episode", episode["r"])
         real("tip error of an episode", episode["tip_error"], low=0.0)
         whole("length of an episode", episode["l"])
-
-
-def _check_optimizer(found: dict[str, Any], own: torch.optim.Optimizer, parameters: Sequence[torch.Tensor]) -> None:
-    """Check the settings of Adam, of which only the learning rate changes, and its moments."""
-    for group, expected in zip(found["param_groups"], own.state_dict()["param_groups"], strict=True):
-        check_like("learner.optimizer", group, expected)
-        real("learner.optimizer.lr", group["lr"], low=0.0)
-        changed = [name for name, value in expected.items() if name != "lr" and group[name] != value]
-        if changed:
-            raise ValueError(f"learner.optimizer has another {', '.join(changed)} than this training")
-    for place, moments in instance("learner.optimizer.state", found["state"], dict).items():
-        parameter = parameters[whole("learner.optimizer.state: parameter", place, high=len(parameters) - 1)]
-        like = {_STEPS: torch.zeros(()), **{name: parameter.detach() for name in _MOMENTS}}
-        check_like(f"learner.optimizer.state.{place}", moments, like)
-        real(f"learner.optimizer.state.{place}.step", float(moments[_STEPS]), low=0.0, high=_MOST_STEPS)

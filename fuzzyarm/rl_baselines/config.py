@@ -23,11 +23,8 @@ _Distribution = Literal["nominal", "robust"]
 class TrainingConfig:
     """What is trained on what, and how the run is kept; the text after each field says what it is.
 
-    The defaults are those of ``FuzzyArmLearn-v0``; every training has its reward and early end.
-
-    Raises:
-        TypeError: a value is of the wrong type.
-        ValueError: a value is out of range.
+    The defaults are those of ``FuzzyArmLearn-v0``; every training has its reward and early end. TypeError or ValueError
+    says which value is refused, and why.
     """
 
     distribution: _Distribution = "robust"
@@ -120,12 +117,7 @@ SEGMENT = 50
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
 class EstimateConfig:
-    """What is trained for how long; the text after each field says what it is.
-
-    Raises:
-        TypeError: a value is of the wrong type.
-        ValueError: a value is out of range.
-    """
+    """What is trained for how long; the text after each field says what it is. Values are refused as there."""
 
     seed: int = 0
     """Seed of everything that is random."""

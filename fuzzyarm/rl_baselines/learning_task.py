@@ -25,7 +25,7 @@ from gymnasium.vector.utils import batch_space
 from fuzzyarm.common import checks
 from fuzzyarm.envs.arguments import arms_of, real_numbers
 from fuzzyarm.envs.batch.lanes import checked_arrays
-from fuzzyarm.envs.batch.layout import CLOCK
+from fuzzyarm.envs.batch.layout import CLOCK, SCALARS
 from fuzzyarm.envs.observation import PARTS
 from fuzzyarm.envs.physics.equations import AnyArm
 from fuzzyarm.envs.physics.parameters import ArmParameters
@@ -35,7 +35,8 @@ from fuzzyarm.envs.scenario.disturbances import Disturbance
 from fuzzyarm.envs.scenario.randomisation import DomainRandomisation, find_randomisation
 from fuzzyarm.envs.scenario.reference import Reference
 from fuzzyarm.envs.spec import made_from_json
-from fuzzyarm.envs.vector import RESET_MASK, FuzzyArmVectorEnv, masked, masked_lanes
+from fuzzyarm.envs.task import Termination
+from fuzzyarm.envs.vector import RESET_MASK, FuzzyArmVectorEnv, masked_lanes
 from fuzzyarm.fuzzy_policy.known_arm import joints_of
 from fuzzyarm.fuzzy_policy.laws.learned.definition import ActionDefinition, FeatureDefinition, learning_features
 from fuzzyarm.fuzzy_policy.laws.learned.features import Features, Lanes, guided, learning_action
@@ -48,8 +49,7 @@ RESOLUTION = 1e-4  # s [m]; below it the reward is flat, and the best fixed laws
 BOUND = 10.0  # of every number of an observation
 _REFERENCES, _CIRCLES = 256, 64  # of which an episode draws one: the family, and the default reference as a fifth
 _MOST_AHEAD = 10_000  # holds
-
-_LOST = "the tip lost its reference"
+_TIP_ERROR, _REWARD, _TRUNCATED, _REASON = map(SCALARS.index, ("tip_error", "reward", "truncated", "reason"))
 _MEMORY = ("memory", "base_memory", "seen", "action")
 
 
@@ -109,9 +109,6 @@ class FuzzyArmLearnVectorEnv(FuzzyArmVectorEnv):
             autoreset_mode=autoreset_mode,
             render_mode=render_mode,
         )
-        self._reset_in_step = self._mode is AutoresetMode.SAME_STEP
-        if self._reset_in_step:
-            self._mode = AutoresetMode.DISABLED  # of the arms: lanes are reset here, those that lost their path as well
         base = None
         if self.action.base is not None:
             base = load_policy(self.action.base, control_period=self.action.period, robot=arm)
@@ -137,7 +134,8 @@ class FuzzyArmLearnVectorEnv(FuzzyArmVectorEnv):
         observation, info = super().reset(seed=seed, options=options)
         mask = None if options is None else options.get(RESET_MASK)
         which = slice(None) if mask is None else masked_lanes(RESET_MASK, mask, self.num_envs)
-        self._begin(which, observation)
+        self._begin(which)
+        self._seen = np.ascontiguousarray(observation)
         return self._features(), _flat(info)
 
     def step(self, actions: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray, dict[str, Any]]:
@@ -145,50 +143,24 @@ class FuzzyArmLearnVectorEnv(FuzzyArmVectorEnv):
         given = np.clip(real_numbers("actions", actions), -1.0, 1.0)
         if given.shape != self._action.shape:
             raise ValueError(f"actions have shape {given.shape}; needed: {self._action.shape}, numbers in [-1, 1]")
-        begun, smoothing = self._over, self.action.smoothing
+        begun, smoothing = self._over, self.action.smoothing  # these lanes begin an episode instead of a step
         self._action = smoothing * self._action + (1.0 - smoothing) * given
         torque = np.array(self.action.scale) * self._action
         self._arms.act(self._seen, self._action, torque, self._memory, self._base_memory)
-        observation, _, terminated, truncated, info = super().step(torque)
-        info = _flat(info)
-        error = info["tip_error"]
-        if begun is not None:  # these lanes have begun an episode instead of a step
-            error = error.copy()
-            error[begun] = 0.0
-        lost = (error > self.early_end) & ~terminated
-        terminated, truncated = terminated | lost, truncated & ~lost
+        rows = self._rows + np.array([[[1]], [[0]]])  # after this step, of the motion that may end with it
+        observation, reward, terminated, truncated, info = super().step(torque)
+        if "final_obs" in info:
+            begun = np.flatnonzero(terminated | truncated)
+            self._seen = observation.copy()
+            self._seen[begun] = np.stack(info["final_obs"][begun])
+            last = self._features(rows)
+            for lane in begun:
+                info["final_obs"][lane] = last[lane].copy()
+            info["final_info"] = _flat(info["final_info"])
         if begun is not None:
-            self._begin(begun, observation)
+            self._begin(begun)
         self._seen = observation
-        reward = np.where(terminated, 0.0, tracking_reward(error, self.early_end))
-        if begun is not None:
-            reward[begun] = 0.0
-        ended = terminated | truncated
-        features = self._features()
-        if not ended.any():
-            return features, reward, terminated, truncated, info
-        if lost.any():
-            texts = info.get("reason", np.full(self.num_envs, None))
-            texts[lost] = _LOST
-            info.update(masked({"reason": texts}, terminated))
-        if not self._reset_in_step:
-            self._over = np.flatnonzero(ended)
-            return features, reward, terminated, truncated, info
-        self._over = None
-        last = np.empty(self.num_envs, dtype=object)
-        for lane in np.flatnonzero(ended):
-            last[lane] = features[lane].copy()
-        final = {"final_obs": last, "final_info": info}
-        observation, begun_info = super().reset(options={RESET_MASK: ended})
-        begun_info = _flat(begun_info)
-        self._begin(np.flatnonzero(ended), observation)
-        features[ended] = self._features()[ended]
-        merged = {
-            name: value if name.startswith("_") or name not in begun_info else _merged(value, begun_info[name], ended)
-            for name, value in info.items()
-            if not name.endswith("reason")
-        }
-        return features, reward, terminated, truncated, merged | masked(final, ended)
+        return self._features(), reward, terminated, truncated, _flat(info)
 
     def get_state(self) -> dict[str, np.ndarray]:
         """Return the state of every lane as arrays by name, for `set_state`; errors as for `FuzzyArmVectorEnv`."""
@@ -201,18 +173,29 @@ class FuzzyArmLearnVectorEnv(FuzzyArmVectorEnv):
         for name, array in own.items():
             setattr(self, f"_{name}", array)
 
-    def _begin(self, which: Any, observation: np.ndarray) -> None:
-        """Let these lanes begin at an observation (num_envs, 5 n) of the arms."""
-        self._memory[which], self._base_memory[which], self._action[which] = 0.0, 0.0, 0.0
-        self._seen = np.ascontiguousarray(observation)
+    def _judge(self, scalars: np.ndarray) -> None:
+        error, reason = scalars[_TIP_ERROR], scalars[_REASON]
+        reason[(error > self.early_end) & (reason == 0.0)] = Termination.LOST
+        terminated = reason != 0.0
+        scalars[_TRUNCATED, terminated] = 0.0
+        scalars[_REWARD] = np.where(terminated, 0.0, tracking_reward(error, self.early_end))
 
-    def _features(self) -> np.ndarray:
-        """Return what a learner sees now (num_envs, `size`), float32."""
+    def _begin(self, which: Any) -> None:
+        """Let these lanes remember nothing."""
+        self._memory[which], self._base_memory[which], self._action[which] = 0.0, 0.0, 0.0
+
+    @property
+    def _rows(self) -> np.ndarray:
+        """Rows of the schedule now and at the motion's end (2, num_envs, 1)."""
+        clock = self.lanes.clock
+        return np.stack([clock[CLOCK.row], clock[CLOCK.last]])[..., np.newaxis]
+
+    def _features(self, rows: np.ndarray | None = None) -> np.ndarray:
+        """Return what a learner sees (num_envs, `size`), float32, now or at `rows` of the schedule."""
         seen = self._arms.see(self._seen, self._memory)
         if len(self._preview):  # the last reference holds after the motion has ended
-            clock = self.lanes.clock
-            rows = np.minimum(clock[CLOCK.row][:, np.newaxis] + self._preview, clock[CLOCK.last][:, np.newaxis])
-            ahead = self.lanes.table[rows, : len(self._units)] / self._units
+            row, last = self._rows if rows is None else rows
+            ahead = self.lanes.table[np.minimum(row + self._preview, last), : len(self._units)] / self._units
             seen = np.hstack([seen, ahead.reshape(self.num_envs, -1)])
         return np.asarray(np.clip(seen, -BOUND, BOUND), dtype=np.float32)
 
@@ -239,11 +222,6 @@ def _flat(info: dict[str, Any]) -> dict[str, Any]:
     info.pop("_randomisation", None)
     renamed = {("_drawn" if name.startswith("_") else "drawn_") + name: value for name, value in drawn.items()}
     return {**info, **renamed}
-
-
-def _merged(last: Any, first: Any, ended: np.ndarray) -> Any:
-    """Return an entry of info: of the new episode in the lanes that ended, else of this step."""
-    return np.where(ended.reshape(-1, *[1] * (last.ndim - 1)), first, last)
 
 
 class FuzzyArmLearnEnv(gym.Env[np.ndarray, np.ndarray]):

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Sequence
 from typing import Any
 
 import gymnasium as gym
@@ -125,10 +124,6 @@ class StableBaselinesVecEnv(VecEnv):
     def env_is_wrapped(self, wrapper_class: type[gym.Wrapper], indices: VecEnvIndices = None) -> list[bool]:
         """Return whether the lanes are wrapped: in `Monitor`, whose ``episode`` infos they have, and no other."""
         return [issubclass(Monitor, wrapper_class)] * len(self._chosen(indices))
-
-    def get_images(self) -> Sequence[np.ndarray | None]:
-        """Return None for every lane, because a batch cannot be rendered."""
-        return [None] * self.num_envs
 
     def _final_info(self, lane: int, out_of_time: bool) -> dict[str, Any]:
         elapsed, length = round(time.perf_counter() - self._start, 6), int(self._lengths[lane])

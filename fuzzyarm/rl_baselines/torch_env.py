@@ -1,12 +1,12 @@
 """A batch of arms in torch tensors on CPU or GPU, compiled into one kernel, for learners in torch.
 
-The step is that of `torch_step`, or of `torch_kernels`; this file has what stands around it: arguments, tables, reset
-and results.
+The step is that of `torch_step`; this file has what stands around it: arguments, tables, reset and results.
 """
 
 from __future__ import annotations
 
 import contextlib
+import math
 import os
 import re
 import types
@@ -24,8 +24,13 @@ from torch import Tensor
 
 from fuzzyarm.common import checks
 from fuzzyarm.common.waiting import announced
-from fuzzyarm.envs.arguments import action_space, chosen_disturbance, chosen_reference, observation_space
-from fuzzyarm.envs.batch.lanes import Lanes
+from fuzzyarm.envs.arguments import (
+    action_space,
+    chosen_disturbance,
+    chosen_reference,
+    observation_space,
+    real_numbers,
+)
 from fuzzyarm.envs.batch.layout import Noise
 from fuzzyarm.envs.batch.randomness import key_of
 from fuzzyarm.envs.batch.schedule import Schedule
@@ -35,34 +40,28 @@ from fuzzyarm.envs.periods import checked_periods
 from fuzzyarm.envs.physics.equations import chosen_arm, equations_of
 from fuzzyarm.envs.physics.parameters import LARGEST, ArmParameters
 from fuzzyarm.envs.physics.robot import Robot
-from fuzzyarm.envs.scenario.cases import Scenario
 from fuzzyarm.envs.scenario.disturbances import Disturbance
 from fuzzyarm.envs.scenario.randomisation import DomainRandomisation, find_randomisation
 from fuzzyarm.envs.scenario.reference import Reference
-from fuzzyarm.fuzzy_policy.law import law_of
-from fuzzyarm.fuzzy_policy.policy import Policy
 from fuzzyarm.rl_baselines import torch_step
-from fuzzyarm.rl_baselines.torch_kernels import KernelLanes, launcher
 from fuzzyarm.rl_baselines.torch_numbers import Table
 from fuzzyarm.rl_baselines.torch_step import Equations, Outcome, Shared, by_step
 
 __all__ = ["TorchFuzzyArm"]
 
-_MOST_LANES = 2**26  # a lane takes about 100 bytes, and 340 in kernels
+_MOST_LANES = 2**26  # a lane takes about 100 bytes
 
 
 class TorchFuzzyArm(VectorEnv[Tensor, Tensor, Tensor]):
     """A batch of arms in torch tensors: ``FuzzyArm-v0`` without leaving the device.
 
-    What steps it depends on the arguments. On CUDA in float64, compiled and not differentiable, the recorded kernels of
-    `FuzzyArmVectorEnv` are launched on torch's memory: each of `reset`, `step` and `run` is one launch on torch's
-    current stream, without a copy of the lanes (`torch_kernels`; tested on the processor, it has not run on a GPU).
-    Otherwise, in float32 too, torch runs the equations, compiled by torch.compile or operation by operation.
+    Torch runs the equations, compiled by torch.compile or operation by operation. No GPU has run this batch so far, and
+    its speed there is not measured.
 
     Equations, reward, episode ends, observations and the meaning of the arguments are those of
     `fuzzyarm.envs.fuzzy_arm.FuzzyArmEnv`. Lane i of a batch that was reset with ``seed=s`` draws the same plants,
     references and noise as the NumPy environment with seed s + i, on every device; in float64 it is the same
-    trajectory up to rounding; from kernels it has the same bits, but for the last bit of encoder noise.
+    trajectory up to rounding.
 
         envs = TorchFuzzyArm(4096, device="cuda", randomisation="robust")
         observation, info = envs.reset(seed=0)
@@ -98,27 +97,19 @@ class TorchFuzzyArm(VectorEnv[Tensor, Tensor, Tensor]):
         dtype: torch.float32 or torch.float64, of the state, the physics and all results. Over the paper's episodes the
             tip of the float32 arm stays within 0.1 µm of the float64 one (the sub-step itself costs 0.2 to 0.9 µm).
         compiled: compile the step with torch.compile, at the first step (half a minute or more; a later process
-            finds most of the work in torch's cache on disk). On the CPU this needs a C++ compiler; kernels of CUDA in
-            float64 need the NVIDIA driver alone.
+            finds most of the work in torch's cache on disk). On the CPU this needs a C++ compiler.
         differentiable: let gradients flow from what a step returns, and from `state`, to this action and earlier ones.
-        case: "nominal", "machining" or "payload".
-        disturbance: one of your own in place of the case.
-        reference: default: the paper's circle, or that of the robot.
-        parameters: the plant's, default: Table 1.
-        robot: another serial robot in place of the two-joint arm, by name, TOML file or as a `Robot`.
-        control_period: [s].
-        substep: [s], a whole fraction of the control period; default: that of `FuzzyArmEnv`.
-        randomisation: what each episode draws: "nominal", "plants", "robust" or a `DomainRandomisation`.
+        case, disturbance, reference, parameters, robot, control_period, substep, randomisation: as for `FuzzyArmEnv`,
+            one for all lanes.
 
     Raises:
-        TypeError: an argument is of the wrong kind.
-        ValueError: a value is unknown or out of range; the message names it and the choices.
+        TypeError, ValueError: an argument is refused; the message names it and what is allowed.
         gymnasium.error.ResetNeeded: `step` before `reset`.
-        RuntimeError: the first step finds no compiler; or a function of the CUDA driver fails, and the message names
-            it and its code.
+        RuntimeError: the first step finds no compiler.
     """
 
     metadata = {"render_modes": [], "autoreset_mode": AutoresetMode.SAME_STEP}  # noqa: RUF012
+    early_end = math.inf  # m, see `torch_step.Shared`
 
     def __init__(
         self,
@@ -154,18 +145,16 @@ class TorchFuzzyArm(VectorEnv[Tensor, Tensor, Tensor]):
             acting = chosen_disturbance(case, disturbance, self.parameters)
             own = chosen_reference(reference, self.randomisation, self.parameters)
             self._shared = self._build(acting, own)
-            self._kernels = self._launched(acting, own)
             zeros = torch.zeros(self.num_envs, dtype=torch.int64, device=self.device)
             equations = self._shared.equations
             # float32 angles have a rest each
             count = equations.numbers + (equations.angles if dtype == torch.float32 else 0)
-            count = count if self._kernels is None else 0
             numbers = (zeros.to(dtype, copy=True) for _ in range(count))
             self._lanes = torch_step.Lanes(tuple(numbers), zeros, zeros.clone())
         self._take: Any = torch_step.following if self.differentiable else torch_step.advance
         if compiled:
             self._take = _compile_step(self._take)
-        self._begun = self._stepped = False
+        self._begun = False
 
     @property  # made when asked for: 2^26 lanes of it would fill the memory
     def observation_space(self) -> gym.Space[Any]:  # type: ignore[override]
@@ -178,9 +167,7 @@ class TorchFuzzyArm(VectorEnv[Tensor, Tensor, Tensor]):
         return batch_space(self.single_action_space, self.num_envs)
 
     def __getstate__(self) -> dict[str, Any]:
-        """Return arguments and lanes, without graphs; TypeError for a batch that steps by kernels."""
-        if self._kernels is not None:
-            raise TypeError("a batch in the memory of CUDA kernels cannot be pickled: pickle its arguments")
+        """Return arguments and lanes, without graphs."""
         lanes = torch_step.Lanes(tuple(one.detach() for one in self._lanes.numbers), *self._lanes[1:])
         return {"arguments": self._arguments, "lanes": lanes, "begun": self._begun}
 
@@ -192,8 +179,6 @@ class TorchFuzzyArm(VectorEnv[Tensor, Tensor, Tensor]):
     @property
     def state(self) -> Tensor:
         """The true states (n, 4 joints), noise-free, in the order of `State`: motor, link angles [rad], velocities."""
-        if self._kernels is not None:
-            return self._kernels.state
         return torch.stack(self._lanes.numbers[: self._shared.equations.numbers], dim=-1)
 
     def randomisation_info(self) -> dict[str, Tensor]:
@@ -205,11 +190,7 @@ class TorchFuzzyArm(VectorEnv[Tensor, Tensor, Tensor]):
             row: Tensor = value.expand(self.num_envs).clone()
             return row
 
-        return {name: rows(value) for name, value in torch_step.drawn(self._shared, self._key)._asdict().items()}
-
-    @property
-    def _key(self) -> Tensor:
-        return self._lanes.key if self._kernels is None else self._kernels.key
+        return {name: rows(value) for name, value in torch_step.drawn(self._shared, self._lanes.key)._asdict().items()}
 
     def reset(
         self, *, seed: int | None = None, options: dict[str, Any] | None = None
@@ -226,19 +207,16 @@ class TorchFuzzyArm(VectorEnv[Tensor, Tensor, Tensor]):
         with torch.no_grad():
             if seed is not None or not self._begun:
                 keys = np.array([key_of(first + lane) for lane in range(self.num_envs)], dtype=np.uint64)
-                self._key.copy_(torch.from_numpy(keys.view(np.int64)))
-            if self._kernels is not None:
-                self._begun = True
-                return self._kernels.reset(), {}
+                self._lanes.key.copy_(torch.from_numpy(keys.view(np.int64)))
             new, reference = torch_step.begin(self._shared, self._lanes.key)
             if self.differentiable:  # the old tensors may be part of a graph
                 self.detach()
             torch_step.write(self._lanes, new)
             self._begun = True
             rows = torch_step.observed(self._shared, self._lanes, reference)
-            return torch_step.stacked(rows).t(), {}
+            return torch_step.stacked(rows), {}
 
-    def step(self, action: Tensor) -> tuple[Tensor, Tensor, Tensor, Tensor, dict[str, Tensor]]:
+    def step(self, action: Tensor) -> Outcome:
         """Hold the torques `action` (n, joints) [N m] for one control period.
 
         Returns:
@@ -250,72 +228,7 @@ class TorchFuzzyArm(VectorEnv[Tensor, Tensor, Tensor]):
         needed = self.num_envs, self._shared.equations.physics.joints
         if tuple(given.shape) != needed:
             raise ValueError(f"action has shape {tuple(given.shape)}; needed: {needed}, motor torques [N m]")
-        if isinstance(given, np.ndarray):  # which torch takes if it is of a usual type and may be written
-            given = given.astype(np.float64)
-        action = torch.as_tensor(given, dtype=self.dtype, device=self.device)
-        if self._kernels is not None:
-            outcome = self._kernels.step(action.detach())
-        elif self._stepped or not self.compiled:
-            outcome = self._advance(action.t())
-        else:
-            with _announced_compilation():
-                outcome = self._advance(action.t())
-            self._stepped = True
-        same = ("tip_error", "reward_tracking", "reward_effort", "torque_clipped", "reason")
-        info = {"final_obs": outcome.final_observation.t(), "tip": outcome.tip.t()}
-        info |= {name: getattr(outcome, name) for name in same}
-        return outcome.observation.t(), outcome.reward, outcome.terminated, outcome.truncated, info
-
-    def run(self, policy: Policy, steps: int, state: Tensor | None = None) -> tuple[Tensor, Tensor, dict[str, Tensor]]:
-        """Take control steps under a policy's law, all of them in one launch of a kernel on CUDA.
-
-        The lanes go on from where they are, and begin new episodes as in `step`. A torque that is not finite terminates
-        a lane, see the class.
-
-        Args:
-            policy: one with a law, such as `load_policy` gives, for this control period.
-            steps: at least 1.
-            state: (n, memory_size) of the policy, as this method returned it; None: zeros, as an episode begins.
-
-        Returns:
-            Observations (n, 5 joints), the policy's state, and what came of the steps in each lane, (n,) each: `steps`;
-            the sum of `reward`; `tip_error`, the largest [m]; `tip_error_squares`, their sum [m²]; `terminated` and
-            `truncated`, the numbers of episodes that ended so.
-
-        Raises:
-            ValueError: this batch does not step by kernels, or an argument is out of range.
-        """
-        if self._kernels is None:
-            raise ValueError(
-                f"run launches a kernel, and this batch has device = {str(self.device)!r}, dtype = {self.dtype}, "
-                f"compiled = {self.compiled}, differentiable = {self.differentiable}; needed: 'cuda', torch.float64, "
-                "True, False. Elsewhere call policy.predict and step in turn"
-            )
-        if not self._begun:
-            raise ResetNeeded("no episode has begun: call envs.reset() before envs.run()")
-        law, steps = law_of(policy), checks.whole("steps", steps, low=1)
-        if law is None:
-            raise ValueError(f"policy {type(policy).__name__} has no law that a kernel can run: use predict and step")
-        joints, period = self._shared.equations.physics.joints, self.control_period
-        if policy.joints != joints or abs(policy.control_period - period) > 1e-9 * period:
-            raise ValueError(
-                f"the policy is made for {policy.joints} joints and a control period of {policy.control_period:g} s; "
-                f"this batch has {joints} and {period:g} s: give load_policy its robot and control_period"
-            )
-        needed = self.num_envs, policy.memory_size
-        if state is not None and tuple(checks.instance("state", state, Tensor).shape) != needed:
-            raise ValueError(f"state has shape {tuple(state.shape)}; needed: {needed}, as run gave it")
-        observation, state, totals = self._kernels.run(policy, law, steps, None if state is None else state.detach())
-        return observation, state, totals._asdict()
-
-    def _restarted(self, which: Tensor) -> Tensor:
-        """Begin the next episode in the lanes `which` (n,), and return observations (n, 5 joints), theirs the first."""
-        with torch.no_grad():
-            new, reference = torch_step.begin(self._shared, self._lanes.key)
-            old = (*self._lanes.numbers, *self._lanes[1:])
-            *numbers, key, step = (torch.where(which, a, b) for a, b in zip((*new.numbers, *new[1:]), old, strict=True))
-            self._lanes = torch_step.Lanes(tuple(numbers), key, step)
-            return torch_step.stacked(torch_step.observed(self._shared, self._lanes, reference)).t()
+        return self._advance(torch.as_tensor(given, dtype=self.dtype, device=self.device).t())
 
     def detach(self) -> None:
         """Cut the graph: gradients of what comes reach no further back. The state keeps its values."""
@@ -335,23 +248,9 @@ class TorchFuzzyArm(VectorEnv[Tensor, Tensor, Tensor]):
         if torch.is_grad_enabled():
             return outcome
         self.detach()
-        return Outcome(*(one.detach() for one in outcome))
-
-    def _launched(self, disturbance: Disturbance, own: Reference | None) -> KernelLanes | None:
-        """Return the lanes in the memory of kernels; None where torch runs the equations."""
-        if self.dtype != torch.float64 or self.differentiable or not self.compiled:
-            return None
-        if (launch := launcher(self.device)) is None:
-            return None
-        lanes = Lanes(
-            [self.parameters],
-            [Scenario(disturbance, own)],
-            1,
-            control_period=self.control_period,
-            substeps=self.substeps,
-            randomisation=self.randomisation,
-        )
-        return KernelLanes(lanes, self.num_envs, self.device, launch)
+        observation, reward, terminated, truncated, info = outcome
+        info = {name: one.detach() for name, one in info.items()}
+        return observation.detach(), reward.detach(), terminated, truncated, info
 
     def _build(self, disturbance: Disturbance, own: Reference | None) -> Shared:
         """Tabulate all episodes that the lanes may run."""
@@ -375,6 +274,7 @@ class TorchFuzzyArm(VectorEnv[Tensor, Tensor, Tensor]):
             starts=Table(np.array([one.references[0] for one in built]), like),
             # What acts in a step, beside what the arm is compared with after it.
             rows=Table(np.concatenate([by_step(one) for one in built]), like),
+            early_end=self.early_end,
         )
 
 
@@ -396,29 +296,26 @@ def _device(device: str | torch.device) -> torch.device:
 def _real(action: Any) -> Any:
     """Return an action as an array or a tensor; TypeError unless its numbers are real."""
     if not isinstance(action, Tensor):
-        action = checks.array_of("action", action)
-        checks.real_entries("action", action, "N m")
-    elif action.is_complex() or action.dtype == torch.bool:
+        return real_numbers("action", action)
+    if action.is_complex() or action.dtype == torch.bool:
         raise TypeError(f"action must hold real numbers [N m]; it holds {action.dtype}")
     return action
 
 
 def _compile_step(function: Callable[..., Any]) -> Callable[..., Any]:
-    """Return the function compiled as one graph for the arguments it will be called with.
-
-    Raises (the compiled function, at its first call):
-        RuntimeError: no compiler was found.
-    """
+    """Return the function compiled as one graph at its first call; RuntimeError there if no compiler is found."""
     # One kernel for the whole step: by default the compiler cuts it after 64 operations, and the arm's state goes
     # through memory at each cut.
     options: dict[str, Any] = {"max_fusion_size": 1_000_000, "guard_filter_fn": torch.compiler.skip_all_guards_unsafe}
     # torch counts the compiled versions of each code object and gives up after eight: every batch has its own.
     own = types.FunctionType(function.__code__.replace(), function.__globals__)
     graph = torch.compile(own, fullgraph=True, dynamic=False, options=options)
+    first = [_announced_compilation()]
 
     def call(*arguments: Any) -> Any:
         try:
-            return graph(*arguments)
+            with first.pop() if first else contextlib.nullcontext():
+                return graph(*arguments)
         except RuntimeError as error:
             found = re.search(r"[^\n]*\bC(\+\+)? compiler\b[^\n]*", str(error))
             if found is None:

@@ -12,6 +12,7 @@ from torch import Tensor
 from fuzzyarm.common import checks
 from fuzzyarm.envs.observation import Observation, observed
 from fuzzyarm.envs.physics.equations import chosen_arm
+from fuzzyarm.envs.task import Termination
 from fuzzyarm.fuzzy_policy.known_arm import joints_of
 from fuzzyarm.fuzzy_policy.laws.learned.definition import learning_features
 from fuzzyarm.fuzzy_policy.laws.learned.features import Features, learning_action
@@ -38,8 +39,7 @@ class TorchFuzzyArmLearn(TorchFuzzyArm):
             case, disturbance or reference an episode draws what `learning_draws` says.
 
     Raises:
-        TypeError, ValueError: see `TorchFuzzyArm`; or the batch would step by kernels (CUDA, float64, compiled), which
-            know no early end.
+        TypeError, ValueError: see `TorchFuzzyArm`.
     """
 
     def __init__(self, num_envs: int, *, history: int = 0, early_end: float = EARLY_END, **arguments: Any) -> None:
@@ -50,8 +50,6 @@ class TorchFuzzyArmLearn(TorchFuzzyArm):
             draws = {} if "randomisation" in arguments else {"randomisation": learning_draws(arm)}
             arguments = {"case": "machining", **draws, **arguments}
         super().__init__(num_envs, control_period=action.period, **arguments)
-        if self._kernels is not None:
-            raise ValueError("torch.float64 on CUDA steps by kernels, which know no early end: use torch.float32")
         self._arguments = {"num_envs": num_envs, "history": history, "early_end": early_end, **arguments}
         self._features = Features(features, action.period, arm)
         unit = np.ones(features.joints, dtype=np.float32)
@@ -87,14 +85,10 @@ class TorchFuzzyArmLearn(TorchFuzzyArm):
             memory, seen = self._remembered(), _parts(self._seen)
             told = self._features.told(memory, seen)
             self._memory = torch.stack(flat(self._features.advance(memory, seen, told, tuple(given.t()))))
-        error = info["tip_error"]
-        lost = (error > self.early_end) & ~terminated
-        final = self._shown(info["final_obs"])
-        self._seen = torch.where((lost & ~truncated)[:, None], self._restarted(lost & ~truncated), after)
-        terminated, truncated = terminated | lost, truncated & ~lost
+        final, self._seen = self._shown(info["final_obs"]), after
         self._memory = torch.where(terminated | truncated, 0.0, self._memory)
-        kept = 1.0 - torch.log1p(error / RESOLUTION) / np.log1p(self.early_end / RESOLUTION)
-        info |= {"final_obs": final, "lost": lost}
+        kept = 1.0 - torch.log1p(info["tip_error"] / RESOLUTION) / np.log1p(self.early_end / RESOLUTION)
+        info |= {"final_obs": final, "lost": info["reason"] == Termination.LOST}
         return self._shown(self._seen), torch.where(terminated, 0.0, kept), terminated, truncated, info
 
     def _remembered(self) -> Any:

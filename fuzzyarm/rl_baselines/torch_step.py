@@ -6,8 +6,9 @@ Nothing here waits for the device or depends on data: lanes that end begin again
 from __future__ import annotations
 
 import dataclasses
+import math
 from collections.abc import Callable, Iterable, Sequence
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, TypeAlias
 
 import numpy as np
 import torch
@@ -19,7 +20,7 @@ from fuzzyarm.envs.batch.schedule import Schedule, reference_record, row_record
 from fuzzyarm.envs.control_step import assessed, drawn_of, reading_of, resting
 from fuzzyarm.envs.physics.integrator import held_of
 from fuzzyarm.envs.physics.records import Physics, flat, places, size
-from fuzzyarm.envs.task import clipped
+from fuzzyarm.envs.task import Termination, clipped
 from fuzzyarm.numbers.functions import like, select
 from fuzzyarm.rl_baselines.torch_numbers import Angle, Table, Word
 
@@ -27,6 +28,9 @@ __all__ = [
     "Equations", "Lanes", "Outcome", "Shared", "advance", "begin", "by_step", "drawn", "following", "observed",
     "stacked", "write",
 ]  # fmt: skip
+
+
+_LOST = int(Termination.LOST)
 
 
 class Lanes(NamedTuple):
@@ -41,20 +45,8 @@ class Lanes(NamedTuple):
     step: Tensor
 
 
-class Outcome(NamedTuple):
-    """What a step returns; observations (5 joints, n), tips (axes, n), the others (n,)."""
-
-    observation: Tensor
-    final_observation: Tensor
-    reward: Tensor
-    terminated: Tensor
-    truncated: Tensor
-    tip: Tensor
-    tip_error: Tensor
-    reward_tracking: Tensor
-    reward_effort: Tensor
-    torque_clipped: Tensor
-    reason: Tensor
+Outcome: TypeAlias = tuple[Tensor, Tensor, Tensor, Tensor, dict[str, Tensor]]
+"""What a step returns, see `TorchFuzzyArm.step`."""
 
 
 class Equations:
@@ -90,6 +82,7 @@ class Shared:
     spans: Table  # (schedules, 2), first row in `rows` and number of steps
     starts: Table  # (schedules, numbers of `reference_record`), the reference at the start
     rows: Table  # (steps, numbers of `row_record`), the schedules below each other, see `by_step`
+    early_end: float  # tip error [m] beyond which an episode ends
 
     def nominal(self) -> Any:
         """Return the plant in tensors of shape ()."""
@@ -127,24 +120,21 @@ def following(shared: Shared, lanes: Lanes, action: Tensor) -> tuple[Lanes, Outc
     after = Lanes(_numbers(moved.state, dtype), lanes.key, lanes.step + 1)
 
     reason = moved.reason.to(torch.int64)
+    if shared.early_end < math.inf:
+        reason = torch.where((found.tip_error > shared.early_end) & (reason == 0), _LOST, reason)
     terminated = reason > 0
     truncated = ~terminated & (after.step == steps)
     ended = terminated | truncated
     new, new_reference = begin(shared, after.key)
     final, first = observed(shared, after, row.reference), observed(shared, new, new_reference)
-    outcome = Outcome(
-        stacked(_where(ended, first, final)),
-        stacked(final),
-        found.reward.to(dtype),
-        terminated,
-        truncated,
-        torch.stack(list(found.tip)),
-        found.tip_error,
-        found.reward_tracking,
-        found.reward_effort,
-        moved.clipped > 0.0,
-        reason,
-    )
+    info = {
+        "final_obs": stacked(final),
+        "tip": stacked(found.tip),
+        **{name: getattr(found, name) for name in ("tip_error", "reward_tracking", "reward_effort")},
+        "torque_clipped": moved.clipped > 0.0,
+        "reason": reason,
+    }
+    outcome = stacked(_where(ended, first, final)), found.reward.to(dtype), terminated, truncated, info
     return Lanes(_where(ended, new.numbers, after.numbers), *_where(ended, new[1:], after[1:])), outcome
 
 
@@ -214,8 +204,8 @@ def _where(condition: Tensor, first: Sequence[Tensor], second: Sequence[Tensor])
 
 
 def stacked(rows: Sequence[Tensor]) -> Tensor:
-    """Return (rows, n) from rows of shape (n,) or (); the first is (n,)."""
-    return torch.stack([row.expand_as(rows[0]) for row in rows])
+    """Return (n, rows) from rows of shape (n,) or (); the first is (n,)."""
+    return torch.stack([row.expand_as(rows[0]) for row in rows]).t()
 
 
 def by_step(schedule: Schedule) -> np.ndarray:

@@ -105,7 +105,8 @@ class Training:
         """
         found = read_checkpoint(folder / CHECKPOINT)
         try:
-            begun, done = find_algorithm(found["algorithm"]).config.from_dict(found["config"]), found["steps"]
+            begun = find_algorithm(found["algorithm"]).config.from_dict(found["config"])
+            done, arm = found["steps"], found["arm"]
         except (KeyError, TypeError, ValueError) as error:
             raise CheckpointError(f"{folder / CHECKPOINT} is of another version: {error}; start again") from None
         if type(begun) is not type(config):
@@ -124,21 +125,19 @@ class Training:
                 f"total_timesteps = {config.total_timesteps} is below the {done} steps that {folder} has done already; "
                 "give a larger number, or start another training"
             )
+        training = cls(config, folder)
+        if robot_of(training.arm).digest != arm:
+            raise CheckpointError(
+                f"{folder} holds a training of another arm than {config.robot} is now: bring its file back as it was, "
+                "or start again in another folder"
+            )
         try:
-            if robot_of(chosen_arm(config.robot, None)).digest != found["arm"]:
-                raise CheckpointError(
-                    f"{folder} holds a training of another arm than {config.robot} is now: bring its file back as it "
-                    "was, or start again in another folder"
-                )
-            training = cls(config, folder)
             training.rows, training.best, training._earlier = progress_in(found)
             check_like("learner", found["learner"], training.algorithm.state())
             check_finite("learner", found["learner"])
             training.algorithm.set_state(found["learner"])
             training.envs.set_state({name: np.array(tensor.numpy()) for name, tensor in found["envs"].items()})
             set_random_state(found["generators"])
-        except CheckpointError:
-            raise
         except (AttributeError, KeyError, MemoryError, OverflowError, RuntimeError, TypeError, ValueError) as error:
             reason = textwrap.shorten(str(error), width=200)
             raise CheckpointError(
@@ -180,7 +179,6 @@ class Training:
         )
 
     def _train(self) -> None:
-        """Let the algorithm learn until all steps are done."""
         try:
             if self.algorithm.steps == 0:
                 self._write_checkpoint()  # so that there is always one to resume from; a full disk is noticed here

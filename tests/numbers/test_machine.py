@@ -8,6 +8,7 @@ import sys
 import numpy as np
 import pytest
 
+from fuzzyarm.envs.batch.layout import by_rows, in_blocks
 from fuzzyarm.envs.physics.elementwise import gaussian, root, sign, sine_cosine
 from fuzzyarm.numbers import machine
 from fuzzyarm.numbers.functions import (
@@ -85,25 +86,20 @@ def test_machine_code_of_any_number_of_arms_has_the_bits_of_floats(arms):
     x = numbers(arms)
     with np.errstate(all="ignore"):
         wanted = [expected([np.float64(n) for n in one]) for one in x]
-    given, seen = x.copy(), np.zeros((arms, 4))
-    recorded()((given, seen), np.array(SHARED), (TABLE,))
-    assert same(given, np.array([first for first, _ in wanted]))
-    assert same(seen, np.array([second for _, second in wanted]))
+    given = x.copy(), np.zeros((arms, 4))
+    recorded()(given, np.array(SHARED), (TABLE,))
+    assert all(same(found, np.array(column)) for found, column in zip(given, zip(*wanted, strict=True), strict=True))
 
 
 @pytest.mark.usefixtures("length")
 @pytest.mark.parametrize("arms", [1, 2 * WIDE + 3])
 def test_layouts_change_no_bit_and_no_neighbour(arms):
-    x, blocks = numbers(arms, seed=1), -(-arms // WIDE)
-    rows, seen = x.copy(), np.zeros((arms, 4))
+    x, seen = numbers(arms, seed=1), np.zeros((arms, 4))
+    rows, block = x.copy(), in_blocks(x.T)
     recorded()((rows, seen), np.array(SHARED), (TABLE,))
     wide = np.full((4, arms + 5), 7.0)
-    padded = np.zeros((blocks * WIDE, 3))
-    padded[:arms] = x
-    block = np.ascontiguousarray(padded.reshape(blocks, WIDE, 3).swapaxes(1, 2))
-    kernel = recorded([Layout.BLOCKS, Layout.COLUMNS])
-    kernel((block, wide[:, :arms]), np.array(SHARED), (TABLE,))
-    assert same(block.swapaxes(1, 2).reshape(-1, 3)[:arms], rows)
+    recorded([Layout.BLOCKS, Layout.COLUMNS])((block, wide[:, :arms]), np.array(SHARED), (TABLE,))
+    assert same(by_rows(block, arms).T, rows)
     assert same(wide[:, :arms], seen.T) and (wide[:, arms:] == 7.0).all()
     apart = np.full((arms, 9), 7.0)
     apart[:, :3] = x
@@ -247,9 +243,8 @@ assert x[0, 0] == 3.0 / 7.0
 
 
 def run(folder, count=1):
-    words = [sys.executable, "-c", PROGRAM]
-    environment = {**os.environ, machine._CACHE: str(folder)}
-    together = [subprocess.Popen(words, env=environment, stderr=subprocess.PIPE) for _ in range(count)]
+    words, options = [sys.executable, "-c", PROGRAM], {"env": os.environ | {machine._CACHE: str(folder)}}
+    together = [subprocess.Popen(words, **options, stderr=subprocess.PIPE) for _ in range(count)]
     for one in together:
         _, error = one.communicate(timeout=120)
         assert one.returncode == 0, error.decode()

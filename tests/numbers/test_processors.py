@@ -58,14 +58,11 @@ def texts():
 def assembly(text, processor, triple):
     llvm.initialize_all_targets()
     llvm.initialize_all_asmprinters()
-    level = 3
-    target = llvm.Target.from_triple(triple).create_target_machine(cpu=processor, opt=level)
+    target = llvm.Target.from_triple(triple).create_target_machine(cpu=processor, opt=3)
     module = llvm.parse_assembly(text)
     module.triple = triple
-    options = llvm.create_pipeline_tuning_options(speed_level=level)
-    llvm.create_pass_builder(target, options).getModulePassManager().run(
-        module, llvm.create_pass_builder(target, options)
-    )
+    builder = llvm.create_pass_builder(target, llvm.create_pipeline_tuning_options(speed_level=3))
+    builder.getModulePassManager().run(module, builder)
     return target.emit_assembly(module)
 
 
@@ -82,10 +79,8 @@ def test_no_multiplication_is_fused_with_an_addition(processor):
 def test_an_old_processor_gives_the_same_bits(tmp_path):
     found = []
     for processor in ("", "x86-64"):  # this one with all it has, and one of 2003
-        environment = {**os.environ, machine._CACHE: str(tmp_path)}
-        answer = subprocess.run(
-            [sys.executable, "-c", PROGRAM, processor], env=environment, capture_output=True, text=True, timeout=300
-        )
+        environment, words = os.environ | {machine._CACHE: str(tmp_path)}, [sys.executable, "-c", PROGRAM, processor]
+        answer = subprocess.run(words, env=environment, capture_output=True, text=True, timeout=300)
         assert answer.returncode == 0, answer.stderr
         found.append((answer.stdout, {path.name for path in tmp_path.iterdir()}))
     assert found[0][0] == found[1][0] and len(found[0][0]) == 65

@@ -1,99 +1,110 @@
-"""A crafted checkpoint, with the right digest, is refused in one line before anything of it is used."""
+"""Checkpoints are read back as they were written; crafted and damaged ones are refused in one line, none is run."""
 
+import functools
 import hashlib
 import io
+import operator
 import os
+import random
 import struct
 import zipfile
 
 import numpy as np
 import pytest
 
-torch = pytest.importorskip("torch")
-pytest.importorskip("stable_baselines3")
+pytest.importorskip("torch")
+import torch
 
-from fuzzyarm.rl_baselines.algorithms.ppo import PPOConfig  # noqa: E402
-from fuzzyarm.rl_baselines.checkpoint import CheckpointError, read_checkpoint, write_checkpoint  # noqa: E402
-from fuzzyarm.rl_baselines.training import Training  # noqa: E402
+pytest.importorskip("stable_baselines3")
+from fuzzyarm.rl_baselines.algorithms.ppo import PPOConfig
+from fuzzyarm.rl_baselines.checkpoint import (
+    CheckpointError,
+    random_state,
+    read_checkpoint,
+    set_random_state,
+    write_checkpoint,
+)
+from fuzzyarm.rl_baselines.training import Training
 
 CONFIG = PPOConfig(total_timesteps=128, lanes=2, n_steps=64, batch_size=64, n_epochs=1, hidden=(8,))
 
 
 @pytest.fixture(scope="module")
-def content(tmp_path_factory, brief_evaluations):
-    """What the checkpoint of a short run holds."""
+def whole(tmp_path_factory, brief_evaluations):
+    """The checkpoint of a short run."""
     folder = tmp_path_factory.mktemp("whole") / "run"
     Training(CONFIG, folder).run()
-    return lambda: read_checkpoint(folder / "checkpoint.pt")
+    return folder / "checkpoint.pt"
 
 
-def put(content, path, value):
-    *above, last = path
-    for key in above:
-        inner = content[key]
-        if isinstance(inner, tuple):
-            content[key] = inner = list(inner)
-        content = inner
-    content[last] = value
-
-
-def at(content, path):
-    for key in path:
-        content = content[key]
-    return content
-
-
-def resumed(folder, content):
-    write_checkpoint(folder / "checkpoint.pt", content)
-    return Training.resume(CONFIG, folder)
-
-
-def refused(folder, content):
-    with pytest.raises(CheckpointError) as caught:
-        resumed(folder, content)
+def refused(path, message="."):
+    """A training is not resumed from the checkpoint, for a reason in one short line."""
+    with pytest.raises(CheckpointError, match=message) as caught:
+        Training.resume(CONFIG, path.parent)
     assert "\n" not in str(caught.value) and len(str(caught.value)) < 500
 
 
-def test_the_checkpoint_itself_is_taken(content, tmp_path):
-    assert resumed(tmp_path, content()).algorithm.steps == 128
+def test_a_checkpoint_comes_back_with_what_was_in_it(tmp_path):
+    path = tmp_path / "c.pt"
+    content = {"a": np.arange(3), "b": [{"x": 1.5, 2: None}], "c": np.float64(0.1), "t": (1, "two")}
+    write_checkpoint(path, content)
+    found = read_checkpoint(path)
+    assert found["a"].tolist() == [0, 1, 2] and found["b"] == content["b"] and found["t"] == (1, "two")
+    assert found["c"] == 0.1
+
+
+def test_random_generators_go_on_where_their_state_was_taken(tmp_path):
+    def drawn():
+        return torch.rand(3).tolist(), np.random.random(3).tolist(), random.random()  # noqa: NPY002
+
+    write_checkpoint(tmp_path / "c.pt", {"generators": random_state()})
+    expected = drawn()
+    assert drawn() != expected
+    set_random_state(read_checkpoint(tmp_path / "c.pt")["generators"])
+    assert drawn() == expected
 
 
 CRAFTED = {
-    ("envs", "clock"): lambda old: old + 10**12,
-    ("envs", "drawn"): lambda old: torch.zeros(1, 1),
-    ("envs", "values"): lambda old: old[:, :1],
-    ("envs", "seen"): lambda old: old[:, :3],
-    ("envs", "memory"): lambda old: old * np.nan,
-    ("envs", "returns"): lambda old: old[:0],
-    ("generators", "numpy", "position"): lambda old: 10**9,
-    ("generators", "numpy", "keys"): lambda old: old[:3],
-    ("generators", "torch"): lambda old: old[:10],
-    ("learner", "last_features"): lambda old: old[:, :2],
-    ("learner", "counters", "steps"): lambda old: -5,
-    ("learner", "optimizer", "state", 0, "exp_avg"): lambda old: torch.zeros(10**6),
-    ("learner", "optimizer", "param_groups"): lambda old: [],
-    ("learner", "policy", "action_net.weight"): lambda old: old[:1],
-    ("rows",): lambda old: 5,
-    ("seconds",): lambda old: (1.0,),
-    ("best",): lambda old: "best",
+    "envs.clock": lambda old: old + 10**12,
+    "envs.drawn": lambda old: torch.zeros(1, 1),
+    "envs.values": lambda old: old[:, :1],
+    "envs.seen": lambda old: old[:, :3],
+    "envs.memory": lambda old: old * np.nan,
+    "envs.returns": lambda old: old[:0],
+    "generators.numpy.position": lambda old: 10**9,
+    "generators.numpy.keys": lambda old: old[:3],
+    "generators.torch": lambda old: old[:10],
+    "learner.last_features": lambda old: old[:, :2],
+    "learner.counters.steps": lambda old: -5,
+    "learner.optimizer.state": lambda old: {0: old[0] | {"exp_avg": torch.zeros(10**6)}},
+    "learner.optimizer.param_groups": lambda old: [],
+    "learner.policy": lambda old: old | {"action_net.weight": old["action_net.weight"][:1]},
+    "rows": lambda old: 5,
+    "seconds": lambda old: (1.0,),
+    "best": lambda old: "best",
 }
 
 
-@pytest.mark.parametrize("path", CRAFTED, ids=lambda path: ".".join(map(str, path)))
-def test_what_does_not_fit_is_refused(content, tmp_path, path):
-    crafted = content()
-    put(crafted, path, CRAFTED[path](at(crafted, path)))
-    refused(tmp_path, crafted)
+@pytest.mark.parametrize("path", CRAFTED)
+def test_what_does_not_fit_is_refused(whole, tmp_path, path):
+    content, (*above, last) = read_checkpoint(whole), path.split(".")
+    inner = functools.reduce(operator.getitem, above, content)
+    inner[last] = CRAFTED[path](inner[last])
+    write_checkpoint(tmp_path / "checkpoint.pt", content)
+    refused(tmp_path / "checkpoint.pt")
 
 
-def sealed(path, data):
-    path.write_bytes(b"fuzzyarm-checkpoint/3 " + hashlib.sha256(data).hexdigest().encode() + b"\n" + data)
+class _Foreign:
+    """What unpickling would run."""
+
+    def __reduce__(self):
+        return os.system, ("touch run-by-pickle",)
 
 
-def repacked(change, compression=zipfile.ZIP_STORED):
+def repacked(change=lambda data: data, content=None, compression=zipfile.ZIP_STORED):
     """Return an archive of torch whose pickle is changed."""
     buffer, out = io.BytesIO(), io.BytesIO()
-    torch.save({"a": torch.zeros(4, dtype=torch.float64)}, buffer)
+    torch.save(content or {"a": torch.zeros(4, dtype=torch.float64)}, buffer)
     with zipfile.ZipFile(buffer) as old, zipfile.ZipFile(out, "w", compression) as new:
         for name in old.namelist():
             data = old.read(name)
@@ -107,33 +118,50 @@ def huge(data):
 
 
 def nested(data):
-    lists = b"\x80\x02]q\x00" + b"".join(
-        b"(" + b"h" + bytes([level]) + (b"h" + bytes([level])) * 9 + b"lq" + bytes([level + 1]) for level in range(9)
-    )
-    return lists + b"."
+    """Lists of ten references to one list each, nine times within each other."""
+    levels = (b"(" + (b"h" + bytes([k])) * 10 + b"lq" + bytes([k + 1]) for k in range(9))
+    return b"\x80\x02]q\x00" + b"".join(levels) + b"."
 
 
 ARCHIVES = {
+    "code": lambda: repacked(content={"config": _Foreign()}),
     "a storage beyond the file": lambda: repacked(huge),
     "lists of lists of lists": lambda: repacked(nested),
-    "compressed": lambda: repacked(lambda data: data, zipfile.ZIP_DEFLATED),
+    "compressed": lambda: repacked(compression=zipfile.ZIP_DEFLATED),
     "another protocol": lambda: repacked(lambda data: b"\x80\x04" + data[2:]),
     "no archive": lambda: b"PK",
     "empty": lambda: b"",
-    "half": lambda: repacked(lambda data: data)[:-100],
+    "half": lambda: repacked()[:-100],
 }
 
 
 @pytest.mark.parametrize("name", ARCHIVES)
-def test_a_crafted_archive_is_refused(tmp_path, name):
-    sealed(tmp_path / "checkpoint.pt", ARCHIVES[name]())
-    with pytest.raises(CheckpointError, match="start the training again") as caught:
-        Training.resume(CONFIG, tmp_path)
-    assert "\n" not in str(caught.value)
+def test_a_crafted_archive_is_refused(name, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    path, data = tmp_path / "checkpoint.pt", ARCHIVES[name]()
+    path.write_bytes(b"fuzzyarm-checkpoint/3 " + hashlib.sha256(data).hexdigest().encode() + b"\n" + data)
+    refused(path, "holds something else than tensors, numbers and text: .*; start the training again")
+    assert not (tmp_path / "run-by-pickle").exists()
+
+
+DAMAGED = {
+    "gone": (lambda path: path.unlink(), "No such file or directory; there is nothing to resume here"),
+    "truncated": (lambda path: os.truncate(path, 1000), "is damaged"),
+    "a byte": (lambda path: path.write_bytes(path.read_bytes()[:-1] + b"?"), "is damaged"),
+    "foreign": (lambda path: path.write_bytes(b"PK"), "is no checkpoint of this version"),
+    "older": (lambda path: path.write_bytes(b"fuzzyarm-checkpoint/1 0\n"), "is no checkpoint of this version"),
+    "empty": (lambda path: write_checkpoint(path, {"config": {}}), "is of another version"),
+    "a list": (lambda path: write_checkpoint(path, {"config": [1]}), "is of another version"),
+    "a pipe": (lambda path: (path.unlink(), os.mkfifo(path)), "not a regular file"),
+}
 
 
 @pytest.mark.timeout(60)
-def test_a_pipe_is_no_checkpoint(tmp_path):
-    os.mkfifo(tmp_path / "checkpoint.pt")
-    with pytest.raises(CheckpointError, match="not a regular file"):
-        Training.resume(CONFIG, tmp_path)
+@pytest.mark.parametrize("name", DAMAGED)
+def test_a_file_that_is_no_checkpoint_is_refused(name, whole, tmp_path):
+    damage, message = DAMAGED[name]
+    path = tmp_path / "checkpoint.pt"
+    path.write_bytes(whole.read_bytes())
+    assert name != "gone" or Training.resume(CONFIG, tmp_path).algorithm.steps == 128  # as it is, it is taken
+    damage(path)
+    refused(path, message)

@@ -5,36 +5,42 @@ import dataclasses
 import numpy as np
 import pytest
 
-torch = pytest.importorskip("torch")
+pytest.importorskip("torch")
+import torch
 
-
-from fuzzyarm.envs.batch.lanes import Lanes  # noqa: E402
-from fuzzyarm.envs.physics.dynamics import Payload  # noqa: E402
-from fuzzyarm.envs.physics.equations import two_joints  # noqa: E402
-from fuzzyarm.envs.physics.parameters import ArmParameters  # noqa: E402
-from fuzzyarm.envs.physics.records import columns  # noqa: E402
-from fuzzyarm.envs.scenario.cases import Scenario  # noqa: E402
-from fuzzyarm.envs.scenario.default_reference import reference_family  # noqa: E402
-from fuzzyarm.envs.scenario.disturbances import Disturbance, MachiningForce  # noqa: E402
-from fuzzyarm.envs.scenario.paths import Circle  # noqa: E402
-from fuzzyarm.envs.scenario.randomisation import DomainRandomisation  # noqa: E402
-from fuzzyarm.envs.scenario.reference import JointReference  # noqa: E402
-from fuzzyarm.fuzzy_policy.laws.adaptive.belief import FLAG, AdaptiveWeights  # noqa: E402
-from fuzzyarm.fuzzy_policy.laws.adaptive.policy import AdaptiveObserverPolicy  # noqa: E402
-from fuzzyarm.fuzzy_policy.laws.learned.estimate.network import EstimateNetwork, respond  # noqa: E402
-from fuzzyarm.fuzzy_policy.laws.learned.estimate.signals import (  # noqa: E402
+from fuzzyarm import load_policy
+from fuzzyarm.cli import main
+from fuzzyarm.envs.batch.lanes import Lanes
+from fuzzyarm.envs.physics.dynamics import Payload
+from fuzzyarm.envs.physics.equations import two_joints
+from fuzzyarm.envs.physics.parameters import ArmParameters
+from fuzzyarm.envs.physics.records import columns
+from fuzzyarm.envs.physics.rigid_body import inverse_dynamics, tip_jacobian
+from fuzzyarm.envs.physics.robot import robot_named
+from fuzzyarm.envs.scenario.cases import Scenario, case_for
+from fuzzyarm.envs.scenario.default_reference import reference_family
+from fuzzyarm.envs.scenario.disturbances import ConstantForce, Disturbance, MachiningForce
+from fuzzyarm.envs.scenario.kinematics import freedom
+from fuzzyarm.envs.scenario.paths import Circle
+from fuzzyarm.envs.scenario.randomisation import DomainRandomisation
+from fuzzyarm.envs.scenario.reference import JointReference
+from fuzzyarm.fuzzy_policy.laws.adaptive.belief import FLAG, AdaptiveWeights
+from fuzzyarm.fuzzy_policy.laws.adaptive.policy import AdaptiveObserverPolicy
+from fuzzyarm.fuzzy_policy.laws.learned.definition import ArmDefinition
+from fuzzyarm.fuzzy_policy.laws.learned.estimate.network import EstimateBundle, EstimateNetwork, respond
+from fuzzyarm.fuzzy_policy.laws.learned.estimate.signals import (
     GAP_SHARE,
     context_parts,
     scale_of,
     unexplained_parts,
     units_of,
 )
-from fuzzyarm.rl_baselines.config import EstimateConfig  # noqa: E402
-from fuzzyarm.rl_baselines.estimate import courses as courses_module  # noqa: E402
-from fuzzyarm.rl_baselines.estimate.courses import Courses, draw_courses  # noqa: E402
-from fuzzyarm.rl_baselines.estimate.driving import Drive  # noqa: E402
-from fuzzyarm.rl_baselines.estimate.teacher import Teacher  # noqa: E402
-from fuzzyarm.rl_baselines.estimate.training import EstimateTraining, Student  # noqa: E402
+from fuzzyarm.rl_baselines.config import EstimateConfig
+from fuzzyarm.rl_baselines.estimate import courses as courses_module
+from fuzzyarm.rl_baselines.estimate.courses import HEAVIEST, Courses, TravelForce, _direction, _rotation, draw_courses
+from fuzzyarm.rl_baselines.estimate.driving import Drive
+from fuzzyarm.rl_baselines.estimate.teacher import Teacher
+from fuzzyarm.rl_baselines.estimate.training import EstimateTraining, Student
 
 ARM, PERIOD, NOTHING = ArmParameters(), 1e-3, DomainRandomisation()
 SMALL = ArmParameters(
@@ -46,38 +52,21 @@ ADAPTIVE = AdaptiveObserverPolicy(ARM, PERIOD)
 # Where a known force has a kink the teacher's torque goes from limit to limit, which tells nothing of the filter.
 SWINGING = AdaptiveWeights(largest_swing=2.5)
 FILTER = ADAPTIVE.memory.noise.stop  # numbers of the filter; those of the fallback follow
-SHORT = {
-    "chunks": 2,
-    "lanes": 4,
-    "steps": 50,
-    "window": 50,
-    "updates": 2,
-    "hidden": 5,
-    "modulation": 2,
-}
-
-
-def student(seed=0, output=0.02):
-    """A student whose output is not zero."""
-    made = Student(6, 3, torch.Generator().manual_seed(seed), two_joints())
-    with torch.no_grad():
-        for matrix in (made.V, made.G, made.D):
-            matrix.normal_(std=output, generator=torch.Generator().manual_seed(seed + 1))
-    return made
-
-
-def points(hidden, count=4, seed=0):
-    generator = np.random.default_rng(seed)
-    sizes = unexplained_parts(2, 2).belief.stop, context_parts(2, 2).motion.stop, hidden
-    return (0.5 * generator.normal(size=(count, size)) for size in sizes)
+SHORT = {"chunks": 2, "lanes": 4, "steps": 50, "window": 50, "updates": 2, "hidden": 5, "modulation": 2}
+WORDS = ["--chunks", "1", "--lanes", "2", "--steps", "50", "--window", "50", "--updates", "1", "--hidden", "4"]
 
 
 def test_the_network_in_torch_is_the_one_that_is_shipped():
-    made, (z, c, h), torques = student(), points(6), np.array([90.0, 40.0])
+    made, generator = Student(6, 3, torch.Generator().manual_seed(0), two_joints()), np.random.default_rng(0)
+    with torch.no_grad():
+        for matrix in (made.V, made.G, made.D):  # whose answer is zero at first
+            matrix.normal_(std=0.02, generator=torch.Generator().manual_seed(1))
+    sizes = unexplained_parts(2, 2).belief.stop, context_parts(2, 2).motion.stop, 6
+    z, c, h = (0.5 * generator.normal(size=(4, size)) for size in sizes)
     tensors = [torch.from_numpy(part).float()[None] for part in (z, c)]
     rho, after = made(*tensors, torch.from_numpy(h).float(), torch.ones(1, 4, 1))
-    for lane in range(4):
-        memory, network = h[lane].copy(), made.network()
+    network, torques = made.network(), np.array([90.0, 40.0])
+    for lane, memory in enumerate(h.copy()):
         gap = GAP_SHARE * torques * np.sinh(z[lane, unexplained_parts(2, 2).gap])
         answer = respond(z[lane], c[lane], memory, gap, torques, network.layers, 2)
         np.testing.assert_allclose(rho[0, lane].detach().numpy(), answer, atol=1e-6)
@@ -156,11 +145,6 @@ def test_the_motors_can_do_what_is_drawn(arm):
     assert np.max(errors) < 1.5  # mm; ten times as much where a motor is at its limit
 
 
-@pytest.fixture(scope="module")
-def trained():
-    return EstimateTraining(EstimateConfig(**SHORT)).run()
-
-
 def test_units_scale_with_the_arm():
     assert scale_of(ARM) == (1.0, 1.0, 1.0)
     same = np.array(units_of(ARM).torque) / ARM.torque_limit
@@ -177,15 +161,13 @@ def test_motors_too_weak_for_any_course_are_named():
 
 
 @pytest.mark.slow
-def test_the_same_seed_gives_the_same_network(trained):
-    again = EstimateTraining(EstimateConfig(**SHORT)).run()
+def test_the_same_seed_gives_the_same_network():
+    trained, again = (EstimateTraining(EstimateConfig(**SHORT)).run() for _ in range(2))
     for field in dataclasses.fields(EstimateNetwork):
         one, two = getattr(trained.network, field.name), getattr(again.network, field.name)
         assert one.tobytes() == two.tobytes()
-    assert (
-        trained.network.A.tobytes()
-        != Student(5, 2, torch.Generator().manual_seed(0), two_joints()).network().A.tobytes()
-    )
+    untrained = Student(5, 2, torch.Generator().manual_seed(0), two_joints()).network()
+    assert trained.network.A.tobytes() != untrained.A.tobytes()
     assert [row["chunk"] for row in trained.curve] == [0, 1]
 
 
@@ -210,6 +192,76 @@ def test_training_lowers_the_loss():
     config = EstimateConfig(**{**SHORT, "chunks": 12, "lanes": 32, "updates": 10, "redraw": 100})
     losses = [row["loss"] for row in EstimateTraining(config).run().curve]
     assert np.mean(losses[-3:]) < 0.9 * np.mean(losses[:2])
+
+
+@pytest.mark.parametrize("span", [np.eye(3)[:2], np.eye(3)[[2, 0]], np.eye(3)], ids=["xy", "zx", "space"])
+def test_forces_point_where_the_tip_can_move(span):
+    generator = np.random.default_rng(0)
+    inside = span.T @ span
+    for _ in range(50):
+        direction, turn = _direction(span, generator), np.array(_rotation(span, 3, generator))
+        assert np.linalg.norm(direction) == pytest.approx(1.0) and inside @ direction == pytest.approx(direction)
+        np.testing.assert_allclose(turn @ turn.T, np.eye(3), atol=1e-12)
+        np.testing.assert_allclose(inside @ turn @ direction, turn @ direction, atol=1e-12)
+        assert np.linalg.det(turn) == pytest.approx(1.0)
+    across = TravelForce(3.0, 0.0, 1.0, 0.0, tuple(map(tuple, turn.tolist())), 0.01).at(np.zeros(1), direction[None])
+    np.testing.assert_allclose(across[0], -3.0 * turn @ direction, atol=1e-12)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(("name", "count"), [("planar-3r", 96), ("ur5", 24)])
+def test_what_is_drawn_is_the_robots(name, count):
+    robot = robot_named(name)
+    courses, scale = draw_courses(robot, count, PERIOD, np.random.default_rng(0)), scale_of(robot)
+    assert np.max(courses.payload) <= HEAVIEST * scale.mass
+    assert np.max(courses.payload) > 0.3 * case_for("payload", robot).disturbance.payload.mass
+    courses.lanes.reset(list(range(count)))
+    limit, off = robot.drive("torque_limit"), np.eye(3) - freedom(robot).motion.T @ freedom(robot).motion
+    forces = []
+    for lane in range(count):
+        reference, schedule = courses.lanes.schedule(lane)
+        time = np.linspace(0.0, reference.duration, 60)
+        q, dq, ddq = reference.sample(time)[:3]
+        carrying = robot.with_payload(float(courses.payload[lane]))
+        torque = inverse_dynamics(carrying, q, dq, ddq) + ddq * robot.drive("motor_inertia")
+        force = schedule.disturbance.tip_force
+        if force is not None:
+            jacobian = tip_jacobian(robot, q)
+            pushed = force.at(time, np.einsum("tai,ti->ta", jacobian, dq))
+            torque -= np.einsum("tai,ta->ti", jacobian, pushed)
+            np.testing.assert_allclose(pushed @ off, 0.0, atol=1e-9)
+            forces.append(force)
+        assert np.all(np.abs(torque) < 0.92 * limit)
+    assert {type(force) for force in forces} == {ConstantForce, TravelForce}
+
+
+@pytest.mark.slow
+def test_the_beliefs_of_the_teacher_are_the_robots_plants():
+    """What a lane drew, and no more: the factors of the draw, the payload, the lateness."""
+    robot = robot_named("planar-3r")
+    courses, adaptive = draw_courses(robot, 6, PERIOD, np.random.default_rng(1)), AdaptiveObserverPolicy(robot, PERIOD)
+    courses.lanes.reset(list(range(6)))
+    p, belief = Teacher(adaptive, courses).beliefs()[:, 12:], adaptive.belief
+    drawn = courses.lanes.randomisation_info()
+    assert courses.lanes.randomisation.varies and np.ptp(drawn["stiffness"]) > 0.1
+    for name in ("stiffness", "damping", "friction", "mass", "motor_inertia"):
+        factor = drawn["dry_friction" if name == "friction" else name]
+        np.testing.assert_allclose(p[:, getattr(belief, name)], factor, atol=1e-9)
+    np.testing.assert_allclose(p[:, belief.payload][:, 0], courses.payload, atol=1e-9)
+    np.testing.assert_array_equal(p[:, belief.lateness][:, 0], courses.delay)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", ["planar-3r", "ur5"])
+def test_a_training_ships_a_policy_of_the_robot(name, tmp_path):
+    robot = robot_named(name)
+    assert main(["train", "estimate", "--robot", name, *WORDS, "--out", str(tmp_path / "run")]) == 0
+    bundle = EstimateBundle.load(tmp_path / "run" / "policy")
+    assert bundle.arm == ArmDefinition(name, robot.digest)
+    policy, state = load_policy(tmp_path / "run" / "policy", robot=name), None
+    for _ in range(3):
+        torque, state = policy.predict(np.zeros((5, 5 * len(robot))), state)
+    assert torque.shape == (5, len(robot)) and np.isfinite(torque).all()
 
 
 def test_settings_that_do_not_fit_are_refused():

@@ -140,23 +140,14 @@ def test_a_state_goes_on_bit_for_bit():
             np.testing.assert_array_equal(a, b)
 
 
-def test_a_state_of_other_arms_is_refused():
-    short = JointReference(path=Line((0.4, 0.5), (0.42, 0.5)), duration=0.05)
+def test_a_state_of_other_lanes_is_refused():
     envs = FuzzyArmLearnVectorEnv(2, **PAPER)
-    with pytest.raises(gym.error.ResetNeeded, match=r"before envs\.get_state"):
-        envs.get_state()
     envs.reset(seed=0)
     state = envs.get_state()
-    softer = FuzzyArmLearnVectorEnv(2, **PAPER, parameters=ArmParameters(stiffness=(20000.0, 10000.0)))
-    others = (FuzzyArmLearnVectorEnv(2, "payload"), FuzzyArmLearnVectorEnv(2, reference=short), softer)
-    for other in others:
-        with pytest.raises(ValueError, match="other plants, scenarios, randomisation, periods or another number"):
-            other.set_state(state)
+    with pytest.raises(ValueError, match="other plants, scenarios, randomisation, periods or another number"):
+        FuzzyArmLearnVectorEnv(2, "payload").set_state(state)
     with pytest.raises(ValueError, match="needed: an array"):
         FuzzyArmLearnVectorEnv(3, **PAPER).set_state(state)
-    envs.reset(options={"case": "payload"})
-    with pytest.raises(ValueError, match="lane 0 is in a scenario that reset options asked for"):
-        envs.get_state()
 
 
 def bundle(features, action, seed=0):

@@ -1,13 +1,10 @@
 """Gradients through the arm in tensors, against finite differences: slipping, sticking, at borders, over many steps."""
 
-import os
-import shutil
-
 import numpy as np
 import pytest
 import torch
+from test_torch_env import needs_compiler
 
-from fuzzyarm.envs.physics.dynamics import Arm, arm_constants
 from fuzzyarm.envs.physics.elementwise import root
 from fuzzyarm.envs.physics.friction import stick_slip
 from fuzzyarm.envs.physics.parameters import ArmParameters
@@ -22,9 +19,6 @@ LOADED = Disturbance(tip_force=MachiningForce(), encoder_noise=EncoderNoise(1e-5
 SPREAD = DomainRandomisation(stiffness=(0.8, 1.2), payload=(0.0, 5.0), angle=(-0.01, 0.01))
 FREE = (300.0, -150.0)  # N m, far more than static friction and gravity: both motors slip from the first step on
 pytestmark = pytest.mark.filterwarnings("ignore:`torch.jit:DeprecationWarning")  # when torch loads its compiler
-needs_compiler = pytest.mark.skipif(
-    shutil.which(os.environ.get("CXX", "g++")) is None, reason="torch.compile needs a C++ compiler on the CPU"
-)
 
 
 def arms(lanes, **arguments):
@@ -72,9 +66,7 @@ def test_a_motor_that_sticks_has_no_gradient():
     # The torque that holds the arm at rest, and 1 N m: static friction holds both motors.
     envs = arms(2)
     envs.reset(seed=0)
-    state = envs.state.detach()
-    arm = Arm(*arm_constants(ArmParameters()))
-    stiffness = torch.tensor([arm.stiffness1, arm.stiffness2])
+    state, stiffness = envs.state.detach(), torch.tensor(ArmParameters().stiffness, dtype=torch.float64)
     torque = (stiffness * (state[:, :2] - state[:, 2:4]) + 1.0).requires_grad_()
     for _ in range(3):
         envs.step(torque)
@@ -115,8 +107,7 @@ def test_stick_slip_at_its_borders():
     """At a kink the gradient is stated by the class: one side, the mean of both, or 0; it is never nan."""
     for velocity, acceleration, deceleration in ((0.0, 40.0, 90.0), (0.0, 0.0, 90.0), (0.0, 0.0, 0.0)):
         after, gradient = sliding(velocity, acceleration, deceleration)
-        assert after == [0.0, 0.0]
-        assert (gradient == 0.0).all()
+        assert after == [0.0, 0.0] and (gradient == 0.0).all()
     # At the torque that frees it, a motor at rest has half of h = 1e-3 s, its derivative once it slips.
     assert sliding(0.0, 90.0, 90.0)[1][0, 1] == pytest.approx(0.5e-3)
     # One that leaves rest depends on the torque as it should; by its velocity, which is 0, the gradient is 0.
@@ -126,8 +117,7 @@ def test_stick_slip_at_its_borders():
 def test_the_root_at_zero_has_gradient_zero():
     squares = torch.tensor([0.0, 4.0], requires_grad=True)
     (gradient,) = torch.autograd.grad(root(squares).sum(), squares)
-    assert gradient.tolist() == [0.0, 0.25]
-    assert root(squares).tolist() == [0.0, 2.0]
+    assert gradient.tolist() == [0.0, 0.25] and root(squares).tolist() == [0.0, 2.0]
 
 
 @pytest.mark.parametrize("dtype", [torch.float32, torch.float64])

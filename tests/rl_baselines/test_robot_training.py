@@ -18,18 +18,8 @@ from fuzzyarm.rl_baselines.algorithms.ppo import PPOConfig
 from fuzzyarm.rl_baselines.checkpoint import CheckpointError
 from fuzzyarm.rl_baselines.training import Training, default_scale
 
-SHORT = [
-    word
-    for name, value in {
-        "total-timesteps": 256,
-        "lanes": 4,
-        "n-steps": 32,
-        "batch-size": 64,
-        "n-epochs": 1,
-        "hidden": 8,
-    }.items()
-    for word in (f"--{name}", str(value))
-]
+SIZES = {"total-timesteps": 256, "lanes": 4, "n-steps": 32, "batch-size": 64, "n-epochs": 1, "hidden": 8}
+SHORT = [word for name, value in SIZES.items() for word in (f"--{name}", str(value))]
 
 
 def test_default_scales_follow_from_the_arm():
@@ -51,10 +41,7 @@ REFUSED = {
     "no such robot": (["--robot", "ur55"], "unknown robot 'ur55'"),
     "scales of another arm": (["--robot", "ur5", "--scale", "1", "2"], "must be 6 numbers"),
     "a base of another arm": (["--robot", "ur5", "--base", "fuzzy-4"], "fuzzy-4"),
-    "a base that no bundle could name": (
-        ["--base", "mine.json", "--scale", "0.01", "0.02"],
-        "is not the name of",
-    ),
+    "a base that no bundle could name": (["--base", "mine.json", "--scale", "0.01", "0.02"], "is not the name of"),
     "no file": (["--robot", "missing.toml"], "missing.toml"),
 }
 

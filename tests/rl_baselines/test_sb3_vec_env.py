@@ -14,16 +14,12 @@ from fuzzyarm.envs.scenario.paths import Lemniscate, Line
 from fuzzyarm.envs.scenario.reference import JointReference
 from fuzzyarm.envs.task import Termination
 
-sb3 = pytest.importorskip("stable_baselines3")
-from stable_baselines3.common.monitor import Monitor  # noqa: E402
-from stable_baselines3.common.vec_env import (  # noqa: E402
-    DummyVecEnv,
-    VecCheckNan,
-    VecFrameStack,
-    VecNormalize,
-)
+pytest.importorskip("stable_baselines3")
+import stable_baselines3 as sb3
+from stable_baselines3.common.monitor import Monitor
+from stable_baselines3.common.vec_env import DummyVecEnv, VecCheckNan, VecFrameStack, VecNormalize
 
-from fuzzyarm.rl_baselines.sb3_vec_env import StableBaselinesVecEnv  # noqa: E402
+from fuzzyarm.rl_baselines.sb3_vec_env import StableBaselinesVecEnv
 
 NOISY = Disturbance(encoder_noise=EncoderNoise(position=1e-5, velocity=1e-3))
 SHORT = JointReference(path=Line((0.4, 0.5), (0.42, 0.5)), duration=0.05)  # 50 steps
@@ -96,14 +92,10 @@ def assert_same_step(results, others):
     return ends
 
 
-# --- it is what stable-baselines3 makes of single environments ---------------------------------------------------
-
-
 TRUNCATED, TERMINATED = {"truncated"}, {reason.text for reason in Termination if reason}
 SETTINGS = {
     "short": ({"reference": SHORT}, [TRUNCATED]),
     "machining": ({"case": "machining", "reference": LONGER}, [TRUNCATED, TERMINATED]),
-    "plants": ({"case": "payload", "randomisation": "plants"}, [TERMINATED]),
     "robust": ({"disturbance": NOISY, "randomisation": "robust"}, [TERMINATED]),
     "rescaled": ({"rescaled": True, "reference": LONGER}, [TRUNCATED, TERMINATED]),
 }
@@ -120,33 +112,6 @@ def test_it_equals_the_loop_over_monitored_single_environments(name):
         scaled = (action / [500.0, 250.0]).astype(np.float32) if "rescaled" in arguments else action
         ends += assert_same_step(venv.step(scaled), loop.step(scaled))
     assert all(kind & set(ends) for kind in kinds)
-
-
-def test_both_kinds_of_end_are_told_apart():
-    venv = adapted(3, reference=[SHORT, LONGER, LONGER])
-    venv.set_options([{"initial_state": state} for state in (STILL, STILL, LEAVING)])
-    venv.reset()
-    ends = {}
-    for step in range(1, 51):
-        observation, _, dones, infos = venv.step(np.zeros((3, 2)))
-        assert [bool(info) for info in infos] == dones.tolist()
-        for lane in np.flatnonzero(dones).tolist():
-            info = infos[lane]
-            ends[lane] = (info["TimeLimit.truncated"], info.get("reason"), info["episode"]["l"] == step)
-            assert not np.array_equal(info["terminal_observation"], observation[lane])
-            assert observation[lane, 2:4].tolist() == [0.0, 0.0]  # at rest: the next episode
-    assert ends == {0: (True, None, True), 2: (False, Termination.ANGLE.text, True)}
-
-
-def test_a_reset_counts_return_and_length_from_zero():
-    venv, loop = both(reference=SHORT)
-    for _ in range(20):
-        assert_same_step(venv.step(np.zeros((LANES, 2))), loop.step(np.zeros((LANES, 2))))
-    assert same_array(venv.reset(), loop.reset())
-    for _ in range(49):
-        venv.step(np.zeros((LANES, 2)))
-    *_, infos = venv.step(np.zeros((LANES, 2)))
-    assert [info["episode"]["l"] for info in infos] == [50] * LANES
 
 
 def test_python_does_for_a_step_of_many_lanes_what_it_does_for_two():
@@ -184,35 +149,17 @@ def test_an_episode_tells_its_mean_tip_error():
         assert told["episode"]["tip_error"] == pytest.approx(expected, rel=1e-12)
 
 
-def test_what_came_back_stays_as_it_is():
-    venv = adapted(disturbance=NOISY, reference=SHORT)
-    kept = [(venv.reset(),), *(venv.step(action)[:3] for action in torques(120))]
-    copies = [[array.copy() for array in result] for result in kept]
-    finals = venv.step(np.zeros((LANES, 2)))[3]
-    venv.reset()
-    assert all(
-        same_array(a, b) for one, other in zip(kept, copies, strict=True) for a, b in zip(one, other, strict=True)
-    )
-    assert finals == [{}] * LANES
-
-
 def test_an_environment_that_resets_itself_a_step_later_is_refused_and_any_other_is_taken():
     later = gym.make_vec("FuzzyArm-v0", num_envs=2, vectorization_mode="sync")
     with pytest.raises(ValueError, match=r"NEXT_STEP; stable-baselines3 needs .*SAME_STEP"):
         StableBaselinesVecEnv(later)
-    same = {"autoreset_mode": AutoresetMode.SAME_STEP}
-    venv = StableBaselinesVecEnv(
-        gym.make_vec("FuzzyArm-v0", num_envs=LANES, vectorization_mode="sync", vector_kwargs=same, reference=SHORT)
-    )
-    native = adapted(reference=SHORT)
+    same = {"vectorization_mode": "sync", "vector_kwargs": {"autoreset_mode": AutoresetMode.SAME_STEP}}
+    venv, native = (adapted(reference=SHORT, **how) for how in (same, {}))
     assert same_array(venv.reset(), native.reset())
     for action in torques(60):
         results, others = venv.step(action), native.step(action)
         assert all(map(same_array, results[:3], others[:3]))
         assert all((a.keys() == b.keys()) for a, b in zip(results[3], others[3], strict=True))
-
-
-# --- seeds and options -------------------------------------------------------------------------------------------
 
 
 def test_seeds_hold_for_the_next_reset_and_the_streams_go_on_after_it():
@@ -245,9 +192,6 @@ def test_options_hold_for_one_episode_of_each_lane(options):
             assert_same_step(venv.step(action), loop.step(action))
 
 
-# --- the rest of the interface -----------------------------------------------------------------------------------
-
-
 def test_attributes_are_found_through_wrappers_and_by_lane():
     venv = VecFrameStack(adapted(rescaled=True, control_period=2e-3), 2)
     assert venv.get_attr("control_period") == [2e-3] * LANES
@@ -261,14 +205,7 @@ def test_attributes_are_found_through_wrappers_and_by_lane():
         venv.get_attr("substeps", indices=[LANES])
 
 
-# --- wrappers, training and evaluation ---------------------------------------------------------------------------
-
-WRAPS = {
-    "VecNormalize": VecNormalize,
-    "VecFrameStack": lambda venv: VecFrameStack(venv, 3),
-    "VecCheckNan": VecCheckNan,
-    "VecNormalize of VecFrameStack": lambda venv: VecNormalize(VecFrameStack(venv, 2)),
-}
+WRAPS = {"VecCheckNan": VecCheckNan, "two of them": lambda venv: VecNormalize(VecFrameStack(venv, 2))}
 
 
 @pytest.mark.parametrize("name", WRAPS)
@@ -287,8 +224,7 @@ def test_ppo_learns_the_same_as_from_the_loop():
         model.learn(2 * 64 * LANES)
         return model
 
-    model = trained(adapted)
-    expected = trained(monitored)
+    model, expected = trained(adapted), trained(monitored)
     assert model.num_timesteps == 512 and len(model.ep_info_buffer) == 2 * LANES
     assert [info["l"] for info in model.ep_info_buffer] == [50] * 2 * LANES
     weights, others = (one.policy.state_dict() for one in (model, expected))

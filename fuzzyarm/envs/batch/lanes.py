@@ -125,11 +125,6 @@ class Lanes:
         arrays = self.values, self.clock.view(np.float64), action, *self.layout.arrays(out, self.count)
         return self.kernels.step.bound(arrays, self._periods, (self._assigned.tables.table,))
 
-    def inputs(self) -> tuple[np.ndarray, np.ndarray, tuple[np.ndarray, ...]]:
-        """Return `Given` (lanes, 3), constants and tables of `Kernels.advance`, for the lanes' own scenarios."""
-        own, given = self._assigned.own, np.stack([self._plant_of, *self._assigned.own_places], axis=1) + 0.0
-        return given, np.append(self._periods, self._ranges), (self._plants, own.starts, own.table)
-
     @property
     def table(self) -> np.ndarray:
         """The schedules (rows, numbers of a row) of all episodes below each other."""

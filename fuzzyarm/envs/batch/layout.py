@@ -23,8 +23,8 @@ from fuzzyarm.envs.physics.records import Physics, places, record_type
 from fuzzyarm.numbers.machine import WIDE
 
 __all__ = [
-    "CLOCK", "INFO", "SCALARS", "START", "VECTORS", "Clock", "Flags", "Layout", "Noise", "Results", "ResultsMemory",
-    "Room", "Start", "StepScalars", "StepVectors", "Totals", "by_rows", "in_blocks", "layout_of",
+    "CLOCK", "INFO", "SCALARS", "START", "VECTORS", "Clock", "Layout", "Noise", "Results", "ResultsMemory",
+    "Room", "Start", "StepScalars", "StepVectors", "by_rows", "in_blocks", "layout_of",
 ]  # fmt: skip
 
 
@@ -88,26 +88,6 @@ class Results(NamedTuple):
 
     vectors: Any  # `StepVectors`
     scalars: Any  # `StepScalars`
-
-
-class Flags(NamedTuple):
-    """How a step ended, as whole numbers of 64 bits: 0 or 1, the reason a `Termination`."""
-
-    terminated: Any
-    truncated: Any
-    torque_clipped: Any
-    reason: Any
-
-
-class Totals(NamedTuple):
-    """Of many steps: number, sum of rewards, largest tip error [m], sum of its squares [m²], and numbers of ends."""
-
-    steps: Any
-    reward: Any
-    tip_error: Any
-    tip_error_squares: Any
-    terminated: Any
-    truncated: Any
 
 
 CLOCK, START = places(Clock), places(Start)  # where each number of the records `Clock` and `Start` lies in its array

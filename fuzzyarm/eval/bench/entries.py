@@ -88,8 +88,7 @@ def batch_entries(lanes: int, threads: int) -> list[Entry]:
     found = [Entry("FuzzyArm-v0, machine code", lanes, used, own, tip_error=_own_tip_error)]
     if lanes >= _TORCH_LANES:
         for device, dtype in itertools.product(("cpu", "cuda"), ("float64", "float32")):
-            compiler = "PTX kernel" if _is_kernel(device, dtype) else "torch.compile"
-            name = f"FuzzyArm, {compiler}, {'GPU' if device == 'cuda' else 'CPU'}"
+            name = f"FuzzyArm, torch.compile, {'GPU' if device == 'cuda' else 'CPU'}"
             opened = functools.partial(_torch, lanes, threads, device, dtype)
             error = functools.partial(_torch_tip_error, device, dtype)
             found.append(Entry(name, lanes, threads, opened, dtype=dtype, tip_error=error))
@@ -189,7 +188,7 @@ def _batch(lanes: int, threads: int) -> Iterator[Measure]:
 
 @contextlib.contextmanager
 def _torch(lanes: int, threads: int, device: str, dtype: str) -> Iterator[Measure]:
-    torch_env, torch = _torch_modules(device, dtype)
+    torch_env, torch = _torch_modules(device)
     threads_before = torch.get_num_threads()
     torch.set_num_threads(threads)
     try:
@@ -211,12 +210,7 @@ def _torch(lanes: int, threads: int, device: str, dtype: str) -> Iterator[Measur
         torch.set_num_threads(threads_before)
 
 
-def _is_kernel(device: str, dtype: str) -> bool:
-    """Return whether `TorchFuzzyArm` launches kernels of its own, which torch does not compile."""
-    return (device, dtype) == ("cuda", "float64")
-
-
-def _torch_modules(device: str, dtype: str) -> tuple[ModuleType, ModuleType]:
+def _torch_modules(device: str) -> tuple[ModuleType, ModuleType]:
     """Return `fuzzyarm.rl_baselines.torch_env` and its torch, if they can step on the device."""
     # By name: only rl_baselines imports torch, which is optional.
     torch_env = importlib.import_module("fuzzyarm.rl_baselines.torch_env")
@@ -224,7 +218,7 @@ def _torch_modules(device: str, dtype: str) -> tuple[ModuleType, ModuleType]:
     if device == "cuda" and not torch.cuda.is_available():
         raise RuntimeError("no GPU that torch can use")
     compilers = (os.environ.get("CXX"), "g++", "clang++", "cl")
-    if not _is_kernel(device, dtype) and not any(shutil.which(name) for name in compilers if name):
+    if not any(shutil.which(name) for name in compilers if name):
         raise RuntimeError("torch.compile needs a C++ compiler: install g++ or clang++, or name one in CXX")
     return torch_env, torch
 
@@ -290,10 +284,9 @@ def _own_tip_error() -> float:
 
 @functools.cache
 def _torch_tip_error(device: str, dtype: str) -> float:
-    torch_env, torch = _torch_modules(device, dtype)
+    torch_env, torch = _torch_modules(device)
     # Not compiled by torch, as that takes a minute for each number of lanes; tests compare both steps.
-    compiled = _is_kernel(device, dtype)
-    arm = torch_env.TorchFuzzyArm(2, device=device, dtype=getattr(torch, dtype), compiled=compiled)
+    arm = torch_env.TorchFuzzyArm(2, device=device, dtype=getattr(torch, dtype), compiled=False)
     policy, (observation, _) = load_policy("computed-torque"), arm.reset(seed=0)
     memory, stepped, ended = None, [], False
     while not ended:

@@ -24,11 +24,7 @@ ALGORITHMS = Registry[AlgorithmSpec](__name__, {spec.name: spec for spec in _shi
 
 
 def add_algorithm(spec: AlgorithmSpec) -> None:
-    """Make an algorithm known by its name and by the class of its settings.
-
-    Raises:
-        ValueError: there is one of that name, or with that class of settings.
-    """
+    """Make an algorithm known by its name and the class of its settings; ValueError if there is one with either."""
     if spec.name in ALGORITHMS:
         raise ValueError(f"there is an algorithm {spec.name!r} already; choose another name")
     for other in ALGORITHMS.values():

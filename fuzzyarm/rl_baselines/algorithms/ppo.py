@@ -218,7 +218,7 @@ class PPOAlgorithm:
         from fuzzyarm.rl_baselines.checkpoint import check_learner
 
         model, policy = self.model, self.model.policy
-        check_learner(state, [(state["optimizer"], policy.optimizer, list(policy.parameters()))])
+        check_learner(state, policy.optimizer, list(policy.parameters()))
         policy.load_state_dict(state["policy"])
         policy.optimizer.load_state_dict(state["optimizer"])
         model.num_timesteps, model._n_updates = state["counters"]["steps"], state["counters"]["updates"]

@@ -147,7 +147,6 @@ class EstimateTraining:
         return EstimateBundle(self.student.network(), arm, PERIOD, seed=config.seed, **record)
 
     def _update(self, replay: deque[Chunk], number: int) -> float:
-        """Do a gradient step and return the loss."""
         config, draw = self.config, self._generator
         chunk = replay[-1] if number % _NEWEST == 0 else replay[int(draw.integers(len(replay)))]
         segments = (config.steps - config.window) // SEGMENT + 1
