@@ -2,9 +2,10 @@
 
     python benchmarks/browser_arm.py
 
-needs ``pip install ziglang``, whose clang and linker make WebAssembly without a system's tools. The plant is recorded from
-the functions that the environment steps, the laws are those of ``fuzzyarm export c``; the reference goes over as Chebyshev
-coefficients, whose error is 1e-13 rad, and the machining force as a table. `tests/docs` compares the errors with the package's.
+needs ``pip install ziglang``, whose clang and linker make WebAssembly without a system's tools. The plant is recorded
+from the functions that the environment steps, the laws are those of ``fuzzyarm export c``; the reference goes over as
+Chebyshev coefficients, whose error is 1e-13 rad, and the machining force as a table. `tests/docs` compares the errors
+with the package's.
 """
 
 from __future__ import annotations
@@ -21,6 +22,7 @@ import numpy as np
 from numpy.polynomial import chebyshev
 
 from fuzzyarm import load_policy
+from fuzzyarm.envs.batch.schedule import Schedule
 from fuzzyarm.envs.fuzzy_arm import FuzzyArmEnv
 from fuzzyarm.envs.physics.dynamics import Payload
 from fuzzyarm.envs.physics.equations import equations_of
@@ -29,7 +31,6 @@ from fuzzyarm.envs.physics.parameters import ArmParameters
 from fuzzyarm.envs.physics.records import places
 from fuzzyarm.envs.scenario.cases import CASES
 from fuzzyarm.envs.scenario.default_reference import default_reference
-from fuzzyarm.envs.batch.schedule import Schedule
 from fuzzyarm.export.c_files import c_name, sources_of
 from fuzzyarm.export.c_text import MODEL, Recorded
 from fuzzyarm.numbers.functions import zeros

@@ -2,9 +2,10 @@
 
     python benchmarks/overview.py [--plants N] [--json FILE]
 
-The rms tip error of each policy in the three cases, without noise and with noise of 10 µrad and 1 mrad/s on the encoders
-(median of five episodes), and the largest tip error that 99 % of the plants of `plant_errors` stay below in the worst of the
-three cases. Of a policy that was trained with several seeds, all stored seeds run the cases; the plants meet the shipped one.
+The rms tip error of each policy in the three cases, without noise and with noise of 10 µrad and 1 mrad/s on the
+encoders (median of five episodes), and the largest tip error that 99 % of the plants of `plant_errors` stay below in
+the worst of the three cases. Of a policy that was trained with several seeds, all stored seeds run the cases; the
+plants meet the shipped one.
 """
 
 from __future__ import annotations

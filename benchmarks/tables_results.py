@@ -63,11 +63,12 @@ def _overview(document: dict[str, Any], bounds: dict[str, Any]) -> str:
     made = made_with(document, near)
     return (
         f"{markdown(['tip error, rms [mm]', *headings], rows)}\n\n"
-        "Noise: 10 µrad and 1 mrad/s on the encoders, in the three cases. 99 % of plants: the largest error that 99 % of random arms "
-        "with random loads stay below in the worst case. Learned: the shipped policy, and the range of five seeds. `paper-4`: the "
-        "paper's Theorem 2 solved as printed; `paper-4-printed`: the gains that it prints. Proven: the [tip's bound](docs/theory/tip.md) "
-        "for stiffness ± 2 %, damping ± 10 %, masses ± 0.5 %, motor inertias ± 1 %, dry friction ± 20 %, at every sample of the nominal "
-        f"case. `{document['command']}`, `{bounds['command']}`; {made}"
+        "Noise: 10 µrad and 1 mrad/s on the encoders, in the three cases. 99 % of plants: the largest error that 99 % "
+        "of random arms with random loads stay below in the worst case. Learned: the shipped policy, and the range of "
+        "five seeds. `paper-4`: the paper's Theorem 2 solved as printed; `paper-4-printed`: the gains that it prints. "
+        "Proven: the [tip's bound](docs/theory/tip.md) for stiffness ± 2 %, damping ± 10 %, masses ± 0.5 %, motor "
+        "inertias ± 1 %, dry friction ± 20 %, at every sample of the nominal case. "
+        f"`{document['command']}`, `{bounds['command']}`; {made}"
     )
 
 
@@ -122,9 +123,9 @@ def _speeds(bench: dict[str, Any]) -> str:
     rows = {row["group"]: row for row in bench["rows"] if row["ratios"]}
     one, many = rows["one environment"], rows["1024 lanes"]
     return (
-        f"**Speed**, control steps a second: {_thousands(one)} thousand with one arm ({_times(one, 'Pendulum')} times Gymnasium's "
-        f"Pendulum), {_thousands(many)} thousand with 1024 arms ({_times(many, 'MuJoCo arm')} times the same arm in MuJoCo at equal tip "
-        "accuracy). Not compared: GPU simulators; no GPU has run the tensors. "
+        f"**Speed**, control steps a second: {_thousands(one)} thousand with one arm ({_times(one, 'Pendulum')} times "
+        f"Gymnasium's Pendulum), {_thousands(many)} thousand with 1024 arms ({_times(many, 'MuJoCo arm')} times the "
+        "same arm in MuJoCo at equal tip accuracy). Not compared: GPU simulators; no GPU has run the tensors. "
         f"`{bench['command']}`; {made_with(bench)}"
     )
 

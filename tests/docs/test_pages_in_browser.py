@@ -46,9 +46,8 @@ def test_the_arm_in_the_browser_errs_as_the_package_does(payload, share, case, s
     tab.open(site / "try.html")
     tab.wait_for("document.body.dataset.arm === 'ready'")
     for name, value in (("payload", payload), ("force", share)):
-        tab.run(
-            f"(e => {{ e.value = {value}; e.dispatchEvent(new Event('input')); }})(document.querySelector('#arm-{name}'))"
-        )
+        slider = f"document.querySelector('#arm-{name}')"
+        tab.run(f"{slider}.value = {value}; {slider}.dispatchEvent(new Event('input'))")
     stored = json.loads((ROOT / "benchmarks/results/evaluate.json").read_text(encoding="utf-8"))["results"]
     for number, policy in enumerate(("fuzzy-4-tip", "elastic-observer")):
         (row,) = [row for row in stored if (row["policy"], row["case"]) == (policy, case)]
