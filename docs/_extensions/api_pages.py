@@ -16,7 +16,8 @@ from sphinx.application import Sphinx
 
 PAGES = {
     "Environments": "envs.fuzzy_arm.FuzzyArmEnv envs.vector.FuzzyArmVectorEnv"
-    " rl_baselines.learning_task.FuzzyArmLearnEnv rl_baselines.learning_task.FuzzyArmLearnVectorEnv rl_baselines.torch_env.TorchFuzzyArm"
+    " rl_baselines.learning_task.FuzzyArmLearnEnv rl_baselines.learning_task.FuzzyArmLearnVectorEnv"
+    " rl_baselines.torch_env.TorchFuzzyArm"
     " rl_baselines.torch_learn.TorchFuzzyArmLearn",
     "Policies and episodes": "load_policy add_policy run_episode Rollout metrics_of sheet_of export_c",
     "Evaluations": "EvaluationConfig evaluate write_results write_figures write_report SweepConfig Sweep Engine"
