@@ -147,7 +147,6 @@ FIGURES: dict[str, Picture] = {
     "comparison.png": _from_result("comparison", "comparison_figure", "draw_comparison"),
     "comparison_pairs.png": _from_result("comparison", "comparison_figure", "draw_pairs"),
     "learned.png": Picture(results=("learned_comparison",), policies=MODEL_BASED),
-    "learning_curves.png": Picture(results=("learned_comparison",)),
     "sweep.png": _from_result("sweep", "sweep_figure"),
     "adaptive_passes.png": _from_result("adaptive_cases"),
     "adaptive_front.png": Picture(results=("adaptive_margins",)),

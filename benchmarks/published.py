@@ -40,14 +40,11 @@ MOVED = ("fuzzyarm/fuzzy_policy/laws/learned/", "fuzzyarm/learned_policy/")
 EVALUATION, CONTROLLERS = RESULTS / "evaluate.json", ROOT / "fuzzyarm" / "fuzzy_policy" / "controllers"
 SAME = 1e-3
 """Relative difference up to which the tip errors of a law are the same."""
-ADAPTIVE, LEARNED = "adaptive-observer", "learned-observer"
+ADAPTIVE = "adaptive-observer"
 SHOWN: dict[str, tuple[str, ...]] = {
     "accuracy": ("computed-torque",),
-    **dict.fromkeys(("adaptive_constants", "adaptive_margins", "adaptive_noise", "adaptive_swing"), (ADAPTIVE,)),
-    **dict.fromkeys(("adaptive_robot_constants", "adaptive_robot_shares"), (ADAPTIVE,)),
-    "learned_swing": (LEARNED,),
-    "estimate_front": ("elastic-observer", ADAPTIVE, LEARNED),
-    "observer_tuning": ("elastic-observer",),
+    "adaptive_margins": (ADAPTIVE,),
+    "estimate_front": ("elastic-observer", ADAPTIVE, "learned-observer"),
     "own_arms": (),
 }
 """Shipped policies in results that do not name them; those of `own_arms` are named alike, but tuned for other arms."""

@@ -35,7 +35,7 @@ OBSERVERS = ("elastic-observer", "adaptive-observer", "learned-observer")
 SWEPT = ("fuzzy-4", "fuzzy-4-tip", "computed-torque-tip", "ppo-residual", *OBSERVERS)
 """Policies of the sweep of plants with loads, by which policies are ranked."""
 SCRIPTS = (
-    *("learned_comparison", "accuracy", "tip_feedforward", "identification", "exported_c", "misra"),
+    *("learned_comparison", "accuracy", "tip_feedforward", "identification", "exported_c"),
     *("adaptive_cases", "own_arms", "synthesis --large", "certified_bounds", "tip_bound"),
     *("tip_falsification", "comparison", "learning_curves", "robot_speed", "mujoco_arm", "soak"),
 )

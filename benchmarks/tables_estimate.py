@@ -72,29 +72,6 @@ def _shipped(document: dict[str, Any]) -> str:
     return f"Shipped: seed {document['median']}. Stable in every condition: {stable} of the five."
 
 
-def _on_robot(document: dict[str, Any]) -> list[dict[str, Any]]:
-    """Return the rows of the laws that the policy joins, and of its seeds."""
-    rows = [
-        {"name": _named(name), "seed": "", "cases": cases, "worst": "", "seconds": ""}
-        for name, cases in document["without"].items()
-    ]
-    for row in document["seeds"]:
-        radii = row["margins"]["spectral_radius"].values()
-        worst = "-" if None in radii else f"{max(radii):.4f}"
-        seconds = f"{row['training']['cpu_time_s']:.0f}"
-        rows.append({**row, "name": "`learned-observer`", "worst": worst, "seconds": seconds})
-    return rows
-
-
-def _of_robot(document: dict[str, Any]) -> str:
-    name, chunks = document["robot"], document["seeds"][0]["training"]["chunks"]
-    return (
-        f"`python benchmarks/learned_observer.py --robot {name} --plants {document['plants']}`, trained by `fuzzyarm "
-        f"train estimate --robot {name} --chunks {chunks}` with these seeds on the same machine, shared with other "
-        f"work; plants from seed {document['first_held_out_seed']} on"
-    )
-
-
 def _swept(*sweeps: dict[str, Any]) -> list[dict[str, Any]]:
     return [row for case in zip(*(sweep["rows"] for sweep in sweeps), strict=True) for row in case]
 
@@ -117,23 +94,6 @@ ESTIMATE = {
         ),
         "`python benchmarks/learned_observer.py`, trained by `fuzzyarm train estimate --seed 0` to `4` on the same "
         "machine, shared with other work; plants from seed {first_held_out_seed} on",
-    ),
-    "estimate-robot": Section(
-        "learned_observer_planar-3r",
-        (
-            Table(
-                {
-                    "policy": "{name}",
-                    "seed": "{seed}",
-                    **_ERRORS,
-                    "largest radius in all conditions": "{worst}",
-                    "processor time [s]": "{seconds}",
-                },
-                _on_robot,
-            ),
-            _plants,
-        ),
-        _of_robot,
     ),
     "estimate-sweeps": Section(
         ("elastic_all", "adaptive_all", "learned_all"),

@@ -60,7 +60,7 @@ def _overview(document: dict[str, Any], bounds: dict[str, Any]) -> str:
         for row in document["rows"]
     ]
     headings = [*(f"{case}" for case in PAPER_CASES), "with noise", "99 % of plants", "proven, nearby arms"]
-    made = made_with(document, near)
+    made = made_with(document, [near[row["policy"]] for row in document["rows"] if row["policy"] in near])
     return (
         f"{markdown(['tip error, rms [mm]', *headings], rows)}\n\n"
         "Noise: 10 µrad and 1 mrad/s on the encoders, in the three cases. 99 % of plants: the largest error that 99 % "

@@ -31,17 +31,6 @@ def _mutants(document: dict[str, Any]) -> str:
     return markdown(["mutants of", "made", "noticed", "equivalent", "not noticed"], rows)
 
 
-def _misra(document: dict[str, Any]) -> str:
-    """Return what the MISRA addon finds in the exported C, a column for each rule."""
-    found = {rule for row in document["rows"] for rule in row["violations"]}
-    rules = sorted(found, key=lambda rule: [int(part) for part in rule.split(".")])
-    rows = [
-        [row["source"], f"{row['lines']:,}", *(str(row["violations"].get(rule, "")) for rule in rules)]
-        for row in document["rows"]
-    ]
-    return markdown(["source", "lines", *rules], rows)
-
-
 def _identified(document: dict[str, Any]) -> str:
     """Return a row for each parameter: the truth, the interval, coverage and deviation, for both kinds of logs."""
     logs, headings, rows = list(document["logs"].values()), ["parameter", "unit", "truth"], []
@@ -153,7 +142,6 @@ TOOLS = {
         Table(_exported),
         lambda document: f"`{document['command']}`; {', '.join(document['compilers'].values())}",
     ),
-    "misra": Section("misra", _misra, "`{command}`; {cppcheck}"),
     "identification": Section("identification", _identified, _of_identified),
     "mutants": Section("mutants", _mutants),
     "learning-curves": Section(

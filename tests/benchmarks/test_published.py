@@ -101,7 +101,7 @@ def test_rows_belong_to_the_commit_they_name_or_else_to_that_of_the_result(publi
 def test_files_of_a_policy_at_an_older_commit_are_those_of_its_tree(published, record):
     if published._git("rev-parse", "--is-shallow-repository") != b"false\n":
         pytest.skip("the history is not here")
-    for name in ("evaluate", "soak", "tip_bound", "adaptive_noise"):
+    for name in ("evaluate", "soak", "tip_bound", "adaptive_margins"):
         assert published.result_record(published.RESULTS / f"{name}.json") == record["results"][name]
     (commit,) = record["results"]["evaluate"]["policies"]
     stored = json.loads(published.EVALUATION.read_text(encoding="utf-8"))

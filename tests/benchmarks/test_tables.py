@@ -30,12 +30,12 @@ def test_the_line_below_a_table_names_every_commit_and_machine(module, parts, li
 
 
 def test_readme_names_the_commits_of_its_bounds(module):
-    """The column of proofs has rows of another commit than the comparison."""
+    """The column of proofs has rows of another commit than the others."""
     script = module("readme")
-    text, evaluation = script.readme_sections()["results"], script.stored("evaluate")
-    tips = module("tables_results").tips(evaluation, script.stored("tip_bound"))
-    shown = [row for rows in tips.values() for row in rows]
-    assert {row["commit"] for row in shown} - {evaluation["commit"]}
+    text, policies = script.readme_sections()["results"], {row["policy"] for row in script.stored("overview")["rows"]}
+    bounds = module("tables_results")._on_the_circle(script.stored("tip_bound"))
+    shown = [row for row in bounds if row["set"] == "near" and row["policy"] in policies]
+    assert {row["commit"] for row in shown} - {script.stored("overview")["commit"]}
     assert all(f"{row['commit'][:10]}" in text and row["cpu"] in text for row in shown)
 
 
@@ -50,25 +50,6 @@ def test_every_table_of_the_pages_is_made_and_every_one_that_is_made_is_shown(mo
 def bound(policy, name, millimetres, payload=0.0, **others):
     row = {"policy": policy, "set": name, "bound_mm": millimetres, "plants": {"payload": [0.0, payload]}}
     return {**CIRCLE, **row, **MADE, **others}
-
-
-@pytest.fixture
-def overview(module):
-    """Return the README's line of a policy, given rows of bounds, errors by case, and the certificate."""
-
-    def overview(*rows, errors=(), certificate=None):
-        results = [
-            {"policy": "a", "case": case, "tip_error_rms_mm": rms, "tip_error_max_mm": largest}
-            for case, (rms, largest) in dict(errors).items()
-        ]
-        documents = {
-            "evaluate": {"results": results, "certificates": {"a": certificate}, **MADE},
-            "tip_bound": {"rows": rows, "command": "y"},
-        }
-        text = module("tables_results").README["results"].text(documents.__getitem__)
-        return next(line for line in text.splitlines() if line.startswith("| a |"))
-
-    return overview
 
 
 EXACT, NEAR = bound("a", "table-1", 0.00226), bound("a", "near", 0.6747)
@@ -100,11 +81,25 @@ LOADS = [bound("a", f"payload 0 to {load:g} kg", load, load) for load in (5.0, 0
     ],
 )
 def test_proofs_of_the_circle_are_shown_and_the_bound_of_one_arm_is_labelled_or_left_out(
-    overview, rows, certificate, words
+    module, rows, certificate, words
 ):
-    assert overview(*rows, certificate=certificate) == f"| a | {words} |"
+    document = {"certificates": {"a": certificate}}
+    assert module("tables_results")._proven(document, {"rows": rows}) == {"a": words}
 
 
-def test_below_a_micrometre_the_table_gives_no_number_and_above_it_two_digits(overview):
-    errors = {"nominal": (0.00042, 0.00226), "machining": (4.98, 10.8), "payload": (0.00101, 0.000999)}
-    assert overview(errors=errors) == "| a | < 0.001 / 0.0023 | 5.0 / 11 | 0.0010 / < 0.001 | no |"
+def test_the_readme_shows_seeds_noise_plants_and_the_bound_for_nearby_arms(module):
+    """Below a micrometre no number, above it two digits, the bound rounded up; a policy that lost a plant has none."""
+    row = {
+        **{"policy": "a", "rms_mm": [0.0004, 4.98, 1.839], "rms_mm_of_seeds": [], "noisy_rms_mm": [0.0053, 4.98, 1.84]},
+        "plants_mm": 15.43,
+    }
+    seeds = {**row, "policy": "b", "rms_mm_of_seeds": [[0.9, 3.0, 2.0], [1.6, 2.9, 2.6]], "plants_mm": None}
+    documents = {
+        "overview": {"rows": [row, seeds], "command": "x", **MADE},
+        "tip_bound": {"rows": [EXACT, NEAR], "command": "y"},
+    }
+    text = module("tables_results").README["results"].text(documents.__getitem__)
+    assert "| `a` | < 0.001 | 5.0 | 1.8 | 0.0053 / 5.0 / 1.8 | 15 | 0.68 mm |" in text
+    assert (
+        "| `b` | < 0.001 (0.90 to 1.6) | 5.0 (2.9 to 3.0) | 1.8 (2.0 to 2.6) | 0.0053 / 5.0 / 1.8 | lost |  |" in text
+    )
