@@ -11,11 +11,13 @@ commit that the result names. The tables of finished studies, whose scripts are 
 from __future__ import annotations
 
 import argparse
+import json
 import shutil
 import subprocess
 import sys
 import tempfile
 from pathlib import Path
+from typing import Any
 
 from figures import FIGURES
 from measuring import RESULTS, stored
@@ -24,12 +26,13 @@ from tables_adaptive import ADAPTIVE
 from tables_comparison import COMPARISON
 from tables_estimate import ESTIMATE
 from tables_proofs import PROOFS
-from tables_results import EVALUATIONS, README
+from tables_results import EVALUATIONS, README, on_the_circle
 from tables_robots import COMPARED_ROBOTS, ROBOTS
 from tables_tools import TOOLS
 
 ROOT = Path(__file__).parent.parent
 BENCHMARKS = ROOT / "benchmarks"
+NEAR_BOUNDS = ROOT / "fuzzyarm" / "eval" / "evaluation" / "near_bounds.json"
 OBSERVERS = ("elastic-observer", "adaptive-observer", "learned-observer")
 """Policies of the sweeps of plants with noise and delays, one sweep each."""
 SWEPT = ("fuzzy-4", "fuzzy-4-tip", "computed-torque-tip", "ppo-residual", *OBSERVERS)
@@ -49,8 +52,18 @@ def main() -> None:
     if parser.parse_args().measure:
         measure()
     publish(FIGURES)
+    NEAR_BOUNDS.write_text(json.dumps(near_bounds(), indent=1) + "\n", encoding="utf-8")
     readme = ROOT / "README.md"
     readme.write_text(fill(readme.read_text(encoding="utf-8")), encoding="utf-8")
+
+
+def near_bounds() -> dict[str, Any]:
+    """Return the bounds for arms near Table 1 [mm] that `fuzzyarm evaluate` shows, with the files that they are of."""
+    document, published = stored("tip_bound"), json.loads((BENCHMARKS / "published.json").read_text(encoding="utf-8"))
+    made = published["results"]["tip_bound"]["policies"]
+    rows = [row for row in on_the_circle(document) if row["set"] == "near"]
+    bounds = {row["policy"]: {"bound_mm": row["bound_mm"], **made[row["commit"]][row["policy"]]} for row in rows}
+    return {"command": document["command"], "bounds": bounds}
 
 
 def measure() -> None:

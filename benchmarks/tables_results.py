@@ -17,7 +17,7 @@ from fuzzyarm.eval.evaluation import ranking
 from fuzzyarm.eval.evaluation.result_table import table_rows
 from fuzzyarm.eval.sweep.ranking import rank_sweeps
 
-__all__ = ["EVALUATIONS", "README", "tips"]
+__all__ = ["EVALUATIONS", "README", "on_the_circle", "tips"]
 
 _OF_THE_TIP = (
     "[Proven](docs/theory/certificate.md), of the rigid arm: decay and L2 gain in a box; of the tip: a bound at every "
@@ -48,7 +48,7 @@ def _paper(document: dict[str, Any]) -> str:
 
 def _overview(document: dict[str, Any], bounds: dict[str, Any]) -> str:
     """Return the README's table: errors in the cases, with noise and over plants, and the bound for nearby arms."""
-    near = {row["policy"]: row for row in _on_the_circle(bounds) if row["set"] == "near"}
+    near = {row["policy"]: row for row in on_the_circle(bounds) if row["set"] == "near"}
     rows = [
         [
             f"`{row['policy']}`",
@@ -102,7 +102,7 @@ def tips(document: dict[str, Any], bounds: dict[str, Any]) -> dict[str, list[dic
     this arm alone, which is said.
     """
     found: dict[str, dict[str, dict[str, Any]]] = {}
-    for row in sorted(_on_the_circle(bounds), key=lambda row: row["plants"]["payload"][1]):
+    for row in sorted(on_the_circle(bounds), key=lambda row: row["plants"]["payload"][1]):
         kind = "payload" if row["set"].startswith("payload") else row["set"]
         found.setdefault(row["policy"], {})[kind] = row
     return {
@@ -112,7 +112,7 @@ def tips(document: dict[str, Any], bounds: dict[str, Any]) -> dict[str, list[dic
     }
 
 
-def _on_the_circle(bounds: dict[str, Any]) -> list[dict[str, Any]]:
+def on_the_circle(bounds: dict[str, Any]) -> list[dict[str, Any]]:
     """Return the proven bounds of the paper's motion in the nominal case."""
     circle = {"case": "nominal", "path": "circle", "duration": 1.5, "proven": True}
     return [row for row in bounds["rows"] if {key: row[key] for key in circle} == circle]

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import shlex
 from dataclasses import dataclass, fields
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
@@ -68,7 +69,7 @@ class Options:
         from fuzzyarm.eval.declarations import print_declared
         from fuzzyarm.eval.episodes.rollout_file import write_rollouts
         from fuzzyarm.eval.evaluation.figures import write_figures
-        from fuzzyarm.eval.evaluation.result_table import declared_rows, print_passes, print_results, verdict
+        from fuzzyarm.eval.evaluation.result_table import certificate_lines, declared_rows, print_passes, print_results
         from fuzzyarm.eval.evaluation.run import evaluate, write_results
 
         config = _config(self)
@@ -85,17 +86,17 @@ class Options:
             say_json(evaluation.to_dict())
         else:
             console = output()
-            print_results(evaluation.rows, console, titles)
+            print_results(evaluation, console)
             if config.passes > 1:
                 print_passes(evaluation.rows, config.passes, console)
             if self.declared:
                 headings, *rows = declared_rows(evaluation.declared, evaluation.certificates)
                 print_declared(rows, headings, console)
-            for name, text in evaluation.certificates.items():
-                proven = "nothing proven of the rigid arm" if text is None else f"proven. {text}"
-                print_paragraphs(console, [f"{name}: {proven}"])
-            lines = verdict(evaluation.rows, evaluation.certificates, out, len(written), titles)
-            print_paragraphs(console, ["\n".join(lines)])
+            lines = certificate_lines(evaluation.certificates, evaluation.bounds)
+            there = shlex.quote(str(out))
+            print_paragraphs(
+                console, ["\n".join(lines), f"{len(written)} files in {there}; next: fuzzyarm report {there}"]
+            )
         for run in evaluation.rollouts:
             if not run.completed:
                 say(f"{run.policy} in case {run.case} ended at {run.time[-1]:.3f} s: {run.reason}", error=True)

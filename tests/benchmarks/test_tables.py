@@ -33,7 +33,7 @@ def test_readme_names_the_commits_of_its_bounds(module):
     """The column of proofs has rows of another commit than the others."""
     script = module("readme")
     text, policies = script.readme_sections()["results"], {row["policy"] for row in script.stored("overview")["rows"]}
-    bounds = module("tables_results")._on_the_circle(script.stored("tip_bound"))
+    bounds = module("tables_results").on_the_circle(script.stored("tip_bound"))
     shown = [row for row in bounds if row["set"] == "near" and row["policy"] in policies]
     assert {row["commit"] for row in shown} - {script.stored("overview")["commit"]}
     assert all(f"{row['commit'][:10]}" in text and row["cpu"] in text for row in shown)

@@ -1,23 +1,26 @@
 """Mistakes of a user, each one line with a way out; help, completion, and the end of an evaluation."""
 
 import importlib.util
+import io
+import json
 import os
 import platform
 import shlex
 import shutil
 import subprocess
 import sys
-from importlib import metadata
-from pathlib import Path
+import types
+from importlib import metadata, resources
 
 import pytest
+import rich.console
 from support.command_line import one_line_error
 
 from fuzzyarm import __version__
 from fuzzyarm.cli import main
 from fuzzyarm.cli.application import GROUPS, command_line
 from fuzzyarm.eval.episodes.metrics import columns
-from fuzzyarm.eval.evaluation.result_table import verdict
+from fuzzyarm.eval.evaluation.result_table import certificate_lines, print_results
 from fuzzyarm.eval.evaluation.run import EvaluationConfig
 
 MISTAKES = [
@@ -201,32 +204,48 @@ def row(policy, case, rms, *, seed=0, completed=True, largest=1.0):
     return {"case": case, "policy": policy, "seed": seed, "completed": completed, **metrics, **own}
 
 
-THREE = [
-    *(row(name, "nominal", rms) for name, rms in (("a", 1.0), ("b", 0.000419), ("c", 2.0))),
-    *(row(name, "machining", rms) for name, rms in (("a", 1.0), ("b", 1.0), ("c", 2.0))),
-    *(row(name, "payload", 1.0, completed=False) for name in "abc"),
-]
+def printed_results(rows, bounds=(), files=(), width=80, **config):
+    """The words that `evaluate` prints about rows, on a terminal of 80 columns."""
+    policies = list(dict.fromkeys(one["policy"] for one in rows))
+    made = {"policy_files": {name: dict(files).get(name, {}) for name in policies}}
+    evaluation = types.SimpleNamespace(
+        config=EvaluationConfig(**config), rows=rows, certificates=dict.fromkeys(policies), made_with=made
+    )
+    screen = rich.console.Console(file=io.StringIO(), force_terminal=True, width=width, color_system=None)
+    print_results(evaluation, screen)
+    assert max(map(len, screen.file.getvalue().splitlines())) <= width
+    return [" ".join(line.split()) for line in screen.file.getvalue().splitlines() if line.strip()]
 
 
-def test_the_verdict_of_three_cases_has_five_lines():
-    assert verdict(
-        THREE, {"a": "For the ...", "b": None, "c": None}, Path("my folder"), 43, EvaluationConfig().titles
-    ) == [
-        "Case 1: nominal: b won, rms tip error < 0.001 mm",
-        "Case 2: machining force: a, b tie, rms tip error 1.00 mm",
-        "Case 3: 5 kg payload: no policy followed the path to its end",
-        "Proven of the rigid arm: a; nothing of 2 others",
-        "43 files in 'my folder'; next: fuzzyarm report 'my folder'",
+def test_the_table_fits_80_columns_marks_the_best_and_ranks_no_micrometre():
+    names = ("computed-torque-tip", "fuzzy-4-sampled-tip")
+    errors = {"nominal": (4e-4, 5e-4), "machining": (4.98, 4.79), "payload": (1.84, 1.79)}
+    rows = [
+        row(name, case, one, largest=2e-3) for case, two in errors.items() for name, one in zip(names, two, strict=True)
     ]
+    stored = json.loads(resources.files("fuzzyarm.eval.evaluation").joinpath("near_bounds.json").read_text("utf-8"))
+    lines = printed_results(rows, files={names[1]: stored["bounds"][names[1]]["files"]})
+    assert f"{names[0]} < 0.001 / 0.00200 4.98 / 10.8 1.84 / 10.8" in lines
+    assert f"{names[1]} < 0.001 / 0.00200 4.79 / 10.8* 1.79 / 10.8* 0.603" in lines
+    for others in ({"files": {names[1]: {"fuzzy-4-sampled.json": "0"}}}, {"path": "lemniscate"}):
+        assert not any("0.603" in line or "near" in line for line in printed_results(rows, **others))
 
 
-def test_who_lost_the_path_once_cannot_win():
-    rows = [row("a", "nominal", 1e-3, seed=seed, completed=seed != 1) for seed in range(3)]
-    rows += [row("far", "nominal", 1e-3, largest=101.0)]
+def test_who_lost_the_path_once_has_no_mark():
+    rows = [row("a", "nominal", 1e-2, seed=seed, completed=seed != 1) for seed in range(3)]
+    rows += [row("far", "nominal", 1e-2, largest=101.0)]
     rows += [row("b", "nominal", rms, seed=seed) for seed, rms in enumerate((5.0, 1.0, 2.0))]
-    assert verdict(rows, {"a": None}, Path("x"), 3, EvaluationConfig().titles)[:2] == [
-        "Case 1: nominal: b followed, rms tip error 2.00 mm; a, far lost the path",
-        "Proven of the rigid arm: nothing",
+    lines = printed_results(rows, cases=("nominal",), seeds=3, encoder_noise=(1e-5, 1e-3))
+    assert {"a lost 1 of 3", "far lost 1 of 1", "b 2.00 / 1.00*"} <= set(lines)
+    assert any("medians of 3 seeds" in line for line in lines)
+
+
+def test_certificates_are_a_line_each():
+    numbers = {"a": {"alpha": 20.0, "gamma": 1.4001e-4}, "b": None, "c": None}
+    assert certificate_lines({"a": "For ...", "b": "void", "c": None}, numbers) == [
+        "a: rigid arm, alpha = 20 1/s, gamma = 0.000141, proven; fuzzyarm show a",
+        "b: its certificate is void along this path; see fuzzyarm show b",
+        "nothing proven of the rigid arm: c",
     ]
 
 

@@ -1,27 +1,32 @@
-"""The table of results, remarks on policies at a torque limit, and the last lines of `fuzzyarm evaluate`."""
+"""The tables of results, remarks on policies at a torque limit, and certificates in a line each."""
 
 from __future__ import annotations
 
-import shlex
+import json
 from collections.abc import Mapping, Sequence
-from pathlib import Path
+from importlib import resources
 from statistics import median
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from rich.console import Console
 
+from fuzzyarm.common.arithmetic import at_most
 from fuzzyarm.common.console import Sheet, print_paragraphs
 from fuzzyarm.envs.physics.equations import AnyArm, bounds_of
+from fuzzyarm.envs.physics.parameters import ArmParameters
 from fuzzyarm.eval.declarations import ROW, declared_cells
 from fuzzyarm.eval.episodes.metrics import RESOLUTION, Metric, columns, is_lost, millimetres
 from fuzzyarm.eval.episodes.rollout import Rollout
 from fuzzyarm.eval.stability.linearisation import largest_radius, linearise_path
 from fuzzyarm.policies.declared import Declared
 
+if TYPE_CHECKING:
+    from fuzzyarm.eval.evaluation.run import Evaluation
+
 __all__ = [
-    "by_case_and_policy", "declared_rows", "print_passes", "print_results", "saturation", "table_rows", "verdict",
-    "winners",
+    "by_case_and_policy", "certificate_lines", "declared_rows", "print_passes", "print_results", "saturation",
+    "table_rows",
 ]  # fmt: skip
 
 _LONG = 0.01  # share of an evaluation's steps with a motor at its limit, above which a remark says so
@@ -56,7 +61,6 @@ def _stability(policy: Any, arm: AnyArm, period: float) -> str:
     return f"its loop is stable ({measured}), the motion asks for more torque than there is"
 
 
-_FEW = 3  # policies that a line names; of the others it gives the number
 _Row = Mapping[str, Any]  # of metrics
 
 
@@ -66,50 +70,6 @@ def by_case_and_policy(rows: Sequence[_Row]) -> dict[str, dict[str, list[_Row]]]
     for row in rows:
         groups.setdefault(row["case"], {}).setdefault(row["policy"], []).append(row)
     return groups
-
-
-def verdict(
-    rows: Sequence[_Row], certificates: Mapping[str, str | None], folder: Path, files: int, titles: Mapping[str, str]
-) -> list[str]:
-    """Return the lines of `winners`, one about certificates and one about the next command.
-
-    `files` is how many files were written to the folder.
-    """
-    proven = [policy for policy, text in certificates.items() if text is not None]
-    others = f"; nothing of {len(certificates) - len(proven)} others" if 0 < len(proven) < len(certificates) else ""
-    there = shlex.quote(str(folder))
-    return [
-        *winners(rows, titles),
-        f"Proven of the rigid arm: {_named(proven) or 'nothing'}{others}",
-        f"{files} files in {there}; next: fuzzyarm report {there}",
-    ]
-
-
-def winners(rows: Sequence[_Row], titles: Mapping[str, str]) -> list[str]:
-    """Return a line for each case: which policies won it, and which lost the path, see `metrics.is_lost`.
-
-    A case is won by the smallest rms tip error, over several seeds the smallest median, among the policies that never
-    lost the path.
-    """
-    return [_won(group, titles[case]) for case, group in by_case_and_policy(rows).items()]
-
-
-def _won(group: Mapping[str, Sequence[_Row]], title: str) -> str:
-    lost = sorted(policy for policy, runs in group.items() if any(map(is_lost, runs)))
-    held = {policy: runs for policy, runs in group.items() if policy not in lost}
-    if not held:
-        return f"{title}: no policy followed the path to its end"
-    errors = {policy: median(row["tip_error_rms_mm"] for row in runs) for policy, runs in held.items()}
-    best = min(errors.values())
-    winners = [policy for policy, error in errors.items() if error <= max(best, RESOLUTION)]
-    after = f"; {_named(lost)} lost the path" if lost else ""
-    verb = "followed" if len(errors) == 1 else "won" if len(winners) == 1 else "tie"
-    return f"{title}: {_named(winners)} {verb}, rms tip error {millimetres(best)} mm{after}"
-
-
-def _named(policies: Sequence[str]) -> str:
-    """Return up to `_FEW` policies by name, and the number of the others."""
-    return ", ".join(policies[:_FEW]) + (f" and {len(policies) - _FEW} more" if len(policies) > _FEW else "")
 
 
 def table_rows(rows: Sequence[_Row]) -> list[tuple[str, str, list[str]]]:
@@ -137,18 +97,66 @@ def _cell(runs: Sequence[_Row], metrics: Sequence[Metric]) -> str:
     return parts[0] if len(parts) == 1 else f"[{', '.join(parts)}]"
 
 
-def print_results(rows: Sequence[_Row], console: Console, titles: Mapping[str, str]) -> None:
-    """Print the table, the policies of each case below its title, and name the columns that did not fit."""
-    found, headings = table_rows(rows), list(columns())
-    sheet = Sheet(
-        ["policy", *headings],
-        [(policy, *cells) for _, policy, cells in found],
-        groups=[titles[case] for case, _, _ in found],
-        dispensable=[at for at, metrics in enumerate(columns().values(), start=1) if metrics[0].swept is None][::-1],
+def print_results(evaluation: Evaluation, console: Console) -> None:
+    """Print a line for each policy: rms and largest tip error in each case, and the bound for nearby arms, if known.
+
+    Over several seeds these are medians. The smallest rms error of a case is marked; below `RESOLUTION` none is, nor
+    that of a policy that lost the path, see `metrics.is_lost`.
+    """
+    config, near = evaluation.config, _near_bounds(evaluation)
+    groups = {case: _errors(group) for case, group in by_case_and_policy(evaluation.rows).items()}
+    headings = ["policy", *(config.titles[case].replace(": ", ":\n") for case in groups)]
+    rows = [[policy, *(group[policy] for group in groups.values())] for policy in evaluation.certificates]
+    if near:
+        headings.append("proven\n(near)")
+        rows = [[*row, near.get(row[0], "")] for row in rows]
+    several = f", medians of {config.seeds} seeds" if config.seeds > 1 else ""
+    Sheet(headings, rows).print(console)
+    lines = [f"Tip error, rms / largest [mm]{several}; * smallest rms error of a case."]
+    if near:
+        lines.append("near: a bound in Case 1 for every arm near Table 1; fuzzyarm prove --set near")
+    print_paragraphs(console, ["\n".join(lines)])
+
+
+def _errors(group: Mapping[str, Sequence[_Row]]) -> dict[str, str]:
+    """Return the cell of each policy in a case."""
+    lost = {policy: sum(map(is_lost, runs)) for policy, runs in group.items()}
+    rms, largest = (
+        {policy: float(median(run[f"tip_error_{kind}_mm"] for run in runs)) for policy, runs in group.items()}
+        for kind in ("rms", "max")
     )
-    if left_out := sheet.print(console):
-        names = ", ".join(headings[column - 1] for column in sorted(left_out))
-        print_paragraphs(console, [f"Left out on {console.width} columns: {names}; results.csv has all."])
+    best = min((rms[policy] for policy in group if not lost[policy]), default=0.0)
+
+    def cell(policy: str) -> str:
+        if lost[policy]:
+            return f"lost {lost[policy]} of {len(group[policy])}"
+        texts = [millimetres(value, "{:#.3g}".format) for value in (rms[policy], largest[policy])]
+        return " / ".join(texts) + "*" * (rms[policy] == best >= RESOLUTION and len(group) > 1)
+
+    return {policy: cell(policy) for policy in group}
+
+
+def _near_bounds(evaluation: Evaluation) -> dict[str, str]:
+    """Return the stored bounds [mm] of policies whose files are those of the proof, for the paper's arm and circle."""
+    config, files = evaluation.config, evaluation.made_with["policy_files"]
+    if config.arm != ArmParameters() or (config.path, config.points, config.control_period) != ("circle", None, 1e-3):
+        return {}
+    stored = json.loads(resources.files("fuzzyarm.eval.evaluation").joinpath("near_bounds.json").read_text("utf-8"))
+    bounds = {policy: at_most(one["bound_mm"], 3) for policy, one in stored["bounds"].items()}
+    return {name: text for name, text in bounds.items() if files.get(name) == stored["bounds"][name]["files"]}
+
+
+def certificate_lines(certificates: Mapping[str, str | None], bounds: Mapping[str, dict[str, Any] | None]) -> list[str]:
+    """Return a line for each policy with a certificate, with the command that shows it whole; one names the others."""
+    lines = []
+    for policy, numbers in bounds.items():
+        if numbers is not None:
+            rates = f"alpha = {numbers['alpha']:g} 1/s, gamma = {at_most(numbers['gamma'], 3)}"
+            lines.append(f"{policy}: rigid arm, {rates}, proven; fuzzyarm show {policy}")
+        elif certificates[policy] is not None:
+            lines.append(f"{policy}: its certificate is void along this path; see fuzzyarm show {policy}")
+    others = [policy for policy, text in certificates.items() if text is None]
+    return [*lines, *([f"nothing proven of the rigid arm: {', '.join(others)}"] if others else [])]
 
 
 def print_passes(rows: Sequence[_Row], passes: int, console: Console) -> None:
