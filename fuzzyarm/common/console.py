@@ -20,6 +20,7 @@ import json
 import os
 import re
 import sys
+import textwrap
 import threading
 import time
 from collections.abc import Callable, Iterable, Iterator, Sequence
@@ -93,13 +94,22 @@ def escaped(text: str, *, lines: bool = False) -> str:
 
 
 def say(text: str, *, error: bool = False) -> None:
-    """Print text of one or more lines to standard output or to standard error."""
+    """Print text of one or more lines to standard output or to standard error; a terminal breaks lines at spaces."""
     if error:
         with contextlib.suppress(OSError):
             print(escaped(text, lines=True), file=sys.stderr)
         return
     with _naming_output():
-        print(escaped(text, lines=True))
+        lines = escaped(text, lines=True).split("\n")
+        print("\n".join(map(_wrapped, lines) if sys.stdout.isatty() else lines))
+
+
+def _wrapped(line: str) -> str:
+    """Return a line broken at spaces for the terminal, what follows indented by two more than its beginning."""
+    width = max(os.get_terminal_size(sys.stdout.fileno()).columns, _NARROWEST)
+    indent = " " * (len(line) - len(line.lstrip()) + 2)
+    options: dict[str, bool] = dict.fromkeys(("break_long_words", "break_on_hyphens", "replace_whitespace"), False)
+    return line if len(line) <= width else textwrap.fill(line, width, subsequent_indent=indent, **options)
 
 
 def say_json(document: Any) -> None:
