@@ -58,6 +58,25 @@ GROUPS = {
 }
 """The line of each command in the help, by name, under the heading of its group."""
 
+_NEXT = {
+    "report": "open the page in a browser",
+    "leaderboard": "fuzzyarm evaluate --check DIR repeats an evaluation",
+    "score": "fuzzyarm evaluate --policy NAME shows where a policy errs",
+    "identify": "fuzzyarm tune --robot FILE --out DIR",
+    "design": "fuzzyarm evaluate --policy FILE --policy FILE-tip",
+    "verify": "fuzzyarm margins --policy FILE",
+    "prove": "with --out FILE, fuzzyarm verify FILE",
+    "margins": "fuzzyarm evaluate --policy NAME",
+    "show": "fuzzyarm export c NAME --out DIR",
+    "export": "compile the source, and compare it with the vectors beside it",
+    "train": "fuzzyarm score --policy DIR/policy",
+    "dataset": "python examples/clone_policy.py FOLDER learns from it",
+    "sweep": "fuzzyarm leaderboard DIR",
+    "paper": "read paper.md: every number, and why it differs",
+    "bench": "with --lanes-sweep --out DIR, speed over the number of arms",
+}
+"""What may come after a command, for readers of a terminal; `evaluate` and `tune` say it themselves."""
+
 _FLAGS = ("--help", "-h", "--version", "--install-completion")
 
 
@@ -158,6 +177,9 @@ def _run(words: Sequence[str]) -> int:
         options: Any = command(*bound.args, **bound.kwargs)
         code: int = options.run()
         _name_left_out(getattr(options, "robot", None))  # after it: bad usage is one line
+        plain = getattr(options, "json", False) or getattr(options, "csv", False)
+        if code == 0 and not plain and words[0] in _NEXT and sys.stdout.isatty():
+            say(f"next: {_NEXT[words[0]]}")
         return code
     if words and not set(words) & set(_FLAGS):  # as in `fuzzyarm train`, where the library would show help and succeed
         raise UsageError(f"a command is missing; see {' '.join(['fuzzyarm', *words])} --help")

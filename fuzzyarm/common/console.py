@@ -19,6 +19,7 @@ import io
 import json
 import os
 import re
+import shutil
 import sys
 import textwrap
 import threading
@@ -106,7 +107,7 @@ def say(text: str, *, error: bool = False) -> None:
 
 def _wrapped(line: str) -> str:
     """Return a line broken at spaces for the terminal, what follows indented by two more than its beginning."""
-    width = max(os.get_terminal_size(sys.stdout.fileno()).columns, _NARROWEST)
+    width = max(shutil.get_terminal_size().columns, _NARROWEST)
     indent = " " * (len(line) - len(line.lstrip()) + 2)
     options: dict[str, bool] = dict.fromkeys(("break_long_words", "break_on_hyphens", "replace_whitespace"), False)
     return line if len(line) <= width else textwrap.fill(line, width, subsequent_indent=indent, **options)

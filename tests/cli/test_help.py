@@ -251,3 +251,12 @@ def test_without_a_word_the_help_is_shown(capsys):
     assert main([]) == 0
     shown = capsys.readouterr().out
     assert shown.startswith("Usage: fuzzyarm COMMAND") and "evaluate" in shown and "score" in shown
+
+
+def test_on_a_terminal_a_command_names_its_next_step(capsys, monkeypatch):
+    assert "next:" not in printed(capsys, "show", "fuzzy-1")
+    monkeypatch.setattr(sys.stdout, "isatty", lambda: True)
+    monkeypatch.setenv("COLUMNS", "80")
+    lines = printed(capsys, "show", "fuzzy-1").splitlines()
+    assert lines[-1] == "next: fuzzyarm export c NAME --out DIR" and max(map(len, lines)) <= 80
+    assert "next:" not in printed(capsys, "show", "fuzzy-1", "--json")
