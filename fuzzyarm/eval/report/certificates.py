@@ -13,6 +13,7 @@ from typing import Any
 
 import numpy as np
 
+from fuzzyarm.common.arithmetic import at_least
 from fuzzyarm.eval.episodes.rollout import Rollout
 from fuzzyarm.eval.report.summary import figure
 from fuzzyarm.policies.tip_bound import plain
@@ -40,7 +41,8 @@ def statements(certificates: Mapping[str, str | None], bounds: Mapping[str, Mapp
 def _claim(numbers: Mapping[str, Any] | None) -> str:
     if numbers is None:
         return "void along this path"
-    return f"error decays at least as exp(−{numbers['alpha']:g} t)"
+    only = ", with zero reference input" if numbers["form"] == "paper" else ""
+    return f"error decays at least as exp(−{at_least(numbers['alpha'], 6)} t){only}"
 
 
 _SIZE, _EDGE = 440.0, 26.0  # of the drawing and around it [px]
