@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -39,6 +40,12 @@ def with_runs(evaluation: Evaluation, runs: list[Rollout]) -> Evaluation:
         made_with=evaluation.made_with
         | {"policy_files": {name: evaluation.made_with["policy_files"].get(name, {}) for name in policies}},
     )
+
+
+def scaled(run: Rollout, policy: str, factor: float, **changes: Any) -> Rollout:
+    """The same run as a policy whose tip errs by `factor` times as much."""
+    tip = run.tip_reference + factor * (run.tip - run.tip_reference)
+    return dataclasses.replace(run, policy=policy, tip=tip, tip_error=factor * run.tip_error, **changes)
 
 
 def wild(run: Rollout, policy: str, samples: int) -> Rollout:

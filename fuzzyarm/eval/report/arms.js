@@ -188,10 +188,10 @@ function wrapped(context, text, width) {
   return lines;
 }
 
-/** Return the magnification of deviations: the chosen one, or one that keeps most policies near the reference. */
+/** Return the magnification of deviations: the chosen one, or one that keeps most of the chosen policies near the reference. */
 function magnification() {
   if ($("magnification").value !== "auto") return Number($("magnification").value);
-  const peaks = state.scene.runs.map((run) => run.peak).sort((a, b) => a - b);
+  const peaks = chosen().map((policy) => state.scene.runs[policy].peak).sort((a, b) => a - b);
   const typical = peaks[Math.floor(0.75 * (peaks.length - 1))];
   return MAGNIFICATIONS.findLast((factor) => factor * typical <= 1.2 * ROOM) ?? 1;
 }

@@ -1,4 +1,4 @@
-"""Estimates of policies beside the truth: a chart of the force and a table, for each case and policy that has them."""
+"""Estimates of policies beside the true values: a chart of the force and a table for each case and policy."""
 
 from __future__ import annotations
 
@@ -18,11 +18,11 @@ from fuzzyarm.eval.report.summary import figure
 __all__ = ["belief_section"]
 
 _WARNING = (
-    "Charts: size of the force at the tip over the episode, the estimate with a band of one standard deviation and, "
-    "thicker, the truth. Masses and forces share a load: a part of a payload shows up as a force, and the other way "
-    "round, so neither is a measurement. Tables: estimates with the standard deviation that the policy gives them; "
-    "stiffness, damping, friction, mass and motor inertia as factors of the arm that it knows. That is the arm that is "
-    "simulated, so the true factors are 1. What the motion does not excite stays near the first guess."
+    "Charts: magnitude of the tip force over the episode, as estimated, with a band of one standard deviation, and, "
+    "thicker, as it was. A policy cannot fully separate payload from force: part of one is estimated as the other, so "
+    "neither is a measurement. Tables: estimates with the standard deviation that the policy gives them; stiffness, "
+    "damping, friction, mass and motor inertia are factors of the arm that the policy knows. The simulated arm is that "
+    "arm, so the true factors are 1. Parameters that the motion does not excite stay near their initial guess."
 )
 _WIDTH, _HEIGHT, _LEFT, _BOTTOM = 390, 150, 40, 24  # [px]: of the chart, and the margins of its labels
 _POINTS = 300  # of a curve
@@ -50,8 +50,9 @@ def belief_section(rollouts: list[Rollout], cases: Mapping[str, Case] = CASES) -
     if not parts:
         return ""
     return (
-        '<section aria-labelledby="beliefs"><h2 id="beliefs">What policies believed of load and arm</h2>'
-        f'<div class="charts">{"".join(parts)}</div><p class="note">{escape(_WARNING)}</p></section>'
+        '<section aria-labelledby="beliefs"><h2 id="beliefs">Estimates of load and arm</h2>'
+        "<details><summary>Charts and tables</summary>"
+        f'<p class="note">{escape(_WARNING)}</p><div class="charts">{"".join(parts)}</div></details></section>'
     )
 
 
@@ -76,7 +77,7 @@ def _chart(run: Rollout) -> str:
         y = (_HEIGHT - _BOTTOM) * (1.0 - np.clip(force[at] / highest, 0.0, 1.0)) + 2.0
         return "L".join(f"{a:.1f} {b:.1f}" for a, b in zip(x, y, strict=True))
 
-    words = f"force at the tip, believed and true, over {run.time[-1]:.2f} s"
+    words = f"tip force, estimated and true, over {run.time[-1]:.2f} s"
     return (
         f'<svg class="chart" role="img" viewBox="0 0 {_WIDTH} {_HEIGHT}" width="{_WIDTH}" height="{_HEIGHT}">'
         f"<title>{escape(words)}</title>"

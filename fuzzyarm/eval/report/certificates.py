@@ -9,9 +9,11 @@ import math
 from collections.abc import Mapping, Sequence
 from html import escape
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
+from fuzzyarm.common.arithmetic import at_least
 from fuzzyarm.eval.episodes.rollout import Rollout
 from fuzzyarm.eval.report.summary import figure
 from fuzzyarm.policies.tip_bound import plain
@@ -20,10 +22,14 @@ from fuzzyarm.policies.tip_files import BoundCheck, check_bound
 __all__ = ["checked_bounds", "statements", "tube_section"]
 
 
-def statements(certificates: Mapping[str, str | None]) -> str:
-    """Return every certificate in words, as a folded paragraph, and the names of the policies without one."""
+def statements(certificates: Mapping[str, str | None], bounds: Mapping[str, Mapping[str, Any] | None]) -> str:
+    """Return a line for each certificate, which unfolds to its words, and the names of the policies without one.
+
+    `bounds` are the numbers of certificates; None where the claim is void along the reference.
+    """
     parts = [
-        f'<details class="note"><summary>{escape(name)}: what is proven</summary><p>{escape(text)}</p></details>'
+        f'<details class="note"><summary>{escape(name)}: {_claim(bounds[name])}</summary>'
+        f"<p>{escape(text)}</p></details>"
         for name, text in certificates.items()
         if text is not None
     ]
@@ -32,12 +38,20 @@ def statements(certificates: Mapping[str, str | None]) -> str:
     return "".join(parts)
 
 
+def _claim(numbers: Mapping[str, Any] | None) -> str:
+    if numbers is None:
+        return "void along this path"
+    only = ", with zero reference input" if numbers["form"] == "paper" else ""
+    return f"error decays at least as exp(−{at_least(numbers['alpha'], 6)} t){only}"
+
+
 _SIZE, _EDGE = 440.0, 26.0  # of the drawing and around it [px]
+_PERCENT = 150.0  # beside a bar, for its number [px]
 _WIDEST = 0.12  # share of the path's extent that the widest half of a tube may take
 _TUBE_NOTE = (
     "Band: the tip error that is proven at every sample, for every plant of the set, to either side of the path; line "
-    "in it: the tip of the replayed episode. Both are magnified around the path. The files were checked again when "
-    "this report was made."
+    "in it: the tip of the replayed episode. Both are magnified around the path. Bar: the largest tip error of that "
+    "episode as a share of the bound. The files were checked again when this report was made."
 )
 
 
@@ -101,4 +115,15 @@ def _tube(check: BoundCheck, run: Rollout) -> str:
         f'<polygon class="band" points="{points(band)}"/><polyline class="path" points="{points(path)}"/>'
         f'<polyline class="tip" points="{points(path + times * (tip - path))}"/></svg>'
     )
-    return figure(title, svg)
+    return figure(title, svg + _share(float(run.tip_error[:count].max()) / check.bound))
+
+
+def _share(share: float) -> str:
+    """Return the bar of the largest tip error as a share of the bound."""
+    room, words = _SIZE - _PERCENT, f"{100.0 * share:.3g} % of the bound"
+    return (
+        f'<svg class="chart share" role="img" viewBox="0 0 {_SIZE:g} 18"><title>largest tip error: {words}</title>'
+        f'<rect class="whole" width="{room:g}" height="18" rx="3"/>'
+        f'<rect class="part" width="{room * min(share, 1.0):.1f}" height="18" rx="3"/>'
+        f'<text class="value" x="{_SIZE:g}" y="14">{words}</text></svg>'
+    )

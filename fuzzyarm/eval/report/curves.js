@@ -8,6 +8,11 @@ function curveOf(kind, run) {
     const rms = Math.sqrt(values.reduce((sum, value) => sum + value * value, 0) / values.length);
     const { roughness, turns } = roughnessOf(values, high - low);
     const curve = { values, low, high, rms, roughness, peak: Math.max(-low, high) };
+    if (kind.range && run.range) { // over the seeds
+      const [smallest, largest] = [0, 1].map((end) => values.map((_, k) => kind.range(run, 2 * k + end)));
+      curve.range = { low: smallest, high: largest };
+      curve.peak = largest.reduce((a, b) => Math.max(a, b));
+    }
     if (roughness > CHATTER && !kind.log) curve.band = bandOf(values, Math.ceil((5 * values.length) / turns));
     run.curves.set(kind, curve);
   }

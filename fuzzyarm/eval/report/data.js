@@ -2,7 +2,7 @@
 // The data of the replay: the embedded rollouts, and what the reader has chosen.
 // Positions are in the frame of the robot; of the two-joint arm, x points down, y to the right.
 
-const PALETTE = 8; // number of policy colours in page.css
+const PALETTE = 16; // number of policy colours in page.css
 const BENDING = 20; // magnification of the joints' bending in the arm that is drawn at its motor angles
 const MAGNIFICATIONS = [1, 2, 5, 10, 25, 50, 100, 250, 1000, 10000];
 // An axis with focus is not scaled to curves whose peak exceeds FOCUS times the smallest peak, or FOCUS times SMALL
@@ -38,6 +38,7 @@ function floats(text) {
 function decodedRun(run) {
   const decoded = { ended: run.ended };
   for (const name of ["deviation", "link", "bending", "torque", "circularity"]) decoded[name] = floats(run[name]);
+  decoded.range = run.range && floats(run.range); // smallest and largest tip error of any seed [m]
   decoded.samples = decoded.circularity.length;
   decoded.error = Array.from(decoded.circularity, (_, k) => Math.hypot(...placeAt(decoded.deviation, k)));
   decoded.worst = decoded.error.indexOf(Math.max(...decoded.error));
@@ -54,11 +55,15 @@ for (const scene of report.cases) {
   scene.runs = scene.runs.map(decodedRun);
 }
 
+/** The case that tells the policies apart: the one in which the best policy errs most. */
+const smallestPeak = ({ runs }) => Math.min(...runs.map(({ ended, peak }) => (ended ? Infinity : peak)));
+const hardest = report.cases.reduce((hard, scene) => (smallestPeak(scene) > smallestPeak(hard) ? scene : hard));
+
 /** `sample` is the current instant, `pointed` the one below the pointer in a plot, null if there is none. */
 const state = {
-  scene: report.cases[0], sample: 0, clock: 0, pointed: null, playing: false, chosen: new Set(), highlighted: null,
+  scene: hardest, sample: 0, clock: 0, pointed: null, playing: false, chosen: new Set(), highlighted: null,
 };
-report.policies.forEach((_, policy) => state.chosen.add(policy));
+report.policies.forEach((name, policy) => report.ticked.includes(name) && state.chosen.add(policy));
 
 const chosen = () => report.policies.map((_, policy) => policy).filter((policy) => state.chosen.has(policy));
 /** The sample of a run at the current instant; a run that ended early stays at its last sample. */

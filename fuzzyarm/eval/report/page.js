@@ -1,8 +1,8 @@
 // The page: its controls, and what they show.
 
 const view = viewOf(report.cases);
-// [px]: between cards, of the text above and below a picture, and of the narrowest card in which its values fit
-const CARD_GAP = 8, CARD_TEXT = 52, NARROWEST = 165;
+// [px]: between cards, of the text above and below a picture, of the narrowest card, and of one with its values in a row
+const CARD_GAP = 8, CARD_TEXT = 52, NARROWEST = 165, IN_A_ROW = 215;
 const plots = PLOTS.map((kind) => new Plot(kind));
 const arms = report.policies.map((_, policy) => new Arm(policy));
 
@@ -47,7 +47,7 @@ function columnsFor(count, { width, height }) {
   let [best, largestWidth] = [1, 0];
   const most = Math.min(count, Math.max(1, Math.floor(width / NARROWEST)));
   for (let columns = 1; columns <= most; columns += 1) {
-    const cell = (height - CARD_GAP) / Math.ceil(count / columns) - CARD_GAP - CARD_TEXT;
+    const cell = (height - CARD_GAP) / Math.ceil(count / columns) - CARD_GAP - CARD_TEXT - (width / columns < IN_A_ROW ? 14 : 0);
     const picture = Math.min(width / columns - CARD_GAP, cell / ratio);
     if (picture > largestWidth * 1.001) [best, largestWidth] = [columns, picture];
   }
@@ -82,6 +82,7 @@ function refresh() {
     tab.setAttribute("aria-selected", selected);
     tab.tabIndex = selected ? 0 : -1;
   });
+  $("screen").style.setProperty("--rows", state.chosen.size + 1); // of values beside a plot
   arms.forEach((arm) => arm.describe());
   arrangeArms();
   layOut();
@@ -242,4 +243,4 @@ systemDark.addEventListener("change", () => {
 document.addEventListener("keydown", onKey);
 $("theme").textContent = systemDark.matches ? "Light" : "Dark";
 window.addEventListener("resize", refresh);
-selectCase(0);
+selectCase(report.cases.indexOf(hardest));

@@ -20,10 +20,9 @@ from fuzzyarm import __version__
 from fuzzyarm.common.checks import path_of
 from fuzzyarm.common.files import write_atomically
 from fuzzyarm.eval.episodes.metrics import LOST
-from fuzzyarm.eval.evaluation.ranking import standings_of
-from fuzzyarm.eval.evaluation.result_table import winners
+from fuzzyarm.eval.evaluation.ranking import Standing, standings_of
 from fuzzyarm.eval.evaluation.results_file import read_evaluation
-from fuzzyarm.eval.evaluation.run import Evaluation
+from fuzzyarm.eval.evaluation.run import Evaluation, EvaluationConfig
 from fuzzyarm.eval.report.beliefs import belief_section
 from fuzzyarm.eval.report.certificates import checked_bounds, statements, tube_section
 from fuzzyarm.eval.report.payload import replay_data
@@ -34,6 +33,7 @@ __all__ = ["write_report"]
 
 
 _SCRIPTS = ("data.js", "canvas.js", "plane.js", "space.js", "arms.js", "curves.js", "plots.js", "page.js")
+_TICKED = 4  # number of policies, the best ones, that the page shows first
 
 
 def write_report(folder: str | Path, out: str | Path, bounds: Sequence[str | Path] = ()) -> None:
@@ -51,20 +51,21 @@ def write_report(folder: str | Path, out: str | Path, bounds: Sequence[str | Pat
 
 def _render_page(stored: Evaluation, tubes: str = "") -> str:
     structure, style, script = _part("page.html"), _part("page.css"), "\n".join(map(_part, _SCRIPTS))
-    config, data = stored.config, replay_data(stored)
+    config, ranked = stored.config, sorted(standings_of(stored), key=lambda one: one.order)
+    data = replay_data(stored) | {"ticked": [one.policy for one in ranked[:_TICKED]]}
     text = json.dumps(data, separators=(",", ":"), allow_nan=False)
     return Template(structure).substitute(
         policy=_security_policy(style, script),
         title="Robot-arm tracking, policies compared",
         style=style,
-        headline=escape(_headline(stored)),
+        headline=escape(_headline(ranked, config)),
         lost=f"{LOST:g}",
         glance=error_charts(stored.rows, config.titles),
         table=metrics_table(stored.rows, config.titles),
         declared=declared_table(stored.declared, stored.certificates),
         beliefs=belief_section(stored.rollouts, {name: config.case(name, None) for name in config.cases}),
         not_covered=escape(NOT_COVERED),
-        statements=statements(stored.certificates),
+        statements=statements(stored.certificates, stored.bounds),
         **{name: escape(note) for name, note in _notes(stored, data["stride"]).items()},
         tubes=tubes,
         made="".join(f"<dt>{escape(key)}</dt><dd>{escape(value)}</dd>" for key, value in _made(stored).items()),
@@ -73,14 +74,23 @@ def _render_page(stored: Evaluation, tubes: str = "") -> str:
     )
 
 
-def _headline(stored: Evaluation) -> str:
-    """Return the sentence at the top: the best score of several cases, by the rule of the leaderboard, and who won."""
-    parts, cases = winners(stored.rows, stored.config.titles), stored.config.cases
-    ranked = sorted((one for one in standings_of(stored) if one.score is not None), key=lambda one: one.order)
-    if ranked and len(cases) > 1:
-        best = [one for one in ranked if one.order == ranked[0].order]
-        parts.insert(0, f"Best score: {', '.join(one.policy for one in best)}, {best[0].cells[0]} mm")
-    return "; ".join(parts) + "."
+def _headline(ranked: Sequence[Standing], config: EvaluationConfig) -> str:
+    """Return who errs least in the worst case and who lost the path, then the rule; `ranked` holds the best first."""
+    best = [one.policy for one in ranked if one.score and one.order == ranked[0].order]
+    lost = [one.policy for one in ranked if one.score is None]
+    if not best:
+        return f"Every policy lost the path: {_named(lost)}."
+    worst = " in the worst case" if len(config.cases) > 1 else ""
+    said = f"{_named(best)} {'errs' if len(best) == 1 else 'err'} least{worst}: {ranked[0].cells[0]} mm at the tip"
+    average = " (interquartile mean over the seeds with its 95 % interval)" if config.seeds > 1 else ""
+    return (
+        f"{said}{f'; {_named(lost)} lost the path' if lost else ''}. "
+        f"Policies are ranked by their largest tip error over all cases{average}."
+    )
+
+
+def _named(policies: Sequence[str]) -> str:
+    return " and ".join(filter(None, [", ".join(policies[:-1]), policies[-1]]))
 
 
 def _part(name: str) -> str:
@@ -104,8 +114,9 @@ def _notes(stored: Evaluation, stride: int) -> dict[str, str]:
         "meta": f"{made['date'][:16].replace('T', ' ')} UTC · FuzzyArm {made['versions']['fuzzyarm']} · "
         f"seeds: {config.seeds} · control period {1e3 * config.control_period:g} ms · "
         f"policies: {len(config.policies)}, cases: {len(config.cases)}",
-        "sampling": f"Replay and curves show {samples} of seed 0 in single precision; charts and table are of the full "
-        "data.",
+        "sampling": f"Replay and curves show {samples} of seed 0 in single precision"
+        + (", on a band from the smallest to the largest tip error of any seed" if several else "")
+        + "; charts and table are of the full data.",
         "glance_note": "" if stored.complete else " of the policies that finished; × ended early",
         "table_note": f"Medians over {config.seeds} seeds, with ranges." if several else "",
     }

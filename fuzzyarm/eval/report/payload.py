@@ -28,14 +28,14 @@ def replay_data(stored: Evaluation) -> dict[str, Any]:
 
     Arrays are base64 of little-endian float32. Every `stride`-th sample is embedded, and the last one of each episode.
     """
-    first: dict[str, dict[str, Rollout]] = {case: {} for case in stored.config.cases}
+    seeds: dict[str, dict[str, list[Rollout]]] = {case: {} for case in stored.config.cases}
     for run in stored.rollouts:
-        first[run.case].setdefault(run.policy, run)
+        seeds[run.case].setdefault(run.policy, []).append(run)
     policies = list(stored.bounds)
-    runs = [run for by_policy in first.values() for run in by_policy.values()]
-    numbers = sum(signal.size for run in runs for signal in _signals(run).values())
+    groups = [runs for by_policy in seeds.values() for runs in by_policy.values()]
+    numbers = sum(signal.size for runs in groups for signal in _signals(runs).values())
     stride = max(1, math.ceil(_BASE64 * _FLOAT.itemsize * numbers / _LARGEST))  # the smallest that fits
-    shown = [_case(stored.config, name, [runs[p] for p in policies], stride) for name, runs in first.items()]
+    shown = [_case(stored.config, name, [runs[p] for p in policies], stride) for name, runs in seeds.items()]
     arm: dict[str, Any] = {"length": stored.config.parameters.length}
     if stored.config.robot is not None:
         arm = {"robot": _robot(stored.config.robot, max(stored.rollouts, key=lambda run: len(run.time)))}
@@ -59,28 +59,39 @@ def _robot(robot: Robot, run: Rollout) -> dict[str, Any]:
     }
 
 
-def _signals(run: Rollout) -> dict[str, np.ndarray]:
-    """Return the embedded signals of a run."""
-    return {  # deviation and bending, because differences of positions in float32 would not resolve micrometres
+def _signals(runs: Sequence[Rollout]) -> dict[str, np.ndarray]:
+    """Return the embedded signals of the first of the runs, which differ in their seed, and the range of all."""
+    run = runs[0]
+    signals = {  # deviation and bending, because differences of positions in float32 would not resolve micrometres
         "deviation": run.tip - run.tip_reference,
         "link": run.q_link,
         "bending": run.q_motor - run.q_link,
         "torque": run.torque,
         "circularity": run.circularity_error,
     }
+    return signals | ({"range": _range(runs)} if len(runs) > 1 else {})
 
 
-def _case(config: EvaluationConfig, name: str, runs: Sequence[Rollout], stride: int) -> dict[str, Any]:
+def _range(runs: Sequence[Rollout]) -> np.ndarray:
+    """Return the smallest and the largest tip error (n, 2) [m] of the runs not ended, at each sample of the first."""
+    errors = np.full((len(runs), len(runs[0].time)), np.nan)
+    for row, run in zip(errors, runs, strict=True):
+        shared = min(len(row), len(run.time))
+        row[:shared] = run.tip_error[:shared]
+    return np.stack([np.nanmin(errors, axis=0), np.nanmax(errors, axis=0)], axis=1)
+
+
+def _case(config: EvaluationConfig, name: str, groups: Sequence[Sequence[Rollout]], stride: int) -> dict[str, Any]:
     case, placed = config.case(name, None), np.asarray if config.robot is None else in_space
-    longest = max(runs, key=lambda run: len(run.time))
+    longest = max((runs[0] for runs in groups), key=lambda run: len(run.time))
     last = len(longest.time) - 1
     shown = np.unique([*range(0, last + 1, stride), last])
 
-    def of_run(run: Rollout) -> dict[str, Any]:
+    def of_seeds(runs: Sequence[Rollout]) -> dict[str, Any]:
         # The run's own last sample stands in the place of the next one of the longest run.
-        last = len(run.time) - 1
+        run, last = runs[0], len(runs[0].time) - 1
         within = np.minimum(shown[: np.searchsorted(shown, last) + 1], last)
-        signals = {key: signal[within] for key, signal in _signals(run).items()}
+        signals = {key: signal[within] for key, signal in _signals(runs).items()}
         ended = None if run.completed else {"time": float(run.time[-1]), "reason": run.reason}
         signals["deviation"] = placed(signals["deviation"])
         return {"ended": ended, **{key: _encoded(signal) for key, signal in signals.items()}}
@@ -91,7 +102,7 @@ def _case(config: EvaluationConfig, name: str, runs: Sequence[Rollout], stride: 
         "time": _encoded(longest.time[shown]),
         "reference": _encoded(placed(longest.tip_reference[shown])),
         "force": _encoded(placed(longest.external_force[shown])) if longest.external_force.any() else None,
-        "runs": list(map(of_run, runs)),
+        "runs": list(map(of_seeds, groups)),
     }
 
 

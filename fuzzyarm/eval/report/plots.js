@@ -8,8 +8,11 @@ const bending = (joint) => ({
 });
 const each = Array.from({ length: JOINTS }, (_, joint) => joint);
 const PLOTS = [
-  { title: "Tip error", unit: "mm", log: true, signal: (run, k) => 1e3 * run.error[k] },
-  { title: "Circularity error of the tip", unit: "mm", focus: true, signal: (run, k) => 1e3 * run.circularity[k] },
+  {
+    title: "Tip error", unit: "mm", log: true, signal: (run, k) => 1e3 * run.error[k],
+    range: (run, index) => 1e3 * run.range[index],
+  },
+  { title: "Tip circularity", unit: "mm", focus: true, signal: (run, k) => 1e3 * run.circularity[k] },
   // Two joints side by side; of more, a row for each joint.
   ...(JOINTS === 2 ? [...each.map(torque), ...each.map(bending)] : each.flatMap((k) => [torque(k), bending(k)])),
 ];
@@ -122,9 +125,14 @@ class Plot {
     context.beginPath();
     context.rect(EDGE.left, EDGE.top - 2, width - EDGE.left - EDGE.right + 2, height - EDGE.top - EDGE.bottom + 4);
     context.clip();
+    const shadeOf = (policy) => (state.highlighted === null || state.highlighted === policy ? 1 : 0.15);
+    for (const policy of this.order().filter((one) => this.curve(one).range)) {
+      const { range } = this.curve(policy);
+      context.globalAlpha = 0.25 * shadeOf(policy);
+      polygon(context, [...this.points(range.low), ...this.points(range.high).reverse()], colourOf(policy));
+    }
     for (const policy of this.order()) {
-      const { values, band } = this.curve(policy), colour = colourOf(policy);
-      const shade = state.highlighted === null || state.highlighted === policy ? 1 : 0.15;
+      const { values, band } = this.curve(policy), colour = colourOf(policy), shade = shadeOf(policy);
       context.lineCap = "butt";
       if (this.banded(policy)) {
         context.globalAlpha = 0.22 * shade;
@@ -164,10 +172,10 @@ class Plot {
     }
     const last = state.scene.time.at(-1), times = ticks(0, last, width < 420 ? 3 : 6);
     times.forEach((time, index) => {
-      const end = index === times.length - 1;
+      const text = index === times.length - 1 ? `${label(time)} s` : label(time);
       stroke(context, [[this.x(time), bottom], [this.x(time), bottom + 4]], colours.soft, 1);
-      context.textAlign = end ? "right" : "center";
-      context.fillText(end ? `${label(time)} s` : label(time), end ? width : this.x(time), bottom + 12);
+      context.textAlign = "center";
+      context.fillText(text, Math.min(this.x(time), width - 0.5 * context.measureText(text).width), bottom + 12);
     });
   }
 
@@ -182,9 +190,10 @@ class Plot {
     const outside = policies.filter((policy) => this.curve(policy).peak > Math.max(this.high, -this.low));
     const bands = policies.filter((policy) => this.curve(policy).band && policies.length > 1);
     const remarks = [];
-    if (outside.length) remarks.push(`off the axis: ${outside.map(name).join(", ")}`);
-    if (bands.length) remarks.push(`band: ${bands.map(name).join(", ")}`);
-    this.remark.textContent = this.remark.title = remarks.join("; ");
+    if (outside.length) remarks.push(["off the axis", outside]);
+    if (bands.length) remarks.push(["band", bands]);
+    this.remark.textContent = remarks.map(([what, some]) => `${what}: ${some.length} of ${policies.length}`).join("; ");
+    this.remark.title = remarks.map(([what, some]) => `${what}: ${some.map(name).join(", ")}`).join("; ");
     const { title, unit } = this.kind;
     this.canvas.setAttribute("aria-label", `${title} in ${unit} over time, ${state.scene.title}: ${all}`);
     this.readouts.forEach(({ row }, policy) => { row.hidden = !state.chosen.has(policy); });

@@ -22,7 +22,7 @@ __all__ = ["declared_table", "error_charts", "figure", "metrics_table"]
 
 _WIDTH, _LEFT, _RIGHT, _TOP, _ROW, _BOTTOM = 390, 150, 76, 6, 25, 40  # [px]: of the chart, its margins, and a row
 _LONGEST_NAME = 19  # characters; a longer name is cut, and its tooltip shows all of it
-_PALETTE = 8  # number of policy colours in page.css; further policies start again with the first
+_PALETTE = 16  # number of policy colours in page.css; further policies start again with the first
 
 
 def _digits(value: float) -> str:
@@ -55,9 +55,9 @@ def error_charts(rows: Sequence[_Row], titles: Mapping[str, str]) -> str:
     decades, figures = (low, max(high, low + 1)), []
     for case, group in groups.items():
         held = [policy for policy, runs in group.items() if all(run["completed"] for run in runs)]
-        best_rms = max(min((errors[case][policy][0] for policy in held), default=math.nan), RESOLUTION)
+        best = max(min((errors[case][policy][1] for policy in held), default=math.nan), RESOLUTION)
         marks = {
-            policy: "×" if policy not in held else "★" * (rms <= best_rms) for policy, (rms, _) in errors[case].items()
+            policy: "×" if policy not in held else "★" * (most <= best) for policy, (_, most) in errors[case].items()
         }
         figures.append(figure(titles[case], _error_chart(titles[case], errors[case], marks, decades)))
     return "".join(figures)
@@ -66,7 +66,7 @@ def error_charts(rows: Sequence[_Row], titles: Mapping[str, str]) -> str:
 def _error_chart(
     title: str, errors: Mapping[str, Sequence[float]], marks: Mapping[str, str], decades: tuple[int, int]
 ) -> str:
-    """Return the SVG of a case: for each policy a disc at the rms, a stroke at the maximum, and the rms in digits.
+    """Return the SVG of a case: for each policy a disc at the rms, a stroke at the maximum, and the maximum in digits.
 
     `errors` are rms and maximum [mm] by policy, `marks` "★", "×" or none; the axis reaches over `decades`, from a power
     of ten to another.
@@ -98,7 +98,7 @@ def _error_chart(
             f'<text class="name" x="16" y="4">{escape(short)}</text>'
             f'<path class="span" d="M{x(rms):.1f} 0H{x(maximum):.1f}"/>'
             f'<path class="end" d="M{x(maximum):.1f} -6v12"/><circle class="dot" cx="{x(rms):.1f}" cy="0" r="5"/>'
-            f'<text class="value" x="{_WIDTH - 2}" y="4">{star}{escape(millimetres(rms, _digits))}'
+            f'<text class="value" x="{_WIDTH - 2}" y="4">{star}{escape(millimetres(maximum, _digits))}'
             f"{' ×' if marks[name] == '×' else ''}</text></g>"
         )
     return "".join(parts) + "</svg>"

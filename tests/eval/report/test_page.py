@@ -1,4 +1,4 @@
-"""The page as text: complete, escaped, with the numbers of the evaluation and a sentence on who won."""
+"""The page as text: complete, escaped, with the numbers of the evaluation and a sentence on who errs least."""
 
 import base64
 import dataclasses
@@ -10,12 +10,12 @@ from html.parser import HTMLParser
 
 import numpy as np
 import pytest
-from support.altered_evaluations import NASTY, wild, with_runs
+from support.altered_evaluations import NASTY, scaled, wild, with_runs
 
-from fuzzyarm.eval.evaluation.ranking import rank_policies
-from fuzzyarm.eval.evaluation.result_table import table_rows, winners
+from fuzzyarm.eval.evaluation.ranking import rank_policies, standings_of
+from fuzzyarm.eval.evaluation.result_table import table_rows
 from fuzzyarm.eval.evaluation.results_file import read_evaluation
-from fuzzyarm.eval.report.page import _headline, _render_page
+from fuzzyarm.eval.report.page import _headline, _part, _render_page
 from fuzzyarm.eval.report.payload import replay_data
 from fuzzyarm.eval.report.summary import metrics_table
 from fuzzyarm.proof.certificate import NOT_COVERED
@@ -118,14 +118,61 @@ def test_the_table_has_the_cells_of_the_terminal(evaluation, text):
 
 def test_certificates_are_there_in_words(evaluation, text):
     assert "and not for the sampled elastic arm" in text and NOT_COVERED in text
-    assert escape(evaluation.certificates["fuzzy-4"]) in text
+    words = escape(evaluation.certificates["fuzzy-4"])
+    assert f"<summary>fuzzy-4: error decays at least as exp(−20 t)</summary><p>{words}</p>" in text
     assert "Nothing is proven of the rigid arm: computed-torque." in text
 
 
-def test_the_sentence_says_who_leads_the_leaderboard_and_who_won_each_case(evaluation, folder, text):
-    first = rank_policies([folder]).standings[0]
-    lines = winners(evaluation.rows, evaluation.config.titles)
-    said = "; ".join([f"Best score: {first.policy}, {first.cells[0]} mm", *lines])
-    assert f'id="headline">{escape(said)}.</p>' in text
-    alone = with_runs(evaluation, evaluation.rollouts[:1])
-    assert _headline(alone) == f"{winners(alone.rows, alone.config.titles)[0]}."
+def headline(stored):
+    return _headline(sorted(standings_of(stored), key=lambda one: one.order), stored.config)
+
+
+RULE = "Policies are ranked by their largest tip error over all cases"
+
+
+def test_the_sentence_names_the_leader_of_the_leaderboard(evaluation, folder, text):
+    first, *_ = rank_policies([folder]).standings
+    said = f"{first.policy} errs least in the worst case: {first.cells[0]} mm at the tip. {RULE}."
+    assert headline(evaluation) == said and f'id="headline">{escape(said)}</p>' in text
+
+
+@pytest.mark.parametrize(
+    ("made", "said"),
+    [
+        (lambda run: [run], "fuzzy-4 errs least: 3.90 mm at the tip. " + RULE + "."),
+        (lambda run: [run, scaled(run, "twin", 1.0)], "fuzzy-4 and twin err least: 3.90 mm at the tip. " + RULE + "."),
+        (
+            lambda run: [run, wild(run, "a", 700), scaled(run, "b", 0.1), wild(run, "c", 9)],
+            "b errs least: 0.390 mm at the tip; a and c lost the path. " + RULE + ".",
+        ),
+        (lambda run: [wild(run, "a", 700), scaled(run, "far", 100.0)], "Every policy lost the path: a and far."),
+    ],
+)
+def test_the_sentence_names_ties_and_lost_paths(evaluation, made, said):
+    assert headline(with_runs(evaluation, made(evaluation.rollouts[0]))) == said
+
+
+def test_the_range_over_the_seeds_is_embedded(evaluation):
+    run = evaluation.rollouts[0]
+    runs = [scaled(run, "p", factor, seed=seed) for seed, factor in enumerate((1.0, 0.5))]
+    runs.append(dataclasses.replace(wild(run, "p", 700), seed=2))
+    stored = with_runs(evaluation, runs)
+    stored = dataclasses.replace(stored, config=dataclasses.replace(stored.config, seeds=3, encoder_noise=(1e-5, 1e-3)))
+    low, high = numbers(replay_data(stored)["cases"][0]["runs"][0]["range"]).reshape(-1, 2).T
+    np.testing.assert_allclose(low[700:], 0.5 * run.tip_error[700:], rtol=1e-6)
+    np.testing.assert_allclose(high[700:], run.tip_error[700:], rtol=1e-6)  # the third seed has ended
+    np.testing.assert_allclose(high[:700], np.maximum(run.tip_error[:700], runs[2].tip_error), rtol=1e-6)
+    assert "on a band from the smallest to the largest tip error of any seed" in _render_page(stored)
+
+
+@pytest.mark.parametrize("theme", [0, 1])
+def test_sixteen_policies_have_colours_that_differ(theme):
+    """Distances in CIELAB of the colours of policies, in light and in dark."""
+    found = re.findall(r"--p\d+: light-dark\(#(\w{6}), #(\w{6})\)", _part("page.css"))
+    values = np.array([list(bytes.fromhex(pair[theme])) for pair in found]) / 255.0
+    linear = np.where(values <= 0.04045, values / 12.92, ((values + 0.055) / 1.055) ** 2.4)
+    to_xyz = [[0.4124564, 0.2126729, 0.0193339], [0.3575761, 0.7151522, 0.1191920], [0.1804375, 0.0721750, 0.9503041]]
+    x, y, z = np.cbrt(linear @ to_xyz / [0.95047, 1.0, 1.08883]).T  # every colour is lighter than the linear part
+    lab = np.stack([116.0 * y - 16.0, 500.0 * (x - y), 200.0 * (y - z)], axis=1)
+    distances = np.linalg.norm(lab[:, np.newaxis] - lab, axis=-1) + 1e3 * np.eye(16)
+    assert distances.min() > 25.0

@@ -6,6 +6,7 @@ from support.altered_evaluations import NASTY, wild, with_runs, write
 
 from fuzzyarm.cli import main
 from fuzzyarm.eval.episodes.rollout_file import read_rollouts
+from fuzzyarm.policies import COMPARED
 
 POLICIES = ("fuzzy-4", "computed-torque", "fuzzy-4-tip")
 PICTURES = "[...document.querySelectorAll('#arms canvas, #plots canvas')].map((canvas) => canvas.toDataURL())"
@@ -87,6 +88,7 @@ def test_the_scrubber_shows_the_sample_of_the_file(page, rollouts, sample):
 @pytest.mark.parametrize("sample", [100, 900])
 def test_the_arm_is_where_the_links_are(page, rollouts, sample):
     """The white hole of the elbow is at the angle of the first link, in a frame with x down and y to the right."""
+    page.press("1")
     seek(page, sample)
     view = page.run("view")
     low, high = np.array(view["low"]), np.array(view["high"])
@@ -207,3 +209,38 @@ def test_values_at_the_cursor_are_those_of_the_rollouts(chromium, early_folder, 
                 coarse = 0.06 if abs(signal[sample]) < 1e-3 else 6e-3
                 assert number(text) == pytest.approx(signal[sample], rel=coarse, abs=1e-9), text
     assert chromium.problems == []
+
+
+def test_the_page_opens_with_the_best_four_in_the_hardest_case(chromium, many_folders):
+    chromium.open(many_folders[12] / "report.html")
+    assert chromium.run("document.querySelector('[aria-selected=true]').textContent") == "Case 3: 5 kg payload"
+    ticked = (
+        "[...document.querySelectorAll('.chip')].filter((chip) => chip.control.checked).map((chip) => chip.innerText)"
+    )
+    assert chromium.run(ticked) == [COMPARED[k] for k in (3, 5, 6, 8)]
+
+
+CLIPPED = """[...document.querySelectorAll(
+  '.values li, .readout, .readout *, .chip, .remark, #key li, td, .chart text')]
+.filter((part) => part.getClientRects().length && !part.closest('details:not([open])')).filter((part) => {
+  const room = (part.closest('.values, svg, .scroll > table') ?? document.body).getBoundingClientRect();
+  const own = part.getBoundingClientRect();
+  return own.right > room.right + 1 || own.left < room.left - 1 || own.bottom > room.bottom + 1
+    || part.clientWidth && part.scrollWidth > part.clientWidth + 1;
+}).map((part) => part.textContent)"""
+
+
+@pytest.mark.parametrize(("width", "height"), [(1400, 900), (390, 844)])
+def test_no_value_is_clipped_with_twelve_policies(chromium, many_folders, width, height):
+    chromium.open(many_folders[12] / "report.html", width=width, height=height)
+    chromium.run("document.querySelectorAll('.chip input').forEach((box) => box.checked || box.click())")
+    for sample in (0, 10, 699, 1400):
+        chromium.run(f"goTo({sample})")
+        assert chromium.run(CLIPPED) == []
+    assert chromium.run("document.documentElement.scrollWidth") == width
+    assert chromium.run("plots.every(({ canvas }) => canvas.clientHeight >= 120)")
+
+
+def test_the_page_is_short_on_a_phone(chromium, many_folders):
+    chromium.open(many_folders[9] / "report.html", width=390, height=844)
+    assert chromium.run("document.documentElement.scrollHeight") < 6000

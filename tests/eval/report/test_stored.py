@@ -163,6 +163,8 @@ def test_the_simulated_tip_is_drawn_within_the_tube(evaluation, path):
     np.testing.assert_allclose(0.5 * (outer + inner), drawn["path"], atol=0.11)
     half = 0.5 * np.hypot(*(outer - inner).T)
     assert (np.hypot(*(drawn["tip"] - drawn["path"]).T) <= half + 0.2).all()  # a digit of a pixel each
+    share = 100.0 * evaluation.rollouts[2].tip_error[:STEPS].max() / checks[0].bound
+    assert 0.0 < share <= 100.0 and f"{share:.3g} % of the bound</text>" in section
     assert half.max() > 10.0 and np.hypot(*(drawn["tip"] - drawn["path"]).T).max() > 5.0
 
 
