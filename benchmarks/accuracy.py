@@ -11,7 +11,7 @@ from measuring import options_of, write
 
 from fuzzyarm import load_policy
 from fuzzyarm.envs.scenario.cases import PAPER_CASES
-from fuzzyarm.eval.bench.accuracy import exact_tips, max_tip_difference, stepped_tips
+from fuzzyarm.eval.bench._accuracy import exact_tips, max_tip_difference, stepped_tips
 
 SUBSTEPS = (1e-3, 5e-4, 2e-4, 1e-4, 5e-5)
 

@@ -32,7 +32,7 @@ from fuzzyarm.envs.scenario.disturbances import EncoderNoise
 from fuzzyarm.envs.scenario.randomisation import DomainRandomisation
 from fuzzyarm.eval.episodes.metrics import metrics_of
 from fuzzyarm.eval.episodes.rollout import record_passes, record_rollout
-from fuzzyarm.eval.sweep.distributions import DISTRIBUTIONS
+from fuzzyarm.eval.sweep._distributions import DISTRIBUTIONS
 
 NAME, BASELINE, NOISE = "adaptive-observer", "fuzzy-4-tip", EncoderNoise(position=1e-5, velocity=1e-3)
 LOADED, PASSES, PLANT_PASSES, NOTICED = ("machining", "payload"), 5, 4, 0.05

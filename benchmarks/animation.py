@@ -15,7 +15,7 @@ import numpy as np
 from PIL import Image, ImageDraw, ImageFont
 
 from fuzzyarm import load_policy
-from fuzzyarm.envs.pictures import FOOTER, HEADER
+from fuzzyarm.envs._pictures import FOOTER, HEADER
 from fuzzyarm.eval.episodes.loop import episodes
 
 SIZE, TITLE, COLOURS = 300, 44, 48  # px, px, palette entries: below 1 MB

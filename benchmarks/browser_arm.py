@@ -31,8 +31,8 @@ from fuzzyarm.envs.physics.parameters import ArmParameters
 from fuzzyarm.envs.physics.records import places
 from fuzzyarm.envs.scenario.cases import CASES
 from fuzzyarm.envs.scenario.default_reference import default_reference
+from fuzzyarm.export._c_text import MODEL, Recorded
 from fuzzyarm.export.c_files import c_name, sources_of
-from fuzzyarm.export.c_text import MODEL, Recorded
 from fuzzyarm.numbers.functions import zeros
 
 LAWS = ("fuzzy-4-tip", "elastic-observer")

@@ -17,11 +17,11 @@ import numpy as np
 from measuring import options_of, printed, write
 
 from fuzzyarm.envs.physics.parameters import ArmParameters
+from fuzzyarm.identification._fit import DEVIATIONS
+from fuzzyarm.identification._rigid import UNKNOWNS, arm_of, start_of
 from fuzzyarm.identification.excitation import NOISE, rehearsed, suggested
-from fuzzyarm.identification.fit import DEVIATIONS
 from fuzzyarm.identification.log import Log
 from fuzzyarm.identification.result import identify
-from fuzzyarm.identification.rigid import UNKNOWNS, arm_of, start_of
 
 LOW, HIGH = 0.7, 1.4
 

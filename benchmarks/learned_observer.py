@@ -33,7 +33,7 @@ from fuzzyarm.eval.sweep.episodes import run_plants
 from fuzzyarm.fuzzy_policy.known_arm import joints_of
 from fuzzyarm.fuzzy_policy.laws.learned.estimate.network import EstimateBundle, EstimateNetwork, shapes_of
 from fuzzyarm.fuzzy_policy.laws.learned.estimate.policy import LearnedObserverPolicy
-from fuzzyarm.rl_baselines.case_evaluation import evaluate_cases
+from fuzzyarm.rl_baselines._case_evaluation import evaluate_cases
 
 QUANTILES = (0.01, 0.1, 0.25, 0.5, 0.75, 0.9, 0.99, 1.0)
 DISTRIBUTIONS = "loads", "all"

@@ -26,7 +26,7 @@ from fuzzyarm.envs.physics.parameters import ArmParameters
 from fuzzyarm.envs.scenario.cases import PAPER_CASES
 from fuzzyarm.eval.score import scores
 from fuzzyarm.policies.sb3 import sb3_policy
-from fuzzyarm.rl_baselines.case_evaluation import evaluate_cases
+from fuzzyarm.rl_baselines._case_evaluation import evaluate_cases
 
 SEEDS = range(5)
 PPO_STEPS, SAC_STEPS, SECONDS = 150_000, 100_000, 90.0

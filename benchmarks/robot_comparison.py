@@ -32,7 +32,7 @@ from fuzzyarm.fuzzy_policy.laws.scheduled import ScheduledPolicy
 from fuzzyarm.fuzzy_policy.scheduled import ScheduledController
 from fuzzyarm.policies import ANY_ROBOT
 from fuzzyarm.synthesis import ScheduledSpecification, design_scheduled
-from fuzzyarm.synthesis.scalar_design import best_feedback
+from fuzzyarm.synthesis._scalar_design import best_feedback
 
 PERIOD = 1e-3  # s
 METRICS = ("tip_error_max_mm", "tip_error_rms_mm", "completed")

@@ -18,7 +18,7 @@ from fuzzyarm.envs.physics.robot import robot_named
 from fuzzyarm.eval.stability.margins import policy_margins
 from fuzzyarm.fuzzy_policy.laws.learned.policy import LearnedPolicy
 from fuzzyarm.policies import load_policy
-from fuzzyarm.rl_baselines.case_evaluation import evaluate_cases
+from fuzzyarm.rl_baselines._case_evaluation import evaluate_cases
 
 PERIOD = 1e-3  # s
 OF_THE_RUN = ("seed", "steps_done", "tensorboard")  # what the seeds of one configuration may differ in

@@ -24,13 +24,13 @@ import numpy as np
 import torch
 from measuring import options_of, printed, write
 
+from fuzzyarm.envs.physics._serial import physics_of
 from fuzzyarm.envs.physics.dynamics import arm_constants
 from fuzzyarm.envs.physics.equations import two_joints
 from fuzzyarm.envs.physics.integrator import held_of, hold_of
 from fuzzyarm.envs.physics.parameters import ArmParameters
 from fuzzyarm.envs.physics.records import Physics, filled, flat
 from fuzzyarm.envs.physics.robot import Robot, robot_named
-from fuzzyarm.envs.physics.serial import physics_of
 
 H = 2e-4  # s, a sub-step
 LANES, SUBSTEPS, PEER_STEPS, ROUNDS = 1024, 50, 2000, 7

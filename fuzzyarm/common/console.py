@@ -109,7 +109,7 @@ def _wrapped(line: str) -> str:
     """Return a line broken at spaces for the terminal, what follows indented by two more than its beginning."""
     width = max(shutil.get_terminal_size().columns, _NARROWEST)
     indent = " " * (len(line) - len(line.lstrip()) + 2)
-    options: dict[str, bool] = dict.fromkeys(("break_long_words", "break_on_hyphens", "replace_whitespace"), False)
+    options: Any = dict.fromkeys(("break_long_words", "break_on_hyphens", "replace_whitespace"), False)
     return line if len(line) <= width else textwrap.fill(line, width, subsequent_indent=indent, **options)
 
 

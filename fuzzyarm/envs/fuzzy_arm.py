@@ -20,10 +20,10 @@ from gymnasium.error import ResetNeeded
 
 from fuzzyarm.common import checks
 from fuzzyarm.envs import arguments
+from fuzzyarm.envs._film import Film
 from fuzzyarm.envs.batch.lanes import Lanes
 from fuzzyarm.envs.batch.layout import CLOCK, INFO, SCALARS, VECTORS
 from fuzzyarm.envs.fastest_mode import fastest_rate
-from fuzzyarm.envs.film import Film
 from fuzzyarm.envs.periods import checked_periods
 from fuzzyarm.envs.physics.equations import AnyArm, chosen_arm
 from fuzzyarm.envs.physics.parameters import ArmParameters

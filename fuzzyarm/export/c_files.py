@@ -17,7 +17,7 @@ from fuzzyarm.common.checks import choice, instance, path_of
 from fuzzyarm.common.files import write_once
 from fuzzyarm.envs.observation import PARTS, Observation, starts
 from fuzzyarm.envs.physics.equations import bounds_of
-from fuzzyarm.export.c_text import Recorded, Unsupported, program_of
+from fuzzyarm.export._c_text import Recorded, Unsupported, program_of
 from fuzzyarm.export.sheet import certified_numbers, default_certificate
 from fuzzyarm.fuzzy_policy.known_arm import per_joint_of
 from fuzzyarm.fuzzy_policy.laws.adaptive.policy import AdaptiveObserverPolicy

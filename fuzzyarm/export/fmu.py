@@ -24,9 +24,9 @@ from fuzzyarm.envs.fuzzy_arm import FuzzyArmEnv
 from fuzzyarm.envs.observation import Observation
 from fuzzyarm.envs.physics.equations import AnyArm, bounds_of
 from fuzzyarm.envs.physics.parameters import LARGEST, ArmParameters
+from fuzzyarm.export._c_text import MODEL, Recorded
+from fuzzyarm.export._plant import Plant
 from fuzzyarm.export.c_files import UNITS, c_name, sources_of
-from fuzzyarm.export.c_text import MODEL, Recorded
-from fuzzyarm.export.plant import Plant
 from fuzzyarm.fuzzy_policy.policy import Policy
 
 __all__ = ["PLANT", "export_controller_fmu", "export_plant_fmu"]

@@ -14,8 +14,8 @@ from fuzzyarm.common.checks import all_finite, array_of, real_entries, shown
 from fuzzyarm.envs.observation import PARTS, Observation
 from fuzzyarm.envs.periods import checked_period
 from fuzzyarm.envs.physics.equations import AnyArm
+from fuzzyarm.fuzzy_policy._sample_clock import SampleClock
 from fuzzyarm.fuzzy_policy.known_arm import checked_arm, joints_of, per_joint_of
-from fuzzyarm.fuzzy_policy.sample_clock import SampleClock
 
 __all__ = ["PassLearner", "Policy", "Predictor"]
 

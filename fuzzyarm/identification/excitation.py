@@ -27,8 +27,8 @@ from fuzzyarm.envs.physics.parameters import ArmParameters
 from fuzzyarm.envs.scenario.disturbances import Disturbance, EncoderNoise
 from fuzzyarm.envs.scenario.reference import Reference, ReferenceSample, TipSample
 from fuzzyarm.fuzzy_policy.laws.computed_torque import ComputedTorquePolicy
+from fuzzyarm.identification._rigid import base_of, regressor
 from fuzzyarm.identification.log import Log, joint_table
-from fuzzyarm.identification.rigid import base_of, regressor
 
 __all__ = ["NOISE", "SHARE", "Excitation", "rehearsed", "suggested"]
 

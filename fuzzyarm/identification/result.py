@@ -18,9 +18,8 @@ from matplotlib.figure import Figure
 from fuzzyarm.common.checks import instance
 from fuzzyarm.common.files import write_atomically
 from fuzzyarm.envs.physics.parameters import ArmParameters
-from fuzzyarm.identification.fit import DEVIATIONS, Fit, fit_elastic
-from fuzzyarm.identification.log import Log, Motion
-from fuzzyarm.identification.rigid import (
+from fuzzyarm.identification._fit import DEVIATIONS, Fit, fit_elastic
+from fuzzyarm.identification._rigid import (
     BASE,
     KEPT,
     UNKNOWNS,
@@ -31,6 +30,7 @@ from fuzzyarm.identification.rigid import (
     rigid_arm,
     start_of,
 )  # fmt: skip
+from fuzzyarm.identification.log import Log, Motion
 
 __all__ = ["Identified", "identify"]
 

@@ -25,7 +25,7 @@ import numpy as np
 
 from fuzzyarm.common.files import write_atomically
 from fuzzyarm.common.waiting import announced
-from fuzzyarm.numbers.llvm_text import EIGHT, WIDE, Layout, kernel_text
+from fuzzyarm.numbers._llvm_text import EIGHT, WIDE, Layout, kernel_text
 from fuzzyarm.numbers.program import Program
 
 __all__ = ["WIDE", "Call", "Kernel", "Layout", "kernel_text"]

@@ -33,7 +33,7 @@ if TYPE_CHECKING:
     from fuzzyarm.fuzzy_policy.controller import Controller
     from fuzzyarm.fuzzy_policy.policy import Policy
     from fuzzyarm.fuzzy_policy.scheduled import ScheduledController
-    from fuzzyarm.policies.user_code import UserPolicy
+    from fuzzyarm.policies._user_code import UserPolicy
 
 __all__ = ["PolicySpec", "file_digest", "found_again", "load_policy", "recorded", "resolve", "resolve_all"]
 
@@ -81,12 +81,12 @@ class PolicySpec:
         path = self.path or Path()
         self._check()
         if self.kind is Kind.CODE:
-            from fuzzyarm.policies.user_code import source_file
+            from fuzzyarm.policies._user_code import source_file
 
             source = source_file(self.name)
             return {} if source is None else {source.name: file_digest(source)}
         if self.kind is Kind.LEARNED and path.is_dir():
-            from fuzzyarm.policies.learned import learned_files
+            from fuzzyarm.policies._learned import learned_files
 
             return learned_files(path)
         if self.kind is Kind.TUNED:
@@ -110,7 +110,7 @@ class PolicySpec:
         truth("allow_unproven", allow_unproven)
         self._check()
         if self.kind is Kind.CODE:
-            from fuzzyarm.policies.user_code import load_code
+            from fuzzyarm.policies._user_code import load_code
 
             return load_code(self.name, control_period, arm)
         if self._factory is not None:
@@ -124,7 +124,7 @@ class PolicySpec:
 
             law = tuned_policy(path.parent, path.name, arm, control_period)
         elif path.is_dir():
-            from fuzzyarm.policies.learned import learned_policy
+            from fuzzyarm.policies._learned import learned_policy
 
             law = learned_policy(path, control_period, arm)
         else:

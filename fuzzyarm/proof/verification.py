@@ -14,9 +14,9 @@ from fuzzyarm.common.console import escaped
 from fuzzyarm.envs.scenario.reference import JointReference
 from fuzzyarm.fuzzy_policy.controller import Controller
 from fuzzyarm.fuzzy_policy.scheduled import ScheduledController, load_controller
+from fuzzyarm.proof._residual import Residual, feedforward_residual
 from fuzzyarm.proof.certificate import Certificate, certify
 from fuzzyarm.proof.policy_certificate import tip_statement
-from fuzzyarm.proof.residual import Residual, feedforward_residual
 from fuzzyarm.proof.scheduled_certificate import certify_scheduled
 
 __all__ = ["Verification", "verify_file"]

@@ -43,9 +43,9 @@ from fuzzyarm.envs.physics.robot import Robot
 from fuzzyarm.envs.scenario.disturbances import Disturbance
 from fuzzyarm.envs.scenario.randomisation import DomainRandomisation, find_randomisation
 from fuzzyarm.envs.scenario.reference import Reference
-from fuzzyarm.rl_baselines import torch_step
-from fuzzyarm.rl_baselines.torch_numbers import Table
-from fuzzyarm.rl_baselines.torch_step import Equations, Outcome, Shared, by_step
+from fuzzyarm.rl_baselines import _torch_step as torch_step
+from fuzzyarm.rl_baselines._torch_numbers import Table
+from fuzzyarm.rl_baselines._torch_step import Equations, Outcome, Shared, by_step
 
 __all__ = ["TorchFuzzyArm"]
 

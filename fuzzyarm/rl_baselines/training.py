@@ -31,9 +31,8 @@ from fuzzyarm.fuzzy_policy.laws.learned.policy import LearnedPolicy
 from fuzzyarm.fuzzy_policy.policy import Policy
 from fuzzyarm.policies.registry import known_names
 from fuzzyarm.policies.spec import load_policy, resolve
-from fuzzyarm.rl_baselines.algorithms import algorithm_of, find_algorithm
-from fuzzyarm.rl_baselines.case_evaluation import COLUMNS, evaluate_cases
-from fuzzyarm.rl_baselines.checkpoint import (
+from fuzzyarm.rl_baselines._case_evaluation import COLUMNS, evaluate_cases
+from fuzzyarm.rl_baselines._checkpoint import (
     CheckpointError,
     check_finite,
     check_like,
@@ -43,6 +42,7 @@ from fuzzyarm.rl_baselines.checkpoint import (
     set_random_state,
     write_checkpoint,
 )
+from fuzzyarm.rl_baselines.algorithms import algorithm_of, find_algorithm
 from fuzzyarm.rl_baselines.config import TrainingConfig
 from fuzzyarm.rl_baselines.sb3_vec_env import StableBaselinesVecEnv, learning_envs
 

@@ -17,8 +17,8 @@ from typing import TYPE_CHECKING
 from fuzzyarm.common.registry import lazily
 
 if TYPE_CHECKING:
+    from fuzzyarm.synthesis._designer import Design, DesignFailed, describe, design
     from fuzzyarm.synthesis.design_problem import DesignProblem
-    from fuzzyarm.synthesis.designer import Design, DesignFailed, describe, design
     from fuzzyarm.synthesis.scheduled_design import (
         ScheduledDesign,
         ScheduledSpecification,

@@ -38,13 +38,13 @@ from fuzzyarm.fuzzy_policy.ts_model import TSModel
 from fuzzyarm.proof import theorems
 from fuzzyarm.proof.block_matrix import Assembly, symmetric, transposed
 from fuzzyarm.proof.vertices import TrackingVertices, error_vertices, tracking_vertices
-from fuzzyarm.synthesis.expressions import half, negative, positive
-from fuzzyarm.synthesis.pole_region import pi
-from fuzzyarm.synthesis.scaling import Scaling
+from fuzzyarm.synthesis._expressions import half, negative, positive
+from fuzzyarm.synthesis._pole_region import pi
+from fuzzyarm.synthesis._scaling import Scaling
 from fuzzyarm.synthesis.specification import PAPER_WEIGHT, Specification
 
 if TYPE_CHECKING:
-    from fuzzyarm.synthesis.designer import Design
+    from fuzzyarm.synthesis._designer import Design
 
 __all__ = ["CERTAIN", "MARGIN", "PAPER_GAMMA", "DesignProblem", "NoPoint", "Point", "structure_of"]
 
@@ -385,7 +385,7 @@ class DesignProblem:
             DesignFailed: no point was found, or its proof does not go through.
             ValueError: the solver is not installed.
         """
-        from fuzzyarm.synthesis.designer import solved  # which searches with problems like this one
+        from fuzzyarm.synthesis._designer import solved  # which searches with problems like this one
 
         return solved(self, solver, options)
 

@@ -19,9 +19,9 @@ from fuzzyarm.fuzzy_policy.laws.scheduled import linear_scheduled
 from fuzzyarm.fuzzy_policy.scheduled import MOST_PREMISES, Premise, ScheduledController, speeds_of
 from fuzzyarm.proof.certificate import Certificate
 from fuzzyarm.proof.scheduled_certificate import certify_scheduled, schedule_rate
-from fuzzyarm.synthesis.designer import DesignFailed
-from fuzzyarm.synthesis.inertia_metric import Metric, best_premise, fitted_metric
-from fuzzyarm.synthesis.scalar_design import Feedback, best_feedback, feedback_for_gamma, smallest_pole
+from fuzzyarm.synthesis._designer import DesignFailed
+from fuzzyarm.synthesis._inertia_metric import Metric, best_premise, fitted_metric
+from fuzzyarm.synthesis._scalar_design import Feedback, best_feedback, feedback_for_gamma, smallest_pole
 
 __all__ = ["ALPHAS", "SAMPLES", "ScheduledDesign", "ScheduledSpecification", "describe_scheduled", "design_scheduled"]
 

@@ -12,7 +12,7 @@ for _name in (
     "fuzzyarm.eval.evaluation.run",
     "fuzzyarm.eval.report.page",
     "fuzzyarm.eval.stability.margins",
-    "fuzzyarm.eval.sweep.figures",
+    "fuzzyarm.eval.sweep._figures",
     "fuzzyarm.eval.sweep.run",
     "fuzzyarm.eval.tuning.run",
     "fuzzyarm.export.c_files",

@@ -26,12 +26,12 @@ from fuzzyarm.eval.dataset.config import DatasetConfig
 from fuzzyarm.eval.engine import Engine
 from fuzzyarm.eval.episodes.rollout_file import write_rollouts
 from fuzzyarm.eval.evaluation.run import EvaluationConfig, evaluate, write_results
+from fuzzyarm.eval.sweep._distributions import plant_record
 from fuzzyarm.eval.sweep.config import SweepConfig
-from fuzzyarm.eval.sweep.distributions import plant_record
 from fuzzyarm.eval.sweep.episodes import SweepResults
 from fuzzyarm.eval.sweep.run import Sweep
 from fuzzyarm.eval.sweep.summary import summarise
-from fuzzyarm.eval.tuning import finding
+from fuzzyarm.eval.tuning import _finding as finding
 from fuzzyarm.fuzzy_policy.laws.adaptive.belief import AdaptiveWeights
 from fuzzyarm.fuzzy_policy.laws.observer_gains import ObserverWeights
 from fuzzyarm.fuzzy_policy.scheduled import Premise, ScheduledController

@@ -142,8 +142,10 @@ def _stand_ins() -> None:
     """Let searches that take minutes find at once what they would find, so that all that is left is what is written."""
     from fuzzyarm.eval.dataset import store
     from fuzzyarm.eval.stability import linearisation
-    from fuzzyarm.eval.tuning import run, search, steps
-    from fuzzyarm.identification import fit
+    from fuzzyarm.eval.tuning import _search as search
+    from fuzzyarm.eval.tuning import _steps as steps
+    from fuzzyarm.eval.tuning import run
+    from fuzzyarm.identification import _fit as fit
 
     def step(policy: str, chosen: dict[str, float]) -> Any:
         def find(context: Any) -> Any:

@@ -12,7 +12,7 @@ from fuzzyarm import load_policy
 from fuzzyarm.envs.physics.parameters import ArmParameters
 from fuzzyarm.envs.scenario.cases import PAPER_CASES
 from fuzzyarm.fuzzy_policy.laws.learned.definition import ActionDefinition
-from fuzzyarm.rl_baselines.case_evaluation import evaluate_cases
+from fuzzyarm.rl_baselines._case_evaluation import evaluate_cases
 
 # A good law with a few random newton metres stays on the path; almost without torque the arm hangs and swings, a metre
 # from the path and well within the joint limits.

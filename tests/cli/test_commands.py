@@ -166,7 +166,7 @@ def test_design_in_the_form_of_the_paper(tmp_path, capsys):
 def quick_bench(monkeypatch):
     """Let `fuzzyarm bench` measure the one environment only, for as short as it can."""
     from fuzzyarm.eval.bench import run as bench
-    from fuzzyarm.eval.bench.entries import single_entries
+    from fuzzyarm.eval.bench._entries import single_entries
 
     entry = dataclasses.replace(single_entries()[0], tip_error=None)
     monkeypatch.setattr(bench, "_WARM_UP", 0.0)

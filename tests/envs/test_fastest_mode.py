@@ -21,7 +21,7 @@ from fuzzyarm.envs.vector import FuzzyArmVectorEnv
 from fuzzyarm.eval.stability.linearisation import largest_radius, linearise_path
 from fuzzyarm.eval.sweep.config import SweepConfig
 from fuzzyarm.eval.sweep.plants import Plants
-from fuzzyarm.export.plant import Plant
+from fuzzyarm.export._plant import Plant
 from fuzzyarm.fuzzy_policy.laws.adaptive.policy import AdaptiveObserverPolicy
 from fuzzyarm.fuzzy_policy.laws.computed_torque import ComputedTorquePolicy
 from fuzzyarm.fuzzy_policy.laws.elastic_observer import ElasticObserverPolicy

@@ -4,13 +4,13 @@ import numpy as np
 import pytest
 from support.robots import ROBOTS, skewed_robot
 
+from fuzzyarm.envs._pictures import FOOTER, FORCE, HEADER, HEIGHT, PAYLOAD, REFERENCE, TRACE, WIDTH, Canvas, paint
 from fuzzyarm.envs.batch.layout import VECTORS
 from fuzzyarm.envs.batch.schedule import Schedule
 from fuzzyarm.envs.perspective import floor_of, looking_at, poses_of, upwards
 from fuzzyarm.envs.physics.dynamics import Payload
 from fuzzyarm.envs.physics.rigid_body import frames
 from fuzzyarm.envs.physics.robot import Robot, robot_named
-from fuzzyarm.envs.pictures import FOOTER, FORCE, HEADER, HEIGHT, PAYLOAD, REFERENCE, TRACE, WIDTH, Canvas, paint
 from fuzzyarm.envs.scenario.disturbances import ConstantForce, Disturbance
 from fuzzyarm.envs.scenario.robot_reference import SplineReference
 

@@ -11,11 +11,11 @@ import pygame
 import pytest
 from gymnasium.error import ResetNeeded
 
-from fuzzyarm.envs import pictures
+from fuzzyarm.envs import _pictures as pictures
+from fuzzyarm.envs._pictures import FOOTER, FORCE, HEADER, HEIGHT, INK, PAYLOAD, REFERENCE, TRACE, WIDTH
 from fuzzyarm.envs.fuzzy_arm import FuzzyArmEnv
 from fuzzyarm.envs.physics.dynamics import Payload
 from fuzzyarm.envs.physics.parameters import ArmParameters
-from fuzzyarm.envs.pictures import FOOTER, FORCE, HEADER, HEIGHT, INK, PAYLOAD, REFERENCE, TRACE, WIDTH
 from fuzzyarm.envs.scenario.cases import CASES
 from fuzzyarm.envs.scenario.disturbances import ConstantForce, Disturbance
 from fuzzyarm.envs.scenario.reference import JointReference, joint_angles
@@ -24,7 +24,7 @@ LENGTH = ArmParameters().length
 FIELD = slice(HEADER + 2, HEIGHT - FOOTER - 2)
 HEADLESS = """
 import pygame
-from fuzzyarm.envs import pictures
+from fuzzyarm.envs import _pictures as pictures
 from fuzzyarm.envs.fuzzy_arm import FuzzyArmEnv
 env = FuzzyArmEnv(render_mode="rgb_array")
 env.reset()

@@ -156,7 +156,7 @@ if {added}:
 from fuzzyarm.eval.evaluation.run import EvaluationConfig
 from fuzzyarm.eval.paper.evidence import PAPER_CASES
 from fuzzyarm.eval.sweep.config import SweepConfig
-from fuzzyarm.rl_baselines import case_evaluation
+from fuzzyarm.rl_baselines import _case_evaluation as case_evaluation
 from fuzzyarm.rl_baselines.algorithms.ppo import PRESETS
 print(json.dumps([
     EvaluationConfig().cases, SweepConfig().cases, case_evaluation.COLUMNS, PAPER_CASES,

@@ -14,8 +14,8 @@ from fuzzyarm.envs.fuzzy_arm import FuzzyArmEnv
 from fuzzyarm.envs.physics.equations import chosen_arm
 from fuzzyarm.envs.scenario.default_reference import default_reference
 from fuzzyarm.envs.vector import FuzzyArmVectorEnv
+from fuzzyarm.fuzzy_policy._sample_clock import _period_between
 from fuzzyarm.fuzzy_policy.laws.computed_torque import ComputedTorquePolicy
-from fuzzyarm.fuzzy_policy.sample_clock import _period_between
 
 SLOW = pytest.param("adaptive-observer", "paper", marks=pytest.mark.slow)
 

@@ -12,11 +12,9 @@ from fuzzyarm.envs.physics.dynamics import arm_constants, rigid_inverse_dynamics
 from fuzzyarm.envs.physics.parameters import ArmParameters
 from fuzzyarm.envs.physics.records import flat
 from fuzzyarm.envs.scenario.disturbances import EncoderNoise
-from fuzzyarm.identification import excitation, fit
-from fuzzyarm.identification.excitation import NOISE, SHARE, Excitation, rehearsed, suggested
-from fuzzyarm.identification.log import COLUMNS, Log, Motion, read_log
-from fuzzyarm.identification.result import identify
-from fuzzyarm.identification.rigid import (
+from fuzzyarm.identification import _fit as fit
+from fuzzyarm.identification import excitation
+from fuzzyarm.identification._rigid import (
     UNKNOWNS,
     arm_of,
     base_of,
@@ -27,6 +25,9 @@ from fuzzyarm.identification.rigid import (
     rigid_arm,
     start_of,
 )  # fmt: skip
+from fuzzyarm.identification.excitation import NOISE, SHARE, Excitation, rehearsed, suggested
+from fuzzyarm.identification.log import COLUMNS, Log, Motion, read_log
+from fuzzyarm.identification.result import identify
 
 TRUTH = ArmParameters()
 NAMES = [one.name for one in UNKNOWNS]

@@ -95,8 +95,8 @@ MUTANTS = (
     Mutant("zonotope-box", f"{TIP}/zonotope.py", "(np.abs(self.columns).sum(axis=1) + self.box) * ROUND_UP", "np.abs(self.columns).sum(axis=1) * ROUND_UP", "tests/proof/tip/test_enclosures.py"),
     Mutant("links-remainder", f"{TIP}/remainders.py", "reshape(JOINTS, JOINTS) @ tube[of]", "reshape(JOINTS, JOINTS) @ (0.5 * tube[of])", "tests/proof/tip/test_enclosures.py"),
     # Other readers.
-    Mutant("checkpoint-pickle", "rl_baselines/checkpoint.py", 'map_location="cpu", weights_only=True', 'map_location="cpu", weights_only=False', "tests/rl_baselines/test_crafted_checkpoint.py"),
-    Mutant("checkpoint-count", "rl_baselines/checkpoint.py", 'whole("generators.numpy.position", drawn["position"], high=len(keys))', "len(keys)", "tests/rl_baselines/test_crafted_checkpoint.py"),
+    Mutant("checkpoint-pickle", "rl_baselines/_checkpoint.py", 'map_location="cpu", weights_only=True', 'map_location="cpu", weights_only=False', "tests/rl_baselines/test_crafted_checkpoint.py"),
+    Mutant("checkpoint-count", "rl_baselines/_checkpoint.py", 'whole("generators.numpy.position", drawn["position"], high=len(keys))', "len(keys)", "tests/rl_baselines/test_crafted_checkpoint.py"),
     Mutant("bundle-weights", "fuzzy_policy/laws/learned/bundle.py", "if hashlib.sha256(weights).hexdigest() != description.weights_sha256", "if not description.weights_sha256", f"{READ} 'bytes and weights'"),
     Mutant("sweep-identity", "eval/sweep/run.py", "if digest != digest_of(then):", "if False:", f"{READ} exchanged"),
     Mutant("data-set-there", "eval/dataset/store.py", "    if folder.exists():", "    if False:", "tests/eval/dataset/test_dataset.py -m slow -k minari_loads"),

@@ -6,7 +6,7 @@ import operator
 import numpy as np
 import pytest
 
-from fuzzyarm.envs.physics.recursion import Folded, unfolded
+from fuzzyarm.envs.physics._recursion import Folded, unfolded
 from fuzzyarm.numbers.program import Program
 
 KNOWN = (0.0, 1.0, -1.0, 2.5)

@@ -14,7 +14,7 @@ from fuzzyarm.proof.box_cover import (
 )
 from fuzzyarm.proof.definiteness import exact
 from fuzzyarm.proof.inertia_bounds import BASIS, angle_ranges, inertia_polynomial
-from fuzzyarm.synthesis.inertia_metric import _twist_map
+from fuzzyarm.synthesis._inertia_metric import _twist_map
 
 TURN = np.array([[-3.141593, 3.141593]])
 

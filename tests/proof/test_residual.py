@@ -15,8 +15,8 @@ from fuzzyarm.envs.scenario.paths import Circle, Line
 from fuzzyarm.envs.scenario.reference import JointReference
 from fuzzyarm.fuzzy_policy.states import VELOCITY
 from fuzzyarm.fuzzy_policy.ts_model import NAMED_RULES, TSModel, descriptor_terms
-from fuzzyarm.proof import residual
-from fuzzyarm.proof.residual import Residual, feedforward_residual
+from fuzzyarm.proof import _residual as residual
+from fuzzyarm.proof._residual import Residual, feedforward_residual
 
 RULES = st.sampled_from(list(NAMED_RULES.values()))
 PATHS = {"circle": Circle(), "arc": Circle(center=(0.4, 0.5), radius=0.15, start_angle=1.0, turns=0.37)}

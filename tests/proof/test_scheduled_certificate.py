@@ -24,8 +24,8 @@ from fuzzyarm.proof.scheduled_certificate import (
 )
 from fuzzyarm.proof.verification import verify_file
 from fuzzyarm.synthesis import DesignFailed, ScheduledSpecification, design_scheduled, scheduled_design
-from fuzzyarm.synthesis.inertia_metric import relative
-from fuzzyarm.synthesis.scalar_design import best_feedback
+from fuzzyarm.synthesis._inertia_metric import relative
+from fuzzyarm.synthesis._scalar_design import best_feedback
 
 COS_2, COS_3 = Premise(1, "cos q"), Premise(2, "cos q")
 TIGHT = 0.98  # share of a bound that samples reach

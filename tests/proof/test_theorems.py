@@ -17,7 +17,7 @@ from fuzzyarm.envs.physics.parameters import ArmParameters
 from fuzzyarm.fuzzy_policy.ts_model import NAMED_RULES, PREMISES, TSModel, premises
 from fuzzyarm.proof import theorems
 from fuzzyarm.proof.vertices import error_vertices, tracking_vertices
-from fuzzyarm.synthesis.expressions import half
+from fuzzyarm.synthesis._expressions import half
 
 ARM = ArmParameters()
 ALPHA, WEIGHT = 3.0, np.array([4.0, 1.0, 0.25, 0.5])

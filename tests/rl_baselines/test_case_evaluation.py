@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 
 from fuzzyarm import load_policy
-from fuzzyarm.rl_baselines.case_evaluation import evaluate_cases
+from fuzzyarm.rl_baselines._case_evaluation import evaluate_cases
 
 
 def test_the_quick_evaluation_finds_what_fuzzyarm_evaluate_finds():

@@ -16,14 +16,14 @@ pytest.importorskip("torch")
 import torch
 
 pytest.importorskip("stable_baselines3")
-from fuzzyarm.rl_baselines.algorithms.ppo import PPOConfig
-from fuzzyarm.rl_baselines.checkpoint import (
+from fuzzyarm.rl_baselines._checkpoint import (
     CheckpointError,
     random_state,
     read_checkpoint,
     set_random_state,
     write_checkpoint,
 )
+from fuzzyarm.rl_baselines.algorithms.ppo import PPOConfig
 from fuzzyarm.rl_baselines.training import Training
 
 CONFIG = PPOConfig(total_timesteps=128, lanes=2, n_steps=64, batch_size=64, n_epochs=1, hidden=(8,))

@@ -37,9 +37,9 @@ from fuzzyarm.fuzzy_policy.laws.learned.estimate.signals import (
 )
 from fuzzyarm.rl_baselines.config import EstimateConfig
 from fuzzyarm.rl_baselines.estimate import courses as courses_module
-from fuzzyarm.rl_baselines.estimate.courses import HEAVIEST, Courses, TravelForce, _direction, _rotation, draw_courses
-from fuzzyarm.rl_baselines.estimate.driving import Drive
-from fuzzyarm.rl_baselines.estimate.teacher import Teacher
+from fuzzyarm.rl_baselines.estimate._courses import HEAVIEST, Courses, TravelForce, _direction, _rotation, draw_courses
+from fuzzyarm.rl_baselines.estimate._driving import Drive
+from fuzzyarm.rl_baselines.estimate._teacher import Teacher
 from fuzzyarm.rl_baselines.estimate.training import EstimateTraining, Student
 
 ARM, PERIOD, NOTHING = ArmParameters(), 1e-3, DomainRandomisation()

@@ -11,8 +11,8 @@ from support.bundles import answering  # noqa: E402
 from support.trainings import resumed_to_the_bit  # noqa: E402
 
 from fuzzyarm.fuzzy_policy.laws.learned.bundle import PolicyBundle  # noqa: E402
+from fuzzyarm.rl_baselines._ppo_policy import NOISE  # noqa: E402
 from fuzzyarm.rl_baselines.algorithms.ppo import PPOConfig  # noqa: E402
-from fuzzyarm.rl_baselines.ppo_policy import NOISE  # noqa: E402
 from fuzzyarm.rl_baselines.training import Training  # noqa: E402
 
 SMALL = PPOConfig(

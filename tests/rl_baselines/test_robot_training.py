@@ -14,8 +14,8 @@ from fuzzyarm.envs.physics.robot import robot_named
 from fuzzyarm.fuzzy_policy.laws.learned.bundle import PolicyBundle
 from fuzzyarm.fuzzy_policy.laws.learned.definition import ArmDefinition
 from fuzzyarm.policies import load_policy
+from fuzzyarm.rl_baselines._checkpoint import CheckpointError
 from fuzzyarm.rl_baselines.algorithms.ppo import PPOConfig
-from fuzzyarm.rl_baselines.checkpoint import CheckpointError
 from fuzzyarm.rl_baselines.training import Training, default_scale
 
 SIZES = {"total-timesteps": 256, "lanes": 4, "n-steps": 32, "batch-size": 64, "n-epochs": 1, "hidden": 8}

@@ -27,8 +27,8 @@ from fuzzyarm.envs.scenario.randomisation import DomainRandomisation
 from fuzzyarm.envs.scenario.reference import JointReference
 from fuzzyarm.envs.task import Termination
 from fuzzyarm.numbers.functions import whole
+from fuzzyarm.rl_baselines._torch_numbers import Angle, Word
 from fuzzyarm.rl_baselines.torch_env import TorchFuzzyArm
-from fuzzyarm.rl_baselines.torch_numbers import Angle, Word
 
 DEVICES = ["cpu", *(["cuda"] if torch.cuda.is_available() else [])]
 SHORT = JointReference(Line((0.4, 0.5), (0.402, 0.5)), duration=0.02)  # 20 steps

@@ -24,9 +24,9 @@ from fuzzyarm.cli.train import train_with_progress
 from fuzzyarm.fuzzy_policy.laws.learned.bundle import PolicyBundle
 from fuzzyarm.fuzzy_policy.laws.learned.policy import LearnedPolicy
 from fuzzyarm.rl_baselines import training as trainer
+from fuzzyarm.rl_baselines._case_evaluation import COLUMNS, evaluate_cases
+from fuzzyarm.rl_baselines._checkpoint import read_checkpoint
 from fuzzyarm.rl_baselines.algorithms.ppo import PRESETS, PPOConfig
-from fuzzyarm.rl_baselines.case_evaluation import COLUMNS, evaluate_cases
-from fuzzyarm.rl_baselines.checkpoint import read_checkpoint
 from fuzzyarm.rl_baselines.training import Training
 
 pytestmark = pytest.mark.usefixtures("brief_evaluations")
@@ -66,7 +66,7 @@ from stable_baselines3 import PPO
 from fuzzyarm.cli import main
 from fuzzyarm.envs.scenario.paths import Line
 from fuzzyarm.envs.scenario.reference import JointReference
-from fuzzyarm.rl_baselines import case_evaluation
+from fuzzyarm.rl_baselines import _case_evaluation as case_evaluation
 train, updates = PPO.train, []
 brief = JointReference(Line((0.4, 0.5), (0.42, 0.5)), duration=0.1)  # as in `brief_evaluations`
 case_evaluation.default_reference = lambda arm: brief

@@ -9,7 +9,8 @@ from support.command_line import one_line_error
 from fuzzyarm.cli import main
 from fuzzyarm.envs.physics.parameters import ArmParameters
 from fuzzyarm.fuzzy_policy.ts_model import NAMED_RULES
-from fuzzyarm.synthesis import DesignFailed, Specification, design, search
+from fuzzyarm.synthesis import DesignFailed, Specification, design
+from fuzzyarm.synthesis import _search as search
 
 
 @pytest.mark.parametrize(

@@ -15,8 +15,8 @@ from fuzzyarm.proof import theorems
 from fuzzyarm.proof.block_matrix import symmetric
 from fuzzyarm.proof.vertices import error_vertices, tracking_vertices
 from fuzzyarm.synthesis import Specification, design_problem
+from fuzzyarm.synthesis._expressions import half
 from fuzzyarm.synthesis.design_problem import MARGIN, DesignProblem, NoPoint, structure_of
-from fuzzyarm.synthesis.expressions import half
 from fuzzyarm.synthesis.specification import PAPER_WEIGHT
 
 ARM = ArmParameters()

@@ -13,7 +13,7 @@ from typing import Any, TypeAlias
 import numpy as np
 
 from fuzzyarm.common import checks
-from fuzzyarm.envs.batch.kernels import kernels_of
+from fuzzyarm.envs.batch._kernels import kernels_of
 from fuzzyarm.envs.batch.layout import CLOCK, START, Clock, ResultsMemory, Room, by_rows, in_blocks
 from fuzzyarm.envs.batch.randomness import key_before, key_of
 from fuzzyarm.envs.batch.schedule import Schedule

@@ -46,7 +46,7 @@ def equations_of(arm: AnyArm) -> Physics:
     """Return the equations of motion of an arm; arms of one structure have the same object."""
     if isinstance(arm, ArmParameters):
         return two_joints()
-    from fuzzyarm.envs.physics.serial import physics_of  # the paper's arm needs no recursion
+    from fuzzyarm.envs.physics._serial import physics_of  # the paper's arm needs no recursion
 
     return physics_of(arm)
 

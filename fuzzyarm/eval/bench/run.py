@@ -17,8 +17,8 @@ import numpy as np
 
 from fuzzyarm.common.checks import instance, real, shown, truth, whole
 from fuzzyarm.common.files import write_atomically
-from fuzzyarm.eval.bench import entries
-from fuzzyarm.eval.bench.entries import Entry
+from fuzzyarm.eval.bench import _entries as entries
+from fuzzyarm.eval.bench._entries import Entry
 from fuzzyarm.eval.provenance import json_text, made_now, version_of
 
 __all__ = ["BenchConfig", "race", "run_bench", "write_document"]
@@ -201,8 +201,8 @@ def write_document(document: dict[str, Any], folder: Path) -> list[Path]:
     write_atomically(written[0], json_text(document))
     if document["sweep"]:
         # Imported here, as Matplotlib takes a second to load.
+        from fuzzyarm.eval._figure_files import figure_style, write_all
         from fuzzyarm.eval.bench.speed_table import draw_throughput
-        from fuzzyarm.eval.figure_files import figure_style, write_all
 
         with figure_style():
             figures = {"throughput": draw_throughput(document)}

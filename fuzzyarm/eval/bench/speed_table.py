@@ -11,8 +11,8 @@ from matplotlib.figure import Figure
 from rich.console import Console
 
 from fuzzyarm.common.console import Sheet, print_paragraphs
+from fuzzyarm.eval._figure_files import MARKERS
 from fuzzyarm.eval.evaluation.figures import DASHES
-from fuzzyarm.eval.figure_files import MARKERS
 
 __all__ = ["draw_throughput", "print_speeds"]
 

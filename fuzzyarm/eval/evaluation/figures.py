@@ -21,8 +21,8 @@ from matplotlib.lines import Line2D
 
 from fuzzyarm.common.checks import instance, path_of, sequence_of
 from fuzzyarm.envs.scenario.cases import CASES
+from fuzzyarm.eval._figure_files import figure_style, write_all
 from fuzzyarm.eval.episodes.rollout import Rollout
-from fuzzyarm.eval.figure_files import figure_style, write_all
 
 __all__ = ["DASHES", "draw_figures", "policy_styles", "time_figures", "write_figures"]
 

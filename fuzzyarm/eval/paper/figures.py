@@ -17,8 +17,8 @@ from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.patches import Patch
 
+from fuzzyarm.eval._figure_files import figure_style, write_all
 from fuzzyarm.eval.episodes.rollout import Rollout
-from fuzzyarm.eval.figure_files import figure_style, write_all
 from fuzzyarm.eval.paper.evidence import FORMS, RULES, SIDES, Evidence
 
 __all__ = ["draw_figures", "write_figures"]

@@ -18,7 +18,7 @@ from rich.console import Console
 from fuzzyarm.common.console import Sheet
 from fuzzyarm.common.documents import read_checked, record
 from fuzzyarm.common.files import write_atomically
-from fuzzyarm.eval.paper.claims import CLAIMS, Claim
+from fuzzyarm.eval.paper._claims import CLAIMS, Claim
 from fuzzyarm.eval.paper.evidence import TITLES, Evidence
 from fuzzyarm.eval.provenance import current_provenance, json_text
 

@@ -15,7 +15,7 @@ import numpy as np
 
 from fuzzyarm.common.arithmetic import at_least
 from fuzzyarm.eval.episodes.rollout import Rollout
-from fuzzyarm.eval.report.summary import figure
+from fuzzyarm.eval.report._summary import figure
 from fuzzyarm.policies.tip_bound import plain
 from fuzzyarm.policies.tip_files import BoundCheck, check_bound
 

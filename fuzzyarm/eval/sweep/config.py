@@ -18,7 +18,7 @@ from fuzzyarm.envs.physics.equations import AnyArm
 from fuzzyarm.envs.physics.parameters import ArmParameters
 from fuzzyarm.envs.physics.robot import Robot, robot_named, shipped_robots
 from fuzzyarm.envs.scenario.cases import PAPER_CASES, case_for, find_case
-from fuzzyarm.eval.sweep.distributions import DISTRIBUTIONS, QUANTITIES, Distribution
+from fuzzyarm.eval.sweep._distributions import DISTRIBUTIONS, QUANTITIES, Distribution
 from fuzzyarm.fuzzy_policy.known_arm import joints_of
 from fuzzyarm.policies import ANY_ROBOT, recorded, resolve
 

@@ -174,7 +174,7 @@ class Sweep:
         Return the content of ``sweep.json``, see `summary.summarise`, and the paths of all files written.
         """
         # Imported here and in `replay_plant`, because Matplotlib takes a second to load.
-        from fuzzyarm.eval.sweep.figures import write_sweep_figures
+        from fuzzyarm.eval.sweep._figures import write_sweep_figures
 
         config, folder, results = self.config, self.folder, self.results()
         document = summarise(config, results, declarations_of(self.specs, self.policies, config.arm))

@@ -29,8 +29,8 @@ from fuzzyarm.eval.declarations import read_declarations, written_declarations
 from fuzzyarm.eval.episodes.metrics import swept
 from fuzzyarm.eval.evaluation.statistics import LEVEL, SEED
 from fuzzyarm.eval.provenance import made_now
+from fuzzyarm.eval.sweep._distributions import NOISE
 from fuzzyarm.eval.sweep.config import SweepConfig
-from fuzzyarm.eval.sweep.distributions import NOISE
 from fuzzyarm.eval.sweep.episodes import SweepResults
 from fuzzyarm.policies.declared import Declared
 

@@ -33,10 +33,10 @@ from fuzzyarm.envs.scenario.default_reference import default_reference
 from fuzzyarm.eval.engine import Engine
 from fuzzyarm.eval.provenance import current_provenance, json_text
 from fuzzyarm.eval.stability.margins import MarginsConfig, measure_margins
-from fuzzyarm.eval.tuning.finding import PERIOD, STEPS, Finding, read_finding, write_finding
-from fuzzyarm.eval.tuning.fuzzy_gains import FUZZY
-from fuzzyarm.eval.tuning.search import Context
-from fuzzyarm.eval.tuning.steps import steps_for
+from fuzzyarm.eval.tuning._finding import PERIOD, STEPS, Finding, read_finding, write_finding
+from fuzzyarm.eval.tuning._fuzzy_gains import FUZZY
+from fuzzyarm.eval.tuning._search import Context
+from fuzzyarm.eval.tuning._steps import steps_for
 from fuzzyarm.eval.tuning.summary import README, summary
 from fuzzyarm.policies.registry import ADAPTIVE_OBSERVER, COMPUTED_TORQUE, ELASTIC_OBSERVER, TIP
 from fuzzyarm.policies.tuned import NAME, SCHEMA, TunedLaws

@@ -11,8 +11,8 @@ from fuzzyarm.envs.physics.equations import AnyArm
 from fuzzyarm.envs.physics.parameters import ArmParameters
 from fuzzyarm.envs.scenario.default_reference import default_reference
 from fuzzyarm.eval.stability.margins import margin_cells, margin_notes
-from fuzzyarm.eval.tuning.finding import PERIOD, Finding, heaviest
-from fuzzyarm.eval.tuning.fuzzy_gains import FUZZY, PROVEN_SETS
+from fuzzyarm.eval.tuning._finding import PERIOD, Finding, heaviest
+from fuzzyarm.eval.tuning._fuzzy_gains import FUZZY, PROVEN_SETS
 from fuzzyarm.fuzzy_policy.laws.adaptive.belief import AdaptiveWeights
 from fuzzyarm.fuzzy_policy.laws.observer_gains import ObserverWeights
 from fuzzyarm.policies.registry import ADAPTIVE_OBSERVER, ELASTIC_OBSERVER, TIP

@@ -39,8 +39,8 @@ from flint import arb, arb_series, ctx
 from fuzzyarm.envs.observation import JOINTS
 from fuzzyarm.envs.physics.dynamics import Arm, dry_frictions
 from fuzzyarm.envs.physics.friction import STRIBECK, DryFriction
+from fuzzyarm.proof.tip._defects import PeriodMotion, Signal, dry_friction
 from fuzzyarm.proof.tip.centre import Mode
-from fuzzyarm.proof.tip.defects import PeriodMotion, Signal, dry_friction
 from fuzzyarm.proof.tip.enclosures import ROUND_UP, SLACK, Jet, NoBound, between, largest, low_high, middle_of
 from fuzzyarm.proof.tip.plant import BallPlant
 

@@ -20,12 +20,12 @@ import numpy as np
 
 from fuzzyarm.envs.observation import JOINTS
 from fuzzyarm.envs.physics.dynamics import dry_frictions
+from fuzzyarm.proof.tip._defects import PeriodMotion, TipForces
+from fuzzyarm.proof.tip._remainders import Drive, LinkRemainder
 from fuzzyarm.proof.tip.centre import Mode, Segment
-from fuzzyarm.proof.tip.defects import PeriodMotion, TipForces
 from fuzzyarm.proof.tip.enclosures import ROUND_UP, SLACK, NoBound, low_high
 from fuzzyarm.proof.tip.friction import Friction, Plan, PlanFails, Speed
 from fuzzyarm.proof.tip.plant import BallPlant
-from fuzzyarm.proof.tip.remainders import Drive, LinkRemainder
 from fuzzyarm.proof.tip.transition import CHANNELS, ROW_COUNT, ROWS, STATES, Linear, Transition
 from fuzzyarm.proof.tip.zonotope import Zonotope, product
 

@@ -15,8 +15,8 @@ from fuzzyarm.envs.physics.dynamics import Arm
 from fuzzyarm.envs.physics.equations import tip_point
 from fuzzyarm.envs.physics.parameters import ArmParameters
 from fuzzyarm.envs.physics.records import PerJoint
+from fuzzyarm.proof.tip._defects import Forces, Signal, TipForces
 from fuzzyarm.proof.tip.centre import Centre, Segment
-from fuzzyarm.proof.tip.defects import Forces, Signal, TipForces
 from fuzzyarm.proof.tip.enclosures import BITS, ROUND_UP, SLACK, NoBound, largest, middle_of, radius_of
 from fuzzyarm.proof.tip.friction import Plan, Speed, check_curve
 from fuzzyarm.proof.tip.period import Closed, Period, TubeClaim

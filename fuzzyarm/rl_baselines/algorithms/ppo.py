@@ -120,7 +120,7 @@ class PPOAlgorithm:
         policy: Any = "MlpPolicy"
         shown: Any = envs
         if config.asymmetric_critic or config.smoothness:
-            from fuzzyarm.rl_baselines.ppo_policy import GuidedPolicy, PlantView
+            from fuzzyarm.rl_baselines._ppo_policy import GuidedPolicy, PlantView
 
             shown = PlantView(envs) if config.asymmetric_critic else envs
             policy, unseen = GuidedPolicy, shown.observation_space.shape[0] - config.features.size
@@ -215,7 +215,7 @@ class PPOAlgorithm:
 
     def set_state(self, state: dict[str, Any]) -> None:
         """Continue from what `state` returned, see `Algorithm.set_state`."""
-        from fuzzyarm.rl_baselines.checkpoint import check_learner
+        from fuzzyarm.rl_baselines._checkpoint import check_learner
 
         model, policy = self.model, self.model.policy
         check_learner(state, policy.optimizer, list(policy.parameters()))

@@ -29,8 +29,8 @@ from fuzzyarm.fuzzy_policy.laws.learned.estimate.network import EstimateBundle, 
 from fuzzyarm.fuzzy_policy.laws.learned.estimate.policy import LearnedObserverPolicy
 from fuzzyarm.fuzzy_policy.laws.learned.estimate.signals import GAP_SHARE, QUIET, context_parts, unexplained_parts
 from fuzzyarm.rl_baselines.config import SEGMENT, EstimateConfig
-from fuzzyarm.rl_baselines.estimate.courses import draw_courses
-from fuzzyarm.rl_baselines.estimate.driving import Chunk, Drive
+from fuzzyarm.rl_baselines.estimate._courses import draw_courses
+from fuzzyarm.rl_baselines.estimate._driving import Chunk, Drive
 
 __all__ = ["PERIOD", "EstimateTraining", "Student"]
 

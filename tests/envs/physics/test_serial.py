@@ -7,10 +7,10 @@ from slow_twins import slow_but
 from support.robots import ROBOTS, kinetic_energy, potential_energy, with_drives, without_losses
 
 from fuzzyarm.envs.physics import rigid_body
+from fuzzyarm.envs.physics._serial import physics_of
 from fuzzyarm.envs.physics.integrator import hold_of
 from fuzzyarm.envs.physics.records import filled, flat
 from fuzzyarm.envs.physics.robot import robot_named
-from fuzzyarm.envs.physics.serial import physics_of
 
 LANES = 7
 

@@ -6,7 +6,7 @@ import pytest
 from fuzzyarm import load_policy
 from fuzzyarm.envs.fuzzy_arm import FuzzyArmEnv
 from fuzzyarm.envs.periods import MAX_DEFAULT_SUBSTEP
-from fuzzyarm.eval.bench.accuracy import exact_tips, max_tip_difference, stepped_tips
+from fuzzyarm.eval.bench._accuracy import exact_tips, max_tip_difference, stepped_tips
 
 pytestmark = pytest.mark.slow
 

@@ -19,7 +19,7 @@ from fuzzyarm.eval.episodes.rollout import record_rollout, rollout_of
 from fuzzyarm.eval.evaluation.ranking import document, markdown, rank_policies
 from fuzzyarm.eval.evaluation.result_table import table_rows
 from fuzzyarm.eval.evaluation.run import EvaluationConfig, evaluate, write_results
-from fuzzyarm.eval.report.summary import metrics_table
+from fuzzyarm.eval.report._summary import metrics_table
 from fuzzyarm.eval.sweep.config import SweepConfig
 from fuzzyarm.eval.sweep.episodes import run_plants
 from fuzzyarm.eval.sweep.ranking import rank_sweeps

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from fuzzyarm.envs.physics.dynamics import arm_constants
-from fuzzyarm.eval.paper.claims import CLAIMS, Claim
+from fuzzyarm.eval.paper._claims import CLAIMS, Claim
 from fuzzyarm.eval.paper.evidence import _HIGH_GAIN as HIGH_GAIN
 from fuzzyarm.eval.paper.evidence import _WITNESSES as WITNESSES
 from fuzzyarm.eval.paper.evidence import FORMS, PAPERS_OWN, RULES, SWAPPED, _prove_witnesses

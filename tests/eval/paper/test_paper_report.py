@@ -8,7 +8,7 @@ from support.command_line import without_progress
 
 from fuzzyarm.cli import main
 from fuzzyarm.eval.paper import report as drift
-from fuzzyarm.eval.paper.claims import CLAIMS, Claim
+from fuzzyarm.eval.paper._claims import CLAIMS, Claim
 from fuzzyarm.eval.paper.report import Comparison, Value, load_expected
 
 

@@ -15,9 +15,9 @@ from support.altered_evaluations import NASTY, scaled, wild, with_runs
 from fuzzyarm.eval.evaluation.ranking import rank_policies, standings_of
 from fuzzyarm.eval.evaluation.result_table import table_rows
 from fuzzyarm.eval.evaluation.results_file import read_evaluation
+from fuzzyarm.eval.report._payload import replay_data
+from fuzzyarm.eval.report._summary import metrics_table
 from fuzzyarm.eval.report.page import _headline, _part, _render_page
-from fuzzyarm.eval.report.payload import replay_data
-from fuzzyarm.eval.report.summary import metrics_table
 from fuzzyarm.proof.certificate import NOT_COVERED
 
 

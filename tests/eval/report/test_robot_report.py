@@ -13,7 +13,7 @@ from fuzzyarm.envs.scenario.default_reference import default_reference
 from fuzzyarm.eval.evaluation.results_file import read_evaluation
 from fuzzyarm.eval.evaluation.run import Evaluation, EvaluationConfig, row_of
 from fuzzyarm.eval.provenance import current_provenance
-from fuzzyarm.eval.report.payload import replay_data
+from fuzzyarm.eval.report._payload import replay_data
 
 ROBOT = robot_named("ur5")
 REFERENCE = default_reference(ROBOT)

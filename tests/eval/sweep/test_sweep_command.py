@@ -28,7 +28,7 @@ def refused(capsys, folder, arguments, expected):
     assert contents(folder) == before
 
 
-SWEEP_FIGURES = "fuzzyarm.eval.sweep.figures.write_sweep_figures"
+SWEEP_FIGURES = "fuzzyarm.eval.sweep._figures.write_sweep_figures"
 
 
 @pytest.fixture
@@ -62,7 +62,7 @@ def folder(finished, tmp_path):
 
 
 def test_a_sweep_prints_a_table_and_writes_everything(tmp_path, capsys, monkeypatch):
-    empty_pages(monkeypatch, "fuzzyarm.eval.sweep.figures", "_draw_sweep")
+    empty_pages(monkeypatch, "fuzzyarm.eval.sweep._figures", "_draw_sweep")
     out = tmp_path / "new" / "sweep"
     assert main(["sweep", *QUICK, "--bound", "5", "--worst", "2", "--out", str(out)]) == 0
     printed = capsys.readouterr()

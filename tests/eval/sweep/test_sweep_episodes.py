@@ -22,8 +22,8 @@ from fuzzyarm.envs.scenario.disturbances import EncoderNoise
 from fuzzyarm.envs.scenario.randomisation import DomainRandomisation
 from fuzzyarm.envs.scenario.reference import JointReference
 from fuzzyarm.eval.sweep import episodes
+from fuzzyarm.eval.sweep._distributions import DISTRIBUTIONS, NOISE, Distribution, columns_of
 from fuzzyarm.eval.sweep.config import SweepConfig
-from fuzzyarm.eval.sweep.distributions import DISTRIBUTIONS, NOISE, Distribution, columns_of
 from fuzzyarm.eval.sweep.episodes import SweepResults, replay, run_plants
 from fuzzyarm.eval.sweep.plants import Plants
 from fuzzyarm.fuzzy_policy.law import law_of

@@ -45,7 +45,7 @@ def package(folder, name, share=0.999):
 @pytest.fixture(autouse=True)
 def undrawn(monkeypatch):
     """Draw no figures, which other tests look at: they take most of a small sweep's time."""
-    monkeypatch.setattr("fuzzyarm.eval.sweep.figures.write_sweep_figures", lambda *_: [])
+    monkeypatch.setattr("fuzzyarm.eval.sweep._figures.write_sweep_figures", lambda *_: [])
     monkeypatch.setattr("fuzzyarm.eval.evaluation.figures.write_figures", lambda *_, **__: [])
 
 

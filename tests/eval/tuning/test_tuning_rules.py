@@ -10,10 +10,12 @@ from fuzzyarm.envs.physics.parameters import ArmParameters
 from fuzzyarm.envs.scenario.cases import case_for
 from fuzzyarm.eval.engine import Engine
 from fuzzyarm.eval.stability.linearisation import LocalLoop
-from fuzzyarm.eval.tuning import fuzzy_gains, observer_search, steps
-from fuzzyarm.eval.tuning.finding import force_factor, halving_radius, heaviest, periods_of
-from fuzzyarm.eval.tuning.fuzzy_gains import largest_deviation
-from fuzzyarm.eval.tuning.search import WORTH, Context, WeightSearch
+from fuzzyarm.eval.tuning import _fuzzy_gains as fuzzy_gains
+from fuzzyarm.eval.tuning import _observer_search as observer_search
+from fuzzyarm.eval.tuning import _steps as steps
+from fuzzyarm.eval.tuning._finding import force_factor, halving_radius, heaviest, periods_of
+from fuzzyarm.eval.tuning._fuzzy_gains import largest_deviation
+from fuzzyarm.eval.tuning._search import WORTH, Context, WeightSearch
 from fuzzyarm.fuzzy_policy.laws.computed_torque import ComputedTorquePolicy
 from fuzzyarm.fuzzy_policy.laws.tip import TipPolicy
 from fuzzyarm.policies.tip_bound import TipClaim, find_bound

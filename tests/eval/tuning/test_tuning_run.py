@@ -6,10 +6,10 @@ import pytest
 
 from fuzzyarm.cli import main
 from fuzzyarm.eval.stability.margins import _LIMITS
+from fuzzyarm.eval.tuning import _steps as steps
 from fuzzyarm.eval.tuning import run as tuning
-from fuzzyarm.eval.tuning import steps
-from fuzzyarm.eval.tuning.finding import read_finding
-from fuzzyarm.eval.tuning.search import Found
+from fuzzyarm.eval.tuning._finding import read_finding
+from fuzzyarm.eval.tuning._search import Found
 from fuzzyarm.policies.registry import COMPUTED_TORQUE, ELASTIC_OBSERVER
 from fuzzyarm.policies.tuned import NAME
 

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from scipy.linalg import expm, solve_discrete_are
 
-from fuzzyarm.fuzzy_policy.laws.riccati import exponential, riccati
+from fuzzyarm.fuzzy_policy.laws._riccati import exponential, riccati
 from fuzzyarm.numbers.linear import product, solved
 
 RANDOM = np.random.default_rng(0)

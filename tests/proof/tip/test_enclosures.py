@@ -15,10 +15,10 @@ from fuzzyarm.envs.physics.friction import stribeck_magnitude
 from fuzzyarm.envs.physics.parameters import ArmParameters
 from fuzzyarm.envs.physics.records import PerJoint, filled, flat
 from fuzzyarm.envs.scenario.disturbances import Disturbance
-from fuzzyarm.proof.tip.defects import Forces, PeriodMotion, Signal, TipForces, link_torque
+from fuzzyarm.proof.tip._defects import Forces, PeriodMotion, Signal, TipForces, link_torque
+from fuzzyarm.proof.tip._remainders import LinkRemainder, _Linearised
 from fuzzyarm.proof.tip.enclosures import BITS, Jet, low_high
 from fuzzyarm.proof.tip.plant import BallPlant, PlantSet
-from fuzzyarm.proof.tip.remainders import LinkRemainder, _Linearised
 from fuzzyarm.proof.tip.transition import _PARTS, CHANNELS, OBSERVED, ROWS, Linear
 from fuzzyarm.proof.tip.tube import _reach, tip_bound
 from fuzzyarm.proof.tip.zonotope import Zonotope

@@ -8,13 +8,13 @@ from scipy.linalg import expm
 from fuzzyarm.envs.physics.parameters import ArmParameters
 from fuzzyarm.envs.scenario.disturbances import Disturbance
 from fuzzyarm.policies.tip_bound import TipClaim, problem_of
+from fuzzyarm.proof.tip._defects import Forces, PeriodMotion, Signal, TipForces
+from fuzzyarm.proof.tip._remainders import Drive
 from fuzzyarm.proof.tip.centre import DEGREE, Mode
-from fuzzyarm.proof.tip.defects import Forces, PeriodMotion, Signal, TipForces
 from fuzzyarm.proof.tip.enclosures import BITS
 from fuzzyarm.proof.tip.friction import Friction, Plan, Speed
 from fuzzyarm.proof.tip.period import Period
 from fuzzyarm.proof.tip.plant import BallPlant, PlantSet
-from fuzzyarm.proof.tip.remainders import Drive
 from fuzzyarm.proof.tip.transition import CHANNELS, Linear
 from fuzzyarm.proof.tip.tube import Tube
 from fuzzyarm.proof.tip.zonotope import Zonotope

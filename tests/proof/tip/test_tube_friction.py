@@ -11,10 +11,10 @@ from fuzzyarm.envs.physics.dynamics import arm_constants
 from fuzzyarm.envs.physics.friction import STRIBECK, friction_torque, stribeck_magnitude
 from fuzzyarm.envs.physics.parameters import ArmParameters
 from fuzzyarm.envs.scenario.disturbances import Disturbance
-from fuzzyarm.proof.tip import defects
+from fuzzyarm.proof.tip import _defects as defects
 from fuzzyarm.proof.tip import friction as friction_module
+from fuzzyarm.proof.tip._defects import PeriodMotion
 from fuzzyarm.proof.tip.centre import Centre, Mode
-from fuzzyarm.proof.tip.defects import PeriodMotion
 from fuzzyarm.proof.tip.enclosures import BITS, NoBound
 from fuzzyarm.proof.tip.friction import Friction, Plan, PlanFails, Speed, check_curve
 from fuzzyarm.proof.tip.plant import BallPlant, PlantSet

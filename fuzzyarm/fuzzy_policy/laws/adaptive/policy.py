@@ -29,11 +29,11 @@ from fuzzyarm.envs.physics.equations import AnyArm, equations_of
 from fuzzyarm.envs.physics.parameters import ArmParameters
 from fuzzyarm.fuzzy_policy.known_arm import travel_of
 from fuzzyarm.fuzzy_policy.law import Law, LawPolicy, law_of, seen_by, within_limits
+from fuzzyarm.fuzzy_policy.laws.adaptive._frozen import FrozenObserver
+from fuzzyarm.fuzzy_policy.laws.adaptive._passes import AdaptivePasses
 from fuzzyarm.fuzzy_policy.laws.adaptive.belief import FACTORS, FLAG, KEPT, AdaptiveWeights, belief_of, layout, places
 from fuzzyarm.fuzzy_policy.laws.adaptive.filter import Room, Settings, correct, predict
-from fuzzyarm.fuzzy_policy.laws.adaptive.frozen import FrozenObserver
 from fuzzyarm.fuzzy_policy.laws.adaptive.law import act, adaptive_weights_for, feedback_table
-from fuzzyarm.fuzzy_policy.laws.adaptive.passes import AdaptivePasses
 from fuzzyarm.fuzzy_policy.laws.computed_torque import ComputedTorquePolicy
 from fuzzyarm.fuzzy_policy.laws.tip import TipPolicy
 from fuzzyarm.fuzzy_policy.policy import Policy

@@ -9,7 +9,7 @@ from fuzzyarm.envs.physics.dynamics import Payload
 from fuzzyarm.envs.scenario.disturbances import ConstantForce, Disturbance
 from fuzzyarm.envs.scenario.paths import Circle
 from fuzzyarm.envs.scenario.reference import JointReference
-from fuzzyarm.fuzzy_policy.laws.adaptive.passes import _Smoother, _steadiest
+from fuzzyarm.fuzzy_policy.laws.adaptive._passes import _Smoother, _steadiest
 from fuzzyarm.fuzzy_policy.laws.adaptive.policy import AdaptiveObserverPolicy
 
 POLICY = AdaptiveObserverPolicy()

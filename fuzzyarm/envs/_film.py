@@ -44,7 +44,7 @@ class Film:
             raise ResetNeeded("nothing to draw before the first env.reset()")
         import pygame  # here, as a training run never loads it
 
-        from fuzzyarm.envs import pictures
+        from fuzzyarm.envs import _pictures as pictures
 
         if self._canvas is None:
             self._canvas, self._clock = pictures.Canvas(), pygame.time.Clock()

@@ -38,8 +38,8 @@ from fuzzyarm.envs.scenario.randomisation import find_randomisation
 from fuzzyarm.envs.scenario.reference import Reference
 from fuzzyarm.eval.episodes.loop import episodes
 from fuzzyarm.eval.sweep.episodes import Delay
-from fuzzyarm.eval.tuning.finding import PERIOD, force_factor, heaviest
-from fuzzyarm.eval.tuning.search import Context, Costs, Found, WeightSearch, nothing, rounded
+from fuzzyarm.eval.tuning._finding import PERIOD, force_factor, heaviest
+from fuzzyarm.eval.tuning._search import Context, Costs, Found, WeightSearch, nothing, rounded
 from fuzzyarm.fuzzy_policy.laws.adaptive.belief import AdaptiveWeights
 from fuzzyarm.fuzzy_policy.laws.adaptive.policy import AdaptiveObserverPolicy
 from fuzzyarm.fuzzy_policy.laws.computed_torque import ComputedTorquePolicy

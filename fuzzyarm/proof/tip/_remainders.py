@@ -30,7 +30,7 @@ from flint import arb
 
 from fuzzyarm.envs.observation import JOINTS
 from fuzzyarm.envs.physics.dynamics import Arm
-from fuzzyarm.proof.tip.defects import Forces, PeriodMotion, Signal, TipForces, link_torque
+from fuzzyarm.proof.tip._defects import Forces, PeriodMotion, Signal, TipForces, link_torque
 from fuzzyarm.proof.tip.enclosures import ROUND_UP, SLACK, Jet, middle_of, radius_of
 from fuzzyarm.proof.tip.friction import Friction, Plan
 from fuzzyarm.proof.tip.plant import BallPlant

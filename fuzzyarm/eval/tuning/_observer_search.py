@@ -30,8 +30,8 @@ from fuzzyarm.envs.scenario.disturbances import ConstantForce, Disturbance, Enco
 from fuzzyarm.envs.scenario.randomisation import DomainRandomisation
 from fuzzyarm.eval.episodes.loop import episodes
 from fuzzyarm.eval.stability.linearisation import largest_radius, linearise_path
-from fuzzyarm.eval.tuning.finding import PERIOD, force_factor, heaviest, periods_of, with_stiffness
-from fuzzyarm.eval.tuning.search import Context, Costs, Found, WeightSearch, rounded
+from fuzzyarm.eval.tuning._finding import PERIOD, force_factor, heaviest, periods_of, with_stiffness
+from fuzzyarm.eval.tuning._search import Context, Costs, Found, WeightSearch, rounded
 from fuzzyarm.fuzzy_policy.laws.elastic_observer import ElasticObserverPolicy
 from fuzzyarm.fuzzy_policy.laws.observer_gains import ObserverWeights
 

@@ -22,11 +22,11 @@ from fuzzyarm.envs.physics.parameters import ArmParameters
 from fuzzyarm.envs.physics.robot import Robot
 from fuzzyarm.eval.stability.linearisation import Linearisable
 from fuzzyarm.eval.stability.margins import policy_margins
-from fuzzyarm.eval.tuning.adaptive_search import ADAPTIVE_SEARCH, find_adaptive
-from fuzzyarm.eval.tuning.finding import PERIOD, SCHEMA, Finding, finite, halving_radius
-from fuzzyarm.eval.tuning.fuzzy_gains import FUZZY, GRID, RULES, find_gains
-from fuzzyarm.eval.tuning.observer_search import OBSERVER_SEARCH, find_observer
-from fuzzyarm.eval.tuning.search import Context, Found, measured_radii, motor_error, nothing
+from fuzzyarm.eval.tuning._adaptive_search import ADAPTIVE_SEARCH, find_adaptive
+from fuzzyarm.eval.tuning._finding import PERIOD, SCHEMA, Finding, finite, halving_radius
+from fuzzyarm.eval.tuning._fuzzy_gains import FUZZY, GRID, RULES, find_gains
+from fuzzyarm.eval.tuning._observer_search import OBSERVER_SEARCH, find_observer
+from fuzzyarm.eval.tuning._search import Context, Found, measured_radii, motor_error, nothing
 from fuzzyarm.fuzzy_policy.laws.computed_torque import STEP, ComputedTorquePolicy, bandwidth_for
 from fuzzyarm.fuzzy_policy.laws.elastic_observer import ElasticObserverPolicy
 from fuzzyarm.fuzzy_policy.laws.observer_gains import SOFTENINGS, weights_for

@@ -13,10 +13,10 @@ from matplotlib.colors import LogNorm
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 
+from fuzzyarm.eval._figure_files import MARKERS, figure_style, write_all
 from fuzzyarm.eval.evaluation.figures import policy_styles
-from fuzzyarm.eval.figure_files import MARKERS, figure_style, write_all
+from fuzzyarm.eval.sweep._distributions import column_label
 from fuzzyarm.eval.sweep.config import SweepConfig
-from fuzzyarm.eval.sweep.distributions import column_label
 from fuzzyarm.eval.sweep.episodes import SweepResults
 
 __all__ = ["write_sweep_figures"]

@@ -11,8 +11,8 @@ from fuzzyarm.envs.batch.layout import SCALARS
 from fuzzyarm.fuzzy_policy.laws.learned.estimate.policy import LearnedObserverPolicy
 from fuzzyarm.fuzzy_policy.laws.learned.estimate.signals import units_of
 from fuzzyarm.rl_baselines.config import SEGMENT
-from fuzzyarm.rl_baselines.estimate.courses import NOISE, Courses
-from fuzzyarm.rl_baselines.estimate.teacher import Teacher
+from fuzzyarm.rl_baselines.estimate._courses import NOISE, Courses
+from fuzzyarm.rl_baselines.estimate._teacher import Teacher
 
 __all__ = ["Chunk", "Drive"]
 

@@ -18,14 +18,24 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from fuzzyarm.envs.physics import recursion
+from fuzzyarm.envs.physics import _recursion as recursion
+from fuzzyarm.envs.physics._recursion import (
+    NOTHING,
+    Body,
+    Chain,
+    Folded,
+    Inertia,
+    Vector,
+    rotated,
+    transposed,
+    unfolded,
+)
 from fuzzyarm.envs.physics.dynamics import Motor, motor_friction
 from fuzzyarm.envs.physics.elementwise import sine_cosine
 from fuzzyarm.envs.physics.friction import DryFriction
 from fuzzyarm.envs.physics.integrator import advanced
 from fuzzyarm.envs.physics.joint import DIMENSIONS, DRIVE_UNITS, as_rows
 from fuzzyarm.envs.physics.records import VARIED, Physics, flat, per_joint, places, point, record_type, state_record
-from fuzzyarm.envs.physics.recursion import NOTHING, Body, Chain, Folded, Inertia, Vector, rotated, transposed, unfolded
 from fuzzyarm.envs.physics.robot import Robot
 from fuzzyarm.numbers.functions import zeros
 from fuzzyarm.numbers.program import Program

@@ -38,8 +38,8 @@ from fuzzyarm.envs.physics.equations import two_joints
 from fuzzyarm.envs.physics.integrator import force_line, hold_of
 from fuzzyarm.envs.physics.parameters import ArmParameters
 from fuzzyarm.envs.physics.records import filled, size
+from fuzzyarm.identification._rigid import UNKNOWNS, bounds_of, constants_of, start_of
 from fuzzyarm.identification.log import Log, Motion
-from fuzzyarm.identification.rigid import UNKNOWNS, bounds_of, constants_of, start_of
 
 __all__ = ["DEVIATIONS", "Fit", "fit_elastic"]
 

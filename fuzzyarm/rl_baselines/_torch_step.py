@@ -22,7 +22,7 @@ from fuzzyarm.envs.physics.integrator import held_of
 from fuzzyarm.envs.physics.records import Physics, flat, places, size
 from fuzzyarm.envs.task import Termination, clipped
 from fuzzyarm.numbers.functions import like, select
-from fuzzyarm.rl_baselines.torch_numbers import Angle, Table, Word
+from fuzzyarm.rl_baselines._torch_numbers import Angle, Table, Word
 
 __all__ = [
     "Equations", "Lanes", "Outcome", "Shared", "advance", "begin", "by_step", "drawn", "following", "observed",

@@ -13,7 +13,7 @@ from fuzzyarm.envs.scenario.cases import CASES, Case
 from fuzzyarm.envs.scenario.disturbances import Disturbance
 from fuzzyarm.eval.episodes.beliefs import DEVIATION
 from fuzzyarm.eval.episodes.rollout import Rollout
-from fuzzyarm.eval.report.summary import figure
+from fuzzyarm.eval.report._summary import figure
 
 __all__ = ["belief_section"]
 

@@ -33,9 +33,9 @@ import numpy as np
 from fuzzyarm.envs.observation import observed
 from fuzzyarm.envs.physics.equations import equations_of
 from fuzzyarm.fuzzy_policy.known_arm import travel_of
+from fuzzyarm.fuzzy_policy.laws._iterative_learning import low_passed
 from fuzzyarm.fuzzy_policy.laws.adaptive.belief import FLAG, KEPT, Memory, places, unit_force
 from fuzzyarm.fuzzy_policy.laws.adaptive.filter import MISTRUST, Room, command, predict, update
-from fuzzyarm.fuzzy_policy.laws.iterative_learning import low_passed
 from fuzzyarm.fuzzy_policy.policy import NOTHING_LEARNED, PassLearner
 from fuzzyarm.numbers.functions import Cells, array, each, select
 from fuzzyarm.numbers.machine import Kernel

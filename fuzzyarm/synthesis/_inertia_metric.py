@@ -27,7 +27,7 @@ from fuzzyarm.fuzzy_policy.scheduled import FUNCTIONS, TWIST, Premise, rule_weig
 from fuzzyarm.proof.box_cover import TrigMatrix
 from fuzzyarm.proof.definiteness import exact
 from fuzzyarm.proof.inertia_bounds import angle_ranges, inertia_polynomial, plus, scheduled_polynomial
-from fuzzyarm.synthesis.scalar_design import smallest_pole
+from fuzzyarm.synthesis._scalar_design import smallest_pole
 
 __all__ = ["Metric", "best_premise", "fitted_metric", "relative"]
 

@@ -26,7 +26,7 @@ from fuzzyarm.fuzzy_policy.laws.adaptive.policy import AdaptiveObserverPolicy
 from fuzzyarm.numbers.functions import Cells
 from fuzzyarm.numbers.machine import Kernel
 from fuzzyarm.numbers.program import Program
-from fuzzyarm.rl_baselines.estimate.courses import Courses
+from fuzzyarm.rl_baselines.estimate._courses import Courses
 
 __all__ = ["Teacher"]
 

@@ -17,7 +17,7 @@ import numpy as np
 from fuzzyarm.common.arithmetic import last_that_works
 from fuzzyarm.fuzzy_policy.states import SCALAR_STATES
 from fuzzyarm.proof.scheduled_certificate import decay, fastest
-from fuzzyarm.synthesis.expressions import half, negative, positive
+from fuzzyarm.synthesis._expressions import half, negative, positive
 
 __all__ = ["Feedback", "best_feedback", "feedback_for_gamma", "smallest_pole"]
 

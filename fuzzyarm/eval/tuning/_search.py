@@ -25,7 +25,7 @@ from fuzzyarm.eval.episodes.metrics import metrics_of
 from fuzzyarm.eval.episodes.rollout import record_rollout
 from fuzzyarm.eval.stability.linearisation import Linearisable
 from fuzzyarm.eval.stability.margins import policy_margins
-from fuzzyarm.eval.tuning.finding import PERIOD, Finding, finite
+from fuzzyarm.eval.tuning._finding import PERIOD, Finding, finite
 from fuzzyarm.fuzzy_policy.policy import Policy
 
 __all__ = ["WORTH", "Context", "Costs", "Found", "WeightSearch", "measured_radii", "motor_error", "nothing", "rounded"]
