@@ -9,7 +9,7 @@ first `--seed-plants` plants, and the shipped one all plants.
 
 The score of a policy in a case is the interquartile mean, over the plants, of the rms tip error; an episode that ended
 early is larger than any error. Over seeds it is the interquartile mean of the scores with a bootstrap interval of 95 %
-(`fuzzyarm.eval.evaluation.statistics`), otherwise the interval is over plants (`scipy.stats.bootstrap`). The rank of a
+(`fuzzyarm.eval.evaluation._statistics`), otherwise the interval is over plants (`scipy.stats.bootstrap`). The rank of a
 policy is one more than the number of policies whose interval lies wholly below its own: where intervals overlap,
 policies share a rank. The probability of improvement of one policy over another is the share of plants and cases in
 which its rms error is smaller, equal ones counting half, with a bootstrap interval over the plants.
@@ -35,7 +35,7 @@ from plant_errors import COMPARED_CASES, FIRST_SEED, measured
 
 from fuzzyarm import load_policy
 from fuzzyarm.common.console import progress
-from fuzzyarm.eval.evaluation.statistics import LEVEL, estimate
+from fuzzyarm.eval.evaluation._statistics import LEVEL, estimate
 
 SCHEMA = "fuzzyarm-comparison/3"
 SEED_PLANTS, QUANTILES = 1000, (0.01, 0.5, 0.99)

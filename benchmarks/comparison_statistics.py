@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 from scipy.stats import bootstrap
 
-from fuzzyarm.eval.evaluation.statistics import LEVEL, estimate, interquartile_mean
+from fuzzyarm.eval.evaluation._statistics import LEVEL, estimate, interquartile_mean
 
 __all__ = ["improvements", "ranks_of", "score"]
 

@@ -19,7 +19,8 @@ from measuring import options_of, printed, write
 from fuzzyarm.envs.physics.parameters import ArmParameters
 from fuzzyarm.identification._fit import DEVIATIONS
 from fuzzyarm.identification._rigid import UNKNOWNS, arm_of, start_of
-from fuzzyarm.identification.excitation import NOISE, rehearsed, suggested
+from fuzzyarm.identification.excitation import _NOISE as NOISE
+from fuzzyarm.identification.excitation import rehearsed, suggested
 from fuzzyarm.identification.log import Log
 from fuzzyarm.identification.result import identify
 

@@ -12,7 +12,7 @@ lemniscate. A policy of `--preset nominal` has seen only the first of them in it
 distribution have seen the paper's circle, under other loads and on other plants, and none of the other motions.
 
 A row holds the largest and the root mean square tip error at 1 kHz, by `fuzzyarm.eval.episodes.metrics`; over seeds it
-holds the interquartile mean and its bootstrap interval of 95 %, by `fuzzyarm.eval.evaluation.statistics`. An episode
+holds the interquartile mean and its bootstrap interval of 95 %, by `fuzzyarm.eval.evaluation._statistics`. An episode
 has failed if it ended early, or if the tip was ever more than 100 mm off, half the radius of the paper's circle: a
 policy can lose the path by a metre without leaving the joints' box. The errors are those of the other seeds; they say
 little where seeds failed. The JSON file holds the result of each seed. The model-based policies have no seed, and
@@ -43,7 +43,8 @@ from fuzzyarm import load_policy
 from fuzzyarm.envs.physics.equations import robot_of
 from fuzzyarm.envs.physics.parameters import ArmParameters
 from fuzzyarm.envs.scenario.cases import PAPER_CASES
-from fuzzyarm.eval.evaluation.statistics import LEVEL, RESAMPLES, SEED, estimate
+from fuzzyarm.eval.evaluation._statistics import _RESAMPLES as RESAMPLES
+from fuzzyarm.eval.evaluation._statistics import LEVEL, SEED, estimate
 from fuzzyarm.fuzzy_policy.laws.learned.bundle import WEIGHTS, PolicyBundle
 
 SCHEMA = "fuzzyarm-learned-comparison/1"

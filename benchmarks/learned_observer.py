@@ -28,8 +28,8 @@ from fuzzyarm.envs.physics.equations import AnyArm, argument_of, chosen_arm, equ
 from fuzzyarm.envs.physics.robot import Robot
 from fuzzyarm.envs.scenario.cases import PAPER_CASES
 from fuzzyarm.eval.stability.margins import policy_margins
+from fuzzyarm.eval.sweep._episodes import run_plants
 from fuzzyarm.eval.sweep.config import SweepConfig
-from fuzzyarm.eval.sweep.episodes import run_plants
 from fuzzyarm.fuzzy_policy.known_arm import joints_of
 from fuzzyarm.fuzzy_policy.laws.learned.estimate.network import EstimateBundle, EstimateNetwork, shapes_of
 from fuzzyarm.fuzzy_policy.laws.learned.estimate.policy import LearnedObserverPolicy

@@ -25,7 +25,7 @@ from fuzzyarm import __version__, load_policy
 from fuzzyarm.envs.physics.parameters import ArmParameters
 from fuzzyarm.envs.scenario.cases import PAPER_CASES
 from fuzzyarm.eval.score import scores
-from fuzzyarm.policies.sb3 import sb3_policy
+from fuzzyarm.policies._sb3 import sb3_policy
 from fuzzyarm.rl_baselines._case_evaluation import evaluate_cases
 
 SEEDS = range(5)

@@ -20,8 +20,8 @@ from fuzzyarm.envs.scenario.cases import CASES, PAPER_CASES, Case, add_case
 from fuzzyarm.envs.scenario.disturbances import Disturbance
 from fuzzyarm.eval.engine import Engine
 from fuzzyarm.eval.provenance import current_provenance
+from fuzzyarm.eval.sweep._episodes import SweepResults, run_plants
 from fuzzyarm.eval.sweep.config import SweepConfig
-from fuzzyarm.eval.sweep.episodes import SweepResults, run_plants
 
 __all__ = ["COMPARED_CASES", "FIRST_SEED", "Errors", "errors_of", "measured"]
 

@@ -33,9 +33,11 @@ from fuzzyarm.fuzzy_policy.ts_model import NAMED_RULES
 from fuzzyarm.proof import theorems
 from fuzzyarm.proof.certificate import certify
 from fuzzyarm.proof.vertices import TrackingVertices
+from fuzzyarm.synthesis._design_problem import _MARGIN as MARGIN
+from fuzzyarm.synthesis._design_problem import _TOLERANCE as TOLERANCE
+from fuzzyarm.synthesis._design_problem import DesignProblem
 from fuzzyarm.synthesis._designer import to_controller
 from fuzzyarm.synthesis.complexity import full_size, paper_formula
-from fuzzyarm.synthesis.design_problem import MARGIN, TOLERANCE, DesignProblem
 from fuzzyarm.synthesis.specification import Specification
 
 SMALL = [("consistent", 1), ("consistent", 2), ("consistent", 4), ("consistent", 8), ("paper", 4), ("paper", 8)]

@@ -36,7 +36,9 @@ from fuzzyarm.envs.physics.records import PerJoint
 from fuzzyarm.envs.scenario.cases import find_case
 from fuzzyarm.envs.scenario.reference import JointReference, quintic_time_law
 from fuzzyarm.policies.tip_bound import PERIOD, TipBound, TipClaim, find_bound, problem_of
-from fuzzyarm.policies.tip_cells import Division, bounds_of_cell, bounds_of_cells, cells
+from fuzzyarm.policies.tip_cells import _bounds_of_cell as bounds_of_cell
+from fuzzyarm.policies.tip_cells import _Division as Division
+from fuzzyarm.policies.tip_cells import bounds_of_cells, cells
 from fuzzyarm.policies.tip_files import save_bound, save_cells
 from fuzzyarm.proof.tip.enclosures import NoBound
 from fuzzyarm.proof.tip.plant import SETS, PlantSet

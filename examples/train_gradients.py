@@ -16,7 +16,8 @@ import time
 import torch
 from torch import Tensor, nn
 
-from fuzzyarm.envs.observation import JOINTS, SIZE, observed
+from fuzzyarm.envs.observation import _SIZE as SIZE
+from fuzzyarm.envs.observation import JOINTS, observed
 from fuzzyarm.envs.scenario.randomisation import DomainRandomisation
 from fuzzyarm.rl_baselines.torch_env import TorchFuzzyArm
 

@@ -17,7 +17,8 @@ import torch
 from torch import Tensor, nn
 from torch.distributions import Normal
 
-from fuzzyarm.envs.observation import JOINTS, SIZE, observed
+from fuzzyarm.envs.observation import _SIZE as SIZE
+from fuzzyarm.envs.observation import JOINTS, observed
 from fuzzyarm.rl_baselines.torch_env import TorchFuzzyArm
 
 LANES, ROLLOUT = 128, 150  # a rollout is one episode of every arm, so that each update sees the whole path

@@ -105,4 +105,4 @@ def unmeasured(monkeypatch) -> None:
 @pytest.fixture
 def few_postures(monkeypatch) -> None:
     """Let margins be taken at 4 postures of the path, not at 16."""
-    monkeypatch.setattr("fuzzyarm.eval.stability.linearisation.POSTURES", 4)
+    monkeypatch.setattr("fuzzyarm.eval.stability._linearisation.POSTURES", 4)

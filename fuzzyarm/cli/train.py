@@ -28,7 +28,7 @@ if TYPE_CHECKING:
     from fuzzyarm.rl_baselines.algorithm import AlgorithmSpec
     from fuzzyarm.rl_baselines.config import TrainingConfig
 
-__all__ = ["EstimateOptions", "Options", "add_algorithms", "options_of", "train_with_progress"]
+__all__ = ["Options", "add_algorithms", "train_with_progress"]
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -57,7 +57,7 @@ class Options:
 
 @with_fields_of(EstimateConfig)
 @dataclass(frozen=True, kw_only=True)
-class EstimateOptions:
+class _EstimateOptions:
     """Train the recurrent network of learned-observer, by regression on a teacher that knows plant, load and lateness.
 
     The folder gets policy/, which --policy and load_policy take. A training takes minutes and cannot be resumed. It
@@ -94,11 +94,11 @@ class EstimateOptions:
 def add_algorithms(application: App) -> None:
     """Add a command for each algorithm that is known at this time, and that of the estimate, which is regression."""
     for spec in ALGORITHMS.values():
-        application.command(options_of(spec), name=spec.name)
-    application.command(EstimateOptions, name="estimate")
+        application.command(_options_of(spec), name=spec.name)
+    application.command(_EstimateOptions, name="estimate")
 
 
-def options_of(spec: AlgorithmSpec) -> type[Options]:
+def _options_of(spec: AlgorithmSpec) -> type[Options]:
     """Return the options of an algorithm: those of a run, and one for each field of its configuration."""
     made = with_fields_of(spec.config)(Options)
     made.algorithm = spec.name

@@ -12,7 +12,7 @@ import numpy as np
 from fuzzyarm.envs.physics.parameters import ArmParameters
 from fuzzyarm.envs.physics.records import JOINTS
 
-__all__ = ["ACTION_SCALE", "JOINTS", "OBSERVATION_SCALE", "PARTS", "SIZE", "Observation", "observed", "starts"]
+__all__ = ["ACTION_SCALE", "JOINTS", "OBSERVATION_SCALE", "PARTS", "Observation", "observed", "starts"]
 
 
 class Observation(NamedTuple):
@@ -26,7 +26,7 @@ class Observation(NamedTuple):
 
 
 PARTS = len(Observation._fields)  # an arm of n joints has `PARTS` n numbers in its observation
-SIZE = JOINTS * PARTS  # numbers in an observation of the paper's arm
+_SIZE = JOINTS * PARTS  # numbers in an observation of the paper's arm
 
 OBSERVATION_SCALE = np.array([0.67, 1.9, 1.4, 1.6, 0.67, 1.9, 1.4, 1.6, 19.0, 21.0])
 """Typical magnitudes of the paper's arm, in the order and units of `Observation`.

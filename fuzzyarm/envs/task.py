@@ -15,7 +15,7 @@ from typing import Any, NamedTuple
 from fuzzyarm.envs.physics.elementwise import root
 from fuzzyarm.envs.physics.records import Physics, point, record_type
 
-__all__ = ["EFFORT_WEIGHT", "Termination", "assess", "clipped", "finite", "reason_of", "target_record"]
+__all__ = ["Termination", "assess", "clipped", "finite", "reason_of", "target_record"]
 
 
 class Termination(enum.IntEnum):
@@ -57,7 +57,7 @@ def reason_of(finite: Any, angles_inside: Any, velocities_inside: Any) -> Any:
 
 _TRACKING_LENGTH = 0.005  # m; the tip error at which the tracking reward is one half [a choice, no source]
 _BEYOND_MEASURE = 1e13  # rad, rad/s; beyond about this, `sine_cosine` is meaningless and products overflow
-EFFORT_WEIGHT = 0.1  # share of the reward that full torque takes away [a choice, no source]
+_EFFORT_WEIGHT = 0.1  # share of the reward that full torque takes away [a choice, no source]
 
 
 @functools.cache
@@ -101,7 +101,7 @@ def assess(physics: Physics, state: Any, torque: Any, bias: Any, arm: Any, limit
         _deviation(physics.tip(state.motor, arm), target),
         tracking,
         effort,
-        tracking * (1.0 - EFFORT_WEIGHT * effort),
+        tracking * (1.0 - _EFFORT_WEIGHT * effort),
         1.0 * (_inside(state.motor, low, high) & _inside(state.link, low, high)),
         1.0 * (_slow(state.motor_velocity, limits.velocity) & _slow(state.link_velocity, limits.velocity)),
     )

@@ -25,11 +25,11 @@ from fuzzyarm.fuzzy_policy.laws.learned.estimate.policy import LearnedObserverPo
 from fuzzyarm.fuzzy_policy.policy import Policy
 
 __all__ = [
-    "FLAGS", "UNITS", "CompiledLaw", "c_name", "compilers", "export_c", "random_observations", "sources_of",
+    "UNITS", "c_name", "export_c", "sources_of",
 ]  # fmt: skip
 
 
-def random_observations(policy: Policy, calls: int, seed: int) -> np.ndarray:
+def _random_observations(policy: Policy, calls: int, seed: int) -> np.ndarray:
     """Return observations (calls, 5 n) [rad, rad/s, rad/s²] of consecutive calls.
 
     The first 80 % follow a sine in every joint, measured with errors of sizes from 1e-8 to 0.3 of the limits; the rest
@@ -52,7 +52,7 @@ def random_observations(policy: Policy, calls: int, seed: int) -> np.ndarray:
     return seen
 
 
-FLAGS = ("-std=c99", "-Wall", "-Wextra", "-Wpedantic", "-Werror", "-ffp-contract=off", "-O2")
+_FLAGS = ("-std=c99", "-Wall", "-Wextra", "-Wpedantic", "-Werror", "-ffp-contract=off", "-O2")
 """Compiler options with which an exported law compiles without a warning and gives the bits of its policy."""
 
 _LOOP = """#include <string.h>
@@ -77,12 +77,12 @@ void run(long lanes, long calls, const unsigned char *starts, const {real} *seen
 """
 
 
-def compilers() -> list[str]:
+def _compilers() -> list[str]:
     """Return which of the C compilers gcc and clang this machine has."""
     return [name for name in ("gcc", "clang") if shutil.which(name)]
 
 
-class CompiledLaw:
+class _CompiledLaw:
     """The functions of an exported law as machine code; n joints."""
 
     def __init__(self, source: Path, joints: int, memory_size: int, number: str, compiler: str) -> None:
@@ -92,7 +92,7 @@ class CompiledLaw:
         loop, library = source.with_name(f"{name}_loop.c"), source.with_name(f"{name}_{compiler}_{number}.so")
         text = _LOOP.format(name=name, real=number, size=memory_size, inputs=PARTS * joints, joints=joints)
         loop.write_text(text, encoding="utf-8")
-        words = [compiler, *FLAGS, "-shared", "-fPIC", str(loop), str(source), "-o", str(library)]
+        words = [compiler, *_FLAGS, "-shared", "-fPIC", str(loop), str(source), "-o", str(library)]
         subprocess.run(words, check=True, capture_output=True, text=True)
         self._run = ctypes.CDLL(str(library)).run
 
@@ -153,10 +153,10 @@ def export_c(label: str, policy: Policy, folder: str | Path, number: str = "doub
     texts = sources_of(label, policy, number)
     if number == "double":
         texts[f"{name}_vectors.csv"] = _vectors(policy, policy)
-    elif found := compilers():
+    elif found := _compilers():
         with tempfile.TemporaryDirectory() as aside:
             source = write_once(Path(aside), texts)[1]
-            law = CompiledLaw(source, policy.joints, policy.memory_size, number, found[0])
+            law = _CompiledLaw(source, policy.joints, policy.memory_size, number, found[0])
             texts[f"{name}_vectors.csv"] = _vectors(policy, law)
     return write_once(Path(folder), texts)
 
@@ -203,12 +203,12 @@ def _about_policy(name: str, label: str, policy: Policy, program: Recorded) -> l
     return [line.replace("*/", "* /").encode("ascii", "replace").decode() for line in lines]
 
 
-def _vectors(policy: Policy, law: Policy | CompiledLaw) -> str:
+def _vectors(policy: Policy, law: Policy | _CompiledLaw) -> str:
     """Return observations and the torques of a law in consecutive calls as CSV, with all digits."""
     joints, state = range(1, policy.joints + 1), None
     names = [f"{part}{joint}" for part in (*Observation._fields, "torque") for joint in joints]
     rows: list[list[Any]] = [["call", *names]]
-    for call, seen in enumerate(random_observations(policy, calls=200, seed=2022)):
+    for call, seen in enumerate(_random_observations(policy, calls=200, seed=2022)):
         observation = seen.astype(getattr(law, "number", np.float64))
         torque, state = law.predict(observation, state)
         rows.append([call, *observation.tolist(), *torque.tolist()])

@@ -20,7 +20,7 @@ from fuzzyarm.fuzzy_policy.ts_model import TSModel
 
 __all__ = ["FORMS", "GAINS", "POLE_ARRAYS", "RATES", "Controller", "consistent_feedforward"]
 
-SCHEMA = "fuzzyarm-controller/1"
+_SCHEMA = "fuzzyarm-controller/1"
 FORMS = ("consistent", "paper")  # of Theorem 2: with a consistent feedforward, and as printed
 _STATED = ("form", "integral", "common_multiplier")
 _ARRAYS = ("weight", "gains", "feedforward", "P", "Q", "X", "tau")
@@ -120,7 +120,7 @@ class Controller(SignedController):
     @property
     def _encoded(self) -> dict[str, Any]:
         document = {
-            "schema": SCHEMA,
+            "schema": _SCHEMA,
             "robot": self.model.parameters.to_dict(),
             "kept": list(self.model.kept),
             "bounds": self.model.bounds,
@@ -133,7 +133,7 @@ class Controller(SignedController):
     @classmethod
     def from_document(cls, content: Any) -> Controller:
         """Return the controller of a file's content; ValueError if it is not of this form, damaged or inconsistent."""
-        document = checked_fields(content, SCHEMA, _FIELDS, _OPTIONAL)
+        document = checked_fields(content, _SCHEMA, _FIELDS, _OPTIONAL)
         model = TSModel(ArmParameters.from_dict(decoded(document["robot"])), document["kept"])
         if not np.array_equal(np.array(decoded(document["bounds"])), model.bounds):
             raise ValueError("the premise bounds do not belong to the robot parameters: the file was changed")

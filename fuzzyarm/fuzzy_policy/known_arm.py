@@ -16,7 +16,7 @@ from fuzzyarm.envs.physics.records import filled, flat
 from fuzzyarm.envs.physics.robot import Robot
 
 __all__ = [
-    "QUANTITIES", "Drives", "checked_arm", "constants_of", "joints_of", "numbers_of", "per_joint_of", "travel_of",
+    "QUANTITIES", "Drives", "checked_arm", "joints_of", "numbers_of", "per_joint_of", "travel_of",
     "with_drives", "with_mass", "without_dry_friction",
 ]  # fmt: skip
 
@@ -56,7 +56,7 @@ def per_joint_of(arm: AnyArm, name: str) -> np.ndarray:
     return np.broadcast_to(np.array(getattr(arm, name), dtype=float), (joints_of(arm),)).copy()
 
 
-def constants_of(arm: AnyArm) -> np.ndarray:
+def _constants_of(arm: AnyArm) -> np.ndarray:
     """Return the numbers (k,) of the `Physics.Arm` without a payload."""
     physics = equations_of(arm)
     return np.array(flat(physics.constants(physics.plant_of(arm), 0.0, 0.0, 0.0)), dtype=np.float64)
@@ -65,7 +65,7 @@ def constants_of(arm: AnyArm) -> np.ndarray:
 def numbers_of(arm: AnyArm) -> tuple[Any, Drives]:
     """Return the `Physics.Arm` without a payload and the `Drives` of an arm as records of floats."""
     drives: Drives = filled(Drives, (tuple(per_joint_of(arm, name).tolist()) for name in QUANTITIES))
-    return filled(equations_of(arm).Arm, constants_of(arm).tolist()), drives
+    return filled(equations_of(arm).Arm, _constants_of(arm).tolist()), drives
 
 
 def travel_of(arm: AnyArm, q: np.ndarray, dq: np.ndarray) -> np.ndarray:

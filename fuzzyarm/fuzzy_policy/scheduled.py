@@ -28,13 +28,13 @@ from fuzzyarm.fuzzy_policy.states import SCALAR_STATES
 from fuzzyarm.fuzzy_policy.ts_model import rule_products
 
 __all__ = [
-    "FORM", "FUNCTIONS", "MOST_PREMISES", "SCHEMA", "TWIST", "Premise", "ScheduledController", "load_controller",
+    "FORM", "FUNCTIONS", "MOST_PREMISES", "TWIST", "Premise", "ScheduledController", "load_controller",
     "rule_weights", "speeds_of",
 ]  # fmt: skip
 
 # Name of the form, schema of its files, and the premises that there are
 FORM = "semidefinite"
-SCHEMA = "fuzzyarm-semidefinite/1"
+_SCHEMA = "fuzzyarm-semidefinite/1"
 FUNCTIONS = ("cos q", "sin q", "cos 2q", "sin 2q")
 MOST_PREMISES = 4
 TWIST = 6  # numbers of a base's twist, linear before angular velocity
@@ -154,7 +154,7 @@ class ScheduledController(SignedController):
     def _encoded(self) -> dict[str, Any]:
         numbers = {name: getattr(self, name) for name in (*_ARRAYS, *_NUMBERS)}
         return {
-            "schema": SCHEMA,
+            "schema": _SCHEMA,
             "form": FORM,
             "robot": dataclasses.asdict(self.robot),
             "robot_digest": self.robot.digest,
@@ -167,7 +167,7 @@ class ScheduledController(SignedController):
     @classmethod
     def from_document(cls, content: Any) -> ScheduledController:
         """Return the controller of a file's content; ValueError if it is not of this form, damaged or inconsistent."""
-        document = checked_fields(content, SCHEMA, _FIELDS)
+        document = checked_fields(content, _SCHEMA, _FIELDS)
         robot = document["robot"]
         choice("form", document["form"], (FORM,))
         if document["robot_digest"] != robot.digest:
@@ -183,7 +183,7 @@ def load_controller(path: str | Path) -> Controller | ScheduledController:
     """Read a controller file of any form; ControllerFileError if it is damaged, OSError if it is unreadable."""
 
     def build(content: Any) -> Controller | ScheduledController:
-        form = ScheduledController if isinstance(content, dict) and content.get("schema") == SCHEMA else Controller
+        form = ScheduledController if isinstance(content, dict) and content.get("schema") == _SCHEMA else Controller
         return form.from_document(content)
 
     return controller_in(path, build)

@@ -20,7 +20,7 @@ from fuzzyarm.common.documents import DocumentError, check_schema, read_json, re
 from fuzzyarm.common.files import write_atomically
 
 __all__ = [
-    "ControllerFileError", "SignedController", "checked_fields", "controller_in", "decoded", "digest_of", "encoded",
+    "ControllerFileError", "SignedController", "checked_fields", "controller_in", "decoded", "encoded",
 ]  # fmt: skip
 
 
@@ -49,7 +49,7 @@ def decoded(value: Any) -> Any:
     raise ValueError(f"{shown(value)} is not an exact hexadecimal float")
 
 
-def digest_of(document: dict[str, Any]) -> str:
+def _digest_of(document: dict[str, Any]) -> str:
     """Return the SHA-256 of a document's canonical JSON: it detects accidental changes, not forgeries."""
     return hashlib.sha256(json.dumps(document, sort_keys=True).encode("utf-8")).hexdigest()
 
@@ -85,7 +85,7 @@ def checked_fields(
     required = {"schema": str, **fields, "digest": str}
     free = [(name, Any, dataclasses.field(default=None)) for name in optional]
     document: Any = record(content, dataclasses.make_dataclass("Document", [*required.items(), *free]))
-    if content["digest"] != digest_of({key: value for key, value in content.items() if key != "digest"}):
+    if content["digest"] != _digest_of({key: value for key, value in content.items() if key != "digest"}):
         raise ControllerFileError("the digest does not match: the file was changed after it was written")
     return {name: getattr(document, name) for name in content}
 
@@ -126,7 +126,7 @@ class SignedController(abc.ABC):
     @property
     def digest(self) -> str:
         """The digest that the controller file holds, SHA-256 of its content in hexadecimal digits."""
-        return digest_of(self._encoded)
+        return _digest_of(self._encoded)
 
     def to_json(self) -> str:
         """Return the text of the controller file; its last line holds the digest."""

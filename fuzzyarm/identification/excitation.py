@@ -30,7 +30,7 @@ from fuzzyarm.fuzzy_policy.laws.computed_torque import ComputedTorquePolicy
 from fuzzyarm.identification._rigid import base_of, regressor
 from fuzzyarm.identification.log import Log, joint_table
 
-__all__ = ["NOISE", "SHARE", "Excitation", "rehearsed", "suggested"]
+__all__ = ["SHARE", "rehearsed", "suggested"]
 
 _HARMONICS = 6  # of the series, at most
 SHARE = 0.6
@@ -44,7 +44,7 @@ _INSTANTS = 400
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
-class Excitation(Reference):
+class _Excitation(Reference):
     """A Fourier series of two joints, from rest to rest."""
 
     home: np.ndarray  # q_0 [rad], (2,)
@@ -118,7 +118,7 @@ class Excitation(Reference):
         singular = np.linalg.svd((stacked * scale)[:, size > 0.0], compute_uv=False)  # without gravity one column is 0
         return float(singular[0] / max(singular[-1], 1e-300))
 
-    def fitted(self) -> Excitation:
+    def fitted(self) -> _Excitation:
         """Return the motion with the largest amplitude that the limits of the arm allow."""
         arm, sample = self.parameters, self.sample(np.linspace(0.0, self.duration, _INSTANTS))
         limits = arm.joint_limit, arm.velocity_limit, arm.torque_limit
@@ -148,7 +148,7 @@ def _torque(sample: ReferenceSample, arm: ArmParameters) -> np.ndarray:
     return np.stack([row @ base_of(arm) for row in rows], axis=-1)
 
 
-def suggested(arm: ArmParameters, duration: float = 20.0, seed: int = 0) -> Excitation:
+def suggested(arm: ArmParameters, duration: float = 20.0, seed: int = 0) -> _Excitation:
     """Return a motion to record, for an arm whose parameters are roughly known.
 
     Args:
@@ -172,9 +172,9 @@ def suggested(arm: ArmParameters, duration: float = 20.0, seed: int = 0) -> Exci
     frequency = 2.0 / (duration - 2.0 * _RAMP) if duration < 12.0 else 0.2
     harmonics = max(2, min(_HARMONICS, int(_FASTEST / frequency)))
 
-    def motion(numbers: np.ndarray) -> Excitation:
+    def motion(numbers: np.ndarray) -> _Excitation:
         sine, cosine = numbers.reshape(2, harmonics, 2)
-        return Excitation(home, sine, cosine, frequency, duration, arm).fitted()
+        return _Excitation(home, sine, cosine, frequency, duration, arm).fitted()
 
     def cost(numbers: np.ndarray) -> float:
         return math.log(motion(numbers).condition())
@@ -185,11 +185,11 @@ def suggested(arm: ArmParameters, duration: float = 20.0, seed: int = 0) -> Exci
     return motion(found.x)
 
 
-NOISE = EncoderNoise(1e-5, 1e-3)  # rad, rad/s, of encoders with about 10⁵ lines
+_NOISE = EncoderNoise(1e-5, 1e-3)  # rad, rad/s, of encoders with about 10⁵ lines
 
 
 def rehearsed(
-    motion: Excitation, arm: ArmParameters, known: ArmParameters, seed: int, noise: EncoderNoise = NOISE
+    motion: _Excitation, arm: ArmParameters, known: ArmParameters, seed: int, noise: EncoderNoise = _NOISE
 ) -> Log:
     """Return the log of a motion on a simulated arm, one sample each millisecond; the controller's model is `known`.
 

@@ -29,12 +29,12 @@ from fuzzyarm.common.documents import read_bytes
 from fuzzyarm.common.files import csv_text
 from fuzzyarm.envs.physics.parameters import LARGEST
 
-__all__ = ["COLUMNS", "Log", "Motion", "joint_table", "read_log"]
+__all__ = ["Log", "Motion", "joint_table", "read_log"]
 
 _PARTS = {"q_motor": "rad", "dq_motor": "rad/s", "torque": "N m"}
-COLUMNS = ("time", *(f"{part}{joint}" for part in _PARTS for joint in (1, 2)))
+_COLUMNS = ("time", *(f"{part}{joint}" for part in _PARTS for joint in (1, 2)))
 """Headings of a log."""
-_VELOCITIES = tuple(name for name in COLUMNS if name.startswith("dq_"))  # which may be missing
+_VELOCITIES = tuple(name for name in _COLUMNS if name.startswith("dq_"))  # which may be missing
 _FEWEST_SAMPLES, _MOST_SAMPLES = 500, 200_000  # with the most, the fit takes some gigabytes
 _LARGEST_FILE = 64 * 2**20
 _EVEN = 0.01  # share of a period by which a step in time may differ from the median step
@@ -154,11 +154,11 @@ def joint_table(time: np.ndarray, parts: dict[str, np.ndarray]) -> str:
 def _parsed(text: str) -> Log:
     rows = [row for row in csv.reader(io.StringIO(text)) if any(cell.strip() for cell in row)]
     if not rows:
-        raise ValueError(f"it is empty; needed: a heading {','.join(COLUMNS)} and a line for each instant")
+        raise ValueError(f"it is empty; needed: a heading {','.join(_COLUMNS)} and a line for each instant")
     heading = [cell.strip() for cell in rows[0]]
     _check_heading(heading)
     count = checks.whole("the number of samples", len(rows) - 1, low=_FEWEST_SAMPLES, high=_MOST_SAMPLES)
-    columns = {name: heading.index(name) for name in COLUMNS if name in heading}
+    columns = {name: heading.index(name) for name in _COLUMNS if name in heading}
     values = np.empty((count, len(columns)))
     for line, row in enumerate(rows[1:], start=2):
         if any(cell.strip() for cell in row[len(heading) :]):
@@ -167,7 +167,7 @@ def _parsed(text: str) -> Log:
             )
         for place, (name, column) in enumerate(columns.items()):
             values[line - 2, place] = _number(row, line, name, column)
-    velocity = values[:, 3:5] if len(columns) == len(COLUMNS) else None
+    velocity = values[:, 3:5] if len(columns) == len(_COLUMNS) else None
     return Log(_period(values[:, 0]), values[:, 1:3], values[:, -2:], velocity)
 
 
@@ -175,14 +175,15 @@ def _check_heading(heading: list[str]) -> None:
     """Raise ValueError unless the heading names every needed column once, for joints 1 and 2 alone."""
     joints = {int(next(filter(None, found.groups()))) for found in map(_JOINTS.fullmatch, heading) if found}
     if joints - {1, 2}:
-        raise ValueError(f"it is the log of {max(joints)} joints; allowed: two-joint arms, columns {','.join(COLUMNS)}")
-    missing = [name for name in COLUMNS if name not in heading]
+        wanted = ",".join(_COLUMNS)
+        raise ValueError(f"it is the log of {max(joints)} joints; allowed: two-joint arms, columns {wanted}")
+    missing = [name for name in _COLUMNS if name not in heading]
     if missing and (set(missing) != set(_VELOCITIES)):
         raise ValueError(
-            f"its heading {checks.shown(','.join(heading))} lacks {', '.join(missing)}; needed: {','.join(COLUMNS)}, "
+            f"its heading {checks.shown(','.join(heading))} lacks {', '.join(missing)}; needed: {','.join(_COLUMNS)}, "
             f"where {' and '.join(_VELOCITIES)} may both be missing"
         )
-    twice = [name for name in COLUMNS if heading.count(name) > 1]
+    twice = [name for name in _COLUMNS if heading.count(name) > 1]
     if twice:
         raise ValueError(f"its heading has {twice[0]} twice; leave out one")
 

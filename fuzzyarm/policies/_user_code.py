@@ -17,11 +17,11 @@ with a state that has one entry per lane; `fuzzyarm margins` also needs double p
 array (lanes, m). More is used if the object has it:
 
     action_period              time for which an action is held [s]
-    without_dry_friction()     the policy for an arm without dry friction, see `fuzzyarm.eval.stability.linearisation`
+    without_dry_friction()     the policy for an arm without dry friction, see `fuzzyarm.eval.stability._linearisation`
     repeated()                 the policy for passes over one path (``--passes``), or None: an object with `predict` and
                                ``begin_pass(state)``, which returns the state that the next pass begins with from the
                                last one of this pass, see `fuzzyarm.fuzzy_policy.policy.PassLearner`
-    beliefs(state)             what it believes of the load, see `fuzzyarm.eval.episodes.beliefs`
+    beliefs(state)             what it believes of the load, see `fuzzyarm.eval.episodes._beliefs`
     declared                   a mapping, or an object with attributes: ``objective``, ``tuned_on``, ``knows``, ``sees``
                                and ``remembers``, each a text of one line, see `Declared`
 """
@@ -59,10 +59,10 @@ def load_code(name: str, control_period: float, robot: AnyArm) -> Policy | UserP
     if prefix := foreign(name):
         path = Path(name.removeprefix(prefix))
         if prefix == "onnx:":
-            from fuzzyarm.policies.onnx_model import OnnxPolicy
+            from fuzzyarm.policies._onnx_model import OnnxPolicy
 
             return OnnxPolicy(path, robot, control_period)
-        from fuzzyarm.policies.sb3 import sb3_policy
+        from fuzzyarm.policies._sb3 import sb3_policy
 
         return sb3_policy(path, robot, control_period)
     module = _imported(name)

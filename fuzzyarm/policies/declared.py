@@ -17,7 +17,7 @@ from fuzzyarm.envs.physics.parameters import ArmParameters
 from fuzzyarm.policies.registry import ADAPTIVE_OBSERVER, COMPUTED_TORQUE, ELASTIC_OBSERVER, PAPERS, TIP, Kind
 from fuzzyarm.policies.spec import PolicySpec, resolve
 
-__all__ = ["ELASTIC", "HEADINGS", "Declared", "declared", "declared_by_name", "stated"]
+__all__ = ["HEADINGS", "Declared", "declared", "declared_by_name", "stated"]
 
 HEADINGS = ("objective", "tuned on", "knows of the arm", "sees", "remembers")
 """Column headings for the fields of `Declared`."""
@@ -52,8 +52,8 @@ def stated(given: Any) -> Declared:
 
 _SEES = "motor angles and velocities; reference with two derivatives, no preview"
 _INTEGRAL = "integral of the joint error"
-_RIGID, ELASTIC = "rigid model, no friction", "elastic model with friction"
-_GUESS = f"{ELASTIC}, as a first guess; how far it may be off"
+_RIGID, _ELASTIC = "rigid model, no friction", "elastic model with friction"
+_GUESS = f"{_ELASTIC}, as a first guess; how far it may be off"
 _HAND = "; settings by hand on Cases 1 to 3"
 _REWARD = "discounted reward: logarithm of the tip error, effort"
 _RANDOM = "random plants, forces, payloads and references"
@@ -87,7 +87,7 @@ _NAMED = {
             ELASTIC_OBSERVER,
             "mean rms tip error, and noise in Case 1, within margins",
             "random plants, constant forces and payloads on the paper's circle",
-            ELASTIC,
+            _ELASTIC,
             "estimate of state and load",
         ),
         (
@@ -160,7 +160,7 @@ def declared(name: str | PolicySpec, policy: Any = None, passes: int = 1, arm: A
         else:
             own = _instead(own, _ON_ROBOTS, law, arm.name)
     if spec.tip:
-        own = own._replace(knows=ELASTIC, remembers=f"{own.remembers}; three samples of the reference")
+        own = own._replace(knows=_ELASTIC, remembers=f"{own.remembers}; three samples of the reference")
     if spec.kind is Kind.CODE:
         learns = policy is not None and policy.repeated() is not None
     else:
@@ -227,7 +227,7 @@ def _of_learned(folder: Path) -> Declared | None:
         reward = f": {'logarithm of the tip error, effort' if scale > 0.0 else 'that of the environment'}"
     smooth = "; smooth actions" if isinstance(smoothness, int | float) and smoothness > 0.0 else ""
     drawn = {"nominal": "nominal case of its arm", "robust": f"{_RANDOM} of its arm"}.get(str(drawn), _UNKNOWN)
-    knows = f"what {base} knows" if base else ELASTIC if bundle.features.elastic_target else "nothing"
+    knows = f"what {base} knows" if base else _ELASTIC if bundle.features.elastic_target else "nothing"
     return Declared(
         f"discounted reward{reward}{smooth}, by {_text(training.get('algorithm'))}",
         f"{drawn}; how its settings were chosen is {_UNKNOWN}",

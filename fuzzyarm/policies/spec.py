@@ -116,7 +116,7 @@ class PolicySpec:
         if self._factory is not None:
             law = self._factory(arm, control_period)
         elif self.kind is Kind.CONTROLLER:
-            from fuzzyarm.policies.controller_policy import controller_policy
+            from fuzzyarm.policies._controller_policy import controller_policy
 
             law = controller_policy(path, arm, control_period, allow_unproven)
         elif self.kind is Kind.TUNED:
@@ -249,7 +249,7 @@ def load_policy(
         policy.remake = functools.partial(load_policy, name, robot=robot, allow_unproven=allow_unproven)
         return policy
     if not isinstance(name, str | os.PathLike):
-        from fuzzyarm.policies.controller_policy import controller_policy
+        from fuzzyarm.policies._controller_policy import controller_policy
 
         return controller_policy(name, robot, control_period, allow_unproven)
     # A spec of code that may not be run raises, so what is returned is no `UserPolicy`.

@@ -21,9 +21,9 @@ from fuzzyarm.policies.tip_files import CellBound, save_bound
 from fuzzyarm.proof.tip.enclosures import NoBound
 from fuzzyarm.proof.tip.plant import AXES, BY_JOINT, RANGES, Axis, PlantSet
 
-__all__ = ["Division", "bounds_of_cell", "bounds_of_cells", "cells"]
+__all__ = ["bounds_of_cells", "cells"]
 
-Division = tuple[str, int]  # a name of `_DIVISIBLE`, and into how many equal parts its range is divided
+_Division = tuple[str, int]  # a name of `_DIVISIBLE`, and into how many equal parts its range is divided
 
 _DIVISIBLE: dict[str, list[Axis]] = {
     **{name: [axis for axis in AXES if axis[0] == name] for name in RANGES},
@@ -32,7 +32,7 @@ _DIVISIBLE: dict[str, list[Axis]] = {
 """The ranges that a name divides: that of a field, those of both joints, or that of one joint alone (mass-2)."""
 
 
-def cells(plants: PlantSet, divisions: Sequence[Division]) -> Iterator[PlantSet]:
+def cells(plants: PlantSet, divisions: Sequence[_Division]) -> Iterator[PlantSet]:
     """Yield the cells of a set: the products of the parts of its divided ranges, which touch."""
     distinct("cells", [name for name, _ in divisions])
     axes: list[list[tuple[Axis, tuple[float, float]]]] = []
@@ -55,7 +55,7 @@ def cells(plants: PlantSet, divisions: Sequence[Division]) -> Iterator[PlantSet]
 
 
 def bounds_of_cells(
-    claim: TipClaim, divisions: Sequence[Division], jobs: int, out: Path | None = None
+    claim: TipClaim, divisions: Sequence[_Division], jobs: int, out: Path | None = None
 ) -> Iterator[list[CellBound]]:
     """Yield the bounds of each cell of the claim's set, or of the parts of the cell, computed in `jobs` processes.
 
@@ -68,7 +68,7 @@ def bounds_of_cells(
 
     def saved(task: TipClaim, stem: str | None) -> list[CellBound]:
         found = []
-        for number, bound in enumerate(bounds_of_cell(task, claim.plants, names)):
+        for number, bound in enumerate(_bounds_of_cell(task, claim.plants, names)):
             path = out and out.with_name(f"{stem}{chr(ord('a') + number) if number else ''}.json")
             if path is not None:
                 save_bound(bound, path)
@@ -79,7 +79,7 @@ def bounds_of_cells(
     yield from Parallel(n_jobs=jobs, return_as="generator")(work)
 
 
-def bounds_of_cell(claim: TipClaim, plants: PlantSet, names: Sequence[str], halvings: int = 6) -> Iterator[TipBound]:
+def _bounds_of_cell(claim: TipClaim, plants: PlantSet, names: Sequence[str], halvings: int = 6) -> Iterator[TipBound]:
     """Yield the bound of the cell that is the claim's set, or those of its parts after up to so many halvings.
 
     `names`, of `_DIVISIBLE`, are the ranges that may be halved. `NoBound` if a part has none after that.
@@ -95,7 +95,7 @@ def bounds_of_cell(claim: TipClaim, plants: PlantSet, names: Sequence[str], halv
     middle = 0.5 * (low + high)
     for part in ((low, middle), (middle, high)):
         half = dataclasses.replace(claim, plants=claim.plants.narrowed(axis, part))
-        yield from bounds_of_cell(half, plants, names, halvings - 1)
+        yield from _bounds_of_cell(half, plants, names, halvings - 1)
 
 
 def _widest(cell: PlantSet, plants: PlantSet, names: Sequence[str]) -> Axis | None:

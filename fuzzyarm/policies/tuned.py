@@ -123,7 +123,7 @@ def tuned_policy(folder: Path, name: str, arm: AnyArm, control_period: float) ->
     if name != ADAPTIVE_OBSERVER:
         return make_law(name, arm, period, numbers[name])
     from fuzzyarm.fuzzy_policy.laws.tip import TipPolicy
-    from fuzzyarm.policies.controller_policy import controller_policy
+    from fuzzyarm.policies._controller_policy import controller_policy
 
     certified = [policy.removesuffix(TIP) for policy in laws.policies if policy.removesuffix(TIP) not in LAWS]
     fallback = (

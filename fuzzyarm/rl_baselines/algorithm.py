@@ -12,10 +12,10 @@ if TYPE_CHECKING:
     from fuzzyarm.fuzzy_policy.laws.learned.network import Network
     from fuzzyarm.rl_baselines.sb3_vec_env import StableBaselinesVecEnv
 
-__all__ = ["Algorithm", "AlgorithmSpec"]
+__all__ = ["AlgorithmSpec"]
 
 
-class Algorithm(Protocol):
+class _Algorithm(Protocol):
     """A learning algorithm in the middle of a training.
 
     Between two of its updates, when it calls back, the trainer evaluates the policy and writes checkpoints. The trainer
@@ -68,6 +68,6 @@ class AlgorithmSpec:
     title: str
     config: type[TrainingConfig]
     presets: Mapping[str, TrainingConfig]
-    create: Callable[[Any, StableBaselinesVecEnv], Algorithm]
+    create: Callable[[Any, StableBaselinesVecEnv], _Algorithm]
     columns: tuple[str, ...] = ()
     libraries: tuple[str, ...] = ()

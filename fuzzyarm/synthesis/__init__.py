@@ -17,8 +17,8 @@ from typing import TYPE_CHECKING
 from fuzzyarm.common.registry import lazily
 
 if TYPE_CHECKING:
+    from fuzzyarm.synthesis._design_problem import DesignProblem
     from fuzzyarm.synthesis._designer import Design, DesignFailed, describe, design
-    from fuzzyarm.synthesis.design_problem import DesignProblem
     from fuzzyarm.synthesis.scheduled_design import (
         ScheduledDesign,
         ScheduledSpecification,
@@ -43,8 +43,8 @@ __all__ = [
 _HOMES = {
     name: home
     for home, names in {
-        "design_problem": "DesignProblem",
-        "designer": "Design DesignFailed describe design",
+        "_design_problem": "DesignProblem",
+        "_designer": "Design DesignFailed describe design",
         "scheduled_design": "ScheduledDesign ScheduledSpecification describe_scheduled design_scheduled",
         "specification": "Specification",
     }.items()

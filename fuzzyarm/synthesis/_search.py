@@ -17,8 +17,8 @@ from fuzzyarm.envs.physics.parameters import ArmParameters
 from fuzzyarm.fuzzy_policy.controller import GAINS, RATES
 from fuzzyarm.fuzzy_policy.ts_model import TSModel
 from fuzzyarm.proof.vertices import error_vertices
+from fuzzyarm.synthesis._design_problem import CERTAIN, PAPER_GAMMA, DesignProblem, NoPoint, Point, structure_of
 from fuzzyarm.synthesis._scaling import Scaling
-from fuzzyarm.synthesis.design_problem import CERTAIN, PAPER_GAMMA, DesignProblem, NoPoint, Point, structure_of
 from fuzzyarm.synthesis.specification import FIRST_ALPHA, Specification
 
 __all__ = ["best_point", "why_infeasible"]

@@ -21,26 +21,26 @@ from fuzzyarm.envs.observation import JOINTS
 from fuzzyarm.fuzzy_policy.states import PLANT_STATES
 from fuzzyarm.proof.vertices import TrackingVertices, Vertices
 
-__all__ = ["Size", "full_size", "paper_formula"]
+__all__ = ["full_size", "paper_formula"]
 
 
 @dataclasses.dataclass(frozen=True)
-class Size:
+class _Size:
     """The size of a design problem."""
 
     variables: int  # scalar decision variables
     rows: int  # sum of the orders of all matrix inequalities
 
 
-def paper_formula(N: int, N_e: int = 2, *, n_x: int = 4, n_d: int = 2, n_u: int = 2) -> Size:
+def paper_formula(N: int, N_e: int = 2, *, n_x: int = 4, n_d: int = 2, n_u: int = 2) -> _Size:
     """Return N_var and N_row of Remark 4; N is half the number of rules where z1 is kept."""
-    return Size(
+    return _Size(
         variables=6 + n_x * (1 + 3 * N**2 + N_e * N**2 + n_d),
         rows=6 * n_x * (1 + N * N_e) + n_x * N * (8 * n_x * N + N_e * n_u),
     )
 
 
-def full_size(data: Vertices, *, gains_bounded: bool = False) -> Size:
+def full_size(data: Vertices, *, gains_bounded: bool = False) -> _Size:
     """Return the size of P > 0 and Ψ_ijk + Ψ_jik < 0 for all i <= j and k, as Theorems 1 and 2 state them, L free.
 
     With `gains_bounded` [[gI, M_jk], [M_jkᵀ, P11]] >= 0 is there too, and the variable is g, not γ².
@@ -51,7 +51,7 @@ def full_size(data: Vertices, *, gains_bounded: bool = False) -> Size:
     n, vertices = sum(blocks), len(data.A) * N_e
     m, r = len(data.uncertainties), sum(len(term.H) for term in data.uncertainties)
     upper = sum(size * (size + 1) // 2 for size in blocks)
-    return Size(
+    return _Size(
         variables=upper + vertices * JOINTS * (n_e + n_r) + pairs * (2 * n * n + N_e * m) + 1,
         rows=n + pairs * N_e * (2 * n + JOINTS + n_r + n_z + r) + gains_bounded * vertices * (JOINTS + n_e),
     )

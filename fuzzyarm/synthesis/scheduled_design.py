@@ -23,7 +23,7 @@ from fuzzyarm.synthesis._designer import DesignFailed
 from fuzzyarm.synthesis._inertia_metric import Metric, best_premise, fitted_metric
 from fuzzyarm.synthesis._scalar_design import Feedback, best_feedback, feedback_for_gamma, smallest_pole
 
-__all__ = ["ALPHAS", "SAMPLES", "ScheduledDesign", "ScheduledSpecification", "describe_scheduled", "design_scheduled"]
+__all__ = ["ALPHAS", "ScheduledDesign", "ScheduledSpecification", "describe_scheduled", "design_scheduled"]
 
 _MOST_JOINTS = 7  # more would need more than one split of the chain
 
@@ -32,7 +32,7 @@ ALPHAS = (20.0, 15.0, 10.0, 7.0, 5.0, 3.0, 2.0)
 
 _CONTROL_PERIOD = 1e-3  # s, of the margins that decide between them
 _POLE_FACTOR = 1.5  # fastest pole over the smallest one where neither it nor γ is asked for
-SAMPLES = 2000
+_SAMPLES = 2000
 """Sampled angles that the bounds of the inertia are fitted to."""
 _SEARCH_SAMPLES = 400  # for the choice of a premise
 # Shares by which the bounds of the samples are widened, one after the other, until the proof goes through.
@@ -121,7 +121,7 @@ def design_scheduled(specification: ScheduledSpecification, robot: Robot) -> Sch
                 f"the premise {premise.name} is of joint {premise.joint + 1}; {robot.name} has {n} joints, "
                 "and angles 2 and up change its inertia"
             )
-    metric = fitted_metric(robot, premises, alpha=alpha, count=SAMPLES)
+    metric = fitted_metric(robot, premises, alpha=alpha, count=_SAMPLES)
     searched = time.perf_counter() - begin
     begin = time.perf_counter()
     failed = ""

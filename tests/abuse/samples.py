@@ -27,16 +27,17 @@ from fuzzyarm.eval.engine import Engine
 from fuzzyarm.eval.episodes.rollout_file import write_rollouts
 from fuzzyarm.eval.evaluation.run import EvaluationConfig, evaluate, write_results
 from fuzzyarm.eval.sweep._distributions import plant_record
+from fuzzyarm.eval.sweep._episodes import SweepResults
 from fuzzyarm.eval.sweep.config import SweepConfig
-from fuzzyarm.eval.sweep.episodes import SweepResults
 from fuzzyarm.eval.sweep.run import Sweep
 from fuzzyarm.eval.sweep.summary import summarise
 from fuzzyarm.eval.tuning import _finding as finding
 from fuzzyarm.fuzzy_policy.laws.adaptive.belief import AdaptiveWeights
 from fuzzyarm.fuzzy_policy.laws.observer_gains import ObserverWeights
 from fuzzyarm.fuzzy_policy.scheduled import Premise, ScheduledController
-from fuzzyarm.fuzzy_policy.signed_files import digest_of
-from fuzzyarm.identification.excitation import Excitation, rehearsed
+from fuzzyarm.fuzzy_policy.signed_files import _digest_of as digest_of
+from fuzzyarm.identification.excitation import _Excitation as Excitation
+from fuzzyarm.identification.excitation import rehearsed
 from fuzzyarm.identification.log import Log
 from fuzzyarm.policies.registry import COMPUTED_TORQUE, LAWS
 from fuzzyarm.policies.tip_bound import TipClaim, find_bound
@@ -123,14 +124,14 @@ def controller(folder: Path) -> None:
 @functools.cache
 def of_robot() -> ScheduledController:
     """Return a controller of two rules for an arm whose second joint turns one way only: M̂ has one sign of slope."""
-    robot, samples = robot_named("planar-3r"), scheduled_design.SAMPLES
+    robot, samples = robot_named("planar-3r"), scheduled_design._SAMPLES
     joints = [dataclasses.replace(one, angle_range=(0.3, 2.5)) if k == 1 else one for k, one in enumerate(robot.joints)]
-    scheduled_design.SAMPLES = 600
+    scheduled_design._SAMPLES = 600
     try:
         given = ScheduledSpecification(premises=(Premise(1, "cos q"),), alpha=20.0)
         return design_scheduled(given, dataclasses.replace(robot, joints=tuple(joints))).controller
     finally:
-        scheduled_design.SAMPLES = samples
+        scheduled_design._SAMPLES = samples
 
 
 @_made

@@ -30,9 +30,9 @@ from fuzzyarm.proof import theorems
 from fuzzyarm.proof.certificate import Certificate, _inequality_name, certify
 from fuzzyarm.proof.scheduled_certificate import certify_scheduled
 from fuzzyarm.synthesis import DesignProblem, Specification, design
+from fuzzyarm.synthesis._design_problem import _MARGIN as MARGIN
 from fuzzyarm.synthesis._designer import to_controller
 from fuzzyarm.synthesis._expressions import half
-from fuzzyarm.synthesis.design_problem import MARGIN
 
 from .dissipation import excess, scheduled_excess
 from .judged import examples

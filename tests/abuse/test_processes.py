@@ -141,7 +141,7 @@ def _counted(folder: str, at: int, number: int) -> list[int]:
 def _stand_ins() -> None:
     """Let searches that take minutes find at once what they would find, so that all that is left is what is written."""
     from fuzzyarm.eval.dataset import store
-    from fuzzyarm.eval.stability import linearisation
+    from fuzzyarm.eval.stability import _linearisation as linearisation
     from fuzzyarm.eval.tuning import _search as search
     from fuzzyarm.eval.tuning import _steps as steps
     from fuzzyarm.eval.tuning import run

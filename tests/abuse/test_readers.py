@@ -38,7 +38,8 @@ from fuzzyarm.eval.evaluation.results_file import read_evaluation
 from fuzzyarm.eval.paper.report import EXPECTED, load_expected
 from fuzzyarm.eval.sweep.config import SHOWN
 from fuzzyarm.eval.sweep.ranking import rank_sweeps
-from fuzzyarm.eval.sweep.run import Sweep, digest_of
+from fuzzyarm.eval.sweep.run import Sweep
+from fuzzyarm.eval.sweep.run import _digest_of as digest_of
 from fuzzyarm.eval.tuning._finding import read_finding
 from fuzzyarm.fuzzy_policy.scheduled import load_controller
 from fuzzyarm.identification.log import read_log

@@ -35,7 +35,7 @@ def evaluated_once(monkeypatch):
 def test_evaluate_prints_a_table_and_writes_results_and_figures(tmp_path, capsys, monkeypatch):
     """Of the figures the overview, and of it the first row: each takes longer than the episode."""
     draw = figures.draw_figures
-    monkeypatch.setattr(figures, "time_figures", lambda joints: {})
+    monkeypatch.setattr(figures, "_time_figures", lambda joints: {})
     monkeypatch.setattr(figures, "_OVERVIEW", figures._OVERVIEW[:1])
     monkeypatch.setattr(figures, "draw_figures", lambda *given: {"overview": draw(*given)["overview"]})
     assert main([*QUICK, "--out", str(tmp_path)]) == 0

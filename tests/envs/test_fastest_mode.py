@@ -18,9 +18,9 @@ from fuzzyarm.envs.physics.robot import shipped_robots
 from fuzzyarm.envs.scenario.cases import PAPER_CASES
 from fuzzyarm.envs.scenario.randomisation import DomainRandomisation, find_randomisation
 from fuzzyarm.envs.vector import FuzzyArmVectorEnv
-from fuzzyarm.eval.stability.linearisation import largest_radius, linearise_path
+from fuzzyarm.eval.stability._linearisation import largest_radius, linearise_path
+from fuzzyarm.eval.sweep._plants import Plants
 from fuzzyarm.eval.sweep.config import SweepConfig
-from fuzzyarm.eval.sweep.plants import Plants
 from fuzzyarm.export._plant import Plant
 from fuzzyarm.fuzzy_policy.laws.adaptive.policy import AdaptiveObserverPolicy
 from fuzzyarm.fuzzy_policy.laws.computed_torque import ComputedTorquePolicy

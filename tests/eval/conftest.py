@@ -5,7 +5,7 @@ import pickle
 import pytest
 
 from fuzzyarm.eval.episodes import loop
-from fuzzyarm.policies import controller_policy
+from fuzzyarm.policies import _controller_policy as controller_policy
 from fuzzyarm.proof.certificate import certify
 
 VERDICTS = {}
@@ -45,6 +45,6 @@ def short(monkeypatch):
 
     What is compared step by step, or is said of files, is the same after a fifth of the circle.
     """
-    monkeypatch.setattr("fuzzyarm.eval.sweep.episodes.episodes", first_steps)
+    monkeypatch.setattr("fuzzyarm.eval.sweep._episodes.episodes", first_steps)
     monkeypatch.setattr("fuzzyarm.eval.episodes.rollout.episodes", first_steps)
     return SHORT

@@ -13,7 +13,7 @@ from support.exported import COMPILERS, needs_compiler
 from fuzzyarm import load_policy
 from fuzzyarm.cli import main
 from fuzzyarm.envs.fuzzy_arm import FuzzyArmEnv
-from fuzzyarm.export.c_files import FLAGS
+from fuzzyarm.export.c_files import _FLAGS as FLAGS
 
 CO_SIMULATION, MODEL_EXCHANGE, OK, ERROR = 1, 0, 0, 3
 PERIOD = 1e-3

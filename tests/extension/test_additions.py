@@ -17,7 +17,7 @@ from fuzzyarm.cli import main
 from fuzzyarm.envs.scenario.cases import CASES
 from fuzzyarm.eval.episodes.metrics import METRICS
 from fuzzyarm.eval.evaluation import figures
-from fuzzyarm.eval.evaluation.figures import time_figures
+from fuzzyarm.eval.evaluation.figures import _time_figures as time_figures
 from fuzzyarm.policies.registry import POLICIES
 from fuzzyarm.rl_baselines.algorithms import ALGORITHMS
 
@@ -47,7 +47,7 @@ def page(tmp_path_factory):
         patch.syspath_prepend(folder)
         # Figures are drawn, one of each kind, but not turned into files, which takes longer than all else.
         patch.setattr("fuzzyarm.eval.evaluation.figures.write_all", lambda *args: [])
-        patch.setattr(figures, "time_figures", lambda joints: dict([*time_figures(joints).items()][:1]))
+        patch.setattr(figures, "_time_figures", lambda joints: dict([*time_figures(joints).items()][:1]))
         yield importlib.import_module("contributed")
         sys.modules.pop("contributed").env.close()
 

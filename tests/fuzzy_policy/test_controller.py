@@ -12,7 +12,8 @@ from support.shipped import CONTROLLERS
 from fuzzyarm import load_policy
 from fuzzyarm.envs.physics.parameters import ArmParameters
 from fuzzyarm.fuzzy_policy.controller import POLE_ARRAYS, Controller
-from fuzzyarm.fuzzy_policy.signed_files import ControllerFileError, digest_of
+from fuzzyarm.fuzzy_policy.signed_files import ControllerFileError
+from fuzzyarm.fuzzy_policy.signed_files import _digest_of as digest_of
 
 
 @pytest.fixture(scope="module")

@@ -25,8 +25,11 @@ from fuzzyarm.identification._rigid import (
     rigid_arm,
     start_of,
 )  # fmt: skip
-from fuzzyarm.identification.excitation import NOISE, SHARE, Excitation, rehearsed, suggested
-from fuzzyarm.identification.log import COLUMNS, Log, Motion, read_log
+from fuzzyarm.identification.excitation import _NOISE as NOISE
+from fuzzyarm.identification.excitation import SHARE, rehearsed, suggested
+from fuzzyarm.identification.excitation import _Excitation as Excitation
+from fuzzyarm.identification.log import _COLUMNS as COLUMNS
+from fuzzyarm.identification.log import Log, Motion, read_log
 from fuzzyarm.identification.result import identify
 
 TRUTH = ArmParameters()

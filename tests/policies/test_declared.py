@@ -22,7 +22,8 @@ from fuzzyarm.fuzzy_policy.laws.fuzzy import FuzzyPolicy
 from fuzzyarm.fuzzy_policy.laws.observer_gains import ObserverWeights
 from fuzzyarm.fuzzy_policy.laws.tip import TipPolicy
 from fuzzyarm.policies import NAMES, policies_of, resolve
-from fuzzyarm.policies.declared import ELASTIC, HEADINGS, Declared, declared, declared_by_name, stated
+from fuzzyarm.policies.declared import _ELASTIC as ELASTIC
+from fuzzyarm.policies.declared import HEADINGS, Declared, declared, declared_by_name, stated
 from fuzzyarm.policies.registry import POLICIES
 from fuzzyarm.policies.tuned import NAME, SCHEMA, TunedLaws
 

@@ -18,8 +18,8 @@ from fuzzyarm.fuzzy_policy.laws.learned.definition import learning_features  # n
 from fuzzyarm.fuzzy_policy.laws.learned.features import Features, Lanes, guided, learning_action  # noqa: E402
 from fuzzyarm.fuzzy_policy.laws.learned.network import Network  # noqa: E402
 from fuzzyarm.fuzzy_policy.laws.learned.policy import LearnedPolicy  # noqa: E402
-from fuzzyarm.policies.onnx_model import OnnxPolicy  # noqa: E402
-from fuzzyarm.policies.sb3 import sb3_policy  # noqa: E402
+from fuzzyarm.policies._onnx_model import OnnxPolicy  # noqa: E402
+from fuzzyarm.policies._sb3 import sb3_policy  # noqa: E402
 
 ARM = ArmParameters()
 

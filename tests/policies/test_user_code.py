@@ -10,7 +10,7 @@ from support.command_line import one_line_error
 from fuzzyarm import load_policy
 from fuzzyarm.cli import main
 from fuzzyarm.envs.physics.parameters import ArmParameters
-from fuzzyarm.eval.episodes.beliefs import Believing
+from fuzzyarm.eval.episodes._beliefs import Believing
 from fuzzyarm.eval.evaluation.run import EvaluationConfig, evaluate
 from fuzzyarm.policies import resolve
 

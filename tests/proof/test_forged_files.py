@@ -13,7 +13,8 @@ from support.shipped import CONTROLLERS
 
 from fuzzyarm.cli import main
 from fuzzyarm.fuzzy_policy.controller import Controller
-from fuzzyarm.fuzzy_policy.signed_files import _LARGEST, digest_of
+from fuzzyarm.fuzzy_policy.signed_files import _LARGEST
+from fuzzyarm.fuzzy_policy.signed_files import _digest_of as digest_of
 from fuzzyarm.proof.certificate import certify
 
 

@@ -14,7 +14,8 @@ from fuzzyarm.envs.physics.rigid_body import inverse_dynamics, mass_matrix
 from fuzzyarm.envs.physics.robot import robot_named
 from fuzzyarm.fuzzy_policy.controller import Controller
 from fuzzyarm.fuzzy_policy.scheduled import Premise, ScheduledController, load_controller
-from fuzzyarm.fuzzy_policy.signed_files import ControllerFileError, digest_of
+from fuzzyarm.fuzzy_policy.signed_files import ControllerFileError
+from fuzzyarm.fuzzy_policy.signed_files import _digest_of as digest_of
 from fuzzyarm.proof.box_cover import TrigMatrix
 from fuzzyarm.proof.inertia_bounds import scheduled_polynomial
 from fuzzyarm.proof.scheduled_certificate import (
@@ -34,7 +35,7 @@ TIGHT = 0.98  # share of a bound that samples reach
 def quickly(specification, robot):
     """Return a design from fewer samples, which are enough for three joints: it is tested at thousands of others."""
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(scheduled_design, "SAMPLES", 600)
+        patch.setattr(scheduled_design, "_SAMPLES", 600)
         return design_scheduled(specification, robot)
 
 

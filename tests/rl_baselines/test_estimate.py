@@ -40,7 +40,8 @@ from fuzzyarm.rl_baselines.estimate import courses as courses_module
 from fuzzyarm.rl_baselines.estimate._courses import HEAVIEST, Courses, TravelForce, _direction, _rotation, draw_courses
 from fuzzyarm.rl_baselines.estimate._driving import Drive
 from fuzzyarm.rl_baselines.estimate._teacher import Teacher
-from fuzzyarm.rl_baselines.estimate.training import EstimateTraining, Student
+from fuzzyarm.rl_baselines.estimate.training import EstimateTraining
+from fuzzyarm.rl_baselines.estimate.training import _Student as Student
 
 ARM, PERIOD, NOTHING = ArmParameters(), 1e-3, DomainRandomisation()
 SMALL = ArmParameters(

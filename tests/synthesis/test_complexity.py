@@ -7,8 +7,9 @@ from fuzzyarm.envs.physics.parameters import ArmParameters
 from fuzzyarm.fuzzy_policy.ts_model import NAMED_RULES, TSModel
 from fuzzyarm.proof import theorems
 from fuzzyarm.proof.vertices import error_vertices, tracking_vertices
-from fuzzyarm.synthesis.complexity import Size, full_size, paper_formula
-from fuzzyarm.synthesis.design_problem import DesignProblem
+from fuzzyarm.synthesis._design_problem import DesignProblem
+from fuzzyarm.synthesis.complexity import _Size as Size
+from fuzzyarm.synthesis.complexity import full_size, paper_formula
 from fuzzyarm.synthesis.specification import PAPER_WEIGHT, Specification
 
 ARM = ArmParameters()

@@ -12,7 +12,7 @@ from fuzzyarm.proof.certificate import certify
 from fuzzyarm.proof.rigid_loop import RigidLoop
 from fuzzyarm.proof.vertices import error_vertices
 from fuzzyarm.synthesis import DesignFailed, DesignProblem, Specification, design
-from fuzzyarm.synthesis.design_problem import pi
+from fuzzyarm.synthesis._design_problem import pi
 
 ARM = ArmParameters()
 

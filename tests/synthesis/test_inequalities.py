@@ -14,9 +14,11 @@ from fuzzyarm.fuzzy_policy.ts_model import NAMED_RULES, TSModel
 from fuzzyarm.proof import theorems
 from fuzzyarm.proof.block_matrix import symmetric
 from fuzzyarm.proof.vertices import error_vertices, tracking_vertices
-from fuzzyarm.synthesis import Specification, design_problem
+from fuzzyarm.synthesis import Specification
+from fuzzyarm.synthesis import _design_problem as design_problem
+from fuzzyarm.synthesis._design_problem import _MARGIN as MARGIN
+from fuzzyarm.synthesis._design_problem import DesignProblem, NoPoint, structure_of
 from fuzzyarm.synthesis._expressions import half
-from fuzzyarm.synthesis.design_problem import MARGIN, DesignProblem, NoPoint, structure_of
 from fuzzyarm.synthesis.specification import PAPER_WEIGHT
 
 ARM = ArmParameters()

@@ -98,7 +98,7 @@ def _named(robot: str) -> AnyArm:
     if Path(robot).suffix == ".toml":
         if {"joints", "model", "name", "tip"}.isdisjoint(read_toml(Path(robot))):
             return ArmParameters.from_toml(robot)
-        from fuzzyarm.envs.physics.robot_models import read_robot  # the paper's arm needs no reader
+        from fuzzyarm.envs.physics._robot_models import read_robot  # the paper's arm needs no reader
 
         return read_robot(robot)
     raise ValueError(

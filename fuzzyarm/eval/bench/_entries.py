@@ -29,9 +29,9 @@ from fuzzyarm.envs.batch.workers import LANES_PER_THREAD
 from fuzzyarm.envs.periods import MAX_DEFAULT_SUBSTEP
 from fuzzyarm.envs.physics.parameters import ArmParameters
 from fuzzyarm.eval.bench._accuracy import exact_tips, max_tip_difference, stepped_tips
+from fuzzyarm.eval.sweep._episodes import errors_in_one_kernel, errors_step_by_step
+from fuzzyarm.eval.sweep._plants import Plants
 from fuzzyarm.eval.sweep.config import SweepConfig
-from fuzzyarm.eval.sweep.episodes import errors_in_one_kernel, errors_step_by_step
-from fuzzyarm.eval.sweep.plants import Plants
 from fuzzyarm.policies import load_policy
 
 __all__ = [

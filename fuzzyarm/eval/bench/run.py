@@ -21,7 +21,7 @@ from fuzzyarm.eval.bench import _entries as entries
 from fuzzyarm.eval.bench._entries import Entry
 from fuzzyarm.eval.provenance import json_text, made_now, version_of
 
-__all__ = ["BenchConfig", "race", "run_bench", "write_document"]
+__all__ = ["BenchConfig", "run_bench", "write_document"]
 
 
 _SWEEP_LANES = tuple(4**power for power in range(10))  # sizes of the batches that throughput is drawn over
@@ -104,7 +104,7 @@ def run_bench(config: BenchConfig, progress: Callable[[str], None] = lambda _: N
     what comes next.
     """
     rows, sweep = (
-        [row for name, group in groups.items() for row in race(name, group, config.rounds, config.seconds, progress)]
+        [row for name, group in groups.items() for row in _race(name, group, config.rounds, config.seconds, progress)]
         for groups in (instance("config", config, BenchConfig).groups(), config.sweep_groups())
     )
     progress("memory")
@@ -120,7 +120,7 @@ def run_bench(config: BenchConfig, progress: Callable[[str], None] = lambda _: N
     }
 
 
-def race(
+def _race(
     name: str, group: Sequence[Entry], rounds: int, seconds: float, progress: Callable[[str], None] = lambda _: None
 ) -> list[dict[str, Any]]:
     """Measure the entries of a group in turns, each once in every round, and return a row of the document for each.

@@ -15,7 +15,7 @@ from fuzzyarm.envs.batch.layout import INFO
 from fuzzyarm.envs.fuzzy_arm import FuzzyArmEnv
 from fuzzyarm.envs.observation import observed
 from fuzzyarm.envs.physics.equations import AnyArm, bounds_of
-from fuzzyarm.eval.episodes.beliefs import NO_BELIEFS, Believing
+from fuzzyarm.eval.episodes._beliefs import NO_BELIEFS, Believing
 from fuzzyarm.eval.episodes.loop import Step, episodes
 from fuzzyarm.fuzzy_policy.controller import Controller
 from fuzzyarm.fuzzy_policy.policy import Predictor
@@ -57,7 +57,7 @@ class Rollout:
     external_force: np.ndarray  # (n, 2 or 3) [N]
     reward: np.ndarray  # (n,)
     domain_use: np.ndarray  # (n,) largest share of the joint box (25) in use, 1 at its border
-    # (n, columns), what the policy believed when it acted, see `fuzzyarm.eval.episodes.beliefs`; nan where it had no
+    # (n, columns), what the policy believed when it acted, see `fuzzyarm.eval.episodes._beliefs`; nan where it had no
     # estimate, and (0, 0) for a policy without beliefs.
     beliefs: np.ndarray = dataclasses.field(default_factory=lambda: NO_BELIEFS)
     belief_names: tuple[str, ...] = ()  # of these columns: ``payload``, ``payload_deviation``, ``stiffness_1``, ...

@@ -14,7 +14,7 @@ import numpy as np
 from fuzzyarm.common.array_files import read_arrays
 from fuzzyarm.common.checks import instance, path_of, sequence_of
 from fuzzyarm.common.files import write_atomically
-from fuzzyarm.eval.episodes.beliefs import NO_BELIEFS
+from fuzzyarm.eval.episodes._beliefs import NO_BELIEFS
 from fuzzyarm.eval.episodes.rollout import Rollout
 
 __all__ = ["NAME", "digest", "npz_bytes", "read_rollouts", "write_rollouts"]

@@ -24,7 +24,7 @@ from fuzzyarm.envs.scenario.cases import CASES
 from fuzzyarm.eval._figure_files import figure_style, write_all
 from fuzzyarm.eval.episodes.rollout import Rollout
 
-__all__ = ["DASHES", "draw_figures", "policy_styles", "time_figures", "write_figures"]
+__all__ = ["DASHES", "draw_figures", "policy_styles", "write_figures"]
 
 
 _PLANE, _SPACE = 2, 3
@@ -89,7 +89,7 @@ _MOTOR_CIRCULARITY = _Panel("motors' circularity,\nas if rigid", "mm", lambda r:
 
 
 @functools.cache
-def time_figures(joints: int) -> dict[str, tuple[_Panel, ...]]:
+def _time_figures(joints: int) -> dict[str, tuple[_Panel, ...]]:
     """Return the panels of each figure over time, by its name, for an arm of so many joints."""
     each = zip(*map(_of_joint, range(joints)), strict=True)
     names = ("torque", "velocity", "motor-position", "friction")
@@ -177,7 +177,7 @@ def draw_figures(rollouts: Sequence[Rollout], titles: Mapping[str, str] | None =
             figures[f"{case}-path"] = _path_figure(title, episodes, styles)
             if any(episode.external_force.any() for episode in episodes):
                 figures[f"{case}-force"] = _force_figure(title, _longest(episodes))
-            for name, panels in time_figures(episodes[0].torque.shape[-1]).items():
+            for name, panels in _time_figures(episodes[0].torque.shape[-1]).items():
                 figures[f"{case}-{name}"] = _time_figure({title: episodes}, panels, styles)
         figures["overview"] = _time_figure(columns, _OVERVIEW, styles)
     return figures

@@ -26,9 +26,9 @@ from fuzzyarm.common.console import Sheet, print_paragraphs
 from fuzzyarm.envs.scenario.cases import CASES
 from fuzzyarm.eval.declarations import ROW, declared_cells, print_declared
 from fuzzyarm.eval.episodes.metrics import LOST, RESOLUTION, is_lost, millimetres, ranked
+from fuzzyarm.eval.evaluation._statistics import Estimate, estimate, interquartile_mean
 from fuzzyarm.eval.evaluation.results_file import conditions_of, read_results
 from fuzzyarm.eval.evaluation.run import Evaluation
-from fuzzyarm.eval.evaluation.statistics import Estimate, estimate, interquartile_mean
 from fuzzyarm.policies.declared import Declared
 
 __all__ = [

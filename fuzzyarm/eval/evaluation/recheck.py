@@ -17,7 +17,7 @@ from fuzzyarm.eval.evaluation.results_file import Results, same
 from fuzzyarm.eval.evaluation.run import Evaluation, evaluate
 from fuzzyarm.policies import found_again, resolve_all
 
-__all__ = ["Comparison", "print_comparison", "recheck_results"]
+__all__ = ["print_comparison", "recheck_results"]
 
 _SHOWN = 20  # differences in the table
 _WIDEST = 40  # characters of a text in the table
@@ -33,7 +33,7 @@ class _Difference(NamedTuple):
 
 
 @dataclasses.dataclass(frozen=True)
-class Comparison:
+class _Comparison:
     """The outcome of a recheck."""
 
     numbers: int  # how many were compared
@@ -44,7 +44,7 @@ class Comparison:
 
 def recheck_results(
     results: Results, code: Sequence[str] = (), progress: Callable[[], None] = lambda: None
-) -> Comparison:
+) -> _Comparison:
     """Run an evaluation again and compare; `progress` is called after each episode.
 
     A results file alone runs no code: `code` names the policies ``package.module:factory`` that the user permits, and
@@ -61,7 +61,7 @@ def recheck_results(
     _check_files(results, names)
     fresh = evaluate(dataclasses.replace(results.config, policies=names), progress)
     old, new = _flat(results), _flat(fresh)
-    return Comparison(
+    return _Comparison(
         numbers=sum(not isinstance(value, str | bool) for value in old.values()),
         rows=len(results.rows),
         differences=[
@@ -108,7 +108,7 @@ def _notes(then: Mapping[str, Any], now: Mapping[str, Any]) -> list[str]:
     return [f"{name}: {old} when measured, {new} now" for name, (old, new) in made.items() if old != new]
 
 
-def print_comparison(found: Comparison, console: Console) -> None:
+def print_comparison(found: _Comparison, console: Console) -> None:
     """Print the result of the comparison, then the notes."""
     lines = [f"{found.numbers} numbers of {found.rows} rows agree"]
     if found.differences:

@@ -18,7 +18,7 @@ from fuzzyarm.envs.physics.parameters import ArmParameters
 from fuzzyarm.eval.declarations import ROW, declared_cells
 from fuzzyarm.eval.episodes.metrics import RESOLUTION, Metric, columns, is_lost, millimetres
 from fuzzyarm.eval.episodes.rollout import Rollout
-from fuzzyarm.eval.stability.linearisation import largest_radius, linearise_path
+from fuzzyarm.eval.stability._linearisation import largest_radius, linearise_path
 from fuzzyarm.policies.declared import Declared
 
 if TYPE_CHECKING:

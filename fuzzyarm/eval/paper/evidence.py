@@ -36,7 +36,7 @@ from fuzzyarm.proof.vertices import tracking_vertices
 from fuzzyarm.synthesis.complexity import full_size, paper_formula
 from fuzzyarm.synthesis.specification import PAPER_WEIGHT
 
-__all__ = ["FORMS", "PAPERS_OWN", "RULES", "SIDES", "SWAPPED", "TITLES", "Evidence", "gather"]
+__all__ = ["FORMS", "RULES", "SIDES", "TITLES", "Evidence", "gather"]
 
 
 RULES = (32, 4)
@@ -50,12 +50,12 @@ _SOURCES: Mapping[str, str | Path] = {
     "consistent-32": "fuzzy-32",
     "consistent-4": "fuzzy-4",
 }
-SWAPPED, PAPERS_OWN = "printed-4-swapped", "papers-gains"
+_SWAPPED, _PAPERS_OWN = "printed-4-swapped", "papers-gains"
 """Keys of two more controllers: the printed form with the feedforward of the consistent form, and the printed gains."""
 TITLES: Mapping[str, str] = {
     **{f"{form}-{rules}": f"{form} form, {rules} rules" for form in FORMS for rules in RULES},
-    SWAPPED: "printed K and H, consistent L, 4 rules",
-    PAPERS_OWN: "the paper's own gains, 4 rules",
+    _SWAPPED: "printed K and H, consistent L, 4 rules",
+    _PAPERS_OWN: "the paper's own gains, 4 rules",
 }
 """Titles of the controllers by their key: form and number of rules for the first four."""
 SIDES = {"tip": "circularity_error", "motors": "circularity_error_motor"}
@@ -69,7 +69,7 @@ def _compared_policies() -> dict[str, FuzzyPolicy]:
     printed, consistent = (policies[key].controller for key in ("printed-4", "consistent-4"))
     # Theorem 2 also proves this law, with P, Q and X of the printed form's file but a larger γ, see `smallest_gamma`.
     swapped = dataclasses.replace(printed, feedforward=consistent.feedforward_gains)
-    policies |= {SWAPPED: FuzzyPolicy(swapped), PAPERS_OWN: FuzzyPolicy(with_printed_gains(printed))}
+    policies |= {_SWAPPED: FuzzyPolicy(swapped), _PAPERS_OWN: FuzzyPolicy(with_printed_gains(printed))}
     for policy in policies.values():
         policy.integral_at = None  # the paper's law does not hold the integral at the torque limits
     return policies
@@ -83,7 +83,7 @@ _WITNESSES = tuple(
 )
 _HIGH_GAIN = "paper-4-common-high-gain"  # the controller file that was designed without the bound (24)
 # Labels of `Evidence.gamma_with`, and the controllers whose L is used.
-_OTHER_FEEDFORWARDS = {"the consistent form's L": SWAPPED, "the paper's L_1k": PAPERS_OWN}
+_OTHER_FEEDFORWARDS = {"the consistent form's L": _SWAPPED, "the paper's L_1k": _PAPERS_OWN}
 
 
 @dataclasses.dataclass(frozen=True)
@@ -168,7 +168,7 @@ class Evidence:
 
     def largest_feedforward_gain(self) -> dict[str, float]:
         """Return the largest entry of L of the printed forms, also with the L of the consistent form."""
-        return {key: _peak(self.controllers[key].feedforward_gains) for key in (*self._printed, SWAPPED)}
+        return {key: _peak(self.controllers[key].feedforward_gains) for key in (*self._printed, _SWAPPED)}
 
     def gamma_with(self) -> Mapping[str, float]:
         """Return `smallest_gamma` [1]."""

@@ -23,7 +23,7 @@ from fuzzyarm.eval.paper.evidence import TITLES, Evidence
 from fuzzyarm.eval.provenance import current_provenance, json_text
 
 __all__ = [
-    "EXPECTED", "Comparison", "Value", "compare", "load_expected", "print_report", "store_expected", "write_report",
+    "EXPECTED", "compare", "load_expected", "print_report", "store_expected", "write_report",
 ]  # fmt: skip
 
 
@@ -57,7 +57,7 @@ def store_expected(measured: _Numbers, made_with: Mapping[str, Any], path: Path)
 
 
 @dataclasses.dataclass(frozen=True)
-class Value:
+class _Value:
     """One of our numbers; its text names it, both values and the allowed difference."""
 
     claim: Claim
@@ -86,7 +86,7 @@ class Value:
 
 
 @dataclasses.dataclass(frozen=True)
-class Comparison:
+class _Comparison:
     """Our value of every claim and the stored one, by claim and label."""
 
     measured: _Numbers
@@ -94,18 +94,18 @@ class Comparison:
     made_with: Mapping[str, Any]  # commit, versions and machine of this measurement
 
     @functools.cached_property
-    def values(self) -> Sequence[Value]:
+    def values(self) -> Sequence[_Value]:
         """Every number, in the order of the claims; last those of claims that no longer exist."""
         keys = {claim.key for claim in CLAIMS}
         gone = [Claim(key, "", "", "", "-", None, "") for key in self.stored if key not in keys]
         found = []
         for claim in (*CLAIMS, *gone):
             now, then = (numbers.get(claim.key, {}) for numbers in (self.measured, self.stored))
-            found += [Value(claim, label, now.get(label), then.get(label)) for label in dict.fromkeys([*then, *now])]
+            found += [_Value(claim, label, now.get(label), then.get(label)) for label in dict.fromkeys([*then, *now])]
         return found
 
     @property
-    def drifted(self) -> Sequence[Value]:
+    def drifted(self) -> Sequence[_Value]:
         """The numbers that have drifted from the stored ones."""
         return [value for value in self.values if value.drifted]
 
@@ -124,10 +124,10 @@ class Comparison:
         return {"schema": "fuzzyarm-paper/1", **self.made_with, "claims": list(claims.values())}
 
 
-def compare(evidence: Evidence, stored: _Numbers | None) -> Comparison:
+def compare(evidence: Evidence, stored: _Numbers | None) -> _Comparison:
     """Measure every claim and compare it with the stored numbers; None: with what is measured, to be stored."""
     measured = {claim.key: claim.measured(evidence) for claim in CLAIMS}
-    return Comparison(measured, measured if stored is None else stored, current_provenance())
+    return _Comparison(measured, measured if stored is None else stored, current_provenance())
 
 
 # The numbers of the reasons, which count from 1 in the order of the claims.
@@ -140,7 +140,7 @@ _LEGEND = (
 )
 
 
-def _outcome(comparison: Comparison) -> list[str]:
+def _outcome(comparison: _Comparison) -> list[str]:
     """Return how many numbers have drifted, which the exit code is about, and how many of the paper's agree."""
     judged = [value for value in comparison.values if value.agrees is not None]
     others = dict.fromkeys(value.claim.key for value in judged if not value.agrees)
@@ -152,7 +152,7 @@ def _outcome(comparison: Comparison) -> list[str]:
     ]
 
 
-def print_report(comparison: Comparison, console: Console) -> None:
+def print_report(comparison: _Comparison, console: Console) -> None:
     """Print the tables and the reasons."""
     for sheet in _tables(comparison):
         sheet.print(console)
@@ -161,7 +161,7 @@ def print_report(comparison: Comparison, console: Console) -> None:
         console.print(line, highlight=False, markup=False)
 
 
-def _tables(comparison: Comparison) -> list[Sheet]:
+def _tables(comparison: _Comparison) -> list[Sheet]:
     """Return a table for each group of claims; but for the statements, all claims of a group have the same labels."""
     sheets = []
     for group, title in _GROUPS.items():
@@ -193,7 +193,7 @@ def _number(value: float) -> str:
     return f"{value:.0f}" if 1e3 <= abs(value) < 1e6 else f"{value:.4g}"
 
 
-def write_report(comparison: Comparison, figures: Sequence[Path], folder: Path) -> list[Path]:
+def write_report(comparison: _Comparison, figures: Sequence[Path], folder: Path) -> list[Path]:
     """Write ``paper.md``, with the figures if there are any, and ``paper.json``; return their paths."""
     lines = ["# The paper's numbers, recomputed", ""]
     for sheet in _tables(comparison):

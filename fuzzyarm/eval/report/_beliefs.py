@@ -11,7 +11,7 @@ import numpy as np
 
 from fuzzyarm.envs.scenario.cases import CASES, Case
 from fuzzyarm.envs.scenario.disturbances import Disturbance
-from fuzzyarm.eval.episodes.beliefs import DEVIATION
+from fuzzyarm.eval.episodes._beliefs import DEVIATION
 from fuzzyarm.eval.episodes.rollout import Rollout
 from fuzzyarm.eval.report._summary import figure
 

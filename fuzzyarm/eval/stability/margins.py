@@ -20,8 +20,8 @@ from fuzzyarm.envs.physics.parameters import ArmParameters
 from fuzzyarm.envs.scenario.cases import case_for
 from fuzzyarm.envs.scenario.default_reference import default_reference
 from fuzzyarm.eval.provenance import made_now
-from fuzzyarm.eval.stability import linearisation
-from fuzzyarm.eval.stability.linearisation import (
+from fuzzyarm.eval.stability import _linearisation as linearisation
+from fuzzyarm.eval.stability._linearisation import (
     GAIN_SPAN,
     GainLimits,
     Linearisable,

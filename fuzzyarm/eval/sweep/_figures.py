@@ -16,8 +16,8 @@ from matplotlib.lines import Line2D
 from fuzzyarm.eval._figure_files import MARKERS, figure_style, write_all
 from fuzzyarm.eval.evaluation.figures import policy_styles
 from fuzzyarm.eval.sweep._distributions import column_label
+from fuzzyarm.eval.sweep._episodes import SweepResults
 from fuzzyarm.eval.sweep.config import SweepConfig
-from fuzzyarm.eval.sweep.episodes import SweepResults
 
 __all__ = ["write_sweep_figures"]
 

@@ -25,18 +25,18 @@ from fuzzyarm.common.documents import DocumentError, read_checked, read_json
 from fuzzyarm.envs.scenario.cases import find_case
 from fuzzyarm.eval.declarations import read_declarations
 from fuzzyarm.eval.episodes.metrics import RESOLUTION, millimetres, ranked
+from fuzzyarm.eval.evaluation._statistics import Estimate
 from fuzzyarm.eval.evaluation.ranking import Leaderboard, check_comparable, other_cells, other_headings, shown
-from fuzzyarm.eval.evaluation.statistics import Estimate
 from fuzzyarm.eval.sweep.summary import SCHEMA, SUMMARY
 from fuzzyarm.policies.declared import Declared
 
-__all__ = ["PlantStanding", "is_sweep", "rank_sweeps"]
+__all__ = ["is_sweep", "rank_sweeps"]
 
 _LEVEL = "0.99"  # the quantile over the plants, as a sweep's file names it
 
 
 @dataclasses.dataclass(frozen=True)
-class PlantStanding:
+class _PlantStanding:
     """One policy of one sweep."""
 
     policy: str  # its label
@@ -107,7 +107,7 @@ def rank_sweeps(paths: Sequence[str | Path]) -> Leaderboard:
     return Leaderboard(sorted(standings, key=lambda standing: standing.order), read[0][2])
 
 
-def _read(file: Path, document: dict[str, Any]) -> tuple[list[PlantStanding], dict[str, Any], str]:
+def _read(file: Path, document: dict[str, Any]) -> tuple[list[_PlantStanding], dict[str, Any], str]:
     """Return the standings of a file, the conditions that files ranked together must share, and these in words."""
     config, method, rows = document["config"], document["method"], document["rows"]
     plants, cases = whole("plants", method["plants"], low=1), list(config["cases"])
@@ -126,7 +126,7 @@ def _read(file: Path, document: dict[str, Any]) -> tuple[list[PlantStanding], di
         swept = {words: metric.key for words, metric in ranked().items() if metric.swept}
         others = {w: {case: row[key][_LEVEL]["value"] for case, row in own.items()} for w, key in swept.items()}
         score = _largest(list(found.values()))
-        standings.append(PlantStanding(policy, str(file), score, quantiles, ended, plants, declared[policy], others))
+        standings.append(_PlantStanding(policy, str(file), score, quantiles, ended, plants, declared[policy], others))
     robot = "the two-joint arm" if config["robot"] is None else str(config["robot"]["name"])
     release, distribution = document["versions"]["fuzzyarm"], config["distribution"]
     conditions = {

@@ -33,15 +33,17 @@ from fuzzyarm.eval.engine import Engine, source_of
 from fuzzyarm.eval.episodes.rollout import Rollout
 from fuzzyarm.eval.episodes.rollout_file import npz_bytes
 from fuzzyarm.eval.provenance import json_text
+from fuzzyarm.eval.sweep._episodes import SweepResults, replay, run_plants
+from fuzzyarm.eval.sweep._plants import CONTROL_PERIOD
 from fuzzyarm.eval.sweep.config import SHOWN, SweepConfig
-from fuzzyarm.eval.sweep.episodes import SweepResults, replay, run_plants
-from fuzzyarm.eval.sweep.plants import CONTROL_PERIOD
 from fuzzyarm.eval.sweep.summary import SCHEMA, SUMMARY, summarise
 from fuzzyarm.fuzzy_policy.policy import Predictor
 from fuzzyarm.policies import Kind, PolicySpec, found_again, resolve, resolve_all
 from fuzzyarm.policies.registry import foreign
 
-__all__ = ["Sweep", "digest_of"]
+__all__ = [
+    "Sweep",
+]
 
 _RUN = "run.json"
 
@@ -85,7 +87,7 @@ class Sweep:
             )
         specs = resolve_all(config.policies, run_code=True)
         identity = _identity_of(config, specs)
-        sweep = cls._loaded(folder, config, specs, digest_of(identity))
+        sweep = cls._loaded(folder, config, specs, _digest_of(identity))
         document = {"schema": SCHEMA, "command": config.command(), **identity, "config": config.to_dict()}
         # A run that ends after this line leaves an empty folder of chunks, which does not prevent the next.
         (folder / "chunks").mkdir(parents=True, exist_ok=True)
@@ -112,7 +114,7 @@ class Sweep:
         if not path.is_file():
             raise ValueError(f"{folder} holds no sweep to go on with: {_RUN} is missing; begin one without --resume")
         config, then, digest = read_checked(path, SCHEMA, "begin again in another folder", _begun)
-        if digest != digest_of(then):
+        if digest != _digest_of(then):
             raise ValueError(f"{path} was changed after the sweep began: begin again in another folder")
         named = given.pop("policies", ())
         others = unrelated(f"{path} names code", config.policies, named)
@@ -252,7 +254,7 @@ def _identity_of(config: SweepConfig, specs: Mapping[str, PolicySpec]) -> dict[s
     }
 
 
-def digest_of(identity: Mapping[str, Any]) -> str:
+def _digest_of(identity: Mapping[str, Any]) -> str:
     """Return the SHA-256 of an identity."""
     return hashlib.sha256(json.dumps(identity, sort_keys=True).encode()).hexdigest()
 

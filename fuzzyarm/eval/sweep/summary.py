@@ -27,11 +27,11 @@ from scipy.stats import binomtest, bootstrap
 from fuzzyarm.common.console import Sheet, print_paragraphs
 from fuzzyarm.eval.declarations import read_declarations, written_declarations
 from fuzzyarm.eval.episodes.metrics import swept
-from fuzzyarm.eval.evaluation.statistics import LEVEL, SEED
+from fuzzyarm.eval.evaluation._statistics import LEVEL, SEED
 from fuzzyarm.eval.provenance import made_now
 from fuzzyarm.eval.sweep._distributions import NOISE
+from fuzzyarm.eval.sweep._episodes import SweepResults
 from fuzzyarm.eval.sweep.config import SweepConfig
-from fuzzyarm.eval.sweep.episodes import SweepResults
 from fuzzyarm.policies.declared import Declared
 
 __all__ = ["SCHEMA", "SUMMARY", "print_sweep", "summarise"]

@@ -37,7 +37,7 @@ from fuzzyarm.envs.scenario.disturbances import ConstantForce, Disturbance, Enco
 from fuzzyarm.envs.scenario.randomisation import find_randomisation
 from fuzzyarm.envs.scenario.reference import Reference
 from fuzzyarm.eval.episodes.loop import episodes
-from fuzzyarm.eval.sweep.episodes import Delay
+from fuzzyarm.eval.sweep._episodes import Delay
 from fuzzyarm.eval.tuning._finding import PERIOD, force_factor, heaviest
 from fuzzyarm.eval.tuning._search import Context, Costs, Found, WeightSearch, nothing, rounded
 from fuzzyarm.fuzzy_policy.laws.adaptive.belief import AdaptiveWeights

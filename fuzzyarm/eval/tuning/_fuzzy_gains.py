@@ -27,7 +27,7 @@ from fuzzyarm.envs.physics.dynamics import Payload, arm_constants, tip_jacobian
 from fuzzyarm.envs.physics.parameters import ArmParameters
 from fuzzyarm.envs.physics.records import State, columns
 from fuzzyarm.envs.scenario.default_reference import default_reference
-from fuzzyarm.eval.stability.linearisation import LocalLoop, gain_limits, largest_radius, linearise_path
+from fuzzyarm.eval.stability._linearisation import LocalLoop, gain_limits, largest_radius, linearise_path
 from fuzzyarm.eval.tuning._finding import PERIOD, halving_radius, heaviest, periods_of, with_stiffness
 from fuzzyarm.eval.tuning._search import WORTH, Context, Found, measured_radii, motor_error, nothing
 from fuzzyarm.fuzzy_policy.laws.fuzzy import FuzzyPolicy

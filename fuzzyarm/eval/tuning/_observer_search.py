@@ -29,7 +29,7 @@ from fuzzyarm.envs.physics.parameters import ArmParameters
 from fuzzyarm.envs.scenario.disturbances import ConstantForce, Disturbance, EncoderNoise
 from fuzzyarm.envs.scenario.randomisation import DomainRandomisation
 from fuzzyarm.eval.episodes.loop import episodes
-from fuzzyarm.eval.stability.linearisation import largest_radius, linearise_path
+from fuzzyarm.eval.stability._linearisation import largest_radius, linearise_path
 from fuzzyarm.eval.tuning._finding import PERIOD, force_factor, heaviest, periods_of, with_stiffness
 from fuzzyarm.eval.tuning._search import Context, Costs, Found, WeightSearch, rounded
 from fuzzyarm.fuzzy_policy.laws.elastic_observer import ElasticObserverPolicy

@@ -23,7 +23,7 @@ from fuzzyarm.envs.physics.parameters import ArmParameters
 from fuzzyarm.eval.engine import Engine
 from fuzzyarm.eval.episodes.metrics import metrics_of
 from fuzzyarm.eval.episodes.rollout import record_rollout
-from fuzzyarm.eval.stability.linearisation import Linearisable
+from fuzzyarm.eval.stability._linearisation import Linearisable
 from fuzzyarm.eval.stability.margins import policy_margins
 from fuzzyarm.eval.tuning._finding import PERIOD, Finding, finite
 from fuzzyarm.fuzzy_policy.policy import Policy

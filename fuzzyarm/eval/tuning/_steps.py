@@ -20,7 +20,7 @@ import numpy as np
 from fuzzyarm.envs.physics.equations import AnyArm, robot_of
 from fuzzyarm.envs.physics.parameters import ArmParameters
 from fuzzyarm.envs.physics.robot import Robot
-from fuzzyarm.eval.stability.linearisation import Linearisable
+from fuzzyarm.eval.stability._linearisation import Linearisable
 from fuzzyarm.eval.stability.margins import policy_margins
 from fuzzyarm.eval.tuning._adaptive_search import ADAPTIVE_SEARCH, find_adaptive
 from fuzzyarm.eval.tuning._finding import PERIOD, SCHEMA, Finding, finite, halving_radius

@@ -22,7 +22,7 @@ from fuzzyarm.fuzzy_policy.laws.adaptive.policy import AdaptiveObserverPolicy
 from fuzzyarm.fuzzy_policy.laws.learned.estimate.policy import LearnedObserverPolicy
 from fuzzyarm.fuzzy_policy.policy import Policy
 from fuzzyarm.numbers.functions import RECORDERS, like
-from fuzzyarm.proof.tip.affine import WORTH, Affine, Space
+from fuzzyarm.proof.tip._affine import WORTH, Affine, Space
 from fuzzyarm.proof.tip.enclosures import ROUND_UP, SLACK, NoBound
 from fuzzyarm.proof.tip.zonotope import Zonotope, merged, product
 

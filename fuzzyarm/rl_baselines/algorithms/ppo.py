@@ -22,7 +22,7 @@ if TYPE_CHECKING:
     from fuzzyarm.fuzzy_policy.laws.learned.network import Network
     from fuzzyarm.rl_baselines.sb3_vec_env import StableBaselinesVecEnv
 
-__all__ = ["PRESETS", "SPEC", "PPOAlgorithm", "PPOConfig"]
+__all__ = ["PRESETS", "SPEC", "PPOConfig"]
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
@@ -102,7 +102,7 @@ _LOGGED = {
 """Columns of the curve, and the keys under ``train/`` at which stable-baselines3 logs them."""
 
 
-class PPOAlgorithm:
+class _PPOAlgorithm:
     """PPO in the middle of a training, see `Algorithm`."""
 
     def __init__(self, config: PPOConfig, envs: StableBaselinesVecEnv) -> None:
@@ -232,7 +232,7 @@ SPEC = AlgorithmSpec(
     title="PPO of stable-baselines3",
     config=PPOConfig,
     presets=PRESETS,
-    create=PPOAlgorithm,
+    create=_PPOAlgorithm,
     columns=(*_LOGGED, "smoothness_loss"),
     libraries=("torch", "stable-baselines3"),
 )

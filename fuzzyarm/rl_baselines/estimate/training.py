@@ -32,10 +32,12 @@ from fuzzyarm.rl_baselines.config import SEGMENT, EstimateConfig
 from fuzzyarm.rl_baselines.estimate._courses import draw_courses
 from fuzzyarm.rl_baselines.estimate._driving import Chunk, Drive
 
-__all__ = ["PERIOD", "EstimateTraining", "Student"]
+__all__ = [
+    "EstimateTraining",
+]
 
 
-PERIOD = 1e-3
+_PERIOD = 1e-3
 """Control period of the training [s]."""
 
 _SCALE = 0.02  # s
@@ -43,7 +45,7 @@ _LAST_RATE, _LARGEST_GRADIENT = 1e-5, 1.0
 _NEWEST = 3  # one gradient step in so many is from the newest chunk
 
 
-class Student(torch.nn.Module):
+class _Student(torch.nn.Module):
     """The equations of `fuzzyarm.fuzzy_policy.laws.learned.estimate.network`.
 
     `hidden` numbers are in h, `modulation` in tanh(P c). V, G and D begin at zero, so the residual does.
@@ -109,8 +111,8 @@ class EstimateTraining:
         self.config, self.report, self._arm = config, report, ArmParameters() if arm is None else arm
         self._generator = np.random.default_rng(config.seed)
         first, physics = torch.Generator().manual_seed(config.seed), equations_of(self._arm)
-        self.student = Student(config.hidden, config.modulation, first, physics)
-        self._policy = LearnedObserverPolicy(self.student.network(), self._arm, PERIOD)
+        self.student = _Student(config.hidden, config.modulation, first, physics)
+        self._policy = LearnedObserverPolicy(self.student.network(), self._arm, _PERIOD)
         self._optimiser = torch.optim.Adam(self.student.parameters(), lr=config.learning_rate)
         steps = config.chunks * config.updates
         self._rate = torch.optim.lr_scheduler.CosineAnnealingLR(self._optimiser, steps, _LAST_RATE)
@@ -126,7 +128,7 @@ class EstimateTraining:
         replay: deque[Chunk] = deque(maxlen=config.replay)
         for number in range(config.chunks):
             if number % config.redraw == 0:
-                courses = draw_courses(self._arm, config.lanes, PERIOD, self._generator)
+                courses = draw_courses(self._arm, config.lanes, _PERIOD, self._generator)
                 drive = Drive(courses, self._policy, self._generator)
             replay.append(drive.chunk(self._policy, config.steps))
             learned = [self._update(replay, update) for update in range(config.updates)]
@@ -144,7 +146,7 @@ class EstimateTraining:
         training = {**dataclasses.asdict(config), "cpu_time_s": round(time.process_time() - began, 1)}
         arm = self._arm if isinstance(self._arm, ArmParameters) else ArmDefinition(self._arm.name, self._arm.digest)
         record: dict[str, Any] = {"training": training, "curve": self.rows, "versions": versions}
-        return EstimateBundle(self.student.network(), arm, PERIOD, seed=config.seed, **record)
+        return EstimateBundle(self.student.network(), arm, _PERIOD, seed=config.seed, **record)
 
     def _update(self, replay: deque[Chunk], number: int) -> float:
         config, draw = self.config, self._generator

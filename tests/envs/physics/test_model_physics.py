@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 
 from fuzzyarm.envs.physics import rigid_body
-from fuzzyarm.envs.physics.robot_models import read_robot
+from fuzzyarm.envs.physics._robot_models import read_robot
 
 MODEL = """<mujoco model="m"><compiler angle="radian" {compiler}/>{option}<asset><mesh name="shell" file="none.stl"/>
 <material name="grey" rgba=".5 .5 .5 1"/></asset><worldbody><geom type="plane" size="1 1 1"/>

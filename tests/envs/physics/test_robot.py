@@ -11,11 +11,11 @@ import pytest
 from support.robots import DRIVE, ROBOTS
 
 from fuzzyarm.envs.physics import rigid_body
+from fuzzyarm.envs.physics._robot_models import read_robot
 from fuzzyarm.envs.physics.equations import chosen_arm
 from fuzzyarm.envs.physics.joint import Joint, Link
 from fuzzyarm.envs.physics.parameters import ArmParameters
 from fuzzyarm.envs.physics.robot import Robot, robot_named, shipped_robots
-from fuzzyarm.envs.physics.robot_models import read_robot
 
 BALL = ((0.1, 0.0, 0.0), (0.0, 0.1, 0.0), (0.0, 0.0, 0.1))
 UPRIGHT = ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0))

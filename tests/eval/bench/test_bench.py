@@ -13,7 +13,8 @@ from rich.console import Console
 from fuzzyarm.eval.bench import _entries as entries
 from fuzzyarm.eval.bench import run as bench_module
 from fuzzyarm.eval.bench._entries import Entry, timed
-from fuzzyarm.eval.bench.run import BenchConfig, race, run_bench, write_document
+from fuzzyarm.eval.bench.run import BenchConfig, run_bench, write_document
+from fuzzyarm.eval.bench.run import _race as race
 from fuzzyarm.eval.bench.speed_table import _speed_cells, draw_throughput, print_speeds
 
 

@@ -20,8 +20,8 @@ from fuzzyarm.eval.evaluation.ranking import document, markdown, rank_policies
 from fuzzyarm.eval.evaluation.result_table import table_rows
 from fuzzyarm.eval.evaluation.run import EvaluationConfig, evaluate, write_results
 from fuzzyarm.eval.report._summary import metrics_table
+from fuzzyarm.eval.sweep._episodes import run_plants
 from fuzzyarm.eval.sweep.config import SweepConfig
-from fuzzyarm.eval.sweep.episodes import run_plants
 from fuzzyarm.eval.sweep.ranking import rank_sweeps
 from fuzzyarm.eval.sweep.summary import summarise
 from fuzzyarm.fuzzy_policy.laws.computed_torque import ComputedTorquePolicy

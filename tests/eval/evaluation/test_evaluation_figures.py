@@ -8,7 +8,8 @@ import pytest
 from PIL import Image
 from support.rollouts import made_rollout
 
-from fuzzyarm.eval.evaluation.figures import _FOCUS, _view_of, draw_figures, time_figures, write_figures
+from fuzzyarm.eval.evaluation.figures import _FOCUS, _view_of, draw_figures, write_figures
+from fuzzyarm.eval.evaluation.figures import _time_figures as time_figures
 
 WITHOUT_FORCE = ("path", *time_figures(2))
 WITH_FORCE = (*WITHOUT_FORCE, "force")

@@ -14,10 +14,10 @@ from fuzzyarm.envs.physics.parameters import ArmParameters
 from fuzzyarm.envs.physics.robot import robot_named
 from fuzzyarm.envs.scenario.given_path import GivenPath
 from fuzzyarm.eval.declarations import read_declarations, written_declarations
+from fuzzyarm.eval.evaluation._statistics import estimate
 from fuzzyarm.eval.evaluation.ranking import markdown, rank_policies
 from fuzzyarm.eval.evaluation.results_file import conditions_of
 from fuzzyarm.eval.evaluation.run import SCHEMA, EvaluationConfig, evaluate, write_results
-from fuzzyarm.eval.evaluation.statistics import estimate
 from fuzzyarm.policies.declared import Declared
 
 CASES = ("nominal", "machining", "payload")

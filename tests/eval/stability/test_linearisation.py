@@ -15,7 +15,7 @@ from fuzzyarm.envs.physics.dynamics import Payload, arm_constants, gravity_torqu
 from fuzzyarm.envs.physics.parameters import ArmParameters
 from fuzzyarm.envs.physics.records import flat
 from fuzzyarm.envs.physics.robot import Robot
-from fuzzyarm.eval.stability.linearisation import (
+from fuzzyarm.eval.stability._linearisation import (
     LocalLoop,
     _linearise,
     gain_limits,
@@ -241,6 +241,6 @@ WEAK = dataclasses.replace(ARM, torque_limit=(20.0, 10.0))
 )
 def test_policies_that_cannot_be_linearised_are_refused(policy, plant, message, monkeypatch):
     if "overflow" in message:
-        monkeypatch.setattr("fuzzyarm.eval.stability.linearisation.fastest_rate", lambda arms: 0.0)
+        monkeypatch.setattr("fuzzyarm.eval.stability._linearisation.fastest_rate", lambda arms: 0.0)
     with pytest.raises((TypeError, ValueError), match=message):
         linearised(policy, plant, POSTURE, PERIOD)

@@ -17,7 +17,7 @@ from fuzzyarm.cli import main
 from fuzzyarm.envs.physics.dynamics import Payload
 from fuzzyarm.envs.physics.parameters import ArmParameters
 from fuzzyarm.eval.stability import margins as margins_table
-from fuzzyarm.eval.stability.linearisation import gain_limits, largest_radius, linearise_path
+from fuzzyarm.eval.stability._linearisation import gain_limits, largest_radius, linearise_path
 from fuzzyarm.eval.stability.margins import (
     MarginsConfig,
     margin_cells,
@@ -150,7 +150,7 @@ def test_margins_of_a_robot() -> None:
 )
 def test_every_policy_there_is(policies: tuple[str, ...] | None, monkeypatch: pytest.MonkeyPatch) -> None:
     """By default each has its row, is stable in the nominal loop unless it was learned, and is reported when done."""
-    monkeypatch.setattr("fuzzyarm.eval.stability.linearisation.POSTURES", 1)  # not 16: each row is tested
+    monkeypatch.setattr("fuzzyarm.eval.stability._linearisation.POSTURES", 1)  # not 16: each row is tested
     steps: list[int] = []
     document = measure_margins(MarginsConfig(policies), lambda: steps.append(1))
     names = [row["policy"] for row in document["rows"]]

@@ -21,11 +21,11 @@ from fuzzyarm.envs.scenario.cases import CASES, case_for
 from fuzzyarm.envs.scenario.disturbances import EncoderNoise
 from fuzzyarm.envs.scenario.randomisation import DomainRandomisation
 from fuzzyarm.envs.scenario.reference import JointReference
-from fuzzyarm.eval.sweep import episodes
+from fuzzyarm.eval.sweep import _episodes as episodes
 from fuzzyarm.eval.sweep._distributions import DISTRIBUTIONS, NOISE, Distribution, columns_of
+from fuzzyarm.eval.sweep._episodes import SweepResults, replay, run_plants
+from fuzzyarm.eval.sweep._plants import Plants
 from fuzzyarm.eval.sweep.config import SweepConfig
-from fuzzyarm.eval.sweep.episodes import SweepResults, replay, run_plants
-from fuzzyarm.eval.sweep.plants import Plants
 from fuzzyarm.fuzzy_policy.law import law_of
 from fuzzyarm.fuzzy_policy.laws.fuzzy import FuzzyPolicy
 from fuzzyarm.policies import ANY_ROBOT, load_policy

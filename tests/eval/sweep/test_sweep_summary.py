@@ -12,9 +12,9 @@ from scipy.stats import binom, norm
 from fuzzyarm.cli import main
 from fuzzyarm.eval.evaluation.ranking import markdown
 from fuzzyarm.eval.sweep._distributions import columns_of, plant_record
+from fuzzyarm.eval.sweep._episodes import SweepResults
 from fuzzyarm.eval.sweep._figures import _Cells
 from fuzzyarm.eval.sweep.config import SweepConfig
-from fuzzyarm.eval.sweep.episodes import SweepResults
 from fuzzyarm.eval.sweep.ranking import rank_sweeps
 from fuzzyarm.eval.sweep.summary import _QUANTILES, _quantile_ranks, _quantiles, _worst, print_sweep, summarise
 

@@ -9,7 +9,7 @@ from fuzzyarm.envs.physics.dynamics import tip_jacobian
 from fuzzyarm.envs.physics.parameters import ArmParameters
 from fuzzyarm.envs.scenario.cases import case_for
 from fuzzyarm.eval.engine import Engine
-from fuzzyarm.eval.stability.linearisation import LocalLoop
+from fuzzyarm.eval.stability._linearisation import LocalLoop
 from fuzzyarm.eval.tuning import _fuzzy_gains as fuzzy_gains
 from fuzzyarm.eval.tuning import _observer_search as observer_search
 from fuzzyarm.eval.tuning import _steps as steps

@@ -14,7 +14,7 @@ from fuzzyarm.envs.physics.records import flat
 from fuzzyarm.envs.scenario.cases import CASES
 from fuzzyarm.envs.scenario.disturbances import Disturbance, EncoderNoise
 from fuzzyarm.envs.scenario.reference import JointReference
-from fuzzyarm.eval.stability.linearisation import largest_radius, linearise_path
+from fuzzyarm.eval.stability._linearisation import largest_radius, linearise_path
 from fuzzyarm.fuzzy_policy.laws.elastic_observer import ElasticObserverPolicy
 from fuzzyarm.fuzzy_policy.laws.elastic_target import ElasticTarget
 from fuzzyarm.fuzzy_policy.laws.gain_schedule import _GRID

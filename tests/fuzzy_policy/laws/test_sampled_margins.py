@@ -7,7 +7,7 @@ import pytest
 
 from fuzzyarm.envs.physics.parameters import ArmParameters
 from fuzzyarm.envs.physics.robot import Robot, robot_named
-from fuzzyarm.eval.stability.linearisation import _linearise
+from fuzzyarm.eval.stability._linearisation import _linearise
 from fuzzyarm.fuzzy_policy.known_arm import with_drives
 from fuzzyarm.fuzzy_policy.laws.computed_torque import (
     _BANDWIDTH,

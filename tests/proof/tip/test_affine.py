@@ -16,7 +16,7 @@ from fuzzyarm.envs.physics.records import PerJoint, State
 from fuzzyarm.fuzzy_policy.laws.gain_schedule import corners_of, on_table
 from fuzzyarm.fuzzy_policy.laws.learned.network import add_product, area_sine, hyperbolic_tangent
 from fuzzyarm.numbers.functions import RECORDERS, floor, maximum, minimum, row, select
-from fuzzyarm.proof.tip.affine import Affine, Space
+from fuzzyarm.proof.tip._affine import Affine, Space
 from fuzzyarm.proof.tip.enclosures import BITS, NoBound
 from fuzzyarm.proof.tip.zonotope import Zonotope
 

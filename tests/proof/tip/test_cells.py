@@ -8,7 +8,8 @@ from fuzzyarm.envs.physics.parameters import ArmParameters
 from fuzzyarm.envs.scenario.disturbances import Disturbance
 from fuzzyarm.policies import tip_cells as module
 from fuzzyarm.policies.tip_bound import TipClaim
-from fuzzyarm.policies.tip_cells import bounds_of_cell, cells
+from fuzzyarm.policies.tip_cells import _bounds_of_cell as bounds_of_cell
+from fuzzyarm.policies.tip_cells import cells
 from fuzzyarm.proof.tip.enclosures import NoBound
 from fuzzyarm.proof.tip.plant import BY_JOINT, BallPlant, PlantSet
 

@@ -38,7 +38,7 @@ from fuzzyarm.fuzzy_policy.laws.observer_gains import WEIGHT_RANGE
 from fuzzyarm.numbers.functions import Cells, each, flat, maximum
 
 __all__ = [
-    "FACTORS", "FLAG", "KEPT", "LONGEST_DELAY", "AdaptiveWeights", "ArmFunctions", "Belief", "Memory",
+    "FACTORS", "FLAG", "KEPT", "LONGEST_DELAY", "AdaptiveWeights", "ArmFunctions", "Memory",
     "affine_numbers", "belief_of", "layout", "mass_of", "places", "prior", "unit_force",
 ]  # fmt: skip
 
@@ -103,7 +103,7 @@ def mass_of(arm: AnyArm) -> float:
     return float(sum(arm.arrays.mass)) if isinstance(arm, Robot) else sum(arm.mass)
 
 
-class Belief(NamedTuple):
+class _Belief(NamedTuple):
     """The parts of p, or where they lie in an array; the forces come first, the delay last."""
 
     travel_force: Any  # f_t [N]
@@ -122,9 +122,9 @@ FACTORS = ("stiffness", "damping", "friction", "mass", "motor_inertia")  # the p
 
 
 @functools.cache
-def belief_of(physics: Physics) -> Belief:
+def belief_of(physics: Physics) -> _Belief:
     """Return where the parts of p lie, as slices, for arms with these equations."""
-    return Belief(*consecutive(1, physics.axes, 1, *[physics.joints] * (len(FACTORS) + 1), 1))
+    return _Belief(*consecutive(1, physics.axes, 1, *[physics.joints] * (len(FACTORS) + 1), 1))
 
 
 class _Prior(NamedTuple):
@@ -141,7 +141,7 @@ def prior(arm: AnyArm, weights: AdaptiveWeights) -> _Prior:
     """Return the prior for an arm."""
     w, limit, mass, unit = weights, per_joint_of(arm, "torque_limit"), mass_of(arm), unit_force(arm)
     first, force, torque = w.first_force * unit, 4.0 * unit, 0.2 * limit
-    parts = Belief(  # p_0, deviation, walk, lowest and highest; a negative payload: links lighter than known
+    parts = _Belief(  # p_0, deviation, walk, lowest and highest; a negative payload: links lighter than known
         travel_force=(0.0, first, w.travel_walk * unit, -force, force),
         force=(0.0, first, w.force_walk * unit, -force, force),
         payload=(0.0, w.first_payload * mass, 0.0, -0.1 * mass, 2.0 * mass),

@@ -31,10 +31,10 @@ of the commands that are on their way. A wrong torque constant or delay acts thr
 the motors would be taken for a load that is answered by a larger jump.
 
 A filter may become sure of a wrong delay. Where the innovations are larger than it expects, the delay is doubted:
-a sample whose ν²/s is on average 1 + a adds `LATENESS_DOUBT` a to its variance, up to the first one. So is a factor
+a sample whose ν²/s is on average 1 + a adds `_LATENESS_DOUBT` a to its variance, up to the first one. So is a factor
 that all of the arm's constants share, as a wrong torque constant gives them: the sample adds
 
-    P_ik ← P_ik + min(`scale_doubt` a, max(0, `LARGEST_SCALE` - min P_jj))
+    P_ik ← P_ik + min(`scale_doubt` a, max(0, `_LARGEST_SCALE` - min P_jj))
 
 to the covariance of any two of these factors, j being any of them.
 
@@ -73,7 +73,7 @@ from fuzzyarm.fuzzy_policy.laws.gain_schedule import schedule_of
 from fuzzyarm.numbers.functions import array, each, floor, maximum, minimum, only, select
 
 __all__ = [
-    "DIRECTED", "INSIGNIFICANT", "LARGEST_SCALE", "LATENESS_DOUBT", "MISTRUST", "Room", "Settings", "begin", "command",
+    "DIRECTED", "MISTRUST", "Room", "Settings", "begin", "command",
     "correct", "fill", "numbers_at", "predict", "sent", "take_in", "update",
 ]  # fmt: skip
 
@@ -88,9 +88,9 @@ _SWING_SHARE = 0.1  # of a sample, in the mean of the commands' jumps
 _SHARE = 0.1  # of a sample, in the means of the corrections
 _NOISE, DIRECTED = 0.08, 0.3  # s up to which corrections count as noise, and from which on as a motion
 _CALMING, _STIRRING = 0.02, 0.7  # share of the way to more and to less calm that a sample makes
-LATENESS_DOUBT = 0.01  # variance of the delay per surprise [control periods²]
-LARGEST_SCALE = 0.1  # variance of the surest factor above which the shared one is not doubted
-INSIGNIFICANT = 1.25  # c of an arm whose noise is a mean over all samples
+_LATENESS_DOUBT = 0.01  # variance of the delay per surprise [control periods²]
+_LARGEST_SCALE = 0.1  # variance of the surest factor above which the shared one is not doubted
+_INSIGNIFICANT = 1.25  # c of an arm whose noise is a mean over all samples
 _ROUNDING = 1e-9  # least share of a variance that the other loads leave unexplained
 _STILL = 1e-3  # correction of the forces by a sample that counts as none, in unit forces
 # Steps of the differences that make F, of angles, velocities, loads and factors, far above rounding and far below what
@@ -138,7 +138,7 @@ class Settings:
         # A robot, for which nothing was tuned, begins to learn with more caution. The noise that it reads holds on to a
         # first guess, so that it does not say which loads are significant.
         self.first_share = _NOISE_SHARE if unknown else 1.0  # largest share of a sample in the estimated noise
-        self.insignificant = 0.0 if unknown else INSIGNIFICANT**2  # c² of `_significant`
+        self.insignificant = 0.0 if unknown else _INSIGNIFICANT**2  # c² of `_significant`
         self.limit = limit  # torque limits [N m]
         self.mass = believed.mass_of(arm)  # of all links [kg]
         self.substeps = default_substeps(period, fastest_rate([arm]))  # in a control period
@@ -358,12 +358,12 @@ def update(m: Memory, s: Settings, room: Room) -> Any:
 def _doubt(m: Memory, s: Settings, surprise: Any) -> None:
     """Let a sample whose mean ν²/s is 1 + `surprise` add to the variances of the delay and of the shared factor."""
     last, first, beliefs, least = len(m.z) - 1, len(m.z) - len(s.guess), len(s.guess), array(1)
-    m.P[last, last] = minimum(m.P[last, last] + LATENESS_DOUBT * surprise, s.spread[last] * s.spread[last])
-    least[0] = LARGEST_SCALE
+    m.P[last, last] = minimum(m.P[last, last] + _LATENESS_DOUBT * surprise, s.spread[last] * s.spread[last])
+    least[0] = _LARGEST_SCALE
     for belief in each(beliefs):
         i = first + belief
         least[0] = select(s.shared[i] > 0.0, minimum(least[0], m.P[i, i]), least[0])
-    more = minimum(s.weights.scale_doubt * surprise, LARGEST_SCALE - least[0])
+    more = minimum(s.weights.scale_doubt * surprise, _LARGEST_SCALE - least[0])
     for belief in each(beliefs):
         for other in each(beliefs):
             i, k = first + belief, first + other

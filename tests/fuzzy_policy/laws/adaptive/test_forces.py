@@ -12,7 +12,9 @@ from fuzzyarm.envs.physics.equations import two_joints
 from fuzzyarm.eval.episodes.rollout import record_rollout
 from fuzzyarm.fuzzy_policy.laws.adaptive.belief import FLAG, AdaptiveWeights
 from fuzzyarm.fuzzy_policy.laws.adaptive.filter import (
-    INSIGNIFICANT,
+    _INSIGNIFICANT as INSIGNIFICANT,
+)
+from fuzzyarm.fuzzy_policy.laws.adaptive.filter import (
     Room,
     _note_moves,
     _significant,

@@ -13,7 +13,7 @@ from fuzzyarm.envs.physics.parameters import ArmParameters
 from fuzzyarm.envs.physics.robot import Robot, robot_named
 from fuzzyarm.envs.scenario.paths import Line
 from fuzzyarm.envs.scenario.reference import JointReference
-from fuzzyarm.eval.stability.linearisation import largest_radius, linearise_path
+from fuzzyarm.eval.stability._linearisation import largest_radius, linearise_path
 from fuzzyarm.eval.stability.margins import MarginsConfig, margin_notes, measure_margins
 from fuzzyarm.fuzzy_policy.laws.learned.bundle import BundleError, PolicyBundle
 from fuzzyarm.fuzzy_policy.laws.learned.definition import ActionDefinition, ArmDefinition, FeatureDefinition

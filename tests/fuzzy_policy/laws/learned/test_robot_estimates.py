@@ -14,7 +14,7 @@ from fuzzyarm.envs.physics.records import filled
 from fuzzyarm.envs.physics.rigid_body import tip_jacobian
 from fuzzyarm.envs.physics.robot import Robot, robot_named
 from fuzzyarm.eval.stability.margins import policy_margins
-from fuzzyarm.fuzzy_policy.known_arm import constants_of
+from fuzzyarm.fuzzy_policy.known_arm import _constants_of as constants_of
 from fuzzyarm.fuzzy_policy.laws.elastic_observer import ElasticObserverPolicy
 from fuzzyarm.fuzzy_policy.laws.learned.definition import ArmDefinition
 from fuzzyarm.fuzzy_policy.laws.learned.estimate.network import EstimateBundle

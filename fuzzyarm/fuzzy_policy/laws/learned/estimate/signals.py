@@ -51,7 +51,7 @@ from fuzzyarm.fuzzy_policy.laws.learned.network import area_sine
 from fuzzyarm.numbers.functions import each, maximum, only
 
 __all__ = [
-    "GAP_SHARE", "QUIET", "Scale", "Units", "context_of", "context_parts", "scale_of", "see_beliefs", "see_innovation",
+    "GAP_SHARE", "QUIET", "Units", "context_of", "context_parts", "scale_of", "see_beliefs", "see_innovation",
     "see_unexplained", "turns_of", "unexplained_parts", "units_of",
 ]  # fmt: skip
 
@@ -67,7 +67,7 @@ _REST = 1e-4  # m/s, v_1
 _PARALLEL = 1e-9  # how far the cosine between parallel axes may be from 1
 
 
-class Scale(NamedTuple):
+class _Scale(NamedTuple):
     """How large an arm is, in arms of Table 1: forces at its tip, masses, and lengths."""
 
     force: float
@@ -75,7 +75,7 @@ class Scale(NamedTuple):
     length: float
 
 
-def scale_of(arm: AnyArm) -> Scale:
+def scale_of(arm: AnyArm) -> _Scale:
     """Return the scale of an arm.
 
     Of the two-joint arm these are ratios of the first motor's limit over the reach, of the links' mass, and of the
@@ -84,9 +84,9 @@ def scale_of(arm: AnyArm) -> Scale:
     """
     paper = ArmParameters()
     if isinstance(arm, Robot):
-        return Scale(*load_scale(arm), reach(arm) / sum(paper.length))
+        return _Scale(*load_scale(arm), reach(arm) / sum(paper.length))
     force, mass = unit_force(arm) / unit_force(paper), mass_of(arm) / mass_of(paper)
-    return Scale(force, mass, sum(arm.length) / sum(paper.length))
+    return _Scale(force, mass, sum(arm.length) / sum(paper.length))
 
 
 class Units(NamedTuple):

@@ -46,13 +46,13 @@ from fuzzyarm.synthesis.specification import PAPER_WEIGHT, Specification
 if TYPE_CHECKING:
     from fuzzyarm.synthesis._designer import Design
 
-__all__ = ["CERTAIN", "MARGIN", "PAPER_GAMMA", "DesignProblem", "NoPoint", "Point", "structure_of"]
+__all__ = ["CERTAIN", "PAPER_GAMMA", "DesignProblem", "NoPoint", "Point", "structure_of"]
 
-MARGIN = 1e-4  # μ, far above the rounding errors of the solver
-TOLERANCE = 0.01  # of the solver, as a share of the margin, so that its error stays far below the margin
+_MARGIN = 1e-4  # μ, far above the rounding errors of the solver
+_TOLERANCE = 0.01  # of the solver, as a share of the margin, so that its error stays far below the margin
 # More threads are slower; the decomposition that keeps overlapping cliques apart has 40 % of the compact one's fill.
 CLARABEL = {
-    **dict.fromkeys(("tol_gap_abs", "tol_gap_rel", "tol_feas"), TOLERANCE * MARGIN),
+    **dict.fromkeys(("tol_gap_abs", "tol_gap_rel", "tol_feas"), _TOLERANCE * _MARGIN),
     "direct_solve_method": "faer",
     "max_threads": 1,
     "chordal_decomposition_compact": False,
@@ -259,14 +259,14 @@ class DesignProblem:
         self.inequalities = {"P > 0": P11 - f * np.eye(self._data.n_e) >> 0}
         for letter in ("Psi", "Phi")[: len(self._slack)]:
             U = self._reduction(letter)
-            self.inequalities[letter] = negative(U @ self._matrices(letter, half, lambda entry: entry) @ U.T, MARGIN)
+            self.inequalities[letter] = negative(U @ self._matrices(letter, half, lambda entry: entry) @ U.T, _MARGIN)
         bounded = positive(half([[self._g * np.eye(JOINTS)], [transposed(self._gains), P11]]))
         self.constraints = [*self.inequalities.values(), bounded]
         minimised = 0 if given.gamma else self._gamma2 / self._gamma2_unit
         if given.gain_bound is None:
             minimised = self._g
         else:
-            self.constraints.append(f >= MARGIN)
+            self.constraints.append(f >= _MARGIN)
         self.objective = cp.Minimize(minimised)
         self.written = self.objective, tuple(self.constraints)
         self._compiled: cp.Problem | None = None
@@ -370,7 +370,7 @@ class DesignProblem:
         found = pi(self._midpoints, self._pair, self._k, R=R, S=S, P=P, M=M, **slack, put=half)
         ends = np.cumsum([n, n, *(len(term.H) for term in self._data.uncertainties)])[:-1]
         row = np.concatenate([np.tile(part, size) for part in np.split(self._row_units("Phi"), ends)])
-        return [negative(cp.multiply(np.outer(row, row), found), MARGIN)]
+        return [negative(cp.multiply(np.outer(row, row), found), _MARGIN)]
 
     # Solving ---------------------------------------------------------------------------------------------------------
 

@@ -25,7 +25,7 @@ from fuzzyarm.fuzzy_policy.laws.learned.definition import ArmDefinition, learnin
 from fuzzyarm.fuzzy_policy.laws.learned.features import learning_action
 from fuzzyarm.fuzzy_policy.laws.learned.network import Cell, Network
 from fuzzyarm.fuzzy_policy.laws.learned.policy import LearnedPolicy
-from fuzzyarm.policies.onnx_model import past_seen
+from fuzzyarm.policies._onnx_model import past_seen
 
 __all__ = ["sb3_policy"]
 

@@ -9,12 +9,12 @@ from typing import Any
 
 import numpy as np
 
-from fuzzyarm.eval.episodes.closed_loops import closed_loops
+from fuzzyarm.eval.episodes._closed_loops import closed_loops
 from fuzzyarm.eval.episodes.loop import Step, TipErrors, episodes
 from fuzzyarm.eval.episodes.metrics import swept
 from fuzzyarm.eval.episodes.rollout import Rollout, rollout_of
+from fuzzyarm.eval.sweep._plants import CONTROL_PERIOD, Plants
 from fuzzyarm.eval.sweep.config import SweepConfig
-from fuzzyarm.eval.sweep.plants import CONTROL_PERIOD, Plants
 from fuzzyarm.fuzzy_policy.law import law_of
 from fuzzyarm.fuzzy_policy.policy import Policy, Predictor
 

@@ -24,7 +24,7 @@ from fuzzyarm.envs.scenario.cases import case_for
 from fuzzyarm.envs.scenario.default_reference import default_reference
 from fuzzyarm.envs.scenario.disturbances import Disturbance, TipForce
 from fuzzyarm.envs.vector import FuzzyArmVectorEnv
-from fuzzyarm.eval.episodes.closed_loops import Channel
+from fuzzyarm.eval.episodes._closed_loops import Channel
 from fuzzyarm.eval.sweep._distributions import NOISE, QUANTITIES, Distribution, columns_of, plant_record
 from fuzzyarm.eval.sweep.config import SweepConfig
 from fuzzyarm.fuzzy_policy.known_arm import per_joint_of, with_drives, with_mass

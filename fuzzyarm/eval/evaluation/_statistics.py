@@ -12,9 +12,9 @@ from typing import NamedTuple
 import numpy as np
 from scipy.stats import bootstrap, trim_mean
 
-__all__ = ["LEVEL", "RESAMPLES", "SEED", "Estimate", "estimate", "interquartile_mean"]
+__all__ = ["LEVEL", "SEED", "Estimate", "estimate", "interquartile_mean"]
 
-LEVEL, RESAMPLES = 0.95, 9999
+LEVEL, _RESAMPLES = 0.95, 9999
 """Confidence level of the interval, and number of bootstrap samples."""
 SEED = 0
 """Seed of the resampling, fixed: the same values give the same interval."""
@@ -39,7 +39,7 @@ def interquartile_mean(values: np.ndarray, axis: int = -1) -> np.ndarray:
 def estimate(values: Sequence[float]) -> Estimate:
     """Return the interquartile mean of finite values, one a run, and its bootstrap interval of 95 % for two or more.
 
-    The interval spans the 2.5 % to 97.5 % percentiles of the means of `RESAMPLES` samples drawn with replacement. It
+    The interval spans the 2.5 % to 97.5 % percentiles of the means of `_RESAMPLES` samples drawn with replacement. It
     estimates where the interquartile mean of all possible runs lies. With five runs it is somewhat narrow: for normal
     or log-normal values it covers the true interquartile mean in about nine cases of ten.
     """
@@ -51,7 +51,7 @@ def estimate(values: Sequence[float]) -> Estimate:
     found = bootstrap(
         (numbers,),
         interquartile_mean,
-        n_resamples=RESAMPLES,
+        n_resamples=_RESAMPLES,
         confidence_level=LEVEL,
         method="percentile",
         rng=np.random.default_rng(SEED),
