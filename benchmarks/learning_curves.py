@@ -29,7 +29,7 @@ from fuzzyarm.policies._sb3 import sb3_policy
 from fuzzyarm.rl_baselines._case_evaluation import evaluate_cases
 
 SEEDS = range(5)
-PPO_STEPS, SAC_STEPS, SECONDS = 150_000, 100_000, 90.0
+PPO_STEPS, SAC_STEPS, SECONDS = 150_000, 100_000, 170.0
 Curve = list[tuple[float, float, float]]  # processor time [s], steps, tip error [mm]
 
 

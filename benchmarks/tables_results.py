@@ -75,7 +75,8 @@ def _overview(document: dict[str, Any], bounds: dict[str, Any]) -> str:
 def _of_seeds(row: dict[str, Any], case: int) -> str:
     """Return the rms error [mm] of a shipped policy in a case, with the range of its seeds if it has some."""
     own, seeds = _two_figures(row["rms_mm"][case]), [seed[case] for seed in row["rms_mm_of_seeds"]]
-    return f"{own} ({_two_figures(min(seeds))} to {_two_figures(max(seeds))})" if seeds else own
+    low, high = (_two_figures(end(seeds)) for end in (min, max)) if seeds else (own, own)
+    return own if low == high else f"{own} ({low} to {high})"
 
 
 def _two_figures(value: float) -> str:

@@ -17,9 +17,9 @@ from fuzzyarm.fuzzy_policy.laws.learned.bundle import PolicyBundle
 from fuzzyarm.fuzzy_policy.laws.learned.network import Network
 from fuzzyarm.rl_baselines.learning_task import FuzzyArmLearnVectorEnv
 
-LANES, STEPS, BATCH, EPOCHS = 64, 32, 256, 10
-RATE, GAMMA, LAMBDA, CLIP, WIDTH, HISTORY = 1e-3, 0.99, 0.95, 0.2, 64, 0
-LOG_STD = -1.0  # of the actions, at first
+LANES, STEPS, BATCH, EPOCHS = 64, 32, 64, 10
+RATE, GAMMA, LAMBDA, CLIP, WIDTH, HISTORY = 3e-4, 0.99, 0.95, 0.2, 64, 0
+LOG_STD = 0.0  # of the actions, at first
 
 
 def network(inputs: int, outputs: int, gain: float) -> nn.Sequential:

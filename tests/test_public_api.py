@@ -13,8 +13,8 @@ import pytest
 
 import fuzzyarm
 
-MODULES = ["fuzzyarm", *sorted(module.name for module in pkgutil.walk_packages(fuzzyarm.__path__, "fuzzyarm."))]
-MODULES.remove("fuzzyarm.__main__")
+FOUND = ["fuzzyarm", *sorted(module.name for module in pkgutil.walk_packages(fuzzyarm.__path__, "fuzzyarm."))]
+MODULES = [name for name in FOUND if "._" not in name]  # of the others nothing is public
 
 # A shape: (2,), (..., 2), (lanes, 10), shape (n, m), n x m, 6x6, or in words that name one number per something.
 SHAPE = re.compile(r"\([^()\s][^()]*,[^()]*\)|\bshapes?\b|\d ?[x×] ?\d|\bscalars?\b|\blike\b")

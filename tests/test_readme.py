@@ -78,7 +78,8 @@ def test_the_test_command_is_the_one_ci_runs():
     assert command in (ROOT / ".ci" / "run").read_text().splitlines()
 
 
-def test_linked_files_exist():
+def test_linked_files_exist_and_it_stays_short():
+    assert len(TEXT.splitlines()) <= 100
     for target in re.findall(r"\]\((?!https?:)([^)#]+)\)", TEXT):
         assert (ROOT / target).exists(), target
 

@@ -112,7 +112,7 @@ def _drawn(arm: ArmParameters, rng: np.random.Generator) -> ArmParameters:
 
 
 def closeness(error: np.ndarray) -> np.ndarray:
-    """Return 1 - ln(1 + d/s)/ln(1 + R/s) of tip errors d [m], 0 where d > R; S is its mean over an episode."""
+    """Return 1 - ln(1 + d/s)/ln(1 + R/s) of tip errors d [m] (samples,), 0 where d > R; S is their mean."""
     near = 1.0 - np.log1p(error / _RESOLUTION) / np.log1p(_LOST / _RESOLUTION)
     return np.where(error <= _LOST, near, 0.0)
 

@@ -1,7 +1,7 @@
 """Symmetric block matrices written as the paper prints them: the lower triangle, with 0 and ⋆ for the rest.
 
 The inequalities are written for matrices (r, c) or stacks of matrices (..., r, c), of floats or of exact rationals. A
-further kind of entry registers its own `transposed` and `times`, as `synthesis.expressions` does for cvxpy. Zeros and
+further kind of entry registers its own `transposed` and `times`, as `synthesis._expressions` does for cvxpy. Zeros and
 identities are integers everywhere, so that an exact entry never meets a float.
 """
 

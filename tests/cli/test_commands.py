@@ -40,11 +40,10 @@ def test_evaluate_prints_a_table_and_writes_results_and_figures(tmp_path, capsys
     monkeypatch.setattr(figures, "draw_figures", lambda *given: {"overview": draw(*given)["overview"]})
     assert main([*QUICK, "--out", str(tmp_path)]) == 0
     out = capsys.readouterr().out
-    assert "Case 1: nominal" in out
-    assert "fuzzy-4: proven." in out
-    assert "Not covered: the elastic joints" in out
+    assert "fuzzy-4 1.75 / 3.90   4.04\n" in out
+    assert "fuzzy-4: rigid arm, alpha = 20 1/s, gamma = 0.00014, proven; fuzzyarm show fuzzy-4\n" in out
     assert "\x1b" not in out  # plain when piped
-    assert "tip error max [mm]" in out  # rich would take the unit for markup
+    assert "largest [mm]" in out  # rich would take the unit for markup
     names = {path.name for path in tmp_path.iterdir()}
     assert {"results.json", "results.csv", "overview.png", "overview.svg"} <= names
     assert not [name for name in names if name.endswith(".part")]

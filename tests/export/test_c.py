@@ -76,7 +76,7 @@ def test_the_vectors_of_float_are_answers_of_float(tmp_path, monkeypatch):
     np.testing.assert_array_equal(own[:, 0], torque)
     doubled, _ = answers(policy, seen[:, np.newaxis], np.arange(len(seen))[:, np.newaxis] == 0)
     assert np.abs(doubled[:, 0] - torque).max() > 1e-6
-    monkeypatch.setattr("fuzzyarm.export.c_files.compilers", lambda: [])
+    monkeypatch.setattr("fuzzyarm.export.c_files._compilers", lambda: [])
     assert export_c("law", policy, tmp_path, "float") == [header, source]
 
 

@@ -36,7 +36,7 @@ from fuzzyarm.fuzzy_policy.laws.learned.estimate.signals import (
     units_of,
 )
 from fuzzyarm.rl_baselines.config import EstimateConfig
-from fuzzyarm.rl_baselines.estimate import courses as courses_module
+from fuzzyarm.rl_baselines.estimate import _courses as courses_module
 from fuzzyarm.rl_baselines.estimate._courses import HEAVIEST, Courses, TravelForce, _direction, _rotation, draw_courses
 from fuzzyarm.rl_baselines.estimate._driving import Drive
 from fuzzyarm.rl_baselines.estimate._teacher import Teacher

@@ -50,7 +50,7 @@ def keep(monkeypatch):
 
     def kept(*names):
         monkeypatch.setattr(
-            "fuzzyarm.eval.evaluation.figures.time_figures",
+            "fuzzyarm.eval.evaluation.figures._time_figures",
             lambda joints: {name: panels for name, panels in time_figures(joints).items() if name in names},
         )
 

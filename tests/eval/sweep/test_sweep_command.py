@@ -96,7 +96,7 @@ def test_json_is_the_summary_file_and_looking_at_a_sweep_anew_runs_nothing(folde
 
 
 def test_a_replay_gives_the_number_of_the_sweep(folder, capsys, monkeypatch):
-    monkeypatch.setattr("fuzzyarm.eval.evaluation.figures.time_figures", lambda joints: {})  # the overview is enough
+    monkeypatch.setattr("fuzzyarm.eval.evaluation.figures._time_figures", lambda joints: {})  # the overview is enough
     empty_pages(monkeypatch, "fuzzyarm.eval.evaluation.figures", "draw_figures")
     worst = json.loads((folder / "sweep.json").read_text())["rows"][0]["worst"][0]
     assert main(["sweep", "--replay", "fuzzy-4", "nominal", str(worst["plant"]), "--out", str(folder)]) == 0
