@@ -89,12 +89,8 @@ def _pairs(document: dict[str, Any], _: dict[str, Any]) -> str:
     words = "; ".join(f"`{pair['policy']}` and `{pair['over']}`" for pair in equal)
     return (
         f"The probabilities of improvement in the second figure have intervals of 95 % over plants that are at most "
-        f"{100.0 * widest:.1f} percentage points wide. Of {len(improvement)} pairs "
-        + (
-            f"{len(equal)} have an interval that contains 50 %: {words}."
-            if equal
-            else "none has one that contains 50 %."
-        )
+        f"{100.0 * widest:.1f} percentage points wide. Of {len(improvement)} pairs {len(equal)} have an interval that "
+        f"contains 50 %: {words or 'none'}."
     )
 
 

@@ -122,21 +122,17 @@ def on_the_circle(bounds: dict[str, Any]) -> list[dict[str, Any]]:
 def _speeds(bench: dict[str, Any]) -> str:
     """Return the README's line about speed, with the peers of the same run."""
     rows = {row["group"]: row for row in bench["rows"] if row["ratios"]}
-    one, many = rows["one environment"], rows["1024 lanes"]
+    one, many = _speed(rows["one environment"], "Pendulum"), _speed(rows["1024 lanes"], "MuJoCo arm")
     return (
-        f"**Speed**, control steps a second: {_thousands(one)} thousand with one arm ({_times(one, 'Pendulum')} times "
-        f"Gymnasium's Pendulum), {_thousands(many)} thousand with 1024 arms ({_times(many, 'MuJoCo arm')} times the "
-        "same arm in MuJoCo at equal tip accuracy). Not compared: GPU simulators; no GPU has run the tensors. "
-        f"`{bench['command']}`; {made_with(bench)}"
+        f"**Speed**, control steps a second: {one[0]} thousand with one arm ({one[1]} times Gymnasium's Pendulum), "
+        f"{many[0]} thousand with 1024 arms ({many[1]} times the same arm in MuJoCo at equal tip accuracy). Not "
+        f"compared: GPU simulators; no GPU has run the tensors. `{bench['command']}`; {made_with(bench)}"
     )
 
 
-def _thousands(row: dict[str, Any]) -> str:
-    return f"{1e-3 * row['steps_per_s']['median']:,.0f}"
-
-
-def _times(row: dict[str, Any], peer: str) -> str:
-    return f"{row['ratios'][peer]['median']:.3g}"
+def _speed(row: dict[str, Any], peer: str) -> tuple[str, str]:
+    """Return the speed of a row [1000/s], and how many times that of a peer it is."""
+    return f"{1e-3 * row['steps_per_s']['median']:,.0f}", f"{row['ratios'][peer]['median']:.3g}"
 
 
 def _leaderboard(document: dict[str, Any], bounds: dict[str, Any]) -> str:

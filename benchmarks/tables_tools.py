@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Callable
 from typing import Any
 
@@ -10,25 +11,12 @@ from tables import Section, Table, made_with, markdown, number
 
 __all__ = ["TOOLS"]
 
-_RATIO = "{ratio[median]:.2f}, {ratio[q1]:.2f} to {ratio[q3]:.2f}"
-MUTATED = {
-    "common": "checks of arguments, documents, archives, writing of files",
-    "fuzzy_policy": "controller files, and the proofs of their claims",
-    "proof": "bounds of the tip",
-    "": "checkpoints, learned policies, sweeps, data sets",
-}
-"""What is mutated, by the beginning of a file's name; the first that fits counts."""
-
 
 def _mutants(document: dict[str, Any]) -> str:
-    """Return a row for each part of the package: mutants, and what came of them."""
-    rows, left, ends = [], list(document["rows"]), ("died", "equivalent", "lived")
-    for start, text in MUTATED.items():
-        members = [row for row in left if row["file"].startswith(start)]
-        left = [row for row in left if row not in members]
-        rows.append([text, str(len(members)), *(str(sum(row["outcome"] == end for row in members)) for end in ends)])
-    rows.append(["all", *(str(sum(int(row[column]) for row in rows)) for column in range(1, 5))])
-    return markdown(["mutants of", "made", "noticed", "equivalent", "not noticed"], rows)
+    """Return what came of the mutants."""
+    found = Counter(row["outcome"] for row in document["rows"])
+    left = f"{found['equivalent']} are equivalent, {found['lived']} were not noticed"
+    return f"Of {found.total()} mutants the tests noticed {found['died']}; {left}."
 
 
 def _identified(document: dict[str, Any]) -> str:
