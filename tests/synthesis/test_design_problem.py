@@ -3,13 +3,13 @@
 import cvxpy as cp
 import numpy as np
 import pytest
+from support.rigid_loop import RigidLoop
 
 from fuzzyarm.envs.physics.parameters import ArmParameters
 from fuzzyarm.fuzzy_policy.controller import Controller
 from fuzzyarm.fuzzy_policy.ts_model import NAMED_RULES, TSModel
 from fuzzyarm.proof import theorems
 from fuzzyarm.proof.certificate import certify
-from fuzzyarm.proof.rigid_loop import RigidLoop
 from fuzzyarm.proof.vertices import error_vertices
 from fuzzyarm.synthesis import DesignFailed, DesignProblem, Specification, design
 from fuzzyarm.synthesis._design_problem import pi
