@@ -88,7 +88,7 @@ MUTANTS = (
     Mutant("scheduled-slope", f"{PROOF}/inertia_bounds.py", 'for sign, mark in ((1, "-"), (-1, "+")):', 'for sign, mark in ((1, "-"),):', "tests/proof/test_scheduled_certificate.py -k every_claim"),
     Mutant("scheduled-rate", f"{PROOF}/scheduled_certificate.py", "+ 2 * rate * P", "+ rate * P", ROBOT),
     Mutant("cover-rounding", f"{PROOF}/box_cover.py", "self.shift = float(1.01", "self.shift = 0.0 * float(1.01", "tests/proof/test_inertia_polynomial.py"),
-    Mutant("residual-slope", f"{PROOF}/residual.py", "bound += (g + slope * reach).abs_upper()", "bound += g.abs_upper()", "tests/proof/test_residual.py"),
+    Mutant("residual-slope", f"{PROOF}/_residual.py", "bound += (g + slope * reach).abs_upper()", "bound += g.abs_upper()", "tests/proof/test_residual.py"),
     # Proofs of the tip.
     Mutant("cells-proven", "policies/tip_files.py", "        if not cell.proven:", "        if False:", "tests/abuse/test_forgeries.py -m slow -k cell"),
     Mutant("cells-hole", "policies/tip_files.py", "hole = claim.plants.hole([cell.claim.plants for cell in found])", "hole = None", "tests/proof/tip/test_tube.py -k cells"),
