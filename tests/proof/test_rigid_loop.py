@@ -33,7 +33,7 @@ def shipped(name):
 
 
 def weak(loop):
-    """The loop with gains too small for its claims: a check that it passes shows nothing."""
+    """The loop with gains too small for its claims, which a check has to refuse."""
     return RigidLoop(dataclasses.replace(loop.controller, gains=0.3 * loop.controller.gains))
 
 

@@ -12,12 +12,8 @@ where ρ is the feedforward residual of the dropped premises, zero if none is. T
     V' + zᵀz - γ² wᵀw + 2αV < 0,      V = ēᵀ P⁻¹ ē,      z = q - q_d,      while q and q̇ stay in the box (25).
 
 With F and G frozen at a state of the box, the loop is a linear system, whose poles lie left of -α, for which V decays
-at α at least, and with s = jω - α
-
-    ‖C (sI - F)⁻¹ G‖ <= γ  for every ω,     C ē = q - q_d;
-
-without the shift by α the same norm is the L2 gain of the frozen loop, which is smaller. A search finds the worst
-state. Rollouts carry the integrals that the certificate bounds.
+at α at least, and with ‖C (sI - F)⁻¹ G‖ <= γ for s = jω - α, C ē = q - q_d; without the shift by α the same norm is the
+L2 gain of the frozen loop, which is smaller. A search finds the worst state.
 """
 
 from __future__ import annotations
