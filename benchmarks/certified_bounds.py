@@ -11,6 +11,8 @@ same norm shifted by α, and that no rollout uses up the supply γ² ∫ wᵀw. 
 
 from __future__ import annotations
 
+import sys
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -18,63 +20,50 @@ from measuring import options_of, printed, write
 
 from fuzzyarm import load_policy
 from fuzzyarm.envs.scenario.reference import JointReference
-from fuzzyarm.proof.rigid_loop import (
-    Motion,
-    RigidLoop,
-    decay_rates,
-    disturbed_run,
-    gain_at,
-    library,
-    worst_posture,
-    worst_torque,
-)
+
+sys.path.append(str(Path(__file__).resolve().parents[1] / "tests"))
+from support import rigid_loop
+from support.rigid_loop import RigidLoop, gain_at
 
 NAMES = (*(f"fuzzy-{rules}" for rules in (1, 2, 4, 8, 16, 32)), "fuzzy-4-sampled")
 DURATION = 1.5  # [s] of a disturbed rollout; the circle takes as long
-WORST_GAIN, WORST_SUPPLY = "worst gain", "worst supply"  # names of the torques found by power iteration
 
 
 def decay(loop: RigidLoop) -> dict[str, float]:
     """Return the smallest rates of decay [1/s]: of V in rollouts, of V anywhere in the box, of a frozen pole."""
-    rates = decay_rates(loop)
+    random, (in_box, slowest) = rigid_loop.random_decay(loop), rigid_loop.slowest_decay(loop)
     return {
-        "observed": rates.observed,
-        "observed_random": rates.random,
-        "lyapunov": rates.in_box,
-        "pole": -loop.worst_point(lambda F, G, omega: np.linalg.eigvals(F).real.max(axis=-1)).value,
+        "observed": float(min(random.rate.min(), slowest.rate.min())),
+        "observed_random": float(random.rate.min()),
+        "lyapunov": in_box,
+        "pole": -loop.worst_point(lambda F, G, omega: np.linalg.eigvals(F).real.max(axis=-1))[0],
     }
 
 
 def gain(loop: RigidLoop) -> dict[str, Any]:
     """Return the largest gains [rad/(N m)] in rollouts and of frozen loops, and the share of the supply used."""
     alpha, gamma = loop.controller.alpha, loop.controller.gamma
-    runs = [disturbed(loop, motion) for motion in (JointReference(), worst_posture(loop))]
+    runs = [disturbed(loop, motion) for motion in (JointReference(), rigid_loop.worst_posture(loop))]
     (library_gain, probe), (worst, _) = (max(run[key] for run in runs) for key in ("library", "worst"))
     return {
         "observed": max(library_gain, worst),
         "observed_library": library_gain,
         "library_probe": probe,
         "supply_used": max(run["used"] for run in runs),
-        "frozen": loop.worst_point(lambda F, G, omega: gain_at(F, G, 1j * omega)).value,
-        "frozen_shifted": loop.worst_point(lambda F, G, omega: gain_at(F, G, 1j * omega - alpha)).value,
+        "frozen": loop.worst_point(lambda F, G, omega: gain_at(F, G, 1j * omega))[0],
+        "frozen_shifted": loop.worst_point(lambda F, G, omega: gain_at(F, G, 1j * omega - alpha))[0],
         "certified": gamma,
     }
 
 
-def disturbed(loop: RigidLoop, motion: Motion) -> dict[str, Any]:
+def disturbed(loop: RigidLoop, motion: Any) -> dict[str, Any]:
     """Return the largest gains under the library and the worst torques, with names, and the largest supply used."""
-    probes = library(DURATION)
-    worst = {
-        name: worst_torque(loop, motion, DURATION, stored=stored)
-        for name, stored in ((WORST_GAIN, False), (WORST_SUPPLY, True))
-    }
-    run = disturbed_run(loop, motion, probes | worst, DURATION)
+    names, run = rigid_loop.disturbed(loop, motion, DURATION)
     if not run.in_box.all() or run.dissipation.max() > 0.0:
         raise RuntimeError("a rollout left the box or broke the dissipation inequality: the certificate is in doubt")
-    gains = dict(zip([*probes, *worst], run.gain.max(axis=0).tolist(), strict=True))
+    gains = [*zip(run.gain.max(axis=0).tolist(), names, strict=True)]
     used = 1.0 + run.dissipation[1:] / (loop.controller.gamma**2 * run.input[1:])
-    library_gain, worst_gain = (max((gains[name], name) for name in names) for names in (probes, worst))
-    return {"library": library_gain, "worst": worst_gain, "used": float(used.max())}
+    return {"library": max(gains[:-2]), "worst": max(gains[-2:]), "used": float(used.max())}
 
 
 def assess(name: str) -> dict[str, Any]:

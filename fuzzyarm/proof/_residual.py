@@ -15,13 +15,10 @@ The derivatives of q_d are the coefficients of its power series (`arb_series`): 
 of the inverse kinematics, about m and about the ball I. The excess of the bound falls with the square of the length of
 I, so the intervals with the largest bounds are halved until these are close to values that are attained. If that takes
 too long, the bound at that time is looser, but as valid.
-
-Circles are bounded so; along any other path the residual is only sampled.
 """
 
 from __future__ import annotations
 
-import functools
 import heapq
 import math
 from typing import Any, NamedTuple
@@ -31,7 +28,6 @@ from flint import arb, arb_series
 
 from fuzzyarm.common.arithmetic import at_most
 from fuzzyarm.envs.observation import JOINTS
-from fuzzyarm.envs.scenario.paths import Circle
 from fuzzyarm.envs.scenario.reference import CHECKED_INSTANTS, JointReference
 from fuzzyarm.fuzzy_policy.states import VELOCITY
 from fuzzyarm.fuzzy_policy.ts_model import TSModel
@@ -49,8 +45,7 @@ class Residual(NamedTuple):
     """The largest feedforward residual along a reference, for any state in the box."""
 
     sampled: np.ndarray  # largest ρ̄ (2,) [N m] at `reference.CHECKED_INSTANTS` instants
-    # bound (2,) [N m] of ρ̄ at every instant; None for a path that is no circle, and where none was found
-    bound: np.ndarray | None
+    bound: np.ndarray | None  # of ρ̄ at every instant, (2,) [N m]; None where none was found
 
     @property
     def statement(self) -> str:
@@ -67,23 +62,15 @@ class Residual(NamedTuple):
 
 
 def feedforward_residual(model: TSModel, reference: JointReference) -> Residual:
-    """Return the feedforward residual of a model along a reference, sampled and bounded, see the module's docstring."""
-    sampled = _sampled(model, reference)
-    # A class derived from one of these may move otherwise.
-    if not (type(reference) is JointReference and type(reference.path) is Circle):
-        return Residual(sampled, None)
-    bound = _Bound(model, reference, sampled).largest()
-    return Residual(sampled, bound if np.isfinite(bound).all() else None)
-
-
-def _sampled(model: TSModel, reference: JointReference) -> np.ndarray:
-    """Return the largest ρ̄ (2,) [N m] of the sampled instants, in floating point."""
+    """Return the residual of a model along a circle, sampled in floating point and bounded; see the module's text."""
     motion = reference.sample(np.linspace(0.0, reference.duration, CHECKED_INSTANTS))
     x_r, dx_r = np.hstack([motion.q, motion.dq]), np.hstack([motion.dq, motion.ddq])
     total = np.zeros((len(x_r), JOINTS))
     for u in model.uncertainties:
         total += np.abs((x_r if u.on == "A" else dx_r) @ (u.H.T @ u.W).T)[:, VELOCITY]
-    return np.asarray(total.max(axis=0))
+    sampled = np.asarray(total.max(axis=0))
+    bound = _Bound(model, reference, sampled).largest()
+    return Residual(sampled, bound if np.isfinite(bound).all() else None)
 
 
 class _Bound:
@@ -113,19 +100,15 @@ class _Bound:
 
     def _entry(self, middle: float, half: float) -> tuple[float, float, float, tuple[float, ...]]:
         """Return an interval and the bounds on it, led by -(the largest bound, relative to an attained value)."""
-        bounds = tuple(_rounded_up(bound) for bound in self._on(middle, half))
-        least = max(1e-9 * float(max(self.attained)), 1e-300)
-        excess = max(bound / max(float(value), least) for bound, value in zip(bounds, self.attained, strict=True))
-        return -excess, middle, half, bounds
-
-    def _on(self, middle: float, half: float) -> list[arb]:
-        """Return bounds of ρ̄_1 and ρ̄_2 on an interval; nan where the motion cannot be enclosed on it."""
-        start, ball = self._motion(_time_law(middle, 0.0)), self._motion(_time_law(middle, half))
-        if start is None or ball is None:
-            return [arb.nan(), arb.nan()]
+        try:
+            start, ball = self._motion(_time_law(middle, 0.0)), self._motion(_time_law(middle, half))
+        except (ValueError, ZeroDivisionError):  # the motion cannot be enclosed
+            return -math.inf, middle, half, (math.inf,) * JOINTS
         values, bounds = zip(*(self._residual(joint, start, ball, half) for joint in range(JOINTS)), strict=True)
         self.attained = [old.max(value.lower()) for old, value in zip(self.attained, values, strict=True)]
-        return list(bounds)
+        upper, least = tuple(map(_rounded_up, bounds)), max(1e-9 * float(max(self.attained)), 1e-300)
+        excess = max(bound / max(float(value), least) for bound, value in zip(upper, self.attained, strict=True))
+        return -excess, middle, half, upper
 
     def _residual(self, joint: int, start: list[list[arb]], ball: list[list[arb]], half: float) -> tuple[arb, arb]:
         """Return ρ̄_j at the midpoint, and its bound on the interval; motions as `_motion` returns them."""
@@ -140,20 +123,19 @@ class _Bound:
             bound += (g + slope * reach).abs_upper()
         return value, bound
 
-    def _motion(self, s: arb_series) -> list[list[arb]] | None:
-        """Return the derivatives 0 to 3 of (q_1, q_2) by time, for s as a series in x; None if they are not finite."""
+    def _motion(self, s: arb_series) -> list[list[arb]]:
+        """Return the derivatives 0 to 3 of (q_1, q_2) by time, for s as a series in x."""
         path: Any = self.reference.path  # a `Circle`
         psi = arb(path.start_angle) + 2 * arb.pi() * arb(path.turns) * s
         away = arb(path.radius) * psi.cos(), arb(path.radius) * psi.sin()
         point = [arb(center) + part for center, part in zip(path.center, away, strict=True)]
-        try:
-            angles = _joint_angles(point, self.reference.parameters.length, int(self.reference.elbow_sign))
-        except (ValueError, ZeroDivisionError):
-            return None
+        angles = _joint_angles(point, self.reference.parameters.length, int(self.reference.elbow_sign))
         result = [
             [math.factorial(order) * angle[order] / self.duration**order for angle in angles] for order in range(_ORDER)
         ]
-        return result if all(value.is_finite() for row in result for value in row) else None
+        if not all(value.is_finite() for row in result for value in row):
+            raise ValueError("the interval is too long")
+        return result
 
 
 def _time_law(middle: float, half: float) -> arb_series:
@@ -164,10 +146,8 @@ def _time_law(middle: float, half: float) -> arb_series:
 
     x = arb(middle, half)
     both = s(arb(middle - half)).union(s(arb(middle + half)))  # s grows from 0 to 1
-    return _series([both, 30 * (x * (1 - x)) ** 2, 30 * x * (1 - x) * (1 - 2 * x), 10 - 60 * x * (1 - x)])
-
-
-_series = functools.partial(arb_series, prec=_ORDER)
+    coefficients = [both, 30 * (x * (1 - x)) ** 2, 30 * x * (1 - x) * (1 - 2 * x), 10 - 60 * x * (1 - x)]
+    return arb_series(coefficients, prec=_ORDER)
 
 
 def _joint_angles(point: list[arb_series], length: tuple[float, float], elbow_sign: int) -> list[arb_series]:

@@ -13,7 +13,7 @@ from typing import Any
 
 import numpy as np
 
-__all__ = ["Assembly", "he", "identity", "symmetric", "times", "transposed", "zeros"]
+__all__ = ["Assembly", "he", "identity", "symmetric", "times", "transposed"]
 
 Assembly = Callable[[list[list[Any]]], Any]
 """A function that assembles a matrix from the block rows of its lower triangle; see `symmetric`."""
@@ -34,11 +34,6 @@ def times(scale: Any, matrix: Any) -> Any:
 def he(matrix: Any) -> Any:
     """Return He(Y) = Y + Yᵀ."""
     return matrix + transposed(matrix)
-
-
-def zeros(rows: int, columns: int) -> np.ndarray:
-    """Return a zero block (rows, columns) of whole numbers."""
-    return np.zeros((rows, columns), dtype=int)
 
 
 def identity(size: int) -> np.ndarray:

@@ -11,7 +11,7 @@ f is a form of degree four in (a, b), and 1 = (a² + 2 cos h ab + b²)² = Σ κ
 f_i. Taken for each angle in turn this holds for a matrix of d angles and its 5^d control matrices: if all of them are
 positive definite, so is the matrix everywhere in the box. The excess of the hull falls with h².
 
-*_Cover.* The box is cut into smaller ones until all control matrices of each are positive definite. Boxes are taken by
+*Cover.* The box is cut into smaller ones until all control matrices of each are positive definite. Boxes are taken by
 the hundred, in floating point with a bound of every rounding error:
 
 - the control matrices are sums of products of coefficients and weights, whose error is below a multiple of the sum of
@@ -31,7 +31,7 @@ from __future__ import annotations
 import dataclasses
 import functools
 import itertools
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 from flint import arb, arb_mat
@@ -84,14 +84,10 @@ class TrigMatrix:
         result = np.stack([0 * source[0], source[2], -source[1], 2 * source[4], -2 * source[3]])
         return TrigMatrix(np.moveaxis(result, 0, angle))
 
-    def needed(self) -> list[int]:
-        """Return the numbers of the angles on which the matrix depends."""
-        return [k for k in range(self.angles) if any(entry != 0 for entry in np.moveaxis(self.exact, k, 0)[1:].ravel())]
-
-    def of_needed(self) -> TrigMatrix:
-        """Return the matrix as one of the `needed` angles only."""
-        needed = self.needed()
-        return TrigMatrix(self.exact[tuple(slice(None) if k in needed else 0 for k in range(self.angles))])
+    def needed(self) -> tuple[TrigMatrix, list[int]]:
+        """Return the matrix as one of the angles on which it depends, and their numbers."""
+        needed = [k for k in range(self.angles) if np.moveaxis(self.exact, k, 0)[1:].any()]
+        return TrigMatrix(self.exact[tuple(slice(None) if k in needed else 0 for k in range(self.angles))]), needed
 
 
 def _packed(matrices: np.ndarray) -> np.ndarray:
@@ -139,30 +135,26 @@ _LIBRARY = 4
 _WIDENING = 2.0**-44  # rad, above the rounding of an interval's middle and half width up to 100 rad
 
 
-class _Cover(NamedTuple):
-    """The outcome of a proof."""
-
-    boxes: np.ndarray  # (B, d, 2), lowest and highest angle [rad]; those proven so far, if the proof fails
-    witness: np.ndarray | None = None  # angles (d,) [rad] where the proof fails; None if the matrix is proven
-
-
 def _first_boxes(ranges: np.ndarray) -> np.ndarray:
     """Return boxes (B, d, 2) that together are the box `ranges` (d, 2), none wider than 2 `_WIDEST`."""
     spans = []
     for low, high in ranges[::-1]:
         ends = np.linspace(low, high, int(np.ceil((high - low) / (1.9 * _WIDEST))) + 1)
-        ends[0], ends[-1] = low, high
         spans.append([*itertools.pairwise(ends)])
     boxes = [*itertools.product(*spans)]
     return np.array(boxes).reshape(len(boxes), len(ranges), 2)[:, ::-1]
 
 
-def cover(matrix: TrigMatrix, ranges: np.ndarray, most: int = _MOST_BOXES) -> _Cover:
-    """Prove a matrix positive definite for all angles in `ranges` (d, 2), within ±100 rad, in at most so many boxes."""
-    scale = _scale(matrix, ranges)
-    if scale is None:
-        return _Cover(np.empty((0, len(ranges), 2)), ranges.mean(axis=1))
-    task = _Task(matrix, scale)
+def cover(matrix: TrigMatrix, ranges: np.ndarray, most: int = _MOST_BOXES) -> tuple[np.ndarray, np.ndarray | None]:
+    """Prove a matrix positive definite for all angles in `ranges` (d, 2), within ±100 rad, in at most so many boxes.
+
+    Returns the proven boxes (B, d, 2), lowest and highest angle [rad], and angles (d,) where the proof fails, or None.
+    """
+    center = ranges.mean(axis=1)
+    diagonal = np.diagonal(matrix.at(center))
+    if not (np.isfinite(diagonal).all() and (diagonal > 0.0).all()):
+        return np.empty((0, len(ranges), 2)), center
+    task = _Task(matrix, 2.0 ** -np.round(0.5 * np.log2(diagonal)))  # powers of two bring it near one there
     waiting, done, tried = [_first_boxes(ranges)], [], 0
     while waiting:
         boxes = waiting.pop()
@@ -178,17 +170,9 @@ def cover(matrix: TrigMatrix, ranges: np.ndarray, most: int = _MOST_BOXES) -> _C
         points = bad.mean(axis=2)
         fails = ~_definite(_packed(matrix.at(points))[:, np.newaxis] * task.scale, matrix.size, task.shift)
         if fails.any() or tried > most:
-            return _Cover(np.concatenate(done), points[fails][0] if fails.any() else points[0])
+            return np.concatenate(done), points[fails][0] if fails.any() else points[0]
         waiting.append(_halved(bad, task.weight))
-    return _Cover(np.concatenate(done))
-
-
-def _scale(matrix: TrigMatrix, ranges: np.ndarray) -> np.ndarray | None:
-    """Return powers of two (s,) that bring the diagonal in the middle of the box near one; None if it is not > 0."""
-    diagonal = np.diagonal(matrix.at(ranges.mean(axis=1)))
-    if not (np.isfinite(diagonal).all() and (diagonal > 0.0).all()):
-        return None
-    return np.asarray(2.0 ** -np.round(0.5 * np.log2(diagonal)))
+    return np.concatenate(done), None
 
 
 class _Task:
@@ -271,17 +255,12 @@ def _proven(matrix: TrigMatrix, coefficients: list[arb], box: np.ndarray) -> boo
     count = BASIS**matrix.angles
     controls = [[values[entry * count + index] for entry in range(triangle)] for index in range(count)]
     numbers = _unpacked(np.array([[float(entry.mid()) for entry in control] for control in controls]), matrix.size)
-    diagonal = np.diagonal(numbers, axis1=1, axis2=2)
-    if not (np.isfinite(numbers).all() and (diagonal > 0.0).all()):
-        return False
     try:
         factors = np.linalg.inv(np.linalg.cholesky(numbers))
     except np.linalg.LinAlgError:
         return False
     # The place of each entry of a matrix in its lower triangle.
     places = _unpacked(np.arange(triangle), matrix.size).tolist()
-    for control, T in zip(controls, factors.tolist(), strict=True):
-        left = arb_mat(T)
-        if not is_dominant(left * arb_mat([[control[at] for at in row] for row in places]) * left.transpose()):
-            return False
-    return True
+    matrices = (arb_mat([[control[at] for at in row] for row in places]) for control in controls)
+    lefts = map(arb_mat, factors.tolist())
+    return all(is_dominant(T * A * T.transpose()) for T, A in zip(lefts, matrices, strict=True))

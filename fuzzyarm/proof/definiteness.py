@@ -37,22 +37,16 @@ def stated(value: float) -> fmpq:
 
 def exact(array: Any) -> np.ndarray:
     """Return an array of floats, integers or rationals as an object array of exact rationals."""
-    source = np.asarray(array)
-    result = np.empty(source.shape, dtype=object)
-    for index in np.ndindex(source.shape):
-        entry = source[index]
-        result[index] = rational(entry.item() if isinstance(entry, np.generic) else entry)
-    return result
+    return np.asarray(np.frompyfunc(rational, 1, 1)(np.asarray(array).astype(object)), dtype=object)
 
 
 def inverse(matrix: np.ndarray) -> np.ndarray | None:
     """Return the inverse of a square matrix of exact rationals, exactly; None if it is singular."""
     n = len(matrix)
     try:
-        found = fmpq_mat(n, n, list(matrix.ravel())).inv()
+        return np.array(fmpq_mat(n, n, list(matrix.ravel())).inv().tolist(), dtype=object)
     except ZeroDivisionError:
         return None
-    return np.array([[found[i, j] for j in range(n)] for i in range(n)], dtype=object)
 
 
 def smallest_eigenvalue(matrix: np.ndarray) -> float:

@@ -54,9 +54,8 @@ def certificate_of(policy: object, reference: Reference) -> PolicyCertificate | 
         return None
     controller: Controller | ScheduledController = policy.controller
     prove: Any = certify if isinstance(controller, Controller) else certify_scheduled
-    if (
-        controller.digest not in PROVEN and not prove(controller).proven
-    ):  # loaded with `allow_unproven`, or made by hand
+    # It may have been loaded with `allow_unproven`, or made by hand.
+    if controller.digest not in PROVEN and not prove(controller).proven:
         return None
     if isinstance(controller, Controller):
         form, text = controller.form, controller_statement(controller)

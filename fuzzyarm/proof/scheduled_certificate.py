@@ -116,9 +116,8 @@ def _loop_claims(controller: ScheduledController) -> list[Claim]:
 
 
 def _inertia_claim(name: str, polynomial: np.ndarray, ranges: np.ndarray, in_balls: bool) -> Claim:
-    whole = TrigMatrix(polynomial)
-    matrix = whole.of_needed()
-    boxes, witness = cover(matrix, ranges[whole.needed()])
+    matrix, needed = TrigMatrix(polynomial).needed()
+    boxes, witness = cover(matrix, ranges[needed])
     name = f"{name}, {len(boxes)} boxes of {matrix.angles} angles"
     where = boxes.mean(axis=2) if witness is None else witness[np.newaxis]
     margin = min(map(smallest_eigenvalue, matrix.at(where)))

@@ -172,10 +172,7 @@ def error_psi(
 ) -> Any:
     """Return Ψ_ijk, symmetric and affine in P, M, Q, X, τ and γ².
 
-    Vertices i of A and k of E count from 0; α is in 1/s, γ² in rad²/(N m)², z has the factor `output`. P, Q_ij and X_ij
-    are (n, n), n = 4 or, with the integral, 6; M_jk is (2, n), τ (..., m) has an entry for each of
-    `data.uncertainties`, and `put` makes a matrix of the block rows. With arrays of i and k the result is a stack: M,
-    Q, X and τ are stacks then, and P is one matrix.
+    γ² is in rad²/(N m)², P is (n, n) with n = n_e; the other arguments are as for `tracking_psi`.
     """
     E, A, B = data.error_E(k), data.error_A(i), data.error_rows(data.B)
     corner, below = _error_uncertainty(data, tau, P, Q, X, [0, 0])
@@ -227,7 +224,8 @@ def _with_uncertainty(
 ) -> tuple[Any, list[list[Any]]]:
     """Return `corner` + Σ τ_l H_lᵀH_l and the row of each dropped premise, of which `uncertain` gives the beginning."""
     rows = list[list[Any]]()
-    for scale, term in zip(data.multipliers(tau), data.uncertainties, strict=True):
+    scales = (tau[..., position] for position in range(tau.shape[-1]))
+    for scale, term in zip(scales, data.uncertainties, strict=True):
         H = data.error_rows(term.H.T).T
         corner = corner + times(scale, H.T @ H)
         rows.append([*uncertain(term), *[0] * len(rows), -times(scale, identity(len(H)))])

@@ -9,7 +9,7 @@ The entries are all floats or all exact rationals, because NumPy cannot multiply
 from __future__ import annotations
 
 import dataclasses
-from typing import Any, Self
+from typing import Self
 
 import numpy as np
 
@@ -51,13 +51,6 @@ class Vertices:
         (Ψ_ijk + Ψ_jik)/2 is Ψ there, with (M_ik + M_jk)/2 and (L_ik + L_jk)/2: Ψ_ijk is affine in A_i, M_jk and L_jk.
         """
         return dataclasses.replace(self, A=[0.5 * (self.A[i] + self.A[j]) for i, j in self.pairs])
-
-    def multipliers(self, tau: Any) -> list[Any]:
-        """Return τ (..., m) of some inequalities as m entries (...), one for each of `uncertainties`."""
-        tau, terms = np.asarray(tau) if isinstance(tau, list) else tau, len(self.uncertainties)
-        if tau.shape[-1] != terms:
-            raise ValueError(f"tau has {tau.shape[-1]} multipliers; allowed: {terms}, one for each uncertain term")
-        return [tau[..., term] for term in range(terms)]
 
     def error_E(self, k: Index) -> np.ndarray:
         """Return Ē_k (..., n_e, n_e)."""

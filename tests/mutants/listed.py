@@ -64,7 +64,7 @@ MUTANTS = (
     Mutant("arrays-header", ARRAYS, "if min(shape, default=0) < 0 or needed != left", "if min(shape, default=0) < 0 or needed > left", "tests/common/test_array_files.py", "the read after it asks for one byte more than the shape needs, and refuses what it gets: only the words differ"),
     Mutant("arrays-truth", ARRAYS, 'if array.dtype.kind == "b" and', 'if array.dtype.kind == "?" and', "tests/common/test_array_files.py -m slow -k neither"),
     # Controller files.
-    Mutant("controller-digest", "fuzzy_policy/signed_files.py", 'if content["digest"] != digest_of(', 'if not content["digest"] and digest_of(', "tests/fuzzy_policy/test_controller.py"),
+    Mutant("controller-digest", "fuzzy_policy/signed_files.py", 'if content["digest"] != _digest_of(', 'if not content["digest"] and _digest_of(', "tests/fuzzy_policy/test_controller.py"),
     Mutant("controller-hexadecimal", "fuzzy_policy/signed_files.py", "except OverflowError", "except ZeroDivisionError", BADLY),
     Mutant("controller-bounds", CONTROLLER, 'if not np.array_equal(np.array(decoded(document["bounds"])), model.bounds)', 'if not np.array(decoded(document["bounds"])).size', "tests/fuzzy_policy/test_controller.py"),
     Mutant("controller-blocks", CONTROLLER, "if not np.array_equal(self.P, self.P.T) or self.P[:n_e, n_e:].any()", "if not np.array_equal(self.P, self.P.T)", BADLY),
@@ -88,16 +88,16 @@ MUTANTS = (
     Mutant("scheduled-slope", f"{PROOF}/inertia_bounds.py", 'for sign, mark in ((1, "-"), (-1, "+")):', 'for sign, mark in ((1, "-"),):', "tests/proof/test_scheduled_certificate.py -k every_claim"),
     Mutant("scheduled-rate", f"{PROOF}/scheduled_certificate.py", "+ 2 * rate * P", "+ rate * P", ROBOT),
     Mutant("cover-rounding", f"{PROOF}/box_cover.py", "self.shift = float(1.01", "self.shift = 0.0 * float(1.01", "tests/proof/test_inertia_polynomial.py"),
-    Mutant("residual-slope", f"{PROOF}/residual.py", "bound += (g + slope * reach).abs_upper()", "bound += g.abs_upper()", "tests/proof/test_residual.py"),
+    Mutant("residual-slope", f"{PROOF}/_residual.py", "bound += (g + slope * reach).abs_upper()", "bound += g.abs_upper()", "tests/proof/test_residual.py"),
     # Proofs of the tip.
     Mutant("cells-proven", "policies/tip_files.py", "        if not cell.proven:", "        if False:", "tests/abuse/test_forgeries.py -m slow -k cell"),
     Mutant("cells-hole", "policies/tip_files.py", "hole = claim.plants.hole([cell.claim.plants for cell in found])", "hole = None", "tests/proof/tip/test_tube.py -k cells"),
     Mutant("zonotope-box", f"{TIP}/zonotope.py", "(np.abs(self.columns).sum(axis=1) + self.box) * ROUND_UP", "np.abs(self.columns).sum(axis=1) * ROUND_UP", "tests/proof/tip/test_enclosures.py"),
-    Mutant("links-remainder", f"{TIP}/remainders.py", "reshape(JOINTS, JOINTS) @ tube[of]", "reshape(JOINTS, JOINTS) @ (0.5 * tube[of])", "tests/proof/tip/test_enclosures.py"),
+    Mutant("links-remainder", f"{TIP}/_remainders.py", "reshape(JOINTS, JOINTS) @ tube[of]", "reshape(JOINTS, JOINTS) @ (0.5 * tube[of])", "tests/proof/tip/test_enclosures.py"),
     # Other readers.
     Mutant("checkpoint-pickle", "rl_baselines/_checkpoint.py", 'map_location="cpu", weights_only=True', 'map_location="cpu", weights_only=False', "tests/rl_baselines/test_crafted_checkpoint.py"),
     Mutant("checkpoint-count", "rl_baselines/_checkpoint.py", 'whole("generators.numpy.position", drawn["position"], high=len(keys))', "len(keys)", "tests/rl_baselines/test_crafted_checkpoint.py"),
     Mutant("bundle-weights", "fuzzy_policy/laws/learned/bundle.py", "if hashlib.sha256(weights).hexdigest() != description.weights_sha256", "if not description.weights_sha256", f"{READ} 'bytes and weights'"),
-    Mutant("sweep-identity", "eval/sweep/run.py", "if digest != digest_of(then):", "if False:", f"{READ} exchanged"),
+    Mutant("sweep-identity", "eval/sweep/run.py", "if digest != _digest_of(then):", "if False:", f"{READ} exchanged"),
     Mutant("data-set-there", "eval/dataset/store.py", "    if folder.exists():", "    if False:", "tests/eval/dataset/test_dataset.py -m slow -k minari_loads"),
 )  # fmt: skip

@@ -1,7 +1,6 @@
 """The feedforward residual between the instants: never below what a dense sampling finds, and close to it."""
 
 import contextlib
-import dataclasses
 import itertools
 
 import numpy as np
@@ -11,7 +10,7 @@ from hypothesis import strategies as st
 from slow_twins import slow_but
 
 from fuzzyarm.envs.physics.parameters import ArmParameters
-from fuzzyarm.envs.scenario.paths import Circle, Line
+from fuzzyarm.envs.scenario.paths import Circle
 from fuzzyarm.envs.scenario.reference import JointReference
 from fuzzyarm.fuzzy_policy.states import VELOCITY
 from fuzzyarm.fuzzy_policy.ts_model import NAMED_RULES, TSModel, descriptor_terms
@@ -91,25 +90,6 @@ def test_a_search_cut_short_gives_a_looser_bound(monkeypatch):
 def test_what_keeps_all_premises_misses_nothing():
     found = feedforward_residual(TSModel(ArmParameters(), NAMED_RULES[32]), JointReference())
     assert not found.bound.any() and not found.sampled.any()
-
-
-@dataclasses.dataclass(frozen=True)
-class Wobbling(Circle):
-    """A circle that may do anything between the instants."""
-
-
-class WobblingReference(JointReference):
-    """A reference that may do anything between the instants."""
-
-
-@pytest.mark.parametrize(
-    "reference", [JointReference(Wobbling()), WobblingReference(), JointReference(Line((0.3, 0.3), (0.5, 0.6)))]
-)
-def test_what_is_not_known_is_not_bounded(reference):
-    model = TSModel(ArmParameters(), ())
-    found = feedforward_residual(model, reference)
-    assert found.bound is None
-    assert found.sampled == pytest.approx(dense(model, reference, 2001), rel=1e-12)
 
 
 def test_a_path_that_leaves_the_reach_between_the_instants_is_not_bounded():

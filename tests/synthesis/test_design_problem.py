@@ -3,13 +3,13 @@
 import cvxpy as cp
 import numpy as np
 import pytest
+from support.rigid_loop import RigidLoop
 
 from fuzzyarm.envs.physics.parameters import ArmParameters
 from fuzzyarm.fuzzy_policy.controller import Controller
 from fuzzyarm.fuzzy_policy.ts_model import NAMED_RULES, TSModel
 from fuzzyarm.proof import theorems
 from fuzzyarm.proof.certificate import certify
-from fuzzyarm.proof.rigid_loop import RigidLoop
 from fuzzyarm.proof.vertices import error_vertices
 from fuzzyarm.synthesis import DesignFailed, DesignProblem, Specification, design
 from fuzzyarm.synthesis._design_problem import pi
@@ -88,7 +88,7 @@ def test_half_plane_is_the_inequality_of_the_decay_rate(integral):
     data = error_vertices(TSModel(ARM, ("z3",)), integral)
     given, theta = values(np.random.default_rng(0), data, 1)
     found = pi(data, 1, 0, R=np.array([[40.0]]), S=np.eye(1), theta=theta, **given)
-    psi = theorems.error_psi(data, 1, 0, alpha=20.0, gamma2=1.0, tau=list(theta[:, 0, 0]), **given)
+    psi = theorems.error_psi(data, 1, 0, alpha=20.0, gamma2=1.0, tau=theta[:, 0, 0], **given)
     keep = np.delete(np.arange(len(psi)), 2 * data.n_e + np.arange(4))
     np.testing.assert_allclose(found, psi[np.ix_(keep, keep)], rtol=1e-12, atol=1e-9)
 
