@@ -139,7 +139,8 @@ def _first_boxes(ranges: np.ndarray) -> np.ndarray:
     """Return boxes (B, d, 2) that together are the box `ranges` (d, 2), none wider than 2 `_WIDEST`."""
     spans = []
     for low, high in ranges[::-1]:
-        ends = np.linspace(low, high, int(np.ceil((high - low) / (1.9 * _WIDEST))) + 1)
+        ends = np.linspace(low, high, max(1, int(np.ceil((high - low) / (1.9 * _WIDEST)))) + 1)
+        ends[0], ends[-1] = low, high  # the box itself, whatever linspace rounds
         spans.append([*itertools.pairwise(ends)])
     boxes = [*itertools.product(*spans)]
     return np.array(boxes).reshape(len(boxes), len(ranges), 2)[:, ::-1]
