@@ -1,5 +1,5 @@
 """The command line."""
 
-from fuzzyarm.cli.application import entry_point, main
+from fuzzyarm.cli._application import entry_point, main
 
 __all__ = ["entry_point", "main"]

@@ -9,8 +9,8 @@ from typing import Annotated
 
 from cyclopts import Parameter
 
-from fuzzyarm.cli.options import chosen, with_fields_of
-from fuzzyarm.cli.usage import UsageError, claimed_folder
+from fuzzyarm.cli._options import chosen, with_fields_of
+from fuzzyarm.cli._usage import UsageError, claimed_folder
 from fuzzyarm.common.console import output, progress, say, say_json
 from fuzzyarm.eval.bench.run import BenchConfig
 

@@ -8,8 +8,8 @@ from typing import Annotated
 
 from cyclopts import Parameter
 
-from fuzzyarm.cli.options import chosen, with_fields_of
-from fuzzyarm.cli.usage import claimed_folder
+from fuzzyarm.cli._options import chosen, with_fields_of
+from fuzzyarm.cli._usage import claimed_folder
 from fuzzyarm.common.console import progress, say
 from fuzzyarm.eval.dataset.config import DatasetConfig
 

@@ -8,8 +8,8 @@ from typing import TYPE_CHECKING, Annotated, Literal
 
 from cyclopts import Parameter
 
-from fuzzyarm.cli.options import given
-from fuzzyarm.cli.usage import UsageError, output_file
+from fuzzyarm.cli._options import given
+from fuzzyarm.cli._usage import UsageError, output_file
 from fuzzyarm.common.console import say, status
 
 if TYPE_CHECKING:

@@ -9,8 +9,8 @@ from typing import TYPE_CHECKING, Annotated
 
 from cyclopts import Parameter
 
-from fuzzyarm.cli.options import given, named_as_option, option_name
-from fuzzyarm.cli.usage import UsageError, claimed_folder
+from fuzzyarm.cli._options import given, named_as_option, option_name
+from fuzzyarm.cli._usage import UsageError, claimed_folder
 from fuzzyarm.common.console import output, print_paragraphs, progress, say, say_json
 
 if TYPE_CHECKING:

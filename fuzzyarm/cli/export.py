@@ -8,7 +8,7 @@ from typing import Annotated, Literal
 
 from cyclopts import Parameter
 
-from fuzzyarm.cli.usage import UsageError, claimed_folder
+from fuzzyarm.cli._usage import UsageError, claimed_folder
 from fuzzyarm.common.console import say
 
 __all__ = ["Options"]

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated
 
 from cyclopts import Parameter
 
-from fuzzyarm.cli.usage import UsageError, output_file
+from fuzzyarm.cli._usage import UsageError, output_file
 from fuzzyarm.common.console import Sheet, output, print_paragraphs, progress, say, say_json, status
 
 if TYPE_CHECKING:

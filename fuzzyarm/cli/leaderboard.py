@@ -8,7 +8,7 @@ from typing import Annotated
 
 from cyclopts import Parameter
 
-from fuzzyarm.cli.usage import UsageError
+from fuzzyarm.cli._usage import UsageError
 from fuzzyarm.common.console import output, say, say_json
 
 __all__ = ["Options"]

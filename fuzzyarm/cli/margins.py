@@ -9,7 +9,7 @@ from typing import Annotated
 
 from cyclopts import Parameter
 
-from fuzzyarm.cli.usage import output_file
+from fuzzyarm.cli._usage import output_file
 from fuzzyarm.common.console import output, progress, say, say_json
 
 __all__ = ["Options"]

@@ -8,7 +8,7 @@ from typing import Annotated
 
 from cyclopts import Parameter
 
-from fuzzyarm.cli.usage import UsageError, check_writable, claimed_folder
+from fuzzyarm.cli._usage import UsageError, check_writable, claimed_folder
 from fuzzyarm.common.console import output, progress, say, say_json
 
 __all__ = ["Options"]

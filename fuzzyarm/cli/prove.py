@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 from cyclopts import Parameter
 
-from fuzzyarm.cli.usage import output_file
+from fuzzyarm.cli._usage import output_file
 from fuzzyarm.common.console import escaped, progress, say, say_json
 
 if TYPE_CHECKING:

@@ -8,7 +8,7 @@ from typing import Annotated
 
 from cyclopts import Parameter
 
-from fuzzyarm.cli.usage import output_file
+from fuzzyarm.cli._usage import output_file
 from fuzzyarm.common.console import say, status
 
 __all__ = ["Options"]

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Annotated
 
 from cyclopts import Parameter
 
-from fuzzyarm.cli.usage import UsageError
+from fuzzyarm.cli._usage import UsageError
 from fuzzyarm.common.console import say, say_json
 
 if TYPE_CHECKING:

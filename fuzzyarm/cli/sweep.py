@@ -8,8 +8,8 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 from cyclopts import Parameter
 
-from fuzzyarm.cli.options import given, with_fields_of
-from fuzzyarm.cli.usage import claimed_folder, stopped
+from fuzzyarm.cli._options import given, with_fields_of
+from fuzzyarm.cli._usage import claimed_folder, stopped
 from fuzzyarm.common.console import output, print_paragraphs, progress, say, say_json
 from fuzzyarm.eval.engine import Engine, WorkersLost
 from fuzzyarm.eval.sweep.config import SweepConfig

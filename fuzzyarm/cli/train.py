@@ -17,8 +17,8 @@ from typing import TYPE_CHECKING, Annotated, Any, ClassVar
 
 from cyclopts import App, Parameter
 
-from fuzzyarm.cli.options import chosen, given, with_fields_of
-from fuzzyarm.cli.usage import UsageError, claimed_folder
+from fuzzyarm.cli._options import chosen, given, with_fields_of
+from fuzzyarm.cli._usage import UsageError, claimed_folder
 from fuzzyarm.common.console import progress, say
 from fuzzyarm.envs.scenario.cases import PAPER_CASES
 from fuzzyarm.rl_baselines.algorithms import ALGORITHMS, find_algorithm

@@ -8,7 +8,7 @@ from typing import Annotated
 
 from cyclopts import Parameter
 
-from fuzzyarm.cli.usage import claimed_folder, stopped
+from fuzzyarm.cli._usage import claimed_folder, stopped
 from fuzzyarm.common.console import output, progress, say
 
 __all__ = ["Options"]

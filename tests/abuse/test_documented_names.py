@@ -13,7 +13,7 @@ import pytest
 import torch
 
 import fuzzyarm
-from fuzzyarm.cli.options import option_name
+from fuzzyarm.cli._options import option_name
 from fuzzyarm.common.checks import shown
 from fuzzyarm.envs.fuzzy_arm import FuzzyArmEnv
 from fuzzyarm.envs.physics.dynamics import Payload

@@ -18,7 +18,7 @@ from support.command_line import one_line_error
 
 from fuzzyarm import __version__
 from fuzzyarm.cli import main
-from fuzzyarm.cli.application import GROUPS, command_line
+from fuzzyarm.cli._application import GROUPS, command_line
 from fuzzyarm.eval.episodes.metrics import columns
 from fuzzyarm.eval.evaluation.result_table import certificate_lines, print_results
 from fuzzyarm.eval.evaluation.run import EvaluationConfig

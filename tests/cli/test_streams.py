@@ -12,7 +12,7 @@ from slow_twins import slow_but
 from support.shipped import CONTROLLERS
 
 from fuzzyarm.cli import main
-from fuzzyarm.cli.application import GROUPS
+from fuzzyarm.cli._application import GROUPS
 
 CONTROLLER = str(CONTROLLERS["paper-1-common"])
 NAMES = [name for commands in GROUPS.values() for name in commands]

@@ -11,7 +11,7 @@ from support.documentation import ROOT
 
 import fuzzyarm
 from fuzzyarm.cli import main
-from fuzzyarm.cli.application import GROUPS
+from fuzzyarm.cli._application import GROUPS
 from fuzzyarm.fuzzy_policy.controller import Controller
 
 TEXT = (ROOT / "docs" / "python.md").read_text(encoding="utf-8")

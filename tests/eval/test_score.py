@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from fuzzyarm import load_policy
-from fuzzyarm.cli.application import main
+from fuzzyarm.cli._application import main
 from fuzzyarm.envs.fuzzy_arm import FuzzyArmEnv
 from fuzzyarm.envs.physics.parameters import ArmParameters
 from fuzzyarm.envs.scenario.default_reference import reference_family

@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 from slow_twins import slow_but
 
-from fuzzyarm.cli.application import command_line
+from fuzzyarm.cli._application import command_line
 from fuzzyarm.cli.sweep import _given
 from fuzzyarm.envs.fuzzy_arm import FuzzyArmEnv
 from fuzzyarm.envs.physics.parameters import ArmParameters

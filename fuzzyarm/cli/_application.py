@@ -23,8 +23,8 @@ from typing import Any, Literal
 import cyclopts
 
 from fuzzyarm import __version__
-from fuzzyarm.cli.options import arguments_of, option_name, shown_default
-from fuzzyarm.cli.usage import UsageError
+from fuzzyarm.cli._options import arguments_of, option_name, shown_default
+from fuzzyarm.cli._usage import UsageError
 from fuzzyarm.common.console import escaped, finish_output, open_streams, output, say
 
 __all__ = ["GROUPS", "command_line", "entry_point", "main"]
