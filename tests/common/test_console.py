@@ -27,16 +27,6 @@ def test_piped_tables_are_columns_of_text():
     assert text.count("policy") == 1 and len(text.splitlines()) == 4
 
 
-def test_on_a_terminal_each_word_of_a_heading_has_a_line_and_the_digits_stay():
-    text = shown(SMALL, a_screen(True, 24))
-    assert [line.split()[-1] for line in text.splitlines() if line.strip()][:4] == ["tip", "error", "max", "[mm]"]
-    assert "─" in text and "10.8" in text
-    text = shown(wide_table(), a_screen(True, 12))  # too narrow for a column: lines are broken, nothing is lost
-    assert all(f"{k}234567.891" in text for k in range(9))
-    text = shown(wide_table(keys=2), a_screen(True, 40))
-    assert text.count("0234567.891") == text.count("observer") > 1
-
-
 def wide_table(**settings):
     """A table of nine columns of numbers that no terminal of 40 columns holds."""
     rows = [("observer", *(f"{k}234567.891" for k in range(9))), ("rigid", *("1" for _ in range(9)))]

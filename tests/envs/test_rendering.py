@@ -11,7 +11,6 @@ import pygame
 import pytest
 from gymnasium.error import ResetNeeded
 
-from fuzzyarm.envs import _pictures as pictures
 from fuzzyarm.envs._pictures import FOOTER, FORCE, HEADER, HEIGHT, INK, PAYLOAD, REFERENCE, TRACE, WIDTH
 from fuzzyarm.envs.fuzzy_arm import FuzzyArmEnv
 from fuzzyarm.envs.physics.dynamics import Payload
@@ -170,14 +169,6 @@ def test_payload_hangs_where_it_is_attached(env):
     q = joint_angles(JointReference().tip(0.0).position, LENGTH, 1)
     apart = centers["tip"] - centers["link"]
     np.testing.assert_allclose(apart / np.hypot(*apart), [np.sin(q.sum()), np.cos(q.sum())], atol=0.03)
-
-
-def test_titles():
-    arm = ArmParameters()
-    for case in CASES.values():
-        assert pictures._case_title(case.disturbance, arm) == case.title
-    assert pictures._case_title(Disturbance(), arm) == CASES["nominal"].title
-    assert pictures._case_title(Disturbance(payload=Payload(4.0)), arm) == "custom disturbance"
 
 
 @pytest.mark.parametrize("q", [(0.0, 0.0), (3.1, 0.0), (1.57, 0.0), (-1.57, 0.0), (-2.5, 2.9)])

@@ -15,6 +15,7 @@ from fuzzyarm.envs.scenario.cases import CASES
 from fuzzyarm.envs.scenario.disturbances import Disturbance, EncoderNoise
 from fuzzyarm.envs.scenario.reference import JointReference
 from fuzzyarm.eval.stability._linearisation import largest_radius, linearise_path
+from fuzzyarm.fuzzy_policy.laws.computed_torque import ComputedTorquePolicy
 from fuzzyarm.fuzzy_policy.laws.elastic_observer import ElasticObserverPolicy
 from fuzzyarm.fuzzy_policy.laws.elastic_target import ElasticTarget
 from fuzzyarm.fuzzy_policy.laws.gain_schedule import _GRID
@@ -232,6 +233,7 @@ def test_the_law_in_plain_numpy():
     [
         (lambda: ObserverWeights(link_angle=0.0), r"ObserverWeights\.link_angle = .* allowed: \[1e-06, 1e\+06\]"),
         (lambda: ObserverWeights(encoder_angle=True), r"ObserverWeights\.encoder_angle = True"),
+        (lambda: ComputedTorquePolicy(bandwidth=-1.0), "bandwidth = -1"),
         (lambda: ElasticObserverPolicy(control_period=0.2), r"control_period = .* allowed"),
         (lambda: ElasticObserverPolicy(weights=NONE), r"no gains at cos q2 = .* for control_period = 0\.001 s"),
     ],
