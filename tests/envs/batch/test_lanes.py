@@ -75,27 +75,25 @@ def test_a_reset_with_a_reference_that_does_not_fit_changes_nothing():
         made([TABLE_1, narrow], [(NOISY, JointReference())], 2)
 
 
-def continued(env):
-    """What an environment gives from here on, over the end of its episode."""
-    results = []
-    for torque in np.tile(0.2 * torques(25), (6, 1)):
-        results.append(env.step(torque))
-        if results[-1][2] or results[-1][3]:
-            results.append(env.reset())
-    return results
+COPIES = {"deepcopy": copy.deepcopy, "pickle": lambda env: pickle.loads(pickle.dumps(env))}
 
 
-@pytest.mark.parametrize(
-    "duplicate", [copy.deepcopy, lambda env: pickle.loads(pickle.dumps(env))], ids=["deepcopy", "pickle"]
-)
+@pytest.mark.parametrize("duplicate", COPIES.values(), ids=COPIES)
 @pytest.mark.parametrize("options", [{"reference": FAMILY[1]}, {"case": "payload"}])
-def test_a_copy_in_the_middle_of_an_episode_goes_on_bit_for_bit(duplicate, options):
-    env = FuzzyArmEnv(disturbance=NOISY, randomisation=ALL_VARY)
+@pytest.mark.parametrize(("kind", "lanes"), [(FuzzyArmEnv, ()), (FuzzyArmVectorEnv, (2 * WIDE,))])
+def test_a_copy_in_the_middle_of_an_episode_goes_on_bit_for_bit(kind, lanes, options, duplicate):
+    env, ends = kind(*lanes, disturbance=NOISY, randomisation=ALL_VARY), 0
     env.reset(seed=1, options=options)
-    for torque in torques(5):
+    for torque in torques(5, *lanes):
         env.step(torque)
     twin = duplicate(env)
-    assert twin.reference == env.reference and identical(continued(env), continued(twin))
+    for torque in 0.2 * torques(150, *lanes):
+        results = env.step(torque)
+        assert identical(twin.step(torque), results)
+        if kind is FuzzyArmEnv and (results[2] or results[3]):
+            assert twin.reference == env.reference and identical(twin.reset(), env.reset())
+        ends += np.sum(results[2] | results[3])
+    assert ends > 0 and identical(twin.reset(), env.reset())
 
 
 ELSEWHERE = """
