@@ -27,11 +27,13 @@ def test_what_is_no_array_of_numbers_is_refused_by_name(given, message):
     def fitting(*shape):
         return np.resize(given, shape) if message else given
 
+    if message:
+        with pytest.raises((TypeError, ValueError), match=f"^state.*{message}"):
+            policy.predict(np.zeros(10), fitting(policy.memory_size))
     for name, use, value in (
         ("action", single.step, fitting(2)),
         ("action", batch.step, fitting(1, 2)),
         ("observation", policy.predict, fitting(10)),
-        ("state", lambda state: policy.predict(np.zeros(10), state), fitting(policy.memory_size)),
         ("initial_state", lambda state: single.reset(options={"initial_state": state}), fitting(8)),
         ("initial_state", lambda state: batch.reset(options={"initial_state": state}), fitting(8)),
     ):

@@ -9,7 +9,9 @@ from support.results import identical
 from support.two_joints import named
 
 from fuzzyarm.envs.batch.lanes import Lanes
+from fuzzyarm.envs.batch.schedule import Schedule
 from fuzzyarm.envs.fuzzy_arm import FuzzyArmEnv
+from fuzzyarm.envs.observation import ACTION_SCALE, OBSERVATION_SCALE, observed
 from fuzzyarm.envs.physics.dynamics import Payload, arm_constants, rigid_inverse_dynamics
 from fuzzyarm.envs.physics.parameters import ArmParameters
 from fuzzyarm.envs.physics.records import flat
@@ -244,3 +246,14 @@ def test_every_reference_of_the_family_can_be_tracked(arm):
         fastest = 2.2 * (1.46 if isinstance(reference.path, Lemniscate) else 1.0)
         speed = np.linalg.norm(reference.tip(times).velocity, axis=-1).max() / reach
         assert 0.4 - 1e-6 < speed < fastest + 1e-6
+
+
+def test_scales_are_the_magnitudes_of_the_family_and_the_limits_of_the_motors():
+    family = reference_family(TABLE_1)
+    rows = np.concatenate([Schedule.build(one, Disturbance(), 5e-3).references for one in family])
+    scale = observed(OBSERVATION_SCALE)
+    reference = [scale.q_reference, scale.dq_reference, scale.ddq_reference]
+    np.testing.assert_allclose(np.ravel(reference), np.sqrt(np.mean(rows**2, axis=0)), rtol=0.03)
+    np.testing.assert_array_equal(np.ravel(reference[:2]), np.ravel([scale.q_motor, scale.dq_motor]))
+    env = FuzzyArmEnv()
+    np.testing.assert_array_equal(ACTION_SCALE, env.action_space.high)

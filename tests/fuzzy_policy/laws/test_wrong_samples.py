@@ -40,12 +40,16 @@ def refused(policy, state):
                 ValueError, match=f"^{re.escape(said)} finite; hold the last torques and keep the state$"
             ):
                 policy.predict(bad, state)
+    if np.shape(state) == (2, 2):
+        return  # a law of one integral answers any number with a torque at the limit
+    huge = SEEN[0].copy()
+    huge[1, 7] = 1e300
     parts = vars(state) if dataclasses.is_dataclass(state) else {"memory": state}
     before = copy.deepcopy(parts)
     with pytest.raises(
         ValueError, match=r"^no finite torque follows from an observation with a number of size 1e\+300"
     ):
-        policy.predict(np.full((2, 10), 1e300) * [[1.0], [-1.0]], state)
+        policy.predict(huge, state)
     assert identical(parts, before)
 
 
