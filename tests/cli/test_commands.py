@@ -161,9 +161,8 @@ def test_design_in_the_form_of_the_paper(tmp_path, capsys):
     np.testing.assert_allclose(half.feedforward, 0.5 * consistent_feedforward(half.model), rtol=1e-12)
 
 
-@pytest.fixture
-def quick_bench(monkeypatch):
-    """Let `fuzzyarm bench` measure the one environment only, for as short as it can."""
+def test_bench_writes_a_file_where_it_is_asked_to(tmp_path, capsys, monkeypatch):
+    """Of the one environment only, for as short as it can."""
     from fuzzyarm.eval.bench import run as bench
     from fuzzyarm.eval.bench._entries import single_entries
 
@@ -172,20 +171,12 @@ def quick_bench(monkeypatch):
     monkeypatch.setattr(bench.BenchConfig, "groups", lambda self: {"one environment": [entry]})
     monkeypatch.setattr(bench.BenchConfig, "sweep_groups", lambda self: {"sweep": [entry]} if self.lanes_sweep else {})
     monkeypatch.setattr(bench, "_memory_per_lane", lambda: 321.0)
-    return ["bench", "--seconds", "1e-4"]
-
-
-def test_bench_prints_a_table_and_writes_a_file_where_it_is_asked_to(tmp_path, capsys, monkeypatch, quick_bench):
     monkeypatch.chdir(tmp_path)
-    assert main(quick_bench) == 0
+    assert main(["bench", "--seconds", "1e-4"]) == 0
     out = capsys.readouterr().out
-    for part in ("FuzzyArm-v0, machine code", "steps/s [thousand]", "5 rounds of 0.0001 s", "321 bytes"):
-        assert part in out
-    assert "\x1b" not in out and list(tmp_path.iterdir()) == []
-    assert main([*quick_bench, "--json", "--lanes-sweep", "--out", "new"]) == 0
-    printed = json.loads(capsys.readouterr().out)
-    assert printed == json.loads((tmp_path / "new" / "bench.json").read_text())
-    assert printed["rows"][0]["steps_per_s"]["median"] > 0.0
+    assert "FuzzyArm-v0, machine code" in out and "\x1b" not in out and list(tmp_path.iterdir()) == []
+    assert main(["bench", "--seconds", "1e-4", "--json", "--lanes-sweep", "--out", "new"]) == 0
+    assert json.loads(capsys.readouterr().out) == json.loads((tmp_path / "new" / "bench.json").read_text())
     assert {path.name for path in (tmp_path / "new").iterdir()} == {"bench.json", "throughput.png"}
 
 
