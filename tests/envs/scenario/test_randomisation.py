@@ -5,6 +5,7 @@ import dataclasses
 import numpy as np
 import pytest
 from scipy import stats
+from support.randomisation import EVERYTHING, NOISY, SHORT
 from support.results import identical
 from support.two_joints import named
 
@@ -15,9 +16,8 @@ from fuzzyarm.envs.observation import ACTION_SCALE, OBSERVATION_SCALE, observed
 from fuzzyarm.envs.physics.dynamics import Payload, arm_constants, rigid_inverse_dynamics
 from fuzzyarm.envs.physics.parameters import ArmParameters
 from fuzzyarm.envs.physics.records import flat
-from fuzzyarm.envs.scenario.cases import CASES
 from fuzzyarm.envs.scenario.default_reference import reference_family
-from fuzzyarm.envs.scenario.disturbances import Disturbance, EncoderNoise
+from fuzzyarm.envs.scenario.disturbances import Disturbance
 from fuzzyarm.envs.scenario.paths import Circle, Lemniscate, Line
 from fuzzyarm.envs.scenario.randomisation import ALLOWED, DomainRandomisation, find_randomisation
 from fuzzyarm.envs.scenario.reference import JointReference
@@ -25,22 +25,6 @@ from fuzzyarm.envs.scenario.reference import JointReference
 TABLE_1 = ArmParameters()
 LONG = dataclasses.replace(TABLE_1, length=(0.6, 0.5))
 REFERENCE = JointReference()
-SHORT = tuple(JointReference(Line((0.4, 0.5), (0.45, 0.4 + 0.02 * k)), duration=0.3) for k in range(5))
-EVERYTHING = DomainRandomisation(
-    mass=(0.9, 1.1),
-    motor_inertia=(0.8, 1.3),
-    stiffness=(0.7, 1.2),
-    damping=(0.5, 1.6),
-    dry_friction=(0.4, 1.5),
-    viscous_friction=(0.3, 1.4),
-    payload=(1.0, 5.0),
-    force=(0.2, 0.8),
-    angle=(-0.01, 0.02),
-    references=SHORT,
-)
-NOISY = Disturbance(
-    tip_force=CASES["machining"].disturbance.tip_force, encoder_noise=EncoderNoise(position=1e-4, velocity=1e-2)
-)
 PER_JOINT = [name for name in ALLOWED if name not in ("payload", "force")]
 # The factors of a draw, and the fields of `ArmParameters` that each scales.
 SCALES = {

@@ -16,15 +16,12 @@ from fuzzyarm.envs.physics.dynamics import arm_constants, rigid_inverse_dynamics
 from fuzzyarm.envs.physics.parameters import ArmParameters
 from fuzzyarm.envs.physics.rigid_body import inverse_dynamics, mass_matrix
 from fuzzyarm.envs.physics.robot import robot_named
-from fuzzyarm.envs.scenario.default_reference import default_reference
 from fuzzyarm.envs.scenario.disturbances import ConstantForce, Disturbance
-from fuzzyarm.envs.scenario.elastic_reference import ElasticReference
 from fuzzyarm.envs.scenario.kinematics import home_posture
 from fuzzyarm.envs.scenario.paths import Line
 from fuzzyarm.envs.scenario.reference import JointReference
 from fuzzyarm.eval.episodes.rollout import record_rollout
 from fuzzyarm.fuzzy_policy.laws.computed_torque import ComputedTorquePolicy
-from fuzzyarm.fuzzy_policy.laws.elastic_target import ElasticTarget
 from fuzzyarm.fuzzy_policy.laws.gain_schedule import schedule_of
 from fuzzyarm.fuzzy_policy.ts_model import premises
 from fuzzyarm.policies import NAMES
@@ -244,22 +241,6 @@ def test_computed_torque_is_its_equation(name):
         np.testing.assert_allclose(action, np.clip(torque, -limit, limit), rtol=1e-10, atol=1e-9)
         held = (np.abs(torque) > limit) & (np.sign(q - q_d) == -np.sign(torque))
         np.testing.assert_allclose(state, np.where(held, integral, integral + 1e-3 * (q - q_d)), rtol=1e-12)
-
-
-@pytest.mark.parametrize("name", slow_but(["planar-3r"], ROBOTS))
-def test_the_elastic_target_is_the_exact_reference(name):
-    robot = robot_named(name)
-    reference = default_reference(robot)
-    n, target = len(robot), ElasticTarget(robot, 1e-3)
-    t = np.arange(0.0, 0.3, 1e-3)
-    observations = np.hstack([np.full((len(t), 2 * n), np.nan), *reference.sample(t)])
-    memory, found, torque = np.zeros((1, target.memory_size)), np.zeros((len(t), 3 * n)), np.zeros((1, n))
-    for k in range(len(t)):
-        target.advance(observations[k : k + 1], memory, found[k : k + 1], torque)
-    late = t > 0.02
-    exact = np.hstack(ElasticReference(reference).sample(t[late]))
-    np.testing.assert_allclose(found[late, :n], exact[:, :n], rtol=0, atol=1e-7)
-    np.testing.assert_allclose(found[late, n : 2 * n], exact[:, n : 2 * n], rtol=0, atol=5e-5)
 
 
 @pytest.mark.slow
