@@ -76,7 +76,7 @@ def test_a_copy_in_the_middle_of_an_episode_goes_on_bit_for_bit(kind, lanes, opt
     for torque in torques(5, *lanes):
         env.step(torque)
     twin = duplicate(env)
-    for torque in 0.2 * torques(150, *lanes):
+    for torque in 0.2 * torques(320, *lanes):
         results = env.step(torque)
         assert identical(twin.step(torque), results)
         if kind is FuzzyArmEnv and (results[2] or results[3]):

@@ -5,25 +5,18 @@ import math
 
 import numpy as np
 import pytest
-from support.differences import central_difference
+from support.differences import LOOP, WAYPOINTS, central_difference
+from support.differences import PATHS as REACHED
 
 from fuzzyarm.envs.physics.parameters import ArmParameters
 from fuzzyarm.envs.physics.robot import robot_named
 from fuzzyarm.envs.scenario.given_path import GivenPath
-from fuzzyarm.envs.scenario.paths import Circle, Lemniscate, Line, Placed, Spline, Square, TipPath
+from fuzzyarm.envs.scenario.paths import Circle, Line, Placed, Spline, Square, TipPath
 
-WAYPOINTS = ((0.6, 0.1), (0.5, 0.5), (0.1, 0.6), (-0.3, 0.5))
-LOOP = ((0.5, 0.3), (0.6, 0.5), (0.4, 0.7), (0.2, 0.5))
-PATHS = {
-    "paper circle": Circle(),
-    "arc": Circle(center=(0.3, 0.3), radius=0.3, start_angle=0.4, turns=0.3),
+PATHS = REACHED | {
     "two turns": Circle(center=(0.3, 0.3), radius=0.1, start_angle=-1.0, turns=2.0),
-    "line": Line((0.7, 0.2), (0.2, 0.7)),
-    "lemniscate": Lemniscate((0.4, 0.4), 0.2, angle=0.5),
-    "spline": Spline(WAYPOINTS),
     "square": Square((0.1, -0.2), 0.3),
     "two-point spline": Spline(np.array(WAYPOINTS[:2])),
-    "closed spline": Spline(LOOP, closed=True),
 }
 CLOSED = ("paper circle", "two turns", "lemniscate", "closed spline")
 every_path = pytest.mark.parametrize("path", PATHS.values(), ids=PATHS.keys())
