@@ -35,10 +35,10 @@ def refused(policy, state):
             bad = SEEN[0].copy()
             bad[1, entry] = number
             part = f"{Observation._fields[entry // 2]} of joint {entry % 2 + 1}"
-            said = f"observation[1, {entry}] = {number}, {part}, is not"
-            with pytest.raises(
-                ValueError, match=f"^{re.escape(said)} finite; hold the last torques and keep the state$"
-            ):
+            said = re.escape(
+                f"observation[1, {entry}] = {number}, {part}, is not finite; hold the last torques and keep"
+            )
+            with pytest.raises(ValueError, match=f"^{said} the state$"):
                 policy.predict(bad, state)
     if np.shape(state) == (2, 2):
         return  # a law of one integral answers any number with a torque at the limit
@@ -46,9 +46,7 @@ def refused(policy, state):
     huge[1, 7] = 1e300
     parts = vars(state) if dataclasses.is_dataclass(state) else {"memory": state}
     before = copy.deepcopy(parts)
-    with pytest.raises(
-        ValueError, match=r"^no finite torque follows from an observation with a number of size 1e\+300"
-    ):
+    with pytest.raises(ValueError, match=r"^no finite torque follows .* with a number of size 1e\+300"):
         policy.predict(huge, state)
     assert identical(parts, before)
 

@@ -100,7 +100,7 @@ def test_within_a_hold_the_last_command_counts():
         (
             FeatureDefinition,
             {"integral_time": math.nan},
-            r"integral_time = nan s is out of range; allowed: \[0, 1e\+06\] s",
+            "integral_time = nan s is out of range; allowed: .0, 1e.06. s",
         ),
         (FeatureDefinition, {"error_scale": 0.0}, r"error_scale = 0.0 is out of range; allowed: \(0, inf\)"),
         (ActionDefinition, {"scale": (0.0, 1.0)}, r"scale\[0\] = 0.0 N m is out of range"),
