@@ -27,7 +27,6 @@ MISTAKES = [
     ("evalute", "unknown command evalute", "did you mean evaluate? See fuzzyarm --help"),
     ("fly", "unknown command fly", "choose from: evaluate, report,"),
     ("train", "a command is missing", "see fuzzyarm train --help"),
-    ("train pp", "unknown command pp", "did you mean ppo? See fuzzyarm train --help"),
     ("train ppo --out x --hidden 64 6.4", "--hidden 6.4", "must be a whole number"),
     ("evaluate --sedes 4", "--sedes", "Did you mean --seeds? See fuzzyarm evaluate --help"),
     ("evaluate --seeds 1.5", "--seeds 1.5", "must be a whole number"),

@@ -31,7 +31,6 @@ LOW, HIGH = np.array([0.0, 0.0]), np.array([300.0, 200.0])
 FIELD = slice(HEADER + 2, HEIGHT - FOOTER - 2)
 HEADLESS = """
 import pygame
-from fuzzyarm.envs import _pictures as pictures
 from fuzzyarm.envs.fuzzy_arm import FuzzyArmEnv
 env = FuzzyArmEnv(render_mode="rgb_array")
 env.reset()

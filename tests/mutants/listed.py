@@ -64,7 +64,7 @@ MUTANTS = (
     Mutant("arrays-header", ARRAYS, "if min(shape, default=0) < 0 or needed != left", "if min(shape, default=0) < 0 or needed > left", "tests/common/test_array_files.py", "the read after it asks for one byte more than the shape needs, and refuses what it gets: only the words differ"),
     Mutant("arrays-truth", ARRAYS, 'if array.dtype.kind == "b" and', 'if array.dtype.kind == "?" and', "tests/common/test_array_files.py -m slow -k neither"),
     # Controller files.
-    Mutant("controller-digest", "fuzzy_policy/signed_files.py", 'if content["digest"] != digest_of(', 'if not content["digest"] and digest_of(', "tests/fuzzy_policy/test_controller.py"),
+    Mutant("controller-digest", "fuzzy_policy/signed_files.py", 'if content["digest"] != _digest_of(', 'if not content["digest"] and _digest_of(', "tests/fuzzy_policy/test_controller.py"),
     Mutant("controller-hexadecimal", "fuzzy_policy/signed_files.py", "except OverflowError", "except ZeroDivisionError", BADLY),
     Mutant("controller-bounds", CONTROLLER, 'if not np.array_equal(np.array(decoded(document["bounds"])), model.bounds)', 'if not np.array(decoded(document["bounds"])).size', "tests/fuzzy_policy/test_controller.py"),
     Mutant("controller-blocks", CONTROLLER, "if not np.array_equal(self.P, self.P.T) or self.P[:n_e, n_e:].any()", "if not np.array_equal(self.P, self.P.T)", BADLY),

@@ -107,7 +107,6 @@ def test_within_a_hold_the_last_command_counts():
         (ActionDefinition, {"scale": ()}, "the number of scales = 0 is out of range"),
         (ActionDefinition, {"base": "fuzzy-4"}, r"scale\[0\] = 400.0 rad is out of range; allowed: \(0, 0.5\] rad"),
         (ActionDefinition, {"smoothing_time": -1.0}, "smoothing_time = -1.0 s is out of range"),
-        (ActionDefinition, {"period": -1.0}, "period = -1.0 s"),
         (ActionDefinition, {"base": ""}, "base = ''"),
     ],
 )
