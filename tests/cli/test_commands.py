@@ -1,7 +1,6 @@
 """The command line from a user's view: outputs, exit codes, one-line errors, whole files."""
 
 import dataclasses
-import functools
 import json
 import os
 import re
@@ -14,22 +13,11 @@ from slow_twins import slow_but
 from support.command_line import one_line_error, without_progress
 from support.shipped import CONTROLLERS
 
-from fuzzyarm import load_policy
 from fuzzyarm.cli import main
-from fuzzyarm.envs.physics.parameters import ArmParameters
 from fuzzyarm.eval.evaluation import figures
-from fuzzyarm.eval.evaluation.run import evaluate
-from fuzzyarm.eval.stability.margins import policy_margins
 from fuzzyarm.fuzzy_policy.controller import Controller, consistent_feedforward
 
 QUICK = ["evaluate", "--policy", "fuzzy-4", "--case", "nominal"]
-evaluate_once = functools.cache(evaluate)
-
-
-@pytest.fixture
-def evaluated_once(monkeypatch):
-    """Let the tests run the episode of `QUICK` once, each time the same: they are about what becomes of it."""
-    monkeypatch.setattr("fuzzyarm.eval.evaluation.run.evaluate", lambda config, progress=None: evaluate_once(config))
 
 
 def test_evaluate_prints_a_table_and_writes_results_and_figures(tmp_path, capsys, monkeypatch):
@@ -49,7 +37,7 @@ def test_evaluate_prints_a_table_and_writes_results_and_figures(tmp_path, capsys
     assert not [name for name in names if name.endswith(".part")]
 
 
-@pytest.mark.usefixtures("undrawn", "evaluated_once")
+@pytest.mark.usefixtures("undrawn")
 def test_evaluate_json_is_the_results_file(tmp_path, capsys):
     assert main([*QUICK, "--json", "--out", str(tmp_path)]) == 0
     assert json.loads(capsys.readouterr().out) == json.loads((tmp_path / "results.json").read_text())
@@ -69,18 +57,6 @@ def test_what_a_file_leaves_to_table_1_is_named_once_and_in_the_results(tmp_path
     assert arm.startswith('{"length": [0.5, 0.4], "mass_center": [0.25, 0.2]}; as in Table 1 of the paper: mass, ')
     assert main(["report", str(out), "--out", str(tmp_path / "page.html")]) == 0
     assert "as in Table 1 of the paper: mass, inertia, viscous_friction" in (tmp_path / "page.html").read_text()
-
-
-@pytest.mark.usefixtures("evaluated_once")
-def test_an_interrupt_leaves_whole_files_and_one_line(tmp_path, capsys, monkeypatch):
-    def interrupt(*_, **__):
-        raise KeyboardInterrupt
-
-    monkeypatch.setattr("fuzzyarm.eval.evaluation.figures.write_figures", interrupt)
-    assert main([*QUICK, "--out", str(tmp_path)]) == 130
-    assert "interrupted" in one_line_error(capsys)
-    assert {path.name for path in tmp_path.iterdir()} == {"results.json", "results.csv"}
-    json.loads((tmp_path / "results.json").read_text())
 
 
 @pytest.mark.usefixtures("undrawn")
@@ -161,9 +137,8 @@ def test_design_in_the_form_of_the_paper(tmp_path, capsys):
     np.testing.assert_allclose(half.feedforward, 0.5 * consistent_feedforward(half.model), rtol=1e-12)
 
 
-@pytest.fixture
-def quick_bench(monkeypatch):
-    """Let `fuzzyarm bench` measure the one environment only, for as short as it can."""
+def test_bench_writes_a_file_where_it_is_asked_to(tmp_path, capsys, monkeypatch):
+    """Of the one environment only, for as short as it can."""
     from fuzzyarm.eval.bench import run as bench
     from fuzzyarm.eval.bench._entries import single_entries
 
@@ -172,58 +147,33 @@ def quick_bench(monkeypatch):
     monkeypatch.setattr(bench.BenchConfig, "groups", lambda self: {"one environment": [entry]})
     monkeypatch.setattr(bench.BenchConfig, "sweep_groups", lambda self: {"sweep": [entry]} if self.lanes_sweep else {})
     monkeypatch.setattr(bench, "_memory_per_lane", lambda: 321.0)
-    return ["bench", "--seconds", "1e-4"]
-
-
-def test_bench_prints_a_table_and_writes_a_file_where_it_is_asked_to(tmp_path, capsys, monkeypatch, quick_bench):
     monkeypatch.chdir(tmp_path)
-    assert main(quick_bench) == 0
+    assert main(["bench", "--seconds", "1e-4"]) == 0
     out = capsys.readouterr().out
-    for part in ("FuzzyArm-v0, machine code", "steps/s [thousand]", "5 rounds of 0.0001 s", "321 bytes"):
-        assert part in out
-    assert "\x1b" not in out and list(tmp_path.iterdir()) == []
-    assert main([*quick_bench, "--json", "--lanes-sweep", "--out", "new"]) == 0
-    printed = json.loads(capsys.readouterr().out)
-    assert printed == json.loads((tmp_path / "new" / "bench.json").read_text())
-    assert printed["rows"][0]["steps_per_s"]["median"] > 0.0
+    assert "FuzzyArm-v0, machine code" in out and "\x1b" not in out and list(tmp_path.iterdir()) == []
+    assert main(["bench", "--seconds", "1e-4", "--json", "--lanes-sweep", "--out", "new"]) == 0
+    assert json.loads(capsys.readouterr().out) == json.loads((tmp_path / "new" / "bench.json").read_text())
     assert {path.name for path in (tmp_path / "new").iterdir()} == {"bench.json", "throughput.png"}
 
 
 MARGINS = ["margins", "--policy", "computed-torque"]
 
 
-@functools.cache
-def margins_of_computed_torque():
-    return policy_margins(load_policy("computed-torque"), ArmParameters(), 1e-3)
-
-
-@pytest.fixture
-def measured(monkeypatch):
-    """Let every policy have the margins of computed torque, which are measured once."""
-    monkeypatch.setattr("fuzzyarm.eval.stability.margins.policy_margins", lambda *_: margins_of_computed_torque())
-
-
-@pytest.mark.usefixtures("measured")
-def test_a_table_and_what_it_means(tmp_path, capsys, monkeypatch):
+@pytest.mark.usefixtures("few_postures")
+def test_margins_are_a_table_and_what_it_means_and_a_file(tmp_path, capsys, monkeypatch):
     monkeypatch.chdir(tmp_path)
     assert main(MARGINS) == 0
     out, err = capsys.readouterr()
-    assert out.splitlines()[0].startswith("policy")
-    assert "5 kg payload loop gain from" in out
-    assert out.splitlines()[1].startswith("computed-torque  0.9924")
+    assert out.splitlines()[0].startswith("policy") and "5 kg payload loop gain from" in out
+    assert out.splitlines()[1].startswith("computed-torque  0.99")
     assert "A local measurement and not a proof: postures frozen, dry friction removed" in out
     assert "\x1b" not in out and without_progress(err) == ""  # plain when piped
     assert list(tmp_path.iterdir()) == []
-
-
-@pytest.mark.usefixtures("measured")
-def test_json_is_the_file(tmp_path, capsys):
-    path = tmp_path / "margins.json"
-    assert main([*MARGINS, "--policy", "fuzzy-4", "--json", "--out", str(path)]) == 0
+    assert main([*MARGINS, "--policy", "fuzzy-4", "--json", "--out", "margins.json"]) == 0
     printed = capsys.readouterr().out
-    assert printed == path.read_text(encoding="utf-8")
+    assert printed == (tmp_path / "margins.json").read_text(encoding="utf-8")
     assert [row["policy"] for row in json.loads(printed)["rows"]] == ["computed-torque", "fuzzy-4"]
-    assert list(tmp_path.iterdir()) == [path]
+    assert [path.name for path in tmp_path.iterdir()] == ["margins.json"]
 
 
 def test_another_arm_is_that_of_plant_and_policy(tmp_path, capsys):

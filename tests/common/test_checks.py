@@ -64,7 +64,8 @@ def point(values):
 CYCLE: list = [1.0]
 CYCLE.append(CYCLE)
 WRONG = [
-    (lambda: checks.real("x", 10**400), ValueError, "out of range"),
+    (lambda: checks.real("x", 10**5000), ValueError, "out of range"),
+    (lambda: checks.real("x", "x" * 10_000), TypeError, "must be a real number"),
     (lambda: checks.real("x", np.float32("nan")), ValueError, "out of range"),
     (lambda: checks.whole("n", 1.0), TypeError, "n = 1.0 must be a whole number"),
     (lambda: point("12"), TypeError, r"point = '12' must be 2 real numbers \[m\]"),
@@ -96,7 +97,7 @@ WRONG = [
 def test_what_is_wrong_is_named_in_one_line(call, error, message):
     with pytest.raises(error, match=message) as caught:
         call()
-    assert "\n" not in str(caught.value) and len(str(caught.value)) < 300
+    assert "\n" not in str(caught.value) and len(str(caught.value)) < 200
 
 
 @pytest.mark.parametrize(
@@ -113,13 +114,6 @@ def test_the_message_shows_the_interval_as_it_is_written(bounds, allowed):
     with pytest.raises(ValueError) as caught:
         checks.real("radius", math.nan, "m", **bounds)
     assert str(caught.value) == f"radius = nan m is out of range; {allowed}"
-
-
-def test_a_message_is_one_short_line_whatever_the_value():
-    for value in ("x" * 10_000, 10**5000, [0.0] * 999, np.eye(2)):
-        with pytest.raises((TypeError, ValueError)) as caught:
-            checks.real("x", value)
-        assert len(str(caught.value)) < 200 and "\n" not in str(caught.value)
 
 
 @given(value=st.integers(-50, 50), low=st.integers(-20, 20), high=st.one_of(st.none(), st.integers(-20, 20)))

@@ -4,6 +4,7 @@ import datetime
 import io
 import itertools
 import re
+import sys
 import time
 import types
 
@@ -11,30 +12,7 @@ import pytest
 import rich.console
 
 from fuzzyarm.common import console
-
-HEADINGS = ["case", "tip error max [mm]"]
-
-
-SMALL = console.Sheet(HEADINGS, [("Case 1", "3.90"), ("Case 2: a force", "10.8")])
-
-
-def test_piped_tables_are_columns_of_text():
-    head, *rows = (line.rstrip() for line in shown(SMALL, a_screen(False, 40)).splitlines())
-    assert head.split("  ")[0] == "case" and head.endswith("tip error max [mm]")  # no markup: the unit stays
-    assert [row.split()[-1] for row in rows] == ["3.90", "10.8"]
-    assert len({len(line) for line in (head, *rows)}) == 1  # numbers are aligned right
-    text = shown(wide_table(), a_screen(False, 1000))
-    assert text.count("policy") == 1 and len(text.splitlines()) == 4
-
-
-def test_on_a_terminal_each_word_of_a_heading_has_a_line_and_the_digits_stay():
-    text = shown(SMALL, a_screen(True, 24))
-    assert [line.split()[-1] for line in text.splitlines() if line.strip()][:4] == ["tip", "error", "max", "[mm]"]
-    assert "─" in text and "10.8" in text
-    text = shown(wide_table(), a_screen(True, 12))  # too narrow for a column: lines are broken, nothing is lost
-    assert all(f"{k}234567.891" in text for k in range(9))
-    text = shown(wide_table(keys=2), a_screen(True, 40))
-    assert text.count("0234567.891") == text.count("observer") > 1
+from fuzzyarm.common.waiting import announced
 
 
 def wide_table(**settings):
@@ -111,3 +89,11 @@ def test_a_line_comes_where_no_step_is_done(capsys):
         while not (line := capsys.readouterr().err) and time.monotonic() < until:
             time.sleep(0.01)
     assert line == "0:00:00  steps\n"
+
+
+def test_what_takes_long_is_announced_once_and_on_a_terminal_alone(capsys, monkeypatch):
+    for terminal, times in ((False, 0), (True, 1), (True, 0)):
+        monkeypatch.setattr(sys.stderr, "isatty", lambda terminal=terminal: terminal)
+        with announced("compiling, for this test", after=0.0):
+            time.sleep(0.3)
+        assert capsys.readouterr().err == "compiling, for this test\n" * times

@@ -98,18 +98,17 @@ def test_what_the_page_does_not_execute_runs_as_well(name, tmp_path, monkeypatch
         folder.mkdir()
     monkeypatch.chdir(folders[0])
     exec(compile("\n".join(code(PARTS[name])), "python.md", "exec"), names)
-    if name == "paper":
-        assert names["comparison"].drifted == []
-    if name == "bench":
-        assert names["document"]["rows"]
-    if name not in ("sweep", "train"):
-        return
-    monkeypatch.chdir(folders[1])
-    assert main(command(name)) == 0
+    match name:
+        case "paper":
+            assert names["comparison"].drifted == []
+        case "bench":
+            assert names["document"]["rows"]
+        case _:
+            monkeypatch.chdir(folders[1])
+            assert main(command(name)) == 0
     if name == "sweep":
-        texts = [(folder / "plants/sweep.json").read_text() for folder in folders]
-        rows, others = (json.loads(text)["rows"] for text in texts)
+        rows, others = (json.loads((folder / "plants/sweep.json").read_text())["rows"] for folder in folders)
         assert rows == others
-    else:
-        weights = [(folder / "training/policy/weights.safetensors").read_bytes() for folder in folders]
-        assert weights[0] == weights[1]
+    if name == "train":
+        first, second = ((folder / "training/policy/weights.safetensors").read_bytes() for folder in folders)
+        assert first == second

@@ -10,6 +10,7 @@ import pytest
 from gymnasium import wrappers
 from gymnasium.envs.registration import EnvSpec
 from gymnasium.utils.env_checker import check_env
+from support.batches import SHORT
 from support.randomisation import ROBUST
 
 from fuzzyarm.envs.fuzzy_arm import FuzzyArmEnv
@@ -18,11 +19,10 @@ from fuzzyarm.envs.physics.parameters import ArmParameters
 from fuzzyarm.envs.physics.robot import robot_named
 from fuzzyarm.envs.scenario.cases import CASES
 from fuzzyarm.envs.scenario.disturbances import ConstantForce, Disturbance, EncoderNoise
-from fuzzyarm.envs.scenario.paths import Line, Spline
+from fuzzyarm.envs.scenario.paths import Spline
 from fuzzyarm.envs.scenario.randomisation import DomainRandomisation
 from fuzzyarm.envs.scenario.reference import JointReference
 
-SHORT = JointReference(path=Line((0.4, 0.5), (0.42, 0.5)), duration=0.05)  # 50 steps
 LONG = JointReference(duration=1.6)
 HOLDING = np.zeros(2)
 

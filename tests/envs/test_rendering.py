@@ -1,4 +1,4 @@
-"""Pictures: without a display, true to the state, and a window that may be closed at any time."""
+"""Pictures: true to the state, in perspective for robots, without a display or in a window that may be closed."""
 
 import copy
 import os
@@ -10,21 +10,27 @@ import numpy as np
 import pygame
 import pytest
 from gymnasium.error import ResetNeeded
+from support.robots import ROBOTS
 
-from fuzzyarm.envs import _pictures as pictures
-from fuzzyarm.envs._pictures import FOOTER, FORCE, HEADER, HEIGHT, INK, PAYLOAD, REFERENCE, TRACE, WIDTH
+from fuzzyarm.envs._pictures import FOOTER, FORCE, HEADER, HEIGHT, INK, PAYLOAD, REFERENCE, TRACE, WIDTH, Canvas, paint
+from fuzzyarm.envs.batch.layout import VECTORS
+from fuzzyarm.envs.batch.schedule import Schedule
 from fuzzyarm.envs.fuzzy_arm import FuzzyArmEnv
+from fuzzyarm.envs.perspective import floor_of, looking_at, poses_of, upwards
 from fuzzyarm.envs.physics.dynamics import Payload
 from fuzzyarm.envs.physics.parameters import ArmParameters
+from fuzzyarm.envs.physics.rigid_body import frames
+from fuzzyarm.envs.physics.robot import Robot
 from fuzzyarm.envs.scenario.cases import CASES
 from fuzzyarm.envs.scenario.disturbances import ConstantForce, Disturbance
 from fuzzyarm.envs.scenario.reference import JointReference, joint_angles
+from fuzzyarm.envs.scenario.robot_reference import SplineReference
 
 LENGTH = ArmParameters().length
+LOW, HIGH = np.array([0.0, 0.0]), np.array([300.0, 200.0])
 FIELD = slice(HEADER + 2, HEIGHT - FOOTER - 2)
 HEADLESS = """
 import pygame
-from fuzzyarm.envs import _pictures as pictures
 from fuzzyarm.envs.fuzzy_arm import FuzzyArmEnv
 env = FuzzyArmEnv(render_mode="rgb_array")
 env.reset()
@@ -172,14 +178,6 @@ def test_payload_hangs_where_it_is_attached(env):
     np.testing.assert_allclose(apart / np.hypot(*apart), [np.sin(q.sum()), np.cos(q.sum())], atol=0.03)
 
 
-def test_titles():
-    arm = ArmParameters()
-    for case in CASES.values():
-        assert pictures._case_title(case.disturbance, arm) == case.title
-    assert pictures._case_title(Disturbance(), arm) == CASES["nominal"].title
-    assert pictures._case_title(Disturbance(payload=Payload(4.0)), arm) == "custom disturbance"
-
-
 @pytest.mark.parametrize("q", [(0.0, 0.0), (3.1, 0.0), (1.57, 0.0), (-1.57, 0.0), (-2.5, 2.9)])
 @pytest.mark.parametrize("length", [(1.0, 1.2), (0.3, 0.7)])
 def test_every_pose_of_every_arm_fits_and_leaves_the_header_alone(length, q):
@@ -262,3 +260,120 @@ def test_window_keeps_real_time(window):
         window.step(np.zeros(2))
     # 15 frames at 50 per second; a busy machine may be slower, never faster.
     assert pygame.time.get_ticks() - start >= 0.9 * 300
+
+
+def some_paths(count=40):
+    """Yield circles, lines and knots of 60 points near a robot."""
+    generator, angle = np.random.default_rng(1), np.linspace(0.0, 2.0 * np.pi, 60)[:, np.newaxis]
+    for number in range(count):
+        center, first, second = generator.normal(size=(3, 3))
+        third = generator.normal(size=3) * (number % 3 == 0)
+        yield center + 0.2 * (np.cos(angle) * first + (number % 4 > 0) * np.sin(angle) * second + angle * third)
+
+
+@pytest.mark.parametrize("name", ["ur5", "planar-3r", "skewed"])
+def test_the_camera_stands_level_and_above_and_has_the_path_to_its_right(name):
+    robot = ROBOTS[name]
+    up = upwards(robot)
+    for path in [*some_paths(), np.outer(np.linspace(1.0, 2.0, 9), up), np.zeros((9, 3))]:
+        camera = looking_at(robot, path)
+        right, down, ahead = camera.axes
+        np.testing.assert_allclose(camera.axes @ camera.axes.T, np.eye(3), atol=1e-12)
+        np.testing.assert_allclose(np.cross(right, down), ahead, atol=1e-12)
+        assert abs(right @ up) < 1e-12 and down @ up < 0.0 and ahead @ up < -0.1
+        assert right @ path.mean(axis=0) >= -1e-9
+
+
+def test_a_path_is_seen_openly_whatever_plane_it_is_in():
+    """A circle of radius 1 has the area π face-on; the arm's plane, side and floor leave at least half of that."""
+    angle, robot = np.linspace(0.0, 2.0 * np.pi, 361)[:, np.newaxis], ROBOTS["ur5"]
+    x, y, z = np.eye(3)
+    for first, second in ((x, z), (y, z), (x, y)):  # along the arm, across it, level
+        path = x + 0.01 * (np.cos(angle) * first + np.sin(angle) * second)
+        camera = looking_at(robot, path)
+        a, b = (camera.pixels(path) / 0.01 * camera.depth(path.mean(axis=0))).T
+        area = 0.5 * np.abs(np.sum(a[:-1] * np.diff(b) - b[:-1] * np.diff(a)))
+        assert area > 0.5 * np.pi
+
+
+def test_lines_stay_lines_and_keep_their_cross_ratio():
+    """What a pinhole keeps: the cross ratio (AC·BD)/(BC·AD) of four points of a line."""
+    generator = np.random.default_rng(0)
+    camera = looking_at(ROBOTS["ur5"], next(some_paths()))._replace(focal=700.0, center=np.array([3.0, 4.0]))
+    for start, along in generator.normal(size=(20, 2, 3)):
+        places = np.array([0.0, 0.3, 0.5, 0.9])
+        seen = camera.pixels(start + places[:, np.newaxis] * along)
+        direction = (seen[-1] - seen[0]) / np.linalg.norm(seen[-1] - seen[0])
+        t = (seen - seen[0]) @ direction
+        np.testing.assert_allclose(seen, seen[0] + t[:, np.newaxis] * direction, atol=1e-9)
+
+        def ratio(a, b, c, d):
+            return (c - a) * (d - b) / ((c - b) * (d - a))
+
+        np.testing.assert_allclose(ratio(*t), ratio(*places), rtol=1e-9)
+
+
+def test_a_fitted_camera_fills_the_field():
+    generator = np.random.default_rng(0)
+    camera = looking_at(ROBOTS["ur5"], next(some_paths()))
+    for _ in range(10):
+        points = generator.normal(size=(6, 3)) * 10.0 ** generator.uniform(-2.0, 0.0)
+        seen = camera.fitted(points, LOW, HIGH).pixels(points)
+        assert (seen > LOW - 1e-9).all() and (seen < HIGH + 1e-9).all()
+        np.testing.assert_allclose(seen.min(axis=0) + seen.max(axis=0), LOW + HIGH)
+        assert np.isclose(np.ptp(seen, axis=0) / (HIGH - LOW), 1.0).any()
+
+
+def test_poses_end_at_the_tip_and_shadows_fall_along_gravity_onto_a_floor_below():
+    robot = ROBOTS["skewed"]
+    q = np.random.default_rng(0).uniform(-3.0, 3.0, (20, len(robot)))
+    poses = poses_of(robot, q)
+    lengths = np.linalg.norm(np.diff(poses.points, axis=1), axis=-1)
+    np.testing.assert_allclose(lengths, np.broadcast_to(lengths[0], lengths.shape))
+    np.testing.assert_allclose(poses.points[:, -1], frames(robot, q).tip)
+    floor = floor_of(robot, poses.points)
+    fall = poses.points - floor.below(poses.points)
+    assert (fall @ floor.up > -1e-12).all()
+    np.testing.assert_allclose(fall, (fall @ floor.up)[..., np.newaxis] * floor.up, atol=1e-12)
+    np.testing.assert_allclose(floor.grid @ floor.up, floor.height)
+
+
+def picture(robot, disturbance, deviation=(0.0, 0.0, 0.0)):
+    """Return a picture of a robot with its tip off the reference, and where the camera sees reference and tip."""
+    start = np.full(len(robot), 0.4)
+    reference = SplineReference(np.array([start, start + 0.3]), 0.5, robot)
+    schedule = Schedule.build(reference, disturbance, 1e-3)
+    longest = max(len(robot), 3)
+    trace = np.zeros((1, len(VECTORS), longest))
+    tip = frames(robot, start).tip
+    for name, values in {
+        "tip": tip + np.array(deviation),
+        "tip_reference": tip,
+        "q_link": start,
+        "external_force": schedule.forces[0, :3],
+    }.items():
+        trace[0, VECTORS.index(name), : len(values)] = values
+    canvas = Canvas()
+    paint(canvas, schedule, trace, 0.0, robot)
+    return canvas.array()
+
+
+@pytest.mark.parametrize("name", ["ur5", "skewed"])
+def test_the_tip_error_is_magnified_and_gravity_points_down(name):
+    robot = ROBOTS[name]
+    still, lower = picture(robot, Disturbance()), picture(robot, Disturbance(), -0.002 * upwards(robot))
+    assert still.shape == (HEIGHT, WIDTH, 3) and len(pixels(still, REFERENCE)) > 20
+    right, down = pixels(lower, TRACE).mean(axis=0) - pixels(still, TRACE).mean(axis=0)
+    assert abs(right) < 3.0 and down > 5.0
+
+
+def test_loads_are_drawn_where_they_act():
+    robot = ROBOTS["ur5"]
+    bare, pushed = (picture(robot, Disturbance(tip_force=force)) for force in (None, ConstantForce((0.0, 0.0, -9.0))))
+    tip, arrow = pixels(bare, TRACE).mean(axis=0), pixels(pushed, FORCE)
+    assert len(pixels(bare, FORCE)) == 0 and len(arrow) > 50
+    assert arrow.mean(axis=0)[1] < tip[1]  # pushed down, the arrow comes from above
+    disc = pixels(picture(robot, Disturbance(payload=Payload(2.0)), 0.01 * upwards(robot)), PAYLOAD)
+    assert len(disc) > 50 and np.hypot(*(disc.mean(axis=0) - tip)) < 4.0
+    weightless = Robot("weightless", robot.joints, robot.tip, (0.0, 0.0, 0.0))
+    assert len(pixels(picture(weightless, Disturbance()), TRACE)) > 50

@@ -12,6 +12,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from slow_twins import slow_but
+from support.bundles import network
 from support.exported import COMPILERS, answers, assert_same_bits, bits, needs_compiler
 
 from fuzzyarm import load_policy
@@ -24,7 +25,6 @@ from fuzzyarm.export.c_files import _FLAGS as FLAGS
 from fuzzyarm.export.c_files import _CompiledLaw as CompiledLaw
 from fuzzyarm.export.c_files import export_c
 from fuzzyarm.fuzzy_policy.laws.computed_torque import ComputedTorquePolicy
-from fuzzyarm.fuzzy_policy.laws.learned.network import Network
 from fuzzyarm.numbers.functions import apart, array, each, entry, number, only, repeat, row, select, when, word
 from fuzzyarm.synthesis import ScheduledSpecification, design_scheduled
 
@@ -285,12 +285,8 @@ def test_the_square_root_is_rounded_correctly(real, kind, tmp_path):
 
 def test_a_network_that_is_too_large_is_one_line(tmp_path, capsys):
     bundle = load_policy("ppo-nominal").bundle
-    width, inputs = 600, bundle.network.sizes[0]
-    shapes = (width, inputs), (width, width), (2, width)
-    weights = tuple(np.zeros(shape, dtype=np.float32) for shape in shapes)
-    biases = tuple(np.zeros(len(weight), dtype=np.float32) for weight in weights)
-    network = Network(bundle.network.mean, bundle.network.std, bundle.network.clip, weights, biases)
-    dataclasses.replace(bundle, network=network).save(tmp_path / "large")
+    large = network((bundle.network.sizes[0], 600, 600, 2))
+    dataclasses.replace(bundle, network=large).save(tmp_path / "large")
     assert main(["export", "c", str(tmp_path / "large"), "--out", str(tmp_path / "new")]) == 2
     out, err = capsys.readouterr()
     assert out == "" and err.count("\n") == 1 and not (tmp_path / "new").exists()

@@ -31,12 +31,10 @@ def without_fastest_pole(controller):
 
 
 def write(tmp_path, content):
-    """Write a text, or a document with a digest that fits it: tampering by somebody who knows the format."""
+    """Write a document with a digest that fits it: tampering by somebody who knows the format."""
     path = tmp_path / "controller.json"
-    if isinstance(content, dict) and "digest" in content:
-        content = {key: value for key, value in content.items() if key != "digest"}
-        content["digest"] = digest_of(content)
-    path.write_text(content if isinstance(content, str) else json.dumps(content))
+    content = {key: value for key, value in content.items() if key != "digest"}
+    path.write_text(json.dumps(content | {"digest": digest_of(content)}))
     return path
 
 
@@ -52,37 +50,14 @@ def test_round_trip_is_exact(controller, tmp_path):
     assert copy.to_json() == controller.to_json()
 
 
-@pytest.mark.parametrize("content", ["", "[1, 2", "{}", "[" * 100_000, "\x00\x01"])
-def test_foreign_files_raise_one_clear_line(tmp_path, content):
-    path = write(tmp_path, content)
-    with pytest.raises(ControllerFileError, match=re.escape(str(path))) as caught:
-        Controller.load(path)
-    assert "\n" not in str(caught.value)
-
-
-def leaves(value, path=()):
-    """Yield the path of every number of a document."""
-    if isinstance(value, list):
-        for index, entry in enumerate(value):
-            yield from leaves(entry, (*path, index))
-    elif isinstance(value, dict):
-        for key, entry in value.items():
-            yield from leaves(entry, (*path, key))
-    elif isinstance(value, str) and value.lstrip("-").startswith("0x"):
-        yield path
-
-
-def test_any_changed_digit_is_noticed(document, tmp_path):
+def test_any_changed_digit_is_noticed(controller, tmp_path):
     """The last bit of every number in the file: gains, robot, bounds, alpha, gamma, P, slacks, multipliers."""
-    paths = list(leaves(document))
-    assert len(paths) > 300
-    for path in paths[:: len(paths) // 60]:
-        holder = changed = json.loads(json.dumps(document))
-        for key in path[:-1]:
-            holder = holder[key]
-        holder[path[-1]] = math.nextafter(float.fromhex(holder[path[-1]]), math.inf).hex()
-        file = tmp_path / "changed.json"
-        file.write_text(json.dumps(changed))
+    text, file = controller.to_json(), tmp_path / "changed.json"
+    numbers = list(re.finditer(r"-?0x[^\"]*", text))
+    assert len(numbers) > 300
+    for number in numbers[:: len(numbers) // 60]:
+        other = math.nextafter(float.fromhex(number[0]), math.inf).hex()
+        file.write_text(text[: number.start()] + other + text[number.end() :])
         with pytest.raises(ControllerFileError, match="digest"):
             Controller.load(file)
 

@@ -48,17 +48,18 @@ def answering(network):
     return answer
 
 
-def bundle(action=None, seed=0, **values):
+def bundle(action=None, seed=0, arm=None, **values):
     """A bundle with a random network that fits."""
-    features = FeatureDefinition(**values)
+    features, action = FeatureDefinition(**values), action or ActionDefinition()
     return PolicyBundle(
         features=features,
-        action=action or ActionDefinition(),
-        network=network((features.size, 16, 8, 2), seed),
+        action=action,
+        network=network((features.size, 16, 8, len(action.scale)), seed),
         training={"steps": 7},
         seed=3,
         curve=[{"steps": 7, "nominal_max_mm": 1.5}],
         versions={"numpy": "2"},
+        arm=arm,
     )
 
 

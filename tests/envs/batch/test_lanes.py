@@ -2,6 +2,7 @@
 
 import copy
 import dataclasses
+import functools
 import json
 import pickle
 import subprocess
@@ -10,28 +11,17 @@ import sys
 import gymnasium as gym
 import numpy as np
 import pytest
-from support.randomisation import ROBUST
+from support.randomisation import EVERYTHING, NOISY, ROBUST, SHORT
 from support.results import identical
 
 from fuzzyarm.envs.batch.lanes import Lanes
 from fuzzyarm.envs.fuzzy_arm import FuzzyArmEnv
 from fuzzyarm.envs.physics.parameters import ArmParameters
-from fuzzyarm.envs.scenario.cases import CASES
-from fuzzyarm.envs.scenario.disturbances import Disturbance, EncoderNoise
-from fuzzyarm.envs.scenario.paths import Line
-from fuzzyarm.envs.scenario.randomisation import DomainRandomisation
 from fuzzyarm.envs.scenario.reference import JointReference
 from fuzzyarm.envs.vector import FuzzyArmVectorEnv
 from fuzzyarm.numbers.machine import WIDE
 
 TABLE_1 = ArmParameters()
-FAMILY = tuple(JointReference(Line((0.4, 0.5), (0.45, 0.4 + 0.02 * k)), duration=0.1) for k in range(4))
-ALL_VARY = DomainRandomisation(
-    mass=(0.8, 1.2), dry_friction=(0.5, 1.5), payload=(0.0, 5.0), force=(0.0, 1.0), references=FAMILY
-)
-NOISY = Disturbance(
-    tip_force=CASES["machining"].disturbance.tip_force, encoder_noise=EncoderNoise(position=1e-4, velocity=1e-2)
-)
 
 
 def torques(steps, *shape):
@@ -59,7 +49,7 @@ def test_a_lane_is_the_lane_alone_also_beside_one_that_blows_up(monkeypatch):
 
 
 def made(arms, own, count):
-    return Lanes(arms, own, count, control_period=1e-3, substeps=5, randomisation=ALL_VARY)
+    return Lanes(arms, own, count, control_period=1e-3, substeps=5, randomisation=EVERYTHING)
 
 
 def test_a_reset_with_a_reference_that_does_not_fit_changes_nothing():
@@ -75,27 +65,27 @@ def test_a_reset_with_a_reference_that_does_not_fit_changes_nothing():
         made([TABLE_1, narrow], [(NOISY, JointReference())], 2)
 
 
-def continued(env):
-    """What an environment gives from here on, over the end of its episode."""
-    results = []
-    for torque in np.tile(0.2 * torques(25), (6, 1)):
-        results.append(env.step(torque))
-        if results[-1][2] or results[-1][3]:
-            results.append(env.reset())
-    return results
+COPIES = {"deepcopy": copy.deepcopy, "pickle": lambda env: pickle.loads(pickle.dumps(env))}
 
 
-@pytest.mark.parametrize(
-    "duplicate", [copy.deepcopy, lambda env: pickle.loads(pickle.dumps(env))], ids=["deepcopy", "pickle"]
-)
-@pytest.mark.parametrize("options", [{"reference": FAMILY[1]}, {"case": "payload"}])
-def test_a_copy_in_the_middle_of_an_episode_goes_on_bit_for_bit(duplicate, options):
-    env = FuzzyArmEnv(disturbance=NOISY, randomisation=ALL_VARY)
+@pytest.mark.parametrize("duplicate", COPIES.values(), ids=COPIES)
+@pytest.mark.parametrize("options", [{"reference": SHORT[1]}, {"case": "payload"}])
+@pytest.mark.parametrize("lanes", [(), (2 * WIDE,)], ids=["one", "batch"])
+def test_a_copy_in_the_middle_of_an_episode_goes_on_bit_for_bit(lanes, options, duplicate):
+    made = functools.partial(FuzzyArmVectorEnv, *lanes, threads=2) if lanes else FuzzyArmEnv
+    env, ends = made(disturbance=NOISY, randomisation=EVERYTHING), 0
     env.reset(seed=1, options=options)
-    for torque in torques(5):
+    for torque in torques(5, *lanes):
         env.step(torque)
     twin = duplicate(env)
-    assert twin.reference == env.reference and identical(continued(env), continued(twin))
+    for torque in 0.2 * torques(320, *lanes):
+        results = env.step(torque)
+        assert identical(twin.step(torque), results)
+        if not lanes and (results[2] or results[3]):
+            assert twin.reference == env.reference and identical(twin.reset(), env.reset())
+        ends += np.sum(results[2] | results[3])
+    assert ends > 0 and identical(twin.reset(), env.reset())
+    assert not lanes or not twin.reset()[1]["_tip"].flags.writeable  # the mask that all keys share
 
 
 ELSEWHERE = """

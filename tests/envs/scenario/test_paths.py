@@ -1,25 +1,22 @@
-"""Tip curves: derivatives, closure, and the shapes they claim to be."""
+"""Tip curves: derivatives, closure, the shapes they claim to be, and paths by points of a file."""
 
+import dataclasses
 import math
 
 import numpy as np
 import pytest
-from support.differences import central_difference
+from support.differences import LOOP, WAYPOINTS, central_difference
+from support.differences import PATHS as REACHED
 
-from fuzzyarm.envs.scenario.paths import Circle, Lemniscate, Line, Placed, Spline, Square, TipPath
+from fuzzyarm.envs.physics.parameters import ArmParameters
+from fuzzyarm.envs.physics.robot import robot_named
+from fuzzyarm.envs.scenario.given_path import GivenPath
+from fuzzyarm.envs.scenario.paths import Circle, Line, Placed, Spline, Square, TipPath
 
-WAYPOINTS = ((0.6, 0.1), (0.5, 0.5), (0.1, 0.6), (-0.3, 0.5))
-LOOP = ((0.5, 0.3), (0.6, 0.5), (0.4, 0.7), (0.2, 0.5))
-PATHS = {
-    "paper circle": Circle(),
-    "arc": Circle(center=(0.3, 0.3), radius=0.3, start_angle=0.4, turns=0.3),
+PATHS = REACHED | {
     "two turns": Circle(center=(0.3, 0.3), radius=0.1, start_angle=-1.0, turns=2.0),
-    "line": Line((0.7, 0.2), (0.2, 0.7)),
-    "lemniscate": Lemniscate((0.4, 0.4), 0.2, angle=0.5),
-    "spline": Spline(WAYPOINTS),
     "square": Square((0.1, -0.2), 0.3),
     "two-point spline": Spline(np.array(WAYPOINTS[:2])),
-    "closed spline": Spline(LOOP, closed=True),
 }
 CLOSED = ("paper circle", "two turns", "lemniscate", "closed spline")
 every_path = pytest.mark.parametrize("path", PATHS.values(), ids=PATHS.keys())
@@ -117,3 +114,57 @@ def test_a_placed_curve_is_the_plane_one_in_its_axes(curve):
     if isinstance(curve, Circle):  # which turns clockwise: the left normal points outwards
         outwards = (curve.points(s)[0] - curve.center) / curve.radius
         np.testing.assert_allclose(placed.normals(s), outwards @ np.array(axes), atol=1e-14)
+
+
+UNEVEN = ArmParameters(length=(0.5, 0.2), mass_center=(0.25, 0.1))
+SHORT = dataclasses.replace(ArmParameters(), length=(0.5, 0.4), mass_center=(0.25, 0.2), stiffness=(8e3, 5e3))
+
+
+def test_points_of_a_file_are_followed(tmp_path):
+    csv = tmp_path / "way.csv"
+    csv.write_text("x,y\n0.4,0.5\n0.5,0.4\n0.5,0.6\n0.4,0.5\n", encoding="utf-8")
+    given = GivenPath.read(csv)
+    assert given == GivenPath(((0.4, 0.5), (0.5, 0.4), (0.5, 0.6)), closed=True)
+    reference = given.reference(ArmParameters())
+    assert reference.elbow_sign == 1
+    tip = reference.tip(np.linspace(0.0, reference.duration, 4001)).position
+    for point in given.points:
+        assert np.linalg.norm(tip - point, axis=1).min() < 1e-3
+    toml = tmp_path / "way.toml"
+    toml.write_text("points = [[0.4, 0.5], [0.5, 0.4]]\nduration = 3.0\n", encoding="utf-8")
+    assert GivenPath.read(toml).reference(SHORT).duration == 3.0
+
+
+@pytest.mark.parametrize(
+    ("name", "text", "message"),
+    [
+        ("a.csv", "\n0.4,0.5\n0.5,x\n", "line 3, cell 2 is 'x'; needed: x,y or x,y,z in metres"),
+        ("a.csv", "O.4,0.5\n0.5,0.4\n0.5,0.6\n", "line 1, cell 1 is 'O.4'"),
+        ("a.csv", "x;y\n0.4;0.5\n0.5;0.6\n", "line 1, cell 1 is 'x;y'"),
+        ("a.csv", "x,y\n0.4,0.5\nx,y\n0.5,0.4\n", "line 3, cell 1 is 'x'"),
+        ("a.csv", "0.4,nan\n0.5,0.4\n0.5,0.6\n", "line 1, cell 2 is 'nan'"),
+        ("a.csv", "0.4\n0.5\n", "point 1 = .* must be 2 real numbers"),
+        ("a.csv", "0.4,0.5\n", "1 point"),
+        ("a.toml", "pts = [[0.4, 0.5]]\n", "unknown field pts; known: closed, duration, points"),
+        ("a.toml", "points = [[0.4, 0.5], [0.5, 0.4]]\nduration = -1.0\n", "duration = -1.0 s is out of range"),
+    ],
+)
+def test_a_bad_file_is_named(name, text, message, tmp_path):
+    (tmp_path / name).write_text(text, encoding="utf-8")
+    with pytest.raises(ValueError, match=message) as caught:
+        GivenPath.read(tmp_path / name)
+    assert str(caught.value).startswith(str(tmp_path))
+
+
+@pytest.mark.parametrize(
+    ("points", "arm", "message"),
+    [
+        (((1.5, 0.0), (0.5, 0.5)), ArmParameters(), r"--path: .* 1.5 m from .*: 0 to 1 m, the reach of .*: .* 0.5 m"),
+        (((0.5, -0.2), (0.0, 0.0), (0.5, 0.2)), UNEVEN, r"allowed: 0.3 to 0.7 m, the reach of .*: move .* by 0.3 m"),
+        (((0.5, 0.0, 0.2), (2.0, 0.0, 0.0)), "ur5", r"--path: point \(2, 0, 0\) m is 2\.\d* m from the base"),
+        (((0.5, 0.0), (0.5, 0.5)), "ur5", "the points have 2 coordinates; needed: x, y, z for ur5"),
+    ],
+)
+def test_a_path_out_of_reach_says_by_how_much(points, arm, message):
+    with pytest.raises(ValueError, match=message):
+        GivenPath(points).reference(robot_named(arm) if arm == "ur5" else arm)

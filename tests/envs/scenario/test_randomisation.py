@@ -5,17 +5,19 @@ import dataclasses
 import numpy as np
 import pytest
 from scipy import stats
+from support.randomisation import EVERYTHING, NOISY, SHORT
 from support.results import identical
 from support.two_joints import named
 
 from fuzzyarm.envs.batch.lanes import Lanes
+from fuzzyarm.envs.batch.schedule import Schedule
 from fuzzyarm.envs.fuzzy_arm import FuzzyArmEnv
+from fuzzyarm.envs.observation import ACTION_SCALE, OBSERVATION_SCALE, observed
 from fuzzyarm.envs.physics.dynamics import Payload, arm_constants, rigid_inverse_dynamics
 from fuzzyarm.envs.physics.parameters import ArmParameters
 from fuzzyarm.envs.physics.records import flat
-from fuzzyarm.envs.scenario.cases import CASES
 from fuzzyarm.envs.scenario.default_reference import reference_family
-from fuzzyarm.envs.scenario.disturbances import Disturbance, EncoderNoise
+from fuzzyarm.envs.scenario.disturbances import Disturbance
 from fuzzyarm.envs.scenario.paths import Circle, Lemniscate, Line
 from fuzzyarm.envs.scenario.randomisation import ALLOWED, DomainRandomisation, find_randomisation
 from fuzzyarm.envs.scenario.reference import JointReference
@@ -23,22 +25,6 @@ from fuzzyarm.envs.scenario.reference import JointReference
 TABLE_1 = ArmParameters()
 LONG = dataclasses.replace(TABLE_1, length=(0.6, 0.5))
 REFERENCE = JointReference()
-SHORT = tuple(JointReference(Line((0.4, 0.5), (0.45, 0.4 + 0.02 * k)), duration=0.3) for k in range(5))
-EVERYTHING = DomainRandomisation(
-    mass=(0.9, 1.1),
-    motor_inertia=(0.8, 1.3),
-    stiffness=(0.7, 1.2),
-    damping=(0.5, 1.6),
-    dry_friction=(0.4, 1.5),
-    viscous_friction=(0.3, 1.4),
-    payload=(1.0, 5.0),
-    force=(0.2, 0.8),
-    angle=(-0.01, 0.02),
-    references=SHORT,
-)
-NOISY = Disturbance(
-    tip_force=CASES["machining"].disturbance.tip_force, encoder_noise=EncoderNoise(position=1e-4, velocity=1e-2)
-)
 PER_JOINT = [name for name in ALLOWED if name not in ("payload", "force")]
 # The factors of a draw, and the fields of `ArmParameters` that each scales.
 SCALES = {
@@ -244,3 +230,14 @@ def test_every_reference_of_the_family_can_be_tracked(arm):
         fastest = 2.2 * (1.46 if isinstance(reference.path, Lemniscate) else 1.0)
         speed = np.linalg.norm(reference.tip(times).velocity, axis=-1).max() / reach
         assert 0.4 - 1e-6 < speed < fastest + 1e-6
+
+
+def test_scales_are_the_magnitudes_of_the_family_and_the_limits_of_the_motors():
+    family = reference_family(TABLE_1)
+    rows = np.concatenate([Schedule.build(one, Disturbance(), 5e-3).references for one in family])
+    scale = observed(OBSERVATION_SCALE)
+    reference = [scale.q_reference, scale.dq_reference, scale.ddq_reference]
+    np.testing.assert_allclose(np.ravel(reference), np.sqrt(np.mean(rows**2, axis=0)), rtol=0.03)
+    np.testing.assert_array_equal(np.ravel(reference[:2]), np.ravel([scale.q_motor, scale.dq_motor]))
+    env = FuzzyArmEnv()
+    np.testing.assert_array_equal(ACTION_SCALE, env.action_space.high)

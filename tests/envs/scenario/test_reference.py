@@ -6,23 +6,14 @@ import re
 
 import numpy as np
 import pytest
-from support.differences import central_difference
+from support.differences import PATHS, central_difference
 
 from fuzzyarm.envs.physics.dynamics import arm_constants, rigid_inverse_dynamics, tip_jacobian, tip_position
 from fuzzyarm.envs.physics.friction import DryFriction, stribeck_magnitude
 from fuzzyarm.envs.physics.parameters import ArmParameters
-from fuzzyarm.envs.scenario.paths import Circle, Lemniscate, Line, Spline
+from fuzzyarm.envs.scenario.paths import Circle, Line
 from fuzzyarm.envs.scenario.reference import CHECKED_INSTANTS, JointReference, joint_angles, quintic_time_law
 
-PATHS = {
-    "paper circle": Circle(),
-    "arc": Circle(center=(0.3, 0.3), radius=0.3, start_angle=0.4, turns=0.3),
-    "across the negative x axis": Circle(center=(-0.6, 0.0), radius=0.2),
-    "line": Line((0.7, 0.2), (0.2, 0.7)),
-    "lemniscate": Lemniscate((0.4, 0.4), 0.2, angle=0.5),
-    "spline": Spline(((0.6, 0.1), (0.5, 0.5), (0.1, 0.6), (-0.3, 0.5))),
-    "closed spline": Spline(((0.5, 0.3), (0.6, 0.5), (0.4, 0.7), (0.2, 0.5)), closed=True),
-}
 ARMS = {"equal links": ArmParameters(), "unequal links": ArmParameters(length=(0.5, 0.45))}
 GRID = np.linspace(0.0, 1.5, 1501)
 

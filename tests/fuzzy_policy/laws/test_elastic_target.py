@@ -4,9 +4,12 @@ import dataclasses
 
 import numpy as np
 import pytest
+from slow_twins import slow_but
 
 from fuzzyarm.envs.physics.friction import DryFriction, stribeck_magnitude
 from fuzzyarm.envs.physics.parameters import ArmParameters
+from fuzzyarm.envs.physics.robot import robot_named
+from fuzzyarm.envs.scenario.default_reference import default_reference
 from fuzzyarm.envs.scenario.elastic_reference import ElasticReference
 from fuzzyarm.envs.scenario.paths import Lemniscate
 from fuzzyarm.envs.scenario.reference import JointReference
@@ -19,11 +22,13 @@ MEMORY_SIZE = ElasticTarget(ARM, PERIOD).memory_size
 
 
 def follow(target, reference, period=PERIOD):
-    """Targets (n, 6) and feedforwards (n, 2) along a reference, sample by sample, and the times."""
+    """Targets (samples, 3 n) and feedforwards (samples, n) along a reference, and the times."""
     t = np.arange(0.0, reference.duration, period)
     motion = reference.sample(t)
-    observations = np.hstack([np.full((len(t), 4), np.nan), *motion])  # the measurement is not read
-    memory, targets, feedforwards = np.zeros((1, MEMORY_SIZE)), np.zeros((len(t), 1, 6)), np.zeros((len(t), 1, 2))
+    joints = motion.q.shape[1]
+    observations = np.hstack([np.full((len(t), 2 * joints), np.nan), *motion])  # the measurement is not read
+    memory = np.zeros((1, target.memory_size))
+    targets, feedforwards = np.zeros((len(t), 1, 3 * joints)), np.zeros((len(t), 1, joints))
     for k in range(len(t)):
         target.advance(observations[k : k + 1], memory, targets[k], feedforwards[k])
     return t, targets[:, 0], feedforwards[:, 0]
@@ -58,6 +63,16 @@ def test_it_agrees_with_the_exact_reference(reference):
     np.testing.assert_allclose(targets[late, 2:4], exact[late, 2:4], rtol=0.0, atol=5e-6)
     np.testing.assert_allclose(targets[late, 4:], exact[late, 4:], rtol=0.0, atol=5e-3)
     np.testing.assert_allclose(targets[:, :2], exact[:, :2], rtol=0.0, atol=2e-6)
+
+
+@pytest.mark.parametrize("name", slow_but(["planar-3r"], ["planar-3r", "ur5"]))
+def test_that_of_a_robot_agrees_with_its_exact_reference(name):
+    reference = default_reference(robot_named(name))
+    n, (t, found, _) = len(reference.robot), follow(ElasticTarget(reference.robot, PERIOD), reference)
+    late = (t > 0.02) & (t < 0.3)
+    exact = np.hstack(ElasticReference(reference).sample(t[late]))
+    np.testing.assert_allclose(found[late, :n], exact[:, :n], rtol=0, atol=1e-7)
+    np.testing.assert_allclose(found[late, n : 2 * n], exact[:, n : 2 * n], rtol=0, atol=5e-5)
 
 
 def test_the_error_falls_with_the_square_of_the_period():

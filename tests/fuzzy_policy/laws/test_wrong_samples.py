@@ -7,6 +7,7 @@ import re
 import numpy as np
 import pytest
 from slow_twins import slow_but
+from support.results import identical
 
 from fuzzyarm import load_policy
 from fuzzyarm.envs.observation import Observation
@@ -34,34 +35,32 @@ def refused(policy, state):
             bad = SEEN[0].copy()
             bad[1, entry] = number
             part = f"{Observation._fields[entry // 2]} of joint {entry % 2 + 1}"
-            said = f"observation[1, {entry}] = {number}, {part}, is not"
-            with pytest.raises(
-                ValueError, match=f"^{re.escape(said)} finite; hold the last torques and keep the state$"
-            ):
+            said = re.escape(
+                f"observation[1, {entry}] = {number}, {part}, is not finite; hold the last torques and keep"
+            )
+            with pytest.raises(ValueError, match=f"^{said} the state$"):
                 policy.predict(bad, state)
-
-
-@pytest.mark.parametrize("name", slow_but(["fuzzy-4-tip", "elastic-observer", "adaptive-observer"], ALL))
-def test_after_a_reading_that_is_no_number_the_state_goes_on_as_if_it_had_not_been(name):
-    policy = load_policy(name)
-    np.testing.assert_array_equal(torques(policy, refused), torques(policy))
-
-
-@pytest.mark.parametrize("policy", [ADAPTIVE, load_policy("fuzzy-4-tip")], ids=["adaptive", "iterative"])
-def test_so_does_a_pass_and_after_a_number_from_which_no_torque_follows(policy):
-    def both(repeated, state):
-        refused(repeated, state)
-        before = copy.deepcopy(state)
-        with pytest.raises(ValueError, match=r"^no finite torque follows from an observation with a number of size 1e"):
-            repeated.predict(np.full((2, 10), 1e300) * [[1.0], [-1.0]], state)
-        for name, value in vars(state).items():
-            np.testing.assert_array_equal(value, getattr(before, name))
-
-    np.testing.assert_array_equal(torques(policy.repeated(), both), torques(policy.repeated()))
+    if np.shape(state) == (2, 2):
+        return  # a law of one integral answers any number with a torque at the limit
+    huge = SEEN[0].copy()
+    huge[1, 7] = 1e300
+    parts = vars(state) if dataclasses.is_dataclass(state) else {"memory": state}
+    before = copy.deepcopy(parts)
+    with pytest.raises(ValueError, match=r"^no finite torque follows .* with a number of size 1e\+300"):
+        policy.predict(huge, state)
+    assert identical(parts, before)
 
 
 SIZE = ADAPTIVE.memory_size
 PASSES, LEARNING = ADAPTIVE.repeated(), load_policy("fuzzy-4-tip").repeated()
+
+
+@pytest.mark.parametrize(
+    "policy", [*slow_but(["fuzzy-4-tip", "elastic-observer", "adaptive-observer"], ALL), PASSES, LEARNING]
+)
+def test_after_a_reading_from_which_no_torque_follows_the_state_goes_on_as_if_it_had_not_been(policy):
+    policy = load_policy(policy) if isinstance(policy, str) else policy
+    np.testing.assert_array_equal(torques(policy, refused), torques(policy))
 
 
 def test_what_is_no_state_is_refused_by_name():

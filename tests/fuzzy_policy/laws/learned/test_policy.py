@@ -6,7 +6,7 @@ import math
 import gymnasium as gym
 import numpy as np
 import pytest
-from support.bundles import bundle, edited, network
+from support.bundles import bundle, edited
 
 from fuzzyarm import load_policy
 from fuzzyarm.envs.physics.parameters import ArmParameters
@@ -16,7 +16,7 @@ from fuzzyarm.envs.scenario.reference import JointReference
 from fuzzyarm.eval.stability._linearisation import largest_radius, linearise_path
 from fuzzyarm.eval.stability.margins import MarginsConfig, margin_notes, measure_margins
 from fuzzyarm.fuzzy_policy.laws.learned.bundle import BundleError, PolicyBundle
-from fuzzyarm.fuzzy_policy.laws.learned.definition import ActionDefinition, ArmDefinition, FeatureDefinition
+from fuzzyarm.fuzzy_policy.laws.learned.definition import ActionDefinition, ArmDefinition
 from fuzzyarm.fuzzy_policy.laws.learned.policy import LearnedPolicy
 
 LANES = 64
@@ -137,13 +137,9 @@ OTHER_ARM = ArmParameters(mass=(20.0, 10.0))
 
 def robot_bundle(robot=ROBOT, name=None):
     """A bundle for a robot, or for another two-joint arm, with a random network."""
-    joints, features = len(robot), FeatureDefinition(joints=len(robot), past_errors=1, past_actions=2)
-    return PolicyBundle(
-        features,
-        ActionDefinition(scale=tuple(10.0 + k for k in range(joints)), period=ROBOT_PERIOD),
-        network((features.size, 8, joints)),
-        arm=ArmDefinition(name or robot.name, robot.digest),
-    )
+    action = ActionDefinition(scale=tuple(10.0 + k for k in range(len(robot))), period=ROBOT_PERIOD)
+    arm = ArmDefinition(name or robot.name, robot.digest)
+    return bundle(action, arm=arm, joints=len(robot), past_errors=1, past_actions=2)
 
 
 def test_a_bundle_is_for_its_arm_alone(tmp_path):
