@@ -25,14 +25,14 @@ from typing import Any
 import numpy as np
 import pytest
 from support.command_line import without_progress
+from support.trainings import SMALL_TRAINING
 
 from . import samples
 from .judged import Broken
-from .samples import SMALL_TRAINING, scratch
+from .samples import scratch
 
 pytestmark = pytest.mark.slow
 
-ROOT = Path(__file__).parents[2]
 TRAIN = ["train", "ppo", "--out", "out"]
 for _name, _value in SMALL_TRAINING.items():
     TRAIN += [f"--{_name.replace('_', '-')}", *map(str, _value if isinstance(_value, tuple) else (_value,))]
