@@ -216,5 +216,4 @@ def trained(folder: Path) -> None:
 @_made
 def recorded(folder: Path) -> None:
     """A data set of one episode."""
-    with mock.patch.object(store, "_SCORED", 1):
-        os.rename(store.write_dataset(DatasetConfig(level="medium", episodes=1), folder), folder / "set")
+    os.rename(store.write_dataset(DatasetConfig(level="medium", episodes=1), folder), folder / "set")

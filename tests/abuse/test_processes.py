@@ -140,7 +140,6 @@ def _counted(folder: str, at: int, number: int) -> list[int]:
 
 def _stand_ins() -> None:
     """Let searches that take minutes find at once what they would find, so that all that is left is what is written."""
-    from fuzzyarm.eval.dataset import store
     from fuzzyarm.eval.stability import _linearisation as linearisation
     from fuzzyarm.eval.tuning import _search as search
     from fuzzyarm.eval.tuning import _steps as steps
@@ -154,7 +153,7 @@ def _stand_ins() -> None:
         return steps.Step(policy, 1, find)
 
     run.steps_for = lambda arm: (step("computed-torque", {"bandwidth": 40.0}), step("elastic-observer", None))  # type: ignore[arg-type]
-    store._SCORED, linearisation.POSTURES, fit._SEGMENTS = 1, 2, fit._SEGMENTS[:1]
+    linearisation.POSTURES, fit._SEGMENTS = 2, fit._SEGMENTS[:1]
 
 
 def begun(name: str) -> Path:
