@@ -90,10 +90,11 @@ def pytest_xdist_make_scheduler(config, log):
 
 @pytest.fixture
 def undrawn(monkeypatch) -> None:
-    """Let `fuzzyarm evaluate` draw no figures, which take longer than the episodes."""
+    """Let `fuzzyarm evaluate` and `fuzzyarm sweep` draw no figures, which take longer than the episodes."""
     monkeypatch.setattr(
         "fuzzyarm.eval.evaluation.figures.write_figures", lambda rollouts, folder, progress=None, titles=None: []
     )
+    monkeypatch.setattr("fuzzyarm.eval.sweep._figures.write_sweep_figures", lambda *_: [])
 
 
 @pytest.fixture

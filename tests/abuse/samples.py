@@ -13,8 +13,10 @@ import tempfile
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
+from unittest import mock
 
 import numpy as np
+from support.trainings import SMALL_TRAINING
 
 import fuzzyarm
 from fuzzyarm.envs.physics.equations import robot_of
@@ -49,7 +51,7 @@ from fuzzyarm.rl_baselines.algorithms.ppo import PPOConfig
 from fuzzyarm.rl_baselines.training import Training
 from fuzzyarm.synthesis import ScheduledSpecification, design_scheduled, scheduled_design
 
-__all__ = ["CANARY", "CONTROLLERS", "SMALL_TRAINING", "no_code_ran", "of_robot", "room", "scratch", "signed"]
+__all__ = ["CANARY", "CONTROLLERS", "no_code_ran", "of_robot", "room", "scratch", "signed"]
 
 PACKAGE = Path(fuzzyarm.__file__).parent
 CONTROLLERS, BUNDLES = (
@@ -58,16 +60,6 @@ CONTROLLERS, BUNDLES = (
 )
 ROOM = Path(tempfile.mkdtemp(prefix="abuse-"))
 CANARY = ROOM / "canary"
-SMALL_TRAINING: dict[str, Any] = {
-    "total_timesteps": 256,
-    "lanes": 2,
-    "n_steps": 16,
-    "batch_size": 32,
-    "n_epochs": 1,
-    "hidden": (4,),
-    "evaluation_interval": 10**6,
-    "checkpoint_interval": 64,
-}
 _MODULE = "import os\nos.mkdir({!r})\n\ndef make():\n    return None\n"
 
 
@@ -124,14 +116,11 @@ def controller(folder: Path) -> None:
 @functools.cache
 def of_robot() -> ScheduledController:
     """Return a controller of two rules for an arm whose second joint turns one way only: M̂ has one sign of slope."""
-    robot, samples = robot_named("planar-3r"), scheduled_design._SAMPLES
+    robot = robot_named("planar-3r")
     joints = [dataclasses.replace(one, angle_range=(0.3, 2.5)) if k == 1 else one for k, one in enumerate(robot.joints)]
-    scheduled_design._SAMPLES = 600
-    try:
-        given = ScheduledSpecification(premises=(Premise(1, "cos q"),), alpha=20.0)
+    given = ScheduledSpecification(premises=(Premise(1, "cos q"),), alpha=20.0)
+    with mock.patch.object(scheduled_design, "_SAMPLES", 600):
         return design_scheduled(given, dataclasses.replace(robot, joints=tuple(joints))).controller
-    finally:
-        scheduled_design._SAMPLES = samples
 
 
 @_made
@@ -227,8 +216,4 @@ def trained(folder: Path) -> None:
 @_made
 def recorded(folder: Path) -> None:
     """A data set of one episode."""
-    scored, store._SCORED = store._SCORED, 1
-    try:
-        os.rename(store.write_dataset(DatasetConfig(level="medium", episodes=1), folder), folder / "set")
-    finally:
-        store._SCORED = scored
+    os.rename(store.write_dataset(DatasetConfig(level="medium", episodes=1), folder), folder / "set")

@@ -1,6 +1,6 @@
 """Forged controller files, signed and well formed, so that nothing but the proof can refuse them.
 
-What is called proven has to obey the dissipation inequality of its claim at states of the arm (`dissipation`).
+What is called proven has to obey the dissipation inequality of its claim at states of the arm (`support.dissipation`).
 """
 
 from __future__ import annotations
@@ -18,6 +18,7 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from support.dissipation import excess, scheduled_excess
 from support.shipped import CONTROLLERS
 
 from fuzzyarm.cli import main
@@ -34,7 +35,6 @@ from fuzzyarm.synthesis._design_problem import _MARGIN as MARGIN
 from fuzzyarm.synthesis._designer import to_controller
 from fuzzyarm.synthesis._expressions import half
 
-from .dissipation import excess, scheduled_excess
 from .judged import examples
 from .samples import bounds, of_robot, signed
 

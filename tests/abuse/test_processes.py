@@ -25,14 +25,14 @@ from typing import Any
 import numpy as np
 import pytest
 from support.command_line import without_progress
+from support.trainings import SMALL_TRAINING
 
 from . import samples
 from .judged import Broken
-from .samples import SMALL_TRAINING, scratch
+from .samples import scratch
 
 pytestmark = pytest.mark.slow
 
-ROOT = Path(__file__).parents[2]
 TRAIN = ["train", "ppo", "--out", "out"]
 for _name, _value in SMALL_TRAINING.items():
     TRAIN += [f"--{_name.replace('_', '-')}", *map(str, _value if isinstance(_value, tuple) else (_value,))]
@@ -140,7 +140,6 @@ def _counted(folder: str, at: int, number: int) -> list[int]:
 
 def _stand_ins() -> None:
     """Let searches that take minutes find at once what they would find, so that all that is left is what is written."""
-    from fuzzyarm.eval.dataset import store
     from fuzzyarm.eval.stability import _linearisation as linearisation
     from fuzzyarm.eval.tuning import _search as search
     from fuzzyarm.eval.tuning import _steps as steps
@@ -154,7 +153,7 @@ def _stand_ins() -> None:
         return steps.Step(policy, 1, find)
 
     run.steps_for = lambda arm: (step("computed-torque", {"bandwidth": 40.0}), step("elastic-observer", None))  # type: ignore[arg-type]
-    store._SCORED, linearisation.POSTURES, fit._SEGMENTS = 1, 2, fit._SEGMENTS[:1]
+    linearisation.POSTURES, fit._SEGMENTS = 2, fit._SEGMENTS[:1]
 
 
 def begun(name: str) -> Path:

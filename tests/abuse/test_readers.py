@@ -23,6 +23,7 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from support.trainings import SMALL_TRAINING
 
 from fuzzyarm import load_policy
 from fuzzyarm.common import documents
@@ -156,7 +157,7 @@ def sign_run(content: dict[str, Any]) -> dict[str, Any]:
 
 
 def train(folder: Path) -> None:
-    longer = PPOConfig(**samples.SMALL_TRAINING | {"total_timesteps": samples.SMALL_TRAINING["total_timesteps"] + 1})
+    longer = PPOConfig(**SMALL_TRAINING | {"total_timesteps": SMALL_TRAINING["total_timesteps"] + 1})
     Training.resume(longer, folder).algorithm.learn(lambda row: None)  # one update more
 
 

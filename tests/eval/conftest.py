@@ -1,5 +1,6 @@
 """What the tests of this folder share: proofs of the controllers that they load, and shorter episodes."""
 
+import json
 import pickle
 
 import pytest
@@ -48,3 +49,16 @@ def short(monkeypatch):
     monkeypatch.setattr("fuzzyarm.eval.sweep._episodes.episodes", first_steps)
     monkeypatch.setattr("fuzzyarm.eval.episodes.rollout.episodes", first_steps)
     return SHORT
+
+
+@pytest.fixture
+def write(tmp_path):
+    """Return a function that writes the results of an evaluation or of a sweep into a folder of their own."""
+
+    def file(name, content):
+        (tmp_path / name).mkdir()
+        path = tmp_path / name / ("sweep.json" if "rows" in content else "results.json")
+        path.write_text(json.dumps(content), encoding="utf-8")
+        return path
+
+    return file

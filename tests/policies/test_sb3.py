@@ -58,11 +58,6 @@ def test_a_name_from_a_file_loads_no_zip(tmp_path, capsys):
     assert main(["evaluate", "--check", out, "--policy", name]) == 0
 
 
-def wider(weights):
-    """The first layer takes as many numbers, the second more than it gives."""
-    return {"mlp_extractor.policy_net.2.weight": weights["mlp_extractor.policy_net.2.weight"][:, :-1].clone()}
-
-
 def test_what_is_no_model_of_the_task_is_refused(tmp_path, capsys):
     text = tmp_path / "text.zip"
     text.write_text("no zip")
@@ -75,8 +70,11 @@ def test_what_is_no_model_of_the_task_is_refused(tmp_path, capsys):
     sb3.PPO("MlpPolicy", FuzzyArmLearnEnv(case="nominal"), n_steps=16, batch_size=16, policy_kwargs=kwargs).save(relu)
     good = sb3.PPO("MlpPolicy", FuzzyArmLearnEnv(case="nominal"), n_steps=16, batch_size=16)
     good.save(tmp_path / "good.zip")
-    bare, wide = tmp_path / "bare.zip", tmp_path / "wide.zip"
-    for path, change in ((bare, lambda w: w.pop("action_net.bias")), (wide, lambda w: w.update(wider(w)))):
+    bare, wide, second = tmp_path / "bare.zip", tmp_path / "wide.zip", "mlp_extractor.policy_net.2.weight"
+    for path, change in (
+        (bare, lambda w: w.pop("action_net.bias")),
+        (wide, lambda w: w.update({second: w[second][:, :-1].clone()})),  # the first layer gives more than it takes
+    ):
         with zipfile.ZipFile(tmp_path / "good.zip") as source, zipfile.ZipFile(path, "w") as archive:
             weights = torch.load(io.BytesIO(source.read("policy.pth")), weights_only=True)
             change(weights)

@@ -126,8 +126,7 @@ class TestAddedPolicy:
         monkeypatch.setattr(registry, "POLICIES", registry.POLICIES.copy())
         monkeypatch.setattr("fuzzyarm.policies.spec.POLICIES", registry.POLICIES)
 
-    def test_it_is_known_everywhere_by_its_name(self, tmp_path, capsys, monkeypatch, few_postures):
-        monkeypatch.setattr("fuzzyarm.eval.evaluation.figures.write_figures", lambda *_: [])
+    def test_it_is_known_by_its_name(self):
         add_policy("soft", lambda robot, control_period: ComputedTorquePolicy(robot, control_period, 5.0), has_tip=True)
         spec = resolve("soft-tip")
         assert (spec.kind, spec.label, spec.files(), spec.named) == (Kind.LAW, "soft-tip", {}, True)
@@ -136,16 +135,7 @@ class TestAddedPolicy:
         assert policy.control_period == 2e-3
         with pytest.raises(ValueError, match=r"choose from: .*learned-observer, .*soft, .*soft-tip, or the path"):
             load_policy("nobody")
-        assert main(["evaluate", "--policy", "soft", "--case", "nominal", "--out", str(tmp_path)]) == 0
-        assert "\nnothing proven of the rigid arm: soft\n" in capsys.readouterr().out
-        assert main(["margins", "--policy", "soft"]) == 0
-        assert "soft " in capsys.readouterr().out
-
-    def test_defaults_stay_as_they_are(self):
-        before = EvaluationConfig().policies
-        add_policy("soft", ComputedTorquePolicy)
-        assert EvaluationConfig().policies == before
-        assert "soft" not in NAMES
+        assert "soft" not in {*EvaluationConfig().policies, *NAMES}  # defaults stay as they are
 
     def test_names_that_are_taken_or_mean_something_else_are_refused(self):
         for name in ("", "a-tip", "a.json", "a/b", "a:b", "a\\b", "fuzzy-4"):

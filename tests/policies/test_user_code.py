@@ -197,8 +197,7 @@ class TestTemplate:
         for lane, torque in zip(batch, policy.predict(batch)[0], strict=True):
             np.testing.assert_array_equal(policy.predict(lane)[0], torque)
 
-    def test_it_joins_the_comparison(self, name, tmp_path, capsys, monkeypatch):
-        monkeypatch.setattr("fuzzyarm.eval.evaluation.figures.write_figures", lambda *_: [])
+    def test_it_joins_the_comparison(self, name, tmp_path, capsys, undrawn):
         assert main(["evaluate", "--policy", name, "--case", "nominal", "--out", str(tmp_path)]) == 0
         out = capsys.readouterr().out
         assert f"\nnothing proven of the rigid arm: {name}\n" in out  # rich has a picture for :factory:

@@ -32,12 +32,14 @@ def test_a_tip_policy_has_the_bounds_of_its_law_and_more_words(fuzzy):
     law, tip = certificate_of(fuzzy, CIRCLE), certificate_of(TipPolicy(fuzzy), CIRCLE)
     assert tip.bounds == law.bounds and tip.controller is law.controller
     assert tip.text == f"{law.text} {tip_statement(CIRCLE)}"
+    for words in ("for the error from theta_d", "takes 64 % of the box", "measured, not proven"):
+        assert words in tip.text
 
 
 def test_motors_that_leave_the_box_leave_the_bounds_void(fuzzy):
     soft = ArmParameters(joint_limit=(3.0, 2.0055), stiffness=(6.4e4, 2e3))
     certificate = certificate_of(TipPolicy(fuzzy), JointReference(parameters=soft))
-    assert certificate.bounds is None and "it has no certificate" in certificate.text
+    assert certificate.bounds is None and "it has no certificate" in certificate.text and "theta_d2" in certificate.text
 
 
 def test_other_policies_have_none(fuzzy):

@@ -6,7 +6,6 @@ The witness is the nonlinear rigid arm.
 import dataclasses
 import itertools
 
-import cvxpy as cp
 import numpy as np
 import pytest
 from flint import fmpq
@@ -17,7 +16,6 @@ from fuzzyarm.envs.physics.parameters import ArmParameters
 from fuzzyarm.fuzzy_policy.ts_model import NAMED_RULES, PREMISES, TSModel, premises
 from fuzzyarm.proof import theorems
 from fuzzyarm.proof.vertices import error_vertices, tracking_vertices
-from fuzzyarm.synthesis._expressions import half
 
 ARM = ArmParameters()
 ALPHA, WEIGHT = 3.0, np.array([4.0, 1.0, 0.25, 0.5])
@@ -36,11 +34,6 @@ def schur(matrix, size):
     return matrix[:size, :size] - side.T @ np.linalg.solve(corner, side)
 
 
-def positive(rng, n):
-    root = rng.normal(size=(n, n))
-    return root @ root.T + np.eye(n)
-
-
 def vertices_of(form, model, integral, common=False):
     if form == "theorem2":
         return tracking_vertices(model, integral, WEIGHT, common_multiplier=common), theorems.tracking_psi
@@ -56,7 +49,8 @@ def fastest_pole(data, i, k, *, alpha, gamma2, **values):
 def draw(rng, data, form):
     """Return random decision variables, the same keywords as `psi`."""
     n = data.n_e + (4 if form == "theorem2" else 0)
-    P = positive(rng, n)
+    root = rng.normal(size=(n, n))
+    P = root @ root.T + np.eye(n)
     P[: data.n_e, data.n_e :] = P[data.n_e :, : data.n_e] = 0.0
     values = {
         "P": P,
@@ -263,26 +257,6 @@ def test_exact_entries_stay_exact(rules, integral, common, form):
     in_floats = {key: rounded(value) for key, value in values.items()}
     expected = psi(converted(data, rounded), i, k, alpha=10 / 3, **in_floats)
     np.testing.assert_allclose(Psi.astype(float), expected, rtol=1e-12, atol=1e-12 * np.abs(expected).max())
-
-
-@some_models
-@with_and_without_integral
-@both_multipliers
-@every_form
-def test_cvxpy_expressions_have_the_same_value_and_are_affine(rules, integral, common, form):
-    data, psi = vertices_of(form, TSModel(ARM, NAMED_RULES[rules]), integral, common)
-    values = draw(np.random.default_rng(7), data, form)
-    variables = {
-        key: cp.Variable(np.shape(value), symmetric=True) if key == "P" else cp.Variable(np.shape(value))
-        for key, value in values.items()
-    }
-    expression = psi(data, 0, 0, alpha=ALPHA, **variables, put=half)
-    assert expression.is_affine()
-    for key, variable in variables.items():
-        variable.value = values[key]
-    np.testing.assert_allclose(
-        expression.value + expression.value.T, psi(data, 0, 0, alpha=ALPHA, **values), rtol=1e-12, atol=1e-10
-    )
 
 
 @every_form

@@ -20,11 +20,6 @@ from fuzzyarm.rl_baselines.config import TrainingConfig
 OWN = {field.name for field in dataclasses.fields(PPOConfig)} - {f.name for f in dataclasses.fields(TrainingConfig)}
 
 
-def test_the_first_preset_is_the_default():
-    assert next(iter(PRESETS.values())) == PPOConfig()
-    assert list(PRESETS) == ["robust", "nominal", "residual"]
-
-
 def test_the_defaults_are_the_registered_task():
     arm, config = ArmParameters(), PPOConfig()
     assert config.features == learning_features(2) and config.action == learning_action(arm)
@@ -61,9 +56,7 @@ def test_a_configuration_survives_json(config):
 REFUSED = [
     ({"total_timesteps": 4.5}, "total_timesteps = 4.5 must be a whole number"),
     ({"lanes": -1}, "lanes = -1 is out of range; allowed: 1 to 65536"),
-    ({"lanes": True}, "lanes = True must be a whole number"),
     ({"gamma": math.nan}, r"gamma = nan is out of range; allowed: \[0, 1\]"),
-    ({"gamma": "1"}, "gamma = '1' must be a real number"),
     ({"learning_rate": 0.0}, r"learning_rate = 0.0 is out of range; allowed: \(0, inf\)"),
     (
         {"final_learning_rate": 1.0},
@@ -73,11 +66,11 @@ REFUSED = [
     ({"scale": (1.0, 0.0)}, r"scale\[1\] = 0.0 N m is out of range; allowed: \(0, inf\)"),
     ({"scale": ()}, "number of scales = 0 is out of range"),
     ({"hidden": (64, 0)}, "hidden = 0 is out of range"),
-    ({"hidden": [8]}, "must be a builtins.tuple"),
     ({"distribution": "other"}, "distribution = 'other' is unknown; choose from: nominal, robust"),
     ({"action_period": 1.0}, r"action_period = 1.0 s is out of range; allowed: \(0, 0.1\] s"),
     ({"base": "fuzzy-4"}, r"scale\[0\] = 500.0 rad is out of range; allowed: \(0, 0.5\] rad"),
     ({"base": ""}, "base = ''"),
+    ({"smoothness": 1.0, "ent_coef": 0.1}, "smoothness = 1.0 and ent_coef = 0.1: one of them must be 0"),
     ({"integral_time": math.inf}, "integral_time = inf s is out of range"),
 ]
 
@@ -102,17 +95,14 @@ def chosen(monkeypatch, tmp_path):
 
 
 def test_without_options_a_training_has_the_first_preset(chosen):
-    assert chosen() == PRESETS["robust"]
+    assert chosen() == PRESETS["robust"] == PPOConfig()
     assert {name: chosen("--preset", name) for name in PRESETS} == PRESETS
 
 
 def test_an_option_changes_that_of_the_preset_alone(chosen):
-    assert chosen("--preset", "nominal", "--seed", 5) == dataclasses.replace(PRESETS["nominal"], seed=5)
-
-
-def test_large_numbers_may_be_written_shortly(chosen):
-    config = chosen("--total-timesteps", "4e6", "--evaluation-interval", "4_000")
-    assert (config.total_timesteps, config.evaluation_interval) == (4_000_000, 4000)
+    words = "--seed", 5, "--total-timesteps", "4e6", "--evaluation-interval", "4_000"
+    changed = {"seed": 5, "total_timesteps": 4_000_000, "evaluation_interval": 4000}
+    assert chosen("--preset", "nominal", *words) == dataclasses.replace(PRESETS["nominal"], **changed)
 
 
 BAD = {
@@ -120,9 +110,12 @@ BAD = {
     "--scale x 0": "--scale x must be a number",
     "--distribution other": '"nominal", "robust"',
     "--preset other": "--preset other is unknown; choose from: robust, nominal, residual",
-    "--lanes -1": r"lanes = -1 is out of range; allowed: 1 to 65536",
     "--batch-size 100": "batch_size = 100 must divide lanes times n_steps = 2048",
-    "--base fuzzy-5 --scale 0.1 0.1": "base = 'fuzzy-5' is not the name of a policy",
+    "--robot ur55": "unknown robot 'ur55'",
+    "--robot ur5 --scale 1 2": "must be 6 numbers",
+    "--robot ur5 --base fuzzy-4": "fuzzy-4",
+    "--base mine.json --scale 0.01 0.02": "is not the name of",
+    "--robot missing.toml": "missing.toml",
     "--action-period 0.0015": "which is not a whole multiple of control_period",
 }
 

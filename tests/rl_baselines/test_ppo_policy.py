@@ -8,29 +8,19 @@ import pytest
 torch = pytest.importorskip("torch")
 pytest.importorskip("stable_baselines3")
 from support.bundles import answering  # noqa: E402
-from support.trainings import resumed_to_the_bit  # noqa: E402
+from support.trainings import SMALL_TRAINING, resumed_to_the_bit  # noqa: E402
 
 from fuzzyarm.fuzzy_policy.laws.learned.bundle import PolicyBundle  # noqa: E402
 from fuzzyarm.rl_baselines._ppo_policy import NOISE  # noqa: E402
 from fuzzyarm.rl_baselines.algorithms.ppo import PPOConfig  # noqa: E402
 from fuzzyarm.rl_baselines.training import Training  # noqa: E402
 
-SMALL = PPOConfig(
-    asymmetric_critic=True,
-    total_timesteps=96,
-    lanes=3,
-    n_steps=8,
-    batch_size=12,
-    n_epochs=2,
-    hidden=(8,),
-    evaluation_interval=96,
-    checkpoint_interval=24,
-)
+SMALL = PPOConfig(**SMALL_TRAINING, asymmetric_critic=True)
 
 
 @pytest.mark.slow
 def test_it_resumes_to_the_bit_and_ships_only_what_sensors_tell(tmp_path):
-    whole = resumed_to_the_bit(SMALL, tmp_path, 48)
+    whole = resumed_to_the_bit(SMALL, tmp_path, 96)
     network, model = PolicyBundle.load(tmp_path / "whole" / "policy").network, whole.algorithm
     seen = SMALL.features.size
     assert network.sizes[0] == seen < model.model.observation_space.shape[0]
@@ -67,8 +57,3 @@ def test_smoothness_lowers_how_much_actions_change_with_small_noise(tmp_path):
         return float((apart**2).mean())
 
     assert slope(1e5) < 0.5 * slope(0.0)
-
-
-def test_a_smoothness_and_an_entropy_exclude_each_other():
-    with pytest.raises(ValueError, match=r"smoothness = 1.0 and ent_coef = 0.1: one of them must be 0"):
-        PPOConfig(smoothness=1.0, ent_coef=0.1)

@@ -37,23 +37,6 @@ def test_a_configuration_names_its_arm_only_if_it_is_another():
         PPOConfig(robot=6)
 
 
-REFUSED = {
-    "no such robot": (["--robot", "ur55"], "unknown robot 'ur55'"),
-    "scales of another arm": (["--robot", "ur5", "--scale", "1", "2"], "must be 6 numbers"),
-    "a base of another arm": (["--robot", "ur5", "--base", "fuzzy-4"], "fuzzy-4"),
-    "a base that no bundle could name": (["--base", "mine.json", "--scale", "0.01", "0.02"], "is not the name of"),
-    "no file": (["--robot", "missing.toml"], "missing.toml"),
-}
-
-
-@pytest.mark.parametrize("name", REFUSED)
-def test_what_does_not_fit_is_refused_in_one_line(name, tmp_path, capsys):
-    words, message = REFUSED[name]
-    assert main(["train", "ppo", *words, *SHORT, "--out", str(tmp_path / "run")]) == 2
-    errors = capsys.readouterr().err
-    assert message in errors and "Traceback" not in errors
-
-
 @pytest.mark.usefixtures("brief_evaluations")
 def test_a_run_of_a_changed_robot_is_not_resumed(tmp_path):
     """The file is read again: another arm is refused, the same one in other words is not."""

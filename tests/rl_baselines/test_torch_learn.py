@@ -50,8 +50,7 @@ def test_a_pickled_batch_goes_on_where_it_was():
 
 
 def test_wrong_arguments_are_named():
-    wrong = [({"history": -1}, "history = -1"), ({"early_end": 0.0}, "early_end = 0"), ({"case": "storm"}, "storm")]
-    for arguments, message in wrong:
+    for arguments, message in (({"history": -1}, "history = -1"), ({"early_end": 0.0}, "early_end = 0")):
         with pytest.raises(ValueError, match=message):
             TorchFuzzyArmLearn(1, compiled=False, **arguments)
     envs = TorchFuzzyArmLearn(2, compiled=False)

@@ -1,12 +1,10 @@
-"""A training is reproducible, also if it is killed and resumed."""
+"""A training is reproducible, also if it is stopped and resumed."""
 
 import csv
 import json
 import os
 import re
 import shutil
-import signal
-import subprocess
 from dataclasses import replace
 
 import numpy as np
@@ -16,7 +14,7 @@ pytest.importorskip("torch")
 pytest.importorskip("stable_baselines3")
 import torch
 from support.bundles import answering
-from support.processes import running, wait_until
+from support.trainings import stopped
 
 from fuzzyarm import load_policy
 from fuzzyarm.cli import main
@@ -60,39 +58,19 @@ def whole(tmp_path_factory, brief_evaluations):
     return folder
 
 
-WAITS = """
-import sys, time
-from stable_baselines3 import PPO
-from fuzzyarm.cli import main
-from fuzzyarm.envs.scenario.paths import Line
-from fuzzyarm.envs.scenario.reference import JointReference
-from fuzzyarm.rl_baselines import _case_evaluation as case_evaluation
-train, updates = PPO.train, []
-brief = JointReference(Line((0.4, 0.5), (0.42, 0.5)), duration=0.1)  # as in `brief_evaluations`
-case_evaluation.default_reference = lambda arm: brief
-
-def waits(self):
-    if len(updates) == 5:
-        time.sleep(3600)
-    updates.append(train(self))
-
-PPO.train = waits
-sys.exit(main(sys.argv[1:]))
-"""
+def config_of(folder):
+    """The configuration of the training of a folder."""
+    return PPOConfig.from_dict(read_checkpoint(folder / "checkpoint.pt")["config"])
 
 
 @pytest.mark.slow
-def test_a_killed_run_goes_on_as_if_nothing_had_been(whole, tmp_path):
-    folder = tmp_path / "run"
-    flags = [*words(FLAGS), "--out", str(folder)]
-    with running(WAITS, "train", "ppo", *flags, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL) as process:
-        curve = folder / "curve.csv"
-        wait_until(lambda: curve.exists() and len(curve.read_bytes().splitlines()) > 5, process)  # and is killed
-    assert process.returncode == -signal.SIGKILL
+def test_a_stopped_run_goes_on_as_if_nothing_had_been(whole, tmp_path):
+    """Stopped here within the process; `tests/abuse` kills trainings."""
+    folder = stopped(config_of(whole), tmp_path / "run", 2560)
     steps = read_checkpoint(folder / "checkpoint.pt")["steps"]
     assert steps == 2048  # no more than an interval is lost
     assert results(folder) != results(whole)
-    assert main(["train", "ppo", *flags]) == 0
+    assert main(["train", "ppo", *words(FLAGS), "--out", str(folder)]) == 0
     assert results(folder) == results(whole) and len(results(whole)) >= 3
     for one in (folder, whole):
         times = json.loads((one / "run.json").read_text())
@@ -157,14 +135,11 @@ def test_a_training_shorter_than_an_update_has_no_negative_rate_and_can_be_exten
     assert extended.algorithm.steps == 512
 
 
-def again(folder):
-    """The training of a folder, as it is."""
-    config = PPOConfig.from_dict(read_checkpoint(folder / "checkpoint.pt")["config"])
-    return Training.resume(config, folder)
-
-
 def test_the_shipped_policy_is_the_trained_one(whole):
-    policy, bundle = again(whole).algorithm.model.policy, PolicyBundle.load(whole / "policy")
+    policy, bundle = (
+        Training.resume(config_of(whole), whole).algorithm.model.policy,
+        PolicyBundle.load(whole / "policy"),
+    )
     rng = np.random.default_rng(0)
     features = rng.normal(size=(4096, bundle.features.size)) * rng.choice([0.1, 1.0, 2.0], (4096, 1))
     action = answering(bundle.network)(features)
@@ -184,7 +159,7 @@ def test_the_evaluation_is_that_of_the_bundle_as_it_is_shipped(whole):
 def test_the_best_policy_is_kept_and_its_score_resumed(whole):
     curve = PolicyBundle.load(whole / "policy").curve
     scores = [np.mean([row[f"{case}_rms_mm"] for case in ("nominal", "machining", "payload")]) for row in curve]
-    assert again(whole).best == pytest.approx(min(scores), rel=1e-12)
+    assert Training.resume(config_of(whole), whole).best == pytest.approx(min(scores), rel=1e-12)
     assert PolicyBundle.load(whole / "best").training["steps_done"] == curve[int(np.argmin(scores))]["steps"]
 
 

@@ -7,8 +7,7 @@ import os
 import signal
 import subprocess
 import sys
-import time
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from typing import Any
 
 # A process that is started in the background, and so its children, may ignore SIGINT.
@@ -25,10 +24,3 @@ def running(program: str, *arguments: str, **options: Any) -> Iterator[subproces
         finally:
             with contextlib.suppress(ProcessLookupError):
                 os.killpg(process.pid, signal.SIGKILL)
-
-
-def wait_until(condition: Callable[[], bool], process: subprocess.Popen[str]) -> None:
-    """Wait until something is true that a running process brings about; pytest's own limit ends the waiting."""
-    while not condition():
-        assert process.poll() is None, f"the process ended with {process.returncode} before it was time"
-        time.sleep(0.01)

@@ -9,6 +9,16 @@ import pytest
 
 from fuzzyarm.rl_baselines.training import Training
 
+SMALL_TRAINING: dict[str, Any] = {
+    "total_timesteps": 256,
+    "lanes": 2,
+    "n_steps": 16,
+    "batch_size": 32,
+    "n_epochs": 1,
+    "hidden": (4,),
+    "evaluation_interval": 10**6,
+    "checkpoint_interval": 64,
+}
 RESULTS = ("curve.csv", "policy/policy.json", "policy/weights.safetensors")
 
 

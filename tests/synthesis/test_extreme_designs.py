@@ -1,25 +1,15 @@
-"""Extreme requirements end in one line: out of range, infeasible, or a design that is proven."""
+"""Extreme requirements end in one line, or in a design that is proven."""
 
 import contextlib
 
 import pytest
 from slow_twins import slow_but
-from support.command_line import one_line_error
 
 from fuzzyarm.cli import main
 from fuzzyarm.envs.physics.parameters import ArmParameters
 from fuzzyarm.fuzzy_policy.ts_model import NAMED_RULES
 from fuzzyarm.synthesis import DesignFailed, Specification, design
 from fuzzyarm.synthesis import _search as search
-
-
-@pytest.mark.parametrize(
-    "option", ["--alpha=1e300", "--gamma=1e-300", "--gain-bound=1e300", f"--gamma=1{'0' * 400}", "--gamma=nan"]
-)
-def test_an_extreme_requirement_is_refused_in_one_line(tmp_path, capsys, option):
-    assert main(["design", option, "--out", str(tmp_path / "extreme.json")]) == 2
-    assert "is out of range; allowed: [1e-" in one_line_error(capsys)
-    assert not list(tmp_path.iterdir())
 
 
 @pytest.mark.parametrize("option", slow_but(["--gamma=1e30"], ["--gamma=1e30", "--alpha=1e-6", "--fastest-pole=1e6"]))

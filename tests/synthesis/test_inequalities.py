@@ -1,7 +1,6 @@
 """The text of the theorems in cvxpy is that of the proof, its reduction is a congruence, and solutions are checked."""
 
 import dataclasses
-import itertools
 
 import cvxpy as cp
 import numpy as np
@@ -13,11 +12,13 @@ from fuzzyarm.fuzzy_policy.states import VELOCITY
 from fuzzyarm.fuzzy_policy.ts_model import NAMED_RULES, TSModel
 from fuzzyarm.proof import theorems
 from fuzzyarm.proof.block_matrix import symmetric
+from fuzzyarm.proof.certificate import certify
 from fuzzyarm.proof.vertices import error_vertices, tracking_vertices
 from fuzzyarm.synthesis import Specification
 from fuzzyarm.synthesis import _design_problem as design_problem
 from fuzzyarm.synthesis._design_problem import _MARGIN as MARGIN
 from fuzzyarm.synthesis._design_problem import DesignProblem, NoPoint, structure_of
+from fuzzyarm.synthesis._designer import to_controller
 from fuzzyarm.synthesis._expressions import half
 from fuzzyarm.synthesis.specification import PAPER_WEIGHT
 
@@ -33,21 +34,23 @@ def written(form, integral, rules, **others):
 
 
 @every_form
-def test_the_constraint_is_the_text_of_the_proof(which):
+@pytest.mark.parametrize("common", [False, True])
+def test_the_constraint_is_the_text_of_the_proof(which, common):
     """What cvxpy holds at random values is U Ψ Uᵀ of numbers, whose rows of ẋ_a are gone, and half of it is written."""
-    problem, rng = written(*which, feedforward=None), np.random.default_rng(0)
+    pole = 900.0 if which[0] == "consistent" else None
+    problem = written(*which, feedforward=None, fastest_pole=pole, common_multiplier=common)
+    rng = np.random.default_rng(0)
     for variable in cp.Problem(problem.objective, problem.constraints).variables():
         value = rng.normal(size=variable.shape)
         variable.value = value + value.T if variable.attributes["symmetric"] else np.abs(value)
-    numbers, half_of = (
-        problem._matrices("Psi", symmetric, design_problem._value_of),
-        problem._matrices("Psi", half, lambda entry: entry).value,
-    )
-    np.testing.assert_allclose(half_of + np.swapaxes(half_of, 1, 2), numbers)
-    U = problem._reduction("Psi")
-    F = problem.inequalities["Psi"].args[0].value
-    expected = -(U @ numbers @ U.T) - MARGIN * np.eye(len(U))
-    np.testing.assert_allclose(0.5 * (F + np.swapaxes(F, 1, 2)), expected, rtol=1e-9, atol=1e-9)
+    for name in problem.inequalities.keys() - {"P > 0"}:
+        numbers = problem._matrices(name, symmetric, design_problem._value_of)
+        half_of = problem._matrices(name, half, lambda entry: entry).value
+        np.testing.assert_allclose(half_of + np.swapaxes(half_of, 1, 2), numbers)
+        U = problem._reduction(name)
+        F = problem.inequalities[name].args[0].value
+        expected = -(U @ numbers @ U.T) - MARGIN * np.eye(len(U))
+        np.testing.assert_allclose(0.5 * (F + np.swapaxes(F, 1, 2)), expected, rtol=1e-9, atol=1e-9)
 
 
 @every_form
@@ -95,26 +98,9 @@ def test_the_reduction_asks_for_no_more(which):
     np.testing.assert_allclose(*reduced, rtol=1e-9, atol=1e-9 * np.abs(reduced[0]).max())
 
 
-def full_margin(problem, point):
-    """Return the smallest eigenvalue of all -Ψ and -Φ at unit diagonal, written pair by pair with the full slack."""
-    data, least = problem._data, np.inf
-    for number, (Q, X, tau) in enumerate(point.slack):
-        for (p, (i, j)), k in itertools.product(enumerate(data.pairs), range(len(data.E))):
-            values = {"P": point.P, "Q": Q[p], "X": X[p], "tau": tau[p, k]}
-
-            def one(i, j, k=k, values=values, phi=number == 1):
-                if phi:
-                    beta = problem.specification.fastest_pole
-                    return theorems.error_phi(data, i, k, fastest_pole=beta, M=point.M[j, k], **values)
-                claim = {"alpha": point.alpha, "gamma2": point.gamma**2, "M": point.M[j, k], **values}
-                if problem.specification.form == "paper":
-                    return theorems.tracking_psi(data, i, k, L=point.L[j, k], **claim)
-                return theorems.error_psi(data, i, k, **claim)
-
-            whole = -one(i, j) - one(j, i)
-            unit = 1.0 / np.sqrt(np.diag(whole))
-            least = min(least, np.linalg.eigvalsh(whole * unit * unit[:, np.newaxis])[0])
-    return least
+def proven(problem, point):
+    """Whether every inequality of a point is proven with the full slack, pair by pair."""
+    return certify(to_controller(problem.model, problem.specification, point, "a test")).proven
 
 
 @pytest.mark.parametrize(
@@ -128,7 +114,7 @@ def test_a_point_solves_the_full_inequalities(which, others):
     assert point.margin > 0.5 * MARGIN
     np.testing.assert_array_equal(point.P, point.P.T)
     assert point.largest_gain**2 <= point.objective * (1.0 + 1e-6)
-    assert full_margin(problem, point) > 1e-9
+    assert proven(problem, point)
 
 
 def test_one_compiled_problem_serves_all_specifications_of_a_structure():
@@ -205,5 +191,5 @@ def test_a_point_where_the_solver_stopped_early_counts_by_its_margin():
     assert np.isfinite(caught.value.margin) and caught.value.result.iterations == 2
     early, best = problem.point(max_iter=11), problem.point()
     assert early.status != "Solved" and early.margin > 0.0
-    assert full_margin(problem, early) > 0.0
+    assert proven(problem, early)
     assert early.objective > 1.0001 * best.objective

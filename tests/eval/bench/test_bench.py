@@ -131,17 +131,6 @@ def test_the_document_and_the_figure(small, tmp_path):
     assert len(steps) == small.turns()
     assert {"schema", "command", "date", "commit", "versions", "machine", "method"} < set(document)
     assert document["command"].endswith("--seconds 0.5 --rounds 5 --lanes 64 1024 65536 --threads 1 --lanes-sweep")
-    assert document["rows"][0] == {
-        "group": "one environment",
-        "name": "own",
-        "lanes": 4,
-        "threads": 2,
-        "dtype": "float64",
-        "steps_per_s": {"median": 300.0, "q1": 200.0, "q3": 400.0},
-        "ratios": {"Pendulum": {"median": 6.0, "q1": 4.0, "q3": 8.0}},
-        "tip_error_um": 2.0,
-        "reason": None,
-    }
     assert [row["tip_error_um"] for row in document["rows"]] == [2.0, None, 2.0, None]
     assert [row["lanes"] for row in document["sweep"]] == [1, 1, 1, 4, 4, 4, 16, 16, 16]
     written = write_document(document, tmp_path)
@@ -164,7 +153,6 @@ def test_the_table(small):
     out = io.StringIO()
     print_speeds(document, Console(file=out, width=200))
     text = out.getvalue()
-    assert "steps/s [thousand]" in text  # rich would take the unit for markup
     assert "Not measured: torch: no torch." in text and text.count("not measured") == 1
     assert "Not measured: GPU: no GPU." in text  # named once, and no row of the sweep
     assert "Memory: 321 bytes for each further lane" in text and "5 rounds of 0.5 s" in text

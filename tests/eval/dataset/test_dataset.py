@@ -132,11 +132,7 @@ def test_stored_episodes_are_in_the_declared_spaces_and_give_themselves_again_bi
 @pytest.mark.parametrize("script", ["clone_policy.py", "offline_td3_bc.py"])
 def test_the_examples_learn_from_a_data_set(script, minari, tmp_path):
     folder = store.write_dataset(DatasetConfig(level="medium", episodes=1), tmp_path)
-    for path, code in ((folder, 0), (tmp_path, 2)):
-        command = [sys.executable, "-W", "error", str(EXAMPLES / script), str(path), "--seconds", "0.5"]
-        done = subprocess.run(command, capture_output=True, text=True, check=False)
-        assert done.returncode == code, done.stderr
-        if code == 0:
-            assert re.search(r"N \S+, mean tip error \S+ mm, [01] of 1 episodes to the end", done.stdout)
-        else:
-            assert done.stderr == f"{script}: {path} is no data set; fuzzyarm dataset --out DIR writes one\n"
+    command = [sys.executable, "-W", "error", str(EXAMPLES / script), str(folder), "--seconds", "0.5"]
+    done = subprocess.run(command, capture_output=True, text=True, check=False)
+    assert done.returncode == 0, done.stderr
+    assert re.search(r"N \S+, mean tip error \S+ mm, [01] of 1 episodes to the end", done.stdout)

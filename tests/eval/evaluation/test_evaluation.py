@@ -6,13 +6,12 @@ import json
 import numpy as np
 import pytest
 from slow_twins import slow_but
-from support.shipped import CONTROLLERS
 
 from fuzzyarm.common.documents import read_json, record
 from fuzzyarm.envs.fuzzy_arm import FuzzyArmEnv
 from fuzzyarm.envs.physics.parameters import ArmParameters
+from fuzzyarm.envs.physics.robot import robot_named
 from fuzzyarm.envs.scenario.given_path import GivenPath
-from fuzzyarm.envs.scenario.reference import JointReference
 from fuzzyarm.eval.episodes.loop import episodes
 from fuzzyarm.eval.episodes.metrics import METRICS, Metric, add_metric, metrics_of
 from fuzzyarm.eval.episodes.rollout import record_rollout, rollout_of
@@ -26,7 +25,6 @@ from fuzzyarm.eval.sweep.ranking import rank_sweeps
 from fuzzyarm.eval.sweep.summary import summarise
 from fuzzyarm.fuzzy_policy.laws.computed_torque import ComputedTorquePolicy
 from fuzzyarm.policies import COMPARED, load_policy
-from fuzzyarm.proof.policy_certificate import tip_statement
 
 
 @pytest.fixture(scope="module")
@@ -64,30 +62,6 @@ def test_noise_is_seeded(short):
     assert first.rows[0]["tip_error_max_mm"] != first.rows[1]["tip_error_max_mm"]
     cell = table_rows(first.rows)[0][2][0]
     assert " to " in cell  # a median comes with its range
-
-
-def test_the_tip_policy_keeps_the_certificate_and_says_what_it_means(evaluation):
-    texts = evaluation.certificates
-    assert "Not covered: the elastic joints" in texts["fuzzy-4"]
-    assert texts["fuzzy-4-tip"].startswith(texts["fuzzy-4"])
-    for words in ("for the error from theta_d", "takes 64 % of the box", "measured, not proven"):
-        assert words in texts["fuzzy-4-tip"]
-    assert texts["computed-torque"] is texts["computed-torque-tip"] is None
-
-
-def test_the_paper_form_has_no_certificate_for_the_tip(short):
-    """Its proof is of a law with the reference model in the loop, which the feedforward for the tip replaces."""
-    path = CONTROLLERS["paper-4"]
-    texts = evaluate(EvaluationConfig(policies=(str(path), f"{path}-tip"), cases=("nominal",))).certificates
-    assert "reference model" in texts["paper-4"]
-    assert texts["paper-4-tip"] is None
-
-
-def test_a_reference_that_leaves_the_box_bent_has_no_certificate_for_the_tip():
-    arm = ArmParameters(joint_limit=(3.0, 2.0055), stiffness=(6.4e4, 2e3))
-    text = tip_statement(JointReference(parameters=arm))
-    assert "no certificate" in text
-    assert "theta_d2" in text
 
 
 @pytest.mark.parametrize("policy", ["fuzzy-4-tip", "computed-torque-tip"])
@@ -156,6 +130,7 @@ def test_the_configuration_comes_back_from_its_file_with_points_and_loads(tmp_pa
         ({"path": "line", "force": (1.0, 2.0), "payload": 0.5}, "--path line --force 1.0 2.0 --payload 0.5", ""),
         ({"policies": ("fuzzy-4",), "cases": ("payload",)}, "--policy fuzzy-4 --case payload", ""),
         ({"parameters": ArmParameters(mass=(12.0, 9.0))}, None, "--robot FILE"),
+        ({"robot": dataclasses.replace(robot_named("planar-3r"), name="mine")}, None, "--robot FILE"),
         ({"points": GivenPath(((0.4, 0.5), (0.5, 0.4)))}, None, "--path FILE"),
         ({"control_period": 2e-3, "cases": ("payload",)}, None, "--case payload"),
     ],

@@ -164,6 +164,8 @@ def test_an_episode_that_ended_early_is_marked():
             assert len(crosses(axes)) == 1
             if not name.endswith("path"):
                 assert crosses(axes)[0][0] == short.time[-1]
+    for figure in draw_figures([episode(samples=1, completed=False)]).values():
+        figure.draw_without_rendering()
     friction = draw_figures([short])["nominal-friction"].axes[0]
     assert tuple(crosses(friction)[0]) == (short.time[-1], short.friction_torque[-1, 0])
 
@@ -193,14 +195,6 @@ def test_a_policy_far_off_does_not_flatten_the_others(completed, keep):
     for _, y in crosses(error):
         assert y in error.get_ylim()
     assert not figures["nominal-torque"].axes[0].texts
-
-
-def test_one_policy_that_never_finishes(keep):
-    keep("velocity")
-    figures = draw_figures([episode("sac", samples=1, completed=False)])
-    for name in ("nominal-path", "nominal-velocity", "overview"):
-        figures[name].draw_without_rendering()
-        assert figures[name].axes[0].lines
 
 
 def test_a_missing_folder_is_an_error_and_stays_missing(tmp_path, keep):

@@ -58,17 +58,6 @@ def document(errors, *, cases=CASES, version="0.1.0", **config):
     }
 
 
-@pytest.fixture
-def write(tmp_path):
-    def file(name, document):
-        (tmp_path / name).mkdir()
-        path = tmp_path / name / "results.json"
-        path.write_text(json.dumps(document), encoding="utf-8")
-        return path
-
-    return file
-
-
 def ranked(*paths):
     board = rank_policies(paths)
     return [(rank, standing.policy) for rank, standing in zip(board.ranks, board.standings, strict=True)]

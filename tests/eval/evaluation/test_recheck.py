@@ -48,12 +48,6 @@ def write(folder, document):
     return path
 
 
-@pytest.fixture
-def repeated(evaluation, monkeypatch):
-    """A check runs no episode: the evaluation comes out again."""
-    monkeypatch.setattr("fuzzyarm.eval.evaluation.recheck.evaluate", lambda *_: evaluation)
-
-
 def differences(folder, document, evaluation, monkeypatch):
     """What a check of a document finds if this evaluation comes out."""
     monkeypatch.setattr("fuzzyarm.eval.evaluation.recheck.evaluate", lambda *_: evaluation)
@@ -118,7 +112,8 @@ def test_a_bound_that_was_not_recorded_is_a_difference(folder, document, evaluat
     assert differences(folder, document, evaluation, monkeypatch) == names
 
 
-def test_what_differs_is_shown_with_both_values(folder, document, capsys, repeated):
+def test_what_differs_is_shown_with_both_values(folder, document, capsys, evaluation, monkeypatch):
+    monkeypatch.setattr("fuzzyarm.eval.evaluation.recheck.evaluate", lambda *_: evaluation)
     document["results"][0]["energy"] = 100.0
     document["results"][3]["return"] = 1.0
     assert main(["evaluate", "--check", str(write(folder, document))]) == 1

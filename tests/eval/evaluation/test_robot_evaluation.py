@@ -47,12 +47,3 @@ def test_results_and_rollouts_come_back_from_their_files(evaluation, tmp_path):
     first = read_rollouts(write_rollouts(evaluation.rollouts, tmp_path))[0]
     assert first.torque.shape == (len(first.time), 3) and first.tip.shape == (len(first.time), 3)
     assert np.array_equal(first.q_link, evaluation.rollouts[0].q_link)
-
-
-def test_a_robot_without_a_name_of_its_own_has_no_command():
-    import dataclasses
-
-    assert EvaluationConfig(robot=dataclasses.replace(ROBOT, name="mine")).command() is None
-    assert EvaluationConfig(robot="planar-3r").robot == ROBOT
-    with pytest.raises(TypeError, match="robot"):
-        EvaluationConfig(robot=3)

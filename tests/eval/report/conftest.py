@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import os
 from collections.abc import Iterator
 from pathlib import Path
@@ -81,8 +80,3 @@ def chromium() -> Iterator[browser.Tab]:
         pytest.skip("Chromium is not installed (apt-get install chromium)")
     with browser.chromium() as tab:
         yield tab
-
-
-@pytest.fixture
-def stored(folder) -> dict:
-    return json.loads((folder / "results.json").read_text())

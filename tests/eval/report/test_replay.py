@@ -28,13 +28,7 @@ def page(chromium, folder):
 
 @pytest.fixture(scope="module")
 def rollouts(folder):
-    """The file as anybody would read it: {(case, policy): {signal: array}}."""
-    with np.load(folder / "rollouts.npz") as file:
-        count = sum(name.endswith(".policy") for name in file.files)
-        runs = [
-            {name.split(".")[1]: file[name] for name in file.files if name.startswith(f"{k}.")} for k in range(count)
-        ]
-    return {(str(run["case"]), str(run["policy"])): run for run in runs}
+    return {(run.case, run.policy): run for run in read_rollouts(folder / "rollouts.npz")}
 
 
 def seek(page, sample):
@@ -79,10 +73,10 @@ def test_the_scrubber_shows_the_sample_of_the_file(page, rollouts, sample):
         seek(page, sample)
         for policy, (error, torque) in shown(page).items():
             run = rollouts[case, policy]
-            assert page.run(TIME) == f"{run['time'][sample]:.3f} s"
+            assert page.run(TIME) == f"{run.time[sample]:.3f} s"
             # below a micrometre the page says "< 0.001 mm"
-            assert error == pytest.approx(max(1e3 * run["tip_error"][sample], 1e-3), rel=6e-3)
-            assert torque == pytest.approx(run["torque"][sample], abs=0.051)
+            assert error == pytest.approx(max(1e3 * run.tip_error[sample], 1e-3), rel=6e-3)
+            assert torque == pytest.approx(run.torque[sample], abs=0.051)
 
 
 @pytest.mark.parametrize("sample", [100, 900])
@@ -93,7 +87,7 @@ def test_the_arm_is_where_the_links_are(page, rollouts, sample):
     view = page.run("view")
     low, high = np.array(view["low"]), np.array(view["high"])
     for index, policy in enumerate(POLICIES):
-        q1 = rollouts["nominal", policy]["q_link"][sample, 0]
+        q1 = rollouts["nominal", policy].q_link[sample, 0]
         elbow = 0.5 * np.array([np.cos(q1), np.sin(q1)])
         canvas = f"document.querySelectorAll('#arms canvas')[{index}]"
         box = np.array(page.run(f"[{canvas}.height, {canvas}.width]"))

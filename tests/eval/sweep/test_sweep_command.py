@@ -2,6 +2,7 @@
 
 import importlib
 import json
+import shutil
 import sys
 
 import numpy as np
@@ -28,15 +29,6 @@ def refused(capsys, folder, arguments, expected):
     assert contents(folder) == before
 
 
-SWEEP_FIGURES = "fuzzyarm.eval.sweep._figures.write_sweep_figures"
-
-
-@pytest.fixture
-def undrawn(monkeypatch):
-    """Draw no figures of a sweep, which take most of a small one's time."""
-    monkeypatch.setattr(SWEEP_FIGURES, lambda *_: [])
-
-
 def empty_pages(monkeypatch, module, draw):
     """Draw the figures and write empty ones of their names: to lay out and to render them takes most of the time."""
     drawn = getattr(importlib.import_module(module), draw)
@@ -47,18 +39,14 @@ def empty_pages(monkeypatch, module, draw):
 def finished(tmp_path_factory):
     folder = tmp_path_factory.mktemp("finished") / "sweep"
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(SWEEP_FIGURES, lambda *_: [])
+        patch.setattr("fuzzyarm.eval.sweep._figures.write_sweep_figures", lambda *_: [])
         assert main(["sweep", *QUICK, "--out", str(folder)]) == 0
     return folder
 
 
 @pytest.fixture
 def folder(finished, tmp_path):
-    copy = tmp_path / "sweep"
-    (copy / "chunks").mkdir(parents=True)
-    for path, content in contents(finished).items():
-        (copy / path.relative_to(finished)).write_bytes(content)
-    return copy
+    return shutil.copytree(finished, tmp_path / "sweep")
 
 
 def test_a_sweep_prints_a_table_and_writes_everything(tmp_path, capsys, monkeypatch):

@@ -299,7 +299,6 @@ def test_a_grid_alone_varies_nothing_else_and_has_one_plant_in_a_cell():
         ({"grid": GRID, "map": ("mass_1", "mass_2")}, "a grid are over its own two"),
         ({"map": ("mass_1", "noise")}, "choose from: mass_1"),
         ({"map": ("mass_1",)}, "two different columns"),
-        ({"parameters": {"mass": (14.0, 8.0)}}, "must be a fuzzyarm.envs.physics.parameters.ArmParameters"),
     ],
 )
 def test_bad_values_are_named_with_what_is_allowed(arguments, expected):

@@ -7,6 +7,8 @@ import pytest
 
 from fuzzyarm.cli import main
 
+pytestmark = pytest.mark.usefixtures("undrawn")
+
 QUICK = ["--case", "nominal", "--plants", "4", "--chunk", "2"]
 ONE_CHUNK = ["--case", "nominal", "--plants", "2", "--jobs", "1"]
 
@@ -42,13 +44,6 @@ def package(folder, name, share=0.999):
     return f"{name}.law:make"
 
 
-@pytest.fixture(autouse=True)
-def undrawn(monkeypatch):
-    """Draw no figures, which other tests look at: they take most of a small sweep's time."""
-    monkeypatch.setattr("fuzzyarm.eval.sweep._figures.write_sweep_figures", lambda *_: [])
-    monkeypatch.setattr("fuzzyarm.eval.evaluation.figures.write_figures", lambda *_, **__: [])
-
-
 @pytest.fixture
 def imported(tmp_path, monkeypatch):
     """Import from a folder of the test's; return the file that tells where the policy was imported from."""
@@ -58,12 +53,6 @@ def imported(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     monkeypatch.syspath_prepend(str(tmp_path))
     return log
-
-
-def forget(name):
-    """Let the next import of a package read its files again."""
-    for module in [module for module in sys.modules if module.partition(".")[0] == name]:
-        del sys.modules[module]
 
 
 @pytest.mark.slow
@@ -88,7 +77,8 @@ def test_code_that_only_the_folder_names_does_not_run(imported, tmp_path, capsys
     begun = ["--policy", policy, "--policy", "fuzzy-1", *ONE_CHUNK, "--out", "sweep"]
     assert main(["sweep", *begun]) == 0
     capsys.readouterr()
-    forget("swept_with_consent")
+    for module in [name for name in sys.modules if name.partition(".")[0] == "swept_with_consent"]:
+        del sys.modules[module]
     imported.write_text("")
     for arguments in (["--resume"], ["--replay", policy, "nominal", "0"], ["--resume", "--policy", "fuzzy-1"]):
         assert main(["sweep", *arguments, "--out", "sweep"]) == 2

@@ -168,7 +168,6 @@ def test_an_error_of_the_work_itself_is_raised(jobs):
 @pytest.mark.parametrize(
     ("arguments", "expected"),
     [
-        ({"jobs": 1.5}, "jobs = 1.5 must be a whole number"),
         ({"address": "auto"}, "--backend ray"),
         ({"backend": "ray", "address": "ray://host:10001"}, "auto or HOST:PORT"),
     ],

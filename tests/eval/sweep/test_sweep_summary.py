@@ -118,17 +118,6 @@ def document(errors, completed=None, **config):
     return summarise(whole, results_of(whole, errors, completed))
 
 
-@pytest.fixture
-def write(tmp_path):
-    def file(name, content):
-        (tmp_path / name).mkdir()
-        path = tmp_path / name / "sweep.json"
-        path.write_text(json.dumps(content), encoding="utf-8")
-        return path
-
-    return file
-
-
 def drawn(policies, seed=0):
     return np.random.default_rng(seed).uniform(1.0, 2.0, (policies, 2, PLANTS))
 

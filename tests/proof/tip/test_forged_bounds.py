@@ -24,13 +24,9 @@ PLANTS = PlantSet(
 )  # fmt: skip
 
 
-def found(**changes):
-    return find_bound(TipClaim("fuzzy-4-tip", "machining", plants=dataclasses.replace(PLANTS, **changes), steps=STEPS))
-
-
 @pytest.fixture(scope="module")
 def true():
-    return found()
+    return find_bound(TipClaim("fuzzy-4-tip", "machining", plants=PLANTS, steps=STEPS))
 
 
 @pytest.fixture(scope="module")

@@ -76,13 +76,8 @@ def test_mixed_bounds_every_torque_of_the_law(velocity, torque, radius, share):
         largest = max(largest, abs(slips + P))
         total = net + net_radius * rng.uniform(-1.0, 1.0)
         if abs(middle) <= radius and abs(total) <= factor * FRICTION.static_friction:
-            assert (
-                abs(
-                    friction_torque(0.0, total, FRICTION._replace(static_friction=factor * FRICTION.static_friction))
-                    + P
-                )
-                <= bound
-            )
+            law = FRICTION._replace(static_friction=factor * FRICTION.static_friction)
+            assert abs(friction_torque(0.0, total, law) + P) <= bound
     assert largest > 0.5 * bound
 
 
@@ -122,7 +117,7 @@ def test_motions_part_no_faster_than_lemma_2_says(velocity, torque):
     bound = own.parted(start, found.duration, own.driving(spread, 0.0, 0.0))
     steps = 200
     for _ in range(12):
-        v = motion_start(motion) + start * rng.uniform(-1.0, 1.0)
+        v = centre_values(motion, 0.0, -1.0)[0] + start * rng.uniform(-1.0, 1.0)
         offset = spread * rng.choice([-1.0, 1.0])
         for i in range(steps):
             s = -1.0 + 2.0 * i / steps
@@ -132,10 +127,6 @@ def test_motions_part_no_faster_than_lemma_2_says(velocity, torque):
             assert abs(v - centre_values(motion, 0.0, after)[0]) <= bound * (1 + 1e-3)
         largest = max(largest, abs(v - centre_values(motion, 0.0, 1.0)[0]))
     assert largest > 0.1 * bound or abs(torque) > 5.9
-
-
-def motion_start(motion):
-    return centre_values(motion, 0.0, -1.0)[0]
 
 
 def stepped(v, net, h):
