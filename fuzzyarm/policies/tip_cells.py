@@ -1,4 +1,4 @@
-"""The division of a set that is too large for one tube into cells, each with a tube of its own, on several cores.
+"""The division of a set that is too large for one tube into cells, each with its own tube, on several cores.
 
 Every plant of the set lies in one of the cells, so the largest of their bounds holds for the whole set. The factors of
 both joints are independent, so each joint's range is divided. A cell without a tube is halved where it is widest, as a
@@ -99,7 +99,7 @@ def _bounds_of_cell(claim: TipClaim, plants: PlantSet, names: Sequence[str], hal
 
 
 def _widest(cell: PlantSet, plants: PlantSet, names: Sequence[str]) -> Axis | None:
-    """Return where a cell is widest, as a share of the whole range; None where it has no width."""
+    """Return the range in which a cell is widest, relative to the whole range; None if it has no width."""
 
     def width(of: PlantSet, axis: Axis) -> float:
         low, high = of.of_joint(*axis)

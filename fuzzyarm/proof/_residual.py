@@ -13,10 +13,10 @@ an interval I of time with the midpoint m, by the mean value theorem,
 
 The derivatives of q_d are the coefficients of its power series (`arb_series`): of the time law, then of the path, then
 of the inverse kinematics, about m and about the ball I. The excess of the bound falls with the square of the length of
-I, so the intervals with the largest bounds are halved until these are close to values that are attained. If that takes
-too long, the bound at that time is looser, but as valid.
+I, so the intervals with the largest bounds are halved until these are close to attained values. If that takes too long,
+the bound is looser, but still valid.
 
-Circles are bounded so; along any other path the residual is only sampled.
+This bounds circles; along any other path the residual is only sampled.
 """
 
 from __future__ import annotations
@@ -112,7 +112,7 @@ class _Bound:
         return np.asarray(np.max([bound for *_, bound in heap], axis=0))
 
     def _entry(self, middle: float, half: float) -> tuple[float, float, float, tuple[float, ...]]:
-        """Return an interval and the bounds on it, led by -(the largest bound, relative to an attained value)."""
+        """Return the heap entry of an interval: -(largest bound relative to an attained value), interval and bounds."""
         bounds = tuple(_rounded_up(bound) for bound in self._on(middle, half))
         least = max(1e-9 * float(max(self.attained)), 1e-300)
         excess = max(bound / max(float(value), least) for bound, value in zip(bounds, self.attained, strict=True))
@@ -171,7 +171,7 @@ _series = functools.partial(arb_series, prec=_ORDER)
 
 
 def _joint_angles(point: list[arb_series], length: tuple[float, float], elbow_sign: int) -> list[arb_series]:
-    """Return q_1 and q_2, as `reference.joint_angles`; nan or ZeroDivisionError where the balls are too wide for it."""
+    """Return q_1 and q_2, as `reference.joint_angles`; nan or ZeroDivisionError if the balls are too wide."""
     (x, y), (l1, l2) = point, map(arb, length)
     r2 = x * x + y * y
     outer, inner = (l1 + l2) ** 2 - r2, r2 - (l1 - l2) ** 2

@@ -11,16 +11,16 @@ f is a form of degree four in (a, b), and 1 = (a² + 2 cos h ab + b²)² = Σ κ
 f_i. Taken for each angle in turn this holds for a matrix of d angles and its 5^d control matrices: if all of them are
 positive definite, so is the matrix everywhere in the box. The excess of the hull falls with h².
 
-*_Cover.* The box is cut into smaller ones until all control matrices of each are positive definite. Boxes are taken by
-the hundred, in floating point with a bound of every rounding error:
+*_Cover.* The box is cut into smaller ones until all control matrices of each are positive definite. Hundreds of boxes
+are processed at once, in floating point with a bound on every rounding error:
 
 - the control matrices are sums of products of coefficients and weights, whose error is below a multiple of the sum of
   the coefficients' magnitudes for each entry;
 - Cholesky's factorisation of A - δI in floating point ends with real roots only if A - δI + ΔA is positive semidefinite
   for some |ΔA| <= γ/(1 - γ) tr A, γ = (s + 1) u/(1 - (s + 1) u) (Rump, 2006), so a larger δ proves A.
 
-Sines and cosines of the mathematical library are taken to be right to `_LIBRARY` units in the last place, which is the
-one assumption; `proven_in_balls` proves the same boxes again in balls, without any about floating point. The
+The only assumption is that sines and cosines of the mathematical library are accurate to `_LIBRARY` units in the last
+place; `proven_in_balls` proves the same boxes again in balls, without assumptions about floating point. The
 coefficients are exact, sines and cosines are balls with outward rounding (`arb` of FLINT), and each control matrix is
 proven positive definite by Gershgorin's theorem on T A Tᵀ, as in `definiteness`, where T is any matrix; it comes from a
 Cholesky factor in floating point.
@@ -85,11 +85,11 @@ class TrigMatrix:
         return TrigMatrix(np.moveaxis(result, 0, angle))
 
     def needed(self) -> list[int]:
-        """Return the numbers of the angles on which the matrix depends."""
+        """Return the indices of the angles on which the matrix depends."""
         return [k for k in range(self.angles) if any(entry != 0 for entry in np.moveaxis(self.exact, k, 0)[1:].ravel())]
 
     def of_needed(self) -> TrigMatrix:
-        """Return the matrix as one of the `needed` angles only."""
+        """Return the matrix as a function of the `needed` angles only."""
         needed = self.needed()
         return TrigMatrix(self.exact[tuple(slice(None) if k in needed else 0 for k in range(self.angles))])
 
@@ -158,7 +158,7 @@ def _first_boxes(ranges: np.ndarray) -> np.ndarray:
 
 
 def cover(matrix: TrigMatrix, ranges: np.ndarray, most: int = _MOST_BOXES) -> _Cover:
-    """Prove a matrix positive definite for all angles in `ranges` (d, 2), within ±100 rad, in at most so many boxes."""
+    """Prove a matrix positive definite for all angles in `ranges` (d, 2), within ±100 rad, in at most `most` boxes."""
     scale = _scale(matrix, ranges)
     if scale is None:
         return _Cover(np.empty((0, len(ranges), 2)), ranges.mean(axis=1))
@@ -192,7 +192,7 @@ def _scale(matrix: TrigMatrix, ranges: np.ndarray) -> np.ndarray | None:
 
 
 class _Task:
-    """A scaled matrix: coefficients (5, ..., 5, t), shift of its diagonal, and how much each angle bends it (d,)."""
+    """A scaled matrix: coefficients (5, ..., 5, t), shift of its diagonal, and its curvature in each angle (d,)."""
 
     def __init__(self, matrix: TrigMatrix, scale: np.ndarray) -> None:
         self.scale, d = _packed(scale[:, np.newaxis] * scale), matrix.angles
@@ -224,7 +224,7 @@ class _Task:
 
 
 def _halved(boxes: np.ndarray, weight: np.ndarray) -> np.ndarray:
-    """Return both halves of each box, cut across the angle that bends the matrix most."""
+    """Return both halves of each box, cut across the angle of the largest curvature."""
     width = boxes[..., 1] - boxes[..., 0]
     axis = np.argmax(weight * width * width, axis=1)
     every = np.arange(len(boxes))

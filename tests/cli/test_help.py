@@ -86,7 +86,7 @@ MISTAKES = [
     ("sweep --resume --out new", "holds no sweep to go on with"),
     ("sweep --replay fuzzy-4 nominal 0 --out new", "holds no sweep to go on with"),
     ("sweep --policy ppo-nominal --robot arm.toml", "knows no other"),
-    ("export java fuzzy-4 --out new", "java is no language of an export; choose from: c"),
+    ("export java fuzzy-4 --out new", "java is not an export language; choose from: c"),
     ("export c fuzzy-4", "--out is missing"),
     ("export c fuzzy-4 --out new --number half", 'invalid value "half" for --number'),
     ("export c fuzzy-9 --out new", "unknown policy 'fuzzy-9'"),

@@ -195,7 +195,7 @@ def test_a_bad_log_is_refused_in_one_line(log, tmp_path, capsys, change, message
         (["log.csv", "--duration", "9"], "--duration is that of --suggest"),
         (["log.csv", "--out", "arm.json"], "--out arm.json must be a file ending in .toml"),
         (["log.csv", "--figure", "arm.svg"], "--figure arm.svg must be a file ending in .png"),
-        (["--suggest", "motion.csv", "--out", "arm.toml"], "leave them out beside --suggest"),
+        (["--suggest", "motion.csv", "--out", "arm.toml"], "leave them out with --suggest"),
         (["--suggest", "motion.csv", "--duration", "1"], "duration = 1.0 s is out of range; allowed: [4, 120] s"),
         (["--suggest", "motion.csv", "--robot", "ur5"], "a robot of 6 joints"),
         (["no.csv"], "no.csv: No such file or directory"),
@@ -244,7 +244,7 @@ def test_a_torque_that_is_late_or_in_another_unit_is_named(log, monkeypatch, fac
 
     monkeypatch.setattr("fuzzyarm.identification.result.fit_elastic", lost)
     other = dataclasses.replace(log, torque=factor * np.roll(log.torque, lag, axis=0))
-    with pytest.raises(ValueError, match=rf"^the log leads to no arm: .*{words}") as caught:
+    with pytest.raises(ValueError, match=rf"^the log gives no valid arm: .*{words}") as caught:
         identify(other, wrong())
     assert "Singular" not in str(caught.value) and "\n" not in str(caught.value)
 

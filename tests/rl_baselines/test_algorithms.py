@@ -52,5 +52,7 @@ def test_names_and_classes_of_settings_are_unique(search, monkeypatch):
     monkeypatch.delitem(ALGORITHMS, "search")
     with pytest.raises(ValueError, match="unknown algorithm 'search'; choose from: ppo"):
         find_algorithm("search")
-    with pytest.raises(ValueError, match="SearchConfig holds the settings of no known algorithm; call add_algorithm"):
+    with pytest.raises(
+        ValueError, match="SearchConfig is not the configuration of a known algorithm; call add_algorithm"
+    ):
         algorithm_of(search.config())

@@ -24,7 +24,7 @@ class TipForce(Protocol):
 
     Vectors have two numbers in the plane of the two-joint arm and three for other robots.
 
-    A new kind of force is a class with this method, in a file of its own: nothing else has to know of it.
+    A new kind of force is a class with this method in its own file; nothing else needs to change.
     """
 
     def at(self, time: np.ndarray, tip_velocity: np.ndarray) -> np.ndarray:
@@ -87,7 +87,7 @@ class ConstantForce:
 class TorqueBias:
     """A torque [N m] added to what the motors apply from `start` to `stop` [s], one number for each joint.
 
-    The controller does not see it.
+    The controller does not observe it.
     """
 
     torque: tuple[float, ...]
@@ -116,7 +116,7 @@ class EncoderNoise:
 
 @dataclasses.dataclass(frozen=True)
 class Disturbance:
-    """What acts on the arm in one episode, any combination of these parts; None and the default payload are nothing.
+    """The disturbances of one episode, in any combination; None and the default payload have no effect.
 
     Examples:
         >>> Disturbance(tip_force=ConstantForce((0.0, 50.0)), payload=Payload(2.0)).payload.mass

@@ -25,7 +25,7 @@ __all__ = ["FuzzyPolicy"]
 
 
 class FuzzyPolicy(LawPolicy):
-    """The law of a controller file as a policy; it is in the module's docstring."""
+    """The law of a controller file as a policy; see the module's docstring."""
 
     integral_at: int | None = 0
 

@@ -29,7 +29,7 @@ def moments(*values):
 
 WRONG = [
     (JOINT, {"axis": (0.0, 0.0, 2.0)}, "joint 'elbow': axis = .* has length 2; it must be a unit vector"),
-    (JOINT, {"rotation": moments(1.0, 1.0, -1.0)}, "joint 'elbow': rotation = .* is no rotation"),
+    (JOINT, {"rotation": moments(1.0, 1.0, -1.0)}, "joint 'elbow': rotation = .* is not a rotation"),
     (JOINT, {"angle_range": (1.0, 1.0)}, "joint 'elbow': angle_range = .* is empty"),
     (JOINT, {"velocity_limit": 0.0}, r"joint 'elbow': velocity_limit = 0.0 rad/s is out of range; allowed: \(0,"),
     (JOINT, {"link": None}, "joint 'elbow': link = None must be a"),

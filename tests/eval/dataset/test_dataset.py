@@ -139,4 +139,4 @@ def test_the_examples_learn_from_a_data_set(script, minari, tmp_path):
         if code == 0:
             assert re.search(r"N \S+, mean tip error \S+ mm, [01] of 1 episodes to the end", done.stdout)
         else:
-            assert done.stderr == f"{script}: {path} is no data set; fuzzyarm dataset --out DIR writes one\n"
+            assert done.stderr == f"{script}: {path} is not a data set; fuzzyarm dataset --out DIR writes one\n"

@@ -69,7 +69,7 @@ def truncated(folder):
         (lambda folder: (folder / "rollouts.npz").unlink(), "the evaluation was interrupted; run fuzzyarm evaluate -"),
         (truncated, "rollouts.npz is damaged"),
         (half_a_number, "tip_error_max_mm of fuzzy-4 in case machining is "),
-        (lambda folder: change(folder, rollouts_sha256="0" * 64), "results.json are of different evaluations"),
+        (lambda folder: change(folder, rollouts_sha256="0" * 64), "results.json come from different evaluations"),
         (lambda folder: change(folder, versions={"fuzzyarm": "0.0.1"}), "was made by fuzzyarm 0.0.1, this is "),
     ],
 )

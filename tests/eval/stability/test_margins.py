@@ -119,7 +119,7 @@ def test_bad_configurations(tmp_path: Path) -> None:
     with pytest.raises(ValueError, match="unknown policy 'nobody'"):
         measure_margins(MarginsConfig(("nobody",)))
     load_policy("fuzzy-1").controller.save(tmp_path / "fuzzy-1.json")  # type: ignore[attr-defined]
-    with pytest.raises(ValueError, match="two of them have the same name"):
+    with pytest.raises(ValueError, match="two of them share a name"):
         measure_margins(MarginsConfig(("fuzzy-1", str(tmp_path / "fuzzy-1.json"))))
 
 

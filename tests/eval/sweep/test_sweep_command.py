@@ -147,7 +147,7 @@ def test_what_does_not_belong_to_a_sweep_is_not_mixed_in(folder, capsys, change,
 def test_versions_are_not_mixed(folder, capsys, monkeypatch):
     newer = run._made_with() | {"code": "another"}
     monkeypatch.setattr(run, "_made_with", lambda: newer)
-    refused(capsys, folder, ["--resume", "--out", str(folder)], "than there are now (made_with: code ")
+    refused(capsys, folder, ["--resume", "--out", str(folder)], "than now (made_with: code ")
 
 
 def test_without_ray_the_extra_is_named(tmp_path, capsys, monkeypatch):

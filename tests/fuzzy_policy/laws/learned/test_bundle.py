@@ -98,7 +98,7 @@ def test_saving_replaces_a_bundle_and_nothing_else(folder, tmp_path):
     bundle(seed=1).save(folder)
     assert PolicyBundle.load(folder).network.weights[0][0, 0] == bundle(seed=1).network.weights[0][0, 0]
     (tmp_path / "papers").mkdir()
-    with pytest.raises(ValueError, match="exists and is no policy bundle"):
+    with pytest.raises(ValueError, match="exists and is not a policy bundle"):
         bundle().save(tmp_path / "papers")
     assert sorted(path.name for path in tmp_path.iterdir()) == ["mine", "papers"]
 
